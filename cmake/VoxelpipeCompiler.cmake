@@ -1,0 +1,26 @@
+# Language, warnings, floating point, sanitizers and ccache, as one interface target that every target of ours links.
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+
+find_program(CCACHE_PROGRAM ccache)
+if(CCACHE_PROGRAM)
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${CCACHE_PROGRAM})
+  set(CMAKE_CUDA_COMPILER_LAUNCHER ${CCACHE_PROGRAM})
+endif()
+
+add_library(voxelpipe_flags INTERFACE)
+target_compile_features(voxelpipe_flags INTERFACE cxx_std_20)
+# The same bytes on every machine and on both devices: no contraction to fused multiply-add.
+target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-ffp-contract=off -Wall -Wextra -Wshadow>)
+if(VOXELPIPE_WERROR)
+  target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-Werror>)
+endif()
+if(VOXELPIPE_SANITIZE)
+  target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=${VOXELPIPE_SANITIZE} -fno-omit-frame-pointer>)
+  target_link_options(voxelpipe_flags INTERFACE -fsanitize=${VOXELPIPE_SANITIZE})
+  if(VOXELPIPE_SANITIZE MATCHES undefined)
+    target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fno-sanitize-recover=undefined>)
+  endif()
+endif()

@@ -1,0 +1,46 @@
+// What a running job shares with whoever started it: a cancel flag, a deadline, and progress.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <optional>
+#include <string_view>
+
+#include "absl/status/status.h"
+
+namespace voxelpipe {
+
+// Thread-safe for concurrent Check() and Cancel(). Owned by the caller; must outlive the job.
+class JobContext {
+ public:
+  using Clock = std::chrono::steady_clock;
+  // Called from whichever thread runs the stage, at most a few times a stage, never concurrently.
+  // `stage` is one of the stage names of pipeline/stats.h, `fraction` is in [0, 1] within that stage.
+  using Progress = std::function<void(std::string_view stage, double fraction)>;
+
+  JobContext() = default;
+  explicit JobContext(Progress progress) : progress_(std::move(progress)) {}
+
+  void Cancel() { cancelled_.store(true, std::memory_order_relaxed); }
+  void set_deadline(Clock::time_point deadline) { deadline_ = deadline; }
+
+  // OK while the job may go on; CANCELLED after Cancel(); DEADLINE_EXCEEDED after the deadline.
+  // Cheap enough to be asked between tiles.
+  absl::Status Check() const {
+    if (cancelled_.load(std::memory_order_relaxed)) return absl::CancelledError("the job was cancelled");
+    if (deadline_ && Clock::now() >= *deadline_) return absl::DeadlineExceededError("the job's deadline has passed");
+    return absl::OkStatus();
+  }
+
+  void Report(std::string_view stage, double fraction) const {
+    if (progress_) progress_(stage, fraction);
+  }
+
+ private:
+  std::atomic<bool> cancelled_{false};
+  std::optional<Clock::time_point> deadline_;
+  Progress progress_;
+};
+
+}  // namespace voxelpipe

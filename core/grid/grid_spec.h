@@ -1,0 +1,62 @@
+// Grids: dims, placement, and fitting a grid to a mesh's box.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+
+#include "absl/status/statusor.h"
+#include "base/vec.h"
+
+namespace voxelpipe {
+
+// A regular grid of voxels. Voxel (i,j,k) spans [i,i+1)x[j,j+1)x[k,k+1) in index space, where
+// index = (p - origin) / voxel_size per axis, in double. Linear order is x fastest: n = i + nx*(j + ny*k).
+struct GridSpec {
+  std::array<int64_t, 3> dims{1, 1, 1};  // nx, ny, nz; each at least 1
+  Vec3d origin{};                        // world position of index (0,0,0), the corner of the first voxel
+  Vec3d voxel_size{1, 1, 1};             // world units a voxel, per axis, each > 0
+
+  // nx*ny*nz. Fits 64 bits for every spec that FitGrid returns.
+  uint64_t voxels() const { return uint64_t(dims[0]) * uint64_t(dims[1]) * uint64_t(dims[2]); }
+  // Maps (i,j,k,1) to the world position of that voxel's centre (hence the +0.5). Row major.
+  Mat4d index_to_world() const;
+
+  friend bool operator==(const GridSpec&, const GridSpec&) = default;
+};
+
+VOXELPIPE_HD Vec3d WorldToIndex(const Vec3d& origin, const Vec3d& voxel_size, const Vec3d& p) {
+  return {(p.x - origin.x) / voxel_size.x, (p.y - origin.y) / voxel_size.y, (p.z - origin.z) / voxel_size.z};
+}
+
+enum class GridFit : uint8_t { kTight, kCube };
+
+// How a request asks for its grid. Exactly one of three ways:
+//   resolution                       N voxels along the longest extent, placed by `fit` (the default, 128)
+//   voxel_size                       origin at the box's minimum, as many voxels as it needs
+//   voxel_size + dims + origin       the grid itself
+struct GridRequest {
+  int64_t resolution = 128;
+  GridFit fit = GridFit::kTight;
+  std::optional<Vec3d> voxel_size;
+  std::optional<std::array<int64_t, 3>> dims;
+  std::optional<Vec3d> origin;
+  int64_t padding = 0;  // voxels on every side; dims + 2P, origin - P*h
+};
+
+struct Box3d {
+  Vec3d min{}, max{};
+  bool empty = true;
+};
+
+inline constexpr int64_t kMaxGridDim = int64_t{1} << 20;  // voxels an axis
+
+// In: a request and the box of the vertices that triangles use, after the vertex shader, in world units.
+// Out: the grid of DESIGN section 3 ("Fitting a grid to a mesh"): `tight` gives axes of the longest extent L exactly N
+// voxels, h = L/N, the others max(1, ceil(extent/L*N - 1e-9)); `cube` centres the shorter axes; an empty box or L = 0
+// gives one voxel of size 1 centred on the point.
+// Errors: INVALID_ARGUMENT naming the field (resolution < 1, voxel_size not finite or <= 0, dims without origin, ...);
+// RESOURCE_EXHAUSTED for a grid beyond kMaxGridDim an axis or 2^53 voxels.
+absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box);
+
+}  // namespace voxelpipe

@@ -1,0 +1,20 @@
+// Client side only: reads a mesh file from this machine's disk and makes it self-contained for sending.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "load/limits.h"
+
+namespace voxelpipe {
+
+// In: path of a .glb, .gltf or .drc. Out: bytes that LoadScene accepts without any file access. A .gltf (or .glb) that
+// refers to sibling files gets them packed into one GLB; only files inside the file's own directory (after resolving
+// symbolic links) are read, percent-encoding is decoded, absolute paths, schemes and ".." that leave it are refused.
+// A missing image is dropped (geometry does not need it); a missing buffer is an error.
+// Errors: NOT_FOUND or INVALID_ARGUMENT naming the URI, RESOURCE_EXHAUSTED past max_file_bytes.
+absl::StatusOr<std::vector<uint8_t>> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {});
+
+}  // namespace voxelpipe

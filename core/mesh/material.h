@@ -1,0 +1,52 @@
+// Materials, textures and images as the fragment shaders need them.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/vec.h"
+
+namespace voxelpipe {
+
+enum class AlphaMode : uint8_t { kOpaque, kMask, kBlend };
+enum class WrapMode : uint8_t { kRepeat, kMirroredRepeat, kClampToEdge };
+
+// A reference from a material to a texture, with KHR_texture_transform: uv' = offset + R(rotation) * (scale * uv).
+struct TextureRef {
+  int32_t texture = -1;  // index into textures, -1 = none
+  int32_t uv_set = 0;    // 0 or 1
+  float offset[2] = {0, 0};
+  float scale[2] = {1, 1};
+  float rotation = 0;  // radians, counter-clockwise as the extension defines it
+};
+
+struct Material {
+  std::string name;
+  Vec4f base_color_factor{1, 1, 1, 1};  // linear
+  TextureRef base_color;                // sRGB texels
+  Vec3f emissive_factor{0, 0, 0};
+  TextureRef emissive;  // sRGB texels
+  float metallic_factor = 1, roughness_factor = 1;
+  TextureRef metallic_roughness;  // G = roughness, B = metallic
+  AlphaMode alpha_mode = AlphaMode::kOpaque;
+  float alpha_cutoff = 0.5f;
+  bool double_sided = false;
+};
+
+struct Texture {
+  int32_t image = -1;  // index into images, -1 = an image this build cannot read (the factor alone is used)
+  WrapMode wrap_s = WrapMode::kRepeat, wrap_t = WrapMode::kRepeat;
+  bool nearest = false;  // magnification filter: nearest, otherwise bilinear
+};
+
+// An image keeps its encoded bytes until a shader needs its texels (load/image.h decodes).
+struct Image {
+  std::string name;
+  std::string mime_type;           // "image/png", "image/jpeg", or what the file says
+  std::vector<uint8_t> encoded;    // owned copy of the file's bytes
+  uint32_t width = 0, height = 0;  // texels; 0 until decoded
+  std::vector<uint8_t> rgba;       // 4 bytes a texel, rows from the top; empty until decoded
+};
+
+}  // namespace voxelpipe

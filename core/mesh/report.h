@@ -1,0 +1,24 @@
+// Facts about a mesh for `voxelpipe info`, for the summary of a request, and for fill.
+#pragma once
+
+#include <cstdint>
+
+#include "base/vec.h"
+#include "mesh/triangle_mesh.h"
+
+namespace voxelpipe {
+
+struct MeshReport {
+  uint64_t triangles = 0, vertices = 0;
+  uint64_t degenerate_triangles = 0;  // zero area in world space (exactly collinear or with equal corners)
+  uint64_t open_edges = 0;  // edges used by an odd number of triangles after welding equal positions (-0 = +0)
+  Vec3d min{}, max{};       // box of the vertices that triangles use, world units; 0 if there are none
+};
+
+// Number of edges used by an odd number of triangles after welding equal positions (-0 = +0). 0 means closed.
+// A degenerate edge (both ends equal after welding) is no edge. O(n log n) time, 24 bytes an edge.
+uint64_t CountOpenEdges(const TriangleMesh& mesh);
+
+MeshReport ReportMesh(const TriangleMesh& mesh);
+
+}  // namespace voxelpipe

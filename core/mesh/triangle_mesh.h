@@ -1,0 +1,44 @@
+// The flattened scene: one indexed triangle list in world space, the input of the pipeline.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/vec.h"
+#include "mesh/material.h"
+
+namespace voxelpipe {
+
+// A run of triangles that came from one primitive of one node instance.
+struct MeshPart {
+  uint64_t first_triangle = 0, triangle_count = 0;
+  uint64_t first_vertex = 0, vertex_count = 0;
+  int32_t material = -1;  // index into TriangleMesh::materials, -1 = default material
+  uint32_t mesh = 0;      // glTF mesh index
+  uint32_t node = 0;      // glTF node index
+  uint32_t primitive = 0;  // index within the mesh
+  bool has_normals = false, has_tangents = false, has_colors = false;
+  bool has_uv[2] = {false, false};
+};
+
+// Structure of arrays. Triangle ids count from 0 over the flattened scene: default scene, depth first, node, instance,
+// primitive, strip order; degenerate triangles keep theirs. World axes are the file's own (glTF: +Y up, metres,
+// right-handed). An attribute array is empty if no part has the attribute, otherwise it has positions.size() elements
+// and holds the default (normal 0, tangent 0, uv 0, colour 1) for parts without it.
+struct TriangleMesh {
+  std::vector<Vec3d> positions;  // world space, skinned and instanced
+  std::vector<Vec3f> normals;    // world space, unit length (0 where the source is 0)
+  std::vector<Vec4f> tangents;   // xyz world space unit length, w = handedness
+  std::vector<Vec2f> uv[2];
+  std::vector<Vec4f> colors;  // linear
+  std::vector<std::array<uint32_t, 3>> triangles;
+  std::vector<MeshPart> parts;  // ascending, covering all triangles and all vertices exactly once
+  std::vector<Material> materials;
+  std::vector<Texture> textures;
+  std::vector<std::shared_ptr<Image>> images;  // shared with the Scene; decoded by PrepareTextures
+};
+
+}  // namespace voxelpipe

@@ -1,0 +1,62 @@
+// What a voxelization request asks for, as the core understands it (no protobuf here).
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "grid/grid_spec.h"
+#include "grid/voxel_format.h"
+
+namespace voxelpipe {
+
+enum class Coverage : uint8_t {
+  kConservative,  // the closed voxel and the closed triangle share a point (26-separating)
+  kThin,          // conservative, and the plane passes the centre inside the voxel along the dominant axis (6-separating)
+  kCenter,        // the one-voxel segment through the centre along the dominant axis meets the triangle
+};
+
+enum class Fill : uint8_t {
+  kNone,
+  kParity,  // even-odd crossings along x through (j+.5, k+.5), on top of the coverage
+};
+
+enum class BackendChoice : uint8_t { kAuto, kCpu, kCuda };
+
+// A shader by name with its parameters; each value is a list of numbers (one for a scalar, 16 row-major for a matrix).
+// shaders/catalog.h knows names, types, defaults and checks them.
+struct ShaderCall {
+  std::string name;
+  std::map<std::string, std::vector<double>> parameters;
+  friend bool operator==(const ShaderCall&, const ShaderCall&) = default;
+};
+
+struct TargetSpec {
+  VoxelFormat format = VoxelFormat::kBit;
+  int components = 1;  // 1-4; kBit takes 1
+  Blend blend = Blend::kOr;
+  ShaderCall shader{"occupancy", {}};
+  double quantum = 1.0 / (1 << 20);  // kAdd on floats: a power of two
+  double clear = 0;                  // value of voxels with neither fragment nor fill, every component
+  double fill_value = 1;             // value of voxels that are filled and not covered, every component
+};
+
+struct VoxelizeRequest {
+  GridRequest grid;
+  Coverage coverage = Coverage::kConservative;
+  Fill fill = Fill::kNone;
+  ShaderCall vertex_shader{"identity", {}};
+  std::vector<TargetSpec> targets{TargetSpec{}};  // 1 to kMaxTargets
+  Layout layout = Layout::kInterleaved;
+  BackendChoice backend = BackendChoice::kAuto;
+  int threads = 0;  // CPU backend; 0 = all cores
+};
+
+inline constexpr int kMaxTargets = 8;
+
+std::string_view Name(Coverage coverage);
+std::string_view Name(Fill fill);
+std::string_view Name(BackendChoice backend);
+
+}  // namespace voxelpipe

@@ -1,0 +1,55 @@
+// The registry of vertex and fragment shaders: names, parameters, outputs, and binding of a ShaderCall.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "pipeline/request.h"
+#include "shaders/shader_params.h"
+
+namespace voxelpipe {
+
+enum class ShaderStage : uint8_t { kVertex, kFragment };
+
+struct ShaderParameterInfo {
+  std::string name;
+  std::string type;  // "float", "vec3", "vec4", "mat4", "uint"
+  std::vector<double> default_value;
+  std::string description;
+};
+
+struct ShaderInfo {
+  std::string name;
+  ShaderStage stage = ShaderStage::kFragment;
+  std::string description;
+  std::string output_type;   // fragment: "f32" or "u32"; vertex: "position"
+  int output_components = 0;  // fragment: 1-4
+  bool reads_textures = false;
+  std::vector<ShaderParameterInfo> parameters;
+};
+
+// Every built-in shader, vertex shaders first, in the order of shader_list.h.
+std::span<const ShaderInfo> ListShaders();
+
+// The named shader, or nullptr.
+const ShaderInfo* FindShader(ShaderStage stage, std::string_view name);
+
+// A shader with checked parameters in the form that shader code reads.
+struct BoundShader {
+  int id = 0;  // enumerator of FragmentShaderId or VertexShaderId
+  const ShaderInfo* info = nullptr;
+  ShaderParams params;
+};
+
+// INVALID_ARGUMENT naming the unknown shader (and listing the known), the unknown parameter, the wrong count of numbers or a
+// value that is not finite.
+absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call);
+
+// Whether any target's shader reads textures (then call PrepareTextures first).
+bool RequestReadsTextures(const VoxelizeRequest& request);
+
+}  // namespace voxelpipe
