@@ -1,0 +1,49 @@
+# Task runner. `make` alone lists the tasks; CMakePresets.json holds the settings.
+PRESET ?= dev
+JOBS ?= $(shell nproc 2>/dev/null || echo 2)
+TEST_JOBS ?= 2
+
+# Where the preset builds: `dev` and `ci` in build/, any other in build-<preset>/.
+BUILD_DIR := $(if $(filter dev ci,$(PRESET)),build,build-$(PRESET))
+SOURCES = $(shell git ls-files '*.h' '*.cpp' '*.cu' '*.cuh')
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.PHONY: help setup configure build test demo bench format lint docker-test clean
+
+help: ## List the tasks
+	@echo "usage: make TASK [PRESET=dev|release|cpu-only|asan|tsan|ci] [JOBS=N]"
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1|\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{printf "%-14s%s\n", $$1, $$2}'
+
+setup: ## Install the missing Debian packages (docker/packages-build.txt)
+	@bash tests/support/apt_install.sh docker/packages-build.txt
+
+configure: setup
+	@cmake --preset $(PRESET) >$(BUILD_DIR).configure.log 2>&1 || { cat $(BUILD_DIR).configure.log; exit 1; }
+	@mkdir -p $(BUILD_DIR) && mv $(BUILD_DIR).configure.log $(BUILD_DIR)/configure.log
+
+build: configure ## Build everything; binaries land in build/bin
+	cmake --build --preset $(PRESET) -j $(JOBS)
+
+test: build ## Set up, build and run every test
+	ctest --preset $(PRESET) --output-on-failure -j $(TEST_JOBS)
+
+demo: configure ## Send a real mesh to a server, get voxels and a picture back (build/demo)
+	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe voxelpiped
+	@bash tests/support/demo.sh $(BUILD_DIR)
+
+bench: configure ## Measure the pipeline on generated meshes at 128, 256 and 512
+	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe
+	@bash tests/support/python.sh tests/bench/run.py --voxelpipe $(BUILD_DIR)/bin/voxelpipe --meshes $(BUILD_DIR)/bench
+
+format: ## Format all sources in place (clang-format 14)
+	@bash tests/support/lint.sh format $(BUILD_DIR)
+
+lint: ## Check the format, clang-tidy on .cpp, buf lint on the protos where buf is installed
+	@bash tests/support/lint.sh lint $(BUILD_DIR)
+
+docker-test: ## Build the image with a local engine, run it, call it from the host (root; slow)
+	VOXELPIPE_DOCKER_TEST=1 bash tests/docker/docker_test.sh $(BUILD_DIR)/bin/voxelpipe
+
+clean: ## Remove what the preset built
+	rm -rf $(BUILD_DIR)
