@@ -5,7 +5,6 @@ TEST_JOBS ?= 2
 
 # Where the preset builds: `dev` and `ci` in build/, any other in build-<preset>/.
 BUILD_DIR := $(if $(filter dev ci,$(PRESET)),build,build-$(PRESET))
-SOURCES = $(shell git ls-files '*.h' '*.cpp' '*.cu' '*.cuh')
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
@@ -19,8 +18,8 @@ setup: ## Install the missing Debian packages (docker/packages-build.txt)
 	@bash tests/support/apt_install.sh docker/packages-build.txt
 
 configure: setup
-	@cmake --preset $(PRESET) >$(BUILD_DIR).configure.log 2>&1 || { cat $(BUILD_DIR).configure.log; exit 1; }
-	@mkdir -p $(BUILD_DIR) && mv $(BUILD_DIR).configure.log $(BUILD_DIR)/configure.log
+	@mkdir -p $(BUILD_DIR)
+	@cmake --preset $(PRESET) >$(BUILD_DIR)/configure.log 2>&1 || { cat $(BUILD_DIR)/configure.log; exit 1; }
 
 build: configure ## Build everything; binaries land in build/bin
 	cmake --build --preset $(PRESET) -j $(JOBS)
@@ -42,7 +41,7 @@ format: ## Format all sources in place (clang-format 14)
 lint: ## Check the format, clang-tidy on .cpp, buf lint on the protos where buf is installed
 	@bash tests/support/lint.sh lint $(BUILD_DIR)
 
-docker-test: ## Build the image with a local engine, run it, call it from the host (root; slow)
+docker-test: build ## Build the image with a local engine, run it, call it from the host (root; slow)
 	VOXELPIPE_DOCKER_TEST=1 bash tests/docker/docker_test.sh $(BUILD_DIR)/bin/voxelpipe
 
 clean: ## Remove what the preset built

@@ -1,0 +1,76 @@
+#!/usr/bin/env bash
+# Builds docker/Dockerfile's target `cpu`, runs it as an operator would (read-only, no capabilities) and calls it from
+# the host. Slow (it compiles the project inside the image), so it runs only when VOXELPIPE_DOCKER_TEST=1 asks for it:
+# with the engine that runs, or else with a private one (root, 6 GiB of disk).
+#
+# usage: docker_test.sh VOXELPIPE      VOXELPIPE: the host's CLI
+#   VOXELPIPE_DOCKER_DIR  environment: where the private engine keeps its data; kept afterwards if given
+# Exit: 0 passed, 77 skipped with a printed reason, anything else failed.
+set -euo pipefail
+voxelpipe="$(realpath "${1:?usage: docker_test.sh VOXELPIPE}")"
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+source tests/docker/engine.sh
+
+address=127.0.0.1:50051 # the image's default port: its HEALTHCHECK asks there
+image=voxelpipe-test:cpu
+container=voxelpipe-docker-test
+keep="${VOXELPIPE_DOCKER_DIR:-}"
+work="$(mktemp -d)"
+dir="${keep:-$work/engine}"
+DOCKER=()
+
+cleanup() {
+  if [[ ${#DOCKER[@]} -gt 0 ]]; then "${DOCKER[@]}" rm -f "$container" >/dev/null 2>&1 || true; fi
+  engine_stop
+  rm -rf "$work"
+}
+trap cleanup EXIT
+fail() { echo "FAILED: $*" >&2; exit 1; }
+now_s() { date +%s; }
+
+[[ -x "$voxelpipe" ]] || fail "$voxelpipe is no program; build it first"
+engine_start "$dir"
+if (exec 3<>"/dev/tcp/${address%:*}/${address#*:}") 2>/dev/null; then
+  skip "something listens on $address already"
+fi
+engine_base_image
+
+start="$(now_s)"
+DOCKER_BUILDKIT=1 "${DOCKER[@]}" build --network host --progress plain -f docker/Dockerfile --target cpu -t "$image" . \
+  >"$work/build.log" 2>&1 || { tail -n 40 "$work/build.log"; fail "docker build"; }
+echo "built in $(($(now_s) - start)) s, $(($("${DOCKER[@]}" image inspect -f '{{.Size}}' "$image") / 1048576)) MiB"
+
+[[ "$("${DOCKER[@]}" image inspect -f '{{.Config.StopSignal}}' "$image")" == SIGTERM ]] || fail "STOPSIGNAL is not SIGTERM"
+"${DOCKER[@]}" rm -f "$container" >/dev/null 2>&1 || true
+"${DOCKER[@]}" run -d --name "$container" --network host --read-only --cap-drop ALL \
+  --security-opt no-new-privileges "$image" >/dev/null
+
+health=
+for _ in $(seq 120); do
+  health="$("${DOCKER[@]}" inspect -f '{{.State.Status}} {{.State.Health.Status}}' "$container")"
+  [[ "$health" == "running starting" ]] || break
+  sleep 0.5
+done
+[[ "$health" == "running healthy" ]] || { "${DOCKER[@]}" logs "$container"; fail "the container is: $health"; }
+user="$("${DOCKER[@]}" exec "$container" id -u)"
+[[ "$user" != 0 ]] || fail "the service runs as root"
+echo "healthy, uid $user, read-only root, no capabilities"
+
+bash tests/support/python.sh tests/support/make_tetrahedron.py "$work/tetrahedron.glb"
+options=(--resolution 64 --fill parity --json)
+"$voxelpipe" server-info --server "$address" >"$work/info" || fail "server-info"
+"$voxelpipe" voxelize "$work/tetrahedron.glb" --server "$address" "${options[@]}" >"$work/served.json" || fail "voxelize over gRPC"
+"$voxelpipe" voxelize "$work/tetrahedron.glb" "${options[@]}" >"$work/local.json" || fail "voxelize in-process"
+bash tests/support/python.sh - "$work/served.json" "$work/local.json" <<'PYTHON' || fail "the container's answer differs from the host's"
+import json, sys
+served, local = (json.load(open(path)) for path in sys.argv[1:])
+keys = ("triangles", "dims", "occupied", "bytes", "hash")
+print("container:", {key: served[key] for key in keys})
+sys.exit(any(served[key] != local[key] for key in keys) or served["occupied"] == 0)
+PYTHON
+
+"${DOCKER[@]}" stop -t 30 "$container" >/dev/null
+code="$("${DOCKER[@]}" inspect -f '{{.State.ExitCode}}' "$container")"
+[[ "$code" == 0 ]] || { "${DOCKER[@]}" logs "$container"; fail "the service ended with exit code $code after SIGTERM"; }
+echo "stopped with exit code 0"
+echo "PASSED"
