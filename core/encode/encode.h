@@ -1,25 +1,29 @@
 // Writing results to files.
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "absl/status/status.h"
+#include "base/job_context.h"
 #include "pipeline/voxelize.h"
 
 namespace voxelpipe {
 
 // The extension decides: .raw (target bytes as they are), .npy (bit: uint8 0/1; f32: float32; shape (nz, ny, nx[, c]), planar
-// ([c,] nz, ny, nx)), .png (preview of the first target). Lower case, with the dot; empty if there is none.
+// ([c,] nz, ny, nx)), .png (one preview picture, see png_preview.h). Lower case, with the dot; empty if there is none.
 std::string FileExtension(std::string_view path);
 bool IsKnownExtension(std::string_view extension);
 
 // The files that WriteResult will write: one, or OUT.<index>.ext for each target where there are several (.npy, .raw).
 std::vector<std::string> OutputPaths(const std::string& path, size_t target_count);
 
-// Writes `result` to `path` in the format of its extension, each file under a temporary name and then renamed.
-// Errors: INVALID_ARGUMENT for an unknown extension; otherwise the system's error with the path.
-absl::Status WriteResult(const VoxelizeResult& result, const std::string& path);
+// Writes `result` to `path` in the format of its extension, each file under a temporary name and then renamed. `job`, if
+// given, is asked between pieces; a job that stops leaves no file.
+// Errors: INVALID_ARGUMENT for an unknown extension; CANCELLED, DEADLINE_EXCEEDED; RESOURCE_EXHAUSTED out of memory;
+// otherwise the system's error with the path.
+absl::Status WriteResult(const VoxelizeResult& result, const std::string& path, const JobContext* job = nullptr);
 
 }  // namespace voxelpipe

@@ -1,0 +1,76 @@
+#include "encode/png_preview.h"
+
+#include <algorithm>
+#include <array>
+#include <new>
+
+#include "absl/strings/str_cat.h"
+#include "encode/atomic_file.h"
+#include "encode/preview_canvas.h"
+#include "encode/preview_colour.h"
+#include "encode/preview_shade.h"
+#include "encode/preview_slice.h"
+#include "encode/preview_volume.h"
+
+namespace voxelpipe {
+namespace {
+
+absl::StatusOr<Picture> Draw(const VoxelizeResult& result, const PreviewOptions& options, const JobContext* job) {
+  absl::StatusOr<PreviewVolume> volume = PreviewVolume::Build(result, job);
+  if (!volume.ok()) return volume.status();
+  const PreviewColours colours(result, *volume);
+  Canvas canvas(options.width, options.height, FromSrgb(0xe9edf1));
+
+  // The view takes the left three quarters, the slices stand in a column at the right.
+  const int column = options.width / 4;
+  const PixelRect view{0, 0, options.width - column, options.height};
+  if (!volume->empty()) {
+    const absl::Status status = DrawIsometric(*volume, colours, result.grid, view, options.samples, job, canvas);
+    if (!status.ok()) return status;
+  }
+  const int margin = std::max(2, options.width / 64);
+  const int slice_height = (options.height - 4 * margin) / 3;
+  for (int axis = 0; axis < 3; ++axis) {
+    const PixelRect rect{view.width + margin, margin + axis * (slice_height + margin), column - 2 * margin, slice_height};
+    DrawSlice(*volume, colours, result.grid, axis, rect, canvas);
+  }
+  return canvas.ToPicture();
+}
+
+}  // namespace
+
+absl::StatusOr<Picture> RenderPreview(const VoxelizeResult& result, const PreviewOptions& options,
+                                      const JobContext* job) {
+  constexpr int kMaxSide = 16384, kMaxSamples = 8;
+  if (std::min(options.width, options.height) < 64 || std::max(options.width, options.height) > kMaxSide) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("preview size ", options.width, "x", options.height, ": each side takes 64 to ", kMaxSide, " pixels"));
+  }
+  if (options.samples < 1 || options.samples > kMaxSamples) {
+    return absl::InvalidArgumentError(absl::StrCat("preview samples ", options.samples, ": 1 to ", kMaxSamples));
+  }
+  try {
+    return Draw(result, options, job);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory while drawing the preview");
+  }
+}
+
+absl::Status WritePreview(const VoxelizeResult& result, const std::string& path, const PreviewOptions& options,
+                          const JobContext* job) {
+  // The file first: an unwritable path should not cost a rendering.
+  absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
+  if (!file.ok()) return file.status();
+  const absl::StatusOr<Picture> picture = RenderPreview(result, options, job);
+  if (!picture.ok()) return picture.status();
+  try {
+    const absl::StatusOr<std::vector<uint8_t>> png = EncodePng(*picture);
+    if (!png.ok()) return png.status();
+    if (absl::Status status = file->Write(*png, job); !status.ok()) return status;
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError(absl::StrCat("out of memory while writing '", path, "'"));
+  }
+  return file->Commit();
+}
+
+}  // namespace voxelpipe

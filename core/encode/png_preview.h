@@ -1,0 +1,34 @@
+// A picture of a result for people: a shaded isometric view and the three mid slices, in one PNG, without any GL.
+#pragma once
+
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "encode/png_writer.h"
+#include "pipeline/voxelize.h"
+
+namespace voxelpipe {
+
+struct PreviewOptions {
+  int width = 1280, height = 960;  // pixels, each at least 64
+  int samples = 2;                 // rays a pixel and axis (antialiasing)
+};
+
+// In: a result with at least one target. What is drawn as solid: the set bits of the first bit target; without one, the
+// voxels of the first target with a component that is not `clear`. Its colour: the first f32 target with 3 or 4 components as
+// linear RGB (unit vectors of the normal shaders mapped to [0, 1]); otherwise the first f32 target of fewer components through a
+// colour map from its smallest to its largest value; otherwise one clay colour.
+// Out: the picture, sRGB; +Y is up, the view comes from +X +Y +Z. The slices are those of index n/2: x seen from +X, y from +Y, z
+// from +Z. Work grows with the pixels and, by one pass over the bits, with the voxels.
+// Errors: INVALID_ARGUMENT for options out of range or a result without targets; CANCELLED; DEADLINE_EXCEEDED;
+// RESOURCE_EXHAUSTED out of memory.
+absl::StatusOr<Picture> RenderPreview(const VoxelizeResult& result, const PreviewOptions& options = {},
+                                      const JobContext* job = nullptr);
+
+// RenderPreview into a PNG file, under a temporary name and then renamed. Errors: also the system's, with the path.
+absl::Status WritePreview(const VoxelizeResult& result, const std::string& path, const PreviewOptions& options = {},
+                          const JobContext* job = nullptr);
+
+}  // namespace voxelpipe
