@@ -8,14 +8,9 @@
 
 #include "grid/grid_spec.h"
 #include "grid/voxel_format.h"
+#include "raster/coverage.h"
 
 namespace voxelpipe {
-
-enum class Coverage : uint8_t {
-  kConservative,  // the closed voxel and the closed triangle share a point (26-separating)
-  kThin,          // conservative, and the plane passes the centre inside the voxel along the dominant axis (6-separating)
-  kCenter,        // the one-voxel segment through the centre along the dominant axis meets the triangle
-};
 
 enum class Fill : uint8_t {
   kNone,

@@ -29,7 +29,7 @@ struct ShaderInfo {
   std::string output_type;   // fragment: "f32" or "u32"; vertex: "position"
   int output_components = 0;  // fragment: 1-4
   bool reads_textures = false;
-  std::vector<ShaderParameterInfo> parameters;
+  std::vector<ShaderParameterInfo> parameters{};
 };
 
 // Every built-in shader, vertex shaders first, in the order of shader_list.h.

@@ -1,0 +1,53 @@
+#include "cpu/backend.h"
+
+#include <tbb/task_arena.h>
+
+#include "cpu/run_state.h"
+
+namespace voxelpipe::cpu {
+namespace {
+
+class CpuStages final : public Stages {
+ public:
+  CpuStages(const TriangleMesh& mesh, const BoundRequest& request, const JobContext& job)
+      : state_(mesh, request, job) {}
+
+  absl::StatusOr<Box3d> VertexShade() override { return cpu::VertexShade(state_); }
+  absl::Status ClearTargets(const GridSpec& grid) override { return cpu::ClearTargets(state_, grid); }
+  absl::Status CoarseRaster() override { return cpu::CoarseRaster(state_); }
+  absl::Status TileSort() override { return cpu::TileSort(state_); }
+  absl::Status FineRaster() override { return cpu::FineRaster(state_); }
+  absl::Status SolidFill() override { return cpu::SolidFill(state_); }
+  absl::StatusOr<std::vector<HostBuffer>> Finish() override { return cpu::Finish(state_); }
+  // SolidFill leaves in `inside` only voxels that are not covered.
+  uint64_t CountOccupied() const override {
+    return CountBits(state_.coverage) + (state_.inside.empty() ? 0 : CountBits(state_.inside));
+  }
+  StageCounts counts() const override { return state_.counts; }
+
+ private:
+  RunState state_;
+};
+
+class Cpu final : public Backend {
+ public:
+  std::string_view name() const override { return "cpu"; }
+  std::string_view simd() const override { return "scalar"; }
+  absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,
+                                                const JobContext& job) const override {
+    return std::make_unique<CpuStages>(mesh, request, job);
+  }
+  void Run(int threads, const std::function<void()>& body) const override {
+    tbb::task_arena arena(threads > 0 ? threads : tbb::task_arena::automatic);
+    arena.execute(body);
+  }
+};
+
+}  // namespace
+
+const Backend& CpuBackend() {
+  static const Cpu* backend = new Cpu;
+  return *backend;
+}
+
+}  // namespace voxelpipe::cpu

@@ -1,0 +1,81 @@
+// What the stages of one run share, in the order in which they make it.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "grid/bit_grid.h"
+#include "mesh/triangle_mesh.h"
+#include "pipeline/stages.h"
+#include "raster/tiles.h"
+#include "shaders/mesh_view.h"
+#include "shaders/shader_list.h"
+
+namespace voxelpipe::cpu {
+
+// A run of equal tiles in RunState::pairs.
+struct TileRun {
+  uint64_t begin, end;
+};
+
+// A render target while it is rasterized.
+struct CpuTarget {
+  TargetSpec spec;
+  FragmentShaderId shader{};
+  ShaderParams params;
+  bool u32_output = false;
+  // bit:or with occupancy: its value is the coverage itself, nothing else is kept.
+  bool is_occupancy = false;
+  // The shader can discard, so that which voxels it wrote is its own.
+  bool own_presence = false;
+
+  BitGrid bits;      // values of a bit target, unless is_occupancy
+  BitGrid presence;  // if own_presence
+  HostBuffer dense;  // values of an f32 target, in the result's layout
+};
+
+struct RunState {
+  RunState(const TriangleMesh& m, const BoundRequest& r, const JobContext& j) : mesh(m), request(r), job(j) {}
+
+  const TriangleMesh& mesh;
+  const BoundRequest& request;
+  const JobContext& job;
+
+  // VertexShade
+  std::vector<Vec3d> shaded_positions;  // empty under the identity shader: the mesh's own are used
+  std::vector<Vec3f> shaded_normals;
+  std::vector<PartView> parts;
+  std::vector<MaterialView> materials;
+  std::vector<TextureView> textures;
+  MeshView view;
+
+  // ClearTargets
+  GridSpec grid;
+  int64_t dims[3] = {1, 1, 1};
+  TileGrid tiles{};
+  std::vector<CpuTarget> targets;
+  BitGrid coverage;  // voxels that a fragment of any target wrote
+
+  // CoarseRaster, TileSort
+  std::vector<Vec3d> index_positions;  // per vertex, index space
+  std::vector<uint64_t> pairs;         // (tile << 32) | triangle
+  std::vector<TileRun> runs;
+
+  // FineRaster, SolidFill
+  BitGrid inside;
+  StageCounts counts;
+};
+
+// "node 3, mesh 1, primitive 0, vertex 17" for a vertex index of the flattened mesh.
+std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex);
+
+// The stages; see pipeline/stages.h for what each does.
+absl::StatusOr<Box3d> VertexShade(RunState& state);
+absl::Status ClearTargets(RunState& state, const GridSpec& grid);
+absl::Status CoarseRaster(RunState& state);
+absl::Status TileSort(RunState& state);
+absl::Status FineRaster(RunState& state);
+absl::Status SolidFill(RunState& state);
+absl::StatusOr<std::vector<HostBuffer>> Finish(RunState& state);
+
+}  // namespace voxelpipe::cpu

@@ -1,0 +1,93 @@
+// Allocation, clearing and packing of the render targets.
+#include <algorithm>
+#include <cstring>
+
+#include "cpu/parallel.h"
+#include "cpu/run_state.h"
+#include "pipeline/plan.h"
+
+namespace voxelpipe::cpu {
+namespace {
+
+constexpr int64_t kGrain = 1 << 16;
+
+absl::Status Clear(HostBuffer& buffer, float value, const JobContext& job) {
+  float* out = reinterpret_cast<float*>(buffer.data());
+  return ParallelChunks(int64_t(buffer.size() / sizeof(float)), kGrain, job,
+                        [&](int64_t begin, int64_t end) { std::fill(out + begin, out + end, value); });
+}
+
+absl::Status Allocate(CpuTarget& target, const RunState& state) {
+  const auto bits = [&](BitGrid& grid) -> absl::Status {
+    auto created = BitGrid::Create(state.grid.dims);
+    if (created.ok()) grid = *std::move(created);
+    return created.status();
+  };
+  if (target.own_presence) {
+    if (absl::Status s = bits(target.presence); !s.ok()) return s;
+  }
+  if (target.spec.format == VoxelFormat::kBit) return target.is_occupancy ? absl::OkStatus() : bits(target.bits);
+  auto dense = HostBuffer::Allocate(TargetBytes(target.spec, state.grid.voxels()));
+  if (!dense.ok()) return dense.status();
+  target.dense = *std::move(dense);
+  return Clear(target.dense, float(target.spec.clear), state.job);
+}
+
+HostBuffer PackBitTarget(const RunState& state, const CpuTarget& target, HostBuffer out) {
+  const BitGrid& present = target.own_presence ? target.presence : state.coverage;
+  const BitGrid& value = target.is_occupancy ? present : target.bits;
+  const uint32_t clear = target.spec.clear != 0 ? ~0u : 0, fill = target.spec.fill_value != 0 ? ~0u : 0;
+  const int64_t last_word = state.coverage.words_per_row() - 1;
+  const uint32_t last_mask = state.coverage.last_word_mask();
+  PackBits(state.grid.dims, out.bytes(), [&](int64_t r, int64_t w) {
+    const uint32_t here = present.row(r)[w];
+    const uint32_t inside = state.inside.empty() ? 0 : state.inside.row(r)[w];
+    const uint32_t elsewhere = (inside & fill) | (~inside & clear);
+    const uint32_t word = (here & value.row(r)[w]) | (~here & elsewhere);
+    return w == last_word ? word & last_mask : word;
+  });
+  return out;
+}
+
+}  // namespace
+
+absl::Status ClearTargets(RunState& state, const GridSpec& grid) {
+  state.grid = grid;
+  for (int a = 0; a < 3; ++a) state.dims[a] = grid.dims[a];
+  state.tiles = TilesOf(state.dims);
+  if (state.tiles.count() > UINT32_MAX) {
+    return absl::ResourceExhaustedError("the grid has more than 2^32 tiles of 32x8x8 voxels");
+  }
+  auto coverage = BitGrid::Create(grid.dims);
+  if (!coverage.ok()) return coverage.status();
+  state.coverage = *std::move(coverage);
+  for (size_t i = 0; i < state.request.request.targets.size(); ++i) {
+    const BoundShader& shader = state.request.fragment_shaders[i];
+    CpuTarget target;
+    target.spec = state.request.request.targets[i];
+    target.shader = FragmentShaderId(shader.id);
+    target.params = shader.params;
+    target.u32_output = shader.info->output_type == "u32";
+    target.is_occupancy = target.spec.format == VoxelFormat::kBit && target.shader == FragmentShaderId::kOccupancy;
+    target.own_presence = target.shader == FragmentShaderId::kBaseColor;
+    if (absl::Status s = Allocate(target, state); !s.ok()) return s;
+    state.targets.push_back(std::move(target));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::vector<HostBuffer>> Finish(RunState& state) {
+  std::vector<HostBuffer> results;
+  for (CpuTarget& target : state.targets) {
+    if (target.spec.format == VoxelFormat::kF32) {
+      results.push_back(std::move(target.dense));
+      continue;
+    }
+    auto packed = HostBuffer::Allocate(TargetBytes(target.spec, state.grid.voxels()));
+    if (!packed.ok()) return packed.status();
+    results.push_back(PackBitTarget(state, target, *std::move(packed)));
+  }
+  return results;
+}
+
+}  // namespace voxelpipe::cpu

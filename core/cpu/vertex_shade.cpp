@@ -1,0 +1,166 @@
+// Vertex shading, and the views through which shaders see the mesh.
+#include <tbb/parallel_reduce.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+#include "absl/strings/str_cat.h"
+#include "cpu/parallel.h"
+#include "cpu/run_state.h"
+
+namespace voxelpipe::cpu {
+namespace {
+
+constexpr int64_t kGrain = 1 << 14;
+
+TextureRefView View(const TextureRef& ref, const TriangleMesh& mesh) {
+  TextureRefView view;
+  const bool usable = ref.texture >= 0 && size_t(ref.texture) < mesh.textures.size();
+  view.texture = usable ? ref.texture : -1;
+  view.uv_set = ref.uv_set == 1 ? 1 : 0;
+  // KHR_texture_transform: offset + rotation * scale, the rotation counter-clockwise with v pointing down.
+  const double c = std::cos(double(ref.rotation)), s = std::sin(double(ref.rotation));
+  view.m[0][0] = float(c * ref.scale[0]);
+  view.m[0][1] = float(s * ref.scale[1]);
+  view.m[0][2] = ref.offset[0];
+  view.m[1][0] = float(-s * ref.scale[0]);
+  view.m[1][1] = float(c * ref.scale[1]);
+  view.m[1][2] = ref.offset[1];
+  return view;
+}
+
+void MakeViews(RunState& state) {
+  const TriangleMesh& mesh = state.mesh;
+  for (const Texture& texture : mesh.textures) {
+    TextureView view;
+    if (texture.image >= 0 && size_t(texture.image) < mesh.images.size() && mesh.images[texture.image] != nullptr) {
+      const Image& image = *mesh.images[texture.image];
+      if (!image.rgba.empty()) {
+        view.rgba = image.rgba.data();
+        view.width = image.width;
+        view.height = image.height;
+      }
+    }
+    view.wrap_s = uint8_t(texture.wrap_s);
+    view.wrap_t = uint8_t(texture.wrap_t);
+    view.nearest = texture.nearest;
+    state.textures.push_back(view);
+  }
+  for (const Material& material : mesh.materials) {
+    MaterialView view;
+    view.base_color_factor = material.base_color_factor;
+    view.base_color = View(material.base_color, mesh);
+    view.alpha_mask = material.alpha_mode == AlphaMode::kMask;
+    view.alpha_cutoff = material.alpha_cutoff;
+    state.materials.push_back(view);
+  }
+  state.materials.push_back(MaterialView{});  // glTF's default material
+  const int32_t default_material = int32_t(mesh.materials.size());
+  for (const MeshPart& part : mesh.parts) {
+    PartView view;
+    view.first_triangle = part.first_triangle;
+    view.material = part.material >= 0 && part.material < default_material ? part.material : default_material;
+    view.mesh = part.mesh;
+    view.has_normals = part.has_normals && !mesh.normals.empty();
+    view.has_colors = part.has_colors && !mesh.colors.empty();
+    state.parts.push_back(view);
+  }
+  if (state.parts.empty()) state.parts.push_back({.first_triangle = 0, .material = default_material});
+
+  MeshView& view = state.view;
+  view.positions = mesh.positions.data();
+  view.normals = mesh.normals.empty() ? nullptr : mesh.normals.data();
+  for (int i = 0; i < 2; ++i) view.uv[i] = mesh.uv[i].empty() ? nullptr : mesh.uv[i].data();
+  view.colors = mesh.colors.empty() ? nullptr : mesh.colors.data();
+  static_assert(sizeof(mesh.triangles[0]) == sizeof(uint32_t[3]));
+  view.triangles = reinterpret_cast<const uint32_t(*)[3]>(mesh.triangles.data());
+  view.parts = state.parts.data();
+  view.materials = state.materials.data();
+  view.textures = state.textures.data();
+  view.vertex_count = mesh.positions.size();
+  view.triangle_count = mesh.triangles.size();
+  view.part_count = uint32_t(state.parts.size());
+  view.material_count = uint32_t(state.materials.size());
+  view.texture_count = uint32_t(state.textures.size());
+}
+
+absl::Status RunShader(RunState& state) {
+  const BoundShader& shader = state.request.vertex_shader;
+  const auto id = VertexShaderId(shader.id);
+  if (id == VertexShaderId::kIdentity) return absl::OkStatus();
+  const TriangleMesh& mesh = state.mesh;
+  state.shaded_positions.resize(mesh.positions.size());
+  state.shaded_normals.resize(mesh.normals.size());
+  absl::Status s = ParallelChunks(int64_t(mesh.positions.size()), kGrain, state.job, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      const Vec3f normal = mesh.normals.empty() ? Vec3f{} : mesh.normals[i];
+      const ShadedVertex out = ShadeVertex(id, {mesh.positions[i], normal}, shader.params);
+      state.shaded_positions[i] = out.position;
+      if (!mesh.normals.empty()) state.shaded_normals[i] = out.normal;
+    }
+  });
+  state.view.positions = state.shaded_positions.data();
+  if (!mesh.normals.empty()) state.view.normals = state.shaded_normals.data();
+  return s;
+}
+
+Box3d Grow(const Box3d& box, const Vec3d& p) {
+  if (box.empty) return {p, p, false};
+  Box3d grown = box;
+  for (int a = 0; a < 3; ++a) {
+    grown.min[a] = Min(box.min[a], p[a]);
+    grown.max[a] = Max(box.max[a], p[a]);
+  }
+  return grown;
+}
+
+}  // namespace
+
+std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex) {
+  for (const MeshPart& part : mesh.parts) {
+    if (vertex >= part.first_vertex && vertex < part.first_vertex + part.vertex_count) {
+      return absl::StrCat("node ", part.node, ", mesh ", part.mesh, ", primitive ", part.primitive, ", vertex ",
+                          vertex - part.first_vertex);
+    }
+  }
+  return absl::StrCat("vertex ", vertex);
+}
+
+absl::StatusOr<Box3d> VertexShade(RunState& state) {
+  MakeViews(state);
+  if (absl::Status s = RunShader(state); !s.ok()) return s;
+  const MeshView& view = state.view;
+  // The first bad vertex by index, so that the message does not depend on the schedule.
+  std::atomic<uint64_t> bad{UINT64_MAX};
+  const Box3d box = tbb::parallel_reduce(
+      tbb::blocked_range<uint64_t>(0, view.triangle_count, kGrain), Box3d{},
+      [&](const tbb::blocked_range<uint64_t>& range, Box3d b) {
+        for (uint64_t t = range.begin(); t < range.end(); ++t) {
+          for (const uint32_t v : view.triangles[t]) {
+            const Vec3d& p = view.positions[v];
+            if (std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)) {
+              b = Grow(b, p);
+            } else {
+              uint64_t seen = bad.load(std::memory_order_relaxed);
+              while (v < seen && !bad.compare_exchange_weak(seen, v)) {
+              }
+            }
+          }
+        }
+        return b;
+      },
+      [](const Box3d& a, const Box3d& b) { return b.empty ? a : Grow(Grow(a, b.min), b.max); });
+  if (bad.load() != UINT64_MAX) {
+    return absl::InvalidArgumentError(absl::StrCat(DescribeVertex(state.mesh, bad.load()),
+                                                   ": the position is not finite after the vertex shader"));
+  }
+  Box3d result = box;
+  for (int a = 0; a < 3; ++a) {  // -0 and +0 are one corner, whichever thread saw it first
+    result.min[a] += 0.0;
+    result.max[a] += 0.0;
+  }
+  return result;
+}
+
+}  // namespace voxelpipe::cpu

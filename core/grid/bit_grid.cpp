@@ -1,0 +1,41 @@
+#include "grid/bit_grid.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_reduce.h>
+
+#include <bit>
+#include <cstring>
+#include <functional>
+
+namespace voxelpipe {
+
+absl::StatusOr<BitGrid> BitGrid::Create(const std::array<int64_t, 3>& dims) {
+  BitGrid grid;
+  grid.dims_ = dims;
+  grid.words_per_row_ = (dims[0] + 31) / 32;
+  absl::StatusOr<HostBuffer> words = HostBuffer::Allocate(BytesFor(dims));
+  if (!words.ok()) return words.status();
+  grid.words_ = *std::move(words);
+  // Parallel so that the first touch of the pages is shared among the threads.
+  constexpr uint64_t kBlock = 1 << 20;
+  const uint64_t bytes = grid.words_.size();
+  tbb::parallel_for(uint64_t{0}, (bytes + kBlock - 1) / kBlock, [&](uint64_t b) {
+    std::memset(grid.words_.data() + b * kBlock, 0, std::min(kBlock, bytes - b * kBlock));
+  });
+  return grid;
+}
+
+uint64_t CountBits(const BitGrid& grid) {
+  return tbb::parallel_reduce(
+      tbb::blocked_range<int64_t>(0, grid.rows(), 256), uint64_t{0},
+      [&](const tbb::blocked_range<int64_t>& range, uint64_t count) {
+        for (int64_t r = range.begin(); r < range.end(); ++r) {
+          for (const uint32_t w : grid.row(r)) count += uint64_t(std::popcount(w));
+        }
+        return count;
+      },
+      std::plus<>());
+}
+
+}  // namespace voxelpipe

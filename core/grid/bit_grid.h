@@ -1,0 +1,56 @@
+// One bit a voxel with rows padded to 32-bit words: what the stages work on. Results leave it packed (PackBits).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "absl/status/statusor.h"
+#include "grid/host_buffer.h"
+
+namespace voxelpipe {
+
+// Bit i of row (j,k) is bit i%32 of word i/32 of that row. Padding bits are 0. A tile is 32 voxels wide, so every word
+// belongs to one tile and tiles are written without atomics.
+class BitGrid {
+ public:
+  BitGrid() = default;
+
+  // All bits clear. RESOURCE_EXHAUSTED when memory is short.
+  static absl::StatusOr<BitGrid> Create(const std::array<int64_t, 3>& dims);
+
+  bool empty() const { return words_.size() == 0; }
+  int64_t words_per_row() const { return words_per_row_; }
+  int64_t rows() const { return dims_[1] * dims_[2]; }
+  // Row number j + ny*k.
+  std::span<uint32_t> row(int64_t r) { return {data() + r * words_per_row_, size_t(words_per_row_)}; }
+  std::span<const uint32_t> row(int64_t r) const { return {data() + r * words_per_row_, size_t(words_per_row_)}; }
+
+  // The bits of a row's last word that are voxels.
+  uint32_t last_word_mask() const { return dims_[0] % 32 == 0 ? ~0u : (1u << (dims_[0] % 32)) - 1; }
+
+  static uint64_t BytesFor(const std::array<int64_t, 3>& dims) {
+    return uint64_t((dims[0] + 31) / 32) * uint64_t(dims[1]) * uint64_t(dims[2]) * sizeof(uint32_t);
+  }
+
+ private:
+  uint32_t* data() { return reinterpret_cast<uint32_t*>(words_.data()); }
+  const uint32_t* data() const { return reinterpret_cast<const uint32_t*>(words_.data()); }
+
+  std::array<int64_t, 3> dims_{};
+  int64_t words_per_row_ = 0;
+  HostBuffer words_;
+};
+
+// Number of set bits. Parallel, deterministic.
+uint64_t CountBits(const BitGrid& grid);
+
+// In: one callback that gives word w of row r. Out: the packed bits of the linear order, no row padding, bit n in
+// byte n/8 at n%8, unused bits of the last byte 0. `out` holds ceil(voxels/8) bytes. Parallel over rows; `word` must be
+// safe to call concurrently and give 0 in padding bits.
+template <typename WordAt>
+void PackBits(const std::array<int64_t, 3>& dims, std::span<uint8_t> out, WordAt word);
+
+}  // namespace voxelpipe
+
+#include "grid/bit_grid_pack.h"

@@ -1,0 +1,130 @@
+#include "grid/grid_spec.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "base/checked.h"
+
+namespace voxelpipe {
+namespace {
+
+// A hair under one voxel: an extent that is a whole number of voxels but for rounding gets no extra layer.
+constexpr double kCeilSlack = 1e-9;
+constexpr uint64_t kMaxVoxels = uint64_t{1} << 53;
+
+bool FinitePositive(double v) { return std::isfinite(v) && v > 0; }
+
+absl::Status Invalid(const std::string& field, const std::string& why) {
+  return absl::InvalidArgumentError(absl::StrCat("grid.", field, ": ", why));
+}
+
+absl::Status CheckRequest(const GridRequest& request) {
+  if (request.resolution < 1) return Invalid("resolution", "must be at least 1");
+  if (request.resolution > kMaxGridDim) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("grid.resolution: ", request.resolution, " is beyond ", kMaxGridDim, " voxels an axis"));
+  }
+  if (request.padding < 0) return Invalid("padding", "must not be negative");
+  if (request.padding > kMaxGridDim) return Invalid("padding", absl::StrCat("must be at most ", kMaxGridDim));
+  if (request.voxel_size) {
+    for (int a = 0; a < 3; ++a) {
+      if (!FinitePositive((*request.voxel_size)[a])) return Invalid("voxel_size", "must be finite and positive");
+    }
+  }
+  if (request.dims.has_value() != request.origin.has_value()) {
+    return Invalid("dims", "dims and origin are given together or not at all");
+  }
+  if (request.dims) {
+    if (!request.voxel_size) return Invalid("voxel_size", "a grid given by dims and origin needs a voxel size");
+    for (const int64_t dim : *request.dims) {
+      if (dim < 1) return Invalid("dims", "every axis needs at least 1 voxel");
+    }
+    for (int a = 0; a < 3; ++a) {
+      if (!std::isfinite((*request.origin)[a])) return Invalid("origin", "must be finite");
+    }
+  }
+  return absl::OkStatus();
+}
+
+// Number of voxels as an integer, saturated far above every limit so that the check below refuses it.
+int64_t CeilToDim(double voxels) {
+  return static_cast<int64_t>(std::clamp(std::ceil(voxels - kCeilSlack), 1.0, 1e15));
+}
+
+absl::StatusOr<GridSpec> Finish(GridSpec grid, int64_t padding) {
+  uint64_t voxels = 1;
+  for (int a = 0; a < 3; ++a) {
+    grid.dims[a] += 2 * padding;
+    grid.origin[a] -= double(padding) * grid.voxel_size[a];
+    if (!FinitePositive(grid.voxel_size[a])) return Invalid("resolution", "the mesh is too small for this many voxels");
+    if (!std::isfinite(grid.origin[a])) return Invalid("origin", "the grid's origin is not finite");
+    if (grid.dims[a] > kMaxGridDim) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("grid: ", grid.dims[a], " voxels along axis ", a, ", at most ", kMaxGridDim, " are possible"));
+    }
+    const auto product = CheckedMul(voxels, uint64_t(grid.dims[a]));
+    if (!product || *product > kMaxVoxels) {
+      return absl::ResourceExhaustedError(absl::StrCat("grid: ", grid.dims[0], " x ", grid.dims[1], " x ", grid.dims[2],
+                                                       " is beyond 2^53 voxels"));
+    }
+    voxels = *product;
+  }
+  return grid;
+}
+
+}  // namespace
+
+Mat4d GridSpec::index_to_world() const {
+  Mat4d m;
+  for (int a = 0; a < 3; ++a) {
+    m.m[a][a] = voxel_size[a];
+    m.m[a][3] = origin[a] + 0.5 * voxel_size[a];
+  }
+  return m;
+}
+
+absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box) {
+  if (absl::Status s = CheckRequest(request); !s.ok()) return s;
+  GridSpec grid;
+  if (request.dims) {
+    grid.dims = *request.dims;
+    grid.origin = *request.origin;
+    grid.voxel_size = *request.voxel_size;
+    return Finish(grid, request.padding);
+  }
+  if (box.empty) {  // no triangles: one clear voxel around the origin
+    if (request.voxel_size) grid.voxel_size = *request.voxel_size;
+    grid.origin = {-0.5 * grid.voxel_size.x, -0.5 * grid.voxel_size.y, -0.5 * grid.voxel_size.z};
+    return grid;
+  }
+  const Vec3d extent = box.max - box.min;
+  const double longest = std::max({extent.x, extent.y, extent.z});
+  if (!std::isfinite(longest)) return Invalid("resolution", "the mesh's bounding box is not finite");
+  if (request.voxel_size) {
+    grid.voxel_size = *request.voxel_size;
+    grid.origin = box.min;
+    for (int a = 0; a < 3; ++a) grid.dims[a] = CeilToDim(extent[a] / grid.voxel_size[a]);
+    return Finish(grid, request.padding);
+  }
+  if (longest == 0) {
+    grid.origin = {box.min.x - 0.5, box.min.y - 0.5, box.min.z - 0.5};
+    return Finish(grid, request.padding);
+  }
+  const int64_t n = request.resolution;
+  const double h = longest / double(n);
+  grid.voxel_size = {h, h, h};
+  for (int a = 0; a < 3; ++a) {
+    if (request.fit == GridFit::kCube) {
+      grid.dims[a] = n;
+      grid.origin[a] = box.min[a] - (longest - extent[a]) / 2;
+    } else {
+      grid.dims[a] = extent[a] == longest ? n : CeilToDim(extent[a] / longest * double(n));
+      grid.origin[a] = box.min[a];
+    }
+  }
+  return Finish(grid, request.padding);
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,20 @@
+// The registry of backends of this build and machine.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "pipeline/request.h"
+#include "pipeline/stages.h"
+
+namespace voxelpipe {
+
+// Names of the backends that can run here, best first.
+std::vector<std::string> AvailableBackends();
+
+// The backend for a choice; `auto` takes the best that is there. FAILED_PRECONDITION naming the backend that is missing.
+// The object lives as long as the process.
+absl::StatusOr<const Backend*> SelectBackend(BackendChoice choice);
+
+}  // namespace voxelpipe

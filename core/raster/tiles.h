@@ -1,0 +1,82 @@
+// The tile: the unit that the sort-middle pipeline sorts triangles into and blends in fast memory.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "base/host_device.h"
+#include "raster/spans.h"
+
+namespace voxelpipe {
+
+// 32 voxels along x make a row of a tile one 32-bit word; four 8x8x8 bricks make a tile.
+inline constexpr int64_t kTileDims[3] = {32, 8, 8};
+inline constexpr int kTileVoxels = 32 * 8 * 8;
+inline constexpr int kTileRows = 8 * 8;
+
+// Widening of the tile binning in tiles: far more than the rasterizer's own, so that no voxel's tile is ever missed.
+inline constexpr double kTileWidening = 1e-4;
+
+struct TileGrid {
+  int64_t dims[3];  // tiles an axis
+
+  VOXELPIPE_HD uint64_t count() const { return uint64_t(dims[0]) * uint64_t(dims[1]) * uint64_t(dims[2]); }
+  VOXELPIPE_HD uint64_t Index(int64_t x, int64_t y, int64_t z) const {
+    return uint64_t(x) + uint64_t(dims[0]) * (uint64_t(y) + uint64_t(dims[1]) * uint64_t(z));
+  }
+};
+
+VOXELPIPE_HD TileGrid TilesOf(const int64_t (&dims)[3]) {
+  TileGrid tiles{};
+  for (int a = 0; a < 3; ++a) tiles.dims[a] = (dims[a] + kTileDims[a] - 1) / kTileDims[a];
+  return tiles;
+}
+
+// The voxels of a tile, clipped to the grid.
+VOXELPIPE_HD VoxelRange TileVoxels(const TileGrid& tiles, uint64_t tile, const int64_t (&dims)[3]) {
+  const int64_t at[3] = {int64_t(tile % uint64_t(tiles.dims[0])),
+                         int64_t(tile / uint64_t(tiles.dims[0]) % uint64_t(tiles.dims[1])),
+                         int64_t(tile / uint64_t(tiles.dims[0]) / uint64_t(tiles.dims[1]))};
+  VoxelRange r;
+  for (int a = 0; a < 3; ++a) {
+    r.begin[a] = at[a] * kTileDims[a];
+    r.end[a] = Min(r.begin[a] + kTileDims[a], dims[a]);
+  }
+  return r;
+}
+
+// Calls visit(tile) for each tile that a triangle (index space) may touch: a superset of the tiles of its voxels, found
+// by the same row spans on coordinates divided by the tile's dims (powers of two, so the division is exact).
+template <typename Visit>
+VOXELPIPE_HD void ForEachTile(const TileGrid& tiles, const Vec3d& a, const Vec3d& b, const Vec3d& c, Visit&& visit) {
+  const Vec3d shrink{1.0 / kTileDims[0], 1.0 / kTileDims[1], 1.0 / kTileDims[2]};
+  VoxelRange all;
+  for (int i = 0; i < 3; ++i) all.end[i] = tiles.dims[i];
+  // Few tiles: the box is cheaper than the test, and a tile too many costs only time.
+  VoxelRange box;
+  double widening = kTileWidening;
+  for (int i = 0; i < 3; ++i) {
+    const double lo = Min(a[i], Min(b[i], c[i])) * shrink[i], hi = Max(a[i], Max(b[i], c[i])) * shrink[i];
+    const double slack = kTileWidening + (hi - lo) * 0x1p-30;
+    widening = Max(widening, (hi - lo) * 0x1p-38);
+    const double limit = double(tiles.dims[i]);
+    box.begin[i] = int64_t(Clamp(floor(lo - slack), 0.0, limit));
+    box.end[i] = int64_t(Clamp(floor(hi + slack) + 1, 0.0, limit));
+  }
+  if (box.empty()) return;
+  const auto x_run = [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
+    for (int64_t x = x_begin; x < x_end; ++x) visit(tiles.Index(x, y, z));
+  };
+  const int64_t rows = (box.end[1] - box.begin[1]) * (box.end[2] - box.begin[2]);
+  if (rows * (box.end[0] - box.begin[0]) <= 4) {
+    for (int64_t z = box.begin[2]; z < box.end[2]; ++z) {
+      for (int64_t y = box.begin[1]; y < box.end[1]; ++y) x_run(y, z, box.begin[0], box.end[0]);
+    }
+    return;
+  }
+  const auto scaled = [&](const Vec3d& p) { return Vec3d{p.x * shrink.x, p.y * shrink.y, p.z * shrink.z}; };
+  const TriangleSetup setup = SetUpTriangle(scaled(a), scaled(b), scaled(c), Coverage::kConservative, widening);
+  ForEachRowSpan(setup, all, x_run);
+}
+
+}  // namespace voxelpipe

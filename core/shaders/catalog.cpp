@@ -1,0 +1,159 @@
+#include "shaders/catalog.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "shaders/shader_list.h"
+
+namespace voxelpipe {
+namespace {
+
+const std::vector<double> kIdentityMatrix = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+
+// In the order of shader_list.h; CatalogTest holds the two together.
+const std::vector<ShaderInfo>& Catalog() {
+  static const auto* catalog = new std::vector<ShaderInfo>{
+      {.name = "identity",
+       .stage = ShaderStage::kVertex,
+       .description = "The vertices as they are.",
+       .output_type = "position"},
+      {.name = "transform",
+       .stage = ShaderStage::kVertex,
+       .description = "Multiplies positions by a matrix, and normals by its inverse transpose.",
+       .output_type = "position",
+       .parameters = {{"matrix", "mat4", kIdentityMatrix, "16 numbers, row major, last row 0/0/0/1"}}},
+      {.name = "occupancy",
+       .description = "1 for every fragment.",
+       .output_type = "f32",
+       .output_components = 1},
+      {.name = "constant",
+       .description = "The same value for every fragment.",
+       .output_type = "f32",
+       .output_components = 4,
+       .parameters = {{"value", "vec4", {1, 0, 0, 1}, "1 to 4 numbers; those not given are 0, the fourth 1"}}},
+      {.name = "triangle_id",
+       .description = "The triangle's id, from 0 over the flattened scene.",
+       .output_type = "u32",
+       .output_components = 1},
+      {.name = "barycentric",
+       .description = "Barycentric coordinates of the voxel's centre projected onto the triangle.",
+       .output_type = "f32",
+       .output_components = 3},
+      {.name = "geometric_normal",
+       .description = "Unit normal of the triangle's plane, world axes; 0 for degenerate triangles.",
+       .output_type = "f32",
+       .output_components = 3},
+      {.name = "normal",
+       .description = "Interpolated vertex normal, world axes, unit length; geometric where the mesh has none.",
+       .output_type = "f32",
+       .output_components = 3},
+      {.name = "packed_normal",
+       .description = "The normal of `normal` on an octahedral map, 8 + 8 bits: (u << 8) | v.",
+       .output_type = "u32",
+       .output_components = 1},
+      {.name = "base_color",
+       .description = "Base colour factor x texture x vertex colour, linear RGBA; alpha MASK discards fragments.",
+       .output_type = "f32",
+       .output_components = 4,
+       .reads_textures = true},
+  };
+  return *catalog;
+}
+
+constexpr int CountVertexShaders() {
+#define VOXELPIPE_ONE(name) +1
+  return 0 VOXELPIPE_VERTEX_SHADERS(VOXELPIPE_ONE);
+#undef VOXELPIPE_ONE
+}
+
+const char* StageName(ShaderStage stage) { return stage == ShaderStage::kVertex ? "vertex" : "fragment"; }
+
+// How many numbers a parameter of this type takes, at least and at most.
+std::pair<size_t, size_t> NumbersOf(std::string_view type) {
+  if (type == "mat4") return {16, 16};
+  if (type == "vec4") return {1, 4};
+  return {1, 1};
+}
+
+absl::Status FillSlots(const ShaderInfo& info, const ShaderParameterInfo& parameter, const std::vector<double>& given,
+                  double* slot) {
+  const auto [least, most] = NumbersOf(parameter.type);
+  if (given.size() < least || given.size() > most) {
+    const std::string wanted = least == most ? absl::StrCat(least) : absl::StrCat(least, " to ", most);
+    return absl::InvalidArgumentError(absl::StrCat("shader '", info.name, "': parameter '", parameter.name, "' takes ",
+                                                   wanted, " numbers, ", given.size(), " given"));
+  }
+  for (const double v : given) {
+    if (!std::isfinite(v)) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("shader '", info.name, "': parameter '", parameter.name, "' must be finite"));
+    }
+  }
+  std::copy(given.begin(), given.end(), slot);
+  if (parameter.type == "vec4") {
+    for (size_t i = given.size(); i < 4; ++i) slot[i] = i == 3 ? 1.0 : 0.0;
+  }
+  if (parameter.type == "mat4" && (slot[12] != 0 || slot[13] != 0 || slot[14] != 0 || slot[15] != 1)) {
+    return absl::InvalidArgumentError(absl::StrCat("shader '", info.name, "': parameter '", parameter.name,
+                                                   "' must have the last row 0, 0, 0, 1"));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+std::span<const ShaderInfo> ListShaders() { return Catalog(); }
+
+const ShaderInfo* FindShader(ShaderStage stage, std::string_view name) {
+  for (const ShaderInfo& info : Catalog()) {
+    if (info.stage == stage && info.name == name) return &info;
+  }
+  return nullptr;
+}
+
+absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call) {
+  BoundShader bound;
+  bound.info = FindShader(stage, call.name);
+  if (bound.info == nullptr) {
+    std::vector<std::string> known;
+    for (const ShaderInfo& info : Catalog()) {
+      if (info.stage == stage) known.push_back(info.name);
+    }
+    return absl::InvalidArgumentError(absl::StrCat("there is no ", StageName(stage), " shader '", call.name,
+                                                   "' (known: ", absl::StrJoin(known, ", "), ")"));
+  }
+  const int index = int(bound.info - Catalog().data());
+  bound.id = stage == ShaderStage::kVertex ? index : index - CountVertexShaders();
+  double* slot = bound.params.value;
+  size_t found = 0;
+  for (const ShaderParameterInfo& parameter : bound.info->parameters) {
+    const auto given = call.parameters.find(parameter.name);
+    if (given == call.parameters.end()) {
+      std::copy(parameter.default_value.begin(), parameter.default_value.end(), slot);
+    } else {
+      ++found;
+      if (absl::Status s = FillSlots(*bound.info, parameter, given->second, slot); !s.ok()) return s;
+    }
+    slot += parameter.default_value.size();
+  }
+  if (found != call.parameters.size()) {
+    for (const auto& [name, value] : call.parameters) {
+      const auto& known = bound.info->parameters;
+      if (std::none_of(known.begin(), known.end(), [&](const auto& p) { return p.name == name; })) {
+        return absl::InvalidArgumentError(absl::StrCat("shader '", call.name, "' has no parameter '", name, "'"));
+      }
+    }
+  }
+  return bound;
+}
+
+bool RequestReadsTextures(const VoxelizeRequest& request) {
+  return std::any_of(request.targets.begin(), request.targets.end(), [](const TargetSpec& target) {
+    const ShaderInfo* info = FindShader(ShaderStage::kFragment, target.shader.name);
+    return info != nullptr && info->reads_textures;
+  });
+}
+
+}  // namespace voxelpipe

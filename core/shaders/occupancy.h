@@ -1,0 +1,14 @@
+// occupancy: 1 for every fragment.
+#pragma once
+
+#include "shaders/fragment.h"
+
+namespace voxelpipe {
+
+// Output: f32, 1 component.
+struct OccupancyShader {
+  static constexpr bool kNeedsBarycentrics = false;
+  VOXELPIPE_HD static void Shade(const FragmentInput&, const ShaderParams&, FragmentOutput& out) { out.f[0] = 1; }
+};
+
+}  // namespace voxelpipe

@@ -1,0 +1,16 @@
+// triangle_id: the id of the triangle, from 0 over the flattened scene.
+#pragma once
+
+#include "shaders/fragment.h"
+
+namespace voxelpipe {
+
+// Output: u32, 1 component.
+struct TriangleIdShader {
+  static constexpr bool kNeedsBarycentrics = false;
+  VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
+    out.u[0] = in.triangle;
+  }
+};
+
+}  // namespace voxelpipe
