@@ -1,0 +1,38 @@
+#include "commands/commands.h"
+#include "report.h"
+
+#ifdef VOXELPIPE_HAVE_SERVICE
+#include "remote_engine.h"
+#endif
+
+namespace voxelpipe::cli {
+namespace {
+
+struct ServerInfoArguments {
+  std::string server;
+  bool json = false;
+};
+
+int ServerInfo([[maybe_unused]] const ServerInfoArguments& arguments) {
+#ifdef VOXELPIPE_HAVE_SERVICE
+  const absl::StatusOr<std::string> text = DescribeServer(arguments.server, arguments.json);
+  const absl::Status status = text.ok() ? PrintLine(*text) : text.status();
+  if (!status.ok()) PrintError(arguments.server, status);
+  return status.ok() ? 0 : 1;
+#else
+  PrintError("", "server-info: this build was made without the service");
+  return 2;
+#endif
+}
+
+}  // namespace
+
+void AddServerInfoCommand(CLI::App& app, int& exit_code) {
+  auto arguments = std::make_shared<ServerInfoArguments>();
+  CLI::App* command = app.add_subcommand("server-info", "Say what a server is and what it allows");
+  command->add_option("--server", arguments->server, "The server")->required()->type_name("HOST:PORT");
+  command->add_flag("--json", arguments->json, "Print one JSON object");
+  command->callback([arguments, &exit_code] { exit_code = ServerInfo(*arguments); });
+}
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,168 @@
+#include <filesystem>
+#include <new>
+
+#include "absl/strings/str_cat.h"
+#include "clock.h"
+#include "commands/commands.h"
+#include "encode/encode.h"
+#include "encode/png_preview.h"
+#include "engine.h"
+#include "hash.h"
+#include "interrupt.h"
+#include "output_plan.h"
+#include "progress_bar.h"
+#include "report.h"
+#include "request_options.h"
+#include "server_option.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+struct VoxelizeArguments {
+  std::vector<std::string> inputs;
+  std::string output, preview, server;
+  RequestOptions request;
+  std::string result = "dense";
+  std::string simd = "auto";
+  int repeat = 1;
+  bool json = false;
+};
+
+absl::Status CheckChoice(const char* option, const std::string& value, const std::vector<std::string>& known) {
+  std::string list;
+  for (const std::string& choice : known) {
+    if (value == choice) return absl::OkStatus();
+    absl::StrAppend(&list, list.empty() ? "" : ", ", choice);
+  }
+  return absl::InvalidArgumentError(absl::StrCat(option, ": unknown choice '", value, "'; known are ", list));
+}
+
+absl::Status WriteFiles(const EngineRun& run, const OutputPlan& plan, const JobContext& job, VoxelizeReport& report) {
+  if (plan.result.empty() && plan.preview.empty()) return absl::OkStatus();
+  const Stopwatch encode;
+  for (const std::string& path : {plan.result, plan.preview}) {
+    if (path.empty()) continue;
+    job.Report("encode", path == plan.preview ? 0.5 : 0);
+    const std::filesystem::path parent = std::filesystem::path(path).parent_path();
+    std::error_code ignored;  // WriteResult names the path if it still is not there
+    if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
+    if (absl::Status status = WriteResult(run.result, path, &job); !status.ok()) return status;
+    for (std::string& file : OutputPaths(path, run.result.targets.size())) report.files.push_back(std::move(file));
+  }
+  report.encode_ms = encode.Milliseconds();
+  report.encoded = true;
+  return absl::OkStatus();
+}
+
+absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputPlan& plan, const VoxelizeRequest& request,
+                         const VoxelizeArguments& arguments) {
+  ProgressBar bar;
+  JobContext job([&bar](std::string_view stage, double fraction) { bar.Show(stage, fraction); });
+  const CancelOnInterrupt cancel(job);
+  try {
+    const absl::StatusOr<EngineRun> run = engine.Run(input, request, arguments.repeat, job);
+    if (!run.ok()) return run.status();
+    VoxelizeReport report;
+    report.input = input;
+    absl::StatusOr<std::string> hash = HashResult(run->result);
+    if (!hash.ok()) return hash.status();
+    report.hash = *std::move(hash);
+    if (absl::Status status = WriteFiles(*run, plan, job, report); !status.ok()) return status;
+    report.peak_bytes = run->server_peak_bytes.value_or(ProcessPeakBytes());
+    bar.Clear();
+    return PrintLine(arguments.json ? VoxelizeJson(*run, report).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
+                                    : VoxelizeTable(*run, report));
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory");
+  }
+}
+
+int Voxelize(const VoxelizeArguments& arguments) {
+  const auto wrong_option = [](const absl::Status& status) {
+    PrintError("", status);
+    return 2;
+  };
+  if (absl::Status s = CheckChoice("--result", arguments.result, {"dense"}); !s.ok()) return wrong_option(s);
+  if (absl::Status s = CheckChoice("--simd", arguments.simd, {"auto", "scalar"}); !s.ok()) return wrong_option(s);
+  if (arguments.repeat < 1) return wrong_option(absl::InvalidArgumentError("--repeat: at least 1"));
+  const absl::StatusOr<VoxelizeRequest> request = BuildRequest(arguments.request);
+  if (!request.ok()) return wrong_option(request.status());
+  const absl::StatusOr<std::vector<OutputPlan>> plans = PlanOutputs(arguments.inputs, arguments.output, arguments.preview);
+  if (!plans.ok()) return wrong_option(plans.status());
+  const absl::StatusOr<std::unique_ptr<Engine>> engine = MakeEngine(arguments.server);
+  if (!engine.ok()) return wrong_option(engine.status());
+
+  int exit_code = 0;
+  for (size_t i = 0; i < arguments.inputs.size(); ++i) {
+    const absl::Status status = VoxelizeOne(**engine, arguments.inputs[i], (*plans)[i], *request, arguments);
+    if (const int signal = InterruptSignal(); signal != 0) {
+      PrintError(arguments.inputs[i], "stopped");
+      return 128 + signal;
+    }
+    if (status.ok()) continue;
+    PrintError(arguments.inputs[i], status);
+    exit_code = 1;  // the other inputs still get their turn
+  }
+  return exit_code;
+}
+
+void AddGridOptions(CLI::App& command, RequestOptions& request) {
+  const std::string group = "Grid";
+  command.add_option("--resolution", request.resolution, "Voxels along the longest extent (default 128)")->group(group);
+  command.add_option("--voxel-size", request.voxel_size, "Voxel size H, or HX,HY,HZ, in the mesh's units")->group(group);
+  command.add_option("--dims", request.dims, "Dims X,Y,Z of a grid given by --dims, --origin and --voxel-size")->group(group);
+  command.add_option("--origin", request.origin, "Origin X,Y,Z of that grid: the corner of its first voxel")->group(group);
+  command.add_option("--fit", request.fit, "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N")
+      ->group(group);
+  command.add_option("--padding", request.padding, "Empty voxels on every side")->group(group)->capture_default_str();
+}
+
+void AddShadingOptions(CLI::App& command, RequestOptions& request) {
+  const std::string group = "Voxels and values";
+  command.add_option("--coverage", request.coverage, "Which voxels a triangle covers: conservative, thin or center")
+      ->group(group)->capture_default_str();
+  command.add_option("--fill", request.fill, "Fill the inside: none or parity")->group(group)->capture_default_str();
+  command
+      .add_option("--shader", request.shader,
+                  "NAME[:k=v,...]: the fragment shader of every target that names none. A vector's numbers are separated by "
+                  "'/', e.g. constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them")
+      ->group(group)->type_name("SHADER");
+  command.add_option("--vertex-shader", request.vertex_shader, "NAME[:k=v,...]: the vertex shader (default identity)")
+      ->group(group)->type_name("SHADER");
+  command
+      .add_option("--target", request.targets,
+                  "FORMAT[xC]:BLEND[:shader=NAME,quantum=..,clear=..,fill=..]: a render target; further k=v belong to its shader. "
+                  "Formats bit, f32 with C = 1 to 4; blends or, replace (bit), replace, min, max, add (f32). May be given several times. "
+                  "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C as many as the shader gives")
+      ->group(group)->type_name("TARGET")->allow_extra_args(false)->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  command.add_option("--layout", request.layout, "Order of components: interleaved or planar")->group(group)->capture_default_str();
+}
+
+}  // namespace
+
+void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
+  auto arguments = std::make_shared<VoxelizeArguments>();
+  CLI::App* command = app.add_subcommand("voxelize", "Voxelize meshes");
+  command->add_option("IN", arguments->inputs, "Mesh files: .glb, .gltf, .drc")->required()->type_name("FILE");
+  command->add_option("-o,--output", arguments->output,
+                      "Where the result goes; the extension decides: .npy, .raw, .png (a picture). Several targets into .npy or "
+                      ".raw: OUT.<index>.ext. With several IN a directory. Without it only the summary is printed")
+      ->type_name("OUT");
+  command->add_option("--preview", arguments->preview, "Also write a picture: a shaded view and three slices")->type_name("PNG");
+  command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");
+  command->add_option("--server", arguments->server, "Voxelize on this server instead of in this process")
+      ->type_name("HOST:PORT");
+  AddGridOptions(*command, arguments->request);
+  AddShadingOptions(*command, arguments->request);
+  const std::string group = "Execution";
+  command->add_option("--result", arguments->result, "Kind of result: dense")->group(group)->capture_default_str();
+  command->add_option("--backend", arguments->request.backend, "auto, cpu or cuda")->group(group)->capture_default_str();
+  command->add_option("--threads", arguments->request.threads, "Threads of the CPU backend, 0 = all cores")
+      ->group(group)->capture_default_str();
+  command->add_option("--simd", arguments->simd, "auto or scalar")->group(group)->capture_default_str();
+  command->add_option("--repeat", arguments->repeat, "Run the pipeline N times on the loaded mesh and print medians")
+      ->group(group)->capture_default_str();
+  command->callback([arguments, &exit_code] { exit_code = Voxelize(*arguments); });
+}
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,40 @@
+// Where the CLI's work is done: in this process, or on a server.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "pipeline/voxelize.h"
+#include "shaders/catalog.h"
+
+namespace voxelpipe::cli {
+
+// What one mesh gave. With several runs `result` is that of the last; they are all the same bytes.
+struct EngineRun {
+  VoxelizeResult result;
+  std::vector<std::pair<std::string, double>> mesh_stages;  // load and flatten, milliseconds
+  std::vector<VoxelizeStats> runs;                          // of every run, in order; at least one
+  std::optional<uint64_t> open_edges;                       // with a fill
+  std::optional<uint64_t> server_peak_bytes;                // the server's peak for the request; absent in-process
+};
+
+class Engine {
+ public:
+  virtual ~Engine() = default;
+
+  // Voxelizes the mesh file at `path` `repeat` times (at least once).
+  virtual absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat,
+                                        JobContext& job) = 0;
+  virtual absl::StatusOr<std::vector<ShaderInfo>> Shaders() = 0;
+};
+
+std::unique_ptr<Engine> MakeLocalEngine();
+
+}  // namespace voxelpipe::cli

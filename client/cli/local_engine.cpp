@@ -1,0 +1,74 @@
+// The core in this process.
+#include "clock.h"
+#include "engine.h"
+#include "load/image.h"
+#include "load/loader.h"
+#include "load/pack.h"
+#include "mesh/flatten.h"
+#include "mesh/report.h"
+#include "mesh_file.h"
+
+namespace voxelpipe::cli {
+
+absl::StatusOr<LoadedMesh> LoadMeshFile(const std::string& path, const JobContext& job) {
+  LoadedMesh loaded;
+  const Stopwatch load;
+  job.Report("load", 0);
+  absl::StatusOr<std::vector<uint8_t>> bytes = ReadAndPackMeshFile(path);
+  if (!bytes.ok()) return bytes.status();
+  loaded.packed_bytes = bytes->size();
+  absl::StatusOr<Scene> scene = LoadScene(*bytes);
+  if (!scene.ok()) return scene.status();
+  loaded.scene = *std::move(scene);
+  loaded.load_ms = load.Milliseconds();
+  bytes = std::vector<uint8_t>();  // the scene owns its data
+  if (absl::Status status = job.Check(); !status.ok()) return status;
+
+  const Stopwatch flatten;
+  job.Report("flatten", 0);
+  absl::StatusOr<TriangleMesh> mesh = Flatten(loaded.scene);
+  if (!mesh.ok()) return mesh.status();
+  loaded.mesh = *std::move(mesh);
+  loaded.flatten_ms = flatten.Milliseconds();
+  if (absl::Status status = job.Check(); !status.ok()) return status;
+  return loaded;
+}
+
+namespace {
+
+class LocalEngine : public Engine {
+ public:
+  absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat,
+                                JobContext& job) override {
+    absl::StatusOr<LoadedMesh> loaded = LoadMeshFile(path, job);
+    if (!loaded.ok()) return loaded.status();
+    loaded->scene = Scene();  // the flat mesh is all that is needed from here on
+    if (RequestReadsTextures(request)) {
+      const Stopwatch decode;
+      if (absl::Status status = PrepareTextures(loaded->mesh); !status.ok()) return status;
+      loaded->load_ms += decode.Milliseconds();
+    }
+    EngineRun run;
+    run.mesh_stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
+    for (int i = 0; i < repeat; ++i) {
+      run.result = VoxelizeResult();  // before the next one is made: one result in memory at a time
+      absl::StatusOr<VoxelizeResult> result = Voxelize(loaded->mesh, request, job);
+      if (!result.ok()) return result.status();
+      run.result = *std::move(result);
+      run.runs.push_back(run.result.stats);
+    }
+    if (request.fill != Fill::kNone) run.open_edges = CountOpenEdges(loaded->mesh);
+    return run;
+  }
+
+  absl::StatusOr<std::vector<ShaderInfo>> Shaders() override {
+    const std::span<const ShaderInfo> all = ListShaders();
+    return std::vector<ShaderInfo>(all.begin(), all.end());
+  }
+};
+
+}  // namespace
+
+std::unique_ptr<Engine> MakeLocalEngine() { return std::make_unique<LocalEngine>(); }
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,39 @@
+// voxelpipe: voxelizes triangle meshes, in this process or on a server.
+#include <CLI/CLI.hpp>
+#include <exception>
+#include <new>
+
+#include "commands/commands.h"
+#include "interrupt.h"
+#include "report.h"
+
+int main(int argc, char** argv) {
+  using namespace voxelpipe::cli;
+  int exit_code = 0;
+  try {
+    CLI::App app{"voxelpipe voxelizes triangle meshes (glTF 2.0, GLB, Draco), in this process or on a server."};
+    app.name("voxelpipe");
+    app.require_subcommand(1);
+    app.set_version_flag("--version", VOXELPIPE_VERSION);
+    app.footer("Exit status: 0 done, 1 a job failed (one line on stderr says why), 2 an option is wrong.");
+    AddVoxelizeCommand(app, exit_code);
+    AddInfoCommand(app, exit_code);
+    AddShadersCommand(app, exit_code);
+    AddServerInfoCommand(app, exit_code);
+    HandleInterrupts();
+    try {
+      app.parse(argc, argv);
+    } catch (const CLI::ParseError& error) {
+      if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+      PrintError("", std::string(error.what()) + "; see 'voxelpipe --help'");
+      return 2;
+    }
+  } catch (const std::bad_alloc&) {
+    PrintError("", "out of memory");
+    return 1;
+  } catch (const std::exception& error) {
+    PrintError("", error.what());
+    return 1;
+  }
+  return exit_code;
+}

@@ -1,0 +1,184 @@
+#include "report.h"
+
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <iostream>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+double Median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const size_t middle = values.size() / 2;
+  return values.size() % 2 == 1 ? values[middle] : (values[middle - 1] + values[middle]) / 2;
+}
+
+uint64_t ResultBytes(const VoxelizeResult& result) {
+  uint64_t bytes = 0;
+  for (const HostBuffer& target : result.targets) bytes += target.size();
+  return bytes;
+}
+
+nlohmann::ordered_json OrNull(const std::optional<uint64_t>& value) {
+  return value ? nlohmann::ordered_json(*value) : nlohmann::ordered_json(nullptr);
+}
+
+std::vector<std::pair<std::string, double>> AllStages(const EngineRun& run, const VoxelizeReport& report,
+                                                      const MedianTimes& times) {
+  std::vector<std::pair<std::string, double>> stages = run.mesh_stages;
+  stages.insert(stages.end(), times.stages.begin(), times.stages.end());
+  if (report.encoded) stages.emplace_back("encode", report.encode_ms);
+  return stages;
+}
+
+}  // namespace
+
+void PrintError(std::string_view where, std::string_view message) {
+  std::string line = where.empty() ? absl::StrCat("voxelpipe: ", std::string(message))
+                                   : absl::StrCat("voxelpipe: ", std::string(where), ": ", std::string(message));
+  // A message may quote a stranger's file: control characters would break the line or drive the terminal.
+  for (char& c : line) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
+  }
+  std::fprintf(stderr, "%s\n", line.c_str());
+}
+
+void PrintError(std::string_view where, const absl::Status& status) {
+  const std::string message(status.message());
+  PrintError(where, message.empty() ? absl::StatusCodeToString(status.code()) : message);
+}
+
+absl::Status PrintLine(const std::string& text) {
+  std::cout << text << '\n' << std::flush;
+  return std::cout.good() ? absl::OkStatus() : absl::DataLossError("cannot write to standard output");
+}
+
+MedianTimes Medians(const std::vector<VoxelizeStats>& runs) {
+  MedianTimes times;
+  for (const auto& [name, unused] : runs.front().stages) {
+    std::vector<double> values;
+    for (const VoxelizeStats& run : runs) {
+      for (const auto& [other, ms] : run.stages) {
+        if (other == name) values.push_back(ms);
+      }
+    }
+    times.stages.emplace_back(name, Median(values));
+  }
+  std::vector<double> wall, cpu;
+  for (const VoxelizeStats& run : runs) {
+    wall.push_back(run.voxelize_ms);
+    cpu.push_back(run.voxelize_cpu_ms);
+  }
+  times.voxelize_ms = Median(wall);
+  times.voxelize_cpu_ms = Median(cpu);
+  times.voxelize_cpu_ms_min = *std::min_element(cpu.begin(), cpu.end());
+  return times;
+}
+
+nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& report) {
+  const VoxelizeResult& result = run.result;
+  const VoxelizeStats& stats = result.stats;
+  const MedianTimes times = Medians(run.runs);
+  nlohmann::ordered_json json;
+  json["input"] = report.input;
+  json["triangles"] = stats.triangles;
+  json["dims"] = result.grid.dims;
+  json["origin"] = {result.grid.origin.x, result.grid.origin.y, result.grid.origin.z};
+  json["voxel_size"] = {result.grid.voxel_size.x, result.grid.voxel_size.y, result.grid.voxel_size.z};
+  json["occupied"] = stats.occupied;
+  json["fragments"] = stats.fragments;
+  json["odd_columns"] = OrNull(stats.odd_columns);
+  json["open_edges"] = OrNull(run.open_edges);
+  json["backend"] = stats.backend;
+  json["simd"] = stats.simd;
+  json["bytes"] = ResultBytes(result);
+  json["peak_bytes"] = report.peak_bytes;
+  json["hash"] = report.hash;
+  nlohmann::ordered_json stages = nlohmann::ordered_json::object();
+  for (const auto& [name, ms] : AllStages(run, report, times)) stages[name] = ms;
+  json["stages"] = stages;
+  json["voxelize_ms"] = times.voxelize_ms;
+  json["voxelize_cpu_ms"] = times.voxelize_cpu_ms;
+  if (run.runs.size() > 1) {
+    json["voxelize_cpu_ms_min"] = times.voxelize_cpu_ms_min;
+    json["repeat"] = run.runs.size();
+  }
+  json["files"] = report.files;
+  return json;
+}
+
+std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
+  const VoxelizeResult& result = run.result;
+  const VoxelizeStats& stats = result.stats;
+  const MedianTimes times = Medians(run.runs);
+  std::string table = report.input;
+  const auto row = [&](const char* name, const std::string& text) {
+    absl::StrAppend(&table, absl::StrFormat("\n  %-12s", name), text);
+  };
+  const auto& dims = result.grid.dims;
+  const Vec3d& h = result.grid.voxel_size;
+  row("triangles", WithCommas(stats.triangles));
+  row("grid", absl::StrCat(dims[0], " x ", dims[1], " x ", dims[2], " voxels of ",
+                           h.x == h.y && h.y == h.z ? absl::StrFormat("%.6g", h.x)
+                                                    : absl::StrFormat("%.6g x %.6g x %.6g", h.x, h.y, h.z)));
+  row("occupied", absl::StrCat(WithCommas(stats.occupied), absl::StrFormat(" (%.2f %%), ", 100.0 * double(stats.occupied) / double(result.grid.voxels())),
+                               WithCommas(stats.fragments), " fragments"));
+  if (stats.odd_columns) row("odd columns", WithCommas(*stats.odd_columns));
+  if (run.open_edges) row("open edges", WithCommas(*run.open_edges));
+  for (size_t i = 0; i < result.specs.size(); ++i) {
+    row(i == 0 ? "targets" : "", absl::StrCat(DescribeTarget(result.specs[i]), ", ", HumanBytes(result.targets[i].size())));
+  }
+  row("backend", absl::StrCat(stats.backend, ", ", stats.simd, run.server_peak_bytes ? ", on the server" : ""));
+  row("peak memory", HumanBytes(report.peak_bytes));
+  row("sha-256", report.hash);
+  std::string stages;
+  for (const auto& [name, ms] : AllStages(run, report, times)) {
+    absl::StrAppend(&stages, stages.empty() ? "" : ", ", name, absl::StrFormat(" %.1f", ms));
+  }
+  row("stages, ms", stages);
+  std::string total = absl::StrFormat("%.1f ms, %.1f ms of CPU", times.voxelize_ms, times.voxelize_cpu_ms);
+  if (run.runs.size() > 1) {
+    absl::StrAppend(&total, absl::StrFormat(" (medians of %d; least CPU %.1f ms)", int(run.runs.size()), times.voxelize_cpu_ms_min));
+  }
+  row("voxelize", total);
+  for (size_t i = 0; i < report.files.size(); ++i) row(i == 0 ? "wrote" : "", report.files[i]);
+  return table;
+}
+
+std::string WithCommas(uint64_t number) {
+  const std::string digits = std::to_string(number);
+  std::string text;
+  for (size_t i = 0; i < digits.size(); ++i) {
+    if (i > 0 && (digits.size() - i) % 3 == 0) text += ',';
+    text += digits[i];
+  }
+  return text;
+}
+
+std::string HumanBytes(uint64_t bytes) {
+  if (bytes < 1024) return absl::StrCat(bytes, " bytes");
+  constexpr const char* kUnits[] = {"KiB", "MiB", "GiB", "TiB"};
+  double value = double(bytes) / 1024;
+  int unit = 0;
+  for (; value >= 1024 && unit < 3; ++unit) value /= 1024;
+  return absl::StrFormat("%.1f %s", value, kUnits[unit]);
+}
+
+std::string DescribeTarget(const TargetSpec& target) {
+  std::string text(Name(target.format));
+  if (target.components > 1) absl::StrAppend(&text, "x", target.components);
+  return absl::StrCat(text, ":", std::string(Name(target.blend)), " of ", target.shader.name);
+}
+
+uint64_t ProcessPeakBytes() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return uint64_t(usage.ru_maxrss) * 1024;  // Linux counts in KiB
+}
+
+}  // namespace voxelpipe::cli
