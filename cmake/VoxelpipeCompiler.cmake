@@ -17,6 +17,12 @@ target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-ffp-
 if(VOXELPIPE_WERROR)
   target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-Werror>)
 endif()
+# The same for device code. Contraction is nvcc's default, so -fmad=false is what keeps both devices equal.
+target_compile_options(voxelpipe_flags INTERFACE
+  "$<$<COMPILE_LANGUAGE:CUDA>:-fmad=false;-ftz=false;-prec-div=true;-prec-sqrt=true;-Xcompiler=-ffp-contract=off,-Wall,-Wextra>")
+if(VOXELPIPE_WERROR)
+  target_compile_options(voxelpipe_flags INTERFACE "$<$<COMPILE_LANGUAGE:CUDA>:SHELL:-Werror all-warnings>")
+endif()
 if(VOXELPIPE_SANITIZE)
   target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=${VOXELPIPE_SANITIZE} -fno-omit-frame-pointer>)
   target_link_options(voxelpipe_flags INTERFACE -fsanitize=${VOXELPIPE_SANITIZE})
