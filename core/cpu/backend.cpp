@@ -1,6 +1,9 @@
 #include "cpu/backend.h"
 
+#include <tbb/info.h>
 #include <tbb/task_arena.h>
+
+#include <algorithm>
 
 #include "cpu/run_state.h"
 
@@ -19,9 +22,8 @@ class CpuStages final : public Stages {
   absl::Status FineRaster() override { return cpu::FineRaster(state_); }
   absl::Status SolidFill() override { return cpu::SolidFill(state_); }
   absl::StatusOr<std::vector<HostBuffer>> Finish() override { return cpu::Finish(state_); }
-  // SolidFill leaves in `inside` only voxels that are not covered.
   uint64_t CountOccupied() const override {
-    return CountBits(state_.coverage) + (state_.inside.empty() ? 0 : CountBits(state_.inside));
+    return state_.inside.empty() ? CountBits(state_.coverage) : CountUnion(state_.coverage, state_.inside);
   }
   StageCounts counts() const override { return state_.counts; }
 
@@ -38,7 +40,9 @@ class Cpu final : public Backend {
     return std::make_unique<CpuStages>(mesh, request, job);
   }
   void Run(int threads, const std::function<void()>& body) const override {
-    tbb::task_arena arena(threads > 0 ? threads : tbb::task_arena::automatic);
+    // More threads than cores only wait for each other.
+    const int cores = tbb::info::default_concurrency();
+    tbb::task_arena arena(threads > 0 ? std::min(threads, cores) : cores);
     arena.execute(body);
   }
 };

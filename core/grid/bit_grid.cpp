@@ -26,12 +26,15 @@ absl::StatusOr<BitGrid> BitGrid::Create(const std::array<int64_t, 3>& dims) {
   return grid;
 }
 
-uint64_t CountBits(const BitGrid& grid) {
+uint64_t CountBits(const BitGrid& grid) { return CountUnion(grid, grid); }
+
+uint64_t CountUnion(const BitGrid& a, const BitGrid& b) {
   return tbb::parallel_reduce(
-      tbb::blocked_range<int64_t>(0, grid.rows(), 256), uint64_t{0},
+      tbb::blocked_range<int64_t>(0, a.rows(), 256), uint64_t{0},
       [&](const tbb::blocked_range<int64_t>& range, uint64_t count) {
         for (int64_t r = range.begin(); r < range.end(); ++r) {
-          for (const uint32_t w : grid.row(r)) count += uint64_t(std::popcount(w));
+          const std::span<const uint32_t> row_a = a.row(r), row_b = b.row(r);
+          for (size_t w = 0; w < row_a.size(); ++w) count += uint64_t(std::popcount(row_a[w] | row_b[w]));
         }
         return count;
       },

@@ -45,6 +45,9 @@ class BitGrid {
 // Number of set bits. Parallel, deterministic.
 uint64_t CountBits(const BitGrid& grid);
 
+// Number of bits set in at least one of two grids of the same dims.
+uint64_t CountUnion(const BitGrid& a, const BitGrid& b);
+
 // In: one callback that gives word w of row r. Out: the packed bits of the linear order, no row padding, bit n in
 // byte n/8 at n%8, unused bits of the last byte 0. `out` holds ceil(voxels/8) bytes. Parallel over rows; `word` must be
 // safe to call concurrently and give 0 in padding bits.

@@ -1,0 +1,49 @@
+// Short ways to run the pipeline in a test and to read its results.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "gtest/gtest.h"
+#include "pipeline/voxelize.h"
+
+namespace voxelpipe::testing {
+
+// Runs on the calling machine's CPU and fails the test on an error.
+inline VoxelizeResult RunPipeline(const TriangleMesh& mesh, const VoxelizeRequest& request) {
+  const JobContext job;
+  auto result = Voxelize(mesh, request, job);
+  EXPECT_TRUE(result.ok()) << result.status();
+  if (!result.ok()) return {};
+  return *std::move(result);
+}
+
+inline absl::Status RunError(const TriangleMesh& mesh, const VoxelizeRequest& request, const PlanLimits& limits = {}) {
+  const JobContext job;
+  return Voxelize(mesh, request, job, limits).status();
+}
+
+inline bool BitAt(const HostBuffer& bits, uint64_t n) { return (bits.data()[n / 8] >> (n % 8)) & 1; }
+inline float FloatAt(const HostBuffer& values, uint64_t i) { return reinterpret_cast<const float*>(values.data())[i]; }
+
+inline std::vector<uint8_t> Bytes(const HostBuffer& buffer) { return {buffer.bytes().begin(), buffer.bytes().end()}; }
+
+// Index space is world space: voxel size 1, origin 0.
+inline GridRequest UnitGrid(int64_t nx, int64_t ny, int64_t nz) {
+  GridRequest grid;
+  grid.dims = {nx, ny, nz};
+  grid.origin = Vec3d{0, 0, 0};
+  grid.voxel_size = Vec3d{1, 1, 1};
+  return grid;
+}
+
+inline TargetSpec FloatTarget(int components, Blend blend, ShaderCall shader) {
+  TargetSpec target;
+  target.format = VoxelFormat::kF32;
+  target.components = components;
+  target.blend = blend;
+  target.shader = std::move(shader);
+  return target;
+}
+
+}  // namespace voxelpipe::testing
