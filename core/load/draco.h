@@ -1,0 +1,38 @@
+// Decoding of Draco meshes, every reference checked.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "load/limits.h"
+#include "mesh/scene.h"
+
+namespace voxelpipe {
+
+// One attribute of a decoded Draco mesh, converted to float (normalized integers divided by their maximum).
+struct DracoAttribute {
+  enum class Kind { kPosition, kNormal, kColor, kTexCoord, kOther };
+  uint32_t unique_id = 0;
+  Kind kind = Kind::kOther;
+  int components = 0;         // 1-4
+  std::vector<float> values;  // points * components
+};
+
+struct DracoMesh {
+  uint32_t points = 0;
+  std::vector<std::array<uint32_t, 3>> triangles;  // every index below points
+  std::vector<DracoAttribute> attributes;
+};
+
+// In: a whole Draco bitstream. Out: its mesh; a point cloud gives no triangles. Declared counts are capped against the
+// byte size and the limits before anything is allocated.
+// Errors: INVALID_ARGUMENT saying what is broken; RESOURCE_EXHAUSTED naming the limit.
+absl::StatusOr<DracoMesh> DecodeDraco(std::span<const uint8_t> bytes, const LoadLimits& limits);
+
+// A plain .drc file as a scene of one node, one mesh and one primitive (none for a point cloud).
+absl::StatusOr<Scene> LoadDraco(std::span<const uint8_t> bytes, const LoadLimits& limits);
+
+}  // namespace voxelpipe

@@ -1,0 +1,23 @@
+// The GLB container: header and chunks.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+
+namespace voxelpipe {
+
+// Views into the file's bytes.
+struct GlbChunks {
+  std::string_view json;
+  std::optional<std::span<const uint8_t>> binary;
+};
+
+// In: a file that begins with the GLB magic. Errors: INVALID_ARGUMENT naming the byte offset: wrong version (glTF 1.0), a
+// length field or chunk that overruns the file, a first chunk that is not JSON.
+absl::StatusOr<GlbChunks> SplitGlb(std::span<const uint8_t> bytes);
+
+}  // namespace voxelpipe

@@ -1,0 +1,20 @@
+// glTF 2.0 JSON plus an optional binary chunk -> Scene.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+#include "load/limits.h"
+#include "mesh/scene.h"
+
+namespace voxelpipe {
+
+// In: the JSON text and, for GLB, the BIN chunk (empty span and no value differ: a GLB without BIN has none).
+// Errors: see LoadScene.
+absl::StatusOr<Scene> LoadGltf(std::string_view json, std::optional<std::span<const uint8_t>> binary_chunk,
+                               const LoadLimits& limits);
+
+}  // namespace voxelpipe

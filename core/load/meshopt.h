@@ -1,0 +1,26 @@
+// EXT_meshopt_compression: decoding of one compressed buffer view.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "load/limits.h"
+
+namespace voxelpipe {
+
+struct MeshoptView {
+  uint64_t count = 0, byte_stride = 0;  // elements, bytes an element
+  std::string mode;                     // ATTRIBUTES, TRIANGLES, INDICES
+  std::string filter = "NONE";          // NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL
+};
+
+// In: the compressed bytes and what the extension object says of them. Out: count * byte_stride decoded bytes.
+// Errors: INVALID_ARGUMENT for a mode, filter, stride or stream that is not valid; RESOURCE_EXHAUSTED past max_decoded_bytes. The
+// declared count is checked against the compressed size before allocation.
+absl::StatusOr<std::vector<uint8_t>> DecodeMeshopt(std::span<const uint8_t> compressed, const MeshoptView& view,
+                                                   const LoadLimits& limits);
+
+}  // namespace voxelpipe
