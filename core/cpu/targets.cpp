@@ -20,8 +20,9 @@ absl::Status Clear(HostBuffer& buffer, float value, const JobContext& job) {
 absl::Status Allocate(CpuTarget& target, const RunState& state) {
   const auto bits = [&](BitGrid& grid) -> absl::Status {
     auto created = BitGrid::Create(state.grid.dims);
-    if (created.ok()) grid = *std::move(created);
-    return created.status();
+    if (!created.ok()) return created.status();
+    grid = *std::move(created);
+    return absl::OkStatus();
   };
   if (target.own_presence) {
     if (absl::Status s = bits(target.presence); !s.ok()) return s;

@@ -137,7 +137,7 @@ absl::Status PreviewVolume::CountCells(const JobContext* job) {
 void PreviewVolume::BuildDistances() {
   // Exact Chebyshev distance in one forward and one backward sweep over the 26 neighbours.
   const Level& base = levels_[0];
-  const auto [nx, ny, nz] = base.dims;
+  const int64_t nx = base.dims[0], ny = base.dims[1], nz = base.dims[2];  // clang 14 cannot capture bindings
   distance_.resize(base.density.size());
   for (size_t n = 0; n < distance_.size(); ++n) distance_[n] = base.density[n] != 0 ? 0 : 255;
   const auto sweep = [&](int direction) {
