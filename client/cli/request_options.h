@@ -13,15 +13,15 @@ namespace voxelpipe::cli {
 
 // As typed; absent where the option was not given.
 struct RequestOptions {
-  std::optional<int64_t> resolution;
-  std::optional<std::string> voxel_size, dims, origin;
-  std::optional<std::string> fit;
+  std::optional<int64_t> resolution{};
+  std::optional<std::string> voxel_size{}, dims{}, origin{};
+  std::optional<std::string> fit{};
   int64_t padding = 0;
   std::string coverage = "conservative";
   std::string fill = "none";
-  std::optional<std::string> shader;
-  std::optional<std::string> vertex_shader;
-  std::vector<std::string> targets;
+  std::optional<std::string> shader{};
+  std::optional<std::string> vertex_shader{};
+  std::vector<std::string> targets{};
   std::string layout = "interleaved";
   std::string backend = "auto";
   int threads = 0;

@@ -1,0 +1,158 @@
+// What the command line accepts and how it refuses.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "cli_runner.h"
+
+namespace voxelpipe {
+namespace {
+
+using testing::CliOutcome;
+using testing::LineCount;
+using testing::RunCli;
+using testing::TemporaryDirectory;
+using testing::WriteBoxGlb;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class CliOptions : public ::testing::Test {
+ protected:
+  CliOptions() : box_(directory_ / "box.glb") { WriteBoxGlb(box_, 1, 1, 1); }
+
+  CliOutcome Voxelize(std::vector<std::string> options) {
+    options.insert(options.begin(), {"voxelize", box_});
+    return RunCli(options);
+  }
+
+  TemporaryDirectory directory_;
+  std::string box_;
+};
+
+TEST_F(CliOptions, HelpExplainsAndSucceeds) {
+  for (const std::vector<std::string>& arguments :
+       {std::vector<std::string>{"--help"}, {"voxelize", "--help"}, {"info", "--help"}, {"shaders", "--help"}, {"server-info", "--help"}}) {
+    const CliOutcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, 0);
+    EXPECT_EQ(outcome.err, "");
+    EXPECT_THAT(outcome.out, HasSubstr("voxelpipe"));
+  }
+  EXPECT_THAT(RunCli({"voxelize", "--help"}).out, HasSubstr("f32xC:replace"));
+  EXPECT_EQ(RunCli({"--version"}).exit_code, 0);
+}
+
+TEST_F(CliOptions, WrongOptionsExitWith2AndOneLine) {
+  const std::vector<std::vector<std::string>> wrong = {
+      {"--no-such-option"},
+      {"--resolution", "0"},
+      {"--resolution", "many"},
+      {"--resolution", "8", "--resolution", "9"},
+      {"--resolution", "8", "--voxel-size", "1"},
+      {"--voxel-size", "-1"},
+      {"--dims", "4,4,4"},
+      {"--fit", "loose"},
+      {"--padding", "-1"},
+      {"--coverage", "fat"},
+      {"--fill", "flood"},
+      {"--fill", "maybe"},
+      {"--shader", "no_such_shader"},
+      {"--shader", "constant:no_such_parameter=1"},
+      {"--shader", "constant:value=x"},
+      {"--vertex-shader", "no_such_shader"},
+      {"--target", "u7:or"},
+      {"--target", "bit:max"},
+      {"--target", "bit:or:scale=2"},
+      {"--target", "f32:add:scale=2"},
+      {"--target", "f32x5:add"},
+      {"--layout", "diagonal"},
+      {"--result", "sparse"},
+      {"--result", "buckets"},
+      {"--backend", "fpga"},
+      {"--simd", "mmx"},
+      {"--threads", "-1"},
+      {"--repeat", "0"},
+      {"-o", directory_ / "out.vti"},
+      {"-o", directory_ / "out"},
+      {"--preview", directory_ / "out.npy"},
+  };
+  for (const std::vector<std::string>& options : wrong) {
+    const CliOutcome outcome = Voxelize(options);
+    EXPECT_EQ(outcome.exit_code, 2) << ::testing::PrintToString(options) << outcome.err;
+    EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+    EXPECT_EQ(outcome.out, "");
+  }
+  for (const std::vector<std::string>& arguments :
+       {std::vector<std::string>{}, {"no-such-command"}, {"voxelize"}, {"info"}, {"server-info"}}) {
+    const CliOutcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, 2) << ::testing::PrintToString(arguments);
+    EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+  }
+  EXPECT_EQ(directory_.FileCount(), 1u);
+}
+
+TEST_F(CliOptions, FailedJobsExitWith1AndOneLineNamingTheFile) {
+  std::ofstream(directory_ / "bad.glb") << "glTF but not really";
+  std::ofstream(directory_ / "empty.glb");
+  for (const std::string& path : {directory_ / "missing.glb", directory_ / "bad.glb", directory_ / "empty.glb", directory_.path().string()}) {
+    for (const char* command : {"voxelize", "info"}) {
+      const CliOutcome outcome = RunCli({command, path, "--json"});
+      EXPECT_EQ(outcome.exit_code, 1) << path;
+      EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+      EXPECT_THAT(outcome.err, HasSubstr(path));
+      EXPECT_EQ(outcome.out, "");
+    }
+  }
+}
+
+TEST_F(CliOptions, AnUnwritablePathFailsTheJob) {
+  std::ofstream(directory_ / "file") << "x";
+  const CliOutcome outcome = Voxelize({"-o", directory_ / "file/out.npy", "--resolution", "4"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+  EXPECT_THAT(outcome.err, HasSubstr("out.npy"));
+}
+
+TEST_F(CliOptions, AskingForCudaWithoutItFailsTheJob) {
+  const CliOutcome outcome = Voxelize({"--backend", "cuda", "--resolution", "4"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("CUDA"));
+}
+
+TEST_F(CliOptions, AGridBeyondMemoryFailsTheJob) {
+  const CliOutcome outcome = Voxelize({"--resolution", "100000", "--target", "f32x4:replace"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+  EXPECT_EQ(outcome.out, "");
+}
+
+TEST_F(CliOptions, NegativeNumbersAreValuesNotOptions) {
+  for (const char* origin : {"-1,-1,-1", "-.5,0,0"}) {
+    const CliOutcome outcome = Voxelize({"--dims", "4,4,4", "--voxel-size", "1", "--origin", origin, "--json"});
+    EXPECT_EQ(outcome.exit_code, 0) << origin << outcome.err;
+  }
+}
+
+TEST_F(CliOptions, ATargetDoesNotSwallowTheInputBehindIt) {
+  const CliOutcome outcome = RunCli({"voxelize", "--target", "bit:or", box_, "--json"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+}
+
+TEST_F(CliOptions, NothingIsDrawnOnAPipe) {
+  const CliOutcome outcome = Voxelize({"--resolution", "64"});
+  EXPECT_EQ(outcome.exit_code, 0);
+  EXPECT_EQ(outcome.err, "");
+  EXPECT_THAT(outcome.out, Not(HasSubstr("\r")));
+  EXPECT_THAT(outcome.out, HasSubstr("triangles"));
+}
+
+TEST_F(CliOptions, AnInterruptedJobExitsWith130AndLeavesNoFile) {
+  // timeout sends SIGINT; the job would take far longer than that.
+  const CliOutcome outcome = RunCli({"voxelize", box_, "--resolution", "256", "--target", "f32x4:replace:shader=base_color", "--repeat", "100000",
+                                     "-o", directory_ / "out.npy"},
+                                    "timeout --preserve-status --signal=INT 1");
+  EXPECT_EQ(outcome.exit_code, 130) << outcome.err;
+  EXPECT_THAT(outcome.err, HasSubstr("stopped"));
+  EXPECT_EQ(directory_.FileCount(), 1u);
+}
+
+}  // namespace
+}  // namespace voxelpipe

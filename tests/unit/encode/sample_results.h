@@ -1,0 +1,101 @@
+// Small results made by formula, for tests of encoders.
+#pragma once
+
+#include <unistd.h>
+
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iterator>
+#include <string>
+#include <vector>
+
+#include "pipeline/voxelize.h"
+
+namespace voxelpipe::testing {
+
+// A directory of its own that is gone with the object.
+class TemporaryDirectory {
+ public:
+  TemporaryDirectory() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "voxelpipe-test-XXXXXX").string();
+    if (mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("no temporary directory");
+    path_ = pattern;
+  }
+  ~TemporaryDirectory() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  TemporaryDirectory(const TemporaryDirectory&) = delete;
+  TemporaryDirectory& operator=(const TemporaryDirectory&) = delete;
+
+  std::string operator/(const std::string& name) const { return (path_ / name).string(); }
+  const std::filesystem::path& path() const { return path_; }
+  size_t FileCount() const {
+    return size_t(std::distance(std::filesystem::directory_iterator(path_), std::filesystem::directory_iterator()));
+  }
+
+ private:
+  std::filesystem::path path_;
+};
+
+inline std::vector<uint8_t> ReadFile(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+using BitFormula = std::function<bool(int64_t i, int64_t j, int64_t k)>;
+using ValueFormula = std::function<float(int64_t i, int64_t j, int64_t k, int c)>;
+
+inline VoxelizeResult EmptyResult(std::array<int64_t, 3> dims, Layout layout = Layout::kInterleaved) {
+  VoxelizeResult result;
+  result.grid.dims = dims;
+  result.layout = layout;
+  return result;
+}
+
+inline void AddBits(VoxelizeResult& result, const BitFormula& formula) {
+  const auto& d = result.grid.dims;
+  HostBuffer buffer = HostBuffer::Allocate((result.grid.voxels() + 7) / 8).value();
+  std::memset(buffer.data(), 0, buffer.size());
+  for (int64_t k = 0, n = 0; k < d[2]; ++k) {
+    for (int64_t j = 0; j < d[1]; ++j) {
+      for (int64_t i = 0; i < d[0]; ++i, ++n) {
+        if (formula(i, j, k)) buffer.data()[n / 8] |= uint8_t(1 << (n % 8));
+      }
+    }
+  }
+  result.specs.push_back(TargetSpec{});
+  result.targets.push_back(std::move(buffer));
+}
+
+inline void AddFloats(VoxelizeResult& result, int components, const ValueFormula& formula, const std::string& shader = "constant") {
+  const auto& d = result.grid.dims;
+  HostBuffer buffer = HostBuffer::Allocate(result.grid.voxels() * uint64_t(components) * 4).value();
+  for (int64_t k = 0, n = 0; k < d[2]; ++k) {
+    for (int64_t j = 0; j < d[1]; ++j) {
+      for (int64_t i = 0; i < d[0]; ++i, ++n) {
+        for (int c = 0; c < components; ++c) {
+          const uint64_t at = result.layout == Layout::kPlanar ? uint64_t(c) * result.grid.voxels() + uint64_t(n)
+                                                               : uint64_t(n) * uint64_t(components) + uint64_t(c);
+          const float value = formula(i, j, k, c);
+          std::memcpy(buffer.data() + 4 * at, &value, 4);
+        }
+      }
+    }
+  }
+  TargetSpec spec;
+  spec.format = VoxelFormat::kF32;
+  spec.components = components;
+  spec.blend = Blend::kReplace;
+  spec.shader = {shader, {}};
+  result.specs.push_back(spec);
+  result.targets.push_back(std::move(buffer));
+}
+
+// The formulas that check_npy.py knows too.
+inline bool SampleBit(int64_t i, int64_t j, int64_t k) { return (7 * i + 3 * j + 5 * k) % 3 == 0; }
+inline float SampleValue(int64_t i, int64_t j, int64_t k, int c) { return float(i + 10 * j + 100 * k + 1000 * c) + 0.5f; }
+
+}  // namespace voxelpipe::testing
