@@ -1,0 +1,297 @@
+// Source: glTF 2.0 specification, sections 3.5.2 (transformations), 3.7.3 (skins), 3.7.4 (instantiation);
+// EXT_mesh_gpu_instancing.
+#include "mesh/flatten.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <new>
+
+#include "absl/strings/str_cat.h"
+#include "base/checked.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr size_t kVertexGrain = 1 << 13;
+
+// One primitive of one node instance, and where it goes.
+struct Placement {
+  const Primitive* primitive = nullptr;
+  const std::vector<Mat4d>* joints = nullptr;  // skinning matrices, or null
+  Mat4d world;                                 // node and instance transform, unless skinned
+  bool mirrored = false;
+  MeshPart part;
+};
+
+uint64_t SaturatingAdd(uint64_t a, uint64_t b) { return CheckedAdd(a, b).value_or(UINT64_MAX); }
+uint64_t SaturatingMul(uint64_t a, uint64_t b) { return CheckedMul(a, b).value_or(UINT64_MAX); }
+
+// Node indices of the scene, depth first, parents before children, children in file order.
+std::vector<uint32_t> DepthFirst(const Scene& scene) {
+  std::vector<uint32_t> order, stack(scene.roots.rbegin(), scene.roots.rend());
+  while (!stack.empty()) {
+    const uint32_t n = stack.back();
+    stack.pop_back();
+    order.push_back(n);
+    const std::vector<uint32_t>& children = scene.nodes[n].children;
+    stack.insert(stack.end(), children.rbegin(), children.rend());
+  }
+  return order;
+}
+
+// World transform of every node, also of those outside the scene: joints may live there.
+std::vector<Mat4d> WorldTransforms(const Scene& scene) {
+  std::vector<Mat4d> world(scene.nodes.size());
+  std::vector<bool> has_parent(scene.nodes.size());
+  for (const Node& node : scene.nodes) {
+    for (const uint32_t child : node.children) has_parent[child] = true;
+  }
+  std::vector<uint32_t> stack;
+  for (uint32_t n = 0; n < scene.nodes.size(); ++n) {
+    world[n] = scene.nodes[n].local;
+    if (!has_parent[n]) stack.push_back(n);
+  }
+  while (!stack.empty()) {
+    const uint32_t n = stack.back();
+    stack.pop_back();
+    for (const uint32_t child : scene.nodes[n].children) {
+      world[child] = Multiply(world[n], scene.nodes[child].local);
+      stack.push_back(child);
+    }
+  }
+  return world;
+}
+
+std::vector<std::vector<Mat4d>> SkinningMatrices(const Scene& scene, const std::vector<Mat4d>& world) {
+  std::vector<std::vector<Mat4d>> skins;
+  for (const Skin& skin : scene.skins) {
+    std::vector<Mat4d>& matrices = skins.emplace_back();
+    for (size_t j = 0; j < skin.joints.size(); ++j) {
+      matrices.push_back(Multiply(world[skin.joints[j]], skin.inverse_bind_matrices[j]));
+    }
+  }
+  return skins;
+}
+
+bool IsSkinned(const Node& node, const Primitive& primitive, const std::vector<std::vector<Mat4d>>& skins) {
+  return node.skin >= 0 && !primitive.joints[0].empty() && !primitive.weights[0].empty() && !skins[node.skin].empty();
+}
+
+absl::Status CheckLimits(const Scene& scene, const std::vector<uint32_t>& order, const LoadLimits& limits) {
+  uint64_t triangles = 0, vertices = 0, instances = 0;
+  for (const uint32_t n : order) {
+    const Node& node = scene.nodes[n];
+    if (node.mesh < 0) continue;
+    const uint64_t copies = std::max<uint64_t>(1, node.instances.size());
+    instances = SaturatingAdd(instances, copies);
+    for (const Primitive& primitive : scene.meshes[node.mesh].primitives) {
+      triangles = SaturatingAdd(triangles, SaturatingMul(copies, primitive.triangles.size()));
+      vertices = SaturatingAdd(vertices, SaturatingMul(copies, primitive.positions.size()));
+    }
+  }
+  const auto exhausted = [](const char* what, uint64_t need, uint64_t limit) {
+    return absl::ResourceExhaustedError(absl::StrCat("the scene has ", need, " ", what, ", the limit is ", limit));
+  };
+  if (instances > limits.max_instances) return exhausted("mesh instances", instances, limits.max_instances);
+  if (triangles > limits.max_triangles) return exhausted("triangles after instancing", triangles, limits.max_triangles);
+  // Indices are 32-bit.
+  const uint64_t max_vertices = std::min<uint64_t>(limits.max_vertices, UINT32_MAX);
+  if (vertices > max_vertices) return exhausted("vertices after instancing", vertices, max_vertices);
+  return absl::OkStatus();
+}
+
+std::vector<Placement> Place(const Scene& scene, const std::vector<uint32_t>& order, const std::vector<Mat4d>& world,
+                             const std::vector<std::vector<Mat4d>>& skins) {
+  std::vector<Placement> placements;
+  uint64_t triangle = 0, vertex = 0;
+  for (const uint32_t n : order) {
+    const Node& node = scene.nodes[n];
+    if (node.mesh < 0) continue;
+    const std::vector<Primitive>& primitives = scene.meshes[node.mesh].primitives;
+    for (size_t copy = 0; copy < std::max<size_t>(1, node.instances.size()); ++copy) {
+      const Mat4d instance = node.instances.empty() ? world[n] : Multiply(world[n], node.instances[copy]);
+      for (size_t i = 0; i < primitives.size(); ++i) {
+        const Primitive& primitive = primitives[i];
+        Placement p;
+        p.primitive = &primitive;
+        if (IsSkinned(node, primitive, skins)) {  // the node's own transform is ignored
+          p.joints = &skins[node.skin];
+          p.mirrored = Determinant3(p.joints->front()) < 0;
+        } else {
+          p.world = instance;
+          p.mirrored = Determinant3(instance) < 0;
+        }
+        p.part.first_triangle = triangle;
+        p.part.triangle_count = primitive.triangles.size();
+        p.part.first_vertex = vertex;
+        p.part.vertex_count = primitive.positions.size();
+        p.part.material = primitive.material;
+        p.part.mesh = uint32_t(node.mesh);
+        p.part.node = n;
+        p.part.primitive = uint32_t(i);
+        p.part.has_normals = !primitive.normals.empty();
+        p.part.has_tangents = !primitive.tangents.empty();
+        p.part.has_colors = !primitive.colors.empty();
+        for (int s = 0; s < 2; ++s) p.part.has_uv[s] = !primitive.uv[s].empty();
+        triangle += p.part.triangle_count;
+        vertex += p.part.vertex_count;
+        placements.push_back(std::move(p));
+      }
+    }
+  }
+  return placements;
+}
+
+// The weighted sum of a vertex's joint matrices, weights normalized; false if a joint does not exist.
+bool BlendJoints(const Primitive& primitive, const std::vector<Mat4d>& joints, size_t v, Mat4d& out) {
+  Mat4d sum;
+  double total = 0;
+  for (auto& row : sum.m) std::fill(row, row + 4, 0.0);
+  for (int set = 0; set < 2; ++set) {
+    if (primitive.joints[set].empty() || primitive.weights[set].empty()) continue;
+    for (int k = 0; k < 4; ++k) {
+      const double weight = primitive.weights[set][v][k];
+      if (weight == 0) continue;
+      const uint16_t joint = primitive.joints[set][v][k];
+      if (joint >= joints.size()) return false;
+      total += weight;
+      for (int r = 0; r < 4; ++r) {
+        for (int c = 0; c < 4; ++c) sum.m[r][c] += weight * joints[joint].m[r][c];
+      }
+    }
+  }
+  if (!(total > 0)) return true;  // no weights: `out` stays the identity
+  for (auto& row : sum.m) {
+    for (double& x : row) x /= total;
+  }
+  out = sum;
+  return true;
+}
+
+Vec3f Unit(const Vec3d& v) {
+  const double length = std::sqrt(Dot(v, v));
+  if (!(length > 0) || !std::isfinite(length)) return {};
+  return {float(v.x / length), float(v.y / length), float(v.z / length)};
+}
+
+bool Finite(const Vec3d& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
+
+// Writes the vertices [begin, end) of one placement. Out: the first bad vertex, or SIZE_MAX.
+size_t WriteVertices(const Placement& p, size_t begin, size_t end, TriangleMesh& mesh) {
+  const Primitive& primitive = *p.primitive;
+  for (size_t v = begin; v < end; ++v) {
+    Mat4d m = p.world;
+    if (p.joints != nullptr && !BlendJoints(primitive, *p.joints, v, m)) return v;
+    const size_t at = p.part.first_vertex + v;
+    const Vec3f& position = primitive.positions[v];
+    mesh.positions[at] = TransformPoint(m, {position.x, position.y, position.z});
+    if (!Finite(mesh.positions[at])) return v;
+    if (p.part.has_normals) {
+      const Vec3f& n = primitive.normals[v];
+      mesh.normals[at] = Unit(TransformNormal(m, {n.x, n.y, n.z}));
+    }
+    if (p.part.has_tangents) {
+      const Vec4f& t = primitive.tangents[v];
+      const Vec3f unit = Unit(TransformVector(m, {t.x, t.y, t.z}));
+      mesh.tangents[at] = {unit.x, unit.y, unit.z, p.mirrored ? -t.w : t.w};
+    }
+    for (int s = 0; s < 2; ++s) {
+      if (p.part.has_uv[s]) mesh.uv[s][at] = primitive.uv[s][v];
+    }
+    if (p.part.has_colors) mesh.colors[at] = primitive.colors[v];
+  }
+  return SIZE_MAX;
+}
+
+void WriteTriangles(const Placement& p, TriangleMesh& mesh) {
+  const uint32_t base = uint32_t(p.part.first_vertex);
+  for (size_t t = 0; t < p.primitive->triangles.size(); ++t) {
+    std::array<uint32_t, 3> v = p.primitive->triangles[t];
+    if (p.mirrored) std::swap(v[1], v[2]);
+    mesh.triangles[p.part.first_triangle + t] = {base + v[0], base + v[1], base + v[2]};
+  }
+}
+
+void AllocateArrays(const std::vector<Placement>& placements, TriangleMesh& mesh) {
+  uint64_t vertices = 0, triangles = 0;
+  bool normals = false, tangents = false, colors = false, uv[2] = {false, false};
+  for (const Placement& p : placements) {
+    vertices += p.part.vertex_count;
+    triangles += p.part.triangle_count;
+    normals = normals || p.part.has_normals;
+    tangents = tangents || p.part.has_tangents;
+    colors = colors || p.part.has_colors;
+    for (int s = 0; s < 2; ++s) uv[s] = uv[s] || p.part.has_uv[s];
+    mesh.parts.push_back(p.part);
+  }
+  mesh.positions.resize(vertices);
+  mesh.triangles.resize(triangles);
+  if (normals) mesh.normals.resize(vertices);
+  if (tangents) mesh.tangents.resize(vertices);
+  if (colors) mesh.colors.resize(vertices, Vec4f{1, 1, 1, 1});
+  for (int s = 0; s < 2; ++s) {
+    if (uv[s]) mesh.uv[s].resize(vertices);
+  }
+}
+
+}  // namespace
+
+uint64_t CountTriangles(const Scene& scene) {
+  uint64_t triangles = 0;
+  for (const uint32_t n : DepthFirst(scene)) {
+    const Node& node = scene.nodes[n];
+    if (node.mesh < 0) continue;
+    for (const Primitive& primitive : scene.meshes[node.mesh].primitives) {
+      const uint64_t copies = std::max<uint64_t>(1, node.instances.size());
+      triangles = SaturatingAdd(triangles, SaturatingMul(copies, primitive.triangles.size()));
+    }
+  }
+  return triangles;
+}
+
+absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limits) {
+  const std::vector<uint32_t> order = DepthFirst(scene);
+  if (absl::Status s = CheckLimits(scene, order, limits); !s.ok()) return s;
+  const std::vector<Mat4d> world = WorldTransforms(scene);
+  const std::vector<std::vector<Mat4d>> skins = SkinningMatrices(scene, world);
+  const std::vector<Placement> placements = Place(scene, order, world, skins);
+
+  TriangleMesh mesh;
+  try {
+    AllocateArrays(placements, mesh);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory while flattening the scene");
+  }
+  mesh.materials = scene.materials;
+  mesh.textures = scene.textures;
+  mesh.images = scene.images;
+
+  // The first bad vertex in id order, so that the message does not depend on the schedule.
+  std::atomic<uint64_t> bad{UINT64_MAX};
+  tbb::parallel_for(size_t{0}, placements.size(), [&](size_t i) {
+    const Placement& p = placements[i];
+    WriteTriangles(p, mesh);
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, p.part.vertex_count, kVertexGrain), [&](const auto& range) {
+      const size_t v = WriteVertices(p, range.begin(), range.end(), mesh);
+      if (v == SIZE_MAX) return;
+      const uint64_t id = p.part.first_vertex + v;
+      uint64_t seen = bad.load();
+      while (id < seen && !bad.compare_exchange_weak(seen, id)) {
+      }
+    });
+  });
+  if (const uint64_t id = bad.load(); id != UINT64_MAX) {
+    const auto part = std::partition_point(mesh.parts.begin(), mesh.parts.end(),
+                                           [&](const MeshPart& p) { return p.first_vertex + p.vertex_count <= id; });
+    return absl::InvalidArgumentError(absl::StrCat(
+        "node ", part->node, ", mesh ", part->mesh, ", primitive ", part->primitive, ", vertex ", id - part->first_vertex,
+        ": the transformed position is not finite, or a joint does not exist"));
+  }
+  return mesh;
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,80 @@
+#include "mesh/report.h"
+
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+
+#include <numeric>
+#include <vector>
+
+namespace voxelpipe {
+namespace {
+
+bool Before(const Vec3d& a, const Vec3d& b) {
+  if (a.x != b.x) return a.x < b.x;
+  if (a.y != b.y) return a.y < b.y;
+  return a.z < b.z;  // -0 == +0 in every comparison
+}
+
+// Per vertex the id of its position: equal positions share one.
+std::vector<uint32_t> Weld(const std::vector<Vec3d>& positions) {
+  std::vector<uint32_t> order(positions.size());
+  std::iota(order.begin(), order.end(), 0u);
+  tbb::parallel_sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return Before(positions[a], positions[b]); });
+  std::vector<uint32_t> id(positions.size());
+  uint32_t next = 0;
+  for (size_t i = 0; i < order.size(); ++i) {
+    if (i > 0 && !(positions[order[i]] == positions[order[i - 1]])) ++next;
+    id[order[i]] = next;
+  }
+  return id;
+}
+
+bool IsDegenerate(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+  const Vec3d n = Cross(b - a, c - a);
+  return n.x == 0 && n.y == 0 && n.z == 0;
+}
+
+}  // namespace
+
+uint64_t CountOpenEdges(const TriangleMesh& mesh) {
+  const std::vector<uint32_t> id = Weld(mesh.positions);
+  constexpr uint64_t kNoEdge = UINT64_MAX;
+  std::vector<uint64_t> edges(mesh.triangles.size() * 3);
+  tbb::parallel_for(size_t{0}, mesh.triangles.size(), [&](size_t t) {
+    for (int i = 0; i < 3; ++i) {
+      const uint64_t a = id[mesh.triangles[t][i]], b = id[mesh.triangles[t][(i + 1) % 3]];
+      edges[t * 3 + i] = a == b ? kNoEdge : a < b ? a << 32 | b : b << 32 | a;
+    }
+  });
+  tbb::parallel_sort(edges.begin(), edges.end());
+  uint64_t open = 0;
+  for (size_t begin = 0; begin < edges.size() && edges[begin] != kNoEdge;) {
+    size_t end = begin + 1;
+    while (end < edges.size() && edges[end] == edges[begin]) ++end;
+    open += (end - begin) % 2;
+    begin = end;
+  }
+  return open;
+}
+
+MeshReport ReportMesh(const TriangleMesh& mesh) {
+  MeshReport report;
+  report.triangles = mesh.triangles.size();
+  report.vertices = mesh.positions.size();
+  report.open_edges = CountOpenEdges(mesh);
+  bool first = true;
+  for (const auto& t : mesh.triangles) {
+    const Vec3d &a = mesh.positions[t[0]], &b = mesh.positions[t[1]], &c = mesh.positions[t[2]];
+    report.degenerate_triangles += IsDegenerate(a, b, c);
+    for (const Vec3d* p : {&a, &b, &c}) {
+      for (int axis = 0; axis < 3; ++axis) {
+        report.min[axis] = first ? (*p)[axis] : Min(report.min[axis], (*p)[axis]);
+        report.max[axis] = first ? (*p)[axis] : Max(report.max[axis], (*p)[axis]);
+      }
+      first = false;
+    }
+  }
+  return report;
+}
+
+}  // namespace voxelpipe
