@@ -1,0 +1,105 @@
+// A voxelpiped server, called from C++. Speaks the core's own types: no gRPC and no protobuf in this header.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "load/loader.h"
+#include "mesh/report.h"
+#include "pipeline/plan.h"
+#include "pipeline/request.h"
+#include "pipeline/voxelize.h"
+#include "shaders/catalog.h"
+
+namespace voxelpipe {
+
+struct ConnectOptions {
+  std::chrono::milliseconds timeout{5000};      // for the connection to stand
+  uint64_t max_result_bytes = 64ull << 30;      // a server that announces more is not believed
+};
+
+// What one mesh gave.
+struct RemoteResult {
+  // Grid, layout, targets and statistics as the core gives them; `specs` is what was asked for.
+  // `result.stats` holds the server's figures.
+  VoxelizeResult result;
+  // The server's "load" and "flatten", wall milliseconds; the stages of the pipeline are in result.stats.stages.
+  std::vector<std::pair<std::string, double>> mesh_stages;
+  MeshReport report;
+  uint64_t peak_bytes = 0;      // the server's peak for this request
+  std::string content_sha256;   // of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival
+};
+
+struct ServerBackend {
+  std::string name;                  // "cpu", "cuda"
+  std::string simd;                  // instruction set of its row kernels
+};
+
+// What a server is and what it allows. 0 in a limit: it names none.
+struct ServerDescription {
+  std::string version;
+  std::vector<ServerBackend> backends;  // best first
+  uint32_t workers = 0;                 // requests that run at once
+  uint32_t threads = 0;                 // threads of the CPU backend together
+  uint64_t max_queue = 0;               // requests that wait
+  uint64_t max_file_bytes = 0;
+  uint64_t max_triangles = 0;
+  uint64_t max_result_bytes = 0;
+  uint64_t max_working_bytes = 0;
+};
+
+// Thread-safe. Errors of all calls carry the server's code and message; a lost or refused connection is UNAVAILABLE naming
+// the target.
+class Client {
+ public:
+  // In: "HOST:PORT" or any gRPC target ("unix:/path"). Plain text, no TLS. UNAVAILABLE naming the target when nobody answers
+  // there, at once where the connection is refused, else after `options.timeout`.
+  static absl::StatusOr<std::unique_ptr<Client>> Connect(const std::string& target, const ConnectOptions& options = {});
+  ~Client();
+  Client(const Client&) = delete;
+  Client& operator=(const Client&) = delete;
+
+  // In: the bytes of a self-contained mesh file (ReadAndPackMeshFile) and a request. `job`: Cancel() ends the call within some
+  // ten milliseconds and the server's work with it; the deadline is sent along; Progress is called with "upload", the
+  // server's stage names and "download", always on the calling thread. `on_plan`, if set, is called once, on the calling
+  // thread, before the result comes.
+  // Errors: the server's (see Voxelize in pipeline/voxelize.h); CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS where the result fails
+  // its checks (offsets, lengths, CRC32C of every piece, SHA-256 of the whole, sizes against the request).
+  absl::StatusOr<RemoteResult> Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                        const VoxelizeRequest& request, const JobContext& job,
+                                        const std::function<void(const Plan&)>& on_plan = {});
+
+  struct Estimated {
+    Plan plan;
+    MeshReport report;
+  };
+  // The plan of the same request without the work, and what the server saw in the mesh.
+  absl::StatusOr<Estimated> Estimate(std::span<const uint8_t> mesh_bytes, MeshFormat format, const VoxelizeRequest& request,
+                                     const JobContext& job);
+
+  // The server's shaders, vertex shaders first.
+  absl::StatusOr<std::vector<ShaderInfo>> ListShaders();
+
+  absl::StatusOr<ServerDescription> ServerInfo();
+
+  // OK while the server takes requests; UNAVAILABLE when it is draining or not there.
+  absl::Status CheckHealth(std::chrono::milliseconds timeout = std::chrono::seconds(3));
+
+  const std::string& target() const;
+
+ private:
+  struct Impl;
+  explicit Client(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace voxelpipe
