@@ -9,6 +9,8 @@ find_package(meshoptimizer REQUIRED)
 find_package(nlohmann_json REQUIRED)
 find_package(OpenSSL REQUIRED)
 find_package(CLI11 REQUIRED)
+find_package(PkgConfig REQUIRED)
+pkg_check_modules(ISAL REQUIRED IMPORTED_TARGET libisal) # CRC-32C
 find_package(spdlog REQUIRED)
 if(VOXELPIPE_SERVICE)
   find_package(Protobuf REQUIRED)

@@ -24,6 +24,7 @@ class JobContext {
 
   void Cancel() { cancelled_.store(true, std::memory_order_relaxed); }
   void set_deadline(Clock::time_point deadline) { deadline_ = deadline; }
+  const std::optional<Clock::time_point>& deadline() const { return deadline_; }
 
   // OK while the job may go on; CANCELLED after Cancel(); DEADLINE_EXCEEDED after the deadline.
   // Cheap enough to be asked between tiles.

@@ -1,0 +1,22 @@
+// ISA-L picks the instruction set at run time. It leaves the inversions at both ends to its caller.
+#include "base/crc32c.h"
+
+#include <isa-l/crc.h>
+
+#include <algorithm>
+
+namespace voxelpipe {
+
+uint32_t Crc32c(std::span<const uint8_t> bytes) {
+  constexpr size_t kMost = size_t{1} << 30;  // the library takes the length as an int
+  uint32_t crc = ~0u;
+  while (!bytes.empty()) {
+    const size_t n = std::min(bytes.size(), kMost);
+    // The parameter is not const, but the bytes are only read.
+    crc = crc32_iscsi(const_cast<unsigned char*>(bytes.data()), int(n), crc);
+    bytes = bytes.subspan(n);
+  }
+  return ~crc;
+}
+
+}  // namespace voxelpipe
