@@ -1,0 +1,178 @@
+#include "wire/request.h"
+
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+
+namespace voxelpipe {
+namespace {
+
+absl::Status Invalid(const std::string& field, const std::string& why) {
+  return absl::InvalidArgumentError(absl::StrCat(field, ": ", why));
+}
+
+// One row for each pair of enumerators; the first is what UNSPECIFIED means.
+template <typename Message, typename Core>
+struct Pair {
+  Message message;
+  Core core;
+};
+
+constexpr Pair<v1::MeshFormat, MeshFormat> kMeshFormats[] = {{v1::MESH_FORMAT_UNSPECIFIED, MeshFormat::kAuto},
+                                                             {v1::MESH_FORMAT_GLB, MeshFormat::kGlb},
+                                                             {v1::MESH_FORMAT_GLTF, MeshFormat::kGltf},
+                                                             {v1::MESH_FORMAT_DRACO, MeshFormat::kDraco}};
+constexpr Pair<v1::GridFit, GridFit> kFits[] = {{v1::GRID_FIT_TIGHT, GridFit::kTight}, {v1::GRID_FIT_CUBE, GridFit::kCube}};
+constexpr Pair<v1::Coverage, Coverage> kCoverages[] = {{v1::COVERAGE_CONSERVATIVE, Coverage::kConservative},
+                                                       {v1::COVERAGE_THIN, Coverage::kThin},
+                                                       {v1::COVERAGE_CENTER, Coverage::kCenter}};
+constexpr Pair<v1::Fill, Fill> kFills[] = {{v1::FILL_NONE, Fill::kNone}, {v1::FILL_PARITY, Fill::kParity}};
+constexpr Pair<v1::VoxelFormat, VoxelFormat> kFormats[] = {{v1::VOXEL_FORMAT_BIT, VoxelFormat::kBit},
+                                                           {v1::VOXEL_FORMAT_F32, VoxelFormat::kF32}};
+constexpr Pair<v1::Blend, Blend> kBlends[] = {{v1::BLEND_OR, Blend::kOr},
+                                              {v1::BLEND_REPLACE, Blend::kReplace},
+                                              {v1::BLEND_MIN, Blend::kMin},
+                                              {v1::BLEND_MAX, Blend::kMax},
+                                              {v1::BLEND_ADD, Blend::kAdd}};
+constexpr Pair<v1::Layout, Layout> kLayouts[] = {{v1::LAYOUT_INTERLEAVED, Layout::kInterleaved},
+                                                 {v1::LAYOUT_PLANAR, Layout::kPlanar}};
+constexpr Pair<v1::Backend, BackendChoice> kBackends[] = {{v1::BACKEND_AUTO, BackendChoice::kAuto},
+                                                          {v1::BACKEND_CPU, BackendChoice::kCpu},
+                                                          {v1::BACKEND_CUDA, BackendChoice::kCuda}};
+
+// Enum values beyond those this server knows arrive as plain numbers: a newer client asks for something newer.
+template <typename Message, typename Core, size_t N>
+absl::Status ReadEnum(const Pair<Message, Core> (&pairs)[N], Message message, const std::string& field, Core& out) {
+  if (int(message) == 0) return out = pairs[0].core, absl::OkStatus();
+  for (const auto& pair : pairs) {
+    if (pair.message == message) return out = pair.core, absl::OkStatus();
+  }
+  return Invalid(field, absl::StrCat("this server does not know the value ", int(message)));
+}
+
+template <typename Message, typename Core, size_t N>
+Message WriteEnum(const Pair<Message, Core> (&pairs)[N], Core core) {
+  for (const auto& pair : pairs) {
+    if (pair.core == core) return pair.message;
+  }
+  return pairs[0].message;
+}
+
+Vec3d ReadVec(const v1::Vec3& v) { return {v.x(), v.y(), v.z()}; }
+
+void WriteVec(const Vec3d& v, v1::Vec3* out) {
+  out->set_x(v.x);
+  out->set_y(v.y);
+  out->set_z(v.z);
+}
+
+absl::Status ReadGrid(const v1::GridRequest& in, GridRequest& out) {
+  if (in.has_resolution()) {
+    if (in.has_voxel_size()) return Invalid("grid.resolution", "cannot be given together with voxel_size");
+    if (in.has_dims() || in.has_origin()) return Invalid("grid.resolution", "cannot be given together with dims and origin");
+    out.resolution = in.resolution();
+  }
+  if (absl::Status s = ReadEnum(kFits, in.fit(), "grid.fit", out.fit); !s.ok()) return s;
+  if (in.has_voxel_size()) out.voxel_size = ReadVec(in.voxel_size());
+  if (in.has_dims()) out.dims = {in.dims().x(), in.dims().y(), in.dims().z()};
+  if (in.has_origin()) out.origin = ReadVec(in.origin());
+  out.padding = in.padding();
+  return absl::OkStatus();
+}
+
+absl::Status ReadShader(const v1::ShaderCall& in, const std::string& field, ShaderCall& out) {
+  out.name = in.name();
+  out.parameters.clear();
+  for (const v1::ShaderParameter& parameter : in.parameters()) {
+    std::vector<double> values(parameter.values().begin(), parameter.values().end());
+    if (!out.parameters.emplace(parameter.name(), std::move(values)).second) {
+      return Invalid(field, absl::StrCat("parameter '", parameter.name(), "' is given twice"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+void WriteShader(const ShaderCall& in, v1::ShaderCall* out) {
+  out->set_name(in.name);
+  for (const auto& [name, values] : in.parameters) {
+    v1::ShaderParameter* parameter = out->add_parameters();
+    parameter->set_name(name);
+    parameter->mutable_values()->Add(values.begin(), values.end());
+  }
+}
+
+absl::Status ReadTarget(const v1::RenderTarget& in, const std::string& field, TargetSpec& out) {
+  if (absl::Status s = ReadEnum(kFormats, in.format(), field + ".format", out.format); !s.ok()) return s;
+  if (in.has_components()) out.components = in.components();
+  if (in.blend() == v1::BLEND_UNSPECIFIED) {
+    out.blend = out.format == VoxelFormat::kBit ? Blend::kOr : Blend::kReplace;
+  } else if (absl::Status s = ReadEnum(kBlends, in.blend(), field + ".blend", out.blend); !s.ok()) {
+    return s;
+  }
+  if (in.has_shader()) {
+    if (absl::Status s = ReadShader(in.shader(), field + ".shader", out.shader); !s.ok()) return s;
+  }
+  if (in.has_quantum()) out.quantum = in.quantum();
+  out.clear = in.clear();
+  if (in.has_fill_value()) out.fill_value = in.fill_value();
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
+  ParsedConfig parsed;
+  VoxelizeRequest& request = parsed.request;
+  absl::Status s = ReadEnum(kMeshFormats, config.mesh_format(), "mesh_format", parsed.mesh_format);
+  if (s.ok()) s = ReadGrid(config.grid(), request.grid);
+  if (s.ok()) s = ReadEnum(kCoverages, config.coverage(), "coverage", request.coverage);
+  if (s.ok()) s = ReadEnum(kFills, config.fill(), "fill", request.fill);
+  if (s.ok()) s = ReadEnum(kLayouts, config.layout(), "layout", request.layout);
+  if (s.ok()) s = ReadEnum(kBackends, config.backend(), "backend", request.backend);
+  if (s.ok() && config.has_vertex_shader()) s = ReadShader(config.vertex_shader(), "vertex_shader", request.vertex_shader);
+  if (!s.ok()) return s;
+  if (config.targets_size() > kMaxTargets) {
+    return Invalid("targets", absl::StrCat("at most ", kMaxTargets, " are possible, ", config.targets_size(), " given"));
+  }
+  if (config.targets_size() > 0) request.targets.assign(size_t(config.targets_size()), TargetSpec{});
+  for (int i = 0; i < config.targets_size(); ++i) {
+    s = ReadTarget(config.targets(i), absl::StrCat("targets[", i, "]"), request.targets[size_t(i)]);
+    if (!s.ok()) return s;
+  }
+  return parsed;
+}
+
+v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_format) {
+  v1::VoxelizeConfig config;
+  config.set_mesh_format(WriteEnum(kMeshFormats, mesh_format));
+  v1::GridRequest* grid = config.mutable_grid();
+  if (!request.grid.voxel_size && !request.grid.dims && !request.grid.origin) grid->set_resolution(request.grid.resolution);
+  grid->set_fit(WriteEnum(kFits, request.grid.fit));
+  if (request.grid.voxel_size) WriteVec(*request.grid.voxel_size, grid->mutable_voxel_size());
+  if (request.grid.dims) {
+    grid->mutable_dims()->set_x((*request.grid.dims)[0]);
+    grid->mutable_dims()->set_y((*request.grid.dims)[1]);
+    grid->mutable_dims()->set_z((*request.grid.dims)[2]);
+  }
+  if (request.grid.origin) WriteVec(*request.grid.origin, grid->mutable_origin());
+  grid->set_padding(request.grid.padding);
+  config.set_coverage(WriteEnum(kCoverages, request.coverage));
+  config.set_fill(WriteEnum(kFills, request.fill));
+  config.set_layout(WriteEnum(kLayouts, request.layout));
+  config.set_backend(WriteEnum(kBackends, request.backend));
+  WriteShader(request.vertex_shader, config.mutable_vertex_shader());
+  for (const TargetSpec& spec : request.targets) {
+    v1::RenderTarget* target = config.add_targets();
+    target->set_format(WriteEnum(kFormats, spec.format));
+    target->set_components(spec.components);
+    target->set_blend(WriteEnum(kBlends, spec.blend));
+    WriteShader(spec.shader, target->mutable_shader());
+    target->set_quantum(spec.quantum);
+    target->set_clear(spec.clear);
+    target->set_fill_value(spec.fill_value);
+  }
+  return config;
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,214 @@
+#include "wire/response.h"
+
+#include <cmath>
+
+#include "absl/strings/str_cat.h"
+
+namespace voxelpipe {
+namespace {
+
+void WriteVec(const Vec3d& v, v1::Vec3* out) {
+  out->set_x(v.x);
+  out->set_y(v.y);
+  out->set_z(v.z);
+}
+
+Vec3d ReadVec(const v1::Vec3& v) { return {v.x(), v.y(), v.z()}; }
+
+absl::Status Broken(const std::string& what) { return absl::DataLossError(absl::StrCat("the server's answer: ", what)); }
+
+v1::VoxelFormat ToMessage(VoxelFormat format) {
+  return format == VoxelFormat::kBit ? v1::VOXEL_FORMAT_BIT : v1::VOXEL_FORMAT_F32;
+}
+
+v1::Layout ToMessage(Layout layout) {
+  return layout == Layout::kInterleaved ? v1::LAYOUT_INTERLEAVED : v1::LAYOUT_PLANAR;
+}
+
+}  // namespace
+
+v1::Grid ToMessage(const GridSpec& grid) {
+  v1::Grid message;
+  message.mutable_dims()->set_x(grid.dims[0]);
+  message.mutable_dims()->set_y(grid.dims[1]);
+  message.mutable_dims()->set_z(grid.dims[2]);
+  WriteVec(grid.origin, message.mutable_origin());
+  WriteVec(grid.voxel_size, message.mutable_voxel_size());
+  const Mat4d matrix = grid.index_to_world();
+  for (const auto& row : matrix.m) {
+    for (const double value : row) message.add_index_to_world(value);
+  }
+  return message;
+}
+
+absl::StatusOr<GridSpec> FromMessage(const v1::Grid& message) {
+  GridSpec grid;
+  grid.dims = {message.dims().x(), message.dims().y(), message.dims().z()};
+  grid.origin = ReadVec(message.origin());
+  grid.voxel_size = ReadVec(message.voxel_size());
+  uint64_t voxels = 1;
+  for (int a = 0; a < 3; ++a) {
+    if (grid.dims[size_t(a)] < 1 || grid.dims[size_t(a)] > kMaxGridDim) {
+      return Broken(absl::StrCat("a grid with ", grid.dims[size_t(a)], " voxels along axis ", a));
+    }
+    voxels *= uint64_t(grid.dims[size_t(a)]);  // 2^60 at most
+    if (!(grid.voxel_size[a] > 0) || !std::isfinite(grid.voxel_size[a]) || !std::isfinite(grid.origin[a])) {
+      return Broken("a grid whose voxel size is not positive or whose origin is not finite");
+    }
+  }
+  if (voxels > uint64_t{1} << 53) return Broken("a grid beyond 2^53 voxels");
+  return grid;
+}
+
+v1::VoxelizationPlan ToMessage(const Plan& plan) {
+  v1::VoxelizationPlan message;
+  *message.mutable_grid() = ToMessage(plan.grid);
+  message.set_result_bytes(plan.result_bytes);
+  message.set_peak_bytes(plan.peak_bytes);
+  message.set_backend(plan.backend);
+  switch (plan.time_class) {
+    case TimeClass::kInstant: message.set_time_class(v1::TIME_CLASS_INSTANT); break;
+    case TimeClass::kShort: message.set_time_class(v1::TIME_CLASS_SHORT); break;
+    case TimeClass::kLong: message.set_time_class(v1::TIME_CLASS_LONG); break;
+  }
+  return message;
+}
+
+absl::StatusOr<Plan> FromMessage(const v1::VoxelizationPlan& message) {
+  const absl::StatusOr<GridSpec> grid = FromMessage(message.grid());
+  if (!grid.ok()) return grid.status();
+  Plan plan;
+  plan.grid = *grid;
+  plan.result_bytes = message.result_bytes();
+  plan.peak_bytes = message.peak_bytes();
+  plan.backend = message.backend();
+  plan.time_class = message.time_class() == v1::TIME_CLASS_INSTANT ? TimeClass::kInstant
+                    : message.time_class() == v1::TIME_CLASS_SHORT ? TimeClass::kShort
+                                                                   : TimeClass::kLong;
+  return plan;
+}
+
+v1::VoxelizeStats ToMessage(const VoxelizeStats& stats) {
+  v1::VoxelizeStats message;
+  message.set_triangles(stats.triangles);
+  message.set_fragments(stats.fragments);
+  message.set_occupied(stats.occupied);
+  if (stats.odd_columns) message.set_odd_columns(*stats.odd_columns);
+  message.set_backend(stats.backend);
+  message.set_simd(stats.simd);
+  for (const auto& [stage, ms] : stats.stages) {
+    v1::StageTime* time = message.add_stages();
+    time->set_stage(stage);
+    time->set_milliseconds(ms);
+  }
+  message.set_voxelize_ms(stats.voxelize_ms);
+  message.set_voxelize_cpu_ms(stats.voxelize_cpu_ms);
+  return message;
+}
+
+VoxelizeStats FromMessage(const v1::VoxelizeStats& message) {
+  VoxelizeStats stats;
+  stats.triangles = message.triangles();
+  stats.fragments = message.fragments();
+  stats.occupied = message.occupied();
+  if (message.has_odd_columns()) stats.odd_columns = message.odd_columns();
+  stats.backend = message.backend();
+  stats.simd = message.simd();
+  for (const v1::StageTime& time : message.stages()) stats.stages.emplace_back(time.stage(), time.milliseconds());
+  stats.voxelize_ms = message.voxelize_ms();
+  stats.voxelize_cpu_ms = message.voxelize_cpu_ms();
+  return stats;
+}
+
+v1::MeshReport ToMessage(const MeshReport& report, bool examined) {
+  v1::MeshReport message;
+  message.set_triangles(report.triangles);
+  message.set_vertices(report.vertices);
+  if (examined) {
+    message.set_degenerate_triangles(report.degenerate_triangles);
+    message.set_open_edges(report.open_edges);
+  }
+  WriteVec(report.min, message.mutable_min());
+  WriteVec(report.max, message.mutable_max());
+  return message;
+}
+
+MeshReport FromMessage(const v1::MeshReport& message) {
+  MeshReport report;
+  report.triangles = message.triangles();
+  report.vertices = message.vertices();
+  report.degenerate_triangles = message.degenerate_triangles();
+  report.open_edges = message.open_edges();
+  report.min = ReadVec(message.min());
+  report.max = ReadVec(message.max());
+  return report;
+}
+
+v1::ShaderInfo ToMessage(const ShaderInfo& info) {
+  v1::ShaderInfo message;
+  message.set_name(info.name);
+  message.set_stage(info.stage == ShaderStage::kVertex ? v1::SHADER_STAGE_VERTEX : v1::SHADER_STAGE_FRAGMENT);
+  message.set_description(info.description);
+  message.set_output_type(info.output_type);
+  message.set_output_components(info.output_components);
+  message.set_reads_textures(info.reads_textures);
+  for (const ShaderParameterInfo& parameter : info.parameters) {
+    v1::ShaderParameterInfo* out = message.add_parameters();
+    out->set_name(parameter.name);
+    out->set_type(parameter.type);
+    out->mutable_default_value()->Add(parameter.default_value.begin(), parameter.default_value.end());
+    out->set_description(parameter.description);
+  }
+  return message;
+}
+
+ShaderInfo FromMessage(const v1::ShaderInfo& message) {
+  ShaderInfo info;
+  info.name = message.name();
+  info.stage = message.stage() == v1::SHADER_STAGE_VERTEX ? ShaderStage::kVertex : ShaderStage::kFragment;
+  info.description = message.description();
+  info.output_type = message.output_type();
+  info.output_components = message.output_components();
+  info.reads_textures = message.reads_textures();
+  for (const v1::ShaderParameterInfo& parameter : message.parameters()) {
+    info.parameters.push_back({parameter.name(), parameter.type(),
+                               {parameter.default_value().begin(), parameter.default_value().end()},
+                               parameter.description()});
+  }
+  return info;
+}
+
+v1::ResultHeader MakeHeader(const GridSpec& grid, Layout layout, const std::vector<TargetSpec>& targets) {
+  v1::ResultHeader header;
+  *header.mutable_grid() = ToMessage(grid);
+  header.set_layout(ToMessage(layout));
+  for (const TargetSpec& spec : targets) {
+    v1::TargetHeader* target = header.add_targets();
+    target->set_format(ToMessage(spec.format));
+    target->set_components(spec.components);
+    target->set_bytes(TargetBytes(spec, grid.voxels()));
+  }
+  return header;
+}
+
+absl::StatusOr<GridSpec> CheckHeader(const v1::ResultHeader& header, Layout layout, const std::vector<TargetSpec>& targets) {
+  const absl::StatusOr<GridSpec> grid = FromMessage(header.grid());
+  if (!grid.ok()) return grid.status();
+  if (header.layout() != ToMessage(layout)) return Broken("a layout that was not asked for");
+  if (size_t(header.targets_size()) != targets.size()) {
+    return Broken(absl::StrCat(header.targets_size(), " targets instead of ", targets.size()));
+  }
+  for (int i = 0; i < header.targets_size(); ++i) {
+    const v1::TargetHeader& target = header.targets(i);
+    const TargetSpec& spec = targets[size_t(i)];
+    if (target.format() != ToMessage(spec.format) || target.components() != spec.components) {
+      return Broken(absl::StrCat("target ", i, " has a format that was not asked for"));
+    }
+    if (target.bytes() != TargetBytes(spec, grid->voxels())) {
+      return Broken(absl::StrCat("target ", i, " has ", target.bytes(), " bytes instead of ", TargetBytes(spec, grid->voxels())));
+    }
+  }
+  return grid;
+}
+
+}  // namespace voxelpipe

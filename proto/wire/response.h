@@ -1,0 +1,38 @@
+// Answers: core types <-> messages. Used by the server (To...) and by the client (From...).
+#pragma once
+
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "grid/grid_spec.h"
+#include "mesh/report.h"
+#include "pipeline/plan.h"
+#include "pipeline/stats.h"
+#include "shaders/catalog.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
+
+namespace voxelpipe {
+
+// index_to_world is derived: it is written for readers in other languages and ignored by FromMessage.
+v1::Grid ToMessage(const GridSpec& grid);
+// DATA_LOSS unless dims are 1 to kMaxGridDim an axis and 2^53 voxels in all, and the voxel size is positive.
+absl::StatusOr<GridSpec> FromMessage(const v1::Grid& message);
+
+v1::VoxelizationPlan ToMessage(const Plan& plan);
+absl::StatusOr<Plan> FromMessage(const v1::VoxelizationPlan& message);
+
+v1::VoxelizeStats ToMessage(const VoxelizeStats& stats);
+VoxelizeStats FromMessage(const v1::VoxelizeStats& message);
+
+// `examined`: whether degenerate_triangles and open_edges were counted.
+v1::MeshReport ToMessage(const MeshReport& report, bool examined);
+MeshReport FromMessage(const v1::MeshReport& message);
+
+v1::ShaderInfo ToMessage(const ShaderInfo& info);
+ShaderInfo FromMessage(const v1::ShaderInfo& message);
+
+v1::ResultHeader MakeHeader(const GridSpec& grid, Layout layout, const std::vector<TargetSpec>& targets);
+// DATA_LOSS naming what differs: the grid, the layout, the number of targets, or a target's format, components or bytes.
+absl::StatusOr<GridSpec> CheckHeader(const v1::ResultHeader& header, Layout layout, const std::vector<TargetSpec>& targets);
+
+}  // namespace voxelpipe

@@ -1,0 +1,89 @@
+#include "wire/status.h"
+
+#include <charconv>
+#include <string>
+
+#include "absl/strings/cord.h"
+#include "absl/strings/str_cat.h"
+#include "google/rpc/error_details.pb.h"
+#include "google/rpc/status.pb.h"
+#include "wire/text.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr char kRetryDelayUrl[] = "voxelpipe/retry_delay_ms";
+constexpr char kDomain[] = "voxelpipe";
+// Trailers are bounded to 8 KiB together by default; the message goes there twice, percent-encoded once.
+constexpr size_t kMaxMessageBytes = 1000;
+
+google::rpc::ErrorInfo MakeErrorInfo(const char* reason) {
+  google::rpc::ErrorInfo info;
+  info.set_reason(reason);
+  info.set_domain(kDomain);
+  return info;
+}
+
+}  // namespace
+
+absl::Status BusyError(std::string_view message, std::chrono::milliseconds delay) {
+  absl::Status status = absl::ResourceExhaustedError(absl::string_view(message.data(), message.size()));
+  status.SetPayload(kRetryDelayUrl, absl::Cord(absl::StrCat(delay.count())));
+  return status;
+}
+
+std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status) {
+  const auto payload = status.GetPayload(kRetryDelayUrl);
+  if (!payload) return std::nullopt;
+  const std::string text(*payload);
+  int64_t ms = 0;
+  if (std::from_chars(text.data(), text.data() + text.size(), ms).ec != std::errc()) return std::nullopt;
+  return std::chrono::milliseconds(ms);
+}
+
+grpc::Status ToGrpcStatus(const absl::Status& status) {
+  if (status.ok()) return grpc::Status::OK;
+  const std::string message = CleanText({status.message().data(), status.message().size()}, kMaxMessageBytes);
+  google::rpc::Status details;
+  details.set_code(int(status.code()));  // absl and gRPC number the canonical codes alike
+  details.set_message(message);
+  if (status.code() == absl::StatusCode::kInvalidArgument) {
+    google::rpc::BadRequest bad;
+    auto* violation = bad.add_field_violations();
+    const size_t colon = message.find(": ");
+    violation->set_field(colon == std::string::npos ? "" : message.substr(0, colon));
+    violation->set_description(colon == std::string::npos ? message : message.substr(colon + 2));
+    details.add_details()->PackFrom(bad);
+  } else if (status.code() == absl::StatusCode::kResourceExhausted) {
+    if (const auto delay = RetryDelay(status)) {
+      google::rpc::RetryInfo retry;
+      retry.mutable_retry_delay()->set_seconds(delay->count() / 1000);
+      retry.mutable_retry_delay()->set_nanos(int32_t(delay->count() % 1000 * 1'000'000));
+      details.add_details()->PackFrom(retry);
+    } else {
+      google::rpc::ErrorInfo info = MakeErrorInfo("LIMIT_EXCEEDED");
+      (*info.mutable_metadata())["need_and_limit"] = message;
+      details.add_details()->PackFrom(info);
+    }
+  } else if (status.code() == absl::StatusCode::kFailedPrecondition) {
+    details.add_details()->PackFrom(MakeErrorInfo("NOT_AVAILABLE"));
+  }
+  return grpc::Status(grpc::StatusCode(int(status.code())), message, details.SerializeAsString());
+}
+
+absl::Status FromGrpcStatus(const grpc::Status& status) {
+  if (status.ok()) return absl::OkStatus();
+  absl::Status result(absl::StatusCode(int(status.error_code())), status.error_message());
+  google::rpc::Status details;
+  if (status.error_details().empty() || !details.ParseFromString(status.error_details())) return result;
+  for (const google::protobuf::Any& detail : details.details()) {
+    google::rpc::RetryInfo retry;
+    if (detail.Is<google::rpc::RetryInfo>() && detail.UnpackTo(&retry)) {
+      const int64_t ms = retry.retry_delay().seconds() * 1000 + retry.retry_delay().nanos() / 1'000'000;
+      result.SetPayload(kRetryDelayUrl, absl::Cord(absl::StrCat(ms)));
+    }
+  }
+  return result;
+}
+
+}  // namespace voxelpipe

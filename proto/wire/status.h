@@ -1,0 +1,28 @@
+// Status of a job <-> status of a call, with google.rpc details.
+#pragma once
+
+#include <chrono>
+#include <optional>
+#include <string_view>
+
+#include <grpcpp/support/status.h>
+
+#include "absl/status/status.h"
+
+namespace voxelpipe {
+
+// RESOURCE_EXHAUSTED because of load: trying again after `delay` may work. The delay travels as google.rpc.RetryInfo.
+absl::Status BusyError(std::string_view message, std::chrono::milliseconds delay);
+// The delay of a BusyError, on either side of the wire.
+std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status);
+
+// The one place where a job's status becomes a call's. Code and message stay; the details are
+//   INVALID_ARGUMENT      BadRequest: field = the message's text before the first ": ", description = the rest
+//   RESOURCE_EXHAUSTED    RetryInfo for a BusyError, otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as need_and_limit
+//   FAILED_PRECONDITION   ErrorInfo "NOT_AVAILABLE"
+grpc::Status ToGrpcStatus(const absl::Status& status);
+
+// The client's half. Messages that are not valid UTF-8 cannot come; details other than RetryInfo stay on the wire.
+absl::Status FromGrpcStatus(const grpc::Status& status);
+
+}  // namespace voxelpipe

@@ -1,0 +1,50 @@
+#include "wire/text.h"
+
+#include <cstdint>
+
+namespace voxelpipe {
+namespace {
+
+// Length of the valid UTF-8 character at the start of `text`, 0 if there is none.
+size_t CharacterLength(std::string_view text) {
+  const auto byte = [&](size_t i) { return uint8_t(text[i]); };
+  const uint8_t lead = byte(0);
+  if (lead < 0x80) return 1;
+  const size_t length = lead >= 0xc2 && lead < 0xe0 ? 2 : lead >= 0xe0 && lead < 0xf0 ? 3 : lead >= 0xf0 && lead < 0xf5 ? 4 : 0;
+  if (length == 0 || text.size() < length) return 0;
+  for (size_t i = 1; i < length; ++i) {
+    if ((byte(i) & 0xc0) != 0x80) return 0;
+  }
+  if (lead == 0xe0 && byte(1) < 0xa0) return 0;  // overlong
+  if (lead == 0xed && byte(1) > 0x9f) return 0;  // surrogates
+  if (lead == 0xf0 && byte(1) < 0x90) return 0;  // overlong
+  if (lead == 0xf4 && byte(1) > 0x8f) return 0;  // beyond U+10FFFF
+  return length;
+}
+
+}  // namespace
+
+std::string CleanText(std::string_view text, size_t max_bytes) {
+  constexpr std::string_view kCut = "...";
+  std::string clean;
+  clean.reserve(text.size() < max_bytes ? text.size() : max_bytes);
+  size_t cut_at = 0;  // the last character's start that leaves room for kCut
+  for (size_t i = 0; i < text.size();) {
+    if (clean.size() + kCut.size() <= max_bytes) cut_at = clean.size();
+    const size_t length = CharacterLength(text.substr(i));
+    const bool control = length == 1 && (uint8_t(text[i]) < 0x20 || text[i] == 0x7f);
+    if (length == 0 || control) {
+      clean.push_back('?');
+    } else {
+      clean.append(text.substr(i, length));
+    }
+    i += length == 0 ? 1 : length;
+    if (clean.size() > max_bytes) {
+      clean.resize(cut_at);
+      return clean.append(kCut.substr(0, max_bytes - cut_at));
+    }
+  }
+  return clean;
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,14 @@
+// Text that may go into messages and trailers.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+
+namespace voxelpipe {
+
+// `text` as protobuf strings need it: every byte that is not part of valid UTF-8, and every control character, becomes '?'; what
+// is longer than `max_bytes` is cut at a character's start and ends in "...". Names in strangers' files end up in messages.
+std::string CleanText(std::string_view text, size_t max_bytes);
+
+}  // namespace voxelpipe
