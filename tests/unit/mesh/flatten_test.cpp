@@ -1,0 +1,161 @@
+#include "mesh/flatten.h"
+
+#include <cmath>
+#include <limits>
+
+#include "gtest/gtest.h"
+
+namespace voxelpipe {
+namespace {
+
+Primitive OneTriangle() {
+  Primitive p;
+  p.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  p.normals = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}};
+  p.triangles = {{0, 1, 2}};
+  return p;
+}
+
+Mat4d Translation(double x, double y, double z) {
+  Mat4d m;
+  m.m[0][3] = x;
+  m.m[1][3] = y;
+  m.m[2][3] = z;
+  return m;
+}
+
+Mat4d Scale(double x, double y, double z) {
+  Mat4d m;
+  m.m[0][0] = x;
+  m.m[1][1] = y;
+  m.m[2][2] = z;
+  return m;
+}
+
+Scene SceneOf(std::vector<Node> nodes, std::vector<uint32_t> roots) {
+  Scene scene;
+  scene.meshes = {Mesh{"", {OneTriangle()}}};
+  scene.nodes = std::move(nodes);
+  scene.roots = std::move(roots);
+  return scene;
+}
+
+Node NodeAt(const Mat4d& local, int32_t mesh, std::vector<uint32_t> children = {}) {
+  Node node;
+  node.local = local;
+  node.mesh = mesh;
+  node.children = std::move(children);
+  return node;
+}
+
+TEST(FlattenTest, DepthFirstOrderAndComposedTransforms) {
+  const Scene scene = SceneOf({NodeAt(Translation(10, 0, 0), 0, {2}), NodeAt(Translation(0, 0, 7), 0),
+                               NodeAt(Scale(2, 2, 2), 0)},
+                              {0, 1});
+  const auto mesh = Flatten(scene);
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_EQ(CountTriangles(scene), 3u);
+  ASSERT_EQ(mesh->parts.size(), 3u);
+  EXPECT_EQ(mesh->parts[0].node, 0u);
+  EXPECT_EQ(mesh->parts[1].node, 2u);  // the child comes before the next root
+  EXPECT_EQ(mesh->parts[2].node, 1u);
+  EXPECT_EQ(mesh->positions[1], (Vec3d{11, 0, 0}));
+  EXPECT_EQ(mesh->positions[4], (Vec3d{12, 0, 0}));
+  EXPECT_EQ(mesh->positions[6], (Vec3d{0, 0, 7}));
+  EXPECT_EQ(mesh->triangles[2], (std::array<uint32_t, 3>{6, 7, 8}));
+}
+
+TEST(FlattenTest, ANodeOutsideTheSceneIsNotDrawn) {
+  const auto mesh = Flatten(SceneOf({NodeAt(Mat4d{}, 0), NodeAt(Mat4d{}, 0)}, {1}));
+  ASSERT_TRUE(mesh.ok());
+  ASSERT_EQ(mesh->parts.size(), 1u);
+  EXPECT_EQ(mesh->parts[0].node, 1u);
+}
+
+TEST(FlattenTest, NegativeScaleFlipsWindingAndKeepsNormalsOutward) {
+  const auto mesh = Flatten(SceneOf({NodeAt(Scale(1, 1, -1), 0)}, {0}));
+  ASSERT_TRUE(mesh.ok());
+  EXPECT_EQ(mesh->triangles[0], (std::array<uint32_t, 3>{0, 2, 1}));
+  EXPECT_EQ(mesh->normals[0], (Vec3f{0, 0, -1}));  // agrees with the flipped winding
+  const auto twice = Flatten(SceneOf({NodeAt(Scale(-1, 1, -1), 0)}, {0}));
+  EXPECT_EQ(twice->triangles[0], (std::array<uint32_t, 3>{0, 1, 2}));
+}
+
+TEST(FlattenTest, NormalsOfANonUniformScaleStayPerpendicular) {
+  Scene scene = SceneOf({NodeAt(Scale(1, 1, 4), 0)}, {0});
+  const float h = float(std::sqrt(0.5));
+  scene.meshes[0].primitives[0].normals = {{h, 0, h}, {h, 0, h}, {h, 0, h}};
+  const auto mesh = Flatten(scene);
+  ASSERT_TRUE(mesh.ok());
+  // (1, 0, 1) under the inverse transpose of diag(1, 1, 4): (1, 0, 1/4).
+  EXPECT_NEAR(mesh->normals[0].x, 4 / std::sqrt(17.0), 1e-6);
+  EXPECT_NEAR(mesh->normals[0].z, 1 / std::sqrt(17.0), 1e-6);
+}
+
+TEST(FlattenTest, Instances) {
+  Node node = NodeAt(Translation(0, 5, 0), 0);
+  node.instances = {Translation(1, 0, 0), Translation(2, 0, 0), Scale(-1, 1, 1)};
+  const auto mesh = Flatten(SceneOf({node}, {0}));
+  ASSERT_TRUE(mesh.ok());
+  ASSERT_EQ(mesh->triangles.size(), 3u);
+  EXPECT_EQ(mesh->positions[0], (Vec3d{1, 5, 0}));
+  EXPECT_EQ(mesh->positions[3], (Vec3d{2, 5, 0}));
+  EXPECT_EQ(mesh->triangles[2], (std::array<uint32_t, 3>{6, 8, 7}));
+}
+
+TEST(FlattenTest, ASkinIgnoresItsNodesTransform) {
+  Scene scene = SceneOf({NodeAt(Translation(100, 100, 100), 0), NodeAt(Translation(0, 0, 3), -1)}, {0, 1});
+  scene.nodes[0].skin = 0;
+  scene.skins = {Skin{{1}, {Translation(0, 0, -1)}}};
+  Primitive& p = scene.meshes[0].primitives[0];
+  p.joints[0].assign(3, {0, 0, 0, 0});
+  p.weights[0].assign(3, {2, 0, 0, 0});  // not normalized in the file
+  auto mesh = Flatten(scene);
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_EQ(mesh->positions[1], (Vec3d{1, 0, 2}));
+  p.joints[0][2] = {9, 0, 0, 0};
+  mesh = Flatten(scene);
+  EXPECT_EQ(mesh.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(std::string(mesh.status().message()).find("vertex 2"), std::string::npos);
+}
+
+TEST(FlattenTest, AttributesThatOnlySomePartsHave) {
+  Scene scene = SceneOf({NodeAt(Mat4d{}, 0), NodeAt(Mat4d{}, 1)}, {0, 1});
+  scene.meshes.push_back(scene.meshes[0]);
+  scene.meshes[1].primitives[0].normals.clear();
+  scene.meshes[1].primitives[0].colors.assign(3, Vec4f{0.5f, 0, 0, 1});
+  const auto mesh = Flatten(scene);
+  ASSERT_TRUE(mesh.ok());
+  EXPECT_TRUE(mesh->parts[0].has_normals);
+  EXPECT_FALSE(mesh->parts[1].has_normals);
+  EXPECT_EQ(mesh->normals[4], (Vec3f{0, 0, 0}));
+  EXPECT_EQ(mesh->colors[0], (Vec4f{1, 1, 1, 1}));
+  EXPECT_EQ(mesh->colors[3].x, 0.5f);
+}
+
+TEST(FlattenTest, LimitsAreCheckedBeforeAllocation) {
+  Node node = NodeAt(Mat4d{}, 0);
+  node.instances.resize(1000);
+  const Scene scene = SceneOf({node}, {0});
+  LoadLimits limits;
+  limits.max_triangles = 999;
+  EXPECT_EQ(Flatten(scene, limits).status().code(), absl::StatusCode::kResourceExhausted);
+  limits.max_triangles = 1000;
+  limits.max_vertices = 2999;
+  EXPECT_EQ(Flatten(scene, limits).status().code(), absl::StatusCode::kResourceExhausted);
+  limits.max_vertices = 3000;
+  EXPECT_TRUE(Flatten(scene, limits).ok());
+  limits.max_instances = 999;
+  EXPECT_EQ(Flatten(scene, limits).status().code(), absl::StatusCode::kResourceExhausted);
+}
+
+TEST(FlattenTest, OverflowingTransformsAreNamed) {
+  Scene scene = SceneOf({NodeAt(Scale(1e300, 1, 1), 0)}, {0});
+  scene.meshes[0].primitives[0].positions[1].x = std::numeric_limits<float>::max();
+  const auto mesh = Flatten(scene);
+  EXPECT_EQ(mesh.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(std::string(mesh.status().message()).find("node 0, mesh 0, primitive 0, vertex 1"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace voxelpipe

@@ -1,0 +1,67 @@
+#include "shaders/texture.h"
+
+#include <cmath>
+
+#include "gtest/gtest.h"
+#include "shaders/packed_normal.h"
+
+namespace voxelpipe {
+namespace {
+
+// Two by two: black, white / red, blue, all opaque.
+constexpr uint8_t kTexels[16] = {0, 0, 0, 255, 255, 255, 255, 255, 255, 0, 0, 255, 0, 0, 255, 255};
+
+TextureView View(uint8_t wrap, bool nearest) {
+  TextureView t;
+  t.rgba = kTexels;
+  t.width = t.height = 2;
+  t.wrap_s = t.wrap_t = wrap;
+  t.nearest = nearest;
+  return t;
+}
+
+TEST(SrgbTest, MatchesTheTransferFunction) {
+  for (int i = 0; i < 256; ++i) {
+    const double c = i / 255.0, linear = c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4);
+    EXPECT_NEAR(SrgbToLinear(uint8_t(i)), linear, 1e-7) << i;
+  }
+}
+
+TEST(TextureTest, OriginIsTopLeft) {
+  const TextureView t = View(0, true);
+  EXPECT_EQ(SampleSrgb(t, {0.25f, 0.25f}), (Vec4f{0, 0, 0, 1}));
+  EXPECT_EQ(SampleSrgb(t, {0.75f, 0.25f}), (Vec4f{1, 1, 1, 1}));
+  EXPECT_EQ(SampleSrgb(t, {0.25f, 0.75f}), (Vec4f{1, 0, 0, 1}));
+}
+
+TEST(TextureTest, BilinearBlendsInLinearLight) {
+  EXPECT_EQ(SampleSrgb(View(2, false), {0.5f, 0.25f}), (Vec4f{0.5f, 0.5f, 0.5f, 1}));
+  EXPECT_EQ(SampleSrgb(View(2, false), {0.25f, 0.25f}), (Vec4f{0, 0, 0, 1}));
+}
+
+TEST(TextureTest, WrapModes) {
+  for (const int64_t i : {-5, -2, -1, 0, 1, 2, 3, 7}) {
+    EXPECT_EQ(WrapTexel(i, 2, 0), uint32_t(((i % 2) + 2) % 2)) << i;
+    EXPECT_EQ(WrapTexel(i, 2, 2), uint32_t(i < 0 ? 0 : i > 1 ? 1 : i)) << i;
+  }
+  const uint32_t mirrored[] = {1, 0, 0, 1, 1, 0};  // -2 .. 3
+  for (int i = -2; i <= 3; ++i) EXPECT_EQ(WrapTexel(i, 2, 1), mirrored[i + 2]) << i;
+}
+
+TEST(TextureTest, CoordinatesThatAreNoNumbersAreSafe) {
+  for (const float bad : {NAN, INFINITY, -INFINITY, 3e38f}) SampleSrgb(View(0, false), {bad, bad});
+  EXPECT_EQ(SampleSrgb(TextureView{}, {0.5f, 0.5f}), (Vec4f{1, 1, 1, 1}));
+}
+
+TEST(PackedNormalTest, OctahedralCorners) {
+  const auto pack = [](float x, float y, float z) { return PackNormal({x, y, z}); };
+  EXPECT_EQ(pack(0, 0, 1), (128u << 8) | 128u);
+  EXPECT_EQ(pack(1, 0, 0), (255u << 8) | 128u);
+  EXPECT_EQ(pack(-1, 0, 0), 128u);
+  EXPECT_EQ(pack(0, 1, 0), (128u << 8) | 255u);
+  EXPECT_EQ(pack(0, 0, -1), (255u << 8) | 255u);  // folded to the corner
+  EXPECT_EQ(pack(0, 0, 0), (128u << 8) | 128u);   // no normal
+}
+
+}  // namespace
+}  // namespace voxelpipe
