@@ -27,13 +27,17 @@ void HandleInterrupts() {
   sigaction(SIGTERM, &action, nullptr);
 }
 
-int InterruptSignal() { return received; }
+int InterruptSignal() {
+  return received;
+}
 
 CancelOnInterrupt::CancelOnInterrupt(JobContext& job) {
   running = &job;
   if (received != 0) job.Cancel();  // it may have come just before
 }
 
-CancelOnInterrupt::~CancelOnInterrupt() { running = nullptr; }
+CancelOnInterrupt::~CancelOnInterrupt() {
+  running = nullptr;
+}
 
 }  // namespace voxelpipe::cli

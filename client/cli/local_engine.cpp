@@ -69,6 +69,8 @@ class LocalEngine : public Engine {
 
 }  // namespace
 
-std::unique_ptr<Engine> MakeLocalEngine() { return std::make_unique<LocalEngine>(); }
+std::unique_ptr<Engine> MakeLocalEngine() {
+  return std::make_unique<LocalEngine>();
+}
 
 }  // namespace voxelpipe::cli

@@ -18,7 +18,8 @@ struct LoadedMesh {
   double load_ms = 0, flatten_ms = 0;
 };
 
-// Reads, packs, loads and flattens. Errors: those of ReadAndPackMeshFile, LoadScene and Flatten; CANCELLED between the steps.
+// Reads, packs, loads and flattens. Errors: those of ReadAndPackMeshFile, LoadScene and Flatten; CANCELLED between the
+// steps.
 absl::StatusOr<LoadedMesh> LoadMeshFile(const std::string& path, const JobContext& job);
 
 }  // namespace voxelpipe::cli

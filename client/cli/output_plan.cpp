@@ -41,8 +41,8 @@ absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::strin
     const bool directory = NamesDirectory(path);
     const std::string given = FileExtension(path);
     if (inputs.size() > 1 && !directory && IsKnownExtension(given)) {
-      return absl::InvalidArgumentError(
-          absl::StrCat(option, ": '", path, "' names one file, but there are ", inputs.size(), " inputs; give a directory"));
+      return absl::InvalidArgumentError(absl::StrCat(option, ": '", path, "' names one file, but there are ",
+                                                     inputs.size(), " inputs; give a directory"));
     }
     if (directory || inputs.size() > 1) {
       for (size_t i = 0; i < inputs.size(); ++i) plans[i].*member = (fs::path(path) / (stems[i] + extension)).string();
@@ -50,7 +50,8 @@ absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::strin
     }
     if (!IsKnownExtension(given) || (picture && given != ".png")) {
       return absl::InvalidArgumentError(absl::StrCat(option, ": '", path, "': the extension must be ",
-                                                     picture ? ".png" : ".npy, .raw or .png", given.empty() ? ", but there is none" : ""));
+                                                     picture ? ".png" : ".npy, .raw or .png",
+                                                     given.empty() ? ", but there is none" : ""));
     }
     plans[0].*member = path;
     return absl::OkStatus();

@@ -13,10 +13,10 @@ struct OutputPlan {
   std::string preview;  // path of the picture, empty = none
 };
 
-// One plan for each input, in order. `output` and `preview` as typed, empty where not given. With several inputs, or where it is an
-// existing directory or ends in '/', each of the two is a directory: files there are named after the input's stem (.npy for
-// results, .png for pictures), "-2", "-3", ... appended where a name is taken.
-// Errors: INVALID_ARGUMENT for an extension that cannot hold the result, and for a file's name where a directory is needed.
+// One plan for each input, in order. `output` and `preview` as typed, empty where not given. With several inputs, or
+// where it is an existing directory or ends in '/', each of the two is a directory: files there are named after the
+// input's stem (.npy for results, .png for pictures), "-2", "-3", ... appended where a name is taken. Errors:
+// INVALID_ARGUMENT for an extension that cannot hold the result, and for a file's name where a directory is needed.
 absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::string>& inputs, const std::string& output,
                                                     const std::string& preview);
 

@@ -11,7 +11,9 @@ namespace voxelpipe::cli {
 namespace {
 
 // This Abseil is built without std::string_view: its functions take strings.
-std::string Quoted(std::string_view text) { return absl::StrCat("'", std::string(text), "'"); }
+std::string Quoted(std::string_view text) {
+  return absl::StrCat("'", std::string(text), "'");
+}
 
 std::vector<std::string_view> Split(std::string_view text, char separator) {
   std::vector<std::string_view> parts;
@@ -36,8 +38,8 @@ absl::StatusOr<Vec3d> ParseVec3(std::string_view text, bool one_for_all) {
   if (!numbers.ok()) return numbers.status();
   if (one_for_all && numbers->size() == 1) numbers->resize(3, numbers->front());
   if (numbers->size() != 3) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(Quoted(text), " has ", numbers->size(), " numbers; ", one_for_all ? "one or three" : "three", " expected"));
+    return absl::InvalidArgumentError(absl::StrCat(Quoted(text), " has ", numbers->size(), " numbers; ",
+                                                   one_for_all ? "one or three" : "three", " expected"));
   }
   for (const double number : *numbers) {
     if (!std::isfinite(number)) return absl::InvalidArgumentError(absl::StrCat(Quoted(text), " is not finite"));
@@ -69,7 +71,8 @@ absl::StatusOr<std::vector<KeyValue>> ParseKeyValues(std::string_view text) {
 
 absl::Status SetParameter(ShaderCall& call, const KeyValue& pair) {
   absl::StatusOr<std::vector<double>> numbers = ParseNumbers(pair.value, '/');
-  if (!numbers.ok()) return absl::InvalidArgumentError(absl::StrCat(pair.key, ": ", std::string(numbers.status().message())));
+  if (!numbers.ok())
+    return absl::InvalidArgumentError(absl::StrCat(pair.key, ": ", std::string(numbers.status().message())));
   call.parameters[pair.key] = *std::move(numbers);
   return absl::OkStatus();
 }
@@ -78,7 +81,8 @@ absl::Status ParseFormat(std::string_view text, TargetSpec& target) {
   const size_t cross = text.find('x');
   const std::string_view name = text.substr(0, cross);
   const std::optional<VoxelFormat> format = ParseVoxelFormat(name);
-  if (!format) return absl::InvalidArgumentError(absl::StrCat("unknown format ", Quoted(name), "; known are bit and f32"));
+  if (!format)
+    return absl::InvalidArgumentError(absl::StrCat("unknown format ", Quoted(name), "; known are bit and f32"));
   target.format = *format;
   if (cross == std::string_view::npos) return absl::OkStatus();
   const std::string_view count = text.substr(cross + 1);
@@ -103,14 +107,16 @@ absl::Status SetTargetOption(const KeyValue& pair, TargetSpec& target, ShaderCal
                                          : nullptr;
   if (number == nullptr) return SetParameter(own, pair);
   const absl::StatusOr<double> value = ParseNumber(pair.value);
-  if (!value.ok()) return absl::InvalidArgumentError(absl::StrCat(pair.key, ": ", std::string(value.status().message())));
+  if (!value.ok())
+    return absl::InvalidArgumentError(absl::StrCat(pair.key, ": ", std::string(value.status().message())));
   *number = *value;
   return absl::OkStatus();
 }
 
 absl::Status ParseTargetInto(std::string_view text, const ShaderCall& default_shader, TargetSpec& target) {
   const size_t first = text.find(':');
-  if (first == std::string_view::npos) return absl::InvalidArgumentError("a target is FORMAT[xC]:BLEND[:name=value,...]");
+  if (first == std::string_view::npos)
+    return absl::InvalidArgumentError("a target is FORMAT[xC]:BLEND[:name=value,...]");
   if (absl::Status status = ParseFormat(text.substr(0, first), target); !status.ok()) return status;
   std::string_view rest = text.substr(first + 1);
   const size_t second = rest.find(':');
@@ -158,7 +164,9 @@ absl::StatusOr<Vec3d> ParseVoxelSize(std::string_view text) {
   return size;
 }
 
-absl::StatusOr<Vec3d> ParsePoint(std::string_view text) { return ParseVec3(text, false); }
+absl::StatusOr<Vec3d> ParsePoint(std::string_view text) {
+  return ParseVec3(text, false);
+}
 
 absl::StatusOr<std::array<int64_t, 3>> ParseDims(std::string_view text) {
   const std::vector<std::string_view> parts = Split(text, ',');

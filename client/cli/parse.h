@@ -26,16 +26,16 @@ absl::StatusOr<Vec3d> ParsePoint(std::string_view text);
 // "X,Y,Z"; whole numbers of at least 1.
 absl::StatusOr<std::array<int64_t, 3>> ParseDims(std::string_view text);
 
-// "NAME" or "NAME:k=v,k=v"; a vector's numbers are separated by '/': "constant:value=0.5/0.2/1". Neither the name nor the
-// parameters are checked against the catalog.
+// "NAME" or "NAME:k=v,k=v"; a vector's numbers are separated by '/': "constant:value=0.5/0.2/1". Neither the name nor
+// the parameters are checked against the catalog.
 absl::StatusOr<ShaderCall> ParseShaderCall(std::string_view text);
 
 // "FORMAT[xC]:BLEND[:k=v,...]" where k is shader, quantum, clear, fill, scale (integer formats only, so refused), or a
 // parameter of the target's shader. A target without shader= takes `default_shader`, its own parameters laid over it.
 absl::StatusOr<TargetSpec> ParseTarget(std::string_view text, const ShaderCall& default_shader);
 
-// The targets that --target and --shader ask for. Without --target: `bit:or` for occupancy (also where no shader is named),
-// otherwise `f32xC:replace`, C the number of components that the shader gives.
+// The targets that --target and --shader ask for. Without --target: `bit:or` for occupancy (also where no shader is
+// named), otherwise `f32xC:replace`, C the number of components that the shader gives.
 absl::StatusOr<std::vector<TargetSpec>> ResolveTargets(const std::vector<std::string>& targets,
                                                        const std::optional<std::string>& shader);
 

@@ -10,7 +10,9 @@ namespace voxelpipe::cli {
 
 ProgressBar::ProgressBar() : terminal_(isatty(STDERR_FILENO) == 1), last_(Clock::now()) {}
 
-ProgressBar::~ProgressBar() { Clear(); }
+ProgressBar::~ProgressBar() {
+  Clear();
+}
 
 void ProgressBar::Show(std::string_view stage, double fraction) {
   using std::chrono::milliseconds;

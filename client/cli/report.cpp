@@ -126,12 +126,15 @@ std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
   row("grid", absl::StrCat(dims[0], " x ", dims[1], " x ", dims[2], " voxels of ",
                            h.x == h.y && h.y == h.z ? absl::StrFormat("%.6g", h.x)
                                                     : absl::StrFormat("%.6g x %.6g x %.6g", h.x, h.y, h.z)));
-  row("occupied", absl::StrCat(WithCommas(stats.occupied), absl::StrFormat(" (%.2f %%), ", 100.0 * double(stats.occupied) / double(result.grid.voxels())),
-                               WithCommas(stats.fragments), " fragments"));
+  row("occupied",
+      absl::StrCat(WithCommas(stats.occupied),
+                   absl::StrFormat(" (%.2f %%), ", 100.0 * double(stats.occupied) / double(result.grid.voxels())),
+                   WithCommas(stats.fragments), " fragments"));
   if (stats.odd_columns) row("odd columns", WithCommas(*stats.odd_columns));
   if (run.open_edges) row("open edges", WithCommas(*run.open_edges));
   for (size_t i = 0; i < result.specs.size(); ++i) {
-    row(i == 0 ? "targets" : "", absl::StrCat(DescribeTarget(result.specs[i]), ", ", HumanBytes(result.targets[i].size())));
+    row(i == 0 ? "targets" : "",
+        absl::StrCat(DescribeTarget(result.specs[i]), ", ", HumanBytes(result.targets[i].size())));
   }
   row("backend", absl::StrCat(stats.backend, ", ", stats.simd, run.server_peak_bytes ? ", on the server" : ""));
   row("peak memory", HumanBytes(report.peak_bytes));
@@ -143,7 +146,8 @@ std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
   row("stages, ms", stages);
   std::string total = absl::StrFormat("%.1f ms, %.1f ms of CPU", times.voxelize_ms, times.voxelize_cpu_ms);
   if (run.runs.size() > 1) {
-    absl::StrAppend(&total, absl::StrFormat(" (medians of %d; least CPU %.1f ms)", int(run.runs.size()), times.voxelize_cpu_ms_min));
+    absl::StrAppend(&total, absl::StrFormat(" (medians of %d; least CPU %.1f ms)", int(run.runs.size()),
+                                            times.voxelize_cpu_ms_min));
   }
   row("voxelize", total);
   for (size_t i = 0; i < report.files.size(); ++i) row(i == 0 ? "wrote" : "", report.files[i]);

@@ -16,8 +16,8 @@ absl::Status AtOption(const char* option, const absl::Status& status) {
 }
 
 template <typename T>
-absl::Status Read(const char* option, const std::optional<std::string>& text, absl::StatusOr<T> (*parse)(std::string_view),
-                  std::optional<T>& value) {
+absl::Status Read(const char* option, const std::optional<std::string>& text,
+                  absl::StatusOr<T> (*parse)(std::string_view), std::optional<T>& value) {
   if (!text) return absl::OkStatus();
   absl::StatusOr<T> parsed = parse(*text);
   if (!parsed.ok()) return AtOption(option, parsed.status());
@@ -26,8 +26,8 @@ absl::Status Read(const char* option, const std::optional<std::string>& text, ab
 }
 
 template <typename T, size_t N>
-absl::Status Choose(const char* option, const std::string& text, const std::array<std::pair<const char*, T>, N>& choices,
-                    T& value) {
+absl::Status Choose(const char* option, const std::string& text,
+                    const std::array<std::pair<const char*, T>, N>& choices, T& value) {
   std::string known;
   for (const auto& [name, choice] : choices) {
     if (text == name) {
@@ -58,7 +58,8 @@ absl::Status BuildGrid(const RequestOptions& options, GridRequest& grid) {
   }
   if (options.padding < 0) return absl::InvalidArgumentError("--padding: at least 0 voxels");
   grid.padding = options.padding;
-  constexpr std::array<std::pair<const char*, GridFit>, 2> kFits = {{{"tight", GridFit::kTight}, {"cube", GridFit::kCube}}};
+  constexpr std::array<std::pair<const char*, GridFit>, 2> kFits = {
+      {{"tight", GridFit::kTight}, {"cube", GridFit::kCube}}};
   return options.fit ? Choose("--fit", *options.fit, kFits, grid.fit) : absl::OkStatus();
 }
 

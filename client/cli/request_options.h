@@ -27,8 +27,8 @@ struct RequestOptions {
   int threads = 0;
 };
 
-// INVALID_ARGUMENT naming the option at fault: a text that cannot be read, options that exclude one another, a shader, blend or
-// parameter that does not exist.
+// INVALID_ARGUMENT naming the option at fault: a text that cannot be read, options that exclude one another, a shader,
+// blend or parameter that does not exist.
 absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& options);
 
 }  // namespace voxelpipe::cli

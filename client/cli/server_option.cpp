@@ -1,18 +1,38 @@
 #include "server_option.h"
 
-#ifdef VOXELPIPE_HAVE_SERVICE
-#include "remote_engine.h"
-#endif
-
 namespace voxelpipe::cli {
 
-absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server) {
-  if (server.empty()) return MakeLocalEngine();
 #ifdef VOXELPIPE_HAVE_SERVICE
-  return MakeRemoteEngine(server);
+
+// The rest is in remote_engine.cpp.
+absl::Status CheckServerOption(const std::string&) {
+  return absl::OkStatus();
+}
+
 #else
+
+absl::Status CheckServerOption(const std::string& server) {
+  if (server.empty()) return absl::OkStatus();
   return absl::UnimplementedError("--server: this build was made without the service");
+}
+
+absl::StatusOr<MeshReport> RemoteReport(const std::string& server, const std::string&, const JobContext&) {
+  return CheckServerOption(server);
+}
+
+absl::StatusOr<std::string> DescribeServer(const std::string& server, bool) {
+  return CheckServerOption(server);
+}
+
+std::unique_ptr<Engine> MakeRemoteEngine(const std::string&) {
+  return nullptr;
+}
+
 #endif
+
+absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server) {
+  if (absl::Status status = CheckServerOption(server); !status.ok()) return status;
+  return server.empty() ? MakeLocalEngine() : MakeRemoteEngine(server);
 }
 
 }  // namespace voxelpipe::cli

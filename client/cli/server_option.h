@@ -4,12 +4,27 @@
 #include <memory>
 #include <string>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "engine.h"
+#include "mesh/report.h"
 
 namespace voxelpipe::cli {
 
-// Without a server (empty), the core in this process. UNIMPLEMENTED where this build has no service.
+// UNIMPLEMENTED where a server is named and this build has no service.
+absl::Status CheckServerOption(const std::string& server);
+
+// Without a server (empty) the core in this process. Errors: those of CheckServerOption.
 absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server);
+
+// What the server sees in the mesh file at `path`.
+absl::StatusOr<MeshReport> RemoteReport(const std::string& server, const std::string& path, const JobContext& job);
+
+// The text of `server-info`: a short table, or one JSON object.
+absl::StatusOr<std::string> DescribeServer(const std::string& server, bool json);
+
+// For server_option.cpp: the engine that calls a server. Connects when it is first used.
+std::unique_ptr<Engine> MakeRemoteEngine(const std::string& server);
 
 }  // namespace voxelpipe::cli

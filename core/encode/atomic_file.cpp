@@ -14,7 +14,9 @@
 namespace voxelpipe {
 namespace {
 
-absl::Status SystemError(int error, const std::string& what) { return absl::ErrnoToStatus(error, what); }
+absl::Status SystemError(int error, const std::string& what) {
+  return absl::ErrnoToStatus(error, what);
+}
 
 }  // namespace
 

@@ -11,7 +11,8 @@
 
 namespace voxelpipe {
 
-// Created beside `path` under a temporary name; Commit() renames it. Destroyed without Commit(), it leaves nothing behind.
+// Created beside `path` under a temporary name; Commit() renames it. Destroyed without Commit(), it leaves nothing
+// behind.
 class AtomicFile {
  public:
   // The system's error, with the path, if the file cannot be created.

@@ -12,7 +12,8 @@
 
 namespace voxelpipe {
 
-// The extension decides: .raw (target bytes as they are), .npy (bit: uint8 0/1; f32: float32; shape (nz, ny, nx[, c]), planar
+// The extension decides: .raw (target bytes as they are), .npy (bit: uint8 0/1; f32: float32; shape (nz, ny, nx[, c]),
+// planar
 // ([c,] nz, ny, nx)), .png (one preview picture, see png_preview.h). Lower case, with the dot; empty if there is none.
 std::string FileExtension(std::string_view path);
 bool IsKnownExtension(std::string_view extension);
@@ -20,10 +21,10 @@ bool IsKnownExtension(std::string_view extension);
 // The files that WriteResult will write: one, or OUT.<index>.ext for each target where there are several (.npy, .raw).
 std::vector<std::string> OutputPaths(const std::string& path, size_t target_count);
 
-// Writes `result` to `path` in the format of its extension, each file under a temporary name and then renamed. `job`, if
-// given, is asked between pieces; a job that stops leaves no file.
-// Errors: INVALID_ARGUMENT for an unknown extension; CANCELLED, DEADLINE_EXCEEDED; RESOURCE_EXHAUSTED out of memory;
-// otherwise the system's error with the path.
+// Writes `result` to `path` in the format of its extension, each file under a temporary name and then renamed. `job`,
+// if given, is asked between pieces; a job that stops leaves no file. Errors: INVALID_ARGUMENT for an unknown
+// extension; CANCELLED, DEADLINE_EXCEEDED; RESOURCE_EXHAUSTED out of memory; otherwise the system's error with the
+// path.
 absl::Status WriteResult(const VoxelizeResult& result, const std::string& path, const JobContext* job = nullptr);
 
 }  // namespace voxelpipe

@@ -31,7 +31,8 @@ absl::StatusOr<Picture> Draw(const VoxelizeResult& result, const PreviewOptions&
   const int margin = std::max(2, options.width / 64);
   const int slice_height = (options.height - 4 * margin) / 3;
   for (int axis = 0; axis < 3; ++axis) {
-    const PixelRect rect{view.width + margin, margin + axis * (slice_height + margin), column - 2 * margin, slice_height};
+    const PixelRect rect{view.width + margin, margin + axis * (slice_height + margin), column - 2 * margin,
+                         slice_height};
     DrawSlice(*volume, colours, result.grid, axis, rect, canvas);
   }
   return canvas.ToPicture();
@@ -43,8 +44,8 @@ absl::StatusOr<Picture> RenderPreview(const VoxelizeResult& result, const Previe
                                       const JobContext* job) {
   constexpr int kMaxSide = 16384, kMaxSamples = 8;
   if (std::min(options.width, options.height) < 64 || std::max(options.width, options.height) > kMaxSide) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("preview size ", options.width, "x", options.height, ": each side takes 64 to ", kMaxSide, " pixels"));
+    return absl::InvalidArgumentError(absl::StrCat("preview size ", options.width, "x", options.height,
+                                                   ": each side takes 64 to ", kMaxSide, " pixels"));
   }
   if (options.samples < 1 || options.samples > kMaxSamples) {
     return absl::InvalidArgumentError(absl::StrCat("preview samples ", options.samples, ": 1 to ", kMaxSamples));

@@ -17,13 +17,12 @@ struct PreviewOptions {
 };
 
 // In: a result with at least one target. What is drawn as solid: the set bits of the first bit target; without one, the
-// voxels of the first target with a component that is not `clear`. Its colour: the first f32 target with 3 or 4 components as
-// linear RGB (unit vectors of the normal shaders mapped to [0, 1]); otherwise the first f32 target of fewer components through a
-// colour map from its smallest to its largest value; otherwise one clay colour.
-// Out: the picture, sRGB; +Y is up, the view comes from +X +Y +Z. The slices are those of index n/2: x seen from +X, y from +Y, z
-// from +Z. Work grows with the pixels and, by one pass over the bits, with the voxels.
-// Errors: INVALID_ARGUMENT for options out of range or a result without targets; CANCELLED; DEADLINE_EXCEEDED;
-// RESOURCE_EXHAUSTED out of memory.
+// voxels of the first target with a component that is not `clear`. Its colour: the first f32 target with 3 or 4
+// components as linear RGB (unit vectors of the normal shaders mapped to [0, 1]); otherwise the first f32 target of
+// fewer components through a colour map from its smallest to its largest value; otherwise one clay colour. Out: the
+// picture, sRGB; +Y is up, the view comes from +X +Y +Z. The slices are those of index n/2: x seen from +X, y from +Y,
+// z from +Z. Work grows with the pixels and, by one pass over the bits, with the voxels. Errors: INVALID_ARGUMENT for
+// options out of range or a result without targets; CANCELLED; DEADLINE_EXCEEDED; RESOURCE_EXHAUSTED out of memory.
 absl::StatusOr<Picture> RenderPreview(const VoxelizeResult& result, const PreviewOptions& options = {},
                                       const JobContext* job = nullptr);
 

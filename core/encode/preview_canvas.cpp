@@ -30,7 +30,9 @@ constexpr Glyph kGlyphs[] = {
     {'/', {"    #", "    #", "   # ", "  #  ", " #   ", "#    ", "#    "}},
 };
 
-float ToLinear(float s) { return s <= 0.04045f ? s / 12.92f : std::pow((s + 0.055f) / 1.055f, 2.4f); }
+float ToLinear(float s) {
+  return s <= 0.04045f ? s / 12.92f : std::pow((s + 0.055f) / 1.055f, 2.4f);
+}
 
 float ToSrgb(float l) {
   l = std::clamp(l, 0.0f, 1.0f);
@@ -40,7 +42,8 @@ float ToSrgb(float l) {
 }  // namespace
 
 Vec3f FromSrgb(unsigned rgb) {
-  return {ToLinear(float(rgb >> 16 & 255) / 255), ToLinear(float(rgb >> 8 & 255) / 255), ToLinear(float(rgb & 255) / 255)};
+  return {ToLinear(float(rgb >> 16 & 255) / 255), ToLinear(float(rgb >> 8 & 255) / 255),
+          ToLinear(float(rgb & 255) / 255)};
 }
 
 void Canvas::Blend(int x, int y, Vec3f colour, float opacity) {
@@ -93,7 +96,8 @@ Picture Canvas::ToPicture() const {
       // Indexed by the square root, which spreads the dark end where the curve is steep.
       const float position = 4096 * std::sqrt(std::clamp(pixels_[n][c], 0.0f, 1.0f));
       const int index = std::min(4095, int(position));
-      const float value = table[size_t(index)] + (table[size_t(index) + 1] - table[size_t(index)]) * (position - float(index));
+      const float value =
+          table[size_t(index)] + (table[size_t(index) + 1] - table[size_t(index)]) * (position - float(index));
       picture.rgb[3 * n + size_t(c)] = uint8_t(std::clamp(value + dither, 0.0f, 255.0f));
     }
   }

@@ -56,7 +56,8 @@ void PreviewColours::FindRange(const PreviewVolume& volume) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   const auto& dims = volume.dims();
   const Range range = tbb::parallel_reduce(
-      tbb::blocked_range<int64_t>(volume.lo()[2], std::max(volume.lo()[2], volume.hi()[2])), Range{kInfinity, -kInfinity},
+      tbb::blocked_range<int64_t>(volume.lo()[2], std::max(volume.lo()[2], volume.hi()[2])),
+      Range{kInfinity, -kInfinity},
       [&](const auto& slab, Range found) {
         for (int64_t k = slab.begin(); k < slab.end(); ++k) {
           for (int64_t j = 0; j < dims[1]; ++j) {
@@ -71,7 +72,9 @@ void PreviewColours::FindRange(const PreviewVolume& volume) {
         }
         return found;
       },
-      [](const Range& a, const Range& b) { return Range{std::min(a.first, b.first), std::max(a.second, b.second)}; });
+      [](const Range& a, const Range& b) {
+        return Range{std::min(a.first, b.first), std::max(a.second, b.second)};
+      });
   low_ = range.first;
   high_ = range.second;
 }

@@ -1,6 +1,7 @@
-// Orthographic rays through the voxels; ambient occlusion by a few cones through the density pyramid (C. Crassin et al.,
-// "Interactive Indirect Illumination Using Voxel Cone Tracing", Pacific Graphics 2011, reduced to occlusion), corner darkening
-// of voxel faces (M. Lysenko, "Ambient occlusion for Minecraft-like worlds", 2013), and one shadow ray.
+// Orthographic rays through the voxels; ambient occlusion by a few cones through the density pyramid (C. Crassin et
+// al., "Interactive Indirect Illumination Using Voxel Cone Tracing", Pacific Graphics 2011, reduced to occlusion),
+// corner darkening of voxel faces (M. Lysenko, "Ambient occlusion for Minecraft-like worlds", 2013), and one shadow
+// ray.
 #include "encode/preview_shade.h"
 
 #include <tbb/blocked_range2d.h>
@@ -67,9 +68,9 @@ class Shader {
   const PreviewVolume& volume_;
   const PreviewColours& colours_;
   Vec3d scale_, right_, up_, eye_, light_;
-  Vec3d centre_;           // scaled, of the solid box
-  double radius_ = 1;      // scaled, of the solid box
-  double pixels_ = 1;      // a unit of scaled space
+  Vec3d centre_;                        // scaled, of the solid box
+  double radius_ = 1;                   // scaled, of the solid box
+  double pixels_ = 1;                   // a unit of scaled space
   double middle_x_ = 0, middle_y_ = 0;  // where the picture shows centre_, pixels
 };
 
@@ -275,7 +276,8 @@ Vec3f Shader::Pixel(int px, int py, int samples) const {
     }
   }
   // The ground is smooth: one look at it serves all rays that miss.
-  if (missed > 0) sum = sum + Ground((px + 0.5 - middle_x_) / pixels_, (middle_y_ - py - 0.5) / pixels_) * float(missed);
+  if (missed > 0)
+    sum = sum + Ground((px + 0.5 - middle_x_) / pixels_, (middle_y_ - py - 0.5) / pixels_) * float(missed);
   return sum * (1.0f / float(samples * samples));
 }
 
@@ -288,7 +290,8 @@ void DrawAxes(const Shader& shader, const PixelRect& rect, Canvas& canvas) {
   for (const int a : {2, 0, 1}) {
     const double dx = shader.right()[a] * length, dy = -shader.up()[a] * length;
     canvas.Line(x, y, x + dx, y + dy, std::max(1.5, length / 16), colours[size_t(a)]);
-    canvas.Text(int(x + 1.3 * dx - 2.5 * dot), int(y + 1.3 * dy - 3.5 * dot), dot, kNames[size_t(a)], colours[size_t(a)]);
+    canvas.Text(int(x + 1.3 * dx - 2.5 * dot), int(y + 1.3 * dy - 3.5 * dot), dot, kNames[size_t(a)],
+                colours[size_t(a)]);
   }
 }
 
@@ -316,7 +319,8 @@ absl::Status DrawIsometric(const PreviewVolume& volume, const PreviewColours& co
       }
     }
   };
-  tbb::parallel_for(tbb::blocked_range2d<int>(rect.y, rect.y + rect.height, kTile, rect.x, rect.x + rect.width, kTile), draw);
+  tbb::parallel_for(tbb::blocked_range2d<int>(rect.y, rect.y + rect.height, kTile, rect.x, rect.x + rect.width, kTile),
+                    draw);
   if (stopped) return job->Check();
   DrawAxes(shader, rect, canvas);
   return absl::OkStatus();

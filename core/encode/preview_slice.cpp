@@ -69,8 +69,8 @@ void DrawSlice(const PreviewVolume& volume, const PreviewColours& colours, const
   });
 
   const double x0 = left - 0.5, y0 = top - 0.5, x1 = left + width + 0.5, y1 = top + height + 0.5;
-  for (const auto& [ax, ay, bx, by] :
-       {std::array{x0, y0, x1, y0}, std::array{x1, y0, x1, y1}, std::array{x1, y1, x0, y1}, std::array{x0, y1, x0, y0}}) {
+  for (const auto& [ax, ay, bx, by] : {std::array{x0, y0, x1, y0}, std::array{x1, y0, x1, y1},
+                                       std::array{x1, y1, x0, y1}, std::array{x0, y1, x0, y0}}) {
     canvas.Line(ax, ay, bx, by, 1, frame);
   }
   constexpr std::array<const char*, 3> kNames = {"x", "y", "z"};

@@ -1,6 +1,6 @@
-// Ray traversal after J. Amanatides and A. Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987, inside
-// cells that hold something; empty cells are leapt over by their Chebyshev distance (D. Cohen and Z. Sheffer, "Proximity
-// clouds", The Visual Computer 1994).
+// Ray traversal after J. Amanatides and A. Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987,
+// inside cells that hold something; empty cells are leapt over by their Chebyshev distance (D. Cohen and Z. Sheffer,
+// "Proximity clouds", The Visual Computer 1994).
 #include "encode/preview_volume.h"
 
 #include <tbb/blocked_range.h>
@@ -20,7 +20,8 @@ namespace {
 constexpr uint64_t kMaxCells = uint64_t{1} << 22;
 
 // Sets the bits of the voxels of `values` that have a component other than `clear`.
-std::vector<uint8_t> BitsOfValues(const TargetSpec& spec, Layout layout, std::span<const uint8_t> bytes, uint64_t voxels) {
+std::vector<uint8_t> BitsOfValues(const TargetSpec& spec, Layout layout, std::span<const uint8_t> bytes,
+                                  uint64_t voxels) {
   const auto* values = reinterpret_cast<const float*>(bytes.data());
   const float clear = float(spec.clear);
   const uint64_t voxel_stride = layout == Layout::kPlanar ? 1 : uint64_t(spec.components);
@@ -271,7 +272,8 @@ float PreviewVolume::Density(int level, const Vec3d& p) const {
     const int dx = corner & 1, dy = corner >> 1 & 1, dz = corner >> 2;
     const int64_t i = base[0] + dx, j = base[1] + dy, k = base[2] + dz;
     if (i < 0 || j < 0 || k < 0 || i >= data.dims[0] || j >= data.dims[1] || k >= data.dims[2]) continue;
-    const float w = (dx ? weight[0] : 1 - weight[0]) * (dy ? weight[1] : 1 - weight[1]) * (dz ? weight[2] : 1 - weight[2]);
+    const float w =
+        (dx ? weight[0] : 1 - weight[0]) * (dy ? weight[1] : 1 - weight[1]) * (dz ? weight[2] : 1 - weight[2]);
     sum += w * float(data.density[size_t(i + data.dims[0] * (j + data.dims[1] * k))]);
   }
   return sum * (1.0f / 255.0f);

@@ -1,4 +1,5 @@
-// What the preview sees of a result: voxels that are solid, coarse cells to leap over empty space, densities for soft light.
+// What the preview sees of a result: voxels that are solid, coarse cells to leap over empty space, densities for soft
+// light.
 #pragma once
 
 #include <algorithm>
@@ -18,8 +19,8 @@ namespace voxelpipe {
 struct PreviewHit {
   bool hit = false;
   std::array<int64_t, 3> voxel{};
-  int axis = 0;    // of the face that the ray enters through
-  double t = 0;    // along the ray
+  int axis = 0;  // of the face that the ray enters through
+  double t = 0;  // along the ray
 };
 
 // Positions are in index space. Borrows the bits of the result where it has a bit target; the result must outlive it.
@@ -83,10 +84,11 @@ class PreviewVolume {
 
   std::array<int64_t, 3> dims_{}, lo_{}, hi_{};
   std::span<const uint8_t> bits_;
-  std::vector<uint8_t> own_bits_;   // where the result has no bit target
-  int64_t cell_ = 1;                // voxels a side of a cell of level 0, a power of two
+  std::vector<uint8_t> own_bits_;  // where the result has no bit target
+  int64_t cell_ = 1;               // voxels a side of a cell of level 0, a power of two
   std::vector<Level> levels_;
-  std::vector<uint8_t> distance_;   // per cell of level 0: Chebyshev distance to the nearest cell with anything, 0 = itself
+  std::vector<uint8_t>
+      distance_;  // per cell of level 0: Chebyshev distance to the nearest cell with anything, 0 = itself
 };
 
 }  // namespace voxelpipe

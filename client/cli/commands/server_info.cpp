@@ -1,9 +1,6 @@
 #include "commands/commands.h"
 #include "report.h"
-
-#ifdef VOXELPIPE_HAVE_SERVICE
-#include "remote_engine.h"
-#endif
+#include "server_option.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -13,16 +10,15 @@ struct ServerInfoArguments {
   bool json = false;
 };
 
-int ServerInfo([[maybe_unused]] const ServerInfoArguments& arguments) {
-#ifdef VOXELPIPE_HAVE_SERVICE
+int ServerInfo(const ServerInfoArguments& arguments) {
+  if (const absl::Status status = CheckServerOption(arguments.server); !status.ok()) {
+    PrintError("", status);
+    return 2;
+  }
   const absl::StatusOr<std::string> text = DescribeServer(arguments.server, arguments.json);
   const absl::Status status = text.ok() ? PrintLine(*text) : text.status();
   if (!status.ok()) PrintError(arguments.server, status);
   return status.ok() ? 0 : 1;
-#else
-  PrintError("", "server-info: this build was made without the service");
-  return 2;
-#endif
 }
 
 }  // namespace

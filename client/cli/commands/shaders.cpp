@@ -10,7 +10,9 @@
 namespace voxelpipe::cli {
 namespace {
 
-const char* StageName(ShaderStage stage) { return stage == ShaderStage::kVertex ? "vertex" : "fragment"; }
+const char* StageName(ShaderStage stage) {
+  return stage == ShaderStage::kVertex ? "vertex" : "fragment";
+}
 
 nlohmann::ordered_json ShadersJson(const std::vector<ShaderInfo>& shaders) {
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
@@ -50,8 +52,8 @@ std::string ShadersTable(const std::vector<ShaderInfo>& shaders) {
       if (shader.output_components > 1) absl::StrAppend(&gives, "x", shader.output_components);
       absl::StrAppend(&table, absl::StrFormat("\n  %-18s %-9s ", shader.name, gives), shader.description);
       for (const ShaderParameterInfo& parameter : shader.parameters) {
-        absl::StrAppend(&table, "\n      ", parameter.name, "=", Typed(parameter.default_value), "  ", parameter.type, ": ",
-                        parameter.description);
+        absl::StrAppend(&table, "\n      ", parameter.name, "=", Typed(parameter.default_value), "  ", parameter.type,
+                        ": ", parameter.description);
       }
     }
   }

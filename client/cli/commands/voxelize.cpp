@@ -54,8 +54,8 @@ absl::Status WriteFiles(const EngineRun& run, const OutputPlan& plan, const JobC
   return absl::OkStatus();
 }
 
-absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputPlan& plan, const VoxelizeRequest& request,
-                         const VoxelizeArguments& arguments) {
+absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputPlan& plan,
+                         const VoxelizeRequest& request, const VoxelizeArguments& arguments) {
   ProgressBar bar;
   JobContext job([&bar](std::string_view stage, double fraction) { bar.Show(stage, fraction); });
   const CancelOnInterrupt cancel(job);
@@ -70,8 +70,9 @@ absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputP
     if (absl::Status status = WriteFiles(*run, plan, job, report); !status.ok()) return status;
     report.peak_bytes = run->server_peak_bytes.value_or(ProcessPeakBytes());
     bar.Clear();
-    return PrintLine(arguments.json ? VoxelizeJson(*run, report).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
-                                    : VoxelizeTable(*run, report));
+    return PrintLine(arguments.json
+                         ? VoxelizeJson(*run, report).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
+                         : VoxelizeTable(*run, report));
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");
   }
@@ -87,7 +88,8 @@ int Voxelize(const VoxelizeArguments& arguments) {
   if (arguments.repeat < 1) return wrong_option(absl::InvalidArgumentError("--repeat: at least 1"));
   const absl::StatusOr<VoxelizeRequest> request = BuildRequest(arguments.request);
   if (!request.ok()) return wrong_option(request.status());
-  const absl::StatusOr<std::vector<OutputPlan>> plans = PlanOutputs(arguments.inputs, arguments.output, arguments.preview);
+  const absl::StatusOr<std::vector<OutputPlan>> plans =
+      PlanOutputs(arguments.inputs, arguments.output, arguments.preview);
   if (!plans.ok()) return wrong_option(plans.status());
   const absl::StatusOr<std::unique_ptr<Engine>> engine = MakeEngine(arguments.server);
   if (!engine.ok()) return wrong_option(engine.status());
@@ -109,10 +111,14 @@ int Voxelize(const VoxelizeArguments& arguments) {
 void AddGridOptions(CLI::App& command, RequestOptions& request) {
   const std::string group = "Grid";
   command.add_option("--resolution", request.resolution, "Voxels along the longest extent (default 128)")->group(group);
-  command.add_option("--voxel-size", request.voxel_size, "Voxel size H, or HX,HY,HZ, in the mesh's units")->group(group);
-  command.add_option("--dims", request.dims, "Dims X,Y,Z of a grid given by --dims, --origin and --voxel-size")->group(group);
-  command.add_option("--origin", request.origin, "Origin X,Y,Z of that grid: the corner of its first voxel")->group(group);
-  command.add_option("--fit", request.fit, "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N")
+  command.add_option("--voxel-size", request.voxel_size, "Voxel size H, or HX,HY,HZ, in the mesh's units")
+      ->group(group);
+  command.add_option("--dims", request.dims, "Dims X,Y,Z of a grid given by --dims, --origin and --voxel-size")
+      ->group(group);
+  command.add_option("--origin", request.origin, "Origin X,Y,Z of that grid: the corner of its first voxel")
+      ->group(group);
+  command
+      .add_option("--fit", request.fit, "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N")
       ->group(group);
   command.add_option("--padding", request.padding, "Empty voxels on every side")->group(group)->capture_default_str();
 }
@@ -120,22 +126,34 @@ void AddGridOptions(CLI::App& command, RequestOptions& request) {
 void AddShadingOptions(CLI::App& command, RequestOptions& request) {
   const std::string group = "Voxels and values";
   command.add_option("--coverage", request.coverage, "Which voxels a triangle covers: conservative, thin or center")
-      ->group(group)->capture_default_str();
+      ->group(group)
+      ->capture_default_str();
   command.add_option("--fill", request.fill, "Fill the inside: none or parity")->group(group)->capture_default_str();
   command
-      .add_option("--shader", request.shader,
-                  "NAME[:k=v,...]: the fragment shader of every target that names none. A vector's numbers are separated by "
-                  "'/', e.g. constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them")
-      ->group(group)->type_name("SHADER");
+      .add_option(
+          "--shader", request.shader,
+          "NAME[:k=v,...]: the fragment shader of every target that names none. A vector's numbers are separated by "
+          "'/', e.g. constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them")
+      ->group(group)
+      ->type_name("SHADER");
   command.add_option("--vertex-shader", request.vertex_shader, "NAME[:k=v,...]: the vertex shader (default identity)")
-      ->group(group)->type_name("SHADER");
+      ->group(group)
+      ->type_name("SHADER");
   command
-      .add_option("--target", request.targets,
-                  "FORMAT[xC]:BLEND[:shader=NAME,quantum=..,clear=..,fill=..]: a render target; further k=v belong to its shader. "
-                  "Formats bit, f32 with C = 1 to 4; blends or, replace (bit), replace, min, max, add (f32). May be given several times. "
-                  "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C as many as the shader gives")
-      ->group(group)->type_name("TARGET")->allow_extra_args(false)->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  command.add_option("--layout", request.layout, "Order of components: interleaved or planar")->group(group)->capture_default_str();
+      .add_option(
+          "--target", request.targets,
+          "FORMAT[xC]:BLEND[:shader=NAME,quantum=..,clear=..,fill=..]: a render target; further k=v belong to its "
+          "shader. "
+          "Formats bit, f32 with C = 1 to 4; blends or, replace (bit), replace, min, max, add (f32). May be given "
+          "several times. "
+          "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C as many as the shader gives")
+      ->group(group)
+      ->type_name("TARGET")
+      ->allow_extra_args(false)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  command.add_option("--layout", request.layout, "Order of components: interleaved or planar")
+      ->group(group)
+      ->capture_default_str();
 }
 
 }  // namespace
@@ -144,11 +162,14 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<VoxelizeArguments>();
   CLI::App* command = app.add_subcommand("voxelize", "Voxelize meshes");
   command->add_option("IN", arguments->inputs, "Mesh files: .glb, .gltf, .drc")->required()->type_name("FILE");
-  command->add_option("-o,--output", arguments->output,
-                      "Where the result goes; the extension decides: .npy, .raw, .png (a picture). Several targets into .npy or "
-                      ".raw: OUT.<index>.ext. With several IN a directory. Without it only the summary is printed")
+  command
+      ->add_option(
+          "-o,--output", arguments->output,
+          "Where the result goes; the extension decides: .npy, .raw, .png (a picture). Several targets into .npy or "
+          ".raw: OUT.<index>.ext. With several IN a directory. Without it only the summary is printed")
       ->type_name("OUT");
-  command->add_option("--preview", arguments->preview, "Also write a picture: a shaded view and three slices")->type_name("PNG");
+  command->add_option("--preview", arguments->preview, "Also write a picture: a shaded view and three slices")
+      ->type_name("PNG");
   command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");
   command->add_option("--server", arguments->server, "Voxelize on this server instead of in this process")
       ->type_name("HOST:PORT");
@@ -156,12 +177,16 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   AddShadingOptions(*command, arguments->request);
   const std::string group = "Execution";
   command->add_option("--result", arguments->result, "Kind of result: dense")->group(group)->capture_default_str();
-  command->add_option("--backend", arguments->request.backend, "auto, cpu or cuda")->group(group)->capture_default_str();
+  command->add_option("--backend", arguments->request.backend, "auto, cpu or cuda")
+      ->group(group)
+      ->capture_default_str();
   command->add_option("--threads", arguments->request.threads, "Threads of the CPU backend, 0 = all cores")
-      ->group(group)->capture_default_str();
+      ->group(group)
+      ->capture_default_str();
   command->add_option("--simd", arguments->simd, "auto or scalar")->group(group)->capture_default_str();
   command->add_option("--repeat", arguments->repeat, "Run the pipeline N times on the loaded mesh and print medians")
-      ->group(group)->capture_default_str();
+      ->group(group)
+      ->capture_default_str();
   command->callback([arguments, &exit_code] { exit_code = Voxelize(*arguments); });
 }
 

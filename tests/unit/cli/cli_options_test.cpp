@@ -8,12 +8,12 @@ namespace voxelpipe {
 namespace {
 
 using testing::CliOutcome;
+using ::testing::HasSubstr;
 using testing::LineCount;
+using ::testing::Not;
 using testing::RunCli;
 using testing::TemporaryDirectory;
 using testing::WriteBoxGlb;
-using ::testing::HasSubstr;
-using ::testing::Not;
 
 class CliOptions : public ::testing::Test {
  protected:
@@ -29,8 +29,11 @@ class CliOptions : public ::testing::Test {
 };
 
 TEST_F(CliOptions, HelpExplainsAndSucceeds) {
-  for (const std::vector<std::string>& arguments :
-       {std::vector<std::string>{"--help"}, {"voxelize", "--help"}, {"info", "--help"}, {"shaders", "--help"}, {"server-info", "--help"}}) {
+  for (const std::vector<std::string>& arguments : {std::vector<std::string>{"--help"},
+                                                    {"voxelize", "--help"},
+                                                    {"info", "--help"},
+                                                    {"shaders", "--help"},
+                                                    {"server-info", "--help"}}) {
     const CliOutcome outcome = RunCli(arguments);
     EXPECT_EQ(outcome.exit_code, 0);
     EXPECT_EQ(outcome.err, "");
@@ -92,7 +95,8 @@ TEST_F(CliOptions, WrongOptionsExitWith2AndOneLine) {
 TEST_F(CliOptions, FailedJobsExitWith1AndOneLineNamingTheFile) {
   std::ofstream(directory_ / "bad.glb") << "glTF but not really";
   std::ofstream(directory_ / "empty.glb");
-  for (const std::string& path : {directory_ / "missing.glb", directory_ / "bad.glb", directory_ / "empty.glb", directory_.path().string()}) {
+  for (const std::string& path :
+       {directory_ / "missing.glb", directory_ / "bad.glb", directory_ / "empty.glb", directory_.path().string()}) {
     for (const char* command : {"voxelize", "info"}) {
       const CliOutcome outcome = RunCli({command, path, "--json"});
       EXPECT_EQ(outcome.exit_code, 1) << path;
@@ -146,9 +150,10 @@ TEST_F(CliOptions, NothingIsDrawnOnAPipe) {
 
 TEST_F(CliOptions, AnInterruptedJobExitsWith130AndLeavesNoFile) {
   // timeout sends SIGINT; the job would take far longer than that.
-  const CliOutcome outcome = RunCli({"voxelize", box_, "--resolution", "256", "--target", "f32x4:replace:shader=base_color", "--repeat", "100000",
-                                     "-o", directory_ / "out.npy"},
-                                    "timeout --preserve-status --signal=INT 1");
+  const CliOutcome outcome =
+      RunCli({"voxelize", box_, "--resolution", "256", "--target", "f32x4:replace:shader=base_color", "--repeat",
+              "100000", "-o", directory_ / "out.npy"},
+             "timeout --preserve-status --signal=INT 1");
   EXPECT_EQ(outcome.exit_code, 130) << outcome.err;
   EXPECT_THAT(outcome.err, HasSubstr("stopped"));
   EXPECT_EQ(directory_.FileCount(), 1u);

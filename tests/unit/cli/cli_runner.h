@@ -41,7 +41,9 @@ inline CliOutcome RunCli(const std::vector<std::string>& arguments, const std::s
   return outcome;
 }
 
-inline size_t LineCount(const std::string& text) { return size_t(std::count(text.begin(), text.end(), '\n')); }
+inline size_t LineCount(const std::string& text) {
+  return size_t(std::count(text.begin(), text.end(), '\n'));
+}
 
 // A closed box from 0 to (x, y, z) metres, 12 triangles, as a GLB file.
 inline void WriteBoxGlb(const std::string& path, float x, float y, float z) {
@@ -61,9 +63,15 @@ inline void WriteBoxGlb(const std::string& path, float x, float y, float z) {
       {"meshes", {{{"primitives", {{{"attributes", {{"POSITION", 0}}}, {"indices", 1}}}}}}},
       {"buffers", {{{"byteLength", binary.size()}}}},
       {"bufferViews",
-       {{{"buffer", 0}, {"byteOffset", 0}, {"byteLength", 96}}, {{"buffer", 0}, {"byteOffset", 96}, {"byteLength", 72}}}},
+       {{{"buffer", 0}, {"byteOffset", 0}, {"byteLength", 96}},
+        {{"buffer", 0}, {"byteOffset", 96}, {"byteLength", 72}}}},
       {"accessors",
-       {{{"bufferView", 0}, {"componentType", 5126}, {"count", 8}, {"type", "VEC3"}, {"min", {0, 0, 0}}, {"max", {x, y, z}}},
+       {{{"bufferView", 0},
+         {"componentType", 5126},
+         {"count", 8},
+         {"type", "VEC3"},
+         {"min", {0, 0, 0}},
+         {"max", {x, y, z}}},
         {{"bufferView", 1}, {"componentType", 5123}, {"count", 36}, {"type", "SCALAR"}}}}};
   std::string json = document.dump();
   json.append((4 - json.size() % 4) % 4, ' ');
@@ -71,8 +79,9 @@ inline void WriteBoxGlb(const std::string& path, float x, float y, float z) {
     const uint32_t number = uint32_t(value);
     return std::string(reinterpret_cast<const char*>(&number), 4);
   };
-  std::ofstream(path, std::ios::binary) << "glTF" << word(2) << word(28 + json.size() + binary.size()) << word(json.size()) << "JSON"
-                                        << json << word(binary.size()) << std::string("BIN\0", 4) << binary;
+  std::ofstream(path, std::ios::binary) << "glTF" << word(2) << word(28 + json.size() + binary.size())
+                                        << word(json.size()) << "JSON" << json << word(binary.size())
+                                        << std::string("BIN\0", 4) << binary;
 }
 
 }  // namespace voxelpipe::testing

@@ -11,13 +11,13 @@ namespace {
 
 using nlohmann::json;
 using testing::CliOutcome;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
 using testing::LineCount;
 using testing::ReadFile;
 using testing::RunCli;
 using testing::TemporaryDirectory;
 using testing::WriteBoxGlb;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
 
 class CliVoxelize : public ::testing::Test {
  protected:
@@ -51,7 +51,8 @@ TEST_F(CliVoxelize, PrintsTheSummary) {
   EXPECT_EQ(summary["bytes"], 16);
   EXPECT_GT(summary["peak_bytes"], 1 << 20);
   EXPECT_EQ(summary["hash"].get<std::string>().size(), 64u);
-  for (const char* stage : {"load", "flatten", "vertex_shade", "fine_raster"}) EXPECT_TRUE(summary["stages"].contains(stage)) << stage;
+  for (const char* stage : {"load", "flatten", "vertex_shade", "fine_raster"})
+    EXPECT_TRUE(summary["stages"].contains(stage)) << stage;
   EXPECT_FALSE(summary["stages"].contains("encode"));
   EXPECT_GT(summary["voxelize_ms"], 0);
   EXPECT_GE(summary["voxelize_cpu_ms"], 0);
@@ -95,10 +96,12 @@ TEST_F(CliVoxelize, DefaultTargetIsBitsAndAnotherShaderGivesFloats) {
 }
 
 TEST_F(CliVoxelize, SeveralTargetsGetNumberedFiles) {
-  const json summary = VoxelizeJson({"--resolution", "8", "--target", "bit:or", "--target", "f32x3:replace:shader=constant,value=0.5/0.25/2",
-                                     "-o", directory_ / "out.raw", "--preview", directory_ / "look.png"});
+  const json summary = VoxelizeJson({"--resolution", "8", "--target", "bit:or", "--target",
+                                     "f32x3:replace:shader=constant,value=0.5/0.25/2", "-o", directory_ / "out.raw",
+                                     "--preview", directory_ / "look.png"});
   EXPECT_EQ(summary["bytes"], 16 + 128 * 12);
-  EXPECT_THAT(summary["files"], ElementsAre(directory_ / "out.0.raw", directory_ / "out.1.raw", directory_ / "look.png"));
+  EXPECT_THAT(summary["files"],
+              ElementsAre(directory_ / "out.0.raw", directory_ / "out.1.raw", directory_ / "look.png"));
   EXPECT_EQ(ReadFile(directory_ / "out.0.raw").size(), 16u);
   const std::vector<uint8_t> floats = ReadFile(directory_ / "out.1.raw");
   ASSERT_EQ(floats.size(), 128u * 12);
@@ -120,8 +123,8 @@ TEST_F(CliVoxelize, PicturesAreWrittenByEitherOption) {
 TEST_F(CliVoxelize, SeveralInputsGiveALineAndAFileEach) {
   std::filesystem::create_directory(directory_ / "other");
   WriteBoxGlb(directory_ / "other/box.glb", 1, 1, 1);
-  const CliOutcome outcome = RunCli({"voxelize", box_, directory_ / "missing.glb", directory_ / "other/box.glb", "--resolution", "8", "-o",
-                                     directory_ / "results", "--json"});
+  const CliOutcome outcome = RunCli({"voxelize", box_, directory_ / "missing.glb", directory_ / "other/box.glb",
+                                     "--resolution", "8", "-o", directory_ / "results", "--json"});
   EXPECT_EQ(outcome.exit_code, 1);  // one of them failed, the others are done
   EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
   EXPECT_THAT(outcome.err, HasSubstr("missing.glb"));
@@ -173,8 +176,9 @@ TEST_F(CliVoxelize, ShadersAreListed) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   std::vector<std::string> names;
   for (const json& shader : json::parse(outcome.out)["shaders"]) names.push_back(shader["name"]);
-  EXPECT_THAT(names, ::testing::IsSupersetOf({"identity", "transform", "occupancy", "constant", "triangle_id", "barycentric",
-                                              "geometric_normal", "packed_normal", "normal", "base_color"}));
+  EXPECT_THAT(names,
+              ::testing::IsSupersetOf({"identity", "transform", "occupancy", "constant", "triangle_id", "barycentric",
+                                       "geometric_normal", "packed_normal", "normal", "base_color"}));
   for (const std::string& name : names) EXPECT_THAT(RunCli({"shaders"}).out, HasSubstr(name));
 }
 

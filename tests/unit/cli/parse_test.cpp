@@ -27,7 +27,8 @@ TEST(ParseNumbers, ReadsEveryPart) {
 TEST(ParseVoxelSize, TakesOneOrThreePositiveNumbers) {
   EXPECT_EQ(ParseVoxelSize("0.25").value(), (Vec3d{0.25, 0.25, 0.25}));
   EXPECT_EQ(ParseVoxelSize("1,2,3").value(), (Vec3d{1, 2, 3}));
-  for (const char* bad : {"0", "-1", "1,2", "1,2,3,4", "1,0,1", "inf", "1,inf,1", ""}) EXPECT_FALSE(ParseVoxelSize(bad).ok()) << bad;
+  for (const char* bad : {"0", "-1", "1,2", "1,2,3,4", "1,0,1", "inf", "1,inf,1", ""})
+    EXPECT_FALSE(ParseVoxelSize(bad).ok()) << bad;
 }
 
 TEST(ParsePoint, TakesThreeFiniteNumbers) {
@@ -37,7 +38,8 @@ TEST(ParsePoint, TakesThreeFiniteNumbers) {
 
 TEST(ParseDims, TakesThreeWholeNumbers) {
   EXPECT_THAT(ParseDims("1,20,300").value(), ElementsAre(1, 20, 300));
-  for (const char* bad : {"1", "1,2", "1,2,3,4", "1,2,0", "1,-2,3", "1,2.5,3", "1,2,99999999999999999999", "1,,3", "1, 2,3"}) {
+  for (const char* bad :
+       {"1", "1,2", "1,2,3,4", "1,2,0", "1,-2,3", "1,2.5,3", "1,2,99999999999999999999", "1,,3", "1, 2,3"}) {
     EXPECT_FALSE(ParseDims(bad).ok()) << bad;
   }
 }
@@ -76,17 +78,20 @@ TEST(ParseTarget, ReadsFormatComponentsAndBlend) {
 }
 
 TEST(ParseTarget, ReadsItsOptionsAndItsShadersParameters) {
-  const TargetSpec target = ParseTarget("f32x3:add:shader=constant,quantum=0.25,clear=-1,fill=7,value=1/2/3", {"occupancy", {}}).value();
+  const TargetSpec target =
+      ParseTarget("f32x3:add:shader=constant,quantum=0.25,clear=-1,fill=7,value=1/2/3", {"occupancy", {}}).value();
   EXPECT_EQ(target.shader, (ShaderCall{"constant", {{"value", {1, 2, 3}}}}));
   EXPECT_EQ(target.quantum, 0.25);
   EXPECT_EQ(target.clear, -1);
   EXPECT_EQ(target.fill_value, 7);
-  EXPECT_EQ(ParseTarget("f32:max:clear=-inf", {"occupancy", {}}).value().clear, -std::numeric_limits<double>::infinity());
+  EXPECT_EQ(ParseTarget("f32:max:clear=-inf", {"occupancy", {}}).value().clear,
+            -std::numeric_limits<double>::infinity());
 }
 
 TEST(ParseTarget, LaysItsParametersOverTheDefaultShader) {
   const ShaderCall shader{"constant", {{"value", {1}}, {"other", {4}}}};
-  EXPECT_EQ(ParseTarget("f32:add:value=2", shader).value().shader, (ShaderCall{"constant", {{"value", {2}}, {"other", {4}}}}));
+  EXPECT_EQ(ParseTarget("f32:add:value=2", shader).value().shader,
+            (ShaderCall{"constant", {{"value", {2}}, {"other", {4}}}}));
   // A shader of its own starts from nothing.
   EXPECT_EQ(ParseTarget("f32:add:shader=normal", shader).value().shader, (ShaderCall{"normal", {}}));
 }
@@ -107,7 +112,8 @@ TEST(ParseTarget, NamesWhatIsWrong) {
 }
 
 TEST(ResolveTargets, DefaultsToBitsOfOccupancy) {
-  for (const std::optional<std::string>& shader : {std::optional<std::string>(), std::optional<std::string>("occupancy")}) {
+  for (const std::optional<std::string>& shader :
+       {std::optional<std::string>(), std::optional<std::string>("occupancy")}) {
     const std::vector<TargetSpec> targets = ResolveTargets({}, shader).value();
     ASSERT_EQ(targets.size(), 1u);
     EXPECT_EQ(targets[0].format, VoxelFormat::kBit);
@@ -117,7 +123,8 @@ TEST(ResolveTargets, DefaultsToBitsOfOccupancy) {
 }
 
 TEST(ResolveTargets, GivesAnotherShaderAsManyFloatsAsItHas) {
-  const std::vector<std::pair<std::string, int>> shaders = {{"normal", 3}, {"base_color", 4}, {"triangle_id", 1}, {"barycentric", 3}};
+  const std::vector<std::pair<std::string, int>> shaders = {
+      {"normal", 3}, {"base_color", 4}, {"triangle_id", 1}, {"barycentric", 3}};
   for (const auto& [shader, components] : shaders) {
     const std::vector<TargetSpec> targets = ResolveTargets({}, shader).value();
     ASSERT_EQ(targets.size(), 1u);
@@ -130,7 +137,8 @@ TEST(ResolveTargets, GivesAnotherShaderAsManyFloatsAsItHas) {
 }
 
 TEST(ResolveTargets, KeepsTheOrderOfSeveral) {
-  const std::vector<TargetSpec> targets = ResolveTargets({"bit:or", "f32x3:replace:shader=normal", "f32:add"}, "constant:value=2").value();
+  const std::vector<TargetSpec> targets =
+      ResolveTargets({"bit:or", "f32x3:replace:shader=normal", "f32:add"}, "constant:value=2").value();
   ASSERT_EQ(targets.size(), 3u);
   EXPECT_EQ(targets[0].shader, (ShaderCall{"constant", {{"value", {2}}}}));
   EXPECT_EQ(targets[1].shader, (ShaderCall{"normal", {}}));

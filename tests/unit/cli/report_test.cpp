@@ -38,8 +38,9 @@ TEST(VoxelizeJson, HasTheNamesThatUsersRelyOn) {
   VoxelizeReport report;
   report.hash = "00";
   nlohmann::ordered_json json = VoxelizeJson(run, report);
-  for (const char* name : {"triangles", "dims", "origin", "voxel_size", "occupied", "fragments", "odd_columns", "open_edges",
-                           "backend", "simd", "bytes", "peak_bytes", "hash", "stages", "voxelize_ms", "voxelize_cpu_ms"}) {
+  for (const char* name :
+       {"triangles", "dims", "origin", "voxel_size", "occupied", "fragments", "odd_columns", "open_edges", "backend",
+        "simd", "bytes", "peak_bytes", "hash", "stages", "voxelize_ms", "voxelize_cpu_ms"}) {
     EXPECT_TRUE(json.contains(name)) << name;
   }
   EXPECT_TRUE(json["odd_columns"].is_null());

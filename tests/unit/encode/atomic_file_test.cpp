@@ -8,9 +8,9 @@
 namespace voxelpipe {
 namespace {
 
+using ::testing::HasSubstr;
 using testing::ReadFile;
 using testing::TemporaryDirectory;
-using ::testing::HasSubstr;
 
 TEST(AtomicFile, AppearsOnlyWithCommit) {
   const TemporaryDirectory directory;

@@ -11,13 +11,13 @@ namespace {
 
 using testing::AddBits;
 using testing::AddFloats;
+using ::testing::ElementsAre;
 using testing::EmptyResult;
+using ::testing::HasSubstr;
 using testing::ReadFile;
 using testing::SampleBit;
 using testing::SampleValue;
 using testing::TemporaryDirectory;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
 
 TEST(FileExtension, IsLowerCaseWithItsDot) {
   EXPECT_EQ(FileExtension("a.npy"), ".npy");
@@ -52,8 +52,14 @@ TEST(WriteResult, RawIsTheTargetsBytes) {
 TEST(WriteResult, NpyOfBitsIsOneByteAVoxel) {
   const TemporaryDirectory directory;
   // 1x1x1 up to sizes around a byte, a word, and past one written piece (4 Mi voxels).
-  for (const std::array<int64_t, 3> dims :
-       {std::array<int64_t, 3>{1, 1, 1}, {7, 1, 1}, {8, 1, 1}, {9, 1, 1}, {63, 1, 1}, {5, 13, 1}, {3, 7, 11}, {131, 179, 181}}) {
+  for (const std::array<int64_t, 3> dims : {std::array<int64_t, 3>{1, 1, 1},
+                                            {7, 1, 1},
+                                            {8, 1, 1},
+                                            {9, 1, 1},
+                                            {63, 1, 1},
+                                            {5, 13, 1},
+                                            {3, 7, 11},
+                                            {131, 179, 181}}) {
     VoxelizeResult result = EmptyResult(dims);
     AddBits(result, SampleBit);
     ASSERT_TRUE(WriteResult(result, directory / "out.npy").ok());

@@ -18,7 +18,9 @@ TEST(NpyHeader, IsVersion1AlignedAndEndsInANewline) {
   EXPECT_THAT(header, HasSubstr("{'descr': '|u1', 'fortran_order': False, 'shape': (2, 3, 5), }"));
 }
 
-TEST(NpyHeader, WritesATupleOfOneWithItsComma) { EXPECT_THAT(NpyHeader("<f4", {7}), HasSubstr("'shape': (7,), }")); }
+TEST(NpyHeader, WritesATupleOfOneWithItsComma) {
+  EXPECT_THAT(NpyHeader("<f4", {7}), HasSubstr("'shape': (7,), }"));
+}
 
 TEST(NpyHeader, TurnsToVersion2PastSixteenBitsOfLength) {
   const std::string header = NpyHeader("<f4", std::vector<uint64_t>(30000, 1));

@@ -87,7 +87,8 @@ TEST(RenderPreview, TakesColoursFromAThreeComponentTarget) {
   for (const Layout layout : {Layout::kInterleaved, Layout::kPlanar}) {
     VoxelizeResult result = EmptyResult({32, 32, 32}, layout);
     AddBits(result, Ball(16, 14));
-    AddFloats(result, 3, [](int64_t, int64_t, int64_t, int c) { return c == 0 ? 0.8f : 0.02f; }, "base_color");
+    AddFloats(
+        result, 3, [](int64_t, int64_t, int64_t, int c) { return c == 0 ? 0.8f : 0.02f; }, "base_color");
     const Picture picture = RenderPreview(result, kSmall).value();
     EXPECT_GT(MiddleMean(picture, 0), MiddleMean(picture, 1) + 60);
     EXPECT_GT(MiddleMean(picture, 0), MiddleMean(picture, 2) + 60);
@@ -97,7 +98,8 @@ TEST(RenderPreview, TakesColoursFromAThreeComponentTarget) {
 TEST(RenderPreview, ShowsVoxelsThatAreNotClearWhereThereAreNoBits) {
   VoxelizeResult result = EmptyResult({32, 32, 32});
   const BitFormula ball = Ball(16, 14);
-  AddFloats(result, 3, [&](int64_t i, int64_t j, int64_t k, int c) { return ball(i, j, k) ? (c == 1 ? 0.7f : 0.1f) : -5.0f; });
+  AddFloats(result, 3,
+            [&](int64_t i, int64_t j, int64_t k, int c) { return ball(i, j, k) ? (c == 1 ? 0.7f : 0.1f) : -5.0f; });
   result.specs[0].clear = -5;
   const Picture picture = RenderPreview(result, kSmall).value();
   EXPECT_GT(MiddleMean(picture, 1), MiddleMean(picture, 0) + 40);
@@ -106,7 +108,8 @@ TEST(RenderPreview, ShowsVoxelsThatAreNotClearWhereThereAreNoBits) {
 TEST(RenderPreview, DrawsScalarsThroughAColourMap) {
   VoxelizeResult result = EmptyResult({32, 32, 32});
   AddBits(result, Ball(16, 14));
-  AddFloats(result, 1, [](int64_t, int64_t j, int64_t, int) { return float(j); }, "triangle_id");
+  AddFloats(
+      result, 1, [](int64_t, int64_t j, int64_t, int) { return float(j); }, "triangle_id");
   EXPECT_NE(RenderPreview(result, kSmall).value().rgb, RenderPreview(BallResult(32, 14.0 / 32), kSmall).value().rgb);
 }
 
@@ -114,7 +117,8 @@ TEST(RenderPreview, HandlesEmptyThinAndOddGrids) {
   VoxelizeResult empty = EmptyResult({4, 4, 4});
   AddBits(empty, [](int64_t, int64_t, int64_t) { return false; });
   EXPECT_TRUE(RenderPreview(empty, kSmall).ok());
-  for (const std::array<int64_t, 3> dims : {std::array<int64_t, 3>{1, 1, 1}, {1000, 1, 1}, {1, 700, 3}, {3, 1, 300}, {65, 33, 17}}) {
+  for (const std::array<int64_t, 3> dims :
+       {std::array<int64_t, 3>{1, 1, 1}, {1000, 1, 1}, {1, 700, 3}, {3, 1, 300}, {65, 33, 17}}) {
     VoxelizeResult result = EmptyResult(dims);
     result.grid.voxel_size = {1e-3, 5, 1e9};
     AddBits(result, [](int64_t, int64_t, int64_t) { return true; });
@@ -125,7 +129,8 @@ TEST(RenderPreview, HandlesEmptyThinAndOddGrids) {
 TEST(RenderPreview, RefusesSizesOutOfRangeAndResultsWithoutTargets) {
   const VoxelizeResult result = BallResult(8);
   EXPECT_EQ(RenderPreview(result, {.width = 10, .height = 100}).status().code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_EQ(RenderPreview(result, {.width = 100, .height = 100000}).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(RenderPreview(result, {.width = 100, .height = 100000}).status().code(),
+            absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(RenderPreview(result, {.samples = 0}).status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(RenderPreview(EmptyResult({1, 1, 1})).status().code(), absl::StatusCode::kInvalidArgument);
 }
@@ -140,7 +145,8 @@ TEST(PreviewVolume, TraceFindsWhatAWalkThroughAllVoxelsFinds) {
     const Vec3d to{37.0 * ((ray * 31) % 97) / 97, 29.0 * ((ray * 17) % 89) / 89, 41.0 * ((ray * 13) % 83) / 83};
     const Vec3d direction = (to - from) * (1 / std::sqrt(Dot(to - from, to - from)));
     const PreviewHit hit = volume.Trace(from, direction, 0, 200);
-    // The walk takes steps far smaller than a voxel; it can only be later than the ray, by less than what one step may pass over.
+    // The walk takes steps far smaller than a voxel; it can only be later than the ray, by less than what one step may
+    // pass over.
     double walked = -1;
     for (double t = 0; t < 200 && walked < 0; t += 2e-3) {
       const Vec3d p = from + direction * t;
@@ -159,7 +165,9 @@ TEST(PreviewVolume, TraceFindsWhatAWalkThroughAllVoxelsFinds) {
 
 TEST(PreviewVolume, BoxAndRowsAreThoseOfTheBits) {
   VoxelizeResult result = EmptyResult({71, 5, 6});
-  const auto formula = [](int64_t i, int64_t j, int64_t k) { return i >= 9 && i < 67 && j == 3 && k >= 1 && k < 5 && i % 2 == 1; };
+  const auto formula = [](int64_t i, int64_t j, int64_t k) {
+    return i >= 9 && i < 67 && j == 3 && k >= 1 && k < 5 && i % 2 == 1;
+  };
   AddBits(result, formula);
   const PreviewVolume volume = PreviewVolume::Build(result, nullptr).value();
   EXPECT_EQ(volume.lo(), (std::array<int64_t, 3>{9, 3, 1}));

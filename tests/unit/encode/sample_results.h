@@ -70,7 +70,8 @@ inline void AddBits(VoxelizeResult& result, const BitFormula& formula) {
   result.targets.push_back(std::move(buffer));
 }
 
-inline void AddFloats(VoxelizeResult& result, int components, const ValueFormula& formula, const std::string& shader = "constant") {
+inline void AddFloats(VoxelizeResult& result, int components, const ValueFormula& formula,
+                      const std::string& shader = "constant") {
   const auto& d = result.grid.dims;
   HostBuffer buffer = HostBuffer::Allocate(result.grid.voxels() * uint64_t(components) * 4).value();
   for (int64_t k = 0, n = 0; k < d[2]; ++k) {
@@ -95,7 +96,11 @@ inline void AddFloats(VoxelizeResult& result, int components, const ValueFormula
 }
 
 // The formulas that check_npy.py knows too.
-inline bool SampleBit(int64_t i, int64_t j, int64_t k) { return (7 * i + 3 * j + 5 * k) % 3 == 0; }
-inline float SampleValue(int64_t i, int64_t j, int64_t k, int c) { return float(i + 10 * j + 100 * k + 1000 * c) + 0.5f; }
+inline bool SampleBit(int64_t i, int64_t j, int64_t k) {
+  return (7 * i + 3 * j + 5 * k) % 3 == 0;
+}
+inline float SampleValue(int64_t i, int64_t j, int64_t k, int c) {
+  return float(i + 10 * j + 100 * k + 1000 * c) + 0.5f;
+}
 
 }  // namespace voxelpipe::testing

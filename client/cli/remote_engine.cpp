@@ -1,0 +1,122 @@
+// A server's work through the client library.
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client.h"
+#include "load/pack.h"
+#include "report.h"
+#include "server_option.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+class RemoteEngine : public Engine {
+ public:
+  explicit RemoteEngine(std::string target) : target_(std::move(target)) {}
+
+  absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat,
+                                JobContext& job) override {
+    // Sibling files are read and packed here: the server has no business on this machine's disk.
+    job.Report("read", 0);
+    const absl::StatusOr<std::vector<uint8_t>> bytes = ReadAndPackMeshFile(path);
+    if (!bytes.ok()) return bytes.status();
+    if (absl::Status status = Connect(); !status.ok()) return status;
+    EngineRun run;
+    run.server_peak_bytes = 0;
+    for (int i = 0; i < repeat; ++i) {
+      run.result = VoxelizeResult();  // before the next one arrives: one result in memory at a time
+      absl::StatusOr<RemoteResult> remote = client_->Voxelize(*bytes, MeshFormat::kAuto, request, job);
+      if (!remote.ok()) return remote.status();
+      run.result = std::move(remote->result);
+      run.mesh_stages = std::move(remote->mesh_stages);
+      run.runs.push_back(run.result.stats);
+      run.server_peak_bytes = std::max(*run.server_peak_bytes, remote->peak_bytes);
+      if (request.fill != Fill::kNone) run.open_edges = remote->report.open_edges;
+    }
+    return run;
+  }
+
+  absl::StatusOr<std::vector<ShaderInfo>> Shaders() override {
+    if (absl::Status status = Connect(); !status.ok()) return status;
+    return client_->ListShaders();
+  }
+
+ private:
+  absl::Status Connect() {
+    if (client_ != nullptr) return absl::OkStatus();
+    absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(target_);
+    if (!client.ok()) return client.status();
+    client_ = *std::move(client);
+    return absl::OkStatus();
+  }
+
+  std::string target_;
+  std::unique_ptr<Client> client_;
+};
+
+nlohmann::ordered_json ServerJson(const ServerDescription& server) {
+  nlohmann::ordered_json backends = nlohmann::ordered_json::array();
+  for (const ServerBackend& backend : server.backends) {
+    backends.push_back({{"name", backend.name}, {"simd", backend.simd}});
+  }
+  return {{"version", server.version},
+          {"backends", backends},
+          {"workers", server.workers},
+          {"threads", server.threads},
+          {"limits",
+           {{"max_queue", server.max_queue},
+            {"max_file_bytes", server.max_file_bytes},
+            {"max_triangles", server.max_triangles},
+            {"max_result_bytes", server.max_result_bytes},
+            {"max_working_bytes", server.max_working_bytes}}}};
+}
+
+std::string ServerTable(const std::string& target, const ServerDescription& server) {
+  std::string table = absl::StrCat(target, ": voxelpiped ", server.version);
+  const auto row = [&](const char* name, const std::string& text) {
+    absl::StrAppend(&table, absl::StrFormat("\n  %-16s", name), text);
+  };
+  const auto limit = [](uint64_t value, const std::string& text) { return value == 0 ? std::string("none") : text; };
+  std::string backends;
+  for (const ServerBackend& backend : server.backends) {
+    absl::StrAppend(&backends, backends.empty() ? "" : ", ", backend.name, " (", backend.simd, ")");
+  }
+  row("backends", backends);
+  row("at once", absl::StrCat(server.workers, " requests on ", server.threads, " threads"));
+  row("waiting", limit(server.max_queue, absl::StrCat("up to ", server.max_queue, " requests")));
+  row("largest file", limit(server.max_file_bytes, HumanBytes(server.max_file_bytes)));
+  row("most triangles", limit(server.max_triangles, WithCommas(server.max_triangles)));
+  row("largest result", limit(server.max_result_bytes, HumanBytes(server.max_result_bytes)));
+  row("working memory", limit(server.max_working_bytes, HumanBytes(server.max_working_bytes)));
+  return table;
+}
+
+}  // namespace
+
+std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target) {
+  return std::make_unique<RemoteEngine>(target);
+}
+
+absl::StatusOr<MeshReport> RemoteReport(const std::string& target, const std::string& path, const JobContext& job) {
+  const absl::StatusOr<std::vector<uint8_t>> bytes = ReadAndPackMeshFile(path);
+  if (!bytes.ok()) return bytes.status();
+  const absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(target);
+  if (!client.ok()) return client.status();
+  VoxelizeRequest smallest;
+  smallest.grid.resolution = 1;
+  const absl::StatusOr<Client::Estimated> estimated = (*client)->Estimate(*bytes, MeshFormat::kAuto, smallest, job);
+  if (!estimated.ok()) return estimated.status();
+  return estimated->report;
+}
+
+absl::StatusOr<std::string> DescribeServer(const std::string& target, bool json) {
+  const absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(target);
+  if (!client.ok()) return client.status();
+  const absl::StatusOr<ServerDescription> server = (*client)->ServerInfo();
+  if (!server.ok()) return server.status();
+  return json ? ServerJson(*server).dump() : ServerTable(target, *server);
+}
+
+}  // namespace voxelpipe::cli
