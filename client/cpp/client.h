@@ -40,21 +40,22 @@ struct RemoteResult {
 };
 
 struct ServerBackend {
-  std::string name;                  // "cpu", "cuda"
-  std::string simd;                  // instruction set of its row kernels
+  std::string name;  // "cpu", "cuda"
+  std::string simd;  // instruction set of its row kernels
 };
 
-// What a server is and what it allows. 0 in a limit: it names none.
+// What a server is and what it allows.
 struct ServerDescription {
   std::string version;
   std::vector<ServerBackend> backends;  // best first
-  uint32_t workers = 0;                 // requests that run at once
-  uint32_t threads = 0;                 // threads of the CPU backend together
-  uint64_t max_queue = 0;               // requests that wait
+  uint32_t threads = 0;                 // of the CPU backend, shared by the requests that run
+  uint32_t workers = 0;                 // requests that run at the same time
+  uint32_t max_queue = 0;               // requests that wait
   uint64_t max_file_bytes = 0;
-  uint64_t max_triangles = 0;
   uint64_t max_result_bytes = 0;
   uint64_t max_working_bytes = 0;
+  uint64_t max_triangles = 0;
+  uint64_t max_message_bytes = 0;  // of one request message; Voxelize sends smaller ones whatever the mesh's size
 };
 
 // Thread-safe. Errors of all calls carry the server's code and message; a lost or refused connection is UNAVAILABLE naming
@@ -70,7 +71,7 @@ class Client {
 
   // In: the bytes of a self-contained mesh file (ReadAndPackMeshFile) and a request. `job`: Cancel() ends the call within some
   // ten milliseconds and the server's work with it; the deadline is sent along; Progress is called with "upload", the
-  // server's stage names and "download", always on the calling thread. `on_plan`, if set, is called once, on the calling
+  // server's stage names and "download", from one thread at a time. `on_plan`, if set, is called once, on the calling
   // thread, before the result comes.
   // Errors: the server's (see Voxelize in pipeline/voxelize.h); CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS where the result fails
   // its checks (offsets, lengths, CRC32C of every piece, SHA-256 of the whole, sizes against the request).
@@ -80,11 +81,15 @@ class Client {
 
   struct Estimated {
     Plan plan;
-    MeshReport report;
+    MeshReport report;  // what the server saw in the mesh
   };
-  // The plan of the same request without the work, and what the server saw in the mesh.
-  absl::StatusOr<Estimated> Estimate(std::span<const uint8_t> mesh_bytes, MeshFormat format, const VoxelizeRequest& request,
-                                     const JobContext& job);
+  // The plan of the same request without the work. Sends the whole mesh in one message: for files below the server's
+  // max_message_bytes.
+  absl::StatusOr<Estimated> Estimate(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                     const VoxelizeRequest& request, const JobContext& job);
+  // The same for a mesh that is known by its size and the box of its vertices after the vertex shader.
+  absl::StatusOr<Plan> Estimate(uint64_t triangles, uint64_t vertices, const Box3d& shaded_box,
+                                const VoxelizeRequest& request, const JobContext& job);
 
   // The server's shaders, vertex shaders first.
   absl::StatusOr<std::vector<ShaderInfo>> ListShaders();

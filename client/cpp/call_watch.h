@@ -1,0 +1,37 @@
+// Ties one call to the job that it is made for.
+#pragma once
+
+#include <condition_variable>
+#include <mutex>
+#include <thread>
+
+#include <grpcpp/client_context.h>
+
+#include "absl/status/status.h"
+#include "base/job_context.h"
+
+namespace voxelpipe {
+
+// Sends the job's deadline with the call, and while the object lives cancels the call as soon as the job should end. Both
+// must outlive it. JobContext is a flag without a bell (signal handlers raise it), so it is looked at every ten milliseconds.
+class CallWatch {
+ public:
+  CallWatch(grpc::ClientContext& context, const JobContext& job);
+  ~CallWatch();
+  CallWatch(const CallWatch&) = delete;
+  CallWatch& operator=(const CallWatch&) = delete;
+
+ private:
+  grpc::ClientContext& context_;
+  const JobContext& job_;
+  std::mutex mutex_;
+  std::condition_variable done_changed_;
+  bool done_ = false;
+  std::thread thread_;
+};
+
+// The status of an ended call as the caller should see it: the job's own reason where the job ended the call, otherwise the
+// server's; UNAVAILABLE names `target`.
+absl::Status CallStatus(const grpc::Status& status, const JobContext& job, const std::string& target);
+
+}  // namespace voxelpipe

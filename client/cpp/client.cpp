@@ -1,0 +1,179 @@
+#include "client.h"
+
+#include <grpcpp/create_channel.h>
+#include <grpcpp/security/credentials.h>
+
+#include <algorithm>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "call_watch.h"
+#include "grpc/health/v1/health.grpc.pb.h"
+#include "voxelize_call.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/request.h"
+#include "wire/response.h"
+
+namespace voxelpipe {
+namespace {
+
+// For the calls that need no work on the server.
+constexpr std::chrono::seconds kQuickCall{10};
+
+bool IsLoopback(const std::string& target) {
+  for (const char* host : {"localhost:", "127.", "[::1]"}) {
+    if (absl::StartsWith(target, host)) return true;
+  }
+  return false;
+}
+
+grpc::ChannelArguments MakeArguments(const std::string& target) {
+  grpc::ChannelArguments arguments;
+  arguments.SetMaxReceiveMessageSize(-1);
+  arguments.SetMaxSendMessageSize(-1);
+  arguments.SetInt(GRPC_ARG_HTTP2_MAX_FRAME_SIZE, 16777215);  // a quarter faster on gigabytes
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);    // clients of one process share no connection and no back-off
+  // A proxy of the environment does not lead to this very machine.
+  if (IsLoopback(target)) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
+  return arguments;
+}
+
+absl::Status WaitUntilConnected(grpc::Channel& channel, const std::string& target, std::chrono::milliseconds timeout) {
+  const auto deadline = std::chrono::system_clock::now() + timeout;
+  for (;;) {
+    const grpc_connectivity_state state = channel.GetState(/*try_to_connect=*/true);
+    if (state == GRPC_CHANNEL_READY) return absl::OkStatus();
+    if (state == GRPC_CHANNEL_TRANSIENT_FAILURE || state == GRPC_CHANNEL_SHUTDOWN) {
+      return absl::UnavailableError(absl::StrCat("cannot connect to ", target, ": refused, not reachable or unknown"));
+    }
+    if (!channel.WaitForStateChange(state, deadline)) {
+      return absl::UnavailableError(
+          absl::StrCat("cannot connect to ", target, ": no answer within ", timeout.count(), " ms"));
+    }
+  }
+}
+
+}  // namespace
+
+struct Client::Impl {
+  std::string target;
+  ConnectOptions options;
+  std::shared_ptr<grpc::Channel> channel;
+  std::unique_ptr<v1::VoxelizationService::Stub> service;
+  std::unique_ptr<grpc::health::v1::Health::Stub> health;
+
+  // Makes a call that is over at once.
+  template <typename Service, typename Method, typename Request, typename Response>
+  absl::Status Quick(Service& stub, Method method, const Request& request, Response& response,
+                     std::chrono::milliseconds timeout = kQuickCall) const {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + timeout);
+    const JobContext job;
+    return CallStatus((stub.*method)(&context, request, &response), job, target);
+  }
+
+  absl::StatusOr<Estimated> Estimate(const v1::EstimateVoxelizationRequest& request, const JobContext& job) const {
+    if (absl::Status status = job.Check(); !status.ok()) return status;
+    grpc::ClientContext context;
+    const CallWatch watch(context, job);
+    v1::EstimateVoxelizationResponse response;
+    const grpc::Status status = service->EstimateVoxelization(&context, request, &response);
+    if (!status.ok()) return CallStatus(status, job, target);
+    absl::StatusOr<Plan> plan = FromMessage(response.plan());
+    if (!plan.ok()) return plan.status();
+    return Estimated{*std::move(plan), FromMessage(response.mesh())};
+  }
+};
+
+Client::Client(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Client::~Client() = default;
+
+const std::string& Client::target() const { return impl_->target; }
+
+absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& target, const ConnectOptions& options) {
+  if (target.empty()) return absl::InvalidArgumentError("the server's address is empty; it reads HOST:PORT");
+  auto impl = std::make_unique<Impl>();
+  impl->target = target;
+  impl->options = options;
+  impl->channel = grpc::CreateCustomChannel(target, grpc::InsecureChannelCredentials(), MakeArguments(target));
+  if (absl::Status status = WaitUntilConnected(*impl->channel, target, options.timeout); !status.ok()) return status;
+  impl->service = v1::VoxelizationService::NewStub(impl->channel);
+  impl->health = grpc::health::v1::Health::NewStub(impl->channel);
+  return std::unique_ptr<Client>(new Client(std::move(impl)));
+}
+
+absl::StatusOr<RemoteResult> Client::Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                              const VoxelizeRequest& request, const JobContext& job,
+                                              const std::function<void(const Plan&)>& on_plan) {
+  return CallVoxelize(*impl_->service, impl_->target, impl_->options.max_result_bytes, mesh_bytes, format, request, job,
+                      on_plan);
+}
+
+absl::StatusOr<Client::Estimated> Client::Estimate(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                                   const VoxelizeRequest& request, const JobContext& job) {
+  v1::EstimateVoxelizationRequest message;
+  *message.mutable_config() = MakeConfig(request, format);
+  message.set_mesh_bytes(mesh_bytes.data(), mesh_bytes.size());
+  return impl_->Estimate(message, job);
+}
+
+absl::StatusOr<Plan> Client::Estimate(uint64_t triangles, uint64_t vertices, const Box3d& shaded_box,
+                                      const VoxelizeRequest& request, const JobContext& job) {
+  v1::EstimateVoxelizationRequest message;
+  *message.mutable_config() = MakeConfig(request);
+  v1::MeshSummary* mesh = message.mutable_summary();
+  mesh->set_triangles(triangles);
+  mesh->set_vertices(vertices);
+  if (!shaded_box.empty) {
+    const auto write = [](const Vec3d& from, v1::Vec3* to) {
+      to->set_x(from.x);
+      to->set_y(from.y);
+      to->set_z(from.z);
+    };
+    write(shaded_box.min, mesh->mutable_min());
+    write(shaded_box.max, mesh->mutable_max());
+  }
+  absl::StatusOr<Estimated> estimated = impl_->Estimate(message, job);
+  if (!estimated.ok()) return estimated.status();
+  return std::move(estimated->plan);
+}
+
+absl::StatusOr<std::vector<ShaderInfo>> Client::ListShaders() {
+  v1::ListShadersResponse response;
+  absl::Status status = impl_->Quick(*impl_->service, &v1::VoxelizationService::Stub::ListShaders,
+                                     v1::ListShadersRequest(), response);
+  if (!status.ok()) return status;
+  std::vector<ShaderInfo> shaders;
+  for (const v1::ShaderInfo& shader : response.shaders()) shaders.push_back(FromMessage(shader));
+  return shaders;
+}
+
+absl::StatusOr<ServerDescription> Client::ServerInfo() {
+  v1::GetServerInfoResponse response;
+  absl::Status status = impl_->Quick(*impl_->service, &v1::VoxelizationService::Stub::GetServerInfo,
+                                     v1::GetServerInfoRequest(), response);
+  if (!status.ok()) return status;
+  ServerDescription server;
+  server.version = response.version();
+  for (const v1::BackendInfo& backend : response.backends()) server.backends.push_back({backend.name(), backend.simd()});
+  server.threads = response.threads();
+  server.workers = response.limits().workers();
+  server.max_queue = response.limits().max_queue();
+  server.max_file_bytes = response.limits().max_file_bytes();
+  server.max_result_bytes = response.limits().max_result_bytes();
+  server.max_working_bytes = response.limits().max_working_bytes();
+  server.max_triangles = response.limits().max_triangles();
+  server.max_message_bytes = response.limits().max_message_bytes();
+  return server;
+}
+
+absl::Status Client::CheckHealth(std::chrono::milliseconds timeout) {
+  grpc::health::v1::HealthCheckResponse response;
+  absl::Status status = impl_->Quick(*impl_->health, &grpc::health::v1::Health::Stub::Check,
+                                     grpc::health::v1::HealthCheckRequest(), response, timeout);
+  if (!status.ok()) return status;
+  if (response.status() == grpc::health::v1::HealthCheckResponse::SERVING) return absl::OkStatus();
+  return absl::UnavailableError(absl::StrCat(impl_->target, ": the server takes no requests"));
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,121 @@
+// The mesh goes up from a thread of its own while the calling thread reads: so a server that refuses early is heard at once,
+// and neither side waits for the other with full buffers.
+#include "voxelize_call.h"
+
+#include <algorithm>
+#include <memory>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+#include <grpcpp/support/sync_stream.h>
+
+#include "call_watch.h"
+#include "result_reader.h"
+#include "wire/request.h"
+#include "wire/response.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr size_t kPieceBytes = size_t{1} << 20;
+
+using Stream = grpc::ClientReaderWriter<v1::VoxelizeRequest, v1::VoxelizeResponse>;
+
+// Both threads report; JobContext wants one at a time. A stage is told at most some twenty times.
+class Reporter {
+ public:
+  explicit Reporter(const JobContext& job) : job_(job) {}
+
+  void Report(const std::string& stage, double fraction) {
+    const std::lock_guard lock(mutex_);
+    if (stage == stage_ && fraction < 1 && fraction < fraction_ + 0.05) return;
+    stage_ = stage;
+    fraction_ = fraction;
+    job_.Report(stage_, std::clamp(fraction, 0.0, 1.0));
+  }
+
+ private:
+  const JobContext& job_;
+  std::mutex mutex_;
+  std::string stage_;
+  double fraction_ = 0;
+};
+
+// Ends early, without a word, when the call is over: the status of the call says why.
+void Upload(Stream& stream, const v1::VoxelizeConfig& config, std::span<const uint8_t> mesh_bytes, Reporter& reporter) {
+  v1::VoxelizeRequest message;
+  *message.mutable_config() = config;
+  if (!stream.Write(message)) return;
+  for (size_t offset = 0; offset < mesh_bytes.size(); offset += kPieceBytes) {
+    reporter.Report("upload", double(offset) / double(mesh_bytes.size()));
+    const std::span<const uint8_t> piece = mesh_bytes.subspan(offset, std::min(kPieceBytes, mesh_bytes.size() - offset));
+    message.set_mesh_piece(piece.data(), piece.size());
+    if (!stream.Write(message)) return;
+  }
+  stream.WritesDone();
+}
+
+// Takes one message. An error means that the server does not keep to the contract.
+absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, bool& planned, Reporter& reporter,
+                  const std::function<void(const Plan&)>& on_plan) {
+  switch (message.message_case()) {
+    case v1::VoxelizeResponse::kAccepted: {
+      if (std::exchange(planned, true)) return absl::DataLossError("the server's result: a second plan");
+      absl::StatusOr<Plan> plan = FromMessage(message.accepted());
+      if (!plan.ok()) return plan.status();
+      if (on_plan) on_plan(*plan);
+      return absl::OkStatus();
+    }
+    case v1::VoxelizeResponse::kProgress:
+      reporter.Report(message.progress().stage(), message.progress().fraction());
+      return absl::OkStatus();
+    case v1::VoxelizeResponse::kHeader:
+      return reader.AddHeader(message.header());
+    case v1::VoxelizeResponse::kPiece: {
+      absl::Status status = reader.AddPiece(message.piece());
+      if (status.ok()) reporter.Report("download", reader.fraction());
+      return status;
+    }
+    case v1::VoxelizeResponse::kSummary:
+      return reader.AddSummary(message.summary());
+    case v1::VoxelizeResponse::MESSAGE_NOT_SET:
+      return absl::OkStatus();  // something that a newer server says
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, const std::string& target,
+                                          uint64_t max_result_bytes, std::span<const uint8_t> mesh_bytes,
+                                          MeshFormat format, const VoxelizeRequest& request, const JobContext& job,
+                                          const std::function<void(const Plan&)>& on_plan) {
+  if (absl::Status status = job.Check(); !status.ok()) return status;
+  grpc::ClientContext context;
+  const CallWatch watch(context, job);
+  const std::unique_ptr<Stream> stream = stub.Voxelize(&context);
+  Reporter reporter(job);
+  const v1::VoxelizeConfig config = MakeConfig(request, format);
+  std::thread upload([&] { Upload(*stream, config, mesh_bytes, reporter); });
+
+  ResultReader reader(request, max_result_bytes);
+  absl::Status broken = absl::OkStatus();
+  bool planned = false;
+  v1::VoxelizeResponse message;
+  while (stream->Read(&message)) {
+    broken = Take(message, reader, planned, reporter, on_plan);
+    if (broken.ok()) continue;
+    context.TryCancel();
+    while (stream->Read(&message)) {
+    }
+    break;
+  }
+  upload.join();
+  const grpc::Status status = stream->Finish();
+  if (!broken.ok()) return broken;
+  if (!status.ok()) return CallStatus(status, job, target);
+  return reader.Take();
+}
+
+}  // namespace voxelpipe
