@@ -1,4 +1,5 @@
-// Ctrl-C: the running job is cancelled and leaves no half-written file; a second Ctrl-C ends the process at once.
+// Ctrl-C: the running job is cancelled and leaves no half-written file; a second Ctrl-C, half a second
+// or more later, ends the process at once.
 #pragma once
 
 #include "base/job_context.h"

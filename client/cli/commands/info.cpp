@@ -1,3 +1,4 @@
+#include <exception>
 #include <new>
 #include <nlohmann/json.hpp>
 
@@ -84,6 +85,8 @@ absl::Status Info(const InfoArguments& arguments) {
     return Print(arguments, ReportMesh(loaded->mesh), &*loaded);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");
+  } catch (const std::exception& error) {
+    return absl::InternalError(error.what());
   }
 }
 

@@ -1,3 +1,4 @@
+#include <exception>
 #include <filesystem>
 #include <new>
 
@@ -75,6 +76,8 @@ absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputP
                          : VoxelizeTable(*run, report));
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");
+  } catch (const std::exception& error) {
+    return absl::InternalError(error.what());
   }
 }
 

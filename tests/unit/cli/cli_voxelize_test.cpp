@@ -175,7 +175,8 @@ TEST_F(CliVoxelize, ShadersAreListed) {
   const CliOutcome outcome = RunCli({"shaders", "--json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   std::vector<std::string> names;
-  for (const json& shader : json::parse(outcome.out)["shaders"]) names.push_back(shader["name"]);
+  const json list = json::parse(outcome.out);
+  for (const json& shader : list["shaders"]) names.push_back(shader["name"]);
   EXPECT_THAT(names,
               ::testing::IsSupersetOf({"identity", "transform", "occupancy", "constant", "triangle_id", "barycentric",
                                        "geometric_normal", "packed_normal", "normal", "base_color"}));
