@@ -91,6 +91,8 @@ absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, c
                                           uint64_t max_result_bytes, std::span<const uint8_t> mesh_bytes,
                                           MeshFormat format, const VoxelizeRequest& request, const JobContext& job,
                                           const std::function<void(const Plan&)>& on_plan) {
+  // On the wire no target at all means one of bits; whoever calls this never means that.
+  if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
   if (absl::Status status = job.Check(); !status.ok()) return status;
   grpc::ClientContext context;
   const CallWatch watch(context, job);
