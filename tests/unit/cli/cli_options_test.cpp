@@ -148,6 +148,24 @@ TEST_F(CliOptions, NothingIsDrawnOnAPipe) {
   EXPECT_THAT(outcome.out, HasSubstr("triangles"));
 }
 
+TEST_F(CliOptions, AServerThatIsNotThereFailsTheJob) {
+#ifdef VOXELPIPE_HAVE_SERVICE
+  constexpr int kExpected = 1;
+#else
+  constexpr int kExpected = 2;  // this build does not know the option's meaning
+#endif
+  // Nothing listens on port 1 of this machine.
+  for (const std::vector<std::string>& command :
+       {std::vector<std::string>{"voxelize", box_}, {"info", box_}, {"shaders"}, {"server-info"}}) {
+    std::vector<std::string> arguments = command;
+    arguments.insert(arguments.end(), {"--server", "127.0.0.1:1", "--json"});
+    const CliOutcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, kExpected) << command[0] << outcome.err;
+    EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+    EXPECT_EQ(outcome.out, "");
+  }
+}
+
 TEST_F(CliOptions, AnInterruptedJobExitsWith130AndLeavesNoFile) {
   // timeout sends SIGINT; the job would take far longer than that.
   const CliOutcome outcome =
