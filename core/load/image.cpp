@@ -1,0 +1,215 @@
+#include "load/image.h"
+
+#include <cstdio>  // jpeglib.h needs FILE
+
+#include <jpeglib.h>
+#include <png.h>
+
+#include <csetjmp>
+#include <cstring>
+#include <new>
+#include <set>
+#include <span>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+
+namespace voxelpipe {
+namespace {
+
+absl::Status Invalid(const Image& image, const std::string& why) {
+  return absl::InvalidArgumentError(absl::StrCat("image '", image.name, "': ", why));
+}
+
+absl::Status CheckPixels(const Image& image, uint64_t width, uint64_t height, const LoadLimits& limits) {
+  if (width == 0 || height == 0) return Invalid(image, "has no pixels");
+  if (width * height > limits.max_image_pixels) {  // both are 32-bit
+    return absl::ResourceExhaustedError(absl::StrCat("image '", image.name, "': ", width, " x ", height,
+                                                     " pixels, the limit is ", limits.max_image_pixels, " pixels"));
+  }
+  return absl::OkStatus();
+}
+
+struct PngReader {
+  std::span<const uint8_t> left;  // bytes not read yet
+  std::string message;
+};
+
+void OnPngError(png_structp png, png_const_charp message) {
+  static_cast<PngReader*>(png_get_error_ptr(png))->message = message;
+  png_longjmp(png, 1);
+}
+
+void OnPngWarning(png_structp, png_const_charp) {}
+
+void ReadPngBytes(png_structp png, png_bytep out, size_t count) {
+  auto& left = static_cast<PngReader*>(png_get_io_ptr(png))->left;
+  if (count > left.size()) png_error(png, "the data ends too early");
+  std::memcpy(out, left.data(), count);
+  left = left.subspan(count);
+}
+
+// Decodes to 8-bit RGBA. glTF ignores colour profiles and gamma, hence not libpng's simplified interface, which applies
+// them. Holds nothing that a jump would leak. Out: false after a jump, else `status`.
+bool ReadPng(png_structp png, png_infop info, const Image& image, const LoadLimits& limits, std::vector<uint8_t>& rgba,
+             std::vector<png_bytep>& rows, absl::Status& status) {
+  if (setjmp(png_jmpbuf(png)) != 0) return false;
+  png_read_info(png, info);
+  const uint64_t width = png_get_image_width(png, info), height = png_get_image_height(png, info);
+  status = CheckPixels(image, width, height, limits);
+  if (!status.ok()) return true;
+  png_set_expand(png);
+  png_set_scale_16(png);
+  png_set_gray_to_rgb(png);
+  png_set_add_alpha(png, 255, PNG_FILLER_AFTER);
+  png_set_interlace_handling(png);
+  png_read_update_info(png, info);
+  rgba.resize(size_t{4} * width * height);
+  for (uint64_t y = 0; y < height; ++y) rows.push_back(rgba.data() + size_t{4} * width * y);
+  png_read_image(png, rows.data());
+  return true;
+}
+
+absl::Status DecodePng(Image& image, const LoadLimits& limits) {
+  PngReader reader{image.encoded, ""};
+  std::vector<uint8_t> rgba;
+  std::vector<png_bytep> rows;
+  absl::Status status;
+  png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &reader, OnPngError, OnPngWarning);
+  png_infop info = png == nullptr ? nullptr : png_create_info_struct(png);
+  if (info == nullptr) {
+    png_destroy_read_struct(&png, nullptr, nullptr);
+    return absl::ResourceExhaustedError(absl::StrCat("image '", image.name, "': out of memory while decoding"));
+  }
+  png_set_read_fn(png, &reader, ReadPngBytes);
+  png_set_user_limits(png, 0x7fffffff, 0x7fffffff);  // the pixel limit is ours, below
+  bool done = false;
+  try {
+    done = ReadPng(png, info, image, limits, rgba, rows, status);
+  } catch (const std::bad_alloc&) {
+    done = true;
+    status = absl::ResourceExhaustedError(absl::StrCat("image '", image.name, "': out of memory while decoding"));
+  }
+  if (done && status.ok()) {
+    image.width = png_get_image_width(png, info);
+    image.height = png_get_image_height(png, info);
+    image.rgba = std::move(rgba);
+  }
+  png_destroy_read_struct(&png, &info, nullptr);
+  return done ? status : Invalid(image, absl::StrCat("broken PNG: ", reader.message));
+}
+
+// libjpeg's way out of an error: a jump back into DecodeJpeg.
+struct JpegError {
+  jpeg_error_mgr base;
+  std::jmp_buf jump;
+  char message[JMSG_LENGTH_MAX];
+};
+
+void OnJpegError(j_common_ptr info) {
+  auto* error = reinterpret_cast<JpegError*>(info->err);
+  (*info->err->format_message)(info, error->message);
+  std::longjmp(error->jump, 1);
+}
+
+void OnJpegWarning(j_common_ptr, int) {}
+
+// Decodes rows as RGB into `rgba`, alpha 255. Holds nothing that a jump would leak: `rgba` belongs to the caller.
+bool ReadJpeg(jpeg_decompress_struct& jpeg, JpegError& error, const Image& image, const LoadLimits& limits,
+              std::vector<uint8_t>& rgba, absl::Status& status) {
+  if (setjmp(error.jump) != 0) return false;
+  jpeg_create_decompress(&jpeg);
+  jpeg_mem_src(&jpeg, image.encoded.data(), image.encoded.size());
+  jpeg_read_header(&jpeg, TRUE);
+  status = CheckPixels(image, jpeg.image_width, jpeg.image_height, limits);
+  if (!status.ok()) return true;
+  jpeg.out_color_space = JCS_RGB;
+  jpeg.dct_method = JDCT_ISLOW;
+  jpeg_start_decompress(&jpeg);
+  rgba.assign(size_t{4} * jpeg.output_width * jpeg.output_height, 255);
+  while (jpeg.output_scanline < jpeg.output_height) {
+    // The row is decoded into the last three quarters of its place, then spread to RGBA from the front.
+    uint8_t* row = rgba.data() + size_t{4} * jpeg.output_width * jpeg.output_scanline;
+    uint8_t* packed = row + jpeg.output_width;
+    JSAMPROW rows[1] = {packed};
+    jpeg_read_scanlines(&jpeg, rows, 1);
+    for (JDIMENSION x = 0; x < jpeg.output_width; ++x) {
+      const uint8_t r = packed[3 * x], g = packed[3 * x + 1], b = packed[3 * x + 2];
+      row[4 * x] = r;
+      row[4 * x + 1] = g;
+      row[4 * x + 2] = b;
+      row[4 * x + 3] = 255;
+    }
+  }
+  jpeg_finish_decompress(&jpeg);
+  return true;
+}
+
+absl::Status DecodeJpeg(Image& image, const LoadLimits& limits) {
+  jpeg_decompress_struct jpeg;
+  std::memset(&jpeg, 0, sizeof jpeg);
+  JpegError error;
+  jpeg.err = jpeg_std_error(&error.base);
+  error.base.error_exit = OnJpegError;
+  error.base.emit_message = OnJpegWarning;
+  std::vector<uint8_t> rgba;
+  absl::Status status;
+  bool done = false;
+  try {
+    done = ReadJpeg(jpeg, error, image, limits, rgba, status);
+  } catch (const std::bad_alloc&) {
+    done = true;
+    status = absl::ResourceExhaustedError(absl::StrCat("image '", image.name, "': out of memory while decoding"));
+  }
+  if (done && status.ok()) {
+    image.width = jpeg.output_width;
+    image.height = jpeg.output_height;
+    image.rgba = std::move(rgba);
+  }
+  jpeg_destroy_decompress(&jpeg);
+  return done ? status : Invalid(image, absl::StrCat("broken JPEG: ", error.message));
+}
+
+}  // namespace
+
+absl::Status DecodeImage(Image& image, const LoadLimits& limits) {
+  if (!image.rgba.empty()) return absl::OkStatus();
+  // The first bytes decide, not the type that the file claims.
+  static constexpr uint8_t kPng[] = {0x89, 'P', 'N', 'G'}, kJpeg[] = {0xff, 0xd8, 0xff};
+  const auto begins = [&](std::span<const uint8_t> magic) {
+    return image.encoded.size() >= magic.size() && std::memcmp(image.encoded.data(), magic.data(), magic.size()) == 0;
+  };
+  if (begins(kPng)) return DecodePng(image, limits);
+  if (begins(kJpeg)) return DecodeJpeg(image, limits);
+  return absl::UnimplementedError(
+      absl::StrCat("image '", image.name, "': type '", image.mime_type, "' is neither PNG nor JPEG"));
+}
+
+absl::Status PrepareTextures(TriangleMesh& mesh, const LoadLimits& limits) {
+  std::set<int32_t> used;
+  for (const Material& material : mesh.materials) {
+    const int32_t texture = material.base_color.texture;
+    if (texture >= 0 && size_t(texture) < mesh.textures.size()) used.insert(texture);
+  }
+  std::set<const Image*> counted;
+  uint64_t pixels = 0;
+  for (const int32_t t : used) {
+    Texture& texture = mesh.textures[t];
+    if (texture.image < 0 || size_t(texture.image) >= mesh.images.size() || mesh.images[texture.image] == nullptr) continue;
+    Image& image = *mesh.images[texture.image];
+    const absl::Status s = DecodeImage(image, limits);
+    if (absl::IsUnimplemented(s)) {
+      texture.image = -1;  // the factor alone is used
+      continue;
+    }
+    if (!s.ok()) return s;
+    if (counted.insert(&image).second) pixels += uint64_t{image.width} * image.height;
+    if (pixels > limits.max_total_image_pixels) {
+      return absl::ResourceExhaustedError(absl::StrCat("the images of the scene have more than ",
+                                                       limits.max_total_image_pixels, " pixels together"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,271 @@
+// Source: glTF 2.0 specification, sections 3.6 (buffers and buffer views), 4.4 (GLB).
+#include "load/pack.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string_view>
+
+#include "absl/strings/str_cat.h"
+#include "load/glb_container.h"
+#include "load/json_guard.h"
+#include "load/loader.h"
+#include "load/local_file.h"
+
+namespace voxelpipe {
+namespace {
+
+using Json = nlohmann::json;
+namespace fs = std::filesystem;
+
+// Where a buffer of the file went.
+struct BufferPlace {
+  bool merged = false;   // into the BIN chunk
+  uint64_t base = 0;     // its first byte there
+  uint64_t length = 0;   // its declared bytes
+  uint64_t new_index = 0;
+};
+
+// The JSON of a GLB or glTF file and the GLB's BIN chunk.
+struct Source {
+  Json json;
+  std::optional<std::span<const uint8_t>> binary;
+};
+
+bool IsObjectArray(const Json& json, const char* key) {
+  const auto it = json.find(key);
+  return it != json.end() && it->is_array() &&
+         std::all_of(it->begin(), it->end(), [](const Json& e) { return e.is_object(); });
+}
+
+std::optional<uint64_t> Unsigned(const Json& object, const char* key, uint64_t absent) {
+  const auto it = object.find(key);
+  if (it == object.end()) return absent;
+  if (!it->is_number_unsigned()) return std::nullopt;
+  return it->get<uint64_t>();
+}
+
+// The URI of a buffer or image that names a file, or nothing.
+std::optional<std::string> FileUri(const Json& object) {
+  const auto it = object.find("uri");
+  if (it == object.end() || !it->is_string()) return std::nullopt;
+  const auto& uri = it->get_ref<const std::string&>();
+  if (uri.rfind("data:", 0) == 0) return std::nullopt;
+  return uri;
+}
+
+bool AnyFileUri(const Json& json) {
+  for (const char* key : {"buffers", "images"}) {
+    if (!IsObjectArray(json, key)) continue;
+    for (const Json& object : json[key]) {
+      if (FileUri(object)) return true;
+    }
+  }
+  return false;
+}
+
+// Nothing where the bytes are not a glTF that could be packed: the loader then says what is wrong with them.
+std::optional<Source> Parse(const std::vector<uint8_t>& bytes, const LoadLimits& limits) {
+  Source source;
+  std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  const std::optional<MeshFormat> format = SniffMeshFormat(bytes);
+  if (format == MeshFormat::kGlb) {
+    const auto chunks = SplitGlb(bytes);
+    if (!chunks.ok()) return std::nullopt;
+    text = chunks->json;
+    source.binary = chunks->binary;
+  } else if (format != MeshFormat::kGltf) {
+    return std::nullopt;
+  }
+  if (!GuardJson(text, limits).ok()) return std::nullopt;
+  source.json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  if (!source.json.is_object() || !AnyFileUri(source.json)) return std::nullopt;
+  return source;
+}
+
+class Packer {
+ public:
+  Packer(Source source, fs::path directory, const LoadLimits& limits)
+      : json_(std::move(source.json)), binary_(source.binary), directory_(std::move(directory)), limits_(limits) {}
+
+  absl::StatusOr<std::vector<uint8_t>> Pack() {
+    if (absl::Status s = MergeBuffers(); !s.ok()) return s;
+    if (absl::Status s = MoveViews(); !s.ok()) return s;
+    if (absl::Status s = EmbedImages(); !s.ok()) return s;
+    if (bin_.empty()) bin_.resize(4);  // buffer 0 is the chunk, so there must be one
+    json_["buffers"][0]["byteLength"] = bin_.size();
+    return WriteGlb();
+  }
+
+ private:
+  absl::Status Append(std::span<const uint8_t> bytes, uint64_t& base) {
+    bin_.resize((bin_.size() + 3) / 4 * 4);
+    base = bin_.size();
+    if (bytes.size() > limits_.max_file_bytes || base + bytes.size() > std::min<uint64_t>(limits_.max_file_bytes, UINT32_MAX)) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("the packed mesh would be larger than ", limits_.max_file_bytes, " bytes"));
+    }
+    bin_.insert(bin_.end(), bytes.begin(), bytes.end());
+    return absl::OkStatus();
+  }
+
+  // Files and the BIN chunk become buffer 0; buffers with data: URIs or without data keep their own.
+  absl::Status MergeBuffers() {
+    Json kept = Json::array({Json{{"byteLength", 0}}});
+    const Json buffers = IsObjectArray(json_, "buffers") ? json_["buffers"] : Json::array();
+    for (size_t i = 0; i < buffers.size(); ++i) {
+      BufferPlace place;
+      std::vector<uint8_t> file;
+      std::span<const uint8_t> data;
+      if (const auto uri = FileUri(buffers[i])) {
+        const auto path = ResolveSibling(directory_, *uri);
+        if (!path.ok()) return At(i, path.status());
+        auto read = ReadLocalFile(*path, limits_.max_file_bytes);
+        if (!read.ok()) return At(i, read.status());
+        file = *std::move(read);
+        data = file;
+        place.merged = true;
+      } else if (i == 0 && binary_ && !buffers[i].contains("uri")) {
+        data = *binary_;
+        place.merged = true;
+      }
+      if (place.merged) {
+        const auto length = Unsigned(buffers[i], "byteLength", data.size());
+        if (!length) return At(i, absl::InvalidArgumentError("byteLength is not a whole number"));
+        if (*length > data.size()) {
+          return At(i, absl::InvalidArgumentError(
+                           absl::StrCat("byteLength ", *length, ", but its data has ", data.size(), " bytes")));
+        }
+        place.length = *length;
+        if (absl::Status s = Append(data.first(*length), place.base); !s.ok()) return s;
+      } else {
+        place.new_index = kept.size();
+        kept.push_back(buffers[i]);
+      }
+      places_.push_back(place);
+    }
+    json_["buffers"] = std::move(kept);
+    return absl::OkStatus();
+  }
+
+  static absl::Status At(size_t buffer, const absl::Status& why) {
+    return absl::Status(why.code(), absl::StrCat("buffer ", buffer, ": ", why.message()));
+  }
+
+  // Rewrites buffer and byteOffset of a buffer view or of its EXT_meshopt_compression. A view that overruns its buffer would
+  // read its neighbour after merging, so it is refused here.
+  absl::Status Move(Json& view, size_t index) {
+    const std::string name = absl::StrCat("bufferView ", index);
+    const auto buffer = Unsigned(view, "buffer", UINT64_MAX);
+    if (!buffer || *buffer >= places_.size()) return absl::InvalidArgumentError(name + ": its buffer does not exist");
+    const BufferPlace& place = places_[*buffer];
+    view["buffer"] = place.merged ? 0 : place.new_index;
+    if (!place.merged) return absl::OkStatus();
+    const auto offset = Unsigned(view, "byteOffset", 0), length = Unsigned(view, "byteLength", UINT64_MAX);
+    if (!offset || !length || *offset > place.length || *length > place.length - *offset) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(name, ": overruns buffer ", *buffer, " of ", place.length, " bytes"));
+    }
+    view["byteOffset"] = place.base + *offset;
+    return absl::OkStatus();
+  }
+
+  absl::Status MoveViews() {
+    if (!json_.contains("bufferViews")) return absl::OkStatus();
+    if (!IsObjectArray(json_, "bufferViews")) return absl::InvalidArgumentError("bufferViews is not a list of objects");
+    Json& views = json_["bufferViews"];
+    for (size_t i = 0; i < views.size(); ++i) {
+      if (absl::Status s = Move(views[i], i); !s.ok()) return s;
+      const auto extensions = views[i].find("extensions");
+      if (extensions == views[i].end() || !extensions->is_object()) continue;
+      const auto meshopt = extensions->find("EXT_meshopt_compression");
+      if (meshopt == extensions->end() || !meshopt->is_object()) continue;
+      if (absl::Status s = Move(*meshopt, i); !s.ok()) return s;
+    }
+    return absl::OkStatus();
+  }
+
+  // Image files beside the glTF go into the BIN chunk. One that is missing or elsewhere stays a URI, which the loader
+  // drops: geometry does not fail for want of a texture.
+  absl::Status EmbedImages() {
+    if (!IsObjectArray(json_, "images")) return absl::OkStatus();
+    for (Json& image : json_["images"]) {
+      const auto uri = FileUri(image);
+      if (!uri) continue;
+      const auto path = ResolveSibling(directory_, *uri);
+      if (!path.ok()) continue;
+      const auto bytes = ReadLocalFile(*path, limits_.max_file_bytes);
+      if (!bytes.ok()) continue;
+      Json view{{"buffer", 0}, {"byteLength", bytes->size()}};
+      uint64_t base = 0;
+      if (absl::Status s = Append(*bytes, base); !s.ok()) return s;
+      view["byteOffset"] = base;
+      Json& views = json_["bufferViews"];
+      if (views.is_null()) views = Json::array();
+      image.erase("uri");
+      image["bufferView"] = views.size();
+      if (!image.contains("mimeType")) image["mimeType"] = MimeType(*path);
+      views.push_back(std::move(view));
+    }
+    return absl::OkStatus();
+  }
+
+  static std::string MimeType(const fs::path& path) {
+    const std::string extension = path.extension().string();
+    if (extension == ".jpg" || extension == ".jpeg" || extension == ".JPG") return "image/jpeg";
+    if (extension == ".webp") return "image/webp";
+    if (extension == ".ktx2") return "image/ktx2";
+    return "image/png";
+  }
+
+  absl::StatusOr<std::vector<uint8_t>> WriteGlb() {
+    std::string text = json_.dump(-1, ' ', false, Json::error_handler_t::replace);
+    text.resize((text.size() + 3) / 4 * 4, ' ');
+    bin_.resize((bin_.size() + 3) / 4 * 4);
+    const uint64_t total = 12 + 8 + text.size() + 8 + bin_.size();
+    if (total > limits_.max_file_bytes || total > UINT32_MAX) {
+      return absl::ResourceExhaustedError(absl::StrCat("the packed mesh has ", total, " bytes, the limit is ",
+                                                       std::min<uint64_t>(limits_.max_file_bytes, UINT32_MAX), " bytes"));
+    }
+    std::vector<uint8_t> glb;
+    glb.reserve(total);
+    const auto word = [&](uint32_t v) {
+      for (int i = 0; i < 4; ++i) glb.push_back(uint8_t(v >> (8 * i)));
+    };
+    word(0x46546c67);  // "glTF"
+    word(2);
+    word(uint32_t(total));
+    word(uint32_t(text.size()));
+    word(0x4e4f534a);  // "JSON"
+    glb.insert(glb.end(), text.begin(), text.end());
+    word(uint32_t(bin_.size()));
+    word(0x004e4942);  // "BIN"
+    glb.insert(glb.end(), bin_.begin(), bin_.end());
+    return glb;
+  }
+
+  Json json_;
+  std::optional<std::span<const uint8_t>> binary_;
+  fs::path directory_;
+  const LoadLimits& limits_;
+  std::vector<BufferPlace> places_;
+  std::vector<uint8_t> bin_;
+};
+
+}  // namespace
+
+absl::StatusOr<std::vector<uint8_t>> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits) {
+  auto bytes = ReadLocalFile(path, limits.max_file_bytes);
+  if (!bytes.ok()) return bytes.status();
+  try {
+    std::optional<Source> source = Parse(*bytes, limits);
+    if (!source) return bytes;
+    return Packer(*std::move(source), fs::path(path).parent_path(), limits).Pack();
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError(absl::StrCat(path, ": out of memory while packing"));
+  } catch (const std::exception& e) {  // nlohmann-json
+    return absl::InvalidArgumentError(absl::StrCat(path, ": ", e.what()));
+  }
+}
+
+}  // namespace voxelpipe
