@@ -1,0 +1,25 @@
+#include "call_setup.h"
+
+#include <chrono>
+
+#include "pipeline/backend.h"
+#include "pipeline/plan.h"
+
+namespace voxelpipe {
+
+void SetDeadline(const grpc::CallbackServerContext& context, JobContext& job) {
+  const auto deadline = context.deadline();
+  const auto now = std::chrono::system_clock::now();
+  // gRPC has no deadline as a time in the far future; a century is one to us, too.
+  if (deadline > now + std::chrono::hours(24 * 36500)) return;
+  job.set_deadline(JobContext::Clock::now() + std::chrono::duration_cast<JobContext::Clock::duration>(deadline - now));
+}
+
+absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request) {
+  if (request.backend == BackendChoice::kAuto) request.backend = state.options.backend;
+  request.threads = state.options.threads;
+  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
+  return SelectBackend(request.backend).status();
+}
+
+}  // namespace voxelpipe

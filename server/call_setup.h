@@ -1,0 +1,20 @@
+// What every call that runs a job does first.
+#pragma once
+
+#include <grpcpp/grpcpp.h>
+
+#include "absl/status/status.h"
+#include "base/job_context.h"
+#include "pipeline/request.h"
+#include "service_state.h"
+
+namespace voxelpipe {
+
+// Gives the job the call's deadline, if it has one.
+void SetDeadline(const grpc::CallbackServerContext& context, JobContext& job);
+
+// Puts the operator's choices (threads, backend) into a client's request and checks all of it that needs no mesh.
+// Errors: INVALID_ARGUMENT naming the field; FAILED_PRECONDITION for a backend that is not there.
+absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request);
+
+}  // namespace voxelpipe

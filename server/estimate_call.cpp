@@ -1,0 +1,118 @@
+#include "estimate_call.h"
+
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "call_setup.h"
+#include "pipeline/plan.h"
+#include "wire/request.h"
+#include "wire/response.h"
+#include "wire/status.h"
+
+namespace voxelpipe {
+namespace {
+
+absl::StatusOr<Box3d> ReadBox(const v1::MeshSummary& summary) {
+  const Vec3d min{summary.min().x(), summary.min().y(), summary.min().z()};
+  const Vec3d max{summary.max().x(), summary.max().y(), summary.max().z()};
+  for (int a = 0; a < 3; ++a) {
+    if (!std::isfinite(min[a])) return absl::InvalidArgumentError("summary.min: must be finite");
+    if (!std::isfinite(max[a])) return absl::InvalidArgumentError("summary.max: must be finite");
+    if (max[a] < min[a]) return absl::InvalidArgumentError("summary.max: must not be below summary.min");
+  }
+  return Box3d{min, max, summary.triangles() == 0};
+}
+
+}  // namespace
+
+EstimateCall* EstimateCall::Create(ServiceState& state, grpc::CallbackServerContext& context,
+                                   const v1::EstimateVoxelizationRequest& request,
+                                   v1::EstimateVoxelizationResponse& response) {
+  std::shared_ptr<EstimateCall> call(new EstimateCall(state, context, request, response));
+  call->self_ = call;
+  call->Start();
+  return call.get();
+}
+
+EstimateCall::EstimateCall(ServiceState& state, grpc::CallbackServerContext& context,
+                           const v1::EstimateVoxelizationRequest& request, v1::EstimateVoxelizationResponse& response)
+    : state_(state),
+      request_(request),
+      response_(response),
+      record_(state.next_request_id++, "EstimateVoxelization", context.peer()) {
+  SetDeadline(context, job_);
+  record_.bytes_in = request.mesh_bytes().size();
+}
+
+void EstimateCall::Start() {
+  absl::StatusOr<ParsedConfig> config = ParseConfig(request_.config());
+  absl::Status status = config.ok() ? PrepareRequest(state_, config->request) : config.status();
+  if (!status.ok() || !request_.has_mesh_bytes()) {
+    End(status.ok() ? FromSummary(*config) : status);
+    return;
+  }
+  const absl::StatusOr<WorkerPool::Ticket> ticket =
+      state_.pool.Submit([self = self_, config = *std::move(config)] { self->End(self->FromMesh(config)); });
+  if (!ticket.ok()) {
+    End(ticket.status());
+    return;
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    ticket_ = *ticket;
+  }
+  if (!job_.Check().ok()) OnCancel();
+}
+
+absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
+  if (!request_.has_summary()) return absl::InvalidArgumentError("mesh: neither a summary nor mesh bytes");
+  const absl::StatusOr<Box3d> box = ReadBox(request_.summary());
+  if (!box.ok()) return box.status();
+  const absl::StatusOr<Plan> plan = PlanVoxelization(config.request, request_.summary().triangles(),
+                                                     request_.summary().vertices(), *box, state_.limits.plan);
+  if (!plan.ok()) return plan.status();
+  *response_.mutable_plan() = ToMessage(*plan);
+  return absl::OkStatus();
+}
+
+absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
+  const std::string& bytes = request_.mesh_bytes();
+  const absl::StatusOr<Estimate> estimate =
+      EstimateJob(std::vector<uint8_t>(bytes.begin(), bytes.end()), config, state_.limits, job_);
+  if (!estimate.ok()) return estimate.status();
+  *response_.mutable_plan() = ToMessage(estimate->plan);
+  *response_.mutable_mesh() = ToMessage(estimate->report, false);
+  return absl::OkStatus();
+}
+
+void EstimateCall::End(const absl::Status& status) {
+  {
+    const std::lock_guard lock(mutex_);
+    status_ = status;
+  }
+  Finish(ToGrpcStatus(status));
+}
+
+void EstimateCall::OnCancel() {
+  if (job_.Check().ok()) job_.Cancel();
+  std::optional<WorkerPool::Ticket> ticket;
+  {
+    const std::lock_guard lock(mutex_);
+    ticket = ticket_;
+  }
+  // A job that runs ends by itself soon, and only then may gRPC take request and response away.
+  if (ticket && state_.pool.Withdraw(*ticket)) End(job_.Check());
+}
+
+void EstimateCall::OnDone() {
+  std::shared_ptr<EstimateCall> keep;
+  {
+    const std::lock_guard lock(mutex_);
+    record_.Log(status_);
+    keep = std::move(self_);
+  }
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,46 @@
+// One EstimateVoxelization call. With a mesh it is a job for the pool, without one it is answered at once.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <optional>
+
+#include <grpcpp/grpcpp.h>
+
+#include "base/job_context.h"
+#include "call_record.h"
+#include "service_state.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+
+namespace voxelpipe {
+
+class EstimateCall final : public grpc::ServerUnaryReactor {
+ public:
+  // `state`, and until the call is done `request` and `response`, must outlive the reactor.
+  static EstimateCall* Create(ServiceState& state, grpc::CallbackServerContext& context,
+                              const v1::EstimateVoxelizationRequest& request, v1::EstimateVoxelizationResponse& response);
+
+  void OnCancel() override;
+  void OnDone() override;
+
+ private:
+  EstimateCall(ServiceState& state, grpc::CallbackServerContext& context, const v1::EstimateVoxelizationRequest& request,
+               v1::EstimateVoxelizationResponse& response);
+
+  void Start();
+  absl::Status FromSummary(const ParsedConfig& config);
+  absl::Status FromMesh(const ParsedConfig& config);
+  void End(const absl::Status& status);
+
+  ServiceState& state_;
+  const v1::EstimateVoxelizationRequest& request_;
+  v1::EstimateVoxelizationResponse& response_;
+  std::shared_ptr<EstimateCall> self_;  // until OnDone
+  CallRecord record_;
+  JobContext job_;
+  std::mutex mutex_;
+  std::optional<WorkerPool::Ticket> ticket_;
+  absl::Status status_;
+};
+
+}  // namespace voxelpipe

@@ -1,0 +1,178 @@
+#include "job.h"
+
+#include <algorithm>
+#include <chrono>
+#include <exception>
+#include <new>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "load/image.h"
+#include "load/loader.h"
+#include "mesh/flatten.h"
+#include "pipeline/backend.h"
+#include "shaders/catalog.h"
+
+namespace voxelpipe {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double MsSince(Clock::time_point begin) { return std::chrono::duration<double, std::milli>(Clock::now() - begin).count(); }
+
+template <typename T>
+uint64_t Bytes(const std::vector<T>& values) {
+  return values.size() * sizeof(T);
+}
+
+uint64_t SceneBytes(const Scene& scene) {
+  uint64_t bytes = 0;
+  for (const Mesh& mesh : scene.meshes) {
+    for (const Primitive& p : mesh.primitives) {
+      bytes += Bytes(p.positions) + Bytes(p.normals) + Bytes(p.tangents) + Bytes(p.uv[0]) + Bytes(p.uv[1]) + Bytes(p.colors);
+      for (int set = 0; set < 2; ++set) bytes += Bytes(p.joints[set]) + Bytes(p.weights[set]);
+      bytes += Bytes(p.triangles);
+    }
+  }
+  for (const auto& image : scene.images) bytes += Bytes(image->encoded) + Bytes(image->rgba);
+  return bytes;
+}
+
+uint64_t MeshBytes(const TriangleMesh& mesh) {
+  uint64_t bytes = Bytes(mesh.positions) + Bytes(mesh.normals) + Bytes(mesh.tangents) + Bytes(mesh.uv[0]) +
+                   Bytes(mesh.uv[1]) + Bytes(mesh.colors) + Bytes(mesh.triangles);
+  for (const auto& image : mesh.images) bytes += Bytes(image->encoded) + Bytes(image->rgba);
+  return bytes;
+}
+
+struct FlatMesh {
+  TriangleMesh mesh;
+  std::vector<std::string> warnings;
+  double load_ms = 0, flatten_ms = 0;
+  uint64_t peak_bytes = 0;
+};
+
+absl::StatusOr<FlatMesh> LoadFlat(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
+                                  const JobContext& job) {
+  FlatMesh flat;
+  if (absl::Status s = job.Check(); !s.ok()) return s;
+  job.Report("load", 0);
+  Clock::time_point begin = Clock::now();
+  absl::StatusOr<Scene> scene = LoadScene(file, config.mesh_format, limits.load);
+  if (!scene.ok()) return scene.status();
+  flat.peak_bytes = Bytes(file) + SceneBytes(*scene);
+  file = {};
+  flat.load_ms = MsSince(begin);
+  job.Report("load", 1);
+
+  if (absl::Status s = job.Check(); !s.ok()) return s;
+  job.Report("flatten", 0);
+  begin = Clock::now();
+  absl::StatusOr<TriangleMesh> mesh = Flatten(*scene, limits.load);
+  if (!mesh.ok()) return mesh.status();
+  flat.peak_bytes = std::max(flat.peak_bytes, SceneBytes(*scene) + MeshBytes(*mesh));
+  flat.warnings = std::move(scene->warnings);
+  flat.mesh = *std::move(mesh);
+  flat.flatten_ms = MsSince(begin);
+  job.Report("flatten", 1);
+  if (absl::Status s = job.Check(); !s.ok()) return s;
+  return flat;
+}
+
+// The cheap part of ReportMesh: no welding, no sort.
+MeshReport BoxReport(const TriangleMesh& mesh) {
+  MeshReport report;
+  report.triangles = mesh.triangles.size();
+  report.vertices = mesh.positions.size();
+  bool first = true;
+  for (const auto& triangle : mesh.triangles) {
+    for (const uint32_t vertex : triangle) {
+      const Vec3d& p = mesh.positions[vertex];
+      for (int a = 0; a < 3; ++a) {
+        report.min[a] = first ? p[a] : Min(report.min[a], p[a]);
+        report.max[a] = first ? p[a] : Max(report.max[a], p[a]);
+      }
+      first = false;
+    }
+  }
+  return report;
+}
+
+// Calls `body` and turns what must not leave a worker into a status.
+template <typename Result, typename Body>
+absl::StatusOr<Result> Guarded(Body body) {
+  try {
+    return body();
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory");
+  } catch (const std::exception& error) {
+    return absl::InternalError(absl::StrCat("unexpected: ", error.what()));
+  }
+}
+
+absl::StatusOr<Box3d> ShadedBox(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job) {
+  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
+  if (!backend.ok()) return backend.status();
+  absl::StatusOr<BoundShader> vertex_shader = BindShader(ShaderStage::kVertex, request.vertex_shader);
+  if (!vertex_shader.ok()) return vertex_shader.status();
+  BoundRequest bound{request, *std::move(vertex_shader), {}};
+  for (const TargetSpec& target : request.targets) {
+    absl::StatusOr<BoundShader> shader = BindShader(ShaderStage::kFragment, target.shader);
+    if (!shader.ok()) return shader.status();
+    bound.fragment_shaders.push_back(*std::move(shader));
+  }
+  absl::StatusOr<Box3d> box = absl::UnknownError("the run did not start");
+  (*backend)->Run(request.threads, [&] {
+    box = Guarded<Box3d>([&]() -> absl::StatusOr<Box3d> {
+      auto stages = (*backend)->Start(mesh, bound, job);
+      if (!stages.ok()) return stages.status();
+      return (*stages)->VertexShade();
+    });
+  });
+  return box;
+}
+
+}  // namespace
+
+absl::StatusOr<JobOutcome> RunJob(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
+                                  const JobContext& job, const std::function<void(const Plan&)>& on_plan) {
+  return Guarded<JobOutcome>([&]() -> absl::StatusOr<JobOutcome> {
+    absl::StatusOr<FlatMesh> flat = LoadFlat(std::move(file), config, limits, job);
+    if (!flat.ok()) return flat.status();
+    JobOutcome outcome;
+    outcome.examined = config.request.fill != Fill::kNone;
+    outcome.report = outcome.examined ? ReportMesh(flat->mesh) : BoxReport(flat->mesh);
+    if (RequestReadsTextures(config.request)) {
+      if (absl::Status s = PrepareTextures(flat->mesh, limits.load); !s.ok()) return s;
+    }
+    uint64_t pipeline_bytes = MeshBytes(flat->mesh);
+    absl::StatusOr<VoxelizeResult> result =
+        Voxelize(flat->mesh, config.request, job, limits.plan, [&](const Plan& plan) {
+          pipeline_bytes += plan.peak_bytes;
+          if (on_plan) on_plan(plan);
+        });
+    if (!result.ok()) return result.status();
+    outcome.result = *std::move(result);
+    auto& stages = outcome.result.stats.stages;
+    stages.insert(stages.begin(), {{"load", flat->load_ms}, {"flatten", flat->flatten_ms}});
+    outcome.warnings = std::move(flat->warnings);
+    outcome.peak_bytes = std::max(flat->peak_bytes, pipeline_bytes);
+    return outcome;
+  });
+}
+
+absl::StatusOr<Estimate> EstimateJob(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
+                                     const JobContext& job) {
+  return Guarded<Estimate>([&]() -> absl::StatusOr<Estimate> {
+    const absl::StatusOr<FlatMesh> flat = LoadFlat(std::move(file), config, limits, job);
+    if (!flat.ok()) return flat.status();
+    const absl::StatusOr<Box3d> box = ShadedBox(flat->mesh, config.request, job);
+    if (!box.ok()) return box.status();
+    absl::StatusOr<Plan> plan = PlanVoxelization(config.request, flat->mesh.triangles.size(), flat->mesh.positions.size(),
+                                                 *box, limits.plan);
+    if (!plan.ok()) return plan.status();
+    return Estimate{*std::move(plan), BoxReport(flat->mesh)};
+  });
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,82 @@
+// voxelpiped: the service.
+#include <pthread.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <string>
+#include <thread>
+
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include "options.h"
+#include "probe.h"
+#include "server.h"
+
+namespace voxelpipe {
+namespace {
+
+sigset_t StopSignals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  return signals;
+}
+
+int WaitForSignal(const sigset_t& signals) {
+  int signal = 0;
+  while (sigwait(&signals, &signal) != 0) {
+  }
+  return signal;
+}
+
+void StartLog(const std::string& level) {
+  spdlog::set_default_logger(spdlog::stderr_color_mt("voxelpiped"));
+  spdlog::set_level(spdlog::level::from_str(level == "error" ? "err" : level));
+  spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %l %v");
+}
+
+int Serve(const ServerOptions& options) {
+  // Blocked in every thread that starts from here on; taken by sigwait below, where everything may be called.
+  const sigset_t signals = StopSignals();
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+
+  absl::StatusOr<std::unique_ptr<VoxelServer>> server = VoxelServer::Start(options);
+  if (!server.ok()) {
+    std::fprintf(stderr, "voxelpiped: %s\n", std::string(server.status().message()).c_str());
+    return 1;
+  }
+  std::printf("listening on %s\n", (*server)->address().c_str());
+  std::fflush(stdout);
+
+  spdlog::info("{}: draining", WaitForSignal(signals) == SIGINT ? "SIGINT" : "SIGTERM");
+  // A second signal means now.
+  std::thread([signals] { _exit(128 + WaitForSignal(signals)); }).detach();
+  (*server)->Drain();
+  server->reset();
+  return 0;
+}
+
+int Main(int argc, char** argv) {
+  const ParseOutcome parsed = ParseCommandLine(argc, argv);
+  if (!parsed.command) return parsed.exit_code;
+  if (parsed.command->probe) return Probe(*parsed.command->probe);
+  StartLog(parsed.command->options.log_level);
+  return Serve(parsed.command->options);
+}
+
+}  // namespace
+}  // namespace voxelpipe
+
+int main(int argc, char** argv) {
+  try {
+    return voxelpipe::Main(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "voxelpiped: %s\n", error.what());
+    return 1;
+  }
+}

@@ -1,0 +1,86 @@
+#include "options.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+#include <map>
+#include <thread>
+
+#include <CLI/CLI.hpp>
+
+namespace voxelpipe {
+namespace {
+
+const std::map<std::string, BackendChoice> kBackends = {
+    {"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}};
+
+// Where a probe of this machine's own server goes: the listening address, with the wildcard replaced by loopback.
+std::string ProbeAddress(const std::string& listen) {
+  if (listen.starts_with("0.0.0.0:")) return "127.0.0.1" + listen.substr(7);
+  if (listen.starts_with("[::]:")) return "[::1]" + listen.substr(4);
+  return listen;
+}
+
+}  // namespace
+
+ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
+  ServerOptions o;
+  std::string backend = "auto", probe;
+  CLI::App app{"Voxelizes meshes that clients send over gRPC", "voxelpiped"};
+  app.set_version_flag("--version", VOXELPIPE_VERSION);
+  app.set_config("--config", "", "Read options from this TOML or INI file");
+  app.option_defaults()->always_capture_default();
+  const auto add = [&](const std::string& flag, auto& value, const std::string& variable, const std::string& help) {
+    return app.add_option(flag, value, help)->envname("VOXELPIPE_" + variable);
+  };
+  add("--listen", o.listen, "LISTEN", "Address to serve on; port 0 picks one")->type_name("HOST:PORT");
+  add("--backend", backend, "BACKEND", "Kind of worker")->check(CLI::IsMember(kBackends));
+  add("--threads", o.threads, "THREADS", "CPU threads of one job, 0 for all cores")->check(CLI::Range(0, 1024));
+  add("--workers", o.workers, "WORKERS", "Jobs that run at the same time, 0 to choose")->check(CLI::Range(0, 1024));
+  add("--max-queue", o.max_queue, "MAX_QUEUE", "Jobs that wait")->check(CLI::Range(0u, 1'000'000u));
+  const auto size = CLI::AsSizeValue(false);
+  add("--max-file-bytes", o.max_file_bytes, "MAX_FILE_BYTES", "Largest mesh file")->transform(size);
+  add("--max-upload-bytes", o.max_upload_bytes, "MAX_UPLOAD_BYTES", "All mesh files in hand together")->transform(size);
+  add("--max-result-bytes", o.max_result_bytes, "MAX_RESULT_BYTES", "Largest result")->transform(size);
+  add("--max-working-bytes", o.max_working_bytes, "MAX_WORKING_BYTES", "Memory of all jobs together, 0 to choose")->transform(size);
+  add("--lame-duck-ms", o.lame_duck_ms, "LAME_DUCK_MS", "On SIGTERM: time in which calls are still taken");
+  add("--drain-grace-ms", o.drain_grace_ms, "DRAIN_GRACE_MS", "Then: time in which running calls may end");
+  add("--log-level", o.log_level, "LOG_LEVEL", "Least severe level that is logged")
+      ->check(CLI::IsMember({"debug", "info", "warn", "error", "off"}));
+  CLI::Option* probe_option =
+      app.add_option("--probe", probe, "Ask the server at this address for its health: exit 0 if it serves, else 1")
+          ->type_name("[HOST:PORT]")
+          ->expected(0, 1)
+          ->configurable(false);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return {std::nullopt, app.exit(error) == 0 ? 0 : 2};
+  }
+  o.backend = kBackends.at(backend);
+  CommandLine command{o, std::nullopt};
+  if (probe_option->count() > 0) command.probe = probe.empty() ? ProbeAddress(o.listen) : probe;
+  return {command, 0};
+}
+
+ServerOptions Resolve(ServerOptions options) {
+  const int cores = std::max(1, int(std::thread::hardware_concurrency()));
+  if (options.workers == 0) options.workers = std::min(4, cores);
+  if (options.threads == 0) options.threads = cores;
+  if (options.max_working_bytes == 0) options.max_working_bytes = std::min<uint64_t>(20ull << 30, MemoryBytes() / 2);
+  return options;
+}
+
+uint64_t MemoryBytes() {
+  uint64_t bytes = uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGE_SIZE));
+  // Version 2 and version 1 of control groups; "max" or no file: no bound.
+  for (const char* path : {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"}) {
+    std::ifstream file(path);
+    uint64_t bound = 0;
+    if (file >> bound && bound > 0) bytes = std::min(bytes, bound);
+  }
+  return bytes;
+}
+
+}  // namespace voxelpipe

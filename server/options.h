@@ -1,0 +1,47 @@
+// What an operator may set. Every option has a flag, an environment variable and a key in the config file.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "pipeline/request.h"
+
+namespace voxelpipe {
+
+struct ServerOptions {
+  std::string listen = "127.0.0.1:50051";  // HOST:PORT (port 0 picks one) or unix:PATH
+  BackendChoice backend = BackendChoice::kAuto;
+  int threads = 0;          // of the CPU backend in one job; 0 = all cores
+  int workers = 0;          // jobs at the same time; 0 = one a core, at most 4
+  uint32_t max_queue = 1024;  // jobs that wait
+  uint64_t max_file_bytes = 2ull << 30;      // one mesh file
+  uint64_t max_upload_bytes = 4ull << 30;    // all mesh files that are being received or wait
+  uint64_t max_result_bytes = 16ull << 30;   // one result
+  uint64_t max_working_bytes = 0;  // predicted memory of all jobs together; 0 = half of this machine's, at most 20 GiB
+  uint32_t lame_duck_ms = 500;     // after SIGTERM: health says NOT_SERVING, calls are still taken
+  uint32_t drain_grace_ms = 30'000;  // then: calls that run may still end
+  std::string log_level = "info";
+};
+
+// What the command line asks for.
+struct CommandLine {
+  ServerOptions options;
+  std::optional<std::string> probe;  // ask the server at this address for its health instead of serving
+};
+
+// Parses flags, VOXELPIPE_* variables and the config file. Out: what to do, or the exit code after help (0) or one clear line on
+// stderr (2).
+struct ParseOutcome {
+  std::optional<CommandLine> command;
+  int exit_code = 0;
+};
+ParseOutcome ParseCommandLine(int argc, const char* const* argv);
+
+// The same options with every 0 that means "choose" replaced by this machine's figure.
+ServerOptions Resolve(ServerOptions options);
+
+// Memory of this machine in bytes, or of the control group that the process is in where that is less.
+uint64_t MemoryBytes();
+
+}  // namespace voxelpipe

@@ -1,0 +1,35 @@
+// The messages of one finished job, made one at a time: header, pieces, summary.
+#pragma once
+
+#include <cstdint>
+
+#include "job.h"
+#include "sha256.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
+
+namespace voxelpipe {
+
+class ResultStream {
+ public:
+  explicit ResultStream(JobOutcome outcome) : outcome_(std::move(outcome)) {}
+
+  // Fills `response` with the next message; false when the summary has been made already.
+  bool Next(v1::VoxelizeResponse& response);
+
+  uint64_t bytes_sent() const { return bytes_sent_; }
+  const JobOutcome& outcome() const { return outcome_; }
+
+ private:
+  enum class Part { kHeader, kPieces, kSummary, kEnd };
+
+  bool NextPiece(v1::VoxelizeResponse& response);
+  void MakeSummary(v1::VoxelizeResponse& response);
+
+  JobOutcome outcome_;
+  Part part_ = Part::kHeader;
+  size_t target_ = 0;
+  uint64_t offset_ = 0, bytes_sent_ = 0;
+  Sha256 hash_;
+};
+
+}  // namespace voxelpipe

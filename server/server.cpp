@@ -1,0 +1,83 @@
+#include "server.h"
+
+#include <thread>
+
+#include <grpcpp/ext/proto_server_reflection_plugin.h>
+#include <grpcpp/grpcpp.h>
+#include <grpcpp/resource_quota.h>
+
+#include <spdlog/spdlog.h>
+
+#include "absl/strings/str_cat.h"
+#include "health_service.h"
+#include "pipeline/backend.h"
+#include "service_state.h"
+#include "voxelization_service.h"
+
+namespace voxelpipe {
+namespace {
+
+// Bounds what gRPC itself buffers; room for a few messages of the largest size.
+constexpr size_t kTransportBytes = size_t{512} << 20;
+constexpr int kKeepaliveMs = 60'000;     // finds clients that vanished, so that their jobs end
+constexpr int kMinPingIntervalMs = 5'000;  // what clients may do to find a server that vanished
+
+}  // namespace
+
+VoxelServer::VoxelServer(const ServerOptions& resolved)
+    : state_(std::make_unique<ServiceState>(resolved)),
+      service_(std::make_unique<VoxelizationServiceImpl>(*state_)),
+      health_(std::make_unique<HealthService>()) {}
+
+absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOptions& options) {
+  if (const auto backend = SelectBackend(options.backend); !backend.ok()) return backend.status();
+  std::unique_ptr<VoxelServer> server(new VoxelServer(Resolve(options)));
+
+  // Once for the process, before any builder; a repetition does nothing.
+  grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+  grpc::ServerBuilder builder;
+  int port = 0;
+  builder.AddListeningPort(options.listen, grpc::InsecureServerCredentials(), &port);
+  builder.RegisterService(server->service_.get());
+  builder.RegisterService(server->health_.get());
+  builder.SetMaxReceiveMessageSize(kMaxMessageBytes);
+  builder.SetResourceQuota(grpc::ResourceQuota("voxelpiped").Resize(kTransportBytes));
+  // Two servers must not share a port unnoticed.
+  builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveMs);
+  builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
+  server->server_ = builder.BuildAndStart();
+  if (!server->server_ || port == 0) return absl::UnavailableError(absl::StrCat("cannot listen on ", options.listen));
+
+  server->address_ = options.listen;
+  if (!options.listen.starts_with("unix:")) {
+    server->address_ = absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
+  }
+  server->health_->SetServing(true);
+  return server;
+}
+
+void VoxelServer::Drain() {
+  drained_ = true;
+  health_->SetServing(false);
+  const ServerOptions& options = state_->options;
+  spdlog::info("draining: calls are taken for another {} ms, then those that run have {} ms", options.lame_duck_ms,
+               options.drain_grace_ms);
+  std::this_thread::sleep_for(std::chrono::milliseconds(options.lame_duck_ms));
+  health_->EndWatches();
+  server_->Shutdown(std::chrono::system_clock::now() + std::chrono::milliseconds(options.drain_grace_ms));
+  server_->Wait();
+  state_->pool.Drain();
+  spdlog::info("drained");
+}
+
+VoxelServer::~VoxelServer() {
+  if (server_ && !drained_) {
+    health_->EndWatches();
+    server_->Shutdown(std::chrono::system_clock::now());
+    server_->Wait();
+  }
+  if (state_) state_->pool.Drain();
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,46 @@
+// A running server: its services, its port, its end.
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "options.h"
+
+namespace grpc {
+class Server;
+}
+
+namespace voxelpipe {
+
+class HealthService;
+class VoxelizationServiceImpl;
+struct ServiceState;
+
+class VoxelServer {
+ public:
+  // Binds and serves. Errors: FAILED_PRECONDITION for a backend that is not there; UNAVAILABLE when the address cannot be bound.
+  static absl::StatusOr<std::unique_ptr<VoxelServer>> Start(const ServerOptions& options);
+  // Ends at once what still runs.
+  ~VoxelServer();
+
+  // The address with the port that was picked.
+  const std::string& address() const { return address_; }
+
+  // Graceful end: says NOT_SERVING, takes calls for another options.lame_duck_ms so that those on their way arrive, then takes
+  // no more and gives those that run options.drain_grace_ms. Returns when everything has ended. Call once.
+  void Drain();
+
+ private:
+  explicit VoxelServer(const ServerOptions& resolved);
+
+  std::string address_;
+  std::unique_ptr<ServiceState> state_;
+  std::unique_ptr<VoxelizationServiceImpl> service_;
+  std::unique_ptr<HealthService> health_;
+  std::unique_ptr<grpc::Server> server_;
+  bool drained_ = false;
+};
+
+}  // namespace voxelpipe

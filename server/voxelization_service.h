@@ -1,0 +1,32 @@
+// The service: which call is answered by what.
+#pragma once
+
+#include <grpcpp/grpcpp.h>
+
+#include "service_state.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+
+namespace voxelpipe {
+
+class VoxelizationServiceImpl final : public v1::VoxelizationService::CallbackService {
+ public:
+  // `state` must outlive the service.
+  explicit VoxelizationServiceImpl(ServiceState& state) : state_(state) {}
+
+  grpc::ServerBidiReactor<v1::VoxelizeRequest, v1::VoxelizeResponse>* Voxelize(
+      grpc::CallbackServerContext* context) override;
+  grpc::ServerUnaryReactor* EstimateVoxelization(grpc::CallbackServerContext* context,
+                                                 const v1::EstimateVoxelizationRequest* request,
+                                                 v1::EstimateVoxelizationResponse* response) override;
+  grpc::ServerUnaryReactor* ListShaders(grpc::CallbackServerContext* context, const v1::ListShadersRequest* request,
+                                        v1::ListShadersResponse* response) override;
+  grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context, const v1::GetServerInfoRequest* request,
+                                          v1::GetServerInfoResponse* response) override;
+
+ private:
+  grpc::ServerUnaryReactor* Answered(grpc::CallbackServerContext* context, const char* method);
+
+  ServiceState& state_;
+};
+
+}  // namespace voxelpipe

@@ -1,0 +1,81 @@
+// One Voxelize call: gathers the upload, hands the job to the pool, sends what comes of it.
+#pragma once
+
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <grpcpp/grpcpp.h>
+
+#include "absl/status/status.h"
+#include "base/job_context.h"
+#include "byte_budget.h"
+#include "call_record.h"
+#include "result_stream.h"
+#include "service_state.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+
+namespace voxelpipe {
+
+// gRPC's threads call the On... functions and never wait here; a worker of the pool calls Work. The object lives until gRPC is
+// done with the call and the worker is done with the job, whichever comes last.
+class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v1::VoxelizeResponse> {
+ public:
+  // The reactor of a new call. `state` must outlive it.
+  static VoxelizeCall* Create(ServiceState& state, grpc::CallbackServerContext& context);
+
+  void OnReadDone(bool ok) override;
+  void OnWriteDone(bool ok) override;
+  void OnCancel() override;
+  void OnDone() override;
+
+ private:
+  VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& context);
+
+  absl::Status TakeMessage();
+  absl::Status TakeConfig(const v1::VoxelizeConfig& config);
+  absl::Status TakePiece(std::string piece);
+  void UploadEnded();
+
+  // On a worker's thread.
+  void Work();
+  absl::StatusOr<JobOutcome> Run(std::vector<uint8_t> file);
+  void OnPlan(const Plan& plan);
+  void OnProgress(std::string_view stage, double fraction);
+
+  // Queues a small message.
+  void Post(v1::VoxelizeResponse response);
+  // Starts the next write or finishes the call, if neither is under way.
+  void Pump();
+  // Ends the call with `status` as soon as no write is in flight. Only the first one counts.
+  void End(absl::Status status);
+  // Frees what only a running job may still need. With mutex_ held.
+  void FreeLocked();
+
+  ServiceState& state_;
+  grpc::CallbackServerContext& context_;  // used by gRPC's threads only
+  std::shared_ptr<VoxelizeCall> self_;    // until OnDone
+  CallRecord record_;
+  JobContext job_;
+
+  // The upload: touched by one read at a time, then by the worker.
+  v1::VoxelizeRequest request_;
+  std::optional<ParsedConfig> config_;
+  std::deque<std::string> pieces_;
+  BudgetShare uploads_, working_;
+  bool refused_for_load_ = false;
+  std::chrono::steady_clock::time_point last_progress_;
+
+  std::mutex mutex_;
+  std::optional<WorkerPool::Ticket> ticket_;
+  std::deque<v1::VoxelizeResponse> pending_;
+  std::unique_ptr<ResultStream> result_;
+  v1::VoxelizeResponse response_;  // in flight while writing_
+  std::optional<absl::Status> end_;
+  bool working_now_ = false, writing_ = false, finished_ = false;
+};
+
+}  // namespace voxelpipe
