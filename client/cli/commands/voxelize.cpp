@@ -3,6 +3,7 @@
 #include <new>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "clock.h"
 #include "commands/commands.h"
 #include "encode/encode.h"
@@ -111,52 +112,71 @@ int Voxelize(const VoxelizeArguments& arguments) {
   return exit_code;
 }
 
+// Breaks a description so that it fits beside the option names on a terminal.
+std::string Wrapped(const std::string& text) {
+  constexpr size_t kColumns = 78;
+  std::string wrapped;
+  size_t column = 0;
+  for (const std::string& word : std::vector<std::string>(absl::StrSplit(text, ' '))) {
+    if (column > 0 && column + 1 + word.size() > kColumns) {
+      wrapped += '\n';
+      column = 0;
+    } else if (column > 0) {
+      wrapped += ' ';
+      ++column;
+    }
+    wrapped += word;
+    column += word.size();
+  }
+  return wrapped;
+}
+
 void AddGridOptions(CLI::App& command, RequestOptions& request) {
   const std::string group = "Grid";
-  command.add_option("--resolution", request.resolution, "Voxels along the longest extent (default 128)")->group(group);
-  command.add_option("--voxel-size", request.voxel_size, "Voxel size H, or HX,HY,HZ, in the mesh's units")
-      ->group(group);
-  command.add_option("--dims", request.dims, "Dims X,Y,Z of a grid given by --dims, --origin and --voxel-size")
-      ->group(group);
-  command.add_option("--origin", request.origin, "Origin X,Y,Z of that grid: the corner of its first voxel")
-      ->group(group);
-  command
-      .add_option("--fit", request.fit, "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N")
-      ->group(group);
-  command.add_option("--padding", request.padding, "Empty voxels on every side")->group(group)->capture_default_str();
+  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
+    command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  };
+  add("--resolution", request.resolution, "N", "Voxels along the longest extent (default 128)");
+  add("--voxel-size", request.voxel_size, "H[,HY,HZ]", "Voxel size, one for all axes or three, in the mesh's units");
+  add("--dims", request.dims, "X,Y,Z", "Dims of a grid that --dims, --origin and --voxel-size give together");
+  add("--origin", request.origin, "X,Y,Z", "Origin of that grid: the corner of its first voxel");
+  add("--fit", request.fit, "tight|cube",
+      "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N, shorter axes centred");
+  add("--padding", request.padding, "P", "Empty voxels on every side (default 0)");
 }
 
 void AddShadingOptions(CLI::App& command, RequestOptions& request) {
   const std::string group = "Voxels and values";
-  command.add_option("--coverage", request.coverage, "Which voxels a triangle covers: conservative, thin or center")
-      ->group(group)
-      ->capture_default_str();
-  command.add_option("--fill", request.fill, "Fill the inside: none or parity")->group(group)->capture_default_str();
-  command
-      .add_option(
-          "--shader", request.shader,
-          "NAME[:k=v,...]: the fragment shader of every target that names none. A vector's numbers are separated by "
-          "'/', e.g. constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them")
-      ->group(group)
-      ->type_name("SHADER");
-  command.add_option("--vertex-shader", request.vertex_shader, "NAME[:k=v,...]: the vertex shader (default identity)")
-      ->group(group)
-      ->type_name("SHADER");
-  command
-      .add_option(
-          "--target", request.targets,
-          "FORMAT[xC]:BLEND[:shader=NAME,quantum=..,clear=..,fill=..]: a render target; further k=v belong to its "
-          "shader. "
-          "Formats bit, f32 with C = 1 to 4; blends or, replace (bit), replace, min, max, add (f32). May be given "
-          "several times. "
-          "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C as many as the shader gives")
-      ->group(group)
-      ->type_name("TARGET")
+  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
+    return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  };
+  add("--coverage", request.coverage, "conservative|thin|center",
+      "Which voxels a triangle covers (default conservative: all it touches)");
+  add("--fill", request.fill, "none|parity", "Whether the inside is filled (default none)");
+  add("--shader", request.shader, "NAME[:k=v,...]",
+      "The fragment shader of every target that names none. A vector's numbers are separated by '/', as in "
+      "constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them");
+  add("--vertex-shader", request.vertex_shader, "NAME[:k=v,...]", "The vertex shader (default identity)");
+  add("--target", request.targets, "FORMAT[xC]:BLEND[:k=v,...]",
+      "A render target; may be given several times. FORMAT bit or f32, C = 1 to 4 components. BLEND or, replace for "
+      "bit; replace, min, max, add for f32. k is shader, quantum (add), clear, fill, or a parameter of the shader. "
+      "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C as many as the shader gives")
       ->allow_extra_args(false)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  command.add_option("--layout", request.layout, "Order of components: interleaved or planar")
-      ->group(group)
-      ->capture_default_str();
+  add("--layout", request.layout, "interleaved|planar", "Order of components (default interleaved)");
+}
+
+void AddExecutionOptions(CLI::App& command, VoxelizeArguments& arguments) {
+  const std::string group = "Execution";
+  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
+    command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  };
+  add("--server", arguments.server, "HOST:PORT", "Voxelize on this server instead of in this process");
+  add("--result", arguments.result, "dense", "Kind of result");
+  add("--backend", arguments.request.backend, "auto|cpu|cuda", "What does the work (default auto)");
+  add("--threads", arguments.request.threads, "N", "Threads of the CPU backend (default 0: all cores)");
+  add("--simd", arguments.simd, "auto|scalar", "Instruction set of the CPU backend (default auto)");
+  add("--repeat", arguments.repeat, "N", "Run the pipeline N times on the loaded mesh and print medians");
 }
 
 }  // namespace
@@ -164,32 +184,19 @@ void AddShadingOptions(CLI::App& command, RequestOptions& request) {
 void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<VoxelizeArguments>();
   CLI::App* command = app.add_subcommand("voxelize", "Voxelize meshes");
-  command->add_option("IN", arguments->inputs, "Mesh files: .glb, .gltf, .drc")->required()->type_name("FILE");
+  command->add_option("IN", arguments->inputs, "Mesh files: .glb, .gltf, .drc")->required()->type_name("");
   command
-      ->add_option(
-          "-o,--output", arguments->output,
-          "Where the result goes; the extension decides: .npy, .raw, .png (a picture). Several targets into .npy or "
-          ".raw: OUT.<index>.ext. With several IN a directory. Without it only the summary is printed")
+      ->add_option("-o,--output", arguments->output,
+                   Wrapped("Where the result goes; the extension decides: .npy, .raw, .png (a picture). Several "
+                           "targets into .npy or .raw: OUT.<index>.ext. With several IN a directory. Without it only "
+                           "the summary is printed"))
       ->type_name("OUT");
   command->add_option("--preview", arguments->preview, "Also write a picture: a shaded view and three slices")
       ->type_name("PNG");
   command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");
-  command->add_option("--server", arguments->server, "Voxelize on this server instead of in this process")
-      ->type_name("HOST:PORT");
   AddGridOptions(*command, arguments->request);
   AddShadingOptions(*command, arguments->request);
-  const std::string group = "Execution";
-  command->add_option("--result", arguments->result, "Kind of result: dense")->group(group)->capture_default_str();
-  command->add_option("--backend", arguments->request.backend, "auto, cpu or cuda")
-      ->group(group)
-      ->capture_default_str();
-  command->add_option("--threads", arguments->request.threads, "Threads of the CPU backend, 0 = all cores")
-      ->group(group)
-      ->capture_default_str();
-  command->add_option("--simd", arguments->simd, "auto or scalar")->group(group)->capture_default_str();
-  command->add_option("--repeat", arguments->repeat, "Run the pipeline N times on the loaded mesh and print medians")
-      ->group(group)
-      ->capture_default_str();
+  AddExecutionOptions(*command, *arguments);
   command->callback([arguments, &exit_code] { exit_code = Voxelize(*arguments); });
 }
 
