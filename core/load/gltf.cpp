@@ -1,0 +1,47 @@
+#include "load/gltf.h"
+
+#include "load/gltf_accessor.h"
+#include "load/gltf_buffers.h"
+#include "load/gltf_document.h"
+#include "load/gltf_graph.h"
+#include "load/gltf_materials.h"
+#include "load/gltf_meshes.h"
+#include "load/gltf_model.h"
+#include "load/gltf_nodes.h"
+#include "load/json_guard.h"
+
+namespace voxelpipe {
+
+// The order of the steps is the safety of the loader: guard the text, check every declaration, resolve the bytes, and
+// only then read typed data, each range checked before it is read.
+absl::StatusOr<Scene> LoadGltf(std::string_view json, std::optional<std::span<const uint8_t>> binary_chunk,
+                               const LoadLimits& limits) {
+  if (absl::Status bad = GuardJson(json, limits); !bad.ok()) return bad;
+  absl::StatusOr<gltf::Document> document = gltf::ParseDocument(json, limits);
+  if (!document.ok()) return document.status();
+  absl::StatusOr<tinygltf::Model> model = gltf::ParseGraph(document->graph);
+  if (!model.ok()) return model.status();
+
+  gltf::Budget budget(limits);
+  absl::StatusOr<gltf::Buffers> buffers = gltf::Buffers::Resolve(*document, binary_chunk, budget);
+  if (!buffers.ok()) return buffers.status();
+  const gltf::AccessorReader accessors(*document, *buffers, budget);
+
+  Scene scene;
+  scene.warnings = std::move(document->warnings);
+  if (absl::Status bad = gltf::ReadNodes(*model, accessors, limits, scene); !bad.ok()) return bad;
+  gltf::PrimitiveContext context{*document, *buffers, budget, accessors, scene.warnings};
+  if (absl::Status bad = gltf::ReadMeshes(*model, context, scene); !bad.ok()) return bad;
+  if (absl::Status bad = gltf::ReadMaterials(*model, *document, *buffers, budget, scene); !bad.ok()) return bad;
+
+  // A broken file can earn a warning for every primitive; a few of them tell the story.
+  constexpr size_t kMostWarnings = 100;
+  if (scene.warnings.size() > kMostWarnings) {
+    const size_t more = scene.warnings.size() - kMostWarnings;
+    scene.warnings.resize(kMostWarnings);
+    scene.warnings.push_back("and " + std::to_string(more) + " more warnings");
+  }
+  return scene;
+}
+
+}  // namespace voxelpipe

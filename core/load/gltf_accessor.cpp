@@ -1,0 +1,185 @@
+#include "load/gltf_accessor.h"
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <string>
+#include <type_traits>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "base/checked.h"
+
+namespace voxelpipe::gltf {
+namespace {
+
+// A checked run of elements: the last one ends inside `bytes`.
+struct Run {
+  std::span<const uint8_t> bytes;
+  uint64_t offset = 0, stride = 0;
+};
+
+// Bytes of one element. Columns of a matrix are padded to 4 bytes.
+uint64_t ColumnBytes(const AccessorDecl& decl) {
+  const uint64_t component = ComponentBytes(decl.component_type);
+  if (!decl.matrix) return component * decl.components;
+  const uint64_t rows = decl.components == 4 ? 2 : (decl.components == 9 ? 3 : 4);
+  return (component * rows + 3) / 4 * 4;
+}
+
+uint64_t ElementBytes(const AccessorDecl& decl) {
+  if (!decl.matrix) return ColumnBytes(decl);
+  const uint64_t columns = decl.components == 4 ? 2 : (decl.components == 9 ? 3 : 4);
+  return ColumnBytes(decl) * columns;
+}
+
+// Proves that `count` elements fit.
+absl::StatusOr<Run> CheckRun(std::span<const uint8_t> bytes, uint64_t offset, uint64_t stride, uint64_t element,
+                             uint64_t count, const std::string& where, uint32_t view) {
+  Run run{bytes, offset, stride == 0 ? element : stride};
+  if (count == 0) return run;
+  const std::optional<uint64_t> last = CheckedMul(count - 1, run.stride);
+  const std::optional<uint64_t> size = last ? CheckedAdd(*last, element) : std::nullopt;
+  const std::optional<uint64_t> end = size ? CheckedAdd(*size, offset) : std::nullopt;
+  if (!end || *end > bytes.size()) {
+    return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": ", count, " elements of ", element,
+                                                   " bytes at byteOffset ", offset, " with stride ", run.stride,
+                                                   " exceed bufferView ", view, " of ", bytes.size(), " bytes"));
+  }
+  return run;
+}
+
+template <typename C>
+C Load(const uint8_t* at) {
+  C value;
+  std::memcpy(&value, at, sizeof value);
+  return value;
+}
+
+template <typename T, typename C>
+T Convert(C value, bool normalized) {
+  if constexpr (std::is_same_v<T, float>) {
+    if constexpr (std::is_same_v<C, float>) return value;
+    if (!normalized) return static_cast<float>(value);
+    // glTF 2.0, section 3.6.2.2: f = max(c / max, -1) for signed types.
+    const float scaled =
+        static_cast<float>(static_cast<double>(value) / static_cast<double>(std::numeric_limits<C>::max()));
+    return scaled < -1.0f ? -1.0f : scaled;
+  } else {
+    return static_cast<T>(value);
+  }
+}
+
+template <typename T, typename C>
+void CopyElement(const uint8_t* from, const AccessorDecl& decl, uint64_t column_bytes, T* to) {
+  if (!decl.matrix) {
+    for (int c = 0; c < decl.components; ++c) to[c] = Convert<T>(Load<C>(from + c * sizeof(C)), decl.normalized);
+    return;
+  }
+  const int rows = decl.components == 4 ? 2 : (decl.components == 9 ? 3 : 4);
+  for (int c = 0; c < decl.components; ++c) {
+    to[c] = Convert<T>(Load<C>(from + (c / rows) * column_bytes + (c % rows) * sizeof(C)), decl.normalized);
+  }
+}
+
+template <typename T, typename C>
+void CopyRun(const Run& run, const AccessorDecl& decl, uint64_t count, T* out, const std::vector<uint32_t>* places) {
+  const uint64_t column_bytes = ColumnBytes(decl);
+  for (uint64_t i = 0; i < count; ++i) {
+    const uint64_t place = places == nullptr ? i : (*places)[i];
+    CopyElement<T, C>(run.bytes.data() + run.offset + i * run.stride, decl, column_bytes, out + place * decl.components);
+  }
+}
+
+// Element i of the run goes to element places[i] of `out`, or to i without places.
+template <typename T>
+void CopyTyped(const Run& run, const AccessorDecl& decl, uint64_t count, T* out, const std::vector<uint32_t>* places) {
+  switch (decl.component_type) {
+    case 5120:
+      return CopyRun<T, int8_t>(run, decl, count, out, places);
+    case 5121:
+      return CopyRun<T, uint8_t>(run, decl, count, out, places);
+    case 5122:
+      return CopyRun<T, int16_t>(run, decl, count, out, places);
+    case 5123:
+      return CopyRun<T, uint16_t>(run, decl, count, out, places);
+    case 5125:
+      return CopyRun<T, uint32_t>(run, decl, count, out, places);
+    default:
+      return CopyRun<T, float>(run, decl, count, out, places);
+  }
+}
+
+bool IsUnsignedType(int type) { return type == 5121 || type == 5123 || type == 5125; }
+
+}  // namespace
+
+template <typename T>
+absl::StatusOr<std::vector<T>> AccessorReader::Read(uint32_t accessor) const {
+  const AccessorDecl& decl = document_.accessors[accessor];
+  const std::string where = absl::StrCat("accessor ", accessor);
+  const uint64_t element = ElementBytes(decl);
+
+  // The range comes first: a huge count over a small view is a fault of the accessor, not of the limits.
+  Run run;
+  if (decl.view >= 0) {
+    const uint32_t view = static_cast<uint32_t>(decl.view);
+    absl::StatusOr<std::span<const uint8_t>> bytes = buffers_.View(view, budget_);
+    if (!bytes.ok()) return bytes.status();
+    absl::StatusOr<Run> checked =
+        CheckRun(*bytes, decl.offset, buffers_.Stride(view), element, decl.count, where, view);
+    if (!checked.ok()) return checked.status();
+    run = *checked;
+  }
+  if (decl.count > budget_.limits().max_vertices && decl.view < 0) {
+    return absl::ResourceExhaustedError(absl::StrCat("glTF: ", where, ": ", decl.count,
+                                                     " elements without data; the limit max_vertices is ",
+                                                     budget_.limits().max_vertices));
+  }
+  if (absl::Status full = budget_.Take(decl.count, decl.components * sizeof(T), where); !full.ok()) return full;
+  std::vector<T> out(decl.count * decl.components, T{});
+  if (decl.view >= 0) CopyTyped<T>(run, decl, decl.count, out.data(), nullptr);
+  if (!decl.sparse) return out;
+
+  const SparseDecl& sparse = *decl.sparse;
+  if (!IsUnsignedType(sparse.index_type)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("glTF: ", where, ", sparse indices: component type ", sparse.index_type, " is not unsigned"));
+  }
+  absl::StatusOr<std::span<const uint8_t>> index_bytes = buffers_.View(sparse.index_view, budget_);
+  if (!index_bytes.ok()) return index_bytes.status();
+  absl::StatusOr<std::span<const uint8_t>> value_bytes = buffers_.View(sparse.value_view, budget_);
+  if (!value_bytes.ok()) return value_bytes.status();
+  AccessorDecl index_decl;
+  index_decl.component_type = sparse.index_type;
+  index_decl.components = 1;
+  absl::StatusOr<Run> index_run = CheckRun(*index_bytes, sparse.index_offset, 0, ElementBytes(index_decl), sparse.count,
+                                           where + ", sparse indices", sparse.index_view);
+  if (!index_run.ok()) return index_run.status();
+  absl::StatusOr<Run> value_run = CheckRun(*value_bytes, sparse.value_offset, 0, element, sparse.count,
+                                           where + ", sparse values", sparse.value_view);
+  if (!value_run.ok()) return value_run.status();
+  std::vector<uint32_t> places(sparse.count);
+  CopyTyped<uint32_t>(*index_run, index_decl, sparse.count, places.data(), nullptr);
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (places[i] >= decl.count) {
+      return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ", sparse indices: entry ", i, " is ", places[i],
+                                                     ", the accessor has ", decl.count, " elements"));
+    }
+  }
+  CopyTyped<T>(*value_run, decl, sparse.count, out.data(), &places);
+  return out;
+}
+
+absl::StatusOr<std::vector<float>> AccessorReader::Floats(uint32_t accessor) const { return Read<float>(accessor); }
+
+absl::StatusOr<std::vector<uint32_t>> AccessorReader::Unsigned(uint32_t accessor) const {
+  if (!IsUnsignedType(document_.accessors[accessor].component_type)) {
+    return absl::InvalidArgumentError(absl::StrCat("glTF: accessor ", accessor, ": component type ",
+                                                   document_.accessors[accessor].component_type,
+                                                   " is not an unsigned integer"));
+  }
+  return Read<uint32_t>(accessor);
+}
+
+}  // namespace voxelpipe::gltf

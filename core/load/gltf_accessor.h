@@ -1,0 +1,39 @@
+// Typed reading of accessors; every range is checked in 64 bits before anything is allocated or read.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "load/gltf_buffers.h"
+#include "load/gltf_document.h"
+
+namespace voxelpipe::gltf {
+
+class AccessorReader {
+ public:
+  // All must outlive this.
+  AccessorReader(const Document& document, Buffers& buffers, Budget& budget)
+      : document_(document), buffers_(buffers), budget_(budget) {}
+
+  const AccessorDecl& decl(uint32_t accessor) const { return document_.accessors[accessor]; }
+
+  // All components as floats, element after element (count * components values; matrices without their padding).
+  // Normalized integers are divided by their maximum, other integers are converted. Sparse values are applied; an
+  // accessor without a buffer view is zeros.
+  // Errors: INVALID_ARGUMENT naming the accessor, RESOURCE_EXHAUSTED past the limits.
+  absl::StatusOr<std::vector<float>> Floats(uint32_t accessor) const;
+
+  // SCALAR (or, for joints, any) unsigned integers. INVALID_ARGUMENT for other component types.
+  absl::StatusOr<std::vector<uint32_t>> Unsigned(uint32_t accessor) const;
+
+ private:
+  template <typename T>
+  absl::StatusOr<std::vector<T>> Read(uint32_t accessor) const;
+
+  const Document& document_;
+  Buffers& buffers_;
+  Budget& budget_;
+};
+
+}  // namespace voxelpipe::gltf

@@ -1,0 +1,42 @@
+// Where a primitive's vertex attributes come from: accessors, or a Draco stream.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "load/draco.h"
+#include "load/gltf_primitives.h"
+
+namespace voxelpipe::gltf {
+
+struct AttributeValues {
+  int components = 0;
+  std::vector<float> values;
+  std::string origin;  // for messages: "accessor 3" or "Draco attribute 1"
+};
+
+class AttributeSource {
+ public:
+  // In: attribute names -> accessors, the draco extension's names -> unique ids, and the decoded stream (none: plain).
+  AttributeSource(const std::map<std::string, int>& accessors, std::map<std::string, uint32_t> draco_ids,
+                  std::optional<DracoMesh> draco, const PrimitiveContext& context)
+      : accessors_(accessors), draco_ids_(std::move(draco_ids)), draco_(std::move(draco)), context_(context) {}
+
+  // The values of an attribute, nothing if the primitive has none of that name.
+  // Errors: INVALID_ARGUMENT naming the accessor or the missing Draco attribute.
+  absl::StatusOr<std::optional<AttributeValues>> Find(const std::string& name);
+
+  const std::optional<DracoMesh>& draco() const { return draco_; }
+
+ private:
+  const std::map<std::string, int>& accessors_;
+  std::map<std::string, uint32_t> draco_ids_;
+  std::optional<DracoMesh> draco_;
+  const PrimitiveContext& context_;
+};
+
+}  // namespace voxelpipe::gltf

@@ -1,0 +1,190 @@
+#include "load/gltf_buffers.h"
+
+#include <algorithm>
+
+#include "absl/status/status.h"
+#include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "base/checked.h"
+#include "load/json_guard.h"
+#include "load/meshopt.h"
+
+namespace voxelpipe::gltf {
+namespace {
+
+int HexDigit(char c) {
+  if (c >= '0' && c <= '9') return c - '0';
+  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+  return -1;
+}
+
+absl::StatusOr<std::string> PercentDecode(std::string_view text) {
+  std::string out;
+  out.reserve(text.size());
+  for (size_t i = 0; i < text.size(); ++i) {
+    if (text[i] != '%') {
+      out.push_back(text[i]);
+      continue;
+    }
+    const int high = i + 2 < text.size() ? HexDigit(text[i + 1]) : -1;
+    const int low = i + 2 < text.size() ? HexDigit(text[i + 2]) : -1;
+    if (high < 0 || low < 0) return absl::InvalidArgumentError(absl::StrCat("a broken percent escape at character ", i));
+    out.push_back(static_cast<char>(high * 16 + low));
+    i += 2;
+  }
+  return out;
+}
+
+// Abseil's decoder passes over white space and is lenient about padding, so the alphabet is checked here.
+absl::Status CheckBase64(std::string_view text) {
+  size_t end = text.size();
+  while (end > 0 && text.size() - end < 2 && text[end - 1] == '=') --end;
+  for (size_t i = 0; i < end; ++i) {
+    const char c = text[i];
+    const bool good = (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '+' || c == '/';
+    if (!good) return absl::InvalidArgumentError(absl::StrCat("a character that is not base64 at ", i));
+  }
+  if (end % 4 == 1) return absl::InvalidArgumentError("base64 of an impossible length");
+  return absl::OkStatus();
+}
+
+// Which buffers may lack data: flagged as a fallback, or seen only by views whose bytes are compressed in another buffer.
+std::vector<bool> Placeholders(const Document& document) {
+  const size_t count = document.buffers.size();
+  std::vector<bool> read(count), replaced(count), out(count);
+  for (const ViewDecl& view : document.views) {
+    if (view.meshopt) read[view.meshopt->buffer] = true;
+    (view.meshopt ? replaced : read)[view.buffer] = true;
+  }
+  for (size_t i = 0; i < count; ++i) out[i] = document.buffers[i].fallback || (replaced[i] && !read[i]);
+  return out;
+}
+
+}  // namespace
+
+absl::Status Budget::Take(uint64_t elements, uint64_t bytes_each, const std::string& what) {
+  const std::optional<uint64_t> bytes = CheckedMul(elements, bytes_each);
+  const std::optional<uint64_t> sum = bytes ? CheckedAdd(used_, *bytes) : std::nullopt;
+  if (!sum || *sum > limits_.max_decoded_bytes) {
+    return absl::ResourceExhaustedError(absl::StrCat("glTF: ", what, ": ", elements, " elements of ", bytes_each,
+                                                     " bytes exceed the limit max_decoded_bytes, ",
+                                                     limits_.max_decoded_bytes));
+  }
+  used_ = *sum;
+  return absl::OkStatus();
+}
+
+absl::StatusOr<DataUri> DecodeDataUri(std::string_view uri) {
+  const size_t comma = uri.find(',');
+  if (comma == std::string_view::npos) return absl::InvalidArgumentError("a data: URI without a comma");
+  std::string_view head = uri.substr(5, comma - 5), data = uri.substr(comma + 1);
+  constexpr std::string_view kBase64 = ";base64";
+  const bool base64 = head.size() >= kBase64.size() && head.substr(head.size() - kBase64.size()) == kBase64;
+  DataUri out;
+  out.media_type = std::string(head.substr(0, head.find(';')));
+
+  std::string unescaped;
+  if (!base64 || data.find('%') != std::string_view::npos) {
+    absl::StatusOr<std::string> text = PercentDecode(data);
+    if (!text.ok()) return text.status();
+    unescaped = *std::move(text);
+    data = unescaped;
+  }
+  if (!base64) {
+    out.bytes.assign(data.begin(), data.end());
+    return out;
+  }
+  if (absl::Status bad = CheckBase64(data); !bad.ok()) return bad;
+  std::string binary;
+  if (!absl::Base64Unescape(absl::string_view(data.data(), data.size()), &binary)) {
+    return absl::InvalidArgumentError("broken base64");
+  }
+  out.bytes.assign(binary.begin(), binary.end());
+  return out;
+}
+
+absl::StatusOr<Buffers> Buffers::Resolve(Document& document, std::optional<std::span<const uint8_t>> chunk,
+                                         Budget& budget) {
+  Buffers buffers;
+  buffers.document_ = &document;
+  buffers.owned_.resize(document.buffers.size());
+  buffers.bytes_.resize(document.buffers.size());
+  buffers.decoded_views_.resize(document.views.size());
+  const std::vector<bool> placeholders = Placeholders(document);
+  for (size_t i = 0; i < document.buffers.size(); ++i) {
+    BufferDecl& decl = document.buffers[i];
+    const std::string where = absl::StrCat("buffer ", i);
+    if (!decl.uri) {
+      if (i == 0 && chunk) {
+        buffers.bytes_[i] = *chunk;
+      } else if (placeholders[i]) {
+        continue;
+      } else {
+        return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": no uri, and no GLB chunk holds its data"));
+      }
+    } else if (absl::StartsWith(*decl.uri, "data:")) {
+      if (absl::Status full = budget.Take(decl.uri->size(), 1, where); !full.ok()) return full;
+      absl::StatusOr<DataUri> data = DecodeDataUri(*decl.uri);
+      if (!data.ok()) {
+        return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": ", data.status().message()));
+      }
+      decl.uri->clear();
+      decl.uri->shrink_to_fit();
+      buffers.owned_[i] = std::move(data->bytes);
+      buffers.bytes_[i] = buffers.owned_[i];
+    } else {
+      return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": the URI ", Quoted(*decl.uri),
+                                                     " is not read: only data: URIs and the GLB chunk are"));
+    }
+    if (decl.byte_length > buffers.bytes_[i].size()) {
+      return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": byteLength is ", decl.byte_length, ", its data has ",
+                                                     buffers.bytes_[i].size(), " bytes"));
+    }
+    buffers.bytes_[i] = buffers.bytes_[i].first(decl.byte_length);
+  }
+  return buffers;
+}
+
+absl::StatusOr<std::vector<uint8_t>> Buffers::Decode(const MeshoptDecl& decl, Budget& budget) const {
+  const std::span<const uint8_t> buffer = bytes_[decl.buffer];
+  if (buffer.size() < decl.offset + decl.length) {
+    return absl::InvalidArgumentError(absl::StrCat("EXT_meshopt_compression: buffer ", decl.buffer, " has no data"));
+  }
+  if (absl::Status full = budget.Take(decl.count, decl.stride, "EXT_meshopt_compression"); !full.ok()) return full;
+  MeshoptView view;
+  view.count = decl.count;
+  view.byte_stride = decl.stride;
+  view.mode = decl.mode;
+  view.filter = decl.filter;
+  return DecodeMeshopt(buffer.subspan(decl.offset, decl.length), view, budget.limits());
+}
+
+absl::StatusOr<std::span<const uint8_t>> Buffers::View(uint32_t index, Budget& budget) {
+  const ViewDecl& view = document_->views[index];
+  if (!view.meshopt) {
+    const std::span<const uint8_t> buffer = bytes_[view.buffer];
+    if (buffer.size() < view.offset + view.length) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("glTF: bufferView ", index, ": buffer ", view.buffer, " is a placeholder without data"));
+    }
+    return buffer.subspan(view.offset, view.length);
+  }
+  std::vector<uint8_t>& decoded = decoded_views_[index];
+  if (decoded.empty()) {
+    absl::StatusOr<std::vector<uint8_t>> bytes = Decode(*view.meshopt, budget);
+    if (!bytes.ok()) {
+      return absl::Status(bytes.status().code(), absl::StrCat("glTF: bufferView ", index, ": ", bytes.status().message()));
+    }
+    decoded = *std::move(bytes);
+  }
+  return std::span<const uint8_t>(decoded);
+}
+
+uint64_t Buffers::Stride(uint32_t index) const {
+  const ViewDecl& view = document_->views[index];
+  return view.meshopt ? view.meshopt->stride : view.stride;
+}
+
+}  // namespace voxelpipe::gltf

@@ -1,0 +1,243 @@
+#include "load/gltf_document.h"
+
+#include <algorithm>
+#include <array>
+
+#include "absl/strings/match.h"
+#include "base/checked.h"
+#include "load/gltf_fields.h"
+#include "load/gltf_sanitize.h"
+#include "load/json_guard.h"
+
+namespace voxelpipe::gltf {
+namespace {
+
+// What may stand in extensionsRequired: geometry extensions that the loader implements, and those that do not touch
+// geometry (all of KHR_materials_* too).
+constexpr std::array<std::string_view, 12> kKnownExtensions = {
+    "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization", "EXT_mesh_gpu_instancing",
+    "KHR_texture_transform",      "KHR_lights_punctual",     "KHR_texture_basisu",    "EXT_texture_webp",
+    "KHR_node_visibility",        "KHR_xmp_json_ld",         "KHR_animation_pointer", "EXT_texture_avif"};
+constexpr uint64_t kMostElements = 1'000'000;  // of any one array; nodes have their own limit
+
+absl::Status CheckVersion(Fields root) {
+  absl::Status status;
+  const Json* asset = root.Find("asset");
+  if (asset == nullptr) return absl::InvalidArgumentError("glTF: the asset object is missing (needed: asset.version 2.0)");
+  Fields fields(*asset, "asset", status);
+  const std::string version = fields.String("version");
+  const std::string least = fields.String("minVersion", "2.0");
+  if (!status.ok()) return status;
+  if (!absl::StartsWith(version, "2.")) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("glTF: asset.version ", Quoted(version), " is not supported, only 2.x (glTF 1.0 is another format)"));
+  }
+  // A later 2.x may only add what a 2.0 reader can pass over, so minVersion 2.1 is no reason to refuse the geometry.
+  if (!absl::StartsWith(least, "2.")) {
+    return absl::InvalidArgumentError(absl::StrCat("glTF: asset.minVersion ", Quoted(least), " is not supported, only 2.x"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckExtensions(Fields root) {
+  absl::Status status;
+  Fields fields = root;
+  const Json* required = fields.Find("extensionsRequired");
+  if (required == nullptr) return absl::OkStatus();
+  if (!required->is_array()) return absl::InvalidArgumentError("glTF: extensionsRequired is not an array");
+  for (const Json& entry : *required) {
+    if (!entry.is_string()) return absl::InvalidArgumentError("glTF: extensionsRequired has an entry that is no string");
+    const std::string& name = entry.get_ref<const std::string&>();
+    const bool known = absl::StartsWith(name, "KHR_materials_") ||
+                       std::find(kKnownExtensions.begin(), kKnownExtensions.end(), name) != kKnownExtensions.end();
+    if (!known) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("glTF: extensionsRequired names ", Quoted(name), ", which is not supported"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+const Json* Extension(const Fields& fields, const char* name) {
+  const Json* extensions = fields.Find("extensions");
+  if (extensions == nullptr || !extensions->is_object()) return nullptr;
+  const auto it = extensions->find(name);
+  return it == extensions->end() ? nullptr : &*it;
+}
+
+void ReadBuffers(const Json& array, Document& document, absl::Status& status) {
+  for (size_t i = 0; i < array.size() && status.ok(); ++i) {
+    Fields fields(array[i], absl::StrCat("buffer ", i), status);
+    BufferDecl buffer;
+    buffer.byte_length = fields.RequiredUnsigned("byteLength");
+    if (fields.Find("uri") != nullptr) buffer.uri = fields.String("uri");
+    if (const Json* meshopt = Extension(fields, "EXT_meshopt_compression")) {
+      buffer.fallback = Fields(*meshopt, fields.where(), status).Bool("fallback", false);
+    }
+    document.buffers.push_back(std::move(buffer));
+  }
+}
+
+void CheckRange(Fields& fields, uint64_t offset, uint64_t length, uint32_t buffer, const Document& document) {
+  const std::optional<uint64_t> end = CheckedAdd(offset, length);
+  if (fields.ok() && (!end || *end > document.buffers[buffer].byte_length)) {
+    fields.Fail(absl::StrCat("byteOffset ", offset, " + byteLength ", length, " exceeds buffer ", buffer, " of ",
+                             document.buffers[buffer].byte_length, " bytes"));
+  }
+}
+
+void ReadViews(const Json& array, Document& document, absl::Status& status) {
+  for (size_t i = 0; i < array.size() && status.ok(); ++i) {
+    Fields fields(array[i], absl::StrCat("bufferView ", i), status);
+    ViewDecl view;
+    view.buffer = fields.RequiredIndex("buffer", document.buffers.size(), "buffers");
+    view.offset = fields.Unsigned("byteOffset", 0);
+    view.length = fields.RequiredUnsigned("byteLength");
+    view.stride = fields.Unsigned("byteStride", 0);
+    CheckRange(fields, view.offset, view.length, view.buffer, document);
+    if (const Json* object = Extension(fields, "EXT_meshopt_compression")) {
+      Fields extension(*object, absl::StrCat("bufferView ", i, ", EXT_meshopt_compression"), status);
+      MeshoptDecl meshopt;
+      meshopt.buffer = extension.RequiredIndex("buffer", document.buffers.size(), "buffers");
+      meshopt.offset = extension.Unsigned("byteOffset", 0);
+      meshopt.length = extension.RequiredUnsigned("byteLength");
+      meshopt.stride = extension.RequiredUnsigned("byteStride");
+      meshopt.count = extension.RequiredUnsigned("count");
+      meshopt.mode = extension.String("mode");
+      meshopt.filter = extension.String("filter", "NONE");
+      CheckRange(extension, meshopt.offset, meshopt.length, meshopt.buffer, document);
+      view.meshopt = std::move(meshopt);
+    }
+    document.views.push_back(std::move(view));
+  }
+}
+
+void ReadType(Fields& fields, AccessorDecl& accessor) {
+  struct Type {
+    const char* name;
+    int components;
+    bool matrix;
+  };
+  constexpr Type kTypes[] = {{"SCALAR", 1, false}, {"VEC2", 2, false}, {"VEC3", 3, false}, {"VEC4", 4, false},
+                             {"MAT2", 4, true},    {"MAT3", 9, true},  {"MAT4", 16, true}};
+  const std::string name = fields.String("type");
+  for (const Type& type : kTypes) {
+    if (name != type.name) continue;
+    accessor.components = type.components;
+    accessor.matrix = type.matrix;
+    return;
+  }
+  fields.Fail(absl::StrCat("type ", Quoted(name), " is none of glTF's"));
+}
+
+int ReadComponentType(Fields& fields) {
+  const uint64_t type = fields.RequiredUnsigned("componentType");
+  if (type > 5126 || ComponentBytes(static_cast<int>(type)) == 0) {
+    fields.Fail(absl::StrCat("componentType ", type, " is none of glTF's"));
+    return 5126;
+  }
+  return static_cast<int>(type);
+}
+
+void ReadSparse(const Json& object, size_t index, const Document& document, AccessorDecl& accessor, absl::Status& status) {
+  const std::string where = absl::StrCat("accessor ", index, ", sparse");
+  Fields fields(object, where, status);
+  const Json* indices = fields.Find("indices");
+  const Json* values = fields.Find("values");
+  if (indices == nullptr || values == nullptr) return fields.Fail("indices or values are missing");
+  Fields index_fields(*indices, where + " indices", status), value_fields(*values, where + " values", status);
+  SparseDecl sparse;
+  sparse.count = fields.RequiredUnsigned("count");
+  if (sparse.count > accessor.count) fields.Fail(absl::StrCat("count ", sparse.count, " exceeds the accessor's"));
+  sparse.index_view = index_fields.RequiredIndex("bufferView", document.views.size(), "bufferViews");
+  sparse.index_offset = index_fields.Unsigned("byteOffset", 0);
+  sparse.index_type = ReadComponentType(index_fields);
+  sparse.value_view = value_fields.RequiredIndex("bufferView", document.views.size(), "bufferViews");
+  sparse.value_offset = value_fields.Unsigned("byteOffset", 0);
+  accessor.sparse = sparse;
+}
+
+void ReadAccessors(const Json& array, Document& document, absl::Status& status) {
+  for (size_t i = 0; i < array.size() && status.ok(); ++i) {
+    Fields fields(array[i], absl::StrCat("accessor ", i), status);
+    AccessorDecl accessor;
+    accessor.view = fields.Index("bufferView", document.views.size(), "bufferViews");
+    accessor.offset = fields.Unsigned("byteOffset", 0);
+    accessor.count = fields.RequiredUnsigned("count");
+    accessor.component_type = ReadComponentType(fields);
+    accessor.normalized = fields.Bool("normalized", false);
+    ReadType(fields, accessor);
+    if (const Json* sparse = fields.Find("sparse")) ReadSparse(*sparse, i, document, accessor, status);
+    document.accessors.push_back(accessor);
+  }
+}
+
+// Images never make a document fail, unless a URI is not even one.
+void ReadImages(Json& array, Document& document, absl::Status& status) {
+  for (size_t i = 0; i < array.size() && status.ok(); ++i) {
+    absl::Status ignored;
+    Fields fields(array[i], absl::StrCat("image ", i), ignored);
+    ImageDecl image;
+    image.name = fields.String("name");
+    image.mime_type = fields.String("mimeType");
+    image.view = fields.Index("bufferView", document.views.size(), "bufferViews");
+    if (fields.Find("uri") != nullptr) {
+      image.uri = fields.String("uri");
+      if (absl::StartsWith(*image.uri, ":")) {
+        status = absl::InvalidArgumentError(absl::StrCat("glTF: image ", i, ": ", Quoted(*image.uri), " is not a URI"));
+      }
+    }
+    if (!ignored.ok()) document.warnings.push_back(std::string(ignored.message()));
+    document.images.push_back(std::move(image));
+  }
+}
+
+absl::StatusOr<Document> ReadDocument(Json& root, const LoadLimits& limits) {
+  absl::Status status;
+  Fields fields(root, "document", status);
+  if (!status.ok()) return absl::InvalidArgumentError("glTF: the JSON is not an object");
+  if (absl::Status bad = CheckVersion(fields); !bad.ok()) return bad;
+  if (absl::Status bad = CheckExtensions(fields); !bad.ok()) return bad;
+
+  Document document;
+  if (const Json* array = fields.Array("buffers", kMostElements)) ReadBuffers(*array, document, status);
+  if (const Json* array = fields.Array("bufferViews", kMostElements)) ReadViews(*array, document, status);
+  if (const Json* array = fields.Array("accessors", kMostElements)) ReadAccessors(*array, document, status);
+  if (fields.Array("images", kMostElements) != nullptr) ReadImages(root["images"], document, status);
+  if (!status.ok()) return status;
+
+  absl::StatusOr<Json> graph = SanitizeGraph(root, limits, document.warnings);
+  if (!graph.ok()) return graph.status();
+  root = Json();  // a large document need not exist twice while the graph is written
+  document.graph = graph->dump(-1, ' ', false, Json::error_handler_t::replace);
+  return document;
+}
+
+}  // namespace
+
+uint32_t ComponentBytes(int component_type) {
+  switch (component_type) {
+    case 5120:
+    case 5121:
+      return 1;
+    case 5122:
+    case 5123:
+      return 2;
+    case 5125:
+    case 5126:
+      return 4;
+    default:
+      return 0;
+  }
+}
+
+absl::StatusOr<Document> ParseDocument(std::string_view json, const LoadLimits& limits) {
+  try {
+    Json root = Json::parse(json.begin(), json.end());
+    return ReadDocument(root, limits);
+  } catch (const Json::exception& error) {
+    return absl::InvalidArgumentError(absl::StrCat("glTF: ", Quoted(error.what())));
+  }
+}
+
+}  // namespace voxelpipe::gltf

@@ -1,0 +1,171 @@
+#include "load/gltf_materials.h"
+
+#include <cmath>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "load/gltf_model.h"
+#include "load/json_guard.h"
+
+namespace voxelpipe::gltf {
+namespace {
+
+constexpr int kNearest = 9728, kNearestMipmapNearest = 9984, kNearestMipmapLinear = 9986;
+constexpr int kClampToEdge = 33071, kMirroredRepeat = 33648;
+
+float ToFloat(double value, float fallback) {
+  const float narrow = static_cast<float>(value);
+  return std::isfinite(narrow) ? narrow : fallback;
+}
+
+float NumberAt(const tinygltf::Value& array, size_t index, float fallback) {
+  if (!array.IsArray() || index >= array.ArrayLen()) return fallback;
+  const tinygltf::Value& value = array.Get(static_cast<int>(index));
+  return value.IsNumber() ? ToFloat(value.GetNumberAsDouble(), fallback) : fallback;
+}
+
+// KHR_texture_transform; its texCoord overrides the texture info's.
+void ReadTransform(const tinygltf::Value& extension, TextureRef& out) {
+  for (size_t i = 0; i < 2; ++i) {
+    out.offset[i] = NumberAt(extension.Get("offset"), i, 0.0f);
+    out.scale[i] = NumberAt(extension.Get("scale"), i, 1.0f);
+  }
+  const tinygltf::Value& rotation = extension.Get("rotation");
+  if (rotation.IsNumber()) out.rotation = ToFloat(rotation.GetNumberAsDouble(), 0.0f);
+  const tinygltf::Value& uv_set = extension.Get("texCoord");
+  if (uv_set.IsNumber()) out.uv_set = uv_set.GetNumberAsInt();
+}
+
+class MaterialReader {
+ public:
+  MaterialReader(const tinygltf::Model& model, Scene& scene) : model_(model), scene_(scene) {}
+
+  Material Read(const tinygltf::Material& from, size_t index) {
+    where_ = absl::StrCat("material ", index);
+    Material out;
+    out.name = from.name;
+    const tinygltf::PbrMetallicRoughness& pbr = from.pbrMetallicRoughness;
+    for (int c = 0; c < 4 && pbr.baseColorFactor.size() == 4; ++c) {
+      out.base_color_factor[c] = ToFloat(pbr.baseColorFactor[c], 1.0f);
+    }
+    out.base_color = Reference(pbr.baseColorTexture.index, pbr.baseColorTexture.texCoord, pbr.baseColorTexture.extensions);
+    out.metallic_factor = ToFloat(pbr.metallicFactor, 1.0f);
+    out.roughness_factor = ToFloat(pbr.roughnessFactor, 1.0f);
+    out.metallic_roughness = Reference(pbr.metallicRoughnessTexture.index, pbr.metallicRoughnessTexture.texCoord,
+                                       pbr.metallicRoughnessTexture.extensions);
+    for (int c = 0; c < 3 && from.emissiveFactor.size() == 3; ++c) {
+      out.emissive_factor[c] = ToFloat(from.emissiveFactor[c], 0.0f);
+    }
+    out.emissive = Reference(from.emissiveTexture.index, from.emissiveTexture.texCoord, from.emissiveTexture.extensions);
+    if (from.alphaMode == "MASK") out.alpha_mode = AlphaMode::kMask;
+    if (from.alphaMode == "BLEND") out.alpha_mode = AlphaMode::kBlend;
+    out.alpha_cutoff = ToFloat(from.alphaCutoff, 0.5f);
+    out.double_sided = from.doubleSided;
+    const auto gloss = from.extensions.find("KHR_materials_pbrSpecularGlossiness");
+    if (gloss != from.extensions.end()) ReadDiffuse(gloss->second, out);
+    return out;
+  }
+
+ private:
+  TextureRef Reference(int texture, int uv_set, const tinygltf::ExtensionMap& extensions) {
+    TextureRef out;
+    if (texture == -1) return out;
+    if (texture < 0 || static_cast<size_t>(texture) >= model_.textures.size()) {
+      scene_.warnings.push_back(absl::StrCat(where_, ": texture ", texture, " does not exist and is ignored"));
+      return out;
+    }
+    out.texture = texture;
+    out.uv_set = uv_set;
+    const auto transform = extensions.find("KHR_texture_transform");
+    if (transform != extensions.end()) ReadTransform(transform->second, out);
+    if (out.uv_set < 0 || out.uv_set > 1) {
+      scene_.warnings.push_back(absl::StrCat(where_, ": TEXCOORD_", out.uv_set, " is not read; its texture is ignored"));
+      return TextureRef{};
+    }
+    return out;
+  }
+
+  // The diffuse part of the old specular-glossiness model serves as base colour.
+  void ReadDiffuse(const tinygltf::Value& extension, Material& out) {
+    const tinygltf::Value& factor = extension.Get("diffuseFactor");
+    for (int c = 0; c < 4; ++c) out.base_color_factor[c] = NumberAt(factor, static_cast<size_t>(c), 1.0f);
+    out.base_color = TextureRef{};
+    const tinygltf::Value& texture = extension.Get("diffuseTexture");
+    if (!texture.IsObject() || !texture.Get("index").IsInt()) return;
+    tinygltf::ExtensionMap extensions;
+    if (texture.Get("extensions").Has("KHR_texture_transform")) {
+      extensions["KHR_texture_transform"] = texture.Get("extensions").Get("KHR_texture_transform");
+    }
+    const int uv_set = texture.Get("texCoord").IsInt() ? texture.Get("texCoord").GetNumberAsInt() : 0;
+    out.base_color = Reference(texture.Get("index").GetNumberAsInt(), uv_set, extensions);
+  }
+
+  const tinygltf::Model& model_;
+  Scene& scene_;
+  std::string where_;
+};
+
+WrapMode ToWrap(int wrap) {
+  if (wrap == kClampToEdge) return WrapMode::kClampToEdge;
+  return wrap == kMirroredRepeat ? WrapMode::kMirroredRepeat : WrapMode::kRepeat;
+}
+
+Texture ReadTexture(const tinygltf::Model& model, const tinygltf::Texture& from, const Scene& scene) {
+  Texture out;
+  if (from.source >= 0 && static_cast<size_t>(from.source) < scene.images.size() &&
+      !scene.images[from.source]->encoded.empty()) {
+    out.image = from.source;
+  }
+  if (from.sampler >= 0 && static_cast<size_t>(from.sampler) < model.samplers.size()) {
+    const tinygltf::Sampler& sampler = model.samplers[from.sampler];
+    out.wrap_s = ToWrap(sampler.wrapS);
+    out.wrap_t = ToWrap(sampler.wrapT);
+    // Without a magnification filter the minification filter decides.
+    const int filter = sampler.magFilter > 0 ? sampler.magFilter : sampler.minFilter;
+    out.nearest = filter == kNearest || filter == kNearestMipmapNearest || filter == kNearestMipmapLinear;
+  }
+  return out;
+}
+
+// The encoded bytes of an image, empty with a warning if they are not inside the document.
+absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Budget& budget, Scene& scene, Image& out) {
+  out.name = decl.name.empty() ? absl::StrCat("image ", index) : decl.name;
+  out.mime_type = decl.mime_type;
+  const auto warn = [&](const std::string& what) {
+    scene.warnings.push_back(absl::StrCat("image ", index, ": ", what, "; it is ignored"));
+    return absl::OkStatus();
+  };
+  const std::string where = absl::StrCat("image ", index);
+  if (decl.uri) {
+    if (!absl::StartsWith(*decl.uri, "data:")) return warn(absl::StrCat("the URI ", Quoted(*decl.uri), " is not read"));
+    if (absl::Status full = budget.Take(decl.uri->size(), 1, where); !full.ok()) return full;
+    absl::StatusOr<DataUri> data = DecodeDataUri(*decl.uri);
+    if (!data.ok()) return warn(std::string(data.status().message()));
+    if (out.mime_type.empty()) out.mime_type = data->media_type;
+    out.encoded = std::move(data->bytes);
+    return absl::OkStatus();
+  }
+  if (decl.view < 0) return warn("neither uri nor bufferView");
+  absl::StatusOr<std::span<const uint8_t>> bytes = buffers.View(static_cast<uint32_t>(decl.view), budget);
+  if (!bytes.ok()) return warn(std::string(bytes.status().message()));
+  if (absl::Status full = budget.Take(bytes->size(), 1, where); !full.ok()) return full;
+  out.encoded.assign(bytes->begin(), bytes->end());
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status ReadMaterials(const tinygltf::Model& model, const Document& document, Buffers& buffers, Budget& budget,
+                           Scene& scene) {
+  for (size_t i = 0; i < document.images.size(); ++i) {
+    auto image = std::make_shared<Image>();
+    if (absl::Status bad = ReadImage(document.images[i], i, buffers, budget, scene, *image); !bad.ok()) return bad;
+    scene.images.push_back(std::move(image));
+  }
+  for (const tinygltf::Texture& texture : model.textures) scene.textures.push_back(ReadTexture(model, texture, scene));
+  MaterialReader reader(model, scene);
+  for (size_t i = 0; i < model.materials.size(); ++i) scene.materials.push_back(reader.Read(model.materials[i], i));
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::gltf

@@ -1,0 +1,21 @@
+// Materials, textures and images.
+#pragma once
+
+#include "absl/status/status.h"
+#include "load/gltf_buffers.h"
+#include "load/gltf_document.h"
+#include "mesh/scene.h"
+
+namespace tinygltf {
+class Model;
+}
+
+namespace voxelpipe::gltf {
+
+// In: the model and the image declarations. Out: scene.materials, scene.textures, scene.images (still encoded).
+// Appearance never makes a file fail: what cannot be used is left at its default with a warning.
+// Errors: RESOURCE_EXHAUSTED only.
+absl::Status ReadMaterials(const tinygltf::Model& model, const Document& document, Buffers& buffers, Budget& budget,
+                           Scene& scene);
+
+}  // namespace voxelpipe::gltf

@@ -1,0 +1,87 @@
+#include "load/gltf_meshes.h"
+
+#include <algorithm>
+#include <map>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "load/gltf_model.h"
+
+namespace voxelpipe::gltf {
+namespace {
+
+absl::StatusOr<Mesh> ReadMesh(const tinygltf::Mesh& mesh, const std::vector<double>& weights, size_t index,
+                              PrimitiveContext& context) {
+  Mesh out;
+  out.name = mesh.name;
+  for (size_t i = 0; i < mesh.primitives.size(); ++i) {
+    absl::StatusOr<std::optional<Primitive>> primitive =
+        ReadPrimitive(mesh.primitives[i], weights, absl::StrCat("mesh ", index, ", primitive ", i), context);
+    if (!primitive.ok()) return primitive.status();
+    // A primitive that draws no triangles keeps its place: primitives are numbered as in the file.
+    out.primitives.push_back(*primitive ? **std::move(primitive) : Primitive{});
+  }
+  return out;
+}
+
+bool HasTargets(const tinygltf::Mesh& mesh) {
+  return std::any_of(mesh.primitives.begin(), mesh.primitives.end(),
+                     [](const tinygltf::Primitive& primitive) { return !primitive.targets.empty(); });
+}
+
+// The largest joint index that has a weight, -1 if there is none.
+int LargestJoint(const Mesh& mesh) {
+  int largest = -1;
+  for (const Primitive& primitive : mesh.primitives) {
+    for (int set = 0; set < 2; ++set) {
+      for (size_t i = 0; i < primitive.joints[set].size(); ++i) {
+        for (int c = 0; c < 4; ++c) {
+          if (primitive.weights[set][i][c] != 0) largest = std::max<int>(largest, primitive.joints[set][i][c]);
+        }
+      }
+    }
+  }
+  return largest;
+}
+
+absl::Status CheckJoints(const Scene& scene) {
+  std::vector<int> largest(scene.meshes.size());
+  for (size_t i = 0; i < scene.meshes.size(); ++i) largest[i] = LargestJoint(scene.meshes[i]);
+  for (size_t i = 0; i < scene.nodes.size(); ++i) {
+    const Node& node = scene.nodes[i];
+    if (node.mesh < 0 || node.skin < 0) continue;
+    const size_t joints = scene.skins[node.skin].joints.size();
+    if (largest[node.mesh] >= static_cast<int64_t>(joints)) {
+      return absl::InvalidArgumentError(absl::StrCat("glTF: node ", i, ": mesh ", node.mesh, " uses joint ",
+                                                     largest[node.mesh], ", skin ", node.skin, " has ", joints,
+                                                     " joints"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status ReadMeshes(const tinygltf::Model& model, PrimitiveContext& context, Scene& scene) {
+  for (size_t i = 0; i < model.meshes.size(); ++i) {
+    absl::StatusOr<Mesh> mesh = ReadMesh(model.meshes[i], model.meshes[i].weights, i, context);
+    if (!mesh.ok()) return mesh.status();
+    scene.meshes.push_back(*std::move(mesh));
+  }
+  std::map<std::pair<int, std::vector<double>>, int> copies;
+  for (size_t i = 0; i < scene.nodes.size(); ++i) {
+    const std::vector<double>& weights = model.nodes[i].weights;
+    const int index = scene.nodes[i].mesh;
+    if (index < 0 || weights.empty() || weights == model.meshes[index].weights || !HasTargets(model.meshes[index])) continue;
+    const auto [place, fresh] = copies.try_emplace({index, weights}, static_cast<int>(scene.meshes.size()));
+    if (fresh) {
+      absl::StatusOr<Mesh> mesh = ReadMesh(model.meshes[index], weights, static_cast<size_t>(index), context);
+      if (!mesh.ok()) return mesh.status();
+      scene.meshes.push_back(*std::move(mesh));
+    }
+    scene.nodes[i].mesh = place->second;
+  }
+  return CheckJoints(scene);
+}
+
+}  // namespace voxelpipe::gltf

@@ -1,0 +1,284 @@
+#include "load/gltf_primitives.h"
+
+#include <cmath>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "load/gltf_attributes.h"
+#include "load/gltf_model.h"
+#include "load/gltf_topology.h"
+
+namespace voxelpipe::gltf {
+namespace {
+
+absl::Status At(const std::string& where, const absl::Status& status) {
+  return absl::Status(status.code(), absl::StrCat("glTF: ", where, ": ", status.message()));
+}
+
+// Reads the optional attributes of one primitive; the positions' count rules.
+class Filler {
+ public:
+  Filler(AttributeSource& source, Primitive& out, const std::string& where, PrimitiveContext& context)
+      : source_(source), out_(out), where_(where), context_(context) {}
+
+  // Values of `name` if it has one of the wanted numbers of components. A wrong number drops the attribute with a
+  // warning, a wrong count is an error. Values that are not finite become 0 with a warning.
+  absl::StatusOr<std::optional<AttributeValues>> Values(const std::string& name, int least, int most) {
+    absl::StatusOr<std::optional<AttributeValues>> found = source_.Find(name);
+    if (!found.ok()) return At(where_, found.status());
+    if (!*found) return std::nullopt;
+    AttributeValues& data = **found;
+    if (data.components < least || data.components > most) {
+      Warn(absl::StrCat(name, " (", data.origin, ") has ", data.components, " components and is ignored"));
+      return std::nullopt;
+    }
+    const uint64_t count = data.values.size() / data.components;
+    if (count != out_.positions.size()) {
+      return absl::InvalidArgumentError(absl::StrCat("glTF: ", where_, ": ", name, " (", data.origin, ") has ", count,
+                                                     " elements, POSITION has ", out_.positions.size()));
+    }
+    bool cleaned = false;
+    for (float& value : data.values) {
+      if (std::isfinite(value)) continue;
+      value = 0;
+      cleaned = true;
+    }
+    if (cleaned) Warn(absl::StrCat(name, " (", data.origin, ") has values that are not finite; they count as 0"));
+    return found;
+  }
+
+  absl::Status Fill() {
+    if (absl::Status bad = Floats<Vec3f>("NORMAL", 3, out_.normals); !bad.ok()) return bad;
+    if (absl::Status bad = Floats<Vec4f>("TANGENT", 4, out_.tangents); !bad.ok()) return bad;
+    for (int set = 0; set < 2; ++set) {
+      if (absl::Status bad = Floats<Vec2f>(absl::StrCat("TEXCOORD_", set), 2, out_.uv[set]); !bad.ok()) return bad;
+      if (absl::Status bad = Joints(set); !bad.ok()) return bad;
+    }
+    return Colors();
+  }
+
+ private:
+  void Warn(const std::string& what) { context_.warnings.push_back(absl::StrCat(where_, ": ", what)); }
+
+  template <typename V>
+  absl::Status Floats(const std::string& name, int components, std::vector<V>& out) {
+    static_assert(std::is_trivially_copyable_v<V>);
+    absl::StatusOr<std::optional<AttributeValues>> data = Values(name, components, components);
+    if (!data.ok()) return data.status();
+    if (!*data) return absl::OkStatus();
+    const std::vector<float>& values = (*data)->values;
+    out.resize(values.size() / components);
+    if constexpr (sizeof(V) == 2 * sizeof(float)) {
+      for (size_t i = 0; i < out.size(); ++i) out[i] = {values[2 * i], values[2 * i + 1]};
+    } else if constexpr (sizeof(V) == 3 * sizeof(float)) {
+      for (size_t i = 0; i < out.size(); ++i) out[i] = {values[3 * i], values[3 * i + 1], values[3 * i + 2]};
+    } else {
+      for (size_t i = 0; i < out.size(); ++i) {
+        out[i] = {values[4 * i], values[4 * i + 1], values[4 * i + 2], values[4 * i + 3]};
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status Colors() {
+    absl::StatusOr<std::optional<AttributeValues>> data = Values("COLOR_0", 3, 4);
+    if (!data.ok()) return data.status();
+    if (!*data) return absl::OkStatus();
+    const int n = (*data)->components;
+    const std::vector<float>& values = (*data)->values;
+    out_.colors.resize(values.size() / n);
+    for (size_t i = 0; i < out_.colors.size(); ++i) {
+      out_.colors[i] = {values[i * n], values[i * n + 1], values[i * n + 2], n == 4 ? values[i * n + 3] : 1.0f};
+    }
+    return absl::OkStatus();
+  }
+
+  // A joint of weight 0 counts as joint 0, so that the rest of the program may look at any joint that it finds.
+  absl::Status Joints(int set) {
+    absl::StatusOr<std::optional<AttributeValues>> joints = Values(absl::StrCat("JOINTS_", set), 4, 4);
+    if (!joints.ok()) return joints.status();
+    absl::StatusOr<std::optional<AttributeValues>> weights = Values(absl::StrCat("WEIGHTS_", set), 4, 4);
+    if (!weights.ok()) return weights.status();
+    if (!*joints || !*weights) return absl::OkStatus();
+    out_.joints[set].resize(out_.positions.size());
+    out_.weights[set].resize(out_.positions.size());
+    for (size_t i = 0; i < out_.positions.size(); ++i) {
+      for (int c = 0; c < 4; ++c) {
+        const float joint = (*joints)->values[4 * i + c], weight = (*weights)->values[4 * i + c];
+        if (joint < 0 || joint > 65535) {
+          return absl::InvalidArgumentError(absl::StrCat("glTF: ", where_, ": JOINTS_", set, " (", (*joints)->origin,
+                                                         "), vertex ", i, ": no joint index"));
+        }
+        out_.joints[set][i][c] = weight == 0 ? uint16_t{0} : static_cast<uint16_t>(joint);
+        out_.weights[set][i][c] = weight;
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  AttributeSource& source_;
+  Primitive& out_;
+  const std::string& where_;
+  PrimitiveContext& context_;
+};
+
+absl::Status CheckFinite(const Primitive& out, const std::string& origin, const std::string& where) {
+  for (size_t i = 0; i < out.positions.size(); ++i) {
+    const Vec3f& p = out.positions[i];
+    if (std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)) continue;
+    return absl::InvalidArgumentError(
+        absl::StrCat("glTF: ", where, ": POSITION (", origin, "), vertex ", i, " is not finite"));
+  }
+  return absl::OkStatus();
+}
+
+template <typename V>
+void AddScaled(std::vector<V>& to, const AttributeValues& delta, double weight, int components) {
+  if (to.empty()) return;
+  for (size_t i = 0; i < to.size(); ++i) {
+    for (int c = 0; c < components; ++c) {
+      float& value = to[i][c];
+      value = static_cast<float>(value + weight * delta.values[i * delta.components + c]);
+    }
+  }
+}
+
+// Morph targets at their default weights: value + sum of weight * displacement.
+absl::Status Morph(const tinygltf::Primitive& primitive, const std::vector<double>& weights, const std::string& where,
+                   Primitive& out, PrimitiveContext& context) {
+  for (size_t i = 0; i < primitive.targets.size() && i < weights.size(); ++i) {
+    if (weights[i] == 0) continue;
+    const std::string target = absl::StrCat(where, ", morph target ", i);
+    AttributeSource source(primitive.targets[i], {}, std::nullopt, context);
+    Filler filler(source, out, target, context);
+    struct Part {
+      const char* name;
+      int components;
+    };
+    for (const Part part : {Part{"POSITION", 3}, Part{"NORMAL", 3}, Part{"TANGENT", 3}}) {
+      absl::StatusOr<std::optional<AttributeValues>> delta = filler.Values(part.name, part.components, part.components);
+      if (!delta.ok()) return delta.status();
+      if (!*delta) continue;
+      if (part.name[0] == 'P') AddScaled(out.positions, **delta, weights[i], 3);
+      if (part.name[0] == 'N') AddScaled(out.normals, **delta, weights[i], 3);
+      if (part.name[0] == 'T') AddScaled(out.tangents, **delta, weights[i], 3);
+    }
+  }
+  return absl::OkStatus();
+}
+
+// The Draco extension of a primitive: its stream decoded, and the names it gives to the stream's attributes.
+struct DracoPart {
+  std::optional<DracoMesh> mesh;
+  std::map<std::string, uint32_t> ids;
+};
+
+absl::StatusOr<DracoPart> ReadDraco(const tinygltf::Primitive& primitive, const std::string& where,
+                                    PrimitiveContext& context) {
+  DracoPart part;
+  const auto extension = primitive.extensions.find("KHR_draco_mesh_compression");
+  if (extension == primitive.extensions.end()) return part;
+  const int view = extension->second.Get("bufferView").GetNumberAsInt();
+  if (view < 0 || static_cast<size_t>(view) >= context.document.views.size()) {
+    return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ", KHR_draco_mesh_compression: bufferView ", view,
+                                                   " is out of range: there are ", context.document.views.size()));
+  }
+  const tinygltf::Value& ids = extension->second.Get("attributes");
+  for (const std::string& name : ids.Keys()) part.ids[name] = static_cast<uint32_t>(ids.Get(name).GetNumberAsInt());
+  absl::StatusOr<std::span<const uint8_t>> bytes = context.buffers.View(static_cast<uint32_t>(view), context.budget);
+  if (!bytes.ok()) return bytes.status();
+  absl::StatusOr<DracoMesh> mesh = DecodeDraco(*bytes, context.budget.limits());
+  if (!mesh.ok()) return At(absl::StrCat(where, ", bufferView ", view), mesh.status());
+  const std::string what = where + ", KHR_draco_mesh_compression";
+  if (absl::Status full = context.budget.Take(mesh->triangles.size(), 12, what); !full.ok()) return full;
+  for (const DracoAttribute& attribute : mesh->attributes) {
+    if (absl::Status full = context.budget.Take(attribute.values.size(), 4, what); !full.ok()) return full;
+  }
+  part.mesh = *std::move(mesh);
+  return part;
+}
+
+// Draco has no checksum: counts other than the accessors' are the one sign of a stream that is not the file's.
+absl::Status CompareCounts(const tinygltf::Primitive& primitive, const DracoMesh& mesh, const std::string& where,
+                           const PrimitiveContext& context) {
+  const auto compare = [&](int accessor, uint64_t decoded, const char* what) {
+    if (accessor < 0) return absl::OkStatus();
+    const uint64_t declared = context.accessors.decl(static_cast<uint32_t>(accessor)).count;
+    if (declared == decoded) return absl::OkStatus();
+    return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": accessor ", accessor, " declares ", declared, " ",
+                                                   what, ", the Draco stream has ", decoded));
+  };
+  if (absl::Status bad = compare(primitive.indices, 3 * mesh.triangles.size(), "indices"); !bad.ok()) return bad;
+  const auto position = primitive.attributes.find("POSITION");
+  return position == primitive.attributes.end() ? absl::OkStatus() : compare(position->second, mesh.points, "vertices");
+}
+
+}  // namespace
+
+absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive& primitive,
+                                                       const std::vector<double>& weights, const std::string& where,
+                                                       PrimitiveContext& context) {
+  if (primitive.mode < kTriangles) return std::nullopt;
+  absl::StatusOr<DracoPart> draco = ReadDraco(primitive, where, context);
+  if (!draco.ok()) return draco.status();
+  AttributeSource source(primitive.attributes, std::move(draco->ids), std::move(draco->mesh), context);
+
+  Primitive out;
+  out.material = primitive.material;
+  absl::StatusOr<std::optional<AttributeValues>> positions = source.Find("POSITION");
+  if (!positions.ok()) return At(where, positions.status());
+  if (!*positions) {
+    context.warnings.push_back(absl::StrCat(where, ": no POSITION, nothing to draw"));
+    return std::nullopt;
+  }
+  const AttributeValues& data = **positions;
+  if (data.components != 3) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("glTF: ", where, ": POSITION (", data.origin, ") has ", data.components, " components, not 3"));
+  }
+  out.positions.resize(data.values.size() / 3);
+  for (size_t i = 0; i < out.positions.size(); ++i) {
+    out.positions[i] = {data.values[3 * i], data.values[3 * i + 1], data.values[3 * i + 2]};
+  }
+  if (out.positions.size() > context.budget.limits().max_vertices) {
+    return absl::ResourceExhaustedError(absl::StrCat("glTF: ", where, ": ", out.positions.size(),
+                                                     " vertices; the limit max_vertices is ",
+                                                     context.budget.limits().max_vertices));
+  }
+  const std::string origin = data.origin;
+  positions->reset();
+  if (absl::Status bad = CheckFinite(out, origin, where); !bad.ok()) return bad;
+
+  if (source.draco()) {
+    if (absl::Status bad = CompareCounts(primitive, *source.draco(), where, context); !bad.ok()) return bad;
+    out.triangles = source.draco()->triangles;
+  } else {
+    std::optional<std::vector<uint32_t>> indices;
+    std::string index_name = where;
+    if (primitive.indices >= 0) {
+      const uint32_t accessor = static_cast<uint32_t>(primitive.indices);
+      absl::StatusOr<std::vector<uint32_t>> values = context.accessors.Unsigned(accessor);
+      if (!values.ok()) return At(where, values.status());
+      if (context.accessors.decl(accessor).components != 1) {
+        return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": indices (accessor ", accessor, ") are not SCALAR"));
+      }
+      indices = *std::move(values);
+      index_name = absl::StrCat(where, ": accessor ", accessor);
+    }
+    bool incomplete = false;
+    absl::StatusOr<std::vector<std::array<uint32_t, 3>>> triangles = ExpandTriangles(
+        primitive.mode, indices, out.positions.size(), index_name, context.budget.limits(), incomplete);
+    if (!triangles.ok()) return triangles.status();
+    if (absl::Status full = context.budget.Take(triangles->size(), 12, where); !full.ok()) return full;
+    out.triangles = *std::move(triangles);
+    if (incomplete) {
+      context.warnings.push_back(absl::StrCat(where, ": indices left over that complete no triangle are dropped"));
+    }
+  }
+  if (absl::Status bad = Filler(source, out, where, context).Fill(); !bad.ok()) return bad;
+  if (absl::Status bad = Morph(primitive, weights, where, out, context); !bad.ok()) return bad;
+  if (absl::Status bad = CheckFinite(out, origin + ", morphed", where); !bad.ok()) return bad;
+  return std::optional<Primitive>(std::move(out));
+}
+
+}  // namespace voxelpipe::gltf

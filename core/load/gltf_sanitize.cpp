@@ -1,0 +1,288 @@
+#include "load/gltf_sanitize.h"
+
+#include "load/gltf_fields.h"
+
+namespace voxelpipe::gltf {
+namespace {
+
+constexpr uint64_t kMostElements = 1'000'000;  // of any one array; nodes have their own limit
+constexpr uint64_t kMostMaterials = 100'000;   // each costs tinygltf about 3 KiB
+
+// Sizes of the arrays that indices point into.
+struct Sizes {
+  uint64_t accessors, nodes, meshes, skins, materials;
+};
+
+// Copies a name if it is a string. Names are never worth an error.
+void CopyName(const Json& from, Json& to) {
+  const auto it = from.find("name");
+  if (it != from.end() && it->is_string()) to["name"] = *it;
+}
+
+// An array of indices below `size`.
+Json CopyIndices(Fields& fields, const char* key, uint64_t size, const char* target) {
+  Json copy = Json::array();
+  const Json* array = fields.Array(key, kMostElements);
+  if (array == nullptr) return copy;
+  for (const Json& entry : *array) {
+    const std::optional<uint64_t> index = AsUnsigned(entry);
+    if (!index || *index >= size) {
+      fields.Fail(absl::StrCat(key, " has an entry that is no index below the number of ", target, ", ", size));
+      return Json::array();
+    }
+    copy.push_back(*index);
+  }
+  return copy;
+}
+
+// An array of `length` numbers (any number of them if 0).
+void CopyNumbers(Fields& fields, const char* key, size_t length, Json& to) {
+  const Json* array = fields.Array(key, kMostElements);
+  if (array == nullptr) return;
+  for (const Json& entry : *array) {
+    if (!entry.is_number()) return fields.Fail(absl::StrCat(key, " has an entry that is no number"));
+  }
+  if (length != 0 && array->size() != length) {
+    return fields.Fail(absl::StrCat(key, " has ", array->size(), " numbers, not ", length));
+  }
+  to[key] = *array;
+}
+
+// A map from attribute names to accessors.
+Json CopyAttributes(const Json& object, const std::string& where, const Sizes& sizes, absl::Status& status) {
+  Fields fields(object, where, status);
+  Json copy = Json::object();
+  if (!status.ok()) return copy;
+  for (const auto& [name, value] : object.items()) {
+    // Only names that glTF defines: application-specific attributes (_NAME) are not geometry.
+    if (name.empty() || name[0] == '_') continue;
+    const int64_t index = fields.Index(name.c_str(), sizes.accessors, "accessors");
+    if (index >= 0) copy[name] = index;
+  }
+  return copy;
+}
+
+Json CopyPrimitive(const Json& object, const std::string& where, const Sizes& sizes, absl::Status& status,
+                   std::vector<std::string>& warnings) {
+  Fields fields(object, where, status);
+  Json copy = Json::object();
+  copy["mode"] = fields.Unsigned("mode", 4);
+  if (const int64_t index = fields.Index("indices", sizes.accessors, "accessors"); index >= 0) copy["indices"] = index;
+  const Json* attributes = fields.Find("attributes");
+  copy["attributes"] =
+      attributes == nullptr ? Json::object() : CopyAttributes(*attributes, where + ", attributes", sizes, status);
+
+  absl::Status material_status;
+  Fields material_fields(object, where, material_status);
+  const int64_t material = material_fields.Index("material", sizes.materials, "materials");
+  if (material >= 0) copy["material"] = material;
+  if (!material_status.ok()) warnings.push_back(std::string(material_status.message()));
+
+  if (const Json* targets = fields.Array("targets", kMostElements)) {
+    copy["targets"] = Json::array();
+    for (size_t i = 0; i < targets->size() && status.ok(); ++i) {
+      copy["targets"].push_back(CopyAttributes((*targets)[i], absl::StrCat(where, ", target ", i), sizes, status));
+    }
+  }
+  if (const Json* extensions = fields.Find("extensions"); extensions != nullptr && extensions->is_object()) {
+    const auto draco = extensions->find("KHR_draco_mesh_compression");
+    if (draco != extensions->end()) {
+      Fields draco_fields(*draco, where + ", KHR_draco_mesh_compression", status);
+      Json checked = Json::object();
+      checked["bufferView"] = draco_fields.RequiredUnsigned("bufferView");
+      checked["attributes"] = Json::object();
+      const Json* ids = draco_fields.Find("attributes");
+      if (ids == nullptr || !ids->is_object()) {
+        draco_fields.Fail("attributes is not an object");
+      } else {
+        Fields id_fields(*ids, draco_fields.where() + ", attributes", status);
+        for (const auto& [name, value] : ids->items()) {
+          if (name.empty()) continue;
+          const uint64_t id = id_fields.Unsigned(name.c_str(), 0);
+          if (id > INT32_MAX) id_fields.Fail(absl::StrCat("the id ", id, " is out of range"));
+          checked["attributes"][name] = id;
+        }
+      }
+      if (checked["bufferView"].get<uint64_t>() > INT32_MAX) draco_fields.Fail("bufferView is out of range");
+      copy["extensions"]["KHR_draco_mesh_compression"] = std::move(checked);
+    }
+  }
+  const uint64_t mode = copy["mode"].get<uint64_t>();
+  if (mode > 6) fields.Fail(absl::StrCat("mode ", mode, " is none of glTF's (0 to 6)"));
+  return copy;
+}
+
+Json CopyMesh(const Json& object, size_t index, const Sizes& sizes, absl::Status& status, uint64_t& primitive_count,
+              std::vector<std::string>& warnings) {
+  Fields fields(object, absl::StrCat("mesh ", index), status);
+  Json copy = Json::object();
+  if (!status.ok()) return copy;
+  CopyName(object, copy);
+  CopyNumbers(fields, "weights", 0, copy);
+  copy["primitives"] = Json::array();
+  const Json* primitives = fields.Array("primitives", kMostElements);
+  if (primitives == nullptr) {
+    fields.Fail("primitives is missing");
+    return copy;
+  }
+  primitive_count += primitives->size();
+  if (primitive_count > kMostElements) fields.Fail(absl::StrCat("the document has more than ", kMostElements, " primitives"));
+  for (size_t i = 0; i < primitives->size() && status.ok(); ++i) {
+    copy["primitives"].push_back(
+        CopyPrimitive((*primitives)[i], absl::StrCat("mesh ", index, ", primitive ", i), sizes, status, warnings));
+  }
+  return copy;
+}
+
+// EXT_mesh_gpu_instancing and KHR_node_visibility are the two extensions of a node that change geometry.
+void CopyNodeExtensions(const Fields& fields, const Sizes& sizes, Json& copy, absl::Status& status) {
+  const Json* extensions = fields.Find("extensions");
+  if (extensions == nullptr || !extensions->is_object()) return;
+  if (const auto it = extensions->find("EXT_mesh_gpu_instancing"); it != extensions->end()) {
+    Fields instancing(*it, fields.where() + ", EXT_mesh_gpu_instancing", status);
+    const Json* attributes = instancing.Find("attributes");
+    if (attributes == nullptr) return instancing.Fail("attributes is missing");
+    copy["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] =
+        CopyAttributes(*attributes, instancing.where() + ", attributes", sizes, status);
+  }
+  if (const auto it = extensions->find("KHR_node_visibility"); it != extensions->end() && it->is_object()) {
+    Fields visibility(*it, fields.where() + ", KHR_node_visibility", status);
+    copy["extensions"]["KHR_node_visibility"]["visible"] = visibility.Bool("visible", true);
+  }
+}
+
+Json CopyNode(const Json& object, size_t index, const Sizes& sizes, absl::Status& status) {
+  Fields fields(object, absl::StrCat("node ", index), status);
+  Json copy = Json::object();
+  if (!status.ok()) return copy;
+  CopyName(object, copy);
+  if (const int64_t mesh = fields.Index("mesh", sizes.meshes, "meshes"); mesh >= 0) copy["mesh"] = mesh;
+  if (const int64_t skin = fields.Index("skin", sizes.skins, "skins"); skin >= 0) copy["skin"] = skin;
+  if (fields.Find("children") != nullptr) copy["children"] = CopyIndices(fields, "children", sizes.nodes, "nodes");
+  CopyNumbers(fields, "matrix", 16, copy);
+  CopyNumbers(fields, "translation", 3, copy);
+  CopyNumbers(fields, "rotation", 4, copy);
+  CopyNumbers(fields, "scale", 3, copy);
+  CopyNumbers(fields, "weights", 0, copy);
+  CopyNodeExtensions(fields, sizes, copy, status);
+  return copy;
+}
+
+// Materials, textures and samplers: what is no object becomes an empty one; tinygltf skips members of wrong types.
+// Only the extensions that the material reader uses are kept, and no extras.
+Json CopyAppearance(const Json& value) {
+  constexpr const char* kKept[] = {"KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness"};
+  if (value.is_array()) {
+    Json copy = Json::array();
+    for (const Json& entry : value) copy.push_back(CopyAppearance(entry));
+    return copy;
+  }
+  if (!value.is_object()) return value;
+  Json copy = Json::object();
+  for (const auto& [key, entry] : value.items()) {
+    if (key == "extras") continue;
+    if (key == "extensions") {
+      if (!entry.is_object()) continue;
+      for (const char* name : kKept) {
+        const auto it = entry.find(name);
+        if (it != entry.end() && it->is_object()) copy["extensions"][name] = CopyAppearance(*it);
+      }
+      continue;
+    }
+    copy[key] = CopyAppearance(entry);
+  }
+  return copy;
+}
+
+// An array of the right number of numbers, or no member at all: tinygltf gives up a whole material otherwise.
+void DropUnlessNumbers(Json& object, const char* key, size_t length) {
+  const auto it = object.find(key);
+  if (it == object.end()) return;
+  bool good = it->is_array() && it->size() == length;
+  if (good) {
+    for (const Json& entry : *it) good = good && entry.is_number();
+  }
+  if (!good) object.erase(it);
+}
+
+Json CopyAppearances(Fields& fields, const char* key) {
+  Json copy = Json::array();
+  const Json* array = fields.Array(key, kMostMaterials);
+  if (array == nullptr) return copy;
+  for (const Json& entry : *array) {
+    Json element = entry.is_object() ? CopyAppearance(entry) : Json::object();
+    DropUnlessNumbers(element, "emissiveFactor", 3);
+    if (const auto pbr = element.find("pbrMetallicRoughness"); pbr != element.end()) {
+      if (pbr->is_object()) {
+        DropUnlessNumbers(*pbr, "baseColorFactor", 4);
+      } else {
+        element.erase(pbr);
+      }
+    }
+    copy.push_back(std::move(element));
+  }
+  return copy;
+}
+
+void CopySkins(Fields& fields, const Sizes& sizes, Json& graph, absl::Status& status) {
+  const Json* skins = fields.Array("skins", kMostElements);
+  if (skins == nullptr) return;
+  for (size_t i = 0; i < skins->size() && status.ok(); ++i) {
+    Fields skin((*skins)[i], absl::StrCat("skin ", i), status);
+    Json copy = Json::object();
+    copy["joints"] = CopyIndices(skin, "joints", sizes.nodes, "nodes");
+    const int64_t matrices = skin.Index("inverseBindMatrices", sizes.accessors, "accessors");
+    if (matrices >= 0) copy["inverseBindMatrices"] = matrices;
+    graph["skins"].push_back(std::move(copy));
+  }
+}
+
+void CopyScenes(Fields& fields, const Sizes& sizes, Json& graph, absl::Status& status) {
+  const Json* scenes = fields.Array("scenes", kMostElements);
+  const uint64_t count = scenes == nullptr ? 0 : scenes->size();
+  for (uint64_t i = 0; i < count && status.ok(); ++i) {
+    Fields scene((*scenes)[i], absl::StrCat("scene ", i), status);
+    Json copy = Json::object();
+    copy["nodes"] = CopyIndices(scene, "nodes", sizes.nodes, "nodes");
+    graph["scenes"].push_back(std::move(copy));
+  }
+  if (const int64_t scene = fields.Index("scene", count, "scenes"); scene >= 0) graph["scene"] = scene;
+}
+
+}  // namespace
+
+absl::StatusOr<Json> SanitizeGraph(const Json& root, const LoadLimits& limits, std::vector<std::string>& warnings) {
+  absl::Status status;
+  Fields fields(root, "document", status);
+  const Sizes sizes{ArraySize(root, "accessors"), ArraySize(root, "nodes"), ArraySize(root, "meshes"),
+                    ArraySize(root, "skins"), ArraySize(root, "materials")};
+  if (sizes.nodes > limits.max_nodes) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("glTF: ", sizes.nodes, " nodes; the limit max_nodes is ", limits.max_nodes));
+  }
+
+  Json graph = Json::object();
+  graph["asset"]["version"] = "2.0";
+  // tinygltf wants every index accessor to lie in some buffer view.
+  graph["bufferViews"] = Json::array({{{"buffer", 0}, {"byteLength", 1}}});
+  graph["accessors"] = Json(sizes.accessors,
+                            Json{{"bufferView", 0}, {"componentType", 5121}, {"count", 1}, {"type", "SCALAR"}});
+  uint64_t primitive_count = 0;
+  if (const Json* meshes = fields.Array("meshes", kMostElements)) {
+    for (size_t i = 0; i < meshes->size() && status.ok(); ++i) {
+      graph["meshes"].push_back(CopyMesh((*meshes)[i], i, sizes, status, primitive_count, warnings));
+    }
+  }
+  if (const Json* nodes = fields.Array("nodes")) {
+    for (size_t i = 0; i < nodes->size() && status.ok(); ++i) {
+      graph["nodes"].push_back(CopyNode((*nodes)[i], i, sizes, status));
+    }
+  }
+  CopySkins(fields, sizes, graph, status);
+  CopyScenes(fields, sizes, graph, status);
+  for (const char* key : {"materials", "textures", "samplers"}) graph[key] = CopyAppearances(fields, key);
+  if (!status.ok()) return status;
+  return graph;
+}
+
+}  // namespace voxelpipe::gltf

@@ -1,0 +1,48 @@
+#include "load/json_guard.h"
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+
+namespace voxelpipe {
+
+absl::Status GuardJson(std::string_view json, const LoadLimits& limits) {
+  if (json.size() > limits.max_json_bytes) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the JSON has ", json.size(), " bytes; the limit max_json_bytes is ", limits.max_json_bytes));
+  }
+  if (json.substr(0, 3) == "\xEF\xBB\xBF") {
+    return absl::InvalidArgumentError("JSON byte 0: a byte order mark, which glTF does not allow");
+  }
+  uint32_t depth = 0;
+  bool in_string = false;
+  for (size_t i = 0; i < json.size(); ++i) {
+    const char c = json[i];
+    if (in_string) {
+      if (c == '\\') {
+        ++i;
+      } else if (c == '"') {
+        in_string = false;
+      }
+      continue;
+    }
+    if (c == '"') {
+      in_string = true;
+    } else if (c == '{' || c == '[') {
+      if (++depth > limits.max_json_depth) {
+        return absl::ResourceExhaustedError(absl::StrCat("JSON byte ", i, ": nested deeper than the limit max_json_depth, ",
+                                                         limits.max_json_depth));
+      }
+    } else if (c == '}' || c == ']') {
+      if (depth > 0) --depth;
+    }
+  }
+  return absl::OkStatus();
+}
+
+std::string Quoted(std::string_view text) {
+  constexpr size_t kLongest = 80;
+  const absl::string_view head(text.data(), text.size() < kLongest ? text.size() : kLongest);
+  return absl::StrCat("'", absl::CHexEscape(head), text.size() > kLongest ? "...'" : "'");
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,87 @@
+#include "load/loader.h"
+
+#include <algorithm>
+#include <cstring>
+#include <new>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "load/draco.h"
+#include "load/glb_container.h"
+#include "load/gltf.h"
+
+namespace voxelpipe {
+namespace {
+
+bool StartsWith(std::span<const uint8_t> bytes, std::string_view magic) {
+  return bytes.size() >= magic.size() && std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
+}
+
+bool LooksLikeJson(std::span<const uint8_t> bytes) {
+  // A byte order mark is let through here so that the glTF loader can name it.
+  if (StartsWith(bytes, "\xEF\xBB\xBF")) return true;
+  for (const uint8_t byte : bytes) {
+    if (byte == ' ' || byte == '\t' || byte == '\n' || byte == '\r') continue;
+    return byte == '{';
+  }
+  return false;
+}
+
+absl::StatusOr<Scene> Dispatch(std::span<const uint8_t> bytes, MeshFormat format, const LoadLimits& limits) {
+  switch (format) {
+    case MeshFormat::kGlb: {
+      absl::StatusOr<GlbChunks> chunks = SplitGlb(bytes);
+      if (!chunks.ok()) return chunks.status();
+      absl::StatusOr<Scene> scene = LoadGltf(chunks->json, chunks->binary, limits);
+      if (scene.ok()) scene->format = "glb";
+      return scene;
+    }
+    case MeshFormat::kGltf: {
+      const std::string_view json(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+      absl::StatusOr<Scene> scene = LoadGltf(json, std::nullopt, limits);
+      if (scene.ok()) scene->format = "gltf";
+      return scene;
+    }
+    case MeshFormat::kDraco: {
+      absl::StatusOr<Scene> scene = LoadDraco(bytes, limits);
+      if (scene.ok()) scene->format = "drc";
+      return scene;
+    }
+    case MeshFormat::kAuto:
+      break;
+  }
+  return absl::InternalError("the mesh format was not resolved");
+}
+
+}  // namespace
+
+std::optional<MeshFormat> SniffMeshFormat(std::span<const uint8_t> bytes) {
+  if (StartsWith(bytes, "glTF")) return MeshFormat::kGlb;
+  if (StartsWith(bytes, "DRACO")) return MeshFormat::kDraco;
+  if (LooksLikeJson(bytes)) return MeshFormat::kGltf;
+  return std::nullopt;
+}
+
+absl::StatusOr<Scene> LoadScene(std::span<const uint8_t> bytes, MeshFormat format, const LoadLimits& limits) {
+  if (bytes.empty()) return absl::InvalidArgumentError("the mesh is empty (zero bytes)");
+  if (bytes.size() > limits.max_file_bytes) {
+    return absl::ResourceExhaustedError(absl::StrCat("the mesh has ", bytes.size(), " bytes; the limit max_file_bytes is ",
+                                                     limits.max_file_bytes));
+  }
+  if (format == MeshFormat::kAuto) {
+    const std::optional<MeshFormat> sniffed = SniffMeshFormat(bytes);
+    if (!sniffed) {
+      return absl::InvalidArgumentError(
+          "the first bytes are of no format that can be read (GLB, glTF 2.0 JSON, Draco); a compressed archive must be "
+          "unpacked first");
+    }
+    format = *sniffed;
+  }
+  try {
+    return Dispatch(bytes, format, limits);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("not enough memory to load the mesh");
+  }
+}
+
+}  // namespace voxelpipe
