@@ -4,6 +4,7 @@
 
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <string>
 #include <thread>
@@ -65,6 +66,8 @@ int Main(int argc, char** argv) {
   const ParseOutcome parsed = ParseCommandLine(argc, argv);
   if (!parsed.command) return parsed.exit_code;
   if (parsed.command->probe) return Probe(*parsed.command->probe);
+  // gRPC's own lines say in C structures what our one error line says; whoever wants them sets the variable.
+  setenv("GRPC_VERBOSITY", "NONE", 0);
   StartLog(parsed.command->options.log_level);
   return Serve(parsed.command->options);
 }
