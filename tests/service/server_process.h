@@ -1,0 +1,62 @@
+// A real voxelpiped for a test: its own process, its own port.
+#pragma once
+
+#include <sys/types.h>
+
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "client.h"
+
+namespace voxelpipe::testing {
+
+// Long enough for a loaded machine with sanitizers; every wait of these tests ends by then.
+inline constexpr std::chrono::seconds kPatience{60};
+
+// What a finished command left.
+struct CommandResult {
+  int exit_code = -1;  // 128 + signal where a signal ended it
+  std::string output;  // stdout
+};
+
+// Runs voxelpiped with these arguments to its end. DEADLINE_EXCEEDED (and a kill) after kPatience.
+absl::StatusOr<CommandResult> RunVoxelpiped(const std::vector<std::string>& arguments);
+
+class ServerProcess {
+ public:
+  // Starts voxelpiped on a free loopback port and waits until it says where it listens.
+  static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(const std::vector<std::string>& arguments = {});
+  // Ends the process the hard way if it still runs.
+  ~ServerProcess();
+  ServerProcess(const ServerProcess&) = delete;
+  ServerProcess& operator=(const ServerProcess&) = delete;
+
+  const std::string& address() const { return address_; }  // 127.0.0.1:PORT
+
+  // SIGTERM, or another signal.
+  void Signal(int signal);
+  // Waits for the process to end. Out: exit code, and all of its stdout.
+  absl::StatusOr<CommandResult> Wait(std::chrono::milliseconds timeout = kPatience);
+  bool IsRunning();
+
+ private:
+  ServerProcess() = default;
+  bool Reap(bool block_until_dead);
+
+  pid_t pid_ = -1;
+  int stdout_ = -1;
+  std::string output_, address_;
+  std::optional<int> exit_code_;
+};
+
+// Starts a server and fails the test if it does not come up.
+std::unique_ptr<ServerProcess> StartServer(const std::vector<std::string>& arguments = {});
+// A client of it; fails the test where there is none.
+std::unique_ptr<Client> ConnectTo(const ServerProcess& server);
+
+}  // namespace voxelpipe::testing
