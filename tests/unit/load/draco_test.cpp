@@ -1,0 +1,115 @@
+// Streams are made with Draco's own encoder.
+#include "load/draco.h"
+
+#include <draco/compression/expert_encode.h>
+#include <draco/mesh/triangle_soup_mesh_builder.h>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "load/loader.h"
+#include "mesh/flatten.h"
+
+namespace voxelpipe {
+namespace {
+
+using ::testing::HasSubstr;
+
+// A strip of `faces` triangles with normals and 8-bit colours.
+std::vector<uint8_t> Encode(int faces, bool sequential) {
+  draco::TriangleSoupMeshBuilder builder;
+  builder.Start(faces);
+  const int position = builder.AddAttribute(draco::GeometryAttribute::POSITION, 3, draco::DT_FLOAT32);
+  const int normal = builder.AddAttribute(draco::GeometryAttribute::NORMAL, 3, draco::DT_FLOAT32);
+  const int color = builder.AddAttribute(draco::GeometryAttribute::COLOR, 4, draco::DT_UINT8);
+  for (int f = 0; f < faces; ++f) {
+    float p[3][3];
+    const float n[3] = {0, 0, 1};
+    const uint8_t c[4] = {255, 51, 0, 255};
+    for (int i = 0; i < 3; ++i) {
+      const int k = f % 2 == 0 || i == 0 ? i : 3 - i;  // every other triangle of a strip is turned
+      p[i][0] = float((f + k) / 2);
+      p[i][1] = float((f + k) % 2);
+      p[i][2] = 0;
+    }
+    builder.SetAttributeValuesForFace(position, draco::FaceIndex(f), p[0], p[1], p[2]);
+    builder.SetAttributeValuesForFace(normal, draco::FaceIndex(f), n, n, n);
+    builder.SetAttributeValuesForFace(color, draco::FaceIndex(f), c, c, c);
+  }
+  const std::unique_ptr<draco::Mesh> mesh = builder.Finalize();
+  draco::ExpertEncoder encoder(*mesh);
+  encoder.SetEncodingMethod(sequential ? draco::MESH_SEQUENTIAL_ENCODING : draco::MESH_EDGEBREAKER_ENCODING);
+  draco::EncoderBuffer buffer;
+  EXPECT_TRUE(encoder.EncodeToBuffer(&buffer).ok());
+  return {buffer.data(), buffer.data() + buffer.size()};
+}
+
+class DracoTest : public ::testing::TestWithParam<bool> {};
+
+TEST_P(DracoTest, DecodesWhatWasEncoded) {
+  const std::vector<uint8_t> bytes = Encode(20, GetParam());
+  const auto mesh = DecodeDraco(bytes, {});
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_EQ(mesh->triangles.size(), 20u);
+  EXPECT_EQ(mesh->points, 22u);
+  ASSERT_EQ(mesh->attributes.size(), 3u);
+  EXPECT_EQ(mesh->attributes[0].values.size(), 66u);
+  EXPECT_EQ(mesh->attributes[2].kind, DracoAttribute::Kind::kColor);
+  EXPECT_FLOAT_EQ(mesh->attributes[2].values[1], 0.2f);
+}
+
+TEST_P(DracoTest, LoadsAsASceneOfOneNode) {
+  const auto scene = LoadScene(Encode(7, GetParam()));
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_EQ(scene->format, "drc");
+  const auto mesh = Flatten(*scene);
+  ASSERT_TRUE(mesh.ok());
+  EXPECT_EQ(mesh->triangles.size(), 7u);
+  EXPECT_EQ(mesh->normals[0], (Vec3f{0, 0, 1}));
+}
+
+TEST_P(DracoTest, TruncatedAtEveryLengthIsRefused) {
+  const std::vector<uint8_t> bytes = Encode(12, GetParam());
+  for (size_t n = 0; n < bytes.size(); ++n) {
+    EXPECT_FALSE(DecodeDraco(std::span(bytes).first(n), {}).ok()) << n;
+  }
+}
+
+TEST_P(DracoTest, FlippedBitsNeverCrash) {
+  const std::vector<uint8_t> bytes = Encode(12, GetParam());
+  int refused = 0;
+  for (size_t bit = 0; bit < bytes.size() * 8; ++bit) {
+    std::vector<uint8_t> flipped = bytes;
+    flipped[bit / 8] ^= uint8_t(1 << (bit % 8));
+    const auto mesh = DecodeDraco(flipped, {});
+    if (!mesh.ok()) {
+      ++refused;
+      continue;
+    }
+    for (const auto& t : mesh->triangles) {
+      for (const uint32_t v : t) ASSERT_LT(v, mesh->points);
+    }
+  }
+  EXPECT_GT(refused, 0);
+}
+
+TEST_P(DracoTest, LimitsAreNamed) {
+  LoadLimits limits;
+  limits.max_triangles = 11;
+  EXPECT_EQ(DecodeDraco(Encode(12, GetParam()), limits).status().code(), absl::StatusCode::kResourceExhausted);
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, DracoTest, ::testing::Values(false, true),
+                         [](const auto& test) { return test.param ? "sequential" : "edgebreaker"; });
+
+// Version 2.2, sequential: eleven header bytes, then faces and points as varints.
+TEST(DracoBombTest, DeclaredCountsBeyondTheBytesAreRefusedBeforeDecoding) {
+  std::vector<uint8_t> bomb = {'D', 'R', 'A', 'C', 'O', 2, 2, 1, 0, 0, 0, 0xff, 0xff, 0xff, 0xff, 0x0f, 0xff, 0xff, 0xff, 0xff, 0x0f};
+  const auto mesh = DecodeDraco(bomb, {});
+  EXPECT_EQ(mesh.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(mesh.status().message()), HasSubstr("4294967295 faces"));
+  bomb[5] = 9;
+  EXPECT_THAT(std::string(DecodeDraco(bomb, {}).status().message()), HasSubstr("version 9.2"));
+}
+
+}  // namespace
+}  // namespace voxelpipe

@@ -1,0 +1,148 @@
+#include "load/pack.h"
+
+#include <sys/stat.h>
+
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "load/loader.h"
+#include "mesh/flatten.h"
+
+namespace voxelpipe {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+class PackTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    root_ = fs::temp_directory_path() / ("voxelpipe_pack_" + std::to_string(::getpid()) + "_" +
+                                         ::testing::UnitTest::GetInstance()->current_test_info()->name());
+    fs::create_directories(root_ / "model" / "sub");
+    const float positions[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+    triangle_.assign(reinterpret_cast<const char*>(positions), sizeof positions);
+    Write("model/tri.bin", triangle_);
+    Write("secret.bin", triangle_);
+  }
+  void TearDown() override { fs::remove_all(root_); }
+
+  void Write(const std::string& name, const std::string& bytes) {
+    std::ofstream(root_ / name, std::ios::binary) << bytes;
+  }
+
+  // A one-triangle glTF whose buffer is `uri`.
+  static std::string Gltf(const std::string& uri, const std::string& more = "") {
+    return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],)"
+           R"("meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],)"
+           R"("accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],)"
+           R"("bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36,"uri":")" +
+           uri + "\"}]" + more + "}";
+  }
+
+  absl::StatusOr<std::vector<uint8_t>> Pack(const std::string& gltf) {
+    Write("model/m.gltf", gltf);
+    return ReadAndPackMeshFile((root_ / "model" / "m.gltf").string());
+  }
+
+  uint64_t Triangles(const std::vector<uint8_t>& bytes) {
+    const auto scene = LoadScene(bytes);
+    EXPECT_TRUE(scene.ok()) << scene.status();
+    return scene.ok() ? CountTriangles(*scene) : 0;
+  }
+
+  fs::path root_;
+  std::string triangle_;
+};
+
+TEST_F(PackTest, SiblingsBecomeOneGlb) {
+  Write("model/sub/a b.bin", triangle_);
+  for (const char* uri : {"tri.bin", "./tri.bin", "sub/a%20b.bin", "sub/../tri.bin"}) {
+    const auto packed = Pack(Gltf(uri));
+    ASSERT_TRUE(packed.ok()) << packed.status();
+    EXPECT_EQ(SniffMeshFormat(*packed), MeshFormat::kGlb);
+    EXPECT_EQ(Triangles(*packed), 1u);
+  }
+}
+
+TEST_F(PackTest, TwoBuffersAreRebased) {
+  Write("model/other.bin", "xx" + triangle_);
+  std::string gltf = Gltf("tri.bin");
+  gltf.replace(gltf.find("\"bufferViews\":[{\"buffer\":0,"), 27, "\"bufferViews\":[{\"buffer\":1,\"byteOffset\":2,");
+  gltf.insert(gltf.rfind("]"), R"(,{"byteLength":38,"uri":"other.bin"})");
+  const auto packed = Pack(gltf);
+  ASSERT_TRUE(packed.ok()) << packed.status();
+  const auto mesh = Flatten(*LoadScene(*packed));
+  ASSERT_TRUE(mesh.ok());
+  EXPECT_EQ(mesh->positions[1], (Vec3d{1, 0, 0}));
+}
+
+TEST_F(PackTest, NothingOutsideTheDirectoryIsRead) {
+  fs::create_symlink(root_ / "secret.bin", root_ / "model" / "link.bin");
+  const std::string absolute = (root_ / "secret.bin").string();
+  for (const std::string& uri : {std::string("../secret.bin"), std::string("sub/../../secret.bin"), absolute,
+                                 "file://" + absolute, std::string("http://127.0.0.1:9/x.bin"), std::string("%2e%2e/secret.bin"),
+                                 std::string("..\\\\secret.bin"), std::string("link.bin"), std::string("tri.bin%zz")}) {
+    const auto packed = Pack(Gltf(uri));
+    EXPECT_EQ(packed.status().code(), absl::StatusCode::kInvalidArgument) << uri << " " << packed.status();
+    EXPECT_THAT(std::string(packed.status().message()), HasSubstr("buffer 0: URI '")) << uri;
+  }
+}
+
+TEST_F(PackTest, OnlyRegularFilesAreRead) {
+  EXPECT_THAT(std::string(Pack(Gltf("sub")).status().message()), HasSubstr("not a regular file"));
+  ASSERT_EQ(::mkfifo((root_ / "model" / "pipe").c_str(), 0600), 0);
+  EXPECT_THAT(std::string(Pack(Gltf("pipe")).status().message()), HasSubstr("not a regular file"));
+  EXPECT_EQ(ReadAndPackMeshFile(root_.string()).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(ReadAndPackMeshFile((root_ / "none.glb").string()).status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(PackTest, AMissingBufferIsAnErrorAMissingImageIsNot) {
+  EXPECT_EQ(Pack(Gltf("none.bin")).status().code(), absl::StatusCode::kNotFound);
+  const auto packed = Pack(Gltf("tri.bin", R"(,"images":[{"uri":"none.png"}])"));
+  ASSERT_TRUE(packed.ok()) << packed.status();
+  EXPECT_EQ(Triangles(*packed), 1u);
+}
+
+TEST_F(PackTest, ImagesComeAlong) {
+  Write("model/picture.png", "\x89PNG and so on");
+  const auto packed = Pack(Gltf("tri.bin", R"(,"images":[{"uri":"picture.png"}],"textures":[{"source":0}],)"
+                                           R"("materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}])"));
+  ASSERT_TRUE(packed.ok()) << packed.status();
+  const auto scene = LoadScene(*packed);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  ASSERT_EQ(scene->images.size(), 1u);
+  EXPECT_EQ(scene->images[0]->encoded.size(), 14u);
+}
+
+TEST_F(PackTest, AViewThatOverrunsItsBufferIsRefusedNotGivenItsNeighbour) {
+  std::string gltf = Gltf("tri.bin");
+  gltf.replace(gltf.find("\"byteLength\":36}]"), 17, "\"byteLength\":40}]");
+  EXPECT_THAT(std::string(Pack(gltf).status().message()), HasSubstr("bufferView 0: overruns buffer 0 of 36 bytes"));
+  gltf = Gltf("tri.bin");
+  gltf.replace(gltf.rfind("\"byteLength\":36"), 15, "\"byteLength\":99");
+  EXPECT_THAT(std::string(Pack(gltf).status().message()), HasSubstr("buffer 0: byteLength 99"));
+}
+
+TEST_F(PackTest, WhatIsNoGltfGoesToTheLoaderAsItIs) {
+  for (const std::string& text : {std::string("{ not json"), std::string(100000, '['), std::string("[]"),
+                                  std::string(R"({"buffers":7,"images":[1]})"), std::string()}) {
+    const auto packed = Pack(text);
+    ASSERT_TRUE(packed.ok()) << packed.status();
+    EXPECT_EQ(packed->size(), text.size());
+    EXPECT_FALSE(LoadScene(*packed).ok());
+  }
+}
+
+TEST_F(PackTest, SizeLimit) {
+  LoadLimits limits;
+  limits.max_file_bytes = 35;
+  EXPECT_EQ(ReadAndPackMeshFile((root_ / "model" / "tri.bin").string(), limits).status().code(),
+            absl::StatusCode::kResourceExhausted);
+}
+
+}  // namespace
+}  // namespace voxelpipe
