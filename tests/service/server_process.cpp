@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 
 #include "absl/strings/str_cat.h"
@@ -142,6 +143,9 @@ absl::StatusOr<CommandResult> RunVoxelpiped(const std::vector<std::string>& argu
 }
 
 std::unique_ptr<ServerProcess> StartServer(const std::vector<std::string>& arguments) {
+  // Nobody polls the connection of a blocking client between its calls but gRPC's backup poller, every five seconds. So long
+  // would a server that drains wait for such a client's goodbye.
+  setenv("GRPC_CLIENT_CHANNEL_BACKUP_POLL_INTERVAL_MS", "100", /*overwrite=*/0);
   absl::StatusOr<std::unique_ptr<ServerProcess>> server = ServerProcess::Start(arguments);
   EXPECT_TRUE(server.ok()) << server.status();
   return server.ok() ? *std::move(server) : nullptr;
