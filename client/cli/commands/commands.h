@@ -3,8 +3,14 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <string>
 
 namespace voxelpipe::cli {
+
+// For options where an empty text (a shell variable that is not set) would silently mean something else.
+inline std::string RefuseEmpty(const std::string& text) {
+  return text.empty() ? "must not be empty" : "";
+}
 
 void AddVoxelizeCommand(CLI::App& app, int& exit_code);
 void AddInfoCommand(CLI::App& app, int& exit_code);

@@ -96,7 +96,9 @@ void AddInfoCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<InfoArguments>();
   CLI::App* command = app.add_subcommand("info", "Say what a mesh file holds");
   command->add_option("FILE", arguments->path, "Mesh file: .glb, .gltf, .drc")->required()->type_name("");
-  command->add_option("--server", arguments->server, "Let this server look at it")->type_name("HOST:PORT");
+  command->add_option("--server", arguments->server, "Let this server look at it")
+      ->type_name("HOST:PORT")
+      ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print one JSON object");
   command->callback([arguments, &exit_code] {
     if (const absl::Status status = CheckServerOption(arguments->server); !status.ok()) {

@@ -26,7 +26,10 @@ int ServerInfo(const ServerInfoArguments& arguments) {
 void AddServerInfoCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<ServerInfoArguments>();
   CLI::App* command = app.add_subcommand("server-info", "Say what a server is and what it allows");
-  command->add_option("--server", arguments->server, "The server")->required()->type_name("HOST:PORT");
+  command->add_option("--server", arguments->server, "The server")
+      ->required()
+      ->type_name("HOST:PORT")
+      ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print one JSON object");
   command->callback([arguments, &exit_code] { exit_code = ServerInfo(*arguments); });
 }

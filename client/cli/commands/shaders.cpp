@@ -84,7 +84,9 @@ void AddShadersCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<ShadersArguments>();
   CLI::App* command = app.add_subcommand("shaders", "List the shaders and their parameters");
   command->add_flag("--json", arguments->json, "Print one JSON object");
-  command->add_option("--server", arguments->server, "List those of this server")->type_name("HOST:PORT");
+  command->add_option("--server", arguments->server, "List those of this server")
+      ->type_name("HOST:PORT")
+      ->check(RefuseEmpty);
   command->callback([arguments, &exit_code] { exit_code = Shaders(*arguments); });
 }
 

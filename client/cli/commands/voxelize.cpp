@@ -169,9 +169,10 @@ void AddShadingOptions(CLI::App& command, RequestOptions& request) {
 void AddExecutionOptions(CLI::App& command, VoxelizeArguments& arguments) {
   const std::string group = "Execution";
   const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
-    command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+    return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
   };
-  add("--server", arguments.server, "HOST:PORT", "Voxelize on this server instead of in this process");
+  add("--server", arguments.server, "HOST:PORT", "Voxelize on this server instead of in this process")
+      ->check(RefuseEmpty);
   add("--result", arguments.result, "dense", "Kind of result");
   add("--backend", arguments.request.backend, "auto|cpu|cuda", "What does the work (default auto)");
   add("--threads", arguments.request.threads, "N", "Threads of the CPU backend (default 0: all cores)");
@@ -190,9 +191,11 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
                    Wrapped("Where the result goes; the extension decides: .npy, .raw, .png (a picture). Several "
                            "targets into .npy or .raw: OUT.<index>.ext. With several IN a directory. Without it only "
                            "the summary is printed"))
-      ->type_name("OUT");
+      ->type_name("OUT")
+      ->check(RefuseEmpty);
   command->add_option("--preview", arguments->preview, "Also write a picture: a shaded view and three slices")
-      ->type_name("PNG");
+      ->type_name("PNG")
+      ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");
   AddGridOptions(*command, arguments->request);
   AddShadingOptions(*command, arguments->request);

@@ -76,6 +76,9 @@ TEST_F(CliOptions, WrongOptionsExitWith2AndOneLine) {
       {"-o", directory_ / "out.vti"},
       {"-o", directory_ / "out"},
       {"--preview", directory_ / "out.npy"},
+      {"-o", ""},
+      {"--preview", ""},
+      {"--server", ""},
   };
   for (const std::vector<std::string>& options : wrong) {
     const CliOutcome outcome = Voxelize(options);
