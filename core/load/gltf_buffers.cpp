@@ -6,6 +6,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
 #include "base/checked.h"
 #include "load/json_guard.h"
 #include "load/meshopt.h"
@@ -175,7 +176,8 @@ absl::StatusOr<std::span<const uint8_t>> Buffers::View(uint32_t index, Budget& b
   if (decoded.empty()) {
     absl::StatusOr<std::vector<uint8_t>> bytes = Decode(*view.meshopt, budget);
     if (!bytes.ok()) {
-      return absl::Status(bytes.status().code(), absl::StrCat("glTF: bufferView ", index, ": ", bytes.status().message()));
+      return absl::Status(bytes.status().code(), absl::StrCat("glTF: bufferView ", index, ": ",
+                                                              absl::StripPrefix(bytes.status().message(), "glTF: ")));
     }
     decoded = *std::move(bytes);
   }

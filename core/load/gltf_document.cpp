@@ -235,6 +235,8 @@ absl::StatusOr<Document> ParseDocument(std::string_view json, const LoadLimits& 
   try {
     Json root = Json::parse(json.begin(), json.end());
     return ReadDocument(root, limits);
+  } catch (const Json::parse_error& error) {
+    return absl::InvalidArgumentError(absl::StrCat("glTF: the JSON is broken at its byte ", error.byte));
   } catch (const Json::exception& error) {
     return absl::InvalidArgumentError(absl::StrCat("glTF: ", Quoted(error.what())));
   }

@@ -4,6 +4,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
 #include "load/gltf_attributes.h"
 #include "load/gltf_model.h"
 #include "load/gltf_topology.h"
@@ -11,8 +12,9 @@
 namespace voxelpipe::gltf {
 namespace {
 
+// Says where an error of an inner part happened.
 absl::Status At(const std::string& where, const absl::Status& status) {
-  return absl::Status(status.code(), absl::StrCat("glTF: ", where, ": ", status.message()));
+  return absl::Status(status.code(), absl::StrCat("glTF: ", where, ": ", absl::StripPrefix(status.message(), "glTF: ")));
 }
 
 // Reads the optional attributes of one primitive; the positions' count rules.
@@ -186,7 +188,7 @@ absl::StatusOr<DracoPart> ReadDraco(const tinygltf::Primitive& primitive, const 
   const tinygltf::Value& ids = extension->second.Get("attributes");
   for (const std::string& name : ids.Keys()) part.ids[name] = static_cast<uint32_t>(ids.Get(name).GetNumberAsInt());
   absl::StatusOr<std::span<const uint8_t>> bytes = context.buffers.View(static_cast<uint32_t>(view), context.budget);
-  if (!bytes.ok()) return bytes.status();
+  if (!bytes.ok()) return At(where, bytes.status());
   absl::StatusOr<DracoMesh> mesh = DecodeDraco(*bytes, context.budget.limits());
   if (!mesh.ok()) return At(absl::StrCat(where, ", bufferView ", view), mesh.status());
   const std::string what = where + ", KHR_draco_mesh_compression";
