@@ -41,7 +41,8 @@ format: ## Format all sources in place (clang-format 14)
 lint: ## Check the format, clang-tidy on .cpp, buf lint on the protos where buf is installed
 	@bash tests/support/lint.sh lint $(BUILD_DIR)
 
-docker-test: build ## Build the image with a local engine, run it, call it from the host (root; slow)
+docker-test: configure ## Build the image with a local engine, run it, call it from the host (root; slow)
+	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe
 	VOXELPIPE_DOCKER_TEST=1 bash tests/docker/docker_test.sh $(BUILD_DIR)/bin/voxelpipe
 
 clean: ## Remove what the preset built

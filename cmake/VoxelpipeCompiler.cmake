@@ -14,6 +14,8 @@ add_library(voxelpipe_flags INTERFACE)
 target_compile_features(voxelpipe_flags INTERFACE cxx_std_20)
 # The same bytes on every machine and on both devices: no contraction to fused multiply-add.
 target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-ffp-contract=off -Wall -Wextra -Wshadow>)
+# GCC 12 warns of "literal" + std::string in its own header (GCC bug 105651).
+target_compile_options(voxelpipe_flags INTERFACE $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<CXX_COMPILER_ID:GNU>>:-Wno-restrict>)
 if(VOXELPIPE_WERROR)
   target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-Werror>)
 endif()

@@ -40,7 +40,8 @@ def main():
     print(f"           {os.path.getsize(mesh):,} bytes, {served['triangles']:,} triangles")
     print(f"came back  {dims[0]} x {dims[1]} x {dims[2]} voxels, {served['bytes']:,} bytes, {occupied:,} occupied")
     print(f"           sha256 {served['hash']} (the in-process run gives the same)")
-    print(f"           voxel size {served['voxel_size']}, origin {served['origin']}, backend {served['backend']}")
+    voxel_size, origin = (" x ".join(f"{x:.6g}" for x in served[key]) for key in ("voxel_size", "origin"))
+    print(f"           voxel size {voxel_size}, origin {origin.replace(' x ', ', ')}, backend {served['backend']}")
     if served.get("peak_bytes"):
         print(f"           server peak {served['peak_bytes'] / 2**20:,.1f} MiB")
     print("took       " + ", ".join(f"{name} {ms:.1f} ms" for name, ms in served["stages"].items()))
