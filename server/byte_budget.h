@@ -78,7 +78,7 @@ class BudgetShare {
   }
 
   void ShrinkTo(uint64_t bytes) {
-    if (bytes < bytes_) budget_.Give(bytes_ - std::exchange(bytes_, bytes));
+    if (bytes < bytes_) budget_.Give(std::exchange(bytes_, bytes) - bytes);
   }
 
   uint64_t bytes() const { return bytes_; }

@@ -1,0 +1,167 @@
+#include "wire/request.h"
+
+#include <string>
+
+#include "gtest/gtest.h"
+#include "pipeline/plan.h"
+
+namespace voxelpipe {
+namespace {
+
+// Over the wire and back, bytes included.
+absl::StatusOr<ParsedConfig> RoundTrip(const VoxelizeRequest& request, MeshFormat format = MeshFormat::kAuto) {
+  v1::VoxelizeConfig received;
+  EXPECT_TRUE(received.ParseFromString(MakeConfig(request, format).SerializeAsString()));
+  return ParseConfig(received);
+}
+
+void ExpectEqual(const VoxelizeRequest& a, const VoxelizeRequest& b) {
+  EXPECT_EQ(a.grid.resolution, b.grid.resolution);
+  EXPECT_EQ(a.grid.fit, b.grid.fit);
+  EXPECT_EQ(a.grid.voxel_size, b.grid.voxel_size);
+  EXPECT_EQ(a.grid.dims, b.grid.dims);
+  EXPECT_EQ(a.grid.origin, b.grid.origin);
+  EXPECT_EQ(a.grid.padding, b.grid.padding);
+  EXPECT_EQ(a.coverage, b.coverage);
+  EXPECT_EQ(a.fill, b.fill);
+  EXPECT_EQ(a.vertex_shader, b.vertex_shader);
+  EXPECT_EQ(a.layout, b.layout);
+  EXPECT_EQ(a.backend, b.backend);
+  ASSERT_EQ(a.targets.size(), b.targets.size());
+  for (size_t i = 0; i < a.targets.size(); ++i) {
+    EXPECT_EQ(a.targets[i].format, b.targets[i].format);
+    EXPECT_EQ(a.targets[i].components, b.targets[i].components);
+    EXPECT_EQ(a.targets[i].blend, b.targets[i].blend);
+    EXPECT_EQ(a.targets[i].shader, b.targets[i].shader);
+    EXPECT_EQ(a.targets[i].quantum, b.targets[i].quantum);
+    EXPECT_EQ(a.targets[i].clear, b.targets[i].clear);
+    EXPECT_EQ(a.targets[i].fill_value, b.targets[i].fill_value);
+  }
+}
+
+TEST(RequestTest, AnEmptyConfigIsTheDefaultRequest) {
+  const auto parsed = ParseConfig(v1::VoxelizeConfig());
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  ExpectEqual(parsed->request, VoxelizeRequest());
+  EXPECT_EQ(parsed->mesh_format, MeshFormat::kAuto);
+  EXPECT_TRUE(ValidateRequest(parsed->request).ok());
+}
+
+TEST(RequestTest, EverythingOfARequestSurvives) {
+  VoxelizeRequest request;
+  request.grid.resolution = 77;
+  request.grid.fit = GridFit::kCube;
+  request.grid.padding = 3;
+  request.coverage = Coverage::kThin;
+  request.fill = Fill::kParity;
+  request.vertex_shader = {"transform", {{"matrix", {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16}}}};
+  request.layout = Layout::kPlanar;
+  request.backend = BackendChoice::kCpu;
+  TargetSpec first;
+  first.blend = Blend::kReplace;
+  TargetSpec second;
+  second.format = VoxelFormat::kF32;
+  second.components = 3;
+  second.blend = Blend::kAdd;
+  second.shader = {"constant", {{"value", {0.1, -0.0, 1e300}}}};
+  second.quantum = 0.25;
+  second.clear = -1.5;
+  second.fill_value = 0;
+  request.targets = {first, second};
+  const auto parsed = RoundTrip(request, MeshFormat::kDraco);
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  ExpectEqual(parsed->request, request);
+  EXPECT_EQ(parsed->mesh_format, MeshFormat::kDraco);
+}
+
+TEST(RequestTest, EveryEnumeratorSurvives) {
+  for (const MeshFormat format : {MeshFormat::kAuto, MeshFormat::kGlb, MeshFormat::kGltf, MeshFormat::kDraco}) {
+    EXPECT_EQ(RoundTrip(VoxelizeRequest(), format)->mesh_format, format);
+  }
+  VoxelizeRequest request;
+  for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin, Coverage::kCenter}) {
+    request.coverage = coverage;
+    EXPECT_EQ(RoundTrip(request)->request.coverage, coverage);
+  }
+  for (const BackendChoice backend : {BackendChoice::kAuto, BackendChoice::kCpu, BackendChoice::kCuda}) {
+    request.backend = backend;
+    EXPECT_EQ(RoundTrip(request)->request.backend, backend);
+  }
+  for (const Blend blend : {Blend::kOr, Blend::kReplace, Blend::kMin, Blend::kMax, Blend::kAdd}) {
+    request.targets[0].blend = blend;
+    EXPECT_EQ(RoundTrip(request)->request.targets[0].blend, blend);
+  }
+}
+
+TEST(RequestTest, AnExplicitGridSurvives) {
+  VoxelizeRequest request;
+  request.grid.voxel_size = Vec3d{0.5, 0.25, 0.125};
+  ExpectEqual(RoundTrip(request)->request, request);
+  request.grid.dims = {3, 4, 5};
+  request.grid.origin = Vec3d{-1, 2, 1e-9};
+  ExpectEqual(RoundTrip(request)->request, request);
+}
+
+TEST(RequestTest, WhatIsNotAllowedReachesTheCheckThatRefusesIt) {
+  VoxelizeRequest request;
+  request.targets[0].components = 0;
+  const auto parsed = RoundTrip(request);
+  ASSERT_TRUE(parsed.ok());
+  EXPECT_EQ(parsed->request.targets[0].components, 0);
+}
+
+TEST(RequestTest, TheBlendsDefaultFollowsTheFormat) {
+  v1::VoxelizeConfig config;
+  config.add_targets();
+  config.add_targets()->set_format(v1::VOXEL_FORMAT_F32);
+  const auto parsed = ParseConfig(config);
+  ASSERT_TRUE(parsed.ok());
+  EXPECT_EQ(parsed->request.targets[0].blend, Blend::kOr);
+  EXPECT_EQ(parsed->request.targets[1].blend, Blend::kReplace);
+  EXPECT_TRUE(ValidateRequest(parsed->request).ok());
+}
+
+// Each change makes a config that must be refused with a message that begins with `field`.
+template <typename Change>
+void ExpectRefused(const std::string& field, Change change) {
+  v1::VoxelizeConfig config;
+  change(config);
+  const absl::Status status = ParseConfig(config).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << field;
+  EXPECT_TRUE(std::string(status.message()).starts_with(field + ": ")) << status;
+}
+
+TEST(RequestTest, ValuesOfNewerClientsAreRefusedByField) {
+  ExpectRefused("mesh_format", [](auto& c) { c.set_mesh_format(v1::MeshFormat(99)); });
+  ExpectRefused("grid.fit", [](auto& c) { c.mutable_grid()->set_fit(v1::GridFit(3)); });
+  ExpectRefused("coverage", [](auto& c) { c.set_coverage(v1::Coverage(4)); });
+  ExpectRefused("fill", [](auto& c) { c.set_fill(v1::Fill(3)); });
+  ExpectRefused("layout", [](auto& c) { c.set_layout(v1::Layout(-1)); });
+  ExpectRefused("backend", [](auto& c) { c.set_backend(v1::Backend(4)); });
+  ExpectRefused("targets[1].format", [](auto& c) {
+    c.add_targets();
+    c.add_targets()->set_format(v1::VoxelFormat(3));
+  });
+  ExpectRefused("targets[0].blend", [](auto& c) { c.add_targets()->set_blend(v1::Blend(6)); });
+}
+
+TEST(RequestTest, ContradictionsAreRefusedByField) {
+  ExpectRefused("grid.resolution", [](auto& c) {
+    c.mutable_grid()->set_resolution(8);
+    c.mutable_grid()->mutable_voxel_size()->set_x(1);
+  });
+  ExpectRefused("grid.resolution", [](auto& c) {
+    c.mutable_grid()->set_resolution(8);
+    c.mutable_grid()->mutable_dims();
+  });
+  ExpectRefused("vertex_shader", [](auto& c) {
+    c.mutable_vertex_shader()->add_parameters()->set_name("matrix");
+    c.mutable_vertex_shader()->add_parameters()->set_name("matrix");
+  });
+  ExpectRefused("targets", [](auto& c) {
+    for (int i = 0; i <= kMaxTargets; ++i) c.add_targets();
+  });
+}
+
+}  // namespace
+}  // namespace voxelpipe

@@ -1,0 +1,143 @@
+#include "wire/response.h"
+
+#include <limits>
+#include <string>
+
+#include "gtest/gtest.h"
+
+namespace voxelpipe {
+namespace {
+
+GridSpec SampleGrid() { return {{7, 8, 9}, {-1.5, 0.1, 1e9}, {0.25, 0.5, 1e-3}}; }
+
+TEST(ResponseTest, AGridSurvivesWithItsMatrix) {
+  const GridSpec grid = SampleGrid();
+  const v1::Grid message = ToMessage(grid);
+  const auto back = FromMessage(message);
+  ASSERT_TRUE(back.ok()) << back.status();
+  EXPECT_EQ(*back, grid);
+  ASSERT_EQ(message.index_to_world_size(), 16);
+  EXPECT_EQ(message.index_to_world(0), 0.25);
+  EXPECT_EQ(message.index_to_world(3), -1.5 + 0.125);  // the centre of voxel 0, not its corner
+  EXPECT_EQ(message.index_to_world(5), 0.5);
+  EXPECT_EQ(message.index_to_world(15), 1);
+}
+
+TEST(ResponseTest, AnImpossibleGridIsNotBelieved) {
+  const auto refused = [](auto change) {
+    v1::Grid message = ToMessage(SampleGrid());
+    change(message);
+    return FromMessage(message).status().code() == absl::StatusCode::kDataLoss;
+  };
+  EXPECT_FALSE(refused([](v1::Grid&) {}));
+  EXPECT_TRUE(refused([](v1::Grid& g) { g.mutable_dims()->set_x(0); }));
+  EXPECT_TRUE(refused([](v1::Grid& g) { g.mutable_dims()->set_z(-5); }));
+  EXPECT_TRUE(refused([](v1::Grid& g) { g.mutable_dims()->set_y(std::numeric_limits<int64_t>::max()); }));
+  EXPECT_TRUE(refused([](v1::Grid& g) { g.mutable_voxel_size()->set_x(0); }));
+  EXPECT_TRUE(refused([](v1::Grid& g) { g.mutable_voxel_size()->set_y(std::numeric_limits<double>::quiet_NaN()); }));
+  EXPECT_TRUE(refused([](v1::Grid& g) { g.mutable_origin()->set_z(std::numeric_limits<double>::infinity()); }));
+  EXPECT_TRUE(refused([](v1::Grid& g) {
+    for (auto set : {&v1::Dims::set_x, &v1::Dims::set_y, &v1::Dims::set_z}) (g.mutable_dims()->*set)(1 << 20);
+  }));
+}
+
+TEST(ResponseTest, APlanSurvives) {
+  for (const TimeClass time : {TimeClass::kInstant, TimeClass::kShort, TimeClass::kLong}) {
+    const Plan plan{SampleGrid(), 63, uint64_t{1} << 40, "cpu", time};
+    const auto back = FromMessage(ToMessage(plan));
+    ASSERT_TRUE(back.ok());
+    EXPECT_EQ(back->grid, plan.grid);
+    EXPECT_EQ(back->result_bytes, plan.result_bytes);
+    EXPECT_EQ(back->peak_bytes, plan.peak_bytes);
+    EXPECT_EQ(back->backend, plan.backend);
+    EXPECT_EQ(back->time_class, plan.time_class);
+  }
+}
+
+TEST(ResponseTest, StatisticsSurvive) {
+  VoxelizeStats stats;
+  stats.triangles = 12;
+  stats.fragments = uint64_t{1} << 33;
+  stats.occupied = 5;
+  stats.odd_columns = 0;  // 0 and absent differ
+  stats.backend = "cpu";
+  stats.simd = "avx2";
+  stats.stages = {{"load", 1.5}, {"flatten", 0.25}, {"fine_raster", 3}};
+  stats.voxelize_ms = 7.5;
+  stats.voxelize_cpu_ms = 15;
+  const VoxelizeStats back = FromMessage(ToMessage(stats));
+  EXPECT_EQ(back.triangles, stats.triangles);
+  EXPECT_EQ(back.fragments, stats.fragments);
+  EXPECT_EQ(back.occupied, stats.occupied);
+  EXPECT_EQ(back.odd_columns, stats.odd_columns);
+  EXPECT_EQ(back.backend, stats.backend);
+  EXPECT_EQ(back.simd, stats.simd);
+  EXPECT_EQ(back.stages, stats.stages);
+  EXPECT_EQ(back.voxelize_ms, stats.voxelize_ms);
+  EXPECT_EQ(back.voxelize_cpu_ms, stats.voxelize_cpu_ms);
+  stats.odd_columns.reset();
+  EXPECT_FALSE(FromMessage(ToMessage(stats)).odd_columns.has_value());
+}
+
+TEST(ResponseTest, AMeshReportTellsOpenEdgesOnlyWhereTheyWereCounted) {
+  const MeshReport report{12, 8, 1, 3, {-1, 0, 1}, {2, 3, 4}};
+  const v1::MeshReport examined = ToMessage(report, true);
+  const MeshReport back = FromMessage(examined);
+  EXPECT_EQ(back.triangles, 12u);
+  EXPECT_EQ(back.vertices, 8u);
+  EXPECT_EQ(back.degenerate_triangles, 1u);
+  EXPECT_EQ(back.open_edges, 3u);
+  EXPECT_EQ(back.min, report.min);
+  EXPECT_EQ(back.max, report.max);
+  const v1::MeshReport unexamined = ToMessage(report, false);
+  EXPECT_FALSE(unexamined.has_open_edges());
+  EXPECT_FALSE(unexamined.has_degenerate_triangles());
+}
+
+TEST(ResponseTest, EveryShaderOfTheCatalogSurvives) {
+  ASSERT_FALSE(ListShaders().empty());
+  for (const ShaderInfo& info : ListShaders()) {
+    const ShaderInfo back = FromMessage(ToMessage(info));
+    EXPECT_EQ(back.name, info.name);
+    EXPECT_EQ(back.stage, info.stage);
+    EXPECT_EQ(back.description, info.description);
+    EXPECT_EQ(back.output_type, info.output_type);
+    EXPECT_EQ(back.output_components, info.output_components);
+    EXPECT_EQ(back.reads_textures, info.reads_textures);
+    ASSERT_EQ(back.parameters.size(), info.parameters.size());
+    for (size_t i = 0; i < info.parameters.size(); ++i) {
+      EXPECT_EQ(back.parameters[i].name, info.parameters[i].name);
+      EXPECT_EQ(back.parameters[i].type, info.parameters[i].type);
+      EXPECT_EQ(back.parameters[i].default_value, info.parameters[i].default_value);
+      EXPECT_EQ(back.parameters[i].description, info.parameters[i].description);
+    }
+  }
+}
+
+TEST(ResponseTest, AHeaderThatDiffersFromTheRequestIsNotBelieved) {
+  TargetSpec colour;
+  colour.format = VoxelFormat::kF32;
+  colour.components = 3;
+  const std::vector<TargetSpec> targets = {TargetSpec(), colour};
+  const v1::ResultHeader good = MakeHeader(SampleGrid(), Layout::kPlanar, targets);
+  EXPECT_EQ(good.targets(0).bytes(), 63u);  // 504 bits
+  EXPECT_EQ(good.targets(1).bytes(), 504u * 12);
+  const auto grid = CheckHeader(good, Layout::kPlanar, targets);
+  ASSERT_TRUE(grid.ok()) << grid.status();
+  EXPECT_EQ(*grid, SampleGrid());
+
+  const auto refused = [&](auto change) {
+    v1::ResultHeader header = good;
+    change(header);
+    return CheckHeader(header, Layout::kPlanar, targets).status().code() == absl::StatusCode::kDataLoss;
+  };
+  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.set_layout(v1::LAYOUT_INTERLEAVED); }));
+  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.mutable_targets()->RemoveLast(); }));
+  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.mutable_targets(0)->set_bytes(64); }));
+  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.mutable_targets(0)->set_format(v1::VOXEL_FORMAT_F32); }));
+  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.mutable_targets(1)->set_components(4); }));
+  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.mutable_grid()->mutable_dims()->set_x(0); }));
+}
+
+}  // namespace
+}  // namespace voxelpipe

@@ -1,0 +1,86 @@
+#include "wire/status.h"
+
+#include <string>
+
+#include "google/rpc/error_details.pb.h"
+#include "google/rpc/status.pb.h"
+#include "gtest/gtest.h"
+
+namespace voxelpipe {
+namespace {
+
+// The one detail of a status, which must be of type T.
+template <typename T>
+T Detail(const grpc::Status& status) {
+  google::rpc::Status details;
+  EXPECT_TRUE(details.ParseFromString(status.error_details()));
+  EXPECT_EQ(details.code(), int(status.error_code()));
+  EXPECT_EQ(details.message(), status.error_message());
+  T detail;
+  EXPECT_TRUE(details.details_size() == 1 && details.details(0).UnpackTo(&detail)) << details.DebugString();
+  return detail;
+}
+
+TEST(StatusTest, EveryCodeKeepsItsNumberAndMessageBothWays) {
+  for (int code = 1; code <= 16; ++code) {
+    const absl::Status status(absl::StatusCode(code), "grid.padding: must not be negative");
+    const grpc::Status sent = ToGrpcStatus(status);
+    EXPECT_EQ(int(sent.error_code()), code);
+    EXPECT_EQ(FromGrpcStatus(sent), status);
+  }
+  EXPECT_TRUE(ToGrpcStatus(absl::OkStatus()).ok());
+  EXPECT_TRUE(FromGrpcStatus(grpc::Status::OK).ok());
+}
+
+TEST(StatusTest, AnInvalidArgumentNamesTheField) {
+  const auto bad = Detail<google::rpc::BadRequest>(
+      ToGrpcStatus(absl::InvalidArgumentError("targets[1].blend: blend 'or': not for f32")));
+  ASSERT_EQ(bad.field_violations_size(), 1);
+  EXPECT_EQ(bad.field_violations(0).field(), "targets[1].blend");
+  EXPECT_EQ(bad.field_violations(0).description(), "blend 'or': not for f32");
+}
+
+TEST(StatusTest, AnInvalidArgumentWithoutAFieldKeepsItsWholeText) {
+  const auto bad = Detail<google::rpc::BadRequest>(ToGrpcStatus(absl::InvalidArgumentError("not a mesh")));
+  ASSERT_EQ(bad.field_violations_size(), 1);
+  EXPECT_EQ(bad.field_violations(0).field(), "");
+  EXPECT_EQ(bad.field_violations(0).description(), "not a mesh");
+}
+
+TEST(StatusTest, ALimitCarriesNeedAndLimitAndNoRetry) {
+  const std::string message = "grid 9x9x9 needs 99 bytes of results, the limit is 9; the largest resolution that fits is 4";
+  const grpc::Status sent = ToGrpcStatus(absl::ResourceExhaustedError(message));
+  const auto info = Detail<google::rpc::ErrorInfo>(sent);
+  EXPECT_EQ(info.reason(), "LIMIT_EXCEEDED");
+  EXPECT_EQ(info.metadata().at("need_and_limit"), message);
+  EXPECT_FALSE(RetryDelay(FromGrpcStatus(sent)).has_value());
+}
+
+TEST(StatusTest, LoadCarriesTheDelayAcrossTheWire) {
+  const absl::Status busy = BusyError("the queue is full", std::chrono::milliseconds(1250));
+  EXPECT_EQ(RetryDelay(busy), std::chrono::milliseconds(1250));
+  const grpc::Status sent = ToGrpcStatus(busy);
+  const auto retry = Detail<google::rpc::RetryInfo>(sent);
+  EXPECT_EQ(retry.retry_delay().seconds(), 1);
+  EXPECT_EQ(retry.retry_delay().nanos(), 250'000'000);
+  EXPECT_EQ(RetryDelay(FromGrpcStatus(sent)), std::chrono::milliseconds(1250));
+}
+
+TEST(StatusTest, StrangersBytesInAMessageBecomeValidText) {
+  const grpc::Status sent = ToGrpcStatus(absl::InvalidArgumentError("node '\xff\n': broken"));
+  EXPECT_EQ(sent.error_message(), "node '\?\?': broken");
+  EXPECT_EQ(Detail<google::rpc::BadRequest>(sent).field_violations(0).description(), "broken");
+}
+
+TEST(StatusTest, ALongMessageFitsIntoTrailers) {
+  const grpc::Status sent = ToGrpcStatus(absl::InvalidArgumentError(std::string(100'000, 'x')));
+  EXPECT_LE(sent.error_message().size() + sent.error_details().size(), 4096u);
+}
+
+TEST(StatusTest, BrokenDetailsAreNoReasonToFail) {
+  const grpc::Status broken(grpc::StatusCode::INTERNAL, "why", "\x0a\xff\xff");
+  EXPECT_EQ(FromGrpcStatus(broken), absl::InternalError("why"));
+}
+
+}  // namespace
+}  // namespace voxelpipe
