@@ -39,6 +39,7 @@ EstimateCall* EstimateCall::Create(ServiceState& state, grpc::CallbackServerCont
 EstimateCall::EstimateCall(ServiceState& state, grpc::CallbackServerContext& context,
                            const v1::EstimateVoxelizationRequest& request, v1::EstimateVoxelizationResponse& response)
     : state_(state),
+      pass_(state.gate),
       request_(request),
       response_(response),
       record_(state.next_request_id++, "EstimateVoxelization", context.peer()) {
@@ -47,6 +48,10 @@ EstimateCall::EstimateCall(ServiceState& state, grpc::CallbackServerContext& con
 }
 
 void EstimateCall::Start() {
+  if (!pass_) {
+    End(ShuttingDownError());
+    return;
+  }
   absl::StatusOr<ParsedConfig> config = ParseConfig(request_.config());
   absl::Status status = config.ok() ? PrepareRequest(state_, config->request) : config.status();
   if (!status.ok() || !request_.has_mesh_bytes()) {

@@ -33,6 +33,7 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   void End(const absl::Status& status);
 
   ServiceState& state_;
+  const CallGate::Pass pass_;  // given back when gRPC and the worker are both done
   const v1::EstimateVoxelizationRequest& request_;
   v1::EstimateVoxelizationResponse& response_;
   std::shared_ptr<EstimateCall> self_;  // until OnDone

@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "byte_budget.h"
+#include "call_gate.h"
 #include "job.h"
 #include "options.h"
 #include "worker_pool.h"
@@ -33,6 +34,7 @@ struct ServiceState {
   JobLimits limits;
   ByteBudget uploads;  // mesh files that are being received or wait
   ByteBudget working;  // predicted peaks of the jobs that run, results that are being sent
+  CallGate gate;         // closed while the server drains
   std::atomic<uint64_t> next_request_id{1};
   WorkerPool pool;  // last, so that its jobs end before the budgets go
 };

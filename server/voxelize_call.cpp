@@ -29,12 +29,17 @@ std::string Facts(const JobOutcome& outcome) {
 VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerContext& context) {
   std::shared_ptr<VoxelizeCall> call(new VoxelizeCall(state, context));
   call->self_ = call;
-  call->StartRead(&call->request_);
+  if (call->pass_) {
+    call->StartRead(&call->request_);
+  } else {
+    call->End(ShuttingDownError());
+  }
   return call.get();
 }
 
 VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& context)
     : state_(state),
+      pass_(state.gate),
       context_(context),
       record_(state.next_request_id++, "Voxelize", context.peer()),
       job_([this](std::string_view stage, double fraction) { OnProgress(stage, fraction); }),

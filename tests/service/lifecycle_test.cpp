@@ -158,6 +158,28 @@ TEST_F(LifecycleTest, SigtermLetsARunningRequestFinish) {
   ExpectCleanEnd();
 }
 
+// A connection that closes under a client which still reads takes the rest of the result with it.
+TEST_F(LifecycleTest, SigtermDuringDownloads) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0"}));
+  VoxelizeRequest request = Slow();
+  request.grid.resolution = 192;
+  std::vector<std::unique_ptr<Client>> clients;
+  std::vector<std::unique_ptr<BackgroundCall>> calls;
+  for (int i = 0; i < 3; ++i) {
+    clients.push_back(ConnectTo(*server_));
+    ASSERT_NE(clients.back(), nullptr);
+    calls.push_back(std::make_unique<BackgroundCall>(*clients.back(), LargeTrianglesGlb(8), request));
+  }
+  ASSERT_TRUE(calls[0]->WaitFor("download"));
+  for (const auto& call : calls) ASSERT_TRUE(call->WaitUntilPlanned());
+  server_->Signal(SIGTERM);
+  for (const auto& call : calls) {
+    const absl::StatusOr<RemoteResult> result = call->Result();
+    EXPECT_TRUE(result.ok()) << result.status();
+  }
+  ExpectCleanEnd();
+}
+
 TEST_F(LifecycleTest, TheDrainHasAnEnd) {
   ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0", "--drain-grace-ms", "300"}));
   BackgroundCall call(*client_, LargeTrianglesGlb(20000), Slow());

@@ -1,0 +1,60 @@
+// Counts the calls in progress, so that a drain can wait for the last one to be over.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstddef>
+#include <mutex>
+
+namespace voxelpipe {
+
+// Thread-safe. Must outlive its passes.
+class CallGate {
+ public:
+  // One call's way through. False if the gate was closed when it was asked for.
+  class Pass {
+   public:
+    explicit Pass(CallGate& gate) : gate_(gate.Enter() ? &gate : nullptr) {}
+    ~Pass() {
+      if (gate_ != nullptr) gate_->Leave();
+    }
+    Pass(const Pass&) = delete;
+    Pass& operator=(const Pass&) = delete;
+    explicit operator bool() const { return gate_ != nullptr; }
+
+   private:
+    CallGate* const gate_;
+  };
+
+  // From here on every new pass is false.
+  void Close() {
+    const std::lock_guard lock(mutex_);
+    closed_ = true;
+  }
+
+  // Whether all passes were given back by `deadline`.
+  bool WaitUntilEmpty(std::chrono::steady_clock::time_point deadline) {
+    std::unique_lock lock(mutex_);
+    return left_.wait_until(lock, deadline, [this] { return inside_ == 0; });
+  }
+
+ private:
+  bool Enter() {
+    const std::lock_guard lock(mutex_);
+    if (closed_) return false;
+    ++inside_;
+    return true;
+  }
+  void Leave() {
+    const std::lock_guard lock(mutex_);
+    --inside_;
+    left_.notify_all();
+  }
+
+  std::mutex mutex_;
+  std::condition_variable left_;
+  size_t inside_ = 0;
+  bool closed_ = false;
+};
+
+}  // namespace voxelpipe
