@@ -7,6 +7,7 @@
 
 #include "absl/status/statusor.h"
 #include "base/vec.h"
+#include "grid/index_space.h"
 
 namespace voxelpipe {
 
@@ -24,10 +25,6 @@ struct GridSpec {
 
   friend bool operator==(const GridSpec&, const GridSpec&) = default;
 };
-
-VOXELPIPE_HD Vec3d WorldToIndex(const Vec3d& origin, const Vec3d& voxel_size, const Vec3d& p) {
-  return {(p.x - origin.x) / voxel_size.x, (p.y - origin.y) / voxel_size.y, (p.z - origin.z) / voxel_size.z};
-}
 
 enum class GridFit : uint8_t { kTight, kCube };
 

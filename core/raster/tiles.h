@@ -10,7 +10,7 @@
 namespace voxelpipe {
 
 // 32 voxels along x make a row of a tile one 32-bit word; four 8x8x8 bricks make a tile.
-inline constexpr int64_t kTileDims[3] = {32, 8, 8};
+VOXELPIPE_HD constexpr int64_t TileDim(int axis) { return axis == 0 ? 32 : 8; }  // voxels
 inline constexpr int kTileVoxels = 32 * 8 * 8;
 inline constexpr int kTileRows = 8 * 8;
 
@@ -28,7 +28,7 @@ struct TileGrid {
 
 VOXELPIPE_HD TileGrid TilesOf(const int64_t (&dims)[3]) {
   TileGrid tiles{};
-  for (int a = 0; a < 3; ++a) tiles.dims[a] = (dims[a] + kTileDims[a] - 1) / kTileDims[a];
+  for (int a = 0; a < 3; ++a) tiles.dims[a] = (dims[a] + TileDim(a) - 1) / TileDim(a);
   return tiles;
 }
 
@@ -39,8 +39,8 @@ VOXELPIPE_HD VoxelRange TileVoxels(const TileGrid& tiles, uint64_t tile, const i
                          int64_t(tile / uint64_t(tiles.dims[0]) / uint64_t(tiles.dims[1]))};
   VoxelRange r;
   for (int a = 0; a < 3; ++a) {
-    r.begin[a] = at[a] * kTileDims[a];
-    r.end[a] = Min(r.begin[a] + kTileDims[a], dims[a]);
+    r.begin[a] = at[a] * TileDim(a);
+    r.end[a] = Min(r.begin[a] + TileDim(a), dims[a]);
   }
   return r;
 }
@@ -49,7 +49,7 @@ VOXELPIPE_HD VoxelRange TileVoxels(const TileGrid& tiles, uint64_t tile, const i
 // by the same row spans on coordinates divided by the tile's dims (powers of two, so the division is exact).
 template <typename Visit>
 VOXELPIPE_HD void ForEachTile(const TileGrid& tiles, const Vec3d& a, const Vec3d& b, const Vec3d& c, Visit&& visit) {
-  const Vec3d shrink{1.0 / kTileDims[0], 1.0 / kTileDims[1], 1.0 / kTileDims[2]};
+  const Vec3d shrink{1.0 / TileDim(0), 1.0 / TileDim(1), 1.0 / TileDim(2)};
   VoxelRange all;
   for (int i = 0; i < 3; ++i) all.end[i] = tiles.dims[i];
   // Few tiles: the box is cheaper than the test, and a tile too many costs only time.
