@@ -56,6 +56,27 @@ void Upload(Stream& stream, const v1::VoxelizeConfig& config, std::span<const ui
   stream.WritesDone();
 }
 
+// The thread of an upload. However the reading half is left, also by an exception of the caller's callbacks, the call is over
+// and the thread gone before what it uses goes.
+class UploadThread {
+ public:
+  template <typename Body>
+  UploadThread(grpc::ClientContext& context, Body body) : context_(context), thread_(std::move(body)) {}
+  ~UploadThread() {
+    if (!thread_.joinable()) return;
+    context_.TryCancel();
+    thread_.join();
+  }
+  UploadThread(const UploadThread&) = delete;
+  UploadThread& operator=(const UploadThread&) = delete;
+
+  void Join() { thread_.join(); }
+
+ private:
+  grpc::ClientContext& context_;
+  std::thread thread_;
+};
+
 // Takes one message. An error means that the server does not keep to the contract.
 absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, bool& planned, Reporter& reporter,
                   const std::function<void(const Plan&)>& on_plan) {
@@ -99,7 +120,7 @@ absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, c
   const std::unique_ptr<Stream> stream = stub.Voxelize(&context);
   Reporter reporter(job);
   const v1::VoxelizeConfig config = MakeConfig(request, format);
-  std::thread upload([&] { Upload(*stream, config, mesh_bytes, reporter); });
+  UploadThread upload(context, [&] { Upload(*stream, config, mesh_bytes, reporter); });
 
   ResultReader reader(request, max_result_bytes);
   absl::Status broken = absl::OkStatus();
@@ -113,7 +134,7 @@ absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, c
     }
     break;
   }
-  upload.join();
+  upload.Join();
   const grpc::Status status = stream->Finish();
   if (!broken.ok()) return broken;
   if (!status.ok()) return CallStatus(status, job, target);

@@ -2,6 +2,7 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -28,7 +29,7 @@ VoxelizeRequest Small() {
   return request;
 }
 
-// Work for minutes in a small result.
+// Work for a minute or more of one core (servers that get it have --threads 1), in a small result.
 VoxelizeRequest Endless() {
   VoxelizeRequest request;
   request.grid.resolution = 256;
@@ -239,19 +240,19 @@ TEST_F(FailureTest, GridBeyondTheLimits) {
 }
 
 TEST_F(FailureTest, CancelFreesTheWorker) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1"}));
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   BackgroundCall call(*client_, EndlessMesh(), Endless());
   ASSERT_TRUE(call.WaitFor("fine_raster"));
   const auto before = std::chrono::steady_clock::now();
   call.Cancel();
   EXPECT_EQ(call.Result().status().code(), absl::StatusCode::kCancelled);
-  EXPECT_LT(std::chrono::steady_clock::now() - before, std::chrono::seconds(5));
+  EXPECT_LT(std::chrono::steady_clock::now() - before, std::chrono::seconds(10));
   ExpectAlive();  // the one worker is free again
 }
 
 // Nothing tells a client that it waits, so the cancel comes at several moments: before, while and after the job is queued.
 TEST_F(FailureTest, CancelWhileWaitingInTheQueue) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--max-queue", "1"}));
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1", "--max-queue", "1"}));
   BackgroundCall running(*client_, EndlessMesh(), Endless());
   ASSERT_TRUE(running.WaitUntilPlanned());
   const std::unique_ptr<Client> other = ConnectTo(*server_);
@@ -268,7 +269,7 @@ TEST_F(FailureTest, CancelWhileWaitingInTheQueue) {
 }
 
 TEST_F(FailureTest, Deadlines) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1"}));
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   JobContext expired;
   expired.set_deadline(JobContext::Clock::now() - std::chrono::seconds(1));
   EXPECT_STATUS(client_->Voxelize(glb_, MeshFormat::kGlb, Small(), expired).status(), kDeadlineExceeded, "");
@@ -276,13 +277,13 @@ TEST_F(FailureTest, Deadlines) {
   JobContext soon;
   soon.set_deadline(JobContext::Clock::now() + std::chrono::milliseconds(700));
   EXPECT_STATUS(client_->Voxelize(EndlessMesh(), MeshFormat::kGlb, Endless(), soon).status(), kDeadlineExceeded, "");
-  EXPECT_LT(JobContext::Clock::now() - *soon.deadline(), std::chrono::seconds(5));
+  EXPECT_LT(JobContext::Clock::now() - *soon.deadline(), std::chrono::seconds(10));
   ExpectAlive();
 }
 
 // A client that vanishes in the middle of its upload leaves nothing behind.
 TEST_F(FailureTest, UploadGivenUp) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1"}));
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   for (int i = 0; i < 20; ++i) {
     grpc::ClientContext context;
     auto stream = stub_->Voxelize(&context);
@@ -291,6 +292,15 @@ TEST_F(FailureTest, UploadGivenUp) {
     context.TryCancel();
     EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::CANCELLED);
   }
+  ExpectAlive();
+}
+
+// The exception reaches the caller, and the call is over by then.
+TEST_F(FailureTest, ACallbackThatThrows) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
+  const JobContext job;
+  const auto throws = [](const Plan&) { throw std::runtime_error("enough"); };
+  EXPECT_THROW((void)client_->Voxelize(EndlessMesh(), MeshFormat::kGlb, Endless(), job, throws), std::runtime_error);
   ExpectAlive();
 }
 

@@ -38,7 +38,7 @@ VoxelizeRequest Small() {
   return request;
 }
 
-// Work for `triangles` times some milliseconds.
+// A few milliseconds of one core for each large triangle.
 VoxelizeRequest Slow() {
   VoxelizeRequest request;
   request.grid.resolution = 256;
@@ -148,7 +148,7 @@ TEST_F(LifecycleTest, HealthWatchOfAnUnknownService) {
 }
 
 TEST_F(LifecycleTest, SigtermLetsARunningRequestFinish) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0"}));
+  ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0", "--threads", "1"}));
   BackgroundCall call(*client_, LargeTrianglesGlb(1000), Slow());
   ASSERT_TRUE(call.WaitUntilPlanned());
   EXPECT_FALSE(call.IsOver());
@@ -181,7 +181,7 @@ TEST_F(LifecycleTest, SigtermDuringDownloads) {
 }
 
 TEST_F(LifecycleTest, TheDrainHasAnEnd) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0", "--drain-grace-ms", "300"}));
+  ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0", "--drain-grace-ms", "300", "--threads", "1"}));
   BackgroundCall call(*client_, LargeTrianglesGlb(20000), Slow());
   ASSERT_TRUE(call.WaitUntilPlanned());
   server_->Signal(SIGTERM);
