@@ -64,9 +64,9 @@ void VoxelServer::Drain() {
   spdlog::info("draining: calls are taken for another {} ms, then those that run have {} ms", options.lame_duck_ms,
                options.drain_grace_ms);
   std::this_thread::sleep_for(std::chrono::milliseconds(options.lame_duck_ms));
-  // gRPC's own shutdown closes a connection as soon as its last call has been written, and what the client has not yet read
-  // of it is lost when the client's own frames meet the closed socket. So the calls end first; then the shutdown's farewell
-  // is acknowledged by the client behind all that was sent before.
+  // gRPC's own shutdown closes a connection as soon as its last call has been written, and what the client has not yet
+  // read of it is lost when the client's own frames meet the closed socket. So the calls end first; then the shutdown's
+  // farewell is acknowledged by the client behind all that was sent before.
   const std::chrono::milliseconds grace(options.drain_grace_ms);
   const auto grace_end = std::chrono::system_clock::now() + grace;
   state_->gate.Close();

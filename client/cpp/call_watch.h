@@ -12,8 +12,9 @@
 
 namespace voxelpipe {
 
-// Sends the job's deadline with the call, and while the object lives cancels the call as soon as the job should end. Both
-// must outlive it. JobContext is a flag without a bell (signal handlers raise it), so it is looked at every ten milliseconds.
+// Sends the job's deadline with the call, and while the object lives cancels the call as soon as the job should end.
+// Both must outlive it. JobContext is a flag without a bell (signal handlers raise it), so it is looked at every ten
+// milliseconds.
 class CallWatch {
  public:
   CallWatch(grpc::ClientContext& context, const JobContext& job);
@@ -30,8 +31,8 @@ class CallWatch {
   std::thread thread_;
 };
 
-// The status of an ended call as the caller should see it: the job's own reason where the job ended the call, otherwise the
-// server's; UNAVAILABLE names `target`.
+// The status of an ended call as the caller should see it: the job's own reason where the job ended the call, otherwise
+// the server's; UNAVAILABLE names `target`.
 absl::Status CallStatus(const grpc::Status& status, const JobContext& job, const std::string& target);
 
 }  // namespace voxelpipe

@@ -32,7 +32,8 @@ grpc::ChannelArguments MakeArguments(const std::string& target) {
   arguments.SetMaxReceiveMessageSize(-1);
   arguments.SetMaxSendMessageSize(-1);
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_FRAME_SIZE, 16777215);  // a quarter faster on gigabytes
-  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);    // clients of one process share no connection and no back-off
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL,
+                   1);  // clients of one process share no connection and no back-off
   // A proxy of the environment does not lead to this very machine.
   if (IsLoopback(target)) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   return arguments;
@@ -88,7 +89,9 @@ struct Client::Impl {
 Client::Client(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Client::~Client() = default;
 
-const std::string& Client::target() const { return impl_->target; }
+const std::string& Client::target() const {
+  return impl_->target;
+}
 
 absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& target, const ConnectOptions& options) {
   if (target.empty()) return absl::InvalidArgumentError("the server's address is empty; it reads HOST:PORT");
@@ -140,8 +143,8 @@ absl::StatusOr<Plan> Client::Estimate(uint64_t triangles, uint64_t vertices, con
 
 absl::StatusOr<std::vector<ShaderInfo>> Client::ListShaders() {
   v1::ListShadersResponse response;
-  absl::Status status = impl_->Quick(*impl_->service, &v1::VoxelizationService::Stub::ListShaders,
-                                     v1::ListShadersRequest(), response);
+  absl::Status status =
+      impl_->Quick(*impl_->service, &v1::VoxelizationService::Stub::ListShaders, v1::ListShadersRequest(), response);
   if (!status.ok()) return status;
   std::vector<ShaderInfo> shaders;
   for (const v1::ShaderInfo& shader : response.shaders()) shaders.push_back(FromMessage(shader));
@@ -155,7 +158,8 @@ absl::StatusOr<ServerDescription> Client::ServerInfo() {
   if (!status.ok()) return status;
   ServerDescription server;
   server.version = response.version();
-  for (const v1::BackendInfo& backend : response.backends()) server.backends.push_back({backend.name(), backend.simd()});
+  for (const v1::BackendInfo& backend : response.backends())
+    server.backends.push_back({backend.name(), backend.simd()});
   server.threads = response.threads();
   server.workers = response.limits().workers();
   server.max_queue = response.limits().max_queue();

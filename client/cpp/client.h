@@ -23,8 +23,8 @@
 namespace voxelpipe {
 
 struct ConnectOptions {
-  std::chrono::milliseconds timeout{5000};      // for the connection to stand
-  uint64_t max_result_bytes = 64ull << 30;      // a server that announces more is not believed
+  std::chrono::milliseconds timeout{5000};  // for the connection to stand
+  uint64_t max_result_bytes = 64ull << 30;  // a server that announces more is not believed
 };
 
 // What one mesh gave.
@@ -35,8 +35,8 @@ struct RemoteResult {
   // The server's "load" and "flatten", wall milliseconds; the stages of the pipeline are in result.stats.stages.
   std::vector<std::pair<std::string, double>> mesh_stages;
   MeshReport report;
-  uint64_t peak_bytes = 0;      // the server's peak for this request
-  std::string content_sha256;   // of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival
+  uint64_t peak_bytes = 0;     // the server's peak for this request
+  std::string content_sha256;  // of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival
 };
 
 struct ServerBackend {
@@ -58,23 +58,23 @@ struct ServerDescription {
   uint64_t max_message_bytes = 0;  // of one request message; Voxelize sends smaller ones whatever the mesh's size
 };
 
-// Thread-safe. Errors of all calls carry the server's code and message; a lost or refused connection is UNAVAILABLE naming
-// the target.
+// Thread-safe. Errors of all calls carry the server's code and message; a lost or refused connection is UNAVAILABLE
+// naming the target.
 class Client {
  public:
-  // In: "HOST:PORT" or any gRPC target ("unix:/path"). Plain text, no TLS. UNAVAILABLE naming the target when nobody answers
-  // there, at once where the connection is refused, else after `options.timeout`.
+  // In: "HOST:PORT" or any gRPC target ("unix:/path"). Plain text, no TLS. UNAVAILABLE naming the target when nobody
+  // answers there, at once where the connection is refused, else after `options.timeout`.
   static absl::StatusOr<std::unique_ptr<Client>> Connect(const std::string& target, const ConnectOptions& options = {});
   ~Client();
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
 
-  // In: the bytes of a self-contained mesh file (ReadAndPackMeshFile) and a request. `job`: Cancel() ends the call within some
-  // ten milliseconds and the server's work with it; the deadline is sent along; Progress is called with "upload", the
-  // server's stage names and "download", from one thread at a time. `on_plan`, if set, is called once, on the calling
-  // thread, before the result comes.
-  // Errors: the server's (see Voxelize in pipeline/voxelize.h); CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS where the result fails
-  // its checks (offsets, lengths, CRC32C of every piece, SHA-256 of the whole, sizes against the request).
+  // In: the bytes of a self-contained mesh file (ReadAndPackMeshFile) and a request. `job`: Cancel() ends the call
+  // within some ten milliseconds and the server's work with it; the deadline is sent along; Progress is called with
+  // "upload", the server's stage names and "download", from one thread at a time. `on_plan`, if set, is called once, on
+  // the calling thread, before the result comes.
+  // Errors: the server's (see Voxelize in pipeline/voxelize.h); CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS where the
+  // result fails its checks (offsets, lengths, CRC32C of every piece, SHA-256 of the whole, sizes against the request).
   absl::StatusOr<RemoteResult> Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                         const VoxelizeRequest& request, const JobContext& job,
                                         const std::function<void(const Plan&)>& on_plan = {});

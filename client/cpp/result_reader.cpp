@@ -20,27 +20,31 @@ absl::Status Lost(const Parts&... parts) {
   return absl::DataLossError(absl::StrCat("the server's result: ", parts...));
 }
 
-// The grid that the server says it chose, held against what was asked for. Its size on the mesh is the server's to say only
-// where the request leaves it open (voxel_size alone).
+// The grid that the server says it chose, held against what was asked for. Its size on the mesh is the server's to say
+// only where the request leaves it open (voxel_size alone).
 absl::Status CheckGrid(const GridSpec& grid, const GridRequest& request) {
   const double padding = 2.0 * double(request.padding);
   for (size_t axis = 0; axis < 3; ++axis) {
     const double n = double(grid.dims[axis]);
     if (request.dims && n != double((*request.dims)[axis]) + padding) {
-      return Lost("dims[", axis, "] is ", grid.dims[axis], ", asked for were ", (*request.dims)[axis], " and padding ", request.padding);
-    }
-    if (!request.dims && !request.voxel_size && n > double(request.resolution) + padding) {
-      return Lost("dims[", axis, "] is ", grid.dims[axis], ", asked for was resolution ", request.resolution, " and padding ",
+      return Lost("dims[", axis, "] is ", grid.dims[axis], ", asked for were ", (*request.dims)[axis], " and padding ",
                   request.padding);
     }
+    if (!request.dims && !request.voxel_size && n > double(request.resolution) + padding) {
+      return Lost("dims[", axis, "] is ", grid.dims[axis], ", asked for was resolution ", request.resolution,
+                  " and padding ", request.padding);
+    }
   }
-  if (request.voxel_size && !(grid.voxel_size == *request.voxel_size)) return Lost("its voxel size is not the one asked for");
+  if (request.voxel_size && !(grid.voxel_size == *request.voxel_size))
+    return Lost("its voxel size is not the one asked for");
   return absl::OkStatus();
 }
 
 }  // namespace
 
-void ResultReader::FreeDigest::operator()(evp_md_ctx_st* context) const { EVP_MD_CTX_free(context); }
+void ResultReader::FreeDigest::operator()(evp_md_ctx_st* context) const {
+  EVP_MD_CTX_free(context);
+}
 
 ResultReader::ResultReader(const VoxelizeRequest& request, uint64_t max_result_bytes)
     : request_(request), max_result_bytes_(max_result_bytes), digest_(EVP_MD_CTX_new()) {}
@@ -81,13 +85,14 @@ absl::Status ResultReader::AddPiece(const v1::ResultPiece& piece) {
   }
   if (target_ == out_.result.targets.size()) return Lost("more bytes than announced");
   if (piece.target() != target_ || piece.offset() != offset_) {
-    return Lost("a piece of target ", piece.target(), " at offset ", piece.offset(), ", expected was target ", target_, " at ",
-                offset_);
+    return Lost("a piece of target ", piece.target(), " at offset ", piece.offset(), ", expected was target ", target_,
+                " at ", offset_);
   }
   HostBuffer& buffer = out_.result.targets[target_];
   const std::string& data = piece.data();
   if (data.size() > buffer.size() - offset_) {
-    return Lost("a piece of ", data.size(), " bytes at offset ", offset_, " of target ", target_, ", which has ", buffer.size());
+    return Lost("a piece of ", data.size(), " bytes at offset ", offset_, " of target ", target_, ", which has ",
+                buffer.size());
   }
   uint8_t* place = buffer.data() + offset_;
   std::memcpy(place, data.data(), data.size());
@@ -107,8 +112,7 @@ absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
   unsigned char digest[EVP_MAX_MD_SIZE];
   unsigned int length = 0;
   if (EVP_DigestFinal_ex(digest_.get(), digest, &length) != 1) return absl::InternalError("SHA-256 failed");
-  const std::string hex =
-      absl::BytesToHexString(absl::string_view(reinterpret_cast<const char*>(digest), length));
+  const std::string hex = absl::BytesToHexString(absl::string_view(reinterpret_cast<const char*>(digest), length));
   if (hex != summary.content_sha256()) {
     return Lost("its SHA-256 is ", hex, ", the server announced '", absl::CHexEscape(summary.content_sha256()), "'");
   }

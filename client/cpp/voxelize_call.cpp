@@ -1,5 +1,5 @@
-// The mesh goes up from a thread of its own while the calling thread reads: so a server that refuses early is heard at once,
-// and neither side waits for the other with full buffers.
+// The mesh goes up from a thread of its own while the calling thread reads: so a server that refuses early is heard at
+// once, and neither side waits for the other with full buffers.
 #include "voxelize_call.h"
 
 #include <algorithm>
@@ -49,15 +49,16 @@ void Upload(Stream& stream, const v1::VoxelizeConfig& config, std::span<const ui
   if (!stream.Write(message)) return;
   for (size_t offset = 0; offset < mesh_bytes.size(); offset += kPieceBytes) {
     reporter.Report("upload", double(offset) / double(mesh_bytes.size()));
-    const std::span<const uint8_t> piece = mesh_bytes.subspan(offset, std::min(kPieceBytes, mesh_bytes.size() - offset));
+    const std::span<const uint8_t> piece =
+        mesh_bytes.subspan(offset, std::min(kPieceBytes, mesh_bytes.size() - offset));
     message.set_mesh_piece(piece.data(), piece.size());
     if (!stream.Write(message)) return;
   }
   stream.WritesDone();
 }
 
-// The thread of an upload. However the reading half is left, also by an exception of the caller's callbacks, the call is over
-// and the thread gone before what it uses goes.
+// The thread of an upload. However the reading half is left, also by an exception of the caller's callbacks, the call
+// is over and the thread gone before what it uses goes.
 class UploadThread {
  public:
   template <typename Body>
@@ -91,17 +92,14 @@ absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, boo
     case v1::VoxelizeResponse::kProgress:
       reporter.Report(message.progress().stage(), message.progress().fraction());
       return absl::OkStatus();
-    case v1::VoxelizeResponse::kHeader:
-      return reader.AddHeader(message.header());
+    case v1::VoxelizeResponse::kHeader: return reader.AddHeader(message.header());
     case v1::VoxelizeResponse::kPiece: {
       absl::Status status = reader.AddPiece(message.piece());
       if (status.ok()) reporter.Report("download", reader.fraction());
       return status;
     }
-    case v1::VoxelizeResponse::kSummary:
-      return reader.AddSummary(message.summary());
-    case v1::VoxelizeResponse::MESSAGE_NOT_SET:
-      return absl::OkStatus();  // something that a newer server says
+    case v1::VoxelizeResponse::kSummary: return reader.AddSummary(message.summary());
+    case v1::VoxelizeResponse::MESSAGE_NOT_SET: return absl::OkStatus();  // something that a newer server says
   }
   return absl::OkStatus();
 }
@@ -130,8 +128,7 @@ absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, c
     broken = Take(message, reader, planned, reporter, on_plan);
     if (broken.ok()) continue;
     context.TryCancel();
-    while (stream->Read(&message)) {
-    }
+    while (stream->Read(&message)) {}
     break;
   }
   upload.Join();

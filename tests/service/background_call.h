@@ -23,7 +23,8 @@ class BackgroundCall {
         mesh_bytes_(std::move(mesh_bytes)),
         request_(std::move(request)),
         result_(std::async(std::launch::async, [this, &client] {
-          return client.Voxelize(mesh_bytes_, MeshFormat::kGlb, request_, job_, [this](const Plan&) { Note(kPlanned); });
+          return client.Voxelize(mesh_bytes_, MeshFormat::kGlb, request_, job_,
+                                 [this](const Plan&) { Note(kPlanned); });
         })) {}
   ~BackgroundCall() { Cancel(); }  // the future waits for the thread
 
@@ -60,7 +61,9 @@ class BackgroundCall {
     stages_.push_back(std::move(stage));
     changed_.notify_all();
   }
-  bool Seen(const std::string& stage) const { return std::find(stages_.begin(), stages_.end(), stage) != stages_.end(); }
+  bool Seen(const std::string& stage) const {
+    return std::find(stages_.begin(), stages_.end(), stage) != stages_.end();
+  }
 
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -38,7 +38,9 @@ VoxelizeRequest Endless() {
   request.targets[0].shader = {"barycentric", {}};
   return request;
 }
-std::vector<uint8_t> EndlessMesh() { return LargeTrianglesGlb(20000); }
+std::vector<uint8_t> EndlessMesh() {
+  return LargeTrianglesGlb(20000);
+}
 
 class FailureTest : public ::testing::Test {
  protected:
@@ -48,8 +50,8 @@ class FailureTest : public ::testing::Test {
     ASSERT_NE(server_, nullptr);
     client_ = ConnectTo(*server_);
     ASSERT_NE(client_, nullptr);
-    stub_ = v1::VoxelizationService::NewStub(
-        grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+    stub_ =
+        v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
   }
 
   absl::Status Ask(const std::vector<uint8_t>& bytes, const VoxelizeRequest& request = Small()) {
@@ -73,8 +75,7 @@ class FailureTest : public ::testing::Test {
     }
     stream->WritesDone();
     v1::VoxelizeResponse response;
-    while (stream->Read(&response)) {
-    }
+    while (stream->Read(&response)) {}
     return stream->Finish();
   }
 
@@ -95,11 +96,11 @@ class FailureTest : public ::testing::Test {
   std::unique_ptr<v1::VoxelizationService::Stub> stub_;
 };
 
-#define EXPECT_STATUS(expression, code_, text)                                      \
-  {                                                                                 \
-    const absl::Status status_ = (expression);                                      \
-    EXPECT_EQ(status_.code(), absl::StatusCode::code_) << status_;                  \
-    EXPECT_THAT(std::string(status_.message()), HasSubstr(text));                   \
+#define EXPECT_STATUS(expression, code_, text)                     \
+  {                                                                \
+    const absl::Status status_ = (expression);                     \
+    EXPECT_EQ(status_.code(), absl::StatusCode::code_) << status_; \
+    EXPECT_THAT(std::string(status_.message()), HasSubstr(text));  \
   }
 
 TEST_F(FailureTest, BadBytes) {
@@ -250,7 +251,8 @@ TEST_F(FailureTest, CancelFreesTheWorker) {
   ExpectAlive();  // the one worker is free again
 }
 
-// Nothing tells a client that it waits, so the cancel comes at several moments: before, while and after the job is queued.
+// Nothing tells a client that it waits, so the cancel comes at several moments: before, while and after the job is
+// queued.
 TEST_F(FailureTest, CancelWhileWaitingInTheQueue) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1", "--max-queue", "1"}));
   BackgroundCall running(*client_, EndlessMesh(), Endless());

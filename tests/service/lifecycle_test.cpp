@@ -129,8 +129,7 @@ TEST_F(LifecycleTest, HealthWatchSeesTheDrain) {
   const absl::Status late = client_->Voxelize(TorusGlb(6), MeshFormat::kGlb, Small(), job).status();
   EXPECT_TRUE(late.ok()) << "a call that comes while the server drains is lost: " << late;
 
-  while (watch->Read(&response)) {
-  }
+  while (watch->Read(&response)) {}
   watch->Finish();
   ExpectCleanEnd();
 }
@@ -186,7 +185,8 @@ TEST_F(LifecycleTest, TheDrainHasAnEnd) {
   ASSERT_TRUE(call.WaitUntilPlanned());
   server_->Signal(SIGTERM);
   const absl::Status status = call.Result().status();
-  EXPECT_TRUE(status.code() == absl::StatusCode::kUnavailable || status.code() == absl::StatusCode::kCancelled) << status;
+  EXPECT_TRUE(status.code() == absl::StatusCode::kUnavailable || status.code() == absl::StatusCode::kCancelled)
+      << status;
   ExpectCleanEnd();
 }
 
@@ -248,7 +248,8 @@ TEST_F(LifecycleTest, APortThatIsTaken) {
 }
 
 TEST_F(LifecycleTest, ServerInfo) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "3", "--max-queue", "17", "--max-file-bytes", "1234567", "--threads", "2"}));
+  ASSERT_NO_FATAL_FAILURE(
+      Start({"--workers", "3", "--max-queue", "17", "--max-file-bytes", "1234567", "--threads", "2"}));
   const absl::StatusOr<ServerDescription> info = client_->ServerInfo();
   ASSERT_TRUE(info.ok()) << info.status();
   EXPECT_THAT(info->version, MatchesRegex("[0-9]+\\.[0-9]+\\.[0-9]+"));

@@ -75,7 +75,8 @@ TEST(LoadTest, TwoHundredAtOnceAreAllServed) {
 }
 
 TEST(LoadTest, AFullQueueAsksToComeAgain) {
-  const std::unique_ptr<ServerProcess> server = StartServer({"--log-level", "warn", "--workers", "1", "--threads", "1", "--max-queue", "2"});
+  const std::unique_ptr<ServerProcess> server =
+      StartServer({"--log-level", "warn", "--workers", "1", "--threads", "1", "--max-queue", "2"});
   ASSERT_NE(server, nullptr);
   const std::unique_ptr<Client> client = ConnectTo(*server);
   ASSERT_NE(client, nullptr);

@@ -17,7 +17,8 @@ using ::testing::HasSubstr;
 // SHA-256 of 16 bytes 0x00, 0x01 ... 0x0f.
 constexpr char kSha256[] = "be45cb2605bf36bebde684841a28f0fd43c69850a3dce5fedba69928ee3a8991";
 
-// A planar pair of targets over 2x2x1 voxels would do as well; one f32 target over 4 voxels is the smallest that has pieces.
+// A planar pair of targets over 2x2x1 voxels would do as well; one f32 target over 4 voxels is the smallest that has
+// pieces.
 VoxelizeRequest FourFloats() {
   VoxelizeRequest request;
   request.grid.dims = {4, 1, 1};
@@ -106,9 +107,13 @@ TEST_F(ResultReaderTest, RefusesMoreBytesThanAnnounced) {
   ExpectLost(reader_.AddPiece(Piece(16, 1)), "more bytes");
 }
 
-TEST_F(ResultReaderTest, RefusesAnEmptyPiece) { ExpectLost(reader_.AddPiece(Piece(6, 0)), "without bytes"); }
+TEST_F(ResultReaderTest, RefusesAnEmptyPiece) {
+  ExpectLost(reader_.AddPiece(Piece(6, 0)), "without bytes");
+}
 
-TEST_F(ResultReaderTest, RefusesASummaryTooEarly) { ExpectLost(reader_.AddSummary(GoodSummary()), "6 of 16 bytes"); }
+TEST_F(ResultReaderTest, RefusesASummaryTooEarly) {
+  ExpectLost(reader_.AddSummary(GoodSummary()), "6 of 16 bytes");
+}
 
 TEST_F(ResultReaderTest, RefusesAnotherSha256) {
   ASSERT_TRUE(reader_.AddPiece(Piece(6, 10)).ok());
@@ -117,9 +122,13 @@ TEST_F(ResultReaderTest, RefusesAnotherSha256) {
   ExpectLost(reader_.AddSummary(summary), "SHA-256");
 }
 
-TEST_F(ResultReaderTest, RefusesToEndWithoutASummary) { ExpectLost(reader_.Take().status(), "before its summary"); }
+TEST_F(ResultReaderTest, RefusesToEndWithoutASummary) {
+  ExpectLost(reader_.Take().status(), "before its summary");
+}
 
-TEST_F(ResultReaderTest, RefusesASecondHeader) { ExpectLost(reader_.AddHeader(Header(request_)), "second header"); }
+TEST_F(ResultReaderTest, RefusesASecondHeader) {
+  ExpectLost(reader_.AddHeader(Header(request_)), "second header");
+}
 
 TEST(ResultReaderHeaderTest, RefusesPiecesBeforeTheHeader) {
   const VoxelizeRequest request = FourFloats();
@@ -130,7 +139,8 @@ TEST(ResultReaderHeaderTest, RefusesPiecesBeforeTheHeader) {
 
 // Nothing of these is ever allocated.
 TEST(ResultReaderHeaderTest, RefusesWhatWasNotAskedFor) {
-  const auto refused = [](const std::function<void(VoxelizeRequest&, v1::ResultHeader&)>& change, uint64_t limit = 1 << 20) {
+  const auto refused = [](const std::function<void(VoxelizeRequest&, v1::ResultHeader&)>& change,
+                          uint64_t limit = 1 << 20) {
     VoxelizeRequest request = FourFloats();
     v1::ResultHeader header = Header(request);
     change(request, header);

@@ -19,7 +19,9 @@ constexpr int kFloat = 5126, kUnsignedInt = 5125;  // glTF's component types
 // Collects the binary chunk together with its buffer views and accessors.
 class GlbWriter {
  public:
-  GlbWriter() { json_ = {{"asset", {{"version", "2.0"}}}, {"bufferViews", Json::array()}, {"accessors", Json::array()}}; }
+  GlbWriter() {
+    json_ = {{"asset", {{"version", "2.0"}}}, {"bufferViews", Json::array()}, {"accessors", Json::array()}};
+  }
 
   Json& json() { return json_; }
 
@@ -129,8 +131,8 @@ std::vector<uint8_t> TorusGlb(int n) {
   json["meshes"] = {{{"primitives", {{{"attributes", attributes}, {"indices", index_accessor}, {"material", 0}}}}}};
   json["images"] = {{{"bufferView", glb.AddView(picture.data(), picture.size())}, {"mimeType", "image/png"}}};
   json["textures"] = {{{"source", 0}}};
-  json["materials"] = {{{"pbrMetallicRoughness",
-                         {{"baseColorFactor", {0.75, 0.5, 1.0, 1.0}}, {"baseColorTexture", {{"index", 0}}}}}}};
+  json["materials"] = {
+      {{"pbrMetallicRoughness", {{"baseColorFactor", {0.75, 0.5, 1.0, 1.0}}, {"baseColorTexture", {{"index", 0}}}}}}};
   json["nodes"] = {{{"mesh", 0},
                     {"rotation", {0.18257418, 0.36514837, 0.54772256, 0.73029674}},
                     {"scale", {1.5, -1.0, 1.0}},

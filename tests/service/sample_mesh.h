@@ -6,8 +6,8 @@
 
 namespace voxelpipe::testing {
 
-// GLB of a torus with n x n quads (2 n^2 triangles) that has everything a shader can read: normals, texture coordinates,
-// vertex colours, a base colour factor and a PNG texture, below a node that turns, scales and mirrors it.
+// GLB of a torus with n x n quads (2 n^2 triangles) that has everything a shader can read: normals, texture
+// coordinates, vertex colours, a base colour factor and a PNG texture, below a node that turns, scales and mirrors it.
 std::vector<uint8_t> TorusGlb(int n);
 
 // GLB of `count` random triangles as large as the unit cube: little to send, much work.

@@ -61,7 +61,9 @@ bool ReadSome(int fd, Clock::time_point deadline, std::string& text) {
   return true;
 }
 
-int ExitCode(int wait_status) { return WIFSIGNALED(wait_status) ? 128 + WTERMSIG(wait_status) : WEXITSTATUS(wait_status); }
+int ExitCode(int wait_status) {
+  return WIFSIGNALED(wait_status) ? 128 + WTERMSIG(wait_status) : WEXITSTATUS(wait_status);
+}
 
 }  // namespace
 
@@ -107,12 +109,13 @@ bool ServerProcess::Reap(bool block_until_dead) {
   return true;
 }
 
-bool ServerProcess::IsRunning() { return !Reap(/*block_until_dead=*/false); }
+bool ServerProcess::IsRunning() {
+  return !Reap(/*block_until_dead=*/false);
+}
 
 absl::StatusOr<CommandResult> ServerProcess::Wait(std::chrono::milliseconds timeout) {
   const auto deadline = Clock::now() + timeout;
-  while (ReadSome(stdout_, deadline, output_)) {
-  }
+  while (ReadSome(stdout_, deadline, output_)) {}
   // The stream has ended, so the process is ending, or the time is over.
   while (!Reap(/*block_until_dead=*/false)) {
     if (Clock::now() >= deadline) return absl::DeadlineExceededError("voxelpiped still runs");
@@ -126,8 +129,7 @@ absl::StatusOr<CommandResult> RunVoxelpiped(const std::vector<std::string>& argu
   if (!child.ok()) return child.status();
   CommandResult result;
   const auto deadline = Clock::now() + kPatience;
-  while (ReadSome(child->output, deadline, result.output)) {
-  }
+  while (ReadSome(child->output, deadline, result.output)) {}
   close(child->output);
   int status = 0;
   while (waitpid(child->pid, &status, WNOHANG) != child->pid) {
@@ -143,8 +145,8 @@ absl::StatusOr<CommandResult> RunVoxelpiped(const std::vector<std::string>& argu
 }
 
 std::unique_ptr<ServerProcess> StartServer(const std::vector<std::string>& arguments) {
-  // Nobody polls the connection of a blocking client between its calls but gRPC's backup poller, every five seconds. So long
-  // would a server that drains wait for such a client's goodbye.
+  // Nobody polls the connection of a blocking client between its calls but gRPC's backup poller, every five seconds. So
+  // long would a server that drains wait for such a client's goodbye.
   setenv("GRPC_CLIENT_CHANNEL_BACKUP_POLL_INTERVAL_MS", "100", /*overwrite=*/0);
   absl::StatusOr<std::unique_ptr<ServerProcess>> server = ServerProcess::Start(arguments);
   EXPECT_TRUE(server.ok()) << server.status();
