@@ -87,7 +87,8 @@ void CopyRun(const Run& run, const AccessorDecl& decl, uint64_t count, T* out, c
   const uint64_t column_bytes = ColumnBytes(decl);
   for (uint64_t i = 0; i < count; ++i) {
     const uint64_t place = places == nullptr ? i : (*places)[i];
-    CopyElement<T, C>(run.bytes.data() + run.offset + i * run.stride, decl, column_bytes, out + place * decl.components);
+    CopyElement<T, C>(run.bytes.data() + run.offset + i * run.stride, decl, column_bytes,
+                      out + place * decl.components);
   }
 }
 
@@ -95,22 +96,18 @@ void CopyRun(const Run& run, const AccessorDecl& decl, uint64_t count, T* out, c
 template <typename T>
 void CopyTyped(const Run& run, const AccessorDecl& decl, uint64_t count, T* out, const std::vector<uint32_t>* places) {
   switch (decl.component_type) {
-    case 5120:
-      return CopyRun<T, int8_t>(run, decl, count, out, places);
-    case 5121:
-      return CopyRun<T, uint8_t>(run, decl, count, out, places);
-    case 5122:
-      return CopyRun<T, int16_t>(run, decl, count, out, places);
-    case 5123:
-      return CopyRun<T, uint16_t>(run, decl, count, out, places);
-    case 5125:
-      return CopyRun<T, uint32_t>(run, decl, count, out, places);
-    default:
-      return CopyRun<T, float>(run, decl, count, out, places);
+    case 5120: return CopyRun<T, int8_t>(run, decl, count, out, places);
+    case 5121: return CopyRun<T, uint8_t>(run, decl, count, out, places);
+    case 5122: return CopyRun<T, int16_t>(run, decl, count, out, places);
+    case 5123: return CopyRun<T, uint16_t>(run, decl, count, out, places);
+    case 5125: return CopyRun<T, uint32_t>(run, decl, count, out, places);
+    default: return CopyRun<T, float>(run, decl, count, out, places);
   }
 }
 
-bool IsUnsignedType(int type) { return type == 5121 || type == 5123 || type == 5125; }
+bool IsUnsignedType(int type) {
+  return type == 5121 || type == 5123 || type == 5125;
+}
 
 }  // namespace
 
@@ -171,7 +168,9 @@ absl::StatusOr<std::vector<T>> AccessorReader::Read(uint32_t accessor) const {
   return out;
 }
 
-absl::StatusOr<std::vector<float>> AccessorReader::Floats(uint32_t accessor) const { return Read<float>(accessor); }
+absl::StatusOr<std::vector<float>> AccessorReader::Floats(uint32_t accessor) const {
+  return Read<float>(accessor);
+}
 
 absl::StatusOr<std::vector<uint32_t>> AccessorReader::Unsigned(uint32_t accessor) const {
   if (!IsUnsignedType(document_.accessors[accessor].component_type)) {

@@ -31,7 +31,8 @@ absl::StatusOr<std::string> PercentDecode(std::string_view text) {
     }
     const int high = i + 2 < text.size() ? HexDigit(text[i + 1]) : -1;
     const int low = i + 2 < text.size() ? HexDigit(text[i + 2]) : -1;
-    if (high < 0 || low < 0) return absl::InvalidArgumentError(absl::StrCat("a broken percent escape at character ", i));
+    if (high < 0 || low < 0)
+      return absl::InvalidArgumentError(absl::StrCat("a broken percent escape at character ", i));
     out.push_back(static_cast<char>(high * 16 + low));
     i += 2;
   }
@@ -44,7 +45,8 @@ absl::Status CheckBase64(std::string_view text) {
   while (end > 0 && text.size() - end < 2 && text[end - 1] == '=') --end;
   for (size_t i = 0; i < end; ++i) {
     const char c = text[i];
-    const bool good = (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '+' || c == '/';
+    const bool good =
+        (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '+' || c == '/';
     if (!good) return absl::InvalidArgumentError(absl::StrCat("a character that is not base64 at ", i));
   }
   if (end % 4 == 1) return absl::InvalidArgumentError("base64 of an impossible length");
@@ -140,8 +142,8 @@ absl::StatusOr<Buffers> Buffers::Resolve(Document& document, std::optional<std::
                                                      " is not read: only data: URIs and the GLB chunk are"));
     }
     if (decl.byte_length > buffers.bytes_[i].size()) {
-      return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": byteLength is ", decl.byte_length, ", its data has ",
-                                                     buffers.bytes_[i].size(), " bytes"));
+      return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": byteLength is ", decl.byte_length,
+                                                     ", its data has ", buffers.bytes_[i].size(), " bytes"));
     }
     buffers.bytes_[i] = buffers.bytes_[i].first(decl.byte_length);
   }

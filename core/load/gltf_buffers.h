@@ -40,7 +40,8 @@ class Buffers {
  public:
   // In: the document (moved-from URIs are freed), and GLB's BIN chunk if there is one.
   // Errors: INVALID_ARGUMENT naming the buffer and its URI: only data: URIs and the chunk are read, never a file.
-  static absl::StatusOr<Buffers> Resolve(Document& document, std::optional<std::span<const uint8_t>> chunk, Budget& budget);
+  static absl::StatusOr<Buffers> Resolve(Document& document, std::optional<std::span<const uint8_t>> chunk,
+                                         Budget& budget);
 
   // The bytes of a buffer view; a meshopt-compressed one is decoded at first use.
   // Errors: INVALID_ARGUMENT naming the view.
@@ -53,8 +54,8 @@ class Buffers {
   absl::StatusOr<std::vector<uint8_t>> Decode(const MeshoptDecl& decl, Budget& budget) const;
 
   const Document* document_ = nullptr;
-  std::vector<std::vector<uint8_t>> owned_;         // data: URIs, by buffer
-  std::vector<std::span<const uint8_t>> bytes_;     // by buffer; empty for a placeholder
+  std::vector<std::vector<uint8_t>> owned_;          // data: URIs, by buffer
+  std::vector<std::span<const uint8_t>> bytes_;      // by buffer; empty for a placeholder
   std::vector<std::vector<uint8_t>> decoded_views_;  // by view
 };
 

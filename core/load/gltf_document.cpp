@@ -23,18 +23,20 @@ constexpr uint64_t kMostElements = 1'000'000;  // of any one array; nodes have t
 absl::Status CheckVersion(Fields root) {
   absl::Status status;
   const Json* asset = root.Find("asset");
-  if (asset == nullptr) return absl::InvalidArgumentError("glTF: the asset object is missing (needed: asset.version 2.0)");
+  if (asset == nullptr)
+    return absl::InvalidArgumentError("glTF: the asset object is missing (needed: asset.version 2.0)");
   Fields fields(*asset, "asset", status);
   const std::string version = fields.String("version");
   const std::string least = fields.String("minVersion", "2.0");
   if (!status.ok()) return status;
   if (!absl::StartsWith(version, "2.")) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("glTF: asset.version ", Quoted(version), " is not supported, only 2.x (glTF 1.0 is another format)"));
+    return absl::InvalidArgumentError(absl::StrCat("glTF: asset.version ", Quoted(version),
+                                                   " is not supported, only 2.x (glTF 1.0 is another format)"));
   }
   // A later 2.x may only add what a 2.0 reader can pass over, so minVersion 2.1 is no reason to refuse the geometry.
   if (!absl::StartsWith(least, "2.")) {
-    return absl::InvalidArgumentError(absl::StrCat("glTF: asset.minVersion ", Quoted(least), " is not supported, only 2.x"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("glTF: asset.minVersion ", Quoted(least), " is not supported, only 2.x"));
   }
   return absl::OkStatus();
 }
@@ -46,7 +48,8 @@ absl::Status CheckExtensions(Fields root) {
   if (required == nullptr) return absl::OkStatus();
   if (!required->is_array()) return absl::InvalidArgumentError("glTF: extensionsRequired is not an array");
   for (const Json& entry : *required) {
-    if (!entry.is_string()) return absl::InvalidArgumentError("glTF: extensionsRequired has an entry that is no string");
+    if (!entry.is_string())
+      return absl::InvalidArgumentError("glTF: extensionsRequired has an entry that is no string");
     const std::string& name = entry.get_ref<const std::string&>();
     const bool known = absl::StartsWith(name, "KHR_materials_") ||
                        std::find(kKnownExtensions.begin(), kKnownExtensions.end(), name) != kKnownExtensions.end();
@@ -139,7 +142,8 @@ int ReadComponentType(Fields& fields) {
   return static_cast<int>(type);
 }
 
-void ReadSparse(const Json& object, size_t index, const Document& document, AccessorDecl& accessor, absl::Status& status) {
+void ReadSparse(const Json& object, size_t index, const Document& document, AccessorDecl& accessor,
+                absl::Status& status) {
   const std::string where = absl::StrCat("accessor ", index, ", sparse");
   Fields fields(object, where, status);
   const Json* indices = fields.Find("indices");
@@ -218,16 +222,12 @@ absl::StatusOr<Document> ReadDocument(Json& root, const LoadLimits& limits) {
 uint32_t ComponentBytes(int component_type) {
   switch (component_type) {
     case 5120:
-    case 5121:
-      return 1;
+    case 5121: return 1;
     case 5122:
-    case 5123:
-      return 2;
+    case 5123: return 2;
     case 5125:
-    case 5126:
-      return 4;
-    default:
-      return 0;
+    case 5126: return 4;
+    default: return 0;
   }
 }
 

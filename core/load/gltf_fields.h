@@ -20,7 +20,8 @@ inline std::optional<uint64_t> AsUnsigned(const Json& value) {
   if (value.is_number_unsigned()) return value.get<uint64_t>();
   if (value.is_number_float()) {
     const double number = value.get<double>();
-    if (number >= 0 && number < 9007199254740992.0 && std::floor(number) == number) return static_cast<uint64_t>(number);
+    if (number >= 0 && number < 9007199254740992.0 && std::floor(number) == number)
+      return static_cast<uint64_t>(number);
   }
   return std::nullopt;
 }

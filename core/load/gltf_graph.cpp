@@ -46,8 +46,8 @@ absl::StatusOr<tinygltf::Model> ParseGraph(const std::string& graph) {
   std::string errors, warnings;
   bool parsed = false;
   try {
-    parsed = parser.LoadASCIIFromString(&model, &errors, &warnings, graph.data(), static_cast<unsigned int>(graph.size()),
-                                        "", tinygltf::REQUIRE_VERSION);
+    parsed = parser.LoadASCIIFromString(&model, &errors, &warnings, graph.data(),
+                                        static_cast<unsigned int>(graph.size()), "", tinygltf::REQUIRE_VERSION);
   } catch (const std::bad_alloc&) {
     throw;  // LoadScene answers for memory
   } catch (const std::exception& error) {

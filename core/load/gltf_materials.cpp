@@ -48,7 +48,8 @@ class MaterialReader {
     for (int c = 0; c < 4 && pbr.baseColorFactor.size() == 4; ++c) {
       out.base_color_factor[c] = ToFloat(pbr.baseColorFactor[c], 1.0f);
     }
-    out.base_color = Reference(pbr.baseColorTexture.index, pbr.baseColorTexture.texCoord, pbr.baseColorTexture.extensions);
+    out.base_color =
+        Reference(pbr.baseColorTexture.index, pbr.baseColorTexture.texCoord, pbr.baseColorTexture.extensions);
     out.metallic_factor = ToFloat(pbr.metallicFactor, 1.0f);
     out.roughness_factor = ToFloat(pbr.roughnessFactor, 1.0f);
     out.metallic_roughness = Reference(pbr.metallicRoughnessTexture.index, pbr.metallicRoughnessTexture.texCoord,
@@ -56,7 +57,8 @@ class MaterialReader {
     for (int c = 0; c < 3 && from.emissiveFactor.size() == 3; ++c) {
       out.emissive_factor[c] = ToFloat(from.emissiveFactor[c], 0.0f);
     }
-    out.emissive = Reference(from.emissiveTexture.index, from.emissiveTexture.texCoord, from.emissiveTexture.extensions);
+    out.emissive =
+        Reference(from.emissiveTexture.index, from.emissiveTexture.texCoord, from.emissiveTexture.extensions);
     if (from.alphaMode == "MASK") out.alpha_mode = AlphaMode::kMask;
     if (from.alphaMode == "BLEND") out.alpha_mode = AlphaMode::kBlend;
     out.alpha_cutoff = ToFloat(from.alphaCutoff, 0.5f);
@@ -79,7 +81,8 @@ class MaterialReader {
     const auto transform = extensions.find("KHR_texture_transform");
     if (transform != extensions.end()) ReadTransform(transform->second, out);
     if (out.uv_set < 0 || out.uv_set > 1) {
-      scene_.warnings.push_back(absl::StrCat(where_, ": TEXCOORD_", out.uv_set, " is not read; its texture is ignored"));
+      scene_.warnings.push_back(
+          absl::StrCat(where_, ": TEXCOORD_", out.uv_set, " is not read; its texture is ignored"));
       return TextureRef{};
     }
     return out;
@@ -128,7 +131,8 @@ Texture ReadTexture(const tinygltf::Model& model, const tinygltf::Texture& from,
 }
 
 // The encoded bytes of an image, empty with a warning if they are not inside the document.
-absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Budget& budget, Scene& scene, Image& out) {
+absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Budget& budget, Scene& scene,
+                       Image& out) {
   out.name = decl.name.empty() ? absl::StrCat("image ", index) : decl.name;
   out.mime_type = decl.mime_type;
   const auto warn = [&](const std::string& what) {

@@ -72,7 +72,8 @@ absl::Status ReadMeshes(const tinygltf::Model& model, PrimitiveContext& context,
   for (size_t i = 0; i < scene.nodes.size(); ++i) {
     const std::vector<double>& weights = model.nodes[i].weights;
     const int index = scene.nodes[i].mesh;
-    if (index < 0 || weights.empty() || weights == model.meshes[index].weights || !HasTargets(model.meshes[index])) continue;
+    if (index < 0 || weights.empty() || weights == model.meshes[index].weights || !HasTargets(model.meshes[index]))
+      continue;
     const auto [place, fresh] = copies.try_emplace({index, weights}, static_cast<int>(scene.meshes.size()));
     if (fresh) {
       absl::StatusOr<Mesh> mesh = ReadMesh(model.meshes[index], weights, static_cast<size_t>(index), context);

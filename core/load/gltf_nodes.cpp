@@ -71,7 +71,8 @@ absl::StatusOr<std::vector<float>> InstanceValues(const tinygltf::Value& attribu
   const uint32_t accessor = static_cast<uint32_t>(attributes.Get(name).GetNumberAsInt());
   const AccessorDecl& decl = accessors.decl(accessor);
   if (decl.components != components || decl.matrix) {
-    return Broken(where, ": ", name, " (accessor ", accessor, ") has ", decl.components, " components, not ", components);
+    return Broken(where, ": ", name, " (accessor ", accessor, ") has ", decl.components, " components, not ",
+                  components);
   }
   if (count && *count != decl.count) {
     return Broken(where, ": ", name, " (accessor ", accessor, ") has ", decl.count, " elements, not ", *count);
@@ -119,7 +120,8 @@ absl::Status CheckHierarchy(const tinygltf::Model& model, const LoadLimits& limi
   std::vector<int64_t> parent(count, -1);
   for (size_t i = 0; i < count; ++i) {
     for (const uint32_t child : scene.nodes[i].children) {
-      if (parent[child] >= 0) return Broken("node ", child, " is a child of both node ", parent[child], " and node ", i);
+      if (parent[child] >= 0)
+        return Broken("node ", child, " is a child of both node ", parent[child], " and node ", i);
       parent[child] = static_cast<int64_t>(i);
     }
   }
@@ -130,9 +132,8 @@ absl::Status CheckHierarchy(const tinygltf::Model& model, const LoadLimits& limi
   std::vector<bool> reached(count), hidden(count);
   for (uint32_t depth = 1; !level.empty(); ++depth) {
     if (depth > limits.max_node_depth) {
-      return absl::ResourceExhaustedError(absl::StrCat("glTF: node ", level[0],
-                                                       " lies deeper than the limit max_node_depth, ",
-                                                       limits.max_node_depth));
+      return absl::ResourceExhaustedError(
+          absl::StrCat("glTF: node ", level[0], " lies deeper than the limit max_node_depth, ", limits.max_node_depth));
     }
     next.clear();
     for (const uint32_t i : level) {
@@ -163,7 +164,8 @@ absl::Status ReadSkins(const tinygltf::Model& model, const AccessorReader& acces
     if (skin.inverseBindMatrices >= 0) {
       const uint32_t accessor = static_cast<uint32_t>(skin.inverseBindMatrices);
       const AccessorDecl& decl = accessors.decl(accessor);
-      if (decl.components != 16) return Broken("skin ", i, ": inverseBindMatrices (accessor ", accessor, ") is not MAT4");
+      if (decl.components != 16)
+        return Broken("skin ", i, ": inverseBindMatrices (accessor ", accessor, ") is not MAT4");
       if (decl.count < out.joints.size()) {
         return Broken("skin ", i, ": inverseBindMatrices (accessor ", accessor, ") has ", decl.count, " matrices for ",
                       out.joints.size(), " joints");
@@ -172,7 +174,8 @@ absl::Status ReadSkins(const tinygltf::Model& model, const AccessorReader& acces
       if (!values.ok()) return values.status();
       for (size_t j = 0; j < out.joints.size(); ++j) {
         for (int k = 0; k < 16; ++k) out.inverse_bind_matrices[j].m[k % 4][k / 4] = (*values)[16 * j + k];
-        if (!IsFinite(out.inverse_bind_matrices[j])) return Broken("skin ", i, ": inverse bind matrix ", j, " is not finite");
+        if (!IsFinite(out.inverse_bind_matrices[j]))
+          return Broken("skin ", i, ": inverse bind matrix ", j, " is not finite");
       }
     }
     scene.skins.push_back(std::move(out));
@@ -215,7 +218,8 @@ absl::Status ReadNodes(const tinygltf::Model& model, const AccessorReader& acces
     out.local = LocalTransform(node);
     if (!IsFinite(out.local)) return Broken("node ", i, ": its transform is not finite");
     out.children.assign(node.children.begin(), node.children.end());
-    if (absl::Status bad = ReadInstances(node, accessors, limits, absl::StrCat("node ", i), instances, out); !bad.ok()) {
+    if (absl::Status bad = ReadInstances(node, accessors, limits, absl::StrCat("node ", i), instances, out);
+        !bad.ok()) {
       return bad;
     }
     scene.nodes.push_back(std::move(out));

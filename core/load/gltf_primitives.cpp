@@ -14,7 +14,8 @@ namespace {
 
 // Says where an error of an inner part happened.
 absl::Status At(const std::string& where, const absl::Status& status) {
-  return absl::Status(status.code(), absl::StrCat("glTF: ", where, ": ", absl::StripPrefix(status.message(), "glTF: ")));
+  return absl::Status(status.code(),
+                      absl::StrCat("glTF: ", where, ": ", absl::StripPrefix(status.message(), "glTF: ")));
 }
 
 // Reads the optional attributes of one primitive; the positions' count rules.
@@ -207,8 +208,8 @@ absl::Status CompareCounts(const tinygltf::Primitive& primitive, const DracoMesh
     if (accessor < 0) return absl::OkStatus();
     const uint64_t declared = context.accessors.decl(static_cast<uint32_t>(accessor)).count;
     if (declared == decoded) return absl::OkStatus();
-    return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": accessor ", accessor, " declares ", declared, " ",
-                                                   what, ", the Draco stream has ", decoded));
+    return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": accessor ", accessor, " declares ", declared,
+                                                   " ", what, ", the Draco stream has ", decoded));
   };
   if (absl::Status bad = compare(primitive.indices, 3 * mesh.triangles.size(), "indices"); !bad.ok()) return bad;
   const auto position = primitive.attributes.find("POSITION");
@@ -262,14 +263,15 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
       absl::StatusOr<std::vector<uint32_t>> values = context.accessors.Unsigned(accessor);
       if (!values.ok()) return At(where, values.status());
       if (context.accessors.decl(accessor).components != 1) {
-        return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": indices (accessor ", accessor, ") are not SCALAR"));
+        return absl::InvalidArgumentError(
+            absl::StrCat("glTF: ", where, ": indices (accessor ", accessor, ") are not SCALAR"));
       }
       indices = *std::move(values);
       index_name = absl::StrCat(where, ": accessor ", accessor);
     }
     bool incomplete = false;
-    absl::StatusOr<std::vector<std::array<uint32_t, 3>>> triangles = ExpandTriangles(
-        primitive.mode, indices, out.positions.size(), index_name, context.budget.limits(), incomplete);
+    absl::StatusOr<std::vector<std::array<uint32_t, 3>>> triangles =
+        ExpandTriangles(primitive.mode, indices, out.positions.size(), index_name, context.budget.limits(), incomplete);
     if (!triangles.ok()) return triangles.status();
     if (absl::Status full = context.budget.Take(triangles->size(), 12, where); !full.ok()) return full;
     out.triangles = *std::move(triangles);

@@ -126,7 +126,8 @@ Json CopyMesh(const Json& object, size_t index, const Sizes& sizes, absl::Status
     return copy;
   }
   primitive_count += primitives->size();
-  if (primitive_count > kMostElements) fields.Fail(absl::StrCat("the document has more than ", kMostElements, " primitives"));
+  if (primitive_count > kMostElements)
+    fields.Fail(absl::StrCat("the document has more than ", kMostElements, " primitives"));
   for (size_t i = 0; i < primitives->size() && status.ok(); ++i) {
     copy["primitives"].push_back(
         CopyPrimitive((*primitives)[i], absl::StrCat("mesh ", index, ", primitive ", i), sizes, status, warnings));
@@ -265,8 +266,8 @@ absl::StatusOr<Json> SanitizeGraph(const Json& root, const LoadLimits& limits, s
   graph["asset"]["version"] = "2.0";
   // tinygltf wants every index accessor to lie in some buffer view.
   graph["bufferViews"] = Json::array({{{"buffer", 0}, {"byteLength", 1}}});
-  graph["accessors"] = Json(sizes.accessors,
-                            Json{{"bufferView", 0}, {"componentType", 5121}, {"count", 1}, {"type", "SCALAR"}});
+  graph["accessors"] =
+      Json(sizes.accessors, Json{{"bufferView", 0}, {"componentType", 5121}, {"count", 1}, {"type", "SCALAR"}});
   uint64_t primitive_count = 0;
   if (const Json* meshes = fields.Array("meshes", kMostElements)) {
     for (size_t i = 0; i < meshes->size() && status.ok(); ++i) {

@@ -6,10 +6,9 @@
 
 namespace voxelpipe::gltf {
 
-absl::StatusOr<std::vector<std::array<uint32_t, 3>>> ExpandTriangles(int mode,
-                                                                     const std::optional<std::vector<uint32_t>>& indices,
-                                                                     uint64_t vertices, const std::string& where,
-                                                                     const LoadLimits& limits, bool& incomplete) {
+absl::StatusOr<std::vector<std::array<uint32_t, 3>>> ExpandTriangles(
+    int mode, const std::optional<std::vector<uint32_t>>& indices, uint64_t vertices, const std::string& where,
+    const LoadLimits& limits, bool& incomplete) {
   const uint64_t corners = indices ? indices->size() : vertices;
   const uint64_t count = mode == kTriangles ? corners / 3 : (corners < 3 ? 0 : corners - 2);
   incomplete = mode == kTriangles ? corners % 3 != 0 : (corners == 1 || corners == 2);
@@ -30,15 +29,9 @@ absl::StatusOr<std::vector<std::array<uint32_t, 3>>> ExpandTriangles(int mode,
   std::vector<std::array<uint32_t, 3>> triangles(count);
   for (uint64_t i = 0; i < count; ++i) {
     switch (mode) {
-      case kTriangleStrip:
-        triangles[i] = {at(i), at(i + 1 + i % 2), at(i + 2 - i % 2)};
-        break;
-      case kTriangleFan:
-        triangles[i] = {at(i + 1), at(i + 2), at(0)};
-        break;
-      default:
-        triangles[i] = {at(3 * i), at(3 * i + 1), at(3 * i + 2)};
-        break;
+      case kTriangleStrip: triangles[i] = {at(i), at(i + 1 + i % 2), at(i + 2 - i % 2)}; break;
+      case kTriangleFan: triangles[i] = {at(i + 1), at(i + 2), at(0)}; break;
+      default: triangles[i] = {at(3 * i), at(3 * i + 1), at(3 * i + 2)}; break;
     }
   }
   return triangles;

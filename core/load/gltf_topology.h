@@ -19,9 +19,8 @@ constexpr int kTriangles = 4, kTriangleStrip = 5, kTriangleFan = 6;  // glTF's p
 // second triangle swaps its last two corners; a fan's triangle i is (i + 1, i + 2, 0). Indices that do not
 // complete a triangle are dropped and `incomplete` is set.
 // Errors: INVALID_ARGUMENT saying `where`, the position and the value; RESOURCE_EXHAUSTED past max_triangles.
-absl::StatusOr<std::vector<std::array<uint32_t, 3>>> ExpandTriangles(int mode,
-                                                                     const std::optional<std::vector<uint32_t>>& indices,
-                                                                     uint64_t vertices, const std::string& where,
-                                                                     const LoadLimits& limits, bool& incomplete);
+absl::StatusOr<std::vector<std::array<uint32_t, 3>>> ExpandTriangles(
+    int mode, const std::optional<std::vector<uint32_t>>& indices, uint64_t vertices, const std::string& where,
+    const LoadLimits& limits, bool& incomplete);
 
 }  // namespace voxelpipe::gltf

@@ -29,8 +29,8 @@ absl::Status GuardJson(std::string_view json, const LoadLimits& limits) {
       in_string = true;
     } else if (c == '{' || c == '[') {
       if (++depth > limits.max_json_depth) {
-        return absl::ResourceExhaustedError(absl::StrCat("JSON byte ", i, ": nested deeper than the limit max_json_depth, ",
-                                                         limits.max_json_depth));
+        return absl::ResourceExhaustedError(
+            absl::StrCat("JSON byte ", i, ": nested deeper than the limit max_json_depth, ", limits.max_json_depth));
       }
     } else if (c == '}' || c == ']') {
       if (depth > 0) --depth;

@@ -47,8 +47,7 @@ absl::StatusOr<Scene> Dispatch(std::span<const uint8_t> bytes, MeshFormat format
       if (scene.ok()) scene->format = "drc";
       return scene;
     }
-    case MeshFormat::kAuto:
-      break;
+    case MeshFormat::kAuto: break;
   }
   return absl::InternalError("the mesh format was not resolved");
 }
@@ -65,8 +64,8 @@ std::optional<MeshFormat> SniffMeshFormat(std::span<const uint8_t> bytes) {
 absl::StatusOr<Scene> LoadScene(std::span<const uint8_t> bytes, MeshFormat format, const LoadLimits& limits) {
   if (bytes.empty()) return absl::InvalidArgumentError("the mesh is empty (zero bytes)");
   if (bytes.size() > limits.max_file_bytes) {
-    return absl::ResourceExhaustedError(absl::StrCat("the mesh has ", bytes.size(), " bytes; the limit max_file_bytes is ",
-                                                     limits.max_file_bytes));
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the mesh has ", bytes.size(), " bytes; the limit max_file_bytes is ", limits.max_file_bytes));
   }
   if (format == MeshFormat::kAuto) {
     const std::optional<MeshFormat> sniffed = SniffMeshFormat(bytes);

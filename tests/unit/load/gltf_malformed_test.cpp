@@ -13,9 +13,9 @@ namespace voxelpipe {
 namespace {
 
 using nlohmann::json;
+using ::testing::AllOf;
 using testing::ByteVector;
 using testing::GlbBuilder;
-using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -58,14 +58,18 @@ TEST_P(Malformed, IsRefusedByName) {
   EXPECT_THAT(std::string(status.message()), HasSubstr(GetParam().says));
 }
 
-json& At(GlbBuilder& builder, const char* pointer) { return builder.doc[json::json_pointer(pointer)]; }
+json& At(GlbBuilder& builder, const char* pointer) {
+  return builder.doc[json::json_pointer(pointer)];
+}
 
 // Sets one member of the document.
 Fault Set(const char* name, const char* pointer, json value, const char* says) {
   return {name, [=](GlbBuilder& builder) { At(builder, pointer) = value; }, says};
 }
 
-void SetFloat(GlbBuilder& builder, size_t byte, float value) { std::memcpy(builder.bin.data() + byte, &value, 4); }
+void SetFloat(GlbBuilder& builder, size_t byte, float value) {
+  std::memcpy(builder.bin.data() + byte, &value, 4);
+}
 
 const Fault kFaults[] = {
     Set("Version1", "/asset/version", "1.0", "asset.version '1.0'"),
@@ -124,11 +128,9 @@ const Fault kFaults[] = {
         {{"buffer", 0}, {"byteLength", 40}, {"byteStride", 256}, {"count", 4000000000u}, {"mode", "ATTRIBUTES"}},
         "bufferView 0"),
     {"IndexOutOfRange", [](GlbBuilder& builder) { builder.bin[48 + 4 * 5] = 4; }, "index 4 at position 5"},
-    {"NanPosition",
-     [](GlbBuilder& builder) { SetFloat(builder, 12, std::numeric_limits<float>::quiet_NaN()); },
+    {"NanPosition", [](GlbBuilder& builder) { SetFloat(builder, 12, std::numeric_limits<float>::quiet_NaN()); },
      "POSITION (accessor 0), vertex 1 is not finite"},
-    {"InfinitePosition",
-     [](GlbBuilder& builder) { SetFloat(builder, 44, -std::numeric_limits<float>::infinity()); },
+    {"InfinitePosition", [](GlbBuilder& builder) { SetFloat(builder, 44, -std::numeric_limits<float>::infinity()); },
      "mesh 0, primitive 0: POSITION (accessor 0), vertex 3"},
     {"UnequalCounts",
      [](GlbBuilder& builder) {
@@ -146,7 +148,11 @@ const Fault kFaults[] = {
        builder.Node({{"children", {0}}});
      },
      "node 0 is a child of both node 1 and node 2"},
-    {"RootThatIsAChild", [](GlbBuilder& builder) { builder.Node({{"children", {0}}}); }, "which is a child of node 1"},
+    {"RootThatIsAChild",
+     [](GlbBuilder& builder) {
+       builder.Node({{"children", {0}}});
+     },
+     "which is a child of node 1"},
     {"JointWithoutSkinEntry",
      [](GlbBuilder& builder) {
        builder.doc["skins"] = {{{"joints", {0}}}};
@@ -164,7 +170,10 @@ const Fault kFaults[] = {
      },
      "skin 0: inverseBindMatrices"},
     {"BufferLongerThanChunk",
-     [](GlbBuilder& builder) { builder.doc["buffers"] = {{{"byteLength", builder.bin.size() + 4}}}; }, "buffer 0"},
+     [](GlbBuilder& builder) {
+       builder.doc["buffers"] = {{{"byteLength", builder.bin.size() + 4}}};
+     },
+     "buffer 0"},
 };
 
 INSTANTIATE_TEST_SUITE_P(Gltf, Malformed, ::testing::ValuesIn(kFaults),
@@ -173,14 +182,16 @@ INSTANTIATE_TEST_SUITE_P(Gltf, Malformed, ::testing::ValuesIn(kFaults),
 TEST(GltfMalformed, TruncatedAtEveryLength) {
   const ByteVector whole = Square().Glb();
   for (size_t length = 0; length < whole.size(); ++length) {
-    EXPECT_FALSE(LoadStatus(ByteVector(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length))).ok()) << length;
+    EXPECT_FALSE(LoadStatus(ByteVector(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length))).ok())
+        << length;
   }
 }
 
 TEST(GltfMalformed, TruncatedTextAtEveryLength) {
   const ByteVector whole = Square().Gltf();
   for (size_t length = 0; length < whole.size(); ++length) {
-    EXPECT_FALSE(LoadStatus(ByteVector(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length))).ok()) << length;
+    EXPECT_FALSE(LoadStatus(ByteVector(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length))).ok())
+        << length;
   }
 }
 
@@ -308,8 +319,9 @@ TEST(GltfMalformed, DataUris) {
     percent += {'%', kHex[byte >> 4], kHex[byte & 15]};
   }
   EXPECT_TRUE(load(percent).ok());
-  for (const std::string& bad : {head + good.substr(0, good.size() - 8), head + "****" + good.substr(4), head + good + "A",
-                                 std::string("data:"), std::string("data:,%4"), std::string("data:,%zz"), head}) {
+  for (const std::string& bad :
+       {head + good.substr(0, good.size() - 8), head + "****" + good.substr(4), head + good + "A", std::string("data:"),
+        std::string("data:,%4"), std::string("data:,%zz"), head}) {
     const absl::Status status = load(bad);
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << bad;
     EXPECT_THAT(std::string(status.message()), HasSubstr("buffer 0")) << bad;

@@ -10,8 +10,8 @@ namespace {
 
 using nlohmann::json;
 using testing::ByteVector;
-using testing::GlbBuilder;
 using ::testing::Contains;
+using testing::GlbBuilder;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
@@ -24,7 +24,9 @@ GlbBuilder Triangle() {
   return builder;
 }
 
-absl::StatusOr<Scene> Load(const GlbBuilder& builder) { return LoadScene(builder.Glb()); }
+absl::StatusOr<Scene> Load(const GlbBuilder& builder) {
+  return LoadScene(builder.Glb());
+}
 
 TEST(GltfMaterial, FactorsModesAndTextureReferences) {
   GlbBuilder builder = Triangle();
@@ -73,7 +75,8 @@ TEST(GltfMaterial, FactorsModesAndTextureReferences) {
 
 TEST(GltfMaterial, ImagesInDataUrisAndOutsideTheDocument) {
   GlbBuilder builder = Triangle();
-  builder.doc["images"] = {{{"uri", "data:image/png;base64,AQID"}}, {{"uri", "wood.png"}}, {{"uri", "data:image/png;base64,&&&&"}}};
+  builder.doc["images"] = {
+      {{"uri", "data:image/png;base64,AQID"}}, {{"uri", "wood.png"}}, {{"uri", "data:image/png;base64,&&&&"}}};
   builder.doc["textures"] = {{{"source", 0}}, {{"source", 1}}, {{"source", 2}}};
   builder.doc["materials"] = {{{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 1}}}}}}};
   const absl::StatusOr<Scene> scene = Load(builder);
@@ -102,34 +105,41 @@ TEST(GltfMaterial, DiffuseOfSpecularGlossinessServesAsBaseColour) {
 }
 
 TEST(GltfMaterial, WrongTypesNeverCostTheGeometry) {
-  const json wrong[] = {json(7), json("text"), json::array({1, "a", nullptr}), json::object({{"index", "x"}}), json(nullptr),
-                        json(-1.5), json(true), json(1e300)};
-  const char* const paths[] = {"/materials/0",
-                               "/materials/0/pbrMetallicRoughness",
-                               "/materials/0/pbrMetallicRoughness/baseColorFactor",
-                               "/materials/0/pbrMetallicRoughness/baseColorTexture",
-                               "/materials/0/pbrMetallicRoughness/baseColorTexture/index",
-                               "/materials/0/pbrMetallicRoughness/baseColorTexture/texCoord",
-                               "/materials/0/pbrMetallicRoughness/baseColorTexture/extensions",
-                               "/materials/0/pbrMetallicRoughness/baseColorTexture/extensions/KHR_texture_transform",
-                               "/materials/0/pbrMetallicRoughness/baseColorTexture/extensions/KHR_texture_transform/offset",
-                               "/materials/0/emissiveFactor",
-                               "/materials/0/alphaMode",
-                               "/materials/0/alphaCutoff",
-                               "/materials/0/doubleSided",
-                               "/materials/0/name",
-                               "/materials/0/extensions/KHR_materials_pbrSpecularGlossiness",
-                               "/materials/0/extensions/KHR_materials_pbrSpecularGlossiness/diffuseTexture",
-                               "/meshes/0/primitives/0/material",
-                               "/textures/0",
-                               "/textures/0/source",
-                               "/textures/0/sampler",
-                               "/samplers/0",
-                               "/samplers/0/wrapS",
-                               "/images/0",
-                               "/images/0/bufferView",
-                               "/images/0/uri",
-                               "/images/0/mimeType"};
+  const json wrong[] = {json(7),
+                        json("text"),
+                        json::array({1, "a", nullptr}),
+                        json::object({{"index", "x"}}),
+                        json(nullptr),
+                        json(-1.5),
+                        json(true),
+                        json(1e300)};
+  const char* const paths[] = {
+      "/materials/0",
+      "/materials/0/pbrMetallicRoughness",
+      "/materials/0/pbrMetallicRoughness/baseColorFactor",
+      "/materials/0/pbrMetallicRoughness/baseColorTexture",
+      "/materials/0/pbrMetallicRoughness/baseColorTexture/index",
+      "/materials/0/pbrMetallicRoughness/baseColorTexture/texCoord",
+      "/materials/0/pbrMetallicRoughness/baseColorTexture/extensions",
+      "/materials/0/pbrMetallicRoughness/baseColorTexture/extensions/KHR_texture_transform",
+      "/materials/0/pbrMetallicRoughness/baseColorTexture/extensions/KHR_texture_transform/offset",
+      "/materials/0/emissiveFactor",
+      "/materials/0/alphaMode",
+      "/materials/0/alphaCutoff",
+      "/materials/0/doubleSided",
+      "/materials/0/name",
+      "/materials/0/extensions/KHR_materials_pbrSpecularGlossiness",
+      "/materials/0/extensions/KHR_materials_pbrSpecularGlossiness/diffuseTexture",
+      "/meshes/0/primitives/0/material",
+      "/textures/0",
+      "/textures/0/source",
+      "/textures/0/sampler",
+      "/samplers/0",
+      "/samplers/0/wrapS",
+      "/images/0",
+      "/images/0/bufferView",
+      "/images/0/uri",
+      "/images/0/mimeType"};
   for (const char* path : paths) {
     for (const json& value : wrong) {
       GlbBuilder builder = Triangle();

@@ -13,8 +13,8 @@ namespace {
 using nlohmann::json;
 using testing::AsBytes;
 using testing::ByteVector;
-using testing::GlbBuilder;
 using ::testing::ElementsAre;
+using testing::GlbBuilder;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
@@ -152,9 +152,9 @@ TEST(Gltf, InterleavedAttributesAndOffsets) {
   const int uv = builder.Accessor(view, testing::kF32, "VEC2", 4);
   builder.doc["accessors"][normals]["byteOffset"] = 12;
   builder.doc["accessors"][uv]["byteOffset"] = 24;
-  const Primitive primitive = LoadPrimitive(
-      builder, {{"attributes", {{"POSITION", positions}, {"NORMAL", normals}, {"TEXCOORD_1", uv}}},
-                {"indices", builder.Indices(kSquareIndices)}});
+  const Primitive primitive =
+      LoadPrimitive(builder, {{"attributes", {{"POSITION", positions}, {"NORMAL", normals}, {"TEXCOORD_1", uv}}},
+                              {"indices", builder.Indices(kSquareIndices)}});
   EXPECT_EQ(primitive.positions, kSquare);
   EXPECT_THAT(primitive.normals, ::testing::Each(Vec3f{0, 0, 1}));
   EXPECT_THAT(primitive.uv[0], IsEmpty());
@@ -164,8 +164,7 @@ TEST(Gltf, InterleavedAttributesAndOffsets) {
 TEST(Gltf, SparseAccessorsReplaceElements) {
   for (const bool with_base : {true, false}) {
     GlbBuilder builder;
-    const int positions =
-        with_base ? builder.Positions(kSquare) : builder.Accessor(-1, testing::kF32, "VEC3", 4);
+    const int positions = with_base ? builder.Positions(kSquare) : builder.Accessor(-1, testing::kF32, "VEC3", 4);
     builder.doc["accessors"][positions]["sparse"] = {
         {"count", 2},
         {"indices", {{"bufferView", builder.View({1, 3})}, {"componentType", testing::kU8}}},
