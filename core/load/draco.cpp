@@ -68,8 +68,10 @@ absl::StatusOr<DeclaredCounts> ReadDeclaredCounts(std::span<const uint8_t> bytes
       if (version < DRACO_BITSTREAM_VERSION(2, 2)) ok = ok && ReadCount(buffer, fixed, new_vertices);
       ok = ok && ReadCount(buffer, fixed, counts.points) && ReadCount(buffer, fixed, counts.faces);
     }
-  } else {
+  } else if (header.encoder_type == draco::POINT_CLOUD) {
     ok = ReadCount(buffer, true, counts.points);
+  } else {
+    return Invalid(absl::StrCat("unknown geometry type ", int(header.encoder_type), " at byte 7"));
   }
   if (!ok) return Invalid(absl::StrCat("the stream of ", bytes.size(), " bytes ends before its element counts"));
   return counts;
@@ -161,7 +163,8 @@ absl::StatusOr<DracoMesh> Decode(std::span<const uint8_t> bytes, bool is_mesh, c
   }
   for (int32_t i = 0; i < mesh->num_attributes(); ++i) {
     const draco::PointAttribute& attribute = *mesh->attribute(i);
-    if (attribute.num_components() > 4) continue;  // custom data that no shader reads
+    // Custom data that no shader reads. Draco's conversion of DT_BOOL loads a stranger's byte as a bool, which is undefined.
+    if (attribute.num_components() > 4 || attribute.data_type() == draco::DT_BOOL) continue;
     auto read = ReadAttribute(attribute, out.points);
     if (!read.ok()) return read.status();
     out.attributes.push_back(*std::move(read));

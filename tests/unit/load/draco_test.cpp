@@ -1,6 +1,7 @@
 // Streams are made with Draco's own encoder.
 #include "load/draco.h"
 
+#include <draco/compression/encode.h>
 #include <draco/compression/expert_encode.h>
 #include <draco/mesh/triangle_soup_mesh_builder.h>
 
@@ -109,6 +110,36 @@ TEST(DracoBombTest, DeclaredCountsBeyondTheBytesAreRefusedBeforeDecoding) {
   EXPECT_THAT(std::string(mesh.status().message()), HasSubstr("4294967295 faces"));
   bomb[5] = 9;
   EXPECT_THAT(std::string(DecodeDraco(bomb, {}).status().message()), HasSubstr("version 9.2"));
+}
+
+TEST(DracoHeaderTest, AnUnknownGeometryTypeIsNoPointCloud) {
+  const std::vector<uint8_t> bytes = {'D', 'R', 'A', 'C', 'O', 2, 2, 9, 0, 0, 0, 1, 0, 0, 0, 0};
+  const absl::Status s = LoadDraco(bytes, {}).status();
+  EXPECT_EQ(s.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(s.message()), HasSubstr("geometry type 9 at byte 7"));
+}
+
+// A bool attribute's byte may be anything; Draco would load it as a bool, which sanitizers report.
+TEST(DracoBoolTest, AttributesOfBoolsAreLeftOut) {
+  draco::TriangleSoupMeshBuilder builder;
+  builder.Start(1);
+  const int position = builder.AddAttribute(draco::GeometryAttribute::POSITION, 3, draco::DT_FLOAT32);
+  const int flag = builder.AddAttribute(draco::GeometryAttribute::GENERIC, 1, draco::DT_BOOL);
+  const float p[3][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  const uint8_t flags[3] = {0, 1, 128};
+  builder.SetAttributeValuesForFace(position, draco::FaceIndex(0), p[0], p[1], p[2]);
+  builder.SetAttributeValuesForFace(flag, draco::FaceIndex(0), &flags[0], &flags[1], &flags[2]);
+  const std::unique_ptr<draco::Mesh> mesh = builder.Finalize();
+  ASSERT_NE(mesh, nullptr);
+  draco::Encoder encoder;
+  encoder.SetEncodingMethod(draco::MESH_SEQUENTIAL_ENCODING);
+  draco::EncoderBuffer out;
+  ASSERT_TRUE(encoder.EncodeMeshToBuffer(*mesh, &out).ok());
+  const auto decoded = DecodeDraco({reinterpret_cast<const uint8_t*>(out.data()), out.size()}, {});
+  ASSERT_TRUE(decoded.ok()) << decoded.status();
+  EXPECT_EQ(decoded->triangles.size(), 1u);
+  ASSERT_EQ(decoded->attributes.size(), 1u);
+  EXPECT_EQ(decoded->attributes[0].kind, DracoAttribute::Kind::kPosition);
 }
 
 }  // namespace
