@@ -11,8 +11,9 @@
 namespace voxelpipe {
 namespace {
 
-// The smallest streams spend a byte on hundreds of elements only where all are equal; more is a bomb.
-constexpr uint64_t kMaxDecodedPerByte = 4096;
+// The codec's best case, all vertices equal: four header bytes for each byte lane of a block of 256 vertices. The index
+// modes give at most 12 bytes for one. More is a bomb.
+constexpr uint64_t kMaxDecodedPerByte = 64;
 
 absl::Status Invalid(const std::string& why) {
   return absl::InvalidArgumentError(absl::StrCat("EXT_meshopt_compression: ", why));

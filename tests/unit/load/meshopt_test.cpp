@@ -75,6 +75,20 @@ TEST(MeshoptTest, RefusesWhatTheExtensionForbids) {
   EXPECT_EQ(DecodeMeshopt(stream, View(16, 12, "ATTRIBUTES"), limits).status().code(), kResourceExhausted);
 }
 
+// Nothing packs better than equal vertices: that must pass, and a count just beyond what the codec can do must not.
+TEST(MeshoptTest, TheBoundIsTheCodecsBestCase) {
+  const size_t count = 1 << 16;
+  std::vector<uint8_t> stream(meshopt_encodeVertexBufferBound(count, 16));
+  const std::vector<uint8_t> equal(count * 16, 0);
+  stream.resize(meshopt_encodeVertexBuffer(stream.data(), stream.size(), equal.data(), count, 16));
+  const auto decoded = DecodeMeshopt(stream, View(count, 16, "ATTRIBUTES"), {});
+  ASSERT_TRUE(decoded.ok()) << decoded.status();
+  EXPECT_EQ(*decoded, equal);
+  const absl::Status s = DecodeMeshopt(stream, View(2 * count, 16, "ATTRIBUTES"), {}).status();
+  EXPECT_EQ(s.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(std::string(s.message()).find("bytes can hold"), std::string::npos);
+}
+
 TEST(MeshoptTest, BrokenStreamsAreRefused) {
   std::vector<uint8_t> stream = EncodeVertices(Positions(16));
   for (size_t n = 0; n < stream.size(); ++n) {
