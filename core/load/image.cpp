@@ -2,6 +2,7 @@
 
 #include <cstdio>  // jpeglib.h needs FILE
 
+#include <jerror.h>
 #include <jpeglib.h>
 #include <png.h>
 
@@ -102,6 +103,7 @@ absl::Status DecodePng(Image& image, const LoadLimits& limits) {
 // libjpeg's way out of an error: a jump back into DecodeJpeg.
 struct JpegError {
   jpeg_error_mgr base;
+  jpeg_progress_mgr progress;
   std::jmp_buf jump;
   char message[JMSG_LENGTH_MAX];
 };
@@ -112,7 +114,19 @@ void OnJpegError(j_common_ptr info) {
   std::longjmp(error->jump, 1);
 }
 
-void OnJpegWarning(j_common_ptr, int) {}
+// libjpeg fills what a truncated file lacks with gray and only warns; this warning says that texels are missing.
+void OnJpegWarning(j_common_ptr info, int) {
+  if (info->err->msg_code == JWRN_HIT_MARKER) OnJpegError(info);
+}
+
+// A progressive file may repeat tiny scans, each of which costs a pass over all texels.
+void CountJpegScans(j_common_ptr info) {
+  constexpr int kMaxScans = 500;  // encoders write about 10
+  if (reinterpret_cast<jpeg_decompress_struct*>(info)->input_scan_number <= kMaxScans) return;
+  auto* error = reinterpret_cast<JpegError*>(info->err);
+  std::strcpy(error->message, "more than 500 scans");
+  std::longjmp(error->jump, 1);
+}
 
 // Decodes rows as RGB into `rgba`, alpha 255. Holds nothing that a jump would leak: `rgba` belongs to the caller.
 bool ReadJpeg(jpeg_decompress_struct& jpeg, JpegError& error, const Image& image, const LoadLimits& limits,
@@ -123,6 +137,7 @@ bool ReadJpeg(jpeg_decompress_struct& jpeg, JpegError& error, const Image& image
   jpeg_read_header(&jpeg, TRUE);
   status = CheckPixels(image, jpeg.image_width, jpeg.image_height, limits);
   if (!status.ok()) return true;
+  jpeg.progress = &error.progress;
   jpeg.out_color_space = JCS_RGB;
   jpeg.dct_method = JDCT_ISLOW;
   jpeg_start_decompress(&jpeg);
@@ -152,6 +167,8 @@ absl::Status DecodeJpeg(Image& image, const LoadLimits& limits) {
   jpeg.err = jpeg_std_error(&error.base);
   error.base.error_exit = OnJpegError;
   error.base.emit_message = OnJpegWarning;
+  std::memset(&error.progress, 0, sizeof error.progress);
+  error.progress.progress_monitor = CountJpegScans;
   std::vector<uint8_t> rgba;
   absl::Status status;
   bool done = false;

@@ -7,6 +7,7 @@
 #include <png.h>
 #include <zlib.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdlib>
 #include <cstring>
@@ -42,7 +43,7 @@ std::vector<uint8_t> Png(int color_type, int depth, std::vector<uint8_t> rows, d
   return out;
 }
 
-std::vector<uint8_t> Jpeg(int width, int height, bool gray) {
+std::vector<uint8_t> Jpeg(int width, int height, bool gray, bool progressive = false) {
   jpeg_compress_struct jpeg;
   jpeg_error_mgr error;
   jpeg.err = jpeg_std_error(&error);
@@ -56,6 +57,7 @@ std::vector<uint8_t> Jpeg(int width, int height, bool gray) {
   jpeg.in_color_space = gray ? JCS_GRAYSCALE : JCS_RGB;
   jpeg_set_defaults(&jpeg);
   jpeg_set_quality(&jpeg, 100, TRUE);
+  if (progressive) jpeg_simple_progression(&jpeg);
   jpeg_start_compress(&jpeg, TRUE);
   std::vector<uint8_t> row(size_t(width) * 3, 200);
   JSAMPROW rows[1] = {row.data()};
@@ -117,6 +119,33 @@ TEST(ImageTest, Jpeg) {
       EXPECT_EQ(image.rgba[4 * i + 3], 255);
     }
   }
+}
+
+TEST(ImageTest, ATruncatedJpegIsRefusedNotFilledWithGray) {
+  const std::vector<uint8_t> jpeg = Jpeg(64, 64, false);
+  for (const size_t missing : {12, 20, 40}) {
+    Image image = Of({jpeg.begin(), jpeg.end() - long(missing)});
+    EXPECT_EQ(DecodeImage(image, {}).code(), absl::StatusCode::kInvalidArgument) << missing;
+    EXPECT_TRUE(image.rgba.empty());
+  }
+  Image image = Of({jpeg.begin(), jpeg.end() - 2});  // only the end marker is missing: every texel is there
+  EXPECT_TRUE(DecodeImage(image, {}).ok());
+}
+
+TEST(ImageTest, AJpegOfEndlesslyManyScansIsRefused) {
+  std::vector<uint8_t> jpeg = Jpeg(16, 16, false, /*progressive=*/true);
+  Image good = Of(jpeg);
+  ASSERT_TRUE(DecodeImage(good, {}).ok());
+  const uint8_t sos[] = {0xff, 0xda};
+  const auto last = std::find_end(jpeg.begin(), jpeg.end(), std::begin(sos), std::end(sos));
+  const std::vector<uint8_t> scan(last, jpeg.end() - 2);
+  jpeg.resize(jpeg.size() - 2);
+  for (int i = 0; i < 600; ++i) jpeg.insert(jpeg.end(), scan.begin(), scan.end());
+  jpeg.insert(jpeg.end(), {0xff, 0xd9});
+  Image image = Of(jpeg);
+  const absl::Status s = DecodeImage(image, {});
+  EXPECT_EQ(s.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(std::string(s.message()).find("more than 500 scans"), std::string::npos) << s;
 }
 
 TEST(ImageTest, BrokenDataIsNamedAndLeavesNothing) {
