@@ -25,7 +25,9 @@ struct DeclaredCounts {
   bool is_mesh = false;
 };
 
-absl::Status Invalid(const std::string& why) { return absl::InvalidArgumentError(absl::StrCat("draco: ", why)); }
+absl::Status Invalid(const std::string& why) {
+  return absl::InvalidArgumentError(absl::StrCat("draco: ", why));
+}
 
 // A count that older bitstreams store in four bytes and newer ones as a varint.
 bool ReadCount(draco::DecoderBuffer& buffer, bool fixed, uint64_t& count) {
@@ -80,8 +82,8 @@ absl::StatusOr<DeclaredCounts> ReadDeclaredCounts(std::span<const uint8_t> bytes
 absl::Status CheckCounts(const DeclaredCounts& counts, uint64_t bytes, const LoadLimits& limits) {
   const uint64_t most = bytes * kMaxElementsPerByte;
   if (counts.faces > most || counts.points > most) {
-    return Invalid(absl::StrCat("the header declares ", counts.faces, " faces and ", counts.points, " points, more than ",
-                                bytes, " bytes can hold"));
+    return Invalid(absl::StrCat("the header declares ", counts.faces, " faces and ", counts.points,
+                                " points, more than ", bytes, " bytes can hold"));
   }
   if (counts.faces > limits.max_triangles) {
     return absl::ResourceExhaustedError(
@@ -147,9 +149,9 @@ absl::StatusOr<DracoMesh> Decode(std::span<const uint8_t> bytes, bool is_mesh, c
   if (!decoded.ok()) return Invalid(decoded.status().error_msg_string());
   const std::unique_ptr<draco::Mesh> mesh = std::move(decoded).value();
   if (mesh->num_faces() > limits.max_triangles || mesh->num_points() > limits.max_vertices) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("draco: ", mesh->num_faces(), " triangles and ", mesh->num_points(), " vertices, the limits are ",
-                     limits.max_triangles, " and ", limits.max_vertices));
+    return absl::ResourceExhaustedError(absl::StrCat("draco: ", mesh->num_faces(), " triangles and ",
+                                                     mesh->num_points(), " vertices, the limits are ",
+                                                     limits.max_triangles, " and ", limits.max_vertices));
   }
   out.points = mesh->num_points();
   out.triangles.reserve(mesh->num_faces());
@@ -190,11 +192,14 @@ Primitive ToPrimitive(const DracoMesh& mesh) {
   for (const DracoAttribute& attribute : mesh.attributes) {
     if (attribute.kind == DracoAttribute::Kind::kPosition && attribute.components == 3 && primitive.positions.empty()) {
       primitive.positions = Take<Vec3f, 3>(attribute, mesh.points);
-    } else if (attribute.kind == DracoAttribute::Kind::kNormal && attribute.components == 3 && primitive.normals.empty()) {
+    } else if (attribute.kind == DracoAttribute::Kind::kNormal && attribute.components == 3 &&
+               primitive.normals.empty()) {
       primitive.normals = Take<Vec3f, 3>(attribute, mesh.points);
-    } else if (attribute.kind == DracoAttribute::Kind::kTexCoord && attribute.components == 2 && primitive.uv[0].empty()) {
+    } else if (attribute.kind == DracoAttribute::Kind::kTexCoord && attribute.components == 2 &&
+               primitive.uv[0].empty()) {
       primitive.uv[0] = Take<Vec2f, 2>(attribute, mesh.points);
-    } else if (attribute.kind == DracoAttribute::Kind::kColor && attribute.components >= 3 && primitive.colors.empty()) {
+    } else if (attribute.kind == DracoAttribute::Kind::kColor && attribute.components >= 3 &&
+               primitive.colors.empty()) {
       primitive.colors = Take<Vec4f, 4>(attribute, mesh.points);
     }
   }

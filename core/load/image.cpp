@@ -212,7 +212,8 @@ absl::Status PrepareTextures(TriangleMesh& mesh, const LoadLimits& limits) {
   uint64_t pixels = 0;
   for (const int32_t t : used) {
     Texture& texture = mesh.textures[t];
-    if (texture.image < 0 || size_t(texture.image) >= mesh.images.size() || mesh.images[texture.image] == nullptr) continue;
+    if (texture.image < 0 || size_t(texture.image) >= mesh.images.size() || mesh.images[texture.image] == nullptr)
+      continue;
     Image& image = *mesh.images[texture.image];
     const absl::Status s = DecodeImage(image, limits);
     if (absl::IsUnimplemented(s)) {
@@ -222,8 +223,8 @@ absl::Status PrepareTextures(TriangleMesh& mesh, const LoadLimits& limits) {
     if (!s.ok()) return s;
     if (counted.insert(&image).second) pixels += uint64_t{image.width} * image.height;
     if (pixels > limits.max_total_image_pixels) {
-      return absl::ResourceExhaustedError(absl::StrCat("the images of the scene have more than ",
-                                                       limits.max_total_image_pixels, " pixels together"));
+      return absl::ResourceExhaustedError(
+          absl::StrCat("the images of the scene have more than ", limits.max_total_image_pixels, " pixels together"));
     }
   }
   return absl::OkStatus();

@@ -47,7 +47,8 @@ bool IsInside(const fs::path& directory, const fs::path& file) {
 
 std::string Shown(const std::string& uri) {
   std::string shown = uri.substr(0, 120);
-  std::replace_if(shown.begin(), shown.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, '?');
+  std::replace_if(
+      shown.begin(), shown.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, '?');
   return shown;
 }
 
@@ -57,7 +58,8 @@ absl::StatusOr<std::vector<uint8_t>> ReadLocalFile(const fs::path& path, uint64_
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
   if (!fs::exists(status)) return absl::NotFoundError(absl::StrCat(path.string(), ": no such file"));
-  if (!fs::is_regular_file(status)) return absl::InvalidArgumentError(absl::StrCat(path.string(), ": not a regular file"));
+  if (!fs::is_regular_file(status))
+    return absl::InvalidArgumentError(absl::StrCat(path.string(), ": not a regular file"));
   const uint64_t size = fs::file_size(path, error);
   if (error) return absl::InvalidArgumentError(absl::StrCat(path.string(), ": ", error.message()));
   if (size > max_bytes) {

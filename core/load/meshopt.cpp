@@ -61,8 +61,8 @@ absl::StatusOr<std::vector<uint8_t>> DecodeMeshopt(std::span<const uint8_t> comp
     return Invalid(absl::StrCat("count ", view.count, " is more than ", compressed.size(), " bytes can hold"));
   }
   if (*bytes > limits.max_decoded_bytes) {
-    return absl::ResourceExhaustedError(absl::StrCat("EXT_meshopt_compression: ", *bytes, " decoded bytes, the limit is ",
-                                                     limits.max_decoded_bytes));
+    return absl::ResourceExhaustedError(
+        absl::StrCat("EXT_meshopt_compression: ", *bytes, " decoded bytes, the limit is ", limits.max_decoded_bytes));
   }
   std::vector<uint8_t> out;
   try {
@@ -71,7 +71,8 @@ absl::StatusOr<std::vector<uint8_t>> DecodeMeshopt(std::span<const uint8_t> comp
     return absl::ResourceExhaustedError("EXT_meshopt_compression: out of memory");
   }
   if (view.count == 0) return out;
-  if (DecodeStream(compressed, view, out) != 0) return Invalid(absl::StrCat("the stream of mode ", view.mode, " is broken"));
+  if (DecodeStream(compressed, view, out) != 0)
+    return Invalid(absl::StrCat("the stream of mode ", view.mode, " is broken"));
   const size_t count = size_t(view.count), stride = size_t(view.byte_stride);
   if (view.filter == "OCTAHEDRAL") meshopt_decodeFilterOct(out.data(), count, stride);
   if (view.filter == "QUATERNION") meshopt_decodeFilterQuat(out.data(), count, stride);

@@ -20,9 +20,9 @@ namespace fs = std::filesystem;
 
 // Where a buffer of the file went.
 struct BufferPlace {
-  bool merged = false;   // into the BIN chunk
-  uint64_t base = 0;     // its first byte there
-  uint64_t length = 0;   // its declared bytes
+  bool merged = false;  // into the BIN chunk
+  uint64_t base = 0;    // its first byte there
+  uint64_t length = 0;  // its declared bytes
   uint64_t new_index = 0;
 };
 
@@ -101,7 +101,8 @@ class Packer {
   absl::Status Append(std::span<const uint8_t> bytes, uint64_t& base) {
     bin_.resize((bin_.size() + 3) / 4 * 4);
     base = bin_.size();
-    if (bytes.size() > limits_.max_file_bytes || base + bytes.size() > std::min<uint64_t>(limits_.max_file_bytes, UINT32_MAX)) {
+    if (bytes.size() > limits_.max_file_bytes ||
+        base + bytes.size() > std::min<uint64_t>(limits_.max_file_bytes, UINT32_MAX)) {
       return absl::ResourceExhaustedError(
           absl::StrCat("the packed mesh would be larger than ", limits_.max_file_bytes, " bytes"));
     }
@@ -225,7 +226,8 @@ class Packer {
     const uint64_t total = 12 + 8 + text.size() + 8 + bin_.size();
     if (total > limits_.max_file_bytes || total > UINT32_MAX) {
       return absl::ResourceExhaustedError(absl::StrCat("the packed mesh has ", total, " bytes, the limit is ",
-                                                       std::min<uint64_t>(limits_.max_file_bytes, UINT32_MAX), " bytes"));
+                                                       std::min<uint64_t>(limits_.max_file_bytes, UINT32_MAX),
+                                                       " bytes"));
     }
     std::vector<uint8_t> glb;
     glb.reserve(total);

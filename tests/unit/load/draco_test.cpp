@@ -104,7 +104,8 @@ INSTANTIATE_TEST_SUITE_P(Methods, DracoTest, ::testing::Values(false, true),
 
 // Version 2.2, sequential: eleven header bytes, then faces and points as varints.
 TEST(DracoBombTest, DeclaredCountsBeyondTheBytesAreRefusedBeforeDecoding) {
-  std::vector<uint8_t> bomb = {'D', 'R', 'A', 'C', 'O', 2, 2, 1, 0, 0, 0, 0xff, 0xff, 0xff, 0xff, 0x0f, 0xff, 0xff, 0xff, 0xff, 0x0f};
+  std::vector<uint8_t> bomb = {'D',  'R',  'A',  'C',  'O',  2,    2,    1,    0,    0,   0,
+                               0xff, 0xff, 0xff, 0xff, 0x0f, 0xff, 0xff, 0xff, 0xff, 0x0f};
   const auto mesh = DecodeDraco(bomb, {});
   EXPECT_EQ(mesh.status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(mesh.status().message()), HasSubstr("4294967295 faces"));

@@ -28,7 +28,8 @@ std::vector<uint8_t> Png(int color_type, int depth, std::vector<uint8_t> rows, d
   png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
   png_infop info = png_create_info_struct(png);
   png_set_write_fn(png, &out, AppendBytes, nullptr);
-  png_set_IHDR(png, info, 2, 2, depth, color_type, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+  png_set_IHDR(png, info, 2, 2, depth, color_type, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
+               PNG_FILTER_TYPE_DEFAULT);
   if (gamma != 0) png_set_gAMA(png, info, gamma);
   if (color_type == PNG_COLOR_TYPE_PALETTE) {
     const png_color palette[2] = {{10, 20, 30}, {200, 210, 220}};

@@ -83,9 +83,10 @@ TEST_F(PackTest, TwoBuffersAreRebased) {
 TEST_F(PackTest, NothingOutsideTheDirectoryIsRead) {
   fs::create_symlink(root_ / "secret.bin", root_ / "model" / "link.bin");
   const std::string absolute = (root_ / "secret.bin").string();
-  for (const std::string& uri : {std::string("../secret.bin"), std::string("sub/../../secret.bin"), absolute,
-                                 "file://" + absolute, std::string("http://127.0.0.1:9/x.bin"), std::string("%2e%2e/secret.bin"),
-                                 std::string("..\\\\secret.bin"), std::string("link.bin"), std::string("tri.bin%zz")}) {
+  for (const std::string& uri :
+       {std::string("../secret.bin"), std::string("sub/../../secret.bin"), absolute, "file://" + absolute,
+        std::string("http://127.0.0.1:9/x.bin"), std::string("%2e%2e/secret.bin"), std::string("..\\\\secret.bin"),
+        std::string("link.bin"), std::string("tri.bin%zz")}) {
     const auto packed = Pack(Gltf(uri));
     EXPECT_EQ(packed.status().code(), absl::StatusCode::kInvalidArgument) << uri << " " << packed.status();
     EXPECT_THAT(std::string(packed.status().message()), HasSubstr("buffer 0: URI '")) << uri;
@@ -109,8 +110,9 @@ TEST_F(PackTest, AMissingBufferIsAnErrorAMissingImageIsNot) {
 
 TEST_F(PackTest, ImagesComeAlong) {
   Write("model/picture.png", "\x89PNG and so on");
-  const auto packed = Pack(Gltf("tri.bin", R"(,"images":[{"uri":"picture.png"}],"textures":[{"source":0}],)"
-                                           R"("materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}])"));
+  const auto packed =
+      Pack(Gltf("tri.bin", R"(,"images":[{"uri":"picture.png"}],"textures":[{"source":0}],)"
+                           R"("materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}])"));
   ASSERT_TRUE(packed.ok()) << packed.status();
   const auto scene = LoadScene(*packed);
   ASSERT_TRUE(scene.ok()) << scene.status();
