@@ -3,7 +3,6 @@
 #include <openssl/evp.h>
 
 #include <algorithm>
-#include <cstring>
 #include <string>
 #include <utility>
 
@@ -95,7 +94,7 @@ absl::Status ResultReader::AddPiece(const v1::ResultPiece& piece) {
                 buffer.size());
   }
   uint8_t* place = buffer.data() + offset_;
-  std::memcpy(place, data.data(), data.size());
+  std::copy_n(reinterpret_cast<const uint8_t*>(data.data()), data.size(), place);
   if (Crc32c({place, data.size()}) != piece.crc32c()) {
     return Lost("the CRC32C of the piece at offset ", offset_, " of target ", target_, " does not match its bytes");
   }
