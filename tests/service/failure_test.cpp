@@ -98,7 +98,7 @@ class FailureTest : public ::testing::Test {
 
 #define EXPECT_STATUS(expression, code_, text)                     \
   {                                                                \
-    const absl::Status status_ = (expression);                     \
+    const absl::Status& status_ = (expression);                    \
     EXPECT_EQ(status_.code(), absl::StatusCode::code_) << status_; \
     EXPECT_THAT(std::string(status_.message()), HasSubstr(text));  \
   }

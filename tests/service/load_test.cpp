@@ -35,6 +35,7 @@ TEST(LoadTest, TwoHundredAtOnceAreAllServed) {
 
   // One after the other first: what each answer must be.
   std::vector<std::string> expected;
+  expected.reserve(kKinds);
   const std::unique_ptr<Client> first = ConnectTo(*server);
   ASSERT_NE(first, nullptr);
   for (int i = 0; i < kKinds; ++i) {
@@ -55,6 +56,7 @@ TEST(LoadTest, TwoHundredAtOnceAreAllServed) {
   std::promise<void> start;
   const std::shared_future<void> started = start.get_future().share();
   std::vector<std::future<absl::StatusOr<std::string>>> calls;
+  calls.reserve(kCalls);
   for (int i = 0; i < kCalls; ++i) {
     calls.push_back(std::async(std::launch::async, [&, i]() -> absl::StatusOr<std::string> {
       started.wait();
@@ -90,6 +92,7 @@ TEST(LoadTest, AFullQueueAsksToComeAgain) {
 
   // The worker is taken: of eight more, two wait and six are sent away at once.
   std::vector<std::unique_ptr<BackgroundCall>> more;
+  more.reserve(8);
   for (int i = 0; i < 8; ++i) more.push_back(std::make_unique<BackgroundCall>(*client, TorusGlb(8), RequestNumber(i)));
   const auto over = [&] { return std::count_if(more.begin(), more.end(), [](auto& call) { return call->IsOver(); }); };
   for (const auto deadline = JobContext::Clock::now() + kPatience; over() < 6;) {
