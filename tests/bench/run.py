@@ -13,14 +13,13 @@ import os
 import subprocess
 import sys
 
-import numpy
-
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
-import glb  # noqa: E402
 
 
 def torus_knot(segments, sides, p=2, q=3, tube=0.35):
     """A closed tube along a (p,q) torus knot: segments * sides * 2 triangles of similar size."""
+    import numpy
+
     t = numpy.arange(segments) * (2 * numpy.pi / segments)
 
     def curve(t):
@@ -51,15 +50,21 @@ GENERATED = {"knot_10k": (250, 20), "knot_100k": (1000, 50), "knot_1m": (4000, 1
 
 
 def generate(directory):
+    """Runs in a process of its own: a program inherits the peak memory of the process that starts it, so the one that
+    measures has to stay small."""
+    import glb
+
     os.makedirs(directory, exist_ok=True)
-    paths = []
     for name, (segments, sides) in GENERATED.items():
         path = os.path.join(directory, name + ".glb")
         if not os.path.exists(path):
             glb.write_glb(path + ".part", *torus_knot(segments, sides))
             os.replace(path + ".part", path)
-        paths.append(path)
-    return paths
+
+
+def generated_meshes(directory):
+    subprocess.run([sys.executable, os.path.abspath(__file__), "--generate", directory], check=True)
+    return [os.path.join(directory, name + ".glb") for name in GENERATED]
 
 
 def measure(options, mesh, resolution, coverage):
@@ -74,6 +79,8 @@ def measure(options, mesh, resolution, coverage):
 
 
 def main():
+    if sys.argv[1:2] == ["--generate"]:
+        return generate(sys.argv[2])
     parser = argparse.ArgumentParser()
     parser.add_argument("--voxelpipe", required=True)
     parser.add_argument("--meshes", default="build/bench", help="where the generated meshes go")
@@ -89,7 +96,7 @@ def main():
     columns = "{:<18} {:>10} {:>5} {:<13} {:>12} {:>10} {:>10} {:>9} {:>9}  {}"
     print(columns.format("mesh", "triangles", "res", "coverage", "occupied", "ms", "cpu ms", "Mtri/s", "peak MiB", "backend"))
     results = []
-    for mesh in generate(options.meshes) + options.mesh:
+    for mesh in generated_meshes(options.meshes) + options.mesh:
         for resolution in options.resolution:
             for coverage in options.coverage:
                 run = measure(options, mesh, resolution, coverage)
