@@ -22,6 +22,14 @@ constexpr size_t kTransportBytes = size_t{512} << 20;
 constexpr int kKeepaliveMs = 60'000;     // finds clients that vanished, so that their jobs end
 constexpr int kMinPingIntervalMs = 5'000;  // what clients may do to find a server that vanished
 
+// Whether only this machine can reach the address.
+bool IsLocal(const std::string& address) {
+  for (const char* start : {"127.", "localhost:", "[::1]:", "unix:"}) {
+    if (address.starts_with(start)) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 VoxelServer::VoxelServer(const ServerOptions& resolved)
@@ -52,6 +60,9 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   server->address_ = options.listen;
   if (!options.listen.starts_with("unix:")) {
     server->address_ = absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
+  }
+  if (!IsLocal(options.listen)) {
+    spdlog::warn("{} may be reached from other machines, without encryption: TLS is off", server->address_);
   }
   server->health_->SetServing(true);
   return server;

@@ -2,6 +2,7 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <future>
 #include <string>
 #include <vector>
@@ -219,6 +220,12 @@ TEST_F(LifecycleTest, Probe) {
   absl::StatusOr<CommandResult> probe = RunVoxelpiped({"--probe", server_->address()});
   ASSERT_TRUE(probe.ok()) << probe.status();
   EXPECT_EQ(probe->exit_code, 0);
+  // A proxy for the way out is set in many containers. Nothing listens at port 9.
+  setenv("http_proxy", "http://127.0.0.1:9", /*overwrite=*/1);
+  probe = RunVoxelpiped({"--probe", server_->address()});
+  unsetenv("http_proxy");
+  ASSERT_TRUE(probe.ok()) << probe.status();
+  EXPECT_EQ(probe->exit_code, 0) << "the probe went to the proxy";
   server_->Signal(SIGTERM);
   ExpectCleanEnd();
   probe = RunVoxelpiped({"--probe", server_->address()});
