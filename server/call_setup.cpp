@@ -15,7 +15,9 @@ void SetDeadline(const grpc::CallbackServerContext& context, JobContext& job) {
   job.set_deadline(JobContext::Clock::now() + std::chrono::duration_cast<JobContext::Clock::duration>(deadline - now));
 }
 
-absl::Status ShuttingDownError() { return absl::UnavailableError("the server is shutting down"); }
+absl::Status ShuttingDownError() {
+  return absl::UnavailableError("the server is shutting down");
+}
 
 absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request) {
   if (request.backend == BackendChoice::kAuto) request.backend = state.options.backend;

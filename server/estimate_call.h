@@ -18,14 +18,15 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
  public:
   // `state`, and until the call is done `request` and `response`, must outlive the reactor.
   static EstimateCall* Create(ServiceState& state, grpc::CallbackServerContext& context,
-                              const v1::EstimateVoxelizationRequest& request, v1::EstimateVoxelizationResponse& response);
+                              const v1::EstimateVoxelizationRequest& request,
+                              v1::EstimateVoxelizationResponse& response);
 
   void OnCancel() override;
   void OnDone() override;
 
  private:
-  EstimateCall(ServiceState& state, grpc::CallbackServerContext& context, const v1::EstimateVoxelizationRequest& request,
-               v1::EstimateVoxelizationResponse& response);
+  EstimateCall(ServiceState& state, grpc::CallbackServerContext& context,
+               const v1::EstimateVoxelizationRequest& request, v1::EstimateVoxelizationResponse& response);
 
   void Start();
   absl::Status FromSummary(const ParsedConfig& config);

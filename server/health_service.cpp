@@ -10,7 +10,9 @@ namespace {
 using grpc::health::v1::HealthCheckRequest;
 using grpc::health::v1::HealthCheckResponse;
 
-bool IsKnown(const std::string& name) { return name.empty() || name == "voxelpipe.v1.VoxelizationService"; }
+bool IsKnown(const std::string& name) {
+  return name.empty() || name == "voxelpipe.v1.VoxelizationService";
+}
 
 }  // namespace
 

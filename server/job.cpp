@@ -18,7 +18,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-double MsSince(Clock::time_point begin) { return std::chrono::duration<double, std::milli>(Clock::now() - begin).count(); }
+double MsSince(Clock::time_point begin) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
+}
 
 template <typename T>
 uint64_t Bytes(const std::vector<T>& values) {
@@ -29,7 +31,8 @@ uint64_t SceneBytes(const Scene& scene) {
   uint64_t bytes = 0;
   for (const Mesh& mesh : scene.meshes) {
     for (const Primitive& p : mesh.primitives) {
-      bytes += Bytes(p.positions) + Bytes(p.normals) + Bytes(p.tangents) + Bytes(p.uv[0]) + Bytes(p.uv[1]) + Bytes(p.colors);
+      bytes +=
+          Bytes(p.positions) + Bytes(p.normals) + Bytes(p.tangents) + Bytes(p.uv[0]) + Bytes(p.uv[1]) + Bytes(p.colors);
       for (int set = 0; set < 2; ++set) bytes += Bytes(p.joints[set]) + Bytes(p.weights[set]);
       bytes += Bytes(p.triangles);
     }
@@ -168,8 +171,8 @@ absl::StatusOr<Estimate> EstimateJob(std::vector<uint8_t> file, const ParsedConf
     if (!flat.ok()) return flat.status();
     const absl::StatusOr<Box3d> box = ShadedBox(flat->mesh, config.request, job);
     if (!box.ok()) return box.status();
-    absl::StatusOr<Plan> plan = PlanVoxelization(config.request, flat->mesh.triangles.size(), flat->mesh.positions.size(),
-                                                 *box, limits.plan);
+    absl::StatusOr<Plan> plan =
+        PlanVoxelization(config.request, flat->mesh.triangles.size(), flat->mesh.positions.size(), *box, limits.plan);
     if (!plan.ok()) return plan.status();
     return Estimate{*std::move(plan), BoxReport(flat->mesh)};
   });

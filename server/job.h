@@ -26,7 +26,7 @@ struct JobOutcome {
   MeshReport report;
   bool examined = false;              // degenerate triangles and open edges were counted
   std::vector<std::string> warnings;  // of the loader
-  uint64_t peak_bytes = 0;            // estimate of this request's peak: the largest of loading, flattening and the pipeline
+  uint64_t peak_bytes = 0;  // estimate of this request's peak: the largest of loading, flattening and the pipeline
 };
 
 // In: a mesh file and a config. Out: its voxels. The file is freed as soon as it is loaded, the scene as soon as it is flat.

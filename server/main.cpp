@@ -29,8 +29,7 @@ sigset_t StopSignals() {
 
 int WaitForSignal(const sigset_t& signals) {
   int signal = 0;
-  while (sigwait(&signals, &signal) != 0) {
-  }
+  while (sigwait(&signals, &signal) != 0) {}
   return signal;
 }
 

@@ -43,7 +43,8 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--max-file-bytes", o.max_file_bytes, "MAX_FILE_BYTES", "Largest mesh file")->transform(size);
   add("--max-upload-bytes", o.max_upload_bytes, "MAX_UPLOAD_BYTES", "All mesh files in hand together")->transform(size);
   add("--max-result-bytes", o.max_result_bytes, "MAX_RESULT_BYTES", "Largest result")->transform(size);
-  add("--max-working-bytes", o.max_working_bytes, "MAX_WORKING_BYTES", "Memory of all jobs together, 0 to choose")->transform(size);
+  add("--max-working-bytes", o.max_working_bytes, "MAX_WORKING_BYTES", "Memory of all jobs together, 0 to choose")
+      ->transform(size);
   add("--lame-duck-ms", o.lame_duck_ms, "LAME_DUCK_MS", "On SIGTERM: time in which calls are still taken");
   add("--drain-grace-ms", o.drain_grace_ms, "DRAIN_GRACE_MS", "Then: time in which running calls may end");
   add("--log-level", o.log_level, "LOG_LEVEL", "Least severe level that is logged")

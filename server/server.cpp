@@ -19,7 +19,7 @@ namespace {
 
 // Bounds what gRPC itself buffers; room for a few messages of the largest size.
 constexpr size_t kTransportBytes = size_t{512} << 20;
-constexpr int kKeepaliveMs = 60'000;     // finds clients that vanished, so that their jobs end
+constexpr int kKeepaliveMs = 60'000;       // finds clients that vanished, so that their jobs end
 constexpr int kMinPingIntervalMs = 5'000;  // what clients may do to find a server that vanished
 
 // Whether only this machine can reach the address.

@@ -34,7 +34,7 @@ struct ServiceState {
   JobLimits limits;
   ByteBudget uploads;  // mesh files that are being received or wait
   ByteBudget working;  // predicted peaks of the jobs that run, results that are being sent
-  CallGate gate;         // closed while the server drains
+  CallGate gate;       // closed while the server drains
   std::atomic<uint64_t> next_request_id{1};
   WorkerPool pool;  // last, so that its jobs end before the budgets go
 };

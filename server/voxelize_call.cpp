@@ -124,7 +124,8 @@ void VoxelizeCall::Work() {
   try {
     std::vector<uint8_t> file;
     file.reserve(record_.bytes_in);
-    for (; !pieces_.empty(); pieces_.pop_front()) file.insert(file.end(), pieces_.front().begin(), pieces_.front().end());
+    for (; !pieces_.empty(); pieces_.pop_front())
+      file.insert(file.end(), pieces_.front().begin(), pieces_.front().end());
     outcome = Run(std::move(file));
     if (outcome.ok()) result = std::make_unique<ResultStream>(*std::move(outcome));
   } catch (const std::bad_alloc&) {

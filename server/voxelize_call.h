@@ -56,7 +56,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
   void FreeLocked();
 
   ServiceState& state_;
-  const CallGate::Pass pass_;  // given back when gRPC and the worker are both done
+  const CallGate::Pass pass_;             // given back when gRPC and the worker are both done
   grpc::CallbackServerContext& context_;  // used by gRPC's threads only
   std::shared_ptr<VoxelizeCall> self_;    // until OnDone
   CallRecord record_;

@@ -33,7 +33,8 @@ absl::StatusOr<WorkerPool::Ticket> WorkerPool::Submit(Job job) {
     // A job that an idle worker is about to take does not count as waiting.
     const size_t idle = threads_.size() - running_;
     if (queue_.size() >= max_queue_ + idle) {
-      return BusyError(absl::StrCat("the queue is full: ", running_, " jobs run and ", queue_.size(), " wait"), kRetryDelay);
+      return BusyError(absl::StrCat("the queue is full: ", running_, " jobs run and ", queue_.size(), " wait"),
+                       kRetryDelay);
     }
     ticket = next_ticket_++;
     queue_.push_back({ticket, std::move(job)});

@@ -90,8 +90,7 @@ VOXELPIPE_HD Vec3d TransformPoint(const Mat4d& a, const Vec3d& p) {
 
 // The linear part only (directions).
 VOXELPIPE_HD Vec3d TransformVector(const Mat4d& a, const Vec3d& v) {
-  return {(a.m[0][0] * v.x + a.m[0][1] * v.y) + a.m[0][2] * v.z,
-          (a.m[1][0] * v.x + a.m[1][1] * v.y) + a.m[1][2] * v.z,
+  return {(a.m[0][0] * v.x + a.m[0][1] * v.y) + a.m[0][2] * v.z, (a.m[1][0] * v.x + a.m[1][1] * v.y) + a.m[1][2] * v.z,
           (a.m[2][0] * v.x + a.m[2][1] * v.y) + a.m[2][2] * v.z};
 }
 

@@ -23,7 +23,9 @@ absl::Status PlaceVertices(RunState& state) {
   });
 }
 
-bool InReach(const Vec3d& p) { return Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest; }
+bool InReach(const Vec3d& p) {
+  return Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
+}
 
 }  // namespace
 
@@ -40,12 +42,12 @@ absl::Status CoarseRaster(RunState& state) {
       pairs.reserve(size_t(end - chunk * kTrianglesPerChunk) * 5 / 4);
       for (int64_t t = chunk * kTrianglesPerChunk; t < end; ++t) {
         const uint32_t* v = state.view.triangles[t];
-        const Vec3d &a = state.index_positions[v[0]], &b = state.index_positions[v[1]], &c = state.index_positions[v[2]];
+        const Vec3d &a = state.index_positions[v[0]], &b = state.index_positions[v[1]],
+                    &c = state.index_positions[v[2]];
         if (!InReach(a) || !InReach(b) || !InReach(c)) {
           const uint32_t first_bad = !InReach(a) ? v[0] : !InReach(b) ? v[1] : v[2];
           uint64_t seen = bad.load(std::memory_order_relaxed);
-          while (first_bad < seen && !bad.compare_exchange_weak(seen, first_bad)) {
-          }
+          while (first_bad < seen && !bad.compare_exchange_weak(seen, first_bad)) {}
           continue;
         }
         ForEachTile(state.tiles, a, b, c, [&](uint64_t tile) { pairs.push_back(tile << 32 | uint64_t(t)); });

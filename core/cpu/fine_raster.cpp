@@ -52,8 +52,8 @@ FragmentInput InputFor(const RunState& state, uint32_t triangle, const TriangleS
   return in;
 }
 
-void ShadeRow(const RunState& state, Worker& worker, const TriangleSetup& setup, FragmentInput& in, int row, uint32_t mask,
-              const int64_t (&origin)[3]) {
+void ShadeRow(const RunState& state, Worker& worker, const TriangleSetup& setup, FragmentInput& in, int row,
+              uint32_t mask, const int64_t (&origin)[3]) {
   uint32_t covered = worker.any_always_present ? mask : 0;
   for (uint32_t left = mask; left != 0; left &= left - 1) {
     const int bit = std::countr_zero(left);

@@ -16,7 +16,9 @@ namespace {
 constexpr int64_t kTriangleGrain = 1 << 12;
 
 // Toggling commutes, so the order of threads does not matter.
-void Toggle(uint32_t& word, uint32_t mask) { std::atomic_ref<uint32_t>(word).fetch_xor(mask, std::memory_order_relaxed); }
+void Toggle(uint32_t& word, uint32_t mask) {
+  std::atomic_ref<uint32_t>(word).fetch_xor(mask, std::memory_order_relaxed);
+}
 
 // Columns (j, k) whose centre may lie within [lo, hi] of one axis of the triangle.
 void CentreRange(double lo, double hi, int64_t dim, int64_t& begin, int64_t& end) {

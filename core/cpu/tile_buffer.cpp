@@ -28,15 +28,9 @@ void TileBuffer::Blend(int row, int bit, const FragmentOutput& out) {
   for (int i = 0; i < spec_.components; ++i) {
     const float v = ToF32(out, u32_output_, i);
     switch (spec_.blend) {
-      case Blend::kAdd:
-        sums_[at + i] = (first ? 0 : sums_[at + i]) + Quantize(v, spec_.quantum);
-        break;
-      case Blend::kMin:
-        values_[at + i] = first ? v : BlendMin(values_[at + i], v);
-        break;
-      case Blend::kMax:
-        values_[at + i] = first ? v : BlendMax(values_[at + i], v);
-        break;
+      case Blend::kAdd: sums_[at + i] = (first ? 0 : sums_[at + i]) + Quantize(v, spec_.quantum); break;
+      case Blend::kMin: values_[at + i] = first ? v : BlendMin(values_[at + i], v); break;
+      case Blend::kMax: values_[at + i] = first ? v : BlendMax(values_[at + i], v); break;
       case Blend::kReplace:  // ascending ids: the last one is the largest
       case Blend::kOr:       // not defined for f32; refused with the request
         values_[at + i] = v;

@@ -143,8 +143,7 @@ absl::StatusOr<Box3d> VertexShade(RunState& state) {
               b = Grow(b, p);
             } else {
               uint64_t seen = bad.load(std::memory_order_relaxed);
-              while (v < seen && !bad.compare_exchange_weak(seen, v)) {
-              }
+              while (v < seen && !bad.compare_exchange_weak(seen, v)) {}
             }
           }
         }
@@ -152,8 +151,8 @@ absl::StatusOr<Box3d> VertexShade(RunState& state) {
       },
       [](const Box3d& a, const Box3d& b) { return b.empty ? a : Grow(Grow(a, b.min), b.max); });
   if (bad.load() != UINT64_MAX) {
-    return absl::InvalidArgumentError(absl::StrCat(DescribeVertex(state.mesh, bad.load()),
-                                                   ": the position is not finite after the vertex shader"));
+    return absl::InvalidArgumentError(
+        absl::StrCat(DescribeVertex(state.mesh, bad.load()), ": the position is not finite after the vertex shader"));
   }
   Box3d result = box;
   for (int a = 0; a < 3; ++a) {  // -0 and +0 are one corner, whichever thread saw it first

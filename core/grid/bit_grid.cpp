@@ -26,7 +26,9 @@ absl::StatusOr<BitGrid> BitGrid::Create(const std::array<int64_t, 3>& dims) {
   return grid;
 }
 
-uint64_t CountBits(const BitGrid& grid) { return CountUnion(grid, grid); }
+uint64_t CountBits(const BitGrid& grid) {
+  return CountUnion(grid, grid);
+}
 
 uint64_t CountUnion(const BitGrid& a, const BitGrid& b) {
   return tbb::parallel_reduce(

@@ -14,7 +14,9 @@ namespace {
 constexpr double kCeilSlack = 1e-9;
 constexpr uint64_t kMaxVoxels = uint64_t{1} << 53;
 
-bool FinitePositive(double v) { return std::isfinite(v) && v > 0; }
+bool FinitePositive(double v) {
+  return std::isfinite(v) && v > 0;
+}
 
 absl::Status Invalid(const std::string& field, const std::string& why) {
   return absl::InvalidArgumentError(absl::StrCat("grid.", field, ": ", why));
@@ -66,8 +68,8 @@ absl::StatusOr<GridSpec> Finish(GridSpec grid, int64_t padding) {
     }
     const auto product = CheckedMul(voxels, uint64_t(grid.dims[a]));
     if (!product || *product > kMaxVoxels) {
-      return absl::ResourceExhaustedError(absl::StrCat("grid: ", grid.dims[0], " x ", grid.dims[1], " x ", grid.dims[2],
-                                                       " is beyond 2^53 voxels"));
+      return absl::ResourceExhaustedError(
+          absl::StrCat("grid: ", grid.dims[0], " x ", grid.dims[1], " x ", grid.dims[2], " is beyond 2^53 voxels"));
     }
     voxels = *product;
   }

@@ -26,8 +26,12 @@ std::string_view NameIn(const Table& table, Value value) {
 
 }  // namespace
 
-std::string_view Name(VoxelFormat format) { return NameIn(kFormats, format); }
-std::string_view Name(Blend blend) { return NameIn(kBlends, blend); }
+std::string_view Name(VoxelFormat format) {
+  return NameIn(kFormats, format);
+}
+std::string_view Name(Blend blend) {
+  return NameIn(kBlends, blend);
+}
 
 std::optional<VoxelFormat> ParseVoxelFormat(std::string_view name) {
   for (const auto& [value, text] : kFormats) {
@@ -43,13 +47,17 @@ std::optional<Blend> ParseBlend(std::string_view name) {
   return std::nullopt;
 }
 
-int BitsPerComponent(VoxelFormat format) { return format == VoxelFormat::kBit ? 1 : 32; }
+int BitsPerComponent(VoxelFormat format) {
+  return format == VoxelFormat::kBit ? 1 : 32;
+}
 
 absl::Status CheckBlend(VoxelFormat format, Blend blend) {
-  const bool defined = format == VoxelFormat::kBit ? blend == Blend::kOr || blend == Blend::kReplace : blend != Blend::kOr;
+  const bool defined =
+      format == VoxelFormat::kBit ? blend == Blend::kOr || blend == Blend::kReplace : blend != Blend::kOr;
   if (defined) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrCat("blend '", std::string(Name(blend)), "' is not defined for format '",
-                                                 std::string(Name(format)), "' (bit: or, replace; f32: replace, min, max, add)"));
+                                                 std::string(Name(format)),
+                                                 "' (bit: or, replace; f32: replace, min, max, add)"));
 }
 
 }  // namespace voxelpipe

@@ -21,7 +21,7 @@ enum class Blend : uint8_t {
   kReplace,  // the fragment of the largest triangle id wins
   kMin,      // component-wise, -0 < +0
   kMax,      // component-wise, -0 < +0
-  kAdd,      // f32: each value clamped to +-2^40 q, rounded to a multiple of the quantum q, summed in int64, converted once
+  kAdd,  // f32: each value clamped to +-2^40 q, rounded to a multiple of the quantum q, summed in int64, converted once
 };
 
 enum class Layout : uint8_t {

@@ -27,8 +27,12 @@ struct Placement {
   MeshPart part;
 };
 
-uint64_t SaturatingAdd(uint64_t a, uint64_t b) { return CheckedAdd(a, b).value_or(UINT64_MAX); }
-uint64_t SaturatingMul(uint64_t a, uint64_t b) { return CheckedMul(a, b).value_or(UINT64_MAX); }
+uint64_t SaturatingAdd(uint64_t a, uint64_t b) {
+  return CheckedAdd(a, b).value_or(UINT64_MAX);
+}
+uint64_t SaturatingMul(uint64_t a, uint64_t b) {
+  return CheckedMul(a, b).value_or(UINT64_MAX);
+}
 
 // Node indices of the scene, depth first, parents before children, children in file order.
 std::vector<uint32_t> DepthFirst(const Scene& scene) {
@@ -178,7 +182,9 @@ Vec3f Unit(const Vec3d& v) {
   return {float(v.x / length), float(v.y / length), float(v.z / length)};
 }
 
-bool Finite(const Vec3d& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
+bool Finite(const Vec3d& p) {
+  return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
+}
 
 // Writes the vertices [begin, end) of one placement. Out: the first bad vertex, or SIZE_MAX.
 size_t WriteVertices(const Placement& p, size_t begin, size_t end, TriangleMesh& mesh) {
@@ -280,16 +286,15 @@ absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limit
       if (v == SIZE_MAX) return;
       const uint64_t id = p.part.first_vertex + v;
       uint64_t seen = bad.load();
-      while (id < seen && !bad.compare_exchange_weak(seen, id)) {
-      }
+      while (id < seen && !bad.compare_exchange_weak(seen, id)) {}
     });
   });
   if (const uint64_t id = bad.load(); id != UINT64_MAX) {
     const auto part = std::partition_point(mesh.parts.begin(), mesh.parts.end(),
                                            [&](const MeshPart& p) { return p.first_vertex + p.vertex_count <= id; });
-    return absl::InvalidArgumentError(absl::StrCat(
-        "node ", part->node, ", mesh ", part->mesh, ", primitive ", part->primitive, ", vertex ", id - part->first_vertex,
-        ": the transformed position is not finite, or a joint does not exist"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("node ", part->node, ", mesh ", part->mesh, ", primitive ", part->primitive, ", vertex ",
+                     id - part->first_vertex, ": the transformed position is not finite, or a joint does not exist"));
   }
   return mesh;
 }

@@ -19,7 +19,8 @@ bool Before(const Vec3d& a, const Vec3d& b) {
 std::vector<uint32_t> Weld(const std::vector<Vec3d>& positions) {
   std::vector<uint32_t> order(positions.size());
   std::iota(order.begin(), order.end(), 0u);
-  tbb::parallel_sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return Before(positions[a], positions[b]); });
+  tbb::parallel_sort(order.begin(), order.end(),
+                     [&](uint32_t a, uint32_t b) { return Before(positions[a], positions[b]); });
   std::vector<uint32_t> id(positions.size());
   uint32_t next = 0;
   for (size_t i = 0; i < order.size(); ++i) {

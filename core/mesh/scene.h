@@ -32,14 +32,15 @@ struct Mesh {
 };
 
 struct Skin {
-  std::vector<uint32_t> joints;               // node indices
+  std::vector<uint32_t> joints;              // node indices
   std::vector<Mat4d> inverse_bind_matrices;  // as many as joints
 };
 
 struct Node {
   std::string name;
-  Mat4d local;                     // local transform, from matrix or TRS
-  std::vector<uint32_t> children;  // node indices; the loader proved a forest (no cycles, one parent each, bounded depth)
+  Mat4d local;  // local transform, from matrix or TRS
+  std::vector<uint32_t>
+      children;  // node indices; the loader proved a forest (no cycles, one parent each, bounded depth)
   int32_t mesh = -1;
   int32_t skin = -1;
   std::vector<Mat4d> instances;  // EXT_mesh_gpu_instancing; empty = one instance, the node itself
@@ -54,7 +55,7 @@ struct Scene {
   std::vector<Material> materials;
   std::vector<Texture> textures;
   std::vector<std::shared_ptr<Image>> images;
-  std::vector<uint32_t> roots;  // root nodes of the scene to be flattened, in file order
+  std::vector<uint32_t> roots;        // root nodes of the scene to be flattened, in file order
   std::vector<std::string> warnings;  // what was accepted although the file is not quite right, for the mesh report
   std::string format;                 // "glb", "gltf" or "drc"
 };

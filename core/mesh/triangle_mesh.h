@@ -16,9 +16,9 @@ namespace voxelpipe {
 struct MeshPart {
   uint64_t first_triangle = 0, triangle_count = 0;
   uint64_t first_vertex = 0, vertex_count = 0;
-  int32_t material = -1;  // index into TriangleMesh::materials, -1 = default material
-  uint32_t mesh = 0;      // glTF mesh index
-  uint32_t node = 0;      // glTF node index
+  int32_t material = -1;   // index into TriangleMesh::materials, -1 = default material
+  uint32_t mesh = 0;       // glTF mesh index
+  uint32_t node = 0;       // glTF node index
   uint32_t primitive = 0;  // index within the mesh
   bool has_normals = false, has_tangents = false, has_colors = false;
   bool has_uv[2] = {false, false};

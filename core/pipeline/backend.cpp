@@ -5,7 +5,9 @@
 
 namespace voxelpipe {
 
-std::vector<std::string> AvailableBackends() { return {std::string(cpu::CpuBackend().name())}; }
+std::vector<std::string> AvailableBackends() {
+  return {std::string(cpu::CpuBackend().name())};
+}
 
 absl::StatusOr<const Backend*> SelectBackend(BackendChoice choice) {
   if (choice == BackendChoice::kCuda) {

@@ -59,7 +59,8 @@ uint64_t PeakBytes(const VoxelizeRequest& request, const GridSpec& grid, uint64_
     if (target.format == VoxelFormat::kBit && target.shader.name != "occupancy") ++grids;
     if (target.shader.name == "base_color") ++grids;
   }
-  const uint64_t vertex_bytes = request.vertex_shader.name == "identity" ? sizeof(Vec3d) : 2 * sizeof(Vec3d) + sizeof(Vec3f);
+  const uint64_t vertex_bytes =
+      request.vertex_shader.name == "identity" ? sizeof(Vec3d) : 2 * sizeof(Vec3d) + sizeof(Vec3f);
   return kBaseBytes + ResultBytes(request, grid) + grids * BitGrid::BytesFor(grid.dims) + vertices * vertex_bytes +
          triangles * 2 * 2 * sizeof(uint64_t);
 }
@@ -107,7 +108,9 @@ std::string_view Name(Coverage coverage) {
   return "unknown";
 }
 
-std::string_view Name(Fill fill) { return fill == Fill::kParity ? "parity" : "none"; }
+std::string_view Name(Fill fill) {
+  return fill == Fill::kParity ? "parity" : "none";
+}
 
 std::string_view Name(BackendChoice backend) {
   switch (backend) {
@@ -129,7 +132,8 @@ absl::Status ValidateRequest(const VoxelizeRequest& request) {
   }
   if (request.targets.empty()) return Invalid("targets", "at least one is needed");
   if (request.targets.size() > size_t{kMaxTargets}) {
-    return Invalid("targets", absl::StrCat("at most ", kMaxTargets, " are possible, ", request.targets.size(), " given"));
+    return Invalid("targets",
+                   absl::StrCat("at most ", kMaxTargets, " are possible, ", request.targets.size(), " given"));
   }
   for (size_t i = 0; i < request.targets.size(); ++i) {
     if (absl::Status s = ValidateTarget(request.targets[i], absl::StrCat("targets[", i, "]")); !s.ok()) return s;
@@ -155,9 +159,9 @@ absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t t
     const bool result = plan.result_bytes > limits.max_result_bytes;
     return absl::ResourceExhaustedError(absl::StrCat(
         "grid ", grid->dims[0], "x", grid->dims[1], "x", grid->dims[2], " needs ",
-        result ? plan.result_bytes : plan.peak_bytes, result ? " bytes of results" : " bytes of memory", ", the limit is ",
-        result ? limits.max_result_bytes : limits.max_working_bytes, "; the largest resolution that fits is ",
-        LargestResolution(request, triangles, vertices, shaded_box, limits)));
+        result ? plan.result_bytes : plan.peak_bytes, result ? " bytes of results" : " bytes of memory",
+        ", the limit is ", result ? limits.max_result_bytes : limits.max_working_bytes,
+        "; the largest resolution that fits is ", LargestResolution(request, triangles, vertices, shaded_box, limits)));
   }
   return plan;
 }

@@ -119,9 +119,8 @@ absl::StatusOr<VoxelizeResult> RunStages(const Backend& backend, const TriangleM
 
 }  // namespace
 
-absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request,
-                                        const JobContext& job, const PlanLimits& limits,
-                                        const std::function<void(const Plan&)>& on_plan) {
+absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
+                                        const PlanLimits& limits, const std::function<void(const Plan&)>& on_plan) {
   absl::StatusOr<BoundRequest> bound = Bind(request);
   if (!bound.ok()) return bound.status();
   absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);

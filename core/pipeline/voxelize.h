@@ -18,8 +18,8 @@ namespace voxelpipe {
 struct VoxelizeResult {
   GridSpec grid;
   Layout layout = Layout::kInterleaved;
-  std::vector<TargetSpec> specs;     // as requested
-  std::vector<HostBuffer> targets;   // one per spec, in format and layout; TargetBytes() bytes each
+  std::vector<TargetSpec> specs;    // as requested
+  std::vector<HostBuffer> targets;  // one per spec, in format and layout; TargetBytes() bytes each
   VoxelizeStats stats;
 };
 
@@ -31,8 +31,8 @@ struct VoxelizeResult {
 // Errors: INVALID_ARGUMENT naming the field, or primitive and vertex where a vertex is not finite or beyond 2^40 voxels of the
 // grid; RESOURCE_EXHAUSTED (see PlanVoxelization, or out of memory); CANCELLED; DEADLINE_EXCEEDED; FAILED_PRECONDITION where a
 // backend was asked for that this machine does not have.
-absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request,
-                                        const JobContext& job, const PlanLimits& limits = {},
+absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
+                                        const PlanLimits& limits = {},
                                         const std::function<void(const Plan&)>& on_plan = {});
 
 }  // namespace voxelpipe

@@ -14,8 +14,8 @@ namespace voxelpipe {
 
 enum class Coverage : unsigned char {
   kConservative,  // the closed voxel and the closed triangle share a point (26-separating)
-  kThin,          // conservative, and the plane passes the centre inside the voxel along the dominant axis (6-separating)
-  kCenter,        // the one-voxel segment through the centre along the dominant axis meets the triangle
+  kThin,    // conservative, and the plane passes the centre inside the voxel along the dominant axis (6-separating)
+  kCenter,  // the one-voxel segment through the centre along the dominant axis meets the triangle
 };
 
 // max|n_i| at or below this times the square of the longest edge makes a triangle degenerate.

@@ -44,6 +44,8 @@ VOXELPIPE_HD double CrossingX(const TriangleSetup& s, const Vec3d& a, const Vec3
 }
 
 // Number of voxels of a row of nx whose centre lies before x: those that a crossing at x toggles.
-VOXELPIPE_HD int64_t CentresBefore(double x, int64_t nx) { return int64_t(Clamp(ceil(x - 0.5), 0.0, double(nx))); }
+VOXELPIPE_HD int64_t CentresBefore(double x, int64_t nx) {
+  return int64_t(Clamp(ceil(x - 0.5), 0.0, double(nx)));
+}
 
 }  // namespace voxelpipe

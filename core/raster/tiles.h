@@ -10,7 +10,9 @@
 namespace voxelpipe {
 
 // 32 voxels along x make a row of a tile one 32-bit word; four 8x8x8 bricks make a tile.
-VOXELPIPE_HD constexpr int64_t TileDim(int axis) { return axis == 0 ? 32 : 8; }  // voxels
+VOXELPIPE_HD constexpr int64_t TileDim(int axis) {
+  return axis == 0 ? 32 : 8;
+}  // voxels
 inline constexpr int kTileVoxels = 32 * 8 * 8;
 inline constexpr int kTileRows = 8 * 8;
 

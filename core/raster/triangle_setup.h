@@ -38,9 +38,9 @@ struct TriangleSetup {
   AxisSlab slabs[kMaxSlabs];
   int slab_count = 0;
 
-  Vec3d v0;      // local position of the first vertex
-  Vec3d e1, e2;  // edges v1 - v0 and v2 - v0, exact
-  Vec3d normal;  // a positive multiple of cross(v1 - v0, v2 - v0); 0 if degenerate
+  Vec3d v0;                 // local position of the first vertex
+  Vec3d e1, e2;             // edges v1 - v0 and v2 - v0, exact
+  Vec3d normal;             // a positive multiple of cross(v1 - v0, v2 - v0); 0 if degenerate
   double normal_scale = 1;  // normal = cross(e1, e2) * normal_scale^2
   bool degenerate = false;
 };
@@ -70,7 +70,9 @@ VOXELPIPE_HD double PowerOfTwoAbove(double v) {
 
 namespace setup_internal {
 
-VOXELPIPE_HD double MaxAbs(const Vec3d& v) { return Max(Abs(v.x), Max(Abs(v.y), Abs(v.z))); }
+VOXELPIPE_HD double MaxAbs(const Vec3d& v) {
+  return Max(Abs(v.x), Max(Abs(v.y), Abs(v.z)));
+}
 VOXELPIPE_HD Vec3d RoundTo(const Vec3d& v, double magic) {
   return {(v.x + magic) - magic, (v.y + magic) - magic, (v.z + magic) - magic};
 }

@@ -31,9 +31,7 @@ struct BaseColorShader {
   }
 
  private:
-  VOXELPIPE_HD static void Multiply(Vec4f& a, const Vec4f& b) {
-    a = {a.x * b.x, a.y * b.y, a.z * b.z, a.w * b.w};
-  }
+  VOXELPIPE_HD static void Multiply(Vec4f& a, const Vec4f& b) { a = {a.x * b.x, a.y * b.y, a.z * b.z, a.w * b.w}; }
 };
 
 }  // namespace voxelpipe

@@ -32,8 +32,12 @@ VOXELPIPE_HD bool OrderedLess(float a, float b) {
   memcpy(&bits_b, &b, sizeof b);
   return (bits_a >> 31) > (bits_b >> 31);
 }
-VOXELPIPE_HD float BlendMin(float kept, float v) { return OrderedLess(v, kept) ? v : kept; }
-VOXELPIPE_HD float BlendMax(float kept, float v) { return OrderedLess(kept, v) ? v : kept; }
+VOXELPIPE_HD float BlendMin(float kept, float v) {
+  return OrderedLess(v, kept) ? v : kept;
+}
+VOXELPIPE_HD float BlendMax(float kept, float v) {
+  return OrderedLess(kept, v) ? v : kept;
+}
 
 // Float add: v clamped to +-2^40 q and rounded to the nearest (even) multiple of q, as that multiple.
 VOXELPIPE_HD int64_t Quantize(float v, double quantum) {
@@ -42,6 +46,8 @@ VOXELPIPE_HD int64_t Quantize(float v, double quantum) {
 }
 
 // The sum of multiples of q, converted once: an integer rounded to f32, times a power of two.
-VOXELPIPE_HD float Dequantize(int64_t sum, double quantum) { return float(double(float(sum)) * quantum); }
+VOXELPIPE_HD float Dequantize(int64_t sum, double quantum) {
+  return float(double(float(sum)) * quantum);
+}
 
 }  // namespace voxelpipe

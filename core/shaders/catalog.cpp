@@ -24,10 +24,7 @@ const std::vector<ShaderInfo>& Catalog() {
        .description = "Multiplies positions by a matrix, and normals by its inverse transpose.",
        .output_type = "position",
        .parameters = {{"matrix", "mat4", kIdentityMatrix, "16 numbers, row major, last row 0/0/0/1"}}},
-      {.name = "occupancy",
-       .description = "1 for every fragment.",
-       .output_type = "f32",
-       .output_components = 1},
+      {.name = "occupancy", .description = "1 for every fragment.", .output_type = "f32", .output_components = 1},
       {.name = "constant",
        .description = "The same value for every fragment.",
        .output_type = "f32",
@@ -68,7 +65,9 @@ constexpr int CountVertexShaders() {
 #undef VOXELPIPE_ONE
 }
 
-const char* StageName(ShaderStage stage) { return stage == ShaderStage::kVertex ? "vertex" : "fragment"; }
+const char* StageName(ShaderStage stage) {
+  return stage == ShaderStage::kVertex ? "vertex" : "fragment";
+}
 
 // How many numbers a parameter of this type takes, at least and at most.
 std::pair<size_t, size_t> NumbersOf(std::string_view type) {
@@ -78,7 +77,7 @@ std::pair<size_t, size_t> NumbersOf(std::string_view type) {
 }
 
 absl::Status FillSlots(const ShaderInfo& info, const ShaderParameterInfo& parameter, const std::vector<double>& given,
-                  double* slot) {
+                       double* slot) {
   const auto [least, most] = NumbersOf(parameter.type);
   if (given.size() < least || given.size() > most) {
     const std::string wanted = least == most ? absl::StrCat(least) : absl::StrCat(least, " to ", most);
@@ -96,15 +95,17 @@ absl::Status FillSlots(const ShaderInfo& info, const ShaderParameterInfo& parame
     for (size_t i = given.size(); i < 4; ++i) slot[i] = i == 3 ? 1.0 : 0.0;
   }
   if (parameter.type == "mat4" && (slot[12] != 0 || slot[13] != 0 || slot[14] != 0 || slot[15] != 1)) {
-    return absl::InvalidArgumentError(absl::StrCat("shader '", info.name, "': parameter '", parameter.name,
-                                                   "' must have the last row 0, 0, 0, 1"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("shader '", info.name, "': parameter '", parameter.name, "' must have the last row 0, 0, 0, 1"));
   }
   return absl::OkStatus();
 }
 
 }  // namespace
 
-std::span<const ShaderInfo> ListShaders() { return Catalog(); }
+std::span<const ShaderInfo> ListShaders() {
+  return Catalog();
+}
 
 const ShaderInfo* FindShader(ShaderStage stage, std::string_view name) {
   for (const ShaderInfo& info : Catalog()) {

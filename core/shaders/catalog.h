@@ -26,7 +26,7 @@ struct ShaderInfo {
   std::string name;
   ShaderStage stage = ShaderStage::kFragment;
   std::string description;
-  std::string output_type;   // fragment: "f32" or "u32"; vertex: "position"
+  std::string output_type;    // fragment: "f32" or "u32"; vertex: "position"
   int output_components = 0;  // fragment: 1-4
   bool reads_textures = false;
   std::vector<ShaderParameterInfo> parameters{};

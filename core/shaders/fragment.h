@@ -14,12 +14,12 @@ namespace voxelpipe {
 struct FragmentInput {
   const MeshView* mesh = nullptr;
   const PartView* part = nullptr;
-  uint32_t triangle = 0;      // triangle id
-  uint32_t vertex[3] = {};    // vertex indices of the triangle
-  bool degenerate = false;    // by the definition of raster/coverage.h, in index space
-  Vec3f geometric_normal;     // unit length, right-handed winding of the shaded vertices; 0 if degenerate
-  int64_t voxel[3] = {};      // grid coordinates
-  Vec3f barycentric;          // of the voxel's centre; only if the shader's NeedsBarycentrics
+  uint32_t triangle = 0;    // triangle id
+  uint32_t vertex[3] = {};  // vertex indices of the triangle
+  bool degenerate = false;  // by the definition of raster/coverage.h, in index space
+  Vec3f geometric_normal;   // unit length, right-handed winding of the shaded vertices; 0 if degenerate
+  int64_t voxel[3] = {};    // grid coordinates
+  Vec3f barycentric;        // of the voxel's centre; only if the shader's NeedsBarycentrics
 
   VOXELPIPE_HD const MaterialView& material() const { return mesh->materials[part->material]; }
 };
@@ -31,7 +31,9 @@ struct FragmentOutput {
   bool discard = false;  // the fragment does not happen
 };
 
-VOXELPIPE_HD float Interpolate(const Vec3f& b, float v0, float v1, float v2) { return (b.x * v0 + b.y * v1) + b.z * v2; }
+VOXELPIPE_HD float Interpolate(const Vec3f& b, float v0, float v1, float v2) {
+  return (b.x * v0 + b.y * v1) + b.z * v2;
+}
 VOXELPIPE_HD Vec2f Interpolate(const Vec3f& b, const Vec2f& v0, const Vec2f& v1, const Vec2f& v2) {
   return {Interpolate(b, v0.x, v1.x, v2.x), Interpolate(b, v0.y, v1.y, v2.y)};
 }

@@ -36,9 +36,8 @@ enum class FragmentShaderId : int { VOXELPIPE_FRAGMENT_SHADERS(VOXELPIPE_ENUMERA
 VOXELPIPE_HD void ShadeFragment(FragmentShaderId id, const FragmentInput& in, const ShaderParams& params,
                                 FragmentOutput& out) {
   switch (id) {
-#define VOXELPIPE_CASE(name)  \
-  case FragmentShaderId::k##name: \
-    return name##Shader::Shade(in, params, out);
+#define VOXELPIPE_CASE(name) \
+  case FragmentShaderId::k##name: return name##Shader::Shade(in, params, out);
     VOXELPIPE_FRAGMENT_SHADERS(VOXELPIPE_CASE)
 #undef VOXELPIPE_CASE
   }
@@ -46,9 +45,8 @@ VOXELPIPE_HD void ShadeFragment(FragmentShaderId id, const FragmentInput& in, co
 
 VOXELPIPE_HD bool NeedsBarycentrics(FragmentShaderId id) {
   switch (id) {
-#define VOXELPIPE_CASE(name)  \
-  case FragmentShaderId::k##name: \
-    return name##Shader::kNeedsBarycentrics;
+#define VOXELPIPE_CASE(name) \
+  case FragmentShaderId::k##name: return name##Shader::kNeedsBarycentrics;
     VOXELPIPE_FRAGMENT_SHADERS(VOXELPIPE_CASE)
 #undef VOXELPIPE_CASE
   }
@@ -57,9 +55,8 @@ VOXELPIPE_HD bool NeedsBarycentrics(FragmentShaderId id) {
 
 VOXELPIPE_HD ShadedVertex ShadeVertex(VertexShaderId id, const ShadedVertex& in, const ShaderParams& params) {
   switch (id) {
-#define VOXELPIPE_CASE(name)  \
-  case VertexShaderId::k##name: \
-    return name##VertexShader::Shade(in, params);
+#define VOXELPIPE_CASE(name) \
+  case VertexShaderId::k##name: return name##VertexShader::Shade(in, params);
     VOXELPIPE_VERTEX_SHADERS(VOXELPIPE_CASE)
 #undef VOXELPIPE_CASE
   }

@@ -23,7 +23,8 @@ constexpr Pair<v1::MeshFormat, MeshFormat> kMeshFormats[] = {{v1::MESH_FORMAT_UN
                                                              {v1::MESH_FORMAT_GLB, MeshFormat::kGlb},
                                                              {v1::MESH_FORMAT_GLTF, MeshFormat::kGltf},
                                                              {v1::MESH_FORMAT_DRACO, MeshFormat::kDraco}};
-constexpr Pair<v1::GridFit, GridFit> kFits[] = {{v1::GRID_FIT_TIGHT, GridFit::kTight}, {v1::GRID_FIT_CUBE, GridFit::kCube}};
+constexpr Pair<v1::GridFit, GridFit> kFits[] = {{v1::GRID_FIT_TIGHT, GridFit::kTight},
+                                                {v1::GRID_FIT_CUBE, GridFit::kCube}};
 constexpr Pair<v1::Coverage, Coverage> kCoverages[] = {{v1::COVERAGE_CONSERVATIVE, Coverage::kConservative},
                                                        {v1::COVERAGE_THIN, Coverage::kThin},
                                                        {v1::COVERAGE_CENTER, Coverage::kCenter}};
@@ -59,7 +60,9 @@ Message WriteEnum(const Pair<Message, Core> (&pairs)[N], Core core) {
   return pairs[0].message;
 }
 
-Vec3d ReadVec(const v1::Vec3& v) { return {v.x(), v.y(), v.z()}; }
+Vec3d ReadVec(const v1::Vec3& v) {
+  return {v.x(), v.y(), v.z()};
+}
 
 void WriteVec(const Vec3d& v, v1::Vec3* out) {
   out->set_x(v.x);
@@ -70,7 +73,8 @@ void WriteVec(const Vec3d& v, v1::Vec3* out) {
 absl::Status ReadGrid(const v1::GridRequest& in, GridRequest& out) {
   if (in.has_resolution()) {
     if (in.has_voxel_size()) return Invalid("grid.resolution", "cannot be given together with voxel_size");
-    if (in.has_dims() || in.has_origin()) return Invalid("grid.resolution", "cannot be given together with dims and origin");
+    if (in.has_dims() || in.has_origin())
+      return Invalid("grid.resolution", "cannot be given together with dims and origin");
     out.resolution = in.resolution();
   }
   if (absl::Status s = ReadEnum(kFits, in.fit(), "grid.fit", out.fit); !s.ok()) return s;
@@ -130,10 +134,12 @@ absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
   if (s.ok()) s = ReadEnum(kFills, config.fill(), "fill", request.fill);
   if (s.ok()) s = ReadEnum(kLayouts, config.layout(), "layout", request.layout);
   if (s.ok()) s = ReadEnum(kBackends, config.backend(), "backend", request.backend);
-  if (s.ok() && config.has_vertex_shader()) s = ReadShader(config.vertex_shader(), "vertex_shader", request.vertex_shader);
+  if (s.ok() && config.has_vertex_shader())
+    s = ReadShader(config.vertex_shader(), "vertex_shader", request.vertex_shader);
   if (!s.ok()) return s;
   if (config.targets_size() > kMaxTargets) {
-    return Invalid("targets", absl::StrCat("at most ", kMaxTargets, " are possible, ", config.targets_size(), " given"));
+    return Invalid("targets",
+                   absl::StrCat("at most ", kMaxTargets, " are possible, ", config.targets_size(), " given"));
   }
   if (config.targets_size() > 0) request.targets.assign(size_t(config.targets_size()), TargetSpec{});
   for (int i = 0; i < config.targets_size(); ++i) {
@@ -147,7 +153,8 @@ v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_fo
   v1::VoxelizeConfig config;
   config.set_mesh_format(WriteEnum(kMeshFormats, mesh_format));
   v1::GridRequest* grid = config.mutable_grid();
-  if (!request.grid.voxel_size && !request.grid.dims && !request.grid.origin) grid->set_resolution(request.grid.resolution);
+  if (!request.grid.voxel_size && !request.grid.dims && !request.grid.origin)
+    grid->set_resolution(request.grid.resolution);
   grid->set_fit(WriteEnum(kFits, request.grid.fit));
   if (request.grid.voxel_size) WriteVec(*request.grid.voxel_size, grid->mutable_voxel_size());
   if (request.grid.dims) {

@@ -13,9 +13,13 @@ void WriteVec(const Vec3d& v, v1::Vec3* out) {
   out->set_z(v.z);
 }
 
-Vec3d ReadVec(const v1::Vec3& v) { return {v.x(), v.y(), v.z()}; }
+Vec3d ReadVec(const v1::Vec3& v) {
+  return {v.x(), v.y(), v.z()};
+}
 
-absl::Status Broken(const std::string& what) { return absl::DataLossError(absl::StrCat("the server's answer: ", what)); }
+absl::Status Broken(const std::string& what) {
+  return absl::DataLossError(absl::StrCat("the server's answer: ", what));
+}
 
 v1::VoxelFormat ToMessage(VoxelFormat format) {
   return format == VoxelFormat::kBit ? v1::VOXEL_FORMAT_BIT : v1::VOXEL_FORMAT_F32;
@@ -171,7 +175,8 @@ ShaderInfo FromMessage(const v1::ShaderInfo& message) {
   info.output_components = message.output_components();
   info.reads_textures = message.reads_textures();
   for (const v1::ShaderParameterInfo& parameter : message.parameters()) {
-    info.parameters.push_back({parameter.name(), parameter.type(),
+    info.parameters.push_back({parameter.name(),
+                               parameter.type(),
                                {parameter.default_value().begin(), parameter.default_value().end()},
                                parameter.description()});
   }
@@ -191,7 +196,8 @@ v1::ResultHeader MakeHeader(const GridSpec& grid, Layout layout, const std::vect
   return header;
 }
 
-absl::StatusOr<GridSpec> CheckHeader(const v1::ResultHeader& header, Layout layout, const std::vector<TargetSpec>& targets) {
+absl::StatusOr<GridSpec> CheckHeader(const v1::ResultHeader& header, Layout layout,
+                                     const std::vector<TargetSpec>& targets) {
   const absl::StatusOr<GridSpec> grid = FromMessage(header.grid());
   if (!grid.ok()) return grid.status();
   if (header.layout() != ToMessage(layout)) return Broken("a layout that was not asked for");
@@ -205,7 +211,8 @@ absl::StatusOr<GridSpec> CheckHeader(const v1::ResultHeader& header, Layout layo
       return Broken(absl::StrCat("target ", i, " has a format that was not asked for"));
     }
     if (target.bytes() != TargetBytes(spec, grid->voxels())) {
-      return Broken(absl::StrCat("target ", i, " has ", target.bytes(), " bytes instead of ", TargetBytes(spec, grid->voxels())));
+      return Broken(
+          absl::StrCat("target ", i, " has ", target.bytes(), " bytes instead of ", TargetBytes(spec, grid->voxels())));
     }
   }
   return grid;

@@ -33,6 +33,7 @@ ShaderInfo FromMessage(const v1::ShaderInfo& message);
 
 v1::ResultHeader MakeHeader(const GridSpec& grid, Layout layout, const std::vector<TargetSpec>& targets);
 // DATA_LOSS naming what differs: the grid, the layout, the number of targets, or a target's format, components or bytes.
-absl::StatusOr<GridSpec> CheckHeader(const v1::ResultHeader& header, Layout layout, const std::vector<TargetSpec>& targets);
+absl::StatusOr<GridSpec> CheckHeader(const v1::ResultHeader& header, Layout layout,
+                                     const std::vector<TargetSpec>& targets);
 
 }  // namespace voxelpipe

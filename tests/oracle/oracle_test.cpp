@@ -59,8 +59,7 @@ TEST_P(OracleTest, RandomSoups) {
 TEST_P(OracleTest, SingleTriangles) {
   const TriangleMesh soup = Soup(64, 9, 77);
   for (const auto& t : soup.triangles) {
-    const TriangleMesh one =
-        MakeMesh({soup.positions[t[0]], soup.positions[t[1]], soup.positions[t[2]]}, {{0, 1, 2}});
+    const TriangleMesh one = MakeMesh({soup.positions[t[0]], soup.positions[t[1]], soup.positions[t[2]]}, {{0, 1, 2}});
     VoxelizeRequest request;
     request.coverage = GetParam();
     request.grid = UnitGrid(10, 9, 9);
@@ -104,7 +103,8 @@ TEST(ParityOracleTest, AgreesWithTheWindingNumberAwayFromTheSurface) {
           const Vec3d centre = TransformPoint(to_world, {double(x), double(y), double(z)});
           double distance = 1e9;
           for (const auto& t : mesh.triangles) {
-            distance = std::min(distance, Distance(centre, mesh.positions[t[0]], mesh.positions[t[1]], mesh.positions[t[2]]));
+            distance =
+                std::min(distance, Distance(centre, mesh.positions[t[0]], mesh.positions[t[1]], mesh.positions[t[2]]));
           }
           if (distance < 0.9 * grid.voxel_size.x) continue;
           ++decided;

@@ -32,7 +32,8 @@ struct Digest {
   }
 };
 
-VOXELPIPE_HD void DigestFragment(const TriangleSetup& setup, FragmentInput& in, const ShaderParams& params, Digest& digest) {
+VOXELPIPE_HD void DigestFragment(const TriangleSetup& setup, FragmentInput& in, const ShaderParams& params,
+                                 Digest& digest) {
   in.barycentric = Barycentrics(setup, in.voxel[0], in.voxel[1], in.voxel[2]);
   digest.Add(in.barycentric.x);
   digest.Add(in.barycentric.y);
@@ -115,7 +116,8 @@ template <typename T>
 const T* Upload(const std::vector<T>& values) {
   T* device = nullptr;
   if (!Check(cudaMalloc(&device, values.size() * sizeof(T)), "cudaMalloc")) return nullptr;
-  if (!Check(cudaMemcpy(device, values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice), "cudaMemcpy")) return nullptr;
+  if (!Check(cudaMemcpy(device, values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice), "cudaMemcpy"))
+    return nullptr;
   return device;
 }
 
@@ -199,15 +201,19 @@ int Main() {
   const MeshView host = assets.View(false);
   int different = 0;
   for (uint32_t t = 0; t < kTriangles; ++t) {
-    if (DigestTriangle(host, t, params) != device[t] && ++different <= 5) std::printf("triangle %u (kind %u) differs\n", t, t % 8);
+    if (DigestTriangle(host, t, params) != device[t] && ++different <= 5)
+      std::printf("triangle %u (kind %u) differs\n", t, t % 8);
   }
   cudaDeviceProp properties;
   cudaGetDeviceProperties(&properties, 0);
-  std::printf("%s: %d of %d triangles give the same bits on device and host\n", properties.name, kTriangles - different, kTriangles);
+  std::printf("%s: %d of %d triangles give the same bits on device and host\n", properties.name, kTriangles - different,
+              kTriangles);
   return different == 0 ? 0 : 1;
 }
 
 }  // namespace
 }  // namespace voxelpipe
 
-int main() { return voxelpipe::Main(); }
+int main() {
+  return voxelpipe::Main();
+}

@@ -80,7 +80,9 @@ int GlbBuilder::Mesh(json primitive) {
   return Append(doc["meshes"], {{"primitives", json::array({std::move(primitive)})}});
 }
 
-int GlbBuilder::Node(json node) { return Append(doc["nodes"], std::move(node)); }
+int GlbBuilder::Node(json node) {
+  return Append(doc["nodes"], std::move(node));
+}
 
 json GlbBuilder::Primitive(const std::vector<Vec3f>& positions, const std::vector<uint32_t>& indices) {
   json primitive = {{"attributes", {{"POSITION", Positions(positions)}}}};
@@ -88,7 +90,9 @@ json GlbBuilder::Primitive(const std::vector<Vec3f>& positions, const std::vecto
   return primitive;
 }
 
-void GlbBuilder::Scene(std::vector<int> roots) { doc["scene"] = Append(doc["scenes"], {{"nodes", std::move(roots)}}); }
+void GlbBuilder::Scene(std::vector<int> roots) {
+  doc["scene"] = Append(doc["scenes"], {{"nodes", std::move(roots)}});
+}
 
 ByteVector PackGlb(const std::string& text, const ByteVector& bin) {
   std::string padded = text;
@@ -118,8 +122,8 @@ ByteVector GlbBuilder::Glb() const {
 ByteVector GlbBuilder::Gltf() const {
   json copy = doc;
   if (!bin.empty() && !copy.contains("buffers")) {
-    copy["buffers"] = json::array(
-        {{{"byteLength", bin.size()}, {"uri", "data:application/octet-stream;base64," + Base64(bin)}}});
+    copy["buffers"] =
+        json::array({{{"byteLength", bin.size()}, {"uri", "data:application/octet-stream;base64," + Base64(bin)}}});
   }
   const std::string text = copy.dump();
   return ByteVector(text.begin(), text.end());
@@ -149,13 +153,13 @@ Shape IcosphereShape(int subdivisions) {
     shape.positions.push_back({p.x / length, p.y / length, p.z / length});
     return uint32_t(shape.positions.size() - 1);
   };
-  for (const Vec3f& p : {Vec3f{-1, t, 0}, Vec3f{1, t, 0}, Vec3f{-1, -t, 0}, Vec3f{1, -t, 0}, Vec3f{0, -1, t},
-                         Vec3f{0, 1, t}, Vec3f{0, -1, -t}, Vec3f{0, 1, -t}, Vec3f{t, 0, -1}, Vec3f{t, 0, 1},
-                         Vec3f{-t, 0, -1}, Vec3f{-t, 0, 1}}) {
+  for (const Vec3f& p :
+       {Vec3f{-1, t, 0}, Vec3f{1, t, 0}, Vec3f{-1, -t, 0}, Vec3f{1, -t, 0}, Vec3f{0, -1, t}, Vec3f{0, 1, t},
+        Vec3f{0, -1, -t}, Vec3f{0, 1, -t}, Vec3f{t, 0, -1}, Vec3f{t, 0, 1}, Vec3f{-t, 0, -1}, Vec3f{-t, 0, 1}}) {
     add(p);
   }
-  shape.indices = {0, 11, 5, 0, 5,  1, 0, 1, 7, 0, 7,  10, 0, 10, 11, 1, 5, 9, 5, 11, 4, 11, 10, 2, 10, 7, 6, 7, 1, 8,
-                   3, 9,  4, 3, 4,  2, 3, 2, 6, 3, 6,  8,  3, 8,  9,  4, 9, 5, 2, 4,  11, 6, 2,  10, 8, 6, 7, 9, 8, 1};
+  shape.indices = {0, 11, 5, 0, 5, 1, 0, 1, 7, 0, 7, 10, 0, 10, 11, 1, 5, 9, 5, 11, 4,  11, 10, 2,  10, 7, 6, 7, 1, 8,
+                   3, 9,  4, 3, 4, 2, 3, 2, 6, 3, 6, 8,  3, 8,  9,  4, 9, 5, 2, 4,  11, 6,  2,  10, 8,  6, 7, 9, 8, 1};
   for (int level = 0; level < subdivisions; ++level) {
     std::map<std::pair<uint32_t, uint32_t>, uint32_t> middles;
     const auto middle = [&](uint32_t a, uint32_t b) {
@@ -182,7 +186,8 @@ Shape TorusShape(int rings, int segments) {
       const double r = 1 + 0.4 * std::cos(v);
       shape.positions.push_back({float(r * std::cos(u)), float(r * std::sin(u)), float(0.4 * std::sin(v))});
       const uint32_t i1 = uint32_t((i + 1) % rings), j1 = uint32_t((j + 1) % segments), n = uint32_t(segments);
-      const uint32_t a = uint32_t(i) * n + uint32_t(j), b = i1 * n + uint32_t(j), c = i1 * n + j1, d = uint32_t(i) * n + j1;
+      const uint32_t a = uint32_t(i) * n + uint32_t(j), b = i1 * n + uint32_t(j), c = i1 * n + j1,
+                     d = uint32_t(i) * n + j1;
       shape.indices.insert(shape.indices.end(), {a, b, c, a, c, d});
     }
   }
@@ -213,7 +218,8 @@ ByteVector MakePng(uint32_t width, uint32_t height, const ByteVector& rgba) {
   image.height = height;
   image.format = PNG_FORMAT_RGBA;
   png_alloc_size_t size = 0;
-  if (!png_image_write_to_memory(&image, nullptr, &size, 0, rgba.data(), 0, nullptr)) throw std::runtime_error(image.message);
+  if (!png_image_write_to_memory(&image, nullptr, &size, 0, rgba.data(), 0, nullptr))
+    throw std::runtime_error(image.message);
   ByteVector out(size);
   if (!png_image_write_to_memory(&image, out.data(), &size, 0, rgba.data(), 0, nullptr)) {
     throw std::runtime_error(image.message);

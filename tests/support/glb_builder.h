@@ -31,7 +31,7 @@ struct GlbBuilder {
   // Each appends to its array in `doc` (bytes go to `bin`, 4-byte aligned) and returns the new element's index.
   int View(const ByteVector& bytes, int stride = 0);
   int Accessor(int view, int component_type, const std::string& type, uint64_t count, bool normalized = false);
-  int Positions(const std::vector<Vec3f>& values);                       // VEC3 FLOAT with min and max
+  int Positions(const std::vector<Vec3f>& values);                         // VEC3 FLOAT with min and max
   int Vectors(const std::vector<float>& values, const std::string& type);  // any type of FLOATs
   int Indices(const std::vector<uint32_t>& values, int component_type = kU32);
   int Mesh(nlohmann::json primitive);  // a mesh of this one primitive
@@ -56,8 +56,8 @@ struct Shape {
   std::vector<Vec3f> positions;
   std::vector<uint32_t> indices;
 };
-Shape CubeShape(float size = 1);           // [0, size]^3, 8 vertices, 12 triangles
-Shape IcosphereShape(int subdivisions);    // radius 1 at the origin, 20 * 4^subdivisions triangles
+Shape CubeShape(float size = 1);            // [0, size]^3, 8 vertices, 12 triangles
+Shape IcosphereShape(int subdivisions);     // radius 1 at the origin, 20 * 4^subdivisions triangles
 Shape TorusShape(int rings, int segments);  // radii 1 and 0.4, 2 * rings * segments triangles
 
 ByteVector CubeGlb(float size = 1);

@@ -20,8 +20,18 @@ TriangleMesh MakeMesh(std::vector<Vec3d> positions, std::vector<std::array<uint3
 TriangleMesh Cube(double s) {
   std::vector<Vec3d> p;
   for (int i = 0; i < 8; ++i) p.push_back({i & 1 ? s : 0, i & 2 ? s : 0, i & 4 ? s : 0});
-  return MakeMesh(p, {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
-                      {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}});
+  return MakeMesh(p, {{0, 2, 1},
+                      {1, 2, 3},
+                      {4, 5, 6},
+                      {5, 7, 6},
+                      {0, 1, 4},
+                      {1, 5, 4},
+                      {2, 6, 3},
+                      {3, 6, 7},
+                      {0, 4, 2},
+                      {2, 4, 6},
+                      {1, 3, 5},
+                      {3, 7, 5}});
 }
 
 TriangleMesh Octahedron(double r, const Mat4d& turn, const Vec3d& centre) {

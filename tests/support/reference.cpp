@@ -10,7 +10,9 @@ namespace {
 using Real = long double;
 using Point = Vec3<Real>;
 
-Point ToReal(const Vec3d& v) { return {v.x, v.y, v.z}; }
+Point ToReal(const Vec3d& v) {
+  return {v.x, v.y, v.z};
+}
 
 // Clips a polygon by sign * (p[axis] - at) <= 0.
 std::vector<Point> Clip(const std::vector<Point>& polygon, int axis, Real at, Real sign) {
@@ -108,7 +110,8 @@ double Distance(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) 
   const Vec3d n = Cross(b - a, c - a);
   const double nn = Dot(n, n);
   if (nn > 0) {
-    const bool inside = Dot(Cross(b - a, p - a), n) >= 0 && Dot(Cross(c - b, p - b), n) >= 0 && Dot(Cross(a - c, p - c), n) >= 0;
+    const bool inside =
+        Dot(Cross(b - a, p - a), n) >= 0 && Dot(Cross(c - b, p - b), n) >= 0 && Dot(Cross(a - c, p - c), n) >= 0;
     if (inside) best = std::min(best, std::fabs(Dot(n, p - a)) / std::sqrt(nn));
   }
   return best;

@@ -23,10 +23,16 @@ inline absl::Status RunError(const TriangleMesh& mesh, const VoxelizeRequest& re
   return Voxelize(mesh, request, job, limits).status();
 }
 
-inline bool BitAt(const HostBuffer& bits, uint64_t n) { return (bits.data()[n / 8] >> (n % 8)) & 1; }
-inline float FloatAt(const HostBuffer& values, uint64_t i) { return reinterpret_cast<const float*>(values.data())[i]; }
+inline bool BitAt(const HostBuffer& bits, uint64_t n) {
+  return (bits.data()[n / 8] >> (n % 8)) & 1;
+}
+inline float FloatAt(const HostBuffer& values, uint64_t i) {
+  return reinterpret_cast<const float*>(values.data())[i];
+}
 
-inline std::vector<uint8_t> Bytes(const HostBuffer& buffer) { return {buffer.bytes().begin(), buffer.bytes().end()}; }
+inline std::vector<uint8_t> Bytes(const HostBuffer& buffer) {
+  return {buffer.bytes().begin(), buffer.bytes().end()};
+}
 
 // Index space is world space: voxel size 1, origin 0.
 inline GridRequest UnitGrid(int64_t nx, int64_t ny, int64_t nz) {

@@ -8,7 +8,9 @@
 namespace voxelpipe {
 namespace {
 
-uint32_t CrcOf(std::string_view text) { return Crc32c({reinterpret_cast<const uint8_t*>(text.data()), text.size()}); }
+uint32_t CrcOf(std::string_view text) {
+  return Crc32c({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+}
 
 // The check value of the catalogue of CRCs and the vectors of RFC 3720, appendix B.4.
 TEST(Crc32cTest, GivesThePublishedValues) {

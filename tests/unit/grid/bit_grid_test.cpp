@@ -34,7 +34,8 @@ TEST_P(BitGridTest, PacksTheLinearOrderWithoutPadding) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Widths, BitGridTest, ::testing::Values(1, 2, 7, 8, 9, 31, 32, 33, 63, 64, 65, 100, 8192, 70000));
+INSTANTIATE_TEST_SUITE_P(Widths, BitGridTest,
+                         ::testing::Values(1, 2, 7, 8, 9, 31, 32, 33, 63, 64, 65, 100, 8192, 70000));
 
 TEST(BitGridUnionTest, CountsEachVoxelOnce) {
   auto a = BitGrid::Create({40, 2, 1}), b = BitGrid::Create({40, 2, 1});

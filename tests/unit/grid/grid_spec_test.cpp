@@ -7,7 +7,9 @@
 namespace voxelpipe {
 namespace {
 
-Box3d BoxOf(Vec3d min, Vec3d max) { return {min, max, false}; }
+Box3d BoxOf(Vec3d min, Vec3d max) {
+  return {min, max, false};
+}
 
 GridSpec Fit(const GridRequest& request, const Box3d& box) {
   const auto grid = FitGrid(request, box);

@@ -49,9 +49,8 @@ Node NodeAt(const Mat4d& local, int32_t mesh, std::vector<uint32_t> children = {
 }
 
 TEST(FlattenTest, DepthFirstOrderAndComposedTransforms) {
-  const Scene scene = SceneOf({NodeAt(Translation(10, 0, 0), 0, {2}), NodeAt(Translation(0, 0, 7), 0),
-                               NodeAt(Scale(2, 2, 2), 0)},
-                              {0, 1});
+  const Scene scene = SceneOf(
+      {NodeAt(Translation(10, 0, 0), 0, {2}), NodeAt(Translation(0, 0, 7), 0), NodeAt(Scale(2, 2, 2), 0)}, {0, 1});
   const auto mesh = Flatten(scene);
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   EXPECT_EQ(CountTriangles(scene), 3u);

@@ -13,7 +13,8 @@ namespace {
 using namespace testing;
 
 // Each voxel's triangles by ascending id, from runs of one triangle at a time.
-std::vector<std::vector<uint32_t>> FragmentLists(const TriangleMesh& mesh, const VoxelizeRequest& request, uint64_t voxels) {
+std::vector<std::vector<uint32_t>> FragmentLists(const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                                 uint64_t voxels) {
   std::vector<std::vector<uint32_t>> lists(voxels);
   for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
     const auto& v = mesh.triangles[t];
@@ -106,7 +107,7 @@ TEST(TargetsTest, FloatAddIsInQuanta) {
   request.targets = {target};
   const Vec3d a{0.2, 0.2, 0.5}, b{0.8, 0.2, 0.5}, c{0.2, 0.8, 0.5};
   const VoxelizeResult r = RunPipeline(MakeMesh({a, b, c}, {{0, 1, 2}, {0, 1, 2}, {0, 1, 2}}), request);
-  EXPECT_EQ(FloatAt(r.targets[0], 0), 0.75f);                    // 3 x round(0.3 / 0.25) quanta
+  EXPECT_EQ(FloatAt(r.targets[0], 0), 0.75f);                     // 3 x round(0.3 / 0.25) quanta
   EXPECT_EQ(FloatAt(r.targets[0], 1), float(3 * 0x1p40 * 0.25));  // clamped to 2^40 quanta each
 }
 

@@ -13,7 +13,9 @@ namespace {
 using namespace testing;
 using ::testing::HasSubstr;
 
-std::string Message(const absl::Status& status) { return std::string(status.message()); }
+std::string Message(const absl::Status& status) {
+  return std::string(status.message());
+}
 
 TEST(VoxelizeTest, NamesTheFieldAtFault) {
   const auto error = [](auto change) {
@@ -31,11 +33,14 @@ TEST(VoxelizeTest, NamesTheFieldAtFault) {
               }),
               HasSubstr("targets[1].blend"));
   EXPECT_THAT(error([](auto& r) { r.targets[0].components = 2; }), HasSubstr("targets[0].components"));
-  EXPECT_THAT(error([](auto& r) { r.targets[0] = FloatTarget(5, Blend::kMax, {"occupancy", {}}); }),
+  EXPECT_THAT(error([](auto& r) {
+                r.targets[0] = FloatTarget(5, Blend::kMax, {"occupancy", {}});
+              }),
               HasSubstr("components"));
   EXPECT_THAT(error([](auto& r) { r.targets[0].shader.name = "nope"; }), HasSubstr("targets[0].shader"));
   EXPECT_THAT(error([](auto& r) { r.targets[0].quantum = 0.3; }), HasSubstr("power of two"));
-  EXPECT_THAT(error([](auto& r) { r.targets[0].clear = std::numeric_limits<double>::quiet_NaN(); }), HasSubstr("clear"));
+  EXPECT_THAT(error([](auto& r) { r.targets[0].clear = std::numeric_limits<double>::quiet_NaN(); }),
+              HasSubstr("clear"));
   EXPECT_THAT(error([](auto& r) { r.vertex_shader.name = "nope"; }), HasSubstr("vertex_shader"));
   EXPECT_THAT(error([](auto& r) { r.grid.resolution = 0; }), HasSubstr("grid.resolution"));
   EXPECT_THAT(error([](auto& r) { r.threads = -1; }), HasSubstr("threads"));
@@ -56,7 +61,8 @@ TEST(VoxelizeTest, VerticesOutOfReachAreNamed) {
   const absl::Status s = RunError(far, request);
   EXPECT_EQ(s.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(Message(s), HasSubstr("primitive 0, vertex 2"));
-  const TriangleMesh bad = MakeMesh({{0, 0, 0}, {1, 0, 0}, {0, std::numeric_limits<double>::infinity(), 0}}, {{0, 1, 2}});
+  const TriangleMesh bad =
+      MakeMesh({{0, 0, 0}, {1, 0, 0}, {0, std::numeric_limits<double>::infinity(), 0}}, {{0, 1, 2}});
   EXPECT_THAT(Message(RunError(bad, request)), HasSubstr("vertex 2: the position is not finite"));
   // A vertex that no triangle uses does not matter.
   TriangleMesh unused = Cube(1);

@@ -42,8 +42,9 @@ TEST(TriangleSetupTest, DegenerateCountsAsItsLongestEdge) {
   const VoxelRange all{{0, 0, 0}, {8, 8, 8}};
   const auto voxels = [&](Vec3d p, Vec3d q, Vec3d r) {
     std::vector<std::array<int64_t, 4>> rows;
-    ForEachRowSpan(SetUpTriangle(p, q, r, Coverage::kCenter), all,
-                   [&](int64_t y, int64_t z, int64_t x0, int64_t x1) { rows.push_back({y, z, x0, x1}); });
+    ForEachRowSpan(SetUpTriangle(p, q, r, Coverage::kCenter), all, [&](int64_t y, int64_t z, int64_t x0, int64_t x1) {
+      rows.push_back({y, z, x0, x1});
+    });
     return rows;
   };
   const auto expected = voxels(a, b, b);

@@ -18,7 +18,8 @@ std::vector<uint8_t> CubeFile() {
     const float corner[3] = {float(i & 1), float(i >> 1 & 1), float(i >> 2 & 1)};
     buffer.append(reinterpret_cast<const char*>(corner), sizeof corner);
   }
-  const uint8_t indices[36] = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4, 2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};
+  const uint8_t indices[36] = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4,
+                               2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};
   buffer.append(reinterpret_cast<const char*>(indices), sizeof indices);
   const std::string json = absl::StrCat(
       R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],)",
@@ -26,7 +27,8 @@ std::vector<uint8_t> CubeFile() {
       R"("accessors":[{"bufferView":0,"componentType":5126,"count":8,"type":"VEC3","min":[0,0,0],"max":[1,1,1]},)",
       R"({"bufferView":1,"componentType":5121,"count":36,"type":"SCALAR"}],)",
       R"("bufferViews":[{"buffer":0,"byteLength":96},{"buffer":0,"byteOffset":96,"byteLength":36}],)",
-      R"("buffers":[{"byteLength":132,"uri":"data:application/octet-stream;base64,)", absl::Base64Escape(buffer), R"("}]})");
+      R"("buffers":[{"byteLength":132,"uri":"data:application/octet-stream;base64,)", absl::Base64Escape(buffer),
+      R"("}]})");
   return {json.begin(), json.end()};
 }
 
@@ -79,26 +81,31 @@ TEST(JobTest, StagesBeginWithLoadAndFlattenAndAreReported) {
 TEST(JobTest, ABrokenFileIsAnInvalidArgument) {
   const JobContext job;
   EXPECT_EQ(RunJob({}, CubeConfig(Fill::kNone), {}, job, {}).status().code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_EQ(RunJob({1, 2, 3, 4, 5}, CubeConfig(Fill::kNone), {}, job, {}).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(RunJob({1, 2, 3, 4, 5}, CubeConfig(Fill::kNone), {}, job, {}).status().code(),
+            absl::StatusCode::kInvalidArgument);
 }
 
 TEST(JobTest, LimitsHold) {
   const JobContext job;
   JobLimits limits;
   limits.load.max_file_bytes = 10;
-  EXPECT_EQ(RunJob(CubeFile(), CubeConfig(Fill::kNone), limits, job, {}).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(RunJob(CubeFile(), CubeConfig(Fill::kNone), limits, job, {}).status().code(),
+            absl::StatusCode::kResourceExhausted);
   limits = {};
   limits.plan.max_result_bytes = 63;
-  EXPECT_EQ(RunJob(CubeFile(), CubeConfig(Fill::kNone), limits, job, {}).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(RunJob(CubeFile(), CubeConfig(Fill::kNone), limits, job, {}).status().code(),
+            absl::StatusCode::kResourceExhausted);
 }
 
 TEST(JobTest, ACancelledOrLateJobStops) {
   JobContext cancelled;
   cancelled.Cancel();
-  EXPECT_EQ(RunJob(CubeFile(), CubeConfig(Fill::kNone), {}, cancelled, {}).status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(RunJob(CubeFile(), CubeConfig(Fill::kNone), {}, cancelled, {}).status().code(),
+            absl::StatusCode::kCancelled);
   JobContext late;
   late.set_deadline(JobContext::Clock::now() - std::chrono::seconds(1));
-  EXPECT_EQ(RunJob(CubeFile(), CubeConfig(Fill::kNone), {}, late, {}).status().code(), absl::StatusCode::kDeadlineExceeded);
+  EXPECT_EQ(RunJob(CubeFile(), CubeConfig(Fill::kNone), {}, late, {}).status().code(),
+            absl::StatusCode::kDeadlineExceeded);
 }
 
 TEST(JobTest, AnEstimateIsThePlanOfTheJob) {

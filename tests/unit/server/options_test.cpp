@@ -50,8 +50,11 @@ TEST(OptionsTest, AProbeAsksTheGivenOrTheOwnAddress) {
 }
 
 TEST(OptionsTest, WhatCannotBeIsRefusedWithExitCodeTwo) {
-  for (const std::vector<const char*>& arguments :
-       {std::vector<const char*>{"--backend", "tpu"}, {"--threads", "-1"}, {"--workers", "many"}, {"--nonsense"}, {"extra"}}) {
+  for (const std::vector<const char*>& arguments : {std::vector<const char*>{"--backend", "tpu"},
+                                                    {"--threads", "-1"},
+                                                    {"--workers", "many"},
+                                                    {"--nonsense"},
+                                                    {"extra"}}) {
     const ParseOutcome outcome = Parse(arguments);
     EXPECT_FALSE(outcome.command) << arguments[0];
     EXPECT_EQ(outcome.exit_code, 2) << arguments[0];

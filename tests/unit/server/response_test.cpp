@@ -8,7 +8,9 @@
 namespace voxelpipe {
 namespace {
 
-GridSpec SampleGrid() { return {{7, 8, 9}, {-1.5, 0.1, 1e9}, {0.25, 0.5, 1e-3}}; }
+GridSpec SampleGrid() {
+  return {{7, 8, 9}, {-1.5, 0.1, 1e9}, {0.25, 0.5, 1e-3}};
+}
 
 TEST(ResponseTest, AGridSurvivesWithItsMatrix) {
   const GridSpec grid = SampleGrid();

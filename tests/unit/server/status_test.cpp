@@ -48,7 +48,8 @@ TEST(StatusTest, AnInvalidArgumentWithoutAFieldKeepsItsWholeText) {
 }
 
 TEST(StatusTest, ALimitCarriesNeedAndLimitAndNoRetry) {
-  const std::string message = "grid 9x9x9 needs 99 bytes of results, the limit is 9; the largest resolution that fits is 4";
+  const std::string message =
+      "grid 9x9x9 needs 99 bytes of results, the limit is 9; the largest resolution that fits is 4";
   const grpc::Status sent = ToGrpcStatus(absl::ResourceExhaustedError(message));
   const auto info = Detail<google::rpc::ErrorInfo>(sent);
   EXPECT_EQ(info.reason(), "LIMIT_EXCEEDED");

@@ -12,12 +12,12 @@ TEST(CleanTextTest, KeepsValidText) {
 }
 
 TEST(CleanTextTest, ReplacesWhatIsNotUtf8) {
-  EXPECT_EQ(CleanText("a\x80z", 10), "a?z");              // a continuation alone
-  EXPECT_EQ(CleanText("a\xc3", 10), "a?");                // cut short
-  EXPECT_EQ(CleanText("\xc0\xaf", 10), "??");             // overlong
-  EXPECT_EQ(CleanText("\xe0\x80\x80", 10), "???");        // overlong
-  EXPECT_EQ(CleanText("\xed\xa0\x80", 10), "???");        // surrogate
-  EXPECT_EQ(CleanText("\xf4\x90\x80\x80", 10), "????");   // beyond U+10FFFF
+  EXPECT_EQ(CleanText("a\x80z", 10), "a?z");             // a continuation alone
+  EXPECT_EQ(CleanText("a\xc3", 10), "a?");               // cut short
+  EXPECT_EQ(CleanText("\xc0\xaf", 10), "??");            // overlong
+  EXPECT_EQ(CleanText("\xe0\x80\x80", 10), "???");       // overlong
+  EXPECT_EQ(CleanText("\xed\xa0\x80", 10), "???");       // surrogate
+  EXPECT_EQ(CleanText("\xf4\x90\x80\x80", 10), "????");  // beyond U+10FFFF
   EXPECT_EQ(CleanText("\xf5z", 10), "?z");
 }
 

@@ -20,7 +20,8 @@ class Blocker {
     EXPECT_TRUE(pool.Submit([this] {
                       started_.count_down();
                       go_.wait();
-                    }).ok());
+                    })
+                    .ok());
     started_.wait();
   }
   void Release() { go_.count_down(); }
@@ -100,7 +101,8 @@ TEST(WorkerPoolTest, DrainEndsWhatWasAcceptedAndRefusesMore) {
     ASSERT_TRUE(pool.Submit([&] {
                       std::this_thread::yield();
                       ++ran;
-                    }).ok());
+                    })
+                    .ok());
   }
   pool.Drain();
   EXPECT_EQ(ran, 50);

@@ -66,9 +66,8 @@ TEST(CatalogTest, NamesWhatIsWrong) {
   EXPECT_THAT(message(ShaderStage::kVertex, {"transform", {{"matrix", {1, 2}}}}), HasSubstr("16 numbers, 2 given"));
   EXPECT_THAT(message(ShaderStage::kVertex, {"transform", {{"matrix", std::vector<double>(16, 1)}}}),
               HasSubstr("last row"));
-  EXPECT_THAT(
-      message(ShaderStage::kFragment, {"constant", {{"value", {std::numeric_limits<double>::infinity()}}}}),
-      HasSubstr("finite"));
+  EXPECT_THAT(message(ShaderStage::kFragment, {"constant", {{"value", {std::numeric_limits<double>::infinity()}}}}),
+              HasSubstr("finite"));
 }
 
 }  // namespace
