@@ -75,8 +75,9 @@ absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
   if (!request_.has_summary()) return absl::InvalidArgumentError("mesh: neither a summary nor mesh bytes");
   const absl::StatusOr<Box3d> box = ReadBox(request_.summary());
   if (!box.ok()) return box.status();
-  const absl::StatusOr<Plan> plan = PlanVoxelization(config.request, request_.summary().triangles(),
-                                                     request_.summary().vertices(), *box, state_.limits.plan);
+  const absl::StatusOr<Plan> plan =
+      PlanVoxelization(config.request, request_.summary().triangles(), request_.summary().vertices(),
+                       MeshExtent{.box = *box}, state_.limits.plan);
   if (!plan.ok()) return plan.status();
   *response_.mutable_plan() = ToMessage(*plan);
   return absl::OkStatus();

@@ -113,7 +113,8 @@ absl::StatusOr<Result> Guarded(Body body) {
   }
 }
 
-absl::StatusOr<Box3d> ShadedBox(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job) {
+absl::StatusOr<MeshExtent> ShadedExtent(const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                        const JobContext& job) {
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
   absl::StatusOr<BoundShader> vertex_shader = BindShader(ShaderStage::kVertex, request.vertex_shader);
@@ -124,15 +125,15 @@ absl::StatusOr<Box3d> ShadedBox(const TriangleMesh& mesh, const VoxelizeRequest&
     if (!shader.ok()) return shader.status();
     bound.fragment_shaders.push_back(*std::move(shader));
   }
-  absl::StatusOr<Box3d> box = absl::UnknownError("the run did not start");
+  absl::StatusOr<MeshExtent> extent = absl::UnknownError("the run did not start");
   (*backend)->Run(request.threads, [&] {
-    box = Guarded<Box3d>([&]() -> absl::StatusOr<Box3d> {
+    extent = Guarded<MeshExtent>([&]() -> absl::StatusOr<MeshExtent> {
       auto stages = (*backend)->Start(mesh, bound, job);
       if (!stages.ok()) return stages.status();
       return (*stages)->VertexShade();
     });
   });
-  return box;
+  return extent;
 }
 
 }  // namespace
@@ -169,10 +170,10 @@ absl::StatusOr<Estimate> EstimateJob(std::vector<uint8_t> file, const ParsedConf
   return Guarded<Estimate>([&]() -> absl::StatusOr<Estimate> {
     const absl::StatusOr<FlatMesh> flat = LoadFlat(std::move(file), config, limits, job);
     if (!flat.ok()) return flat.status();
-    const absl::StatusOr<Box3d> box = ShadedBox(flat->mesh, config.request, job);
-    if (!box.ok()) return box.status();
-    absl::StatusOr<Plan> plan =
-        PlanVoxelization(config.request, flat->mesh.triangles.size(), flat->mesh.positions.size(), *box, limits.plan);
+    const absl::StatusOr<MeshExtent> extent = ShadedExtent(flat->mesh, config.request, job);
+    if (!extent.ok()) return extent.status();
+    absl::StatusOr<Plan> plan = PlanVoxelization(config.request, flat->mesh.triangles.size(),
+                                                 flat->mesh.positions.size(), *extent, limits.plan);
     if (!plan.ok()) return plan.status();
     return Estimate{*std::move(plan), BoxReport(flat->mesh)};
   });

@@ -91,7 +91,7 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
   json["origin"] = {result.grid.origin.x, result.grid.origin.y, result.grid.origin.z};
   json["voxel_size"] = {result.grid.voxel_size.x, result.grid.voxel_size.y, result.grid.voxel_size.z};
   json["occupied"] = stats.occupied;
-  json["fragments"] = stats.fragments;
+  json["fragments"] = OrNull(stats.fragments);
   json["odd_columns"] = OrNull(stats.odd_columns);
   json["open_edges"] = OrNull(run.open_edges);
   json["backend"] = stats.backend;
@@ -127,9 +127,10 @@ std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
                            h.x == h.y && h.y == h.z ? absl::StrFormat("%.6g", h.x)
                                                     : absl::StrFormat("%.6g x %.6g x %.6g", h.x, h.y, h.z)));
   row("occupied",
-      absl::StrCat(WithCommas(stats.occupied),
-                   absl::StrFormat(" (%.2f %%), ", 100.0 * double(stats.occupied) / double(result.grid.voxels())),
-                   WithCommas(stats.fragments), " fragments"));
+      absl::StrCat(
+          WithCommas(stats.occupied),
+          absl::StrFormat(" (%.2f %%), ", 100.0 * double(stats.occupied) / double(result.grid.voxels())),
+          stats.fragments ? absl::StrCat(WithCommas(*stats.fragments), " fragments") : "fragments not counted"));
   if (stats.odd_columns) row("odd columns", WithCommas(*stats.odd_columns));
   if (run.open_edges) row("open edges", WithCommas(*run.open_edges));
   for (size_t i = 0; i < result.specs.size(); ++i) {

@@ -15,17 +15,21 @@ class CpuStages final : public Stages {
   CpuStages(const TriangleMesh& mesh, const BoundRequest& request, const JobContext& job)
       : state_(mesh, request, job) {}
 
-  absl::StatusOr<Box3d> VertexShade() override { return cpu::VertexShade(state_); }
-  absl::Status ClearTargets(const GridSpec& grid) override { return cpu::ClearTargets(state_, grid); }
-  absl::Status CoarseRaster() override { return cpu::CoarseRaster(state_); }
+  absl::StatusOr<MeshExtent> VertexShade() override { return cpu::VertexShade(state_); }
+  absl::Status CoarseRaster(const GridSpec& grid) override { return cpu::CoarseRaster(state_, grid); }
   absl::Status TileSort() override { return cpu::TileSort(state_); }
+  absl::Status BeginSlab(const Slab& slab) override { return cpu::BeginSlab(state_, slab); }
   absl::Status FineRaster() override { return cpu::FineRaster(state_); }
   absl::Status SolidFill() override { return cpu::SolidFill(state_); }
-  absl::StatusOr<std::vector<HostBuffer>> Finish() override { return cpu::Finish(state_); }
+  absl::Status EmitFragments() override { return absl::UnimplementedError("buckets"); }
+  absl::Status SortFragments() override { return absl::UnimplementedError("buckets"); }
+  absl::Status Resolve() override { return absl::UnimplementedError("buckets"); }
+  absl::StatusOr<ResultArrays> Finish() override { return cpu::Finish(state_); }
   uint64_t CountOccupied() const override {
     return state_.inside.empty() ? CountBits(state_.coverage) : CountUnion(state_.coverage, state_.inside);
   }
-  StageCounts counts() const override { return state_.counts; }
+  SlabCounts counts() const override { return state_.counts; }
+  std::string_view simd() const override { return "scalar"; }
 
  private:
   RunState state_;

@@ -29,7 +29,13 @@ bool InReach(const Vec3d& p) {
 
 }  // namespace
 
-absl::Status CoarseRaster(RunState& state) {
+absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
+  state.grid = grid;
+  for (int a = 0; a < 3; ++a) state.dims[a] = grid.dims[size_t(a)];
+  state.tiles = TilesOf(state.dims);
+  if (state.tiles.count() > UINT32_MAX) {
+    return absl::ResourceExhaustedError("the grid has more than 2^32 tiles of 32x8x8 voxels");
+  }
   if (absl::Status s = PlaceVertices(state); !s.ok()) return s;
   const int64_t triangles = int64_t(state.view.triangle_count);
   const int64_t chunks = (triangles + kTrianglesPerChunk - 1) / kTrianglesPerChunk;

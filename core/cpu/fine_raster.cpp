@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <span>
 
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
@@ -101,7 +102,7 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run) {
   const int64_t word = range.begin[0] / 32;
   for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
     for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {
-      state.coverage.row(y + state.dims[1] * z)[word] = worker.coverage[(y - origin[1]) + 8 * (z - origin[2])];
+      state.coverage.row(state.SlabRow(y, z))[word] = worker.coverage[(y - origin[1]) + 8 * (z - origin[2])];
     }
   }
   for (size_t t = 0; t < state.targets.size(); ++t) {
@@ -109,15 +110,28 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run) {
   }
 }
 
+// The runs of the slab's tiles: tiles are numbered layer after layer.
+std::span<const TileRun> SlabRuns(const RunState& state) {
+  const auto first_at = [&](int64_t z) {
+    const uint64_t tile = state.tiles.Index(0, 0, (z + TileDim(2) - 1) / TileDim(2));
+    return std::partition_point(state.runs.begin(), state.runs.end(),
+                                [&](const TileRun& run) { return state.pairs[run.begin] >> 32 < tile; });
+  };
+  return {first_at(state.slab.begin), first_at(state.slab.end)};
+}
+
 }  // namespace
 
 absl::Status FineRaster(RunState& state) {
+  const std::span<const TileRun> runs = SlabRuns(state);
   tbb::enumerable_thread_specific<Worker> workers([&] { return Worker(state); });
-  absl::Status s = ParallelChunks(int64_t(state.runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
+  absl::Status s = ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
     Worker& worker = workers.local();
-    for (int64_t i = begin; i < end; ++i) RasterTile(state, worker, state.runs[size_t(i)]);
+    for (int64_t i = begin; i < end; ++i) RasterTile(state, worker, runs[size_t(i)]);
   });
-  for (const Worker& worker : workers) state.counts.fragments += worker.fragments;
+  uint64_t fragments = 0;
+  for (const Worker& worker : workers) fragments += worker.fragments;
+  state.counts.fragments = fragments;
   return s;
 }
 

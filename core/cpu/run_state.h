@@ -1,6 +1,7 @@
 // What the stages of one run share, in the order in which they make it.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <vector>
 
@@ -31,7 +32,7 @@ struct CpuTarget {
 
   BitGrid bits;      // values of a bit target, unless is_occupancy
   BitGrid presence;  // if own_presence
-  HostBuffer dense;  // values of an f32 target, in the result's layout
+  HostBuffer dense;  // values of a target that is not bit, in the result's layout over the slab
 };
 
 struct RunState {
@@ -49,33 +50,39 @@ struct RunState {
   std::vector<TextureView> textures;
   MeshView view;
 
-  // ClearTargets
+  // CoarseRaster, TileSort: of the whole grid
   GridSpec grid;
   int64_t dims[3] = {1, 1, 1};
   TileGrid tiles{};
+  std::vector<Vec3d> index_positions;  // per vertex, index space
+  std::vector<uint64_t> pairs;         // (tile << 32) | triangle
+  std::vector<TileRun> runs;           // by ascending tile
+  BitGrid outside;                     // flood: what the walk from outside reached, made by the first slab
+
+  // BeginSlab: what follows holds the slab's layers only; its rows are numbered by SlabRow
+  Slab slab;
+  std::array<int64_t, 3> slab_dims{1, 1, 1};
   std::vector<CpuTarget> targets;
   BitGrid coverage;  // voxels that a fragment of any target wrote
 
-  // CoarseRaster, TileSort
-  std::vector<Vec3d> index_positions;  // per vertex, index space
-  std::vector<uint64_t> pairs;         // (tile << 32) | triangle
-  std::vector<TileRun> runs;
-
   // FineRaster, SolidFill
   BitGrid inside;
-  StageCounts counts;
+  SlabCounts counts;
+
+  int64_t SlabRow(int64_t y, int64_t z) const { return y + dims[1] * (z - slab.begin); }
+  uint64_t slab_voxels() const { return uint64_t(slab_dims[0]) * uint64_t(slab_dims[1]) * uint64_t(slab_dims[2]); }
 };
 
 // "node 3, mesh 1, primitive 0, vertex 17" for a vertex index of the flattened mesh.
 std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex);
 
 // The stages; see pipeline/stages.h for what each does.
-absl::StatusOr<Box3d> VertexShade(RunState& state);
-absl::Status ClearTargets(RunState& state, const GridSpec& grid);
-absl::Status CoarseRaster(RunState& state);
+absl::StatusOr<MeshExtent> VertexShade(RunState& state);
+absl::Status CoarseRaster(RunState& state, const GridSpec& grid);
 absl::Status TileSort(RunState& state);
+absl::Status BeginSlab(RunState& state, const Slab& slab);
 absl::Status FineRaster(RunState& state);
 absl::Status SolidFill(RunState& state);
-absl::StatusOr<std::vector<HostBuffer>> Finish(RunState& state);
+absl::StatusOr<ResultArrays> Finish(RunState& state);
 
 }  // namespace voxelpipe::cpu

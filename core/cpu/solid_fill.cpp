@@ -20,27 +20,27 @@ void Toggle(uint32_t& word, uint32_t mask) {
   std::atomic_ref<uint32_t>(word).fetch_xor(mask, std::memory_order_relaxed);
 }
 
-// Columns (j, k) whose centre may lie within [lo, hi] of one axis of the triangle.
-void CentreRange(double lo, double hi, int64_t dim, int64_t& begin, int64_t& end) {
-  begin = int64_t(Clamp(floor(lo - 0.5), 0.0, double(dim)));
-  end = int64_t(Clamp(ceil(hi - 0.5) + 1, 0.0, double(dim)));
+// The j (or k) of [first, last) whose centre may lie within [lo, hi] of one axis of the triangle.
+void CentreRange(double lo, double hi, int64_t first, int64_t last, int64_t& begin, int64_t& end) {
+  begin = int64_t(Clamp(floor(lo - 0.5), double(first), double(last)));
+  end = int64_t(Clamp(ceil(hi - 0.5) + 1, double(first), double(last)));
 }
 
 // `columns` holds one bit a column (j, k): the parity of all its crossings.
 void ToggleTriangle(RunState& state, BitGrid& columns, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   int64_t y_begin, y_end, z_begin, z_end;
-  CentreRange(Min(a.y, Min(b.y, c.y)), Max(a.y, Max(b.y, c.y)), state.dims[1], y_begin, y_end);
-  CentreRange(Min(a.z, Min(b.z, c.z)), Max(a.z, Max(b.z, c.z)), state.dims[2], z_begin, z_end);
+  CentreRange(Min(a.y, Min(b.y, c.y)), Max(a.y, Max(b.y, c.y)), 0, state.dims[1], y_begin, y_end);
+  CentreRange(Min(a.z, Min(b.z, c.z)), Max(a.z, Max(b.z, c.z)), state.slab.begin, state.slab.end, z_begin, z_end);
   if (y_begin >= y_end || z_begin >= z_end) return;
   const TriangleSetup setup = SetUpTriangle(a, b, c, Coverage::kConservative);
   for (int64_t z = z_begin; z < z_end; ++z) {
     for (int64_t y = y_begin; y < y_end; ++y) {
       const double py = double(y) + 0.5, pz = double(z) + 0.5;
       if (!LineCrosses(a, b, c, py, pz)) continue;
-      Toggle(columns.row(z)[y / 32], 1u << (y % 32));
+      Toggle(columns.row(z - state.slab.begin)[y / 32], 1u << (y % 32));
       const int64_t before = CentresBefore(CrossingX(setup, a, b, c, py, pz), state.dims[0]);
       if (before == 0) continue;
-      Toggle(state.inside.row(y + state.dims[1] * z)[(before - 1) / 32], 1u << ((before - 1) % 32));
+      Toggle(state.inside.row(state.SlabRow(y, z))[(before - 1) / 32], 1u << ((before - 1) % 32));
     }
   }
 }
@@ -59,7 +59,7 @@ void SuffixXor(std::span<uint32_t> row) {
 void FillDense(RunState& state, CpuTarget& target, int64_t row, std::span<const uint32_t> inside) {
   float* out = reinterpret_cast<float*>(target.dense.data());
   const bool planar = state.request.request.layout == Layout::kPlanar;
-  const uint64_t components = uint64_t(target.spec.components), voxels = state.grid.voxels();
+  const uint64_t components = uint64_t(target.spec.components), voxels = state.slab_voxels();
   for (size_t w = 0; w < inside.size(); ++w) {
     const uint32_t present = target.own_presence ? target.presence.row(row)[w] : state.coverage.row(row)[w];
     for (uint32_t left = inside[w] & ~present; left != 0; left &= left - 1) {
@@ -74,10 +74,10 @@ void FillDense(RunState& state, CpuTarget& target, int64_t row, std::span<const 
 }  // namespace
 
 absl::Status SolidFill(RunState& state) {
-  auto inside = BitGrid::Create(state.grid.dims);
+  auto inside = BitGrid::Create(state.slab_dims);
   if (!inside.ok()) return inside.status();
   state.inside = *std::move(inside);
-  auto columns = BitGrid::Create({state.dims[1], state.dims[2], 1});
+  auto columns = BitGrid::Create({state.dims[1], state.slab.depth(), 1});
   if (!columns.ok()) return columns.status();
   absl::Status s =
       ParallelChunks(int64_t(state.view.triangle_count), kTriangleGrain, state.job, [&](int64_t begin, int64_t end) {

@@ -19,7 +19,7 @@ absl::Status Clear(HostBuffer& buffer, float value, const JobContext& job) {
 
 absl::Status Allocate(CpuTarget& target, const RunState& state) {
   const auto bits = [&](BitGrid& grid) -> absl::Status {
-    auto created = BitGrid::Create(state.grid.dims);
+    auto created = BitGrid::Create(state.slab_dims);
     if (!created.ok()) return created.status();
     grid = *std::move(created);
     return absl::OkStatus();
@@ -28,7 +28,7 @@ absl::Status Allocate(CpuTarget& target, const RunState& state) {
     if (absl::Status s = bits(target.presence); !s.ok()) return s;
   }
   if (target.spec.format == VoxelFormat::kBit) return target.is_occupancy ? absl::OkStatus() : bits(target.bits);
-  auto dense = HostBuffer::Allocate(TargetBytes(target.spec, state.grid.voxels()));
+  auto dense = HostBuffer::Allocate(TargetBytes(target.spec, state.slab_voxels()));
   if (!dense.ok()) return dense.status();
   target.dense = *std::move(dense);
   return Clear(target.dense, float(target.spec.clear), state.job);
@@ -40,7 +40,7 @@ HostBuffer PackBitTarget(const RunState& state, const CpuTarget& target, HostBuf
   const uint32_t clear = target.spec.clear != 0 ? ~0u : 0, fill = target.spec.fill_value != 0 ? ~0u : 0;
   const int64_t last_word = state.coverage.words_per_row() - 1;
   const uint32_t last_mask = state.coverage.last_word_mask();
-  PackBits(state.grid.dims, out.bytes(), [&](int64_t r, int64_t w) {
+  PackBits(state.slab_dims, out.bytes(), [&](int64_t r, int64_t w) {
     const uint32_t here = present.row(r)[w];
     const uint32_t inside = state.inside.empty() ? 0 : state.inside.row(r)[w];
     const uint32_t elsewhere = (inside & fill) | (~inside & clear);
@@ -52,14 +52,13 @@ HostBuffer PackBitTarget(const RunState& state, const CpuTarget& target, HostBuf
 
 }  // namespace
 
-absl::Status ClearTargets(RunState& state, const GridSpec& grid) {
-  state.grid = grid;
-  for (int a = 0; a < 3; ++a) state.dims[a] = grid.dims[a];
-  state.tiles = TilesOf(state.dims);
-  if (state.tiles.count() > UINT32_MAX) {
-    return absl::ResourceExhaustedError("the grid has more than 2^32 tiles of 32x8x8 voxels");
-  }
-  auto coverage = BitGrid::Create(grid.dims);
+absl::Status BeginSlab(RunState& state, const Slab& slab) {
+  state.slab = slab;
+  state.slab_dims = {state.dims[0], state.dims[1], slab.depth()};
+  state.targets.clear();
+  state.inside = BitGrid();
+  state.counts = SlabCounts();
+  auto coverage = BitGrid::Create(state.slab_dims);
   if (!coverage.ok()) return coverage.status();
   state.coverage = *std::move(coverage);
   for (size_t i = 0; i < state.request.request.targets.size(); ++i) {
@@ -77,16 +76,16 @@ absl::Status ClearTargets(RunState& state, const GridSpec& grid) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::vector<HostBuffer>> Finish(RunState& state) {
-  std::vector<HostBuffer> results;
+absl::StatusOr<ResultArrays> Finish(RunState& state) {
+  ResultArrays results;
   for (CpuTarget& target : state.targets) {
     if (target.spec.format == VoxelFormat::kF32) {
-      results.push_back(std::move(target.dense));
+      results.targets.push_back(std::move(target.dense));
       continue;
     }
-    auto packed = HostBuffer::Allocate(TargetBytes(target.spec, state.grid.voxels()));
+    auto packed = HostBuffer::Allocate(TargetBytes(target.spec, state.slab_voxels()));
     if (!packed.ok()) return packed.status();
-    results.push_back(PackBitTarget(state, target, *std::move(packed)));
+    results.targets.push_back(PackBitTarget(state, target, *std::move(packed)));
   }
   return results;
 }

@@ -32,7 +32,7 @@ void TileBuffer::Blend(int row, int bit, const FragmentOutput& out) {
       case Blend::kMin: values_[at + i] = first ? v : BlendMin(values_[at + i], v); break;
       case Blend::kMax: values_[at + i] = first ? v : BlendMax(values_[at + i], v); break;
       case Blend::kReplace:  // ascending ids: the last one is the largest
-      case Blend::kOr:       // not defined for f32; refused with the request
+      default:  // the other blends come with the other formats
         values_[at + i] = v;
         break;
     }
@@ -49,7 +49,7 @@ void TileBuffer::StoreBits(const RunState& state, const VoxelRange& range, BitGr
   const int64_t word = range.begin[0] / 32;
   for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
     for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {
-      grid.row(y + state.dims[1] * z)[word] = words[size_t((y - range.begin[1]) + 8 * (z - range.begin[2]))];
+      grid.row(state.SlabRow(y, z))[word] = words[size_t((y - range.begin[1]) + 8 * (z - range.begin[2]))];
     }
   }
 }
@@ -62,10 +62,10 @@ void TileBuffer::Store(const RunState& state, const VoxelRange& range, CpuTarget
   }
   float* out = reinterpret_cast<float*>(target.dense.data());
   const bool planar = state.request.request.layout == Layout::kPlanar;
-  const uint64_t components = uint64_t(spec_.components), voxels = state.grid.voxels();
+  const uint64_t components = uint64_t(spec_.components), voxels = state.slab_voxels();
   for (int row = 0; row < kTileRows; ++row) {
     const int64_t y = range.begin[1] + row % 8, z = range.begin[2] + row / 8;
-    const uint64_t first = uint64_t(range.begin[0]) + uint64_t(state.dims[0]) * uint64_t(y + state.dims[1] * z);
+    const uint64_t first = uint64_t(range.begin[0]) + uint64_t(state.dims[0]) * uint64_t(state.SlabRow(y, z));
     for (uint32_t left = presence_[row]; left != 0; left &= left - 1) {
       const int bit = std::countr_zero(left);
       const uint64_t n = first + uint64_t(bit);

@@ -115,6 +115,32 @@ Box3d Grow(const Box3d& box, const Vec3d& p) {
   return grown;
 }
 
+// The sums of MeshExtent. Reduced in a fixed order, so that the plan does not depend on the schedule.
+void MeasureSurface(const MeshView& view, MeshExtent& extent) {
+  struct Sums {
+    Vec3d area{}, width{};
+  };
+  const Sums sums = tbb::parallel_deterministic_reduce(
+      tbb::blocked_range<uint64_t>(0, view.triangle_count, kGrain), Sums{},
+      [&](const tbb::blocked_range<uint64_t>& range, Sums s) {
+        for (uint64_t t = range.begin(); t < range.end(); ++t) {
+          const uint32_t* v = view.triangles[t];
+          const Vec3d &a = view.positions[v[0]], &b = view.positions[v[1]], &c = view.positions[v[2]];
+          const Vec3d n = Cross(b - a, c - a);
+          for (int i = 0; i < 3; ++i) {
+            s.area[i] += 0.5 * Abs(n[i]);
+            s.width[i] += Max(a[i], Max(b[i], c[i])) - Min(a[i], Min(b[i], c[i]));
+          }
+        }
+        return s;
+      },
+      [](const Sums& a, const Sums& b) {
+        return Sums{a.area + b.area, a.width + b.width};
+      });
+  extent.projected_area = sums.area;
+  extent.width = sums.width;
+}
+
 }  // namespace
 
 std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex) {
@@ -127,7 +153,7 @@ std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex) {
   return absl::StrCat("vertex ", vertex);
 }
 
-absl::StatusOr<Box3d> VertexShade(RunState& state) {
+absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
   MakeViews(state);
   if (absl::Status s = RunShader(state); !s.ok()) return s;
   const MeshView& view = state.view;
@@ -159,7 +185,9 @@ absl::StatusOr<Box3d> VertexShade(RunState& state) {
     result.min[a] += 0.0;
     result.max[a] += 0.0;
   }
-  return result;
+  MeshExtent extent{.box = result};
+  if (state.request.request.result != ResultKind::kDense) MeasureSurface(view, extent);
+  return extent;
 }
 
 }  // namespace voxelpipe::cpu

@@ -8,12 +8,17 @@
 namespace voxelpipe {
 namespace {
 
-constexpr std::array kFormats = {std::pair{VoxelFormat::kBit, std::string_view("bit")},
-                                 std::pair{VoxelFormat::kF32, std::string_view("f32")}};
+constexpr std::array kFormats = {
+    std::pair{VoxelFormat::kBit, std::string_view("bit")}, std::pair{VoxelFormat::kU8, std::string_view("u8")},
+    std::pair{VoxelFormat::kU16, std::string_view("u16")}, std::pair{VoxelFormat::kU32, std::string_view("u32")},
+    std::pair{VoxelFormat::kF16, std::string_view("f16")}, std::pair{VoxelFormat::kF32, std::string_view("f32")},
+};
 constexpr std::array kBlends = {
-    std::pair{Blend::kOr, std::string_view("or")},   std::pair{Blend::kReplace, std::string_view("replace")},
-    std::pair{Blend::kMin, std::string_view("min")}, std::pair{Blend::kMax, std::string_view("max")},
-    std::pair{Blend::kAdd, std::string_view("add")},
+    std::pair{Blend::kOr, std::string_view("or")},           std::pair{Blend::kReplace, std::string_view("replace")},
+    std::pair{Blend::kMin, std::string_view("min")},         std::pair{Blend::kMax, std::string_view("max")},
+    std::pair{Blend::kAdd, std::string_view("add")},         std::pair{Blend::kFirst, std::string_view("first")},
+    std::pair{Blend::kAverage, std::string_view("average")}, std::pair{Blend::kCount, std::string_view("count")},
+    std::pair{Blend::kAnd, std::string_view("and")},
 };
 
 template <typename Table, typename Value>
@@ -48,16 +53,29 @@ std::optional<Blend> ParseBlend(std::string_view name) {
 }
 
 int BitsPerComponent(VoxelFormat format) {
-  return format == VoxelFormat::kBit ? 1 : 32;
+  switch (format) {
+    case VoxelFormat::kBit: return 1;
+    case VoxelFormat::kU8: return 8;
+    case VoxelFormat::kU16:
+    case VoxelFormat::kF16: return 16;
+    case VoxelFormat::kU32:
+    case VoxelFormat::kF32: return 32;
+  }
+  return 0;
 }
 
 absl::Status CheckBlend(VoxelFormat format, Blend blend) {
-  const bool defined =
-      format == VoxelFormat::kBit ? blend == Blend::kOr || blend == Blend::kReplace : blend != Blend::kOr;
+  const bool logical = blend == Blend::kOr || blend == Blend::kAnd;
+  bool defined = true;
+  if (format == VoxelFormat::kBit) {
+    defined = logical || blend == Blend::kReplace || blend == Blend::kFirst || blend == Blend::kCount;
+  } else if (format == VoxelFormat::kF16 || format == VoxelFormat::kF32) {
+    defined = !logical;
+  }
   if (defined) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat("blend '", std::string(Name(blend)), "' is not defined for format '",
-                                                 std::string(Name(format)),
-                                                 "' (bit: or, replace; f32: replace, min, max, add)"));
+  return absl::InvalidArgumentError(
+      absl::StrCat("blend '", std::string(Name(blend)), "' is not defined for format '", std::string(Name(format)),
+                   "' (bit: or, and, replace, first, count; integers: all; floats: all but and, or)"));
 }
 
 }  // namespace voxelpipe

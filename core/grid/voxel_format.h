@@ -12,16 +12,25 @@ namespace voxelpipe {
 
 enum class VoxelFormat : uint8_t {
   kBit,  // bit n of the linear order is (byte[n/8] >> (n%8)) & 1, no row padding, unused bits 0
-  kF32,  // IEEE binary32, little endian
+  kU8,   // unsigned integers and IEEE binary16/32, little endian
+  kU16,
+  kU32,
+  kF16,
+  kF32,
 };
 
-// All blends are independent of the order in which triangles arrive.
+// All blends are independent of the order in which triangles arrive. Component by component.
 enum class Blend : uint8_t {
-  kOr,       // bit: 1 if any fragment's value is not 0
+  kOr,       // bit: 1 if any fragment's value is not 0; integers: bitwise
   kReplace,  // the fragment of the largest triangle id wins
-  kMin,      // component-wise, -0 < +0
-  kMax,      // component-wise, -0 < +0
-  kAdd,  // f32: each value clamped to +-2^40 q, rounded to a multiple of the quantum q, summed in int64, converted once
+  kMin,      // -0 < +0
+  kMax,      // -0 < +0
+  kAdd,  // integers: summed in u64, saturated once; floats: each value clamped to +-2^40 q, rounded to a multiple of the
+         // quantum q, summed in int64, converted once
+  kFirst,    // the fragment of the smallest triangle id wins
+  kAverage,  // the sum of kAdd over the number of fragments, in double, converted once
+  kCount,    // the number of fragments, saturated once; bit: 1 where there is any. The shader's value is not looked at
+  kAnd,      // bit: 1 if every fragment's value is not 0; integers: bitwise
 };
 
 enum class Layout : uint8_t {
@@ -34,10 +43,11 @@ std::string_view Name(Blend blend);
 std::optional<VoxelFormat> ParseVoxelFormat(std::string_view name);
 std::optional<Blend> ParseBlend(std::string_view name);
 
-// Size of one component in bits: 1 for kBit.
+// Size of one component in bits: 1 for kBit, else 8, 16 or 32.
 int BitsPerComponent(VoxelFormat format);
 
-// INVALID_ARGUMENT if `blend` is not defined for `format` (bit: or, replace; f32: replace, min, max, add).
+// INVALID_ARGUMENT if `blend` is not defined for `format`: bit takes or, and, replace, first, count; integers all; floats all
+// but and, or.
 absl::Status CheckBlend(VoxelFormat format, Blend blend);
 
 }  // namespace voxelpipe

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,7 +16,17 @@ namespace voxelpipe {
 enum class Fill : uint8_t {
   kNone,
   kParity,  // even-odd crossings along x through (j+.5, k+.5), on top of the coverage
+  kFlood,   // what a 6-connected walk from outside cannot reach without entering the conservative shell
 };
+
+enum class ResultKind : uint8_t {
+  kDense,    // every voxel of the grid
+  kSparse,   // the occupied 8x8x8 bricks: masks and the values of their occupied voxels
+  kBuckets,  // the A-buffer: all fragments of each voxel, by triangle id; blends are ignored, no fill
+};
+
+// Instruction set of the CPU backend. All give the same bytes.
+enum class SimdChoice : uint8_t { kAuto, kScalar, kAvx2, kAvx512 };
 
 enum class BackendChoice : uint8_t { kAuto, kCpu, kCuda };
 
@@ -32,9 +43,12 @@ struct TargetSpec {
   int components = 1;  // 1-4; kBit takes 1
   Blend blend = Blend::kOr;
   ShaderCall shader{"occupancy", {}};
-  double quantum = 1.0 / (1 << 20);  // kAdd on floats: a power of two
-  double clear = 0;                  // value of voxels with neither fragment nor fill, every component
-  double fill_value = 1;             // value of voxels that are filled and not covered, every component
+  double quantum = 1.0 / (1 << 20);  // kAdd and kAverage on floats: a power of two
+  // f32 shader output into integers: value * scale, nearest even, saturated. Absent: 1; 255 for colour shaders into u8, 65535 into
+  // u16. Not for bit and float formats.
+  std::optional<double> scale = std::nullopt;
+  double clear = 0;       // value of voxels with neither fragment nor fill, every component
+  double fill_value = 1;  // value of voxels that are filled and not covered, every component
 };
 
 struct VoxelizeRequest {
@@ -44,14 +58,18 @@ struct VoxelizeRequest {
   ShaderCall vertex_shader{"identity", {}};
   std::vector<TargetSpec> targets{TargetSpec{}};  // 1 to kMaxTargets
   Layout layout = Layout::kInterleaved;
+  ResultKind result = ResultKind::kDense;
   BackendChoice backend = BackendChoice::kAuto;
   int threads = 0;  // CPU backend; 0 = all cores
+  SimdChoice simd = SimdChoice::kAuto;
 };
 
 inline constexpr int kMaxTargets = 8;
 
 std::string_view Name(Coverage coverage);
 std::string_view Name(Fill fill);
+std::string_view Name(ResultKind kind);
+std::string_view Name(SimdChoice simd);
 std::string_view Name(BackendChoice backend);
 
 }  // namespace voxelpipe

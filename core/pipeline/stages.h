@@ -2,11 +2,14 @@
 // decides who runs them when.
 //
 // Source: J. Pantaleoni, "VoxelPipe: A Programmable Pipeline for 3D Voxelization", HPG 2011, section 3 (the sort-middle
-// blending pipeline). Changed: tiles are 32x8x8 voxels and coverage is taken as row spans.
+// blending pipeline) and section 4 (the sort-last A-buffer). Changed: tiles are 32x8x8 voxels, coverage is taken as row
+// spans, and the grid is worked on in slabs along z, so that memory is bounded whatever the grid.
 #pragma once
 
 #include <functional>
 #include <memory>
+#include <optional>
+#include <string_view>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -15,7 +18,9 @@
 #include "grid/grid_spec.h"
 #include "grid/host_buffer.h"
 #include "mesh/triangle_mesh.h"
+#include "pipeline/plan.h"
 #include "pipeline/request.h"
+#include "pipeline/result.h"
 #include "shaders/catalog.h"
 
 namespace voxelpipe {
@@ -27,31 +32,40 @@ struct BoundRequest {
   std::vector<BoundShader> fragment_shaders;  // one a target
 };
 
-// What the stages leave besides their targets.
-struct StageCounts {
-  uint64_t fragments = 0;
+// Layers begin <= z < end of the grid; both multiples of kSlabGranularity, but for the last slab's end.
+struct Slab {
+  int64_t begin = 0, end = 0;
+  int64_t depth() const { return end - begin; }
+};
+
+// What the stages of one slab leave besides its arrays.
+struct SlabCounts {
+  std::optional<uint64_t> fragments;  // absent where a fast path does not count them
   uint64_t odd_columns = 0;
 };
 
-// Each stage is called once, in the order of declaration (SolidFill only with a fill). Every stage returns CANCELLED or
-// DEADLINE_EXCEEDED as soon as it sees that the job should end, and RESOURCE_EXHAUSTED when memory is short.
+// Once a run, in this order: VertexShade, CoarseRaster, TileSort. Then slab after slab, by ascending z:
+//   dense, sparse   BeginSlab, FineRaster, SolidFill (only with a fill), Finish
+//   buckets         BeginSlab, EmitFragments, SortFragments, Resolve, Finish
+// Every stage returns CANCELLED or DEADLINE_EXCEEDED as soon as it sees that the job should end, and RESOURCE_EXHAUSTED
+// when memory is short.
 class Stages {
  public:
   virtual ~Stages() = default;
 
-  // Runs the vertex shader over every vertex. Out: the box of the shaded vertices that triangles use.
-  // INVALID_ARGUMENT naming node, primitive and vertex where one of these is not finite.
-  virtual absl::StatusOr<Box3d> VertexShade() = 0;
+  // Runs the vertex shader over every vertex. Out: where the shaded mesh lies and how large its surface is.
+  // INVALID_ARGUMENT naming node, primitive and vertex where one that a triangle uses is not finite.
+  virtual absl::StatusOr<MeshExtent> VertexShade() = 0;
 
-  // Allocates the targets for the fitted grid and sets every voxel to its clear value.
-  virtual absl::Status ClearTargets(const GridSpec& grid) = 0;
-
-  // Takes the vertices to index space and finds the tiles that each triangle may touch.
+  // Takes the vertices to index space and finds the tiles of the grid that each triangle may touch.
   // INVALID_ARGUMENT naming node, primitive and vertex for one beyond 2^40 voxels of the grid's origin.
-  virtual absl::Status CoarseRaster() = 0;
+  virtual absl::Status CoarseRaster(const GridSpec& grid) = 0;
 
   // Sorts (tile, triangle) pairs by tile, then by triangle id.
   virtual absl::Status TileSort() = 0;
+
+  // Allocates the targets of these layers and sets every voxel to its clear value.
+  virtual absl::Status BeginSlab(const Slab& slab) = 0;
 
   // For each occupied tile: row spans, fragment shading and blending in fast memory, store.
   virtual absl::Status FineRaster() = 0;
@@ -59,12 +73,22 @@ class Stages {
   // Fills the inside of the mesh where no fragment is.
   virtual absl::Status SolidFill() = 0;
 
-  // Brings every target into its result format. One buffer a target.
-  virtual absl::StatusOr<std::vector<HostBuffer>> Finish() = 0;
+  // A-buffer: a record for each (triangle, voxel) pair; ...
+  virtual absl::Status EmitFragments() = 0;
+  // ... by voxel, then by triangle id; ...
+  virtual absl::Status SortFragments() = 0;
+  // ... runs of equal voxels become buckets, fragments are shaded.
+  virtual absl::Status Resolve() = 0;
 
-  // Number of voxels with a fragment or filled. Outside the measured time.
+  // The slab's arrays in their result format. `offsets` count from the slab's own first fragment; bricks and voxels carry
+  // the numbers of the whole grid.
+  virtual absl::StatusOr<ResultArrays> Finish() = 0;
+
+  // Number of voxels of the slab with a fragment or filled. Outside the measured time.
   virtual uint64_t CountOccupied() const = 0;
-  virtual StageCounts counts() const = 0;
+  virtual SlabCounts counts() const = 0;
+  // Instruction set of the row kernels of this run.
+  virtual std::string_view simd() const = 0;
 };
 
 // A device kind that can run the pipeline.
@@ -72,7 +96,7 @@ class Backend {
  public:
   virtual ~Backend() = default;
   virtual std::string_view name() const = 0;  // "cpu", "cuda"
-  virtual std::string_view simd() const = 0;  // instruction set of the row kernels, "scalar" where plain C++
+  virtual std::string_view simd() const = 0;  // best instruction set of the row kernels here, "scalar" where plain C++
 
   // `mesh`, `request` and `job` must outlive the returned object, and all calls to it come from inside Run.
   virtual absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,

@@ -1,14 +1,16 @@
-// The sort-middle pipeline, stage by stage. Source: J. Pantaleoni, "VoxelPipe: A Programmable Pipeline for 3D
-// Voxelization", HPG 2011, section 3.
+// The pipeline, stage by stage. Source: J. Pantaleoni, "VoxelPipe: A Programmable Pipeline for 3D Voxelization", HPG 2011,
+// sections 3 (sort-middle, blending) and 4 (sort-last, A-buffer).
 #include "pipeline/voxelize.h"
 
 #include <ctime>
 
+#include <algorithm>
 #include <chrono>
 #include <memory>
 #include <new>
 
 #include "absl/strings/str_cat.h"
+#include "pipeline/assemble.h"
 #include "pipeline/backend.h"
 #include "pipeline/stages.h"
 
@@ -34,18 +36,22 @@ class StageClock {
   template <typename Stage>
   auto operator()(const char* name, Stage&& stage) -> decltype(stage()) {
     if (absl::Status s = job_.Check(); !s.ok()) return s;
-    job_.Report(name, 0);
-    const double begin = WallMs();
-    auto result = stage();
-    const double ms = WallMs() - begin;
-    if (!stats_.stages.empty() && stats_.stages.back().first == name) {
-      stats_.stages.back().second += ms;
-    } else {
-      stats_.stages.emplace_back(name, ms);
+    const bool continued =
+        std::any_of(stats_.stages.begin(), stats_.stages.end(), [&](const auto& known) { return known.first == name; });
+    if (!continued) {
+      job_.Report(name, 0);
+      stats_.stages.emplace_back(name, 0.0);
     }
-    job_.Report(name, 1);
+    const double wall = WallMs(), cpu = CpuMs();
+    auto result = stage();
+    const double ms = WallMs() - wall;
+    stats_.voxelize_ms += ms;
+    stats_.voxelize_cpu_ms += CpuMs() - cpu;
+    std::find_if(stats_.stages.begin(), stats_.stages.end(), [&](const auto& s) { return s.first == name; })->second +=
+        ms;
     return result;
   }
+  void Done(const char* name, double fraction) { job_.Report(name, fraction); }
 
  private:
   const JobContext& job_;
@@ -67,73 +73,132 @@ absl::StatusOr<BoundRequest> Bind(const VoxelizeRequest& request) {
   return bound;
 }
 
-absl::StatusOr<VoxelizeResult> RunStages(const Backend& backend, const TriangleMesh& mesh, const BoundRequest& bound,
-                                         const JobContext& job, const PlanLimits& limits,
-                                         const std::function<void(const Plan&)>& on_plan) {
+// The stages of one slab, in the paper's order.
+absl::StatusOr<ResultArrays> RunSlab(Stages& stages, const VoxelizeRequest& request, const Slab& slab,
+                                     StageClock& run) {
+  const bool buckets = request.result == ResultKind::kBuckets;
+  absl::Status s = run(buckets ? "emit" : "fine_raster", [&] { return stages.BeginSlab(slab); });
+  if (!s.ok()) return s;
+  if (buckets) {  // sort-last
+    s = run("emit", [&] { return stages.EmitFragments(); });
+    if (!s.ok()) return s;
+    s = run("sort", [&] { return stages.SortFragments(); });
+    if (!s.ok()) return s;
+    s = run("resolve", [&] { return stages.Resolve(); });
+    if (!s.ok()) return s;
+  } else {  // sort-middle
+    s = run("fine_raster", [&] { return stages.FineRaster(); });
+    if (!s.ok()) return s;
+    if (request.fill != Fill::kNone) {
+      s = run("fill", [&] { return stages.SolidFill(); });
+      if (!s.ok()) return s;
+    }
+  }
+  // Bringing the arrays into their result format ends whichever stage wrote them last.
+  return run(buckets                       ? "resolve"
+             : request.fill == Fill::kNone ? "fine_raster"
+                                           : "fill",
+             [&] { return stages.Finish(); });
+}
+
+void AddCounts(const Stages& stages, const VoxelizeRequest& request, VoxelizeStats& stats) {
+  const SlabCounts counts = stages.counts();
+  stats.occupied += stages.CountOccupied();
+  if (counts.fragments) stats.fragments = stats.fragments.value_or(0) + *counts.fragments;
+  if (request.fill == Fill::kParity) stats.odd_columns = stats.odd_columns.value_or(0) + counts.odd_columns;
+}
+
+absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const BoundRequest& bound,
+                       const JobContext& job, const PlanLimits& limits, Delivery delivery,
+                       const std::function<void(const Plan&)>& on_plan, Assembler& assembler, VoxelizeStats& stats) {
   const VoxelizeRequest& request = bound.request;
-  VoxelizeResult result;
-  result.specs = request.targets;
-  result.layout = request.layout;
-  result.stats.triangles = mesh.triangles.size();
-  result.stats.backend = std::string(backend.name());
-  result.stats.simd = std::string(backend.simd());
-  StageClock run(job, result.stats);
-  const double wall = WallMs(), cpu = CpuMs();
+  stats.triangles = mesh.triangles.size();
+  stats.backend = std::string(backend.name());
+  StageClock run(job, stats);
 
   absl::StatusOr<std::unique_ptr<Stages>> started = backend.Start(mesh, bound, job);
   if (!started.ok()) return started.status();
   Stages& stages = **started;
+  stats.simd = std::string(stages.simd());
 
-  absl::StatusOr<Box3d> box = run("vertex_shade", [&] { return stages.VertexShade(); });
-  if (!box.ok()) return box.status();
-  absl::StatusOr<Plan> plan = PlanVoxelization(request, mesh.triangles.size(), mesh.positions.size(), *box, limits);
+  absl::StatusOr<MeshExtent> extent = run("vertex_shade", [&] { return stages.VertexShade(); });
+  if (!extent.ok()) return extent.status();
+  absl::StatusOr<Plan> plan =
+      PlanVoxelization(request, mesh.triangles.size(), mesh.positions.size(), *extent, limits, delivery);
   if (!plan.ok()) return plan.status();
   if (on_plan) on_plan(*plan);
-  result.grid = plan->grid;
+  const int64_t depth = plan->grid.dims[2];
+  const bool buckets = request.result == ResultKind::kBuckets;
+  const char* last = buckets ? "resolve" : request.fill == Fill::kNone ? "fine_raster" : "fill";
+  const bool timed = delivery == Delivery::kMemory;  // a sink's time is not the pipeline's
 
-  if (absl::Status s = stages.ClearTargets(result.grid); !s.ok()) return s;
-  absl::Status s = run("coarse_raster", [&] { return stages.CoarseRaster(); });
+  absl::Status s = run("coarse_raster", [&] { return stages.CoarseRaster(plan->grid); });
   if (!s.ok()) return s;
   s = run("tile_sort", [&] { return stages.TileSort(); });
   if (!s.ok()) return s;
-  s = run("fine_raster", [&] { return stages.FineRaster(); });
-  if (!s.ok()) return s;
-  if (request.fill != Fill::kNone) {
-    s = run("fill", [&] { return stages.SolidFill(); });
-    if (!s.ok()) return s;
+  if (s = assembler.Begin(request, *plan); !s.ok()) return s;
+  for (int pass = 0; pass < assembler.passes(); ++pass) {
+    for (int64_t z = 0; z < depth; z += plan->slab_depth) {
+      const Slab slab{z, std::min(depth, z + plan->slab_depth)};
+      absl::StatusOr<ResultArrays> arrays = RunSlab(stages, request, slab, run);
+      if (!arrays.ok()) return arrays.status();
+      if (pass == 0) AddCounts(stages, request, stats);
+      run.Done(last, (double(pass) + double(slab.end) / double(depth)) / double(assembler.passes()));
+      // Asked here too: a sink may take long, and a client may have gone meanwhile.
+      if (s = job.Check(); !s.ok()) return s;
+      const auto add = [&] { return assembler.Add(pass, slab, *std::move(arrays)); };
+      s = timed ? run(last, add) : add();
+      if (!s.ok()) return s;
+    }
   }
-  // Packing the targets ends whichever stage wrote them last.
-  const char* last_stage = request.fill == Fill::kNone ? "fine_raster" : "fill";
-  absl::StatusOr<std::vector<HostBuffer>> targets = run(last_stage, [&] { return stages.Finish(); });
-  if (!targets.ok()) return targets.status();
-  result.targets = *std::move(targets);
-  result.stats.voxelize_ms = WallMs() - wall;
-  result.stats.voxelize_cpu_ms = CpuMs() - cpu;
+  return timed ? run(last, [&] { return assembler.End(); }) : assembler.End();
+}
 
-  result.stats.occupied = stages.CountOccupied();
-  const StageCounts counts = stages.counts();
-  result.stats.fragments = counts.fragments;
-  if (request.fill == Fill::kParity) result.stats.odd_columns = counts.odd_columns;
-  return result;
+absl::Status RunOnBackend(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
+                          const PlanLimits& limits, Delivery delivery, const std::function<void(const Plan&)>& on_plan,
+                          Assembler& assembler, VoxelizeStats& stats) {
+  absl::StatusOr<BoundRequest> bound = Bind(request);
+  if (!bound.ok()) return bound.status();
+  absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
+  if (!backend.ok()) return backend.status();
+  absl::Status status = absl::UnknownError("the run did not start");
+  (*backend)->Run(request.threads, [&] {
+    try {
+      status = RunStages(**backend, mesh, *bound, job, limits, delivery, on_plan, assembler, stats);
+    } catch (const std::bad_alloc&) {
+      status = absl::ResourceExhaustedError("out of memory while voxelizing");
+    }
+  });
+  return status;
 }
 
 }  // namespace
 
 absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
                                         const PlanLimits& limits, const std::function<void(const Plan&)>& on_plan) {
-  absl::StatusOr<BoundRequest> bound = Bind(request);
-  if (!bound.ok()) return bound.status();
-  absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
-  if (!backend.ok()) return backend.status();
-  absl::StatusOr<VoxelizeResult> result = absl::UnknownError("the run did not start");
-  (*backend)->Run(request.threads, [&] {
-    try {
-      result = RunStages(**backend, mesh, *bound, job, limits, on_plan);
-    } catch (const std::bad_alloc&) {
-      result = absl::ResourceExhaustedError("out of memory while voxelizing");
-    }
-  });
+  MemoryAssembler assembler;
+  VoxelizeStats stats;
+  const absl::Status s = RunOnBackend(mesh, request, job, limits, Delivery::kMemory, on_plan, assembler, stats);
+  if (!s.ok()) return s;
+  VoxelizeResult result = assembler.Take();
+  result.stats = std::move(stats);
   return result;
+}
+
+absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                         const JobContext& job, const PlanLimits& limits, ResultSink& sink,
+                                         const std::function<void(const Plan&)>& on_plan) {
+  VoxelizeStats stats;
+  if (request.result == ResultKind::kDense) {
+    StreamAssembler assembler(sink);
+    const absl::Status s = RunOnBackend(mesh, request, job, limits, Delivery::kStream, on_plan, assembler, stats);
+    if (!s.ok()) return s;
+    return stats;
+  }
+  absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, request, job, limits, on_plan);
+  if (!result.ok()) return result.status();
+  if (absl::Status s = WriteTo(*result, sink); !s.ok()) return s;
+  return std::move(result->stats);
 }
 
 }  // namespace voxelpipe

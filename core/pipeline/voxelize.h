@@ -1,38 +1,34 @@
-// The main job: TriangleMesh + request -> render targets. Read voxelize.cpp first.
+// The main job: TriangleMesh + request -> voxels. Read voxelize.cpp first.
 #pragma once
 
 #include <functional>
-#include <vector>
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
-#include "grid/grid_spec.h"
-#include "grid/host_buffer.h"
 #include "mesh/triangle_mesh.h"
 #include "pipeline/plan.h"
 #include "pipeline/request.h"
-#include "pipeline/stats.h"
+#include "pipeline/result.h"
 
 namespace voxelpipe {
 
-struct VoxelizeResult {
-  GridSpec grid;
-  Layout layout = Layout::kInterleaved;
-  std::vector<TargetSpec> specs;    // as requested
-  std::vector<HostBuffer> targets;  // one per spec, in format and layout; TargetBytes() bytes each
-  VoxelizeStats stats;
-};
-
-// Result bytes "in stream order" are targets[0], targets[1], ... one after the other.
-
 // In: a mesh in world space (textures prepared with PrepareTextures when RequestReadsTextures(request)), a request.
-// Out: dense targets over the fitted grid. Deterministic: the same bytes for any thread count and backend.
+// Out: the result in memory (result.h). Deterministic: the same bytes for any thread count, instruction set, slab depth and
+// backend.
 // `on_plan`, if set, is called once, before rasterization, on the calling thread.
-// Errors: INVALID_ARGUMENT naming the field, or primitive and vertex where a vertex is not finite or beyond 2^40 voxels of the
-// grid; RESOURCE_EXHAUSTED (see PlanVoxelization, or out of memory); CANCELLED; DEADLINE_EXCEEDED; FAILED_PRECONDITION where a
-// backend was asked for that this machine does not have.
+// Errors: INVALID_ARGUMENT naming the field, or primitive and vertex where a vertex is not finite or beyond 2^40 voxels
+// of the grid; RESOURCE_EXHAUSTED (see PlanVoxelization, or out of memory); CANCELLED; DEADLINE_EXCEEDED;
+// FAILED_PRECONDITION where a backend or an instruction set was asked for that this machine does not have.
 absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
                                         const PlanLimits& limits = {},
                                         const std::function<void(const Plan&)>& on_plan = {});
+
+// The same bytes, handed to `sink` in stream order from the calling thread's arena, and the run's statistics. Dense results are
+// made slab after slab, so that memory is bounded by limits.slab_bytes and not by the grid; where several targets, or
+// several planes of a planar one, follow each other in stream order, the slabs are made anew for each. Sparse and bucketed
+// results are gathered first. The time that the sink takes is not part of the measured time. Errors also: the sink's.
+absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                         const JobContext& job, const PlanLimits& limits, ResultSink& sink,
+                                         const std::function<void(const Plan&)>& on_plan = {});
 
 }  // namespace voxelpipe

@@ -95,7 +95,7 @@ absl::StatusOr<Plan> FromMessage(const v1::VoxelizationPlan& message) {
 v1::VoxelizeStats ToMessage(const VoxelizeStats& stats) {
   v1::VoxelizeStats message;
   message.set_triangles(stats.triangles);
-  message.set_fragments(stats.fragments);
+  if (stats.fragments) message.set_fragments(*stats.fragments);
   message.set_occupied(stats.occupied);
   if (stats.odd_columns) message.set_odd_columns(*stats.odd_columns);
   message.set_backend(stats.backend);
@@ -113,7 +113,7 @@ v1::VoxelizeStats ToMessage(const VoxelizeStats& stats) {
 VoxelizeStats FromMessage(const v1::VoxelizeStats& message) {
   VoxelizeStats stats;
   stats.triangles = message.triangles();
-  stats.fragments = message.fragments();
+  if (message.has_fragments()) stats.fragments = message.fragments();
   stats.occupied = message.occupied();
   if (message.has_odd_columns()) stats.odd_columns = message.odd_columns();
   stats.backend = message.backend();

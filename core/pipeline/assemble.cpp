@@ -1,0 +1,197 @@
+#include "pipeline/assemble.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <utility>
+
+namespace voxelpipe {
+namespace {
+
+uint64_t SlabVoxels(const GridSpec& grid, int64_t layers) {
+  return uint64_t(grid.dims[0]) * uint64_t(grid.dims[1]) * uint64_t(layers);
+}
+
+// Joins lists of elements that may be bits, end to end. `out` must be zero where bits are written.
+class Joiner {
+ public:
+  Joiner(ElementType type, HostBuffer& out) : type_(type), out_(out.data()) {}
+
+  void Append(const uint8_t* data, uint64_t count) {
+    if (type_ != ElementType::kBit) {
+      const uint64_t bytes = ArrayBytes(type_, count);
+      std::memcpy(out_ + ArrayBytes(type_, at_), data, bytes);
+    } else {
+      const unsigned shift = unsigned(at_ % 8);
+      uint8_t* to = out_ + at_ / 8;
+      for (uint64_t i = 0; i < (count + 7) / 8; ++i) {
+        const unsigned valid = unsigned(std::min<uint64_t>(8, count - i * 8));
+        to[i] |= uint8_t(data[i] << shift);
+        if (shift + valid > 8) to[i + 1] |= uint8_t(data[i] >> (8 - shift));
+      }
+    }
+    at_ += count;
+  }
+
+ private:
+  ElementType type_;
+  uint8_t* out_;
+  uint64_t at_ = 0;  // elements
+};
+
+uint64_t ListedItems(const ResultArrays& slab, ResultKind kind) {
+  if (kind == ResultKind::kBuckets) return slab.triangles.size() / sizeof(uint32_t);
+  uint64_t count = 0;
+  for (uint64_t i = 0; i < slab.masks.size(); i += sizeof(uint64_t)) {
+    uint64_t word;
+    std::memcpy(&word, slab.masks.data() + i, sizeof word);
+    count += uint64_t(std::popcount(word));
+  }
+  return count;
+}
+
+// Joins one index array of all slabs and frees the parts.
+absl::Status JoinIndex(std::vector<ResultArrays>& slabs, HostBuffer ResultArrays::*array, HostBuffer& out) {
+  uint64_t bytes = 0;
+  for (const ResultArrays& slab : slabs) bytes += (slab.*array).size();
+  absl::StatusOr<HostBuffer> joined = HostBuffer::Allocate(bytes);
+  if (!joined.ok()) return joined.status();
+  uint64_t at = 0;
+  for (ResultArrays& slab : slabs) {
+    if ((slab.*array).size() > 0) std::memcpy(joined->data() + at, (slab.*array).data(), (slab.*array).size());
+    at += (slab.*array).size();
+    if (array != &ResultArrays::masks && array != &ResultArrays::triangles) slab.*array = HostBuffer();
+  }
+  out = *std::move(joined);
+  return absl::OkStatus();
+}
+
+// offset[i] of the whole: each slab's own, moved by the fragments before it; one entry more at the end.
+absl::Status JoinOffsets(std::vector<ResultArrays>& slabs, HostBuffer& out) {
+  uint64_t entries = 1;
+  for (const ResultArrays& slab : slabs) entries += slab.offsets.size() / sizeof(uint64_t) - 1;
+  absl::StatusOr<HostBuffer> joined = HostBuffer::Allocate(entries * sizeof(uint64_t));
+  if (!joined.ok()) return joined.status();
+  auto* to = reinterpret_cast<uint64_t*>(joined->data());
+  uint64_t before = 0;
+  for (ResultArrays& slab : slabs) {
+    const auto* from = reinterpret_cast<const uint64_t*>(slab.offsets.data());
+    const uint64_t count = slab.offsets.size() / sizeof(uint64_t) - 1;
+    for (uint64_t i = 0; i < count; ++i) *to++ = before + from[i];
+    before += from[count];
+    slab.offsets = HostBuffer();
+  }
+  *to = before;
+  out = *std::move(joined);
+  return absl::OkStatus();
+}
+
+absl::Status JoinTarget(std::vector<ResultArrays>& slabs, const std::vector<uint64_t>& items, const TargetSpec& spec,
+                        Layout layout, size_t target, HostBuffer& out) {
+  const ElementType type = ElementOf(spec.format);
+  const uint64_t components = uint64_t(spec.components);
+  uint64_t total = 0;
+  for (const uint64_t count : items) total += count;
+  absl::StatusOr<HostBuffer> joined = HostBuffer::Allocate(ArrayBytes(type, total * components));
+  if (!joined.ok()) return joined.status();
+  if (type == ElementType::kBit) std::fill_n(joined->data(), joined->size(), uint8_t{0});
+  Joiner joiner(type, *joined);
+  const uint64_t planes = layout == Layout::kPlanar ? components : 1;
+  for (uint64_t plane = 0; plane < planes; ++plane) {
+    for (size_t i = 0; i < slabs.size(); ++i) {
+      const uint64_t count = items[i] * components / planes;
+      joiner.Append(slabs[i].targets[target].data() + ArrayBytes(type, plane * count), count);
+    }
+  }
+  for (ResultArrays& slab : slabs) slab.targets[target] = HostBuffer();
+  out = *std::move(joined);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status MemoryAssembler::Begin(const VoxelizeRequest& request, const Plan& plan) {
+  one_slab_ = plan.slab_depth >= plan.grid.dims[2];
+  if (request.result == ResultKind::kDense && !one_slab_) {
+    absl::StatusOr<VoxelizeResult> result = AllocateResult(DenseHeader(request, plan.grid));
+    if (!result.ok()) return result.status();
+    result_ = *std::move(result);
+    return absl::OkStatus();
+  }
+  result_.kind = request.result;
+  result_.grid = plan.grid;
+  result_.layout = request.layout;
+  result_.specs = request.targets;
+  return absl::OkStatus();
+}
+
+absl::Status MemoryAssembler::Add(int, const Slab& slab, ResultArrays arrays) {
+  if (one_slab_) {
+    static_cast<ResultArrays&>(result_) = std::move(arrays);
+    return absl::OkStatus();
+  }
+  if (result_.kind != ResultKind::kDense) {
+    slabs_.push_back(std::move(arrays));
+    return absl::OkStatus();
+  }
+  const uint64_t before = SlabVoxels(result_.grid, slab.begin), here = SlabVoxels(result_.grid, slab.depth());
+  for (size_t t = 0; t < result_.specs.size(); ++t) {
+    const TargetSpec& spec = result_.specs[t];
+    const ElementType type = ElementOf(spec.format);
+    const uint64_t planes = result_.layout == Layout::kPlanar ? uint64_t(spec.components) : 1;
+    const uint64_t per_voxel = uint64_t(spec.components) / planes;
+    for (uint64_t plane = 0; plane < planes; ++plane) {
+      const uint64_t to = plane * result_.grid.voxels() * per_voxel + before * per_voxel;
+      std::memcpy(result_.targets[t].data() + ArrayBytes(type, to),
+                  arrays.targets[t].data() + ArrayBytes(type, plane * here * per_voxel),
+                  ArrayBytes(type, here * per_voxel));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status MemoryAssembler::End() {
+  if (one_slab_ || result_.kind == ResultKind::kDense) return absl::OkStatus();
+  std::vector<uint64_t> items;
+  for (const ResultArrays& slab : slabs_) items.push_back(ListedItems(slab, result_.kind));
+  absl::Status s;
+  if (result_.kind == ResultKind::kSparse) {
+    if (s = JoinIndex(slabs_, &ResultArrays::bricks, result_.bricks); !s.ok()) return s;
+    if (s = JoinIndex(slabs_, &ResultArrays::masks, result_.masks); !s.ok()) return s;
+  } else {
+    if (s = JoinIndex(slabs_, &ResultArrays::voxels, result_.voxels); !s.ok()) return s;
+    if (s = JoinOffsets(slabs_, result_.offsets); !s.ok()) return s;
+    if (s = JoinIndex(slabs_, &ResultArrays::triangles, result_.triangles); !s.ok()) return s;
+  }
+  result_.targets.resize(result_.specs.size());
+  for (size_t t = 0; t < result_.specs.size(); ++t) {
+    s = JoinTarget(slabs_, items, result_.specs[t], result_.layout, t, result_.targets[t]);
+    if (!s.ok()) return s;
+  }
+  slabs_.clear();
+  return absl::OkStatus();
+}
+
+absl::Status StreamAssembler::Begin(const VoxelizeRequest& request, const Plan& plan) {
+  for (size_t t = 0; t < request.targets.size(); ++t) {
+    const int planes = request.layout == Layout::kPlanar ? request.targets[t].components : 1;
+    for (int plane = 0; plane < planes; ++plane) passes_.push_back({t, plane, planes});
+  }
+  if (plan.slab_depth >= plan.grid.dims[2]) all_at_once_ = std::exchange(passes_, {Pass{0, 0, 1}});
+  return sink_.Begin(DenseHeader(request, plan.grid));
+}
+
+absl::Status StreamAssembler::Add(int pass, const Slab&, ResultArrays arrays) {
+  const auto hand_on = [&](const Pass& part) -> absl::Status {
+    const std::span<const uint8_t> all = std::as_const(arrays.targets[part.target]).bytes();
+    const uint64_t bytes = all.size() / uint64_t(part.planes);
+    return sink_.Write(part.target, all.subspan(uint64_t(part.plane) * bytes, bytes));
+  };
+  if (all_at_once_.empty()) return hand_on(passes_[size_t(pass)]);
+  for (const Pass& part : all_at_once_) {
+    if (absl::Status s = hand_on(part); !s.ok()) return s;
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe

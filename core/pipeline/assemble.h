@@ -1,0 +1,59 @@
+// Puts the slabs of a run together: into one result in memory, or into a sink in stream order.
+#pragma once
+
+#include <vector>
+
+#include "absl/status/status.h"
+#include "pipeline/plan.h"
+#include "pipeline/request.h"
+#include "pipeline/result.h"
+#include "pipeline/stages.h"
+
+namespace voxelpipe {
+
+// Begin once; then, for each pass, Add once a slab by ascending z; then End.
+class Assembler {
+ public:
+  virtual ~Assembler() = default;
+  virtual absl::Status Begin(const VoxelizeRequest& request, const Plan& plan) = 0;
+  // How often all slabs are to be made. Known after Begin.
+  virtual int passes() const { return 1; }
+  virtual absl::Status Add(int pass, const Slab& slab, ResultArrays arrays) = 0;
+  virtual absl::Status End() { return absl::OkStatus(); }
+};
+
+// One result in memory. A single slab is taken as it is; dense slabs are copied to their place; the lists of sparse and
+// bucketed slabs are joined at the end.
+class MemoryAssembler final : public Assembler {
+ public:
+  absl::Status Begin(const VoxelizeRequest& request, const Plan& plan) override;
+  absl::Status Add(int pass, const Slab& slab, ResultArrays arrays) override;
+  absl::Status End() override;
+  VoxelizeResult Take() { return std::move(result_); }
+
+ private:
+  VoxelizeResult result_;
+  bool one_slab_ = true;
+  std::vector<ResultArrays> slabs_;  // sparse and buckets
+};
+
+// Dense slabs into a sink. One pass a target; one a plane of a planar target, whose planes follow each other in stream order.
+class StreamAssembler final : public Assembler {
+ public:
+  explicit StreamAssembler(ResultSink& sink) : sink_(sink) {}
+  absl::Status Begin(const VoxelizeRequest& request, const Plan& plan) override;
+  int passes() const override { return int(passes_.size()); }
+  absl::Status Add(int pass, const Slab& slab, ResultArrays arrays) override;
+
+ private:
+  struct Pass {
+    size_t target;
+    int plane, planes;  // the part of the target's array that this pass hands on
+  };
+
+  ResultSink& sink_;
+  std::vector<Pass> passes_;
+  std::vector<Pass> all_at_once_;  // where one slab is the whole grid: what its only pass hands on
+};
+
+}  // namespace voxelpipe
