@@ -6,6 +6,7 @@
 #include <atomic>
 #include <bit>
 
+#include "cpu/flood_fill.h"
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
 #include "raster/crossing.h"
@@ -71,12 +72,7 @@ void FillDense(RunState& state, CpuTarget& target, int64_t row, std::span<const 
   }
 }
 
-}  // namespace
-
-absl::Status SolidFill(RunState& state) {
-  auto inside = BitGrid::Create(state.slab_dims);
-  if (!inside.ok()) return inside.status();
-  state.inside = *std::move(inside);
+absl::Status ParityInside(RunState& state) {
   auto columns = BitGrid::Create({state.dims[1], state.slab.depth(), 1});
   if (!columns.ok()) return columns.status();
   absl::Status s =
@@ -88,17 +84,27 @@ absl::Status SolidFill(RunState& state) {
         }
       });
   if (!s.ok()) return s;
-  s = ParallelChunks(state.inside.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
+  state.counts.odd_columns = CountBits(*columns);
+  return ParallelChunks(state.inside.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
+    for (int64_t r = begin; r < end; ++r) SuffixXor(state.inside.row(r));
+  });
+}
+
+}  // namespace
+
+absl::Status SolidFill(RunState& state) {
+  auto inside = BitGrid::Create(state.slab_dims);
+  if (!inside.ok()) return inside.status();
+  state.inside = *std::move(inside);
+  absl::Status s = state.request.request.fill == Fill::kFlood ? FloodInside(state) : ParityInside(state);
+  if (!s.ok()) return s;
+  return ParallelChunks(state.inside.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
     for (int64_t r = begin; r < end; ++r) {
-      const std::span<uint32_t> row = state.inside.row(r);
-      SuffixXor(row);
       for (CpuTarget& target : state.targets) {
-        if (target.spec.format == VoxelFormat::kF32) FillDense(state, target, r, row);
+        if (target.spec.format != VoxelFormat::kBit) FillDense(state, target, r, state.inside.row(r));
       }
     }
   });
-  state.counts.odd_columns = CountBits(*columns);
-  return s;
 }
 
 }  // namespace voxelpipe::cpu

@@ -1,0 +1,14 @@
+// The inside of a mesh by flood.
+#pragma once
+
+#include "absl/status/status.h"
+#include "cpu/run_state.h"
+
+namespace voxelpipe::cpu {
+
+// Sets state.inside, allocated for the slab, to the voxels that a 6-connected walk from an empty layer around the grid does not reach
+// through voxels outside the conservative shell; the shell's own voxels are among them. The walk is made once a run,
+// over the whole grid: two bits a voxel. RESOURCE_EXHAUSTED, CANCELLED, DEADLINE_EXCEEDED.
+absl::Status FloodInside(RunState& state);
+
+}  // namespace voxelpipe::cpu
