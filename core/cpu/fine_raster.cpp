@@ -39,21 +39,21 @@ uint32_t RowMask(int64_t begin, int64_t end) {
   return upto & ~((1u << begin) - 1);
 }
 
-FragmentInput InputFor(const RunState& state, uint32_t triangle, const TriangleSetup& setup) {
+FragmentInput InputFor(const RunState& state, uint32_t triangle, const TrianglePlane& plane) {
   FragmentInput in;
   in.mesh = &state.view;
   in.part = &state.view.parts[PartOf(state.view, triangle)];
   in.triangle = triangle;
   for (int i = 0; i < 3; ++i) in.vertex[i] = state.view.triangles[triangle][i];
-  in.degenerate = setup.degenerate;
-  if (!setup.degenerate) {
+  in.degenerate = plane.degenerate;
+  if (!plane.degenerate) {
     const Vec3d* p = state.view.positions;
     in.geometric_normal = TriangleNormal(p[in.vertex[0]], p[in.vertex[1]], p[in.vertex[2]]);
   }
   return in;
 }
 
-void ShadeRow(const RunState& state, Worker& worker, const TriangleSetup& setup, FragmentInput& in, int row,
+void ShadeRow(const RunState& state, Worker& worker, const TrianglePlane& plane, FragmentInput& in, int row,
               uint32_t mask, const int64_t (&origin)[3]) {
   uint32_t covered = worker.any_always_present ? mask : 0;
   for (uint32_t left = mask; left != 0; left &= left - 1) {
@@ -61,7 +61,7 @@ void ShadeRow(const RunState& state, Worker& worker, const TriangleSetup& setup,
     in.voxel[0] = origin[0] + bit;
     in.voxel[1] = origin[1] + row % 8;
     in.voxel[2] = origin[2] + row / 8;
-    if (worker.barycentrics) in.barycentric = Barycentrics(setup, in.voxel[0], in.voxel[1], in.voxel[2]);
+    if (worker.barycentrics) in.barycentric = Barycentrics(plane, in.voxel[0], in.voxel[1], in.voxel[2]);
     for (size_t t = 0; t < state.targets.size(); ++t) {
       const CpuTarget& target = state.targets[t];
       if (target.is_occupancy) continue;
@@ -87,6 +87,7 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run) {
     const TriangleSetup setup = SetUpTriangle(state.index_positions[v[0]], state.index_positions[v[1]],
                                               state.index_positions[v[2]], state.request.request.coverage);
     FragmentInput in;
+    TrianglePlane plane;
     ForEachRowSpan(setup, range, [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
       const int row = int((y - origin[1]) + 8 * (z - origin[2]));
       const uint32_t mask = RowMask(x_begin - origin[0], x_end - origin[0]);
@@ -95,8 +96,11 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run) {
         worker.coverage[row] |= mask;
         return;
       }
-      if (in.mesh == nullptr) in = InputFor(state, triangle, setup);
-      ShadeRow(state, worker, setup, in, row, mask, origin);
+      if (in.mesh == nullptr) {
+        plane = SetUpPlane(state.index_positions[v[0]], state.index_positions[v[1]], state.index_positions[v[2]]);
+        in = InputFor(state, triangle, plane);
+      }
+      ShadeRow(state, worker, plane, in, row, mask, origin);
     });
   }
   const int64_t word = range.begin[0] / 32;

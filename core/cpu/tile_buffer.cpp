@@ -32,7 +32,7 @@ void TileBuffer::Blend(int row, int bit, const FragmentOutput& out) {
       case Blend::kMin: values_[at + i] = first ? v : BlendMin(values_[at + i], v); break;
       case Blend::kMax: values_[at + i] = first ? v : BlendMax(values_[at + i], v); break;
       case Blend::kReplace:  // ascending ids: the last one is the largest
-      default:  // the other blends come with the other formats
+      default:               // the other blends come with the other formats
         values_[at + i] = v;
         break;
     }

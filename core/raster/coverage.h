@@ -21,12 +21,13 @@ enum class Coverage : unsigned char {
 // max|n_i| at or below this times the square of the longest edge makes a triangle degenerate.
 inline constexpr double kDegenerateRatio = 1e-10;
 
-// Every axis test is widened by at least this many voxels, so that an exact tie is never lost to a rounding.
+// Every axis test in double is widened by at least this many voxels, so that an exact tie is never lost to a rounding.
 inline constexpr double kMinWidening = 1e-6;
 
 // The axis of the largest |n_i|; ties go to x, then y.
-VOXELPIPE_HD int DominantAxis(const Vec3d& n) {
-  const double x = Abs(n.x), y = Abs(n.y), z = Abs(n.z);
+template <typename Real>
+VOXELPIPE_HD int DominantAxis(const Vec3<Real>& n) {
+  const Real x = Abs(n.x), y = Abs(n.y), z = Abs(n.z);
   if (x >= y && x >= z) return 0;
   return y >= z ? 1 : 2;
 }

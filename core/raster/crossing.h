@@ -9,7 +9,7 @@
 #include <cstdint>
 
 #include "base/vec.h"
-#include "raster/triangle_setup.h"
+#include "raster/triangle_plane.h"
 
 namespace voxelpipe {
 
@@ -30,7 +30,7 @@ VOXELPIPE_HD bool LineCrosses(const Vec3d& a, const Vec3d& b, const Vec3d& c, do
 }
 
 // The x (index space) at which that line crosses the triangle, clamped to the triangle's x range.
-VOXELPIPE_HD double CrossingX(const TriangleSetup& s, const Vec3d& a, const Vec3d& b, const Vec3d& c, double py,
+VOXELPIPE_HD double CrossingX(const TrianglePlane& s, const Vec3d& a, const Vec3d& b, const Vec3d& c, double py,
                               double pz) {
   const double lo = Min(a.x, Min(b.x, c.x)), hi = Max(a.x, Max(b.x, c.x));
   const double dy = (py - s.base.y) - s.v0.y, dz = (pz - s.base.z) - s.v0.z;

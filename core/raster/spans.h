@@ -1,35 +1,64 @@
 // The one definition of coverage: which voxels of a row a triangle touches.
 //
-// For fixed (y, z) every axis test of triangle_setup.h is linear in x, so the touched voxels of the row form one interval.
-// Every schedule (tiles, plain rows, CUDA) takes coverage from here, so all agree by construction.
+// For a fixed layer z the tests of triangle_setup.h bound the rows y, and for a fixed row (y, z) they bound x from both sides, so
+// the touched voxels of a row form one interval. Every schedule (tiles, plain rows, SIMD lanes, CUDA) takes coverage from
+// here or repeats these operations one by one, so all agree by construction.
 #pragma once
 
 #include "raster/triangle_setup.h"
 
 namespace voxelpipe {
 
-// Local voxel coordinates, inclusive, integer valued; empty if last < first.
-struct RowSpan {
-  double first = 0, last = -1;
+// Local coordinates, inclusive; empty if last < first.
+template <typename Real>
+struct Interval {
+  Real first, last;
   VOXELPIPE_HD bool empty() const { return last < first; }
 };
 
-// In: a set-up and a local row (y, z), both inside [first, last] of the set-up. Out: the touched voxels of that row.
-VOXELPIPE_HD RowSpan ComputeRowSpan(const TriangleSetup& s, double y, double z) {
-  double first = s.first.x, last = s.last.x;
-  for (int i = 0; i < s.slab_count; ++i) {
-    const AxisSlab& slab = s.slabs[i];
-    const double rest = slab.ny * y + slab.nz * z;
-    const double lo = slab.lo - rest, hi = slab.hi - rest;
-    if (slab.inv_nx == 0) {
-      if (lo > 0 || hi < 0) return {};
-      continue;
-    }
-    const double x0 = lo * slab.inv_nx, x1 = hi * slab.inv_nx;
-    first = Max(first, Min(x0, x1));
-    last = Min(last, Max(x0, x1));
+// What a layer z says: its rows, integer valued, and bounds of x that all of them share.
+template <typename Real>
+struct Layer {
+  Interval<Real> y;
+  Interval<Real> x;  // not rounded
+  Real plane_lo, plane_hi;
+};
+
+template <typename Real>
+VOXELPIPE_HD Layer<Real> ComputeLayer(const SpanBounds<Real>& s, Real z) {
+  Layer<Real> layer;
+  Real y_first = s.first[1], y_last = s.last[1];
+  for (int i = 0; i < 4; ++i) {
+    const Real shift = s.y_of_z[i].s * z;
+    y_first = Max(y_first, s.y_of_z[i].lo - shift);
+    y_last = Min(y_last, s.y_of_z[i].hi - shift);
   }
-  return {ceil(first), floor(last)};
+  layer.y = {Ceil(y_first), Floor(y_last)};
+  layer.x = {s.first[0], s.last[0]};
+  for (int i = 0; i < 3; ++i) {
+    const Real shift = s.x_of_z[i].s * z;
+    layer.x.first = Max(layer.x.first, s.x_of_z[i].lo - shift);
+    layer.x.last = Min(layer.x.last, s.x_of_z[i].hi - shift);
+  }
+  const Real shift = s.plane.s * z;
+  layer.plane_lo = s.plane.lo - shift;
+  layer.plane_hi = s.plane.hi - shift;
+  return layer;
+}
+
+// In: a local row y of a layer, inside layer.y. Out: its touched voxels, integer valued.
+template <typename Real>
+VOXELPIPE_HD Interval<Real> ComputeRow(const SpanBounds<Real>& s, const Layer<Real>& layer, Real y) {
+  Real first = layer.x.first, last = layer.x.last;
+  for (int i = 0; i < 3; ++i) {
+    const Real shift = s.x_of_y[i].s * y;
+    first = Max(first, s.x_of_y[i].lo - shift);
+    last = Min(last, s.x_of_y[i].hi - shift);
+  }
+  const Real shift = s.plane_sy * y;
+  first = Max(first, layer.plane_lo - shift);
+  last = Min(last, layer.plane_hi - shift);
+  return {Ceil(first), Floor(last)};
 }
 
 // A box of voxels in grid coordinates, half open.
@@ -44,10 +73,30 @@ VOXELPIPE_HD VoxelRange ClipToRange(const TriangleSetup& s, const VoxelRange& wi
   VoxelRange r;
   for (int i = 0; i < 3; ++i) {
     const double lo = double(within.begin[i]), hi = double(within.end[i]);
-    r.begin[i] = int64_t(Clamp(s.base[i] + s.first[i], lo, hi));
-    r.end[i] = int64_t(Clamp((s.base[i] + s.last[i]) + 1, lo, hi));
+    r.begin[i] = int64_t(Clamp(s.box_first[i], lo, hi));
+    r.end[i] = int64_t(Clamp(s.box_last[i] + 1, lo, hi));
   }
   return r;
+}
+
+// The rows of one set-up within `range`, which ClipToRange gave.
+template <typename Real, typename Visit>
+VOXELPIPE_HD void ForEachRow(const SpanBounds<Real>& s, const Vec3d& base, const VoxelRange& range, Visit&& visit) {
+  const double x_lo = double(range.begin[0]), x_hi = double(range.end[0]);
+  const double y_lo = double(range.begin[1]), y_hi = double(range.end[1]);
+  for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
+    const Layer<Real> layer = ComputeLayer(s, Real(double(z) - base.z));
+    if (layer.y.empty() || layer.x.empty()) continue;
+    const int64_t y_begin = int64_t(Clamp(base.y + double(layer.y.first), y_lo, y_hi));
+    const int64_t y_end = int64_t(Clamp((base.y + double(layer.y.last)) + 1, y_lo, y_hi));
+    for (int64_t y = y_begin; y < y_end; ++y) {
+      const Interval<Real> row = ComputeRow(s, layer, Real(double(y) - base.y));
+      if (row.empty()) continue;
+      const int64_t x_begin = int64_t(Clamp(base.x + double(row.first), x_lo, x_hi));
+      const int64_t x_end = int64_t(Clamp((base.x + double(row.last)) + 1, x_lo, x_hi));
+      if (x_begin < x_end) visit(y, z, x_begin, x_end);
+    }
+  }
 }
 
 // Calls visit(y, z, x_begin, x_end) in grid coordinates for each row of `within` that the triangle touches, z slowest;
@@ -56,35 +105,11 @@ template <typename Visit>
 VOXELPIPE_HD void ForEachRowSpan(const TriangleSetup& s, const VoxelRange& within, Visit&& visit) {
   const VoxelRange range = ClipToRange(s, within);
   if (range.empty()) return;
-  const double lo = double(range.begin[0]), hi = double(range.end[0]);
+  if (s.span_class == SpanClass::kNarrow) return ForEachRow(s.narrow, s.base, range, visit);
+  if (s.span_class == SpanClass::kWide) return ForEachRow(s.wide, s.base, range, visit);
   for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
-    for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {
-      const RowSpan span = ComputeRowSpan(s, double(y) - s.base.y, double(z) - s.base.z);
-      if (span.empty()) continue;
-      const int64_t x_begin = int64_t(Clamp(s.base.x + span.first, lo, hi));
-      const int64_t x_end = int64_t(Clamp((s.base.x + span.last) + 1, lo, hi));
-      if (x_begin < x_end) visit(y, z, x_begin, x_end);
-    }
+    for (int64_t y = range.begin[1]; y < range.end[1]; ++y) visit(y, z, range.begin[0], range.end[0]);
   }
-}
-
-// Barycentric coordinates of voxel (x,y,z)'s centre (grid coordinates): projected onto the plane along its normal,
-// negative ones set to 0, renormalized; 1/3 each for a degenerate triangle. Index space, evaluated in double.
-VOXELPIPE_HD Vec3f Barycentrics(const TriangleSetup& s, int64_t x, int64_t y, int64_t z) {
-  const float third = 1.0f / 3.0f;
-  if (s.degenerate) return {third, third, third};
-  const Vec3d centre{(double(x) - s.base.x) + 0.5, (double(y) - s.base.y) + 0.5, (double(z) - s.base.z) + 0.5};
-  const Vec3d d = (centre - s.v0) * s.normal_scale;
-  const Vec3d f1 = s.e1 * s.normal_scale, f2 = s.e2 * s.normal_scale;
-  const double nn = Dot(s.normal, s.normal);
-  double b1 = Dot(Cross(d, f2), s.normal) / nn;
-  double b2 = Dot(Cross(f1, d), s.normal) / nn;
-  double b0 = (1 - b1) - b2;
-  b0 = Max(b0, 0.0);
-  b1 = Max(b1, 0.0);
-  b2 = Max(b2, 0.0);
-  const double sum = (b0 + b1) + b2;
-  return {float(b0 / sum), float(b1 / sum), float(b2 / sum)};
 }
 
 }  // namespace voxelpipe

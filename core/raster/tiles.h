@@ -77,7 +77,7 @@ VOXELPIPE_HD void ForEachTile(const TileGrid& tiles, const Vec3d& a, const Vec3d
     return;
   }
   const auto scaled = [&](const Vec3d& p) { return Vec3d{p.x * shrink.x, p.y * shrink.y, p.z * shrink.z}; };
-  const TriangleSetup setup = SetUpTriangle(scaled(a), scaled(b), scaled(c), Coverage::kConservative, widening);
+  const TriangleSetup setup = SetUpWideTriangle(scaled(a), scaled(b), scaled(c), Coverage::kConservative, widening);
   ForEachRowSpan(setup, all, x_run);
 }
 

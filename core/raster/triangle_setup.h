@@ -1,198 +1,271 @@
 // Triangle set-up: everything about a triangle that all its rows share.
 //
 // Sources: T. Akenine-Moller, "Fast 3D Triangle-Box Overlap Testing", 2001 (the 13 axes); J. Pantaleoni, "VoxelPipe",
-// HPG 2011, section 3.1 (set-up factored out of the inner loops). Changed: an axis test is kept as a slab
-// lo <= n.(x,y,z) <= hi over integer voxel coordinates, so that for a fixed row every test is linear in x and the
-// voxels of the row form one interval (spans.h); and the arithmetic is arranged so that its error is bounded, see below.
+// HPG 2011, section 3.1 (set-up factored out of the inner loops). Changed: every axis test is solved for one coordinate, so
+// that a layer z bounds the rows y, and a row (y,z) bounds the voxels x (spans.h); and the arithmetic is arranged so that its
+// error is bounded, see below.
 //
-// Exactness. Coordinates are doubles in index space, made local to the triangle's first voxel. The two edges that leave v0
-// are rounded to a common power-of-two grid, so that the third edge is exact and the rounded triangle is a true triangle
-// within 2^-51 of its extent E of the given one. Cross products use the exact remainder of fma, so a sliver's
-// normal keeps full relative precision. What is left are a handful of roundings relative to |n|_1 * E; the widening of every
-// slab, max(1e-6, 2^-44 E) voxels per unit of |n|_1, is more than a hundred times that. A widened test of all 13 axes is
-// the exact test of a voxel grown by the widening: nothing is missed and what is added lies within it.
+// A test of axis n reads lo <= n.(x,y,z) <= hi over integer voxel coordinates local to the triangle's first voxel. The nine edge
+// axes lie in the planes (y,z), (z,x) and (x,y), so each has two components: those of (y,z) bound y for a given z, the others
+// bound x for a given z or y. The triangle's own plane bounds x, or y where it is parallel to x. A test whose solved component
+// vanishes says no more than the triangle's box and is left out.
+//
+// Precision. The class of a triangle depends on its three index-space vertices and the coverage alone:
+//   run     conservative only: a box one voxel wide on two axes. A triangle is connected, so it touches every voxel of the box.
+//   narrow  float32: edges of 2^-20 to 32 voxels, and the height not below 1/256 of the longest edge
+//   wide    double: everything else
+// The two edges that leave v0 are rounded to a common power-of-two grid (2^-23 of the extent E in float, 2^-51 in double), so
+// that the third edge is exact and the rounded triangle is a true triangle within half a quantum of the given one. Edge axes
+// then have exact coefficients, and the cross product (Kahan) keeps full relative precision. What is left, in voxels per
+// unit of |n|_1, narrow: vertex rounding 2^-19, products and sums of coordinates up to 34, 12 x 34 x 2^-24, the plane of the
+// rounded triangle one voxel beyond its edge 2^-23 L/h <= 2^-15; together below 6e-5. Wide: a handful of roundings relative
+// to E, below 2^-50 E. Every test is widened by Widening(): 2^-12 narrow, max(1e-6, 2^-44 E) wide. A widened test of all 13
+// axes is the exact test of a voxel grown by the widening: nothing is missed and what is added lies within it.
 #pragma once
 
-#include <cmath>
-#include <cstdint>
-#include <cstring>
-
-#include "base/vec.h"
 #include "raster/coverage.h"
+#include "raster/triangle_plane.h"
 
 namespace voxelpipe {
 
-// lo <= n.(x,y,z) <= hi for local integer voxel coordinates. `inv_nx` is 1/n.x, or 0 where the slab is parallel to the
-// row (n.x contributes nothing over the triangle's extent).
-struct AxisSlab {
-  double nx = 0, ny = 0, nz = 0;
-  double inv_nx = 0;
-  double lo = 0, hi = 0;
+enum class SpanClass : unsigned char { kRun, kNarrow, kWide };
+
+inline constexpr double kNarrowWidening = 0x1p-12;                 // voxels
+inline constexpr double kNarrowLeast = 0x1p-20, kNarrowMost = 32;  // voxels, longest edge component
+inline constexpr float kNarrowRatio = 0x1p-8f;                     // height to longest edge, squared terms apart
+
+// lo - s*t <= u <= hi - s*t: a bound of local coordinate u given local coordinate t.
+template <typename Real>
+struct Bound {
+  Real s, lo, hi;
+};
+
+template <typename Real>
+struct SpanBounds {
+  Real first[3], last[3];  // local voxels whose boxes touch the triangle's box, inclusive, integer valued
+  Bound<Real> y_of_z[4];   // three edges, and the plane where it is parallel to x
+  Bound<Real> x_of_z[3];
+  Bound<Real> x_of_y[3];
+  // The plane: lo - sz*z - sy*y <= x <= hi - sz*z - sy*y.
+  Bound<Real> plane;  // s = sz
+  Real plane_sy;
 };
 
 struct TriangleSetup {
-  static constexpr int kMaxSlabs = 11;
-
-  Vec3d base;         // index space of the local origin, integer valued: the first voxel of the triangle's box
-  Vec3d first, last;  // local voxel range whose boxes touch the triangle's box, inclusive, integer valued
-  AxisSlab slabs[kMaxSlabs];
-  int slab_count = 0;
-
-  Vec3d v0;                 // local position of the first vertex
-  Vec3d e1, e2;             // edges v1 - v0 and v2 - v0, exact
-  Vec3d normal;             // a positive multiple of cross(v1 - v0, v2 - v0); 0 if degenerate
-  double normal_scale = 1;  // normal = cross(e1, e2) * normal_scale^2
-  bool degenerate = false;
+  SpanClass span_class;
+  Vec3d base;                 // index space of the local origin, integer valued: the first voxel of the triangle's box
+  Vec3d box_first, box_last;  // the box's voxels in grid coordinates, inclusive, integer valued
+  SpanBounds<float> narrow;   // of its class only
+  SpanBounds<double> wide;
 };
-
-// a*b - c*d within 1.5 ulp of the result (W. Kahan; Jeannerod, Louvet, Muller, "Further analysis of Kahan's algorithm
-// for the accurate computation of 2x2 determinants", 2013).
-VOXELPIPE_HD double DifferenceOfProducts(double a, double b, double c, double d) {
-  const double cd = c * d;
-  const double error = fma(-c, d, cd);
-  return fma(a, b, -cd) + error;
-}
-
-VOXELPIPE_HD Vec3d AccurateCross(const Vec3d& a, const Vec3d& b) {
-  return {DifferenceOfProducts(a.y, b.z, a.z, b.y), DifferenceOfProducts(a.z, b.x, a.x, b.z),
-          DifferenceOfProducts(a.x, b.y, a.y, b.x)};
-}
-
-// The smallest power of two above a positive normal v, by its exponent bits.
-VOXELPIPE_HD double PowerOfTwoAbove(double v) {
-  uint64_t bits;
-  memcpy(&bits, &v, sizeof bits);
-  bits = ((bits >> 52) + 1) << 52;
-  double power;
-  memcpy(&power, &bits, sizeof power);
-  return power;
-}
 
 namespace setup_internal {
 
-VOXELPIPE_HD double MaxAbs(const Vec3d& v) {
-  return Max(Abs(v.x), Max(Abs(v.y), Abs(v.z)));
-}
-VOXELPIPE_HD Vec3d RoundTo(const Vec3d& v, double magic) {
-  return {(v.x + magic) - magic, (v.y + magic) - magic, (v.z + magic) - magic};
-}
-
-struct Box {
-  Vec3d half;       // half sizes of the box around the voxel's centre
-  double widening;  // voxels
+// What the bounds are made from. Edges f are e * scale; positions are not scaled.
+template <typename Real>
+struct Shape {
+  Vec3<Real> v0, v1;      // local positions of the first two vertices
+  Vec3<Real> f1, f2, f3;  // v1-v0, v2-v0, v2-v1, scaled
+  Vec3<Real> normal;      // cross(f1, f2)
+  Real unscale;           // 1 / scale
+  Real extent;            // longest edge component, voxels
+  Vec3<Real> half;        // half sizes of the box around the voxel's centre
+  Real widening;          // voxels
 };
 
-// Adds the slab of axis n. The triangle projects to [tmin, tmax]; `reach` is half of what the voxel's box projects to.
-VOXELPIPE_HD void AddSlab(TriangleSetup& s, const Vec3d& n, double tmin, double tmax, double reach, double extent) {
-  const double norm = (Abs(n.x) + Abs(n.y)) + Abs(n.z);
-  if (norm == 0) return;  // a zero axis separates nothing
-  AxisSlab& slab = s.slabs[s.slab_count++];
-  slab.nx = n.x;
-  slab.ny = n.y;
-  slab.nz = n.z;
-  const double centre = 0.5 * ((n.x + n.y) + n.z);
-  slab.lo = tmin - reach - centre;
-  slab.hi = tmax + reach - centre;
-  // Below 2^-40 of the axis over the whole extent, n.x cannot move the test by more than the widening allows for.
-  const bool parallel = Abs(n.x) * (extent + 2) <= norm * 0x1p-40;
-  slab.inv_nx = parallel ? 0.0 : 1.0 / n.x;
+// An axis counts as parallel where its component cannot move the test by more than the widening allows for.
+template <typename Real>
+VOXELPIPE_HD constexpr Real ParallelRatio() {
+  return sizeof(Real) == 4 ? Real(0x1p-20) : Real(0x1p-40);
 }
 
-VOXELPIPE_HD double Reach(const Vec3d& n, const Box& box) {
-  return (Abs(n.x) * (box.half.x + box.widening) + Abs(n.y) * (box.half.y + box.widening)) +
-         Abs(n.z) * (box.half.z + box.widening);
+template <typename Real>
+VOXELPIPE_HD Bound<Real> Unbounded() {
+  return {Real(0), Real(-1e30), Real(1e30)};
 }
 
-// The axis f x unit(axis) of an edge direction f through point p. `opposite` is how far the third vertex projects from
-// the edge: the same for all three edges of a triangle, minus the component of the normal along `axis`.
-VOXELPIPE_HD void AddEdgeSlab(TriangleSetup& s, int axis, const Vec3d& f, const Vec3d& p, double opposite,
-                              const Box& box, double extent) {
-  const int u = axis == 2 ? 0 : axis + 1, w = axis == 0 ? 2 : axis - 1;
-  Vec3d n{0, 0, 0};
-  n[u] = f[w];
-  n[w] = -f[u];
-  const double at_edge = n[u] * p[u] + n[w] * p[w];
-  const double at_opposite = at_edge + opposite;
-  AddSlab(s, n, Min(at_edge, at_opposite), Max(at_edge, at_opposite), Reach(n, box), extent);
+// The bound lo <= nu*u + nt*t <= hi solved for u.
+template <typename Real>
+VOXELPIPE_HD Bound<Real> Solve(Real nu, Real nt, Real lo, Real hi) {
+  const Real inverse = Real(1) / nu;
+  const Real a = lo * inverse, b = hi * inverse;
+  return {nt * inverse, Min(a, b), Max(a, b)};
+}
+
+// The axis (nu, nt) of an edge through the point with coordinates (pu, pt); `opposite` is how far the third vertex projects
+// from the edge.
+template <typename Real>
+VOXELPIPE_HD Bound<Real> EdgeBound(Real nu, Real nt, Real pu, Real pt, Real opposite, Real half_u, Real half_t,
+                                   const Shape<Real>& shape) {
+  const Real au = Abs(nu), at = Abs(nt);
+  if (au * (shape.extent + Real(2)) <= (au + at) * ParallelRatio<Real>()) return Unbounded<Real>();
+  const Real edge = nu * pu + nt * pt;
+  const Real other = edge + opposite;
+  const Real reach = au * (half_u + shape.widening) + at * (half_t + shape.widening);
+  const Real centre = Real(0.5) * (nu + nt);
+  return Solve(nu, nt, (Min(edge, other) - reach) - centre, (Max(edge, other) + reach) - centre);
+}
+
+// The three axes of edge f through p, numbered i. `side` is +1 or -1: on which side of the edge the normal sees the third vertex.
+template <typename Real>
+VOXELPIPE_HD void BoundEdge(const Shape<Real>& shape, int i, const Vec3<Real>& f, const Vec3<Real>& p, Real side,
+                            SpanBounds<Real>& out) {
+  const Vec3<Real> opposite = shape.normal * (side * shape.unscale);
+  const Vec3<Real>& half = shape.half;
+  out.y_of_z[i] = EdgeBound(f.z, -f.y, p.y, p.z, opposite.x, half.y, half.z, shape);
+  out.x_of_z[i] = EdgeBound(-f.z, f.x, p.x, p.z, opposite.y, half.x, half.z, shape);
+  out.x_of_y[i] = EdgeBound(f.y, -f.x, p.x, p.y, opposite.z, half.x, half.y, shape);
+}
+
+template <typename Real>
+VOXELPIPE_HD void BoundPlane(const Shape<Real>& shape, Coverage coverage, SpanBounds<Real>& out) {
+  const Vec3<Real>& n = shape.normal;
+  const Real ax = Abs(n.x), ay = Abs(n.y), az = Abs(n.z);
+  const Real norm = (ax + ay) + az;
+  Real reach = (ax * (shape.half.x + shape.widening) + ay * (shape.half.y + shape.widening)) +
+               az * (shape.half.z + shape.widening);
+  if (coverage == Coverage::kThin) reach = Real(0.5) * Max(ax, Max(ay, az)) + shape.widening * norm;
+  const Real at = (n.x * shape.v0.x + n.y * shape.v0.y) + n.z * shape.v0.z;
+  const Real centre = Real(0.5) * ((n.x + n.y) + n.z);
+  const Real lo = (at - reach) - centre, hi = (at + reach) - centre;
+  const Real far = shape.extent + Real(2), parallel = norm * ParallelRatio<Real>();
+  out.plane = Unbounded<Real>();
+  out.plane_sy = Real(0);
+  out.y_of_z[3] = Unbounded<Real>();
+  if (ax * far > parallel) {
+    out.plane = Solve(n.x, n.z, lo, hi);
+    out.plane_sy = n.y * (Real(1) / n.x);
+  } else if (ay * far > parallel) {
+    out.y_of_z[3] = Solve(n.y, n.z, lo, hi);
+  }
+}
+
+template <typename Real>
+VOXELPIPE_HD void BoundShape(const Shape<Real>& shape, Coverage coverage, SpanBounds<Real>& out) {
+  BoundEdge(shape, 0, shape.f1, shape.v0, Real(-1), out);
+  BoundEdge(shape, 1, shape.f3, shape.v1, Real(-1), out);
+  BoundEdge(shape, 2, shape.f2, shape.v0, Real(1), out);
+  BoundPlane(shape, coverage, out);
+}
+
+// Half sizes of the box that stands for the voxel (coverage.h).
+template <typename Real>
+VOXELPIPE_HD Vec3<Real> HalfSizes(Coverage coverage, const Vec3<Real>& normal) {
+  if (coverage != Coverage::kCenter) return {Real(0.5), Real(0.5), Real(0.5)};
+  const int axis = DominantAxis(normal);
+  return {axis == 0 ? Real(0.5) : Real(0), axis == 1 ? Real(0.5) : Real(0), axis == 2 ? Real(0.5) : Real(0)};
+}
+
+VOXELPIPE_HD float ToFloat(double v) {
+  return float(v);
+}
+VOXELPIPE_HD Vec3f ToFloat(const Vec3d& v) {
+  return {float(v.x), float(v.y), float(v.z)};
+}
+
+// The first and last voxel along an axis whose widened box of half size `half` about its centre touches [lo, hi].
+VOXELPIPE_HD double FirstVoxel(double lo, double half, double widening) {
+  return ceil(lo - ((0.5 + half) + widening));
+}
+VOXELPIPE_HD double LastVoxel(double hi, double half, double widening) {
+  return floor(hi - ((0.5 - half) - widening));
+}
+
+// Sets `shape` up for a narrow triangle; false if it is not one.
+VOXELPIPE_HD bool NarrowShape(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& base, Shape<float>& shape) {
+  const Vec3d e1 = b - a, e2 = c - a;
+  const double longest = Max(MaxAbs(e1), MaxAbs(e2));
+  if (!(longest >= kNarrowLeast && longest <= kNarrowMost)) return false;
+  const double magic = PowerOfTwoAbove(longest) * 0x1.8p29;  // last place: 2^-23 of the power
+  shape.f1 = ToFloat(RoundTo(e1, magic));
+  shape.f2 = ToFloat(RoundTo(e2, magic));
+  shape.f3 = shape.f2 - shape.f1;
+  shape.normal = AccurateCross(shape.f1, shape.f2);
+  const float l1 = Dot(shape.f1, shape.f1), l2 = Dot(shape.f2, shape.f2), l3 = Dot(shape.f3, shape.f3);
+  if (MaxAbs(shape.normal) < kNarrowRatio * Max(l1, Max(l2, l3))) return false;
+  shape.v0 = ToFloat(a - base);
+  shape.v1 = shape.v0 + shape.f1;
+  shape.unscale = 1;
+  shape.extent = Max(MaxAbs(shape.f1), MaxAbs(shape.f2));
+  shape.widening = float(kNarrowWidening);
+  return true;
+}
+
+VOXELPIPE_HD void SetUpWide(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage, double min_widening,
+                            TriangleSetup& s) {
+  const TrianglePlane plane = SetUpPlane(a, b, c);
+  Shape<double> shape;
+  shape.v0 = plane.v0;
+  shape.v1 = plane.v0 + plane.e1;
+  shape.f1 = plane.e1 * plane.normal_scale;
+  shape.f2 = plane.e2 * plane.normal_scale;
+  shape.f3 = shape.f2 - shape.f1;
+  shape.normal = plane.normal;
+  shape.unscale = 1 / plane.normal_scale;
+  shape.extent = Max(MaxAbs(plane.e1), MaxAbs(plane.e2));
+  shape.widening = Max(min_widening, shape.extent * 0x1p-44);
+  const Coverage effective = plane.degenerate ? Coverage::kConservative : coverage;
+  shape.half = HalfSizes(effective, plane.normal);
+  const Vec3d v2 = plane.v0 + plane.e2;
+  for (int i = 0; i < 3; ++i) {
+    const double lo = Min(shape.v0[i], Min(shape.v1[i], v2[i])), hi = Max(shape.v0[i], Max(shape.v1[i], v2[i]));
+    s.wide.first[i] = ceil(((lo - 0.5) - shape.half[i]) - shape.widening);
+    s.wide.last[i] = floor(((hi - 0.5) + shape.half[i]) + shape.widening);
+    s.box_first[i] = s.base[i] + s.wide.first[i];
+    s.box_last[i] = s.base[i] + s.wide.last[i];
+  }
+  s.span_class = SpanClass::kWide;
+  BoundShape(shape, effective, s.wide);
 }
 
 }  // namespace setup_internal
 
-// In: the three vertices in index space (double, finite, within 2^40 voxels), the coverage, and the least widening in
-// voxels (kMinWidening; the tile binning asks for more). Out: the set-up, independent of grid, tile and batch.
-VOXELPIPE_HD TriangleSetup SetUpTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage,
-                                         double min_widening = kMinWidening) {
+// In: the three vertices in index space (double, finite, within 2^40 voxels), the coverage. Out: the set-up, independent of
+// grid, tile and batch.
+VOXELPIPE_HD TriangleSetup SetUpTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage) {
   using namespace setup_internal;
   TriangleSetup s;
-  for (int i = 0; i < 3; ++i) s.base[i] = floor(Min(a[i], Min(b[i], c[i])));
-  s.v0 = a - s.base;
-  s.e1 = b - a;
-  s.e2 = c - a;
-  double scale = 1;  // 1 / (power of two above the longest edge component)
-  const double longest = Max(MaxAbs(s.e1), MaxAbs(s.e2));
-  if (longest < 0x1p-900) {
-    s.e1 = s.e2 = Vec3d{};  // a point: below every rounding of its own coordinates
-  } else {
-    const double power = PowerOfTwoAbove(longest);
-    s.e1 = RoundTo(s.e1, 3 * power);
-    s.e2 = RoundTo(s.e2, 3 * power);
-    scale = 1 / power;
-  }
-  // Scaled edges lie in [-1, 1], so that products neither overflow nor underflow.
-  Vec3d f1 = s.e1 * scale, f2 = s.e2 * scale, f3 = f2 - f1;
-  s.normal = AccurateCross(f1, f2);
-  s.normal_scale = scale;
-  const double l1 = Dot(f1, f1), l2 = Dot(f2, f2), l3 = Dot(f3, f3);
-  const double longest_squared = Max(l1, Max(l2, l3));
-  s.degenerate = MaxAbs(s.normal) <= kDegenerateRatio * longest_squared;
-  if (s.degenerate) {  // keep the longest edge only: a segment, or a point
-    s.normal = Vec3d{};
-    if (l1 >= l2 && l1 >= l3) {
-      f2 = f1;
-      s.e2 = s.e1;
-    } else if (l2 >= l3) {
-      f1 = f2;
-      s.e1 = s.e2;
-    } else {
-      f1 = f2 = f3;
-      s.v0 = s.v0 + s.e1;
-      s.e1 = s.e2 = s.e2 - s.e1;
-    }
-    f3 = Vec3d{};
-  }
-  const Vec3d p1 = s.v0 + s.e1, p2 = s.v0 + s.e2;
-
-  const double extent = Max(MaxAbs(s.e1), MaxAbs(s.e2));
-  Box box{{0.5, 0.5, 0.5}, Max(min_widening, extent * 0x1p-44)};
-  const bool segment_only = coverage == Coverage::kCenter && !s.degenerate;
-  if (segment_only) {
-    const int axis = DominantAxis(s.normal);
-    for (int i = 0; i < 3; ++i) box.half[i] = i == axis ? 0.5 : 0.0;
-  }
+  Vec3d lo, hi;
   for (int i = 0; i < 3; ++i) {
-    const double lo = Min(s.v0[i], Min(p1[i], p2[i])), hi = Max(s.v0[i], Max(p1[i], p2[i]));
-    s.first[i] = ceil(((lo - 0.5) - box.half[i]) - box.widening);
-    s.last[i] = floor(((hi - 0.5) + box.half[i]) + box.widening);
+    lo[i] = Min(a[i], Min(b[i], c[i]));
+    hi[i] = Max(a[i], Max(b[i], c[i]));
+    s.base[i] = floor(lo[i]);
+    s.box_first[i] = FirstVoxel(lo[i], 0.5, kNarrowWidening);
+    s.box_last[i] = LastVoxel(hi[i], 0.5, kNarrowWidening);
   }
-
-  // The nine edge axes; those along x do not depend on x and reject a row before any division.
-  const double unscale = 1 / scale;
-  for (int axis = 0; axis < 3; ++axis) {
-    const double opposite = -s.normal[axis] * unscale;
-    AddEdgeSlab(s, axis, f1, s.v0, opposite, box, extent);
-    if (s.degenerate) continue;
-    AddEdgeSlab(s, axis, f3, p1, opposite, box, extent);
-    AddEdgeSlab(s, axis, f2, s.v0, -opposite, box, extent);
-  }
-  if (!s.degenerate) {
-    const double plane = Dot(s.normal, s.v0);
-    double reach = Reach(s.normal, box);
-    if (coverage == Coverage::kThin) {  // the slab around the centre is inside the voxel's own
-      const double norm = (Abs(s.normal.x) + Abs(s.normal.y)) + Abs(s.normal.z);
-      reach = 0.5 * MaxAbs(s.normal) + box.widening * norm;
+  if (coverage == Coverage::kConservative) {
+    const int single =
+        (s.box_first.x == s.box_last.x) + (s.box_first.y == s.box_last.y) + (s.box_first.z == s.box_last.z);
+    if (single >= 2) {
+      s.span_class = SpanClass::kRun;
+      return s;
     }
-    AddSlab(s, s.normal, plane, plane, reach, extent);
   }
+  Shape<float> shape;
+  if (!NarrowShape(a, b, c, s.base, shape)) {
+    SetUpWide(a, b, c, coverage, kMinWidening, s);
+    return s;
+  }
+  s.span_class = SpanClass::kNarrow;
+  shape.half = HalfSizes(coverage, shape.normal);
+  for (int i = 0; i < 3; ++i) {
+    if (coverage == Coverage::kCenter) {
+      s.box_first[i] = FirstVoxel(lo[i], double(shape.half[i]), kNarrowWidening);
+      s.box_last[i] = LastVoxel(hi[i], double(shape.half[i]), kNarrowWidening);
+    }
+    s.narrow.first[i] = float(s.box_first[i] - s.base[i]);
+    s.narrow.last[i] = float(s.box_last[i] - s.base[i]);
+  }
+  BoundShape(shape, coverage, s.narrow);
+  return s;
+}
+
+// The same in double whatever the triangle, widened by at least `min_widening` voxels: for the binning, which must not miss.
+VOXELPIPE_HD TriangleSetup SetUpWideTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage,
+                                             double min_widening) {
+  TriangleSetup s;
+  for (int i = 0; i < 3; ++i) s.base[i] = floor(Min(a[i], Min(b[i], c[i])));
+  setup_internal::SetUpWide(a, b, c, coverage, min_widening, s);
   return s;
 }
 

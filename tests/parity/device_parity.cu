@@ -32,9 +32,9 @@ struct Digest {
   }
 };
 
-VOXELPIPE_HD void DigestFragment(const TriangleSetup& setup, FragmentInput& in, const ShaderParams& params,
+VOXELPIPE_HD void DigestFragment(const TrianglePlane& plane, FragmentInput& in, const ShaderParams& params,
                                  Digest& digest) {
-  in.barycentric = Barycentrics(setup, in.voxel[0], in.voxel[1], in.voxel[2]);
+  in.barycentric = Barycentrics(plane, in.voxel[0], in.voxel[1], in.voxel[2]);
   digest.Add(in.barycentric.x);
   digest.Add(in.barycentric.y);
   digest.Add(in.barycentric.z);
@@ -78,7 +78,8 @@ VOXELPIPE_HD uint64_t DigestTriangle(const MeshView& mesh, uint32_t t, const Sha
     in.part = &mesh.parts[PartOf(mesh, t)];
     in.triangle = t;
     for (int i = 0; i < 3; ++i) in.vertex[i] = mesh.triangles[t][i];
-    in.degenerate = setup.degenerate;
+    const TrianglePlane plane = SetUpPlane(corner[0], corner[1], corner[2]);
+    in.degenerate = plane.degenerate;
     if (!in.degenerate) in.geometric_normal = TriangleNormal(corner[0], corner[1], corner[2]);
     int shaded = 0;
     ForEachRowSpan(setup, all, [&](int64_t y, int64_t z, int64_t begin, int64_t end) {
@@ -90,13 +91,13 @@ VOXELPIPE_HD uint64_t DigestTriangle(const MeshView& mesh, uint32_t t, const Sha
       in.voxel[0] = begin;
       in.voxel[1] = y;
       in.voxel[2] = z;
-      DigestFragment(setup, in, params, digest);
+      DigestFragment(plane, in, params, digest);
     });
     const VoxelRange range = ClipToRange(setup, all);
     for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {
       const double py = double(y) + 0.5, pz = double(range.begin[2]) + 0.5;
       if (!LineCrosses(corner[0], corner[1], corner[2], py, pz)) continue;
-      digest.Add(uint64_t(CentresBefore(CrossingX(setup, corner[0], corner[1], corner[2], py, pz), dims[0])));
+      digest.Add(uint64_t(CentresBefore(CrossingX(plane, corner[0], corner[1], corner[2], py, pz), dims[0])));
     }
   }
   return digest.value;

@@ -23,11 +23,11 @@ TEST(TriangleSetupTest, PowerOfTwoAboveIsStrictlyAbove) {
 // A sliver whose normal is lost in plain double products: cross is (0, 0, 2^-60) for edges near (1, 1).
 TEST(TriangleSetupTest, CrossProductsKeepTheirPrecision) {
   const double tiny = 0x1p-30;
-  EXPECT_EQ(DifferenceOfProducts(1 + tiny, 1 - tiny, 1, 1), -tiny * tiny);
+  EXPECT_EQ(DifferenceOfProducts(1 + tiny, 1 - tiny, 1.0, 1.0), -tiny * tiny);
 }
 
 TEST(TriangleSetupTest, DegenerateByTheDefinition) {
-  const auto degenerate = [](Vec3d a, Vec3d b, Vec3d c) { return SetUpTriangle(a, b, c, Coverage::kThin).degenerate; };
+  const auto degenerate = [](Vec3d a, Vec3d b, Vec3d c) { return SetUpPlane(a, b, c).degenerate; };
   EXPECT_TRUE(degenerate({1, 2, 3}, {1, 2, 3}, {1, 2, 3}));
   EXPECT_TRUE(degenerate({0, 0, 0}, {1, 2, 3}, {2, 4, 6}));
   EXPECT_TRUE(degenerate({0, 0, 0}, {10, 0, 0}, {5, 0.9e-9, 0}));
@@ -55,9 +55,9 @@ TEST(TriangleSetupTest, DegenerateCountsAsItsLongestEdge) {
 }
 
 TEST(TriangleSetupTest, DominantAxisTiesGoToXThenY) {
-  EXPECT_EQ(DominantAxis({1, -1, 1}), 0);
-  EXPECT_EQ(DominantAxis({0, -1, 1}), 1);
-  EXPECT_EQ(DominantAxis({0.5, 0.5, -1}), 2);
+  EXPECT_EQ(DominantAxis(Vec3d{1, -1, 1}), 0);
+  EXPECT_EQ(DominantAxis(Vec3d{0, -1, 1}), 1);
+  EXPECT_EQ(DominantAxis(Vec3d{0.5, 0.5, -1}), 2);
 }
 
 TEST(SpansTest, FarTrianglesAreClampedNotConverted) {
@@ -76,7 +76,7 @@ TEST(SpansTest, FarTrianglesAreClampedNotConverted) {
 }
 
 TEST(SpansTest, BarycentricsOfTheCentre) {
-  const TriangleSetup s = SetUpTriangle({0, 0, 0.25}, {8, 0, 0.25}, {0, 8, 0.25}, Coverage::kConservative);
+  const TrianglePlane s = SetUpPlane({0, 0, 0.25}, {8, 0, 0.25}, {0, 8, 0.25});
   const Vec3f inside = Barycentrics(s, 1, 3, 0);  // centre (1.5, 3.5)
   EXPECT_FLOAT_EQ(inside.y, 1.5f / 8);
   EXPECT_FLOAT_EQ(inside.z, 3.5f / 8);
@@ -85,7 +85,7 @@ TEST(SpansTest, BarycentricsOfTheCentre) {
   EXPECT_EQ(outside.x, 0);
   EXPECT_FLOAT_EQ(outside.y, 7.5f / 9);
   EXPECT_FLOAT_EQ(outside.z, 1.5f / 9);
-  const Vec3f third = Barycentrics(SetUpTriangle({0, 0, 0}, {1, 1, 1}, {2, 2, 2}, Coverage::kThin), 0, 0, 0);
+  const Vec3f third = Barycentrics(SetUpPlane({0, 0, 0}, {1, 1, 1}, {2, 2, 2}), 0, 0, 0);
   EXPECT_EQ(third, (Vec3f{1.0f / 3, 1.0f / 3, 1.0f / 3}));
 }
 
