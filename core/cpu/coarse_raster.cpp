@@ -16,6 +16,7 @@ constexpr double kFarthest = 0x1p40;  // voxels
 absl::Status PlaceVertices(RunState& state) {
   const MeshView& view = state.view;
   state.index_positions.resize(view.vertex_count);
+  state.view.index_positions = state.index_positions.data();
   return ParallelChunks(int64_t(view.vertex_count), kVertexGrain, state.job, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
       state.index_positions[i] = WorldToIndex(state.grid.origin, state.grid.voxel_size, view.positions[i]);

@@ -8,6 +8,7 @@
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
 #include "cpu/tile_buffer.h"
+#include "shaders/fragment_input.h"
 
 namespace voxelpipe::cpu {
 namespace {
@@ -18,7 +19,7 @@ struct Worker {
     for (const CpuTarget& target : state.targets) {
       buffers.emplace_back(target);
       if (target.is_occupancy) continue;
-      barycentrics = barycentrics || NeedsBarycentrics(target.shader);
+      traits |= TraitsOf(target.shader);
       shades = true;
       any_always_present = any_always_present || !target.own_presence;
     }
@@ -29,7 +30,7 @@ struct Worker {
   std::vector<TileBuffer> buffers;
   std::array<uint32_t, kTileRows> coverage{};
   bool shades = false;              // some target needs its fragments shaded one by one
-  bool barycentrics = false;        // ... with barycentrics
+  ShaderTraits traits;              // what those shaders ask for, together
   bool any_always_present = false;  // some target keeps every fragment, so a touched voxel is a covered one
   uint64_t fragments = 0;
 };
@@ -37,20 +38,6 @@ struct Worker {
 uint32_t RowMask(int64_t begin, int64_t end) {
   const uint32_t upto = end >= 32 ? ~0u : (1u << end) - 1;
   return upto & ~((1u << begin) - 1);
-}
-
-FragmentInput InputFor(const RunState& state, uint32_t triangle, const TrianglePlane& plane) {
-  FragmentInput in;
-  in.mesh = &state.view;
-  in.part = &state.view.parts[PartOf(state.view, triangle)];
-  in.triangle = triangle;
-  for (int i = 0; i < 3; ++i) in.vertex[i] = state.view.triangles[triangle][i];
-  in.degenerate = plane.degenerate;
-  if (!plane.degenerate) {
-    const Vec3d* p = state.view.positions;
-    in.geometric_normal = TriangleNormal(p[in.vertex[0]], p[in.vertex[1]], p[in.vertex[2]]);
-  }
-  return in;
 }
 
 void ShadeRow(const RunState& state, Worker& worker, const TrianglePlane& plane, FragmentInput& in, int row,
@@ -61,7 +48,7 @@ void ShadeRow(const RunState& state, Worker& worker, const TrianglePlane& plane,
     in.voxel[0] = origin[0] + bit;
     in.voxel[1] = origin[1] + row % 8;
     in.voxel[2] = origin[2] + row / 8;
-    if (worker.barycentrics) in.barycentric = Barycentrics(plane, in.voxel[0], in.voxel[1], in.voxel[2]);
+    if (worker.traits.needs_barycentrics) in.barycentric = Barycentrics(plane, in.voxel[0], in.voxel[1], in.voxel[2]);
     for (size_t t = 0; t < state.targets.size(); ++t) {
       const CpuTarget& target = state.targets[t];
       if (target.is_occupancy) continue;
@@ -98,7 +85,7 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run) {
       }
       if (in.mesh == nullptr) {
         plane = SetUpPlane(state.index_positions[v[0]], state.index_positions[v[1]], state.index_positions[v[2]]);
-        in = InputFor(state, triangle, plane);
+        in = MakeFragmentInput(state.view, triangle, plane.degenerate, worker.traits.reads_textures());
       }
       ShadeRow(state, worker, plane, in, row, mask, origin);
     });

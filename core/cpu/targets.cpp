@@ -69,7 +69,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     target.params = shader.params;
     target.u32_output = shader.info->output_type == "u32";
     target.is_occupancy = target.spec.format == VoxelFormat::kBit && target.shader == FragmentShaderId::kOccupancy;
-    target.own_presence = target.shader == FragmentShaderId::kBaseColor;
+    target.own_presence = TraitsOf(target.shader).can_discard;
     if (absl::Status s = Allocate(target, state); !s.ok()) return s;
     state.targets.push_back(std::move(target));
   }

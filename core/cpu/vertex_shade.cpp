@@ -63,7 +63,9 @@ void MakeViews(RunState& state) {
     view.material = part.material >= 0 && part.material < default_material ? part.material : default_material;
     view.mesh = part.mesh;
     view.has_normals = part.has_normals && !mesh.normals.empty();
+    view.has_tangents = part.has_tangents && !mesh.tangents.empty();
     view.has_colors = part.has_colors && !mesh.colors.empty();
+    for (int i = 0; i < 2; ++i) view.has_uv[i] = part.has_uv[i] && !mesh.uv[i].empty();
     state.parts.push_back(view);
   }
   if (state.parts.empty()) state.parts.push_back({.first_triangle = 0, .material = default_material});
@@ -72,6 +74,7 @@ void MakeViews(RunState& state) {
   view.positions = mesh.positions.data();
   view.normals = mesh.normals.empty() ? nullptr : mesh.normals.data();
   for (int i = 0; i < 2; ++i) view.uv[i] = mesh.uv[i].empty() ? nullptr : mesh.uv[i].data();
+  view.tangents = mesh.tangents.empty() ? nullptr : mesh.tangents.data();
   view.colors = mesh.colors.empty() ? nullptr : mesh.colors.data();
   static_assert(sizeof(mesh.triangles[0]) == sizeof(uint32_t[3]));
   view.triangles = reinterpret_cast<const uint32_t(*)[3]>(mesh.triangles.data());

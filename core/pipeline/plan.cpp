@@ -51,7 +51,8 @@ absl::Status ValidateTarget(const TargetSpec& target, const std::string& field) 
 
 // Whether a shader can drop fragments, so that a target keeps a presence bit of its own.
 bool OwnPresence(const TargetSpec& target) {
-  return target.shader.name == "base_color";
+  const ShaderInfo* info = FindShader(ShaderStage::kFragment, target.shader.name);
+  return info != nullptr && info->can_discard;
 }
 
 // Fixed costs of the run besides grids, measured generously: arenas, tile buffers of each thread.

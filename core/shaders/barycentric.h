@@ -6,7 +6,7 @@
 namespace voxelpipe {
 
 // Output: f32, 3 components: the weights of the triangle's vertices, not negative, summing to 1 but for rounding.
-struct BarycentricShader {
+struct BarycentricShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     out.f[0] = in.barycentric.x;

@@ -9,14 +9,16 @@
 namespace voxelpipe {
 
 // Output: f32, 4 components, linear. Alpha mode MASK discards a fragment whose alpha is below the cutoff.
-struct BaseColorShader {
+struct BaseColorShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
+  static constexpr bool kCanDiscard = true, kIsColor = true;
+  static constexpr bool kReadsBaseColor = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     const MaterialView& material = in.material();
     Vec4f color = material.base_color_factor;
     const TextureRefView& ref = material.base_color;
     const Vec2f* uv = in.mesh->uv[ref.uv_set];
-    if (ref.texture >= 0 && uv != nullptr) {
+    if (ref.texture >= 0 && in.part->has_uv[ref.uv_set]) {
       const Vec2f at = Interpolate(in.barycentric, uv[in.vertex[0]], uv[in.vertex[1]], uv[in.vertex[2]]);
       const Vec2f moved{(ref.m[0][0] * at.x + ref.m[0][1] * at.y) + ref.m[0][2],
                         (ref.m[1][0] * at.x + ref.m[1][1] * at.y) + ref.m[1][2]};

@@ -13,8 +13,8 @@ namespace {
 const std::vector<double> kIdentityMatrix = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 
 // In the order of shader_list.h; CatalogTest holds the two together.
-const std::vector<ShaderInfo>& Catalog() {
-  static const auto* catalog = new std::vector<ShaderInfo>{
+std::vector<ShaderInfo> Rows() {
+  return {
       {.name = "identity",
        .stage = ShaderStage::kVertex,
        .description = "The vertices as they are.",
@@ -53,16 +53,65 @@ const std::vector<ShaderInfo>& Catalog() {
       {.name = "base_color",
        .description = "Base colour factor x texture x vertex colour, linear RGBA; alpha MASK discards fragments.",
        .output_type = "f32",
-       .output_components = 4,
-       .reads_textures = true},
+       .output_components = 4},
+      {.name = "material_id",
+       .description = "The triangle's glTF material; the default material counts as one after the last.",
+       .output_type = "u32",
+       .output_components = 1},
+      {.name = "mesh_id", .description = "The triangle's glTF mesh.", .output_type = "u32", .output_components = 1},
+      {.name = "tangent",
+       .description = "Interpolated vertex tangent, world axes, unit length, and handedness; 0/0/0/1 without tangents.",
+       .output_type = "f32",
+       .output_components = 4},
+      {.name = "uv",
+       .description = "Texture coordinates as in the file, origin at the top left; 0 where the mesh has none.",
+       .output_type = "f32",
+       .output_components = 2,
+       .parameters = {{"set", "uint", {0}, "0 or 1: TEXCOORD_0 or TEXCOORD_1", 0, 1}}},
+      {.name = "color",
+       .description = "Vertex colour COLOR_0, linear RGBA; white where the mesh has none.",
+       .output_type = "f32",
+       .output_components = 4},
+      {.name = "velocity",
+       .description = "Velocity that the vertex shader gives, world units a second; 0 where it gives none.",
+       .output_type = "f32",
+       .output_components = 3},
+      {.name = "position",
+       .description = "The triangle's point at the voxel's barycentric coordinates, world units.",
+       .output_type = "f32",
+       .output_components = 3},
+      {.name = "coverage_fraction",
+       .description = "Area of the triangle inside the voxel over that of a voxel face, in index space.",
+       .output_type = "f32",
+       .output_components = 1},
+      {.name = "checker",
+       .description = "A checkerboard of cubes of voxels, beginning with an even one at voxel 0, 0, 0.",
+       .output_type = "f32",
+       .output_components = 1,
+       .parameters = {{"size", "uint", {8}, "voxels along the edge of a cube", 1, 4294967295.0},
+                      {"even", "float", {1}, "value of the even cubes"},
+                      {"odd", "float", {0}, "value of the odd cubes"}}},
   };
-  return *catalog;
 }
 
 constexpr int CountVertexShaders() {
 #define VOXELPIPE_ONE(name) +1
   return 0 VOXELPIPE_VERTEX_SHADERS(VOXELPIPE_ONE);
 #undef VOXELPIPE_ONE
+}
+
+const std::vector<ShaderInfo>& Catalog() {
+  static const auto* catalog = [] {
+    auto* rows = new std::vector<ShaderInfo>(Rows());
+    for (size_t i = size_t(CountVertexShaders()); i < rows->size(); ++i) {
+      const ShaderTraits traits = TraitsOf(FragmentShaderId(int(i) - CountVertexShaders()));
+      (*rows)[i].reads_textures = traits.reads_textures();
+      (*rows)[i].can_discard = traits.can_discard;
+      (*rows)[i].is_color = traits.is_color;
+    }
+    return rows;
+  }();
+  return *catalog;
 }
 
 const char* StageName(ShaderStage stage) {
@@ -88,6 +137,13 @@ absl::Status FillSlots(const ShaderInfo& info, const ShaderParameterInfo& parame
     if (!std::isfinite(v)) {
       return absl::InvalidArgumentError(
           absl::StrCat("shader '", info.name, "': parameter '", parameter.name, "' must be finite"));
+    }
+    const bool whole = parameter.type != "uint" || std::floor(v) == v;
+    if (!whole || v < parameter.least || v > parameter.most) {
+      return absl::InvalidArgumentError(absl::StrCat("shader '", info.name, "': parameter '", parameter.name,
+                                                     "' must be ", parameter.type == "uint" ? "a whole number " : "",
+                                                     "from ", parameter.least, " to ", parameter.most, ", ", v,
+                                                     " given"));
     }
   }
   std::copy(given.begin(), given.end(), slot);

@@ -1,6 +1,7 @@
 // The registry of vertex and fragment shaders: names, parameters, outputs, and binding of a ShaderCall.
 #pragma once
 
+#include <cmath>
 #include <span>
 #include <string>
 #include <string_view>
@@ -20,6 +21,8 @@ struct ShaderParameterInfo {
   std::string type;  // "float", "vec3", "vec4", "mat4", "uint"
   std::vector<double> default_value;
   std::string description;
+  // What each number may be: "uint" is a whole number too.
+  double least = -HUGE_VAL, most = HUGE_VAL;
 };
 
 struct ShaderInfo {
@@ -28,7 +31,10 @@ struct ShaderInfo {
   std::string description;
   std::string output_type;    // fragment: "f32" or "u32"; vertex: "position"
   int output_components = 0;  // fragment: 1-4
+  // Of fragment shaders (FragmentShaderTraits).
   bool reads_textures = false;
+  bool can_discard = false;  // may drop fragments, so that a target keeps its own presence bits
+  bool is_color = false;     // integer targets scale it to their range by default
   std::vector<ShaderParameterInfo> parameters{};
 };
 

@@ -14,14 +14,24 @@ namespace voxelpipe {
 struct FragmentInput {
   const MeshView* mesh = nullptr;
   const PartView* part = nullptr;
-  uint32_t triangle = 0;    // triangle id
-  uint32_t vertex[3] = {};  // vertex indices of the triangle
-  bool degenerate = false;  // by the definition of raster/coverage.h, in index space
-  Vec3f geometric_normal;   // unit length, right-handed winding of the shaded vertices; 0 if degenerate
-  int64_t voxel[3] = {};    // grid coordinates
-  Vec3f barycentric;        // of the voxel's centre; only if the shader's NeedsBarycentrics
+  uint32_t triangle = 0;     // triangle id
+  uint32_t vertex[3] = {};   // vertex indices of the triangle
+  bool degenerate = false;   // by the definition of raster/coverage.h, in index space
+  Vec3f geometric_normal;    // unit length, right-handed winding of the shaded vertices; 0 if degenerate
+  int64_t voxel[3] = {};     // grid coordinates
+  Vec3f barycentric;         // of the voxel's centre; only if the shader's traits ask for them
+  float uv_density[2] = {};  // per texture coordinate set: uv along a voxel (shaders/fragment_input.h); if asked for
 
   VOXELPIPE_HD const MaterialView& material() const { return mesh->materials[part->material]; }
+};
+
+// What a fragment shader may ask for and do; each shader derives from this and overrides what differs.
+struct FragmentShaderTraits {
+  static constexpr bool kNeedsBarycentrics = false;
+  static constexpr bool kCanDiscard = false;  // may set FragmentOutput::discard
+  static constexpr bool kIsColor = false;     // 0 to 1 a channel: integer targets scale it to their range by default
+  // Textures of the material that it samples.
+  static constexpr bool kReadsBaseColor = false, kReadsEmissive = false, kReadsMetallicRoughness = false;
 };
 
 // Up to four components, all f32 or all u32 as the shader's output type says. Missing components read as 0, the fourth 1.

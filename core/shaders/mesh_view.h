@@ -9,22 +9,30 @@ namespace voxelpipe {
 
 // 8-bit RGBA texels, rows from the top. width == 0: no image, every sample is white.
 struct TextureView {
-  const uint8_t* rgba = nullptr;
+  const uint8_t* rgba = nullptr;  // level 0
+  const Vec4f* mips = nullptr;    // levels 1 and on, one after the other, linear; null: level 0 alone (shaders/mips.h)
   uint32_t width = 0, height = 0;
+  uint32_t levels = 1;             // level 0 counted
   uint8_t wrap_s = 0, wrap_t = 0;  // enumerators of WrapMode
-  bool nearest = false;
+  uint8_t mip_filter = 0;          // enumerator of MipFilter
+  bool nearest = false;            // at most one texel a voxel: the nearest texel, otherwise bilinear
+  bool min_nearest = false;        // more texels than that: likewise within a level
+  bool srgb = false;               // the colours of `rgba` are sRGB, otherwise linear; alpha is linear
 };
 
 struct TextureRefView {
-  int32_t texture = -1;
+  int32_t texture = -1;  // index into MeshView::textures
   int32_t uv_set = 0;
   // uv' = m * (u, v, 1), from KHR_texture_transform.
   float m[2][3] = {{1, 0, 0}, {0, 1, 0}};
+  float texels = 0;  // sqrt(|det m| * width * height): level-0 texels along a unit of uv, before the transform
 };
 
 struct MaterialView {
   Vec4f base_color_factor{1, 1, 1, 1};
-  TextureRefView base_color;
+  Vec3f emissive_factor{0, 0, 0};  // times KHR_materials_emissive_strength
+  float metallic_factor = 1, roughness_factor = 1;
+  TextureRefView base_color, emissive, metallic_roughness;
   float alpha_cutoff = 0;
   bool alpha_mask = false;  // discard fragments whose alpha is below the cutoff
 };
@@ -34,13 +42,17 @@ struct PartView {
   uint64_t first_triangle = 0;
   int32_t material = 0;  // index into materials; the default material stands at the end of the array
   uint32_t mesh = 0;
-  bool has_normals = false, has_colors = false;
+  bool has_normals = false, has_tangents = false, has_colors = false;
+  bool has_uv[2] = {false, false};
 };
 
 // Arrays are owned by the backend and live as long as the run. An attribute pointer is null if no part has it.
 struct MeshView {
-  const Vec3d* positions = nullptr;  // shaded, world space
-  const Vec3f* normals = nullptr;    // shaded, world space
+  const Vec3d* positions = nullptr;        // shaded, world space
+  const Vec3d* index_positions = nullptr;  // the same in index space
+  const Vec3f* normals = nullptr;          // shaded, world space
+  const Vec4f* tangents = nullptr;         // shaded, world space, w = handedness
+  const Vec3f* velocities = nullptr;       // shaded, world units a second; null: everything rests
   const Vec2f* uv[2] = {nullptr, nullptr};
   const Vec4f* colors = nullptr;
   const uint32_t (*triangles)[3] = nullptr;

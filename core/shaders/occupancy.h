@@ -6,8 +6,7 @@
 namespace voxelpipe {
 
 // Output: f32, 1 component.
-struct OccupancyShader {
-  static constexpr bool kNeedsBarycentrics = false;
+struct OccupancyShader : FragmentShaderTraits {
   VOXELPIPE_HD static void Shade(const FragmentInput&, const ShaderParams&, FragmentOutput& out) { out.f[0] = 1; }
 };
 

@@ -27,7 +27,7 @@ VOXELPIPE_HD uint32_t PackNormal(const Vec3f& n) {
 }
 
 // Output: u32, 1 component, below 2^16. Of the same normal as the shader `normal`.
-struct PackedNormalShader {
+struct PackedNormalShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     out.u[0] = PackNormal(ShadingNormal(in));

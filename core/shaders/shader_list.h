@@ -3,12 +3,21 @@
 
 #include "shaders/barycentric.h"
 #include "shaders/base_color.h"
+#include "shaders/checker.h"
+#include "shaders/color.h"
 #include "shaders/constant.h"
+#include "shaders/coverage_fraction.h"
 #include "shaders/geometric_normal.h"
+#include "shaders/material_id.h"
+#include "shaders/mesh_id.h"
 #include "shaders/normal.h"
 #include "shaders/occupancy.h"
 #include "shaders/packed_normal.h"
+#include "shaders/position.h"
+#include "shaders/tangent.h"
 #include "shaders/triangle_id.h"
+#include "shaders/uv.h"
+#include "shaders/velocity.h"
 #include "shaders/vertex_shaders.h"
 
 #define VOXELPIPE_VERTEX_SHADERS(X) \
@@ -23,7 +32,16 @@
   X(GeometricNormal)                  \
   X(Normal)                           \
   X(PackedNormal)                     \
-  X(BaseColor)
+  X(BaseColor)                        \
+  X(MaterialId)                       \
+  X(MeshId)                           \
+  X(Tangent)                          \
+  X(Uv)                               \
+  X(Color)                            \
+  X(Velocity)                         \
+  X(Position)                         \
+  X(CoverageFraction)                 \
+  X(Checker)
 
 namespace voxelpipe {
 
@@ -43,14 +61,33 @@ VOXELPIPE_HD void ShadeFragment(FragmentShaderId id, const FragmentInput& in, co
   }
 }
 
-VOXELPIPE_HD bool NeedsBarycentrics(FragmentShaderId id) {
+// FragmentShaderTraits of a shader chosen at run time, or of several together (operator|=).
+struct ShaderTraits {
+  bool needs_barycentrics = false, can_discard = false, is_color = false;
+  bool reads_base_color = false, reads_emissive = false, reads_metallic_roughness = false;
+
+  VOXELPIPE_HD bool reads_textures() const { return reads_base_color || reads_emissive || reads_metallic_roughness; }
+  VOXELPIPE_HD ShaderTraits& operator|=(const ShaderTraits& other) {
+    needs_barycentrics = needs_barycentrics || other.needs_barycentrics;
+    can_discard = can_discard || other.can_discard;
+    is_color = is_color || other.is_color;
+    reads_base_color = reads_base_color || other.reads_base_color;
+    reads_emissive = reads_emissive || other.reads_emissive;
+    reads_metallic_roughness = reads_metallic_roughness || other.reads_metallic_roughness;
+    return *this;
+  }
+};
+
+VOXELPIPE_HD ShaderTraits TraitsOf(FragmentShaderId id) {
   switch (id) {
-#define VOXELPIPE_CASE(name) \
-  case FragmentShaderId::k##name: return name##Shader::kNeedsBarycentrics;
+#define VOXELPIPE_CASE(name)                                                                        \
+  case FragmentShaderId::k##name:                                                                   \
+    return {name##Shader::kNeedsBarycentrics, name##Shader::kCanDiscard,    name##Shader::kIsColor, \
+            name##Shader::kReadsBaseColor,    name##Shader::kReadsEmissive, name##Shader::kReadsMetallicRoughness};
     VOXELPIPE_FRAGMENT_SHADERS(VOXELPIPE_CASE)
 #undef VOXELPIPE_CASE
   }
-  return false;
+  return {};
 }
 
 VOXELPIPE_HD ShadedVertex ShadeVertex(VertexShaderId id, const ShadedVertex& in, const ShaderParams& params) {

@@ -6,8 +6,7 @@
 namespace voxelpipe {
 
 // Output: u32, 1 component.
-struct TriangleIdShader {
-  static constexpr bool kNeedsBarycentrics = false;
+struct TriangleIdShader : FragmentShaderTraits {
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     out.u[0] = in.triangle;
   }

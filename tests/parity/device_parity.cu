@@ -9,6 +9,7 @@
 #include "raster/spans.h"
 #include "raster/tiles.h"
 #include "shaders/blend_ops.h"
+#include "shaders/fragment_input.h"
 #include "shaders/shader_list.h"
 #include "support/meshes.h"
 
@@ -54,6 +55,12 @@ VOXELPIPE_HD void DigestFragment(const TrianglePlane& plane, FragmentInput& in, 
   }
 }
 
+VOXELPIPE_HD Vec3d Corner(const Vec3d& position) {
+  Vec3d corner = WorldToIndex({0.125, 0, 0}, {1, 1.0 / 3, 1}, position);
+  corner.y /= 3;
+  return corner;
+}
+
 // Everything that one triangle does, in one number.
 VOXELPIPE_HD uint64_t DigestTriangle(const MeshView& mesh, uint32_t t, const ShaderParams& params) {
   Digest digest;
@@ -65,22 +72,16 @@ VOXELPIPE_HD uint64_t DigestTriangle(const MeshView& mesh, uint32_t t, const Sha
     const ShadedVertex in{mesh.positions[mesh.triangles[t][i]], {0.25f, 0.5f, -1}};
     const ShadedVertex shaded = ShadeVertex(VertexShaderId::kTransform, in, params);
     digest.Add(shaded.normal.y);
-    corner[i] = WorldToIndex({0.125, 0, 0}, {1, 1.0 / 3, 1}, in.position);
-    corner[i].y /= 3;
+    corner[i] = Corner(in.position);
   }
   ForEachTile(tiles, corner[0], corner[1], corner[2], [&](uint64_t tile) { digest.Add(tile); });
 #pragma unroll 1  // one copy of the set-up keeps nvcc at seconds
   for (int c = 0; c < 3; ++c) {
     const Coverage coverage = Coverage(c);
     const TriangleSetup setup = SetUpTriangle(corner[0], corner[1], corner[2], coverage);
-    FragmentInput in;
-    in.mesh = &mesh;
-    in.part = &mesh.parts[PartOf(mesh, t)];
-    in.triangle = t;
-    for (int i = 0; i < 3; ++i) in.vertex[i] = mesh.triangles[t][i];
     const TrianglePlane plane = SetUpPlane(corner[0], corner[1], corner[2]);
-    in.degenerate = plane.degenerate;
-    if (!in.degenerate) in.geometric_normal = TriangleNormal(corner[0], corner[1], corner[2]);
+    FragmentInput in = MakeFragmentInput(mesh, t, plane.degenerate, /*textured=*/true);
+    digest.Add(in.uv_density[0]);
     int shaded = 0;
     ForEachRowSpan(setup, all, [&](int64_t y, int64_t z, int64_t begin, int64_t end) {
       digest.Add(uint64_t(y));
@@ -125,9 +126,10 @@ const T* Upload(const std::vector<T>& values) {
 // The soup with vertex normals, texture coordinates, colours and a textured material.
 struct Assets {
   TriangleMesh mesh = testing::Soup(kTriangles, 60, 4242);
-  std::vector<Vec3f> normals;
+  std::vector<Vec3d> index_positions;
+  std::vector<Vec3f> normals, velocities;
   std::vector<Vec2f> uv;
-  std::vector<Vec4f> colors;
+  std::vector<Vec4f> colors, tangents;
   std::vector<PartView> parts;
   std::vector<MaterialView> materials;
   std::vector<uint8_t> texels;
@@ -136,14 +138,17 @@ struct Assets {
   Assets() {
     for (size_t i = 0; i < mesh.positions.size(); ++i) {
       const float f = float(i % 101) / 50 - 1;
+      index_positions.push_back(Corner(mesh.positions[i]));
       normals.push_back({f, 1 - f, 0.3f * f});
+      velocities.push_back({3 * f, f * f, -f});
+      tangents.push_back({1 - f, f, 0.1f, f < 0 ? -1.0f : 1.0f});
       uv.push_back({3 * f, -f});
       colors.push_back({0.5f, f * f, 1, 0.7f});
     }
     PartView bare;
     PartView full;
     full.first_triangle = kTriangles / 4;
-    full.has_normals = full.has_colors = true;
+    full.has_normals = full.has_tangents = full.has_colors = full.has_uv[0] = full.has_uv[1] = true;
     parts = {bare, full};
     MaterialView material;
     material.base_color.texture = 0;
@@ -167,7 +172,10 @@ struct Assets {
     const auto at = [&](const auto& values) { return on_device ? Upload(values) : values.data(); };
     MeshView view;
     view.positions = at(mesh.positions);
+    view.index_positions = at(index_positions);
     view.normals = at(normals);
+    view.tangents = at(tangents);
+    view.velocities = at(velocities);
     view.uv[0] = view.uv[1] = at(uv);
     view.colors = at(colors);
     view.triangles = reinterpret_cast<const uint32_t(*)[3]>(at(mesh.triangles));

@@ -1,0 +1,15 @@
+// mesh_id: the glTF mesh of the triangle.
+#pragma once
+
+#include "shaders/fragment.h"
+
+namespace voxelpipe {
+
+// Output: u32, 1 component: the mesh's index in the file, the same for all its instances. A Draco stream is mesh 0.
+struct MeshIdShader : FragmentShaderTraits {
+  VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
+    out.u[0] = in.part->mesh;
+  }
+};
+
+}  // namespace voxelpipe

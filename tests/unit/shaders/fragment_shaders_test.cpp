@@ -1,0 +1,155 @@
+// Values of the fragment shaders that read no texture, against numbers worked out by hand.
+#include <cmath>
+
+#include "gtest/gtest.h"
+#include "support/shading.h"
+
+namespace voxelpipe {
+namespace {
+
+using testing::Floats;
+using testing::ShadeOne;
+using testing::ShadingScene;
+
+constexpr Vec3f kQuarters{0.25f, 0.25f, 0.5f};
+
+TEST(MaterialIdTest, IsTheIndexInTheFile) {
+  ShadingScene scene;
+  scene.part.material = 1;
+  EXPECT_EQ(ShadeOne(scene.View(), {"material_id", {}}, kQuarters).u[0], 1u);
+}
+
+TEST(MeshIdTest, IsTheIndexInTheFile) {
+  ShadingScene scene;
+  scene.part.mesh = 7;
+  EXPECT_EQ(ShadeOne(scene.View(), {"mesh_id", {}}, kQuarters).u[0], 7u);
+}
+
+TEST(UvTest, InterpolatesTheSetAskedFor) {
+  ShadingScene scene;
+  const Vec2f first[3] = {{0, 0}, {1, 0}, {0, 8}}, second[3] = {{-4, 3}, {-4, 3}, {-4, 3}};
+  MeshView view = scene.View();
+  view.uv[0] = first;
+  view.uv[1] = second;
+  EXPECT_EQ(Floats(ShadeOne(view, {"uv", {}}, kQuarters)), (Vec4f{0, 0, 0, 1}));  // the part has none
+  scene.part.has_uv[0] = scene.part.has_uv[1] = true;
+  EXPECT_EQ(Floats(ShadeOne(view, {"uv", {}}, kQuarters)), (Vec4f{0.25f, 4, 0, 1}));
+  EXPECT_EQ(Floats(ShadeOne(view, {"uv", {{"set", {1}}}}, kQuarters)), (Vec4f{-4, 3, 0, 1}));
+}
+
+TEST(ColorTest, IsWhiteWithoutVertexColours) {
+  ShadingScene scene;
+  const Vec4f colors[3] = {{1, 0, 0, 1}, {0, 1, 0, 0}, {0, 0, 1, 0.5f}};
+  MeshView view = scene.View();
+  view.colors = colors;
+  EXPECT_EQ(Floats(ShadeOne(view, {"color", {}}, kQuarters)), (Vec4f{1, 1, 1, 1}));
+  scene.part.has_colors = true;
+  EXPECT_EQ(Floats(ShadeOne(view, {"color", {}}, kQuarters)), (Vec4f{0.25f, 0.25f, 0.5f, 0.5f}));
+}
+
+TEST(TangentTest, IsAUnitVectorWithHandedness) {
+  ShadingScene scene;
+  Vec4f tangents[3] = {{1, 0, 0, -1}, {1, 0, 0, -1}, {0, 1, 0, -1}};
+  MeshView view = scene.View();
+  view.tangents = tangents;
+  EXPECT_EQ(Floats(ShadeOne(view, {"tangent", {}}, kQuarters)), (Vec4f{0, 0, 0, 1}));
+  scene.part.has_tangents = true;
+  const float half = float(std::sqrt(0.5));
+  EXPECT_EQ(Floats(ShadeOne(view, {"tangent", {}}, kQuarters)), (Vec4f{half, half, 0, -1}));
+  tangents[2] = {-1, 0, 0, -1};  // they cancel out
+  EXPECT_EQ(Floats(ShadeOne(view, {"tangent", {}}, kQuarters)), (Vec4f{0, 0, 0, -1}));
+}
+
+TEST(VelocityTest, InterpolatesOrRests) {
+  ShadingScene scene;
+  const Vec3f velocities[3] = {{4, 0, 0}, {0, 8, 0}, {0, 0, -2}};
+  MeshView view = scene.View();
+  EXPECT_EQ(Floats(ShadeOne(view, {"velocity", {}}, kQuarters)), (Vec4f{0, 0, 0, 1}));
+  view.velocities = velocities;
+  EXPECT_EQ(Floats(ShadeOne(view, {"velocity", {}}, kQuarters)), (Vec4f{1, 2, -1, 1}));
+}
+
+TEST(PositionTest, LiesOnTheTriangleInTheWorld) {
+  ShadingScene scene;
+  EXPECT_EQ(Floats(ShadeOne(scene.View(), {"position", {}}, kQuarters)), (Vec4f{1, 2, 0, 1}));
+}
+
+TEST(PositionTest, WeightsThatMissOneByARoundingDoNotMoveAFarMesh) {
+  ShadingScene scene;
+  for (Vec3d& p : scene.positions) p = {1e6, 1e6, 1e6};
+  const float third = 1.0f / 3;
+  EXPECT_EQ(Floats(ShadeOne(scene.View(), {"position", {}}, {third, third, third})), (Vec4f{1e6f, 1e6f, 1e6f, 1}));
+}
+
+TEST(CheckerTest, NeighboursAcrossAFaceDiffer) {
+  const ShadingScene scene;
+  const auto at = [&](int x, int y, int z) {
+    const ShaderCall call{"checker", {{"size", {2}}, {"even", {5}}, {"odd", {-3}}}};
+    return ShadeOne(scene.View(), call, kQuarters, {x, y, z}).f[0];
+  };
+  EXPECT_EQ(at(0, 0, 0), 5);
+  EXPECT_EQ(at(1, 1, 1), 5);
+  EXPECT_EQ(at(2, 1, 1), -3);
+  EXPECT_EQ(at(1, 2, 1), -3);
+  EXPECT_EQ(at(1, 1, 2), -3);
+  EXPECT_EQ(at(2, 3, 1), 5);
+  EXPECT_EQ(at(2, 3, 3), -3);
+}
+
+float Fraction(const ShadingScene& scene, const Vec3i& voxel, bool degenerate = false) {
+  return ShadeOne(scene.View(), {"coverage_fraction", {}}, kQuarters, voxel, degenerate).f[0];
+}
+
+TEST(CoverageFractionTest, IsOneWhereThePlaneFillsTheVoxel) {
+  ShadingScene scene;
+  for (Vec3d& p : scene.positions) p.z = 0.5;
+  EXPECT_EQ(Fraction(scene, {0, 0, 0}), 1);
+  EXPECT_EQ(Fraction(scene, {1, 1, 0}), 1);
+  EXPECT_EQ(Fraction(scene, {3, 0, 0}), 0.5f);  // cut by the hypotenuse
+  EXPECT_EQ(Fraction(scene, {2, 2, 0}), 0);     // touched in one point
+  EXPECT_EQ(Fraction(scene, {0, 0, 1}), 0);
+  EXPECT_EQ(Fraction(scene, {0, 0, 0}, true), 0);
+}
+
+TEST(CoverageFractionTest, CountsATriangleInASharedFaceInBothVoxels) {
+  const ShadingScene scene;  // in the plane z = 0
+  EXPECT_EQ(Fraction(scene, {0, 0, 0}), 1);
+  EXPECT_EQ(Fraction(scene, {0, 0, -1}), 1);
+}
+
+TEST(CoverageFractionTest, CutsTheHexagonAndTheDiagonalRectangle) {
+  ShadingScene scene;
+  const Vec3d hexagon[3] = {{1.5 + 9, 0 - 4.5, 0 - 4.5}, {0 - 4.5, 1.5 + 9, 0 - 4.5}, {0 - 4.5, 0 - 4.5, 1.5 + 9}};
+  std::copy(hexagon, hexagon + 3, scene.positions);  // x + y + z = 1.5
+  EXPECT_NEAR(Fraction(scene, {0, 0, 0}), 3 * std::sqrt(3.0) / 4, 1e-7);
+  const Vec3d diagonal[3] = {{-9, -9, -20}, {20, 20, -20}, {0.5, 0.5, 40}};
+  std::copy(diagonal, diagonal + 3, scene.positions);  // x = y
+  EXPECT_NEAR(Fraction(scene, {0, 0, 0}), std::sqrt(2.0), 1e-7);
+}
+
+TEST(CoverageFractionTest, PartsSumToTheTriangle) {
+  ShadingScene scene;
+  const Vec3d skew[3] = {{0.3, 0.2, 0.7}, {5.1, 2.9, 1.4}, {1.7, 4.6, 5.8}};
+  std::copy(skew, skew + 3, scene.positions);
+  double sum = 0;
+  for (int z = 0; z < 6; ++z) {
+    for (int y = 0; y < 6; ++y) {
+      for (int x = 0; x < 6; ++x) sum += Fraction(scene, {x, y, z});
+    }
+  }
+  const Vec3d n = Cross(skew[1] - skew[0], skew[2] - skew[0]);
+  EXPECT_NEAR(sum, 0.5 * std::sqrt(Dot(n, n)), 1e-5);
+}
+
+TEST(UvDensityTest, IsTheMeanStretchFromVoxelsToTexels) {
+  const Vec3d a{0, 0, 0}, b{4, 0, 0}, c{0, 4, 0};
+  EXPECT_EQ(UvDensity(a, b, c, {0, 0}, {1, 0}, {0, 1}), 0.25f);
+  EXPECT_EQ(UvDensity(a, b, c, {0, 0}, {1, 0}, {0, 4}), 0.5f);  // stretched 4:1
+  EXPECT_EQ(UvDensity(a, b, c, {0, 0}, {1, 1}, {2, 2}), 0);     // no area
+  EXPECT_EQ(UvDensity(a, a, c, {0, 0}, {1, 0}, {0, 1}), 0);
+  EXPECT_EQ(UvDensity(a, b, c, {NAN, 0}, {1, 0}, {0, 1}), 0);
+  EXPECT_EQ(UvDensity(a, b, c, {0, 0}, {3e38f, 0}, {0, 3e38f}), 0x1p60f);
+}
+
+}  // namespace
+}  // namespace voxelpipe
