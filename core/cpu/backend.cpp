@@ -12,8 +12,10 @@ namespace {
 
 class CpuStages final : public Stages {
  public:
-  CpuStages(const TriangleMesh& mesh, const BoundRequest& request, const JobContext& job)
-      : state_(mesh, request, job) {}
+  CpuStages(const TriangleMesh& mesh, const BoundRequest& request, const JobContext& job, const RowKernels& kernels)
+      : state_(mesh, request, job) {
+    state_.kernels = &kernels;
+  }
 
   absl::StatusOr<MeshExtent> VertexShade() override { return cpu::VertexShade(state_); }
   absl::Status CoarseRaster(const GridSpec& grid) override { return cpu::CoarseRaster(state_, grid); }
@@ -29,7 +31,8 @@ class CpuStages final : public Stages {
     return state_.inside.empty() ? CountBits(state_.coverage) : CountUnion(state_.coverage, state_.inside);
   }
   SlabCounts counts() const override { return state_.counts; }
-  std::string_view simd() const override { return "scalar"; }
+  bool SortsTiles(const GridSpec& grid) const override { return !PlainBits(state_, grid); }
+  std::string_view simd() const override { return state_.kernels->name; }
 
  private:
   RunState state_;
@@ -38,10 +41,12 @@ class CpuStages final : public Stages {
 class Cpu final : public Backend {
  public:
   std::string_view name() const override { return "cpu"; }
-  std::string_view simd() const override { return "scalar"; }
+  std::string_view simd() const override { return (*SelectRowKernels(SimdChoice::kAuto))->name; }
   absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,
                                                 const JobContext& job) const override {
-    return std::make_unique<CpuStages>(mesh, request, job);
+    const absl::StatusOr<const RowKernels*> kernels = SelectRowKernels(request.request.simd);
+    if (!kernels.ok()) return kernels.status();
+    return std::make_unique<CpuStages>(mesh, request, job, **kernels);
   }
   void Run(int threads, const std::function<void()>& body) const override {
     // More threads than cores only wait for each other.

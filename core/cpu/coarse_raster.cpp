@@ -15,11 +15,12 @@ constexpr double kFarthest = 0x1p40;  // voxels
 
 absl::Status PlaceVertices(RunState& state) {
   const MeshView& view = state.view;
-  state.index_positions.resize(view.vertex_count);
-  state.view.index_positions = state.index_positions.data();
+  state.placed_positions = HostArray<Vec3d>(view.vertex_count);
+  state.index_positions = state.placed_positions.data();
+  state.view.index_positions = state.index_positions;
   return ParallelChunks(int64_t(view.vertex_count), kVertexGrain, state.job, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
-      state.index_positions[i] = WorldToIndex(state.grid.origin, state.grid.voxel_size, view.positions[i]);
+      state.placed_positions[uint64_t(i)] = WorldToIndex(state.grid.origin, state.grid.voxel_size, view.positions[i]);
     }
   });
 }
@@ -36,6 +37,12 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   state.tiles = TilesOf(state.dims);
   if (state.tiles.count() > UINT32_MAX) {
     return absl::ResourceExhaustedError("the grid has more than 2^32 tiles of 32x8x8 voxels");
+  }
+  if (PlainBits(state, grid)) {
+    state.row_bits = std::make_unique<RowBits>(*state.kernels, state.view, grid, state.request.request.coverage);
+    const absl::Status s = state.row_bits->Bin(state.job);
+    state.index_positions = state.row_bits->index_positions();
+    if (!absl::IsOutOfRange(s)) return s;  // otherwise the tiles' way below names the vertex
   }
   if (absl::Status s = PlaceVertices(state); !s.ok()) return s;
   const int64_t triangles = int64_t(state.view.triangle_count);

@@ -114,6 +114,7 @@ std::span<const TileRun> SlabRuns(const RunState& state) {
 }  // namespace
 
 absl::Status FineRaster(RunState& state) {
+  if (state.row_bits) return state.row_bits->Raster(state.slab.begin, state.slab.end, state.coverage, state.job);
   const std::span<const TileRun> runs = SlabRuns(state);
   tbb::enumerable_thread_specific<Worker> workers([&] { return Worker(state); });
   absl::Status s = ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {

@@ -15,6 +15,14 @@ namespace {
 
 // Every voxel that a triangle touches, whatever the request's coverage and shaders.
 absl::Status RasterShell(const RunState& state, BitGrid& shell) {
+  if (RowBitsFit(state.grid, state.view.triangle_count)) {
+    if (state.row_bits && state.request.request.coverage == Coverage::kConservative) {
+      return state.row_bits->Raster(0, state.dims[2], shell, state.job);
+    }
+    RowBits rows(*state.kernels, state.view, state.grid, Coverage::kConservative);
+    if (absl::Status s = rows.Bin(state.job); !s.ok()) return s;
+    return rows.Raster(0, state.dims[2], shell, state.job);
+  }
   return ParallelChunks(int64_t(state.runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
       const TileRun& run = state.runs[size_t(i)];

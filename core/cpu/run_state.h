@@ -2,9 +2,11 @@
 #pragma once
 
 #include <array>
+#include <memory>
 #include <optional>
 #include <vector>
 
+#include "cpu/row_bits.h"
 #include "grid/bit_grid.h"
 #include "mesh/triangle_mesh.h"
 #include "pipeline/stages.h"
@@ -54,10 +56,14 @@ struct RunState {
   GridSpec grid;
   int64_t dims[3] = {1, 1, 1};
   TileGrid tiles{};
-  std::vector<Vec3d> index_positions;  // per vertex, index space
-  std::vector<uint64_t> pairs;         // (tile << 32) | triangle
-  std::vector<TileRun> runs;           // by ascending tile
-  BitGrid outside;                     // flood: what the walk from outside reached, made by the first slab
+  // Plain bits: the row-span rasterizer in place of tiles; `pairs` and `runs` stay empty.
+  const RowKernels* kernels = nullptr;
+  std::unique_ptr<RowBits> row_bits;
+  HostArray<Vec3d> placed_positions;       // under tiles: what index_positions shows
+  const Vec3d* index_positions = nullptr;  // per vertex, index space
+  std::vector<uint64_t> pairs;             // (tile << 32) | triangle
+  std::vector<TileRun> runs;               // by ascending tile
+  BitGrid outside;                         // flood: what the walk from outside reached, made by the first slab
 
   // BeginSlab: what follows holds the slab's layers only; its rows are numbered by SlabRow
   Slab slab;
@@ -75,6 +81,9 @@ struct RunState {
 
 // "node 3, mesh 1, primitive 0, vertex 17" for a vertex index of the flattened mesh.
 std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex);
+
+// Whether every target is the coverage itself, so that rows need no tiles.
+bool PlainBits(const RunState& state, const GridSpec& grid);
 
 // The stages; see pipeline/stages.h for what each does.
 absl::StatusOr<MeshExtent> VertexShade(RunState& state);

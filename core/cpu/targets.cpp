@@ -52,13 +52,23 @@ HostBuffer PackBitTarget(const RunState& state, const CpuTarget& target, HostBuf
 
 }  // namespace
 
+bool PlainBits(const RunState& state, const GridSpec& grid) {
+  const VoxelizeRequest& request = state.request.request;
+  if (request.result != ResultKind::kDense || !RowBitsFit(grid, state.view.triangle_count)) return false;
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    if (request.targets[i].format != VoxelFormat::kBit) return false;
+    if (FragmentShaderId(state.request.fragment_shaders[i].id) != FragmentShaderId::kOccupancy) return false;
+  }
+  return true;
+}
+
 absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.slab = slab;
   state.slab_dims = {state.dims[0], state.dims[1], slab.depth()};
   state.targets.clear();
   state.inside = BitGrid();
   state.counts = SlabCounts();
-  auto coverage = BitGrid::Create(state.slab_dims);
+  auto coverage = state.row_bits ? BitGrid::CreateUncleared(state.slab_dims) : BitGrid::Create(state.slab_dims);
   if (!coverage.ok()) return coverage.status();
   state.coverage = *std::move(coverage);
   for (size_t i = 0; i < state.request.request.targets.size(); ++i) {
@@ -81,6 +91,12 @@ absl::StatusOr<ResultArrays> Finish(RunState& state) {
   for (CpuTarget& target : state.targets) {
     if (target.spec.format == VoxelFormat::kF32) {
       results.targets.push_back(std::move(target.dense));
+      continue;
+    }
+    const bool as_it_is =
+        target.is_occupancy && state.inside.empty() && target.spec.clear == 0 && state.dims[0] % 32 == 0;
+    if (as_it_is && &target == &state.targets.back()) {
+      results.targets.push_back(state.coverage.TakePacked());
       continue;
     }
     auto packed = HostBuffer::Allocate(TargetBytes(target.spec, state.slab_voxels()));

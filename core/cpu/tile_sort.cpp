@@ -7,6 +7,7 @@
 namespace voxelpipe::cpu {
 
 absl::Status TileSort(RunState& state) {
+  if (state.row_bits) return absl::OkStatus();
   std::vector<uint64_t>& pairs = state.pairs;
   tbb::parallel_sort(pairs.begin(), pairs.end());
   for (uint64_t begin = 0; begin < pairs.size();) {

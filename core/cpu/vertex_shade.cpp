@@ -118,6 +118,71 @@ Box3d Grow(const Box3d& box, const Vec3d& p) {
   return grown;
 }
 
+// Whether the box is quicker found over the vertices than over the triangles.
+bool FewUnused(const TriangleMesh& mesh) {
+  return mesh.unused_vertices && mesh.unused_vertices->size() < 64 + mesh.positions.size() / 8;
+}
+
+// The box of the used vertices, by the list of the others; false if one of them is not finite.
+bool BoundsByVertices(const RunState& state, Box3d& box) {
+  struct Bounds {
+    Box3d box;
+    bool finite = true;
+  };
+  const std::vector<uint32_t>& unused = *state.mesh.unused_vertices;
+  const Bounds all = tbb::parallel_reduce(
+      tbb::blocked_range<uint64_t>(0, state.view.vertex_count, kGrain), Bounds{},
+      [&](const tbb::blocked_range<uint64_t>& range, Bounds b) {
+        auto skip = std::lower_bound(unused.begin(), unused.end(), range.begin());
+        for (uint64_t begin = range.begin(); begin < range.end();) {
+          const uint64_t end = skip == unused.end() ? range.end() : std::min<uint64_t>(range.end(), *skip);
+          if (begin < end) {
+            Box3d here{.empty = false};
+            b.finite = state.kernels->bounds(state.view.positions, int64_t(begin), int64_t(end), here.min, here.max) &&
+                       b.finite;
+            b.box = Grow(Grow(b.box, here.min), here.max);
+          }
+          begin = end + 1;
+          if (skip != unused.end()) ++skip;
+        }
+        return b;
+      },
+      [](const Bounds& a, const Bounds& b) {
+        return Bounds{b.box.empty ? a.box : Grow(Grow(a.box, b.box.min), b.box.max), a.finite && b.finite};
+      });
+  box = all.box;
+  return all.finite;
+}
+
+// The box of the vertices that triangles use.
+absl::StatusOr<Box3d> BoundsOfUsed(const RunState& state) {
+  const MeshView& view = state.view;
+  // The first bad vertex by index, so that the message does not depend on the schedule.
+  std::atomic<uint64_t> bad{UINT64_MAX};
+  const Box3d box = tbb::parallel_reduce(
+      tbb::blocked_range<uint64_t>(0, view.triangle_count, kGrain), Box3d{},
+      [&](const tbb::blocked_range<uint64_t>& range, Box3d b) {
+        for (uint64_t t = range.begin(); t < range.end(); ++t) {
+          for (const uint32_t v : view.triangles[t]) {
+            const Vec3d& p = view.positions[v];
+            if (std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)) {
+              b = Grow(b, p);
+            } else {
+              uint64_t seen = bad.load(std::memory_order_relaxed);
+              while (v < seen && !bad.compare_exchange_weak(seen, v)) {}
+            }
+          }
+        }
+        return b;
+      },
+      [](const Box3d& a, const Box3d& b) { return b.empty ? a : Grow(Grow(a, b.min), b.max); });
+  if (bad.load() != UINT64_MAX) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(DescribeVertex(state.mesh, bad.load()), ": the position is not finite after the vertex shader"));
+  }
+  return box;
+}
+
 // The sums of MeshExtent. Reduced in a fixed order, so that the plan does not depend on the schedule.
 void MeasureSurface(const MeshView& view, MeshExtent& extent) {
   struct Sums {
@@ -160,35 +225,16 @@ absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
   MakeViews(state);
   if (absl::Status s = RunShader(state); !s.ok()) return s;
   const MeshView& view = state.view;
-  // The first bad vertex by index, so that the message does not depend on the schedule.
-  std::atomic<uint64_t> bad{UINT64_MAX};
-  const Box3d box = tbb::parallel_reduce(
-      tbb::blocked_range<uint64_t>(0, view.triangle_count, kGrain), Box3d{},
-      [&](const tbb::blocked_range<uint64_t>& range, Box3d b) {
-        for (uint64_t t = range.begin(); t < range.end(); ++t) {
-          for (const uint32_t v : view.triangles[t]) {
-            const Vec3d& p = view.positions[v];
-            if (std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)) {
-              b = Grow(b, p);
-            } else {
-              uint64_t seen = bad.load(std::memory_order_relaxed);
-              while (v < seen && !bad.compare_exchange_weak(seen, v)) {}
-            }
-          }
-        }
-        return b;
-      },
-      [](const Box3d& a, const Box3d& b) { return b.empty ? a : Grow(Grow(a, b.min), b.max); });
-  if (bad.load() != UINT64_MAX) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(DescribeVertex(state.mesh, bad.load()), ": the position is not finite after the vertex shader"));
+  MeshExtent extent;
+  if (!FewUnused(state.mesh) || !BoundsByVertices(state, extent.box)) {
+    absl::StatusOr<Box3d> box = BoundsOfUsed(state);
+    if (!box.ok()) return box.status();
+    extent.box = *box;
   }
-  Box3d result = box;
   for (int a = 0; a < 3; ++a) {  // -0 and +0 are one corner, whichever thread saw it first
-    result.min[a] += 0.0;
-    result.max[a] += 0.0;
+    extent.box.min[a] += 0.0;
+    extent.box.max[a] += 0.0;
   }
-  MeshExtent extent{.box = result};
   if (state.request.request.result != ResultKind::kDense) MeasureSurface(view, extent);
   return extent;
 }

@@ -10,13 +10,20 @@
 
 namespace voxelpipe {
 
-absl::StatusOr<BitGrid> BitGrid::Create(const std::array<int64_t, 3>& dims) {
+absl::StatusOr<BitGrid> BitGrid::CreateUncleared(const std::array<int64_t, 3>& dims) {
   BitGrid grid;
   grid.dims_ = dims;
   grid.words_per_row_ = (dims[0] + 31) / 32;
   absl::StatusOr<HostBuffer> words = HostBuffer::Allocate(BytesFor(dims));
   if (!words.ok()) return words.status();
   grid.words_ = *std::move(words);
+  return grid;
+}
+
+absl::StatusOr<BitGrid> BitGrid::Create(const std::array<int64_t, 3>& dims) {
+  absl::StatusOr<BitGrid> created = CreateUncleared(dims);
+  if (!created.ok()) return created.status();
+  BitGrid grid = *std::move(created);
   // Parallel so that the first touch of the pages is shared among the threads.
   constexpr uint64_t kBlock = 1 << 20;
   const uint64_t bytes = grid.words_.size();

@@ -18,6 +18,11 @@ class BitGrid {
 
   // All bits clear. RESOURCE_EXHAUSTED when memory is short.
   static absl::StatusOr<BitGrid> Create(const std::array<int64_t, 3>& dims);
+  // Contents undefined: every word is to be written.
+  static absl::StatusOr<BitGrid> CreateUncleared(const std::array<int64_t, 3>& dims);
+
+  // Rows that fill their words are packed as they are: the words in the format of kBit. Only where dims[0] % 32 == 0.
+  HostBuffer TakePacked() { return std::move(words_); }
 
   bool empty() const { return words_.size() == 0; }
   int64_t words_per_row() const { return words_per_row_; }

@@ -244,6 +244,20 @@ void AllocateArrays(const std::vector<Placement>& placements, TriangleMesh& mesh
   }
 }
 
+std::vector<uint32_t> UnusedVertices(const TriangleMesh& mesh) {
+  std::vector<uint8_t> used(mesh.positions.size());
+  tbb::parallel_for(tbb::blocked_range<size_t>(0, mesh.triangles.size(), kVertexGrain), [&](const auto& range) {
+    for (size_t t = range.begin(); t < range.end(); ++t) {
+      for (const uint32_t v : mesh.triangles[t]) std::atomic_ref<uint8_t>(used[v]).store(1, std::memory_order_relaxed);
+    }
+  });
+  std::vector<uint32_t> unused;
+  for (auto v = std::find(used.begin(), used.end(), 0); v != used.end(); v = std::find(v + 1, used.end(), 0)) {
+    unused.push_back(uint32_t(v - used.begin()));
+  }
+  return unused;
+}
+
 }  // namespace
 
 uint64_t CountTriangles(const Scene& scene) {
@@ -296,6 +310,7 @@ absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limit
         absl::StrCat("node ", part->node, ", mesh ", part->mesh, ", primitive ", part->primitive, ", vertex ",
                      id - part->first_vertex, ": the transformed position is not finite, or a joint does not exist"));
   }
+  mesh.unused_vertices = UnusedVertices(mesh);
   return mesh;
 }
 

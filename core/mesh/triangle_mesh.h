@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -35,6 +36,8 @@ struct TriangleMesh {
   std::vector<Vec2f> uv[2];
   std::vector<Vec4f> colors;  // linear
   std::vector<std::array<uint32_t, 3>> triangles;
+  // Ids of the vertices that no triangle uses, ascending. Absent where that is not known; the box is then found by triangles.
+  std::optional<std::vector<uint32_t>> unused_vertices;
   std::vector<MeshPart> parts;  // ascending, covering all triangles and all vertices exactly once
   std::vector<Material> materials;
   std::vector<Texture> textures;

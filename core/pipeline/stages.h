@@ -64,6 +64,9 @@ class Stages {
   // Sorts (tile, triangle) pairs by tile, then by triangle id.
   virtual absl::Status TileSort() = 0;
 
+  // False where a faster way rasterizes rows without tiles: then CoarseRaster only bins, and TileSort has nothing to do.
+  virtual bool SortsTiles(const GridSpec& grid) const = 0;
+
   // Allocates the targets of these layers and sets every voxel to its clear value.
   virtual absl::Status BeginSlab(const Slab& slab) = 0;
 

@@ -73,9 +73,16 @@ absl::StatusOr<BoundRequest> Bind(const VoxelizeRequest& request) {
   return bound;
 }
 
-// The stages of one slab, in the paper's order.
-absl::StatusOr<ResultArrays> RunSlab(Stages& stages, const VoxelizeRequest& request, const Slab& slab,
-                                     StageClock& run) {
+void AddCounts(const Stages& stages, const VoxelizeRequest& request, VoxelizeStats& stats) {
+  const SlabCounts counts = stages.counts();
+  stats.occupied += stages.CountOccupied();
+  if (counts.fragments) stats.fragments = stats.fragments.value_or(0) + *counts.fragments;
+  if (request.fill == Fill::kParity) stats.odd_columns = stats.odd_columns.value_or(0) + counts.odd_columns;
+}
+
+// The stages of one slab, in the paper's order. Adds its counts to `stats`, if given.
+absl::StatusOr<ResultArrays> RunSlab(Stages& stages, const VoxelizeRequest& request, const Slab& slab, StageClock& run,
+                                     VoxelizeStats* stats) {
   const bool buckets = request.result == ResultKind::kBuckets;
   absl::Status s = run(buckets ? "emit" : "fine_raster", [&] { return stages.BeginSlab(slab); });
   if (!s.ok()) return s;
@@ -94,18 +101,12 @@ absl::StatusOr<ResultArrays> RunSlab(Stages& stages, const VoxelizeRequest& requ
       if (!s.ok()) return s;
     }
   }
+  if (stats != nullptr) AddCounts(stages, request, *stats);
   // Bringing the arrays into their result format ends whichever stage wrote them last.
   return run(buckets                       ? "resolve"
              : request.fill == Fill::kNone ? "fine_raster"
                                            : "fill",
              [&] { return stages.Finish(); });
-}
-
-void AddCounts(const Stages& stages, const VoxelizeRequest& request, VoxelizeStats& stats) {
-  const SlabCounts counts = stages.counts();
-  stats.occupied += stages.CountOccupied();
-  if (counts.fragments) stats.fragments = stats.fragments.value_or(0) + *counts.fragments;
-  if (request.fill == Fill::kParity) stats.odd_columns = stats.odd_columns.value_or(0) + counts.odd_columns;
 }
 
 absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const BoundRequest& bound,
@@ -132,17 +133,19 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
   const char* last = buckets ? "resolve" : request.fill == Fill::kNone ? "fine_raster" : "fill";
   const bool timed = delivery == Delivery::kMemory;  // a sink's time is not the pipeline's
 
-  absl::Status s = run("coarse_raster", [&] { return stages.CoarseRaster(plan->grid); });
+  const bool tiles = stages.SortsTiles(plan->grid);
+  absl::Status s = run(tiles ? "coarse_raster" : "fine_raster", [&] { return stages.CoarseRaster(plan->grid); });
   if (!s.ok()) return s;
-  s = run("tile_sort", [&] { return stages.TileSort(); });
-  if (!s.ok()) return s;
+  if (tiles) {
+    s = run("tile_sort", [&] { return stages.TileSort(); });
+    if (!s.ok()) return s;
+  }
   if (s = assembler.Begin(request, *plan); !s.ok()) return s;
   for (int pass = 0; pass < assembler.passes(); ++pass) {
     for (int64_t z = 0; z < depth; z += plan->slab_depth) {
       const Slab slab{z, std::min(depth, z + plan->slab_depth)};
-      absl::StatusOr<ResultArrays> arrays = RunSlab(stages, request, slab, run);
+      absl::StatusOr<ResultArrays> arrays = RunSlab(stages, request, slab, run, pass == 0 ? &stats : nullptr);
       if (!arrays.ok()) return arrays.status();
-      if (pass == 0) AddCounts(stages, request, stats);
       run.Done(last, (double(pass) + double(slab.end) / double(depth)) / double(assembler.passes()));
       // Asked here too: a sink may take long, and a client may have gone meanwhile.
       if (s = job.Check(); !s.ok()) return s;

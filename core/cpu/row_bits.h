@@ -1,0 +1,41 @@
+// The fast path for plain bits: row spans straight into the bit grid, without tiles.
+//
+// Where only occupancy is wanted there is nothing to blend, so no tile buffer earns its sort: triangles are binned to slabs of a
+// few layers, and each slab is cleared and rasterized by one thread while it is in that thread's cache.
+#pragma once
+
+#include <memory>
+
+#include "absl/status/status.h"
+#include "base/job_context.h"
+#include "cpu/row_kernels.h"
+#include "grid/bit_grid.h"
+#include "grid/grid_spec.h"
+#include "shaders/mesh_view.h"
+
+namespace voxelpipe::cpu {
+
+// Whether grids of these dims and meshes of this size can go this way.
+bool RowBitsFit(const GridSpec& grid, uint64_t triangles);
+
+class RowBits {
+ public:
+  RowBits(const RowKernels& kernels, const MeshView& mesh, const GridSpec& grid, Coverage coverage);
+  ~RowBits();
+
+  // Takes the vertices to index space and bins the triangles. OUT_OF_RANGE if a vertex that a triangle uses is beyond 2^40 voxels; CANCELLED,
+  // DEADLINE_EXCEEDED.
+  absl::Status Bin(const JobContext& job);
+
+  // Sets `bits`, the grid's layers [begin, end), not cleared before, to the coverage. After Bin; any layers, any number of times.
+  absl::Status Raster(int64_t begin, int64_t end, BitGrid& bits, const JobContext& job) const;
+
+  // Of every vertex, in index space. After Bin.
+  const Vec3d* index_positions() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace voxelpipe::cpu

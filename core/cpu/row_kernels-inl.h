@@ -1,0 +1,554 @@
+// The row kernels on vectors: the operations of raster/triangle_setup.h and raster/spans.h, lane by lane in the same order.
+// Included once for each instruction set; no include guard but Highway's.
+//
+// Sources: as triangle_setup.h. The schedule (many small triangles a vector, many rows of a large one) follows M. Schwarz and
+// H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010, in sorting triangles by their extent.
+#if defined(VOXELPIPE_ROW_KERNELS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef VOXELPIPE_ROW_KERNELS_INL_H_
+#undef VOXELPIPE_ROW_KERNELS_INL_H_
+#else
+#define VOXELPIPE_ROW_KERNELS_INL_H_
+#endif
+
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+
+#include "cpu/row_kernels.h"
+
+#if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
+
+HWY_BEFORE_NAMESPACE();
+namespace voxelpipe::cpu {
+namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+using DF = hn::ScalableTag<float>;
+using DI = hn::ScalableTag<int32_t>;
+using DD = hn::ScalableTag<double>;
+using DL = hn::ScalableTag<int64_t>;
+using DU = hn::ScalableTag<uint64_t>;
+using DS = hn::ScalableTag<int16_t>;
+using VF = hn::Vec<DF>;
+using VI = hn::Vec<DI>;
+using VD = hn::Vec<DD>;
+using MF = hn::Mask<DF>;
+constexpr int kLanes = HWY_TARGET == HWY_AVX3 ? 16 : 8;  // floats
+constexpr int kHalf = kLanes / 2;                        // doubles
+
+HWY_INLINE VF SetF(float v) {
+  return hn::Set(DF(), v);
+}
+HWY_INLINE VI SetI(int64_t v) {
+  return hn::Set(DI(), int32_t(v));
+}
+HWY_INLINE VD SetD(double v) {
+  return hn::Set(DD(), v);
+}
+
+// Bit i: lane i of the mask.
+template <class D>
+HWY_INLINE uint64_t Bits(D d, hn::Mask<D> mask) {
+  uint8_t bytes[8] = {};
+  hn::StoreMaskBits(d, mask, bytes);
+  uint64_t bits;
+  std::memcpy(&bits, bytes, sizeof bits);
+  return bits;
+}
+
+// ---- vertices ----
+
+HWY_ATTR bool Bounds(const Vec3d* world, int64_t begin, int64_t end, Vec3d& least, Vec3d& most) {
+  const DD d;
+  const double* in = &world[0].x;
+  VD lo[3], hi[3], odd = hn::Zero(d);  // odd: 0 while all are finite, x - x being NaN for NaN and infinity
+  for (int a = 0; a < 3; ++a) lo[a] = hi[a] = SetD(world[begin][a]);
+  int64_t i = begin;
+  for (; i + kHalf <= end; i += kHalf) {
+    VD p[3];
+    hn::LoadInterleaved3(d, in + 3 * i, p[0], p[1], p[2]);
+    for (int a = 0; a < 3; ++a) {
+      lo[a] = hn::Min(lo[a], p[a]);
+      hi[a] = hn::Max(hi[a], p[a]);
+      odd = hn::Add(odd, hn::Sub(p[a], p[a]));
+    }
+  }
+  bool finite = hn::AllTrue(d, hn::Eq(odd, hn::Zero(d)));
+  for (int a = 0; a < 3; ++a) {
+    least[a] = hn::GetLane(hn::MinOfLanes(d, lo[a]));
+    most[a] = hn::GetLane(hn::MaxOfLanes(d, hi[a]));
+  }
+  for (; i < end; ++i) {
+    for (int a = 0; a < 3; ++a) {
+      finite = finite && Abs(world[i][a]) < HUGE_VAL;
+      least[a] = voxelpipe::Min(least[a], world[i][a]);
+      most[a] = voxelpipe::Max(most[a], world[i][a]);
+    }
+  }
+  return finite;
+}
+
+// 2*first + (last - first) = first + last, see VertexCode.
+HWY_INLINE VD CodeOf(VD p) {
+  const VD first = hn::Ceil(hn::Sub(p, SetD((0.5 + 0.5) + kNarrowWidening)));
+  const VD last = hn::Floor(hn::Sub(p, SetD((0.5 - 0.5) - kNarrowWidening)));
+  return hn::Min(hn::Max(hn::Add(first, last), SetD(-32768.0)), SetD(32767.0));
+}
+
+HWY_ATTR bool Place(const Vec3d* world, int64_t begin, int64_t end, const Vec3d& origin, const Vec3d& voxel_size,
+                    Vec3d* index, VertexCode* codes) {
+  const DD d;
+  const double* in = &world[0].x;
+  double* out = &index[0].x;
+  HWY_ALIGN double code[3][kHalf];
+  auto far = SetD(0);
+  const auto one = [&](VD p, const double o, const double h) HWY_ATTR {
+    const VD q = hn::Div(hn::Sub(p, SetD(o)), SetD(h));
+    far = hn::Max(far, hn::Abs(q));
+    return q;
+  };
+  bool near = true;
+  int64_t i = begin;
+  for (; i + kHalf <= end; i += kHalf) {
+    VD x, y, z;
+    hn::LoadInterleaved3(d, in + 3 * i, x, y, z);
+    x = one(x, origin.x, voxel_size.x);
+    y = one(y, origin.y, voxel_size.y);
+    z = one(z, origin.z, voxel_size.z);
+    hn::StoreInterleaved3(x, y, z, d, out + 3 * i);
+    hn::Store(CodeOf(x), d, code[0]);
+    hn::Store(CodeOf(y), d, code[1]);
+    hn::Store(CodeOf(z), d, code[2]);
+    for (int k = 0; k < kHalf; ++k) {
+      codes[i + k] = {{int16_t(code[0][k]), int16_t(code[1][k]), int16_t(code[2][k]), 0}};
+    }
+  }
+  near = hn::AllTrue(d, hn::Le(far, SetD(0x1p40)));
+  for (; i < end; ++i) {
+    const double p[3] = {(world[i].x - origin.x) / voxel_size.x, (world[i].y - origin.y) / voxel_size.y,
+                         (world[i].z - origin.z) / voxel_size.z};
+    index[i] = {p[0], p[1], p[2]};
+    codes[i].axis[3] = 0;
+    for (int a = 0; a < 3; ++a) {
+      near = near && Abs(p[a]) <= 0x1p40;
+      codes[i].axis[a] = int16_t(hn::GetLane(CodeOf(SetD(p[a]))));
+    }
+  }
+  return near;
+}
+
+// ---- boxes ----
+
+HWY_ATTR void Classify(const uint32_t (*triangles)[3], const VertexCode* codes, int64_t begin, int64_t end,
+                       const int64_t (&dims)[3], Coverage coverage, TriangleBox* boxes) {
+  const DU du;
+  const DL dl;
+  const DS ds;
+  const auto base = reinterpret_cast<const uint64_t*>(codes);
+  const auto packed = [](int64_t x, int64_t y, int64_t z, int64_t w) {
+    return uint64_t(uint16_t(x)) | uint64_t(uint16_t(y)) << 16 | uint64_t(uint16_t(z)) << 32 |
+           uint64_t(uint16_t(w)) << 48;
+  };
+  const auto limit = hn::BitCast(ds, hn::Set(du, packed(dims[0] - 1, dims[1] - 1, dims[2] - 1, 0)));
+  const auto most = hn::BitCast(ds, hn::Set(du, packed(32767, kSmallRows - 1, kSmallRows - 1, 32767)));
+  const auto one = hn::Set(ds, int16_t{1});
+  const auto low16 = hn::Set(du, uint64_t{0xffff});
+  const bool runs = coverage == Coverage::kConservative;
+  HWY_ALIGN int64_t v[3][kHalf];
+  int64_t t = begin;
+  for (; t < end; t += kHalf) {
+    const int64_t count = std::min<int64_t>(kHalf, end - t);
+    for (int64_t k = 0; k < kHalf; ++k) {
+      const uint32_t* ids = triangles[t + std::min(k, count - 1)];
+      v[0][k] = ids[0];
+      v[1][k] = ids[1];
+      v[2][k] = ids[2];
+    }
+    const auto a = hn::BitCast(ds, hn::GatherIndex(du, base, hn::Load(dl, v[0])));
+    const auto b = hn::BitCast(ds, hn::GatherIndex(du, base, hn::Load(dl, v[1])));
+    const auto c = hn::BitCast(ds, hn::GatherIndex(du, base, hn::Load(dl, v[2])));
+    const auto first = hn::ShiftRight<1>(hn::Min(a, hn::Min(b, c)));
+    const auto last = hn::ShiftRight<1>(hn::SaturatedAdd(hn::Max(a, hn::Max(b, c)), one));
+    const auto outside = hn::BitCast(du, hn::VecFromMask(ds, hn::Or(hn::Lt(last, hn::Zero(ds)), hn::Gt(first, limit))));
+    const auto any_outside = hn::Ne(hn::ShiftLeft<16>(outside), hn::Zero(du));
+    const auto extent = hn::Sub(last, first);
+    const auto is_small = hn::Eq(hn::BitCast(du, hn::VecFromMask(ds, hn::Gt(extent, most))), hn::Zero(du));
+    const auto single = hn::BitCast(du, hn::VecFromMask(ds, hn::Eq(first, last)));
+    const auto sx = hn::And(single, low16), sy = hn::And(hn::ShiftRight<16>(single), low16);
+    const auto sz = hn::And(hn::ShiftRight<32>(single), low16);
+    const auto two = hn::Or(hn::And(sx, sy), hn::Or(hn::And(sy, sz), hn::And(sx, sz)));
+    const auto is_run = hn::Ne(two, hn::Zero(du));
+    auto code =
+        hn::IfThenElse(is_small, hn::Set(du, uint64_t(RowClass::kSmall)), hn::Set(du, uint64_t(RowClass::kLarge)));
+    if (runs) code = hn::IfThenElse(is_run, hn::Set(du, uint64_t(RowClass::kRun)), code);
+    code = hn::IfThenElse(any_outside, hn::Zero(du), code);
+    const auto first_word =
+        hn::Or(hn::And(hn::BitCast(du, first), hn::Set(du, 0xffffffffffffull)), hn::ShiftLeft<48>(code));
+    HWY_ALIGN uint64_t words[2][kHalf];
+    hn::Store(first_word, du, words[0]);
+    hn::Store(hn::BitCast(du, last), du, words[1]);
+    auto* out = reinterpret_cast<uint64_t*>(boxes + (t - begin));
+    for (int64_t k = 0; k < count; ++k) {
+      out[2 * k] = words[0][k];
+      out[2 * k + 1] = words[1][k];
+    }
+  }
+}
+
+// ---- many small triangles a vector ----
+
+struct WideVector {  // kLanes doubles
+  VD lo, hi;
+};
+HWY_INLINE WideVector Sub(const WideVector& a, const WideVector& b) {
+  return {hn::Sub(a.lo, b.lo), hn::Sub(a.hi, b.hi)};
+}
+HWY_INLINE WideVector Min3(const WideVector& a, const WideVector& b, const WideVector& c) {
+  return {hn::Min(a.lo, hn::Min(b.lo, c.lo)), hn::Min(a.hi, hn::Min(b.hi, c.hi))};
+}
+HWY_INLINE WideVector Max3(const WideVector& a, const WideVector& b, const WideVector& c) {
+  return {hn::Max(a.lo, hn::Max(b.lo, c.lo)), hn::Max(a.hi, hn::Max(b.hi, c.hi))};
+}
+HWY_INLINE VF ToFloat(const WideVector& v) {
+  const hn::Half<DF> dh;
+  return hn::Combine(DF(), hn::DemoteTo(dh, v.hi), hn::DemoteTo(dh, v.lo));
+}
+HWY_INLINE VI ToInt(const WideVector& v) {
+  const hn::Half<DI> dh;
+  return hn::Combine(DI(), hn::DemoteTo(dh, v.hi), hn::DemoteTo(dh, v.lo));
+}
+HWY_INLINE WideVector ToDouble(VF v) {
+  return {hn::PromoteTo(DD(), hn::LowerHalf(hn::Half<DF>(), v)), hn::PromoteTo(DD(), hn::UpperHalf(hn::Half<DF>(), v))};
+}
+
+struct VecF {
+  VF x, y, z;
+};
+HWY_INLINE VF Dot(const VecF& a, const VecF& b) {
+  return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
+}
+// DifferenceOfProducts of exact_math.h.
+HWY_INLINE VF DiffProducts(VF a, VF b, VF c, VF d) {
+  const VF cd = hn::Mul(c, d);
+  const VF error = hn::NegMulAdd(c, d, cd);
+  return hn::Add(hn::MulSub(a, b, cd), error);
+}
+HWY_INLINE VF MaxAbsF(const VecF& v) {
+  return hn::Max(hn::Abs(v.x), hn::Max(hn::Abs(v.y), hn::Abs(v.z)));
+}
+
+struct BoundF {
+  VF s, lo, hi;
+};
+
+// What BoundShape makes, for kLanes triangles.
+struct BoundsF {
+  VecF first, last;
+  BoundF y_of_z[4], x_of_z[3], x_of_y[3], plane;
+  VF plane_sy;
+};
+
+struct ShapeF {
+  VecF v0, v1, f1, f2, f3, normal, half;
+  VF extent;
+};
+
+HWY_INLINE BoundF SolveF(MF bounded, VF nu, VF nt, VF lo, VF hi) {
+  const VF inverse = hn::Div(SetF(1), nu);
+  const VF a = hn::Mul(lo, inverse), b = hn::Mul(hi, inverse);
+  return {hn::IfThenElseZero(bounded, hn::Mul(nt, inverse)), hn::IfThenElse(bounded, hn::Min(a, b), SetF(-1e30f)),
+          hn::IfThenElse(bounded, hn::Max(a, b), SetF(1e30f))};
+}
+
+HWY_INLINE BoundF EdgeBoundF(VF nu, VF nt, VF pu, VF pt, VF opposite, VF half_u, VF half_t, VF extent) {
+  const VF widening = SetF(float(kNarrowWidening));
+  const VF au = hn::Abs(nu), at = hn::Abs(nt);
+  const MF bounded = hn::Gt(hn::Mul(au, hn::Add(extent, SetF(2))), hn::Mul(hn::Add(au, at), SetF(0x1p-20f)));
+  const VF edge = hn::Add(hn::Mul(nu, pu), hn::Mul(nt, pt));
+  const VF other = hn::Add(edge, opposite);
+  const VF reach = hn::Add(hn::Mul(au, hn::Add(half_u, widening)), hn::Mul(at, hn::Add(half_t, widening)));
+  const VF centre = hn::Mul(SetF(0.5f), hn::Add(nu, nt));
+  return SolveF(bounded, nu, nt, hn::Sub(hn::Sub(hn::Min(edge, other), reach), centre),
+                hn::Sub(hn::Add(hn::Max(edge, other), reach), centre));
+}
+
+HWY_INLINE void BoundEdgeF(const ShapeF& s, int i, const VecF& f, const VecF& p, bool third_below, BoundsF& out) {
+  const auto side = [&](VF n) HWY_ATTR { return third_below ? hn::Neg(n) : n; };
+  out.y_of_z[i] = EdgeBoundF(f.z, hn::Neg(f.y), p.y, p.z, side(s.normal.x), s.half.y, s.half.z, s.extent);
+  out.x_of_z[i] = EdgeBoundF(hn::Neg(f.z), f.x, p.x, p.z, side(s.normal.y), s.half.x, s.half.z, s.extent);
+  out.x_of_y[i] = EdgeBoundF(f.y, hn::Neg(f.x), p.x, p.y, side(s.normal.z), s.half.x, s.half.y, s.extent);
+}
+
+HWY_INLINE void BoundPlaneF(const ShapeF& s, Coverage coverage, BoundsF& out) {
+  const VF widening = SetF(float(kNarrowWidening));
+  const VecF& n = s.normal;
+  const VF ax = hn::Abs(n.x), ay = hn::Abs(n.y), az = hn::Abs(n.z);
+  const VF norm = hn::Add(hn::Add(ax, ay), az);
+  VF reach = hn::Add(hn::Add(hn::Mul(ax, hn::Add(s.half.x, widening)), hn::Mul(ay, hn::Add(s.half.y, widening))),
+                     hn::Mul(az, hn::Add(s.half.z, widening)));
+  if (coverage == Coverage::kThin) {
+    reach = hn::Add(hn::Mul(SetF(0.5f), hn::Max(ax, hn::Max(ay, az))), hn::Mul(widening, norm));
+  }
+  const VF at = hn::Add(hn::Add(hn::Mul(n.x, s.v0.x), hn::Mul(n.y, s.v0.y)), hn::Mul(n.z, s.v0.z));
+  const VF centre = hn::Mul(SetF(0.5f), hn::Add(hn::Add(n.x, n.y), n.z));
+  const VF lo = hn::Sub(hn::Sub(at, reach), centre), hi = hn::Sub(hn::Add(at, reach), centre);
+  const VF far = hn::Add(s.extent, SetF(2)), parallel = hn::Mul(norm, SetF(0x1p-20f));
+  const MF by_x = hn::Gt(hn::Mul(ax, far), parallel);
+  const MF by_y = hn::AndNot(by_x, hn::Gt(hn::Mul(ay, far), parallel));
+  out.plane = SolveF(by_x, n.x, n.z, lo, hi);
+  out.plane_sy = hn::IfThenElseZero(by_x, hn::Mul(n.y, hn::Div(SetF(1), n.x)));
+  out.y_of_z[3] = SolveF(by_y, n.y, n.z, lo, hi);
+}
+
+struct Batch {
+  BoundsF bounds;
+  MF narrow;             // the lanes that are set up
+  VI base[3];            // the first voxel of the triangle's box, grid coordinates
+  VI first[3], last[3];  // the box, grid coordinates
+};
+
+// SetUpTriangle for kLanes triangles, those that are not SpanClass::kRun.
+HWY_INLINE void SetUpBatch(const RowMesh& mesh, const uint32_t (&ids)[kLanes], Coverage coverage, Batch& out) {
+  const DL dl;
+  const double* positions = &mesh.positions[0].x;
+  HWY_ALIGN int64_t at[3][kLanes];
+  for (int k = 0; k < kLanes; ++k) {
+    const uint32_t* v = mesh.triangles[ids[k]];
+    for (int i = 0; i < 3; ++i) at[i][k] = int64_t{v[i]} * 3;
+  }
+  WideVector p[3][3];  // vertex, axis
+  for (int i = 0; i < 3; ++i) {
+    const auto lo = hn::Load(dl, at[i]), hi = hn::Load(dl, at[i] + kHalf);
+    for (int a = 0; a < 3; ++a) {
+      p[i][a] = {hn::GatherIndex(DD(), positions + a, lo), hn::GatherIndex(DD(), positions + a, hi)};
+    }
+  }
+  WideVector least[3], most[3], base[3], e1[3], e2[3];
+  VD longest_lo = SetD(0), longest_hi = SetD(0);
+  for (int a = 0; a < 3; ++a) {
+    least[a] = Min3(p[0][a], p[1][a], p[2][a]);
+    most[a] = Max3(p[0][a], p[1][a], p[2][a]);
+    base[a] = {hn::Floor(least[a].lo), hn::Floor(least[a].hi)};
+    e1[a] = Sub(p[1][a], p[0][a]);
+    e2[a] = Sub(p[2][a], p[0][a]);
+    longest_lo = hn::Max(longest_lo, hn::Max(hn::Abs(e1[a].lo), hn::Abs(e2[a].lo)));
+    longest_hi = hn::Max(longest_hi, hn::Max(hn::Abs(e1[a].hi), hn::Abs(e2[a].hi)));
+  }
+  const auto magic = [](VD longest) HWY_ATTR {  // PowerOfTwoAbove(longest) * 0x1.8p29
+    const auto bits = hn::ShiftRight<52>(hn::BitCast(DU(), longest));
+    return hn::Mul(hn::BitCast(DD(), hn::ShiftLeft<52>(hn::Add(bits, hn::Set(DU(), uint64_t{1})))), SetD(0x1.8p29));
+  };
+  const VD magic_lo = magic(longest_lo), magic_hi = magic(longest_hi);
+  const auto quantized = [&](const WideVector& e) HWY_ATTR {
+    return ToFloat({hn::Sub(hn::Add(e.lo, magic_lo), magic_lo), hn::Sub(hn::Add(e.hi, magic_hi), magic_hi)});
+  };
+  const auto fits = [](VD longest) HWY_ATTR {
+    return hn::IfThenElseZero(hn::And(hn::Ge(longest, SetD(kNarrowLeast)), hn::Le(longest, SetD(kNarrowMost))),
+                              SetD(1));
+  };
+  ShapeF s;
+  s.f1 = {quantized(e1[0]), quantized(e1[1]), quantized(e1[2])};
+  s.f2 = {quantized(e2[0]), quantized(e2[1]), quantized(e2[2])};
+  s.f3 = {hn::Sub(s.f2.x, s.f1.x), hn::Sub(s.f2.y, s.f1.y), hn::Sub(s.f2.z, s.f1.z)};
+  s.normal = {DiffProducts(s.f1.y, s.f2.z, s.f1.z, s.f2.y), DiffProducts(s.f1.z, s.f2.x, s.f1.x, s.f2.z),
+              DiffProducts(s.f1.x, s.f2.y, s.f1.y, s.f2.x)};
+  const VF longest_squared = hn::Max(Dot(s.f1, s.f1), hn::Max(Dot(s.f2, s.f2), Dot(s.f3, s.f3)));
+  out.narrow = hn::And(hn::Gt(ToFloat({fits(longest_lo), fits(longest_hi)}), SetF(0.5f)),
+                       hn::Ge(MaxAbsF(s.normal), hn::Mul(SetF(kNarrowRatio), longest_squared)));
+  s.v0 = {ToFloat(Sub(p[0][0], base[0])), ToFloat(Sub(p[0][1], base[1])), ToFloat(Sub(p[0][2], base[2]))};
+  s.v1 = {hn::Add(s.v0.x, s.f1.x), hn::Add(s.v0.y, s.f1.y), hn::Add(s.v0.z, s.f1.z)};
+  s.extent = hn::Max(MaxAbsF(s.f1), MaxAbsF(s.f2));
+  VF half[3] = {SetF(0.5f), SetF(0.5f), SetF(0.5f)};
+  if (coverage == Coverage::kCenter) {
+    const VF ax = hn::Abs(s.normal.x), ay = hn::Abs(s.normal.y), az = hn::Abs(s.normal.z);
+    const MF is_x = hn::And(hn::Ge(ax, ay), hn::Ge(ax, az)), is_y = hn::AndNot(is_x, hn::Ge(ay, az));
+    half[0] = hn::IfThenElseZero(is_x, SetF(0.5f));
+    half[1] = hn::IfThenElseZero(is_y, SetF(0.5f));
+    half[2] = hn::IfThenZeroElse(hn::Or(is_x, is_y), SetF(0.5f));
+  }
+  s.half = {half[0], half[1], half[2]};
+  VF* const firsts[3] = {&out.bounds.first.x, &out.bounds.first.y, &out.bounds.first.z};
+  VF* const lasts[3] = {&out.bounds.last.x, &out.bounds.last.y, &out.bounds.last.z};
+  for (int a = 0; a < 3; ++a) {
+    const WideVector h = ToDouble(half[a]);
+    const auto first = [&](VD lo, VD ha) HWY_ATTR {
+      return hn::Ceil(hn::Sub(lo, hn::Add(hn::Add(SetD(0.5), ha), SetD(kNarrowWidening))));
+    };
+    const auto last = [&](VD hi, VD ha) HWY_ATTR {
+      return hn::Floor(hn::Sub(hi, hn::Sub(hn::Sub(SetD(0.5), ha), SetD(kNarrowWidening))));
+    };
+    const WideVector box_first{first(least[a].lo, h.lo), first(least[a].hi, h.hi)};
+    const WideVector box_last{last(most[a].lo, h.lo), last(most[a].hi, h.hi)};
+    *firsts[a] = ToFloat(Sub(box_first, base[a]));
+    *lasts[a] = ToFloat(Sub(box_last, base[a]));
+    out.base[a] = ToInt(base[a]);
+    out.first[a] = ToInt(box_first);
+    out.last[a] = ToInt(box_last);
+  }
+  BoundEdgeF(s, 0, s.f1, s.v0, true, out.bounds);
+  BoundEdgeF(s, 1, s.f3, s.v1, true, out.bounds);
+  BoundEdgeF(s, 2, s.f2, s.v0, false, out.bounds);
+  BoundPlaneF(s, coverage, out.bounds);
+}
+
+HWY_INLINE hn::Mask<DI> AtMost(VI a, VI b) {
+  return hn::Not(hn::Gt(a, b));
+}
+
+// The greatest lane of v where `m` is set, at least `least`.
+HWY_INLINE int32_t MaxWhere(MF m, VI v, int32_t least) {
+  const DI di;
+  return hn::GetLane(hn::MaxOfLanes(di, hn::IfThenElse(hn::RebindMask(di, m), v, hn::Set(di, least))));
+}
+
+HWY_INLINE void Tighten(const BoundF& b, VF t, VF& first, VF& last) {
+  const VF shift = hn::Mul(b.s, t);
+  first = hn::Max(first, hn::Sub(b.lo, shift));
+  last = hn::Min(last, hn::Sub(b.hi, shift));
+}
+
+// Rounds a local interval to whole voxels within one of its box, and moves it to grid coordinates.
+HWY_INLINE void ToGrid(VF first, VF last, VF box_first, VF box_last, VI base, VI& begin, VI& end) {
+  const DI di;
+  const VF f = hn::Min(hn::Ceil(first), hn::Add(box_last, SetF(1)));
+  const VF l = hn::Max(hn::Floor(last), hn::Sub(box_first, SetF(1)));
+  begin = hn::Add(base, hn::ConvertTo(di, f));
+  end = hn::Add(base, hn::ConvertTo(di, l));
+}
+
+HWY_INLINE void RasterBatch(const Batch& batch, const RowSlab& slab) {
+  const DF df;
+  const DI di;
+  const BoundsF& b = batch.bounds;
+  const VI z_first = hn::Max(batch.first[2], SetI(slab.begin)), z_last = hn::Min(batch.last[2], SetI(slab.end - 1));
+  const int32_t layers = MaxWhere(batch.narrow, hn::Sub(z_last, z_first), -1);
+  HWY_ALIGN int32_t row_out[kLanes], begin_out[kLanes], end_out[kLanes];
+  for (int32_t k = 0; k <= layers; ++k) {
+    const VI z = hn::Add(z_first, SetI(k));
+    const VF z_local = hn::ConvertTo(df, hn::Sub(z, batch.base[2]));
+    VF y_first = b.first.y, y_last = b.last.y, x_first = b.first.x, x_last = b.last.x;
+    for (int i = 0; i < 4; ++i) Tighten(b.y_of_z[i], z_local, y_first, y_last);
+    for (int i = 0; i < 3; ++i) Tighten(b.x_of_z[i], z_local, x_first, x_last);
+    const VF plane_shift = hn::Mul(b.plane.s, z_local);
+    const VF plane_lo = hn::Sub(b.plane.lo, plane_shift), plane_hi = hn::Sub(b.plane.hi, plane_shift);
+    VI y_begin, y_end;
+    ToGrid(y_first, y_last, b.first.y, b.last.y, batch.base[1], y_begin, y_end);
+    y_begin = hn::Max(y_begin, hn::Zero(di));
+    y_end = hn::Min(y_end, SetI(slab.ny - 1));
+    const MF in_layer = hn::And(batch.narrow, hn::RebindMask(df, AtMost(z, z_last)));
+    const VI z_row = hn::Mul(hn::Sub(z, SetI(slab.begin)), SetI(slab.ny));
+    const int32_t rows = MaxWhere(in_layer, hn::Sub(y_end, y_begin), -1);
+    for (int32_t j = 0; j <= rows; ++j) {
+      const VI y = hn::Add(y_begin, SetI(j));
+      const VF y_local = hn::ConvertTo(df, hn::Sub(y, batch.base[1]));
+      VF first = x_first, last = x_last;
+      for (int i = 0; i < 3; ++i) Tighten(b.x_of_y[i], y_local, first, last);
+      const VF shift = hn::Mul(b.plane_sy, y_local);
+      first = hn::Max(first, hn::Sub(plane_lo, shift));
+      last = hn::Min(last, hn::Sub(plane_hi, shift));
+      VI x_begin, x_end;
+      ToGrid(first, last, b.first.x, b.last.x, batch.base[0], x_begin, x_end);
+      x_begin = hn::Max(x_begin, hn::Zero(di));
+      x_end = hn::Min(x_end, SetI(slab.nx - 1));
+      const auto hit = hn::And(hn::RebindMask(di, in_layer), hn::And(AtMost(y, y_end), AtMost(x_begin, x_end)));
+      uint64_t lanes = Bits(di, hit);
+      if (lanes == 0) continue;
+      hn::Store(hn::Add(y, z_row), di, row_out);
+      hn::Store(x_begin, di, begin_out);
+      hn::Store(x_end, di, end_out);
+      for (; lanes != 0; lanes &= lanes - 1) {
+        const int lane = std::countr_zero(lanes);
+        SetBits(slab.words + int64_t{row_out[lane]} * slab.words_per_row, begin_out[lane], end_out[lane] + 1);
+      }
+    }
+  }
+}
+
+// ---- many rows of one triangle a vector ----
+
+template <typename Real>
+HWY_INLINE void RasterTall(const SpanBounds<Real>& s, const Vec3d& base, const VoxelRange& range, const RowSlab& slab) {
+  const hn::ScalableTag<Real> d;
+  constexpr int64_t kRows = kLanes * sizeof(float) / sizeof(Real);
+  const double y_lo = double(range.begin[1]), y_hi = double(range.end[1]);
+  const auto x_lo = hn::Set(d, Real(double(range.begin[0]) - base.x)),
+             x_hi = hn::Set(d, Real(double(range.end[0]) - base.x));
+  const int64_t x_base = int64_t(base.x);
+  HWY_ALIGN Real begins[kRows], ends[kRows];
+  for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
+    const Layer<Real> layer = ComputeLayer(s, Real(double(z) - base.z));
+    if (layer.y.empty() || layer.x.empty()) continue;
+    const int64_t y_begin = int64_t(Clamp(base.y + double(layer.y.first), y_lo, y_hi));
+    const int64_t y_end = int64_t(Clamp((base.y + double(layer.y.last)) + 1, y_lo, y_hi));
+    for (int64_t y0 = y_begin; y0 < y_end; y0 += kRows) {
+      const auto y = hn::Add(hn::Set(d, Real(double(y0) - base.y)), hn::Iota(d, Real(0)));
+      auto first = hn::Set(d, layer.x.first), last = hn::Set(d, layer.x.last);
+      for (int i = 0; i < 3; ++i) {
+        const auto shift = hn::Mul(hn::Set(d, s.x_of_y[i].s), y);
+        first = hn::Max(first, hn::Sub(hn::Set(d, s.x_of_y[i].lo), shift));
+        last = hn::Min(last, hn::Sub(hn::Set(d, s.x_of_y[i].hi), shift));
+      }
+      const auto shift = hn::Mul(hn::Set(d, s.plane_sy), y);
+      first = hn::Ceil(hn::Max(first, hn::Sub(hn::Set(d, layer.plane_lo), shift)));
+      last = hn::Floor(hn::Min(last, hn::Sub(hn::Set(d, layer.plane_hi), shift)));
+      const auto end = hn::Add(last, hn::Set(d, Real(1)));
+      hn::Store(hn::Min(hn::Max(first, x_lo), x_hi), d, begins);
+      hn::Store(hn::Min(hn::Max(end, x_lo), x_hi), d, ends);
+      const int64_t rows = std::min(kRows, y_end - y0);
+      uint32_t* row = slab.words + (y0 + slab.ny * (z - slab.begin)) * slab.words_per_row;
+      for (int64_t k = 0; k < rows; ++k, row += slab.words_per_row) {
+        if (begins[k] < ends[k]) SetBits(row, x_base + int64_t(begins[k]), x_base + int64_t(ends[k]));
+      }
+    }
+  }
+}
+
+HWY_ATTR void RasterLarge(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage,
+                          const RowSlab& slab) {
+  const VoxelRange all{{0, 0, slab.begin}, {slab.nx, slab.ny, slab.end}};
+  for (int64_t i = 0; i < count; ++i) {
+    const uint32_t* v = mesh.triangles[ids[i]];
+    const TriangleSetup setup =
+        SetUpTriangle(mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], coverage);
+    const VoxelRange range = ClipToRange(setup, all);
+    if (range.empty()) continue;
+    if (setup.span_class == SpanClass::kNarrow) {
+      RasterTall(setup.narrow, setup.base, range, slab);
+    } else if (setup.span_class == SpanClass::kWide) {
+      RasterTall(setup.wide, setup.base, range, slab);
+    } else {
+      for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
+        for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {
+          SetBits(slab.words + (y + slab.ny * (z - slab.begin)) * slab.words_per_row, range.begin[0], range.end[0]);
+        }
+      }
+    }
+  }
+}
+
+HWY_ATTR void RasterSmall(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage,
+                          const RowSlab& slab) {
+  uint32_t batch_ids[kLanes];
+  for (int64_t i = 0; i < count; i += kLanes) {
+    const int64_t here = std::min<int64_t>(kLanes, count - i);
+    for (int64_t k = 0; k < kLanes; ++k) batch_ids[k] = ids[i + std::min(k, here - 1)];
+    Batch batch;
+    SetUpBatch(mesh, batch_ids, coverage, batch);
+    const uint64_t used = here == kLanes ? (uint64_t{1} << kLanes) - 1 : (uint64_t{1} << here) - 1;
+    const uint64_t wide = used & ~Bits(DF(), batch.narrow);
+    RasterBatch(batch, slab);
+    for (uint64_t left = wide; left != 0; left &= left - 1) {
+      RasterLarge(mesh, batch_ids + std::countr_zero(left), 1, coverage, slab);
+    }
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace voxelpipe::cpu
+HWY_AFTER_NAMESPACE();
+
+#endif  // HWY_TARGET
+#endif  // include guard

@@ -1,0 +1,40 @@
+// Compiles row_kernels-inl.h for each instruction set (Google Highway's way of doing so).
+#include "cpu/row_kernels_simd.h"
+
+// AVX2 and AVX-512 have a gather and a fused multiply-add; what has neither is served by the scalar kernels.
+// Highway wants a fallback too (emulated or scalar), which is never called.
+#undef HWY_DISABLED_TARGETS
+#define HWY_DISABLED_TARGETS (~(HWY_AVX3 | HWY_AVX2 | HWY_EMU128 | HWY_SCALAR))
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "cpu/row_kernels_simd.cpp"
+#include <hwy/foreach_target.h>
+// After foreach_target.h, which includes this file anew for each target.
+#include <hwy/highway.h>
+
+#include "cpu/row_kernels-inl.h"
+
+#if HWY_ONCE
+namespace voxelpipe::cpu {
+
+const RowKernels* Avx2RowKernels() {
+#if (HWY_TARGETS & HWY_AVX2)
+  static constexpr RowKernels kKernels{"avx2",           N_AVX2::Bounds,      N_AVX2::Place,
+                                       N_AVX2::Classify, N_AVX2::RasterSmall, N_AVX2::RasterLarge};
+  return &kKernels;
+#else
+  return nullptr;
+#endif
+}
+
+const RowKernels* Avx512RowKernels() {
+#if (HWY_TARGETS & HWY_AVX3)
+  static constexpr RowKernels kKernels{"avx512",         N_AVX3::Bounds,      N_AVX3::Place,
+                                       N_AVX3::Classify, N_AVX3::RasterSmall, N_AVX3::RasterLarge};
+  return &kKernels;
+#else
+  return nullptr;
+#endif
+}
+
+}  // namespace voxelpipe::cpu
+#endif  // HWY_ONCE
