@@ -27,7 +27,9 @@ struct CpuTarget {
   FragmentShaderId shader{};
   ShaderParams params;
   bool u32_output = false;
-  // bit:or with occupancy: its value is the coverage itself, nothing else is kept.
+  double scale = 1;                            // of f32 outputs into integers
+  uint32_t clear_stored = 0, fill_stored = 0;  // as stored in the format
+  // A bit target of the occupancy shader: its value is the coverage itself whatever the blend, nothing else is kept.
   bool is_occupancy = false;
   // The shader can discard, so that which voxels it wrote is its own.
   bool own_presence = false;

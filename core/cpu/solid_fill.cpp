@@ -6,6 +6,7 @@
 #include <atomic>
 #include <bit>
 
+#include "cpu/dense_fill.h"
 #include "cpu/flood_fill.h"
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
@@ -57,21 +58,6 @@ void SuffixXor(std::span<uint32_t> row) {
   }
 }
 
-void FillDense(RunState& state, CpuTarget& target, int64_t row, std::span<const uint32_t> inside) {
-  float* out = reinterpret_cast<float*>(target.dense.data());
-  const bool planar = state.request.request.layout == Layout::kPlanar;
-  const uint64_t components = uint64_t(target.spec.components), voxels = state.slab_voxels();
-  for (size_t w = 0; w < inside.size(); ++w) {
-    const uint32_t present = target.own_presence ? target.presence.row(row)[w] : state.coverage.row(row)[w];
-    for (uint32_t left = inside[w] & ~present; left != 0; left &= left - 1) {
-      const uint64_t n = uint64_t(row) * uint64_t(state.dims[0]) + w * 32 + uint64_t(std::countr_zero(left));
-      for (uint64_t c = 0; c < components; ++c) {
-        out[planar ? c * voxels + n : n * components + c] = float(target.spec.fill_value);
-      }
-    }
-  }
-}
-
 absl::Status ParityInside(RunState& state) {
   auto columns = BitGrid::Create({state.dims[1], state.slab.depth(), 1});
   if (!columns.ok()) return columns.status();
@@ -101,7 +87,7 @@ absl::Status SolidFill(RunState& state) {
   return ParallelChunks(state.inside.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
     for (int64_t r = begin; r < end; ++r) {
       for (CpuTarget& target : state.targets) {
-        if (target.spec.format != VoxelFormat::kBit) FillDense(state, target, r, state.inside.row(r));
+        if (target.spec.format != VoxelFormat::kBit) FillRow(state, target, r, state.inside.row(r));
       }
     }
   });

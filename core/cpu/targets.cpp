@@ -1,20 +1,16 @@
 // Allocation, clearing and packing of the render targets.
-#include <algorithm>
-#include <cstring>
-
-#include "cpu/parallel.h"
+#include "cpu/dense_fill.h"
 #include "cpu/run_state.h"
 #include "pipeline/plan.h"
+#include "shaders/blend_ops.h"
 
 namespace voxelpipe::cpu {
 namespace {
 
-constexpr int64_t kGrain = 1 << 16;
-
-absl::Status Clear(HostBuffer& buffer, float value, const JobContext& job) {
-  float* out = reinterpret_cast<float*>(buffer.data());
-  return ParallelChunks(int64_t(buffer.size() / sizeof(float)), kGrain, job,
-                        [&](int64_t begin, int64_t end) { std::fill(out + begin, out + end, value); });
+// The scale of a request that gives none: colours fill the range of 8 and 16 bits.
+double DefaultScale(VoxelFormat format, FragmentShaderId shader) {
+  if (!TraitsOf(shader).is_color) return 1;
+  return format == VoxelFormat::kU8 ? 255 : format == VoxelFormat::kU16 ? 65535 : 1;
 }
 
 absl::Status Allocate(CpuTarget& target, const RunState& state) {
@@ -31,7 +27,7 @@ absl::Status Allocate(CpuTarget& target, const RunState& state) {
   auto dense = HostBuffer::Allocate(TargetBytes(target.spec, state.slab_voxels()));
   if (!dense.ok()) return dense.status();
   target.dense = *std::move(dense);
-  return Clear(target.dense, float(target.spec.clear), state.job);
+  return ClearElements(target.dense, target.clear_stored, BitsPerComponent(target.spec.format) / 8, state.job);
 }
 
 HostBuffer PackBitTarget(const RunState& state, const CpuTarget& target, HostBuffer out) {
@@ -78,6 +74,10 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     target.shader = FragmentShaderId(shader.id);
     target.params = shader.params;
     target.u32_output = shader.info->output_type == "u32";
+    const VoxelFormat format = target.spec.format;
+    target.scale = target.spec.scale.value_or(DefaultScale(format, target.shader));
+    target.clear_stored = StoredBits(NumberToCell(target.spec.clear, format), format);
+    target.fill_stored = StoredBits(NumberToCell(target.spec.fill_value, format), format);
     target.is_occupancy = target.spec.format == VoxelFormat::kBit && target.shader == FragmentShaderId::kOccupancy;
     target.own_presence = TraitsOf(target.shader).can_discard;
     if (absl::Status s = Allocate(target, state); !s.ok()) return s;
@@ -89,7 +89,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
 absl::StatusOr<ResultArrays> Finish(RunState& state) {
   ResultArrays results;
   for (CpuTarget& target : state.targets) {
-    if (target.spec.format == VoxelFormat::kF32) {
+    if (target.spec.format != VoxelFormat::kBit) {
       results.targets.push_back(std::move(target.dense));
       continue;
     }

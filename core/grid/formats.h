@@ -1,0 +1,31 @@
+// The formats and blends of render targets: names alone, for device code too.
+#pragma once
+
+#include <cstdint>
+
+namespace voxelpipe {
+
+enum class VoxelFormat : uint8_t {
+  kBit,  // bit n of the linear order is (byte[n/8] >> (n%8)) & 1, no row padding, unused bits 0
+  kU8,   // unsigned integers and IEEE binary16/32, little endian
+  kU16,
+  kU32,
+  kF16,
+  kF32,
+};
+
+// All blends are independent of the order in which triangles arrive. Component by component.
+enum class Blend : uint8_t {
+  kOr,       // bit: 1 if any fragment's value is not 0; integers: bitwise
+  kReplace,  // the fragment of the largest triangle id wins
+  kMin,      // -0 < +0
+  kMax,      // -0 < +0
+  kAdd,  // integers: summed in u64, saturated once; floats: each value clamped to +-2^40 q, rounded to a multiple of the
+         // quantum q, summed in int64, converted once
+  kFirst,    // the fragment of the smallest triangle id wins
+  kAverage,  // the sum of kAdd over the number of fragments, in double, converted once
+  kCount,    // the number of fragments, saturated once; bit: 1 where there is any. The shader's value is not looked at
+  kAnd,      // bit: 1 if every fragment's value is not 0; integers: bitwise
+};
+
+}  // namespace voxelpipe
