@@ -7,6 +7,7 @@
 
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
+#include "cpu/sparse.h"
 #include "cpu/tile_buffer.h"
 #include "shaders/fragment_input.h"
 
@@ -96,9 +97,24 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run) {
       state.coverage.row(state.SlabRow(y, z))[word] = worker.coverage[(y - origin[1]) + 8 * (z - origin[2])];
     }
   }
+}
+
+// Hands a rasterized tile on: to the dense targets, or to the values that bricks are made of. `number` counts the slab's runs.
+void StoreTile(RunState& state, const Worker& worker, const TileRun& run, size_t number) {
+  const uint64_t tile = state.pairs[run.begin] >> 32;
+  const VoxelRange range = TileVoxels(state.tiles, tile, state.dims);
+  const bool sparse = state.request.request.result == ResultKind::kSparse;
   for (size_t t = 0; t < state.targets.size(); ++t) {
-    if (!state.targets[t].is_occupancy) worker.buffers[t].Store(state, range, state.targets[t]);
+    if (state.targets[t].is_occupancy) continue;
+    if (sparse) {
+      worker.buffers[t].StoreBitGrids(state, range, state.targets[t]);
+    } else {
+      worker.buffers[t].Store(state, range, state.targets[t]);
+    }
   }
+  if (!sparse) return;
+  state.tile_values[number] = KeepTile(state, worker.buffers, worker.coverage, state.value_arenas.local());
+  state.slab_tiles[tile - state.tiles.Index(0, 0, state.slab.begin / TileDim(2))] = uint32_t(number);
 }
 
 // The runs of the slab's tiles: tiles are numbered layer after layer.
@@ -116,10 +132,18 @@ std::span<const TileRun> SlabRuns(const RunState& state) {
 absl::Status FineRaster(RunState& state) {
   if (state.row_bits) return state.row_bits->Raster(state.slab.begin, state.slab.end, state.coverage, state.job);
   const std::span<const TileRun> runs = SlabRuns(state);
+  if (state.request.request.result == ResultKind::kSparse) {
+    state.tile_values.resize(runs.size());
+    const int64_t layers = (state.slab.end + TileDim(2) - 1) / TileDim(2) - state.slab.begin / TileDim(2);
+    state.slab_tiles.assign(size_t(state.tiles.dims[0] * state.tiles.dims[1] * layers), UINT32_MAX);
+  }
   tbb::enumerable_thread_specific<Worker> workers([&] { return Worker(state); });
   absl::Status s = ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
     Worker& worker = workers.local();
-    for (int64_t i = begin; i < end; ++i) RasterTile(state, worker, runs[size_t(i)]);
+    for (int64_t i = begin; i < end; ++i) {
+      RasterTile(state, worker, runs[size_t(i)]);
+      StoreTile(state, worker, runs[size_t(i)], size_t(i));
+    }
   });
   uint64_t fragments = 0;
   for (const Worker& worker : workers) fragments += worker.fragments;

@@ -1,12 +1,15 @@
 // What the stages of one run share, in the order in which they make it.
 #pragma once
 
+#include <tbb/enumerable_thread_specific.h>
 #include <array>
 #include <memory>
+
 #include <optional>
 #include <vector>
 
 #include "cpu/row_bits.h"
+#include "cpu/tile_values.h"
 #include "grid/bit_grid.h"
 #include "mesh/triangle_mesh.h"
 #include "pipeline/stages.h"
@@ -72,6 +75,10 @@ struct RunState {
   std::array<int64_t, 3> slab_dims{1, 1, 1};
   std::vector<CpuTarget> targets;
   BitGrid coverage;  // voxels that a fragment of any target wrote
+  // Sparse results: the values of the tiles with a fragment, and for each tile of the slab its number among them.
+  std::vector<TileValues> tile_values;
+  std::vector<uint32_t> slab_tiles;  // UINT32_MAX: no fragment
+  tbb::enumerable_thread_specific<ValueArena> value_arenas;
 
   // FineRaster, SolidFill
   BitGrid inside;

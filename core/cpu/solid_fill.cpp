@@ -84,6 +84,8 @@ absl::Status SolidFill(RunState& state) {
   state.inside = *std::move(inside);
   absl::Status s = state.request.request.fill == Fill::kFlood ? FloodInside(state) : ParityInside(state);
   if (!s.ok()) return s;
+  if (state.request.request.result == ResultKind::kSparse)
+    return absl::OkStatus();  // the bricks are filled as they are made
   return ParallelChunks(state.inside.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
     for (int64_t r = begin; r < end; ++r) {
       for (CpuTarget& target : state.targets) {

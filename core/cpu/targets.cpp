@@ -1,6 +1,7 @@
 // Allocation, clearing and packing of the render targets.
 #include "cpu/dense_fill.h"
 #include "cpu/run_state.h"
+#include "cpu/sparse.h"
 #include "pipeline/plan.h"
 #include "shaders/blend_ops.h"
 
@@ -23,6 +24,7 @@ absl::Status Allocate(CpuTarget& target, const RunState& state) {
   if (target.own_presence) {
     if (absl::Status s = bits(target.presence); !s.ok()) return s;
   }
+  if (state.request.request.result == ResultKind::kSparse) return absl::OkStatus();  // values stay with their tiles
   if (target.spec.format == VoxelFormat::kBit) return target.is_occupancy ? absl::OkStatus() : bits(target.bits);
   auto dense = HostBuffer::Allocate(TargetBytes(target.spec, state.slab_voxels()));
   if (!dense.ok()) return dense.status();
@@ -50,7 +52,7 @@ HostBuffer PackBitTarget(const RunState& state, const CpuTarget& target, HostBuf
 
 bool PlainBits(const RunState& state, const GridSpec& grid) {
   const VoxelizeRequest& request = state.request.request;
-  if (request.result != ResultKind::kDense || !RowBitsFit(grid, state.view.triangle_count)) return false;
+  if (request.result == ResultKind::kBuckets || !RowBitsFit(grid, state.view.triangle_count)) return false;
   for (size_t i = 0; i < request.targets.size(); ++i) {
     if (request.targets[i].format != VoxelFormat::kBit) return false;
     if (FragmentShaderId(state.request.fragment_shaders[i].id) != FragmentShaderId::kOccupancy) return false;
@@ -64,6 +66,9 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.targets.clear();
   state.inside = BitGrid();
   state.counts = SlabCounts();
+  state.tile_values.clear();
+  state.slab_tiles.clear();
+  state.value_arenas.clear();
   auto coverage = state.row_bits ? BitGrid::CreateUncleared(state.slab_dims) : BitGrid::Create(state.slab_dims);
   if (!coverage.ok()) return coverage.status();
   state.coverage = *std::move(coverage);
@@ -87,6 +92,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
 }
 
 absl::StatusOr<ResultArrays> Finish(RunState& state) {
+  if (state.request.request.result == ResultKind::kSparse) return MakeBricks(state);
   ResultArrays results;
   for (CpuTarget& target : state.targets) {
     if (target.spec.format != VoxelFormat::kBit) {

@@ -1,0 +1,268 @@
+#include "cpu/sparse.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+
+#include "cpu/parallel.h"
+
+namespace voxelpipe::cpu {
+namespace {
+
+constexpr uint64_t kChunkBytes = 4 << 20;
+constexpr int64_t kBrick = 8;  // voxels along each axis
+constexpr uint64_t kMaskBytes = kBrick * kBrick * kBrick / 8;
+
+// Bytes of one voxel's value in TileValues.
+uint64_t KeptBytes(const CpuTarget& target) {
+  if (target.is_occupancy) return 0;
+  return target.spec.format == VoxelFormat::kBit
+             ? 1
+             : uint64_t(target.spec.components * BitsPerComponent(target.spec.format) / 8);
+}
+
+// Puts bits and elements of any size one after the other into an array whose bits are zero to begin with.
+class Writer {
+ public:
+  Writer(uint8_t* out, int element_bits, uint64_t at) : out_(out), bits_(element_bits), at_(at) {}
+
+  // Bits of neighbouring writers may share a byte.
+  void Put(uint32_t stored) {
+    if (bits_ == 1) {
+      if (stored != 0)
+        std::atomic_ref<uint8_t>(out_[at_ / 8]).fetch_or(uint8_t(1u << (at_ % 8)), std::memory_order_relaxed);
+    } else {
+      std::memcpy(out_ + at_ * uint64_t(bits_ / 8), &stored, size_t(bits_ / 8));  // little endian
+    }
+    ++at_;
+  }
+
+ private:
+  uint8_t* out_;
+  int bits_;
+  uint64_t at_;
+};
+
+// The bricks of one row along x, and where the row's part of each array begins.
+struct BrickRow {
+  uint64_t bricks = 0, voxels = 0;
+};
+
+class BrickMaker {
+ public:
+  explicit BrickMaker(const RunState& state)
+      : state_(state),
+        nx_((state.dims[0] + kBrick - 1) / kBrick),
+        ny_((state.dims[1] + kBrick - 1) / kBrick),
+        nz_((state.slab_dims[2] + kBrick - 1) / kBrick) {}
+
+  absl::StatusOr<ResultArrays> Make() {
+    rows_.resize(size_t(ny_ * nz_));
+    absl::Status s = ParallelChunks(ny_ * nz_, 4, state_.job, [&](int64_t begin, int64_t end) {
+      for (int64_t r = begin; r < end; ++r) {
+        ForEachBrick(r, [&](int64_t, const std::array<uint8_t, kMaskBytes>& mask) {
+          ++rows_[size_t(r)].bricks;
+          rows_[size_t(r)].voxels += Count(mask);
+        });
+      }
+    });
+    if (!s.ok()) return s;
+    BrickRow total;
+    for (BrickRow& row : rows_) {
+      const BrickRow here = row;
+      row = total;
+      total.bricks += here.bricks;
+      total.voxels += here.voxels;
+    }
+    if (s = Allocate(total); !s.ok()) return s;
+    s = ParallelChunks(ny_ * nz_, 4, state_.job, [&](int64_t begin, int64_t end) {
+      for (int64_t r = begin; r < end; ++r) Emit(r, total.voxels);
+    });
+    if (!s.ok()) return s;
+    return std::move(out_);
+  }
+
+ private:
+  static uint64_t Count(const std::array<uint8_t, kMaskBytes>& mask) {
+    uint64_t count = 0;
+    for (const uint8_t byte : mask) count += uint64_t(std::popcount(byte));
+    return count;
+  }
+
+  // Bits of slab row `row`, word w, that are occupied.
+  uint32_t Word(int64_t row, int64_t w) const {
+    const uint32_t covered = state_.coverage.row(row)[size_t(w)];
+    return state_.inside.empty() ? covered : covered | state_.inside.row(row)[size_t(w)];
+  }
+
+  // Calls visit(bx, mask) for each brick of brick row r with an occupied voxel.
+  template <typename Visit>
+  void ForEachBrick(int64_t r, const Visit& visit) const {
+    const int64_t y0 = r % ny_ * kBrick, z0 = r / ny_ * kBrick;  // z within the slab
+    const int64_t y1 = std::min(state_.dims[1], y0 + kBrick), z1 = std::min(state_.slab_dims[2], z0 + kBrick);
+    for (int64_t w = 0; w < state_.coverage.words_per_row(); ++w) {
+      std::array<uint32_t, kTileRows> words{};
+      uint32_t any = 0;
+      for (int64_t z = z0; z < z1; ++z) {
+        for (int64_t y = y0; y < y1; ++y) {
+          const uint32_t word = Word(y + state_.dims[1] * z, w);
+          words[size_t((y - y0) + kBrick * (z - z0))] = word;
+          any |= word;
+        }
+      }
+      for (int64_t part = 0; part < 4; ++part) {
+        if ((any >> (8 * part) & 0xff) == 0) continue;
+        std::array<uint8_t, kMaskBytes> mask;
+        for (size_t i = 0; i < kMaskBytes; ++i) mask[i] = uint8_t(words[i] >> (8 * part));
+        visit(w * 4 + part, mask);
+      }
+    }
+  }
+
+  absl::Status Allocate(const BrickRow& total) {
+    VoxelizeRequest request = state_.request.request;
+    const ResultHeader header = MakeResultHeader(request, state_.grid, total.bricks, total.voxels, 0);
+    absl::StatusOr<VoxelizeResult> arrays = AllocateResult(header);
+    if (!arrays.ok()) return arrays.status();
+    out_ = std::move(static_cast<ResultArrays&>(*arrays));
+    for (size_t t = 0; t < out_.targets.size(); ++t) {
+      if (state_.targets[t].spec.format == VoxelFormat::kBit) {
+        std::fill_n(out_.targets[t].data(), out_.targets[t].size(), uint8_t{0});
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  void Emit(int64_t r, uint64_t all_voxels) {
+    BrickRow at = rows_[size_t(r)];
+    const int64_t by = r % ny_, bz = r / ny_ + state_.slab.begin / kBrick;
+    ForEachBrick(r, [&](int64_t bx, const std::array<uint8_t, kMaskBytes>& mask) {
+      const uint64_t id = uint64_t(bx + nx_ * (by + ny_ * bz));
+      std::memcpy(out_.bricks.data() + at.bricks * sizeof id, &id, sizeof id);
+      std::memcpy(out_.masks.data() + at.bricks * kMaskBytes, mask.data(), kMaskBytes);
+      for (size_t t = 0; t < state_.targets.size(); ++t) EmitValues(t, r, bx, mask, at.voxels, all_voxels);
+      ++at.bricks;
+      at.voxels += Count(mask);
+    });
+  }
+
+  // The values of one target in one brick, the first of which has number `first`.
+  void EmitValues(size_t t, int64_t r, int64_t bx, const std::array<uint8_t, kMaskBytes>& mask, uint64_t first,
+                  uint64_t all_voxels) {
+    const CpuTarget& target = state_.targets[t];
+    const TileValues* const tile = Tile(r, bx);
+    const int components = target.spec.components, bits = BitsPerComponent(target.spec.format);
+    const bool planar = state_.request.request.layout == Layout::kPlanar;
+    const uint64_t kept = KeptBytes(target);
+    const uint8_t* values = nullptr;
+    uint64_t rank = 0;  // of the row's first voxel among the tile's listed ones
+    if (tile != nullptr && kept > 0) {
+      values = tile->data;
+      uint64_t listed = 0;
+      for (const uint32_t word : tile->covered) listed += uint64_t(std::popcount(word));
+      for (size_t before = 0; before < t; ++before) values += listed * KeptBytes(state_.targets[before]);
+    }
+    uint64_t n = first;
+    for (int row = 0; row < kTileRows; ++row) {
+      const uint32_t covered = tile != nullptr ? tile->covered[size_t(row)] : CoveredWord(r, bx, row);
+      for (uint32_t left = mask[size_t(row)]; left != 0; left &= left - 1, ++n) {
+        const int bit = int(bx % 4) * 8 + std::countr_zero(left);
+        const bool here = (covered >> bit & 1) != 0;
+        const uint64_t index = rank + uint64_t(std::popcount(covered & ((1u << bit) - 1)));
+        for (int c = 0; c < components; ++c) {
+          uint32_t stored = here && target.is_occupancy ? 1 : target.fill_stored;
+          if (here && kept > 0) stored = Kept(target, values + index * kept, c, r, bx, row, bit);
+          const uint64_t at = planar ? uint64_t(c) * all_voxels + n : n * uint64_t(components) + uint64_t(c);
+          Writer(out_.targets[t].data(), bits, at).Put(stored);
+        }
+      }
+      rank += uint64_t(std::popcount(covered));
+    }
+  }
+
+  // A kept value; where another target's fragment covers the voxel and this one's were discarded, what a dense target holds.
+  uint32_t Kept(const CpuTarget& target, const uint8_t* value, int c, int64_t r, int64_t bx, int row, int bit) const {
+    if (target.own_presence) {
+      const int64_t slab_row = SlabRowOf(r, row);
+      const size_t w = size_t(bx / 4);
+      if ((target.presence.row(slab_row)[w] >> bit & 1) == 0) {
+        const bool inside = !state_.inside.empty() && (state_.inside.row(slab_row)[w] >> bit & 1) != 0;
+        return inside ? target.fill_stored : target.clear_stored;
+      }
+    }
+    const int bytes = target.spec.format == VoxelFormat::kBit ? 1 : BitsPerComponent(target.spec.format) / 8;
+    uint32_t stored = 0;
+    std::memcpy(&stored, value + c * bytes, size_t(bytes));
+    return stored;
+  }
+
+  int64_t SlabRowOf(int64_t r, int row) const {
+    return (r % ny_ * kBrick + row % 8) + state_.dims[1] * (r / ny_ * kBrick + row / 8);
+  }
+
+  uint32_t CoveredWord(int64_t r, int64_t bx, int row) const {
+    if (r % ny_ * kBrick + row % 8 >= state_.dims[1] || r / ny_ * kBrick + row / 8 >= state_.slab_dims[2]) return 0;
+    return state_.coverage.row(SlabRowOf(r, row))[size_t(bx / 4)];
+  }
+
+  const TileValues* Tile(int64_t r, int64_t bx) const {
+    if (state_.tile_values.empty()) return nullptr;
+    const uint64_t local = uint64_t(bx / 4 + state_.tiles.dims[0] * r);  // tiles are as deep and as high as bricks
+    const uint32_t number = state_.slab_tiles[local];
+    return number == UINT32_MAX ? nullptr : &state_.tile_values[number];
+  }
+
+  const RunState& state_;
+  const int64_t nx_, ny_, nz_;  // bricks of the slab
+  std::vector<BrickRow> rows_;
+  ResultArrays out_;
+};
+
+}  // namespace
+
+uint8_t* ValueArena::Take(uint64_t bytes) {
+  if (chunks_.empty() || chunks_.back().size() - used_ < bytes) {
+    absl::StatusOr<HostBuffer> chunk = HostBuffer::Allocate(std::max(bytes, kChunkBytes));
+    if (!chunk.ok()) throw std::bad_alloc();
+    chunks_.push_back(*std::move(chunk));
+    used_ = 0;
+  }
+  uint8_t* const taken = chunks_.back().data() + used_;
+  used_ += bytes;
+  return taken;
+}
+
+TileValues KeepTile(const RunState& state, const std::vector<TileBuffer>& buffers,
+                    const std::array<uint32_t, kTileRows>& covered, ValueArena& arena) {
+  uint64_t listed = 0, bytes = 0;
+  for (const uint32_t word : covered) listed += uint64_t(std::popcount(word));
+  for (const CpuTarget& target : state.targets) bytes += listed * KeptBytes(target);
+  TileValues values;
+  values.covered = covered;
+  uint8_t* out = arena.Take(bytes);
+  values.data = out;
+  for (size_t t = 0; t < state.targets.size(); ++t) {
+    const CpuTarget& target = state.targets[t];
+    if (target.is_occupancy) continue;
+    const int components = target.spec.components;
+    const size_t element =
+        target.spec.format == VoxelFormat::kBit ? 1 : size_t(BitsPerComponent(target.spec.format) / 8);
+    for (int row = 0; row < kTileRows; ++row) {
+      for (uint32_t left = covered[size_t(row)]; left != 0; left &= left - 1) {
+        const int voxel = row * 32 + std::countr_zero(left);
+        const bool has = buffers[t].Has(voxel);  // otherwise another target's fragment: the value is not looked at
+        for (int c = 0; c < components; ++c, out += element) {
+          const uint32_t stored = has ? buffers[t].StoredAt(voxel, c) : 0;
+          std::memcpy(out, &stored, element);
+        }
+      }
+    }
+  }
+  return values;
+}
+
+absl::StatusOr<ResultArrays> MakeBricks(const RunState& state) {
+  return BrickMaker(state).Make();
+}
+
+}  // namespace voxelpipe::cpu

@@ -1,0 +1,20 @@
+// Sparse results: bricks of the occupied voxels of a slab.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "cpu/tile_buffer.h"
+#include "cpu/tile_values.h"
+
+namespace voxelpipe::cpu {
+
+// Keeps a tile's values: what TileBuffer::Store writes to a dense target.
+TileValues KeepTile(const RunState& state, const std::vector<TileBuffer>& buffers,
+                    const std::array<uint32_t, kTileRows>& covered, ValueArena& arena);
+
+// The slab's brick, mask and target arrays, from its bits and the tiles' values.
+absl::StatusOr<ResultArrays> MakeBricks(const RunState& state);
+
+}  // namespace voxelpipe::cpu
