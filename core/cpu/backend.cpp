@@ -5,6 +5,7 @@
 
 #include <algorithm>
 
+#include "cpu/a_buffer.h"
 #include "cpu/run_state.h"
 
 namespace voxelpipe::cpu {
@@ -23,11 +24,12 @@ class CpuStages final : public Stages {
   absl::Status BeginSlab(const Slab& slab) override { return cpu::BeginSlab(state_, slab); }
   absl::Status FineRaster() override { return cpu::FineRaster(state_); }
   absl::Status SolidFill() override { return cpu::SolidFill(state_); }
-  absl::Status EmitFragments() override { return absl::UnimplementedError("buckets"); }
-  absl::Status SortFragments() override { return absl::UnimplementedError("buckets"); }
-  absl::Status Resolve() override { return absl::UnimplementedError("buckets"); }
+  absl::Status EmitFragments() override { return cpu::EmitFragments(state_); }
+  absl::Status SortFragments() override { return cpu::SortFragments(state_); }
+  absl::Status Resolve() override { return cpu::Resolve(state_); }
   absl::StatusOr<ResultArrays> Finish() override { return cpu::Finish(state_); }
   uint64_t CountOccupied() const override {
+    if (state_.a_buffer) return state_.a_buffer->voxels;
     return state_.inside.empty() ? CountBits(state_.coverage) : CountUnion(state_.coverage, state_.inside);
   }
   SlabCounts counts() const override { return state_.counts; }

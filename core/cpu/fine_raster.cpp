@@ -9,6 +9,7 @@
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
 #include "cpu/tile_buffer.h"
+#include "cpu/tile_runs.h"
 #include "shaders/fragment_input.h"
 
 namespace voxelpipe::cpu {
@@ -35,11 +36,6 @@ struct Worker {
   bool any_always_present = false;  // some target keeps every fragment, so a touched voxel is a covered one
   uint64_t fragments = 0;
 };
-
-uint32_t RowMask(int64_t begin, int64_t end) {
-  const uint32_t upto = end >= 32 ? ~0u : (1u << end) - 1;
-  return upto & ~((1u << begin) - 1);
-}
 
 void ShadeRow(const RunState& state, Worker& worker, const TrianglePlane& plane, FragmentInput& in, int row,
               uint32_t mask, const int64_t (&origin)[3]) {
@@ -115,16 +111,6 @@ void StoreTile(RunState& state, const Worker& worker, const TileRun& run, size_t
   if (!sparse) return;
   state.tile_values[number] = KeepTile(state, worker.buffers, worker.coverage, state.value_arenas.local());
   state.slab_tiles[tile - state.tiles.Index(0, 0, state.slab.begin / TileDim(2))] = uint32_t(number);
-}
-
-// The runs of the slab's tiles: tiles are numbered layer after layer.
-std::span<const TileRun> SlabRuns(const RunState& state) {
-  const auto first_at = [&](int64_t z) {
-    const uint64_t tile = state.tiles.Index(0, 0, (z + TileDim(2) - 1) / TileDim(2));
-    return std::partition_point(state.runs.begin(), state.runs.end(),
-                                [&](const TileRun& run) { return state.pairs[run.begin] >> 32 < tile; });
-  };
-  return {first_at(state.slab.begin), first_at(state.slab.end)};
 }
 
 }  // namespace

@@ -42,6 +42,8 @@ struct CpuTarget {
   HostBuffer dense;  // values of a target that is not bit, in the result's layout over the slab
 };
 
+struct ABuffer;
+
 struct RunState {
   RunState(const TriangleMesh& m, const BoundRequest& r, const JobContext& j) : mesh(m), request(r), job(j) {}
 
@@ -79,6 +81,7 @@ struct RunState {
   std::vector<TileValues> tile_values;
   std::vector<uint32_t> slab_tiles;  // UINT32_MAX: no fragment
   tbb::enumerable_thread_specific<ValueArena> value_arenas;
+  std::shared_ptr<ABuffer> a_buffer;  // buckets
 
   // FineRaster, SolidFill
   BitGrid inside;

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstring>
 
+#include "cpu/element_store.h"
 #include "cpu/parallel.h"
 
 namespace voxelpipe::cpu {
@@ -20,28 +21,6 @@ uint64_t KeptBytes(const CpuTarget& target) {
              ? 1
              : uint64_t(target.spec.components * BitsPerComponent(target.spec.format) / 8);
 }
-
-// Puts bits and elements of any size one after the other into an array whose bits are zero to begin with.
-class Writer {
- public:
-  Writer(uint8_t* out, int element_bits, uint64_t at) : out_(out), bits_(element_bits), at_(at) {}
-
-  // Bits of neighbouring writers may share a byte.
-  void Put(uint32_t stored) {
-    if (bits_ == 1) {
-      if (stored != 0)
-        std::atomic_ref<uint8_t>(out_[at_ / 8]).fetch_or(uint8_t(1u << (at_ % 8)), std::memory_order_relaxed);
-    } else {
-      std::memcpy(out_ + at_ * uint64_t(bits_ / 8), &stored, size_t(bits_ / 8));  // little endian
-    }
-    ++at_;
-  }
-
- private:
-  uint8_t* out_;
-  int bits_;
-  uint64_t at_;
-};
 
 // The bricks of one row along x, and where the row's part of each array begins.
 struct BrickRow {
@@ -173,7 +152,7 @@ class BrickMaker {
           uint32_t stored = here && target.is_occupancy ? 1 : target.fill_stored;
           if (here && kept > 0) stored = Kept(target, values + index * kept, c, r, bx, row, bit);
           const uint64_t at = planar ? uint64_t(c) * all_voxels + n : n * uint64_t(components) + uint64_t(c);
-          Writer(out_.targets[t].data(), bits, at).Put(stored);
+          PutElement(out_.targets[t].data(), bits, at, stored);
         }
       }
       rank += uint64_t(std::popcount(covered));

@@ -1,4 +1,5 @@
 // Allocation, clearing and packing of the render targets.
+#include "cpu/a_buffer.h"
 #include "cpu/dense_fill.h"
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
@@ -69,9 +70,13 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.tile_values.clear();
   state.slab_tiles.clear();
   state.value_arenas.clear();
-  auto coverage = state.row_bits ? BitGrid::CreateUncleared(state.slab_dims) : BitGrid::Create(state.slab_dims);
-  if (!coverage.ok()) return coverage.status();
-  state.coverage = *std::move(coverage);
+  state.a_buffer.reset();
+  const bool buckets = state.request.request.result == ResultKind::kBuckets;
+  if (!buckets) {
+    auto coverage = state.row_bits ? BitGrid::CreateUncleared(state.slab_dims) : BitGrid::Create(state.slab_dims);
+    if (!coverage.ok()) return coverage.status();
+    state.coverage = *std::move(coverage);
+  }
   for (size_t i = 0; i < state.request.request.targets.size(); ++i) {
     const BoundShader& shader = state.request.fragment_shaders[i];
     CpuTarget target;
@@ -85,7 +90,9 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     target.fill_stored = StoredBits(NumberToCell(target.spec.fill_value, format), format);
     target.is_occupancy = target.spec.format == VoxelFormat::kBit && target.shader == FragmentShaderId::kOccupancy;
     target.own_presence = TraitsOf(target.shader).can_discard;
-    if (absl::Status s = Allocate(target, state); !s.ok()) return s;
+    if (!buckets) {
+      if (absl::Status s = Allocate(target, state); !s.ok()) return s;
+    }
     state.targets.push_back(std::move(target));
   }
   return absl::OkStatus();
@@ -93,6 +100,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
 
 absl::StatusOr<ResultArrays> Finish(RunState& state) {
   if (state.request.request.result == ResultKind::kSparse) return MakeBricks(state);
+  if (state.request.request.result == ResultKind::kBuckets) return std::move(state.a_buffer->arrays);
   ResultArrays results;
   for (CpuTarget& target : state.targets) {
     if (target.spec.format != VoxelFormat::kBit) {

@@ -1,0 +1,48 @@
+// The sort-last pipeline: all fragments of each voxel.
+//
+// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing). Changed: fragments are emitted tile by tile, so that sorting
+// them by voxel is a counting sort within a tile, triangle ids staying in order, and a scan over the tiles' rows; no
+// global sort of fragments is needed.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "cpu/run_state.h"
+
+namespace voxelpipe::cpu {
+
+// One triangle's fragments in one row of a tile.
+struct RowFragments {
+  uint32_t triangle;
+  uint32_t mask;  // voxels of the row
+  uint32_t row;   // y + 8*z of the tile
+};
+
+// What a tile emitted, by ascending triangle id, and where its rows go.
+struct TileFragments {
+  const RowFragments* records = nullptr;
+  uint64_t record_count = 0;
+  std::array<uint32_t, kTileRows> row_voxels{};  // with a fragment, as bits
+  std::array<uint64_t, kTileRows>
+      row_fragments{};  // their number; after SortFragments the first one's index in the slab
+  std::array<uint64_t, kTileRows>
+      row_first_voxel{};  // after SortFragments: of the row's first voxel among the slab's listed ones
+};
+
+struct ABuffer {
+  std::vector<TileFragments> tiles;  // one a tile run of the slab
+  tbb::enumerable_thread_specific<ValueArena> arenas;
+  uint64_t fragments = 0, voxels = 0;  // of the slab
+  ResultArrays arrays;                 // Resolve
+};
+
+// The stages; see pipeline/stages.h. A fragment is dropped where the shaders of all targets discard it; where only some do, their
+// targets hold their clear value.
+absl::Status EmitFragments(RunState& state);
+absl::Status SortFragments(RunState& state);
+absl::Status Resolve(RunState& state);
+
+}  // namespace voxelpipe::cpu
