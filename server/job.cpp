@@ -44,7 +44,9 @@ uint64_t SceneBytes(const Scene& scene) {
 uint64_t MeshBytes(const TriangleMesh& mesh) {
   uint64_t bytes = Bytes(mesh.positions) + Bytes(mesh.normals) + Bytes(mesh.tangents) + Bytes(mesh.uv[0]) +
                    Bytes(mesh.uv[1]) + Bytes(mesh.colors) + Bytes(mesh.triangles);
-  for (const auto& image : mesh.images) bytes += Bytes(image->encoded) + Bytes(image->rgba);
+  for (const auto& image : mesh.images) {
+    bytes += Bytes(image->encoded) + Bytes(image->rgba) + Bytes(image->linear_mips) + Bytes(image->srgb_mips);
+  }
   return bytes;
 }
 
@@ -147,7 +149,7 @@ absl::StatusOr<JobOutcome> RunJob(std::vector<uint8_t> file, const ParsedConfig&
     outcome.examined = config.request.fill != Fill::kNone;
     outcome.report = outcome.examined ? ReportMesh(flat->mesh) : BoxReport(flat->mesh);
     if (RequestReadsTextures(config.request)) {
-      if (absl::Status s = PrepareTextures(flat->mesh, limits.load); !s.ok()) return s;
+      if (absl::Status s = PrepareTextures(flat->mesh, limits.load, TexturesRead(config.request)); !s.ok()) return s;
     }
     uint64_t pipeline_bytes = MeshBytes(flat->mesh);
     absl::StatusOr<VoxelizeResult> result =

@@ -45,7 +45,8 @@ class LocalEngine : public Engine {
     loaded->scene = Scene();  // the flat mesh is all that is needed from here on
     if (RequestReadsTextures(request)) {
       const Stopwatch decode;
-      if (absl::Status status = PrepareTextures(loaded->mesh); !status.ok()) return status;
+      if (absl::Status status = PrepareTextures(loaded->mesh, LoadLimits{}, TexturesRead(request)); !status.ok())
+        return status;
       loaded->load_ms += decode.Milliseconds();
     }
     EngineRun run;

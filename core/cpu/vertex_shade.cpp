@@ -8,54 +8,18 @@
 #include "absl/strings/str_cat.h"
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
+#include "shaders/material_views.h"
 
 namespace voxelpipe::cpu {
 namespace {
 
 constexpr int64_t kGrain = 1 << 14;
 
-TextureRefView View(const TextureRef& ref, const TriangleMesh& mesh) {
-  TextureRefView view;
-  const bool usable = ref.texture >= 0 && size_t(ref.texture) < mesh.textures.size();
-  view.texture = usable ? ref.texture : -1;
-  view.uv_set = ref.uv_set == 1 ? 1 : 0;
-  // KHR_texture_transform: offset + rotation * scale, the rotation counter-clockwise with v pointing down.
-  const double c = std::cos(double(ref.rotation)), s = std::sin(double(ref.rotation));
-  view.m[0][0] = float(c * ref.scale[0]);
-  view.m[0][1] = float(s * ref.scale[1]);
-  view.m[0][2] = ref.offset[0];
-  view.m[1][0] = float(-s * ref.scale[0]);
-  view.m[1][1] = float(c * ref.scale[1]);
-  view.m[1][2] = ref.offset[1];
-  return view;
-}
-
 void MakeViews(RunState& state) {
   const TriangleMesh& mesh = state.mesh;
-  for (const Texture& texture : mesh.textures) {
-    TextureView view;
-    if (texture.image >= 0 && size_t(texture.image) < mesh.images.size() && mesh.images[texture.image] != nullptr) {
-      const Image& image = *mesh.images[texture.image];
-      if (!image.rgba.empty()) {
-        view.rgba = image.rgba.data();
-        view.width = image.width;
-        view.height = image.height;
-      }
-    }
-    view.wrap_s = uint8_t(texture.wrap_s);
-    view.wrap_t = uint8_t(texture.wrap_t);
-    view.nearest = texture.nearest;
-    state.textures.push_back(view);
-  }
-  for (const Material& material : mesh.materials) {
-    MaterialView view;
-    view.base_color_factor = material.base_color_factor;
-    view.base_color = View(material.base_color, mesh);
-    view.alpha_mask = material.alpha_mode == AlphaMode::kMask;
-    view.alpha_cutoff = material.alpha_cutoff;
-    state.materials.push_back(view);
-  }
-  state.materials.push_back(MaterialView{});  // glTF's default material
+  MaterialViews views = MakeMaterialViews(mesh);
+  state.materials = std::move(views.materials);
+  state.textures = std::move(views.textures);
   const int32_t default_material = int32_t(mesh.materials.size());
   for (const MeshPart& part : mesh.parts) {
     PartView view;

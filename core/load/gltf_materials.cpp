@@ -10,7 +10,8 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr int kNearest = 9728, kNearestMipmapNearest = 9984, kNearestMipmapLinear = 9986;
+constexpr int kNearest = 9728, kLinear = 9729;
+constexpr int kNearestMipmapNearest = 9984, kLinearMipmapNearest = 9985, kNearestMipmapLinear = 9986;
 constexpr int kClampToEdge = 33071, kMirroredRepeat = 33648;
 
 float ToFloat(double value, float fallback) {
@@ -63,6 +64,10 @@ class MaterialReader {
     if (from.alphaMode == "BLEND") out.alpha_mode = AlphaMode::kBlend;
     out.alpha_cutoff = ToFloat(from.alphaCutoff, 0.5f);
     out.double_sided = from.doubleSided;
+    const auto strength = from.extensions.find("KHR_materials_emissive_strength");
+    if (strength != from.extensions.end() && strength->second.Get("emissiveStrength").IsNumber()) {
+      out.emissive_strength = ToFloat(strength->second.Get("emissiveStrength").GetNumberAsDouble(), 1.0f);
+    }
     const auto gloss = from.extensions.find("KHR_materials_pbrSpecularGlossiness");
     if (gloss != from.extensions.end()) ReadDiffuse(gloss->second, out);
     return out;
@@ -113,6 +118,11 @@ WrapMode ToWrap(int wrap) {
   return wrap == kMirroredRepeat ? WrapMode::kMirroredRepeat : WrapMode::kRepeat;
 }
 
+// Whether a filter takes the nearest texel within a level.
+bool IsNearest(int filter) {
+  return filter == kNearest || filter == kNearestMipmapNearest || filter == kNearestMipmapLinear;
+}
+
 Texture ReadTexture(const tinygltf::Model& model, const tinygltf::Texture& from, const Scene& scene) {
   Texture out;
   if (from.source >= 0 && static_cast<size_t>(from.source) < scene.images.size() &&
@@ -123,9 +133,13 @@ Texture ReadTexture(const tinygltf::Model& model, const tinygltf::Texture& from,
     const tinygltf::Sampler& sampler = model.samplers[from.sampler];
     out.wrap_s = ToWrap(sampler.wrapS);
     out.wrap_t = ToWrap(sampler.wrapT);
-    // Without a magnification filter the minification filter decides.
-    const int filter = sampler.magFilter > 0 ? sampler.magFilter : sampler.minFilter;
-    out.nearest = filter == kNearest || filter == kNearestMipmapNearest || filter == kNearestMipmapLinear;
+    // A filter that is not given follows the other; levels are mixed unless the minification filter says otherwise.
+    const int mag = sampler.magFilter > 0 ? sampler.magFilter : sampler.minFilter;
+    const int min = sampler.minFilter > 0 ? sampler.minFilter : sampler.magFilter;
+    out.nearest = IsNearest(mag);
+    out.min_nearest = IsNearest(min);
+    if (sampler.minFilter == kNearest || sampler.minFilter == kLinear) out.mip_filter = MipFilter::kNone;
+    if (min == kNearestMipmapNearest || min == kLinearMipmapNearest) out.mip_filter = MipFilter::kNearest;
   }
   return out;
 }

@@ -172,7 +172,8 @@ Json CopyNode(const Json& object, size_t index, const Sizes& sizes, absl::Status
 // Materials, textures and samplers: what is no object becomes an empty one; tinygltf skips members of wrong types.
 // Only the extensions that the material reader uses are kept, and no extras.
 Json CopyAppearance(const Json& value) {
-  constexpr const char* kKept[] = {"KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness"};
+  constexpr const char* kKept[] = {"KHR_texture_transform", "KHR_materials_emissive_strength",
+                                   "KHR_materials_pbrSpecularGlossiness"};
   if (value.is_array()) {
     Json copy = Json::array();
     for (const Json& entry : value) copy.push_back(CopyAppearance(entry));

@@ -14,6 +14,8 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "load/mips.h"
+#include "shaders/mips.h"
 
 namespace voxelpipe {
 namespace {
@@ -202,29 +204,95 @@ absl::Status DecodeImage(Image& image, const LoadLimits& limits) {
       absl::StrCat("image '", image.name, "': type '", image.mime_type, "' is neither PNG nor JPEG"));
 }
 
-absl::Status PrepareTextures(TriangleMesh& mesh, const LoadLimits& limits) {
-  std::set<int32_t> used;
+namespace {
+
+// The textures that `use` samples, each as linear values, as sRGB colours, or both.
+struct Sampled {
+  std::set<int32_t> linear, srgb;
+};
+
+Sampled TexturesOf(const TriangleMesh& mesh, const TextureUse& use) {
+  Sampled sampled;
+  const auto add = [&](const TextureRef& ref, std::set<int32_t>& to) {
+    if (ref.texture >= 0 && size_t(ref.texture) < mesh.textures.size()) to.insert(ref.texture);
+  };
   for (const Material& material : mesh.materials) {
-    const int32_t texture = material.base_color.texture;
-    if (texture >= 0 && size_t(texture) < mesh.textures.size()) used.insert(texture);
+    if (use.base_color || (use.any() && material.alpha_mode == AlphaMode::kMask))
+      add(material.base_color, sampled.srgb);
+    if (use.emissive) add(material.emissive, sampled.srgb);
+    if (use.metallic_roughness) add(material.metallic_roughness, sampled.linear);
   }
-  std::set<const Image*> counted;
-  uint64_t pixels = 0;
-  for (const int32_t t : used) {
-    Texture& texture = mesh.textures[t];
-    if (texture.image < 0 || size_t(texture.image) >= mesh.images.size() || mesh.images[texture.image] == nullptr)
-      continue;
-    Image& image = *mesh.images[texture.image];
-    const absl::Status s = DecodeImage(image, limits);
-    if (absl::IsUnimplemented(s)) {
-      texture.image = -1;  // the factor alone is used
-      continue;
-    }
-    if (!s.ok()) return s;
-    if (counted.insert(&image).second) pixels += uint64_t{image.width} * image.height;
-    if (pixels > limits.max_total_image_pixels) {
+  return sampled;
+}
+
+Image* ImageOf(const TriangleMesh& mesh, const Texture& texture) {
+  if (texture.image < 0 || size_t(texture.image) >= mesh.images.size()) return nullptr;
+  return mesh.images[texture.image].get();
+}
+
+// Counts what images take, each once.
+class ImageBudget {
+ public:
+  explicit ImageBudget(const LoadLimits& limits) : limits_(limits) {}
+
+  absl::Status TakeTexels(const Image& image) {
+    if (!counted_.insert(&image).second) return absl::OkStatus();
+    pixels_ += uint64_t{image.width} * image.height;
+    if (pixels_ > limits_.max_total_image_pixels) {
       return absl::ResourceExhaustedError(
-          absl::StrCat("the images of the scene have more than ", limits.max_total_image_pixels, " pixels together"));
+          absl::StrCat("the images of the scene have more than ", limits_.max_total_image_pixels, " pixels together"));
+    }
+    return TakeBytes(uint64_t{image.width} * image.height * 4);
+  }
+  absl::Status TakeMips(const Image& image, const std::vector<Vec4f>& mips) {
+    if (!counted_.insert(&mips).second) return absl::OkStatus();
+    return TakeBytes(LevelOffset(image.width, image.height, CountLevels(image.width, image.height)) * sizeof(Vec4f));
+  }
+
+ private:
+  absl::Status TakeBytes(uint64_t bytes) {
+    bytes_ += bytes;
+    if (bytes_ <= limits_.max_decoded_bytes) return absl::OkStatus();
+    return absl::ResourceExhaustedError(absl::StrCat("the images of the scene and their smaller levels take more than ",
+                                                     limits_.max_decoded_bytes, " bytes together"));
+  }
+
+  const LoadLimits& limits_;
+  std::set<const void*> counted_;
+  uint64_t pixels_ = 0, bytes_ = 0;
+};
+
+absl::Status PrepareTexture(const TriangleMesh& mesh, Texture& texture, bool srgb, ImageBudget& budget,
+                            const LoadLimits& limits) {
+  Image* image = ImageOf(mesh, texture);
+  if (image == nullptr) return absl::OkStatus();
+  absl::Status s = DecodeImage(*image, limits);
+  if (absl::IsUnimplemented(s)) {
+    texture.image = -1;  // the factor alone is used
+    return absl::OkStatus();
+  }
+  if (!s.ok()) return s;
+  if (s = budget.TakeTexels(*image); !s.ok()) return s;
+  std::vector<Vec4f>& mips = srgb ? image->srgb_mips : image->linear_mips;
+  if (texture.mip_filter == MipFilter::kNone) return absl::OkStatus();
+  if (s = budget.TakeMips(*image, mips); !s.ok() || !mips.empty()) return s;
+  try {
+    mips = BuildMips(image->rgba.data(), image->width, image->height, srgb);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("image '", image->name, "': out of memory for its smaller levels"));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status PrepareTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use) {
+  const Sampled sampled = TexturesOf(mesh, use);
+  ImageBudget budget(limits);
+  for (const bool srgb : {true, false}) {
+    for (const int32_t t : srgb ? sampled.srgb : sampled.linear) {
+      if (absl::Status s = PrepareTexture(mesh, mesh.textures[t], srgb, budget, limits); !s.ok()) return s;
     }
   }
   return absl::OkStatus();

@@ -11,6 +11,12 @@ namespace voxelpipe {
 
 enum class AlphaMode : uint8_t { kOpaque, kMask, kBlend };
 enum class WrapMode : uint8_t { kRepeat, kMirroredRepeat, kClampToEdge };
+// Which levels of a texture serve where its texels are smaller than voxels.
+enum class MipFilter : uint8_t {
+  kNone,     // the image alone
+  kNearest,  // the level nearest to one texel a voxel
+  kLinear,   // the two levels next to that, mixed
+};
 
 // A reference from a material to a texture, with KHR_texture_transform: uv' = offset + R(rotation) * (scale * uv).
 struct TextureRef {
@@ -26,7 +32,8 @@ struct Material {
   Vec4f base_color_factor{1, 1, 1, 1};  // linear
   TextureRef base_color;                // sRGB texels
   Vec3f emissive_factor{0, 0, 0};
-  TextureRef emissive;  // sRGB texels
+  float emissive_strength = 1;  // KHR_materials_emissive_strength
+  TextureRef emissive;          // sRGB texels
   float metallic_factor = 1, roughness_factor = 1;
   TextureRef metallic_roughness;  // G = roughness, B = metallic
   AlphaMode alpha_mode = AlphaMode::kOpaque;
@@ -37,7 +44,9 @@ struct Material {
 struct Texture {
   int32_t image = -1;  // index into images, -1 = an image this build cannot read (the factor alone is used)
   WrapMode wrap_s = WrapMode::kRepeat, wrap_t = WrapMode::kRepeat;
-  bool nearest = false;  // magnification filter: nearest, otherwise bilinear
+  // Filters within a level, nearest or bilinear: up to one texel a voxel, and beyond.
+  bool nearest = false, min_nearest = false;
+  MipFilter mip_filter = MipFilter::kLinear;
 };
 
 // An image keeps its encoded bytes until a shader needs its texels (load/image.h decodes).
@@ -47,6 +56,14 @@ struct Image {
   std::vector<uint8_t> encoded;    // owned copy of the file's bytes
   uint32_t width = 0, height = 0;  // texels; 0 until decoded
   std::vector<uint8_t> rgba;       // 4 bytes a texel, rows from the top; empty until decoded
+  // Smaller levels (load/mips.h), of the texels as linear values and as sRGB colours; empty until something samples them.
+  std::vector<Vec4f> linear_mips, srgb_mips;
+};
+
+// Which textures of the materials shaders sample.
+struct TextureUse {
+  bool base_color = false, emissive = false, metallic_roughness = false;
+  bool any() const { return base_color || emissive || metallic_roughness; }
 };
 
 }  // namespace voxelpipe

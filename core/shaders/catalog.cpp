@@ -54,6 +54,14 @@ std::vector<ShaderInfo> Rows() {
        .description = "Base colour factor x texture x vertex colour, linear RGBA; alpha MASK discards fragments.",
        .output_type = "f32",
        .output_components = 4},
+      {.name = "emissive",
+       .description = "Emissive factor x strength x texture, linear RGB; alpha MASK discards fragments.",
+       .output_type = "f32",
+       .output_components = 3},
+      {.name = "metallic_roughness",
+       .description = "Metallic and roughness, factors x texture; alpha MASK discards fragments.",
+       .output_type = "f32",
+       .output_components = 2},
       {.name = "material_id",
        .description = "The triangle's glTF material; the default material counts as one after the last.",
        .output_type = "u32",
@@ -206,11 +214,17 @@ absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call
   return bound;
 }
 
-bool RequestReadsTextures(const VoxelizeRequest& request) {
-  return std::any_of(request.targets.begin(), request.targets.end(), [](const TargetSpec& target) {
+TextureUse TexturesRead(const VoxelizeRequest& request) {
+  ShaderTraits traits;
+  for (const TargetSpec& target : request.targets) {
     const ShaderInfo* info = FindShader(ShaderStage::kFragment, target.shader.name);
-    return info != nullptr && info->reads_textures;
-  });
+    if (info != nullptr) traits |= TraitsOf(FragmentShaderId(int(info - Catalog().data()) - CountVertexShaders()));
+  }
+  return {traits.reads_base_color, traits.reads_emissive, traits.reads_metallic_roughness};
+}
+
+bool RequestReadsTextures(const VoxelizeRequest& request) {
+  return TexturesRead(request).any();
 }
 
 }  // namespace voxelpipe

@@ -9,6 +9,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "mesh/material.h"
 #include "pipeline/request.h"
 #include "shaders/shader_params.h"
 
@@ -55,7 +56,9 @@ struct BoundShader {
 // value that is not finite.
 absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call);
 
-// Whether any target's shader reads textures (then call PrepareTextures first).
+// Which textures the targets' shaders sample (then call PrepareTextures first).
+TextureUse TexturesRead(const VoxelizeRequest& request);
+// Whether there is any.
 bool RequestReadsTextures(const VoxelizeRequest& request);
 
 }  // namespace voxelpipe

@@ -7,9 +7,11 @@
 #include "shaders/color.h"
 #include "shaders/constant.h"
 #include "shaders/coverage_fraction.h"
+#include "shaders/emissive.h"
 #include "shaders/geometric_normal.h"
 #include "shaders/material_id.h"
 #include "shaders/mesh_id.h"
+#include "shaders/metallic_roughness.h"
 #include "shaders/normal.h"
 #include "shaders/occupancy.h"
 #include "shaders/packed_normal.h"
@@ -33,6 +35,8 @@
   X(Normal)                           \
   X(PackedNormal)                     \
   X(BaseColor)                        \
+  X(Emissive)                         \
+  X(MetallicRoughness)                \
   X(MaterialId)                       \
   X(MeshId)                           \
   X(Tangent)                          \

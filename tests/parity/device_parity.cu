@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "grid/index_space.h"
+#include "load/mips.h"
 #include "raster/crossing.h"
 #include "raster/spans.h"
 #include "raster/tiles.h"
@@ -123,7 +124,7 @@ const T* Upload(const std::vector<T>& values) {
   return device;
 }
 
-// The soup with vertex normals, texture coordinates, colours and a textured material.
+// The soup with vertex normals, tangents, texture coordinates, colours, velocities and a textured material.
 struct Assets {
   TriangleMesh mesh = testing::Soup(kTriangles, 60, 4242);
   std::vector<Vec3d> index_positions;
@@ -133,6 +134,7 @@ struct Assets {
   std::vector<PartView> parts;
   std::vector<MaterialView> materials;
   std::vector<uint8_t> texels;
+  std::vector<Vec4f> mips;
   std::vector<TextureView> textures;
 
   Assets() {
@@ -152,14 +154,25 @@ struct Assets {
     parts = {bare, full};
     MaterialView material;
     material.base_color.texture = 0;
+    material.base_color.texels = 60;
+    material.emissive = material.base_color;
+    material.emissive.texels = 900;  // far into the smaller levels
+    material.emissive_factor = {2, 0.5f, 0.125f};
+    material.metallic_roughness = material.base_color;
+    material.metallic_roughness.texture = 1;
     material.alpha_mask = true;
     material.alpha_cutoff = 0.5f;
     materials = {material};
     for (int i = 0; i < 7 * 5 * 4; ++i) texels.push_back(uint8_t(i * 37));
+    mips = BuildMips(texels.data(), 7, 5, true);
   }
 
-  TextureView Texture(const uint8_t* rgba) const {
+  static TextureView Texture(const uint8_t* rgba, const Vec4f* mips, bool srgb) {
     TextureView texture;
+    texture.mips = mips;
+    texture.levels = CountLevels(7, 5);
+    texture.mip_filter = srgb ? 2 : 1;
+    texture.srgb = srgb;
     texture.rgba = rgba;
     texture.width = 7;
     texture.height = 5;
@@ -168,8 +181,8 @@ struct Assets {
   }
 
   MeshView View(bool on_device) {
-    textures = {Texture(on_device ? Upload(texels) : texels.data())};
     const auto at = [&](const auto& values) { return on_device ? Upload(values) : values.data(); };
+    textures = {Texture(at(texels), at(mips), true), Texture(at(texels), at(mips), false)};
     MeshView view;
     view.positions = at(mesh.positions);
     view.index_positions = at(index_positions);
@@ -185,7 +198,8 @@ struct Assets {
     view.vertex_count = mesh.positions.size();
     view.triangle_count = mesh.triangles.size();
     view.part_count = uint32_t(parts.size());
-    view.material_count = view.texture_count = 1;
+    view.material_count = 1;
+    view.texture_count = uint32_t(textures.size());
     return view;
   }
 };

@@ -28,6 +28,45 @@ absl::StatusOr<Scene> Load(const GlbBuilder& builder) {
   return LoadScene(builder.Glb());
 }
 
+TEST(GltfMaterial, FiltersFollowTheSampler) {
+  struct Case {
+    int mag, min;
+    bool nearest, min_nearest;
+    MipFilter mips;
+  };
+  const Case cases[] = {{0, 0, false, false, MipFilter::kLinear},       {9728, 0, true, true, MipFilter::kLinear},
+                        {0, 9728, true, true, MipFilter::kNone},        {9729, 9729, false, false, MipFilter::kNone},
+                        {9729, 9984, false, true, MipFilter::kNearest}, {9728, 9985, true, false, MipFilter::kNearest},
+                        {9729, 9986, false, true, MipFilter::kLinear},  {9728, 9987, true, false, MipFilter::kLinear}};
+  for (const Case& c : cases) {
+    GlbBuilder builder = Triangle();
+    builder.doc["images"] = {{{"bufferView", 0}}};
+    json sampler = json::object();
+    if (c.mag != 0) sampler["magFilter"] = c.mag;
+    if (c.min != 0) sampler["minFilter"] = c.min;
+    builder.doc["samplers"] = {sampler};
+    builder.doc["textures"] = {{{"source", 0}, {"sampler", 0}}};
+    const absl::StatusOr<Scene> scene = Load(builder);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    ASSERT_THAT(scene->textures, SizeIs(1));
+    const Texture& texture = scene->textures[0];
+    EXPECT_EQ(texture.nearest, c.nearest) << c.mag << " " << c.min;
+    EXPECT_EQ(texture.min_nearest, c.min_nearest) << c.mag << " " << c.min;
+    EXPECT_EQ(texture.mip_filter, c.mips) << c.mag << " " << c.min;
+  }
+}
+
+TEST(GltfMaterial, EmissiveStrengthIsRead) {
+  GlbBuilder builder = Triangle();
+  json material = {{"emissiveFactor", {1, 0.5, 0}}};
+  material["extensions"]["KHR_materials_emissive_strength"] = {{"emissiveStrength", 6.5}};
+  builder.doc["materials"] = {material, json::object()};
+  const absl::StatusOr<Scene> scene = Load(builder);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_EQ(scene->materials[0].emissive_strength, 6.5f);
+  EXPECT_EQ(scene->materials[1].emissive_strength, 1);
+}
+
 TEST(GltfMaterial, FactorsModesAndTextureReferences) {
   GlbBuilder builder = Triangle();
   builder.doc["images"] = {{{"bufferView", builder.View({1, 2, 3})}, {"mimeType", "image/png"}, {"name", "wood"}}};
@@ -68,6 +107,7 @@ TEST(GltfMaterial, FactorsModesAndTextureReferences) {
   EXPECT_EQ(scene->textures[0].wrap_s, WrapMode::kClampToEdge);
   EXPECT_EQ(scene->textures[0].wrap_t, WrapMode::kMirroredRepeat);
   EXPECT_FALSE(scene->textures[1].nearest);
+  EXPECT_EQ(scene->textures[1].mip_filter, MipFilter::kLinear);
   ASSERT_THAT(scene->images, SizeIs(1));
   EXPECT_EQ(scene->images[0]->encoded, (ByteVector{1, 2, 3}));
   EXPECT_EQ(scene->images[0]->width, 0u) << "images are decoded only when a shader needs them";

@@ -186,13 +186,40 @@ TEST(PrepareTexturesTest, DecodesWhatBaseColourUsesAndSwitchesOffTheUnreadable) 
   mesh.materials.resize(2);
   mesh.materials[0].base_color.texture = 0;
   mesh.materials[1].base_color.texture = 1;
-  mesh.materials[1].emissive.texture = 2;  // not read by any shader here
-  ASSERT_TRUE(PrepareTextures(mesh).ok());
+  mesh.materials[1].emissive.texture = 2;  // not in use
+  ASSERT_TRUE(PrepareTextures(mesh, {}, {.base_color = true}).ok());
   EXPECT_EQ(mesh.images[0]->rgba.size(), 16u);
   EXPECT_EQ(mesh.textures[1].image, -1);
   EXPECT_EQ(mesh.textures[2].image, 2);
   LoadLimits limits;
   limits.max_total_image_pixels = 3;
+  EXPECT_EQ(PrepareTextures(mesh, limits, {.base_color = true}).code(), absl::StatusCode::kResourceExhausted);
+}
+
+TEST(PrepareTexturesTest, BuildsTheLevelsThatAreSampledInTheirColourSpace) {
+  TriangleMesh mesh;
+  for (int i = 0; i < 3; ++i)
+    mesh.images.push_back(std::make_shared<Image>(Of(Png(PNG_COLOR_TYPE_GRAY, 8, {1, 2, 3, 4}))));
+  mesh.textures.resize(3);
+  for (int i = 0; i < 3; ++i) mesh.textures[size_t(i)].image = i;
+  mesh.materials.resize(1);
+  mesh.materials[0].base_color.texture = 0;
+  mesh.materials[0].emissive.texture = 1;
+  mesh.materials[0].metallic_roughness.texture = 2;
+  const TextureUse metal{false, false, true};
+  ASSERT_TRUE(PrepareTextures(mesh, {}, metal).ok());
+  EXPECT_TRUE(mesh.images[0]->rgba.empty() && mesh.images[1]->rgba.empty());
+  EXPECT_EQ(mesh.images[2]->linear_mips.size(), 1u);
+  EXPECT_TRUE(mesh.images[2]->srgb_mips.empty());
+  mesh.materials[0].alpha_mode = AlphaMode::kMask;  // now the base colour's alpha matters
+  ASSERT_TRUE(PrepareTextures(mesh, {}, metal).ok());
+  EXPECT_EQ(mesh.images[0]->srgb_mips.size(), 1u);
+  ASSERT_TRUE(PrepareTextures(mesh).ok());
+  EXPECT_EQ(mesh.images[1]->srgb_mips.size(), 1u);
+  LoadLimits limits;
+  limits.max_decoded_bytes = 3 * (4 * 4 + 16);
+  EXPECT_TRUE(PrepareTextures(mesh, limits).ok());
+  --limits.max_decoded_bytes;
   EXPECT_EQ(PrepareTextures(mesh, limits).code(), absl::StatusCode::kResourceExhausted);
 }
 
