@@ -10,7 +10,7 @@
 namespace voxelpipe {
 
 // Linear RGBA of a material's texture; white where the material has none, or the mesh no such texture coordinates.
-VOXELPIPE_HD Vec4f SampleMaterial(const FragmentInput& in, const TextureRefView& ref) {
+VOXELPIPE_HD_CALL Vec4f SampleMaterial(const FragmentInput& in, const TextureRefView& ref) {
   if (ref.texture < 0 || !in.part->has_uv[ref.uv_set]) return {1, 1, 1, 1};
   const Vec2f* uv = in.mesh->uv[ref.uv_set];
   const Vec2f at = Interpolate(in.barycentric, uv[in.vertex[0]], uv[in.vertex[1]], uv[in.vertex[2]]);

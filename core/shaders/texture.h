@@ -44,7 +44,7 @@ VOXELPIPE_HD TextureLevel LevelOf(const TextureView& t, uint32_t level) {
 }
 
 // Linear RGBA of a texel, its coordinates wrapped.
-VOXELPIPE_HD Vec4f Fetch(const TextureView& t, const TextureLevel& level, int64_t x, int64_t y) {
+VOXELPIPE_HD_CALL Vec4f Fetch(const TextureView& t, const TextureLevel& level, int64_t x, int64_t y) {
   const uint64_t at =
       uint64_t{WrapTexel(y, level.height, t.wrap_t)} * level.width + WrapTexel(x, level.width, t.wrap_s);
   return level.linear != nullptr ? level.linear[at] : DecodeTexel(level.rgba + at * 4, t.srgb);
@@ -55,7 +55,7 @@ VOXELPIPE_HD Vec4f Lerp(const Vec4f& a, const Vec4f& b, float t) {
 }
 
 // One level, the nearest texel or bilinear.
-VOXELPIPE_HD Vec4f SampleLevel(const TextureView& t, uint32_t level_index, const Vec2f& uv, bool nearest) {
+VOXELPIPE_HD_CALL Vec4f SampleLevel(const TextureView& t, uint32_t level_index, const Vec2f& uv, bool nearest) {
   const TextureLevel level = LevelOf(t, level_index);
   double x = double(uv.x) * double(level.width), y = double(uv.y) * double(level.height);
   constexpr double kFar = 0x1p40;  // texels; also catches NaN and infinity
