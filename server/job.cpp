@@ -44,6 +44,7 @@ uint64_t SceneBytes(const Scene& scene) {
 uint64_t MeshBytes(const TriangleMesh& mesh) {
   uint64_t bytes = Bytes(mesh.positions) + Bytes(mesh.normals) + Bytes(mesh.tangents) + Bytes(mesh.uv[0]) +
                    Bytes(mesh.uv[1]) + Bytes(mesh.colors) + Bytes(mesh.triangles);
+  for (const auto& attribute : mesh.attributes) bytes += Bytes(attribute.values);
   for (const auto& image : mesh.images) {
     bytes += Bytes(image->encoded) + Bytes(image->rgba) + Bytes(image->linear_mips) + Bytes(image->srgb_mips);
   }

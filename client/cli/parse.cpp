@@ -1,5 +1,6 @@
 #include "parse.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 
@@ -69,7 +70,43 @@ absl::StatusOr<std::vector<KeyValue>> ParseKeyValues(std::string_view text) {
   return pairs;
 }
 
+// Whether some shader has a text parameter of this name: its value is then not read as numbers.
+bool IsTextParameter(const std::string& name) {
+  for (const ShaderInfo& shader : ListShaders()) {
+    for (const ShaderParameterInfo& parameter : shader.parameters) {
+      if (parameter.type == "string" && parameter.name == name) return true;
+    }
+  }
+  return false;
+}
+
+absl::Status SetText(ShaderCall& call, const std::string& name, std::string_view text) {
+  if (call.text.emplace(name, text).second) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(Quoted(name), " is given twice"));
+}
+
+// "NAME" or "NAME(TEXT)", which gives the shader's text parameter.
+absl::Status SetName(ShaderCall& call, std::string_view text) {
+  const size_t open = text.find('(');
+  call.name = std::string(text.substr(0, open));
+  if (call.name.empty()) return absl::InvalidArgumentError(absl::StrCat(Quoted(text), " names no shader"));
+  if (open == std::string_view::npos) return absl::OkStatus();
+  if (text.back() != ')' || text.size() < open + 3) {
+    return absl::InvalidArgumentError(absl::StrCat(Quoted(text), " is not of the form name(text)"));
+  }
+  const ShaderInfo* info = FindShader(ShaderStage::kFragment, call.name);
+  const auto is_text = [](const ShaderParameterInfo& parameter) { return parameter.type == "string"; };
+  if (info != nullptr) {
+    const auto parameter = std::find_if(info->parameters.begin(), info->parameters.end(), is_text);
+    if (parameter != info->parameters.end()) {
+      return SetText(call, parameter->name, text.substr(open + 1, text.size() - open - 2));
+    }
+  }
+  return absl::InvalidArgumentError(absl::StrCat(Quoted(call.name), " takes nothing in brackets"));
+}
+
 absl::Status SetParameter(ShaderCall& call, const KeyValue& pair) {
+  if (IsTextParameter(pair.key)) return SetText(call, pair.key, pair.value);
   absl::StatusOr<std::vector<double>> numbers = ParseNumbers(pair.value, '/');
   if (!numbers.ok())
     return absl::InvalidArgumentError(absl::StrCat(pair.key, ": ", std::string(numbers.status().message())));
@@ -95,8 +132,7 @@ absl::Status ParseFormat(std::string_view text, TargetSpec& target) {
 
 absl::Status SetTargetOption(const KeyValue& pair, TargetSpec& target, ShaderCall& own) {
   if (pair.key == "shader") {
-    own.name = std::string(pair.value);
-    return absl::OkStatus();
+    return SetName(own, pair.value);
   }
   if (pair.key == "scale") {
     return absl::InvalidArgumentError("scale applies to integer formats; a bit or f32 target takes none");
@@ -138,6 +174,7 @@ absl::Status ParseTargetInto(std::string_view text, const ShaderCall& default_sh
   if (own.name.empty()) {
     target.shader = default_shader;
     for (auto& [name, value] : own.parameters) target.shader.parameters[name] = value;
+    for (auto& [name, value] : own.text) target.shader.text[name] = value;
   } else {
     target.shader = own;
   }
@@ -185,8 +222,8 @@ absl::StatusOr<std::array<int64_t, 3>> ParseDims(std::string_view text) {
 
 absl::StatusOr<ShaderCall> ParseShaderCall(std::string_view text) {
   const size_t colon = text.find(':');
-  ShaderCall call{std::string(text.substr(0, colon)), {}};
-  if (call.name.empty()) return absl::InvalidArgumentError(absl::StrCat(Quoted(text), " names no shader"));
+  ShaderCall call;
+  if (absl::Status status = SetName(call, text.substr(0, colon)); !status.ok()) return status;
   if (colon == std::string_view::npos) return call;
   const absl::StatusOr<std::vector<KeyValue>> pairs = ParseKeyValues(text.substr(colon + 1));
   if (!pairs.ok()) return pairs.status();

@@ -26,7 +26,8 @@ absl::StatusOr<Vec3d> ParsePoint(std::string_view text);
 // "X,Y,Z"; whole numbers of at least 1.
 absl::StatusOr<std::array<int64_t, 3>> ParseDims(std::string_view text);
 
-// "NAME" or "NAME:k=v,k=v"; a vector's numbers are separated by '/': "constant:value=0.5/0.2/1". Neither the name nor
+// "NAME" or "NAME:k=v,k=v"; a vector's numbers are separated by '/': "constant:value=0.5/0.2/1". A text
+// parameter may stand in brackets: "attribute(_HEAT)" is "attribute:name=_HEAT". Neither the name nor
 // the parameters are checked against the catalog.
 absl::StatusOr<ShaderCall> ParseShaderCall(std::string_view text);
 

@@ -57,6 +57,7 @@ struct RunState {
   std::vector<PartView> parts;
   std::vector<MaterialView> materials;
   std::vector<TextureView> textures;
+  std::vector<AttributeView> attributes;
   MeshView view;
 
   // CoarseRaster, TileSort: of the whole grid

@@ -45,6 +45,11 @@ void MakeViews(RunState& state) {
   view.parts = state.parts.data();
   view.materials = state.materials.data();
   view.textures = state.textures.data();
+  for (const VertexAttribute& attribute : mesh.attributes) {
+    state.attributes.push_back({attribute.values.data(), attribute.components});
+  }
+  view.attributes = state.attributes.data();
+  view.attribute_count = uint32_t(state.attributes.size());
   view.vertex_count = mesh.positions.size();
   view.triangle_count = mesh.triangles.size();
   view.part_count = uint32_t(state.parts.size());

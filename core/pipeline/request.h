@@ -35,6 +35,7 @@ enum class BackendChoice : uint8_t { kAuto, kCpu, kCuda };
 struct ShaderCall {
   std::string name;
   std::map<std::string, std::vector<double>> parameters;
+  std::map<std::string, std::string> text{};  // parameters of type "string"
   friend bool operator==(const ShaderCall&, const ShaderCall&) = default;
 };
 

@@ -13,6 +13,7 @@
 #include "pipeline/assemble.h"
 #include "pipeline/backend.h"
 #include "pipeline/stages.h"
+#include "shaders/resolve.h"
 
 namespace voxelpipe {
 namespace {
@@ -58,7 +59,7 @@ class StageClock {
   VoxelizeStats& stats_;
 };
 
-absl::StatusOr<BoundRequest> Bind(const VoxelizeRequest& request) {
+absl::StatusOr<BoundRequest> Bind(const TriangleMesh& mesh, const VoxelizeRequest& request) {
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
   BoundRequest bound;
   bound.request = request;
@@ -68,6 +69,10 @@ absl::StatusOr<BoundRequest> Bind(const VoxelizeRequest& request) {
   for (const TargetSpec& target : request.targets) {
     auto fragment = BindShader(ShaderStage::kFragment, target.shader);
     if (!fragment.ok()) return fragment.status();
+    if (absl::Status s = ResolveShader(mesh, *fragment); !s.ok()) {
+      const size_t index = bound.fragment_shaders.size();
+      return absl::Status(s.code(), absl::StrCat("targets[", index, "].shader: ", std::string(s.message())));
+    }
     bound.fragment_shaders.push_back(*fragment);
   }
   return bound;
@@ -160,7 +165,7 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
 absl::Status RunOnBackend(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
                           const PlanLimits& limits, Delivery delivery, const std::function<void(const Plan&)>& on_plan,
                           Assembler& assembler, VoxelizeStats& stats) {
-  absl::StatusOr<BoundRequest> bound = Bind(request);
+  absl::StatusOr<BoundRequest> bound = Bind(mesh, request);
   if (!bound.ok()) return bound.status();
   absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();

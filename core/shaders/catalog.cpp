@@ -80,6 +80,11 @@ std::vector<ShaderInfo> Rows() {
        .description = "Vertex colour COLOR_0, linear RGBA; white where the mesh has none.",
        .output_type = "f32",
        .output_components = 4},
+      {.name = "attribute",
+       .description = "A vertex attribute of the file's own, 1 to 4 components; 0 in parts of the mesh without it.",
+       .output_type = "f32",
+       .output_components = 4,
+       .parameters = {{"name", "string", {}, "the attribute's name, such as _TEMPERATURE"}}},
       {.name = "velocity",
        .description = "Velocity that the vertex shader gives, world units a second; 0 where it gives none.",
        .output_type = "f32",
@@ -165,6 +170,27 @@ absl::Status FillSlots(const ShaderInfo& info, const ShaderParameterInfo& parame
   return absl::OkStatus();
 }
 
+// The text parameters, every one of which must be given.
+absl::Status TakeText(const ShaderCall& call, BoundShader& bound) {
+  for (const auto& [name, value] : call.text) {
+    const auto& known = bound.info->parameters;
+    const auto is_text = [&](const auto& p) { return p.name == name && p.type == "string"; };
+    if (std::none_of(known.begin(), known.end(), is_text)) {
+      return absl::InvalidArgumentError(absl::StrCat("shader '", call.name, "' has no text parameter '", name, "'"));
+    }
+  }
+  for (const ShaderParameterInfo& parameter : bound.info->parameters) {
+    if (parameter.type != "string") continue;
+    const auto given = call.text.find(parameter.name);
+    if (given == call.text.end() || given->second.empty()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("shader '", call.name, "': parameter '", parameter.name, "' must be given as text"));
+    }
+  }
+  bound.text = call.text;
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 std::span<const ShaderInfo> ListShaders() {
@@ -194,6 +220,7 @@ absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call
   double* slot = bound.params.value;
   size_t found = 0;
   for (const ShaderParameterInfo& parameter : bound.info->parameters) {
+    if (parameter.type == "string") continue;
     const auto given = call.parameters.find(parameter.name);
     if (given == call.parameters.end()) {
       std::copy(parameter.default_value.begin(), parameter.default_value.end(), slot);
@@ -211,6 +238,7 @@ absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call
       }
     }
   }
+  if (absl::Status s = TakeText(call, bound); !s.ok()) return s;
   return bound;
 }
 

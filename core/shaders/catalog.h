@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cmath>
+#include <map>
 #include <span>
 #include <string>
 #include <string_view>
@@ -19,7 +20,7 @@ enum class ShaderStage : uint8_t { kVertex, kFragment };
 
 struct ShaderParameterInfo {
   std::string name;
-  std::string type;  // "float", "vec3", "vec4", "mat4", "uint"
+  std::string type;  // "float", "vec3", "vec4", "mat4", "uint", "string"
   std::vector<double> default_value;
   std::string description;
   // What each number may be: "uint" is a whole number too.
@@ -50,10 +51,12 @@ struct BoundShader {
   int id = 0;  // enumerator of FragmentShaderId or VertexShaderId
   const ShaderInfo* info = nullptr;
   ShaderParams params;
+  std::map<std::string, std::string>
+      text{};  // parameters of type "string"; ResolveShader puts what they mean into `params`
 };
 
-// INVALID_ARGUMENT naming the unknown shader (and listing the known), the unknown parameter, the wrong count of numbers or a
-// value that is not finite.
+// INVALID_ARGUMENT naming the unknown shader (and listing the known), the unknown parameter, the wrong count of numbers, a value
+// that is not finite, or a text parameter that is missing or given as numbers.
 absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call);
 
 // Which textures the targets' shaders sample (then call PrepareTextures first).

@@ -46,6 +46,12 @@ struct PartView {
   bool has_uv[2] = {false, false};
 };
 
+// A vertex attribute of the file's own: `components` floats a vertex, 0 in parts without it.
+struct AttributeView {
+  const float* values = nullptr;
+  int32_t components = 1;  // 1-4
+};
+
 // Arrays are owned by the backend and live as long as the run. An attribute pointer is null if no part has it.
 struct MeshView {
   const Vec3d* positions = nullptr;        // shaded, world space
@@ -55,12 +61,13 @@ struct MeshView {
   const Vec3f* velocities = nullptr;       // shaded, world units a second; null: everything rests
   const Vec2f* uv[2] = {nullptr, nullptr};
   const Vec4f* colors = nullptr;
+  const AttributeView* attributes = nullptr;
   const uint32_t (*triangles)[3] = nullptr;
   const PartView* parts = nullptr;
   const MaterialView* materials = nullptr;
   const TextureView* textures = nullptr;
   uint64_t vertex_count = 0, triangle_count = 0;
-  uint32_t part_count = 0, material_count = 0, texture_count = 0;
+  uint32_t part_count = 0, material_count = 0, texture_count = 0, attribute_count = 0;
 };
 
 // The part that a triangle belongs to, by bisection.

@@ -1,6 +1,7 @@
 // The built-in shaders. A new fragment shader is one header and one line here, plus its description in catalog.cpp.
 #pragma once
 
+#include "shaders/attribute.h"
 #include "shaders/barycentric.h"
 #include "shaders/base_color.h"
 #include "shaders/checker.h"
@@ -42,6 +43,7 @@
   X(Tangent)                          \
   X(Uv)                               \
   X(Color)                            \
+  X(Attribute)                        \
   X(Velocity)                         \
   X(Position)                         \
   X(CoverageFraction)                 \

@@ -136,6 +136,8 @@ struct Assets {
   std::vector<uint8_t> texels;
   std::vector<Vec4f> mips;
   std::vector<TextureView> textures;
+  std::vector<float> heat;
+  std::vector<AttributeView> attributes;
 
   Assets() {
     for (size_t i = 0; i < mesh.positions.size(); ++i) {
@@ -144,6 +146,7 @@ struct Assets {
       normals.push_back({f, 1 - f, 0.3f * f});
       velocities.push_back({3 * f, f * f, -f});
       tangents.push_back({1 - f, f, 0.1f, f < 0 ? -1.0f : 1.0f});
+      heat.insert(heat.end(), {f, 2 * f, -f});
       uv.push_back({3 * f, -f});
       colors.push_back({0.5f, f * f, 1, 0.7f});
     }
@@ -195,6 +198,9 @@ struct Assets {
     view.parts = at(parts);
     view.materials = at(materials);
     view.textures = at(textures);
+    attributes = {{at(heat), 3}};
+    view.attributes = at(attributes);
+    view.attribute_count = 1;
     view.vertex_count = mesh.positions.size();
     view.triangle_count = mesh.triangles.size();
     view.part_count = uint32_t(parts.size());

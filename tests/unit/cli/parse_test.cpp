@@ -44,6 +44,20 @@ TEST(ParseDims, TakesThreeWholeNumbers) {
   }
 }
 
+TEST(ParseShaderCall, ReadsTextParametersByNameOrInBrackets) {
+  const ShaderCall heat{"attribute", {}, {{"name", "_HEAT"}}};
+  EXPECT_EQ(ParseShaderCall("attribute:name=_HEAT").value(), heat);
+  EXPECT_EQ(ParseShaderCall("attribute(_HEAT)").value(), heat);
+  EXPECT_EQ(ParseTarget("f32:max:shader=attribute(_HEAT)", {}).value().shader, heat);
+  EXPECT_EQ(ParseTarget("f32:max:name=_HEAT,shader=attribute", {}).value().shader, heat);
+  EXPECT_EQ(ParseTarget("f32:max", heat).value().shader, heat);
+  EXPECT_EQ(ParseTarget("f32:max:name=_HEAT", {"attribute", {}, {{"name", "_COLD"}}}).value().shader, heat);
+  EXPECT_THAT(Error(ParseShaderCall("attribute(_HEAT").status()), HasSubstr("name(text)"));
+  EXPECT_THAT(Error(ParseShaderCall("attribute()").status()), HasSubstr("name(text)"));
+  EXPECT_THAT(Error(ParseShaderCall("normal(x)").status()), HasSubstr("nothing in brackets"));
+  EXPECT_THAT(Error(ParseShaderCall("attribute(_A):name=_B").status()), HasSubstr("twice"));
+}
+
 TEST(ParseShaderCall, ReadsNameAndParameters) {
   EXPECT_EQ(ParseShaderCall("occupancy").value(), (ShaderCall{"occupancy", {}}));
   EXPECT_EQ(ParseShaderCall("constant:value=0.5/0.2/1").value(), (ShaderCall{"constant", {{"value", {0.5, 0.2, 1}}}}));

@@ -66,6 +66,9 @@ TEST(CatalogTest, NamesWhatIsWrong) {
   EXPECT_THAT(message(ShaderStage::kVertex, {"transform", {{"matrix", {1, 2}}}}), HasSubstr("16 numbers, 2 given"));
   EXPECT_THAT(message(ShaderStage::kVertex, {"transform", {{"matrix", std::vector<double>(16, 1)}}}),
               HasSubstr("last row"));
+  EXPECT_THAT(message(ShaderStage::kFragment, {"attribute", {}}), HasSubstr("'name' must be given as text"));
+  EXPECT_THAT(message(ShaderStage::kFragment, {"attribute", {{"name", {1}}}}), HasSubstr("must be given as text"));
+  EXPECT_THAT(message(ShaderStage::kFragment, {"uv", {}, {{"set", "1"}}}), HasSubstr("no text parameter 'set'"));
   EXPECT_THAT(message(ShaderStage::kFragment, {"uv", {{"set", {2}}}}), HasSubstr("whole number from 0 to 1, 2 given"));
   EXPECT_THAT(message(ShaderStage::kFragment, {"checker", {{"size", {0}}}}), HasSubstr("from 1 to"));
   EXPECT_THAT(message(ShaderStage::kFragment, {"checker", {{"size", {2.5}}}}), HasSubstr("whole number"));

@@ -1,7 +1,10 @@
 // Values of the fragment shaders that read no texture, against numbers worked out by hand.
 #include <cmath>
 
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "support/meshes.h"
+#include "support/run.h"
 #include "support/shading.h"
 
 namespace voxelpipe {
@@ -45,6 +48,49 @@ TEST(ColorTest, IsWhiteWithoutVertexColours) {
   EXPECT_EQ(Floats(ShadeOne(view, {"color", {}}, kQuarters)), (Vec4f{1, 1, 1, 1}));
   scene.part.has_colors = true;
   EXPECT_EQ(Floats(ShadeOne(view, {"color", {}}, kQuarters)), (Vec4f{0.25f, 0.25f, 0.5f, 0.5f}));
+}
+
+TEST(AttributeTest, InterpolatesAsManyComponentsAsThereAre) {
+  const ShadingScene scene;
+  const float heat[3] = {4, 8, -2}, flow[6] = {1, 0, 0, 1, 2, 2};
+  const AttributeView attributes[2] = {{heat, 1}, {flow, 2}};
+  MeshView view = scene.View();
+  view.attributes = attributes;
+  view.attribute_count = 2;
+  FragmentInput in = MakeFragmentInput(view, 0, false, false);
+  in.barycentric = kQuarters;
+  const auto shade = [&](double slot) {
+    FragmentOutput out;
+    ShaderParams params;
+    params.value[0] = slot;
+    ShadeFragment(FragmentShaderId::kAttribute, in, params, out);
+    return Floats(out);
+  };
+  EXPECT_EQ(shade(1), (Vec4f{2, 0, 0, 1}));
+  EXPECT_EQ(shade(2), (Vec4f{1.25f, 1.25f, 0, 1}));
+  EXPECT_EQ(shade(0), (Vec4f{0, 0, 0, 1}));
+  EXPECT_EQ(shade(3), (Vec4f{0, 0, 0, 1}));
+}
+
+TEST(AttributeTest, ARunResolvesTheNameAndAnUnknownOneListsThoseOfTheMesh) {
+  TriangleMesh mesh = testing::MakeMesh({{0, 0, 0.5}, {8, 0, 0.5}, {0, 8, 0.5}}, {{0, 1, 2}});
+  VoxelizeRequest request;
+  request.grid = testing::UnitGrid(1, 1, 1);
+  TargetSpec target = testing::FloatTarget(4, Blend::kReplace, {"attribute", {}, {{"name", "_HEAT"}}});
+  request.targets = {target};
+  EXPECT_THAT(std::string(testing::RunError(mesh, request).message()), ::testing::HasSubstr("none of its own"));
+  mesh.attributes = {{"_OTHER", 1, {7, 7, 7}}, {"_HEAT", 2, {1, 0, 0, 16, 0, 0}}};
+  const VoxelizeResult result = testing::RunPipeline(mesh, request);
+  EXPECT_EQ(testing::FloatAt(result.targets[0], 0), 0.875f);  // the voxel's centre has weights 14/16, 1/16, 1/16
+  EXPECT_EQ(testing::FloatAt(result.targets[0], 1), 1);
+  EXPECT_EQ(testing::FloatAt(result.targets[0], 2), 0);
+  EXPECT_EQ(testing::FloatAt(result.targets[0], 3), 1);
+  request.targets.push_back(target);
+  request.targets[1].shader.text["name"] = "_heat";
+  const absl::Status unknown = testing::RunError(mesh, request);
+  EXPECT_EQ(unknown.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(unknown.message()), ::testing::HasSubstr("targets[1].shader"));
+  EXPECT_THAT(std::string(unknown.message()), ::testing::HasSubstr("'_heat' (it has _OTHER, _HEAT)"));
 }
 
 TEST(TangentTest, IsAUnitVectorWithHandedness) {
