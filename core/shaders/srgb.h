@@ -7,7 +7,7 @@ namespace voxelpipe {
 
 // Index: the 8-bit code. Value: linear, 0 to 1.
 VOXELPIPE_HD float SrgbToLinear(unsigned char code) {
-  constexpr float kTable[256] = {
+  static constexpr float kTable[256] = {
       0x0.0p+0f,       0x1.3e4568p-12f, 0x1.3e4568p-11f, 0x1.dd681cp-11f, 0x1.3e4568p-10f, 0x1.8dd6c2p-10f,
       0x1.dd681cp-10f, 0x1.167cbap-9f,  0x1.3e4568p-9f,  0x1.660e14p-9f,  0x1.8dd6c2p-9f,  0x1.b6a31cp-9f,
       0x1.e1e31ep-9f,  0x1.07c38cp-8f,  0x1.1fcc2cp-8f,  0x1.390ffap-8f,  0x1.53936cp-8f,  0x1.6f5adep-8f,
