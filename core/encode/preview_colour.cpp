@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "encode/preview_canvas.h"
+#include "shaders/packed_normal.h"
 
 namespace voxelpipe {
 namespace {
@@ -24,13 +25,39 @@ Vec3f Viridis(float t) {
   return stops[size_t(index)] + (stops[size_t(index) + 1] - stops[size_t(index)]) * (position - float(index));
 }
 
+// What 1 of a colour is stored as; 0 where integers hold no colour.
+float UnitOf(const TargetSpec& spec) {
+  switch (spec.format) {
+    case VoxelFormat::kU8: return float(spec.scale.value_or(255));
+    case VoxelFormat::kU16: return float(spec.scale.value_or(65535));
+    case VoxelFormat::kU32: return float(spec.scale.value_or(0));
+    default: return 1;
+  }
+}
+
+// Sums, counts and bitwise blends of packed normals are none.
+bool HoldsPackedNormals(const TargetSpec& spec, ResultKind kind) {
+  if (spec.shader.name != "packed_normal" || spec.components != 1) return false;
+  if (spec.format != VoxelFormat::kU16 && spec.format != VoxelFormat::kU32 && spec.format != VoxelFormat::kF32) {
+    return false;
+  }
+  return kind == ResultKind::kBuckets || spec.blend == Blend::kReplace || spec.blend == Blend::kFirst ||
+         spec.blend == Blend::kMin || spec.blend == Blend::kMax;
+}
+
 }  // namespace
 
-PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume) {
+PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume) : items_(result) {
   int chosen = -1;
   for (size_t i = 0; i < result.specs.size(); ++i) {
-    if (result.specs[i].format != VoxelFormat::kF32) continue;
-    if (result.specs[i].components >= 3) {
+    const TargetSpec& spec = result.specs[i];
+    if (spec.format == VoxelFormat::kBit) continue;
+    if (HoldsPackedNormals(spec, result.kind)) {
+      if (!has_normals_) normals_ = TargetValues(result, i, items_.count());
+      has_normals_ = true;
+      continue;
+    }
+    if (spec.components >= 3 && UnitOf(spec) > 0) {
       chosen = int(i);
       break;
     }
@@ -38,11 +65,10 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
   }
   if (chosen < 0) return;
   const TargetSpec& spec = result.specs[size_t(chosen)];
-  values_ = reinterpret_cast<const float*>(result.targets[size_t(chosen)].data());
-  voxel_stride_ = result.layout == Layout::kPlanar ? 1 : uint64_t(spec.components);
-  component_stride_ = result.layout == Layout::kPlanar ? result.grid.voxels() : 1;
-  if (spec.components < 3) {
-    FindRange(volume);
+  values_ = TargetValues(result, size_t(chosen), items_.count());
+  unit_ = UnitOf(spec);
+  if (spec.components < 3 || !(unit_ > 0)) {
+    FindRange(result, volume);
     if (low_ < high_) kind_ = Kind::kScalar;
   } else if (spec.shader.name == "normal" || spec.shader.name == "geometric_normal") {
     kind_ = Kind::kUnitVector;
@@ -51,41 +77,57 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
   }
 }
 
-void PreviewColours::FindRange(const PreviewVolume& volume) {
+void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume& volume) {
   using Range = std::pair<float, float>;
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
-  const auto& dims = volume.dims();
-  const Range range = tbb::parallel_reduce(
-      tbb::blocked_range<int64_t>(volume.lo()[2], std::max(volume.lo()[2], volume.hi()[2])),
-      Range{kInfinity, -kInfinity},
-      [&](const auto& slab, Range found) {
-        for (int64_t k = slab.begin(); k < slab.end(); ++k) {
-          for (int64_t j = 0; j < dims[1]; ++j) {
-            for (int64_t i = 0; i < dims[0]; i += 32) {
-              for (uint32_t word = volume.Row(i, j, k, 32); word != 0; word &= word - 1) {
-                const float value = Value(volume.Linear(i + __builtin_ctz(word), j, k), 0);
-                if (!std::isfinite(value)) continue;
-                found = {std::min(found.first, value), std::max(found.second, value)};
+  const auto include = [this](Range& found, uint64_t item) {
+    const float value = values_.At(item, 0);
+    if (std::isfinite(value)) found = {std::min(found.first, value), std::max(found.second, value)};
+  };
+  const auto join = [](const Range& a, const Range& b) {
+    return Range{std::min(a.first, b.first), std::max(a.second, b.second)};
+  };
+  Range range{kInfinity, -kInfinity};
+  if (result.kind == ResultKind::kDense) {
+    const auto& dims = volume.dims();
+    range = tbb::parallel_reduce(
+        tbb::blocked_range<int64_t>(volume.lo()[2], std::max(volume.lo()[2], volume.hi()[2])), range,
+        [&](const auto& slab, Range found) {
+          for (int64_t k = slab.begin(); k < slab.end(); ++k) {
+            for (int64_t j = 0; j < dims[1]; ++j) {
+              for (int64_t i = 0; i < dims[0]; i += 32) {
+                for (uint32_t word = volume.Row(i, j, k, 32); word != 0; word &= word - 1) {
+                  include(found, volume.Linear(i + __builtin_ctz(word), j, k));
+                }
               }
             }
           }
-        }
-        return found;
-      },
-      [](const Range& a, const Range& b) {
-        return Range{std::min(a.first, b.first), std::max(a.second, b.second)};
-      });
+          return found;
+        },
+        join);
+  } else {  // what is listed is what is drawn
+    range = tbb::parallel_reduce(
+        tbb::blocked_range<uint64_t>(0, items_.count(), 1 << 14), range,
+        [&](const auto& part, Range found) {
+          for (uint64_t item = part.begin(); item < part.end(); ++item) include(found, item);
+          return found;
+        },
+        join);
+  }
   low_ = range.first;
   high_ = range.second;
 }
 
 Vec3f PreviewColours::At(uint64_t n) const {
-  static const Vec3f clay = FromSrgb(0x5f95c4);
-  if (kind_ == Kind::kPlain) return clay;
-  if (kind_ == Kind::kScalar) return Viridis((Value(n, 0) - low_) / (high_ - low_));
+  static const Vec3f clay = FromSrgb(0x5f95c4), pale = FromSrgb(0xc9c3b8);
+  // Normals are read from light and shade: a pale surface shows them best.
+  if (kind_ == Kind::kPlain) return has_normals_ ? pale : clay;
+  const uint64_t item = items_.Find(n);
+  if (item == PreviewItems::kNone) return clay;
+  if (kind_ == Kind::kScalar) return Viridis((values_.At(item, 0) - low_) / (high_ - low_));
   Vec3f colour;
   for (int c = 0; c < 3; ++c) {
-    float value = Value(n, c);
+    float value = values_.At(item, c) / unit_;
     if (kind_ == Kind::kUnitVector) {
       value = 0.5f + 0.5f * value;
       value *= value;  // the mapped normal is meant to be looked at as it is: near enough to undo the display's curve
@@ -93,6 +135,15 @@ Vec3f PreviewColours::At(uint64_t n) const {
     colour[c] = value >= 0 ? std::min(value, 1.0f) : 0.0f;
   }
   return colour;
+}
+
+std::optional<Vec3f> PreviewColours::NormalAt(uint64_t n) const {
+  if (!has_normals_) return std::nullopt;
+  const uint64_t item = items_.Find(n);
+  if (item == PreviewItems::kNone) return std::nullopt;
+  const float packed = normals_.At(item, 0);
+  if (!(packed >= 0 && packed <= 65535)) return std::nullopt;
+  return UnpackNormal(uint32_t(packed));
 }
 
 }  // namespace voxelpipe

@@ -1,33 +1,38 @@
-// The colour of a voxel in the preview.
+// The colour of a voxel in the preview, and the normal it is lit with.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "base/vec.h"
+#include "encode/preview_values.h"
 #include "encode/preview_volume.h"
 #include "pipeline/voxelize.h"
 
 namespace voxelpipe {
 
-// The rule is at RenderPreview. Borrows the result, which must outlive it.
+// The rules are at RenderPreview. Borrows the result, which must outlive it.
 class PreviewColours {
  public:
   PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume);
 
   // Linear RGB in [0, 1] of voxel n of the linear order.
   Vec3f At(uint64_t n) const;
+  // Whether the result has normals to light by.
+  bool has_normals() const { return has_normals_; }
+  // The unit normal stored for voxel n, world axes; nothing where it has none.
+  std::optional<Vec3f> NormalAt(uint64_t n) const;
 
  private:
   enum class Kind { kPlain, kLinearRgb, kUnitVector, kScalar };
 
-  float Value(uint64_t n, int component) const {
-    return values_[n * voxel_stride_ + uint64_t(component) * component_stride_];
-  }
-  void FindRange(const PreviewVolume& volume);
+  void FindRange(const VoxelizeResult& result, const PreviewVolume& volume);
 
+  PreviewItems items_;
   Kind kind_ = Kind::kPlain;
-  const float* values_ = nullptr;
-  uint64_t voxel_stride_ = 1, component_stride_ = 1;
+  TargetValues values_, normals_;
+  bool has_normals_ = false;
+  float unit_ = 1;            // what counts as 1 of a colour
   float low_ = 0, high_ = 0;  // range of a scalar over the solid voxels
 };
 

@@ -11,6 +11,8 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <optional>
+#include <vector>
 
 namespace voxelpipe {
 namespace {
@@ -18,7 +20,7 @@ namespace {
 constexpr double kAzimuth = 0.785398163397448;    // 45 degrees, from +Z towards +X
 constexpr double kElevation = 0.615479708670387;  // atan(1/sqrt(2)): the three axes appear equally long
 
-Vec3d Normalized(const Vec3d& v) {
+Vec3d Unit(const Vec3d& v) {
   const double length = std::sqrt(Dot(v, v));
   return length > 0 ? v * (1 / length) : v;
 }
@@ -36,8 +38,16 @@ class Shader {
     right_ = {std::cos(kAzimuth), 0, -std::sin(kAzimuth)};
     eye_ = {std::cos(kElevation) * std::sin(kAzimuth), std::sin(kElevation), std::cos(kElevation) * std::cos(kAzimuth)};
     up_ = Cross(eye_, right_);
-    light_ = Normalized(right_ * -0.55 + up_ * 0.75 + eye_ * 0.62);
+    light_ = Unit(right_ * -0.55 + up_ * 0.75 + eye_ * 0.62);
+    // 16 directions within a small disc around the light, whose mean is a soft shadow.
+    for (size_t i = 0; i < lights_.size(); ++i) {
+      const double angle = 2.399963229728653 * double(i);  // the golden angle
+      const double spread = 0.07 * std::sqrt((double(i) + 0.5) / double(lights_.size()));
+      lights_[i] = Unit(light_ + right_ * (spread * std::cos(angle)) + up_ * (spread * std::sin(angle)));
+    }
     Fit(rect);
+    FindDepths(rect);
+    LightGround(rect);
   }
 
   // The mean of samples^2 rays through the pixel.
@@ -46,12 +56,20 @@ class Shader {
   const Vec3d& up() const { return up_; }
 
  private:
-  // Soft light changes slowly: the samples of a pixel share it where they lie close together.
-  struct SharedAmbient {
+  // Light changes slowly: the samples of a pixel share it where they lie close together.
+  struct SharedLight {
     bool valid = false;
     Vec3d point;
-    double value = 0;
+    double ambient = 0;
+    int sun_samples = 0;  // that still share `sun`
+    double sun = 0;
   };
+
+  // A box as the viewer sees it, scaled and relative to centre_: its middle, half its extent, and how near it comes.
+  struct Shown {
+    double x = 0, y = 0, across = 0, along = 0, near = 0;
+  };
+  Shown Show(const Vec3d& low, const Vec3d& high) const;
 
   void Fit(const PixelRect& rect);
   Vec3d ToIndex(const Vec3d& p) const { return {p.x / scale_.x, p.y / scale_.y, p.z / scale_.z}; }
@@ -61,18 +79,41 @@ class Shader {
   Vec3d SmoothNormal(const std::array<int64_t, 3>& voxel, const Vec3d& face) const;
   double Occlusion(const Vec3d& point, const Vec3d& normal, double first_step) const;
   double CornerLight(const PreviewHit& hit, int sign, const Vec3d& index_point) const;
-  Vec3d Light(int jitter) const;
-  Vec3f Surface(const PreviewHit& hit, const Vec3d& point, int jitter, SharedAmbient& shared) const;
+  Vec3f Surface(const PreviewHit& hit, const Vec3d& point, int jitter, SharedLight& shared) const;
   Vec3f Ground(double x, double y) const;
+  void FindDepths(const PixelRect& rect);
+  void LightGround(const PixelRect& rect);
+  Vec3f GroundAt(int px, int py) const;
 
   const PreviewVolume& volume_;
   const PreviewColours& colours_;
   Vec3d scale_, right_, up_, eye_, light_;
+  std::array<Vec3d, 16> lights_;
   Vec3d centre_;                        // scaled, of the solid box
   double radius_ = 1;                   // scaled, of the solid box
   double pixels_ = 1;                   // a unit of scaled space
   double middle_x_ = 0, middle_y_ = 0;  // where the picture shows centre_, pixels
+  static constexpr int kDepthTile = 4;  // pixels
+  static constexpr double kNothing = -1e300;
+  std::vector<double> depths_;  // along eye_ from centre_, scaled; depth_columns_ tiles a row
+  int depth_x_ = 0, depth_y_ = 0, depth_columns_ = 0;
+  std::vector<Vec3f> ground_;  // linear RGB at the nodes of the lattice, ground_columns_ a row
+  int ground_x_ = 0, ground_y_ = 0, ground_step_ = 1, ground_columns_ = 0;  // pixels
 };
+
+Shader::Shown Shader::Show(const Vec3d& low, const Vec3d& high) const {
+  Shown box;
+  for (int a = 0; a < 3; ++a) {
+    const double middle = (low[a] + high[a]) * 0.5 * scale_[a] - centre_[a];
+    const double extent = (high[a] - low[a]) * 0.5 * scale_[a];
+    box.x += right_[a] * middle;
+    box.y += up_[a] * middle;
+    box.across += std::abs(right_[a]) * extent;
+    box.along += std::abs(up_[a]) * extent;
+    box.near += eye_[a] * middle + std::abs(eye_[a]) * extent;
+  }
+  return box;
+}
 
 void Shader::Fit(const PixelRect& rect) {
   middle_x_ = rect.x + rect.width / 2.0;
@@ -88,19 +129,11 @@ void Shader::Fit(const PixelRect& rect) {
   // The frame follows what is there, not its box, which a picture from a corner would leave half empty.
   double left = 1e300, rightmost = -1e300, bottom = 1e300, top = -1e300;
   volume_.VisitCells([&](const Vec3d& cell_low, const Vec3d& cell_high) {
-    double x = 0, y = 0, across = 0, along = 0;
-    for (int a = 0; a < 3; ++a) {
-      const double middle = (cell_low[a] + cell_high[a]) * 0.5 * scale_[a] - centre_[a];
-      const double extent = (cell_high[a] - cell_low[a]) * 0.5 * scale_[a];
-      x += right_[a] * middle;
-      y += up_[a] * middle;
-      across += std::abs(right_[a]) * extent;
-      along += std::abs(up_[a]) * extent;
-    }
-    left = std::min(left, x - across);
-    rightmost = std::max(rightmost, x + across);
-    bottom = std::min(bottom, y - along);
-    top = std::max(top, y + along);
+    const Shown cell = Show(cell_low, cell_high);
+    left = std::min(left, cell.x - cell.across);
+    rightmost = std::max(rightmost, cell.x + cell.across);
+    bottom = std::min(bottom, cell.y - cell.along);
+    top = std::max(top, cell.y + cell.along);
   });
   constexpr double kFilled = 0.8;  // of the rectangle
   pixels_ = kFilled * std::min(rect.width / (rightmost - left), rect.height / (top - bottom));
@@ -131,17 +164,17 @@ Vec3d Shader::SmoothNormal(const std::array<int64_t, 3>& voxel, const Vec3d& fac
       sum = sum + Vec3d{double(row[1]), double(row[0] * dy), double(row[0] * dz)};
     }
   }
-  const Vec3d normal = Normalized({-sum.x * scale_.x, -sum.y * scale_.y, -sum.z * scale_.z});
+  const Vec3d normal = Unit({-sum.x * scale_.x, -sum.y * scale_.y, -sum.z * scale_.z});
   // What points away from the viewer comes from a thin sheet's other side.
   if (Dot(sum, sum) == 0 || Dot(normal, eye_) < 0) return face;
   return normal;
 }
 
 double Shader::Occlusion(const Vec3d& point, const Vec3d& normal, double first_step) const {
-  const Vec3d side = Normalized(Cross(normal, std::abs(normal.y) < 0.9 ? Vec3d{0, 1, 0} : Vec3d{1, 0, 0}));
+  const Vec3d side = Unit(Cross(normal, std::abs(normal.y) < 0.9 ? Vec3d{0, 1, 0} : Vec3d{1, 0, 0}));
   const Vec3d other = Cross(normal, side);
-  const std::array<Vec3d, 5> cones = {normal, Normalized(normal + side * 1.2), Normalized(normal - side * 1.2),
-                                      Normalized(normal + other * 1.2), Normalized(normal - other * 1.2)};
+  const std::array<Vec3d, 5> cones = {normal, Unit(normal + side * 1.2), Unit(normal - side * 1.2),
+                                      Unit(normal + other * 1.2), Unit(normal - other * 1.2)};
   double open = 0;
   for (const Vec3d& cone : cones) {
     double through = 1, distance = first_step;
@@ -177,41 +210,48 @@ double Shader::CornerLight(const PreviewHit& hit, int sign, const Vec3d& index_p
   return light;
 }
 
-// One of 16 directions within a small disc around the light, whose mean is a soft shadow.
-Vec3d Shader::Light(int jitter) const {
-  const double angle = 2.399963229728653 * jitter;  // the golden angle
-  const double spread = 0.07 * std::sqrt((jitter % 16 + 0.5) / 16);
-  return Normalized(light_ + right_ * (spread * std::cos(angle)) + up_ * (spread * std::sin(angle)));
-}
-
-Vec3f Shader::Surface(const PreviewHit& hit, const Vec3d& point, int jitter, SharedAmbient& shared) const {
+Vec3f Shader::Surface(const PreviewHit& hit, const Vec3d& point, int jitter, SharedLight& shared) const {
   const int sign = eye_[hit.axis] > 0 ? 1 : -1;
   Vec3d face;
   face[hit.axis] = sign;
   const Vec3d index_point = ToIndex(point);
   // Large voxels are shown as the cubes they are, small ones as the surface that they stand for.
   const double cubic = SmoothStep(2.5, 16, pixels_);
-  const Vec3d smooth = SmoothNormal(hit.voxel, face);
-  const Vec3d normal = Normalized(smooth * (1 - 0.75 * cubic) + face * (0.12 + 0.75 * cubic));
+  const uint64_t voxel = volume_.Linear(hit.voxel[0], hit.voxel[1], hit.voxel[2]);
+  Vec3d smooth, normal;
+  if (const std::optional<Vec3f> stored = colours_.NormalAt(voxel); stored.has_value()) {
+    // A surface has two sides; the viewer sees the one towards him.
+    smooth = Vec3d{double(stored->x), double(stored->y), double(stored->z)};
+    if (Dot(smooth, eye_) < 0) smooth = smooth * -1.0;
+    normal = smooth;
+  } else {
+    smooth = SmoothNormal(hit.voxel, face);
+    normal = Unit(smooth * (1 - 0.75 * cubic) + face * (0.12 + 0.75 * cubic));
+  }
 
   const double cell = volume_.CellSize(0);
   const Vec3d apart = point - shared.point;
   if (!shared.valid || Dot(apart, apart) > 4) {
-    shared = {true, point, Occlusion(point, smooth, std::max(1.5, cell))};
+    shared = {true, point, Occlusion(point, smooth, std::max(1.5, cell)), 0, 0};
     // The ground takes light from what faces it closely.
     const double height = (point.y - double(volume_.lo()[1]) * scale_.y) / radius_;
-    shared.value *= 1 - 0.5 * std::max(0.0, 0.4 - smooth.y) * std::exp(-4 * height);
+    shared.ambient *= 1 - 0.5 * std::max(0.0, 0.4 - smooth.y) * std::exp(-4 * height);
   }
-  double ambient = 0.12 + 0.88 * shared.value;
+  double ambient = 0.12 + 0.88 * shared.ambient;
   if (cubic > 0) ambient *= 1 - cubic + cubic * CornerLight(hit, sign, index_point);
 
   double direct = std::max(0.0, Dot(normal, light_));
   if (direct > 0) {
-    const Vec3d start = point + face * 0.02 + smooth * 1.2;
-    if (TraceScaled(start, Light(jitter), 4 * radius_).hit) direct *= 0.25;
+    if (shared.sun_samples == 0) {
+      const Vec3d start = point + face * 0.02 + smooth * 1.2;
+      shared.sun = TraceScaled(start, lights_[size_t(jitter) % lights_.size()], 4 * radius_).hit ? 0.25 : 1;
+      shared.sun_samples = 2;
+    }
+    --shared.sun_samples;
+    direct *= shared.sun;
   }
   const double sky = 0.5 + 0.5 * normal.y;
-  const double highlight = std::pow(std::max(0.0, Dot(normal, Normalized(light_ + eye_))), 40.0);
+  const double highlight = std::pow(std::max(0.0, Dot(normal, Unit(light_ + eye_))), 40.0);
   // Nearer is lighter: a gentle cue of depth over the solid box.
   const double depth = 1 + 0.10 * std::clamp(Dot(point - centre_, eye_) / radius_, -1.0, 1.0);
 
@@ -225,7 +265,7 @@ Vec3f Shader::Surface(const PreviewHit& hit, const Vec3d& point, int jitter, Sha
     grid_line = 1 - 0.22 * SmoothStep(6, 14, pixels_) * (1 - SmoothStep(0.4, 1.3, edge));
   }
 
-  const Vec3f albedo = colours_.At(volume_.Linear(hit.voxel[0], hit.voxel[1], hit.voxel[2]));
+  const Vec3f albedo = colours_.At(voxel);
   static constexpr Vec3d kSun{1.22, 1.15, 1.02}, kSky{0.44, 0.52, 0.64}, kBounce{0.30, 0.28, 0.26};
   Vec3f colour;
   for (int c = 0; c < 3; ++c) {
@@ -245,12 +285,11 @@ Vec3f Shader::Ground(double x, double y) const {
   // Soft contact shadow: how much stands over the point, nearer levels counting more.
   const double first = std::max(1.5, volume_.CellSize(0));
   const double open = Occlusion(point, {0, 1, 0}, first);
-  constexpr int kShadowRays = 16;
   int blocked = 0;
-  for (int ray = 0; ray < kShadowRays; ++ray) {
-    blocked += TraceScaled(point + Vec3d{0, 0.02, 0}, Light(ray), 8 * radius_).hit ? 1 : 0;
+  for (const Vec3d& light : lights_) {
+    blocked += TraceScaled(point + Vec3d{0, 0.02, 0}, light, 8 * radius_).hit ? 1 : 0;
   }
-  const double lit = 1 - 0.45 * blocked / kShadowRays;
+  const double lit = 1 - 0.45 * blocked / double(lights_.size());
   const Vec3d away = point - centre_;
   const double fade = 1 - SmoothStep(1.0, 2.4, std::hypot(away.x, away.z) / radius_);
   const double shade = std::clamp((1 - open * lit) * (0.25 + 0.75 * fade), 0.0, 1.0);
@@ -258,16 +297,75 @@ Vec3f Shader::Ground(double x, double y) const {
   return (light_tone + (shadow_tone - light_tone) * float(0.8 * shade)) * float(vignette);
 }
 
+// For tiles of the picture, how near the nearest cell with voxels comes: rays begin there instead of far outside.
+void Shader::FindDepths(const PixelRect& rect) {
+  depth_x_ = rect.x;
+  depth_y_ = rect.y;
+  depth_columns_ = rect.width / kDepthTile + 1;
+  const int rows = rect.height / kDepthTile + 1;
+  depths_.assign(size_t(depth_columns_) * size_t(rows), kNothing);
+  volume_.VisitCells([&](const Vec3d& low, const Vec3d& high) {
+    const Shown cell = Show(low, high);
+    const auto tile = [](double pixel, int limit) {
+      return std::clamp(int(std::floor(pixel / kDepthTile)), 0, limit - 1);
+    };
+    constexpr double kSlack = 0.01;  // pixels
+    const double x = cell.x * pixels_ + middle_x_ - rect.x, across = cell.across * pixels_ + kSlack;
+    const double y = middle_y_ - cell.y * pixels_ - rect.y, along = cell.along * pixels_ + kSlack;
+    const int left = tile(x - across, depth_columns_), right = tile(x + across, depth_columns_);
+    for (int row = tile(y - along, rows); row <= tile(y + along, rows); ++row) {
+      for (int column = left; column <= right; ++column) {
+        double& depth = depths_[size_t(row) * size_t(depth_columns_) + size_t(column)];
+        depth = std::max(depth, cell.near);
+      }
+    }
+  });
+}
+
+// The ground is smooth: it is lit at the nodes of a coarse lattice, and pixels take the light between them.
+void Shader::LightGround(const PixelRect& rect) {
+  ground_x_ = rect.x;
+  ground_y_ = rect.y;
+  ground_step_ = std::max(1, std::min(rect.width, rect.height) / 240);
+  ground_columns_ = rect.width / ground_step_ + 2;
+  const int rows = rect.height / ground_step_ + 2;
+  ground_.resize(size_t(ground_columns_) * size_t(rows));
+  tbb::parallel_for(tbb::blocked_range2d<int>(0, rows, 8, 0, ground_columns_, 8), [&](const auto& tile) {
+    for (int y = tile.rows().begin(); y < tile.rows().end(); ++y) {
+      for (int x = tile.cols().begin(); x < tile.cols().end(); ++x) {
+        const double px = ground_x_ + x * ground_step_, py = ground_y_ + y * ground_step_;
+        ground_[size_t(y) * size_t(ground_columns_) + size_t(x)] =
+            Ground((px - middle_x_) / pixels_, (middle_y_ - py) / pixels_);
+      }
+    }
+  });
+}
+
+// At the pixel's middle.
+Vec3f Shader::GroundAt(int px, int py) const {
+  const float x = (float(px - ground_x_) + 0.5f) / float(ground_step_);
+  const float y = (float(py - ground_y_) + 0.5f) / float(ground_step_);
+  const int column = int(x), row = int(y);
+  const Vec3f* node = &ground_[size_t(row) * size_t(ground_columns_) + size_t(column)];
+  const Vec3f* below = node + ground_columns_;
+  const float u = x - float(column), v = y - float(row);
+  const Vec3f top = node[0] + (node[1] - node[0]) * u, bottom = below[0] + (below[1] - below[0]) * u;
+  return top + (bottom - top) * v;
+}
+
 Vec3f Shader::Pixel(int px, int py, int samples) const {
-  const double back = 4 * radius_;
+  const double near =
+      depths_[size_t((py - depth_y_) / kDepthTile) * size_t(depth_columns_) + size_t((px - depth_x_) / kDepthTile)];
+  if (near == kNothing) return GroundAt(px, py);
+  const double back = near + 2;  // before the nearest cell, in the empty: the ray has entered no voxel yet
   Vec3f sum;
   int missed = 0;
-  SharedAmbient shared;
+  SharedLight shared;
   for (int s = 0; s < samples * samples; ++s) {
     const double x = (px + (s % samples + 0.5) / samples - middle_x_) / pixels_;
     const double y = (middle_y_ - py - (s / samples + 0.5) / samples) / pixels_;
     const Vec3d origin = centre_ + right_ * x + up_ * y + eye_ * back;
-    const PreviewHit hit = TraceScaled(origin, eye_ * -1.0, 2 * back);
+    const PreviewHit hit = TraceScaled(origin, eye_ * -1.0, back + 2 * radius_);
     if (hit.hit) {
       // Neighbouring pixels take other directions of the light, which turns steps of the shadow's edge into fine grain.
       sum = sum + Surface(hit, origin + eye_ * -hit.t, 4 * (px % 2 + 2 * (py % 2)) + s, shared);
@@ -275,9 +373,7 @@ Vec3f Shader::Pixel(int px, int py, int samples) const {
       ++missed;
     }
   }
-  // The ground is smooth: one look at it serves all rays that miss.
-  if (missed > 0)
-    sum = sum + Ground((px + 0.5 - middle_x_) / pixels_, (middle_y_ - py - 0.5) / pixels_) * float(missed);
+  if (missed > 0) sum = sum + GroundAt(px, py) * float(missed);
   return sum * (1.0f / float(samples * samples));
 }
 

@@ -14,25 +14,29 @@
 #include <limits>
 #include <mutex>
 
+#include "absl/strings/str_cat.h"
+#include "encode/preview_values.h"
+
 namespace voxelpipe {
 namespace {
 
 constexpr uint64_t kMaxCells = uint64_t{1} << 22;
 
-// Sets the bits of the voxels of `values` that have a component other than `clear`.
-std::vector<uint8_t> BitsOfValues(const TargetSpec& spec, Layout layout, std::span<const uint8_t> bytes,
-                                  uint64_t voxels) {
-  const auto* values = reinterpret_cast<const float*>(bytes.data());
-  const float clear = float(spec.clear);
-  const uint64_t voxel_stride = layout == Layout::kPlanar ? 1 : uint64_t(spec.components);
-  const uint64_t component_stride = layout == Layout::kPlanar ? voxels : 1;
-  std::vector<uint8_t> bits((voxels + 7) / 8);
+constexpr uint64_t kMaxOwnBits = uint64_t{1} << 34;  // 2 GiB
+
+// Of the voxels with a component of the target other than `clear`.
+void SetNotClear(const VoxelizeResult& result, size_t target, std::vector<uint8_t>& bits) {
+  const TargetSpec& spec = result.specs[target];
+  const uint64_t voxels = result.grid.voxels();
+  const TargetValues values(result, target, voxels);
+  const uint32_t cell = NumberToCell(spec.clear, spec.format);
+  const float clear = IsInteger(spec.format) ? float(cell) : FloatOf(cell);
   tbb::parallel_for(tbb::blocked_range<uint64_t>(0, bits.size(), 1 << 14), [&](const auto& range) {
     for (uint64_t byte = range.begin(); byte < range.end(); ++byte) {
       const uint64_t end = std::min(voxels, 8 * byte + 8);
       for (uint64_t n = 8 * byte; n < end; ++n) {
         for (int c = 0; c < spec.components; ++c) {
-          if (values[n * voxel_stride + uint64_t(c) * component_stride] != clear) {
+          if (values.At(n, c) != clear) {
             bits[byte] |= uint8_t(1 << (n % 8));
             break;
           }
@@ -40,24 +44,58 @@ std::vector<uint8_t> BitsOfValues(const TargetSpec& spec, Layout layout, std::sp
       }
     }
   });
-  return bits;
+}
+
+// Of the voxels that a sparse or bucketed result lists.
+void SetListed(const VoxelizeResult& result, std::vector<uint8_t>& bits) {
+  const auto set = [&](uint64_t n) { bits[n / 8] |= uint8_t(1 << (n % 8)); };
+  if (result.kind == ResultKind::kBuckets) {
+    const auto* voxels = reinterpret_cast<const uint64_t*>(result.voxels.data());
+    for (uint64_t i = 0; i < result.listed_voxels(); ++i) set(voxels[i]);
+    return;
+  }
+  const auto& dims = result.grid.dims;
+  const auto* bricks = reinterpret_cast<const uint64_t*>(result.bricks.data());
+  const uint64_t across = uint64_t(dims[0] + 7) / 8, rows = uint64_t(dims[1] + 7) / 8;
+  for (uint64_t b = 0; b < result.listed_bricks(); ++b) {
+    const uint64_t x = 8 * (bricks[b] % across), y = 8 * (bricks[b] / across % rows),
+                   z = 8 * (bricks[b] / across / rows);
+    for (uint64_t row = 0; row < 64; ++row) {
+      const uint64_t j = y + row % 8, k = z + row / 8;
+      if (j >= uint64_t(dims[1]) || k >= uint64_t(dims[2])) continue;
+      for (unsigned mask = result.masks.data()[64 * b + row]; mask != 0; mask &= mask - 1) {
+        const uint64_t i = x + uint64_t(std::countr_zero(mask));
+        if (i < uint64_t(dims[0])) set(i + uint64_t(dims[0]) * (j + uint64_t(dims[1]) * k));
+      }
+    }
+  }
 }
 
 }  // namespace
 
 absl::StatusOr<PreviewVolume> PreviewVolume::Build(const VoxelizeResult& result, const JobContext* job) {
   if (result.targets.empty()) return absl::InvalidArgumentError("a preview needs a result with at least one target");
+  if (absl::Status status = CheckArrays(result); !status.ok()) return status;
   PreviewVolume volume;
   volume.dims_ = result.grid.dims;
   size_t shown = 0;
   for (size_t i = result.specs.size(); i-- > 0;) {
     if (result.specs[i].format == VoxelFormat::kBit) shown = i;
   }
-  if (result.specs[shown].format == VoxelFormat::kBit) {
+  if (result.kind == ResultKind::kDense && result.specs[shown].format == VoxelFormat::kBit) {
     volume.bits_ = result.targets[shown].bytes();
   } else {
-    volume.own_bits_ =
-        BitsOfValues(result.specs[shown], result.layout, result.targets[shown].bytes(), result.grid.voxels());
+    const uint64_t voxels = result.grid.voxels();
+    if (voxels > kMaxOwnBits) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("a preview needs a bit a voxel, here ", voxels / 8, " bytes; the limit is ", kMaxOwnBits / 8));
+    }
+    volume.own_bits_.resize((voxels + 7) / 8);
+    if (result.kind == ResultKind::kDense) {
+      SetNotClear(result, shown, volume.own_bits_);
+    } else {
+      SetListed(result, volume.own_bits_);
+    }
     volume.bits_ = volume.own_bits_;
   }
   if (absl::Status status = volume.CountCells(job); !status.ok()) return status;

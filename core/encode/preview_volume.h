@@ -23,7 +23,7 @@ struct PreviewHit {
   double t = 0;  // along the ray
 };
 
-// Positions are in index space. Borrows the bits of the result where it has a bit target; the result must outlive it.
+// Positions are in index space. Borrows the bits of a dense result that has a bit target; the result must outlive it.
 class PreviewVolume {
  public:
   static absl::StatusOr<PreviewVolume> Build(const VoxelizeResult& result, const JobContext* job);
@@ -84,7 +84,7 @@ class PreviewVolume {
 
   std::array<int64_t, 3> dims_{}, lo_{}, hi_{};
   std::span<const uint8_t> bits_;
-  std::vector<uint8_t> own_bits_;  // where the result has no bit target
+  std::vector<uint8_t> own_bits_;  // where the result has no dense bit target
   int64_t cell_ = 1;               // voxels a side of a cell of level 0, a power of two
   std::vector<Level> levels_;
   std::vector<uint8_t>

@@ -5,9 +5,14 @@
 #include <png.h>
 
 #include <cmath>
+#include <functional>
+#include <tuple>
 
+#include "encode/preview_colour.h"
+#include "encode/preview_values.h"
 #include "encode/preview_volume.h"
 #include "sample_results.h"
+#include "shaders/packed_normal.h"
 
 namespace voxelpipe {
 namespace {
@@ -183,6 +188,209 @@ TEST(PreviewVolume, BoxAndRowsAreThoseOfTheBits) {
   }
   EXPECT_EQ(volume.Row(0, -1, 2, 32), 0u);
   EXPECT_EQ(volume.Row(0, 3, 6, 32), 0u);
+}
+
+// The elements of a target, as many as `items` voxels or fragments have, in the result's layout.
+void AddTarget(VoxelizeResult& result, TargetSpec spec, uint64_t items,
+               const std::function<double(uint64_t item, int c)>& formula) {
+  const auto components = uint64_t(spec.components), element = uint64_t(BitsPerComponent(spec.format) / 8);
+  HostBuffer buffer = HostBuffer::Allocate(items * components * element).value();
+  for (uint64_t item = 0; item < items; ++item) {
+    for (int c = 0; c < spec.components; ++c) {
+      const uint64_t at =
+          result.layout == Layout::kPlanar ? uint64_t(c) * items + item : item * components + uint64_t(c);
+      const uint32_t stored = StoredBits(NumberToCell(formula(item, c), spec.format), spec.format);
+      std::memcpy(buffer.data() + at * element, &stored, element);  // little endian
+    }
+  }
+  result.specs.push_back(std::move(spec));
+  result.targets.push_back(std::move(buffer));
+}
+
+HostBuffer BufferOf(const std::vector<uint64_t>& words) {
+  HostBuffer buffer = HostBuffer::Allocate(words.size() * 8).value();
+  if (!words.empty()) std::memcpy(buffer.data(), words.data(), words.size() * 8);
+  return buffer;
+}
+
+// The voxels of `formula` as a sparse result or as buckets of one to three fragments; targets are to be added.
+VoxelizeResult Listed(ResultKind kind, std::array<int64_t, 3> d, Layout layout, const BitFormula& formula) {
+  VoxelizeResult result = EmptyResult(d, layout);
+  result.kind = kind;
+  std::vector<uint64_t> voxels, offsets{0}, bricks, masks;
+  if (kind == ResultKind::kBuckets) {
+    for (int64_t n = 0; n < d[0] * d[1] * d[2]; ++n) {
+      if (!formula(n % d[0], n / d[0] % d[1], n / d[0] / d[1])) continue;
+      voxels.push_back(uint64_t(n));
+      offsets.push_back(offsets.back() + 1 + uint64_t(n) % 3);
+    }
+    result.voxels = BufferOf(voxels);
+    result.offsets = BufferOf(offsets);
+    result.triangles = HostBuffer::Allocate(offsets.back() * 4).value();
+    return result;
+  }
+  const int64_t bx = (d[0] + 7) / 8, by = (d[1] + 7) / 8, bz = (d[2] + 7) / 8;
+  for (int64_t id = 0; id < bx * by * bz; ++id) {
+    std::array<uint64_t, 8> mask{};
+    for (int64_t bit = 0; bit < 512; ++bit) {
+      const int64_t i = id % bx * 8 + bit % 8, j = id / bx % by * 8 + bit / 8 % 8, k = id / bx / by * 8 + bit / 64;
+      if (i < d[0] && j < d[1] && k < d[2] && formula(i, j, k)) mask[size_t(bit / 64)] |= uint64_t{1} << (bit % 64);
+    }
+    if (mask == std::array<uint64_t, 8>{}) continue;
+    bricks.push_back(uint64_t(id));
+    masks.insert(masks.end(), mask.begin(), mask.end());
+  }
+  result.bricks = BufferOf(bricks);
+  result.masks = BufferOf(masks);
+  return result;
+}
+
+TargetSpec Spec(VoxelFormat format, int components, const std::string& shader, Blend blend = Blend::kReplace) {
+  TargetSpec spec;
+  spec.format = format;
+  spec.components = components;
+  spec.blend = blend;
+  spec.shader = {shader, {}};
+  return spec;
+}
+
+TEST(PreviewItems, FindExactlyTheListedVoxelsInTheirOrder) {
+  const std::array<int64_t, 3> d{21, 10, 17};  // no multiple of a brick
+  const auto formula = [](int64_t i, int64_t j, int64_t k) { return (i * 7 + j * 5 + k * 3) % 11 < 4 && i / 8 != 1; };
+  const VoxelizeResult sparse = Listed(ResultKind::kSparse, d, Layout::kInterleaved, formula);
+  const VoxelizeResult buckets = Listed(ResultKind::kBuckets, d, Layout::kInterleaved, formula);
+  const PreviewItems in_sparse(sparse), in_buckets(buckets);
+  std::vector<int> met(in_sparse.count(), 0);
+  const auto* offsets = reinterpret_cast<const uint64_t*>(buckets.offsets.data());
+  for (int64_t n = 0, listed = 0; n < d[0] * d[1] * d[2]; ++n) {
+    if (!formula(n % d[0], n / d[0] % d[1], n / d[0] / d[1])) {
+      ASSERT_EQ(in_sparse.Find(uint64_t(n)), PreviewItems::kNone) << n;
+      ASSERT_EQ(in_buckets.Find(uint64_t(n)), PreviewItems::kNone) << n;
+      continue;
+    }
+    ASSERT_LT(in_sparse.Find(uint64_t(n)), met.size());
+    ++met[in_sparse.Find(uint64_t(n))];
+    ASSERT_EQ(in_buckets.Find(uint64_t(n)), offsets[++listed] - 1) << n;  // the last fragment
+  }
+  EXPECT_THAT(met, ::testing::Each(1));
+  EXPECT_EQ(in_sparse.Find(0), 0u);
+}
+
+TEST(RenderPreview, DrawsSparseAndBucketsAsTheDenseResultOfTheSameVoxels) {
+  const std::array<int64_t, 3> d{29, 30, 31};
+  const BitFormula ball = Ball(15, 12);
+  VoxelizeResult dense = EmptyResult(d);
+  AddBits(dense, ball);
+  AddFloats(
+      dense, 3, [](int64_t, int64_t, int64_t, int c) { return c == 0 ? 0.75f : 0.125f; }, "base_color");
+  const Picture expected = RenderPreview(dense, kSmall).value();
+  EXPECT_GT(MiddleMean(expected, 0), MiddleMean(expected, 1) + 60);
+  for (const ResultKind kind : {ResultKind::kSparse, ResultKind::kBuckets}) {
+    for (const Layout layout : {Layout::kInterleaved, Layout::kPlanar}) {
+      for (const VoxelFormat format : {VoxelFormat::kF32, VoxelFormat::kF16}) {
+        VoxelizeResult result = Listed(kind, d, layout, ball);
+        AddTarget(result, Spec(format, 3, "base_color"), PreviewItems(result).count(),
+                  [](uint64_t, int c) { return c == 0 ? 0.75 : 0.125; });
+        EXPECT_EQ(RenderPreview(result, kSmall).value().rgb, expected.rgb) << Name(kind) << " " << Name(format);
+      }
+    }
+  }
+}
+
+TEST(RenderPreview, TakesColoursFromIntegersOverTheirScale) {
+  const auto red = [](double scale) { return [=](uint64_t, int c) { return (c == 0 ? 0.8 : 0.0) * scale; }; };
+  std::vector<Picture> pictures;
+  for (const auto& [format, scale, written] :
+       {std::tuple{VoxelFormat::kU8, 255.0, false}, std::tuple{VoxelFormat::kU16, 65535.0, false},
+        std::tuple{VoxelFormat::kU32, 1000.0, true}}) {
+    VoxelizeResult result = EmptyResult({32, 32, 32});
+    AddBits(result, Ball(16, 14));
+    TargetSpec spec = Spec(format, 4, "base_color");
+    if (written) spec.scale = scale;
+    AddTarget(result, spec, result.grid.voxels(), red(scale));
+    pictures.push_back(RenderPreview(result, kSmall).value());
+    EXPECT_GT(MiddleMean(pictures.back(), 0), MiddleMean(pictures.back(), 1) + 60) << Name(format);
+  }
+  EXPECT_EQ(pictures[0].rgb, pictures[1].rgb);
+}
+
+TEST(RenderPreview, ColoursScalarIntegersByTheirRange) {
+  const auto picture = [](VoxelFormat format, double scale) {
+    VoxelizeResult result = EmptyResult({32, 32, 32});
+    AddBits(result, Ball(16, 14));
+    AddTarget(result, Spec(format, 1, "triangle_id", Blend::kMax), result.grid.voxels(),
+              [&](uint64_t n, int) { return double(n / 32 % 32) * scale; });
+    return RenderPreview(result, kSmall).value().rgb;
+  };
+  const auto expected = picture(VoxelFormat::kF32, 1);
+  EXPECT_NE(expected, RenderPreview(BallResult(32, 14.0 / 32), kSmall).value().rgb);
+  EXPECT_EQ(picture(VoxelFormat::kU8, 4), expected);
+  EXPECT_EQ(picture(VoxelFormat::kU16, 1024), expected);
+  EXPECT_EQ(picture(VoxelFormat::kU32, 1024), expected);
+  EXPECT_EQ(picture(VoxelFormat::kF16, 16), expected);
+}
+
+TEST(UnpackNormal, IsWithinTheMapsStepOfTheNormalThatWasPacked) {
+  double worst = 1;
+  for (int theta = 0; theta <= 90; ++theta) {
+    for (int phi = 0; phi < 180; ++phi) {
+      const double t = theta * M_PI / 90, p = phi * M_PI / 90;
+      const Vec3f n{float(std::sin(t) * std::cos(p)), float(std::sin(t) * std::sin(p)), float(std::cos(t))};
+      const Vec3f back = UnpackNormal(PackNormal(n));
+      EXPECT_NEAR(Dot(back, back), 1, 1e-6);
+      worst = std::min(worst, double(Dot(n, back)));
+    }
+  }
+  EXPECT_GT(worst, std::cos(1.2 * M_PI / 180));
+}
+
+TEST(RenderPreview, IsLitByPackedNormals) {
+  // A flat wall, its stored normals turned towards the light or away from it.
+  const auto wall = [](const Vec3f& normal, VoxelFormat format, Blend blend) {
+    VoxelizeResult result = EmptyResult({32, 32, 32});
+    AddBits(result, [](int64_t, int64_t, int64_t k) { return k >= 20; });
+    AddTarget(result, Spec(format, 1, "packed_normal", blend), result.grid.voxels(),
+              [&](uint64_t, int) { return double(PackNormal(normal)); });
+    return RenderPreview(result, kSmall).value();
+  };
+  const Vec3f towards{0, 0.8f, 0.6f}, along{0.8f, -0.6f, 0};
+  const Picture bright = wall(towards, VoxelFormat::kU16, Blend::kMax);
+  EXPECT_GT(MiddleMean(bright, 1), MiddleMean(wall(along, VoxelFormat::kU16, Blend::kMax), 1) + 30);
+  EXPECT_EQ(bright.rgb, wall(towards, VoxelFormat::kU32, Blend::kReplace).rgb);
+  EXPECT_EQ(bright.rgb, wall(towards, VoxelFormat::kF32, Blend::kFirst).rgb);
+  // A sum of packed normals is none.
+  EXPECT_NE(bright.rgb, wall(towards, VoxelFormat::kU16, Blend::kAdd).rgb);
+}
+
+TEST(RenderPreview, RefusesArraysThatDoNotFitTheResult) {
+  const auto refused = [](const VoxelizeResult& result, const std::string& array) {
+    const absl::Status status = RenderPreview(result, kSmall).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << array;
+    EXPECT_THAT(std::string(status.message()), ::testing::HasSubstr("'" + array + "'"));
+  };
+  const auto listed = [](ResultKind kind) {
+    VoxelizeResult result = Listed(kind, {16, 16, 16}, Layout::kInterleaved, Ball(8, 5));
+    AddTarget(result, Spec(VoxelFormat::kF32, 1, "constant"), PreviewItems(result).count(),
+              [](uint64_t, int) { return 1.0; });
+    return result;
+  };
+  VoxelizeResult sparse = listed(ResultKind::kSparse);
+  ASSERT_TRUE(RenderPreview(sparse, kSmall).ok());
+  reinterpret_cast<uint64_t*>(sparse.bricks.data())[sparse.listed_bricks() - 1] = 8;
+  refused(sparse, "brick");
+  sparse = listed(ResultKind::kSparse);
+  sparse.masks.data()[0] ^= 1;
+  refused(sparse, "target0");
+  sparse = listed(ResultKind::kSparse);
+  sparse.masks = BufferOf({1, 2});
+  refused(sparse, "mask");
+  VoxelizeResult buckets = listed(ResultKind::kBuckets);
+  ASSERT_TRUE(RenderPreview(buckets, kSmall).ok());
+  reinterpret_cast<uint64_t*>(buckets.voxels.data())[1] = 0;
+  refused(buckets, "voxel");
+  buckets = listed(ResultKind::kBuckets);
+  reinterpret_cast<uint64_t*>(buckets.offsets.data())[1] = 1'000'000;
+  refused(buckets, "offset");
 }
 
 }  // namespace
