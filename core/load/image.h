@@ -12,12 +12,11 @@ namespace voxelpipe {
 // UNIMPLEMENTED naming the type for formats other than PNG and JPEG (KTX2, WebP).
 absl::Status DecodeImage(Image& image, const LoadLimits& limits);
 
-// Decodes every image that the textures in `use` sample, and builds the mip levels that their filters read (load/mips.h). Alpha
-// masks sample the base colour whatever is in use. A texture whose image is of a format that this build cannot read is switched
-// off (image = -1), so that the factor alone is used. What is decoded already stays.
-// Errors: those of DecodeImage; RESOURCE_EXHAUSTED past limits.max_total_image_pixels, or past limits.max_decoded_bytes for
-// texels and levels together.
-// Not thread-safe for one mesh; call before the pipeline when a shader reads textures.
+// Decodes every image that the textures in `use` sample, and builds the mip levels that their filters read
+// (load/mips.h). Alpha masks sample the base colour whatever is in use. A texture whose image is of a format that this
+// build cannot read is switched off (image = -1), so that the factor alone is used. What is decoded already stays.
+// Errors: those of DecodeImage; RESOURCE_EXHAUSTED past limits.max_total_image_pixels, or past limits.max_decoded_bytes
+// for texels and levels together. Not thread-safe for one mesh; call before the pipeline when a shader reads textures.
 absl::Status PrepareTextures(TriangleMesh& mesh, const LoadLimits& limits = {},
                              const TextureUse& use = {true, true, true});
 

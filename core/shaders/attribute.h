@@ -1,15 +1,17 @@
 // attribute: a vertex attribute of the file's own.
 //
-// Source: glTF 2.0 specification, section 3.7.2.1 (application-specific attributes, whose names begin with an underscore).
+// Source: glTF 2.0 specification, section 3.7.2.1 (application-specific attributes, whose names begin with an
+// underscore).
 #pragma once
 
 #include "shaders/fragment.h"
 
 namespace voxelpipe {
 
-// Parameter name: the attribute's, "_TEMPERATURE" say, resolved when a run starts (shaders/resolve.h): value[0] is then its index in
-// MeshView::attributes plus 1. Output: f32, as many components as the attribute has, interpolated, in the file's units; missing
-// ones 0, the fourth 1. 0 in parts of the mesh without it; a mesh without it anywhere is an error.
+// Parameter name: the attribute's, "_TEMPERATURE" say, resolved when a run starts (shaders/resolve.h): value[0] is then
+// its index in MeshView::attributes plus 1. Output: f32, as many components as the attribute has, interpolated, in the
+// file's units; missing ones 0, the fourth 1. 0 in parts of the mesh without it; a mesh without it anywhere is an
+// error.
 struct AttributeShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams& params, FragmentOutput& out) {

@@ -5,8 +5,8 @@
 
 namespace voxelpipe {
 
-// Output: f32, 4 components, linear; what the mesh lacks counts as white. Alpha mode MASK discards a fragment whose alpha is
-// below the cutoff.
+// Output: f32, 4 components, linear; what the mesh lacks counts as white. Alpha mode MASK discards a fragment whose
+// alpha is below the cutoff.
 struct BaseColorShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   static constexpr bool kCanDiscard = true, kIsColor = true;

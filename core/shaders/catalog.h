@@ -55,8 +55,8 @@ struct BoundShader {
       text{};  // parameters of type "string"; ResolveShader puts what they mean into `params`
 };
 
-// INVALID_ARGUMENT naming the unknown shader (and listing the known), the unknown parameter, the wrong count of numbers, a value
-// that is not finite, or a text parameter that is missing or given as numbers.
+// INVALID_ARGUMENT naming the unknown shader (and listing the known), the unknown parameter, the wrong count of
+// numbers, a value that is not finite, or a text parameter that is missing or given as numbers.
 absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call);
 
 // Which textures the targets' shaders sample (then call PrepareTextures first).

@@ -5,8 +5,9 @@
 
 namespace voxelpipe {
 
-// Parameters: size, edge of a cell in voxels, a whole number; even and odd, the values of the cells. Cells begin at voxel (0, 0, 0),
-// whose cell is even; neighbours across a face differ. Output: f32, 1 component. Needs nothing of the mesh.
+// Parameters: size, edge of a cell in voxels, a whole number; even and odd, the values of the cells. Cells begin at
+// voxel (0, 0, 0), whose cell is even; neighbours across a face differ. Output: f32, 1 component. Needs nothing of the
+// mesh.
 struct CheckerShader : FragmentShaderTraits {
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams& params, FragmentOutput& out) {
     const int64_t size = int64_t(params.value[0]);

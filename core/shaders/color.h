@@ -5,8 +5,8 @@
 
 namespace voxelpipe {
 
-// Output: f32, 4 components: COLOR_0, linear RGBA, alpha 1 where the file has RGB; white where the mesh has none. Reads no
-// material: alpha MASK does not apply.
+// Output: f32, 4 components: COLOR_0, linear RGBA, alpha 1 where the file has RGB; white where the mesh has none. Reads
+// no material: alpha MASK does not apply.
 struct ColorShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   static constexpr bool kIsColor = true;

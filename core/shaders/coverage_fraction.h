@@ -50,11 +50,11 @@ VOXELPIPE_HD double ClippedArea(const Vec3d& a, const Vec3d& b, const Vec3d& c, 
   return 0.5 * sqrt(Dot(twice, twice));
 }
 
-// Output: f32, 1 component: the area of the triangle inside the closed voxel over the area of a voxel's face, both in index space,
-// so that a triangle's plane that fills a voxel from face to face parallel to one gives 1; at most sqrt(2)
-// (the rectangle through two opposite edges). 0 where it only touches, for the voxels that a coverage test adds by its rounding, and for
-// degenerate triangles. A part that lies in a face shared by two voxels counts in both. Voxels whose edges differ: faces
-// are unit squares of index space, whatever their size in the world.
+// Output: f32, 1 component: the area of the triangle inside the closed voxel over the area of a voxel's face, both in
+// index space, so that a triangle's plane that fills a voxel from face to face parallel to one gives 1; at most sqrt(2)
+// (the rectangle through two opposite edges). 0 where it only touches, for the voxels that a coverage test adds by its
+// rounding, and for degenerate triangles. A part that lies in a face shared by two voxels counts in both. Voxels whose
+// edges differ: faces are unit squares of index space, whatever their size in the world.
 struct CoverageFractionShader : FragmentShaderTraits {
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     if (in.degenerate) return;

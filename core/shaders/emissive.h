@@ -7,8 +7,8 @@
 
 namespace voxelpipe {
 
-// Output: f32, 3 components, linear RGB: factor x strength x texture; above 1 with a strength above 1, 0 for the default material.
-// Alpha mode MASK discards as in base_color.
+// Output: f32, 3 components, linear RGB: factor x strength x texture; above 1 with a strength above 1, 0 for the
+// default material. Alpha mode MASK discards as in base_color.
 struct EmissiveShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   static constexpr bool kCanDiscard = true, kIsColor = true;

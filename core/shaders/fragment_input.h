@@ -7,8 +7,9 @@
 
 namespace voxelpipe {
 
-// How far texture coordinates move along one voxel: the square root of the triangle's area in uv over its area in index space. That
-// is the geometric mean of the mapping's two stretches. 0 where either area is 0 or no number, and at most 2^60.
+// How far texture coordinates move along one voxel: the square root of the triangle's area in uv over its area in index
+// space. That is the geometric mean of the mapping's two stretches. 0 where either area is 0 or no number, and at most
+// 2^60.
 VOXELPIPE_HD float UvDensity(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec2f& uv_a, const Vec2f& uv_b,
                              const Vec2f& uv_c) {
   const Vec3d n = Cross(b - a, c - a);
@@ -21,8 +22,8 @@ VOXELPIPE_HD float UvDensity(const Vec3d& a, const Vec3d& b, const Vec3d& c, con
   return density < 0x1p60 ? float(density) : (density >= 0x1p60 ? 0x1p60f : 0.0f);
 }
 
-// In: a triangle of `mesh`, whether it is degenerate in index space (raster/triangle_plane.h), whether a shader samples textures.
-// Out: all but the voxel and the barycentrics. Degenerate triangles have no texture scale: uv_density 0.
+// In: a triangle of `mesh`, whether it is degenerate in index space (raster/triangle_plane.h), whether a shader samples
+// textures. Out: all but the voxel and the barycentrics. Degenerate triangles have no texture scale: uv_density 0.
 VOXELPIPE_HD FragmentInput MakeFragmentInput(const MeshView& mesh, uint32_t triangle, bool degenerate, bool textured) {
   FragmentInput in;
   in.mesh = &mesh;

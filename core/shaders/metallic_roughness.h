@@ -7,8 +7,8 @@
 
 namespace voxelpipe {
 
-// Output: f32, 2 components: metallic (factor x the texture's blue channel) and roughness (factor x green), both 0 to 1; the default
-// material has 1, 1. Alpha mode MASK discards as in base_color.
+// Output: f32, 2 components: metallic (factor x the texture's blue channel) and roughness (factor x green), both 0 to
+// 1; the default material has 1, 1. Alpha mode MASK discards as in base_color.
 struct MetallicRoughnessShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   static constexpr bool kCanDiscard = true;

@@ -5,8 +5,9 @@
 
 namespace voxelpipe {
 
-// Output: f32, 3 components, world units: the shaded vertices interpolated with the barycentrics, in double, rounded once. It lies
-// on the triangle, near the voxel's centre, and may lie outside the voxel. Degenerate triangles: their centroid.
+// Output: f32, 3 components, world units: the shaded vertices interpolated with the barycentrics, in double, rounded
+// once. It lies on the triangle, near the voxel's centre, and may lie outside the voxel. Degenerate triangles: their
+// centroid.
 struct PositionShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {

@@ -7,8 +7,9 @@
 
 namespace voxelpipe {
 
-// Output: f32, 4 components: x, y, z in world axes, unit length, not made orthogonal to the normal; w = 1 or -1, the handedness
-// of the bitangent cross(normal, tangent) * w. Where the mesh has no tangents, or they cancel out: 0, 0, 0 and w.
+// Output: f32, 4 components: x, y, z in world axes, unit length, not made orthogonal to the normal; w = 1 or -1, the
+// handedness of the bitangent cross(normal, tangent) * w. Where the mesh has no tangents, or they cancel out: 0, 0, 0
+// and w.
 struct TangentShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {

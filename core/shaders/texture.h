@@ -74,9 +74,10 @@ VOXELPIPE_HD_CALL Vec4f SampleLevel(const TextureView& t, uint32_t level_index, 
 
 // In: texture coordinates, origin at the image's top left; the level-0 texels along a voxel. Out: linear RGBA.
 //
-// Up to one texel a voxel, the magnification filter reads level 0. Beyond, r texels lie between levels l and l + 1 with 2^l <= r <
-// 2^(l+1): `linear` mixes them by r / 2^l - 1, which is 0 and 1 where log2 is and needs no logarithm, `nearest` takes the
-// one whose edge is nearer in proportion (the square root of 2 apart), `none` stays with level 0. No image: white.
+// Up to one texel a voxel, the magnification filter reads level 0. Beyond, r texels lie between levels l and l + 1 with
+// 2^l <= r < 2^(l+1): `linear` mixes them by r / 2^l - 1, which is 0 and 1 where log2 is and needs no logarithm,
+// `nearest` takes the one whose edge is nearer in proportion (the square root of 2 apart), `none` stays with level 0.
+// No image: white.
 VOXELPIPE_HD Vec4f SampleTexture(const TextureView& t, const Vec2f& uv, float texels_per_voxel) {
   constexpr uint8_t kNone = 0, kNearest = 1;  // MipFilter
   if (t.width == 0) return {1, 1, 1, 1};

@@ -5,8 +5,8 @@
 
 namespace voxelpipe {
 
-// Output: f32, 3 components: the vertex shader's velocities interpolated, world axes, world units a second; 0 where it gives
-// none.
+// Output: f32, 3 components: the vertex shader's velocities interpolated, world axes, world units a second; 0 where it
+// gives none.
 struct VelocityShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {

@@ -31,8 +31,8 @@ ByteVector Checkerboard() {
   return rgba;
 }
 
-// The square [0,4]^2 in z = 0.5, the image's top at y = 0: 16 texels a voxel of size 1. Primitive 1, in the plane z = 1.5, has no
-// material.
+// The square [0,4]^2 in z = 0.5, the image's top at y = 0: 16 texels a voxel of size 1. Primitive 1, in the plane z =
+// 1.5, has no material.
 ByteVector File(const char* alpha_mode) {
   GlbBuilder builder;
   const std::vector<uint32_t> indices = {0, 1, 2, 0, 2, 3};

@@ -10,8 +10,8 @@
 
 namespace voxelpipe::testing {
 
-// Triangle (0,0,0), (4,0,0), (0,4,0) in world and index space alike, of one part with one material beside the default one. The view
-// has no attributes until a test sets pointers and the part's flags.
+// Triangle (0,0,0), (4,0,0), (0,4,0) in world and index space alike, of one part with one material beside the default
+// one. The view has no attributes until a test sets pointers and the part's flags.
 struct ShadingScene {
   Vec3d positions[3] = {{0, 0, 0}, {4, 0, 0}, {0, 4, 0}};
   uint32_t triangle[1][3] = {{0, 1, 2}};
