@@ -1,10 +1,10 @@
-// The messages of one finished job, made one at a time: header, pieces, summary.
+// The messages of one finished job whose result stands in memory, made one at a time.
 #pragma once
 
 #include <cstdint>
 
 #include "job.h"
-#include "sha256.h"
+#include "result_pieces.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 
 namespace voxelpipe {
@@ -16,20 +16,19 @@ class ResultStream {
   // Fills `response` with the next message; false when the summary has been made already.
   bool Next(v1::VoxelizeResponse& response);
 
-  uint64_t bytes_sent() const { return bytes_sent_; }
+  uint64_t bytes_sent() const { return pieces_.bytes(); }
   const JobOutcome& outcome() const { return outcome_; }
 
  private:
   enum class Part { kHeader, kPieces, kSummary, kEnd };
 
   bool NextPiece(v1::VoxelizeResponse& response);
-  void MakeSummary(v1::VoxelizeResponse& response);
 
   JobOutcome outcome_;
   Part part_ = Part::kHeader;
-  size_t target_ = 0;
-  uint64_t offset_ = 0, bytes_sent_ = 0;
-  Sha256 hash_;
+  size_t array_ = 0;
+  uint64_t offset_ = 0;
+  ResultPieces pieces_;
 };
 
 }  // namespace voxelpipe

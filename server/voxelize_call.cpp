@@ -154,7 +154,7 @@ absl::StatusOr<JobOutcome> VoxelizeCall::Run(std::vector<uint8_t> file) {
   if (refused_for_load_) return BusyError("the memory that this job needs is in use by others", kRetryDelay);
   if (!outcome.ok()) return outcome;
   uint64_t result_bytes = 0;
-  for (const HostBuffer& target : outcome->result.targets) result_bytes += target.size();
+  for (const std::span<const uint8_t> array : ArraysOf(outcome->result)) result_bytes += array.size();
   working_.ShrinkTo(result_bytes);
   return outcome;
 }

@@ -112,6 +112,13 @@ absl::StatusOr<RemoteResult> Client::Voxelize(std::span<const uint8_t> mesh_byte
                       on_plan);
 }
 
+absl::StatusOr<RemoteRun> Client::VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                             const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
+                                             const std::function<void(const Plan&)>& on_plan) {
+  return CallVoxelizeTo(*impl_->service, impl_->target, impl_->options.max_result_bytes, mesh_bytes, format, request,
+                        job, sink, on_plan);
+}
+
 absl::StatusOr<Client::Estimated> Client::Estimate(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                                    const VoxelizeRequest& request, const JobContext& job) {
   v1::EstimateVoxelizationRequest message;

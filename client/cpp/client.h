@@ -27,16 +27,20 @@ struct ConnectOptions {
   uint64_t max_result_bytes = 64ull << 30;  // a server that announces more is not believed
 };
 
-// What one mesh gave.
-struct RemoteResult {
-  // Grid, layout, targets and statistics as the core gives them; `specs` is what was asked for.
-  // `result.stats` holds the server's figures.
-  VoxelizeResult result;
-  // The server's "load" and "flatten", wall milliseconds; the stages of the pipeline are in result.stats.stages.
+// What a server says about a run besides its result.
+struct RemoteRun {
+  VoxelizeStats stats;  // the server's figures
+  // The server's "load" and "flatten", wall milliseconds; the stages of the pipeline are in stats.stages.
   std::vector<std::pair<std::string, double>> mesh_stages;
   MeshReport report;
   uint64_t peak_bytes = 0;     // the server's peak for this request
   std::string content_sha256;  // of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival
+};
+
+// What one mesh gave, in memory.
+struct RemoteResult : RemoteRun {
+  // As the core gives it; `specs` is what was asked for, `stats` the same as above.
+  VoxelizeResult result;
 };
 
 struct ServerBackend {
@@ -74,10 +78,19 @@ class Client {
   // "upload", the server's stage names and "download", from one thread at a time. `on_plan`, if set, is called once, on
   // the calling thread, before the result comes.
   // Errors: the server's (see Voxelize in pipeline/voxelize.h); CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS where the
-  // result fails its checks (offsets, lengths, CRC32C of every piece, SHA-256 of the whole, sizes against the request).
+  // result fails its checks (offsets, lengths, CRC32C of every piece, SHA-256 of the whole, sizes against the request; of
+  // sparse and bucketed results also that the lists agree with each other, see list_check.h).
   absl::StatusOr<RemoteResult> Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                         const VoxelizeRequest& request, const JobContext& job,
                                         const std::function<void(const Plan&)>& on_plan = {});
+
+  // The same for a result that need not fit into this machine's memory: `sink` gets it as it comes, on the calling thread; its
+  // errors end the call and are returned. What DATA_LOSS means is found at the end: the SHA-256 after all bytes were handed
+  // on, so the sink's bytes count only when this returns OK (every piece by itself has passed its CRC32C). Whether the lists of
+  // sparse and bucketed results agree with each other is not looked at. Sink::Keep is not called.
+  absl::StatusOr<RemoteRun> VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                       const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
+                                       const std::function<void(const Plan&)>& on_plan = {});
 
   struct Estimated {
     Plan plan;

@@ -45,63 +45,55 @@ void ResultReader::FreeDigest::operator()(evp_md_ctx_st* context) const {
   EVP_MD_CTX_free(context);
 }
 
-ResultReader::ResultReader(const VoxelizeRequest& request, uint64_t max_result_bytes)
-    : request_(request), max_result_bytes_(max_result_bytes), digest_(EVP_MD_CTX_new()) {}
+ResultReader::ResultReader(const VoxelizeRequest& request, uint64_t max_result_bytes, ResultSink& sink)
+    : request_(request), max_result_bytes_(max_result_bytes), sink_(sink), digest_(EVP_MD_CTX_new()) {}
 
 ResultReader::~ResultReader() = default;
 
-absl::Status ResultReader::AddHeader(const v1::ResultHeader& header) {
+absl::Status ResultReader::AddHeader(const v1::ResultHeader& message) {
   if (has_header_) return Lost("a second header");
   if (!digest_ || EVP_DigestInit_ex(digest_.get(), EVP_sha256(), nullptr) != 1) {
     return absl::InternalError("SHA-256 could not be started");
   }
-  absl::StatusOr<GridSpec> grid = CheckHeader(header, request_.layout, request_.targets);
-  if (!grid.ok()) return grid.status();
-  if (absl::Status status = CheckGrid(*grid, request_.grid); !status.ok()) return status;
-  for (const TargetSpec& spec : request_.targets) total_bytes_ += TargetBytes(spec, grid->voxels());
+  const absl::StatusOr<ResultHeader> header = FromMessage(message, request_);
+  if (!header.ok()) return header.status();
+  if (absl::Status status = CheckGrid(header->grid, request_.grid); !status.ok()) return status;
+  for (const ArraySpec& array : header->arrays) {
+    array_bytes_.push_back(array.bytes());  // below 2^60 each: FromMessage bounds every count
+    total_bytes_ += array_bytes_.back();
+  }
   if (total_bytes_ > max_result_bytes_) {
     return Lost(total_bytes_, " bytes are announced, this client takes ", max_result_bytes_);
   }
-  out_.result.grid = *grid;
-  out_.result.layout = request_.layout;
-  out_.result.specs = request_.targets;
-  for (const TargetSpec& spec : request_.targets) {
-    absl::StatusOr<HostBuffer> buffer = HostBuffer::Allocate(TargetBytes(spec, grid->voxels()));
-    if (!buffer.ok()) return buffer.status();
-    out_.result.targets.push_back(*std::move(buffer));
-  }
   has_header_ = true;
-  return absl::OkStatus();
+  return sink_.Begin(*header);
 }
 
 absl::Status ResultReader::AddPiece(const v1::ResultPiece& piece) {
   if (!has_header_) return Lost("a piece before the header");
   if (has_summary_) return Lost("a piece after the summary");
   if (piece.data().empty()) return Lost("a piece without bytes");
-  if (target_ < out_.result.targets.size() && offset_ == out_.result.targets[target_].size()) {
-    ++target_;
+  while (array_ < array_bytes_.size() && offset_ == array_bytes_[array_]) {
+    ++array_;
     offset_ = 0;
   }
-  if (target_ == out_.result.targets.size()) return Lost("more bytes than announced");
-  if (piece.target() != target_ || piece.offset() != offset_) {
-    return Lost("a piece of target ", piece.target(), " at offset ", piece.offset(), ", expected was target ", target_,
+  if (array_ == array_bytes_.size()) return Lost("more bytes than announced");
+  if (piece.target() != array_ || piece.offset() != offset_) {
+    return Lost("a piece of array ", piece.target(), " at offset ", piece.offset(), ", expected was array ", array_,
                 " at ", offset_);
   }
-  HostBuffer& buffer = out_.result.targets[target_];
-  const std::string& data = piece.data();
-  if (data.size() > buffer.size() - offset_) {
-    return Lost("a piece of ", data.size(), " bytes at offset ", offset_, " of target ", target_, ", which has ",
-                buffer.size());
+  const std::span<const uint8_t> data(reinterpret_cast<const uint8_t*>(piece.data().data()), piece.data().size());
+  if (data.size() > array_bytes_[array_] - offset_) {
+    return Lost("a piece of ", data.size(), " bytes at offset ", offset_, " of array ", array_, ", which has ",
+                array_bytes_[array_]);
   }
-  uint8_t* place = buffer.data() + offset_;
-  std::copy_n(reinterpret_cast<const uint8_t*>(data.data()), data.size(), place);
-  if (Crc32c({place, data.size()}) != piece.crc32c()) {
-    return Lost("the CRC32C of the piece at offset ", offset_, " of target ", target_, " does not match its bytes");
+  if (Crc32c(data) != piece.crc32c()) {
+    return Lost("the CRC32C of the piece at offset ", offset_, " of array ", array_, " does not match its bytes");
   }
-  if (EVP_DigestUpdate(digest_.get(), place, data.size()) != 1) return absl::InternalError("SHA-256 failed");
+  if (EVP_DigestUpdate(digest_.get(), data.data(), data.size()) != 1) return absl::InternalError("SHA-256 failed");
   offset_ += data.size();
   received_bytes_ += data.size();
-  return absl::OkStatus();
+  return sink_.Write(array_, data);
 }
 
 absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
@@ -127,12 +119,12 @@ absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
     if (is_mesh_stage(stage)) out_.mesh_stages.push_back(stage);
   }
   stats.stages.erase(std::remove_if(stats.stages.begin(), stats.stages.end(), is_mesh_stage), stats.stages.end());
-  out_.result.stats = std::move(stats);
+  out_.stats = std::move(stats);
   has_summary_ = true;
   return absl::OkStatus();
 }
 
-absl::StatusOr<RemoteResult> ResultReader::Take() {
+absl::StatusOr<RemoteRun> ResultReader::Take() {
   if (!has_summary_) return Lost("it ended before its summary");
   return std::move(out_);
 }

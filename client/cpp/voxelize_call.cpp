@@ -11,6 +11,8 @@
 #include <grpcpp/support/sync_stream.h>
 
 #include "call_watch.h"
+#include "list_check.h"
+#include "memory_sink.h"
 #include "result_reader.h"
 #include "wire/request.h"
 #include "wire/response.h"
@@ -78,7 +80,7 @@ class UploadThread {
   std::thread thread_;
 };
 
-// Takes one message. An error means that the server does not keep to the contract.
+// Takes one message. An error means that the server does not keep to the contract, or is the sink's.
 absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, bool& planned, Reporter& reporter,
                   const std::function<void(const Plan&)>& on_plan) {
   switch (message.message_case()) {
@@ -106,10 +108,10 @@ absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, boo
 
 }  // namespace
 
-absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                          uint64_t max_result_bytes, std::span<const uint8_t> mesh_bytes,
-                                          MeshFormat format, const VoxelizeRequest& request, const JobContext& job,
-                                          const std::function<void(const Plan&)>& on_plan) {
+absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, const std::string& target,
+                                         uint64_t max_result_bytes, std::span<const uint8_t> mesh_bytes,
+                                         MeshFormat format, const VoxelizeRequest& request, const JobContext& job,
+                                         ResultSink& sink, const std::function<void(const Plan&)>& on_plan) {
   // On the wire no target at all means one of bits; whoever calls this never means that.
   if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
   if (absl::Status status = job.Check(); !status.ok()) return status;
@@ -120,7 +122,7 @@ absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, c
   const v1::VoxelizeConfig config = MakeConfig(request, format);
   UploadThread upload(context, [&] { Upload(*stream, config, mesh_bytes, reporter); });
 
-  ResultReader reader(request, max_result_bytes);
+  ResultReader reader(request, max_result_bytes, sink);
   absl::Status broken = absl::OkStatus();
   bool planned = false;
   v1::VoxelizeResponse message;
@@ -136,6 +138,20 @@ absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, c
   if (!broken.ok()) return broken;
   if (!status.ok()) return CallStatus(status, job, target);
   return reader.Take();
+}
+
+absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, const std::string& target,
+                                          uint64_t max_result_bytes, std::span<const uint8_t> mesh_bytes,
+                                          MeshFormat format, const VoxelizeRequest& request, const JobContext& job,
+                                          const std::function<void(const Plan&)>& on_plan) {
+  MemorySink sink;
+  absl::StatusOr<RemoteRun> run =
+      CallVoxelizeTo(stub, target, max_result_bytes, mesh_bytes, format, request, job, sink, on_plan);
+  if (!run.ok()) return run.status();
+  RemoteResult remote{*std::move(run), sink.Take()};
+  remote.result.stats = remote.stats;
+  if (absl::Status s = CheckLists(remote.result, sink.arrays()); !s.ok()) return s;
+  return remote;
 }
 
 }  // namespace voxelpipe

@@ -177,8 +177,10 @@ absl::Status StreamAssembler::Begin(const VoxelizeRequest& request, const Plan& 
     const int planes = request.layout == Layout::kPlanar ? request.targets[t].components : 1;
     for (int plane = 0; plane < planes; ++plane) passes_.push_back({t, plane, planes});
   }
-  if (plan.slab_depth >= plan.grid.dims[2]) all_at_once_ = std::exchange(passes_, {Pass{0, 0, 1}});
-  return sink_.Begin(DenseHeader(request, plan.grid));
+  header_ = DenseHeader(request, plan.grid);
+  if (plan.slab_depth < plan.grid.dims[2]) return sink_.Begin(header_);
+  all_at_once_ = std::exchange(passes_, {Pass{0, 0, 1}});
+  return absl::OkStatus();  // the sink may keep the whole
 }
 
 absl::Status StreamAssembler::Add(int pass, const Slab&, ResultArrays arrays) {
@@ -188,6 +190,14 @@ absl::Status StreamAssembler::Add(int pass, const Slab&, ResultArrays arrays) {
     return sink_.Write(part.target, all.subspan(uint64_t(part.plane) * bytes, bytes));
   };
   if (all_at_once_.empty()) return hand_on(passes_[size_t(pass)]);
+  VoxelizeResult whole;
+  whole.grid = header_.grid;
+  whole.layout = header_.layout;
+  whole.specs = header_.specs;
+  static_cast<ResultArrays&>(whole) = std::move(arrays);
+  if (sink_.Keep(std::move(whole))) return absl::OkStatus();
+  arrays = std::move(whole);
+  if (absl::Status s = sink_.Begin(header_); !s.ok()) return s;
   for (const Pass& part : all_at_once_) {
     if (absl::Status s = hand_on(part); !s.ok()) return s;
   }

@@ -53,6 +53,7 @@ class StreamAssembler final : public Assembler {
 
   ResultSink& sink_;
   std::vector<Pass> passes_;
+  ResultHeader header_;
   std::vector<Pass> all_at_once_;  // where one slab is the whole grid: what its only pass hands on
 };
 

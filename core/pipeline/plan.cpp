@@ -7,6 +7,7 @@
 #include "base/checked.h"
 #include "grid/bit_grid.h"
 #include "pipeline/backend.h"
+#include "pipeline/limit_error.h"
 #include "pipeline/result.h"
 #include "shaders/catalog.h"
 
@@ -265,11 +266,14 @@ absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t t
   plan.time_class = GuessTime(plan, triangles);
   if (!Fits(need, limits)) {
     const bool result = plan.result_bytes > limits.max_result_bytes;
-    return absl::ResourceExhaustedError(
-        absl::StrCat("grid ", grid->dims[0], "x", grid->dims[1], "x", grid->dims[2], " needs ",
-                     result ? plan.result_bytes : plan.peak_bytes, result ? " bytes of results" : " bytes of memory",
-                     ", the limit is ", result ? limits.max_result_bytes : limits.max_working_bytes,
-                     "; the largest resolution that fits is ", LargestResolution(request, size, limits, delivery)));
+    const LimitError error{result ? plan.result_bytes : plan.peak_bytes,
+                           result ? limits.max_result_bytes : limits.max_working_bytes,
+                           LargestResolution(request, size, limits, delivery)};
+    return MakeLimitError(
+        absl::StrCat("grid ", grid->dims[0], "x", grid->dims[1], "x", grid->dims[2], " needs ", error.need_bytes,
+                     result ? " bytes of results" : " bytes of memory", ", the limit is ", error.limit_bytes,
+                     "; the largest resolution that fits is ", error.largest_resolution),
+        error);
   }
   return plan;
 }

@@ -44,8 +44,8 @@ struct Plan {
   GridSpec grid;
   uint64_t result_bytes = 0;  // of all arrays together; an estimate for sparse and bucketed results
   uint64_t peak_bytes =
-      0;  // predicted working set of the pipeline, what is held of the result included, the mesh excluded
-  std::string backend;     // "cpu" or "cuda"
+      0;                // predicted working set of the pipeline, what is held of the result included, the mesh excluded
+  std::string backend;  // "cpu" or "cuda"
   TimeClass time_class = TimeClass::kInstant;
   int64_t slab_depth = 1;  // layers of z worked on at a time; at least dims[2] where one slab does
 };
@@ -59,7 +59,7 @@ absl::Status ValidateRequest(const VoxelizeRequest& request);
 
 // In: a request, the mesh's size and the extent of the shaded mesh. Out: the plan.
 // Errors: those of ValidateRequest and FitGrid; RESOURCE_EXHAUSTED with need, limit and the largest resolution that
-// would fit in its message.
+// would fit in its message, and as numbers (limit_error.h).
 absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
                                       const MeshExtent& extent, const PlanLimits& limits = {},
                                       Delivery delivery = Delivery::kMemory);

@@ -92,6 +92,9 @@ absl::StatusOr<VoxelizeResult> AllocateResult(const ResultHeader& header);
 class ResultSink {
  public:
   virtual ~ResultSink() = default;
+  // Asked first where a result stands in memory as a whole: true if the sink keeps it (its statistics are not in it yet), and then
+  // neither Begin nor Write is called.
+  virtual bool Keep(VoxelizeResult&& /*whole*/) { return false; }
   virtual absl::Status Begin(const ResultHeader& header) = 0;
   // `bytes` follow directly those written before of header.arrays[array]; valid during the call only.
   virtual absl::Status Write(size_t array, std::span<const uint8_t> bytes) = 0;

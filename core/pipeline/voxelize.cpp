@@ -205,8 +205,10 @@ absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const Voxeliz
   }
   absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, request, job, limits, on_plan);
   if (!result.ok()) return result.status();
+  stats = std::move(result->stats);
+  if (sink.Keep(*std::move(result))) return stats;
   if (absl::Status s = WriteTo(*result, sink); !s.ok()) return s;
-  return std::move(result->stats);
+  return stats;
 }
 
 }  // namespace voxelpipe

@@ -26,7 +26,8 @@ absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const Voxelize
 // The same bytes, handed to `sink` in stream order from the calling thread's arena, and the run's statistics. Dense results are
 // made slab after slab, so that memory is bounded by limits.slab_bytes and not by the grid; where several targets, or
 // several planes of a planar one, follow each other in stream order, the slabs are made anew for each. Sparse and bucketed
-// results are gathered first. The time that the sink takes is not part of the measured time. Errors also: the sink's.
+// results are gathered first; what stands in memory as a whole is offered to the sink with Keep. The time that the sink takes
+// is not part of the measured time. Errors also: the sink's.
 absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
                                          const JobContext& job, const PlanLimits& limits, ResultSink& sink,
                                          const std::function<void(const Plan&)>& on_plan = {});

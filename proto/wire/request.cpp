@@ -28,14 +28,23 @@ constexpr Pair<v1::GridFit, GridFit> kFits[] = {{v1::GRID_FIT_TIGHT, GridFit::kT
 constexpr Pair<v1::Coverage, Coverage> kCoverages[] = {{v1::COVERAGE_CONSERVATIVE, Coverage::kConservative},
                                                        {v1::COVERAGE_THIN, Coverage::kThin},
                                                        {v1::COVERAGE_CENTER, Coverage::kCenter}};
-constexpr Pair<v1::Fill, Fill> kFills[] = {{v1::FILL_NONE, Fill::kNone}, {v1::FILL_PARITY, Fill::kParity}};
-constexpr Pair<v1::VoxelFormat, VoxelFormat> kFormats[] = {{v1::VOXEL_FORMAT_BIT, VoxelFormat::kBit},
-                                                           {v1::VOXEL_FORMAT_F32, VoxelFormat::kF32}};
-constexpr Pair<v1::Blend, Blend> kBlends[] = {{v1::BLEND_OR, Blend::kOr},
-                                              {v1::BLEND_REPLACE, Blend::kReplace},
-                                              {v1::BLEND_MIN, Blend::kMin},
-                                              {v1::BLEND_MAX, Blend::kMax},
-                                              {v1::BLEND_ADD, Blend::kAdd}};
+constexpr Pair<v1::Fill, Fill> kFills[] = {
+    {v1::FILL_NONE, Fill::kNone}, {v1::FILL_PARITY, Fill::kParity}, {v1::FILL_FLOOD, Fill::kFlood}};
+constexpr Pair<v1::ResultKind, ResultKind> kResults[] = {{v1::RESULT_KIND_DENSE, ResultKind::kDense},
+                                                         {v1::RESULT_KIND_SPARSE, ResultKind::kSparse},
+                                                         {v1::RESULT_KIND_BUCKETS, ResultKind::kBuckets}};
+constexpr Pair<v1::Simd, SimdChoice> kSimds[] = {{v1::SIMD_AUTO, SimdChoice::kAuto},
+                                                 {v1::SIMD_SCALAR, SimdChoice::kScalar},
+                                                 {v1::SIMD_AVX2, SimdChoice::kAvx2},
+                                                 {v1::SIMD_AVX512, SimdChoice::kAvx512}};
+constexpr Pair<v1::VoxelFormat, VoxelFormat> kFormats[] = {
+    {v1::VOXEL_FORMAT_BIT, VoxelFormat::kBit}, {v1::VOXEL_FORMAT_U8, VoxelFormat::kU8},
+    {v1::VOXEL_FORMAT_U16, VoxelFormat::kU16}, {v1::VOXEL_FORMAT_U32, VoxelFormat::kU32},
+    {v1::VOXEL_FORMAT_F16, VoxelFormat::kF16}, {v1::VOXEL_FORMAT_F32, VoxelFormat::kF32}};
+constexpr Pair<v1::Blend, Blend> kBlends[] = {
+    {v1::BLEND_OR, Blend::kOr},           {v1::BLEND_REPLACE, Blend::kReplace}, {v1::BLEND_MIN, Blend::kMin},
+    {v1::BLEND_MAX, Blend::kMax},         {v1::BLEND_ADD, Blend::kAdd},         {v1::BLEND_FIRST, Blend::kFirst},
+    {v1::BLEND_AVERAGE, Blend::kAverage}, {v1::BLEND_COUNT, Blend::kCount},     {v1::BLEND_AND, Blend::kAnd}};
 constexpr Pair<v1::Layout, Layout> kLayouts[] = {{v1::LAYOUT_INTERLEAVED, Layout::kInterleaved},
                                                  {v1::LAYOUT_PLANAR, Layout::kPlanar}};
 constexpr Pair<v1::Backend, BackendChoice> kBackends[] = {{v1::BACKEND_AUTO, BackendChoice::kAuto},
@@ -88,10 +97,17 @@ absl::Status ReadGrid(const v1::GridRequest& in, GridRequest& out) {
 absl::Status ReadShader(const v1::ShaderCall& in, const std::string& field, ShaderCall& out) {
   out.name = in.name();
   out.parameters.clear();
+  out.text.clear();
   for (const v1::ShaderParameter& parameter : in.parameters()) {
-    std::vector<double> values(parameter.values().begin(), parameter.values().end());
-    if (!out.parameters.emplace(parameter.name(), std::move(values)).second) {
+    if (out.parameters.contains(parameter.name()) || out.text.contains(parameter.name())) {
       return Invalid(field, absl::StrCat("parameter '", parameter.name(), "' is given twice"));
+    }
+    if (!parameter.has_text()) {
+      out.parameters[parameter.name()] = {parameter.values().begin(), parameter.values().end()};
+    } else if (parameter.values().empty()) {
+      out.text[parameter.name()] = parameter.text();
+    } else {
+      return Invalid(field, absl::StrCat("parameter '", parameter.name(), "' is given as text and as numbers"));
     }
   }
   return absl::OkStatus();
@@ -103,6 +119,11 @@ void WriteShader(const ShaderCall& in, v1::ShaderCall* out) {
     v1::ShaderParameter* parameter = out->add_parameters();
     parameter->set_name(name);
     parameter->mutable_values()->Add(values.begin(), values.end());
+  }
+  for (const auto& [name, text] : in.text) {
+    v1::ShaderParameter* parameter = out->add_parameters();
+    parameter->set_name(name);
+    parameter->set_text(text);
   }
 }
 
@@ -118,6 +139,7 @@ absl::Status ReadTarget(const v1::RenderTarget& in, const std::string& field, Ta
     if (absl::Status s = ReadShader(in.shader(), field + ".shader", out.shader); !s.ok()) return s;
   }
   if (in.has_quantum()) out.quantum = in.quantum();
+  if (in.has_scale()) out.scale = in.scale();
   out.clear = in.clear();
   if (in.has_fill_value()) out.fill_value = in.fill_value();
   return absl::OkStatus();
@@ -134,6 +156,8 @@ absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
   if (s.ok()) s = ReadEnum(kFills, config.fill(), "fill", request.fill);
   if (s.ok()) s = ReadEnum(kLayouts, config.layout(), "layout", request.layout);
   if (s.ok()) s = ReadEnum(kBackends, config.backend(), "backend", request.backend);
+  if (s.ok()) s = ReadEnum(kResults, config.result(), "result", request.result);
+  if (s.ok()) s = ReadEnum(kSimds, config.simd(), "simd", request.simd);
   if (s.ok() && config.has_vertex_shader())
     s = ReadShader(config.vertex_shader(), "vertex_shader", request.vertex_shader);
   if (!s.ok()) return s;
@@ -168,6 +192,8 @@ v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_fo
   config.set_fill(WriteEnum(kFills, request.fill));
   config.set_layout(WriteEnum(kLayouts, request.layout));
   config.set_backend(WriteEnum(kBackends, request.backend));
+  config.set_result(WriteEnum(kResults, request.result));
+  config.set_simd(WriteEnum(kSimds, request.simd));
   WriteShader(request.vertex_shader, config.mutable_vertex_shader());
   for (const TargetSpec& spec : request.targets) {
     v1::RenderTarget* target = config.add_targets();
@@ -176,6 +202,7 @@ v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_fo
     target->set_blend(WriteEnum(kBlends, spec.blend));
     WriteShader(spec.shader, target->mutable_shader());
     target->set_quantum(spec.quantum);
+    if (spec.scale) target->set_scale(*spec.scale);
     target->set_clear(spec.clear);
     target->set_fill_value(spec.fill_value);
   }

@@ -1,8 +1,10 @@
 #include "wire/response.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 
 namespace voxelpipe {
 namespace {
@@ -21,12 +23,73 @@ absl::Status Broken(const std::string& what) {
   return absl::DataLossError(absl::StrCat("the server's answer: ", what));
 }
 
-v1::VoxelFormat ToMessage(VoxelFormat format) {
-  return format == VoxelFormat::kBit ? v1::VOXEL_FORMAT_BIT : v1::VOXEL_FORMAT_F32;
-}
-
 v1::Layout ToMessage(Layout layout) {
   return layout == Layout::kInterleaved ? v1::LAYOUT_INTERLEAVED : v1::LAYOUT_PLANAR;
+}
+
+v1::ResultKind ToMessage(ResultKind kind) {
+  switch (kind) {
+    case ResultKind::kDense: return v1::RESULT_KIND_DENSE;
+    case ResultKind::kSparse: return v1::RESULT_KIND_SPARSE;
+    case ResultKind::kBuckets: return v1::RESULT_KIND_BUCKETS;
+  }
+  return v1::RESULT_KIND_UNSPECIFIED;
+}
+
+v1::ElementType ToMessage(ElementType type) {
+  switch (type) {
+    case ElementType::kBit: return v1::ELEMENT_TYPE_BIT;
+    case ElementType::kU8: return v1::ELEMENT_TYPE_U8;
+    case ElementType::kU16: return v1::ELEMENT_TYPE_U16;
+    case ElementType::kU32: return v1::ELEMENT_TYPE_U32;
+    case ElementType::kU64: return v1::ELEMENT_TYPE_U64;
+    case ElementType::kF16: return v1::ELEMENT_TYPE_F16;
+    case ElementType::kF32: return v1::ELEMENT_TYPE_F32;
+  }
+  return v1::ELEMENT_TYPE_UNSPECIFIED;
+}
+
+// How much a sparse or bucketed result lists.
+struct Counts {
+  uint64_t bricks = 0, voxels = 0, fragments = 0;
+};
+
+// More fragments than any mesh gives, and few enough that no product with components and element sizes overflows.
+constexpr uint64_t kMaxFragments = uint64_t{1} << 53;
+
+// Reads the counts off the shapes of the first arrays. Believes none that the grid cannot hold.
+absl::StatusOr<Counts> ReadCounts(const v1::ResultHeader& message, const VoxelizeRequest& request,
+                                  const GridSpec& grid) {
+  Counts counts;
+  if (request.result == ResultKind::kDense) return counts;
+  const int lists = request.result == ResultKind::kSparse ? 2 : 3;
+  if (message.arrays_size() <= lists) return Broken("fewer arrays than were asked for");
+  for (int i = 0; i <= lists; ++i) {
+    if (message.arrays(i).shape().empty()) return Broken("an array without a shape");
+  }
+  if (request.result == ResultKind::kSparse) {
+    counts.bricks = message.arrays(0).shape(0);
+    // The values' count stands first, but for several components in planes, where it stands behind them.
+    const bool planes = request.layout == Layout::kPlanar && request.targets[0].components > 1;
+    const auto& shape = message.arrays(lists).shape();
+    counts.voxels = planes ? shape[shape.size() - 1] : shape[0];
+    uint64_t all = 1;
+    for (const int64_t dim : grid.dims) all *= uint64_t(dim / 8 + (dim % 8 != 0));
+    if (counts.bricks > all) return Broken(absl::StrCat(counts.bricks, " bricks in a grid of ", all));
+    if (counts.voxels < counts.bricks || counts.voxels > counts.bricks * 512) {
+      return Broken(absl::StrCat(counts.voxels, " voxels in ", counts.bricks, " bricks"));
+    }
+  } else {
+    counts.voxels = message.arrays(0).shape(0);
+    counts.fragments = message.arrays(2).shape(0);
+    if (counts.fragments < counts.voxels || counts.fragments > kMaxFragments) {
+      return Broken(absl::StrCat(counts.fragments, " fragments in ", counts.voxels, " voxels"));
+    }
+  }
+  if (counts.voxels > grid.voxels()) {
+    return Broken(absl::StrCat(counts.voxels, " voxels listed in a grid of ", grid.voxels()));
+  }
+  return counts;
 }
 
 }  // namespace
@@ -70,6 +133,7 @@ v1::VoxelizationPlan ToMessage(const Plan& plan) {
   message.set_result_bytes(plan.result_bytes);
   message.set_peak_bytes(plan.peak_bytes);
   message.set_backend(plan.backend);
+  message.set_slab_depth(plan.slab_depth);
   switch (plan.time_class) {
     case TimeClass::kInstant: message.set_time_class(v1::TIME_CLASS_INSTANT); break;
     case TimeClass::kShort: message.set_time_class(v1::TIME_CLASS_SHORT); break;
@@ -86,6 +150,7 @@ absl::StatusOr<Plan> FromMessage(const v1::VoxelizationPlan& message) {
   plan.result_bytes = message.result_bytes();
   plan.peak_bytes = message.peak_bytes();
   plan.backend = message.backend();
+  plan.slab_depth = message.slab_depth();
   plan.time_class = message.time_class() == v1::TIME_CLASS_INSTANT ? TimeClass::kInstant
                     : message.time_class() == v1::TIME_CLASS_SHORT ? TimeClass::kShort
                                                                    : TimeClass::kLong;
@@ -183,39 +248,44 @@ ShaderInfo FromMessage(const v1::ShaderInfo& message) {
   return info;
 }
 
-v1::ResultHeader MakeHeader(const GridSpec& grid, Layout layout, const std::vector<TargetSpec>& targets) {
-  v1::ResultHeader header;
-  *header.mutable_grid() = ToMessage(grid);
-  header.set_layout(ToMessage(layout));
-  for (const TargetSpec& spec : targets) {
-    v1::TargetHeader* target = header.add_targets();
-    target->set_format(ToMessage(spec.format));
-    target->set_components(spec.components);
-    target->set_bytes(TargetBytes(spec, grid.voxels()));
+v1::ResultHeader ToMessage(const ResultHeader& header) {
+  v1::ResultHeader message;
+  *message.mutable_grid() = ToMessage(header.grid);
+  message.set_layout(ToMessage(header.layout));
+  message.set_kind(ToMessage(header.kind));
+  for (const ArraySpec& array : header.arrays) {
+    v1::ResultArray* out = message.add_arrays();
+    out->set_name(array.name);
+    out->set_element_type(ToMessage(array.type));
+    out->mutable_shape()->Add(array.shape.begin(), array.shape.end());
   }
-  return header;
+  return message;
 }
 
-absl::StatusOr<GridSpec> CheckHeader(const v1::ResultHeader& header, Layout layout,
-                                     const std::vector<TargetSpec>& targets) {
-  const absl::StatusOr<GridSpec> grid = FromMessage(header.grid());
+absl::StatusOr<ResultHeader> FromMessage(const v1::ResultHeader& message, const VoxelizeRequest& request) {
+  const absl::StatusOr<GridSpec> grid = FromMessage(message.grid());
   if (!grid.ok()) return grid.status();
-  if (header.layout() != ToMessage(layout)) return Broken("a layout that was not asked for");
-  if (size_t(header.targets_size()) != targets.size()) {
-    return Broken(absl::StrCat(header.targets_size(), " targets instead of ", targets.size()));
+  if (message.layout() != ToMessage(request.layout)) return Broken("a layout that was not asked for");
+  if (message.kind() != ToMessage(request.result)) return Broken("a kind of result that was not asked for");
+  const absl::StatusOr<Counts> counts = ReadCounts(message, request, *grid);
+  if (!counts.ok()) return counts.status();
+  ResultHeader header = MakeResultHeader(request, *grid, counts->bricks, counts->voxels, counts->fragments);
+  if (size_t(message.arrays_size()) != header.arrays.size()) {
+    return Broken(absl::StrCat(message.arrays_size(), " arrays instead of ", header.arrays.size()));
   }
-  for (int i = 0; i < header.targets_size(); ++i) {
-    const v1::TargetHeader& target = header.targets(i);
-    const TargetSpec& spec = targets[size_t(i)];
-    if (target.format() != ToMessage(spec.format) || target.components() != spec.components) {
-      return Broken(absl::StrCat("target ", i, " has a format that was not asked for"));
+  for (size_t i = 0; i < header.arrays.size(); ++i) {
+    const v1::ResultArray& array = message.arrays(int(i));
+    const ArraySpec& expected = header.arrays[i];
+    if (array.name() != expected.name) return Broken(absl::StrCat("array ", i, " is not '", expected.name, "'"));
+    if (array.element_type() != ToMessage(expected.type)) {
+      return Broken(absl::StrCat(expected.name, " has an element type that was not asked for"));
     }
-    if (target.bytes() != TargetBytes(spec, grid->voxels())) {
-      return Broken(
-          absl::StrCat("target ", i, " has ", target.bytes(), " bytes instead of ", TargetBytes(spec, grid->voxels())));
+    if (!std::equal(array.shape().begin(), array.shape().end(), expected.shape.begin(), expected.shape.end())) {
+      return Broken(absl::StrCat(expected.name, " has shape (", absl::StrJoin(array.shape(), ", "), ") instead of (",
+                                 absl::StrJoin(expected.shape, ", "), ")"));
     }
   }
-  return grid;
+  return header;
 }
 
 }  // namespace voxelpipe

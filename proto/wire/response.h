@@ -1,12 +1,12 @@
 // Answers: core types <-> messages. Used by the server (To...) and by the client (From...).
 #pragma once
 
-#include <vector>
-
 #include "absl/status/statusor.h"
 #include "grid/grid_spec.h"
 #include "mesh/report.h"
 #include "pipeline/plan.h"
+#include "pipeline/request.h"
+#include "pipeline/result.h"
 #include "pipeline/stats.h"
 #include "shaders/catalog.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
@@ -31,9 +31,11 @@ MeshReport FromMessage(const v1::MeshReport& message);
 v1::ShaderInfo ToMessage(const ShaderInfo& info);
 ShaderInfo FromMessage(const v1::ShaderInfo& message);
 
-v1::ResultHeader MakeHeader(const GridSpec& grid, Layout layout, const std::vector<TargetSpec>& targets);
-// DATA_LOSS naming what differs: the grid, the layout, the number of targets, or a target's format, components or bytes.
-absl::StatusOr<GridSpec> CheckHeader(const v1::ResultHeader& header, Layout layout,
-                                     const std::vector<TargetSpec>& targets);
+v1::ResultHeader ToMessage(const ResultHeader& header);
+// In: what the server announces, and what it was asked for. Out: the same as the core knows it, arrays named, typed and shaped as
+// result.h says for the request's kind, targets and layout. The sizes of sparse and bucketed lists are the server's to say, within
+// what the grid can hold.
+// DATA_LOSS naming what differs: the grid, the kind, the layout, the number of arrays, or an array's name, type or shape.
+absl::StatusOr<ResultHeader> FromMessage(const v1::ResultHeader& message, const VoxelizeRequest& request);
 
 }  // namespace voxelpipe

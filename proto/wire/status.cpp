@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
+#include "pipeline/limit_error.h"
 #include "wire/text.h"
 
 namespace voxelpipe {
@@ -14,6 +15,8 @@ namespace {
 
 constexpr char kRetryDelayUrl[] = "voxelpipe/retry_delay_ms";
 constexpr char kDomain[] = "voxelpipe";
+// Keys of an ErrorInfo's metadata.
+constexpr char kNeedBytes[] = "need_bytes", kLimitBytes[] = "limit_bytes", kLargestResolution[] = "largest_resolution";
 // Trailers are bounded to 8 KiB together by default; the message goes there twice, percent-encoded once.
 constexpr size_t kMaxMessageBytes = 1000;
 
@@ -22,6 +25,14 @@ google::rpc::ErrorInfo MakeErrorInfo(const char* reason) {
   info.set_reason(reason);
   info.set_domain(kDomain);
   return info;
+}
+
+template <typename Number>
+bool ReadNumber(const google::rpc::ErrorInfo& info, const char* key, Number& out) {
+  const auto found = info.metadata().find(key);
+  if (found == info.metadata().end()) return false;
+  const std::string& text = found->second;
+  return std::from_chars(text.data(), text.data() + text.size(), out).ec == std::errc();
 }
 
 }  // namespace
@@ -62,7 +73,13 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
       details.add_details()->PackFrom(retry);
     } else {
       google::rpc::ErrorInfo info = MakeErrorInfo("LIMIT_EXCEEDED");
-      (*info.mutable_metadata())["need_and_limit"] = message;
+      auto& metadata = *info.mutable_metadata();
+      metadata["need_and_limit"] = message;
+      if (const auto numbers = LimitErrorOf(status)) {
+        metadata[kNeedBytes] = absl::StrCat(numbers->need_bytes);
+        metadata[kLimitBytes] = absl::StrCat(numbers->limit_bytes);
+        metadata[kLargestResolution] = absl::StrCat(numbers->largest_resolution);
+      }
       details.add_details()->PackFrom(info);
     }
   } else if (status.code() == absl::StatusCode::kFailedPrecondition) {
@@ -77,6 +94,13 @@ absl::Status FromGrpcStatus(const grpc::Status& status) {
   google::rpc::Status details;
   if (status.error_details().empty() || !details.ParseFromString(status.error_details())) return result;
   for (const google::protobuf::Any& detail : details.details()) {
+    google::rpc::ErrorInfo info;
+    LimitError numbers;
+    if (absl::IsResourceExhausted(result) && detail.Is<google::rpc::ErrorInfo>() && detail.UnpackTo(&info) &&
+        ReadNumber(info, kNeedBytes, numbers.need_bytes) && ReadNumber(info, kLimitBytes, numbers.limit_bytes) &&
+        ReadNumber(info, kLargestResolution, numbers.largest_resolution)) {
+      result = MakeLimitError(status.error_message(), numbers);
+    }
     google::rpc::RetryInfo retry;
     if (detail.Is<google::rpc::RetryInfo>() && detail.UnpackTo(&retry)) {
       const int64_t ms = retry.retry_delay().seconds() * 1000 + retry.retry_delay().nanos() / 1'000'000;

@@ -18,11 +18,13 @@ std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status);
 
 // The one place where a job's status becomes a call's. Code and message stay; the details are
 //   INVALID_ARGUMENT      BadRequest: field = the message's text before the first ": ", description = the rest
-//   RESOURCE_EXHAUSTED    RetryInfo for a BusyError, otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as need_and_limit
+//   RESOURCE_EXHAUSTED    RetryInfo for a BusyError, otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as need_and_limit, and
+//                         need_bytes, limit_bytes and largest_resolution as numbers where they are known (LimitErrorOf)
 //   FAILED_PRECONDITION   ErrorInfo "NOT_AVAILABLE"
 grpc::Status ToGrpcStatus(const absl::Status& status);
 
-// The client's half. Messages that are not valid UTF-8 cannot come; details other than RetryInfo stay on the wire.
+// The client's half: RetryDelay and LimitErrorOf work on what comes out. Messages that are not valid UTF-8 cannot come; all other
+// details stay on the wire.
 absl::Status FromGrpcStatus(const grpc::Status& status);
 
 }  // namespace voxelpipe

@@ -13,6 +13,7 @@
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
 #include "gtest/gtest.h"
+#include "pipeline/limit_error.h"
 #include "service/background_call.h"
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
@@ -198,7 +199,7 @@ TEST_F(FailureTest, WhatTheRequestNamesWrongly) {
 TEST_F(FailureTest, EnumsOfTheFutureAreRefused) {
   ASSERT_NO_FATAL_FAILURE(Start());
   v1::VoxelizeRequest config = Config();
-  config.mutable_config()->set_fill(v1::Fill(3));
+  config.mutable_config()->set_fill(v1::Fill(99));
   EXPECT_EQ(Send({config, Piece(glb_)}).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   config = Config();
   config.mutable_config()->add_targets()->set_format(v1::VoxelFormat(99));
@@ -233,7 +234,15 @@ TEST_F(FailureTest, GridBeyondTheLimits) {
   ASSERT_GE(details.details_size(), 1);
   google::rpc::ErrorInfo info;
   ASSERT_TRUE(details.details(0).UnpackTo(&info));
-  EXPECT_FALSE(info.metadata().empty());
+  EXPECT_EQ(info.metadata().at("limit_bytes"), "1000000");
+  EXPECT_GT(std::stoull(info.metadata().at("need_bytes")), 1000000u);
+  const int64_t largest = std::stoll(info.metadata().at("largest_resolution"));
+  request.grid.resolution = largest;
+  EXPECT_TRUE(Ask(glb_, request).ok()) << largest;
+  request.grid.resolution = largest + 1;
+  const absl::Status refused = Ask(glb_, request);
+  ASSERT_TRUE(LimitErrorOf(refused).has_value()) << refused;
+  EXPECT_EQ(LimitErrorOf(refused)->largest_resolution, largest);
 
   request.grid.resolution = 1 << 20;
   EXPECT_STATUS(Ask(glb_, request), kResourceExhausted, "");

@@ -7,6 +7,7 @@
 #include "base/crc32c.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "memory_sink.h"
 #include "wire/response.h"
 
 namespace voxelpipe {
@@ -32,7 +33,7 @@ VoxelizeRequest FourFloats() {
 v1::ResultHeader Header(const VoxelizeRequest& request) {
   GridSpec grid;
   grid.dims = {4, 1, 1};
-  return MakeHeader(grid, request.layout, request.targets);
+  return ToMessage(DenseHeader(request, grid));
 }
 
 v1::ResultPiece Piece(uint64_t offset, size_t bytes) {
@@ -68,23 +69,25 @@ class ResultReaderTest : public ::testing::Test {
   }
 
   VoxelizeRequest request_ = FourFloats();
-  ResultReader reader_{request_, 1 << 20};
+  MemorySink sink_;
+  ResultReader reader_{request_, 1 << 20, sink_};
 };
 
 TEST_F(ResultReaderTest, PutsPiecesTogether) {
   ASSERT_TRUE(reader_.AddPiece(Piece(6, 10)).ok());
   EXPECT_EQ(reader_.fraction(), 1);
   ASSERT_TRUE(reader_.AddSummary(GoodSummary()).ok());
-  absl::StatusOr<RemoteResult> result = reader_.Take();
-  ASSERT_TRUE(result.ok()) << result.status();
-  ASSERT_EQ(result->result.targets.size(), 1u);
-  for (size_t i = 0; i < 16; ++i) EXPECT_EQ(result->result.targets[0].data()[i], i);
-  EXPECT_EQ(result->content_sha256, kSha256);
-  EXPECT_EQ(result->peak_bytes, 77u);
-  ASSERT_EQ(result->mesh_stages.size(), 2u);
-  EXPECT_EQ(result->mesh_stages[1].first, "flatten");
-  ASSERT_EQ(result->result.stats.stages.size(), 1u);
-  EXPECT_EQ(result->result.stats.stages[0].first, "fine_raster");
+  const absl::StatusOr<RemoteRun> run = reader_.Take();
+  ASSERT_TRUE(run.ok()) << run.status();
+  const VoxelizeResult result = sink_.Take();
+  ASSERT_EQ(result.targets.size(), 1u);
+  for (size_t i = 0; i < 16; ++i) EXPECT_EQ(result.targets[0].data()[i], i);
+  EXPECT_EQ(run->content_sha256, kSha256);
+  EXPECT_EQ(run->peak_bytes, 77u);
+  ASSERT_EQ(run->mesh_stages.size(), 2u);
+  EXPECT_EQ(run->mesh_stages[1].first, "flatten");
+  ASSERT_EQ(run->stats.stages.size(), 1u);
+  EXPECT_EQ(run->stats.stages[0].first, "fine_raster");
 }
 
 TEST_F(ResultReaderTest, RefusesAFlippedBit) {
@@ -98,7 +101,7 @@ TEST_F(ResultReaderTest, RefusesGapsOverlapsAndOtherTargets) {
   ExpectLost(reader_.AddPiece(Piece(0, 6)), "offset 0");
   v1::ResultPiece other = Piece(6, 10);
   other.set_target(1);
-  ExpectLost(reader_.AddPiece(other), "target 1");
+  ExpectLost(reader_.AddPiece(other), "array 1");
 }
 
 TEST_F(ResultReaderTest, RefusesMoreBytesThanAnnounced) {
@@ -130,9 +133,23 @@ TEST_F(ResultReaderTest, RefusesASecondHeader) {
   ExpectLost(reader_.AddHeader(Header(request_)), "second header");
 }
 
+// Where the sink says no, the call is to end with what it says.
+TEST(ResultReaderHeaderTest, TheSinksErrorsArePassedOn) {
+  struct Full : ResultSink {
+    absl::Status Begin(const ResultHeader&) override { return absl::OkStatus(); }
+    absl::Status Write(size_t, std::span<const uint8_t>) override { return absl::UnavailableError("the disk is full"); }
+  };
+  const VoxelizeRequest request = FourFloats();
+  Full sink;
+  ResultReader reader(request, 1 << 20, sink);
+  ASSERT_TRUE(reader.AddHeader(Header(request)).ok());
+  EXPECT_EQ(reader.AddPiece(Piece(0, 6)), absl::UnavailableError("the disk is full"));
+}
+
 TEST(ResultReaderHeaderTest, RefusesPiecesBeforeTheHeader) {
   const VoxelizeRequest request = FourFloats();
-  ResultReader reader(request, 1 << 20);
+  MemorySink sink;
+  ResultReader reader(request, 1 << 20, sink);
   EXPECT_EQ(reader.AddPiece(Piece(0, 16)).code(), absl::StatusCode::kDataLoss);
   EXPECT_EQ(reader.AddSummary(GoodSummary()).code(), absl::StatusCode::kDataLoss);
 }
@@ -144,18 +161,19 @@ TEST(ResultReaderHeaderTest, RefusesWhatWasNotAskedFor) {
     VoxelizeRequest request = FourFloats();
     v1::ResultHeader header = Header(request);
     change(request, header);
-    ResultReader reader(request, limit);
+    MemorySink sink;
+    ResultReader reader(request, limit, sink);
     return reader.AddHeader(header).code() == absl::StatusCode::kDataLoss;
   };
   const auto grow = [](v1::ResultHeader& header, int64_t x) {
     header.mutable_grid()->mutable_dims()->set_x(x);
-    header.mutable_targets(0)->set_bytes(uint64_t(x) * 4);
+    header.mutable_arrays(0)->set_shape(2, uint64_t(x));
   };
   EXPECT_FALSE(refused([](auto&, auto&) {}));
-  EXPECT_TRUE(refused([](auto&, auto& h) { h.mutable_targets(0)->set_bytes(17); }));
-  EXPECT_TRUE(refused([](auto&, auto& h) { h.mutable_targets(0)->set_components(2); }));
-  EXPECT_TRUE(refused([](auto&, auto& h) { *h.add_targets() = h.targets(0); }));
-  EXPECT_TRUE(refused([](auto&, auto& h) { h.clear_targets(); }));
+  EXPECT_TRUE(refused([](auto&, auto& h) { h.mutable_arrays(0)->set_shape(2, 5); }));
+  EXPECT_TRUE(refused([](auto&, auto& h) { h.mutable_arrays(0)->add_shape(2); }));
+  EXPECT_TRUE(refused([](auto&, auto& h) { *h.add_arrays() = h.arrays(0); }));
+  EXPECT_TRUE(refused([](auto&, auto& h) { h.clear_arrays(); }));
   EXPECT_TRUE(refused([](auto&, auto& h) { h.clear_grid(); }));
   EXPECT_TRUE(refused([](auto&, auto& h) { h.set_layout(v1::LAYOUT_PLANAR); }));
   EXPECT_TRUE(refused([&](auto&, auto& h) { grow(h, 5); })) << "dims were given";

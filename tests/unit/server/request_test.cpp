@@ -27,6 +27,8 @@ void ExpectEqual(const VoxelizeRequest& a, const VoxelizeRequest& b) {
   EXPECT_EQ(a.vertex_shader, b.vertex_shader);
   EXPECT_EQ(a.layout, b.layout);
   EXPECT_EQ(a.backend, b.backend);
+  EXPECT_EQ(a.result, b.result);
+  EXPECT_EQ(a.simd, b.simd);
   ASSERT_EQ(a.targets.size(), b.targets.size());
   for (size_t i = 0; i < a.targets.size(); ++i) {
     EXPECT_EQ(a.targets[i].format, b.targets[i].format);
@@ -34,6 +36,7 @@ void ExpectEqual(const VoxelizeRequest& a, const VoxelizeRequest& b) {
     EXPECT_EQ(a.targets[i].blend, b.targets[i].blend);
     EXPECT_EQ(a.targets[i].shader, b.targets[i].shader);
     EXPECT_EQ(a.targets[i].quantum, b.targets[i].quantum);
+    EXPECT_EQ(a.targets[i].scale, b.targets[i].scale);
     EXPECT_EQ(a.targets[i].clear, b.targets[i].clear);
     EXPECT_EQ(a.targets[i].fill_value, b.targets[i].fill_value);
   }
@@ -63,10 +66,11 @@ TEST(RequestTest, EverythingOfARequestSurvives) {
   second.format = VoxelFormat::kF32;
   second.components = 3;
   second.blend = Blend::kAdd;
-  second.shader = {"constant", {{"value", {0.1, -0.0, 1e300}}}};
+  second.shader = {"constant", {{"value", {0.1, -0.0, 1e300}}}, {{"name", "_HEAT"}, {"empty", ""}}};
   second.quantum = 0.25;
   second.clear = -1.5;
   second.fill_value = 0;
+  second.scale = 0;  // 0 and absent differ
   request.targets = {first, second};
   const auto parsed = RoundTrip(request, MeshFormat::kDraco);
   ASSERT_TRUE(parsed.ok()) << parsed.status();
@@ -87,7 +91,25 @@ TEST(RequestTest, EveryEnumeratorSurvives) {
     request.backend = backend;
     EXPECT_EQ(RoundTrip(request)->request.backend, backend);
   }
-  for (const Blend blend : {Blend::kOr, Blend::kReplace, Blend::kMin, Blend::kMax, Blend::kAdd}) {
+  for (const Fill fill : {Fill::kNone, Fill::kParity, Fill::kFlood}) {
+    request.fill = fill;
+    EXPECT_EQ(RoundTrip(request)->request.fill, fill);
+  }
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    request.result = kind;
+    EXPECT_EQ(RoundTrip(request)->request.result, kind);
+  }
+  for (const SimdChoice simd : {SimdChoice::kAuto, SimdChoice::kScalar, SimdChoice::kAvx2, SimdChoice::kAvx512}) {
+    request.simd = simd;
+    EXPECT_EQ(RoundTrip(request)->request.simd, simd);
+  }
+  for (const VoxelFormat format : {VoxelFormat::kBit, VoxelFormat::kU8, VoxelFormat::kU16, VoxelFormat::kU32,
+                                   VoxelFormat::kF16, VoxelFormat::kF32}) {
+    request.targets[0].format = format;
+    EXPECT_EQ(RoundTrip(request)->request.targets[0].format, format);
+  }
+  for (const Blend blend : {Blend::kOr, Blend::kReplace, Blend::kMin, Blend::kMax, Blend::kAdd, Blend::kFirst,
+                            Blend::kAverage, Blend::kCount, Blend::kAnd}) {
     request.targets[0].blend = blend;
     EXPECT_EQ(RoundTrip(request)->request.targets[0].blend, blend);
   }
@@ -135,14 +157,16 @@ TEST(RequestTest, ValuesOfNewerClientsAreRefusedByField) {
   ExpectRefused("mesh_format", [](auto& c) { c.set_mesh_format(v1::MeshFormat(99)); });
   ExpectRefused("grid.fit", [](auto& c) { c.mutable_grid()->set_fit(v1::GridFit(3)); });
   ExpectRefused("coverage", [](auto& c) { c.set_coverage(v1::Coverage(4)); });
-  ExpectRefused("fill", [](auto& c) { c.set_fill(v1::Fill(3)); });
+  ExpectRefused("fill", [](auto& c) { c.set_fill(v1::Fill(4)); });
   ExpectRefused("layout", [](auto& c) { c.set_layout(v1::Layout(-1)); });
   ExpectRefused("backend", [](auto& c) { c.set_backend(v1::Backend(4)); });
+  ExpectRefused("result", [](auto& c) { c.set_result(v1::ResultKind(4)); });
+  ExpectRefused("simd", [](auto& c) { c.set_simd(v1::Simd(5)); });
   ExpectRefused("targets[1].format", [](auto& c) {
     c.add_targets();
-    c.add_targets()->set_format(v1::VoxelFormat(3));
+    c.add_targets()->set_format(v1::VoxelFormat(7));
   });
-  ExpectRefused("targets[0].blend", [](auto& c) { c.add_targets()->set_blend(v1::Blend(6)); });
+  ExpectRefused("targets[0].blend", [](auto& c) { c.add_targets()->set_blend(v1::Blend(10)); });
 }
 
 TEST(RequestTest, ContradictionsAreRefusedByField) {
@@ -157,6 +181,15 @@ TEST(RequestTest, ContradictionsAreRefusedByField) {
   ExpectRefused("vertex_shader", [](auto& c) {
     c.mutable_vertex_shader()->add_parameters()->set_name("matrix");
     c.mutable_vertex_shader()->add_parameters()->set_name("matrix");
+  });
+  ExpectRefused("targets[0].shader", [](auto& c) {
+    v1::ShaderParameter* parameter = c.add_targets()->mutable_shader()->add_parameters();
+    parameter->set_text("both");
+    parameter->add_values(1);
+  });
+  ExpectRefused("vertex_shader", [](auto& c) {
+    c.mutable_vertex_shader()->add_parameters()->set_text("one");
+    c.mutable_vertex_shader()->add_parameters()->add_values(1);
   });
   ExpectRefused("targets", [](auto& c) {
     for (int i = 0; i <= kMaxTargets; ++i) c.add_targets();

@@ -45,7 +45,7 @@ TEST(ResponseTest, AnImpossibleGridIsNotBelieved) {
 
 TEST(ResponseTest, APlanSurvives) {
   for (const TimeClass time : {TimeClass::kInstant, TimeClass::kShort, TimeClass::kLong}) {
-    const Plan plan{SampleGrid(), 63, uint64_t{1} << 40, "cpu", time};
+    const Plan plan{SampleGrid(), 63, uint64_t{1} << 40, "cpu", time, 8};
     const auto back = FromMessage(ToMessage(plan));
     ASSERT_TRUE(back.ok());
     EXPECT_EQ(back->grid, plan.grid);
@@ -53,6 +53,7 @@ TEST(ResponseTest, APlanSurvives) {
     EXPECT_EQ(back->peak_bytes, plan.peak_bytes);
     EXPECT_EQ(back->backend, plan.backend);
     EXPECT_EQ(back->time_class, plan.time_class);
+    EXPECT_EQ(back->slab_depth, plan.slab_depth);
   }
 }
 
@@ -116,29 +117,84 @@ TEST(ResponseTest, EveryShaderOfTheCatalogSurvives) {
   }
 }
 
-TEST(ResponseTest, AHeaderThatDiffersFromTheRequestIsNotBelieved) {
-  TargetSpec colour;
-  colour.format = VoxelFormat::kF32;
-  colour.components = 3;
-  const std::vector<TargetSpec> targets = {TargetSpec(), colour};
-  const v1::ResultHeader good = MakeHeader(SampleGrid(), Layout::kPlanar, targets);
-  EXPECT_EQ(good.targets(0).bytes(), 63u);  // 504 bits
-  EXPECT_EQ(good.targets(1).bytes(), 504u * 12);
-  const auto grid = CheckHeader(good, Layout::kPlanar, targets);
-  ASSERT_TRUE(grid.ok()) << grid.status();
-  EXPECT_EQ(*grid, SampleGrid());
+// A request with a bit target and a planar colour, and what a server announces for it.
+VoxelizeRequest Colours(ResultKind kind) {
+  VoxelizeRequest request;
+  request.result = kind;
+  request.layout = Layout::kPlanar;
+  request.targets.resize(2);
+  request.targets[0].format = VoxelFormat::kF16;
+  request.targets[0].components = 3;
+  return request;
+}
 
-  const auto refused = [&](auto change) {
-    v1::ResultHeader header = good;
+TEST(ResponseTest, AHeaderOfEveryKindSurvives) {
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    for (const Layout layout : {Layout::kInterleaved, Layout::kPlanar}) {
+      for (const VoxelFormat format : {VoxelFormat::kBit, VoxelFormat::kU8, VoxelFormat::kU16, VoxelFormat::kU32,
+                                       VoxelFormat::kF16, VoxelFormat::kF32}) {
+        VoxelizeRequest request = Colours(kind);
+        request.layout = layout;
+        request.targets[0].format = format;
+        if (format == VoxelFormat::kBit) request.targets[0].components = 1;
+        const ResultHeader header = MakeResultHeader(request, SampleGrid(), 2, 17, 40);
+        const auto back = FromMessage(ToMessage(header), request);
+        ASSERT_TRUE(back.ok()) << back.status();
+        EXPECT_EQ(back->kind, kind);
+        EXPECT_EQ(back->grid, header.grid);
+        EXPECT_EQ(back->layout, layout);
+        EXPECT_EQ(back->arrays, header.arrays);
+      }
+    }
+  }
+}
+
+TEST(ResponseTest, AHeaderThatDiffersFromTheRequestIsNotBelieved) {
+  const auto refused = [](ResultKind kind, auto change) {
+    const VoxelizeRequest request = Colours(kind);
+    v1::ResultHeader header = ToMessage(MakeResultHeader(request, SampleGrid(), 2, 17, 40));
     change(header);
-    return CheckHeader(header, Layout::kPlanar, targets).status().code() == absl::StatusCode::kDataLoss;
+    return FromMessage(header, request).status().code() == absl::StatusCode::kDataLoss;
   };
-  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.set_layout(v1::LAYOUT_INTERLEAVED); }));
-  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.mutable_targets()->RemoveLast(); }));
-  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.mutable_targets(0)->set_bytes(64); }));
-  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.mutable_targets(0)->set_format(v1::VOXEL_FORMAT_F32); }));
-  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.mutable_targets(1)->set_components(4); }));
-  EXPECT_TRUE(refused([](v1::ResultHeader& h) { h.mutable_grid()->mutable_dims()->set_x(0); }));
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    SCOPED_TRACE(std::string(Name(kind)));
+    EXPECT_FALSE(refused(kind, [](auto&) {}));
+    EXPECT_TRUE(refused(kind, [](auto& h) { h.set_layout(v1::LAYOUT_INTERLEAVED); }));
+    EXPECT_TRUE(refused(kind, [](auto& h) { h.set_kind(v1::RESULT_KIND_UNSPECIFIED); }));
+    EXPECT_TRUE(refused(kind, [](auto& h) { h.mutable_grid()->mutable_dims()->set_x(0); }));
+    EXPECT_TRUE(refused(kind, [](auto& h) { h.clear_arrays(); }));
+    EXPECT_TRUE(refused(kind, [](auto& h) { h.mutable_arrays()->RemoveLast(); }));
+    EXPECT_TRUE(refused(kind, [](auto& h) { *h.add_arrays() = h.arrays(0); }));
+    const int arrays = kind == ResultKind::kDense ? 2 : kind == ResultKind::kSparse ? 4 : 5;
+    for (int i = 0; i < arrays; ++i) {
+      SCOPED_TRACE(i);
+      EXPECT_TRUE(refused(kind, [i](auto& h) { h.mutable_arrays(i)->set_name("other"); }));
+      EXPECT_TRUE(refused(kind, [i](auto& h) { h.mutable_arrays(i)->set_element_type(v1::ElementType(99)); }));
+      EXPECT_TRUE(refused(kind, [i](auto& h) { h.mutable_arrays(i)->clear_shape(); }));
+      EXPECT_TRUE(refused(kind, [i](auto& h) { h.mutable_arrays(i)->add_shape(1); }));
+      EXPECT_TRUE(refused(kind, [i](auto& h) { h.mutable_arrays(i)->set_shape(0, 1); }));
+    }
+  }
+}
+
+TEST(ResponseTest, ListsThatTheGridCannotHoldAreNotBelieved) {
+  // 7 x 8 x 9 voxels: 504, in two bricks.
+  const auto believed = [](ResultKind kind, uint64_t bricks, uint64_t voxels, uint64_t fragments) {
+    const VoxelizeRequest request = Colours(kind);
+    return FromMessage(ToMessage(MakeResultHeader(request, SampleGrid(), bricks, voxels, fragments)), request).ok();
+  };
+  EXPECT_TRUE(believed(ResultKind::kSparse, 0, 0, 0));
+  EXPECT_TRUE(believed(ResultKind::kSparse, 2, 504, 0));
+  EXPECT_FALSE(believed(ResultKind::kSparse, 2, 505, 0));
+  EXPECT_FALSE(believed(ResultKind::kSparse, 3, 504, 0));
+  EXPECT_FALSE(believed(ResultKind::kSparse, 2, 1, 0)) << "a brick without a voxel";
+  EXPECT_FALSE(believed(ResultKind::kSparse, UINT64_MAX, UINT64_MAX, 0));
+  EXPECT_TRUE(believed(ResultKind::kBuckets, 0, 0, 0));
+  EXPECT_TRUE(believed(ResultKind::kBuckets, 0, 504, 1 << 30));
+  EXPECT_FALSE(believed(ResultKind::kBuckets, 0, 505, 505));
+  EXPECT_FALSE(believed(ResultKind::kBuckets, 0, 504, 503)) << "a voxel without a fragment";
+  EXPECT_FALSE(believed(ResultKind::kBuckets, 0, 504, uint64_t{1} << 62));
+  EXPECT_FALSE(believed(ResultKind::kBuckets, 0, UINT64_MAX, UINT64_MAX));
 }
 
 }  // namespace

@@ -42,7 +42,7 @@ TEST(ResultStreamTest, SendsHeaderThenEveryByteInOrderThenSummary) {
   v1::VoxelizeResponse response;
   ASSERT_TRUE(stream.Next(response));
   ASSERT_TRUE(response.has_header());
-  EXPECT_EQ(response.header().targets_size(), int(sizes.size()));
+  EXPECT_EQ(response.header().arrays_size(), int(sizes.size()));
 
   std::vector<std::string> received(sizes.size());
   size_t pieces = 0;

@@ -5,6 +5,7 @@
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
 #include "gtest/gtest.h"
+#include "pipeline/limit_error.h"
 
 namespace voxelpipe {
 namespace {
@@ -55,6 +56,23 @@ TEST(StatusTest, ALimitCarriesNeedAndLimitAndNoRetry) {
   EXPECT_EQ(info.reason(), "LIMIT_EXCEEDED");
   EXPECT_EQ(info.metadata().at("need_and_limit"), message);
   EXPECT_FALSE(RetryDelay(FromGrpcStatus(sent)).has_value());
+}
+
+TEST(StatusTest, ALimitsNumbersAreFieldsOnBothSides) {
+  const grpc::Status sent = ToGrpcStatus(MakeLimitError("too large", {uint64_t{1} << 63, 9, 4}));
+  const auto info = Detail<google::rpc::ErrorInfo>(sent);
+  EXPECT_EQ(info.metadata().at("need_bytes"), "9223372036854775808");
+  EXPECT_EQ(info.metadata().at("limit_bytes"), "9");
+  EXPECT_EQ(info.metadata().at("largest_resolution"), "4");
+  const absl::Status received = FromGrpcStatus(sent);
+  EXPECT_EQ(received.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(std::string(received.message()), "too large");
+  const auto numbers = LimitErrorOf(received);
+  ASSERT_TRUE(numbers.has_value());
+  EXPECT_EQ(numbers->need_bytes, uint64_t{1} << 63);
+  EXPECT_EQ(numbers->limit_bytes, 9u);
+  EXPECT_EQ(numbers->largest_resolution, 4);
+  EXPECT_FALSE(LimitErrorOf(FromGrpcStatus(ToGrpcStatus(absl::ResourceExhaustedError("other")))).has_value());
 }
 
 TEST(StatusTest, LoadCarriesTheDelayAcrossTheWire) {

@@ -1,0 +1,46 @@
+#include "pipeline/limit_error.h"
+
+#include <charconv>
+#include <string>
+
+#include "absl/strings/cord.h"
+#include "absl/strings/str_cat.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr char kUrl[] = "voxelpipe/limit_error";
+
+// Takes one decimal number and the blank behind it.
+template <typename Number>
+bool TakeNumber(std::string_view& text, Number& out) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), out);
+  if (error != std::errc()) return false;
+  text.remove_prefix(size_t(end - text.data()));
+  if (!text.empty()) text.remove_prefix(1);
+  return true;
+}
+
+}  // namespace
+
+absl::Status MakeLimitError(std::string_view message, const LimitError& numbers) {
+  absl::Status status = absl::ResourceExhaustedError(absl::string_view(message.data(), message.size()));
+  status.SetPayload(
+      kUrl, absl::Cord(absl::StrCat(numbers.need_bytes, " ", numbers.limit_bytes, " ", numbers.largest_resolution)));
+  return status;
+}
+
+std::optional<LimitError> LimitErrorOf(const absl::Status& status) {
+  const auto payload = status.GetPayload(kUrl);
+  if (!payload) return std::nullopt;
+  const std::string all(*payload);
+  std::string_view text = all;
+  LimitError numbers;
+  if (!TakeNumber(text, numbers.need_bytes) || !TakeNumber(text, numbers.limit_bytes) ||
+      !TakeNumber(text, numbers.largest_resolution)) {
+    return std::nullopt;
+  }
+  return numbers;
+}
+
+}  // namespace voxelpipe
