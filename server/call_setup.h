@@ -16,7 +16,7 @@ void SetDeadline(const grpc::CallbackServerContext& context, JobContext& job);
 // What a call gets that comes after the gate was closed. UNAVAILABLE: another server, or this one later, may take it.
 absl::Status ShuttingDownError();
 
-// Puts the operator's choices (threads, backend) into a client's request and checks all of it that needs no mesh.
+// Puts the operator's choices (threads, backend, instruction set) into a client's request and checks all of it that needs no mesh.
 // Errors: INVALID_ARGUMENT naming the field; FAILED_PRECONDITION for a backend that is not there.
 absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request);
 

@@ -139,10 +139,51 @@ absl::StatusOr<MeshExtent> ShadedExtent(const TriangleMesh& mesh, const Voxelize
   return extent;
 }
 
+// Keeps what stands in memory as a whole and hands on all else.
+class KeepOrHandOn final : public ResultSink {
+ public:
+  KeepOrHandOn(JobOutcome& outcome, ResultSink& large) : outcome_(outcome), large_(large) {}
+
+  bool Keep(VoxelizeResult&& whole) override {
+    outcome_.result = std::move(whole);
+    return true;
+  }
+  absl::Status Begin(const ResultHeader& header) override {
+    outcome_.streamed = true;
+    outcome_.result.grid = header.grid;
+    outcome_.result.layout = header.layout;
+    outcome_.result.specs = header.specs;
+    return large_.Begin(header);
+  }
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override { return large_.Write(array, bytes); }
+
+ private:
+  JobOutcome& outcome_;
+  ResultSink& large_;
+};
+
+// Voxelizes into the outcome's result, or into `large` (see RunJob).
+absl::Status VoxelizeInto(JobOutcome& outcome, const TriangleMesh& mesh, const VoxelizeRequest& request,
+                          const PlanLimits& limits, const JobContext& job,
+                          const std::function<void(const Plan&)>& on_plan, ResultSink* large) {
+  if (large == nullptr) {
+    absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, request, job, limits, on_plan);
+    if (!result.ok()) return result.status();
+    outcome.result = *std::move(result);
+    return absl::OkStatus();
+  }
+  KeepOrHandOn sink(outcome, *large);
+  absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh, request, job, limits, sink, on_plan);
+  if (!stats.ok()) return stats.status();
+  outcome.result.stats = *std::move(stats);
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::StatusOr<JobOutcome> RunJob(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
-                                  const JobContext& job, const std::function<void(const Plan&)>& on_plan) {
+                                  const JobContext& job, const std::function<void(const Plan&)>& on_plan,
+                                  ResultSink* large) {
   return Guarded<JobOutcome>([&]() -> absl::StatusOr<JobOutcome> {
     absl::StatusOr<FlatMesh> flat = LoadFlat(std::move(file), config, limits, job);
     if (!flat.ok()) return flat.status();
@@ -153,13 +194,12 @@ absl::StatusOr<JobOutcome> RunJob(std::vector<uint8_t> file, const ParsedConfig&
       if (absl::Status s = PrepareTextures(flat->mesh, limits.load, TexturesRead(config.request)); !s.ok()) return s;
     }
     uint64_t pipeline_bytes = MeshBytes(flat->mesh);
-    absl::StatusOr<VoxelizeResult> result =
-        Voxelize(flat->mesh, config.request, job, limits.plan, [&](const Plan& plan) {
-          pipeline_bytes += plan.peak_bytes;
-          if (on_plan) on_plan(plan);
-        });
-    if (!result.ok()) return result.status();
-    outcome.result = *std::move(result);
+    const auto planned = [&](const Plan& plan) {
+      pipeline_bytes += plan.peak_bytes;
+      if (on_plan) on_plan(plan);
+    };
+    absl::Status s = VoxelizeInto(outcome, flat->mesh, config.request, limits.plan, job, planned, large);
+    if (!s.ok()) return s;
     auto& stages = outcome.result.stats.stages;
     stages.insert(stages.begin(), {{"load", flat->load_ms}, {"flatten", flat->flatten_ms}});
     outcome.warnings = std::move(flat->warnings);
@@ -176,7 +216,7 @@ absl::StatusOr<Estimate> EstimateJob(std::vector<uint8_t> file, const ParsedConf
     const absl::StatusOr<MeshExtent> extent = ShadedExtent(flat->mesh, config.request, job);
     if (!extent.ok()) return extent.status();
     absl::StatusOr<Plan> plan = PlanVoxelization(config.request, flat->mesh.triangles.size(),
-                                                 flat->mesh.positions.size(), *extent, limits.plan);
+                                                 flat->mesh.positions.size(), *extent, limits.plan, Delivery::kStream);
     if (!plan.ok()) return plan.status();
     return Estimate{*std::move(plan), BoxReport(flat->mesh)};
   });

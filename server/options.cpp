@@ -15,6 +15,11 @@ namespace {
 const std::map<std::string, BackendChoice> kBackends = {
     {"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}};
 
+const std::map<std::string, SimdChoice> kSimds = {{"auto", SimdChoice::kAuto},
+                                                  {"scalar", SimdChoice::kScalar},
+                                                  {"avx2", SimdChoice::kAvx2},
+                                                  {"avx512", SimdChoice::kAvx512}};
+
 // Where a probe of this machine's own server goes: the listening address, with the wildcard replaced by loopback.
 std::string ProbeAddress(const std::string& listen) {
   if (listen.starts_with("0.0.0.0:")) return "127.0.0.1" + listen.substr(7);
@@ -26,7 +31,7 @@ std::string ProbeAddress(const std::string& listen) {
 
 ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   ServerOptions o;
-  std::string backend = "auto", probe;
+  std::string backend = "auto", simd = "auto", probe;
   CLI::App app{"Voxelizes meshes that clients send over gRPC", "voxelpiped"};
   app.set_version_flag("--version", VOXELPIPE_VERSION);
   app.set_config("--config", "", "Read options from this TOML or INI file");
@@ -36,6 +41,8 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   };
   add("--listen", o.listen, "LISTEN", "Address to serve on; port 0 picks one")->type_name("HOST:PORT");
   add("--backend", backend, "BACKEND", "Kind of worker")->check(CLI::IsMember(kBackends));
+  add("--simd", simd, "SIMD", "Instruction set of the CPU backend where the request leaves it open")
+      ->check(CLI::IsMember(kSimds));
   add("--threads", o.threads, "THREADS", "CPU threads of one job, 0 for all cores")->check(CLI::Range(0, 1024));
   add("--workers", o.workers, "WORKERS", "Jobs that run at the same time, 0 to choose")->check(CLI::Range(0, 1024));
   add("--max-queue", o.max_queue, "MAX_QUEUE", "Jobs that wait")->check(CLI::Range(0u, 1'000'000u));
@@ -45,6 +52,11 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--max-result-bytes", o.max_result_bytes, "MAX_RESULT_BYTES", "Largest result")->transform(size);
   add("--max-working-bytes", o.max_working_bytes, "MAX_WORKING_BYTES", "Memory of all jobs together, 0 to choose")
       ->transform(size);
+  add("--stream-above-mb", o.stream_above_mb, "STREAM_ABOVE_MB",
+      "MiB: larger dense results leave slab by slab while they are made, and bound no memory by their size")
+      ->check(CLI::Range(uint64_t{0}, uint64_t{1} << 30));
+  add("--stall-timeout-ms", o.stall_timeout_ms, "STALL_TIMEOUT_MS",
+      "Let a client go that takes nothing of a streamed result for so long");
   add("--lame-duck-ms", o.lame_duck_ms, "LAME_DUCK_MS", "On SIGTERM: time in which calls are still taken");
   add("--drain-grace-ms", o.drain_grace_ms, "DRAIN_GRACE_MS", "Then: time in which running calls may end");
   add("--log-level", o.log_level, "LOG_LEVEL", "Least severe level that is logged")
@@ -60,6 +72,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
     return {std::nullopt, app.exit(error) == 0 ? 0 : 2};
   }
   o.backend = kBackends.at(backend);
+  o.simd = kSimds.at(simd);
   CommandLine command{o, std::nullopt};
   if (probe_option->count() > 0) command.probe = probe.empty() ? ProbeAddress(o.listen) : probe;
   return {command, 0};

@@ -12,15 +12,18 @@ namespace voxelpipe {
 struct ServerOptions {
   std::string listen = "127.0.0.1:50051";  // HOST:PORT (port 0 picks one) or unix:PATH
   BackendChoice backend = BackendChoice::kAuto;
+  SimdChoice simd = SimdChoice::kAuto;      // where the request leaves it open
   int threads = 0;                          // of the CPU backend in one job; 0 = all cores
   int workers = 0;                          // jobs at the same time; 0 = one a core, at most 4
   uint32_t max_queue = 1024;                // jobs that wait
   uint64_t max_file_bytes = 2ull << 30;     // one mesh file
   uint64_t max_upload_bytes = 4ull << 30;   // all mesh files that are being received or wait
   uint64_t max_result_bytes = 16ull << 30;  // one result
+  uint64_t stream_above_mb = 512;           // MiB: larger dense results leave slab by slab while they are made
   uint64_t max_working_bytes = 0;  // predicted memory of all jobs together; 0 = half of this machine's, at most 20 GiB
   uint32_t lame_duck_ms = 500;     // after SIGTERM: health says NOT_SERVING, calls are still taken
-  uint32_t drain_grace_ms = 30'000;  // then: calls that run may still end
+  uint32_t drain_grace_ms = 30'000;    // then: calls that run may still end
+  uint32_t stall_timeout_ms = 60'000;  // a client that takes no byte of a streamed result for so long is let go
   std::string log_level = "info";
 };
 

@@ -16,6 +16,8 @@ namespace voxelpipe {
 inline constexpr int kMaxMessageBytes = 64 << 20;
 // Bytes of a result in one response message.
 inline constexpr uint64_t kPieceBytes = 1 << 20;
+// Pieces of a streamed result that wait for the client; the worker waits beyond that.
+inline constexpr size_t kMaxPiecesInFlight = 4;
 
 // Thread-safe. Must outlive every call.
 struct ServiceState {
@@ -28,6 +30,7 @@ struct ServiceState {
     limits.load.max_file_bytes = resolved.max_file_bytes;
     limits.plan.max_result_bytes = resolved.max_result_bytes;
     limits.plan.max_working_bytes = resolved.max_working_bytes;
+    limits.plan.slab_bytes = resolved.stream_above_mb << 20;
   }
 
   const ServerOptions options;

@@ -1,5 +1,6 @@
 #include "voxelize_call.h"
 
+#include <algorithm>
 #include <new>
 #include <utility>
 
@@ -14,6 +15,8 @@ namespace {
 // How long a job waits for other jobs to free memory before its client is asked to come again.
 constexpr std::chrono::milliseconds kMemoryPatience{20'000};
 constexpr std::chrono::milliseconds kRetryDelay{1000};
+// A waiting worker looks at its deadline so often.
+constexpr std::chrono::milliseconds kLookEvery{20};
 // Progress within a stage is not told more often.
 constexpr std::chrono::milliseconds kProgressInterval{100};
 
@@ -127,18 +130,28 @@ void VoxelizeCall::Work() {
     for (; !pieces_.empty(); pieces_.pop_front())
       file.insert(file.end(), pieces_.front().begin(), pieces_.front().end());
     outcome = Run(std::move(file));
-    if (outcome.ok()) result = std::make_unique<ResultStream>(*std::move(outcome));
+    if (outcome.ok() && outcome->streamed) {
+      v1::VoxelizeResponse summary;
+      pieces_made_.MakeSummary(*outcome, summary);
+      Post(std::move(summary));
+    } else if (outcome.ok()) {
+      result = std::make_unique<ResultStream>(*std::move(outcome));
+    }
   } catch (const std::bad_alloc&) {
     outcome = absl::ResourceExhaustedError("out of memory");
   }
   {
     const std::lock_guard lock(mutex_);
     working_now_ = false;
+    record_.bytes_out = pieces_made_.bytes();
     if (end_) {
       FreeLocked();  // the call ended while the job still ran
     } else if (result) {
       record_.facts = Facts(result->outcome());
       result_ = std::move(result);
+    } else if (outcome.ok()) {
+      record_.facts = Facts(*outcome);
+      streamed_ = true;
     }
   }
   if (!outcome.ok()) {
@@ -149,14 +162,61 @@ void VoxelizeCall::Work() {
 }
 
 absl::StatusOr<JobOutcome> VoxelizeCall::Run(std::vector<uint8_t> file) {
-  absl::StatusOr<JobOutcome> outcome =
-      RunJob(std::move(file), *config_, state_.limits, job_, [this](const Plan& plan) { OnPlan(plan); });
+  absl::StatusOr<JobOutcome> outcome = RunJob(
+      std::move(file), *config_, state_.limits, job_, [this](const Plan& plan) { OnPlan(plan); }, this);
   if (refused_for_load_) return BusyError("the memory that this job needs is in use by others", kRetryDelay);
   if (!outcome.ok()) return outcome;
   uint64_t result_bytes = 0;
   for (const std::span<const uint8_t> array : ArraysOf(outcome->result)) result_bytes += array.size();
   working_.ShrinkTo(result_bytes);
   return outcome;
+}
+
+absl::Status VoxelizeCall::Begin(const ResultHeader& header) {
+  v1::VoxelizeResponse response;
+  ResultPieces::MakeHeader(header, response);
+  Post(std::move(response));
+  return absl::OkStatus();
+}
+
+absl::Status VoxelizeCall::Write(size_t array, std::span<const uint8_t> bytes) {
+  while (!bytes.empty()) {
+    if (absl::Status s = WaitForRoom(); !s.ok()) return s;
+    const std::span<const uint8_t> piece = bytes.first(std::min<uint64_t>(kPieceBytes, bytes.size()));
+    v1::VoxelizeResponse response;
+    pieces_made_.MakePiece(array, piece, response);
+    Post(std::move(response));
+    bytes = bytes.subspan(piece.size());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status VoxelizeCall::WaitForRoom() {
+  const std::chrono::milliseconds patience(state_.options.stall_timeout_ms);
+  std::unique_lock lock(mutex_);
+  uint64_t seen = writes_done_;
+  auto give_up = std::chrono::steady_clock::now() + patience;
+  while (!end_ && pending_.size() >= kMaxPiecesInFlight) {
+    if (absl::Status s = job_.Check(); !s.ok()) return s;
+    room_.wait_for(lock, kLookEvery);  // a deadline that passes is not notified
+    const auto now = std::chrono::steady_clock::now();
+    if (seen != std::exchange(seen, writes_done_)) {
+      give_up = now + patience;
+    } else if (now >= give_up) {
+      lock.unlock();
+      const absl::Status stalled =
+          absl::AbortedError(absl::StrCat("the client took nothing of the result for ", patience.count(), " ms"));
+      End(stalled);
+      HangUp();  // a write is in flight, and only its end lets the call finish
+      return stalled;
+    }
+  }
+  return end_ ? (end_->ok() ? absl::CancelledError("the call is over") : *end_) : job_.Check();
+}
+
+void VoxelizeCall::HangUp() {
+  const std::lock_guard lock(context_mutex_);
+  if (!context_gone_) context_.TryCancel();
 }
 
 void VoxelizeCall::OnPlan(const Plan& plan) {
@@ -197,6 +257,8 @@ void VoxelizeCall::Pump() {
       response_ = std::move(pending_.front());
       pending_.pop_front();
       writing_ = true;
+    } else if (streamed_) {
+      end_ = absl::OkStatus();
     } else if (result_ && result_->Next(response_)) {
       writing_ = true;
     } else if (result_) {
@@ -223,7 +285,9 @@ void VoxelizeCall::OnWriteDone(bool ok) {
   {
     const std::lock_guard lock(mutex_);
     writing_ = false;
+    ++writes_done_;
   }
+  room_.notify_all();
   if (!ok) {
     if (job_.Check().ok()) job_.Cancel();
     End(job_.Check());  // nobody listens
@@ -239,6 +303,7 @@ void VoxelizeCall::End(absl::Status status) {
     pending_.clear();
     FreeLocked();
   }
+  room_.notify_all();
   Pump();
 }
 
@@ -263,6 +328,10 @@ void VoxelizeCall::OnCancel() {
 
 void VoxelizeCall::OnDone() {
   std::shared_ptr<VoxelizeCall> keep;
+  {
+    const std::lock_guard lock(context_mutex_);
+    context_gone_ = true;
+  }
   {
     const std::lock_guard lock(mutex_);
     record_.Log(end_.value_or(absl::UnknownError("the call ended by itself")));

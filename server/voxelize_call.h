@@ -1,10 +1,12 @@
 // One Voxelize call: gathers the upload, hands the job to the pool, sends what comes of it.
 #pragma once
 
+#include <condition_variable>
 #include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -14,15 +16,18 @@
 #include "base/job_context.h"
 #include "byte_budget.h"
 #include "call_record.h"
+#include "result_pieces.h"
 #include "result_stream.h"
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 
 namespace voxelpipe {
 
-// gRPC's threads call the On... functions and never wait here; a worker of the pool calls Work. The object lives until gRPC is
+// gRPC's threads call the On... functions and never wait here; a worker of the pool calls Work. A result that stands in memory is
+// sent without the worker; one that leaves slab by slab is sent by the worker, which waits for the client to take it. The object lives until gRPC is
 // done with the call and the worker is done with the job, whichever comes last.
-class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v1::VoxelizeResponse> {
+class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v1::VoxelizeResponse>,
+                           private ResultSink {
  public:
   // The reactor of a new call. `state` must outlive it.
   static VoxelizeCall* Create(ServiceState& state, grpc::CallbackServerContext& context);
@@ -43,11 +48,16 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
   // On a worker's thread.
   void Work();
   absl::StatusOr<JobOutcome> Run(std::vector<uint8_t> file);
+  absl::Status Begin(const ResultHeader& header) override;
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override;
+  absl::Status WaitForRoom();
   void OnPlan(const Plan& plan);
   void OnProgress(std::string_view stage, double fraction);
 
   // Queues a small message.
   void Post(v1::VoxelizeResponse response);
+  // Cancels the call from outside of gRPC's threads.
+  void HangUp();
   // Starts the next write or finishes the call, if neither is under way.
   void Pump();
   // Ends the call with `status` as soon as no write is in flight. Only the first one counts.
@@ -70,10 +80,19 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
   bool refused_for_load_ = false;
   std::chrono::steady_clock::time_point last_progress_;
 
+  // A streamed result: touched by the worker only.
+  ResultPieces pieces_made_;
+
+  std::mutex context_mutex_;  // while held, gRPC does not take context_ away
+  bool context_gone_ = false;
+
   std::mutex mutex_;
+  std::condition_variable room_;  // a write was done, or the call ended
   std::optional<WorkerPool::Ticket> ticket_;
   std::deque<v1::VoxelizeResponse> pending_;
   std::unique_ptr<ResultStream> result_;
+  bool streamed_ = false;  // pending_ holds the last messages
+  uint64_t writes_done_ = 0;
   v1::VoxelizeResponse response_;  // in flight while writing_
   std::optional<absl::Status> end_;
   bool working_now_ = false, writing_ = false, finished_ = false;
