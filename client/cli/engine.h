@@ -16,9 +16,8 @@
 
 namespace voxelpipe::cli {
 
-// What one mesh gave. With several runs `result` is that of the last; they are all the same bytes.
+// What one mesh gave, besides the bytes that went to the sink.
 struct EngineRun {
-  VoxelizeResult result;
   std::vector<std::pair<std::string, double>> mesh_stages;  // load and flatten, milliseconds
   std::vector<VoxelizeStats> runs;                          // of every run, in order; at least one
   std::optional<uint64_t> open_edges;                       // with a fill
@@ -29,9 +28,11 @@ class Engine {
  public:
   virtual ~Engine() = default;
 
-  // Voxelizes the mesh file at `path` `repeat` times (at least once).
+  // Voxelizes the mesh file at `path` `repeat` times (at least once), and hands the result of the last run to `sink`: all
+  // runs give the same bytes. A single dense run needs memory for a part of its result only, unless it is to be kept
+  // whole in `whole`.
   virtual absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat,
-                                        JobContext& job) = 0;
+                                        JobContext& job, ResultSink& sink, VoxelizeResult* whole = nullptr) = 0;
   virtual absl::StatusOr<std::vector<ShaderInfo>> Shaders() = 0;
 };
 

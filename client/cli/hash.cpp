@@ -3,19 +3,33 @@
 #include <openssl/evp.h>
 
 #include <array>
-#include <memory>
 
 namespace voxelpipe::cli {
 
-absl::StatusOr<std::string> HashResult(const VoxelizeResult& result) {
-  const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context(EVP_MD_CTX_new(), &EVP_MD_CTX_free);
-  bool ok = context != nullptr && EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr) == 1;
-  for (const HostBuffer& target : result.targets) {
-    ok = ok && EVP_DigestUpdate(context.get(), target.data(), target.size()) == 1;
-  }
+struct HashingSink::Context {
+  std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> digest{EVP_MD_CTX_new(), &EVP_MD_CTX_free};
+  bool ok = digest != nullptr && EVP_DigestInit_ex(digest.get(), EVP_sha256(), nullptr) == 1;
+};
+
+HashingSink::HashingSink(ResultSink* next) : context_(std::make_unique<Context>()), next_(next) {}
+
+HashingSink::~HashingSink() = default;
+
+absl::Status HashingSink::Begin(const ResultHeader& header) {
+  header_ = header;
+  return next_ != nullptr ? next_->Begin(header) : absl::OkStatus();
+}
+
+absl::Status HashingSink::Write(size_t array, std::span<const uint8_t> bytes) {
+  bytes_ += bytes.size();
+  context_->ok = context_->ok && EVP_DigestUpdate(context_->digest.get(), bytes.data(), bytes.size()) == 1;
+  return next_ != nullptr ? next_->Write(array, bytes) : absl::OkStatus();
+}
+
+absl::StatusOr<std::string> HashingSink::Digest() {
   std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
   unsigned size = 0;
-  ok = ok && EVP_DigestFinal_ex(context.get(), digest.data(), &size) == 1;
+  const bool ok = context_->ok && EVP_DigestFinal_ex(context_->digest.get(), digest.data(), &size) == 1;
   if (!ok) return absl::InternalError("OpenSSL cannot compute a SHA-256");
   std::string hex;
   for (unsigned i = 0; i < size; ++i) {

@@ -38,8 +38,8 @@ namespace {
 
 class LocalEngine : public Engine {
  public:
-  absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat,
-                                JobContext& job) override {
+  absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat, JobContext& job,
+                                ResultSink& sink, VoxelizeResult* whole) override {
     absl::StatusOr<LoadedMesh> loaded = LoadMeshFile(path, job);
     if (!loaded.ok()) return loaded.status();
     loaded->scene = Scene();  // the flat mesh is all that is needed from here on
@@ -51,12 +51,21 @@ class LocalEngine : public Engine {
     }
     EngineRun run;
     run.mesh_stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
-    for (int i = 0; i < repeat; ++i) {
-      run.result = VoxelizeResult();  // before the next one is made: one result in memory at a time
-      absl::StatusOr<VoxelizeResult> result = Voxelize(loaded->mesh, request, job);
-      if (!result.ok()) return result.status();
-      run.result = *std::move(result);
-      run.runs.push_back(run.result.stats);
+    if (repeat == 1 && whole == nullptr) {
+      absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(loaded->mesh, request, job, {}, sink);
+      if (!stats.ok()) return stats.status();
+      run.runs.push_back(*std::move(stats));
+    } else {
+      VoxelizeResult last;
+      for (int i = 0; i < repeat; ++i) {
+        last = VoxelizeResult();  // before the next one is made: one result in memory at a time
+        absl::StatusOr<VoxelizeResult> result = Voxelize(loaded->mesh, request, job);
+        if (!result.ok()) return result.status();
+        last = *std::move(result);
+        run.runs.push_back(last.stats);
+      }
+      if (absl::Status status = WriteTo(last, sink); !status.ok()) return status;
+      if (whole != nullptr) *whole = std::move(last);
     }
     if (request.fill != Fill::kNone) run.open_edges = CountOpenEdges(loaded->mesh);
     return run;

@@ -32,7 +32,7 @@ std::vector<std::string> UniqueStems(const std::vector<std::string>& inputs) {
 }  // namespace
 
 absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::string>& inputs, const std::string& output,
-                                                    const std::string& preview) {
+                                                    const std::string& preview, ResultKind kind) {
   std::vector<OutputPlan> plans(inputs.size());
   const std::vector<std::string> stems = UniqueStems(inputs);
   const auto plan = [&](const char* option, const std::string& path, const char* extension, bool picture,
@@ -50,13 +50,16 @@ absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::strin
     }
     if (!IsKnownExtension(given) || (picture && given != ".png")) {
       return absl::InvalidArgumentError(absl::StrCat(option, ": '", path, "': the extension must be ",
-                                                     picture ? ".png" : ".npy, .raw or .png",
+                                                     picture ? ".png" : ".npy, .npz, .raw or .png",
                                                      given.empty() ? ", but there is none" : ""));
     }
     plans[0].*member = path;
     return absl::OkStatus();
   };
-  if (absl::Status s = plan("--output", output, ".npy", false, &OutputPlan::result); !s.ok()) return s;
+  if (absl::Status s =
+          plan("--output", output, kind == ResultKind::kDense ? ".npy" : ".npz", false, &OutputPlan::result);
+      !s.ok())
+    return s;
   if (absl::Status s = plan("--preview", preview, ".png", true, &OutputPlan::preview); !s.ok()) return s;
   return plans;
 }

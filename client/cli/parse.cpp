@@ -119,7 +119,8 @@ absl::Status ParseFormat(std::string_view text, TargetSpec& target) {
   const std::string_view name = text.substr(0, cross);
   const std::optional<VoxelFormat> format = ParseVoxelFormat(name);
   if (!format)
-    return absl::InvalidArgumentError(absl::StrCat("unknown format ", Quoted(name), "; known are bit and f32"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("unknown format ", Quoted(name), "; known are bit, u8, u16, u32, f16 and f32"));
   target.format = *format;
   if (cross == std::string_view::npos) return absl::OkStatus();
   const std::string_view count = text.substr(cross + 1);
@@ -135,7 +136,10 @@ absl::Status SetTargetOption(const KeyValue& pair, TargetSpec& target, ShaderCal
     return SetName(own, pair.value);
   }
   if (pair.key == "scale") {
-    return absl::InvalidArgumentError("scale applies to integer formats; a bit or f32 target takes none");
+    const absl::StatusOr<double> scale = ParseNumber(pair.value);
+    if (!scale.ok()) return absl::InvalidArgumentError(absl::StrCat("scale: ", std::string(scale.status().message())));
+    target.scale = *scale;
+    return absl::OkStatus();
   }
   double* number = pair.key == "quantum" ? &target.quantum
                    : pair.key == "clear" ? &target.clear
@@ -159,8 +163,8 @@ absl::Status ParseTargetInto(std::string_view text, const ShaderCall& default_sh
   const std::string_view blend_name = rest.substr(0, second);
   const std::optional<Blend> blend = ParseBlend(blend_name);
   if (!blend) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("unknown blend ", Quoted(blend_name), "; known are or, replace, min, max and add"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        "unknown blend ", Quoted(blend_name), "; known are or, replace, min, max, add, first, average, count and and"));
   }
   target.blend = *blend;
   ShaderCall own;

@@ -31,7 +31,7 @@ absl::StatusOr<std::array<int64_t, 3>> ParseDims(std::string_view text);
 // the parameters are checked against the catalog.
 absl::StatusOr<ShaderCall> ParseShaderCall(std::string_view text);
 
-// "FORMAT[xC]:BLEND[:k=v,...]" where k is shader, quantum, clear, fill, scale (integer formats only, so refused), or a
+// "FORMAT[xC]:BLEND[:k=v,...]" where k is shader, quantum, clear, fill, scale (integer formats only), or a
 // parameter of the target's shader. A target without shader= takes `default_shader`, its own parameters laid over it.
 absl::StatusOr<TargetSpec> ParseTarget(std::string_view text, const ShaderCall& default_shader);
 

@@ -16,8 +16,8 @@ class RemoteEngine : public Engine {
  public:
   explicit RemoteEngine(std::string target) : target_(std::move(target)) {}
 
-  absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat,
-                                JobContext& job) override {
+  absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat, JobContext& job,
+                                ResultSink& sink, VoxelizeResult* whole) override {
     // Sibling files are read and packed here: the server has no business on this machine's disk.
     job.Report("read", 0);
     const absl::StatusOr<std::vector<uint8_t>> bytes = ReadAndPackMeshFile(path);
@@ -25,16 +25,19 @@ class RemoteEngine : public Engine {
     if (absl::Status status = Connect(); !status.ok()) return status;
     EngineRun run;
     run.server_peak_bytes = 0;
+    VoxelizeResult last;
     for (int i = 0; i < repeat; ++i) {
-      run.result = VoxelizeResult();  // before the next one arrives: one result in memory at a time
+      last = VoxelizeResult();  // before the next one arrives: one result in memory at a time
       absl::StatusOr<RemoteResult> remote = client_->Voxelize(*bytes, MeshFormat::kAuto, request, job);
       if (!remote.ok()) return remote.status();
-      run.result = std::move(remote->result);
+      last = std::move(remote->result);
       run.mesh_stages = std::move(remote->mesh_stages);
-      run.runs.push_back(run.result.stats);
+      run.runs.push_back(last.stats);
       run.server_peak_bytes = std::max(*run.server_peak_bytes, remote->peak_bytes);
       if (request.fill != Fill::kNone) run.open_edges = remote->report.open_edges;
     }
+    if (absl::Status status = WriteTo(last, sink); !status.ok()) return status;
+    if (whole != nullptr) *whole = std::move(last);
     return run;
   }
 

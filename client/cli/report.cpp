@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
+#include <fstream>
 #include <iostream>
 
 #include "absl/strings/str_cat.h"
@@ -16,12 +18,6 @@ double Median(std::vector<double> values) {
   std::sort(values.begin(), values.end());
   const size_t middle = values.size() / 2;
   return values.size() % 2 == 1 ? values[middle] : (values[middle - 1] + values[middle]) / 2;
-}
-
-uint64_t ResultBytes(const VoxelizeResult& result) {
-  uint64_t bytes = 0;
-  for (const HostBuffer& target : result.targets) bytes += target.size();
-  return bytes;
 }
 
 nlohmann::ordered_json OrNull(const std::optional<uint64_t>& value) {
@@ -81,8 +77,8 @@ MedianTimes Medians(const std::vector<VoxelizeStats>& runs) {
 }
 
 nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& report) {
-  const VoxelizeResult& result = run.result;
-  const VoxelizeStats& stats = result.stats;
+  const ResultHeader& result = report.header;
+  const VoxelizeStats& stats = run.runs.back();
   const MedianTimes times = Medians(run.runs);
   nlohmann::ordered_json json;
   json["input"] = report.input;
@@ -96,7 +92,8 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
   json["open_edges"] = OrNull(run.open_edges);
   json["backend"] = stats.backend;
   json["simd"] = stats.simd;
-  json["bytes"] = ResultBytes(result);
+  json["result"] = Name(result.kind);
+  json["bytes"] = report.bytes;
   json["peak_bytes"] = report.peak_bytes;
   json["hash"] = report.hash;
   nlohmann::ordered_json stages = nlohmann::ordered_json::object();
@@ -113,8 +110,8 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
 }
 
 std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
-  const VoxelizeResult& result = run.result;
-  const VoxelizeStats& stats = result.stats;
+  const ResultHeader& result = report.header;
+  const VoxelizeStats& stats = run.runs.back();
   const MedianTimes times = Medians(run.runs);
   std::string table = report.input;
   const auto row = [&](const char* name, const std::string& text) {
@@ -135,7 +132,8 @@ std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
   if (run.open_edges) row("open edges", WithCommas(*run.open_edges));
   for (size_t i = 0; i < result.specs.size(); ++i) {
     row(i == 0 ? "targets" : "",
-        absl::StrCat(DescribeTarget(result.specs[i]), ", ", HumanBytes(result.targets[i].size())));
+        absl::StrCat(DescribeTarget(result.specs[i]), ", ",
+                     HumanBytes(result.arrays[result.arrays.size() - result.specs.size() + i].bytes())));
   }
   row("backend", absl::StrCat(stats.backend, ", ", stats.simd, run.server_peak_bytes ? ", on the server" : ""));
   row("peak memory", HumanBytes(report.peak_bytes));
@@ -181,9 +179,14 @@ std::string DescribeTarget(const TargetSpec& target) {
 }
 
 uint64_t ProcessPeakBytes() {
+  // Not getrusage: a child begins with its parent's maximum there.
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.rfind("VmHWM:", 0) == 0) return std::strtoull(line.c_str() + 6, nullptr, 10) * 1024;  // counts in KiB
+  }
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
-  return uint64_t(usage.ru_maxrss) * 1024;  // Linux counts in KiB
+  return uint64_t(usage.ru_maxrss) * 1024;
 }
 
 }  // namespace voxelpipe::cli

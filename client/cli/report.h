@@ -23,6 +23,8 @@ absl::Status PrintLine(const std::string& text);
 
 struct VoxelizeReport {
   std::string input;
+  ResultHeader header;             // of the result
+  uint64_t bytes = 0;              // of all arrays
   std::vector<std::string> files;  // written
   std::string hash;
   double encode_ms = 0;

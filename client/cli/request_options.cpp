@@ -72,11 +72,20 @@ absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& options) {
   constexpr std::array<std::pair<const char*, Coverage>, 3> kCoverages = {
       {{"conservative", Coverage::kConservative}, {"thin", Coverage::kThin}, {"center", Coverage::kCenter}}};
   if (absl::Status s = Choose("--coverage", options.coverage, kCoverages, request.coverage); !s.ok()) return s;
-  constexpr std::array<std::pair<const char*, Fill>, 2> kFills = {{{"none", Fill::kNone}, {"parity", Fill::kParity}}};
+  constexpr std::array<std::pair<const char*, Fill>, 3> kFills = {
+      {{"none", Fill::kNone}, {"parity", Fill::kParity}, {"flood", Fill::kFlood}}};
   if (absl::Status s = Choose("--fill", options.fill, kFills, request.fill); !s.ok()) return s;
   constexpr std::array<std::pair<const char*, Layout>, 2> kLayouts = {
       {{"interleaved", Layout::kInterleaved}, {"planar", Layout::kPlanar}}};
   if (absl::Status s = Choose("--layout", options.layout, kLayouts, request.layout); !s.ok()) return s;
+  constexpr std::array<std::pair<const char*, ResultKind>, 3> kKinds = {
+      {{"dense", ResultKind::kDense}, {"sparse", ResultKind::kSparse}, {"buckets", ResultKind::kBuckets}}};
+  if (absl::Status s = Choose("--result", options.result, kKinds, request.result); !s.ok()) return s;
+  constexpr std::array<std::pair<const char*, SimdChoice>, 4> kSimds = {{{"auto", SimdChoice::kAuto},
+                                                                         {"avx512", SimdChoice::kAvx512},
+                                                                         {"avx2", SimdChoice::kAvx2},
+                                                                         {"scalar", SimdChoice::kScalar}}};
+  if (absl::Status s = Choose("--simd", options.simd, kSimds, request.simd); !s.ok()) return s;
   constexpr std::array<std::pair<const char*, BackendChoice>, 3> kBackends = {
       {{"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}}};
   if (absl::Status s = Choose("--backend", options.backend, kBackends, request.backend); !s.ok()) return s;

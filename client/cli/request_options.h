@@ -23,7 +23,9 @@ struct RequestOptions {
   std::optional<std::string> vertex_shader{};
   std::vector<std::string> targets{};
   std::string layout = "interleaved";
+  std::string result = "dense";
   std::string backend = "auto";
+  std::string simd = "auto";
   int threads = 0;
 };
 

@@ -12,13 +12,12 @@
 
 namespace voxelpipe {
 
-// The extension decides: .raw (target bytes as they are), .npy (bit: uint8 0/1; f32: float32; shape (nz, ny, nx[, c]),
-// planar
-// ([c,] nz, ny, nx)), .png (one preview picture, see png_preview.h). Lower case, with the dot; empty if there is none.
+// The extension decides: .raw, .npy, .npz (result_file.h), .png (one preview picture, png_preview.h). Lower case, with the dot;
+// empty if there is none.
 std::string FileExtension(std::string_view path);
 bool IsKnownExtension(std::string_view extension);
 
-// The files that WriteResult will write: one, or OUT.<index>.ext for each target where there are several (.npy, .raw).
+// The files that a result goes into: one, or OUT.<index>.ext for each target where there are several (.npy, .raw).
 std::vector<std::string> OutputPaths(const std::string& path, size_t target_count);
 
 // Writes `result` to `path` in the format of its extension, each file under a temporary name and then renamed. `job`,

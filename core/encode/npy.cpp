@@ -22,17 +22,6 @@ constexpr auto kExpanded = [] {
   return table;
 }();
 
-absl::Status WriteBits(std::span<const uint8_t> bits, uint64_t voxels, AtomicFile& file, const JobContext* job) {
-  constexpr uint64_t kPieceVoxels = uint64_t{4} << 20;
-  std::vector<uint8_t> piece(std::min(voxels, kPieceVoxels) + 8);
-  for (uint64_t begin = 0; begin < voxels; begin += kPieceVoxels) {
-    const uint64_t count = std::min(kPieceVoxels, voxels - begin);
-    for (uint64_t n = 0; n < count; n += 8) std::memcpy(&piece[n], kExpanded[bits[(begin + n) / 8]].data(), 8);
-    if (absl::Status status = file.Write({piece.data(), count}, job); !status.ok()) return status;
-  }
-  return absl::OkStatus();
-}
-
 }  // namespace
 
 std::string NpyHeader(std::string_view descr, const std::vector<uint64_t>& shape) {
@@ -57,22 +46,35 @@ std::string NpyHeader(std::string_view descr, const std::vector<uint64_t>& shape
   return header;
 }
 
-std::vector<uint64_t> NpyShape(const GridSpec& grid, const TargetSpec& target, Layout layout) {
-  std::vector<uint64_t> shape{uint64_t(grid.dims[2]), uint64_t(grid.dims[1]), uint64_t(grid.dims[0])};
-  if (target.components > 1) {
-    shape.insert(layout == Layout::kPlanar ? shape.begin() : shape.end(), uint64_t(target.components));
+std::string_view NpyDescr(ElementType type) {
+  switch (type) {
+    case ElementType::kBit:
+    case ElementType::kU8: return "|u1";
+    case ElementType::kU16: return "<u2";
+    case ElementType::kU32: return "<u4";
+    case ElementType::kU64: return "<u8";
+    case ElementType::kF16: return "<f2";
+    case ElementType::kF32: return "<f4";
   }
-  return shape;
+  return "|u1";
 }
 
-absl::Status WriteNpy(const VoxelizeResult& result, size_t index, AtomicFile& file, const JobContext* job) {
-  const TargetSpec& target = result.specs[index];
-  const bool is_bit = target.format == VoxelFormat::kBit;
-  const std::string header = NpyHeader(is_bit ? "|u1" : "<f4", NpyShape(result.grid, target, result.layout));
-  const auto* bytes = reinterpret_cast<const uint8_t*>(header.data());
-  if (absl::Status status = file.Write({bytes, header.size()}, job); !status.ok()) return status;
-  if (is_bit) return WriteBits(result.targets[index].bytes(), result.grid.voxels(), file, job);
-  return file.Write(result.targets[index].bytes(), job);
+uint64_t NpyBytes(ElementType type, uint64_t count) {
+  return type == ElementType::kBit ? count : ArrayBytes(type, count);
+}
+
+absl::Status NpyElements::Write(std::span<const uint8_t> bytes, const Output& out) {
+  if (type_ != ElementType::kBit) return out(bytes);
+  constexpr size_t kPieceBytes = size_t{512} << 10;  // of bits
+  for (size_t begin = 0; begin < bytes.size(); begin += kPieceBytes) {
+    const std::span<const uint8_t> piece = bytes.subspan(begin, std::min(kPieceBytes, bytes.size() - begin));
+    expanded_.resize(piece.size() * 8);
+    for (size_t i = 0; i < piece.size(); ++i) std::memcpy(&expanded_[i * 8], kExpanded[piece[i]].data(), 8);
+    const uint64_t count = std::min<uint64_t>(left_, expanded_.size());
+    left_ -= count;
+    if (absl::Status s = out({expanded_.data(), size_t(count)}); !s.ok()) return s;
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace voxelpipe

@@ -1,15 +1,15 @@
-// NumPy's .npy files.
+// NumPy's array files.
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "absl/status/status.h"
-#include "base/job_context.h"
-#include "encode/atomic_file.h"
-#include "pipeline/voxelize.h"
+#include "pipeline/result.h"
 
 namespace voxelpipe {
 
@@ -18,11 +18,25 @@ namespace voxelpipe {
 // bytes.
 std::string NpyHeader(std::string_view descr, const std::vector<uint64_t>& shape);
 
-// The NumPy shape of a target: (nz, ny, nx) for one component, (nz, ny, nx, c) interleaved, (c, nz, ny, nx) planar.
-std::vector<uint64_t> NpyShape(const GridSpec& grid, const TargetSpec& target, Layout layout);
+// NumPy's type string of an array's elements; bits are written as uint8 0/1.
+std::string_view NpyDescr(ElementType type);
 
-// Appends target `index` of `result` to `file` as a .npy: bit as uint8 0/1, f32 as '<f4'. Needs a few megabytes of
-// memory whatever the size of the target.
-absl::Status WriteNpy(const VoxelizeResult& result, size_t index, AtomicFile& file, const JobContext* job);
+// Bytes of `count` elements in a .npy.
+uint64_t NpyBytes(ElementType type, uint64_t count);
+
+// Brings pieces of an array into what a .npy holds: bits become bytes, all others go through.
+class NpyElements {
+ public:
+  NpyElements(ElementType type, uint64_t count) : type_(type), left_(count) {}
+
+  using Output = std::function<absl::Status(std::span<const uint8_t>)>;
+  // `bytes` are the next of the array; the bits beyond its end are left out.
+  absl::Status Write(std::span<const uint8_t> bytes, const Output& out);
+
+ private:
+  ElementType type_;
+  uint64_t left_;  // elements to come
+  std::vector<uint8_t> expanded_;
+};
 
 }  // namespace voxelpipe

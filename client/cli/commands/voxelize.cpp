@@ -8,6 +8,7 @@
 #include "commands/commands.h"
 #include "encode/encode.h"
 #include "encode/png_preview.h"
+#include "encode/result_file.h"
 #include "engine.h"
 #include "hash.h"
 #include "interrupt.h"
@@ -24,37 +25,54 @@ struct VoxelizeArguments {
   std::vector<std::string> inputs;
   std::string output, preview, server;
   RequestOptions request;
-  std::string result = "dense";
-  std::string simd = "auto";
   int repeat = 1;
   bool json = false;
 };
 
-absl::Status CheckChoice(const char* option, const std::string& value, const std::vector<std::string>& known) {
-  std::string list;
-  for (const std::string& choice : known) {
-    if (value == choice) return absl::OkStatus();
-    absl::StrAppend(&list, list.empty() ? "" : ", ", choice);
-  }
-  return absl::InvalidArgumentError(absl::StrCat(option, ": unknown choice '", value, "'; known are ", list));
+// The directories above a file. WriteResult and OpenResultFile name the path if it still cannot be made.
+void MakeDirectories(const std::string& path) {
+  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
+  std::error_code ignored;
+  if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
 }
 
-absl::Status WriteFiles(const EngineRun& run, const OutputPlan& plan, const JobContext& job, VoxelizeReport& report) {
-  if (plan.result.empty() && plan.preview.empty()) return absl::OkStatus();
-  const Stopwatch encode;
+absl::Status WritePictures(const VoxelizeResult& result, const OutputPlan& plan, JobContext& job,
+                           VoxelizeReport& report) {
   for (const std::string& path : {plan.result, plan.preview}) {
-    if (path.empty()) continue;
-    job.Report("encode", path == plan.preview ? 0.5 : 0);
-    const std::filesystem::path parent = std::filesystem::path(path).parent_path();
-    std::error_code ignored;  // WriteResult names the path if it still is not there
-    if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
-    if (absl::Status status = WriteResult(run.result, path, &job); !status.ok()) return status;
-    for (std::string& file : OutputPaths(path, run.result.targets.size())) report.files.push_back(std::move(file));
+    if (path.empty() || FileExtension(path) != ".png") continue;
+    job.Report("encode", 0.5);
+    MakeDirectories(path);
+    if (absl::Status status = WriteResult(result, path, &job); !status.ok()) return status;
+    report.files.push_back(path);
   }
-  report.encode_ms = encode.Milliseconds();
-  report.encoded = true;
   return absl::OkStatus();
 }
+
+// Keeps the time that a file takes.
+class TimedSink final : public ResultSink {
+ public:
+  explicit TimedSink(ResultSink* next) : next_(next) {}
+  absl::Status Begin(const ResultHeader& header) override {
+    return Timed([&] { return next_->Begin(header); });
+  }
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    return Timed([&] { return next_->Write(array, bytes); });
+  }
+  double milliseconds() const { return milliseconds_; }
+
+ private:
+  template <typename Call>
+  absl::Status Timed(const Call& call) {
+    if (next_ == nullptr) return absl::OkStatus();
+    const Stopwatch clock;
+    absl::Status status = call();
+    milliseconds_ += clock.Milliseconds();
+    return status;
+  }
+
+  ResultSink* next_;
+  double milliseconds_ = 0;
+};
 
 absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputPlan& plan,
                          const VoxelizeRequest& request, const VoxelizeArguments& arguments) {
@@ -62,14 +80,36 @@ absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputP
   JobContext job([&bar](std::string_view stage, double fraction) { bar.Show(stage, fraction); });
   const CancelOnInterrupt cancel(job);
   try {
-    const absl::StatusOr<EngineRun> run = engine.Run(input, request, arguments.repeat, job);
+    // Arrays go to their file as they are made; only a picture needs the whole result.
+    std::unique_ptr<ResultFile> file;
+    if (!plan.result.empty() && FileExtension(plan.result) != ".png") {
+      MakeDirectories(plan.result);
+      absl::StatusOr<std::unique_ptr<ResultFile>> opened = OpenResultFile(plan.result, &job);
+      if (!opened.ok()) return opened.status();
+      file = *std::move(opened);
+    }
+    const bool picture = !plan.preview.empty() || (!plan.result.empty() && file == nullptr);
+    TimedSink timed(file.get());
+    HashingSink sink(&timed);
+    VoxelizeResult whole;
+    const absl::StatusOr<EngineRun> run =
+        engine.Run(input, request, arguments.repeat, job, sink, picture ? &whole : nullptr);
     if (!run.ok()) return run.status();
     VoxelizeReport report;
     report.input = input;
-    absl::StatusOr<std::string> hash = HashResult(run->result);
+    report.header = sink.header();
+    report.bytes = sink.bytes();
+    absl::StatusOr<std::string> hash = sink.Digest();
     if (!hash.ok()) return hash.status();
     report.hash = *std::move(hash);
-    if (absl::Status status = WriteFiles(*run, plan, job, report); !status.ok()) return status;
+    const Stopwatch encode;
+    if (file != nullptr) {
+      if (absl::Status status = file->Commit(); !status.ok()) return status;
+      report.files = OutputPaths(plan.result, request.targets.size());
+    }
+    if (absl::Status status = WritePictures(whole, plan, job, report); !status.ok()) return status;
+    report.encode_ms = timed.milliseconds() + encode.Milliseconds();
+    report.encoded = file != nullptr || picture;
     report.peak_bytes = run->server_peak_bytes.value_or(ProcessPeakBytes());
     bar.Clear();
     return PrintLine(arguments.json
@@ -87,14 +127,18 @@ int Voxelize(const VoxelizeArguments& arguments) {
     PrintError("", status);
     return 2;
   };
-  if (absl::Status s = CheckChoice("--result", arguments.result, {"dense"}); !s.ok()) return wrong_option(s);
-  if (absl::Status s = CheckChoice("--simd", arguments.simd, {"auto", "scalar"}); !s.ok()) return wrong_option(s);
   if (arguments.repeat < 1) return wrong_option(absl::InvalidArgumentError("--repeat: at least 1"));
   const absl::StatusOr<VoxelizeRequest> request = BuildRequest(arguments.request);
   if (!request.ok()) return wrong_option(request.status());
   const absl::StatusOr<std::vector<OutputPlan>> plans =
-      PlanOutputs(arguments.inputs, arguments.output, arguments.preview);
+      PlanOutputs(arguments.inputs, arguments.output, arguments.preview, request->result);
   if (!plans.ok()) return wrong_option(plans.status());
+  for (const OutputPlan& plan : *plans) {
+    const std::string extension = FileExtension(plan.result);
+    if (plan.result.empty() || CanHold(extension, request->result)) continue;
+    return wrong_option(absl::InvalidArgumentError(absl::StrCat("--output: ", extension, " holds dense results; a ",
+                                                                arguments.request.result, " one goes into .npz")));
+  }
   const absl::StatusOr<std::unique_ptr<Engine>> engine = MakeEngine(arguments.server);
   if (!engine.ok()) return wrong_option(engine.status());
 
@@ -152,14 +196,19 @@ void AddShadingOptions(CLI::App& command, RequestOptions& request) {
   };
   add("--coverage", request.coverage, "conservative|thin|center",
       "Which voxels a triangle covers (default conservative: all it touches)");
-  add("--fill", request.fill, "none|parity", "Whether the inside is filled (default none)");
+  add("--fill", request.fill, "none|parity|flood",
+      "Whether the inside is filled (default none): parity by crossings along x, flood by what a walk from outside "
+      "does "
+      "not reach");
   add("--shader", request.shader, "NAME[:k=v,...]",
       "The fragment shader of every target that names none. A vector's numbers are separated by '/', as in "
       "constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them");
   add("--vertex-shader", request.vertex_shader, "NAME[:k=v,...]", "The vertex shader (default identity)");
   add("--target", request.targets, "FORMAT[xC]:BLEND[:k=v,...]",
-      "A render target; may be given several times. FORMAT bit or f32, C = 1 to 4 components. BLEND or, replace for "
-      "bit; replace, min, max, add for f32. k is shader, quantum (add), clear, fill, or a parameter of the shader. "
+      "A render target; may be given several times. FORMAT bit, u8, u16, u32, f16 or f32, C = 1 to 4 components. BLEND "
+      "or, and, replace, first, count for bit; also min, max, add, average for integers; all but or, and for floats. k "
+      "is "
+      "shader, scale (integers), quantum (add and average of floats), clear, fill, or a parameter of the shader. "
       "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C as many as the shader gives")
       ->allow_extra_args(false)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
@@ -173,10 +222,11 @@ void AddExecutionOptions(CLI::App& command, VoxelizeArguments& arguments) {
   };
   add("--server", arguments.server, "HOST:PORT", "Voxelize on this server instead of in this process")
       ->check(RefuseEmpty);
-  add("--result", arguments.result, "dense", "Kind of result");
+  add("--result", arguments.request.result, "dense|sparse|buckets",
+      "Kind of result (default dense): every voxel; the occupied bricks; or all fragments of each voxel");
   add("--backend", arguments.request.backend, "auto|cpu|cuda", "What does the work (default auto)");
   add("--threads", arguments.request.threads, "N", "Threads of the CPU backend (default 0: all cores)");
-  add("--simd", arguments.simd, "auto|scalar", "Instruction set of the CPU backend (default auto)");
+  add("--simd", arguments.request.simd, "auto|avx512|avx2|scalar", "Instruction set of the CPU backend (default auto)");
   add("--repeat", arguments.repeat, "N", "Run the pipeline N times on the loaded mesh and print medians");
 }
 
@@ -188,7 +238,7 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   command->add_option("IN", arguments->inputs, "Mesh files: .glb, .gltf, .drc")->required()->type_name("");
   command
       ->add_option("-o,--output", arguments->output,
-                   Wrapped("Where the result goes; the extension decides: .npy, .raw, .png (a picture). Several "
+                   Wrapped("Where the result goes; the extension decides: .npy, .npz, .raw, .png (a picture). Several "
                            "targets into .npy or .raw: OUT.<index>.ext. With several IN a directory. Without it only "
                            "the summary is printed"))
       ->type_name("OUT")

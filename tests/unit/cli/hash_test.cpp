@@ -2,27 +2,40 @@
 
 #include <gtest/gtest.h>
 
-#include <cstring>
-
 namespace voxelpipe::cli {
 namespace {
 
-HostBuffer Bytes(const std::string& text) {
-  HostBuffer buffer = HostBuffer::Allocate(text.size()).value();
-  std::memcpy(buffer.data(), text.data(), text.size());
-  return buffer;
+std::span<const uint8_t> Bytes(const std::string& text) {
+  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
 }
 
-TEST(HashResult, IsTheSha256OfAllTargetsInOrder) {
-  VoxelizeResult result;
-  EXPECT_EQ(HashResult(result).value(), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
-  result.targets.push_back(Bytes("abc"));
+std::string HashOf(const std::vector<std::string>& pieces, ResultSink* next = nullptr) {
+  HashingSink sink(next);
+  EXPECT_TRUE(sink.Begin({}).ok());
+  size_t bytes = 0;
+  for (size_t i = 0; i < pieces.size(); ++i) {
+    EXPECT_TRUE(sink.Write(i, Bytes(pieces[i])).ok());
+    bytes += pieces[i].size();
+  }
+  EXPECT_EQ(sink.bytes(), bytes);
+  return sink.Digest().value();
+}
+
+TEST(HashingSink, IsTheSha256OfAllPiecesInOrder) {
+  EXPECT_EQ(HashOf({}), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
   // FIPS 180-2, appendix B.1.
-  EXPECT_EQ(HashResult(result).value(), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
-  VoxelizeResult split;
-  split.targets.push_back(Bytes("a"));
-  split.targets.push_back(Bytes("bc"));
-  EXPECT_EQ(HashResult(split).value(), HashResult(result).value());
+  EXPECT_EQ(HashOf({"abc"}), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+  EXPECT_EQ(HashOf({"a", "bc"}), HashOf({"abc"}));
+}
+
+TEST(HashingSink, HandsOnAndReturnsWhatTheNextOneSays) {
+  struct Full final : ResultSink {
+    absl::Status Begin(const ResultHeader&) override { return absl::OkStatus(); }
+    absl::Status Write(size_t, std::span<const uint8_t>) override { return absl::DataLossError("full"); }
+  } full;
+  HashingSink sink(&full);
+  EXPECT_TRUE(sink.Begin({}).ok());
+  EXPECT_EQ(sink.Write(0, Bytes("a")), absl::DataLossError("full"));
 }
 
 }  // namespace

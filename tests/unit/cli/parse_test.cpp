@@ -118,8 +118,8 @@ TEST(ParseTarget, NamesWhatIsWrong) {
   EXPECT_THAT(Error(ParseTarget("f32x5:add", shader).status()), HasSubstr("1 to 4"));
   EXPECT_THAT(Error(ParseTarget("f32x0:add", shader).status()), HasSubstr("1 to 4"));
   EXPECT_THAT(Error(ParseTarget("f32:xor", shader).status()), HasSubstr("unknown blend 'xor'"));
-  EXPECT_THAT(Error(ParseTarget("f32:add:scale=2", shader).status()), HasSubstr("integer formats"));
-  EXPECT_THAT(Error(ParseTarget("bit:or:scale=2", shader).status()), HasSubstr("integer formats"));
+  EXPECT_EQ(ParseTarget("u16x2:average:scale=2", shader).value().scale, 2.0);
+  EXPECT_THAT(Error(ParseTarget("u8:add:scale=x", shader).status()), HasSubstr("scale: 'x'"));
   EXPECT_THAT(Error(ParseTarget("f32:add:clear=x", shader).status()), HasSubstr("clear: 'x'"));
   EXPECT_THAT(Error(ParseTarget("f32:add:", shader).status()), HasSubstr("name=value"));
   EXPECT_THAT(Error(ParseTarget("", shader).status()), HasSubstr("FORMAT[xC]:BLEND"));

@@ -29,13 +29,13 @@ TEST(Medians, OfOddAndEvenCounts) {
 
 TEST(VoxelizeJson, HasTheNamesThatUsersRelyOn) {
   EngineRun run;
-  run.result.grid.dims = {2, 3, 4};
-  run.result.stats = Sample(5, 10, 20);
-  run.result.stats.triangles = 12;
-  run.result.stats.backend = "cpu";
+  VoxelizeStats stats = Sample(5, 10, 20);
+  stats.triangles = 12;
+  stats.backend = "cpu";
   run.mesh_stages = {{"load", 2}, {"flatten", 3}};
-  run.runs = {run.result.stats};
+  run.runs = {stats};
   VoxelizeReport report;
+  report.header.grid.dims = {2, 3, 4};
   report.hash = "00";
   nlohmann::ordered_json json = VoxelizeJson(run, report);
   for (const char* name :

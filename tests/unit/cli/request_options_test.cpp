@@ -77,7 +77,11 @@ TEST(BuildRequest, NamesTheOptionAtFault) {
   EXPECT_THAT(Error({.fit = "loose"}), HasSubstr("--fit: unknown choice 'loose'; known are tight, cube"));
   EXPECT_THAT(Error({.padding = -1}), HasSubstr("--padding"));
   EXPECT_THAT(Error({.coverage = "fat"}), HasSubstr("--coverage: unknown choice 'fat'"));
-  EXPECT_THAT(Error({.fill = "flood"}), HasSubstr("--fill: unknown choice 'flood'; known are none, parity"));
+  EXPECT_THAT(Error({.fill = "mud"}), HasSubstr("--fill: unknown choice 'mud'; known are none, parity, flood"));
+  EXPECT_THAT(Error({.result = "octree"}),
+              HasSubstr("--result: unknown choice 'octree'; known are dense, sparse, buckets"));
+  EXPECT_THAT(Error({.simd = "mmx"}), HasSubstr("--simd: unknown choice 'mmx'; known are auto, avx512, avx2, scalar"));
+  EXPECT_THAT(Error({.targets = {"f32:add:scale=2"}}), HasSubstr("scale: is for integer formats"));
   EXPECT_THAT(Error({.shader = "nope"}), HasSubstr("--shader"));
   EXPECT_THAT(Error({.shader = "constant:nope=1"}), HasSubstr("nope"));
   EXPECT_THAT(Error({.vertex_shader = "nope"}), HasSubstr("nope"));

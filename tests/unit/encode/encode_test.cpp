@@ -64,7 +64,7 @@ TEST(WriteResult, NpyOfBitsIsOneByteAVoxel) {
     AddBits(result, SampleBit);
     ASSERT_TRUE(WriteResult(result, directory / "out.npy").ok());
     const std::vector<uint8_t> file = ReadFile(directory / "out.npy");
-    const size_t header = NpyHeader("|u1", NpyShape(result.grid, result.specs[0], result.layout)).size();
+    const size_t header = NpyHeader("|u1", HeaderOf(result).arrays[0].shape).size();
     ASSERT_EQ(file.size(), header + result.grid.voxels());
     size_t wrong = 0, at = header;
     for (int64_t k = 0; k < dims[2]; ++k) {

@@ -40,16 +40,21 @@ TEST(NpyHeader, KeepsAlignmentForEveryLength) {
   }
 }
 
-TEST(NpyShape, FollowsLayoutAndComponents) {
-  GridSpec grid;
-  grid.dims = {4, 5, 6};
-  TargetSpec target;
-  EXPECT_THAT(NpyShape(grid, target, Layout::kInterleaved), ElementsAre(6, 5, 4));
-  EXPECT_THAT(NpyShape(grid, target, Layout::kPlanar), ElementsAre(6, 5, 4));
-  target.format = VoxelFormat::kF32;
-  target.components = 3;
-  EXPECT_THAT(NpyShape(grid, target, Layout::kInterleaved), ElementsAre(6, 5, 4, 3));
-  EXPECT_THAT(NpyShape(grid, target, Layout::kPlanar), ElementsAre(3, 6, 5, 4));
+TEST(NpyElements, TurnBitsIntoBytesWhereverPiecesAreCut) {
+  std::vector<uint8_t> bits(1 << 17), written;
+  for (size_t i = 0; i < bits.size(); ++i) bits[i] = uint8_t(i * 37);
+  const uint64_t count = bits.size() * 8 - 3;
+  NpyElements elements(ElementType::kBit, count);
+  const auto put = [&](std::span<const uint8_t> piece) {
+    written.insert(written.end(), piece.begin(), piece.end());
+    return absl::OkStatus();
+  };
+  const std::span<const uint8_t> all(bits);
+  ASSERT_TRUE(elements.Write(all.first(1), put).ok());
+  ASSERT_TRUE(elements.Write(all.subspan(1, 70000), put).ok());
+  ASSERT_TRUE(elements.Write(all.subspan(70001), put).ok());
+  ASSERT_EQ(written.size(), count);
+  for (size_t n = 0; n < written.size(); ++n) ASSERT_EQ(written[n], bits[n / 8] >> (n % 8) & 1) << n;
 }
 
 }  // namespace

@@ -1,0 +1,80 @@
+#include "encode/result_file.h"
+
+#include <algorithm>
+#include <cstring>
+#include <optional>
+
+#include "absl/strings/str_cat.h"
+#include "encode/atomic_file.h"
+#include "encode/encode.h"
+#include "encode/npy.h"
+#include "encode/npz_file.h"
+
+namespace voxelpipe {
+namespace {
+
+// .raw and .npy: one file a target.
+class TargetFiles final : public ResultFile {
+ public:
+  TargetFiles(std::string path, bool npy, const JobContext* job) : path_(std::move(path)), npy_(npy), job_(job) {}
+
+  absl::Status Begin(const ResultHeader& header) override {
+    if (header.kind != ResultKind::kDense) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("'", path_, "': a ", std::string(Name(header.kind)), " result goes into an .npz"));
+    }
+    arrays_ = header.arrays;
+    paths_ = OutputPaths(path_, arrays_.size());
+    for (size_t i = 0; i < arrays_.size(); ++i) {
+      absl::StatusOr<AtomicFile> file = AtomicFile::Create(paths_[i]);
+      if (!file.ok()) return file.status();
+      files_.push_back(*std::move(file));
+      uint64_t count = 1;
+      for (const uint64_t n : arrays_[i].shape) count *= n;
+      elements_.emplace_back(arrays_[i].type, count);
+      if (!npy_) continue;
+      const std::string head = NpyHeader(NpyDescr(arrays_[i].type), arrays_[i].shape);
+      absl::Status s = files_.back().Write({reinterpret_cast<const uint8_t*>(head.data()), head.size()}, job_);
+      if (!s.ok()) return s;
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    const auto put = [&](std::span<const uint8_t> piece) { return files_[array].Write(piece, job_); };
+    return npy_ ? elements_[array].Write(bytes, put) : put(bytes);
+  }
+
+  absl::Status Commit() override {
+    for (AtomicFile& file : files_) {
+      if (absl::Status s = file.Commit(); !s.ok()) return s;
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  std::string path_;
+  bool npy_;
+  const JobContext* job_;
+  std::vector<ArraySpec> arrays_;
+  std::vector<std::string> paths_;
+  std::vector<AtomicFile> files_;
+  std::vector<NpyElements> elements_;
+};
+
+}  // namespace
+
+bool CanHold(const std::string& extension, ResultKind kind) {
+  if (extension == ".npz" || extension == ".png") return true;
+  return kind == ResultKind::kDense && (extension == ".raw" || extension == ".npy");
+}
+
+absl::StatusOr<std::unique_ptr<ResultFile>> OpenResultFile(const std::string& path, const JobContext* job) {
+  const std::string extension = FileExtension(path);
+  if (extension == ".npz") return MakeNpzFile(path, job);
+  if (extension == ".raw" || extension == ".npy") return std::make_unique<TargetFiles>(path, extension == ".npy", job);
+  return absl::InvalidArgumentError(
+      absl::StrCat("'", path, "': no writer for '", extension, "'; known extensions are .raw, .npy, .npz and .png"));
+}
+
+}  // namespace voxelpipe

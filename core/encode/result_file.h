@@ -1,0 +1,33 @@
+// Results into files as they are made: sinks that write .raw, .npy and .npz.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "pipeline/result.h"
+
+namespace voxelpipe {
+
+// Takes a result through ResultSink, in any pieces, and writes it under temporary names; Commit() renames them. Destroyed without
+// Commit(), nothing is left behind. Needs memory for a piece, for sparse results also for their bricks.
+class ResultFile : public ResultSink {
+ public:
+  virtual absl::Status Commit() = 0;
+};
+
+// By the extension of `path`:
+//   .raw   dense: each array's bytes as they are, one file a target (OutputPaths)
+//   .npy   dense: one file a target; bits as uint8 0/1
+//   .npz   any kind: target0, target1, ...; sparse: ijk int32 (n, 3) in x, y, z; buckets: ijk, offsets int64 (n + 1),
+//          triangle uint32 (m); always dims int64 (3), origin and voxel_size float64 (3), index_to_world float64 (4, 4)
+// `job` may be null; it is asked between pieces and must outlive the object. INVALID_ARGUMENT for another extension, and from
+// Begin for a kind that the format cannot hold; otherwise the system's error with the path.
+absl::StatusOr<std::unique_ptr<ResultFile>> OpenResultFile(const std::string& path, const JobContext* job);
+
+// Whether files of this extension can hold results of this kind.
+bool CanHold(const std::string& extension, ResultKind kind);
+
+}  // namespace voxelpipe
