@@ -54,6 +54,8 @@ struct RunState {
   // VertexShade
   std::vector<Vec3d> shaded_positions;  // empty under the identity shader: the mesh's own are used
   std::vector<Vec3f> shaded_normals;
+  std::vector<Vec4f> shaded_tangents;
+  std::vector<Vec3f> velocities;  // empty where nothing moves
   std::vector<PartView> parts;
   std::vector<MaterialView> materials;
   std::vector<TextureView> textures;

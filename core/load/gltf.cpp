@@ -1,6 +1,7 @@
 #include "load/gltf.h"
 
 #include "load/gltf_accessor.h"
+#include "load/gltf_animations.h"
 #include "load/gltf_buffers.h"
 #include "load/gltf_document.h"
 #include "load/gltf_graph.h"
@@ -33,6 +34,8 @@ absl::StatusOr<Scene> LoadGltf(std::string_view json, std::optional<std::span<co
   gltf::PrimitiveContext context{*document, *buffers, budget, accessors, scene.warnings};
   if (absl::Status bad = gltf::ReadMeshes(*model, context, scene); !bad.ok()) return bad;
   if (absl::Status bad = gltf::ReadMaterials(*model, *document, *buffers, budget, scene); !bad.ok()) return bad;
+  // Last, so that what they take of the budget is missing nowhere else.
+  gltf::ReadAnimations(*document, accessors, limits, scene);
 
   // A broken file can earn a warning for every primitive; a few of them tell the story.
   constexpr size_t kMostWarnings = 100;

@@ -212,6 +212,10 @@ absl::StatusOr<Document> ReadDocument(Json& root, const LoadLimits& limits) {
 
   absl::StatusOr<Json> graph = SanitizeGraph(root, limits, document.warnings);
   if (!graph.ok()) return graph.status();
+  // Unchecked: what is wrong with an animation matters only to a request that asks for it.
+  if (const auto it = root.find("animations"); it != root.end() && it->is_array() && !it->empty()) {
+    document.animations = it->dump(-1, ' ', false, Json::error_handler_t::replace);
+  }
   root = Json();  // a large document need not exist twice while the graph is written
   document.graph = graph->dump(-1, ' ', false, Json::error_handler_t::replace);
   return document;

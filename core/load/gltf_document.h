@@ -61,6 +61,7 @@ struct Document {
   std::vector<AccessorDecl> accessors;
   std::vector<ImageDecl> images;
   std::string graph;  // JSON of the rest (scenes, nodes, meshes, skins, materials), checked and stripped, for tinygltf
+  std::string animations;  // JSON of the array of animations as the file has it, unchecked; empty without
   std::vector<std::string> warnings;
 };
 

@@ -14,6 +14,7 @@ absl::StatusOr<Mesh> ReadMesh(const tinygltf::Mesh& mesh, const std::vector<doub
                               PrimitiveContext& context) {
   Mesh out;
   out.name = mesh.name;
+  out.weights = weights;
   for (size_t i = 0; i < mesh.primitives.size(); ++i) {
     absl::StatusOr<std::optional<Primitive>> primitive =
         ReadPrimitive(mesh.primitives[i], weights, absl::StrCat("mesh ", index, ", primitive ", i), context);

@@ -14,31 +14,15 @@ absl::Status Broken(const Parts&... parts) {
   return absl::InvalidArgumentError(absl::StrCat("glTF: ", parts...));
 }
 
-// Translation * rotation * scale. The quaternion (x, y, z, w) is normalized; a zero one counts as no rotation.
-Mat4d FromTrs(const Vec3d& t, const double (&quaternion)[4], const Vec3d& s) {
-  double x = quaternion[0], y = quaternion[1], z = quaternion[2], w = quaternion[3];
-  const double length = std::sqrt(x * x + y * y + z * z + w * w);
-  // Exact quaternions stay untouched, so that 90-degree turns of dyadic coordinates stay exact.
-  if (length == 0 || !std::isfinite(length)) {
-    x = y = z = 0;
-    w = 1;
-  } else if (std::abs(length - 1) > 1e-15) {
-    x /= length, y /= length, z /= length, w /= length;
-  }
-  Mat4d out;
-  const double r[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)},
-                          {2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)},
-                          {2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)}};
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) out.m[i][j] = r[i][j] * s[j];
-    out.m[i][3] = t[i];
-  }
-  return out;
-}
-
 Vec3d ToVec3(const std::vector<double>& values, double fallback) {
   if (values.size() != 3) return {fallback, fallback, fallback};
   return {values[0], values[1], values[2]};
+}
+
+Trs ReadTrs(const tinygltf::Node& node) {
+  Trs trs{ToVec3(node.translation, 0), {0, 0, 0, 1}, ToVec3(node.scale, 1)};
+  for (size_t i = 0; i < node.rotation.size() && i < 4; ++i) trs.rotation[i] = node.rotation[i];
+  return trs;
 }
 
 Mat4d LocalTransform(const tinygltf::Node& node) {
@@ -49,9 +33,7 @@ Mat4d LocalTransform(const tinygltf::Node& node) {
     }
     return out;
   }
-  double q[4] = {0, 0, 0, 1};
-  for (size_t i = 0; i < node.rotation.size() && i < 4; ++i) q[i] = node.rotation[i];
-  return FromTrs(ToVec3(node.translation, 0), q, ToVec3(node.scale, 1));
+  return FromTrs(ReadTrs(node));
 }
 
 bool IsFinite(const Mat4d& matrix) {
@@ -101,12 +83,11 @@ absl::Status ReadInstances(const tinygltf::Node& node, const AccessorReader& acc
   }
   out.instances.reserve(*count);
   for (uint64_t i = 0; i < *count; ++i) {
-    Vec3d translation{0, 0, 0}, scale{1, 1, 1};
-    double rotation[4] = {0, 0, 0, 1};
-    if (!t->empty()) translation = {(*t)[3 * i], (*t)[3 * i + 1], (*t)[3 * i + 2]};
-    if (!s->empty()) scale = {(*s)[3 * i], (*s)[3 * i + 1], (*s)[3 * i + 2]};
-    for (int c = 0; c < 4 && !r->empty(); ++c) rotation[c] = (*r)[4 * i + c];
-    out.instances.push_back(FromTrs(translation, rotation, scale));
+    Trs trs;
+    if (!t->empty()) trs.translation = {(*t)[3 * i], (*t)[3 * i + 1], (*t)[3 * i + 2]};
+    if (!s->empty()) trs.scale = {(*s)[3 * i], (*s)[3 * i + 1], (*s)[3 * i + 2]};
+    for (int c = 0; c < 4 && !r->empty(); ++c) trs.rotation[c] = (*r)[4 * i + c];
+    out.instances.push_back(FromTrs(trs));
     if (!IsFinite(out.instances.back())) return Broken(where, ": instance ", i, " is not finite");
   }
   // No instances at all draw nothing; an empty list would mean one.
@@ -216,6 +197,8 @@ absl::Status ReadNodes(const tinygltf::Model& model, const AccessorReader& acces
     out.mesh = node.mesh;
     out.skin = node.skin;
     out.local = LocalTransform(node);
+    out.trs = ReadTrs(node);
+    out.has_matrix = node.matrix.size() == 16;
     if (!IsFinite(out.local)) return Broken("node ", i, ": its transform is not finite");
     out.children.assign(node.children.begin(), node.children.end());
     if (absl::Status bad = ReadInstances(node, accessors, limits, absl::StrCat("node ", i), instances, out);

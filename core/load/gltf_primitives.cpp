@@ -135,38 +135,62 @@ absl::Status CheckFinite(const Primitive& out, const std::string& origin, const 
   return absl::OkStatus();
 }
 
+// Adds weight * displacement, each sum rounded to float (as shaders/vertex_pose.h does).
 template <typename V>
-void AddScaled(std::vector<V>& to, const AttributeValues& delta, double weight, int components) {
-  if (to.empty()) return;
+void AddScaled(std::vector<V>& to, const std::vector<Vec3f>& delta, double weight) {
+  if (delta.empty()) return;
   for (size_t i = 0; i < to.size(); ++i) {
-    for (int c = 0; c < components; ++c) {
-      float& value = to[i][c];
-      value = static_cast<float>(value + weight * delta.values[i * delta.components + c]);
-    }
+    for (int c = 0; c < 3; ++c) to[i][c] = static_cast<float>(to[i][c] + weight * delta[i][c]);
   }
 }
 
-// Morph targets at their default weights: value + sum of weight * displacement.
+// Displacements of one target.
+absl::Status ReadTarget(const std::map<std::string, int>& attributes, const std::string& where, Primitive& out,
+                        PrimitiveContext& context, MorphTarget& target) {
+  AttributeSource source(attributes, {}, std::nullopt, context);
+  Filler filler(source, out, where, context);
+  const auto read = [&](const char* name, std::vector<Vec3f>& to) {
+    absl::StatusOr<std::optional<AttributeValues>> delta = filler.Values(name, 3, 3);
+    if (!delta.ok()) return delta.status();
+    if (!*delta) return absl::OkStatus();
+    const std::vector<float>& values = (*delta)->values;
+    to.resize(values.size() / 3);
+    for (size_t i = 0; i < to.size(); ++i) to[i] = {values[3 * i], values[3 * i + 1], values[3 * i + 2]};
+    return absl::OkStatus();
+  };
+  if (absl::Status bad = read("POSITION", target.positions); !bad.ok()) return bad;
+  if (!out.normals.empty()) {
+    if (absl::Status bad = read("NORMAL", target.normals); !bad.ok()) return bad;
+  }
+  return out.tangents.empty() ? absl::OkStatus() : read("TANGENT", target.tangents);
+}
+
+// Reads the morph targets and applies them at their default weights: value + sum of weight * displacement. A fault of a target
+// that the file does not use by itself stays with the target.
 absl::Status Morph(const tinygltf::Primitive& primitive, const std::vector<double>& weights, const std::string& where,
                    Primitive& out, PrimitiveContext& context) {
-  for (size_t i = 0; i < primitive.targets.size() && i < weights.size(); ++i) {
-    if (weights[i] == 0) continue;
-    const std::string target = absl::StrCat(where, ", morph target ", i);
-    AttributeSource source(primitive.targets[i], {}, std::nullopt, context);
-    Filler filler(source, out, target, context);
-    struct Part {
-      const char* name;
-      int components;
-    };
-    for (const Part part : {Part{"POSITION", 3}, Part{"NORMAL", 3}, Part{"TANGENT", 3}}) {
-      absl::StatusOr<std::optional<AttributeValues>> delta = filler.Values(part.name, part.components, part.components);
-      if (!delta.ok()) return delta.status();
-      if (!*delta) continue;
-      if (part.name[0] == 'P') AddScaled(out.positions, **delta, weights[i], 3);
-      if (part.name[0] == 'N') AddScaled(out.normals, **delta, weights[i], 3);
-      if (part.name[0] == 'T') AddScaled(out.tangents, **delta, weights[i], 3);
+  if (primitive.targets.empty()) return absl::OkStatus();
+  auto morph = std::make_shared<MorphData>();
+  if (absl::Status full = context.budget.Take(out.positions.size(), 40, where); !full.ok()) return full;
+  morph->positions = out.positions;
+  morph->normals = out.normals;
+  morph->tangents = out.tangents;
+  for (size_t i = 0; i < primitive.targets.size(); ++i) {
+    const double weight = i < weights.size() ? weights[i] : 0.0;
+    MorphTarget& target = morph->targets.emplace_back();
+    const absl::Status bad =
+        ReadTarget(primitive.targets[i], absl::StrCat(where, ", morph target ", i), out, context, target);
+    if (!bad.ok() && weight != 0) return bad;
+    if (!bad.ok()) {
+      target = MorphTarget{};
+      target.fault = bad;
     }
+    if (weight == 0) continue;
+    AddScaled(out.positions, target.positions, weight);
+    AddScaled(out.normals, target.normals, weight);
+    AddScaled(out.tangents, target.tangents, weight);
   }
+  out.morph = std::move(morph);
   return absl::OkStatus();
 }
 

@@ -8,10 +8,12 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <map>
 #include <new>
 
 #include "absl/strings/str_cat.h"
 #include "base/checked.h"
+#include "mesh/pose.h"
 
 namespace voxelpipe {
 namespace {
@@ -22,6 +24,7 @@ constexpr size_t kVertexGrain = 1 << 13;
 struct Placement {
   const Primitive* primitive = nullptr;
   const std::vector<Mat4d>* joints = nullptr;  // skinning matrices, or null
+  Mat4d instance;                              // of EXT_mesh_gpu_instancing
   Mat4d world;                                 // node and instance transform, unless skinned
   bool mirrored = false;
   MeshPart part;
@@ -122,6 +125,7 @@ std::vector<Placement> Place(const Scene& scene, const std::vector<uint32_t>& or
         const Primitive& primitive = primitives[i];
         Placement p;
         p.primitive = &primitive;
+        if (!node.instances.empty()) p.instance = node.instances[copy];
         if (IsSkinned(node, primitive, skins)) {  // the node's own transform is ignored
           p.joints = &skins[node.skin];
           p.mirrored = Determinant3(p.joints->front()) < 0;
@@ -150,38 +154,6 @@ std::vector<Placement> Place(const Scene& scene, const std::vector<uint32_t>& or
   return placements;
 }
 
-// The weighted sum of a vertex's joint matrices, weights normalized; false if a joint does not exist.
-bool BlendJoints(const Primitive& primitive, const std::vector<Mat4d>& joints, size_t v, Mat4d& out) {
-  Mat4d sum;
-  double total = 0;
-  for (auto& row : sum.m) std::fill(row, row + 4, 0.0);
-  for (int set = 0; set < 2; ++set) {
-    if (primitive.joints[set].empty() || primitive.weights[set].empty()) continue;
-    for (int k = 0; k < 4; ++k) {
-      const double weight = primitive.weights[set][v][k];
-      if (weight == 0) continue;
-      const uint16_t joint = primitive.joints[set][v][k];
-      if (joint >= joints.size()) return false;
-      total += weight;
-      for (int r = 0; r < 4; ++r) {
-        for (int c = 0; c < 4; ++c) sum.m[r][c] += weight * joints[joint].m[r][c];
-      }
-    }
-  }
-  if (!(total > 0)) return true;  // no weights: `out` stays the identity
-  for (auto& row : sum.m) {
-    for (double& x : row) x /= total;
-  }
-  out = sum;
-  return true;
-}
-
-Vec3f Unit(const Vec3d& v) {
-  const double length = std::sqrt(Dot(v, v));
-  if (!(length > 0) || !std::isfinite(length)) return {};
-  return {float(v.x / length), float(v.y / length), float(v.z / length)};
-}
-
 bool Finite(const Vec3d& p) {
   return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
 }
@@ -189,20 +161,22 @@ bool Finite(const Vec3d& p) {
 // Writes the vertices [begin, end) of one placement. Out: the first bad vertex, or SIZE_MAX.
 size_t WriteVertices(const Placement& p, size_t begin, size_t end, TriangleMesh& mesh) {
   const Primitive& primitive = *p.primitive;
+  std::vector<MorphTargetView> none;
+  const RestPrimitiveView rest = RestView(primitive, none);  // for the joints; the arrays here are morphed already
   for (size_t v = begin; v < end; ++v) {
     Mat4d m = p.world;
-    if (p.joints != nullptr && !BlendJoints(primitive, *p.joints, v, m)) return v;
+    if (p.joints != nullptr && !BlendJoints(rest, p.joints->data(), uint32_t(p.joints->size()), v, m)) return v;
     const size_t at = p.part.first_vertex + v;
     const Vec3f& position = primitive.positions[v];
     mesh.positions[at] = TransformPoint(m, {position.x, position.y, position.z});
     if (!Finite(mesh.positions[at])) return v;
     if (p.part.has_normals) {
       const Vec3f& n = primitive.normals[v];
-      mesh.normals[at] = Unit(TransformNormal(m, {n.x, n.y, n.z}));
+      mesh.normals[at] = UnitOrZero(TransformNormal(m, {n.x, n.y, n.z}));
     }
     if (p.part.has_tangents) {
       const Vec4f& t = primitive.tangents[v];
-      const Vec3f unit = Unit(TransformVector(m, {t.x, t.y, t.z}));
+      const Vec3f unit = UnitOrZero(TransformVector(m, {t.x, t.y, t.z}));
       mesh.tangents[at] = {unit.x, unit.y, unit.z, p.mirrored ? -t.w : t.w};
     }
     for (int s = 0; s < 2; ++s) {
@@ -220,6 +194,54 @@ void WriteTriangles(const Placement& p, TriangleMesh& mesh) {
     if (p.mirrored) std::swap(v[1], v[2]);
     mesh.triangles[p.part.first_triangle + t] = {base + v[0], base + v[1], base + v[2]};
   }
+}
+
+// The rig of the placed parts, null where nothing in the scene can take another pose. Copies each primitive once.
+std::shared_ptr<const Rig> MakeRig(const Scene& scene, const std::vector<Placement>& placements) {
+  const bool morphs = std::any_of(placements.begin(), placements.end(),
+                                  [](const Placement& p) { return p.primitive->morph != nullptr; });
+  if (scene.animations.empty() && !morphs) return nullptr;
+  auto rig = std::make_shared<Rig>();
+  rig->skins = scene.skins;
+  rig->animations = scene.animations;
+  rig->nodes.resize(scene.nodes.size());
+  std::vector<uint32_t> stack;
+  for (size_t n = 0; n < scene.nodes.size(); ++n) {
+    const Node& node = scene.nodes[n];
+    rig->nodes[n].local = node.local;
+    rig->nodes[n].trs = node.trs;
+    if (node.mesh >= 0) rig->nodes[n].weights = scene.meshes[size_t(node.mesh)].weights;
+    for (const uint32_t child : node.children) rig->nodes[child].parent = int64_t(n);
+  }
+  for (size_t n = 0; n < scene.nodes.size(); ++n) {
+    if (rig->nodes[n].parent < 0) stack.push_back(uint32_t(n));
+  }
+  while (!stack.empty()) {
+    const uint32_t n = stack.back();
+    stack.pop_back();
+    rig->order.push_back(n);
+    stack.insert(stack.end(), scene.nodes[n].children.begin(), scene.nodes[n].children.end());
+  }
+  std::map<const Primitive*, std::shared_ptr<const Primitive>> copies;
+  for (const Placement& p : placements) {
+    std::shared_ptr<const Primitive>& copy = copies[p.primitive];
+    if (copy == nullptr) {
+      auto fresh = std::make_shared<Primitive>();
+      if (p.primitive->morph == nullptr) {  // the morph data holds the unposed attributes
+        fresh->positions = p.primitive->positions;
+        fresh->normals = p.primitive->normals;
+        fresh->tangents = p.primitive->tangents;
+      }
+      for (int set = 0; set < 2; ++set) {
+        fresh->joints[set] = p.primitive->joints[set];
+        fresh->weights[set] = p.primitive->weights[set];
+      }
+      fresh->morph = p.primitive->morph;
+      copy = std::move(fresh);
+    }
+    rig->parts.push_back({copy, p.part.node, p.joints != nullptr ? scene.nodes[p.part.node].skin : -1, p.instance});
+  }
+  return rig;
 }
 
 void AllocateArrays(const std::vector<Placement>& placements, TriangleMesh& mesh) {
@@ -283,6 +305,7 @@ absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limit
   TriangleMesh mesh;
   try {
     AllocateArrays(placements, mesh);
+    mesh.rig = MakeRig(scene, placements);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory while flattening the scene");
   }

@@ -7,10 +7,27 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "base/vec.h"
+#include "mesh/animation.h"
 #include "mesh/material.h"
+#include "mesh/trs.h"
 
 namespace voxelpipe {
+
+// Displacements of one morph target, object space; an array is empty where the target does not move that attribute.
+struct MorphTarget {
+  std::vector<Vec3f> positions, normals, tangents;
+  // Why the target cannot be used, where the file is wrong in it and its default weight is 0: such a file loads.
+  absl::Status fault;
+};
+
+// A primitive before its morph targets: the attributes as stored, and the targets.
+struct MorphData {
+  std::vector<Vec3f> positions, normals;
+  std::vector<Vec4f> tangents;
+  std::vector<MorphTarget> targets;
+};
 
 // One drawable list of triangles of a mesh. Strips and fans are already expanded to lists in strip order, and every
 // index is proved to be below positions.size(). Each attribute array is empty or has positions.size() elements.
@@ -22,6 +39,7 @@ struct Primitive {
   std::vector<Vec4f> colors;     // COLOR_0, linear, alpha 1 where the file has RGB
   std::vector<std::array<uint16_t, 4>> joints[2];  // JOINTS_0, JOINTS_1
   std::vector<std::array<float, 4>> weights[2];    // WEIGHTS_0, WEIGHTS_1
+  std::shared_ptr<const MorphData> morph;          // null without morph targets
   std::vector<std::array<uint32_t, 3>> triangles;
   int32_t material = -1;  // index into Scene::materials, -1 = glTF's default material
 };
@@ -29,6 +47,7 @@ struct Primitive {
 struct Mesh {
   std::string name;
   std::vector<Primitive> primitives;
+  std::vector<double> weights{};  // default weights of the morph targets, already applied to the primitives' positions
 };
 
 struct Skin {
@@ -38,7 +57,9 @@ struct Skin {
 
 struct Node {
   std::string name;
-  Mat4d local;  // local transform, from matrix or TRS
+  Mat4d local;              // local transform, from matrix or TRS
+  Trs trs;                  // what `local` was made of, unless has_matrix
+  bool has_matrix = false;  // then no animation may target the node's transform
   std::vector<uint32_t>
       children;  // node indices; the loader proved a forest (no cycles, one parent each, bounded depth)
   int32_t mesh = -1;
@@ -52,6 +73,7 @@ struct Scene {
   std::vector<Mesh> meshes;
   std::vector<Node> nodes;
   std::vector<Skin> skins;
+  std::vector<Animation> animations;
   std::vector<Material> materials;
   std::vector<Texture> textures;
   std::vector<std::shared_ptr<Image>> images;

@@ -10,6 +10,7 @@
 
 #include "base/vec.h"
 #include "mesh/material.h"
+#include "mesh/rig.h"
 
 namespace voxelpipe {
 
@@ -50,6 +51,7 @@ struct TriangleMesh {
   std::vector<Material> materials;
   std::vector<Texture> textures;
   std::vector<std::shared_ptr<Image>> images;  // shared with the Scene; decoded by PrepareTextures
+  std::shared_ptr<const Rig> rig;              // null where the file has neither animations nor morph targets
 };
 
 }  // namespace voxelpipe

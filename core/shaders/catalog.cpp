@@ -12,18 +12,55 @@ namespace {
 
 const std::vector<double> kIdentityMatrix = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 
+using Parameters = std::vector<ShaderParameterInfo>;
+
+// The parameters of a vertex shader: its own, then RigidMotion's.
+Parameters WithMotion(Parameters own) {
+  own.push_back({"linear_velocity", "vec3", {0, 0, 0}, "added to every vertex's velocity, world units a second"});
+  own.push_back({"angular_velocity", "vec3", {0, 0, 0}, "turn about `center`, radians a second, right-handed"});
+  own.push_back({"center", "vec3", {0, 0, 0}, "a point of the axis of the turn, world units"});
+  return own;
+}
+
+// Those of the shaders that pose the mesh. `animation`, `time` and `weights` take no slot: the host evaluates them.
+Parameters PoseParameters(Parameters own) {
+  own.push_back({"animation", "uint", {}, "index of the file's animation; default 0 with a time", 0, 4294967295.0});
+  own.push_back({"time", "float", {}, "seconds, clamped to the animation's; default: the pose of the file"});
+  own.push_back({"dt", "float", {0}, "seconds; above 0: velocity = (p(time + dt) - p(time)) / dt", 0});
+  return WithMotion(std::move(own));
+}
+
 // In the order of shader_list.h; CatalogTest holds the two together.
 std::vector<ShaderInfo> Rows() {
   return {
       {.name = "identity",
        .stage = ShaderStage::kVertex,
        .description = "The vertices as they are.",
-       .output_type = "position"},
+       .output_type = "position",
+       .parameters = WithMotion({})},
       {.name = "transform",
        .stage = ShaderStage::kVertex,
        .description = "Multiplies positions by a matrix, and normals by its inverse transpose.",
        .output_type = "position",
-       .parameters = {{"matrix", "mat4", kIdentityMatrix, "16 numbers, row major, last row 0/0/0/1"}}},
+       .parameters =
+           WithMotion({{"matrix", "mat4", kIdentityMatrix, "16 numbers, row major, last row 0/0/0/1"},
+                       {"matrix_previous", "mat4", kIdentityMatrix, "the matrix dt seconds before, for velocities"},
+                       {"dt", "float", {0}, "seconds; above 0: velocity = (matrix p - matrix_previous p) / dt", 0}})},
+      {.name = "displace_along_normal",
+       .stage = ShaderStage::kVertex,
+       .description = "Moves vertices along their unit normals; those without a normal stay.",
+       .output_type = "position",
+       .parameters = WithMotion({{"distance", "float", {0}, "world units; negative moves inwards"}})},
+      {.name = "morph",
+       .stage = ShaderStage::kVertex,
+       .description = "Morph targets at given weights, or at a time of an animation of the file; nodes stay.",
+       .output_type = "position",
+       .parameters = PoseParameters({{"weights", "floats", {}, "one a morph target, the rest 0; not with a time"}})},
+      {.name = "skin",
+       .stage = ShaderStage::kVertex,
+       .description = "The file's animated pose at a time: nodes, morph targets and skins.",
+       .output_type = "position",
+       .parameters = PoseParameters({})},
       {.name = "occupancy", .description = "1 for every fragment.", .output_type = "f32", .output_components = 1},
       {.name = "constant",
        .description = "The same value for every fragment.",
@@ -134,6 +171,8 @@ const char* StageName(ShaderStage stage) {
 // How many numbers a parameter of this type takes, at least and at most.
 std::pair<size_t, size_t> NumbersOf(std::string_view type) {
   if (type == "mat4") return {16, 16};
+  if (type == "vec3") return {3, 3};
+  if (type == "floats") return {1, 65536};
   if (type == "vec4") return {1, 4};
   return {1, 1};
 }
@@ -159,6 +198,7 @@ absl::Status FillSlots(const ShaderInfo& info, const ShaderParameterInfo& parame
                                                      " given"));
     }
   }
+  if (parameter.default_value.empty()) return absl::OkStatus();  // read by the host, without a slot
   std::copy(given.begin(), given.end(), slot);
   if (parameter.type == "vec4") {
     for (size_t i = given.size(); i < 4; ++i) slot[i] = i == 3 ? 1.0 : 0.0;

@@ -1,4 +1,4 @@
-// The built-in shaders. A new fragment shader is one header and one line here, plus its description in catalog.cpp.
+// The built-in shaders. A new shader is one header and one line here, plus its description in catalog.cpp.
 #pragma once
 
 #include "shaders/attribute.h"
@@ -21,11 +21,18 @@
 #include "shaders/triangle_id.h"
 #include "shaders/uv.h"
 #include "shaders/velocity.h"
-#include "shaders/vertex_shaders.h"
+#include "shaders/vertex_displace_along_normal.h"
+#include "shaders/vertex_identity.h"
+#include "shaders/vertex_morph.h"
+#include "shaders/vertex_skin.h"
+#include "shaders/vertex_transform.h"
 
 #define VOXELPIPE_VERTEX_SHADERS(X) \
   X(Identity)                       \
-  X(Transform)
+  X(Transform)                      \
+  X(DisplaceAlongNormal)            \
+  X(Morph)                          \
+  X(Skin)
 
 #define VOXELPIPE_FRAGMENT_SHADERS(X) \
   X(Occupancy)                        \
@@ -96,14 +103,20 @@ VOXELPIPE_HD ShaderTraits TraitsOf(FragmentShaderId id) {
   return {};
 }
 
-VOXELPIPE_HD ShadedVertex ShadeVertex(VertexShaderId id, const ShadedVertex& in, const ShaderParams& params) {
+// The shader's own work, then the rigid motion whose parameters follow its own.
+VOXELPIPE_HD ShadedVertex ShadeVertex(VertexShaderId id, const VertexInput& in, const ShaderParams& params) {
+  ShadedVertex out = in.flat;
   switch (id) {
-#define VOXELPIPE_CASE(name) \
-  case VertexShaderId::k##name: return name##VertexShader::Shade(in, params);
+#define VOXELPIPE_CASE(name)                                                                              \
+  case VertexShaderId::k##name:                                                                           \
+    static_assert(name##VertexShader::kParameters + RigidMotion::kParameters <= ShaderParams::kCapacity); \
+    out = name##VertexShader::Shade(in, params);                                                          \
+    RigidMotion::Add(params.value + name##VertexShader::kParameters, out);                                \
+    break;
     VOXELPIPE_VERTEX_SHADERS(VOXELPIPE_CASE)
 #undef VOXELPIPE_CASE
   }
-  return in;
+  return out;
 }
 
 }  // namespace voxelpipe

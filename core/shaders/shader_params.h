@@ -5,7 +5,7 @@ namespace voxelpipe {
 
 // `value` holds the shader's parameters one after the other, in the order of its ShaderInfo::parameters.
 struct ShaderParams {
-  static constexpr int kCapacity = 32;
+  static constexpr int kCapacity = 48;
   double value[kCapacity] = {};
 };
 
