@@ -50,21 +50,27 @@ class Shader {
     LightGround(rect);
   }
 
+  // Light changes slowly: the samples of a block of pixels share what they can where they lie close together.
+  struct Shared {
+    bool valid = false;
+    Vec3d point;
+    double ambient = 0;
+    int sun_samples = 0;  // of this pixel, that still take `sun`
+    double sun = 0;
+    // Normals of the voxels met last, by voxel and axis of the face.
+    struct Normal {
+      uint64_t key = ~uint64_t{0};
+      Vec3d value;
+    };
+    std::array<Normal, 8> normals;
+  };
+
   // The mean of samples^2 rays through the pixel.
-  Vec3f Pixel(int x, int y, int samples) const;
+  Vec3f Pixel(int x, int y, int samples, Shared& shared) const;
   const Vec3d& right() const { return right_; }
   const Vec3d& up() const { return up_; }
 
  private:
-  // Light changes slowly: the samples of a pixel share it where they lie close together.
-  struct SharedLight {
-    bool valid = false;
-    Vec3d point;
-    double ambient = 0;
-    int sun_samples = 0;  // that still share `sun`
-    double sun = 0;
-  };
-
   // A box as the viewer sees it, scaled and relative to centre_: its middle, half its extent, and how near it comes.
   struct Shown {
     double x = 0, y = 0, across = 0, along = 0, near = 0;
@@ -79,7 +85,7 @@ class Shader {
   Vec3d SmoothNormal(const std::array<int64_t, 3>& voxel, const Vec3d& face) const;
   double Occlusion(const Vec3d& point, const Vec3d& normal, double first_step) const;
   double CornerLight(const PreviewHit& hit, int sign, const Vec3d& index_point) const;
-  Vec3f Surface(const PreviewHit& hit, const Vec3d& point, int jitter, SharedLight& shared) const;
+  Vec3f Surface(const PreviewHit& hit, const Vec3d& point, int jitter, Shared& shared) const;
   Vec3f Ground(double x, double y) const;
   void FindDepths(const PixelRect& rect);
   void LightGround(const PixelRect& rect);
@@ -210,7 +216,7 @@ double Shader::CornerLight(const PreviewHit& hit, int sign, const Vec3d& index_p
   return light;
 }
 
-Vec3f Shader::Surface(const PreviewHit& hit, const Vec3d& point, int jitter, SharedLight& shared) const {
+Vec3f Shader::Surface(const PreviewHit& hit, const Vec3d& point, int jitter, Shared& shared) const {
   const int sign = eye_[hit.axis] > 0 ? 1 : -1;
   Vec3d face;
   face[hit.axis] = sign;
@@ -225,14 +231,20 @@ Vec3f Shader::Surface(const PreviewHit& hit, const Vec3d& point, int jitter, Sha
     if (Dot(smooth, eye_) < 0) smooth = smooth * -1.0;
     normal = smooth;
   } else {
-    smooth = SmoothNormal(hit.voxel, face);
+    const uint64_t key = 3 * voxel + uint64_t(hit.axis);
+    Shared::Normal& known = shared.normals[(key * 0x9e3779b97f4a7c15) >> 61];
+    if (known.key != key) known = {key, SmoothNormal(hit.voxel, face)};
+    smooth = known.value;
     normal = Unit(smooth * (1 - 0.75 * cubic) + face * (0.12 + 0.75 * cubic));
   }
 
   const double cell = volume_.CellSize(0);
   const Vec3d apart = point - shared.point;
   if (!shared.valid || Dot(apart, apart) > 4) {
-    shared = {true, point, Occlusion(point, smooth, std::max(1.5, cell)), 0, 0};
+    shared.valid = true;
+    shared.point = point;
+    shared.sun_samples = 0;
+    shared.ambient = Occlusion(point, smooth, std::max(1.5, cell));
     // The ground takes light from what faces it closely.
     const double height = (point.y - double(volume_.lo()[1]) * scale_.y) / radius_;
     shared.ambient *= 1 - 0.5 * std::max(0.0, 0.4 - smooth.y) * std::exp(-4 * height);
@@ -353,14 +365,14 @@ Vec3f Shader::GroundAt(int px, int py) const {
   return top + (bottom - top) * v;
 }
 
-Vec3f Shader::Pixel(int px, int py, int samples) const {
+Vec3f Shader::Pixel(int px, int py, int samples, Shared& shared) const {
   const double near =
       depths_[size_t((py - depth_y_) / kDepthTile) * size_t(depth_columns_) + size_t((px - depth_x_) / kDepthTile)];
   if (near == kNothing) return GroundAt(px, py);
   const double back = near + 2;  // before the nearest cell, in the empty: the ray has entered no voxel yet
   Vec3f sum;
   int missed = 0;
-  SharedLight shared;
+  shared.sun_samples = 0;
   for (int s = 0; s < samples * samples; ++s) {
     const double x = (px + (s % samples + 0.5) / samples - middle_x_) / pixels_;
     const double y = (middle_y_ - py - (s / samples + 0.5) / samples) / pixels_;
@@ -405,18 +417,23 @@ absl::Status DrawIsometric(const PreviewVolume& volume, const PreviewColours& co
                            const PixelRect& rect, int samples, const JobContext* job, Canvas& canvas) {
   const Shader shader(volume, colours, grid, rect);
   std::atomic<bool> stopped{false};
-  constexpr int kTile = 32;
+  constexpr int kBlock = 2, kTile = 16;  // pixels a side of what shares light; blocks a side of a task
   const auto draw = [&](const tbb::blocked_range2d<int>& tile) {
     if (job != nullptr && !job->Check().ok()) stopped = true;
     if (stopped) return;
-    for (int y = tile.rows().begin(); y < tile.rows().end(); ++y) {
-      for (int x = tile.cols().begin(); x < tile.cols().end(); ++x) {
-        canvas.At(x, y) = shader.Pixel(x, y, samples);
+    for (int row = tile.rows().begin(); row < tile.rows().end(); ++row) {
+      for (int column = tile.cols().begin(); column < tile.cols().end(); ++column) {
+        Shader::Shared shared;  // of one block, so that the picture does not depend on how the work is split
+        for (int pixel = 0; pixel < kBlock * kBlock; ++pixel) {
+          const int x = column * kBlock + pixel % kBlock, y = row * kBlock + pixel / kBlock;
+          if (x >= rect.width || y >= rect.height) continue;
+          canvas.At(rect.x + x, rect.y + y) = shader.Pixel(rect.x + x, rect.y + y, samples, shared);
+        }
       }
     }
   };
-  tbb::parallel_for(tbb::blocked_range2d<int>(rect.y, rect.y + rect.height, kTile, rect.x, rect.x + rect.width, kTile),
-                    draw);
+  const int columns = (rect.width + kBlock - 1) / kBlock, rows = (rect.height + kBlock - 1) / kBlock;
+  tbb::parallel_for(tbb::blocked_range2d<int>(0, rows, kTile, 0, columns, kTile), draw);
   if (stopped) return job->Check();
   DrawAxes(shader, rect, canvas);
   return absl::OkStatus();

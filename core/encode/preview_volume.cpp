@@ -125,6 +125,7 @@ absl::Status PreviewVolume::CountCells(const JobContext* job) {
     }
     if (cells <= double(kMaxCells)) break;
   }
+  cell_shift_ = std::countr_zero(uint64_t(cell_));
   base.density.resize(size_t(base.dims[0] * base.dims[1] * base.dims[2]));
 
   std::mutex mutex;
@@ -250,7 +251,7 @@ PreviewHit PreviewVolume::Trace(const Vec3d& origin, const Vec3d& direction, dou
     for (int a = 0; a < 3; ++a) {
       const double p = origin[a] + direction[a] * inside;
       voxel[a] = std::clamp<int64_t>(int64_t(std::floor(p)), 0, dims_[a] - 1);
-      cell[a] = voxel[a] / cell_;
+      cell[a] = voxel[a] >> cell_shift_;
     }
     const int distance = distance_[size_t(cell[0] + base.dims[0] * (cell[1] + base.dims[1] * cell[2]))];
     // The parameter at which the ray leaves the box of cells [low, high) and the axis through which it does.
@@ -281,7 +282,7 @@ PreviewHit PreviewVolume::Trace(const Vec3d& origin, const Vec3d& direction, dou
         }
         const int a = next.x < next.y ? (next.x < next.z ? 0 : 2) : (next.y < next.z ? 1 : 2);
         voxel[a] += direction[a] > 0 ? 1 : -1;
-        if (voxel[a] < 0 || voxel[a] >= dims_[a] || voxel[a] / cell_ != cell[a]) break;
+        if (voxel[a] < 0 || voxel[a] >= dims_[a] || voxel[a] >> cell_shift_ != cell[a]) break;
         t = std::max(t, next[a]);
         hit.axis = a;
         next[a] += std::abs(inverse[a]);
@@ -304,6 +305,19 @@ float PreviewVolume::Density(int level, const Vec3d& p) const {
     if (floor < -1 || floor >= double(data.dims[a])) return 0;
     base[a] = int64_t(floor);
     weight[a] = float(q - floor);
+  }
+  const bool inside = base[0] >= 0 && base[1] >= 0 && base[2] >= 0 && base[0] + 1 < data.dims[0] &&
+                      base[1] + 1 < data.dims[1] && base[2] + 1 < data.dims[2];
+  if (inside) {
+    const int64_t row = data.dims[0], plane = data.dims[0] * data.dims[1];
+    const uint8_t* cells = &data.density[size_t(base[0] + row * base[1] + plane * base[2])];
+    const auto along_x = [&](const uint8_t* at) { return float(at[0]) + weight[0] * float(at[1] - at[0]); };
+    const auto across = [&](const uint8_t* at) {
+      const float near = along_x(at);
+      return near + weight[1] * (along_x(at + row) - near);
+    };
+    const float near = across(cells);
+    return (near + weight[2] * (across(cells + plane) - near)) * (1.0f / 255.0f);
   }
   float sum = 0;
   for (int corner = 0; corner < 8; ++corner) {

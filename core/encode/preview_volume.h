@@ -86,6 +86,7 @@ class PreviewVolume {
   std::span<const uint8_t> bits_;
   std::vector<uint8_t> own_bits_;  // where the result has no dense bit target
   int64_t cell_ = 1;               // voxels a side of a cell of level 0, a power of two
+  int cell_shift_ = 0;             // its logarithm
   std::vector<Level> levels_;
   std::vector<uint8_t>
       distance_;  // per cell of level 0: Chebyshev distance to the nearest cell with anything, 0 = itself
