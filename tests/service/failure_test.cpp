@@ -15,6 +15,7 @@
 #include "gtest/gtest.h"
 #include "pipeline/limit_error.h"
 #include "service/background_call.h"
+#include "service/requests.h"
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
@@ -24,21 +25,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-VoxelizeRequest Small() {
-  VoxelizeRequest request;
-  request.grid.resolution = 16;
-  return request;
-}
-
-// Work for a minute or more of one core (servers that get it have --threads 1), in a small result.
-VoxelizeRequest Endless() {
-  VoxelizeRequest request;
-  request.grid.resolution = 256;
-  request.targets[0].format = VoxelFormat::kF32;
-  request.targets[0].blend = Blend::kMax;
-  request.targets[0].shader = {"barycentric", {}};
-  return request;
-}
+// With SlowRequest, more work than any test waits for.
 std::vector<uint8_t> EndlessMesh() {
   return LargeTrianglesGlb(20000);
 }
@@ -55,7 +42,7 @@ class FailureTest : public ::testing::Test {
         v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
   }
 
-  absl::Status Ask(const std::vector<uint8_t>& bytes, const VoxelizeRequest& request = Small()) {
+  absl::Status Ask(const std::vector<uint8_t>& bytes, const VoxelizeRequest& request = SmallRequest()) {
     const JobContext job;
     return client_->Voxelize(bytes, MeshFormat::kAuto, request, job).status();
   }
@@ -169,28 +156,28 @@ TEST_F(FailureTest, PiecesMayBeSmall) {
 
 TEST_F(FailureTest, WhatTheRequestNamesWrongly) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  VoxelizeRequest request = Small();
+  VoxelizeRequest request = SmallRequest();
   request.targets[0].shader.name = "no_such_shader";
   EXPECT_STATUS(Ask(glb_, request), kInvalidArgument, "no_such_shader");
-  request = Small();
+  request = SmallRequest();
   request.targets[0].shader = {"constant", {{"colour", {1}}}};
   EXPECT_STATUS(Ask(glb_, request), kInvalidArgument, "colour");
-  request = Small();
+  request = SmallRequest();
   request.targets[0].blend = Blend::kAdd;
   EXPECT_STATUS(Ask(glb_, request), kInvalidArgument, "blend");
-  request = Small();
+  request = SmallRequest();
   request.targets[0].components = 3;
   EXPECT_STATUS(Ask(glb_, request), kInvalidArgument, "components");
-  request = Small();
+  request = SmallRequest();
   request.grid.resolution = 0;
   EXPECT_STATUS(Ask(glb_, request), kInvalidArgument, "resolution");
-  request = Small();
+  request = SmallRequest();
   request.grid.dims = {4, 4, 4};
   EXPECT_STATUS(Ask(glb_, request), kInvalidArgument, "origin");
-  request = Small();
+  request = SmallRequest();
   request.targets.assign(9, TargetSpec{});
   EXPECT_STATUS(Ask(glb_, request), kInvalidArgument, "targets");
-  request = Small();
+  request = SmallRequest();
   request.backend = BackendChoice::kCuda;
   EXPECT_STATUS(Ask(glb_, request), kFailedPrecondition, "CUDA");
   ExpectAlive();
@@ -222,7 +209,7 @@ TEST_F(FailureTest, InvalidArgumentCarriesTheField) {
 
 TEST_F(FailureTest, GridBeyondTheLimits) {
   ASSERT_NO_FATAL_FAILURE(Start({"--max-result-bytes", "1000000"}));
-  VoxelizeRequest request = Small();
+  VoxelizeRequest request = SmallRequest();
   request.grid.resolution = 1024;
   EXPECT_STATUS(Ask(glb_, request), kResourceExhausted, "1000000");
 
@@ -251,7 +238,7 @@ TEST_F(FailureTest, GridBeyondTheLimits) {
 
 TEST_F(FailureTest, CancelFreesTheWorker) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
-  BackgroundCall call(*client_, EndlessMesh(), Endless());
+  BackgroundCall call(*client_, EndlessMesh(), SlowRequest());
   ASSERT_TRUE(call.WaitFor("fine_raster"));
   const auto before = std::chrono::steady_clock::now();
   call.Cancel();
@@ -264,14 +251,14 @@ TEST_F(FailureTest, CancelFreesTheWorker) {
 // queued.
 TEST_F(FailureTest, CancelWhileWaitingInTheQueue) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1", "--max-queue", "1"}));
-  BackgroundCall running(*client_, EndlessMesh(), Endless());
+  BackgroundCall running(*client_, EndlessMesh(), SlowRequest());
   ASSERT_TRUE(running.WaitUntilPlanned());
   const std::unique_ptr<Client> other = ConnectTo(*server_);
   // The server learns of a cancellation a little after its client does, so the queue's one place may still be taken when
   // the next call comes: that one is refused, and asks again.
   const auto give_up = std::chrono::steady_clock::now() + kPatience;
   for (int cancelled = 0; cancelled < 10;) {
-    BackgroundCall waiting(*other, glb_, Small());
+    BackgroundCall waiting(*other, glb_, SmallRequest());
     std::this_thread::sleep_for(std::chrono::milliseconds(5 * cancelled));
     waiting.Cancel();
     const absl::StatusCode code = waiting.Result().status().code();
@@ -294,11 +281,12 @@ TEST_F(FailureTest, Deadlines) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   JobContext expired;
   expired.set_deadline(JobContext::Clock::now() - std::chrono::seconds(1));
-  EXPECT_STATUS(client_->Voxelize(glb_, MeshFormat::kGlb, Small(), expired).status(), kDeadlineExceeded, "");
+  EXPECT_STATUS(client_->Voxelize(glb_, MeshFormat::kGlb, SmallRequest(), expired).status(), kDeadlineExceeded, "");
 
   JobContext soon;
   soon.set_deadline(JobContext::Clock::now() + std::chrono::milliseconds(700));
-  EXPECT_STATUS(client_->Voxelize(EndlessMesh(), MeshFormat::kGlb, Endless(), soon).status(), kDeadlineExceeded, "");
+  EXPECT_STATUS(client_->Voxelize(EndlessMesh(), MeshFormat::kGlb, SlowRequest(), soon).status(), kDeadlineExceeded,
+                "");
   EXPECT_LT(JobContext::Clock::now() - *soon.deadline(), std::chrono::seconds(10));
   ExpectAlive();
 }
@@ -322,7 +310,8 @@ TEST_F(FailureTest, ACallbackThatThrows) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   const JobContext job;
   const auto throws = [](const Plan&) { throw std::runtime_error("enough"); };
-  EXPECT_THROW((void)client_->Voxelize(EndlessMesh(), MeshFormat::kGlb, Endless(), job, throws), std::runtime_error);
+  EXPECT_THROW((void)client_->Voxelize(EndlessMesh(), MeshFormat::kGlb, SlowRequest(), job, throws),
+               std::runtime_error);
   ExpectAlive();
 }
 
@@ -337,7 +326,7 @@ TEST(NoServerTest, ServerThatDiesIsUnavailable) {
   ASSERT_NE(server, nullptr);
   const std::unique_ptr<Client> client = ConnectTo(*server);
   ASSERT_NE(client, nullptr);
-  BackgroundCall call(*client, EndlessMesh(), Endless());
+  BackgroundCall call(*client, EndlessMesh(), SlowRequest());
   ASSERT_TRUE(call.WaitUntilPlanned());
   server->Signal(SIGKILL);
   EXPECT_STATUS(call.Result().status(), kUnavailable, server->address());

@@ -18,6 +18,7 @@
 #include "mesh/flatten.h"
 #include "mesh/report.h"
 #include "service/background_call.h"
+#include "service/requests.h"
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
 
@@ -32,22 +33,6 @@ using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
 
 constexpr char kServiceName[] = "voxelpipe.v1.VoxelizationService";
-
-VoxelizeRequest Small() {
-  VoxelizeRequest request;
-  request.grid.resolution = 16;
-  return request;
-}
-
-// A few milliseconds of one core for each large triangle.
-VoxelizeRequest Slow() {
-  VoxelizeRequest request;
-  request.grid.resolution = 256;
-  request.targets[0].format = VoxelFormat::kF32;
-  request.targets[0].blend = Blend::kMax;
-  request.targets[0].shader = {"barycentric", {}};
-  return request;
-}
 
 class LifecycleTest : public ::testing::Test {
  protected:
@@ -84,7 +69,7 @@ class LifecycleTest : public ::testing::Test {
 TEST_F(LifecycleTest, SaysOneLineAndEndsOnSigterm) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const JobContext job;
-  ASSERT_TRUE(client_->Voxelize(TorusGlb(6), MeshFormat::kGlb, Small(), job).ok());
+  ASSERT_TRUE(client_->Voxelize(TorusGlb(6), MeshFormat::kGlb, SmallRequest(), job).ok());
   server_->Signal(SIGTERM);
   const absl::StatusOr<CommandResult> end = server_->Wait();
   ASSERT_TRUE(end.ok()) << end.status();
@@ -127,7 +112,7 @@ TEST_F(LifecycleTest, HealthWatchSeesTheDrain) {
 
   EXPECT_EQ(client_->CheckHealth().code(), absl::StatusCode::kUnavailable);
   const JobContext job;
-  const absl::Status late = client_->Voxelize(TorusGlb(6), MeshFormat::kGlb, Small(), job).status();
+  const absl::Status late = client_->Voxelize(TorusGlb(6), MeshFormat::kGlb, SmallRequest(), job).status();
   EXPECT_TRUE(late.ok()) << "a call that comes while the server drains is lost: " << late;
 
   while (watch->Read(&response)) {}
@@ -149,7 +134,7 @@ TEST_F(LifecycleTest, HealthWatchOfAnUnknownService) {
 
 TEST_F(LifecycleTest, SigtermLetsARunningRequestFinish) {
   ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0", "--threads", "1"}));
-  BackgroundCall call(*client_, LargeTrianglesGlb(1000), Slow());
+  BackgroundCall call(*client_, LargeTrianglesGlb(1000), SlowRequest());
   ASSERT_TRUE(call.WaitUntilPlanned());
   EXPECT_FALSE(call.IsOver());
   server_->Signal(SIGTERM);
@@ -161,7 +146,7 @@ TEST_F(LifecycleTest, SigtermLetsARunningRequestFinish) {
 // A connection that closes under a client which still reads takes the rest of the result with it.
 TEST_F(LifecycleTest, SigtermDuringDownloads) {
   ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0"}));
-  VoxelizeRequest request = Slow();
+  VoxelizeRequest request = SlowRequest();
   request.grid.resolution = 192;
   std::vector<std::unique_ptr<Client>> clients;
   std::vector<std::unique_ptr<BackgroundCall>> calls;
@@ -182,7 +167,7 @@ TEST_F(LifecycleTest, SigtermDuringDownloads) {
 
 TEST_F(LifecycleTest, TheDrainHasAnEnd) {
   ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0", "--drain-grace-ms", "300", "--threads", "1"}));
-  BackgroundCall call(*client_, LargeTrianglesGlb(20000), Slow());
+  BackgroundCall call(*client_, LargeTrianglesGlb(20000), SlowRequest());
   ASSERT_TRUE(call.WaitUntilPlanned());
   server_->Signal(SIGTERM);
   const absl::Status status = call.Result().status();
@@ -322,7 +307,7 @@ TEST_F(LifecycleTest, EstimateIsWhatComes) {
 
 TEST_F(LifecycleTest, SummaryTellsStagesPeakAndMesh) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  VoxelizeRequest request = Small();
+  VoxelizeRequest request = SmallRequest();
   request.fill = Fill::kParity;
   std::vector<std::string> reported;
   const JobContext job([&](std::string_view stage, double fraction) {

@@ -42,10 +42,11 @@ class RoundTripTest : public ::testing::Test {
     EXPECT_EQ(there->result.grid, here->grid);
     EXPECT_EQ(plan.grid, here->grid);
     EXPECT_EQ(there->result.layout, here->layout);
-    ASSERT_EQ(there->result.targets.size(), here->targets.size());
-    for (size_t i = 0; i < here->targets.size(); ++i) {
-      const auto a = there->result.targets[i].bytes(), b = here->targets[i].bytes();
-      EXPECT_TRUE(std::equal(a.begin(), a.end(), b.begin(), b.end())) << "target " << i;
+    EXPECT_EQ(there->result.kind, here->kind);
+    const auto a = ArraysOf(there->result), b = ArraysOf(*here);
+    ASSERT_EQ(a.size(), b.size());
+    for (size_t i = 0; i < b.size(); ++i) {
+      EXPECT_TRUE(std::equal(a[i].begin(), a[i].end(), b[i].begin(), b[i].end())) << "array " << i;
     }
     EXPECT_EQ(there->result.stats.triangles, here->stats.triangles);
     EXPECT_EQ(there->result.stats.fragments, here->stats.fragments);
@@ -137,6 +138,39 @@ TEST_F(RoundTripTest, EveryCoverageFillAndLayout) {
       }
     }
   }
+}
+
+TEST_F(RoundTripTest, EveryFormatBlendAndKindOfResult) {
+  const std::vector<Blend> blends = {Blend::kOr,    Blend::kReplace, Blend::kMin,   Blend::kMax, Blend::kAdd,
+                                     Blend::kFirst, Blend::kAverage, Blend::kCount, Blend::kAnd};
+  for (const VoxelFormat format : {VoxelFormat::kBit, VoxelFormat::kU8, VoxelFormat::kU16, VoxelFormat::kU32,
+                                   VoxelFormat::kF16, VoxelFormat::kF32}) {
+    for (const Blend blend : blends) {
+      if (!CheckBlend(format, blend).ok()) continue;
+      for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+        SCOPED_TRACE(std::string(Name(format)) + " " + std::string(Name(blend)) + " " + std::string(Name(kind)));
+        VoxelizeRequest request = Request(19);
+        request.result = kind;
+        request.layout = blend == Blend::kMax ? Layout::kPlanar : Layout::kInterleaved;
+        request.targets = {Target(format, format == VoxelFormat::kBit ? 1 : 3, blend, CallOf("barycentric")),
+                           Target(VoxelFormat::kBit, 1, Blend::kOr, CallOf("occupancy"))};
+        if (format == VoxelFormat::kU16) request.targets[0].scale = 1000;
+        ExpectSameBytes(request);
+      }
+    }
+  }
+}
+
+TEST_F(RoundTripTest, FloodAndEveryInstructionSetOfThisMachine) {
+  VoxelizeRequest request = Request(40);
+  request.fill = Fill::kFlood;
+  ExpectSameBytes(request);
+  const std::string flooded = last_;
+  request.simd = SimdChoice::kScalar;
+  ExpectSameBytes(request);
+  EXPECT_EQ(last_, flooded);
+  request.result = ResultKind::kSparse;
+  ExpectSameBytes(request);
 }
 
 TEST_F(RoundTripTest, SeveralTargetsAtOnce) {
