@@ -1,6 +1,8 @@
 #include "support/meshes.h"
 
 #include <cmath>
+#include <iterator>
+#include <limits>
 #include <numbers>
 #include <random>
 
@@ -143,6 +145,63 @@ TriangleMesh Soup(int triangles, double extent, uint32_t seed) {
     t.push_back({v, v + 1, v + 2});
   }
   return MakeMesh(p, t);
+}
+
+TriangleMesh AttributedSoup(int triangles, double extent, uint32_t seed) {
+  TriangleMesh mesh = Soup(triangles, extent, seed);
+  std::mt19937 random(seed + 1);
+  const auto uniform = [&](double lo, double hi) {
+    return float(std::uniform_real_distribution<double>(lo, hi)(random));
+  };
+  const float infinity = std::numeric_limits<float>::infinity();
+  const float hostile[] = {-0.0f,     0.0f,     1.0f,      0.5f,    -7.25f, 300.0f,   0.5f / 255,  2.5f / 65535,
+                           65504.0f,  65519.0f, -65520.0f, 3.4e38f, 1e-8f,  2.98e-8f, 1e-42f,      infinity,
+                           -infinity, NAN,      1e10f,     -1e12f,  0.25f,  2.5f,     16777216.0f, 4294967040.0f};
+  const auto pick = [&] { return hostile[random() % std::size(hostile)]; };
+  for (int i = 0; i < triangles; ++i) {
+    // Colours alike on the whole triangle arrive as they are; mixed ones meet 0 * infinity.
+    const bool alike = i % 4 != 0;
+    Vec4f color{pick(), pick(), pick(), pick()};
+    for (int corner = 0; corner < 3; ++corner) {
+      if (!alike) color = {uniform(-1, 2), pick(), uniform(0, 1), uniform(0, 1)};
+      mesh.colors.push_back(color);
+      const double z = uniform(-1, 1), x = std::sqrt(1 - z * z);
+      mesh.normals.push_back({float(x), 0, float(z)});
+      mesh.tangents.push_back({0, 1, 0, i % 2 == 0 ? 1.0f : -1.0f});
+      for (auto& uv : mesh.uv) uv.push_back({uniform(-1, 2), uniform(-1, 2)});
+    }
+  }
+  Material material;
+  material.base_color_factor = {0.75f, 0.5f, 1, 1};
+  material.emissive_factor = {0.5f, 0.25f, 1};
+  material.emissive_strength = 3;
+  material.metallic_factor = 0.5f;
+  material.alpha_mode = AlphaMode::kMask;
+  material.alpha_cutoff = 0.4f;
+  material.base_color.texture = material.emissive.texture = material.metallic_roughness.texture = 0;
+  Texture texture;
+  texture.image = 0;
+  auto image = std::make_shared<Image>();
+  image->width = image->height = 4;
+  for (int i = 0; i < 64; ++i) image->rgba.push_back(uint8_t(random()));
+  mesh.materials = {material};
+  mesh.textures = {texture};
+  mesh.images = {image};
+  const auto half = uint64_t(triangles / 2);
+  MeshPart part;
+  part.has_normals = part.has_tangents = part.has_colors = part.has_uv[0] = part.has_uv[1] = true;
+  part.material = 0;
+  part.triangle_count = half;
+  part.vertex_count = 3 * half;
+  MeshPart rest = part;
+  rest.material = -1;
+  rest.mesh = 3;
+  rest.first_triangle = half;
+  rest.first_vertex = 3 * half;
+  rest.triangle_count = uint64_t(triangles) - half;
+  rest.vertex_count = 3 * rest.triangle_count;
+  mesh.parts = {part, rest};
+  return mesh;
 }
 
 Mat4d Rotation(const Vec3d& k, double angle) {
