@@ -31,9 +31,10 @@ demo: configure ## Send a real mesh to a server, get voxels and a picture back (
 	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe voxelpiped
 	@bash tests/support/demo.sh $(BUILD_DIR)
 
-bench: configure ## Measure the pipeline on generated meshes at 128, 256 and 512
-	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe
-	@bash tests/support/python.sh tests/bench/run.py --voxelpipe $(BUILD_DIR)/bin/voxelpipe --meshes $(BUILD_DIR)/bench
+bench: configure ## Measure the pipeline; BENCH_ARGS="--mesh=NAME=FILE --threads=N --benchmark_filter=REGEX"
+	@cmake --preset $(PRESET) -DVOXELPIPE_BENCH=ON >$(BUILD_DIR)/configure.log
+	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelize_bench
+	@bash tests/bench/bench.sh $(BUILD_DIR) $(BENCH_ARGS)
 
 format: ## Format all sources in place (clang-format 14)
 	@bash tests/support/lint.sh format $(BUILD_DIR)

@@ -1,0 +1,45 @@
+// What benchmarks compare must be comparable: closed meshes of the size they say, and a yardstick that marks the same voxels.
+#include <bit>
+
+#include "bench/meshes.h"
+#include "bench/yardstick.h"
+#include "gtest/gtest.h"
+#include "mesh/report.h"
+#include "pipeline/voxelize.h"
+
+namespace voxelpipe::bench {
+namespace {
+
+TEST(BenchMeshes, AreClosedAndOfTheSizeTheySay) {
+  EXPECT_NEAR(double(BumpySphere(70'000).triangles.size()), 70'000, 1'000);
+  EXPECT_NEAR(double(BumpyTorus(60'000).triangles.size()), 60'000, 1'000);
+  EXPECT_EQ(CountOpenEdges(BumpyTorus(6'000)), 0u);
+  const TriangleMesh coarse = BumpyTorus(600);
+  const TriangleMesh fine = Subdivided(coarse, 2);
+  EXPECT_EQ(fine.triangles.size(), coarse.triangles.size() * 16);
+  EXPECT_EQ(CountOpenEdges(fine), 0u);
+  EXPECT_EQ(Mixed().triangles.size(), 120'092u);
+}
+
+TEST(Yardstick, MarksTheVoxelsOfTheConservativeCoverage) {
+  for (const TriangleMesh& mesh : {BumpySphere(2'000), BumpyTorus(3'000)}) {
+    VoxelizeRequest request;
+    request.grid.resolution = 60;
+    const auto ours = Voxelize(mesh, request, JobContext());
+    ASSERT_TRUE(ours.ok());
+    const std::vector<uint8_t> plain = PlainLoop(mesh, ours->grid);
+    uint64_t missed = 0, extra = 0, marked = 0;
+    for (size_t i = 0; i < plain.size(); ++i) {
+      const uint8_t other = ours->targets[0].data()[i];
+      missed += uint64_t(std::popcount(uint8_t(plain[i] & ~other)));
+      extra += uint64_t(std::popcount(uint8_t(other & ~plain[i])));
+      marked += uint64_t(std::popcount(plain[i]));
+    }
+    EXPECT_EQ(missed, 0u);
+    EXPECT_LT(extra, marked / 500) << "only what lies within the widening";
+    EXPECT_GT(marked, 5'000u);
+  }
+}
+
+}  // namespace
+}  // namespace voxelpipe::bench

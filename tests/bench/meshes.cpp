@@ -1,0 +1,134 @@
+#include "bench/meshes.h"
+
+#include <cmath>
+#include <map>
+#include <numbers>
+
+namespace voxelpipe::bench {
+namespace {
+
+// PCG (M. O'Neill, 2014), 32 bits.
+class Random {
+ public:
+  explicit Random(uint64_t seed) : state_(seed * 6364136223846793005ull + 1442695040888963407ull) {}
+  uint32_t Next() {
+    const uint64_t old = state_;
+    state_ = old * 6364136223846793005ull + 1442695040888963407ull;
+    const auto xored = uint32_t(((old >> 18) ^ old) >> 27);
+    const auto turn = uint32_t(old >> 59);
+    return xored >> turn | xored << ((32 - turn) & 31);
+  }
+  // In [-1, 1).
+  double Signed() { return double(Next()) * 0x1p-31 - 1; }
+
+ private:
+  uint64_t state_;
+};
+
+TriangleMesh Finish(TriangleMesh mesh) {
+  MeshPart part;
+  part.triangle_count = mesh.triangles.size();
+  part.vertex_count = mesh.positions.size();
+  mesh.parts = {part};
+  mesh.unused_vertices.emplace();
+  return mesh;
+}
+
+// A closed grid of rows x columns points, both ways around (torus) or from pole to pole (sphere).
+template <typename Point>
+TriangleMesh Surface(int64_t rows, int64_t columns, bool torus, const Point& point) {
+  TriangleMesh mesh;
+  const int64_t points = torus ? rows : rows + 1;
+  for (int64_t r = 0; r < points; ++r) {
+    for (int64_t c = 0; c < columns; ++c)
+      mesh.positions.push_back(point(double(r) / double(rows), double(c) / double(columns)));
+  }
+  const auto at = [&](int64_t r, int64_t c) { return uint32_t(r % points * columns + c % columns); };
+  for (int64_t r = 0; r < rows; ++r) {
+    for (int64_t c = 0; c < columns; ++c) {
+      mesh.triangles.push_back({at(r, c), at(r + 1, c), at(r + 1, c + 1)});
+      mesh.triangles.push_back({at(r, c), at(r + 1, c + 1), at(r, c + 1)});
+    }
+  }
+  return Finish(std::move(mesh));
+}
+
+double Bumps(double u, double v) {
+  const double pi = std::numbers::pi;
+  return 1 + 0.06 * std::sin(10 * pi * u) * std::sin(14 * pi * v) +
+         0.02 * std::sin(46 * pi * u + 3) * std::cos(38 * pi * v);
+}
+
+}  // namespace
+
+TriangleMesh BumpySphere(int64_t triangles) {
+  const auto rows = int64_t(std::sqrt(double(triangles) / 4));
+  return Surface(rows, 2 * rows, false, [](double u, double v) {
+    const double r = 0.45 * Bumps(u, v), a = std::numbers::pi * u, b = 2 * std::numbers::pi * v;
+    return Vec3d{0.5 + r * std::sin(a) * std::cos(b), 0.5 + r * std::cos(a), 0.5 + r * std::sin(a) * std::sin(b)};
+  });
+}
+
+TriangleMesh BumpyTorus(int64_t triangles) {
+  const auto rows = int64_t(std::sqrt(double(triangles) / 6));
+  return Surface(rows, 3 * rows, true, [](double u, double v) {
+    const double a = 2 * std::numbers::pi * u, b = 2 * std::numbers::pi * v, r = 0.12 * Bumps(u, v);
+    const double ring = 0.33 + r * std::cos(a);
+    return Vec3d{0.5 + ring * std::cos(b), 0.5 + r * std::sin(a), 0.5 + ring * std::sin(b)};
+  });
+}
+
+TriangleMesh Subdivided(const TriangleMesh& mesh, int times) {
+  TriangleMesh out;
+  out.positions = mesh.positions;
+  out.triangles = mesh.triangles;
+  Random random(7);
+  for (int i = 0; i < times; ++i) {
+    std::vector<std::array<uint32_t, 3>> finer;
+    std::map<std::pair<uint32_t, uint32_t>, uint32_t> middles;
+    const auto middle = [&](uint32_t a, uint32_t b) {
+      const auto [known, added] = middles.try_emplace(std::minmax(a, b), uint32_t(out.positions.size()));
+      if (added) {
+        const Vec3d p = out.positions[a], q = out.positions[b];
+        const double jitter = 0.1 * std::sqrt(Dot(q - p, q - p));
+        const Vec3d moved{random.Signed() * jitter, random.Signed() * jitter, random.Signed() * jitter};
+        out.positions.push_back((p + q) * 0.5 + moved * 0.5);
+      }
+      return known->second;
+    };
+    for (const auto& [a, b, c] : out.triangles) {
+      const uint32_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
+      finer.insert(finer.end(), {{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}});
+    }
+    out.triangles = std::move(finer);
+  }
+  out = Finish(std::move(out));
+  out.unused_vertices = mesh.unused_vertices;  // the first vertices are the given ones
+  return out;
+}
+
+TriangleMesh Mixed() {
+  TriangleMesh mesh;
+  Random random(11);
+  const auto add = [&](const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    const auto first = uint32_t(mesh.positions.size());
+    mesh.positions.insert(mesh.positions.end(), {a, b, c});
+    mesh.triangles.push_back({first, first + 1, first + 2});
+  };
+  const auto point = [&](const Vec3d& centre, double reach) {
+    return centre + Vec3d{random.Signed() * reach, random.Signed() * reach, random.Signed() * reach};
+  };
+  const Vec3d middle{0.5, 0.5, 0.5};
+  for (int i = 0; i < 92; ++i) add(point(middle, 0.5), point(middle, 0.5), point(middle, 0.5));
+  std::vector<Vec3d> clusters;
+  for (int i = 0; i < 40; ++i) clusters.push_back(point(middle, 0.45));
+  for (int i = 0; i < 120'000; ++i) {
+    const Vec3d at = point(clusters[random.Next() % 40], 0.04);
+    add(point(at, 0.0015), point(at, 0.0015), point(at, 0.0015));
+  }
+  for (size_t i = mesh.triangles.size() - 1; i > 0; --i)
+    std::swap(mesh.triangles[i], mesh.triangles[random.Next() % (i + 1)]);
+  return Finish(std::move(mesh));
+}
+
+}  // namespace voxelpipe::bench

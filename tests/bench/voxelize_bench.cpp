@@ -1,0 +1,242 @@
+// The pipeline's speed, on generated meshes and any given ones, beside the plain loop and the machine's own limits.
+// usage: voxelize_bench [--mesh=NAME=FILE]... [--threads=N] [Google Benchmark's options]
+//
+// Rows are MESH/CASE/RESOLUTION. The grid is a cube of RESOLUTION voxels. Counters, in milliseconds but for counts: wall, cpu and their
+// spread are the pipeline's own (mesh in memory to result in memory, clearing included), warm: medians, and the least. `floor` is what the
+// machine itself needs: the result's bytes at the measured rate of clearing, or fragments at the measured rate of sorting 64-bit keys.
+#include <benchmark/benchmark.h>
+#include <tbb/parallel_sort.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <ctime>
+#include <fstream>
+#include <map>
+#include <random>
+
+#include "bench/meshes.h"
+#include "bench/yardstick.h"
+#include "load/loader.h"
+#include "load/pack.h"
+#include "mesh/flatten.h"
+#include "pipeline/voxelize.h"
+
+namespace voxelpipe::bench {
+namespace {
+
+int g_threads = 0;
+
+double ThreadCpuMs() {
+  timespec t;
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return double(t.tv_sec) * 1e3 + double(t.tv_nsec) * 1e-6;
+}
+
+double Quantile(std::vector<double> values, double q) {
+  std::sort(values.begin(), values.end());
+  return values[size_t(q * double(values.size() - 1) + 0.5)];
+}
+
+struct Case {
+  std::string name;
+  VoxelizeRequest request;
+  std::vector<int64_t> resolutions;
+};
+
+TargetSpec Target(VoxelFormat format, int components, Blend blend, const char* shader) {
+  TargetSpec target;
+  target.format = format;
+  target.components = components;
+  target.blend = blend;
+  target.shader = {shader, {}, {}};
+  return target;
+}
+
+std::vector<Case> Cases() {
+  const std::vector<int64_t> all{128, 256, 512, 1024}, some{512};
+  std::vector<Case> cases;
+  const auto add = [&](const char* name, const std::vector<int64_t>& resolutions, const auto& change) {
+    Case c{name, {}, resolutions};
+    c.request.grid.fit = GridFit::kCube;
+    c.request.threads = g_threads;
+    change(c.request);
+    cases.push_back(c);
+  };
+  add("conservative", all, [](VoxelizeRequest&) {});
+  add("thin", all, [](VoxelizeRequest& r) { r.coverage = Coverage::kThin; });
+  add("solid", some, [](VoxelizeRequest& r) { r.fill = Fill::kParity; });
+  add("flood", some, [](VoxelizeRequest& r) { r.fill = Fill::kFlood; });
+  add("f32_max_dense", some,
+      [](VoxelizeRequest& r) { r.targets = {Target(VoxelFormat::kF32, 1, Blend::kMax, "triangle_id")}; });
+  add("f32x4_add_dense", some,
+      [](VoxelizeRequest& r) { r.targets = {Target(VoxelFormat::kF32, 4, Blend::kAdd, "normal")}; });
+  add("f32_max_sparse", some, [](VoxelizeRequest& r) {
+    r.targets = {Target(VoxelFormat::kF32, 1, Blend::kMax, "triangle_id")};
+    r.result = ResultKind::kSparse;
+  });
+  add("a_buffer_conservative", some, [](VoxelizeRequest& r) { r.result = ResultKind::kBuckets; });
+  add("a_buffer_thin", some, [](VoxelizeRequest& r) {
+    r.result = ResultKind::kBuckets;
+    r.coverage = Coverage::kThin;
+  });
+  return cases;
+}
+
+// Bytes a millisecond of clearing memory that was used before, by the pipeline's own clear.
+double ClearRate() {
+  static const double rate = [] {
+    TriangleMesh nothing;
+    VoxelizeRequest request;
+    request.threads = g_threads;
+    request.grid.dims = {512, 512, 256};
+    request.grid.origin = Vec3d{0, 0, 0};
+    request.grid.voxel_size = Vec3d{1, 1, 1};
+    request.targets = {Target(VoxelFormat::kF32, 1, Blend::kMax, "occupancy")};
+    std::vector<double> ms;
+    for (int i = 0; i < 7; ++i) ms.push_back(Voxelize(nothing, request, JobContext())->stats.voxelize_ms);
+    return 512.0 * 512 * 256 * 4 / Quantile(ms, 0.5);
+  }();
+  return rate;
+}
+
+// 64-bit keys a millisecond that oneTBB sorts.
+double SortRate() {
+  static const double rate = [] {
+    std::vector<uint64_t> keys(4 << 20);
+    std::vector<double> ms;
+    tbb::task_arena arena(g_threads > 0 ? g_threads : tbb::task_arena::automatic);
+    for (int i = 0; i < 5; ++i) {
+      std::mt19937_64 random(5);
+      for (uint64_t& key : keys) key = random();
+      const auto begin = std::chrono::steady_clock::now();
+      arena.execute([&] { tbb::parallel_sort(keys.begin(), keys.end()); });
+      ms.push_back(std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count());
+    }
+    return double(keys.size()) / Quantile(ms, 0.5);
+  }();
+  return rate;
+}
+
+void Measure(benchmark::State& state, const TriangleMesh& mesh, VoxelizeRequest request) {
+  request.grid.resolution = state.range(0);
+  std::vector<double> wall, cpu;
+  VoxelizeResult result;
+  for (auto _ : state) {
+    result = VoxelizeResult();
+    absl::StatusOr<VoxelizeResult> made = Voxelize(mesh, request, JobContext());
+    if (!made.ok()) return state.SkipWithError(made.status().ToString().c_str());
+    result = *std::move(made);
+    state.SetIterationTime(result.stats.voxelize_ms / 1e3);
+    wall.push_back(result.stats.voxelize_ms);
+    cpu.push_back(result.stats.voxelize_cpu_ms);
+  }
+  wall.erase(wall.begin());  // the first one warms the pool of pages
+  cpu.erase(cpu.begin());
+  state.counters["wall"] = Quantile(wall, 0.5);
+  state.counters["wall_p10"] = Quantile(wall, 0.1);
+  state.counters["wall_p90"] = Quantile(wall, 0.9);
+  state.counters["cpu"] = Quantile(cpu, 0.5);
+  state.counters["cpu_min"] = Quantile(cpu, 0);
+  state.counters["occupied"] = double(result.stats.occupied);
+  if (request.result == ResultKind::kBuckets) {
+    state.counters["floor"] = double(*result.stats.fragments) / SortRate();
+  } else if (request.result == ResultKind::kDense && request.targets[0].format == VoxelFormat::kF32) {
+    state.counters["floor"] = double(result.targets[0].size()) / ClearRate();
+  }
+}
+
+void MeasureYardstick(benchmark::State& state, const TriangleMesh& mesh) {
+  VoxelizeRequest request;
+  request.grid.resolution = state.range(0);
+  request.grid.fit = GridFit::kCube;
+  request.threads = 1;
+  const VoxelizeResult ours = *Voxelize(mesh, request, JobContext());
+  std::vector<double> cpu, own;
+  std::vector<uint8_t> plain;
+  for (auto _ : state) {
+    const double begin = ThreadCpuMs();
+    plain = PlainLoop(mesh, ours.grid);
+    cpu.push_back(ThreadCpuMs() - begin);
+    own.push_back(Voxelize(mesh, request, JobContext())->stats.voxelize_cpu_ms);  // in pairs: the machine is noisy
+    state.SetIterationTime(cpu.back() / 1e3);
+  }
+  double missed = 0;
+  for (size_t i = 0; i < plain.size(); ++i) missed += std::popcount(uint8_t(plain[i] & ~ours.targets[0].data()[i]));
+  state.counters["cpu"] = Quantile(cpu, 0.5);
+  state.counters["ours_cpu"] = Quantile(own, 0.5);
+  state.counters["ratio"] = Quantile(cpu, 0.5) / Quantile(own, 0.5);
+  state.counters["missed"] = missed;
+}
+
+TriangleMesh LoadFile(const std::string& path) {
+  absl::StatusOr<std::vector<uint8_t>> bytes = ReadAndPackMeshFile(path);
+  absl::StatusOr<Scene> scene = bytes.ok() ? LoadScene(*bytes) : bytes.status();
+  absl::StatusOr<TriangleMesh> mesh = scene.ok() ? Flatten(*scene) : scene.status();
+  if (!mesh.ok()) {
+    std::fprintf(stderr, "%s: %s\n", path.c_str(), mesh.status().ToString().c_str());
+    std::exit(1);
+  }
+  return *std::move(mesh);
+}
+
+int Main(int argc, char** argv) {
+  std::vector<std::pair<std::string, std::string>> files;
+  int kept = 1;
+  for (int i = 1; i < argc; ++i) {
+    const std::string argument = argv[i];
+    if (argument.rfind("--mesh=", 0) == 0 && argument.find('=', 7) != std::string::npos) {
+      const size_t equals = argument.find('=', 7);
+      files.emplace_back(argument.substr(7, equals - 7), argument.substr(equals + 1));
+    } else if (argument.rfind("--threads=", 0) == 0) {
+      g_threads = std::atoi(argument.c_str() + 10);
+    } else {
+      argv[kept++] = argv[i];
+    }
+  }
+  argc = kept;
+  // Made when the first of its rows runs: a filter may leave most of them out.
+  using Maker = std::function<TriangleMesh()>;
+  std::vector<std::pair<std::string, Maker>> makers;
+  for (const auto& [name, path] : files) makers.emplace_back(name, [path = path] { return LoadFile(path); });
+  makers.emplace_back("sphere70k", [] { return BumpySphere(70'000); });
+  makers.emplace_back("mix", [] { return Mixed(); });
+  makers.emplace_back("sphere1M", [] { return Subdivided(BumpySphere(70'000), 2); });
+  makers.emplace_back("torus5M", [] { return BumpyTorus(5'200'000); });
+  for (const auto& [name, path] : files) {
+    if (name == "bunny") makers.emplace_back("bunny1M", [path = path] { return Subdivided(LoadFile(path), 2); });
+  }
+  static std::map<std::string, TriangleMesh> meshes;
+  const auto mesh_of = [](const std::string& name, const Maker& make) -> const TriangleMesh& {
+    const auto known = meshes.find(name);
+    if (known != meshes.end()) return known->second;
+    meshes.clear();  // one at a time
+    return meshes.emplace(name, make()).first->second;
+  };
+  for (const auto& [name, make] : makers) {
+    for (const Case& c : Cases()) {
+      auto* row = benchmark::RegisterBenchmark((name + "/" + c.name).c_str(), [=](benchmark::State& state) {
+        Measure(state, mesh_of(name, make), c.request);
+      });
+      for (const int64_t resolution : c.resolutions) row->Arg(resolution);
+      row->UseManualTime()->Iterations(12)->Unit(benchmark::kMillisecond);
+    }
+    benchmark::RegisterBenchmark((name + "/yardstick").c_str(),
+                                 [=](benchmark::State& state) { MeasureYardstick(state, mesh_of(name, make)); })
+        ->Arg(512)
+        ->UseManualTime()
+        ->Iterations(3)
+        ->Unit(benchmark::kMillisecond);
+  }
+  benchmark::Initialize(&argc, argv);
+  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 1;
+  benchmark::RunSpecifiedBenchmarks();
+  return 0;
+}
+
+}  // namespace
+}  // namespace voxelpipe::bench
+
+int main(int argc, char** argv) {
+  return voxelpipe::bench::Main(argc, argv);
+}
