@@ -171,6 +171,9 @@ TriangleMesh AttributedSoup(int triangles, double extent, uint32_t seed) {
       for (auto& uv : mesh.uv) uv.push_back({uniform(-1, 2), uniform(-1, 2)});
     }
   }
+  VertexAttribute heat{"_HEAT", 2, {}};
+  for (int i = 0; i < 6 * triangles; ++i) heat.values.push_back(uniform(-300, 300));
+  mesh.attributes = {heat};
   Material material;
   material.base_color_factor = {0.75f, 0.5f, 1, 1};
   material.emissive_factor = {0.5f, 0.25f, 1};
