@@ -11,8 +11,8 @@
 
 namespace voxelpipe {
 
-// Whether the arrays of `result` fit each other: sizes as HeaderOf says, bricks, voxels and offsets ascending and in range. The
-// functions below rely on it. INVALID_ARGUMENT naming the array.
+// Whether the arrays of `result` fit each other: sizes as HeaderOf says, bricks, voxels and offsets ascending and in
+// range. The functions below rely on it. INVALID_ARGUMENT naming the array.
 absl::Status CheckArrays(const VoxelizeResult& result);
 
 // Finds the item of a target's array that belongs to a voxel. Borrows the result.
@@ -22,8 +22,8 @@ class PreviewItems {
 
   explicit PreviewItems(const VoxelizeResult& result);
 
-  // In: voxel n of the linear order. Out: dense n itself; sparse the rank of the voxel among those listed; buckets its last
-  // fragment, that of the largest triangle id, as blend `replace` takes it. kNone for a voxel that is not listed.
+  // In: voxel n of the linear order. Out: dense n itself; sparse the rank of the voxel among those listed; buckets its
+  // last fragment, that of the largest triangle id, as blend `replace` takes it. kNone for a voxel that is not listed.
   uint64_t Find(uint64_t n) const;
   // Items of the arrays.
   uint64_t count() const { return count_; }

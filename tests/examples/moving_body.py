@@ -2,11 +2,11 @@
 """moving_body.py VOXELPIPE [--server HOST:PORT]: a rigid body moves through the grid of a fluid simulation.
 
 Each step is one request: the body's pose and motion go to the vertex shader, its surface comes back as bits and the
-velocity of that surface, averaged in each voxel, as three floats. That is the boundary condition of the fluid's next step.
+velocity of that surface, averaged in each voxel, as three floats: the boundary condition of the fluid's next step.
 The motivating case of J. Pantaleoni, "VoxelPipe: A Programmable Pipeline for 3D Voxelization", HPG 2011.
 
-Then the values are checked: where there is surface, the velocity is v + w x (p - c), p the mean of the surface's points in
-the voxel; elsewhere it is 0.
+Then the values are checked: where there is surface, the velocity is v + w x (p - c), p the mean of the surface's
+points in the voxel; elsewhere it is 0.
 """
 import json
 import os
