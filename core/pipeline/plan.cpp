@@ -83,8 +83,13 @@ Touched PredictTouched(const GridSpec& grid, const Size& size) {
     const double a_triangle = std::sqrt((area.x + area.y + area.z) / std::max(1.0, double(size.triangles)));
     width = Vec3d{1, 1, 1} * (a_triangle * double(size.triangles));
   }
-  const double areas = area.x / (h.y * h.z) + area.y / (h.z * h.x) + area.z / (h.x * h.y);
-  const double widths = width.x / h.x + width.y / h.y + width.z / h.z;
+  // No triangle covers more than the grid's own sections, however far it reaches beyond it.
+  const double n = double(size.triangles);
+  const double nx = double(grid.dims[0]), ny = double(grid.dims[1]), nz = double(grid.dims[2]);
+  const double areas = std::min(area.x / (h.y * h.z), n * ny * nz) + std::min(area.y / (h.z * h.x), n * nz * nx) +
+                       std::min(area.z / (h.x * h.y), n * nx * ny);
+  const double widths =
+      std::min(width.x / h.x, n * nx) + std::min(width.y / h.y, n * ny) + std::min(width.z / h.z, n * nz);
   const double all = double(grid.voxels());
   const double fragments = areas + widths + double(size.triangles);
   // Neighbours share the voxels of their common edge: on a surface of triangles larger than voxels the areas remain.
