@@ -30,6 +30,9 @@ target_compile_options(voxelpipe_flags INTERFACE
 if(VOXELPIPE_WERROR)
   target_compile_options(voxelpipe_flags INTERFACE "$<$<COMPILE_LANGUAGE:CUDA>:SHELL:-Werror all-warnings>")
 endif()
+if(VOXELPIPE_FUZZ)  # so that libFuzzer sees which code a case reaches
+  target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=fuzzer-no-link>)
+endif()
 if(VOXELPIPE_SANITIZE)
   target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=${VOXELPIPE_SANITIZE} -fno-omit-frame-pointer>)
   target_link_options(voxelpipe_flags INTERFACE -fsanitize=${VOXELPIPE_SANITIZE})
