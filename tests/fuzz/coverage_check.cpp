@@ -18,8 +18,9 @@ double Farthest(const IndexTriangle& t) {
   return most;
 }
 
-// Whether rounding may decide that the triangle is degenerate.
-bool MaybeDegenerate(const IndexTriangle& t) {
+enum class Shape { kTriangle, kUnsure, kDegenerate };  // unsure: rounding decides
+
+Shape ShapeOf(const IndexTriangle& t) {
   using Real = long double;
   Vec3<Real> v[3];
   for (int i = 0; i < 3; ++i) v[i] = {t.v[i].x, t.v[i].y, t.v[i].z};
@@ -28,7 +29,34 @@ bool MaybeDegenerate(const IndexTriangle& t) {
   Real longest = 0;
   for (int i = 0; i < 3; ++i) longest = std::max(longest, Dot(v[(i + 1) % 3] - v[i], v[(i + 1) % 3] - v[i]));
   const Real limit = Real(kDegenerateRatio) * longest;
-  return std::fabs(largest - limit) <= Real(kRatioUnsure) * limit;
+  if (longest > 0 && std::fabs(largest - limit) <= Real(kRatioUnsure) * limit) return Shape::kUnsure;
+  return largest <= limit ? Shape::kDegenerate : Shape::kTriangle;
+}
+
+// A degenerate triangle counts as its longest edge; of several that rounding may choose from, as what they share.
+bool EdgeTouches(const IndexTriangle& t, int64_t x, int64_t y, int64_t z, double eps) {
+  double length[3];
+  for (int i = 0; i < 3; ++i) {
+    const Vec3d e = t.v[(i + 1) % 3] - t.v[i];
+    length[i] = Dot(e, e);
+  }
+  const double longest = std::max({length[0], length[1], length[2]});
+  for (int i = 0; i < 3; ++i) {
+    if (length[i] < longest * (1 - 1e-9)) continue;
+    const Vec3d &p = t.v[i], &q = t.v[(i + 1) % 3];
+    if (!testing::Touches(p, q, q, x, y, z, Coverage::kConservative, eps)) return false;
+  }
+  return true;
+}
+
+bool MustTouch(const IndexTriangle& t, Shape shape, int64_t x, int64_t y, int64_t z, Coverage coverage, double eps) {
+  if (shape != Shape::kTriangle && !EdgeTouches(t, x, y, z, eps)) return false;
+  return shape == Shape::kDegenerate || testing::Touches(t.v[0], t.v[1], t.v[2], x, y, z, coverage, eps);
+}
+
+bool MayTouch(const IndexTriangle& t, Shape shape, int64_t x, int64_t y, int64_t z, Coverage coverage, double eps) {
+  if (shape != Shape::kTriangle) coverage = Coverage::kConservative;
+  return testing::Touches(t.v[0], t.v[1], t.v[2], x, y, z, coverage, eps);
 }
 
 }  // namespace
@@ -40,7 +68,7 @@ std::string CheckCoverage(const std::vector<IndexTriangle>& triangles, const Gri
   for (size_t t = 0; t < triangles.size(); ++t) {
     const auto& [v] = triangles[t];
     const double farthest = Farthest(triangles[t]);
-    const bool unsure = MaybeDegenerate(triangles[t]);
+    const Shape shape = ShapeOf(triangles[t]);
     bounded = bounded && farthest <= kNear;
     // The reference's own rounding, and center's tolerance.
     const double shrink = coverage == Coverage::kCenter ? -kTolerance : -(1e-12 + farthest * 0x1p-54);
@@ -55,10 +83,8 @@ std::string CheckCoverage(const std::vector<IndexTriangle>& triangles, const Gri
         for (int64_t x = first[0]; x < last[0]; ++x) {
           const auto n = size_t(x + grid.dims[0] * (y + grid.dims[1] * z));
           if (covered[n] != 0) {
-            if (may[n] != 0) continue;
-            may[n] = testing::Touches(v[0], v[1], v[2], x, y, z, coverage, kTolerance) ||
-                     (unsure && testing::Touches(v[0], v[1], v[2], x, y, z, Coverage::kConservative, kTolerance));
-          } else if (!unsure && testing::Touches(v[0], v[1], v[2], x, y, z, coverage, shrink)) {
+            may[n] = may[n] != 0 || MayTouch(triangles[t], shape, x, y, z, coverage, kTolerance);
+          } else if (MustTouch(triangles[t], shape, x, y, z, coverage, shrink)) {
             return absl::StrCat("coverage: voxel (", x, ",", y, ",", z, ") is missed by triangle ", t, "\n");
           }
         }
