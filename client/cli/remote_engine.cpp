@@ -25,16 +25,25 @@ class RemoteEngine : public Engine {
     if (absl::Status status = Connect(); !status.ok()) return status;
     EngineRun run;
     run.server_peak_bytes = 0;
+    const auto add = [&](RemoteRun& remote) {
+      run.mesh_stages = std::move(remote.mesh_stages);
+      run.runs.push_back(std::move(remote.stats));
+      run.server_peak_bytes = std::max(*run.server_peak_bytes, remote.peak_bytes);
+      if (request.fill != Fill::kNone) run.open_edges = remote.report.open_edges;
+    };
+    if (repeat == 1 && whole == nullptr) {
+      absl::StatusOr<RemoteRun> remote = client_->VoxelizeTo(*bytes, MeshFormat::kAuto, request, job, sink);
+      if (!remote.ok()) return remote.status();
+      add(*remote);
+      return run;
+    }
     VoxelizeResult last;
     for (int i = 0; i < repeat; ++i) {
       last = VoxelizeResult();  // before the next one arrives: one result in memory at a time
       absl::StatusOr<RemoteResult> remote = client_->Voxelize(*bytes, MeshFormat::kAuto, request, job);
       if (!remote.ok()) return remote.status();
       last = std::move(remote->result);
-      run.mesh_stages = std::move(remote->mesh_stages);
-      run.runs.push_back(last.stats);
-      run.server_peak_bytes = std::max(*run.server_peak_bytes, remote->peak_bytes);
-      if (request.fill != Fill::kNone) run.open_edges = remote->report.open_edges;
+      add(*remote);
     }
     if (absl::Status status = WriteTo(last, sink); !status.ok()) return status;
     if (whole != nullptr) *whole = std::move(last);

@@ -34,11 +34,14 @@ void ToggleTriangle(RunState& state, BitGrid& columns, const Vec3d& a, const Vec
   CentreRange(Min(a.y, Min(b.y, c.y)), Max(a.y, Max(b.y, c.y)), 0, state.dims[1], y_begin, y_end);
   CentreRange(Min(a.z, Min(b.z, c.z)), Max(a.z, Max(b.z, c.z)), state.slab.begin, state.slab.end, z_begin, z_end);
   if (y_begin >= y_end || z_begin >= z_end) return;
-  const TrianglePlane plane = SetUpPlane(a, b, c);
+  TrianglePlane plane;
+  bool set_up = false;  // most triangles of a fine mesh cross no line
   for (int64_t z = z_begin; z < z_end; ++z) {
     for (int64_t y = y_begin; y < y_end; ++y) {
       const double py = double(y) + 0.5, pz = double(z) + 0.5;
       if (!LineCrosses(a, b, c, py, pz)) continue;
+      if (!set_up) plane = SetUpPlane(a, b, c);
+      set_up = true;
       Toggle(columns.row(z - state.slab.begin)[y / 32], 1u << (y % 32));
       const int64_t before = CentresBefore(CrossingX(plane, a, b, c, py, pz), state.dims[0]);
       if (before == 0) continue;

@@ -4,6 +4,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cstring>
 
 #include "grid/bit_grid.h"
 
@@ -18,17 +19,31 @@ void PackBits(const std::array<int64_t, 3>& dims, std::span<uint8_t> out, WordAt
   tbb::parallel_for(int64_t{0}, blocks, [&](int64_t block) {
     const int64_t first = block * rows_per_block, last = std::min(rows, first + rows_per_block);
     uint8_t* byte = out.data() + first * nx / 8;
+    if (nx % 32 == 0) {  // rows fill their words: packed is what they are (little endian)
+      for (int64_t r = first; r < last; ++r) {
+        for (int64_t w = 0; w < words; ++w, byte += 4) {
+          const uint32_t bits = word(r, w);
+          std::memcpy(byte, &bits, sizeof bits);
+        }
+      }
+      return;
+    }
     uint64_t pending = 0;
-    int pending_bits = 0;  // below 8 between words
+    int pending_bits = 0;  // below 32 between words
     for (int64_t r = first; r < last; ++r) {
       for (int64_t w = 0; w < words; ++w) {
         const int bits = int(std::min<int64_t>(32, nx - w * 32));
         pending |= uint64_t(word(r, w)) << pending_bits;
         pending_bits += bits;
-        for (; pending_bits >= 8; pending_bits -= 8, pending >>= 8) *byte++ = uint8_t(pending);
+        if (pending_bits < 32) continue;
+        const auto full = uint32_t(pending);
+        std::memcpy(byte, &full, sizeof full);
+        byte += sizeof full;
+        pending >>= 32;
+        pending_bits -= 32;
       }
     }
-    if (pending_bits > 0) *byte = uint8_t(pending);
+    for (; pending_bits > 0; pending_bits -= 8, pending >>= 8) *byte++ = uint8_t(pending);
   });
 }
 

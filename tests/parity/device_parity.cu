@@ -70,10 +70,13 @@ VOXELPIPE_HD uint64_t DigestTriangle(const MeshView& mesh, uint32_t t, const Sha
   const TileGrid tiles = TilesOf(dims);
   Vec3d corner[3];
   for (int i = 0; i < 3; ++i) {
-    const ShadedVertex in{mesh.positions[mesh.triangles[t][i]], {0.25f, 0.5f, -1}};
+    VertexInput in;
+    in.flat.position = mesh.positions[mesh.triangles[t][i]];
+    in.flat.normal = {0.25f, 0.5f, -1};
     const ShadedVertex shaded = ShadeVertex(VertexShaderId::kTransform, in, params);
     digest.Add(shaded.normal.y);
-    corner[i] = Corner(in.position);
+    digest.Add(float(shaded.velocity.x));
+    corner[i] = Corner(in.flat.position);
   }
   ForEachTile(tiles, corner[0], corner[1], corner[2], [&](uint64_t tile) { digest.Add(tile); });
 #pragma unroll 1  // one copy of the set-up keeps nvcc at seconds
