@@ -52,9 +52,31 @@ class MeshMaker {
     mesh_.triangles.push_back({v, v + 3, v + 2});
   }
 
+  // A box along an axis, open at one end: reached by a flood through that end alone.
+  void AddTube() {
+    const int axis = in_.Below(3), u = (axis + 1) % 3, w = (axis + 2) % 3;
+    const Vec3d from = Point(in_, 0, extent_ / 2);
+    const double length = in_.Chance(2) ? 70 : extent_, wide = 1 + in_.Below(6), high = 1 + in_.Below(6);
+    const auto v = static_cast<uint32_t>(mesh_.positions.size());
+    for (uint32_t i = 0; i < 8; ++i) {
+      Vec3d p = from;
+      p[axis] += (i & 4) != 0 ? length : 0;
+      p[u] += (i & 1) != 0 ? wide : 0;
+      p[w] += (i & 2) != 0 ? high : 0;
+      mesh_.positions.push_back(p);
+    }
+    const uint32_t closed = in_.Chance(2) ? 0 : 4;
+    const uint32_t quads[5][4] = {
+        {0, 1, 4, 5}, {2, 3, 6, 7}, {0, 2, 4, 6}, {1, 3, 5, 7}, {closed, closed + 1, closed + 2, closed + 3}};
+    for (const auto& q : quads) {
+      mesh_.triangles.push_back({v + q[0], v + q[1], v + q[2]});
+      mesh_.triangles.push_back({v + q[2], v + q[1], v + q[3]});
+    }
+  }
+
   void AddShape() {
     const Vec3d a = Point(in_, -1, extent_ + 1);
-    switch (in_.Below(14)) {
+    switch (in_.Below(15)) {
       case 0: return AddTriangle(a, a + Point(in_, -1, 1), a + Point(in_, -1, 1));      // about a voxel
       case 1: return AddTriangle(a, a + Point(in_, -8, 8), a + Point(in_, -8, 8));      // some voxels
       case 2: return AddTriangle(a, a + Point(in_, -40, 40), a + Point(in_, -40, 40));  // about the largest in float
@@ -100,6 +122,7 @@ class MeshMaker {
         return AddTriangle(a, a + Point(in_, -size, size), a + Point(in_, -size, size));
       }
       case 12: return AddTetrahedron(extent_);
+      case 13: return AddTube();
       default: return AddTetrahedron(2);
     }
   }
@@ -135,7 +158,15 @@ class MeshMaker {
     VertexAttribute attribute;
     attribute.name = "_A";
     attribute.components = 1 + in_.Below(4);
-    for (size_t i = 0; i < count * size_t(attribute.components); ++i) attribute.values.push_back(unit());
+    const bool flat = in_.Chance(2);  // one value a triangle, zeros of both signs among them
+    const float values[] = {0.0f, -0.0f, 1.0f, -1.0f};
+    for (size_t i = 0; i < count; ++i) {
+      const int chosen = flat && i % 3 == 0 ? in_.Below(4) : 0;
+      for (int c = 0; c < attribute.components; ++c) {
+        const size_t before = attribute.values.size() - size_t(i == 0 ? 0 : attribute.components);
+        attribute.values.push_back(!flat ? unit() : i % 3 == 0 ? values[chosen] : attribute.values[before]);
+      }
+    }
     mesh_.attributes.push_back(attribute);
   }
 
