@@ -9,6 +9,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "base/checked.h"
+#include "base/vec.h"
 
 namespace voxelpipe::gltf {
 namespace {
@@ -85,6 +86,10 @@ void CopyElement(const uint8_t* from, const AccessorDecl& decl, uint64_t column_
 template <typename T, typename C>
 void CopyRun(const Run& run, const AccessorDecl& decl, uint64_t count, T* out, const std::vector<uint32_t>* places) {
   const uint64_t column_bytes = ColumnBytes(decl);
+  if (std::is_same_v<T, C> && places == nullptr && !decl.matrix && run.stride == column_bytes && count > 0) {
+    std::memcpy(out, run.bytes.data() + run.offset, count * column_bytes);
+    return;
+  }
   for (uint64_t i = 0; i < count; ++i) {
     const uint64_t place = places == nullptr ? i : (*places)[i];
     CopyElement<T, C>(run.bytes.data() + run.offset + i * run.stride, decl, column_bytes,
@@ -111,8 +116,9 @@ bool IsUnsignedType(int type) {
 
 }  // namespace
 
-template <typename T>
-absl::StatusOr<std::vector<T>> AccessorReader::Read(uint32_t accessor) const {
+template <typename T, typename E>
+absl::StatusOr<std::vector<E>> AccessorReader::Read(uint32_t accessor) const {
+  static_assert(std::is_trivially_copyable_v<E> && sizeof(E) % sizeof(T) == 0);
   const AccessorDecl& decl = document_.accessors[accessor];
   const std::string where = absl::StrCat("accessor ", accessor);
   const uint64_t element = ElementBytes(decl);
@@ -134,8 +140,9 @@ absl::StatusOr<std::vector<T>> AccessorReader::Read(uint32_t accessor) const {
                                                      budget_.limits().max_vertices));
   }
   if (absl::Status full = budget_.Take(decl.count, decl.components * sizeof(T), where); !full.ok()) return full;
-  std::vector<T> out(decl.count * decl.components, T{});
-  if (decl.view >= 0) CopyTyped<T>(run, decl, decl.count, out.data(), nullptr);
+  std::vector<E> out(decl.count * decl.components / (sizeof(E) / sizeof(T)));
+  T* const components = reinterpret_cast<T*>(out.data());
+  if (decl.view >= 0) CopyTyped<T>(run, decl, decl.count, components, nullptr);
   if (!decl.sparse) return out;
 
   const SparseDecl& sparse = *decl.sparse;
@@ -164,21 +171,37 @@ absl::StatusOr<std::vector<T>> AccessorReader::Read(uint32_t accessor) const {
                                                      ", the accessor has ", decl.count, " elements"));
     }
   }
-  CopyTyped<T>(*value_run, decl, sparse.count, out.data(), &places);
+  CopyTyped<T>(*value_run, decl, sparse.count, components, &places);
   return out;
 }
 
 absl::StatusOr<std::vector<float>> AccessorReader::Floats(uint32_t accessor) const {
-  return Read<float>(accessor);
+  return Read<float, float>(accessor);
+}
+
+template <typename V>
+absl::StatusOr<std::vector<V>> AccessorReader::Vectors(uint32_t accessor) const {
+  return Read<float, V>(accessor);
+}
+template absl::StatusOr<std::vector<Vec2f>> AccessorReader::Vectors(uint32_t) const;
+template absl::StatusOr<std::vector<Vec3f>> AccessorReader::Vectors(uint32_t) const;
+template absl::StatusOr<std::vector<Vec4f>> AccessorReader::Vectors(uint32_t) const;
+
+absl::Status AccessorReader::CheckUnsigned(uint32_t accessor) const {
+  if (IsUnsignedType(document_.accessors[accessor].component_type)) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat("glTF: accessor ", accessor, ": component type ",
+                                                 document_.accessors[accessor].component_type,
+                                                 " is not an unsigned integer"));
 }
 
 absl::StatusOr<std::vector<uint32_t>> AccessorReader::Unsigned(uint32_t accessor) const {
-  if (!IsUnsignedType(document_.accessors[accessor].component_type)) {
-    return absl::InvalidArgumentError(absl::StrCat("glTF: accessor ", accessor, ": component type ",
-                                                   document_.accessors[accessor].component_type,
-                                                   " is not an unsigned integer"));
-  }
-  return Read<uint32_t>(accessor);
+  if (absl::Status bad = CheckUnsigned(accessor); !bad.ok()) return bad;
+  return Read<uint32_t, uint32_t>(accessor);
+}
+
+absl::StatusOr<std::vector<std::array<uint32_t, 3>>> AccessorReader::Triples(uint32_t accessor) const {
+  if (absl::Status bad = CheckUnsigned(accessor); !bad.ok()) return bad;
+  return Read<uint32_t, std::array<uint32_t, 3>>(accessor);
 }
 
 }  // namespace voxelpipe::gltf

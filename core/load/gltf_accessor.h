@@ -1,6 +1,7 @@
 // Typed reading of accessors; every range is checked in 64 bits before anything is allocated or read.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -24,12 +25,21 @@ class AccessorReader {
   // Errors: INVALID_ARGUMENT naming the accessor, RESOURCE_EXHAUSTED past the limits.
   absl::StatusOr<std::vector<float>> Floats(uint32_t accessor) const;
 
+  // The same as vectors: V is Vec2f, Vec3f or Vec4f, and the accessor's type VEC2, VEC3 or VEC4 (the caller has looked).
+  template <typename V>
+  absl::StatusOr<std::vector<V>> Vectors(uint32_t accessor) const;
+
   // SCALAR (or, for joints, any) unsigned integers. INVALID_ARGUMENT for other component types.
   absl::StatusOr<std::vector<uint32_t>> Unsigned(uint32_t accessor) const;
 
+  // The same by threes, of an accessor of SCALARs whose count is a multiple of three (the caller has looked).
+  absl::StatusOr<std::vector<std::array<uint32_t, 3>>> Triples(uint32_t accessor) const;
+
  private:
-  template <typename T>
-  absl::StatusOr<std::vector<T>> Read(uint32_t accessor) const;
+  // Components of type T, one or several to an element of `out`.
+  template <typename T, typename E>
+  absl::StatusOr<std::vector<E>> Read(uint32_t accessor) const;
+  absl::Status CheckUnsigned(uint32_t accessor) const;
 
   const Document& document_;
   Buffers& buffers_;

@@ -1,18 +1,28 @@
 #include "load/gltf_attributes.h"
 
+#include <algorithm>
+
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 
 namespace voxelpipe::gltf {
 
+absl::StatusOr<const DracoAttribute*> AttributeSource::InDraco(const std::string& name) const {
+  const auto id = draco_ids_.find(name);
+  if (!draco_ || id == draco_ids_.end()) return nullptr;
+  for (const DracoAttribute& attribute : draco_->attributes) {
+    if (attribute.unique_id == id->second) return &attribute;
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat(name, " names the Draco attribute ", id->second, ", which the stream does not have"));
+}
+
 absl::StatusOr<std::optional<AttributeValues>> AttributeSource::Find(const std::string& name) {
-  if (const auto id = draco_ids_.find(name); draco_ && id != draco_ids_.end()) {
-    for (DracoAttribute& attribute : draco_->attributes) {
-      if (attribute.unique_id != id->second) continue;
-      return AttributeValues{attribute.components, attribute.values, absl::StrCat("Draco attribute ", id->second)};
-    }
-    return absl::InvalidArgumentError(
-        absl::StrCat(name, " names the Draco attribute ", id->second, ", which the stream does not have"));
+  const absl::StatusOr<const DracoAttribute*> draco = InDraco(name);
+  if (!draco.ok()) return draco.status();
+  if (const DracoAttribute* const attribute = *draco) {
+    return AttributeValues{attribute->components, attribute->values,
+                           absl::StrCat("Draco attribute ", attribute->unique_id)};
   }
   const auto it = accessors_.find(name);
   if (it == accessors_.end()) return std::nullopt;
@@ -22,5 +32,35 @@ absl::StatusOr<std::optional<AttributeValues>> AttributeSource::Find(const std::
   if (!values.ok()) return values.status();
   return AttributeValues{decl.matrix ? 0 : decl.components, *std::move(values), absl::StrCat("accessor ", accessor)};
 }
+
+template <typename V>
+absl::StatusOr<std::optional<AttributeVectors<V>>> AttributeSource::FindVectors(const std::string& name) {
+  constexpr int kComponents = sizeof(V) / sizeof(float);
+  const absl::StatusOr<const DracoAttribute*> draco = InDraco(name);
+  if (!draco.ok()) return draco.status();
+  const auto it = accessors_.find(name);
+  if (*draco == nullptr && it != accessors_.end()) {
+    const uint32_t accessor = static_cast<uint32_t>(it->second);
+    const AccessorDecl& decl = context_.accessors.decl(accessor);
+    if (!decl.matrix && decl.components == kComponents) {
+      absl::StatusOr<std::vector<V>> values = context_.accessors.Vectors<V>(accessor);
+      if (!values.ok()) return values.status();
+      return AttributeVectors<V>{kComponents, *std::move(values), absl::StrCat("accessor ", accessor)};
+    }
+  }
+  const absl::StatusOr<std::optional<AttributeValues>> found = Find(name);
+  if (!found.ok()) return found.status();
+  if (!*found) return std::nullopt;
+  const AttributeValues& data = **found;
+  AttributeVectors<V> out{data.components, {}, data.origin};
+  if (data.components == kComponents) {
+    out.values.resize(data.values.size() / kComponents);
+    std::copy(data.values.begin(), data.values.end(), reinterpret_cast<float*>(out.values.data()));
+  }
+  return out;
+}
+template absl::StatusOr<std::optional<AttributeVectors<Vec2f>>> AttributeSource::FindVectors(const std::string&);
+template absl::StatusOr<std::optional<AttributeVectors<Vec3f>>> AttributeSource::FindVectors(const std::string&);
+template absl::StatusOr<std::optional<AttributeVectors<Vec4f>>> AttributeSource::FindVectors(const std::string&);
 
 }  // namespace voxelpipe::gltf

@@ -19,6 +19,14 @@ struct AttributeValues {
   std::string origin;  // for messages: "accessor 3" or "Draco attribute 1"
 };
 
+// The same as vectors of V (Vec2f, Vec3f, Vec4f), empty where the attribute has another number of components.
+template <typename V>
+struct AttributeVectors {
+  int components = 0;
+  std::vector<V> values;
+  std::string origin;
+};
+
 class AttributeSource {
  public:
   // In: attribute names -> accessors, the draco extension's names -> unique ids, and the decoded stream (none: plain).
@@ -30,9 +38,15 @@ class AttributeSource {
   // Errors: INVALID_ARGUMENT naming the accessor or the missing Draco attribute.
   absl::StatusOr<std::optional<AttributeValues>> Find(const std::string& name);
 
+  template <typename V>
+  absl::StatusOr<std::optional<AttributeVectors<V>>> FindVectors(const std::string& name);
+
   const std::optional<DracoMesh>& draco() const { return draco_; }
 
  private:
+  // The stream's attribute that stands for `name`, null if an accessor does.
+  absl::StatusOr<const DracoAttribute*> InDraco(const std::string& name) const;
+
   const std::map<std::string, int>& accessors_;
   std::map<std::string, uint32_t> draco_ids_;
   std::optional<DracoMesh> draco_;

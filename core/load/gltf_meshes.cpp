@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <map>
+#include <optional>
+#include <span>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "load/gltf_model.h"
@@ -61,9 +64,29 @@ absl::Status CheckJoints(const Scene& scene) {
   return absl::OkStatus();
 }
 
+// The Draco streams of the meshes in reading order, up to the first that is at fault (reading it says so) or that must be
+// decompressed itself (which takes of the budget in its turn).
+std::vector<std::span<const uint8_t>> DracoStreams(const tinygltf::Model& model, PrimitiveContext& context) {
+  std::vector<std::span<const uint8_t>> streams;
+  for (const tinygltf::Mesh& mesh : model.meshes) {
+    for (const tinygltf::Primitive& primitive : mesh.primitives) {
+      const auto extension = primitive.extensions.find("KHR_draco_mesh_compression");
+      if (extension == primitive.extensions.end()) continue;
+      const auto view = static_cast<size_t>(extension->second.Get("bufferView").GetNumberAsInt());
+      if (view < context.document.views.size() && context.document.views[view].meshopt) return streams;
+      const absl::StatusOr<std::optional<std::span<const uint8_t>>> bytes = DracoStream(primitive, "", context);
+      if (!bytes.ok()) return streams;
+      if (*bytes) streams.push_back(**bytes);
+    }
+  }
+  return streams;
+}
+
 }  // namespace
 
 absl::Status ReadMeshes(const tinygltf::Model& model, PrimitiveContext& context, Scene& scene) {
+  DracoAhead draco(DracoStreams(model, context), context.budget.limits());
+  context.draco = &draco;
   for (size_t i = 0; i < model.meshes.size(); ++i) {
     absl::StatusOr<Mesh> mesh = ReadMesh(model.meshes[i], model.meshes[i].weights, i, context);
     if (!mesh.ok()) return mesh.status();
@@ -83,6 +106,7 @@ absl::Status ReadMeshes(const tinygltf::Model& model, PrimitiveContext& context,
     }
     scene.nodes[i].mesh = place->second;
   }
+  context.draco = nullptr;
   return CheckJoints(scene);
 }
 

@@ -1,6 +1,7 @@
 #include "load/gltf_primitives.h"
 
 #include <cmath>
+#include <cstring>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
@@ -16,6 +17,17 @@ namespace {
 absl::Status At(const std::string& where, const absl::Status& status) {
   return absl::Status(status.code(),
                       absl::StrCat("glTF: ", where, ": ", absl::StripPrefix(status.message(), "glTF: ")));
+}
+
+// By their exponents, without a branch each: there are many, and hardly ever one that is not.
+bool AllFinite(const float* values, size_t count) {
+  uint32_t odd = 0;
+  for (size_t i = 0; i < count; ++i) {
+    uint32_t bits;
+    std::memcpy(&bits, values + i, sizeof bits);
+    odd |= (bits & 0x7f800000u) == 0x7f800000u ? 1u : 0u;
+  }
+  return odd == 0;
 }
 
 // Reads the optional attributes of one primitive; the positions' count rules.
@@ -36,50 +48,56 @@ class Filler {
       return std::nullopt;
     }
     const uint64_t count = data.values.size() / data.components;
-    if (count != out_.positions.size()) {
-      return absl::InvalidArgumentError(absl::StrCat("glTF: ", where_, ": ", name, " (", data.origin, ") has ", count,
-                                                     " elements, POSITION has ", out_.positions.size()));
-    }
-    bool cleaned = false;
-    for (float& value : data.values) {
-      if (std::isfinite(value)) continue;
-      value = 0;
-      cleaned = true;
-    }
-    if (cleaned) Warn(absl::StrCat(name, " (", data.origin, ") has values that are not finite; they count as 0"));
+    if (count != out_.positions.size()) return WrongCount(name, data.origin, count);
+    if (Clean(data.values.data(), data.values.size())) WarnCleaned(name, data.origin);
     return found;
   }
 
   absl::Status Fill() {
-    if (absl::Status bad = Floats<Vec3f>("NORMAL", 3, out_.normals); !bad.ok()) return bad;
-    if (absl::Status bad = Floats<Vec4f>("TANGENT", 4, out_.tangents); !bad.ok()) return bad;
+    if (absl::Status bad = Vectors<Vec3f>("NORMAL", out_.normals); !bad.ok()) return bad;
+    if (absl::Status bad = Vectors<Vec4f>("TANGENT", out_.tangents); !bad.ok()) return bad;
     for (int set = 0; set < 2; ++set) {
-      if (absl::Status bad = Floats<Vec2f>(absl::StrCat("TEXCOORD_", set), 2, out_.uv[set]); !bad.ok()) return bad;
+      if (absl::Status bad = Vectors<Vec2f>(absl::StrCat("TEXCOORD_", set), out_.uv[set]); !bad.ok()) return bad;
       if (absl::Status bad = Joints(set); !bad.ok()) return bad;
     }
     return Colors();
   }
 
  private:
+  // Sets what is not finite to 0; whether there was any.
+  static bool Clean(float* values, size_t count) {
+    if (AllFinite(values, count)) return false;
+    for (size_t i = 0; i < count; ++i) {
+      if (!std::isfinite(values[i])) values[i] = 0;
+    }
+    return true;
+  }
+
+  absl::Status WrongCount(const std::string& name, const std::string& origin, uint64_t count) const {
+    return absl::InvalidArgumentError(absl::StrCat("glTF: ", where_, ": ", name, " (", origin, ") has ", count,
+                                                   " elements, POSITION has ", out_.positions.size()));
+  }
+  void WarnCleaned(const std::string& name, const std::string& origin) {
+    Warn(absl::StrCat(name, " (", origin, ") has values that are not finite; they count as 0"));
+  }
   void Warn(const std::string& what) { context_.warnings.push_back(absl::StrCat(where_, ": ", what)); }
 
+  // As Values, of vectors of exactly V's components.
   template <typename V>
-  absl::Status Floats(const std::string& name, int components, std::vector<V>& out) {
-    static_assert(std::is_trivially_copyable_v<V>);
-    absl::StatusOr<std::optional<AttributeValues>> data = Values(name, components, components);
-    if (!data.ok()) return data.status();
-    if (!*data) return absl::OkStatus();
-    const std::vector<float>& values = (*data)->values;
-    out.resize(values.size() / components);
-    if constexpr (sizeof(V) == 2 * sizeof(float)) {
-      for (size_t i = 0; i < out.size(); ++i) out[i] = {values[2 * i], values[2 * i + 1]};
-    } else if constexpr (sizeof(V) == 3 * sizeof(float)) {
-      for (size_t i = 0; i < out.size(); ++i) out[i] = {values[3 * i], values[3 * i + 1], values[3 * i + 2]};
-    } else {
-      for (size_t i = 0; i < out.size(); ++i) {
-        out[i] = {values[4 * i], values[4 * i + 1], values[4 * i + 2], values[4 * i + 3]};
-      }
+  absl::Status Vectors(const std::string& name, std::vector<V>& out) {
+    absl::StatusOr<std::optional<AttributeVectors<V>>> found = source_.FindVectors<V>(name);
+    if (!found.ok()) return At(where_, found.status());
+    if (!*found) return absl::OkStatus();
+    AttributeVectors<V>& data = **found;
+    if (data.components != static_cast<int>(sizeof(V) / sizeof(float))) {
+      Warn(absl::StrCat(name, " (", data.origin, ") has ", data.components, " components and is ignored"));
+      return absl::OkStatus();
     }
+    if (data.values.size() != out_.positions.size()) return WrongCount(name, data.origin, data.values.size());
+    if (Clean(reinterpret_cast<float*>(data.values.data()), data.values.size() * (sizeof(V) / sizeof(float)))) {
+      WarnCleaned(name, data.origin);
+    }
+    out = std::move(data.values);
     return absl::OkStatus();
   }
 
@@ -126,6 +144,7 @@ class Filler {
 };
 
 absl::Status CheckFinite(const Primitive& out, const std::string& origin, const std::string& where) {
+  if (out.positions.empty() || AllFinite(&out.positions.front().x, 3 * out.positions.size())) return absl::OkStatus();
   for (size_t i = 0; i < out.positions.size(); ++i) {
     const Vec3f& p = out.positions[i];
     if (std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)) continue;
@@ -194,6 +213,8 @@ absl::Status Morph(const tinygltf::Primitive& primitive, const std::vector<doubl
   return absl::OkStatus();
 }
 
+constexpr char kDracoExtension[] = "KHR_draco_mesh_compression";
+
 // The Draco extension of a primitive: its stream decoded, and the names it gives to the stream's attributes.
 struct DracoPart {
   std::optional<DracoMesh> mesh;
@@ -203,19 +224,16 @@ struct DracoPart {
 absl::StatusOr<DracoPart> ReadDraco(const tinygltf::Primitive& primitive, const std::string& where,
                                     PrimitiveContext& context) {
   DracoPart part;
-  const auto extension = primitive.extensions.find("KHR_draco_mesh_compression");
-  if (extension == primitive.extensions.end()) return part;
-  const int view = extension->second.Get("bufferView").GetNumberAsInt();
-  if (view < 0 || static_cast<size_t>(view) >= context.document.views.size()) {
-    return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ", KHR_draco_mesh_compression: bufferView ", view,
-                                                   " is out of range: there are ", context.document.views.size()));
-  }
-  const tinygltf::Value& ids = extension->second.Get("attributes");
+  const absl::StatusOr<std::optional<std::span<const uint8_t>>> bytes = DracoStream(primitive, where, context);
+  if (!bytes.ok()) return bytes.status();
+  if (!*bytes) return part;
+  const tinygltf::Value& extension = primitive.extensions.at(kDracoExtension);
+  const tinygltf::Value& ids = extension.Get("attributes");
   for (const std::string& name : ids.Keys()) part.ids[name] = static_cast<uint32_t>(ids.Get(name).GetNumberAsInt());
-  absl::StatusOr<std::span<const uint8_t>> bytes = context.buffers.View(static_cast<uint32_t>(view), context.budget);
-  if (!bytes.ok()) return At(where, bytes.status());
-  absl::StatusOr<DracoMesh> mesh = DecodeDraco(*bytes, context.budget.limits());
-  if (!mesh.ok()) return At(absl::StrCat(where, ", bufferView ", view), mesh.status());
+  absl::StatusOr<DracoMesh> mesh = context.draco->Take(**bytes);
+  if (!mesh.ok()) {
+    return At(absl::StrCat(where, ", bufferView ", extension.Get("bufferView").GetNumberAsInt()), mesh.status());
+  }
   const std::string what = where + ", KHR_draco_mesh_compression";
   if (absl::Status full = context.budget.Take(mesh->triangles.size(), 12, what); !full.ok()) return full;
   for (const DracoAttribute& attribute : mesh->attributes) {
@@ -240,7 +258,58 @@ absl::Status CompareCounts(const tinygltf::Primitive& primitive, const DracoMesh
   return position == primitive.attributes.end() ? absl::OkStatus() : compare(position->second, mesh.points, "vertices");
 }
 
+// The indices, or the positions one after the other, as triangles.
+absl::Status ReadTriangles(const tinygltf::Primitive& primitive, const std::string& where, Primitive& out,
+                           PrimitiveContext& context) {
+  const LoadLimits& limits = context.budget.limits();
+  std::optional<std::vector<uint32_t>> indices;
+  std::string index_name = where;
+  if (primitive.indices >= 0) {
+    const uint32_t accessor = static_cast<uint32_t>(primitive.indices);
+    const AccessorDecl& decl = context.accessors.decl(accessor);
+    index_name = absl::StrCat(where, ": accessor ", accessor);
+    if (primitive.mode == kTriangles && decl.components == 1 && decl.count % 3 == 0) {  // triangles as they stand
+      absl::StatusOr<std::vector<std::array<uint32_t, 3>>> triangles = context.accessors.Triples(accessor);
+      if (!triangles.ok()) return At(where, triangles.status());
+      out.triangles = *std::move(triangles);
+      return CheckTriangles(out.triangles, out.positions.size(), index_name, limits);
+    }
+    absl::StatusOr<std::vector<uint32_t>> values = context.accessors.Unsigned(accessor);
+    if (!values.ok()) return At(where, values.status());
+    if (decl.components != 1) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("glTF: ", where, ": indices (accessor ", accessor, ") are not SCALAR"));
+    }
+    indices = *std::move(values);
+  }
+  bool incomplete = false;
+  absl::StatusOr<std::vector<std::array<uint32_t, 3>>> triangles =
+      ExpandTriangles(primitive.mode, indices, out.positions.size(), index_name, limits, incomplete);
+  if (!triangles.ok()) return triangles.status();
+  if (absl::Status full = context.budget.Take(triangles->size(), 12, where); !full.ok()) return full;
+  out.triangles = *std::move(triangles);
+  if (incomplete) {
+    context.warnings.push_back(absl::StrCat(where, ": indices left over that complete no triangle are dropped"));
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
+
+absl::StatusOr<std::optional<std::span<const uint8_t>>> DracoStream(const tinygltf::Primitive& primitive,
+                                                                    const std::string& where,
+                                                                    PrimitiveContext& context) {
+  const auto extension = primitive.extensions.find(kDracoExtension);
+  if (primitive.mode < kTriangles || extension == primitive.extensions.end()) return std::nullopt;
+  const int view = extension->second.Get("bufferView").GetNumberAsInt();
+  if (view < 0 || static_cast<size_t>(view) >= context.document.views.size()) {
+    return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ", KHR_draco_mesh_compression: bufferView ", view,
+                                                   " is out of range: there are ", context.document.views.size()));
+  }
+  absl::StatusOr<std::span<const uint8_t>> bytes = context.buffers.View(static_cast<uint32_t>(view), context.budget);
+  if (!bytes.ok()) return At(where, bytes.status());
+  return std::optional(*bytes);
+}
 
 absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive& primitive,
                                                        const std::vector<double>& weights, const std::string& where,
@@ -252,60 +321,36 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
 
   Primitive out;
   out.material = primitive.material;
-  absl::StatusOr<std::optional<AttributeValues>> positions = source.Find("POSITION");
+  absl::StatusOr<std::optional<AttributeVectors<Vec3f>>> positions = source.FindVectors<Vec3f>("POSITION");
   if (!positions.ok()) return At(where, positions.status());
   if (!*positions) {
     context.warnings.push_back(absl::StrCat(where, ": no POSITION, nothing to draw"));
     return std::nullopt;
   }
-  const AttributeValues& data = **positions;
-  if (data.components != 3) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("glTF: ", where, ": POSITION (", data.origin, ") has ", data.components, " components, not 3"));
+  if ((*positions)->components != 3) {
+    return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": POSITION (", (*positions)->origin, ") has ",
+                                                   (*positions)->components, " components, not 3"));
   }
-  out.positions.resize(data.values.size() / 3);
-  for (size_t i = 0; i < out.positions.size(); ++i) {
-    out.positions[i] = {data.values[3 * i], data.values[3 * i + 1], data.values[3 * i + 2]};
-  }
+  out.positions = std::move((*positions)->values);
   if (out.positions.size() > context.budget.limits().max_vertices) {
     return absl::ResourceExhaustedError(absl::StrCat("glTF: ", where, ": ", out.positions.size(),
                                                      " vertices; the limit max_vertices is ",
                                                      context.budget.limits().max_vertices));
   }
-  const std::string origin = data.origin;
-  positions->reset();
+  const std::string origin = (*positions)->origin;
   if (absl::Status bad = CheckFinite(out, origin, where); !bad.ok()) return bad;
 
   if (source.draco()) {
     if (absl::Status bad = CompareCounts(primitive, *source.draco(), where, context); !bad.ok()) return bad;
     out.triangles = source.draco()->triangles;
-  } else {
-    std::optional<std::vector<uint32_t>> indices;
-    std::string index_name = where;
-    if (primitive.indices >= 0) {
-      const uint32_t accessor = static_cast<uint32_t>(primitive.indices);
-      absl::StatusOr<std::vector<uint32_t>> values = context.accessors.Unsigned(accessor);
-      if (!values.ok()) return At(where, values.status());
-      if (context.accessors.decl(accessor).components != 1) {
-        return absl::InvalidArgumentError(
-            absl::StrCat("glTF: ", where, ": indices (accessor ", accessor, ") are not SCALAR"));
-      }
-      indices = *std::move(values);
-      index_name = absl::StrCat(where, ": accessor ", accessor);
-    }
-    bool incomplete = false;
-    absl::StatusOr<std::vector<std::array<uint32_t, 3>>> triangles =
-        ExpandTriangles(primitive.mode, indices, out.positions.size(), index_name, context.budget.limits(), incomplete);
-    if (!triangles.ok()) return triangles.status();
-    if (absl::Status full = context.budget.Take(triangles->size(), 12, where); !full.ok()) return full;
-    out.triangles = *std::move(triangles);
-    if (incomplete) {
-      context.warnings.push_back(absl::StrCat(where, ": indices left over that complete no triangle are dropped"));
-    }
+  } else if (absl::Status bad = ReadTriangles(primitive, where, out, context); !bad.ok()) {
+    return bad;
   }
   if (absl::Status bad = Filler(source, out, where, context).Fill(); !bad.ok()) return bad;
   if (absl::Status bad = Morph(primitive, weights, where, out, context); !bad.ok()) return bad;
-  if (absl::Status bad = CheckFinite(out, origin + ", morphed", where); !bad.ok()) return bad;
+  if (out.morph) {
+    if (absl::Status bad = CheckFinite(out, origin + ", morphed", where); !bad.ok()) return bad;
+  }
   return std::optional<Primitive>(std::move(out));
 }
 

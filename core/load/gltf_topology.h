@@ -23,4 +23,8 @@ absl::StatusOr<std::vector<std::array<uint32_t, 3>>> ExpandTriangles(
     int mode, const std::optional<std::vector<uint32_t>>& indices, uint64_t vertices, const std::string& where,
     const LoadLimits& limits, bool& incomplete);
 
+// The same checks of triangles that are whole already.
+absl::Status CheckTriangles(const std::vector<std::array<uint32_t, 3>>& triangles, uint64_t vertices,
+                            const std::string& where, const LoadLimits& limits);
+
 }  // namespace voxelpipe::gltf

@@ -5,15 +5,19 @@
 #include <draco/compression/expert_encode.h>
 #include <draco/mesh/triangle_soup_mesh_builder.h>
 
+#include <algorithm>
+
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
+#include "support/glb_builder.h"
 
 namespace voxelpipe {
 namespace {
 
 using ::testing::HasSubstr;
+using namespace testing;
 
 // A strip of `faces` triangles with normals and 8-bit colours.
 std::vector<uint8_t> Encode(int faces, bool sequential) {
@@ -141,6 +145,49 @@ TEST(DracoBoolTest, AttributesOfBoolsAreLeftOut) {
   EXPECT_EQ(decoded->triangles.size(), 1u);
   ASSERT_EQ(decoded->attributes.size(), 1u);
   EXPECT_EQ(decoded->attributes[0].kind, DracoAttribute::Kind::kPosition);
+}
+
+// A glTF mesh of one primitive a stream, strips of 1, 2, 3... triangles.
+ByteVector GlbOfStrips(int primitives, const std::vector<int>& broken) {
+  GlbBuilder glb;
+  nlohmann::json list = nlohmann::json::array();
+  for (int i = 0; i < primitives; ++i) {
+    const int faces = i + 1;
+    std::vector<uint8_t> stream = Encode(faces, false);
+    if (std::find(broken.begin(), broken.end(), i) != broken.end()) stream.resize(stream.size() / 2);
+    const int view = glb.View(stream);
+    const int first = int(glb.doc["accessors"].size());
+    glb.doc["accessors"].push_back({{"componentType", kF32}, {"type", "VEC3"}, {"count", faces + 2}});
+    glb.doc["accessors"].push_back({{"componentType", kU32}, {"type", "SCALAR"}, {"count", 3 * faces}});
+    list.push_back(
+        {{"attributes", {{"POSITION", first}}},
+         {"indices", first + 1},
+         {"extensions", {{"KHR_draco_mesh_compression", {{"bufferView", view}, {"attributes", {{"POSITION", 0}}}}}}}});
+  }
+  glb.doc["meshes"].push_back({{"primitives", list}});
+  glb.Node({{"mesh", 0}});
+  glb.Scene({0});
+  return glb.Glb();
+}
+
+// More streams than are decoded at once.
+TEST(DracoGltf, StreamsDecodedTogetherKeepTheirPrimitives) {
+  const auto scene = LoadScene(GlbOfStrips(150, {}));
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  const std::vector<Primitive>& primitives = scene->meshes.at(0).primitives;
+  ASSERT_EQ(primitives.size(), 150u);
+  for (size_t i = 0; i < primitives.size(); ++i) {
+    EXPECT_EQ(primitives[i].triangles.size(), i + 1);
+    EXPECT_EQ(primitives[i].positions.size(), i + 3);
+  }
+}
+
+TEST(DracoGltf, TheFirstBrokenStreamIsNamed) {
+  for (int run = 0; run < 5; ++run) {
+    const absl::Status s = LoadScene(GlbOfStrips(20, {6, 3, 17})).status();
+    EXPECT_EQ(s.code(), absl::StatusCode::kInvalidArgument);
+    EXPECT_THAT(std::string(s.message()), HasSubstr("mesh 0, primitive 3, bufferView 3"));
+  }
 }
 
 }  // namespace
