@@ -28,8 +28,7 @@ bool EveryTargetCanDiscard(const RunState& state) {
 // Shades the fragments of one triangle, voxel after voxel.
 class TriangleShader {
  public:
-  TriangleShader(const RunState& state, const ShaderTraits& traits, uint32_t triangle)
-      : state_(state), traits_(traits) {
+  TriangleShader(const RunState& state, const ShaderTraits& traits, uint32_t triangle) : traits_(traits) {
     const uint32_t* v = state.view.triangles[triangle];
     plane_ = SetUpPlane(state.index_positions[v[0]], state.index_positions[v[1]], state.index_positions[v[2]]);
     in_ = MakeFragmentInput(state.view, triangle, plane_.degenerate, traits.reads_textures());
@@ -49,7 +48,6 @@ class TriangleShader {
   }
 
  private:
-  const RunState& state_;
   const ShaderTraits& traits_;
   TrianglePlane plane_;
   FragmentInput in_;

@@ -214,7 +214,7 @@ absl::Status FillSlots(const ShaderInfo& info, const ShaderParameterInfo& parame
 absl::Status TakeText(const ShaderCall& call, BoundShader& bound) {
   for (const auto& [name, value] : call.text) {
     const auto& known = bound.info->parameters;
-    const auto is_text = [&](const auto& p) { return p.name == name && p.type == "string"; };
+    const auto is_text = [&name = name](const auto& p) { return p.name == name && p.type == "string"; };
     if (std::none_of(known.begin(), known.end(), is_text)) {
       return absl::InvalidArgumentError(absl::StrCat("shader '", call.name, "' has no text parameter '", name, "'"));
     }
@@ -273,7 +273,7 @@ absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call
   if (found != call.parameters.size()) {
     for (const auto& [name, value] : call.parameters) {
       const auto& known = bound.info->parameters;
-      if (std::none_of(known.begin(), known.end(), [&](const auto& p) { return p.name == name; })) {
+      if (std::none_of(known.begin(), known.end(), [&name = name](const auto& p) { return p.name == name; })) {
         return absl::InvalidArgumentError(absl::StrCat("shader '", call.name, "' has no parameter '", name, "'"));
       }
     }
