@@ -55,8 +55,9 @@ class MeshMaker {
   // A box along an axis, open at one end: reached by a flood through that end alone.
   void AddTube() {
     const int axis = in_.Below(3), u = (axis + 1) % 3, w = (axis + 2) % 3;
-    const Vec3d from = Point(in_, 0, extent_ / 2);
-    const double length = in_.Chance(2) ? 70 : extent_, wide = 1 + in_.Below(6), high = 1 + in_.Below(6);
+    const Vec3d from = Point(in_, 0, 5);
+    const double length = in_.Chance(2) ? extent_ : 30 + in_.Below(40);  // over the border of words
+    const double wide = 3 + in_.Below(5), high = 3 + in_.Below(5);
     const auto v = static_cast<uint32_t>(mesh_.positions.size());
     for (uint32_t i = 0; i < 8; ++i) {
       Vec3d p = from;
