@@ -20,7 +20,7 @@ enum class ShaderStage : uint8_t { kVertex, kFragment };
 
 struct ShaderParameterInfo {
   std::string name;
-  std::string type;  // "float", "vec3", "vec4", "mat4", "uint", "string", "floats" (a list)
+  std::string type;                   // "float", "vec3", "vec4", "mat4", "uint", "string", "floats" (a list)
   std::vector<double> default_value;  // empty: absent unless given, and read by the host alone
   std::string description;
   // What each number may be: "uint" is a whole number too.

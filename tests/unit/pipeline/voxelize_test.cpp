@@ -150,7 +150,8 @@ TEST(VoxelizeTest, StagesAreNamedInOrder) {
   // Row spans of plain bits need no tiles.
   EXPECT_EQ(names_of(), (std::vector<std::string>{"vertex_shade", "fine_raster", "fill"}));
   request.targets.push_back(FloatTarget(1, Blend::kMax, {"occupancy", {}}));
-  EXPECT_EQ(names_of(), (std::vector<std::string>{"vertex_shade", "coarse_raster", "tile_sort", "fine_raster", "fill"}));
+  EXPECT_EQ(names_of(),
+            (std::vector<std::string>{"vertex_shade", "coarse_raster", "tile_sort", "fine_raster", "fill"}));
 }
 
 TEST(VoxelizeTest, OpenMeshesLeaveOddColumns) {
