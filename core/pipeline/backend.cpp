@@ -1,18 +1,31 @@
 #include "pipeline/backend.h"
 
-#include "absl/strings/str_cat.h"
 #include "cpu/backend.h"
+#if defined(VOXELPIPE_HAVE_CUDA)
+#include "cuda/backend.h"
+#endif
 
 namespace voxelpipe {
 
 std::vector<std::string> AvailableBackends() {
-  return {std::string(cpu::CpuBackend().name())};
+  std::vector<std::string> names;
+#if defined(VOXELPIPE_HAVE_CUDA)
+  if (cuda::CudaBackend().ok()) names.emplace_back("cuda");
+#endif
+  names.emplace_back(cpu::CpuBackend().name());
+  return names;
 }
 
 absl::StatusOr<const Backend*> SelectBackend(BackendChoice choice) {
+  if (choice == BackendChoice::kCpu) return &cpu::CpuBackend();
+#if defined(VOXELPIPE_HAVE_CUDA)
+  absl::StatusOr<const Backend*> device = cuda::CudaBackend();
+  if (device.ok() || choice == BackendChoice::kCuda) return device;
+#else
   if (choice == BackendChoice::kCuda) {
     return absl::FailedPreconditionError("backend: this build has no CUDA backend");
   }
+#endif
   return &cpu::CpuBackend();
 }
 

@@ -47,38 +47,62 @@ VOXELPIPE_HD VoxelRange TileVoxels(const TileGrid& tiles, uint64_t tile, const i
   return r;
 }
 
-// Calls visit(tile) for each tile that a triangle (index space) may touch: a superset of the tiles of its voxels, found
-// by the same row spans on coordinates divided by the tile's dims (powers of two, so the division is exact).
-template <typename Visit>
-VOXELPIPE_HD void ForEachTile(const TileGrid& tiles, const Vec3d& a, const Vec3d& b, const Vec3d& c, Visit&& visit) {
+// The tiles of a triangle's box, a superset of those of its voxels, and the widening of its set-up among tiles.
+struct TileBounds {
+  VoxelRange box;  // in tiles
+  double widening = kTileWidening;
+
+  // So few tiles that the box is cheaper than the test; a tile too many costs only time.
+  VOXELPIPE_HD bool few() const {
+    return (box.end[0] - box.begin[0]) * (box.end[1] - box.begin[1]) * (box.end[2] - box.begin[2]) <= 4;
+  }
+};
+
+VOXELPIPE_HD TileBounds BoundTiles(const TileGrid& tiles, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+  TileBounds bounds;
+  for (int i = 0; i < 3; ++i) {
+    const double shrink = 1.0 / double(TileDim(i));
+    const double lo = Min(a[i], Min(b[i], c[i])) * shrink, hi = Max(a[i], Max(b[i], c[i])) * shrink;
+    const double slack = kTileWidening + (hi - lo) * 0x1p-30;
+    bounds.widening = Max(bounds.widening, (hi - lo) * 0x1p-38);
+    const double limit = double(tiles.dims[i]);
+    bounds.box.begin[i] = int64_t(Clamp(floor(lo - slack), 0.0, limit));
+    bounds.box.end[i] = int64_t(Clamp(floor(hi + slack) + 1, 0.0, limit));
+  }
+  return bounds;
+}
+
+// The triangle set up among tiles in place of voxels: its coordinates divided by the tile's dims, which are powers of two, so
+// that the division is exact.
+VOXELPIPE_HD TriangleSetup SetUpAmongTiles(const Vec3d& a, const Vec3d& b, const Vec3d& c, double widening) {
   const Vec3d shrink{1.0 / TileDim(0), 1.0 / TileDim(1), 1.0 / TileDim(2)};
+  const auto scaled = [&](const Vec3d& p) { return Vec3d{p.x * shrink.x, p.y * shrink.y, p.z * shrink.z}; };
+  return SetUpWideTriangle(scaled(a), scaled(b), scaled(c), Coverage::kConservative, widening);
+}
+
+VOXELPIPE_HD VoxelRange AllTiles(const TileGrid& tiles) {
   VoxelRange all;
   for (int i = 0; i < 3; ++i) all.end[i] = tiles.dims[i];
-  // Few tiles: the box is cheaper than the test, and a tile too many costs only time.
-  VoxelRange box;
-  double widening = kTileWidening;
-  for (int i = 0; i < 3; ++i) {
-    const double lo = Min(a[i], Min(b[i], c[i])) * shrink[i], hi = Max(a[i], Max(b[i], c[i])) * shrink[i];
-    const double slack = kTileWidening + (hi - lo) * 0x1p-30;
-    widening = Max(widening, (hi - lo) * 0x1p-38);
-    const double limit = double(tiles.dims[i]);
-    box.begin[i] = int64_t(Clamp(floor(lo - slack), 0.0, limit));
-    box.end[i] = int64_t(Clamp(floor(hi + slack) + 1, 0.0, limit));
-  }
+  return all;
+}
+
+// Calls visit(tile) for each tile that a triangle (index space) may touch: a superset of the tiles of its voxels, found by the
+// row spans of its set-up among tiles.
+template <typename Visit>
+VOXELPIPE_HD void ForEachTile(const TileGrid& tiles, const Vec3d& a, const Vec3d& b, const Vec3d& c, Visit&& visit) {
+  const TileBounds bounds = BoundTiles(tiles, a, b, c);
+  const VoxelRange& box = bounds.box;
   if (box.empty()) return;
   const auto x_run = [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
     for (int64_t x = x_begin; x < x_end; ++x) visit(tiles.Index(x, y, z));
   };
-  const int64_t rows = (box.end[1] - box.begin[1]) * (box.end[2] - box.begin[2]);
-  if (rows * (box.end[0] - box.begin[0]) <= 4) {
+  if (bounds.few()) {
     for (int64_t z = box.begin[2]; z < box.end[2]; ++z) {
       for (int64_t y = box.begin[1]; y < box.end[1]; ++y) x_run(y, z, box.begin[0], box.end[0]);
     }
     return;
   }
-  const auto scaled = [&](const Vec3d& p) { return Vec3d{p.x * shrink.x, p.y * shrink.y, p.z * shrink.z}; };
-  const TriangleSetup setup = SetUpWideTriangle(scaled(a), scaled(b), scaled(c), Coverage::kConservative, widening);
-  ForEachRowSpan(setup, all, x_run);
+  ForEachRowSpan(SetUpAmongTiles(a, b, c, bounds.widening), AllTiles(tiles), x_run);
 }
 
 }  // namespace voxelpipe

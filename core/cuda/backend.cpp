@@ -1,0 +1,139 @@
+#include "cuda/backend.h"
+
+#include <tbb/info.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+
+#include "cpu/row_kernels.h"
+#include "cuda/run_state.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+class CudaStages final : public Stages {
+ public:
+  CudaStages(const TriangleMesh& mesh, const BoundRequest& request, const JobContext& job, const DeviceInfo& device,
+             const cpu::RowKernels& kernels, cudaStream_t stream)
+      : stream_(stream), state_(mesh, request, job) {
+    state_.host.kernels = &kernels;
+    state_.device = device;
+    state_.stream = stream;
+  }
+
+  absl::StatusOr<MeshExtent> VertexShade() override { return cuda::VertexShade(state_); }
+  absl::Status CoarseRaster(const GridSpec& grid) override {
+    state_.plain_bits = cpu::PlainBits(state_.host, grid);
+    return cuda::CoarseRaster(state_, grid);
+  }
+  absl::Status TileSort() override { return NeedsTiles(state_) ? cuda::TileSort(state_) : absl::OkStatus(); }
+  absl::Status BeginSlab(const Slab& slab) override {
+    counted_ = false;
+    return cuda::BeginSlab(state_, slab);
+  }
+  absl::Status FineRaster() override { return cuda::FineRaster(state_); }
+  absl::Status SolidFill() override { return cuda::SolidFill(state_); }
+  absl::Status EmitFragments() override { return cuda::EmitFragments(state_); }
+  absl::Status SortFragments() override { return cuda::SortFragments(state_); }
+  absl::Status Resolve() override { return cuda::Resolve(state_); }
+  absl::StatusOr<ResultArrays> Finish() override {
+    Count();
+    if (!count_status_.ok()) return count_status_;
+    return cuda::Finish(state_);
+  }
+  uint64_t CountOccupied() const override {
+    Count();
+    return occupied_;
+  }
+  SlabCounts counts() const override {
+    Count();
+    return state_.counts;
+  }
+  bool SortsTiles(const GridSpec& grid) const override {
+    return state_.request.request.result != ResultKind::kBuckets && !cpu::PlainBits(state_.host, grid);
+  }
+  std::string_view simd() const override { return "cuda"; }
+
+  RunState& state() { return state_; }
+
+ private:
+  // The counts of the slab come to the host in one read; an error waits for Finish.
+  void Count() const {
+    if (counted_) return;
+    counted_ = true;
+    count_status_ = CountSlab(state_);
+    if (!count_status_.ok()) return;
+    const auto counters = ReadCounters(state_);
+    if (!counters.ok()) {
+      count_status_ = counters.status();
+      return;
+    }
+    const bool buckets = state_.request.request.result == ResultKind::kBuckets;
+    occupied_ = buckets ? state_.result.listed_voxels : (*counters)[kVoxels];
+    state_.counts.odd_columns = (*counters)[kOddColumns];
+    if (buckets) {
+      state_.counts.fragments = state_.result.listed_fragments;
+    } else if (!state_.plain_bits) {
+      state_.counts.fragments = (*counters)[kFragments];
+    }
+  }
+
+  // Destroyed last: arrays give their memory back on the stream.
+  class Stream {
+   public:
+    explicit Stream(cudaStream_t stream) : stream_(stream) {}
+    Stream(const Stream&) = delete;
+    Stream& operator=(const Stream&) = delete;
+    ~Stream() { (void)cudaStreamDestroy(stream_); }
+
+   private:
+    cudaStream_t stream_;
+  };
+
+  Stream stream_;
+  mutable RunState state_;
+  mutable bool counted_ = false;
+  mutable uint64_t occupied_ = 0;
+  mutable absl::Status count_status_;
+};
+
+class Cuda final : public Backend {
+ public:
+  std::string_view name() const override { return "cuda"; }
+  std::string_view simd() const override { return "cuda"; }
+  absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,
+                                                const JobContext& job) const override {
+    const absl::StatusOr<DeviceInfo> device = TheDevice();
+    if (!device.ok()) return device.status();
+    const absl::StatusOr<const cpu::RowKernels*> kernels = cpu::SelectRowKernels(request.request.simd);
+    if (!kernels.ok()) return kernels.status();
+    VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(device->ordinal));  // of this thread
+    cudaStream_t stream;
+    VOXELPIPE_CUDA_OR_RETURN(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
+    return std::make_unique<CudaStages>(mesh, request, job, *device, **kernels, stream);
+  }
+  void Run(int threads, const std::function<void()>& body) const override {
+    const int cores = tbb::info::default_concurrency();  // vertices are shaded on the host
+    tbb::task_arena arena(threads > 0 ? std::min(threads, cores) : cores);
+    arena.execute(body);
+  }
+};
+
+}  // namespace
+
+absl::StatusOr<const Backend*> CudaBackend() {
+  static const Cuda* const backend = new Cuda;
+  if (const absl::StatusOr<DeviceInfo> device = TheDevice(); !device.ok()) return device.status();
+  return backend;
+}
+
+cudaStream_t StreamOf(Stages& stages) {
+  return static_cast<CudaStages&>(stages).state().stream;
+}
+
+absl::Status MakeDeviceResult(Stages& stages) {
+  RunState& state = static_cast<CudaStages&>(stages).state();
+  return state.request.request.result == ResultKind::kSparse ? MakeBricks(state) : absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda

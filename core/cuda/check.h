@@ -1,0 +1,35 @@
+// CUDA errors as statuses that name the call, its file and its line.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include "absl/status/status.h"
+
+namespace voxelpipe::cuda {
+
+// OK for cudaSuccess. Out of memory is RESOURCE_EXHAUSTED, everything else INTERNAL. An error after which the context answers
+// every call with the same error ("sticky": an illegal address, a failed launch) marks the device lost (device.h).
+absl::Status CudaStatus(cudaError_t error, const char* expression, const char* file, int line);
+
+}  // namespace voxelpipe::cuda
+
+// Returns from the calling function (absl::Status or StatusOr) where a CUDA call fails.
+#define VOXELPIPE_CUDA_OR_RETURN(call)                                             \
+  do {                                                                             \
+    if (const cudaError_t cuda_error = (call); cuda_error != cudaSuccess) {        \
+      return ::voxelpipe::cuda::CudaStatus(cuda_error, #call, __FILE__, __LINE__); \
+    }                                                                              \
+  } while (0)
+
+// The same after a kernel launch: what the launch itself refused. Errors of the running kernel come with a later call.
+#define VOXELPIPE_LAUNCHED_OR_RETURN(kernel)                                                     \
+  do {                                                                                           \
+    if (const cudaError_t cuda_error = cudaGetLastError(); cuda_error != cudaSuccess) {          \
+      return ::voxelpipe::cuda::CudaStatus(cuda_error, "launch of " kernel, __FILE__, __LINE__); \
+    }                                                                                            \
+  } while (0)
+
+#define VOXELPIPE_OK_OR_RETURN(expression)                                              \
+  do {                                                                                  \
+    if (absl::Status status_here = (expression); !status_here.ok()) return status_here; \
+  } while (0)

@@ -1,0 +1,180 @@
+// Vertices to index space; binning of triangles to tiles.
+//
+// Pairs (tile, triangle) are appended in no order: every blend is independent of the order of fragments. A triangle in at most four
+// tiles is one thread's, any other one a block's. Pairs that find no room are counted all the same, and the binning is
+// run again with room for all.
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_cat.h"
+#include "cuda/row_walk.cuh"
+#include "cuda/run_state.h"
+#include "grid/index_space.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+constexpr int kThreads = 256, kLargeThreads = 128;
+constexpr double kFarthest = 0x1p40;  // voxels
+
+__global__ void __launch_bounds__(kThreads)
+    PlaceVertices(const Vec3d* positions, uint64_t count, Vec3d origin, Vec3d voxel_size, Vec3d* placed) {
+  const uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
+  if (i < count) placed[i] = WorldToIndex(origin, voxel_size, positions[i]);
+}
+
+struct BinArgs {
+  TileGrid tiles;
+  const uint32_t* triangles;
+  const Vec3d* positions;  // index space
+  uint64_t triangle_count;
+  uint32_t *pair_tiles, *pair_triangles;
+  uint64_t capacity;
+  uint32_t* queue;
+  uint64_t* counters;
+};
+
+__device__ inline void Put(const BinArgs& args, uint64_t at, uint64_t tile, uint64_t triangle) {
+  if (at >= args.capacity) return;
+  args.pair_tiles[at] = uint32_t(tile);
+  args.pair_triangles[at] = uint32_t(triangle);
+}
+
+__global__ void __launch_bounds__(kThreads) BinSmall(const BinArgs args) {
+  __shared__ unsigned long long room[2][kThreads / 32 + 1];
+  const uint64_t t = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
+  TileBounds bounds;
+  bool few = false, many = false;
+  uint32_t count = 0;
+  if (t < args.triangle_count) {
+    const uint32_t* v = args.triangles + 3 * t;
+    bounds = BoundTiles(args.tiles, args.positions[v[0]], args.positions[v[1]], args.positions[v[2]]);
+    if (!bounds.box.empty()) {
+      few = bounds.few();
+      many = !few;
+      if (few) count = RowCount(bounds.box) * uint32_t(bounds.box.end[0] - bounds.box.begin[0]);
+    }
+  }
+  uint64_t at = BlockAllocate<kThreads>(args.counters + kPairs, count, room[0]);
+  if (few) {
+    for (int64_t z = bounds.box.begin[2]; z < bounds.box.end[2]; ++z) {
+      for (int64_t y = bounds.box.begin[1]; y < bounds.box.end[1]; ++y) {
+        for (int64_t x = bounds.box.begin[0]; x < bounds.box.end[0]; ++x) Put(args, at++, args.tiles.Index(x, y, z), t);
+      }
+    }
+  }
+  if (__syncthreads_or(many) == 0) return;
+  const uint64_t place = BlockAllocate<kThreads>(args.counters + kQueued0, many, room[1]);
+  if (many) args.queue[place] = uint32_t(t);
+}
+
+// A block takes a queued triangle and deals its rows of tiles to its threads.
+__global__ void __launch_bounds__(kLargeThreads) BinLarge(const BinArgs args) {
+  const uint64_t queued = args.counters[kQueued0];
+  for (uint64_t i = blockIdx.x; i < queued; i += gridDim.x) {
+    const uint32_t t = args.queue[i];
+    const uint32_t* v = args.triangles + 3 * uint64_t{t};
+    const Vec3d &a = args.positions[v[0]], &b = args.positions[v[1]], &c = args.positions[v[2]];
+    const TriangleSetup s = SetUpAmongTiles(a, b, c, BoundTiles(args.tiles, a, b, c).widening);
+    const VoxelRange range = ClipToRange(s, AllTiles(args.tiles));
+    const uint64_t rows =
+        range.empty() ? 0 : uint64_t(range.end[1] - range.begin[1]) * uint64_t(range.end[2] - range.begin[2]);
+    for (uint64_t first = 0; first < rows; first += kLargeThreads) {
+      const uint64_t row = first + threadIdx.x;
+      int64_t y = 0, z = 0, x_begin = 0, x_end = 0;
+      if (row >= rows || !RowSpan(s, range, row, y, z, x_begin, x_end)) x_begin = x_end = 0;
+      uint64_t at = WarpAllocate(args.counters + kPairs, uint32_t(x_end - x_begin));
+      for (int64_t x = x_begin; x < x_end; ++x) Put(args, at++, args.tiles.Index(x, y, z), t);
+    }
+  }
+}
+
+bool InReach(const Vec3d& p) {
+  return Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
+}
+
+// The box of the mesh is monotone in index space, so its corners say whether any vertex is out of reach. Which one is looked
+// for on the host: it ends the run.
+absl::Status CheckReach(const RunState& state, const GridSpec& grid) {
+  const auto place = [&](const Vec3d& p) { return WorldToIndex(grid.origin, grid.voxel_size, p); };
+  if (state.host.view.triangle_count == 0 || (InReach(place(state.box.min)) && InReach(place(state.box.max)))) {
+    return absl::OkStatus();
+  }
+  uint32_t bad = UINT32_MAX;
+  const MeshView& mesh = state.host.view;
+  for (uint64_t t = 0; t < mesh.triangle_count; ++t) {
+    for (const uint32_t v : mesh.triangles[t]) {
+      if (!InReach(place(mesh.positions[v]))) {
+        bad = std::min(bad, v);
+        break;  // as the CPU backend: the first corner that is out of reach stands for its triangle
+      }
+    }
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat(cpu::DescribeVertex(state.host.mesh, bad), ": farther than 2^40 voxels from the grid's origin"));
+}
+
+absl::Status Bin(RunState& state, uint64_t capacity) {
+  for (auto* arrays : {&state.pair_tiles, &state.pair_triangles}) {
+    for (auto& array : *arrays) VOXELPIPE_OK_OR_RETURN(array.Resize(capacity, state.stream));
+  }
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kPairs, kQueued0}));
+  BinArgs args;
+  args.tiles = state.view.tiles;
+  args.triangles = state.mesh.triangles.data();
+  args.positions = state.mesh.index_positions.data();
+  args.triangle_count = state.mesh.host_view.triangle_count;
+  args.pair_tiles = state.pair_tiles[0].data();
+  args.pair_triangles = state.pair_triangles[0].data();
+  args.capacity = capacity;
+  args.queue = state.queue[0].data();
+  args.counters = state.counters.data();
+  BinSmall<<<unsigned((args.triangle_count + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BinSmall");
+  const uint64_t blocks = std::min<uint64_t>(uint64_t(state.device.multiprocessors) * 8, args.triangle_count);
+  BinLarge<<<unsigned(blocks), kLargeThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BinLarge");
+  auto counters = ReadCounters(state);
+  if (!counters.ok()) return counters.status();
+  state.pair_count = (*counters)[kPairs];
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
+  state.grid = grid;
+  for (int a = 0; a < 3; ++a) state.view.dims[a] = grid.dims[size_t(a)];
+  state.view.tiles = TilesOf(state.view.dims);
+  state.view.words_per_row = (state.view.dims[0] + 31) / 32;
+  state.view.origin = grid.origin;
+  state.view.voxel_size = grid.voxel_size;
+  if (state.view.tiles.count() > UINT32_MAX) {
+    return absl::ResourceExhaustedError("the grid has more than 2^32 tiles of 32x8x8 voxels");
+  }
+  VOXELPIPE_OK_OR_RETURN(CheckReach(state, grid));
+  const uint64_t vertices = state.mesh.host_view.vertex_count, triangles = state.mesh.host_view.triangle_count;
+  VOXELPIPE_OK_OR_RETURN(state.mesh.index_positions.Resize(vertices, state.stream));
+  if (vertices > 0) {
+    PlaceVertices<<<unsigned((vertices + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(
+        state.mesh.positions.data(), vertices, grid.origin, grid.voxel_size, state.mesh.index_positions.data());
+    VOXELPIPE_LAUNCHED_OR_RETURN("PlaceVertices");
+  }
+  if (state.mesh.host_view.index_positions != state.mesh.index_positions.data()) {
+    state.mesh.host_view.index_positions = state.mesh.index_positions.data();
+    VOXELPIPE_OK_OR_RETURN(state.mesh.view.Upload({&state.mesh.host_view, 1}, state.stream));
+  }
+  state.pair_count = 0;
+  if (triangles == 0 || !NeedsTiles(state)) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
+  const uint64_t guess = std::max<uint64_t>(state.pair_tiles[0].size(), triangles + triangles / 2 + (1 << 16));
+  VOXELPIPE_OK_OR_RETURN(Bin(state, guess));
+  if (state.pair_count > guess) VOXELPIPE_OK_OR_RETURN(Bin(state, state.pair_count));
+  if (state.pair_count > UINT32_MAX) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the mesh meets tiles ", state.pair_count, " times; the CUDA backend takes at most 2^32"));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda

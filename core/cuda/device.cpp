@@ -1,0 +1,90 @@
+#include "cuda/device.h"
+
+#include <cuda_runtime_api.h>
+
+#include <mutex>
+
+#include "absl/strings/str_cat.h"
+#include "cuda/check.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+absl::StatusOr<DeviceInfo> Probe() {
+  int count = 0;
+  const cudaError_t error = cudaGetDeviceCount(&count);
+  if (error != cudaSuccess || count == 0) {
+    (void)cudaGetLastError();
+    return absl::FailedPreconditionError(absl::StrCat(
+        "backend: no CUDA device (", error == cudaSuccess ? "the driver lists none" : cudaGetErrorString(error), ")"));
+  }
+  DeviceInfo info;
+  cudaDeviceProp properties;
+  VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(info.ordinal));
+  VOXELPIPE_CUDA_OR_RETURN(cudaGetDeviceProperties(&properties, info.ordinal));
+  info.name = properties.name;
+  info.multiprocessors = properties.multiProcessorCount;
+  info.shared_bytes_per_block = properties.sharedMemPerBlockOptin;
+  info.memory_bytes = properties.totalGlobalMem;
+  // Freed memory stays in the pool: with the default threshold every synchronization gives it back to the driver.
+  cudaMemPool_t pool;
+  VOXELPIPE_CUDA_OR_RETURN(cudaDeviceGetDefaultMemPool(&pool, info.ordinal));
+  uint64_t keep = UINT64_MAX;
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &keep));
+  return info;
+}
+
+std::mutex lost_mutex;
+std::string lost_reason;  // under lost_mutex; empty: not lost
+
+bool IsSticky(cudaError_t error) {
+  switch (error) {
+    case cudaErrorIllegalAddress:
+    case cudaErrorLaunchFailure:
+    case cudaErrorHardwareStackError:
+    case cudaErrorIllegalInstruction:
+    case cudaErrorMisalignedAddress:
+    case cudaErrorInvalidAddressSpace:
+    case cudaErrorInvalidPc:
+    case cudaErrorAssert:
+    case cudaErrorECCUncorrectable:
+    case cudaErrorLaunchTimeout: return true;
+    default: return false;
+  }
+}
+
+}  // namespace
+
+absl::StatusOr<DeviceInfo> TheDevice() {
+  static const absl::StatusOr<DeviceInfo>* const probed = new absl::StatusOr<DeviceInfo>(Probe());
+  if (!probed->ok()) return *probed;
+  const std::lock_guard lock(lost_mutex);
+  if (!lost_reason.empty()) {
+    return absl::FailedPreconditionError(absl::StrCat("backend: the CUDA device was lost: ", lost_reason));
+  }
+  return *probed;
+}
+
+void MarkDeviceLost(std::string_view reason) {
+  const std::lock_guard lock(lost_mutex);
+  if (lost_reason.empty()) lost_reason = std::string(reason);
+}
+
+absl::Status CudaStatus(cudaError_t error, const char* expression, const char* file, int line) {
+  if (error == cudaSuccess) return absl::OkStatus();
+  (void)cudaGetLastError();  // so that the next call does not report it again
+  const std::string_view path(file);
+  const std::string message = absl::StrCat(
+      "CUDA: ", cudaGetErrorString(error), " in ", expression, " (",
+      std::string(path.substr(path.rfind("core/") == path.npos ? 0 : path.rfind("core/"))), ":", line, ")");
+  if (error == cudaErrorMemoryAllocation) {
+    size_t have = 0, all = 0;
+    const bool known = cudaMemGetInfo(&have, &all) == cudaSuccess;
+    return absl::ResourceExhaustedError(
+        known ? absl::StrCat(message, "; ", have, " of ", all, " bytes of device memory are free") : message);
+  }
+  if (IsSticky(error)) MarkDeviceLost(message);
+  return absl::InternalError(message);
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,133 @@
+// The rows of a triangle in the hands of one thread or of many: the device's schedules of raster/spans.h.
+#pragma once
+
+#include "raster/spans.h"
+
+namespace voxelpipe::cuda {
+
+// A box of voxels, half open, in 32-bit coordinates.
+struct Box32 {
+  int begin[3], end[3];
+  __device__ int rows() const { return (end[1] - begin[1]) * (end[2] - begin[2]); }
+};
+
+// Rows of a range whose number does not fit 32 bits count as UINT32_MAX.
+__device__ inline uint32_t RowCount(const VoxelRange& r) {
+  const uint64_t rows = uint64_t(r.end[1] - r.begin[1]) * uint64_t(r.end[2] - r.begin[2]);
+  return rows < UINT32_MAX ? uint32_t(rows) : UINT32_MAX;
+}
+
+// Whether one thread alone may walk the triangle: not wide, and few rows.
+__device__ inline bool IsForOneThread(const TriangleSetup& s, const VoxelRange& clipped, uint32_t most_rows) {
+  return s.span_class != SpanClass::kWide && RowCount(clipped) <= most_rows;
+}
+
+// All rows of a narrow or run triangle by one thread: visit(y, z, x_begin, x_end) in grid coordinates. `range` is what ClipToRange
+// gave, not empty. Such a triangle is at most some 34 voxels long, or its box is clipped to a row of voxels, so 32 bits do.
+template <typename Visit>
+__device__ inline void WalkRows(const TriangleSetup& s, const VoxelRange& range, Visit&& visit) {
+  int lo[3], hi[3];
+  for (int i = 0; i < 3; ++i) {
+    lo[i] = int(range.begin[i]);
+    hi[i] = int(range.end[i]);
+  }
+  if (s.span_class == SpanClass::kRun) {
+    for (int z = lo[2]; z < hi[2]; ++z) {
+      for (int y = lo[1]; y < hi[1]; ++y) visit(y, z, lo[0], hi[0]);
+    }
+    return;
+  }
+  const int bx = int(s.base.x), by = int(s.base.y), bz = int(s.base.z);
+  for (int z = lo[2]; z < hi[2]; ++z) {
+    const Layer<float> layer = ComputeLayer(s.narrow, float(z - bz));
+    if (layer.y.empty() || layer.x.empty()) continue;
+    const int y_end = min(hi[1], by + int(layer.y.last) + 1);
+    for (int y = max(lo[1], by + int(layer.y.first)); y < y_end; ++y) {
+      const Interval<float> row = ComputeRow(s.narrow, layer, float(y - by));
+      if (row.empty()) continue;
+      const int x_begin = max(lo[0], bx + int(row.first)), x_end = min(hi[0], bx + int(row.last) + 1);
+      if (x_begin < x_end) visit(y, z, x_begin, x_end);
+    }
+  }
+}
+
+// One row of a set-up: false if the triangle does not touch it within `range`.
+template <typename Real>
+__device__ inline bool RowOf(const SpanBounds<Real>& s, const Vec3d& base, const VoxelRange& range, int64_t y,
+                             int64_t z, int64_t& x_begin, int64_t& x_end) {
+  const Layer<Real> layer = ComputeLayer(s, Real(double(z) - base.z));
+  if (layer.y.empty() || layer.x.empty()) return false;
+  const Real local = Real(double(y) - base.y);
+  if (local < layer.y.first || local > layer.y.last) return false;
+  const Interval<Real> row = ComputeRow(s, layer, local);
+  if (row.empty()) return false;
+  const double lo = double(range.begin[0]), hi = double(range.end[0]);
+  x_begin = int64_t(Clamp(base.x + double(row.first), lo, hi));
+  x_end = int64_t(Clamp((base.x + double(row.last)) + 1, lo, hi));
+  return x_begin < x_end;
+}
+
+// Row number `row` of `range` (y fastest), which ClipToRange gave: false if the triangle does not touch it.
+__device__ inline bool RowSpan(const TriangleSetup& s, const VoxelRange& range, uint64_t row, int64_t& y, int64_t& z,
+                               int64_t& x_begin, int64_t& x_end) {
+  const uint64_t ny = uint64_t(range.end[1] - range.begin[1]);
+  y = range.begin[1] + int64_t(row % ny);
+  z = range.begin[2] + int64_t(row / ny);
+  if (s.span_class == SpanClass::kRun) {
+    x_begin = range.begin[0];
+    x_end = range.end[0];
+    return true;
+  }
+  if (s.span_class == SpanClass::kNarrow) return RowOf(s.narrow, s.base, range, y, z, x_begin, x_end);
+  return RowOf(s.wide, s.base, range, y, z, x_begin, x_end);
+}
+
+// Sum over the warp's lanes before this one; `total` is that of all. All 32 lanes call it.
+__device__ inline uint32_t WarpExclusiveSum(uint32_t value, uint32_t& total) {
+  const unsigned lane = threadIdx.x % 32;
+  uint32_t sum = value;
+  for (unsigned step = 1; step < 32; step *= 2) {
+    const uint32_t below = __shfl_up_sync(~0u, sum, step);
+    if (lane >= step) sum += below;
+  }
+  total = __shfl_sync(~0u, sum, 31);
+  return sum - value;
+}
+
+// Room for `count` elements of each lane in an array whose fill `counter` counts: the lane's first index. One atomic a warp. All 32
+// lanes call it.
+__device__ inline uint64_t WarpAllocate(uint64_t* counter, uint32_t count) {
+  uint32_t total;
+  const uint32_t before = WarpExclusiveSum(count, total);
+  unsigned long long first = 0;
+  if (threadIdx.x % 32 == 0 && total > 0) {
+    first = atomicAdd(reinterpret_cast<unsigned long long*>(counter), static_cast<unsigned long long>(total));
+  }
+  return __shfl_sync(~0u, first, 0) + before;
+}
+
+// The same for a whole block of kThreads threads with one atomic a block, which matters where millions of threads append: an atomic
+// that returns costs some 3 ns. All threads call it; `shared` holds kThreads / 32 + 1 words and is free again after the next
+// barrier.
+template <int kThreads>
+__device__ inline uint64_t BlockAllocate(uint64_t* counter, uint32_t count, unsigned long long* shared) {
+  constexpr int kWarps = kThreads / 32;
+  uint32_t total;
+  const uint32_t before = WarpExclusiveSum(count, total);
+  const unsigned warp = threadIdx.x / 32;
+  if (threadIdx.x % 32 == 0) shared[warp] = total;
+  __syncthreads();
+  if (threadIdx.x == 0) {
+    unsigned long long sum = 0;
+    for (int w = 0; w < kWarps; ++w) {
+      const unsigned long long here = shared[w];
+      shared[w] = sum;
+      sum += here;
+    }
+    shared[kWarps] = sum == 0 ? 0 : atomicAdd(reinterpret_cast<unsigned long long*>(counter), sum);
+  }
+  __syncthreads();
+  return shared[kWarps] + shared[warp] + before;
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,156 @@
+// What the stages of one run on a CUDA device share, in the order in which they make it. The twin of cpu/run_state.h.
+//
+// Every function that takes a RunState gives its work to state.stream. None synchronizes unless its comment says so.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "cpu/run_state.h"
+#include "cuda/buffer.h"
+#include "cuda/check.h"
+#include "cuda/device.h"
+#include "cuda/views.h"
+#include "pipeline/stages.h"
+
+namespace voxelpipe::cuda {
+
+// Arrays of the shaded mesh on the device, and the view of them that shaders get.
+struct DeviceMesh {
+  DeviceArray<Vec3d> positions, index_positions;
+  DeviceArray<Vec3f> normals, velocities;
+  DeviceArray<Vec4f> tangents, colors;
+  DeviceArray<Vec2f> uv[2];
+  DeviceArray<uint32_t> triangles;  // three a triangle
+  DeviceArray<PartView> parts;
+  DeviceArray<MaterialView> materials;
+  DeviceArray<TextureView> textures;
+  DeviceArray<AttributeView> attributes;
+  std::vector<DeviceArray<float>> attribute_values;
+  std::vector<DeviceArray<uint8_t>> images;  // texels of level 0
+  std::vector<DeviceArray<Vec4f>> mips;      // further levels
+  MeshView host_view;                        // pointers into device memory
+  DeviceArray<MeshView> view;                // the same on the device, one element
+};
+
+// Device memory behind the views of one CudaTarget.
+struct TargetMemory {
+  DeviceArray<uint32_t> bits, presence;
+  DeviceArray<uint8_t> dense;
+};
+
+// Arrays of a sparse or bucketed result on the device, as ResultArrays has them.
+struct DeviceResult {
+  DeviceArray<uint64_t> bricks, voxels, offsets;
+  DeviceArray<uint8_t> masks;
+  DeviceArray<uint32_t> triangles;
+  std::vector<DeviceArray<uint8_t>> targets;
+  uint64_t listed_bricks = 0, listed_voxels = 0, listed_fragments = 0;  // known to the host
+};
+
+struct RunState {
+  RunState(const TriangleMesh& m, const BoundRequest& r, const JobContext& j) : request(r), job(j), host(m, r, j) {}
+
+  const BoundRequest& request;
+  const JobContext& job;
+  DeviceInfo device;
+  cudaStream_t stream = nullptr;
+
+  // VertexShade
+  cpu::RunState host;  // vertices are shaded and the mesh's box is found on the host
+  DeviceMesh mesh;
+  Box3d box;  // of the vertices that triangles use, world space
+
+  // CoarseRaster, TileSort: of the whole grid
+  GridSpec grid;
+  GridView view{};                                         // dims, tiles, slab: what kernels get
+  bool plain_bits = false;                                 // every target is the coverage itself: rows without tiles
+  DeviceArray<uint32_t> pair_tiles[2], pair_triangles[2];  // (tile, triangle), unsorted and sorted by tile
+  DeviceArray<uint64_t> counters;                          // see Counter
+  DeviceArray<uint8_t> scratch;                            // of CUB
+  uint64_t pair_count = 0;
+  int sorted = 0;                              // which of the two the sorted pairs are in
+  DeviceArray<uint32_t> tile_begin, tile_end;  // per tile of the grid: its pairs; valid for occupied tiles
+  DeviceArray<uint32_t> occupied_tiles;        // in no order
+  uint64_t occupied_count = 0;                 // how many there are; sparse results only
+  DeviceArray<uint32_t> queue[2];              // triangles too large for a thread, for a warp
+
+  // BeginSlab: what follows holds the slab's layers only
+  Slab slab;
+  std::array<int64_t, 3> slab_dims{1, 1, 1};
+  TargetViews targets{};
+  std::array<TargetMemory, kMaxTargets> target_memory;
+  DeviceArray<uint32_t> coverage;  // bit grid: voxels that a fragment of any target wrote
+  // Sparse results: `value_stride` bytes for each occupied tile, in the order of occupied_tiles (a tile's number among them
+  // is tile_slot[tile]). Target t that is no bit target has element (voxel * components + c) in its format from byte
+  // value_offset[t] on, voxel = x + 32*(y + 8*z) of the tile; values of voxels without a fragment are undefined. Bit targets have
+  // their values in the bit grids as in dense results.
+  DeviceArray<uint8_t> tile_values;
+  DeviceArray<uint32_t> tile_slot;  // per tile of the grid; UINT32_MAX: no pairs
+  uint64_t value_stride = 0;
+  std::array<uint64_t, kMaxTargets> value_offset{};
+  DeviceResult result;  // sparse, buckets
+
+  // FineRaster, SolidFill
+  DeviceArray<uint32_t> inside, outside;  // bit grids; outside is of the whole grid
+  SlabCounts counts;                      // up to date after Counts
+
+  uint64_t slab_rows() const { return uint64_t(slab_dims[1]) * uint64_t(slab_dims[2]); }
+  uint64_t slab_words() const { return slab_rows() * uint64_t(view.words_per_row); }
+  uint64_t slab_voxels() const { return slab_rows() * uint64_t(slab_dims[0]); }
+};
+
+// Elements of RunState::counters.
+enum Counter : int {
+  kPairs,       // (tile, triangle) pairs found, also where there was no room for them
+  kQueued0,     // entries of queue[0]
+  kQueued1,     // entries of queue[1]
+  kOccupied,    // occupied tiles
+  kNextTile,    // the next tile for a block of the fine raster
+  kFragments,   // of the slab
+  kOddColumns,  // of the slab
+  kVoxels,      // of the slab, with a fragment or filled
+  kChanged,     // flood: rows changed
+  kScratch0,    // free for use within a stage
+  kScratch1,
+  kScratch2,
+  kScratch3,
+  kCounters
+};
+
+// Sets counters to 0.
+absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
+// Copies all counters to the host. Synchronizes with the stream.
+absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state);
+
+// Uploads what the stages need of the mesh shaded on the host.
+absl::Status UploadMesh(RunState& state);
+
+// The stages; see pipeline/stages.h for what each does.
+absl::StatusOr<MeshExtent> VertexShade(RunState& state);
+absl::Status CoarseRaster(RunState& state, const GridSpec& grid);  // synchronizes under tiles
+absl::Status TileSort(RunState& state);                            // synchronizes
+absl::Status BeginSlab(RunState& state, const Slab& slab);
+absl::Status FineRaster(RunState& state);
+absl::Status SolidFill(RunState& state);      // flood: synchronizes
+absl::Status EmitFragments(RunState& state);  // synchronizes
+absl::Status SortFragments(RunState& state);
+absl::Status Resolve(RunState& state);                 // synchronizes
+absl::Status MakeBricks(RunState& state);              // sparse: state.result; synchronizes
+absl::StatusOr<ResultArrays> Finish(RunState& state);  // copies to the host; synchronizes
+
+// Whether the request goes by tiles: not plain bits, and not the A-buffer, which emits by triangle.
+bool NeedsTiles(const RunState& state);
+// Bytes of one tile's values in RunState::tile_values; sets value_stride and value_offset.
+void LayOutTileValues(RunState& state);
+
+// Parts of stages
+absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits);
+absl::Status ParityInside(RunState& state);
+absl::Status FloodInside(RunState& state);
+absl::Status CountSlab(RunState& state);  // kVoxels; BeginSlab cleared the other counters of the slab
+
+}  // namespace voxelpipe::cuda

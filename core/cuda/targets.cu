@@ -1,0 +1,298 @@
+// Allocation, clearing, packing and counting of the render targets, and their way to the host.
+#include <algorithm>
+
+#include "cuda/run_state.h"
+#include "pipeline/plan.h"
+#include "shaders/blend_ops.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+constexpr int kThreads = 256;
+
+unsigned BlocksFor(uint64_t count, uint64_t most = 1 << 16) {
+  return unsigned(std::clamp<uint64_t>((count + kThreads - 1) / kThreads, 1, most));
+}
+
+// `words` words of a repeated 32-bit pattern.
+__global__ void __launch_bounds__(kThreads) FillWords(uint32_t* to, uint64_t words, uint32_t pattern) {
+  for (uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x; i < words; i += uint64_t(gridDim.x) * kThreads) {
+    to[i] = pattern;
+  }
+}
+
+struct PackArgs {
+  const uint32_t *present, *value, *inside;  // bit grids; inside may be null
+  uint32_t clear, fill;                      // all bits set or none
+  int64_t nx, words_per_row;
+  uint64_t voxels;
+  uint32_t* out;
+};
+
+// The bits of voxel x .. x+31 of a row's word.
+__device__ inline uint32_t ValueWord(const PackArgs& a, uint64_t word) {
+  const uint32_t here = a.present[word], inside = a.inside == nullptr ? 0 : a.inside[word];
+  const uint32_t elsewhere = (inside & a.fill) | (~inside & a.clear);
+  return (here & a.value[word]) | (~here & elsewhere);
+}
+
+// One word of packed bits a thread, gathered from the rows it spans.
+__global__ void __launch_bounds__(kThreads) PackKernel(const PackArgs a) {
+  const uint64_t words = (a.voxels + 31) / 32;
+  for (uint64_t w = uint64_t(blockIdx.x) * kThreads + threadIdx.x; w < words; w += uint64_t(gridDim.x) * kThreads) {
+    uint32_t packed = 0;
+    uint64_t row = w * 32 / uint64_t(a.nx);
+    int64_t x = int64_t(w * 32 - row * uint64_t(a.nx));
+    int filled = 0;
+    while (filled < 32 && row * uint64_t(a.nx) < a.voxels) {
+      const uint64_t word = row * uint64_t(a.words_per_row) + uint64_t(x / 32);
+      const int offset = int(x % 32);
+      const int64_t rest = a.nx - x;
+      const int take = int(min(min(int64_t(32 - offset), rest), int64_t(32 - filled)));
+      const uint32_t bits = ValueWord(a, word) >> offset & (take == 32 ? ~0u : (1u << take) - 1);
+      packed |= bits << filled;
+      filled += take;
+      x += take;
+      if (x == a.nx) {
+        x = 0;
+        ++row;
+      }
+    }
+    a.out[w] = packed;
+  }
+}
+
+// Set bits of a, or of a and b together.
+__global__ void __launch_bounds__(kThreads)
+    CountKernel(const uint32_t* a, const uint32_t* b, uint64_t words, uint64_t* counter) {
+  uint64_t sum = 0;
+  for (uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x; i < words; i += uint64_t(gridDim.x) * kThreads) {
+    sum += unsigned(__popc(b == nullptr ? a[i] : a[i] | b[i]));
+  }
+  for (int step = 16; step > 0; step /= 2) sum += __shfl_down_sync(~0u, sum, step);
+  if (threadIdx.x % 32 == 0 && sum > 0) atomicAdd(reinterpret_cast<unsigned long long*>(counter), sum);
+}
+
+double DefaultScale(VoxelFormat format, FragmentShaderId shader) {
+  if (!TraitsOf(shader).is_color) return 1;
+  return format == VoxelFormat::kU8 ? 255 : format == VoxelFormat::kU16 ? 65535 : 1;
+}
+
+CudaTarget Describe(const TargetSpec& spec, const BoundShader& shader) {
+  CudaTarget t;
+  t.format = spec.format;
+  t.blend = spec.blend;
+  t.components = spec.components;
+  t.shader = FragmentShaderId(shader.id);
+  t.params = shader.params;
+  t.u32_output = shader.info->output_type == "u32";
+  t.quantum = spec.quantum;
+  t.scale = spec.scale.value_or(DefaultScale(spec.format, t.shader));
+  t.clear_stored = StoredBits(NumberToCell(spec.clear, spec.format), spec.format);
+  t.fill_stored = StoredBits(NumberToCell(spec.fill_value, spec.format), spec.format);
+  t.is_occupancy = spec.format == VoxelFormat::kBit && t.shader == FragmentShaderId::kOccupancy;
+  t.own_presence = TraitsOf(t.shader).can_discard;
+  return t;
+}
+
+absl::Status ClearedBits(RunState& state, DeviceArray<uint32_t>& grid) {
+  VOXELPIPE_OK_OR_RETURN(grid.Resize(state.slab_words(), state.stream));
+  return grid.Fill(0, state.stream);
+}
+
+absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_t stored, int element_bits) {
+  if (stored == 0) return array.Fill(0, state.stream);
+  uint32_t pattern = stored;
+  if (element_bits == 8) pattern *= 0x01010101u;
+  if (element_bits == 16) pattern *= 0x00010001u;
+  const uint64_t words = (array.size() + 3) / 4;  // the pool's blocks end on multiples of 256 bytes
+  FillWords<<<BlocksFor(words), kThreads, 0, state.stream>>>(reinterpret_cast<uint32_t*>(array.data()), words, pattern);
+  VOXELPIPE_LAUNCHED_OR_RETURN("FillWords");
+  return absl::OkStatus();
+}
+
+absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory) {
+  const bool sparse = state.request.request.result == ResultKind::kSparse;
+  if (target.own_presence) {
+    VOXELPIPE_OK_OR_RETURN(ClearedBits(state, memory.presence));
+    target.presence = memory.presence.data();
+  }
+  if (target.format == VoxelFormat::kBit) {
+    if (target.is_occupancy) return absl::OkStatus();
+    VOXELPIPE_OK_OR_RETURN(ClearedBits(state, memory.bits));
+    target.bits = memory.bits.data();
+    return absl::OkStatus();
+  }
+  if (sparse) return absl::OkStatus();
+  const int bits = BitsPerComponent(target.format);
+  const uint64_t bytes = state.slab_voxels() * uint64_t(target.components) * uint64_t(bits / 8);
+  VOXELPIPE_OK_OR_RETURN(memory.dense.Resize(bytes, state.stream));
+  target.dense = memory.dense.data();
+  return ClearElements(state, memory.dense, target.clear_stored, bits);
+}
+
+absl::StatusOr<HostBuffer> CopyToHost(const void* from, uint64_t bytes, cudaStream_t stream) {
+  absl::StatusOr<HostBuffer> to = HostBuffer::Allocate(bytes);
+  if (!to.ok()) return to.status();
+  if (bytes > 0) VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(to->data(), from, bytes, cudaMemcpyDeviceToHost, stream));
+  return to;
+}
+
+// A bit target's packed bits on the host.
+absl::StatusOr<HostBuffer> PackBitTarget(RunState& state, const CudaTarget& target, const TargetSpec& spec) {
+  const uint64_t bytes = (state.slab_voxels() + 7) / 8;
+  const uint32_t* const coverage = state.coverage.data();
+  if (target.is_occupancy && state.inside.empty() && spec.clear == 0 && state.view.dims[0] % 32 == 0) {
+    return CopyToHost(coverage, bytes, state.stream);
+  }
+  DeviceArray<uint32_t> packed;
+  VOXELPIPE_OK_OR_RETURN(packed.Resize((state.slab_voxels() + 31) / 32, state.stream));
+  PackArgs args;
+  args.present = target.own_presence ? target.presence : coverage;
+  args.value = target.is_occupancy ? args.present : target.bits;
+  args.inside = state.inside.empty() ? nullptr : state.inside.data();
+  args.clear = spec.clear != 0 ? ~0u : 0;
+  args.fill = spec.fill_value != 0 ? ~0u : 0;
+  args.nx = state.view.dims[0];
+  args.words_per_row = state.view.words_per_row;
+  args.voxels = state.slab_voxels();
+  args.out = packed.data();
+  PackKernel<<<BlocksFor(packed.size()), kThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("PackKernel");
+  absl::StatusOr<HostBuffer> host = CopyToHost(packed.data(), bytes, state.stream);
+  return host;
+}
+
+template <typename T>
+absl::Status Take(const DeviceArray<T>& from, uint64_t count, HostBuffer& to, cudaStream_t stream) {
+  absl::StatusOr<HostBuffer> copied = CopyToHost(from.data(), count * sizeof(T), stream);
+  if (!copied.ok()) return copied.status();
+  to = *std::move(copied);
+  return absl::OkStatus();
+}
+
+// The arrays of a sparse or bucketed result.
+absl::StatusOr<ResultArrays> CopyResult(RunState& state) {
+  ResultArrays out;
+  DeviceResult& r = state.result;
+  const bool buckets = state.request.request.result == ResultKind::kBuckets;
+  if (buckets) {
+    VOXELPIPE_OK_OR_RETURN(Take(r.voxels, r.listed_voxels, out.voxels, state.stream));
+    VOXELPIPE_OK_OR_RETURN(Take(r.offsets, r.listed_voxels + 1, out.offsets, state.stream));
+    VOXELPIPE_OK_OR_RETURN(Take(r.triangles, r.listed_fragments, out.triangles, state.stream));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(Take(r.bricks, r.listed_bricks, out.bricks, state.stream));
+    VOXELPIPE_OK_OR_RETURN(Take(r.masks, r.listed_bricks * 64, out.masks, state.stream));
+  }
+  const uint64_t listed = buckets ? r.listed_fragments : r.listed_voxels;
+  for (size_t t = 0; t < r.targets.size(); ++t) {
+    HostBuffer values;
+    VOXELPIPE_OK_OR_RETURN(
+        Take(r.targets[t], TargetBytes(state.request.request.targets[t], listed), values, state.stream));
+    out.targets.push_back(std::move(values));
+  }
+  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
+  return out;
+}
+
+}  // namespace
+
+absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which) {
+  if (state.counters.empty()) {
+    VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kCounters, state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.counters.Fill(0, state.stream));
+    return absl::OkStatus();
+  }
+  // Neighbours in one call.
+  for (auto at = which.begin(); at != which.end();) {
+    auto end = at + 1;
+    while (end != which.end() && *end == *(end - 1) + 1) ++end;
+    VOXELPIPE_CUDA_OR_RETURN(
+        cudaMemsetAsync(state.counters.data() + *at, 0, size_t(end - at) * sizeof(uint64_t), state.stream));
+    at = end;
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state) {
+  std::array<uint64_t, kCounters> counters{};
+  if (state.counters.empty()) return counters;
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaMemcpyAsync(counters.data(), state.counters.data(), sizeof counters, cudaMemcpyDeviceToHost, state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
+  return counters;
+}
+
+bool NeedsTiles(const RunState& state) {
+  return !state.plain_bits && state.request.request.result != ResultKind::kBuckets;
+}
+
+void LayOutTileValues(RunState& state) {
+  uint64_t at = 0;
+  for (int t = 0; t < state.targets.count; ++t) {
+    const CudaTarget& target = state.targets.at[t];
+    state.value_offset[size_t(t)] = at;
+    if (target.format == VoxelFormat::kBit) continue;
+    at += uint64_t(kTileVoxels) * uint64_t(target.components) * uint64_t(BitsPerComponent(target.format) / 8);
+  }
+  state.value_stride = at;
+}
+
+absl::Status BeginSlab(RunState& state, const Slab& slab) {
+  const VoxelizeRequest& request = state.request.request;
+  const bool buckets = request.result == ResultKind::kBuckets;
+  state.slab = slab;
+  state.slab_dims = {state.view.dims[0], state.view.dims[1], slab.depth()};
+  state.view.slab_begin = slab.begin;
+  state.view.slab_end = slab.end;
+  state.counts = SlabCounts();
+  state.inside.Free();
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kFragments, kOddColumns, kVoxels}));
+  state.targets.count = int(request.targets.size());
+  state.targets.planar = request.layout == Layout::kPlanar;
+  state.targets.any_always_present = false;
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    CudaTarget target = Describe(request.targets[i], state.request.fragment_shaders[i]);
+    state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
+    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i]));
+    state.targets.at[i] = target;
+  }
+  if (buckets) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
+  if (request.result == ResultKind::kSparse) {
+    LayOutTileValues(state);
+    VOXELPIPE_OK_OR_RETURN(state.tile_values.Resize(state.occupied_count * state.value_stride, state.stream));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CountSlab(RunState& state) {
+  if (state.request.request.result != ResultKind::kBuckets) {
+    VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kVoxels}));
+    CountKernel<<<BlocksFor(state.slab_words(), 1 << 12), kThreads, 0, state.stream>>>(
+        state.coverage.data(), state.inside.empty() ? nullptr : state.inside.data(), state.slab_words(),
+        state.counters.data() + kVoxels);
+    VOXELPIPE_LAUNCHED_OR_RETURN("CountKernel");
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<ResultArrays> Finish(RunState& state) {
+  const ResultKind kind = state.request.request.result;
+  if (kind == ResultKind::kSparse) VOXELPIPE_OK_OR_RETURN(MakeBricks(state));
+  if (kind != ResultKind::kDense) return CopyResult(state);
+  ResultArrays out;
+  for (int i = 0; i < state.targets.count; ++i) {
+    const CudaTarget& target = state.targets.at[i];
+    DeviceArray<uint8_t>& dense = state.target_memory[size_t(i)].dense;
+    absl::StatusOr<HostBuffer> host = target.format == VoxelFormat::kBit
+                                          ? PackBitTarget(state, target, state.request.request.targets[size_t(i)])
+                                          : CopyToHost(dense.data(), dense.size(), state.stream);
+    if (!host.ok()) return host.status();
+    out.targets.push_back(*std::move(host));
+  }
+  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
+  return out;
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,60 @@
+// What kernels get of a run: plain structs, no host-only includes, so that NVRTC can compile the kernels too.
+#pragma once
+
+#include <cstdint>
+
+#include "grid/formats.h"
+#include "raster/tiles.h"
+#include "shaders/mesh_view.h"
+#include "shaders/shader_list.h"
+
+namespace voxelpipe::cuda {
+
+// The grid and the slab at work. Bit grids have rows of words_per_row 32-bit words; row y + dims[1] * (z - slab_begin).
+struct GridView {
+  int64_t dims[3] = {1, 1, 1};
+  int64_t slab_begin = 0, slab_end = 1;
+  TileGrid tiles{};
+  int64_t words_per_row = 1;
+  Vec3d origin, voxel_size;
+
+  VOXELPIPE_HD uint64_t Word(int64_t x, int64_t y, int64_t z) const {
+    return uint64_t((y + dims[1] * (z - slab_begin)) * words_per_row + x / 32);
+  }
+  VOXELPIPE_HD VoxelRange SlabRange() const {
+    VoxelRange r;
+    r.end[0] = dims[0];
+    r.end[1] = dims[1];
+    r.begin[2] = slab_begin;
+    r.end[2] = slab_end;
+    return r;
+  }
+};
+
+inline constexpr int kMostTargets = 8;
+
+// A render target of the slab; the counterpart of cpu/run_state.h's CpuTarget.
+struct CudaTarget {
+  VoxelFormat format = VoxelFormat::kBit;
+  Blend blend = Blend::kOr;
+  int components = 1;
+  FragmentShaderId shader{};
+  bool u32_output = false;
+  bool is_occupancy = false;  // a bit target of the occupancy shader: its value is the coverage itself
+  bool own_presence = false;  // the shader can discard
+  double scale = 1, quantum = 1;
+  uint32_t clear_stored = 0, fill_stored = 0;
+  ShaderParams params;
+  uint32_t* bits = nullptr;      // bit grid: values of a bit target, unless is_occupancy
+  uint32_t* presence = nullptr;  // bit grid: if own_presence
+  uint8_t* dense = nullptr;  // dense results: values of a target that is not bit, in the result's layout over the slab
+};
+
+struct TargetViews {
+  CudaTarget at[kMostTargets];
+  int count = 0;
+  bool planar = false;
+  bool any_always_present = false;  // some target keeps every fragment, so a touched voxel is a covered one
+};
+
+}  // namespace voxelpipe::cuda
