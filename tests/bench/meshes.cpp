@@ -107,28 +107,64 @@ TriangleMesh Subdivided(const TriangleMesh& mesh, int times) {
   return out;
 }
 
-TriangleMesh Mixed() {
-  TriangleMesh mesh;
-  Random random(11);
-  const auto add = [&](const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-    const auto first = uint32_t(mesh.positions.size());
-    mesh.positions.insert(mesh.positions.end(), {a, b, c});
-    mesh.triangles.push_back({first, first + 1, first + 2});
-  };
-  const auto point = [&](const Vec3d& centre, double reach) {
-    return centre + Vec3d{random.Signed() * reach, random.Signed() * reach, random.Signed() * reach};
-  };
-  const Vec3d middle{0.5, 0.5, 0.5};
-  for (int i = 0; i < 92; ++i) add(point(middle, 0.5), point(middle, 0.5), point(middle, 0.5));
-  std::vector<Vec3d> clusters;
-  for (int i = 0; i < 40; ++i) clusters.push_back(point(middle, 0.45));
-  for (int i = 0; i < 120'000; ++i) {
-    const Vec3d at = point(clusters[random.Next() % 40], 0.04);
-    add(point(at, 0.0015), point(at, 0.0015), point(at, 0.0015));
+namespace {
+
+// Triangles that share no vertices, some given and many tiny ones in clusters, in random order.
+class Scattered {
+ public:
+  explicit Scattered(uint64_t seed) : random_(seed) {}
+
+  Vec3d Point(const Vec3d& centre, double reach) {
+    return centre + Vec3d{random_.Signed() * reach, random_.Signed() * reach, random_.Signed() * reach};
   }
-  for (size_t i = mesh.triangles.size() - 1; i > 0; --i)
-    std::swap(mesh.triangles[i], mesh.triangles[random.Next() % (i + 1)]);
-  return Finish(std::move(mesh));
+  void Add(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    const auto first = uint32_t(mesh_.positions.size());
+    mesh_.positions.insert(mesh_.positions.end(), {a, b, c});
+    mesh_.triangles.push_back({first, first + 1, first + 2});
+  }
+  void AddClusters(int clusters, int64_t triangles) {
+    std::vector<Vec3d> centres;
+    for (int i = 0; i < clusters; ++i) centres.push_back(Point({0.5, 0.5, 0.5}, 0.45));
+    for (int64_t i = 0; i < triangles; ++i) {
+      const Vec3d at = Point(centres[random_.Next() % centres.size()], 0.04);
+      Add(Point(at, 0.0015), Point(at, 0.0015), Point(at, 0.0015));
+    }
+  }
+  TriangleMesh Shuffled() {
+    for (size_t i = mesh_.triangles.size() - 1; i > 0; --i)
+      std::swap(mesh_.triangles[i], mesh_.triangles[random_.Next() % (i + 1)]);
+    return Finish(std::move(mesh_));
+  }
+
+ private:
+  TriangleMesh mesh_;
+  Random random_;
+};
+
+}  // namespace
+
+TriangleMesh Mixed() {
+  Scattered mesh(11);
+  const Vec3d middle{0.5, 0.5, 0.5};
+  for (int i = 0; i < 92; ++i) mesh.Add(mesh.Point(middle, 0.5), mesh.Point(middle, 0.5), mesh.Point(middle, 0.5));
+  mesh.AddClusters(40, 120'000);
+  return mesh.Shuffled();
+}
+
+TriangleMesh Nasty() {
+  Scattered mesh(12);
+  for (int i = 0; i < 12; ++i) {
+    // A point near the middle and two directions at right angles.
+    const Vec3d at = mesh.Point({0.5, 0.5, 0.5}, 0.3), n = mesh.Point({0, 0, 0}, 1);
+    Vec3d u = Cross(n, std::abs(n.x) < 0.5 ? Vec3d{1, 0, 0} : Vec3d{0, 1, 0});
+    u = u * (1.2 / std::sqrt(Dot(u, u)));
+    Vec3d v = Cross(n, u);
+    v = v * (1.2 / std::sqrt(Dot(v, v)));
+    mesh.Add(at - u - v, at + u - v, at - u + v);
+    mesh.Add(at + u + v, at - u + v, at + u - v);
+  }
+  mesh.AddClusters(40, 2'000'000);
+  return mesh.Shuffled();
 }
 
 }  // namespace voxelpipe::bench

@@ -13,5 +13,8 @@ TriangleMesh BumpyTorus(int64_t triangles);
 TriangleMesh Subdivided(const TriangleMesh& mesh, int times);
 // 92 triangles that span the whole mesh, and 120,000 tiny ones in 40 clusters, in random order.
 TriangleMesh Mixed();
+// 12 tilted planes that span [0, 1]^3 (two triangles each, ending outside it) and 2,000,000 tiny triangles in 40
+// clusters, none sharing vertices, in random order: uneven load on purpose.
+TriangleMesh Nasty();
 
 }  // namespace voxelpipe::bench

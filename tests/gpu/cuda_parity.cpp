@@ -1,0 +1,301 @@
+// The CUDA backend gives the CPU's bytes: valid combinations of coverages, fills, targets, blends, shaders, layouts,
+// grids, slabs and result kinds on more than thirty meshes, through the public entry points; each device run repeated.
+//
+// usage: cuda_parity [OPTION]... [--files FILE...]
+//   --quick         each kernel once or twice on small meshes: for a sanitizer
+//   --bench-meshes  the benchmark's meshes at 512^3 and 1024^3 instead
+//   --bunny FILE    of --bench-meshes: a bunny of 69,451 triangles
+//   --filter TEXT   only cases whose line holds TEXT; a line begins "MESH#NUMBER "
+//   --seed N        other random meshes and requests
+//   --budget S      stop after so many seconds, which counts as a failure
+//   --list          print the cases' lines alone
+//   --self          the CPU's scalar rows stand in for the device: checks this program where there is none
+//   --files         also these mesh files, to the end of the line
+// Exit: 0 all alike, 1 some differ, 2 none differ but some are not implemented, 77 no CUDA device.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <map>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "gpu/bench_meshes.h"
+#include "gpu/first_difference.h"
+#include "gpu/parity_cases.h"
+#include "pipeline/backend.h"
+#include "pipeline/voxelize.h"
+#include "shaders/catalog.h"
+
+namespace voxelpipe::gpu {
+namespace {
+
+struct Options {
+  bool quick = false, bench_meshes = false, list = false, self = false;
+  std::string filter, bunny;
+  std::vector<std::string> files;
+  uint32_t seed = 1;
+  double budget_s = 1e9;
+};
+
+class KeepArrays final : public ResultSink {
+ public:
+  absl::Status Begin(const ResultHeader& header) override {
+    delivered.header = header;
+    delivered.arrays.resize(header.arrays.size());
+    return absl::OkStatus();
+  }
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    delivered.arrays.at(array).insert(delivered.arrays[array].end(), bytes.begin(), bytes.end());
+    return absl::OkStatus();
+  }
+  Delivered delivered;
+};
+
+absl::StatusOr<Delivered> Run(const TriangleMesh& mesh, const ParityCase& c) {
+  const JobContext job;
+  PlanLimits limits;
+  limits.slab_depth = c.slab_depth;
+  KeepArrays sink;
+  if (c.streamed) {
+    absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh, c.request, job, limits, sink);
+    if (!stats.ok()) return stats.status();
+    sink.delivered.stats = *std::move(stats);
+    return std::move(sink.delivered);
+  }
+  absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, c.request, job, limits);
+  if (!result.ok()) return result.status();
+  if (absl::Status s = WriteTo(*result, sink); !s.ok()) return s;
+  sink.delivered.stats = std::move(result->stats);
+  return std::move(sink.delivered);
+}
+
+std::string Message(const absl::Status& status) {
+  return absl::StrCat(absl::StatusCodeToString(status.code()), ": ", std::string(status.message()));
+}
+
+class Parity {
+ public:
+  explicit Parity(const Options& options) : options_(options) {}
+
+  // False: the time is up, or the device answers nothing any more.
+  bool RunMesh(const ParityMesh& named, const TriangleMesh& mesh, const std::vector<ParityCase>& cases) {
+    const auto begin = Now();
+    const uint64_t before = cases_;
+    for (size_t i = 0; i < cases.size(); ++i) {
+      const std::string line = absl::StrCat(named.name, "#", i, " ", Describe(cases[i]));
+      if (!options_.filter.empty() && !absl::StrContains(line, options_.filter)) continue;
+      if (options_.list) std::printf("%s\n", line.c_str());
+      if (options_.list) continue;
+      if (Seconds(started_) > options_.budget_s) return Stop("the time is up");
+      const int repeats = options_.quick || options_.bench_meshes ? 1 : cases_ % 10 == 0 ? 10 : 2;
+      RunCase(named, mesh, cases[i], line, repeats);
+      if (failed_in_a_row_ >= 10) return Stop("ten cases in a row failed");
+    }
+    if (cases_ > before && !options_.quick) {
+      std::printf("%-24s %8zu triangles %5llu cases %6.1f s\n", named.name.c_str(), mesh.triangles.size(),
+                  static_cast<unsigned long long>(cases_ - before), Seconds(begin));
+      std::fflush(stdout);
+    }
+    meshes_ += cases_ > before;
+    return true;
+  }
+
+  int Report() const {
+    for (const auto& [why, count] : unimplemented_)
+      std::printf("unimplemented %llu times: %s\n", static_cast<unsigned long long>(count), why.c_str());
+    for (const auto& [why, count] : refused_)
+      std::printf("refused alike %llu times: %s\n", static_cast<unsigned long long>(count), why.c_str());
+    uint64_t unimplemented = 0;
+    for (const auto& [why, count] : unimplemented_) unimplemented += count;
+    if (differ_ > 0) PrintTally();
+    if (!stopped_.empty()) std::printf("STOPPED early: %s\n", stopped_.c_str());
+    std::printf("%s: %llu meshes, %llu device runs, %.1f s on the device's side, %.1f s on the CPU's\n",
+                options_.self ? "itself" : "cuda", static_cast<unsigned long long>(meshes_),
+                static_cast<unsigned long long>(runs_), device_s_, cpu_s_);
+    std::printf("cuda_parity: %llu cases, %llu differ, %llu unimplemented\n", static_cast<unsigned long long>(cases_),
+                static_cast<unsigned long long>(differ_), static_cast<unsigned long long>(unimplemented));
+    if (differ_ > 0 || cases_ == 0 || !stopped_.empty()) return options_.list ? 0 : 1;
+    return unimplemented > 0 ? 2 : 0;
+  }
+
+ private:
+  using Time = std::chrono::steady_clock::time_point;
+  static Time Now() { return std::chrono::steady_clock::now(); }
+  static double Seconds(Time since) { return std::chrono::duration<double>(Now() - since).count(); }
+
+  bool Stop(const char* why) {
+    stopped_ = why;
+    return false;
+  }
+
+  void Differ(const ParityCase& c, const std::string& line, const std::string& how) {
+    ++differ_;
+    for (const std::string& word : FeaturesOf(c)) ++tally_[word].second;
+    if (differ_ <= 40) std::printf("DIFFERS %s\n        %s\n", line.c_str(), how.c_str());
+    std::fflush(stdout);
+  }
+
+  // Which words of requests go with differences.
+  void PrintTally() const {
+    std::vector<std::pair<double, std::string>> rows;
+    for (const auto& [word, counts] : tally_) {
+      if (counts.second == 0) continue;
+      const double share = double(counts.second) / double(counts.first);
+      rows.emplace_back(-share, absl::StrCat(counts.second, " of ", counts.first, " with ", word));
+    }
+    std::sort(rows.begin(), rows.end());
+    for (size_t i = 0; i < rows.size() && i < 24; ++i) std::printf("differ: %s\n", rows[i].second.c_str());
+  }
+
+  void RunCase(const ParityMesh& named, const TriangleMesh& mesh, ParityCase c, const std::string& line, int repeats) {
+    ++cases_;
+    for (const std::string& word : FeaturesOf(c)) ++tally_[word].first;
+    ParityCase reference = c;
+    reference.slab_depth = 0;
+    reference.streamed = false;
+    reference.request.backend = BackendChoice::kCpu;
+    auto begin = Now();
+    const absl::StatusOr<Delivered> expected = Run(mesh, reference);
+    cpu_s_ += Seconds(begin);
+    if (!expected.ok() && !named.refusable) return Differ(c, line, "the CPU: " + Message(expected.status()));
+    c.request.backend = options_.self ? BackendChoice::kCpu : BackendChoice::kCuda;
+    if (options_.self) c.request.simd = SimdChoice::kScalar;
+    for (int i = 0; i < repeats; ++i) {
+      begin = Now();
+      const absl::StatusOr<Delivered> got = Run(mesh, c);
+      device_s_ += Seconds(begin);
+      ++runs_;
+      if (!got.ok() && got.status().code() == absl::StatusCode::kUnimplemented) {
+        ++unimplemented_[std::string(got.status().message())];
+        return;
+      }
+      failed_in_a_row_ = !got.ok() && expected.ok() ? failed_in_a_row_ + 1 : 0;
+      if (!got.ok() || !expected.ok()) {
+        const std::string a = expected.ok() ? "a result" : Message(expected.status());
+        const std::string b = got.ok() ? "a result" : Message(got.status());
+        if (a != b) return Differ(c, line, absl::StrCat("run ", i, ": ", a, " and ", b));
+        ++refused_[a];
+        return;
+      }
+      if (got->stats.backend != (options_.self ? "cpu" : "cuda"))
+        return Differ(c, line, "ran on " + got->stats.backend);
+      if (const auto difference = FirstDifference(*expected, *got))
+        return Differ(c, line, absl::StrCat("run ", i, ": ", *difference));
+    }
+  }
+
+  const Options& options_;
+  const Time started_ = Now();
+  uint64_t cases_ = 0, differ_ = 0, runs_ = 0, meshes_ = 0;
+  int failed_in_a_row_ = 0;
+  double device_s_ = 0, cpu_s_ = 0;
+  std::string stopped_;
+  std::map<std::string, uint64_t> unimplemented_, refused_;
+  std::map<std::string, std::pair<uint64_t, uint64_t>> tally_;  // word of a request -> cases, those that differ
+};
+
+// The meshes and resolutions of the benchmark's table, bits of both coverages; at 512^3 also values and the A-buffer.
+void RunBenchMeshes(Parity& parity, const Options& options) {
+  for (const BenchMesh& bench : BenchMeshes(options.bunny, "")) {
+    std::vector<ParityCase> cases;
+    for (const int64_t n : {512, 1024}) {
+      ParityCase c;
+      c.request.grid = UnitCube(n);
+      for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
+        c.request.coverage = coverage;
+        cases.push_back(c);
+      }
+      if (n > 512) continue;
+      c.request.result = ResultKind::kBuckets;
+      cases.push_back(c);
+      c.request.targets[0] = {};
+      c.request.targets[0].format = VoxelFormat::kF32;
+      c.request.targets[0].blend = Blend::kAdd;
+      for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse}) {
+        c.request.result = kind;
+        cases.push_back(c);
+      }
+    }
+    if (!parity.RunMesh({bench.name, 1, {}}, bench.make(), cases)) return;
+  }
+}
+
+void RunAll(Parity& parity, const Options& options) {
+  if (options.bench_meshes) return RunBenchMeshes(parity, options);
+  uint32_t number = 0;
+  for (const ParityMesh& named : ParityMeshes(options.seed)) {
+    ++number;
+    const bool first = number <= 3;  // those with attributes
+    const bool small =
+        number == 1 || named.name == "pile_in_a_voxel" || named.name == "giants" || named.name == "point";
+    if (options.quick && !small) continue;
+    const TriangleMesh mesh = named.make();
+    const bool large = mesh.triangles.size() > 10'000;
+    const CaseSizes sizes{first ? 300 : large ? 16 : 32, !named.refusable, first};
+    const auto cases = options.quick ? QuickCases(named) : CasesFor(named, mesh, sizes, options.seed + 100 * number);
+    if (!parity.RunMesh(named, mesh, cases)) return;
+  }
+  for (const std::string& path : options.files) {
+    const auto slash = path.rfind('/');
+    ParityMesh named{slash == std::string::npos ? path : path.substr(slash + 1), 0, {}};
+    const TriangleMesh mesh = LoadMeshOrExit(path);
+    if (!parity.RunMesh(named, mesh, CasesFor(named, mesh, {24, true, false}, options.seed + 100 * ++number))) return;
+  }
+}
+
+bool Parse(int argc, char** argv, Options& options) {
+  for (int i = 1; i < argc; ++i) {
+    const std::string argument = argv[i];
+    const char* value = i + 1 < argc ? argv[i + 1] : nullptr;
+    if (argument == "--quick") {
+      options.quick = true;
+    } else if (argument == "--bench-meshes") {
+      options.bench_meshes = true;
+    } else if (argument == "--list") {
+      options.list = true;
+    } else if (argument == "--self") {
+      options.self = true;
+    } else if (argument == "--files") {
+      options.files.assign(argv + i + 1, argv + argc);
+      break;
+    } else if (value == nullptr) {
+      return false;
+    } else if (argument == "--filter") {
+      options.filter = argv[++i];
+    } else if (argument == "--bunny") {
+      options.bunny = argv[++i];
+    } else if (argument == "--seed") {
+      options.seed = uint32_t(std::atoi(argv[++i]));
+    } else if (argument == "--budget") {
+      options.budget_s = std::atof(argv[++i]);
+    } else {
+      return false;
+    }
+  }
+  return true;
+}
+
+int Main(int argc, char** argv) {
+  Options options;
+  if (!Parse(argc, argv, options)) {
+    std::fprintf(stderr, "cuda_parity: unknown or incomplete option; see the head of cuda_parity.cpp\n");
+    return 1;
+  }
+  const absl::StatusOr<const Backend*> cuda = SelectBackend(BackendChoice::kCuda);
+  if (!cuda.ok() && !options.self && !options.list) {
+    std::printf("SKIPPED: no CUDA device (%s)\n", std::string(cuda.status().message()).c_str());
+    return 77;
+  }
+  Parity parity(options);
+  RunAll(parity, options);
+  return parity.Report();
+}
+
+}  // namespace
+}  // namespace voxelpipe::gpu
+
+int main(int argc, char** argv) {
+  return voxelpipe::gpu::Main(argc, argv);
+}

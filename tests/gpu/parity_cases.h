@@ -1,0 +1,39 @@
+// Requests that a backend must answer with another's bytes: formats, blends, shaders, coverages, fills, kinds, layouts,
+// grids and slabs, combined.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "gpu/parity_meshes.h"
+#include "pipeline/plan.h"
+#include "pipeline/request.h"
+
+namespace voxelpipe::gpu {
+
+struct ParityCase {
+  VoxelizeRequest request;
+  int64_t slab_depth = 0;  // of the backend under test; 0 = the plan's choice
+  bool streamed = false;   // VoxelizeTo instead of Voxelize
+};
+
+// One line, enough to make the request again.
+std::string Describe(const ParityCase& c);
+
+// What a request is made of, a word each: the result kind, coverage, ..., each format, blend and shader. For tallies.
+std::vector<std::string> FeaturesOf(const ParityCase& c);
+
+struct CaseSizes {
+  int random = 0;           // requests with several targets, everything chosen at random
+  bool plain_bits = false;  // every coverage, fill and kind of the default target, on several grids
+  bool all_targets =
+      false;  // every shader x format x blend x kind in requests of eight targets, and single targets too
+};
+
+// The requests of one mesh; the same ones for the same seed.
+std::vector<ParityCase> CasesFor(const ParityMesh& named, const TriangleMesh& mesh, const CaseSizes& sizes,
+                                 uint32_t seed);
+// Each kernel once or twice, so small that it runs under a sanitizer.
+std::vector<ParityCase> QuickCases(const ParityMesh& named);
+
+}  // namespace voxelpipe::gpu
