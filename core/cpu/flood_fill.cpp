@@ -20,7 +20,7 @@ absl::Status RasterShell(const RunState& state, BitGrid& shell) {
       return state.row_bits->Raster(0, state.dims[2], shell, state.job);
     }
     RowBits rows(*state.kernels, state.view, state.grid, Coverage::kConservative);
-    if (absl::Status s = rows.Bin(state.job); !s.ok()) return s;
+    if (absl::Status s = rows.Place(false, state.job); !s.ok()) return s;
     return rows.Raster(0, state.dims[2], shell, state.job);
   }
   return ParallelChunks(int64_t(state.runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {

@@ -1,6 +1,7 @@
 #include "cpu/row_bits.h"
 
 #include <tbb/enumerable_thread_specific.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <atomic>
@@ -9,33 +10,36 @@
 
 #include "cpu/parallel.h"
 #include "cpu/row_bins.h"
+#include "grid/index_space.h"
 
 namespace voxelpipe::cpu {
 namespace {
 
 constexpr int64_t kVertexGrain = 1 << 13;
 constexpr int64_t kTriangleGrain = 1 << 12;
-constexpr int64_t kBoxesAtOnce = 1 << 9;    // stay in the first-level cache
+constexpr int64_t kClearBytes = 1 << 20;
 constexpr uint64_t kSlabBytes = 512 << 10;  // of bits: stays in the second-level cache
 constexpr int64_t kMaxSlabLayers = 16;
-
-// A run of voxels along x: row (y, z) of the slab as y + ny*(z - first layer).
-struct Run {
-  uint32_t row;
-  uint16_t first, last;  // x, inclusive
-};
-
-struct ThreadBins {
-  explicit ThreadBins(size_t slabs) : runs(slabs), small(slabs), large(slabs) {}
-  Bins<Run> runs;
-  Bins<uint32_t> small, large;  // triangle ids
-};
+// Bits are set where they lie if the target stays in the second-level cache, or if triangles are so many that neighbours find its words
+// there; otherwise triangles go to slabs first. Measured.
+constexpr int64_t kCachedWords = 1 << 18;
+constexpr int64_t kWordsPerTriangle = 48;
 
 int64_t LayersPerSlab(const GridSpec& grid) {
   const uint64_t layer = BitGrid::BytesFor({grid.dims[0], grid.dims[1], 1});
   const int64_t fit = int64_t(std::max<uint64_t>(1, kSlabBytes / layer));
   return std::min(kMaxSlabLayers, int64_t(std::bit_floor(uint64_t(fit))));
 }
+
+// Lists of a slab.
+enum BinKind { kBinRuns, kBinSmall, kBinLarge, kBinKinds };
+
+// What one thread gathers.
+struct ThreadWork {
+  explicit ThreadWork(size_t slabs) : bins(slabs * kBinKinds) {}
+  RowLists lists;
+  Bins<uint32_t> bins;  // triangle ids: list kind + kBinKinds * slab
+};
 
 }  // namespace
 
@@ -49,33 +53,31 @@ struct RowBits::Impl {
   const GridSpec grid;
   const Coverage coverage;
   const int64_t layers;  // a slab
-  const size_t slabs;
   HostArray<Vec3d> positions;
   HostArray<VertexCode> codes;
-  tbb::enumerable_thread_specific<ThreadBins> bins;
+  bool regular = true;
 
   Impl(const RowKernels& k, const MeshView& m, const GridSpec& g, Coverage c)
-      : kernels(k),
-        mesh(m),
-        grid(g),
-        coverage(c),
-        layers(LayersPerSlab(g)),
-        slabs(size_t((g.dims[2] + layers - 1) / layers)),
-        bins([this] { return ThreadBins(slabs); }) {}
+      : kernels(k), mesh(m), grid(g), coverage(c), layers(LayersPerSlab(g)) {}
 
-  absl::Status Place(const JobContext& job) {
-    positions = HostArray<Vec3d>(mesh.vertex_count);
+  RowMesh Rows() const { return {mesh.positions, codes.data(), mesh.triangles, grid.origin, grid.voxel_size, regular}; }
+
+  absl::Status Place(bool keep_positions, const JobContext& job) {
+    if (keep_positions) positions = HostArray<Vec3d>(mesh.vertex_count);
     codes = HostArray<VertexCode>(mesh.vertex_count);
-    std::atomic<bool> near{true};
+    Vec3d* const index = keep_positions ? positions.data() : nullptr;
+    std::atomic<bool> all_near{true}, all_regular{true};
     absl::Status s = ParallelChunks(int64_t(mesh.vertex_count), kVertexGrain, job, [&](int64_t begin, int64_t end) {
-      if (!kernels.place(mesh.positions, begin, end, grid.origin, grid.voxel_size, positions.data(), codes.data())) {
-        near.store(false, std::memory_order_relaxed);
-      }
+      const Placed placed =
+          kernels.place(mesh.positions, begin, end, grid.origin, grid.voxel_size, index, codes.data());
+      if (!placed.near) all_near.store(false, std::memory_order_relaxed);
+      if (!placed.regular) all_regular.store(false, std::memory_order_relaxed);
     });
-    if (!s.ok() || near) return s;
+    regular = all_regular;
+    if (!s.ok() || all_near) return s;
     for (uint64_t t = 0; t < mesh.triangle_count; ++t) {
       for (const uint32_t v : mesh.triangles[t]) {
-        const Vec3d& p = positions[v];
+        const Vec3d p = WorldToIndex(grid.origin, grid.voxel_size, mesh.positions[v]);
         if (Abs(p.x) <= 0x1p40 && Abs(p.y) <= 0x1p40 && Abs(p.z) <= 0x1p40) continue;
         return absl::OutOfRangeError("a vertex is farther than 2^40 voxels from the grid's origin");
       }
@@ -83,60 +85,96 @@ struct RowBits::Impl {
     return s;  // no triangle uses it
   }
 
-  void PushRuns(const TriangleBox& box, Bins<Run>& runs) const {
-    const int64_t x0 = std::max<int64_t>(0, box.first[0]), x1 = std::min<int64_t>(grid.dims[0] - 1, box.last[0]);
-    const int64_t y0 = std::max<int64_t>(0, box.first[1]), y1 = std::min<int64_t>(grid.dims[1] - 1, box.last[1]);
-    const int64_t z0 = std::max<int64_t>(0, box.first[2]), z1 = std::min<int64_t>(grid.dims[2] - 1, box.last[2]);
-    for (int64_t z = z0; z <= z1; ++z) {
-      const int64_t slab = z / layers;
-      for (int64_t y = y0; y <= y1; ++y) {
-        runs.Push(size_t(slab), {uint32_t(y + grid.dims[1] * (z - slab * layers)), uint16_t(x0), uint16_t(x1)});
+  // Triangles by slabs of layers, counted from the target's first.
+  void BinTriangles(const uint32_t* ids, int64_t count, BinKind kind, const RowSlab& target, ThreadWork& work) const {
+    for (int64_t i = 0; i < count; ++i) {
+      const uint32_t* v = mesh.triangles[ids[i]];
+      const int16_t a = codes[v[0]].axis[2], b = codes[v[1]].axis[2], c = codes[v[2]].axis[2];
+      const int64_t first = std::max<int64_t>(Min(a, Min(b, c)) >> 1, target.begin);
+      const int64_t last = std::min<int64_t>((Max(a, Max(b, c)) + 1) >> 1, target.end - 1);
+      for (int64_t s = (first - target.begin) / layers; s <= (last - target.begin) / layers; ++s) {
+        work.bins.Push(size_t(s) * kBinKinds + kind, ids[i]);
       }
     }
   }
 
-  void BinChunk(int64_t begin, int64_t end, ThreadBins& out) const {
-    TriangleBox boxes[kBoxesAtOnce];
-    const int64_t dims[3] = {grid.dims[0], grid.dims[1], grid.dims[2]};
-    for (int64_t first = begin; first < end; first += kBoxesAtOnce) {
-      const int64_t last = std::min(end, first + kBoxesAtOnce);
-      kernels.classify(mesh.triangles, codes.data(), first, last, dims, coverage, boxes);
-      for (int64_t t = first; t < last; ++t) {
-        const TriangleBox& box = boxes[t - first];
-        const auto row_class = RowClass(box.row_class);
-        if (row_class == RowClass::kOutside) continue;
-        if (row_class == RowClass::kRun) {
-          PushRuns(box, out.runs);
-          continue;
+  // Rasterizes what can be where it lies, and bins the rest.
+  void RasterChunk(const RowMesh& rows, int64_t begin, int64_t end, const RowSlab& target, ThreadWork& work) const {
+    RowLists& lists = work.lists;
+    for (int64_t first = begin; first < end; first += RowLists::kMost) {
+      lists.Clear();
+      kernels.scan(rows, first, std::min(end, first + RowLists::kMost), coverage, target, lists);
+      for (int c = 0; c < kLargeClass; ++c) {
+        if (target.words != nullptr) {
+          kernels.raster_small(rows, lists.ids[c], lists.count[c], coverage, target);
+        } else {
+          BinTriangles(lists.ids[c], lists.count[c], kBinSmall, target, work);
         }
-        const int64_t s0 = std::max<int64_t>(0, box.first[2]) / layers;
-        const int64_t s1 = std::min<int64_t>(grid.dims[2] - 1, box.last[2]) / layers;
-        Bins<uint32_t>& ids = row_class == RowClass::kSmall ? out.small : out.large;
-        for (int64_t s = s0; s <= s1; ++s) ids.Push(size_t(s), uint32_t(t));
       }
+      BinTriangles(lists.ids[kLargeClass], lists.count[kLargeClass], kBinLarge, target, work);
+      BinTriangles(lists.ids[kRunClass], lists.count[kRunClass], kBinRuns, target, work);
     }
   }
 
-  // Layers [begin, end) of slab s.
-  void RasterSlab(size_t s, const RowSlab& target) const {
-    const int64_t words = target.words_per_row * target.ny * (target.end - target.begin);
-    std::memset(target.words, 0, size_t(words) * sizeof(uint32_t));
-    const RowMesh rows{positions.data(), mesh.triangles};
-    const int64_t skipped = target.ny * (target.begin - int64_t(s) * layers);  // rows of the slab before the target
-    const int64_t count = target.ny * (target.end - target.begin);
-    for (const ThreadBins& bin : bins) {
-      bin.runs.ForEachBlock(s, [&](const Run* runs, int64_t n) {
-        for (int64_t i = 0; i < n; ++i) {
-          const int64_t row = int64_t{runs[i].row} - skipped;
-          if (row < 0 || row >= count) continue;
-          SetBits(target.words + row * target.words_per_row, runs[i].first, int64_t{runs[i].last} + 1);
-        }
-      });
-      bin.small.ForEachBlock(
-          s, [&](const uint32_t* ids, int64_t n) { kernels.raster_small(rows, ids, n, coverage, target); });
-      bin.large.ForEachBlock(
-          s, [&](const uint32_t* ids, int64_t n) { kernels.raster_large(rows, ids, n, coverage, target); });
+  void SetRun(uint32_t triangle, const RowSlab& slab) const {
+    const uint32_t* v = mesh.triangles[triangle];
+    int64_t first[3], last[3];
+    for (int i = 0; i < 3; ++i) {
+      const int16_t a = codes[v[0]].axis[i], b = codes[v[1]].axis[i], c = codes[v[2]].axis[i];
+      first[i] = Min(a, Min(b, c)) >> 1;
+      last[i] = (Max(a, Max(b, c)) + 1) >> 1;
     }
+    SetBox(slab, first, last);
+  }
+
+  // What was binned to slab i.
+  void RasterBins(const RowMesh& rows, size_t i, const ThreadWork& work, const RowSlab& slab) const {
+    work.bins.ForEachBlock(i * kBinKinds + kBinRuns, [&](const uint32_t* ids, int64_t n) {
+      for (int64_t k = 0; k < n; ++k) SetRun(ids[k], slab);
+    });
+    work.bins.ForEachBlock(i * kBinKinds + kBinSmall,
+                           [&](const uint32_t* ids, int64_t n) { kernels.raster_small(rows, ids, n, coverage, slab); });
+    work.bins.ForEachBlock(i * kBinKinds + kBinLarge,
+                           [&](const uint32_t* ids, int64_t n) { kernels.raster_large(rows, ids, n, coverage, slab); });
+  }
+
+  absl::Status Clear(const RowSlab& target, const JobContext& job) const {
+    const int64_t bytes = target.words_per_row * target.ny * (target.end - target.begin) * int64_t(sizeof(uint32_t));
+    return ParallelChunks((bytes + kClearBytes - 1) / kClearBytes, 1, job, [&](int64_t begin, int64_t end) {
+      std::memset(reinterpret_cast<uint8_t*>(target.words) + begin * kClearBytes, 0,
+                  size_t(std::min(bytes, end * kClearBytes) - begin * kClearBytes));
+    });
+  }
+
+  absl::Status Raster(const RowSlab& target, const JobContext& job) const {
+    const RowMesh rows = Rows();
+    const int64_t layer_words = target.ny * target.words_per_row;
+    const int64_t words = layer_words * (target.end - target.begin);
+    const auto slabs = size_t((target.end - target.begin + layers - 1) / layers);
+    const bool in_place = words <= std::max(kCachedWords, kWordsPerTriangle * int64_t(mesh.triangle_count));
+    tbb::enumerable_thread_specific<ThreadWork> work([slabs] { return ThreadWork(slabs); });
+    RowSlab direct = target;
+    direct.shared = tbb::this_task_arena::max_concurrency() > 1;
+    if (!in_place) {
+      direct.words = nullptr;
+    } else if (absl::Status s = Clear(target, job); !s.ok()) {
+      return s;
+    }
+    absl::Status s = ParallelChunks(int64_t(mesh.triangle_count), kTriangleGrain, job, [&](int64_t begin, int64_t end) {
+      RasterChunk(rows, begin, end, direct, work.local());
+    });
+    if (!s.ok()) return s;
+    // Each slab is one thread's, and stays in its cache.
+    return ParallelChunks(int64_t(slabs), 1, job, [&](int64_t from, int64_t to) {
+      for (int64_t i = from; i < to; ++i) {
+        RowSlab slab = target;
+        slab.words += i * layers * layer_words;
+        slab.begin += i * layers;
+        slab.end = std::min(target.end, slab.begin + layers);
+        if (!in_place) std::memset(slab.words, 0, size_t(layer_words * (slab.end - slab.begin)) * sizeof(uint32_t));
+        for (const ThreadWork& thread : work) RasterBins(rows, size_t(i), thread, slab);
+      }
+    });
   }
 };
 
@@ -146,26 +184,27 @@ RowBits::RowBits(const RowKernels& kernels, const MeshView& mesh, const GridSpec
 RowBits::~RowBits() = default;
 
 const Vec3d* RowBits::index_positions() const {
-  return impl_->positions.data();
+  return impl_->positions.empty() ? nullptr : impl_->positions.data();
 }
 
-absl::Status RowBits::Bin(const JobContext& job) {
-  Impl& im = *impl_;
-  if (absl::Status s = im.Place(job); !s.ok()) return s;
-  return ParallelChunks(int64_t(im.mesh.triangle_count), kTriangleGrain, job,
-                        [&](int64_t begin, int64_t end) { im.BinChunk(begin, end, im.bins.local()); });
+absl::Status RowBits::Place(bool keep_positions, const JobContext& job) {
+  return impl_->Place(keep_positions, job);
 }
 
 absl::Status RowBits::Raster(int64_t begin, int64_t end, BitGrid& bits, const JobContext& job) const {
-  const Impl& im = *impl_;
-  const int64_t first = begin / im.layers, last = (end + im.layers - 1) / im.layers;
-  return ParallelChunks(last - first, 1, job, [&](int64_t from, int64_t to) {
-    for (int64_t s = first + from; s < first + to; ++s) {
-      const int64_t z0 = std::max(begin, s * im.layers), z1 = std::min(end, (s + 1) * im.layers);
-      im.RasterSlab(size_t(s), {bits.row(im.grid.dims[1] * (z0 - begin)).data(), bits.words_per_row(), im.grid.dims[0],
-                                im.grid.dims[1], z0, z1});
-    }
-  });
+  const int64_t ny = impl_->grid.dims[1],
+                most = std::max<int64_t>(1, (kMaxSlabWords - 1) / (ny * bits.words_per_row()));
+  for (int64_t z = begin; z < end; z += most) {
+    const RowSlab target{bits.row(ny * (z - begin)).data(),
+                         bits.words_per_row(),
+                         impl_->grid.dims[0],
+                         ny,
+                         z,
+                         std::min(end, z + most),
+                         false};
+    if (absl::Status s = impl_->Raster(target, job); !s.ok()) return s;
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cpu

@@ -17,6 +17,7 @@
 #include <cstring>
 
 #include "cpu/row_kernels.h"
+#include "grid/index_space.h"
 
 #if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
 
@@ -91,109 +92,206 @@ HWY_ATTR bool Bounds(const Vec3d* world, int64_t begin, int64_t end, Vec3d& leas
   return finite;
 }
 
-// 2*first + (last - first) = first + last, see VertexCode.
-HWY_INLINE VD CodeOf(VD p) {
+// 2*first + (last - first) = first + last, see VertexCode. As an integer in the low bits of a double's.
+HWY_INLINE hn::Vec<DU> CodeOf(VD p) {
   const VD first = hn::Ceil(hn::Sub(p, SetD((0.5 + 0.5) + kNarrowWidening)));
   const VD last = hn::Floor(hn::Sub(p, SetD((0.5 - 0.5) - kNarrowWidening)));
-  return hn::Min(hn::Max(hn::Add(first, last), SetD(-32768.0)), SetD(32767.0));
+  const VD code = hn::Min(hn::Max(hn::Add(first, last), SetD(-32768.0)), SetD(32767.0));
+  return hn::And(hn::BitCast(DU(), hn::Add(code, SetD(0x1.8p52))), hn::Set(DU(), uint64_t{0xffff}));
 }
 
-HWY_ATTR bool Place(const Vec3d* world, int64_t begin, int64_t end, const Vec3d& origin, const Vec3d& voxel_size,
-                    Vec3d* index, VertexCode* codes) {
+// a / h, given 1/h: the quotient by the inverse, corrected twice by the remainder, is the rounded one (P. Markstein, "Computation of
+// Elementary Functions on the IBM RISC System/6000 Processor", 1990) where no step can under- or overflow and h's last bits are not all
+// ones. A third of a division's time.
+struct Divisor {
+  double h, inverse;
+  bool regular;
+  explicit Divisor(double size) : h(size), inverse(1 / size) {
+    uint64_t bits;
+    std::memcpy(&bits, &size, sizeof bits);
+    regular = size >= 0x1p-250 && size <= 0x1p250 && (bits << 12) != (~uint64_t{0} << 12);
+  }
+};
+constexpr double kLeastDividend = 0x1p-250, kMostDividend = 0x1p250;
+HWY_INLINE VD QuotientOfRegular(VD a, const Divisor& d) {
+  const VD h = SetD(d.h), inverse = SetD(d.inverse);
+  const VD q = hn::Mul(a, inverse);
+  const VD closer = hn::MulAdd(hn::NegMulAdd(q, h, a), inverse, q);
+  return hn::MulAdd(hn::NegMulAdd(closer, h, a), inverse, closer);
+}
+
+HWY_ATTR Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Vec3d& origin, const Vec3d& voxel_size,
+                      Vec3d* index, VertexCode* codes) {
   const DD d;
+  const DU du;
   const double* in = &world[0].x;
-  double* out = &index[0].x;
-  HWY_ALIGN double code[3][kHalf];
-  auto far = SetD(0);
-  const auto one = [&](VD p, const double o, const double h) HWY_ATTR {
-    const VD q = hn::Div(hn::Sub(p, SetD(o)), SetD(h));
-    far = hn::Max(far, hn::Abs(q));
-    return q;
-  };
-  bool near = true;
-  int64_t i = begin;
-  for (; i + kHalf <= end; i += kHalf) {
-    VD x, y, z;
-    hn::LoadInterleaved3(d, in + 3 * i, x, y, z);
-    x = one(x, origin.x, voxel_size.x);
-    y = one(y, origin.y, voxel_size.y);
-    z = one(z, origin.z, voxel_size.z);
-    hn::StoreInterleaved3(x, y, z, d, out + 3 * i);
-    hn::Store(CodeOf(x), d, code[0]);
-    hn::Store(CodeOf(y), d, code[1]);
-    hn::Store(CodeOf(z), d, code[2]);
-    for (int k = 0; k < kHalf; ++k) {
-      codes[i + k] = {{int16_t(code[0][k]), int16_t(code[1][k]), int16_t(code[2][k]), 0}};
+  const Divisor divisors[3] = {Divisor(voxel_size.x), Divisor(voxel_size.y), Divisor(voxel_size.z)};
+  Placed placed{true, divisors[0].regular && divisors[1].regular && divisors[2].regular};
+  const bool quick = placed.regular;
+  VD far = SetD(0);
+  for (int64_t i = begin; i < end; i += kHalf) {
+    VD p[3];
+    const int64_t count = std::min<int64_t>(kHalf, end - i);
+    if (count == kHalf) {
+      hn::LoadInterleaved3(d, in + 3 * i, p[0], p[1], p[2]);
+    } else {
+      HWY_ALIGN double padded[3 * kHalf];
+      for (int64_t k = 0; k < 3 * kHalf; ++k) padded[k] = in[3 * i + (k < 3 * count ? k : k % 3)];
+      hn::LoadInterleaved3(d, padded, p[0], p[1], p[2]);
     }
-  }
-  near = hn::AllTrue(d, hn::Le(far, SetD(0x1p40)));
-  for (; i < end; ++i) {
-    const double p[3] = {(world[i].x - origin.x) / voxel_size.x, (world[i].y - origin.y) / voxel_size.y,
-                         (world[i].z - origin.z) / voxel_size.z};
-    index[i] = {p[0], p[1], p[2]};
-    codes[i].axis[3] = 0;
+    VD q[3], least = SetD(kMostDividend), most = SetD(0);
     for (int a = 0; a < 3; ++a) {
-      near = near && Abs(p[a]) <= 0x1p40;
-      codes[i].axis[a] = int16_t(hn::GetLane(CodeOf(SetD(p[a]))));
+      p[a] = hn::Sub(p[a], SetD(origin[a]));
+      const VD size = hn::Abs(p[a]);
+      least = hn::Min(least, size);
+      most = hn::Max(most, size);
+      q[a] = QuotientOfRegular(p[a], divisors[a]);
+    }
+    // A zero is divided too, for the sign of its quotient: only the box's own corners have one.
+    const auto in_range = hn::And(hn::Ge(least, SetD(kLeastDividend)), hn::Le(most, SetD(kMostDividend)));
+    if (HWY_UNLIKELY(!quick || !hn::AllTrue(d, in_range))) {
+      for (int a = 0; a < 3; ++a) {
+        q[a] = hn::Div(p[a], SetD(divisors[a].h));
+        const VD size = hn::Abs(p[a]);
+        placed.regular = placed.regular &&
+                         hn::AllTrue(d, hn::Or(hn::Eq(size, hn::Zero(d)), hn::And(hn::Ge(size, SetD(kLeastDividend)),
+                                                                                  hn::Le(size, SetD(kMostDividend)))));
+      }
+    }
+    for (int a = 0; a < 3; ++a) far = hn::Max(far, hn::Abs(q[a]));
+    const auto code = hn::Or(CodeOf(q[0]), hn::Or(hn::ShiftLeft<16>(CodeOf(q[1])), hn::ShiftLeft<32>(CodeOf(q[2]))));
+    if (count == kHalf) {
+      hn::StoreU(code, du, reinterpret_cast<uint64_t*>(codes + i));
+      if (index != nullptr) hn::StoreInterleaved3(q[0], q[1], q[2], d, &index[i].x);
+    } else {
+      HWY_ALIGN uint64_t code_out[kHalf];
+      HWY_ALIGN double out[3][kHalf];
+      hn::Store(code, du, code_out);
+      for (int a = 0; a < 3; ++a) hn::Store(q[a], d, out[a]);
+      std::memcpy(codes + i, code_out, size_t(count) * sizeof(VertexCode));
+      for (int64_t k = 0; k < count && index != nullptr; ++k) index[i + k] = {out[0][k], out[1][k], out[2][k]};
     }
   }
-  return near;
+  placed.near = hn::AllTrue(d, hn::Le(far, SetD(0x1p40)));
+  return placed;
 }
 
 // ---- boxes ----
 
-HWY_ATTR void Classify(const uint32_t (*triangles)[3], const VertexCode* codes, int64_t begin, int64_t end,
-                       const int64_t (&dims)[3], Coverage coverage, TriangleBox* boxes) {
+HWY_ATTR void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
+                   RowLists& lists) {
   const DU du;
   const DL dl;
   const DS ds;
-  const auto base = reinterpret_cast<const uint64_t*>(codes);
-  const auto packed = [](int64_t x, int64_t y, int64_t z, int64_t w) {
-    return uint64_t(uint16_t(x)) | uint64_t(uint16_t(y)) << 16 | uint64_t(uint16_t(z)) << 32 |
-           uint64_t(uint16_t(w)) << 48;
+  const hn::Rebind<uint32_t, DU> d32;
+  const hn::Rebind<int32_t, DU> di32;
+  using VU = hn::Vec<DU>;
+  const hn::Repartition<uint32_t, DU> du32;
+  const auto codes = reinterpret_cast<const uint64_t*>(mesh.codes);
+  const auto words = reinterpret_cast<const int32_t*>(slab.words);
+  const auto packed = [](int64_t x, int64_t y, int64_t z) {
+    return uint64_t(uint16_t(x)) | uint64_t(uint16_t(y)) << 16 | uint64_t(uint16_t(z)) << 32;
   };
-  const auto limit = hn::BitCast(ds, hn::Set(du, packed(dims[0] - 1, dims[1] - 1, dims[2] - 1, 0)));
-  const auto most = hn::BitCast(ds, hn::Set(du, packed(32767, kSmallRows - 1, kSmallRows - 1, 32767)));
-  const auto one = hn::Set(ds, int16_t{1});
-  const auto low16 = hn::Set(du, uint64_t{0xffff});
-  const bool runs = coverage == Coverage::kConservative;
-  HWY_ALIGN int64_t v[3][kHalf];
-  int64_t t = begin;
-  for (; t < end; t += kHalf) {
+  const auto set = [&](uint64_t v) HWY_ATTR { return hn::Set(du, v); };
+  const auto least = hn::BitCast(ds, set(packed(0, 0, slab.begin)));
+  const auto most = hn::BitCast(ds, set(packed(slab.nx - 1, slab.ny - 1, slab.end - 1)));
+  const auto one16 = hn::Set(ds, int16_t{1});
+  const VU one = set(1), two = set(2), low5 = set(31), low16 = set(0xffff), in_y = set(uint64_t{0xffff} << 16);
+  const VU in_z = set(uint64_t{0xffff} << 32), in_yz = hn::Or(in_y, in_z);
+  const VU words_per_row = set(uint64_t(slab.words_per_row)), rows_per_layer = set(uint64_t(slab.ny));
+  const VU words_per_layer = set(uint64_t(slab.words_per_row * slab.ny)), z_begin = set(uint64_t(slab.begin));
+  const auto extents_above = [&](hn::Vec<DS> extent, int16_t bound) HWY_ATTR {
+    return hn::Ne(hn::And(hn::BitCast(du, hn::VecFromMask(ds, hn::Gt(extent, hn::Set(ds, bound)))), in_yz),
+                  hn::Zero(du));
+  };
+  const auto product = [&](VU a, VU b) HWY_ATTR { return hn::MulEven(hn::BitCast(du32, a), hn::BitCast(du32, b)); };
+  const bool conservative = coverage == Coverage::kConservative, in_place = slab.words != nullptr;
+  HWY_ALIGN uint64_t first_out[kHalf], last_out[kHalf], class_out[kHalf];
+  HWY_ALIGN uint32_t word_out[2][kHalf], mask_out[kHalf];
+  for (int64_t t = begin; t < end; t += kHalf) {
     const int64_t count = std::min<int64_t>(kHalf, end - t);
-    for (int64_t k = 0; k < kHalf; ++k) {
-      const uint32_t* ids = triangles[t + std::min(k, count - 1)];
-      v[0][k] = ids[0];
-      v[1][k] = ids[1];
-      v[2][k] = ids[2];
+    const uint64_t used = (uint64_t{1} << count) - 1;
+    hn::Vec<decltype(d32)> i0, i1, i2;
+    if (count == kHalf) {
+      hn::LoadInterleaved3(d32, mesh.triangles[t], i0, i1, i2);
+    } else {
+      uint32_t padded[3 * kHalf];
+      for (int64_t k = 0; k < 3 * kHalf; ++k) padded[k] = mesh.triangles[t + (k < 3 * count ? k / 3 : 0)][k % 3];
+      hn::LoadInterleaved3(d32, padded, i0, i1, i2);
     }
-    const auto a = hn::BitCast(ds, hn::GatherIndex(du, base, hn::Load(dl, v[0])));
-    const auto b = hn::BitCast(ds, hn::GatherIndex(du, base, hn::Load(dl, v[1])));
-    const auto c = hn::BitCast(ds, hn::GatherIndex(du, base, hn::Load(dl, v[2])));
+    const auto code_of = [&](hn::Vec<decltype(d32)> v) HWY_ATTR {
+      return hn::BitCast(ds, hn::GatherIndex(du, codes, hn::BitCast(dl, hn::PromoteTo(du, v))));
+    };
+    const auto a = code_of(i0), b = code_of(i1), c = code_of(i2);
     const auto first = hn::ShiftRight<1>(hn::Min(a, hn::Min(b, c)));
-    const auto last = hn::ShiftRight<1>(hn::SaturatedAdd(hn::Max(a, hn::Max(b, c)), one));
-    const auto outside = hn::BitCast(du, hn::VecFromMask(ds, hn::Or(hn::Lt(last, hn::Zero(ds)), hn::Gt(first, limit))));
-    const auto any_outside = hn::Ne(hn::ShiftLeft<16>(outside), hn::Zero(du));
+    const auto last = hn::ShiftRight<1>(hn::SaturatedAdd(hn::Max(a, hn::Max(b, c)), one16));
+    const auto outside = hn::Or(hn::Lt(last, least), hn::Gt(first, most));
+    const auto clipped = hn::Or(hn::Lt(first, least), hn::Gt(last, most));
     const auto extent = hn::Sub(last, first);
-    const auto is_small = hn::Eq(hn::BitCast(du, hn::VecFromMask(ds, hn::Gt(extent, most))), hn::Zero(du));
-    const auto single = hn::BitCast(du, hn::VecFromMask(ds, hn::Eq(first, last)));
-    const auto sx = hn::And(single, low16), sy = hn::And(hn::ShiftRight<16>(single), low16);
-    const auto sz = hn::And(hn::ShiftRight<32>(single), low16);
-    const auto two = hn::Or(hn::And(sx, sy), hn::Or(hn::And(sy, sz), hn::And(sx, sz)));
-    const auto is_run = hn::Ne(two, hn::Zero(du));
-    auto code =
-        hn::IfThenElse(is_small, hn::Set(du, uint64_t(RowClass::kSmall)), hn::Set(du, uint64_t(RowClass::kLarge)));
-    if (runs) code = hn::IfThenElse(is_run, hn::Set(du, uint64_t(RowClass::kRun)), code);
-    code = hn::IfThenElse(any_outside, hn::Zero(du), code);
-    const auto first_word =
-        hn::Or(hn::And(hn::BitCast(du, first), hn::Set(du, 0xffffffffffffull)), hn::ShiftLeft<48>(code));
-    HWY_ALIGN uint64_t words[2][kHalf];
-    hn::Store(first_word, du, words[0]);
-    hn::Store(hn::BitCast(du, last), du, words[1]);
-    auto* out = reinterpret_cast<uint64_t*>(boxes + (t - begin));
-    for (int64_t k = 0; k < count; ++k) {
-      out[2 * k] = words[0][k];
-      out[2 * k + 1] = words[1][k];
+    const VU f = hn::BitCast(du, first), l = hn::BitCast(du, last);
+    const VU several = hn::BitCast(du, hn::VecFromMask(ds, hn::Gt(extent, hn::Zero(ds))));
+    const auto is_run =
+        hn::Eq(hn::And(several, hn::Or(hn::ShiftRight<16>(several), hn::ShiftRight<32>(several))), hn::Zero(du));
+    const auto above_one = extents_above(extent, 1), above_small = extents_above(extent, kSmallRows - 1);
+    const auto inside = hn::Eq(hn::BitCast(du, hn::VecFromMask(ds, outside)), hn::Zero(du));
+    uint64_t left = used & Bits(du, inside);
+    if (in_place) {
+      const VU x0 = hn::And(f, low16), x1 = hn::And(l, low16);
+      const auto one_word = hn::Eq(hn::ShiftRight<5>(x0), hn::ShiftRight<5>(x1));
+      const auto whole = hn::Eq(hn::BitCast(du, hn::VecFromMask(ds, clipped)), hn::Zero(du));
+      // Runs of at most two rows, and of one word in each: two words hold the box.
+      const auto two_words = hn::AndNot(above_one, hn::And(is_run, hn::And(one_word, whole)));
+      const VU y = hn::And(hn::ShiftRight<16>(f), low16), z = hn::Sub(hn::And(hn::ShiftRight<32>(f), low16), z_begin);
+      const VU row = hn::Add(y, product(z, rows_per_layer));
+      const VU word0 = hn::IfThenElseZero(two_words, hn::Add(product(row, words_per_row), hn::ShiftRight<5>(x0)));
+      const auto up = [&](VU axis, VU step)
+                          HWY_ATTR { return hn::IfThenElseZero(hn::Ne(hn::And(several, axis), hn::Zero(du)), step); };
+      const VU word1 =
+          hn::IfThenElseZero(two_words, hn::Add(word0, hn::Add(up(in_y, words_per_row), up(in_z, words_per_layer))));
+      const VU mask =
+          hn::IfThenElseZero(two_words, hn::Sub(hn::Shl(two, hn::And(x1, low5)), hn::Shl(one, hn::And(x0, low5))));
+      const auto at0 = hn::TruncateTo(d32, word0), at1 = hn::TruncateTo(d32, word1), bits = hn::TruncateTo(d32, mask);
+      const auto held = hn::And(hn::GatherIndex(di32, words, hn::BitCast(di32, at0)),
+                                hn::GatherIndex(di32, words, hn::BitCast(di32, at1)));
+      const auto missing = hn::Ne(hn::AndNot(hn::BitCast(d32, held), bits), hn::Zero(d32));
+      const uint64_t quick = left & Bits(du, two_words), unset = quick & Bits(d32, missing);
+      if (conservative) {
+        left &= ~quick;
+        if (unset != 0) {
+          hn::Store(at0, d32, word_out[0]);
+          hn::Store(at1, d32, word_out[1]);
+          hn::Store(bits, d32, mask_out);
+          for (uint64_t lanes = unset; lanes != 0; lanes &= lanes - 1) {
+            const int k = std::countr_zero(lanes);
+            OrWord(slab.words[word_out[0][k]], mask_out[k], slab.shared);
+            OrWord(slab.words[word_out[1][k]], mask_out[k], slab.shared);
+          }
+        }
+      } else {
+        left &= ~(quick & ~unset);
+      }
+      const uint64_t runs = conservative ? left & Bits(du, is_run) : 0;
+      left &= ~runs;
+      if (HWY_UNLIKELY(runs != 0)) {
+        hn::Store(f, du, first_out);
+        hn::Store(l, du, last_out);
+        for (uint64_t lanes = runs; lanes != 0; lanes &= lanes - 1) {
+          const int k = std::countr_zero(lanes);
+          const auto axis = [k](const uint64_t* from, int i) { return int64_t(int16_t(from[k] >> (16 * i))); };
+          SetBox(slab, {axis(first_out, 0), axis(first_out, 1), axis(first_out, 2)},
+                 {axis(last_out, 0), axis(last_out, 1), axis(last_out, 2)});
+        }
+      }
+    }
+    if (left == 0) continue;
+    const VU shape = hn::Or(hn::And(hn::ShiftRight<16>(several), one), hn::And(hn::ShiftRight<31>(several), two));
+    const VU small = hn::IfThenElse(above_small, set(kLargeClass), set(kSmallClass));
+    auto row_class = hn::IfThenElse(above_one, small, shape);
+    if (conservative) row_class = hn::IfThenElse(is_run, set(kRunClass), row_class);
+    hn::Store(row_class, du, class_out);
+    for (; left != 0; left &= left - 1) {
+      const int k = std::countr_zero(left);
+      lists.Add(int(class_out[k]), uint32_t(t) + uint32_t(k));
     }
   }
 }
@@ -256,40 +354,44 @@ struct ShapeF {
   VF extent;
 };
 
-HWY_INLINE BoundF SolveF(MF bounded, VF nu, VF nt, VF lo, VF hi) {
-  const VF inverse = hn::Div(SetF(1), nu);
+HWY_INLINE BoundF SolveF(MF bounded, VF inverse, VF nt, VF lo, VF hi) {
   const VF a = hn::Mul(lo, inverse), b = hn::Mul(hi, inverse);
   return {hn::IfThenElseZero(bounded, hn::Mul(nt, inverse)), hn::IfThenElse(bounded, hn::Min(a, b), SetF(-1e30f)),
           hn::IfThenElse(bounded, hn::Max(a, b), SetF(1e30f))};
 }
 
-HWY_INLINE BoundF EdgeBoundF(VF nu, VF nt, VF pu, VF pt, VF opposite, VF half_u, VF half_t, VF extent) {
-  const VF widening = SetF(float(kNarrowWidening));
-  const VF au = hn::Abs(nu), at = hn::Abs(nt);
-  const MF bounded = hn::Gt(hn::Mul(au, hn::Add(extent, SetF(2))), hn::Mul(hn::Add(au, at), SetF(0x1p-20f)));
+// `inverse` is 1 / nu; au and at are the sizes of nu and nt, half_u and half_t widened.
+HWY_INLINE BoundF EdgeBoundF(VF nu, VF nt, VF inverse, VF au, VF at, VF pu, VF pt, VF opposite, VF half_u, VF half_t,
+                             VF far) {
+  const MF bounded = hn::Gt(hn::Mul(au, far), hn::Mul(hn::Add(au, at), SetF(0x1p-20f)));
   const VF edge = hn::Add(hn::Mul(nu, pu), hn::Mul(nt, pt));
   const VF other = hn::Add(edge, opposite);
-  const VF reach = hn::Add(hn::Mul(au, hn::Add(half_u, widening)), hn::Mul(at, hn::Add(half_t, widening)));
+  const VF reach = hn::Add(hn::Mul(au, half_u), hn::Mul(at, half_t));
   const VF centre = hn::Mul(SetF(0.5f), hn::Add(nu, nt));
-  return SolveF(bounded, nu, nt, hn::Sub(hn::Sub(hn::Min(edge, other), reach), centre),
+  return SolveF(bounded, inverse, nt, hn::Sub(hn::Sub(hn::Min(edge, other), reach), centre),
                 hn::Sub(hn::Add(hn::Max(edge, other), reach), centre));
 }
 
 HWY_INLINE void BoundEdgeF(const ShapeF& s, int i, const VecF& f, const VecF& p, bool third_below, BoundsF& out) {
   const auto side = [&](VF n) HWY_ATTR { return third_below ? hn::Neg(n) : n; };
-  out.y_of_z[i] = EdgeBoundF(f.z, hn::Neg(f.y), p.y, p.z, side(s.normal.x), s.half.y, s.half.z, s.extent);
-  out.x_of_z[i] = EdgeBoundF(hn::Neg(f.z), f.x, p.x, p.z, side(s.normal.y), s.half.x, s.half.z, s.extent);
-  out.x_of_y[i] = EdgeBoundF(f.y, hn::Neg(f.x), p.x, p.y, side(s.normal.z), s.half.x, s.half.y, s.extent);
+  const VF ax = hn::Abs(f.x), ay = hn::Abs(f.y), az = hn::Abs(f.z);
+  const VF by_y = hn::Div(SetF(1), f.y), by_z = hn::Div(SetF(1), f.z);
+  const VF far = hn::Add(s.extent, SetF(2)), widening = SetF(float(kNarrowWidening));
+  const VecF half{hn::Add(s.half.x, widening), hn::Add(s.half.y, widening), hn::Add(s.half.z, widening)};
+  out.y_of_z[i] = EdgeBoundF(f.z, hn::Neg(f.y), by_z, az, ay, p.y, p.z, side(s.normal.x), half.y, half.z, far);
+  out.x_of_z[i] = EdgeBoundF(hn::Neg(f.z), f.x, hn::Neg(by_z), az, ax, p.x, p.z, side(s.normal.y), half.x, half.z, far);
+  out.x_of_y[i] = EdgeBoundF(f.y, hn::Neg(f.x), by_y, ay, ax, p.x, p.y, side(s.normal.z), half.x, half.y, far);
 }
 
-HWY_INLINE void BoundPlaneF(const ShapeF& s, Coverage coverage, BoundsF& out) {
+template <Coverage kCoverage>
+HWY_INLINE void BoundPlaneF(const ShapeF& s, BoundsF& out) {
   const VF widening = SetF(float(kNarrowWidening));
   const VecF& n = s.normal;
   const VF ax = hn::Abs(n.x), ay = hn::Abs(n.y), az = hn::Abs(n.z);
   const VF norm = hn::Add(hn::Add(ax, ay), az);
   VF reach = hn::Add(hn::Add(hn::Mul(ax, hn::Add(s.half.x, widening)), hn::Mul(ay, hn::Add(s.half.y, widening))),
                      hn::Mul(az, hn::Add(s.half.z, widening)));
-  if (coverage == Coverage::kThin) {
+  if (kCoverage == Coverage::kThin) {
     reach = hn::Add(hn::Mul(SetF(0.5f), hn::Max(ax, hn::Max(ay, az))), hn::Mul(widening, norm));
   }
   const VF at = hn::Add(hn::Add(hn::Mul(n.x, s.v0.x), hn::Mul(n.y, s.v0.y)), hn::Mul(n.z, s.v0.z));
@@ -298,9 +400,10 @@ HWY_INLINE void BoundPlaneF(const ShapeF& s, Coverage coverage, BoundsF& out) {
   const VF far = hn::Add(s.extent, SetF(2)), parallel = hn::Mul(norm, SetF(0x1p-20f));
   const MF by_x = hn::Gt(hn::Mul(ax, far), parallel);
   const MF by_y = hn::AndNot(by_x, hn::Gt(hn::Mul(ay, far), parallel));
-  out.plane = SolveF(by_x, n.x, n.z, lo, hi);
-  out.plane_sy = hn::IfThenElseZero(by_x, hn::Mul(n.y, hn::Div(SetF(1), n.x)));
-  out.y_of_z[3] = SolveF(by_y, n.y, n.z, lo, hi);
+  const VF inverse = hn::Div(SetF(1), n.x);
+  out.plane = SolveF(by_x, inverse, n.z, lo, hi);
+  out.plane_sy = hn::IfThenElseZero(by_x, hn::Mul(n.y, inverse));
+  out.y_of_z[3] = SolveF(by_y, hn::Div(SetF(1), n.y), n.z, lo, hi);
 }
 
 struct Batch {
@@ -310,8 +413,17 @@ struct Batch {
   VI first[3], last[3];  // the box, grid coordinates
 };
 
+// WorldToIndex of one coordinate of kLanes vertices.
+HWY_INLINE WideVector ToIndexSpace(const RowMesh& mesh, VD lo, VD hi, double origin, const Divisor& divisor) {
+  const VD a = hn::Sub(lo, SetD(origin)), b = hn::Sub(hi, SetD(origin));
+  if (HWY_LIKELY(mesh.regular)) return {QuotientOfRegular(a, divisor), QuotientOfRegular(b, divisor)};
+  return {hn::Div(a, SetD(divisor.h)), hn::Div(b, SetD(divisor.h))};
+}
+
 // SetUpTriangle for kLanes triangles, those that are not SpanClass::kRun.
-HWY_INLINE void SetUpBatch(const RowMesh& mesh, const uint32_t (&ids)[kLanes], Coverage coverage, Batch& out) {
+template <Coverage kCoverage>
+HWY_INLINE void SetUpBatch(const RowMesh& mesh, const Divisor (&divisors)[3], const uint32_t (&ids)[kLanes],
+                           Batch& out) {
   const DL dl;
   const double* positions = &mesh.positions[0].x;
   HWY_ALIGN int64_t at[3][kLanes];
@@ -323,7 +435,8 @@ HWY_INLINE void SetUpBatch(const RowMesh& mesh, const uint32_t (&ids)[kLanes], C
   for (int i = 0; i < 3; ++i) {
     const auto lo = hn::Load(dl, at[i]), hi = hn::Load(dl, at[i] + kHalf);
     for (int a = 0; a < 3; ++a) {
-      p[i][a] = {hn::GatherIndex(DD(), positions + a, lo), hn::GatherIndex(DD(), positions + a, hi)};
+      p[i][a] = ToIndexSpace(mesh, hn::GatherIndex(DD(), positions + a, lo), hn::GatherIndex(DD(), positions + a, hi),
+                             mesh.origin[a], divisors[a]);
     }
   }
   WideVector least[3], most[3], base[3], e1[3], e2[3];
@@ -362,7 +475,7 @@ HWY_INLINE void SetUpBatch(const RowMesh& mesh, const uint32_t (&ids)[kLanes], C
   s.v1 = {hn::Add(s.v0.x, s.f1.x), hn::Add(s.v0.y, s.f1.y), hn::Add(s.v0.z, s.f1.z)};
   s.extent = hn::Max(MaxAbsF(s.f1), MaxAbsF(s.f2));
   VF half[3] = {SetF(0.5f), SetF(0.5f), SetF(0.5f)};
-  if (coverage == Coverage::kCenter) {
+  if (kCoverage == Coverage::kCenter) {
     const VF ax = hn::Abs(s.normal.x), ay = hn::Abs(s.normal.y), az = hn::Abs(s.normal.z);
     const MF is_x = hn::And(hn::Ge(ax, ay), hn::Ge(ax, az)), is_y = hn::AndNot(is_x, hn::Ge(ay, az));
     half[0] = hn::IfThenElseZero(is_x, SetF(0.5f));
@@ -391,7 +504,7 @@ HWY_INLINE void SetUpBatch(const RowMesh& mesh, const uint32_t (&ids)[kLanes], C
   BoundEdgeF(s, 0, s.f1, s.v0, true, out.bounds);
   BoundEdgeF(s, 1, s.f3, s.v1, true, out.bounds);
   BoundEdgeF(s, 2, s.f2, s.v0, false, out.bounds);
-  BoundPlaneF(s, coverage, out.bounds);
+  BoundPlaneF<kCoverage>(s, out.bounds);
 }
 
 HWY_INLINE hn::Mask<DI> AtMost(VI a, VI b) {
@@ -419,13 +532,20 @@ HWY_INLINE void ToGrid(VF first, VF last, VF box_first, VF box_last, VI base, VI
   end = hn::Add(base, hn::ConvertTo(di, l));
 }
 
+HWY_INLINE VI Shifted(VI v, VI by) {
+  const hn::RebindToUnsigned<DI> du;
+  return hn::BitCast(DI(), hn::Shl(hn::BitCast(du, v), hn::BitCast(du, by)));
+}
+
 HWY_INLINE void RasterBatch(const Batch& batch, const RowSlab& slab) {
   const DF df;
   const DI di;
   const BoundsF& b = batch.bounds;
   const VI z_first = hn::Max(batch.first[2], SetI(slab.begin)), z_last = hn::Min(batch.last[2], SetI(slab.end - 1));
   const int32_t layers = MaxWhere(batch.narrow, hn::Sub(z_last, z_first), -1);
-  HWY_ALIGN int32_t row_out[kLanes], begin_out[kLanes], end_out[kLanes];
+  HWY_ALIGN int32_t word_out[kLanes], mask_out[kLanes], row_out[kLanes], begin_out[kLanes], end_out[kLanes];
+  const auto words = reinterpret_cast<const int32_t*>(slab.words);
+  const VI words_per_row = SetI(slab.words_per_row), one = SetI(1), low5 = SetI(31);
   for (int32_t k = 0; k <= layers; ++k) {
     const VI z = hn::Add(z_first, SetI(k));
     const VF z_local = hn::ConvertTo(df, hn::Sub(z, batch.base[2]));
@@ -454,14 +574,30 @@ HWY_INLINE void RasterBatch(const Batch& batch, const RowSlab& slab) {
       x_begin = hn::Max(x_begin, hn::Zero(di));
       x_end = hn::Min(x_end, SetI(slab.nx - 1));
       const auto hit = hn::And(hn::RebindMask(di, in_layer), hn::And(AtMost(y, y_end), AtMost(x_begin, x_end)));
-      uint64_t lanes = Bits(di, hit);
-      if (lanes == 0) continue;
-      hn::Store(hn::Add(y, z_row), di, row_out);
+      if (hn::AllFalse(di, hit)) continue;
+      const VI row = hn::Mul(hn::Add(y, z_row), words_per_row);
+      const VI x_word = hn::ShiftRight<5>(x_begin);
+      const auto one_word = hn::And(hit, hn::Eq(x_word, hn::ShiftRight<5>(x_end)));
+      const VI word = hn::IfThenElseZero(one_word, hn::Add(row, x_word));
+      const VI mask = hn::Sub(Shifted(hn::Set(di, 2), hn::And(x_end, low5)), Shifted(one, hn::And(x_begin, low5)));
+      const auto missing = hn::Ne(hn::AndNot(hn::GatherIndex(di, words, word), mask), hn::Zero(di));
+      const auto several = hn::AndNot(one_word, hit);
+      uint64_t lanes = Bits(di, hn::And(one_word, missing));
+      if (lanes != 0) {
+        hn::Store(word, di, word_out);
+        hn::Store(mask, di, mask_out);
+        for (; lanes != 0; lanes &= lanes - 1) {
+          const int lane = std::countr_zero(lanes);
+          OrWord(slab.words[word_out[lane]], uint32_t(mask_out[lane]), slab.shared);
+        }
+      }
+      if (hn::AllFalse(di, several)) continue;
+      hn::Store(row, di, row_out);
       hn::Store(x_begin, di, begin_out);
       hn::Store(x_end, di, end_out);
-      for (; lanes != 0; lanes &= lanes - 1) {
+      for (lanes = Bits(di, several); lanes != 0; lanes &= lanes - 1) {
         const int lane = std::countr_zero(lanes);
-        SetBits(slab.words + int64_t{row_out[lane]} * slab.words_per_row, begin_out[lane], end_out[lane] + 1);
+        SetBits(slab.words + row_out[lane], begin_out[lane], int64_t{end_out[lane]} + 1, slab.shared);
       }
     }
   }
@@ -500,7 +636,7 @@ HWY_INLINE void RasterTall(const SpanBounds<Real>& s, const Vec3d& base, const V
       const int64_t rows = std::min(kRows, y_end - y0);
       uint32_t* row = slab.words + (y0 + slab.ny * (z - slab.begin)) * slab.words_per_row;
       for (int64_t k = 0; k < rows; ++k, row += slab.words_per_row) {
-        if (begins[k] < ends[k]) SetBits(row, x_base + int64_t(begins[k]), x_base + int64_t(ends[k]));
+        if (begins[k] < ends[k]) SetBits(row, x_base + int64_t(begins[k]), x_base + int64_t(ends[k]), slab.shared);
       }
     }
   }
@@ -509,10 +645,10 @@ HWY_INLINE void RasterTall(const SpanBounds<Real>& s, const Vec3d& base, const V
 HWY_ATTR void RasterLarge(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage,
                           const RowSlab& slab) {
   const VoxelRange all{{0, 0, slab.begin}, {slab.nx, slab.ny, slab.end}};
+  const auto at = [&](uint32_t v) { return WorldToIndex(mesh.origin, mesh.voxel_size, mesh.positions[v]); };
   for (int64_t i = 0; i < count; ++i) {
     const uint32_t* v = mesh.triangles[ids[i]];
-    const TriangleSetup setup =
-        SetUpTriangle(mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], coverage);
+    const TriangleSetup setup = SetUpTriangle(at(v[0]), at(v[1]), at(v[2]), coverage);
     const VoxelRange range = ClipToRange(setup, all);
     if (range.empty()) continue;
     if (setup.span_class == SpanClass::kNarrow) {
@@ -520,29 +656,36 @@ HWY_ATTR void RasterLarge(const RowMesh& mesh, const uint32_t* ids, int64_t coun
     } else if (setup.span_class == SpanClass::kWide) {
       RasterTall(setup.wide, setup.base, range, slab);
     } else {
-      for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
-        for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {
-          SetBits(slab.words + (y + slab.ny * (z - slab.begin)) * slab.words_per_row, range.begin[0], range.end[0]);
-        }
-      }
+      SetBox(slab, {range.begin[0], range.begin[1], range.begin[2]},
+             {range.end[0] - 1, range.end[1] - 1, range.end[2] - 1});
+    }
+  }
+}
+
+template <Coverage kCoverage>
+HWY_ATTR void RasterSmallAs(const RowMesh& mesh, const uint32_t* ids, int64_t count, const RowSlab& slab) {
+  const Divisor divisors[3] = {Divisor(mesh.voxel_size.x), Divisor(mesh.voxel_size.y), Divisor(mesh.voxel_size.z)};
+  uint32_t batch_ids[kLanes];
+  for (int64_t i = 0; i < count; i += kLanes) {
+    const int64_t here = std::min<int64_t>(kLanes, count - i);
+    for (int64_t k = 0; k < kLanes; ++k) batch_ids[k] = ids[i + std::min(k, here - 1)];
+    Batch batch;
+    SetUpBatch<kCoverage>(mesh, divisors, batch_ids, batch);
+    const uint64_t used = here == kLanes ? (uint64_t{1} << kLanes) - 1 : (uint64_t{1} << here) - 1;
+    const uint64_t wide = used & ~Bits(DF(), batch.narrow);
+    RasterBatch(batch, slab);
+    for (uint64_t left = wide; left != 0; left &= left - 1) {
+      RasterLarge(mesh, batch_ids + std::countr_zero(left), 1, kCoverage, slab);
     }
   }
 }
 
 HWY_ATTR void RasterSmall(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage,
                           const RowSlab& slab) {
-  uint32_t batch_ids[kLanes];
-  for (int64_t i = 0; i < count; i += kLanes) {
-    const int64_t here = std::min<int64_t>(kLanes, count - i);
-    for (int64_t k = 0; k < kLanes; ++k) batch_ids[k] = ids[i + std::min(k, here - 1)];
-    Batch batch;
-    SetUpBatch(mesh, batch_ids, coverage, batch);
-    const uint64_t used = here == kLanes ? (uint64_t{1} << kLanes) - 1 : (uint64_t{1} << here) - 1;
-    const uint64_t wide = used & ~Bits(DF(), batch.narrow);
-    RasterBatch(batch, slab);
-    for (uint64_t left = wide; left != 0; left &= left - 1) {
-      RasterLarge(mesh, batch_ids + std::countr_zero(left), 1, coverage, slab);
-    }
+  switch (coverage) {
+    case Coverage::kConservative: return RasterSmallAs<Coverage::kConservative>(mesh, ids, count, slab);
+    case Coverage::kThin: return RasterSmallAs<Coverage::kThin>(mesh, ids, count, slab);
+    case Coverage::kCenter: return RasterSmallAs<Coverage::kCenter>(mesh, ids, count, slab);
   }
 }
 

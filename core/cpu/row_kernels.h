@@ -1,10 +1,12 @@
 // The inner loops of the row-span rasterizer, one set for each instruction set. All sets give the same bits.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <string_view>
 
 #include "absl/status/statusor.h"
+#include "base/vec.h"
 #include "pipeline/request.h"
 #include "raster/spans.h"
 
@@ -18,47 +20,63 @@ struct VertexCode {
 // Grids up to this many voxels an axis fit the codes.
 inline constexpr int64_t kMaxCodedDim = 16000;
 
-// Which kernel a triangle goes to.
-inline constexpr int kSmallRows = 16;
-enum class RowClass : uint8_t {
-  kOutside,  // of the grid
-  kRun,      // SpanClass::kRun: its box is its coverage
-  kSmall,    // at most kSmallRows rows and layers: many triangles a vector
-  kLarge,    // many rows of one triangle a vector
-};
-
-// The box in voxels, inclusive, and the class.
-struct TriangleBox {
-  int16_t first[3];
-  int16_t row_class;  // RowClass
-  int16_t last[3];
-  int16_t unused;
-};
-
-// Layers of a bit grid that one thread writes.
+// Layers of a bit grid, cleared before.
 struct RowSlab {
-  uint32_t* words;  // row (y, z) begins at words + (y + ny*(z - begin)) * words_per_row
+  uint32_t*
+      words;  // null: none yet, for a scan alone. Row (y, z) begins at words + (y + ny*(z - begin)) * words_per_row
   int64_t words_per_row;
   int64_t nx, ny;
   int64_t begin, end;  // layers
+  bool shared;         // other threads may write the same words
 };
+// A slab has fewer words than this: 32-bit lanes address them.
+inline constexpr int64_t kMaxSlabWords = int64_t{1} << 31;
 
-// Vertices in index space, and the triangles over them.
+// Vertices in world space, their codes, the grid, and the triangles over them.
 struct RowMesh {
   const Vec3d* positions;
+  const VertexCode* codes;
   const uint32_t (*triangles)[3];
+  Vec3d origin, voxel_size;
+  bool regular;  // Placed::regular of all vertices
+};
+
+// Triangles by the rows and layers of their boxes, so that those of one vector have equally many.
+//   0-3    at most two rows and two layers: (rows - 1) + 2 * (layers - 1)
+//   small  at most kSmallRows of each: many triangles a vector
+//   large  many rows of one triangle a vector
+//   run    SpanClass::kRun: the box is the coverage
+inline constexpr int kSmallRows = 16;
+inline constexpr int kSmallClass = 4, kLargeClass = 5, kRunClass = 6, kRowClasses = 7;
+struct RowLists {
+  static constexpr int64_t kMost = 2048;  // triangles: the lists stay in the first-level cache
+  int64_t count[kRowClasses];
+  uint32_t ids[kRowClasses][kMost];
+
+  void Clear() {
+    for (int64_t& n : count) n = 0;
+  }
+  void Add(int row_class, uint32_t id) { ids[row_class][count[row_class]++] = id; }
+};
+
+// What is said of vertices.
+struct Placed {
+  bool near;  // none is beyond 2^40 voxels or not finite
+  bool
+      regular;  // no coordinate's distance from the origin is so small or large that a quotient's steps could underflow
 };
 
 struct RowKernels {
   std::string_view name;  // "scalar", "avx2", "avx512"
   // The box of vertices [begin, end), at least one. False if one is not finite; the box is then of no use.
   bool (*bounds)(const Vec3d* world, int64_t begin, int64_t end, Vec3d& least, Vec3d& most);
-  // WorldToIndex of vertices [begin, end), and their codes. False if one is beyond 2^40 voxels or not finite.
-  bool (*place)(const Vec3d* world, int64_t begin, int64_t end, const Vec3d& origin, const Vec3d& voxel_size,
-                Vec3d* index, VertexCode* codes);
-  // Boxes and classes of triangles [begin, end), into boxes[0...].
-  void (*classify)(const uint32_t (*triangles)[3], const VertexCode* codes, int64_t begin, int64_t end,
-                   const int64_t (&dims)[3], Coverage coverage, TriangleBox* boxes);
+  // The codes of vertices [begin, end), and WorldToIndex of them where `index` is not null.
+  Placed (*place)(const Vec3d* world, int64_t begin, int64_t end, const Vec3d& origin, const Vec3d& voxel_size,
+                  Vec3d* index, VertexCode* codes);
+  // Triangles [begin, end), at most RowLists::kMost: drops those outside the slab; where it has words, sets the bits of
+  // runs, and drops triangles whose boxes are set already; and adds the others to `lists`.
+  void (*scan)(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
+               RowLists& lists);
   // Sets the bits of triangles in the slab's layers. Any triangle may be given to either; each is fast for its class.
   void (*raster_small)(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage, const RowSlab& slab);
   void (*raster_large)(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage, const RowSlab& slab);
@@ -67,17 +85,41 @@ struct RowKernels {
 // FAILED_PRECONDITION where this machine lacks the instruction set. kAuto is the best that it has.
 absl::StatusOr<const RowKernels*> SelectRowKernels(SimdChoice choice);
 
-// Sets voxels x_begin <= x < x_end of a row.
-inline void SetBits(uint32_t* row, int64_t x_begin, int64_t x_end) {
-  const int64_t first = x_begin / 32, last = (x_end - 1) / 32;
-  const uint32_t head = ~0u << (x_begin % 32), tail = ~0u >> (31 - (x_end - 1) % 32);
-  if (first == last) {
-    row[first] |= head & tail;
+// Sets bits of a word; says so to other threads only where it changes the word, which on fine meshes is seldom.
+inline void OrWord(uint32_t& word, uint32_t bits, bool shared) {
+  if (!shared) {
+    word |= bits;
     return;
   }
-  row[first] |= head;
-  for (int64_t w = first + 1; w < last; ++w) row[w] = ~0u;
-  row[last] |= tail;
+  const std::atomic_ref<uint32_t> atomic(word);
+  if ((~atomic.load(std::memory_order_relaxed) & bits) != 0) atomic.fetch_or(bits, std::memory_order_relaxed);
+}
+
+// Sets voxels x_begin <= x < x_end of a row.
+inline void SetBits(uint32_t* row, int64_t x_begin, int64_t x_end, bool shared) {
+  const int64_t first = x_begin / 32, last = (x_end - 1) / 32;
+  const uint32_t head = ~0u << (x_begin % 32), tail = ~0u >> (31 - (x_end - 1) % 32);
+  if (first == last) return OrWord(row[first], head & tail, shared);
+  OrWord(row[first], head, shared);
+  if (shared) {
+    for (int64_t w = first + 1; w < last; ++w) std::atomic_ref<uint32_t>(row[w]).store(~0u, std::memory_order_relaxed);
+  } else {
+    for (int64_t w = first + 1; w < last; ++w) row[w] = ~0u;
+  }
+  OrWord(row[last], tail, shared);
+}
+
+// Sets a box of voxels, first to last inclusive, as far as it lies in the slab.
+inline void SetBox(const RowSlab& slab, const int64_t (&first)[3], const int64_t (&last)[3]) {
+  const int64_t x0 = Max<int64_t>(0, first[0]), x1 = Min(slab.nx, last[0] + 1);
+  const int64_t y0 = Max<int64_t>(0, first[1]), y1 = Min(slab.ny, last[1] + 1);
+  const int64_t z0 = Max(slab.begin, first[2]), z1 = Min(slab.end, last[2] + 1);
+  if (x0 >= x1) return;
+  for (int64_t z = z0; z < z1; ++z) {
+    for (int64_t y = y0; y < y1; ++y) {
+      SetBits(slab.words + (y + slab.ny * (z - slab.begin)) * slab.words_per_row, x0, x1, slab.shared);
+    }
+  }
 }
 
 }  // namespace voxelpipe::cpu

@@ -29,56 +29,60 @@ bool Bounds(const Vec3d* world, int64_t begin, int64_t end, Vec3d& least, Vec3d&
   return finite;
 }
 
-bool Place(const Vec3d* world, int64_t begin, int64_t end, const Vec3d& origin, const Vec3d& voxel_size, Vec3d* index,
-           VertexCode* codes) {
+Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Vec3d& origin, const Vec3d& voxel_size, Vec3d* index,
+             VertexCode* codes) {
   bool near = true;
   for (int64_t i = begin; i < end; ++i) {
     const Vec3d p = WorldToIndex(origin, voxel_size, world[i]);
-    index[i] = p;
+    if (index != nullptr) index[i] = p;
     near = near && Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
     codes[i] = {{Code(p.x), Code(p.y), Code(p.z), 0}};
   }
-  return near;
+  return {near, true};
 }
 
-RowClass Classify(const TriangleBox& box, const int64_t (&dims)[3], Coverage coverage) {
-  int single = 0;
-  for (int a = 0; a < 3; ++a) {
-    if (box.last[a] < 0 || box.first[a] >= dims[a]) return RowClass::kOutside;
-    single += box.first[a] == box.last[a];
-  }
-  if (coverage == Coverage::kConservative && single >= 2) return RowClass::kRun;
-  return box.last[1] - box.first[1] < kSmallRows && box.last[2] - box.first[2] < kSmallRows ? RowClass::kSmall
-                                                                                            : RowClass::kLarge;
-}
-
-void ClassifyAll(const uint32_t (*triangles)[3], const VertexCode* codes, int64_t begin, int64_t end,
-                 const int64_t (&dims)[3], Coverage coverage, TriangleBox* boxes) {
+void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab, RowLists& lists) {
+  const int64_t least[3] = {0, 0, slab.begin}, most[3] = {slab.nx - 1, slab.ny - 1, slab.end - 1};
   for (int64_t t = begin; t < end; ++t) {
-    const int16_t *a = codes[triangles[t][0]].axis, *b = codes[triangles[t][1]].axis, *c = codes[triangles[t][2]].axis;
-    TriangleBox box{};
+    const uint32_t* v = mesh.triangles[t];
+    const int16_t *a = mesh.codes[v[0]].axis, *b = mesh.codes[v[1]].axis, *c = mesh.codes[v[2]].axis;
+    int64_t first[3], last[3];
+    bool outside = false;
+    int single = 0;
     for (int i = 0; i < 3; ++i) {
-      box.first[i] = int16_t(Min(a[i], Min(b[i], c[i])) >> 1);
-      box.last[i] = int16_t((Max(a[i], Max(b[i], c[i])) + 1) >> 1);
+      first[i] = Min(a[i], Min(b[i], c[i])) >> 1;
+      last[i] = (Max(a[i], Max(b[i], c[i])) + 1) >> 1;
+      outside = outside || last[i] < least[i] || first[i] > most[i];
+      single += first[i] == last[i];
     }
-    box.row_class = int16_t(Classify(box, dims, coverage));
-    boxes[t - begin] = box;
+    if (outside) continue;
+    const bool run = coverage == Coverage::kConservative && single >= 2;
+    if (run && slab.words != nullptr) {
+      SetBox(slab, first, last);
+      continue;
+    }
+    const int64_t rows = last[1] - first[1] + 1, layers = last[2] - first[2] + 1;
+    const int row_class = run                                          ? kRunClass
+                          : rows <= 2 && layers <= 2                   ? int(rows - 1 + 2 * (layers - 1))
+                          : rows <= kSmallRows && layers <= kSmallRows ? kSmallClass
+                                                                       : kLargeClass;
+    lists.Add(row_class, uint32_t(t));
   }
 }
 
 void Raster(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage, const RowSlab& slab) {
   const VoxelRange range{{0, 0, slab.begin}, {slab.nx, slab.ny, slab.end}};
+  const auto at = [&](uint32_t v) { return WorldToIndex(mesh.origin, mesh.voxel_size, mesh.positions[v]); };
   for (int64_t i = 0; i < count; ++i) {
     const uint32_t* v = mesh.triangles[ids[i]];
-    const TriangleSetup setup =
-        SetUpTriangle(mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], coverage);
+    const TriangleSetup setup = SetUpTriangle(at(v[0]), at(v[1]), at(v[2]), coverage);
     ForEachRowSpan(setup, range, [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
-      SetBits(slab.words + (y + slab.ny * (z - slab.begin)) * slab.words_per_row, x_begin, x_end);
+      SetBits(slab.words + (y + slab.ny * (z - slab.begin)) * slab.words_per_row, x_begin, x_end, slab.shared);
     });
   }
 }
 
-const RowKernels kScalar{"scalar", Bounds, Place, ClassifyAll, Raster, Raster};
+const RowKernels kScalar{"scalar", Bounds, Place, Scan, Raster, Raster};
 
 }  // namespace
 

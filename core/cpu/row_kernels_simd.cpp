@@ -18,8 +18,8 @@ namespace voxelpipe::cpu {
 
 const RowKernels* Avx2RowKernels() {
 #if (HWY_TARGETS & HWY_AVX2)
-  static constexpr RowKernels kKernels{"avx2",           N_AVX2::Bounds,      N_AVX2::Place,
-                                       N_AVX2::Classify, N_AVX2::RasterSmall, N_AVX2::RasterLarge};
+  static constexpr RowKernels kKernels{"avx2",       N_AVX2::Bounds,      N_AVX2::Place,
+                                       N_AVX2::Scan, N_AVX2::RasterSmall, N_AVX2::RasterLarge};
   return &kKernels;
 #else
   return nullptr;
@@ -28,8 +28,8 @@ const RowKernels* Avx2RowKernels() {
 
 const RowKernels* Avx512RowKernels() {
 #if (HWY_TARGETS & HWY_AVX3)
-  static constexpr RowKernels kKernels{"avx512",         N_AVX3::Bounds,      N_AVX3::Place,
-                                       N_AVX3::Classify, N_AVX3::RasterSmall, N_AVX3::RasterLarge};
+  static constexpr RowKernels kKernels{"avx512",     N_AVX3::Bounds,      N_AVX3::Place,
+                                       N_AVX3::Scan, N_AVX3::RasterSmall, N_AVX3::RasterLarge};
   return &kKernels;
 #else
   return nullptr;

@@ -72,6 +72,31 @@ TEST(RowBits, AgreeAtEverySizeOfTriangle) {
   }
 }
 
+// Few triangles in a large grid go to slabs of layers first, others are set in place.
+TEST(RowBits, AgreeWhereTrianglesAreFewForTheGrid) {
+  TriangleMesh mesh = Soup(2500, 200, 12);
+  for (size_t i = 0; i < mesh.triangles.size(); i += 2) {  // runs too
+    const auto& t = mesh.triangles[i];
+    for (int k = 1; k < 3; ++k)
+      mesh.positions[t[k]] = mesh.positions[t[0]] + (mesh.positions[t[k]] - mesh.positions[t[0]]) * 0.05;
+  }
+  for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
+    VoxelizeRequest request;
+    request.grid = UnitGrid(310, 250, 140);
+    request.coverage = coverage;
+    ExpectTheTilesBytes(mesh, request);
+  }
+}
+
+// Coordinates so near the origin that a quotient's remainder would underflow.
+TEST(RowBits, AgreeOnCoordinatesNearZero) {
+  TriangleMesh mesh = Soup(400, 20, 8);
+  for (size_t i = 0; i < mesh.positions.size(); i += 5) mesh.positions[i].y = i % 2 == 0 ? 0x1p-1060 : -0.0;
+  VoxelizeRequest request;
+  request.grid = UnitGrid(24, 24, 24);
+  ExpectTheTilesBytes(mesh, request);
+}
+
 TEST(RowBits, WorkInSlabsAndFarFromTheOrigin) {
   TriangleMesh mesh = BumpySphere(40, 5);
   for (Vec3d& p : mesh.positions) p = p + Vec3d{1e6, -1e6, 3e5};
