@@ -1,17 +1,307 @@
+// The sort-last pipeline: all fragments of each voxel.
+//
+// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing): fragments are counted, given room by a scan, emitted, sorted by
+// voxel, and runs of equal voxels become buckets. Changed: they are emitted in the order of triangles and sorted stably by
+// the bits that the slab's voxel numbers have, so that each bucket is in the order of triangle ids.
+#include <cub/device/device_radix_sort.cuh>
+#include <cub/device/device_select.cuh>
+#include <thrust/iterator/counting_iterator.h>
+
+#include <algorithm>
+#include <bit>
+
+#include "cuda/a_buffer_kernel.cuh"
 #include "cuda/run_state.h"
+#include "cuda/scan.h"
+#include "pipeline/plan.h"
+#include "shaders/blend_ops.h"
+#include "shaders/fragment_input.h"
 
 namespace voxelpipe::cuda {
+namespace {
 
-absl::Status EmitFragments(RunState&) {
-  return absl::UnimplementedError("EmitFragments on CUDA");
+bool WideKeys(const RunState& state) {
+  return state.slab_voxels() > (uint64_t{1} << 32);
+}
+uint64_t KeyBytes(const RunState& state) {
+  return WideKeys(state) ? 8 : 4;
 }
 
-absl::Status SortFragments(RunState&) {
-  return absl::UnimplementedError("SortFragments on CUDA");
+struct ShadeArgs {
+  GridView grid;
+  const MeshView* mesh;
+  TargetViews targets;
+  ShaderTraits traits;  // of all targets' shaders together
+  const void* keys;
+  bool wide_keys;
+  const uint32_t* triangles;
+  uint64_t fragments;
+  uint8_t* out[kMostTargets];
+};
+
+__device__ inline void PlaceFragment(const ShadeArgs& args, uint64_t i, FragmentInput& in) {
+  const uint64_t key = args.wide_keys ? static_cast<const uint64_t*>(args.keys)[i] : static_cast<const uint32_t*>(args.keys)[i];
+  const auto nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
+  const uint32_t triangle = args.triangles[i];
+  const uint32_t* v = args.mesh->triangles[triangle];
+  const Vec3d* p = args.mesh->index_positions;
+  const TrianglePlane plane = SetUpPlane(p[v[0]], p[v[1]], p[v[2]]);
+  in = MakeFragmentInput(*args.mesh, triangle, plane.degenerate, args.traits.reads_textures());
+  in.voxel[0] = int64_t(key % nx);
+  in.voxel[1] = int64_t(key / nx % ny);
+  in.voxel[2] = int64_t(key / nx / ny) + args.grid.slab_begin;
+  if (args.traits.needs_barycentrics) in.barycentric = Barycentrics(plane, in.voxel[0], in.voxel[1], in.voxel[2]);
 }
 
-absl::Status Resolve(RunState&) {
-  return absl::UnimplementedError("Resolve on CUDA");
+__device__ inline void PutElement(uint8_t* out, VoxelFormat format, uint64_t at, uint32_t stored) {
+  switch (format) {
+    case VoxelFormat::kU8: out[at] = uint8_t(stored); break;
+    case VoxelFormat::kU16:
+    case VoxelFormat::kF16: reinterpret_cast<uint16_t*>(out)[at] = uint16_t(stored); break;
+    default: reinterpret_cast<uint32_t*>(out)[at] = stored; break;
+  }
+}
+
+// A thread a fragment; the 32 bits of a bit target that a warp makes are one word. kDiscards: instead of values, out[0] gets a byte a
+// fragment, 1 where some target keeps it.
+template <bool kDiscards>
+__global__ void __launch_bounds__(256) ShadeFragments(const __grid_constant__ ShadeArgs args) {
+  const uint64_t rounded = (args.fragments + 31) / 32 * 32;
+  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < rounded; i += uint64_t(gridDim.x) * 256) {
+    const bool real = i < args.fragments;
+    FragmentInput in;
+    if (real) PlaceFragment(args, i, in);
+    bool kept = false;
+    for (int t = 0; t < args.targets.count; ++t) {
+      const CudaTarget& target = args.targets.at[t];
+      FragmentOutput out;
+      if (real) ShadeFragment(target.shader, in, target.params, out);
+      if constexpr (kDiscards) {
+        kept = kept || !out.discard;
+        continue;
+      }
+      if (target.format == VoxelFormat::kBit) {
+        const bool bit = real && (out.discard ? target.clear_stored != 0 : ToBit(out, target.u32_output));
+        const uint32_t word = __ballot_sync(~0u, bit);
+        if (threadIdx.x % 32 == 0) reinterpret_cast<uint32_t*>(args.out[t])[i / 32] = word;
+        continue;
+      }
+      if (!real) continue;
+      const auto components = uint64_t(target.components);
+      for (uint64_t c = 0; c < components; ++c) {
+        const uint32_t stored =
+            out.discard ? target.clear_stored
+                        : StoredBits(ToCell(out, target.u32_output, int(c), target.format, target.scale), target.format);
+        const uint64_t at = args.targets.planar ? c * args.fragments + i : i * components + c;
+        PutElement(args.out[t], target.format, at, stored);
+      }
+    }
+    if constexpr (kDiscards) {
+      if (real) args.out[0][i] = kept;
+    }
+  }
+}
+
+// Voxel ids of the buckets that begin at offsets[0 .. voxels), and the end of the last one.
+__global__ void __launch_bounds__(256) ListVoxels(const void* keys, bool wide_keys, uint64_t* offsets, const uint64_t* count,
+                                                  uint64_t fragments, uint64_t first_voxel, uint64_t* voxels) {
+  const uint64_t listed = *count;
+  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i <= listed; i += uint64_t(gridDim.x) * 256) {
+    if (i == listed) {
+      offsets[i] = fragments;
+    } else {
+      const uint64_t at = offsets[i];
+      voxels[i] = first_voxel + (wide_keys ? static_cast<const uint64_t*>(keys)[at] : static_cast<const uint32_t*>(keys)[at]);
+    }
+  }
+}
+
+// Whether a fragment is the first of its voxel.
+template <typename Key>
+struct BeginsVoxel {
+  const Key* keys;
+  __device__ bool operator()(uint64_t i) const { return i == 0 || keys[i] != keys[i - 1]; }
+};
+
+unsigned BlocksFor(uint64_t count) {
+  return unsigned(std::clamp<uint64_t>((count + 255) / 256, 1, 1 << 20));
+}
+
+ShadeArgs MakeShadeArgs(RunState& state) {
+  ShadeArgs args{};
+  args.grid = state.view;
+  args.mesh = state.mesh.view.data();
+  args.targets = state.targets;
+  for (int t = 0; t < state.targets.count; ++t) args.traits |= TraitsOf(state.targets.at[t].shader);
+  args.keys = state.fragment_keys[state.fragments_in].data();
+  args.wide_keys = WideKeys(state);
+  args.triangles = state.fragment_triangles[state.fragments_in].data();
+  args.fragments = state.fragment_count;
+  return args;
+}
+
+EmitArgs MakeEmitArgs(RunState& state) {
+  EmitArgs args;
+  args.grid = state.view;
+  args.coverage = state.request.request.coverage;
+  args.triangles = state.mesh.triangles.data();
+  args.positions = state.mesh.index_positions.data();
+  args.triangle_count = state.mesh.host_view.triangle_count;
+  args.counts = state.fragment_counts.data();
+  args.first = state.fragment_first.data();
+  args.queue = state.queue[0].data();
+  args.queued = state.counters.data() + kQueued0;
+  args.keys = state.fragment_keys[0].data();
+  args.values = state.fragment_triangles[0].data();
+  return args;
+}
+
+template <typename Key>
+absl::Status Emit(RunState& state, const EmitArgs& args) {
+  EmitSmall<Key><<<BlocksFor(args.triangle_count), kEmitThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitSmall");
+  EmitLarge<Key><<<dim3(8, unsigned(state.device.multiprocessors)), kEmitThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitLarge");
+  return absl::OkStatus();
+}
+
+template <typename Key>
+absl::Status Sort(RunState& state) {
+  cub::DoubleBuffer<Key> keys(reinterpret_cast<Key*>(state.fragment_keys[0].data()),
+                              reinterpret_cast<Key*>(state.fragment_keys[1].data()));
+  cub::DoubleBuffer<uint32_t> values(state.fragment_triangles[0].data(), state.fragment_triangles[1].data());
+  const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
+  size_t scratch = 0;
+  VOXELPIPE_CUDA_OR_RETURN(
+      cub::DeviceRadixSort::SortPairs(nullptr, scratch, keys, values, state.fragment_count, 0, bits, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceRadixSort::SortPairs(state.scratch.data(), scratch, keys, values, state.fragment_count, 0,
+                                                           bits, state.stream));
+  state.fragments_in = values.Current() == state.fragment_triangles[0].data() ? 0 : 1;
+  return absl::OkStatus();
+}
+
+template <typename T>
+absl::Status Compact(RunState& state, const T* from, const uint8_t* flags, T* to, uint64_t* count) {
+  size_t scratch = 0;
+  VOXELPIPE_CUDA_OR_RETURN(
+      cub::DeviceSelect::Flagged(nullptr, scratch, from, flags, to, count, state.fragment_count, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(
+      cub::DeviceSelect::Flagged(state.scratch.data(), scratch, from, flags, to, count, state.fragment_count, state.stream));
+  return absl::OkStatus();
+}
+
+// Drops the fragments that the shaders of all targets discard.
+absl::Status DropDiscarded(RunState& state) {
+  DeviceArray<uint8_t> kept;
+  VOXELPIPE_OK_OR_RETURN(kept.Resize(state.fragment_count, state.stream));
+  ShadeArgs args = MakeShadeArgs(state);
+  args.out[0] = kept.data();
+  ShadeFragments<true><<<BlocksFor(state.fragment_count), 256, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ShadeFragments");
+  const int from = state.fragments_in, to = 1 - from;
+  uint64_t* const count = state.counters.data() + kScratch0;
+  if (WideKeys(state)) {
+    VOXELPIPE_OK_OR_RETURN(Compact(state, reinterpret_cast<const uint64_t*>(state.fragment_keys[from].data()), kept.data(),
+                                   reinterpret_cast<uint64_t*>(state.fragment_keys[to].data()), count));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(Compact(state, reinterpret_cast<const uint32_t*>(state.fragment_keys[from].data()), kept.data(),
+                                   reinterpret_cast<uint32_t*>(state.fragment_keys[to].data()), count));
+  }
+  VOXELPIPE_OK_OR_RETURN(Compact(state, static_cast<const uint32_t*>(state.fragment_triangles[from].data()), kept.data(),
+                                 state.fragment_triangles[to].data(), count));
+  const absl::StatusOr<uint64_t> left = ReadElement(state, count);
+  if (!left.ok()) return left.status();
+  state.fragment_count = *left;
+  state.fragments_in = to;
+  return absl::OkStatus();
+}
+
+template <typename Key>
+absl::Status FindBuckets(RunState& state) {
+  const BeginsVoxel<Key> begins{reinterpret_cast<const Key*>(state.fragment_keys[state.fragments_in].data())};
+  const thrust::counting_iterator<uint64_t> numbers(0);
+  uint64_t* const count = state.counters.data() + kScratch1;
+  size_t scratch = 0;
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(nullptr, scratch, numbers, state.result.offsets.data(), count,
+                                                 state.fragment_count, begins, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(state.scratch.data(), scratch, numbers, state.result.offsets.data(), count,
+                                                 state.fragment_count, begins, state.stream));
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status EmitFragments(RunState& state) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  state.fragment_count = 0;
+  state.fragments_in = 0;
+  if (triangles == 0) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Resize(triangles + 1, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(triangles + 1, state.stream));
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0}));
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaMemsetAsync(state.fragment_counts.data() + triangles, 0, sizeof(uint32_t), state.stream));
+  const EmitArgs counting = MakeEmitArgs(state);
+  CountSmall<<<BlocksFor(triangles), kEmitThreads, 0, state.stream>>>(counting);
+  VOXELPIPE_LAUNCHED_OR_RETURN("CountSmall");
+  CountLarge<<<dim3(8, unsigned(state.device.multiprocessors)), kEmitThreads, 0, state.stream>>>(counting);
+  VOXELPIPE_LAUNCHED_OR_RETURN("CountLarge");
+  VOXELPIPE_OK_OR_RETURN(
+      ExclusiveScan(state, state.fragment_counts.data(), state.fragment_first.data(), triangles + 1));
+  const absl::StatusOr<uint64_t> total = ReadElement(state, state.fragment_first.data() + triangles);
+  if (!total.ok()) return total.status();
+  state.fragment_count = *total;
+  if (state.fragment_count == 0) return absl::OkStatus();
+  for (int i = 0; i < 2; ++i) {
+    VOXELPIPE_OK_OR_RETURN(state.fragment_keys[i].Resize(state.fragment_count * KeyBytes(state), state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.fragment_triangles[i].Resize(state.fragment_count, state.stream));
+  }
+  const EmitArgs emitting = MakeEmitArgs(state);
+  return WideKeys(state) ? Emit<uint64_t>(state, emitting) : Emit<uint32_t>(state, emitting);
+}
+
+absl::Status SortFragments(RunState& state) {
+  if (state.fragment_count == 0) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(WideKeys(state) ? Sort<uint64_t>(state) : Sort<uint32_t>(state));
+  return state.targets.any_always_present ? absl::OkStatus() : DropDiscarded(state);
+}
+
+absl::Status Resolve(RunState& state) {
+  DeviceResult& out = state.result;
+  const uint64_t fragments = state.fragment_count;
+  const uint64_t most_voxels = std::min(fragments, state.slab_voxels());
+  VOXELPIPE_OK_OR_RETURN(out.offsets.Resize(most_voxels + 1, state.stream));
+  VOXELPIPE_OK_OR_RETURN(out.voxels.Resize(most_voxels, state.stream));
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kScratch1}));
+  if (fragments > 0) {
+    VOXELPIPE_OK_OR_RETURN(WideKeys(state) ? FindBuckets<uint64_t>(state) : FindBuckets<uint32_t>(state));
+  }
+  uint64_t* const voxels = state.counters.data() + kScratch1;
+  ListVoxels<<<BlocksFor(most_voxels + 1), 256, 0, state.stream>>>(
+      state.fragment_keys[state.fragments_in].data(), WideKeys(state), out.offsets.data(), voxels, fragments,
+      uint64_t(state.slab.begin) * uint64_t(state.view.dims[0]) * uint64_t(state.view.dims[1]), out.voxels.data());
+  VOXELPIPE_LAUNCHED_OR_RETURN("ListVoxels");
+  const absl::StatusOr<uint64_t> listed = ReadElement(state, voxels);
+  if (!listed.ok()) return listed.status();
+  out.listed_voxels = *listed;
+  out.listed_fragments = fragments;
+  ShadeArgs args = MakeShadeArgs(state);
+  out.targets.resize(size_t(state.targets.count));
+  for (int t = 0; t < state.targets.count; ++t) {
+    DeviceArray<uint8_t>& values = out.targets[size_t(t)];
+    const uint64_t bytes = TargetBytes(state.request.request.targets[size_t(t)], fragments);
+    VOXELPIPE_OK_OR_RETURN(values.Resize((bytes + 3) / 4 * 4, state.stream));
+    args.out[t] = values.data();
+  }
+  if (fragments > 0) {
+    ShadeFragments<false><<<BlocksFor(fragments), 256, 0, state.stream>>>(args);
+    VOXELPIPE_LAUNCHED_OR_RETURN("ShadeFragments");
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cuda

@@ -42,11 +42,11 @@ struct TargetMemory {
   DeviceArray<uint8_t> dense;
 };
 
-// Arrays of a sparse or bucketed result on the device, as ResultArrays has them.
+// Arrays of a sparse or bucketed result on the device, as ResultArrays has them; the triangles of buckets are
+// RunState::fragment_triangles.
 struct DeviceResult {
   DeviceArray<uint64_t> bricks, voxels, offsets;
   DeviceArray<uint8_t> masks;
-  DeviceArray<uint32_t> triangles;
   std::vector<DeviceArray<uint8_t>> targets;
   uint64_t listed_bricks = 0, listed_voxels = 0, listed_fragments = 0;  // known to the host
 };
@@ -93,6 +93,18 @@ struct RunState {
   uint64_t value_stride = 0;
   std::array<uint64_t, kMaxTargets> value_offset{};
   DeviceResult result;  // sparse, buckets
+
+  // Sparse: per tile of the slab, and one more
+  DeviceArray<uint32_t> brick_counts, voxel_counts;
+  DeviceArray<uint64_t> first_brick, first_voxel;
+
+  // Buckets: EmitFragments, SortFragments. Fragments in two copies, one of which is the current one.
+  DeviceArray<uint32_t> fragment_counts;       // per triangle
+  DeviceArray<uint64_t> fragment_first;        // per triangle: where its fragments begin before they are sorted
+  DeviceArray<uint8_t> fragment_keys[2];       // voxel index within the slab: u32, u64 where the slab has more voxels
+  DeviceArray<uint32_t> fragment_triangles[2];
+  uint64_t fragment_count = 0;
+  int fragments_in = 0;  // the current copy
 
   // FineRaster, SolidFill
   DeviceArray<uint32_t> inside, outside;  // bit grids; outside is of the whole grid

@@ -179,7 +179,8 @@ absl::StatusOr<ResultArrays> CopyResult(RunState& state) {
   if (buckets) {
     VOXELPIPE_OK_OR_RETURN(Take(r.voxels, r.listed_voxels, out.voxels, state.stream));
     VOXELPIPE_OK_OR_RETURN(Take(r.offsets, r.listed_voxels + 1, out.offsets, state.stream));
-    VOXELPIPE_OK_OR_RETURN(Take(r.triangles, r.listed_fragments, out.triangles, state.stream));
+    VOXELPIPE_OK_OR_RETURN(
+        Take(state.fragment_triangles[state.fragments_in], r.listed_fragments, out.triangles, state.stream));
   } else {
     VOXELPIPE_OK_OR_RETURN(Take(r.bricks, r.listed_bricks, out.bricks, state.stream));
     VOXELPIPE_OK_OR_RETURN(Take(r.masks, r.listed_bricks * 64, out.masks, state.stream));
