@@ -3,9 +3,9 @@
 // Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing): fragments are counted, given room by a scan, emitted, sorted by
 // voxel, and runs of equal voxels become buckets. Changed: they are emitted in the order of triangles and sorted stably by
 // the bits that the slab's voxel numbers have, so that each bucket is in the order of triangle ids.
+#include <thrust/iterator/counting_iterator.h>
 #include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_select.cuh>
-#include <thrust/iterator/counting_iterator.h>
 
 #include <algorithm>
 #include <bit>
@@ -40,7 +40,8 @@ struct ShadeArgs {
 };
 
 __device__ inline void PlaceFragment(const ShadeArgs& args, uint64_t i, FragmentInput& in) {
-  const uint64_t key = args.wide_keys ? static_cast<const uint64_t*>(args.keys)[i] : static_cast<const uint32_t*>(args.keys)[i];
+  const uint64_t key =
+      args.wide_keys ? static_cast<const uint64_t*>(args.keys)[i] : static_cast<const uint32_t*>(args.keys)[i];
   const auto nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
   const uint32_t triangle = args.triangles[i];
   const uint32_t* v = args.mesh->triangles[triangle];
@@ -90,8 +91,9 @@ __global__ void __launch_bounds__(256) ShadeFragments(const __grid_constant__ Sh
       const auto components = uint64_t(target.components);
       for (uint64_t c = 0; c < components; ++c) {
         const uint32_t stored =
-            out.discard ? target.clear_stored
-                        : StoredBits(ToCell(out, target.u32_output, int(c), target.format, target.scale), target.format);
+            out.discard
+                ? target.clear_stored
+                : StoredBits(ToCell(out, target.u32_output, int(c), target.format, target.scale), target.format);
         const uint64_t at = args.targets.planar ? c * args.fragments + i : i * components + c;
         PutElement(args.out[t], target.format, at, stored);
       }
@@ -103,15 +105,17 @@ __global__ void __launch_bounds__(256) ShadeFragments(const __grid_constant__ Sh
 }
 
 // Voxel ids of the buckets that begin at offsets[0 .. voxels), and the end of the last one.
-__global__ void __launch_bounds__(256) ListVoxels(const void* keys, bool wide_keys, uint64_t* offsets, const uint64_t* count,
-                                                  uint64_t fragments, uint64_t first_voxel, uint64_t* voxels) {
+__global__ void __launch_bounds__(256)
+    ListVoxels(const void* keys, bool wide_keys, uint64_t* offsets, const uint64_t* count, uint64_t fragments,
+               uint64_t first_voxel, uint64_t* voxels) {
   const uint64_t listed = *count;
   for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i <= listed; i += uint64_t(gridDim.x) * 256) {
     if (i == listed) {
       offsets[i] = fragments;
     } else {
       const uint64_t at = offsets[i];
-      voxels[i] = first_voxel + (wide_keys ? static_cast<const uint64_t*>(keys)[at] : static_cast<const uint32_t*>(keys)[at]);
+      voxels[i] =
+          first_voxel + (wide_keys ? static_cast<const uint64_t*>(keys)[at] : static_cast<const uint32_t*>(keys)[at]);
     }
   }
 }
@@ -175,8 +179,8 @@ absl::Status Sort(RunState& state) {
   VOXELPIPE_CUDA_OR_RETURN(
       cub::DeviceRadixSort::SortPairs(nullptr, scratch, keys, values, state.fragment_count, 0, bits, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceRadixSort::SortPairs(state.scratch.data(), scratch, keys, values, state.fragment_count, 0,
-                                                           bits, state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceRadixSort::SortPairs(state.scratch.data(), scratch, keys, values,
+                                                           state.fragment_count, 0, bits, state.stream));
   state.fragments_in = values.Current() == state.fragment_triangles[0].data() ? 0 : 1;
   return absl::OkStatus();
 }
@@ -187,8 +191,8 @@ absl::Status Compact(RunState& state, const T* from, const uint8_t* flags, T* to
   VOXELPIPE_CUDA_OR_RETURN(
       cub::DeviceSelect::Flagged(nullptr, scratch, from, flags, to, count, state.fragment_count, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(
-      cub::DeviceSelect::Flagged(state.scratch.data(), scratch, from, flags, to, count, state.fragment_count, state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::Flagged(state.scratch.data(), scratch, from, flags, to, count,
+                                                      state.fragment_count, state.stream));
   return absl::OkStatus();
 }
 
@@ -203,14 +207,14 @@ absl::Status DropDiscarded(RunState& state) {
   const int from = state.fragments_in, to = 1 - from;
   uint64_t* const count = state.counters.data() + kScratch0;
   if (WideKeys(state)) {
-    VOXELPIPE_OK_OR_RETURN(Compact(state, reinterpret_cast<const uint64_t*>(state.fragment_keys[from].data()), kept.data(),
-                                   reinterpret_cast<uint64_t*>(state.fragment_keys[to].data()), count));
+    VOXELPIPE_OK_OR_RETURN(Compact(state, reinterpret_cast<const uint64_t*>(state.fragment_keys[from].data()),
+                                   kept.data(), reinterpret_cast<uint64_t*>(state.fragment_keys[to].data()), count));
   } else {
-    VOXELPIPE_OK_OR_RETURN(Compact(state, reinterpret_cast<const uint32_t*>(state.fragment_keys[from].data()), kept.data(),
-                                   reinterpret_cast<uint32_t*>(state.fragment_keys[to].data()), count));
+    VOXELPIPE_OK_OR_RETURN(Compact(state, reinterpret_cast<const uint32_t*>(state.fragment_keys[from].data()),
+                                   kept.data(), reinterpret_cast<uint32_t*>(state.fragment_keys[to].data()), count));
   }
-  VOXELPIPE_OK_OR_RETURN(Compact(state, static_cast<const uint32_t*>(state.fragment_triangles[from].data()), kept.data(),
-                                 state.fragment_triangles[to].data(), count));
+  VOXELPIPE_OK_OR_RETURN(Compact(state, static_cast<const uint32_t*>(state.fragment_triangles[from].data()),
+                                 kept.data(), state.fragment_triangles[to].data(), count));
   const absl::StatusOr<uint64_t> left = ReadElement(state, count);
   if (!left.ok()) return left.status();
   state.fragment_count = *left;
@@ -227,8 +231,8 @@ absl::Status FindBuckets(RunState& state) {
   VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(nullptr, scratch, numbers, state.result.offsets.data(), count,
                                                  state.fragment_count, begins, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(state.scratch.data(), scratch, numbers, state.result.offsets.data(), count,
-                                                 state.fragment_count, begins, state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(state.scratch.data(), scratch, numbers, state.result.offsets.data(),
+                                                 count, state.fragment_count, begins, state.stream));
   return absl::OkStatus();
 }
 

@@ -19,7 +19,7 @@ struct EmitArgs {
   const uint64_t* first = nullptr;  // per triangle: where its fragments go
   uint32_t* queue = nullptr;        // triangles that are too large for a thread
   uint64_t* queued = nullptr;
-  void* keys = nullptr;       // voxel index within the slab
+  void* keys = nullptr;        // voxel index within the slab
   uint32_t* values = nullptr;  // triangle
 };
 
@@ -29,8 +29,8 @@ __device__ inline TriangleSetup SetUp(const EmitArgs& args, uint64_t t) {
 }
 
 template <typename Key>
-__device__ inline void EmitRow(const EmitArgs& args, uint64_t at, uint32_t triangle, int64_t y, int64_t z, int64_t x_begin,
-                               int64_t x_end) {
+__device__ inline void EmitRow(const EmitArgs& args, uint64_t at, uint32_t triangle, int64_t y, int64_t z,
+                               int64_t x_begin, int64_t x_end) {
   Key* const keys = static_cast<Key*>(args.keys);
   const auto row = uint64_t(args.grid.dims[0]) * uint64_t(y + args.grid.dims[1] * (z - args.grid.slab_begin));
   for (int64_t x = x_begin; x < x_end; ++x, ++at) {
@@ -90,7 +90,8 @@ __device__ inline void ForEachQueuedRow(const EmitArgs& args, const Visit& visit
     const TriangleSetup s = SetUp(args, t);
     const VoxelRange range = ClipToRange(s, args.grid.SlabRange());
     const uint64_t rows = uint64_t(range.end[1] - range.begin[1]) * uint64_t(range.end[2] - range.begin[2]);
-    for (uint64_t first = uint64_t(blockIdx.x) * kEmitThreads; first < rows; first += uint64_t(gridDim.x) * kEmitThreads) {
+    for (uint64_t first = uint64_t(blockIdx.x) * kEmitThreads; first < rows;
+         first += uint64_t(gridDim.x) * kEmitThreads) {
       const uint64_t row = first + threadIdx.x;
       int64_t y = 0, z = 0, x_begin = 0, x_end = 0;
       if (row >= rows || !RowSpan(s, range, row, y, z, x_begin, x_end)) x_begin = x_end = 0;

@@ -80,8 +80,8 @@ __global__ void __launch_bounds__(kThreads) SweepAlong(const SweepArgs args) {
   Report(args, changed);
 }
 
-__global__ void __launch_bounds__(kThreads) Invert(const uint32_t* outside, uint32_t* inside, uint64_t count, int64_t words,
-                                                   uint32_t last_mask) {
+__global__ void __launch_bounds__(kThreads)
+    Invert(const uint32_t* outside, uint32_t* inside, uint64_t count, int64_t words, uint32_t last_mask) {
   for (uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x; i < count; i += uint64_t(gridDim.x) * kThreads) {
     inside[i] = ~outside[i] & (int64_t(i % uint64_t(words)) + 1 == words ? last_mask : ~0u);
   }

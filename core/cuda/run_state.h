@@ -99,9 +99,9 @@ struct RunState {
   DeviceArray<uint64_t> first_brick, first_voxel;
 
   // Buckets: EmitFragments, SortFragments. Fragments in two copies, one of which is the current one.
-  DeviceArray<uint32_t> fragment_counts;       // per triangle
-  DeviceArray<uint64_t> fragment_first;        // per triangle: where its fragments begin before they are sorted
-  DeviceArray<uint8_t> fragment_keys[2];       // voxel index within the slab: u32, u64 where the slab has more voxels
+  DeviceArray<uint32_t> fragment_counts;  // per triangle
+  DeviceArray<uint64_t> fragment_first;   // per triangle: where its fragments begin before they are sorted
+  DeviceArray<uint8_t> fragment_keys[2];  // voxel index within the slab: u32, u64 where the slab has more voxels
   DeviceArray<uint32_t> fragment_triangles[2];
   uint64_t fragment_count = 0;
   int fragments_in = 0;  // the current copy

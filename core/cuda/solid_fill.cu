@@ -20,8 +20,9 @@ struct ToggleArgs {
   const uint32_t* triangles;
   const Vec3d* positions;  // index space
   uint64_t triangle_count;
-  uint32_t* inside;   // bit grid of the slab
-  uint32_t* columns;  // one bit a column (j, k) of the slab: the parity of all its crossings; rows of column_words words
+  uint32_t* inside;  // bit grid of the slab
+  uint32_t*
+      columns;  // one bit a column (j, k) of the slab: the parity of all its crossings; rows of column_words words
   int64_t column_words;
   uint32_t* queue;
   uint64_t *queued, *odd;
@@ -51,7 +52,8 @@ __device__ inline void CentreRange(double lo, double hi, int64_t first, int64_t 
 
 __device__ inline Lines LinesOf(const ToggleArgs& args, const Corners& t) {
   Lines lines;
-  CentreRange(Min(t.a.y, Min(t.b.y, t.c.y)), Max(t.a.y, Max(t.b.y, t.c.y)), 0, args.grid.dims[1], lines.y_begin, lines.y_end);
+  CentreRange(Min(t.a.y, Min(t.b.y, t.c.y)), Max(t.a.y, Max(t.b.y, t.c.y)), 0, args.grid.dims[1], lines.y_begin,
+              lines.y_end);
   CentreRange(Min(t.a.z, Min(t.b.z, t.c.z)), Max(t.a.z, Max(t.b.z, t.c.z)), args.grid.slab_begin, args.grid.slab_end,
               lines.z_begin, lines.z_end);
   return lines;
@@ -94,7 +96,8 @@ __global__ void __launch_bounds__(kThreads) ToggleLarge(const __grid_constant__ 
     const Corners corners = Load(args, args.queue[i]);
     const Lines lines = LinesOf(args, corners);
     const uint64_t count = lines.count(), ny = uint64_t(lines.y_end - lines.y_begin);
-    for (uint64_t line = uint64_t(blockIdx.x) * kThreads + threadIdx.x; line < count; line += uint64_t(gridDim.x) * kThreads) {
+    for (uint64_t line = uint64_t(blockIdx.x) * kThreads + threadIdx.x; line < count;
+         line += uint64_t(gridDim.x) * kThreads) {
       ToggleLine(args, corners, lines.y_begin + int64_t(line % ny), lines.z_begin + int64_t(line / ny));
     }
   }

@@ -16,7 +16,7 @@ constexpr int kThreads = 256;
 
 struct BrickArgs {
   GridView grid;
-  uint64_t tile_count;  // of the slab
+  uint64_t tile_count;                // of the slab
   const uint32_t *coverage, *inside;  // bit grids; inside may be null
   uint32_t *brick_counts, *voxel_counts;
   const uint64_t *first_brick, *first_voxel;
@@ -108,7 +108,8 @@ __device__ inline void EmitVoxel(const BrickArgs& args, uint32_t slot, int row, 
         const uint64_t at = uint64_t(row * 32 + x) * uint64_t(target.components) + uint64_t(c);
         stored = LoadElement(args.tile_values + slot * args.value_stride + args.value_offset[t], target.format, at);
       }
-      const uint64_t to = args.targets.planar ? uint64_t(c) * args.all_voxels + n : n * uint64_t(target.components) + uint64_t(c);
+      const uint64_t to =
+          args.targets.planar ? uint64_t(c) * args.all_voxels + n : n * uint64_t(target.components) + uint64_t(c);
       StoreElement(args.out[t], target.format, to, stored);
     }
   }
@@ -119,11 +120,11 @@ __global__ void __launch_bounds__(kThreads) EmitBricks(const __grid_constant__ B
   const int lane = int(threadIdx.x % 32);
   const uint64_t warps = uint64_t(gridDim.x) * (kThreads / 32);
   const auto nbx = uint64_t((args.grid.dims[0] + 7) / 8), nby = uint64_t((args.grid.dims[1] + 7) / 8);
-  for (uint64_t tile = uint64_t(blockIdx.x) * (kThreads / 32) + threadIdx.x / 32; tile < args.tile_count; tile += warps) {
+  for (uint64_t tile = uint64_t(blockIdx.x) * (kThreads / 32) + threadIdx.x / 32; tile < args.tile_count;
+       tile += warps) {
     if (args.voxel_counts[tile] == 0) continue;
     const TileAt at = Locate(args, tile);
-    const uint32_t slot =
-        args.tile_slot == nullptr ? 0 : args.tile_slot[args.grid.tiles.Index(at.x, at.y, at.z)];
+    const uint32_t slot = args.tile_slot == nullptr ? 0 : args.tile_slot[args.grid.tiles.Index(at.x, at.y, at.z)];
     uint64_t words[2] = {0, 0};
     uint32_t bits[2] = {0, 0};
     for (int half = 0; half < 2; ++half) {
