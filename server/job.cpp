@@ -34,6 +34,7 @@ uint64_t SceneBytes(const Scene& scene) {
       bytes +=
           Bytes(p.positions) + Bytes(p.normals) + Bytes(p.tangents) + Bytes(p.uv[0]) + Bytes(p.uv[1]) + Bytes(p.colors);
       for (int set = 0; set < 2; ++set) bytes += Bytes(p.joints[set]) + Bytes(p.weights[set]);
+      for (const VertexAttribute& attribute : p.attributes) bytes += Bytes(attribute.values);
       bytes += Bytes(p.triangles);
     }
   }

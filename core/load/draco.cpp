@@ -7,6 +7,7 @@
 #include <draco/core/varint_decoding.h>
 #include <draco/metadata/metadata_decoder.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <new>
@@ -106,23 +107,33 @@ DracoAttribute::Kind KindOf(draco::GeometryAttribute::Type type) {
   }
 }
 
-// What an integer colour is divided by where the stream does not call it normalized.
-float ColorScale(const draco::PointAttribute& attribute) {
-  if (attribute.normalized()) return 1;
-  if (attribute.data_type() == draco::DT_UINT8) return 1.0f / 255.0f;
-  if (attribute.data_type() == draco::DT_UINT16) return 1.0f / 65535.0f;
-  return 1;
+double IntegerMost(draco::DataType type) {
+  switch (type) {
+    case draco::DT_INT8: return 127;
+    case draco::DT_UINT8: return 255;
+    case draco::DT_INT16: return 32767;
+    case draco::DT_UINT16: return 65535;
+    case draco::DT_INT32: return 2147483647;
+    case draco::DT_UINT32: return 4294967295;
+    case draco::DT_INT64: return 0x1p63;
+    case draco::DT_UINT64: return 0x1p64;
+    default: return 0;
+  }
 }
 
-absl::StatusOr<DracoAttribute> ReadAttribute(const draco::PointAttribute& attribute, uint32_t points) {
+// `attribute` is no longer normalized afterwards: Draco's own conversion would not clamp as glTF wants it.
+absl::StatusOr<DracoAttribute> ReadAttribute(draco::PointAttribute& attribute, uint32_t points) {
   DracoAttribute out;
   out.unique_id = attribute.unique_id();
   out.kind = KindOf(attribute.attribute_type());
   out.components = attribute.num_components();
+  out.integer_most = IntegerMost(attribute.data_type());
+  const bool unsigned_short = attribute.data_type() == draco::DT_UINT8 || attribute.data_type() == draco::DT_UINT16;
+  out.normalized = attribute.normalized() || (out.kind == DracoAttribute::Kind::kColor && unsigned_short);
+  attribute.set_normalized(false);
   if (out.components < 1 || out.components > 4) {
     return Invalid(absl::StrCat("attribute ", out.unique_id, " has ", out.components, " components"));
   }
-  const float scale = out.kind == DracoAttribute::Kind::kColor ? ColorScale(attribute) : 1;
   out.values.resize(size_t(points) * size_t(out.components));
   for (uint32_t i = 0; i < points; ++i) {
     const draco::AttributeValueIndex at = attribute.mapped_index(draco::PointIndex(i));
@@ -130,7 +141,6 @@ absl::StatusOr<DracoAttribute> ReadAttribute(const draco::PointAttribute& attrib
     if (at.value() >= attribute.size() || !attribute.ConvertValue<float>(at, int8_t(out.components), value)) {
       return Invalid(absl::StrCat("attribute ", out.unique_id, " has no value for point ", i));
     }
-    for (int c = 0; c < out.components; ++c) value[c] *= scale;
     if (out.kind != DracoAttribute::Kind::kPosition) continue;
     for (int c = 0; c < out.components; ++c) {
       if (!std::isfinite(value[c])) return Invalid(absl::StrCat("the position of point ", i, " is not finite"));
@@ -164,11 +174,14 @@ absl::StatusOr<DracoMesh> Decode(std::span<const uint8_t> bytes, bool is_mesh, c
     out.triangles.push_back(t);
   }
   for (int32_t i = 0; i < mesh->num_attributes(); ++i) {
-    const draco::PointAttribute& attribute = *mesh->attribute(i);
+    draco::PointAttribute& attribute = *mesh->attribute(i);
     // Custom data that no shader reads. Draco's conversion of DT_BOOL loads a stranger's byte as a bool, which is undefined.
     if (attribute.num_components() > 4 || attribute.data_type() == draco::DT_BOOL) continue;
     auto read = ReadAttribute(attribute, out.points);
     if (!read.ok()) return read.status();
+    if (const draco::AttributeMetadata* const metadata = mesh->GetAttributeMetadataByAttributeId(i)) {
+      metadata->GetEntryString("name", &read->name);
+    }
     out.attributes.push_back(*std::move(read));
   }
   return out;
@@ -186,10 +199,11 @@ std::vector<Vector> Take(const DracoAttribute& attribute, uint32_t points) {
   return out;
 }
 
-Primitive ToPrimitive(const DracoMesh& mesh) {
+Primitive ToPrimitive(DracoMesh& mesh) {
   Primitive primitive;
   primitive.triangles = mesh.triangles;
-  for (const DracoAttribute& attribute : mesh.attributes) {
+  for (DracoAttribute& attribute : mesh.attributes) {
+    if (attribute.normalized) Normalize(attribute);
     if (attribute.kind == DracoAttribute::Kind::kPosition && attribute.components == 3 && primitive.positions.empty()) {
       primitive.positions = Take<Vec3f, 3>(attribute, mesh.points);
     } else if (attribute.kind == DracoAttribute::Kind::kNormal && attribute.components == 3 &&
@@ -201,12 +215,24 @@ Primitive ToPrimitive(const DracoMesh& mesh) {
     } else if (attribute.kind == DracoAttribute::Kind::kColor && attribute.components >= 3 &&
                primitive.colors.empty()) {
       primitive.colors = Take<Vec4f, 4>(attribute, mesh.points);
+    } else if (attribute.kind == DracoAttribute::Kind::kOther && !attribute.name.empty() &&
+               std::none_of(primitive.attributes.begin(), primitive.attributes.end(),
+                            [&](const VertexAttribute& known) { return known.name == attribute.name; })) {
+      primitive.attributes.push_back({attribute.name, attribute.components, std::move(attribute.values)});
     }
   }
   return primitive;
 }
 
 }  // namespace
+
+void Normalize(DracoAttribute& attribute) {
+  if (attribute.integer_most == 0) return;
+  for (float& value : attribute.values) {
+    const float scaled = static_cast<float>(static_cast<double>(value) / attribute.integer_most);
+    value = scaled < -1.0f ? -1.0f : scaled;
+  }
+}
 
 absl::StatusOr<DracoMesh> DecodeDraco(std::span<const uint8_t> bytes, const LoadLimits& limits) {
   try {

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -12,14 +13,22 @@
 
 namespace voxelpipe {
 
-// One attribute of a decoded Draco mesh, converted to float (normalized integers divided by their maximum).
+// One attribute of a decoded Draco mesh, converted to float, integers as they are.
 struct DracoAttribute {
   enum class Kind { kPosition, kNormal, kColor, kTexCoord, kOther };
   uint32_t unique_id = 0;
   Kind kind = Kind::kOther;
+  std::string name;         // from its metadata, usually empty
+  double integer_most = 0;  // the largest value of its integer type, 0 for floats
+  // Integers stand for fractions of integer_most: by the stream's word, or as colours of unsigned bytes or shorts.
+  bool normalized = false;
   int components = 0;         // 1-4
   std::vector<float> values;  // points * components
 };
+
+// Divides integers by the largest of their type as glTF does (2.0, section 3.6.2.2): signed ones not below -1. Floats
+// stay.
+void Normalize(DracoAttribute& attribute);
 
 struct DracoMesh {
   uint32_t points = 0;
@@ -34,7 +43,8 @@ struct DracoMesh {
 // Errors: INVALID_ARGUMENT saying what is broken; RESOURCE_EXHAUSTED naming the limit.
 absl::StatusOr<DracoMesh> DecodeDraco(std::span<const uint8_t> bytes, const LoadLimits& limits);
 
-// A plain .drc file as a scene of one node, one mesh and one primitive (none for a point cloud).
+// A plain .drc file as a scene of one node, one mesh and one primitive (none for a point cloud). Generic attributes
+// that have a name in their metadata are kept by it.
 absl::StatusOr<Scene> LoadDraco(std::span<const uint8_t> bytes, const LoadLimits& limits);
 
 }  // namespace voxelpipe

@@ -7,11 +7,30 @@
 
 namespace voxelpipe::gltf {
 
-absl::StatusOr<const DracoAttribute*> AttributeSource::InDraco(const std::string& name) const {
+std::vector<std::string> AttributeSource::OwnNames() const {
+  std::vector<std::string> names;
+  for (const auto& [name, accessor] : accessors_) {
+    if (name[0] == '_') names.push_back(name);
+  }
+  return names;
+}
+
+bool AttributeSource::IsNormalized(const std::string& name, const DracoAttribute& attribute) const {
+  // Encoders seldom tell the stream what the accessor knows; glTF has no colours but normalized ones.
+  constexpr int kFloat = 5126;
+  const auto accessor = accessors_.find(name);
+  if (accessor == accessors_.end() || attribute.kind == DracoAttribute::Kind::kColor) return attribute.normalized;
+  const AccessorDecl& decl = context_.accessors.decl(static_cast<uint32_t>(accessor->second));
+  return decl.component_type == kFloat ? attribute.normalized : decl.normalized;
+}
+
+absl::StatusOr<const DracoAttribute*> AttributeSource::InDraco(const std::string& name) {
   const auto id = draco_ids_.find(name);
   if (!draco_ || id == draco_ids_.end()) return nullptr;
-  for (const DracoAttribute& attribute : draco_->attributes) {
-    if (attribute.unique_id == id->second) return &attribute;
+  for (DracoAttribute& attribute : draco_->attributes) {
+    if (attribute.unique_id != id->second) continue;
+    if (IsNormalized(name, attribute) && normalized_.insert(attribute.unique_id).second) Normalize(attribute);
+    return &attribute;
   }
   return absl::InvalidArgumentError(
       absl::StrCat(name, " names the Draco attribute ", id->second, ", which the stream does not have"));

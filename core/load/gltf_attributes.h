@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -41,15 +42,21 @@ class AttributeSource {
   template <typename V>
   absl::StatusOr<std::optional<AttributeVectors<V>>> FindVectors(const std::string& name);
 
+  // Names of the file's own attributes, those that begin with an underscore, ascending.
+  std::vector<std::string> OwnNames() const;
+
   const std::optional<DracoMesh>& draco() const { return draco_; }
 
  private:
-  // The stream's attribute that stands for `name`, null if an accessor does.
-  absl::StatusOr<const DracoAttribute*> InDraco(const std::string& name) const;
+  // The stream's attribute that stands for `name`, null if an accessor does. Integers are divided by their maximum if
+  // the name's accessor is normalized, or, where no accessor of integers says so, the stream is.
+  absl::StatusOr<const DracoAttribute*> InDraco(const std::string& name);
+  bool IsNormalized(const std::string& name, const DracoAttribute& attribute) const;
 
   const std::map<std::string, int>& accessors_;
   std::map<std::string, uint32_t> draco_ids_;
   std::optional<DracoMesh> draco_;
+  std::set<uint32_t> normalized_;  // unique ids of the stream's attributes that are divided already
   const PrimitiveContext& context_;
 };
 

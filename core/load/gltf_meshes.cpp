@@ -64,6 +64,37 @@ absl::Status CheckJoints(const Scene& scene) {
   return absl::OkStatus();
 }
 
+// What a shader will find where primitives differ in the file's own attributes.
+void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, std::vector<std::string>& warnings) {
+  struct Use {
+    size_t primitives = 0;
+    int least = 4, most = 1;  // components
+  };
+  std::map<std::string, Use> uses;
+  size_t drawn = 0;
+  for (const Mesh& mesh : meshes) {
+    for (const Primitive& primitive : mesh.primitives) {
+      if (!primitive.triangles.empty()) ++drawn;
+      for (const VertexAttribute& attribute : primitive.attributes) {
+        Use& use = uses[attribute.name];
+        if (!primitive.triangles.empty()) ++use.primitives;
+        use.least = std::min(use.least, attribute.components);
+        use.most = std::max(use.most, attribute.components);
+      }
+    }
+  }
+  for (const auto& [name, use] : uses) {
+    if (use.primitives < drawn) {
+      warnings.push_back(absl::StrCat("attribute ", name, " is missing in ", drawn - use.primitives, " of ",
+                                      drawn, " primitives; it counts as 0 there"));
+    }
+    if (use.least < use.most) {
+      warnings.push_back(absl::StrCat("attribute ", name, " has ", use.least, " to ", use.most,
+                                      " components; it counts as ", use.most));
+    }
+  }
+}
+
 // The Draco streams of the meshes in reading order, up to the first that is at fault (reading it says so) or that must be
 // decompressed itself (which takes of the budget in its turn).
 std::vector<std::span<const uint8_t>> DracoStreams(const tinygltf::Model& model, PrimitiveContext& context) {
@@ -92,6 +123,7 @@ absl::Status ReadMeshes(const tinygltf::Model& model, PrimitiveContext& context,
     if (!mesh.ok()) return mesh.status();
     scene.meshes.push_back(*std::move(mesh));
   }
+  WarnOfUnevenAttributes(scene.meshes, scene.warnings);
   std::map<std::pair<int, std::vector<double>>, int> copies;
   for (size_t i = 0; i < scene.nodes.size(); ++i) {
     const std::vector<double>& weights = model.nodes[i].weights;

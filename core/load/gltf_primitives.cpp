@@ -60,7 +60,8 @@ class Filler {
       if (absl::Status bad = Vectors<Vec2f>(absl::StrCat("TEXCOORD_", set), out_.uv[set]); !bad.ok()) return bad;
       if (absl::Status bad = Joints(set); !bad.ok()) return bad;
     }
-    return Colors();
+    if (absl::Status bad = Colors(); !bad.ok()) return bad;
+    return Own();
   }
 
  private:
@@ -110,6 +111,16 @@ class Filler {
     out_.colors.resize(values.size() / n);
     for (size_t i = 0; i < out_.colors.size(); ++i) {
       out_.colors[i] = {values[i * n], values[i * n + 1], values[i * n + 2], n == 4 ? values[i * n + 3] : 1.0f};
+    }
+    return absl::OkStatus();
+  }
+
+  // The file's own attributes.
+  absl::Status Own() {
+    for (const std::string& name : source_.OwnNames()) {
+      absl::StatusOr<std::optional<AttributeValues>> data = Values(name, 1, 4);
+      if (!data.ok()) return data.status();
+      if (*data) out_.attributes.push_back({name, (*data)->components, std::move((*data)->values)});
     }
     return absl::OkStatus();
   }

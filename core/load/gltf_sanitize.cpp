@@ -1,6 +1,9 @@
 #include "load/gltf_sanitize.h"
 
+#include <algorithm>
+
 #include "load/gltf_fields.h"
+#include "load/json_guard.h"
 
 namespace voxelpipe::gltf {
 namespace {
@@ -48,14 +51,30 @@ void CopyNumbers(Fields& fields, const char* key, size_t length, Json& to) {
   to[key] = *array;
 }
 
-// A map from attribute names to accessors.
-Json CopyAttributes(const Json& object, const std::string& where, const Sizes& sizes, absl::Status& status) {
+// Whether messages can show a name of the file's own.
+bool IsPresentable(const std::string& name) {
+  constexpr size_t kMostCharacters = 128;
+  return name.size() <= kMostCharacters && std::none_of(name.begin(), name.end(), [](char c) {
+           return static_cast<unsigned char>(c) < 0x20 || c == 0x7f;
+         });
+}
+
+// A map from attribute names to accessors: those that glTF defines, and the file's own (_NAME) where `own`, which takes
+// the warnings, is not null.
+Json CopyAttributes(const Json& object, const std::string& where, const Sizes& sizes, absl::Status& status,
+                    std::vector<std::string>* own = nullptr) {
   Fields fields(object, where, status);
   Json copy = Json::object();
   if (!status.ok()) return copy;
   for (const auto& [name, value] : object.items()) {
-    // Only names that glTF defines: application-specific attributes (_NAME) are not geometry.
-    if (name.empty() || name[0] == '_') continue;
+    if (name.empty()) continue;
+    if (name[0] == '_') {
+      if (own == nullptr) continue;
+      if (!IsPresentable(name)) {
+        own->push_back(absl::StrCat(where, ": ", Quoted(name), " is no printable name and is ignored"));
+        continue;
+      }
+    }
     const int64_t index = fields.Index(name.c_str(), sizes.accessors, "accessors");
     if (index >= 0) copy[name] = index;
   }
@@ -69,8 +88,10 @@ Json CopyPrimitive(const Json& object, const std::string& where, const Sizes& si
   copy["mode"] = fields.Unsigned("mode", 4);
   if (const int64_t index = fields.Index("indices", sizes.accessors, "accessors"); index >= 0) copy["indices"] = index;
   const Json* attributes = fields.Find("attributes");
-  copy["attributes"] =
-      attributes == nullptr ? Json::object() : CopyAttributes(*attributes, where + ", attributes", sizes, status);
+  copy["attributes"] = Json::object();
+  if (attributes != nullptr) {
+    copy["attributes"] = CopyAttributes(*attributes, where + ", attributes", sizes, status, &warnings);
+  }
 
   absl::Status material_status;
   Fields material_fields(object, where, material_status);

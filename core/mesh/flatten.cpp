@@ -28,6 +28,7 @@ struct Placement {
   Mat4d world;                                 // node and instance transform, unless skinned
   bool mirrored = false;
   MeshPart part;
+  std::vector<uint32_t> attributes;  // of the primitive's own attributes, their indices in TriangleMesh::attributes
 };
 
 uint64_t SaturatingAdd(uint64_t a, uint64_t b) {
@@ -187,6 +188,25 @@ size_t WriteVertices(const Placement& p, size_t begin, size_t end, TriangleMesh&
   return SIZE_MAX;
 }
 
+// The file's own attributes of the vertices [begin, end) of one placement.
+void WriteAttributes(const Placement& p, size_t begin, size_t end, TriangleMesh& mesh) {
+  for (size_t i = 0; i < p.attributes.size(); ++i) {
+    const VertexAttribute& from = p.primitive->attributes[i];
+    VertexAttribute& to = mesh.attributes[p.attributes[i]];
+    const size_t narrow = size_t(from.components), wide = size_t(to.components);
+    float* const first = to.values.data() + p.part.first_vertex * wide;
+    if (narrow == wide) {
+      std::copy(from.values.begin() + ptrdiff_t(begin * wide), from.values.begin() + ptrdiff_t(end * wide),
+                first + begin * wide);
+      continue;
+    }
+    for (size_t v = begin; v < end; ++v) {
+      std::copy_n(from.values.data() + v * narrow, narrow, first + v * wide);
+      if (wide == 4) first[v * wide + 3] = 1;
+    }
+  }
+}
+
 void WriteTriangles(const Placement& p, TriangleMesh& mesh) {
   const uint32_t base = uint32_t(p.part.first_vertex);
   for (size_t t = 0; t < p.primitive->triangles.size(); ++t) {
@@ -242,6 +262,31 @@ std::shared_ptr<const Rig> MakeRig(const Scene& scene, const std::vector<Placeme
     rig->parts.push_back({copy, p.part.node, p.joints != nullptr ? scene.nodes[p.part.node].skin : -1, p.instance});
   }
   return rig;
+}
+
+// Names the attributes of all placements in the mesh, and tells each placement which of them are its own.
+absl::Status NameAttributes(std::vector<Placement>& placements, const LoadLimits& limits, TriangleMesh& mesh) {
+  std::map<std::string, uint32_t> ids;
+  uint64_t vertices = 0, components = 0;
+  for (Placement& p : placements) {
+    vertices += p.part.vertex_count;
+    for (const VertexAttribute& attribute : p.primitive->attributes) {
+      const auto [id, fresh] = ids.try_emplace(attribute.name, uint32_t(mesh.attributes.size()));
+      if (fresh) mesh.attributes.push_back({attribute.name, attribute.components, {}});
+      int& widest = mesh.attributes[id->second].components;
+      widest = std::max(widest, attribute.components);
+      p.attributes.push_back(id->second);
+    }
+  }
+  for (const VertexAttribute& attribute : mesh.attributes) components += uint64_t(attribute.components);
+  const uint64_t bytes = SaturatingMul(SaturatingMul(vertices, components), sizeof(float));
+  if (bytes > limits.max_decoded_bytes) {
+    return absl::ResourceExhaustedError(absl::StrCat("the file's own vertex attributes take ", bytes,
+                                                     " bytes after instancing; the limit max_decoded_bytes is ",
+                                                     limits.max_decoded_bytes));
+  }
+  for (VertexAttribute& attribute : mesh.attributes) attribute.values.resize(vertices * uint64_t(attribute.components));
+  return absl::OkStatus();
 }
 
 void AllocateArrays(const std::vector<Placement>& placements, TriangleMesh& mesh) {
@@ -300,11 +345,12 @@ absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limit
   if (absl::Status s = CheckLimits(scene, order, limits); !s.ok()) return s;
   const std::vector<Mat4d> world = WorldTransforms(scene);
   const std::vector<std::vector<Mat4d>> skins = SkinningMatrices(scene, world);
-  const std::vector<Placement> placements = Place(scene, order, world, skins);
+  std::vector<Placement> placements = Place(scene, order, world, skins);
 
   TriangleMesh mesh;
   try {
     AllocateArrays(placements, mesh);
+    if (absl::Status s = NameAttributes(placements, limits, mesh); !s.ok()) return s;
     mesh.rig = MakeRig(scene, placements);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory while flattening the scene");
@@ -319,6 +365,7 @@ absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limit
     const Placement& p = placements[i];
     WriteTriangles(p, mesh);
     tbb::parallel_for(tbb::blocked_range<size_t>(0, p.part.vertex_count, kVertexGrain), [&](const auto& range) {
+      WriteAttributes(p, range.begin(), range.end(), mesh);
       const size_t v = WriteVertices(p, range.begin(), range.end(), mesh);
       if (v == SIZE_MAX) return;
       const uint64_t id = p.part.first_vertex + v;

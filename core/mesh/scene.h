@@ -12,6 +12,7 @@
 #include "mesh/animation.h"
 #include "mesh/material.h"
 #include "mesh/trs.h"
+#include "mesh/vertex_attribute.h"
 
 namespace voxelpipe {
 
@@ -39,6 +40,7 @@ struct Primitive {
   std::vector<Vec4f> colors;     // COLOR_0, linear, alpha 1 where the file has RGB
   std::vector<std::array<uint16_t, 4>> joints[2];  // JOINTS_0, JOINTS_1
   std::vector<std::array<float, 4>> weights[2];    // WEIGHTS_0, WEIGHTS_1
+  std::vector<VertexAttribute> attributes;         // the file's own, each name once
   std::shared_ptr<const MorphData> morph;          // null without morph targets
   std::vector<std::array<uint32_t, 3>> triangles;
   int32_t material = -1;  // index into Scene::materials, -1 = glTF's default material

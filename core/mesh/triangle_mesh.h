@@ -5,12 +5,12 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "base/vec.h"
 #include "mesh/material.h"
 #include "mesh/rig.h"
+#include "mesh/vertex_attribute.h"
 
 namespace voxelpipe {
 
@@ -26,13 +26,6 @@ struct MeshPart {
   bool has_uv[2] = {false, false};
 };
 
-// A vertex attribute of the file's own (glTF: its name begins with an underscore), as floats.
-struct VertexAttribute {
-  std::string name;
-  int components = 1;         // 1-4
-  std::vector<float> values;  // `components` a vertex, 0 for parts without it
-};
-
 // Structure of arrays. Triangle ids count from 0 over the flattened scene: default scene, depth first, node, instance,
 // primitive, strip order; degenerate triangles keep theirs. World axes are the file's own (glTF: +Y up, metres,
 // right-handed). An attribute array is empty if no part has the attribute, otherwise it has positions.size() elements
@@ -42,8 +35,10 @@ struct TriangleMesh {
   std::vector<Vec3f> normals;    // world space, unit length (0 where the source is 0)
   std::vector<Vec4f> tangents;   // xyz world space unit length, w = handedness
   std::vector<Vec2f> uv[2];
-  std::vector<Vec4f> colors;                // linear
-  std::vector<VertexAttribute> attributes;  // each name once
+  std::vector<Vec4f> colors;  // linear
+  // Each name once, in the order of the parts. The widest part rules: in narrower ones missing components are 0, the
+  // fourth 1; in parts without the attribute all are 0.
+  std::vector<VertexAttribute> attributes;
   std::vector<std::array<uint32_t, 3>> triangles;
   // Ids of the vertices that no triangle uses, ascending. Absent where that is not known; the box is then found by triangles.
   std::optional<std::vector<uint32_t>> unused_vertices;

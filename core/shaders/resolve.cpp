@@ -1,6 +1,7 @@
 #include "shaders/resolve.h"
 
 #include <algorithm>
+#include <span>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -15,8 +16,11 @@ absl::Status ResolveShader(const TriangleMesh& mesh, BoundShader& shader) {
   const auto found = std::find_if(mesh.attributes.begin(), mesh.attributes.end(),
                                   [&](const VertexAttribute& attribute) { return attribute.name == name; });
   if (found == mesh.attributes.end()) {
-    const std::string known =
-        absl::StrJoin(mesh.attributes, ", ", [](std::string* out, const VertexAttribute& a) { out->append(a.name); });
+    constexpr size_t kMostNames = 50;
+    const std::span<const VertexAttribute> shown(mesh.attributes.data(), std::min(kMostNames, mesh.attributes.size()));
+    std::string known =
+        absl::StrJoin(shown, ", ", [](std::string* out, const VertexAttribute& a) { out->append(a.name); });
+    if (shown.size() < mesh.attributes.size()) known += ", ...";
     return absl::InvalidArgumentError(absl::StrCat("shader 'attribute': the mesh has no attribute '", name,
                                                    "' (it has ", known.empty() ? "none of its own" : known, ")"));
   }

@@ -38,6 +38,10 @@ nlohmann::ordered_json InfoJson(const std::string& path, const MeshReport& repor
   json["materials"] = loaded->scene.materials.size();
   json["textures"] = loaded->scene.textures.size();
   json["images"] = loaded->scene.images.size();
+  json["attributes"] = nlohmann::ordered_json::array();
+  for (const VertexAttribute& attribute : loaded->mesh.attributes) {
+    json["attributes"].push_back({{"name", attribute.name}, {"components", attribute.components}});
+  }
   json["warnings"] = loaded->scene.warnings;
   json["stages"] = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
   json["peak_bytes"] = ProcessPeakBytes();
@@ -61,6 +65,11 @@ std::string InfoTable(const std::string& path, const MeshReport& report, const L
   row("format", absl::StrCat(scene.format, ", ", HumanBytes(loaded->packed_bytes)));
   row("scene", absl::StrCat(scene.nodes.size(), " nodes, ", scene.meshes.size(), " meshes, ", loaded->mesh.parts.size(),
                             " parts, ", scene.materials.size(), " materials, ", scene.images.size(), " images"));
+  const std::vector<VertexAttribute>& own = loaded->mesh.attributes;
+  for (size_t i = 0; i < own.size(); ++i) {
+    row(i == 0 ? "attributes" : "",
+        absl::StrCat(own[i].name, ", ", own[i].components, own[i].components == 1 ? " component" : " components"));
+  }
   for (size_t i = 0; i < scene.warnings.size(); ++i) row(i == 0 ? "warnings" : "", scene.warnings[i]);
   return table;
 }

@@ -171,6 +171,48 @@ TEST_F(CliVoxelize, InfoReportsTheMesh) {
   EXPECT_THAT(RunCli({"info", box_}).out, HasSubstr("closed"));
 }
 
+// A triangle with _HEAT in one primitive, and one without.
+std::string WriteHeatGltf(const TemporaryDirectory& directory) {
+  const std::vector<float> numbers = {0, 0, 0, 4, 0, 0, 0, 4, 0, 5, 5, 5};
+  json document = {
+      {"asset", {{"version", "2.0"}}},
+      {"scene", 0},
+      {"scenes", {{{"nodes", {0}}}}},
+      {"nodes", {{{"mesh", 0}}}},
+      {"buffers", {{{"byteLength", 48}, {"uri", "heat.bin"}}}},
+      {"bufferViews", {{{"buffer", 0}, {"byteLength", 36}}, {{"buffer", 0}, {"byteOffset", 36}, {"byteLength", 12}}}},
+      {"accessors",
+       {{{"bufferView", 0}, {"componentType", 5126}, {"count", 3}, {"type", "VEC3"}},
+        {{"bufferView", 1}, {"componentType", 5126}, {"count", 3}, {"type", "SCALAR"}}}}};
+  document["meshes"] = json::array({{{"primitives", json::array()}}});
+  document["meshes"][0]["primitives"].push_back({{"attributes", {{"POSITION", 0}, {"_HEAT", 1}}}});
+  document["meshes"][0]["primitives"].push_back({{"attributes", {{"POSITION", 0}}}});
+  std::ofstream(directory / "heat.bin", std::ios::binary).write(reinterpret_cast<const char*>(numbers.data()), 48);
+  std::ofstream(directory / "heat.gltf") << document.dump();
+  return directory / "heat.gltf";
+}
+
+TEST_F(CliVoxelize, AFilesOwnAttributesAreListedAndVoxelized) {
+  const std::string mesh = WriteHeatGltf(directory_);
+  const CliOutcome info = RunCli({"info", mesh, "--json"});
+  ASSERT_EQ(info.exit_code, 0) << info.err;
+  EXPECT_EQ(json::parse(info.out)["attributes"], json::parse(R"([{"name":"_HEAT","components":1}])"));
+  EXPECT_THAT(json::parse(info.out)["warnings"], ElementsAre(HasSubstr("_HEAT is missing in 1 of 2 primitives")));
+  EXPECT_THAT(RunCli({"info", mesh}).out, HasSubstr("_HEAT, 1 component"));
+  const std::string file = directory_ / "heat.raw";
+  const CliOutcome run =
+      RunCli({"voxelize", mesh, "--resolution", "4", "--target", "f32:max:shader=attribute(_HEAT)", "-o", file});
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const std::vector<uint8_t> bytes = ReadFile(file);
+  ASSERT_GE(bytes.size(), 4u);
+  float first;
+  std::memcpy(&first, bytes.data(), 4);
+  EXPECT_EQ(first, 5);
+  const CliOutcome unknown = RunCli({"voxelize", mesh, "--shader", "attribute(_COLD)"});
+  EXPECT_EQ(unknown.exit_code, 1);
+  EXPECT_THAT(unknown.err, HasSubstr("the mesh has no attribute '_COLD' (it has _HEAT)"));
+}
+
 TEST_F(CliVoxelize, ShadersAreListed) {
   const CliOutcome outcome = RunCli({"shaders", "--json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;

@@ -52,14 +52,17 @@ class DracoTest : public ::testing::TestWithParam<bool> {};
 
 TEST_P(DracoTest, DecodesWhatWasEncoded) {
   const std::vector<uint8_t> bytes = Encode(20, GetParam());
-  const auto mesh = DecodeDraco(bytes, {});
+  auto mesh = DecodeDraco(bytes, {});
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   EXPECT_EQ(mesh->triangles.size(), 20u);
   EXPECT_EQ(mesh->points, 22u);
   ASSERT_EQ(mesh->attributes.size(), 3u);
   EXPECT_EQ(mesh->attributes[0].values.size(), 66u);
   EXPECT_EQ(mesh->attributes[2].kind, DracoAttribute::Kind::kColor);
-  EXPECT_FLOAT_EQ(mesh->attributes[2].values[1], 0.2f);
+  EXPECT_TRUE(mesh->attributes[2].normalized);
+  EXPECT_EQ(mesh->attributes[2].values[1], 51);
+  Normalize(mesh->attributes[2]);
+  EXPECT_EQ(mesh->attributes[2].values[1], 0.2f);
 }
 
 TEST_P(DracoTest, LoadsAsASceneOfOneNode) {

@@ -156,5 +156,54 @@ TEST(FlattenTest, OverflowingTransformsAreNamed) {
   EXPECT_NE(std::string(mesh.status().message()).find("node 0, mesh 0, primitive 0, vertex 1"), std::string::npos);
 }
 
+TEST(FlattenTest, OwnAttributesAreZeroWhereMissingAndRepeatWithInstances) {
+  Primitive heat = OneTriangle(), bare = OneTriangle(), flow = OneTriangle();
+  heat.attributes = {{"_HEAT", 1, {1, 2, 3}}};
+  flow.attributes = {{"_FLOW", 2, {1, 2, 3, 4, 5, 6}}, {"_HEAT", 1, {7, 8, 9}}};
+  Scene scene = SceneOf({NodeAt(Mat4d{}, 0)}, {0});
+  scene.meshes[0].primitives = {bare, heat, flow};
+  scene.nodes[0].instances = {Translation(1, 0, 0), Translation(2, 0, 0)};
+  const auto mesh = Flatten(scene);
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  ASSERT_EQ(mesh->attributes.size(), 2u);
+  EXPECT_EQ(mesh->attributes[0].name, "_HEAT");
+  EXPECT_EQ(mesh->attributes[1].name, "_FLOW");
+  const std::vector<float> heats = {0, 0, 0, 1, 2, 3, 7, 8, 9, 0, 0, 0, 1, 2, 3, 7, 8, 9};
+  EXPECT_EQ(mesh->attributes[0].values, heats);
+  std::vector<float> flows(36, 0.0f);
+  for (const size_t first : {12, 30}) std::copy_n(flow.attributes[0].values.data(), 6, flows.data() + first);
+  EXPECT_EQ(mesh->attributes[1].values, flows);
+}
+
+TEST(FlattenTest, TheWidestOwnAttributeRules) {
+  Primitive narrow = OneTriangle(), wide = OneTriangle(), bare = OneTriangle();
+  narrow.attributes = {{"_A", 2, {1, 2, 3, 4, 5, 6}}};
+  wide.attributes = {{"_A", 4, {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}}};
+  Scene scene = SceneOf({NodeAt(Mat4d{}, 0)}, {0});
+  scene.meshes[0].primitives = {narrow, wide, bare};
+  const auto mesh = Flatten(scene);
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  ASSERT_EQ(mesh->attributes.size(), 1u);
+  EXPECT_EQ(mesh->attributes[0].components, 4);
+  const std::vector<float> want = {1, 2, 0, 1,  3,  4,  0, 1, 5, 6, 0, 1, 1, 2, 3, 4, 5, 6,
+                                   7, 8, 9, 10, 11, 12, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+  EXPECT_EQ(mesh->attributes[0].values, want);
+}
+
+TEST(FlattenTest, OwnAttributesCountAgainstTheLimitAfterInstancing) {
+  Primitive heat = OneTriangle();
+  heat.attributes = {{"_HEAT", 1, {1, 2, 3}}};
+  Scene scene = SceneOf({NodeAt(Mat4d{}, 0)}, {0});
+  scene.meshes[0].primitives = {heat};
+  scene.nodes[0].instances.resize(100);
+  LoadLimits limits;
+  limits.max_decoded_bytes = 1199;
+  const absl::Status status = Flatten(scene, limits).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_NE(std::string(status.message()).find("1200 bytes after instancing"), std::string::npos) << status;
+  limits.max_decoded_bytes = 1200;
+  EXPECT_TRUE(Flatten(scene, limits).ok());
+}
+
 }  // namespace
 }  // namespace voxelpipe
