@@ -27,5 +27,22 @@ def main():
     for mesh, grid, row in yardsticks:
         print(f"| {mesh} | {grid} | {row['cpu']:.0f} | {row['ours_cpu']:.2f} | {row['ratio']:.1f} | {int(row['missed'])} |")
 
+    peers(yardsticks)
+
+
+def peers(yardsticks):
+    """Prints the table of OpenVDB's meshToVolume, or that the benchmarks were built without it."""
+    if not any("openvdb_cpu" in row for _, _, row in yardsticks):
+        if yardsticks:
+            print("\nOpenVDB's meshToVolume: not measured, libopenvdb-dev was not found when the benchmarks were built.")
+        return
+    print("\nOpenVDB's meshToVolume (unsigned, a band of one voxel) beside ours (conservative bits), one thread each:\n")
+    print("| mesh | grid | OpenVDB, CPU ms | wall ms | its voxels | ours, CPU ms | wall ms | our voxels | ratio, CPU |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for mesh, grid, row in yardsticks:
+        print(f"| {mesh} | {grid} | {row['openvdb_cpu']:.0f} | {row['openvdb_wall']:.0f} | {int(row['openvdb_voxels']):,} "
+              f"| {row['ours_cpu']:.2f} | {row['ours_wall']:.2f} | {int(row['ours_voxels']):,} "
+              f"| {row['openvdb_cpu'] / row['ours_cpu']:.0f} |")
+
 
 main()

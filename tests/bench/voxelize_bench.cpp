@@ -16,6 +16,7 @@
 #include <random>
 
 #include "bench/meshes.h"
+#include "bench/openvdb_peer.h"
 #include "bench/yardstick.h"
 #include "load/loader.h"
 #include "load/pack.h"
@@ -152,21 +153,35 @@ void MeasureYardstick(benchmark::State& state, const TriangleMesh& mesh) {
   request.grid.fit = GridFit::kCube;
   request.threads = 1;
   const VoxelizeResult ours = *Voxelize(mesh, request, JobContext());
-  std::vector<double> cpu, own;
+  std::vector<double> cpu, own, own_wall, peer_cpu, peer_wall;
   std::vector<uint8_t> plain;
-  for (auto _ : state) {
+  uint64_t peer_voxels = 0;
+  for (auto _ : state) {  // one beside the other: the machine is noisy
     const double begin = ThreadCpuMs();
     plain = PlainLoop(mesh, ours.grid);
     cpu.push_back(ThreadCpuMs() - begin);
-    own.push_back(Voxelize(mesh, request, JobContext())->stats.voxelize_cpu_ms);  // in pairs: the machine is noisy
+    const VoxelizeStats stats = Voxelize(mesh, request, JobContext())->stats;
+    own.push_back(stats.voxelize_cpu_ms);
+    own_wall.push_back(stats.voxelize_ms);
+    if (const std::optional<PeerRun> peer = RunOpenVdb(mesh, ours.grid, 1)) {
+      peer_cpu.push_back(peer->cpu_ms);
+      peer_wall.push_back(peer->wall_ms);
+      peer_voxels = peer->voxels;
+    }
     state.SetIterationTime(cpu.back() / 1e3);
   }
   double missed = 0;
   for (size_t i = 0; i < plain.size(); ++i) missed += std::popcount(uint8_t(plain[i] & ~ours.targets[0].data()[i]));
   state.counters["cpu"] = Quantile(cpu, 0.5);
   state.counters["ours_cpu"] = Quantile(own, 0.5);
+  state.counters["ours_wall"] = Quantile(own_wall, 0.5);
+  state.counters["ours_voxels"] = double(ours.stats.occupied);
   state.counters["ratio"] = Quantile(cpu, 0.5) / Quantile(own, 0.5);
   state.counters["missed"] = missed;
+  if (peer_cpu.empty()) return;  // built without OpenVDB
+  state.counters["openvdb_cpu"] = Quantile(peer_cpu, 0.5);
+  state.counters["openvdb_wall"] = Quantile(peer_wall, 0.5);
+  state.counters["openvdb_voxels"] = double(peer_voxels);
 }
 
 TriangleMesh LoadFile(const std::string& path) {
