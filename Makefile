@@ -3,12 +3,14 @@ PRESET ?= dev
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 TEST_JOBS ?= 2
 
+GPU_BUNDLE_TARGETS := cuda_parity cuda_bench device_parity voxelpipe voxelpiped
+
 # Where the preset builds: `dev` and `ci` in build/, any other in build-<preset>/.
 BUILD_DIR := $(if $(filter dev ci,$(PRESET)),build,build-$(PRESET))
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup configure build test demo bench format lint docker-test clean
+.PHONY: help setup configure build test demo bench format lint docker-test gpu-bundle clean
 
 help: ## List the tasks
 	@echo "usage: make TASK [PRESET=dev|release|cpu-only|asan|tsan|ci] [JOBS=N]"
@@ -46,6 +48,12 @@ lint: ## Check the format, clang-tidy on .cpp, buf lint on the protos where buf 
 docker-test: configure ## Build the image with a local engine, run it, call it from the host (root; slow)
 	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe
 	VOXELPIPE_DOCKER_TEST=1 bash tests/docker/docker_test.sh $(BUILD_DIR)/bin/voxelpipe
+
+gpu-bundle: setup ## Put what a GPU machine needs to prove and measure CUDA into gpu-bundle/ (run.sh there); GPU_MODELS="FILE..."
+	@mkdir -p build-gpu-bundle
+	@cmake --preset gpu-bundle >build-gpu-bundle/configure.log 2>&1 || { cat build-gpu-bundle/configure.log; exit 1; }
+	cmake --build --preset gpu-bundle -j $(JOBS) --target $(GPU_BUNDLE_TARGETS)
+	@bash tests/gpu/bundle.sh build-gpu-bundle gpu-bundle $(GPU_MODELS)
 
 clean: ## Remove what the preset built
 	rm -rf $(BUILD_DIR)

@@ -239,7 +239,7 @@ void RunAll(Parity& parity, const Options& options) {
   }
   for (const std::string& path : options.files) {
     const auto slash = path.rfind('/');
-    ParityMesh named{slash == std::string::npos ? path : path.substr(slash + 1), 0, {}};
+    ParityMesh named{slash == std::string::npos ? path : path.substr(slash + 1), 0, {}, true};
     const TriangleMesh mesh = LoadMeshOrExit(path);
     if (!parity.RunMesh(named, mesh, CasesFor(named, mesh, {24, true, false}, options.seed + 100 * ++number))) return;
   }

@@ -129,7 +129,7 @@ ShaderCall RandomVertexShader(Dice& dice, const TriangleMesh& mesh) {
     case 5:
     case 6:
     case 7:
-      call.name = "skin";
+      call.name = dice.OneIn(2) ? "skin" : "morph";
       call.parameters["animation"] = {double(dice.Below(mesh.rig->animations.size()))};
       call.parameters["time"] = {dice.Real(0, 2)};
       call.parameters["dt"] = {0.0625};

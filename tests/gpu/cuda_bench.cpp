@@ -1,0 +1,415 @@
+// The GPU table: times of the CUDA backend beside what is asked for, the times of its stages, and whole calls beside
+// what the bus needs.
+//
+// usage: cuda_bench [OPTION]...
+//   --bunny FILE    a bunny of 69,451 triangles     --cow FILE   a mesh of about 5,800 triangles
+//   --filter TEXT   only rows whose line "MESH CASE N" holds TEXT
+//   --budget S      rows that would begin after so many seconds are not run, and say so
+//   --repeats N     at most so many measured runs a row (60)      --warmup N   runs before them (3)
+//   --only PART     one of: table, stages, calls
+//
+// Method of the table: mesh on the device, result left there, CUDA events on the backend's stream around the whole call,
+// clearing included, median of the measured runs and their 10th and 90th percentiles. Whole calls: wall clock of
+// Voxelize().
+// Exit: 0 every row was measured, 1 some failed or were not run, 77 no CUDA device. Missed targets do not change it.
+#include <cuda_runtime_api.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <map>
+#include <memory>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "cuda/backend.h"
+#include "gpu/bench_meshes.h"
+#include "gpu/bench_rows.h"
+#include "pipeline/backend.h"
+#include "pipeline/voxelize.h"
+#include "shaders/resolve.h"
+
+namespace voxelpipe::gpu {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double MsSince(Clock::time_point begin) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
+}
+
+double Quantile(std::vector<double> values, double q) {
+  if (values.empty()) return 0;
+  std::sort(values.begin(), values.end());
+  return values[size_t(q * double(values.size() - 1) + 0.5)];
+}
+
+// 3 digits that matter.
+std::string Ms(double ms) {
+  return ms < 0.1 ? absl::StrFormat("%.4f", ms) : ms < 10 ? absl::StrFormat("%.3f", ms) : absl::StrFormat("%.1f", ms);
+}
+
+absl::Status Cuda(cudaError_t error) {
+  return error == cudaSuccess ? absl::OkStatus() : absl::InternalError(cudaGetErrorString(error));
+}
+
+// CUDA events: marks on a stream, and the milliseconds between neighbours.
+class Marks {
+ public:
+  explicit Marks(size_t count) : events_(count) {
+    for (cudaEvent_t& event : events_) (void)cudaEventCreate(&event);
+  }
+  Marks(const Marks&) = delete;
+  Marks& operator=(const Marks&) = delete;
+  ~Marks() {
+    for (cudaEvent_t event : events_) (void)cudaEventDestroy(event);
+  }
+  void Set(size_t i, cudaStream_t stream) { (void)cudaEventRecord(events_[i], stream); }
+  absl::Status Wait() { return Cuda(cudaEventSynchronize(events_.back())); }
+  double Between(size_t a, size_t b) {
+    float ms = 0;
+    (void)cudaEventElapsedTime(&ms, events_[a], events_[b]);
+    return double(ms);
+  }
+
+ private:
+  std::vector<cudaEvent_t> events_;
+};
+
+absl::StatusOr<BoundRequest> Bind(const TriangleMesh& mesh, const VoxelizeRequest& request) {
+  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
+  BoundRequest bound;
+  bound.request = request;
+  auto vertex = BindShader(ShaderStage::kVertex, request.vertex_shader);
+  if (!vertex.ok()) return vertex.status();
+  bound.vertex_shader = *vertex;
+  for (const TargetSpec& target : request.targets) {
+    auto fragment = BindShader(ShaderStage::kFragment, target.shader);
+    if (!fragment.ok()) return fragment.status();
+    if (absl::Status s = ResolveShader(mesh, *fragment); !s.ok()) return s;
+    bound.fragment_shaders.push_back(*fragment);
+  }
+  return bound;
+}
+
+// One call of the pipeline after another on one mesh that stays on the device.
+class Call {
+ public:
+  using Step = std::pair<const char*, std::function<absl::Status()>>;
+
+  static absl::StatusOr<std::unique_ptr<Call>> Make(const Backend& backend, const TriangleMesh& mesh,
+                                                    const VoxelizeRequest& request) {
+    auto call = std::unique_ptr<Call>(new Call);
+    absl::StatusOr<BoundRequest> bound = Bind(mesh, request);
+    if (!bound.ok()) return bound.status();
+    call->bound_ = *std::move(bound);
+    absl::StatusOr<std::unique_ptr<Stages>> stages = backend.Start(mesh, call->bound_, call->job_);
+    if (!stages.ok()) return stages.status();
+    call->stages_ = *std::move(stages);
+    const absl::StatusOr<MeshExtent> extent = call->stages_->VertexShade();
+    if (!extent.ok()) return extent.status();
+    const absl::StatusOr<GridSpec> grid = FitGrid(request.grid, extent->box);
+    if (!grid.ok()) return grid.status();
+    call->grid_ = *grid;
+    call->MakeSteps();
+    return call;
+  }
+
+  const std::vector<Step>& steps() const { return steps_; }
+  cudaStream_t stream() { return cuda::StreamOf(*stages_); }
+  const Stages& stages() const { return *stages_; }
+
+  // With marks.size() == 2 around all steps, otherwise before each and after the last.
+  absl::Status Run(Marks& marks, bool each) {
+    marks.Set(0, stream());
+    for (size_t i = 0; i < steps_.size(); ++i) {
+      if (absl::Status s = steps_[i].second(); !s.ok())
+        return absl::Status(s.code(), absl::StrCat(steps_[i].first, ": ", std::string(s.message())));
+      if (each || i + 1 == steps_.size()) marks.Set(each ? i + 1 : 1, stream());
+    }
+    return marks.Wait();
+  }
+
+ private:
+  Call() = default;
+
+  void MakeSteps() {
+    Stages& s = *stages_;
+    const ResultKind kind = bound_.request.result;
+    steps_.emplace_back("CoarseRaster", [this, &s] { return s.CoarseRaster(grid_); });
+    if (s.SortsTiles(grid_)) steps_.emplace_back("TileSort", [&s] { return s.TileSort(); });
+    steps_.emplace_back("BeginSlab", [this, &s] { return s.BeginSlab({0, grid_.dims[2]}); });
+    if (kind == ResultKind::kBuckets) {
+      steps_.emplace_back("EmitFragments", [&s] { return s.EmitFragments(); });
+      steps_.emplace_back("SortFragments", [&s] { return s.SortFragments(); });
+      steps_.emplace_back("Resolve", [&s] { return s.Resolve(); });
+    } else {
+      steps_.emplace_back("FineRaster", [&s] { return s.FineRaster(); });
+    }
+    if (kind == ResultKind::kSparse) steps_.emplace_back("MakeBricks", [&s] { return cuda::MakeDeviceResult(s); });
+  }
+
+  BoundRequest bound_;
+  JobContext job_;
+  std::unique_ptr<Stages> stages_;  // refers to bound_ and job_
+  GridSpec grid_;
+  std::vector<Step> steps_;
+};
+
+struct Options {
+  std::string bunny, cow, filter, only;
+  double budget_s = 1e9;
+  int repeats = 60, warmup = 3;
+};
+
+class Bench {
+ public:
+  Bench(const Options& options, const Backend& backend)
+      : options_(options), backend_(backend), meshes_(BenchMeshes(options.bunny, options.cow)) {}
+
+  int Run() {
+    MeasureMachine();
+    if (Wanted("table")) Table();
+    if (Wanted("stages")) StageTable();
+    if (Wanted("calls")) CallTable();
+    std::printf("cuda_bench: %d rows, %d met the pass time, %d the stretch time, %d missed, %d failed or not run\n",
+                rows_, passed_, stretched_, rows_ - passed_ - failed_, failed_);
+    return failed_ > 0 ? 1 : 0;
+  }
+
+ private:
+  bool Wanted(const char* part) const { return options_.only.empty() || options_.only == part; }
+  bool Wanted(const BenchRow& row) const {
+    return absl::StrContains(absl::StrCat(row.mesh, " ", row.name, " ", row.n), options_.filter);
+  }
+  bool TimeIsUp() const { return MsSince(begin_) / 1e3 > options_.budget_s; }
+
+  const TriangleMesh& MeshOf(const std::string& name) {
+    const auto known = made_.find(name);
+    if (known != made_.end()) return known->second;
+    for (const BenchMesh& mesh : meshes_) {
+      if (mesh.name == name) return made_.emplace(name, mesh.make()).first->second;
+    }
+    std::abort();
+  }
+
+  void MeasureMachine() {
+    cudaDeviceProp device;
+    (void)cudaGetDeviceProperties(&device, 0);
+    constexpr size_t kBytes = size_t{1} << 30;
+    void *there = nullptr, *here = nullptr;
+    double set_ms = 0, down_ms = 0, up_ms = 0;
+    if (cudaMalloc(&there, kBytes) == cudaSuccess && cudaMallocHost(&here, kBytes / 4) == cudaSuccess) {
+      Marks marks(4);
+      std::vector<double> set, down, up;
+      for (int i = 0; i < 9; ++i) {
+        marks.Set(0, nullptr);
+        (void)cudaMemsetAsync(there, i, kBytes, nullptr);
+        marks.Set(1, nullptr);
+        (void)cudaMemcpyAsync(here, there, kBytes / 4, cudaMemcpyDeviceToHost, nullptr);
+        marks.Set(2, nullptr);
+        (void)cudaMemcpyAsync(there, here, kBytes / 4, cudaMemcpyHostToDevice, nullptr);
+        marks.Set(3, nullptr);
+        (void)marks.Wait();
+        set.push_back(marks.Between(0, 1));
+        down.push_back(marks.Between(1, 2));
+        up.push_back(marks.Between(2, 3));
+      }
+      set_ms = Quantile(set, 0.5), down_ms = Quantile(down, 0.5), up_ms = Quantile(up, 0.5);
+      down_rate_ = double(kBytes / 4) / down_ms;
+      up_rate_ = double(kBytes / 4) / up_ms;
+    }
+    (void)cudaFree(there);
+    (void)cudaFreeHost(here);
+    std::printf("%s, %d multiprocessors; clearing %.2f TB/s; pinned copies %.1f GB/s to the host, %.1f GB/s from it\n",
+                device.name, device.multiProcessorCount, double(kBytes) / set_ms / 1e9, down_rate_ / 1e6,
+                up_rate_ / 1e6);
+    for (const BenchMesh& mesh : meshes_) std::printf("%s: %s\n", mesh.name.c_str(), mesh.what.c_str());
+    std::fflush(stdout);
+  }
+
+  void Table() {
+    std::printf("\n| case | mesh | N | ms | p10-p90 | pass | stretch | result | runs | occupied |\n");
+    std::printf("|---|---|---|---|---|---|---|---|---|---|\n");
+    for (const BenchRow& row : BenchRows()) {
+      if (!Wanted(row)) continue;
+      ++rows_;
+      const std::string head = absl::StrCat("| ", row.name, " | ", row.mesh, " | ", row.n, " | ");
+      if (TimeIsUp()) {
+        Fail(head, absl::DeadlineExceededError("not run: the time is up"));
+        continue;
+      }
+      backend_.Run(0, [&] { MeasureRow(row, head); });
+    }
+  }
+
+  void Fail(const std::string& head, const absl::Status& status) {
+    ++failed_;
+    std::printf("%s%s: %s |\n", head.c_str(), absl::StatusCodeToString(status.code()).c_str(),
+                std::string(status.message()).c_str());
+    std::fflush(stdout);
+  }
+
+  // Up to `repeats` runs, fewer where they are slow: a second and a half of them, but at least three.
+  template <typename OneRun>
+  absl::Status Repeat(OneRun&& run) {
+    for (int i = 0; i < options_.warmup; ++i) {
+      if (absl::Status s = run(true); !s.ok()) return s;
+    }
+    const auto begin = Clock::now();
+    for (int i = 0; i < options_.repeats && (i < 3 || MsSince(begin) < 1500); ++i) {
+      if (absl::Status s = run(false); !s.ok()) return s;
+    }
+    return absl::OkStatus();
+  }
+
+  void MeasureRow(const BenchRow& row, const std::string& head) {
+    absl::StatusOr<std::unique_ptr<Call>> call = Call::Make(backend_, MeshOf(row.mesh), row.request);
+    if (!call.ok()) return Fail(head, call.status());
+    Marks marks(2);
+    std::vector<double> ms;
+    const absl::Status status = Repeat([&](bool warmup) {
+      absl::Status s = (*call)->Run(marks, false);
+      if (s.ok() && !warmup) ms.push_back(marks.Between(0, 1));
+      return s;
+    });
+    if (!status.ok()) return Fail(head, status);
+    const double median = Quantile(ms, 0.5);
+    passed_ += median <= row.pass_ms;
+    stretched_ += median <= row.stretch_ms;
+    const char* verdict = median <= row.stretch_ms ? "stretch met" : median <= row.pass_ms ? "met" : "MISSED";
+    std::printf("%s%s | %s-%s | %s | %s | %s | %zu | %llu |\n", head.c_str(), Ms(median).c_str(),
+                Ms(Quantile(ms, 0.1)).c_str(), Ms(Quantile(ms, 0.9)).c_str(), Ms(row.pass_ms).c_str(),
+                Ms(row.stretch_ms).c_str(), verdict, ms.size(),
+                static_cast<unsigned long long>((*call)->stages().CountOccupied()));
+    std::fflush(stdout);
+  }
+
+  void StageTable() {
+    std::printf("\nStages, ms (medians, events between them):\n");
+    for (const BenchRow& row : StageRows()) {
+      if (!Wanted(row)) continue;
+      const std::string head = absl::StrCat(row.name, ", ", row.mesh, " ", row.n, ": ");
+      if (TimeIsUp()) {
+        Fail(head, absl::DeadlineExceededError("not run: the time is up"));
+        continue;
+      }
+      backend_.Run(0, [&] { MeasureStages(row, head); });
+    }
+  }
+
+  void MeasureStages(const BenchRow& row, const std::string& head) {
+    absl::StatusOr<std::unique_ptr<Call>> call = Call::Make(backend_, MeshOf(row.mesh), row.request);
+    if (!call.ok()) return Fail(head, call.status());
+    const size_t steps = (*call)->steps().size();
+    Marks marks(steps + 1);
+    std::vector<std::vector<double>> ms(steps);
+    const absl::Status status = Repeat([&](bool warmup) {
+      absl::Status s = (*call)->Run(marks, true);
+      for (size_t i = 0; s.ok() && !warmup && i < steps; ++i) ms[i].push_back(marks.Between(i, i + 1));
+      return s;
+    });
+    if (!status.ok()) return Fail(head, status);
+    std::printf("%s", head.c_str());
+    for (size_t i = 0; i < steps; ++i)
+      std::printf("%s%s %s", i == 0 ? "" : ", ", (*call)->steps()[i].first, Ms(Quantile(ms[i], 0.5)).c_str());
+    std::printf("\n");
+    std::fflush(stdout);
+  }
+
+  void CallTable() {
+    std::printf(
+        "\n| whole call | mesh | N | first ms | ms | p10-p90 | result MB | mesh MB | floor: result | floor: both |\n");
+    std::printf("|---|---|---|---|---|---|---|---|---|---|\n");
+    for (const BenchRow& row : WholeCallRows()) {
+      if (!Wanted(row)) continue;
+      const std::string head = absl::StrCat("| ", row.name, " | ", row.mesh, " | ", row.n, " | ");
+      if (TimeIsUp()) {
+        Fail(head, absl::DeadlineExceededError("not run: the time is up"));
+        continue;
+      }
+      MeasureCall(row, head);
+    }
+  }
+
+  void MeasureCall(const BenchRow& row, const std::string& head) {
+    const TriangleMesh& mesh = MeshOf(row.mesh);
+    std::vector<double> ms;
+    double result_bytes = 0;
+    for (int i = 0; i < 12 && (i < 4 || ms.back() < 500); ++i) {
+      const auto begin = Clock::now();
+      const absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, row.request, JobContext());
+      ms.push_back(MsSince(begin));
+      if (!result.ok()) return Fail(head, result.status());
+      result_bytes = 0;
+      for (const auto& bytes : ArraysOf(*result)) result_bytes += double(bytes.size());
+    }
+    const double first = ms.front();
+    ms.erase(ms.begin());
+    const double mesh_bytes =
+        double(mesh.positions.size()) * sizeof(Vec3d) + double(mesh.triangles.size()) * 3 * sizeof(uint32_t);
+    const double down = result_bytes / down_rate_, up = mesh_bytes / up_rate_;
+    std::printf("%s%s | %s | %s-%s | %.1f | %.1f | %s | %s |\n", head.c_str(), Ms(first).c_str(),
+                Ms(Quantile(ms, 0.5)).c_str(), Ms(Quantile(ms, 0.1)).c_str(), Ms(Quantile(ms, 0.9)).c_str(),
+                result_bytes / 1e6, mesh_bytes / 1e6, Ms(down).c_str(), Ms(down + up).c_str());
+    std::fflush(stdout);
+  }
+
+  const Options& options_;
+  const Backend& backend_;
+  const Clock::time_point begin_ = Clock::now();
+  std::vector<BenchMesh> meshes_;
+  std::map<std::string, TriangleMesh> made_;
+  double down_rate_ = 1, up_rate_ = 1;  // bytes a millisecond
+  int rows_ = 0, passed_ = 0, stretched_ = 0, failed_ = 0;
+};
+
+bool Parse(int argc, char** argv, Options& options) {
+  for (int i = 1; i < argc; i += 2) {
+    if (i + 1 == argc) return false;
+    const std::string argument = argv[i], value = argv[i + 1];
+    if (argument == "--bunny") {
+      options.bunny = value;
+    } else if (argument == "--cow") {
+      options.cow = value;
+    } else if (argument == "--filter") {
+      options.filter = value;
+    } else if (argument == "--only") {
+      options.only = value;
+    } else if (argument == "--budget") {
+      options.budget_s = std::atof(value.c_str());
+    } else if (argument == "--repeats") {
+      options.repeats = std::atoi(value.c_str());
+    } else if (argument == "--warmup") {
+      options.warmup = std::atoi(value.c_str());
+    } else {
+      return false;
+    }
+  }
+  return true;
+}
+
+int Main(int argc, char** argv) {
+  Options options;
+  if (!Parse(argc, argv, options)) {
+    std::fprintf(stderr, "cuda_bench: unknown or incomplete option; see the head of cuda_bench.cpp\n");
+    return 1;
+  }
+  const absl::StatusOr<const Backend*> backend = SelectBackend(BackendChoice::kCuda);
+  if (!backend.ok()) {
+    std::printf("SKIPPED: no CUDA device (%s)\n", std::string(backend.status().message()).c_str());
+    return 77;
+  }
+  return Bench(options, **backend).Run();
+}
+
+}  // namespace
+}  // namespace voxelpipe::gpu
+
+int main(int argc, char** argv) {
+  return voxelpipe::gpu::Main(argc, argv);
+}

@@ -1,0 +1,228 @@
+#!/usr/bin/env bash
+# Everything that needs a GPU, on a bare machine with a driver and the CUDA toolkit. Runs where `make gpu-bundle` put it.
+#
+# usage: run.sh [-o LOG_DIR] [-f FILTER] [SECTION]...      sections: parity sanitize device cli server bench meshes profile
+#   parity    CPU bytes = CUDA bytes over all cases and models        sanitize  compute-sanitizer's four tools on the quick cases
+#   device    the arithmetic headers on both devices                  cli       the command line's hash, cuda against cpu
+#   server    voxelpiped on the GPU, its results' hash                bench     the table, stage times, whole calls
+#   meshes    parity on the benchmark's meshes at 512^3 and 1024^3    profile   Nsight Compute on the largest rows
+# Without sections: parity sanitize device cli server, side by side, then bench, meshes and profile.
+#   -f FILTER  of cuda_parity (parity) and cuda_bench (bench, profile)
+#   LIMIT=N    environment: seconds a section may take, in place of its own limit
+# Logs go to LOG_DIR (default ./gpu-logs), one a section. The last lines are a summary, one a section. Exit 0 if all passed.
+set -uo pipefail
+here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
+logs="gpu-logs"
+filter=""
+while getopts "o:f:" option; do
+  case "$option" in
+    o) logs="$OPTARG" ;;
+    f) filter="$OPTARG" ;;
+    *) exit 2 ;;
+  esac
+done
+shift $((OPTIND - 1))
+mkdir -p "$logs"
+bin="$here/bin"
+export PATH="$PATH:/usr/local/cuda/bin"
+work="$(mktemp -d)"
+trap 'rm -rf "$work"' EXIT
+
+# The bunny with all its triangles and one of about 5,800, where the bundle has them.
+find_model() { find "$here/models" -name "$1" -print -quit; }
+bunny="$(find_model 'stanford-bunny*')"
+cow="$(find_model 'bunny.glb')"
+mesh_options=()
+if [[ -n "$bunny" ]]; then mesh_options+=(--bunny "$bunny"); fi
+models() { find "$here/models" -name '*.glb' -o -name '*.gltf' -o -name '*.drc' | sort; }
+
+limit() { echo "${LIMIT:-$1}"; }
+
+parity() {
+  local files options=()
+  mapfile -t files < <(models)
+  if [[ -n "$filter" ]]; then options=(--filter "$filter"); fi
+  timeout "$(limit 300)" "$bin/cuda_parity" "${options[@]}" --files "${files[@]}"
+}
+
+# One tool; the quick cases.
+sanitize_with() {
+  local tool="$1" options=()
+  if [[ "$tool" == memcheck ]]; then options=(--track-stream-ordered-races all); fi
+  timeout "$(limit 240)" compute-sanitizer --tool "$tool" "${options[@]}" --error-exitcode 9 --print-limit 12 \
+    "$bin/cuda_parity" --quick
+}
+sanitize() {
+  local tool code result=0 tools=(memcheck racecheck initcheck synccheck)
+  declare -A started
+  for tool in "${tools[@]}"; do
+    sanitize_with "$tool" >"$work/$tool.log" 2>&1 &
+    started[$tool]=$!
+  done
+  for tool in "${tools[@]}"; do
+    wait "${started[$tool]}"
+    code=$?
+    echo "=== $tool: exit $code"
+    if ((code == 0)); then tail -4 "$work/$tool.log"; else head -c 200000 "$work/$tool.log"; fi
+    # 2: clean, though some case is not implemented yet.
+    if ((code != 0 && code != 2)); then result=1; fi
+  done
+  echo "=== in short"
+  for tool in "${tools[@]}"; do
+    echo "$tool: $(grep -E 'ERROR SUMMARY|RACECHECK SUMMARY|^cuda_parity:' "$work/$tool.log" | sed 's/=* *//' | tr '\n' ' ')"
+  done
+  return "$result"
+}
+
+device() {
+  timeout "$(limit 60)" "$bin/device_parity"
+}
+
+# The value of a key of one line of JSON on stdin.
+json() { sed -n "s/.*\"$1\": *\"\([^\"]*\)\".*/\1/p" | head -1; }
+
+# Arguments of `voxelpipe voxelize`, one request a line.
+requests() {
+  cat <<'END'
+--resolution 128
+--resolution 200 --coverage thin --fill parity
+--resolution 100 --fill flood --result sparse
+--resolution 150 --target f32x3:add --shader normal
+--resolution 96 --target u8x4:max --shader base_color --result sparse
+--resolution 120 --target u32:first --shader triangle_id --coverage thin --result buckets
+END
+}
+
+# voxelize_both FIRST... -- SECOND...: every model and request with the one and the other set of options; the hashes must be equal, and
+# the first must have run on `cuda`.
+compare_hashes() {
+  local label="$1" first="$2" second="$3" model arguments a b different=0 count=0
+  while read -r model; do
+    while read -r arguments; do
+      # shellcheck disable=SC2086  # the options are words
+      a="$("$bin/voxelpipe" voxelize "$model" $arguments --json $first 2>&1)"
+      # shellcheck disable=SC2086
+      b="$("$bin/voxelpipe" voxelize "$model" $arguments --json $second 2>&1)"
+      count=$((count + 1))
+      if [[ -z "$(json hash <<<"$a")" || "$(json hash <<<"$a")" != "$(json hash <<<"$b")" ||
+        "$(json backend <<<"$a")" != cuda ]]; then
+        different=$((different + 1))
+        echo "DIFFERS $(basename "$model") $arguments"
+        echo "  $first: $(tr '\n' ' ' <<<"$a" | head -c 600)"
+        echo "  $second: $(tr '\n' ' ' <<<"$b" | head -c 600)"
+      fi
+    done < <(requests)
+  done < <(models | head -"${4}")
+  echo "$label: $count requests, $different differ"
+  ((different == 0 && count > 0))
+}
+
+cli() {
+  compare_hashes cli "--backend cuda" "--backend cpu" 8
+}
+
+server() {
+  local log="$work/voxelpiped.log" address="" pid result
+  "$bin/voxelpiped" --listen 127.0.0.1:0 --backend cuda >"$log" 2>&1 &
+  pid=$!
+  for _ in $(seq 100); do
+    address="$(sed -n 's/^listening on //p' "$log")"
+    if [[ -n "$address" ]]; then break; fi
+    sleep 0.1
+  done
+  if [[ -z "$address" ]]; then
+    echo "the server did not start:"
+    cat "$log"
+    kill "$pid" 2>/dev/null
+    return 1
+  fi
+  compare_hashes server "--server $address" "--backend cpu" 6
+  result=$?
+  kill -TERM "$pid"
+  wait "$pid" || { echo "the server left with $?"; result=1; }
+  tail -5 "$log"
+  return "$result"
+}
+
+bench() {
+  local options=("${mesh_options[@]}") seconds
+  seconds="$(limit 200)"
+  if [[ -n "$cow" ]]; then options+=(--cow "$cow"); fi
+  if [[ -n "$filter" ]]; then options+=(--filter "$filter"); fi
+  timeout "$((seconds + 30))" "$bin/cuda_bench" --budget "$seconds" "${options[@]}"
+}
+
+meshes() {
+  timeout "$(limit 120)" "$bin/cuda_parity" --bench-meshes "${mesh_options[@]}"
+}
+
+profile() {
+  local ncu which="${filter:-10M}"
+  ncu="$(command -v ncu || find /opt/nvidia/nsight-compute -maxdepth 2 -name ncu -print -quit 2>/dev/null)"
+  if [[ -z "$ncu" ]]; then
+    echo "ncu is not here"
+    return 1
+  fi
+  timeout "$(limit 150)" "$ncu" --clock-control none --section SpeedOfLight --section Occupancy --section WarpStateStats \
+    --section LaunchStats --csv --page raw "$bin/cuda_bench" --only stages --filter "$which" --repeats 1 --warmup 0 \
+    "${mesh_options[@]}" >"$logs/profile.csv" 2>"$work/ncu.err" || tail -5 "$work/ncu.err"
+  python3 "$here/profile_table.py" "$logs/profile.csv"
+}
+
+declare -A code seconds
+run_section() {
+  local begin=$SECONDS
+  "$1" >"$logs/$1.log" 2>&1
+  code[$1]=$?
+  seconds[$1]=$((SECONDS - begin))
+}
+
+sections=("$@")
+if ((${#sections[@]} == 0)); then sections=(parity sanitize device cli server bench meshes profile); fi
+together=()
+alone=()
+for section in "${sections[@]}"; do
+  case "$section" in
+    parity | sanitize | device | cli | server) together+=("$section") ;;
+    bench | meshes | profile) alone+=("$section") ;;
+    *) echo "run.sh: no section '$section'" >&2; exit 2 ;;
+  esac
+done
+
+echo "VoxelPipe $(cat "$here/COMMIT"), $(nvidia-smi --query-gpu=name,driver_version --format=csv,noheader 2>&1 | head -1), $(nproc) cores"
+# Those whose times mean nothing run side by side, each writing its exit code.
+for section in "${together[@]}"; do
+  (
+    run_section "$section"
+    echo "${code[$section]} ${seconds[$section]}" >"$work/$section.code"
+  ) &
+done
+wait
+for section in "${together[@]}"; do read -r code[$section] seconds[$section] <"$work/$section.code"; done
+for section in "${alone[@]}"; do run_section "$section"; done
+
+failed=0
+for section in "${sections[@]}"; do
+  echo
+  echo "--- $section"
+  case "$section" in
+    bench | profile) head -c 14000 "$logs/$section.log" ;;
+    parity | meshes) grep -Ev ' triangles +[0-9]+ cases' "$logs/$section.log" | head -c 9000 ;;
+    sanitize) sed -n '/=== in short/,$p' "$logs/$section.log" ;;
+    *) tail -12 "$logs/$section.log" ;;
+  esac
+done
+echo
+echo "--- summary"
+for section in "${sections[@]}"; do
+  case "${code[$section]}" in
+    0) word=passed ;;
+    77) word="SKIPPED: no CUDA device" ;;
+    2) word="INCOMPLETE: some cases are not implemented" ;;
+    124) word="TIME OUT" ;;
+    *) word="FAILED (exit ${code[$section]})" ;;
+  esac
+  if [[ "$word" != passed ]]; then failed=1; fi
+  printf '%-9s %4s s  %s  %s\n' "$section" "${seconds[$section]}" "$word" "$(grep -E '^(cuda_parity|cuda_bench|cli|server):' "$logs/$section.log" | tail -1)"
+done
+exit "$failed"
