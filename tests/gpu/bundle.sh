@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # usage: bundle.sh BUILD_DIR OUT_DIR [MODEL...]     (make gpu-bundle GPU_MODELS="...")
-# Puts all that tests/gpu/run.sh needs on a machine with a driver and the CUDA toolkit alone into OUT_DIR: bin/ (stripped), lib/ (what the
-# binaries link, but for the C and C++ runtimes), models/, run.sh. A .gltf brings its whole directory. Prints the size; fails above 60 MiB.
+# Puts all that tests/gpu/run.sh needs on a machine with a driver and the CUDA toolkit alone into OUT_DIR: bin/
+# (stripped), lib/ (what the binaries link, but for the C and C++ runtimes), models/, run.sh. A .gltf brings its whole
+# directory. Prints the size; fails above 60 MiB.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 build_dir="$1"
@@ -17,9 +18,9 @@ done
 cp "${binaries[@]}" "$out/bin/"
 strip "$out"/bin/*
 
-# The toolkit of the other machine has its own CUDA libraries; the C and C++ runtimes there are at least as new as these.
-ldd "${binaries[@]}" | awk '$2 == "=>" && $3 ~ /^\// {print $3}' | sort -u |
-  grep -Ev '/(libc|libm|libdl|librt|libpthread|libresolv|libstdc\+\+|libgcc_s|libnvrtc|libcuda|libcudart|ld-linux.*)\.so' |
+# The other machine's toolkit has CUDA's libraries, and its C and C++ runtimes are at least as new as these.
+theirs='libc|libm|libdl|librt|libpthread|libresolv|libstdc\+\+|libgcc_s|libnvrtc|libcuda|libcudart|ld-linux.*'
+ldd "${binaries[@]}" | awk '$2 == "=>" && $3 ~ /^\// {print $3}' | sort -u | grep -Ev "/($theirs)\.so" |
   while read -r library; do cp -L "$library" "$out/lib/"; done
 find "$out/lib" -type f -exec strip --strip-unneeded {} + 2>/dev/null || true
 
@@ -40,6 +41,7 @@ cp tests/gpu/run.sh tests/gpu/profile_table.py "$out/"
 git describe --always --dirty 2>/dev/null >"$out/COMMIT" || echo unknown >"$out/COMMIT"
 
 bytes="$(du -sb "$out" | cut -f1)"
-echo "$out: $((bytes / 1024 / 1024)) MiB, $(find "$out/bin" -type f | wc -l) binaries, $(find "$out/lib" -type f | wc -l) libraries," \
-  "$(find "$out/models" -type f | wc -l) model files, commit $(cat "$out/COMMIT")"
+count() { find "$out/$1" -type f | wc -l; }
+echo "$out: $((bytes / 1024 / 1024)) MiB, $(count bin) binaries, $(count lib) libraries, $(count models) model files," \
+  "commit $(cat "$out/COMMIT")"
 ((bytes < 60 * 1024 * 1024)) || { echo "bundle.sh: larger than 60 MiB" >&2; exit 1; }

@@ -8,8 +8,8 @@
 //   --repeats N     at most so many measured runs a row (60)      --warmup N   runs before them (3)
 //   --only PART     one of: table, stages, calls
 //
-// Method of the table: mesh on the device, result left there, CUDA events on the backend's stream around the whole call,
-// clearing included, median of the measured runs and their 10th and 90th percentiles. Whole calls: wall clock of
+// Method of the table: mesh on the device, result left there, CUDA events on the backend's stream around the whole
+// call, clearing included, median of the measured runs and their 10th and 90th percentiles. Whole calls: wall clock of
 // Voxelize().
 // Exit: 0 every row was measured, 1 some failed or were not run, 77 no CUDA device. Missed targets do not change it.
 #include <cuda_runtime_api.h>

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """usage: profile_table.py PROFILE.csv    (ncu --csv --page raw)
 
-Prints the kernels by their share of the time: launches, mean duration, how busy the multiprocessors, the memory, L2 and L1 were,
-occupancy, registers, and the two stalls that cost most.
+Prints the kernels by their share of the time: launches, mean duration, how busy the multiprocessors, the memory, L2 and
+L1 were, occupancy, registers, and the two stalls that cost most.
 """
 import collections
 import csv
@@ -54,7 +54,8 @@ def main():
         return sum(number(row.get(COLUMNS["duration"], "")) for row in kernels[name]) * scale
 
     everything = sum(total(name) for name in kernels) or 1.0
-    print("| kernel | launches | us each | share | SM % | memory % | DRAM % | L2 % | L1 % | warps % | registers | stalls |")
+    print("| kernel | launches | us each | share | SM % | memory % | DRAM % | L2 % | L1 % | warps % | registers "
+          "| stalls |")
     print("|---|---|---|---|---|---|---|---|---|---|---|---|")
     for name in sorted(kernels, key=total, reverse=True)[:16]:
         group = kernels[name]

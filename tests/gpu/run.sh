@@ -1,15 +1,19 @@
 #!/usr/bin/env bash
-# Everything that needs a GPU, on a bare machine with a driver and the CUDA toolkit. Runs where `make gpu-bundle` put it.
+# Everything that needs a GPU, on a bare machine with a driver and the CUDA toolkit; from where make gpu-bundle put it.
 #
-# usage: run.sh [-o LOG_DIR] [-f FILTER] [SECTION]...      sections: parity sanitize device cli server bench meshes profile
-#   parity    CPU bytes = CUDA bytes over all cases and models        sanitize  compute-sanitizer's four tools on the quick cases
-#   device    the arithmetic headers on both devices                  cli       the command line's hash, cuda against cpu
-#   server    voxelpiped on the GPU, its results' hash                bench     the table, stage times, whole calls
-#   meshes    parity on the benchmark's meshes at 512^3 and 1024^3    profile   Nsight Compute on the largest rows
-# Without sections: parity sanitize device cli server, side by side, then bench, meshes and profile.
+# usage: run.sh [-o LOG_DIR] [-f FILTER] [SECTION]...      sections:
+#   parity    CPU bytes = CUDA bytes over all cases and models
+#   sanitize  compute-sanitizer's four tools on the quick cases
+#   device    the arithmetic headers on both devices
+#   cli       the command line's hash, cuda against cpu
+#   server    voxelpiped on the GPU, its results' hash
+#   bench     the table, stage times, whole calls
+#   meshes    parity on the benchmark's meshes at 512^3 and 1024^3
+#   profile   Nsight Compute on the largest rows
+# Without sections: all; those up to `server` side by side, the others alone.
 #   -f FILTER  of cuda_parity (parity) and cuda_bench (bench, profile)
 #   LIMIT=N    environment: seconds a section may take, in place of its own limit
-# Logs go to LOG_DIR (default ./gpu-logs), one a section. The last lines are a summary, one a section. Exit 0 if all passed.
+# Logs go to LOG_DIR (default ./gpu-logs), one a section. The last lines are a summary. Exit 0 if all passed.
 set -uo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 logs="gpu-logs"
@@ -69,7 +73,7 @@ sanitize() {
   done
   echo "=== in short"
   for tool in "${tools[@]}"; do
-    echo "$tool: $(grep -E 'ERROR SUMMARY|RACECHECK SUMMARY|^cuda_parity:' "$work/$tool.log" | sed 's/=* *//' | tr '\n' ' ')"
+    echo "$tool: $(grep -E 'SUMMARY|^cuda_parity:' "$work/$tool.log" | sed 's/=* *//' | tr '\n' ' ')"
   done
   return "$result"
 }
@@ -93,10 +97,10 @@ requests() {
 END
 }
 
-# voxelize_both FIRST... -- SECOND...: every model and request with the one and the other set of options; the hashes must be equal, and
-# the first must have run on `cuda`.
+# compare_hashes LABEL FIRST SECOND MODELS: requests with the one and the other set of options, on so many models; the
+# hashes must be equal, and the first must have run on `cuda`.
 compare_hashes() {
-  local label="$1" first="$2" second="$3" model arguments a b different=0 count=0
+  local label="$1" first="$2" second="$3" models="$4" model arguments a b different=0 count=0
   while read -r model; do
     while read -r arguments; do
       # shellcheck disable=SC2086  # the options are words
@@ -112,7 +116,7 @@ compare_hashes() {
         echo "  $second: $(tr '\n' ' ' <<<"$b" | head -c 600)"
       fi
     done < <(requests)
-  done < <(models | head -"${4}")
+  done < <(models | head -"$models")
   echo "$label: $count requests, $different differ"
   ((different == 0 && count > 0))
 }
@@ -127,7 +131,7 @@ server() {
   pid=$!
   for _ in $(seq 100); do
     address="$(sed -n 's/^listening on //p' "$log")"
-    if [[ -n "$address" ]]; then break; fi
+    if [[ -n "$address" ]] || ! kill -0 "$pid" 2>/dev/null; then break; fi
     sleep 0.1
   done
   if [[ -z "$address" ]]; then
@@ -163,9 +167,9 @@ profile() {
     echo "ncu is not here"
     return 1
   fi
-  timeout "$(limit 150)" "$ncu" --clock-control none --section SpeedOfLight --section Occupancy --section WarpStateStats \
-    --section LaunchStats --csv --page raw "$bin/cuda_bench" --only stages --filter "$which" --repeats 1 --warmup 0 \
-    "${mesh_options[@]}" >"$logs/profile.csv" 2>"$work/ncu.err" || tail -5 "$work/ncu.err"
+  timeout "$(limit 150)" "$ncu" --clock-control none --section SpeedOfLight --section Occupancy \
+    --section WarpStateStats --section LaunchStats --csv --page raw "$bin/cuda_bench" --only stages --filter "$which" \
+    --repeats 1 --warmup 0 "${mesh_options[@]}" >"$logs/profile.csv" 2>"$work/ncu.err" || tail -5 "$work/ncu.err"
   python3 "$here/profile_table.py" "$logs/profile.csv"
 }
 
@@ -189,7 +193,8 @@ for section in "${sections[@]}"; do
   esac
 done
 
-echo "VoxelPipe $(cat "$here/COMMIT"), $(nvidia-smi --query-gpu=name,driver_version --format=csv,noheader 2>&1 | head -1), $(nproc) cores"
+gpu="$(nvidia-smi --query-gpu=name,driver_version --format=csv,noheader 2>/dev/null | head -1)"
+echo "VoxelPipe $(cat "$here/COMMIT"), GPU: ${gpu:-none found}, $(nproc) cores"
 # Those whose times mean nothing run side by side, each writing its exit code.
 for section in "${together[@]}"; do
   (
@@ -223,6 +228,7 @@ for section in "${sections[@]}"; do
     *) word="FAILED (exit ${code[$section]})" ;;
   esac
   if [[ "$word" != passed ]]; then failed=1; fi
-  printf '%-9s %4s s  %s  %s\n' "$section" "${seconds[$section]}" "$word" "$(grep -E '^(cuda_parity|cuda_bench|cli|server):' "$logs/$section.log" | tail -1)"
+  line="$(grep -E '^(cuda_parity|cuda_bench|cli|server):' "$logs/$section.log" | tail -1)"
+  printf '%-9s %4s s  %s  %s\n' "$section" "${seconds[$section]}" "$word" "$line"
 done
 exit "$failed"
