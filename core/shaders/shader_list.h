@@ -34,6 +34,8 @@
   X(Morph)                          \
   X(Skin)
 
+// Device code that is compiled at run time may bring a list of its own.
+#if !defined(VOXELPIPE_FRAGMENT_SHADERS)
 #define VOXELPIPE_FRAGMENT_SHADERS(X) \
   X(Occupancy)                        \
   X(Constant)                         \
@@ -55,6 +57,7 @@
   X(Position)                         \
   X(CoverageFraction)                 \
   X(Checker)
+#endif
 
 namespace voxelpipe {
 
