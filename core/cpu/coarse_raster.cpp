@@ -38,6 +38,8 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   if (state.tiles.count() > UINT32_MAX) {
     return absl::ResourceExhaustedError("the grid has more than 2^32 tiles of 32x8x8 voxels");
   }
+  const bool fit = std::max({grid.dims[0], grid.dims[1], grid.dims[2]}) <= kMaxLaneDim;
+  state.tile_kernels = fit ? state.kernels : *SelectRowKernels(SimdChoice::kScalar);
   if (PlainBits(state, grid)) {
     state.row_bits = std::make_unique<RowBits>(*state.kernels, state.view, grid, state.request.request.coverage);
     const absl::Status s = state.row_bits->Place(state.request.request.fill == Fill::kParity, state.job);

@@ -1,31 +1,11 @@
 #include "cpu/dense_fill.h"
 
-#include <algorithm>
 #include <bit>
-#include <cstring>
 
-#if defined(__SSE2__)
-#include <emmintrin.h>
-#endif
-
-#include "cpu/parallel.h"
+#include "cpu/stream.h"
 
 namespace voxelpipe::cpu {
 namespace {
-
-constexpr int64_t kChunkBytes = 1 << 20;
-constexpr uint64_t kCachedBytes = 4 << 20;  // what is read again soon should stay in the caches
-
-// `bytes` bytes of a repeated 16-byte pattern, to a 16-byte boundary.
-void StreamPattern(uint8_t* to, int64_t bytes, const uint8_t (&pattern)[16]) {
-  int64_t at = 0;
-#if defined(__SSE2__)
-  const __m128i value = _mm_loadu_si128(reinterpret_cast<const __m128i*>(pattern));
-  for (; at + 16 <= bytes; at += 16) _mm_stream_si128(reinterpret_cast<__m128i*>(to + at), value);
-  _mm_sfence();
-#endif
-  for (; at < bytes; ++at) to[at] = pattern[at % 16];
-}
 
 template <typename Element>
 void FillElements(RunState& state, CpuTarget& target, int64_t row, std::span<const uint32_t> inside) {
@@ -45,23 +25,23 @@ void FillElements(RunState& state, CpuTarget& target, int64_t row, std::span<con
 
 }  // namespace
 
-absl::Status ClearElements(HostBuffer& buffer, uint32_t stored, int element_bytes, const JobContext& job) {
-  uint8_t pattern[16];
-  for (int i = 0; i < 16; i += element_bytes)
-    std::memcpy(pattern + i, &stored, size_t(element_bytes));  // little endian
-  const auto bytes = int64_t(buffer.size());
-  return ParallelChunks((bytes + kChunkBytes - 1) / kChunkBytes, 1, job, [&](int64_t begin, int64_t end) {
-    for (int64_t chunk = begin; chunk < end; ++chunk) {
-      uint8_t* const to = buffer.data() + chunk * kChunkBytes;
-      const int64_t count = std::min(kChunkBytes, bytes - chunk * kChunkBytes);
-      if (buffer.size() > kCachedBytes) {
-        StreamPattern(to, count, pattern);
-      } else {
-        for (int64_t at = 0; at < count; at += 16)
-          std::memcpy(to + at, pattern, size_t(std::min<int64_t>(16, count - at)));
-      }
+void ClearRows(const RunState& state, CpuTarget& target, const VoxelRange& rows, int64_t x_begin, int64_t x_end) {
+  const int element_bytes = BitsPerComponent(target.spec.format) / 8, components = target.spec.components;
+  const bool planar = state.request.request.layout == Layout::kPlanar;
+  const int64_t voxel_bytes = int64_t{element_bytes} * (planar ? 1 : components);
+  const int64_t plane_bytes = int64_t(state.slab_voxels()) * element_bytes;
+  const ElementPattern clear(target.clear_stored, element_bytes, target.streams());
+  // Whole rows follow each other.
+  const bool whole = x_begin == 0 && x_end == state.dims[0];
+  const int64_t lines = whole ? 1 : rows.end[1] - rows.begin[1];
+  const int64_t line_bytes = (x_end - x_begin) * voxel_bytes * (whole ? rows.end[1] - rows.begin[1] : 1);
+  for (int64_t z = rows.begin[2]; z < rows.end[2]; ++z) {
+    for (int64_t line = 0; line < lines; ++line) {
+      const int64_t voxel = x_begin + state.dims[0] * state.SlabRow(rows.begin[1] + line, z);
+      uint8_t* const to = target.dense.data() + voxel * voxel_bytes;
+      for (int plane = 0; plane < (planar ? components : 1); ++plane) clear.Fill(to + plane * plane_bytes, line_bytes);
     }
-  });
+  }
 }
 
 void FillRow(RunState& state, CpuTarget& target, int64_t row, std::span<const uint32_t> inside) {

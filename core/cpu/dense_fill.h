@@ -4,14 +4,13 @@
 #include <cstdint>
 #include <span>
 
-#include "absl/status/status.h"
 #include "cpu/run_state.h"
 
 namespace voxelpipe::cpu {
 
-// Sets the whole buffer to `stored`, an element of `element_bytes` (1, 2 or 4), with stores that do not read the old contents into the
-// caches. Parallel; CANCELLED, DEADLINE_EXCEEDED.
-absl::Status ClearElements(HostBuffer& buffer, uint32_t stored, int element_bytes, const JobContext& job);
+// Sets voxels x_begin <= x < x_end of the rows of `rows` (grid coordinates, in the slab) to the clear value of a target that is not bit.
+// The caller ends with StreamFence.
+void ClearRows(const RunState& state, CpuTarget& target, const VoxelRange& rows, int64_t x_begin, int64_t x_end);
 
 // Writes the fill value of a target that is not bit to the voxels of slab row `row` that are set in `inside` and have no
 // fragment of the target's.

@@ -3,11 +3,14 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstring>
 #include <span>
 
+#include "cpu/dense_fill.h"
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
+#include "cpu/stream.h"
 #include "cpu/tile_buffer.h"
 #include "cpu/tile_runs.h"
 #include "shaders/fragment_input.h"
@@ -30,62 +33,109 @@ struct Worker {
   }
 
   std::vector<TileBuffer> buffers;
+  TileSpans spans;
   std::array<uint32_t, kTileRows> coverage{};
-  bool shades = false;              // some target needs its fragments shaded one by one
-  ShaderTraits traits;              // what those shaders ask for, together
+  bool shades = false;              // some target needs shading
+  ShaderTraits traits;              // what those targets' shaders ask for, together
   bool any_always_present = false;  // some target keeps every fragment, so a touched voxel is a covered one
   uint64_t fragments = 0;
 };
 
-void ShadeRow(const RunState& state, Worker& worker, const TrianglePlane& plane, FragmentInput& in, int row,
-              uint32_t mask, const int64_t (&origin)[3]) {
-  uint32_t covered = worker.any_always_present ? mask : 0;
-  for (uint32_t left = mask; left != 0; left &= left - 1) {
-    const int bit = std::countr_zero(left);
-    in.voxel[0] = origin[0] + bit;
-    in.voxel[1] = origin[1] + row % 8;
-    in.voxel[2] = origin[2] + row / 8;
-    if (worker.traits.needs_barycentrics) in.barycentric = Barycentrics(plane, in.voxel[0], in.voxel[1], in.voxel[2]);
-    for (size_t t = 0; t < state.targets.size(); ++t) {
-      const CpuTarget& target = state.targets[t];
-      if (target.is_occupancy) continue;
-      FragmentOutput out;
-      ShadeFragment(target.shader, in, target.params, out);
-      if (out.discard) continue;
-      worker.buffers[t].Blend(row, bit, out);
-      covered |= 1u << bit;
+// Shades and blends a triangle's fragments of one tile.
+class TriangleShader {
+ public:
+  TriangleShader(const RunState& state, Worker& worker, uint32_t triangle) : state_(state), worker_(worker) {
+    if (!worker.traits.needs_plane) {
+      in_ = MakePlainInput(state.view, triangle);
+      return;
+    }
+    const uint32_t* v = state.view.triangles[triangle];
+    plane_ = SetUpPlane(state.index_positions[v[0]], state.index_positions[v[1]], state.index_positions[v[2]]);
+    in_ = MakeFragmentInput(state.view, triangle, plane_.degenerate, worker.traits.reads_textures());
+  }
+
+  // For one target whose fragments of this triangle all have one output: shaded once, blended span by span.
+  void BlendSame(size_t t, std::span<const TileSpan> spans) {
+    const CpuTarget& target = state_.targets[t];
+    FragmentOutput out;
+    ShadeFragment(target.shader, in_, target.params, out);
+    if (out.discard) return;
+    TileBuffer& buffer = worker_.buffers[t];
+    const BlendValue value = buffer.Convert(out);
+    for (const TileSpan span : spans) {
+      buffer.Blend(span, value);
+      worker_.coverage[size_t(span.row())] |= span.mask();
     }
   }
-  worker.coverage[row] |= covered;
+
+  // For the targets of `varying`, bit by bit: voxel by voxel. `origin`: the tile's first voxel.
+  void BlendVarying(uint32_t varying, std::span<const TileSpan> spans, const int64_t (&origin)[3]) {
+    for (const TileSpan span : spans) {
+      in_.voxel[1] = origin[1] + span.row() % 8;
+      in_.voxel[2] = origin[2] + span.row() / 8;
+      for (int x = span.first(); x <= span.last(); ++x) {
+        in_.voxel[0] = origin[0] + x;
+        if (worker_.traits.needs_barycentrics) {
+          in_.barycentric = Barycentrics(plane_, in_.voxel[0], in_.voxel[1], in_.voxel[2]);
+        }
+        for (uint32_t left = varying; left != 0; left &= left - 1)
+          BlendOne(size_t(std::countr_zero(left)), span.row(), x);
+      }
+    }
+  }
+
+  const FragmentInput& input() const { return in_; }
+
+ private:
+  void BlendOne(size_t t, int row, int x) {
+    const CpuTarget& target = state_.targets[t];
+    FragmentOutput out;
+    ShadeFragment(target.shader, in_, target.params, out);
+    if (out.discard) return;
+    TileBuffer& buffer = worker_.buffers[t];
+    buffer.Blend(TileSpan::At(row, x, x), buffer.Convert(out));
+    worker_.coverage[size_t(row)] |= 1u << x;
+  }
+
+  const RunState& state_;
+  Worker& worker_;
+  TrianglePlane plane_;
+  FragmentInput in_;
+};
+
+void BlendTriangle(const RunState& state, Worker& worker, uint32_t triangle, std::span<const TileSpan> spans,
+                   const int64_t (&origin)[3]) {
+  for (const TileSpan span : spans) worker.fragments += uint64_t(span.last() - span.first() + 1);
+  if (worker.any_always_present) {
+    for (const TileSpan span : spans) worker.coverage[size_t(span.row())] |= span.mask();
+  }
+  if (!worker.shades) return;
+  TriangleShader shader(state, worker, triangle);
+  uint32_t varying = 0;
+  for (size_t t = 0; t < state.targets.size(); ++t) {
+    if (state.targets[t].is_occupancy) continue;
+    if (SameForTriangle(state.targets[t].shader, shader.input())) {
+      shader.BlendSame(t, spans);
+    } else {
+      varying |= 1u << t;
+    }
+  }
+  if (varying != 0) shader.BlendVarying(varying, spans, origin);
 }
 
-void RasterTile(RunState& state, Worker& worker, const TileRun& run) {
-  const uint64_t tile = state.pairs[run.begin] >> 32;
-  const VoxelRange range = TileVoxels(state.tiles, tile, state.dims);
+void RasterTile(RunState& state, Worker& worker, const TileRun& run, const VoxelRange& range) {
   const int64_t origin[3] = {range.begin[0], range.begin[1], range.begin[2]};
+  const RowMesh mesh = IndexSpaceMesh(state.index_positions, state.view.triangles);
   worker.coverage.fill(0);
   for (TileBuffer& buffer : worker.buffers) buffer.Begin();
-  for (uint64_t i = run.begin; i < run.end; ++i) {
-    const uint32_t triangle = uint32_t(state.pairs[i]);
-    const uint32_t* v = state.view.triangles[triangle];
-    const TriangleSetup setup = SetUpTriangle(state.index_positions[v[0]], state.index_positions[v[1]],
-                                              state.index_positions[v[2]], state.request.request.coverage);
-    FragmentInput in;
-    TrianglePlane plane;
-    ForEachRowSpan(setup, range, [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
-      const int row = int((y - origin[1]) + 8 * (z - origin[2]));
-      const uint32_t mask = RowMask(x_begin - origin[0], x_end - origin[0]);
-      worker.fragments += uint64_t(x_end - x_begin);
-      if (!worker.shades) {
-        worker.coverage[row] |= mask;
-        return;
-      }
-      if (in.mesh == nullptr) {
-        plane = SetUpPlane(state.index_positions[v[0]], state.index_positions[v[1]], state.index_positions[v[2]]);
-        in = MakeFragmentInput(state.view, triangle, plane.degenerate, worker.traits.reads_textures());
-      }
-      ShadeRow(state, worker, plane, in, row, mask, origin);
-    });
+  for (uint64_t first = run.begin; first < run.end; first += TileSpans::kTriangles) {
+    const auto count = int64_t(std::min<uint64_t>(TileSpans::kTriangles, run.end - first));
+    state.tile_kernels->spans_in_tile(mesh, &state.pairs[first], count, state.request.request.coverage, range,
+                                      worker.spans);
+    for (int64_t i = 0; i < count; ++i) {
+      const std::span<const TileSpan> spans(worker.spans.spans[i], size_t(worker.spans.count[i]));
+      if (!spans.empty()) BlendTriangle(state, worker, uint32_t(state.pairs[first + uint64_t(i)]), spans, origin);
+    }
   }
   const int64_t word = range.begin[0] / 32;
   for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
@@ -96,9 +146,7 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run) {
 }
 
 // Hands a rasterized tile on: to the dense targets, or to the values that bricks are made of. `number` counts the slab's runs.
-void StoreTile(RunState& state, const Worker& worker, const TileRun& run, size_t number) {
-  const uint64_t tile = state.pairs[run.begin] >> 32;
-  const VoxelRange range = TileVoxels(state.tiles, tile, state.dims);
+void StoreTile(RunState& state, const Worker& worker, uint64_t tile, const VoxelRange& range, size_t number) {
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   for (size_t t = 0; t < state.targets.size(); ++t) {
     if (state.targets[t].is_occupancy) continue;
@@ -113,23 +161,87 @@ void StoreTile(RunState& state, const Worker& worker, const TileRun& run, size_t
   state.slab_tiles[tile - state.tiles.Index(0, 0, state.slab.begin / TileDim(2))] = uint32_t(number);
 }
 
+// The slab's tiles with the same y and z, a row of tiles, are one thread's; what no tile of the row writes is cleared between them, so
+// that every line of the targets is written once.
+class TileRows {
+ public:
+  explicit TileRows(RunState& state) : state_(state), runs_(SlabRuns(state)) {
+    layers_ = (state.slab.end + TileDim(2) - 1) / TileDim(2) - state.slab.begin / TileDim(2);
+    first_run_.resize(size_t(count()) + 1);
+    size_t run = 0;
+    for (int64_t row = 0; row < count(); ++row) {
+      first_run_[size_t(row)] = run;
+      const uint64_t next = FirstTile(row + 1);
+      while (run < runs_.size() && Tile(run) < next) ++run;
+    }
+    first_run_.back() = run;
+  }
+
+  int64_t count() const { return state_.tiles.dims[1] * layers_; }
+  int64_t tiles() const { return state_.tiles.dims[0] * count(); }
+  size_t runs() const { return runs_.size(); }
+
+  void Raster(int64_t row, Worker& worker) {
+    VoxelRange all = TileVoxels(state_.tiles, FirstTile(row), state_.dims);
+    all.end[0] = state_.dims[0];
+    ClearBits(all);
+    int64_t x = 0;  // voxels before it are written
+    for (size_t i = first_run_[size_t(row)]; i < first_run_[size_t(row) + 1]; ++i) {
+      const VoxelRange range = TileVoxels(state_.tiles, Tile(i), state_.dims);
+      ClearValues(all, x, range.begin[0]);
+      RasterTile(state_, worker, runs_[i], range);
+      StoreTile(state_, worker, Tile(i), range, i);
+      x = range.end[0];
+    }
+    ClearValues(all, x, state_.dims[0]);
+    StreamFence();
+  }
+
+ private:
+  uint64_t Tile(size_t run) const { return state_.pairs[runs_[run].begin] >> 32; }
+  uint64_t FirstTile(int64_t row) const { return state_.tiles.Index(0, row, state_.slab.begin / TileDim(2)); }
+
+  void ClearBits(const VoxelRange& rows) {
+    const auto clear = [&](BitGrid& grid) {
+      if (grid.empty()) return;
+      const size_t bytes = size_t((rows.end[1] - rows.begin[1]) * grid.words_per_row()) * sizeof(uint32_t);
+      for (int64_t z = rows.begin[2]; z < rows.end[2]; ++z) {
+        std::memset(grid.row(state_.SlabRow(rows.begin[1], z)).data(), 0, bytes);
+      }
+    };
+    clear(state_.coverage);
+    for (CpuTarget& target : state_.targets) {
+      clear(target.bits);
+      clear(target.presence);
+    }
+  }
+
+  void ClearValues(const VoxelRange& rows, int64_t x_begin, int64_t x_end) {
+    if (x_begin >= x_end) return;
+    for (CpuTarget& target : state_.targets) {
+      if (target.dense.size() > 0) ClearRows(state_, target, rows, x_begin, x_end);
+    }
+  }
+
+  RunState& state_;
+  const std::span<const TileRun> runs_;
+  int64_t layers_;
+  std::vector<size_t> first_run_;  // of each row of tiles
+};
+
 }  // namespace
 
 absl::Status FineRaster(RunState& state) {
   if (state.row_bits) return state.row_bits->Raster(state.slab.begin, state.slab.end, state.coverage, state.job);
-  const std::span<const TileRun> runs = SlabRuns(state);
+  TileRows rows(state);
   if (state.request.request.result == ResultKind::kSparse) {
-    state.tile_values.resize(runs.size());
-    const int64_t layers = (state.slab.end + TileDim(2) - 1) / TileDim(2) - state.slab.begin / TileDim(2);
-    state.slab_tiles.assign(size_t(state.tiles.dims[0] * state.tiles.dims[1] * layers), UINT32_MAX);
+    state.tile_values.resize(rows.runs());
+    state.slab_tiles.assign(size_t(rows.tiles()), UINT32_MAX);
   }
   tbb::enumerable_thread_specific<Worker> workers([&] { return Worker(state); });
-  absl::Status s = ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
+  absl::Status s = ParallelChunks(rows.count(), 1, state.job, [&](int64_t begin, int64_t end) {
     Worker& worker = workers.local();
-    for (int64_t i = begin; i < end; ++i) {
-      RasterTile(state, worker, runs[size_t(i)]);
-      StoreTile(state, worker, runs[size_t(i)], size_t(i));
-    }
+    for (int64_t row = begin; row < end; ++row) rows.Raster(row, worker);
   });
   uint64_t fragments = 0;
   for (const Worker& worker : workers) fragments += worker.fragments;

@@ -7,8 +7,8 @@
 
 #include "absl/status/statusor.h"
 #include "base/vec.h"
+#include "cpu/tile_spans.h"
 #include "pipeline/request.h"
-#include "raster/spans.h"
 
 namespace voxelpipe::cpu {
 
@@ -40,6 +40,11 @@ struct RowMesh {
   Vec3d origin, voxel_size;
   bool regular;  // Placed::regular of all vertices
 };
+
+// A mesh whose vertices are in index space already.
+inline RowMesh IndexSpaceMesh(const Vec3d* positions, const uint32_t (*triangles)[3]) {
+  return {positions, nullptr, triangles, {0, 0, 0}, {1, 1, 1}, true};
+}
 
 // Triangles by the rows and layers of their boxes, so that those of one vector have equally many.
 //   0-3    at most two rows and two layers: (rows - 1) + 2 * (layers - 1)
@@ -80,7 +85,14 @@ struct RowKernels {
   // Sets the bits of triangles in the slab's layers. Any triangle may be given to either; each is fast for its class.
   void (*raster_small)(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage, const RowSlab& slab);
   void (*raster_large)(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage, const RowSlab& slab);
+  // The spans of triangles, the low 32 bits of pairs[0...count), in a tile (clipped to the grid); at most TileSpans::kTriangles. The mesh
+  // is one of IndexSpaceMesh.
+  void (*spans_in_tile)(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Coverage coverage,
+                        const VoxelRange& tile, TileSpans& out);
 };
+
+// Tile coordinates of grids up to this many voxels an axis fit the lanes of RowKernels::spans_in_tile.
+inline constexpr int64_t kMaxLaneDim = int64_t{1} << 30;
 
 // FAILED_PRECONDITION where this machine lacks the instruction set. kAuto is the best that it has.
 absl::StatusOr<const RowKernels*> SelectRowKernels(SimdChoice choice);

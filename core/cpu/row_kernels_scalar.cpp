@@ -82,7 +82,17 @@ void Raster(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage co
   }
 }
 
-const RowKernels kScalar{"scalar", Bounds, Place, Scan, Raster, Raster};
+void SpansInTile(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Coverage coverage, const VoxelRange& tile,
+                 TileSpans& out) {
+  for (int i = 0; i < int(count); ++i) {
+    const uint32_t* v = mesh.triangles[uint32_t(pairs[i])];
+    out.count[i] = 0;
+    AddTileSpans(SetUpTriangle(mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], coverage), tile, i,
+                 out);
+  }
+}
+
+const RowKernels kScalar{"scalar", Bounds, Place, Scan, Raster, Raster, SpansInTile};
 
 }  // namespace
 

@@ -12,14 +12,21 @@
 #include <hwy/highway.h>
 
 #include "cpu/row_kernels-inl.h"
+// After it, whose set-up it uses.
+#include "cpu/tile_kernels-inl.h"
 
 #if HWY_ONCE
 namespace voxelpipe::cpu {
 
 const RowKernels* Avx2RowKernels() {
 #if (HWY_TARGETS & HWY_AVX2)
-  static constexpr RowKernels kKernels{"avx2",       N_AVX2::Bounds,      N_AVX2::Place,
-                                       N_AVX2::Scan, N_AVX2::RasterSmall, N_AVX2::RasterLarge};
+  static constexpr RowKernels kKernels{"avx2",
+                                       N_AVX2::Bounds,
+                                       N_AVX2::Place,
+                                       N_AVX2::Scan,
+                                       N_AVX2::RasterSmall,
+                                       N_AVX2::RasterLarge,
+                                       N_AVX2::SpansInTile};
   return &kKernels;
 #else
   return nullptr;
@@ -28,8 +35,9 @@ const RowKernels* Avx2RowKernels() {
 
 const RowKernels* Avx512RowKernels() {
 #if (HWY_TARGETS & HWY_AVX3)
-  static constexpr RowKernels kKernels{"avx512",     N_AVX3::Bounds,      N_AVX3::Place,
-                                       N_AVX3::Scan, N_AVX3::RasterSmall, N_AVX3::RasterLarge};
+  static constexpr RowKernels kKernels{"avx512",           N_AVX3::Bounds,      N_AVX3::Place,
+                                       N_AVX3::Scan,       N_AVX3::RasterSmall, N_AVX3::RasterLarge,
+                                       N_AVX3::SpansInTile};
   return &kKernels;
 #else
   return nullptr;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "cpu/row_bits.h"
+#include "cpu/stream.h"
 #include "cpu/tile_values.h"
 #include "grid/bit_grid.h"
 #include "mesh/triangle_mesh.h"
@@ -40,6 +41,9 @@ struct CpuTarget {
   BitGrid bits;      // values of a bit target, unless is_occupancy
   BitGrid presence;  // if own_presence
   HostBuffer dense;  // values of a target that is not bit, in the result's layout over the slab
+
+  // Whether the values are so many that they are written past the caches.
+  bool streams() const { return dense.size() > kCachedBytes; }
 };
 
 struct ABuffer;
@@ -68,6 +72,7 @@ struct RunState {
   TileGrid tiles{};
   // Plain bits: the row-span rasterizer in place of tiles; `pairs` and `runs` stay empty.
   const RowKernels* kernels = nullptr;
+  const RowKernels* tile_kernels = nullptr;  // those of tiles: the scalar ones where coordinates do not fit the lanes
   std::unique_ptr<RowBits> row_bits;
   HostArray<Vec3d> placed_positions;       // under tiles: what index_positions shows
   const Vec3d* index_positions = nullptr;  // per vertex, index space

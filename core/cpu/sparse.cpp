@@ -227,13 +227,14 @@ TileValues KeepTile(const RunState& state, const std::vector<TileBuffer>& buffer
     const size_t element =
         target.spec.format == VoxelFormat::kBit ? 1 : size_t(BitsPerComponent(target.spec.format) / 8);
     for (int row = 0; row < kTileRows; ++row) {
+      if (covered[size_t(row)] == 0) continue;
+      // Where only another target has a fragment, the value is not looked at.
+      const uint32_t has = covered[size_t(row)] & buffers[t].presence(row);
+      uint32_t stored[4][32] = {};
+      for (int c = 0; c < components; ++c) buffers[t].StoredRow(row, c, has, stored[c]);
       for (uint32_t left = covered[size_t(row)]; left != 0; left &= left - 1) {
-        const int voxel = row * 32 + std::countr_zero(left);
-        const bool has = buffers[t].Has(voxel);  // otherwise another target's fragment: the value is not looked at
-        for (int c = 0; c < components; ++c, out += element) {
-          const uint32_t stored = has ? buffers[t].StoredAt(voxel, c) : 0;
-          std::memcpy(out, &stored, element);
-        }
+        const int bit = std::countr_zero(left);
+        for (int c = 0; c < components; ++c, out += element) std::memcpy(out, &stored[c][bit], element);
       }
     }
   }

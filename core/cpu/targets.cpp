@@ -1,6 +1,5 @@
-// Allocation, clearing and packing of the render targets.
+// Allocation and packing of the render targets. FineRaster clears what it does not write.
 #include "cpu/a_buffer.h"
-#include "cpu/dense_fill.h"
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
 #include "pipeline/plan.h"
@@ -17,7 +16,7 @@ double DefaultScale(VoxelFormat format, FragmentShaderId shader) {
 
 absl::Status Allocate(CpuTarget& target, const RunState& state) {
   const auto bits = [&](BitGrid& grid) -> absl::Status {
-    auto created = BitGrid::Create(state.slab_dims);
+    auto created = BitGrid::CreateUncleared(state.slab_dims);
     if (!created.ok()) return created.status();
     grid = *std::move(created);
     return absl::OkStatus();
@@ -30,7 +29,7 @@ absl::Status Allocate(CpuTarget& target, const RunState& state) {
   auto dense = HostBuffer::Allocate(TargetBytes(target.spec, state.slab_voxels()));
   if (!dense.ok()) return dense.status();
   target.dense = *std::move(dense);
-  return ClearElements(target.dense, target.clear_stored, BitsPerComponent(target.spec.format) / 8, state.job);
+  return absl::OkStatus();
 }
 
 HostBuffer PackBitTarget(const RunState& state, const CpuTarget& target, HostBuffer out) {
@@ -73,7 +72,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.a_buffer.reset();
   const bool buckets = state.request.request.result == ResultKind::kBuckets;
   if (!buckets) {
-    auto coverage = state.row_bits ? BitGrid::CreateUncleared(state.slab_dims) : BitGrid::Create(state.slab_dims);
+    auto coverage = BitGrid::CreateUncleared(state.slab_dims);
     if (!coverage.ok()) return coverage.status();
     state.coverage = *std::move(coverage);
   }

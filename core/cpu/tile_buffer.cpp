@@ -1,17 +1,28 @@
 #include "cpu/tile_buffer.h"
 
+#include <algorithm>
 #include <bit>
+#include <climits>
+
+#include "cpu/stream.h"
 
 namespace voxelpipe::cpu {
+namespace {
+
+// Calls visit(bit) for each set bit.
+template <typename Visit>
+void ForEachBit(uint32_t mask, const Visit& visit) {
+  for (; mask != 0; mask &= mask - 1) visit(std::countr_zero(mask));
+}
+
+}  // namespace
 
 TileBuffer::TileBuffer(const CpuTarget& target)
-    : spec_(target.spec),
-      u32_output_(target.u32_output),
-      is_float_(spec_.format == VoxelFormat::kF16 || spec_.format == VoxelFormat::kF32),
-      scale_(target.scale) {
+    : spec_(target.spec), u32_output_(target.u32_output), scale_(target.scale) {
   const size_t count = size_t{kTileVoxels} * size_t(spec_.components);
   if (spec_.format == VoxelFormat::kBit) {
     kept_ = Kept::kBits;
+    begin_bits_ = spec_.blend == Blend::kAnd ? ~0u : 0;
   } else if (spec_.blend == Blend::kCount) {
     kept_ = Kept::kCounts;
     counts_.resize(kTileVoxels);
@@ -25,48 +36,129 @@ TileBuffer::TileBuffer(const CpuTarget& target)
   } else {
     kept_ = Kept::kCells;
     cells_.resize(count);
+    if (spec_.blend == Blend::kMin || spec_.blend == Blend::kMax) {
+      // The bits of floats, those of negative ones inverted but for the sign, are ordered as OrderedLess orders the floats.
+      flip_negative_ = IsInteger(spec_.format) ? 1u << 31 : ~0u >> 1;
+      flip_positive_ = IsInteger(spec_.format) ? 1u << 31 : 0;
+      begin_cell_ = spec_.blend == Blend::kMin ? INT_MAX : INT_MIN;
+    }
+    if (spec_.blend == Blend::kAnd) begin_cell_ = -1;
   }
 }
 
-void TileBuffer::Blend(int row, int bit, const FragmentOutput& out) {
-  const uint32_t mask = 1u << bit;
-  const bool first = (presence_[size_t(row)] & mask) == 0;
-  presence_[size_t(row)] |= mask;
-  const size_t voxel = size_t(row * 32 + bit), components = size_t(spec_.components), at = voxel * components;
+BlendValue TileBuffer::Convert(const FragmentOutput& out) const {
+  BlendValue value;
+  switch (kept_) {
+    case Kept::kBits: value.bit = spec_.blend == Blend::kCount || ToBit(out, u32_output_); break;
+    case Kept::kCells:
+      for (int c = 0; c < spec_.components; ++c) {
+        const uint32_t cell = ToCell(out, u32_output_, c, spec_.format, scale_);
+        value.cell[c] = int32_t(cell ^ (int32_t(cell) < 0 ? flip_negative_ : flip_positive_));
+      }
+      break;
+    case Kept::kSums:
+    case Kept::kAverages:
+      for (int c = 0; c < spec_.components; ++c) {
+        value.term[c] = ToTerm(out, u32_output_, c, spec_.format, scale_, spec_.quantum);
+      }
+      break;
+    case Kept::kCounts: break;
+  }
+  return value;
+}
+
+void TileBuffer::BeginRow(int row) {
+  bits_[size_t(row)] = begin_bits_;
+  for (int c = 0; c < spec_.components; ++c) {
+    const int64_t at = int64_t{c} * kTileVoxels + row * 32;
+    if (kept_ == Kept::kCells) std::fill_n(cells_.begin() + at, 32, begin_cell_);
+    if (kept_ == Kept::kSums || kept_ == Kept::kAverages) std::fill_n(sums_.begin() + at, 32, 0);
+  }
+  if (kept_ == Kept::kCounts || kept_ == Kept::kAverages) std::fill_n(counts_.begin() + row * 32, 32, 0u);
+}
+
+template <typename Update>
+void TileBuffer::UpdateCells(TileSpan span, const BlendValue& value, const Update& update) {
+  const int first = span.row() * 32 + span.first(), last = span.row() * 32 + span.last();
+  for (int c = 0; c < spec_.components; ++c) {
+    int32_t* const cells = cells_.data() + c * kTileVoxels;
+    const int32_t v = value.cell[c];
+    for (int i = first; i <= last; ++i) cells[i] = update(cells[i], v);
+  }
+}
+
+void TileBuffer::Blend(TileSpan span, const BlendValue& value) {
+  const int row = span.row();
+  const uint32_t mask = span.mask(), before = presence_[size_t(row)];
+  if (before == 0) BeginRow(row);
+  presence_[size_t(row)] = before | mask;
+  const int first = row * 32 + span.first(), last = row * 32 + span.last();
   switch (kept_) {
     case Kept::kBits: {
-      const bool v = spec_.blend == Blend::kCount || ToBit(out, u32_output_);
-      const bool now = first ? v : BlendBit(spec_.blend, (bits_[size_t(row)] & mask) != 0, v);
-      bits_[size_t(row)] = now ? bits_[size_t(row)] | mask : bits_[size_t(row)] & ~mask;
+      uint32_t& bits = bits_[size_t(row)];
+      if (spec_.blend == Blend::kReplace) bits &= ~mask;
+      if (spec_.blend == Blend::kAnd) {
+        if (!value.bit) bits &= ~mask;
+      } else if (value.bit) {
+        bits |= spec_.blend == Blend::kFirst ? mask & ~before : mask;
+      }
       break;
     }
     case Kept::kCells:
-      for (size_t c = 0; c < components; ++c) {
-        const uint32_t v = ToCell(out, u32_output_, int(c), spec_.format, scale_);
-        cells_[at + c] = first ? v : BlendCell(spec_.blend, is_float_, cells_[at + c], v);
+      switch (spec_.blend) {
+        case Blend::kReplace: return UpdateCells(span, value, [](int32_t, int32_t v) { return v; });
+        case Blend::kMin: return UpdateCells(span, value, [](int32_t kept, int32_t v) { return std::min(kept, v); });
+        case Blend::kMax: return UpdateCells(span, value, [](int32_t kept, int32_t v) { return std::max(kept, v); });
+        case Blend::kOr: return UpdateCells(span, value, [](int32_t kept, int32_t v) { return kept | v; });
+        case Blend::kAnd: return UpdateCells(span, value, [](int32_t kept, int32_t v) { return kept & v; });
+        default:  // first
+          for (int c = 0; c < spec_.components; ++c) {
+            int32_t* const cells = cells_.data() + c * kTileVoxels + row * 32;
+            ForEachBit(mask & ~before, [&](int bit) { cells[bit] = value.cell[c]; });
+          }
+          return;
       }
-      break;
-    case Kept::kAverages: counts_[voxel] = first ? 1 : counts_[voxel] + 1; [[fallthrough]];
+    case Kept::kAverages:
+      for (int i = first; i <= last; ++i) ++counts_[size_t(i)];
+      [[fallthrough]];
     case Kept::kSums:
-      for (size_t c = 0; c < components; ++c) {
-        const int64_t v = ToTerm(out, u32_output_, int(c), spec_.format, scale_, spec_.quantum);
-        sums_[at + c] = first ? v : sums_[at + c] + v;
+      for (int c = 0; c < spec_.components; ++c) {
+        int64_t* const sums = sums_.data() + c * kTileVoxels;
+        const int64_t v = value.term[c];
+        for (int i = first; i <= last; ++i) sums[i] += v;
       }
       break;
-    case Kept::kCounts: counts_[voxel] = first ? 1 : counts_[voxel] + 1; break;
+    case Kept::kCounts:
+      for (int i = first; i <= last; ++i) ++counts_[size_t(i)];
+      break;
   }
 }
 
-uint32_t TileBuffer::StoredAt(int voxel, int c) const {
-  const size_t at = size_t(voxel) * size_t(spec_.components) + size_t(c);
+void TileBuffer::StoredRow(int row, int c, uint32_t mask, uint32_t (&out)[32]) const {
+  const int first = row * 32;
+  const int64_t at = int64_t{c} * kTileVoxels + first;
   switch (kept_) {
-    case Kept::kBits: return bits_[size_t(voxel / 32)] >> (voxel % 32) & 1;
-    case Kept::kCells: return StoredBits(cells_[at], spec_.format);
-    case Kept::kSums: return StoreSum(sums_[at], spec_.format, spec_.quantum);
-    case Kept::kCounts: return StoreCount(counts_[size_t(voxel)], spec_.format);
-    case Kept::kAverages: return StoreAverage(sums_[at], counts_[size_t(voxel)], spec_.format, spec_.quantum);
+    case Kept::kBits: return ForEachBit(mask, [&](int bit) { out[bit] = bits_[size_t(row)] >> bit & 1; });
+    case Kept::kCells: {
+      const int32_t* const cells = cells_.data() + at;
+      const auto cell = [&](int bit) {
+        return uint32_t(cells[bit]) ^ (cells[bit] < 0 ? flip_negative_ : flip_positive_);
+      };
+      if (spec_.format == VoxelFormat::kF16) {
+        return ForEachBit(mask, [&](int bit) { out[bit] = StoredBits(cell(bit), VoxelFormat::kF16); });
+      }
+      return ForEachBit(mask, [&](int bit) { out[bit] = cell(bit); });
+    }
+    case Kept::kSums:
+      return ForEachBit(mask,
+                        [&](int bit) { out[bit] = StoreSum(sums_[size_t(at + bit)], spec_.format, spec_.quantum); });
+    case Kept::kCounts:
+      return ForEachBit(mask, [&](int bit) { out[bit] = StoreCount(counts_[size_t(first + bit)], spec_.format); });
+    case Kept::kAverages:
+      return ForEachBit(mask, [&](int bit) {
+        out[bit] = StoreAverage(sums_[size_t(at + bit)], counts_[size_t(first + bit)], spec_.format, spec_.quantum);
+      });
   }
-  return 0;
 }
 
 void TileBuffer::StoreWords(const RunState& state, const VoxelRange& range, BitGrid& grid,
@@ -81,22 +173,42 @@ void TileBuffer::StoreWords(const RunState& state, const VoxelRange& range, BitG
 
 void TileBuffer::StoreBitGrids(const RunState& state, const VoxelRange& range, CpuTarget& target) const {
   if (target.own_presence) StoreWords(state, range, target.presence, presence_);
-  if (!target.bits.empty()) StoreWords(state, range, target.bits, bits_);
+  if (!target.bits.empty()) {
+    std::array<uint32_t, kTileRows> words;  // a row that no fragment touched holds an older tile's bits
+    for (size_t row = 0; row < words.size(); ++row) words[row] = bits_[row] & presence_[row];
+    StoreWords(state, range, target.bits, words);
+  }
 }
 
 template <typename Element>
 void TileBuffer::StoreElements(const RunState& state, const VoxelRange& range, CpuTarget& target) const {
   auto* const out = reinterpret_cast<Element*>(target.dense.data());
-  const bool planar = state.request.request.layout == Layout::kPlanar;
-  const uint64_t components = uint64_t(spec_.components), voxels = state.slab_voxels();
-  for (int row = 0; row < kTileRows; ++row) {
-    const int64_t y = range.begin[1] + row % 8, z = range.begin[2] + row / 8;
-    const uint64_t first = uint64_t(range.begin[0]) + uint64_t(state.dims[0]) * uint64_t(state.SlabRow(y, z));
-    for (uint32_t left = presence_[size_t(row)]; left != 0; left &= left - 1) {
-      const int bit = std::countr_zero(left);
-      const uint64_t n = first + uint64_t(bit);
-      for (uint64_t c = 0; c < components; ++c) {
-        out[planar ? c * voxels + n : n * components + c] = Element(StoredAt(row * 32 + bit, int(c)));
+  const int components = spec_.components;
+  const bool planar = state.request.request.layout == Layout::kPlanar || components == 1;
+  const int arrays = planar ? components : 1, stride = planar ? 1 : components;
+  const int64_t width = range.end[0] - range.begin[0], row_bytes = width * stride * int64_t(sizeof(Element));
+  const bool streams = target.streams();
+  const ElementPattern clear(target.clear_stored, sizeof(Element), streams && row_bytes % kLineBytes == 0);
+  for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
+    for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {
+      const int row = int((y - range.begin[1]) + 8 * (z - range.begin[2]));
+      const uint32_t mask = presence_[size_t(row)];
+      const uint64_t first = uint64_t(range.begin[0]) + uint64_t(state.dims[0]) * uint64_t(state.SlabRow(y, z));
+      for (int array = 0; array < arrays; ++array) {
+        auto* const to =
+            reinterpret_cast<uint8_t*>(out + uint64_t(array) * state.slab_voxels() + first * uint64_t(stride));
+        if (mask == 0) {
+          clear.Fill(to, row_bytes);
+          continue;
+        }
+        Element line[32 * 4];
+        std::fill_n(line, width * stride, Element(target.clear_stored));
+        for (int c = 0; c < stride; ++c) {
+          uint32_t stored[32];
+          StoredRow(row, array + c, mask, stored);
+          ForEachBit(mask, [&](int bit) { line[bit * stride + c] = Element(stored[bit]); });
+        }
+        StreamCopy(to, line, row_bytes, streams);
       }
     }
   }

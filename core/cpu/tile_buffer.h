@@ -6,47 +6,65 @@
 #include <vector>
 
 #include "cpu/run_state.h"
+#include "cpu/tile_spans.h"
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe::cpu {
+
+// A fragment's output as a target keeps it (blend_ops.h): the same for all voxels that a shader gives the same output.
+struct BlendValue {
+  int32_t cell[4];  // in the order of TileBuffer's cells
+  int64_t term[4];
+  bool bit;
+};
 
 // Local voxel of a tile: x + 32*(y + 8*z); row r = y + 8*z is one word of bits.
 class TileBuffer {
  public:
   explicit TileBuffer(const CpuTarget& target);
 
-  // Forgets the previous tile. Values need no clearing: blending starts from the first fragment.
+  // Forgets the previous tile. Values are set to what the blend begins from when their row is first touched.
   void Begin() { presence_.fill(0); }
 
-  // Blends one fragment into voxel `bit` of row `row`. Fragments of a voxel arrive by ascending triangle id.
-  void Blend(int row, int bit, const FragmentOutput& out);
+  BlendValue Convert(const FragmentOutput& out) const;
 
-  // Writes the voxels with a fragment to the dense target, and the bits of bit targets and presence to their grids. `range` is
-  // the tile clipped to the grid.
+  // Blends one fragment into each voxel of a span. Fragments of a voxel arrive by ascending triangle id.
+  void Blend(TileSpan span, const BlendValue& value);
+
+  // Writes the tile to the dense target: values where there is a fragment, the clear value elsewhere; and the bits of bit targets
+  // and presence to their grids. `range` is the tile clipped to the grid. After the last tile, StreamFence.
   void Store(const RunState& state, const VoxelRange& range, CpuTarget& target) const;
   void StoreBitGrids(const RunState& state, const VoxelRange& range, CpuTarget& target) const;
 
-  // The stored bits (blend_ops.h) of component c of a local voxel with a fragment; 0 or 1 for a bit target.
-  uint32_t StoredAt(int voxel, int c) const;
-  bool Has(int voxel) const { return (presence_[size_t(voxel / 32)] >> (voxel % 32) & 1) != 0; }
+  // The stored bits (blend_ops.h) of component c of the voxels of a row that are in `mask`, all of them with a fragment; 0 or 1 for a
+  // bit target. Other elements of `out` are left as they are.
+  void StoredRow(int row, int c, uint32_t mask, uint32_t (&out)[32]) const;
+  uint32_t presence(int row) const { return presence_[size_t(row)]; }
 
  private:
   enum class Kept : uint8_t { kBits, kCells, kSums, kCounts, kAverages };
 
+  void BeginRow(int row);
+  template <typename Update>
+  void UpdateCells(TileSpan span, const BlendValue& value, const Update& update);
   template <typename Element>
   void StoreElements(const RunState& state, const VoxelRange& range, CpuTarget& target) const;
   void StoreWords(const RunState& state, const VoxelRange& range, BitGrid& grid,
                   const std::array<uint32_t, kTileRows>& words) const;
 
   TargetSpec spec_;
-  bool u32_output_, is_float_;
+  bool u32_output_;
   double scale_;
   Kept kept_;
+  uint32_t flip_positive_ = 0, flip_negative_ = 0;  // between cells as blend_ops.h has them and as they are kept
+  int32_t begin_cell_ = 0;
+  uint32_t begin_bits_ = 0;
   std::array<uint32_t, kTileRows> presence_{};
   std::array<uint32_t, kTileRows> bits_{};  // kBits
-  std::vector<uint32_t> cells_;             // kCells: voxel by voxel, components together
-  std::vector<int64_t> sums_;               // kSums, kAverages
-  std::vector<uint32_t> counts_;            // kCounts, kAverages: one a voxel
+  // Component after component, each voxel by voxel.
+  std::vector<int32_t> cells_;    // kCells: min and max hold them so that their order is that of signed integers
+  std::vector<int64_t> sums_;     // kSums, kAverages
+  std::vector<uint32_t> counts_;  // kCounts, kAverages: one a voxel
 };
 
 }  // namespace voxelpipe::cpu

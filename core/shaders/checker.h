@@ -9,6 +9,7 @@ namespace voxelpipe {
 // voxel (0, 0, 0), whose cell is even; neighbours across a face differ. Output: f32, 1 component. Needs nothing of the
 // mesh.
 struct CheckerShader : FragmentShaderTraits {
+  static constexpr bool kNeedsPlane = false;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams& params, FragmentOutput& out) {
     const int64_t size = int64_t(params.value[0]);
     const int64_t cell = in.voxel[0] / size + in.voxel[1] / size + in.voxel[2] / size;

@@ -10,6 +10,7 @@ namespace voxelpipe {
 struct ColorShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   static constexpr bool kIsColor = true;
+  VOXELPIPE_HD static bool SameForTriangle(const FragmentInput& in) { return !in.part->has_colors; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     Vec4f color{1, 1, 1, 1};
     if (in.part->has_colors) {

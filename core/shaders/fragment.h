@@ -27,11 +27,14 @@ struct FragmentInput {
 
 // What a fragment shader may ask for and do; each shader derives from this and overrides what differs.
 struct FragmentShaderTraits {
+  static constexpr bool kNeedsPlane = true;  // reads `degenerate`, `geometric_normal`, `uv_density` or barycentrics
   static constexpr bool kNeedsBarycentrics = false;
   static constexpr bool kCanDiscard = false;  // may set FragmentOutput::discard
   static constexpr bool kIsColor = false;     // 0 to 1 a channel: integer targets scale it to their range by default
   // Textures of the material that it samples.
   static constexpr bool kReadsBaseColor = false, kReadsEmissive = false, kReadsMetallicRoughness = false;
+  // Whether all fragments of the triangle give the same output, whatever `voxel` and `barycentric` say.
+  VOXELPIPE_HD static bool SameForTriangle(const FragmentInput&) { return false; }
 };
 
 // Up to four components, all f32 or all u32 as the shader's output type says. Missing components read as 0, the fourth 1.

@@ -22,14 +22,20 @@ VOXELPIPE_HD float UvDensity(const Vec3d& a, const Vec3d& b, const Vec3d& c, con
   return density < 0x1p60 ? float(density) : (density >= 0x1p60 ? 0x1p60f : 0.0f);
 }
 
-// In: a triangle of `mesh`, whether it is degenerate in index space (raster/triangle_plane.h), whether a shader samples
-// textures. Out: all but the voxel and the barycentrics. Degenerate triangles have no texture scale: uv_density 0.
-VOXELPIPE_HD FragmentInput MakeFragmentInput(const MeshView& mesh, uint32_t triangle, bool degenerate, bool textured) {
+// What needs no geometry: mesh, part, triangle and vertices (shaders without FragmentShaderTraits::kNeedsPlane).
+VOXELPIPE_HD FragmentInput MakePlainInput(const MeshView& mesh, uint32_t triangle) {
   FragmentInput in;
   in.mesh = &mesh;
   in.part = &mesh.parts[PartOf(mesh, triangle)];
   in.triangle = triangle;
   for (int i = 0; i < 3; ++i) in.vertex[i] = mesh.triangles[triangle][i];
+  return in;
+}
+
+// In: a triangle of `mesh`, whether it is degenerate in index space (raster/triangle_plane.h), whether a shader samples
+// textures. Out: all but the voxel and the barycentrics. Degenerate triangles have no texture scale: uv_density 0.
+VOXELPIPE_HD FragmentInput MakeFragmentInput(const MeshView& mesh, uint32_t triangle, bool degenerate, bool textured) {
+  FragmentInput in = MakePlainInput(mesh, triangle);
   in.degenerate = degenerate;
   if (degenerate) return in;
   const Vec3d* p = mesh.positions;

@@ -8,6 +8,8 @@ namespace voxelpipe {
 // Output: u32, 1 component: the material's index in the file. glTF's default material, which primitives without one
 // have, counts as one more after the last: the number of materials. Files without materials: 0.
 struct MaterialIdShader : FragmentShaderTraits {
+  static constexpr bool kNeedsPlane = false;
+  VOXELPIPE_HD static bool SameForTriangle(const FragmentInput&) { return true; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     out.u[0] = uint32_t(in.part->material);
   }

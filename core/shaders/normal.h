@@ -8,6 +8,7 @@ namespace voxelpipe {
 // Output: f32, 3 components, world axes, unit length; the geometric normal where the mesh has no normals.
 struct NormalShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
+  VOXELPIPE_HD static bool SameForTriangle(const FragmentInput& in) { return !in.part->has_normals; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     const Vec3f n = ShadingNormal(in);
     out.f[0] = n.x;

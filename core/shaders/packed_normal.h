@@ -42,6 +42,7 @@ VOXELPIPE_HD Vec3f UnpackNormal(uint32_t packed) {
 // Output: u32, 1 component, below 2^16. Of the same normal as the shader `normal`.
 struct PackedNormalShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
+  VOXELPIPE_HD static bool SameForTriangle(const FragmentInput& in) { return !in.part->has_normals; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     out.u[0] = PackNormal(ShadingNormal(in));
   }

@@ -77,10 +77,23 @@ VOXELPIPE_HD void ShadeFragment(FragmentShaderId id, const FragmentInput& in, co
   }
 }
 
+// FragmentShaderTraits::SameForTriangle of a shader chosen at run time. In: a triangle's input, its voxel and barycentrics not yet
+// set.
+VOXELPIPE_HD bool SameForTriangle(FragmentShaderId id, const FragmentInput& in) {
+  switch (id) {
+#define VOXELPIPE_CASE(name) \
+  case FragmentShaderId::k##name: return name##Shader::SameForTriangle(in);
+    VOXELPIPE_FRAGMENT_SHADERS(VOXELPIPE_CASE)
+#undef VOXELPIPE_CASE
+  }
+  return false;
+}
+
 // FragmentShaderTraits of a shader chosen at run time, or of several together (operator|=).
 struct ShaderTraits {
   bool needs_barycentrics = false, can_discard = false, is_color = false;
   bool reads_base_color = false, reads_emissive = false, reads_metallic_roughness = false;
+  bool needs_plane = false;
 
   VOXELPIPE_HD bool reads_textures() const { return reads_base_color || reads_emissive || reads_metallic_roughness; }
   VOXELPIPE_HD ShaderTraits& operator|=(const ShaderTraits& other) {
@@ -90,16 +103,18 @@ struct ShaderTraits {
     reads_base_color = reads_base_color || other.reads_base_color;
     reads_emissive = reads_emissive || other.reads_emissive;
     reads_metallic_roughness = reads_metallic_roughness || other.reads_metallic_roughness;
+    needs_plane = needs_plane || other.needs_plane;
     return *this;
   }
 };
 
 VOXELPIPE_HD ShaderTraits TraitsOf(FragmentShaderId id) {
   switch (id) {
-#define VOXELPIPE_CASE(name)                                                                        \
-  case FragmentShaderId::k##name:                                                                   \
-    return {name##Shader::kNeedsBarycentrics, name##Shader::kCanDiscard,    name##Shader::kIsColor, \
-            name##Shader::kReadsBaseColor,    name##Shader::kReadsEmissive, name##Shader::kReadsMetallicRoughness};
+#define VOXELPIPE_CASE(name)                                                                                       \
+  case FragmentShaderId::k##name:                                                                                  \
+    return {name##Shader::kNeedsBarycentrics, name##Shader::kCanDiscard,    name##Shader::kIsColor,                \
+            name##Shader::kReadsBaseColor,    name##Shader::kReadsEmissive, name##Shader::kReadsMetallicRoughness, \
+            name##Shader::kNeedsPlane};
     VOXELPIPE_FRAGMENT_SHADERS(VOXELPIPE_CASE)
 #undef VOXELPIPE_CASE
   }

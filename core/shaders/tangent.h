@@ -12,6 +12,7 @@ namespace voxelpipe {
 // and w.
 struct TangentShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
+  VOXELPIPE_HD static bool SameForTriangle(const FragmentInput& in) { return !in.part->has_tangents; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     if (!in.part->has_tangents) return;
     const Vec4f* tangents = in.mesh->tangents;

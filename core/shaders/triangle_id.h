@@ -7,6 +7,8 @@ namespace voxelpipe {
 
 // Output: u32, 1 component.
 struct TriangleIdShader : FragmentShaderTraits {
+  static constexpr bool kNeedsPlane = false;
+  VOXELPIPE_HD static bool SameForTriangle(const FragmentInput&) { return true; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     out.u[0] = in.triangle;
   }

@@ -16,6 +16,67 @@ using testing::ShadingScene;
 
 constexpr Vec3f kQuarters{0.25f, 0.25f, 0.5f};
 
+// Every fragment shader that does not read textures, on a part with everything or with nothing.
+template <typename Check>
+void ForEachShader(bool attributes, const Check& check) {
+  ShadingScene scene;
+  const Vec3f normals[3] = {{0, 0, 1}, {0, 1, 0}, {1, 0, 0}}, velocities[3] = {{1, 2, 3}, {0, 1, 0}, {5, 0, 0}};
+  const Vec4f tangents[3] = {{1, 0, 0, 1}, {0, 1, 0, 1}, {0, 0, 1, 1}}, colors[3] = {{1, 0, 0, 1}, {}, {0, 1, 1, 1}};
+  const Vec2f uv[3] = {{0, 0}, {1, 0}, {0, 8}};
+  MeshView view = scene.View();
+  if (attributes) {
+    view.normals = normals;
+    view.velocities = velocities;
+    view.tangents = tangents;
+    view.colors = colors;
+    view.uv[0] = uv;
+    scene.part.has_normals = scene.part.has_tangents = scene.part.has_colors = scene.part.has_uv[0] = true;
+  }
+  for (const ShaderInfo& info : ListShaders()) {
+    if (info.stage != ShaderStage::kFragment || info.reads_textures || info.name == "attribute") continue;
+    const auto bound = BindShader(ShaderStage::kFragment, {info.name, {}});
+    ASSERT_TRUE(bound.ok()) << bound.status();
+    check(view, info.name, FragmentShaderId(bound->id), bound->params);
+  }
+}
+
+std::vector<float> Shaded(FragmentShaderId id, FragmentInput in, const ShaderParams& params, const Vec3f& barycentric,
+                          int64_t x) {
+  in.barycentric = barycentric;
+  in.voxel[0] = x;
+  FragmentOutput out;
+  ShadeFragment(id, in, params, out);
+  std::vector<float> all(out.f, out.f + 4);
+  for (const uint32_t u : out.u) all.push_back(float(u));
+  return all;
+}
+
+TEST(SameForTriangleTest, IsSaidOfShadersWhoseOutputDoesNotVary) {
+  for (const bool attributes : {false, true}) {
+    int same = 0, varying = 0;
+    ForEachShader(attributes,
+                  [&](const MeshView& view, const std::string& name, FragmentShaderId id, const ShaderParams& params) {
+                    const FragmentInput in = MakeFragmentInput(view, 0, false, false);
+                    const bool equal = Shaded(id, in, params, kQuarters, 0) == Shaded(id, in, params, {1, 0, 0}, 1);
+                    (equal ? same : varying) += 1;
+                    EXPECT_TRUE(equal || !SameForTriangle(id, in)) << name;
+                  });
+    EXPECT_GT(same, 4);
+    EXPECT_GT(varying, attributes ? 4 : 1);
+  }
+}
+
+TEST(NeedsPlaneTest, IsSaidOfShadersThatReadTheGeometry) {
+  ForEachShader(true,
+                [&](const MeshView& view, const std::string& name, FragmentShaderId id, const ShaderParams& params) {
+                  const bool equal = Shaded(id, MakePlainInput(view, 0), params, kQuarters, 0) ==
+                                     Shaded(id, MakeFragmentInput(view, 0, false, false), params, kQuarters, 0);
+                  EXPECT_TRUE(equal || TraitsOf(id).needs_plane) << name;
+                });
+  EXPECT_FALSE(TraitsOf(FragmentShaderId::kTriangleId).needs_plane);
+  EXPECT_TRUE(TraitsOf(FragmentShaderId::kGeometricNormal).needs_plane);
+}
+
 TEST(MaterialIdTest, IsTheIndexInTheFile) {
   ShadingScene scene;
   scene.part.material = 1;

@@ -1,0 +1,152 @@
+// The rows of many triangles in one tile on vectors: the set-up and the row tests of row_kernels-inl.h.
+// Included once for each instruction set, after row_kernels-inl.h; no include guard but Highway's.
+#if defined(VOXELPIPE_TILE_KERNELS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef VOXELPIPE_TILE_KERNELS_INL_H_
+#undef VOXELPIPE_TILE_KERNELS_INL_H_
+#else
+#define VOXELPIPE_TILE_KERNELS_INL_H_
+#endif
+
+#include "cpu/row_kernels-inl.h"
+#include "cpu/tile_spans.h"
+
+#if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
+
+HWY_BEFORE_NAMESPACE();
+namespace voxelpipe::cpu {
+namespace HWY_NAMESPACE {
+
+// Lanes whose box alone is their coverage: SpanClass::kRun.
+template <Coverage kCoverage>
+HWY_INLINE uint64_t RunLanes(const Batch& batch) {
+  if (kCoverage != Coverage::kConservative) return 0;
+  const auto x = hn::Eq(batch.first[0], batch.last[0]), y = hn::Eq(batch.first[1], batch.last[1]);
+  const auto z = hn::Eq(batch.first[2], batch.last[2]);
+  return Bits(DI(), hn::Or(hn::And(x, y), hn::Or(hn::And(y, z), hn::And(x, z))));
+}
+
+// Lanes whose box touches the tile. Others may be so far away that their box is saturated.
+HWY_INLINE uint64_t LanesNear(const Batch& batch, const VoxelRange& tile) {
+  uint64_t near = ~uint64_t{0};
+  for (int a = 0; a < 3; ++a) {
+    near &=
+        Bits(DI(), hn::And(AtMost(batch.first[a], SetI(tile.end[a] - 1)), AtMost(SetI(tile.begin[a]), batch.last[a])));
+  }
+  return near;
+}
+
+// The boxes of `lanes`, cut to the tile.
+HWY_INLINE void AddBoxes(const Batch& batch, uint64_t lanes, const VoxelRange& tile, int triangle, TileSpans& out) {
+  HWY_ALIGN int32_t first[3][kLanes], last[3][kLanes];
+  for (int a = 0; a < 3; ++a) {
+    hn::Store(hn::Max(batch.first[a], SetI(tile.begin[a])), DI(), first[a]);
+    hn::Store(hn::Min(batch.last[a], SetI(tile.end[a] - 1)), DI(), last[a]);
+  }
+  for (; lanes != 0; lanes &= lanes - 1) {
+    const int k = std::countr_zero(lanes);
+    for (int64_t z = first[2][k]; z <= last[2][k]; ++z) {
+      for (int64_t y = first[1][k]; y <= last[1][k]; ++y) {
+        out.Add(triangle + k, (y - tile.begin[1]) + TileDim(1) * (z - tile.begin[2]), first[0][k] - tile.begin[0],
+                last[0][k] - tile.begin[0]);
+      }
+    }
+  }
+}
+
+// The rows of the lanes of `active`, all of them narrow and near; RasterBatch with a tile in place of a slab.
+HWY_INLINE void AddRows(const Batch& batch, MF active, const VoxelRange& tile, int triangle, TileSpans& out) {
+  const DF df;
+  const DI di;
+  const BoundsF& b = batch.bounds;
+  const VI z_begin = SetI(tile.begin[2]);
+  const VI z_first = hn::Max(batch.first[2], z_begin), z_last = hn::Min(batch.last[2], SetI(tile.end[2] - 1));
+  const VI y_least = SetI(tile.begin[1]), y_most = SetI(tile.end[1] - 1);
+  const VI x_least = SetI(tile.begin[0]), x_most = SetI(tile.end[0] - 1);
+  const int32_t layers = MaxWhere(active, hn::Sub(z_last, z_first), -1);
+  HWY_ALIGN uint32_t spans[kLanes];
+  for (int32_t k = 0; k <= layers; ++k) {
+    const VI z = hn::Add(z_first, SetI(k));
+    const VF z_local = hn::ConvertTo(df, hn::Sub(z, batch.base[2]));
+    VF y_first = b.first.y, y_last = b.last.y, x_first = b.first.x, x_last = b.last.x;
+    for (int i = 0; i < 4; ++i) Tighten(b.y_of_z[i], z_local, y_first, y_last);
+    for (int i = 0; i < 3; ++i) Tighten(b.x_of_z[i], z_local, x_first, x_last);
+    const VF plane_shift = hn::Mul(b.plane.s, z_local);
+    const VF plane_lo = hn::Sub(b.plane.lo, plane_shift), plane_hi = hn::Sub(b.plane.hi, plane_shift);
+    VI y_begin, y_end;
+    ToGrid(y_first, y_last, b.first.y, b.last.y, batch.base[1], y_begin, y_end);
+    y_begin = hn::Max(y_begin, y_least);
+    y_end = hn::Min(y_end, y_most);
+    const MF in_layer = hn::And(active, hn::RebindMask(df, AtMost(z, z_last)));
+    const VI z_row = hn::ShiftLeft<3>(hn::Sub(z, z_begin));
+    const int32_t rows = MaxWhere(in_layer, hn::Sub(y_end, y_begin), -1);
+    for (int32_t j = 0; j <= rows; ++j) {
+      const VI y = hn::Add(y_begin, SetI(j));
+      const VF y_local = hn::ConvertTo(df, hn::Sub(y, batch.base[1]));
+      VF first = x_first, last = x_last;
+      for (int i = 0; i < 3; ++i) Tighten(b.x_of_y[i], y_local, first, last);
+      const VF shift = hn::Mul(b.plane_sy, y_local);
+      first = hn::Max(first, hn::Sub(plane_lo, shift));
+      last = hn::Min(last, hn::Sub(plane_hi, shift));
+      VI x_begin, x_end;
+      ToGrid(first, last, b.first.x, b.last.x, batch.base[0], x_begin, x_end);
+      x_begin = hn::Max(x_begin, x_least);
+      x_end = hn::Min(x_end, x_most);
+      const auto hit = hn::And(hn::RebindMask(di, in_layer), hn::And(AtMost(y, y_end), AtMost(x_begin, x_end)));
+      uint64_t lanes = Bits(di, hit);
+      if (lanes == 0) continue;
+      const VI row = hn::Add(hn::Sub(y, y_least), z_row);
+      const VI x = hn::Or(hn::ShiftLeft<8>(hn::Sub(x_begin, x_least)), hn::ShiftLeft<16>(hn::Sub(x_end, x_least)));
+      const hn::RebindToUnsigned<DI> du;
+      hn::Store(hn::BitCast(du, hn::Or(row, x)), du, spans);
+      for (; lanes != 0; lanes &= lanes - 1) {
+        const int lane = std::countr_zero(lanes);
+        out.spans[triangle + lane][out.count[triangle + lane]++].bits = spans[lane];
+      }
+    }
+  }
+}
+
+template <Coverage kCoverage>
+HWY_ATTR void SpansInTileAs(const RowMesh& mesh, const uint64_t* pairs, int64_t count, const VoxelRange& tile,
+                            TileSpans& out) {
+  const Divisor divisors[3] = {Divisor(mesh.voxel_size.x), Divisor(mesh.voxel_size.y), Divisor(mesh.voxel_size.z)};
+  uint32_t ids[kLanes];
+  std::fill_n(out.count, TileSpans::kTriangles, 0);
+  for (int64_t i = 0; i < count; i += kLanes) {
+    const int64_t here = std::min<int64_t>(kLanes, count - i);
+    for (int64_t k = 0; k < kLanes; ++k) ids[k] = uint32_t(pairs[i + std::min(k, here - 1)]);
+    Batch batch;
+    SetUpBatch<kCoverage>(mesh, divisors, ids, batch);
+    const uint64_t used = here == kLanes ? (uint64_t{1} << kLanes) - 1 : (uint64_t{1} << here) - 1;
+    const uint64_t runs = used & RunLanes<kCoverage>(batch);
+    const uint64_t narrow = used & ~runs & Bits(DF(), batch.narrow), near = LanesNear(batch, tile);
+    const auto first_lane = int(i);
+    if ((runs & near) != 0) AddBoxes(batch, runs & near, tile, first_lane, out);
+    if (const uint64_t lanes = narrow & near; lanes != 0) {
+      const uint8_t bytes[8] = {uint8_t(lanes), uint8_t(lanes >> 8)};
+      AddRows(batch, hn::LoadMaskBits(DF(), bytes), tile, first_lane, out);
+    }
+    for (uint64_t left = used & ~runs & ~narrow; left != 0; left &= left - 1) {
+      const int k = std::countr_zero(left);
+      const uint32_t* v = mesh.triangles[ids[k]];
+      AddTileSpans(SetUpTriangle(mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], kCoverage), tile,
+                   first_lane + k, out);
+    }
+  }
+}
+
+HWY_ATTR void SpansInTile(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Coverage coverage,
+                          const VoxelRange& tile, TileSpans& out) {
+  switch (coverage) {
+    case Coverage::kConservative: return SpansInTileAs<Coverage::kConservative>(mesh, pairs, count, tile, out);
+    case Coverage::kThin: return SpansInTileAs<Coverage::kThin>(mesh, pairs, count, tile, out);
+    case Coverage::kCenter: return SpansInTileAs<Coverage::kCenter>(mesh, pairs, count, tile, out);
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace voxelpipe::cpu
+HWY_AFTER_NAMESPACE();
+
+#endif  // HWY_TARGET
+#endif  // include guard

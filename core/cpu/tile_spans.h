@@ -1,0 +1,44 @@
+// The rows that triangles cover in one tile, several triangles at once.
+#pragma once
+
+#include <cstdint>
+
+#include "raster/spans.h"
+#include "raster/tiles.h"
+
+namespace voxelpipe::cpu {
+
+// A run of voxels in a row of a tile: the row y + 8*z in bits 0-5, its first voxel in bits 8-12, its last in bits 16-20.
+struct TileSpan {
+  uint32_t bits;
+
+  static TileSpan At(int64_t row, int64_t first, int64_t last) {
+    return {uint32_t(row) | uint32_t(first) << 8 | uint32_t(last) << 16};
+  }
+  int row() const { return int(bits & 63); }
+  int first() const { return int(bits >> 8 & 31); }
+  int last() const { return int(bits >> 16); }
+  uint32_t mask() const { return (~0u >> (31 - last())) & (~0u << first()); }
+};
+
+// Spans of up to kTriangles triangles, each triangle's in the order of its rows.
+struct TileSpans {
+  static constexpr int kTriangles = 16;
+
+  int32_t count[kTriangles];
+  TileSpan spans[kTriangles][kTileRows];
+
+  void Add(int triangle, int64_t row, int64_t first, int64_t last) {
+    spans[triangle][count[triangle]++] = TileSpan::At(row, first, last);
+  }
+};
+
+// In: a set-up triangle, the voxels of a tile (clipped to the grid). Out: its spans in the tile as those of `triangle`.
+inline void AddTileSpans(const TriangleSetup& setup, const VoxelRange& tile, int triangle, TileSpans& out) {
+  ForEachRowSpan(setup, tile, [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
+    out.Add(triangle, (y - tile.begin[1]) + TileDim(1) * (z - tile.begin[2]), x_begin - tile.begin[0],
+            x_end - 1 - tile.begin[0]);
+  });
+}
+
+}  // namespace voxelpipe::cpu
