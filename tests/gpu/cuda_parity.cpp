@@ -26,7 +26,7 @@
 #include "gpu/parity_cases.h"
 #include "pipeline/backend.h"
 #include "pipeline/voxelize.h"
-#include "shaders/catalog.h"
+#include "support/meshes.h"
 
 namespace voxelpipe::gpu {
 namespace {
@@ -80,7 +80,9 @@ class Parity {
   explicit Parity(const Options& options) : options_(options) {}
 
   // False: the time is up, or the device answers nothing any more.
-  bool RunMesh(const ParityMesh& named, const TriangleMesh& mesh, const std::vector<ParityCase>& cases) {
+  // `repeats`: device runs a case; 0: two, and ten of every tenth.
+  bool RunMesh(const ParityMesh& named, const TriangleMesh& mesh, const std::vector<ParityCase>& cases,
+               int repeats = 0) {
     const auto begin = Now();
     const uint64_t before = cases_;
     for (size_t i = 0; i < cases.size(); ++i) {
@@ -89,8 +91,7 @@ class Parity {
       if (options_.list) std::printf("%s\n", line.c_str());
       if (options_.list) continue;
       if (Seconds(started_) > options_.budget_s) return Stop("the time is up");
-      const int repeats = options_.quick || options_.bench_meshes ? 1 : cases_ % 10 == 0 ? 10 : 2;
-      RunCase(named, mesh, cases[i], line, repeats);
+      RunCase(named, mesh, cases[i], line, repeats > 0 ? repeats : cases_ % 10 == 0 ? 10 : 2);
       if (failed_in_a_row_ >= 10) return Stop("ten cases in a row failed");
     }
     if (cases_ > before && !options_.quick) {
@@ -100,6 +101,30 @@ class Parity {
     }
     meshes_ += cases_ > before;
     return true;
+  }
+
+  // More than any device has: RESOURCE_EXHAUSTED, and what comes after it works.
+  void RunOutOfMemory() {
+    const std::string line = "out_of_memory#0 f32 dense 8192x8192x4096 as one slab";
+    if (options_.list || !absl::StrContains(line, options_.filter)) return;
+    ++cases_;
+    ParityCase c;
+    c.request.backend = BackendChoice::kCuda;
+    c.request.grid.dims = {8192, 8192, 4096};
+    c.request.grid.origin = Vec3d{0, 0, 0};
+    c.request.grid.voxel_size = Vec3d{1, 1, 1};
+    c.request.targets[0].format = VoxelFormat::kF32;
+    c.request.targets[0].blend = Blend::kMax;
+    PlanLimits limits;
+    limits.max_result_bytes = limits.max_working_bytes = limits.slab_bytes = UINT64_MAX / 4;
+    limits.slab_depth = 4096;
+    const TriangleMesh mesh = testing::Cube(16);
+    const absl::Status status = Voxelize(mesh, c.request, JobContext(), limits).status();
+    if (status.code() != absl::StatusCode::kResourceExhausted) return Differ(c, line, Message(status));
+    c.request.grid.dims = {64, 64, 64};
+    const auto after = Voxelize(mesh, c.request, JobContext());
+    if (!after.ok()) Differ(c, line, "afterwards: " + Message(after.status()));
+    ++refused_["out of memory: " + Message(status)];
   }
 
   int Report() const {
@@ -202,12 +227,14 @@ void RunBenchMeshes(Parity& parity, const Options& options) {
     std::vector<ParityCase> cases;
     for (const int64_t n : {512, 1024}) {
       ParityCase c;
-      c.request.grid = UnitCube(n);
+      c.request.grid.fit = GridFit::kCube;
+      c.request.grid.resolution = n;
       for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
         c.request.coverage = coverage;
         cases.push_back(c);
       }
       if (n > 512) continue;
+      c.request.grid = UnitCube(n);
       c.request.result = ResultKind::kBuckets;
       cases.push_back(c);
       c.request.targets[0] = {};
@@ -218,8 +245,32 @@ void RunBenchMeshes(Parity& parity, const Options& options) {
         cases.push_back(c);
       }
     }
-    if (!parity.RunMesh({bench.name, 1, {}}, bench.make(), cases)) return;
+    if (!parity.RunMesh({bench.name, 1, {}}, bench.make(), cases, 1)) return;
   }
+}
+
+// A small surface at the far end of grids of more than 2^32 voxels, as one slab and as several.
+bool RunBeyond32Bits(Parity& parity, const Options& options) {
+  TriangleMesh mesh = testing::BumpySphere(16, options.seed);
+  for (Vec3d& p : mesh.positions) p = p * 30.0 + Vec3d{4070, 4060, 225};
+  std::vector<ParityCase> cases;
+  ParityCase c;
+  c.request.grid.dims = {4097, 4096, 264};
+  c.request.grid.origin = Vec3d{0, 0, 0};
+  c.request.grid.voxel_size = Vec3d{1, 1, 1};
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    c.request.result = kind;
+    for (const int64_t depth : {264, 136}) {
+      c.slab_depth = depth;
+      cases.push_back(c);
+    }
+  }
+  c.request.result = ResultKind::kDense;
+  c.request.targets[0].format = VoxelFormat::kU8;
+  c.request.targets[0].blend = Blend::kCount;
+  c.slab_depth = 264;
+  if (!options.self) cases.push_back(c);  // 4.4 GB
+  return parity.RunMesh({"beyond_32_bits", 4096, {}}, mesh, cases, 1);
 }
 
 void RunAll(Parity& parity, const Options& options) {
@@ -235,8 +286,11 @@ void RunAll(Parity& parity, const Options& options) {
     const bool large = mesh.triangles.size() > 10'000;
     const CaseSizes sizes{first ? 300 : large ? 16 : 32, !named.refusable, first};
     const auto cases = options.quick ? QuickCases(named) : CasesFor(named, mesh, sizes, options.seed + 100 * number);
-    if (!parity.RunMesh(named, mesh, cases)) return;
+    if (!parity.RunMesh(named, mesh, cases, options.quick ? 1 : 0)) return;
   }
+  if (options.quick) return;
+  if (!options.self) parity.RunOutOfMemory();
+  if (!RunBeyond32Bits(parity, options)) return;
   for (const std::string& path : options.files) {
     const auto slash = path.rfind('/');
     ParityMesh named{slash == std::string::npos ? path : path.substr(slash + 1), 0, {}, true};
