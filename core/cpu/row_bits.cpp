@@ -104,15 +104,14 @@ struct RowBits::Impl {
     for (int64_t first = begin; first < end; first += RowLists::kMost) {
       lists.Clear();
       kernels.scan(rows, first, std::min(end, first + RowLists::kMost), coverage, target, lists);
-      for (int c = 0; c < kLargeClass; ++c) {
-        if (target.words != nullptr) {
-          kernels.raster_small(rows, lists.ids[c], lists.count[c], coverage, target);
-        } else {
-          BinTriangles(lists.ids[c], lists.count[c], kBinSmall, target, work);
-        }
+      if (target.words != nullptr) {
+        lists.SortSmall();
+        kernels.raster_small(rows, lists.sorted, lists.smalls, coverage, target);
+      } else {
+        BinTriangles(lists.small, lists.smalls, kBinSmall, target, work);
       }
-      BinTriangles(lists.ids[kLargeClass], lists.count[kLargeClass], kBinLarge, target, work);
-      BinTriangles(lists.ids[kRunClass], lists.count[kRunClass], kBinRuns, target, work);
+      BinTriangles(lists.large, lists.larges, kBinLarge, target, work);
+      BinTriangles(lists.run, lists.runs, kBinRuns, target, work);
     }
   }
 

@@ -39,6 +39,7 @@ using VD = hn::Vec<DD>;
 using MF = hn::Mask<DF>;
 constexpr int kLanes = HWY_TARGET == HWY_AVX3 ? 16 : 8;  // floats
 constexpr int kHalf = kLanes / 2;                        // doubles
+constexpr int64_t kNearWords = 1 << 18;                  // 1 MiB of bits are in the cache without asking
 
 HWY_INLINE VF SetF(float v) {
   return hn::Set(DF(), v);
@@ -178,17 +179,26 @@ HWY_ATTR Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Vec3
 
 // ---- boxes ----
 
-HWY_ATTR void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
-                   RowLists& lists) {
+// A stretch of triangles between the two halves of a scan: boxes of at most two rows, one word in each.
+struct TwoWords {
+  static constexpr int64_t kMost = 256;  // triangles
+  HWY_ALIGN uint32_t word[2][kMost];     // of the slab
+  HWY_ALIGN uint32_t bits[kMost];        // of both words; 0: not such a box
+  HWY_ALIGN uint32_t shape[kMost];       // kIsRun, or as in RowLists
+};
+constexpr uint32_t kIsRun = 1 << 16;
+
+// Boxes and classes of triangles [begin, end), at most TwoWords::kMost. What is not for `boxes` is set or listed here. Asks early for
+// the memory that will be looked at.
+HWY_INLINE void ScanBoxes(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
+                          RowLists& lists, TwoWords& boxes) {
   const DU du;
   const DL dl;
   const DS ds;
   const hn::Rebind<uint32_t, DU> d32;
-  const hn::Rebind<int32_t, DU> di32;
   using VU = hn::Vec<DU>;
   const hn::Repartition<uint32_t, DU> du32;
   const auto codes = reinterpret_cast<const uint64_t*>(mesh.codes);
-  const auto words = reinterpret_cast<const int32_t*>(slab.words);
   const auto packed = [](int64_t x, int64_t y, int64_t z) {
     return uint64_t(uint16_t(x)) | uint64_t(uint16_t(y)) << 16 | uint64_t(uint16_t(z)) << 32;
   };
@@ -206,11 +216,13 @@ HWY_ATTR void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage cov
   };
   const auto product = [&](VU a, VU b) HWY_ATTR { return hn::MulEven(hn::BitCast(du32, a), hn::BitCast(du32, b)); };
   const bool conservative = coverage == Coverage::kConservative, in_place = slab.words != nullptr;
-  HWY_ALIGN uint64_t first_out[kHalf], last_out[kHalf], class_out[kHalf];
-  HWY_ALIGN uint32_t word_out[2][kHalf], mask_out[kHalf];
+  const bool prefetch = in_place && slab.words_per_row * slab.ny * (slab.end - slab.begin) > kNearWords;
+  HWY_ALIGN uint64_t before[kHalf];
+  for (uint64_t k = 0; k < kHalf; ++k) before[k] = (k + kHalf - 1) % kHalf;
+  const auto lane_before = hn::SetTableIndices(du, before);
+  HWY_ALIGN uint64_t first_out[kHalf], last_out[kHalf], word_out[kHalf], row_out[kHalf], layer_out[kHalf];
   for (int64_t t = begin; t < end; t += kHalf) {
     const int64_t count = std::min<int64_t>(kHalf, end - t);
-    const uint64_t used = (uint64_t{1} << count) - 1;
     hn::Vec<decltype(d32)> i0, i1, i2;
     if (count == kHalf) {
       hn::LoadInterleaved3(d32, mesh.triangles[t], i0, i1, i2);
@@ -234,42 +246,48 @@ HWY_ATTR void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage cov
         hn::Eq(hn::And(several, hn::Or(hn::ShiftRight<16>(several), hn::ShiftRight<32>(several))), hn::Zero(du));
     const auto above_one = extents_above(extent, 1), above_small = extents_above(extent, kSmallRows - 1);
     const auto inside = hn::Eq(hn::BitCast(du, hn::VecFromMask(ds, outside)), hn::Zero(du));
-    uint64_t left = used & Bits(du, inside);
+    const VU e = hn::BitCast(du, extent);
+    const VU shape = hn::Or(hn::And(hn::ShiftRight<16>(e), set(0xf)), hn::And(hn::ShiftRight<28>(e), set(0xf0)));
+    uint64_t left = Bits(du, hn::And(inside, hn::FirstN(du, size_t(count))));
     if (in_place) {
       const VU x0 = hn::And(f, low16), x1 = hn::And(l, low16);
       const auto one_word = hn::Eq(hn::ShiftRight<5>(x0), hn::ShiftRight<5>(x1));
       const auto whole = hn::Eq(hn::BitCast(du, hn::VecFromMask(ds, clipped)), hn::Zero(du));
-      // Runs of at most two rows, and of one word in each: two words hold the box.
-      const auto two_words = hn::AndNot(above_one, hn::And(is_run, hn::And(one_word, whole)));
+      const auto both = hn::Eq(hn::And(several, in_yz), in_yz);
+      auto two_words = hn::AndNot(hn::Or(above_one, both), hn::And(one_word, whole));
+      two_words = hn::And(two_words, hn::FirstN(du, size_t(count)));
       const VU y = hn::And(hn::ShiftRight<16>(f), low16), z = hn::Sub(hn::And(hn::ShiftRight<32>(f), low16), z_begin);
       const VU row = hn::Add(y, product(z, rows_per_layer));
-      const VU word0 = hn::IfThenElseZero(two_words, hn::Add(product(row, words_per_row), hn::ShiftRight<5>(x0)));
+      const VU word0 = hn::Add(product(row, words_per_row), hn::ShiftRight<5>(x0));
       const auto up = [&](VU axis, VU step)
                           HWY_ATTR { return hn::IfThenElseZero(hn::Ne(hn::And(several, axis), hn::Zero(du)), step); };
-      const VU word1 =
-          hn::IfThenElseZero(two_words, hn::Add(word0, hn::Add(up(in_y, words_per_row), up(in_z, words_per_layer))));
-      const VU mask =
-          hn::IfThenElseZero(two_words, hn::Sub(hn::Shl(two, hn::And(x1, low5)), hn::Shl(one, hn::And(x0, low5))));
-      const auto at0 = hn::TruncateTo(d32, word0), at1 = hn::TruncateTo(d32, word1), bits = hn::TruncateTo(d32, mask);
-      const auto held = hn::And(hn::GatherIndex(di32, words, hn::BitCast(di32, at0)),
-                                hn::GatherIndex(di32, words, hn::BitCast(di32, at1)));
-      const auto missing = hn::Ne(hn::AndNot(hn::BitCast(d32, held), bits), hn::Zero(d32));
-      const uint64_t quick = left & Bits(du, two_words), unset = quick & Bits(d32, missing);
-      if (conservative) {
-        left &= ~quick;
-        if (unset != 0) {
-          hn::Store(at0, d32, word_out[0]);
-          hn::Store(at1, d32, word_out[1]);
-          hn::Store(bits, d32, mask_out);
-          for (uint64_t lanes = unset; lanes != 0; lanes &= lanes - 1) {
-            const int k = std::countr_zero(lanes);
-            OrWord(slab.words[word_out[0][k]], mask_out[k], slab.shared);
-            OrWord(slab.words[word_out[1][k]], mask_out[k], slab.shared);
-          }
+      const VU row_step = up(in_y, words_per_row), layer_step = up(in_z, words_per_layer);
+      const VU mask = hn::Sub(hn::Shl(two, hn::And(x1, low5)), hn::Shl(one, hn::And(x0, low5)));
+      const auto store = [&](VU v, uint32_t* to)
+                             HWY_ATTR { hn::Store(hn::TruncateTo(d32, hn::IfThenElseZero(two_words, v)), d32, to); };
+      const int64_t at = t - begin;
+      store(word0, boxes.word[0] + at);
+      store(hn::Add(word0, hn::Add(row_step, layer_step)), boxes.word[1] + at);
+      store(mask, boxes.bits + at);
+      store(conservative ? hn::IfThenElse(is_run, set(kIsRun), shape) : shape, boxes.shape + at);
+      const uint64_t quick = Bits(du, two_words);
+      if (prefetch) {
+        // Neighbours mostly lie in the same words.
+        const VU key = hn::Add(hn::ShiftLeft<8>(hn::ShiftRight<4>(word0)), shape);
+        const uint64_t fresh = 1 | Bits(du, hn::Ne(key, hn::TableLookupLanes(key, lane_before)));
+        hn::Store(word0, du, word_out);
+        hn::Store(row_step, du, row_out);
+        hn::Store(layer_step, du, layer_out);
+        for (uint64_t lanes = left & fresh & Bits(du, whole); lanes != 0; lanes &= lanes - 1) {
+          const int k = std::countr_zero(lanes);
+          const uint32_t* const word = slab.words + word_out[k];
+          __builtin_prefetch(word);
+          __builtin_prefetch(word + row_out[k]);
+          __builtin_prefetch(word + layer_out[k]);
+          __builtin_prefetch(word + row_out[k] + layer_out[k]);
         }
-      } else {
-        left &= ~(quick & ~unset);
       }
+      left &= ~quick;
       const uint64_t runs = conservative ? left & Bits(du, is_run) : 0;
       left &= ~runs;
       if (HWY_UNLIKELY(runs != 0)) {
@@ -284,15 +302,57 @@ HWY_ATTR void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage cov
       }
     }
     if (left == 0) continue;
-    const VU shape = hn::Or(hn::And(hn::ShiftRight<16>(several), one), hn::And(hn::ShiftRight<31>(several), two));
-    const VU small = hn::IfThenElse(above_small, set(kLargeClass), set(kSmallClass));
-    auto row_class = hn::IfThenElse(above_one, small, shape);
-    if (conservative) row_class = hn::IfThenElse(is_run, set(kRunClass), row_class);
-    hn::Store(row_class, du, class_out);
-    for (; left != 0; left &= left - 1) {
-      const int k = std::countr_zero(left);
-      lists.Add(int(class_out[k]), uint32_t(t) + uint32_t(k));
+    const uint64_t runs = conservative ? left & Bits(du, is_run) : 0, large = left & ~runs & Bits(du, above_small);
+    for (uint64_t lanes = runs; lanes != 0; lanes &= lanes - 1) {
+      lists.run[lists.runs++] = uint32_t(t) + uint32_t(std::countr_zero(lanes));
     }
+    for (uint64_t lanes = large; lanes != 0; lanes &= lanes - 1) {
+      lists.large[lists.larges++] = uint32_t(t) + uint32_t(std::countr_zero(lanes));
+    }
+    left &= ~(runs | large);
+    const auto small = hn::LoadMaskBits(d32, reinterpret_cast<const uint8_t*>(&left));
+    const auto ids = hn::Add(hn::Set(d32, uint32_t(t)), hn::Iota(d32, 0));
+    hn::StoreU(hn::Compress(ids, small), d32, lists.small + lists.smalls);
+    hn::StoreU(hn::Compress(hn::TruncateTo(d32, shape), small), d32, lists.shape + lists.smalls);
+    lists.smalls += std::popcount(left);
+  }
+}
+
+// Triangles from `begin` on whose words lack a bit of their box: sets runs, lists the others.
+HWY_INLINE void ScanWords(int64_t begin, int64_t end, const RowSlab& slab, RowLists& lists, TwoWords& boxes) {
+  const DI di;
+  const hn::RebindToUnsigned<DI> du;
+  const auto words = reinterpret_cast<const int32_t*>(slab.words);
+  const int64_t count = end - begin;
+  for (int64_t i = 0; i < count; i += kLanes) {
+    const auto load = [&](const uint32_t* from) HWY_ATTR { return hn::BitCast(di, hn::Load(du, from + i)); };
+    const VI held =
+        hn::And(hn::GatherIndex(di, words, load(boxes.word[0])), hn::GatherIndex(di, words, load(boxes.word[1])));
+    uint64_t lanes = Bits(di, hn::Ne(hn::AndNot(held, load(boxes.bits)), hn::Zero(di)));
+    for (; lanes != 0; lanes &= lanes - 1) {
+      const int64_t k = i + std::countr_zero(lanes);
+      if (boxes.shape[k] != kIsRun) {
+        lists.AddSmall(uint32_t(begin + k), boxes.shape[k]);
+        continue;
+      }
+      OrWord(slab.words[boxes.word[0][k]], boxes.bits[k], slab.shared);
+      OrWord(slab.words[boxes.word[1][k]], boxes.bits[k], slab.shared);
+    }
+  }
+}
+
+HWY_ATTR void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
+                   RowLists& lists) {
+  TwoWords boxes;
+  for (int64_t first = begin; first < end; first += TwoWords::kMost) {
+    const int64_t last = std::min(end, first + TwoWords::kMost);
+    // The last vector's lanes that no box is stored to.
+    const int64_t tail = (last - first - 1) / kLanes * kLanes;
+    for (uint32_t* of_boxes : {boxes.word[0], boxes.word[1], boxes.bits}) {
+      hn::Store(hn::Zero(DI()), DI(), reinterpret_cast<int32_t*>(of_boxes + tail));
+    }
+    ScanBoxes(mesh, first, last, coverage, slab, lists, boxes);
+    if (slab.words != nullptr) ScanWords(first, last, slab, lists, boxes);
   }
 }
 
@@ -422,21 +482,28 @@ HWY_INLINE WideVector ToIndexSpace(const RowMesh& mesh, VD lo, VD hi, double ori
 
 // SetUpTriangle for kLanes triangles, those that are not SpanClass::kRun.
 template <Coverage kCoverage>
-HWY_INLINE void SetUpBatch(const RowMesh& mesh, const Divisor (&divisors)[3], const uint32_t (&ids)[kLanes],
-                           Batch& out) {
+HWY_INLINE void SetUpBatch(const RowMesh& mesh, const Divisor (&divisors)[3], const uint32_t* ids, Batch& out) {
+  const DU du;
   const DL dl;
+  const hn::Rebind<uint32_t, DU> d32;
   const double* positions = &mesh.positions[0].x;
-  HWY_ALIGN int64_t at[3][kLanes];
-  for (int k = 0; k < kLanes; ++k) {
-    const uint32_t* v = mesh.triangles[ids[k]];
-    for (int i = 0; i < 3; ++i) at[i][k] = int64_t{v[i]} * 3;
+  hn::Vec<DL> at[2][3];  // half, vertex: its x among the positions
+  for (int half = 0; half < 2; ++half) {
+    // A triangle's ids as two overlapping pairs.
+    const auto pairs = reinterpret_cast<const uint64_t*>(mesh.triangles);
+    const auto id = hn::PromoteTo(du, hn::LoadU(d32, ids + half * kHalf));
+    const auto offset = hn::BitCast(dl, hn::Add(hn::ShiftLeft<3>(id), hn::ShiftLeft<2>(id)));
+    const auto first = hn::GatherOffset(du, pairs, offset);
+    const auto second = hn::GatherOffset(du, pairs, hn::Add(offset, hn::Set(dl, int64_t{4})));
+    const hn::Vec<DU> v[3] = {hn::And(first, hn::Set(du, uint64_t{0xffffffff})), hn::ShiftRight<32>(first),
+                              hn::ShiftRight<32>(second)};
+    for (int i = 0; i < 3; ++i) at[half][i] = hn::BitCast(dl, hn::Add(v[i], hn::ShiftLeft<1>(v[i])));
   }
   WideVector p[3][3];  // vertex, axis
   for (int i = 0; i < 3; ++i) {
-    const auto lo = hn::Load(dl, at[i]), hi = hn::Load(dl, at[i] + kHalf);
     for (int a = 0; a < 3; ++a) {
-      p[i][a] = ToIndexSpace(mesh, hn::GatherIndex(DD(), positions + a, lo), hn::GatherIndex(DD(), positions + a, hi),
-                             mesh.origin[a], divisors[a]);
+      p[i][a] = ToIndexSpace(mesh, hn::GatherIndex(DD(), positions + a, at[0][i]),
+                             hn::GatherIndex(DD(), positions + a, at[1][i]), mesh.origin[a], divisors[a]);
     }
   }
   WideVector least[3], most[3], base[3], e1[3], e2[3];
@@ -537,14 +604,44 @@ HWY_INLINE VI Shifted(VI v, VI by) {
   return hn::BitCast(DI(), hn::Shl(hn::BitCast(du, v), hn::BitCast(du, by)));
 }
 
-HWY_INLINE void RasterBatch(const Batch& batch, const RowSlab& slab) {
+// Bits to set, gathered densely before memory is looked at: one by one, each look would be a guess of the processor's.
+struct WordList {
+  static constexpr int64_t kMost = 512;
+  int64_t count = 0;
+  HWY_ALIGN int32_t word[kMost + kLanes];
+  HWY_ALIGN int32_t bits[kMost + kLanes];
+};
+
+HWY_INLINE void Append(hn::Mask<DI> lanes, VI word, VI bits, WordList& list) {
+  const DI di;
+  hn::StoreU(hn::Compress(word, lanes), di, list.word + list.count);
+  hn::StoreU(hn::Compress(bits, lanes), di, list.bits + list.count);
+  list.count += int64_t(hn::CountTrue(di, lanes));
+}
+
+HWY_INLINE void Flush(const RowSlab& slab, WordList& list) {
+  const DI di;
+  const auto words = reinterpret_cast<const int32_t*>(slab.words);
+  hn::StoreU(hn::Zero(di), di, list.word + list.count);  // the last vector's other lanes
+  hn::StoreU(hn::Zero(di), di, list.bits + list.count);
+  for (int64_t i = 0; i < list.count; i += kLanes) {
+    const VI held = hn::GatherIndex(di, words, hn::Load(di, list.word + i));
+    uint64_t lanes = Bits(di, hn::Ne(hn::AndNot(held, hn::Load(di, list.bits + i)), hn::Zero(di)));
+    for (; lanes != 0; lanes &= lanes - 1) {
+      const int64_t k = i + std::countr_zero(lanes);
+      OrWord(slab.words[list.word[k]], uint32_t(list.bits[k]), slab.shared);
+    }
+  }
+  list.count = 0;
+}
+
+HWY_INLINE void RasterBatch(const Batch& batch, const RowSlab& slab, WordList& list) {
   const DF df;
   const DI di;
   const BoundsF& b = batch.bounds;
   const VI z_first = hn::Max(batch.first[2], SetI(slab.begin)), z_last = hn::Min(batch.last[2], SetI(slab.end - 1));
   const int32_t layers = MaxWhere(batch.narrow, hn::Sub(z_last, z_first), -1);
-  HWY_ALIGN int32_t word_out[kLanes], mask_out[kLanes], row_out[kLanes], begin_out[kLanes], end_out[kLanes];
-  const auto words = reinterpret_cast<const int32_t*>(slab.words);
+  HWY_ALIGN int32_t row_out[kLanes], begin_out[kLanes], end_out[kLanes];
   const VI words_per_row = SetI(slab.words_per_row), one = SetI(1), low5 = SetI(31);
   for (int32_t k = 0; k <= layers; ++k) {
     const VI z = hn::Add(z_first, SetI(k));
@@ -559,9 +656,10 @@ HWY_INLINE void RasterBatch(const Batch& batch, const RowSlab& slab) {
     y_begin = hn::Max(y_begin, hn::Zero(di));
     y_end = hn::Min(y_end, SetI(slab.ny - 1));
     const MF in_layer = hn::And(batch.narrow, hn::RebindMask(df, AtMost(z, z_last)));
-    const VI z_row = hn::Mul(hn::Sub(z, SetI(slab.begin)), SetI(slab.ny));
     const int32_t rows = MaxWhere(in_layer, hn::Sub(y_end, y_begin), -1);
-    for (int32_t j = 0; j <= rows; ++j) {
+    const VI z_row = hn::Mul(hn::Sub(z, SetI(slab.begin)), SetI(slab.ny));
+    VI row = hn::Mul(hn::Add(y_begin, z_row), words_per_row);
+    for (int32_t j = 0; j <= rows; ++j, row = hn::Add(row, words_per_row)) {
       const VI y = hn::Add(y_begin, SetI(j));
       const VF y_local = hn::ConvertTo(df, hn::Sub(y, batch.base[1]));
       VF first = x_first, last = x_last;
@@ -574,31 +672,26 @@ HWY_INLINE void RasterBatch(const Batch& batch, const RowSlab& slab) {
       x_begin = hn::Max(x_begin, hn::Zero(di));
       x_end = hn::Min(x_end, SetI(slab.nx - 1));
       const auto hit = hn::And(hn::RebindMask(di, in_layer), hn::And(AtMost(y, y_end), AtMost(x_begin, x_end)));
-      if (hn::AllFalse(di, hit)) continue;
-      const VI row = hn::Mul(hn::Add(y, z_row), words_per_row);
-      const VI x_word = hn::ShiftRight<5>(x_begin);
-      const auto one_word = hn::And(hit, hn::Eq(x_word, hn::ShiftRight<5>(x_end)));
-      const VI word = hn::IfThenElseZero(one_word, hn::Add(row, x_word));
-      const VI mask = hn::Sub(Shifted(hn::Set(di, 2), hn::And(x_end, low5)), Shifted(one, hn::And(x_begin, low5)));
-      const auto missing = hn::Ne(hn::AndNot(hn::GatherIndex(di, words, word), mask), hn::Zero(di));
+      const VI word = hn::ShiftRight<5>(x_begin), last_word = hn::ShiftRight<5>(x_end);
+      const VI head = hn::Sub(hn::Zero(di), Shifted(one, hn::And(x_begin, low5)));
+      const VI tail = hn::Sub(Shifted(hn::Set(di, 2), hn::And(x_end, low5)), one);
+      const auto one_word = hn::Eq(word, last_word);
+      Append(hit, hn::Add(row, word), hn::And(head, hn::IfThenElse(one_word, tail, hn::Set(di, -1))), list);
       const auto several = hn::AndNot(one_word, hit);
-      uint64_t lanes = Bits(di, hn::And(one_word, missing));
-      if (lanes != 0) {
-        hn::Store(word, di, word_out);
-        hn::Store(mask, di, mask_out);
-        for (; lanes != 0; lanes &= lanes - 1) {
-          const int lane = std::countr_zero(lanes);
-          OrWord(slab.words[word_out[lane]], uint32_t(mask_out[lane]), slab.shared);
+      if (!hn::AllFalse(di, several)) {
+        Append(several, hn::Add(row, last_word), tail, list);
+        const auto many = hn::And(several, hn::Gt(last_word, hn::Add(word, one)));
+        if (HWY_UNLIKELY(!hn::AllFalse(di, many))) {
+          hn::Store(row, di, row_out);
+          hn::Store(x_begin, di, begin_out);
+          hn::Store(x_end, di, end_out);
+          for (uint64_t lanes = Bits(di, many); lanes != 0; lanes &= lanes - 1) {
+            const int lane = std::countr_zero(lanes);
+            SetBits(slab.words + row_out[lane], begin_out[lane], int64_t{end_out[lane]} + 1, slab.shared);
+          }
         }
       }
-      if (hn::AllFalse(di, several)) continue;
-      hn::Store(row, di, row_out);
-      hn::Store(x_begin, di, begin_out);
-      hn::Store(x_end, di, end_out);
-      for (lanes = Bits(di, several); lanes != 0; lanes &= lanes - 1) {
-        const int lane = std::countr_zero(lanes);
-        SetBits(slab.words + row_out[lane], begin_out[lane], int64_t{end_out[lane]} + 1, slab.shared);
-      }
+      if (HWY_UNLIKELY(list.count > WordList::kMost - 2 * kLanes)) Flush(slab, list);
     }
   }
 }
@@ -665,19 +758,26 @@ HWY_ATTR void RasterLarge(const RowMesh& mesh, const uint32_t* ids, int64_t coun
 template <Coverage kCoverage>
 HWY_ATTR void RasterSmallAs(const RowMesh& mesh, const uint32_t* ids, int64_t count, const RowSlab& slab) {
   const Divisor divisors[3] = {Divisor(mesh.voxel_size.x), Divisor(mesh.voxel_size.y), Divisor(mesh.voxel_size.z)};
-  uint32_t batch_ids[kLanes];
+  HWY_ALIGN uint32_t padded[kLanes];
+  WordList list;
   for (int64_t i = 0; i < count; i += kLanes) {
     const int64_t here = std::min<int64_t>(kLanes, count - i);
-    for (int64_t k = 0; k < kLanes; ++k) batch_ids[k] = ids[i + std::min(k, here - 1)];
+    const uint32_t* batch_ids = ids + i;
+    if (here < kLanes) {
+      for (int64_t k = 0; k < kLanes; ++k) padded[k] = ids[i + std::min(k, here - 1)];
+      batch_ids = padded;
+    }
     Batch batch;
     SetUpBatch<kCoverage>(mesh, divisors, batch_ids, batch);
     const uint64_t used = here == kLanes ? (uint64_t{1} << kLanes) - 1 : (uint64_t{1} << here) - 1;
     const uint64_t wide = used & ~Bits(DF(), batch.narrow);
-    RasterBatch(batch, slab);
+    RasterBatch(batch, slab, list);
+    if (list.count > WordList::kMost / 2) Flush(slab, list);
     for (uint64_t left = wide; left != 0; left &= left - 1) {
       RasterLarge(mesh, batch_ids + std::countr_zero(left), 1, kCoverage, slab);
     }
   }
+  Flush(slab, list);
 }
 
 HWY_ATTR void RasterSmall(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage,

@@ -46,22 +46,26 @@ inline RowMesh IndexSpaceMesh(const Vec3d* positions, const uint32_t (*triangles
   return {positions, nullptr, triangles, {0, 0, 0}, {1, 1, 1}, true};
 }
 
-// Triangles by the rows and layers of their boxes, so that those of one vector have equally many.
-//   0-3    at most two rows and two layers: (rows - 1) + 2 * (layers - 1)
-//   small  at most kSmallRows of each: many triangles a vector
+// Triangles that a scan has left.
+//   small  at most kSmallRows rows and layers: many triangles a vector
 //   large  many rows of one triangle a vector
-//   run    SpanClass::kRun: the box is the coverage
+//   runs   SpanClass::kRun: the box is the coverage
 inline constexpr int kSmallRows = 16;
-inline constexpr int kSmallClass = 4, kLargeClass = 5, kRunClass = 6, kRowClasses = 7;
 struct RowLists {
-  static constexpr int64_t kMost = 2048;  // triangles: the lists stay in the first-level cache
-  int64_t count[kRowClasses];
-  uint32_t ids[kRowClasses][kMost];
+  static constexpr int64_t kMost = 2048;   // triangles: the lists stay in the first-level cache
+  static constexpr int64_t kPadding = 16;  // vectors are stored whole
+  int64_t smalls, larges, runs;            // counts
+  uint32_t small[kMost + kPadding], large[kMost], run[kMost];
+  uint32_t shape[kMost + kPadding];  // of the small ones: rows - 1 + kSmallRows * (layers - 1)
+  uint32_t sorted[kMost];
 
-  void Clear() {
-    for (int64_t& n : count) n = 0;
+  void Clear() { smalls = larges = runs = 0; }
+  void AddSmall(uint32_t id, uint32_t id_shape) {
+    small[smalls] = id;
+    shape[smalls++] = id_shape;
   }
-  void Add(int row_class, uint32_t id) { ids[row_class][count[row_class]++] = id; }
+  // Fills `sorted` with the small ones by shape: those of one vector then have equally many rows.
+  void SortSmall();
 };
 
 // What is said of vertices.

@@ -1,6 +1,8 @@
 // The kernels in plain C++: what the vector kernels repeat lane by lane, and the choice among all.
 #include <hwy/targets.h>
 
+#include <utility>
+
 #include "absl/strings/str_cat.h"
 #include "cpu/row_kernels_simd.h"
 #include "grid/index_space.h"
@@ -62,11 +64,13 @@ void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, co
       continue;
     }
     const int64_t rows = last[1] - first[1] + 1, layers = last[2] - first[2] + 1;
-    const int row_class = run                                          ? kRunClass
-                          : rows <= 2 && layers <= 2                   ? int(rows - 1 + 2 * (layers - 1))
-                          : rows <= kSmallRows && layers <= kSmallRows ? kSmallClass
-                                                                       : kLargeClass;
-    lists.Add(row_class, uint32_t(t));
+    if (run) {
+      lists.run[lists.runs++] = uint32_t(t);
+    } else if (rows <= kSmallRows && layers <= kSmallRows) {
+      lists.AddSmall(uint32_t(t), uint32_t(rows - 1 + kSmallRows * (layers - 1)));
+    } else {
+      lists.large[lists.larges++] = uint32_t(t);
+    }
   }
 }
 
@@ -96,8 +100,22 @@ const RowKernels kScalar{"scalar", Bounds, Place, Scan, Raster, Raster, SpansInT
 
 }  // namespace
 
+void RowLists::SortSmall() {
+  constexpr int kShapes = kSmallRows * kSmallRows,
+                kWays = 4;  // neighbours have equal shapes: their counts would wait for each other
+  uint32_t next[kShapes][kWays] = {};
+  for (int64_t i = 0; i < smalls; ++i) ++next[shape[i]][i % kWays];
+  uint32_t before = 0;
+  for (auto& counts : next) {
+    for (uint32_t& count : counts) before += std::exchange(count, before);
+  }
+  for (int64_t i = 0; i < smalls; ++i) sorted[next[shape[i]][i % kWays]++] = small[i];
+}
+
 absl::StatusOr<const RowKernels*> SelectRowKernels(SimdChoice choice) {
-  const auto has = [](int64_t target) { return (hwy::SupportedTargets() & target) != 0; };
+  static const int64_t supported =
+      hwy::SupportedTargets();  // asks the processor, which a virtual machine answers slowly
+  const auto has = [](int64_t target) { return (supported & target) != 0; };
   const bool avx512 = has(HWY_AVX3) && Avx512RowKernels() != nullptr;
   const bool avx2 = has(HWY_AVX2) && Avx2RowKernels() != nullptr;
   switch (choice) {
