@@ -8,6 +8,14 @@
 #include "grid/index_space.h"
 
 namespace voxelpipe::cpu {
+
+void AddTileSpans(const TriangleSetup& setup, const VoxelRange& tile, int triangle, TileSpans& out) {
+  ForEachRowSpan(setup, tile, [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
+    out.Add(triangle, (y - tile.begin[1]) + TileDim(1) * (z - tile.begin[2]), x_begin - tile.begin[0],
+            x_end - 1 - tile.begin[0]);
+  });
+}
+
 namespace {
 
 constexpr double kFarthest = 0x1p40;  // voxels

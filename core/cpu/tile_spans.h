@@ -34,11 +34,7 @@ struct TileSpans {
 };
 
 // In: a set-up triangle, the voxels of a tile (clipped to the grid). Out: its spans in the tile as those of `triangle`.
-inline void AddTileSpans(const TriangleSetup& setup, const VoxelRange& tile, int triangle, TileSpans& out) {
-  ForEachRowSpan(setup, tile, [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
-    out.Add(triangle, (y - tile.begin[1]) + TileDim(1) * (z - tile.begin[2]), x_begin - tile.begin[0],
-            x_end - 1 - tile.begin[0]);
-  });
-}
+// Not inline: device compilers read this header too, and refuse its walk.
+void AddTileSpans(const TriangleSetup& setup, const VoxelRange& tile, int triangle, TileSpans& out);
 
 }  // namespace voxelpipe::cpu
