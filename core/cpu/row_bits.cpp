@@ -23,7 +23,7 @@ constexpr int64_t kMaxSlabLayers = 16;
 // Bits are set where they lie if the target stays in the second-level cache, or if triangles are so many that neighbours find its words
 // there; otherwise triangles go to slabs first. Measured.
 constexpr int64_t kCachedWords = 1 << 18;
-constexpr int64_t kWordsPerTriangle = 48;
+constexpr int64_t kWordsPerTriangle = 64;
 
 int64_t LayersPerSlab(const GridSpec& grid) {
   const uint64_t layer = BitGrid::BytesFor({grid.dims[0], grid.dims[1], 1});
@@ -104,11 +104,11 @@ struct RowBits::Impl {
     for (int64_t first = begin; first < end; first += RowLists::kMost) {
       lists.Clear();
       kernels.scan(rows, first, std::min(end, first + RowLists::kMost), coverage, target, lists);
+      lists.SortSmall();
       if (target.words != nullptr) {
-        lists.SortSmall();
         kernels.raster_small(rows, lists.sorted, lists.smalls, coverage, target);
       } else {
-        BinTriangles(lists.small, lists.smalls, kBinSmall, target, work);
+        BinTriangles(lists.sorted, lists.smalls, kBinSmall, target, work);
       }
       BinTriangles(lists.large, lists.larges, kBinLarge, target, work);
       BinTriangles(lists.run, lists.runs, kBinRuns, target, work);

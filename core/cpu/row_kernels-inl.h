@@ -698,15 +698,64 @@ HWY_INLINE void RasterBatch(const Batch& batch, const RowSlab& slab, WordList& l
 
 // ---- many rows of one triangle a vector ----
 
+// Clamped to a range of 32 bits before.
+HWY_INLINE VI ToInt(VF v) {
+  return hn::ConvertTo(DI(), v);
+}
+HWY_INLINE hn::Vec<hn::Half<DI>> ToInt(VD v) {
+  return hn::DemoteTo(hn::Half<DI>(), v);
+}
+
+// Sets voxels [begin, end) of `rows` consecutive rows, at most a lane each; lanes where end <= begin have none.
+template <class D>
+HWY_INLINE void SetRows(D d, hn::Vec<D> begin, hn::Vec<D> end, int64_t rows, uint32_t* first_row, const RowSlab& slab) {
+  constexpr int64_t kRows = int64_t(hn::MaxLanes(D()));
+  const hn::RebindToUnsigned<D> du;
+  const auto shifted = [&](hn::Vec<D> v, hn::Vec<D> by)
+                           HWY_ATTR { return hn::BitCast(d, hn::Shl(hn::BitCast(du, v), hn::BitCast(du, by))); };
+  const auto one = hn::Set(d, 1), low5 = hn::Set(d, 31);
+  const auto last = hn::Sub(end, one), word = hn::ShiftRight<5>(begin), last_word = hn::ShiftRight<5>(last);
+  const auto lane = hn::Iota(d, 0);
+  const auto hit = hn::And(hn::Gt(end, begin), hn::Lt(lane, hn::Set(d, int32_t(rows))));
+  if (hn::AllFalse(d, hit)) return;
+  const auto head = hn::Sub(hn::Zero(d), shifted(one, hn::And(begin, low5)));
+  const auto tail = hn::Sub(shifted(hn::Set(d, 2), hn::And(last, low5)), one);
+  const auto one_word = hn::Eq(word, last_word);
+  const auto bits = hn::IfThenElseZero(hit, hn::And(head, hn::IfThenElse(one_word, tail, hn::Set(d, -1))));
+  const auto row = hn::Mul(lane, hn::Set(d, int32_t(slab.words_per_row)));
+  const auto at = hn::Add(row, hn::IfThenElseZero(hit, word));
+  auto* const words = reinterpret_cast<int32_t*>(first_row);
+  HWY_ALIGN int32_t word_out[kRows], bits_out[kRows], last_out[kRows];
+  if (rows == kRows && !slab.shared) {  // each lane has a word of its own, even where it sets none of its bits
+    hn::ScatterIndex(hn::Or(hn::GatherIndex(d, words, at), bits), d, words, at);
+  } else {
+    hn::Store(at, d, word_out);
+    hn::Store(bits, d, bits_out);
+    for (uint64_t left = Bits(d, hit); left != 0; left &= left - 1) {
+      const int k = std::countr_zero(left);
+      OrWord(first_row[word_out[k]], uint32_t(bits_out[k]), slab.shared);
+    }
+  }
+  uint64_t left = Bits(d, hn::AndNot(one_word, hit));
+  if (left == 0) return;
+  hn::Store(begin, d, word_out);
+  hn::Store(last, d, last_out);
+  for (; left != 0; left &= left - 1) {
+    const int k = std::countr_zero(left);
+    SetBits(first_row + k * slab.words_per_row, (word_out[k] | 31) + 1, int64_t{last_out[k]} + 1, slab.shared);
+  }
+}
+
 template <typename Real>
 HWY_INLINE void RasterTall(const SpanBounds<Real>& s, const Vec3d& base, const VoxelRange& range, const RowSlab& slab) {
   const hn::ScalableTag<Real> d;
+  const hn::Rebind<int32_t, decltype(d)> di;
   constexpr int64_t kRows = kLanes * sizeof(float) / sizeof(Real);
   const double y_lo = double(range.begin[1]), y_hi = double(range.end[1]);
   const auto x_lo = hn::Set(d, Real(double(range.begin[0]) - base.x)),
              x_hi = hn::Set(d, Real(double(range.end[0]) - base.x));
-  const int64_t x_base = int64_t(base.x);
-  HWY_ALIGN Real begins[kRows], ends[kRows];
+  // From the range's first voxel on, both it and the local coordinates have few digits.
+  const auto x_begin = hn::Set(di, int32_t(range.begin[0]));
   for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
     const Layer<Real> layer = ComputeLayer(s, Real(double(z) - base.z));
     if (layer.y.empty() || layer.x.empty()) continue;
@@ -724,13 +773,11 @@ HWY_INLINE void RasterTall(const SpanBounds<Real>& s, const Vec3d& base, const V
       first = hn::Ceil(hn::Max(first, hn::Sub(hn::Set(d, layer.plane_lo), shift)));
       last = hn::Floor(hn::Min(last, hn::Sub(hn::Set(d, layer.plane_hi), shift)));
       const auto end = hn::Add(last, hn::Set(d, Real(1)));
-      hn::Store(hn::Min(hn::Max(first, x_lo), x_hi), d, begins);
-      hn::Store(hn::Min(hn::Max(end, x_lo), x_hi), d, ends);
-      const int64_t rows = std::min(kRows, y_end - y0);
-      uint32_t* row = slab.words + (y0 + slab.ny * (z - slab.begin)) * slab.words_per_row;
-      for (int64_t k = 0; k < rows; ++k, row += slab.words_per_row) {
-        if (begins[k] < ends[k]) SetBits(row, x_base + int64_t(begins[k]), x_base + int64_t(ends[k]), slab.shared);
-      }
+      const auto grid_x = [&](hn::Vec<decltype(d)> x) HWY_ATTR {
+        return hn::Add(x_begin, ToInt(hn::Sub(hn::Min(hn::Max(x, x_lo), x_hi), x_lo)));
+      };
+      SetRows(di, grid_x(first), grid_x(end), std::min(kRows, y_end - y0),
+              slab.words + (y0 + slab.ny * (z - slab.begin)) * slab.words_per_row, slab);
     }
   }
 }
