@@ -19,6 +19,9 @@ TEST(BenchMeshes, AreClosedAndOfTheSizeTheySay) {
   EXPECT_EQ(fine.triangles.size(), coarse.triangles.size() * 16);
   EXPECT_EQ(CountOpenEdges(fine), 0u);
   EXPECT_EQ(Mixed().triangles.size(), 120'092u);
+  const TriangleMesh coarser = Decimated(BumpySphere(70'000), 5'800);
+  EXPECT_LE(coarser.triangles.size(), 5'800u);
+  EXPECT_GE(coarser.triangles.size(), 5'500u);
   const TriangleMesh nasty = Nasty();
   EXPECT_EQ(nasty.triangles.size(), 2'000'024u);
   EXPECT_EQ(nasty.positions.size(), 3 * nasty.triangles.size());

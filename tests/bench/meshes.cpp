@@ -1,5 +1,7 @@
 #include "bench/meshes.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -76,6 +78,55 @@ TriangleMesh BumpyTorus(int64_t triangles) {
     const double ring = 0.33 + r * std::cos(a);
     return Vec3d{0.5 + ring * std::cos(b), 0.5 + r * std::sin(a), 0.5 + ring * std::sin(b)};
   });
+}
+
+namespace {
+
+// The mesh clustered by `cells` cells along the longest extent of its box.
+TriangleMesh Clustered(const TriangleMesh& mesh, int64_t cells) {
+  Vec3d lo = mesh.positions.at(0), hi = lo;
+  for (const Vec3d& p : mesh.positions) {
+    for (int i = 0; i < 3; ++i) {
+      lo[i] = std::min(lo[i], p[i]);
+      hi[i] = std::max(hi[i], p[i]);
+    }
+  }
+  const double scale = double(cells) / std::max({hi.x - lo.x, hi.y - lo.y, hi.z - lo.z});
+  TriangleMesh out;
+  std::map<std::array<int64_t, 3>, uint32_t> known;
+  std::vector<uint32_t> cluster;
+  std::vector<double> members;
+  for (const Vec3d& p : mesh.positions) {
+    const Vec3d at = (p - lo) * scale;
+    const auto [cell, added] =
+        known.try_emplace({int64_t(at.x), int64_t(at.y), int64_t(at.z)}, uint32_t(out.positions.size()));
+    if (added) {
+      out.positions.push_back({});
+      members.push_back(0);
+    }
+    cluster.push_back(cell->second);
+    out.positions[cell->second] = out.positions[cell->second] + p;
+    members[cell->second] += 1;
+  }
+  for (size_t i = 0; i < members.size(); ++i) out.positions[i] = out.positions[i] * (1 / members[i]);
+  for (const auto& t : mesh.triangles) {
+    const uint32_t a = cluster[t[0]], b = cluster[t[1]], c = cluster[t[2]];
+    if (a != b && b != c && c != a) out.triangles.push_back({a, b, c});
+  }
+  out = Finish(std::move(out));
+  out.unused_vertices.reset();
+  return out;
+}
+
+}  // namespace
+
+TriangleMesh Decimated(const TriangleMesh& mesh, int64_t triangles) {
+  int64_t few = 1, many = 4096;  // cells that give few enough triangles, and too many or as fine as it gets
+  while (many - few > 1) {
+    const int64_t middle = (few + many) / 2;
+    (int64_t(Clustered(mesh, middle).triangles.size()) <= triangles ? few : many) = middle;
+  }
+  return Clustered(mesh, few);
 }
 
 TriangleMesh Subdivided(const TriangleMesh& mesh, int times) {

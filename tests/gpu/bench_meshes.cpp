@@ -45,16 +45,15 @@ TriangleMesh LoadMeshOrExit(const std::string& path) {
 }
 
 std::vector<BenchMesh> BenchMeshes(const std::string& bunny, const std::string& cow) {
-  const auto of = [](const std::string& path, int64_t triangles) -> std::function<TriangleMesh()> {
-    if (path.empty()) return [triangles] { return bench::BumpySphere(triangles); };
-    return [path] { return InUnitCube(LoadMeshOrExit(path)); };
-  };
-  const auto what = [](const std::string& path, const char* count) {
-    return path.empty() ? std::string("generated sphere of ") + count : path.substr(path.rfind('/') + 1);
-  };
-  const auto full = of(bunny, 69'451);
-  const std::string name = what(bunny, "69 k triangles");
-  return {{"cow", what(cow, "5.8 k triangles"), of(cow, 5'804)},
+  const auto file = [](const std::string& path) { return [path] { return InUnitCube(LoadMeshOrExit(path)); }; };
+  const auto base = [](const std::string& path) { return path.substr(path.rfind('/') + 1); };
+  std::function<TriangleMesh()> full = [] { return bench::BumpySphere(69'451); };
+  std::string name = "generated sphere of 69 k triangles";
+  if (!bunny.empty()) full = file(bunny), name = base(bunny);
+  std::function<TriangleMesh()> few = [full] { return InUnitCube(bench::Decimated(full(), 5'804)); };
+  std::string few_name = name + ", decimated";
+  if (!cow.empty()) few = file(cow), few_name = base(cow);
+  return {{"cow", few_name, few},
           {"bunny", name, full},
           {"bunny1M", name + ", every triangle in 16, jittered", [=] { return bench::Subdivided(full(), 2); }},
           {"sphere10M", "generated sphere with bumps", [] { return bench::BumpySphere(10'000'000); }},

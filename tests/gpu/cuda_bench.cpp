@@ -2,7 +2,7 @@
 // what the bus needs.
 //
 // usage: cuda_bench [OPTION]...
-//   --bunny FILE    a bunny of 69,451 triangles     --cow FILE   a mesh of about 5,800 triangles
+//   --bunny FILE    a bunny of 69,451 triangles     --cow FILE   a mesh of about 5,800 in place of its decimation
 //   --filter TEXT   only rows whose line "MESH CASE N" holds TEXT
 //   --budget S      rows that would begin after so many seconds are not run, and say so
 //   --repeats N     at most so many measured runs a row (60)      --warmup N   runs before them (3)
@@ -192,7 +192,11 @@ class Bench {
     const auto known = made_.find(name);
     if (known != made_.end()) return known->second;
     for (const BenchMesh& mesh : meshes_) {
-      if (mesh.name == name) return made_.emplace(name, mesh.make()).first->second;
+      if (mesh.name != name) continue;
+      const TriangleMesh& made = made_.emplace(name, mesh.make()).first->second;
+      std::fprintf(stderr, "%s: %zu triangles, %zu vertices\n", name.c_str(), made.triangles.size(),
+                   made.positions.size());
+      return made;
     }
     std::abort();
   }

@@ -32,10 +32,8 @@ export PATH="$PATH:/usr/local/cuda/bin"
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
 
-# The bunny with all its triangles and one of about 5,800, where the bundle has them.
-find_model() { find "$here/models" -name "$1" -print -quit; }
-bunny="$(find_model 'stanford-bunny*')"
-cow="$(find_model 'bunny.glb')"
+# The bunny with all its triangles, where the bundle has it.
+bunny="$(find "$here/models" -name 'stanford-bunny*' -print -quit)"
 mesh_options=()
 if [[ -n "$bunny" ]]; then mesh_options+=(--bunny "$bunny"); fi
 models() { find "$here/models" -name '*.glb' -o -name '*.gltf' -o -name '*.drc' | sort; }
@@ -151,7 +149,6 @@ server() {
 bench() {
   local options=("${mesh_options[@]}") seconds
   seconds="$(limit 200)"
-  if [[ -n "$cow" ]]; then options+=(--cow "$cow"); fi
   if [[ -n "$filter" ]]; then options+=(--filter "$filter"); fi
   timeout "$((seconds + 30))" "$bin/cuda_bench" --budget "$seconds" "${options[@]}"
 }
