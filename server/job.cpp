@@ -10,6 +10,7 @@
 #include "load/image.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
+#include "mesh_bytes.h"
 #include "pipeline/backend.h"
 #include "shaders/catalog.h"
 
@@ -20,36 +21,6 @@ using Clock = std::chrono::steady_clock;
 
 double MsSince(Clock::time_point begin) {
   return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
-}
-
-template <typename T>
-uint64_t Bytes(const std::vector<T>& values) {
-  return values.size() * sizeof(T);
-}
-
-uint64_t SceneBytes(const Scene& scene) {
-  uint64_t bytes = 0;
-  for (const Mesh& mesh : scene.meshes) {
-    for (const Primitive& p : mesh.primitives) {
-      bytes +=
-          Bytes(p.positions) + Bytes(p.normals) + Bytes(p.tangents) + Bytes(p.uv[0]) + Bytes(p.uv[1]) + Bytes(p.colors);
-      for (int set = 0; set < 2; ++set) bytes += Bytes(p.joints[set]) + Bytes(p.weights[set]);
-      for (const VertexAttribute& attribute : p.attributes) bytes += Bytes(attribute.values);
-      bytes += Bytes(p.triangles);
-    }
-  }
-  for (const auto& image : scene.images) bytes += Bytes(image->encoded) + Bytes(image->rgba);
-  return bytes;
-}
-
-uint64_t MeshBytes(const TriangleMesh& mesh) {
-  uint64_t bytes = Bytes(mesh.positions) + Bytes(mesh.normals) + Bytes(mesh.tangents) + Bytes(mesh.uv[0]) +
-                   Bytes(mesh.uv[1]) + Bytes(mesh.colors) + Bytes(mesh.triangles);
-  for (const auto& attribute : mesh.attributes) bytes += Bytes(attribute.values);
-  for (const auto& image : mesh.images) {
-    bytes += Bytes(image->encoded) + Bytes(image->rgba) + Bytes(image->linear_mips) + Bytes(image->srgb_mips);
-  }
-  return bytes;
 }
 
 struct FlatMesh {
@@ -67,7 +38,7 @@ absl::StatusOr<FlatMesh> LoadFlat(std::vector<uint8_t> file, const ParsedConfig&
   Clock::time_point begin = Clock::now();
   absl::StatusOr<Scene> scene = LoadScene(file, config.mesh_format, limits.load);
   if (!scene.ok()) return scene.status();
-  flat.peak_bytes = Bytes(file) + SceneBytes(*scene);
+  flat.peak_bytes = file.size() + SceneBytes(*scene);
   file = {};
   flat.load_ms = MsSince(begin);
   job.Report("load", 1);

@@ -30,12 +30,14 @@ enum class Delivery : uint8_t {
 
 // Where a shaded mesh lies and how large it is, in world units.
 struct MeshExtent {
-  Box3d box;  // of the vertices that triangles use
-  // Summed over the triangles; 0 where not measured (dense results do not need them). From these follows the number of voxels
-  // that a mesh touches: a triangle T touches, averaged over all placements of the grid, vol(T + unit cube) voxels, which is
-  // its three projected areas, plus its three widths, plus 1.
+  Box3d box;                  // of the vertices that triangles use
+  uint64_t shaded_bytes = 0;  // what the vertex shader made of the vertices; 0 where it left them alone, or did not run
+  // Summed over the triangles; 0 where not measured (dense results do not need them). How many voxels the mesh touches
+  // follows from these (footprint.cpp).
   Vec3d projected_area{};  // onto the planes orthogonal to x, y, z
+  Vec3d dominant_area{};   // the same, of each triangle only the largest of the three
   Vec3d width{};           // extents of each triangle's box along x, y, z
+  double volume = 0;       // signed, between the triangles and the centre of `box`: the enclosed one where the mesh is closed
 };
 
 enum class TimeClass : uint8_t { kInstant, kShort, kLong };  // < 0.1 s, < 2 s, longer, on two cores: a rough guide

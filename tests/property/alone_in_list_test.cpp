@@ -28,6 +28,10 @@ struct Kind {
   std::vector<std::string> options;  // of the command line
 };
 
+void PrintTo(const Kind& kind, std::ostream* out) {
+  *out << kind.name;
+}
+
 std::vector<Kind> Kinds() {
   return {
       {"bits", {}},

@@ -63,6 +63,19 @@ TEST(JobTest, ACubeHasTheHandCountedVoxels) {
   EXPECT_EQ(shell->report.vertices, 8u);
 }
 
+TEST(JobTest, TheRigCountsInThePeak) {
+  std::vector<uint8_t> plain = CubeFile();
+  std::string morphed(plain.begin(), plain.end());
+  const std::string indices = R"("indices":1)";
+  morphed.replace(morphed.find(indices), indices.size(), indices + R"(,"targets":[{"POSITION":0}])");
+  const JobContext job;
+  const auto without = RunJob(plain, CubeConfig(Fill::kNone), {}, job, {});
+  const auto with = RunJob({morphed.begin(), morphed.end()}, CubeConfig(Fill::kNone), {}, job, {});
+  ASSERT_TRUE(without.ok()) << without.status();
+  ASSERT_TRUE(with.ok()) << with.status();
+  EXPECT_GE(with->peak_bytes, without->peak_bytes + 2 * 96) << "positions before the morph, and their displacements";
+}
+
 TEST(JobTest, StagesBeginWithLoadAndFlattenAndAreReported) {
   std::set<std::string> reported;
   const JobContext job([&](std::string_view stage, double) { reported.emplace(stage); });

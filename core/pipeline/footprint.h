@@ -1,0 +1,29 @@
+// The memory that a run of the CPU backend takes, predicted.
+#pragma once
+
+#include <cstdint>
+
+#include "grid/grid_spec.h"
+#include "pipeline/plan.h"
+#include "pipeline/request.h"
+
+namespace voxelpipe {
+
+struct MeshSize {
+  uint64_t triangles = 0, vertices = 0;
+  MeshExtent extent;
+};
+
+struct Footprint {
+  uint64_t result_bytes = 0;  // of all arrays together
+  uint64_t peak_bytes = 0;    // working set, what is held of the result included, the mesh excluded
+  int64_t slab_depth = 1;     // layers worked on at a time
+};
+
+// In: a valid request, the grid it is fitted to, the mesh after its vertex shader. Out: what the run takes, within a factor of
+// 1.5 of what is measured (tests/unit/pipeline/plan_memory_test.cpp) for surfaces that are neither folded within a voxel nor, with a
+// fill into a sparse result, turned both outwards and inwards.
+Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                           const PlanLimits& limits, Delivery delivery);
+
+}  // namespace voxelpipe

@@ -1,0 +1,81 @@
+#include "mesh_bytes.h"
+
+#include <memory>
+#include <set>
+#include <vector>
+
+namespace voxelpipe {
+namespace {
+
+template <typename T>
+uint64_t Bytes(const std::vector<T>& values) {
+  return values.size() * sizeof(T);
+}
+
+uint64_t MorphBytes(const MorphData& morph) {
+  uint64_t bytes = Bytes(morph.positions) + Bytes(morph.normals) + Bytes(morph.tangents);
+  for (const MorphTarget& target : morph.targets) {
+    bytes += Bytes(target.positions) + Bytes(target.normals) + Bytes(target.tangents);
+  }
+  return bytes;
+}
+
+// Without the morph data, which copies share.
+uint64_t PrimitiveBytes(const Primitive& p) {
+  uint64_t bytes =
+      Bytes(p.positions) + Bytes(p.normals) + Bytes(p.tangents) + Bytes(p.uv[0]) + Bytes(p.uv[1]) + Bytes(p.colors);
+  for (int set = 0; set < 2; ++set) bytes += Bytes(p.joints[set]) + Bytes(p.weights[set]);
+  for (const VertexAttribute& attribute : p.attributes) bytes += Bytes(attribute.values);
+  return bytes + Bytes(p.triangles);
+}
+
+uint64_t AnimationBytes(const std::vector<Animation>& animations) {
+  uint64_t bytes = 0;
+  for (const Animation& animation : animations) {
+    for (const AnimationSampler& sampler : animation.samplers) bytes += Bytes(sampler.times) + Bytes(sampler.values);
+  }
+  return bytes;
+}
+
+// What a rig holds for itself; `morphs` gathers the morph data that it shares with the scene.
+uint64_t RigBytes(const Rig& rig, std::set<const MorphData*>& morphs) {
+  uint64_t bytes = Bytes(rig.nodes) + Bytes(rig.order) + Bytes(rig.parts) + AnimationBytes(rig.animations);
+  for (const Skin& skin : rig.skins) bytes += Bytes(skin.joints) + Bytes(skin.inverse_bind_matrices);
+  std::set<const Primitive*> primitives;  // instances share them
+  for (const RigPart& part : rig.parts) {
+    if (!primitives.insert(part.primitive.get()).second) continue;
+    bytes += PrimitiveBytes(*part.primitive);
+    if (part.primitive->morph != nullptr) morphs.insert(part.primitive->morph.get());
+  }
+  return bytes;
+}
+
+}  // namespace
+
+uint64_t SceneBytes(const Scene& scene) {
+  uint64_t bytes = AnimationBytes(scene.animations);
+  for (const Mesh& mesh : scene.meshes) {
+    for (const Primitive& p : mesh.primitives) {
+      bytes += PrimitiveBytes(p) + (p.morph == nullptr ? 0 : MorphBytes(*p.morph));
+    }
+  }
+  for (const auto& image : scene.images) bytes += Bytes(image->encoded) + Bytes(image->rgba);
+  return bytes;
+}
+
+uint64_t MeshBytes(const TriangleMesh& mesh) {
+  uint64_t bytes = Bytes(mesh.positions) + Bytes(mesh.normals) + Bytes(mesh.tangents) + Bytes(mesh.uv[0]) +
+                   Bytes(mesh.uv[1]) + Bytes(mesh.colors) + Bytes(mesh.triangles);
+  for (const auto& attribute : mesh.attributes) bytes += Bytes(attribute.values);
+  if (mesh.rig != nullptr) {
+    std::set<const MorphData*> morphs;
+    bytes += RigBytes(*mesh.rig, morphs);
+    for (const MorphData* morph : morphs) bytes += MorphBytes(*morph);
+  }
+  for (const auto& image : mesh.images) {
+    bytes += Bytes(image->encoded) + Bytes(image->rgba) + Bytes(image->linear_mips) + Bytes(image->srgb_mips);
+  }
+  return bytes;
+}
+
+}  // namespace voxelpipe

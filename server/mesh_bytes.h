@@ -1,0 +1,16 @@
+// What meshes take of memory, computed from sizes.
+#pragma once
+
+#include <cstdint>
+
+#include "mesh/scene.h"
+#include "mesh/triangle_mesh.h"
+
+namespace voxelpipe {
+
+// Bytes of the arrays, images included; small parts (names, nodes, materials) are left out.
+uint64_t SceneBytes(const Scene& scene);
+// The same; the rig counts with the mesh, though what it shares with the scene stays in memory once.
+uint64_t MeshBytes(const TriangleMesh& mesh);
+
+}  // namespace voxelpipe
