@@ -42,7 +42,7 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   state.tile_kernels = fit ? state.kernels : *SelectRowKernels(SimdChoice::kScalar);
   if (PlainBits(state, grid)) {
     state.row_bits = std::make_unique<RowBits>(*state.kernels, state.view, grid, state.request.request.coverage);
-    const absl::Status s = state.row_bits->Place(state.request.request.fill == Fill::kParity, state.job);
+    absl::Status s = state.row_bits->Place(state.request.request.fill == Fill::kParity, state.job);
     state.index_positions = state.row_bits->index_positions();
     if (!absl::IsOutOfRange(s)) return s;  // otherwise the tiles' way below names the vertex
   }

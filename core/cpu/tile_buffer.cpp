@@ -153,10 +153,12 @@ void TileBuffer::StoredRow(int row, int c, uint32_t mask, uint32_t (&out)[32]) c
       return ForEachBit(mask,
                         [&](int bit) { out[bit] = StoreSum(sums_[size_t(at + bit)], spec_.format, spec_.quantum); });
     case Kept::kCounts:
-      return ForEachBit(mask, [&](int bit) { out[bit] = StoreCount(counts_[size_t(first + bit)], spec_.format); });
+      return ForEachBit(mask,
+                        [&](int bit) { out[bit] = StoreCount(counts_[size_t(first) + size_t(bit)], spec_.format); });
     case Kept::kAverages:
       return ForEachBit(mask, [&](int bit) {
-        out[bit] = StoreAverage(sums_[size_t(at + bit)], counts_[size_t(first + bit)], spec_.format, spec_.quantum);
+        out[bit] =
+            StoreAverage(sums_[size_t(at + bit)], counts_[size_t(first) + size_t(bit)], spec_.format, spec_.quantum);
       });
   }
 }

@@ -85,8 +85,8 @@ void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, std::vector<std::st
   }
   for (const auto& [name, use] : uses) {
     if (use.primitives < drawn) {
-      warnings.push_back(absl::StrCat("attribute ", name, " is missing in ", drawn - use.primitives, " of ",
-                                      drawn, " primitives; it counts as 0 there"));
+      warnings.push_back(absl::StrCat("attribute ", name, " is missing in ", drawn - use.primitives, " of ", drawn,
+                                      " primitives; it counts as 0 there"));
     }
     if (use.least < use.most) {
       warnings.push_back(absl::StrCat("attribute ", name, " has ", use.least, " to ", use.most,

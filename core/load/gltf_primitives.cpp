@@ -208,7 +208,7 @@ absl::Status Morph(const tinygltf::Primitive& primitive, const std::vector<doubl
   for (size_t i = 0; i < primitive.targets.size(); ++i) {
     const double weight = i < weights.size() ? weights[i] : 0.0;
     MorphTarget& target = morph->targets.emplace_back();
-    const absl::Status bad =
+    absl::Status bad =
         ReadTarget(primitive.targets[i], absl::StrCat(where, ", morph target ", i), out, context, target);
     if (!bad.ok() && weight != 0) return bad;
     if (!bad.ok()) {

@@ -37,7 +37,8 @@ struct MeshExtent {
   Vec3d projected_area{};  // onto the planes orthogonal to x, y, z
   Vec3d dominant_area{};   // the same, of each triangle only the largest of the three
   Vec3d width{};           // extents of each triangle's box along x, y, z
-  double volume = 0;       // signed, between the triangles and the centre of `box`: the enclosed one where the mesh is closed
+  double volume =
+      0;  // signed, between the triangles and the centre of `box`: the enclosed one where the mesh is closed
 };
 
 enum class TimeClass : uint8_t { kInstant, kShort, kLong };  // < 0.1 s, < 2 s, longer, on two cores: a rough guide
