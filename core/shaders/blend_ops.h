@@ -1,8 +1,11 @@
 // Conversion of shader outputs to target values, and blending: one definition for both devices.
 //
-// A fragment's output is converted to the target's format first and blended then. Every blend is independent of the order of
-// fragments, but for replace and first, which take them by ascending triangle id. In the tile a component is held as
-//   a cell   32 bits: the integer, or the bits of the f32 (f16 values as the f32 of the same value): replace first min max and or
+// A fragment's output is converted to the target's format first and blended then; only `add` and `average` into f16
+// take the f32 value as it is, rounded to a multiple of the quantum, and round to f16 once, at the end. Every blend is
+// independent of the order of fragments, but for replace and first, which take them by ascending triangle id. In the
+// tile a component is held as
+//   a cell   32 bits: the integer, or the bits of the f32 (f16 values as the f32 of the same value): replace first min
+//            max and or
 //   a sum    64 bits: integers, or multiples of the quantum: add average
 //   a count  of the voxel's fragments: count average
 // and brought into the format once, when the tile is stored.

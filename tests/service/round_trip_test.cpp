@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "cpu/row_kernels.h"
 #include "gtest/gtest.h"
 #include "load/image.h"
 #include "load/loader.h"
@@ -55,6 +56,7 @@ class RoundTripTest : public ::testing::Test {
     EXPECT_EQ(there->report.triangles, mesh_.triangles.size());
     EXPECT_GT(here->stats.occupied, 0u);
     last_ = there->content_sha256;
+    last_simd_ = there->result.stats.simd;
   }
 
   const std::vector<uint8_t> glb_ = TorusGlb(12);
@@ -62,6 +64,7 @@ class RoundTripTest : public ::testing::Test {
   std::unique_ptr<ServerProcess> server_;
   std::unique_ptr<Client> client_;
   std::string last_;  // content hash of the last answer
+  std::string last_simd_;
 };
 
 VoxelizeRequest Request(int64_t resolution) {
@@ -161,16 +164,31 @@ TEST_F(RoundTripTest, EveryFormatBlendAndKindOfResult) {
   }
 }
 
-TEST_F(RoundTripTest, FloodAndEveryInstructionSetOfThisMachine) {
-  VoxelizeRequest request = Request(40);
-  request.fill = Fill::kFlood;
-  ExpectSameBytes(request);
-  const std::string flooded = last_;
-  request.simd = SimdChoice::kScalar;
-  ExpectSameBytes(request);
-  EXPECT_EQ(last_, flooded);
-  request.result = ResultKind::kSparse;
-  ExpectSameBytes(request);
+TEST_F(RoundTripTest, FloodOnEveryInstructionSetOfThisMachine) {
+  for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
+    for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse}) {
+      VoxelizeRequest request = Request(40);
+      request.fill = Fill::kFlood;
+      request.coverage = coverage;
+      request.result = kind;
+      ExpectSameBytes(request);
+      const std::string flooded = last_;
+      std::vector<std::string> ran;
+      for (const SimdChoice simd : {SimdChoice::kScalar, SimdChoice::kAvx2, SimdChoice::kAvx512}) {
+        const absl::StatusOr<const cpu::RowKernels*> kernels = cpu::SelectRowKernels(simd);
+        if (!kernels.ok()) continue;  // this machine does not have it
+        SCOPED_TRACE(std::string(Name(coverage)) + " " + std::string(Name(simd)));
+        request.simd = simd;
+        ExpectSameBytes(request);
+        EXPECT_EQ(last_, flooded);
+        EXPECT_EQ(last_simd_, (*kernels)->name) << "the server took another instruction set";
+        ran.push_back(last_simd_);
+      }
+      ASSERT_FALSE(ran.empty());
+      EXPECT_EQ(ran.front(), "scalar");
+      EXPECT_EQ(ran.back(), (*cpu::SelectRowKernels(SimdChoice::kAuto))->name) << "the best one of this machine";
+    }
+  }
 }
 
 TEST_F(RoundTripTest, SeveralTargetsAtOnce) {
