@@ -1,4 +1,4 @@
-// Binning of triangles to tiles: count, scan, emit.
+// Binning of triangles to tiles.
 #include <algorithm>
 #include <atomic>
 
@@ -9,24 +9,76 @@
 namespace voxelpipe::cpu {
 namespace {
 
-constexpr int64_t kVertexGrain = 1 << 14;
+constexpr int64_t kVertexGrain = 1 << 13;
 constexpr int64_t kTrianglesPerChunk = 1 << 12;
+constexpr int64_t kMostChunks = 1 << 10;
+constexpr int64_t kBoxesAtOnce = 1 << 9;  // stay in the first-level cache
+constexpr int64_t kFewTiles = 4;      // so few that the box is cheaper than the test; a tile too many costs only time
 constexpr double kFarthest = 0x1p40;  // voxels
 
-absl::Status PlaceVertices(RunState& state) {
+bool InReach(const Vec3d& p) {
+  return Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
+}
+
+// OK unless a triangle uses a vertex beyond reach.
+absl::Status CheckReach(const RunState& state) {
+  uint64_t bad = UINT64_MAX;
+  for (uint64_t t = 0; t < state.view.triangle_count; ++t) {
+    for (const uint32_t v : state.view.triangles[t]) {
+      if (InReach(state.index_positions[v])) continue;
+      bad = std::min<uint64_t>(bad, v);
+      break;
+    }
+  }
+  if (bad == UINT64_MAX) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrCat(DescribeVertex(state.mesh, bad), ": farther than 2^40 voxels from the grid's origin"));
+}
+
+// Vertices to index space, and their codes.
+absl::Status PlaceVertices(RunState& state, HostArray<VertexCode>& codes) {
   const MeshView& view = state.view;
   state.placed_positions = HostArray<Vec3d>(view.vertex_count);
   state.index_positions = state.placed_positions.data();
   state.view.index_positions = state.index_positions;
-  return ParallelChunks(int64_t(view.vertex_count), kVertexGrain, state.job, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      state.placed_positions[uint64_t(i)] = WorldToIndex(state.grid.origin, state.grid.voxel_size, view.positions[i]);
-    }
+  codes = HostArray<VertexCode>(view.vertex_count);
+  std::atomic<bool> near{true};
+  absl::Status s = ParallelChunks(int64_t(view.vertex_count), kVertexGrain, state.job, [&](int64_t begin, int64_t end) {
+    const Placed placed = state.kernels->place(view.positions, begin, end, state.grid.origin, state.grid.voxel_size,
+                                               state.placed_positions.data(), codes.data());
+    if (!placed.near) near.store(false, std::memory_order_relaxed);
   });
+  if (!s.ok() || near) return s;
+  return CheckReach(state);
 }
 
-bool InReach(const Vec3d& p) {
-  return Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
+// Appends the pairs of triangles [begin, end).
+void EmitPairs(const RunState& state, const VertexCode* codes, int64_t begin, int64_t end,
+               std::vector<uint64_t>& pairs) {
+  TileBox boxes[kBoxesAtOnce];
+  for (int64_t first = begin; first < end; first += kBoxesAtOnce) {
+    const int64_t last = std::min(end, first + kBoxesAtOnce);
+    if (codes != nullptr) state.kernels->tile_boxes(state.view.triangles, codes, first, last, state.dims, boxes);
+    for (int64_t t = first; t < last; ++t) {
+      if (codes != nullptr) {
+        const TileBox& box = boxes[t - first];
+        if (box.kind == TileBox::kOutside) continue;
+        if (box.kind == TileBox::kBoxed && box.tiles() <= kFewTiles) {
+          for (int64_t z = box.first[2]; z <= box.last[2]; ++z) {
+            for (int64_t y = box.first[1]; y <= box.last[1]; ++y) {
+              for (int64_t x = box.first[0]; x <= box.last[0]; ++x) {
+                pairs.push_back(state.tiles.Index(x, y, z) << 32 | uint64_t(t));
+              }
+            }
+          }
+          continue;
+        }
+      }
+      const uint32_t* v = state.view.triangles[t];
+      ForEachTile(state.tiles, state.index_positions[v[0]], state.index_positions[v[1]], state.index_positions[v[2]],
+                  [&](uint64_t tile) { pairs.push_back(tile << 32 | uint64_t(t)); });
+    }
+  }
 }
 
 }  // namespace
@@ -46,42 +98,19 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
     state.index_positions = state.row_bits->index_positions();
     if (!absl::IsOutOfRange(s)) return s;  // otherwise the tiles' way below names the vertex
   }
-  if (absl::Status s = PlaceVertices(state); !s.ok()) return s;
-  const int64_t triangles = int64_t(state.view.triangle_count);
-  const int64_t chunks = (triangles + kTrianglesPerChunk - 1) / kTrianglesPerChunk;
-  std::vector<std::vector<uint64_t>> emitted(static_cast<size_t>(chunks));
-  std::atomic<uint64_t> bad{UINT64_MAX};
-  absl::Status s = ParallelChunks(chunks, 1, state.job, [&](int64_t first_chunk, int64_t last_chunk) {
-    for (int64_t chunk = first_chunk; chunk < last_chunk; ++chunk) {
-      std::vector<uint64_t>& pairs = emitted[chunk];
-      const int64_t end = std::min(triangles, (chunk + 1) * kTrianglesPerChunk);
-      pairs.reserve(size_t(end - chunk * kTrianglesPerChunk) * 5 / 4);
-      for (int64_t t = chunk * kTrianglesPerChunk; t < end; ++t) {
-        const uint32_t* v = state.view.triangles[t];
-        const Vec3d &a = state.index_positions[v[0]], &b = state.index_positions[v[1]],
-                    &c = state.index_positions[v[2]];
-        if (!InReach(a) || !InReach(b) || !InReach(c)) {
-          const uint32_t first_bad = !InReach(a) ? v[0] : !InReach(b) ? v[1] : v[2];
-          uint64_t seen = bad.load(std::memory_order_relaxed);
-          while (first_bad < seen && !bad.compare_exchange_weak(seen, first_bad)) {}
-          continue;
-        }
-        ForEachTile(state.tiles, a, b, c, [&](uint64_t tile) { pairs.push_back(tile << 32 | uint64_t(t)); });
-      }
-    }
-  });
-  if (!s.ok()) return s;
-  if (bad.load() != UINT64_MAX) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(DescribeVertex(state.mesh, bad.load()), ": farther than 2^40 voxels from the grid's origin"));
-  }
-  std::vector<uint64_t> offset(size_t(chunks) + 1, 0);
-  for (int64_t i = 0; i < chunks; ++i) offset[i + 1] = offset[i] + emitted[i].size();
-  state.pairs.resize(offset[chunks]);
+  HostArray<VertexCode> codes;
+  if (absl::Status s = PlaceVertices(state, codes); !s.ok()) return s;
+  const VertexCode* const fitting = RowBitsFit(grid, state.view.triangle_count) ? codes.data() : nullptr;
+  const auto triangles = int64_t(state.view.triangle_count);
+  const int64_t per_chunk = std::max(kTrianglesPerChunk, triangles / kMostChunks);
+  const int64_t chunks = (triangles + per_chunk - 1) / per_chunk;
+  state.emitted.resize(size_t(chunks));
   return ParallelChunks(chunks, 1, state.job, [&](int64_t first, int64_t last) {
-    for (int64_t i = first; i < last; ++i) {
-      std::copy(emitted[i].begin(), emitted[i].end(), state.pairs.begin() + int64_t(offset[i]));
-      std::vector<uint64_t>().swap(emitted[i]);
+    for (int64_t chunk = first; chunk < last; ++chunk) {
+      const int64_t begin = chunk * per_chunk, end = std::min(triangles, begin + per_chunk);
+      std::vector<uint64_t>& pairs = state.emitted[size_t(chunk)];
+      pairs.reserve(size_t(end - begin) * 5 / 4);
+      EmitPairs(state, fitting, begin, end, pairs);
     }
   });
 }

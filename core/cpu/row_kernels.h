@@ -89,6 +89,9 @@ struct RowKernels {
   // Sets the bits of triangles in the slab's layers. Any triangle may be given to either; each is fast for its class.
   void (*raster_small)(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage, const RowSlab& slab);
   void (*raster_large)(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage, const RowSlab& slab);
+  // The boxes of triangles [begin, end), into boxes[0...]. For grids that fit the codes.
+  void (*tile_boxes)(const uint32_t (*triangles)[3], const VertexCode* codes, int64_t begin, int64_t end,
+                     const int64_t (&dims)[3], TileBox* boxes);
   // The spans of triangles, the low 32 bits of pairs[0...count), in a tile (clipped to the grid); at most TileSpans::kTriangles. The mesh
   // is one of IndexSpaceMesh.
   void (*spans_in_tile)(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Coverage coverage,

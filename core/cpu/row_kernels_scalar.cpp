@@ -94,6 +94,24 @@ void Raster(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage co
   }
 }
 
+void TileBoxes(const uint32_t (*triangles)[3], const VertexCode* codes, int64_t begin, int64_t end,
+               const int64_t (&dims)[3], TileBox* boxes) {
+  for (int64_t t = begin; t < end; ++t) {
+    const int16_t *a = codes[triangles[t][0]].axis, *b = codes[triangles[t][1]].axis, *c = codes[triangles[t][2]].axis;
+    TileBox& box = boxes[t - begin];
+    bool large = false, outside = false;
+    for (int i = 0; i < 3; ++i) {
+      const int64_t first = Min(a[i], Min(b[i], c[i])) >> 1, last = (Max(a[i], Max(b[i], c[i])) + 1) >> 1;
+      large = large || last - first > TileBox::kMostExtent;
+      outside = outside || last < 0 || first >= dims[i];
+      box.first[i] = int16_t(Max(first, int64_t{0}) / TileDim(i));
+      box.last[i] = int16_t(Min(last, dims[i] - 1) / TileDim(i));
+    }
+    box.kind = large ? TileBox::kLarge : outside ? TileBox::kOutside : TileBox::kBoxed;
+    box.unused = 0;
+  }
+}
+
 void SpansInTile(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Coverage coverage, const VoxelRange& tile,
                  TileSpans& out) {
   for (int i = 0; i < int(count); ++i) {
@@ -104,7 +122,7 @@ void SpansInTile(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Cove
   }
 }
 
-const RowKernels kScalar{"scalar", Bounds, Place, Scan, Raster, Raster, SpansInTile};
+const RowKernels kScalar{"scalar", Bounds, Place, Scan, Raster, Raster, TileBoxes, SpansInTile};
 
 }  // namespace
 

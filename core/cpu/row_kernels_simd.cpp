@@ -26,6 +26,7 @@ const RowKernels* Avx2RowKernels() {
                                        N_AVX2::Scan,
                                        N_AVX2::RasterSmall,
                                        N_AVX2::RasterLarge,
+                                       N_AVX2::TileBoxes,
                                        N_AVX2::SpansInTile};
   return &kKernels;
 #else
@@ -35,9 +36,9 @@ const RowKernels* Avx2RowKernels() {
 
 const RowKernels* Avx512RowKernels() {
 #if (HWY_TARGETS & HWY_AVX3)
-  static constexpr RowKernels kKernels{"avx512",           N_AVX3::Bounds,      N_AVX3::Place,
-                                       N_AVX3::Scan,       N_AVX3::RasterSmall, N_AVX3::RasterLarge,
-                                       N_AVX3::SpansInTile};
+  static constexpr RowKernels kKernels{"avx512",          N_AVX3::Bounds,      N_AVX3::Place,
+                                       N_AVX3::Scan,      N_AVX3::RasterSmall, N_AVX3::RasterLarge,
+                                       N_AVX3::TileBoxes, N_AVX3::SpansInTile};
   return &kKernels;
 #else
   return nullptr;

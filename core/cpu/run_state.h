@@ -74,11 +74,12 @@ struct RunState {
   const RowKernels* kernels = nullptr;
   const RowKernels* tile_kernels = nullptr;  // those of tiles: the scalar ones where coordinates do not fit the lanes
   std::unique_ptr<RowBits> row_bits;
-  HostArray<Vec3d> placed_positions;       // under tiles: what index_positions shows
-  const Vec3d* index_positions = nullptr;  // per vertex, index space
-  std::vector<uint64_t> pairs;             // (tile << 32) | triangle
-  std::vector<TileRun> runs;               // by ascending tile
-  BitGrid outside;                         // flood: what the walk from outside reached, made by the first slab
+  HostArray<Vec3d> placed_positions;           // under tiles: what index_positions shows
+  const Vec3d* index_positions = nullptr;      // per vertex, index space
+  std::vector<std::vector<uint64_t>> emitted;  // pairs by ascending triangle, before TileSort
+  HostArray<uint64_t> pairs;                   // (tile << 32) | triangle, after it
+  std::vector<TileRun> runs;                   // by ascending tile
+  BitGrid outside;                             // flood: what the walk from outside reached, made by the first slab
 
   // BeginSlab: what follows holds the slab's layers only; its rows are numbered by SlabRow
   Slab slab;

@@ -16,6 +16,56 @@ HWY_BEFORE_NAMESPACE();
 namespace voxelpipe::cpu {
 namespace HWY_NAMESPACE {
 
+HWY_ATTR void TileBoxes(const uint32_t (*triangles)[3], const VertexCode* codes, int64_t begin, int64_t end,
+                        const int64_t (&dims)[3], TileBox* boxes) {
+  static_assert(TileDim(0) == 32 && TileDim(1) == 8 && TileDim(2) == 8 && sizeof(TileBox) == 16);
+  const DU du;
+  const DL dl;
+  const DS ds;
+  const hn::Rebind<uint32_t, DU> d32;
+  const auto by_vertex = reinterpret_cast<const uint64_t*>(codes);
+  const auto most =
+      hn::BitCast(ds, hn::Set(du, uint64_t(dims[0] - 1) | uint64_t(dims[1] - 1) << 16 | uint64_t(dims[2] - 1) << 32));
+  const auto zero = hn::Zero(ds), one = hn::Set(ds, int16_t{1});
+  const auto in_x = hn::MaskFromVec(hn::BitCast(ds, hn::Set(du, uint64_t{0xffff})));
+  const auto three = hn::Set(du, ~uint64_t{0} >> 16);
+  const auto to_tiles = [&](hn::Vec<DS> v) HWY_ATTR {
+    return hn::And(hn::BitCast(du, hn::IfThenElse(in_x, hn::ShiftRight<5>(v), hn::ShiftRight<3>(v))), three);
+  };
+  const auto any = [&](hn::Mask<DS> m) HWY_ATTR {
+    return hn::Ne(hn::And(hn::BitCast(du, hn::VecFromMask(ds, m)), three), hn::Zero(du));
+  };
+  for (int64_t t = begin; t < end; t += kHalf) {
+    const int64_t count = std::min<int64_t>(kHalf, end - t);
+    hn::Vec<decltype(d32)> v[3];
+    if (count == kHalf) {
+      hn::LoadInterleaved3(d32, triangles[t], v[0], v[1], v[2]);
+    } else {
+      uint32_t padded[3 * kHalf];
+      for (int64_t k = 0; k < 3 * kHalf; ++k) padded[k] = triangles[t + (k < 3 * count ? k / 3 : 0)][k % 3];
+      hn::LoadInterleaved3(d32, padded, v[0], v[1], v[2]);
+    }
+    const auto code_of = [&](hn::Vec<decltype(d32)> id) HWY_ATTR {
+      return hn::BitCast(ds, hn::GatherIndex(du, by_vertex, hn::BitCast(dl, hn::PromoteTo(du, id))));
+    };
+    const auto a = code_of(v[0]), b = code_of(v[1]), c = code_of(v[2]);
+    const auto first = hn::ShiftRight<1>(hn::Min(a, hn::Min(b, c)));
+    const auto last = hn::ShiftRight<1>(hn::SaturatedAdd(hn::Max(a, hn::Max(b, c)), one));
+    const auto large = any(hn::Gt(hn::Sub(last, first), hn::Set(ds, TileBox::kMostExtent)));
+    const auto outside = any(hn::Or(hn::Lt(last, zero), hn::Gt(first, most)));
+    const auto kind = hn::IfThenElse(large, hn::Set(du, uint64_t(TileBox::kLarge) << 48),
+                                     hn::IfThenZeroElse(outside, hn::Set(du, uint64_t(TileBox::kBoxed) << 48)));
+    HWY_ALIGN uint64_t words[2][kHalf];
+    hn::Store(hn::Or(to_tiles(hn::Max(first, zero)), kind), du, words[0]);
+    hn::Store(to_tiles(hn::Min(last, most)), du, words[1]);
+    auto* const out = reinterpret_cast<uint8_t*>(boxes + (t - begin));
+    for (int64_t k = 0; k < count; ++k) {
+      std::memcpy(out + 16 * k, &words[0][k], 8);
+      std::memcpy(out + 16 * k + 8, &words[1][k], 8);
+    }
+  }
+}
+
 // Lanes whose box alone is their coverage: SpanClass::kRun.
 template <Coverage kCoverage>
 HWY_INLINE uint64_t RunLanes(const Batch& batch) {

@@ -1,23 +1,103 @@
-// Sorting of (tile, triangle) pairs, and the runs of equal tiles.
-#include <tbb/parallel_sort.h>
+// Sorting of (tile, triangle) pairs, and the runs of equal tiles: a stable radix sort by tile, the triangles' order being that in
+// which they were emitted. The high bits of the tile first, from memory to memory; the rest bucket by bucket, in the caches.
+#include <tbb/enumerable_thread_specific.h>
+
+#include <algorithm>
+#include <bit>
 
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
 
 namespace voxelpipe::cpu {
+namespace {
+
+constexpr uint64_t kMostBuckets = 1 << 10;
+// A bucket of fewer pairs than this share of its tiles is sorted by comparison.
+constexpr uint64_t kTilesPerPair = 8;
+
+// A bucket's pairs by tile. One thread's.
+class BucketSort {
+ public:
+  // In: pairs of tiles [first_tile, first_tile + tiles). Out: sorted, stable.
+  void Sort(uint64_t* pairs, uint64_t count, uint64_t first_tile, uint64_t tiles) {
+    if (tiles > kTilesPerPair * count) return std::sort(pairs, pairs + count);  // by triangle within a tile
+    held_.assign(pairs, pairs + count);
+    next_.assign(tiles + 1, 0);
+    for (const uint64_t pair : held_) ++next_[(pair >> 32) - first_tile + 1];
+    for (uint64_t tile = 0; tile < tiles; ++tile) next_[tile + 1] += next_[tile];
+    for (const uint64_t pair : held_) pairs[next_[(pair >> 32) - first_tile]++] = pair;
+  }
+
+ private:
+  std::vector<uint64_t> held_, next_;
+};
+
+// offset[chunk][bucket]: where the chunk's pairs of the bucket go. Then a row of the buckets' ends.
+std::vector<uint64_t> BucketOffsets(const std::vector<std::vector<uint64_t>>& emitted, uint64_t buckets, int shift) {
+  const size_t chunks = emitted.size();
+  std::vector<uint64_t> offset((chunks + 1) * buckets);
+  tbb::parallel_for(size_t{0}, chunks, [&](size_t chunk) {
+    uint64_t* const count = &offset[chunk * buckets];
+    for (const uint64_t pair : emitted[chunk]) ++count[pair >> 32 >> shift];
+  });
+  uint64_t total = 0;
+  for (uint64_t bucket = 0; bucket < buckets; ++bucket) {
+    for (size_t chunk = 0; chunk < chunks; ++chunk) {
+      const uint64_t here = offset[chunk * buckets + bucket];
+      offset[chunk * buckets + bucket] = total;
+      total += here;
+    }
+    offset[chunks * buckets + bucket] = total;
+  }
+  return offset;
+}
+
+void AppendRuns(const uint64_t* pairs, uint64_t begin, uint64_t end, std::vector<TileRun>& runs) {
+  while (begin < end) {
+    const uint64_t tile = pairs[begin] >> 32;
+    uint64_t last = begin + 1;
+    while (last < end && pairs[last] >> 32 == tile) ++last;
+    runs.push_back({begin, last});
+    begin = last;
+  }
+}
+
+}  // namespace
 
 absl::Status TileSort(RunState& state) {
   if (state.row_bits) return absl::OkStatus();
-  std::vector<uint64_t>& pairs = state.pairs;
-  tbb::parallel_sort(pairs.begin(), pairs.end());
-  for (uint64_t begin = 0; begin < pairs.size();) {
-    const uint64_t tile = pairs[begin] >> 32;
-    uint64_t end = begin + 1;
-    while (end < pairs.size() && pairs[end] >> 32 == tile) ++end;
-    state.runs.push_back({begin, end});
-    begin = end;
-  }
-  return state.job.Check();
+  const uint64_t tiles = state.tiles.count();
+  int shift = 0;
+  while (tiles >> shift > kMostBuckets) ++shift;
+  const uint64_t buckets = (tiles >> shift) + 1;
+  const size_t chunks = state.emitted.size();
+  std::vector<uint64_t> offset = BucketOffsets(state.emitted, buckets, shift);
+  const uint64_t* const ends = &offset[chunks * buckets];
+  state.pairs = HostArray<uint64_t>(ends[buckets - 1]);
+  uint64_t* const pairs = state.pairs.data();
+  absl::Status s = ParallelChunks(int64_t(chunks), 1, state.job, [&](int64_t first, int64_t last) {
+    for (int64_t chunk = first; chunk < last; ++chunk) {
+      uint64_t* const next = &offset[size_t(chunk) * buckets];
+      for (const uint64_t pair : state.emitted[size_t(chunk)]) pairs[next[pair >> 32 >> shift]++] = pair;
+      std::vector<uint64_t>().swap(state.emitted[size_t(chunk)]);
+    }
+  });
+  if (!s.ok()) return s;
+  std::vector<std::vector<TileRun>> runs(buckets);
+  tbb::enumerable_thread_specific<BucketSort> sorts;
+  s = ParallelChunks(int64_t(buckets), 4, state.job, [&](int64_t first, int64_t last) {
+    for (int64_t bucket = first; bucket < last; ++bucket) {
+      const uint64_t begin = bucket == 0 ? 0 : ends[bucket - 1], end = ends[bucket];
+      if (begin == end) continue;
+      if (shift > 0) {
+        sorts.local().Sort(pairs + begin, end - begin, uint64_t(bucket) << shift, uint64_t{1} << shift);
+      }
+      AppendRuns(pairs, begin, end, runs[size_t(bucket)]);
+    }
+  });
+  if (!s.ok()) return s;
+  for (const std::vector<TileRun>& some : runs) state.runs.insert(state.runs.end(), some.begin(), some.end());
+  return absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cpu

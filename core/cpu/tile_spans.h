@@ -8,6 +8,23 @@
 
 namespace voxelpipe::cpu {
 
+// The tiles that a triangle's box touches, inclusive, cut to the grid.
+struct TileBox {
+  // kBoxed: the box is at most kMostExtent + 1 voxels along each axis, so that its widening is that of the narrow class whatever
+  // the triangle's own.
+  enum Kind : int16_t { kOutside, kBoxed, kLarge };
+  static constexpr int16_t kMostExtent = 63;
+
+  int16_t first[3];
+  int16_t kind;
+  int16_t last[3];
+  int16_t unused;
+
+  int64_t tiles() const {
+    return int64_t{last[0] - first[0] + 1} * (last[1] - first[1] + 1) * (last[2] - first[2] + 1);
+  }
+};
+
 // A run of voxels in a row of a tile: the row y + 8*z in bits 0-5, its first voxel in bits 8-12, its last in bits 16-20.
 struct TileSpan {
   uint32_t bits;

@@ -1,6 +1,7 @@
-// The rows of triangles in a tile, on every instruction set, against the one definition of coverage.
+// Boxes of triangles among tiles and their rows in a tile, on every instruction set, against the one definition of coverage.
 #include "cpu/tile_spans.h"
 
+#include <algorithm>
 #include <random>
 
 #include "cpu/row_kernels.h"
@@ -90,6 +91,47 @@ TEST(TileSpans, AreNoneOfTrianglesFarFromTheTile) {
     for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin, Coverage::kCenter}) {
       EXPECT_EQ(SpansBy(*kernels, mesh, coverage, {{0, 8, 8}, {32, 16, 16}}).total, 0u) << kernels->name;
     }
+  }
+}
+
+// Vertices inside, around and far outside of the grid; counts that no vector divides.
+TEST(TileBoxes, AreTheScalarOnesOnEveryInstructionSet) {
+  std::mt19937 random(11);
+  std::vector<VertexCode> codes(500);
+  for (VertexCode& code : codes) {
+    for (int a = 0; a < 3; ++a) {
+      const uint32_t kind = random() % 8;
+      code.axis[a] = kind == 0   ? int16_t(random())
+                     : kind == 1 ? int16_t(random() % 2 != 0 ? 32767 : -32768)
+                                 : int16_t(int(random() % 160) - 20);
+    }
+    code.axis[3] = 0;
+  }
+  std::vector<std::array<uint32_t, 3>> triangles(4003);
+  for (auto& triangle : triangles) {
+    for (uint32_t& v : triangle) v = random() % 500;
+  }
+  const auto* const ids = reinterpret_cast<const uint32_t(*)[3]>(triangles.data());
+  const auto boxes_by = [&](const RowKernels& kernels, const int64_t(&dims)[3]) {
+    std::vector<TileBox> boxes(triangles.size());
+    kernels.tile_boxes(ids, codes.data(), 0, int64_t(boxes.size()), dims, boxes.data());
+    std::vector<std::array<int, 7>> all;
+    for (const TileBox& box : boxes) {
+      all.push_back({box.kind});
+      for (int a = 0; a < 3 && box.kind == TileBox::kBoxed; ++a) {
+        all.back()[size_t(1 + a)] = box.first[a];
+        all.back()[size_t(4 + a)] = box.last[a];
+      }
+    }
+    return all;
+  };
+  for (const auto& dims : {std::array<int64_t, 3>{64, 50, 47}, {kMaxCodedDim, 1, 9}}) {
+    const int64_t voxels[3] = {dims[0], dims[1], dims[2]};
+    const auto expected = boxes_by(**SelectRowKernels(SimdChoice::kScalar), voxels);
+    for (const TileBox::Kind kind : {TileBox::kOutside, TileBox::kBoxed, TileBox::kLarge}) {
+      EXPECT_TRUE(std::any_of(expected.begin(), expected.end(), [&](const auto& box) { return box[0] == kind; }));
+    }
+    for (const RowKernels* kernels : VectorKernels()) EXPECT_EQ(boxes_by(*kernels, voxels), expected) << kernels->name;
   }
 }
 
