@@ -6,6 +6,7 @@
 #include <cstring>
 #include <span>
 
+#include "cpu/tile_spans.h"
 #include "cpu/dense_fill.h"
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "cpu/tile_spans.h"
 #include "cpu/row_kernels_simd.h"
 #include "grid/index_space.h"
 

@@ -13,6 +13,7 @@
 #include "cuda/a_buffer_kernel.cuh"
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
+#include "cuda/walk.h"
 #include "pipeline/plan.h"
 #include "shaders/blend_ops.h"
 #include "shaders/fragment_input.h"
@@ -127,6 +128,14 @@ struct BeginsVoxel {
   __device__ bool operator()(uint64_t i) const { return i == 0 || keys[i] != keys[i - 1]; }
 };
 
+// All `bits` bits set, those behind them clear.
+__global__ void __launch_bounds__(256) FillOnes(uint32_t* words, uint64_t bits) {
+  const uint64_t count = (bits + 31) / 32;
+  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < count; i += uint64_t(gridDim.x) * 256) {
+    words[i] = bits - i * 32 >= 32 ? ~0u : (1u << (bits - i * 32)) - 1;
+  }
+}
+
 unsigned BlocksFor(uint64_t count) {
   return unsigned(std::clamp<uint64_t>((count + 255) / 256, 1, 1 << 20));
 }
@@ -144,29 +153,19 @@ ShadeArgs MakeShadeArgs(RunState& state) {
   return args;
 }
 
-EmitArgs MakeEmitArgs(RunState& state) {
-  EmitArgs args;
-  args.grid = state.view;
-  args.coverage = state.request.request.coverage;
-  args.triangles = state.mesh.triangles.data();
-  args.positions = state.mesh.index_positions.data();
-  args.triangle_count = state.mesh.host_view.triangle_count;
-  args.counts = state.fragment_counts.data();
-  args.first = state.fragment_first.data();
-  args.queue = state.queue[0].data();
-  args.queued = state.counters.data() + kQueued0;
-  args.keys = state.fragment_keys[0].data();
-  args.values = state.fragment_triangles[0].data();
-  return args;
-}
-
 template <typename Key>
-absl::Status Emit(RunState& state, const EmitArgs& args) {
-  EmitSmall<Key><<<BlocksFor(args.triangle_count), kEmitThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("EmitSmall");
-  EmitLarge<Key><<<dim3(8, unsigned(state.device.multiprocessors)), kEmitThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("EmitLarge");
-  return absl::OkStatus();
+absl::Status Emit(RunState& state, const WalkArgs& args) {
+  EmitFragment<Key> op;
+  op.grid = state.view;
+  op.first = state.fragment_first.data();
+  op.emitted = state.fragment_counts.data();
+  op.keys = reinterpret_cast<Key*>(state.fragment_keys[0].data());
+  op.values = state.fragment_triangles[0].data();
+  VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Fill(0, state.stream));
+  const auto blocks = unsigned((args.triangle_count + kRunThreads - 1) / kRunThreads);
+  EmitRuns<Key><<<blocks, kRunThreads, 0, state.stream>>>(args, op);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitRuns");
+  return Walk(state, args, op, /*skip_runs=*/true);
 }
 
 template <typename Key>
@@ -243,17 +242,16 @@ absl::Status EmitFragments(RunState& state) {
   state.fragment_count = 0;
   state.fragments_in = 0;
   if (triangles == 0) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Resize(triangles + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(triangles + 1, state.stream));
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0}));
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1, kQueued2, kQueued3}));
   VOXELPIPE_CUDA_OR_RETURN(
       cudaMemsetAsync(state.fragment_counts.data() + triangles, 0, sizeof(uint32_t), state.stream));
-  const EmitArgs counting = MakeEmitArgs(state);
-  CountSmall<<<BlocksFor(triangles), kEmitThreads, 0, state.stream>>>(counting);
-  VOXELPIPE_LAUNCHED_OR_RETURN("CountSmall");
-  CountLarge<<<dim3(8, unsigned(state.device.multiprocessors)), kEmitThreads, 0, state.stream>>>(counting);
-  VOXELPIPE_LAUNCHED_OR_RETURN("CountLarge");
+  const absl::StatusOr<WalkArgs> args = MakeWalkArgs(state);
+  if (!args.ok()) return args.status();
+  CountFragments count;
+  count.counts = state.fragment_counts.data();
+  VOXELPIPE_OK_OR_RETURN(Walk(state, *args, count));
   VOXELPIPE_OK_OR_RETURN(
       ExclusiveScan(state, state.fragment_counts.data(), state.fragment_first.data(), triangles + 1));
   const absl::StatusOr<uint64_t> total = ReadElement(state, state.fragment_first.data() + triangles);
@@ -264,8 +262,7 @@ absl::Status EmitFragments(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(state.fragment_keys[i].Resize(state.fragment_count * KeyBytes(state), state.stream));
     VOXELPIPE_OK_OR_RETURN(state.fragment_triangles[i].Resize(state.fragment_count, state.stream));
   }
-  const EmitArgs emitting = MakeEmitArgs(state);
-  return WideKeys(state) ? Emit<uint64_t>(state, emitting) : Emit<uint32_t>(state, emitting);
+  return WideKeys(state) ? Emit<uint64_t>(state, *args) : Emit<uint32_t>(state, *args);
 }
 
 absl::Status SortFragments(RunState& state) {
@@ -301,10 +298,14 @@ absl::Status Resolve(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(values.Resize((bytes + 3) / 4 * 4, state.stream));
     args.out[t] = values.data();
   }
-  if (fragments > 0) {
-    ShadeFragments<false><<<BlocksFor(fragments), 256, 0, state.stream>>>(args);
-    VOXELPIPE_LAUNCHED_OR_RETURN("ShadeFragments");
+  if (fragments == 0) return absl::OkStatus();
+  if (args.targets.count == 1 && args.targets.at[0].is_occupancy) {
+    FillOnes<<<BlocksFor((fragments + 31) / 32), 256, 0, state.stream>>>(reinterpret_cast<uint32_t*>(args.out[0]), fragments);
+    VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");
+    return absl::OkStatus();
   }
+  ShadeFragments<false><<<BlocksFor(fragments), 256, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ShadeFragments");
   return absl::OkStatus();
 }
 

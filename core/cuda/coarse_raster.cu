@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
+#include "cuda/vertex_code.cuh"
 #include "grid/index_space.h"
 
 namespace voxelpipe::cuda {
@@ -17,16 +18,20 @@ namespace {
 constexpr int kThreads = 256, kLargeThreads = 128;
 constexpr double kFarthest = 0x1p40;  // voxels
 
-__global__ void __launch_bounds__(kThreads)
-    PlaceVertices(const Vec3d* positions, uint64_t count, Vec3d origin, Vec3d voxel_size, Vec3d* placed) {
+__global__ void __launch_bounds__(kThreads) PlaceKernel(const Vec3d* world, uint64_t count, Vec3d origin, Vec3d voxel_size,
+                                                        Vec3d* placed, VertexCode* codes) {
   const uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
-  if (i < count) placed[i] = WorldToIndex(origin, voxel_size, positions[i]);
+  if (i >= count) return;
+  const Vec3d p = WorldToIndex(origin, voxel_size, world[i]);
+  placed[i] = p;
+  codes[i] = EncodeVertex(p);
 }
 
 struct BinArgs {
   TileGrid tiles;
   const uint32_t* triangles;
   const Vec3d* positions;  // index space
+  const VertexCode* codes;
   uint64_t triangle_count;
   uint32_t *pair_tiles, *pair_triangles;
   uint64_t capacity;
@@ -43,23 +48,35 @@ __device__ inline void Put(const BinArgs& args, uint64_t at, uint64_t tile, uint
 __global__ void __launch_bounds__(kThreads) BinSmall(const BinArgs args) {
   __shared__ unsigned long long room[2][kThreads / 32 + 1];
   const uint64_t t = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
-  TileBounds bounds;
   bool few = false, many = false;
+  int begin[3], end[3];  // tiles
   uint32_t count = 0;
   if (t < args.triangle_count) {
     const uint32_t* v = args.triangles + 3 * t;
-    bounds = BoundTiles(args.tiles, args.positions[v[0]], args.positions[v[1]], args.positions[v[2]]);
-    if (!bounds.box.empty()) {
-      few = bounds.few();
-      many = !few;
-      if (few) count = RowCount(bounds.box) * uint32_t(bounds.box.end[0] - bounds.box.begin[0]);
+    const CodedBox box = DecodeBox(args.codes[v[0]], args.codes[v[1]], args.codes[v[2]]);
+    many = box.far;
+    if (!box.far) {
+      bool empty = false;
+      count = 1;
+      for (int i = 0; i < 3; ++i) {
+        const int dim = int(TileDim(i));
+        begin[i] = max(box.first[i], 0) / dim;
+        end[i] = box.last[i] < 0 ? 0 : min(box.last[i] / dim + 1, int(args.tiles.dims[i]));
+        empty = empty || begin[i] >= end[i];
+        count = empty ? 0 : min(count * uint32_t(end[i] - begin[i]), 8u);
+      }
+      few = count > 0 && count <= 4;
+      many = count > 4;
+      if (many) count = 0;
+    } else {
+      count = 0;
     }
   }
   uint64_t at = BlockAllocate<kThreads>(args.counters + kPairs, count, room[0]);
   if (few) {
-    for (int64_t z = bounds.box.begin[2]; z < bounds.box.end[2]; ++z) {
-      for (int64_t y = bounds.box.begin[1]; y < bounds.box.end[1]; ++y) {
-        for (int64_t x = bounds.box.begin[0]; x < bounds.box.end[0]; ++x) Put(args, at++, args.tiles.Index(x, y, z), t);
+    for (int z = begin[2]; z < end[2]; ++z) {
+      for (int y = begin[1]; y < end[1]; ++y) {
+        for (int x = begin[0]; x < end[0]; ++x) Put(args, at++, args.tiles.Index(x, y, z), t);
       }
     }
   }
@@ -123,6 +140,7 @@ absl::Status Bin(RunState& state, uint64_t capacity) {
   args.tiles = state.view.tiles;
   args.triangles = state.mesh.triangles.data();
   args.positions = state.mesh.index_positions.data();
+  args.codes = state.mesh.codes.data();
   args.triangle_count = state.mesh.host_view.triangle_count;
   args.pair_tiles = state.pair_tiles[0].data();
   args.pair_triangles = state.pair_triangles[0].data();
@@ -142,6 +160,18 @@ absl::Status Bin(RunState& state, uint64_t capacity) {
 
 }  // namespace
 
+absl::Status PlaceVertices(RunState& state) {
+  const uint64_t vertices = state.mesh.host_view.vertex_count;
+  if (!state.placed && vertices > 0) {
+    PlaceKernel<<<unsigned((vertices + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(
+        state.mesh.positions.data(), vertices, state.grid.origin, state.grid.voxel_size, state.mesh.index_positions.data(),
+        state.mesh.codes.data());
+    VOXELPIPE_LAUNCHED_OR_RETURN("PlaceKernel");
+  }
+  state.placed = true;
+  return absl::OkStatus();
+}
+
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   state.grid = grid;
   for (int a = 0; a < 3; ++a) state.view.dims[a] = grid.dims[size_t(a)];
@@ -155,11 +185,9 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   VOXELPIPE_OK_OR_RETURN(CheckReach(state, grid));
   const uint64_t vertices = state.mesh.host_view.vertex_count, triangles = state.mesh.host_view.triangle_count;
   VOXELPIPE_OK_OR_RETURN(state.mesh.index_positions.Resize(vertices, state.stream));
-  if (vertices > 0) {
-    PlaceVertices<<<unsigned((vertices + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(
-        state.mesh.positions.data(), vertices, grid.origin, grid.voxel_size, state.mesh.index_positions.data());
-    VOXELPIPE_LAUNCHED_OR_RETURN("PlaceVertices");
-  }
+  VOXELPIPE_OK_OR_RETURN(state.mesh.codes.Resize(vertices, state.stream));
+  state.placed = false;
+  if (!state.plain_bits) VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));  // otherwise with the clearing of the bits
   if (state.mesh.host_view.index_positions != state.mesh.index_positions.data()) {
     state.mesh.host_view.index_positions = state.mesh.index_positions.data();
     VOXELPIPE_OK_OR_RETURN(state.mesh.view.Upload({&state.mesh.host_view, 1}, state.stream));

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "cuda/fine_raster_kernel.cuh"
+#include "cuda/fine_uniform_kernel.cuh"
 #include "cuda/run_state.h"
 
 namespace voxelpipe::cuda {
@@ -10,6 +11,19 @@ namespace {
 
 // Two blocks a multiprocessor fit with this much shared memory each.
 constexpr int kGroupWords = 100 * 1024 / 4;
+
+// Whether every triangle of the mesh gives all its fragments one value.
+bool IsUniform(const RunState& state, const CudaTarget& target) {
+  if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
+  const MeshView& mesh = state.host.view;
+  for (uint32_t i = 0; i < mesh.part_count; ++i) {
+    FragmentInput in;
+    in.mesh = &mesh;
+    in.part = mesh.parts + i;
+    if (!SameForTriangle(target.shader, in)) return false;
+  }
+  return true;
+}
 
 // Targets in groups whose tiles fit into shared memory together; each group is a launch, and rasterizes anew.
 std::vector<FineArgs> GroupTargets(const RunState& state) {
@@ -20,13 +34,15 @@ std::vector<FineArgs> GroupTargets(const RunState& state) {
     t.target = state.targets.at[i];
     t.index = i;
     const int end = PlaceTileTarget(t, words);
-    if (groups.empty() || (end > kGroupWords && words > 0)) {
+    const bool uniform = IsUniform(state, t.target);
+    if (groups.empty() || uniform || groups.back().uniform || (end > kGroupWords && words > 0)) {
       groups.emplace_back();
       words = PlaceTileTarget(t, 0);
     } else {
       words = end;
     }
     FineArgs& group = groups.back();
+    group.uniform = uniform;
     group.targets[group.target_count++] = t;
     group.has_owners = group.has_owners || t.has_owner();
     if (t.kept == Kept::kNothing) continue;
@@ -45,16 +61,25 @@ int SharedBytes(const FineArgs& group) {
   return words * 4;
 }
 
-template <bool kShades>
-absl::Status Launch(const RunState& state, const FineArgs& args) {
-  const int shared = SharedBytes(args);
-  VOXELPIPE_CUDA_OR_RETURN(
-      cudaFuncSetAttribute(FineRasterKernel<kShades>, cudaFuncAttributeMaxDynamicSharedMemorySize, shared));
+// Threads for a tile: many where a surface through the grid leaves many pairs to each tile it meets.
+int UniformThreads(const RunState& state) {
+  const int64_t* const t = state.view.tiles.dims;
+  const double surface = double(t[0]) * double(t[1]) + double(t[1]) * double(t[2]) + double(t[2]) * double(t[0]);
+  const double pairs = double(state.pair_count) / surface;
+  return pairs > 250 ? kMostUniformThreads : 64;
+}
+
+absl::Status Launch(const RunState& state, FineArgs& args) {
+  const auto kernel = args.uniform ? FineUniformKernel : args.shades ? FineRasterKernel<true> : FineRasterKernel<false>;
+  const int threads = args.uniform ? UniformThreads(state) : kFineThreads;
+  int shared = (SharedBytes(args) + 15) / 16 * 16;
+  args.shared_words = shared / 4;
+  if (args.uniform) shared += threads / 32 * kUniformWarpBytes;
+  VOXELPIPE_CUDA_OR_RETURN(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, shared));
   int resident = 1;
-  VOXELPIPE_CUDA_OR_RETURN(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, FineRasterKernel<kShades>,
-                                                                         kFineThreads, size_t(shared)));
+  VOXELPIPE_CUDA_OR_RETURN(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, kernel, threads, size_t(shared)));
   const auto blocks = unsigned(std::max(1, resident) * state.device.multiprocessors);
-  FineRasterKernel<kShades><<<blocks, kFineThreads, size_t(shared), state.stream>>>(args);
+  kernel<<<blocks, unsigned(threads), size_t(shared), state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("FineRasterKernel");
   return absl::OkStatus();
 }
@@ -63,7 +88,8 @@ absl::Status Launch(const RunState& state, const FineArgs& args) {
 
 absl::Status FineRaster(RunState& state) {
   if (state.plain_bits) {
-    return RasterRows(state, state.request.request.coverage, state.slab.begin, state.slab.end, state.coverage.data());
+    return RasterRows(state, state.request.request.coverage, state.slab.begin, state.slab.end, state.coverage.data(),
+                      state.coverage.size());
   }
   if (state.pair_count == 0) return absl::OkStatus();
   std::vector<FineArgs> groups = GroupTargets(state);
@@ -71,6 +97,7 @@ absl::Status FineRaster(RunState& state) {
     FineArgs& args = groups[g];
     args.grid = state.view;
     args.mesh = state.mesh.view.data();
+    args.codes = state.mesh.codes.data();
     args.coverage = state.request.request.coverage;
     args.pair_triangles = state.pair_triangles[state.sorted].data();
     args.tile_begin = state.tile_begin.data();
@@ -89,7 +116,7 @@ absl::Status FineRaster(RunState& state) {
       std::copy(state.value_offset.begin(), state.value_offset.end(), args.value_offset);
     }
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kNextTile}));
-    VOXELPIPE_OK_OR_RETURN(args.shades ? Launch<true>(state, args) : Launch<false>(state, args));
+    VOXELPIPE_OK_OR_RETURN(Launch(state, args));
   }
   return absl::OkStatus();
 }

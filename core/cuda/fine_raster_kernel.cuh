@@ -6,6 +6,7 @@
 
 #include "cuda/row_walk.cuh"
 #include "cuda/tile_blend.cuh"
+#include "cuda/vertex_code.cuh"
 #include "shaders/fragment_input.h"
 
 namespace voxelpipe::cuda {
@@ -16,6 +17,7 @@ inline constexpr int kFineThreads = 256;
 struct FineArgs {
   GridView grid;
   const MeshView* mesh = nullptr;
+  const VertexCode* codes = nullptr;  // of the vertices
   Coverage coverage{};
   const uint32_t *pair_triangles = nullptr, *tile_begin = nullptr, *tile_end = nullptr, *occupied_tiles = nullptr;
   const uint64_t* occupied_count = nullptr;
@@ -24,6 +26,7 @@ struct FineArgs {
   uint32_t* coverage_bits = nullptr;
   bool any_always_present = false;  // of all launches together
   bool shades = false, planar = false, has_owners = false;
+  bool uniform = false;  // one target, whose value is the same for all fragments of a triangle
   ShaderTraits traits;             // of the launch's targets together
   uint8_t* tile_values = nullptr;  // sparse results, null for dense ones
   uint64_t value_stride = 0;
@@ -31,6 +34,7 @@ struct FineArgs {
   uint64_t slab_voxels = 0;
   TileTarget targets[kMostTargets];
   int target_count = 0;
+  int shared_words = 0;  // of the targets' tiles
 };
 
 // One triangle's fragments: what they share is made once.
@@ -106,7 +110,7 @@ __device__ inline void StoreElements(const FineArgs& args, const TileTarget& t, 
           ? nullptr
           : reinterpret_cast<Element*>(args.tile_values + slot * args.value_stride + args.value_offset[t.index]);
   auto* const dense = reinterpret_cast<Element*>(t.target.dense);
-  for (int voxel = int(threadIdx.x); voxel < kTileVoxels; voxel += kFineThreads) {
+  for (int voxel = int(threadIdx.x); voxel < kTileVoxels; voxel += int(blockDim.x)) {
     const int row = voxel / 32, x = voxel % 32;
     if ((present[row] >> x & 1) == 0) continue;
     const uint64_t n =
@@ -127,12 +131,12 @@ __device__ inline void StoreElements(const FineArgs& args, const TileTarget& t, 
 // Words of the tile's rows to a bit grid. All rows of the tile are the block's own.
 __device__ inline void StoreWords(const FineArgs& args, const VoxelRange& range, const uint32_t* words, uint32_t* grid,
                                   bool add) {
-  const int row = int(threadIdx.x);
-  if (row >= kTileRows) return;
-  const int64_t y = range.begin[1] + row % 8, z = range.begin[2] + row / 8;
-  if (y >= range.end[1] || z >= range.end[2]) return;
-  uint32_t* const word = grid + args.grid.Word(range.begin[0], y, z);
-  *word = add ? *word | words[row] : words[row];
+  for (int row = int(threadIdx.x); row < kTileRows; row += int(blockDim.x)) {
+    const int64_t y = range.begin[1] + row % 8, z = range.begin[2] + row / 8;
+    if (y >= range.end[1] || z >= range.end[2]) continue;
+    uint32_t* const word = grid + args.grid.Word(range.begin[0], y, z);
+    *word = add ? *word | words[row] : words[row];
+  }
 }
 
 __device__ inline void StoreTile(const FineArgs& args, const uint32_t* shared, const VoxelRange& range,

@@ -96,8 +96,7 @@ absl::Status FindOutside(RunState& state, SweepArgs args) {
   const uint64_t words = uint64_t(args.words) * uint64_t(args.ny) * uint64_t(args.nz);
   DeviceArray<uint32_t> shell;
   VOXELPIPE_OK_OR_RETURN(shell.Resize(words, state.stream));
-  VOXELPIPE_OK_OR_RETURN(shell.Fill(0, state.stream));
-  VOXELPIPE_OK_OR_RETURN(RasterRows(state, Coverage::kConservative, 0, args.nz, shell.data()));
+  VOXELPIPE_OK_OR_RETURN(RasterRows(state, Coverage::kConservative, 0, args.nz, shell.data(), words));
   VOXELPIPE_OK_OR_RETURN(state.outside.Resize(words, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.outside.Fill(0, state.stream));
   args.shell = shell.data();

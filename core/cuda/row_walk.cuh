@@ -22,33 +22,40 @@ __device__ inline bool IsForOneThread(const TriangleSetup& s, const VoxelRange& 
   return s.span_class != SpanClass::kWide && RowCount(clipped) <= most_rows;
 }
 
-// All rows of a narrow or run triangle by one thread: visit(y, z, x_begin, x_end) in grid coordinates. `range` is what ClipToRange
-// gave, not empty. Such a triangle is at most some 34 voxels long, or its box is clipped to a row of voxels, so 32 bits do.
+// All rows of a narrow triangle within `range`, by one thread: visit(y, z, x_begin, x_end) in grid coordinates. Such a triangle is
+// at most some 34 voxels long, so 32 bits do.
 template <typename Visit>
-__device__ inline void WalkRows(const TriangleSetup& s, const VoxelRange& range, Visit&& visit) {
-  int lo[3], hi[3];
-  for (int i = 0; i < 3; ++i) {
-    lo[i] = int(range.begin[i]);
-    hi[i] = int(range.end[i]);
-  }
-  if (s.span_class == SpanClass::kRun) {
-    for (int z = lo[2]; z < hi[2]; ++z) {
-      for (int y = lo[1]; y < hi[1]; ++y) visit(y, z, lo[0], hi[0]);
-    }
-    return;
-  }
-  const int bx = int(s.base.x), by = int(s.base.y), bz = int(s.base.z);
-  for (int z = lo[2]; z < hi[2]; ++z) {
-    const Layer<float> layer = ComputeLayer(s.narrow, float(z - bz));
+__device__ inline void WalkNarrow(const SpanBounds<float>& s, const int (&base)[3], const Box32& range, Visit&& visit) {
+  for (int z = range.begin[2]; z < range.end[2]; ++z) {
+    const Layer<float> layer = ComputeLayer(s, float(z - base[2]));
     if (layer.y.empty() || layer.x.empty()) continue;
-    const int y_end = min(hi[1], by + int(layer.y.last) + 1);
-    for (int y = max(lo[1], by + int(layer.y.first)); y < y_end; ++y) {
-      const Interval<float> row = ComputeRow(s.narrow, layer, float(y - by));
+    const int y_end = min(range.end[1], base[1] + int(layer.y.last) + 1);
+    for (int y = max(range.begin[1], base[1] + int(layer.y.first)); y < y_end; ++y) {
+      const Interval<float> row = ComputeRow(s, layer, float(y - base[1]));
       if (row.empty()) continue;
-      const int x_begin = max(lo[0], bx + int(row.first)), x_end = min(hi[0], bx + int(row.last) + 1);
+      const int x_begin = max(range.begin[0], base[0] + int(row.first));
+      const int x_end = min(range.end[0], base[0] + int(row.last) + 1);
       if (x_begin < x_end) visit(y, z, x_begin, x_end);
     }
   }
+}
+
+// All rows of a narrow or run triangle by one thread. `range` is what ClipToRange gave, not empty.
+template <typename Visit>
+__device__ inline void WalkRows(const TriangleSetup& s, const VoxelRange& range, Visit&& visit) {
+  Box32 box;
+  for (int i = 0; i < 3; ++i) {
+    box.begin[i] = int(range.begin[i]);
+    box.end[i] = int(range.end[i]);
+  }
+  if (s.span_class == SpanClass::kRun) {
+    for (int z = box.begin[2]; z < box.end[2]; ++z) {
+      for (int y = box.begin[1]; y < box.end[1]; ++y) visit(y, z, box.begin[0], box.end[0]);
+    }
+    return;
+  }
+  const int base[3] = {int(s.base.x), int(s.base.y), int(s.base.z)};
+  WalkNarrow(s.narrow, base, box, visit);
 }
 
 // One row of a set-up: false if the triangle does not touch it within `range`.

@@ -13,6 +13,7 @@
 #include "cuda/buffer.h"
 #include "cuda/check.h"
 #include "cuda/device.h"
+#include "cuda/vertex_code.cuh"
 #include "cuda/views.h"
 #include "pipeline/stages.h"
 
@@ -21,6 +22,7 @@ namespace voxelpipe::cuda {
 // Arrays of the shaded mesh on the device, and the view of them that shaders get.
 struct DeviceMesh {
   DeviceArray<Vec3d> positions, index_positions;
+  DeviceArray<VertexCode> codes;  // per vertex (vertex_code.cuh)
   DeviceArray<Vec3f> normals, velocities;
   DeviceArray<Vec4f> tangents, colors;
   DeviceArray<Vec2f> uv[2];
@@ -67,6 +69,7 @@ struct RunState {
   // CoarseRaster, TileSort: of the whole grid
   GridSpec grid;
   GridView view{};                                         // dims, tiles, slab: what kernels get
+  bool placed = false;         // whether index_positions and codes are made
   bool plain_bits = false;                                 // every target is the coverage itself: rows without tiles
   DeviceArray<uint32_t> pair_tiles[2], pair_triangles[2];  // (tile, triangle), unsorted and sorted by tile
   DeviceArray<uint64_t> counters;                          // see Counter
@@ -76,7 +79,7 @@ struct RunState {
   DeviceArray<uint32_t> tile_begin, tile_end;  // per tile of the grid: its pairs; valid for occupied tiles
   DeviceArray<uint32_t> occupied_tiles;        // in no order
   uint64_t occupied_count = 0;                 // how many there are; sparse results only
-  DeviceArray<uint32_t> queue[2];              // triangles too large for a thread, for a warp
+  DeviceArray<uint32_t> queue[3];  // triangles that wait for another kernel of a stage
 
   // BeginSlab: what follows holds the slab's layers only
   Slab slab;
@@ -118,8 +121,10 @@ struct RunState {
 // Elements of RunState::counters.
 enum Counter : int {
   kPairs,       // (tile, triangle) pairs found, also where there was no room for them
-  kQueued0,     // entries of queue[0]
-  kQueued1,     // entries of queue[1]
+  kQueued0,       // entries of the queues of a stage
+  kQueued1,
+  kQueued2,
+  kQueued3,
   kOccupied,    // occupied tiles
   kNextTile,    // the next tile for a block of the fine raster
   kFragments,   // of the slab
@@ -133,6 +138,8 @@ enum Counter : int {
   kCounters
 };
 
+// Allocates the counters, all 0, before their first use.
+absl::Status EnsureCounters(RunState& state);
 // Sets counters to 0.
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
 // Copies all counters to the host. Synchronizes with the stream.
@@ -143,6 +150,7 @@ absl::Status UploadMesh(RunState& state);
 
 // The stages; see pipeline/stages.h for what each does.
 absl::StatusOr<MeshExtent> VertexShade(RunState& state);
+absl::Status PlaceVertices(RunState& state);  // unless they are placed
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid);  // synchronizes under tiles
 absl::Status TileSort(RunState& state);                            // synchronizes
 absl::Status BeginSlab(RunState& state, const Slab& slab);
@@ -160,7 +168,8 @@ bool NeedsTiles(const RunState& state);
 void LayOutTileValues(RunState& state);
 
 // Parts of stages
-absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits);
+// Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.
+absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits, uint64_t words);
 absl::Status ParityInside(RunState& state);
 absl::Status FloodInside(RunState& state);
 absl::Status CountSlab(RunState& state);  // kVoxels; BeginSlab cleared the other counters of the slab

@@ -198,12 +198,14 @@ absl::StatusOr<ResultArrays> CopyResult(RunState& state) {
 
 }  // namespace
 
+absl::Status EnsureCounters(RunState& state) {
+  if (!state.counters.empty()) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kCounters, state.stream));
+  return state.counters.Fill(0, state.stream);
+}
+
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which) {
-  if (state.counters.empty()) {
-    VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kCounters, state.stream));
-    VOXELPIPE_OK_OR_RETURN(state.counters.Fill(0, state.stream));
-    return absl::OkStatus();
-  }
+  if (state.counters.empty()) return EnsureCounters(state);
   // Neighbours in one call.
   for (auto at = which.begin(); at != which.end();) {
     auto end = at + 1;
@@ -248,7 +250,9 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.view.slab_end = slab.end;
   state.counts = SlabCounts();
   state.inside.Free();
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kFragments, kOddColumns, kVoxels}));
+  if (!state.plain_bits || request.fill != Fill::kNone) {
+    VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kFragments, kOddColumns, kVoxels}));
+  }
   state.targets.count = int(request.targets.size());
   state.targets.planar = request.layout == Layout::kPlanar;
   state.targets.any_always_present = false;
@@ -259,7 +263,11 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     state.targets.at[i] = target;
   }
   if (buckets) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
+  if (state.plain_bits) {  // the rasterizer clears it
+    VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
+  }
   if (request.result == ResultKind::kSparse) {
     LayOutTileValues(state);
     VOXELPIPE_OK_OR_RETURN(state.tile_values.Resize(state.occupied_count * state.value_stride, state.stream));

@@ -30,15 +30,15 @@ VOXELPIPE_HD Layer<Real> ComputeLayer(const SpanBounds<Real>& s, Real z) {
   Real y_first = s.first[1], y_last = s.last[1];
   for (int i = 0; i < 4; ++i) {
     const Real shift = s.y_of_z[i].s * z;
-    y_first = Max(y_first, s.y_of_z[i].lo - shift);
-    y_last = Min(y_last, s.y_of_z[i].hi - shift);
+    y_first = Greater(y_first, s.y_of_z[i].lo - shift);
+    y_last = Lesser(y_last, s.y_of_z[i].hi - shift);
   }
   layer.y = {Ceil(y_first), Floor(y_last)};
   layer.x = {s.first[0], s.last[0]};
   for (int i = 0; i < 3; ++i) {
     const Real shift = s.x_of_z[i].s * z;
-    layer.x.first = Max(layer.x.first, s.x_of_z[i].lo - shift);
-    layer.x.last = Min(layer.x.last, s.x_of_z[i].hi - shift);
+    layer.x.first = Greater(layer.x.first, s.x_of_z[i].lo - shift);
+    layer.x.last = Lesser(layer.x.last, s.x_of_z[i].hi - shift);
   }
   const Real shift = s.plane.s * z;
   layer.plane_lo = s.plane.lo - shift;
@@ -52,12 +52,12 @@ VOXELPIPE_HD Interval<Real> ComputeRow(const SpanBounds<Real>& s, const Layer<Re
   Real first = layer.x.first, last = layer.x.last;
   for (int i = 0; i < 3; ++i) {
     const Real shift = s.x_of_y[i].s * y;
-    first = Max(first, s.x_of_y[i].lo - shift);
-    last = Min(last, s.x_of_y[i].hi - shift);
+    first = Greater(first, s.x_of_y[i].lo - shift);
+    last = Lesser(last, s.x_of_y[i].hi - shift);
   }
   const Real shift = s.plane_sy * y;
-  first = Max(first, layer.plane_lo - shift);
-  last = Min(last, layer.plane_hi - shift);
+  first = Greater(first, layer.plane_lo - shift);
+  last = Lesser(last, layer.plane_hi - shift);
   return {Ceil(first), Floor(last)};
 }
 

@@ -59,6 +59,23 @@ struct TriangleSetup {
   SpanBounds<double> wide;
 };
 
+// The lesser and the greater of two numbers of which neither is NaN, by the device's own instruction where there is one. Which of two
+// zeros it gives does not show in a span.
+template <typename Real>
+VOXELPIPE_HD Real Lesser(Real a, Real b) {
+#if defined(__CUDA_ARCH__)
+  if constexpr (sizeof(Real) == sizeof(float)) return fminf(a, b);
+#endif
+  return Min(a, b);
+}
+template <typename Real>
+VOXELPIPE_HD Real Greater(Real a, Real b) {
+#if defined(__CUDA_ARCH__)
+  if constexpr (sizeof(Real) == sizeof(float)) return fmaxf(a, b);
+#endif
+  return Max(a, b);
+}
+
 namespace setup_internal {
 
 // What the bounds are made from. Edges f are e * scale; positions are not scaled.
@@ -89,7 +106,7 @@ template <typename Real>
 VOXELPIPE_HD Bound<Real> Solve(Real nu, Real nt, Real lo, Real hi) {
   const Real inverse = Real(1) / nu;
   const Real a = lo * inverse, b = hi * inverse;
-  return {nt * inverse, Min(a, b), Max(a, b)};
+  return {nt * inverse, Lesser(a, b), Greater(a, b)};
 }
 
 // The axis (nu, nt) of an edge through the point with coordinates (pu, pt); `opposite` is how far the third vertex projects
@@ -103,7 +120,7 @@ VOXELPIPE_HD Bound<Real> EdgeBound(Real nu, Real nt, Real pu, Real pt, Real oppo
   const Real other = edge + opposite;
   const Real reach = au * (half_u + shape.widening) + at * (half_t + shape.widening);
   const Real centre = Real(0.5) * (nu + nt);
-  return Solve(nu, nt, (Min(edge, other) - reach) - centre, (Max(edge, other) + reach) - centre);
+  return Solve(nu, nt, (Lesser(edge, other) - reach) - centre, (Greater(edge, other) + reach) - centre);
 }
 
 // The three axes of edge f through p, numbered i. `side` is +1 or -1: on which side of the edge the normal sees the third vertex.

@@ -1,0 +1,55 @@
+// Launches the kernels of walk_kernels.cuh. Included by .cu files only.
+#pragma once
+
+#include <algorithm>
+
+#include "cuda/run_state.h"
+#include "cuda/walk_kernels.cuh"
+
+namespace voxelpipe::cuda {
+
+// The arguments for the slab at work; the queues get their room. state.counters kQueued0 to kQueued3 are to be 0.
+inline absl::StatusOr<WalkArgs> MakeWalkArgs(RunState& state) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  for (auto& queue : state.queue) {
+    VOXELPIPE_OK_OR_RETURN(queue.Resize(std::max<uint64_t>(triangles, 1), state.stream));
+  }
+  WalkArgs args;
+  args.grid = state.view;
+  args.coverage = state.request.request.coverage;
+  args.triangles = state.mesh.triangles.data();
+  args.positions = state.mesh.index_positions.data();
+  args.codes = state.mesh.codes.data();
+  args.triangle_count = triangles;
+  args.small_queue = state.queue[0].data();
+  args.rest_queue = state.queue[1].data();
+  args.large_queue = state.queue[2].data();
+  args.queued = state.counters.data() + kQueued0;
+  return args;
+}
+
+// Walks all triangles. An operation that repeats another one's walk finds the queues as that one left them.
+template <typename Op>
+absl::Status Walk(const RunState& state, const WalkArgs& args, const Op& op, bool skip_runs = false) {
+  if (args.triangle_count == 0) return absl::OkStatus();
+  const auto processors = unsigned(state.device.multiprocessors);
+  const auto blocks_for = [&](uint64_t threads, unsigned most) {
+    return unsigned(std::min<uint64_t>(most, (args.triangle_count + threads - 1) / threads));
+  };
+  if (!skip_runs) {
+    WalkRuns<<<blocks_for(kRunThreads, ~0u), kRunThreads, 0, state.stream>>>(args, op);
+    VOXELPIPE_LAUNCHED_OR_RETURN("WalkRuns");
+  }
+  WalkSmall<<<blocks_for(kSmallThreads, processors * 64), kSmallThreads, 0, state.stream>>>(args, op);
+  VOXELPIPE_LAUNCHED_OR_RETURN("WalkSmall");
+  constexpr int kOfRest = kRestThreads / 32 * kSetupsOfWarp * int(sizeof(SharedSetup));
+  WalkRest<<<blocks_for(4, processors * 6), kRestThreads, kOfRest, state.stream>>>(args, op);
+  VOXELPIPE_LAUNCHED_OR_RETURN("WalkRest");
+  constexpr int kOfLarge = kSetupsOfBlock * int(sizeof(SharedSetup));
+  static_assert(kOfRest <= 48 << 10 && kOfLarge <= 48 << 10);  // more must be asked for
+  WalkLarge<<<processors * 6, kRestThreads, kOfLarge, state.stream>>>(args, op);
+  VOXELPIPE_LAUNCHED_OR_RETURN("WalkLarge");
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda

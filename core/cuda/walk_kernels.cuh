@@ -1,0 +1,300 @@
+// The kernels that take every triangle's rows of voxels to an operation: sets bits, counts or emits fragments.
+//
+// Three classes share the work. The first kernel looks at boxes alone: a triangle whose box is a row of voxels is done at once (the run
+// class of raster/triangle_setup.h), others go to one of two queues. The second gives each small triangle a thread. The third takes the
+// rest: the lanes of a warp set up a triangle each, in shared memory, and then share the rows of all of them. The largest are
+// shared by all warps.
+//
+// An operation has
+//   Begin(t), Row(y, z, x_begin, x_end), End(t)     rows of one triangle in the hands of one thread
+//   SharedRow(t, y, z, x_begin, x_end)              rows in the hands of many
+// No host-only includes: NVRTC compiles them too.
+#pragma once
+
+#include "cuda/row_walk.cuh"
+#include "cuda/vertex_code.cuh"
+#include "cuda/views.h"
+
+namespace voxelpipe::cuda {
+
+inline constexpr int kRunThreads = 256, kSmallThreads = 128, kRestThreads = 128;
+inline constexpr int kSetupsOfWarp = 16, kSetupsOfBlock = 32;  // in shared memory, of WalkRest and WalkLarge
+inline constexpr int kRowsOfRun = 32, kRowsOfThread = 12;
+inline constexpr uint64_t kRowsOfWarp = 8192;  // a triangle with more is shared by all warps
+
+struct WalkArgs {
+  GridView grid;  // rows outside its slab are left out
+  Coverage coverage{};
+  const uint32_t* triangles = nullptr;
+  const Vec3d* positions = nullptr;  // index space
+  const VertexCode* codes = nullptr;
+  uint64_t triangle_count = 0;
+  // Triangles that wait, room for all of them in each. Small ones with at most two rows along y and along z stand in the first queue from
+  // its begin on, the others from its end on: a warp whose triangles are alike wastes less.
+  uint32_t *small_queue = nullptr, *rest_queue = nullptr, *large_queue = nullptr;
+  uint64_t* queued = nullptr;  // how many wait: in the rest's, the large's, the least small, the other small; 0 before the first kernel
+};
+
+struct Corners {
+  uint32_t v[3];
+};
+__device__ inline Corners LoadCorners(const uint32_t* triangles, uint64_t t) {
+  const uint32_t* v = triangles + 3 * t;
+  return {{v[0], v[1], v[2]}};
+}
+__device__ inline CodedBox LoadBox(const VertexCode* codes, const Corners& c) {
+  return DecodeBox(codes[c.v[0]], codes[c.v[1]], codes[c.v[2]]);
+}
+
+// The box within a range; false if it is empty.
+__device__ inline bool Clip(const CodedBox& box, const Box32& within, Box32& clipped) {
+  bool empty = false;
+  for (int i = 0; i < 3; ++i) {
+    clipped.begin[i] = max(box.first[i], within.begin[i]);
+    clipped.end[i] = min(box.last[i] + 1, within.end[i]);
+    empty = empty || clipped.begin[i] >= clipped.end[i];
+  }
+  return !empty;
+}
+
+__device__ inline Box32 SlabBox(const GridView& grid) {
+  return {{0, 0, int(grid.slab_begin)}, {int(grid.dims[0]), int(grid.dims[1]), int(grid.slab_end)}};
+}
+
+// Whether all voxels of the box belong to the triangle: the run class.
+__device__ inline bool IsRun(const CodedBox& box, Coverage coverage) {
+  const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
+  return coverage == Coverage::kConservative && single >= 2;
+}
+
+// SetUpTriangle of a narrow triangle under conservative or thin coverage, whose box is known; false if it is not narrow.
+__device__ inline bool SetUpNarrow(const Vec3d* positions, Coverage coverage, const Corners& c, const CodedBox& box,
+                                   SpanBounds<float>& bounds) {
+  using namespace setup_internal;
+  const Vec3d base{double(box.base[0]), double(box.base[1]), double(box.base[2])};
+  Shape<float> shape;
+  if (!NarrowShape(positions[c.v[0]], positions[c.v[1]], positions[c.v[2]], base, shape)) return false;
+  shape.half = HalfSizes(coverage, shape.normal);
+  for (int i = 0; i < 3; ++i) {
+    bounds.first[i] = float(box.first[i] - box.base[i]);
+    bounds.last[i] = float(box.last[i] - box.base[i]);
+  }
+  BoundShape(shape, coverage, bounds);
+  return true;
+}
+
+// A set-up triangle in shared memory.
+struct SharedSetup {
+  union {
+    SpanBounds<float> narrow;
+    SpanBounds<double> wide;
+  };
+  Vec3d base;
+  int begin[3], end[3];  // its box within the range asked for
+  uint32_t ny;
+  uint32_t triangle;
+  SpanClass span_class;
+};
+
+// Sets up one triangle; the number of its rows within `within`.
+__device__ inline uint64_t SetUpShared(const Vec3d* positions, const uint32_t* triangles, Coverage coverage,
+                                       const VoxelRange& within, uint32_t t, SharedSetup& shared) {
+  const Corners c = LoadCorners(triangles, t);
+  const TriangleSetup s = SetUpTriangle(positions[c.v[0]], positions[c.v[1]], positions[c.v[2]], coverage);
+  const VoxelRange range = ClipToRange(s, within);
+  shared.span_class = s.span_class;
+  shared.base = s.base;
+  shared.triangle = t;
+  if (range.empty()) return 0;
+  for (int i = 0; i < 3; ++i) {
+    shared.begin[i] = int(range.begin[i]);
+    shared.end[i] = int(range.end[i]);
+  }
+  shared.ny = uint32_t(range.end[1] - range.begin[1]);
+  if (s.span_class == SpanClass::kNarrow) {
+    shared.narrow = s.narrow;
+  } else if (s.span_class == SpanClass::kWide) {
+    shared.wide = s.wide;
+  }
+  return uint64_t(shared.ny) * uint64_t(range.end[2] - range.begin[2]);
+}
+
+// Row number `row` of a shared set-up; false if the triangle does not touch it.
+__device__ inline bool SharedRowSpan(const SharedSetup& s, uint32_t row, int& y, int& z, int& x_begin, int& x_end) {
+  y = s.begin[1] + int(row % s.ny);
+  z = s.begin[2] + int(row / s.ny);
+  x_begin = s.begin[0];
+  x_end = s.end[0];
+  if (s.span_class == SpanClass::kRun) return true;
+  VoxelRange range;
+  range.begin[0] = x_begin;
+  range.end[0] = x_end;
+  int64_t first, end;
+  const bool touched = s.span_class == SpanClass::kNarrow ? RowOf(s.narrow, s.base, range, y, z, first, end)
+                                                          : RowOf(s.wide, s.base, range, y, z, first, end);
+  if (!touched) return false;
+  x_begin = int(first);
+  x_end = int(end);
+  return true;
+}
+
+// The first i of 32 ascending ends with ends[i] > row; ends[31] > row.
+__device__ inline int OwnerOf(const uint32_t* ends, uint32_t row) {
+  int owner = 0;
+  for (int step = 16; step > 0; step /= 2) {
+    if (ends[owner + step - 1] <= row) owner += step;
+  }
+  return owner;
+}
+
+// A triangle a thread, by its box.
+template <typename Op>
+__global__ void __launch_bounds__(kRunThreads) WalkRuns(const __grid_constant__ WalkArgs args, Op op) {
+  __shared__ unsigned long long room[3][kRunThreads / 32 + 1];
+  const uint64_t t = uint64_t(blockIdx.x) * kRunThreads + threadIdx.x;
+  enum { kNone, kRun, kLeast, kSmall, kRest } what = kNone;
+  Box32 range;
+  if (t < args.triangle_count) {
+    const CodedBox box = LoadBox(args.codes, LoadCorners(args.triangles, t));
+    if (box.far) {
+      what = kRest;
+    } else if (Clip(box, SlabBox(args.grid), range)) {
+      const int rows = range.rows();
+      if (IsRun(box, args.coverage) && rows <= kRowsOfRun) {
+        what = kRun;
+      } else if (rows > kRowsOfThread || args.coverage == Coverage::kCenter) {
+        what = kRest;
+      } else {
+        what = range.end[1] - range.begin[1] <= 2 && range.end[2] - range.begin[2] <= 2 ? kLeast : kSmall;
+      }
+    }
+  }
+  // The barriers come before the rows, whose atomics take long. One atomic a block and queue, all at once.
+  const unsigned lane = threadIdx.x % 32, warp = threadIdx.x / 32;
+  const unsigned waiting[3] = {__ballot_sync(~0u, what == kRest), __ballot_sync(~0u, what == kLeast),
+                               __ballot_sync(~0u, what == kSmall)};
+  if (lane < 3) room[lane][warp] = unsigned(__popc(waiting[lane == 0 ? 0 : lane == 1 ? 1 : 2]));
+  __syncthreads();
+  if (threadIdx.x < 3) {
+    const int queue = threadIdx.x == 0 ? 0 : int(threadIdx.x) + 1;
+    unsigned long long sum = 0;
+    for (int w = 0; w < kRunThreads / 32; ++w) {
+      const unsigned long long here = room[threadIdx.x][w];
+      room[threadIdx.x][w] = sum;
+      sum += here;
+    }
+    room[threadIdx.x][kRunThreads / 32] =
+        sum == 0 ? 0 : atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + queue), sum);
+  }
+  __syncthreads();
+  if (what >= kLeast) {
+    const int q = what == kRest ? 0 : what == kLeast ? 1 : 2;
+    const unsigned before = q == 0 ? waiting[0] : q == 1 ? waiting[1] : waiting[2];
+    const uint64_t at = room[q][kRunThreads / 32] + room[q][warp] + unsigned(__popc(before & ((1u << lane) - 1)));
+    if (q == 0) args.rest_queue[at] = uint32_t(t);
+    if (q == 1) args.small_queue[at] = uint32_t(t);
+    if (q == 2) args.small_queue[args.triangle_count - 1 - at] = uint32_t(t);
+  }
+  if (t >= args.triangle_count) return;
+  op.Begin(uint32_t(t));
+  if (what == kRun) {
+    for (int z = range.begin[2]; z < range.end[2]; ++z) {
+      for (int y = range.begin[1]; y < range.end[1]; ++y) op.Row(y, z, range.begin[0], range.end[0]);
+    }
+  }
+  op.End(uint32_t(t));
+}
+
+// The small triangles, a thread each; what is not narrow goes on to the rest.
+template <typename Op>
+__global__ void __launch_bounds__(kSmallThreads, 6) WalkSmall(const __grid_constant__ WalkArgs args, Op op) {
+  const uint64_t least = (args.queued[2] + 31) / 32 * 32, other = args.queued[3];  // no warp has both
+  const uint64_t threads = uint64_t(gridDim.x) * kSmallThreads;
+  for (uint64_t i = uint64_t(blockIdx.x) * kSmallThreads + threadIdx.x; i < least + other; i += threads) {
+    if (i >= args.queued[2] && i < least) continue;
+    const uint32_t t = args.small_queue[i < least ? i : args.triangle_count - 1 - (i - least)];
+    const Corners corners = LoadCorners(args.triangles, t);
+    const CodedBox box = LoadBox(args.codes, corners);
+    Box32 range;
+    if (!Clip(box, SlabBox(args.grid), range)) continue;
+    SpanBounds<float> bounds;
+    if (!SetUpNarrow(args.positions, args.coverage, corners, box, bounds)) {
+      if (!op.repeats()) {
+        args.rest_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued), 1ull)] = t;
+      }
+      continue;
+    }
+    op.Begin(t);
+    WalkNarrow(bounds, box.base, range, [&](int y, int z, int x_begin, int x_end) { op.Row(y, z, x_begin, x_end); });
+    op.End(t);
+  }
+}
+
+// The rest: half a warp's lanes set up a triangle each, then all share the rows of all of them. The largest wait for WalkLarge.
+template <typename Op>
+__global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constant__ WalkArgs args, Op op) {
+  extern __shared__ double setups[];
+  __shared__ uint32_t ends[kRestThreads];
+  const int lane = int(threadIdx.x % 32), warp_of_block = int(threadIdx.x / 32), first_of_warp = warp_of_block * 32;
+  auto* const shared = reinterpret_cast<SharedSetup*>(setups) + warp_of_block * kSetupsOfWarp;
+  const uint64_t count = args.queued[0];
+  const uint64_t warps = uint64_t(gridDim.x) * (kRestThreads / 32);
+  // Few triangles are spread over all warps, many are taken together.
+  const uint64_t each = min(uint64_t{kSetupsOfWarp}, (count + warps - 1) / warps);
+  const uint64_t warp = uint64_t(blockIdx.x) * (kRestThreads / 32) + uint64_t(warp_of_block);
+  for (uint64_t begin = warp * each; begin < count; begin += warps * each) {
+    uint64_t rows = 0;
+    if (uint64_t(lane) < each && begin + uint64_t(lane) < count) {
+      const uint32_t t = args.rest_queue[begin + uint64_t(lane)];
+      rows = SetUpShared(args.positions, args.triangles, args.coverage, args.grid.SlabRange(), t, shared[lane]);
+      if (rows > kRowsOfWarp) {
+        if (!op.repeats()) {
+          args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + 1), 1ull)] = t;
+        }
+        rows = 0;
+      }
+    }
+    uint32_t total;
+    const uint32_t before = WarpExclusiveSum(uint32_t(rows), total);
+    ends[threadIdx.x] = before + uint32_t(rows);
+    __syncwarp();
+    for (uint32_t row = uint32_t(lane); row < total; row += 32) {
+      const int owner = OwnerOf(ends + first_of_warp, row);
+      const SharedSetup& s = shared[owner];
+      int y, z, x_begin, x_end;
+      if (SharedRowSpan(s, row - (owner == 0 ? 0 : ends[first_of_warp + owner - 1]), y, z, x_begin, x_end)) {
+        op.SharedRow(s.triangle, y, z, x_begin, x_end);
+      }
+    }
+    __syncwarp();
+  }
+}
+
+// The largest, one after the other, each by all threads.
+template <typename Op>
+__global__ void __launch_bounds__(kRestThreads, 6) WalkLarge(const __grid_constant__ WalkArgs args, Op op) {
+  extern __shared__ double setups[];
+  __shared__ uint64_t rows_of[kSetupsOfBlock];
+  auto* const shared = reinterpret_cast<SharedSetup*>(setups);
+  const uint64_t count = args.queued[1];
+  const uint64_t threads = uint64_t(gridDim.x) * kRestThreads, me = uint64_t(blockIdx.x) * kRestThreads + threadIdx.x;
+  for (uint64_t begin = 0; begin < count; begin += kSetupsOfBlock) {
+    const int here = int(min(count - begin, uint64_t{kSetupsOfBlock}));
+    if (int(threadIdx.x) < here) {
+      rows_of[threadIdx.x] = SetUpShared(args.positions, args.triangles, args.coverage, args.grid.SlabRange(),
+                                         args.large_queue[begin + threadIdx.x], shared[threadIdx.x]);
+    }
+    __syncthreads();
+    for (int i = 0; i < here; ++i) {
+      for (uint64_t row = me; row < rows_of[i]; row += threads) {
+        int y, z, x_begin, x_end;
+        if (SharedRowSpan(shared[i], uint32_t(row), y, z, x_begin, x_end)) {
+          op.SharedRow(shared[i].triangle, y, z, x_begin, x_end);
+        }
+      }
+    }
+    __syncthreads();
+  }
+}
+
+}  // namespace voxelpipe::cuda
