@@ -5,15 +5,12 @@
 #include <cstdint>
 #include <string_view>
 
-#include "raster/spans.h"
 #include "absl/status/statusor.h"
 #include "base/vec.h"
-
+#include "cpu/tile_spans.h"
 #include "pipeline/request.h"
 
 namespace voxelpipe::cpu {
-
-struct TileSpans;  // cpu/tile_spans.h
 
 // The voxels along one axis that a vertex alone touches under the narrow widening, as 2*first + (last - first), saturated to 16 bits.
 // The least and the largest code of three vertices give their triangle's box: first = least >> 1, last = (largest + 1) >> 1.
