@@ -1,0 +1,5 @@
+// Handles of the CUDA runtime.
+#pragma once
+
+using cudaStream_t = struct EmulatedStream*;
+using cudaMemPool_t = struct EmulatedPool*;
