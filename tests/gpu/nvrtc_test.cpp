@@ -102,15 +102,19 @@ Compiled Compile(const std::string& source, const std::vector<const char*>& kern
 }
 
 TEST(NvrtcTest, CompilesTheFineRasterWithAShaderSuppliedAtRunTime) {
-  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/fine_raster_kernel.cuh\"\n",
-                                    {"voxelpipe::cuda::FineRasterKernel<true>"});
+  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/fine_uniform_kernel.cuh\"\n",
+                                    {"voxelpipe::cuda::FineRasterKernel<true>", "voxelpipe::cuda::FineUniformKernel"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
 
-TEST(NvrtcTest, CompilesTheEmittingKernelsOfTheABuffer) {
-  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/a_buffer_kernel.cuh\"\n",
-                                    {"voxelpipe::cuda::CountSmall", "voxelpipe::cuda::CountLarge"});
+TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
+  const Compiled compiled =
+      Compile(std::string(kShader) + "#include \"cuda/a_buffer_kernel.cuh\"\n",
+              {"voxelpipe::cuda::WalkRuns<voxelpipe::cuda::CountFragments>", "voxelpipe::cuda::EmitRuns<unsigned>",
+               "voxelpipe::cuda::WalkSmall<voxelpipe::cuda::EmitFragment<unsigned>>",
+               "voxelpipe::cuda::WalkRest<voxelpipe::cuda::EmitFragment<unsigned>>",
+               "voxelpipe::cuda::WalkLarge<voxelpipe::cuda::EmitFragment<unsigned>>"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
