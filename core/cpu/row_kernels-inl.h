@@ -39,7 +39,7 @@ using VD = hn::Vec<DD>;
 using MF = hn::Mask<DF>;
 constexpr int kLanes = HWY_TARGET == HWY_AVX3 ? 16 : 8;  // floats
 constexpr int kHalf = kLanes / 2;                        // doubles
-constexpr int64_t kNearWords = 1 << 18;                  // 1 MiB of bits are in the cache without asking
+constexpr int64_t kNearWords = 1 << 22;                  // 16 MiB of bits are near enough without being asked for
 
 HWY_INLINE VF SetF(float v) {
   return hn::Set(DF(), v);
