@@ -1,13 +1,12 @@
 #include "options.h"
 
-#include <unistd.h>
-
 #include <algorithm>
-#include <fstream>
 #include <map>
 #include <thread>
 
 #include <CLI/CLI.hpp>
+
+#include "base/machine_memory.h"
 
 namespace voxelpipe {
 namespace {
@@ -84,17 +83,6 @@ ServerOptions Resolve(ServerOptions options) {
   if (options.threads == 0) options.threads = cores;
   if (options.max_working_bytes == 0) options.max_working_bytes = std::min<uint64_t>(20ull << 30, MemoryBytes() / 2);
   return options;
-}
-
-uint64_t MemoryBytes() {
-  uint64_t bytes = uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGE_SIZE));
-  // Version 2 and version 1 of control groups; "max" or no file: no bound.
-  for (const char* path : {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"}) {
-    std::ifstream file(path);
-    uint64_t bound = 0;
-    if (file >> bound && bound > 0) bytes = std::min(bytes, bound);
-  }
-  return bytes;
 }
 
 }  // namespace voxelpipe

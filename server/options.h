@@ -44,7 +44,4 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv);
 // The same options with every 0 that means "choose" replaced by this machine's figure.
 ServerOptions Resolve(ServerOptions options);
 
-// Memory of this machine in bytes, or of the control group that the process is in where that is less.
-uint64_t MemoryBytes();
-
 }  // namespace voxelpipe

@@ -68,6 +68,13 @@ class BrickMaker {
     return count;
   }
 
+  // Whether neither a fragment nor the fill is in word w of brick row r, as far as that is known without a look at the bits.
+  bool IsEmptyTile(int64_t r, int64_t w) const {
+    if (state_.slab_tiles.empty() || !state_.inside.empty()) return false;
+    return state_.slab_tiles[size_t(w + state_.tiles.dims[0] * r)] ==
+           UINT32_MAX;  // tiles are as deep and as high as bricks
+  }
+
   // Bits of slab row `row`, word w, that are occupied.
   uint32_t Word(int64_t row, int64_t w) const {
     const uint32_t covered = state_.coverage.row(row)[size_t(w)];
@@ -80,6 +87,7 @@ class BrickMaker {
     const int64_t y0 = r % ny_ * kBrick, z0 = r / ny_ * kBrick;  // z within the slab
     const int64_t y1 = std::min(state_.dims[1], y0 + kBrick), z1 = std::min(state_.slab_dims[2], z0 + kBrick);
     for (int64_t w = 0; w < state_.coverage.words_per_row(); ++w) {
+      if (IsEmptyTile(r, w)) continue;
       std::array<uint32_t, kTileRows> words{};
       uint32_t any = 0;
       for (int64_t z = z0; z < z1; ++z) {
@@ -142,6 +150,20 @@ class BrickMaker {
       for (size_t before = 0; before < t; ++before) values += listed * KeptBytes(state_.targets[before]);
     }
     uint64_t n = first;
+    if (kept > 0 && bits != 1 && (components == 1 || !planar) && !target.own_presence && state_.inside.empty()) {
+      // Every voxel of the brick has its value, and a row's stand together.
+      for (int row = 0; row < kTileRows; ++row) {
+        const uint32_t covered = tile->covered[size_t(row)];
+        if (mask[size_t(row)] != 0) {
+          const uint64_t before = rank + uint64_t(std::popcount(covered & ((1u << (bx % 4 * 8)) - 1)));
+          const auto count = uint64_t(std::popcount(mask[size_t(row)]));
+          std::memcpy(out_.targets[t].data() + n * kept, values + before * kept, count * kept);
+          n += count;
+        }
+        rank += uint64_t(std::popcount(covered));
+      }
+      return;
+    }
     for (int row = 0; row < kTileRows; ++row) {
       const uint32_t covered = tile != nullptr ? tile->covered[size_t(row)] : CoveredWord(r, bx, row);
       for (uint32_t left = mask[size_t(row)]; left != 0; left &= left - 1, ++n) {
@@ -211,6 +233,23 @@ uint8_t* ValueArena::Take(uint64_t bytes) {
   return taken;
 }
 
+namespace {
+
+// The voxels of `covered`, component c of which is in stored[c], one after the other. Out: the end of what was written.
+template <typename Element>
+uint8_t* ListRow(uint32_t covered, int components, const uint32_t (&stored)[4][32], uint8_t* out) {
+  for (uint32_t left = covered; left != 0; left &= left - 1) {
+    const int bit = std::countr_zero(left);
+    for (int c = 0; c < components; ++c, out += sizeof(Element)) {
+      const auto element = Element(stored[c][bit]);
+      std::memcpy(out, &element, sizeof element);
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
 TileValues KeepTile(const RunState& state, const std::vector<TileBuffer>& buffers,
                     const std::array<uint32_t, kTileRows>& covered, ValueArena& arena) {
   uint64_t listed = 0, bytes = 0;
@@ -230,11 +269,13 @@ TileValues KeepTile(const RunState& state, const std::vector<TileBuffer>& buffer
       if (covered[size_t(row)] == 0) continue;
       // Where only another target has a fragment, the value is not looked at.
       const uint32_t has = covered[size_t(row)] & buffers[t].presence(row);
-      uint32_t stored[4][32] = {};
+      uint32_t stored[4][32];
+      if (has != covered[size_t(row)]) std::memset(stored, 0, sizeof stored);
       for (int c = 0; c < components; ++c) buffers[t].StoredRow(row, c, has, stored[c]);
-      for (uint32_t left = covered[size_t(row)]; left != 0; left &= left - 1) {
-        const int bit = std::countr_zero(left);
-        for (int c = 0; c < components; ++c, out += element) std::memcpy(out, &stored[c][bit], element);
+      switch (element) {
+        case 1: out = ListRow<uint8_t>(covered[size_t(row)], components, stored, out); break;
+        case 2: out = ListRow<uint16_t>(covered[size_t(row)], components, stored, out); break;
+        default: out = ListRow<uint32_t>(covered[size_t(row)], components, stored, out); break;
       }
     }
   }

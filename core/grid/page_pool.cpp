@@ -2,15 +2,19 @@
 
 #include <sys/mman.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <deque>
 #include <mutex>
+
+#include "base/machine_memory.h"
 
 namespace voxelpipe {
 namespace {
 
 constexpr uint64_t kHugePage = 2 << 20;
-constexpr uint64_t kMaxIdleBytes = 1ull << 30;
+constexpr uint64_t kMostIdleBytes = 1ull << 30;
+constexpr uint64_t kIdleShare = 8;  // of the machine's memory
 
 // AddressSanitizer should see every block end where it ends.
 #if defined(__SANITIZE_ADDRESS__)
@@ -47,7 +51,7 @@ class Pool {
     const std::lock_guard lock(mutex_);
     idle_.push_back({address, size});
     idle_bytes_ += size;
-    Shrink(kMaxIdleBytes);
+    Shrink(most_idle_);
   }
 
   void Release() {
@@ -71,6 +75,7 @@ class Pool {
   std::mutex mutex_;
   std::deque<Block> idle_;  // oldest first
   uint64_t idle_bytes_ = 0;
+  const uint64_t most_idle_ = std::max(kMostIdleBytes, MemoryBytes() / kIdleShare);
 };
 
 Pool& ThePool() {

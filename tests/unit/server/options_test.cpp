@@ -3,6 +3,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "base/machine_memory.h"
 #include "gtest/gtest.h"
 
 namespace voxelpipe {
