@@ -14,14 +14,14 @@ absl::StatusOr<LoadedMesh> LoadMeshFile(const std::string& path, const JobContex
   LoadedMesh loaded;
   const Stopwatch load;
   job.Report("load", 0);
-  absl::StatusOr<std::vector<uint8_t>> bytes = ReadAndPackMeshFile(path);
+  absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
   if (!bytes.ok()) return bytes.status();
   loaded.packed_bytes = bytes->size();
   absl::StatusOr<Scene> scene = LoadScene(*bytes);
   if (!scene.ok()) return scene.status();
   loaded.scene = *std::move(scene);
   loaded.load_ms = load.Milliseconds();
-  bytes = std::vector<uint8_t>();  // the scene owns its data
+  bytes = FileBytes();  // the scene owns its data
   if (absl::Status status = job.Check(); !status.ok()) return status;
 
   const Stopwatch flatten;

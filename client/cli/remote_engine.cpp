@@ -20,7 +20,7 @@ class RemoteEngine : public Engine {
                                 ResultSink& sink, VoxelizeResult* whole) override {
     // Sibling files are read and packed here: the server has no business on this machine's disk.
     job.Report("read", 0);
-    const absl::StatusOr<std::vector<uint8_t>> bytes = ReadAndPackMeshFile(path);
+    const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
     if (!bytes.ok()) return bytes.status();
     if (absl::Status status = Connect(); !status.ok()) return status;
     EngineRun run;
@@ -112,7 +112,7 @@ std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target) {
 }
 
 absl::StatusOr<MeshReport> RemoteReport(const std::string& target, const std::string& path, const JobContext& job) {
-  const absl::StatusOr<std::vector<uint8_t>> bytes = ReadAndPackMeshFile(path);
+  const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
   if (!bytes.ok()) return bytes.status();
   const absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(target);
   if (!client.ok()) return client.status();

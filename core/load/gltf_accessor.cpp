@@ -9,6 +9,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "base/checked.h"
+#include "base/huge_pages.h"
 #include "base/vec.h"
 
 namespace voxelpipe::gltf {
@@ -110,6 +111,15 @@ void CopyTyped(const Run& run, const AccessorDecl& decl, uint64_t count, T* out,
   }
 }
 
+// The elements of a run where they stand in the file as E holds them, null where they must be converted or gathered.
+template <typename T, typename E>
+const E* InPlace(const Run& run, const AccessorDecl& decl) {
+  constexpr int kType = std::is_same_v<T, float> ? 5126 : 5125;
+  if (decl.component_type != kType || decl.matrix || run.stride != ColumnBytes(decl)) return nullptr;
+  const uint8_t* const first = run.bytes.data() + run.offset;
+  return reinterpret_cast<uintptr_t>(first) % alignof(E) == 0 ? reinterpret_cast<const E*>(first) : nullptr;
+}
+
 bool IsUnsignedType(int type) {
   return type == 5121 || type == 5123 || type == 5125;
 }
@@ -140,9 +150,17 @@ absl::StatusOr<std::vector<E>> AccessorReader::Read(uint32_t accessor) const {
                                                      budget_.limits().max_vertices));
   }
   if (absl::Status full = budget_.Take(decl.count, decl.components * sizeof(T), where); !full.ok()) return full;
-  std::vector<E> out(decl.count * decl.components / (sizeof(E) / sizeof(T)));
+  const uint64_t size = decl.count * decl.components / (sizeof(E) / sizeof(T));
+  const E* const plain = decl.view >= 0 && decl.count > 0 ? InPlace<T, E>(run, decl) : nullptr;
+  std::vector<E> out;
+  ReserveHuge(out, size);
+  if (plain != nullptr) {
+    out.assign(plain, plain + size);
+  } else {
+    out.resize(size);
+  }
   T* const components = reinterpret_cast<T*>(out.data());
-  if (decl.view >= 0) CopyTyped<T>(run, decl, decl.count, components, nullptr);
+  if (plain == nullptr && decl.view >= 0) CopyTyped<T>(run, decl, decl.count, components, nullptr);
   if (!decl.sparse) return out;
 
   const SparseDecl& sparse = *decl.sparse;

@@ -54,7 +54,7 @@ std::string Shown(const std::string& uri) {
 
 }  // namespace
 
-absl::StatusOr<std::vector<uint8_t>> ReadLocalFile(const fs::path& path, uint64_t max_bytes) {
+absl::StatusOr<FileBytes> ReadLocalFile(const fs::path& path, uint64_t max_bytes) {
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
   if (!fs::exists(status)) return absl::NotFoundError(absl::StrCat(path.string(), ": no such file"));
@@ -66,7 +66,7 @@ absl::StatusOr<std::vector<uint8_t>> ReadLocalFile(const fs::path& path, uint64_
     return absl::ResourceExhaustedError(
         absl::StrCat(path.string(), ": ", size, " bytes, the limit is ", max_bytes, " bytes"));
   }
-  std::vector<uint8_t> bytes;
+  FileBytes bytes;
   try {
     bytes.resize(size);
   } catch (const std::bad_alloc&) {

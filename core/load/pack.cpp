@@ -65,7 +65,7 @@ bool AnyFileUri(const Json& json) {
 }
 
 // Nothing where the bytes are not a glTF that could be packed: the loader then says what is wrong with them.
-std::optional<Source> Parse(const std::vector<uint8_t>& bytes, const LoadLimits& limits) {
+std::optional<Source> Parse(std::span<const uint8_t> bytes, const LoadLimits& limits) {
   Source source;
   std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   const std::optional<MeshFormat> format = SniffMeshFormat(bytes);
@@ -88,7 +88,7 @@ class Packer {
   Packer(Source source, fs::path directory, const LoadLimits& limits)
       : json_(std::move(source.json)), binary_(source.binary), directory_(std::move(directory)), limits_(limits) {}
 
-  absl::StatusOr<std::vector<uint8_t>> Pack() {
+  absl::StatusOr<FileBytes> Pack() {
     if (absl::Status s = MergeBuffers(); !s.ok()) return s;
     if (absl::Status s = MoveViews(); !s.ok()) return s;
     if (absl::Status s = EmbedImages(); !s.ok()) return s;
@@ -116,7 +116,7 @@ class Packer {
     const Json buffers = IsObjectArray(json_, "buffers") ? json_["buffers"] : Json::array();
     for (size_t i = 0; i < buffers.size(); ++i) {
       BufferPlace place;
-      std::vector<uint8_t> file;
+      FileBytes file;
       std::span<const uint8_t> data;
       if (const auto uri = FileUri(buffers[i])) {
         const auto path = ResolveSibling(directory_, *uri);
@@ -219,7 +219,7 @@ class Packer {
     return "image/png";
   }
 
-  absl::StatusOr<std::vector<uint8_t>> WriteGlb() {
+  absl::StatusOr<FileBytes> WriteGlb() {
     std::string text = json_.dump(-1, ' ', false, Json::error_handler_t::replace);
     text.resize((text.size() + 3) / 4 * 4, ' ');
     bin_.resize((bin_.size() + 3) / 4 * 4);
@@ -229,7 +229,7 @@ class Packer {
                                                        std::min<uint64_t>(limits_.max_file_bytes, UINT32_MAX),
                                                        " bytes"));
     }
-    std::vector<uint8_t> glb;
+    FileBytes glb;
     glb.reserve(total);
     const auto word = [&](uint32_t v) {
       for (int i = 0; i < 4; ++i) glb.push_back(uint8_t(v >> (8 * i)));
@@ -256,7 +256,7 @@ class Packer {
 
 }  // namespace
 
-absl::StatusOr<std::vector<uint8_t>> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits) {
+absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits) {
   auto bytes = ReadLocalFile(path, limits.max_file_bytes);
   if (!bytes.ok()) return bytes.status();
   try {

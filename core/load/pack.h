@@ -3,9 +3,9 @@
 
 #include <cstdint>
 #include <string>
-#include <vector>
 
 #include "absl/status/statusor.h"
+#include "load/file_bytes.h"
 #include "load/limits.h"
 
 namespace voxelpipe {
@@ -15,6 +15,6 @@ namespace voxelpipe {
 // symbolic links) are read, percent-encoding is decoded, absolute paths, schemes and ".." that leave it are refused.
 // A missing image is dropped (geometry does not need it); a missing buffer is an error.
 // Errors: NOT_FOUND or INVALID_ARGUMENT naming the URI, RESOURCE_EXHAUSTED past max_file_bytes.
-absl::StatusOr<std::vector<uint8_t>> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {});
+absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {});
 
 }  // namespace voxelpipe

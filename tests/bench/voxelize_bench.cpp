@@ -185,7 +185,7 @@ void MeasureYardstick(benchmark::State& state, const TriangleMesh& mesh) {
 }
 
 TriangleMesh LoadFile(const std::string& path) {
-  absl::StatusOr<std::vector<uint8_t>> bytes = ReadAndPackMeshFile(path);
+  absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
   absl::StatusOr<Scene> scene = bytes.ok() ? LoadScene(*bytes) : bytes.status();
   absl::StatusOr<TriangleMesh> mesh = scene.ok() ? Flatten(*scene) : scene.status();
   if (!mesh.ok()) {

@@ -33,7 +33,7 @@ TriangleMesh InUnitCube(TriangleMesh mesh) {
 }  // namespace
 
 TriangleMesh LoadMeshOrExit(const std::string& path) {
-  absl::StatusOr<std::vector<uint8_t>> bytes = ReadAndPackMeshFile(path);
+  absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
   absl::StatusOr<Scene> scene = bytes.ok() ? LoadScene(*bytes) : bytes.status();
   absl::StatusOr<TriangleMesh> mesh = scene.ok() ? Flatten(*scene) : scene.status();
   const absl::Status status = mesh.ok() ? PrepareTextures(*mesh) : mesh.status();

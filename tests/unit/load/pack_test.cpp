@@ -43,12 +43,12 @@ class PackTest : public ::testing::Test {
            uri + "\"}]" + more + "}";
   }
 
-  absl::StatusOr<std::vector<uint8_t>> Pack(const std::string& gltf) {
+  absl::StatusOr<FileBytes> Pack(const std::string& gltf) {
     Write("model/m.gltf", gltf);
     return ReadAndPackMeshFile((root_ / "model" / "m.gltf").string());
   }
 
-  uint64_t Triangles(const std::vector<uint8_t>& bytes) {
+  uint64_t Triangles(std::span<const uint8_t> bytes) {
     const auto scene = LoadScene(bytes);
     EXPECT_TRUE(scene.ok()) << scene.status();
     return scene.ok() ? CountTriangles(*scene) : 0;
