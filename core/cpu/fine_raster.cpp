@@ -6,7 +6,6 @@
 #include <cstring>
 #include <span>
 
-#include "cpu/tile_spans.h"
 #include "cpu/dense_fill.h"
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
@@ -14,6 +13,7 @@
 #include "cpu/stream.h"
 #include "cpu/tile_buffer.h"
 #include "cpu/tile_runs.h"
+#include "cpu/tile_spans.h"
 #include "shaders/fragment_input.h"
 
 namespace voxelpipe::cpu {

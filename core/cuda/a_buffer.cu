@@ -300,7 +300,8 @@ absl::Status Resolve(RunState& state) {
   }
   if (fragments == 0) return absl::OkStatus();
   if (args.targets.count == 1 && args.targets.at[0].is_occupancy) {
-    FillOnes<<<BlocksFor((fragments + 31) / 32), 256, 0, state.stream>>>(reinterpret_cast<uint32_t*>(args.out[0]), fragments);
+    FillOnes<<<BlocksFor((fragments + 31) / 32), 256, 0, state.stream>>>(reinterpret_cast<uint32_t*>(args.out[0]),
+                                                                         fragments);
     VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");
     return absl::OkStatus();
   }

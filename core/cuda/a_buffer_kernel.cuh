@@ -14,6 +14,7 @@ struct CountFragments {
   __device__ void Begin(uint32_t) { count = 0; }
   __device__ void Row(int, int, int x_begin, int x_end) { count += uint32_t(x_end - x_begin); }
   __device__ void End(uint32_t t) const { counts[t] = count; }
+  __device__ void Finish() const {}
   // After the first kernel, which left 0 for every triangle that waits.
   __device__ void SharedRow(uint32_t t, int, int, int x_begin, int x_end) const {
     atomicAdd(counts + t, uint32_t(x_end - x_begin));
@@ -38,6 +39,7 @@ struct EmitFragment {
   }
   __device__ void Row(int y, int z, int x_begin, int x_end) { at = Put(at, triangle, y, z, x_begin, x_end); }
   __device__ void End(uint32_t) const {}
+  __device__ void Finish() const {}
   __device__ void SharedRow(uint32_t t, int y, int z, int x_begin, int x_end) const {
     Put(first[t] + atomicAdd(emitted + t, uint32_t(x_end - x_begin)), t, y, z, x_begin, x_end);
   }
@@ -60,7 +62,8 @@ __global__ void __launch_bounds__(kRunThreads) EmitRuns(const __grid_constant__ 
   if (t >= args.triangle_count) return;
   const CodedBox box = LoadBox(args.codes, LoadCorners(args.triangles, t));
   Box32 range;
-  if (box.far || !IsRun(box, args.coverage) || !Clip(box, SlabBox(args.grid), range) || range.rows() > kRowsOfRun) return;
+  if (box.far || !IsRun(box, args.coverage) || !Clip(box, SlabBox(args.grid), range) || range.rows() > kRowsOfRun)
+    return;
   op.Begin(uint32_t(t));
   for (int z = range.begin[2]; z < range.end[2]; ++z) {
     for (int y = range.begin[1]; y < range.end[1]; ++y) op.Row(y, z, range.begin[0], range.end[0]);

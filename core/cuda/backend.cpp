@@ -24,6 +24,7 @@ class CudaStages final : public Stages {
   absl::StatusOr<MeshExtent> VertexShade() override { return cuda::VertexShade(state_); }
   absl::Status CoarseRaster(const GridSpec& grid) override {
     state_.plain_bits = cpu::PlainBits(state_.host, grid);
+    state_.direct = !state_.plain_bits && BlendsDirectly(state_, grid);
     return cuda::CoarseRaster(state_, grid);
   }
   absl::Status TileSort() override { return NeedsTiles(state_) ? cuda::TileSort(state_) : absl::OkStatus(); }
@@ -50,7 +51,8 @@ class CudaStages final : public Stages {
     return state_.counts;
   }
   bool SortsTiles(const GridSpec& grid) const override {
-    return state_.request.request.result != ResultKind::kBuckets && !cpu::PlainBits(state_.host, grid);
+    return state_.request.request.result != ResultKind::kBuckets && !cpu::PlainBits(state_.host, grid) &&
+           !BlendsDirectly(state_, grid);
   }
   std::string_view simd() const override { return "cuda"; }
 

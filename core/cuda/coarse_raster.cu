@@ -18,8 +18,8 @@ namespace {
 constexpr int kThreads = 256, kLargeThreads = 128;
 constexpr double kFarthest = 0x1p40;  // voxels
 
-__global__ void __launch_bounds__(kThreads) PlaceKernel(const Vec3d* world, uint64_t count, Vec3d origin, Vec3d voxel_size,
-                                                        Vec3d* placed, VertexCode* codes) {
+__global__ void __launch_bounds__(kThreads)
+    PlaceKernel(const Vec3d* world, uint64_t count, Vec3d origin, Vec3d voxel_size, Vec3d* placed, VertexCode* codes) {
   const uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
   if (i >= count) return;
   const Vec3d p = WorldToIndex(origin, voxel_size, world[i]);
@@ -164,8 +164,8 @@ absl::Status PlaceVertices(RunState& state) {
   const uint64_t vertices = state.mesh.host_view.vertex_count;
   if (!state.placed && vertices > 0) {
     PlaceKernel<<<unsigned((vertices + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(
-        state.mesh.positions.data(), vertices, state.grid.origin, state.grid.voxel_size, state.mesh.index_positions.data(),
-        state.mesh.codes.data());
+        state.mesh.positions.data(), vertices, state.grid.origin, state.grid.voxel_size,
+        state.mesh.index_positions.data(), state.mesh.codes.data());
     VOXELPIPE_LAUNCHED_OR_RETURN("PlaceKernel");
   }
   state.placed = true;

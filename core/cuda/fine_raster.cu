@@ -12,19 +12,6 @@ namespace {
 // Two blocks a multiprocessor fit with this much shared memory each.
 constexpr int kGroupWords = 100 * 1024 / 4;
 
-// Whether every triangle of the mesh gives all its fragments one value.
-bool IsUniform(const RunState& state, const CudaTarget& target) {
-  if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
-  const MeshView& mesh = state.host.view;
-  for (uint32_t i = 0; i < mesh.part_count; ++i) {
-    FragmentInput in;
-    in.mesh = &mesh;
-    in.part = mesh.parts + i;
-    if (!SameForTriangle(target.shader, in)) return false;
-  }
-  return true;
-}
-
 // Targets in groups whose tiles fit into shared memory together; each group is a launch, and rasterizes anew.
 std::vector<FineArgs> GroupTargets(const RunState& state) {
   std::vector<FineArgs> groups;
@@ -86,11 +73,24 @@ absl::Status Launch(const RunState& state, FineArgs& args) {
 
 }  // namespace
 
+bool IsUniform(const RunState& state, const CudaTarget& target) {
+  if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
+  const MeshView& mesh = state.host.view;
+  for (uint32_t i = 0; i < mesh.part_count; ++i) {
+    FragmentInput in;
+    in.mesh = &mesh;
+    in.part = mesh.parts + i;
+    if (!SameForTriangle(target.shader, in)) return false;
+  }
+  return true;
+}
+
 absl::Status FineRaster(RunState& state) {
   if (state.plain_bits) {
     return RasterRows(state, state.request.request.coverage, state.slab.begin, state.slab.end, state.coverage.data(),
                       state.coverage.size());
   }
+  if (state.direct) return BlendDirectly(state);
   if (state.pair_count == 0) return absl::OkStatus();
   std::vector<FineArgs> groups = GroupTargets(state);
   for (size_t g = 0; g < groups.size(); ++g) {

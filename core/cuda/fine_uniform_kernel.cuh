@@ -3,6 +3,7 @@
 #pragma once
 
 #include "cuda/fine_raster_kernel.cuh"
+#include "cuda/uniform_value.cuh"
 #include "cuda/walk_kernels.cuh"
 
 namespace voxelpipe::cuda {
@@ -11,50 +12,8 @@ inline constexpr int kMostUniformThreads = 256, kUniformSetups = 4;  // set-ups 
 // Bytes of shared memory behind the target's, for each warp.
 inline constexpr int kUniformWarpBytes = kUniformSetups * int(sizeof(SharedSetup) + 32);
 
-// What one triangle blends into each of its voxels: cells as they are kept, or terms of a sum.
-struct UniformValue {
-  int64_t component[4];
-};
-
-// A call of its own: shading takes many registers, and none of them is needed afterwards.
-__device__ __noinline__ void ShadeUniform(const FineArgs& args, uint32_t triangle, UniformValue& value) {
-  const TileTarget& t = args.targets[0];
-  const CudaTarget& target = t.target;
-  FragmentInput in;
-  if (args.traits.needs_plane) {
-    const uint32_t* v = args.mesh->triangles[triangle];
-    const Vec3d* p = args.mesh->index_positions;
-    in = MakeFragmentInput(*args.mesh, triangle, SetUpPlane(p[v[0]], p[v[1]], p[v[2]]).degenerate, false);
-  } else {
-    in = MakePlainInput(*args.mesh, triangle);
-  }
-  FragmentOutput out;
-  ShadeFragment(target.shader, in, target.params, out);
-  for (int c = 0; c < 4; ++c) value.component[c] = 0;
-  for (int c = 0; c < target.components; ++c) {
-    switch (t.kept) {
-      case Kept::kBitOr: value.component[c] = target.blend == Blend::kCount || ToBit(out, target.u32_output); break;
-      case Kept::kBitAnd: value.component[c] = ToBit(out, target.u32_output); break;
-      case Kept::kSum:
-      case Kept::kAverage:
-        value.component[c] = ToTerm(out, target.u32_output, c, target.format, target.scale, target.quantum);
-        break;
-      case Kept::kCount: break;
-      default: {
-        const uint32_t cell = ToCell(out, target.u32_output, c, target.format, target.scale);
-        const bool ordered = t.is_float && (t.kept == Kept::kMin || t.kept == Kept::kMax);
-        value.component[c] = int64_t(ordered ? KeyOf(cell) : cell);
-      }
-    }
-  }
-}
-
-// Whether FineUniformKernel knows how to blend the target, given that its value is uniform.
-VOXELPIPE_HD bool IsUniformKept(Kept kept) {
-  return kept != Kept::kNothing && kept != Kept::kOwner && kept != Kept::kBitOfOwner;
-}
-
-__device__ inline void BlendUniform(const TileTarget& t, uint32_t* shared, int row, uint32_t mask, const UniformValue& value) {
+__device__ inline void BlendUniform(const TileTarget& t, uint32_t* shared, int row, uint32_t mask,
+                                    const UniformValue& value) {
   const int components = t.target.components;
   switch (t.kept) {
     case Kept::kBitOr:
@@ -155,7 +114,8 @@ __global__ void __launch_bounds__(kMostUniformThreads, 2) FineUniformKernel(cons
           if (!wait) {
             if (run) {
               for (int z = clipped.begin[2]; z < clipped.end[2]; ++z) {
-                for (int y = clipped.begin[1]; y < clipped.end[1]; ++y) blend(value, y, z, clipped.begin[0], clipped.end[0]);
+                for (int y = clipped.begin[1]; y < clipped.end[1]; ++y)
+                  blend(value, y, z, clipped.begin[0], clipped.end[0]);
               }
             } else {
               WalkNarrow(bounds, box.base, clipped,

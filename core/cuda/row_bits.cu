@@ -18,6 +18,7 @@ struct SetBits {
   __device__ static bool repeats() { return false; }
   __device__ void Begin(uint32_t) const {}
   __device__ void End(uint32_t) const {}
+  __device__ void Finish() const {}
   __device__ void Row(int y, int z, int x_begin, int x_end) const {
     uint32_t* const row = bits + grid.Word(0, y, z);
     const int first = x_begin / 32, last = (x_end - 1) / 32;
@@ -37,9 +38,9 @@ struct SetBits {
 };
 
 // Clears the bits and, where asked for, takes the vertices to index space.
-__global__ void __launch_bounds__(kThreads) Prepare(uint4* bits, uint64_t quads, uint64_t* counters, const Vec3d* world,
-                                                    uint64_t vertices, Vec3d origin, Vec3d voxel_size, Vec3d* placed,
-                                                    VertexCode* codes) {
+__global__ void __launch_bounds__(kThreads)
+    Prepare(uint4* bits, uint64_t quads, uint64_t* counters, const Vec3d* world, uint64_t vertices, Vec3d origin,
+            Vec3d voxel_size, Vec3d* placed, VertexCode* codes) {
   const uint64_t me = uint64_t(blockIdx.x) * kThreads + threadIdx.x, threads = uint64_t(gridDim.x) * kThreads;
   if (me < 4) counters[kQueued0 + me] = 0;
   for (uint64_t i = me; i < quads; i += threads) bits[i] = uint4{0, 0, 0, 0};
@@ -52,15 +53,16 @@ __global__ void __launch_bounds__(kThreads) Prepare(uint4* bits, uint64_t quads,
 
 }  // namespace
 
-absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits, uint64_t words) {
+absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
+                        uint64_t words) {
   VOXELPIPE_OK_OR_RETURN(EnsureCounters(state));
   const uint64_t quads = (words + 3) / 4;  // the pool's blocks end on multiples of 256 bytes
   const uint64_t place = state.placed ? 0 : state.mesh.host_view.vertex_count;
   const uint64_t blocks = std::clamp<uint64_t>((std::max(quads / 4, place) + kThreads - 1) / kThreads, 1,
                                                uint64_t(state.device.multiprocessors) * 16);
   Prepare<<<unsigned(blocks), kThreads, 0, state.stream>>>(
-      reinterpret_cast<uint4*>(bits), quads, state.counters.data(), state.mesh.positions.data(), place, state.grid.origin,
-      state.grid.voxel_size, state.mesh.index_positions.data(), state.mesh.codes.data());
+      reinterpret_cast<uint4*>(bits), quads, state.counters.data(), state.mesh.positions.data(), place,
+      state.grid.origin, state.grid.voxel_size, state.mesh.index_positions.data(), state.mesh.codes.data());
   VOXELPIPE_LAUNCHED_OR_RETURN("Prepare");
   state.placed = true;
   absl::StatusOr<WalkArgs> args = MakeWalkArgs(state);

@@ -69,8 +69,9 @@ struct RunState {
   // CoarseRaster, TileSort: of the whole grid
   GridSpec grid;
   GridView view{};                                         // dims, tiles, slab: what kernels get
-  bool placed = false;         // whether index_positions and codes are made
+  bool placed = false;                                     // whether index_positions and codes are made
   bool plain_bits = false;                                 // every target is the coverage itself: rows without tiles
+  bool direct = false;                                     // every target blends without tiles
   DeviceArray<uint32_t> pair_tiles[2], pair_triangles[2];  // (tile, triangle), unsorted and sorted by tile
   DeviceArray<uint64_t> counters;                          // see Counter
   DeviceArray<uint8_t> scratch;                            // of CUB
@@ -79,7 +80,7 @@ struct RunState {
   DeviceArray<uint32_t> tile_begin, tile_end;  // per tile of the grid: its pairs; valid for occupied tiles
   DeviceArray<uint32_t> occupied_tiles;        // in no order
   uint64_t occupied_count = 0;                 // how many there are; sparse results only
-  DeviceArray<uint32_t> queue[3];  // triangles that wait for another kernel of a stage
+  DeviceArray<uint32_t> queue[3];              // triangles that wait for another kernel of a stage
 
   // BeginSlab: what follows holds the slab's layers only
   Slab slab;
@@ -120,8 +121,8 @@ struct RunState {
 
 // Elements of RunState::counters.
 enum Counter : int {
-  kPairs,       // (tile, triangle) pairs found, also where there was no room for them
-  kQueued0,       // entries of the queues of a stage
+  kPairs,    // (tile, triangle) pairs found, also where there was no room for them
+  kQueued0,  // entries of the queues of a stage
   kQueued1,
   kQueued2,
   kQueued3,
@@ -140,6 +141,9 @@ enum Counter : int {
 
 // Allocates the counters, all 0, before their first use.
 absl::Status EnsureCounters(RunState& state);
+// Behind the counters: fragments of the slab counted without tiles, in parts, so that not all wait for one address.
+inline constexpr int kFragmentSlots = 64;
+
 // Sets counters to 0.
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
 // Copies all counters to the host. Synchronizes with the stream.
@@ -150,7 +154,7 @@ absl::Status UploadMesh(RunState& state);
 
 // The stages; see pipeline/stages.h for what each does.
 absl::StatusOr<MeshExtent> VertexShade(RunState& state);
-absl::Status PlaceVertices(RunState& state);  // unless they are placed
+absl::Status PlaceVertices(RunState& state);                       // unless they are placed
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid);  // synchronizes under tiles
 absl::Status TileSort(RunState& state);                            // synchronizes
 absl::Status BeginSlab(RunState& state, const Slab& slab);
@@ -167,9 +171,18 @@ bool NeedsTiles(const RunState& state);
 // Bytes of one tile's values in RunState::tile_values; sets value_stride and value_offset.
 void LayOutTileValues(RunState& state);
 
+// The target of a request, without memory.
+CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader);
+// Whether every triangle of the shaded mesh gives all its fragments one value, and blending it needs no owner.
+bool IsUniform(const RunState& state, const CudaTarget& target);
+// Whether all targets of a grid are blended without tiles; after VertexShade.
+bool BlendsDirectly(const RunState& state, const GridSpec& grid);
+
 // Parts of stages
+absl::Status BlendDirectly(RunState& state);
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.
-absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits, uint64_t words);
+absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
+                        uint64_t words);
 absl::Status ParityInside(RunState& state);
 absl::Status FloodInside(RunState& state);
 absl::Status CountSlab(RunState& state);  // kVoxels; BeginSlab cleared the other counters of the slab

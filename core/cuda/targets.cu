@@ -78,23 +78,6 @@ double DefaultScale(VoxelFormat format, FragmentShaderId shader) {
   return format == VoxelFormat::kU8 ? 255 : format == VoxelFormat::kU16 ? 65535 : 1;
 }
 
-CudaTarget Describe(const TargetSpec& spec, const BoundShader& shader) {
-  CudaTarget t;
-  t.format = spec.format;
-  t.blend = spec.blend;
-  t.components = spec.components;
-  t.shader = FragmentShaderId(shader.id);
-  t.params = shader.params;
-  t.u32_output = shader.info->output_type == "u32";
-  t.quantum = spec.quantum;
-  t.scale = spec.scale.value_or(DefaultScale(spec.format, t.shader));
-  t.clear_stored = StoredBits(NumberToCell(spec.clear, spec.format), spec.format);
-  t.fill_stored = StoredBits(NumberToCell(spec.fill_value, spec.format), spec.format);
-  t.is_occupancy = spec.format == VoxelFormat::kBit && t.shader == FragmentShaderId::kOccupancy;
-  t.own_presence = TraitsOf(t.shader).can_discard;
-  return t;
-}
-
 absl::Status ClearedBits(RunState& state, DeviceArray<uint32_t>& grid) {
   VOXELPIPE_OK_OR_RETURN(grid.Resize(state.slab_words(), state.stream));
   return grid.Fill(0, state.stream);
@@ -198,9 +181,26 @@ absl::StatusOr<ResultArrays> CopyResult(RunState& state) {
 
 }  // namespace
 
+CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader) {
+  CudaTarget t;
+  t.format = spec.format;
+  t.blend = spec.blend;
+  t.components = spec.components;
+  t.shader = FragmentShaderId(shader.id);
+  t.params = shader.params;
+  t.u32_output = shader.info->output_type == "u32";
+  t.quantum = spec.quantum;
+  t.scale = spec.scale.value_or(DefaultScale(spec.format, t.shader));
+  t.clear_stored = StoredBits(NumberToCell(spec.clear, spec.format), spec.format);
+  t.fill_stored = StoredBits(NumberToCell(spec.fill_value, spec.format), spec.format);
+  t.is_occupancy = spec.format == VoxelFormat::kBit && t.shader == FragmentShaderId::kOccupancy;
+  t.own_presence = TraitsOf(t.shader).can_discard;
+  return t;
+}
+
 absl::Status EnsureCounters(RunState& state) {
   if (!state.counters.empty()) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kCounters, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kCounters + kFragmentSlots, state.stream));
   return state.counters.Fill(0, state.stream);
 }
 
@@ -220,14 +220,19 @@ absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which
 absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state) {
   std::array<uint64_t, kCounters> counters{};
   if (state.counters.empty()) return counters;
+  std::array<uint64_t, kCounters + kFragmentSlots> all{};
   VOXELPIPE_CUDA_OR_RETURN(
-      cudaMemcpyAsync(counters.data(), state.counters.data(), sizeof counters, cudaMemcpyDeviceToHost, state.stream));
+      cudaMemcpyAsync(all.data(), state.counters.data(), sizeof all, cudaMemcpyDeviceToHost, state.stream));
   VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
+  std::copy_n(all.begin(), counters.size(), counters.begin());
+  if (state.direct) {
+    for (size_t i = counters.size(); i < all.size(); ++i) counters[kFragments] += all[i];
+  }
   return counters;
 }
 
 bool NeedsTiles(const RunState& state) {
-  return !state.plain_bits && state.request.request.result != ResultKind::kBuckets;
+  return !state.plain_bits && !state.direct && state.request.request.result != ResultKind::kBuckets;
 }
 
 void LayOutTileValues(RunState& state) {
@@ -257,7 +262,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.targets.planar = request.layout == Layout::kPlanar;
   state.targets.any_always_present = false;
   for (size_t i = 0; i < request.targets.size(); ++i) {
-    CudaTarget target = Describe(request.targets[i], state.request.fragment_shaders[i]);
+    CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
     state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
     if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i]));
     state.targets.at[i] = target;

@@ -2,12 +2,14 @@
 //
 // Three classes share the work. The first kernel looks at boxes alone: a triangle whose box is a row of voxels is done at once (the run
 // class of raster/triangle_setup.h), others go to one of two queues. The second gives each small triangle a thread. The third takes the
-// rest: the lanes of a warp set up a triangle each, in shared memory, and then share the rows of all of them. The largest are
+// rest: lanes of a warp set up a triangle each, in shared memory, and then all share the rows of each. The largest are
 // shared by all warps.
 //
 // An operation has
 //   Begin(t), Row(y, z, x_begin, x_end), End(t)     rows of one triangle in the hands of one thread
 //   SharedRow(t, y, z, x_begin, x_end)              rows in the hands of many
+//   Finish()                                        once a thread at the end of a kernel, all threads of a warp together
+//   repeats()                                       whether the queues stand already, from another operation's walk
 // No host-only includes: NVRTC compiles them too.
 #pragma once
 
@@ -32,7 +34,8 @@ struct WalkArgs {
   // Triangles that wait, room for all of them in each. Small ones with at most two rows along y and along z stand in the first queue from
   // its begin on, the others from its end on: a warp whose triangles are alike wastes less.
   uint32_t *small_queue = nullptr, *rest_queue = nullptr, *large_queue = nullptr;
-  uint64_t* queued = nullptr;  // how many wait: in the rest's, the large's, the least small, the other small; 0 before the first kernel
+  uint64_t* queued =
+      nullptr;  // how many wait: in the rest's, the large's, the least small, the other small; 0 before the first kernel
 };
 
 struct Corners {
@@ -91,7 +94,9 @@ struct SharedSetup {
   };
   Vec3d base;
   int begin[3], end[3];  // its box within the range asked for
+  int cell[3];           // base, of a narrow triangle
   uint32_t ny;
+  float one_over_ny;
   uint32_t triangle;
   SpanClass span_class;
 };
@@ -111,40 +116,59 @@ __device__ inline uint64_t SetUpShared(const Vec3d* positions, const uint32_t* t
     shared.end[i] = int(range.end[i]);
   }
   shared.ny = uint32_t(range.end[1] - range.begin[1]);
+  shared.one_over_ny = 1.0f / float(shared.ny);
   if (s.span_class == SpanClass::kNarrow) {
     shared.narrow = s.narrow;
+    for (int i = 0; i < 3; ++i) shared.cell[i] = int(s.base[i]);
   } else if (s.span_class == SpanClass::kWide) {
     shared.wide = s.wide;
   }
   return uint64_t(shared.ny) * uint64_t(range.end[2] - range.begin[2]);
 }
 
+// One row of a shared set-up within its box: false if the triangle does not touch it.
+template <typename Real>
+__device__ inline bool SharedRowOf(const SpanBounds<Real>& bounds, const SharedSetup& s, int y, int z, int& x_begin,
+                                   int& x_end) {
+  const Layer<Real> layer = ComputeLayer(bounds, Real(double(z) - s.base.z));
+  if (layer.y.empty() || layer.x.empty()) return false;
+  const Real local = Real(double(y) - s.base.y);
+  if (local < layer.y.first || local > layer.y.last) return false;
+  const Interval<Real> row = ComputeRow(bounds, layer, local);
+  if (row.empty()) return false;
+  const double lo = double(s.begin[0]), hi = double(s.end[0]);
+  x_begin = int(Clamp(s.base.x + double(row.first), lo, hi));
+  x_end = int(Clamp((s.base.x + double(row.last)) + 1, lo, hi));
+  return x_begin < x_end;
+}
+
+// The same of a narrow triangle, which is at most some 34 voxels long: its box tells that 32 bits do.
+__device__ inline bool SharedRowOf(const SpanBounds<float>& bounds, const SharedSetup& s, int y, int z, int& x_begin,
+                                   int& x_end) {
+  const Layer<float> layer = ComputeLayer(bounds, float(z - s.cell[2]));
+  if (layer.y.empty() || layer.x.empty()) return false;
+  const auto local = float(y - s.cell[1]);
+  if (local < layer.y.first || local > layer.y.last) return false;
+  const Interval<float> row = ComputeRow(bounds, layer, local);
+  if (row.empty()) return false;
+  x_begin = max(s.begin[0], s.cell[0] + int(row.first));
+  x_end = min(s.end[0], s.cell[0] + int(row.last) + 1);
+  return x_begin < x_end;
+}
+
 // Row number `row` of a shared set-up; false if the triangle does not touch it.
 __device__ inline bool SharedRowSpan(const SharedSetup& s, uint32_t row, int& y, int& z, int& x_begin, int& x_end) {
-  y = s.begin[1] + int(row % s.ny);
-  z = s.begin[2] + int(row / s.ny);
+  // row / ny by the reciprocal, which is off by one at most: rows are fewer than 2^24, or the division is done.
+  uint32_t layer = row < (1u << 24) ? uint32_t(float(row) * s.one_over_ny) : row / s.ny;
+  if (layer * s.ny > row) --layer;
+  if (row - layer * s.ny >= s.ny) ++layer;
+  y = s.begin[1] + int(row - layer * s.ny);
+  z = s.begin[2] + int(layer);
   x_begin = s.begin[0];
   x_end = s.end[0];
   if (s.span_class == SpanClass::kRun) return true;
-  VoxelRange range;
-  range.begin[0] = x_begin;
-  range.end[0] = x_end;
-  int64_t first, end;
-  const bool touched = s.span_class == SpanClass::kNarrow ? RowOf(s.narrow, s.base, range, y, z, first, end)
-                                                          : RowOf(s.wide, s.base, range, y, z, first, end);
-  if (!touched) return false;
-  x_begin = int(first);
-  x_end = int(end);
-  return true;
-}
-
-// The first i of 32 ascending ends with ends[i] > row; ends[31] > row.
-__device__ inline int OwnerOf(const uint32_t* ends, uint32_t row) {
-  int owner = 0;
-  for (int step = 16; step > 0; step /= 2) {
-    if (ends[owner + step - 1] <= row) owner += step;
-  }
-  return owner;
+  return s.span_class == SpanClass::kNarrow ? SharedRowOf(s.narrow, s, y, z, x_begin, x_end)
+                                            : SharedRowOf(s.wide, s, y, z, x_begin, x_end);
 }
 
 // A triangle a thread, by its box.
@@ -195,14 +219,17 @@ __global__ void __launch_bounds__(kRunThreads) WalkRuns(const __grid_constant__ 
     if (q == 1) args.small_queue[at] = uint32_t(t);
     if (q == 2) args.small_queue[args.triangle_count - 1 - at] = uint32_t(t);
   }
-  if (t >= args.triangle_count) return;
-  op.Begin(uint32_t(t));
-  if (what == kRun) {
-    for (int z = range.begin[2]; z < range.end[2]; ++z) {
-      for (int y = range.begin[1]; y < range.end[1]; ++y) op.Row(y, z, range.begin[0], range.end[0]);
+  if (t < args.triangle_count) {
+    op.Begin(uint32_t(t));
+    if (what == kRun) {
+      for (int z = range.begin[2]; z < range.end[2]; ++z) {
+        for (int y = range.begin[1]; y < range.end[1]; ++y) op.Row(y, z, range.begin[0], range.end[0]);
+      }
     }
+    op.End(uint32_t(t));
   }
-  op.End(uint32_t(t));
+  __syncwarp();
+  op.Finish();
 }
 
 // The small triangles, a thread each; what is not narrow goes on to the rest.
@@ -228,14 +255,15 @@ __global__ void __launch_bounds__(kSmallThreads, 6) WalkSmall(const __grid_const
     WalkNarrow(bounds, box.base, range, [&](int y, int z, int x_begin, int x_end) { op.Row(y, z, x_begin, x_end); });
     op.End(t);
   }
+  __syncwarp();
+  op.Finish();
 }
 
-// The rest: half a warp's lanes set up a triangle each, then all share the rows of all of them. The largest wait for WalkLarge.
+// The rest: half a warp's lanes set up a triangle each, then all share the rows of each. The largest wait for WalkLarge.
 template <typename Op>
 __global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constant__ WalkArgs args, Op op) {
   extern __shared__ double setups[];
-  __shared__ uint32_t ends[kRestThreads];
-  const int lane = int(threadIdx.x % 32), warp_of_block = int(threadIdx.x / 32), first_of_warp = warp_of_block * 32;
+  const int lane = int(threadIdx.x % 32), warp_of_block = int(threadIdx.x / 32);
   auto* const shared = reinterpret_cast<SharedSetup*>(setups) + warp_of_block * kSetupsOfWarp;
   const uint64_t count = args.queued[0];
   const uint64_t warps = uint64_t(gridDim.x) * (kRestThreads / 32);
@@ -254,20 +282,18 @@ __global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constan
         rows = 0;
       }
     }
-    uint32_t total;
-    const uint32_t before = WarpExclusiveSum(uint32_t(rows), total);
-    ends[threadIdx.x] = before + uint32_t(rows);
     __syncwarp();
-    for (uint32_t row = uint32_t(lane); row < total; row += 32) {
-      const int owner = OwnerOf(ends + first_of_warp, row);
-      const SharedSetup& s = shared[owner];
-      int y, z, x_begin, x_end;
-      if (SharedRowSpan(s, row - (owner == 0 ? 0 : ends[first_of_warp + owner - 1]), y, z, x_begin, x_end)) {
-        op.SharedRow(s.triangle, y, z, x_begin, x_end);
+    for (int i = 0; i < int(each); ++i) {
+      const uint32_t rows_here = __shfl_sync(~0u, uint32_t(rows), i);
+      const SharedSetup& s = shared[i];
+      for (uint32_t row = uint32_t(lane); row < rows_here; row += 32) {
+        int y, z, x_begin, x_end;
+        if (SharedRowSpan(s, row, y, z, x_begin, x_end)) op.SharedRow(s.triangle, y, z, x_begin, x_end);
       }
     }
     __syncwarp();
   }
+  op.Finish();
 }
 
 // The largest, one after the other, each by all threads.
@@ -295,6 +321,7 @@ __global__ void __launch_bounds__(kRestThreads, 6) WalkLarge(const __grid_consta
     }
     __syncthreads();
   }
+  op.Finish();
 }
 
 }  // namespace voxelpipe::cuda
