@@ -15,6 +15,16 @@ void ForEachBit(uint32_t mask, const Visit& visit) {
   for (; mask != 0; mask &= mask - 1) visit(std::countr_zero(mask));
 }
 
+// Calls visit(first, end) for each run of set bits, first <= bit < end.
+template <typename Visit>
+void ForEachRun(uint32_t mask, const Visit& visit) {
+  for (int at = 0; at < 32 && mask >> at != 0;) {
+    const int first = at + std::countr_zero(mask >> at);
+    at = first + std::countr_one(mask >> first);
+    visit(first, at);
+  }
+}
+
 }  // namespace
 
 TileBuffer::TileBuffer(const CpuTarget& target)
@@ -134,7 +144,7 @@ void TileBuffer::Blend(TileSpan span, const BlendValue& value) {
   }
 }
 
-void TileBuffer::StoredRow(int row, int c, uint32_t mask, uint32_t (&out)[32]) const {
+void TileBuffer::StoredRow(int row, int c, uint32_t mask, uint32_t* out) const {
   const int first = row * 32;
   const int64_t at = int64_t{c} * kTileVoxels + first;
   switch (kept_) {
@@ -147,7 +157,9 @@ void TileBuffer::StoredRow(int row, int c, uint32_t mask, uint32_t (&out)[32]) c
       if (spec_.format == VoxelFormat::kF16) {
         return ForEachBit(mask, [&](int bit) { out[bit] = StoredBits(cell(bit), VoxelFormat::kF16); });
       }
-      return ForEachBit(mask, [&](int bit) { out[bit] = cell(bit); });
+      return ForEachRun(mask, [&](int begin, int end) {
+        for (int i = begin; i < end; ++i) out[i] = cell(i);
+      });
     }
     case Kept::kSums:
       return ForEachBit(mask,
@@ -205,6 +217,13 @@ void TileBuffer::StoreElements(const RunState& state, const VoxelRange& range, C
         }
         Element line[32 * 4];
         std::fill_n(line, width * stride, Element(target.clear_stored));
+        if constexpr (sizeof(Element) == sizeof(uint32_t)) {
+          if (stride == 1) {
+            StoredRow(row, array, mask, line);
+            StreamCopy(to, line, row_bytes, streams);
+            continue;
+          }
+        }
         for (int c = 0; c < stride; ++c) {
           uint32_t stored[32];
           StoredRow(row, array + c, mask, stored);

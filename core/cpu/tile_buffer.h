@@ -37,8 +37,8 @@ class TileBuffer {
   void StoreBitGrids(const RunState& state, const VoxelRange& range, CpuTarget& target) const;
 
   // The stored bits (blend_ops.h) of component c of the voxels of a row that are in `mask`, all of them with a fragment; 0 or 1 for a
-  // bit target. Other elements of `out` are left as they are.
-  void StoredRow(int row, int c, uint32_t mask, uint32_t (&out)[32]) const;
+  // bit target. Other elements of `out`, 32 of them, are left as they are.
+  void StoredRow(int row, int c, uint32_t mask, uint32_t* out) const;
   uint32_t presence(int row) const { return presence_[size_t(row)]; }
 
  private:

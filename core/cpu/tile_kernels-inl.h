@@ -156,6 +156,46 @@ HWY_INLINE void AddRows(const Batch& batch, MF active, const VoxelRange& tile, i
   }
 }
 
+// AddTileSpans for a triangle of the wide class: the rows of a layer are lanes.
+HWY_INLINE void AddWideRows(const TriangleSetup& setup, const VoxelRange& tile, int triangle, TileSpans& out) {
+  const VoxelRange range = ClipToRange(setup, tile);
+  if (range.empty()) return;
+  const DD d;
+  const SpanBounds<double>& s = setup.wide;
+  const double y_lo = double(range.begin[1]), y_hi = double(range.end[1]), x_tile = double(tile.begin[0]);
+  const VD x_lo = SetD(double(range.begin[0])), x_hi = SetD(double(range.end[0])), x_base = SetD(setup.base.x);
+  HWY_ALIGN int32_t spans[kHalf];
+  for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
+    const Layer<double> layer = ComputeLayer(s, double(z) - setup.base.z);
+    if (layer.y.empty() || layer.x.empty()) continue;
+    const auto y_begin = int64_t(Clamp(setup.base.y + layer.y.first, y_lo, y_hi));
+    const auto y_end = int64_t(Clamp((setup.base.y + layer.y.last) + 1, y_lo, y_hi));
+    for (int64_t y0 = y_begin; y0 < y_end; y0 += kHalf) {
+      const VD y = hn::Add(SetD(double(y0) - setup.base.y), hn::Iota(d, 0.0));
+      VD first = SetD(layer.x.first), last = SetD(layer.x.last);
+      for (int i = 0; i < 3; ++i) {
+        const VD shift = hn::Mul(SetD(s.x_of_y[i].s), y);
+        first = hn::Max(first, hn::Sub(SetD(s.x_of_y[i].lo), shift));
+        last = hn::Min(last, hn::Sub(SetD(s.x_of_y[i].hi), shift));
+      }
+      const VD shift = hn::Mul(SetD(s.plane_sy), y);
+      first = hn::Ceil(hn::Max(first, hn::Sub(SetD(layer.plane_lo), shift)));
+      last = hn::Floor(hn::Min(last, hn::Sub(SetD(layer.plane_hi), shift)));
+      const VD begin = hn::Min(hn::Max(hn::Add(x_base, first), x_lo), x_hi);
+      const VD end = hn::Min(hn::Max(hn::Add(hn::Add(x_base, last), SetD(1)), x_lo), x_hi);
+      const auto row = double((y0 - tile.begin[1]) + TileDim(1) * (z - tile.begin[2]));
+      const VD at = hn::Add(hn::Add(SetD(row), hn::Iota(d, 0.0)),  // a TileSpan, whole numbers all
+                            hn::Add(hn::Mul(hn::Sub(begin, SetD(x_tile)), SetD(0x1p8)),
+                                    hn::Mul(hn::Sub(end, SetD(x_tile + 1)), SetD(0x1p16))));
+      hn::Store(hn::DemoteTo(hn::Half<DI>(), at), hn::Half<DI>(), spans);
+      const uint64_t rows = (uint64_t{1} << std::min<int64_t>(kHalf, y_end - y0)) - 1;
+      for (uint64_t left = rows & Bits(d, hn::Lt(begin, end)); left != 0; left &= left - 1) {
+        out.spans[triangle][out.count[triangle]++].bits = uint32_t(spans[std::countr_zero(left)]);
+      }
+    }
+  }
+}
+
 template <Coverage kCoverage>
 HWY_ATTR void SpansInTileAs(const RowMesh& mesh, const uint64_t* pairs, int64_t count, const VoxelRange& tile,
                             TileSpans& out) {
@@ -179,8 +219,13 @@ HWY_ATTR void SpansInTileAs(const RowMesh& mesh, const uint64_t* pairs, int64_t 
     for (uint64_t left = used & ~runs & ~narrow; left != 0; left &= left - 1) {
       const int k = std::countr_zero(left);
       const uint32_t* v = mesh.triangles[ids[k]];
-      AddTileSpans(SetUpTriangle(mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], kCoverage), tile,
-                   first_lane + k, out);
+      const TriangleSetup setup =
+          SetUpTriangle(mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], kCoverage);
+      if (setup.span_class == SpanClass::kWide) {
+        AddWideRows(setup, tile, first_lane + k, out);
+      } else {
+        AddTileSpans(setup, tile, first_lane + k, out);
+      }
     }
   }
 }
