@@ -13,8 +13,9 @@
 
 namespace voxelpipe::cuda {
 
-// Uninitialized elements of a trivially copyable T. Allocation and release are ordered on the stream of the last Resize: all
-// work on the array must have been given to that stream. Never synchronizes.
+// Uninitialized elements of a trivially copyable T, in whole units of 16 bytes: stores of uint4 may end behind the last
+// element. Allocation and release are ordered on the stream of the last Resize: all work on the array must have been given
+// to that stream. Never synchronizes.
 template <typename T>
 class DeviceArray {
  public:
@@ -35,7 +36,7 @@ class DeviceArray {
       Free();
       stream_ = stream;
       void* p = nullptr;
-      if (const cudaError_t error = cudaMallocAsync(&p, count * sizeof(T), stream); error != cudaSuccess) {
+      if (const cudaError_t error = cudaMallocAsync(&p, RoundedBytes(count), stream); error != cudaSuccess) {
         const absl::Status s = CudaStatus(error, "cudaMallocAsync", __FILE__, __LINE__);
         return absl::Status(
             s.code(), absl::StrCat(count * sizeof(T), " bytes of device memory needed: ", std::string(s.message())));
@@ -73,6 +74,8 @@ class DeviceArray {
   }
 
  private:
+  static uint64_t RoundedBytes(uint64_t count) { return (count * sizeof(T) + 15) / 16 * 16; }
+
   T* data_ = nullptr;
   uint64_t size_ = 0, capacity_ = 0;
   cudaStream_t stream_ = nullptr;

@@ -56,7 +56,7 @@ __global__ void __launch_bounds__(kThreads)
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
                         uint64_t words) {
   VOXELPIPE_OK_OR_RETURN(EnsureCounters(state));
-  const uint64_t quads = (words + 3) / 4;  // the pool's blocks end on multiples of 256 bytes
+  const uint64_t quads = (words + 3) / 4;  // a DeviceArray ends on a whole one
   const uint64_t place = state.placed ? 0 : state.mesh.host_view.vertex_count;
   const uint64_t blocks = std::clamp<uint64_t>((std::max(quads / 4, place) + kThreads - 1) / kThreads, 1,
                                                uint64_t(state.device.multiprocessors) * 16);
