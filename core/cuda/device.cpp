@@ -53,6 +53,23 @@ bool IsSticky(cudaError_t error) {
   }
 }
 
+// What the current device has left, in words; empty if that cannot be found out. What the pool keeps between runs can be
+// had too, but the driver counts it as taken.
+std::string MemoryAtHand() {
+  size_t free = 0, all = 0;
+  if (cudaMemGetInfo(&free, &all) != cudaSuccess) return "";
+  int ordinal = 0;
+  cudaMemPool_t pool = nullptr;
+  uint64_t reserved = 0, used = 0;
+  const bool pooled = cudaGetDevice(&ordinal) == cudaSuccess &&
+                      cudaDeviceGetDefaultMemPool(&pool, ordinal) == cudaSuccess &&
+                      cudaMemPoolGetAttribute(pool, cudaMemPoolAttrReservedMemCurrent, &reserved) == cudaSuccess &&
+                      cudaMemPoolGetAttribute(pool, cudaMemPoolAttrUsedMemCurrent, &used) == cudaSuccess;
+  if (!pooled) (void)cudaGetLastError();  // it is no error of the caller's
+  const uint64_t idle = pooled && reserved > used ? reserved - used : 0;
+  return absl::StrCat(free + idle, " of ", all, " bytes of device memory are free, ", idle, " of them in the pool");
+}
+
 }  // namespace
 
 absl::StatusOr<DeviceInfo> TheDevice() {
@@ -78,10 +95,8 @@ absl::Status CudaStatus(cudaError_t error, const char* expression, const char* f
       "CUDA: ", cudaGetErrorString(error), " in ", expression, " (",
       std::string(path.substr(path.rfind("core/") == path.npos ? 0 : path.rfind("core/"))), ":", line, ")");
   if (error == cudaErrorMemoryAllocation) {
-    size_t have = 0, all = 0;
-    const bool known = cudaMemGetInfo(&have, &all) == cudaSuccess;
-    return absl::ResourceExhaustedError(
-        known ? absl::StrCat(message, "; ", have, " of ", all, " bytes of device memory are free") : message);
+    const std::string have = MemoryAtHand();
+    return absl::ResourceExhaustedError(have.empty() ? message : absl::StrCat(message, "; ", have));
   }
   if (IsSticky(error)) MarkDeviceLost(message);
   return absl::InternalError(message);

@@ -26,7 +26,11 @@ enum cudaError_t {
   cudaErrorLaunchTimeout,
 };
 enum cudaMemcpyKind { cudaMemcpyHostToHost, cudaMemcpyHostToDevice, cudaMemcpyDeviceToHost, cudaMemcpyDeviceToDevice };
-enum cudaMemPoolAttr { cudaMemPoolAttrReleaseThreshold };
+enum cudaMemPoolAttr {
+  cudaMemPoolAttrReleaseThreshold,
+  cudaMemPoolAttrReservedMemCurrent,
+  cudaMemPoolAttrUsedMemCurrent
+};
 enum cudaFuncAttribute { cudaFuncAttributeMaxDynamicSharedMemorySize, cudaFuncAttributePreferredSharedMemoryCarveout };
 enum { cudaStreamNonBlocking = 1 };
 
@@ -39,6 +43,9 @@ struct cudaDeviceProp {
 
 inline cudaError_t cudaGetDeviceCount(int* count) {
   return *count = 1, cudaSuccess;
+}
+inline cudaError_t cudaGetDevice(int* ordinal) {
+  return *ordinal = 0, cudaSuccess;
 }
 inline cudaError_t cudaSetDevice(int) {
   return cudaSuccess;
@@ -69,6 +76,9 @@ inline cudaError_t cudaPeekAtLastError() {
 }
 inline const char* cudaGetErrorString(cudaError_t) {
   return "error of the emulator";
+}
+inline cudaError_t cudaMemPoolGetAttribute(cudaMemPool_t, cudaMemPoolAttr, void* value) {
+  return std::memset(value, 0, sizeof(uint64_t)), cudaSuccess;
 }
 inline cudaError_t cudaMemGetInfo(size_t* have, size_t* all) {
   return *have = *all = size_t{4} << 30, cudaSuccess;
