@@ -135,17 +135,17 @@ absl::Status FindOutside(RunState& state) {
 
 }  // namespace
 
-absl::Status FloodInside(RunState& state) {
+absl::Status FloodInside(RunState& state, BitGrid& out, bool add) {
   if (state.outside.empty()) {
     if (absl::Status s = FindOutside(state); !s.ok()) return s;
   }
-  const uint32_t last_mask = state.inside.last_word_mask();
+  const uint32_t last_mask = out.last_word_mask();
   const int64_t first_row = state.dims[1] * state.slab.begin;
-  return ParallelChunks(state.inside.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
+  return ParallelChunks(out.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
     for (int64_t r = begin; r < end; ++r) {
-      const std::span<uint32_t> inside = state.inside.row(r);
+      const std::span<uint32_t> inside = out.row(r);
       const std::span<const uint32_t> outside = std::as_const(state.outside).row(first_row + r);
-      for (size_t w = 0; w < inside.size(); ++w) inside[w] = ~outside[w];
+      for (size_t w = 0; w < inside.size(); ++w) inside[w] = add ? inside[w] | ~outside[w] : ~outside[w];
       inside.back() &= last_mask;
     }
   });

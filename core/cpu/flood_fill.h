@@ -6,9 +6,10 @@
 
 namespace voxelpipe::cpu {
 
-// Sets state.inside, allocated for the slab, to the voxels that a 6-connected walk from an empty layer around the grid does not reach
-// through voxels outside the conservative shell; the shell's own voxels are among them. The walk is made once a run,
-// over the whole grid: two bits a voxel. RESOURCE_EXHAUSTED, CANCELLED, DEADLINE_EXCEEDED.
-absl::Status FloodInside(RunState& state);
+// Sets `out`, bits of the slab, to the voxels that a 6-connected walk from an empty layer around the grid does not
+// reach through voxels outside the conservative shell; the shell's own voxels are among them. With `add` they are or-ed
+// to its bits. The walk is made once a run, over the whole grid: two bits a voxel. RESOURCE_EXHAUSTED, CANCELLED,
+// DEADLINE_EXCEEDED.
+absl::Status FloodInside(RunState& state, BitGrid& out, bool add);
 
 }  // namespace voxelpipe::cpu

@@ -7,6 +7,7 @@
 
 #include "absl/status/statusor.h"
 #include "base/vec.h"
+#include "cpu/crossings.h"
 #include "cpu/tile_spans.h"
 #include "pipeline/request.h"
 
@@ -96,6 +97,15 @@ struct RowKernels {
   // is one of IndexSpaceMesh.
   void (*spans_in_tile)(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Coverage coverage,
                         const VoxelRange& tile, TileSpans& out);
+  // Parity fill, over a mesh of IndexSpaceMesh. Triangles [begin, end), at most Crossings::kMost: adds the crossings of
+  // those with few lines, and the ids of the others.
+  void (*cross_small)(const RowMesh& mesh, int64_t begin, int64_t end, const LineBlocks& lines, Crossings& out);
+  // Toggles the crossings of any triangle with the lines of one block.
+  void (*cross_large)(const RowMesh& mesh, uint32_t id, const LineBlocks& lines, int64_t block,
+                      const BlockToggles& out);
+  // Bit i of each row becomes the parity of the row's toggles at i and beyond; with `add` it is or-ed to the bits in
+  // `out`. Rows follow each other in both. Returns how many rows have an odd number of crossings.
+  int64_t (*spread_toggles)(const BlockToggles& in, int64_t rows, int64_t words_per_row, uint32_t* out, bool add);
 };
 
 // Tile coordinates of grids up to this many voxels an axis fit the lanes of RowKernels::spans_in_tile.

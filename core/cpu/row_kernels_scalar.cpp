@@ -123,7 +123,44 @@ void SpansInTile(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Cove
   }
 }
 
-const RowKernels kScalar{"scalar", Bounds, Place, Scan, Raster, Raster, TileBoxes, SpansInTile};
+void CrossSmall(const RowMesh& mesh, int64_t begin, int64_t end, const LineBlocks& lines, Crossings& out) {
+  for (int64_t t = begin; t < end; ++t) {
+    const uint32_t* v = mesh.triangles[t];
+    const Vec3d &a = mesh.positions[v[0]], &b = mesh.positions[v[1]], &c = mesh.positions[v[2]];
+    const LineRange range = LinesOf(a, b, c, lines);
+    if (range.empty()) continue;
+    if (range.y_end - range.y_begin > Crossings::kSmallRows || range.z_end - range.z_begin > Crossings::kSmallRows) {
+      out.large[out.larges++] = uint32_t(t);
+      continue;
+    }
+    ForEachCrossing(a, b, c, range, lines.nx,
+                    [&](int64_t y, int64_t z, int64_t before) { out.Add(lines, y, z, before); });
+  }
+}
+
+void CrossLarge(const RowMesh& mesh, uint32_t id, const LineBlocks& lines, int64_t block, const BlockToggles& out) {
+  const uint32_t* v = mesh.triangles[id];
+  CrossLargePlain(mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], lines, block, out);
+}
+
+int64_t SpreadToggles(const BlockToggles& in, int64_t rows, int64_t words_per_row, uint32_t* out, bool add) {
+  int64_t odd = 0;
+  for (int64_t r = 0; r < rows; ++r) {
+    uint32_t carry = 0;
+    for (int64_t w = (r + 1) * words_per_row; w-- > r * words_per_row;) {
+      uint32_t bits = in.words[w];
+      for (int shift = 1; shift < 32; shift *= 2) bits ^= bits >> shift;
+      bits ^= carry;
+      carry = (bits & 1) != 0 ? ~0u : 0;
+      out[w] = add ? out[w] | bits : bits;
+    }
+    odd += (carry & 1) != (in.outside[r / 32] >> (r % 32) & 1);
+  }
+  return odd;
+}
+
+const RowKernels kScalar{"scalar",  Bounds,      Place,      Scan,       Raster,       Raster,
+                         TileBoxes, SpansInTile, CrossSmall, CrossLarge, SpreadToggles};
 
 }  // namespace
 

@@ -12,7 +12,8 @@
 #include <hwy/highway.h>
 
 #include "cpu/row_kernels-inl.h"
-// After it, whose set-up it uses.
+// After it, whose set-up they use.
+#include "cpu/crossing_kernels-inl.h"
 #include "cpu/tile_kernels-inl.h"
 
 #if HWY_ONCE
@@ -27,7 +28,10 @@ const RowKernels* Avx2RowKernels() {
                                        N_AVX2::RasterSmall,
                                        N_AVX2::RasterLarge,
                                        N_AVX2::TileBoxes,
-                                       N_AVX2::SpansInTile};
+                                       N_AVX2::SpansInTile,
+                                       N_AVX2::CrossSmall,
+                                       N_AVX2::CrossLarge,
+                                       N_AVX2::SpreadToggles};
   return &kKernels;
 #else
   return nullptr;
@@ -36,9 +40,10 @@ const RowKernels* Avx2RowKernels() {
 
 const RowKernels* Avx512RowKernels() {
 #if (HWY_TARGETS & HWY_AVX3)
-  static constexpr RowKernels kKernels{"avx512",          N_AVX3::Bounds,      N_AVX3::Place,
-                                       N_AVX3::Scan,      N_AVX3::RasterSmall, N_AVX3::RasterLarge,
-                                       N_AVX3::TileBoxes, N_AVX3::SpansInTile};
+  static constexpr RowKernels kKernels{"avx512",           N_AVX3::Bounds,       N_AVX3::Place,
+                                       N_AVX3::Scan,       N_AVX3::RasterSmall,  N_AVX3::RasterLarge,
+                                       N_AVX3::TileBoxes,  N_AVX3::SpansInTile,  N_AVX3::CrossSmall,
+                                       N_AVX3::CrossLarge, N_AVX3::SpreadToggles};
   return &kKernels;
 #else
   return nullptr;

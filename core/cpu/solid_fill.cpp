@@ -2,91 +2,125 @@
 //
 // Source: the fill of M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010, section 5.
 // Changed: crossings are counted per edge as DESIGN section 3 defines, so that closed meshes leave no streaks; a single bit is
-// toggled and spread at the end.
+// toggled and spread at the end. Crossings are gathered by blocks of rows, each of which is one thread's and stays in
+// its cache.
+#include <tbb/enumerable_thread_specific.h>
+
+#include <algorithm>
 #include <atomic>
 #include <bit>
+#include <cstring>
 
+#include "cpu/crossings.h"
 #include "cpu/dense_fill.h"
 #include "cpu/flood_fill.h"
 #include "cpu/parallel.h"
+#include "cpu/row_bins.h"
 #include "cpu/run_state.h"
-#include "raster/crossing.h"
 
 namespace voxelpipe::cpu {
 namespace {
 
 constexpr int64_t kTriangleGrain = 1 << 12;
+constexpr int64_t kBlockBytes = 256 << 10;  // of toggles: stay in the second-level cache beside what they are spread to
+constexpr int64_t kMostBlocks = 1 << 11;
 
-// Toggling commutes, so the order of threads does not matter.
-void Toggle(uint32_t& word, uint32_t mask) {
-  std::atomic_ref<uint32_t>(word).fetch_xor(mask, std::memory_order_relaxed);
+LineBlocks BlocksOf(const RunState& state) {
+  LineBlocks lines{state.dims[0], state.dims[1], state.slab.begin, state.slab.end, (state.dims[0] + 31) / 32 * 32, 0};
+  const auto wanted = std::max(kBlockBytes / (lines.row_bits / 8), lines.rows() / kMostBlocks);
+  lines.block_shift = std::bit_width(uint64_t(std::max<int64_t>(1, wanted))) - 1;
+  return lines;
 }
 
-// The j (or k) of [first, last) whose centre may lie within [lo, hi] of one axis of the triangle.
-void CentreRange(double lo, double hi, int64_t first, int64_t last, int64_t& begin, int64_t& end) {
-  begin = int64_t(Clamp(floor(lo - 0.5), double(first), double(last)));
-  end = int64_t(Clamp(ceil(hi - 0.5) + 1, double(first), double(last)));
-}
+// What one thread gathers.
+struct ThreadWork {
+  explicit ThreadWork(size_t blocks) : toggles(2 * blocks), large(blocks) {}
+  Crossings found;
+  Bins<uint32_t> toggles;  // bits of a block; those of Crossings' `outside` follow each block's others
+  Bins<uint32_t> large;    // triangle ids
+};
 
-// `columns` holds one bit a column (j, k): the parity of all its crossings.
-void ToggleTriangle(RunState& state, BitGrid& columns, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-  int64_t y_begin, y_end, z_begin, z_end;
-  CentreRange(Min(a.y, Min(b.y, c.y)), Max(a.y, Max(b.y, c.y)), 0, state.dims[1], y_begin, y_end);
-  CentreRange(Min(a.z, Min(b.z, c.z)), Max(a.z, Max(b.z, c.z)), state.slab.begin, state.slab.end, z_begin, z_end);
-  if (y_begin >= y_end || z_begin >= z_end) return;
-  TrianglePlane plane;
-  bool set_up = false;  // most triangles of a fine mesh cross no line
-  for (int64_t z = z_begin; z < z_end; ++z) {
-    for (int64_t y = y_begin; y < y_end; ++y) {
-      const double py = double(y) + 0.5, pz = double(z) + 0.5;
-      if (!LineCrosses(a, b, c, py, pz)) continue;
-      if (!set_up) plane = SetUpPlane(a, b, c);
-      set_up = true;
-      Toggle(columns.row(z - state.slab.begin)[y / 32], 1u << (y % 32));
-      const int64_t before = CentresBefore(CrossingX(plane, a, b, c, py, pz), state.dims[0]);
-      if (before == 0) continue;
-      Toggle(state.inside.row(state.SlabRow(y, z))[(before - 1) / 32], 1u << ((before - 1) % 32));
+// Finds the crossings of triangles [begin, end), but those of large triangles.
+void GatherCrossings(const RowKernels& kernels, const RowMesh& mesh, int64_t begin, int64_t end,
+                     const LineBlocks& lines, ThreadWork& work) {
+  Crossings& found = work.found;
+  for (int64_t first = begin; first < end; first += Crossings::kMost) {
+    found.Clear();
+    kernels.cross_small(mesh, first, std::min(end, first + Crossings::kMost), lines, found);
+    for (int64_t i = 0; i < found.count; ++i) {
+      work.toggles.Push(size_t(found.crossing[i] >> 32), uint32_t(found.crossing[i]));
+    }
+    for (int64_t i = 0; i < found.larges; ++i) {
+      const uint32_t* v = mesh.triangles[found.large[i]];
+      const LineRange range = LinesOf(mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], lines);
+      const int64_t first_row = range.y_begin + lines.ny * (range.z_begin - lines.z_begin);
+      const int64_t last_row = range.y_end - 1 + lines.ny * (range.z_end - 1 - lines.z_begin);
+      for (int64_t block = first_row >> lines.block_shift; block <= last_row >> lines.block_shift; ++block) {
+        work.large.Push(size_t(block), found.large[i]);
+      }
     }
   }
 }
 
-// Bit i becomes the parity of the toggles at i and beyond.
-void SuffixXor(std::span<uint32_t> row) {
-  uint32_t carry = 0;
-  for (size_t w = row.size(); w-- > 0;) {
-    uint32_t bits = row[w];
-    for (int shift = 1; shift < 32; shift *= 2) bits ^= bits >> shift;
-    row[w] = bits ^ carry;
-    carry = row[w] & 1 ? ~0u : 0;
-  }
+// The filled voxels, to `out` over the slab's rows: alone, or or-ed to its bits.
+absl::Status Parity(RunState& state, BitGrid& out, bool add) {
+  const LineBlocks lines = BlocksOf(state);
+  const RowMesh mesh = IndexSpaceMesh(state.index_positions, state.view.triangles);
+  const RowKernels& kernels = *state.kernels;
+  tbb::enumerable_thread_specific<ThreadWork> work([&] { return ThreadWork(size_t(lines.blocks())); });
+  absl::Status s = ParallelChunks(
+      int64_t(state.view.triangle_count), kTriangleGrain, state.job,
+      [&](int64_t begin, int64_t end) { GatherCrossings(kernels, mesh, begin, end, lines, work.local()); });
+  if (!s.ok()) return s;
+  const int64_t block_rows = std::min(lines.rows(), int64_t{1} << lines.block_shift);
+  const int64_t words_per_row = lines.row_bits / 32, words = block_rows * words_per_row;
+  tbb::enumerable_thread_specific<HostArray<uint32_t>> scratch(
+      [&] { return HostArray<uint32_t>(uint64_t(words + (block_rows + 31) / 32)); });
+  std::atomic<int64_t> odd{0};
+  s = ParallelChunks(lines.blocks(), 1, state.job, [&](int64_t begin, int64_t end) {
+    HostArray<uint32_t>& memory = scratch.local();
+    const BlockToggles toggles{memory.data(), memory.data() + words};
+    for (int64_t block = begin; block < end; ++block) {
+      std::memset(memory.data(), 0, memory.size() * sizeof(uint32_t));
+      for (const ThreadWork& thread : work) {  // toggling commutes: the order of threads does not matter
+        for (const bool outside : {false, true}) {
+          uint32_t* const to = outside ? toggles.outside : toggles.words;
+          thread.toggles.ForEachBlock(size_t(2 * block + outside), [&](const uint32_t* bits, int64_t n) {
+            for (int64_t i = 0; i < n; ++i) to[bits[i] / 32] ^= 1u << (bits[i] % 32);
+          });
+        }
+        thread.large.ForEachBlock(size_t(block), [&](const uint32_t* ids, int64_t n) {
+          for (int64_t i = 0; i < n; ++i) kernels.cross_large(mesh, ids[i], lines, block, toggles);
+        });
+      }
+      const int64_t first = block << lines.block_shift, rows = std::min(block_rows, lines.rows() - first);
+      odd += kernels.spread_toggles(toggles, rows, words_per_row, out.row(first).data(), add);
+    }
+  });
+  state.counts.odd_columns = uint64_t(odd.load());
+  return s;
 }
 
-absl::Status ParityInside(RunState& state) {
-  auto columns = BitGrid::Create({state.dims[1], state.slab.depth(), 1});
-  if (!columns.ok()) return columns.status();
-  absl::Status s =
-      ParallelChunks(int64_t(state.view.triangle_count), kTriangleGrain, state.job, [&](int64_t begin, int64_t end) {
-        for (int64_t t = begin; t < end; ++t) {
-          const uint32_t* v = state.view.triangles[t];
-          ToggleTriangle(state, *columns, state.index_positions[v[0]], state.index_positions[v[1]],
-                         state.index_positions[v[2]]);
-        }
-      });
-  if (!s.ok()) return s;
-  state.counts.odd_columns = CountBits(*columns);
-  return ParallelChunks(state.inside.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
-    for (int64_t r = begin; r < end; ++r) SuffixXor(state.inside.row(r));
-  });
+// Whether the filled voxels are the result's like the covered ones, so that one grid holds both.
+bool JoinsCoverage(const RunState& state) {
+  return state.request.request.result == ResultKind::kDense &&
+         std::all_of(state.targets.begin(), state.targets.end(), [](const CpuTarget& target) {
+           return target.is_occupancy && target.spec.clear == 0 && target.spec.fill_value != 0;
+         });
+}
+
+absl::Status Inside(RunState& state, BitGrid& out, bool add) {
+  return state.request.request.fill == Fill::kFlood ? FloodInside(state, out, add) : Parity(state, out, add);
 }
 
 }  // namespace
 
 absl::Status SolidFill(RunState& state) {
-  auto inside = BitGrid::Create(state.slab_dims);
+  if (JoinsCoverage(state)) return Inside(state, state.coverage, true);
+  auto inside = BitGrid::CreateUncleared(state.slab_dims);
   if (!inside.ok()) return inside.status();
   state.inside = *std::move(inside);
-  absl::Status s = state.request.request.fill == Fill::kFlood ? FloodInside(state) : ParityInside(state);
-  if (!s.ok()) return s;
+  if (absl::Status s = Inside(state, state.inside, false); !s.ok()) return s;
   if (state.request.request.result == ResultKind::kSparse)
     return absl::OkStatus();  // the bricks are filled as they are made
   return ParallelChunks(state.inside.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
