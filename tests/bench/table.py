@@ -19,7 +19,7 @@ def main():
             yardsticks.append((mesh, grid, row))
             continue
         floor = row.get("floor")
-        floors = " | " if floor is None else f"{floor:.1f} | {row['wall'] / floor:.2f}"
+        floors = " | " if floor is None else f"{floor:.3g} | {row['wall'] / floor:.2f}"
         print(f"| {mesh} | {case} | {grid} | {row['wall']:.2f} ({row['wall_p10']:.2f}-{row['wall_p90']:.2f}) "
               f"| {row['cpu']:.2f} | {row['cpu_min']:.2f} | {floors} | {int(row['occupied']):,} |")
     print("\n| mesh | grid | plain loop, CPU ms | ours, one thread, CPU ms | ratio | voxels of the loop that we miss |")

@@ -3,7 +3,8 @@
 //
 // Rows are MESH/CASE/RESOLUTION. The grid is a cube of RESOLUTION voxels. Counters, in milliseconds but for counts: wall, cpu and their
 // spread are the pipeline's own (mesh in memory to result in memory, clearing included), warm: medians, and the least. `floor` is what the
-// machine itself needs: the result's bytes at the measured rate of clearing, or fragments at the measured rate of sorting 64-bit keys.
+// machine itself needs: the result's bytes at the measured rate of clearing (for bricks those of the mesh too, which is read once), or
+// fragments at the measured rate of sorting 64-bit keys.
 #include <benchmark/benchmark.h>
 #include <tbb/parallel_sort.h>
 #include <tbb/task_arena.h>
@@ -144,6 +145,11 @@ void Measure(benchmark::State& state, const TriangleMesh& mesh, VoxelizeRequest 
     state.counters["floor"] = double(*result.stats.fragments) / SortRate();
   } else if (request.result == ResultKind::kDense && request.targets[0].format == VoxelFormat::kF32) {
     state.counters["floor"] = double(result.targets[0].size()) / ClearRate();
+  } else if (request.result == ResultKind::kSparse) {
+    const uint64_t written = result.bricks.size() + result.masks.size() + result.targets[0].size();
+    const uint64_t read =
+        mesh.positions.size() * sizeof(mesh.positions[0]) + mesh.triangles.size() * sizeof(mesh.triangles[0]);
+    state.counters["floor"] = double(written + read) / ClearRate();
   }
 }
 
