@@ -182,6 +182,13 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   if (state.view.tiles.count() > UINT32_MAX) {
     return absl::ResourceExhaustedError("the grid has more than 2^32 tiles of 32x8x8 voxels");
   }
+  // Rows and fragments of one triangle are counted in 32 bits. Along its normal's largest component a plane meets at most five voxels of
+  // a column, so the largest face of the grid bounds both.
+  const auto nx = double(grid.dims[0]), ny = double(grid.dims[1]), nz = double(grid.dims[2]);
+  if (5 * Max(nx * ny, Max(ny * nz, nz * nx)) > double(UINT32_MAX)) {
+    return absl::ResourceExhaustedError(
+        "a face of the grid has more voxels than the CUDA backend counts for one triangle");
+  }
   VOXELPIPE_OK_OR_RETURN(CheckReach(state, grid));
   const uint64_t vertices = state.mesh.host_view.vertex_count, triangles = state.mesh.host_view.triangle_count;
   VOXELPIPE_OK_OR_RETURN(state.mesh.index_positions.Resize(vertices, state.stream));
