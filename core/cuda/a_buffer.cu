@@ -11,6 +11,7 @@
 #include <bit>
 
 #include "cuda/a_buffer_kernel.cuh"
+#include "cuda/launch.h"
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
 #include "cuda/walk.h"
@@ -136,10 +137,6 @@ __global__ void __launch_bounds__(256) FillOnes(uint32_t* words, uint64_t bits) 
   }
 }
 
-unsigned BlocksFor(uint64_t count) {
-  return unsigned(std::clamp<uint64_t>((count + 255) / 256, 1, 1 << 20));
-}
-
 ShadeArgs MakeShadeArgs(RunState& state) {
   ShadeArgs args{};
   args.grid = state.view;
@@ -201,7 +198,7 @@ absl::Status DropDiscarded(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(kept.Resize(state.fragment_count, state.stream));
   ShadeArgs args = MakeShadeArgs(state);
   args.out[0] = kept.data();
-  ShadeFragments<true><<<BlocksFor(state.fragment_count), 256, 0, state.stream>>>(args);
+  ShadeFragments<true><<<BlocksFor(state.fragment_count, 256), 256, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ShadeFragments");
   const int from = state.fragments_in, to = 1 - from;
   uint64_t* const count = state.counters.data() + kScratch0;
@@ -282,7 +279,7 @@ absl::Status Resolve(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(WideKeys(state) ? FindBuckets<uint64_t>(state) : FindBuckets<uint32_t>(state));
   }
   uint64_t* const voxels = state.counters.data() + kScratch1;
-  ListVoxels<<<BlocksFor(most_voxels + 1), 256, 0, state.stream>>>(
+  ListVoxels<<<BlocksFor(most_voxels + 1, 256), 256, 0, state.stream>>>(
       state.fragment_keys[state.fragments_in].data(), WideKeys(state), out.offsets.data(), voxels, fragments,
       uint64_t(state.slab.begin) * uint64_t(state.view.dims[0]) * uint64_t(state.view.dims[1]), out.voxels.data());
   VOXELPIPE_LAUNCHED_OR_RETURN("ListVoxels");
@@ -300,12 +297,12 @@ absl::Status Resolve(RunState& state) {
   }
   if (fragments == 0) return absl::OkStatus();
   if (args.targets.count == 1 && args.targets.at[0].is_occupancy) {
-    FillOnes<<<BlocksFor((fragments + 31) / 32), 256, 0, state.stream>>>(reinterpret_cast<uint32_t*>(args.out[0]),
-                                                                         fragments);
+    FillOnes<<<BlocksFor((fragments + 31) / 32, 256), 256, 0, state.stream>>>(reinterpret_cast<uint32_t*>(args.out[0]),
+                                                                              fragments);
     VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");
     return absl::OkStatus();
   }
-  ShadeFragments<false><<<BlocksFor(fragments), 256, 0, state.stream>>>(args);
+  ShadeFragments<false><<<BlocksFor(fragments, 256), 256, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ShadeFragments");
   return absl::OkStatus();
 }

@@ -4,6 +4,7 @@
 // open. They are repeated until none reaches anything new, which straight passages let happen after a few.
 #include <algorithm>
 
+#include "cuda/launch.h"
 #include "cuda/run_state.h"
 
 namespace voxelpipe::cuda {
@@ -87,10 +88,6 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-unsigned BlocksFor(int64_t count) {
-  return unsigned((count + kThreads - 1) / kThreads);
-}
-
 // Of the whole grid, whatever the slab: a walk knows no slabs.
 absl::Status FindOutside(RunState& state, SweepArgs args) {
   const uint64_t words = uint64_t(args.words) * uint64_t(args.ny) * uint64_t(args.nz);
@@ -106,18 +103,22 @@ absl::Status FindOutside(RunState& state, SweepArgs args) {
     VOXELPIPE_OK_OR_RETURN(state.job.Check());
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kChanged}));
     for (int round = 0; round < 2; ++round) {
-      SweepAcross<<<BlocksFor(args.words * args.ny), kThreads, 0, state.stream>>>(args, 2);
+      SweepAcross<<<BlocksFor(uint64_t(args.words * args.ny), kThreads, UINT32_MAX), kThreads, 0, state.stream>>>(args,
+                                                                                                                  2);
       VOXELPIPE_LAUNCHED_OR_RETURN("SweepAcross");
-      SweepAcross<<<BlocksFor(args.words * args.nz), kThreads, 0, state.stream>>>(args, 1);
+      SweepAcross<<<BlocksFor(uint64_t(args.words * args.nz), kThreads, UINT32_MAX), kThreads, 0, state.stream>>>(args,
+                                                                                                                  1);
       VOXELPIPE_LAUNCHED_OR_RETURN("SweepAcross");
       if (round == 1) VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kChanged}));
-      SweepAlong<<<BlocksFor(args.ny * args.nz), kThreads, 0, state.stream>>>(args);
+      SweepAlong<<<BlocksFor(uint64_t(args.ny * args.nz), kThreads, UINT32_MAX), kThreads, 0, state.stream>>>(args);
       VOXELPIPE_LAUNCHED_OR_RETURN("SweepAlong");
     }
     // A last round of all three axes that changes nothing ends the walk.
-    SweepAcross<<<BlocksFor(args.words * args.ny), kThreads, 0, state.stream>>>(args, 2);
+    SweepAcross<<<BlocksFor(uint64_t(args.words * args.ny), kThreads, UINT32_MAX), kThreads, 0, state.stream>>>(args,
+                                                                                                                2);
     VOXELPIPE_LAUNCHED_OR_RETURN("SweepAcross");
-    SweepAcross<<<BlocksFor(args.words * args.nz), kThreads, 0, state.stream>>>(args, 1);
+    SweepAcross<<<BlocksFor(uint64_t(args.words * args.nz), kThreads, UINT32_MAX), kThreads, 0, state.stream>>>(args,
+                                                                                                                1);
     VOXELPIPE_LAUNCHED_OR_RETURN("SweepAcross");
     const auto counters = ReadCounters(state);
     if (!counters.ok()) return counters.status();
@@ -138,9 +139,8 @@ absl::Status FloodInside(RunState& state) {
   if (state.outside.empty()) VOXELPIPE_OK_OR_RETURN(FindOutside(state, args));
   const uint64_t first = uint64_t(state.slab.begin) * uint64_t(args.ny) * uint64_t(args.words);
   const uint64_t count = state.slab_words();
-  const auto blocks = unsigned(std::clamp<uint64_t>((count + kThreads - 1) / kThreads, 1, 1 << 16));
-  Invert<<<blocks, kThreads, 0, state.stream>>>(state.outside.data() + first, state.inside.data(), count, args.words,
-                                                args.last_mask);
+  Invert<<<BlocksFor(count, kThreads), kThreads, 0, state.stream>>>(state.outside.data() + first, state.inside.data(),
+                                                                    count, args.words, args.last_mask);
   VOXELPIPE_LAUNCHED_OR_RETURN("Invert");
   return absl::OkStatus();
 }

@@ -134,8 +134,6 @@ enum Counter : int {
   kChanged,     // flood: rows changed
   kScratch0,    // free for use within a stage
   kScratch1,
-  kScratch2,
-  kScratch3,
   kCounters
 };
 
@@ -185,6 +183,8 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
                         uint64_t words);
 absl::Status ParityInside(RunState& state);
 absl::Status FloodInside(RunState& state);
+// Adds the set bits of `a`, or of `a` and `b` together, to a counter. `b` may be null.
+absl::Status CountBits(RunState& state, const uint32_t* a, const uint32_t* b, uint64_t words, Counter counter);
 absl::Status CountSlab(RunState& state);  // kVoxels; BeginSlab cleared the other counters of the slab
 
 }  // namespace voxelpipe::cuda

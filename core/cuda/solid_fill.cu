@@ -5,6 +5,7 @@
 // toggled and spread at the end.
 #include <algorithm>
 
+#include "cuda/launch.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
 #include "raster/crossing.h"
@@ -25,7 +26,7 @@ struct ToggleArgs {
       columns;  // one bit a column (j, k) of the slab: the parity of all its crossings; rows of column_words words
   int64_t column_words;
   uint32_t* queue;
-  uint64_t *queued, *odd;
+  uint64_t* queued;
 };
 
 // The lines along x, through the centres of (y, z), that may cross the triangle.
@@ -124,15 +125,6 @@ __global__ void __launch_bounds__(kThreads) SuffixXor(uint32_t* bits, uint64_t r
   }
 }
 
-__global__ void __launch_bounds__(kThreads) CountBits(const uint32_t* words, uint64_t count, uint64_t* counter) {
-  uint64_t sum = 0;
-  for (uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x; i < count; i += uint64_t(gridDim.x) * kThreads) {
-    sum += unsigned(__popc(words[i]));
-  }
-  for (int step = 16; step > 0; step /= 2) sum += __shfl_down_sync(~0u, sum, step);
-  if (threadIdx.x % 32 == 0 && sum > 0) atomicAdd(reinterpret_cast<unsigned long long*>(counter), sum);
-}
-
 struct FillArgs {
   CudaTarget target;
   const uint32_t *inside, *present;  // bit grids of the slab
@@ -157,10 +149,6 @@ __global__ void __launch_bounds__(kThreads) FillValues(const __grid_constant__ F
       out[args.planar ? c * args.voxels + n : n * components + c] = Element(args.target.fill_stored);
     }
   }
-}
-
-unsigned BlocksFor(uint64_t count, uint64_t each = kThreads) {
-  return unsigned(std::clamp<uint64_t>((count + each - 1) / each, 1, 1 << 16));
 }
 
 absl::Status FillTarget(RunState& state, const CudaTarget& target) {
@@ -205,13 +193,11 @@ absl::Status ParityInside(RunState& state) {
   args.columns = columns.data();
   args.queue = state.queue[0].data();
   args.queued = state.counters.data() + kQueued0;
-  args.odd = state.counters.data() + kOddColumns;
   ToggleSmall<<<unsigned((triangles + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ToggleSmall");
   ToggleLarge<<<dim3(8, unsigned(state.device.multiprocessors)), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ToggleLarge");
-  CountBits<<<BlocksFor(columns.size()), kThreads, 0, state.stream>>>(columns.data(), columns.size(), args.odd);
-  VOXELPIPE_LAUNCHED_OR_RETURN("CountBits");
+  VOXELPIPE_OK_OR_RETURN(CountBits(state, columns.data(), nullptr, columns.size(), kOddColumns));
   SuffixXor<<<BlocksFor(state.slab_rows(), kThreads / 32), kThreads, 0, state.stream>>>(
       state.inside.data(), state.slab_rows(), state.view.words_per_row);
   VOXELPIPE_LAUNCHED_OR_RETURN("SuffixXor");

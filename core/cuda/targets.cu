@@ -1,6 +1,7 @@
 // Allocation, clearing, packing and counting of the render targets, and their way to the host.
 #include <algorithm>
 
+#include "cuda/launch.h"
 #include "cuda/run_state.h"
 #include "pipeline/plan.h"
 #include "shaders/blend_ops.h"
@@ -9,10 +10,6 @@ namespace voxelpipe::cuda {
 namespace {
 
 constexpr int kThreads = 256;
-
-unsigned BlocksFor(uint64_t count, uint64_t most = 1 << 16) {
-  return unsigned(std::clamp<uint64_t>((count + kThreads - 1) / kThreads, 1, most));
-}
 
 // `words` words of a repeated 32-bit pattern.
 __global__ void __launch_bounds__(kThreads) FillWords(uint32_t* to, uint64_t words, uint32_t pattern) {
@@ -89,7 +86,8 @@ absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_
   if (element_bits == 8) pattern *= 0x01010101u;
   if (element_bits == 16) pattern *= 0x00010001u;
   const uint64_t words = (array.size() + 3) / 4;  // the pool's blocks end on multiples of 256 bytes
-  FillWords<<<BlocksFor(words), kThreads, 0, state.stream>>>(reinterpret_cast<uint32_t*>(array.data()), words, pattern);
+  FillWords<<<BlocksFor(words, kThreads), kThreads, 0, state.stream>>>(reinterpret_cast<uint32_t*>(array.data()), words,
+                                                                       pattern);
   VOXELPIPE_LAUNCHED_OR_RETURN("FillWords");
   return absl::OkStatus();
 }
@@ -140,7 +138,7 @@ absl::StatusOr<HostBuffer> PackBitTarget(RunState& state, const CudaTarget& targ
   args.words_per_row = state.view.words_per_row;
   args.voxels = state.slab_voxels();
   args.out = packed.data();
-  PackKernel<<<BlocksFor(packed.size()), kThreads, 0, state.stream>>>(args);
+  PackKernel<<<BlocksFor(packed.size(), kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("PackKernel");
   absl::StatusOr<HostBuffer> host = CopyToHost(packed.data(), bytes, state.stream);
   return host;
@@ -280,13 +278,18 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   return absl::OkStatus();
 }
 
+absl::Status CountBits(RunState& state, const uint32_t* a, const uint32_t* b, uint64_t words, Counter counter) {
+  CountKernel<<<BlocksFor(words, kThreads, 1 << 12), kThreads, 0, state.stream>>>(a, b, words,
+                                                                                  state.counters.data() + counter);
+  VOXELPIPE_LAUNCHED_OR_RETURN("CountKernel");
+  return absl::OkStatus();
+}
+
 absl::Status CountSlab(RunState& state) {
   if (state.request.request.result != ResultKind::kBuckets) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kVoxels}));
-    CountKernel<<<BlocksFor(state.slab_words(), 1 << 12), kThreads, 0, state.stream>>>(
-        state.coverage.data(), state.inside.empty() ? nullptr : state.inside.data(), state.slab_words(),
-        state.counters.data() + kVoxels);
-    VOXELPIPE_LAUNCHED_OR_RETURN("CountKernel");
+    return CountBits(state, state.coverage.data(), state.inside.empty() ? nullptr : state.inside.data(),
+                     state.slab_words(), kVoxels);
   }
   return absl::OkStatus();
 }
