@@ -9,7 +9,7 @@
 #include <spdlog/spdlog.h>
 
 #include "absl/strings/str_cat.h"
-#include "health_service.h"
+#include "observe/health_service.h"
 #include "pipeline/backend.h"
 #include "service_state.h"
 #include "voxelization_service.h"

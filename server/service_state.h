@@ -4,11 +4,11 @@
 #include <atomic>
 #include <cstdint>
 
-#include "byte_budget.h"
-#include "call_gate.h"
-#include "job.h"
+#include "calls/call_gate.h"
 #include "options.h"
-#include "worker_pool.h"
+#include "work/byte_budget.h"
+#include "work/job.h"
+#include "work/worker_pool.h"
 
 namespace voxelpipe {
 

@@ -1,9 +1,9 @@
 #include "voxelization_service.h"
 
-#include "estimate_call.h"
+#include "calls/estimate_call.h"
+#include "calls/voxelize_call.h"
 #include "pipeline/backend.h"
 #include "shaders/catalog.h"
-#include "voxelize_call.h"
 #include "wire/response.h"
 
 namespace voxelpipe {

@@ -1,4 +1,4 @@
-#include "byte_budget.h"
+#include "work/byte_budget.h"
 
 #include <thread>
 

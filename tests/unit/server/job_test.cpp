@@ -1,4 +1,4 @@
-#include "job.h"
+#include "work/job.h"
 
 #include <cstring>
 #include <set>

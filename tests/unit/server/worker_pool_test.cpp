@@ -1,4 +1,4 @@
-#include "worker_pool.h"
+#include "work/worker_pool.h"
 
 #include <atomic>
 #include <latch>

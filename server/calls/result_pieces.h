@@ -4,10 +4,10 @@
 #include <cstdint>
 #include <span>
 
-#include "job.h"
 #include "pipeline/result.h"
-#include "sha256.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
+#include "work/job.h"
+#include "work/sha256.h"
 
 namespace voxelpipe {
 

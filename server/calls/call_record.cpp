@@ -1,4 +1,4 @@
-#include "call_record.h"
+#include "calls/call_record.h"
 
 #include <spdlog/spdlog.h>
 

@@ -1,4 +1,4 @@
-#include "job.h"
+#include "work/job.h"
 
 #include <algorithm>
 #include <chrono>
@@ -10,9 +10,9 @@
 #include "load/image.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
-#include "mesh_bytes.h"
 #include "pipeline/backend.h"
 #include "shaders/catalog.h"
+#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,4 +1,4 @@
-#include "health_service.h"
+#include "observe/health_service.h"
 
 #include <algorithm>
 #include <optional>

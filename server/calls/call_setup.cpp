@@ -1,4 +1,4 @@
-#include "call_setup.h"
+#include "calls/call_setup.h"
 
 #include <chrono>
 

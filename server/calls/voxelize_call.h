@@ -14,12 +14,12 @@
 
 #include "absl/status/status.h"
 #include "base/job_context.h"
-#include "byte_budget.h"
-#include "call_record.h"
-#include "result_pieces.h"
-#include "result_stream.h"
+#include "calls/call_record.h"
+#include "calls/result_pieces.h"
+#include "calls/result_stream.h"
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "work/byte_budget.h"
 
 namespace voxelpipe {
 

@@ -1,4 +1,4 @@
-#include "result_stream.h"
+#include "calls/result_stream.h"
 
 #include <algorithm>
 #include <span>

@@ -3,9 +3,9 @@
 
 #include <cstdint>
 
-#include "job.h"
-#include "result_pieces.h"
+#include "calls/result_pieces.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
+#include "work/job.h"
 
 namespace voxelpipe {
 

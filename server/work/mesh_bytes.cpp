@@ -1,4 +1,4 @@
-#include "mesh_bytes.h"
+#include "work/mesh_bytes.h"
 
 #include <memory>
 #include <set>

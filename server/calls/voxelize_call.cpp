@@ -1,11 +1,11 @@
-#include "voxelize_call.h"
+#include "calls/voxelize_call.h"
 
 #include <algorithm>
 #include <new>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "call_setup.h"
+#include "calls/call_setup.h"
 #include "wire/response.h"
 #include "wire/status.h"
 

@@ -8,7 +8,7 @@
 #include <grpcpp/grpcpp.h>
 
 #include "base/job_context.h"
-#include "call_record.h"
+#include "calls/call_record.h"
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 

@@ -1,11 +1,11 @@
-#include "estimate_call.h"
+#include "calls/estimate_call.h"
 
 #include <cmath>
 #include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "call_setup.h"
+#include "calls/call_setup.h"
 #include "pipeline/plan.h"
 #include "wire/request.h"
 #include "wire/response.h"

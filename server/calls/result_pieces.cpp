@@ -1,4 +1,4 @@
-#include "result_pieces.h"
+#include "calls/result_pieces.h"
 
 #include <algorithm>
 
