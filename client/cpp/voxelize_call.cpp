@@ -101,6 +101,7 @@ absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, boo
       return status;
     }
     case v1::VoxelizeResponse::kSummary: return reader.AddSummary(message.summary());
+    case v1::VoxelizeResponse::kWhole: return absl::DataLossError("the server's result: in one message, unasked");
     case v1::VoxelizeResponse::MESSAGE_NOT_SET: return absl::OkStatus();  // something that a newer server says
   }
   return absl::OkStatus();
