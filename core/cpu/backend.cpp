@@ -1,6 +1,7 @@
 #include "cpu/backend.h"
 
 #include <tbb/info.h>
+#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
@@ -55,6 +56,14 @@ class Cpu final : public Backend {
     const int cores = tbb::info::default_concurrency();
     tbb::task_arena arena(threads > 0 ? std::min(threads, cores) : cores);
     arena.execute(body);
+  }
+  void RunEach(int threads, size_t count, const std::function<void(size_t)>& body) const override {
+    Run(threads, [&] {
+      tbb::parallel_for(size_t{0}, count, [&](size_t i) {
+        // A run that waits for its own loops must not begin another one meanwhile: its times would be wrong.
+        tbb::this_task_arena::isolate([&] { body(i); });
+      });
+    });
   }
 };
 

@@ -16,6 +16,15 @@ std::vector<std::string> AvailableBackends() {
   return names;
 }
 
+std::vector<const Backend*> Devices() {
+  std::vector<const Backend*> devices;
+#if defined(VOXELPIPE_HAVE_CUDA)
+  if (const absl::StatusOr<const Backend*> device = cuda::CudaBackend(); device.ok()) devices.push_back(*device);
+#endif
+  devices.push_back(&cpu::CpuBackend());
+  return devices;
+}
+
 absl::StatusOr<const Backend*> SelectBackend(BackendChoice choice) {
   if (choice == BackendChoice::kCpu) return &cpu::CpuBackend();
 #if defined(VOXELPIPE_HAVE_CUDA)

@@ -13,6 +13,9 @@ namespace voxelpipe {
 // Names of the backends that can run here, best first.
 std::vector<std::string> AvailableBackends();
 
+// Every device of this machine that was found, best first: GPUs, then the CPU. They live as long as the process.
+std::vector<const Backend*> Devices();
+
 // The backend for a choice; `auto` takes the best that is there. FAILED_PRECONDITION naming the backend that is missing.
 // The object lives as long as the process.
 absl::StatusOr<const Backend*> SelectBackend(BackendChoice choice);

@@ -9,6 +9,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -94,11 +95,17 @@ class Stages {
   virtual std::string_view simd() const = 0;
 };
 
-// A device kind that can run the pipeline.
+// One device that can run the pipeline: the machine's processors, or one GPU. Thread-safe.
 class Backend {
  public:
   virtual ~Backend() = default;
   virtual std::string_view name() const = 0;  // "cpu", "cuda"
+  // Which of its kind: "cpu", "cuda:0", "cuda:1".
+  virtual std::string device() const { return std::string(name()); }
+  virtual std::string model() const { return {}; }     // as its maker calls it; empty where that is not known
+  virtual uint64_t memory_bytes() const { return 0; }  // of the device; 0 where it works in the host's
+  // Whether the device can work now: allocates a little, runs something and reads it back. Errors say why not.
+  virtual absl::Status Probe() const { return absl::OkStatus(); }
   virtual std::string_view simd() const = 0;  // best instruction set of the row kernels here, "scalar" where plain C++
 
   // `mesh`, `request` and `job` must outlive the returned object, and all calls to it come from inside Run.
@@ -107,6 +114,13 @@ class Backend {
 
   // Calls `body` where this backend wants its stages called (inside its thread arena).
   virtual void Run(int threads, const std::function<void()>& body) const = 0;
+
+  // The same for `count` independent runs: calls body(0) ... body(count - 1), several at a time where the backend can.
+  virtual void RunEach(int threads, size_t count, const std::function<void(size_t)>& body) const {
+    Run(threads, [&] {
+      for (size_t i = 0; i < count; ++i) body(i);
+    });
+  }
 };
 
 }  // namespace voxelpipe

@@ -162,53 +162,80 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
   return timed ? run(last, [&] { return assembler.End(); }) : assembler.End();
 }
 
-absl::Status RunOnBackend(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
-                          const PlanLimits& limits, Delivery delivery, const std::function<void(const Plan&)>& on_plan,
-                          Assembler& assembler, VoxelizeStats& stats) {
-  absl::StatusOr<BoundRequest> bound = Bind(mesh, request);
-  if (!bound.ok()) return bound.status();
-  absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
-  if (!backend.ok()) return backend.status();
-  absl::Status status = absl::UnknownError("the run did not start");
-  (*backend)->Run(request.threads, [&] {
-    try {
-      status = RunStages(**backend, mesh, *bound, job, limits, delivery, on_plan, assembler, stats);
-    } catch (const std::bad_alloc&) {
-      status = absl::ResourceExhaustedError("out of memory while voxelizing");
-    }
-  });
-  return status;
+// RunStages inside the backend's arena, with what a run may throw as a status.
+absl::Status RunInside(const Backend& backend, const TriangleMesh& mesh, const VoxelizeRequest& request,
+                       const JobContext& job, const PlanLimits& limits, Delivery delivery,
+                       const std::function<void(const Plan&)>& on_plan, Assembler& assembler, VoxelizeStats& stats) {
+  try {
+    const absl::StatusOr<BoundRequest> bound = Bind(mesh, request);
+    if (!bound.ok()) return bound.status();
+    return RunStages(backend, mesh, *bound, job, limits, delivery, on_plan, assembler, stats);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory while voxelizing");
+  }
 }
 
 }  // namespace
 
-absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
-                                        const PlanLimits& limits, const std::function<void(const Plan&)>& on_plan) {
+absl::StatusOr<VoxelizeResult> VoxelizeInside(const Backend& backend, const TriangleMesh& mesh,
+                                              const VoxelizeRequest& request, const JobContext& job,
+                                              const PlanLimits& limits,
+                                              const std::function<void(const Plan&)>& on_plan) {
   MemoryAssembler assembler;
   VoxelizeStats stats;
-  const absl::Status s = RunOnBackend(mesh, request, job, limits, Delivery::kMemory, on_plan, assembler, stats);
+  const absl::Status s = RunInside(backend, mesh, request, job, limits, Delivery::kMemory, on_plan, assembler, stats);
   if (!s.ok()) return s;
   VoxelizeResult result = assembler.Take();
   result.stats = std::move(stats);
   return result;
 }
 
-absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
-                                         const JobContext& job, const PlanLimits& limits, ResultSink& sink,
-                                         const std::function<void(const Plan&)>& on_plan) {
+absl::StatusOr<VoxelizeResult> VoxelizeOn(const Backend& backend, const TriangleMesh& mesh,
+                                          const VoxelizeRequest& request, const JobContext& job,
+                                          const PlanLimits& limits, const std::function<void(const Plan&)>& on_plan) {
+  absl::StatusOr<VoxelizeResult> result = absl::UnknownError("the run did not start");
+  backend.Run(request.threads, [&] { result = VoxelizeInside(backend, mesh, request, job, limits, on_plan); });
+  return result;
+}
+
+absl::StatusOr<VoxelizeStats> VoxelizeOnTo(const Backend& backend, const TriangleMesh& mesh,
+                                           const VoxelizeRequest& request, const JobContext& job,
+                                           const PlanLimits& limits, ResultSink& sink,
+                                           const std::function<void(const Plan&)>& on_plan) {
   VoxelizeStats stats;
   if (request.result == ResultKind::kDense) {
     StreamAssembler assembler(sink);
-    const absl::Status s = RunOnBackend(mesh, request, job, limits, Delivery::kStream, on_plan, assembler, stats);
+    absl::Status s = absl::UnknownError("the run did not start");
+    backend.Run(request.threads, [&] {
+      s = RunInside(backend, mesh, request, job, limits, Delivery::kStream, on_plan, assembler, stats);
+    });
     if (!s.ok()) return s;
     return stats;
   }
-  absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, request, job, limits, on_plan);
+  absl::StatusOr<VoxelizeResult> result = VoxelizeOn(backend, mesh, request, job, limits, on_plan);
   if (!result.ok()) return result.status();
   stats = std::move(result->stats);
   if (sink.Keep(*std::move(result))) return stats;
   if (absl::Status s = WriteTo(*result, sink); !s.ok()) return s;
   return stats;
+}
+
+absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
+                                        const PlanLimits& limits, const std::function<void(const Plan&)>& on_plan) {
+  // Said first of all that is wrong with a request, whatever this machine has.
+  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
+  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
+  if (!backend.ok()) return backend.status();
+  return VoxelizeOn(**backend, mesh, request, job, limits, on_plan);
+}
+
+absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                         const JobContext& job, const PlanLimits& limits, ResultSink& sink,
+                                         const std::function<void(const Plan&)>& on_plan) {
+  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
+  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
+  if (!backend.ok()) return backend.status();
+  return VoxelizeOnTo(**backend, mesh, request, job, limits, sink, on_plan);
 }
 
 }  // namespace voxelpipe

@@ -9,6 +9,7 @@
 #include "pipeline/plan.h"
 #include "pipeline/request.h"
 #include "pipeline/result.h"
+#include "pipeline/stages.h"
 
 namespace voxelpipe {
 
@@ -31,5 +32,21 @@ absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const Voxelize
 absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
                                          const JobContext& job, const PlanLimits& limits, ResultSink& sink,
                                          const std::function<void(const Plan&)>& on_plan = {});
+
+// Both on a device of the caller's choice (pipeline/backend.h); request.backend is not looked at.
+absl::StatusOr<VoxelizeResult> VoxelizeOn(const Backend& backend, const TriangleMesh& mesh,
+                                          const VoxelizeRequest& request, const JobContext& job,
+                                          const PlanLimits& limits = {},
+                                          const std::function<void(const Plan&)>& on_plan = {});
+absl::StatusOr<VoxelizeStats> VoxelizeOnTo(const Backend& backend, const TriangleMesh& mesh,
+                                           const VoxelizeRequest& request, const JobContext& job,
+                                           const PlanLimits& limits, ResultSink& sink,
+                                           const std::function<void(const Plan&)>& on_plan = {});
+
+// VoxelizeOn for a caller that is inside backend.Run or RunEach already.
+absl::StatusOr<VoxelizeResult> VoxelizeInside(const Backend& backend, const TriangleMesh& mesh,
+                                              const VoxelizeRequest& request, const JobContext& job,
+                                              const PlanLimits& limits = {},
+                                              const std::function<void(const Plan&)>& on_plan = {});
 
 }  // namespace voxelpipe
