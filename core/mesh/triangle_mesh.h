@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "base/vec.h"
@@ -47,6 +48,9 @@ struct TriangleMesh {
   std::vector<Texture> textures;
   std::vector<std::shared_ptr<Image>> images;  // shared with the Scene; decoded by PrepareTextures
   std::shared_ptr<const Rig> rig;              // null where the file has neither animations nor morph targets
+  // Names the contents, for who keeps meshes: two meshes with the same id have the same arrays, so what a device was given of the one
+  // serves the other. Empty: not known to be like any other. Change an array and the id must change or go.
+  std::string content_id{};
 };
 
 }  // namespace voxelpipe
