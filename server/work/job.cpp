@@ -1,80 +1,19 @@
 #include "work/job.h"
 
 #include <algorithm>
-#include <chrono>
 #include <exception>
 #include <new>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "load/image.h"
-#include "load/loader.h"
-#include "mesh/flatten.h"
 #include "pipeline/backend.h"
 #include "shaders/catalog.h"
+#include "work/load_mesh.h"
 #include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double MsSince(Clock::time_point begin) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
-}
-
-struct FlatMesh {
-  TriangleMesh mesh;
-  std::vector<std::string> warnings;
-  double load_ms = 0, flatten_ms = 0;
-  uint64_t peak_bytes = 0;
-};
-
-absl::StatusOr<FlatMesh> LoadFlat(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
-                                  const JobContext& job) {
-  FlatMesh flat;
-  if (absl::Status s = job.Check(); !s.ok()) return s;
-  job.Report("load", 0);
-  Clock::time_point begin = Clock::now();
-  absl::StatusOr<Scene> scene = LoadScene(file, config.mesh_format, limits.load);
-  if (!scene.ok()) return scene.status();
-  flat.peak_bytes = file.size() + SceneBytes(*scene);
-  file = {};
-  flat.load_ms = MsSince(begin);
-  job.Report("load", 1);
-
-  if (absl::Status s = job.Check(); !s.ok()) return s;
-  job.Report("flatten", 0);
-  begin = Clock::now();
-  absl::StatusOr<TriangleMesh> mesh = Flatten(*scene, limits.load);
-  if (!mesh.ok()) return mesh.status();
-  flat.peak_bytes = std::max(flat.peak_bytes, SceneBytes(*scene) + MeshBytes(*mesh));
-  flat.warnings = std::move(scene->warnings);
-  flat.mesh = *std::move(mesh);
-  flat.flatten_ms = MsSince(begin);
-  job.Report("flatten", 1);
-  if (absl::Status s = job.Check(); !s.ok()) return s;
-  return flat;
-}
-
-// The cheap part of ReportMesh: no welding, no sort.
-MeshReport BoxReport(const TriangleMesh& mesh) {
-  MeshReport report;
-  report.triangles = mesh.triangles.size();
-  report.vertices = mesh.positions.size();
-  bool first = true;
-  for (const auto& triangle : mesh.triangles) {
-    for (const uint32_t vertex : triangle) {
-      const Vec3d& p = mesh.positions[vertex];
-      for (int a = 0; a < 3; ++a) {
-        report.min[a] = first ? p[a] : Min(report.min[a], p[a]);
-        report.max[a] = first ? p[a] : Max(report.max[a], p[a]);
-      }
-      first = false;
-    }
-  }
-  return report;
-}
 
 // Calls `body` and turns what must not leave a worker into a status.
 template <typename Result, typename Body>
@@ -157,7 +96,7 @@ absl::StatusOr<JobOutcome> RunJob(std::vector<uint8_t> file, const ParsedConfig&
                                   const JobContext& job, const std::function<void(const Plan&)>& on_plan,
                                   ResultSink* large) {
   return Guarded<JobOutcome>([&]() -> absl::StatusOr<JobOutcome> {
-    absl::StatusOr<FlatMesh> flat = LoadFlat(std::move(file), config, limits, job);
+    absl::StatusOr<LoadedMesh> flat = LoadMesh(std::move(file), config.mesh_format, limits.load, job);
     if (!flat.ok()) return flat.status();
     JobOutcome outcome;
     outcome.examined = config.request.fill != Fill::kNone;
@@ -183,7 +122,7 @@ absl::StatusOr<JobOutcome> RunJob(std::vector<uint8_t> file, const ParsedConfig&
 absl::StatusOr<Estimate> EstimateJob(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
                                      const JobContext& job) {
   return Guarded<Estimate>([&]() -> absl::StatusOr<Estimate> {
-    const absl::StatusOr<FlatMesh> flat = LoadFlat(std::move(file), config, limits, job);
+    const absl::StatusOr<LoadedMesh> flat = LoadMesh(std::move(file), config.mesh_format, limits.load, job);
     if (!flat.ok()) return flat.status();
     const absl::StatusOr<MeshExtent> extent = ShadedExtent(flat->mesh, config.request, job);
     if (!extent.ok()) return extent.status();

@@ -1,0 +1,66 @@
+#include "work/load_mesh.h"
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+#include "mesh/flatten.h"
+#include "work/mesh_bytes.h"
+
+namespace voxelpipe {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double MsSince(Clock::time_point begin) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
+}
+
+}  // namespace
+
+absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format, const LoadLimits& limits,
+                                    const JobContext& job) {
+  LoadedMesh loaded;
+  if (absl::Status s = job.Check(); !s.ok()) return s;
+  job.Report("load", 0);
+  Clock::time_point begin = Clock::now();
+  absl::StatusOr<Scene> scene = LoadScene(file, format, limits);
+  if (!scene.ok()) return scene.status();
+  loaded.peak_bytes = file.size() + SceneBytes(*scene);
+  file = {};
+  loaded.load_ms = MsSince(begin);
+  job.Report("load", 1);
+
+  if (absl::Status s = job.Check(); !s.ok()) return s;
+  job.Report("flatten", 0);
+  begin = Clock::now();
+  absl::StatusOr<TriangleMesh> mesh = Flatten(*scene, limits);
+  if (!mesh.ok()) return mesh.status();
+  loaded.peak_bytes = std::max(loaded.peak_bytes, SceneBytes(*scene) + MeshBytes(*mesh));
+  loaded.warnings = std::move(scene->warnings);
+  loaded.mesh = *std::move(mesh);
+  loaded.flatten_ms = MsSince(begin);
+  job.Report("flatten", 1);
+  if (absl::Status s = job.Check(); !s.ok()) return s;
+  return loaded;
+}
+
+MeshReport BoxReport(const TriangleMesh& mesh) {
+  MeshReport report;
+  report.triangles = mesh.triangles.size();
+  report.vertices = mesh.positions.size();
+  bool first = true;
+  for (const auto& triangle : mesh.triangles) {
+    for (const uint32_t vertex : triangle) {
+      const Vec3d& p = mesh.positions[vertex];
+      for (int a = 0; a < 3; ++a) {
+        report.min[a] = first ? p[a] : Min(report.min[a], p[a]);
+        report.max[a] = first ? p[a] : Max(report.max[a], p[a]);
+      }
+      first = false;
+    }
+  }
+  return report;
+}
+
+}  // namespace voxelpipe
