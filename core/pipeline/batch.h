@@ -5,7 +5,6 @@
 #include <functional>
 #include <optional>
 #include <span>
-#include <vector>
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
@@ -14,6 +13,7 @@
 #include "pipeline/request.h"
 #include "pipeline/result.h"
 #include "pipeline/stages.h"
+#include "pipeline/voxelize.h"
 
 namespace voxelpipe {
 
@@ -22,7 +22,10 @@ struct BatchItem {
   const TriangleMesh* mesh = nullptr;  // as for Voxelize
   const VoxelizeRequest* request = nullptr;
   const JobContext* job = nullptr;
-  std::function<void(const Plan&)> on_plan;  // as for Voxelize; from any thread, not concurrently for one item
+  PlanHook on_plan;  // as for VoxelizeOn; may be empty
+  // Called once, from any thread, as soon as the result or error is there, which may be long before the batch's end. Items may be
+  // done at the same time.
+  std::function<void(absl::StatusOr<VoxelizeResult>)> done;
 };
 
 struct BatchStats {
@@ -30,10 +33,9 @@ struct BatchStats {
   std::optional<uint64_t> launches;  // kernel launches of all passes together; CUDA only
 };
 
-// Out: one result or error an item, in their order: the same bytes as Voxelize of each alone. An item's error, cancellation or
+// Gives each item its result or error: the same bytes as Voxelize of each alone. Returns when all are done. An item's error, cancellation or
 // deadline is its own. `threads` is that of the whole batch (0 = all); the items' own are not looked at.
-std::vector<absl::StatusOr<VoxelizeResult>> VoxelizeBatch(const Backend& backend, std::span<const BatchItem> items,
-                                                          int threads, const PlanLimits& limits = {},
-                                                          BatchStats* stats = nullptr);
+BatchStats VoxelizeBatch(const Backend& backend, std::span<const BatchItem> items, int threads,
+                         const PlanLimits& limits = {});
 
 }  // namespace voxelpipe

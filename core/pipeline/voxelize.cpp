@@ -115,8 +115,8 @@ absl::StatusOr<ResultArrays> RunSlab(Stages& stages, const VoxelizeRequest& requ
 }
 
 absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const BoundRequest& bound,
-                       const JobContext& job, const PlanLimits& limits, Delivery delivery,
-                       const std::function<void(const Plan&)>& on_plan, Assembler& assembler, VoxelizeStats& stats) {
+                       const JobContext& job, const PlanLimits& limits, Delivery delivery, const PlanHook& on_plan,
+                       Assembler& assembler, VoxelizeStats& stats) {
   const VoxelizeRequest& request = bound.request;
   stats.triangles = mesh.triangles.size();
   stats.backend = std::string(backend.name());
@@ -132,7 +132,9 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
   absl::StatusOr<Plan> plan =
       PlanVoxelization(request, mesh.triangles.size(), mesh.positions.size(), *extent, limits, delivery);
   if (!plan.ok()) return plan.status();
-  if (on_plan) on_plan(*plan);
+  if (on_plan) {
+    if (absl::Status refused = on_plan(*plan); !refused.ok()) return refused;
+  }
   const int64_t depth = plan->grid.dims[2];
   const bool buckets = request.result == ResultKind::kBuckets;
   const char* last = buckets ? "resolve" : request.fill == Fill::kNone ? "fine_raster" : "fill";
@@ -164,8 +166,8 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
 
 // RunStages inside the backend's arena, with what a run may throw as a status.
 absl::Status RunInside(const Backend& backend, const TriangleMesh& mesh, const VoxelizeRequest& request,
-                       const JobContext& job, const PlanLimits& limits, Delivery delivery,
-                       const std::function<void(const Plan&)>& on_plan, Assembler& assembler, VoxelizeStats& stats) {
+                       const JobContext& job, const PlanLimits& limits, Delivery delivery, const PlanHook& on_plan,
+                       Assembler& assembler, VoxelizeStats& stats) {
   try {
     const absl::StatusOr<BoundRequest> bound = Bind(mesh, request);
     if (!bound.ok()) return bound.status();
@@ -179,8 +181,7 @@ absl::Status RunInside(const Backend& backend, const TriangleMesh& mesh, const V
 
 absl::StatusOr<VoxelizeResult> VoxelizeInside(const Backend& backend, const TriangleMesh& mesh,
                                               const VoxelizeRequest& request, const JobContext& job,
-                                              const PlanLimits& limits,
-                                              const std::function<void(const Plan&)>& on_plan) {
+                                              const PlanLimits& limits, const PlanHook& on_plan) {
   MemoryAssembler assembler;
   VoxelizeStats stats;
   const absl::Status s = RunInside(backend, mesh, request, job, limits, Delivery::kMemory, on_plan, assembler, stats);
@@ -192,7 +193,7 @@ absl::StatusOr<VoxelizeResult> VoxelizeInside(const Backend& backend, const Tria
 
 absl::StatusOr<VoxelizeResult> VoxelizeOn(const Backend& backend, const TriangleMesh& mesh,
                                           const VoxelizeRequest& request, const JobContext& job,
-                                          const PlanLimits& limits, const std::function<void(const Plan&)>& on_plan) {
+                                          const PlanLimits& limits, const PlanHook& on_plan) {
   absl::StatusOr<VoxelizeResult> result = absl::UnknownError("the run did not start");
   backend.Run(request.threads, [&] { result = VoxelizeInside(backend, mesh, request, job, limits, on_plan); });
   return result;
@@ -200,8 +201,7 @@ absl::StatusOr<VoxelizeResult> VoxelizeOn(const Backend& backend, const Triangle
 
 absl::StatusOr<VoxelizeStats> VoxelizeOnTo(const Backend& backend, const TriangleMesh& mesh,
                                            const VoxelizeRequest& request, const JobContext& job,
-                                           const PlanLimits& limits, ResultSink& sink,
-                                           const std::function<void(const Plan&)>& on_plan) {
+                                           const PlanLimits& limits, ResultSink& sink, const PlanHook& on_plan) {
   VoxelizeStats stats;
   if (request.result == ResultKind::kDense) {
     StreamAssembler assembler(sink);
@@ -220,13 +220,25 @@ absl::StatusOr<VoxelizeStats> VoxelizeOnTo(const Backend& backend, const Triangl
   return stats;
 }
 
+namespace {
+
+PlanHook Tell(const std::function<void(const Plan&)>& on_plan) {
+  if (!on_plan) return {};
+  return [&on_plan](const Plan& plan) {
+    on_plan(plan);
+    return absl::OkStatus();
+  };
+}
+
+}  // namespace
+
 absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
                                         const PlanLimits& limits, const std::function<void(const Plan&)>& on_plan) {
   // Said first of all that is wrong with a request, whatever this machine has.
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
-  return VoxelizeOn(**backend, mesh, request, job, limits, on_plan);
+  return VoxelizeOn(**backend, mesh, request, job, limits, Tell(on_plan));
 }
 
 absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
@@ -235,7 +247,7 @@ absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const Voxeliz
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
-  return VoxelizeOnTo(**backend, mesh, request, job, limits, sink, on_plan);
+  return VoxelizeOnTo(**backend, mesh, request, job, limits, sink, Tell(on_plan));
 }
 
 }  // namespace voxelpipe

@@ -33,20 +33,20 @@ absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const Voxeliz
                                          const JobContext& job, const PlanLimits& limits, ResultSink& sink,
                                          const std::function<void(const Plan&)>& on_plan = {});
 
+// Called once, before rasterization; what it returns other than OK ends the run.
+using PlanHook = std::function<absl::Status(const Plan&)>;
+
 // Both on a device of the caller's choice (pipeline/backend.h); request.backend is not looked at.
 absl::StatusOr<VoxelizeResult> VoxelizeOn(const Backend& backend, const TriangleMesh& mesh,
                                           const VoxelizeRequest& request, const JobContext& job,
-                                          const PlanLimits& limits = {},
-                                          const std::function<void(const Plan&)>& on_plan = {});
+                                          const PlanLimits& limits = {}, const PlanHook& on_plan = {});
 absl::StatusOr<VoxelizeStats> VoxelizeOnTo(const Backend& backend, const TriangleMesh& mesh,
                                            const VoxelizeRequest& request, const JobContext& job,
-                                           const PlanLimits& limits, ResultSink& sink,
-                                           const std::function<void(const Plan&)>& on_plan = {});
+                                           const PlanLimits& limits, ResultSink& sink, const PlanHook& on_plan = {});
 
 // VoxelizeOn for a caller that is inside backend.Run or RunEach already.
 absl::StatusOr<VoxelizeResult> VoxelizeInside(const Backend& backend, const TriangleMesh& mesh,
                                               const VoxelizeRequest& request, const JobContext& job,
-                                              const PlanLimits& limits = {},
-                                              const std::function<void(const Plan&)>& on_plan = {});
+                                              const PlanLimits& limits = {}, const PlanHook& on_plan = {});
 
 }  // namespace voxelpipe

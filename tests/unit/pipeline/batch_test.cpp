@@ -24,11 +24,19 @@ struct Jobs {
     requests[2].result = ResultKind::kSparse;
     requests[3].result = ResultKind::kBuckets;
   }
-  std::vector<BatchItem> items() const {
+  std::vector<BatchItem> items() {
     std::vector<BatchItem> items;
-    for (size_t i = 0; i < meshes.size(); ++i) items.push_back({&meshes[i], &requests[i], &job, {}});
+    for (size_t i = 0; i < meshes.size(); ++i) {
+      items.push_back({&meshes[i], &requests[i], &job, {}, [this, i](absl::StatusOr<VoxelizeResult> result) {
+                         ++done[i];
+                         results[i] = std::move(result);
+                       }});
+    }
     return items;
   }
+  // What the last batch gave.
+  std::vector<absl::StatusOr<VoxelizeResult>> results = std::vector<absl::StatusOr<VoxelizeResult>>(4);
+  std::vector<int> done = std::vector<int>(4);
 };
 
 void ExpectSame(const VoxelizeResult& a, const VoxelizeResult& b) {
@@ -40,15 +48,14 @@ void ExpectSame(const VoxelizeResult& a, const VoxelizeResult& b) {
 }
 
 TEST(VoxelizeBatch, GivesEachItemTheBytesItGetsAlone) {
-  const Jobs jobs;
   for (const Backend* device : Devices()) {
-    BatchStats stats;
-    const auto results = VoxelizeBatch(*device, jobs.items(), 2, {}, &stats);
-    ASSERT_EQ(results.size(), jobs.meshes.size());
+    Jobs jobs;
+    const BatchStats stats = VoxelizeBatch(*device, jobs.items(), 2);
     EXPECT_GE(stats.passes, 1u);
-    for (size_t i = 0; i < results.size(); ++i) {
-      ASSERT_TRUE(results[i].ok()) << results[i].status();
-      ExpectSame(*results[i], testing::RunPipeline(jobs.meshes[i], jobs.requests[i]));
+    for (size_t i = 0; i < jobs.meshes.size(); ++i) {
+      EXPECT_EQ(jobs.done[i], 1);
+      ASSERT_TRUE(jobs.results[i].ok()) << jobs.results[i].status();
+      ExpectSame(*jobs.results[i], testing::RunPipeline(jobs.meshes[i], jobs.requests[i]));
     }
   }
 }
@@ -60,17 +67,18 @@ TEST(VoxelizeBatch, KeepsAnErrorToItsItem) {
   cancelled.Cancel();
   std::vector<BatchItem> items = jobs.items();
   items[2].job = &cancelled;
+  items[3].on_plan = [](const Plan&) { return absl::ResourceExhaustedError("not now"); };
   for (const Backend* device : Devices()) {
-    const auto results = VoxelizeBatch(*device, items, 0);
-    EXPECT_TRUE(results[0].ok());
-    EXPECT_EQ(results[1].status().code(), absl::StatusCode::kInvalidArgument);
-    EXPECT_EQ(results[2].status().code(), absl::StatusCode::kCancelled);
-    EXPECT_TRUE(results[3].ok());
+    VoxelizeBatch(*device, items, 0);
+    EXPECT_TRUE(jobs.results[0].ok());
+    EXPECT_EQ(jobs.results[1].status().code(), absl::StatusCode::kInvalidArgument);
+    EXPECT_EQ(jobs.results[2].status().code(), absl::StatusCode::kCancelled);
+    EXPECT_EQ(jobs.results[3].status().code(), absl::StatusCode::kResourceExhausted);
   }
 }
 
-TEST(VoxelizeBatch, OfNothingIsNothing) {
-  EXPECT_TRUE(VoxelizeBatch(*Devices().back(), {}, 1).empty());
+TEST(VoxelizeBatch, OfNothingTakesNoPass) {
+  EXPECT_EQ(VoxelizeBatch(*Devices().back(), {}, 1).passes, 0u);
 }
 
 }  // namespace
