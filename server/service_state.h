@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "calls/call_gate.h"
+#include "observe/metrics.h"
 #include "options.h"
 #include "work/byte_budget.h"
 #include "work/job.h"
@@ -34,6 +35,7 @@ struct ServiceState {
   }
 
   const ServerOptions options;
+  Metrics metrics;
   JobLimits limits;
   ByteBudget uploads;  // mesh files that are being received or wait
   ByteBudget working;  // predicted peaks of the jobs that run, results that are being sent

@@ -1,0 +1,190 @@
+// What the server counts and measures, in Prometheus' terms: base units (seconds, bytes), names with the prefix voxelpipe_.
+// server/OPERATIONS.md lists every metric.
+#pragma once
+
+#include <array>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <prometheus/counter.h>
+#include <prometheus/gauge.h>
+#include <prometheus/histogram.h>
+
+#include "absl/status/status.h"
+
+namespace prometheus {
+class Registry;
+}
+
+namespace voxelpipe {
+
+// The calls of all services of the server.
+enum class Rpc {
+  kVoxelize,
+  kVoxelizeMany,
+  kEstimateVoxelization,
+  kListShaders,
+  kGetServerInfo,
+  kUploadMesh,
+  kGetMesh,
+  kDeleteMesh,
+  kHealthCheck,
+  kHealthWatch,
+};
+inline constexpr size_t kRpcs = 10;
+// "Voxelize", ... as the protos name them; of the health service "HealthCheck", "HealthWatch".
+const char* RpcName(Rpc rpc);
+
+// Why a caller was turned away before its request was looked at.
+enum class Refusal {
+  kNoToken,       // none came, and one is needed
+  kBadToken,      // not known
+  kRole,          // its role may not do this
+  kQuotaRate,     // too many calls a second
+  kQuotaCalls,    // too many calls at the same time
+  kQuotaBytes,    // too many bytes a second
+  kTlsHandshake,  // no TLS, a certificate that is not trusted or not valid
+};
+inline constexpr size_t kRefusals = 7;
+
+// Why a job was not taken into the queue.
+enum class Admission {
+  kJobs,      // too many jobs wait
+  kBytes,     // they hold too many bytes
+  kTime,      // they would take too long
+  kDeadline,  // this one's deadline would pass before its turn
+};
+inline constexpr size_t kAdmissions = 4;
+
+inline constexpr size_t kPriorityClasses = 3;  // 0 high, 1 normal, 2 low
+
+// What is known of one device.
+struct DeviceMetrics {
+  prometheus::Gauge& serving;          // 1, or 0 while it is quarantined
+  prometheus::Gauge& workers;          // threads that feed it
+  prometheus::Gauge& workers_busy;     // of these, those with a batch
+  prometheus::Counter& batches;        // that ended, well or not
+  prometheus::Counter& jobs;           // in those batches
+  prometheus::Counter& launches;       // kernel launches (CUDA)
+  prometheus::Counter& failures;       // batches that the device, not the request, made fail
+  prometheus::Counter& quarantines;    // times it was taken out of service
+  prometheus::Counter& probes_failed;  // while quarantined
+  prometheus::Counter& busy_seconds;   // of its workers together
+};
+
+// The members are for the code that knows; all are thread-safe, none allocates. Must outlive all who write to it.
+class Metrics {
+ public:
+  // A histogram of one time; the same buckets for all of them, from half a millisecond to two minutes.
+  using Seconds = prometheus::Histogram;
+
+  Metrics();
+  ~Metrics();
+  Metrics(const Metrics&) = delete;
+  Metrics& operator=(const Metrics&) = delete;
+
+  // Everything in Prometheus' text format, version 0.0.4. Runs the samplers first.
+  std::string Text();
+
+  // `sample` is called before every Text, on its thread, to set gauges that nobody else keeps (lengths, bytes in hand). It must
+  // stay callable until the token that comes back is destroyed, and must not call back here.
+  class Sampler;
+  [[nodiscard]] std::unique_ptr<Sampler> BeforeText(std::function<void()> sample);
+
+  // ---- calls
+  void CallBegan(Rpc rpc);
+  // Once for every CallBegan.
+  void CallEnded(Rpc rpc, absl::StatusCode code, double seconds);
+  prometheus::Counter& received_bytes;  // of meshes, in requests
+  prometheus::Counter& sent_bytes;      // of results, in responses, after compression
+  prometheus::Counter& result_bytes;    // of the same results, before compression
+  prometheus::Counter& Refused(Refusal reason);
+
+  // ---- jobs: one a Voxelize call, many in a VoxelizeMany
+  void JobEnded(absl::StatusCode code);
+  Seconds& QueueWait(size_t priority);  // below kPriorityClasses; from admission to a worker's hand
+  Seconds& job_seconds;                 // from the worker's hand to the result in memory, loading included
+  // A stage of the pipeline by the name that VoxelizeStats gives it, or "load", "flatten", "encode". Others go to "other".
+  Seconds& Stage(std::string_view name);
+  prometheus::Histogram& batch_jobs;           // jobs in a batch when a worker takes it
+  prometheus::Counter& job_retries;            // jobs run again elsewhere after their device failed
+  prometheus::Counter& job_fallbacks;          // of these and of new ones, those that went to another kind of device
+  prometheus::Counter& queue_timeouts;         // jobs whose queue time-out or deadline passed while they waited
+  prometheus::Counter& jobs_shared;            // jobs answered by an equal one that ran at the same time
+  prometheus::Counter& Turned(Admission why);  // jobs that the queue refused
+
+  // ---- the queue and the workers now
+  prometheus::Gauge& QueueJobs(size_t priority);
+  prometheus::Gauge& queue_bytes;    // that waiting jobs hold
+  prometheus::Gauge& queue_seconds;  // predicted work of the waiting jobs
+  prometheus::Gauge& running_jobs;
+  // The device's own; made at the first call for a name ("cpu", "cuda:0"), the same object after.
+  DeviceMetrics& Device(const std::string& name);
+
+  // ---- memory
+  prometheus::Gauge& upload_bytes;  // budget of mesh files in hand: used, and its limit
+  prometheus::Gauge& upload_limit_bytes;
+  prometheus::Gauge& working_bytes;  // budget of jobs and results: used, and its limit
+  prometheus::Gauge& working_limit_bytes;
+
+  // ---- the mesh store and the result cache
+  prometheus::Gauge& mesh_store_bytes;
+  prometheus::Gauge& mesh_store_limit_bytes;
+  prometheus::Gauge& mesh_store_meshes;
+  prometheus::Counter& mesh_store_hits;
+  prometheus::Counter& mesh_store_misses;
+  prometheus::Counter& mesh_store_evictions;
+  prometheus::Gauge& result_cache_bytes;
+  prometheus::Gauge& result_cache_limit_bytes;
+  prometheus::Counter& result_cache_hits;
+  prometheus::Counter& result_cache_misses;
+  prometheus::Counter& result_cache_evictions;
+
+  // ---- configuration
+  prometheus::Counter& reloads;          // of certificates and tokens that took
+  prometheus::Counter& reload_failures;  // that did not: the last good ones stay
+
+ private:
+  struct Families;
+  Metrics(std::unique_ptr<prometheus::Registry> registry, std::unique_ptr<Families> families);
+  void Remove(const Sampler* sampler);
+
+  const std::unique_ptr<prometheus::Registry> registry_;
+  const std::unique_ptr<Families> families_;
+  std::array<prometheus::Gauge*, kRpcs> in_flight_{};
+  std::array<Seconds*, kRpcs> call_seconds_{};
+  std::array<std::array<prometheus::Counter*, 17>, kRpcs> calls_{};
+  std::array<prometheus::Counter*, 17> jobs_{};
+  std::array<prometheus::Counter*, kRefusals> refused_{};
+  std::array<prometheus::Counter*, kAdmissions> turned_{};
+  std::array<Seconds*, kPriorityClasses> queue_wait_{};
+  std::array<prometheus::Gauge*, kPriorityClasses> queue_jobs_{};
+  std::map<std::string, Seconds*, std::less<>> stages_;  // never changes after construction
+
+  std::mutex devices_mutex_;
+  std::map<std::string, std::unique_ptr<DeviceMetrics>> devices_;
+  std::mutex samplers_mutex_;
+  std::vector<const Sampler*> samplers_;
+};
+
+// While it lives, its function is called before every Text.
+class Metrics::Sampler {
+ public:
+  Sampler(Metrics& metrics, std::function<void()> sample) : metrics_(metrics), sample_(std::move(sample)) {}
+  // Waits for a Text that is being made.
+  ~Sampler() { metrics_.Remove(this); }
+  Sampler(const Sampler&) = delete;
+  Sampler& operator=(const Sampler&) = delete;
+
+ private:
+  friend class Metrics;
+  Metrics& metrics_;
+  const std::function<void()> sample_;
+};
+
+}  // namespace voxelpipe
