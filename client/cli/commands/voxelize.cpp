@@ -3,7 +3,6 @@
 #include <new>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_split.h"
 #include "clock.h"
 #include "commands/commands.h"
 #include "encode/encode.h"
@@ -15,6 +14,7 @@
 #include "output_plan.h"
 #include "progress_bar.h"
 #include "report.h"
+#include "request_flags.h"
 #include "request_options.h"
 #include "server_option.h"
 
@@ -156,80 +156,6 @@ int Voxelize(const VoxelizeArguments& arguments) {
   return exit_code;
 }
 
-// Breaks a description so that it fits beside the option names on a terminal.
-std::string Wrapped(const std::string& text) {
-  constexpr size_t kColumns = 78;
-  std::string wrapped;
-  size_t column = 0;
-  for (const std::string& word : std::vector<std::string>(absl::StrSplit(text, ' '))) {
-    if (column > 0 && column + 1 + word.size() > kColumns) {
-      wrapped += '\n';
-      column = 0;
-    } else if (column > 0) {
-      wrapped += ' ';
-      ++column;
-    }
-    wrapped += word;
-    column += word.size();
-  }
-  return wrapped;
-}
-
-void AddGridOptions(CLI::App& command, RequestOptions& request) {
-  const std::string group = "Grid";
-  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
-    command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
-  };
-  add("--resolution", request.resolution, "N", "Voxels along the longest extent (default 128)");
-  add("--voxel-size", request.voxel_size, "H[,HY,HZ]", "Voxel size, one for all axes or three, in the mesh's units");
-  add("--dims", request.dims, "X,Y,Z", "Dims of a grid that --dims, --origin and --voxel-size give together");
-  add("--origin", request.origin, "X,Y,Z", "Origin of that grid: the corner of its first voxel");
-  add("--fit", request.fit, "tight|cube",
-      "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N, shorter axes centred");
-  add("--padding", request.padding, "P", "Empty voxels on every side (default 0)");
-}
-
-void AddShadingOptions(CLI::App& command, RequestOptions& request) {
-  const std::string group = "Voxels and values";
-  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
-    return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
-  };
-  add("--coverage", request.coverage, "conservative|thin|center",
-      "Which voxels a triangle covers (default conservative: all it touches)");
-  add("--fill", request.fill, "none|parity|flood",
-      "Whether the inside is filled (default none): parity by crossings along x, flood by what a walk from outside "
-      "does "
-      "not reach");
-  add("--shader", request.shader, "NAME[:k=v,...]",
-      "The fragment shader of every target that names none. A vector's numbers are separated by '/', as in "
-      "constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them");
-  add("--vertex-shader", request.vertex_shader, "NAME[:k=v,...]", "The vertex shader (default identity)");
-  add("--target", request.targets, "FORMAT[xC]:BLEND[:k=v,...]",
-      "A render target; may be given several times. FORMAT bit, u8, u16, u32, f16 or f32, C = 1 to 4 components. BLEND "
-      "or, and, replace, first, count for bit; also min, max, add, average for integers; all but or, and for floats. k "
-      "is "
-      "shader, scale (integers), quantum (add and average of floats), clear, fill, or a parameter of the shader. "
-      "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C as many as the shader gives")
-      ->allow_extra_args(false)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  add("--layout", request.layout, "interleaved|planar", "Order of components (default interleaved)");
-}
-
-void AddExecutionOptions(CLI::App& command, VoxelizeArguments& arguments) {
-  const std::string group = "Execution";
-  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
-    return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
-  };
-  add("--server", arguments.server, "HOST:PORT", "Voxelize on this server instead of in this process")
-      ->check(RefuseEmpty);
-  add("--result", arguments.request.result, "dense|sparse|buckets",
-      "Kind of result (default dense): every voxel; the occupied bricks; or all fragments of each voxel");
-  add("--backend", arguments.request.backend, "auto|cpu|cuda", "What does the work (default auto)");
-  add("--threads", arguments.request.threads, "N", "Threads of the CPU backend (default 0: all cores)");
-  add("--simd", arguments.request.simd, "auto|avx512|avx2|scalar", "Instruction set of the CPU backend (default auto)");
-  add("--repeat", arguments.repeat, "N", "Run the pipeline N times on the loaded mesh and print medians");
-}
-
 }  // namespace
 
 void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
@@ -247,9 +173,16 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
       ->type_name("PNG")
       ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");
-  AddGridOptions(*command, arguments->request);
-  AddShadingOptions(*command, arguments->request);
-  AddExecutionOptions(*command, *arguments);
+  AddRequestFlags(*command, arguments->request);
+  command->add_option("--server", arguments->server, "Voxelize on this server instead of in this process")
+      ->group(kExecutionGroup)
+      ->type_name("HOST:PORT")
+      ->check(RefuseEmpty);
+  command
+      ->add_option("--repeat", arguments->repeat,
+                   Wrapped("Run the pipeline N times on the loaded mesh and print medians"))
+      ->group(kExecutionGroup)
+      ->type_name("N");
   command->callback([arguments, &exit_code] { exit_code = Voxelize(*arguments); });
 }
 

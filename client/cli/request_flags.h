@@ -1,0 +1,19 @@
+// The options that make up a request, the same for every command that voxelizes.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "request_options.h"
+
+namespace voxelpipe::cli {
+
+inline constexpr char kExecutionGroup[] = "Execution";
+
+// Breaks a description so that it fits beside the option names on a terminal.
+std::string Wrapped(const std::string& text);
+
+// Adds them to `command`; `request` must outlive it.
+void AddRequestFlags(CLI::App& command, RequestOptions& request);
+
+}  // namespace voxelpipe::cli
