@@ -86,7 +86,7 @@ void VoxelServer::Drain() {
   health_->EndWatches();
   server_->Shutdown(empty ? grace_end : std::chrono::system_clock::now());
   server_->Wait();
-  state_->pool.Drain();
+  state_->scheduler.Drain();
   spdlog::info("drained");
 }
 
@@ -96,7 +96,7 @@ VoxelServer::~VoxelServer() {
     server_->Shutdown(std::chrono::system_clock::now());
     server_->Wait();
   }
-  if (state_) state_->pool.Drain();
+  if (state_) state_->scheduler.Drain();
 }
 
 }  // namespace voxelpipe

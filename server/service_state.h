@@ -9,6 +9,7 @@
 #include "options.h"
 #include "work/byte_budget.h"
 #include "work/job.h"
+#include "work/scheduler.h"
 #include "work/worker_pool.h"
 
 namespace voxelpipe {
@@ -20,6 +21,9 @@ inline constexpr uint64_t kPieceBytes = 1 << 20;
 // Pieces of a streamed result that wait for the client; the worker waits beyond that.
 inline constexpr size_t kMaxPiecesInFlight = 4;
 
+JobLimits LimitsOf(const ServerOptions& resolved);
+WorkerPoolOptions WorkersOf(const ServerOptions& resolved);
+
 // Thread-safe. Must outlive every call.
 struct ServiceState {
   // `resolved`: options without zeros that mean "choose" (Resolve).
@@ -27,20 +31,18 @@ struct ServiceState {
       : options(resolved),
         uploads(resolved.max_upload_bytes),
         working(resolved.max_working_bytes),
-        pool(resolved.workers, resolved.max_queue) {
-    limits.load.max_file_bytes = resolved.max_file_bytes;
-    limits.plan.max_result_bytes = resolved.max_result_bytes;
-    limits.plan.max_working_bytes = resolved.max_working_bytes;
-    limits.plan.slab_bytes = resolved.stream_above_mb << 20;
-  }
+        limits(LimitsOf(resolved)),
+        scheduler({.max_queue = resolved.max_queue, .max_batch_jobs = 16}, size_t(resolved.workers)),
+        pool(scheduler, WorkersOf(resolved), limits.plan) {}
 
   const ServerOptions options;
   Metrics metrics;
-  JobLimits limits;
   ByteBudget uploads;  // mesh files that are being received or wait
   ByteBudget working;  // predicted peaks of the jobs that run, results that are being sent
   CallGate gate;       // closed while the server drains
   std::atomic<uint64_t> next_request_id{1};
+  const JobLimits limits;
+  Scheduler scheduler;
   WorkerPool pool;  // last, so that its jobs end before the budgets go
 };
 

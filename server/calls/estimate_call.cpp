@@ -27,6 +27,23 @@ absl::StatusOr<Box3d> ReadBox(const v1::MeshSummary& summary) {
 
 }  // namespace
 
+class EstimateCall::MeshTask final : public Task {
+ public:
+  MeshTask(std::shared_ptr<EstimateCall> call, ParsedConfig config)
+      : call_(std::move(call)), config_(std::move(config)) {}
+
+  bool loaded() const override { return false; }
+  bool Load() override {
+    call_->End(call_->FromMesh(config_));
+    return false;
+  }
+  void Refuse(absl::Status why) override { call_->End(why); }
+
+ private:
+  const std::shared_ptr<EstimateCall> call_;
+  const ParsedConfig config_;
+};
+
 EstimateCall* EstimateCall::Create(ServiceState& state, grpc::CallbackServerContext& context,
                                    const v1::EstimateVoxelizationRequest& request,
                                    v1::EstimateVoxelizationResponse& response) {
@@ -58,15 +75,16 @@ void EstimateCall::Start() {
     End(status.ok() ? FromSummary(*config) : status);
     return;
   }
-  const absl::StatusOr<WorkerPool::Ticket> ticket =
-      state_.pool.Submit([self = self_, config = *std::move(config)] { self->End(self->FromMesh(config)); });
-  if (!ticket.ok()) {
-    End(ticket.status());
-    return;
-  }
+  auto task = std::make_shared<MeshTask>(self_, *std::move(config));
+  task->traits.client = record_.peer;
+  task->traits.deadline = job_.deadline();
   {
     const std::lock_guard lock(mutex_);
-    ticket_ = *ticket;
+    task_ = task;
+  }
+  if (absl::Status s = state_.scheduler.Submit(std::move(task)); !s.ok()) {
+    End(s);
+    return;
   }
   if (!job_.Check().ok()) OnCancel();
 }
@@ -85,8 +103,9 @@ absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
 
 absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   const std::string& bytes = request_.mesh_bytes();
-  const absl::StatusOr<Estimate> estimate =
-      EstimateJob(std::vector<uint8_t>(bytes.begin(), bytes.end()), config, state_.limits, job_);
+  const auto mesh = PrepareMesh(std::vector<uint8_t>(bytes.begin(), bytes.end()), config, state_.limits, job_);
+  if (!mesh.ok()) return mesh.status();
+  const absl::StatusOr<Estimate> estimate = EstimateJob(**mesh, config, state_.limits, job_);
   if (!estimate.ok()) return estimate.status();
   *response_.mutable_plan() = ToMessage(estimate->plan);
   *response_.mutable_mesh() = ToMessage(estimate->report, false);
@@ -103,13 +122,13 @@ void EstimateCall::End(const absl::Status& status) {
 
 void EstimateCall::OnCancel() {
   if (job_.Check().ok()) job_.Cancel();
-  std::optional<WorkerPool::Ticket> ticket;
+  std::shared_ptr<MeshTask> task;
   {
     const std::lock_guard lock(mutex_);
-    ticket = ticket_;
+    task = task_;
   }
   // A job that runs ends by itself soon, and only then may gRPC take request and response away.
-  if (ticket && state_.pool.Withdraw(*ticket)) End(job_.Check());
+  if (task && state_.scheduler.Withdraw(*task)) End(job_.Check());
 }
 
 void EstimateCall::OnDone() {
@@ -117,6 +136,7 @@ void EstimateCall::OnDone() {
   {
     const std::lock_guard lock(mutex_);
     record_.Log(status_);
+    task_.reset();  // it holds this call
     keep = std::move(self_);
   }
 }

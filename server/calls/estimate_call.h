@@ -28,6 +28,9 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   EstimateCall(ServiceState& state, grpc::CallbackServerContext& context,
                const v1::EstimateVoxelizationRequest& request, v1::EstimateVoxelizationResponse& response);
 
+  // The task of an estimate with a mesh: loaded and planned on a loader.
+  class MeshTask;
+
   void Start();
   absl::Status FromSummary(const ParsedConfig& config);
   absl::Status FromMesh(const ParsedConfig& config);
@@ -41,7 +44,7 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   CallRecord record_;
   JobContext job_;
   std::mutex mutex_;
-  std::optional<WorkerPool::Ticket> ticket_;
+  std::shared_ptr<MeshTask> task_;
   absl::Status status_;
 };
 

@@ -40,15 +40,16 @@ VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerCont
   return call.get();
 }
 
-VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& context)
-    : state_(state),
+VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& grpc_context)
+    : VoxelizeJob([this](std::string_view stage, double fraction) { OnProgress(stage, fraction); }),
+      state_(state),
       pass_(state.gate),
-      context_(context),
-      record_(state.next_request_id++, "Voxelize", context.peer()),
-      job_([this](std::string_view stage, double fraction) { OnProgress(stage, fraction); }),
+      context_(grpc_context),
+      record_(state.next_request_id++, "Voxelize", grpc_context.peer()),
       uploads_(state.uploads),
       working_(state.working) {
-  SetDeadline(context, job_);
+  SetDeadline(grpc_context, context);
+  limits = &state.limits;
 }
 
 void VoxelizeCall::OnReadDone(bool ok) {
@@ -71,16 +72,20 @@ absl::Status VoxelizeCall::TakeMessage() {
   }
 }
 
-absl::Status VoxelizeCall::TakeConfig(const v1::VoxelizeConfig& config) {
-  if (config_) return absl::InvalidArgumentError("config: only the first message may be one");
-  absl::StatusOr<ParsedConfig> parsed = ParseConfig(config);
+absl::Status VoxelizeCall::TakeConfig(const v1::VoxelizeConfig& message) {
+  if (configured_) return absl::InvalidArgumentError("config: only the first message may be one");
+  absl::StatusOr<ParsedConfig> parsed = ParseConfig(message);
   if (!parsed.ok()) return parsed.status();
-  config_ = *std::move(parsed);
-  return PrepareRequest(state_, config_->request);
+  configured_ = true;
+  config = *std::move(parsed);
+  traits.client = record_.peer;
+  traits.deadline = context.deadline();
+  traits.backend = config.request.backend;
+  return PrepareRequest(state_, config.request);
 }
 
 absl::Status VoxelizeCall::TakePiece(std::string piece) {
-  if (!config_) return absl::InvalidArgumentError("config: must come before the mesh");
+  if (!configured_) return absl::InvalidArgumentError("config: must come before the mesh");
   if (piece.empty()) return absl::OkStatus();
   if (piece.size() > state_.limits.load.max_file_bytes - record_.bytes_in) {
     return absl::ResourceExhaustedError(
@@ -90,59 +95,61 @@ absl::Status VoxelizeCall::TakePiece(std::string piece) {
     return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
   }
   record_.bytes_in += piece.size();
-  pieces_.push_back(std::move(piece));
+  pieces.push_back(std::move(piece));
   return absl::OkStatus();
 }
 
 void VoxelizeCall::UploadEnded() {
   if (context_.IsCancelled()) {
-    if (job_.Check().ok()) job_.Cancel();
-    End(job_.Check());
+    if (context.Check().ok()) context.Cancel();
+    End(context.Check());
     return;
   }
-  if (!config_) {
+  if (!configured_) {
     End(absl::InvalidArgumentError("config: the stream ended without one"));
     return;
   }
-  absl::StatusOr<WorkerPool::Ticket> ticket = state_.pool.Submit([self = self_] { self->Work(); });
-  if (!ticket.ok()) {
-    End(ticket.status());
+  {
+    const std::lock_guard lock(mutex_);
+    submitted_ = true;
+  }
+  if (absl::Status s = state_.scheduler.Submit({self_, static_cast<Task*>(this)}); !s.ok()) {
+    Done(std::move(s));
     return;
   }
-  {
-    const std::lock_guard lock(mutex_);
-    ticket_ = *ticket;
-  }
-  if (!job_.Check().ok()) OnCancel();  // it may have come before there was a ticket
+  if (!context.Check().ok()) OnCancel();  // it may have come before the job could be withdrawn
 }
 
-void VoxelizeCall::Work() {
-  {
-    const std::lock_guard lock(mutex_);
-    if (end_) return;
-    working_now_ = true;
+absl::Status VoxelizeCall::Planned(const Plan& plan, bool may_wait) {
+  uploads_.ShrinkTo(0);  // the file is gone since it was loaded
+  if (!may_wait) {
+    if (!working_.TryGrow(plan.peak_bytes)) return absl::AbortedError("the memory that this job needs is in use");
+  } else if (!working_.Grow(plan.peak_bytes, context, kMemoryPatience)) {
+    if (absl::Status s = context.Check(); !s.ok()) return s;
+    return BusyError("the memory that this job needs is in use by others", kRetryDelay);
   }
-  absl::StatusOr<JobOutcome> outcome = absl::ResourceExhaustedError("out of memory for the mesh file");
+  v1::VoxelizeResponse response;
+  *response.mutable_accepted() = ToMessage(plan);
+  Post(std::move(response));
+  return absl::OkStatus();
+}
+
+void VoxelizeCall::Done(absl::StatusOr<JobOutcome> outcome) {
+  mesh.reset();
   std::unique_ptr<ResultStream> result;
-  try {
-    std::vector<uint8_t> file;
-    file.reserve(record_.bytes_in);
-    for (; !pieces_.empty(); pieces_.pop_front())
-      file.insert(file.end(), pieces_.front().begin(), pieces_.front().end());
-    outcome = Run(std::move(file));
-    if (outcome.ok() && outcome->streamed) {
-      v1::VoxelizeResponse summary;
-      pieces_made_.MakeSummary(*outcome, summary);
-      Post(std::move(summary));
-    } else if (outcome.ok()) {
-      result = std::make_unique<ResultStream>(*std::move(outcome));
-    }
-  } catch (const std::bad_alloc&) {
-    outcome = absl::ResourceExhaustedError("out of memory");
+  if (outcome.ok() && outcome->streamed) {
+    v1::VoxelizeResponse summary;
+    pieces_made_.MakeSummary(*outcome, summary);
+    Post(std::move(summary));
+  } else if (outcome.ok()) {
+    uint64_t result_bytes = 0;
+    for (const std::span<const uint8_t> array : ArraysOf(outcome->result)) result_bytes += array.size();
+    working_.ShrinkTo(result_bytes);
+    result = std::make_unique<ResultStream>(*std::move(outcome));
   }
   {
     const std::lock_guard lock(mutex_);
-    working_now_ = false;
+    submitted_ = false;
     record_.bytes_out = pieces_made_.bytes();
     if (end_) {
       FreeLocked();  // the call ended while the job still ran
@@ -159,17 +166,6 @@ void VoxelizeCall::Work() {
   } else {
     Pump();
   }
-}
-
-absl::StatusOr<JobOutcome> VoxelizeCall::Run(std::vector<uint8_t> file) {
-  absl::StatusOr<JobOutcome> outcome = RunJob(
-      std::move(file), *config_, state_.limits, job_, [this](const Plan& plan) { OnPlan(plan); }, this);
-  if (refused_for_load_) return BusyError("the memory that this job needs is in use by others", kRetryDelay);
-  if (!outcome.ok()) return outcome;
-  uint64_t result_bytes = 0;
-  for (const std::span<const uint8_t> array : ArraysOf(outcome->result)) result_bytes += array.size();
-  working_.ShrinkTo(result_bytes);
-  return outcome;
 }
 
 absl::Status VoxelizeCall::Begin(const ResultHeader& header) {
@@ -197,7 +193,7 @@ absl::Status VoxelizeCall::WaitForRoom() {
   uint64_t seen = writes_done_;
   auto give_up = std::chrono::steady_clock::now() + patience;
   while (!end_ && pending_.size() >= kMaxPiecesInFlight) {
-    if (absl::Status s = job_.Check(); !s.ok()) return s;
+    if (absl::Status s = context.Check(); !s.ok()) return s;
     room_.wait_for(lock, kLookEvery);  // a deadline that passes is not notified
     const auto now = std::chrono::steady_clock::now();
     if (seen != std::exchange(seen, writes_done_)) {
@@ -211,23 +207,12 @@ absl::Status VoxelizeCall::WaitForRoom() {
       return stalled;
     }
   }
-  return end_ ? (end_->ok() ? absl::CancelledError("the call is over") : *end_) : job_.Check();
+  return end_ ? (end_->ok() ? absl::CancelledError("the call is over") : *end_) : context.Check();
 }
 
 void VoxelizeCall::HangUp() {
   const std::lock_guard lock(context_mutex_);
   if (!context_gone_) context_.TryCancel();
-}
-
-void VoxelizeCall::OnPlan(const Plan& plan) {
-  uploads_.ShrinkTo(0);  // the file is gone since it was loaded
-  v1::VoxelizeResponse response;
-  *response.mutable_accepted() = ToMessage(plan);
-  Post(std::move(response));
-  if (!working_.Grow(plan.peak_bytes, job_, kMemoryPatience) && job_.Check().ok()) {
-    refused_for_load_ = true;
-    job_.Cancel();
-  }
 }
 
 void VoxelizeCall::OnProgress(std::string_view stage, double fraction) {
@@ -289,8 +274,8 @@ void VoxelizeCall::OnWriteDone(bool ok) {
   }
   room_.notify_all();
   if (!ok) {
-    if (job_.Check().ok()) job_.Cancel();
-    End(job_.Check());  // nobody listens
+    if (context.Check().ok()) context.Cancel();
+    End(context.Check());  // nobody listens
     return;
   }
   Pump();
@@ -308,22 +293,22 @@ void VoxelizeCall::End(absl::Status status) {
 }
 
 void VoxelizeCall::FreeLocked() {
-  if (working_now_) return;  // the worker frees when it ends
+  if (submitted_) return;  // freed when the worker is done
   if (result_) record_.bytes_out = result_->bytes_sent();
   result_.reset();
-  pieces_.clear();
+  pieces.clear();
   uploads_.ShrinkTo(0);
   working_.ShrinkTo(0);
 }
 
 void VoxelizeCall::OnCancel() {
-  if (job_.Check().ok()) job_.Cancel();
-  std::optional<WorkerPool::Ticket> ticket;
+  if (context.Check().ok()) context.Cancel();
+  bool submitted;
   {
     const std::lock_guard lock(mutex_);
-    ticket = ticket_;
+    submitted = submitted_;
   }
-  if (ticket && state_.pool.Withdraw(*ticket)) End(job_.Check());
+  if (submitted && state_.scheduler.Withdraw(*this)) Done(context.Check());
 }
 
 void VoxelizeCall::OnDone() {

@@ -20,13 +20,15 @@
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "work/byte_budget.h"
+#include "work/voxelize_job.h"
 
 namespace voxelpipe {
 
-// gRPC's threads call the On... functions and never wait here; a worker of the pool calls Work. A result that stands in memory is
+// gRPC's threads call the On... functions and never wait here; workers call those of VoxelizeJob and ResultSink. A result that stands in memory is
 // sent without the worker; one that leaves slab by slab is sent by the worker, which waits for the client to take it. The object lives until gRPC is
 // done with the call and the worker is done with the job, whichever comes last.
 class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v1::VoxelizeResponse>,
+                           private VoxelizeJob,
                            private ResultSink {
  public:
   // The reactor of a new call. `state` must outlive it.
@@ -46,12 +48,12 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
   void UploadEnded();
 
   // On a worker's thread.
-  void Work();
-  absl::StatusOr<JobOutcome> Run(std::vector<uint8_t> file);
+  absl::Status Planned(const Plan& plan, bool may_wait) override;
+  ResultSink* large_results() override { return this; }
+  void Done(absl::StatusOr<JobOutcome> outcome) override;
   absl::Status Begin(const ResultHeader& header) override;
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override;
   absl::Status WaitForRoom();
-  void OnPlan(const Plan& plan);
   void OnProgress(std::string_view stage, double fraction);
 
   // Queues a small message.
@@ -70,14 +72,11 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
   grpc::CallbackServerContext& context_;  // used by gRPC's threads only
   std::shared_ptr<VoxelizeCall> self_;    // until OnDone
   CallRecord record_;
-  JobContext job_;
 
   // The upload: touched by one read at a time, then by the worker.
   v1::VoxelizeRequest request_;
-  std::optional<ParsedConfig> config_;
-  std::deque<std::string> pieces_;
+  bool configured_ = false;
   BudgetShare uploads_, working_;
-  bool refused_for_load_ = false;
   std::chrono::steady_clock::time_point last_progress_;
 
   // A streamed result: touched by the worker only.
@@ -88,14 +87,14 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
 
   std::mutex mutex_;
   std::condition_variable room_;  // a write was done, or the call ended
-  std::optional<WorkerPool::Ticket> ticket_;
   std::deque<v1::VoxelizeResponse> pending_;
   std::unique_ptr<ResultStream> result_;
   bool streamed_ = false;  // pending_ holds the last messages
   uint64_t writes_done_ = 0;
   v1::VoxelizeResponse response_;  // in flight while writing_
   std::optional<absl::Status> end_;
-  bool working_now_ = false, writing_ = false, finished_ = false;
+  bool submitted_ = false;  // a worker has the job or will have it
+  bool writing_ = false, finished_ = false;
 };
 
 }  // namespace voxelpipe

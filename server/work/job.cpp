@@ -73,63 +73,88 @@ class KeepOrHandOn final : public ResultSink {
   ResultSink& large_;
 };
 
-// Voxelizes into the outcome's result, or into `large` (see RunJob).
-absl::Status VoxelizeInto(JobOutcome& outcome, const TriangleMesh& mesh, const VoxelizeRequest& request,
-                          const PlanLimits& limits, const JobContext& job,
-                          const std::function<void(const Plan&)>& on_plan, ResultSink* large) {
+// Voxelizes into the outcome's result, or into `large` (see RunPrepared).
+absl::Status VoxelizeInto(JobOutcome& outcome, const Backend& backend, const TriangleMesh& mesh,
+                          const VoxelizeRequest& request, const PlanLimits& limits, const JobContext& job,
+                          const PlanHook& on_plan, ResultSink* large) {
   if (large == nullptr) {
-    absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, request, job, limits, on_plan);
+    absl::StatusOr<VoxelizeResult> result = VoxelizeOn(backend, mesh, request, job, limits, on_plan);
     if (!result.ok()) return result.status();
     outcome.result = *std::move(result);
     return absl::OkStatus();
   }
   KeepOrHandOn sink(outcome, *large);
-  absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh, request, job, limits, sink, on_plan);
+  absl::StatusOr<VoxelizeStats> stats = VoxelizeOnTo(backend, mesh, request, job, limits, sink, on_plan);
   if (!stats.ok()) return stats.status();
   outcome.result.stats = *std::move(stats);
   return absl::OkStatus();
 }
 
+// Says of an outcome what the mesh's preparation had to say.
+void AddMesh(const PreparedMesh& mesh, uint64_t pipeline_bytes, JobOutcome& outcome) {
+  outcome.report = mesh.report;
+  outcome.examined = mesh.examined;
+  outcome.warnings = mesh.warnings;
+  outcome.peak_bytes = std::max(mesh.peak_bytes, MeshBytes(mesh.mesh) + pipeline_bytes);
+  auto& stages = outcome.result.stats.stages;
+  stages.insert(stages.begin(), {{"load", mesh.load_ms}, {"flatten", mesh.flatten_ms}});
+}
+
 }  // namespace
 
-absl::StatusOr<JobOutcome> RunJob(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
-                                  const JobContext& job, const std::function<void(const Plan&)>& on_plan,
-                                  ResultSink* large) {
-  return Guarded<JobOutcome>([&]() -> absl::StatusOr<JobOutcome> {
-    absl::StatusOr<LoadedMesh> flat = LoadMesh(std::move(file), config.mesh_format, limits.load, job);
-    if (!flat.ok()) return flat.status();
-    JobOutcome outcome;
-    outcome.examined = config.request.fill != Fill::kNone;
-    outcome.report = outcome.examined ? ReportMesh(flat->mesh) : BoxReport(flat->mesh);
+absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint8_t> file, const ParsedConfig& config,
+                                                                const JobLimits& limits, const JobContext& job) {
+  using Prepared = std::shared_ptr<const PreparedMesh>;
+  return Guarded<Prepared>([&]() -> absl::StatusOr<Prepared> {
+    absl::StatusOr<LoadedMesh> loaded = LoadMesh(std::move(file), config.mesh_format, limits.load, job);
+    if (!loaded.ok()) return loaded.status();
+    auto prepared = std::make_shared<PreparedMesh>();
+    PreparedMesh& mesh = *prepared;
+    static_cast<LoadedMesh&>(mesh) = *std::move(loaded);
+    mesh.examined = config.request.fill != Fill::kNone;
+    mesh.report = mesh.examined ? ReportMesh(mesh.mesh) : BoxReport(mesh.mesh);
     if (RequestReadsTextures(config.request)) {
-      if (absl::Status s = PrepareTextures(flat->mesh, limits.load, TexturesRead(config.request)); !s.ok()) return s;
+      if (absl::Status s = PrepareTextures(mesh.mesh, limits.load, TexturesRead(config.request)); !s.ok()) return s;
     }
-    uint64_t pipeline_bytes = MeshBytes(flat->mesh);
+    return prepared;
+  });
+}
+
+absl::StatusOr<JobOutcome> RunPrepared(const Backend& backend, const PreparedMesh& mesh, const ParsedConfig& config,
+                                       const JobLimits& limits, const JobContext& job, const PlanHook& on_plan,
+                                       ResultSink* large) {
+  return Guarded<JobOutcome>([&]() -> absl::StatusOr<JobOutcome> {
+    JobOutcome outcome;
+    uint64_t pipeline_bytes = 0;
     const auto planned = [&](const Plan& plan) {
-      pipeline_bytes += plan.peak_bytes;
-      if (on_plan) on_plan(plan);
+      pipeline_bytes = plan.peak_bytes;
+      return on_plan ? on_plan(plan) : absl::OkStatus();
     };
-    absl::Status s = VoxelizeInto(outcome, flat->mesh, config.request, limits.plan, job, planned, large);
-    if (!s.ok()) return s;
-    auto& stages = outcome.result.stats.stages;
-    stages.insert(stages.begin(), {{"load", flat->load_ms}, {"flatten", flat->flatten_ms}});
-    outcome.warnings = std::move(flat->warnings);
-    outcome.peak_bytes = std::max(flat->peak_bytes, pipeline_bytes);
+    if (absl::Status s = VoxelizeInto(outcome, backend, mesh.mesh, config.request, limits.plan, job, planned, large);
+        !s.ok()) {
+      return s;
+    }
+    AddMesh(mesh, pipeline_bytes, outcome);
     return outcome;
   });
 }
 
-absl::StatusOr<Estimate> EstimateJob(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
+JobOutcome OutcomeOf(const PreparedMesh& mesh, VoxelizeResult result, const Plan& plan) {
+  JobOutcome outcome;
+  outcome.result = std::move(result);
+  AddMesh(mesh, plan.peak_bytes, outcome);
+  return outcome;
+}
+
+absl::StatusOr<Estimate> EstimateJob(const PreparedMesh& mesh, const ParsedConfig& config, const JobLimits& limits,
                                      const JobContext& job) {
   return Guarded<Estimate>([&]() -> absl::StatusOr<Estimate> {
-    const absl::StatusOr<LoadedMesh> flat = LoadMesh(std::move(file), config.mesh_format, limits.load, job);
-    if (!flat.ok()) return flat.status();
-    const absl::StatusOr<MeshExtent> extent = ShadedExtent(flat->mesh, config.request, job);
+    const absl::StatusOr<MeshExtent> extent = ShadedExtent(mesh.mesh, config.request, job);
     if (!extent.ok()) return extent.status();
-    absl::StatusOr<Plan> plan = PlanVoxelization(config.request, flat->mesh.triangles.size(),
-                                                 flat->mesh.positions.size(), *extent, limits.plan, Delivery::kStream);
+    absl::StatusOr<Plan> plan = PlanVoxelization(config.request, mesh.mesh.triangles.size(), mesh.mesh.positions.size(),
+                                                 *extent, limits.plan, Delivery::kStream);
     if (!plan.ok()) return plan.status();
-    return Estimate{*std::move(plan), BoxReport(flat->mesh)};
+    return Estimate{*std::move(plan), mesh.report};
   });
 }
 

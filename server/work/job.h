@@ -1,8 +1,9 @@
-// What a worker does for one request, without any gRPC.
+// What workers do for one request, without any gRPC and without a queue.
 #pragma once
 
 #include <cstdint>
-#include <functional>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@
 #include "pipeline/plan.h"
 #include "pipeline/voxelize.h"
 #include "wire/request.h"
+#include "work/load_mesh.h"
 
 namespace voxelpipe {
 
@@ -21,31 +23,50 @@ struct JobLimits {
   PlanLimits plan;
 };
 
+// A mesh that is ready for the pipeline: textures that the request reads are decoded.
+struct PreparedMesh : LoadedMesh {
+  MeshReport report;
+  bool examined = false;  // degenerate triangles and open edges were counted
+};
+
 struct JobOutcome {
   VoxelizeResult result;  // stats.stages begin with load and flatten; no arrays where they were streamed
   bool streamed = false;  // the arrays went to the sink
   MeshReport report;
-  bool examined = false;              // degenerate triangles and open edges were counted
+  bool examined = false;              // see PreparedMesh
   std::vector<std::string> warnings;  // of the loader
   uint64_t peak_bytes = 0;  // estimate of this request's peak: the largest of loading, flattening and the pipeline
+  // How it was served.
+  std::string worker;  // "cpu/0"
+  double queue_ms = 0;
+  uint32_t batch_jobs = 1;
+  std::optional<uint64_t> batch_launches;
+  uint32_t attempts = 1;
 };
 
-// In: a mesh file and a config. Out: its voxels. The file is freed as soon as it is loaded, the scene as soon as it is flat.
-// `on_plan` is called once, before rasterization.
+// In: a mesh file and a config. Out: its mesh. The file is freed as soon as it is loaded, the scene as soon as it is flat.
+// Errors: those of LoadScene, Flatten and PrepareTextures; RESOURCE_EXHAUSTED out of memory. Never throws.
+absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint8_t> file, const ParsedConfig& config,
+                                                                const JobLimits& limits, const JobContext& job);
+
+// In: a prepared mesh and a config. Out: its voxels, made on `backend`.
 // A dense result that takes more than one slab of limits.plan.slab_bytes goes to `large` slab after slab; all others, and all
 // where `large` is null, are in the outcome.
-// Errors: those of LoadScene, Flatten, PrepareTextures, Voxelize and the sink; RESOURCE_EXHAUSTED out of memory. Never throws.
-absl::StatusOr<JobOutcome> RunJob(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
-                                  const JobContext& job, const std::function<void(const Plan&)>& on_plan,
-                                  ResultSink* large = nullptr);
+// Errors: those of VoxelizeOn and the sink; RESOURCE_EXHAUSTED out of memory. Never throws.
+absl::StatusOr<JobOutcome> RunPrepared(const Backend& backend, const PreparedMesh& mesh, const ParsedConfig& config,
+                                       const JobLimits& limits, const JobContext& job, const PlanHook& on_plan,
+                                       ResultSink* large = nullptr);
+
+// The outcome of a result that a batch made; `plan` is that of its run.
+JobOutcome OutcomeOf(const PreparedMesh& mesh, VoxelizeResult result, const Plan& plan);
 
 struct Estimate {
   Plan plan;
   MeshReport report;
 };
 
-// In: a mesh file and a config. Out: the plan of RunJob with a sink, without rasterizing. Errors as for RunJob.
-absl::StatusOr<Estimate> EstimateJob(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
+// In: a prepared mesh and a config. Out: the plan of RunPrepared with a sink, without rasterizing. Errors as for RunPrepared.
+absl::StatusOr<Estimate> EstimateJob(const PreparedMesh& mesh, const ParsedConfig& config, const JobLimits& limits,
                                      const JobContext& job);
 
 }  // namespace voxelpipe

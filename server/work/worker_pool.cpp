@@ -4,89 +4,141 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "wire/status.h"
+#include "cpu/backend.h"
+#include "pipeline/batch.h"
 
 namespace voxelpipe {
 namespace {
 
-// How long a refused client should wait: about one small job.
-constexpr std::chrono::milliseconds kRetryDelay{200};
+BackendChoice KindOf(const Backend& backend) {
+  return backend.name() == "cuda" ? BackendChoice::kCuda : BackendChoice::kCpu;
+}
+
+// A result larger than this is made alone: it would hold up the others of a batch.
+constexpr uint64_t kLargestOfBatchBytes = 64 << 20;
+
+double QueueMs(const Task& task) {
+  return std::chrono::duration<double, std::milli>(JobContext::Clock::now() - task.traits.arrived).count();
+}
+
+// Every task of a device worker is one.
+VoxelizeJob& JobOf(Task& task) {
+  return static_cast<VoxelizeJob&>(task);
+}
 
 }  // namespace
 
-WorkerPool::WorkerPool(int workers, size_t max_queue) : max_queue_(max_queue) {
-  const int count = std::max(1, workers);
-  threads_.reserve(size_t(count));
-  for (int i = 0; i < count; ++i) threads_.emplace_back([this] { Work(); });
+WorkerPool::WorkerPool(Scheduler& scheduler, const WorkerPoolOptions& options, const PlanLimits& limits)
+    : scheduler_(scheduler), options_(options), limits_(limits) {
+  for (int i = 0; i < std::max(1, options.loaders); ++i) threads_.emplace_back([this] { LoadTasks(); });
+  for (const DeviceWorkers& device : options.devices) {
+    for (int i = 0; i < std::max(1, device.workers); ++i) {
+      threads_.emplace_back([this, backend = device.backend, worker = absl::StrCat(device.backend->device(), "/", i)] {
+        RunBatches(*backend, worker);
+      });
+    }
+  }
 }
 
 WorkerPool::~WorkerPool() {
-  Drain();
+  scheduler_.Drain();
+  scheduler_.Stop();
   for (std::thread& thread : threads_) thread.join();
 }
 
-absl::StatusOr<WorkerPool::Ticket> WorkerPool::Submit(Job job) {
-  Ticket ticket;
-  {
-    const std::lock_guard lock(mutex_);
-    if (draining_) return absl::UnavailableError("the server is shutting down");
-    // A job that an idle worker is about to take does not count as waiting.
-    const size_t idle = threads_.size() - running_;
-    if (queue_.size() >= max_queue_ + idle) {
-      return BusyError(absl::StrCat("the queue is full: ", running_, " jobs run and ", queue_.size(), " wait"),
-                       kRetryDelay);
+void WorkerPool::LoadTasks() {
+  while (std::shared_ptr<Task> task = scheduler_.TakeLoad()) {
+    if (task->Load()) {
+      scheduler_.Resubmit(std::move(task));
+      continue;
     }
-    ticket = next_ticket_++;
-    queue_.push_back({ticket, std::move(job)});
+    Task& ended = *task;
+    scheduler_.Ended(ended);
   }
-  changed_.notify_all();
-  return ticket;
 }
 
-bool WorkerPool::Withdraw(Ticket ticket) {
-  Job withdrawn;  // destroyed outside the lock: it may own a lot
-  {
-    const std::lock_guard lock(mutex_);
-    const auto it = std::find_if(queue_.begin(), queue_.end(), [&](const Waiting& w) { return w.ticket == ticket; });
-    if (it == queue_.end()) return false;
-    withdrawn = std::move(it->job);
-    queue_.erase(it);
-  }
-  changed_.notify_all();
-  return true;
-}
-
-void WorkerPool::Drain() {
-  std::unique_lock lock(mutex_);
-  draining_ = true;
-  changed_.notify_all();
-  changed_.wait(lock, [this] { return queue_.empty() && running_ == 0; });
-}
-
-size_t WorkerPool::queued() const {
-  const std::lock_guard lock(mutex_);
-  return queue_.size();
-}
-
-size_t WorkerPool::running() const {
-  const std::lock_guard lock(mutex_);
-  return running_;
-}
-
-void WorkerPool::Work() {
-  std::unique_lock lock(mutex_);
+void WorkerPool::RunBatches(const Backend& backend, const std::string& worker) {
+  const WorkerTraits traits{backend.device(), KindOf(backend)};
   while (true) {
-    changed_.wait(lock, [this] { return draining_ || !queue_.empty(); });
-    if (queue_.empty()) return;  // draining, and nothing left
-    Job job = std::move(queue_.front().job);
-    queue_.pop_front();
-    ++running_;
-    lock.unlock();
-    job();
-    job = nullptr;  // frees what it owns before the worker counts as idle
-    lock.lock();
-    --running_;
-    changed_.notify_all();
+    std::vector<std::shared_ptr<Task>> batch = scheduler_.TakeBatch(traits);
+    if (batch.empty()) return;
+    if (batch.size() == 1) {
+      RunAlone(backend, worker, JobOf(*batch[0]));
+    } else {
+      RunTogether(backend, worker, batch);
+    }
+    for (const std::shared_ptr<Task>& task : batch) scheduler_.Ended(*task);
+  }
+}
+
+void WorkerPool::RunAlone(const Backend& backend, const std::string& worker, VoxelizeJob& job) {
+  const double queue_ms = QueueMs(job);
+  ++job.attempts;
+  absl::StatusOr<JobOutcome> outcome = Outcome(backend, job);
+  if (outcome.ok()) {
+    outcome->worker = worker;
+    outcome->queue_ms = queue_ms;
+    outcome->attempts = job.attempts;
+  }
+  job.Done(std::move(outcome));
+}
+
+absl::StatusOr<JobOutcome> WorkerPool::Outcome(const Backend& backend, VoxelizeJob& job) {
+  if (absl::Status s = job.Prepare(); !s.ok()) return s;
+  const auto planned = [&](const Plan& plan) { return job.Planned(plan, true); };
+  return RunPrepared(backend, *job.mesh, job.config, *job.limits, job.context, planned, job.large_results());
+}
+
+void WorkerPool::RunTogether(const Backend& backend, const std::string& worker,
+                             std::span<const std::shared_ptr<Task>> batch) {
+  struct Member {
+    VoxelizeJob* job;
+    double queue_ms;
+    absl::Status prepared;
+    Plan plan;
+    bool alone = false;
+  };
+  std::vector<Member> members;
+  for (const std::shared_ptr<Task>& task : batch) members.push_back({&JobOf(*task), QueueMs(*task), {}, {}});
+  cpu::CpuBackend().RunEach(options_.threads, members.size(),
+                            [&](size_t i) { members[i].prepared = members[i].job->Prepare(); });
+
+  std::vector<BatchItem> items;
+  for (Member& member : members) {
+    VoxelizeJob& job = *member.job;
+    if (!member.prepared.ok()) {
+      job.Done(member.prepared);
+      continue;
+    }
+    ++job.attempts;
+    BatchItem& item = items.emplace_back();
+    item.mesh = &job.mesh->mesh;
+    item.request = &job.config.request;
+    item.job = &job.context;
+    item.on_plan = [&](const Plan& plan) -> absl::Status {
+      member.plan = plan;
+      absl::Status s = plan.result_bytes > kLargestOfBatchBytes ? absl::AbortedError("too large for a batch")
+                                                                : job.Planned(plan, false);
+      member.alone = absl::IsAborted(s);
+      return s;
+    };
+    item.done = [&](absl::StatusOr<VoxelizeResult> result) {
+      if (member.alone) return;
+      if (!result.ok()) {
+        job.Done(result.status());
+        return;
+      }
+      JobOutcome outcome = OutcomeOf(*job.mesh, *std::move(result), member.plan);
+      outcome.worker = worker;
+      outcome.queue_ms = member.queue_ms;
+      outcome.batch_jobs = uint32_t(batch.size());
+      outcome.attempts = job.attempts;
+      job.Done(std::move(outcome));
+    };
+  }
+  VoxelizeBatch(backend, items, options_.threads, limits_);
+  for (const Member& member : members) {
+    if (member.alone) RunAlone(backend, worker, *member.job);
   }
 }
 

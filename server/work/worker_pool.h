@@ -1,59 +1,49 @@
-// A fixed number of threads and a bounded queue: what the server promises to do, and no more.
+// The threads that work: loaders, and the workers of each device.
 #pragma once
 
-#include <condition_variable>
-#include <cstdint>
-#include <deque>
-#include <functional>
-#include <mutex>
+#include <memory>
+#include <span>
+#include <string>
 #include <thread>
 #include <vector>
 
-#include "absl/status/statusor.h"
+#include "pipeline/stages.h"
+#include "work/scheduler.h"
+#include "work/voxelize_job.h"
 
 namespace voxelpipe {
 
-// Thread-safe.
+struct DeviceWorkers {
+  const Backend* backend = nullptr;  // see Devices() in pipeline/backend.h
+  int workers = 1;                   // batches that run on it at the same time
+};
+
+struct WorkerPoolOptions {
+  int loaders = 1;  // meshes that are loaded at the same time, besides small ones that workers load themselves
+  std::vector<DeviceWorkers> devices;
+  int threads = 0;  // of one batch on the CPU; 0 = all
+};
+
+// Takes tasks from a scheduler until it is stopped.
 class WorkerPool {
  public:
-  using Job = std::function<void()>;
-  using Ticket = uint64_t;
-
-  // `workers` jobs run at the same time (at least 1), `max_queue` more may wait.
-  WorkerPool(int workers, size_t max_queue);
-  // Drains.
+  // `scheduler` must outlive the pool.
+  WorkerPool(Scheduler& scheduler, const WorkerPoolOptions& options, const PlanLimits& limits);
+  // Drains and stops the scheduler, and ends the threads.
   ~WorkerPool();
   WorkerPool(const WorkerPool&) = delete;
   WorkerPool& operator=(const WorkerPool&) = delete;
 
-  // Runs `job` on a worker, first come, first served. `job` must not throw.
-  // Errors: a BusyError when every worker is taken and the queue is full; UNAVAILABLE after Drain began.
-  absl::StatusOr<Ticket> Submit(Job job);
-
-  // Takes a job that still waits out of the queue: true if it was there, and then it never runs.
-  bool Withdraw(Ticket ticket);
-
-  // Refuses new jobs and returns when all accepted ones have ended.
-  void Drain();
-
-  size_t queued() const;
-  size_t running() const;
-
  private:
-  struct Waiting {
-    Ticket ticket;
-    Job job;
-  };
+  void LoadTasks();
+  void RunBatches(const Backend& backend, const std::string& worker);
+  void RunAlone(const Backend& backend, const std::string& worker, VoxelizeJob& job);
+  void RunTogether(const Backend& backend, const std::string& worker, std::span<const std::shared_ptr<Task>> batch);
+  absl::StatusOr<JobOutcome> Outcome(const Backend& backend, VoxelizeJob& job);
 
-  void Work();
-
-  const size_t max_queue_;
-  mutable std::mutex mutex_;
-  std::condition_variable changed_;
-  std::deque<Waiting> queue_;
-  Ticket next_ticket_ = 1;
-  size_t running_ = 0;
-  bool draining_ = false;
+  Scheduler& scheduler_;
+  const WorkerPoolOptions options_;
+  const PlanLimits limits_;
   std::vector<std::thread> threads_;
 };
 

@@ -7,6 +7,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
+#include "pipeline/backend.h"
 
 namespace voxelpipe {
 namespace {
@@ -37,6 +38,18 @@ ParsedConfig CubeConfig(Fill fill) {
   config.request.grid.resolution = 8;
   config.request.fill = fill;
   return config;
+}
+
+// Both halves of a job.
+absl::StatusOr<JobOutcome> RunJob(std::vector<uint8_t> file, const ParsedConfig& config, const JobLimits& limits,
+                                  const JobContext& job, const std::function<void(const Plan&)>& planned) {
+  const auto mesh = PrepareMesh(std::move(file), config, limits, job);
+  if (!mesh.ok()) return mesh.status();
+  const auto on_plan = [&](const Plan& plan) {
+    if (planned) planned(plan);
+    return absl::OkStatus();
+  };
+  return RunPrepared(**SelectBackend(BackendChoice::kCpu), **mesh, config, limits, job, on_plan);
 }
 
 TEST(JobTest, ACubeHasTheHandCountedVoxels) {
@@ -127,7 +140,9 @@ TEST(JobTest, AnEstimateIsThePlanOfTheJob) {
   config.request.vertex_shader = {"transform", {{"matrix", {2, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}}}};
   Plan planned;
   ASSERT_TRUE(RunJob(CubeFile(), config, {}, job, [&](const Plan& plan) { planned = plan; }).ok());
-  const auto estimate = EstimateJob(CubeFile(), config, {}, job);
+  const auto mesh = PrepareMesh(CubeFile(), config, {}, job);
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  const auto estimate = EstimateJob(**mesh, config, {}, job);
   ASSERT_TRUE(estimate.ok()) << estimate.status();
   EXPECT_EQ(estimate->plan.grid, planned.grid);
   EXPECT_EQ(estimate->plan.grid.dims, (std::array<int64_t, 3>{8, 4, 4})) << "the box is that of the shaded vertices";

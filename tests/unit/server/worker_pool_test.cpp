@@ -1,6 +1,7 @@
 #include "work/worker_pool.h"
 
 #include <atomic>
+#include <functional>
 #include <latch>
 #include <memory>
 #include <mutex>
@@ -13,15 +14,50 @@
 namespace voxelpipe {
 namespace {
 
+// Runs a function on a loader.
+class Function final : public Task {
+ public:
+  explicit Function(std::function<void()> run) : run_(std::move(run)) {}
+  bool loaded() const override { return false; }
+  bool Load() override {
+    run_();
+    return false;
+  }
+  void Refuse(absl::Status) override {}
+
+ private:
+  const std::function<void()> run_;
+};
+
+// A scheduler and its loaders, no devices.
+class Pool {
+ public:
+  Pool(int workers, size_t max_queue)
+      : scheduler_({.max_queue = max_queue, .max_batch_jobs = 1}, size_t(workers)),
+        pool_(scheduler_, {workers, {}, 0}, {}) {}
+
+  std::shared_ptr<Task> Submit(std::function<void()> run, absl::Status* refused = nullptr) {
+    auto task = std::make_shared<Function>(std::move(run));
+    const absl::Status s = scheduler_.Submit(task);
+    if (refused != nullptr) *refused = s;
+    return s.ok() ? task : nullptr;
+  }
+  Scheduler& scheduler() { return scheduler_; }
+  void Drain() { scheduler_.Drain(); }
+
+ private:
+  Scheduler scheduler_;
+  WorkerPool pool_;
+};
+
 // Holds the pool's only worker until told to go on.
 class Blocker {
  public:
-  explicit Blocker(WorkerPool& pool) {
+  explicit Blocker(Pool& pool) {
     EXPECT_TRUE(pool.Submit([this] {
-                      started_.count_down();
-                      go_.wait();
-                    })
-                    .ok());
+      started_.count_down();
+      go_.wait();
+    }));
     started_.wait();
   }
   void Release() { go_.count_down(); }
@@ -33,8 +69,8 @@ class Blocker {
 TEST(WorkerPoolTest, RunsJobsInTheOrderTheyCame) {
   std::vector<int> order;
   {
-    WorkerPool pool(1, 100);
-    for (int i = 0; i < 20; ++i) ASSERT_TRUE(pool.Submit([&order, i] { order.push_back(i); }).ok());
+    Pool pool(1, 100);
+    for (int i = 0; i < 20; ++i) ASSERT_TRUE(pool.Submit([&order, i] { order.push_back(i); }));
     pool.Drain();
   }
   ASSERT_EQ(order.size(), 20u);
@@ -42,77 +78,80 @@ TEST(WorkerPoolTest, RunsJobsInTheOrderTheyCame) {
 }
 
 TEST(WorkerPoolTest, AFullQueueIsAResourceThatComesBack) {
-  WorkerPool pool(1, 2);
+  Pool pool(1, 2);
   Blocker blocker(pool);
   std::atomic<int> ran = 0;
-  EXPECT_TRUE(pool.Submit([&] { ++ran; }).ok());
-  EXPECT_TRUE(pool.Submit([&] { ++ran; }).ok());
-  const auto refused = pool.Submit([&] { ++ran; });
-  EXPECT_EQ(refused.status().code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_TRUE(RetryDelay(refused.status()).has_value()) << refused.status();
-  EXPECT_EQ(pool.queued(), 2u);
+  EXPECT_TRUE(pool.Submit([&] { ++ran; }));
+  EXPECT_TRUE(pool.Submit([&] { ++ran; }));
+  absl::Status refused;
+  pool.Submit([&] { ++ran; }, &refused);
+  EXPECT_EQ(refused.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_TRUE(RetryDelay(refused).has_value()) << refused;
+  EXPECT_EQ(pool.scheduler().queued(), 2u);
   blocker.Release();
   pool.Drain();
   EXPECT_EQ(ran, 2);
 }
 
 TEST(WorkerPoolTest, WithoutAQueueAnIdleWorkerStillTakesAJob) {
-  WorkerPool pool(1, 0);
+  Pool pool(1, 0);
   std::latch done(1);
-  EXPECT_TRUE(pool.Submit([&] { done.count_down(); }).ok());
+  EXPECT_TRUE(pool.Submit([&] { done.count_down(); }));
   done.wait();
 }
 
 TEST(WorkerPoolTest, AWithdrawnJobNeverRunsAndMakesRoom) {
-  WorkerPool pool(1, 1);
+  Pool pool(1, 1);
   Blocker blocker(pool);
   bool ran = false;
   auto owned = std::make_shared<int>(1);
-  const auto ticket = pool.Submit([&ran, owned] { ran = true; });
-  ASSERT_TRUE(ticket.ok());
+  std::shared_ptr<Task> task = pool.Submit([&ran, owned] { ran = true; });
+  ASSERT_TRUE(task);
   EXPECT_EQ(owned.use_count(), 2);
-  EXPECT_TRUE(pool.Withdraw(*ticket));
-  EXPECT_EQ(owned.use_count(), 1) << "what a withdrawn job owns is freed at once";
-  EXPECT_FALSE(pool.Withdraw(*ticket));
-  EXPECT_TRUE(pool.Submit([] {}).ok());
+  EXPECT_TRUE(pool.scheduler().Withdraw(*task));
+  EXPECT_FALSE(pool.scheduler().Withdraw(*task));
+  task.reset();
+  EXPECT_EQ(owned.use_count(), 1) << "the scheduler keeps nothing of a withdrawn task";
+  EXPECT_TRUE(pool.Submit([] {}));
   blocker.Release();
   pool.Drain();
   EXPECT_FALSE(ran);
 }
 
 TEST(WorkerPoolTest, ARunningJobCannotBeWithdrawn) {
-  WorkerPool pool(1, 1);
+  Pool pool(1, 1);
   std::latch started(1), go(1);
-  const auto ticket = pool.Submit([&] {
+  const std::shared_ptr<Task> task = pool.Submit([&] {
     started.count_down();
     go.wait();
   });
-  ASSERT_TRUE(ticket.ok());
+  ASSERT_TRUE(task);
   started.wait();
-  EXPECT_FALSE(pool.Withdraw(*ticket));
-  EXPECT_EQ(pool.running(), 1u);
+  EXPECT_FALSE(pool.scheduler().Withdraw(*task));
+  EXPECT_EQ(pool.scheduler().running(), 1u);
   go.count_down();
 }
 
 TEST(WorkerPoolTest, DrainEndsWhatWasAcceptedAndRefusesMore) {
-  WorkerPool pool(2, 100);
+  Pool pool(2, 100);
   std::atomic<int> ran = 0;
   for (int i = 0; i < 50; ++i) {
     ASSERT_TRUE(pool.Submit([&] {
-                      std::this_thread::yield();
-                      ++ran;
-                    })
-                    .ok());
+      std::this_thread::yield();
+      ++ran;
+    }));
   }
   pool.Drain();
   EXPECT_EQ(ran, 50);
-  EXPECT_EQ(pool.Submit([] {}).status().code(), absl::StatusCode::kUnavailable);
+  absl::Status refused;
+  pool.Submit([] {}, &refused);
+  EXPECT_EQ(refused.code(), absl::StatusCode::kUnavailable);
 }
 
 TEST(WorkerPoolTest, RunsAsManyJobsAtOnceAsItHasWorkers) {
-  WorkerPool pool(3, 0);
+  Pool pool(3, 0);
   std::latch together(3);  // returns only if all three run at the same time
-  for (int i = 0; i < 3; ++i) ASSERT_TRUE(pool.Submit([&] { together.arrive_and_wait(); }).ok());
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(pool.Submit([&] { together.arrive_and_wait(); }));
   pool.Drain();
 }
 

@@ -1,0 +1,54 @@
+// A piece of work on its way through the server: what the scheduler knows of it, and what workers call. No gRPC.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "base/job_context.h"
+#include "pipeline/request.h"
+
+namespace voxelpipe {
+
+enum class Priority : uint8_t { kHigh, kNormal, kLow };
+
+// What a task is thought to take, before its mesh is known or after.
+struct JobCost {
+  uint64_t file_bytes = 0;  // of the mesh, in memory until it is loaded
+  uint64_t triangles = 0, voxels = 0;
+  uint64_t output_bytes = 0;
+  double load_ms = 0, run_ms = 0;  // on one loader, on one worker
+};
+
+struct TaskTraits {
+  std::string client;  // who asked: the tenant where tokens tell, else the peer's address
+  Priority priority = Priority::kNormal;
+  JobCost cost;
+  JobContext::Clock::time_point arrived = JobContext::Clock::now();
+  std::optional<JobContext::Clock::time_point> deadline;        // of the call: an answer after it is worthless
+  std::optional<JobContext::Clock::time_point> queue_deadline;  // a worker must have it by then
+  BackendChoice backend = BackendChoice::kAuto;
+  bool fallback = true;  // whether another kind of backend may run it
+};
+
+// Between Submit and the end of its work, a task belongs to the scheduler or to one worker. Either ends it exactly once: by Load that
+// returns false, by the device worker that finished it, or by Refuse. Withdrawn tasks are the caller's again.
+class Task {
+ public:
+  virtual ~Task() = default;
+
+  // False where a loader must have it before a device worker can. Asked by the scheduler, also from other threads than the one that
+  // works on it, but not while it does.
+  virtual bool loaded() const = 0;
+  // On a loader's thread. True where a device worker comes next.
+  virtual bool Load() = 0;
+  // Ends a task that no worker will have: its time in the queue is over, or nothing here can run it. Called without locks.
+  virtual void Refuse(absl::Status why) = 0;
+
+  TaskTraits traits;  // set before Submit; cost also by Load
+};
+
+}  // namespace voxelpipe

@@ -1,0 +1,52 @@
+// The task that most calls are: one mesh to one result.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "pipeline/result.h"
+#include "pipeline/voxelize.h"
+#include "wire/request.h"
+#include "work/job.h"
+#include "work/task.h"
+
+namespace voxelpipe {
+
+// Whoever asks for the result derives from this, and sets the public members before Submit.
+class VoxelizeJob : public Task {
+ public:
+  explicit VoxelizeJob(JobContext::Progress progress = {}) : context(std::move(progress)) {}
+
+  bool loaded() const final { return mesh != nullptr || file_bytes() <= kLoadedByWorker; }
+  bool Load() final;
+  void Refuse(absl::Status why) final { Done(std::move(why)); }
+  // Makes `mesh` of `pieces`, if that was not done.
+  absl::Status Prepare();
+
+  ParsedConfig config;
+  JobContext context;
+  const JobLimits* limits = nullptr;
+  std::deque<std::string> pieces;            // of the mesh file; freed once it is loaded
+  std::shared_ptr<const PreparedMesh> mesh;  // instead of, or made of, the pieces
+  uint32_t attempts = 0;                     // device workers that had it
+
+  // Called by the worker that runs the job, before rasterization. A status other than OK ends the job with it. Where what the job
+  // needs is not there now, waits for it, or, told not to, gives ABORTED: the job then runs alone later, and this is called again.
+  virtual absl::Status Planned(const Plan& plan, bool may_wait) = 0;
+  // Where dense results of more than one slab go, slab after slab; null: they are refused with RESOURCE_EXHAUSTED beyond the memory limit.
+  virtual ResultSink* large_results() = 0;
+  // The end, exactly once, from any thread, unless the job was withdrawn.
+  virtual void Done(absl::StatusOr<JobOutcome> outcome) = 0;
+
+ private:
+  // Smaller files are loaded by the device worker itself: handing them over twice would take longer.
+  static constexpr uint64_t kLoadedByWorker = 256 << 10;
+
+  uint64_t file_bytes() const;
+};
+
+}  // namespace voxelpipe
