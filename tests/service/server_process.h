@@ -37,6 +37,7 @@ class ServerProcess {
   ServerProcess& operator=(const ServerProcess&) = delete;
 
   const std::string& address() const { return address_; }  // 127.0.0.1:PORT
+  pid_t pid() const { return pid_; }
 
   // SIGTERM, or another signal.
   void Signal(int signal);

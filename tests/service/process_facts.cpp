@@ -1,0 +1,55 @@
+#include "service/process_facts.h"
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <thread>
+
+#include "service/server_process.h"
+
+namespace voxelpipe::testing {
+
+std::string ProcessFacts::ToString() const {
+  std::ostringstream text;
+  text << descriptors << " descriptors, " << threads << " threads, " << (resident_bytes >> 10) << " KiB resident, "
+       << (peak_bytes >> 10) << " KiB at the most";
+  return text.str();
+}
+
+ProcessFacts ReadProcessFacts(pid_t pid) {
+  ProcessFacts facts;
+  const std::filesystem::path folder = "/proc/" + std::to_string(pid);
+  std::error_code error;
+  for (auto it = std::filesystem::directory_iterator(folder / "fd", error);
+       !error && it != std::filesystem::directory_iterator(); it.increment(error)) {
+    ++facts.descriptors;
+  }
+  std::ifstream status(folder / "status");
+  for (std::string key; status >> key;) {
+    if (key == "Threads:") {
+      status >> facts.threads;
+    } else if (key == "VmRSS:" || key == "VmHWM:") {
+      uint64_t kib = 0;
+      status >> kib;
+      (key == "VmRSS:" ? facts.resident_bytes : facts.peak_bytes) = kib << 10;
+    }
+    status.ignore(1 << 20, '\n');
+  }
+  return facts;
+}
+
+ProcessFacts SettledProcessFacts(pid_t pid) {
+  using Clock = std::chrono::steady_clock;
+  const auto give_up = Clock::now() + kPatience;
+  ProcessFacts facts = ReadProcessFacts(pid);
+  for (auto since = Clock::now(); Clock::now() - since < std::chrono::seconds(1) && Clock::now() < give_up;) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    const ProcessFacts now = ReadProcessFacts(pid);
+    if (now.descriptors != facts.descriptors || now.threads != facts.threads) since = Clock::now();
+    facts = now;
+  }
+  return facts;
+}
+
+}  // namespace voxelpipe::testing

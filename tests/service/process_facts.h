@@ -1,0 +1,35 @@
+// What the kernel says that a process holds.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstdint>
+#include <string>
+
+namespace voxelpipe::testing {
+
+struct ProcessFacts {
+  int descriptors = 0;
+  int threads = 0;
+  uint64_t resident_bytes = 0;  // what stands in memory now
+  uint64_t peak_bytes = 0;      // the most that ever did
+
+  std::string ToString() const;
+};
+
+// Of a process of this user; zeros where there is none.
+ProcessFacts ReadProcessFacts(pid_t pid);
+
+// Asks again until descriptors and threads have not changed for a second, or for kPatience: what a peer left behind goes a little
+// after it.
+ProcessFacts SettledProcessFacts(pid_t pid);
+
+// Whether this build, and so the server under test, carries a sanitizer, whose shadow and quarantine grow the resident memory.
+constexpr bool kSanitized =
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+    true;
+#else
+    false;
+#endif
+
+}  // namespace voxelpipe::testing
