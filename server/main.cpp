@@ -64,6 +64,10 @@ int Serve(const ServerOptions& options) {
 int Main(int argc, char** argv) {
   const ParseOutcome parsed = ParseCommandLine(argc, argv);
   if (!parsed.command) return parsed.exit_code;
+  if (parsed.command->check_config) {
+    std::fputs(ToConfigText(parsed.command->values).c_str(), stdout);
+    return 0;
+  }
   if (parsed.command->probe) return Probe(*parsed.command->probe);
   // gRPC's own lines say in C structures what our one error line says; whoever wants them sets the variable.
   setenv("GRPC_VERBOSITY", "NONE", 0);

@@ -30,49 +30,59 @@ std::string ProbeAddress(const std::string& listen) {
 
 ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   ServerOptions o;
-  std::string backend = "auto", simd = "auto", probe;
+  std::string backend = "auto", simd = "auto", probe, config;
+  bool check_config = false;
   CLI::App app{"Voxelizes meshes that clients send over gRPC", "voxelpiped"};
   app.set_version_flag("--version", VOXELPIPE_VERSION);
-  app.set_config("--config", "", "Read options from this TOML or INI file");
+  app.footer(
+      "Every option is also a VOXELPIPE_ variable (--max-queue: VOXELPIPE_MAX_QUEUE) and a key of the config file "
+      "(max-queue). A flag is stronger than a variable, a variable than the file.");
   app.option_defaults()->always_capture_default();
-  const auto add = [&](const std::string& flag, auto& value, const std::string& variable, const std::string& help) {
-    return app.add_option(flag, value, help)->envname("VOXELPIPE_" + variable);
+  const auto add = [&](const std::string& flag, auto& value, const std::string& help) {
+    return app.add_option(flag, value, help);
   };
-  add("--listen", o.listen, "LISTEN", "Address to serve on; port 0 picks one")->type_name("HOST:PORT");
-  add("--backend", backend, "BACKEND", "Kind of worker")->check(CLI::IsMember(kBackends));
-  add("--simd", simd, "SIMD", "Instruction set of the CPU backend where the request leaves it open")
+  add("--listen", o.listen, "Address to serve on; port 0 picks one")->type_name("HOST:PORT");
+  add("--backend", backend, "Kind of worker")->check(CLI::IsMember(kBackends));
+  add("--simd", simd, "Instruction set of the CPU backend where the request leaves it open")
       ->check(CLI::IsMember(kSimds));
-  add("--threads", o.threads, "THREADS", "CPU threads of one job, 0 for all cores")->check(CLI::Range(0, 1024));
-  add("--workers", o.workers, "WORKERS", "Jobs that run at the same time, 0 to choose")->check(CLI::Range(0, 1024));
-  add("--max-queue", o.max_queue, "MAX_QUEUE", "Jobs that wait")->check(CLI::Range(0u, 1'000'000u));
+  add("--threads", o.threads, "CPU threads of one job, 0 for all cores")->check(CLI::Range(0, 1024));
+  add("--workers", o.workers, "Jobs that run at the same time, 0 to choose")->check(CLI::Range(0, 1024));
+  add("--max-queue", o.max_queue, "Jobs that wait")->check(CLI::Range(0u, 1'000'000u));
   const auto size = CLI::AsSizeValue(false);
-  add("--max-file-bytes", o.max_file_bytes, "MAX_FILE_BYTES", "Largest mesh file")->transform(size);
-  add("--max-upload-bytes", o.max_upload_bytes, "MAX_UPLOAD_BYTES", "All mesh files in hand together")->transform(size);
-  add("--max-result-bytes", o.max_result_bytes, "MAX_RESULT_BYTES", "Largest result")->transform(size);
-  add("--max-working-bytes", o.max_working_bytes, "MAX_WORKING_BYTES", "Memory of all jobs together, 0 to choose")
-      ->transform(size);
-  add("--stream-above-mb", o.stream_above_mb, "STREAM_ABOVE_MB",
+  add("--max-file-bytes", o.max_file_bytes, "Largest mesh file")->transform(size);
+  add("--max-upload-bytes", o.max_upload_bytes, "All mesh files in hand together")->transform(size);
+  add("--max-result-bytes", o.max_result_bytes, "Largest result")->transform(size);
+  add("--max-working-bytes", o.max_working_bytes, "Memory of all jobs together, 0 to choose")->transform(size);
+  add("--stream-above-mb", o.stream_above_mb,
       "MiB: larger dense results leave slab by slab while they are made, and bound no memory by their size")
       ->check(CLI::Range(uint64_t{0}, uint64_t{1} << 30));
-  add("--stall-timeout-ms", o.stall_timeout_ms, "STALL_TIMEOUT_MS",
-      "Let a client go that takes nothing of a streamed result for so long");
-  add("--lame-duck-ms", o.lame_duck_ms, "LAME_DUCK_MS", "On SIGTERM: time in which calls are still taken");
-  add("--drain-grace-ms", o.drain_grace_ms, "DRAIN_GRACE_MS", "Then: time in which running calls may end");
-  add("--log-level", o.log_level, "LOG_LEVEL", "Least severe level that is logged")
+  add("--stall-timeout-ms", o.stall_timeout_ms, "Let a client go that takes nothing of a streamed result for so long");
+  add("--lame-duck-ms", o.lame_duck_ms, "On SIGTERM: time in which calls are still taken");
+  add("--drain-grace-ms", o.drain_grace_ms, "Then: time in which running calls may end");
+  add("--log-level", o.log_level, "Least severe level that is logged")
       ->check(CLI::IsMember({"debug", "info", "warn", "error", "off"}));
+  add("--log-format", o.log_format, "Lines for people or for programs")->check(CLI::IsMember({"text", "json"}));
+  add("--http-listen", o.http_listen,
+      "Address of /metrics, /livez and /readyz over HTTP; port 0 picks one, empty: none")
+      ->type_name("HOST:PORT");
+  add("--reflection", o.reflection, "Whether clients may ask for the descriptions of the services");
+  app.add_option("--config", config, "Read options from this TOML file")->type_name("FILE")->configurable(false);
+  app.add_flag("--check-config", check_config, "Print every option and where it comes from, say what is wrong, and end")
+      ->configurable(false);
   CLI::Option* probe_option =
       app.add_option("--probe", probe, "Ask the server at this address for its health: exit 0 if it serves, else 1")
           ->type_name("[HOST:PORT]")
           ->expected(0, 1)
           ->configurable(false);
+  std::vector<OptionValue> values;
   try {
-    app.parse(argc, argv);
+    values = ParseFromAllSources(app, argc, argv);
   } catch (const CLI::ParseError& error) {
     return {std::nullopt, app.exit(error) == 0 ? 0 : 2};
   }
   o.backend = kBackends.at(backend);
   o.simd = kSimds.at(simd);
-  CommandLine command{o, std::nullopt};
+  CommandLine command{o, std::nullopt, check_config, std::move(values)};
   if (probe_option->count() > 0) command.probe = probe.empty() ? ProbeAddress(o.listen) : probe;
   return {command, 0};
 }

@@ -4,7 +4,10 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "absl/status/status.h"
+#include "option_sources.h"
 #include "pipeline/request.h"
 
 namespace voxelpipe {
@@ -25,16 +28,21 @@ struct ServerOptions {
   uint32_t drain_grace_ms = 30'000;    // then: calls that run may still end
   uint32_t stall_timeout_ms = 60'000;  // a client that takes no byte of a streamed result for so long is let go
   std::string log_level = "info";
+  std::string log_format = "text";  // or "json"
+  std::string http_listen;          // HOST:PORT of /metrics, /livez and /readyz; empty: none
+  bool reflection = true;           // clients may ask for the descriptions of the services
 };
 
 // What the command line asks for.
 struct CommandLine {
   ServerOptions options;
   std::optional<std::string> probe;  // ask the server at this address for its health instead of serving
+  bool check_config = false;         // print `values` instead of serving
+  std::vector<OptionValue> values;   // every option and where it comes from
 };
 
-// Parses flags, VOXELPIPE_* variables and the config file. Out: what to do, or the exit code after help (0) or one clear line on
-// stderr (2).
+// Parses flags, VOXELPIPE_* variables and the config file (option_sources.h says which is stronger). Out: what to do, or the exit code
+// after help (0) or one clear line on stderr (2).
 struct ParseOutcome {
   std::optional<CommandLine> command;
   int exit_code = 0;

@@ -1,6 +1,9 @@
 #include "options.h"
 
 #include <cstdlib>
+#include <fstream>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "base/machine_memory.h"
@@ -41,6 +44,77 @@ TEST(OptionsTest, AVariableIsTakenAndAFlagIsStronger) {
   EXPECT_EQ(Parse({}).command->options.listen, "127.0.0.1:1234");
   EXPECT_EQ(Parse({"--listen", "127.0.0.1:5"}).command->options.listen, "127.0.0.1:5");
   unsetenv("VOXELPIPE_LISTEN");
+}
+
+// A variable of the environment, as long as it lives.
+class Variable {
+ public:
+  Variable(const char* name, const std::string& value) : name_(name) { setenv(name, value.c_str(), 1); }
+  ~Variable() { unsetenv(name_); }
+
+ private:
+  const char* name_;
+};
+
+// A config file of the running test.
+std::string ConfigFile(const std::string& text) {
+  const std::string path =
+      ::testing::TempDir() + "voxelpiped_" + ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".toml";
+  std::ofstream(path) << text;
+  return path;
+}
+
+TEST(OptionsTest, AFlagIsStrongerThanAVariableThanTheFileThanTheDefault) {
+  const std::string file = ConfigFile("max-queue = 1\nworkers = 1\nthreads = 1\nlog-level = \"debug\"\n");
+  const Variable queue("VOXELPIPE_MAX_QUEUE", "2"), workers("VOXELPIPE_WORKERS", "2");
+  const ParseOutcome outcome = Parse({"--config", file.c_str(), "--max-queue", "3"});
+  ASSERT_TRUE(outcome.command);
+  const ServerOptions& options = outcome.command->options;
+  EXPECT_EQ(options.max_queue, 3u);
+  EXPECT_EQ(options.workers, 2);
+  EXPECT_EQ(options.threads, 1);
+  EXPECT_EQ(options.log_level, "debug");
+  EXPECT_EQ(options.lame_duck_ms, ServerOptions().lame_duck_ms);
+  std::map<std::string, std::string> sources;
+  for (const OptionValue& value : outcome.command->values) sources[value.key] = value.value + " from " + value.source;
+  EXPECT_EQ(sources["max-queue"], "3 from flag");
+  EXPECT_EQ(sources["workers"], "2 from environment VOXELPIPE_WORKERS");
+  EXPECT_EQ(sources["threads"], "1 from file " + file);
+  EXPECT_EQ(sources["lame-duck-ms"], "500 from default");
+}
+
+TEST(OptionsTest, TheFileMayBeNamedByAVariable) {
+  const Variable config("VOXELPIPE_CONFIG", ConfigFile("max-queue = 9\n"));
+  EXPECT_EQ(Parse({}).command->options.max_queue, 9u);
+}
+
+TEST(OptionsTest, WhatTheFileHasWrongIsRefused) {
+  for (const char* text : {"max-cue = 1\n", "[section]\nmax-queue = 1\n", "max-queue = many\n", "max-queue = [1, 2]\n",
+                           "probe = \"\"\n", "config = \"x\"\n", "max-queue = 1\nmax-queue = 2\n"}) {
+    const ParseOutcome outcome = Parse({"--config", ConfigFile(text).c_str()});
+    EXPECT_FALSE(outcome.command) << text;
+    EXPECT_EQ(outcome.exit_code, 2) << text;
+  }
+  EXPECT_EQ(Parse({"--config", "/nowhere/at/all.toml"}).exit_code, 2);
+}
+
+TEST(OptionsTest, WhatAVariableHasWrongIsRefused) {
+  const Variable queue("VOXELPIPE_MAX_QUEUE", "many");
+  EXPECT_EQ(Parse({}).exit_code, 2);
+  EXPECT_TRUE(Parse({"--max-queue", "1"}).command) << "a flag is stronger, the variable is not looked at";
+}
+
+TEST(OptionsTest, ThePrintedOptionsAreAConfigFileOfTheSameValues) {
+  const ParseOutcome first = Parse({"--listen", "0.0.0.0:7", "--max-file-bytes", "1MiB", "--reflection", "false"});
+  ASSERT_TRUE(first.command);
+  const ParseOutcome second = Parse({"--config", ConfigFile(ToConfigText(first.command->values)).c_str()});
+  ASSERT_TRUE(second.command);
+  ASSERT_EQ(second.command->values.size(), first.command->values.size());
+  for (size_t i = 0; i < first.command->values.size(); ++i) {
+    EXPECT_EQ(second.command->values[i].value, first.command->values[i].value) << first.command->values[i].key;
+  }
+  EXPECT_EQ(second.command->options.max_file_bytes, 1u << 20);
+  EXPECT_FALSE(second.command->options.reflection);
 }
 
 TEST(OptionsTest, AProbeAsksTheGivenOrTheOwnAddress) {
