@@ -8,7 +8,8 @@
 namespace voxelpipe::cuda {
 
 // OK for cudaSuccess. Out of memory is RESOURCE_EXHAUSTED, everything else INTERNAL. An error after which the context answers
-// every call with the same error ("sticky": an illegal address, a failed launch) marks the device lost (device.h).
+// every call with the same error ("sticky": an illegal address, a failed launch) marks the device lost (device.h). All carry the mark of
+// base/device_failure.h.
 absl::Status CudaStatus(cudaError_t error, const char* expression, const char* file, int line);
 
 }  // namespace voxelpipe::cuda

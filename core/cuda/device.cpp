@@ -5,6 +5,7 @@
 #include <mutex>
 
 #include "absl/strings/str_cat.h"
+#include "base/device_failure.h"
 #include "cuda/check.h"
 
 namespace voxelpipe::cuda {
@@ -77,7 +78,9 @@ absl::StatusOr<DeviceInfo> TheDevice() {
   if (!probed->ok()) return *probed;
   const std::lock_guard lock(lost_mutex);
   if (!lost_reason.empty()) {
-    return absl::FailedPreconditionError(absl::StrCat("backend: the CUDA device was lost: ", lost_reason));
+    return MarkDeviceFailure(
+        absl::FailedPreconditionError(absl::StrCat("backend: the CUDA device was lost: ", lost_reason)),
+        DeviceFailureKind::kLost);
   }
   return *probed;
 }
@@ -96,10 +99,12 @@ absl::Status CudaStatus(cudaError_t error, const char* expression, const char* f
       std::string(path.substr(path.rfind("core/") == path.npos ? 0 : path.rfind("core/"))), ":", line, ")");
   if (error == cudaErrorMemoryAllocation) {
     const std::string have = MemoryAtHand();
-    return absl::ResourceExhaustedError(have.empty() ? message : absl::StrCat(message, "; ", have));
+    return MarkDeviceFailure(absl::ResourceExhaustedError(have.empty() ? message : absl::StrCat(message, "; ", have)),
+                             DeviceFailureKind::kOutOfMemory);
   }
-  if (IsSticky(error)) MarkDeviceLost(message);
-  return absl::InternalError(message);
+  const bool lost = IsSticky(error);
+  if (lost) MarkDeviceLost(message);
+  return MarkDeviceFailure(absl::InternalError(message), lost ? DeviceFailureKind::kLost : DeviceFailureKind::kError);
 }
 
 }  // namespace voxelpipe::cuda
