@@ -1,5 +1,6 @@
 #include "wire/request.h"
 
+#include <algorithm>
 #include <string>
 #include <utility>
 
@@ -37,6 +38,10 @@ constexpr Pair<v1::Simd, SimdChoice> kSimds[] = {{v1::SIMD_AUTO, SimdChoice::kAu
                                                  {v1::SIMD_SCALAR, SimdChoice::kScalar},
                                                  {v1::SIMD_AVX2, SimdChoice::kAvx2},
                                                  {v1::SIMD_AVX512, SimdChoice::kAvx512}};
+constexpr Pair<v1::Compression, Compression> kCompressions[] = {{v1::COMPRESSION_NONE, Compression::kNone},
+                                                                {v1::COMPRESSION_ZSTD, Compression::kZstd}};
+constexpr Pair<v1::Priority, Priority> kPriorities[] = {
+    {v1::PRIORITY_NORMAL, Priority::kNormal}, {v1::PRIORITY_HIGH, Priority::kHigh}, {v1::PRIORITY_LOW, Priority::kLow}};
 constexpr Pair<v1::VoxelFormat, VoxelFormat> kFormats[] = {
     {v1::VOXEL_FORMAT_BIT, VoxelFormat::kBit}, {v1::VOXEL_FORMAT_U8, VoxelFormat::kU8},
     {v1::VOXEL_FORMAT_U16, VoxelFormat::kU16}, {v1::VOXEL_FORMAT_U32, VoxelFormat::kU32},
@@ -145,6 +150,29 @@ absl::Status ReadTarget(const v1::RenderTarget& in, const std::string& field, Ta
   return absl::OkStatus();
 }
 
+absl::Status ReadSettings(const v1::VoxelizeConfig& in, CallSettings& out) {
+  absl::Status s = ReadEnum(kCompressions, in.compression(), "compression", out.compression);
+  if (s.ok()) s = ReadEnum(kPriorities, in.priority(), "priority", out.priority);
+  if (!s.ok()) return s;
+  if (in.has_fallback()) out.fallback = in.fallback();
+  if (in.has_queue_timeout_ms()) {
+    if (in.queue_timeout_ms() < 0) return Invalid("queue_timeout_ms", "must not be negative");
+    // A year is as good as for ever, and no sum of times overflows.
+    constexpr int64_t kMostMs = int64_t{365} * 24 * 3600 * 1000;
+    out.queue_timeout = std::chrono::milliseconds(std::min(in.queue_timeout_ms(), kMostMs));
+  }
+  out.content_hash = !in.without_content_hash();
+  return absl::OkStatus();
+}
+
+void WriteSettings(const CallSettings& in, v1::VoxelizeConfig& out) {
+  if (in.compression != Compression::kNone) out.set_compression(WriteEnum(kCompressions, in.compression));
+  if (in.priority != Priority::kNormal) out.set_priority(WriteEnum(kPriorities, in.priority));
+  if (in.fallback) out.set_fallback(*in.fallback);
+  if (in.queue_timeout) out.set_queue_timeout_ms(in.queue_timeout->count());
+  out.set_without_content_hash(!in.content_hash);
+}
+
 }  // namespace
 
 absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
@@ -158,6 +186,10 @@ absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
   if (s.ok()) s = ReadEnum(kBackends, config.backend(), "backend", request.backend);
   if (s.ok()) s = ReadEnum(kResults, config.result(), "result", request.result);
   if (s.ok()) s = ReadEnum(kSimds, config.simd(), "simd", request.simd);
+  if (s.ok()) s = ReadSettings(config, parsed.settings);
+  if (s.ok() && config.new_positions() && config.mesh_id().empty()) s = Invalid("new_positions", "of which mesh_id?");
+  parsed.mesh_id = config.mesh_id();
+  parsed.new_positions = config.new_positions();
   if (s.ok() && config.has_vertex_shader())
     s = ReadShader(config.vertex_shader(), "vertex_shader", request.vertex_shader);
   if (!s.ok()) return s;
@@ -173,7 +205,7 @@ absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
   return parsed;
 }
 
-v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_format) {
+v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_format, const CallSettings& settings) {
   v1::VoxelizeConfig config;
   config.set_mesh_format(WriteEnum(kMeshFormats, mesh_format));
   v1::GridRequest* grid = config.mutable_grid();
@@ -206,6 +238,7 @@ v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_fo
     target->set_clear(spec.clear);
     target->set_fill_value(spec.fill_value);
   }
+  WriteSettings(settings, config);
   return config;
 }
 

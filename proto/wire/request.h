@@ -1,10 +1,13 @@
 // Requests: core types <-> messages. Used by the server and by the client.
 #pragma once
 
+#include <string>
+
 #include "absl/status/statusor.h"
 #include "load/loader.h"
 #include "pipeline/request.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
+#include "wire/call_settings.h"
 
 namespace voxelpipe {
 
@@ -12,15 +15,19 @@ namespace voxelpipe {
 struct ParsedConfig {
   MeshFormat mesh_format = MeshFormat::kAuto;
   VoxelizeRequest request;  // threads stays 0: clients do not choose it
+  CallSettings settings;
+  std::string mesh_id;         // of a mesh that the server keeps; empty: the mesh comes with the request
+  bool new_positions = false;  // the mesh bytes are positions for mesh_id
 };
 
 // In: what a client sent. Out: the request with every default filled in; shaders and blends are not checked yet
 // (ValidateRequest does).
 // Errors: INVALID_ARGUMENT "field: why" for enum values that this server does not know, a shader parameter given twice, a
-// grid asked for in two ways, or more than kMaxTargets targets.
+// grid asked for in two ways, more than kMaxTargets targets, a negative queue time-out, or new positions of no mesh.
 absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config);
 
 // The message that ParseConfig turns back into `request`, except for its threads.
-v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_format = MeshFormat::kAuto);
+v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_format = MeshFormat::kAuto,
+                              const CallSettings& settings = {});
 
 }  // namespace voxelpipe

@@ -6,26 +6,18 @@
 
 #include "absl/strings/str_cat.h"
 #include "calls/call_setup.h"
+#include "calls/job_setup.h"
 #include "wire/response.h"
 #include "wire/status.h"
 
 namespace voxelpipe {
 namespace {
 
-// How long a job waits for other jobs to free memory before its client is asked to come again.
-constexpr std::chrono::milliseconds kMemoryPatience{20'000};
 constexpr std::chrono::milliseconds kRetryDelay{1000};
 // A waiting worker looks at its deadline so often.
 constexpr std::chrono::milliseconds kLookEvery{20};
 // Progress within a stage is not told more often.
 constexpr std::chrono::milliseconds kProgressInterval{100};
-
-std::string Facts(const JobOutcome& outcome) {
-  const GridSpec& grid = outcome.result.grid;
-  const VoxelizeStats& stats = outcome.result.stats;
-  return absl::StrCat(" triangles=", stats.triangles, " dims=", grid.dims[0], "x", grid.dims[1], "x", grid.dims[2],
-                      " occupied=", stats.occupied, " voxelize_ms=", stats.voxelize_ms, " peak=", outcome.peak_bytes);
-}
 
 }  // namespace
 
@@ -49,7 +41,6 @@ VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& grp
       uploads_(state.uploads),
       working_(state.working) {
   SetDeadline(grpc_context, context);
-  limits = &state.limits;
 }
 
 void VoxelizeCall::OnReadDone(bool ok) {
@@ -74,14 +65,8 @@ absl::Status VoxelizeCall::TakeMessage() {
 
 absl::Status VoxelizeCall::TakeConfig(const v1::VoxelizeConfig& message) {
   if (configured_) return absl::InvalidArgumentError("config: only the first message may be one");
-  absl::StatusOr<ParsedConfig> parsed = ParseConfig(message);
-  if (!parsed.ok()) return parsed.status();
   configured_ = true;
-  config = *std::move(parsed);
-  traits.client = record_.peer;
-  traits.deadline = context.deadline();
-  traits.backend = config.request.backend;
-  return PrepareRequest(state_, config.request);
+  return ConfigureJob(state_, message, record_.peer, *this);
 }
 
 absl::Status VoxelizeCall::TakePiece(std::string piece) {
@@ -122,12 +107,7 @@ void VoxelizeCall::UploadEnded() {
 
 absl::Status VoxelizeCall::Planned(const Plan& plan, bool may_wait) {
   uploads_.ShrinkTo(0);  // the file is gone since it was loaded
-  if (!may_wait) {
-    if (!working_.TryGrow(plan.peak_bytes)) return absl::AbortedError("the memory that this job needs is in use");
-  } else if (!working_.Grow(plan.peak_bytes, context, kMemoryPatience)) {
-    if (absl::Status s = context.Check(); !s.ok()) return s;
-    return BusyError("the memory that this job needs is in use by others", kRetryDelay);
-  }
+  if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
   v1::VoxelizeResponse response;
   *response.mutable_accepted() = ToMessage(plan);
   Post(std::move(response));

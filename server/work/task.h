@@ -10,10 +10,9 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "pipeline/request.h"
+#include "wire/call_settings.h"
 
 namespace voxelpipe {
-
-enum class Priority : uint8_t { kHigh, kNormal, kLow };
 
 // What a task is thought to take, before its mesh is known or after.
 struct JobCost {

@@ -115,6 +115,30 @@ TEST(RequestTest, EveryEnumeratorSurvives) {
   }
 }
 
+TEST(RequestTest, HowToServeSurvives) {
+  CallSettings settings;
+  settings.compression = Compression::kZstd;
+  settings.priority = Priority::kLow;
+  settings.fallback = false;
+  settings.queue_timeout = std::chrono::milliseconds(0);  // 0 and absent differ
+  settings.content_hash = false;
+  const auto parsed = ParseConfig(MakeConfig(VoxelizeRequest(), MeshFormat::kAuto, settings));
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->settings.compression, Compression::kZstd);
+  EXPECT_EQ(parsed->settings.priority, Priority::kLow);
+  EXPECT_EQ(parsed->settings.fallback, false);
+  EXPECT_EQ(parsed->settings.queue_timeout, std::chrono::milliseconds(0));
+  EXPECT_FALSE(parsed->settings.content_hash);
+
+  const auto plain = ParseConfig(v1::VoxelizeConfig());
+  ASSERT_TRUE(plain.ok());
+  EXPECT_EQ(plain->settings.compression, Compression::kNone);
+  EXPECT_EQ(plain->settings.priority, Priority::kNormal);
+  EXPECT_FALSE(plain->settings.fallback.has_value());
+  EXPECT_FALSE(plain->settings.queue_timeout.has_value());
+  EXPECT_TRUE(plain->settings.content_hash);
+}
+
 TEST(RequestTest, AnExplicitGridSurvives) {
   VoxelizeRequest request;
   request.grid.voxel_size = Vec3d{0.5, 0.25, 0.125};
@@ -162,6 +186,8 @@ TEST(RequestTest, ValuesOfNewerClientsAreRefusedByField) {
   ExpectRefused("backend", [](auto& c) { c.set_backend(v1::Backend(4)); });
   ExpectRefused("result", [](auto& c) { c.set_result(v1::ResultKind(4)); });
   ExpectRefused("simd", [](auto& c) { c.set_simd(v1::Simd(5)); });
+  ExpectRefused("compression", [](auto& c) { c.set_compression(v1::Compression(3)); });
+  ExpectRefused("priority", [](auto& c) { c.set_priority(v1::Priority(4)); });
   ExpectRefused("targets[1].format", [](auto& c) {
     c.add_targets();
     c.add_targets()->set_format(v1::VoxelFormat(7));
@@ -170,6 +196,8 @@ TEST(RequestTest, ValuesOfNewerClientsAreRefusedByField) {
 }
 
 TEST(RequestTest, ContradictionsAreRefusedByField) {
+  ExpectRefused("queue_timeout_ms", [](auto& c) { c.set_queue_timeout_ms(-1); });
+  ExpectRefused("new_positions", [](auto& c) { c.set_new_positions(true); });
   ExpectRefused("grid.resolution", [](auto& c) {
     c.mutable_grid()->set_resolution(8);
     c.mutable_grid()->mutable_voxel_size()->set_x(1);

@@ -1,0 +1,54 @@
+#include "calls/job_setup.h"
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "calls/call_setup.h"
+#include "wire/status.h"
+
+namespace voxelpipe {
+namespace {
+
+// How long a job waits for other jobs to free memory before its client is asked to come again.
+constexpr std::chrono::milliseconds kMemoryPatience{20'000};
+constexpr std::chrono::milliseconds kRetryDelay{1000};
+
+}  // namespace
+
+absl::Status ConfigureJob(const ServiceState& state, const v1::VoxelizeConfig& message, const std::string& client,
+                          VoxelizeJob& job) {
+  absl::StatusOr<ParsedConfig> parsed = ParseConfig(message);
+  if (!parsed.ok()) return parsed.status();
+  job.config = *std::move(parsed);
+  const CallSettings& settings = job.config.settings;
+  job.limits = &state.limits;
+  job.traits.client = client;
+  job.traits.deadline = job.context.deadline();
+  // The server's choice is not the client's: another kind of worker may do it then.
+  const BackendChoice asked = job.config.request.backend;
+  if (absl::Status s = PrepareRequest(state, job.config.request); !s.ok()) return s;
+  job.traits.backend = job.config.request.backend;
+  job.traits.fallback = settings.fallback.value_or(asked == BackendChoice::kAuto);
+  job.traits.priority = settings.priority;
+  if (settings.queue_timeout) job.traits.queue_deadline = job.traits.arrived + *settings.queue_timeout;
+  return absl::OkStatus();
+}
+
+absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working) {
+  if (!may_wait) {
+    if (!working.TryGrow(plan.peak_bytes)) return absl::AbortedError("the memory that this job needs is in use");
+    return absl::OkStatus();
+  }
+  if (working.Grow(plan.peak_bytes, job, kMemoryPatience)) return absl::OkStatus();
+  if (absl::Status s = job.Check(); !s.ok()) return s;
+  return BusyError("the memory that this job needs is in use by others", kRetryDelay);
+}
+
+std::string Facts(const JobOutcome& outcome) {
+  const GridSpec& grid = outcome.result.grid;
+  const VoxelizeStats& stats = outcome.result.stats;
+  return absl::StrCat(" triangles=", stats.triangles, " dims=", grid.dims[0], "x", grid.dims[1], "x", grid.dims[2],
+                      " occupied=", stats.occupied, " voxelize_ms=", stats.voxelize_ms, " peak=", outcome.peak_bytes);
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,25 @@
+// From a config message to a job that can be submitted: the same for single calls and for many on one stream.
+#pragma once
+
+#include <string>
+
+#include "absl/status/status.h"
+#include "service_state.h"
+#include "work/voxelize_job.h"
+
+namespace voxelpipe {
+
+// Fills the job's config, limits and traits from the message; `client` is whom the queue takes it to be from. The job's deadline, if
+// any, is set before.
+// Errors: those of ParseConfig and PrepareRequest.
+absl::Status ConfigureJob(const ServiceState& state, const v1::VoxelizeConfig& message, const std::string& client,
+                          VoxelizeJob& job);
+
+// Charges a plan to `working`, what all jobs of the server work in. `may_wait` as in VoxelizeJob::Planned.
+// Errors: ABORTED where it may not wait, BusyError where waiting did not help, the job's own.
+absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working);
+
+// What is said of a job in the access log: more key=value pairs, each with a leading space.
+std::string Facts(const JobOutcome& outcome);
+
+}  // namespace voxelpipe
