@@ -14,6 +14,8 @@ constexpr std::chrono::milliseconds kRetryDelay{200};
 
 // Whether a worker of this kind may have the task.
 bool Suits(const Task& task, const WorkerTraits& worker) {
+  const std::vector<std::string>& excluded = task.traits.excluded_devices;
+  if (std::find(excluded.begin(), excluded.end(), worker.device) != excluded.end()) return false;
   const BackendChoice wanted = task.traits.backend;
   return wanted == BackendChoice::kAuto || wanted == worker.kind || task.traits.fallback;
 }

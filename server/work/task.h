@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "base/job_context.h"
@@ -30,7 +31,8 @@ struct TaskTraits {
   std::optional<JobContext::Clock::time_point> deadline;        // of the call: an answer after it is worthless
   std::optional<JobContext::Clock::time_point> queue_deadline;  // a worker must have it by then
   BackendChoice backend = BackendChoice::kAuto;
-  bool fallback = true;  // whether another kind of backend may run it
+  bool fallback = true;                       // whether another kind of backend may run it
+  std::vector<std::string> excluded_devices;  // that failed it, by Backend::device(): no worker of these gets it again
 };
 
 // Between Submit and the end of its work, a task belongs to the scheduler or to one worker. Either ends it exactly once: by Load that
