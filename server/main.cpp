@@ -9,9 +9,9 @@
 #include <string>
 #include <thread>
 
-#include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include "observe/log.h"
 #include "options.h"
 #include "probe.h"
 #include "server.h"
@@ -33,17 +33,13 @@ int WaitForSignal(const sigset_t& signals) {
   return signal;
 }
 
-void StartLog(const std::string& level) {
-  spdlog::set_default_logger(spdlog::stderr_color_mt("voxelpiped"));
-  spdlog::set_level(spdlog::level::from_str(level == "error" ? "err" : level));
-  spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %l %v");
-}
-
 int Serve(const ServerOptions& options) {
   // Blocked in every thread that starts from here on; taken by sigwait below, where everything may be called.
   const sigset_t signals = StopSignals();
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
+  StartLog(spdlog::level::from_str(options.log_level == "error" ? "err" : options.log_level),
+           options.log_format == "json" ? LogFormat::kJson : LogFormat::kText);
 
   absl::StatusOr<std::unique_ptr<VoxelServer>> server = VoxelServer::Start(options);
   if (!server.ok()) {
@@ -51,6 +47,7 @@ int Serve(const ServerOptions& options) {
     return 1;
   }
   std::printf("listening on %s\n", (*server)->address().c_str());
+  if (!(*server)->http_address().empty()) std::printf("http on %s\n", (*server)->http_address().c_str());
   std::fflush(stdout);
 
   spdlog::info("{}: draining", WaitForSignal(signals) == SIGINT ? "SIGINT" : "SIGTERM");
@@ -71,8 +68,9 @@ int Main(int argc, char** argv) {
   if (parsed.command->probe) return Probe(*parsed.command->probe);
   // gRPC's own lines say in C structures what our one error line says; whoever wants them sets the variable.
   setenv("GRPC_VERBOSITY", "NONE", 0);
-  StartLog(parsed.command->options.log_level);
-  return Serve(parsed.command->options);
+  const int exit_code = Serve(parsed.command->options);
+  StopLog();
+  return exit_code;
 }
 
 }  // namespace

@@ -104,7 +104,7 @@ std::vector<OptionValue> ParseFromAllSources(CLI::App& app, int argc, const char
   for (const CLI::Option* option : options) {
     const std::string& key = option->get_lnames()[0];
     std::string value = option->count() > 0 ? option->results().back() : option->get_default_str();
-    if (option->get_type_name() == "BOOLEAN") value = value == "0" || value == "false" ? "false" : "true";
+    if (option->get_type_name() == "BOOLEAN") value = option->as<bool>() ? "true" : "false";
     values.push_back({key, std::move(value), sources[key]});
   }
   return values;

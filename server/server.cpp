@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "observe/health_service.h"
+#include "observe/http_endpoint.h"
 #include "pipeline/backend.h"
 #include "service_state.h"
 #include "voxelization_service.h"
@@ -41,6 +42,14 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   if (const auto backend = SelectBackend(options.backend); !backend.ok()) return backend.status();
   std::unique_ptr<VoxelServer> server(new VoxelServer(Resolve(options)));
 
+  if (!options.http_listen.empty()) {
+    HealthService& health = *server->health_;
+    auto http =
+        HttpEndpoint::Start(options.http_listen, server->state_->metrics, [&health] { return health.serving(); });
+    if (!http.ok()) return absl::Status(http.status().code(), absl::StrCat("--http-listen: ", http.status().message()));
+    server->http_ = *std::move(http);
+    server->http_address_ = server->http_->address();
+  }
   // Once for the process, before any builder; a repetition does nothing.
   if (options.reflection) grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   grpc::ServerBuilder builder;

@@ -15,6 +15,7 @@ class Server;
 namespace voxelpipe {
 
 class HealthService;
+class HttpEndpoint;
 class VoxelizationServiceImpl;
 struct ServiceState;
 
@@ -27,6 +28,8 @@ class VoxelServer {
 
   // The address with the port that was picked.
   const std::string& address() const { return address_; }
+  // Of /metrics, /livez and /readyz; empty where there is none.
+  const std::string& http_address() const { return http_address_; }
 
   // Graceful end: says NOT_SERVING, takes calls for another options.lame_duck_ms so that those on their way arrive, then takes
   // no more and gives those that run options.drain_grace_ms. Returns when everything has ended. Call once.
@@ -35,10 +38,11 @@ class VoxelServer {
  private:
   explicit VoxelServer(const ServerOptions& resolved);
 
-  std::string address_;
+  std::string address_, http_address_;
   std::unique_ptr<ServiceState> state_;
   std::unique_ptr<VoxelizationServiceImpl> service_;
   std::unique_ptr<HealthService> health_;
+  std::unique_ptr<HttpEndpoint> http_;
   std::unique_ptr<grpc::Server> server_;
   bool drained_ = false;
 };

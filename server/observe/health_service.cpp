@@ -10,9 +10,8 @@ namespace {
 using grpc::health::v1::HealthCheckRequest;
 using grpc::health::v1::HealthCheckResponse;
 
-bool IsKnown(const std::string& name) {
-  return name.empty() || name == "voxelpipe.v1.VoxelizationService";
-}
+constexpr char kService[] = "voxelpipe.v1.VoxelizationService";
+constexpr char kDevice[] = "device/";
 
 }  // namespace
 
@@ -85,29 +84,68 @@ class HealthService::Watcher final : public grpc::ServerWriteReactor<HealthCheck
   bool writing_ = false, finished_ = false;
 };
 
-HealthService::HealthService() : status_(HealthCheckResponse::NOT_SERVING) {}
+HealthService::HealthService() = default;
 HealthService::~HealthService() = default;
 
-void HealthService::SetServing(bool serving) {
-  std::vector<std::shared_ptr<Watcher>> told;
+std::optional<HealthService::ServingStatus> HealthService::StatusOf(const std::string& name) const {
+  bool serving = serving_;
+  if (!name.empty() && name != kService) {
+    const auto device = devices_.find(name);
+    if (device == devices_.end()) return std::nullopt;
+    serving = serving && device->second;
+  }
+  return serving ? HealthCheckResponse::SERVING : HealthCheckResponse::NOT_SERVING;
+}
+
+bool HealthService::serving() const {
   const std::lock_guard lock(mutex_);
-  status_ = serving ? HealthCheckResponse::SERVING : HealthCheckResponse::NOT_SERVING;
-  for (const auto& watcher : watchers_) {
-    if (auto alive = watcher.lock()) {
-      alive->Tell(status_);
-      told.push_back(std::move(alive));
+  return serving_;
+}
+
+void HealthService::SetServing(bool serving) {
+  {
+    const std::lock_guard lock(mutex_);
+    serving_ = serving;
+  }
+  TellAll();
+}
+
+void HealthService::SetDevice(const std::string& device, bool serving) {
+  {
+    const std::lock_guard lock(mutex_);
+    devices_[kDevice + device] = serving;
+  }
+  TellAll();
+}
+
+void HealthService::TellAll() {
+  std::vector<std::pair<std::string, std::shared_ptr<Watcher>>> alive;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [name, watcher] : watchers_) {
+      if (auto one = watcher.lock()) alive.emplace_back(name, std::move(one));
     }
+  }
+  for (const auto& [name, watcher] : alive) {
+    // Read again for each, so that of two changes at the same time the later one is told last.
+    const std::lock_guard lock(telling_mutex_);
+    std::optional<ServingStatus> status;
+    {
+      const std::lock_guard now(mutex_);
+      status = StatusOf(name);
+    }
+    watcher->Tell(status.value_or(HealthCheckResponse::SERVICE_UNKNOWN));
   }
 }
 
 void HealthService::EndWatches() {
-  std::vector<std::weak_ptr<Watcher>> watchers;
+  std::vector<std::pair<std::string, std::weak_ptr<Watcher>>> watchers;
   {
     const std::lock_guard lock(mutex_);
     ended_ = true;
     watchers.swap(watchers_);
   }
-  for (const auto& watcher : watchers) {
+  for (const auto& [name, watcher] : watchers) {
     if (const auto alive = watcher.lock()) alive->End({grpc::StatusCode::UNAVAILABLE, "the server is shutting down"});
   }
 }
@@ -115,29 +153,34 @@ void HealthService::EndWatches() {
 grpc::ServerUnaryReactor* HealthService::Check(grpc::CallbackServerContext* context, const HealthCheckRequest* request,
                                                HealthCheckResponse* response) {
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  if (!IsKnown(request->service())) {
-    reactor->Finish({grpc::StatusCode::NOT_FOUND, "service: not known here"});
-    return reactor;
-  }
+  std::optional<ServingStatus> status;
   {
     const std::lock_guard lock(mutex_);
-    response->set_status(status_);
+    status = StatusOf(request->service());
   }
-  reactor->Finish(grpc::Status::OK);
+  if (status) response->set_status(*status);
+  reactor->Finish(status ? grpc::Status::OK : grpc::Status(grpc::StatusCode::NOT_FOUND, "service: not known here"));
   return reactor;
 }
 
 grpc::ServerWriteReactor<HealthCheckResponse>* HealthService::Watch(grpc::CallbackServerContext* /*context*/,
                                                                     const HealthCheckRequest* request) {
   const std::shared_ptr<Watcher> watcher = Watcher::Create();
-  const std::lock_guard lock(mutex_);
-  if (ended_) {
-    watcher->End({grpc::StatusCode::UNAVAILABLE, "the server is shutting down"});
-    return watcher.get();
+  const std::lock_guard telling(telling_mutex_);
+  std::optional<ServingStatus> status;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!ended_) {
+      std::erase_if(watchers_, [](const auto& other) { return other.second.expired(); });
+      watchers_.emplace_back(request->service(), watcher);
+      status = StatusOf(request->service()).value_or(HealthCheckResponse::SERVICE_UNKNOWN);
+    }
   }
-  std::erase_if(watchers_, [](const auto& other) { return other.expired(); });
-  watchers_.push_back(watcher);
-  watcher->Tell(IsKnown(request->service()) ? status_ : HealthCheckResponse::SERVICE_UNKNOWN);
+  if (status) {
+    watcher->Tell(*status);
+  } else {
+    watcher->End({grpc::StatusCode::UNAVAILABLE, "the server is shutting down"});
+  }
   return watcher.get();
 }
 

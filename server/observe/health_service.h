@@ -1,9 +1,12 @@
 // grpc.health.v1 as a service of our own: gRPC's built-in one is not listed by reflection.
 #pragma once
 
+#include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <grpcpp/grpcpp.h>
@@ -12,7 +15,8 @@
 
 namespace voxelpipe {
 
-// Knows two names: "" (the server) and "voxelpipe.v1.VoxelizationService". Both have the same health. Thread-safe.
+// Knows "" (the server), "voxelpipe.v1.VoxelizationService", which have the same health, and "device/NAME" of each device that it was
+// told of. Thread-safe.
 class HealthService final : public grpc::health::v1::Health::CallbackService {
  public:
   using ServingStatus = grpc::health::v1::HealthCheckResponse::ServingStatus;
@@ -20,8 +24,12 @@ class HealthService final : public grpc::health::v1::Health::CallbackService {
   HealthService();
   ~HealthService() override;
 
-  // NOT_SERVING until told otherwise. Watchers hear of every change.
+  // NOT_SERVING until told otherwise; while it is, the devices are NOT_SERVING, too. Watchers hear of every change.
   void SetServing(bool serving);
+  // Of the device "cpu", "cuda:0", ...: true while it takes jobs. A device that was never told of is not known.
+  void SetDevice(const std::string& device, bool serving);
+  // Whether the server serves: what "" answers.
+  bool serving() const;
   // Ends every Watch with UNAVAILABLE, so that the server can shut down without waiting for them.
   void EndWatches();
 
@@ -36,10 +44,16 @@ class HealthService final : public grpc::health::v1::Health::CallbackService {
  private:
   class Watcher;
 
-  std::mutex mutex_;
-  ServingStatus status_;
-  bool ended_ = false;
-  std::vector<std::weak_ptr<Watcher>> watchers_;  // of known names
+  // With mutex_ held. Nothing for a name that is not known.
+  std::optional<ServingStatus> StatusOf(const std::string& name) const;
+  // Tells every watcher of what it watches.
+  void TellAll();
+
+  std::mutex telling_mutex_;  // one teller at a time; taken before mutex_
+  mutable std::mutex mutex_;
+  bool serving_ = false, ended_ = false;
+  std::map<std::string, bool> devices_;  // "device/NAME" -> whether it takes jobs
+  std::vector<std::pair<std::string, std::weak_ptr<Watcher>>> watchers_;
 };
 
 }  // namespace voxelpipe

@@ -1,0 +1,120 @@
+#include "observe/log.h"
+
+#include <array>
+#include <atomic>
+#include <cstdio>
+#include <memory>
+
+#include <spdlog/async.h>
+#include <spdlog/pattern_formatter.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "wire/text.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr size_t kLinesInMemory = 8192;
+constexpr size_t kValueBytes = 300;
+constexpr char kTime[] = "%Y-%m-%dT%H:%M:%S.%e%z";
+// The logger of LogLine: its payload is the inside of a JSON object already.
+constexpr char kFields[] = "fields";
+
+std::atomic<bool> json_lines{false};
+
+std::string Quoted(std::string_view text) {
+  return nlohmann::json(std::string(text)).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+class JsonFormatter final : public spdlog::formatter {
+ public:
+  void format(const spdlog::details::log_msg& msg, spdlog::memory_buf_t& out) override {
+    const std::string_view payload(msg.payload.data(), msg.payload.size());
+    spdlog::memory_buf_t time;
+    time_.format(msg, time);
+    const auto level = spdlog::level::to_string_view(msg.level);
+    std::string line = absl::StrCat("{\"time\":\"", std::string(time.data(), time.size()), "\",\"level\":\"",
+                                    std::string(level.data(), level.size()), "\",");
+    if (std::string_view(msg.logger_name.data(), msg.logger_name.size()) == kFields) {
+      line += payload;
+    } else {
+      line += "\"event\":\"message\",\"message\":" + Quoted(payload);
+    }
+    line += "}\n";
+    out.append(line.data(), line.data() + line.size());
+  }
+  std::unique_ptr<spdlog::formatter> clone() const override { return std::make_unique<JsonFormatter>(); }
+
+ private:
+  spdlog::pattern_formatter time_{kTime, spdlog::pattern_time_type::local, ""};
+};
+
+// Whether a value can stand in a text line without quotes.
+bool IsPlain(std::string_view value) {
+  return !value.empty() && value.find_first_of(" =\"\\") == std::string_view::npos;
+}
+
+}  // namespace
+
+void StartLog(spdlog::level::level_enum level, LogFormat format) {
+  json_lines = format == LogFormat::kJson;
+  spdlog::sink_ptr sink;
+  if (json_lines) {
+    sink = std::make_shared<spdlog::sinks::stderr_sink_mt>();
+    sink->set_formatter(std::make_unique<JsonFormatter>());
+  } else {
+    sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>();
+    sink->set_pattern(absl::StrCat(kTime, " %l %v"));
+  }
+  spdlog::init_thread_pool(kLinesInMemory, 1);
+  const auto make = [&](const char* name) {
+    auto logger = std::make_shared<spdlog::async_logger>(name, sink, spdlog::thread_pool(),
+                                                         spdlog::async_overflow_policy::overrun_oldest);
+    logger->set_level(level);
+    return logger;
+  };
+  spdlog::set_default_logger(make("voxelpiped"));
+  spdlog::register_logger(make(kFields));
+}
+
+void StopLog() {
+  spdlog::shutdown();
+}
+
+LogLine::LogLine(std::string_view event) : json_(json_lines) {
+  text_ = json_ ? absl::StrCat("\"event\":\"", std::string(event), "\"") : std::string(event);
+}
+
+LogLine& LogLine::Raw(std::string_view key, std::string_view value) {
+  absl::StrAppend(&text_, json_ ? ",\"" : " ", std::string(key), json_ ? "\":" : "=", std::string(value));
+  return *this;
+}
+
+LogLine& LogLine::Add(std::string_view key, std::string_view value) {
+  const std::string clean = CleanText(value, kValueBytes);
+  return Raw(key, json_ || !IsPlain(clean) ? Quoted(clean) : clean);
+}
+
+LogLine& LogLine::Add(std::string_view key, uint64_t value) {
+  return Raw(key, std::to_string(value));
+}
+
+LogLine& LogLine::Add(std::string_view key, double value) {
+  std::array<char, 64> digits{};
+  const int length = std::snprintf(digits.data(), digits.size(), "%.3f", value);
+  return Raw(key, std::string_view(digits.data(), size_t(length)));
+}
+
+void LogLine::Write(spdlog::level::level_enum level) const {
+  if (const auto logger = spdlog::get(kFields)) {
+    logger->log(level, spdlog::string_view_t(text_.data(), text_.size()));
+  } else if (spdlog::default_logger()) {
+    spdlog::default_logger()->log(level, spdlog::string_view_t(text_.data(), text_.size()));
+  }
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,38 @@
+// The server's log on stderr: one line an event, for people ("text") or for programs ("json").
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include <spdlog/common.h>
+
+namespace voxelpipe {
+
+enum class LogFormat { kText, kJson };
+
+// Makes spdlog's default logger write to stderr from a thread of its own: a reader that stalls never holds up a call, it loses the
+// oldest of some thousand lines. Plain spdlog calls become lines with a message. Call once, before other threads log.
+void StartLog(spdlog::level::level_enum level, LogFormat format);
+// Writes what is still in memory. Logging does nothing after it.
+void StopLog();
+
+// A line with fields. text: `EVENT key=value key="a text"`; json: {"time": ..., "level": ..., "event": EVENT, "key": value, ...}.
+// Keys and the event are ours and need no escape; values are cleaned, cut at 300 bytes and quoted where they need it.
+class LogLine {
+ public:
+  explicit LogLine(std::string_view event);
+  LogLine& Add(std::string_view key, std::string_view value);
+  LogLine& Add(std::string_view key, const char* value) { return Add(key, std::string_view(value)); }
+  LogLine& Add(std::string_view key, uint64_t value);
+  LogLine& Add(std::string_view key, double value);  // three digits after the point
+  void Write(spdlog::level::level_enum level) const;
+
+ private:
+  LogLine& Raw(std::string_view key, std::string_view value);
+
+  const bool json_;
+  std::string text_;
+};
+
+}  // namespace voxelpipe
