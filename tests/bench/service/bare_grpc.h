@@ -1,0 +1,37 @@
+// What any service on gRPC is measured against: a server that does nothing, and its client.
+#pragma once
+
+#include <sys/types.h>
+
+#include <memory>
+#include <string>
+
+#include <grpcpp/channel.h>
+
+#include "bench/service/cpu_clock.h"
+
+namespace voxelpipe::bench {
+
+// Serves until the process is ended. Prints its port on the first line of stdout.
+int ServeBareGrpc();
+
+// The client's side. Each call is one measurement against a ServeBareGrpc process `server` at 127.0.0.1:`port`.
+class BareGrpc {
+ public:
+  BareGrpc(pid_t server, int port);
+
+  // A stream of `total` bytes in messages of `piece`: ready slices sent as they are, read as they come.
+  Measured RawStream(size_t piece, size_t total);
+  // The same through a message with a bytes field, as generated code has it.
+  Measured BytesStream(size_t piece, size_t total);
+  // Unary calls of `request` bytes up and `response` down, `in_flight` threads with one at a time each.
+  Measured Unary(size_t request, size_t response, int in_flight, double seconds);
+  // Small messages on one bidirectional stream, at most `window` of them under way.
+  Measured Bidirectional(size_t request, size_t response, int window, double seconds);
+
+ private:
+  const pid_t server_;
+  const std::shared_ptr<grpc::Channel> channel_;
+};
+
+}  // namespace voxelpipe::bench

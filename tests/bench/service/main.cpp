@@ -1,0 +1,78 @@
+// service_yardstick: the bare gRPC figures of this machine, one line a case: name, CPU us a request (both processes), requests/s,
+// GB/s, CPU-s/GB.
+//   service_yardstick [--seconds S] [--megabytes N]
+//   service_yardstick --serve
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <string>
+
+#include "bench/service/bare_grpc.h"
+
+namespace voxelpipe::bench {
+namespace {
+
+void Print(const char* name, const Measured& m) {
+  std::printf("%-32s %9.1f us %10.0f /s %7.2f GB/s %6.3f CPU-s/GB\n", name, m.cpu_us_per_request(),
+              m.requests / m.seconds, m.gigabytes_per_second(), (m.server_cpu + m.client_cpu) / m.bytes * 1e9);
+  std::fflush(stdout);
+}
+
+// A second process of this program that serves. Out: its id and port.
+struct Child {
+  pid_t pid = -1;
+  int port = 0;
+};
+Child StartServer() {
+  int ends[2];
+  if (pipe(ends) != 0) return {};
+  Child child;
+  child.pid = fork();
+  if (child.pid == 0) {
+    dup2(ends[1], STDOUT_FILENO);
+    execl("/proc/self/exe", "service_yardstick", "--serve", nullptr);
+    _exit(127);
+  }
+  close(ends[1]);
+  if (FILE* in = fdopen(ends[0], "r")) {
+    if (std::fscanf(in, "%d", &child.port) != 1) child.port = 0;
+    std::fclose(in);
+  }
+  return child;
+}
+
+int Main(int argc, char** argv) {
+  double seconds = 2;
+  size_t megabytes = 1024;
+  for (int i = 1; i < argc; ++i) {
+    if (std::strcmp(argv[i], "--serve") == 0) return ServeBareGrpc();
+    if (i + 1 < argc && std::strcmp(argv[i], "--seconds") == 0) seconds = std::atof(argv[++i]);
+    if (i + 1 < argc && std::strcmp(argv[i], "--megabytes") == 0) megabytes = size_t(std::atoll(argv[++i]));
+  }
+  const Child child = StartServer();
+  if (child.port == 0) return std::fputs("service_yardstick: no server\n", stderr), 1;
+  BareGrpc bare(child.pid, child.port);
+  bare.RawStream(1 << 20, size_t{64} << 20);  // warm
+  const size_t total = megabytes << 20;
+  Print("raw stream, 256 KiB pieces", bare.RawStream(256 << 10, total));
+  Print("raw stream, 1 MiB pieces", bare.RawStream(1 << 20, total));
+  Print("bytes stream, 1 MiB pieces", bare.BytesStream(1 << 20, total));
+  Print("unary 64 B, 16 in flight", bare.Unary(64, 64, 16, seconds));
+  Print("unary 20 KB -> 5 KB, 16 in flight", bare.Unary(20'000, 5'000, 16, seconds));
+  Print("bidi 64 B, 16 under way", bare.Bidirectional(64, 64, 16, seconds));
+  Print("bidi 20 KB -> 5 KB, 16 under way", bare.Bidirectional(20'000, 5'000, 16, seconds));
+  kill(child.pid, SIGKILL);
+  waitpid(child.pid, nullptr, 0);
+  return 0;
+}
+
+}  // namespace
+}  // namespace voxelpipe::bench
+
+int main(int argc, char** argv) {
+  return voxelpipe::bench::Main(argc, argv);
+}
