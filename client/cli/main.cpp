@@ -20,6 +20,7 @@ int main(int argc, char** argv) {
     AddInfoCommand(app, exit_code);
     AddShadersCommand(app, exit_code);
     AddServerInfoCommand(app, exit_code);
+    AddBenchCommand(app, exit_code);
     HandleInterrupts();
     try {
       app.parse(argc, argv);

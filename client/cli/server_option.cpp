@@ -1,5 +1,7 @@
 #include "server_option.h"
 
+#include "bench/load.h"
+
 namespace voxelpipe::cli {
 
 #ifdef VOXELPIPE_HAVE_SERVICE
@@ -26,6 +28,10 @@ absl::StatusOr<std::string> DescribeServer(const std::string& server, bool) {
 
 std::unique_ptr<Engine> MakeRemoteEngine(const std::string&) {
   return nullptr;
+}
+
+absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan) {
+  return CheckServerOption(plan.servers.front());
 }
 
 #endif

@@ -96,6 +96,32 @@ TEST_F(CliOptions, WrongOptionsExitWith2AndOneLine) {
   EXPECT_EQ(directory_.FileCount(), 1u);
 }
 
+TEST_F(CliOptions, WrongLoadsExitWith2AndOneLine) {
+  const std::vector<std::vector<std::string>> wrong = {
+      {},  // for how long?
+      {"--duration", "0"},
+      {"--duration", "1", "--concurrency", "0"},
+      {"--duration", "1", "--rate", "0"},
+      {"--duration", "1", "--rate", "5", "--concurrency", "2"},
+      {"--duration", "1", "--arrivals", "bursts"},
+      {"--duration", "1", "--deadline-ms", "0"},
+      {"--duration", "1", "--deadline-ms", "9", "--many"},
+      {"--duration", "1", "--connections", "1", "--server", "127.0.0.1:2"},
+      {"--duration", "1", "--server", ""},
+      {"--duration", "1", "--priority", "urgent"},
+      {"--duration", "1", "--resolution", "0"},
+  };
+  for (const std::vector<std::string>& options : wrong) {
+    std::vector<std::string> arguments = {"bench", box_, "--server", "127.0.0.1:1"};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    const CliOutcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, 2) << ::testing::PrintToString(options) << outcome.err;
+    EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+    EXPECT_EQ(outcome.out, "");
+  }
+  EXPECT_EQ(RunCli({"bench", box_, "--duration", "1"}).exit_code, 2);  // on which server?
+}
+
 TEST_F(CliOptions, FailedJobsExitWith1AndOneLineNamingTheFile) {
   std::ofstream(directory_ / "bad.glb") << "glTF but not really";
   std::ofstream(directory_ / "empty.glb");
@@ -159,8 +185,11 @@ TEST_F(CliOptions, AServerThatIsNotThereFailsTheJob) {
   constexpr int kExpected = 2;  // this build does not know the option's meaning
 #endif
   // Nothing listens on port 1 of this machine.
-  for (const std::vector<std::string>& command :
-       {std::vector<std::string>{"voxelize", box_}, {"info", box_}, {"shaders"}, {"server-info"}}) {
+  for (const std::vector<std::string>& command : {std::vector<std::string>{"voxelize", box_},
+                                                  {"info", box_},
+                                                  {"shaders"},
+                                                  {"server-info"},
+                                                  {"bench", box_, "--duration", "1"}}) {
     std::vector<std::string> arguments = command;
     arguments.insert(arguments.end(), {"--server", "127.0.0.1:1", "--json"});
     const CliOutcome outcome = RunCli(arguments);

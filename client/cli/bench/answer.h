@@ -1,0 +1,41 @@
+// One answer of a Voxelize or VoxelizeMany call, read for its figures: result bytes are counted and not copied.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include <grpcpp/support/byte_buffer.h>
+
+#include "absl/status/status.h"
+#include "bench/load.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
+
+namespace voxelpipe::cli {
+
+class Answer {
+ public:
+  void Reset() { *this = Answer(); }
+
+  // The next message of the call. DATA_LOSS where it cannot be read. The buffer is used up.
+  absl::Status Take(grpc::ByteBuffer& buffer);
+  absl::Status Take(const v1::VoxelizeResponse& message);
+  absl::Status Take(const v1::WholeResult& whole);
+
+  bool complete() const { return complete_; }  // the summary is there
+  uint64_t bytes() const { return bytes_; }    // of the result, uncompressed
+  const v1::Summary& summary() const { return summary_; }
+
+  // Writes what the answer says into `outcome`: its code is DATA_LOSS unless it is complete, as long as announced and, unless
+  // `expected_hash` is empty, of that hash. (The server's hash is compared, not computed: that would cost more than the load.)
+  void Fill(const std::string& expected_hash, Outcome& outcome) const;
+
+ private:
+  void Take(const v1::ResultPiece& piece);
+  void Take(const v1::Summary& summary);
+
+  v1::Summary summary_;
+  uint64_t bytes_ = 0, received_bytes_ = 0;
+  bool complete_ = false;
+};
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,100 @@
+// A load on servers: what to send how often, and what came of it. No gRPC in this header.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "bench/arrivals.h"
+#include "bench/histogram.h"
+#include "load/file_bytes.h"
+#include "pipeline/request.h"
+
+namespace voxelpipe::cli {
+
+struct LoadPlan {
+  std::vector<std::string> servers;  // at least one
+  FileBytes mesh;
+  VoxelizeRequest request;
+  // Of the message besides the request; absent or empty: as the server chooses.
+  std::string priority;     // high, normal, low
+  std::string compression;  // none, zstd
+  std::optional<int64_t> queue_timeout_ms;
+  std::optional<bool> fallback;
+
+  bool many = false;    // jobs of VoxelizeMany streams instead of calls
+  bool pieces = false;  // config, mesh and result in messages of their own even where one would do
+  bool same_request =
+      false;  // each time; otherwise they differ where it does not matter, so that a server cannot answer several by one
+  bool send_mesh = false;      // the bytes each time instead of the id of an uploaded mesh
+  int connections = 0;         // 0: one a server
+  int concurrency = 1;         // closed loop: clients that send their next request when the last is answered
+  std::optional<double> rate;  // open loop: requests a second, all servers together
+  Arrivals arrivals = Arrivals::kPoisson;
+  uint64_t seed = 1;
+  int max_in_flight = 4096;  // open loop: beyond, a request that is due waits, and its latency counts on
+  double warmup_seconds = 0;
+  double seconds = 0;  // in which requests are sent
+  std::optional<std::chrono::milliseconds> deadline;
+  std::optional<int> server_pid;  // on this machine: its CPU time is measured, too
+};
+
+// One answered request, or one that failed. Times in nanoseconds.
+struct Outcome {
+  absl::StatusCode code = absl::StatusCode::kOk;
+  uint64_t latency_ns = 0;  // since it was due
+  uint64_t lag_ns = 0;      // from due to sent
+  // Of an answer:
+  uint64_t result_bytes = 0;
+  uint64_t received_bytes = 0;  // messages, compressed pieces included
+  uint64_t queue_ns = 0, mesh_ns = 0, voxelize_ns = 0;
+  std::string worker;
+  uint32_t batch_jobs = 0;
+  std::optional<uint64_t> batch_launches;
+  uint32_t attempts = 0;
+  bool cached = false;
+};
+
+// Sums over outcomes. Not thread-safe: one a thread, merged at the end.
+struct Tally {
+  void Add(const Outcome& outcome);
+  void Merge(const Tally& other);
+
+  uint64_t requests = 0, ok = 0;
+  std::map<std::string, uint64_t> errors;  // by the code's name
+  // Of answers only:
+  Histogram latency_ns, queue_ns, mesh_ns, voxelize_ns;
+  uint64_t result_bytes = 0, received_bytes = 0;
+  std::map<std::string, uint64_t> workers;  // jobs by the worker that ran them
+  uint64_t batch_jobs = 0, batch_jobs_max = 0, batched_answers = 0;
+  double launches = 0;  // each job has its share of its pass
+  uint64_t launch_answers = 0;
+  uint64_t retried = 0, cached = 0;
+  // Of all:
+  Histogram lag_ns;
+};
+
+struct LoadResult {
+  Tally tally;
+  double issue_seconds = 0, drain_seconds = 0;  // from the window's end to the last answer
+  double client_cpu_seconds = 0;
+  std::optional<double> server_cpu_seconds;
+  int connections = 0;
+  bool mesh_sent = false;  // the bytes with each request
+  std::string call;        // "whole", "pieces" or "many"
+  std::string hash;        // of every answer
+  uint64_t bytes = 0;      // of one answer
+  bool interrupted = false;
+};
+
+// Uploads the mesh, makes one request of each server outside the measurement, which all answers are compared with, then runs the
+// load. Errors: those of the connections, the upload and the first requests; after that every error is counted and nothing else. A
+// signal (InterruptSignal) ends the run early and cancels what is under way.
+absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan);
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,283 @@
+// Jobs of one VoxelizeMany stream. A stream that breaks fails its jobs and is opened anew.
+#include <deque>
+#include <optional>
+#include <thread>
+
+#include <google/protobuf/io/coded_stream.h>
+#include <grpcpp/alarm.h>
+#include <grpcpp/client_context.h>
+#include <grpcpp/generic/generic_stub.h>
+#include <grpcpp/impl/codegen/proto_utils.h>
+
+#include "bench/answer.h"
+#include "bench/lane.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+constexpr char kMethod[] = "/voxelpipe.v1.VoxelizationService/VoxelizeMany";
+constexpr std::chrono::milliseconds kLookEvery{100};  // at the flags of the run
+constexpr std::chrono::milliseconds kPauseBroken{10};
+constexpr std::chrono::seconds kPatienceAtEnd{2};  // for a server that does not end the stream after us
+
+// The job's bytes with its id behind them: fields may come in any order.
+grpc::ByteBuffer WithId(const grpc::ByteBuffer& job, uint64_t id) {
+  uint8_t field[11] = {uint8_t(v1::VoxelizeManyRequest::kIdFieldNumber << 3)};
+  const uint8_t* const end = google::protobuf::io::CodedOutputStream::WriteVarint64ToArray(id, field + 1);
+  std::vector<grpc::Slice> slices;
+  job.Dump(&slices);  // shares the bytes
+  slices.emplace_back(field, size_t(end - field));
+  return {slices.data(), slices.size()};
+}
+
+class ManyLane final : public Lane {
+ public:
+  ManyLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run) : run_(run), stub_(std::move(channel)), tally_(run) {
+    Open();
+    thread_ = std::thread([this] { Serve(); });
+  }
+
+  ~ManyLane() override {
+    if (thread_.joinable()) End();
+  }
+
+  void Start(LoadClock::time_point due) override {
+    run_.in_flight.fetch_add(1, std::memory_order_relaxed);
+    const std::lock_guard lock(mutex_);
+    size_t slot = jobs_.size();
+    if (free_.empty()) {
+      jobs_.emplace_back();
+    } else {
+      slot = free_.back();
+      free_.pop_back();
+    }
+    Submit(slot, due);
+  }
+
+  Ended End() override {
+    {
+      const std::lock_guard lock(mutex_);
+      ending_ = LoadClock::now();
+      HalfClose();
+    }
+    thread_.join();
+    return tally_.ended();
+  }
+
+ private:
+  enum class Event : uint8_t { kOpened, kWritten, kHalfClosed, kRead, kFinished, kPaused };
+  struct Job {
+    LoadClock::time_point due, sent;
+    Answer answer;
+    bool active = false;
+  };
+
+  void* TagOf(Event event) { return &tags_[size_t(event)]; }
+
+  void Open() {
+    stream_.reset();
+    context_.emplace();
+    open_ = false;
+    half_closed_ = false;
+    ++pending_;
+    stream_ = stub_.PrepareCall(&*context_, kMethod, &queue_);
+    stream_->StartCall(TagOf(Event::kOpened));
+  }
+
+  // Under the lock.
+  void Submit(size_t slot, LoadClock::time_point due) {
+    Job& job = jobs_[slot];
+    job.due = due;
+    job.sent = LoadClock::now();
+    job.answer.Reset();
+    job.active = true;
+    unsent_.push_back(slot);
+    Pump();
+  }
+
+  // Under the lock.
+  void Pump() {
+    if (!open_ || writing_ || unsent_.empty()) return;
+    const size_t slot = unsent_.front();
+    unsent_.pop_front();
+    writing_ = true;
+    ++pending_;
+    grpc::WriteOptions options;
+    if (!unsent_.empty()) options.set_buffer_hint();  // the next one follows at once
+    stream_->Write(WithId(run_.NextVariant().front(), slot + 1), options, TagOf(Event::kWritten));
+  }
+
+  // Under the lock.
+  void HalfClose() {
+    if (!ending_ || !open_ || writing_ || half_closed_) return;
+    half_closed_ = true;
+    ++pending_;
+    stream_->WritesDone(TagOf(Event::kHalfClosed));
+  }
+
+  void Serve() {
+    for (;;) {
+      void* tag = nullptr;
+      bool ok = false;
+      const auto next = queue_.AsyncNext(&tag, &ok, std::chrono::system_clock::now() + kLookEvery);
+      if (next == grpc::CompletionQueue::SHUTDOWN) return;
+      if (next == grpc::CompletionQueue::GOT_EVENT) Handle(*static_cast<const Event*>(tag), ok);
+      LookAtFlags();
+    }
+  }
+
+  void LookAtFlags() {
+    const std::lock_guard lock(mutex_);
+    const bool stuck = ending_ && LoadClock::now() - *ending_ > kPatienceAtEnd;
+    if (run_.cancel.load(std::memory_order_relaxed) || stuck) context_->TryCancel();
+  }
+
+  void Handle(Event event, bool ok) {
+    const std::lock_guard lock(mutex_);
+    switch (event) {
+      case Event::kOpened:
+        if (!ok) {
+          Finish();
+          break;
+        }
+        open_ = true;
+        Read();
+        Pump();
+        HalfClose();
+        break;
+      case Event::kWritten:
+        writing_ = false;
+        if (!ok) open_ = false;  // the read that fails next ends the call
+        Pump();
+        HalfClose();
+        break;
+      case Event::kHalfClosed: break;
+      case Event::kRead:
+        if (!ok) {
+          open_ = false;
+          Finish();
+          break;
+        }
+        if (TakeAnswer()) {
+          Read();
+        } else {
+          context_->TryCancel();
+          Finish();
+        }
+        break;
+      case Event::kFinished: finished_ = true; break;
+      case Event::kPaused:
+        if (ending_) {
+          queue_.Shutdown();
+        } else {
+          Open();
+        }
+        return;
+    }
+    --pending_;
+    if (pending_ == 0 && std::exchange(finished_, false)) AfterStream();
+  }
+
+  void Read() {
+    ++pending_;
+    stream_->Read(&buffer_, TagOf(Event::kRead));
+  }
+
+  void Finish() {
+    ++pending_;
+    stream_->Finish(&status_, TagOf(Event::kFinished));
+  }
+
+  // False where the server does not keep to the contract.
+  bool TakeAnswer() {
+    v1::VoxelizeManyResponse message;
+    if (!grpc::SerializationTraits<v1::VoxelizeManyResponse>::Deserialize(&buffer_, &message).ok()) return false;
+    if (message.id() == 0 || message.id() > jobs_.size()) return false;
+    const size_t slot = message.id() - 1;
+    Job& job = jobs_[slot];
+    if (!job.active) return false;
+    Outcome outcome;
+    switch (message.answer_case()) {
+      case v1::VoxelizeManyResponse::kError: outcome.code = absl::StatusCode(message.error().code()); break;
+      case v1::VoxelizeManyResponse::kWhole:
+        if (!job.answer.Take(message.whole()).ok()) return false;
+        break;
+      case v1::VoxelizeManyResponse::kPart:
+        if (!job.answer.Take(message.part()).ok()) return false;
+        if (!job.answer.complete()) return true;
+        break;
+      case v1::VoxelizeManyResponse::ANSWER_NOT_SET: return true;  // something that a newer server says
+    }
+    if (outcome.code == absl::StatusCode::kOk) job.answer.Fill(run_.expected_hash, outcome);
+    Complete(slot, outcome);
+    if (!NextAtOnce(slot)) Release(slot);
+    return true;
+  }
+
+  void Complete(size_t slot, Outcome& outcome) {
+    tally_.Add(jobs_[slot].due, jobs_[slot].sent, outcome);
+    jobs_[slot].active = false;
+  }
+
+  bool MayGoOn(LoadClock::time_point now) const {
+    return run_.closed_loop && !run_.stop.load(std::memory_order_relaxed) && now < run_.end;
+  }
+
+  bool NextAtOnce(size_t slot) {
+    const LoadClock::time_point now = LoadClock::now();
+    if (!MayGoOn(now)) return false;
+    Submit(slot, now);
+    return true;
+  }
+
+  void Release(size_t slot) {
+    free_.push_back(slot);
+    run_.in_flight.fetch_sub(1, std::memory_order_release);
+  }
+
+  // The call is over. Whatever was under way on it failed with its status.
+  void AfterStream() {
+    if (ending_) {
+      queue_.Shutdown();
+      return;
+    }
+    Outcome outcome;
+    outcome.code = status_.ok() ? absl::StatusCode::kDataLoss : absl::StatusCode(int(status_.error_code()));
+    unsent_.clear();
+    for (size_t slot = 0; slot < jobs_.size(); ++slot) {
+      if (!jobs_[slot].active) continue;
+      Outcome each = outcome;
+      Complete(slot, each);
+      if (!NextAtOnce(slot)) Release(slot);  // waits in `unsent_` for the new stream
+    }
+    alarm_.Set(&queue_, std::chrono::system_clock::now() + kPauseBroken, TagOf(Event::kPaused));
+  }
+
+  Event tags_[6] = {Event::kOpened, Event::kWritten,  Event::kHalfClosed,
+                    Event::kRead,   Event::kFinished, Event::kPaused};
+  LoadRun& run_;
+  grpc::GenericStub stub_;
+  grpc::CompletionQueue queue_;
+  grpc::Alarm alarm_;
+  std::mutex mutex_;  // of all that follows
+  std::optional<grpc::ClientContext> context_;
+  std::unique_ptr<grpc::GenericClientAsyncReaderWriter> stream_;
+  grpc::ByteBuffer buffer_;
+  grpc::Status status_;
+  std::deque<Job> jobs_;  // by id - 1
+  std::vector<size_t> free_;
+  std::deque<size_t> unsent_;
+  bool open_ = false, writing_ = false, half_closed_ = false, finished_ = false;
+  int pending_ = 0;  // events that are still to come of this stream
+  std::optional<LoadClock::time_point> ending_;
+  LaneTally tally_;
+  std::thread thread_;
+};
+
+}  // namespace
+
+std::unique_ptr<Lane> MakeManyLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run) {
+  return std::make_unique<ManyLane>(std::move(channel), run);
+}
+
+}  // namespace voxelpipe::cli

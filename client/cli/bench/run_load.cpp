@@ -1,0 +1,335 @@
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <functional>
+#include <thread>
+
+#include <sys/resource.h>
+
+#include <google/protobuf/message_lite.h>
+#include <grpcpp/client_context.h>
+
+#include "absl/strings/str_cat.h"
+#include "base/crc32c.h"
+#include "bench/answer.h"
+#include "bench/lane.h"
+#include "bench/load.h"
+#include "channel.h"
+#include "interrupt.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/request.h"
+#include "wire/status.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+using v1::VoxelizationService;
+
+constexpr size_t kPieceBytes = size_t{1} << 20;
+constexpr size_t kMaxWholeBytes = size_t{1} << 20;   // of a mesh that goes in one message with its config
+constexpr std::chrono::milliseconds kLookEvery{20};  // for signals, while there is nothing to send
+
+absl::Status AtServer(const std::string& target, const grpc::Status& status) {
+  const absl::Status ours = FromGrpcStatus(status);
+  return {ours.code(), absl::StrCat(target, ": ", std::string(ours.message()))};
+}
+
+grpc::ByteBuffer Serialized(const google::protobuf::MessageLite& message) {
+  const std::string bytes = message.SerializeAsString();
+  const grpc::Slice slice(bytes);
+  return {&slice, 1};
+}
+
+v1::VoxelizeConfig ConfigOf(const LoadPlan& plan) {
+  v1::VoxelizeConfig config = MakeConfig(plan.request);
+  if (plan.priority == "high") config.set_priority(v1::PRIORITY_HIGH);
+  if (plan.priority == "normal") config.set_priority(v1::PRIORITY_NORMAL);
+  if (plan.priority == "low") config.set_priority(v1::PRIORITY_LOW);
+  if (plan.compression == "none") config.set_compression(v1::COMPRESSION_NONE);
+  if (plan.compression == "zstd") config.set_compression(v1::COMPRESSION_ZSTD);
+  if (plan.queue_timeout_ms) config.set_queue_timeout_ms(*plan.queue_timeout_ms);
+  if (plan.fallback) config.set_fallback(*plan.fallback);
+  return config;
+}
+
+// UNIMPLEMENTED where the server keeps no meshes.
+absl::StatusOr<std::string> UploadMesh(VoxelizationService::Stub& stub, const std::string& target,
+                                       const FileBytes& mesh) {
+  grpc::ClientContext context;
+  v1::UploadMeshResponse response;
+  const std::unique_ptr<grpc::ClientWriter<v1::UploadMeshRequest>> writer = stub.UploadMesh(&context, &response);
+  v1::UploadMeshRequest message;
+  message.mutable_upload();
+  bool open = writer->Write(message);
+  for (size_t offset = 0; open && offset < mesh.size(); offset += kPieceBytes) {
+    const size_t bytes = std::min(kPieceBytes, mesh.size() - offset);
+    message.set_piece(mesh.data() + offset, bytes);
+    message.set_crc32c(Crc32c({mesh.data() + offset, bytes}));
+    open = writer->Write(message);
+  }
+  writer->WritesDone();
+  const grpc::Status status = writer->Finish();
+  if (!status.ok()) return AtServer(target, status);
+  return response.mesh().mesh_id();
+}
+
+// The messages of one call.
+std::vector<v1::VoxelizeRequest> CallMessages(const v1::VoxelizeConfig& config, const FileBytes& mesh, bool whole) {
+  std::vector<v1::VoxelizeRequest> messages(1);
+  if (whole) {
+    *messages[0].mutable_whole()->mutable_config() = config;
+    messages[0].mutable_whole()->set_mesh(mesh.data(), mesh.size());
+    return messages;
+  }
+  *messages[0].mutable_config() = config;
+  for (size_t offset = 0; offset < mesh.size(); offset += kPieceBytes) {
+    messages.emplace_back().set_mesh_piece(mesh.data() + offset, std::min(kPieceBytes, mesh.size() - offset));
+  }
+  return messages;
+}
+
+// Requests that a server cannot take for one another, although they give the same bytes: otherwise it may compute one for many, and
+// the load would measure that. What is filled has a value of its own, which matters to nobody where nothing is filled.
+std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeConfig config, const FileBytes& mesh,
+                                           bool whole) {
+  constexpr size_t kWithMesh = 64, kMost = 4096;
+  const size_t at_once = size_t(plan.rate ? plan.max_in_flight : plan.concurrency);
+  size_t count = std::min(mesh.empty() ? kMost : kWithMesh, std::max<size_t>(64, 2 * at_once));
+  if (plan.same_request || plan.request.fill != Fill::kNone) count = 1;
+  std::vector<LoadRun::Variant> variants(count);
+  for (size_t i = 0; i < count; ++i) {
+    if (count > 1) config.mutable_targets(0)->set_fill_value(1 + double(i));
+    if (plan.many) {
+      v1::VoxelizeManyRequest job;
+      *job.mutable_config() = config;
+      job.set_mesh(mesh.data(), mesh.size());
+      variants[i].push_back(Serialized(job));
+      continue;
+    }
+    std::vector<v1::VoxelizeRequest> messages = CallMessages(config, i == 0 || whole ? mesh : FileBytes(), whole);
+    for (const v1::VoxelizeRequest& message : messages) variants[i].push_back(Serialized(message));
+    // The pieces behind the config are the same bytes, kept once.
+    for (size_t piece = messages.size(); piece < variants[0].size(); ++piece) variants[i].push_back(variants[0][piece]);
+  }
+  return variants;
+}
+
+// One call before the measurement. Out: what its answer says.
+absl::StatusOr<Answer> CallOnce(VoxelizationService::Stub& stub, const std::string& target,
+                                const std::vector<v1::VoxelizeRequest>& messages) {
+  grpc::ClientContext context;
+  const auto stream = stub.Voxelize(&context);
+  std::thread writer([&] {
+    for (const v1::VoxelizeRequest& message : messages) {
+      if (!stream->Write(message)) return;
+    }
+    stream->WritesDone();
+  });
+  Answer answer;
+  absl::Status broken = absl::OkStatus();
+  v1::VoxelizeResponse message;
+  while (stream->Read(&message)) {
+    if (broken.ok()) broken = answer.Take(message);
+  }
+  writer.join();
+  const grpc::Status status = stream->Finish();
+  if (!status.ok()) return AtServer(target, status);
+  if (!broken.ok()) return broken;
+  Outcome outcome;
+  answer.Fill("", outcome);
+  if (outcome.code != absl::StatusCode::kOk) {
+    return absl::DataLossError(absl::StrCat(target, ": the answer ended before its end"));
+  }
+  return answer;
+}
+
+double CpuSeconds() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto seconds = [](const timeval& time) { return double(time.tv_sec) + double(time.tv_usec) * 1e-6; };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
+
+// Of a process of this machine, threads that ended included.
+absl::StatusOr<double> CpuSecondsOf(int pid) {
+  std::ifstream file(absl::StrCat("/proc/", pid, "/stat"));
+  std::string text;
+  std::getline(file, text);
+  // The name of the program, in brackets, may hold anything; the fields behind it are numbers.
+  const size_t close = text.rfind(')');
+  unsigned long user = 0, system = 0;  // NOLINT(google-runtime-int): scanf's own
+  if (close == std::string::npos ||
+      std::sscanf(text.c_str() + close + 1, " %*c %*d %*d %*d %*d %*d %*u %*u %*u %*u %*u %lu %lu", &user, &system) !=
+          2) {
+    return absl::NotFoundError(absl::StrCat("--server-pid: there is no process ", pid));
+  }
+  return double(user + system) / double(sysconf(_SC_CLK_TCK));
+}
+
+class Servers {
+ public:
+  // Connects, uploads, and asks each server once.
+  absl::Status Prepare(const LoadPlan& plan, LoadRun& run, LoadResult& result) {
+    const int connections = plan.connections > 0 ? plan.connections : int(plan.servers.size());
+    for (int i = 0; i < std::max(connections, int(plan.servers.size())); ++i) {
+      const std::string& target = plan.servers[size_t(i) % plan.servers.size()];
+      absl::StatusOr<std::shared_ptr<grpc::Channel>> channel = OpenChannel(target, ConnectOptions{});
+      if (!channel.ok()) return channel.status();
+      channels.push_back(*std::move(channel));
+    }
+    v1::VoxelizeConfig config = ConfigOf(plan);
+    result.mesh_sent = plan.send_mesh;
+    for (size_t i = 0; i < plan.servers.size() && !result.mesh_sent; ++i) {
+      VoxelizationService::Stub stub(channels[i]);
+      const absl::StatusOr<std::string> id = UploadMesh(stub, plan.servers[i], plan.mesh);
+      if (absl::IsUnimplemented(id.status())) {
+        result.mesh_sent = true;
+        config.clear_mesh_id();
+      } else if (!id.ok()) {
+        return id.status();
+      } else {
+        config.set_mesh_id(*id);  // the same on all: the SHA-256 of the bytes
+      }
+    }
+    const FileBytes none;
+    const FileBytes& mesh = result.mesh_sent ? plan.mesh : none;
+    bool whole = !plan.pieces && mesh.size() <= kMaxWholeBytes;
+    std::vector<v1::VoxelizeRequest> messages = CallMessages(config, mesh, whole);
+    for (size_t i = 0; i < plan.servers.size(); ++i) {
+      VoxelizationService::Stub stub(channels[i]);
+      absl::StatusOr<Answer> answer = CallOnce(stub, plan.servers[i], messages);
+      if (whole && (absl::IsInvalidArgument(answer.status()) || absl::IsUnimplemented(answer.status()))) {
+        // A server that does not know whole requests; or else the same error comes again.
+        whole = false;
+        messages = CallMessages(config, mesh, whole);
+        answer = CallOnce(stub, plan.servers[i], messages);
+      }
+      if (!answer.ok()) return answer.status();
+      result.hash = answer->summary().content_sha256();
+      result.bytes = answer->bytes();
+      if (i > 0 && result.hash != run.expected_hash) {
+        return absl::DataLossError(absl::StrCat(plan.servers[i], " gives other bytes than ", plan.servers[0]));
+      }
+      run.expected_hash = result.hash;
+    }
+    run.variants = MakeVariants(plan, config, mesh, whole);
+    result.call = plan.many ? "many" : whole ? "whole" : "pieces";
+    result.connections = int(channels.size());
+    return absl::OkStatus();
+  }
+
+  std::vector<std::shared_ptr<grpc::Channel>> channels;
+};
+
+class Loop {
+ public:
+  Loop(const LoadPlan& plan, LoadRun& run, std::vector<std::unique_ptr<Lane>>& lanes)
+      : plan_(plan), run_(run), lanes_(lanes) {}
+
+  // Both return when the window is over, or on a signal, and call `at_begin` when it begins.
+  void Closed(const std::function<void()>& at_begin) {
+    for (int i = 0; i < plan_.concurrency; ++i) lanes_[size_t(i) % lanes_.size()]->Start(LoadClock::now());
+    WaitUntil(run_.begin);
+    at_begin();
+    WaitUntil(run_.end);
+  }
+
+  void Open(LoadClock::time_point begin, std::function<void()> at_begin) {
+    ArrivalSchedule schedule(*plan_.rate, plan_.arrivals, plan_.seed);
+    for (size_t i = 0;; ++i) {
+      const LoadClock::time_point due = begin + schedule.Next();
+      if (due >= run_.end || !WaitUntil(due)) break;
+      while (run_.in_flight.load(std::memory_order_acquire) >= plan_.max_in_flight) {
+        if (InterruptSignal() != 0) return;
+        std::this_thread::sleep_for(std::chrono::microseconds(200));
+      }
+      if (at_begin && due >= run_.begin) std::exchange(at_begin, nullptr)();
+      lanes_[i % lanes_.size()]->Start(due);
+    }
+    WaitUntil(run_.end);
+  }
+
+  void Drain() {
+    run_.stop = true;
+    while (run_.in_flight.load(std::memory_order_acquire) > 0) {
+      if (InterruptSignal() != 0) run_.cancel = true;
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+  }
+
+ private:
+  // False on a signal.
+  static bool WaitUntil(LoadClock::time_point time) {
+    for (LoadClock::time_point now = LoadClock::now(); now < time; now = LoadClock::now()) {
+      if (InterruptSignal() != 0) return false;
+      std::this_thread::sleep_until(std::min(time, now + kLookEvery));
+    }
+    return InterruptSignal() == 0;
+  }
+
+  const LoadPlan& plan_;
+  LoadRun& run_;
+  std::vector<std::unique_ptr<Lane>>& lanes_;
+};
+
+double Seconds(LoadClock::duration time) {
+  return std::chrono::duration<double>(time).count();
+}
+
+}  // namespace
+
+absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan) {
+  if (plan.server_pid) {
+    if (const absl::StatusOr<double> cpu = CpuSecondsOf(*plan.server_pid); !cpu.ok()) return cpu.status();
+  }
+  LoadResult result;
+  LoadRun run;
+  Servers servers;
+  if (absl::Status status = servers.Prepare(plan, run, result); !status.ok()) return status;
+
+  run.closed_loop = !plan.rate;
+  run.deadline = plan.deadline;
+  const auto seconds = [](double value) {
+    return std::chrono::duration_cast<LoadClock::duration>(std::chrono::duration<double>(value));
+  };
+  const LoadClock::time_point begin = LoadClock::now();
+  run.begin = begin + seconds(plan.warmup_seconds);
+  run.end = run.begin + seconds(plan.seconds);
+  std::vector<std::unique_ptr<Lane>> lanes;
+  for (const std::shared_ptr<grpc::Channel>& channel : servers.channels) {
+    lanes.push_back(plan.many ? MakeManyLane(channel, run) : MakeCallLane(channel, run));
+  }
+  Loop loop(plan, run, lanes);
+  double client_cpu = 0, server_cpu = 0;
+  const auto read_clocks = [&] {
+    client_cpu = CpuSeconds();
+    if (plan.server_pid) server_cpu = CpuSecondsOf(*plan.server_pid).value_or(0);
+  };
+  read_clocks();
+  if (run.closed_loop) {
+    loop.Closed(read_clocks);
+  } else {
+    loop.Open(begin, read_clocks);
+  }
+  const LoadClock::time_point issued = std::min(LoadClock::now(), run.end);
+  loop.Drain();
+  result.client_cpu_seconds = CpuSeconds() - client_cpu;
+  if (plan.server_pid) {
+    const absl::StatusOr<double> now = CpuSecondsOf(*plan.server_pid);
+    if (now.ok()) result.server_cpu_seconds = *now - server_cpu;
+  }
+  LoadClock::time_point last = issued;
+  for (const std::unique_ptr<Lane>& lane : lanes) {
+    const Lane::Ended ended = lane->End();
+    result.tally.Merge(ended.tally);
+    last = std::max(last, ended.last_answer);
+  }
+  result.issue_seconds = std::max(0.0, Seconds(issued - run.begin));
+  result.drain_seconds = Seconds(last - issued);
+  result.interrupted = InterruptSignal() != 0;
+  return result;
+}
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,152 @@
+#include <exception>
+#include <map>
+#include <new>
+
+#include "absl/strings/str_cat.h"
+#include "bench/bench_report.h"
+#include "bench/load.h"
+#include "commands/commands.h"
+#include "interrupt.h"
+#include "load/pack.h"
+#include "report.h"
+#include "request_flags.h"
+#include "server_option.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+struct BenchArguments {
+  std::string mesh;
+  RequestOptions request;
+  LoadPlan plan;
+  std::optional<int64_t> deadline_ms;
+  std::string arrivals = "poisson", fallback;
+  bool json = false;
+};
+
+absl::Status CheckOptions(const BenchArguments& arguments) {
+  const LoadPlan& plan = arguments.plan;
+  if (!(plan.seconds > 0)) return absl::InvalidArgumentError("--duration: more than 0 seconds");
+  if (plan.warmup_seconds < 0) return absl::InvalidArgumentError("--warmup: at least 0 seconds");
+  if (plan.concurrency < 1) return absl::InvalidArgumentError("--concurrency: at least 1");
+  if (plan.connections < 0) return absl::InvalidArgumentError("--connections: at least 0");
+  if (plan.max_in_flight < 1) return absl::InvalidArgumentError("--max-in-flight: at least 1");
+  if (plan.rate && !(*plan.rate > 0)) return absl::InvalidArgumentError("--rate: more than 0 requests a second");
+  if (arguments.deadline_ms && *arguments.deadline_ms < 1)
+    return absl::InvalidArgumentError("--deadline-ms: at least 1");
+  if (arguments.deadline_ms && plan.many) {
+    return absl::InvalidArgumentError("--deadline-ms goes with single calls; jobs of a stream take --queue-timeout-ms");
+  }
+  if (plan.connections > 0 && size_t(plan.connections) < plan.servers.size()) {
+    return absl::InvalidArgumentError("--connections: at least one a server");
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<LoadResult> Run(BenchArguments& arguments) {
+  try {
+    absl::StatusOr<FileBytes> mesh = ReadAndPackMeshFile(arguments.mesh);
+    if (!mesh.ok()) {
+      return absl::Status(mesh.status().code(),
+                          absl::StrCat(arguments.mesh, ": ", std::string(mesh.status().message())));
+    }
+    arguments.plan.mesh = *std::move(mesh);
+    return RunLoad(arguments.plan);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory");
+  } catch (const std::exception& error) {
+    return absl::InternalError(error.what());
+  }
+}
+
+int Bench(BenchArguments& arguments) {
+  LoadPlan& plan = arguments.plan;
+  const absl::StatusOr<VoxelizeRequest> request = BuildRequest(arguments.request);
+  absl::Status status = request.status();
+  if (status.ok()) status = CheckOptions(arguments);
+  if (status.ok()) status = CheckServerOption(plan.servers.front());
+  if (!status.ok()) {
+    PrintError("", status);
+    return 2;
+  }
+  plan.request = *request;
+  plan.arrivals = arguments.arrivals == "fixed" ? Arrivals::kFixed : Arrivals::kPoisson;
+  if (!arguments.fallback.empty()) plan.fallback = arguments.fallback == "yes";
+  if (arguments.deadline_ms) plan.deadline = std::chrono::milliseconds(*arguments.deadline_ms);
+
+  const absl::StatusOr<LoadResult> result = Run(arguments);
+  if (!result.ok()) {
+    PrintError("bench", result.status());
+    return 1;
+  }
+  status =
+      PrintLine(arguments.json ? BenchJson(plan, *result).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
+                               : BenchTable(plan, *result));
+  if (!status.ok()) PrintError("", status);
+  if (const int signal = InterruptSignal(); signal != 0) return 128 + signal;
+  return status.ok() && result->tally.ok > 0 ? 0 : 1;
+}
+
+void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments) {
+  const std::string group = "Load";
+  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
+    return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  };
+  const auto flag = [&](const char* name, bool& value, const char* text) {
+    return command.add_flag(name, value, Wrapped(text))->group(group);
+  };
+  CLI::Option* concurrency = add(
+      "--concurrency", plan.concurrency, "C",
+      "Closed loop (the default, with 1): C clients, each of which sends its next request when the last is answered");
+  add("--rate", plan.rate, "R",
+      "Open loop: R requests a second whether or not earlier ones are answered; latency counts from when a request was "
+      "due, so that a server that is late does not hide it")
+      ->excludes(concurrency);
+  add("--arrivals", arguments.arrivals, "poisson|fixed", "Gaps of the open loop (default poisson: as of many callers)")
+      ->check(CLI::IsMember({"poisson", "fixed"}));
+  add("--seed", plan.seed, "N", "Of the random gaps (default 1)");
+  add("--duration", plan.seconds, "S", "Seconds in which requests are sent; then all answers are awaited")->required();
+  add("--warmup", plan.warmup_seconds, "S", "Seconds of load before, which do not count (default 0)");
+  add("--deadline-ms", arguments.deadline_ms, "D", "Deadline of each call (default: none)");
+  add("--connections", plan.connections, "K",
+      "Connections, each with a thread (default: one a server). Results of megabytes want one a client");
+  add("--max-in-flight", plan.max_in_flight, "N",
+      "Most unanswered requests of an open loop (default 4096); beyond, those that are due wait, and their latency "
+      "counts");
+  flag("--many", plan.many, "Send jobs on VoxelizeMany streams, one a connection, instead of single calls");
+  flag("--pieces", plan.pieces, "Never send or ask for all in one message");
+  flag("--send-mesh", plan.send_mesh, "Send the mesh each time instead of uploading it once");
+  flag("--same-request", plan.same_request,
+       "Send equal requests, which a server may answer together. Otherwise they differ where it does not show in the "
+       "result");
+  add("--server-pid", plan.server_pid, "PID", "A server's process on this machine: its CPU time is measured, too");
+  add("--priority", plan.priority, "high|normal|low", "Of the requests")
+      ->check(CLI::IsMember({"high", "normal", "low"}));
+  add("--compression", plan.compression, "none|zstd", "Of the results")->check(CLI::IsMember({"none", "zstd"}));
+  add("--queue-timeout-ms", plan.queue_timeout_ms, "T", "How long a request may wait for a worker");
+  add("--fallback", arguments.fallback, "yes|no", "Whether another kind of worker may do the work")
+      ->check(CLI::IsMember({"yes", "no"}));
+}
+
+}  // namespace
+
+void AddBenchCommand(CLI::App& app, int& exit_code) {
+  auto arguments = std::make_shared<BenchArguments>();
+  CLI::App* command = app.add_subcommand("bench", "Put a load on servers and measure throughput and latency");
+  command->add_option("MESH", arguments->mesh, "Mesh file: .glb, .gltf, .drc")->required()->type_name("");
+  command->add_option("--server", arguments->plan.servers, Wrapped("A server; several with commas or several --server"))
+      ->required()
+      ->type_name("HOST:PORT")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->each([](const std::string& server) {
+        if (server.empty()) throw CLI::ValidationError("--server", "must not be empty");
+      });
+  command->add_flag("--json", arguments->json, "Print one JSON object");
+  AddLoadOptions(*command, arguments->plan, *arguments);
+  AddRequestFlags(*command, arguments->request);
+  command->callback([arguments, &exit_code] { exit_code = Bench(*arguments); });
+}
+
+}  // namespace voxelpipe::cli
