@@ -12,14 +12,6 @@ namespace {
 // How long a refused client should wait: about one small job.
 constexpr std::chrono::milliseconds kRetryDelay{200};
 
-// Whether a worker of this kind may have the task.
-bool Suits(const Task& task, const WorkerTraits& worker) {
-  const std::vector<std::string>& excluded = task.traits.excluded_devices;
-  if (std::find(excluded.begin(), excluded.end(), worker.device) != excluded.end()) return false;
-  const BackendChoice wanted = task.traits.backend;
-  return wanted == BackendChoice::kAuto || wanted == worker.kind || task.traits.fallback;
-}
-
 }  // namespace
 
 Scheduler::Scheduler(const SchedulerOptions& options, size_t workers) : options_(options), workers_(workers) {}
@@ -81,8 +73,11 @@ std::vector<std::shared_ptr<Task>> Scheduler::TakeBatch(const WorkerTraits& work
   std::unique_lock lock(mutex_);
   std::vector<std::shared_ptr<Task>> batch;
   changed_.wait(lock, [&] {
+    if (!Serves(worker.device)) return true;
     for (auto it = to_run_.begin(); it != to_run_.end() && batch.size() < options_.max_batch_jobs;) {
-      if (!Suits(**it, worker)) {
+      const TaskTraits& task = (*it)->traits;
+      if (!MayHave(task, worker, serving_) ||
+          LeavesToGpus(task, worker, serving_, to_run_.size() + batch.size(), options_.max_batch_jobs)) {
         ++it;
         continue;
       }
@@ -101,6 +96,41 @@ void Scheduler::Ended(const Task& /*task*/) {
     --running_;
   }
   changed_.notify_all();
+}
+
+bool Scheduler::Serves(const std::string& device) const {
+  return std::any_of(serving_.begin(), serving_.end(), [&](const auto& d) { return d.traits.device == device; });
+}
+
+void Scheduler::SetDevice(const WorkerTraits& device, size_t workers) {
+  {
+    const std::lock_guard lock(mutex_);
+    std::erase_if(serving_, [&](const ServingDevice& d) { return d.traits.device == device.device; });
+    if (workers > 0) serving_.push_back({device, workers});
+  }
+  changed_.notify_all();
+}
+
+std::vector<std::shared_ptr<Task>> Scheduler::TakeStranded() {
+  std::vector<std::shared_ptr<Task>> stranded;
+  {
+    const std::lock_guard lock(mutex_);
+    for (auto it = to_run_.begin(); it != to_run_.end();) {
+      if (AnyMayHave((*it)->traits, serving_)) {
+        ++it;
+        continue;
+      }
+      stranded.push_back(std::move(*it));
+      it = to_run_.erase(it);
+    }
+  }
+  if (!stranded.empty()) changed_.notify_all();
+  return stranded;
+}
+
+bool Scheduler::IsServed(const TaskTraits& task) const {
+  const std::lock_guard lock(mutex_);
+  return AnyMayHave(task, serving_);
 }
 
 void Scheduler::Drain() {

@@ -32,6 +32,7 @@ WorkerPool::WorkerPool(Scheduler& scheduler, const WorkerPoolOptions& options, c
     : scheduler_(scheduler), options_(options), limits_(limits) {
   for (int i = 0; i < std::max(1, options.loaders); ++i) threads_.emplace_back([this] { LoadTasks(); });
   for (const DeviceWorkers& device : options.devices) {
+    scheduler_.SetDevice({device.backend->device(), KindOf(*device.backend)}, size_t(std::max(1, device.workers)));
     for (int i = 0; i < std::max(1, device.workers); ++i) {
       threads_.emplace_back([this, backend = device.backend, worker = absl::StrCat(device.backend->device(), "/", i)] {
         RunBatches(*backend, worker);
