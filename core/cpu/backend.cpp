@@ -1,13 +1,11 @@
 #include "cpu/backend.h"
 
-#include <tbb/info.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
-#include <algorithm>
-
 #include "cpu/a_buffer.h"
 #include "cpu/run_state.h"
+#include "cpu/thread_arena.h"
 
 namespace voxelpipe::cpu {
 namespace {
@@ -51,12 +49,7 @@ class Cpu final : public Backend {
     if (!kernels.ok()) return kernels.status();
     return std::make_unique<CpuStages>(mesh, request, job, **kernels);
   }
-  void Run(int threads, const std::function<void()>& body) const override {
-    // More threads than cores only wait for each other.
-    const int cores = tbb::info::default_concurrency();
-    tbb::task_arena arena(threads > 0 ? std::min(threads, cores) : cores);
-    arena.execute(body);
-  }
+  void Run(int threads, const std::function<void()>& body) const override { ThreadArena(threads).execute(body); }
   void RunEach(int threads, size_t count, const std::function<void(size_t)>& body) const override {
     Run(threads, [&] {
       tbb::parallel_for(size_t{0}, count, [&](size_t i) {
