@@ -1,15 +1,20 @@
 #include "cuda/backend.h"
 
 #include <tbb/info.h>
+#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <atomic>
 
 #include "cpu/row_kernels.h"
+#include "cuda/batch.h"
 #include "cuda/run_state.h"
 
 namespace voxelpipe::cuda {
 namespace {
+
+constexpr size_t kRunsAtOnce = 4;  // of RunEach
 
 class CudaStages final : public Stages {
  public:
@@ -118,6 +123,27 @@ class Cuda final : public Backend {
     const int cores = tbb::info::default_concurrency();  // vertices are shaded on the host
     tbb::task_arena arena(threads > 0 ? std::min(threads, cores) : cores);
     arena.execute(body);
+  }
+  void RunEach(int threads, size_t count, const std::function<void(size_t)>& body) const override {
+    // Each on a stream of its own: while one copies, another computes.
+    const int at_once = int(std::min<size_t>(count, kRunsAtOnce));
+    Run(threads, [&] {
+      std::atomic<size_t> next{0};
+      tbb::parallel_for(0, at_once, [&](int) {
+        for (size_t i = next++; i < count; i = next++) {
+          // A run that waits for its own loops must not begin another one meanwhile: its times would be wrong.
+          tbb::this_task_arena::isolate([&] { body(i); });
+        }
+      });
+    });
+  }
+  std::vector<size_t> RunShared(int threads, std::span<const BatchItem> items, const PlanLimits& limits,
+                                BatchStats& stats) const override {
+    std::vector<size_t> alone;
+    const absl::StatusOr<DeviceInfo> device = TheDevice();
+    if (!device.ok()) return Backend::RunShared(threads, items, limits, stats);  // each says why
+    Run(threads, [&] { alone = cuda::RunShared(*this, *device, items, limits, stats); });
+    return alone;
   }
 };
 

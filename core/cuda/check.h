@@ -3,6 +3,8 @@
 
 #include <cuda_runtime_api.h>
 
+#include <cstdint>
+
 #include "absl/status/status.h"
 
 namespace voxelpipe::cuda {
@@ -11,6 +13,10 @@ namespace voxelpipe::cuda {
 // every call with the same error ("sticky": an illegal address, a failed launch) marks the device lost (device.h). All carry the mark of
 // base/device_failure.h.
 absl::Status CudaStatus(cudaError_t error, const char* expression, const char* file, int line);
+
+// Kernel launches that the calling thread made so far. A call of CUB counts as one, whatever it launches.
+uint64_t LaunchesOfThread();
+void CountLaunch();
 
 }  // namespace voxelpipe::cuda
 
@@ -25,6 +31,7 @@ absl::Status CudaStatus(cudaError_t error, const char* expression, const char* f
 // The same after a kernel launch: what the launch itself refused. Errors of the running kernel come with a later call.
 #define VOXELPIPE_LAUNCHED_OR_RETURN(kernel)                                                     \
   do {                                                                                           \
+    ::voxelpipe::cuda::CountLaunch();                                                            \
     if (const cudaError_t cuda_error = cudaGetLastError(); cuda_error != cudaSuccess) {          \
       return ::voxelpipe::cuda::CudaStatus(cuda_error, "launch of " kernel, __FILE__, __LINE__); \
     }                                                                                            \

@@ -35,6 +35,8 @@ absl::StatusOr<DeviceInfo> Probe() {
   return info;
 }
 
+thread_local uint64_t launches_of_thread = 0;
+
 std::mutex lost_mutex;
 std::string lost_reason;  // under lost_mutex; empty: not lost
 
@@ -88,6 +90,13 @@ absl::StatusOr<DeviceInfo> TheDevice() {
 void MarkDeviceLost(std::string_view reason) {
   const std::lock_guard lock(lost_mutex);
   if (lost_reason.empty()) lost_reason = std::string(reason);
+}
+
+uint64_t LaunchesOfThread() {
+  return launches_of_thread;
+}
+void CountLaunch() {
+  ++launches_of_thread;
 }
 
 absl::Status CudaStatus(cudaError_t error, const char* expression, const char* file, int line) {

@@ -2,6 +2,9 @@
 #include <algorithm>
 #include <cstdint>
 
+#include "cuda/batch.h"
+#include "cuda/batch_kernel.cuh"
+#include "cuda/launch.h"
 #include "cuda/walk.h"
 #include "grid/index_space.h"
 
@@ -9,6 +12,21 @@ namespace voxelpipe::cuda {
 namespace {
 
 constexpr int kThreads = 256;
+
+// Sets voxels [x_begin, x_end) of a row. Where many triangles share a voxel most bits are set already, and reading first (`look`) is
+// cheaper than an atomic.
+__device__ inline void SetWord(uint32_t* word, uint32_t mask, bool look) {
+  if (look && (__ldca(word) & mask) == mask) return;
+  atomicOr(word, mask);
+}
+__device__ inline void SetRow(uint32_t* row, int x_begin, int x_end, bool look) {
+  const int first = x_begin / 32, last = (x_end - 1) / 32;
+  const uint32_t from = ~0u << (x_begin % 32), upto = ~0u >> (31 - (x_end - 1) % 32);
+  if (first == last) return SetWord(row + first, from & upto, look);
+  SetWord(row + first, from, look);
+  for (int w = first + 1; w < last; ++w) row[w] = ~0u;
+  SetWord(row + last, upto, look);
+}
 
 template <bool kLookFirst>
 struct SetBits {
@@ -20,20 +38,28 @@ struct SetBits {
   __device__ void End(uint32_t) const {}
   __device__ void Finish() const {}
   __device__ void Row(int y, int z, int x_begin, int x_end) const {
-    uint32_t* const row = bits + grid.Word(0, y, z);
-    const int first = x_begin / 32, last = (x_end - 1) / 32;
-    const uint32_t from = ~0u << (x_begin % 32), upto = ~0u >> (31 - (x_end - 1) % 32);
-    if (first == last) return Set(row + first, from & upto);
-    Set(row + first, from);
-    for (int w = first + 1; w < last; ++w) row[w] = ~0u;
-    Set(row + last, upto);
+    SetRow(bits + grid.Word(0, y, z), x_begin, x_end, kLookFirst);
   }
   __device__ void SharedRow(uint32_t, int y, int z, int x_begin, int x_end) const { Row(y, z, x_begin, x_end); }
+};
 
-  // Where many triangles share a voxel most bits are set already, and reading is cheaper than an atomic.
-  __device__ static void Set(uint32_t* word, uint32_t mask) {
-    if (kLookFirst && (__ldca(word) & mask) == mask) return;
-    atomicOr(word, mask);
+// The same in the grids of a batch.
+struct SetBatchBits {
+  BatchView batch;
+  const BatchItemView* item = nullptr;
+
+  __device__ static bool repeats() { return false; }
+  __device__ void Begin(uint32_t t) { item = batch.items + batch.item_of[t]; }
+  __device__ void End(uint32_t) const {}
+  __device__ void Finish() const {}
+  __device__ void Row(int y, int z, int x_begin, int x_end) const { Set(*item, y, z, x_begin, x_end); }
+  __device__ void SharedRow(uint32_t t, int y, int z, int x_begin, int x_end) const {
+    Set(batch.items[batch.item_of[t]], y, z, x_begin, x_end);
+  }
+
+ private:
+  __device__ void Set(const BatchItemView& of, int y, int z, int x_begin, int x_end) const {
+    SetRow(batch.bits + of.first_word + of.grid.Word(0, y, z), x_begin, x_end, of.look_first);
   }
 };
 
@@ -51,7 +77,47 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
+// A batch's beginning: clears its bits and counters, takes its vertices to the index space of their grids, and tells each triangle its
+// item and its vertices among all.
+__global__ void __launch_bounds__(kThreads) PrepareBatch(const __grid_constant__ BatchView batch) {
+  const uint64_t me = uint64_t(blockIdx.x) * kThreads + threadIdx.x, threads = uint64_t(gridDim.x) * kThreads;
+  for (uint64_t i = me; i < batch.zero_quads; i += threads) static_cast<uint4*>(batch.zero)[i] = uint4{0, 0, 0, 0};
+  for (uint64_t i = me; i < batch.vertex_count; i += threads) {
+    const BatchItemView& item = batch.items[ItemAt(batch, &BatchItemView::first_vertex, i)];
+    const Vec3d p = WorldToIndex(item.grid.origin, item.grid.voxel_size, item.positions[i - item.first_vertex]);
+    batch.placed[i] = p;
+    batch.codes[i] = EncodeVertex(p);
+  }
+  for (uint64_t i = me; i < batch.triangle_count; i += threads) {
+    const uint32_t number = ItemAt(batch, &BatchItemView::first_triangle, i);
+    const BatchItemView& item = batch.items[number];
+    batch.item_of[i] = number;
+    const uint32_t* const from = item.triangles + 3 * (i - item.first_triangle);
+    for (int c = 0; c < 3; ++c) batch.triangles[3 * i + uint64_t(c)] = from[c] + uint32_t(item.first_vertex);
+  }
+}
+
 }  // namespace
+
+absl::Status RasterBatch(const BatchState& state) {
+  const BatchView& batch = state.view;
+  const uint64_t work = std::max({batch.zero_quads / 4, batch.vertex_count, batch.triangle_count});
+  PrepareBatch<<<BlocksFor(work, kThreads, uint64_t(state.device.multiprocessors) * 16), kThreads, 0, state.stream>>>(
+      batch);
+  VOXELPIPE_LAUNCHED_OR_RETURN("PrepareBatch");
+  BatchWalkArgs args;
+  args.items = batch.items;
+  args.item_of = batch.item_of;
+  args.triangles = batch.triangles;
+  args.positions = batch.placed;
+  args.codes = batch.codes;
+  args.triangle_count = batch.triangle_count;
+  args.small_queue = batch.queue[0];
+  args.rest_queue = batch.queue[1];
+  args.large_queue = batch.queue[2];
+  args.queued = batch.queued;
+  return WalkOn(state.device, state.stream, args, SetBatchBits{batch});
+}
 
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
                         uint64_t words) {

@@ -5,6 +5,8 @@
 // toggled and spread at the end.
 #include <algorithm>
 
+#include "cuda/batch.h"
+#include "cuda/batch_kernel.cuh"
 #include "cuda/launch.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
@@ -16,18 +18,47 @@ namespace {
 constexpr int kThreads = 256;
 constexpr uint32_t kLinesOfThread = 32;
 
-struct ToggleArgs {
+// Where the crossings of a triangle go.
+struct ToggleView {
   GridView grid;
+  uint32_t* inside = nullptr;  // bit grid of the slab
+  // One bit a column (j, k) of the slab: the parity of all its crossings; rows of column_words words.
+  uint32_t* columns = nullptr;
+  int64_t column_words = 0;
+};
+
+struct ToggleArgs {
+  ToggleView view;
   const uint32_t* triangles;
   const Vec3d* positions;  // index space
   uint64_t triangle_count;
-  uint32_t* inside;  // bit grid of the slab
-  uint32_t*
-      columns;  // one bit a column (j, k) of the slab: the parity of all its crossings; rows of column_words words
-  int64_t column_words;
   uint32_t* queue;
   uint64_t* queued;
 };
+// The same for the triangles of a batch.
+struct BatchToggleArgs {
+  BatchView batch;
+  const uint32_t* triangles;
+  const Vec3d* positions;
+  uint64_t triangle_count;
+  uint32_t* queue;
+  uint64_t* queued;
+};
+
+// Whether the triangle's mesh is filled, and where its crossings go.
+__device__ inline bool ViewOf(const ToggleArgs& args, uint64_t, ToggleView& view) {
+  view = args.view;
+  return true;
+}
+__device__ inline bool ViewOf(const BatchToggleArgs& args, uint64_t t, ToggleView& view) {
+  const BatchItemView& item = args.batch.items[args.batch.item_of[t]];
+  if (!item.parity) return false;
+  view.grid = item.grid;
+  view.inside = args.batch.inside + item.first_word;
+  view.columns = args.batch.columns + item.first_column;
+  view.column_words = item.column_words;
+  return true;
+}
 
 // The lines along x, through the centres of (y, z), that may cross the triangle.
 struct Lines {
@@ -41,7 +72,8 @@ struct Corners {
   Vec3d a, b, c;
 };
 
-__device__ inline Corners Load(const ToggleArgs& args, uint64_t t) {
+template <typename Args>
+__device__ inline Corners Load(const Args& args, uint64_t t) {
   const uint32_t* v = args.triangles + 3 * t;
   return {args.positions[v[0]], args.positions[v[1]], args.positions[v[2]]};
 }
@@ -51,7 +83,7 @@ __device__ inline void CentreRange(double lo, double hi, int64_t first, int64_t 
   end = int64_t(Clamp(ceil(hi - 0.5) + 1, double(first), double(last)));
 }
 
-__device__ inline Lines LinesOf(const ToggleArgs& args, const Corners& t) {
+__device__ inline Lines LinesOf(const ToggleView& args, const Corners& t) {
   Lines lines;
   CentreRange(Min(t.a.y, Min(t.b.y, t.c.y)), Max(t.a.y, Max(t.b.y, t.c.y)), 0, args.grid.dims[1], lines.y_begin,
               lines.y_end);
@@ -60,7 +92,7 @@ __device__ inline Lines LinesOf(const ToggleArgs& args, const Corners& t) {
   return lines;
 }
 
-__device__ inline void ToggleLine(const ToggleArgs& args, const Corners& t, int64_t y, int64_t z) {
+__device__ inline void ToggleLine(const ToggleView& args, const Corners& t, int64_t y, int64_t z) {
   const double py = double(y) + 0.5, pz = double(z) + 0.5;
   if (!LineCrosses(t.a, t.b, t.c, py, pz)) return;
   atomicXor(args.columns + (z - args.grid.slab_begin) * args.column_words + y / 32, 1u << (y % 32));
@@ -70,18 +102,20 @@ __device__ inline void ToggleLine(const ToggleArgs& args, const Corners& t, int6
 }
 
 // A triangle a thread; those with many lines are queued.
-__global__ void __launch_bounds__(kThreads) ToggleSmall(const __grid_constant__ ToggleArgs args) {
+template <typename Args>
+__global__ void __launch_bounds__(kThreads) ToggleSmall(const __grid_constant__ Args args) {
   __shared__ unsigned long long room[kThreads / 32 + 1];
   const uint64_t t = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
   bool queue = false;
-  if (t < args.triangle_count) {
+  ToggleView view;
+  if (t < args.triangle_count && ViewOf(args, t, view)) {
     const Corners corners = Load(args, t);
-    const Lines lines = LinesOf(args, corners);
+    const Lines lines = LinesOf(view, corners);
     const uint64_t count = lines.count();
     queue = count > kLinesOfThread;
     if (count > 0 && !queue) {
       for (int64_t z = lines.z_begin; z < lines.z_end; ++z) {
-        for (int64_t y = lines.y_begin; y < lines.y_end; ++y) ToggleLine(args, corners, y, z);
+        for (int64_t y = lines.y_begin; y < lines.y_end; ++y) ToggleLine(view, corners, y, z);
       }
     }
   }
@@ -91,37 +125,53 @@ __global__ void __launch_bounds__(kThreads) ToggleSmall(const __grid_constant__ 
 }
 
 // Blocks in x share a queued triangle's lines, blocks in y take different triangles.
-__global__ void __launch_bounds__(kThreads) ToggleLarge(const __grid_constant__ ToggleArgs args) {
+template <typename Args>
+__global__ void __launch_bounds__(kThreads) ToggleLarge(const __grid_constant__ Args args) {
   const uint64_t queued = *args.queued;
   for (uint64_t i = blockIdx.y; i < queued; i += gridDim.y) {
+    ToggleView view;
+    ViewOf(args, args.queue[i], view);
     const Corners corners = Load(args, args.queue[i]);
-    const Lines lines = LinesOf(args, corners);
+    const Lines lines = LinesOf(view, corners);
     const uint64_t count = lines.count(), ny = uint64_t(lines.y_end - lines.y_begin);
     for (uint64_t line = uint64_t(blockIdx.x) * kThreads + threadIdx.x; line < count;
          line += uint64_t(gridDim.x) * kThreads) {
-      ToggleLine(args, corners, lines.y_begin + int64_t(line % ny), lines.z_begin + int64_t(line / ny));
+      ToggleLine(view, corners, lines.y_begin + int64_t(line % ny), lines.z_begin + int64_t(line / ny));
     }
   }
 }
 
-// Bit i of a row becomes the parity of the toggles at i and beyond. A warp a row, from its end.
-__global__ void __launch_bounds__(kThreads) SuffixXor(uint32_t* bits, uint64_t rows, int64_t words) {
+// Bit i of a row becomes the parity of the toggles at i and beyond. All lanes of a warp share a row, from its end.
+__device__ inline void SuffixXorRow(uint32_t* at, int64_t words) {
   const int lane = int(threadIdx.x % 32);
+  uint32_t carry = 0;  // all bits set where an odd number of toggles lies beyond
+  for (int64_t end = words; end > 0; end -= 32) {
+    const int64_t w = end - 32 + lane;
+    uint32_t word = w >= 0 ? at[w] : 0;
+    const uint32_t odd = __ballot_sync(~0u, __popc(word) & 1);
+    if (odd == 0 && carry == 0 && __ballot_sync(~0u, word != 0) == 0) continue;
+    for (int shift = 1; shift < 32; shift *= 2) word ^= word >> shift;
+    const uint32_t beyond = lane == 31 ? 0 : odd >> (lane + 1);
+    if ((__popc(beyond) & 1) != 0) word = ~word;
+    if (w >= 0) at[w] = word ^ carry;
+    if ((__popc(odd) & 1) != 0) carry = ~carry;
+  }
+}
+
+__global__ void __launch_bounds__(kThreads) SuffixXor(uint32_t* bits, uint64_t rows, int64_t words) {
   const uint64_t warps = uint64_t(gridDim.x) * (kThreads / 32);
   for (uint64_t row = uint64_t(blockIdx.x) * (kThreads / 32) + threadIdx.x / 32; row < rows; row += warps) {
-    uint32_t* const at = bits + row * uint64_t(words);
-    uint32_t carry = 0;  // all bits set where an odd number of toggles lies beyond
-    for (int64_t end = words; end > 0; end -= 32) {
-      const int64_t w = end - 32 + lane;
-      uint32_t word = w >= 0 ? at[w] : 0;
-      const uint32_t odd = __ballot_sync(~0u, __popc(word) & 1);
-      if (odd == 0 && carry == 0 && __ballot_sync(~0u, word != 0) == 0) continue;
-      for (int shift = 1; shift < 32; shift *= 2) word ^= word >> shift;
-      const uint32_t beyond = lane == 31 ? 0 : odd >> (lane + 1);
-      if ((__popc(beyond) & 1) != 0) word = ~word;
-      if (w >= 0) at[w] = word ^ carry;
-      if ((__popc(odd) & 1) != 0) carry = ~carry;
-    }
+    SuffixXorRow(bits + row * uint64_t(words), words);
+  }
+}
+
+__global__ void __launch_bounds__(kThreads) SuffixXorBatch(const __grid_constant__ BatchView batch) {
+  const uint64_t warps = uint64_t(gridDim.x) * (kThreads / 32);
+  for (uint64_t row = uint64_t(blockIdx.x) * (kThreads / 32) + threadIdx.x / 32; row < batch.row_count; row += warps) {
+    const BatchItemView& item = batch.items[ItemAt(batch, &BatchItemView::first_row, row)];
+    if (!item.parity) continue;
+    const int64_t words = item.grid.words_per_row;
+    SuffixXorRow(batch.inside + item.first_word + (row - item.first_row) * uint64_t(words), words);
   }
 }
 
@@ -172,31 +222,53 @@ absl::Status FillTarget(RunState& state, const CudaTarget& target) {
   return absl::OkStatus();
 }
 
+template <typename Args>
+absl::Status Toggle(const Args& args, const DeviceInfo& device, cudaStream_t stream) {
+  ToggleSmall<<<unsigned((args.triangle_count + kThreads - 1) / kThreads), kThreads, 0, stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ToggleSmall");
+  ToggleLarge<<<dim3(8, unsigned(device.multiprocessors)), kThreads, 0, stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ToggleLarge");
+  return absl::OkStatus();
+}
+
 }  // namespace
+
+absl::Status FillBatch(const BatchState& state) {
+  const BatchView& batch = state.view;
+  if (!batch.any_parity || batch.triangle_count == 0) return absl::OkStatus();
+  BatchToggleArgs args;
+  args.batch = batch;
+  args.triangles = batch.triangles;
+  args.positions = batch.placed;
+  args.triangle_count = batch.triangle_count;
+  args.queue = batch.queue[0];
+  args.queued = batch.queued + 4;
+  VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, state.stream));
+  SuffixXorBatch<<<BlocksFor(batch.row_count, kThreads / 32), kThreads, 0, state.stream>>>(batch);
+  VOXELPIPE_LAUNCHED_OR_RETURN("SuffixXorBatch");
+  return absl::OkStatus();
+}
 
 absl::Status ParityInside(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   VOXELPIPE_OK_OR_RETURN(state.inside.Fill(0, state.stream));
   if (triangles == 0) return absl::OkStatus();
   ToggleArgs args;
-  args.column_words = (state.view.dims[1] + 31) / 32;
+  args.view.column_words = (state.view.dims[1] + 31) / 32;
   DeviceArray<uint32_t> columns;
-  VOXELPIPE_OK_OR_RETURN(columns.Resize(uint64_t(args.column_words) * uint64_t(state.slab.depth()), state.stream));
+  VOXELPIPE_OK_OR_RETURN(columns.Resize(uint64_t(args.view.column_words) * uint64_t(state.slab.depth()), state.stream));
   VOXELPIPE_OK_OR_RETURN(columns.Fill(0, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0}));
-  args.grid = state.view;
+  args.view.grid = state.view;
   args.triangles = state.mesh.triangles.data();
   args.positions = state.mesh.index_positions.data();
   args.triangle_count = triangles;
-  args.inside = state.inside.data();
-  args.columns = columns.data();
+  args.view.inside = state.inside.data();
+  args.view.columns = columns.data();
   args.queue = state.queue[0].data();
   args.queued = state.counters.data() + kQueued0;
-  ToggleSmall<<<unsigned((triangles + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ToggleSmall");
-  ToggleLarge<<<dim3(8, unsigned(state.device.multiprocessors)), kThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ToggleLarge");
+  VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, state.stream));
   VOXELPIPE_OK_OR_RETURN(CountBits(state, columns.data(), nullptr, columns.size(), kOddColumns));
   SuffixXor<<<BlocksFor(state.slab_rows(), kThreads / 32), kThreads, 0, state.stream>>>(
       state.inside.data(), state.slab_rows(), state.view.words_per_row);

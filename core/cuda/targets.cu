@@ -1,6 +1,7 @@
 // Allocation, clearing, packing and counting of the render targets, and their way to the host.
 #include <algorithm>
 
+#include "cuda/batch.h"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
 #include "pipeline/plan.h"
@@ -33,41 +34,89 @@ __device__ inline uint32_t ValueWord(const PackArgs& a, uint64_t word) {
   return (here & a.value[word]) | (~here & elsewhere);
 }
 
-// One word of packed bits a thread, gathered from the rows it spans.
+// Word w of the packed bits, gathered from the rows it spans.
+__device__ inline uint32_t PackedWord(const PackArgs& a, uint64_t w) {
+  uint32_t packed = 0;
+  uint64_t row = w * 32 / uint64_t(a.nx);
+  int64_t x = int64_t(w * 32 - row * uint64_t(a.nx));
+  int filled = 0;
+  while (filled < 32 && row * uint64_t(a.nx) < a.voxels) {
+    const uint64_t word = row * uint64_t(a.words_per_row) + uint64_t(x / 32);
+    const int offset = int(x % 32);
+    const int64_t rest = a.nx - x;
+    const int take = int(min(min(int64_t(32 - offset), rest), int64_t(32 - filled)));
+    const uint32_t bits = ValueWord(a, word) >> offset & (take == 32 ? ~0u : (1u << take) - 1);
+    packed |= bits << filled;
+    filled += take;
+    x += take;
+    if (x == a.nx) {
+      x = 0;
+      ++row;
+    }
+  }
+  return packed;
+}
+
 __global__ void __launch_bounds__(kThreads) PackKernel(const PackArgs a) {
   const uint64_t words = (a.voxels + 31) / 32;
   for (uint64_t w = uint64_t(blockIdx.x) * kThreads + threadIdx.x; w < words; w += uint64_t(gridDim.x) * kThreads) {
-    uint32_t packed = 0;
-    uint64_t row = w * 32 / uint64_t(a.nx);
-    int64_t x = int64_t(w * 32 - row * uint64_t(a.nx));
-    int filled = 0;
-    while (filled < 32 && row * uint64_t(a.nx) < a.voxels) {
-      const uint64_t word = row * uint64_t(a.words_per_row) + uint64_t(x / 32);
-      const int offset = int(x % 32);
-      const int64_t rest = a.nx - x;
-      const int take = int(min(min(int64_t(32 - offset), rest), int64_t(32 - filled)));
-      const uint32_t bits = ValueWord(a, word) >> offset & (take == 32 ? ~0u : (1u << take) - 1);
-      packed |= bits << filled;
-      filled += take;
-      x += take;
-      if (x == a.nx) {
-        x = 0;
-        ++row;
-      }
-    }
-    a.out[w] = packed;
+    a.out[w] = PackedWord(a, w);
   }
 }
 
-// Set bits of a, or of a and b together.
+// All targets of a batch, a word a thread.
+__global__ void __launch_bounds__(kThreads) PackBatchKernel(const __grid_constant__ BatchView batch) {
+  for (uint64_t w = uint64_t(blockIdx.x) * kThreads + threadIdx.x; w < batch.packed_words;
+       w += uint64_t(gridDim.x) * kThreads) {
+    uint32_t lo = 0, hi = batch.target_count;
+    while (hi - lo > 1) {
+      const uint32_t mid = lo + (hi - lo) / 2;
+      if (batch.targets[mid].first_packed <= w) {
+        lo = mid;
+      } else {
+        hi = mid;
+      }
+    }
+    const BatchTargetView& target = batch.targets[lo];
+    const BatchItemView& item = batch.items[target.item];
+    PackArgs a;
+    a.present = a.value = batch.bits + item.first_word;
+    a.inside = item.parity ? batch.inside + item.first_word : nullptr;
+    a.clear = target.clear;
+    a.fill = target.fill;
+    a.nx = item.grid.dims[0];
+    a.words_per_row = item.grid.words_per_row;
+    a.voxels = target.voxels;
+    batch.packed[w] = PackedWord(a, w - target.first_packed);
+  }
+}
+
+// Adds the set bits of a, or of a and b together, of words begin, begin + step, ... to a counter. All threads of a warp call it.
+__device__ inline void AddBits(const uint32_t* a, const uint32_t* b, uint64_t words, uint64_t begin, uint64_t step,
+                               uint64_t* counter) {
+  uint64_t sum = 0;
+  for (uint64_t i = begin; i < words; i += step) sum += unsigned(__popc(b == nullptr ? a[i] : a[i] | b[i]));
+  for (int by = 16; by > 0; by /= 2) sum += __shfl_down_sync(~0u, sum, by);
+  if (threadIdx.x % 32 == 0 && sum > 0) atomicAdd(reinterpret_cast<unsigned long long*>(counter), sum);
+}
+
 __global__ void __launch_bounds__(kThreads)
     CountKernel(const uint32_t* a, const uint32_t* b, uint64_t words, uint64_t* counter) {
-  uint64_t sum = 0;
-  for (uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x; i < words; i += uint64_t(gridDim.x) * kThreads) {
-    sum += unsigned(__popc(b == nullptr ? a[i] : a[i] | b[i]));
+  AddBits(a, b, words, uint64_t(blockIdx.x) * kThreads + threadIdx.x, uint64_t(gridDim.x) * kThreads, counter);
+}
+
+// Blocks in x take an item each, blocks in y share its words.
+__global__ void __launch_bounds__(kThreads) CountBatchKernel(const __grid_constant__ BatchView batch) {
+  const uint64_t begin = uint64_t(blockIdx.y) * kThreads + threadIdx.x, step = uint64_t(gridDim.y) * kThreads;
+  for (uint32_t i = blockIdx.x; i < batch.item_count; i += gridDim.x) {
+    const BatchItemView& item = batch.items[i];
+    AddBits(batch.bits + item.first_word, item.parity ? batch.inside + item.first_word : nullptr, item.words, begin,
+            step, &batch.counts[i].occupied);
+    if (item.parity) {
+      const uint64_t columns = uint64_t(item.column_words) * uint64_t(item.grid.dims[2]);
+      AddBits(batch.columns + item.first_column, nullptr, columns, begin, step, &batch.counts[i].odd_columns);
+    }
   }
-  for (int step = 16; step > 0; step /= 2) sum += __shfl_down_sync(~0u, sum, step);
-  if (threadIdx.x % 32 == 0 && sum > 0) atomicAdd(reinterpret_cast<unsigned long long*>(counter), sum);
 }
 
 double DefaultScale(VoxelFormat format, FragmentShaderId shader) {
@@ -275,6 +324,15 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     LayOutTileValues(state);
     VOXELPIPE_OK_OR_RETURN(state.tile_values.Resize(state.occupied_count * state.value_stride, state.stream));
   }
+  return absl::OkStatus();
+}
+
+absl::Status PackBatch(const BatchState& state) {
+  const BatchView& batch = state.view;
+  CountBatchKernel<<<dim3(std::min(batch.item_count, 1u << 16), 4), kThreads, 0, state.stream>>>(batch);
+  VOXELPIPE_LAUNCHED_OR_RETURN("CountBatchKernel");
+  PackBatchKernel<<<BlocksFor(batch.packed_words, kThreads), kThreads, 0, state.stream>>>(batch);
+  VOXELPIPE_LAUNCHED_OR_RETURN("PackBatchKernel");
   return absl::OkStatus();
 }
 

@@ -29,27 +29,32 @@ inline absl::StatusOr<WalkArgs> MakeWalkArgs(RunState& state) {
 }
 
 // Walks all triangles. An operation that repeats another one's walk finds the queues as that one left them.
-template <typename Op>
-absl::Status Walk(const RunState& state, const WalkArgs& args, const Op& op, bool skip_runs = false) {
+template <typename Op, typename Args>
+absl::Status WalkOn(const DeviceInfo& device, cudaStream_t stream, const Args& args, const Op& op,
+                    bool skip_runs = false) {
   if (args.triangle_count == 0) return absl::OkStatus();
-  const auto processors = unsigned(state.device.multiprocessors);
+  const auto processors = unsigned(device.multiprocessors);
   const auto blocks_for = [&](uint64_t threads, unsigned most) {
     return unsigned(std::min<uint64_t>(most, (args.triangle_count + threads - 1) / threads));
   };
   if (!skip_runs) {
-    WalkRuns<<<blocks_for(kRunThreads, ~0u), kRunThreads, 0, state.stream>>>(args, op);
+    WalkRuns<<<blocks_for(kRunThreads, ~0u), kRunThreads, 0, stream>>>(args, op);
     VOXELPIPE_LAUNCHED_OR_RETURN("WalkRuns");
   }
-  WalkSmall<<<blocks_for(kSmallThreads, processors * 64), kSmallThreads, 0, state.stream>>>(args, op);
+  WalkSmall<<<blocks_for(kSmallThreads, processors * 64), kSmallThreads, 0, stream>>>(args, op);
   VOXELPIPE_LAUNCHED_OR_RETURN("WalkSmall");
   constexpr int kOfRest = kRestThreads / 32 * kSetupsOfWarp * int(sizeof(SharedSetup));
-  WalkRest<<<blocks_for(4, processors * 6), kRestThreads, kOfRest, state.stream>>>(args, op);
+  WalkRest<<<blocks_for(4, processors * 6), kRestThreads, kOfRest, stream>>>(args, op);
   VOXELPIPE_LAUNCHED_OR_RETURN("WalkRest");
   constexpr int kOfLarge = kSetupsOfBlock * int(sizeof(SharedSetup));
   static_assert(kOfRest <= 48 << 10 && kOfLarge <= 48 << 10);  // more must be asked for
-  WalkLarge<<<processors * 6, kRestThreads, kOfLarge, state.stream>>>(args, op);
+  WalkLarge<<<processors * 6, kRestThreads, kOfLarge, stream>>>(args, op);
   VOXELPIPE_LAUNCHED_OR_RETURN("WalkLarge");
   return absl::OkStatus();
+}
+template <typename Op>
+absl::Status Walk(const RunState& state, const WalkArgs& args, const Op& op, bool skip_runs = false) {
+  return WalkOn(state.device, state.stream, args, op, skip_runs);
 }
 
 }  // namespace voxelpipe::cuda

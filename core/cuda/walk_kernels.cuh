@@ -38,6 +38,15 @@ struct WalkArgs {
       nullptr;  // how many wait: in the rest's, the large's, the least small, the other small; 0 before the first kernel
 };
 
+// Of a triangle: the grid that it is walked in, whose slab clips it, and its coverage. Here the same for all; a batch has its own
+// (batch_views.h).
+__device__ inline const GridView& GridOf(const WalkArgs& args, uint32_t) {
+  return args.grid;
+}
+__device__ inline Coverage CoverageOf(const WalkArgs& args, uint32_t) {
+  return args.coverage;
+}
+
 struct Corners {
   uint32_t v[3];
 };
@@ -172,8 +181,8 @@ __device__ inline bool SharedRowSpan(const SharedSetup& s, uint32_t row, int& y,
 }
 
 // A triangle a thread, by its box.
-template <typename Op>
-__global__ void __launch_bounds__(kRunThreads) WalkRuns(const __grid_constant__ WalkArgs args, Op op) {
+template <typename Op, typename Args = WalkArgs>
+__global__ void __launch_bounds__(kRunThreads) WalkRuns(const __grid_constant__ Args args, Op op) {
   __shared__ unsigned long long room[3][kRunThreads / 32 + 1];
   const uint64_t t = uint64_t(blockIdx.x) * kRunThreads + threadIdx.x;
   enum { kNone, kRun, kLeast, kSmall, kRest } what = kNone;
@@ -182,11 +191,12 @@ __global__ void __launch_bounds__(kRunThreads) WalkRuns(const __grid_constant__ 
     const CodedBox box = LoadBox(args.codes, LoadCorners(args.triangles, t));
     if (box.far) {
       what = kRest;
-    } else if (Clip(box, SlabBox(args.grid), range)) {
+    } else if (Clip(box, SlabBox(GridOf(args, uint32_t(t))), range)) {
       const int rows = range.rows();
-      if (IsRun(box, args.coverage) && rows <= kRowsOfRun) {
+      const Coverage coverage = CoverageOf(args, uint32_t(t));
+      if (IsRun(box, coverage) && rows <= kRowsOfRun) {
         what = kRun;
-      } else if (rows > kRowsOfThread || args.coverage == Coverage::kCenter) {
+      } else if (rows > kRowsOfThread || coverage == Coverage::kCenter) {
         what = kRest;
       } else {
         what = range.end[1] - range.begin[1] <= 2 && range.end[2] - range.begin[2] <= 2 ? kLeast : kSmall;
@@ -233,8 +243,8 @@ __global__ void __launch_bounds__(kRunThreads) WalkRuns(const __grid_constant__ 
 }
 
 // The small triangles, a thread each; what is not narrow goes on to the rest.
-template <typename Op>
-__global__ void __launch_bounds__(kSmallThreads, 6) WalkSmall(const __grid_constant__ WalkArgs args, Op op) {
+template <typename Op, typename Args = WalkArgs>
+__global__ void __launch_bounds__(kSmallThreads, 6) WalkSmall(const __grid_constant__ Args args, Op op) {
   const uint64_t least = (args.queued[2] + 31) / 32 * 32, other = args.queued[3];  // no warp has both
   const uint64_t threads = uint64_t(gridDim.x) * kSmallThreads;
   for (uint64_t i = uint64_t(blockIdx.x) * kSmallThreads + threadIdx.x; i < least + other; i += threads) {
@@ -243,9 +253,9 @@ __global__ void __launch_bounds__(kSmallThreads, 6) WalkSmall(const __grid_const
     const Corners corners = LoadCorners(args.triangles, t);
     const CodedBox box = LoadBox(args.codes, corners);
     Box32 range;
-    if (!Clip(box, SlabBox(args.grid), range)) continue;
+    if (!Clip(box, SlabBox(GridOf(args, t)), range)) continue;
     SpanBounds<float> bounds;
-    if (!SetUpNarrow(args.positions, args.coverage, corners, box, bounds)) {
+    if (!SetUpNarrow(args.positions, CoverageOf(args, t), corners, box, bounds)) {
       if (!op.repeats()) {
         args.rest_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued), 1ull)] = t;
       }
@@ -260,8 +270,8 @@ __global__ void __launch_bounds__(kSmallThreads, 6) WalkSmall(const __grid_const
 }
 
 // The rest: half a warp's lanes set up a triangle each, then all share the rows of each. The largest wait for WalkLarge.
-template <typename Op>
-__global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constant__ WalkArgs args, Op op) {
+template <typename Op, typename Args = WalkArgs>
+__global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constant__ Args args, Op op) {
   extern __shared__ double setups[];
   const int lane = int(threadIdx.x % 32), warp_of_block = int(threadIdx.x / 32);
   auto* const shared = reinterpret_cast<SharedSetup*>(setups) + warp_of_block * kSetupsOfWarp;
@@ -274,7 +284,8 @@ __global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constan
     uint64_t rows = 0;
     if (uint64_t(lane) < each && begin + uint64_t(lane) < count) {
       const uint32_t t = args.rest_queue[begin + uint64_t(lane)];
-      rows = SetUpShared(args.positions, args.triangles, args.coverage, args.grid.SlabRange(), t, shared[lane]);
+      rows = SetUpShared(args.positions, args.triangles, CoverageOf(args, t), GridOf(args, t).SlabRange(), t,
+                         shared[lane]);
       if (rows > kRowsOfWarp) {
         if (!op.repeats()) {
           args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + 1), 1ull)] = t;
@@ -297,8 +308,8 @@ __global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constan
 }
 
 // The largest, one after the other, each by all threads.
-template <typename Op>
-__global__ void __launch_bounds__(kRestThreads, 6) WalkLarge(const __grid_constant__ WalkArgs args, Op op) {
+template <typename Op, typename Args = WalkArgs>
+__global__ void __launch_bounds__(kRestThreads, 6) WalkLarge(const __grid_constant__ Args args, Op op) {
   extern __shared__ double setups[];
   __shared__ uint64_t rows_of[kSetupsOfBlock];
   auto* const shared = reinterpret_cast<SharedSetup*>(setups);
@@ -307,8 +318,9 @@ __global__ void __launch_bounds__(kRestThreads, 6) WalkLarge(const __grid_consta
   for (uint64_t begin = 0; begin < count; begin += kSetupsOfBlock) {
     const int here = int(min(count - begin, uint64_t{kSetupsOfBlock}));
     if (int(threadIdx.x) < here) {
-      rows_of[threadIdx.x] = SetUpShared(args.positions, args.triangles, args.coverage, args.grid.SlabRange(),
-                                         args.large_queue[begin + threadIdx.x], shared[threadIdx.x]);
+      const uint32_t t = args.large_queue[begin + threadIdx.x];
+      rows_of[threadIdx.x] = SetUpShared(args.positions, args.triangles, CoverageOf(args, t),
+                                         GridOf(args, t).SlabRange(), t, shared[threadIdx.x]);
     }
     __syncthreads();
     for (int i = 0; i < here; ++i) {

@@ -1,15 +1,18 @@
 #include "pipeline/batch.h"
 
+#include <vector>
+
 namespace voxelpipe {
 
 BatchStats VoxelizeBatch(const Backend& backend, std::span<const BatchItem> items, int threads,
                          const PlanLimits& limits) {
-  backend.RunEach(threads, items.size(), [&](size_t i) {
-    const BatchItem& item = items[i];
+  BatchStats stats;
+  const std::vector<size_t> alone = backend.RunShared(threads, items, limits, stats);
+  backend.RunEach(threads, alone.size(), [&](size_t i) {
+    const BatchItem& item = items[alone[i]];
     item.done(VoxelizeInside(backend, *item.mesh, *item.request, *item.job, limits, item.on_plan));
   });
-  BatchStats stats;
-  stats.passes = uint32_t(items.size());
+  stats.passes += uint32_t(alone.size());
   return stats;
 }
 

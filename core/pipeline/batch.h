@@ -30,11 +30,12 @@ struct BatchItem {
 
 struct BatchStats {
   uint32_t passes = 0;               // times that the device's stages ran: 1 where all items shared one
-  std::optional<uint64_t> launches;  // kernel launches of all passes together; CUDA only
+  uint32_t shared = 0;               // items that ran together with others in a pass
+  std::optional<uint64_t> launches;  // kernel launches of the shared passes; CUDA only
 };
 
 // Gives each item its result or error: the same bytes as Voxelize of each alone. Returns when all are done. An item's error, cancellation or
-// deadline is its own. `threads` is that of the whole batch (0 = all); the items' own are not looked at.
+// deadline is its own. An item that shared a pass has the pass's time as its own. `threads` is that of the whole batch (0 = all); the items' own are not looked at.
 BatchStats VoxelizeBatch(const Backend& backend, std::span<const BatchItem> items, int threads,
                          const PlanLimits& limits = {});
 

@@ -8,7 +8,9 @@
 
 #include <functional>
 #include <memory>
+#include <numeric>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -95,6 +97,9 @@ class Stages {
   virtual std::string_view simd() const = 0;
 };
 
+struct BatchItem;   // pipeline/batch.h
+struct BatchStats;  // likewise
+
 // One device that can run the pipeline: the machine's processors, or one GPU. Thread-safe.
 class Backend {
  public:
@@ -120,6 +125,15 @@ class Backend {
     Run(threads, [&] {
       for (size_t i = 0; i < count; ++i) body(i);
     });
+  }
+
+  // Runs together those of a batch's items that can share a pass of the device, gives them their results and adds to `stats`. Out:
+  // the numbers of the others, which are to run alone.
+  virtual std::vector<size_t> RunShared(int /*threads*/, std::span<const BatchItem> items, const PlanLimits& /*limits*/,
+                                        BatchStats& /*stats*/) const {
+    std::vector<size_t> alone(items.size());
+    std::iota(alone.begin(), alone.end(), size_t{0});
+    return alone;
   }
 };
 

@@ -12,8 +12,8 @@
 #include "absl/strings/str_cat.h"
 #include "pipeline/assemble.h"
 #include "pipeline/backend.h"
+#include "pipeline/bind.h"
 #include "pipeline/stages.h"
-#include "shaders/resolve.h"
 
 namespace voxelpipe {
 namespace {
@@ -58,25 +58,6 @@ class StageClock {
   const JobContext& job_;
   VoxelizeStats& stats_;
 };
-
-absl::StatusOr<BoundRequest> Bind(const TriangleMesh& mesh, const VoxelizeRequest& request) {
-  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
-  BoundRequest bound;
-  bound.request = request;
-  auto vertex = BindShader(ShaderStage::kVertex, request.vertex_shader);
-  if (!vertex.ok()) return vertex.status();
-  bound.vertex_shader = *vertex;
-  for (const TargetSpec& target : request.targets) {
-    auto fragment = BindShader(ShaderStage::kFragment, target.shader);
-    if (!fragment.ok()) return fragment.status();
-    if (absl::Status s = ResolveShader(mesh, *fragment); !s.ok()) {
-      const size_t index = bound.fragment_shaders.size();
-      return absl::Status(s.code(), absl::StrCat("targets[", index, "].shader: ", std::string(s.message())));
-    }
-    bound.fragment_shaders.push_back(*fragment);
-  }
-  return bound;
-}
 
 void AddCounts(const Stages& stages, const VoxelizeRequest& request, VoxelizeStats& stats) {
   const SlabCounts counts = stages.counts();
@@ -169,7 +150,7 @@ absl::Status RunInside(const Backend& backend, const TriangleMesh& mesh, const V
                        const JobContext& job, const PlanLimits& limits, Delivery delivery, const PlanHook& on_plan,
                        Assembler& assembler, VoxelizeStats& stats) {
   try {
-    const absl::StatusOr<BoundRequest> bound = Bind(mesh, request);
+    const absl::StatusOr<BoundRequest> bound = BindRequest(mesh, request);
     if (!bound.ok()) return bound.status();
     return RunStages(backend, mesh, *bound, job, limits, delivery, on_plan, assembler, stats);
   } catch (const std::bad_alloc&) {

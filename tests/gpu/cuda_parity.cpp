@@ -21,6 +21,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "gpu/batch_parity.h"
 #include "gpu/bench_meshes.h"
 #include "gpu/first_difference.h"
 #include "gpu/parity_cases.h"
@@ -273,8 +274,9 @@ bool RunBeyond32Bits(Parity& parity, const Options& options) {
   return parity.RunMesh({"beyond_32_bits", 4096, {}}, mesh, cases, 1);
 }
 
-void RunAll(Parity& parity, const Options& options) {
+void RunAll(Parity& parity, BatchParity& batches, const Options& options) {
   if (options.bench_meshes) return RunBenchMeshes(parity, options);
+  const bool in_batches = options.filter.empty() && !options.list;
   uint32_t number = 0;
   for (const ParityMesh& named : ParityMeshes(options.seed)) {
     ++number;
@@ -282,12 +284,15 @@ void RunAll(Parity& parity, const Options& options) {
     const bool small =
         number == 1 || named.name == "pile_in_a_voxel" || named.name == "giants" || named.name == "point";
     if (options.quick && !small) continue;
-    const TriangleMesh mesh = named.make();
+    const auto made = std::make_shared<const TriangleMesh>(named.make());
+    const TriangleMesh& mesh = *made;
     const bool large = mesh.triangles.size() > 10'000;
     const CaseSizes sizes{first ? 300 : large ? 16 : 32, !named.refusable, first};
     const auto cases = options.quick ? QuickCases(named) : CasesFor(named, mesh, sizes, options.seed + 100 * number);
     if (!parity.RunMesh(named, mesh, cases, options.quick ? 1 : 0)) return;
+    if (in_batches && !large) batches.Add(named.name, made, cases, options.quick ? 1 : 8);
   }
+  batches.Flush();
   if (options.quick) return;
   if (!options.self) parity.RunOutOfMemory();
   if (!RunBeyond32Bits(parity, options)) return;
@@ -338,13 +343,17 @@ int Main(int argc, char** argv) {
     return 1;
   }
   const absl::StatusOr<const Backend*> cuda = SelectBackend(BackendChoice::kCuda);
-  if (!cuda.ok() && !options.self && !options.list) {
+  if (options.list) options.self = true;
+  if (!cuda.ok() && !options.self) {
     std::printf("SKIPPED: no CUDA device (%s)\n", std::string(cuda.status().message()).c_str());
     return 77;
   }
   Parity parity(options);
-  RunAll(parity, options);
-  return parity.Report();
+  BatchParity batches(options.self ? *Devices().back() : **cuda, options.quick ? 64 : 512);
+  RunAll(parity, batches, options);
+  batches.Report();
+  const int code = parity.Report();
+  return batches.differ() > 0 ? 1 : code;
 }
 
 }  // namespace

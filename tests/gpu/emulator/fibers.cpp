@@ -1,5 +1,6 @@
 // The emulator's scheduler: the threads of a block take turns on one thread of the host.
 #include <cstdio>
+#include <mutex>
 #include <random>
 #include <vector>
 
@@ -204,6 +205,8 @@ class Block {
 }  // namespace
 
 void RunKernel(const Config& config, const std::function<void()>& thread) {
+  static std::mutex one_at_a_time;  // of the host's threads: what is built in and what blocks share are static
+  const std::lock_guard lock(one_at_a_time);
   built_in.grid_dim = config.grid;
   built_in.block_dim = config.block;
   if (config.grid.x == 0 || config.grid.y == 0 || config.grid.z == 0) Die("a grid without blocks");

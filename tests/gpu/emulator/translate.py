@@ -28,7 +28,7 @@ def launches(text):
         out.append(text[at:match.start()])
         # A lambda, since the kernel may be a template whose parameters its arguments name.
         out.append(f"::cuda_emulator::Launch(::cuda_emulator::Config{{{match[2]}}}, "
-                   f"[&](auto... a) {{ {match[1]}(a...); }}" + (f", {arguments}" if arguments else "") + ")")
+                   f"[&](auto... passed_on) {{ {match[1]}(passed_on...); }}" + (f", {arguments}" if arguments else "") + ")")
         at = end + 1
     return "".join(out) + text[at:]
 

@@ -99,6 +99,13 @@ inline cudaError_t cudaMallocHost(void** p, size_t bytes) {
 inline cudaError_t cudaFreeHost(void* p) {
   return std::free(p), cudaSuccess;
 }
+enum { cudaHostRegisterPortable = 1 };
+inline cudaError_t cudaHostRegister(void*, size_t, unsigned) {
+  return cudaSuccess;
+}
+inline cudaError_t cudaHostUnregister(void*) {
+  return cudaSuccess;
+}
 inline cudaError_t cudaMemcpyAsync(void* to, const void* from, size_t bytes, cudaMemcpyKind, cudaStream_t) {
   return std::memmove(to, from, bytes), cudaSuccess;
 }

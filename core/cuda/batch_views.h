@@ -1,0 +1,61 @@
+// What kernels get of a batch: plain structs, no host-only includes.
+//
+// All grids of a batch lie in one index space of words and rows, one behind the other; so do vertices, triangles and the
+// words of the results. What belongs to whom is found by bisection among the items, whose firsts ascend.
+#pragma once
+
+#include "cuda/vertex_code.cuh"
+#include "cuda/views.h"
+
+namespace voxelpipe::cuda {
+
+// One grid of the batch, a single slab.
+struct BatchItemView {
+  GridView grid;
+  Coverage coverage{};
+  bool parity = false;      // fill
+  bool look_first = false;  // far more triangles than voxels of its faces
+  // Its mesh, which may lie anywhere on the device.
+  const Vec3d* positions = nullptr;  // world space
+  const uint32_t* triangles = nullptr;
+  // Where its part begins among all vertices, triangles, rows of bit grids, their words, and words of columns.
+  uint64_t first_vertex = 0, first_triangle = 0, first_row = 0, first_word = 0, first_column = 0;
+  uint64_t words = 0;        // of its bit grid
+  int64_t column_words = 0;  // of a layer's columns (solid_fill.cu)
+};
+
+// One bit target: packed bits, made of an item's coverage and inside.
+struct BatchTargetView {
+  uint32_t item = 0;
+  uint32_t clear = 0, fill = 0;  // all bits set or none
+  uint64_t first_packed = 0;     // its first word among the packed ones
+  uint64_t voxels = 0;
+};
+
+struct BatchCounts {
+  uint64_t occupied = 0, odd_columns = 0;
+};
+
+struct BatchView {
+  const BatchItemView* items = nullptr;
+  const BatchTargetView* targets = nullptr;
+  uint32_t item_count = 0, target_count = 0;
+  uint64_t vertex_count = 0, triangle_count = 0, row_count = 0, packed_words = 0;
+  bool any_parity = false;
+  Vec3d* placed = nullptr;  // vertices in index space
+  VertexCode* codes = nullptr;
+  uint32_t* triangles = nullptr;  // of vertices among all
+  uint32_t* item_of = nullptr;    // per triangle
+  uint32_t* queue[3] = {};        // room for all triangles in each
+  // Cleared at the beginning, together.
+  void* zero = nullptr;
+  uint64_t zero_quads = 0;        // of 16 bytes
+  uint64_t* queued = nullptr;     // see WalkArgs; the fifth is of the parity fill
+  uint32_t* bits = nullptr;       // coverage
+  uint32_t* inside = nullptr;     // where any item has a fill
+  uint32_t* columns = nullptr;    // likewise: parity of each column's crossings
+  BatchCounts* counts = nullptr;  // per item
+  uint32_t* packed = nullptr;
+};
+
+}  // namespace voxelpipe::cuda

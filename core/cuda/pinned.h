@@ -1,0 +1,48 @@
+// Host memory that a device copies from and to at the bus's full speed.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "absl/status/statusor.h"
+
+namespace voxelpipe::cuda {
+
+// A block of host memory, contents undefined, 64-byte aligned, from a process-wide pool of pinned blocks; ordinary memory where the
+// pool's bound is reached or the system pins no more. Goes back to the pool at the end: the device must be done with it. Movable.
+class PinnedBuffer {
+ public:
+  PinnedBuffer() = default;
+  PinnedBuffer(PinnedBuffer&& other) noexcept { *this = static_cast<PinnedBuffer&&>(other); }
+  PinnedBuffer& operator=(PinnedBuffer&& other) noexcept;
+  ~PinnedBuffer() { Release(); }
+
+  // RESOURCE_EXHAUSTED naming the size when the system has no memory for it. Thread-safe.
+  static absl::StatusOr<PinnedBuffer> Take(uint64_t bytes);
+
+  uint8_t* data() { return data_; }
+  const uint8_t* data() const { return data_; }
+  uint64_t size() const { return size_; }
+  bool pinned() const { return pinned_; }
+
+ private:
+  void Release();
+
+  uint8_t* data_ = nullptr;
+  uint64_t size_ = 0;
+  bool pinned_ = false;
+};
+
+// The pool's part of it. A pinned block of at least `bytes`, or nullptr. Thread-safe.
+void* TakePinned(uint64_t bytes);
+void ReturnPinned(void* block, uint64_t bytes);
+
+// Idle blocks go to the system; those that are out do so when they come back: for a device that is to be reset.
+void ForgetPinned();
+
+struct PinnedUse {
+  uint64_t bytes = 0, idle_bytes = 0, most_bytes = 0;  // pinned in all, idle of them, and the bound
+};
+PinnedUse PinnedInUse();
+
+}  // namespace voxelpipe::cuda
