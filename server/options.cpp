@@ -56,7 +56,11 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--stream-above-mb", o.stream_above_mb,
       "MiB: larger dense results leave slab by slab while they are made, and bound no memory by their size")
       ->check(CLI::Range(uint64_t{0}, uint64_t{1} << 30));
-  add("--stall-timeout-ms", o.stall_timeout_ms, "Let a client go that takes nothing of a streamed result for so long");
+  add("--stall-timeout-ms", o.stall_timeout_ms, "Let a client go that takes nothing of its answer for so long")
+      ->check(CLI::Range(1u, 1'000'000'000u));
+  add("--upload-idle-timeout-ms", o.upload_idle_timeout_ms,
+      "Let a client go that sends less than 64 KiB of its mesh in so long")
+      ->check(CLI::Range(1u, 1'000'000'000u));
   add("--lame-duck-ms", o.lame_duck_ms, "On SIGTERM: time in which calls are still taken");
   add("--drain-grace-ms", o.drain_grace_ms, "Then: time in which running calls may end");
   add("--log-level", o.log_level, "Least severe level that is logged")

@@ -1,5 +1,7 @@
 #include "service_state.h"
 
+#include <algorithm>
+
 #include "pipeline/backend.h"
 
 namespace voxelpipe {
@@ -11,6 +13,11 @@ JobLimits LimitsOf(const ServerOptions& resolved) {
   limits.plan.max_working_bytes = resolved.max_working_bytes;
   limits.plan.slab_bytes = resolved.stream_above_mb << 20;
   return limits;
+}
+
+std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved) {
+  return std::chrono::milliseconds(
+      std::clamp(std::min(resolved.stall_timeout_ms, resolved.upload_idle_timeout_ms) / 8, 1u, 1000u));
 }
 
 WorkerPoolOptions WorkersOf(const ServerOptions& resolved) {

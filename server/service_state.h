@@ -2,9 +2,11 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <cstdint>
 
 #include "calls/call_gate.h"
+#include "calls/idle_watch.h"
 #include "observe/metrics.h"
 #include "options.h"
 #include "work/byte_budget.h"
@@ -18,11 +20,15 @@ namespace voxelpipe {
 inline constexpr int kMaxMessageBytes = 64 << 20;
 // Bytes of a result in one response message.
 inline constexpr uint64_t kPieceBytes = 1 << 20;
+// What an upload has to bring in each --upload-idle-timeout-ms, or its end: a byte now and then is idle, too.
+inline constexpr uint64_t kLeastUploadBytes = 64 << 10;
 // Pieces of a streamed result that wait for the client; the worker waits beyond that.
 inline constexpr size_t kMaxPiecesInFlight = 4;
 
 JobLimits LimitsOf(const ServerOptions& resolved);
 WorkerPoolOptions WorkersOf(const ServerOptions& resolved);
+// How often to look for idle clients: late by at most an eighth of the smallest limit.
+std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved);
 
 // Thread-safe. Must outlive every call.
 struct ServiceState {
@@ -31,6 +37,7 @@ struct ServiceState {
       : options(resolved),
         uploads(resolved.max_upload_bytes),
         working(resolved.max_working_bytes),
+        idle_watch(IdleIntervalOf(resolved)),
         limits(LimitsOf(resolved)),
         scheduler({.max_queue = resolved.max_queue, .max_batch_jobs = 16}, size_t(resolved.workers)),
         pool(scheduler, WorkersOf(resolved), limits.plan) {}
@@ -40,6 +47,7 @@ struct ServiceState {
   ByteBudget uploads;  // mesh files that are being received or wait
   ByteBudget working;  // predicted peaks of the jobs that run, results that are being sent
   CallGate gate;       // closed while the server drains
+  IdleWatch idle_watch;
   std::atomic<uint64_t> next_request_id{1};
   const JobLimits limits;
   Scheduler scheduler;

@@ -24,7 +24,9 @@ constexpr std::chrono::milliseconds kProgressInterval{100};
 VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerContext& context) {
   std::shared_ptr<VoxelizeCall> call(new VoxelizeCall(state, context));
   call->self_ = call;
+  call->WatchForIdleness();
   if (call->pass_) {
+    call->upload_wait_->Begin();
     call->StartRead(&call->request_);
   } else {
     call->End(ShuttingDownError());
@@ -43,14 +45,38 @@ VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& grp
   SetDeadline(grpc_context, context);
 }
 
+void VoxelizeCall::WatchForIdleness() {
+  const auto watch = [this](uint32_t limit_ms, std::string what) {
+    const std::string why = absl::StrCat("the client ", what, " for ", limit_ms, " ms");
+    return std::make_unique<IdleWatch::Wait>(state_.idle_watch, std::chrono::milliseconds(limit_ms),
+                                             [call = std::weak_ptr<VoxelizeCall>(self_), why] {
+                                               if (const auto self = call.lock()) self->GiveUp(why);
+                                             });
+  };
+  upload_wait_ = watch(state_.options.upload_idle_timeout_ms, "sent too little of its mesh");
+  write_wait_ = watch(state_.options.stall_timeout_ms, "took nothing of the answer");
+}
+
 void VoxelizeCall::OnReadDone(bool ok) {
   if (!ok) {
+    upload_wait_->End();
     UploadEnded();
     return;
   }
-  if (absl::Status s = TakeMessage(); !s.ok()) {
-    End(std::move(s));
+  absl::Status taken;
+  {
+    const std::lock_guard lock(mutex_);  // the watch may end the call meanwhile
+    if (end_) return;
+    taken = TakeMessage();
+  }
+  if (!taken.ok()) {
+    upload_wait_->End();
+    End(std::move(taken));
     return;
+  }
+  if (record_.bytes_in - upload_bytes_seen_ >= kLeastUploadBytes) {
+    upload_bytes_seen_ = record_.bytes_in;
+    upload_wait_->Begin();
   }
   StartRead(&request_);
 }
@@ -96,6 +122,7 @@ void VoxelizeCall::UploadEnded() {
   }
   {
     const std::lock_guard lock(mutex_);
+    if (end_) return;
     submitted_ = true;
   }
   if (absl::Status s = state_.scheduler.Submit({self_, static_cast<Task*>(this)}); !s.ok()) {
@@ -168,26 +195,23 @@ absl::Status VoxelizeCall::Write(size_t array, std::span<const uint8_t> bytes) {
 }
 
 absl::Status VoxelizeCall::WaitForRoom() {
-  const std::chrono::milliseconds patience(state_.options.stall_timeout_ms);
   std::unique_lock lock(mutex_);
-  uint64_t seen = writes_done_;
-  auto give_up = std::chrono::steady_clock::now() + patience;
   while (!end_ && pending_.size() >= kMaxPiecesInFlight) {
     if (absl::Status s = context.Check(); !s.ok()) return s;
     room_.wait_for(lock, kLookEvery);  // a deadline that passes is not notified
-    const auto now = std::chrono::steady_clock::now();
-    if (seen != std::exchange(seen, writes_done_)) {
-      give_up = now + patience;
-    } else if (now >= give_up) {
-      lock.unlock();
-      const absl::Status stalled =
-          absl::AbortedError(absl::StrCat("the client took nothing of the result for ", patience.count(), " ms"));
-      End(stalled);
-      HangUp();  // a write is in flight, and only its end lets the call finish
-      return stalled;
-    }
   }
   return end_ ? (end_->ok() ? absl::CancelledError("the call is over") : *end_) : context.Check();
+}
+
+void VoxelizeCall::GiveUp(std::string_view why) {
+  End(absl::AbortedError(std::string(why)));
+  bool writing;
+  {
+    const std::lock_guard lock(mutex_);
+    writing = writing_;
+  }
+  if (context.Check().ok()) context.Cancel();
+  if (writing) HangUp();  // only the end of that write lets the call finish
 }
 
 void VoxelizeCall::HangUp() {
@@ -242,15 +266,16 @@ void VoxelizeCall::Pump() {
   if (finish) {
     Finish(ToGrpcStatus(status));
   } else {
+    write_wait_->Begin();
     StartWrite(&response_);
   }
 }
 
 void VoxelizeCall::OnWriteDone(bool ok) {
+  write_wait_->End();
   {
     const std::lock_guard lock(mutex_);
     writing_ = false;
-    ++writes_done_;
   }
   room_.notify_all();
   if (!ok) {

@@ -15,6 +15,7 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "calls/call_record.h"
+#include "calls/idle_watch.h"
 #include "calls/result_pieces.h"
 #include "calls/result_stream.h"
 #include "service_state.h"
@@ -42,6 +43,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
  private:
   VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& context);
 
+  // With mutex_ held.
   absl::Status TakeMessage();
   absl::Status TakeConfig(const v1::VoxelizeConfig& config);
   absl::Status TakePiece(std::string piece);
@@ -58,6 +60,10 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
 
   // Queues a small message.
   void Post(v1::VoxelizeResponse response);
+  // Makes the two waits below.
+  void WatchForIdleness();
+  // The client neither sends nor takes anything.
+  void GiveUp(std::string_view why);
   // Cancels the call from outside of gRPC's threads.
   void HangUp();
   // Starts the next write or finishes the call, if neither is under way.
@@ -73,14 +79,18 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
   std::shared_ptr<VoxelizeCall> self_;    // until OnDone
   CallRecord record_;
 
-  // The upload: touched by one read at a time, then by the worker.
+  // The upload: touched by one read at a time, with mutex_ held, then by the worker.
   v1::VoxelizeRequest request_;
   bool configured_ = false;
+  uint64_t upload_bytes_seen_ = 0;  // when the wait for more began
   BudgetShare uploads_, working_;
   std::chrono::steady_clock::time_point last_progress_;
 
   // A streamed result: touched by the worker only.
   ResultPieces pieces_made_;
+
+  // For the upload, and for the client to take an answer.
+  std::unique_ptr<IdleWatch::Wait> upload_wait_, write_wait_;
 
   std::mutex context_mutex_;  // while held, gRPC does not take context_ away
   bool context_gone_ = false;
@@ -89,8 +99,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
   std::condition_variable room_;  // a write was done, or the call ended
   std::deque<v1::VoxelizeResponse> pending_;
   std::unique_ptr<ResultStream> result_;
-  bool streamed_ = false;  // pending_ holds the last messages
-  uint64_t writes_done_ = 0;
+  bool streamed_ = false;          // pending_ holds the last messages
   v1::VoxelizeResponse response_;  // in flight while writing_
   std::optional<absl::Status> end_;
   bool submitted_ = false;  // a worker has the job or will have it
