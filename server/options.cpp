@@ -69,6 +69,17 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--http-listen", o.http_listen,
       "Address of /metrics, /livez and /readyz over HTTP; port 0 picks one, empty: none")
       ->type_name("HOST:PORT");
+  add("--token-file", o.token_file,
+      "Clients with their tokens, roles and quotas (JSON); empty: everybody may do everything")
+      ->type_name("FILE");
+  add("--open-health", o.open_health, "Whether health is told without a token");
+  add("--reload-interval-ms", o.reload_interval_ms, "How often changed tokens and certificates are looked for")
+      ->check(CLI::Range(100u, 86'400'000u));
+  add("--tls-cert", o.tls_cert, "The server's certificate chain (PEM); empty: plain text")->type_name("FILE");
+  add("--tls-key", o.tls_key, "The key of that certificate (PEM)")->type_name("FILE");
+  add("--tls-client-ca", o.tls_client_ca,
+      "Clients need a certificate that one of these signed (PEM); empty: they need none")
+      ->type_name("FILE");
   add("--reflection", o.reflection, "Whether clients may ask for the descriptions of the services");
   app.add_option("--config", config, "Read options from this TOML file")->type_name("FILE")->configurable(false);
   app.add_flag("--check-config", check_config, "Print every option and where it comes from, say what is wrong, and end")

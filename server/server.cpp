@@ -41,6 +41,10 @@ VoxelServer::VoxelServer(const ServerOptions& resolved)
 absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOptions& options) {
   if (const auto backend = SelectBackend(options.backend); !backend.ok()) return backend.status();
   std::unique_ptr<VoxelServer> server(new VoxelServer(Resolve(options)));
+  auto access = AccessControl::Create(options.token_file, options.open_health, server->state_->metrics);
+  if (!access.ok())
+    return absl::Status(access.status().code(), absl::StrCat("--token-file: ", access.status().message()));
+  server->state_->access = *std::move(access);
 
   if (!options.http_listen.empty()) {
     HealthService& health = *server->health_;

@@ -1,10 +1,11 @@
 // What all calls of one server share.
 #pragma once
 
-#include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <memory>
 
+#include "access/access_control.h"
 #include "calls/call_gate.h"
 #include "calls/idle_watch.h"
 #include "observe/metrics.h"
@@ -44,11 +45,11 @@ struct ServiceState {
 
   const ServerOptions options;
   Metrics metrics;
-  ByteBudget uploads;  // mesh files that are being received or wait
-  ByteBudget working;  // predicted peaks of the jobs that run, results that are being sent
-  CallGate gate;       // closed while the server drains
+  std::unique_ptr<AccessControl> access;  // set before the first call
+  ByteBudget uploads;                     // mesh files that are being received or wait
+  ByteBudget working;                     // predicted peaks of the jobs that run, results that are being sent
+  CallGate gate;                          // closed while the server drains
   IdleWatch idle_watch;
-  std::atomic<uint64_t> next_request_id{1};
   const JobLimits limits;
   Scheduler scheduler;
   WorkerPool pool;  // last, so that its jobs end before the budgets go

@@ -1,6 +1,8 @@
 // The service: which call is answered by what.
 #pragma once
 
+#include <functional>
+
 #include <grpcpp/grpcpp.h>
 
 #include "service_state.h"
@@ -24,7 +26,8 @@ class VoxelizationServiceImpl final : public v1::VoxelizationService::CallbackSe
                                           v1::GetServerInfoResponse* response) override;
 
  private:
-  grpc::ServerUnaryReactor* Answered(grpc::CallbackServerContext* context, const char* method);
+  // Answers a call that needs no job: `fill` writes the response, if the caller may have it.
+  grpc::ServerUnaryReactor* Answer(grpc::CallbackServerContext* context, Rpc rpc, const std::function<void()>& fill);
 
   ServiceState& state_;
 };

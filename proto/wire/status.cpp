@@ -14,6 +14,7 @@ namespace voxelpipe {
 namespace {
 
 constexpr char kRetryDelayUrl[] = "voxelpipe/retry_delay_ms";
+constexpr char kQuotaSubjectUrl[] = "voxelpipe/quota_subject";
 constexpr char kDomain[] = "voxelpipe";
 // Keys of an ErrorInfo's metadata.
 constexpr char kNeedBytes[] = "need_bytes", kLimitBytes[] = "limit_bytes", kLargestResolution[] = "largest_resolution";
@@ -40,6 +41,12 @@ bool ReadNumber(const google::rpc::ErrorInfo& info, const char* key, Number& out
 absl::Status BusyError(std::string_view message, std::chrono::milliseconds delay) {
   absl::Status status = absl::ResourceExhaustedError(absl::string_view(message.data(), message.size()));
   status.SetPayload(kRetryDelayUrl, absl::Cord(absl::StrCat(delay.count())));
+  return status;
+}
+
+absl::Status QuotaError(std::string_view message, std::string_view subject, std::chrono::milliseconds delay) {
+  absl::Status status = BusyError(message, delay);
+  status.SetPayload(kQuotaSubjectUrl, absl::Cord(absl::string_view(subject.data(), subject.size())));
   return status;
 }
 
@@ -71,6 +78,12 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
       retry.mutable_retry_delay()->set_seconds(delay->count() / 1000);
       retry.mutable_retry_delay()->set_nanos(int32_t(delay->count() % 1000 * 1'000'000));
       details.add_details()->PackFrom(retry);
+      if (const auto subject = status.GetPayload(kQuotaSubjectUrl)) {
+        google::rpc::QuotaFailure quota;
+        quota.add_violations()->set_subject(std::string(*subject));
+        quota.mutable_violations(0)->set_description(message);
+        details.add_details()->PackFrom(quota);
+      }
     } else {
       google::rpc::ErrorInfo info = MakeErrorInfo("LIMIT_EXCEEDED");
       auto& metadata = *info.mutable_metadata();

@@ -13,12 +13,14 @@ namespace voxelpipe {
 
 // RESOURCE_EXHAUSTED because of load: trying again after `delay` may work. The delay travels as google.rpc.RetryInfo.
 absl::Status BusyError(std::string_view message, std::chrono::milliseconds delay);
+// RESOURCE_EXHAUSTED because `subject` ("client:NAME") has used up what it may: a BusyError that carries google.rpc.QuotaFailure, too.
+absl::Status QuotaError(std::string_view message, std::string_view subject, std::chrono::milliseconds delay);
 // The delay of a BusyError, on either side of the wire.
 std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status);
 
 // The one place where a job's status becomes a call's. Code and message stay; the details are
 //   INVALID_ARGUMENT      BadRequest: field = the message's text before the first ": ", description = the rest
-//   RESOURCE_EXHAUSTED    RetryInfo for a BusyError, otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as need_and_limit, and
+//   RESOURCE_EXHAUSTED    RetryInfo for a BusyError, with QuotaFailure for a QuotaError; otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as need_and_limit, and
 //                         need_bytes, limit_bytes and largest_resolution as numbers where they are known (LimitErrorOf)
 //   FAILED_PRECONDITION   ErrorInfo "NOT_AVAILABLE"
 grpc::Status ToGrpcStatus(const absl::Status& status);

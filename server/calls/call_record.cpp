@@ -1,18 +1,64 @@
 #include "calls/call_record.h"
 
-#include <spdlog/spdlog.h>
+#include <utility>
 
-#include "wire/text.h"
+#include "service_state.h"
 
 namespace voxelpipe {
 
-void CallRecord::Log(const absl::Status& status) const {
-  const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
-  const std::string code(absl::StatusCodeToString(status.code()));
-  std::string error;
-  if (!status.ok()) error = " error=\"" + CleanText({status.message().data(), status.message().size()}, 300) + "\"";
-  spdlog::info("request={} method={} peer={} code={} ms={:.1f} in={} out={}{}{}", id, method, peer, code, ms, bytes_in,
-               bytes_out, facts, error);
+std::optional<std::string_view> CallRecord::Metadata(const grpc::CallbackServerContext& context, const char* name) {
+  const auto found = context.client_metadata().find(name);
+  if (found == context.client_metadata().end()) return std::nullopt;
+  return std::string_view(found->second.data(), found->second.size());
+}
+
+std::string CallRecord::IdOf(const grpc::CallbackServerContext& context) {
+  const auto given = Metadata(context, "x-request-id");
+  return given && IsRequestId(*given) ? std::string(*given) : MakeRequestId();
+}
+
+std::optional<TraceContext> CallRecord::TraceOf(const grpc::CallbackServerContext& context) {
+  const auto given = Metadata(context, "traceparent");
+  return given ? ParseTraceparent(*given) : std::nullopt;
+}
+
+CallRecord::CallRecord(ServiceState& state, grpc::CallbackServerContext& context, Rpc called)
+    : rpc(called),
+      request_id(IdOf(context)),
+      peer(context.peer()),
+      trace(TraceOf(context)),
+      metrics_(state.metrics),
+      admitted_(state.access->Admit(Metadata(context, "authorization"), called)) {
+  metrics_.CallBegan(rpc);
+  context.AddInitialMetadata("x-request-id", request_id);
+}
+
+CallRecord::~CallRecord() {
+  if (!logged_) Log(absl::UnknownError("the call ended by itself"));
+}
+
+absl::Status CallRecord::TakeBytes(uint64_t bytes) {
+  bytes_in += bytes;
+  return admitted_.ok() ? admitted_->TakeBytes(bytes) : admitted_.status();
+}
+
+void CallRecord::Log(const absl::Status& status) {
+  logged_ = true;
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  metrics_.CallEnded(rpc, status.code(), seconds);
+  metrics_.received_bytes.Increment(double(bytes_in));
+  metrics_.sent_bytes.Increment(double(bytes_out));
+  metrics_.result_bytes.Increment(double(raw_bytes_out != 0 ? raw_bytes_out : bytes_out));
+
+  LogLine line("call");
+  line.Add("request", request_id).Add("method", RpcName(rpc)).Add("peer", peer);
+  if (admitted_.ok() && !admitted_->name().empty()) line.Add("client", admitted_->name());
+  if (trace) line.Add("trace_id", trace->trace_id).Add("span_id", trace->span_id);
+  const auto code = absl::StatusCodeToString(status.code());
+  line.Add("code", std::string_view(code)).Add("ms", seconds * 1000).Add("in", bytes_in).Add("out", bytes_out);
+  line.Add(facts);
+  if (!status.ok()) line.Add("error", std::string_view(status.message().data(), status.message().size()));
+  line.Write(spdlog::level::info);
 }
 
 }  // namespace voxelpipe

@@ -19,6 +19,10 @@ absl::Status ShuttingDownError() {
   return absl::UnavailableError("the server is shutting down");
 }
 
+absl::Status MayBegin(const CallGate::Pass& pass, const CallRecord& record) {
+  return pass ? record.admission() : ShuttingDownError();
+}
+
 absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request) {
   if (request.backend == BackendChoice::kAuto) request.backend = state.options.backend;
   if (request.simd == SimdChoice::kAuto) request.simd = state.options.simd;

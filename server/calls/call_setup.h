@@ -5,6 +5,7 @@
 
 #include "absl/status/status.h"
 #include "base/job_context.h"
+#include "calls/call_record.h"
 #include "pipeline/request.h"
 #include "service_state.h"
 
@@ -15,6 +16,9 @@ void SetDeadline(const grpc::CallbackServerContext& context, JobContext& job);
 
 // What a call gets that comes after the gate was closed. UNAVAILABLE: another server, or this one later, may take it.
 absl::Status ShuttingDownError();
+
+// Whether a call may go on: the first thing that each asks. Errors: ShuttingDownError; those of CallRecord::admission.
+absl::Status MayBegin(const CallGate::Pass& pass, const CallRecord& record);
 
 // Puts the operator's choices (threads, backend, instruction set) into a client's request and checks all of it that needs no mesh.
 // Errors: INVALID_ARGUMENT naming the field; FAILED_PRECONDITION for a backend that is not there.

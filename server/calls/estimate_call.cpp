@@ -59,14 +59,17 @@ EstimateCall::EstimateCall(ServiceState& state, grpc::CallbackServerContext& con
       pass_(state.gate),
       request_(request),
       response_(response),
-      record_(state.next_request_id++, "EstimateVoxelization", context.peer()) {
+      record_(state, context, Rpc::kEstimateVoxelization) {
   SetDeadline(context, job_);
-  record_.bytes_in = request.mesh_bytes().size();
 }
 
 void EstimateCall::Start() {
-  if (!pass_) {
-    End(ShuttingDownError());
+  if (absl::Status s = MayBegin(pass_, record_); !s.ok()) {
+    End(s);
+    return;
+  }
+  if (absl::Status s = record_.TakeBytes(request_.mesh_bytes().size()); !s.ok()) {
+    End(s);
     return;
   }
   absl::StatusOr<ParsedConfig> config = ParseConfig(request_.config());
@@ -76,7 +79,7 @@ void EstimateCall::Start() {
     return;
   }
   auto task = std::make_shared<MeshTask>(self_, *std::move(config));
-  task->traits.client = record_.peer;
+  task->traits.client = record_.client;
   task->traits.deadline = job_.deadline();
   {
     const std::lock_guard lock(mutex_);

@@ -44,11 +44,19 @@ absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, 
   return BusyError("the memory that this job needs is in use by others", kRetryDelay);
 }
 
-std::string Facts(const JobOutcome& outcome) {
+LogFields Facts(const JobOutcome& outcome) {
   const GridSpec& grid = outcome.result.grid;
   const VoxelizeStats& stats = outcome.result.stats;
-  return absl::StrCat(" triangles=", stats.triangles, " dims=", grid.dims[0], "x", grid.dims[1], "x", grid.dims[2],
-                      " occupied=", stats.occupied, " voxelize_ms=", stats.voxelize_ms, " peak=", outcome.peak_bytes);
+  LogFields facts = {{"worker", outcome.worker},
+                     {"queue_ms", outcome.queue_ms},
+                     {"batch", uint64_t{outcome.batch_jobs}},
+                     {"triangles", stats.triangles},
+                     {"dims", absl::StrCat(grid.dims[0], "x", grid.dims[1], "x", grid.dims[2])},
+                     {"occupied", stats.occupied},
+                     {"voxelize_ms", stats.voxelize_ms},
+                     {"peak", outcome.peak_bytes}};
+  if (outcome.attempts > 1) facts.push_back({"attempts", uint64_t{outcome.attempts}});
+  return facts;
 }
 
 }  // namespace voxelpipe

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "observe/log.h"
 #include "service_state.h"
 #include "work/voxelize_job.h"
 
@@ -19,7 +20,7 @@ absl::Status ConfigureJob(const ServiceState& state, const v1::VoxelizeConfig& m
 // Errors: ABORTED where it may not wait, BusyError where waiting did not help, the job's own.
 absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working);
 
-// What is said of a job in the access log: more key=value pairs, each with a leading space.
-std::string Facts(const JobOutcome& outcome);
+// What is said of a job in the access log.
+LogFields Facts(const JobOutcome& outcome);
 
 }  // namespace voxelpipe

@@ -25,11 +25,11 @@ VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerCont
   std::shared_ptr<VoxelizeCall> call(new VoxelizeCall(state, context));
   call->self_ = call;
   call->WatchForIdleness();
-  if (call->pass_) {
+  if (absl::Status status = MayBegin(call->pass_, call->record_); !status.ok()) {
+    call->End(std::move(status));
+  } else {
     call->upload_wait_->Begin();
     call->StartRead(&call->request_);
-  } else {
-    call->End(ShuttingDownError());
   }
   return call.get();
 }
@@ -39,7 +39,7 @@ VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& grp
       state_(state),
       pass_(state.gate),
       context_(grpc_context),
-      record_(state.next_request_id++, "Voxelize", grpc_context.peer()),
+      record_(state, grpc_context, Rpc::kVoxelize),
       uploads_(state.uploads),
       working_(state.working) {
   SetDeadline(grpc_context, context);
@@ -92,7 +92,7 @@ absl::Status VoxelizeCall::TakeMessage() {
 absl::Status VoxelizeCall::TakeConfig(const v1::VoxelizeConfig& message) {
   if (configured_) return absl::InvalidArgumentError("config: only the first message may be one");
   configured_ = true;
-  return ConfigureJob(state_, message, record_.peer, *this);
+  return ConfigureJob(state_, message, record_.client, *this);
 }
 
 absl::Status VoxelizeCall::TakePiece(std::string piece) {
@@ -105,7 +105,7 @@ absl::Status VoxelizeCall::TakePiece(std::string piece) {
   if (!uploads_.TryGrow(piece.size())) {
     return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
   }
-  record_.bytes_in += piece.size();
+  if (absl::Status s = record_.TakeBytes(piece.size()); !s.ok()) return s;
   pieces.push_back(std::move(piece));
   return absl::OkStatus();
 }

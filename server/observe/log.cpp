@@ -1,8 +1,7 @@
 #include "observe/log.h"
 
-#include <array>
 #include <atomic>
-#include <cstdio>
+#include <cmath>
 #include <memory>
 
 #include <spdlog/async.h>
@@ -13,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "wire/text.h"
 
 namespace voxelpipe {
@@ -58,7 +58,13 @@ bool IsPlain(std::string_view value) {
   return !value.empty() && value.find_first_of(" =\"\\") == std::string_view::npos;
 }
 
+std::string ThreeDigits(double value) {
+  return std::isfinite(value) ? absl::StrFormat("%.3f", value) : "0";  // JSON has no other numbers
+}
+
 }  // namespace
+
+LogField::LogField(const char* name, double number) : key(name), value(ThreeDigits(number)) {}
 
 void StartLog(spdlog::level::level_enum level, LogFormat format) {
   json_lines = format == LogFormat::kJson;
@@ -104,9 +110,18 @@ LogLine& LogLine::Add(std::string_view key, uint64_t value) {
 }
 
 LogLine& LogLine::Add(std::string_view key, double value) {
-  std::array<char, 64> digits{};
-  const int length = std::snprintf(digits.data(), digits.size(), "%.3f", value);
-  return Raw(key, std::string_view(digits.data(), size_t(length)));
+  return Raw(key, ThreeDigits(value));
+}
+
+LogLine& LogLine::Add(const LogFields& fields) {
+  for (const LogField& field : fields) {
+    if (field.is_text) {
+      Add(field.key, field.value);
+    } else {
+      Raw(field.key, field.value);
+    }
+  }
+  return *this;
 }
 
 void LogLine::Write(spdlog::level::level_enum level) const {

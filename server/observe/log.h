@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 #include <spdlog/common.h>
 
@@ -17,6 +19,18 @@ void StartLog(spdlog::level::level_enum level, LogFormat format);
 // Writes what is still in memory. Logging does nothing after it.
 void StopLog();
 
+// One field of a line; the key is ours and lives for ever.
+struct LogField {
+  LogField(const char* name, std::string text) : key(name), value(std::move(text)), is_text(true) {}
+  LogField(const char* name, uint64_t number) : key(name), value(std::to_string(number)) {}
+  LogField(const char* name, double number);  // three digits after the point
+
+  const char* key;
+  std::string value;
+  bool is_text = false;
+};
+using LogFields = std::vector<LogField>;
+
 // A line with fields. text: `EVENT key=value key="a text"`; json: {"time": ..., "level": ..., "event": EVENT, "key": value, ...}.
 // Keys and the event are ours and need no escape; values are cleaned, cut at 300 bytes and quoted where they need it.
 class LogLine {
@@ -26,6 +40,7 @@ class LogLine {
   LogLine& Add(std::string_view key, const char* value) { return Add(key, std::string_view(value)); }
   LogLine& Add(std::string_view key, uint64_t value);
   LogLine& Add(std::string_view key, double value);  // three digits after the point
+  LogLine& Add(const LogFields& fields);
   void Write(spdlog::level::level_enum level) const;
 
  private:
