@@ -9,6 +9,7 @@
 #include <string>
 #include <thread>
 
+#include <google/protobuf/stubs/logging.h>
 #include <spdlog/spdlog.h>
 
 #include "observe/log.h"
@@ -68,6 +69,7 @@ int Main(int argc, char** argv) {
   if (parsed.command->probe) return Probe(*parsed.command->probe);
   // gRPC's own lines say in C structures what our one error line says; whoever wants them sets the variable.
   setenv("GRPC_VERBOSITY", "NONE", 0);
+  google::protobuf::SetLogHandler(nullptr);  // else every stranger's broken message is a line on stderr
   const int exit_code = Serve(parsed.command->options);
   StopLog();
   return exit_code;

@@ -43,7 +43,7 @@ ProcessFacts SettledProcessFacts(pid_t pid) {
   using Clock = std::chrono::steady_clock;
   const auto give_up = Clock::now() + kPatience;
   ProcessFacts facts = ReadProcessFacts(pid);
-  for (auto since = Clock::now(); Clock::now() - since < std::chrono::seconds(1) && Clock::now() < give_up;) {
+  for (auto since = Clock::now(); Clock::now() - since < std::chrono::milliseconds(500) && Clock::now() < give_up;) {
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
     const ProcessFacts now = ReadProcessFacts(pid);
     if (now.descriptors != facts.descriptors || now.threads != facts.threads) since = Clock::now();
