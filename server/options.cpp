@@ -51,6 +51,8 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   const auto size = CLI::AsSizeValue(false);
   add("--max-file-bytes", o.max_file_bytes, "Largest mesh file")->transform(size);
   add("--max-upload-bytes", o.max_upload_bytes, "All mesh files in hand together")->transform(size);
+  add("--max-mesh-store-bytes", o.max_mesh_store_bytes, "Memory of all meshes that are kept, 0 to choose")
+      ->transform(size);
   add("--max-result-bytes", o.max_result_bytes, "Largest result")->transform(size);
   add("--max-working-bytes", o.max_working_bytes, "Memory of all jobs together, 0 to choose")->transform(size);
   add("--stream-above-mb", o.stream_above_mb,
@@ -107,6 +109,9 @@ ServerOptions Resolve(ServerOptions options) {
   if (options.workers == 0) options.workers = std::min(4, cores);
   if (options.threads == 0) options.threads = cores;
   if (options.max_working_bytes == 0) options.max_working_bytes = std::min<uint64_t>(20ull << 30, MemoryBytes() / 2);
+  if (options.max_mesh_store_bytes == 0) {
+    options.max_mesh_store_bytes = std::min<uint64_t>(2ull << 30, MemoryBytes() / 16);
+  }
   return options;
 }
 

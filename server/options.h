@@ -21,6 +21,7 @@ struct ServerOptions {
   uint32_t max_queue = 1024;                // jobs that wait
   uint64_t max_file_bytes = 2ull << 30;     // one mesh file
   uint64_t max_upload_bytes = 4ull << 30;   // all mesh files that are being received or wait
+  uint64_t max_mesh_store_bytes = 0;        // all meshes that are kept; 0 = a sixteenth of memory, at most 2 GiB
   uint64_t max_result_bytes = 16ull << 30;  // one result
   uint64_t stream_above_mb = 512;           // MiB: larger dense results leave slab by slab while they are made
   uint64_t max_working_bytes = 0;  // predicted memory of all jobs together; 0 = half of this machine's, at most 20 GiB

@@ -8,6 +8,8 @@
 #include "access/access_control.h"
 #include "calls/call_gate.h"
 #include "calls/idle_watch.h"
+#include "meshes/mesh_store.h"
+#include "meshes/single_flight.h"
 #include "observe/metrics.h"
 #include "options.h"
 #include "work/byte_budget.h"
@@ -38,6 +40,7 @@ struct ServiceState {
       : options(resolved),
         uploads(resolved.max_upload_bytes),
         working(resolved.max_working_bytes),
+        meshes(resolved.max_mesh_store_bytes),
         idle_watch(IdleIntervalOf(resolved)),
         limits(LimitsOf(resolved)),
         scheduler({.max_queue = resolved.max_queue, .max_batch_jobs = 16}, size_t(resolved.workers)),
@@ -48,6 +51,8 @@ struct ServiceState {
   std::unique_ptr<AccessControl> access;  // set before the first call
   ByteBudget uploads;                     // mesh files that are being received or wait
   ByteBudget working;                     // predicted peaks of the jobs that run, results that are being sent
+  MeshStore meshes;                       // uploaded to be kept
+  SingleFlight<KeptMesh> loads;           // uploads whose files are being loaded, by the mesh's id and format
   CallGate gate;                          // closed while the server drains
   IdleWatch idle_watch;
   const JobLimits limits;

@@ -2,6 +2,7 @@
 
 #include "calls/call_record.h"
 #include "calls/estimate_call.h"
+#include "calls/mesh_calls.h"
 #include "calls/voxelize_call.h"
 #include "pipeline/backend.h"
 #include "shaders/catalog.h"
@@ -29,6 +30,7 @@ void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& respon
   limits->set_max_message_bytes(kMaxMessageBytes);
   limits->set_workers(uint32_t(state.options.workers));
   limits->set_max_queue(state.options.max_queue);
+  limits->set_max_mesh_store_bytes(state.meshes.max_bytes());
   response.set_threads(uint32_t(state.options.threads));
 }
 
@@ -45,25 +47,48 @@ grpc::ServerUnaryReactor* VoxelizationServiceImpl::EstimateVoxelization(grpc::Ca
   return EstimateCall::Create(state_, *context, *request, *response);
 }
 
+grpc::ServerReadReactor<v1::UploadMeshRequest>* VoxelizationServiceImpl::UploadMesh(
+    grpc::CallbackServerContext* context, v1::UploadMeshResponse* response) {
+  return UploadMeshCall::Create(state_, *context, *response);
+}
+
+grpc::ServerUnaryReactor* VoxelizationServiceImpl::GetMesh(grpc::CallbackServerContext* context,
+                                                           const v1::GetMeshRequest* request,
+                                                           v1::GetMeshResponse* response) {
+  return Answer(context, Rpc::kGetMesh,
+                [&](const CallRecord&) { return voxelpipe::GetMesh(state_, *request, *response); });
+}
+
+grpc::ServerUnaryReactor* VoxelizationServiceImpl::DeleteMesh(grpc::CallbackServerContext* context,
+                                                              const v1::DeleteMeshRequest* request,
+                                                              v1::DeleteMeshResponse* response) {
+  return Answer(context, Rpc::kDeleteMesh,
+                [&](const CallRecord& record) { return voxelpipe::DeleteMesh(state_, record, *request, *response); });
+}
+
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::ListShaders(grpc::CallbackServerContext* context,
                                                                const v1::ListShadersRequest* /*request*/,
                                                                v1::ListShadersResponse* response) {
-  return Answer(context, Rpc::kListShaders, [response] {
+  return Answer(context, Rpc::kListShaders, [&](const CallRecord&) {
     for (const ShaderInfo& shader : voxelpipe::ListShaders()) *response->add_shaders() = ToMessage(shader);
+    return absl::OkStatus();
   });
 }
 
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::GetServerInfo(grpc::CallbackServerContext* context,
                                                                  const v1::GetServerInfoRequest* /*request*/,
                                                                  v1::GetServerInfoResponse* response) {
-  return Answer(context, Rpc::kGetServerInfo, [this, response] { DescribeServer(state_, *response); });
+  return Answer(context, Rpc::kGetServerInfo, [&](const CallRecord&) {
+    DescribeServer(state_, *response);
+    return absl::OkStatus();
+  });
 }
 
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::Answer(grpc::CallbackServerContext* context, Rpc rpc,
-                                                          const std::function<void()>& fill) {
+                                                          const std::function<absl::Status(const CallRecord&)>& fill) {
   CallRecord record(state_, *context, rpc);
-  const absl::Status status = record.admission();
-  if (status.ok()) fill();
+  absl::Status status = record.admission();
+  if (status.ok()) status = fill(record);
   record.Log(status);
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   reactor->Finish(ToGrpcStatus(status));

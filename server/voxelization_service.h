@@ -5,6 +5,7 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include "calls/call_record.h"
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 
@@ -20,14 +21,21 @@ class VoxelizationServiceImpl final : public v1::VoxelizationService::CallbackSe
   grpc::ServerUnaryReactor* EstimateVoxelization(grpc::CallbackServerContext* context,
                                                  const v1::EstimateVoxelizationRequest* request,
                                                  v1::EstimateVoxelizationResponse* response) override;
+  grpc::ServerReadReactor<v1::UploadMeshRequest>* UploadMesh(grpc::CallbackServerContext* context,
+                                                             v1::UploadMeshResponse* response) override;
+  grpc::ServerUnaryReactor* GetMesh(grpc::CallbackServerContext* context, const v1::GetMeshRequest* request,
+                                    v1::GetMeshResponse* response) override;
+  grpc::ServerUnaryReactor* DeleteMesh(grpc::CallbackServerContext* context, const v1::DeleteMeshRequest* request,
+                                       v1::DeleteMeshResponse* response) override;
   grpc::ServerUnaryReactor* ListShaders(grpc::CallbackServerContext* context, const v1::ListShadersRequest* request,
                                         v1::ListShadersResponse* response) override;
   grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context, const v1::GetServerInfoRequest* request,
                                           v1::GetServerInfoResponse* response) override;
 
  private:
-  // Answers a call that needs no job: `fill` writes the response, if the caller may have it.
-  grpc::ServerUnaryReactor* Answer(grpc::CallbackServerContext* context, Rpc rpc, const std::function<void()>& fill);
+  // Answers a call that needs no job: `fill` writes the response, if the caller may have it, and says how the call ends.
+  grpc::ServerUnaryReactor* Answer(grpc::CallbackServerContext* context, Rpc rpc,
+                                   const std::function<absl::Status(const CallRecord&)>& fill);
 
   ServiceState& state_;
 };

@@ -4,6 +4,7 @@
 #include "call_watch.h"
 #include "channel.h"
 #include "grpc/health/v1/health.grpc.pb.h"
+#include "mesh_calls.h"
 #include "voxelize_call.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "wire/request.h"
@@ -14,6 +15,11 @@ namespace {
 
 // For the calls that need no work on the server.
 constexpr std::chrono::seconds kQuickCall{10};
+
+// On the wire an empty id means that the file follows.
+absl::Status NoMeshId() {
+  return absl::InvalidArgumentError("mesh_id: is empty");
+}
 
 }  // namespace
 
@@ -69,15 +75,63 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& targe
 absl::StatusOr<RemoteResult> Client::Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                               const VoxelizeRequest& request, const JobContext& job,
                                               const std::function<void(const Plan&)>& on_plan) {
-  return CallVoxelize(*impl_->service, impl_->target, impl_->options.max_result_bytes, mesh_bytes, format, request, job,
-                      on_plan);
+  return CallVoxelize(*impl_->service, impl_->target, impl_->options.max_result_bytes,
+                      MeshSource::File(mesh_bytes, format), request, job, on_plan);
 }
 
 absl::StatusOr<RemoteRun> Client::VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                              const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                              const std::function<void(const Plan&)>& on_plan) {
-  return CallVoxelizeTo(*impl_->service, impl_->target, impl_->options.max_result_bytes, mesh_bytes, format, request,
-                        job, sink, on_plan);
+  return CallVoxelizeTo(*impl_->service, impl_->target, impl_->options.max_result_bytes,
+                        MeshSource::File(mesh_bytes, format), request, job, sink, on_plan);
+}
+
+absl::StatusOr<StoredMesh> Client::UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                              const JobContext& job) {
+  return CallUploadMesh(*impl_->service, impl_->target, mesh_bytes, format, job);
+}
+
+absl::StatusOr<RemoteResult> Client::VoxelizeStored(const std::string& mesh_id, const VoxelizeRequest& request,
+                                                    const JobContext& job, std::span<const float> new_positions,
+                                                    const std::function<void(const Plan&)>& on_plan) {
+  if (mesh_id.empty()) return NoMeshId();
+  return CallVoxelize(*impl_->service, impl_->target, impl_->options.max_result_bytes,
+                      MeshSource::Stored(mesh_id, new_positions), request, job, on_plan);
+}
+
+absl::StatusOr<RemoteRun> Client::VoxelizeStoredTo(const std::string& mesh_id, const VoxelizeRequest& request,
+                                                   const JobContext& job, ResultSink& sink,
+                                                   std::span<const float> new_positions,
+                                                   const std::function<void(const Plan&)>& on_plan) {
+  if (mesh_id.empty()) return NoMeshId();
+  return CallVoxelizeTo(*impl_->service, impl_->target, impl_->options.max_result_bytes,
+                        MeshSource::Stored(mesh_id, new_positions), request, job, sink, on_plan);
+}
+
+absl::StatusOr<StoredMesh> Client::GetMesh(const std::string& mesh_id) {
+  v1::GetMeshRequest request;
+  request.set_mesh_id(mesh_id);
+  v1::GetMeshResponse response;
+  absl::Status status = impl_->Quick(*impl_->service, &v1::VoxelizationService::Stub::GetMesh, request, response);
+  if (!status.ok()) return status;
+  return FromMessage(response.mesh());
+}
+
+absl::StatusOr<uint64_t> Client::DeleteMesh(const std::string& mesh_id) {
+  v1::DeleteMeshRequest request;
+  request.set_mesh_id(mesh_id);
+  v1::DeleteMeshResponse response;
+  absl::Status status = impl_->Quick(*impl_->service, &v1::VoxelizationService::Stub::DeleteMesh, request, response);
+  if (!status.ok()) return status;
+  return response.freed_bytes();
+}
+
+absl::StatusOr<Client::Estimated> Client::EstimateStored(const std::string& mesh_id, const VoxelizeRequest& request,
+                                                         const JobContext& job) {
+  v1::EstimateVoxelizationRequest message;
+  *message.mutable_config() = MakeConfig(request);
+  message.set_mesh_id(mesh_id);
+  return impl_->Estimate(message, job);
 }
 
 absl::StatusOr<Client::Estimated> Client::Estimate(std::span<const uint8_t> mesh_bytes, MeshFormat format,
@@ -135,6 +189,7 @@ absl::StatusOr<ServerDescription> Client::ServerInfo() {
   server.max_result_bytes = response.limits().max_result_bytes();
   server.max_working_bytes = response.limits().max_working_bytes();
   server.max_triangles = response.limits().max_triangles();
+  server.max_mesh_store_bytes = response.limits().max_mesh_store_bytes();
   server.max_message_bytes = response.limits().max_message_bytes();
   return server;
 }

@@ -34,6 +34,7 @@ struct RemoteRun {
   std::vector<std::pair<std::string, double>> mesh_stages;
   MeshReport report;
   uint64_t peak_bytes = 0;     // the server's peak for this request
+  bool cached = false;         // the result was kept from an equal request, or made for one at the same time
   std::string content_sha256;  // of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival
 };
 
@@ -41,6 +42,18 @@ struct RemoteRun {
 struct RemoteResult : RemoteRun {
   // As the core gives it; `specs` is what was asked for, `stats` the same as above.
   VoxelizeResult result;
+};
+
+// A mesh that the server keeps.
+struct StoredMesh {
+  std::string mesh_id;                    // SHA-256 of the file's bytes, 64 hexadecimal digits
+  MeshFormat format = MeshFormat::kAuto;  // of the file
+  uint64_t file_bytes = 0;
+  uint64_t memory_bytes = 0;          // that it takes on the server
+  MeshReport report;                  // degenerate triangles and open edges are 0 until a job with a fill used the mesh
+  std::vector<std::string> warnings;  // of the loader
+  uint64_t uses = 0;                  // jobs that took it
+  bool already_stored = false;        // UploadMesh: it was there
 };
 
 struct ServerBackend {
@@ -59,7 +72,8 @@ struct ServerDescription {
   uint64_t max_result_bytes = 0;
   uint64_t max_working_bytes = 0;
   uint64_t max_triangles = 0;
-  uint64_t max_message_bytes = 0;  // of one request message; Voxelize sends smaller ones whatever the mesh's size
+  uint64_t max_message_bytes = 0;     // of one request message; Voxelize sends smaller ones whatever the mesh's size
+  uint64_t max_mesh_store_bytes = 0;  // memory of all meshes that are kept
 };
 
 // Thread-safe. Errors of all calls carry the server's code and message; a lost or refused connection is UNAVAILABLE
@@ -92,6 +106,30 @@ class Client {
                                        const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                        const std::function<void(const Plan&)>& on_plan = {});
 
+  // Sends a mesh to be kept, unless the server has it already (the bytes' SHA-256 goes first). It stays until it is deleted or others
+  // were used later and need the room. `job`: as of Voxelize; Progress is called with "upload".
+  // Errors: as of Voxelize for a broken file; RESOURCE_EXHAUSTED where it is larger than all that the server keeps; DATA_LOSS where
+  // other bytes arrive than were sent.
+  absl::StatusOr<StoredMesh> UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFormat format, const JobContext& job);
+
+  // Voxelize and VoxelizeTo with a mesh that the server keeps: the same bytes as with its file. NOT_FOUND where the server has none of
+  // that id (any more): UploadMesh sends it again.
+  // `new_positions`, if not empty: x, y, z of every vertex of the flattened mesh (report.vertices of them, in the order of the file's
+  // nodes and primitives), in world units, used in place of the mesh's own; everything else stays, normals too. Skeletons and morph
+  // targets do not move such a mesh. INVALID_ARGUMENT for another number, or naming the first vertex that is not finite.
+  absl::StatusOr<RemoteResult> VoxelizeStored(const std::string& mesh_id, const VoxelizeRequest& request,
+                                              const JobContext& job, std::span<const float> new_positions = {},
+                                              const std::function<void(const Plan&)>& on_plan = {});
+  absl::StatusOr<RemoteRun> VoxelizeStoredTo(const std::string& mesh_id, const VoxelizeRequest& request,
+                                             const JobContext& job, ResultSink& sink,
+                                             std::span<const float> new_positions = {},
+                                             const std::function<void(const Plan&)>& on_plan = {});
+
+  // What the server knows of a mesh. NOT_FOUND where it does not keep it.
+  absl::StatusOr<StoredMesh> GetMesh(const std::string& mesh_id);
+  // Makes the server forget a mesh; jobs that use it go on. Out: the bytes that this frees. NOT_FOUND where it does not keep it.
+  absl::StatusOr<uint64_t> DeleteMesh(const std::string& mesh_id);
+
   struct Estimated {
     Plan plan;
     MeshReport report;  // what the server saw in the mesh
@@ -103,6 +141,10 @@ class Client {
   // The same for a mesh that is known by its size and the box of its vertices after the vertex shader.
   absl::StatusOr<Plan> Estimate(uint64_t triangles, uint64_t vertices, const Box3d& shaded_box,
                                 const VoxelizeRequest& request, const JobContext& job);
+
+  // The same for a mesh that the server keeps.
+  absl::StatusOr<Estimated> EstimateStored(const std::string& mesh_id, const VoxelizeRequest& request,
+                                           const JobContext& job);
 
   // The server's shaders, vertex shaders first.
   absl::StatusOr<std::vector<ShaderInfo>> ListShaders();

@@ -109,6 +109,7 @@ absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
   }
   out_.content_sha256 = hex;
   out_.peak_bytes = summary.peak_bytes();
+  out_.cached = summary.cached();
   out_.report = FromMessage(summary.mesh());
   VoxelizeStats stats = FromMessage(summary.stats());
   // The server lists what it did with the file among its stages; here as in-process they stand apart.

@@ -110,9 +110,9 @@ absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, boo
 }  // namespace
 
 absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                         uint64_t max_result_bytes, std::span<const uint8_t> mesh_bytes,
-                                         MeshFormat format, const VoxelizeRequest& request, const JobContext& job,
-                                         ResultSink& sink, const std::function<void(const Plan&)>& on_plan) {
+                                         uint64_t max_result_bytes, const MeshSource& mesh,
+                                         const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
+                                         const std::function<void(const Plan&)>& on_plan) {
   // On the wire no target at all means one of bits; whoever calls this never means that.
   if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
   if (absl::Status status = job.Check(); !status.ok()) return status;
@@ -120,8 +120,10 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, co
   const CallWatch watch(context, job);
   const std::unique_ptr<Stream> stream = stub.Voxelize(&context);
   Reporter reporter(job);
-  const v1::VoxelizeConfig config = MakeConfig(request, format);
-  UploadThread upload(context, [&] { Upload(*stream, config, mesh_bytes, reporter); });
+  v1::VoxelizeConfig config = MakeConfig(request, mesh.format);
+  config.set_mesh_id(mesh.mesh_id);
+  config.set_new_positions(!mesh.mesh_id.empty() && !mesh.bytes.empty());
+  UploadThread upload(context, [&] { Upload(*stream, config, mesh.bytes, reporter); });
 
   ResultReader reader(request, max_result_bytes, sink);
   absl::Status broken = absl::OkStatus();
@@ -142,12 +144,11 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, co
 }
 
 absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                          uint64_t max_result_bytes, std::span<const uint8_t> mesh_bytes,
-                                          MeshFormat format, const VoxelizeRequest& request, const JobContext& job,
+                                          uint64_t max_result_bytes, const MeshSource& mesh,
+                                          const VoxelizeRequest& request, const JobContext& job,
                                           const std::function<void(const Plan&)>& on_plan) {
   MemorySink sink;
-  absl::StatusOr<RemoteRun> run =
-      CallVoxelizeTo(stub, target, max_result_bytes, mesh_bytes, format, request, job, sink, on_plan);
+  absl::StatusOr<RemoteRun> run = CallVoxelizeTo(stub, target, max_result_bytes, mesh, request, job, sink, on_plan);
   if (!run.ok()) return run.status();
   RemoteResult remote{*std::move(run), sink.Take()};
   remote.result.stats = remote.stats;

@@ -5,6 +5,7 @@
 #include <functional>
 #include <span>
 #include <string>
+#include <utility>
 
 #include "absl/status/statusor.h"
 #include "client.h"
@@ -12,16 +13,30 @@
 
 namespace voxelpipe {
 
+// What a call voxelizes: a file, or a mesh that the server keeps, as it is or with new positions.
+struct MeshSource {
+  std::span<const uint8_t> bytes;  // the file, or the new positions
+  MeshFormat format = MeshFormat::kAuto;
+  std::string mesh_id;  // empty: a file
+
+  static MeshSource File(std::span<const uint8_t> bytes, MeshFormat format) { return {bytes, format, {}}; }
+  static MeshSource Stored(std::string mesh_id, std::span<const float> new_positions) {
+    return {{reinterpret_cast<const uint8_t*>(new_positions.data()), new_positions.size_bytes()},
+            MeshFormat::kAuto,
+            std::move(mesh_id)};
+  }
+};
+
 // See Client::VoxelizeTo. `target` names the server in errors.
 absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                         uint64_t max_result_bytes, std::span<const uint8_t> mesh_bytes,
-                                         MeshFormat format, const VoxelizeRequest& request, const JobContext& job,
-                                         ResultSink& sink, const std::function<void(const Plan&)>& on_plan);
+                                         uint64_t max_result_bytes, const MeshSource& mesh,
+                                         const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
+                                         const std::function<void(const Plan&)>& on_plan);
 
 // See Client::Voxelize. `target` names the server in errors.
 absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                          uint64_t max_result_bytes, std::span<const uint8_t> mesh_bytes,
-                                          MeshFormat format, const VoxelizeRequest& request, const JobContext& job,
+                                          uint64_t max_result_bytes, const MeshSource& mesh,
+                                          const VoxelizeRequest& request, const JobContext& job,
                                           const std::function<void(const Plan&)>& on_plan);
 
 }  // namespace voxelpipe

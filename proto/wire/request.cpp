@@ -175,6 +175,16 @@ void WriteSettings(const CallSettings& in, v1::VoxelizeConfig& out) {
 
 }  // namespace
 
+v1::MeshFormat ToMessage(MeshFormat format) {
+  return WriteEnum(kMeshFormats, format);
+}
+
+absl::StatusOr<MeshFormat> ParseMeshFormat(v1::MeshFormat format, const std::string& field) {
+  MeshFormat parsed = MeshFormat::kAuto;
+  if (absl::Status s = ReadEnum(kMeshFormats, format, field, parsed); !s.ok()) return s;
+  return parsed;
+}
+
 absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
   ParsedConfig parsed;
   VoxelizeRequest& request = parsed.request;

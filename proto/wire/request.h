@@ -20,6 +20,10 @@ struct ParsedConfig {
   bool new_positions = false;  // the mesh bytes are positions for mesh_id
 };
 
+v1::MeshFormat ToMessage(MeshFormat format);
+// INVALID_ARGUMENT naming `field` for a value that this server does not know.
+absl::StatusOr<MeshFormat> ParseMeshFormat(v1::MeshFormat format, const std::string& field);
+
 // In: what a client sent. Out: the request with every default filled in; shaders and blends are not checked yet
 // (ValidateRequest does).
 // Errors: INVALID_ARGUMENT "field: why" for enum values that this server does not know, a shader parameter given twice, a

@@ -5,9 +5,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "wire/text.h"
 
 namespace voxelpipe {
 namespace {
+
+constexpr size_t kMaxWarnings = 32;
+constexpr size_t kMaxWarningBytes = 300;
 
 void WriteVec(const Vec3d& v, v1::Vec3* out) {
   out->set_x(v.x);
@@ -199,6 +203,14 @@ v1::MeshReport ToMessage(const MeshReport& report, bool examined) {
   }
   WriteVec(report.min, message.mutable_min());
   WriteVec(report.max, message.mutable_max());
+  return message;
+}
+
+v1::MeshReport ToMessage(const MeshReport& report, bool examined, std::span<const std::string> warnings) {
+  v1::MeshReport message = ToMessage(report, examined);
+  for (const std::string& warning : warnings.first(std::min(kMaxWarnings, warnings.size()))) {
+    message.add_warnings(CleanText(warning, kMaxWarningBytes));
+  }
   return message;
 }
 

@@ -1,6 +1,9 @@
 // Answers: core types <-> messages. Used by the server (To...) and by the client (From...).
 #pragma once
 
+#include <span>
+#include <string>
+
 #include "absl/status/statusor.h"
 #include "grid/grid_spec.h"
 #include "mesh/report.h"
@@ -26,6 +29,8 @@ VoxelizeStats FromMessage(const v1::VoxelizeStats& message);
 
 // `examined`: whether degenerate_triangles and open_edges were counted.
 v1::MeshReport ToMessage(const MeshReport& report, bool examined);
+// The same with the loader's warnings, at most 32 of them, each cut to a line's length.
+v1::MeshReport ToMessage(const MeshReport& report, bool examined, std::span<const std::string> warnings);
 MeshReport FromMessage(const v1::MeshReport& message);
 
 v1::ShaderInfo ToMessage(const ShaderInfo& info);

@@ -15,11 +15,14 @@ namespace {
 
 constexpr char kRetryDelayUrl[] = "voxelpipe/retry_delay_ms";
 constexpr char kQuotaSubjectUrl[] = "voxelpipe/quota_subject";
+constexpr char kMissingMeshUrl[] = "voxelpipe/missing_mesh";
+constexpr char kMeshType[] = "voxelpipe.v1.StoredMesh";
 constexpr char kDomain[] = "voxelpipe";
 // Keys of an ErrorInfo's metadata.
 constexpr char kNeedBytes[] = "need_bytes", kLimitBytes[] = "limit_bytes", kLargestResolution[] = "largest_resolution";
 // Trailers are bounded to 8 KiB together by default; the message goes there twice, percent-encoded once.
 constexpr size_t kMaxMessageBytes = 1000;
+constexpr size_t kMaxIdBytes = 80;
 
 google::rpc::ErrorInfo MakeErrorInfo(const char* reason) {
   google::rpc::ErrorInfo info;
@@ -59,6 +62,19 @@ std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status) 
   return std::chrono::milliseconds(ms);
 }
 
+absl::Status MissingMeshError(std::string_view mesh_id) {
+  absl::Status status = absl::NotFoundError(
+      absl::StrCat("the server keeps no mesh '", CleanText(mesh_id, kMaxIdBytes), "'; UploadMesh sends it"));
+  status.SetPayload(kMissingMeshUrl, absl::Cord(CleanText(mesh_id, kMaxIdBytes)));
+  return status;
+}
+
+std::optional<std::string> MissingMesh(const absl::Status& status) {
+  const auto payload = status.GetPayload(kMissingMeshUrl);
+  if (!payload) return std::nullopt;
+  return std::string(*payload);
+}
+
 grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.ok()) return grpc::Status::OK;
   const std::string message = CleanText({status.message().data(), status.message().size()}, kMaxMessageBytes);
@@ -95,6 +111,12 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
       }
       details.add_details()->PackFrom(info);
     }
+  } else if (const auto mesh = MissingMesh(status)) {
+    google::rpc::ResourceInfo missing;
+    missing.set_resource_type(kMeshType);
+    missing.set_resource_name(*mesh);
+    missing.set_description(message);
+    details.add_details()->PackFrom(missing);
   } else if (status.code() == absl::StatusCode::kFailedPrecondition) {
     details.add_details()->PackFrom(MakeErrorInfo("NOT_AVAILABLE"));
   }
@@ -113,6 +135,10 @@ absl::Status FromGrpcStatus(const grpc::Status& status) {
         ReadNumber(info, kNeedBytes, numbers.need_bytes) && ReadNumber(info, kLimitBytes, numbers.limit_bytes) &&
         ReadNumber(info, kLargestResolution, numbers.largest_resolution)) {
       result = MakeLimitError(status.error_message(), numbers);
+    }
+    google::rpc::ResourceInfo missing;
+    if (detail.Is<google::rpc::ResourceInfo>() && detail.UnpackTo(&missing) && missing.resource_type() == kMeshType) {
+      result.SetPayload(kMissingMeshUrl, absl::Cord(missing.resource_name()));
     }
     google::rpc::RetryInfo retry;
     if (detail.Is<google::rpc::RetryInfo>() && detail.UnpackTo(&retry)) {

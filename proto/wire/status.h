@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <optional>
+#include <string>
 #include <string_view>
 
 #include <grpcpp/support/status.h>
@@ -18,14 +19,20 @@ absl::Status QuotaError(std::string_view message, std::string_view subject, std:
 // The delay of a BusyError, on either side of the wire.
 std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status);
 
+// NOT_FOUND because the server keeps no mesh of this id, which travels as google.rpc.ResourceInfo.
+absl::Status MissingMeshError(std::string_view mesh_id);
+// The id of a MissingMeshError, on either side of the wire.
+std::optional<std::string> MissingMesh(const absl::Status& status);
+
 // The one place where a job's status becomes a call's. Code and message stay; the details are
 //   INVALID_ARGUMENT      BadRequest: field = the message's text before the first ": ", description = the rest
 //   RESOURCE_EXHAUSTED    RetryInfo for a BusyError, with QuotaFailure for a QuotaError; otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as need_and_limit, and
 //                         need_bytes, limit_bytes and largest_resolution as numbers where they are known (LimitErrorOf)
+//   NOT_FOUND             ResourceInfo for a MissingMeshError: type "voxelpipe.v1.StoredMesh", name the mesh's id
 //   FAILED_PRECONDITION   ErrorInfo "NOT_AVAILABLE"
 grpc::Status ToGrpcStatus(const absl::Status& status);
 
-// The client's half: RetryDelay and LimitErrorOf work on what comes out. Messages that are not valid UTF-8 cannot come; all other
+// The client's half: RetryDelay, LimitErrorOf and MissingMesh work on what comes out. Messages that are not valid UTF-8 cannot come; all other
 // details stay on the wire.
 absl::Status FromGrpcStatus(const grpc::Status& status);
 

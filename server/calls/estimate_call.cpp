@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "calls/call_setup.h"
+#include "meshes/prepare_kept.h"
 #include "pipeline/plan.h"
 #include "wire/request.h"
 #include "wire/response.h"
@@ -74,7 +75,8 @@ void EstimateCall::Start() {
   }
   absl::StatusOr<ParsedConfig> config = ParseConfig(request_.config());
   absl::Status status = config.ok() ? PrepareRequest(state_, config->request) : config.status();
-  if (!status.ok() || !request_.has_mesh_bytes()) {
+  if (status.ok() && request_.mesh_case() == v1::EstimateVoxelizationRequest::kMeshId) status = FindKeptMesh();
+  if (!status.ok() || (!request_.has_mesh_bytes() && !kept_)) {
     End(status.ok() ? FromSummary(*config) : status);
     return;
   }
@@ -92,8 +94,17 @@ void EstimateCall::Start() {
   if (!job_.Check().ok()) OnCancel();
 }
 
+absl::Status EstimateCall::FindKeptMesh() {
+  if (absl::Status s = CheckMeshId(request_.mesh_id(), "mesh_id"); !s.ok()) return s;
+  absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state_.meshes.Get(request_.mesh_id());
+  if (!mesh.ok()) return mesh.status();
+  kept_ = *std::move(mesh);
+  return absl::OkStatus();
+}
+
 absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
-  if (!request_.has_summary()) return absl::InvalidArgumentError("mesh: neither a summary nor mesh bytes");
+  if (!request_.has_summary())
+    return absl::InvalidArgumentError("mesh: neither a summary nor mesh bytes nor a mesh_id");
   const absl::StatusOr<Box3d> box = ReadBox(request_.summary());
   if (!box.ok()) return box.status();
   const absl::StatusOr<Plan> plan =
@@ -106,7 +117,8 @@ absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
 
 absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   const std::string& bytes = request_.mesh_bytes();
-  const auto mesh = PrepareMesh(std::vector<uint8_t>(bytes.begin(), bytes.end()), config, state_.limits, job_);
+  const auto mesh = kept_ ? PrepareKept(state_.meshes, *kept_, {}, config, state_.limits, job_)
+                          : PrepareMesh(std::vector<uint8_t>(bytes.begin(), bytes.end()), config, state_.limits, job_);
   if (!mesh.ok()) return mesh.status();
   const absl::StatusOr<Estimate> estimate = EstimateJob(**mesh, config, state_.limits, job_);
   if (!estimate.ok()) return estimate.status();

@@ -32,6 +32,7 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   class MeshTask;
 
   void Start();
+  absl::Status FindKeptMesh();
   absl::Status FromSummary(const ParsedConfig& config);
   absl::Status FromMesh(const ParsedConfig& config);
   void End(const absl::Status& status);
@@ -41,6 +42,7 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   const v1::EstimateVoxelizationRequest& request_;
   v1::EstimateVoxelizationResponse& response_;
   std::shared_ptr<EstimateCall> self_;  // until OnDone
+  std::shared_ptr<KeptMesh> kept_;      // that the request names
   CallRecord record_;
   JobContext job_;
   std::mutex mutex_;

@@ -13,9 +13,20 @@ namespace {
 constexpr std::chrono::milliseconds kMemoryPatience{20'000};
 constexpr std::chrono::milliseconds kRetryDelay{1000};
 
+absl::Status FindKeptMesh(ServiceState& state, VoxelizeJob& job) {
+  if (job.config.mesh_id.empty()) return absl::OkStatus();
+  if (absl::Status s = CheckMeshId(job.config.mesh_id, "mesh_id"); !s.ok()) return s;
+  absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state.meshes.Take(job.config.mesh_id);
+  if (!mesh.ok()) return mesh.status();
+  job.store = &state.meshes;
+  job.kept = *std::move(mesh);
+  job.traits.cost.triangles = job.kept->triangles();
+  return absl::OkStatus();
+}
+
 }  // namespace
 
-absl::Status ConfigureJob(const ServiceState& state, const v1::VoxelizeConfig& message, const std::string& client,
+absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message, const std::string& client,
                           VoxelizeJob& job) {
   absl::StatusOr<ParsedConfig> parsed = ParseConfig(message);
   if (!parsed.ok()) return parsed.status();
@@ -31,7 +42,7 @@ absl::Status ConfigureJob(const ServiceState& state, const v1::VoxelizeConfig& m
   job.traits.fallback = settings.fallback.value_or(asked == BackendChoice::kAuto);
   job.traits.priority = settings.priority;
   if (settings.queue_timeout) job.traits.queue_deadline = job.traits.arrived + *settings.queue_timeout;
-  return absl::OkStatus();
+  return FindKeptMesh(state, job);
 }
 
 absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working) {

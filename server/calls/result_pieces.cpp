@@ -1,18 +1,9 @@
 #include "calls/result_pieces.h"
 
-#include <algorithm>
-
 #include "base/crc32c.h"
 #include "wire/response.h"
-#include "wire/text.h"
 
 namespace voxelpipe {
-namespace {
-
-constexpr size_t kMaxWarnings = 32;
-constexpr size_t kMaxWarningBytes = 300;
-
-}  // namespace
 
 void ResultPieces::MakeHeader(const ResultHeader& header, v1::VoxelizeResponse& response) {
   response.Clear();
@@ -39,10 +30,7 @@ void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::VoxelizeResponse& 
   response.Clear();
   v1::Summary* summary = response.mutable_summary();
   *summary->mutable_stats() = ToMessage(outcome.result.stats);
-  *summary->mutable_mesh() = ToMessage(outcome.report, outcome.examined);
-  for (size_t i = 0; i < std::min(kMaxWarnings, outcome.warnings.size()); ++i) {
-    summary->mutable_mesh()->add_warnings(CleanText(outcome.warnings[i], kMaxWarningBytes));
-  }
+  *summary->mutable_mesh() = ToMessage(outcome.report, outcome.examined, outcome.warnings);
   summary->set_peak_bytes(outcome.peak_bytes);
   summary->set_content_sha256(hash_.HexDigest());
 }

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
+#include "meshes/prepare_kept.h"
 #include "wire/response.h"
 #include "wire/status.h"
 
@@ -98,6 +99,9 @@ absl::Status VoxelizeCall::TakeConfig(const v1::VoxelizeConfig& message) {
 absl::Status VoxelizeCall::TakePiece(std::string piece) {
   if (!configured_) return absl::InvalidArgumentError("config: must come before the mesh");
   if (piece.empty()) return absl::OkStatus();
+  if (kept) {
+    if (absl::Status s = CheckMeshBytes(*kept, config, record_.bytes_in + piece.size(), false); !s.ok()) return s;
+  }
   if (piece.size() > state_.limits.load.max_file_bytes - record_.bytes_in) {
     return absl::ResourceExhaustedError(
         absl::StrCat("the mesh file is larger than the limit of ", state_.limits.load.max_file_bytes, " bytes"));
@@ -143,6 +147,7 @@ absl::Status VoxelizeCall::Planned(const Plan& plan, bool may_wait) {
 
 void VoxelizeCall::Done(absl::StatusOr<JobOutcome> outcome) {
   mesh.reset();
+  kept.reset();
   std::unique_ptr<ResultStream> result;
   if (outcome.ok() && outcome->streamed) {
     v1::VoxelizeResponse summary;

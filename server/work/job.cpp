@@ -95,9 +95,9 @@ void AddMesh(const PreparedMesh& mesh, uint64_t pipeline_bytes, JobOutcome& outc
   outcome.report = mesh.report;
   outcome.examined = mesh.examined;
   outcome.warnings = mesh.warnings;
-  outcome.peak_bytes = std::max(mesh.peak_bytes, MeshBytes(mesh.mesh) + pipeline_bytes);
+  outcome.peak_bytes = std::max(mesh.peak_bytes, MeshBytes(*mesh.mesh) + pipeline_bytes);
   auto& stages = outcome.result.stats.stages;
-  stages.insert(stages.begin(), {{"load", mesh.load_ms}, {"flatten", mesh.flatten_ms}});
+  stages.insert(stages.begin(), mesh.stages.begin(), mesh.stages.end());
 }
 
 }  // namespace
@@ -109,13 +109,15 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint
     absl::StatusOr<LoadedMesh> loaded = LoadMesh(std::move(file), config.mesh_format, limits.load, job);
     if (!loaded.ok()) return loaded.status();
     auto prepared = std::make_shared<PreparedMesh>();
-    PreparedMesh& mesh = *prepared;
-    static_cast<LoadedMesh&>(mesh) = *std::move(loaded);
-    mesh.examined = config.request.fill != Fill::kNone;
-    mesh.report = mesh.examined ? ReportMesh(mesh.mesh) : BoxReport(mesh.mesh);
+    prepared->examined = config.request.fill != Fill::kNone;
+    prepared->report = prepared->examined ? ReportMesh(loaded->mesh) : BoxReport(loaded->mesh);
     if (RequestReadsTextures(config.request)) {
-      if (absl::Status s = PrepareTextures(mesh.mesh, limits.load, TexturesRead(config.request)); !s.ok()) return s;
+      if (absl::Status s = PrepareTextures(loaded->mesh, limits.load, TexturesRead(config.request)); !s.ok()) return s;
     }
+    prepared->mesh = std::make_shared<const TriangleMesh>(std::move(loaded->mesh));
+    prepared->warnings = std::move(loaded->warnings);
+    prepared->stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
+    prepared->peak_bytes = loaded->peak_bytes;
     return prepared;
   });
 }
@@ -130,7 +132,7 @@ absl::StatusOr<JobOutcome> RunPrepared(const Backend& backend, const PreparedMes
       pipeline_bytes = plan.peak_bytes;
       return on_plan ? on_plan(plan) : absl::OkStatus();
     };
-    if (absl::Status s = VoxelizeInto(outcome, backend, mesh.mesh, config.request, limits.plan, job, planned, large);
+    if (absl::Status s = VoxelizeInto(outcome, backend, *mesh.mesh, config.request, limits.plan, job, planned, large);
         !s.ok()) {
       return s;
     }
@@ -149,10 +151,10 @@ JobOutcome OutcomeOf(const PreparedMesh& mesh, VoxelizeResult result, const Plan
 absl::StatusOr<Estimate> EstimateJob(const PreparedMesh& mesh, const ParsedConfig& config, const JobLimits& limits,
                                      const JobContext& job) {
   return Guarded<Estimate>([&]() -> absl::StatusOr<Estimate> {
-    const absl::StatusOr<MeshExtent> extent = ShadedExtent(mesh.mesh, config.request, job);
+    const absl::StatusOr<MeshExtent> extent = ShadedExtent(*mesh.mesh, config.request, job);
     if (!extent.ok()) return extent.status();
-    absl::StatusOr<Plan> plan = PlanVoxelization(config.request, mesh.mesh.triangles.size(), mesh.mesh.positions.size(),
-                                                 *extent, limits.plan, Delivery::kStream);
+    absl::StatusOr<Plan> plan = PlanVoxelization(config.request, mesh.mesh->triangles.size(),
+                                                 mesh.mesh->positions.size(), *extent, limits.plan, Delivery::kStream);
     if (!plan.ok()) return plan.status();
     return Estimate{*std::move(plan), mesh.report};
   });

@@ -5,16 +5,17 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "load/limits.h"
 #include "mesh/report.h"
+#include "mesh/triangle_mesh.h"
 #include "pipeline/plan.h"
 #include "pipeline/voxelize.h"
 #include "wire/request.h"
-#include "work/load_mesh.h"
 
 namespace voxelpipe {
 
@@ -24,13 +25,18 @@ struct JobLimits {
 };
 
 // A mesh that is ready for the pipeline: textures that the request reads are decoded.
-struct PreparedMesh : LoadedMesh {
+struct PreparedMesh {
+  std::shared_ptr<const TriangleMesh> mesh;  // never null; other jobs may share it
+  std::vector<std::string> warnings;         // of the loader
+  std::vector<std::pair<std::string, double>>
+      stages;               // that it took to prepare it: "load", "flatten", wall milliseconds
+  uint64_t peak_bytes = 0;  // of the preparation, computed from sizes
   MeshReport report;
   bool examined = false;  // degenerate triangles and open edges were counted
 };
 
 struct JobOutcome {
-  VoxelizeResult result;  // stats.stages begin with load and flatten; no arrays where they were streamed
+  VoxelizeResult result;  // stats.stages begin with those of the mesh; no arrays where they were streamed
   bool streamed = false;  // the arrays went to the sink
   MeshReport report;
   bool examined = false;              // see PreparedMesh

@@ -3,12 +3,22 @@
 #include <new>
 #include <utility>
 
+#include "meshes/prepare_kept.h"
+#include "shaders/catalog.h"
+
 namespace voxelpipe {
 
 uint64_t VoxelizeJob::file_bytes() const {
   uint64_t bytes = 0;
   for (const std::string& piece : pieces) bytes += piece.size();
   return bytes;
+}
+
+bool VoxelizeJob::loaded() const {
+  if (mesh) return true;
+  if (file_bytes() > kLoadedByWorker) return false;
+  // Decoding textures of a mesh that is kept takes as long as loading it did.
+  return !kept || !RequestReadsTextures(config.request) || kept->ready(TexturesRead(config.request));
 }
 
 absl::Status VoxelizeJob::Prepare() {
@@ -18,13 +28,14 @@ absl::Status VoxelizeJob::Prepare() {
     std::vector<uint8_t> file;
     file.reserve(file_bytes());
     for (; !pieces.empty(); pieces.pop_front()) file.insert(file.end(), pieces.front().begin(), pieces.front().end());
-    prepared = PrepareMesh(std::move(file), config, *limits, context);
+    prepared = kept ? PrepareKept(*store, *kept, file, config, *limits, context)
+                    : PrepareMesh(std::move(file), config, *limits, context);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory for the mesh file");
   }
   if (!prepared.ok()) return prepared.status();
   mesh = *std::move(prepared);
-  traits.cost.triangles = mesh->mesh.triangles.size();
+  traits.cost.triangles = mesh->mesh->triangles.size();
   return absl::OkStatus();
 }
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "meshes/mesh_store.h"
 #include "pipeline/result.h"
 #include "pipeline/voxelize.h"
 #include "wire/request.h"
@@ -21,17 +22,19 @@ class VoxelizeJob : public Task {
  public:
   explicit VoxelizeJob(JobContext::Progress progress = {}) : context(std::move(progress)) {}
 
-  bool loaded() const final { return mesh != nullptr || file_bytes() <= kLoadedByWorker; }
+  bool loaded() const final;
   bool Load() final;
   void Refuse(absl::Status why) final { Done(std::move(why)); }
-  // Makes `mesh` of `pieces`, if that was not done.
+  // Makes `mesh` of `kept` and `pieces`, if that was not done.
   absl::Status Prepare();
 
   ParsedConfig config;
   JobContext context;
   const JobLimits* limits = nullptr;
-  std::deque<std::string> pieces;            // of the mesh file; freed once it is loaded
-  std::shared_ptr<const PreparedMesh> mesh;  // instead of, or made of, the pieces
+  MeshStore* store = nullptr;      // where `kept` comes from
+  std::shared_ptr<KeptMesh> kept;  // the mesh that config.mesh_id names; null where a file is given
+  std::deque<std::string> pieces;  // of the mesh file, or of the kept mesh's new positions; freed once they are loaded
+  std::shared_ptr<const PreparedMesh> mesh;  // made of these
   uint32_t attempts = 0;                     // device workers that had it
 
   // Called by the worker that runs the job, before rasterization. A status other than OK ends the job with it. Where what the job

@@ -113,7 +113,7 @@ void WorkerPool::RunTogether(const Backend& backend, const std::string& worker,
     }
     ++job.attempts;
     BatchItem& item = items.emplace_back();
-    item.mesh = &job.mesh->mesh;
+    item.mesh = job.mesh->mesh.get();
     item.request = &job.config.request;
     item.job = &job.context;
     item.on_plan = [&](const Plan& plan) -> absl::Status {

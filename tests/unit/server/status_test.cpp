@@ -85,6 +85,19 @@ TEST(StatusTest, LoadCarriesTheDelayAcrossTheWire) {
   EXPECT_EQ(RetryDelay(FromGrpcStatus(sent)), std::chrono::milliseconds(1250));
 }
 
+TEST(StatusTest, AMissingMeshIsNamedOnBothSides) {
+  const std::string id(64, 'a');
+  EXPECT_EQ(MissingMesh(MissingMeshError(id)), id);
+  const grpc::Status sent = ToGrpcStatus(MissingMeshError(id));
+  EXPECT_EQ(sent.error_code(), grpc::StatusCode::NOT_FOUND);
+  const auto missing = Detail<google::rpc::ResourceInfo>(sent);
+  EXPECT_EQ(missing.resource_type(), "voxelpipe.v1.StoredMesh");
+  EXPECT_EQ(missing.resource_name(), id);
+  EXPECT_EQ(missing.description(), sent.error_message());
+  EXPECT_EQ(MissingMesh(FromGrpcStatus(sent)), id);
+  EXPECT_FALSE(MissingMesh(FromGrpcStatus(ToGrpcStatus(absl::NotFoundError("something else")))).has_value());
+}
+
 TEST(StatusTest, StrangersBytesInAMessageBecomeValidText) {
   const grpc::Status sent = ToGrpcStatus(absl::InvalidArgumentError("node '\xff\n': broken"));
   EXPECT_EQ(sent.error_message(), "node '\?\?': broken");

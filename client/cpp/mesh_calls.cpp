@@ -1,0 +1,83 @@
+#include "mesh_calls.h"
+
+#include <openssl/sha.h>
+
+#include <algorithm>
+#include <array>
+#include <memory>
+
+#include <grpcpp/client_context.h>
+#include <grpcpp/support/sync_stream.h>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+#include "base/crc32c.h"
+#include "call_watch.h"
+#include "wire/request.h"
+#include "wire/response.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr size_t kPieceBytes = size_t{1} << 20;
+constexpr size_t kMeshIdDigits = 64;
+
+std::string MeshIdOf(std::span<const uint8_t> bytes) {
+  std::array<unsigned char, SHA256_DIGEST_LENGTH> digest;
+  SHA256(bytes.data(), bytes.size(), digest.data());
+  return absl::BytesToHexString({reinterpret_cast<const char*>(digest.data()), digest.size()});
+}
+
+}  // namespace
+
+absl::StatusOr<StoredMesh> FromMessage(const v1::StoredMesh& message) {
+  if (message.mesh_id().size() != kMeshIdDigits) {
+    return absl::DataLossError(absl::StrCat("the server's answer: '", message.mesh_id(), "' names no mesh"));
+  }
+  StoredMesh mesh;
+  mesh.mesh_id = message.mesh_id();
+  absl::StatusOr<MeshFormat> format = ParseMeshFormat(message.mesh_format(), "mesh_format");
+  mesh.format = format.value_or(MeshFormat::kAuto);  // one that a newer server knows
+  mesh.file_bytes = message.file_bytes();
+  mesh.memory_bytes = message.memory_bytes();
+  mesh.report = FromMessage(message.mesh());
+  mesh.warnings.assign(message.mesh().warnings().begin(), message.mesh().warnings().end());
+  mesh.uses = message.uses();
+  return mesh;
+}
+
+absl::StatusOr<StoredMesh> CallUploadMesh(v1::VoxelizationService::Stub& stub, const std::string& target,
+                                          std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                          const JobContext& job) {
+  if (absl::Status status = job.Check(); !status.ok()) return status;
+  grpc::ClientContext context;
+  const CallWatch watch(context, job);
+  v1::UploadMeshResponse response;
+  const std::unique_ptr<grpc::ClientWriter<v1::UploadMeshRequest>> stream = stub.UploadMesh(&context, &response);
+  v1::UploadMeshRequest message;
+  const std::string mesh_id = MeshIdOf(mesh_bytes);
+  message.mutable_upload()->set_mesh_format(ToMessage(format));
+  message.mutable_upload()->set_mesh_id(mesh_id);
+  bool open = stream->Write(message);  // false as soon as the server has answered: it has the mesh, or does not want it
+  for (size_t offset = 0; open && offset < mesh_bytes.size(); offset += kPieceBytes) {
+    job.Report("upload", double(offset) / double(mesh_bytes.size()));
+    const std::span<const uint8_t> piece =
+        mesh_bytes.subspan(offset, std::min(kPieceBytes, mesh_bytes.size() - offset));
+    message.set_piece(piece.data(), piece.size());
+    message.set_crc32c(Crc32c(piece));
+    open = stream->Write(message);
+  }
+  if (open) stream->WritesDone();
+  const grpc::Status status = stream->Finish();
+  if (!status.ok()) return CallStatus(status, job, target);
+  job.Report("upload", 1);
+  absl::StatusOr<StoredMesh> mesh = FromMessage(response.mesh());
+  if (!mesh.ok()) return mesh;
+  if (mesh->mesh_id != mesh_id) {
+    return absl::DataLossError(absl::StrCat("the server keeps the mesh ", mesh_id, " as ", mesh->mesh_id));
+  }
+  mesh->already_stored = response.already_stored();
+  return mesh;
+}
+
+}  // namespace voxelpipe

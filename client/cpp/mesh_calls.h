@@ -1,0 +1,22 @@
+// The calls about meshes that the server keeps.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "client.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+
+namespace voxelpipe {
+
+// See Client::UploadMesh. `target` names the server in errors.
+absl::StatusOr<StoredMesh> CallUploadMesh(v1::VoxelizationService::Stub& stub, const std::string& target,
+                                          std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                          const JobContext& job);
+
+// DATA_LOSS where the message does not name a mesh.
+absl::StatusOr<StoredMesh> FromMessage(const v1::StoredMesh& message);
+
+}  // namespace voxelpipe

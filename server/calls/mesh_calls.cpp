@@ -1,0 +1,335 @@
+#include "calls/mesh_calls.h"
+
+#include <chrono>
+#include <exception>
+#include <new>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "base/crc32c.h"
+#include "calls/call_setup.h"
+#include "wire/request.h"
+#include "wire/response.h"
+#include "wire/status.h"
+#include "work/load_mesh.h"
+#include "work/sha256.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr std::chrono::milliseconds kRetryDelay{1000};
+
+std::span<const uint8_t> BytesOf(const std::string& text) {
+  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
+}
+
+// Joins the pieces, each of which is freed as soon as it is copied.
+std::vector<uint8_t> Join(std::deque<std::string>& pieces, uint64_t bytes) {
+  std::vector<uint8_t> file;
+  file.reserve(bytes);
+  for (; !pieces.empty(); pieces.pop_front()) file.insert(file.end(), pieces.front().begin(), pieces.front().end());
+  return file;
+}
+
+std::string IdOf(std::span<const uint8_t> file) {
+  Sha256 hash;
+  hash.Update(file);
+  return hash.HexDigest();
+}
+
+// Frees a mesh that nobody else uses.
+class FreeTask final : public Task {
+ public:
+  explicit FreeTask(std::shared_ptr<KeptMesh> mesh) : mesh_(std::move(mesh)) {}
+  bool loaded() const override { return false; }
+  bool Load() override {
+    mesh_.reset();
+    return false;
+  }
+  void Refuse(absl::Status /*why*/) override {}
+
+ private:
+  std::shared_ptr<KeptMesh> mesh_;
+};
+
+}  // namespace
+
+class UploadMeshCall::FileTask final : public Task {
+ public:
+  explicit FileTask(std::shared_ptr<UploadMeshCall> call) : call_(std::move(call)) {}
+  bool loaded() const override { return false; }
+  bool Load() override {
+    call_->Work();
+    return false;
+  }
+  void Refuse(absl::Status why) override { call_->Answer(why, false); }
+
+ private:
+  const std::shared_ptr<UploadMeshCall> call_;
+};
+
+v1::StoredMesh ToMessage(KeptMesh& mesh) {
+  v1::StoredMesh message;
+  message.set_mesh_id(mesh.id());
+  message.set_mesh_format(ToMessage(mesh.format()));
+  message.set_file_bytes(mesh.file_bytes());
+  message.set_memory_bytes(mesh.memory_bytes());
+  const KeptMesh::Facts facts = mesh.Report(false);
+  *message.mutable_mesh() = ToMessage(facts.report, facts.examined, mesh.warnings());
+  message.set_uses(mesh.uses());
+  return message;
+}
+
+UploadMeshCall* UploadMeshCall::Create(ServiceState& state, grpc::CallbackServerContext& context,
+                                       v1::UploadMeshResponse& response) {
+  std::shared_ptr<UploadMeshCall> call(new UploadMeshCall(state, context, response));
+  call->self_ = call;
+  call->upload_wait_ = std::make_unique<IdleWatch::Wait>(
+      state.idle_watch, std::chrono::milliseconds(state.options.upload_idle_timeout_ms),
+      [weak = call->weak_from_this()] {
+        if (const auto self = weak.lock()) self->GiveUp();
+      });
+  if (absl::Status s = MayBegin(call->pass_, call->record_); s.ok()) {
+    call->upload_wait_->Begin();
+    call->StartRead(&call->request_);
+  } else {
+    call->Answer(s, false);
+  }
+  return call.get();
+}
+
+UploadMeshCall::UploadMeshCall(ServiceState& state, grpc::CallbackServerContext& context,
+                               v1::UploadMeshResponse& response)
+    : state_(state),
+      pass_(state.gate),
+      context_(context),
+      response_(response),
+      record_(state, context, Rpc::kUploadMesh),
+      uploads_(state.uploads) {
+  SetDeadline(context, job_);
+}
+
+void UploadMeshCall::OnReadDone(bool ok) {
+  if (!ok) {
+    upload_wait_->End();
+    UploadEnded();
+    return;
+  }
+  absl::Status taken;
+  {
+    const std::lock_guard lock(mutex_);  // the watch may end the call meanwhile
+    if (answered_) return;
+    taken = TakeMessage();
+  }
+  if (!taken.ok()) {
+    upload_wait_->End();
+    Answer(taken, false);
+    return;
+  }
+  if (!expected_id_.empty() && record_.bytes_in == 0) {
+    if (std::shared_ptr<KeptMesh> mesh = state_.meshes.Touch(expected_id_)) {
+      upload_wait_->End();
+      Answer(std::move(mesh), true);
+      return;
+    }
+  }
+  if (record_.bytes_in - upload_bytes_seen_ >= kLeastUploadBytes) {
+    upload_bytes_seen_ = record_.bytes_in;
+    upload_wait_->Begin();
+  }
+  StartRead(&request_);
+}
+
+absl::Status UploadMeshCall::TakeMessage() {
+  switch (request_.message_case()) {
+    case v1::UploadMeshRequest::kUpload: return TakeUpload(request_.upload());
+    case v1::UploadMeshRequest::kPiece: return TakePiece(std::move(*request_.mutable_piece()));
+    default: return absl::InvalidArgumentError("message: neither an upload nor a piece");
+  }
+}
+
+absl::Status UploadMeshCall::TakeUpload(const v1::MeshUpload& upload) {
+  if (std::exchange(begun_, true)) return absl::InvalidArgumentError("upload: only the first message may be one");
+  absl::StatusOr<MeshFormat> format = ParseMeshFormat(upload.mesh_format(), "upload.mesh_format");
+  if (!format.ok()) return format.status();
+  format_ = *format;
+  if (upload.mesh_id().empty()) return absl::OkStatus();
+  expected_id_ = upload.mesh_id();
+  return CheckMeshId(expected_id_, "upload.mesh_id");
+}
+
+absl::Status UploadMeshCall::TakePiece(std::string piece) {
+  if (!begun_) return absl::InvalidArgumentError("upload: must come before the pieces");
+  if (request_.has_crc32c() && request_.crc32c() != Crc32c(BytesOf(piece))) {
+    return absl::DataLossError(
+        absl::StrCat("the piece at byte ", record_.bytes_in, " of the mesh does not have its CRC-32C"));
+  }
+  if (piece.empty()) return absl::OkStatus();
+  if (piece.size() > state_.limits.load.max_file_bytes - record_.bytes_in) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the mesh file is larger than the limit of ", state_.limits.load.max_file_bytes, " bytes"));
+  }
+  if (!uploads_.TryGrow(piece.size())) {
+    return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
+  }
+  if (absl::Status s = record_.TakeBytes(piece.size()); !s.ok()) return s;
+  pieces_.push_back(std::move(piece));
+  return absl::OkStatus();
+}
+
+void UploadMeshCall::UploadEnded() {
+  if (context_.IsCancelled()) {
+    if (job_.Check().ok()) job_.Cancel();
+    Answer(job_.Check(), false);
+    return;
+  }
+  if (!begun_) {
+    Answer(absl::InvalidArgumentError("upload: the stream ended without one"), false);
+    return;
+  }
+  auto task = std::make_shared<FileTask>(shared_from_this());
+  task->traits.client = record_.client;
+  task->traits.deadline = job_.deadline();
+  task->traits.cost.file_bytes = record_.bytes_in;
+  {
+    const std::lock_guard lock(mutex_);
+    if (answered_) return;  // the watch was faster
+    task_ = task;
+  }
+  if (absl::Status s = state_.scheduler.Submit(std::move(task)); !s.ok()) {
+    Answer(s, false);
+    return;
+  }
+  if (!job_.Check().ok()) OnCancel();  // it may have come before there was a ticket
+}
+
+void UploadMeshCall::Work() {
+  try {
+    if (absl::Status s = job_.Check(); !s.ok()) return Answer(s, false);
+    std::vector<uint8_t> file = Join(pieces_, record_.bytes_in);
+    const std::string id = IdOf(file);
+    if (!expected_id_.empty() && id != expected_id_) {
+      return Answer(absl::DataLossError(absl::StrCat("the mesh's SHA-256 is ", id, ", not the mesh_id ", expected_id_)),
+                    false);
+    }
+    if (std::shared_ptr<KeptMesh> mesh = state_.meshes.Touch(id)) return Answer(std::move(mesh), true);
+    const auto load_job = std::make_shared<JobContext>();  // goes on while anybody waits for the mesh
+    const auto done = [self = shared_from_this()](const Loads::Answer& mesh) { self->Answer(mesh, false); };
+    const Loads::Seat seat = state_.loads.Join(absl::StrCat(id, "/", int(format_)), {.done = done, .news = {}});
+    if (seat.first) state_.loads.WhenEmpty(seat.flight, [load_job] { load_job->Cancel(); });
+    {
+      const std::lock_guard lock(mutex_);
+      seat_ = seat;
+    }
+    if (!job_.Check().ok()) LeaveFlight();
+    if (seat.first) {
+      state_.loads.Land(seat.flight, LoadAndKeep(std::move(file), id, *load_job));
+    } else {
+      uploads_.ShrinkTo(0);  // the other one has the same bytes
+    }
+  } catch (const std::bad_alloc&) {
+    Answer(absl::ResourceExhaustedError("out of memory for the mesh file"), false);
+  }
+}
+
+absl::StatusOr<std::shared_ptr<KeptMesh>> UploadMeshCall::LoadAndKeep(std::vector<uint8_t> file, const std::string& id,
+                                                                      const JobContext& job) {
+  try {
+    const uint64_t file_bytes = file.size();
+    const MeshFormat format = format_ == MeshFormat::kAuto ? SniffMeshFormat(file).value_or(format_) : format_;
+    absl::StatusOr<LoadedMesh> loaded = LoadMesh(std::move(file), format, state_.limits.load, job);
+    if (!loaded.ok()) return loaded.status();
+    return state_.meshes.Insert(std::make_shared<KeptMesh>(id, format, file_bytes, *std::move(loaded)));
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory for the mesh");
+  } catch (const std::exception& error) {
+    return absl::InternalError(absl::StrCat("unexpected: ", error.what()));
+  }
+}
+
+void UploadMeshCall::Answer(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mesh, bool already_stored) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (std::exchange(answered_, true)) return;
+    status_ = mesh.status();
+    if (mesh.ok()) record_.facts = {{"mesh", (*mesh)->id()}, {"already_stored", uint64_t{already_stored}}};
+  }
+  if (mesh.ok()) {
+    if (record_.role() == Role::kUser) (*mesh)->AddOwner(record_.client);
+    *response_.mutable_mesh() = ToMessage(**mesh);
+    response_.set_already_stored(already_stored);
+  }
+  Finish(ToGrpcStatus(mesh.status()));
+}
+
+void UploadMeshCall::GiveUp() {
+  if (job_.Check().ok()) job_.Cancel();
+  Answer(absl::AbortedError(
+             absl::StrCat("the client sent too little of its mesh for ", state_.options.upload_idle_timeout_ms, " ms")),
+         false);
+}
+
+void UploadMeshCall::LeaveFlight() {
+  std::optional<Loads::Seat> seat;
+  {
+    const std::lock_guard lock(mutex_);
+    seat = seat_;
+  }
+  if (!seat) return;
+  state_.loads.Leave(*seat);
+  Answer(job_.Check(), false);
+}
+
+void UploadMeshCall::OnCancel() {
+  if (job_.Check().ok()) job_.Cancel();
+  std::shared_ptr<FileTask> task;
+  {
+    const std::lock_guard lock(mutex_);
+    task = task_;
+  }
+  if (task && state_.scheduler.Withdraw(*task)) {
+    Answer(job_.Check(), false);
+  } else {
+    LeaveFlight();
+  }
+}
+
+void UploadMeshCall::OnDone() {
+  std::shared_ptr<UploadMeshCall> keep;
+  {
+    const std::lock_guard lock(mutex_);
+    record_.Log(status_);
+    task_.reset();  // it holds this call
+    keep = std::move(self_);
+  }
+}
+
+absl::Status GetMesh(ServiceState& state, const v1::GetMeshRequest& request, v1::GetMeshResponse& response) {
+  if (absl::Status s = CheckMeshId(request.mesh_id(), "mesh_id"); !s.ok()) return s;
+  const absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state.meshes.Get(request.mesh_id());
+  if (!mesh.ok()) return mesh.status();
+  *response.mutable_mesh() = ToMessage(**mesh);
+  return absl::OkStatus();
+}
+
+absl::Status DeleteMesh(ServiceState& state, const CallRecord& caller, const v1::DeleteMeshRequest& request,
+                        v1::DeleteMeshResponse& response) {
+  if (absl::Status s = CheckMeshId(request.mesh_id(), "mesh_id"); !s.ok()) return s;
+  absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state.meshes.Get(request.mesh_id());
+  if (!mesh.ok()) return mesh.status();
+  if (caller.role() != Role::kAdmin) {
+    switch ((*mesh)->RemoveOwner(caller.client)) {
+      case KeptMesh::Ownership::kNone: return absl::PermissionDeniedError("the mesh was uploaded by others");
+      case KeptMesh::Ownership::kShared: return absl::OkStatus();  // the others keep it
+      case KeptMesh::Ownership::kSole: break;
+    }
+  }
+  mesh = state.meshes.Delete(request.mesh_id());
+  if (!mesh.ok()) return mesh.status();
+  response.set_freed_bytes((*mesh)->memory_bytes());
+  // Giving gigabytes back takes a while: not on gRPC's thread, unless all loaders have too much to do.
+  state.scheduler.Submit(std::make_shared<FreeTask>(*std::move(mesh))).IgnoreError();
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,98 @@
+// The calls about meshes that the server keeps.
+#pragma once
+
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <grpcpp/grpcpp.h>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "calls/call_record.h"
+#include "load/loader.h"
+#include "meshes/mesh_store.h"
+#include "meshes/single_flight.h"
+#include "service_state.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "work/byte_budget.h"
+
+namespace voxelpipe {
+
+// What a store knows of a mesh.
+v1::StoredMesh ToMessage(KeptMesh& mesh);
+
+// One UploadMesh call: gathers the file; a loader takes its hash, loads it unless an equal one is there or being loaded, and keeps it. Where
+// the client named the mesh and it is here already, the call ends before the file has come. Lives until gRPC is done with the call and
+// the loader with the file, whichever comes last.
+class UploadMeshCall final : public grpc::ServerReadReactor<v1::UploadMeshRequest>,
+                             public std::enable_shared_from_this<UploadMeshCall> {
+ public:
+  // `state`, and until the call is done `response`, must outlive the reactor.
+  static UploadMeshCall* Create(ServiceState& state, grpc::CallbackServerContext& context,
+                                v1::UploadMeshResponse& response);
+
+  void OnReadDone(bool ok) override;
+  void OnCancel() override;
+  void OnDone() override;
+
+ private:
+  using Loads = SingleFlight<KeptMesh>;
+
+  UploadMeshCall(ServiceState& state, grpc::CallbackServerContext& context, v1::UploadMeshResponse& response);
+
+  class FileTask;
+
+  absl::Status TakeMessage();
+  absl::Status TakeUpload(const v1::MeshUpload& upload);
+  absl::Status TakePiece(std::string piece);
+  void UploadEnded();
+  // On the watch's thread.
+  void GiveUp();
+
+  // On a loader's thread.
+  void Work();
+  absl::StatusOr<std::shared_ptr<KeptMesh>> LoadAndKeep(std::vector<uint8_t> file, const std::string& id,
+                                                        const JobContext& job);
+
+  // Ends the call; only the first one counts.
+  void Answer(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mesh, bool already_stored);
+  void LeaveFlight();
+
+  ServiceState& state_;
+  const CallGate::Pass pass_;             // given back when gRPC and the loader are both done
+  grpc::CallbackServerContext& context_;  // used by gRPC's threads only
+  v1::UploadMeshResponse& response_;      // until the call is answered
+  std::shared_ptr<UploadMeshCall> self_;  // until OnDone
+  CallRecord record_;
+  JobContext job_;
+
+  // The upload: touched by one read at a time, then by the loader.
+  v1::UploadMeshRequest request_;
+  std::unique_ptr<IdleWatch::Wait> upload_wait_;
+  uint64_t upload_bytes_seen_ = 0;
+  bool begun_ = false;
+  MeshFormat format_ = MeshFormat::kAuto;
+  std::string expected_id_;  // empty: not said
+  std::deque<std::string> pieces_;
+  BudgetShare uploads_;
+
+  std::mutex mutex_;
+  std::shared_ptr<FileTask> task_;
+  std::optional<Loads::Seat> seat_;
+  bool answered_ = false;
+  absl::Status status_;
+};
+
+// In: the call's request. Out: its answer, or NOT_FOUND with ResourceInfo; INVALID_ARGUMENT for what is no mesh's id.
+absl::Status GetMesh(ServiceState& state, const v1::GetMeshRequest& request, v1::GetMeshResponse& response);
+// A caller that is no administrator gives up its own claim, and the mesh is forgotten when no claim is left; PERMISSION_DENIED where it
+// has none.
+absl::Status DeleteMesh(ServiceState& state, const CallRecord& caller, const v1::DeleteMeshRequest& request,
+                        v1::DeleteMeshResponse& response);
+
+}  // namespace voxelpipe

@@ -1,0 +1,134 @@
+// What was used lately stays, up to so many bytes.
+#pragma once
+
+#include <cstdint>
+#include <iterator>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+namespace voxelpipe {
+
+// What a store held and did so far.
+struct LruStats {
+  uint64_t entries = 0, bytes = 0;  // now
+  uint64_t hits = 0, misses = 0;    // of Use
+  uint64_t evictions = 0;           // for want of room; what was removed by name does not count
+};
+
+// Values by name. What leaves the store lives on as long as others hold it; values that nobody holds are destroyed by the thread whose
+// call put them out, without the lock. Thread-safe.
+template <typename Value>
+class ByteLru {
+ public:
+  explicit ByteLru(uint64_t limit_bytes) : limit_(limit_bytes) {}
+
+  // Keeps `value`, which takes `bytes`, as the one that was used last, and puts out the longest unused ones until all fit.
+  // Out: what is kept under `key`: `value`, or what was there already; null where `bytes` alone are more than the limit.
+  std::shared_ptr<Value> Insert(const std::string& key, std::shared_ptr<Value> value, uint64_t bytes) {
+    std::vector<std::shared_ptr<Value>> out;
+    const std::lock_guard lock(mutex_);  // released before `out` goes
+    if (const auto found = index_.find(key); found != index_.end()) {
+      ToFront(found->second);
+      return found->second->value;
+    }
+    if (bytes > limit_) return nullptr;
+    order_.push_front({key, value, bytes});
+    index_.emplace(key, order_.begin());
+    bytes_ += bytes;
+    MakeRoom(out);
+    return value;
+  }
+
+  // The value, from now on the one that was used last; null where there is none.
+  std::shared_ptr<Value> Use(const std::string& key) {
+    const std::lock_guard lock(mutex_);
+    const auto found = index_.find(key);
+    if (found == index_.end()) {
+      ++misses_;
+      return nullptr;
+    }
+    ++hits_;
+    ToFront(found->second);
+    return found->second->value;
+  }
+
+  // The same, but not counted.
+  std::shared_ptr<Value> Touch(const std::string& key) {
+    const std::lock_guard lock(mutex_);
+    const auto found = index_.find(key);
+    if (found == index_.end()) return nullptr;
+    ToFront(found->second);
+    return found->second->value;
+  }
+
+  // The value as Use gives it, but nothing is counted or put into another order.
+  std::shared_ptr<Value> Peek(const std::string& key) const {
+    const std::lock_guard lock(mutex_);
+    const auto found = index_.find(key);
+    return found == index_.end() ? nullptr : found->second->value;
+  }
+
+  // Says that a value now takes `bytes`. Others go to make room for it, and it goes itself where it is larger than the limit.
+  // Nothing happens where the key does not keep `value`.
+  void Resize(const std::string& key, const Value* value, uint64_t bytes) {
+    std::vector<std::shared_ptr<Value>> out;
+    const std::lock_guard lock(mutex_);
+    const auto found = index_.find(key);
+    if (found == index_.end() || found->second->value.get() != value) return;
+    bytes_ = bytes_ - found->second->bytes + bytes;
+    found->second->bytes = bytes;
+    ToFront(found->second);
+    MakeRoom(out);
+  }
+
+  // Takes a value out: null where there is none.
+  std::shared_ptr<Value> Erase(const std::string& key) {
+    const std::lock_guard lock(mutex_);
+    const auto found = index_.find(key);
+    if (found == index_.end()) return nullptr;
+    std::shared_ptr<Value> value = std::move(found->second->value);
+    Drop(found->second);
+    return value;
+  }
+
+  LruStats stats() const {
+    const std::lock_guard lock(mutex_);
+    return {order_.size(), bytes_, hits_, misses_, evictions_};
+  }
+  uint64_t limit_bytes() const { return limit_; }
+
+ private:
+  struct Entry {
+    std::string key;
+    std::shared_ptr<Value> value;
+    uint64_t bytes = 0;
+  };
+  using Entries = std::list<Entry>;  // the one that was used last in front
+
+  void ToFront(typename Entries::iterator entry) { order_.splice(order_.begin(), order_, entry); }
+  void Drop(typename Entries::iterator entry) {
+    bytes_ -= entry->bytes;
+    index_.erase(entry->key);
+    order_.erase(entry);
+  }
+  void MakeRoom(std::vector<std::shared_ptr<Value>>& out) {
+    while (bytes_ > limit_) {
+      out.push_back(std::move(order_.back().value));
+      Drop(std::prev(order_.end()));
+      ++evictions_;
+    }
+  }
+
+  const uint64_t limit_;
+  mutable std::mutex mutex_;
+  Entries order_;
+  std::unordered_map<std::string, typename Entries::iterator> index_;
+  uint64_t bytes_ = 0, hits_ = 0, misses_ = 0, evictions_ = 0;
+};
+
+}  // namespace voxelpipe

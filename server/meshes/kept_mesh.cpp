@@ -1,0 +1,125 @@
+#include "meshes/kept_mesh.h"
+
+#include <new>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "load/image.h"
+#include "work/mesh_bytes.h"
+
+namespace voxelpipe {
+namespace {
+
+// What the entry itself takes, and all that is not worth counting; so that many tiny meshes do not pass for nothing.
+constexpr uint64_t kOverheadBytes = 4096;
+
+// MeshBytes and the small parts, which strangers can make large: names come from the file.
+uint64_t KeptBytes(const TriangleMesh& mesh, const std::vector<std::string>& warnings) {
+  uint64_t bytes = kOverheadBytes + MeshBytes(mesh);
+  bytes += mesh.parts.size() * sizeof(MeshPart) + mesh.textures.size() * sizeof(Texture);
+  if (mesh.unused_vertices) bytes += mesh.unused_vertices->size() * sizeof(uint32_t);
+  for (const Material& material : mesh.materials) bytes += sizeof material + material.name.size();
+  for (const VertexAttribute& attribute : mesh.attributes) bytes += sizeof attribute + attribute.name.size();
+  for (const auto& image : mesh.images) bytes += sizeof *image + image->name.size() + image->mime_type.size();
+  for (const std::string& warning : warnings) bytes += sizeof warning + warning.size();
+  return bytes;
+}
+
+bool Covers(const TextureUse& have, const TextureUse& want) {
+  return (have.base_color || !want.base_color) && (have.emissive || !want.emissive) &&
+         (have.metallic_roughness || !want.metallic_roughness);
+}
+
+TextureUse Both(const TextureUse& a, const TextureUse& b) {
+  return {a.base_color || b.base_color, a.emissive || b.emissive, a.metallic_roughness || b.metallic_roughness};
+}
+
+// Prepared textures are contents, too.
+std::string ContentId(const std::string& id, const TextureUse& prepared) {
+  if (!prepared.any()) return id;
+  return absl::StrCat(id, "/", prepared.base_color ? "b" : "", prepared.emissive ? "e" : "",
+                      prepared.metallic_roughness ? "m" : "");
+}
+
+// A mesh whose images are its own, so that decoding them is seen by no one else.
+std::shared_ptr<TriangleMesh> CopyWithImages(const TriangleMesh& mesh) {
+  auto copy = std::make_shared<TriangleMesh>(mesh);
+  for (std::shared_ptr<Image>& image : copy->images) {
+    if (image) image = std::make_shared<Image>(*image);
+  }
+  return copy;
+}
+
+}  // namespace
+
+KeptMesh::KeptMesh(std::string id, MeshFormat format, uint64_t file_bytes, LoadedMesh loaded)
+    : id_(std::move(id)),
+      format_(format),
+      file_bytes_(file_bytes),
+      warnings_(std::move(loaded.warnings)),
+      triangles_(loaded.mesh.triangles.size()),
+      vertices_(loaded.mesh.positions.size()) {
+  loaded.mesh.content_id = id_;
+  facts_.report = BoxReport(loaded.mesh);
+  mesh_ = std::make_shared<const TriangleMesh>(std::move(loaded.mesh));
+  memory_bytes_ = KeptBytes(*mesh_, warnings_);
+}
+
+absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const TextureUse& use, const LoadLimits& limits) {
+  const auto ready = [&]() -> std::shared_ptr<const TriangleMesh> {
+    const std::lock_guard lock(mutex_);
+    return Covers(prepared_, use) ? mesh_ : nullptr;
+  };
+  if (auto mesh = ready()) return mesh;
+  const std::lock_guard preparing(preparing_);
+  if (auto mesh = ready()) return mesh;
+  // Only this thread replaces mesh_ and prepared_ now.
+  try {
+    const std::shared_ptr<TriangleMesh> copy = CopyWithImages(*mesh_);
+    if (absl::Status s = PrepareTextures(*copy, limits, use); !s.ok()) return s;
+    const TextureUse prepared = Both(prepared_, use);
+    copy->content_id = ContentId(id_, prepared);
+    const uint64_t bytes = KeptBytes(*copy, warnings_);
+    std::shared_ptr<const TriangleMesh> old = copy;
+    {
+      const std::lock_guard lock(mutex_);
+      mesh_.swap(old);
+      prepared_ = prepared;
+    }
+    memory_bytes_ = bytes;
+    return copy;
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory for the mesh's textures");
+  }
+}
+
+void KeptMesh::AddOwner(const std::string& client) {
+  const std::lock_guard lock(mutex_);
+  owners_.insert(client);
+}
+
+KeptMesh::Ownership KeptMesh::RemoveOwner(const std::string& client) {
+  const std::lock_guard lock(mutex_);
+  if (owners_.erase(client) == 0) return Ownership::kNone;
+  return owners_.empty() ? Ownership::kSole : Ownership::kShared;
+}
+
+bool KeptMesh::ready(const TextureUse& use) const {
+  const std::lock_guard lock(mutex_);
+  return Covers(prepared_, use);
+}
+
+KeptMesh::Facts KeptMesh::Report(bool examine) {
+  const auto now = [&] {
+    const std::lock_guard lock(mutex_);
+    return facts_;
+  };
+  if (const Facts facts = now(); facts.examined || !examine) return facts;
+  const std::lock_guard preparing(preparing_);
+  if (const Facts facts = now(); facts.examined) return facts;
+  const Facts facts{ReportMesh(*mesh_), true};
+  const std::lock_guard lock(mutex_);
+  return facts_ = facts;
+}
+
+}  // namespace voxelpipe

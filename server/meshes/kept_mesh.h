@@ -1,0 +1,77 @@
+// One mesh that the server keeps: loaded once, used by many jobs at the same time.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "load/limits.h"
+#include "load/loader.h"
+#include "mesh/material.h"
+#include "mesh/report.h"
+#include "mesh/triangle_mesh.h"
+#include "work/load_mesh.h"
+
+namespace voxelpipe {
+
+// Thread-safe. No mesh that was handed out ever changes: textures are decoded into a copy, which takes the mesh's place.
+class KeptMesh {
+ public:
+  // `id`: SHA-256 of the file's bytes, 64 lower-case hexadecimal digits. `format`: of the file, not kAuto.
+  KeptMesh(std::string id, MeshFormat format, uint64_t file_bytes, LoadedMesh loaded);
+
+  const std::string& id() const { return id_; }
+  MeshFormat format() const { return format_; }
+  uint64_t file_bytes() const { return file_bytes_; }
+  const std::vector<std::string>& warnings() const { return warnings_; }  // of the loader
+  uint64_t triangles() const { return triangles_; }                       // of the flattened mesh
+  uint64_t vertices() const { return vertices_; }
+  // What it takes now: arrays, names, images as far as they are decoded.
+  uint64_t memory_bytes() const { return memory_bytes_.load(); }
+  uint64_t uses() const { return uses_.load(); }
+  void CountUse() { ++uses_; }
+
+  // The clients that uploaded it, where the server tells clients apart.
+  enum class Ownership { kNone, kShared, kSole };
+  void AddOwner(const std::string& client);
+  // Out: what the client's share in it was.
+  Ownership RemoveOwner(const std::string& client);
+
+  // The mesh, with the textures decoded that `use` samples; at least those. The first call for a texture decodes it, others for textures
+  // wait meanwhile. A mesh with textures has another content_id than the one without.
+  // Errors: those of PrepareTextures, each time anew; RESOURCE_EXHAUSTED out of memory.
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const TextureUse& use, const LoadLimits& limits);
+
+  // Whether Mesh gives those textures without decoding any.
+  bool ready(const TextureUse& use) const;
+
+  // Facts about the mesh. `examine`: also the degenerate triangles and open edges, which the first call counts. Out: `examined` whether
+  // they are counted. May throw bad_alloc.
+  struct Facts {
+    MeshReport report;
+    bool examined = false;
+  };
+  Facts Report(bool examine);
+
+ private:
+  const std::string id_;
+  const MeshFormat format_;
+  const uint64_t file_bytes_;
+  const std::vector<std::string> warnings_;
+  const uint64_t triangles_, vertices_;
+  std::atomic<uint64_t> memory_bytes_{0}, uses_{0};
+
+  std::mutex preparing_;      // held while textures are decoded or edges counted; taken before mutex_
+  mutable std::mutex mutex_;  // held for moments only
+  std::shared_ptr<const TriangleMesh> mesh_;
+  TextureUse prepared_;
+  Facts facts_;
+  std::set<std::string> owners_;
+};
+
+}  // namespace voxelpipe

@@ -1,0 +1,57 @@
+#include "meshes/mesh_store.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "pipeline/limit_error.h"
+#include "wire/status.h"
+
+namespace voxelpipe {
+
+absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Insert(std::shared_ptr<KeptMesh> mesh) {
+  const uint64_t bytes = mesh->memory_bytes();
+  const std::string id = mesh->id();
+  std::shared_ptr<KeptMesh> kept = meshes_.Insert(id, std::move(mesh), bytes);
+  if (kept) return kept;
+  return MakeLimitError(
+      absl::StrCat("the mesh takes ", bytes, " bytes of memory, the limit of all meshes that are kept is ", max_bytes(),
+                   " bytes"),
+      {bytes, max_bytes(), 0});
+}
+
+absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Take(const std::string& id) {
+  std::shared_ptr<KeptMesh> mesh = meshes_.Use(id);
+  if (!mesh) return MissingMeshError(id);
+  mesh->CountUse();
+  return mesh;
+}
+
+absl::StatusOr<std::shared_ptr<const TriangleMesh>> MeshStore::Mesh(KeptMesh& mesh, const TextureUse& use,
+                                                                    const LoadLimits& limits) {
+  if (mesh.ready(use)) return mesh.Mesh(use, limits);
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> textured = mesh.Mesh(use, limits);
+  if (textured.ok()) meshes_.Resize(mesh.id(), &mesh, mesh.memory_bytes());
+  return textured;
+}
+
+absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Get(const std::string& id) const {
+  std::shared_ptr<KeptMesh> mesh = meshes_.Peek(id);
+  if (!mesh) return MissingMeshError(id);
+  return mesh;
+}
+
+absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Delete(const std::string& id) {
+  std::shared_ptr<KeptMesh> mesh = meshes_.Erase(id);
+  if (!mesh) return MissingMeshError(id);
+  return mesh;
+}
+
+absl::Status CheckMeshId(std::string_view id, std::string_view field) {
+  const bool digits =
+      std::all_of(id.begin(), id.end(), [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
+  if (id.size() == 64 && digits) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(std::string(field), ": must be 64 hexadecimal digits, lower case"));
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,52 @@
+// The meshes that the server keeps, by the SHA-256 of their files' bytes.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+#include "load/limits.h"
+#include "meshes/byte_lru.h"
+#include "meshes/kept_mesh.h"
+
+namespace voxelpipe {
+
+// Keeps what was used last, up to so many bytes of memory. Jobs hold what they use, deleted or put out or not. Thread-safe; only Mesh
+// makes a caller wait for other callers' work (textures being decoded).
+class MeshStore {
+ public:
+  explicit MeshStore(uint64_t max_bytes) : meshes_(max_bytes) {}
+
+  // Keeps a mesh, as the one that was used last. Out: the one that is kept, which may be an equal one that came before.
+  // RESOURCE_EXHAUSTED with need and limit (LimitErrorOf) where it is larger than all that the store may hold.
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Insert(std::shared_ptr<KeptMesh> mesh);
+
+  // The mesh for one more job, from now on the one that was used last: NOT_FOUND (MissingMeshError).
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Take(const std::string& id);
+
+  // KeptMesh::Mesh of a mesh from here, with what its textures take counted.
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(KeptMesh& mesh, const TextureUse& use,
+                                                           const LoadLimits& limits);
+
+  // Makes the mesh the one that was used last, without a job: null where there is none.
+  std::shared_ptr<KeptMesh> Touch(const std::string& id) { return meshes_.Touch(id); }
+
+  // Looks without using: NOT_FOUND (MissingMeshError).
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Get(const std::string& id) const;
+
+  // Forgets the mesh and hands it out, so that the caller chooses the thread that frees it. NOT_FOUND (MissingMeshError).
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Delete(const std::string& id);
+
+  LruStats stats() const { return meshes_.stats(); }
+  uint64_t max_bytes() const { return meshes_.limit_bytes(); }
+
+ private:
+  ByteLru<KeptMesh> meshes_;
+};
+
+// Whether the text can name a mesh: 64 hexadecimal digits, lower case. INVALID_ARGUMENT naming the field otherwise.
+absl::Status CheckMeshId(std::string_view id, std::string_view field);
+
+}  // namespace voxelpipe
