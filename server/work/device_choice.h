@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <string>
 
@@ -14,6 +15,7 @@ namespace voxelpipe {
 struct WorkerTraits {
   std::string device;                        // "cpu", "cuda:0"
   BackendChoice kind = BackendChoice::kCpu;  // what it counts as for TaskTraits::backend
+  uint64_t batch_device_bytes = 0;           // what a batch may take of the device's own memory; 0 = no limit
 };
 
 // A device that takes tasks now.

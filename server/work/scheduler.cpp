@@ -4,157 +4,225 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "wire/status.h"
+#include "observe/metrics.h"
+#include "work/scheduler_lanes.h"
 
 namespace voxelpipe {
 namespace {
 
-// How long a refused client should wait: about one small job.
-constexpr std::chrono::milliseconds kRetryDelay{200};
+// A result larger than this is a giant's, however fast it is made: it leaves slab by slab, while its worker waits for the client.
+constexpr uint64_t kGiantBytes = 512ull << 20;
 
 }  // namespace
 
-Scheduler::Scheduler(const SchedulerOptions& options, size_t workers) : options_(options), workers_(workers) {}
+Scheduler::Scheduler(const SchedulerOptions& options, size_t workers)
+    : options_(options), workers_(std::max<size_t>(1, workers)), to_load_(options.weights), to_run_(options.weights) {
+  if (options.timer_thread) timer_ = std::thread([this] { LookAfterTimers(); });
+}
 
-Scheduler::~Scheduler() = default;
+Scheduler::~Scheduler() {
+  Stop();
+  if (timer_.joinable()) timer_.join();
+}
 
-absl::Status Scheduler::Submit(std::shared_ptr<Task> task) {
+// ---- what tasks take
+
+SizeClass Scheduler::ClassOf(double ms, uint64_t output_bytes) const {
+  if (ms >= options_.giant_ms || output_bytes >= kGiantBytes) return SizeClass::kGiant;
+  return ms >= options_.medium_ms ? SizeClass::kMedium : SizeClass::kSmall;
+}
+
+double Scheduler::LoadMs(const TaskTraits& traits) const {
+  return traits.cost.load_ms * measured_.Ratio(WorkKind::kLoad, ClassOf(traits.cost.load_ms, 0));
+}
+
+// On a device worker, which loads small meshes itself.
+double Scheduler::RunMs(const TaskTraits& traits) const {
+  const bool cuda = traits.backend != BackendChoice::kCpu && KindServes(BackendChoice::kCuda);
+  const double ms = traits.cost.run_ms + traits.cost.load_ms;
+  return ms * measured_.Ratio(cuda ? WorkKind::kCuda : WorkKind::kCpu, ClassOf(ms, traits.cost.output_bytes));
+}
+
+// ---- in
+
+AdmissionAnswer Scheduler::AdmissionLocked(const TaskTraits& traits, Time now) const {
+  const double ms = RunMs(traits);
+  const Backlog backlog{QueuedLocked(),
+                        to_run_.WaitingOf(traits.client) + to_load_.WaitingOf(traits.client),
+                        waiting_bytes_,
+                        to_run_.waiting_ms() + to_load_.waiting_ms(),
+                        to_run_.AheadMs(traits.priority, traits.client, ms),
+                        taken_.size(),
+                        workers_};
+  return AdmitTask({options_.max_queue, options_.max_queue_bytes, options_.max_queue_ms}, backlog, traits, ms, now);
+}
+
+void Scheduler::CountRefused(const AdmissionAnswer& answer) const {
+  if (options_.metrics == nullptr) return;
+  switch (answer.why) {
+    case Refused::kNo: return;
+    case Refused::kJobs: return options_.metrics->Turned(Admission::kJobs).Increment();
+    case Refused::kBytes: return options_.metrics->Turned(Admission::kBytes).Increment();
+    case Refused::kTime: return options_.metrics->Turned(Admission::kTime).Increment();
+    case Refused::kDeadline: return options_.metrics->Turned(Admission::kDeadline).Increment();
+  }
+}
+
+absl::Status Scheduler::Admit(const TaskTraits& traits) const {
+  AdmissionAnswer answer;
   {
     const std::lock_guard lock(mutex_);
     if (draining_) return absl::UnavailableError("the server is shutting down");
-    const size_t waiting = to_load_.size() + to_run_.size();
-    // A task that an idle worker is about to take does not count as waiting.
-    if (waiting + running_ >= options_.max_queue + std::max(workers_, running_)) {
-      return BusyError(absl::StrCat("the queue is full: ", running_, " jobs run and ", waiting, " wait"), kRetryDelay);
-    }
-    (task->loaded() ? to_run_ : to_load_).push_back(std::move(task));
+    answer = AdmissionLocked(traits, Now());
   }
-  changed_.notify_all();
-  return absl::OkStatus();
+  CountRefused(answer);
+  return std::move(answer.status);
+}
+
+absl::Status Scheduler::Submit(std::shared_ptr<Task> task) {
+  const Time now = Now();
+  TaskTraits& traits = task->traits;
+  traits.arrived = now;
+  if (!traits.queue_timeout && options_.queue_timeout.count() > 0) traits.queue_timeout = options_.queue_timeout;
+  if (traits.queue_timeout && traits.queue_timeout->count() > 0) traits.queue_deadline = now + *traits.queue_timeout;
+  AdmissionAnswer answer;
+  Sleeper* sleeper = nullptr;
+  {
+    const std::lock_guard lock(mutex_);
+    if (draining_) return absl::UnavailableError("the server is shutting down");
+    answer = AdmissionLocked(traits, now);
+    if (answer.why == Refused::kNo) {
+      Enqueue(std::move(task), now);
+      sleeper = CallOne();
+    }
+  }
+  Notify(sleeper);
+  CountRefused(answer);
+  return std::move(answer.status);
 }
 
 void Scheduler::Resubmit(std::shared_ptr<Task> task) {
+  const Time now = Now();
+  std::vector<Sleeper*> called;
   {
     const std::lock_guard lock(mutex_);
-    --running_;
-    (task->loaded() ? to_run_ : to_load_).push_front(std::move(task));
+    const auto it = taken_.find(task.get());
+    const bool was_loading = it != taken_.end() && it->second->kind == WorkKind::kLoad;
+    if (was_loading && task->traits.queue_deadline) *task->traits.queue_deadline += now - it->second->began;
+    EndLocked(*task, now);
+    if (was_loading) {
+      Enqueue(std::move(task), now);
+      called.push_back(CallOne());
+    } else {
+      // Its time in the queue is over, its deadline is not.
+      task->traits.queue_deadline.reset();
+      if (task->traits.deadline) {
+        deadlines_.Set(*task, *task->traits.deadline);
+        ArmTimer(*task->traits.deadline);
+      }
+      waiting_bytes_ += task->traits.cost.held_bytes;
+      again_.push_back(std::move(task));
+      called = CallAll();  // not every worker may have it
+    }
   }
-  changed_.notify_all();
+  for (Sleeper* sleeper : called) Notify(sleeper);
+}
+
+size_t Scheduler::LaneOf(const TaskTraits& traits) const {
+  const double ms = traits.cost.run_ms + traits.cost.load_ms;
+  const bool free = traits.backend != BackendChoice::kAuto && traits.fallback && !KindServes(traits.backend);
+  return LaneFor(free ? BackendChoice::kAuto : traits.backend, ClassOf(ms, traits.cost.output_bytes));
+}
+
+void Scheduler::Enqueue(std::shared_ptr<Task> task, Time now) {
+  const TaskTraits& traits = task->traits;
+  const Task& waiting = *task;
+  waiting_bytes_ += traits.cost.held_bytes;
+  std::optional<Time> by = traits.deadline;
+  if (traits.queue_deadline) by = by ? std::min(*by, *traits.queue_deadline) : *traits.queue_deadline;
+  if (by) {
+    deadlines_.Set(waiting, *by);
+    ArmTimer(*by);
+  }
+  if (options_.aging.count() > 0 && traits.priority != Priority::kHigh) {
+    ages_.Set(waiting, now + options_.aging);
+    ArmTimer(now + options_.aging);
+  }
+  if (!task->loaded()) {
+    const size_t lane = LaneFor(BackendChoice::kAuto, ClassOf(traits.cost.load_ms, 0));
+    to_load_.Push(std::move(task), lane, traits.priority, traits.client, LoadMs(traits));
+    return;
+  }
+  if (to_run_.size() == 0) ready_since_ = now;
+  to_run_.Push(std::move(task), LaneOf(traits), traits.priority, traits.client, RunMs(traits));
+}
+
+// What every way out of the queue does.
+void Scheduler::Forget(const Task& task) {
+  waiting_bytes_ -= std::min(waiting_bytes_, task.traits.cost.held_bytes);
+  deadlines_.Clear(task);
+  ages_.Clear(task);
+}
+
+std::shared_ptr<Task> Scheduler::Dequeue(const Task& task) {
+  std::shared_ptr<Task> found = to_run_.Remove(task);
+  if (!found) found = to_load_.Remove(task);
+  if (!found) {
+    const auto it = std::find_if(again_.begin(), again_.end(), [&](const auto& t) { return t.get() == &task; });
+    if (it == again_.end()) return nullptr;
+    found = std::move(*it);
+    again_.erase(it);
+  }
+  Forget(task);
+  return found;
 }
 
 bool Scheduler::Withdraw(const Task& task) {
   std::shared_ptr<Task> withdrawn;  // destroyed outside the lock: it may own a lot
-  {
-    const std::lock_guard lock(mutex_);
-    for (auto* queue : {&to_load_, &to_run_}) {
-      const auto it = std::find_if(queue->begin(), queue->end(), [&](const auto& t) { return t.get() == &task; });
-      if (it == queue->end()) continue;
-      withdrawn = std::move(*it);
-      queue->erase(it);
-      break;
-    }
-  }
-  if (!withdrawn) return false;
-  changed_.notify_all();
-  return true;
-}
-
-std::shared_ptr<Task> Scheduler::TakeLoad() {
-  std::unique_lock lock(mutex_);
-  changed_.wait(lock, [this] { return stopped_ || !to_load_.empty(); });
-  if (to_load_.empty()) return nullptr;
-  std::shared_ptr<Task> task = std::move(to_load_.front());
-  to_load_.pop_front();
-  ++running_;
-  return task;
-}
-
-std::vector<std::shared_ptr<Task>> Scheduler::TakeBatch(const WorkerTraits& worker) {
-  std::unique_lock lock(mutex_);
-  std::vector<std::shared_ptr<Task>> batch;
-  changed_.wait(lock, [&] {
-    if (!Serves(worker.device)) return true;
-    for (auto it = to_run_.begin(); it != to_run_.end() && batch.size() < options_.max_batch_jobs;) {
-      const TaskTraits& task = (*it)->traits;
-      if (!MayHave(task, worker, serving_) ||
-          LeavesToGpus(task, worker, serving_, to_run_.size() + batch.size(), options_.max_batch_jobs)) {
-        ++it;
-        continue;
-      }
-      batch.push_back(std::move(*it));
-      it = to_run_.erase(it);
-    }
-    return stopped_ || !batch.empty();
-  });
-  running_ += batch.size();
-  return batch;
-}
-
-void Scheduler::Ended(const Task& /*task*/) {
-  {
-    const std::lock_guard lock(mutex_);
-    --running_;
-  }
-  changed_.notify_all();
-}
-
-bool Scheduler::Serves(const std::string& device) const {
-  return std::any_of(serving_.begin(), serving_.end(), [&](const auto& d) { return d.traits.device == device; });
-}
-
-void Scheduler::SetDevice(const WorkerTraits& device, size_t workers) {
-  {
-    const std::lock_guard lock(mutex_);
-    std::erase_if(serving_, [&](const ServingDevice& d) { return d.traits.device == device.device; });
-    if (workers > 0) serving_.push_back({device, workers});
-  }
-  changed_.notify_all();
-}
-
-std::vector<std::shared_ptr<Task>> Scheduler::TakeStranded() {
-  std::vector<std::shared_ptr<Task>> stranded;
-  {
-    const std::lock_guard lock(mutex_);
-    for (auto it = to_run_.begin(); it != to_run_.end();) {
-      if (AnyMayHave((*it)->traits, serving_)) {
-        ++it;
-        continue;
-      }
-      stranded.push_back(std::move(*it));
-      it = to_run_.erase(it);
-    }
-  }
-  if (!stranded.empty()) changed_.notify_all();
-  return stranded;
-}
-
-bool Scheduler::IsServed(const TaskTraits& task) const {
   const std::lock_guard lock(mutex_);
-  return AnyMayHave(task, serving_);
+  withdrawn = Dequeue(task);
+  if (withdrawn && draining_ && IdleLocked()) drained_.notify_all();
+  return withdrawn != nullptr;
 }
+
+// ---- the end
 
 void Scheduler::Drain() {
   std::unique_lock lock(mutex_);
   draining_ = true;
-  changed_.wait(lock, [this] { return to_load_.empty() && to_run_.empty() && running_ == 0; });
+  drained_.wait(lock, [this] { return IdleLocked(); });
 }
 
 void Scheduler::Stop() {
-  {
-    const std::lock_guard lock(mutex_);
-    stopped_ = true;
-  }
-  changed_.notify_all();
+  const std::lock_guard lock(mutex_);
+  stopped_ = true;
+  for (const auto& sleeper : sleepers_) sleeper->wake.notify_all();
+  timer_changed_.notify_all();
 }
 
 size_t Scheduler::queued() const {
   const std::lock_guard lock(mutex_);
-  return to_load_.size() + to_run_.size();
+  return QueuedLocked();
 }
 
 size_t Scheduler::running() const {
   const std::lock_guard lock(mutex_);
-  return running_;
+  return taken_.size();
+}
+
+size_t Scheduler::idle() const {
+  const std::lock_guard lock(mutex_);
+  return asleep_.size();
+}
+
+double Scheduler::waiting_ms() const {
+  const std::lock_guard lock(mutex_);
+  return to_run_.waiting_ms() + to_load_.waiting_ms();
+}
+
+uint64_t Scheduler::waiting_bytes() const {
+  const std::lock_guard lock(mutex_);
+  return waiting_bytes_;
 }
 
 }  // namespace voxelpipe

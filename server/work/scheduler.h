@@ -1,52 +1,96 @@
 // Which task runs next, and which ones together.
+//
+// A task waits for a loader where its mesh must be read first, then for a worker of a device. Whose turn it is, FairQueue knows; whether one
+// more may wait, AdmitTask; what it will take, PredictCost and MeasuredCost.
 #pragma once
 
+#include <array>
 #include <condition_variable>
 #include <cstdint>
-#include <deque>
+#include <functional>
+#include <list>
+#include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <span>
 #include <string>
+#include <thread>
+#include <unordered_map>
 #include <vector>
 
 #include "absl/status/status.h"
+#include "pipeline/request.h"
+#include "work/admission.h"
+#include "work/cost.h"
 #include "work/device_choice.h"
+#include "work/fair_queue.h"
+#include "work/queue_timers.h"
 #include "work/task.h"
 
 namespace voxelpipe {
 
+class Metrics;
+
 struct SchedulerOptions {
-  size_t max_queue = 1024;    // tasks that wait
-  size_t max_batch_jobs = 1;  // tasks given to a device worker at once
+  size_t max_queue = 1024;                 // tasks that wait
+  uint64_t max_queue_bytes = 2ull << 30;   // that they hold
+  double max_queue_ms = 600'000;           // predicted work of all of them, on one worker
+  size_t max_batch_jobs = 1;               // tasks given to a device worker at once
+  double max_batch_ms = 20;                // predicted work of these together
+  uint64_t max_batch_bytes = 64ull << 20;  // of their results
+  // How long a worker that has just ended a batch waits for a fuller one. An idle worker takes a task at once.
+  std::chrono::microseconds batch_delay{0};
+  std::chrono::milliseconds queue_timeout{0};  // of tasks that do not say; 0 = none
+  std::chrono::milliseconds aging{10'000};     // a task that has waited so long rises by one priority; 0 = never
+  std::array<double, kPriorities> weights{16, 4, 1};
+  double medium_ms = 20, giant_ms = 1000;  // predicted, from where on a task counts as such
+  size_t loaders = 1;                      // threads that call TakeLoad
+  Metrics* metrics = nullptr;              // must outlive the scheduler
+  // For tests: the time, and whether a thread looks after the timers.
+  std::function<JobContext::Clock::time_point()> now{};
+  bool timer_thread = true;
 };
 
 // Tasks from their submission to the end of their work. Thread-safe.
+//
+// Giants: of the workers of a device, all but one may run them at the same time, so that a small task never waits for giants to end, unless
+// the device has a single worker: then at most one is before it. The same holds for loaders.
 class Scheduler {
  public:
+  using Time = JobContext::Clock::time_point;
+
   // `workers`: tasks that are worked on at the same time, loaders not counted.
   Scheduler(const SchedulerOptions& options, size_t workers);
+  // After Drain and Stop, if tasks were submitted.
   ~Scheduler();
   Scheduler(const Scheduler&) = delete;
   Scheduler& operator=(const Scheduler&) = delete;
 
-  // Takes a task in. Errors: a BusyError when too much waits; UNAVAILABLE after Drain began.
+  // Whether a task with these traits would be taken in now: for callers who are about to receive a lot for it. Errors: those of Submit.
+  absl::Status Admit(const TaskTraits& traits) const;
+  // Takes a task in. From here on it ends by Task::Refuse with DEADLINE_EXCEEDED if its deadline, or its time in the queue, is over before a
+  // worker has it. Errors: see AdmitTask; UNAVAILABLE after Drain began.
   absl::Status Submit(std::shared_ptr<Task> task);
-  // Gives back a task that came from Take..., to be taken again: loaded meanwhile, or because its worker failed. Never refused.
+  // Gives back a task that came from Take..., to be taken again: loaded meanwhile, or because its worker failed; the latter goes before all
+  // others. Never refused.
   void Resubmit(std::shared_ptr<Task> task);
   // Takes a task that still waits out: true if it was there, and then nothing of it is called any more.
   bool Withdraw(const Task& task);
-
   // For loaders: a task that is not loaded. Blocks; null when the scheduler was stopped.
   std::shared_ptr<Task> TakeLoad();
   // For device workers: tasks to run together, at least one, all loaded. Blocks; empty when the scheduler was stopped, or while the
   // device does not serve.
   std::vector<std::shared_ptr<Task>> TakeBatch(const WorkerTraits& worker);
-  // A task that came from Take... has ended.
+  // The same without waiting: empty, too, where there is nothing for this worker now.
+  std::vector<std::shared_ptr<Task>> TryTakeBatch(const WorkerTraits& worker);
+  // A task that came from Take... has ended; several at once cost less.
   void Ended(const Task& task);
+  void Ended(std::span<const std::shared_ptr<Task>> tasks);
 
   // Which devices serve: before their first TakeBatch, and at every change. `workers` 0: it takes nothing until it is said otherwise.
   void SetDevice(const WorkerTraits& device, size_t workers);
-  // Takes out all tasks that wait and that no device may have that serves now. They are the caller's, and not worked on.
+  // Takes out all tasks that wait for a device and that none may have that serves now. They are the caller's, and not worked on.
   std::vector<std::shared_ptr<Task>> TakeStranded();
   // Whether a device serves that may have such a task.
   bool IsServed(const TaskTraits& task) const;
@@ -56,20 +100,94 @@ class Scheduler {
   // Makes every Take... return nothing. After Drain.
   void Stop();
 
+  // Ends what has waited too long and raises what has waited long. The timer thread does it; in tests, by hand.
+  void RunTimers();
+
   size_t queued() const;
   size_t running() const;
+  size_t idle() const;        // threads that wait for work
+  double waiting_ms() const;  // predicted work of what waits
+  uint64_t waiting_bytes() const;
 
  private:
-  bool Serves(const std::string& device) const;  // with mutex_ held
+  struct Batch {  // tasks that were taken together
+    WorkKind kind = WorkKind::kCpu;
+    SizeClass size = SizeClass::kSmall;
+    std::string device;  // empty for a loader's
+    double predicted_ms = 0;
+    Time began;
+    size_t left = 0;
+    bool measurable = true;  // its time is the work's alone
+  };
+  // A thread that waits for work. Never freed before the scheduler, so that it can be notified without the lock.
+  struct Sleeper {
+    std::condition_variable wake;
+    const WorkerTraits* worker = nullptr;  // null: a loader
+    size_t enough = 1;                     // tasks that it waits for
+    bool called = false;
+  };
+  Time Now() const { return options_.now ? options_.now() : JobContext::Clock::now(); }
+  SizeClass ClassOf(double ms, uint64_t output_bytes) const;
+  double LoadMs(const TaskTraits& traits) const;
+  double RunMs(const TaskTraits& traits) const;
+  AdmissionAnswer AdmissionLocked(const TaskTraits& traits, Time now) const;
+  void CountRefused(const AdmissionAnswer& answer) const;
+
+  void Enqueue(std::shared_ptr<Task> task, Time now);
+  std::shared_ptr<Task> Dequeue(const Task& task);
+  void Forget(const Task& task);
+  size_t LaneOf(const TaskTraits& traits) const;
+  bool KindServes(BackendChoice kind) const;
+  const ServingDevice* Serving(const std::string& device) const;
+  std::vector<Sleeper*> CallAll();
+  FairQueue::Lanes RunLanes(const WorkerTraits& worker) const;
+  FairQueue::Lanes LoadLanes() const;
+
+  std::vector<std::shared_ptr<Task>> FormBatch(const WorkerTraits& worker, bool may_delay, Time now,
+                                               std::optional<Time>& come_again);
+  void Take(const std::shared_ptr<Task>& task, const std::shared_ptr<Batch>& batch);
+  void TellTaken(std::span<const std::shared_ptr<Task>> batch, Time now) const;
+  void EndLocked(const Task& task, Time now);
+  Sleeper& Sleep(const WorkerTraits* worker, size_t enough);
+  void Call(Sleeper& sleeper);
+  void WokeUp(Sleeper& sleeper);
+  // Calls one thread that can do something now, if there is one; the caller notifies it when the lock is open.
+  Sleeper* CallOne();
+  static void Notify(Sleeper* sleeper) {
+    if (sleeper != nullptr) sleeper->wake.notify_one();
+  }
+  void ArmTimer(Time when);
+  void LookAfterTimers();
+  void Refuse(std::vector<std::shared_ptr<Task>> tasks, const std::function<absl::Status(const Task&)>& why);
+  size_t QueuedLocked() const { return to_load_.size() + to_run_.size() + again_.size(); }
+  bool IdleLocked() const { return QueuedLocked() == 0 && taken_.empty() && refusing_ == 0; }
 
   const SchedulerOptions options_;
   const size_t workers_;
+
   mutable std::mutex mutex_;
-  std::condition_variable changed_;
-  std::deque<std::shared_ptr<Task>> to_load_, to_run_;
+  FairQueue to_load_, to_run_;
+  std::list<std::shared_ptr<Task>> again_;  // whose worker failed
+  std::unordered_map<const Task*, std::shared_ptr<Batch>> taken_;
+  uint64_t waiting_bytes_ = 0;
+  std::optional<Time> ready_since_;  // to_run_ is not empty
+  MeasuredCost measured_;
   std::vector<ServingDevice> serving_;
-  size_t running_ = 0;  // taken and not ended
+  std::map<std::string, size_t> giants_;  // that run, of each device
+  size_t giants_loading_ = 0;
+  size_t refusing_ = 0;
   bool draining_ = false, stopped_ = false;
+  std::condition_variable drained_;
+
+  std::vector<std::unique_ptr<Sleeper>> sleepers_;
+  std::vector<Sleeper*> asleep_;  // who slept last is at the end
+  std::vector<Sleeper*> called_;  // on their way
+  std::vector<Sleeper*> spare_;
+
+  QueueTimers deadlines_, ages_;
+  std::condition_variable timer_changed_;
+  std::optional<Time> timer_armed_;  // when the timer thread wakes
+  std::thread timer_;
 };
 
 }  // namespace voxelpipe

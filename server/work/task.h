@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -15,11 +16,15 @@
 
 namespace voxelpipe {
 
-// What a task is thought to take, before its mesh is known or after.
+inline constexpr size_t kPriorities = 3;
+
+// What a task is thought to take, before its mesh is known or after. See cost.h.
 struct JobCost {
-  uint64_t file_bytes = 0;  // of the mesh, in memory until it is loaded
+  uint64_t file_bytes = 0;  // of the mesh; 0 once it is loaded, or where none comes
+  uint64_t held_bytes = 0;  // that it keeps in memory while it waits: the file, or what was made of it
   uint64_t triangles = 0, voxels = 0;
-  uint64_t output_bytes = 0;
+  uint64_t output_bytes = 0;       // of the result
+  uint64_t device_bytes = 0;       // on a device with memory of its own
   double load_ms = 0, run_ms = 0;  // on one loader, on one worker
 };
 
@@ -27,9 +32,10 @@ struct TaskTraits {
   std::string client;  // who asked: the tenant where tokens tell, else the peer's address
   Priority priority = Priority::kNormal;
   JobCost cost;
-  JobContext::Clock::time_point arrived = JobContext::Clock::now();
+  JobContext::Clock::time_point arrived = JobContext::Clock::now();  // Submit sets it anew
   std::optional<JobContext::Clock::time_point> deadline;        // of the call: an answer after it is worthless
-  std::optional<JobContext::Clock::time_point> queue_deadline;  // a worker must have it by then
+  std::optional<std::chrono::milliseconds> queue_timeout;            // absent: the scheduler's
+  std::optional<JobContext::Clock::time_point> queue_deadline;       // a worker must have it by then; the scheduler sets it
   BackendChoice backend = BackendChoice::kAuto;
   bool fallback = true;                       // whether another kind of backend may run it
   std::vector<std::string> excluded_devices;  // that failed it, by Backend::device(): no worker of these gets it again

@@ -1,0 +1,332 @@
+// How tasks leave the queue for workers, and what is done when they end.
+#include <algorithm>
+#include <utility>
+
+#include "observe/metrics.h"
+#include "work/batch_room.h"
+#include "work/scheduler.h"
+#include "work/scheduler_lanes.h"
+
+namespace voxelpipe {
+namespace {
+
+double MsBetween(JobContext::Clock::time_point from, JobContext::Clock::time_point to) {
+  return std::chrono::duration<double, std::milli>(to - from).count();
+}
+
+}  // namespace
+
+// ---- whose turn it is
+
+bool Scheduler::KindServes(BackendChoice kind) const {
+  return std::any_of(serving_.begin(), serving_.end(), [&](const ServingDevice& d) { return d.traits.kind == kind; });
+}
+
+const ServingDevice* Scheduler::Serving(const std::string& device) const {
+  const auto it =
+      std::find_if(serving_.begin(), serving_.end(), [&](const ServingDevice& d) { return d.traits.device == device; });
+  return it == serving_.end() ? nullptr : &*it;
+}
+
+void Scheduler::SetDevice(const WorkerTraits& device, size_t workers) {
+  std::vector<Sleeper*> called;
+  {
+    const std::lock_guard lock(mutex_);
+    const bool served = KindServes(device.kind);
+    std::erase_if(serving_, [&](const ServingDevice& d) { return d.traits.device == device.device; });
+    if (workers > 0) serving_.push_back({device, workers});
+    if (KindServes(device.kind) != served) {  // what wants this kind, but need not have it, changes lanes
+      std::vector<const Task*> moved;
+      to_run_.ForEach([&](const Task& task) {
+        if (task.traits.backend == device.kind && task.traits.fallback) moved.push_back(&task);
+      });
+      for (const Task* task : moved) to_run_.Move(*task, LaneOf(task->traits));
+    }
+    called = CallAll();
+  }
+  for (Sleeper* sleeper : called) Notify(sleeper);
+}
+
+std::vector<std::shared_ptr<Task>> Scheduler::TakeStranded() {
+  std::vector<std::shared_ptr<Task>> stranded;
+  const std::lock_guard lock(mutex_);
+  std::vector<const Task*> found;
+  const auto look = [&](const Task& task) {
+    if (!AnyMayHave(task.traits, serving_)) found.push_back(&task);
+  };
+  to_run_.ForEach(look);
+  for (const std::shared_ptr<Task>& task : again_) look(*task);
+  for (const Task* task : found) stranded.push_back(Dequeue(*task));
+  if (draining_ && IdleLocked()) drained_.notify_all();
+  return stranded;
+}
+
+bool Scheduler::IsServed(const TaskTraits& task) const {
+  const std::lock_guard lock(mutex_);
+  return AnyMayHave(task, serving_);
+}
+
+FairQueue::Lanes Scheduler::RunLanes(const WorkerTraits& worker) const {
+  static const TaskTraits kAnyones;
+  FairQueue::Lanes lanes = LanesOfKind(worker.kind);
+  if (!LeavesToGpus(kAnyones, worker, serving_, to_run_.size() + again_.size(), options_.max_batch_jobs)) {
+    lanes |= LanesOfKind(BackendChoice::kAuto);
+  }
+  const ServingDevice* device = Serving(worker.device);
+  const size_t workers = device == nullptr ? 1 : device->workers;
+  const auto giants = giants_.find(worker.device);
+  if (giants != giants_.end() && giants->second >= std::max<size_t>(2, workers) - 1) {
+    lanes &= ~LanesOfSize(SizeClass::kGiant);
+  }
+  return lanes;
+}
+
+FairQueue::Lanes Scheduler::LoadLanes() const {
+  const bool full = giants_loading_ >= std::max<size_t>(1, options_.loaders - 1);
+  return full ? FairQueue::kAllLanes & ~LanesOfSize(SizeClass::kGiant) : FairQueue::kAllLanes;
+}
+
+// ---- out
+
+std::vector<std::shared_ptr<Task>> Scheduler::FormBatch(const WorkerTraits& worker, bool may_delay, Time now,
+                                                        std::optional<Time>& come_again) {
+  auto batch = std::make_shared<Batch>();
+  batch->kind = worker.kind == BackendChoice::kCuda ? WorkKind::kCuda : WorkKind::kCpu;
+  batch->device = worker.device;
+  batch->began = now;
+  for (auto it = again_.begin(); it != again_.end(); ++it) {
+    if (!MayHave((*it)->traits, worker, serving_)) continue;
+    if (LeavesToGpus((*it)->traits, worker, serving_, to_run_.size() + again_.size(), options_.max_batch_jobs))
+      continue;
+    std::vector<std::shared_ptr<Task>> alone{std::move(*it)};
+    again_.erase(it);
+    Forget(*alone[0]);
+    batch->measurable = false;  // its class is not known any more
+    Take(alone[0], batch);
+    return alone;
+  }
+
+  FairQueue::Lanes lanes = RunLanes(worker);
+  size_t lane = 0;
+  const Task* first = to_run_.Front(lanes, &lane);
+  if (first == nullptr) return {};
+  const SizeClass size = SizeOfLane(lane);
+  lanes &= LanesOfSize(size);
+  size_t ready = 0;
+  for (size_t l = 0; l < FairQueue::kLanes; ++l) ready += (lanes >> l & 1) != 0 ? to_run_.size(l) : 0;
+  if (may_delay && size == SizeClass::kSmall && ready < options_.max_batch_jobs && ready_since_ &&
+      now < *ready_since_ + options_.batch_delay && !stopped_ && !draining_) {
+    come_again = *ready_since_ + options_.batch_delay;
+    return {};
+  }
+
+  // Idle workers get their share of what is there.
+  size_t takers = 1;
+  for (const std::vector<Sleeper*>* sleepers : {&asleep_, &called_}) {
+    for (const Sleeper* sleeper : *sleepers) {
+      if (sleeper->worker != nullptr && (RunLanes(*sleeper->worker) & lanes & to_run_.lanes()) != 0) ++takers;
+    }
+  }
+  BatchRoom room({std::min(options_.max_batch_jobs, (ready + takers - 1) / takers), options_.max_batch_ms,
+                  options_.max_batch_bytes, worker.batch_device_bytes});
+  batch->size = size;
+  std::vector<std::shared_ptr<Task>> tasks;
+  tasks.reserve(size == SizeClass::kGiant ? 1 : std::min(ready, options_.max_batch_jobs));
+  for (const Task* next = first; next != nullptr; next = to_run_.Front(lanes)) {
+    const double ms = RunMs(next->traits);
+    if (!room.Fits(next->traits.cost, ms)) break;
+    room.Add(next->traits.cost, ms);
+    batch->predicted_ms += next->traits.cost.run_ms + next->traits.cost.load_ms;
+    tasks.push_back(to_run_.Pop(lanes));
+    Forget(*tasks.back());
+    Take(tasks.back(), batch);
+    if (size == SizeClass::kGiant) break;
+  }
+  if (size == SizeClass::kGiant) ++giants_[worker.device];
+  if (to_run_.size() == 0) ready_since_.reset();
+  return tasks;
+}
+
+void Scheduler::Take(const std::shared_ptr<Task>& task, const std::shared_ptr<Batch>& batch) {
+  ++batch->left;
+  taken_[task.get()] = batch;
+}
+
+void Scheduler::TellTaken(std::span<const std::shared_ptr<Task>> batch, Time now) const {
+  if (options_.metrics == nullptr || batch.empty()) return;
+  for (const std::shared_ptr<Task>& task : batch) {
+    options_.metrics->QueueWait(size_t(task->traits.priority)).Observe(MsBetween(task->traits.arrived, now) * 1e-3);
+  }
+  options_.metrics->batch_jobs.Observe(double(batch.size()));
+}
+
+std::vector<std::shared_ptr<Task>> Scheduler::TakeBatch(const WorkerTraits& worker) {
+  bool may_delay = options_.batch_delay.count() > 0;
+  std::vector<std::shared_ptr<Task>> batch;
+  Sleeper* next = nullptr;
+  Time now;
+  {
+    std::unique_lock lock(mutex_);
+    while (Serving(worker.device) != nullptr) {
+      now = Now();
+      std::optional<Time> come_again;
+      batch = FormBatch(worker, may_delay, now, come_again);
+      if (!batch.empty() || stopped_) break;
+      Sleeper& sleeper = Sleep(&worker, come_again ? options_.max_batch_jobs : 1);
+      const auto woken = [&] { return sleeper.called || stopped_; };
+      if (come_again) {
+        sleeper.wake.wait_until(lock, *come_again, woken);
+      } else {
+        sleeper.wake.wait(lock, woken);
+        may_delay = false;
+      }
+      WokeUp(sleeper);
+    }
+    next = CallOne();  // what it left may be another's
+  }
+  Notify(next);
+  TellTaken(batch, now);
+  return batch;
+}
+
+std::vector<std::shared_ptr<Task>> Scheduler::TryTakeBatch(const WorkerTraits& worker) {
+  std::vector<std::shared_ptr<Task>> batch;
+  const Time now = Now();
+  {
+    const std::lock_guard lock(mutex_);
+    if (Serving(worker.device) == nullptr) return batch;
+    std::optional<Time> come_again;
+    batch = FormBatch(worker, options_.batch_delay.count() > 0, now, come_again);
+  }
+  TellTaken(batch, now);
+  return batch;
+}
+
+std::shared_ptr<Task> Scheduler::TakeLoad() {
+  std::shared_ptr<Task> task;
+  Sleeper* next = nullptr;
+  {
+    std::unique_lock lock(mutex_);
+    while (true) {
+      size_t lane = 0;
+      const FairQueue::Lanes lanes = LoadLanes();
+      if (to_load_.Front(lanes, &lane) != nullptr) {
+        task = to_load_.Pop(lanes);
+        auto batch = std::make_shared<Batch>();
+        batch->kind = WorkKind::kLoad;
+        batch->size = SizeOfLane(lane);
+        batch->predicted_ms = task->traits.cost.load_ms;
+        batch->began = Now();
+        if (batch->size == SizeClass::kGiant) ++giants_loading_;
+        Forget(*task);
+        Take(task, batch);
+        break;
+      }
+      if (stopped_) return nullptr;
+      Sleeper& sleeper = Sleep(nullptr, 1);
+      sleeper.wake.wait(lock, [&] { return sleeper.called || stopped_; });
+      WokeUp(sleeper);
+    }
+    next = CallOne();
+  }
+  Notify(next);
+  return task;
+}
+
+// ---- who sleeps
+
+Scheduler::Sleeper& Scheduler::Sleep(const WorkerTraits* worker, size_t enough) {
+  if (spare_.empty()) {
+    sleepers_.push_back(std::make_unique<Sleeper>());
+    spare_.push_back(sleepers_.back().get());
+  }
+  Sleeper& sleeper = *spare_.back();
+  spare_.pop_back();
+  sleeper.worker = worker;
+  sleeper.enough = enough;
+  sleeper.called = false;
+  asleep_.push_back(&sleeper);
+  return sleeper;
+}
+
+void Scheduler::Call(Sleeper& sleeper) {
+  sleeper.called = true;
+  asleep_.erase(std::find(asleep_.begin(), asleep_.end(), &sleeper));
+  called_.push_back(&sleeper);
+}
+
+void Scheduler::WokeUp(Sleeper& sleeper) {
+  std::erase(sleeper.called ? called_ : asleep_, &sleeper);
+  spare_.push_back(&sleeper);
+}
+
+std::vector<Scheduler::Sleeper*> Scheduler::CallAll() {
+  const std::vector<Sleeper*> called = asleep_;
+  for (Sleeper* sleeper : called) Call(*sleeper);
+  return called;
+}
+
+// Who slept last is called first, its caches are warm; those with a GPU before others.
+Scheduler::Sleeper* Scheduler::CallOne() {
+  if (asleep_.empty()) return nullptr;
+  Sleeper* best = nullptr;
+  for (auto it = asleep_.rbegin(); it != asleep_.rend(); ++it) {
+    Sleeper& sleeper = **it;
+    if (sleeper.worker == nullptr) {
+      if ((to_load_.lanes() & LoadLanes()) == 0) continue;
+    } else if ((to_run_.lanes() & RunLanes(*sleeper.worker)) == 0 || to_run_.size() < sleeper.enough) {
+      continue;
+    }
+    if (best == nullptr) best = &sleeper;
+    if (sleeper.worker != nullptr && sleeper.worker->kind == BackendChoice::kCuda) {
+      best = &sleeper;
+      break;
+    }
+  }
+  if (best != nullptr) Call(*best);
+  return best;
+}
+
+// ---- the end of a task
+
+void Scheduler::EndLocked(const Task& task, Time now) {
+  const auto it = taken_.find(&task);
+  if (it == taken_.end()) return;
+  const std::shared_ptr<Batch> batch = std::move(it->second);
+  taken_.erase(it);
+  if (--batch->left > 0) return;
+  if (batch->size == SizeClass::kGiant) {
+    size_t& giants = batch->kind == WorkKind::kLoad ? giants_loading_ : giants_[batch->device];
+    giants -= std::min<size_t>(1, giants);
+  }
+  // A giant's worker may have waited for its client.
+  if (batch->measurable && (batch->size != SizeClass::kGiant || batch->kind == WorkKind::kLoad)) {
+    measured_.Observe(batch->kind, batch->size, batch->predicted_ms, MsBetween(batch->began, now));
+  }
+}
+
+void Scheduler::Ended(const Task& task) {
+  const Time now = Now();
+  Sleeper* sleeper = nullptr;
+  {
+    const std::lock_guard lock(mutex_);
+    EndLocked(task, now);
+    sleeper = CallOne();  // where a giant ended, another may run
+    if (draining_ && IdleLocked()) drained_.notify_all();
+  }
+  Notify(sleeper);
+}
+
+void Scheduler::Ended(std::span<const std::shared_ptr<Task>> tasks) {
+  const Time now = Now();
+  Sleeper* sleeper = nullptr;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const std::shared_ptr<Task>& task : tasks) EndLocked(*task, now);
+    sleeper = CallOne();
+    if (draining_ && IdleLocked()) drained_.notify_all();
+  }
+  Notify(sleeper);
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,177 @@
+#include "work/fair_queue.h"
+
+#include <map>
+#include <random>
+#include <set>
+
+#include "gtest/gtest.h"
+#include "waiting_task.h"
+
+namespace voxelpipe {
+namespace {
+
+using testing::MakeTask;
+constexpr auto kAll = FairQueue::kAllLanes;
+
+class Queue : public FairQueue {
+ public:
+  Queue() : FairQueue({16, 4, 1}) {}
+  std::shared_ptr<Task> Add(const std::string& client, Priority priority, double ms, size_t lane = 0) {
+    std::shared_ptr<Task> task = MakeTask(client, priority, ms);
+    Push(task, lane, priority, client, ms);
+    return task;
+  }
+};
+
+TEST(FairQueueTest, OneClientsTasksComeInTheirOrderAcrossLanes) {
+  Queue queue;
+  std::vector<std::shared_ptr<Task>> tasks;
+  for (int i = 0; i < 30; ++i) tasks.push_back(queue.Add("a", Priority::kNormal, 1, size_t(i % 3)));
+  for (const auto& task : tasks) EXPECT_EQ(queue.Pop(kAll), task);
+  EXPECT_EQ(queue.Pop(kAll), nullptr);
+  EXPECT_EQ(queue.size(), 0u);
+  EXPECT_EQ(queue.lanes(), 0u);
+}
+
+TEST(FairQueueTest, OnlyTheLanesThatAreNamedAreTakenFrom) {
+  Queue queue;
+  const auto first = queue.Add("a", Priority::kHigh, 1, 2);
+  const auto second = queue.Add("a", Priority::kLow, 1, 5);
+  EXPECT_EQ(queue.lanes(), (1u << 2) | (1u << 5));
+  EXPECT_EQ(queue.Front(1u << 3), nullptr);
+  size_t lane = 0;
+  EXPECT_EQ(queue.Front(1u << 5 | 1u << 3, &lane), second.get());
+  EXPECT_EQ(lane, 5u);
+  EXPECT_EQ(queue.Pop(1u << 5), second);
+  EXPECT_EQ(queue.Pop(1u << 5), nullptr);
+  EXPECT_EQ(queue.Pop(kAll), first);
+}
+
+TEST(FairQueueTest, AThousandTasksOfOneClientDoNotHoldUpAnothersOne) {
+  Queue queue;
+  for (int i = 0; i < 1000; ++i) queue.Add("greedy", Priority::kNormal, 1);
+  for (int i = 0; i < 100; ++i) queue.Pop(kAll);
+  const auto one = queue.Add("modest", Priority::kNormal, 1);
+  int before = 0;
+  while (queue.Pop(kAll) != one) ++before;
+  EXPECT_LE(before, 1);
+}
+
+TEST(FairQueueTest, ClientsShareTheWorkNotTheNumberOfTasks) {
+  Queue queue;
+  for (int i = 0; i < 100; ++i) queue.Add("large", Priority::kNormal, 10);
+  for (int i = 0; i < 1000; ++i) queue.Add("small", Priority::kNormal, 1);
+  std::map<std::string, double> served;
+  for (int i = 0; i < 220; ++i) {
+    const auto task = queue.Pop(kAll);
+    served[task->traits.client] += task->traits.cost.run_ms;
+  }
+  EXPECT_NEAR(served["large"], served["small"], 20);
+}
+
+TEST(FairQueueTest, PrioritiesShareTheWorkByTheirWeights) {
+  Queue queue;
+  for (int i = 0; i < 3000; ++i) {
+    for (const Priority p : {Priority::kLow, Priority::kNormal, Priority::kHigh}) queue.Add("a", p, 1);
+  }
+  std::map<Priority, int> served;
+  for (int i = 0; i < 2100; ++i) ++served[queue.Pop(kAll)->traits.priority];
+  EXPECT_NEAR(served[Priority::kHigh], 1600, 5);
+  EXPECT_NEAR(served[Priority::kNormal], 400, 5);
+  EXPECT_NEAR(served[Priority::kLow], 100, 5);
+}
+
+TEST(FairQueueTest, AHighTaskThatComesLateIsNext) {
+  Queue queue;
+  for (int i = 0; i < 100; ++i) queue.Add("a", Priority::kLow, 50);
+  for (int i = 0; i < 10; ++i) queue.Pop(kAll);
+  const auto high = queue.Add("a", Priority::kHigh, 50);
+  EXPECT_EQ(queue.Pop(kAll), high);
+}
+
+TEST(FairQueueTest, WhoWasAwayOrHeldBackHasSavedNothing) {
+  Queue queue;
+  queue.Add("held", Priority::kNormal, 1, 1);  // in a lane that nobody takes from
+  for (int i = 0; i < 1000; ++i) queue.Add("busy", Priority::kNormal, 1, 0);
+  for (int i = 0; i < 500; ++i) queue.Pop(1);
+  for (int i = 0; i < 100; ++i) queue.Add("held", Priority::kNormal, 1, 0);
+  std::map<std::string, int> served;
+  for (int i = 0; i < 100; ++i) ++served[queue.Pop(1)->traits.client];
+  EXPECT_NEAR(served["held"], 50, 2);
+}
+
+TEST(FairQueueTest, ComingBackDoesNotCancelADebt) {
+  Queue queue;
+  for (int i = 0; i < 100; ++i) queue.Add("steady", Priority::kNormal, 1);
+  queue.Add("sly", Priority::kNormal, 50);
+  std::map<std::string, double> served;
+  for (int i = 0; i < 60; ++i) {  // one at a time, and back at once
+    const auto task = queue.Pop(kAll);
+    served[task->traits.client] += task->traits.cost.run_ms;
+    if (task->traits.client == "sly") queue.Add("sly", Priority::kNormal, 50);
+  }
+  EXPECT_LE(served["sly"], 100);
+}
+
+TEST(FairQueueTest, ARaisedTaskTakesTheHigherOnesTurn) {
+  Queue queue;
+  for (int i = 0; i < 100; ++i) queue.Add("a", Priority::kHigh, 1);
+  const auto low = queue.Add("b", Priority::kLow, 1);
+  EXPECT_TRUE(queue.Raise(*low));
+  EXPECT_TRUE(queue.Raise(*low));
+  EXPECT_FALSE(queue.Raise(*low)) << "nothing is higher";
+  EXPECT_EQ(queue.size(Priority::kHigh), 101u);
+  int before = 0;
+  while (queue.Pop(kAll) != low) ++before;
+  EXPECT_LE(before, 1);
+}
+
+TEST(FairQueueTest, SumsAndSizesFollowEveryWayInAndOut) {
+  Queue queue;
+  std::mt19937 random(1);
+  std::vector<std::shared_ptr<Task>> here;
+  for (int i = 0; i < 20000; ++i) {
+    const unsigned kind = random() % 8;
+    if (kind < 4) {
+      here.push_back(queue.Add(std::string(1, char('a' + random() % 7)), Priority(random() % 3), double(random() % 10),
+                               random() % FairQueue::kLanes));
+    } else if (kind == 4 && !here.empty()) {
+      const size_t n = random() % here.size();
+      EXPECT_EQ(queue.Remove(*here[n]), here[n]);
+      EXPECT_EQ(queue.Remove(*here[n]), nullptr);
+      here.erase(here.begin() + long(n));
+    } else if (kind == 5 && !here.empty()) {
+      const auto& task = here[random() % here.size()];
+      if (random() % 2 == 0) {
+        queue.Raise(*task);
+      } else {
+        queue.Move(*task, random() % FairQueue::kLanes);
+      }
+    } else if (const auto lanes = FairQueue::Lanes(random()) & kAll; const auto task = queue.Pop(lanes)) {
+      here.erase(std::find(here.begin(), here.end(), task));
+    } else {
+      EXPECT_EQ(queue.lanes() & lanes, 0u);
+    }
+    double ms = 0;
+    for (const auto& task : here) ms += task->traits.cost.run_ms;
+    ASSERT_EQ(queue.size(), here.size());
+    ASSERT_NEAR(queue.waiting_ms(), ms, 1e-6);
+  }
+  size_t of_clients = 0;
+  for (char c = 'a'; c < 'h'; ++c) of_clients += queue.WaitingOf(std::string(1, c));
+  EXPECT_EQ(of_clients, here.size());
+}
+
+TEST(FairQueueTest, WhatIsAheadIsTheClientsOwnAndItsShareOfOthers) {
+  Queue queue;
+  EXPECT_EQ(queue.AheadMs(Priority::kNormal, "a", 5), 0);
+  for (int i = 0; i < 100; ++i) queue.Add("greedy", Priority::kNormal, 10);
+  EXPECT_NEAR(queue.AheadMs(Priority::kNormal, "modest", 10), 20, 1e-9) << "one turn of each";
+  EXPECT_NEAR(queue.AheadMs(Priority::kNormal, "greedy", 10), 1000, 1e-9);
+  EXPECT_NEAR(queue.AheadMs(Priority::kHigh, "modest", 16), 4, 1e-9)
+      << "a quarter of its own time goes to the normal ones";
+  EXPECT_NEAR(queue.AheadMs(Priority::kLow, "modest", 10), 40, 1e-9);
+}
+
+}  // namespace
+}  // namespace voxelpipe
