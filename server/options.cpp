@@ -58,6 +58,14 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--stream-above-mb", o.stream_above_mb,
       "MiB: larger dense results leave slab by slab while they are made, and bound no memory by their size")
       ->check(CLI::Range(uint64_t{0}, uint64_t{1} << 30));
+  add("--piece-bytes", o.piece_bytes, "Bytes of a result in one message")
+      ->transform(size)
+      ->check(CLI::Range(uint64_t{64} << 10, uint64_t{4} << 20));
+  add("--stream-buffer-bytes", o.stream_buffer_bytes,
+      "Pieces of one result that leaves slab by slab and wait for their client; its worker waits beyond that")
+      ->transform(size);
+  add("--zstd-level", o.zstd_level, "Compression of results whose request asks for it: 1 is fast, 19 small")
+      ->check(CLI::Range(1, 19));
   add("--stall-timeout-ms", o.stall_timeout_ms, "Let a client go that takes nothing of its answer for so long")
       ->check(CLI::Range(1u, 1'000'000'000u));
   add("--upload-idle-timeout-ms", o.upload_idle_timeout_ms,

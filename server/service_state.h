@@ -21,12 +21,8 @@ namespace voxelpipe {
 
 // Largest request message. Meshes beyond it come in several pieces.
 inline constexpr int kMaxMessageBytes = 64 << 20;
-// Bytes of a result in one response message.
-inline constexpr uint64_t kPieceBytes = 1 << 20;
 // What an upload has to bring in each --upload-idle-timeout-ms, or its end: a byte now and then is idle, too.
 inline constexpr uint64_t kLeastUploadBytes = 64 << 10;
-// Pieces of a streamed result that wait for the client; the worker waits beyond that.
-inline constexpr size_t kMaxPiecesInFlight = 4;
 
 JobLimits LimitsOf(const ServerOptions& resolved);
 WorkerPoolOptions WorkersOf(const ServerOptions& resolved);

@@ -36,7 +36,7 @@ void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& respon
 
 }  // namespace
 
-grpc::ServerBidiReactor<v1::VoxelizeRequest, v1::VoxelizeResponse>* VoxelizationServiceImpl::Voxelize(
+grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizationServiceImpl::Voxelize(
     grpc::CallbackServerContext* context) {
   return VoxelizeCall::Create(state_, *context);
 }

@@ -1,38 +1,98 @@
 #include "calls/result_pieces.h"
 
+#include <algorithm>
+#include <utility>
+#include <vector>
+
 #include "base/crc32c.h"
 #include "wire/response.h"
 
 namespace voxelpipe {
 
-void ResultPieces::MakeHeader(const ResultHeader& header, v1::VoxelizeResponse& response) {
-  response.Clear();
+ResultPieces::ResultPieces(const CallSettings& settings, const PieceOptions& options, ResponseCoder coder)
+    : options_(options), hashed_(settings.content_hash), coder_(coder) {
+  if (settings.compression == Compression::kZstd) compressor_.emplace(options.zstd_level);
+}
+
+grpc::ByteBuffer ResultPieces::Header(const ResultHeader& header) const {
+  v1::VoxelizeResponse response;
   *response.mutable_header() = ToMessage(header);
+  return coder_.Message(response);
 }
 
-void ResultPieces::MakePiece(size_t array, std::span<const uint8_t> bytes, v1::VoxelizeResponse& response) {
-  response.Clear();
-  if (array != array_) {
-    array_ = array;
-    offset_ = 0;
+CodedPiece ResultPieces::Code(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner) {
+  if (array != std::exchange(array_, array)) offset_ = 0;
+  CodedPiece piece;
+  piece.array = uint32_t(array);
+  piece.offset = std::exchange(offset_, offset_ + bytes.size());
+  piece.data = bytes;
+  piece.owner = std::move(owner);
+  std::optional<std::vector<uint8_t>> frame;
+  if (compressor_) frame = compressor_->Compress(bytes);
+  if (frame) {
+    piece.raw_bytes = bytes.size();
+    auto kept = std::make_shared<const std::vector<uint8_t>>(*std::move(frame));
+    piece.data = *kept;
+    piece.owner = std::move(kept);
+  } else if (piece.owner == nullptr) {
+    auto kept = std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end());
+    piece.data = *kept;
+    piece.owner = std::move(kept);
   }
-  hash_.Update(bytes);
-  v1::ResultPiece* piece = response.mutable_piece();
-  piece->set_target(uint32_t(array));
-  piece->set_offset(offset_);
-  piece->set_data(bytes.data(), bytes.size());
-  piece->set_crc32c(Crc32c(bytes));
-  offset_ += bytes.size();
+  piece.crc32c = Crc32c(piece.data);
   bytes_ += bytes.size();
+  sent_bytes_ += piece.data.size();
+  return piece;
 }
 
-void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::VoxelizeResponse& response) {
-  response.Clear();
-  v1::Summary* summary = response.mutable_summary();
-  *summary->mutable_stats() = ToMessage(outcome.result.stats);
-  *summary->mutable_mesh() = ToMessage(outcome.report, outcome.examined, outcome.warnings);
-  summary->set_peak_bytes(outcome.peak_bytes);
-  summary->set_content_sha256(hash_.HexDigest());
+grpc::ByteBuffer ResultPieces::Piece(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner) {
+  return coder_.Piece(Code(array, bytes, std::move(owner)));
+}
+
+void ResultPieces::Hash(std::span<const uint8_t> bytes) {
+  if (!hashed_) return;
+  if (!hash_) hash_.emplace();
+  hash_->Update(bytes);
+}
+
+void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) {
+  *summary.mutable_stats() = ToMessage(outcome.result.stats);
+  *summary.mutable_mesh() = ToMessage(outcome.report, outcome.examined, outcome.warnings);
+  summary.set_peak_bytes(outcome.peak_bytes);
+  if (hashed_) {
+    if (!hash_) hash_.emplace();
+    summary.set_content_sha256(hash_->HexDigest());
+  }
+  summary.set_result_bytes(bytes_);
+  summary.set_sent_bytes(sent_bytes_);
+}
+
+grpc::ByteBuffer ResultPieces::Summary(const JobOutcome& outcome) {
+  v1::VoxelizeResponse response;
+  MakeSummary(outcome, *response.mutable_summary());
+  return coder_.Message(response);
+}
+
+grpc::ByteBuffer ResultPieces::Whole(const v1::VoxelizationPlan& plan,
+                                     const std::shared_ptr<const JobOutcome>& outcome) {
+  v1::WholeResult head;
+  *head.mutable_accepted() = plan;
+  *head.mutable_header() = ToMessage(HeaderOf(outcome->result));
+  std::vector<CodedPiece> pieces;
+  const std::vector<std::span<const uint8_t>> arrays = ArraysOf(outcome->result);
+  for (size_t i = 0; i < arrays.size(); ++i) {
+    if (arrays[i].empty()) continue;
+    pieces.push_back(Code(i, arrays[i], outcome));
+    Hash(arrays[i]);
+  }
+  MakeSummary(*outcome, *head.mutable_summary());
+  return coder_.Whole(head, pieces);
+}
+
+uint64_t ResultBytes(const VoxelizeResult& result) {
+  uint64_t bytes = 0;
+  for (const std::span<const uint8_t> array : ArraysOf(result)) bytes += array.size();
+  return bytes;
 }
 
 }  // namespace voxelpipe

@@ -1,31 +1,66 @@
-// The messages of a result, made one at a time in stream order: header, pieces, summary.
+// The messages of a result, made one at a time in stream order: header, pieces, summary; or all in one.
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <span>
+#include <string>
 
+#include <grpcpp/support/byte_buffer.h>
+
+#include "calls/response_coder.h"
+#include "calls/zstd_piece.h"
 #include "pipeline/result.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
+#include "wire/call_settings.h"
 #include "work/job.h"
 #include "work/sha256.h"
 
 namespace voxelpipe {
 
+// A result of at most so many bytes goes into one message where the client can take that.
+inline constexpr uint64_t kWholeBytes = 1 << 20;
+
+struct PieceOptions {
+  uint64_t piece_bytes = 1 << 20;  // of the result in one piece
+  int zstd_level = 1;
+};
+
 // Keeps what the messages of one result share: where the next byte belongs, and the hash. Not thread-safe.
 class ResultPieces {
  public:
-  static void MakeHeader(const ResultHeader& header, v1::VoxelizeResponse& response);
-  // `bytes`, at most kPieceBytes, follow those of the piece before, or begin the next array.
-  void MakePiece(size_t array, std::span<const uint8_t> bytes, v1::VoxelizeResponse& response);
-  // After the last piece. Call once.
-  void MakeSummary(const JobOutcome& outcome, v1::VoxelizeResponse& response);
+  ResultPieces(const CallSettings& settings, const PieceOptions& options, ResponseCoder coder = {});
 
-  uint64_t bytes() const { return bytes_; }  // of all pieces so far
+  grpc::ByteBuffer Header(const ResultHeader& header) const;
+  // `bytes` follow those of the piece before, or begin the next array. `owner` keeps them; null: they are copied.
+  grpc::ByteBuffer Piece(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner);
+  // Every piece's bytes in order, apart from Piece so that hashing goes on while they are sent. Not needed where the hash is known.
+  void Hash(std::span<const uint8_t> bytes);
+  // After the last piece. Call once.
+  grpc::ByteBuffer Summary(const JobOutcome& outcome);
+
+  // All of a small result. Call alone, once. `outcome` stays until gRPC has sent the message.
+  grpc::ByteBuffer Whole(const v1::VoxelizationPlan& plan, const std::shared_ptr<const JobOutcome>& outcome);
+
+  uint64_t piece_bytes() const { return options_.piece_bytes; }
+  uint64_t bytes() const { return bytes_; }            // of all pieces so far
+  uint64_t sent_bytes() const { return sent_bytes_; }  // of the same, as they are sent
 
  private:
+  CodedPiece Code(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner);
+  void MakeSummary(const JobOutcome& outcome, v1::Summary& summary);
+
+  const PieceOptions options_;
+  const bool hashed_;
+  const ResponseCoder coder_;
+  std::optional<PieceCompressor> compressor_;
   size_t array_ = 0;
-  uint64_t offset_ = 0, bytes_ = 0;
-  Sha256 hash_;
+  uint64_t offset_ = 0, bytes_ = 0, sent_bytes_ = 0;
+  std::optional<Sha256> hash_;  // made when it is needed
 };
+
+// Of all arrays together.
+uint64_t ResultBytes(const VoxelizeResult& result);
 
 }  // namespace voxelpipe

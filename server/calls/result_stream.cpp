@@ -1,42 +1,35 @@
 #include "calls/result_stream.h"
 
 #include <algorithm>
-#include <span>
-#include <vector>
-
-#include "service_state.h"
+#include <utility>
 
 namespace voxelpipe {
 
-bool ResultStream::Next(v1::VoxelizeResponse& response) {
-  if (part_ == Part::kHeader) {
-    ResultPieces::MakeHeader(HeaderOf(outcome_.result), response);
-    part_ = Part::kPieces;
-    return true;
-  }
-  if (part_ == Part::kPieces) {
-    if (NextPiece(response)) return true;
-    part_ = Part::kSummary;
-  }
-  if (part_ == Part::kEnd) return false;
-  pieces_.MakeSummary(outcome_, response);
-  part_ = Part::kEnd;
-  return true;
-}
+ResultStream::ResultStream(std::shared_ptr<const JobOutcome> outcome, const CallSettings& settings,
+                           const PieceOptions& options, ResponseCoder coder)
+    : outcome_(std::move(outcome)), arrays_(ArraysOf(outcome_->result)), pieces_(settings, options, coder) {}
 
-bool ResultStream::NextPiece(v1::VoxelizeResponse& response) {
-  const std::vector<HostBuffer*> arrays = MutableArraysOf(outcome_.result);
-  while (array_ < arrays.size() && offset_ == arrays[array_]->size()) {
-    *arrays[array_] = HostBuffer();  // sent: make room
+grpc::ByteBuffer ResultStream::Next() {
+  if (part_ == Part::kHeader) {
+    part_ = Part::kPieces;
+    return pieces_.Header(HeaderOf(outcome_->result));
+  }
+  while (array_ < arrays_.size() && offset_ == arrays_[array_].size()) {
     ++array_;
     offset_ = 0;
   }
-  if (array_ == arrays.size()) return false;
-  const std::span<const uint8_t> all = arrays[array_]->bytes();
-  const std::span<const uint8_t> data = all.subspan(offset_, std::min(kPieceBytes, all.size() - offset_));
-  pieces_.MakePiece(array_, data, response);
-  offset_ += data.size();
-  return true;
+  if (array_ == arrays_.size()) {
+    part_ = Part::kEnd;
+    return pieces_.Summary(*outcome_);
+  }
+  const std::span<const uint8_t> all = arrays_[array_];
+  to_hash_ = all.subspan(offset_, std::min(pieces_.piece_bytes(), all.size() - offset_));
+  offset_ += to_hash_.size();
+  return pieces_.Piece(array_, to_hash_, outcome_);
+}
+
+void ResultStream::CatchUp() {
+  if (!to_hash_.empty()) pieces_.Hash(std::exchange(to_hash_, {}));
 }
 
 }  // namespace voxelpipe

@@ -2,32 +2,41 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <span>
+
+#include <grpcpp/support/byte_buffer.h>
 
 #include "calls/result_pieces.h"
-#include "voxelpipe/v1/voxelization_service.pb.h"
 #include "work/job.h"
 
 namespace voxelpipe {
 
+// Not thread-safe. What was handed out keeps the outcome until gRPC has sent it, also after the stream is gone.
 class ResultStream {
  public:
-  explicit ResultStream(JobOutcome outcome) : outcome_(std::move(outcome)) {}
+  ResultStream(std::shared_ptr<const JobOutcome> outcome, const CallSettings& settings, const PieceOptions& options,
+               ResponseCoder coder = {});
 
-  // Fills `response` with the next message; false when the summary has been made already.
-  bool Next(v1::VoxelizeResponse& response);
+  // The next message. Not after the last one, the summary.
+  grpc::ByteBuffer Next();
+  // Work that need not be done before the message of Next is on its way. Call between two of them.
+  void CatchUp();
+  bool done() const { return part_ == Part::kEnd; }
 
-  uint64_t bytes_sent() const { return pieces_.bytes(); }
-  const JobOutcome& outcome() const { return outcome_; }
+  uint64_t bytes() const { return pieces_.bytes(); }
+  uint64_t sent_bytes() const { return pieces_.sent_bytes(); }
+  const JobOutcome& outcome() const { return *outcome_; }
 
  private:
-  enum class Part { kHeader, kPieces, kSummary, kEnd };
+  enum class Part { kHeader, kPieces, kEnd };
 
-  bool NextPiece(v1::VoxelizeResponse& response);
-
-  JobOutcome outcome_;
+  const std::shared_ptr<const JobOutcome> outcome_;
+  const std::vector<std::span<const uint8_t>> arrays_;
   Part part_ = Part::kHeader;
   size_t array_ = 0;
   uint64_t offset_ = 0;
+  std::span<const uint8_t> to_hash_;
   ResultPieces pieces_;
 };
 

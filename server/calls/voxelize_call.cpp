@@ -1,10 +1,12 @@
 #include "calls/voxelize_call.h"
 
 #include <algorithm>
-#include <new>
 #include <utility>
 
+#include <grpcpp/impl/codegen/proto_utils.h>
+
 #include "absl/strings/str_cat.h"
+#include "base/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
 #include "meshes/prepare_kept.h"
@@ -20,6 +22,10 @@ constexpr std::chrono::milliseconds kLookEvery{20};
 // Progress within a stage is not told more often.
 constexpr std::chrono::milliseconds kProgressInterval{100};
 
+PieceOptions PiecesOf(const ServerOptions& options) {
+  return {.piece_bytes = options.piece_bytes, .zstd_level = options.zstd_level};
+}
+
 }  // namespace
 
 VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerContext& context) {
@@ -30,7 +36,7 @@ VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerCont
     call->End(std::move(status));
   } else {
     call->upload_wait_->Begin();
-    call->StartRead(&call->request_);
+    call->StartRead(&call->read_);
   }
   return call.get();
 }
@@ -64,28 +70,46 @@ void VoxelizeCall::OnReadDone(bool ok) {
     UploadEnded();
     return;
   }
-  absl::Status taken;
-  {
+  v1::VoxelizeRequest request;
+  absl::Status taken = absl::InvalidArgumentError("message: not a VoxelizeRequest");
+  if (grpc::SerializationTraits<v1::VoxelizeRequest>::Deserialize(&read_, &request).ok()) {
     const std::lock_guard lock(mutex_);  // the watch may end the call meanwhile
     if (end_) return;
-    taken = TakeMessage();
+    taken = TakeMessage(request);
   }
+  if (!taken.ok() || whole_) upload_wait_->End();
   if (!taken.ok()) {
-    upload_wait_->End();
     End(std::move(taken));
+    return;
+  }
+  if (whole_) {
+    SubmitJob();
     return;
   }
   if (record_.bytes_in - upload_bytes_seen_ >= kLeastUploadBytes) {
     upload_bytes_seen_ = record_.bytes_in;
     upload_wait_->Begin();
   }
-  StartRead(&request_);
+  StartRead(&read_);
 }
 
-absl::Status VoxelizeCall::TakeMessage() {
-  switch (request_.message_case()) {
-    case v1::VoxelizeRequest::kConfig: return TakeConfig(request_.config());
-    case v1::VoxelizeRequest::kMeshPiece: return TakePiece(std::move(*request_.mutable_mesh_piece()));
+absl::Status VoxelizeCall::TakeMessage(v1::VoxelizeRequest& request) {
+  const auto take_bytes = [&](std::string bytes) {
+    if (request.has_crc32c() &&
+        Crc32c({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}) != request.crc32c()) {
+      return absl::DataLossError(
+          absl::StrCat("the CRC-32C of the mesh bytes from offset ", record_.bytes_in, " does not fit"));
+    }
+    return TakePiece(std::move(bytes));
+  };
+  switch (request.message_case()) {
+    case v1::VoxelizeRequest::kConfig: return TakeConfig(request.config());
+    case v1::VoxelizeRequest::kMeshPiece: return take_bytes(std::move(*request.mutable_mesh_piece()));
+    case v1::VoxelizeRequest::kWhole: {
+      if (absl::Status s = TakeConfig(request.whole().config()); !s.ok()) return s;
+      whole_ = true;
+      return take_bytes(std::move(*request.mutable_whole()->mutable_mesh()));
+    }
     default: return absl::InvalidArgumentError("message: neither a config nor a mesh piece");
   }
 }
@@ -124,6 +148,10 @@ void VoxelizeCall::UploadEnded() {
     End(absl::InvalidArgumentError("config: the stream ended without one"));
     return;
   }
+  SubmitJob();
+}
+
+void VoxelizeCall::SubmitJob() {
   {
     const std::lock_guard lock(mutex_);
     if (end_) return;
@@ -138,70 +166,113 @@ void VoxelizeCall::UploadEnded() {
 
 absl::Status VoxelizeCall::Planned(const Plan& plan, bool may_wait) {
   uploads_.ShrinkTo(0);  // the file is gone since it was loaded
+  working_.ShrinkTo(0);  // of a worker that failed
   if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
-  v1::VoxelizeResponse response;
-  *response.mutable_accepted() = ToMessage(plan);
-  Post(std::move(response));
+  if (std::exchange(planned_, true)) return absl::OkStatus();
+  if (whole_ && plan.result_bytes <= kWholeBytes) {
+    plan_ = ToMessage(plan);
+  } else {
+    v1::VoxelizeResponse response;
+    *response.mutable_accepted() = ToMessage(plan);
+    Post(response);
+    whole_ = false;
+  }
   return absl::OkStatus();
 }
 
 void VoxelizeCall::Done(absl::StatusOr<JobOutcome> outcome) {
   mesh.reset();
   kept.reset();
-  std::unique_ptr<ResultStream> result;
-  if (outcome.ok() && outcome->streamed) {
-    v1::VoxelizeResponse summary;
-    pieces_made_.MakeSummary(*outcome, summary);
-    Post(std::move(summary));
-  } else if (outcome.ok()) {
-    uint64_t result_bytes = 0;
-    for (const std::span<const uint8_t> array : ArraysOf(outcome->result)) result_bytes += array.size();
-    working_.ShrinkTo(result_bytes);
-    result = std::make_unique<ResultStream>(*std::move(outcome));
+  if (!outcome.ok()) {
+    {
+      const std::lock_guard lock(mutex_);
+      submitted_ = false;
+      if (end_) FreeLocked();  // the call ended while the job still ran
+    }
+    End(outcome.status());
+    return;
+  }
+  if (!outcome->streamed) {
+    working_.ShrinkTo(ResultBytes(outcome->result));
+    Answer(std::make_shared<const JobOutcome>(*std::move(outcome)));
+    return;
+  }
+  grpc::ByteBuffer summary = pieces_made().Summary(*outcome);
+  {
+    const std::lock_guard lock(mutex_);
+    submitted_ = false;
+    pending_.push_back(std::move(summary));
+    record_.bytes_out = pieces_made().sent_bytes();
+    record_.raw_bytes_out = pieces_made().bytes();
+    record_.facts = Facts(*outcome);
+    last_is_pending_ = true;
+    if (end_) FreeLocked();
+  }
+  Pump();
+}
+
+void VoxelizeCall::Answer(std::shared_ptr<const JobOutcome> outcome) {
+  const PieceOptions options = PiecesOf(state_.options);
+  std::shared_ptr<ResultStream> result;
+  std::optional<grpc::ByteBuffer> message;
+  uint64_t sent_bytes = 0, raw_bytes = 0;
+  if (plan_ && ResultBytes(outcome->result) <= kWholeBytes) {
+    ResultPieces whole(config.settings, options);
+    message = whole.Whole(*plan_, outcome);
+    sent_bytes = whole.sent_bytes();
+    raw_bytes = whole.bytes();
+  } else {
+    if (plan_) {  // the plan did not know how large it would be
+      v1::VoxelizeResponse response;
+      *response.mutable_accepted() = *std::move(plan_);
+      Post(response);
+    }
+    result = std::make_shared<ResultStream>(outcome, config.settings, options);
   }
   {
     const std::lock_guard lock(mutex_);
     submitted_ = false;
-    record_.bytes_out = pieces_made_.bytes();
     if (end_) {
       FreeLocked();  // the call ended while the job still ran
-    } else if (result) {
-      record_.facts = Facts(result->outcome());
-      result_ = std::move(result);
-    } else if (outcome.ok()) {
+    } else {
       record_.facts = Facts(*outcome);
-      streamed_ = true;
+      result_ = std::move(result);
+      if (message) {
+        record_.bytes_out = sent_bytes;
+        record_.raw_bytes_out = raw_bytes;
+        pending_.push_back(*std::move(message));
+        last_is_pending_ = true;
+      }
     }
   }
-  if (!outcome.ok()) {
-    End(outcome.status());
-  } else {
-    Pump();
-  }
+  Pump();
+}
+
+ResultPieces& VoxelizeCall::pieces_made() {
+  if (!pieces_made_) pieces_made_.emplace(config.settings, PiecesOf(state_.options));
+  return *pieces_made_;
 }
 
 absl::Status VoxelizeCall::Begin(const ResultHeader& header) {
-  v1::VoxelizeResponse response;
-  ResultPieces::MakeHeader(header, response);
-  Post(std::move(response));
+  Post(pieces_made().Header(header));
   return absl::OkStatus();
 }
 
 absl::Status VoxelizeCall::Write(size_t array, std::span<const uint8_t> bytes) {
   while (!bytes.empty()) {
-    if (absl::Status s = WaitForRoom(); !s.ok()) return s;
-    const std::span<const uint8_t> piece = bytes.first(std::min<uint64_t>(kPieceBytes, bytes.size()));
-    v1::VoxelizeResponse response;
-    pieces_made_.MakePiece(array, piece, response);
-    Post(std::move(response));
+    const std::span<const uint8_t> piece = bytes.first(std::min<uint64_t>(pieces_made().piece_bytes(), bytes.size()));
+    if (absl::Status s = WaitForRoom(piece.size()); !s.ok()) return s;
+    Post(pieces_made().Piece(array, piece, nullptr));
+    pieces_made().Hash(piece);
     bytes = bytes.subspan(piece.size());
   }
   return absl::OkStatus();
 }
 
-absl::Status VoxelizeCall::WaitForRoom() {
+absl::Status VoxelizeCall::WaitForRoom(size_t bytes) {
   std::unique_lock lock(mutex_);
-  while (!end_ && pending_.size() >= kMaxPiecesInFlight) {
+  // One piece may always wait. Who takes nothing is let go by Sweep, which ends the call.
+  while (!end_ && !pending_.empty() && pending_bytes_ + bytes > state_.options.stream_buffer_bytes) {
     if (absl::Status s = context.Check(); !s.ok()) return s;
     room_.wait_for(lock, kLookEvery);  // a deadline that passes is not notified
   }
@@ -209,11 +280,15 @@ absl::Status VoxelizeCall::WaitForRoom() {
 }
 
 void VoxelizeCall::GiveUp(std::string_view why) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (finished_) end_ = absl::AbortedError(std::string(why));  // the last message is what the client does not take
+  }
   End(absl::AbortedError(std::string(why)));
   bool writing;
   {
     const std::lock_guard lock(mutex_);
-    writing = writing_;
+    writing = writing_ || finished_;
   }
   if (context.Check().ok()) context.Cancel();
   if (writing) HangUp();  // only the end of that write lets the call finish
@@ -225,54 +300,87 @@ void VoxelizeCall::HangUp() {
 }
 
 void VoxelizeCall::OnProgress(std::string_view stage, double fraction) {
+  if (whole_) return;  // told in one message, or not before the plan
   const auto now = std::chrono::steady_clock::now();
   if (fraction > 0 && now - last_progress_ < kProgressInterval) return;
   last_progress_ = now;
   v1::VoxelizeResponse response;
   response.mutable_progress()->set_stage(std::string(stage));
   response.mutable_progress()->set_fraction(fraction);
-  Post(std::move(response));
+  Post(response);
 }
 
-void VoxelizeCall::Post(v1::VoxelizeResponse response) {
+void VoxelizeCall::Post(const v1::VoxelizeResponse& response) {
+  Post(ResponseCoder().Message(response));
+}
+
+void VoxelizeCall::Post(grpc::ByteBuffer message) {
   {
     const std::lock_guard lock(mutex_);
     if (end_) return;
-    pending_.push_back(std::move(response));
+    pending_bytes_ += message.Length();
+    pending_.push_back(std::move(message));
   }
   Pump();
 }
 
 void VoxelizeCall::Pump() {
   std::unique_lock lock(mutex_);
-  if (writing_ || finished_) return;
-  if (!end_) {
+  while (!making_ && !writing_ && !finished_) {
+    if (end_) {
+      finished_ = true;
+      const grpc::Status status = ToGrpcStatus(*end_);
+      lock.unlock();
+      Finish(status);
+      return;
+    }
+    bool last = false;
+    std::shared_ptr<ResultStream> result;
+    std::shared_ptr<VoxelizeCall> keep;
     if (!pending_.empty()) {
-      response_ = std::move(pending_.front());
+      writing_message_ = std::move(pending_.front());
       pending_.pop_front();
-      writing_ = true;
-    } else if (streamed_) {
-      end_ = absl::OkStatus();
-    } else if (result_ && result_->Next(response_)) {
-      writing_ = true;
+      pending_bytes_ -= std::min(pending_bytes_, writing_message_.Length());
+      last = last_is_pending_ && pending_.empty();
     } else if (result_) {
-      record_.bytes_out = result_->bytes_sent();
-      FreeLocked();
-      end_ = absl::OkStatus();
+      // Made without the lock: hashing and copying a piece takes its time. End leaves the stream alone meanwhile.
+      result = result_;
+      keep = self_;
+      making_ = true;
+      lock.unlock();
+      grpc::ByteBuffer message = result->Next();
+      lock.lock();
+      if (end_) {
+        making_ = false;
+        FreeLocked();
+        continue;
+      }
+      writing_message_ = std::move(message);
+      record_.bytes_out = result->sent_bytes();
+      record_.raw_bytes_out = result->bytes();
+      last = result->done();
     } else {
       return;  // the job goes on
     }
-  }
-  finished_ = !writing_;
-  // Claimed: from here on no other thread starts a write or finishes, so gRPC is called without the lock.
-  const bool finish = finished_;
-  const absl::Status status = finish ? *end_ : absl::OkStatus();
-  lock.unlock();
-  if (finish) {
-    Finish(ToGrpcStatus(status));
-  } else {
+    // From here on no other thread starts a write or finishes, so gRPC is called without the lock.
+    if (last) {
+      end_ = absl::OkStatus();
+      finished_ = true;
+      making_ = false;
+      lock.unlock();
+      write_wait_->Begin();
+      StartWriteAndFinish(&writing_message_, grpc::WriteOptions(), grpc::Status::OK);
+      return;
+    }
+    writing_ = true;
+    lock.unlock();
     write_wait_->Begin();
-    StartWrite(&response_);
+    StartWrite(&writing_message_);
+    if (!result) return;
+    result->CatchUp();  // while the piece is on its way
+    lock.lock();
+    making_ = false;  // and where the write is done by now, the next one is this thread's
+    if (end_) FreeLocked();
   }
 }
 
@@ -296,6 +404,7 @@ void VoxelizeCall::End(absl::Status status) {
     const std::lock_guard lock(mutex_);
     if (!end_) end_ = std::move(status);
     pending_.clear();
+    pending_bytes_ = 0;
     FreeLocked();
   }
   room_.notify_all();
@@ -303,8 +412,7 @@ void VoxelizeCall::End(absl::Status status) {
 }
 
 void VoxelizeCall::FreeLocked() {
-  if (submitted_) return;  // freed when the worker is done
-  if (result_) record_.bytes_out = result_->bytes_sent();
+  if (submitted_ || making_) return;  // freed when the worker, or who makes a message, is done
   result_.reset();
   pieces.clear();
   uploads_.ShrinkTo(0);
@@ -323,6 +431,7 @@ void VoxelizeCall::OnCancel() {
 
 void VoxelizeCall::OnDone() {
   std::shared_ptr<VoxelizeCall> keep;
+  write_wait_->End();
   {
     const std::lock_guard lock(context_mutex_);
     context_gone_ = true;
@@ -330,6 +439,7 @@ void VoxelizeCall::OnDone() {
   {
     const std::lock_guard lock(mutex_);
     record_.Log(end_.value_or(absl::UnknownError("the call ended by itself")));
+    FreeLocked();
     keep = std::move(self_);
   }
 }

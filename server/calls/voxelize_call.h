@@ -8,7 +8,6 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <vector>
 
 #include <grpcpp/grpcpp.h>
 
@@ -19,16 +18,17 @@
 #include "calls/result_pieces.h"
 #include "calls/result_stream.h"
 #include "service_state.h"
-#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
 #include "work/byte_budget.h"
 #include "work/voxelize_job.h"
 
 namespace voxelpipe {
 
-// gRPC's threads call the On... functions and never wait here; workers call those of VoxelizeJob and ResultSink. A result that stands in memory is
-// sent without the worker; one that leaves slab by slab is sent by the worker, which waits for the client to take it. The object lives until gRPC is
-// done with the call and the worker is done with the job, whichever comes last.
-class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v1::VoxelizeResponse>,
+// gRPC's threads call the On... functions and never wait here; workers call those of VoxelizeJob and ResultSink. A result that
+// stands in memory is sent without the worker, from where it stands; one that leaves slab by slab is sent by the worker, which waits
+// for the client to take it. The object lives until gRPC is done with the call and the worker is done with the job, whichever comes
+// last.
+class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>,
                            private VoxelizeJob,
                            private ResultSink {
  public:
@@ -44,10 +44,11 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
   VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& context);
 
   // With mutex_ held.
-  absl::Status TakeMessage();
+  absl::Status TakeMessage(v1::VoxelizeRequest& request);
   absl::Status TakeConfig(const v1::VoxelizeConfig& config);
   absl::Status TakePiece(std::string piece);
   void UploadEnded();
+  void SubmitJob();
 
   // On a worker's thread.
   absl::Status Planned(const Plan& plan, bool may_wait) override;
@@ -55,11 +56,15 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
   void Done(absl::StatusOr<JobOutcome> outcome) override;
   absl::Status Begin(const ResultHeader& header) override;
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override;
-  absl::Status WaitForRoom();
+  absl::Status WaitForRoom(size_t bytes);
   void OnProgress(std::string_view stage, double fraction);
+  ResultPieces& pieces_made();
 
-  // Queues a small message.
-  void Post(v1::VoxelizeResponse response);
+  // Answers with a result in memory.
+  void Answer(std::shared_ptr<const JobOutcome> outcome);
+  // Queues a message.
+  void Post(const v1::VoxelizeResponse& response);
+  void Post(grpc::ByteBuffer message);
   // Makes the two waits below.
   void WatchForIdleness();
   // The client neither sends nor takes anything.
@@ -80,14 +85,17 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
   CallRecord record_;
 
   // The upload: touched by one read at a time, with mutex_ held, then by the worker.
-  v1::VoxelizeRequest request_;
+  grpc::ByteBuffer read_;
   bool configured_ = false;
   uint64_t upload_bytes_seen_ = 0;  // when the wait for more began
+  bool whole_ = false;              // everything came in one message, and a small result goes back in one
   BudgetShare uploads_, working_;
+  bool planned_ = false;
   std::chrono::steady_clock::time_point last_progress_;
+  std::optional<v1::VoxelizationPlan> plan_;  // not told yet: it goes with the whole result
 
   // A streamed result: touched by the worker only.
-  ResultPieces pieces_made_;
+  std::optional<ResultPieces> pieces_made_;
 
   // For the upload, and for the client to take an answer.
   std::unique_ptr<IdleWatch::Wait> upload_wait_, write_wait_;
@@ -97,13 +105,15 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<v1::VoxelizeRequest, v
 
   std::mutex mutex_;
   std::condition_variable room_;  // a write was done, or the call ended
-  std::deque<v1::VoxelizeResponse> pending_;
-  std::unique_ptr<ResultStream> result_;
-  bool streamed_ = false;          // pending_ holds the last messages
-  v1::VoxelizeResponse response_;  // in flight while writing_
+  std::deque<grpc::ByteBuffer> pending_;
+  size_t pending_bytes_ = 0;
+  std::shared_ptr<ResultStream> result_;
+  bool last_is_pending_ = false;  // pending_ holds the last messages
+  grpc::ByteBuffer writing_message_;
   std::optional<absl::Status> end_;
   bool submitted_ = false;  // a worker has the job or will have it
-  bool writing_ = false, finished_ = false;
+  // A thread makes a message of result_; a write is in flight; gRPC has been told how the call ends.
+  bool making_ = false, writing_ = false, finished_ = false;
 };
 
 }  // namespace voxelpipe

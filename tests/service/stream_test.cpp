@@ -198,6 +198,22 @@ TEST_F(StreamTest, AClientThatStopsReadingIsLetGo) {
   EXPECT_NE(reader.Finish(), grpc::StatusCode::OK);
 }
 
+// A result in memory needs no worker any more, but its memory.
+TEST_F(StreamTest, AClientThatStopsReadingAResultInMemoryIsLetGo) {
+  server_ = StartServer({"--log-level", "warn", "--stall-timeout-ms", "300", "--max-working-bytes", "140M"});
+  ASSERT_NE(server_, nullptr);
+  client_ = ConnectTo(*server_);
+  ASSERT_NE(client_, nullptr);
+  NonReader reader(server_->address(), glb_, kPatience);
+  // 64 MiB are held for the one that does not read, so this one waits until they are given back.
+  JobContext job;
+  job.set_deadline(JobContext::Clock::now() + kPatience);
+  CountingSink sink;
+  const absl::Status status = client_->VoxelizeTo(glb_, MeshFormat::kGlb, Large(), job, sink).status();
+  EXPECT_TRUE(status.ok()) << status;
+  EXPECT_NE(reader.Finish(), grpc::StatusCode::OK);
+}
+
 TEST_F(StreamTest, ADeadlineWakesAWaitingWorker) {
   ASSERT_NO_FATAL_FAILURE(Start());
   NonReader reader(server_->address(), glb_, std::chrono::milliseconds(700));
