@@ -32,11 +32,15 @@ struct BatchStats {
   uint32_t passes = 0;               // times that the device's stages ran: 1 where all items shared one
   uint32_t shared = 0;               // items that ran together with others in a pass
   std::optional<uint64_t> launches;  // kernel launches of the shared passes; CUDA only
+  bool sharing = false;              // while shared passes run: an item that is done now was in one
 };
 
 // Gives each item its result or error: the same bytes as Voxelize of each alone. Returns when all are done. An item's error, cancellation or
 // deadline is its own. An item that shared a pass has the pass's time as its own. `threads` is that of the whole batch (0 = all); the items' own are not looked at.
 BatchStats VoxelizeBatch(const Backend& backend, std::span<const BatchItem> items, int threads,
                          const PlanLimits& limits = {});
+// The same; `stats` may be read by an item's `done`.
+void VoxelizeBatch(const Backend& backend, std::span<const BatchItem> items, int threads, const PlanLimits& limits,
+                   BatchStats& stats);
 
 }  // namespace voxelpipe

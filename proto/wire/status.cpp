@@ -31,6 +31,13 @@ google::rpc::ErrorInfo MakeErrorInfo(const char* reason) {
   return info;
 }
 
+google::rpc::RetryInfo MakeRetryInfo(std::chrono::milliseconds delay) {
+  google::rpc::RetryInfo retry;
+  retry.mutable_retry_delay()->set_seconds(delay.count() / 1000);
+  retry.mutable_retry_delay()->set_nanos(int32_t(delay.count() % 1000 * 1'000'000));
+  return retry;
+}
+
 template <typename Number>
 bool ReadNumber(const google::rpc::ErrorInfo& info, const char* key, Number& out) {
   const auto found = info.metadata().find(key);
@@ -50,6 +57,12 @@ absl::Status BusyError(std::string_view message, std::chrono::milliseconds delay
 absl::Status QuotaError(std::string_view message, std::string_view subject, std::chrono::milliseconds delay) {
   absl::Status status = BusyError(message, delay);
   status.SetPayload(kQuotaSubjectUrl, absl::Cord(absl::string_view(subject.data(), subject.size())));
+  return status;
+}
+
+absl::Status NotServingError(std::string_view message, std::chrono::milliseconds delay) {
+  absl::Status status = absl::UnavailableError(absl::string_view(message.data(), message.size()));
+  status.SetPayload(kRetryDelayUrl, absl::Cord(absl::StrCat(delay.count())));
   return status;
 }
 
@@ -90,10 +103,7 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
     details.add_details()->PackFrom(bad);
   } else if (status.code() == absl::StatusCode::kResourceExhausted) {
     if (const auto delay = RetryDelay(status)) {
-      google::rpc::RetryInfo retry;
-      retry.mutable_retry_delay()->set_seconds(delay->count() / 1000);
-      retry.mutable_retry_delay()->set_nanos(int32_t(delay->count() % 1000 * 1'000'000));
-      details.add_details()->PackFrom(retry);
+      details.add_details()->PackFrom(MakeRetryInfo(*delay));
       if (const auto subject = status.GetPayload(kQuotaSubjectUrl)) {
         google::rpc::QuotaFailure quota;
         quota.add_violations()->set_subject(std::string(*subject));
@@ -119,6 +129,8 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
     details.add_details()->PackFrom(missing);
   } else if (status.code() == absl::StatusCode::kFailedPrecondition) {
     details.add_details()->PackFrom(MakeErrorInfo("NOT_AVAILABLE"));
+  } else if (status.code() == absl::StatusCode::kUnavailable) {
+    if (const auto delay = RetryDelay(status)) details.add_details()->PackFrom(MakeRetryInfo(*delay));
   }
   return grpc::Status(grpc::StatusCode(int(status.code())), message, details.SerializeAsString());
 }

@@ -16,7 +16,9 @@ namespace voxelpipe {
 absl::Status BusyError(std::string_view message, std::chrono::milliseconds delay);
 // RESOURCE_EXHAUSTED because `subject` ("client:NAME") has used up what it may: a BusyError that carries google.rpc.QuotaFailure, too.
 absl::Status QuotaError(std::string_view message, std::string_view subject, std::chrono::milliseconds delay);
-// The delay of a BusyError, on either side of the wire.
+// UNAVAILABLE for a while: trying again after `delay` may work.
+absl::Status NotServingError(std::string_view message, std::chrono::milliseconds delay);
+// The delay of either, on both sides of the wire.
 std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status);
 
 // NOT_FOUND because the server keeps no mesh of this id, which travels as google.rpc.ResourceInfo.
@@ -30,6 +32,7 @@ std::optional<std::string> MissingMesh(const absl::Status& status);
 //                         need_bytes, limit_bytes and largest_resolution as numbers where they are known (LimitErrorOf)
 //   NOT_FOUND             ResourceInfo for a MissingMeshError: type "voxelpipe.v1.StoredMesh", name the mesh's id
 //   FAILED_PRECONDITION   ErrorInfo "NOT_AVAILABLE"
+//   UNAVAILABLE           RetryInfo for a NotServingError
 grpc::Status ToGrpcStatus(const absl::Status& status);
 
 // The client's half: RetryDelay, LimitErrorOf and MissingMesh work on what comes out. Messages that are not valid UTF-8 cannot come; all other

@@ -13,6 +13,7 @@
 #include "pipeline/voxelize.h"
 #include "wire/request.h"
 #include "work/job.h"
+#include "work/resumed_sink.h"
 #include "work/task.h"
 
 namespace voxelpipe {
@@ -36,9 +37,12 @@ class VoxelizeJob : public Task {
   std::deque<std::string> pieces;  // of the mesh file, or of the kept mesh's new positions; freed once they are loaded
   std::shared_ptr<const PreparedMesh> mesh;  // made of these
   uint32_t attempts = 0;                     // device workers that had it
+  bool planned = false;                      // Planned was OK
+  ResumedSink resumed;                       // before large_results(): what went there already
 
   // Called by the worker that runs the job, before rasterization. A status other than OK ends the job with it. Where what the job
-  // needs is not there now, waits for it, or, told not to, gives ABORTED: the job then runs alone later, and this is called again.
+  // needs is not there now, waits for it, or, told not to, gives ABORTED: the job then runs alone later, and this is called again. Not
+  // called any more after an OK: where a device failed and the job is run again, what it needs is there.
   virtual absl::Status Planned(const Plan& plan, bool may_wait) = 0;
   // Where dense results of more than one slab go, slab after slab; null: they are refused with RESOURCE_EXHAUSTED beyond the memory limit.
   virtual ResultSink* large_results() = 0;

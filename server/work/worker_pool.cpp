@@ -1,24 +1,49 @@
 #include "work/worker_pool.h"
 
 #include <algorithm>
+#include <atomic>
+#include <exception>
+#include <optional>
 #include <utility>
 
+#include <spdlog/spdlog.h>
+
 #include "absl/strings/str_cat.h"
-#include "cpu/backend.h"
-#include "pipeline/batch.h"
+#include "absl/strings/str_join.h"
+#include "base/device_failure.h"
+#include "observe/metrics.h"
+#include "pipeline/backend.h"
+#include "wire/status.h"
 
 namespace voxelpipe {
 namespace {
+
+using std::chrono::milliseconds;
+
+// How often the watch looks while there is something to see. Cancelled jobs of a GPU hear of it within this time.
+constexpr milliseconds kLookEvery{10};
+// How long a GPU may take to react when all its jobs are cancelled or late, ...
+constexpr milliseconds kCancelPatience{5'000};
+// ... and how long where the process wants to end.
+constexpr milliseconds kHastyPatience{300};
+// How long a probe may take. The first use of a device makes its context, which takes a while.
+constexpr milliseconds kProbePatience{20'000};
+// Threads that a device may keep: beyond that it gets no new worker, and with none left no probe.
+constexpr size_t kMaxLeftBehind = 8;
+// Times of a batch's predicted time that it may take in silence beyond the stall limit.
+constexpr int kPredictionSlack = 10;
+constexpr milliseconds kLeastRetryDelay{100};
+// Part of a device's memory that one batch may be predicted to take: its other workers and cached meshes need theirs.
+constexpr uint64_t kBatchShare = 4;
+
+std::atomic<size_t> left_behind{0};
 
 BackendChoice KindOf(const Backend& backend) {
   return backend.name() == "cuda" ? BackendChoice::kCuda : BackendChoice::kCpu;
 }
 
-// A result larger than this is made alone: it would hold up the others of a batch.
-constexpr uint64_t kLargestOfBatchBytes = 64 << 20;
-
-double QueueMs(const Task& task) {
-  return std::chrono::duration<double, std::milli>(JobContext::Clock::now() - task.traits.arrived).count();
+const char* KindName(BackendChoice kind) {
+  return kind == BackendChoice::kCuda ? "cuda" : kind == BackendChoice::kCpu ? "cpu" : "auto";
 }
 
 // Every task of a device worker is one.
@@ -26,25 +51,104 @@ VoxelizeJob& JobOf(Task& task) {
   return static_cast<VoxelizeJob&>(task);
 }
 
+absl::Status CallProbe(const Backend& backend) {
+  try {
+    return backend.Probe();
+  } catch (const std::exception& error) {
+    return absl::InternalError(absl::StrCat("the probe threw: ", error.what()));
+  }
+}
+
+std::string Words(const absl::Status& status) {
+  return std::string(status.message());
+}
+
 }  // namespace
+
+// Shared with its workers' threads, for those that are left behind.
+struct WorkerPool::Device {
+  Device(const DeviceWorkers& of, const WorkerPoolOptions& options)
+      : backend(*of.backend),
+        traits{of.backend->device(), KindOf(*of.backend), of.backend->memory_bytes() / kBatchShare},
+        workers(std::max(1, of.workers)),
+        // A thread of the CPU's cannot hang in a device; on a machine that has too much to do it may only seem so.
+        watched(traits.kind != BackendChoice::kCpu),
+        metrics(options.metrics == nullptr ? nullptr : &options.metrics->Device(traits.device)),
+        health(options.health) {
+    if (metrics == nullptr) return;
+    metrics->serving.Set(1);
+    metrics->workers.Set(workers);
+  }
+
+  const Backend& backend;
+  const WorkerTraits traits;
+  const int workers;
+  const bool watched;
+  DeviceMetrics* const metrics;  // null: nobody asks; not for threads left behind
+  bool told_serving = true;      // with the pool's change_mutex_
+
+  mutable std::mutex mutex;
+  std::condition_variable changed;
+  DeviceHealth health;
+  bool stopping = false;
+  size_t away = 0;  // threads left behind
+  int next_number = 0;
+  std::vector<std::shared_ptr<Worker>> crew;  // not those left behind
+};
+
+// What it does now is guarded by its device's lock.
+struct WorkerPool::Worker {
+  Worker(std::shared_ptr<Device> of, std::string called) : device(std::move(of)), name(std::move(called)) {}
+
+  const std::shared_ptr<Device> device;
+  const std::string name;  // "cuda:0/1"
+  std::shared_ptr<DeviceRun> run;
+  std::optional<Clock::time_point> probing_since;
+  bool is_left_behind = false, ended = false;
+  std::thread thread;
+};
 
 WorkerPool::WorkerPool(Scheduler& scheduler, const WorkerPoolOptions& options, const PlanLimits& limits)
     : scheduler_(scheduler), options_(options), limits_(limits) {
-  for (int i = 0; i < std::max(1, options.loaders); ++i) threads_.emplace_back([this] { LoadTasks(); });
-  for (const DeviceWorkers& device : options.devices) {
-    scheduler_.SetDevice({device.backend->device(), KindOf(*device.backend)}, size_t(std::max(1, device.workers)));
-    for (int i = 0; i < std::max(1, device.workers); ++i) {
-      threads_.emplace_back([this, backend = device.backend, worker = absl::StrCat(device.backend->device(), "/", i)] {
-        RunBatches(*backend, worker);
-      });
-    }
+  for (const DeviceWorkers& workers : options.devices) {
+    devices_.push_back(std::make_shared<Device>(workers, options_));
+    scheduler_.SetDevice(devices_.back()->traits, size_t(devices_.back()->workers));
   }
+  for (int i = 0; i < std::max(1, options.loaders); ++i) loaders_.emplace_back([this] { LoadTasks(); });
+  for (const auto& device : devices_) {
+    const std::lock_guard lock(device->mutex);
+    for (int i = 0; i < device->workers; ++i) StartWorker(device);
+  }
+  watch_ = std::thread([this] { Watch(); });
 }
 
 WorkerPool::~WorkerPool() {
   scheduler_.Drain();
+  for (const auto& device : devices_) {
+    const std::lock_guard lock(device->mutex);
+    device->stopping = true;
+    device->changed.notify_all();
+  }
   scheduler_.Stop();
-  for (std::thread& thread : threads_) thread.join();
+  for (std::thread& thread : loaders_) thread.join();
+  // A worker may be stuck in a probe: the watch leaves it behind, so that ends last.
+  Hasten();
+  for (const auto& device : devices_) {
+    std::unique_lock lock(device->mutex);
+    device->changed.wait(lock, [&] {
+      return std::all_of(device->crew.begin(), device->crew.end(), [](const auto& worker) { return worker->ended; });
+    });
+    const auto crew = std::move(device->crew);
+    device->crew.clear();
+    lock.unlock();
+    for (const auto& worker : crew) worker->thread.join();
+  }
+  {
+    const std::lock_guard lock(watch_mutex_);
+    stopping_ = true;
+  }
+  watch_changed_.notify_all();
+  watch_.join();
 }
 
 void WorkerPool::LoadTasks() {
@@ -58,89 +162,335 @@ void WorkerPool::LoadTasks() {
   }
 }
 
-void WorkerPool::RunBatches(const Backend& backend, const std::string& worker) {
-  const WorkerTraits traits{backend.device(), KindOf(backend)};
-  while (true) {
-    std::vector<std::shared_ptr<Task>> batch = scheduler_.TakeBatch(traits);
-    if (batch.empty()) return;
-    if (batch.size() == 1) {
-      RunAlone(backend, worker, JobOf(*batch[0]));
-    } else {
-      RunTogether(backend, worker, batch);
-    }
-    for (const std::shared_ptr<Task>& task : batch) scheduler_.Ended(*task);
+void WorkerPool::StartWorker(const std::shared_ptr<Device>& device) {
+  auto worker = std::make_shared<Worker>(device, absl::StrCat(device->traits.device, "/", device->next_number++));
+  device->crew.push_back(worker);
+  worker->thread = std::thread(Work, this, worker);
+}
+
+void WorkerPool::Work(WorkerPool* pool, std::shared_ptr<Worker> self) {
+  Device& device = *self->device;
+  while (pool->WaitUntilServing(*self)) {
+    std::vector<std::shared_ptr<Task>> batch = pool->scheduler_.TakeBatch(device.traits);
+    // Empty: the device does not serve any more, or the pool ends.
+    if (!batch.empty() && !pool->RunBatch(*self, std::move(batch))) break;
+  }
+  const std::lock_guard lock(device.mutex);
+  self->ended = true;
+  if (self->is_left_behind) {
+    --device.away;
+    --left_behind;
+  } else {
+    device.changed.notify_all();
   }
 }
 
-void WorkerPool::RunAlone(const Backend& backend, const std::string& worker, VoxelizeJob& job) {
-  const double queue_ms = QueueMs(job);
-  ++job.attempts;
-  absl::StatusOr<JobOutcome> outcome = Outcome(backend, job);
-  if (outcome.ok()) {
-    outcome->worker = worker;
-    outcome->queue_ms = queue_ms;
-    outcome->attempts = job.attempts;
+bool WorkerPool::RunBatch(Worker& self, std::vector<std::shared_ptr<Task>> batch) {
+  Device& device = *self.device;
+  const Clock::time_point begin = Clock::now();
+  if (device.metrics != nullptr) device.metrics->workers_busy.Increment();
+  const auto run = std::make_shared<DeviceRun>(device.backend, std::move(batch),
+                                               DeviceRunOptions{self.name, options_.threads, limits_, device.watched});
+  {
+    const std::lock_guard lock(device.mutex);
+    self.run = run;
   }
-  job.Done(std::move(outcome));
+  if (device.watched) WakeWatch();
+  run->Go();
+  {
+    const std::lock_guard lock(device.mutex);
+    if (self.is_left_behind) return false;
+    self.run.reset();
+  }
+  if (device.metrics != nullptr) {
+    device.metrics->workers_busy.Decrement();
+    device.metrics->busy_seconds.Increment(std::chrono::duration<double>(Clock::now() - begin).count());
+  }
+  if (!Settle(device, *run)) return true;
+  // A job alone did not fit into the device's memory. Either it is too large for it, or the device is not well.
+  absl::Status probe;
+  {
+    std::unique_lock lock(device.mutex);
+    if (device.stopping) return true;
+    if (!Probe(self, lock, probe)) return false;
+  }
+  if (!probe.ok()) Failed(device, DeviceFailureKind::kLost, "out of memory, and then: " + Words(probe));
+  return true;
 }
 
-absl::StatusOr<JobOutcome> WorkerPool::Outcome(const Backend& backend, VoxelizeJob& job) {
-  if (absl::Status s = job.Prepare(); !s.ok()) return s;
-  const auto planned = [&](const Plan& plan) { return job.Planned(plan, true); };
-  return RunPrepared(backend, *job.mesh, job.config, *job.limits, job.context, planned, job.large_results());
-}
-
-void WorkerPool::RunTogether(const Backend& backend, const std::string& worker,
-                             std::span<const std::shared_ptr<Task>> batch) {
-  struct Member {
-    VoxelizeJob* job;
-    double queue_ms;
-    absl::Status prepared;
-    Plan plan;
-    bool alone = false;
-  };
-  std::vector<Member> members;
-  for (const std::shared_ptr<Task>& task : batch) members.push_back({&JobOf(*task), QueueMs(*task), {}, {}});
-  cpu::CpuBackend().RunEach(options_.threads, members.size(),
-                            [&](size_t i) { members[i].prepared = members[i].job->Prepare(); });
-
-  std::vector<BatchItem> items;
-  for (Member& member : members) {
-    VoxelizeJob& job = *member.job;
-    if (!member.prepared.ok()) {
-      job.Done(member.prepared);
+bool WorkerPool::WaitUntilServing(Worker& self) {
+  Device& device = *self.device;
+  std::unique_lock lock(device.mutex);
+  while (!device.stopping && !device.health.serving()) {
+    if (!device.health.BeginProbe(Clock::now())) {
+      if (const auto due = device.health.next_probe()) {
+        device.changed.wait_until(lock, *due);
+      } else {
+        device.changed.wait(lock);
+      }
       continue;
     }
-    ++job.attempts;
-    BatchItem& item = items.emplace_back();
-    item.mesh = job.mesh->mesh.get();
-    item.request = &job.config.request;
-    item.job = &job.context;
-    item.on_plan = [&](const Plan& plan) -> absl::Status {
-      member.plan = plan;
-      absl::Status s = plan.result_bytes > kLargestOfBatchBytes ? absl::AbortedError("too large for a batch")
-                                                                : job.Planned(plan, false);
-      member.alone = absl::IsAborted(s);
-      return s;
-    };
-    item.done = [&](absl::StatusOr<VoxelizeResult> result) {
-      if (member.alone) return;
-      if (!result.ok()) {
-        job.Done(result.status());
-        return;
+    absl::Status outcome;
+    if (!Probe(self, lock, outcome)) return false;
+    const bool serves = device.health.Probed(outcome, Clock::now());
+    if (!serves && device.metrics != nullptr) device.metrics->probes_failed.Increment();
+    lock.unlock();
+    if (!serves) spdlog::info("device {}: stays in quarantine: {}", device.traits.device, Words(outcome));
+    Changed(device);
+    lock.lock();
+  }
+  return !device.stopping;
+}
+
+bool WorkerPool::Probe(Worker& self, std::unique_lock<std::mutex>& lock, absl::Status& outcome) {
+  self.probing_since = Clock::now();
+  lock.unlock();
+  WakeWatch();
+  outcome = CallProbe(self.device->backend);
+  lock.lock();
+  if (self.is_left_behind) return false;
+  self.probing_since.reset();
+  return true;
+}
+
+bool WorkerPool::Settle(Device& device, const DeviceRun& run) {
+  scheduler_.Ended(run.answered());
+  if (device.metrics != nullptr) {
+    device.metrics->batches.Increment();
+    device.metrics->jobs.Increment(double(run.answered().size() + run.left().size()));
+    if (run.launches() > 0) device.metrics->launches.Increment(double(run.launches()));
+  }
+  if (run.any_result()) {
+    const std::lock_guard lock(device.mutex);
+    device.health.Succeeded();
+  }
+  if (run.left().empty()) return false;
+  // The worst of a batch counts, once.
+  const DeviceRun::Left* worst = nullptr;
+  bool out_of_memory = false;
+  const auto rank = [](const DeviceRun::Left& left) {
+    const auto kind = DeviceFailureOf(left.failure);
+    return kind == DeviceFailureKind::kLost ? 2 : kind == DeviceFailureKind::kError ? 1 : 0;
+  };
+  for (const DeviceRun::Left& left : run.left()) {
+    if (worst == nullptr || rank(left) > rank(*worst)) worst = &left;
+    out_of_memory |= rank(left) == 0;
+  }
+  Failed(device, *DeviceFailureOf(worst->failure), Words(worst->failure));
+  for (const DeviceRun::Left& left : run.left()) FailOver(device, left.task, left.failure);
+  return out_of_memory;
+}
+
+void WorkerPool::FailOver(const Device& device, std::shared_ptr<Task> task, const absl::Status& failure) {
+  VoxelizeJob& job = JobOf(*task);
+  const auto end = [&](absl::Status why) {
+    job.Done(std::move(why));
+    scheduler_.Ended(job);
+  };
+  if (absl::Status s = job.context.Check(); !s.ok()) return end(std::move(s));
+  TaskTraits& traits = task->traits;
+  const bool out_of_memory = DeviceFailureOf(failure) == DeviceFailureKind::kOutOfMemory;
+  const std::string what = absl::StrCat("the job failed on ", job.attempts, job.attempts == 1 ? " worker" : " workers",
+                                        ", last on ", device.traits.device, ": ", Words(failure));
+  const auto give_up = [&] {
+    end(out_of_memory ? absl::ResourceExhaustedError(what) : NotServingError(what, kLeastRetryDelay));
+  };
+  if (job.attempts >= options_.max_attempts) return give_up();
+  traits.excluded_devices.push_back(device.traits.device);
+  if (!scheduler_.IsServed(traits)) {
+    // The same device may well do it the next time, but will not have more memory.
+    if (out_of_memory) return give_up();
+    traits.excluded_devices.clear();
+    if (absl::Status s = CheckServed(traits); !s.ok()) return give_up();
+  }
+  spdlog::info("a job of {} that failed on {} runs again elsewhere: {}", traits.client, device.traits.device,
+               Words(failure));
+  if (options_.metrics != nullptr) options_.metrics->job_retries.Increment();
+  scheduler_.Resubmit(std::move(task));
+}
+
+void WorkerPool::Failed(Device& device, DeviceFailureKind kind, const std::string& reason) {
+  if (device.metrics != nullptr) device.metrics->failures.Increment();
+  bool quarantined;
+  {
+    const std::lock_guard lock(device.mutex);
+    quarantined = device.health.Failed(kind, reason, Clock::now());
+  }
+  spdlog::warn("device {} failed{}: {}", device.traits.device, quarantined ? " and is quarantined" : "", reason);
+  if (!quarantined) return;
+  if (device.metrics != nullptr) device.metrics->quarantines.Increment();
+  Changed(device);
+  RefuseStranded();
+  WakeWatch();
+}
+
+void WorkerPool::Changed(Device& device) {
+  const std::lock_guard change(change_mutex_);
+  bool serving;
+  {
+    const std::lock_guard lock(device.mutex);
+    serving = device.health.serving();
+  }
+  if (serving == device.told_serving) return;
+  device.told_serving = serving;
+  scheduler_.SetDevice(device.traits, serving ? size_t(device.workers) : 0);
+  if (device.metrics != nullptr) device.metrics->serving.Set(serving ? 1 : 0);
+  if (serving) spdlog::info("device {}: serves again", device.traits.device);
+  if (listener_) listener_(device.traits.device, serving);
+  device.changed.notify_all();
+}
+
+void WorkerPool::RefuseStranded() {
+  for (const std::shared_ptr<Task>& task : scheduler_.TakeStranded()) {
+    absl::Status why = CheckServed(task->traits);
+    // It failed elsewhere before, or a device came back just now.
+    if (why.ok()) why = NotServingError("the devices that could run this failed", kLeastRetryDelay);
+    task->Refuse(std::move(why));
+  }
+}
+
+absl::Status WorkerPool::CheckServed(const TaskTraits& task) const {
+  if (scheduler_.IsServed(task)) return absl::OkStatus();
+  std::vector<ServingDevice> all;
+  for (const auto& device : devices_) all.push_back({device->traits, size_t(device->workers)});
+  if (!AnyMayHave(task, all)) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("backend: this server has no ", KindName(task.backend), " worker"));
+  }
+  const Clock::time_point now = Clock::now();
+  auto delay = std::chrono::duration_cast<milliseconds>(options_.health.max_probe_interval);
+  std::vector<std::string> reasons;
+  for (const auto& device : devices_) {
+    const std::lock_guard lock(device->mutex);
+    if (device->health.serving() || !MayHave(task, device->traits, all)) continue;
+    reasons.push_back(absl::StrCat(device->traits.device, " is quarantined (", device->health.reason(), ")"));
+    const auto due = device->health.next_probe().value_or(now);
+    delay = std::min(delay, std::chrono::ceil<milliseconds>(due - now));
+  }
+  return NotServingError(absl::StrCat("no device that may run this serves now: ", absl::StrJoin(reasons, "; ")),
+                         std::max(delay, kLeastRetryDelay));
+}
+
+std::vector<DeviceReport> WorkerPool::Devices() const {
+  std::vector<DeviceReport> reports;
+  for (const auto& device : devices_) {
+    const std::lock_guard lock(device->mutex);
+    reports.push_back({&device->backend, device->workers, device->health.serving(), device->health.reason()});
+  }
+  return reports;
+}
+
+void WorkerPool::SetListener(std::function<void(const std::string&, bool)> listener) {
+  const std::lock_guard change(change_mutex_);
+  listener_ = std::move(listener);
+  if (!listener_) return;
+  for (const auto& device : devices_) listener_(device->traits.device, device->told_serving);
+}
+
+void WorkerPool::Hasten() {
+  {
+    const std::lock_guard lock(watch_mutex_);
+    hasty_ = true;
+  }
+  WakeWatch();
+}
+
+size_t WorkerPool::ThreadsLeftBehind() {
+  return left_behind;
+}
+
+void WorkerPool::Watch() {
+  std::unique_lock lock(watch_mutex_);
+  while (!stopping_) {
+    watch_woken_ = false;
+    lock.unlock();
+    const bool busy = LookAround();
+    lock.lock();
+    const auto woken = [this] { return stopping_ || watch_woken_; };
+    if (busy) {
+      watch_changed_.wait_for(lock, kLookEvery, [this] { return stopping_; });
+    } else {
+      watch_idle_ = true;
+      watch_changed_.wait(lock, woken);
+      watch_idle_ = false;
+    }
+  }
+}
+
+void WorkerPool::WakeWatch() {
+  {
+    const std::lock_guard lock(watch_mutex_);
+    watch_woken_ = true;
+    if (!watch_idle_) return;
+  }
+  watch_changed_.notify_one();
+}
+
+milliseconds WorkerPool::PatienceWith(const DeviceRun& run) const {
+  const milliseconds slow =
+      options_.stall.count() == 0 ? milliseconds::max() : options_.stall + kPredictionSlack * run.predicted();
+  if (!run.Unwanted()) return slow;
+  const std::lock_guard lock(watch_mutex_);
+  return std::min(slow, hasty_ ? kHastyPatience : kCancelPatience);
+}
+
+bool WorkerPool::LookAround() {
+  const Clock::time_point now = Clock::now();
+  milliseconds probe_patience;
+  {
+    const std::lock_guard lock(watch_mutex_);
+    probe_patience = hasty_ ? kHastyPatience : kProbePatience;
+  }
+  bool busy = false, all_serve = true;
+  for (const auto& device : devices_) {
+    std::vector<std::shared_ptr<DeviceRun>> abandoned;
+    bool probe_stuck = false;
+    {
+      const std::lock_guard lock(device->mutex);
+      const auto crew = device->crew;
+      for (const auto& worker : crew) {
+        const bool probing = worker->probing_since.has_value();
+        if (worker->run && device->watched) {
+          busy = true;
+          worker->run->PassOnCancels();
+          const milliseconds patience = PatienceWith(*worker->run);
+          if (worker->run->Silence(now) < patience || !worker->run->Abandon(now, patience)) continue;
+          abandoned.push_back(worker->run);
+          if (device->metrics != nullptr) device->metrics->workers_busy.Decrement();
+        } else if (probing) {
+          busy = true;
+          if (now - *worker->probing_since < probe_patience) continue;
+          probe_stuck = true;
+          if (device->health.state() == DeviceState::kProbing) {
+            device->health.Probed(absl::DeadlineExceededError("the probe does not end"), now);
+          }
+        } else {
+          continue;
+        }
+        worker->is_left_behind = true;
+        worker->thread.detach();
+        ++left_behind;
+        ++device->away;
+        std::erase(device->crew, worker);
+        if (!device->stopping && device->away < kMaxLeftBehind) StartWorker(device);
+        spdlog::error("device {}: worker {} does not come back; its thread is left behind", device->traits.device,
+                      worker->name);
       }
-      JobOutcome outcome = OutcomeOf(*job.mesh, *std::move(result), member.plan);
-      outcome.worker = worker;
-      outcome.queue_ms = member.queue_ms;
-      outcome.batch_jobs = uint32_t(batch.size());
-      outcome.attempts = job.attempts;
-      job.Done(std::move(outcome));
-    };
+      all_serve &= device->health.serving();
+      if (!abandoned.empty() || probe_stuck) device->changed.notify_all();
+    }
+    for (const auto& run : abandoned) {
+      const std::string reason = "it gave no sign of life for so long that it is taken for lost";
+      const absl::Status failure = MarkDeviceFailure(absl::UnavailableError(reason), DeviceFailureKind::kLost);
+      scheduler_.Ended(run->answered());
+      Failed(*device, DeviceFailureKind::kLost, reason);
+      for (const DeviceRun::Left& left : run->left()) FailOver(*device, left.task, failure);
+      all_serve = false;
+    }
+    if (probe_stuck) Failed(*device, DeviceFailureKind::kLost, "the probe does not end");
   }
-  VoxelizeBatch(backend, items, options_.threads, limits_);
-  for (const Member& member : members) {
-    if (member.alone) RunAlone(backend, worker, *member.job);
-  }
+  if (!all_serve) RefuseStranded();
+  return busy || !all_serve;
 }
 
 }  // namespace voxelpipe
