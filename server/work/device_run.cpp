@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <exception>
 #include <new>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -14,6 +15,15 @@ namespace {
 
 // A result larger than this is made alone: it would hold up the others of a batch.
 constexpr uint64_t kLargestOfBatchBytes = 64 << 20;
+
+// Waking a thread for less work than this costs more than it brings.
+constexpr double kLeastMsPerThread = 1;
+
+int ThreadsFor(double predicted_ms, int limit) {
+  const int cores = std::max(1, int(std::thread::hardware_concurrency()));
+  const int most = limit > 0 ? std::min(limit, cores) : cores;
+  return int(std::clamp(predicted_ms / kLeastMsPerThread, 1.0, double(most)));
+}
 
 bool IsOutOfMemory(const absl::Status& status) {
   return DeviceFailureOf(status) == DeviceFailureKind::kOutOfMemory;
@@ -62,6 +72,9 @@ struct DeviceRun::Member {
     context = own_context.get();
   }
 
+  // Of a run alone; a batch shares its threads.
+  void LimitThreads(int threads) { (own_config ? *own_config : job->config).request.threads = threads; }
+
   std::shared_ptr<Task> task;  // null once the run was abandoned
   VoxelizeJob* job;            // only touched Inside
   const uint32_t attempt;
@@ -102,11 +115,15 @@ DeviceRun::DeviceRun(const Backend& backend, std::vector<std::shared_ptr<Task>> 
   double run_ms = 0;
   members_.reserve(tasks.size());
   for (std::shared_ptr<Task>& task : tasks) {
-    run_ms += task->traits.cost.run_ms;
+    const JobCost& cost = task->traits.cost;
+    run_ms += cost.run_ms + cost.load_ms;
     members_.push_back(std::make_unique<Member>(*this, std::move(task)));
     ++members_.back()->job->attempts;
   }
   predicted_ = std::chrono::milliseconds(int64_t(std::min(run_ms, 1e9)));
+  options_.threads = ThreadsFor(run_ms, options_.threads);
+  // Jobs of a watched run are copied with it.
+  for (const auto& member : members_) member->LimitThreads(options_.threads);
 }
 
 DeviceRun::~DeviceRun() = default;

@@ -82,7 +82,7 @@ class DeviceRun {
   void Sort(const absl::Status& without_answer);
 
   const Backend& backend_;
-  const DeviceRunOptions options_;
+  DeviceRunOptions options_;  // threads: no more than the work is worth
   const JobLimits limits_;
   std::vector<std::unique_ptr<Member>> members_;
   std::chrono::milliseconds predicted_{0};

@@ -33,9 +33,9 @@ struct TaskTraits {
   Priority priority = Priority::kNormal;
   JobCost cost;
   JobContext::Clock::time_point arrived = JobContext::Clock::now();  // Submit sets it anew
-  std::optional<JobContext::Clock::time_point> deadline;        // of the call: an answer after it is worthless
+  std::optional<JobContext::Clock::time_point> deadline;             // of the call: an answer after it is worthless
   std::optional<std::chrono::milliseconds> queue_timeout;            // absent: the scheduler's
-  std::optional<JobContext::Clock::time_point> queue_deadline;       // a worker must have it by then; the scheduler sets it
+  std::optional<JobContext::Clock::time_point> queue_deadline;  // a worker must have it by then; the scheduler sets it
   BackendChoice backend = BackendChoice::kAuto;
   bool fallback = true;                       // whether another kind of backend may run it
   std::vector<std::string> excluded_devices;  // that failed it, by Backend::device(): no worker of these gets it again

@@ -173,7 +173,8 @@ TEST_F(SchedulerTest, IdleWorkersShareWhatIsThere) {
   std::vector<std::thread> workers;
   for (Tasks& batch : batches) workers.emplace_back([&] { batch = scheduler->TakeBatch(kCpu); });
   while (scheduler->idle() < 2) std::this_thread::yield();
-  for (int i = 0; i < 8; ++i) Submit();  // whoever comes first leaves something for the other, or the other never returns
+  for (int i = 0; i < 8; ++i)
+    Submit();  // whoever comes first leaves something for the other, or the other never returns
   for (std::thread& worker : workers) worker.join();
   for (const Tasks& batch : batches) taken.push_back(batch);
 }
