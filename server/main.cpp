@@ -12,6 +12,7 @@
 #include <google/protobuf/stubs/logging.h>
 #include <spdlog/spdlog.h>
 
+#include "check_files.h"
 #include "observe/log.h"
 #include "options.h"
 #include "probe.h"
@@ -23,6 +24,7 @@ namespace {
 sigset_t StopSignals() {
   sigset_t signals;
   sigemptyset(&signals);
+  sigaddset(&signals, SIGHUP);
   sigaddset(&signals, SIGTERM);
   sigaddset(&signals, SIGINT);
   return signals;
@@ -51,9 +53,15 @@ int Serve(const ServerOptions& options) {
   if (!(*server)->http_address().empty()) std::printf("http on %s\n", (*server)->http_address().c_str());
   std::fflush(stdout);
 
-  spdlog::info("{}: draining", WaitForSignal(signals) == SIGINT ? "SIGINT" : "SIGTERM");
+  int signal = WaitForSignal(signals);
+  for (; signal == SIGHUP; signal = WaitForSignal(signals)) (*server)->Reload();
+  spdlog::info("{}: draining", signal == SIGINT ? "SIGINT" : "SIGTERM");
   // A second signal means now.
-  std::thread([signals] { _exit(128 + WaitForSignal(signals)); }).detach();
+  std::thread([signals] {
+    int second = WaitForSignal(signals);
+    while (second == SIGHUP) second = WaitForSignal(signals);
+    _exit(128 + second);
+  }).detach();
   (*server)->Drain();
   server->reset();
   return 0;
@@ -64,11 +72,11 @@ int Main(int argc, char** argv) {
   if (!parsed.command) return parsed.exit_code;
   if (parsed.command->check_config) {
     std::fputs(ToConfigText(parsed.command->values).c_str(), stdout);
-    return 0;
+    const absl::Status status = CheckFiles(parsed.command->options);
+    if (!status.ok()) std::fprintf(stderr, "voxelpiped: %s\n", std::string(status.message()).c_str());
+    return status.ok() ? 0 : 2;
   }
-  if (parsed.command->probe) return Probe(*parsed.command->probe);
-  // gRPC's own lines say in C structures what our one error line says; whoever wants them sets the variable.
-  setenv("GRPC_VERBOSITY", "NONE", 0);
+  if (parsed.command->probe) return Probe(*parsed.command->probe, TlsOf(parsed.command->options));
   google::protobuf::SetLogHandler(nullptr);  // else every stranger's broken message is a line on stderr
   const int exit_code = Serve(parsed.command->options);
   StopLog();

@@ -20,7 +20,10 @@ const std::map<std::string, SimdChoice> kSimds = {{"auto", SimdChoice::kAuto},
                                                   {"avx512", SimdChoice::kAvx512}};
 
 // Where a probe of this machine's own server goes: the listening address, with the wildcard replaced by loopback.
-std::string ProbeAddress(const std::string& listen) {
+std::string ProbeAddress(const ServerOptions& options) {
+  // Over HTTP no certificate and no token is in the way.
+  if (!options.http_listen.empty()) return "http://" + options.http_listen;
+  const std::string& listen = options.listen;
   if (listen.starts_with("0.0.0.0:")) return "127.0.0.1" + listen.substr(7);
   if (listen.starts_with("[::]:")) return "[::1]" + listen.substr(4);
   return listen;
@@ -94,11 +97,13 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   app.add_option("--config", config, "Read options from this TOML file")->type_name("FILE")->configurable(false);
   app.add_flag("--check-config", check_config, "Print every option and where it comes from, say what is wrong, and end")
       ->configurable(false);
-  CLI::Option* probe_option =
-      app.add_option("--probe", probe, "Ask the server at this address for its health: exit 0 if it serves, else 1")
-          ->type_name("[HOST:PORT]")
-          ->expected(0, 1)
-          ->configurable(false);
+  CLI::Option* probe_option = app.add_option("--probe", probe,
+                                             "Ask the server at this address (http://HOST:PORT: /readyz there; none: "
+                                             "its own) for its health: exit 0 if it serves, "
+                                             "else 1")
+                                  ->type_name("[HOST:PORT]")
+                                  ->expected(0, 1)
+                                  ->configurable(false);
   std::vector<OptionValue> values;
   try {
     values = ParseFromAllSources(app, argc, argv);
@@ -108,7 +113,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   o.backend = kBackends.at(backend);
   o.simd = kSimds.at(simd);
   CommandLine command{o, std::nullopt, check_config, std::move(values)};
-  if (probe_option->count() > 0) command.probe = probe.empty() ? ProbeAddress(o.listen) : probe;
+  if (probe_option->count() > 0) command.probe = probe.empty() ? ProbeAddress(o) : probe;
   return {command, 0};
 }
 

@@ -6,7 +6,6 @@
 #include <string>
 #include <vector>
 
-#include "absl/status/status.h"
 #include "option_sources.h"
 #include "pipeline/request.h"
 

@@ -9,8 +9,13 @@
 #include <spdlog/spdlog.h>
 
 #include "absl/strings/str_cat.h"
+#include "access/grpc_log.h"
+#include "access/periodic.h"
+#include "access/tls.h"
+#include "check_files.h"
 #include "observe/health_service.h"
 #include "observe/http_endpoint.h"
+#include "observe/log.h"
 #include "pipeline/backend.h"
 #include "service_state.h"
 #include "voxelization_service.h"
@@ -31,12 +36,59 @@ bool IsLocal(const std::string& address) {
   return false;
 }
 
+// Health calls have no line in the access log, they come too often; those that are refused do. They count as ended when they come.
+absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& context, Rpc rpc) {
+  const auto found = context.client_metadata().find("authorization");
+  std::optional<std::string_view> authorization;
+  if (found != context.client_metadata().end()) authorization.emplace(found->second.data(), found->second.size());
+  const absl::Status status = state.access->Admit(authorization, rpc).status();
+  state.metrics.CallBegan(rpc);
+  state.metrics.CallEnded(rpc, status.code(), 0);
+  if (!status.ok()) {
+    LogLine("health_refused")
+        .Add("peer", context.peer())
+        .Add("error", std::string_view(status.message().data(), status.message().size()))
+        .Write(spdlog::level::info);
+  }
+  return status;
+}
+
+// Gauges that nobody keeps.
+void SampleState(ServiceState& state) {
+  Metrics& metrics = state.metrics;
+  metrics.upload_bytes.Set(double(state.uploads.used()));
+  metrics.upload_limit_bytes.Set(double(state.uploads.limit()));
+  metrics.working_bytes.Set(double(state.working.used()));
+  metrics.working_limit_bytes.Set(double(state.working.limit()));
+  metrics.running_jobs.Set(double(state.scheduler.running()));
+  if (const auto facts = CheckTlsFiles(TlsOf(state.options)); facts.ok() && facts->has_value()) {
+    metrics.certificate_expiry.Set(std::chrono::duration<double>((*facts)->valid_until.time_since_epoch()).count());
+  }
+}
+
+// A certificate that is about to expire is told at the start; later the metric tells it.
+void WarnOfCertificate(const TlsFiles& files) {
+  constexpr std::chrono::hours kSoon(14 * 24);
+  const auto facts = CheckTlsFiles(files);
+  if (!facts.ok() || !facts->has_value()) return;
+  const auto now = std::chrono::system_clock::now();
+  const auto left = std::chrono::duration_cast<std::chrono::hours>((*facts)->valid_until - now);
+  if ((*facts)->valid_from > now) spdlog::error("{} is not valid yet: clients will refuse it", files.certificate);
+  if ((*facts)->valid_until < now) {
+    spdlog::error("{} has expired: clients will refuse it", files.certificate);
+  } else if (left < kSoon) {
+    spdlog::warn("{} expires in {} hours", files.certificate, left.count());
+  }
+}
+
 }  // namespace
 
 VoxelServer::VoxelServer(const ServerOptions& resolved)
     : state_(std::make_unique<ServiceState>(resolved)),
       service_(std::make_unique<VoxelizationServiceImpl>(*state_)),
-      health_(std::make_unique<HealthService>()) {}
+      health_(std::make_unique<HealthService>([&state = *state_](const grpc::CallbackServerContext& context, Rpc rpc) {
+        return HealthDoor(state, context, rpc);
+      })) {}
 
 absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOptions& options) {
   if (const auto backend = SelectBackend(options.backend); !backend.ok()) return backend.status();
@@ -45,6 +97,8 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   if (!access.ok())
     return absl::Status(access.status().code(), absl::StrCat("--token-file: ", access.status().message()));
   server->state_->access = *std::move(access);
+  TakeGrpcLog(server->state_->metrics);
+  server->sampler_ = server->state_->metrics.BeforeText([&state = *server->state_] { SampleState(state); });
 
   if (!options.http_listen.empty()) {
     HealthService& health = *server->health_;
@@ -54,11 +108,15 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
     server->http_ = *std::move(http);
     server->http_address_ = server->http_->address();
   }
+  const TlsFiles tls = TlsOf(options);
+  auto credentials = MakeServerCredentials(tls, std::chrono::milliseconds(options.reload_interval_ms));
+  if (!credentials.ok()) return credentials.status();
+  WarnOfCertificate(tls);
   // Once for the process, before any builder; a repetition does nothing.
   if (options.reflection) grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   grpc::ServerBuilder builder;
   int port = 0;
-  builder.AddListeningPort(options.listen, grpc::InsecureServerCredentials(), &port);
+  builder.AddListeningPort(options.listen, *credentials, &port);
   builder.RegisterService(server->service_.get());
   builder.RegisterService(server->health_.get());
   builder.SetMaxReceiveMessageSize(kMaxMessageBytes);
@@ -74,9 +132,11 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   if (!options.listen.starts_with("unix:")) {
     server->address_ = absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
   }
-  if (!IsLocal(options.listen)) {
+  if (!IsLocal(options.listen) && tls.certificate.empty()) {
     spdlog::warn("{} may be reached from other machines, without encryption: TLS is off", server->address_);
   }
+  server->reloader_ = std::make_unique<Periodic>(std::chrono::milliseconds(options.reload_interval_ms),
+                                                 [&access = *server->state_->access] { access.ReloadIfChanged(); });
   server->health_->SetServing(true);
   return server;
 }
@@ -103,7 +163,12 @@ void VoxelServer::Drain() {
   spdlog::info("drained");
 }
 
+void VoxelServer::Reload() {
+  state_->access->Reload().IgnoreError();  // it is logged
+}
+
 VoxelServer::~VoxelServer() {
+  StopTakingGrpcLog();
   if (server_ && !drained_) {
     health_->EndWatches();
     server_->Shutdown(std::chrono::system_clock::now());

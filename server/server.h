@@ -6,6 +6,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "observe/metrics.h"
 #include "options.h"
 
 namespace grpc {
@@ -16,6 +17,7 @@ namespace voxelpipe {
 
 class HealthService;
 class HttpEndpoint;
+class Periodic;
 class VoxelizationServiceImpl;
 struct ServiceState;
 
@@ -31,6 +33,9 @@ class VoxelServer {
   // Of /metrics, /livez and /readyz; empty where there is none.
   const std::string& http_address() const { return http_address_; }
 
+  // Reads tokens again, whether they have changed or not. Certificates are read again by themselves.
+  void Reload();
+
   // Graceful end: says NOT_SERVING, takes calls for another options.lame_duck_ms so that those on their way arrive, then takes
   // no more and gives those that run options.drain_grace_ms. Returns when everything has ended. Call once.
   void Drain();
@@ -42,7 +47,9 @@ class VoxelServer {
   std::unique_ptr<ServiceState> state_;
   std::unique_ptr<VoxelizationServiceImpl> service_;
   std::unique_ptr<HealthService> health_;
+  std::unique_ptr<Metrics::Sampler> sampler_;
   std::unique_ptr<HttpEndpoint> http_;
+  std::unique_ptr<Periodic> reloader_;
   std::unique_ptr<grpc::Server> server_;
   bool drained_ = false;
 };

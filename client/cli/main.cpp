@@ -1,11 +1,13 @@
 // voxelpipe: voxelizes triangle meshes, in this process or on a server.
 #include <CLI/CLI.hpp>
+#include <cstdlib>
 #include <exception>
 #include <new>
 
 #include "commands/commands.h"
 #include "interrupt.h"
 #include "report.h"
+#include "server_access.h"
 
 int main(int argc, char** argv) {
   using namespace voxelpipe::cli;
@@ -21,6 +23,9 @@ int main(int argc, char** argv) {
     AddShadersCommand(app, exit_code);
     AddServerInfoCommand(app, exit_code);
     AddBenchCommand(app, exit_code);
+    AddServerAccessFlags(app);
+    // gRPC's own lines say in C structures what our one error line says; whoever wants them sets the variable.
+    setenv("GRPC_VERBOSITY", "NONE", 0);
     HandleInterrupts();
     try {
       app.parse(argc, argv);

@@ -7,10 +7,17 @@
 #include "client.h"
 #include "load/pack.h"
 #include "report.h"
+#include "server_access.h"
 #include "server_option.h"
 
 namespace voxelpipe::cli {
 namespace {
+
+absl::StatusOr<std::unique_ptr<Client>> ConnectTo(const std::string& target) {
+  const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
+  if (!options.ok()) return options.status();
+  return Client::Connect(target, *options);
+}
 
 class RemoteEngine : public Engine {
  public:
@@ -58,7 +65,7 @@ class RemoteEngine : public Engine {
  private:
   absl::Status Connect() {
     if (client_ != nullptr) return absl::OkStatus();
-    absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(target_);
+    absl::StatusOr<std::unique_ptr<Client>> client = ConnectTo(target_);
     if (!client.ok()) return client.status();
     client_ = *std::move(client);
     return absl::OkStatus();
@@ -114,7 +121,7 @@ std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target) {
 absl::StatusOr<MeshReport> RemoteReport(const std::string& target, const std::string& path, const JobContext& job) {
   const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
   if (!bytes.ok()) return bytes.status();
-  const absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(target);
+  const absl::StatusOr<std::unique_ptr<Client>> client = ConnectTo(target);
   if (!client.ok()) return client.status();
   VoxelizeRequest smallest;
   smallest.grid.resolution = 1;
@@ -124,7 +131,7 @@ absl::StatusOr<MeshReport> RemoteReport(const std::string& target, const std::st
 }
 
 absl::StatusOr<std::string> DescribeServer(const std::string& target, bool json) {
-  const absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(target);
+  const absl::StatusOr<std::unique_ptr<Client>> client = ConnectTo(target);
   if (!client.ok()) return client.status();
   const absl::StatusOr<ServerDescription> server = (*client)->ServerInfo();
   if (!server.ok()) return server.status();

@@ -2,6 +2,13 @@
 
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
+#include <grpcpp/support/client_interceptor.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <utility>
+#include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -34,7 +41,8 @@ absl::Status WaitUntilConnected(grpc::Channel& channel, const std::string& targe
     const grpc_connectivity_state state = channel.GetState(/*try_to_connect=*/true);
     if (state == GRPC_CHANNEL_READY) return absl::OkStatus();
     if (state == GRPC_CHANNEL_TRANSIENT_FAILURE || state == GRPC_CHANNEL_SHUTDOWN) {
-      return absl::UnavailableError(absl::StrCat("cannot connect to ", target, ": refused, not reachable or unknown"));
+      return absl::UnavailableError(
+          absl::StrCat("cannot connect to ", target, ": refused, not reachable or unknown, or TLS on one side only"));
     }
     if (!channel.WaitForStateChange(state, deadline)) {
       return absl::UnavailableError(
@@ -43,12 +51,79 @@ absl::Status WaitUntilConnected(grpc::Channel& channel, const std::string& targe
   }
 }
 
+absl::StatusOr<std::string> ReadPem(const std::string& path) {
+  if (path.empty()) return std::string();
+  std::ifstream file(path, std::ios::binary);
+  std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+  if (!file.good() || text.find("-----BEGIN") == std::string::npos) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": cannot be read, or holds nothing in PEM"));
+  }
+  return text;
+}
+
+// Of those whom this machine believes. gRPC's own list is not installed everywhere.
+constexpr char kSystemCa[] = "/etc/ssl/certs/ca-certificates.crt";
+
+absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const std::optional<ClientTls>& tls) {
+  if (!tls) return grpc::InsecureChannelCredentials();
+  if (tls->cert_file.empty() != tls->key_file.empty()) {
+    return absl::InvalidArgumentError("a client's certificate needs its key, and the key its certificate");
+  }
+  grpc::SslCredentialsOptions options;
+  const bool system = tls->ca_file.empty() && std::filesystem::exists(kSystemCa);
+  for (const auto& [path, text] :
+       {std::pair{system ? std::string(kSystemCa) : tls->ca_file, &options.pem_root_certs},
+        std::pair{tls->cert_file, &options.pem_cert_chain}, std::pair{tls->key_file, &options.pem_private_key}}) {
+    absl::StatusOr<std::string> pem = ReadPem(path);
+    if (!pem.ok()) return pem.status();
+    *text = *std::move(pem);
+  }
+  return grpc::SslCredentials(options);
+}
+
+// Puts the token onto every call of a channel, plain text or not: credentials of a call would need TLS.
+class TokenSender final : public grpc::experimental::Interceptor {
+ public:
+  explicit TokenSender(const std::string& authorization) : authorization_(authorization) {}
+  void Intercept(grpc::experimental::InterceptorBatchMethods* methods) override {
+    if (methods->QueryInterceptionHookPoint(grpc::experimental::InterceptionHookPoints::PRE_SEND_INITIAL_METADATA)) {
+      methods->GetSendInitialMetadata()->emplace("authorization", authorization_);
+    }
+    methods->Proceed();
+  }
+
+ private:
+  const std::string& authorization_;  // the factory's, which the channel keeps
+};
+
+class TokenSenders final : public grpc::experimental::ClientInterceptorFactoryInterface {
+ public:
+  explicit TokenSenders(const std::string& token) : authorization_("Bearer " + token) {}
+  grpc::experimental::Interceptor* CreateClientInterceptor(grpc::experimental::ClientRpcInfo*) override {
+    return new TokenSender(authorization_);  // gRPC's from here on
+  }
+
+ private:
+  const std::string authorization_;
+};
+
 }  // namespace
 
 absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& target, const ConnectOptions& options) {
   if (target.empty()) return absl::InvalidArgumentError("the server's address is empty; it reads HOST:PORT");
-  std::shared_ptr<grpc::Channel> channel =
-      grpc::CreateCustomChannel(target, grpc::InsecureChannelCredentials(), MakeArguments(target));
+  const auto credentials = MakeCredentials(options.tls);
+  if (!credentials.ok()) return credentials.status();
+  if (options.token.find_first_of(" \r\n\t") != std::string::npos) {
+    return absl::InvalidArgumentError("the token has spaces or line ends in it");
+  }
+  grpc::ChannelArguments arguments = MakeArguments(target);
+  if (options.tls && !options.tls->server_name.empty()) {
+    arguments.SetSslTargetNameOverride(options.tls->server_name);
+  }
+  std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> senders;
+  if (!options.token.empty()) senders.push_back(std::make_unique<TokenSenders>(options.token));
+  const std::shared_ptr<grpc::Channel> channel =
+      grpc::experimental::CreateCustomChannelWithInterceptors(target, *credentials, arguments, std::move(senders));
   if (absl::Status status = WaitUntilConnected(*channel, target, options.timeout); !status.ok()) return status;
   return channel;
 }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -22,7 +23,16 @@
 
 namespace voxelpipe {
 
+// How a client shows who it is, and whom it believes. Files are PEM; an empty name means none.
+struct ClientTls {
+  std::string ca_file;              // of those whom it believes; empty: those whom this machine believes
+  std::string cert_file, key_file;  // the client's own, where the server asks for one
+  std::string server_name;          // what the certificate must be for, where that is not the target's host
+};
+
 struct ConnectOptions {
+  std::optional<ClientTls> tls;             // absent: plain text
+  std::string token;                        // sent with each call: `authorization: Bearer TOKEN`; empty: none
   std::chrono::milliseconds timeout{5000};  // for the connection to stand
   uint64_t max_result_bytes = 64ull << 30;  // a server that announces more is not believed
 };
@@ -80,8 +90,9 @@ struct ServerDescription {
 // naming the target.
 class Client {
  public:
-  // In: "HOST:PORT" or any gRPC target ("unix:/path"). Plain text, no TLS. UNAVAILABLE naming the target when nobody
-  // answers there, at once where the connection is refused, else after `options.timeout`.
+  // In: "HOST:PORT" or any gRPC target ("unix:/path"). UNAVAILABLE naming the target when nobody answers there or TLS does
+  // not come about, at once where the connection is refused, else after `options.timeout`. INVALID_ARGUMENT naming a file of
+  // `options.tls` that cannot be read.
   static absl::StatusOr<std::unique_ptr<Client>> Connect(const std::string& target, const ConnectOptions& options = {});
   ~Client();
   Client(const Client&) = delete;

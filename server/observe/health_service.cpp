@@ -4,6 +4,8 @@
 #include <optional>
 #include <utility>
 
+#include "wire/status.h"
+
 namespace voxelpipe {
 namespace {
 
@@ -84,7 +86,7 @@ class HealthService::Watcher final : public grpc::ServerWriteReactor<HealthCheck
   bool writing_ = false, finished_ = false;
 };
 
-HealthService::HealthService() = default;
+HealthService::HealthService(Door door) : door_(std::move(door)) {}
 HealthService::~HealthService() = default;
 
 std::optional<HealthService::ServingStatus> HealthService::StatusOf(const std::string& name) const {
@@ -153,6 +155,10 @@ void HealthService::EndWatches() {
 grpc::ServerUnaryReactor* HealthService::Check(grpc::CallbackServerContext* context, const HealthCheckRequest* request,
                                                HealthCheckResponse* response) {
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
+  if (const absl::Status refused = door_(*context, Rpc::kHealthCheck); !refused.ok()) {
+    reactor->Finish(ToGrpcStatus(refused));
+    return reactor;
+  }
   std::optional<ServingStatus> status;
   {
     const std::lock_guard lock(mutex_);
@@ -163,9 +169,13 @@ grpc::ServerUnaryReactor* HealthService::Check(grpc::CallbackServerContext* cont
   return reactor;
 }
 
-grpc::ServerWriteReactor<HealthCheckResponse>* HealthService::Watch(grpc::CallbackServerContext* /*context*/,
+grpc::ServerWriteReactor<HealthCheckResponse>* HealthService::Watch(grpc::CallbackServerContext* context,
                                                                     const HealthCheckRequest* request) {
   const std::shared_ptr<Watcher> watcher = Watcher::Create();
+  if (const absl::Status refused = door_(*context, Rpc::kHealthWatch); !refused.ok()) {
+    watcher->End(ToGrpcStatus(refused));
+    return watcher.get();
+  }
   const std::lock_guard telling(telling_mutex_);
   std::optional<ServingStatus> status;
   {

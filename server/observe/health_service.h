@@ -1,6 +1,7 @@
 // grpc.health.v1 as a service of our own: gRPC's built-in one is not listed by reflection.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -11,7 +12,9 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include "absl/status/status.h"
 #include "grpc/health/v1/health.grpc.pb.h"
+#include "observe/metrics.h"
 
 namespace voxelpipe {
 
@@ -21,7 +24,10 @@ class HealthService final : public grpc::health::v1::Health::CallbackService {
  public:
   using ServingStatus = grpc::health::v1::HealthCheckResponse::ServingStatus;
 
-  HealthService();
+  // Whether this caller may hear of the health; asked once a call, on gRPC's thread.
+  using Door = std::function<absl::Status(const grpc::CallbackServerContext&, Rpc)>;
+
+  explicit HealthService(Door door);
   ~HealthService() override;
 
   // NOT_SERVING until told otherwise; while it is, the devices are NOT_SERVING, too. Watchers hear of every change.
@@ -43,6 +49,8 @@ class HealthService final : public grpc::health::v1::Health::CallbackService {
 
  private:
   class Watcher;
+
+  const Door door_;
 
   // With mutex_ held. Nothing for a name that is not known.
   std::optional<ServingStatus> StatusOf(const std::string& name) const;

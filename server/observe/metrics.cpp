@@ -143,6 +143,8 @@ Metrics::Metrics(std::unique_ptr<Registry> registry, std::unique_ptr<Families>)
           One(*registry, "voxelpipe_result_cache_misses_total", "Jobs that looked for a kept result in vain")),
       result_cache_evictions(
           One(*registry, "voxelpipe_result_cache_evictions_total", "Results that made room for others")),
+      certificate_expiry(OneGauge(*registry, "voxelpipe_certificate_expiry_timestamp_seconds",
+                                  "When the server's certificate expires, seconds since 1970; 0 without TLS")),
       reloads(One(*registry, "voxelpipe_reloads_total", "Reloads of certificates and tokens that took")),
       reload_failures(
           One(*registry, "voxelpipe_reload_failures_total", "Reloads that did not: the last good ones stay")),

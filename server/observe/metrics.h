@@ -146,6 +146,7 @@ class Metrics {
   prometheus::Counter& result_cache_evictions;
 
   // ---- configuration
+  prometheus::Gauge& certificate_expiry;  // of the file that holds the server's certificate now, seconds since 1970
   prometheus::Counter& reloads;          // of certificates and tokens that took
   prometheus::Counter& reload_failures;  // that did not: the last good ones stay
 

@@ -26,7 +26,7 @@ struct Child {
   int output = -1;  // read end of its stdout
 };
 
-absl::StatusOr<Child> Spawn(const std::vector<std::string>& arguments) {
+absl::StatusOr<Child> Spawn(const std::vector<std::string>& arguments, const std::string& log_path = "") {
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) return absl::InternalError(absl::StrCat("pipe: ", std::strerror(errno)));
   std::string program = VOXELPIPED_PATH;
@@ -38,6 +38,11 @@ absl::StatusOr<Child> Spawn(const std::vector<std::string>& arguments) {
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_adddup2(&actions, ends[1], STDOUT_FILENO);
+  if (!log_path.empty()) {
+    constexpr mode_t kForTheOwner = 0600;
+    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, log_path.c_str(), O_WRONLY | O_CREAT | O_APPEND,
+                                     kForTheOwner);
+  }
   pid_t pid = -1;
   const int error = posix_spawn(&pid, program.c_str(), &actions, nullptr, argv.data(), environ);
   posix_spawn_file_actions_destroy(&actions);
@@ -67,26 +72,38 @@ int ExitCode(int wait_status) {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(const std::vector<std::string>& arguments) {
+absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(const std::vector<std::string>& arguments,
+                                                                    const std::string& log_path) {
   std::vector<std::string> all{"--listen", "127.0.0.1:0"};
   all.insert(all.end(), arguments.begin(), arguments.end());
-  absl::StatusOr<Child> child = Spawn(all);
+  absl::StatusOr<Child> child = Spawn(all, log_path);
   if (!child.ok()) return child.status();
   std::unique_ptr<ServerProcess> server(new ServerProcess);
   server->pid_ = child->pid;
   server->stdout_ = child->output;
+  absl::StatusOr<std::string> address = server->ReadLine("listening on ");
+  if (!address.ok()) return address.status();
+  server->address_ = *std::move(address);
+  return server;
+}
+
+absl::StatusOr<std::string> ServerProcess::ReadLine(const std::string& start) {
   const auto deadline = Clock::now() + kPatience;
-  while (server->output_.find('\n') == std::string::npos) {
-    if (!ReadSome(server->stdout_, deadline, server->output_)) {
-      return absl::InternalError(absl::StrCat("voxelpiped said nothing; stdout so far: '", server->output_, "'"));
+  for (;;) {
+    const size_t at = output_.starts_with(start) ? 0 : output_.find("\n" + start);
+    const size_t end = at == std::string::npos ? at : output_.find('\n', at + 1);
+    if (end != std::string::npos) {
+      const size_t begin = at + start.size() + (at == 0 ? 0 : 1);
+      return output_.substr(begin, end - begin);
+    }
+    if (!ReadSome(stdout_, deadline, output_)) {
+      return absl::InternalError(absl::StrCat("no '", start, "...' of voxelpiped; stdout so far: '", output_, "'"));
     }
   }
-  const std::string line = server->output_.substr(0, server->output_.find('\n'));
-  const std::string before = "listening on ";
-  const size_t at = line.find(before);
-  if (at == std::string::npos) return absl::InternalError(absl::StrCat("not understood: '", line, "'"));
-  server->address_ = line.substr(at + before.size());
-  return server;
+}
+
+absl::StatusOr<std::string> ServerProcess::http_address() {
+  return ReadLine("http on ");
 }
 
 ServerProcess::~ServerProcess() {
@@ -144,11 +161,11 @@ absl::StatusOr<CommandResult> RunVoxelpiped(const std::vector<std::string>& argu
   return result;
 }
 
-std::unique_ptr<ServerProcess> StartServer(const std::vector<std::string>& arguments) {
+std::unique_ptr<ServerProcess> StartServer(const std::vector<std::string>& arguments, const std::string& log_path) {
   // Nobody polls the connection of a blocking client between its calls but gRPC's backup poller, every five seconds. So
   // long would a server that drains wait for such a client's goodbye.
   setenv("GRPC_CLIENT_CHANNEL_BACKUP_POLL_INTERVAL_MS", "100", /*overwrite=*/0);
-  absl::StatusOr<std::unique_ptr<ServerProcess>> server = ServerProcess::Start(arguments);
+  absl::StatusOr<std::unique_ptr<ServerProcess>> server = ServerProcess::Start(arguments, log_path);
   EXPECT_TRUE(server.ok()) << server.status();
   return server.ok() ? *std::move(server) : nullptr;
 }

@@ -30,13 +30,17 @@ absl::StatusOr<CommandResult> RunVoxelpiped(const std::vector<std::string>& argu
 class ServerProcess {
  public:
   // Starts voxelpiped on a free loopback port and waits until it says where it listens.
-  static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(const std::vector<std::string>& arguments = {});
+  // Its log goes to the file `log_path`, or where this process's stderr goes.
+  static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(const std::vector<std::string>& arguments = {},
+                                                              const std::string& log_path = "");
   // Ends the process the hard way if it still runs.
   ~ServerProcess();
   ServerProcess(const ServerProcess&) = delete;
   ServerProcess& operator=(const ServerProcess&) = delete;
 
   const std::string& address() const { return address_; }  // 127.0.0.1:PORT
+  // Of --http-listen, which must have been given.
+  absl::StatusOr<std::string> http_address();
   pid_t pid() const { return pid_; }
 
   // SIGTERM, or another signal.
@@ -48,6 +52,8 @@ class ServerProcess {
  private:
   ServerProcess() = default;
   bool Reap(bool block_until_dead);
+  // What stands in the line of stdout that begins with `start`, waiting for it.
+  absl::StatusOr<std::string> ReadLine(const std::string& start);
 
   pid_t pid_ = -1;
   int stdout_ = -1;
@@ -56,7 +62,8 @@ class ServerProcess {
 };
 
 // Starts a server and fails the test if it does not come up.
-std::unique_ptr<ServerProcess> StartServer(const std::vector<std::string>& arguments = {});
+std::unique_ptr<ServerProcess> StartServer(const std::vector<std::string>& arguments = {},
+                                           const std::string& log_path = "");
 // A client of it; fails the test where there is none.
 std::unique_ptr<Client> ConnectTo(const ServerProcess& server);
 

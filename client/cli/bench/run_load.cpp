@@ -18,6 +18,7 @@
 #include "bench/load.h"
 #include "channel.h"
 #include "interrupt.h"
+#include "server_access.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "wire/request.h"
 #include "wire/status.h"
@@ -172,10 +173,12 @@ class Servers {
  public:
   // Connects, uploads, and asks each server once.
   absl::Status Prepare(const LoadPlan& plan, LoadRun& run, LoadResult& result) {
+    const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
+    if (!options.ok()) return options.status();
     const int connections = plan.connections > 0 ? plan.connections : int(plan.servers.size());
     for (int i = 0; i < std::max(connections, int(plan.servers.size())); ++i) {
       const std::string& target = plan.servers[size_t(i) % plan.servers.size()];
-      absl::StatusOr<std::shared_ptr<grpc::Channel>> channel = OpenChannel(target, ConnectOptions{});
+      absl::StatusOr<std::shared_ptr<grpc::Channel>> channel = OpenChannel(target, *options);
       if (!channel.ok()) return channel.status();
       channels.push_back(*std::move(channel));
     }

@@ -1,0 +1,64 @@
+#include "server_access.h"
+
+#include <cstdlib>
+#include <fstream>
+
+#include <CLI/CLI.hpp>
+
+#include "absl/strings/str_cat.h"
+#ifdef VOXELPIPE_HAVE_SERVICE
+#include "client.h"
+#endif
+
+namespace voxelpipe::cli {
+namespace {
+
+struct Flags {
+  bool tls = false;
+  std::string ca, cert, key, server_name, token_file;
+};
+
+// One command runs in a process, so one set is enough for the flags of all of them.
+Flags& TheFlags() {
+  static Flags flags;
+  return flags;
+}
+
+}  // namespace
+
+void AddServerAccessFlags(CLI::App& app) {
+  Flags& flags = TheFlags();
+  for (CLI::App* command :
+       app.get_subcommands([](CLI::App* c) { return c->get_option_no_throw("--server") != nullptr; })) {
+    const auto add = [&](const char* name, std::string& value, const char* type, const char* help) {
+      command->add_option(name, value, help)->type_name(type)->group("The server");
+    };
+    command->add_flag("--tls", flags.tls, "Encrypt, and believe whom this machine believes")->group("The server");
+    add("--tls-ca", flags.ca, "FILE", "Encrypt, and believe whom these certificates signed (PEM)");
+    add("--tls-cert", flags.cert, "FILE", "Encrypt, and show this certificate (PEM), with --tls-key");
+    add("--tls-key", flags.key, "FILE", "The key of --tls-cert (PEM)");
+    add("--tls-server-name", flags.server_name, "NAME", "Encrypt; the server's certificate is for this name");
+    add("--token-file", flags.token_file, "FILE", "Send the token in this file (else that of VOXELPIPE_TOKEN, if set)");
+  }
+}
+
+#ifdef VOXELPIPE_HAVE_SERVICE
+absl::StatusOr<ConnectOptions> MakeConnectOptions() {
+  const Flags& flags = TheFlags();
+  ConnectOptions options;
+  if (flags.tls || !(flags.ca + flags.cert + flags.key + flags.server_name).empty()) {
+    options.tls = ClientTls{flags.ca, flags.cert, flags.key, flags.server_name};
+  }
+  if (!flags.token_file.empty()) {
+    std::ifstream file(flags.token_file);
+    if (!(file >> options.token)) {
+      return absl::InvalidArgumentError(absl::StrCat("--token-file: ", flags.token_file, " holds no token"));
+    }
+  } else if (const char* token = std::getenv("VOXELPIPE_TOKEN")) {
+    options.token = token;
+  }
+  return options;
+}
+#endif
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,15 @@
+// The files that options name, looked at before anything starts.
+#pragma once
+
+#include "absl/status/status.h"
+#include "access/tls.h"
+#include "options.h"
+
+namespace voxelpipe {
+
+TlsFiles TlsOf(const ServerOptions& options);
+
+// Whether the files of --tls-... and --token-file can be read and mean something. Errors: one line naming the option.
+absl::Status CheckFiles(const ServerOptions& options);
+
+}  // namespace voxelpipe
