@@ -52,6 +52,19 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--workers", o.workers, "Jobs that run at the same time, 0 to choose")->check(CLI::Range(0, 1024));
   add("--max-queue", o.max_queue, "Jobs that wait")->check(CLI::Range(0u, 1'000'000u));
   const auto size = CLI::AsSizeValue(false);
+  add("--max-queue-bytes", o.max_queue_bytes, "Meshes that waiting jobs hold")->transform(size);
+  add("--max-queue-ms", o.max_queue_ms, "Predicted work of the jobs that wait, on one worker");
+  add("--queue-timeout-ms", o.queue_timeout_ms,
+      "A job waits at most so long for a worker, if its request does not say; 0: no limit");
+  add("--queue-aging-ms", o.queue_aging_ms, "A job that has waited so long rises by one priority; 0: never");
+  add("--max-batch-jobs", o.max_batch_jobs, "Jobs that a worker takes together")->check(CLI::Range(1u, 65'536u));
+  add("--max-batch-ms", o.max_batch_ms, "Predicted work of a batch");
+  add("--max-batch-bytes", o.max_batch_bytes, "Results of a batch")->transform(size);
+  add("--batch-delay-us", o.batch_delay_us, "A worker that has ended a batch waits so long for a fuller one")
+      ->check(CLI::Range(0u, 1'000'000u));
+  add("--giant-job-ms", o.giant_job_ms,
+      "Predicted; of the workers of a device all but one run such jobs or larger ones at the same time")
+      ->check(CLI::Range(1u, 1'000'000'000u));
   add("--max-file-bytes", o.max_file_bytes, "Largest mesh file")->transform(size);
   add("--max-upload-bytes", o.max_upload_bytes, "All mesh files in hand together")->transform(size);
   add("--max-mesh-store-bytes", o.max_mesh_store_bytes, "Memory of all meshes that are kept, 0 to choose")

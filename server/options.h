@@ -18,6 +18,15 @@ struct ServerOptions {
   int threads = 0;                          // of the CPU backend in one job; 0 = all cores
   int workers = 0;                          // jobs at the same time; 0 = one a core, at most 4
   uint32_t max_queue = 1024;                // jobs that wait
+  uint64_t max_queue_bytes = 2ull << 30;    // meshes that these hold
+  uint64_t max_queue_ms = 600'000;          // predicted work of these, on one worker
+  uint32_t queue_timeout_ms = 0;            // a job waits at most so long, if its request does not say; 0 = no limit
+  uint32_t queue_aging_ms = 10'000;         // a job that has waited so long rises by one priority; 0 = never
+  uint32_t max_batch_jobs = 64;             // jobs that a worker takes together
+  uint32_t max_batch_ms = 20;               // predicted work of these
+  uint64_t max_batch_bytes = 64ull << 20;   // results of these
+  uint32_t batch_delay_us = 0;              // a worker that comes from work waits so long for a fuller batch
+  uint32_t giant_job_ms = 1000;             // predicted; jobs from here on leave one worker of a device to the others
   uint64_t max_file_bytes = 2ull << 30;     // one mesh file
   uint64_t max_upload_bytes = 4ull << 30;   // all mesh files that are being received or wait
   uint64_t max_mesh_store_bytes = 0;        // all meshes that are kept; 0 = a sixteenth of memory, at most 2 GiB

@@ -26,6 +26,9 @@ inline constexpr uint64_t kLeastUploadBytes = 64 << 10;
 
 JobLimits LimitsOf(const ServerOptions& resolved);
 WorkerPoolOptions WorkersOf(const ServerOptions& resolved);
+SchedulerOptions SchedulingOf(const ServerOptions& resolved, Metrics& metrics);
+// Sets the gauges of the queue before they are read.
+std::unique_ptr<Metrics::Sampler> SampleQueue(const Scheduler& scheduler, Metrics& metrics);
 // How often to look for idle clients: late by at most an eighth of the smallest limit.
 std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved);
 
@@ -39,7 +42,8 @@ struct ServiceState {
         meshes(resolved.max_mesh_store_bytes),
         idle_watch(IdleIntervalOf(resolved)),
         limits(LimitsOf(resolved)),
-        scheduler({.max_queue = resolved.max_queue, .max_batch_jobs = 16}, size_t(resolved.workers)),
+        scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),
+        queue_sampler(SampleQueue(scheduler, metrics)),
         pool(scheduler, WorkersOf(resolved), limits.plan) {}
 
   const ServerOptions options;
@@ -53,6 +57,7 @@ struct ServiceState {
   IdleWatch idle_watch;
   const JobLimits limits;
   Scheduler scheduler;
+  const std::unique_ptr<Metrics::Sampler> queue_sampler;
   WorkerPool pool;  // last, so that its jobs end before the budgets go
 };
 

@@ -20,7 +20,6 @@ absl::Status FindKeptMesh(ServiceState& state, VoxelizeJob& job) {
   if (!mesh.ok()) return mesh.status();
   job.store = &state.meshes;
   job.kept = *std::move(mesh);
-  job.traits.cost.triangles = job.kept->triangles();
   return absl::OkStatus();
 }
 
@@ -41,8 +40,10 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message
   job.traits.backend = job.config.request.backend;
   job.traits.fallback = settings.fallback.value_or(asked == BackendChoice::kAuto);
   job.traits.priority = settings.priority;
-  if (settings.queue_timeout) job.traits.queue_deadline = job.traits.arrived + *settings.queue_timeout;
-  return FindKeptMesh(state, job);
+  job.traits.queue_timeout = settings.queue_timeout;
+  if (absl::Status s = FindKeptMesh(state, job); !s.ok()) return s;
+  job.Weigh();
+  return state.scheduler.Admit(job.traits);  // before the mesh is uploaded for nothing
 }
 
 absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working) {

@@ -80,6 +80,7 @@ absl::Status Scheduler::Admit(const TaskTraits& traits) const {
 }
 
 absl::Status Scheduler::Submit(std::shared_ptr<Task> task) {
+  task->Weigh();
   const Time now = Now();
   TaskTraits& traits = task->traits;
   traits.arrived = now;
@@ -102,6 +103,7 @@ absl::Status Scheduler::Submit(std::shared_ptr<Task> task) {
 }
 
 void Scheduler::Resubmit(std::shared_ptr<Task> task) {
+  task->Weigh();
   const Time now = Now();
   std::vector<Sleeper*> called;
   {
@@ -213,6 +215,17 @@ size_t Scheduler::running() const {
 size_t Scheduler::idle() const {
   const std::lock_guard lock(mutex_);
   return asleep_.size();
+}
+
+QueueState Scheduler::state() const {
+  const std::lock_guard lock(mutex_);
+  QueueState state;
+  for (size_t p = 0; p < kPriorities; ++p) state.jobs[p] = to_load_.size(Priority(p)) + to_run_.size(Priority(p));
+  for (const std::shared_ptr<Task>& task : again_) ++state.jobs[size_t(task->traits.priority)];
+  state.bytes = waiting_bytes_;
+  state.ms = to_run_.waiting_ms() + to_load_.waiting_ms();
+  state.running = taken_.size();
+  return state;
 }
 
 double Scheduler::waiting_ms() const {

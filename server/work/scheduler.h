@@ -52,6 +52,13 @@ struct SchedulerOptions {
   bool timer_thread = true;
 };
 
+struct QueueState {
+  std::array<size_t, kPriorities> jobs{};  // that wait
+  uint64_t bytes = 0;                      // that they hold
+  double ms = 0;                           // predicted work of them
+  size_t running = 0;                      // in the hands of loaders and workers
+};
+
 // Tasks from their submission to the end of their work. Thread-safe.
 //
 // Giants: of the workers of a device, all but one may run them at the same time, so that a small task never waits for giants to end, unless
@@ -105,7 +112,8 @@ class Scheduler {
 
   size_t queued() const;
   size_t running() const;
-  size_t idle() const;        // threads that wait for work
+  size_t idle() const;  // threads that wait for work
+  QueueState state() const;
   double waiting_ms() const;  // predicted work of what waits
   uint64_t waiting_bytes() const;
 

@@ -50,6 +50,8 @@ class Task {
   // False where a loader must have it before a device worker can. Asked by the scheduler, also from other threads than the one that
   // works on it, but not while it does.
   virtual bool loaded() const = 0;
+  // Brings traits.cost up to date with what is known now. Called by whoever hands the task to the scheduler.
+  virtual void Weigh() {}
   // On a loader's thread. True where a device worker comes next.
   virtual bool Load() = 0;
   // Ends a task that no worker will have: its time in the queue is over, or nothing here can run it. Called without locks.

@@ -5,6 +5,8 @@
 
 #include "meshes/prepare_kept.h"
 #include "shaders/catalog.h"
+#include "work/cost.h"
+#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 
@@ -35,8 +37,22 @@ absl::Status VoxelizeJob::Prepare() {
   }
   if (!prepared.ok()) return prepared.status();
   mesh = *std::move(prepared);
-  traits.cost.triangles = mesh->mesh->triangles.size();
   return absl::OkStatus();
+}
+
+void VoxelizeJob::Weigh() {
+  MeshFacts facts;
+  facts.format = config.mesh_format;
+  if (mesh) {
+    facts.triangles = mesh->mesh->triangles.size();
+    facts.box = Box3d{mesh->report.min, mesh->report.max, mesh->report.triangles == 0};
+    if (!kept) facts.memory_bytes = MeshBytes(*mesh->mesh);  // a kept one is the store's
+  } else {
+    facts.file_bytes = file_bytes();
+    if (kept) facts.triangles = kept->triangles();
+  }
+  traits.cost = PredictCost(config.request, facts);
+  if (kept) traits.cost.load_ms = 0;
 }
 
 bool VoxelizeJob::Load() {

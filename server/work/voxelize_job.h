@@ -24,6 +24,7 @@ class VoxelizeJob : public Task {
   explicit VoxelizeJob(JobContext::Progress progress = {}) : context(std::move(progress)) {}
 
   bool loaded() const final;
+  void Weigh() final;
   bool Load() final;
   void Refuse(absl::Status why) final { Done(std::move(why)); }
   // Makes `mesh` of `kept` and `pieces`, if that was not done.
