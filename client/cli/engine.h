@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
+#include "load/file_bytes.h"
 #include "pipeline/voxelize.h"
 #include "shaders/catalog.h"
 
@@ -24,15 +25,23 @@ struct EngineRun {
   std::optional<uint64_t> server_peak_bytes;                // the server's peak for the request; absent in-process
 };
 
+// A self-contained mesh file in memory, sibling files packed in.
+struct MeshInput {
+  FileBytes bytes;
+  double read_ms = 0;
+};
+
+// Errors: those of ReadAndPackMeshFile.
+absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const JobContext& job);
+
 class Engine {
  public:
   virtual ~Engine() = default;
 
-  // Voxelizes the mesh file at `path` `repeat` times (at least once), and hands the result of the last run to `sink`: all
-  // runs give the same bytes. A single dense run needs memory for a part of its result only, unless it is to be kept
-  // whole in `whole`.
-  virtual absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat,
-                                        JobContext& job, ResultSink& sink, VoxelizeResult* whole = nullptr) = 0;
+  // Voxelizes the mesh `repeat` times (at least once), and hands the result of the last run to `sink`: all runs give the same bytes.
+  // A single dense run needs memory for a part of its result only, unless it is to be kept whole in `whole`.
+  virtual absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
+                                        ResultSink& sink, VoxelizeResult* whole = nullptr) = 0;
   virtual absl::StatusOr<std::vector<ShaderInfo>> Shaders() = 0;
 };
 

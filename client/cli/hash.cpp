@@ -5,6 +5,29 @@
 #include <array>
 
 namespace voxelpipe::cli {
+namespace {
+
+std::string Hex(std::span<const unsigned char> digest) {
+  std::string hex;
+  for (const unsigned char byte : digest) {
+    hex += "0123456789abcdef"[byte >> 4];
+    hex += "0123456789abcdef"[byte & 15];
+  }
+  return hex;
+}
+
+absl::Status Failed() {
+  return absl::InternalError("OpenSSL cannot compute a SHA-256");
+}
+
+}  // namespace
+
+absl::StatusOr<std::string> Sha256Hex(std::span<const uint8_t> bytes) {
+  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
+  unsigned size = 0;
+  if (EVP_Digest(bytes.data(), bytes.size(), digest.data(), &size, EVP_sha256(), nullptr) != 1) return Failed();
+  return Hex({digest.data(), size});
+}
 
 struct HashingSink::Context {
   std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> digest{EVP_MD_CTX_new(), &EVP_MD_CTX_free};
@@ -30,13 +53,8 @@ absl::StatusOr<std::string> HashingSink::Digest() {
   std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
   unsigned size = 0;
   const bool ok = context_->ok && EVP_DigestFinal_ex(context_->digest.get(), digest.data(), &size) == 1;
-  if (!ok) return absl::InternalError("OpenSSL cannot compute a SHA-256");
-  std::string hex;
-  for (unsigned i = 0; i < size; ++i) {
-    hex += "0123456789abcdef"[digest[i] >> 4];
-    hex += "0123456789abcdef"[digest[i] & 15];
-  }
-  return hex;
+  if (!ok) return Failed();
+  return Hex({digest.data(), size});
 }
 
 }  // namespace voxelpipe::cli

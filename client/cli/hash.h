@@ -1,4 +1,4 @@
-// The content hash of a result.
+// SHA-256, of results above all.
 #pragma once
 
 #include <cstdint>
@@ -11,6 +11,9 @@
 #include "pipeline/result.h"
 
 namespace voxelpipe::cli {
+
+// 64 lower-case hexadecimal digits.
+absl::StatusOr<std::string> Sha256Hex(std::span<const uint8_t> bytes);
 
 // Counts and hashes what passes, and hands it on to `next`, if there is one.
 class HashingSink final : public ResultSink {

@@ -3,32 +3,28 @@
 #include "engine.h"
 #include "load/image.h"
 #include "load/loader.h"
-#include "load/pack.h"
 #include "mesh/flatten.h"
 #include "mesh/report.h"
 #include "mesh_file.h"
 
 namespace voxelpipe::cli {
 
-absl::StatusOr<LoadedMesh> LoadMeshFile(const std::string& path, const JobContext& job) {
+absl::StatusOr<LoadedMesh> LoadMesh(MeshInput mesh, const JobContext& job) {
   LoadedMesh loaded;
   const Stopwatch load;
-  job.Report("load", 0);
-  absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
-  if (!bytes.ok()) return bytes.status();
-  loaded.packed_bytes = bytes->size();
-  absl::StatusOr<Scene> scene = LoadScene(*bytes);
+  loaded.packed_bytes = mesh.bytes.size();
+  absl::StatusOr<Scene> scene = LoadScene(mesh.bytes);
   if (!scene.ok()) return scene.status();
   loaded.scene = *std::move(scene);
-  loaded.load_ms = load.Milliseconds();
-  bytes = FileBytes();  // the scene owns its data
+  loaded.load_ms = mesh.read_ms + load.Milliseconds();
+  mesh.bytes = FileBytes();  // the scene owns its data
   if (absl::Status status = job.Check(); !status.ok()) return status;
 
   const Stopwatch flatten;
   job.Report("flatten", 0);
-  absl::StatusOr<TriangleMesh> mesh = Flatten(loaded.scene);
-  if (!mesh.ok()) return mesh.status();
-  loaded.mesh = *std::move(mesh);
+  absl::StatusOr<TriangleMesh> flat = Flatten(loaded.scene);
+  if (!flat.ok()) return flat.status();
+  loaded.mesh = *std::move(flat);
   loaded.flatten_ms = flatten.Milliseconds();
   if (absl::Status status = job.Check(); !status.ok()) return status;
   return loaded;
@@ -38,9 +34,9 @@ namespace {
 
 class LocalEngine : public Engine {
  public:
-  absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat, JobContext& job,
+  absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
                                 ResultSink& sink, VoxelizeResult* whole) override {
-    absl::StatusOr<LoadedMesh> loaded = LoadMeshFile(path, job);
+    absl::StatusOr<LoadedMesh> loaded = LoadMesh(std::move(mesh), job);
     if (!loaded.ok()) return loaded.status();
     loaded->scene = Scene();  // the flat mesh is all that is needed from here on
     if (RequestReadsTextures(request)) {

@@ -22,6 +22,7 @@ int main(int argc, char** argv) {
     AddInfoCommand(app, exit_code);
     AddShadersCommand(app, exit_code);
     AddServerInfoCommand(app, exit_code);
+    AddBatchCommand(app, exit_code);
     AddBenchCommand(app, exit_code);
     AddServerAccessFlags(app);
     // gRPC's own lines say in C structures what our one error line says; whoever wants them sets the variable.

@@ -6,6 +6,7 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
+#include "engine.h"
 #include "mesh/scene.h"
 #include "mesh/triangle_mesh.h"
 
@@ -18,8 +19,7 @@ struct LoadedMesh {
   double load_ms = 0, flatten_ms = 0;
 };
 
-// Reads, packs, loads and flattens. Errors: those of ReadAndPackMeshFile, LoadScene and Flatten; CANCELLED between the
-// steps.
-absl::StatusOr<LoadedMesh> LoadMeshFile(const std::string& path, const JobContext& job);
+// Loads and flattens. Errors: those of LoadScene and Flatten; CANCELLED between the steps.
+absl::StatusOr<LoadedMesh> LoadMesh(MeshInput mesh, const JobContext& job);
 
 }  // namespace voxelpipe::cli

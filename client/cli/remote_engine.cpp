@@ -9,6 +9,7 @@
 #include "report.h"
 #include "server_access.h"
 #include "server_option.h"
+#include "wire/status.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -23,12 +24,9 @@ class RemoteEngine : public Engine {
  public:
   explicit RemoteEngine(std::string target) : target_(std::move(target)) {}
 
-  absl::StatusOr<EngineRun> Run(const std::string& path, const VoxelizeRequest& request, int repeat, JobContext& job,
+  absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
                                 ResultSink& sink, VoxelizeResult* whole) override {
-    // Sibling files are read and packed here: the server has no business on this machine's disk.
-    job.Report("read", 0);
-    const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
-    if (!bytes.ok()) return bytes.status();
+    // Sibling files are packed in: the server has no business on this machine's disk.
     if (absl::Status status = Connect(); !status.ok()) return status;
     EngineRun run;
     run.server_peak_bytes = 0;
@@ -39,7 +37,7 @@ class RemoteEngine : public Engine {
       if (request.fill != Fill::kNone) run.open_edges = remote.report.open_edges;
     };
     if (repeat == 1 && whole == nullptr) {
-      absl::StatusOr<RemoteRun> remote = client_->VoxelizeTo(*bytes, MeshFormat::kAuto, request, job, sink);
+      absl::StatusOr<RemoteRun> remote = client_->VoxelizeTo(mesh.bytes, MeshFormat::kAuto, request, job, sink);
       if (!remote.ok()) return remote.status();
       add(*remote);
       return run;
@@ -47,7 +45,7 @@ class RemoteEngine : public Engine {
     VoxelizeResult last;
     for (int i = 0; i < repeat; ++i) {
       last = VoxelizeResult();  // before the next one arrives: one result in memory at a time
-      absl::StatusOr<RemoteResult> remote = client_->Voxelize(*bytes, MeshFormat::kAuto, request, job);
+      absl::StatusOr<RemoteResult> remote = client_->Voxelize(mesh.bytes, MeshFormat::kAuto, request, job);
       if (!remote.ok()) return remote.status();
       last = std::move(remote->result);
       add(*remote);
@@ -128,6 +126,10 @@ absl::StatusOr<MeshReport> RemoteReport(const std::string& target, const std::st
   const absl::StatusOr<Client::Estimated> estimated = (*client)->Estimate(*bytes, MeshFormat::kAuto, smallest, job);
   if (!estimated.ok()) return estimated.status();
   return estimated->report;
+}
+
+std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status) {
+  return RetryDelay(status);
 }
 
 absl::StatusOr<std::string> DescribeServer(const std::string& target, bool json) {

@@ -30,6 +30,10 @@ std::unique_ptr<Engine> MakeRemoteEngine(const std::string&) {
   return nullptr;
 }
 
+std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status&) {
+  return std::nullopt;
+}
+
 absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan) {
   return CheckServerOption(plan.servers.front());
 }

@@ -1,7 +1,9 @@
 // The choice between this process and a server.
 #pragma once
 
+#include <chrono>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
@@ -23,6 +25,9 @@ absl::StatusOr<MeshReport> RemoteReport(const std::string& server, const std::st
 
 // The text of `server-info`: a short table, or one JSON object.
 absl::StatusOr<std::string> DescribeServer(const std::string& server, bool json);
+
+// After how long a server that has too much to do wants to be asked again; nothing where the error is not one of load.
+std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status);
 
 // For server_option.cpp: the engine that calls a server. Connects when it is first used.
 std::unique_ptr<Engine> MakeRemoteEngine(const std::string& server);

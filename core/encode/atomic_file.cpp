@@ -14,6 +14,8 @@
 namespace voxelpipe {
 namespace {
 
+constexpr char kMark[] = ".part-";  // then the process and a number: PID-N
+
 absl::Status SystemError(int error, const std::string& what) {
   return absl::ErrnoToStatus(error, what);
 }
@@ -24,10 +26,22 @@ absl::StatusOr<AtomicFile> AtomicFile::Create(const std::string& path) {
   static std::atomic<uint64_t> counter{0};
   AtomicFile file;
   file.path_ = path;
-  file.temporary_ = absl::StrCat(path, ".part-", getpid(), "-", counter.fetch_add(1));
+  file.temporary_ = absl::StrCat(path, kMark, getpid(), "-", counter.fetch_add(1));
   file.descriptor_ = open(file.temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (file.descriptor_ < 0) return SystemError(errno, absl::StrCat("cannot create '", path, "'"));
   return file;
+}
+
+std::string AtomicFile::FinalPath(const std::string& temporary) {
+  const size_t mark = temporary.rfind(kMark);
+  if (mark == std::string::npos || mark == 0) return "";
+  const std::string tail = temporary.substr(mark + sizeof(kMark) - 1);
+  const size_t dash = tail.find('-');
+  const auto is_number = [](const std::string& text) {
+    return !text.empty() && text.find_first_not_of("0123456789") == std::string::npos;
+  };
+  const bool ours = dash != std::string::npos && is_number(tail.substr(0, dash)) && is_number(tail.substr(dash + 1));
+  return ours ? temporary.substr(0, mark) : "";
 }
 
 AtomicFile::AtomicFile(AtomicFile&& other) noexcept

@@ -18,6 +18,10 @@ class AtomicFile {
   // The system's error, with the path, if the file cannot be created.
   static absl::StatusOr<AtomicFile> Create(const std::string& path);
 
+  // In: a path. Out: what it was to become, if it is the temporary name of such a file, which a process that was killed leaves
+  // behind; otherwise an empty text.
+  static std::string FinalPath(const std::string& temporary);
+
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();

@@ -12,6 +12,7 @@ inline std::string RefuseEmpty(const std::string& text) {
   return text.empty() ? "must not be empty" : "";
 }
 
+void AddBatchCommand(CLI::App& app, int& exit_code);
 void AddBenchCommand(CLI::App& app, int& exit_code);
 void AddVoxelizeCommand(CLI::App& app, int& exit_code);
 void AddInfoCommand(CLI::App& app, int& exit_code);

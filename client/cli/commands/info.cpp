@@ -89,7 +89,9 @@ absl::Status Info(const InfoArguments& arguments) {
       const absl::StatusOr<MeshReport> report = RemoteReport(arguments.server, arguments.path, job);
       return report.ok() ? Print(arguments, *report, nullptr) : report.status();
     }
-    const absl::StatusOr<LoadedMesh> loaded = LoadMeshFile(arguments.path, job);
+    absl::StatusOr<MeshInput> mesh = ReadMeshInput(arguments.path, job);
+    if (!mesh.ok()) return mesh.status();
+    const absl::StatusOr<LoadedMesh> loaded = LoadMesh(*std::move(mesh), job);
     if (!loaded.ok()) return loaded.status();
     return Print(arguments, ReportMesh(loaded->mesh), &*loaded);
   } catch (const std::bad_alloc&) {

@@ -1,21 +1,18 @@
 #include <exception>
-#include <filesystem>
 #include <new>
 
 #include "absl/strings/str_cat.h"
-#include "clock.h"
 #include "commands/commands.h"
 #include "encode/encode.h"
-#include "encode/png_preview.h"
 #include "encode/result_file.h"
 #include "engine.h"
-#include "hash.h"
 #include "interrupt.h"
 #include "output_plan.h"
 #include "progress_bar.h"
 #include "report.h"
 #include "request_flags.h"
 #include "request_options.h"
+#include "run_to_files.h"
 #include "server_option.h"
 
 namespace voxelpipe::cli {
@@ -29,88 +26,19 @@ struct VoxelizeArguments {
   bool json = false;
 };
 
-// The directories above a file. WriteResult and OpenResultFile name the path if it still cannot be made.
-void MakeDirectories(const std::string& path) {
-  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
-  std::error_code ignored;
-  if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
-}
-
-absl::Status WritePictures(const VoxelizeResult& result, const OutputPlan& plan, JobContext& job,
-                           VoxelizeReport& report) {
-  for (const std::string& path : {plan.result, plan.preview}) {
-    if (path.empty() || FileExtension(path) != ".png") continue;
-    job.Report("encode", 0.5);
-    MakeDirectories(path);
-    if (absl::Status status = WriteResult(result, path, &job); !status.ok()) return status;
-    report.files.push_back(path);
-  }
-  return absl::OkStatus();
-}
-
-// Keeps the time that a file takes.
-class TimedSink final : public ResultSink {
- public:
-  explicit TimedSink(ResultSink* next) : next_(next) {}
-  absl::Status Begin(const ResultHeader& header) override {
-    return Timed([&] { return next_->Begin(header); });
-  }
-  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
-    return Timed([&] { return next_->Write(array, bytes); });
-  }
-  double milliseconds() const { return milliseconds_; }
-
- private:
-  template <typename Call>
-  absl::Status Timed(const Call& call) {
-    if (next_ == nullptr) return absl::OkStatus();
-    const Stopwatch clock;
-    absl::Status status = call();
-    milliseconds_ += clock.Milliseconds();
-    return status;
-  }
-
-  ResultSink* next_;
-  double milliseconds_ = 0;
-};
-
 absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputPlan& plan,
                          const VoxelizeRequest& request, const VoxelizeArguments& arguments) {
   ProgressBar bar;
   JobContext job([&bar](std::string_view stage, double fraction) { bar.Show(stage, fraction); });
   const CancelOnInterrupt cancel(job);
   try {
-    // Arrays go to their file as they are made; only a picture needs the whole result.
-    std::unique_ptr<ResultFile> file;
-    if (!plan.result.empty() && FileExtension(plan.result) != ".png") {
-      MakeDirectories(plan.result);
-      absl::StatusOr<std::unique_ptr<ResultFile>> opened = OpenResultFile(plan.result, &job);
-      if (!opened.ok()) return opened.status();
-      file = *std::move(opened);
-    }
-    const bool picture = !plan.preview.empty() || (!plan.result.empty() && file == nullptr);
-    TimedSink timed(file.get());
-    HashingSink sink(&timed);
-    VoxelizeResult whole;
-    const absl::StatusOr<EngineRun> run =
-        engine.Run(input, request, arguments.repeat, job, sink, picture ? &whole : nullptr);
-    if (!run.ok()) return run.status();
+    absl::StatusOr<MeshInput> mesh = ReadMeshInput(input, job);
+    if (!mesh.ok()) return mesh.status();
     VoxelizeReport report;
     report.input = input;
-    report.header = sink.header();
-    report.bytes = sink.bytes();
-    absl::StatusOr<std::string> hash = sink.Digest();
-    if (!hash.ok()) return hash.status();
-    report.hash = *std::move(hash);
-    const Stopwatch encode;
-    if (file != nullptr) {
-      if (absl::Status status = file->Commit(); !status.ok()) return status;
-      report.files = OutputPaths(plan.result, request.targets.size());
-    }
-    if (absl::Status status = WritePictures(whole, plan, job, report); !status.ok()) return status;
-    report.encode_ms = timed.milliseconds() + encode.Milliseconds();
-    report.encoded = file != nullptr || picture;
-    report.peak_bytes = run->server_peak_bytes.value_or(ProcessPeakBytes());
+    const absl::StatusOr<EngineRun> run =
+        RunToFiles(engine, *std::move(mesh), request, arguments.repeat, plan, job, report);
+    if (!run.ok()) return run.status();
     bar.Clear();
     return PrintLine(arguments.json
                          ? VoxelizeJson(*run, report).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)

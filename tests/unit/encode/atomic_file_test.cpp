@@ -68,5 +68,24 @@ TEST(AtomicFile, StopsWithTheJob) {
   EXPECT_EQ(directory.FileCount(), 0u);
 }
 
+TEST(AtomicFile, KnowsTheTemporaryNamesOfKilledProcesses) {
+  EXPECT_EQ(AtomicFile::FinalPath("d/a.npy.part-123-0"), "d/a.npy");
+  EXPECT_EQ(AtomicFile::FinalPath("a.part-1-2.part-3-4"), "a.part-1-2");
+  for (const char* other : {"a.npy", "a.part-", "a.part-1", "a.part-1-", "a.part--1", "a.part-1-2x", ".part-1-2", ""}) {
+    EXPECT_EQ(AtomicFile::FinalPath(other), "") << other;
+  }
+}
+
+TEST(AtomicFile, ItsOwnTemporaryIsOneOfThem) {
+  const testing::TemporaryDirectory directory;
+  const std::string path = directory / "a.npy";
+  const absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
+  ASSERT_TRUE(file.ok());
+  for (const auto& entry : std::filesystem::directory_iterator(directory.path())) {
+    EXPECT_EQ(AtomicFile::FinalPath(entry.path().string()), path);
+  }
+  EXPECT_EQ(directory.FileCount(), 1u);
+}
+
 }  // namespace
 }  // namespace voxelpipe

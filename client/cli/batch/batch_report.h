@@ -1,0 +1,24 @@
+// What `voxelpipe batch` tells of a run.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "batch/batch_run.h"
+
+namespace voxelpipe::cli {
+
+struct BatchTotals {
+  size_t items = 0, done = 0, skipped = 0, failed = 0, left = 0;
+  uint64_t bytes = 0;  // of the results that this run made
+};
+BatchTotals TotalsOf(const BatchResult& result);
+
+// {"items", "done", "skipped", "failed", "left", "bytes", "seconds"}.
+nlohmann::ordered_json TotalsJson(const BatchResult& result);
+// The whole report: the totals, and every item with its status, error, time and files.
+nlohmann::ordered_json ReportJson(const BatchPlan& plan, const BatchResult& result);
+// One line for people.
+std::string TotalsLine(const BatchResult& result);
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,298 @@
+#include "batch/batch_run.h"
+
+#include <algorithm>
+#include <condition_variable>
+#include <exception>
+#include <filesystem>
+#include <mutex>
+#include <new>
+#include <thread>
+
+#include "absl/strings/str_cat.h"
+#include "batch/done_record.h"
+#include "batch/server_pool.h"
+#include "clock.h"
+#include "hash.h"
+#include "run_to_files.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = ServerPool::Clock;
+
+constexpr std::chrono::milliseconds kLookEvery{50};  // for a signal
+
+// Errors that another server, or the same one later, may not give.
+bool IsWorthAnotherTry(const absl::Status& status) {
+  switch (status.code()) {
+    case absl::StatusCode::kUnavailable:
+    case absl::StatusCode::kAborted:
+    case absl::StatusCode::kDataLoss:
+    case absl::StatusCode::kDeadlineExceeded:
+    case absl::StatusCode::kCancelled: return true;  // by the server: it goes away
+    default: return false;
+  }
+}
+
+class Run {
+ public:
+  Run(const BatchPlan& plan, const BatchHooks& hooks)
+      : plan_(plan), hooks_(hooks), servers_(plan.servers.size()), reports_(plan.items.size()) {}
+
+  BatchResult Go() {
+    const Stopwatch clock;
+    const size_t count = std::min(size_t(std::max(1, plan_.jobs)), plan_.items.size());
+    {
+      const std::lock_guard lock(mutex_);
+      workers_ = count;
+      running_.assign(count, nullptr);
+    }
+    std::vector<std::thread> threads;
+    for (size_t i = 0; i < count; ++i) threads.emplace_back([this, i] { Work(i); });
+    Watch();
+    for (std::thread& thread : threads) thread.join();
+    if (hooks_.on_progress) hooks_.on_progress(ended_, failed_);
+    return {std::move(reports_), clock.Milliseconds() / 1000};
+  }
+
+ private:
+  // Looks for a signal until the workers are gone.
+  void Watch() {
+    std::unique_lock lock(mutex_);
+    while (!changed_.wait_for(lock, kLookEvery, [this] { return workers_ == 0; })) {
+      if (hooks_.stop_signal && hooks_.stop_signal() != 0) {
+        stopping_ = true;
+        for (JobContext* job : running_) {
+          if (job != nullptr) job->Cancel();
+        }
+        changed_.notify_all();
+      }
+      if (!hooks_.on_progress) continue;
+      const size_t ended = ended_, failed = failed_;
+      lock.unlock();
+      hooks_.on_progress(ended, failed);
+      lock.lock();
+    }
+  }
+
+  void Work(size_t worker) {
+    std::vector<std::unique_ptr<Engine>> engines(std::max<size_t>(1, plan_.servers.size()));
+    while (const std::optional<size_t> item = NextItem()) {
+      ItemReport& report = reports_[*item];
+      const Stopwatch clock;
+      const absl::Status status = DoItem(plan_.items[*item], worker, engines, report);
+      report.milliseconds = clock.Milliseconds();
+      Ended(plan_.items[*item], status, report);
+    }
+    const std::lock_guard lock(mutex_);
+    --workers_;
+    changed_.notify_all();
+  }
+
+  std::optional<size_t> NextItem() {
+    const std::lock_guard lock(mutex_);
+    if (stopping_ || (plan_.fail_fast && failed_ > 0) || next_ == plan_.items.size()) return std::nullopt;
+    return next_++;
+  }
+
+  void Ended(const BatchItem& item, const absl::Status& status, ItemReport& report) {
+    const std::lock_guard lock(mutex_);
+    ++ended_;
+    if (status.ok()) return;
+    if (stopping_) {
+      report.status = ItemStatus::kLeft;  // the stop ended it, whatever it said
+      --ended_;
+      return;
+    }
+    report.status = ItemStatus::kFailed;
+    report.error = status;
+    ++failed_;
+    if (hooks_.on_failure) hooks_.on_failure(item, status);
+  }
+
+  bool Stopping() {
+    const std::lock_guard lock(mutex_);
+    return stopping_;
+  }
+
+  // False if the run was stopped meanwhile.
+  bool WaitUntil(Clock::time_point time) {
+    std::unique_lock lock(mutex_);
+    return !changed_.wait_until(lock, time, [this] { return stopping_; });
+  }
+
+  // An input in memory, and the key of what is to be made of it.
+  struct Prepared {
+    MeshInput mesh;
+    std::string key;
+  };
+
+  absl::StatusOr<Prepared> Prepare(const BatchItem& item, const JobContext& job) const {
+    absl::StatusOr<MeshInput> mesh = ReadMeshInput(item.input, job);
+    if (!mesh.ok()) return mesh.status();
+    const absl::StatusOr<std::string> input_sha256 = Sha256Hex(mesh->bytes);
+    if (!input_sha256.ok()) return input_sha256.status();
+    absl::StatusOr<std::string> key = ItemKey(item, *input_sha256);
+    if (!key.ok()) return key.status();
+    return Prepared{*std::move(mesh), *std::move(key)};
+  }
+
+  absl::Status DoItem(const BatchItem& item, size_t worker, std::vector<std::unique_ptr<Engine>>& engines,
+                      ItemReport& report) {
+    try {
+      const JobContext reading;
+      absl::StatusOr<Prepared> prepared = Prepare(item, reading);
+      if (!prepared.ok()) return prepared.status();
+      if (const absl::StatusOr<DoneRecord> record = FindRecord(plan_.output_dir, item, prepared->key); record.ok()) {
+        report.status = ItemStatus::kSkipped;
+        Tell(*record, report);
+        return absl::OkStatus();
+      }
+      if (absl::Status s = RemoveRecord(plan_.output_dir, item); !s.ok()) return s;
+      if (plan_.servers.empty()) {
+        if (engines[0] == nullptr) engines[0] = hooks_.make_engine("");
+        return Attempt(item, *std::move(prepared), worker, *engines[0], report).status;
+      }
+      return DoOnServers(item, std::move(prepared), worker, engines, report);
+    } catch (const std::bad_alloc&) {
+      return absl::ResourceExhaustedError("out of memory");
+    } catch (const std::exception& error) {
+      return absl::InternalError(error.what());
+    }
+  }
+
+  // Attempts until one counts. The mesh is read anew for each but the first: it is not kept while it is sent.
+  absl::Status DoOnServers(const BatchItem& item, absl::StatusOr<Prepared> prepared, size_t worker,
+                           std::vector<std::unique_ptr<Engine>>& engines, ItemReport& report) {
+    std::optional<Clock::time_point> busy_since;
+    for (int failures = 0;;) {
+      const absl::StatusOr<size_t> taken = TakeServer();
+      if (!taken.ok()) return taken.status();
+      const size_t server = *taken;
+      const PlaceBack place(servers_, server);
+      report.server = plan_.servers[server];
+      if (engines[server] == nullptr) engines[server] = hooks_.make_engine(plan_.servers[server]);
+      if (!prepared.ok()) prepared = Prepare(item, JobContext());
+      if (!prepared.ok()) return prepared.status();
+      const Attempted attempted = Attempt(item, *std::move(prepared), worker, *engines[server], report);
+      prepared = absl::UnavailableError("used up");
+
+      const absl::Status& status = attempted.status;
+      const Clock::time_point now = Clock::now();
+      if (!attempted.by_engine || Stopping()) return status;
+      if (const auto delay = hooks_.retry_delay ? hooks_.retry_delay(status) : std::nullopt) {
+        servers_.Busy(server, now, *delay);
+        if (!busy_since) busy_since = now;
+        if (now - *busy_since >= plan_.busy_timeout) return status;
+        continue;
+      }
+      if (!IsWorthAnotherTry(status)) {
+        servers_.Answered(server);
+        return status;
+      }
+      // A late answer may be the job's fault as well as the server's: others need not suffer for it.
+      if (!absl::IsDeadlineExceeded(status)) {
+        servers_.Lost(server, now);
+        engines[server] = nullptr;  // a new connection next time
+      }
+      if (++failures > plan_.retries) return status;
+    }
+  }
+
+  // Waits while all servers rest. CANCELLED if the run was stopped.
+  absl::StatusOr<size_t> TakeServer() {
+    for (;;) {
+      if (Stopping()) return absl::CancelledError("stopped");
+      if (const std::optional<size_t> server = servers_.Take(Clock::now())) return *server;
+      if (!WaitUntil(servers_.NextFree())) return absl::CancelledError("stopped");
+    }
+  }
+
+  struct Attempted {
+    absl::Status status;
+    bool by_engine = false;  // the status is the engine's, a server's, or that of the files while it ran
+  };
+
+  Attempted Attempt(const BatchItem& item, Prepared prepared, size_t worker, Engine& engine, ItemReport& report) {
+    ++report.attempts;
+    JobContext job;
+    if (plan_.deadline) job.set_deadline(Clock::now() + *plan_.deadline);
+    const CancelledByStop by_stop(*this, worker, job);
+    OutputPlan files;
+    files.result = (fs::path(plan_.output_dir) / item.output).string();
+    if (!item.preview.empty()) files.preview = (fs::path(plan_.output_dir) / item.preview).string();
+    VoxelizeReport made;
+    const absl::StatusOr<EngineRun> run =
+        RunToFiles(engine, std::move(prepared.mesh), item.request->request, 1, files, job, made);
+    if (!run.ok()) return {run.status(), true};
+    DoneRecord record;
+    record.key = std::move(prepared.key);
+    record.hash = made.hash;
+    record.bytes = made.bytes;
+    for (const std::string& path : made.files) {
+      record.files.push_back({fs::path(path).lexically_relative(plan_.output_dir).string(), 0});
+    }
+    if (absl::Status s = WriteRecord(plan_.output_dir, item, record); !s.ok()) return {s, false};
+    report.status = ItemStatus::kDone;
+    Tell(record, report);
+    return {absl::OkStatus(), true};
+  }
+
+  static void Tell(const DoneRecord& record, ItemReport& report) {
+    report.hash = record.hash;
+    report.bytes = record.bytes;
+    for (const DoneRecord::File& file : record.files) report.files.push_back(file.name);
+  }
+
+  // Gives the place at a server back, however the attempt is left.
+  class PlaceBack {
+   public:
+    PlaceBack(ServerPool& servers, size_t server) : servers_(servers), server_(server) {}
+    ~PlaceBack() { servers_.Return(server_); }
+    PlaceBack(const PlaceBack&) = delete;
+    PlaceBack& operator=(const PlaceBack&) = delete;
+
+   private:
+    ServerPool& servers_;
+    const size_t server_;
+  };
+
+  // While it lives, a stop of the run cancels the job.
+  class CancelledByStop {
+   public:
+    CancelledByStop(Run& run, size_t worker, JobContext& job) : run_(run), worker_(worker) {
+      const std::lock_guard lock(run_.mutex_);
+      run_.running_[worker_] = &job;
+      if (run_.stopping_) job.Cancel();
+    }
+    ~CancelledByStop() {
+      const std::lock_guard lock(run_.mutex_);
+      run_.running_[worker_] = nullptr;
+    }
+    CancelledByStop(const CancelledByStop&) = delete;
+    CancelledByStop& operator=(const CancelledByStop&) = delete;
+
+   private:
+    Run& run_;
+    const size_t worker_;
+  };
+
+  const BatchPlan& plan_;
+  const BatchHooks& hooks_;
+  ServerPool servers_;
+  std::vector<ItemReport> reports_;  // each written by the worker that has the item
+  std::mutex mutex_;                 // of all that follows
+  std::condition_variable changed_;
+  std::vector<JobContext*> running_;  // of each worker
+  size_t workers_ = 0, next_ = 0, ended_ = 0, failed_ = 0;
+  bool stopping_ = false;
+};
+
+}  // namespace
+
+BatchResult RunBatch(const BatchPlan& plan, const BatchHooks& hooks) {
+  return Run(plan, hooks).Go();
+}
+
+}  // namespace voxelpipe::cli

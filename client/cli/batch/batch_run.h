@@ -1,0 +1,69 @@
+// Works through the items of a batch.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "batch/manifest.h"
+#include "engine.h"
+
+namespace voxelpipe::cli {
+
+struct BatchPlan {
+  std::string manifest, output_dir;
+  Shard shard;
+  std::vector<BatchItem> items;            // of the shard
+  std::vector<std::string> servers;        // empty: in this process
+  int jobs = 1;                            // items under way at the same time
+  int retries = 5;                         // of an item whose server was lost or failed, besides the first attempt
+  std::chrono::seconds busy_timeout{600};  // how long an item may wait for servers that have too much to do
+  std::optional<std::chrono::milliseconds> deadline;  // of an attempt
+  bool fail_fast = false;
+};
+
+enum class ItemStatus {
+  kLeft,     // not done: the run was stopped before
+  kDone,     // by this run
+  kSkipped,  // done by a run before, of the same input and request
+  kFailed,
+};
+
+struct ItemReport {
+  ItemStatus status = ItemStatus::kLeft;
+  absl::Status error = absl::OkStatus();
+  double milliseconds = 0;  // reading, waiting for servers and writing included
+  int attempts = 0;
+  std::string server, worker;      // of the last attempt; empty where none
+  std::string hash;                // of the result
+  uint64_t bytes = 0;              // of the result
+  std::vector<std::string> files;  // relative to the output directory
+};
+
+struct BatchResult {
+  std::vector<ItemReport> items;  // in order
+  double seconds = 0;
+};
+
+struct BatchHooks {
+  // An engine for one server, or the core in this process (empty). Called from several threads.
+  std::function<std::unique_ptr<Engine>(const std::string& server)> make_engine;
+  std::function<int()> stop_signal;  // not 0: stop
+  // After how long a server that has too much to do wants to be asked again; nothing where the error is not one of load.
+  std::function<std::optional<std::chrono::milliseconds>(const absl::Status&)> retry_delay;
+  // From the calling thread, every now and then, and once at the end.
+  std::function<void(size_t ended, size_t failed)> on_progress;
+  std::function<void(const BatchItem&, const absl::Status&)> on_failure;  // from several threads, one at a time
+};
+
+// Each item is read, skipped if its record says that it is done, otherwise run and written: its files appear under their names when
+// they are complete, its record after them. An item's error is its own. A lost or failing server is left alone for a while, its
+// items go to the others; a server that is busy is asked again when it said so. A signal cancels what is under way.
+BatchResult RunBatch(const BatchPlan& plan, const BatchHooks& hooks);
+
+}  // namespace voxelpipe::cli

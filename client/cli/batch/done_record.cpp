@@ -1,0 +1,90 @@
+#include "batch/done_record.h"
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "encode/atomic_file.h"
+#include "hash.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+// Counts up when the files of an unchanged request change, so that they are written anew.
+constexpr int kFormatVersion = 1;
+
+absl::StatusOr<DoneRecord> Parse(std::istream& in) {
+  DoneRecord record;
+  try {
+    const ordered_json json = ordered_json::parse(in);
+    record.key = json.at("key").get<std::string>();
+    record.hash = json.at("hash").get<std::string>();
+    record.bytes = json.at("bytes").get<uint64_t>();
+    for (const ordered_json& file : json.at("files")) {
+      record.files.push_back({file.at("name").get<std::string>(), file.at("bytes").get<uint64_t>()});
+    }
+  } catch (const nlohmann::json::exception& error) {
+    return absl::NotFoundError(error.what());  // not ours, or of another version
+  }
+  return record;
+}
+
+}  // namespace
+
+absl::StatusOr<std::string> ItemKey(const BatchItem& item, const std::string& input_sha256) {
+  const std::string text = absl::StrCat("voxelpipe batch ", kFormatVersion, "\n", item.request->digest, "\n",
+                                        input_sha256, "\n", item.output, "\n", item.preview, "\n");
+  return Sha256Hex({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+}
+
+std::string RecordPath(const std::string& output_dir, const BatchItem& item) {
+  return (fs::path(output_dir) / kRecordDirectory / (item.output + ".json")).string();
+}
+
+absl::StatusOr<DoneRecord> FindRecord(const std::string& output_dir, const BatchItem& item, const std::string& key) {
+  std::ifstream in(RecordPath(output_dir, item), std::ios::binary);
+  if (!in) return absl::NotFoundError("no record");
+  absl::StatusOr<DoneRecord> record = Parse(in);
+  if (!record.ok()) return record;
+  if (record->key != key || record->files.empty()) return absl::NotFoundError("the record is of another request");
+  for (const DoneRecord::File& file : record->files) {
+    std::error_code error;
+    if (fs::file_size(fs::path(output_dir) / file.name, error) != file.bytes || error) {
+      return absl::NotFoundError(absl::StrCat(file.name, " is not there as it was written"));
+    }
+  }
+  return record;
+}
+
+absl::Status RemoveRecord(const std::string& output_dir, const BatchItem& item) {
+  const std::string path = RecordPath(output_dir, item);
+  std::error_code error;
+  fs::remove(path, error);
+  return error ? absl::ErrnoToStatus(error.value(), absl::StrCat("cannot remove '", path, "'")) : absl::OkStatus();
+}
+
+absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, DoneRecord record) {
+  ordered_json files = ordered_json::array();
+  for (DoneRecord::File& file : record.files) {
+    std::error_code error;
+    const fs::path path = fs::path(output_dir) / file.name;
+    file.bytes = fs::file_size(path, error);
+    if (error) return absl::ErrnoToStatus(error.value(), absl::StrCat("'", path.string(), "'"));
+    files.push_back({{"name", file.name}, {"bytes", file.bytes}});
+  }
+  const ordered_json json = {{"key", record.key}, {"hash", record.hash}, {"bytes", record.bytes}, {"files", files}};
+  const std::string text = json.dump(-1, ' ', true, ordered_json::error_handler_t::replace) + "\n";
+  const std::string path = RecordPath(output_dir, item);
+  std::error_code ignored;  // creating the file says what is wrong
+  fs::create_directories(fs::path(path).parent_path(), ignored);
+  absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
+  if (!file.ok()) return file.status();
+  if (absl::Status s = file->Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !s.ok()) return s;
+  return file->Commit();
+}
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,88 @@
+#include "batch/leftovers.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <filesystem>
+#include <set>
+#include <unordered_set>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "batch/done_record.h"
+#include "encode/atomic_file.h"
+#include "encode/encode.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Whether the file that is open is the one at this path.
+bool IsAt(int descriptor, const std::string& path) {
+  struct stat open_one {
+  }, named{};
+  return fstat(descriptor, &open_one) == 0 && stat(path.c_str(), &named) == 0 && open_one.st_ino == named.st_ino &&
+         open_one.st_dev == named.st_dev;
+}
+
+}  // namespace
+
+void RemoveLeftovers(const std::string& output_dir, const std::vector<BatchItem>& items) {
+  std::unordered_set<std::string> ours;
+  std::set<fs::path> directories;
+  const auto add = [&](const fs::path& path) {
+    ours.insert(path.string());
+    directories.insert(path.parent_path());
+  };
+  for (const BatchItem& item : items) {
+    for (const std::string& name : OutputPaths(item.output, item.request->request.targets.size())) {
+      add(fs::path(output_dir) / name);
+    }
+    if (!item.preview.empty()) add(fs::path(output_dir) / item.preview);
+    add(RecordPath(output_dir, item));
+  }
+  for (const fs::path& directory : directories) {
+    std::error_code ignored;  // a directory that is not there has nothing in it
+    for (fs::directory_iterator at(directory, ignored), end; !ignored && at != end; at.increment(ignored)) {
+      const std::string path = at->path().string();
+      const std::string final_path = AtomicFile::FinalPath(path);
+      if (final_path.empty() || !ours.contains(final_path)) continue;
+      std::error_code gone;
+      fs::remove(path, gone);
+    }
+  }
+}
+
+absl::StatusOr<RunLock> RunLock::Take(const std::string& output_dir, const Shard& shard) {
+  const fs::path directory = fs::path(output_dir) / kRecordDirectory;
+  std::error_code error;
+  fs::create_directories(directory, error);
+  if (error) return absl::ErrnoToStatus(error.value(), absl::StrCat("cannot create '", directory.string(), "'"));
+  const std::string path = (directory / absl::StrCat("lock-", shard.index % shard.count, "-of-", shard.count)).string();
+  for (;;) {
+    const int descriptor = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (descriptor < 0) return absl::ErrnoToStatus(errno, absl::StrCat("cannot create '", path, "'"));
+    RunLock lock(path, descriptor);
+    if (flock(descriptor, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+      lock.path_.clear();  // theirs to remove
+      return absl::AbortedError(
+          absl::StrCat("another run works on shard ", shard.index, "/", shard.count, " in '", output_dir, "'"));
+    }
+    if (IsAt(descriptor, path)) return lock;
+    lock.path_.clear();  // the run before removed the file while we waited for it; take the new one
+  }
+}
+
+RunLock::RunLock(RunLock&& other) noexcept
+    : path_(std::exchange(other.path_, "")), descriptor_(std::exchange(other.descriptor_, -1)) {}
+
+RunLock::~RunLock() {
+  if (!path_.empty()) unlink(path_.c_str());
+  if (descriptor_ >= 0) close(descriptor_);
+}
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,327 @@
+#include "batch/manifest.h"
+
+#include <charconv>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <unordered_map>
+
+#include "absl/strings/str_cat.h"
+#include "batch/done_record.h"
+#include "encode/encode.h"
+#include "encode/result_file.h"
+#include "hash.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr size_t kMaxLineBytes = size_t{1} << 20;
+
+template <typename... Parts>
+absl::Status Wrong(const Parts&... parts) {
+  return absl::InvalidArgumentError(absl::StrCat(parts...));
+}
+
+// A number, a text, or a list of numbers, as it would be typed.
+absl::StatusOr<std::string> AsText(const std::string& key, const json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_number()) return value.dump();
+  if (value.is_array() && !value.empty()) {
+    std::string text;
+    for (const json& part : value) {
+      if (!part.is_number()) return Wrong("'", key, "': a list of numbers is expected");
+      absl::StrAppend(&text, text.empty() ? "" : ",", part.dump());
+    }
+    return text;
+  }
+  return Wrong("'", key, "': a text or a number is expected");
+}
+
+absl::StatusOr<int64_t> AsWhole(const std::string& key, const json& value) {
+  if (value.is_number_unsigned() && value.get<uint64_t>() > uint64_t(INT64_MAX))
+    return Wrong("'", key, "' is too large");
+  if (value.is_number_integer()) return value.get<int64_t>();
+  return Wrong("'", key, "': a whole number is expected");
+}
+
+absl::StatusOr<std::vector<std::string>> AsTexts(const std::string& key, const json& value) {
+  std::vector<std::string> texts;
+  if (value.is_string()) return std::vector<std::string>{value.get<std::string>()};
+  for (const json& part : value) {
+    if (!value.is_array() || !part.is_string()) return Wrong("'", key, "': a text or a list of texts is expected");
+    texts.push_back(part.get<std::string>());
+  }
+  if (texts.empty()) return Wrong("'", key, "': a text or a list of texts is expected");
+  return texts;
+}
+
+// What an item says besides its request.
+struct ItemNames {
+  std::optional<std::string> id{}, input{}, output{}, format{}, preview{};
+};
+
+// Sets one option of the request; false if there is none of this name.
+absl::StatusOr<bool> SetOption(const std::string& key, const json& value, RequestOptions& options) {
+  const auto set = [&](auto& field) -> absl::StatusOr<bool> {
+    absl::StatusOr<std::string> text = AsText(key, value);
+    if (!text.ok()) return text.status();
+    field = *std::move(text);
+    return true;
+  };
+  const auto set_whole = [&](auto& field) -> absl::StatusOr<bool> {
+    const absl::StatusOr<int64_t> number = AsWhole(key, value);
+    if (!number.ok()) return number.status();
+    using Field = std::remove_reference_t<decltype(field)>;
+    if constexpr (std::is_same_v<Field, int>) {
+      if (*number < 0 || *number > INT32_MAX) return Wrong("'", key, "' is out of range");
+    }
+    field = Field(*number);
+    return true;
+  };
+  if (key == "resolution") return set_whole(options.resolution);
+  if (key == "padding") return set_whole(options.padding);
+  if (key == "threads") return set_whole(options.threads);
+  const std::map<std::string, std::optional<std::string>*> optional = {
+      {"voxel_size", &options.voxel_size}, {"dims", &options.dims},
+      {"origin", &options.origin},         {"fit", &options.fit},
+      {"shader", &options.shader},         {"vertex_shader", &options.vertex_shader}};
+  if (const auto found = optional.find(key); found != optional.end()) return set(*found->second);
+  const std::map<std::string, std::string*> plain = {{"coverage", &options.coverage}, {"fill", &options.fill},
+                                                     {"layout", &options.layout},     {"result", &options.result},
+                                                     {"backend", &options.backend},   {"simd", &options.simd}};
+  if (const auto found = plain.find(key); found != plain.end()) return set(*found->second);
+  if (key == "target" || key == "targets") {
+    absl::StatusOr<std::vector<std::string>> targets = AsTexts(key, value);
+    if (!targets.ok()) return targets.status();
+    options.targets = *std::move(targets);
+    return true;
+  }
+  return false;
+}
+
+absl::Status SetName(const std::string& key, const json& value, ItemNames& names) {
+  const std::map<std::string, std::optional<std::string>*> known = {
+      {"id", &names.id},         {"name", &names.id},       {"input", &names.input},
+      {"output", &names.output}, {"format", &names.format}, {"preview", &names.preview}};
+  const auto found = known.find(key);
+  if (found == known.end()) return Wrong("unknown key '", key, "'");
+  if (!value.is_string() && !(found->second == &names.id && value.is_number_integer())) {
+    return Wrong("'", key, "': a text is expected");
+  }
+  if (found->second->has_value()) return Wrong("'id' and 'name' mean the same; give one of them");
+  *found->second = value.is_string() ? value.get<std::string>() : value.dump();
+  if ((*found->second)->empty()) return Wrong("'", key, "' must not be empty");
+  if ((*found->second)->find('\0') != std::string::npos) return Wrong("'", key, "' holds a zero byte");
+  return absl::OkStatus();
+}
+
+// The grid can be asked for in three ways; the way that an item goes replaces the default one.
+void DropOtherGrids(const json& object, RequestOptions& options) {
+  const auto gives = [&](const char* key, const char* typed) { return object.contains(key) || object.contains(typed); };
+  if (gives("resolution", "resolution")) {
+    options.voxel_size.reset();
+    options.dims.reset();
+    options.origin.reset();
+  } else if (gives("voxel_size", "voxel-size")) {
+    options.resolution.reset();
+    options.fit.reset();
+  }
+}
+
+// "a/b.npy" below the output directory, cleaned of "./" and "//".
+absl::StatusOr<std::string> InsideOutput(const char* key, const std::string& text) {
+  const fs::path path(text);
+  const fs::path clean = path.lexically_normal();
+  const bool leaves =
+      path.is_absolute() || clean.empty() || clean == "." || *clean.begin() == ".." || !clean.has_filename();
+  if (leaves) return Wrong("'", key, "': '", text, "' is no file below the output directory");
+  if (*clean.begin() == kRecordDirectory) return Wrong("'", key, "': ", kRecordDirectory, " is the batch's own");
+  return clean.string();
+}
+
+absl::Status CheckFormat(const std::string& extension, ResultKind kind) {
+  if (!IsKnownExtension(extension)) {
+    return Wrong(extension.empty() ? "no format" : absl::StrCat("'", extension, "' is no known format"),
+                 "; known are npy, npz, raw and png");
+  }
+  if (!CanHold(extension, kind)) {
+    return Wrong(extension, " holds dense results; a ", std::string(Name(kind)), " one goes into .npz");
+  }
+  return absl::OkStatus();
+}
+
+std::string FindInput(const fs::path& directory, const std::string& input) {
+  const fs::path path(input);
+  if (path.is_absolute()) return input;
+  std::error_code ignored;
+  const fs::path beside = directory / path;
+  return fs::exists(beside, ignored) || !fs::exists(path, ignored) ? beside.string() : input;
+}
+
+// Of a request: as typed, in one fixed order. Equal texts are equal requests; the contrary need not be so.
+std::string Canonical(const RequestOptions& options) {
+  const auto text = [](const auto& value) { return value ? json(*value) : json(nullptr); };
+  return json{{"resolution", text(options.resolution)},
+              {"voxel_size", text(options.voxel_size)},
+              {"dims", text(options.dims)},
+              {"origin", text(options.origin)},
+              {"fit", text(options.fit)},
+              {"padding", options.padding},
+              {"coverage", options.coverage},
+              {"fill", options.fill},
+              {"shader", text(options.shader)},
+              {"vertex_shader", text(options.vertex_shader)},
+              {"targets", options.targets},
+              {"layout", options.layout},
+              {"result", options.result}}
+      .dump(-1, ' ', true, json::error_handler_t::replace);
+}
+
+class Reader {
+ public:
+  Reader(fs::path directory, const ManifestDefaults& defaults)
+      : directory_(std::move(directory)), defaults_(defaults) {}
+
+  absl::Status Add(size_t line, const std::string& text) {
+    json object;
+    try {
+      object = json::parse(text);
+    } catch (const json::exception& error) {
+      return Wrong("no JSON: ", error.what());
+    }
+    if (!object.is_object()) return Wrong("a JSON object is expected");
+    ItemNames names;
+    RequestOptions options = defaults_.request;
+    DropOtherGrids(object, options);
+    for (const auto& [typed, value] : object.items()) {
+      std::string key = typed;
+      std::replace(key.begin(), key.end(), '-', '_');
+      const absl::StatusOr<bool> is_option = SetOption(key, value, options);
+      if (!is_option.ok()) return is_option.status();
+      if (*is_option) continue;
+      if (absl::Status s = SetName(key, value, names); !s.ok()) return s;
+    }
+    if (!names.input) return Wrong("'input' is missing");
+    absl::StatusOr<std::shared_ptr<const BatchRequest>> request = Prepare(options);
+    if (!request.ok()) return request.status();
+    BatchItem item;
+    item.line = line;
+    item.request = *std::move(request);
+    item.input = FindInput(directory_, *names.input);
+    if (absl::Status s = NameOutput(names, item); !s.ok()) return s;
+    if (names.preview) {
+      absl::StatusOr<std::string> preview = InsideOutput("preview", *names.preview);
+      if (!preview.ok()) return preview.status();
+      if (FileExtension(*preview) != ".png")
+        return Wrong("'preview': '", *names.preview, "': the extension must be .png");
+      item.preview = *std::move(preview);
+    }
+    if (absl::Status s = Claim(item, names.id.has_value()); !s.ok()) return s;
+    items_.push_back(std::move(item));
+    return absl::OkStatus();
+  }
+
+  std::vector<BatchItem> Take() { return std::move(items_); }
+
+ private:
+  absl::StatusOr<std::shared_ptr<const BatchRequest>> Prepare(const RequestOptions& options) {
+    const std::string canonical = Canonical(options);
+    // What is left out of it may still differ.
+    const std::string key = absl::StrCat(canonical, options.backend, " ", options.simd, " ", options.threads);
+    std::shared_ptr<const BatchRequest>& known = requests_[key];
+    if (known != nullptr) return known;
+    absl::StatusOr<VoxelizeRequest> request = BuildRequest(options);
+    if (!request.ok()) return request.status();
+    absl::StatusOr<std::string> digest =
+        Sha256Hex({reinterpret_cast<const uint8_t*>(canonical.data()), canonical.size()});
+    if (!digest.ok()) return digest.status();
+    known = std::make_shared<const BatchRequest>(BatchRequest{*std::move(request), *std::move(digest)});
+    return known;
+  }
+
+  absl::Status NameOutput(const ItemNames& names, BatchItem& item) const {
+    const ResultKind kind = item.request->request.result;
+    const std::string usual = kind == ResultKind::kDense ? "npy" : "npz";
+    std::string format = names.format.value_or(defaults_.format.value_or(usual));
+    if (format.front() == '.') format.erase(0, 1);
+    std::string name;
+    if (names.output) {
+      name = *names.output;
+      if (FileExtension(name).empty()) absl::StrAppend(&name, ".", format);
+      if (names.format && FileExtension(name) != FileExtension("x." + format)) {
+        return Wrong("'output' and 'format' differ: '", name, "' is no ", format);
+      }
+    } else {
+      name = absl::StrCat(names.id ? *names.id : fs::path(item.input).stem().string(), ".", format);
+    }
+    const char* const key = names.output ? "output" : names.id ? "id" : "input";
+    absl::StatusOr<std::string> output = InsideOutput(key, name);
+    if (!output.ok()) return output.status();
+    if (absl::Status s = CheckFormat(FileExtension(*output), kind); !s.ok())
+      return Wrong("'", key, "': ", std::string(s.message()));
+    item.output = *std::move(output);
+    item.id = names.id ? *names.id : item.output.substr(0, item.output.size() - FileExtension(item.output).size());
+    return absl::OkStatus();
+  }
+
+  // Every file and every given id belongs to one item.
+  absl::Status Claim(const BatchItem& item, bool has_id) {
+    if (has_id) {
+      const auto [at, fresh] = ids_.emplace(item.id, item.line);
+      if (!fresh) return Wrong("the id '", item.id, "' is that of line ", at->second, " already");
+    }
+    std::vector<std::string> files = OutputPaths(item.output, item.request->request.targets.size());
+    if (files.size() > 1) files.push_back(item.output);  // names the record of what is done
+    if (!item.preview.empty()) files.push_back(item.preview);
+    for (const std::string& file : files) {
+      const auto [at, fresh] = files_.emplace(file, item.line);
+      if (fresh) continue;
+      return Wrong("the output '", file, "' is that of line ", at->second, " already; give an 'id' or an 'output'");
+    }
+    return absl::OkStatus();
+  }
+
+  const fs::path directory_;
+  const ManifestDefaults& defaults_;
+  std::vector<BatchItem> items_;
+  std::unordered_map<std::string, std::shared_ptr<const BatchRequest>> requests_;
+  std::unordered_map<std::string, size_t> ids_, files_;  // the line that has them
+};
+
+}  // namespace
+
+absl::StatusOr<Shard> ParseShard(const std::string& text) {
+  Shard shard;
+  const char* const end = text.data() + text.size();
+  const auto [slash, first] = std::from_chars(text.data(), end, shard.index);
+  const bool has_slash = first == std::errc() && slash != end && *slash == '/';
+  if (has_slash) {
+    const auto [stop, second] = std::from_chars(slash + 1, end, shard.count);
+    if (second == std::errc() && stop == end && shard.count >= 1 && shard.index <= shard.count) return shard;
+  }
+  return Wrong("--shard: '", text, "' is not of the form i/n with i from 0 to n");
+}
+
+absl::StatusOr<Manifest> ReadManifest(const std::string& path, const ManifestDefaults& defaults) {
+  if (std::error_code error; !fs::exists(path, error)) return absl::NotFoundError(absl::StrCat(path, ": no such file"));
+  std::ifstream file(path, std::ios::binary);
+  if (!file || fs::is_directory(path)) return Wrong(path, ": cannot be read");
+  Reader reader(fs::path(path).parent_path(), defaults);
+  std::string text;
+  for (size_t line = 1; std::getline(file, text); ++line) {
+    if (line == 1 && text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);  // some editors put it there
+    if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
+    absl::Status status =
+        text.size() > kMaxLineBytes ? Wrong("longer than ", kMaxLineBytes, " bytes") : reader.Add(line, text);
+    if (!status.ok()) return Wrong(path, ":", line, ": ", std::string(status.message()));
+  }
+  if (file.bad()) return absl::DataLossError(absl::StrCat(path, ": cannot be read to its end"));
+  return Manifest{reader.Take()};
+}
+
+}  // namespace voxelpipe::cli

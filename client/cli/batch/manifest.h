@@ -1,0 +1,66 @@
+// The list of jobs that `voxelpipe batch` works through: JSONL, one object a line.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "pipeline/request.h"
+#include "request_options.h"
+
+namespace voxelpipe::cli {
+
+// Every n-th item, from the i-th on. 0/n to n-1/n share a manifest out, and so do 1/n to n/n.
+struct Shard {
+  uint64_t index = 0, count = 1;
+  bool Holds(size_t item) const { return item % count == index % count; }
+};
+
+// "i/n" with n at least 1 and i at most n. INVALID_ARGUMENT otherwise.
+absl::StatusOr<Shard> ParseShard(const std::string& text);
+
+// What the items of one kind share.
+struct BatchRequest {
+  VoxelizeRequest request;
+  // Two requests with equal digests give the same bytes for the same mesh. What does not change them is not in it: backend, threads and
+  // instruction set. 64 hexadecimal digits.
+  std::string digest;
+};
+
+struct BatchItem {
+  size_t line = 0;                              // in the manifest, from 1
+  std::string id;                               // as given, else the output's name without its extension
+  std::string input;                            // path of the mesh file
+  std::string output;                           // of the result, relative to the output directory, '/' between parts
+  std::string preview;                          // of the picture, likewise; empty = none
+  std::shared_ptr<const BatchRequest> request;  // shared by items with the same options
+};
+
+struct Manifest {
+  std::vector<BatchItem> items;  // in order
+};
+
+struct ManifestDefaults {
+  RequestOptions request;             // for options that an item does not give
+  std::optional<std::string> format;  // npy, npz, raw or png; absent: .npy for dense results, .npz for others
+};
+
+// In: the path of a manifest. Each line is an object, or blank. Its keys, all optional but `input`:
+//   input    mesh file; a relative path is looked for beside the manifest, then in the working directory
+//   id       a name, unique ("name" means the same)
+//   output   the result's file below the output directory, default: the id, else the input's stem, with the format's extension
+//   format   npy, npz, raw or png
+//   preview  file of a picture below the output directory
+// and any option of `voxelpipe voxelize` about the grid, the voxels and the execution, without its dashes ("voxel_size" or
+// "voxel-size"): numbers, texts, or lists of them; "target" is a text or a list. An item that gives a resolution, or a voxel size,
+// is not bound by the other one of the defaults.
+// Errors: INVALID_ARGUMENT "FILE:LINE: what is wrong" for the first line at fault: no JSON, an unknown key, a wrong option, an
+// extension that cannot hold the result, a file outside the output directory, or two items with one id or one file. NOT_FOUND and
+// the system's errors where the manifest cannot be read.
+absl::StatusOr<Manifest> ReadManifest(const std::string& path, const ManifestDefaults& defaults);
+
+}  // namespace voxelpipe::cli

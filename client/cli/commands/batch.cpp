@@ -1,0 +1,168 @@
+#include <algorithm>
+#include <filesystem>
+
+#include <thread>
+
+#include "absl/strings/str_cat.h"
+#include "batch/batch_report.h"
+#include "batch/batch_run.h"
+#include "batch/leftovers.h"
+#include "batch/manifest.h"
+#include "commands/commands.h"
+#include "encode/atomic_file.h"
+#include "interrupt.h"
+#include "progress_bar.h"
+#include "report.h"
+#include "request_flags.h"
+#include "server_option.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+struct BatchArguments {
+  BatchPlan plan;
+  ManifestDefaults defaults;
+  std::optional<std::string> shard;
+  std::optional<int> jobs;
+  std::optional<int64_t> deadline_ms;
+  int64_t busy_timeout_s = 600;
+  std::string report;
+  bool json = false;
+};
+
+// Reads the options and the manifest. Every error is one of usage.
+absl::Status Prepare(BatchArguments& arguments) {
+  BatchPlan& plan = arguments.plan;
+  constexpr int kMaxJobs = 1024;
+  if (arguments.jobs && (*arguments.jobs < 1 || *arguments.jobs > kMaxJobs)) {
+    return absl::InvalidArgumentError(absl::StrCat("--jobs: 1 to ", kMaxJobs));
+  }
+  if (plan.retries < 0) return absl::InvalidArgumentError("--retries: at least 0");
+  if (arguments.busy_timeout_s < 0) return absl::InvalidArgumentError("--busy-timeout: at least 0 seconds");
+  if (arguments.deadline_ms && *arguments.deadline_ms < 1)
+    return absl::InvalidArgumentError("--deadline-ms: at least 1");
+  if (!plan.servers.empty()) {
+    if (absl::Status status = CheckServerOption(plan.servers.front()); !status.ok()) return status;
+  }
+  // What is wrong with the defaults is not the manifest's fault.
+  if (const auto request = BuildRequest(arguments.defaults.request); !request.ok()) return request.status();
+  if (arguments.shard) {
+    const absl::StatusOr<Shard> shard = ParseShard(*arguments.shard);
+    if (!shard.ok()) return shard.status();
+    plan.shard = *shard;
+  }
+  absl::StatusOr<Manifest> manifest = ReadManifest(plan.manifest, arguments.defaults);
+  if (!manifest.ok()) return manifest.status();
+  for (size_t i = 0; i < manifest->items.size(); ++i) {
+    if (plan.shard.Holds(i)) plan.items.push_back(std::move(manifest->items[i]));
+  }
+  const int cores = std::max(1, int(std::thread::hardware_concurrency()));
+  plan.jobs = arguments.jobs.value_or(plan.servers.empty() ? std::min(4, cores) : 4 * int(plan.servers.size()));
+  plan.busy_timeout = std::chrono::seconds(arguments.busy_timeout_s);
+  if (arguments.deadline_ms) plan.deadline = std::chrono::milliseconds(*arguments.deadline_ms);
+  return absl::OkStatus();
+}
+
+absl::Status WriteReport(const std::string& path, const std::string& text) {
+  std::error_code ignored;  // creating the file says what is wrong
+  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
+  if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
+  absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
+  if (!file.ok()) return file.status();
+  if (absl::Status s = file->Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !s.ok()) return s;
+  return file->Commit();
+}
+
+absl::StatusOr<BatchResult> Run(const BatchPlan& plan) {
+  const absl::StatusOr<RunLock> lock = RunLock::Take(plan.output_dir, plan.shard);
+  if (!lock.ok()) return lock.status();
+  RemoveLeftovers(plan.output_dir, plan.items);
+  ProgressBar bar;
+  BatchHooks hooks;
+  // CheckServerOption has passed: an engine can be made.
+  hooks.make_engine = [](const std::string& server) { return *MakeEngine(server); };
+  hooks.stop_signal = &InterruptSignal;
+  hooks.retry_delay = &RetryDelayOf;
+  hooks.on_progress = [&](size_t ended, size_t failed) {
+    bar.Show(absl::StrCat(ended, " of ", plan.items.size(), failed > 0 ? absl::StrCat(", ", failed, " failed") : ""),
+             double(ended) / double(std::max<size_t>(1, plan.items.size())));
+  };
+  hooks.on_failure = [&](const BatchItem& item, const absl::Status& status) {
+    PrintError(absl::StrCat(plan.manifest, ":", item.line, ": ", item.id), status);
+  };
+  return RunBatch(plan, hooks);
+}
+
+int Batch(BatchArguments& arguments) {
+  const BatchPlan& plan = arguments.plan;
+  if (const absl::Status status = Prepare(arguments); !status.ok()) {
+    PrintError("", status);
+    return 2;
+  }
+  const absl::StatusOr<BatchResult> result = Run(plan);
+  if (!result.ok()) {
+    PrintError("batch", result.status());
+    return 1;
+  }
+  constexpr auto kReplace = nlohmann::json::error_handler_t::replace;  // a path may not be UTF-8
+  absl::Status told = absl::OkStatus();
+  if (!arguments.report.empty()) {
+    told = WriteReport(arguments.report, ReportJson(plan, *result).dump(1, ' ', false, kReplace) + "\n");
+  }
+  if (told.ok()) told = PrintLine(arguments.json ? TotalsJson(*result).dump() : TotalsLine(*result));
+  if (!told.ok()) PrintError("batch", told);
+  if (const int signal = InterruptSignal(); signal != 0) {
+    PrintError("batch", absl::StrCat("stopped, ", TotalsOf(*result).left, " items are left"));
+    return 128 + signal;
+  }
+  const BatchTotals totals = TotalsOf(*result);
+  return told.ok() && totals.failed == 0 && totals.left == 0 ? 0 : 1;
+}
+
+}  // namespace
+
+void AddBatchCommand(CLI::App& app, int& exit_code) {
+  auto arguments = std::make_shared<BatchArguments>();
+  BatchPlan& plan = arguments->plan;
+  CLI::App* command =
+      app.add_subcommand("batch", "Voxelize the meshes of a list; run again, it goes on where it stopped");
+  const std::string group = "Batch";
+  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
+    return command->add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  };
+  command
+      ->add_option("MANIFEST", plan.manifest,
+                   Wrapped("JSON lines, an object a mesh: \"input\", and if wanted \"id\", \"output\", \"format\", "
+                           "\"preview\" and any option below without its dashes"))
+      ->required()
+      ->type_name("")
+      ->check(RefuseEmpty);
+  add("--output-dir", plan.output_dir, "D", "Where the results go")->required()->check(RefuseEmpty);
+  add("--format", arguments->defaults.format, "npy|npz|raw|png",
+      "Of outputs that name none (default npy; npz for lists)")
+      ->check(CLI::IsMember({"npy", "npz", "raw", "png"}));
+  add("--jobs", arguments->jobs, "N", "Meshes at the same time (default: up to 4; with servers 4 for each)");
+  add("--shard", arguments->shard, "i/n", "Only every n-th mesh, from the i-th on; i from 0 to n-1, n/n is 0/n");
+  command
+      ->add_option("--server", plan.servers,
+                   Wrapped("Servers to spread the meshes over, with commas or several --server"))
+      ->group(group)
+      ->type_name("HOST:PORT")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->each([](const std::string& server) {
+        if (server.empty()) throw CLI::ValidationError("--server", "must not be empty");
+      });
+  add("--retries", plan.retries, "R", "Further attempts for a mesh whose server was lost or late (default 5)");
+  add("--busy-timeout", arguments->busy_timeout_s, "S",
+      "Seconds to wait for servers that have too much to do (default 600)");
+  add("--deadline-ms", arguments->deadline_ms, "T", "Longest time of an attempt (default: none)");
+  command->add_flag("--fail-fast", plan.fail_fast, "Begin no mesh after one has failed")->group(group);
+  add("--report", arguments->report, "FILE", "Write what became of each mesh, as JSON")->check(RefuseEmpty);
+  command->add_flag("--json", arguments->json, "Print the totals as one JSON object")->group(group);
+  AddRequestFlags(*command, arguments->defaults.request);
+  command->callback([arguments, &exit_code] { exit_code = Batch(*arguments); });
+}
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,15 @@
+#include "clock.h"
+#include "engine.h"
+#include "load/pack.h"
+
+namespace voxelpipe::cli {
+
+absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const JobContext& job) {
+  const Stopwatch read;
+  job.Report("load", 0);
+  absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
+  if (!bytes.ok()) return bytes.status();
+  return MeshInput{*std::move(bytes), read.Milliseconds()};
+}
+
+}  // namespace voxelpipe::cli

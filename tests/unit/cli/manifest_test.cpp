@@ -1,0 +1,202 @@
+// The list of a batch: what it may hold, and what is said of what it may not.
+#include "batch/manifest.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <string>
+
+#include "unit/encode/sample_results.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+using testing::TemporaryDirectory;
+
+class ManifestTest : public ::testing::Test {
+ protected:
+  absl::StatusOr<Manifest> Read(const std::string& text) {
+    std::ofstream(path_, std::ios::binary) << text;
+    return ReadManifest(path_, defaults_);
+  }
+  std::vector<BatchItem> Items(const std::string& text) {
+    absl::StatusOr<Manifest> manifest = Read(text);
+    EXPECT_TRUE(manifest.ok()) << manifest.status();
+    return manifest.ok() ? std::move(manifest->items) : std::vector<BatchItem>(1);
+  }
+  // What is said after the file's name.
+  std::string Error(const std::string& text) {
+    const absl::StatusOr<Manifest> manifest = Read(text);
+    EXPECT_TRUE(absl::IsInvalidArgument(manifest.status())) << text << manifest.status();
+    const std::string message(manifest.status().message());
+    EXPECT_THAT(message, StartsWith(path_ + ":"));
+    return message.substr(std::min(message.size(), path_.size() + 1));
+  }
+
+  TemporaryDirectory directory_;
+  std::string path_ = directory_ / "list.jsonl";
+  ManifestDefaults defaults_;
+};
+
+TEST_F(ManifestTest, AnInputAloneIsEnough) {
+  const std::vector<BatchItem> items = Items("{\"input\": \"/m/a.glb\"}\n\n  \n{\"input\": \"/m/b.drc\"}");
+  ASSERT_EQ(items.size(), 2u);
+  EXPECT_EQ(items[0].line, 1u);
+  EXPECT_EQ(items[0].id, "a");
+  EXPECT_EQ(items[0].input, "/m/a.glb");
+  EXPECT_EQ(items[0].output, "a.npy");
+  EXPECT_EQ(items[0].preview, "");
+  EXPECT_EQ(items[0].request->request.grid.resolution, 128);
+  EXPECT_EQ(items[1].line, 4u);
+  EXPECT_EQ(items[1].output, "b.npy");
+  EXPECT_EQ(items[0].request, items[1].request);  // kept once
+}
+
+TEST_F(ManifestTest, TakesEveryOptionByItsName) {
+  const BatchItem item = Items(
+      R"({"input":"a.glb","id":7,"voxel-size":[0.5,0.25,1],"dims":"4,5,6","origin":[-1,0,2.5],"padding":2,)"
+      R"("coverage":"thin","fill":"flood","target":["u8:max","f32x3:replace:shader=normal"],"layout":"planar",)"
+      R"("result":"sparse","backend":"cpu","simd":"scalar","threads":3,"vertex_shader":"identity","preview":"p/7.png"})")
+      [0];
+  EXPECT_EQ(item.id, "7");
+  EXPECT_EQ(item.output, "7.npz");  // a list does not fit into .npy
+  EXPECT_EQ(item.preview, "p/7.png");
+  const VoxelizeRequest& request = item.request->request;
+  EXPECT_EQ(*request.grid.voxel_size, (Vec3d{0.5, 0.25, 1}));
+  EXPECT_EQ(*request.grid.dims, (std::array<int64_t, 3>{4, 5, 6}));
+  EXPECT_EQ(*request.grid.origin, (Vec3d{-1, 0, 2.5}));
+  EXPECT_EQ(request.grid.padding, 2);
+  EXPECT_EQ(request.coverage, Coverage::kThin);
+  EXPECT_EQ(request.fill, Fill::kFlood);
+  ASSERT_EQ(request.targets.size(), 2u);
+  EXPECT_EQ(request.targets[1].shader.name, "normal");
+  EXPECT_EQ(request.layout, Layout::kPlanar);
+  EXPECT_EQ(request.result, ResultKind::kSparse);
+  EXPECT_EQ(request.backend, BackendChoice::kCpu);
+  EXPECT_EQ(request.simd, SimdChoice::kScalar);
+  EXPECT_EQ(request.threads, 3);
+}
+
+TEST_F(ManifestTest, AnItemsWayToAGridReplacesTheDefaultOne) {
+  defaults_.request.resolution = 64;
+  defaults_.request.fit = "cube";
+  EXPECT_EQ(*Items(R"({"input":"a","voxel_size":0.1})")[0].request->request.grid.voxel_size, (Vec3d{0.1, 0.1, 0.1}));
+  EXPECT_EQ(Items(R"({"input":"a","resolution":9})")[0].request->request.grid.fit, GridFit::kCube);
+  defaults_.request = RequestOptions();
+  defaults_.request.voxel_size = "0.5";
+  EXPECT_EQ(Items(R"({"input":"a","resolution":9})")[0].request->request.grid.resolution, 9);
+  EXPECT_EQ(Items(R"({"input":"a"})")[0].request->request.grid.voxel_size->x, 0.5);
+}
+
+TEST_F(ManifestTest, NamesOutputsByIdStemAndFormat) {
+  defaults_.format = "raw";
+  const auto output = [&](const std::string& keys) { return Items("{\"input\":\"d/m.x.glb\"" + keys + "}")[0].output; };
+  EXPECT_EQ(output(""), "m.x.raw");
+  EXPECT_EQ(output(R"(,"id":"s/b.1")"), "s/b.1.raw");
+  EXPECT_EQ(output(R"(,"name":"n","format":"npz")"), "n.npz");
+  EXPECT_EQ(output(R"(,"output":"./q//r.PNG")"), "q/r.PNG");
+  EXPECT_EQ(output(R"(,"output":"q/r")"), "q/r.raw");
+  EXPECT_EQ(output(R"(,"id":"a","output":"r.npy","format":"npy")"), "r.npy");
+}
+
+TEST_F(ManifestTest, LooksForInputsBesideTheManifestFirst) {
+  std::ofstream(directory_ / "here.glb") << "x";
+  EXPECT_EQ(Items(R"({"input":"here.glb"})")[0].input, directory_ / "here.glb");
+  EXPECT_EQ(Items(R"({"input":"nowhere.glb"})")[0].input, directory_ / "nowhere.glb");
+  EXPECT_EQ(Items(R"({"input":"/abs.glb"})")[0].input, "/abs.glb");
+}
+
+TEST_F(ManifestTest, ErrorsNameTheLine) {
+  EXPECT_THAT(Error("{\"input\":\"a\"}\n\n{\"input\":"), StartsWith("3: no JSON"));
+  EXPECT_THAT(Error("[1]"), StartsWith("1: a JSON object"));
+  EXPECT_THAT(Error("{}"), HasSubstr("'input' is missing"));
+  EXPECT_THAT(Error(R"({"input":5})"), HasSubstr("'input': a text"));
+  EXPECT_THAT(Error(R"({"input":""})"), HasSubstr("must not be empty"));
+  EXPECT_THAT(Error(R"({"input":"a","fil":"parity"})"), HasSubstr("unknown key 'fil'"));
+  EXPECT_THAT(Error(R"({"input":"a","fill":"maybe"})"), HasSubstr("--fill"));
+  EXPECT_THAT(Error(R"({"input":"a","resolution":1.5})"), HasSubstr("whole number"));
+  EXPECT_THAT(Error(R"({"input":"a","resolution":0})"), HasSubstr("--resolution"));
+  EXPECT_THAT(Error(R"({"input":"a","threads":-1})"), HasSubstr("out of range"));
+  EXPECT_THAT(Error(R"({"input":"a","padding":99999999999999999999})"), HasSubstr("'padding'"));
+  EXPECT_THAT(Error(R"({"input":"a","dims":["x"]})"), HasSubstr("list of numbers"));
+  EXPECT_THAT(Error(R"({"input":"a","target":[]})"), HasSubstr("'target'"));
+  EXPECT_THAT(Error(R"({"input":"a","id":"x","name":"y"})"), HasSubstr("the same"));
+  EXPECT_THAT(Error("{\"input\":\"" + std::string(2 << 20, 'a') + "\"}"), HasSubstr("longer than"));
+}
+
+TEST_F(ManifestTest, OutputsThatCannotBeAreErrors) {
+  EXPECT_THAT(Error(R"({"input":"a","output":"x.vti"})"), HasSubstr("no known format"));
+  EXPECT_THAT(Error(R"({"input":"a","output":"x.npy","result":"buckets"})"), HasSubstr(".npz"));
+  EXPECT_THAT(Error(R"({"input":"a","format":"npy","result":"sparse"})"), HasSubstr(".npz"));
+  EXPECT_THAT(Error(R"({"input":"a","output":"x.npy","format":"raw"})"), HasSubstr("differ"));
+  EXPECT_THAT(Error(R"({"input":"a","preview":"x.npy"})"), HasSubstr(".png"));
+  for (const char* outside : {"/x.npy", "../x.npy", "a/../../x.npy"}) {
+    EXPECT_THAT(Error(std::string(R"({"input":"a","output":")") + outside + "\"}"), HasSubstr("below the output"));
+  }
+  EXPECT_THAT(Error(R"({"input":"a","id":"../x"})"), HasSubstr("'id'"));
+  EXPECT_THAT(Error(R"({"input":"a","output":".voxelpipe/x.npy"})"), HasSubstr("batch's own"));
+}
+
+TEST_F(ManifestTest, TwoItemsWithOneFileAreAnError) {
+  EXPECT_THAT(Error("{\"input\":\"d/a.glb\"}\n{\"input\":\"e/a.glb\"}"),
+              StartsWith("2: the output 'a.npy' is that of line 1"));
+  EXPECT_THAT(Error("{\"input\":\"a\",\"output\":\"x/./y.npy\"}\n{\"input\":\"b\",\"output\":\"x/y.npy\"}"),
+              HasSubstr("line 1"));
+  EXPECT_THAT(
+      Error("{\"input\":\"a\",\"id\":\"i\",\"output\":\"x.npy\"}\n{\"input\":\"b\",\"id\":\"i\",\"output\":\"y.npy\"}"),
+      HasSubstr("id 'i'"));
+  // The second file of two targets.
+  EXPECT_THAT(Error("{\"input\":\"a\",\"target\":[\"bit:or\",\"bit:and\"]}\n{\"input\":\"b\",\"output\":\"a.1.npy\"}"),
+              HasSubstr("'a.1.npy' is that of line 1"));
+  EXPECT_THAT(Error("{\"input\":\"a\",\"preview\":\"a.png\"}\n{\"input\":\"b\",\"output\":\"a.png\"}"),
+              HasSubstr("line 1"));
+}
+
+TEST_F(ManifestTest, TheDigestKnowsWhatChangesBytesAndNothingElse) {
+  const auto digest = [&](const std::string& keys) {
+    return Items("{\"input\":\"a\"" + keys + "}")[0].request->digest;
+  };
+  const std::string plain = digest("");
+  EXPECT_EQ(plain.size(), 64u);
+  for (const char* same : {R"(,"backend":"cpu")", R"(,"simd":"scalar")", R"(,"threads":2)", R"(,"id":"x")"}) {
+    EXPECT_EQ(digest(same), plain) << same;
+  }
+  for (const char* other :
+       {R"(,"resolution":64)", R"(,"voxel_size":1)", R"(,"fit":"cube")", R"(,"padding":1)", R"(,"coverage":"thin")",
+        R"(,"fill":"parity")", R"(,"shader":"normal")", R"(,"vertex_shader":"displace_along_normal:distance=1")",
+        R"(,"target":"u8:max")", R"(,"layout":"planar")", R"(,"result":"sparse")"}) {
+    EXPECT_NE(digest(other), plain) << other;
+  }
+}
+
+TEST_F(ManifestTest, AManifestThatIsNotThereIsNotFound) {
+  EXPECT_TRUE(absl::IsNotFound(ReadManifest(directory_ / "none", defaults_).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(ReadManifest(directory_.path().string(), defaults_).status()));
+}
+
+TEST(ParseShard, TakesBothWaysOfCounting) {
+  for (const char* text : {"0/3", "3/3"}) {
+    const absl::StatusOr<Shard> shard = ParseShard(text);
+    ASSERT_TRUE(shard.ok()) << shard.status();
+    for (size_t item = 0; item < 9; ++item) EXPECT_EQ(shard->Holds(item), item % 3 == 0) << text;
+  }
+  EXPECT_TRUE(ParseShard("0/1")->Holds(5));
+  for (const char* wrong : {"", "1", "1/", "/2", "4/3", "0/0", "-1/3", "1/3x", " 1/3", "1/3/5", "a/b"}) {
+    EXPECT_TRUE(absl::IsInvalidArgument(ParseShard(wrong).status())) << wrong;
+  }
+}
+
+TEST(ParseShard, ShardsTogetherHoldEveryItemOnce) {
+  for (size_t item = 0; item < 20; ++item) {
+    int holders = 0;
+    for (const char* text : {"1/4", "2/4", "3/4", "4/4"}) holders += ParseShard(text)->Holds(item) ? 1 : 0;
+    EXPECT_EQ(holders, 1) << item;
+  }
+}
+
+}  // namespace
+}  // namespace voxelpipe::cli
