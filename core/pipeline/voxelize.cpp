@@ -29,7 +29,8 @@ double CpuMs() {
   return double(t.tv_sec) * 1e3 + double(t.tv_nsec) * 1e-6;
 }
 
-// Runs one stage: asks first whether the job may go on, reports progress, keeps the time.
+// Runs one stage: asks first whether the job may go on, reports progress, keeps the time. CPU time is read anew only after a
+// pause between stages: with many threads in the process that costs as much as a stage of a small job.
 class StageClock {
  public:
   StageClock(const JobContext& job, VoxelizeStats& stats) : job_(job), stats_(stats) {}
@@ -43,20 +44,28 @@ class StageClock {
       job_.Report(name, 0);
       stats_.stages.emplace_back(name, 0.0);
     }
-    const double wall = WallMs(), cpu = CpuMs();
+    const double wall = WallMs();
+    if (!running_) cpu_begin_ = CpuMs();
+    running_ = true;
     auto result = stage();
     const double ms = WallMs() - wall;
     stats_.voxelize_ms += ms;
-    stats_.voxelize_cpu_ms += CpuMs() - cpu;
     std::find_if(stats_.stages.begin(), stats_.stages.end(), [&](const auto& s) { return s.first == name; })->second +=
         ms;
     return result;
   }
   void Done(const char* name, double fraction) { job_.Report(name, fraction); }
+  // What is done until the next stage does not count as CPU time.
+  void Pause() {
+    if (running_) stats_.voxelize_cpu_ms += CpuMs() - cpu_begin_;
+    running_ = false;
+  }
 
  private:
   const JobContext& job_;
   VoxelizeStats& stats_;
+  bool running_ = false;
+  double cpu_begin_ = 0;
 };
 
 void AddCounts(const Stages& stages, const VoxelizeRequest& request, VoxelizeStats& stats) {
@@ -87,7 +96,10 @@ absl::StatusOr<ResultArrays> RunSlab(Stages& stages, const VoxelizeRequest& requ
       if (!s.ok()) return s;
     }
   }
-  if (stats != nullptr) AddCounts(stages, request, *stats);
+  if (stats != nullptr) {
+    run.Pause();
+    AddCounts(stages, request, *stats);
+  }
   // Bringing the arrays into their result format ends whichever stage wrote them last.
   return run(buckets                       ? "resolve"
              : request.fill == Fill::kNone ? "fine_raster"
@@ -114,6 +126,7 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
       PlanVoxelization(request, mesh.triangles.size(), mesh.positions.size(), *extent, limits, delivery);
   if (!plan.ok()) return plan.status();
   if (on_plan) {
+    run.Pause();
     if (absl::Status refused = on_plan(*plan); !refused.ok()) return refused;
   }
   const int64_t depth = plan->grid.dims[2];
@@ -138,11 +151,14 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
       // Asked here too: a sink may take long, and a client may have gone meanwhile.
       if (s = job.Check(); !s.ok()) return s;
       const auto add = [&] { return assembler.Add(pass, slab, *std::move(arrays)); };
+      if (!timed) run.Pause();
       s = timed ? run(last, add) : add();
       if (!s.ok()) return s;
     }
   }
-  return timed ? run(last, [&] { return assembler.End(); }) : assembler.End();
+  s = timed ? run(last, [&] { return assembler.End(); }) : assembler.End();
+  run.Pause();
+  return s;
 }
 
 // RunStages inside the backend's arena, with what a run may throw as a status.

@@ -20,7 +20,7 @@ constexpr uint64_t kLargestOfBatchBytes = 64 << 20;
 constexpr double kLeastMsPerThread = 1;
 
 int ThreadsFor(double predicted_ms, int limit) {
-  const int cores = std::max(1, int(std::thread::hardware_concurrency()));
+  static const int cores = std::max(1, int(std::thread::hardware_concurrency()));  // asking opens a file
   const int most = limit > 0 ? std::min(limit, cores) : cores;
   return int(std::clamp(predicted_ms / kLeastMsPerThread, 1.0, double(most)));
 }
