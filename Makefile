@@ -3,7 +3,7 @@ PRESET ?= dev
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 TEST_JOBS ?= 2
 
-GPU_BUNDLE_TARGETS := cuda_parity cuda_bench device_parity voxelpipe voxelpiped
+GPU_BUNDLE_TARGETS := cuda_parity cuda_bench cuda_devices device_parity voxelpipe voxelpiped
 
 # Where the preset builds: `dev` and `ci` in build/, any other in build-<preset>/.
 BUILD_DIR := $(if $(filter dev ci,$(PRESET)),build,build-$(PRESET))

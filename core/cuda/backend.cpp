@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <atomic>
 
+#include "absl/strings/str_cat.h"
 #include "cpu/row_kernels.h"
 #include "cuda/batch.h"
 #include "cuda/run_state.h"
@@ -19,12 +20,13 @@ constexpr size_t kRunsAtOnce = 4;  // of RunEach
 class CudaStages final : public Stages {
  public:
   CudaStages(const TriangleMesh& mesh, const BoundRequest& request, const JobContext& job, const DeviceInfo& device,
-             const cpu::RowKernels& kernels, cudaStream_t stream)
-      : stream_(stream), state_(mesh, request, job) {
+             const cpu::RowKernels& kernels, DeviceUse use)
+      : use_(std::move(use)), state_(mesh, request, job) {
     state_.host.kernels = &kernels;
     state_.device = device;
-    state_.stream = stream;
+    state_.stream = use_.stream();
   }
+  ~CudaStages() override { use_.Wait(); }  // before what its work reads is released
 
   absl::StatusOr<MeshExtent> VertexShade() override { return cuda::VertexShade(state_); }
   absl::Status CoarseRaster(const GridSpec& grid) override {
@@ -85,19 +87,7 @@ class CudaStages final : public Stages {
     }
   }
 
-  // Destroyed last: arrays give their memory back on the stream.
-  class Stream {
-   public:
-    explicit Stream(cudaStream_t stream) : stream_(stream) {}
-    Stream(const Stream&) = delete;
-    Stream& operator=(const Stream&) = delete;
-    ~Stream() { (void)cudaStreamDestroy(stream_); }
-
-   private:
-    cudaStream_t stream_;
-  };
-
-  Stream stream_;
+  DeviceUse use_;  // destroyed last: arrays give their memory back on the stream
   mutable RunState state_;
   mutable bool counted_ = false;
   mutable uint64_t occupied_ = 0;
@@ -106,18 +96,21 @@ class CudaStages final : public Stages {
 
 class Cuda final : public Backend {
  public:
+  explicit Cuda(DeviceInfo device) : device_(std::move(device)) {}
+
   std::string_view name() const override { return "cuda"; }
+  std::string device() const override { return absl::StrCat("cuda:", device_.ordinal); }
+  std::string model() const override { return device_.name; }
+  uint64_t memory_bytes() const override { return device_.memory_bytes; }
+  absl::Status Probe() const override { return ProbeDevice(device_.ordinal); }
   std::string_view simd() const override { return "cuda"; }
   absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,
                                                 const JobContext& job) const override {
-    const absl::StatusOr<DeviceInfo> device = TheDevice();
-    if (!device.ok()) return device.status();
     const absl::StatusOr<const cpu::RowKernels*> kernels = cpu::SelectRowKernels(request.request.simd);
     if (!kernels.ok()) return kernels.status();
-    VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(device->ordinal));  // of this thread
-    cudaStream_t stream;
-    VOXELPIPE_CUDA_OR_RETURN(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
-    return std::make_unique<CudaStages>(mesh, request, job, *device, **kernels, stream);
+    absl::StatusOr<DeviceUse> use = DeviceUse::Begin(device_.ordinal);
+    if (!use.ok()) return use.status();
+    return std::make_unique<CudaStages>(mesh, request, job, device_, **kernels, *std::move(use));
   }
   void Run(int threads, const std::function<void()>& body) const override {
     const int cores = tbb::info::default_concurrency();  // vertices are shaded on the host
@@ -140,19 +133,38 @@ class Cuda final : public Backend {
   std::vector<size_t> RunShared(int threads, std::span<const BatchItem> items, const PlanLimits& limits,
                                 BatchStats& stats) const override {
     std::vector<size_t> alone;
-    const absl::StatusOr<DeviceInfo> device = TheDevice();
-    if (!device.ok()) return Backend::RunShared(threads, items, limits, stats);  // each says why
-    Run(threads, [&] { alone = cuda::RunShared(*this, *device, items, limits, stats); });
+    if (!CheckDevice(device_.ordinal).ok()) return Backend::RunShared(threads, items, limits, stats);  // each says why
+    Run(threads, [&] { alone = cuda::RunShared(*this, device_, items, limits, stats); });
     return alone;
   }
+
+ private:
+  const DeviceInfo device_;
 };
 
 }  // namespace
 
-absl::StatusOr<const Backend*> CudaBackend() {
-  static const Cuda* const backend = new Cuda;
-  if (const absl::StatusOr<DeviceInfo> device = TheDevice(); !device.ok()) return device.status();
-  return backend;
+const std::vector<const Backend*>& CudaBackends() {
+  static const auto* const backends = [] {
+    auto* const made = new std::vector<const Backend*>;
+    if (const auto devices = AllDevices(); devices.ok()) {
+      for (const DeviceInfo& device : **devices) made->push_back(new Cuda(device));
+    }
+    return made;
+  }();
+  return *backends;
+}
+
+absl::StatusOr<const Backend*> FirstCudaBackend() {
+  const auto devices = AllDevices();
+  if (!devices.ok()) return devices.status();
+  absl::Status lost;
+  for (size_t i = 0; i < (*devices)->size(); ++i) {
+    absl::Status status = CheckDevice((**devices)[i].ordinal);
+    if (status.ok()) return CudaBackends()[i];
+    if (lost.ok()) lost = std::move(status);
+  }
+  return lost;
 }
 
 cudaStream_t StreamOf(Stages& stages) {

@@ -3,14 +3,18 @@
 
 #include <driver_types.h>
 
+#include <vector>
+
 #include "absl/status/statusor.h"
 #include "pipeline/stages.h"
 
 namespace voxelpipe::cuda {
 
-// Lives as long as the process; FAILED_PRECONDITION saying why where no device can be used. Safe to run several jobs at once,
-// each on a stream of its own.
-absl::StatusOr<const Backend*> CudaBackend();
+// One backend a device, lost ones too; they live as long as the process. Safe to run several jobs at once on each, every one on a stream of
+// its own.
+const std::vector<const Backend*>& CudaBackends();
+// The first that is not lost; FAILED_PRECONDITION saying why where no device can be used.
+absl::StatusOr<const Backend*> FirstCudaBackend();
 
 // For benchmarks: the stream of stages that this backend started, ...
 cudaStream_t StreamOf(Stages& stages);

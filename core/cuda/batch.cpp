@@ -9,10 +9,13 @@
 #include <ctime>
 #include <memory>
 #include <new>
+#include <optional>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "cpu/row_kernels.h"
 #include "cpu/run_state.h"
+#include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
 #include "grid/index_space.h"
 #include "pipeline/bind.h"
@@ -119,34 +122,16 @@ T* At(DeviceArray<uint8_t>& block, uint64_t offset) {
   return reinterpret_cast<T*>(block.data() + offset);
 }
 
-class Stream {
- public:
-  Stream() = default;
-  Stream(const Stream&) = delete;
-  Stream& operator=(const Stream&) = delete;
-  ~Stream() {
-    if (stream_ != nullptr) (void)cudaStreamDestroy(stream_);
-  }
-  absl::Status Create() {
-    VOXELPIPE_CUDA_OR_RETURN(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
-    return absl::OkStatus();
-  }
-  cudaStream_t get() const { return stream_; }
-
- private:
-  cudaStream_t stream_ = nullptr;
-};
-
 class Pass {
  public:
-  Pass(const DeviceInfo& device, std::span<const std::unique_ptr<Member>> members) : members_(members) {
+  Pass(const DeviceInfo& device, DeviceUse use, std::span<const std::unique_ptr<Member>> members)
+      : members_(members), use_(std::move(use)) {
     state_.device = device;
+    state_.stream = use_.stream();
   }
+  ~Pass() { use_.Wait(); }  // before what its work reads and writes is released
 
   absl::Status Run() {
-    VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(state_.device.ordinal));  // of this thread
-    VOXELPIPE_OK_OR_RETURN(stream_.Create());
-    state_.stream = stream_.get();
     VOXELPIPE_OK_OR_RETURN(Upload());
     VOXELPIPE_OK_OR_RETURN(Allocate());
     VOXELPIPE_OK_OR_RETURN(RasterBatch(state_));
@@ -240,8 +225,16 @@ class Pass {
     columns_ = columns;
     const uint64_t items_at = layout.Add<BatchItemView>(items.size());
     const uint64_t targets_at = layout.Add<BatchTargetView>(targets_.size());
-    const uint64_t positions_at = layout.Add<Vec3d>(view.vertex_count);
-    const uint64_t triangles_at = layout.Add<uint32_t>(3 * view.triangle_count);
+    // Meshes that have an id may be there already; the others go up with the descriptions.
+    struct Offsets {
+      uint64_t positions = 0, triangles = 0;
+    };
+    std::vector<Offsets> offsets(items.size());
+    for (size_t i = 0; i < items.size(); ++i) {
+      VOXELPIPE_OK_OR_RETURN(FindKept(*members_[i], items[i]));
+      if (items[i].positions == nullptr) offsets[i].positions = layout.Add<Vec3d>(members_[i]->vertices());
+      if (items[i].triangles == nullptr) offsets[i].triangles = layout.Add<uint32_t>(3 * members_[i]->triangles());
+    }
     absl::StatusOr<PinnedBuffer> staging = PinnedBuffer::Take(layout.bytes());
     if (!staging.ok()) return staging.status();
     staging_ = *std::move(staging);
@@ -249,21 +242,47 @@ class Pass {
     tbb::parallel_for(size_t{0}, items.size(), [&](size_t i) {
       BatchItemView& item = items[i];
       const MeshView& mesh = members_[i]->host->view;
-      item.positions = At<Vec3d>(there_, positions_at) + item.first_vertex;
-      item.triangles = At<uint32_t>(there_, triangles_at) + 3 * item.first_triangle;
       const auto put = [&](uint64_t offset, const void* from, uint64_t bytes) {
         if (bytes > 0) std::memcpy(staging_.data() + offset, from, bytes);
       };
+      if (item.positions == nullptr) {
+        put(offsets[i].positions, mesh.positions, mesh.vertex_count * sizeof(Vec3d));
+        item.positions = At<Vec3d>(there_, offsets[i].positions);
+      }
+      if (item.triangles == nullptr) {
+        put(offsets[i].triangles, mesh.triangles, mesh.triangle_count * 3 * sizeof(uint32_t));
+        item.triangles = At<uint32_t>(there_, offsets[i].triangles);
+      }
       put(items_at + i * sizeof item, &item, sizeof item);
-      put(positions_at + item.first_vertex * sizeof(Vec3d), mesh.positions, mesh.vertex_count * sizeof(Vec3d));
-      put(triangles_at + item.first_triangle * 3 * sizeof(uint32_t), mesh.triangles,
-          mesh.triangle_count * 3 * sizeof(uint32_t));
     });
     std::memcpy(staging_.data() + targets_at, targets_.data(), targets_.size() * sizeof targets_[0]);
     VOXELPIPE_CUDA_OR_RETURN(
         cudaMemcpyAsync(there_.data(), staging_.data(), layout.bytes(), cudaMemcpyHostToDevice, state_.stream));
     view.items = At<BatchItemView>(there_, items_at);
     view.targets = At<BatchTargetView>(there_, targets_at);
+    return absl::OkStatus();
+  }
+
+  // Where the device keeps the member's mesh, or is to keep it; null where it goes up with the pass.
+  absl::Status FindKept(const Member& member, BatchItemView& item) {
+    const TriangleMesh& mesh = *member.item->mesh;
+    const MeshView& view = member.host->view;
+    if (mesh.content_id.empty() || mesh.triangles.empty()) return absl::OkStatus();
+    const auto find = [&](const char* part, const void* from, uint64_t bytes) -> absl::StatusOr<const uint8_t*> {
+      auto array = CachedUpload(state_.device.ordinal, absl::StrCat(mesh.content_id, "/", part), from, bytes,
+                                state_.stream, staged_);
+      if (!array.ok()) return array.status();
+      kept_.push_back(*std::move(array));
+      return kept_.back()->data();
+    };
+    if (view.positions == mesh.positions.data()) {
+      const auto positions = find("positions", view.positions, view.vertex_count * sizeof(Vec3d));
+      if (!positions.ok()) return positions.status();
+      item.positions = reinterpret_cast<const Vec3d*>(*positions);
+    }
+    const auto triangles = find("triangles", view.triangles, view.triangle_count * 3 * sizeof(uint32_t));
+    if (!triangles.ok()) return triangles.status();
+    item.triangles = reinterpret_cast<const uint32_t*>(*triangles);
     return absl::OkStatus();
   }
 
@@ -306,8 +325,10 @@ class Pass {
   std::vector<uint32_t> first_target_;  // per member, and one more
   uint64_t words_ = 0, columns_ = 0;
   uint64_t packed_offset_ = 0, result_bytes_ = 0;
+  DeviceUse use_;  // destroyed behind the arrays, which are freed on its stream
   PinnedBuffer staging_, back_;
-  Stream stream_;  // behind the arrays that are freed on it
+  std::vector<PinnedBuffer> staged_;
+  std::vector<std::shared_ptr<const CachedArray>> kept_;
   DeviceArray<uint8_t> there_, work_;
 };
 
@@ -316,8 +337,10 @@ void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const s
   for (const auto& member : members) member->item->job->Report("fine_raster", 0);
   const double wall = WallMs(), cpu = CpuMs();
   const uint64_t launches = LaunchesOfThread();
-  Pass pass(device, members);
-  absl::Status status = pass.Run();
+  absl::StatusOr<DeviceUse> use = DeviceUse::Begin(device.ordinal);
+  std::optional<Pass> pass;
+  absl::Status status = use.status();
+  if (use.ok()) status = pass.emplace(device, *std::move(use), members).Run();
   ++stats.passes;
   stats.shared += uint32_t(members.size());
   stats.launches = stats.launches.value_or(0) + LaunchesOfThread() - launches;
@@ -334,7 +357,7 @@ void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const s
     member.stats.voxelize_ms = wall_ms + member.stats.stages[0].second;
     member.stats.voxelize_cpu_ms = cpu_ms + member.stats.stages[0].second;
     member.stats.stages.emplace_back("fine_raster", wall_ms);
-    absl::StatusOr<VoxelizeResult> result = pass.Cut(i);
+    absl::StatusOr<VoxelizeResult> result = pass->Cut(i);
     item.job->Report("fine_raster", 1);
     item.done(std::move(result));
   });

@@ -8,10 +8,12 @@
 #include <utility>
 
 #include "absl/status/status.h"
-#include "absl/strings/str_cat.h"
 #include "cuda/check.h"
 
 namespace voxelpipe::cuda {
+
+// The status, its message beginning with the need.
+absl::Status NeedStatus(const absl::Status& status, uint64_t bytes);  // device.cpp
 
 // Uninitialized elements of a trivially copyable T, in whole units of 16 bytes: stores of uint4 may end behind the last
 // element. Allocation and release are ordered on the stream of the last Resize: all work on the array must have been given
@@ -37,9 +39,7 @@ class DeviceArray {
       stream_ = stream;
       void* p = nullptr;
       if (const cudaError_t error = cudaMallocAsync(&p, RoundedBytes(count), stream); error != cudaSuccess) {
-        const absl::Status s = CudaStatus(error, "cudaMallocAsync", __FILE__, __LINE__);
-        return absl::Status(
-            s.code(), absl::StrCat(count * sizeof(T), " bytes of device memory needed: ", std::string(s.message())));
+        return NeedStatus(CudaStatus(error, "cudaMallocAsync", __FILE__, __LINE__), count * sizeof(T));
       }
       data_ = static_cast<T*>(p);
       capacity_ = count;

@@ -138,7 +138,7 @@ absl::Status Bin(RunState& state, uint64_t capacity) {
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kPairs, kQueued0}));
   BinArgs args;
   args.tiles = state.view.tiles;
-  args.triangles = state.mesh.triangles.data();
+  args.triangles = state.mesh.triangle_list();
   args.positions = state.mesh.index_positions.data();
   args.codes = state.mesh.codes.data();
   args.triangle_count = state.mesh.host_view.triangle_count;
@@ -164,7 +164,7 @@ absl::Status PlaceVertices(RunState& state) {
   const uint64_t vertices = state.mesh.host_view.vertex_count;
   if (!state.placed && vertices > 0) {
     PlaceKernel<<<unsigned((vertices + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(
-        state.mesh.positions.data(), vertices, state.grid.origin, state.grid.voxel_size,
+        state.mesh.host_view.positions, vertices, state.grid.origin, state.grid.voxel_size,
         state.mesh.index_positions.data(), state.mesh.codes.data());
     VOXELPIPE_LAUNCHED_OR_RETURN("PlaceKernel");
   }

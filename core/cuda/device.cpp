@@ -2,43 +2,103 @@
 
 #include <cuda_runtime_api.h>
 
+#include <deque>
 #include <mutex>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
+#include "cuda/buffer.h"
 #include "cuda/check.h"
+#include "cuda/mesh_cache.h"
+#include "cuda/pinned.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
-absl::StatusOr<DeviceInfo> Probe() {
-  int count = 0;
-  const cudaError_t error = cudaGetDeviceCount(&count);
-  if (error != cudaSuccess || count == 0) {
-    (void)cudaGetLastError();
-    return absl::FailedPreconditionError(absl::StrCat(
-        "backend: no CUDA device (", error == cudaSuccess ? "the driver lists none" : cudaGetErrorString(error), ")"));
-  }
+// Freed memory stays in the pool: with the default threshold every synchronization gives it back to the driver.
+absl::Status KeepPool(int ordinal) {
+  cudaMemPool_t pool;
+  VOXELPIPE_CUDA_OR_RETURN(cudaDeviceGetDefaultMemPool(&pool, ordinal));
+  uint64_t keep = UINT64_MAX;
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &keep));
+  return absl::OkStatus();
+}
+
+absl::StatusOr<DeviceInfo> Describe(int ordinal) {
   DeviceInfo info;
+  info.ordinal = ordinal;
   cudaDeviceProp properties;
-  VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(info.ordinal));
-  VOXELPIPE_CUDA_OR_RETURN(cudaGetDeviceProperties(&properties, info.ordinal));
+  VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(ordinal));
+  VOXELPIPE_CUDA_OR_RETURN(cudaGetDeviceProperties(&properties, ordinal));
   info.name = properties.name;
   info.multiprocessors = properties.multiProcessorCount;
   info.shared_bytes_per_block = properties.sharedMemPerBlockOptin;
   info.memory_bytes = properties.totalGlobalMem;
-  // Freed memory stays in the pool: with the default threshold every synchronization gives it back to the driver.
-  cudaMemPool_t pool;
-  VOXELPIPE_CUDA_OR_RETURN(cudaDeviceGetDefaultMemPool(&pool, info.ordinal));
-  uint64_t keep = UINT64_MAX;
-  VOXELPIPE_CUDA_OR_RETURN(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &keep));
+  VOXELPIPE_OK_OR_RETURN(KeepPool(ordinal));
   return info;
 }
 
-thread_local uint64_t launches_of_thread = 0;
+// What is known of a device at run time.
+struct Slot {
+  std::mutex mutex;
+  std::string lost;                   // why; empty: not lost
+  int runs = 0;                       // that hold the device
+  std::vector<cudaStream_t> streams;  // idle ones
+};
 
-std::mutex lost_mutex;
-std::string lost_reason;  // under lost_mutex; empty: not lost
+struct Found {
+  std::vector<DeviceInfo> devices;
+  std::deque<Slot> slots;  // by ordinal; as many as the driver counts
+  absl::Status why_none;
+};
+
+// While it runs there are no slots yet, and what fails is said in why_none.
+thread_local bool finding = false;
+
+Found* Find() {
+  finding = true;
+  const absl::Cleanup done = [] { finding = false; };
+  auto* const found = new Found;
+  int count = 0;
+  const cudaError_t error = cudaGetDeviceCount(&count);
+  if (error != cudaSuccess || count == 0) {
+    (void)cudaGetLastError();
+    found->why_none = absl::FailedPreconditionError(absl::StrCat(
+        "backend: no CUDA device (", error == cudaSuccess ? "the driver lists none" : cudaGetErrorString(error), ")"));
+    return found;
+  }
+  for (int i = 0; i < count; ++i) {
+    found->slots.emplace_back();
+    absl::StatusOr<DeviceInfo> device = Describe(i);
+    if (device.ok()) {
+      found->devices.push_back(*std::move(device));
+    } else if (found->why_none.ok()) {
+      found->why_none = absl::FailedPreconditionError(
+          absl::StrCat("backend: no CUDA device answers: ", std::string(device.status().message())));
+    }
+  }
+  if (!found->devices.empty()) (void)cudaSetDevice(found->devices[0].ordinal);
+  return found;
+}
+
+Found& TheFound() {
+  static Found* const found = Find();  // never destroyed: results may outlive static objects
+  return *found;
+}
+
+Slot* SlotOf(int ordinal) {
+  if (finding) return nullptr;
+  Found& found = TheFound();
+  return ordinal >= 0 && size_t(ordinal) < found.slots.size() ? &found.slots[size_t(ordinal)] : nullptr;
+}
+
+absl::Status LostStatus(const std::string& why) {
+  return MarkDeviceFailure(absl::FailedPreconditionError(absl::StrCat("backend: the CUDA device was lost: ", why)),
+                           DeviceFailureKind::kLost);
+}
+
+thread_local uint64_t launches_of_thread = 0;
 
 bool IsSticky(cudaError_t error) {
   switch (error) {
@@ -73,23 +133,96 @@ std::string MemoryAtHand() {
   return absl::StrCat(free + idle, " of ", all, " bytes of device memory are free, ", idle, " of them in the pool");
 }
 
-}  // namespace
-
-absl::StatusOr<DeviceInfo> TheDevice() {
-  static const absl::StatusOr<DeviceInfo>* const probed = new absl::StatusOr<DeviceInfo>(Probe());
-  if (!probed->ok()) return *probed;
-  const std::lock_guard lock(lost_mutex);
-  if (!lost_reason.empty()) {
-    return MarkDeviceFailure(
-        absl::FailedPreconditionError(absl::StrCat("backend: the CUDA device was lost: ", lost_reason)),
-        DeviceFailureKind::kLost);
-  }
-  return *probed;
+// A lost device begins anew: all that was allocated on it is gone. No run holds it.
+absl::Status Reset(int ordinal, Slot& slot) {
+  DropCachedMeshes(ordinal);
+  ForgetPinned();
+  slot.streams.clear();  // the reset destroys them
+  VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(ordinal));
+  (void)cudaDeviceReset();  // says once more why the device was lost
+  (void)cudaGetLastError();
+  return KeepPool(ordinal);
 }
 
-void MarkDeviceLost(std::string_view reason) {
-  const std::lock_guard lock(lost_mutex);
-  if (lost_reason.empty()) lost_reason = std::string(reason);
+}  // namespace
+
+absl::StatusOr<const std::vector<DeviceInfo>*> AllDevices() {
+  const Found& found = TheFound();
+  if (found.devices.empty()) return found.why_none;
+  return &found.devices;
+}
+
+absl::Status CheckDevice(int ordinal) {
+  Slot* const slot = SlotOf(ordinal);
+  if (slot == nullptr) return absl::FailedPreconditionError("backend: there is no such CUDA device");
+  const std::lock_guard lock(slot->mutex);
+  return slot->lost.empty() ? absl::OkStatus() : LostStatus(slot->lost);
+}
+
+void MarkDeviceLost(int ordinal, std::string_view reason) {
+  Slot* const slot = SlotOf(ordinal);
+  if (slot == nullptr) return;
+  const std::lock_guard lock(slot->mutex);
+  if (slot->lost.empty()) slot->lost = std::string(reason);
+}
+
+absl::StatusOr<DeviceUse> DeviceUse::Begin(int ordinal) {
+  Slot* const slot = SlotOf(ordinal);
+  if (slot == nullptr) return absl::FailedPreconditionError("backend: there is no such CUDA device");
+  cudaStream_t stream = nullptr;
+  {
+    const std::lock_guard lock(slot->mutex);
+    if (!slot->lost.empty()) return LostStatus(slot->lost);
+    ++slot->runs;
+    if (!slot->streams.empty()) {
+      stream = slot->streams.back();
+      slot->streams.pop_back();
+    }
+  }
+  DeviceUse use(ordinal, stream);
+  VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(ordinal));
+  if (stream == nullptr) VOXELPIPE_CUDA_OR_RETURN(cudaStreamCreateWithFlags(&use.stream_, cudaStreamNonBlocking));
+  return use;
+}
+
+void DeviceUse::Wait() const {
+  if (const cudaError_t error = cudaStreamSynchronize(stream_); error != cudaSuccess) {
+    (void)cudaGetLastError();
+    if (IsSticky(error)) MarkDeviceLost(ordinal_, absl::StrCat("CUDA: ", cudaGetErrorString(error)));
+  }
+}
+
+DeviceUse::~DeviceUse() {
+  if (ordinal_ < 0) return;
+  Wait();
+  Slot& slot = *SlotOf(ordinal_);
+  const std::lock_guard lock(slot.mutex);
+  --slot.runs;
+  if (slot.lost.empty() && stream_ != nullptr) slot.streams.push_back(stream_);
+}
+
+absl::Status ProbeDevice(int ordinal) {
+  Slot* const slot = SlotOf(ordinal);
+  if (slot == nullptr) return absl::FailedPreconditionError("backend: there is no such CUDA device");
+  std::unique_lock lock(slot->mutex);
+  if (slot->lost.empty()) {
+    lock.unlock();
+    absl::StatusOr<DeviceUse> use = DeviceUse::Begin(ordinal);
+    return use.ok() ? RunProbe(use->stream()) : use.status();
+  }
+  // Nobody begins a run on a lost device, so the lock need not be held on its account; other probes wait.
+  if (slot->runs > 0) return LostStatus(absl::StrCat(slot->lost, "; ", slot->runs, " of its runs have not ended yet"));
+  const std::string why = std::exchange(slot->lost, "it is being reset");
+  ++slot->runs;
+  lock.unlock();
+  absl::Status status = Reset(ordinal, *slot);
+  if (status.ok()) status = RunProbe(nullptr);
+  lock.lock();
+  --slot->runs;
+  slot->lost = status.ok() ? "" : why;
+  if (status.ok()) return status;
+  return LostStatus(absl::StrCat(
+      why, "; it does not come back to this process, another one may have it: ", std::string(status.message())));
 }
 
 uint64_t LaunchesOfThread() {
@@ -97,6 +230,13 @@ uint64_t LaunchesOfThread() {
 }
 void CountLaunch() {
   ++launches_of_thread;
+}
+
+absl::Status NeedStatus(const absl::Status& status, uint64_t bytes) {
+  const absl::Status told(status.code(),
+                          absl::StrCat(bytes, " bytes of device memory needed: ", std::string(status.message())));
+  const auto mark = DeviceFailureOf(status);
+  return mark ? MarkDeviceFailure(told, *mark) : told;
 }
 
 absl::Status CudaStatus(cudaError_t error, const char* expression, const char* file, int line) {
@@ -112,7 +252,8 @@ absl::Status CudaStatus(cudaError_t error, const char* expression, const char* f
                              DeviceFailureKind::kOutOfMemory);
   }
   const bool lost = IsSticky(error);
-  if (lost) MarkDeviceLost(message);
+  int ordinal = 0;
+  if (lost && cudaGetDevice(&ordinal) == cudaSuccess) MarkDeviceLost(ordinal, message);
   return MarkDeviceFailure(absl::InternalError(message), lost ? DeviceFailureKind::kLost : DeviceFailureKind::kError);
 }
 

@@ -1,10 +1,15 @@
-// The CUDA device that this process works on.
+// The CUDA devices that this process works on, who uses them, and which of them are lost.
 #pragma once
+
+#include <driver_types.h>
 
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 namespace voxelpipe::cuda {
@@ -17,11 +22,44 @@ struct DeviceInfo {
   uint64_t memory_bytes = 0;
 };
 
-// The first device, its memory pool set to keep what it has. Found once a process. FAILED_PRECONDITION saying why there is none:
-// no driver, no device, a device too old for the compiled code, or one that was lost.
-absl::StatusOr<DeviceInfo> TheDevice();
+// All devices, their memory pools set to keep what they have. Found once a process. FAILED_PRECONDITION saying why there is none: no
+// driver, no device, or none that answers.
+absl::StatusOr<const std::vector<DeviceInfo>*> AllDevices();
 
-// Called where an error leaves the device unusable for this process; TheDevice fails from then on, naming `reason`.
-void MarkDeviceLost(std::string_view reason);
+// OK unless the device was lost: then FAILED_PRECONDITION with the mark of base/device_failure.h.
+absl::Status CheckDevice(int ordinal);
+
+// A run's hold on a device: a stream, and the promise that nobody resets the device meanwhile. Movable. At the end it waits for the
+// stream's work, which may still read or write memory of the run.
+class DeviceUse {
+ public:
+  // Makes the device the calling thread's. Errors: CheckDevice's; INTERNAL.
+  static absl::StatusOr<DeviceUse> Begin(int ordinal);
+
+  DeviceUse(DeviceUse&& other) noexcept
+      : ordinal_(std::exchange(other.ordinal_, -1)), stream_(std::exchange(other.stream_, nullptr)) {}
+  DeviceUse& operator=(DeviceUse&&) = delete;
+  ~DeviceUse();
+
+  cudaStream_t stream() const { return stream_; }
+  void Wait() const;  // for the stream's work; errors come with the next call
+
+ private:
+  DeviceUse(int ordinal, cudaStream_t stream) : ordinal_(ordinal), stream_(stream) {}
+
+  int ordinal_;
+  cudaStream_t stream_;
+};
+
+// Called where an error leaves the device unusable until it is reset; CheckDevice fails from then on, naming `reason`.
+void MarkDeviceLost(int ordinal, std::string_view reason);
+
+// Whether the device works: allocates a little, runs a kernel on it and reads back what it wrote. A lost device is reset first, which
+// takes until all its runs have ended; where it works again it is no longer lost. Many drivers (580 is one) do not give a device back to a
+// process that made it fail: then it stays lost until the process is started anew, and the status says so.
+absl::Status ProbeDevice(int ordinal);
+
+// The probe's work on the current device (probe.cu). Synchronizes.
+absl::Status RunProbe(cudaStream_t stream);
 
 }  // namespace voxelpipe::cuda

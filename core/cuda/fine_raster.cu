@@ -1,5 +1,8 @@
 // Per tile: row spans, fragment shading and blending in shared memory, store.
 #include <algorithm>
+#include <map>
+#include <mutex>
+#include <utility>
 #include <vector>
 
 #include "cuda/fine_raster_kernel.cuh"
@@ -56,13 +59,27 @@ int UniformThreads(const RunState& state) {
   return pairs > 250 ? kMostUniformThreads : 64;
 }
 
+// Lets the kernel have so much shared memory on the device. The bound is the kernel's and not the launch's: other threads launch it at the
+// same time, so it only grows.
+template <typename Kernel>
+absl::Status AllowShared(int ordinal, Kernel kernel, int bytes) {
+  static std::mutex mutex;
+  static auto* const allowed = new std::map<std::pair<int, Kernel>, int>;
+  const std::lock_guard lock(mutex);
+  int& most = (*allowed)[{ordinal, kernel}];
+  if (bytes <= most) return absl::OkStatus();
+  VOXELPIPE_CUDA_OR_RETURN(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, bytes));
+  most = bytes;
+  return absl::OkStatus();
+}
+
 absl::Status Launch(const RunState& state, FineArgs& args) {
   const auto kernel = args.uniform ? FineUniformKernel : args.shades ? FineRasterKernel<true> : FineRasterKernel<false>;
   const int threads = args.uniform ? UniformThreads(state) : kFineThreads;
   int shared = (SharedBytes(args) + 15) / 16 * 16;
   args.shared_words = shared / 4;
   if (args.uniform) shared += threads / 32 * kUniformWarpBytes;
-  VOXELPIPE_CUDA_OR_RETURN(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, shared));
+  VOXELPIPE_OK_OR_RETURN(AllowShared(state.device.ordinal, kernel, shared));
   int resident = 1;
   VOXELPIPE_CUDA_OR_RETURN(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, kernel, threads, size_t(shared)));
   const auto blocks = unsigned(std::max(1, resident) * state.device.multiprocessors);

@@ -1,9 +1,11 @@
 #include "cuda/pinned.h"
 
 #include <cuda_runtime_api.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <bit>
+#include <cstring>
 #include <deque>
 #include <mutex>
 #include <unordered_map>
@@ -11,11 +13,14 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/machine_memory.h"
+#include "cuda/check.h"
 #include "grid/page_pool.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
+constexpr uint64_t kLeastStaged = 256 << 10;           // below, the driver's own staging is as quick
+constexpr uint64_t kWave = 8 << 20, kGrain = 1 << 20;  // filled by all threads; by one
 constexpr uint64_t kLeastBytes = 64 << 10;
 constexpr uint64_t kMostBytes = 4ull << 30;
 constexpr uint64_t kShare = 16;  // of the machine's memory
@@ -138,6 +143,14 @@ PinnedBuffer& PinnedBuffer::operator=(PinnedBuffer&& other) noexcept {
   return *this;
 }
 
+PinnedBuffer PinnedBuffer::Own(uint8_t* block, uint64_t bytes) {
+  PinnedBuffer buffer;
+  buffer.data_ = block;
+  buffer.size_ = bytes;
+  buffer.pinned_ = true;
+  return buffer;
+}
+
 absl::StatusOr<PinnedBuffer> PinnedBuffer::Take(uint64_t bytes) {
   PinnedBuffer buffer;
   buffer.size_ = bytes;
@@ -148,6 +161,28 @@ absl::StatusOr<PinnedBuffer> PinnedBuffer::Take(uint64_t bytes) {
     return absl::ResourceExhaustedError(absl::StrCat("out of memory: no ", bytes, " bytes to copy through"));
   }
   return buffer;
+}
+
+absl::Status StagedCopy(void* to, const void* from, uint64_t bytes, cudaStream_t stream,
+                        std::vector<PinnedBuffer>& staged) {
+  if (bytes == 0) return absl::OkStatus();
+  auto* const there = static_cast<uint8_t*>(to);
+  const auto* const here = static_cast<const uint8_t*>(from);
+  auto* const between = bytes < kLeastStaged ? nullptr : static_cast<uint8_t*>(TakePinned(bytes));
+  if (between == nullptr) {  // the driver stages it
+    VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream));
+    return absl::OkStatus();
+  }
+  staged.push_back(PinnedBuffer::Own(between, bytes));
+  for (uint64_t begin = 0; begin < bytes; begin += kWave) {
+    const uint64_t end = std::min(bytes, begin + kWave);
+    tbb::parallel_for(tbb::blocked_range<uint64_t>(begin, end, kGrain), [&](const tbb::blocked_range<uint64_t>& part) {
+      std::memcpy(between + part.begin(), here + part.begin(), part.end() - part.begin());
+    });
+    VOXELPIPE_CUDA_OR_RETURN(
+        cudaMemcpyAsync(there + begin, between + begin, end - begin, cudaMemcpyHostToDevice, stream));
+  }
+  return absl::OkStatus();
 }
 
 void PinnedBuffer::Release() {

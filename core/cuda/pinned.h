@@ -1,9 +1,12 @@
 // Host memory that a device copies from and to at the bus's full speed.
 #pragma once
 
-#include <cstdint>
-#include <span>
+#include <driver_types.h>
 
+#include <cstdint>
+#include <vector>
+
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 namespace voxelpipe::cuda {
@@ -20,6 +23,8 @@ class PinnedBuffer {
   // RESOURCE_EXHAUSTED naming the size when the system has no memory for it. Thread-safe.
   static absl::StatusOr<PinnedBuffer> Take(uint64_t bytes);
 
+  static PinnedBuffer Own(uint8_t* block, uint64_t bytes);  // of TakePinned(bytes)
+
   uint8_t* data() { return data_; }
   const uint8_t* data() const { return data_; }
   uint64_t size() const { return size_; }
@@ -32,6 +37,11 @@ class PinnedBuffer {
   uint64_t size_ = 0;
   bool pinned_ = false;
 };
+
+// Copies to the device in `stream`'s order, through pinned memory that is added to `staged` and must live until that work is done. The
+// calling thread's arena fills it while the device already reads.
+absl::Status StagedCopy(void* to, const void* from, uint64_t bytes, cudaStream_t stream,
+                        std::vector<PinnedBuffer>& staged);
 
 // The pool's part of it. A pinned block of at least `bytes`, or nullptr. Thread-safe.
 void* TakePinned(uint64_t bytes);

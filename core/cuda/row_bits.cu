@@ -127,7 +127,7 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   const uint64_t blocks = std::clamp<uint64_t>((std::max(quads / 4, place) + kThreads - 1) / kThreads, 1,
                                                uint64_t(state.device.multiprocessors) * 16);
   Prepare<<<unsigned(blocks), kThreads, 0, state.stream>>>(
-      reinterpret_cast<uint4*>(bits), quads, state.counters.data(), state.mesh.positions.data(), place,
+      reinterpret_cast<uint4*>(bits), quads, state.counters.data(), state.mesh.host_view.positions, place,
       state.grid.origin, state.grid.voxel_size, state.mesh.index_positions.data(), state.mesh.codes.data());
   VOXELPIPE_LAUNCHED_OR_RETURN("Prepare");
   state.placed = true;

@@ -7,12 +7,15 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "cpu/run_state.h"
 #include "cuda/buffer.h"
 #include "cuda/check.h"
 #include "cuda/device.h"
+#include "cuda/mesh_cache.h"
+#include "cuda/pinned.h"
 #include "cuda/vertex_code.cuh"
 #include "cuda/views.h"
 #include "pipeline/stages.h"
@@ -36,6 +39,10 @@ struct DeviceMesh {
   std::vector<DeviceArray<Vec4f>> mips;      // further levels
   MeshView host_view;                        // pointers into device memory
   DeviceArray<MeshView> view;                // the same on the device, one element
+
+  const uint32_t* triangle_list() const {
+    return host_view.triangles == nullptr ? nullptr : &host_view.triangles[0][0];
+  }
 };
 
 // Device memory behind the views of one CudaTarget.
@@ -60,6 +67,9 @@ struct RunState {
   const JobContext& job;
   DeviceInfo device;
   cudaStream_t stream = nullptr;
+  // What the stream's work reads: released when it is done.
+  std::vector<PinnedBuffer> staged;
+  std::vector<std::shared_ptr<const CachedArray>> cached;
 
   // VertexShade
   cpu::RunState host;  // vertices are shaded and the mesh's box is found on the host

@@ -261,7 +261,7 @@ absl::Status ParityInside(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0}));
   args.view.grid = state.view;
-  args.triangles = state.mesh.triangles.data();
+  args.triangles = state.mesh.triangle_list();
   args.positions = state.mesh.index_positions.data();
   args.triangle_count = triangles;
   args.view.inside = state.inside.data();

@@ -3,6 +3,7 @@
 
 #include "cuda/batch.h"
 #include "cuda/launch.h"
+#include "cuda/pinned.h"
 #include "cuda/run_state.h"
 #include "pipeline/plan.h"
 #include "shaders/blend_ops.h"
@@ -161,19 +162,29 @@ absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory)
   return ClearElements(state, memory.dense, target.clear_stored, bits);
 }
 
-absl::StatusOr<HostBuffer> CopyToHost(const void* from, uint64_t bytes, cudaStream_t stream) {
-  absl::StatusOr<HostBuffer> to = HostBuffer::Allocate(bytes);
-  if (!to.ok()) return to.status();
-  if (bytes > 0) VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(to->data(), from, bytes, cudaMemcpyDeviceToHost, stream));
-  return to;
+// Small results wait for the driver's staging no longer than for a pinned block.
+constexpr uint64_t kLeastPinned = 64 << 10;
+
+// The buffer takes part in the stream's work until that is done, also where this fails.
+absl::Status CopyToHost(const void* from, uint64_t bytes, cudaStream_t stream, HostBuffer& to) {
+  void* const block = bytes < kLeastPinned ? nullptr : TakePinned(bytes);
+  if (block != nullptr) {
+    to = HostBuffer::Adopt(block, bytes, &ReturnPinned);
+  } else {
+    absl::StatusOr<HostBuffer> allocated = HostBuffer::Allocate(bytes);
+    if (!allocated.ok()) return allocated.status();
+    to = *std::move(allocated);
+  }
+  if (bytes > 0) VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(to.data(), from, bytes, cudaMemcpyDeviceToHost, stream));
+  return absl::OkStatus();
 }
 
 // A bit target's packed bits on the host.
-absl::StatusOr<HostBuffer> PackBitTarget(RunState& state, const CudaTarget& target, const TargetSpec& spec) {
+absl::Status PackBitTarget(RunState& state, const CudaTarget& target, const TargetSpec& spec, HostBuffer& to) {
   const uint64_t bytes = (state.slab_voxels() + 7) / 8;
   const uint32_t* const coverage = state.coverage.data();
   if (target.is_occupancy && state.inside.empty() && spec.clear == 0 && state.view.dims[0] % 32 == 0) {
-    return CopyToHost(coverage, bytes, state.stream);
+    return CopyToHost(coverage, bytes, state.stream, to);
   }
   DeviceArray<uint32_t> packed;
   VOXELPIPE_OK_OR_RETURN(packed.Resize((state.slab_voxels() + 31) / 32, state.stream));
@@ -189,21 +200,16 @@ absl::StatusOr<HostBuffer> PackBitTarget(RunState& state, const CudaTarget& targ
   args.out = packed.data();
   PackKernel<<<BlocksFor(packed.size(), kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("PackKernel");
-  absl::StatusOr<HostBuffer> host = CopyToHost(packed.data(), bytes, state.stream);
-  return host;
+  return CopyToHost(packed.data(), bytes, state.stream, to);
 }
 
 template <typename T>
 absl::Status Take(const DeviceArray<T>& from, uint64_t count, HostBuffer& to, cudaStream_t stream) {
-  absl::StatusOr<HostBuffer> copied = CopyToHost(from.data(), count * sizeof(T), stream);
-  if (!copied.ok()) return copied.status();
-  to = *std::move(copied);
-  return absl::OkStatus();
+  return CopyToHost(from.data(), count * sizeof(T), stream, to);
 }
 
 // The arrays of a sparse or bucketed result.
-absl::StatusOr<ResultArrays> CopyResult(RunState& state) {
-  ResultArrays out;
+absl::Status CopyResult(RunState& state, ResultArrays& out) {
   DeviceResult& r = state.result;
   const bool buckets = state.request.request.result == ResultKind::kBuckets;
   if (buckets) {
@@ -217,13 +223,25 @@ absl::StatusOr<ResultArrays> CopyResult(RunState& state) {
   }
   const uint64_t listed = buckets ? r.listed_fragments : r.listed_voxels;
   for (size_t t = 0; t < r.targets.size(); ++t) {
-    HostBuffer values;
+    out.targets.emplace_back();
     VOXELPIPE_OK_OR_RETURN(
-        Take(r.targets[t], TargetBytes(state.request.request.targets[t], listed), values, state.stream));
-    out.targets.push_back(std::move(values));
+        Take(r.targets[t], TargetBytes(state.request.request.targets[t], listed), out.targets.back(), state.stream));
   }
-  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
-  return out;
+  return absl::OkStatus();
+}
+
+// All targets of a dense result.
+absl::Status CopyDense(RunState& state, ResultArrays& out) {
+  for (int i = 0; i < state.targets.count; ++i) {
+    const CudaTarget& target = state.targets.at[i];
+    DeviceArray<uint8_t>& dense = state.target_memory[size_t(i)].dense;
+    out.targets.emplace_back();
+    VOXELPIPE_OK_OR_RETURN(
+        target.format == VoxelFormat::kBit
+            ? PackBitTarget(state, target, state.request.request.targets[size_t(i)], out.targets.back())
+            : CopyToHost(dense.data(), dense.size(), state.stream, out.targets.back()));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -355,18 +373,12 @@ absl::Status CountSlab(RunState& state) {
 absl::StatusOr<ResultArrays> Finish(RunState& state) {
   const ResultKind kind = state.request.request.result;
   if (kind == ResultKind::kSparse) VOXELPIPE_OK_OR_RETURN(MakeBricks(state));
-  if (kind != ResultKind::kDense) return CopyResult(state);
   ResultArrays out;
-  for (int i = 0; i < state.targets.count; ++i) {
-    const CudaTarget& target = state.targets.at[i];
-    DeviceArray<uint8_t>& dense = state.target_memory[size_t(i)].dense;
-    absl::StatusOr<HostBuffer> host = target.format == VoxelFormat::kBit
-                                          ? PackBitTarget(state, target, state.request.request.targets[size_t(i)])
-                                          : CopyToHost(dense.data(), dense.size(), state.stream);
-    if (!host.ok()) return host.status();
-    out.targets.push_back(*std::move(host));
-  }
-  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
+  absl::Status status = kind == ResultKind::kDense ? CopyDense(state, out) : CopyResult(state, out);
+  // Also after an error: buffers go back to their pools only when no copy is on its way to them.
+  const cudaError_t error = cudaStreamSynchronize(state.stream);
+  if (!status.ok()) return status;
+  VOXELPIPE_CUDA_OR_RETURN(error);
   return out;
 }
 

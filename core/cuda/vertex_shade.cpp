@@ -2,20 +2,33 @@
 //
 // Vertices are shaded by the host's stage, which also finds the box and names bad vertices: a vertex shader runs once a vertex, and
 // poses are made of host data. The device gets the shaded arrays.
-#include <span>
+#include <string>
 
+#include "absl/strings/str_cat.h"
 #include "cuda/run_state.h"
 #include "shaders/mips.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
+// Uploads an array where it is wanted; `view` becomes its address on the device. `kept`: it is the mesh's own, as it was loaded, and
+// `part` says which of its arrays: where the mesh has an id the device may have it already.
 template <typename T>
-absl::Status UploadIf(bool wanted, const T* from, uint64_t count, DeviceArray<T>& to, const T*& view,
-                      cudaStream_t stream) {
+absl::Status UploadIf(RunState& state, bool wanted, bool kept, const char* part, const T* from, uint64_t count,
+                      DeviceArray<T>& to, const T*& view) {
   view = nullptr;
   if (!wanted || from == nullptr) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(to.Upload({from, count}, stream));
+  const std::string& id = state.host.mesh.content_id;
+  if (kept && !id.empty() && count > 0) {
+    auto array = CachedUpload(state.device.ordinal, absl::StrCat(id, "/", part), from, count * sizeof(T), state.stream,
+                              state.staged);
+    if (!array.ok()) return array.status();
+    view = reinterpret_cast<const T*>((*array)->data());
+    state.cached.push_back(*std::move(array));
+    return absl::OkStatus();
+  }
+  VOXELPIPE_OK_OR_RETURN(to.Resize(count, state.stream));
+  VOXELPIPE_OK_OR_RETURN(StagedCopy(to.data(), from, count * sizeof(T), state.stream, state.staged));
   view = to.data();
   return absl::OkStatus();
 }
@@ -75,22 +88,28 @@ absl::Status UploadMesh(RunState& state) {
   const bool shading = AnyShading(state.request);
   mesh.host_view = host;
   const uint64_t n = host.vertex_count;
-  VOXELPIPE_OK_OR_RETURN(UploadIf(true, host.positions, n, mesh.positions, mesh.host_view.positions, state.stream));
+  const TriangleMesh& own = state.host.mesh;
+  MeshView& there = mesh.host_view;
+  const auto upload = [&](bool wanted, bool kept, const char* part, const auto* from, uint64_t count, auto& to,
+                          auto& view) { return UploadIf(state, wanted, kept, part, from, count, to, view); };
+  const auto is_own = [](const auto* shaded, const auto& array) { return shaded == array.data(); };
+  VOXELPIPE_OK_OR_RETURN(upload(true, is_own(host.positions, own.positions), "positions", host.positions, n,
+                                mesh.positions, there.positions));
   const uint32_t* triangles = nullptr;
-  VOXELPIPE_OK_OR_RETURN(UploadIf(true, host.triangles == nullptr ? nullptr : &host.triangles[0][0],
-                                  host.triangle_count * 3, mesh.triangles, triangles, state.stream));
-  mesh.host_view.triangles = reinterpret_cast<const uint32_t(*)[3]>(triangles);
-  VOXELPIPE_OK_OR_RETURN(UploadIf(shading, host.normals, n, mesh.normals, mesh.host_view.normals, state.stream));
-  VOXELPIPE_OK_OR_RETURN(UploadIf(shading, host.tangents, n, mesh.tangents, mesh.host_view.tangents, state.stream));
+  VOXELPIPE_OK_OR_RETURN(upload(true, true, "triangles", host.triangles == nullptr ? nullptr : &host.triangles[0][0],
+                                host.triangle_count * 3, mesh.triangles, triangles));
+  there.triangles = reinterpret_cast<const uint32_t(*)[3]>(triangles);
   VOXELPIPE_OK_OR_RETURN(
-      UploadIf(shading, host.velocities, n, mesh.velocities, mesh.host_view.velocities, state.stream));
-  VOXELPIPE_OK_OR_RETURN(UploadIf(shading, host.colors, n, mesh.colors, mesh.host_view.colors, state.stream));
-  for (int i = 0; i < 2; ++i) {
-    VOXELPIPE_OK_OR_RETURN(UploadIf(shading, host.uv[i], n, mesh.uv[i], mesh.host_view.uv[i], state.stream));
-  }
-  VOXELPIPE_OK_OR_RETURN(UploadIf(true, host.parts, host.part_count, mesh.parts, mesh.host_view.parts, state.stream));
+      upload(shading, is_own(host.normals, own.normals), "normals", host.normals, n, mesh.normals, there.normals));
+  VOXELPIPE_OK_OR_RETURN(upload(shading, is_own(host.tangents, own.tangents), "tangents", host.tangents, n,
+                                mesh.tangents, there.tangents));
+  VOXELPIPE_OK_OR_RETURN(upload(shading, false, "velocities", host.velocities, n, mesh.velocities, there.velocities));
+  VOXELPIPE_OK_OR_RETURN(upload(shading, true, "colors", host.colors, n, mesh.colors, there.colors));
+  VOXELPIPE_OK_OR_RETURN(upload(shading, true, "uv0", host.uv[0], n, mesh.uv[0], there.uv[0]));
+  VOXELPIPE_OK_OR_RETURN(upload(shading, true, "uv1", host.uv[1], n, mesh.uv[1], there.uv[1]));
+  VOXELPIPE_OK_OR_RETURN(upload(true, false, "parts", host.parts, host.part_count, mesh.parts, there.parts));
   VOXELPIPE_OK_OR_RETURN(
-      UploadIf(shading, host.materials, host.material_count, mesh.materials, mesh.host_view.materials, state.stream));
+      upload(shading, false, "materials", host.materials, host.material_count, mesh.materials, there.materials));
   if (shading) {
     VOXELPIPE_OK_OR_RETURN(UploadTextures(state));
     VOXELPIPE_OK_OR_RETURN(UploadAttributes(state));

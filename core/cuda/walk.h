@@ -17,7 +17,7 @@ inline absl::StatusOr<WalkArgs> MakeWalkArgs(RunState& state) {
   WalkArgs args;
   args.grid = state.view;
   args.coverage = state.request.request.coverage;
-  args.triangles = state.mesh.triangles.data();
+  args.triangles = state.mesh.triangle_list();
   args.positions = state.mesh.index_positions.data();
   args.codes = state.mesh.codes.data();
   args.triangle_count = triangles;

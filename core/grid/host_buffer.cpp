@@ -6,10 +6,18 @@ namespace voxelpipe {
 
 absl::StatusOr<HostBuffer> HostBuffer::Allocate(uint64_t bytes) {
   HostBuffer buffer;
-  buffer.data_ = decltype(buffer.data_)(static_cast<uint8_t*>(TakePages(bytes)), {bytes});
+  buffer.data_ =
+      decltype(buffer.data_)(static_cast<uint8_t*>(TakePages(bytes)), host_buffer_internal::GiveBack{.bytes = bytes});
   if (buffer.data_ == nullptr) {
     return absl::ResourceExhaustedError(absl::StrCat("out of memory: no ", bytes, " bytes for a result"));
   }
+  buffer.size_ = bytes;
+  return buffer;
+}
+
+HostBuffer HostBuffer::Adopt(void* block, uint64_t bytes, void (*give_back)(void* block, uint64_t bytes)) {
+  HostBuffer buffer;
+  buffer.data_ = decltype(buffer.data_)(static_cast<uint8_t*>(block), {bytes, give_back});
   buffer.size_ = bytes;
   return buffer;
 }

@@ -16,7 +16,8 @@ namespace voxelpipe {
 namespace host_buffer_internal {
 struct GiveBack {
   uint64_t bytes = 0;
-  void operator()(uint8_t* p) const { ReturnPages(p, bytes); }
+  void (*give_back)(void* block, uint64_t bytes) = &ReturnPages;
+  void operator()(uint8_t* p) const { give_back(p, bytes); }
 };
 }  // namespace host_buffer_internal
 
@@ -33,6 +34,8 @@ class HostBuffer {
 
   // RESOURCE_EXHAUSTED naming the size when the system has no memory for it. Contents undefined.
   static absl::StatusOr<HostBuffer> Allocate(uint64_t bytes);
+  // A block of somebody else's, who takes it back: give_back(block, bytes), from any thread.
+  static HostBuffer Adopt(void* block, uint64_t bytes, void (*give_back)(void* block, uint64_t bytes));
 
   uint8_t* data() { return data_.get(); }
   const uint8_t* data() const { return data_.get(); }

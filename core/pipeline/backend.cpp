@@ -10,7 +10,7 @@ namespace voxelpipe {
 std::vector<std::string> AvailableBackends() {
   std::vector<std::string> names;
 #if defined(VOXELPIPE_HAVE_CUDA)
-  if (cuda::CudaBackend().ok()) names.emplace_back("cuda");
+  if (cuda::FirstCudaBackend().ok()) names.emplace_back("cuda");
 #endif
   names.emplace_back(cpu::CpuBackend().name());
   return names;
@@ -19,7 +19,7 @@ std::vector<std::string> AvailableBackends() {
 std::vector<const Backend*> Devices() {
   std::vector<const Backend*> devices;
 #if defined(VOXELPIPE_HAVE_CUDA)
-  if (const absl::StatusOr<const Backend*> device = cuda::CudaBackend(); device.ok()) devices.push_back(*device);
+  for (const Backend* device : cuda::CudaBackends()) devices.push_back(device);
 #endif
   devices.push_back(&cpu::CpuBackend());
   return devices;
@@ -28,7 +28,7 @@ std::vector<const Backend*> Devices() {
 absl::StatusOr<const Backend*> SelectBackend(BackendChoice choice) {
   if (choice == BackendChoice::kCpu) return &cpu::CpuBackend();
 #if defined(VOXELPIPE_HAVE_CUDA)
-  absl::StatusOr<const Backend*> device = cuda::CudaBackend();
+  absl::StatusOr<const Backend*> device = cuda::FirstCudaBackend();
   if (device.ok() || choice == BackendChoice::kCuda) return device;
 #else
   if (choice == BackendChoice::kCuda) {

@@ -6,7 +6,7 @@
 //   --filter TEXT   only rows whose line "MESH CASE N" holds TEXT
 //   --budget S      rows that would begin after so many seconds are not run, and say so
 //   --repeats N     at most so many measured runs a row (60)      --warmup N   runs before them (3)
-//   --only PART     one of: table, stages, calls
+//   --only PART     one of: table, stages, calls, batch
 //
 // Method of the table: mesh on the device, result left there, CUDA events on the backend's stream around the whole
 // call, clearing included, median of the measured runs and their 10th and 90th percentiles. Whole calls: wall clock of
@@ -16,6 +16,7 @@
 #include <cuda_runtime_api.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -31,8 +32,10 @@
 #include "gpu/bench_meshes.h"
 #include "gpu/bench_rows.h"
 #include "pipeline/backend.h"
+#include "pipeline/batch.h"
+#include "pipeline/bind.h"
 #include "pipeline/voxelize.h"
-#include "shaders/resolve.h"
+#include "support/meshes.h"
 
 namespace voxelpipe::gpu {
 namespace {
@@ -81,22 +84,6 @@ class Marks {
   std::vector<cudaEvent_t> events_;
 };
 
-absl::StatusOr<BoundRequest> Bind(const TriangleMesh& mesh, const VoxelizeRequest& request) {
-  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
-  BoundRequest bound;
-  bound.request = request;
-  auto vertex = BindShader(ShaderStage::kVertex, request.vertex_shader);
-  if (!vertex.ok()) return vertex.status();
-  bound.vertex_shader = *vertex;
-  for (const TargetSpec& target : request.targets) {
-    auto fragment = BindShader(ShaderStage::kFragment, target.shader);
-    if (!fragment.ok()) return fragment.status();
-    if (absl::Status s = ResolveShader(mesh, *fragment); !s.ok()) return s;
-    bound.fragment_shaders.push_back(*fragment);
-  }
-  return bound;
-}
-
 // One call of the pipeline after another on one mesh that stays on the device.
 class Call {
  public:
@@ -105,7 +92,7 @@ class Call {
   static absl::StatusOr<std::unique_ptr<Call>> Make(const Backend& backend, const TriangleMesh& mesh,
                                                     const VoxelizeRequest& request) {
     auto call = std::unique_ptr<Call>(new Call);
-    absl::StatusOr<BoundRequest> bound = Bind(mesh, request);
+    absl::StatusOr<BoundRequest> bound = BindRequest(mesh, request);
     if (!bound.ok()) return bound.status();
     call->bound_ = *std::move(bound);
     absl::StatusOr<std::unique_ptr<Stages>> stages = backend.Start(mesh, call->bound_, call->job_);
@@ -177,6 +164,7 @@ class Bench {
     if (Wanted("table")) Table();
     if (Wanted("stages")) StageTable();
     if (Wanted("calls")) CallTable();
+    if (Wanted("batch")) BatchTable();
     std::printf("cuda_bench: %d rows, %d met the pass time, %d the stretch time, %d missed, %d failed or not run\n",
                 rows_, passed_, stretched_, rows_ - passed_ - failed_, failed_);
     return failed_ > 0 ? 1 : 0;
@@ -354,12 +342,80 @@ class Bench {
         Fail(head, absl::DeadlineExceededError("not run: the time is up"));
         continue;
       }
-      MeasureCall(row, head);
+      MeasureCall(row, MeshOf(row.mesh), head);
+      TriangleMesh& kept = made_.at(row.mesh);
+      kept.content_id = row.mesh;  // the device keeps it
+      MeasureCall(row, kept, absl::StrCat("| ", row.name, " | ", row.mesh, ", kept | ", row.n, " | "));
+      kept.content_id.clear();
     }
   }
 
-  void MeasureCall(const BenchRow& row, const std::string& head) {
-    const TriangleMesh& mesh = MeshOf(row.mesh);
+  // Many small jobs: one batch, and one call after the other.
+  void BatchTable() {
+    constexpr size_t kMeshes = 1000;
+    if (!absl::StrContains("batch 1000 x 500 triangles 32", options_.filter)) return;
+    std::vector<TriangleMesh> meshes;
+    for (uint32_t i = 0; i < kMeshes; ++i) meshes.push_back(testing::Soup(500, 3, i + 1));
+    std::printf("\n| %zu meshes of 500 triangles | at | passes | launches | first ms | ms | p10-p90 | meshes/s |\n",
+                kMeshes);
+    std::printf("|---|---|---|---|---|---|---|---|\n");
+    const Backend& cpu = *Devices().back();
+    for (const bool parity : {false, true}) {
+      VoxelizeRequest request;
+      request.grid.resolution = 32;
+      request.grid.fit = GridFit::kCube;
+      if (parity) request.fill = Fill::kParity;
+      const std::string what = parity ? ", parity fill" : "";
+      MeasureBatch("one batch, cuda" + what, backend_, BackendChoice::kCuda, request, meshes, kMeshes);
+      MeasureBatch("batches of 64, cuda" + what, backend_, BackendChoice::kCuda, request, meshes, 64);
+      for (size_t i = 0; i < kMeshes; ++i) meshes[i].content_id = absl::StrCat("small", i);
+      MeasureBatch("one batch, cuda, meshes kept" + what, backend_, BackendChoice::kCuda, request, meshes, kMeshes);
+      for (TriangleMesh& mesh : meshes) mesh.content_id.clear();
+      MeasureBatch("single calls, cuda" + what, backend_, BackendChoice::kCuda, request, meshes, 1);
+      MeasureBatch("one batch, cpu, all cores" + what, cpu, BackendChoice::kCpu, request, meshes, kMeshes);
+      MeasureBatch("single calls, cpu, all cores" + what, cpu, BackendChoice::kCpu, request, meshes, 1);
+    }
+  }
+
+  void MeasureBatch(const std::string& name, const Backend& backend, BackendChoice choice, VoxelizeRequest request,
+                    const std::vector<TriangleMesh>& meshes, size_t together) {
+    request.backend = choice;
+    const JobContext job;
+    std::vector<double> ms;
+    std::atomic<uint64_t> failed{0};
+    uint64_t passes = 0, launches = 0;
+    for (int i = 0; i < 9; ++i) {
+      passes = launches = 0;
+      const auto begin = Clock::now();
+      for (size_t first = 0; first < meshes.size(); first += together) {
+        if (together == 1) {
+          failed += !VoxelizeOn(backend, meshes[first], request, job).ok();
+          ++passes;
+          continue;
+        }
+        std::vector<BatchItem> items;
+        for (size_t k = first; k < std::min(meshes.size(), first + together); ++k) {
+          items.push_back({&meshes[k], &request, &job, {}, [&](const absl::StatusOr<VoxelizeResult>& result) {
+                             failed += !result.ok();
+                           }});
+        }
+        const BatchStats stats = VoxelizeBatch(backend, items, 0);
+        passes += stats.passes;
+        launches += stats.launches.value_or(0);
+      }
+      ms.push_back(MsSince(begin));
+    }
+    const double first = ms.front();
+    ms.erase(ms.begin());
+    if (failed > 0) return Fail("| " + name + " | ", absl::DataLossError(absl::StrCat(failed.load(), " jobs failed")));
+    std::printf("| %s | 32 | %llu | %s | %s | %s | %s-%s | %.0f |\n", name.c_str(),
+                static_cast<unsigned long long>(passes), launches == 0 ? "" : absl::StrCat(launches).c_str(),
+                Ms(first).c_str(), Ms(Quantile(ms, 0.5)).c_str(), Ms(Quantile(ms, 0.1)).c_str(),
+                Ms(Quantile(ms, 0.9)).c_str(), double(meshes.size()) / Quantile(ms, 0.5) * 1e3);
+    std::fflush(stdout);
+  }
+
+  void MeasureCall(const BenchRow& row, const TriangleMesh& mesh, const std::string& head) {
     std::vector<double> ms;
     double result_bytes = 0;
     for (int i = 0; i < 12 && (i < 4 || ms.back() < 500); ++i) {

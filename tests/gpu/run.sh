@@ -4,6 +4,7 @@
 # usage: run.sh [-o LOG_DIR] [-f FILTER] [SECTION]...      sections:
 #   parity    CPU bytes = CUDA bytes over all cases and models
 #   sanitize  compute-sanitizer's four tools on the quick cases
+#   devices   several threads on each device, and each lost and back
 #   device    the arithmetic headers on both devices
 #   cli       the command line's hash, cuda against cpu
 #   server    voxelpiped on the GPU, its results' hash
@@ -78,6 +79,10 @@ sanitize() {
 
 device() {
   timeout "$(limit 60)" "$bin/device_parity"
+}
+
+devices() {
+  timeout "$(limit 120)" "$bin/cuda_devices"
 }
 
 # The value of a key of one line of JSON on stdin.
@@ -179,13 +184,13 @@ run_section() {
 }
 
 sections=("$@")
-if ((${#sections[@]} == 0)); then sections=(parity sanitize device cli server bench meshes profile); fi
+if ((${#sections[@]} == 0)); then sections=(parity sanitize device cli server devices bench meshes profile); fi
 together=()
 alone=()
 for section in "${sections[@]}"; do
   case "$section" in
     parity | sanitize | device | cli | server) together+=("$section") ;;
-    bench | meshes | profile) alone+=("$section") ;;
+    bench | devices | meshes | profile) alone+=("$section") ;;
     *) echo "run.sh: no section '$section'" >&2; exit 2 ;;
   esac
 done
@@ -225,7 +230,7 @@ for section in "${sections[@]}"; do
     *) word="FAILED (exit ${code[$section]})" ;;
   esac
   if [[ "$word" != passed ]]; then failed=1; fi
-  line="$(grep -E '^(cuda_parity|cuda_bench|cli|server):' "$logs/$section.log" | tail -1)"
+  line="$(grep -E '^(cuda_parity|cuda_bench|cuda_devices|cli|server):' "$logs/$section.log" | tail -1)"
   printf '%-9s %4s s  %s  %s\n' "$section" "${seconds[$section]}" "$word" "$line"
 done
 exit "$failed"

@@ -99,6 +99,22 @@ inline cudaError_t cudaMallocHost(void** p, size_t bytes) {
 inline cudaError_t cudaFreeHost(void* p) {
   return std::free(p), cudaSuccess;
 }
+inline cudaError_t cudaDeviceReset() {
+  return cudaSuccess;
+}
+enum { cudaEventDisableTiming = 2 };
+inline cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned) {
+  return *event = nullptr, cudaSuccess;
+}
+inline cudaError_t cudaEventDestroy(cudaEvent_t) {
+  return cudaSuccess;
+}
+inline cudaError_t cudaEventRecord(cudaEvent_t, cudaStream_t) {
+  return cudaSuccess;
+}
+inline cudaError_t cudaStreamWaitEvent(cudaStream_t, cudaEvent_t, unsigned) {
+  return cudaSuccess;
+}
 enum { cudaHostRegisterPortable = 1 };
 inline cudaError_t cudaHostRegister(void*, size_t, unsigned) {
   return cudaSuccess;

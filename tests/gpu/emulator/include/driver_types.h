@@ -3,3 +3,4 @@
 
 using cudaStream_t = struct EmulatedStream*;
 using cudaMemPool_t = struct EmulatedPool*;
+using cudaEvent_t = struct EmulatedEvent*;

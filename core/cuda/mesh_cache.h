@@ -1,0 +1,58 @@
+// Arrays of meshes that stay on a device between runs.
+//
+// A mesh that has a content id (mesh/triangle_mesh.h) goes up once: what a run was given of it is kept, the least recently used first to
+// go, and later runs on the same device find it there.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "cuda/buffer.h"
+#include "cuda/pinned.h"
+
+namespace voxelpipe::cuda {
+
+// An array on the device. Whoever holds one gives it back when the work on it is done.
+class CachedArray {
+ public:
+  CachedArray() = default;
+  CachedArray(const CachedArray&) = delete;
+  CachedArray& operator=(const CachedArray&) = delete;
+  ~CachedArray() {
+    if (ready_ != nullptr) (void)cudaEventDestroy(ready_);
+  }
+  const uint8_t* data() const { return array_.data(); }
+  uint64_t bytes() const { return array_.size(); }
+
+ private:
+  friend absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, const std::string& key,
+                                                                         const void* from, uint64_t bytes,
+                                                                         cudaStream_t stream,
+                                                                         std::vector<PinnedBuffer>& staged);
+  DeviceArray<uint8_t> array_;
+  cudaEvent_t ready_ = nullptr;  // when the upload is done
+};
+
+// The array that `key` names on the device, which is the current one; uploaded from the host where it is not there. Work given to
+// `stream` afterwards finds it. What stands in `staged` must live until the stream's work is done, and so must the returned pointer.
+absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, const std::string& key, const void* from,
+                                                                uint64_t bytes, cudaStream_t stream,
+                                                                std::vector<PinnedBuffer>& staged);
+
+// Most bytes kept on each device; 0 keeps nothing. By default a quarter of the device's memory.
+void SetMeshCacheBytes(uint64_t bytes);
+
+// Forgets what no run holds; bytes freed.
+uint64_t DropCachedMeshes(int ordinal);
+
+struct MeshCacheUse {
+  uint64_t bytes = 0, arrays = 0, hits = 0, misses = 0;
+};
+MeshCacheUse MeshCacheInUse(int ordinal);
+
+}  // namespace voxelpipe::cuda
