@@ -25,6 +25,7 @@ ldd "${binaries[@]}" | awk '$2 == "=>" && $3 ~ /^\// {print $3}' | sort -u | gre
 find "$out/lib" -type f -exec strip --strip-unneeded {} + 2>/dev/null || true
 
 /usr/bin/python3 tests/support/make_tetrahedron.py "$out/models/tetrahedron.glb"
+/usr/bin/python3 tests/support/make_ball.py "$out/models/ball.glb"
 for model in "$@"; do
   case "$model" in
     *.gltf)
@@ -37,7 +38,7 @@ for model in "$@"; do
   esac
 done
 chmod -R u+w "$out"
-cp tests/gpu/run.sh tests/gpu/profile_table.py "$out/"
+cp tests/gpu/run.sh tests/gpu/profile_table.py tests/gpu/service_row.py "$out/"
 git describe --always --dirty 2>/dev/null >"$out/COMMIT" || echo unknown >"$out/COMMIT"
 
 bytes="$(du -sb "$out" | cut -f1)"

@@ -8,6 +8,7 @@
 #   device    the arithmetic headers on both devices
 #   cli       the command line's hash, cuda against cpu
 #   server    voxelpiped on the GPU, its results' hash
+#   service   load on voxelpiped: small jobs with and without batches, on the GPU and on the CPU
 #   bench     the table, stage times, whole calls
 #   meshes    parity on the benchmark's meshes at 512^3 and 1024^3
 #   profile   Nsight Compute on the largest rows
@@ -128,9 +129,12 @@ cli() {
   compare_hashes cli "--backend cuda" "--backend cpu" 8
 }
 
-server() {
-  local log="$work/voxelpiped.log" address="" pid result
-  "$bin/voxelpiped" --listen 127.0.0.1:0 --backend cuda >"$log" 2>&1 &
+# start_server LOG OPTION...: sets `pid` and `address`.
+start_server() {
+  local log="$1"
+  shift
+  address=""
+  "$bin/voxelpiped" --listen 127.0.0.1:0 "$@" >"$log" 2>&1 &
   pid=$!
   for _ in $(seq 100); do
     address="$(sed -n 's/^listening on //p' "$log")"
@@ -143,11 +147,45 @@ server() {
     kill "$pid" 2>/dev/null
     return 1
   fi
+}
+
+server() {
+  local log="$work/voxelpiped.log" address pid result
+  start_server "$log" --backend cuda || return 1
   compare_hashes server "--server $address" "--backend cpu" 6
   result=$?
   kill -TERM "$pid"
   wait "$pid" || { echo "the server left with $?"; result=1; }
   tail -5 "$log"
+  return "$result"
+}
+
+# One mesh of 500 triangles at 32^3, uploaded once; every request is computed.
+service() {
+  local backend batches clients call address pid json result=0 rows=0 options
+  echo "| backend | batches | clients | call | requests/s | p50 ms | p99 ms | jobs in a batch, mean / most |" \
+    "launches a request | server CPU us a request | workers | errors | result |"
+  echo "|---|---|---|---|---|---|---|---|---|---|---|---|---|"
+  for backend in cuda cpu; do
+    for batches in yes no; do
+      options=(--backend "$backend" --log-level error --lame-duck-ms 0)
+      if [[ "$batches" == no ]]; then options+=(--max-batch-jobs 1); fi
+      start_server "$work/service.log" "${options[@]}" || return 1
+      for clients in 16 64; do
+        for call in single many; do
+          options=(--resolution 32 --fit cube --backend "$backend" --concurrency "$clients" --connections 8)
+          if [[ "$call" == many ]]; then options+=(--many); fi
+          rows=$((rows + 1))
+          json="$(timeout 30 "$bin/voxelpipe" bench "$here/models/ball.glb" --server "$address" "${options[@]}" \
+            --duration "${SERVICE_SECONDS:-3}" --warmup 0.5 --server-pid "$pid" --json)" || result=1
+          /usr/bin/env python3 "$here/service_row.py" "$backend" "$batches" "$clients" "$call" <<<"$json" || result=1
+        done
+      done
+      kill -TERM "$pid"
+      wait "$pid" || { echo "the server left with $?"; tail -5 "$work/service.log"; result=1; }
+    done
+  done
+  echo "service: $rows rows"
   return "$result"
 }
 
@@ -184,13 +222,13 @@ run_section() {
 }
 
 sections=("$@")
-if ((${#sections[@]} == 0)); then sections=(parity sanitize device cli server devices bench meshes profile); fi
+if ((${#sections[@]} == 0)); then sections=(parity sanitize device cli server devices service bench meshes profile); fi
 together=()
 alone=()
 for section in "${sections[@]}"; do
   case "$section" in
     parity | sanitize | device | cli | server) together+=("$section") ;;
-    bench | devices | meshes | profile) alone+=("$section") ;;
+    bench | devices | meshes | profile | service) alone+=("$section") ;;
     *) echo "run.sh: no section '$section'" >&2; exit 2 ;;
   esac
 done
@@ -213,7 +251,7 @@ for section in "${sections[@]}"; do
   echo
   echo "--- $section"
   case "$section" in
-    bench | profile) head -c 14000 "$logs/$section.log" ;;
+    bench | profile | service) head -c 14000 "$logs/$section.log" ;;
     parity | meshes) grep -Ev ' triangles +[0-9]+ cases' "$logs/$section.log" | head -c 9000 ;;
     sanitize) sed -n '/=== in short/,$p' "$logs/$section.log" ;;
     *) tail -12 "$logs/$section.log" ;;
@@ -230,7 +268,7 @@ for section in "${sections[@]}"; do
     *) word="FAILED (exit ${code[$section]})" ;;
   esac
   if [[ "$word" != passed ]]; then failed=1; fi
-  line="$(grep -E '^(cuda_parity|cuda_bench|cuda_devices|cli|server):' "$logs/$section.log" | tail -1)"
+  line="$(grep -E '^(cuda_parity|cuda_bench|cuda_devices|cli|server|service):' "$logs/$section.log" | tail -1)"
   printf '%-9s %4s s  %s  %s\n' "$section" "${seconds[$section]}" "$word" "$line"
 done
 exit "$failed"
