@@ -1,0 +1,102 @@
+// What a server does with calls that have to wait. Its workers are kept busy by jobs that take a minute or more.
+#include <chrono>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <grpcpp/create_channel.h>
+#include <grpcpp/security/credentials.h>
+
+#include "gtest/gtest.h"
+#include "service/background_call.h"
+#include "service/requests.h"
+#include "service/sample_mesh.h"
+#include "service/server_process.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/request.h"
+#include "wire/status.h"
+
+namespace voxelpipe::testing {
+namespace {
+
+using std::chrono::milliseconds;
+
+class QueueTest : public ::testing::Test {
+ protected:
+  void Start(std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), {"--log-level", "warn", "--threads", "1"});
+    server_ = StartServer(arguments);
+    ASSERT_NE(server_, nullptr);
+    client_ = ConnectTo(*server_);
+    ASSERT_NE(client_, nullptr);
+  }
+
+  std::unique_ptr<BackgroundCall> Slow() {
+    return std::make_unique<BackgroundCall>(*client_, LargeTrianglesGlb(20000), SlowRequest());
+  }
+
+  // One call whose config says `settings`; without its mesh the client never ends its half.
+  absl::Status Call(const CallSettings& settings, bool with_mesh = true) {
+    const auto stub =
+        v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + kPatience);
+    const auto stream = stub->Voxelize(&context);
+    v1::VoxelizeRequest config, piece;
+    *config.mutable_config() = MakeConfig(SmallRequest(), MeshFormat::kGlb, settings);
+    stream->Write(config);
+    if (with_mesh) {
+      const std::vector<uint8_t> mesh = TorusGlb(8);
+      piece.set_mesh_piece(mesh.data(), mesh.size());
+      stream->Write(piece);
+      stream->WritesDone();
+    }
+    v1::VoxelizeResponse response;
+    while (stream->Read(&response)) {}
+    return FromGrpcStatus(stream->Finish());
+  }
+
+  std::unique_ptr<ServerProcess> server_;
+  std::unique_ptr<Client> client_;
+};
+
+TEST_F(QueueTest, ATimeOutComesThoughEveryWorkerIsBusy) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1"}));
+  const auto running = Slow();
+  ASSERT_TRUE(running->WaitUntilPlanned());
+  CallSettings settings;
+  settings.queue_timeout = milliseconds(50);
+  const absl::Status status = Call(settings);
+  EXPECT_EQ(status.code(), absl::StatusCode::kDeadlineExceeded) << status;
+  EXPECT_NE(std::string(status.message()).find("in the queue"), std::string::npos) << status;
+  EXPECT_FALSE(running->IsOver());
+}
+
+TEST_F(QueueTest, TheServersTimeOutIsForCallsThatDoNotSay) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--queue-timeout-ms", "50"}));
+  const auto running = Slow();
+  ASSERT_TRUE(running->WaitUntilPlanned());
+  EXPECT_EQ(Call({}).code(), absl::StatusCode::kDeadlineExceeded);
+  EXPECT_FALSE(running->IsOver());
+}
+
+TEST_F(QueueTest, ARefusalComesBeforeTheMesh) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--max-queue", "0"}));
+  const auto running = Slow();
+  ASSERT_TRUE(running->WaitUntilPlanned());
+  const absl::Status status = Call({}, false);
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+  EXPECT_TRUE(RetryDelay(status).has_value()) << status;
+}
+
+TEST_F(QueueTest, GiantsDoNotHoldUpTheSmall) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "2", "--giant-job-ms", "10"}));
+  const auto first = Slow();
+  ASSERT_TRUE(first->WaitUntilPlanned());
+  const auto second = Slow(), third = Slow();
+  for (int i = 0; i < 5; ++i) EXPECT_TRUE(Call({}).ok());
+  EXPECT_FALSE(first->IsOver() || second->IsOver() || third->IsOver());
+}
+
+}  // namespace
+}  // namespace voxelpipe::testing
