@@ -147,8 +147,8 @@ class Metrics {
 
   // ---- configuration
   prometheus::Gauge& certificate_expiry;  // of the file that holds the server's certificate now, seconds since 1970
-  prometheus::Counter& reloads;          // of certificates and tokens that took
-  prometheus::Counter& reload_failures;  // that did not: the last good ones stay
+  prometheus::Counter& reloads;           // of certificates and tokens that took
+  prometheus::Counter& reload_failures;   // that did not: the last good ones stay
 
  private:
   struct Families;

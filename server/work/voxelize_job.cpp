@@ -1,5 +1,6 @@
 #include "work/voxelize_job.h"
 
+#include <algorithm>
 #include <new>
 #include <utility>
 
@@ -9,6 +10,11 @@
 #include "work/mesh_bytes.h"
 
 namespace voxelpipe {
+namespace {
+
+constexpr double kBeyondLimitsMs = 10'000;
+
+}  // namespace
 
 uint64_t VoxelizeJob::file_bytes() const {
   uint64_t bytes = 0;
@@ -53,6 +59,11 @@ void VoxelizeJob::Weigh() {
   }
   traits.cost = PredictCost(config.request, facts);
   if (kept) traits.cost.load_ms = 0;
+  // Beyond the limits it is refused as soon as its grid is known. Until then it counts as a giant, but not as more work than all others
+  // together, and is told of the limit and not of a time it would take.
+  if (limits != nullptr && traits.cost.output_bytes > limits->plan.max_result_bytes) {
+    traits.cost.run_ms = std::min(traits.cost.run_ms, kBeyondLimitsMs);
+  }
 }
 
 bool VoxelizeJob::Load() {

@@ -200,12 +200,12 @@ TEST_F(StreamTest, AClientThatStopsReadingIsLetGo) {
 
 // A result in memory needs no worker any more, but its memory.
 TEST_F(StreamTest, AClientThatStopsReadingAResultInMemoryIsLetGo) {
-  server_ = StartServer({"--log-level", "warn", "--stall-timeout-ms", "300", "--max-working-bytes", "140M"});
+  server_ = StartServer({"--log-level", "warn", "--stall-timeout-ms", "300", "--max-working-bytes", "120M"});
   ASSERT_NE(server_, nullptr);
   client_ = ConnectTo(*server_);
   ASSERT_NE(client_, nullptr);
   NonReader reader(server_->address(), glb_, kPatience);
-  // 64 MiB are held for the one that does not read, so this one waits until they are given back.
+  // More than one job needs, less than two results: 64 MiB are held for the one that does not read, so this one waits until they are given back.
   JobContext job;
   job.set_deadline(JobContext::Clock::now() + kPatience);
   CountingSink sink;
