@@ -1,0 +1,249 @@
+// The commands that put work on servers, `bench` and `batch`, with real servers.
+#include <signal.h>
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <future>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "service/sample_mesh.h"
+#include "service/server_process.h"
+#include "unit/cli/cli_process.h"
+#include "unit/cli/cli_runner.h"
+
+namespace voxelpipe::testing {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+class CommandTest : public ::testing::Test {
+ protected:
+  CommandTest() {
+    Write("torus.glb", TorusGlb(12));
+    Write("triangles.glb", LargeTrianglesGlb(400));
+  }
+
+  void Write(const std::string& name, const std::vector<uint8_t>& bytes) {
+    std::ofstream(directory_ / name, std::ios::binary)
+        .write(reinterpret_cast<const char*>(bytes.data()), std::streamsize(bytes.size()));
+  }
+  std::string Start(std::vector<std::string> arguments = {}) {
+    arguments.insert(arguments.end(), {"--log-level", "error"});
+    servers_.push_back(StartServer(arguments));
+    return servers_.back() == nullptr ? "" : servers_.back()->address();
+  }
+  CliOutcome Bench(const std::string& mesh, std::vector<std::string> options, const std::string& prefix = "") {
+    options.insert(options.begin(), {"bench", directory_ / mesh, "--json"});
+    return RunCli(options, prefix);
+  }
+  json BenchJson(const std::string& mesh, const std::vector<std::string>& options) {
+    const CliOutcome outcome = Bench(mesh, options);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return outcome.exit_code == 0 ? json::parse(outcome.out) : json();
+  }
+  std::string VoxelizeHash(const std::string& mesh, const std::string& resolution) {
+    return json::parse(RunCli({"voxelize", directory_ / mesh, "--resolution", resolution, "--json"}).out)["hash"];
+  }
+
+  TemporaryDirectory directory_;
+  std::vector<std::unique_ptr<ServerProcess>> servers_;
+};
+
+class BenchTest : public CommandTest {};
+
+TEST_F(BenchTest, AClosedLoopIsAnsweredWithTheRightBytes) {
+  const std::string server = Start();
+  const json run =
+      BenchJson("torus.glb", {"--server", server, "--concurrency", "4", "--duration", "0.5", "--resolution", "16"});
+  ASSERT_FALSE(run.is_null());
+  EXPECT_GE(run["requests"], 4);
+  EXPECT_EQ(run["requests"], run["ok"]);
+  EXPECT_TRUE(run["errors"].empty()) << run["errors"];
+  EXPECT_EQ(run["hash"], VoxelizeHash("torus.glb", "16"));
+  const double seconds = run["seconds"];
+  EXPECT_GE(seconds, 0.5);
+  EXPECT_NEAR(run["per_second"].get<double>(), run["ok"].get<double>() / seconds, 1e-6);
+  EXPECT_NEAR(run["bytes_per_second"].get<double>(),
+              run["ok"].get<double>() * run["result_bytes"].get<double>() / seconds, 1e-3);
+  const json& latency = run["latency_ms"];
+  EXPECT_GT(latency["p50"], 0.0);
+  EXPECT_LE(latency["p50"], latency["p90"]);
+  EXPECT_LE(latency["p90"], latency["p99"]);
+  EXPECT_LE(latency["p99"], latency["max"]);
+}
+
+TEST_F(BenchTest, EveryWayToSendGivesTheSameAnswer) {
+  const std::string server = Start();
+  const std::string hash = VoxelizeHash("torus.glb", "16");
+  for (const std::vector<std::string>& way : {std::vector<std::string>{},
+                                              {"--send-mesh"},
+                                              {"--pieces"},
+                                              {"--send-mesh", "--pieces"},
+                                              {"--same-request"},
+                                              {"--connections", "3"},
+                                              {"--result", "sparse"},
+                                              {"--fill", "parity"}}) {
+    std::vector<std::string> options = {"--server",   server, "--concurrency", "3",
+                                        "--duration", "0.2",  "--resolution",  "16"};
+    options.insert(options.end(), way.begin(), way.end());
+    const json run = BenchJson("torus.glb", options);
+    ASSERT_FALSE(run.is_null()) << ::testing::PrintToString(way);
+    EXPECT_EQ(run["requests"], run["ok"]) << run["errors"] << ::testing::PrintToString(way);
+    const bool other_bytes = !way.empty() && (way[0] == "--result" || way[0] == "--fill");
+    EXPECT_EQ(run["hash"] == hash, !other_bytes) << ::testing::PrintToString(way);
+    EXPECT_EQ(run["mesh"] == "bytes", !way.empty() && way[0] == "--send-mesh") << ::testing::PrintToString(way);
+  }
+}
+
+TEST_F(BenchTest, AnOpenLoopSendsWhatIsDueAndNoMore) {
+  const std::string server = Start();
+  const json run = BenchJson("torus.glb", {"--server", server, "--rate", "50", "--arrivals", "fixed", "--duration",
+                                           "0.6", "--resolution", "16", "--warmup", "0.2"});
+  ASSERT_FALSE(run.is_null());
+  EXPECT_EQ(run["requests"], 30);
+  EXPECT_EQ(run["ok"], 30);
+}
+
+TEST_F(BenchTest, LatencyCountsFromWhenARequestWasDue) {
+  // Far more than one thread can do: whoever is answered last has waited for the whole of the drain at least.
+  const std::string server = Start({"--threads", "1", "--workers", "1"});
+  const json run = BenchJson("triangles.glb", {"--server", server, "--rate", "100", "--duration", "0.3", "--resolution",
+                                               "64", "--target", "f32:max:shader=barycentric", "--max-in-flight", "2"});
+  ASSERT_FALSE(run.is_null());
+  EXPECT_GT(run["requests"], 10);
+  EXPECT_GE(run["latency_ms"]["max"].get<double>(), run["drain_seconds"].get<double>() * 1000);
+  // No more than two at a time: so most of it was spent before they were sent, and none of it is forgotten.
+  EXPECT_GE(run["latency_ms"]["max"].get<double>(), run["start_lag_ms"]["max"].get<double>());
+}
+
+TEST_F(BenchTest, ErrorsAreCountedByTheirCode) {
+  const std::string server = Start({"--threads", "1"});
+  const CliOutcome outcome =
+      Bench("triangles.glb", {"--server", server, "--concurrency", "4", "--duration", "0.3", "--deadline-ms", "1",
+                              "--resolution", "128", "--target", "f32:max:shader=barycentric"});
+  EXPECT_EQ(outcome.exit_code, 1);  // nothing was answered
+  const json run = json::parse(outcome.out);
+  EXPECT_EQ(run["ok"], 0);
+  EXPECT_GE(run["errors"]["DEADLINE_EXCEEDED"], 4);
+  EXPECT_EQ(run["errors"].size(), 1u) << run["errors"];
+}
+
+TEST_F(BenchTest, AWrongRequestFailsBeforeTheLoad) {
+  const CliOutcome outcome = Bench("torus.glb", {"--server", Start({"--max-result-bytes", "100"}), "--duration", "5"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("limit"));
+  EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+  EXPECT_EQ(outcome.out, "");
+}
+
+TEST_F(BenchTest, AServerThatDiesIsCountedAndTheRunEnds) {
+  const std::string server = Start();
+  std::future<CliOutcome> run = std::async(std::launch::async, [&] {
+    return Bench("torus.glb", {"--server", server, "--concurrency", "3", "--duration", "3", "--resolution", "16"});
+  });
+  std::this_thread::sleep_for(std::chrono::milliseconds(1200));
+  servers_[0]->Signal(SIGKILL);
+  const json json_run = json::parse(run.get().out);
+  EXPECT_GE(json_run["errors"]["UNAVAILABLE"], 1);
+  EXPECT_EQ(json_run["requests"], json_run["ok"].get<int>() + json_run["errors"]["UNAVAILABLE"].get<int>())
+      << json_run["errors"];
+}
+
+TEST_F(BenchTest, AStoppedRunPrintsWhatItHas) {
+  const CliOutcome outcome =
+      Bench("torus.glb", {"--server", Start(), "--concurrency", "2", "--duration", "60", "--resolution", "16"},
+            "timeout --preserve-status --signal=INT 2");
+  EXPECT_EQ(outcome.exit_code, 130);
+  const json run = json::parse(outcome.out);
+  EXPECT_EQ(run["interrupted"], true);
+  EXPECT_LT(run["seconds"], 30.0);
+}
+
+class BatchTest : public CommandTest {
+ protected:
+  void WriteList(int items, int resolution) {
+    std::ofstream list(directory_ / "list.jsonl", std::ios::trunc);
+    for (int i = 0; i < items; ++i) {
+      list << json{{"input", i % 2 == 0 ? "torus.glb" : "triangles.glb"},
+                   {"id", "m" + std::to_string(i)},
+                   {"resolution", resolution + i},
+                   {"target", "f32x3:replace:shader=barycentric"}}
+           << '\n';
+    }
+  }
+  std::vector<std::string> Command(const std::string& output, const std::string& servers) {
+    std::vector<std::string> arguments = {
+        "batch",    directory_ / "list.jsonl",      "--output-dir", directory_ / output, "--json",
+        "--report", directory_ / (output + ".json")};
+    if (!servers.empty()) arguments.insert(arguments.end(), {"--server", servers, "--jobs", "4"});
+    return arguments;
+  }
+  std::map<std::string, std::vector<uint8_t>> Files(const std::string& output) {
+    std::map<std::string, std::vector<uint8_t>> files;
+    for (const auto& entry : fs::recursive_directory_iterator(directory_ / output)) {
+      if (entry.is_regular_file()) files[entry.path().lexically_relative(directory_ / output)] = ReadFile(entry.path());
+    }
+    return files;
+  }
+};
+
+TEST_F(BatchTest, ServersGiveTheFilesThatThisProcessGives) {
+  WriteList(8, 16);
+  ASSERT_EQ(RunCli(Command("here", "")).exit_code, 0);
+  const CliOutcome outcome = RunCli(Command("there", Start() + "," + Start()));
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(Files("here") == Files("there"));
+  std::map<std::string, int> by_server;
+  const json report = json::parse(ReadFile(directory_ / "there.json"));
+  for (const json& item : report["items"]) ++by_server[item["server"]];
+  EXPECT_EQ(by_server.size(), 2u);
+}
+
+TEST_F(BatchTest, AServerThatIsKilledCostsNothingButTime) {
+  WriteList(30, 48);
+  ASSERT_EQ(RunCli(Command("here", "")).exit_code, 0);
+  const std::string servers = Start({"--threads", "1"}) + "," + Start({"--threads", "1"});
+  std::future<CliOutcome> run = std::async(std::launch::async, [&] { return RunCli(Command("there", servers)); });
+  const auto patience = std::chrono::steady_clock::now() + kPatience;
+  while (!fs::exists(directory_ / "there/m2.npy") && std::chrono::steady_clock::now() < patience)
+    std::this_thread::yield();
+  servers_[0]->Signal(SIGKILL);
+  const CliOutcome outcome = run.get();
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(json::parse(outcome.out)["done"], 30);
+  EXPECT_TRUE(Files("here") == Files("there"));
+}
+
+TEST_F(BatchTest, ABusyServerIsWaitedFor) {
+  WriteList(12, 48);
+  const std::string server = Start({"--threads", "1", "--workers", "1", "--max-queue", "1"});
+  std::vector<std::string> arguments = Command("out", server);
+  arguments.insert(arguments.end(), {"--retries", "0"});
+  const CliOutcome outcome = RunCli(arguments);
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(json::parse(outcome.out)["done"], 12);
+}
+
+TEST_F(BatchTest, ServersThatAreNotThereFailTheirItemsAfterTheRetries) {
+  WriteList(1, 16);
+  std::vector<std::string> arguments = Command("out", "127.0.0.1:1");
+  arguments.insert(arguments.end(), {"--retries", "1"});
+  const CliOutcome outcome = RunCli(arguments);
+  EXPECT_EQ(outcome.exit_code, 1);
+  const json item = json::parse(ReadFile(directory_ / "out.json"))["items"][0];
+  EXPECT_EQ(item["error"]["code"], "UNAVAILABLE");
+  EXPECT_EQ(item["attempts"], 2);
+}
+
+}  // namespace
+}  // namespace voxelpipe::testing
