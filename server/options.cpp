@@ -74,6 +74,10 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--stream-above-mb", o.stream_above_mb,
       "MiB: larger dense results leave slab by slab while they are made, and bound no memory by their size")
       ->check(CLI::Range(uint64_t{0}, uint64_t{1} << 30));
+  add("--many-in-flight", o.many_in_flight, "Jobs of one VoxelizeMany stream in hand; it is not read beyond")
+      ->check(CLI::Range(1u, 1'000'000u));
+  add("--many-bytes", o.many_bytes, "Meshes and results of one VoxelizeMany stream in hand; it is not read beyond")
+      ->transform(size);
   add("--piece-bytes", o.piece_bytes, "Bytes of a result in one message")
       ->transform(size)
       ->check(CLI::Range(uint64_t{64} << 10, uint64_t{4} << 20));

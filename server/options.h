@@ -35,6 +35,8 @@ struct ServerOptions {
   uint64_t max_working_bytes = 0;  // predicted memory of all jobs together; 0 = half of this machine's, at most 20 GiB
   uint32_t lame_duck_ms = 500;     // after SIGTERM: health says NOT_SERVING, calls are still taken
   uint32_t drain_grace_ms = 30'000;          // then: calls that run may still end
+  uint32_t many_in_flight = 256;             // jobs of one VoxelizeMany stream in hand; it is not read beyond
+  uint64_t many_bytes = 64 << 20;            // meshes and results of these
   uint64_t piece_bytes = 1 << 20;            // of a result in one message
   uint64_t stream_buffer_bytes = 4 << 20;    // pieces of a result that leaves slab by slab, waiting for one client
   int zstd_level = 1;                        // where a request asks for compression

@@ -2,6 +2,7 @@
 
 #include "calls/call_record.h"
 #include "calls/estimate_call.h"
+#include "calls/many_call.h"
 #include "calls/mesh_calls.h"
 #include "calls/voxelize_call.h"
 #include "pipeline/backend.h"
@@ -39,6 +40,11 @@ void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& respon
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizationServiceImpl::Voxelize(
     grpc::CallbackServerContext* context) {
   return VoxelizeCall::Create(state_, *context);
+}
+
+grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizationServiceImpl::VoxelizeMany(
+    grpc::CallbackServerContext* context) {
+  return ManyCall::Create(state_, *context);
 }
 
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::EstimateVoxelization(grpc::CallbackServerContext* context,

@@ -11,22 +11,24 @@
 
 namespace voxelpipe {
 
-// Voxelize sends and receives bytes as gRPC has them, so that results go out from where they stand.
+// These send and receive bytes as gRPC has them, so that results go out from where they stand.
 template <typename Base>
-using WithRawVoxelize = v1::VoxelizationService::WithRawCallbackMethod_Voxelize<Base>;
+using WithRawCalls = v1::VoxelizationService::WithRawCallbackMethod_Voxelize<
+    v1::VoxelizationService::WithRawCallbackMethod_VoxelizeMany<Base>>;
 template <typename Base>
 using WithTypedCalls = v1::VoxelizationService::WithCallbackMethod_EstimateVoxelization<
     v1::VoxelizationService::WithCallbackMethod_ListShaders<v1::VoxelizationService::WithCallbackMethod_GetServerInfo<
-        v1::VoxelizationService::WithCallbackMethod_VoxelizeMany<
-            v1::VoxelizationService::WithCallbackMethod_UploadMesh<v1::VoxelizationService::WithCallbackMethod_GetMesh<
-                v1::VoxelizationService::WithCallbackMethod_DeleteMesh<Base>>>>>>>;
+        v1::VoxelizationService::WithCallbackMethod_UploadMesh<v1::VoxelizationService::WithCallbackMethod_GetMesh<
+            v1::VoxelizationService::WithCallbackMethod_DeleteMesh<Base>>>>>>;
 
-class VoxelizationServiceImpl final : public WithRawVoxelize<WithTypedCalls<v1::VoxelizationService::Service>> {
+class VoxelizationServiceImpl final : public WithRawCalls<WithTypedCalls<v1::VoxelizationService::Service>> {
  public:
   // `state` must outlive the service.
   explicit VoxelizationServiceImpl(ServiceState& state) : state_(state) {}
 
   grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Voxelize(grpc::CallbackServerContext* context) override;
+  grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizeMany(
+      grpc::CallbackServerContext* context) override;
   grpc::ServerUnaryReactor* EstimateVoxelization(grpc::CallbackServerContext* context,
                                                  const v1::EstimateVoxelizationRequest* request,
                                                  v1::EstimateVoxelizationResponse* response) override;

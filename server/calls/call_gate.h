@@ -4,7 +4,11 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstddef>
+#include <functional>
+#include <list>
 #include <mutex>
+#include <utility>
+#include <vector>
 
 namespace voxelpipe {
 
@@ -26,10 +30,40 @@ class CallGate {
     CallGate* const gate_;
   };
 
+  // While it lives, its function is called when the gate closes, or at once where it is closed already. Possibly after this object is
+  // gone, too: let it hold a weak pointer.
+  class Closer {
+   public:
+    Closer(CallGate& gate, std::function<void()> on_close) : gate_(gate) {
+      bool closed;
+      {
+        const std::lock_guard lock(gate_.mutex_);
+        closed = gate_.closed_;
+        place_ = gate_.closers_.insert(gate_.closers_.end(), on_close);
+      }
+      if (closed) on_close();
+    }
+    ~Closer() {
+      const std::lock_guard lock(gate_.mutex_);
+      gate_.closers_.erase(place_);
+    }
+    Closer(const Closer&) = delete;
+    Closer& operator=(const Closer&) = delete;
+
+   private:
+    CallGate& gate_;
+    std::list<std::function<void()>>::iterator place_;
+  };
+
   // From here on every new pass is false.
   void Close() {
-    const std::lock_guard lock(mutex_);
-    closed_ = true;
+    std::vector<std::function<void()>> closers;
+    {
+      const std::lock_guard lock(mutex_);
+      closed_ = true;
+      closers.assign(closers_.begin(), closers_.end());
+    }
+    for (const std::function<void()>& closer : closers) closer();
   }
 
   // Whether all passes were given back by `deadline`.
@@ -55,6 +89,7 @@ class CallGate {
   std::condition_variable left_;
   size_t inside_ = 0;
   bool closed_ = false;
+  std::list<std::function<void()>> closers_;
 };
 
 }  // namespace voxelpipe

@@ -56,6 +56,10 @@ absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, 
   return BusyError("the memory that this job needs is in use by others", kRetryDelay);
 }
 
+PieceOptions PiecesOf(const ServerOptions& options) {
+  return {.piece_bytes = options.piece_bytes, .zstd_level = options.zstd_level};
+}
+
 LogFields Facts(const JobOutcome& outcome) {
   const GridSpec& grid = outcome.result.grid;
   const VoxelizeStats& stats = outcome.result.stats;

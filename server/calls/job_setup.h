@@ -4,6 +4,7 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "calls/result_pieces.h"
 #include "observe/log.h"
 #include "service_state.h"
 #include "work/voxelize_job.h"
@@ -19,6 +20,9 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message
 // Charges a plan to `working`, what all jobs of the server work in. `may_wait` as in VoxelizeJob::Planned.
 // Errors: ABORTED where it may not wait, BusyError where waiting did not help, the job's own.
 absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working);
+
+// How the operator wants results cut.
+PieceOptions PiecesOf(const ServerOptions& options);
 
 // What is said of a job in the access log.
 LogFields Facts(const JobOutcome& outcome);

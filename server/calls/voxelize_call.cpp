@@ -22,10 +22,6 @@ constexpr std::chrono::milliseconds kLookEvery{20};
 // Progress within a stage is not told more often.
 constexpr std::chrono::milliseconds kProgressInterval{100};
 
-PieceOptions PiecesOf(const ServerOptions& options) {
-  return {.piece_bytes = options.piece_bytes, .zstd_level = options.zstd_level};
-}
-
 }  // namespace
 
 VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerContext& context) {

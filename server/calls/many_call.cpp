@@ -1,0 +1,349 @@
+#include "calls/many_call.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <grpcpp/impl/codegen/proto_utils.h>
+
+#include "absl/strings/str_cat.h"
+#include "base/crc32c.h"
+#include "calls/call_setup.h"
+#include "calls/job_setup.h"
+#include "meshes/prepare_kept.h"
+#include "wire/response.h"
+#include "wire/status.h"
+#include "work/voxelize_job.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr std::chrono::milliseconds kRetryDelay{1000};
+
+grpc::ByteBuffer ErrorMessage(uint64_t id, const absl::Status& status) {
+  v1::VoxelizeManyResponse response;
+  response.set_id(id);
+  // A call's error details are a google.rpc.Status with code and message.
+  response.mutable_error()->ParseFromString(ToGrpcStatus(status).error_details());
+  grpc::ByteBuffer message;
+  bool own = false;
+  grpc::SerializationTraits<v1::VoxelizeManyResponse>::Serialize(response, &message, &own);
+  return message;
+}
+
+}  // namespace
+
+class ManyCall::Job final : public VoxelizeJob {
+ public:
+  Job(std::shared_ptr<ManyCall> call, uint64_t id)
+      : call_(std::move(call)), id_(id), uploads_(call_->state_.uploads), working_(call_->state_.working) {}
+
+  uint64_t id() const { return id_; }
+  BudgetShare& uploads() { return uploads_; }
+  // With the call's lock held.
+  uint64_t bytes_in_hand = 0;
+
+  void Done(absl::StatusOr<JobOutcome> outcome) override {
+    mesh.reset();
+    kept.reset();
+    pieces.clear();
+    uploads_.ShrinkTo(0);
+    Answer answer;
+    if (!outcome.ok()) {
+      working_.ShrinkTo(0);
+      answer.message = ErrorMessage(id_, outcome.status());
+    } else {
+      const uint64_t result_bytes = ResultBytes(outcome->result);
+      working_.ShrinkTo(result_bytes);
+      const auto shared = std::make_shared<const JobOutcome>(*std::move(outcome));
+      const PieceOptions options = PiecesOf(call_->state_.options);
+      if (result_bytes <= kWholeBytes) {
+        answer.message = ResultPieces(config.settings, options, ResponseCoder(id_)).Whole(plan_, shared);
+      } else {
+        answer.stream = std::make_shared<ResultStream>(shared, config.settings, options, ResponseCoder(id_));
+      }
+    }
+    // The call owns this job until it has been answered, and this job the call until now.
+    const std::shared_ptr<ManyCall> call = std::move(call_);
+    answer.job = std::static_pointer_cast<Job>(self.lock());
+    call->Ended(std::move(answer), !outcome.ok());
+  }
+
+  std::weak_ptr<Task> self;
+
+ private:
+  absl::Status Planned(const Plan& plan, bool may_wait) override {
+    uploads_.ShrinkTo(0);
+    working_.ShrinkTo(0);  // of a worker that failed
+    if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
+    plan_ = ToMessage(plan);
+    return absl::OkStatus();
+  }
+  ResultSink* large_results() override { return nullptr; }
+
+  std::shared_ptr<ManyCall> call_;
+  const uint64_t id_;
+  BudgetShare uploads_, working_;
+  v1::VoxelizationPlan plan_;
+};
+
+ManyCall* ManyCall::Create(ServiceState& state, grpc::CallbackServerContext& context) {
+  std::shared_ptr<ManyCall> call(new ManyCall(state, context));
+  call->self_ = call;
+  const std::weak_ptr<ManyCall> weak = call;
+  const uint32_t patience_ms = state.options.stall_timeout_ms;
+  call->write_wait_ =
+      std::make_unique<IdleWatch::Wait>(state.idle_watch, std::chrono::milliseconds(patience_ms), [weak, patience_ms] {
+        if (const auto self = weak.lock()) {
+          self->GiveUp(absl::StrCat("the client took nothing of the answers for ", patience_ms, " ms"));
+        }
+      });
+  if (absl::Status status = MayBegin(call->pass_, call->record_); !status.ok()) {
+    call->End(std::move(status));
+    return call.get();
+  }
+  call->closer_.emplace(state.gate, [weak] {
+    if (const auto self = weak.lock()) self->StopTaking();
+  });
+  call->Pump();
+  return call.get();
+}
+
+ManyCall::ManyCall(ServiceState& state, grpc::CallbackServerContext& context)
+    : state_(state), pass_(state.gate), context_(context), record_(state, context, Rpc::kVoxelizeMany) {
+  SetDeadline(context, deadline_);
+}
+
+ManyCall::~ManyCall() = default;
+
+void ManyCall::OnReadDone(bool ok) {
+  absl::Status status = absl::OkStatus();
+  if (ok) {
+    v1::VoxelizeManyRequest request;
+    status = grpc::SerializationTraits<v1::VoxelizeManyRequest>::Deserialize(&read_, &request).ok()
+                 ? Take(std::move(request))
+                 : absl::InvalidArgumentError("message: not a VoxelizeManyRequest");
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    reading_ = false;
+    if (!ok) half_closed_ = true;
+  }
+  if (!status.ok()) {
+    End(std::move(status));
+  } else {
+    Pump();
+  }
+}
+
+absl::Status ManyCall::Take(v1::VoxelizeManyRequest request) {
+  const auto job = std::make_shared<Job>(self_, request.id());
+  job->self = job;
+  bool draining;
+  {
+    const std::lock_guard lock(mutex_);
+    if (end_) return absl::OkStatus();
+    draining = draining_;
+    if (!jobs_.emplace(request.id(), job).second) {
+      return absl::InvalidArgumentError(absl::StrCat("id: a job ", request.id(), " is in hand already"));
+    }
+    ++jobs_taken_;
+    job->bytes_in_hand = request.mesh().size();
+    bytes_ += job->bytes_in_hand;
+  }
+  absl::Status status = draining ? ShuttingDownError() : Prepare(request, *job);
+  if (status.ok()) status = state_.scheduler.Submit(job);
+  if (!status.ok()) job->Done(std::move(status));
+  // A cancellation that came before the job could be withdrawn.
+  if (!deadline_.Check().ok()) {
+    job->context.Cancel();
+    if (state_.scheduler.Withdraw(*job)) job->Done(job->context.Check());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ManyCall::Prepare(v1::VoxelizeManyRequest& request, Job& job) {
+  if (deadline_.deadline()) job.context.set_deadline(*deadline_.deadline());
+  if (absl::Status s = ConfigureJob(state_, request.config(), record_.client, job); !s.ok()) return s;
+  std::string& mesh = *request.mutable_mesh();
+  if (request.has_crc32c() &&
+      Crc32c({reinterpret_cast<const uint8_t*>(mesh.data()), mesh.size()}) != request.crc32c()) {
+    return absl::DataLossError("the CRC-32C of the mesh bytes from offset 0 does not fit");
+  }
+  if (job.kept) {
+    if (absl::Status s = CheckMeshBytes(*job.kept, job.config, mesh.size(), false); !s.ok()) return s;
+  }
+  if (mesh.size() > state_.limits.load.max_file_bytes) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the mesh file is larger than the limit of ", state_.limits.load.max_file_bytes, " bytes"));
+  }
+  if (!job.uploads().TryGrow(mesh.size())) {
+    return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    if (absl::Status s = record_.TakeBytes(mesh.size()); !s.ok()) return s;
+  }
+  if (!mesh.empty()) job.pieces.push_back(std::move(mesh));
+  return absl::OkStatus();
+}
+
+void ManyCall::Ended(Answer answer, bool failed) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (failed) ++jobs_failed_;
+    const uint64_t held = answer.stream ? ResultBytes(answer.stream->outcome().result) : answer.message.Length();
+    bytes_ += held;
+    bytes_ -= std::exchange(answer.job->bytes_in_hand, held);
+    if (end_) {
+      bytes_ -= held;
+      jobs_.erase(answer.job->id());
+    } else {
+      ready_.push_back(std::move(answer));
+    }
+  }
+  Pump();
+}
+
+void ManyCall::StopTaking() {
+  {
+    const std::lock_guard lock(mutex_);
+    draining_ = true;
+  }
+  Pump();
+}
+
+bool ManyCall::HasRoomLocked() const {
+  return jobs_.size() < state_.options.many_in_flight && bytes_ < state_.options.many_bytes;
+}
+
+void ManyCall::ForgetWrittenLocked() {
+  bytes_ -= current_->job->bytes_in_hand;
+  jobs_.erase(current_->job->id());
+  current_.reset();
+}
+
+void ManyCall::Pump() {
+  std::unique_lock lock(mutex_);
+  std::shared_ptr<ManyCall> keep = self_;  // this thread may be the last one to hold the call
+  while (!finished_) {
+    if (!reading_ && !half_closed_ && !draining_ && !end_ && HasRoomLocked()) {
+      reading_ = true;
+      lock.unlock();
+      StartRead(&read_);
+      lock.lock();
+      continue;
+    }
+    if (making_ || writing_) return;
+    if (!end_ && !current_ && ready_.empty()) {
+      if (!jobs_.empty() || !(half_closed_ || draining_)) return;  // they go on, or more may come
+      end_ = half_closed_ ? absl::OkStatus() : ShuttingDownError();
+    }
+    if (end_) {
+      finished_ = true;
+      const grpc::Status status = ToGrpcStatus(*end_);
+      lock.unlock();
+      Finish(status);
+      return;
+    }
+    if (!current_) {
+      current_ = std::move(ready_.front());
+      ready_.pop_front();
+    }
+    const std::shared_ptr<ResultStream> stream = current_->stream;
+    if (stream) {
+      making_ = true;  // without the lock: hashing and compressing take their time
+      lock.unlock();
+      grpc::ByteBuffer message = stream->Next();
+      lock.lock();
+      writing_message_ = std::move(message);
+      last_of_current_ = stream->done();
+      if (end_) {
+        making_ = false;
+        continue;
+      }
+    } else {
+      writing_message_ = std::move(current_->message);
+      last_of_current_ = true;
+    }
+    record_.bytes_out += writing_message_.Length();
+    writing_ = true;
+    lock.unlock();
+    write_wait_->Begin();
+    StartWrite(&writing_message_);
+    if (stream) stream->CatchUp();  // while the piece is on its way
+    lock.lock();
+    if (stream) making_ = false;
+  }
+}
+
+void ManyCall::OnWriteDone(bool ok) {
+  write_wait_->End();
+  std::optional<Answer> written;  // freed without the lock
+  {
+    const std::lock_guard lock(mutex_);
+    writing_ = false;
+    writing_message_.Clear();
+    if (last_of_current_ && current_) {
+      written = current_;
+      ForgetWrittenLocked();
+    }
+  }
+  if (!ok) {
+    OnCancel();  // nobody listens
+    return;
+  }
+  Pump();
+}
+
+void ManyCall::GiveUp(std::string_view why) {
+  End(absl::AbortedError(std::string(why)));
+  HangUp();  // only the end of the write in flight lets the call finish
+}
+
+void ManyCall::HangUp() {
+  const std::lock_guard lock(context_mutex_);
+  if (!context_gone_) context_.TryCancel();
+}
+
+void ManyCall::End(absl::Status status) {
+  std::vector<std::shared_ptr<Job>> jobs;
+  std::deque<Answer> ready;  // freed without the lock
+  {
+    const std::lock_guard lock(mutex_);
+    if (!end_) end_ = std::move(status);
+    ready.swap(ready_);
+    for (const Answer& answer : ready) jobs_.erase(answer.job->id());
+    for (const auto& [id, job] : jobs_) jobs.push_back(job);
+  }
+  if (deadline_.Check().ok()) deadline_.Cancel();
+  for (const std::shared_ptr<Job>& job : jobs) {
+    job->context.Cancel();
+    if (state_.scheduler.Withdraw(*job)) job->Done(job->context.Check());
+  }
+  Pump();
+}
+
+void ManyCall::OnCancel() {
+  if (deadline_.Check().ok()) deadline_.Cancel();
+  End(deadline_.Check());
+}
+
+void ManyCall::OnDone() {
+  std::shared_ptr<ManyCall> keep;
+  write_wait_->End();
+  closer_.reset();
+  {
+    const std::lock_guard lock(context_mutex_);
+    context_gone_ = true;
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    record_.facts = {{"jobs", jobs_taken_}, {"jobs_failed", jobs_failed_}};
+    record_.Log(end_.value_or(absl::UnknownError("the call ended by itself")));
+    keep = std::move(self_);
+  }
+}
+
+}  // namespace voxelpipe

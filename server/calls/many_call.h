@@ -1,0 +1,93 @@
+// One VoxelizeMany call: many small jobs on one stream, answered as they are done.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string_view>
+#include <unordered_map>
+
+#include <grpcpp/grpcpp.h>
+
+#include "absl/status/status.h"
+#include "base/job_context.h"
+#include "calls/call_record.h"
+#include "calls/idle_watch.h"
+#include "calls/result_stream.h"
+#include "service_state.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
+
+namespace voxelpipe {
+
+// gRPC's threads call the On... functions and never wait here; workers end the jobs. No more is read while as many jobs or bytes are
+// in hand as the options allow, so that a client that does not take its answers cannot fill the server. The object lives until gRPC is
+// done with the call and all of its jobs have ended.
+class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
+ public:
+  // The reactor of a new call. `state` must outlive it.
+  static ManyCall* Create(ServiceState& state, grpc::CallbackServerContext& context);
+  ~ManyCall() override;
+
+  void OnReadDone(bool ok) override;
+  void OnWriteDone(bool ok) override;
+  void OnCancel() override;
+  void OnDone() override;
+
+ private:
+  class Job;
+  // What a job has to say: one message, or those of a stream.
+  struct Answer {
+    std::shared_ptr<Job> job;
+    grpc::ByteBuffer message;
+    std::shared_ptr<ResultStream> stream;
+  };
+
+  ManyCall(ServiceState& state, grpc::CallbackServerContext& context);
+
+  // An error ends the call.
+  absl::Status Take(v1::VoxelizeManyRequest request);
+  // An error ends the job.
+  absl::Status Prepare(v1::VoxelizeManyRequest& request, Job& job);
+  // The job has ended, on any thread.
+  void Ended(Answer answer, bool failed);
+  // The server goes away: what is in hand is answered, nothing else is taken.
+  void StopTaking();
+  void GiveUp(std::string_view why);
+  void HangUp();
+  // Starts the next write, read or the end of the call, as far as they are due and not under way.
+  void Pump();
+  void End(absl::Status status);
+  // The answer in writing has been sent. With mutex_ held.
+  void ForgetWrittenLocked();
+  bool HasRoomLocked() const;
+
+  ServiceState& state_;
+  const CallGate::Pass pass_;             // given back when gRPC and all jobs are done
+  grpc::CallbackServerContext& context_;  // used by gRPC's threads only
+  std::shared_ptr<ManyCall> self_;        // until OnDone
+  CallRecord record_;
+  JobContext deadline_;  // of the call, which all jobs share
+  std::unique_ptr<IdleWatch::Wait> write_wait_;
+  std::optional<CallGate::Closer> closer_;
+
+  std::mutex context_mutex_;  // while held, gRPC does not take context_ away
+  bool context_gone_ = false;
+
+  grpc::ByteBuffer read_;  // in flight while reading_
+
+  std::mutex mutex_;
+  std::unordered_map<uint64_t, std::shared_ptr<Job>> jobs_;  // in hand: read, and not yet answered as a whole
+  uint64_t bytes_ = 0;                                       // that they hold: meshes and results
+  uint64_t jobs_taken_ = 0, jobs_failed_ = 0;
+  std::deque<Answer> ready_;
+  std::optional<Answer> current_;  // being written
+  grpc::ByteBuffer writing_message_;
+  bool last_of_current_ = false;  // the message in flight is
+  bool reading_ = false, making_ = false, writing_ = false, finished_ = false;
+  bool half_closed_ = false, draining_ = false;
+  std::optional<absl::Status> end_;
+};
+
+}  // namespace voxelpipe

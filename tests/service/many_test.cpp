@@ -1,0 +1,253 @@
+// Many jobs on one stream.
+#include <algorithm>
+#include <atomic>
+#include <map>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <grpcpp/create_channel.h>
+#include <grpcpp/security/credentials.h>
+#include <signal.h>
+
+#include "base/crc32c.h"
+#include "gtest/gtest.h"
+#include "service/requests.h"
+#include "service/sample_mesh.h"
+#include "service/server_process.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/request.h"
+
+namespace voxelpipe::testing {
+namespace {
+
+class ManyTest : public ::testing::Test {
+ protected:
+  using Stream = grpc::ClientReaderWriter<v1::VoxelizeManyRequest, v1::VoxelizeManyResponse>;
+
+  void Start(std::vector<std::string> arguments = {}) {
+    arguments.insert(arguments.end(), {"--log-level", "warn"});
+    server_ = StartServer(arguments);
+    ASSERT_NE(server_, nullptr);
+    client_ = ConnectTo(*server_);
+    ASSERT_NE(client_, nullptr);
+    grpc::ChannelArguments unbounded;
+    unbounded.SetMaxReceiveMessageSize(-1);
+    stub_ = v1::VoxelizationService::NewStub(
+        grpc::CreateCustomChannel(server_->address(), grpc::InsecureChannelCredentials(), unbounded));
+    context_.set_deadline(std::chrono::system_clock::now() + kPatience);
+    stream_ = stub_->VoxelizeMany(&context_);
+  }
+
+  v1::VoxelizeManyRequest Item(uint64_t id, const VoxelizeRequest& request) const {
+    v1::VoxelizeManyRequest item;
+    item.set_id(id);
+    *item.mutable_config() = MakeConfig(request, MeshFormat::kGlb);
+    item.set_mesh(glb_.data(), glb_.size());
+    item.set_crc32c(Crc32c(glb_));
+    return item;
+  }
+
+  // The bytes of all arrays, as a single call has them.
+  std::string Single(const VoxelizeRequest& request) {
+    const JobContext job;
+    const auto result = client_->Voxelize(glb_, MeshFormat::kGlb, request, job);
+    EXPECT_TRUE(result.ok()) << result.status();
+    std::string all;
+    if (!result.ok()) return all;
+    for (const auto bytes : ArraysOf(result->result)) all.append(bytes.begin(), bytes.end());
+    return all;
+  }
+
+  // The worker is free and the queue empty: a call comes through.
+  void ExpectFree() {
+    JobContext job;
+    job.set_deadline(JobContext::Clock::now() + kPatience);
+    const absl::Status status = client_->Voxelize(glb_, MeshFormat::kGlb, SmallRequest(), job).status();
+    EXPECT_TRUE(status.ok()) << status;
+  }
+
+  const std::vector<uint8_t> glb_ = TorusGlb(8);
+  std::unique_ptr<ServerProcess> server_;
+  std::unique_ptr<Client> client_;
+  std::unique_ptr<v1::VoxelizationService::Stub> stub_;
+  grpc::ClientContext context_;
+  std::unique_ptr<Stream> stream_;
+};
+
+// What came for one job.
+struct Answer {
+  std::string bytes;
+  int whole = 0, parts = 0, summaries = 0;
+  int error = 0;
+};
+
+void Add(const v1::VoxelizeManyResponse& response, Answer& answer) {
+  if (response.has_whole()) {
+    ++answer.whole;
+    for (const auto& piece : response.whole().pieces()) answer.bytes += piece.data();
+    if (response.whole().has_summary()) ++answer.summaries;
+  } else if (response.has_part()) {
+    ++answer.parts;
+    answer.bytes += response.part().piece().data();
+    if (response.part().has_summary()) ++answer.summaries;
+  } else {
+    answer.error = response.error().code();
+  }
+}
+
+TEST_F(ManyTest, EveryJobGetsTheBytesOfASingleCall) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  std::vector<VoxelizeRequest> requests;
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    for (const int64_t resolution : {9, 33}) {
+      VoxelizeRequest request;
+      request.grid.resolution = resolution;
+      request.result = kind;
+      requests.push_back(request);
+      request.targets[0].format = VoxelFormat::kF32;
+      request.targets[0].components = 3;
+      request.targets[0].blend = Blend::kMax;
+      request.targets[0].shader = {"normal", {}};
+      requests.push_back(request);
+    }
+  }
+  // Two that are larger than one message may be.
+  for (const int64_t resolution : {100, 140}) {
+    VoxelizeRequest request = requests[1];
+    request.grid.resolution = resolution;
+    request.grid.fit = GridFit::kCube;
+    requests.push_back(request);
+  }
+  for (size_t i = 0; i < requests.size(); ++i) ASSERT_TRUE(stream_->Write(Item(1000 + i, requests[i])));
+  stream_->WritesDone();
+  std::map<uint64_t, Answer> answers;
+  v1::VoxelizeManyResponse response;
+  while (stream_->Read(&response)) Add(response, answers[response.id()]);
+  const grpc::Status status = stream_->Finish();
+  ASSERT_TRUE(status.ok()) << status.error_message();
+  ASSERT_EQ(answers.size(), requests.size());
+  for (size_t i = 0; i < requests.size(); ++i) {
+    const Answer& answer = answers[1000 + i];
+    EXPECT_EQ(answer.error, 0);
+    EXPECT_EQ(answer.summaries, 1);
+    EXPECT_EQ(answer.whole, answer.parts == 0 ? 1 : 0);
+    EXPECT_EQ(answer.parts > 0, answer.bytes.size() > 1 << 20);
+    EXPECT_TRUE(answer.bytes == Single(requests[i])) << i;
+  }
+}
+
+TEST_F(ManyTest, AnErrorEndsItsJobAndNotTheStream) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  VoxelizeRequest wrong = SmallRequest();
+  wrong.targets[0].shader.name = "no_such_shader";
+  ASSERT_TRUE(stream_->Write(Item(1, wrong)));
+  v1::VoxelizeManyRequest broken = Item(2, SmallRequest());
+  broken.set_mesh("no mesh at all");
+  broken.clear_crc32c();
+  ASSERT_TRUE(stream_->Write(broken));
+  v1::VoxelizeManyRequest flipped = Item(3, SmallRequest());
+  flipped.mutable_mesh()->back() ^= 1;
+  ASSERT_TRUE(stream_->Write(flipped));
+  ASSERT_TRUE(stream_->Write(Item(4, SmallRequest())));
+  stream_->WritesDone();
+  std::map<uint64_t, Answer> answers;
+  v1::VoxelizeManyResponse response;
+  while (stream_->Read(&response)) {
+    Add(response, answers[response.id()]);
+    if (response.id() == 1) {
+      EXPECT_NE(response.error().message().find("no_such_shader"), std::string::npos);
+      EXPECT_EQ(response.error().details_size(), 1) << "which field, as of a single call";
+    }
+  }
+  EXPECT_TRUE(stream_->Finish().ok());
+  EXPECT_EQ(answers[1].error, grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(answers[2].error, grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(answers[3].error, grpc::StatusCode::DATA_LOSS);
+  EXPECT_EQ(answers[4].whole, 1);
+}
+
+TEST_F(ManyTest, AnIdInHandMayNotComeAgain) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
+  v1::VoxelizeManyRequest slow = Item(7, SlowRequest());
+  const std::vector<uint8_t> endless = LargeTrianglesGlb(20000);
+  slow.set_mesh(endless.data(), endless.size());
+  slow.clear_crc32c();
+  ASSERT_TRUE(stream_->Write(slow));
+  ASSERT_TRUE(stream_->Write(Item(7, SmallRequest())));
+  v1::VoxelizeManyResponse response;
+  while (stream_->Read(&response)) {}
+  EXPECT_EQ(stream_->Finish().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  ExpectFree();  // the slow job was cancelled with its stream
+}
+
+TEST_F(ManyTest, AStreamThatIsGoneTakesItsJobsWithIt) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
+  const std::vector<uint8_t> endless = LargeTrianglesGlb(20000);
+  for (uint64_t id = 0; id < 20; ++id) {
+    v1::VoxelizeManyRequest slow = Item(id, SlowRequest());
+    slow.set_mesh(endless.data(), endless.size());
+    slow.clear_crc32c();
+    ASSERT_TRUE(stream_->Write(slow));
+  }
+  context_.TryCancel();
+  v1::VoxelizeManyResponse response;
+  while (stream_->Read(&response)) {}
+  EXPECT_EQ(stream_->Finish().error_code(), grpc::StatusCode::CANCELLED);
+  ExpectFree();
+}
+
+TEST_F(ManyTest, WhoDoesNotReadIsNotRead) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--many-in-flight", "4", "--stall-timeout-ms", "60000"}));
+  VoxelizeRequest request;  // 1 MiB each
+  request.grid.dims = {128, 128, 64};
+  request.grid.voxel_size = Vec3d{0.05, 0.05, 0.05};
+  request.grid.origin = Vec3d{0, 0, 0};
+  request.targets[0].format = VoxelFormat::kU8;
+  request.targets[0].blend = Blend::kReplace;
+  const std::vector<uint8_t> mesh = TorusGlb(64);  // some 300 KB, so that 200 of them are more than all buffers
+  constexpr int kJobs = 200;
+  std::atomic<int> written{0};
+  std::thread writer([&] {
+    for (uint64_t id = 0; id < kJobs; ++id) {
+      v1::VoxelizeManyRequest item = Item(id, request);
+      item.set_mesh(mesh.data(), mesh.size());
+      item.clear_crc32c();
+      if (!stream_->Write(item)) break;
+      ++written;
+    }
+    stream_->WritesDone();
+  });
+  // Until the writer stands still.
+  for (int before = -1; before != written;) {
+    before = written;
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  }
+  EXPECT_LT(written, kJobs / 2) << "the server takes more than it may have in hand";
+  std::map<uint64_t, Answer> answers;
+  v1::VoxelizeManyResponse response;
+  while (stream_->Read(&response)) Add(response, answers[response.id()]);
+  writer.join();
+  EXPECT_TRUE(stream_->Finish().ok());
+  EXPECT_EQ(answers.size(), size_t{kJobs});
+  for (const auto& [id, answer] : answers) EXPECT_EQ(answer.whole, 1) << id;
+}
+
+TEST_F(ManyTest, ADrainAnswersWhatIsInHandAndEndsTheStream) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "50"}));
+  for (uint64_t id = 0; id < 5; ++id) ASSERT_TRUE(stream_->Write(Item(id, SmallRequest())));
+  v1::VoxelizeManyResponse response;
+  ASSERT_TRUE(stream_->Read(&response));
+  server_->Signal(SIGTERM);
+  int answers = 1;
+  while (stream_->Read(&response)) ++answers;
+  EXPECT_EQ(answers, 5);
+  EXPECT_EQ(stream_->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
+  const auto ended = server_->Wait();
+  ASSERT_TRUE(ended.ok()) << ended.status();
+  EXPECT_EQ(ended->exit_code, 0);
+}
+
+}  // namespace
+}  // namespace voxelpipe::testing
