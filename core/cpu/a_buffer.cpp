@@ -67,11 +67,18 @@ uint32_t NotDiscarded(const RunState& state, TriangleShader& shader, const Voxel
   return kept;
 }
 
+// A tile may hold every triangle of the mesh: within one, too, the job is asked now and then. What is cut short is thrown away.
+constexpr uint64_t kItemsBetweenChecks = 512;
+
+bool MayGoOn(const RunState& state, uint64_t item) {
+  return item % kItemsBetweenChecks != 0 || state.job.Check().ok();
+}
+
 void EmitTile(const RunState& state, const TileRun& run, const ShaderTraits& traits, bool may_drop,
               std::vector<RowFragments>& records, TileFragments& tile) {
   const VoxelRange range = TileVoxels(state.tiles, state.pairs[run.begin] >> 32, state.dims);
   records.clear();
-  for (uint64_t i = run.begin; i < run.end; ++i) {
+  for (uint64_t i = run.begin; i < run.end && MayGoOn(state, i - run.begin); ++i) {
     const uint32_t triangle = uint32_t(state.pairs[i]);
     const uint32_t* v = state.view.triangles[triangle];
     const TriangleSetup setup = SetUpTriangle(state.index_positions[v[0]], state.index_positions[v[1]],
@@ -105,7 +112,7 @@ class TileResolver {
     ListVoxels(tile, range);
     std::optional<TriangleShader> shader;
     uint32_t shaded = UINT32_MAX;
-    for (uint64_t r = 0; r < tile.record_count; ++r) {
+    for (uint64_t r = 0; r < tile.record_count && MayGoOn(state_, r); ++r) {
       const RowFragments& record = tile.records[r];
       if (shades_ && (!shader || record.triangle != shaded)) {
         shader.emplace(state_, traits_, record.triangle);
@@ -190,7 +197,7 @@ absl::Status EmitFragments(RunState& state) {
   const ShaderTraits traits = AllTraits(state);
   const bool may_drop = EveryTargetCanDiscard(state);
   tbb::enumerable_thread_specific<std::vector<RowFragments>> scratch;
-  return ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
+  const absl::Status s = ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
     std::vector<RowFragments>& records = scratch.local();
     for (int64_t i = begin; i < end; ++i) {
       TileFragments& tile = out.tiles[size_t(i)];
@@ -201,6 +208,7 @@ absl::Status EmitFragments(RunState& state) {
       tile.record_count = records.size();
     }
   });
+  return s.ok() ? state.job.Check() : s;
 }
 
 absl::Status SortFragments(RunState& state) {
@@ -250,13 +258,14 @@ absl::Status Resolve(RunState& state) {
   const std::span<const TileRun> runs = SlabRuns(state);
   const ShaderTraits traits = AllTraits(state);
   tbb::enumerable_thread_specific<TileResolver> resolvers([&] { return TileResolver(state, traits, out); });
-  return ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
+  const absl::Status s = ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
     TileResolver& resolver = resolvers.local();
     for (int64_t i = begin; i < end; ++i) {
       const uint64_t tile = state.pairs[runs[size_t(i)].begin] >> 32;
       resolver.Resolve(out.tiles[size_t(i)], TileVoxels(state.tiles, tile, state.dims));
     }
   });
+  return s.ok() ? state.job.Check() : s;
 }
 
 }  // namespace voxelpipe::cpu

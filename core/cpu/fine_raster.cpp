@@ -124,12 +124,16 @@ void BlendTriangle(const RunState& state, Worker& worker, uint32_t triangle, std
   if (varying != 0) shader.BlendVarying(varying, spans, origin);
 }
 
+constexpr uint64_t kTrianglesBetweenChecks = 16 * TileSpans::kTriangles;
+
 void RasterTile(RunState& state, Worker& worker, const TileRun& run, const VoxelRange& range) {
   const int64_t origin[3] = {range.begin[0], range.begin[1], range.begin[2]};
   const RowMesh mesh = IndexSpaceMesh(state.index_positions, state.view.triangles);
   worker.coverage.fill(0);
   for (TileBuffer& buffer : worker.buffers) buffer.Begin();
   for (uint64_t first = run.begin; first < run.end; first += TileSpans::kTriangles) {
+    // A tile may hold every triangle of the mesh. What is cut short here is thrown away by FineRaster.
+    if ((first - run.begin) % kTrianglesBetweenChecks == 0 && !state.job.Check().ok()) break;
     const auto count = int64_t(std::min<uint64_t>(TileSpans::kTriangles, run.end - first));
     state.tile_kernels->spans_in_tile(mesh, &state.pairs[first], count, state.request.request.coverage, range,
                                       worker.spans);
@@ -247,7 +251,7 @@ absl::Status FineRaster(RunState& state) {
   uint64_t fragments = 0;
   for (const Worker& worker : workers) fragments += worker.fragments;
   state.counts.fragments = fragments;
-  return s;
+  return s.ok() ? state.job.Check() : s;
 }
 
 }  // namespace voxelpipe::cpu

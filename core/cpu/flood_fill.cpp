@@ -4,6 +4,7 @@
 // once, and rows are visited in alternating sweeps until none has changed.
 #include "cpu/flood_fill.h"
 
+#include <algorithm>
 #include <bit>
 #include <vector>
 
@@ -66,11 +67,13 @@ class Walk {
         dirty_(size_t(ny_ * nz_), 1) {}
 
   absl::Status Run(const JobContext& job) {
+    // Rows may be a million voxels long.
+    const int64_t rows_between_checks = std::max<int64_t>(1, (int64_t{1} << 17) / shell_.words_per_row());
     for (bool changed = true, forward = true; changed; forward = !forward) {
       changed = false;
       for (int64_t step = 0; step < ny_ * nz_; ++step) {
         const int64_t row = forward ? step : ny_ * nz_ - 1 - step;
-        if (step % (1 << 12) == 0) {
+        if (step % rows_between_checks == 0) {
           if (absl::Status s = job.Check(); !s.ok()) return s;
         }
         if (dirty_[size_t(row)] && Visit(row)) changed = true;
