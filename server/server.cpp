@@ -53,14 +53,25 @@ absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& 
   return status;
 }
 
-// Gauges that nobody keeps.
+// For totals that somebody else counts.
+void RaiseTo(prometheus::Counter& counter, uint64_t total) {
+  if (const double missing = double(total) - counter.Value(); missing > 0) counter.Increment(missing);
+}
+
+// What nobody keeps in the metrics.
 void SampleState(ServiceState& state) {
   Metrics& metrics = state.metrics;
   metrics.upload_bytes.Set(double(state.uploads.used()));
   metrics.upload_limit_bytes.Set(double(state.uploads.limit()));
   metrics.working_bytes.Set(double(state.working.used()));
   metrics.working_limit_bytes.Set(double(state.working.limit()));
-  metrics.running_jobs.Set(double(state.scheduler.running()));
+  const LruStats meshes = state.meshes.stats();
+  metrics.mesh_store_bytes.Set(double(meshes.bytes));
+  metrics.mesh_store_limit_bytes.Set(double(state.meshes.max_bytes()));
+  metrics.mesh_store_meshes.Set(double(meshes.entries));
+  RaiseTo(metrics.mesh_store_hits, meshes.hits);
+  RaiseTo(metrics.mesh_store_misses, meshes.misses);
+  RaiseTo(metrics.mesh_store_evictions, meshes.evictions);
   if (const auto facts = CheckTlsFiles(TlsOf(state.options)); facts.ok() && facts->has_value()) {
     metrics.certificate_expiry.Set(std::chrono::duration<double>((*facts)->valid_until.time_since_epoch()).count());
   }
@@ -137,6 +148,8 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   }
   server->reloader_ = std::make_unique<Periodic>(std::chrono::milliseconds(options.reload_interval_ms),
                                                  [&access = *server->state_->access] { access.ReloadIfChanged(); });
+  server->state_->pool.SetListener(
+      [&health = *server->health_](const std::string& device, bool serving) { health.SetDevice(device, serving); });
   server->health_->SetServing(true);
   return server;
 }
@@ -174,7 +187,10 @@ VoxelServer::~VoxelServer() {
     server_->Shutdown(std::chrono::system_clock::now());
     server_->Wait();
   }
-  if (state_) state_->scheduler.Drain();
+  if (state_) {
+    state_->pool.SetListener({});
+    state_->scheduler.Drain();
+  }
 }
 
 }  // namespace voxelpipe

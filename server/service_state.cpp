@@ -20,8 +20,9 @@ std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved) {
       std::clamp(std::min(resolved.stall_timeout_ms, resolved.upload_idle_timeout_ms) / 8, 1u, 1000u));
 }
 
-WorkerPoolOptions WorkersOf(const ServerOptions& resolved) {
+WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics& metrics) {
   WorkerPoolOptions pool;
+  pool.metrics = &metrics;
   pool.loaders = resolved.workers;
   pool.threads = resolved.threads;
   for (const Backend* device : Devices()) {

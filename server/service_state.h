@@ -25,7 +25,7 @@ inline constexpr int kMaxMessageBytes = 64 << 20;
 inline constexpr uint64_t kLeastUploadBytes = 64 << 10;
 
 JobLimits LimitsOf(const ServerOptions& resolved);
-WorkerPoolOptions WorkersOf(const ServerOptions& resolved);
+WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics& metrics);
 SchedulerOptions SchedulingOf(const ServerOptions& resolved, Metrics& metrics);
 // Sets the gauges of the queue before they are read.
 std::unique_ptr<Metrics::Sampler> SampleQueue(const Scheduler& scheduler, Metrics& metrics);
@@ -44,7 +44,7 @@ struct ServiceState {
         limits(LimitsOf(resolved)),
         scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),
         queue_sampler(SampleQueue(scheduler, metrics)),
-        pool(scheduler, WorkersOf(resolved), limits.plan) {}
+        pool(scheduler, WorkersOf(resolved, metrics), limits.plan) {}
 
   const ServerOptions options;
   Metrics metrics;

@@ -9,10 +9,13 @@
 #include "shaders/catalog.h"
 #include "wire/response.h"
 #include "wire/status.h"
+#include "wire/text.h"
 
 namespace voxelpipe {
 
 namespace {
+
+constexpr size_t kMaxReasonBytes = 300;
 
 void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& response) {
   response.set_version(VOXELPIPE_VERSION);
@@ -33,6 +36,14 @@ void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& respon
   limits->set_max_queue(state.options.max_queue);
   limits->set_max_mesh_store_bytes(state.meshes.max_bytes());
   response.set_threads(uint32_t(state.options.threads));
+  for (const DeviceReport& report : state.pool.Devices()) {
+    v1::Device* device = response.add_devices();
+    device->set_name(std::string(report.backend->device()));
+    device->set_backend(std::string(report.backend->name()));
+    device->set_workers(uint32_t(report.workers));
+    device->set_state(report.serving ? v1::DEVICE_STATE_SERVING : v1::DEVICE_STATE_QUARANTINED);
+    device->set_reason(CleanText(report.reason, kMaxReasonBytes));
+  }
 }
 
 }  // namespace

@@ -60,6 +60,18 @@ PieceOptions PiecesOf(const ServerOptions& options) {
   return {.piece_bytes = options.piece_bytes, .zstd_level = options.zstd_level};
 }
 
+void CountJob(Metrics& metrics, const absl::StatusOr<JobOutcome>& outcome) {
+  metrics.JobEnded(outcome.status().code());
+  if (!outcome.ok()) return;
+  const VoxelizeStats& stats = outcome->result.stats;
+  double ms = stats.voxelize_ms;
+  for (const auto& [stage, stage_ms] : stats.stages) {
+    metrics.Stage(stage).Observe(stage_ms * 1e-3);
+    if (stage == "load" || stage == "flatten") ms += stage_ms;
+  }
+  metrics.job_seconds.Observe(ms * 1e-3);
+}
+
 LogFields Facts(const JobOutcome& outcome) {
   const GridSpec& grid = outcome.result.grid;
   const VoxelizeStats& stats = outcome.result.stats;

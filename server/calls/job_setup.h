@@ -24,6 +24,9 @@ absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, 
 // How the operator wants results cut.
 PieceOptions PiecesOf(const ServerOptions& options);
 
+// A job has ended: counts it, and what its stages took.
+void CountJob(Metrics& metrics, const absl::StatusOr<JobOutcome>& outcome);
+
 // What is said of a job in the access log.
 LogFields Facts(const JobOutcome& outcome);
 

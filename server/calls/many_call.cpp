@@ -45,6 +45,7 @@ class ManyCall::Job final : public VoxelizeJob {
   uint64_t bytes_in_hand = 0;
 
   void Done(absl::StatusOr<JobOutcome> outcome) override {
+    CountJob(call_->state_.metrics, outcome);
     mesh.reset();
     kept.reset();
     pieces.clear();

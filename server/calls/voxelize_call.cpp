@@ -177,6 +177,7 @@ absl::Status VoxelizeCall::Planned(const Plan& plan, bool may_wait) {
 }
 
 void VoxelizeCall::Done(absl::StatusOr<JobOutcome> outcome) {
+  CountJob(state_.metrics, outcome);
   mesh.reset();
   kept.reset();
   if (!outcome.ok()) {
