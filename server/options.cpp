@@ -67,6 +67,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
       ->check(CLI::Range(1u, 1'000'000'000u));
   add("--max-file-bytes", o.max_file_bytes, "Largest mesh file")->transform(size);
   add("--max-upload-bytes", o.max_upload_bytes, "All mesh files in hand together")->transform(size);
+  add("--max-device-mesh-bytes", o.max_device_mesh_bytes, "Meshes that each GPU keeps, 0 to choose")->transform(size);
   add("--max-mesh-store-bytes", o.max_mesh_store_bytes, "Memory of all meshes that are kept, 0 to choose")
       ->transform(size);
   add("--max-result-bytes", o.max_result_bytes, "Largest result")->transform(size);

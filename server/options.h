@@ -29,6 +29,7 @@ struct ServerOptions {
   uint32_t giant_job_ms = 1000;             // predicted; jobs from here on leave one worker of a device to the others
   uint64_t max_file_bytes = 2ull << 30;     // one mesh file
   uint64_t max_upload_bytes = 4ull << 30;   // all mesh files that are being received or wait
+  uint64_t max_device_mesh_bytes = 0;       // meshes that each GPU keeps; 0 = a quarter of its memory
   uint64_t max_mesh_store_bytes = 0;        // all meshes that are kept; 0 = a sixteenth of memory, at most 2 GiB
   uint64_t max_result_bytes = 16ull << 30;  // one result
   uint64_t stream_above_mb = 512;           // MiB: larger dense results leave slab by slab while they are made

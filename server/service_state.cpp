@@ -21,6 +21,7 @@ std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved) {
 }
 
 WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics& metrics) {
+  if (resolved.max_device_mesh_bytes > 0) SetDeviceMeshBytes(resolved.max_device_mesh_bytes);  // the process's devices
   WorkerPoolOptions pool;
   pool.metrics = &metrics;
   pool.loaders = resolved.workers;

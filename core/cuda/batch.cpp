@@ -15,6 +15,7 @@
 #include "absl/strings/str_cat.h"
 #include "cpu/row_kernels.h"
 #include "cpu/run_state.h"
+#include "cuda/batch_bricks.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
 #include "grid/index_space.h"
@@ -26,6 +27,8 @@ namespace {
 // A grid or mesh above these fills the device by itself.
 constexpr uint64_t kMostWordsOfItem = 1 << 22;  // 512^3 voxels
 constexpr uint64_t kMostTrianglesOfItem = 1 << 20;
+// Bricks are made of all bits on the host; beyond this the device makes them, alone.
+constexpr uint64_t kMostVoxelsOfSparse = 1 << 21;
 // A pass ends where the next item would go beyond; the rest of the items take another one.
 constexpr uint64_t kMostWords = 1 << 26, kMostTriangles = 1 << 24, kMostVertices = 1 << 24;
 
@@ -52,7 +55,8 @@ struct Member {
   uint64_t rows() const { return uint64_t(plan.grid.dims[1]) * uint64_t(plan.grid.dims[2]); }
   uint64_t words() const { return rows() * uint64_t((plan.grid.dims[0] + 31) / 32); }
   uint64_t packed_words() const { return (plan.grid.voxels() + 31) / 32; }  // of one target
-  uint64_t column_words() const {                                           // of all layers
+  bool sparse() const { return request().result == ResultKind::kSparse; }
+  uint64_t column_words() const {  // of all layers
     return request().fill == Fill::kParity ? uint64_t((plan.grid.dims[1] + 31) / 32) * uint64_t(plan.grid.dims[2]) : 0;
   }
 };
@@ -60,7 +64,7 @@ struct Member {
 // What can be said before any work.
 bool MayShare(const BatchItem& item) {
   const VoxelizeRequest& request = *item.request;
-  if (request.result != ResultKind::kDense || request.fill == Fill::kFlood) return false;
+  if (request.result == ResultKind::kBuckets || request.fill == Fill::kFlood) return false;
   if (item.mesh->triangles.size() > kMostTrianglesOfItem || item.mesh->positions.size() > kMostVertices) return false;
   return std::all_of(request.targets.begin(), request.targets.end(),
                      [](const TargetSpec& target) { return target.format == VoxelFormat::kBit; });
@@ -98,6 +102,7 @@ std::unique_ptr<Member> Prepare(const BatchItem& item, const PlanLimits& limits)
   const GridSpec& grid = member->plan.grid;
   if (member->plan.slab_depth < grid.dims[2] || !cpu::PlainBits(*member->host, grid)) return nullptr;
   if (member->words() > kMostWordsOfItem || grid.voxels() > 32 * kMostWordsOfItem) return nullptr;
+  if (member->sparse() && grid.voxels() > kMostVoxelsOfSparse) return nullptr;
   if (member->triangles() > 0 && !InReach(*extent, grid)) return nullptr;
   return member;
 }
@@ -137,7 +142,7 @@ class Pass {
     VOXELPIPE_OK_OR_RETURN(RasterBatch(state_));
     VOXELPIPE_OK_OR_RETURN(FillBatch(state_));
     VOXELPIPE_OK_OR_RETURN(PackBatch(state_));
-    absl::StatusOr<PinnedBuffer> back = PinnedBuffer::Take(result_bytes_);
+    absl::StatusOr<PinnedBuffer> back = PinnedBuffer::Take(result_bytes_ + 8);  // BricksOfBits reads beyond the end
     if (!back.ok()) return back.status();
     back_ = *std::move(back);
     VOXELPIPE_CUDA_OR_RETURN(
@@ -151,12 +156,19 @@ class Pass {
     Member& member = *members_[number];
     if (absl::Status s = member.item->job->Check(); !s.ok()) return s;
     VoxelizeResult result;
-    result.kind = ResultKind::kDense;
+    result.kind = member.request().result;
     result.grid = member.plan.grid;
     result.layout = member.request().layout;
     result.specs = member.request().targets;
     const auto* const packed = reinterpret_cast<const uint32_t*>(back_.data() + packed_offset_);
-    for (uint32_t t = first_target_[number]; t < first_target_[number + 1]; ++t) {
+    if (member.sparse()) {
+      const auto bits = [&](uint32_t t) {
+        return reinterpret_cast<const uint8_t*>(packed + targets_[first_target_[number] + t].first_packed);
+      };
+      const uint8_t* const covered = member.request().fill == Fill::kNone ? nullptr : bits(1);
+      if (absl::Status s = BricksOfBits(bits(0), covered, result); !s.ok()) return s;
+    }
+    for (uint32_t t = first_target_[number]; t < first_target_[number + 1] && !member.sparse(); ++t) {
       absl::StatusOr<HostBuffer> bits = HostBuffer::Allocate((member.plan.grid.voxels() + 7) / 8);
       if (!bits.ok()) return bits.status();
       std::memcpy(bits->data(), packed + targets_[t].first_packed, bits->size());
@@ -207,15 +219,21 @@ class Pass {
       words += item.words;
       columns += member->column_words();
       first_target_.push_back(uint32_t(targets_.size()));
-      for (const TargetSpec& spec : member->request().targets) {
+      const auto add_target = [&](bool clear, bool fill) {
         BatchTargetView target;
         target.item = uint32_t(items.size());
-        target.clear = spec.clear != 0 ? ~0u : 0;
-        target.fill = spec.fill_value != 0 ? ~0u : 0;
+        target.clear = clear ? ~0u : 0;
+        target.fill = fill ? ~0u : 0;
         target.first_packed = view.packed_words;
         target.voxels = grid.voxels();
         view.packed_words += member->packed_words();
         targets_.push_back(target);
+      };
+      if (member->sparse()) {
+        add_target(false, true);                    // what is occupied
+        if (item.parity) add_target(false, false);  // what has a fragment
+      } else {
+        for (const TargetSpec& spec : member->request().targets) add_target(spec.clear != 0, spec.fill_value != 0);
       }
       items.push_back(item);
     }
@@ -401,7 +419,7 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
     size_t end = begin;
     for (; end < together.size(); ++end) {
       const Member& m = *together[end];
-      words += m.words() + m.packed_words() * m.request().targets.size();
+      words += m.words() + m.packed_words() * std::max<uint64_t>(2, m.request().targets.size());
       triangles += m.triangles();
       vertices += m.vertices();
       if (end > begin && (words > kMostWords || triangles > kMostTriangles || vertices > kMostVertices)) break;

@@ -222,11 +222,12 @@ absl::Status FillTarget(RunState& state, const CudaTarget& target) {
   return absl::OkStatus();
 }
 
+// `share`: blocks that share a queued triangle.
 template <typename Args>
-absl::Status Toggle(const Args& args, const DeviceInfo& device, cudaStream_t stream) {
+absl::Status Toggle(const Args& args, const DeviceInfo& device, unsigned share, cudaStream_t stream) {
   ToggleSmall<<<unsigned((args.triangle_count + kThreads - 1) / kThreads), kThreads, 0, stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ToggleSmall");
-  ToggleLarge<<<dim3(8, unsigned(device.multiprocessors)), kThreads, 0, stream>>>(args);
+  ToggleLarge<<<dim3(share, unsigned(device.multiprocessors) * 8 / share), kThreads, 0, stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ToggleLarge");
   return absl::OkStatus();
 }
@@ -243,7 +244,7 @@ absl::Status FillBatch(const BatchState& state) {
   args.triangle_count = batch.triangle_count;
   args.queue = batch.queue[0];
   args.queued = batch.queued + 4;
-  VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, state.stream));
+  VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, 1, state.stream));  // small grids: many queued, each with few lines
   SuffixXorBatch<<<BlocksFor(batch.row_count, kThreads / 32), kThreads, 0, state.stream>>>(batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("SuffixXorBatch");
   return absl::OkStatus();
@@ -268,7 +269,7 @@ absl::Status ParityInside(RunState& state) {
   args.view.columns = columns.data();
   args.queue = state.queue[0].data();
   args.queued = state.counters.data() + kQueued0;
-  VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, state.stream));
+  VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, 8, state.stream));
   VOXELPIPE_OK_OR_RETURN(CountBits(state, columns.data(), nullptr, columns.size(), kOddColumns));
   SuffixXor<<<BlocksFor(state.slab_rows(), kThreads / 32), kThreads, 0, state.stream>>>(
       state.inside.data(), state.slab_rows(), state.view.words_per_row);

@@ -3,6 +3,7 @@
 #include "cpu/backend.h"
 #if defined(VOXELPIPE_HAVE_CUDA)
 #include "cuda/backend.h"
+#include "cuda/mesh_cache.h"
 #endif
 
 namespace voxelpipe {
@@ -24,6 +25,14 @@ std::vector<const Backend*> Devices() {
   devices.push_back(&cpu::CpuBackend());
   return devices;
 }
+
+#if defined(VOXELPIPE_HAVE_CUDA)
+void SetDeviceMeshBytes(uint64_t bytes) {
+  cuda::SetMeshCacheBytes(bytes);
+}
+#else
+void SetDeviceMeshBytes(uint64_t /*bytes*/) {}
+#endif
 
 absl::StatusOr<const Backend*> SelectBackend(BackendChoice choice) {
   if (choice == BackendChoice::kCpu) return &cpu::CpuBackend();

@@ -1,6 +1,7 @@
 // The registry of backends of this build and machine.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -15,6 +16,9 @@ std::vector<std::string> AvailableBackends();
 
 // Every device of this machine that was found, best first: GPUs, then the CPU. They live as long as the process.
 std::vector<const Backend*> Devices();
+
+// Most bytes of meshes with a content id (mesh/triangle_mesh.h) that each GPU keeps between runs; by default a quarter of its memory.
+void SetDeviceMeshBytes(uint64_t bytes);
 
 // The backend for a choice; `auto` takes the best that is there. FAILED_PRECONDITION naming the backend that is missing.
 // The object lives as long as the process.

@@ -37,7 +37,7 @@ Delivered Deliver(VoxelizeResult& result) {
 }
 
 bool IsPlain(const VoxelizeRequest& request) {
-  return request.result == ResultKind::kDense && request.fill != Fill::kFlood &&
+  return request.result != ResultKind::kBuckets && request.fill != Fill::kFlood &&
          std::all_of(request.targets.begin(), request.targets.end(),
                      [](const TargetSpec& t) { return t.format == VoxelFormat::kBit && t.shader.name == "occupancy"; });
 }

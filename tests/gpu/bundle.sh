@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # usage: bundle.sh BUILD_DIR OUT_DIR [MODEL...]     (make gpu-bundle GPU_MODELS="...")
 # Puts all that tests/gpu/run.sh needs on a machine with a driver and the CUDA toolkit alone into OUT_DIR: bin/
-# (stripped), lib/ (what the binaries link, but for the C and C++ runtimes), models/, run.sh. A .gltf brings its whole
+# (stripped, as lib/ packed), lib/ (what the binaries link, but for the C and C++ runtimes), models/, run.sh. A .gltf brings its whole
 # directory. Prints the size; fails above 60 MiB.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -23,6 +23,7 @@ theirs='libc|libm|libdl|librt|libpthread|libresolv|libstdc\+\+|libgcc_s|libnvrtc
 ldd "${binaries[@]}" | awk '$2 == "=>" && $3 ~ /^\// {print $3}' | sort -u | grep -Ev "/($theirs)\.so" |
   while read -r library; do cp -L "$library" "$out/lib/"; done
 find "$out/lib" -type f -exec strip --strip-unneeded {} + 2>/dev/null || true
+gzip "$out"/bin/* "$out"/lib/*  # run.sh unpacks them
 
 /usr/bin/python3 tests/support/make_tetrahedron.py "$out/models/tetrahedron.glb"
 /usr/bin/python3 tests/support/make_ball.py "$out/models/ball.glb"

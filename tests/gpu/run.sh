@@ -12,7 +12,7 @@
 #   bench     the table, stage times, whole calls
 #   meshes    parity on the benchmark's meshes at 512^3 and 1024^3
 #   profile   Nsight Compute on the largest rows
-# Without sections: all; those up to `server` side by side, the others alone.
+# Without sections: all; parity, device, cli and server side by side, the others alone.
 #   -f FILTER  of cuda_parity (parity) and cuda_bench (bench, profile)
 #   LIMIT=N    environment: seconds a section may take, in place of its own limit
 # Logs go to LOG_DIR (default ./gpu-logs), one a section. The last lines are a summary. Exit 0 if all passed.
@@ -29,6 +29,7 @@ while getopts "o:f:" option; do
 done
 shift $((OPTIND - 1))
 mkdir -p "$logs"
+find "$here/bin" "$here/lib" -name '*.gz' -exec gunzip -f {} +
 bin="$here/bin"
 export PATH="$PATH:/usr/local/cuda/bin"
 work="$(mktemp -d)"
@@ -227,8 +228,8 @@ together=()
 alone=()
 for section in "${sections[@]}"; do
   case "$section" in
-    parity | sanitize | device | cli | server) together+=("$section") ;;
-    bench | devices | meshes | profile | service) alone+=("$section") ;;
+    parity | device | cli | server) together+=("$section") ;;
+    bench | devices | meshes | profile | sanitize | service) alone+=("$section") ;;
     *) echo "run.sh: no section '$section'" >&2; exit 2 ;;
   esac
 done
