@@ -1,7 +1,12 @@
 #include "call_watch.h"
 
+#include <algorithm>
 #include <chrono>
+#include <condition_variable>
+#include <mutex>
 #include <string>
+#include <thread>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "wire/status.h"
@@ -10,8 +15,72 @@ namespace voxelpipe {
 namespace {
 
 constexpr std::chrono::milliseconds kLookEvery{10};
+// The thread sleeps until it is woken only after this long without calls: waking it costs a short call more than all else here.
+constexpr int kIdleLooks = 100;
 
 }  // namespace
+
+// The thread that looks, and what it looks at. A call costs a lock and a list entry.
+class CallWatcher {
+ public:
+  static CallWatcher& Get() {
+    static CallWatcher watcher;
+    return watcher;
+  }
+  ~CallWatcher() {
+    {
+      const std::lock_guard lock(mutex_);
+      stopped_ = true;
+    }
+    changed_.notify_one();
+    thread_.join();
+  }
+
+  void Add(CallWatch& watch) {
+    bool wake;
+    {
+      const std::lock_guard lock(mutex_);
+      watches_.push_back(&watch);
+      wake = asleep_;
+    }
+    if (wake) changed_.notify_one();
+  }
+  // Afterwards the watch's call is not touched any more.
+  void Remove(CallWatch& watch) {
+    const std::lock_guard lock(mutex_);
+    const auto it = std::find(watches_.begin(), watches_.end(), &watch);
+    *it = watches_.back();
+    watches_.pop_back();
+  }
+
+ private:
+  CallWatcher() : thread_([this] { Run(); }) {}
+
+  void Run() {
+    std::unique_lock lock(mutex_);
+    int idle = 0;
+    while (!stopped_) {
+      idle = watches_.empty() ? idle + 1 : 0;
+      if (idle > kIdleLooks) {
+        asleep_ = true;
+        changed_.wait(lock, [this] { return stopped_ || !watches_.empty(); });
+        asleep_ = false;
+      }
+      for (CallWatch* watch : watches_) {
+        if (watch->cancelled_ || watch->job_.Check().ok()) continue;
+        watch->cancelled_ = true;
+        watch->context_.TryCancel();
+      }
+      changed_.wait_for(lock, kLookEvery, [this] { return stopped_; });
+    }
+  }
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<CallWatch*> watches_;
+  bool asleep_ = false, stopped_ = false;
+  std::thread thread_;  // last: it uses all of the above
+};
 
 CallWatch::CallWatch(grpc::ClientContext& context, const JobContext& job) : context_(context), job_(job) {
   if (job.deadline()) {
@@ -19,23 +88,11 @@ CallWatch::CallWatch(grpc::ClientContext& context, const JobContext& job) : cont
     context.set_deadline(std::chrono::system_clock::now() +
                          std::chrono::duration_cast<std::chrono::system_clock::duration>(left));
   }
-  thread_ = std::thread([this] {
-    std::unique_lock lock(mutex_);
-    while (!done_changed_.wait_for(lock, kLookEvery, [this] { return done_; })) {
-      if (job_.Check().ok()) continue;
-      context_.TryCancel();
-      return;
-    }
-  });
+  CallWatcher::Get().Add(*this);
 }
 
 CallWatch::~CallWatch() {
-  {
-    const std::lock_guard lock(mutex_);
-    done_ = true;
-  }
-  done_changed_.notify_one();
-  thread_.join();
+  CallWatcher::Get().Remove(*this);
 }
 
 absl::Status CallStatus(const grpc::Status& status, const JobContext& job, const std::string& target) {

@@ -1,10 +1,6 @@
 // Ties one call to the job that it is made for.
 #pragma once
 
-#include <condition_variable>
-#include <mutex>
-#include <thread>
-
 #include <grpcpp/client_context.h>
 
 #include "absl/status/status.h"
@@ -14,7 +10,7 @@ namespace voxelpipe {
 
 // Sends the job's deadline with the call, and while the object lives cancels the call as soon as the job should end.
 // Both must outlive it. JobContext is a flag without a bell (signal handlers raise it), so it is looked at every ten
-// milliseconds.
+// milliseconds, by one thread for all calls of the process.
 class CallWatch {
  public:
   CallWatch(grpc::ClientContext& context, const JobContext& job);
@@ -23,12 +19,10 @@ class CallWatch {
   CallWatch& operator=(const CallWatch&) = delete;
 
  private:
+  friend class CallWatcher;
   grpc::ClientContext& context_;
   const JobContext& job_;
-  std::mutex mutex_;
-  std::condition_variable done_changed_;
-  bool done_ = false;
-  std::thread thread_;
+  bool cancelled_ = false;  // guarded by the watcher's lock
 };
 
 // The status of an ended call as the caller should see it: the job's own reason where the job ended the call, otherwise

@@ -4,6 +4,7 @@
 #include "call_watch.h"
 #include "channel.h"
 #include "grpc/health/v1/health.grpc.pb.h"
+#include "many_call.h"
 #include "mesh_calls.h"
 #include "voxelize_call.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
@@ -75,15 +76,19 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& targe
 absl::StatusOr<RemoteResult> Client::Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                               const VoxelizeRequest& request, const JobContext& job,
                                               const std::function<void(const Plan&)>& on_plan) {
-  return CallVoxelize(*impl_->service, impl_->target, impl_->options.max_result_bytes,
+  return CallVoxelize(*impl_->service, impl_->target, impl_->options.max_result_bytes, impl_->options.settings,
                       MeshSource::File(mesh_bytes, format), request, job, on_plan);
 }
 
 absl::StatusOr<RemoteRun> Client::VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                              const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                              const std::function<void(const Plan&)>& on_plan) {
-  return CallVoxelizeTo(*impl_->service, impl_->target, impl_->options.max_result_bytes,
+  return CallVoxelizeTo(*impl_->service, impl_->target, impl_->options.max_result_bytes, impl_->options.settings,
                         MeshSource::File(mesh_bytes, format), request, job, sink, on_plan);
+}
+
+std::unique_ptr<ManyStream> Client::OpenMany(const JobContext& job, size_t window) {
+  return OpenManyStream(*impl_->service, impl_->target, impl_->options, job, window);
 }
 
 absl::StatusOr<StoredMesh> Client::UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFormat format,
@@ -95,7 +100,7 @@ absl::StatusOr<RemoteResult> Client::VoxelizeStored(const std::string& mesh_id, 
                                                     const JobContext& job, std::span<const float> new_positions,
                                                     const std::function<void(const Plan&)>& on_plan) {
   if (mesh_id.empty()) return NoMeshId();
-  return CallVoxelize(*impl_->service, impl_->target, impl_->options.max_result_bytes,
+  return CallVoxelize(*impl_->service, impl_->target, impl_->options.max_result_bytes, impl_->options.settings,
                       MeshSource::Stored(mesh_id, new_positions), request, job, on_plan);
 }
 
@@ -104,7 +109,7 @@ absl::StatusOr<RemoteRun> Client::VoxelizeStoredTo(const std::string& mesh_id, c
                                                    std::span<const float> new_positions,
                                                    const std::function<void(const Plan&)>& on_plan) {
   if (mesh_id.empty()) return NoMeshId();
-  return CallVoxelizeTo(*impl_->service, impl_->target, impl_->options.max_result_bytes,
+  return CallVoxelizeTo(*impl_->service, impl_->target, impl_->options.max_result_bytes, impl_->options.settings,
                         MeshSource::Stored(mesh_id, new_positions), request, job, sink, on_plan);
 }
 

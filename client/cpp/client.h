@@ -20,6 +20,7 @@
 #include "pipeline/request.h"
 #include "pipeline/voxelize.h"
 #include "shaders/catalog.h"
+#include "wire/call_settings.h"
 
 namespace voxelpipe {
 
@@ -35,6 +36,7 @@ struct ConnectOptions {
   std::string token;                        // sent with each call: `authorization: Bearer TOKEN`; empty: none
   std::chrono::milliseconds timeout{5000};  // for the connection to stand
   uint64_t max_result_bytes = 64ull << 30;  // a server that announces more is not believed
+  CallSettings settings;                    // how the results of all calls are made and sent
 };
 
 // What a server says about a run besides its result.
@@ -43,9 +45,11 @@ struct RemoteRun {
   // The server's "load" and "flatten", wall milliseconds; the stages of the pipeline are in stats.stages.
   std::vector<std::pair<std::string, double>> mesh_stages;
   MeshReport report;
-  uint64_t peak_bytes = 0;     // the server's peak for this request
-  bool cached = false;         // the result was kept from an equal request, or made for one at the same time
-  std::string content_sha256;  // of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival
+  uint64_t peak_bytes = 0;  // the server's peak for this request
+  bool cached = false;      // the result was kept from an equal request, or made for one at the same time
+  // Of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival; empty where settings.content_hash is false.
+  std::string content_sha256;
+  uint64_t sent_bytes = 0;  // of the result as they came, compressed or not
 };
 
 // What one mesh gave, in memory.
@@ -85,6 +89,8 @@ struct ServerDescription {
   uint64_t max_message_bytes = 0;     // of one request message; Voxelize sends smaller ones whatever the mesh's size
   uint64_t max_mesh_store_bytes = 0;  // memory of all meshes that are kept
 };
+
+class ManyStream;  // many_stream.h
 
 // Thread-safe. Errors of all calls carry the server's code and message; a lost or refused connection is UNAVAILABLE
 // naming the target.
@@ -140,6 +146,10 @@ class Client {
   absl::StatusOr<StoredMesh> GetMesh(const std::string& mesh_id);
   // Makes the server forget a mesh; jobs that use it go on. Out: the bytes that this frees. NOT_FOUND where it does not keep it.
   absl::StatusOr<uint64_t> DeleteMesh(const std::string& mesh_id);
+
+  // Opens a stream for many small jobs (many_stream.h). At most `window` of them are unanswered at a time. `job`: Cancel() ends the stream,
+  // its deadline is the stream's; it must outlive the stream, as must this client.
+  std::unique_ptr<ManyStream> OpenMany(const JobContext& job, size_t window = 64);
 
   struct Estimated {
     Plan plan;

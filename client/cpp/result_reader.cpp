@@ -10,9 +10,13 @@
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "wire/response.h"
+#include "zstd_frame.h"
 
 namespace voxelpipe {
 namespace {
+
+// No server compresses more at once.
+constexpr uint64_t kMostRawBytes = 64 << 20;
 
 template <typename... Parts>
 absl::Status Lost(const Parts&... parts) {
@@ -45,8 +49,8 @@ void ResultReader::FreeDigest::operator()(evp_md_ctx_st* context) const {
   EVP_MD_CTX_free(context);
 }
 
-ResultReader::ResultReader(const VoxelizeRequest& request, uint64_t max_result_bytes, ResultSink& sink)
-    : request_(request), max_result_bytes_(max_result_bytes), sink_(sink), digest_(EVP_MD_CTX_new()) {}
+ResultReader::ResultReader(const VoxelizeRequest& request, uint64_t max_result_bytes, ResultSink& sink, bool hashed)
+    : request_(request), max_result_bytes_(max_result_bytes), sink_(sink), hashed_(hashed), digest_(EVP_MD_CTX_new()) {}
 
 ResultReader::~ResultReader() = default;
 
@@ -83,31 +87,36 @@ absl::Status ResultReader::AddPiece(const v1::ResultPiece& piece) {
                 " at ", offset_);
   }
   const std::span<const uint8_t> data(reinterpret_cast<const uint8_t*>(piece.data().data()), piece.data().size());
-  if (data.size() > array_bytes_[array_] - offset_) {
-    return Lost("a piece of ", data.size(), " bytes at offset ", offset_, " of array ", array_, ", which has ",
+  const uint64_t raw_bytes = piece.raw_bytes() != 0 ? piece.raw_bytes() : data.size();
+  if (raw_bytes > array_bytes_[array_] - offset_ || (piece.raw_bytes() != 0 && raw_bytes > kMostRawBytes)) {
+    return Lost("a piece of ", raw_bytes, " bytes at offset ", offset_, " of array ", array_, ", which has ",
                 array_bytes_[array_]);
   }
   if (Crc32c(data) != piece.crc32c()) {
     return Lost("the CRC32C of the piece at offset ", offset_, " of array ", array_, " does not match its bytes");
   }
-  if (EVP_DigestUpdate(digest_.get(), data.data(), data.size()) != 1) return absl::InternalError("SHA-256 failed");
-  offset_ += data.size();
-  received_bytes_ += data.size();
-  return sink_.Write(array_, data);
+  out_.sent_bytes += data.size();
+  if (piece.raw_bytes() == 0) return AddBytes(data);
+  const absl::StatusOr<std::vector<uint8_t>> raw = DecompressFrame(data, raw_bytes);
+  return raw.ok() ? AddBytes(*raw) : raw.status();
+}
+
+absl::Status ResultReader::AddBytes(std::span<const uint8_t> bytes) {
+  if (hashed_ && EVP_DigestUpdate(digest_.get(), bytes.data(), bytes.size()) != 1) {
+    return absl::InternalError("SHA-256 failed");
+  }
+  offset_ += bytes.size();
+  received_bytes_ += bytes.size();
+  return sink_.Write(array_, bytes);
 }
 
 absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
   if (!has_header_) return Lost("a summary before the header");
   if (has_summary_) return Lost("a second summary");
   if (received_bytes_ != total_bytes_) return Lost(received_bytes_, " of ", total_bytes_, " bytes came");
-  unsigned char digest[EVP_MAX_MD_SIZE];
-  unsigned int length = 0;
-  if (EVP_DigestFinal_ex(digest_.get(), digest, &length) != 1) return absl::InternalError("SHA-256 failed");
-  const std::string hex = absl::BytesToHexString(absl::string_view(reinterpret_cast<const char*>(digest), length));
-  if (hex != summary.content_sha256()) {
-    return Lost("its SHA-256 is ", hex, ", the server announced '", absl::CHexEscape(summary.content_sha256()), "'");
+  if (hashed_) {
+    if (absl::Status s = CheckHash(summary.content_sha256()); !s.ok()) return s;
   }
-  out_.content_sha256 = hex;
   out_.peak_bytes = summary.peak_bytes();
   out_.cached = summary.cached();
   out_.report = FromMessage(summary.mesh());
@@ -123,6 +132,24 @@ absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
   out_.stats = std::move(stats);
   has_summary_ = true;
   return absl::OkStatus();
+}
+
+absl::Status ResultReader::CheckHash(const std::string& announced) {
+  unsigned char digest[EVP_MAX_MD_SIZE];
+  unsigned int length = 0;
+  if (EVP_DigestFinal_ex(digest_.get(), digest, &length) != 1) return absl::InternalError("SHA-256 failed");
+  const std::string hex = absl::BytesToHexString(absl::string_view(reinterpret_cast<const char*>(digest), length));
+  if (hex != announced) {
+    return Lost("its SHA-256 is ", hex, ", the server announced '", absl::CHexEscape(announced), "'");
+  }
+  out_.content_sha256 = hex;
+  return absl::OkStatus();
+}
+
+absl::Status ResultReader::AddWhole(const v1::WholeResult& message) {
+  absl::Status s = AddHeader(message.header());
+  for (int i = 0; s.ok() && i < message.pieces_size(); ++i) s = AddPiece(message.pieces(i));
+  return s.ok() ? AddSummary(message.summary()) : s;
 }
 
 absl::StatusOr<RemoteRun> ResultReader::Take() {

@@ -3,6 +3,8 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -18,16 +20,19 @@ namespace voxelpipe {
 // After an error the object is of no more use.
 class ResultReader {
  public:
-  // `request` and `sink` must outlive the object.
-  ResultReader(const VoxelizeRequest& request, uint64_t max_result_bytes, ResultSink& sink);
+  // `request` and `sink` must outlive the object. `hashed`: whether the summary must bring a SHA-256.
+  ResultReader(const VoxelizeRequest& request, uint64_t max_result_bytes, ResultSink& sink, bool hashed = true);
   ~ResultReader();
 
   // Checks the announced grid and sizes against the request, then begins the sink.
   absl::Status AddHeader(const v1::ResultHeader& message);
-  // Checks array, offset, length and CRC32C, then hands the bytes to the sink.
+  // Checks array, offset, length and CRC32C, decompresses where that is needed, then hands the bytes to the sink.
   absl::Status AddPiece(const v1::ResultPiece& piece);
   // Checks that everything came and that its SHA-256 is the announced one.
   absl::Status AddSummary(const v1::Summary& summary);
+
+  // All of a result in one message: the three above in one.
+  absl::Status AddWhole(const v1::WholeResult& message);
 
   // In [0, 1] once the header is there.
   double fraction() const { return total_bytes_ == 0 ? 1 : double(received_bytes_) / double(total_bytes_); }
@@ -36,6 +41,9 @@ class ResultReader {
   absl::StatusOr<RemoteRun> Take();
 
  private:
+  absl::Status AddBytes(std::span<const uint8_t> bytes);
+  absl::Status CheckHash(const std::string& announced);
+
   struct FreeDigest {
     void operator()(evp_md_ctx_st* context) const;
   };
@@ -43,6 +51,7 @@ class ResultReader {
   const VoxelizeRequest& request_;
   const uint64_t max_result_bytes_;
   ResultSink& sink_;
+  const bool hashed_;
   std::vector<uint64_t> array_bytes_;
   bool has_header_ = false, has_summary_ = false;
   size_t array_ = 0;     // the one that the next byte belongs to

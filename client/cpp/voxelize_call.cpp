@@ -5,11 +5,13 @@
 #include <algorithm>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <utility>
 
 #include <grpcpp/support/sync_stream.h>
 
+#include "base/crc32c.h"
 #include "call_watch.h"
 #include "list_check.h"
 #include "memory_sink.h"
@@ -21,6 +23,8 @@ namespace voxelpipe {
 namespace {
 
 constexpr size_t kPieceBytes = size_t{1} << 20;
+// Meshes and results up to here go in one message each.
+constexpr uint64_t kWholeBytes = uint64_t{1} << 20;
 
 using Stream = grpc::ClientReaderWriter<v1::VoxelizeRequest, v1::VoxelizeResponse>;
 
@@ -54,9 +58,20 @@ void Upload(Stream& stream, const v1::VoxelizeConfig& config, std::span<const ui
     const std::span<const uint8_t> piece =
         mesh_bytes.subspan(offset, std::min(kPieceBytes, mesh_bytes.size() - offset));
     message.set_mesh_piece(piece.data(), piece.size());
+    message.set_crc32c(Crc32c(piece));
     if (!stream.Write(message)) return;
   }
   stream.WritesDone();
+}
+
+// A small one needs no thread: it is one message, which gRPC takes as it is.
+void UploadWhole(Stream& stream, v1::VoxelizeConfig config, std::span<const uint8_t> mesh_bytes, Reporter& reporter) {
+  reporter.Report("upload", 0);
+  v1::VoxelizeRequest message;
+  *message.mutable_whole()->mutable_config() = std::move(config);
+  message.mutable_whole()->set_mesh(mesh_bytes.data(), mesh_bytes.size());
+  message.set_crc32c(Crc32c(mesh_bytes));
+  stream.WriteLast(message, grpc::WriteOptions());
 }
 
 // The thread of an upload. However the reading half is left, also by an exception of the caller's callbacks, the call
@@ -80,17 +95,35 @@ class UploadThread {
   std::thread thread_;
 };
 
+absl::Status TellPlan(const v1::VoxelizationPlan& message, bool& planned,
+                      const std::function<void(const Plan&)>& on_plan) {
+  if (std::exchange(planned, true)) return absl::DataLossError("the server's result: a second plan");
+  absl::StatusOr<Plan> plan = FromMessage(message);
+  if (!plan.ok()) return plan.status();
+  if (on_plan) on_plan(*plan);
+  return absl::OkStatus();
+}
+
+// Whether the result can only be small: a dense one of a bounded grid.
+bool IsSmall(const VoxelizeRequest& request) {
+  if (request.result != ResultKind::kDense) return false;
+  const GridRequest& grid = request.grid;
+  if (!grid.dims && grid.voxel_size) return false;
+  double voxels = 1;
+  for (size_t axis = 0; axis < 3; ++axis) {
+    voxels *= double(grid.dims ? (*grid.dims)[axis] : grid.resolution) + 2.0 * double(grid.padding);
+  }
+  if (!(voxels >= 0 && voxels <= double(kWholeBytes * 8))) return false;
+  uint64_t bytes = 0;
+  for (const TargetSpec& target : request.targets) bytes += TargetBytes(target, uint64_t(voxels));
+  return bytes <= kWholeBytes;
+}
+
 // Takes one message. An error means that the server does not keep to the contract, or is the sink's.
 absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, bool& planned, Reporter& reporter,
                   const std::function<void(const Plan&)>& on_plan) {
   switch (message.message_case()) {
-    case v1::VoxelizeResponse::kAccepted: {
-      if (std::exchange(planned, true)) return absl::DataLossError("the server's result: a second plan");
-      absl::StatusOr<Plan> plan = FromMessage(message.accepted());
-      if (!plan.ok()) return plan.status();
-      if (on_plan) on_plan(*plan);
-      return absl::OkStatus();
-    }
+    case v1::VoxelizeResponse::kAccepted: return TellPlan(message.accepted(), planned, on_plan);
     case v1::VoxelizeResponse::kProgress:
       reporter.Report(message.progress().stage(), message.progress().fraction());
       return absl::OkStatus();
@@ -101,7 +134,12 @@ absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, boo
       return status;
     }
     case v1::VoxelizeResponse::kSummary: return reader.AddSummary(message.summary());
-    case v1::VoxelizeResponse::kWhole: return absl::DataLossError("the server's result: in one message, unasked");
+    case v1::VoxelizeResponse::kWhole: {
+      absl::Status status = TellPlan(message.whole().accepted(), planned, on_plan);
+      if (status.ok()) status = reader.AddWhole(message.whole());
+      if (status.ok()) reporter.Report("download", 1);
+      return status;
+    }
     case v1::VoxelizeResponse::MESSAGE_NOT_SET: return absl::OkStatus();  // something that a newer server says
   }
   return absl::OkStatus();
@@ -110,22 +148,29 @@ absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, boo
 }  // namespace
 
 absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                         uint64_t max_result_bytes, const MeshSource& mesh,
-                                         const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
-                                         const std::function<void(const Plan&)>& on_plan) {
+                                         uint64_t max_result_bytes, const CallSettings& settings,
+                                         const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
+                                         ResultSink& sink, const std::function<void(const Plan&)>& on_plan) {
   // On the wire no target at all means one of bits; whoever calls this never means that.
   if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
   if (absl::Status status = job.Check(); !status.ok()) return status;
   grpc::ClientContext context;
   const CallWatch watch(context, job);
+  const bool whole = mesh.bytes.size() <= kWholeBytes && IsSmall(request);
+  if (whole) context.set_initial_metadata_corked(true);  // goes with the one message
   const std::unique_ptr<Stream> stream = stub.Voxelize(&context);
   Reporter reporter(job);
-  v1::VoxelizeConfig config = MakeConfig(request, mesh.format);
+  v1::VoxelizeConfig config = MakeConfig(request, mesh.format, settings);
   config.set_mesh_id(mesh.mesh_id);
   config.set_new_positions(!mesh.mesh_id.empty() && !mesh.bytes.empty());
-  UploadThread upload(context, [&] { Upload(*stream, config, mesh.bytes, reporter); });
+  std::optional<UploadThread> upload;
+  if (whole) {
+    UploadWhole(*stream, std::move(config), mesh.bytes, reporter);
+  } else {
+    upload.emplace(context, [&] { Upload(*stream, config, mesh.bytes, reporter); });
+  }
 
-  ResultReader reader(request, max_result_bytes, sink);
+  ResultReader reader(request, max_result_bytes, sink, settings.content_hash);
   absl::Status broken = absl::OkStatus();
   bool planned = false;
   v1::VoxelizeResponse message;
@@ -136,7 +181,7 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, co
     while (stream->Read(&message)) {}
     break;
   }
-  upload.Join();
+  if (upload) upload->Join();
   const grpc::Status status = stream->Finish();
   if (!broken.ok()) return broken;
   if (!status.ok()) return CallStatus(status, job, target);
@@ -144,11 +189,12 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, co
 }
 
 absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                          uint64_t max_result_bytes, const MeshSource& mesh,
-                                          const VoxelizeRequest& request, const JobContext& job,
+                                          uint64_t max_result_bytes, const CallSettings& settings,
+                                          const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
                                           const std::function<void(const Plan&)>& on_plan) {
   MemorySink sink;
-  absl::StatusOr<RemoteRun> run = CallVoxelizeTo(stub, target, max_result_bytes, mesh, request, job, sink, on_plan);
+  absl::StatusOr<RemoteRun> run =
+      CallVoxelizeTo(stub, target, max_result_bytes, settings, mesh, request, job, sink, on_plan);
   if (!run.ok()) return run.status();
   RemoteResult remote{*std::move(run), sink.Take()};
   remote.result.stats = remote.stats;

@@ -29,14 +29,14 @@ struct MeshSource {
 
 // See Client::VoxelizeTo. `target` names the server in errors.
 absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                         uint64_t max_result_bytes, const MeshSource& mesh,
-                                         const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
-                                         const std::function<void(const Plan&)>& on_plan);
+                                         uint64_t max_result_bytes, const CallSettings& settings,
+                                         const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
+                                         ResultSink& sink, const std::function<void(const Plan&)>& on_plan);
 
 // See Client::Voxelize. `target` names the server in errors.
 absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                          uint64_t max_result_bytes, const MeshSource& mesh,
-                                          const VoxelizeRequest& request, const JobContext& job,
+                                          uint64_t max_result_bytes, const CallSettings& settings,
+                                          const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
                                           const std::function<void(const Plan&)>& on_plan);
 
 }  // namespace voxelpipe

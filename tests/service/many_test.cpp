@@ -13,6 +13,7 @@
 
 #include "base/crc32c.h"
 #include "gtest/gtest.h"
+#include "many_stream.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
@@ -247,6 +248,79 @@ TEST_F(ManyTest, ADrainAnswersWhatIsInHandAndEndsTheStream) {
   const auto ended = server_->Wait();
   ASSERT_TRUE(ended.ok()) << ended.status();
   EXPECT_EQ(ended->exit_code, 0);
+}
+
+// As the client library does it: a frame loop that sends and receives on one thread.
+TEST_F(ManyTest, AFrameLoopGetsEveryFrame) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const JobContext job;
+  const std::unique_ptr<ManyStream> frames = client_->OpenMany(job, 4);
+  const std::string expected = Single(SmallRequest());
+  uint64_t sent = 0, received = 0;
+  while (received < 50) {
+    if (sent < 50 && sent - received < frames->window()) {
+      ASSERT_TRUE(frames->Send(sent++, glb_, MeshFormat::kGlb, SmallRequest()).ok());
+      if (sent == 50) frames->FinishSending();
+      continue;
+    }
+    const absl::StatusOr<ManyAnswer> answer = frames->Receive();
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    ASSERT_TRUE(answer->result.ok()) << answer->result.status();
+    std::string all;
+    for (const auto bytes : ArraysOf(answer->result->result)) all.append(bytes.begin(), bytes.end());
+    EXPECT_TRUE(all == expected);
+    ++received;
+  }
+  EXPECT_EQ(frames->Receive().status().code(), absl::StatusCode::kOutOfRange);
+}
+
+TEST_F(ManyTest, TheLibraryTellsErrorsOfJobsAndOfStreamsApart) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  JobContext job;
+  const std::unique_ptr<ManyStream> jobs = client_->OpenMany(job);
+  VoxelizeRequest wrong = SmallRequest();
+  wrong.targets[0].shader.name = "no_such_shader";
+  ASSERT_TRUE(jobs->Send(1, glb_, MeshFormat::kGlb, wrong).ok());
+  const absl::StatusOr<ManyAnswer> answer = jobs->Receive();
+  ASSERT_TRUE(answer.ok()) << answer.status();
+  EXPECT_EQ(answer->id, 1u);
+  EXPECT_EQ(answer->result.status().code(), absl::StatusCode::kInvalidArgument);
+  // The id is free again; a result of many messages comes in parts.
+  VoxelizeRequest large = SmallRequest();
+  large.grid.resolution = 140;
+  large.grid.fit = GridFit::kCube;
+  large.targets[0].format = VoxelFormat::kF32;
+  large.targets[0].blend = Blend::kReplace;
+  ASSERT_TRUE(jobs->Send(1, glb_, MeshFormat::kGlb, large).ok());
+  const absl::StatusOr<ManyAnswer> second = jobs->Receive();
+  ASSERT_TRUE(second.ok()) << second.status();
+  ASSERT_TRUE(second->result.ok()) << second->result.status();
+  EXPECT_EQ(second->result->result.targets[0].size(), 140u * 140 * 140 * 4);
+  job.Cancel();
+  EXPECT_EQ(jobs->Receive().status().code(), absl::StatusCode::kCancelled);
+}
+
+// What travels compressed and without a hash is the same result.
+TEST_F(ManyTest, CompressionAndNoHashChangeNoByte) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  ConnectOptions options;
+  options.timeout = kPatience;
+  options.settings.compression = Compression::kZstd;
+  options.settings.content_hash = false;
+  const auto compressing = Client::Connect(server_->address(), options);
+  ASSERT_TRUE(compressing.ok()) << compressing.status();
+  for (const int64_t resolution : {32, 300}) {
+    VoxelizeRequest request = SmallRequest();
+    request.grid.resolution = resolution;
+    const JobContext job;
+    const auto result = (*compressing)->Voxelize(glb_, MeshFormat::kGlb, request, job);
+    ASSERT_TRUE(result.ok()) << result.status();
+    std::string all;
+    for (const auto bytes : ArraysOf(result->result)) all.append(bytes.begin(), bytes.end());
+    EXPECT_TRUE(all == Single(request));
+    EXPECT_LT(result->sent_bytes, all.size());
+    EXPECT_EQ(result->content_sha256, "");
+  }
 }
 
 }  // namespace

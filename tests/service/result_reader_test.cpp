@@ -1,6 +1,8 @@
 // What the client believes of a server's answer.
 #include "result_reader.h"
 
+#include <zstd.h>
+
 #include <functional>
 #include <string>
 
@@ -127,6 +129,54 @@ TEST_F(ResultReaderTest, RefusesAnotherSha256) {
 
 TEST_F(ResultReaderTest, RefusesToEndWithoutASummary) {
   ExpectLost(reader_.Take().status(), "before its summary");
+}
+
+// The ten bytes from offset 6 as one frame.
+v1::ResultPiece Compressed() {
+  v1::ResultPiece piece = Piece(6, 10);
+  const std::string raw = piece.data();
+  std::string frame(ZSTD_compressBound(raw.size()), '\0');
+  frame.resize(ZSTD_compress(frame.data(), frame.size(), raw.data(), raw.size(), 1));
+  piece.set_data(frame);
+  piece.set_raw_bytes(raw.size());
+  piece.set_crc32c(Crc32c({reinterpret_cast<const uint8_t*>(frame.data()), frame.size()}));
+  return piece;
+}
+
+TEST_F(ResultReaderTest, TakesCompressedPieces) {
+  ASSERT_TRUE(reader_.AddPiece(Compressed()).ok());
+  ASSERT_TRUE(reader_.AddSummary(GoodSummary()).ok()) << "the SHA-256 is that of the bytes before compression";
+  EXPECT_EQ(reader_.Take()->sent_bytes, 6 + Compressed().data().size());
+}
+
+TEST_F(ResultReaderTest, BelievesNoSizeOfACompressedPiece) {
+  v1::ResultPiece piece = Compressed();
+  piece.set_raw_bytes(9);
+  ExpectLost(reader_.AddPiece(piece), "announced size");
+  piece.set_raw_bytes(11);
+  ExpectLost(reader_.AddPiece(piece), "11 bytes");
+  piece.set_raw_bytes(uint64_t{1} << 60);
+  ExpectLost(reader_.AddPiece(piece), "bytes at offset 6");
+}
+
+TEST_F(ResultReaderTest, RefusesABrokenFrame) {
+  v1::ResultPiece piece = Compressed();
+  piece.mutable_data()->resize(piece.data().size() - 1);
+  piece.set_crc32c(Crc32c({reinterpret_cast<const uint8_t*>(piece.data().data()), piece.data().size()}));
+  ExpectLost(reader_.AddPiece(piece), "zstd frame");
+}
+
+TEST(ResultReaderHeaderTest, DoesWithoutAHashWhereNoneWasAskedFor) {
+  const VoxelizeRequest request = FourFloats();
+  MemorySink sink;
+  ResultReader reader(request, 1 << 20, sink, /*hashed=*/false);
+  v1::WholeResult whole;
+  *whole.mutable_header() = Header(request);
+  *whole.add_pieces() = Piece(0, 16);
+  *whole.mutable_summary() = GoodSummary();
+  whole.mutable_summary()->clear_content_sha256();
+  ASSERT_TRUE(reader.AddWhole(whole).ok());
+  EXPECT_EQ(reader.Take()->content_sha256, "");
 }
 
 TEST_F(ResultReaderTest, RefusesASecondHeader) {

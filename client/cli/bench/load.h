@@ -27,6 +27,8 @@ struct LoadPlan {
   std::optional<int64_t> queue_timeout_ms;
   std::optional<bool> fallback;
 
+  bool without_hash = false;  // no SHA-256 of the results
+
   bool many = false;    // jobs of VoxelizeMany streams instead of calls
   bool pieces = false;  // config, mesh and result in messages of their own even where one would do
   bool same_request =

@@ -48,6 +48,7 @@ v1::VoxelizeConfig ConfigOf(const LoadPlan& plan) {
   if (plan.priority == "high") config.set_priority(v1::PRIORITY_HIGH);
   if (plan.priority == "normal") config.set_priority(v1::PRIORITY_NORMAL);
   if (plan.priority == "low") config.set_priority(v1::PRIORITY_LOW);
+  config.set_without_content_hash(plan.without_hash);
   if (plan.compression == "none") config.set_compression(v1::COMPRESSION_NONE);
   if (plan.compression == "zstd") config.set_compression(v1::COMPRESSION_ZSTD);
   if (plan.queue_timeout_ms) config.set_queue_timeout_ms(*plan.queue_timeout_ms);

@@ -1,0 +1,172 @@
+#!/usr/bin/env python3
+"""service.py BIN_DIR SECONDS: the service's figures beside those of bare gRPC, as a Markdown table."""
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
+import glb  # noqa: E402
+
+BIN, SECONDS = sys.argv[1], float(sys.argv[2])
+
+
+def sphere(path, rings, segments):
+    """Writes a sphere of 2 * segments * (rings - 1) triangles."""
+    points = [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)]
+    for i in range(1, rings):
+        a = math.pi * i / rings
+        for j in range(segments):
+            b = 2 * math.pi * j / segments
+            points.append((math.sin(a) * math.cos(b), math.sin(a) * math.sin(b), math.cos(a)))
+    at = lambda i, j: 2 + (i - 1) * segments + j % segments  # noqa: E731
+    triangles = []
+    for j in range(segments):
+        triangles += [(0, at(1, j), at(1, j + 1)), (1, at(rings - 1, j + 1), at(rings - 1, j))]
+        for i in range(1, rings - 1):
+            triangles += [(at(i, j), at(i + 1, j), at(i + 1, j + 1)), (at(i, j), at(i + 1, j + 1), at(i, j + 1))]
+    glb.write_glb(path, points, triangles)
+    return len(triangles)
+
+
+class Server:
+    """A voxelpiped of its own."""
+
+    def __init__(self, *arguments):
+        command = [f"{BIN}/voxelpiped", "--listen", "127.0.0.1:0", "--log-level", "error", *arguments]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.address = self.process.stdout.readline().split()[-1]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    def bench(self, mesh, *arguments, seconds=SECONDS):
+        command = [f"{BIN}/voxelpipe", "bench", mesh, "--server", self.address, "--json", "--duration", str(seconds),
+                   "--warmup", "0.5", "--server-pid", str(self.process.pid), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if not done.stdout.strip():
+            raise SystemExit(f"{' '.join(command)}: {done.stderr}")
+        return json.loads(done.stdout.strip().splitlines()[-1])
+
+
+def yardstick():
+    """Bare gRPC: name -> (CPU us a request, GB/s)."""
+    text = subprocess.run([f"{BIN}/service_yardstick", "--seconds", str(SECONDS)], capture_output=True, text=True).stdout
+    rows = re.findall(r"^(.{32})\s+([\d.]+) us\s+([\d.]+) /s\s+([\d.]+) GB/s", text, re.M)
+    return {name.strip(): (float(us), float(gigabytes)) for name, us, _, gigabytes in rows}
+
+
+def core_cpu_us(mesh, *arguments):
+    """CPU of the voxelization alone, in process, one thread: the median of many runs."""
+    command = [f"{BIN}/voxelpipe", "voxelize", mesh, "--repeat", "500", "--threads", "1", "--json", *arguments]
+    out = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    return 1000 * find(out, "voxelize_cpu_ms")
+
+
+def find(tree, key):
+    """The first value of this key in nested JSON."""
+    if isinstance(tree, dict):
+        if key in tree:
+            return tree[key]
+        tree = list(tree.values())
+    for branch in tree if isinstance(tree, list) else []:
+        value = find(branch, key)
+        if value is not None:
+            return value
+    return None
+
+
+def row(what, ours, bare, target):
+    print(f"| {what} | {ours} | {bare} | {target} |", flush=True)
+
+
+def cpu_us(result):
+    return result["server"]["cpu_us_per_request"] + result["client"]["cpu_us_per_request"]
+
+
+def streams(mesh, bare):
+    dense = ["--resolution", "512", "--fit", "cube", "--target", "u8:replace:shader=constant", "--pieces"]
+    for piece, name in ((1 << 20, "1 MiB"), (256 << 10, "256 KiB")):
+        gigabytes = bare[f"raw stream, {name} pieces"][1]
+        with Server("--piece-bytes", str(piece), "--workers", "1") as server:
+            for label, extra in (("", ["--without-hash"]), (", with SHA-256", [])):
+                result = server.bench(mesh, "--same-request", *dense, *extra)
+                ours = result["result_bytes"] / result["server"]["other_ms"] * 1e-6
+                row(f"dense 512^3 u8, {name} pieces{label}", f"{ours:.2f} GB/s ({ours / gigabytes:.0%})",
+                    f"{gigabytes:.2f} GB/s", ">= 90 %")
+
+
+def small(mesh, bare):
+    request = ["--resolution", "32"]
+    core = core_cpu_us(mesh, *request)
+    unary = bare["unary 64 B, 16 in flight"][0]
+    overheads = {}
+    with Server() as server:
+        for label, extra in (("single calls", []), ("single calls, all in pieces", ["--pieces"]),
+                             ("VoxelizeMany", ["--many"])):
+            result = server.bench(mesh, "--concurrency", "16", *request, *extra)
+            overheads[label] = cpu_us(result) - core
+            target = {"single calls": "<= 60 us", "VoxelizeMany": "<= half of single calls"}.get(label, "")
+            row(f"500 triangles, 32^3, 16 clients, {label}",
+                f"{overheads[label]:.0f} us CPU a request beyond {core:.0f} of compute; {result['per_second']:.0f} /s",
+                f"{unary:.0f} us", target)
+    return overheads
+
+
+def under_load(mesh):
+    request = ["--resolution", "64", "--send-mesh"]
+    with Server("--max-queue", "64") as server:
+        alone = server.bench(mesh, "--concurrency", "1", *request)
+        peak = server.bench(mesh, "--concurrency", "32", *request)
+        half = server.bench(mesh, "--rate", str(peak["per_second"] / 2), *request)
+        added = half["latency_ms"]["p99"] - (alone["server"]["voxelize_ms"]["p99"] + alone["server"]["mesh_ms"]["p99"])
+        row("half load, p99 beyond the core's own", f"{added:.2f} ms at {half['per_second']:.0f} /s", "", "<= 2 ms")
+        double = server.bench(mesh, "--rate", str(peak["per_second"] * 2), *request)
+        share = double["per_second"] / peak["per_second"]
+        row("twice the load, throughput", f"{double['per_second']:.0f} /s ({share:.0%} of {peak['per_second']:.0f})",
+            "", ">= 95 %")
+        refused = double["errors"].get("RESOURCE_EXHAUSTED", 0)
+        other = {code: count for code, count in double["errors"].items() if code != "RESOURCE_EXHAUSTED"}
+        row("twice the load, refused", f"{refused} of {double['requests']}; other errors {other or 'none'}", "",
+            "RESOURCE_EXHAUSTED only")
+
+
+def terminate(mesh):
+    with Server("--lame-duck-ms", "1500") as server:
+        command = [f"{BIN}/voxelpipe", "bench", mesh, "--server", server.address, "--json", "--duration", "1.5",
+                   "--concurrency", "8", "--resolution", "32"]
+        load = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        time.sleep(0.8)
+        server.process.send_signal(signal.SIGTERM)
+        result = json.loads(load.communicate()[0].strip().splitlines()[-1])
+        code = server.process.wait()
+        row("SIGTERM under load", f"{result['requests'] - result['ok']} of {result['requests']} lost, exit {code}", "",
+            "none lost")
+
+
+def main():
+    bare = yardstick()
+    print("| | ours | bare gRPC, same run | to reach |\n|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        mesh = os.path.join(folder, "sphere500.glb")
+        assert sphere(mesh, 11, 25) == 500
+        streams(mesh, bare)
+        overheads = small(mesh, bare)
+        row("VoxelizeMany against single calls",
+            f"{overheads['VoxelizeMany'] / max(1e-9, overheads['single calls']):.0%}", "", "<= 50 %")
+        under_load(mesh)
+        terminate(mesh)
+    for name, (us, gigabytes) in bare.items():
+        row(f"bare gRPC: {name}", "", f"{us:.0f} us, {gigabytes:.2f} GB/s", "")
+
+
+main()
