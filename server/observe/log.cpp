@@ -91,7 +91,9 @@ void StopLog() {
   spdlog::shutdown();
 }
 
-LogLine::LogLine(std::string_view event) : json_(json_lines) {
+LogLine::LogLine(std::string_view event) : LogLine(event, json_lines ? LogFormat::kJson : LogFormat::kText) {}
+
+LogLine::LogLine(std::string_view event, LogFormat format) : json_(format == LogFormat::kJson) {
   text_ = json_ ? absl::StrCat("\"event\":\"", std::string(event), "\"") : std::string(event);
 }
 

@@ -35,12 +35,15 @@ using LogFields = std::vector<LogField>;
 // Keys and the event are ours and need no escape; values are cleaned, cut at 300 bytes and quoted where they need it.
 class LogLine {
  public:
-  explicit LogLine(std::string_view event);
+  explicit LogLine(std::string_view event);  // in the format of StartLog, text before it
+  LogLine(std::string_view event, LogFormat format);
   LogLine& Add(std::string_view key, std::string_view value);
   LogLine& Add(std::string_view key, const char* value) { return Add(key, std::string_view(value)); }
   LogLine& Add(std::string_view key, uint64_t value);
   LogLine& Add(std::string_view key, double value);  // three digits after the point
   LogLine& Add(const LogFields& fields);
+  // The line without time and level; in JSON without the braces.
+  const std::string& text() const { return text_; }
   void Write(spdlog::level::level_enum level) const;
 
  private:

@@ -122,6 +122,7 @@ TEST(OptionsTest, AProbeAsksTheGivenOrTheOwnAddress) {
   EXPECT_EQ(Parse({"--probe"}).command->probe, "127.0.0.1:50051");
   EXPECT_EQ(Parse({"--listen", "0.0.0.0:7", "--probe"}).command->probe, "127.0.0.1:7");
   EXPECT_EQ(Parse({"--listen", "[::]:7", "--probe"}).command->probe, "[::1]:7");
+  EXPECT_EQ(Parse({"--http-listen", "0.0.0.0:9", "--probe"}).command->probe, "http://0.0.0.0:9");
 }
 
 TEST(OptionsTest, WhatCannotBeIsRefusedWithExitCodeTwo) {

@@ -1,0 +1,48 @@
+#include "observe/log.h"
+
+#include <limits>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "gtest/gtest.h"
+
+namespace voxelpipe {
+namespace {
+
+TEST(LogTest, TextQuotesWhatCouldBeTakenForAnotherField) {
+  LogLine line("call", LogFormat::kText);
+  line.Add("peer", "ipv4:1.2.3.4:5").Add("ms", 1.5).Add("in", uint64_t{7}).Add("error", "a b=\"c\"").Add("none", "");
+  EXPECT_EQ(line.text(), "call peer=ipv4:1.2.3.4:5 ms=1.500 in=7 error=\"a b=\\\"c\\\"\" none=\"\"");
+}
+
+TEST(LogTest, WhatAStrangerSendsStaysWithinItsField) {
+  const std::string hostile = "x\",\"code\":\"OK\"}\n{\xff\x01\\";
+  LogLine line("call", LogFormat::kJson);
+  line.Add("error", hostile).Add("bad", std::numeric_limits<double>::infinity());
+  EXPECT_EQ(line.text().find('\n'), std::string::npos);
+  const auto object = nlohmann::json::parse("{" + line.text() + "}", nullptr, /*allow_exceptions=*/false);
+  ASSERT_TRUE(object.is_object()) << line.text();
+  EXPECT_EQ(object.size(), 3u);
+  EXPECT_EQ(object["event"], "call");
+  EXPECT_EQ(object["bad"], 0);
+  LogLine text("call", LogFormat::kText);
+  text.Add("error", hostile);
+  EXPECT_EQ(text.text().find('\n'), std::string::npos);
+}
+
+TEST(LogTest, ALongValueIsCut) {
+  LogLine line("call", LogFormat::kText);
+  line.Add("error", std::string(10'000, 'x'));
+  EXPECT_LT(line.text().size(), 400u);
+}
+
+TEST(LogTest, FieldsKeepTheirKinds) {
+  const LogFields fields = {{"dims", std::string("1x2x3")}, {"batch", uint64_t{4}}, {"queue_ms", .25}};
+  LogLine line("call", LogFormat::kJson);
+  line.Add(fields);
+  EXPECT_EQ(line.text(), "\"event\":\"call\",\"dims\":\"1x2x3\",\"batch\":4,\"queue_ms\":0.250");
+}
+
+}  // namespace
+}  // namespace voxelpipe
