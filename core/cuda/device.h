@@ -56,7 +56,8 @@ void MarkDeviceLost(int ordinal, std::string_view reason);
 
 // Whether the device works: allocates a little, runs a kernel on it and reads back what it wrote. A lost device is reset first, which
 // takes until all its runs have ended; where it works again it is no longer lost. Many drivers (580 is one) do not give a device back to a
-// process that made it fail: then it stays lost until the process is started anew, and the status says so.
+// process that made it fail: then it stays lost until the process is started anew, and the status says so; and they take the process's other
+// devices with it.
 absl::Status ProbeDevice(int ordinal);
 
 // The probe's work on the current device (probe.cu). Synchronizes.
