@@ -20,8 +20,8 @@ struct BatchState {
   BatchView view;
 };
 
-// Backend::RunShared, inside the backend's arena. Which items can share a pass: dense and small sparse results of plain bits without or with parity fill,
-// that are not large (batch.cpp).
+// Backend::RunShared, inside the backend's arena. Which items can share a pass: dense and small sparse results of plain bits, without or
+// with parity fill, that are not large (batch.cpp).
 std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, std::span<const BatchItem> items,
                               const PlanLimits& limits, BatchStats& stats);
 
