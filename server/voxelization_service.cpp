@@ -40,6 +40,8 @@ void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& respon
     v1::Device* device = response.add_devices();
     device->set_name(std::string(report.backend->device()));
     device->set_backend(std::string(report.backend->name()));
+    device->set_model(report.backend->model());
+    device->set_memory_bytes(report.backend->memory_bytes());
     device->set_workers(uint32_t(report.workers));
     device->set_state(report.serving ? v1::DEVICE_STATE_SERVING : v1::DEVICE_STATE_QUARANTINED);
     device->set_reason(CleanText(report.reason, kMaxReasonBytes));

@@ -22,7 +22,16 @@ struct EngineRun {
   std::vector<std::pair<std::string, double>> mesh_stages;  // load and flatten, milliseconds
   std::vector<VoxelizeStats> runs;                          // of every run, in order; at least one
   std::optional<uint64_t> open_edges;                       // with a fill
-  std::optional<uint64_t> server_peak_bytes;                // the server's peak for the request; absent in-process
+  // How a server ran the last of them; absent in-process.
+  struct Served {
+    std::string worker;       // empty where the server does not say
+    double queue_ms = 0;      // from admission to the worker
+    uint32_t batch_jobs = 0;  // jobs of the worker's pass
+    uint32_t attempts = 0;    // workers that were given the job
+    bool cached = false;      // the result was made for an equal request
+  };
+  std::optional<Served> served;
+  std::optional<uint64_t> server_peak_bytes;  // the server's peak for the request; absent in-process
 };
 
 // A self-contained mesh file in memory, sibling files packed in.

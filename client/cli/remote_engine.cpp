@@ -33,6 +33,8 @@ class RemoteEngine : public Engine {
     const auto add = [&](RemoteRun& remote) {
       run.mesh_stages = std::move(remote.mesh_stages);
       run.runs.push_back(std::move(remote.stats));
+      run.served = {remote.served.worker, remote.served.queue_ms, remote.served.batch_jobs, remote.served.attempts,
+                    remote.cached};
       run.server_peak_bytes = std::max(*run.server_peak_bytes, remote.peak_bytes);
       if (request.fill != Fill::kNone) run.open_edges = remote.report.open_edges;
     };
@@ -78,8 +80,19 @@ nlohmann::ordered_json ServerJson(const ServerDescription& server) {
   for (const ServerBackend& backend : server.backends) {
     backends.push_back({{"name", backend.name}, {"simd", backend.simd}});
   }
+  nlohmann::ordered_json devices = nlohmann::ordered_json::array();
+  for (const ServerDevice& device : server.devices) {
+    devices.push_back({{"name", device.name},
+                       {"backend", device.backend},
+                       {"model", device.model},
+                       {"memory_bytes", device.memory_bytes},
+                       {"workers", device.workers},
+                       {"state", device.serving ? "serving" : "quarantined"},
+                       {"reason", device.reason}});
+  }
   return {{"version", server.version},
           {"backends", backends},
+          {"devices", devices},
           {"workers", server.workers},
           {"threads", server.threads},
           {"limits",
@@ -101,6 +114,13 @@ std::string ServerTable(const std::string& target, const ServerDescription& serv
     absl::StrAppend(&backends, backends.empty() ? "" : ", ", backend.name, " (", backend.simd, ")");
   }
   row("backends", backends);
+  for (const ServerDevice& device : server.devices) {
+    row("device",
+        absl::StrCat(device.name, device.model.empty() ? "" : ", ", device.model, device.memory_bytes == 0 ? "" : ", ",
+                     device.memory_bytes == 0 ? "" : HumanBytes(device.memory_bytes), ", ", device.workers,
+                     device.workers == 1 ? " worker" : " workers",
+                     device.serving ? "" : absl::StrCat(", put aside: ", device.reason)));
+  }
   row("at once", absl::StrCat(server.workers, " requests on ", server.threads, " threads"));
   row("waiting", limit(server.max_queue, absl::StrCat("up to ", server.max_queue, " requests")));
   row("largest file", limit(server.max_file_bytes, HumanBytes(server.max_file_bytes)));

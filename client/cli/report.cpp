@@ -105,6 +105,13 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
     json["voxelize_cpu_ms_min"] = times.voxelize_cpu_ms_min;
     json["repeat"] = run.runs.size();
   }
+  if (run.served) {
+    json["worker"] = run.served->worker;
+    json["queue_ms"] = run.served->queue_ms;
+    json["batch_jobs"] = run.served->batch_jobs;
+    json["attempts"] = run.served->attempts;
+    json["cached"] = run.served->cached;
+  }
   json["files"] = report.files;
   return json;
 }
@@ -136,6 +143,13 @@ std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
                      HumanBytes(result.arrays[result.arrays.size() - result.specs.size() + i].bytes())));
   }
   row("backend", absl::StrCat(stats.backend, ", ", stats.simd, run.server_peak_bytes ? ", on the server" : ""));
+  if (run.served && !run.served->worker.empty()) {
+    row("worker",
+        absl::StrCat(run.served->worker, ", after ", absl::StrFormat("%.1f ms in the queue", run.served->queue_ms),
+                     run.served->batch_jobs > 1 ? absl::StrCat(", with ", run.served->batch_jobs - 1, " others") : "",
+                     run.served->attempts > 1 ? absl::StrCat(", at attempt ", run.served->attempts) : "",
+                     run.served->cached ? ", shared with an equal request" : ""));
+  }
   row("peak memory", HumanBytes(report.peak_bytes));
   row("sha-256", report.hash);
   std::string stages;

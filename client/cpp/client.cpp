@@ -187,6 +187,10 @@ absl::StatusOr<ServerDescription> Client::ServerInfo() {
   server.version = response.version();
   for (const v1::BackendInfo& backend : response.backends())
     server.backends.push_back({backend.name(), backend.simd()});
+  for (const v1::Device& device : response.devices()) {
+    server.devices.push_back({device.name(), device.backend(), device.model(), device.memory_bytes(), device.workers(),
+                              device.state() != v1::DEVICE_STATE_QUARANTINED, device.reason()});
+  }
   server.threads = response.threads();
   server.workers = response.limits().workers();
   server.max_queue = response.limits().max_queue();

@@ -39,8 +39,18 @@ struct ConnectOptions {
   CallSettings settings;                    // how the results of all calls are made and sent
 };
 
+// How a server came to run a job.
+struct ServedBy {
+  std::string worker;       // "cpu/0", "cuda:1/0"; empty where the server does not say, or nobody ran it (cached)
+  double queue_ms = 0;      // from admission to the worker
+  uint32_t batch_jobs = 0;  // jobs of the worker's pass, this one included
+  std::optional<uint64_t> batch_launches;  // kernel launches of that pass; CUDA only
+  uint32_t attempts = 0;                   // workers that were given the job; more than 1 where a device failed
+};
+
 // What a server says about a run besides its result.
 struct RemoteRun {
+  ServedBy served;
   VoxelizeStats stats;  // the server's figures
   // The server's "load" and "flatten", wall milliseconds; the stages of the pipeline are in stats.stages.
   std::vector<std::pair<std::string, double>> mesh_stages;
@@ -75,8 +85,19 @@ struct ServerBackend {
   std::string simd;  // instruction set of its row kernels
 };
 
+struct ServerDevice {
+  std::string name;           // "cpu", "cuda:0"
+  std::string backend;        // "cpu", "cuda"
+  std::string model;          // as its maker calls it; empty where that is not known
+  uint64_t memory_bytes = 0;  // of its own
+  uint32_t workers = 0;       // batches that run on it at the same time
+  bool serving = true;
+  std::string reason;  // why it does not
+};
+
 // What a server is and what it allows.
 struct ServerDescription {
+  std::vector<ServerDevice> devices;
   std::string version;
   std::vector<ServerBackend> backends;  // best first
   uint32_t threads = 0;                 // of the CPU backend, shared by the requests that run

@@ -120,6 +120,9 @@ absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
   out_.peak_bytes = summary.peak_bytes();
   out_.cached = summary.cached();
   out_.report = FromMessage(summary.mesh());
+  out_.served = {summary.stats().worker(), summary.stats().queue_ms(), summary.stats().batch_jobs(), std::nullopt,
+                 summary.stats().attempts()};
+  if (summary.stats().has_batch_launches()) out_.served.batch_launches = summary.stats().batch_launches();
   VoxelizeStats stats = FromMessage(summary.stats());
   // The server lists what it did with the file among its stages; here as in-process they stand apart.
   const auto is_mesh_stage = [](const std::pair<std::string, double>& stage) {

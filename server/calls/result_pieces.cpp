@@ -56,7 +56,13 @@ void ResultPieces::Hash(std::span<const uint8_t> bytes) {
 }
 
 void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) {
-  *summary.mutable_stats() = ToMessage(outcome.result.stats);
+  v1::VoxelizeStats& stats = *summary.mutable_stats();
+  stats = ToMessage(outcome.result.stats);
+  stats.set_worker(outcome.worker);
+  stats.set_queue_ms(outcome.queue_ms);
+  stats.set_batch_jobs(outcome.batch_jobs);
+  if (outcome.batch_launches) stats.set_batch_launches(*outcome.batch_launches);
+  stats.set_attempts(outcome.attempts);
   *summary.mutable_mesh() = ToMessage(outcome.report, outcome.examined, outcome.warnings);
   summary.set_peak_bytes(outcome.peak_bytes);
   if (hashed_) {

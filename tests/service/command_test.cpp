@@ -105,6 +105,36 @@ TEST_F(BenchTest, EveryWayToSendGivesTheSameAnswer) {
   }
 }
 
+TEST_F(BenchTest, TheServersShareIsTold) {
+  const std::string server = Start({"--workers", "1"});
+  const json run =
+      BenchJson("torus.glb", {"--server", server, "--concurrency", "4", "--duration", "0.3", "--resolution", "16"});
+  ASSERT_FALSE(run.is_null());
+  ASSERT_EQ(run["server"]["workers"].size(), 1u) << run["server"];
+  EXPECT_EQ(run["server"]["workers"].begin().key().substr(0, 3), "cpu");
+  EXPECT_EQ(*run["server"]["workers"].begin(), run["ok"]);
+  EXPECT_GE(run["server"]["batch_jobs"]["mean"], 1.0);
+  EXPECT_GT(run["server"]["queue_ms"]["max"], 0.0);
+  EXPECT_GT(run["server"]["voxelize_ms"]["max"], 0.0);
+}
+
+TEST_F(CommandTest, AServedRunTellsItsWorkerAndServersTheirDevices) {
+  const std::string server = Start({"--backend", "cpu"});
+  const CliOutcome voxelize = RunCli({"voxelize", directory_ / "torus.glb", "--server", server, "--json"});
+  ASSERT_EQ(voxelize.exit_code, 0) << voxelize.err;
+  const json run = json::parse(voxelize.out);
+  EXPECT_THAT(run["worker"].get<std::string>(), HasSubstr("cpu"));
+  EXPECT_GE(run["queue_ms"], 0.0);
+  EXPECT_EQ(run["batch_jobs"], 1);
+  EXPECT_EQ(run["attempts"], 1);
+  const json info = json::parse(RunCli({"server-info", "--server", server, "--json"}).out);
+  ASSERT_EQ(info["devices"].size(), 1u);
+  EXPECT_EQ(info["devices"][0]["name"], "cpu");
+  EXPECT_EQ(info["devices"][0]["state"], "serving");
+  EXPECT_GE(info["devices"][0]["workers"], 1);
+  EXPECT_THAT(RunCli({"server-info", "--server", server}).out, HasSubstr("device "));
+}
+
 TEST_F(BenchTest, AnOpenLoopSendsWhatIsDueAndNoMore) {
   const std::string server = Start();
   const json run = BenchJson("torus.glb", {"--server", server, "--rate", "50", "--arrivals", "fixed", "--duration",

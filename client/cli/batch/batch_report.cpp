@@ -31,6 +31,7 @@ nlohmann::ordered_json ItemJson(const BatchItem& item, const ItemReport& report)
   json["ms"] = report.milliseconds;
   json["attempts"] = report.attempts;
   if (!report.server.empty()) json["server"] = report.server;
+  if (!report.worker.empty()) json["worker"] = report.worker;
   if (report.status != ItemStatus::kDone && report.status != ItemStatus::kSkipped) return json;
   json["hash"] = report.hash;
   json["bytes"] = report.bytes;

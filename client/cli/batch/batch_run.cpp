@@ -235,6 +235,7 @@ class Run {
     }
     if (absl::Status s = WriteRecord(plan_.output_dir, item, record); !s.ok()) return {s, false};
     report.status = ItemStatus::kDone;
+    if (run->served) report.worker = run->served->worker;
     Tell(record, report);
     return {absl::OkStatus(), true};
   }
