@@ -202,7 +202,7 @@ TEST_F(StreamTest, AClientThatStopsReadingIsLetGo) {
 
 // A result in memory needs no worker any more, but its memory.
 TEST_F(StreamTest, AClientThatStopsReadingAResultInMemoryIsLetGo) {
-  server_ = StartServer({"--log-level", "warn", "--stall-timeout-ms", "300", "--max-working-bytes", "120M"});
+  server_ = StartServer({"--log-level", "warn", "--stall-timeout-ms", "3000", "--max-working-bytes", "120M"});
   ASSERT_NE(server_, nullptr);
   client_ = ConnectTo(*server_);
   ASSERT_NE(client_, nullptr);
