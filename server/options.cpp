@@ -51,6 +51,10 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--threads", o.threads, "CPU threads of one job, 0 for all cores")->check(CLI::Range(0, 1024));
   add("--workers", o.workers, "Jobs that run at the same time, 0 to choose")->check(CLI::Range(0, 1024));
   add("--max-queue", o.max_queue, "Jobs that wait")->check(CLI::Range(0u, 1'000'000u));
+  add("--max-calls", o.max_calls, "Calls at the same time, those included that send, wait or receive")
+      ->check(CLI::Range(1u, 1'000'000u));
+  add("--max-connection-calls", o.max_connection_calls, "Calls at the same time on one connection")
+      ->check(CLI::Range(1u, 1'000'000u));
   const auto size = CLI::AsSizeValue(false);
   add("--max-queue-bytes", o.max_queue_bytes, "Meshes that waiting jobs hold")->transform(size);
   add("--max-queue-ms", o.max_queue_ms, "Predicted work of the jobs that wait, on one worker");

@@ -27,6 +27,8 @@ struct ServerOptions {
   uint64_t max_batch_bytes = 64ull << 20;   // results of these
   uint32_t batch_delay_us = 0;              // a worker that comes from work waits so long for a fuller batch
   uint32_t giant_job_ms = 1000;             // predicted; jobs from here on leave one worker of a device to the others
+  uint32_t max_calls = 4096;                // calls at the same time, those included that send, wait or receive
+  uint32_t max_connection_calls = 1000;     // of them on one connection; a client's library holds back more
   uint64_t max_file_bytes = 2ull << 30;     // one mesh file
   uint64_t max_upload_bytes = 4ull << 30;   // all mesh files that are being received or wait
   uint64_t max_device_mesh_bytes = 0;       // meshes that each GPU keeps; 0 = a quarter of its memory

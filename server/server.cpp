@@ -134,6 +134,7 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   builder.SetResourceQuota(grpc::ResourceQuota("voxelpiped").Resize(kTransportBytes));
   // Two servers must not share a port unnoticed.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, int(options.max_connection_calls));
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveMs);
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
   server->server_ = builder.BuildAndStart();

@@ -40,6 +40,7 @@ struct ServiceState {
         uploads(resolved.max_upload_bytes),
         working(resolved.max_working_bytes),
         meshes(resolved.max_mesh_store_bytes),
+        gate(resolved.max_calls),
         idle_watch(IdleIntervalOf(resolved)),
         limits(LimitsOf(resolved)),
         scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),

@@ -1,4 +1,4 @@
-// Counts the calls in progress, so that a drain can wait for the last one to be over.
+// Counts the calls in progress: no more than so many at the same time, and a drain can wait for the last one to be over.
 #pragma once
 
 #include <chrono>
@@ -15,18 +15,23 @@ namespace voxelpipe {
 // Thread-safe. Must outlive its passes.
 class CallGate {
  public:
-  // One call's way through. False if the gate was closed when it was asked for.
+  // Lets at most `max_inside` in at the same time.
+  explicit CallGate(size_t max_inside) : max_inside_(max_inside) {}
+
+  // One call's way through. False if the gate was closed or everything inside taken when it was asked for.
   class Pass {
    public:
-    explicit Pass(CallGate& gate) : gate_(gate.Enter() ? &gate : nullptr) {}
+    explicit Pass(CallGate& gate) : gate_(gate.Enter(full_) ? &gate : nullptr) {}
     ~Pass() {
       if (gate_ != nullptr) gate_->Leave();
     }
     Pass(const Pass&) = delete;
     Pass& operator=(const Pass&) = delete;
     explicit operator bool() const { return gate_ != nullptr; }
+    bool full() const { return full_; }  // false because of the others inside
 
    private:
+    bool full_ = false;
     CallGate* const gate_;
   };
 
@@ -73,9 +78,10 @@ class CallGate {
   }
 
  private:
-  bool Enter() {
+  bool Enter(bool& full) {
     const std::lock_guard lock(mutex_);
-    if (closed_) return false;
+    full = !closed_ && inside_ >= max_inside_;
+    if (closed_ || full) return false;
     ++inside_;
     return true;
   }
@@ -85,6 +91,7 @@ class CallGate {
     left_.notify_all();
   }
 
+  const size_t max_inside_;
   std::mutex mutex_;
   std::condition_variable left_;
   size_t inside_ = 0;

@@ -4,8 +4,14 @@
 
 #include "pipeline/backend.h"
 #include "pipeline/plan.h"
+#include "wire/status.h"
 
 namespace voxelpipe {
+namespace {
+
+constexpr std::chrono::milliseconds kRetryDelay{1000};
+
+}  // namespace
 
 void SetDeadline(const grpc::CallbackServerContext& context, JobContext& job) {
   const auto deadline = context.deadline();
@@ -20,6 +26,7 @@ absl::Status ShuttingDownError() {
 }
 
 absl::Status MayBegin(const CallGate::Pass& pass, const CallRecord& record) {
+  if (pass.full()) return BusyError("too many calls at the same time", kRetryDelay);
   return pass ? record.admission() : ShuttingDownError();
 }
 

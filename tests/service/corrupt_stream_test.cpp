@@ -44,7 +44,8 @@ std::string Piece(const std::vector<uint8_t>& bytes) {
 class CorruptStreamTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    server_ = StartServer({"--log-level", "error", "--workers", "1", "--upload-idle-timeout-ms", "2000"});
+    server_ = StartServer(
+        {"--log-level", "error", "--workers", "1", "--upload-idle-timeout-ms", "2000", "--max-calls", "1000"});
     ASSERT_NE(server_, nullptr);
     client_ = ConnectTo(*server_);
     ASSERT_NE(client_, nullptr);
@@ -161,6 +162,33 @@ TEST_F(CorruptStreamTest, OversizedCounts) {
   text.replace(at, 10, "\"count\":9e9");  // one byte more: the JSON chunk no longer fits its length either
   const grpc::Status status = SendRawMessages(channel_, kVoxelize, {Config(), Piece({text.begin(), text.end()})});
   EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
+}
+
+// Calls that begin and say no more, far more than may be open, from a client that does not care how many that are.
+TEST_F(CorruptStreamTest, CallsWithoutEndOnOneConnection) {
+  std::string calls;
+  for (uint32_t stream = 1; stream < 10'000; stream += 2) calls += http2::Request(stream, kVoxelize);
+  SendBytes(http2::Opening() + calls, std::chrono::seconds(1));
+}
+
+// A message that cannot be read is not the end of the upload.
+TEST_F(CorruptStreamTest, MessagesThatAreNoProtobuf) {
+  const std::string noise(50, '\xff');
+  for (const std::vector<std::string>& messages :
+       {std::vector<std::string>{noise}, {Config(), noise}, {Config(), Piece(glb_), noise},
+        {Config(), Piece(glb_).substr(0, 500)}, {Config().substr(0, 3), Piece(glb_)}}) {
+    const grpc::Status status = SendRawMessages(channel_, kVoxelize, messages);
+    EXPECT_THAT(status.error_code(), AnyOf(grpc::StatusCode::INVALID_ARGUMENT, grpc::StatusCode::INTERNAL))
+        << status.error_message();
+  }
+}
+
+TEST_F(CorruptStreamTest, APieceThatIsNotWhatItsChecksumSays) {
+  v1::VoxelizeRequest piece;
+  piece.set_mesh_piece(glb_.data(), glb_.size());
+  piece.set_crc32c(12345);
+  const grpc::Status status = SendRawMessages(channel_, kVoxelize, {Config(), piece.SerializeAsString()});
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::DATA_LOSS) << status.error_message();
 }
 
 // Whole calls with a few bytes changed, cut, doubled or moved, anywhere from the preface to the last message.
