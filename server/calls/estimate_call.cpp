@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "calls/call_setup.h"
+#include "calls/grpc_turn.h"
 #include "meshes/prepare_kept.h"
 #include "pipeline/plan.h"
 #include "wire/request.h"
@@ -51,6 +52,7 @@ EstimateCall* EstimateCall::Create(ServiceState& state, grpc::CallbackServerCont
   std::shared_ptr<EstimateCall> call(new EstimateCall(state, context, request, response));
   call->self_ = call;
   call->Start();
+  GiveToGrpc(&call->self_);
   return call.get();
 }
 
@@ -132,10 +134,12 @@ void EstimateCall::End(const absl::Status& status) {
     const std::lock_guard lock(mutex_);
     status_ = status;
   }
+  GiveToGrpc(&response_);
   Finish(ToGrpcStatus(status));
 }
 
 void EstimateCall::OnCancel() {
+  const GrpcTurn turn(&self_, this);
   if (job_.Check().ok()) job_.Cancel();
   std::shared_ptr<MeshTask> task;
   {
@@ -147,6 +151,7 @@ void EstimateCall::OnCancel() {
 }
 
 void EstimateCall::OnDone() {
+  GrpcIsDone(this, &response_);
   std::shared_ptr<EstimateCall> keep;
   {
     const std::lock_guard lock(mutex_);

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
+#include "calls/grpc_turn.h"
 #include "calls/job_setup.h"
 #include "meshes/prepare_kept.h"
 #include "wire/response.h"
@@ -32,8 +33,10 @@ VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerCont
     call->End(std::move(status));
   } else {
     call->upload_wait_->Begin();
+    GiveToGrpc(&call->read_);
     call->StartRead(&call->read_);
   }
+  GiveToGrpc(&call->self_);
   return call.get();
 }
 
@@ -61,6 +64,7 @@ void VoxelizeCall::WatchForIdleness() {
 }
 
 void VoxelizeCall::OnReadDone(bool ok) {
+  const GrpcTurn turn(&read_, this);
   if (!ok) {
     upload_wait_->End();
     UploadEnded();
@@ -86,6 +90,7 @@ void VoxelizeCall::OnReadDone(bool ok) {
     upload_bytes_seen_ = record_.bytes_in;
     upload_wait_->Begin();
   }
+  GiveToGrpc(&read_);
   StartRead(&read_);
 }
 
@@ -328,6 +333,7 @@ void VoxelizeCall::Pump() {
       finished_ = true;
       const grpc::Status status = ToGrpcStatus(*end_);
       lock.unlock();
+      GiveToGrpc(&writing_message_);
       Finish(status);
       return;
     }
@@ -366,12 +372,14 @@ void VoxelizeCall::Pump() {
       making_ = false;
       lock.unlock();
       write_wait_->Begin();
+      GiveToGrpc(&writing_message_);
       StartWriteAndFinish(&writing_message_, grpc::WriteOptions(), grpc::Status::OK);
       return;
     }
     writing_ = true;
     lock.unlock();
     write_wait_->Begin();
+    GiveToGrpc(&writing_message_);
     StartWrite(&writing_message_);
     if (!result) return;
     result->CatchUp();  // while the piece is on its way
@@ -382,6 +390,7 @@ void VoxelizeCall::Pump() {
 }
 
 void VoxelizeCall::OnWriteDone(bool ok) {
+  const GrpcTurn turn(&writing_message_, this);
   write_wait_->End();
   {
     const std::lock_guard lock(mutex_);
@@ -417,6 +426,7 @@ void VoxelizeCall::FreeLocked() {
 }
 
 void VoxelizeCall::OnCancel() {
+  const GrpcTurn turn(&self_, this);
   if (context.Check().ok()) context.Cancel();
   bool submitted;
   {
@@ -427,6 +437,7 @@ void VoxelizeCall::OnCancel() {
 }
 
 void VoxelizeCall::OnDone() {
+  GrpcIsDone(this, &writing_message_);
   std::shared_ptr<VoxelizeCall> keep;
   write_wait_->End();
   {

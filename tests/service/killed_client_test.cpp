@@ -20,6 +20,7 @@ namespace voxelpipe::testing {
 namespace {
 
 constexpr char kVoxelize[] = "/voxelpipe.v1.VoxelizationService/Voxelize";
+constexpr char kUploadMesh[] = "/voxelpipe.v1.VoxelizationService/UploadMesh";
 constexpr int kQueue = 8;
 
 // 64 MiB: far more than all the buffers between us.
@@ -43,13 +44,23 @@ std::string CallBytes(const std::vector<uint8_t>& mesh, const VoxelizeRequest& r
          http2::Data(1, http2::Message(piece.SerializeAsString()), true);
 }
 
+// The same for a mesh to be kept.
+std::string UploadBytes(const std::vector<uint8_t>& mesh) {
+  v1::UploadMeshRequest upload, piece;
+  upload.mutable_upload()->set_mesh_format(v1::MESH_FORMAT_GLB);
+  piece.set_piece(mesh.data(), mesh.size());
+  return http2::Opening() + http2::Request(1, kUploadMesh) +
+         http2::Data(1, http2::Message(upload.SerializeAsString()), false) +
+         http2::Data(1, http2::Message(piece.SerializeAsString()), true);
+}
+
 // The limits are tight, so that a few leaked places, uploads or results make the next call fail.
 class KilledClientTest : public ::testing::Test {
  protected:
   void SetUp() override {
     server_ =
         StartServer({"--log-level", "error", "--workers", "1", "--threads", "1", "--max-queue", std::to_string(kQueue),
-                     "--max-upload-bytes", "400000", "--max-working-bytes", "200000000", "--stream-above-mb", "8"});
+                     "--max-upload-bytes", "400000", "--max-working-bytes", "200000000", "--stream-above-mb", "8", "--max-mesh-store-bytes", "2000000"});
     ASSERT_NE(server_, nullptr);
   }
 
@@ -66,6 +77,17 @@ class KilledClientTest : public ::testing::Test {
       const auto client = Connect();
       ASSERT_NE(client, nullptr);
       ASSERT_TRUE(client->Send(std::string_view(all).substr(0, random_() % all.size())));
+    }
+  }
+
+  // The same with meshes to be kept, and some of them come to their end: different ones, so that the store always throws some out.
+  void KillInMeshUpload(int times) {
+    for (int i = 0; i < times; ++i) {
+      const std::string all = UploadBytes(LargeTrianglesGlb(int(1 + random_() % 1000)));
+      const auto client = Connect();
+      ASSERT_NE(client, nullptr);
+      ASSERT_TRUE(client->Send(std::string_view(all).substr(0, i % 3 == 0 ? all.size() : random_() % all.size())));
+      if (i % 6 == 0) client->ReadUntilData();  // its answer
     }
   }
 
@@ -134,6 +156,7 @@ class KilledClientTest : public ::testing::Test {
 
   void KillAtEveryStage(int times_each) {
     ASSERT_NO_FATAL_FAILURE(KillInUpload(times_each));
+    ASSERT_NO_FATAL_FAILURE(KillInMeshUpload(times_each));
     ASSERT_NO_FATAL_FAILURE(KillInQueue(times_each));
     ASSERT_NO_FATAL_FAILURE(KillInCompute(times_each));
     ASSERT_NO_FATAL_FAILURE(KillInDownload(times_each));

@@ -29,7 +29,8 @@ struct Child {
 absl::StatusOr<Child> Spawn(const std::vector<std::string>& arguments, const std::string& log_path = "") {
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) return absl::InternalError(absl::StrCat("pipe: ", std::strerror(errno)));
-  std::string program = VOXELPIPED_PATH;
+  const char* other = std::getenv("VOXELPIPE_TEST_SERVER");
+  std::string program = other != nullptr ? other : VOXELPIPED_PATH;
   std::vector<std::string> copies = arguments;
   std::vector<char*> argv{program.data()};
   for (std::string& argument : copies) argv.push_back(argument.data());

@@ -1,4 +1,5 @@
-// A real voxelpiped for a test: its own process, its own port.
+// A real voxelpiped for a test: its own process, its own port. VOXELPIPE_TEST_SERVER in the environment names another binary than that of
+// this build: one with a sanitizer, say, which leaves the tests themselves fast.
 #pragma once
 
 #include <sys/types.h>

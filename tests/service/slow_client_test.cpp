@@ -131,7 +131,7 @@ TEST_F(SlowClientTest, ASlowUploadThatMovesIsServed) {
 
 // A result that stands in memory occupies no worker, but memory.
 TEST_F(SlowClientTest, ANonReaderDoesNotKeepTheMemory) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--stall-timeout-ms", "300", "--max-working-bytes", "60000000"}));
+  ASSERT_NO_FATAL_FAILURE(Start({"--stall-timeout-ms", "2000", "--max-working-bytes", "60000000"}));
   const auto ask = [&](grpc::ClientContext& context) {
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
     auto stream = stub_->Voxelize(&context);
