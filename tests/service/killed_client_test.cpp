@@ -60,7 +60,7 @@ class KilledClientTest : public ::testing::Test {
   void SetUp() override {
     server_ =
         StartServer({"--log-level", "error", "--workers", "1", "--threads", "1", "--max-queue", std::to_string(kQueue),
-                     "--max-upload-bytes", "400000", "--max-working-bytes", "200000000", "--stream-above-mb", "8", "--max-mesh-store-bytes", "2000000"});
+                     "--max-upload-bytes", "800000", "--max-working-bytes", "200000000", "--stream-above-mb", "8", "--max-mesh-store-bytes", "2000000"});
     ASSERT_NE(server_, nullptr);
   }
 
@@ -156,8 +156,11 @@ class KilledClientTest : public ::testing::Test {
 
   void KillAtEveryStage(int times_each) {
     ASSERT_NO_FATAL_FAILURE(KillInUpload(times_each));
+    ASSERT_NO_FATAL_FAILURE(ExpectAllFree());
     ASSERT_NO_FATAL_FAILURE(KillInMeshUpload(times_each));
+    ASSERT_NO_FATAL_FAILURE(ExpectAllFree());
     ASSERT_NO_FATAL_FAILURE(KillInQueue(times_each));
+    ASSERT_NO_FATAL_FAILURE(ExpectAllFree());
     ASSERT_NO_FATAL_FAILURE(KillInCompute(times_each));
     ASSERT_NO_FATAL_FAILURE(KillInDownload(times_each));
     ASSERT_NO_FATAL_FAILURE(ExpectAllFree());
