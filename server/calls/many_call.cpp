@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
+#include "calls/grpc_turn.h"
 #include "calls/job_setup.h"
 #include "meshes/prepare_kept.h"
 #include "wire/response.h"
@@ -107,6 +108,7 @@ ManyCall* ManyCall::Create(ServiceState& state, grpc::CallbackServerContext& con
   call->closer_.emplace(state.gate, [weak] {
     if (const auto self = weak.lock()) self->StopTaking();
   });
+  GiveToGrpc(&call->self_);
   call->Pump();
   return call.get();
 }
@@ -119,6 +121,7 @@ ManyCall::ManyCall(ServiceState& state, grpc::CallbackServerContext& context)
 ManyCall::~ManyCall() = default;
 
 void ManyCall::OnReadDone(bool ok) {
+  const GrpcTurn turn(&read_, this);
   absl::Status status = absl::OkStatus();
   if (ok) {
     v1::VoxelizeManyRequest request;
@@ -231,12 +234,16 @@ void ManyCall::Pump() {
   while (!finished_) {
     if (!reading_ && !half_closed_ && !draining_ && !end_ && HasRoomLocked()) {
       reading_ = true;
+      ++starting_reads_;
       lock.unlock();
+      GiveToGrpc(&read_);
       StartRead(&read_);
       lock.lock();
+      --starting_reads_;
       continue;
     }
-    if (making_ || writing_) return;
+    // Nor may another thread end the call, after which gRPC takes no read, between the decision to read and the read.
+    if (starting_reads_ > 0 || making_ || writing_) return;
     if (!end_ && !current_ && ready_.empty()) {
       if (!jobs_.empty() || !(half_closed_ || draining_)) return;  // they go on, or more may come
       end_ = half_closed_ ? absl::OkStatus() : ShuttingDownError();
@@ -245,6 +252,7 @@ void ManyCall::Pump() {
       finished_ = true;
       const grpc::Status status = ToGrpcStatus(*end_);
       lock.unlock();
+      GiveToGrpc(&writing_message_);
       Finish(status);
       return;
     }
@@ -272,6 +280,7 @@ void ManyCall::Pump() {
     writing_ = true;
     lock.unlock();
     write_wait_->Begin();
+    GiveToGrpc(&writing_message_);
     StartWrite(&writing_message_);
     if (stream) stream->CatchUp();  // while the piece is on its way
     lock.lock();
@@ -280,6 +289,7 @@ void ManyCall::Pump() {
 }
 
 void ManyCall::OnWriteDone(bool ok) {
+  const GrpcTurn turn(&writing_message_, this);
   write_wait_->End();
   std::optional<Answer> written;  // freed without the lock
   {
@@ -327,11 +337,13 @@ void ManyCall::End(absl::Status status) {
 }
 
 void ManyCall::OnCancel() {
+  const GrpcTurn turn(&self_, this);
   if (deadline_.Check().ok()) deadline_.Cancel();
   End(deadline_.Check());
 }
 
 void ManyCall::OnDone() {
+  GrpcIsDone(this, &writing_message_);
   std::shared_ptr<ManyCall> keep;
   write_wait_->End();
   closer_.reset();

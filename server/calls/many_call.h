@@ -85,6 +85,7 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   std::optional<Answer> current_;  // being written
   grpc::ByteBuffer writing_message_;
   bool last_of_current_ = false;  // the message in flight is
+  int starting_reads_ = 0;        // threads that are about to start one
   bool reading_ = false, making_ = false, writing_ = false, finished_ = false;
   bool half_closed_ = false, draining_ = false;
   std::optional<absl::Status> end_;

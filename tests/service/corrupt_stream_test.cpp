@@ -68,7 +68,10 @@ class CorruptStreamTest : public ::testing::Test {
   void ExpectServed() {
     JobContext job;
     job.set_deadline(JobContext::Clock::now() + kPatience);
-    const absl::Status status = client_->Voxelize(glb_, MeshFormat::kGlb, SmallRequest(), job).status();
+    absl::Status status;
+    do {  // what a connection left behind goes a little after it
+      status = client_->Voxelize(glb_, MeshFormat::kGlb, SmallRequest(), job).status();
+    } while (absl::IsResourceExhausted(status) && JobContext::Clock::now() < *job.deadline());
     ASSERT_TRUE(status.ok()) << status;
   }
 
@@ -174,9 +177,11 @@ TEST_F(CorruptStreamTest, CallsWithoutEndOnOneConnection) {
 // A message that cannot be read is not the end of the upload.
 TEST_F(CorruptStreamTest, MessagesThatAreNoProtobuf) {
   const std::string noise(50, '\xff');
-  for (const std::vector<std::string>& messages :
-       {std::vector<std::string>{noise}, {Config(), noise}, {Config(), Piece(glb_), noise},
-        {Config(), Piece(glb_).substr(0, 500)}, {Config().substr(0, 3), Piece(glb_)}}) {
+  for (const std::vector<std::string>& messages : {std::vector<std::string>{noise},
+                                                   {Config(), noise},
+                                                   {Config(), Piece(glb_), noise},
+                                                   {Config(), Piece(glb_).substr(0, 500)},
+                                                   {Config().substr(0, 3), Piece(glb_)}}) {
     const grpc::Status status = SendRawMessages(channel_, kVoxelize, messages);
     EXPECT_THAT(status.error_code(), AnyOf(grpc::StatusCode::INVALID_ARGUMENT, grpc::StatusCode::INTERNAL))
         << status.error_message();
