@@ -74,6 +74,10 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--max-device-mesh-bytes", o.max_device_mesh_bytes, "Meshes that each GPU keeps, 0 to choose")->transform(size);
   add("--max-mesh-store-bytes", o.max_mesh_store_bytes, "Memory of all meshes that are kept, 0 to choose")
       ->transform(size);
+  add("--share-equal-jobs", o.share_equal_jobs, "Whether equal jobs on kept meshes at the same time are run once");
+  add("--result-cache-bytes", o.result_cache_bytes,
+      "Results that are kept for equal requests on kept meshes, 0 for none")
+      ->transform(size);
   add("--max-result-bytes", o.max_result_bytes, "Largest result")->transform(size);
   add("--max-working-bytes", o.max_working_bytes, "Memory of all jobs together, 0 to choose")->transform(size);
   add("--stream-above-mb", o.stream_above_mb,

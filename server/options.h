@@ -33,6 +33,8 @@ struct ServerOptions {
   uint64_t max_upload_bytes = 4ull << 30;   // all mesh files that are being received or wait
   uint64_t max_device_mesh_bytes = 0;       // meshes that each GPU keeps; 0 = a quarter of its memory
   uint64_t max_mesh_store_bytes = 0;        // all meshes that are kept; 0 = a sixteenth of memory, at most 2 GiB
+  bool share_equal_jobs = true;             // equal jobs on kept meshes at the same time are run once
+  uint64_t result_cache_bytes = 0;          // results that are kept for equal requests; 0 = none
   uint64_t max_result_bytes = 16ull << 30;  // one result
   uint64_t stream_above_mb = 512;           // MiB: larger dense results leave slab by slab while they are made
   uint64_t max_working_bytes = 0;  // predicted memory of all jobs together; 0 = half of this machine's, at most 20 GiB

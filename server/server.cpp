@@ -72,6 +72,12 @@ void SampleState(ServiceState& state) {
   RaiseTo(metrics.mesh_store_hits, meshes.hits);
   RaiseTo(metrics.mesh_store_misses, meshes.misses);
   RaiseTo(metrics.mesh_store_evictions, meshes.evictions);
+  const LruStats results = state.results.cache().stats();
+  metrics.result_cache_bytes.Set(double(results.bytes));
+  metrics.result_cache_limit_bytes.Set(double(state.results.cache().max_bytes()));
+  RaiseTo(metrics.result_cache_hits, results.hits);
+  RaiseTo(metrics.result_cache_misses, results.misses);
+  RaiseTo(metrics.result_cache_evictions, results.evictions);
   if (const auto facts = CheckTlsFiles(TlsOf(state.options)); facts.ok() && facts->has_value()) {
     metrics.certificate_expiry.Set(std::chrono::duration<double>((*facts)->valid_until.time_since_epoch()).count());
   }

@@ -8,6 +8,7 @@
 #include "access/access_control.h"
 #include "calls/call_gate.h"
 #include "calls/idle_watch.h"
+#include "calls/result_sharing.h"
 #include "meshes/mesh_store.h"
 #include "meshes/single_flight.h"
 #include "observe/metrics.h"
@@ -43,6 +44,7 @@ struct ServiceState {
         gate(resolved.max_calls),
         idle_watch(IdleIntervalOf(resolved)),
         limits(LimitsOf(resolved)),
+        results(scheduler, working, metrics, {resolved.share_equal_jobs, resolved.result_cache_bytes}),
         scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),
         queue_sampler(SampleQueue(scheduler, metrics)),
         pool(scheduler, WorkersOf(resolved, metrics), limits.plan) {}
@@ -57,6 +59,7 @@ struct ServiceState {
   CallGate gate;                          // closed while the server drains
   IdleWatch idle_watch;
   const JobLimits limits;
+  ResultSharing results;  // between the calls and the scheduler
   Scheduler scheduler;
   const std::unique_ptr<Metrics::Sampler> queue_sampler;
   WorkerPool pool;  // last, so that its jobs end before the budgets go

@@ -62,8 +62,11 @@ PieceOptions PiecesOf(const ServerOptions& options) {
 
 void CountJob(Metrics& metrics, const absl::StatusOr<JobOutcome>& outcome) {
   metrics.JobEnded(outcome.status().code());
-  if (!outcome.ok()) return;
-  const VoxelizeStats& stats = outcome->result.stats;
+  if (outcome.ok()) CountWork(metrics, *outcome);
+}
+
+void CountWork(Metrics& metrics, const JobOutcome& outcome) {
+  const VoxelizeStats& stats = outcome.result.stats;
   double ms = stats.voxelize_ms;
   for (const auto& [stage, stage_ms] : stats.stages) {
     metrics.Stage(stage).Observe(stage_ms * 1e-3);

@@ -26,6 +26,8 @@ PieceOptions PiecesOf(const ServerOptions& options);
 
 // A job has ended: counts it, and what its stages took.
 void CountJob(Metrics& metrics, const absl::StatusOr<JobOutcome>& outcome);
+// Of these, the times that the work took: once a run, however many jobs it served.
+void CountWork(Metrics& metrics, const JobOutcome& outcome);
 
 // What is said of a job in the access log.
 LogFields Facts(const JobOutcome& outcome);

@@ -50,9 +50,14 @@ grpc::ByteBuffer ResultPieces::Piece(size_t array, std::span<const uint8_t> byte
 }
 
 void ResultPieces::Hash(std::span<const uint8_t> bytes) {
-  if (!hashed_) return;
+  if (!hashed_ || !known_hash_.empty()) return;
   if (!hash_) hash_.emplace();
   hash_->Update(bytes);
+}
+
+void ResultPieces::SetShared(bool cached, const std::string& hash) {
+  cached_ = cached;
+  known_hash_ = hash;
 }
 
 void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) {
@@ -65,12 +70,15 @@ void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) 
   stats.set_attempts(outcome.attempts);
   *summary.mutable_mesh() = ToMessage(outcome.report, outcome.examined, outcome.warnings);
   summary.set_peak_bytes(outcome.peak_bytes);
-  if (hashed_) {
+  if (hashed_ && !known_hash_.empty()) {
+    summary.set_content_sha256(known_hash_);
+  } else if (hashed_) {
     if (!hash_) hash_.emplace();
     summary.set_content_sha256(hash_->HexDigest());
   }
   summary.set_result_bytes(bytes_);
   summary.set_sent_bytes(sent_bytes_);
+  summary.set_cached(cached_);
 }
 
 grpc::ByteBuffer ResultPieces::Summary(const JobOutcome& outcome) {

@@ -37,6 +37,8 @@ class ResultPieces {
   grpc::ByteBuffer Piece(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner);
   // Every piece's bytes in order, apart from Piece so that hashing goes on while they are sent. Not needed where the hash is known.
   void Hash(std::span<const uint8_t> bytes);
+  // Of a result that was made for others, too: `hash`, if not empty, is that of all pieces, which need not be hashed then.
+  void SetShared(bool cached, const std::string& hash);
   // After the last piece. Call once.
   grpc::ByteBuffer Summary(const JobOutcome& outcome);
 
@@ -58,6 +60,8 @@ class ResultPieces {
   size_t array_ = 0;
   uint64_t offset_ = 0, bytes_ = 0, sent_bytes_ = 0;
   std::optional<Sha256> hash_;  // made when it is needed
+  std::string known_hash_;
+  bool cached_ = false;
 };
 
 // Of all arrays together.

@@ -158,7 +158,7 @@ void VoxelizeCall::SubmitJob() {
     if (end_) return;
     submitted_ = true;
   }
-  if (absl::Status s = state_.scheduler.Submit({self_, static_cast<Task*>(this)}); !s.ok()) {
+  if (absl::Status s = state_.results.Submit({self_, static_cast<VoxelizeJob*>(this)}); !s.ok()) {
     Done(std::move(s));
     return;
   }
@@ -169,7 +169,12 @@ absl::Status VoxelizeCall::Planned(const Plan& plan, bool may_wait) {
   uploads_.ShrinkTo(0);  // the file is gone since it was loaded
   working_.ShrinkTo(0);  // of a worker that failed
   if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
-  if (std::exchange(planned_, true)) return absl::OkStatus();
+  PlanShared(plan);
+  return absl::OkStatus();
+}
+
+void VoxelizeCall::PlanShared(const Plan& plan) {
+  if (std::exchange(planned_, true)) return;
   if (whole_ && plan.result_bytes <= kWholeBytes) {
     plan_ = ToMessage(plan);
   } else {
@@ -178,7 +183,13 @@ absl::Status VoxelizeCall::Planned(const Plan& plan, bool may_wait) {
     Post(response);
     whole_ = false;
   }
-  return absl::OkStatus();
+}
+
+void VoxelizeCall::DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& plan, bool cached) {
+  state_.metrics.JobEnded(absl::StatusCode::kOk);
+  kept.reset();
+  PlanShared(plan);
+  Answer(std::move(outcome), cached);
 }
 
 void VoxelizeCall::Done(absl::StatusOr<JobOutcome> outcome) {
@@ -196,7 +207,7 @@ void VoxelizeCall::Done(absl::StatusOr<JobOutcome> outcome) {
   }
   if (!outcome->streamed) {
     working_.ShrinkTo(ResultBytes(outcome->result));
-    Answer(std::make_shared<const JobOutcome>(*std::move(outcome)));
+    Answer(std::make_shared<const JobOutcome>(*std::move(outcome)), false);
     return;
   }
   grpc::ByteBuffer summary = pieces_made().Summary(*outcome);
@@ -213,13 +224,14 @@ void VoxelizeCall::Done(absl::StatusOr<JobOutcome> outcome) {
   Pump();
 }
 
-void VoxelizeCall::Answer(std::shared_ptr<const JobOutcome> outcome) {
+void VoxelizeCall::Answer(std::shared_ptr<const JobOutcome> outcome, bool cached) {
   const PieceOptions options = PiecesOf(state_.options);
   std::shared_ptr<ResultStream> result;
   std::optional<grpc::ByteBuffer> message;
   uint64_t sent_bytes = 0, raw_bytes = 0;
   if (plan_ && ResultBytes(outcome->result) <= kWholeBytes) {
     ResultPieces whole(config.settings, options);
+    whole.SetShared(cached, outcome->content_sha256);
     message = whole.Whole(*plan_, outcome);
     sent_bytes = whole.sent_bytes();
     raw_bytes = whole.bytes();
@@ -229,7 +241,7 @@ void VoxelizeCall::Answer(std::shared_ptr<const JobOutcome> outcome) {
       *response.mutable_accepted() = *std::move(plan_);
       Post(response);
     }
-    result = std::make_shared<ResultStream>(outcome, config.settings, options);
+    result = std::make_shared<ResultStream>(outcome, config.settings, options, ResponseCoder(), cached);
   }
   {
     const std::lock_guard lock(mutex_);
@@ -433,7 +445,7 @@ void VoxelizeCall::OnCancel() {
     const std::lock_guard lock(mutex_);
     submitted = submitted_;
   }
-  if (submitted && state_.scheduler.Withdraw(*this)) Done(context.Check());
+  if (submitted && state_.results.Withdraw(*this)) Done(context.Check());
 }
 
 void VoxelizeCall::OnDone() {

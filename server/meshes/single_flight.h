@@ -77,23 +77,23 @@ class SingleFlight {
     stop();
   }
 
-  // Gives a place up. Its `done` is not called afterwards, though it may be running at this moment on another thread. Nothing happens
-  // where the flight has landed.
-  void Leave(const Seat& seat) {
+  // Gives a place up: true where its `done` was not called and never will be; false where the flight has landed.
+  bool Leave(const Seat& seat) {
     std::function<void()> stop;
     Waiter gone;  // destroyed without the lock
     {
       const std::lock_guard lock(mutex_);
       Flight& flight = *seat.flight;
       const auto found = flight.waiters.find(seat.ticket);
-      if (found == flight.waiters.end()) return;
+      if (found == flight.waiters.end()) return false;
       gone = std::move(found->second);
       flight.waiters.erase(found);
-      if (flight.over || !flight.waiters.empty()) return;
+      if (flight.over || !flight.waiters.empty()) return true;
       EndLocked(flight);
       stop = std::move(flight.on_empty);
     }
     if (stop) stop();
+    return true;
   }
 
   // Tells all who wait now.
@@ -122,6 +122,11 @@ class SingleFlight {
     for (const auto& [ticket, waiter] : waiters) waiter.done(answer);
   }
 
+  // How many wait for this flight now.
+  size_t waiting(const std::shared_ptr<Flight>& flight) const {
+    const std::lock_guard lock(mutex_);
+    return flight->waiters.size();
+  }
   // How many joined a flight that others had started.
   uint64_t shared() const {
     const std::lock_guard lock(mutex_);

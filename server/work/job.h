@@ -41,6 +41,7 @@ struct JobOutcome {
   MeshReport report;
   bool examined = false;              // see PreparedMesh
   std::vector<std::string> warnings;  // of the loader
+  std::string content_sha256;         // of the arrays in stream order, 64 hexadecimal digits; empty: not computed yet
   uint64_t peak_bytes = 0;  // estimate of this request's peak: the largest of loading, flattening and the pipeline
   // How it was served.
   std::string worker;  // "cpu/0"

@@ -50,6 +50,13 @@ class VoxelizeJob : public Task {
   // The end, exactly once, from any thread, unless the job was withdrawn.
   virtual void Done(absl::StatusOr<JobOutcome> outcome) = 0;
 
+  // Where one run serves several equal jobs (ResultSharing), these are called in place of Planned, and of Done with a result. PlanShared
+  // may be left out, and may come after DoneShared to those that join late. `cached`: this job was not the one that made the run start.
+  virtual void PlanShared(const Plan& /*plan*/) {}
+  virtual void DoneShared(std::shared_ptr<const JobOutcome> /*outcome*/, const Plan& /*plan*/, bool /*cached*/) {
+    Done(absl::InternalError("a shared result for a job that shares none"));
+  }
+
  private:
   // Smaller files are loaded by the device worker itself: handing them over twice would take longer.
   static constexpr uint64_t kLoadedByWorker = 256 << 10;

@@ -135,7 +135,8 @@ start_server() {
   local log="$1"
   shift
   address=""
-  "$bin/voxelpiped" --listen 127.0.0.1:0 "$@" >"$log" 2>&1 &
+  # Equal requests are the load here: each is to be run.
+  "$bin/voxelpiped" --listen 127.0.0.1:0 --share-equal-jobs false "$@" >"$log" 2>&1 &
   pid=$!
   for _ in $(seq 100); do
     address="$(sed -n 's/^listening on //p' "$log")"

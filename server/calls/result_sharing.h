@@ -1,0 +1,68 @@
+// Equal jobs at the same time are run once, and their results may be kept for those that come later.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <unordered_map>
+#include <variant>
+
+#include "absl/status/status.h"
+#include "meshes/result_cache.h"
+#include "meshes/single_flight.h"
+#include "observe/metrics.h"
+#include "work/byte_budget.h"
+#include "work/scheduler.h"
+#include "work/voxelize_job.h"
+
+namespace voxelpipe {
+
+// Stands between the calls and the scheduler. Jobs are equal that ask for the same of the same kept mesh (RequestKey); they are answered by
+// DoneShared, with the same object. All others go through: those with a file or with positions of their own, those with a queue time-out
+// of their own, and those whose result does not stand in memory as a whole. Thread-safe; calls the jobs without locks.
+class ResultSharing {
+ public:
+  struct Options {
+    bool share = true;         // false: all go through, where nothing is kept either
+    uint64_t cache_bytes = 0;  // 0: nothing is kept
+  };
+  // All must outlive the object, but for `scheduler`, which may be made later and must end its tasks earlier.
+  ResultSharing(Scheduler& scheduler, ByteBudget& working, Metrics& metrics, const Options& options);
+  ~ResultSharing();
+  ResultSharing(const ResultSharing&) = delete;
+  ResultSharing& operator=(const ResultSharing&) = delete;
+
+  // As Scheduler::Submit. The job may be answered before this returns.
+  absl::Status Submit(std::shared_ptr<VoxelizeJob> job);
+  // As Scheduler::Withdraw; the work goes on while others wait for it, and stops when nobody does.
+  bool Withdraw(VoxelizeJob& job);
+
+  const ResultCache& cache() const { return cache_; }
+
+ private:
+  class Run;
+  struct StageNews {
+    std::string stage;
+    double fraction;
+  };
+  using News = std::variant<Plan, StageNews>;
+  using Flights = SingleFlight<const SharedResult, News>;
+
+  void Answer(const std::shared_ptr<VoxelizeJob>& job, const Flights::Answer& result);
+
+  Scheduler& scheduler_;
+  ByteBudget& working_;
+  Metrics& metrics_;
+  const bool on_;
+  ResultCache cache_;
+  Flights flights_;
+  std::mutex mutex_;
+  std::unordered_map<const VoxelizeJob*, Flights::Seat> seats_;  // of the jobs that wait for a flight
+};
+
+// What jobs have in common that may share a result: the mesh, everything that the result's bytes depend on, and who may run it when. Empty
+// where the job cannot share.
+std::string RequestKey(const VoxelizeJob& job);
+
+}  // namespace voxelpipe

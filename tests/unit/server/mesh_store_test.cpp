@@ -1,0 +1,246 @@
+#include "meshes/mesh_store.h"
+
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "gtest/gtest.h"
+#include "meshes/prepare_kept.h"
+#include "pipeline/limit_error.h"
+#include "wire/status.h"
+
+namespace voxelpipe {
+namespace {
+
+// A PNG of one pixel, as small encoders write it.
+const std::vector<uint8_t> kPixel = {0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48,
+                                     0x44, 0x52, 0x00, 0x00, 0x00, 0x01, 0x00, 0x00, 0x00, 0x01, 0x08, 0x00, 0x00, 0x00,
+                                     0x00, 0x3a, 0x7e, 0x9b, 0x55, 0x00, 0x00, 0x00, 0x0a, 0x49, 0x44, 0x41, 0x54, 0x78,
+                                     0x9c, 0x63, 0x68, 0x00, 0x00, 0x00, 0x82, 0x00, 0x81, 0x77, 0xcd, 0x72, 0xb6, 0x00,
+                                     0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82};
+
+std::string Id(char digit) {
+  return std::string(64, digit);
+}
+
+// One triangle with a base colour and an emissive texture.
+LoadedMesh Triangle(std::vector<uint8_t> base = kPixel, std::vector<uint8_t> emissive = kPixel) {
+  LoadedMesh loaded;
+  TriangleMesh& mesh = loaded.mesh;
+  mesh.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  mesh.triangles = {{0, 1, 2}};
+  mesh.parts.resize(1);
+  mesh.parts[0].triangle_count = 1;
+  mesh.parts[0].vertex_count = 3;
+  mesh.materials.resize(1);
+  mesh.materials[0].base_color.texture = 0;
+  mesh.materials[0].emissive.texture = 1;
+  mesh.textures.resize(2);
+  for (int i = 0; i < 2; ++i) {
+    mesh.textures[size_t(i)].image = i;
+    mesh.textures[size_t(i)].mip_filter = MipFilter::kNone;
+    mesh.images.push_back(std::make_shared<Image>());
+    mesh.images.back()->encoded = i == 0 ? base : emissive;
+  }
+  loaded.warnings = {"a warning"};
+  return loaded;
+}
+
+std::shared_ptr<KeptMesh> Kept(char digit, LoadedMesh loaded = Triangle()) {
+  return std::make_shared<KeptMesh>(Id(digit), MeshFormat::kGlb, 100, std::move(loaded));
+}
+
+constexpr TextureUse kBase{true, false, false}, kEmissive{false, true, false}, kNone{};
+
+TEST(MeshStoreTest, WhatIsNotThereIsNotFoundByName) {
+  MeshStore store(1 << 20);
+  EXPECT_EQ(MissingMesh(store.Get(Id('a')).status()), Id('a'));
+  EXPECT_EQ(MissingMesh(store.Take(Id('a')).status()), Id('a'));
+  EXPECT_EQ(MissingMesh(store.Delete(Id('a')).status()), Id('a'));
+  EXPECT_TRUE(absl::IsNotFound(store.Get(Id('a')).status()));
+}
+
+TEST(MeshStoreTest, TakingCountsAndLookingDoesNot) {
+  MeshStore store(1 << 20);
+  ASSERT_TRUE(store.Insert(Kept('a')).ok());
+  ASSERT_TRUE(store.Get(Id('a')).ok());
+  EXPECT_EQ((*store.Get(Id('a')))->uses(), 0u);
+  ASSERT_TRUE(store.Take(Id('a')).ok());
+  EXPECT_EQ((*store.Get(Id('a')))->uses(), 1u);
+  EXPECT_EQ(store.stats().hits, 1u);
+}
+
+TEST(MeshStoreTest, AMeshLargerThanTheStoreSaysNeedAndLimit) {
+  MeshStore store(100);
+  const auto mesh = Kept('a');
+  const absl::Status status = store.Insert(mesh).status();
+  EXPECT_TRUE(absl::IsResourceExhausted(status));
+  const auto numbers = LimitErrorOf(status);
+  ASSERT_TRUE(numbers.has_value());
+  EXPECT_EQ(numbers->need_bytes, mesh->memory_bytes());
+  EXPECT_EQ(numbers->limit_bytes, 100u);
+}
+
+TEST(MeshStoreTest, ADeletedMeshServesWhoHasIt) {
+  MeshStore store(1 << 20);
+  ASSERT_TRUE(store.Insert(Kept('a')).ok());
+  const auto held = store.Take(Id('a'));
+  ASSERT_TRUE(held.ok());
+  ASSERT_TRUE(store.Delete(Id('a')).ok());
+  const auto mesh = store.Mesh(**held, kBase, {});
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_EQ((*mesh)->triangles.size(), 1u);
+  EXPECT_EQ(store.stats().bytes, 0u);
+}
+
+TEST(KeptMeshTest, TexturesAreDecodedOnceIntoAMeshOfItsOwn) {
+  const auto kept = Kept('a');
+  const auto plain = *kept->Mesh(kNone, {});
+  EXPECT_EQ(plain->content_id, Id('a'));
+  EXPECT_TRUE(kept->ready(kNone));
+  EXPECT_FALSE(kept->ready(kBase));
+  const uint64_t before = kept->memory_bytes();
+  const auto based = kept->Mesh(kBase, {});
+  ASSERT_TRUE(based.ok()) << based.status();
+  EXPECT_TRUE(plain->images[0]->rgba.empty()) << "who has the mesh already sees nothing of it";
+  EXPECT_EQ((*based)->images[0]->rgba.size(), 4u);
+  EXPECT_TRUE((*based)->images[1]->rgba.empty()) << "nobody reads it";
+  EXPECT_NE((*based)->content_id, plain->content_id);
+  EXPECT_GT(kept->memory_bytes(), before);
+  EXPECT_EQ(*kept->Mesh(kBase, {}), *based) << "the same object";
+  EXPECT_EQ(*kept->Mesh(kNone, {}), *based) << "which serves who reads no textures, too";
+  const auto both = kept->Mesh(kEmissive, {});
+  ASSERT_TRUE(both.ok()) << both.status();
+  EXPECT_EQ((*both)->images[0]->rgba.size(), 4u) << "what was decoded stays";
+  EXPECT_EQ((*both)->images[1]->rgba.size(), 4u);
+  EXPECT_TRUE((*based)->images[1]->rgba.empty());
+}
+
+TEST(KeptMeshTest, ABrokenTextureFailsThoseWhoReadIt) {
+  std::vector<uint8_t> broken = kPixel;
+  broken.resize(40);
+  const auto kept = Kept('a', Triangle(kPixel, broken));
+  EXPECT_TRUE(absl::IsInvalidArgument(kept->Mesh(kEmissive, {}).status()));
+  EXPECT_TRUE(kept->Mesh(kBase, {}).ok());
+  EXPECT_TRUE(absl::IsInvalidArgument(kept->Mesh(kEmissive, {}).status())) << "the next time too";
+}
+
+TEST(MeshStoreTest, DecodedTexturesCount) {
+  const LoadLimits limits;
+  const auto kept = Kept('a');
+  MeshStore store(kept->memory_bytes() + 2);  // one pixel takes four bytes
+  ASSERT_TRUE(store.Insert(kept).ok());
+  ASSERT_TRUE(store.Mesh(*kept, kNone, limits).ok());
+  EXPECT_TRUE(store.Get(Id('a')).ok());
+  ASSERT_TRUE(store.Mesh(*kept, kBase, limits).ok()) << "who has it may use it";
+  EXPECT_TRUE(absl::IsNotFound(store.Get(Id('a')).status())) << "but there is no room to keep it";
+  EXPECT_EQ(store.stats().bytes, 0u);
+}
+
+TEST(KeptMeshTest, ManyThreadsGetTheSameTextures) {
+  const auto kept = Kept('a');
+  std::vector<std::thread> threads;
+  std::vector<std::shared_ptr<const TriangleMesh>> meshes(16);
+  for (size_t i = 0; i < meshes.size(); ++i) {
+    threads.emplace_back([&, i] { meshes[i] = *kept->Mesh(i % 4 == 0 ? kNone : kBase, {}); });
+  }
+  for (std::thread& thread : threads) thread.join();
+  for (size_t i = 0; i < meshes.size(); ++i) {
+    if (i % 4 == 0) continue;
+    EXPECT_EQ(meshes[i], meshes[1]) << "decoded once";
+  }
+}
+
+TEST(KeptMeshTest, EdgesAreCountedWhenSomebodyAsks) {
+  const auto kept = Kept('a');
+  EXPECT_FALSE(kept->Report(false).examined);
+  EXPECT_EQ(kept->Report(true).report.open_edges, 3u);
+  EXPECT_TRUE(kept->Report(false).examined) << "known from then on";
+  EXPECT_EQ(kept->Report(false).report.open_edges, 3u);
+}
+
+TEST(KeptMeshTest, NamesCountAsMemory) {
+  LoadedMesh named = Triangle();
+  named.mesh.materials[0].name = std::string(1 << 20, 'n');
+  EXPECT_GT(Kept('a', std::move(named))->memory_bytes(), uint64_t{1} << 20);
+}
+
+TEST(KeptMeshTest, TheLastOwnerIsTheSoleOne) {
+  const auto kept = Kept('a');
+  EXPECT_EQ(kept->RemoveOwner("x"), KeptMesh::Ownership::kNone);
+  kept->AddOwner("x");
+  kept->AddOwner("y");
+  kept->AddOwner("x");
+  EXPECT_EQ(kept->RemoveOwner("x"), KeptMesh::Ownership::kShared);
+  EXPECT_EQ(kept->RemoveOwner("x"), KeptMesh::Ownership::kNone);
+  EXPECT_EQ(kept->RemoveOwner("y"), KeptMesh::Ownership::kSole);
+}
+
+class PrepareKeptTest : public ::testing::Test {
+ protected:
+  absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(const std::vector<float>& positions = {}) {
+    return PrepareKept(store_, *kept_,
+                       {reinterpret_cast<const uint8_t*>(positions.data()), positions.size() * sizeof(float)}, config_,
+                       {}, job_);
+  }
+
+  MeshStore store_{1 << 20};
+  const std::shared_ptr<KeptMesh> kept_ = Kept('a');
+  ParsedConfig config_;
+  JobContext job_;
+};
+
+TEST_F(PrepareKeptTest, JobsShareTheMesh) {
+  const auto a = Prepare(), b = Prepare();
+  ASSERT_TRUE(a.ok()) << a.status();
+  ASSERT_TRUE(b.ok()) << b.status();
+  EXPECT_EQ((*a)->mesh, (*b)->mesh);
+  EXPECT_EQ((*a)->warnings, std::vector<std::string>{"a warning"});
+  EXPECT_FALSE((*a)->examined);
+  config_.request.fill = Fill::kParity;
+  const auto filled = Prepare();
+  ASSERT_TRUE(filled.ok()) << filled.status();
+  EXPECT_TRUE((*filled)->examined);
+  EXPECT_EQ((*filled)->report.open_edges, 3u);
+}
+
+TEST_F(PrepareKeptTest, NewPositionsAreAMeshOfTheirOwn) {
+  config_.new_positions = true;
+  const auto moved = Prepare({0, 0, 5, 2, 0, 5, 0, 2, 5});
+  ASSERT_TRUE(moved.ok()) << moved.status();
+  const TriangleMesh& mesh = *(*moved)->mesh;
+  EXPECT_EQ(mesh.positions[1], (Vec3d{2, 0, 5}));
+  EXPECT_EQ(mesh.triangles.size(), 1u);
+  EXPECT_TRUE(mesh.content_id.empty()) << "a device must not take it for the mesh that it has";
+  EXPECT_EQ((*moved)->report.max, (Vec3d{2, 2, 5}));
+  EXPECT_EQ((*kept_->Mesh({}, {}))->positions[1], (Vec3d{1, 0, 0}));
+}
+
+TEST_F(PrepareKeptTest, WrongPositionsAreNamed) {
+  EXPECT_TRUE(absl::IsInvalidArgument(Prepare({1}).status())) << "nobody asked for them";
+  config_.new_positions = true;
+  EXPECT_TRUE(absl::IsInvalidArgument(Prepare().status()));
+  const absl::Status few = Prepare({0, 0, 0, 1, 1, 1, 2, 2}).status();
+  EXPECT_EQ(few, absl::InvalidArgumentError("new_positions: 36 bytes are wanted, x, y, z of 3 vertices; 32 came"));
+  const absl::Status infinite = Prepare({0, 0, 0, 1, 1, 1e30f * 1e30f, 0, 0, 0}).status();
+  EXPECT_EQ(infinite, absl::InvalidArgumentError("new_positions: vertex 1 is not finite"));
+}
+
+TEST_F(PrepareKeptTest, ACancelledJobStops) {
+  job_.Cancel();
+  EXPECT_TRUE(absl::IsCancelled(Prepare().status()));
+}
+
+TEST(MeshIdTest, IsTheHexOfAHash) {
+  EXPECT_TRUE(CheckMeshId(Id('0'), "mesh_id").ok());
+  EXPECT_TRUE(CheckMeshId(Id('f'), "mesh_id").ok());
+  for (const std::string& wrong : {Id('g'), Id('A'), Id('0') + "0", std::string(63, '0'), std::string()}) {
+    const absl::Status status = CheckMeshId(wrong, "upload.mesh_id");
+    EXPECT_TRUE(absl::IsInvalidArgument(status));
+    EXPECT_TRUE(std::string(status.message()).starts_with("upload.mesh_id: ")) << status;
+  }
+}
+
+}  // namespace
+}  // namespace voxelpipe
