@@ -17,6 +17,7 @@
 #include "options.h"
 #include "probe.h"
 #include "server.h"
+#include "work/worker_pool.h"
 
 namespace voxelpipe {
 namespace {
@@ -64,6 +65,12 @@ int Serve(const ServerOptions& options) {
   }).detach();
   (*server)->Drain();
   server->reset();
+  if (WorkerPool::ThreadsLeftBehind() > 0) {
+    spdlog::warn("ends without {} threads that do not come back from a device", WorkerPool::ThreadsLeftBehind());
+    StopLog();
+    std::fflush(stdout);
+    _exit(0);  // static objects may be in their use
+  }
   return 0;
 }
 

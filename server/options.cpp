@@ -29,6 +29,17 @@ std::string ProbeAddress(const ServerOptions& options) {
   return listen;
 }
 
+// What is wrong with a value of --gpus; empty: nothing.
+std::string CheckGpus(std::string& text) {
+  if (text == "all" || text == "none") return "";
+  for (size_t at = 0, comma; at <= text.size(); at = comma + 1) {
+    comma = std::min(text.find(',', at), text.size());
+    const bool digits = comma > at && text.find_first_not_of("0123456789", at) >= comma;
+    if (!digits) return "not all, none or numbers with commas between them: " + text;
+  }
+  return "";
+}
+
 }  // namespace
 
 ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
@@ -50,6 +61,21 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
       ->check(CLI::IsMember(kSimds));
   add("--threads", o.threads, "CPU threads of one job, 0 for all cores")->check(CLI::Range(0, 1024));
   add("--workers", o.workers, "Jobs that run at the same time, 0 to choose")->check(CLI::Range(0, 1024));
+  add("--cpu-workers", o.cpu_workers, "Jobs or batches on the CPU at the same time, 0 for as many as --workers")
+      ->check(CLI::Range(0, 1024));
+  add("--gpus", o.gpus, "GPUs to use: all, none, or their numbers with commas between them")
+      ->check(CLI::Validator(CheckGpus, "all|none|N,N..."));
+  add("--gpu-streams", o.gpu_streams, "Jobs or batches on one GPU at the same time")->check(CLI::Range(1, 64));
+  add("--fallback", o.fallback, "Whether another kind of worker may do what the chosen kind cannot do now");
+  add("--max-attempts", o.max_attempts, "Workers that are given a job whose devices fail")->check(CLI::Range(1u, 100u));
+  add("--probe-interval-ms", o.probe_interval_ms,
+      "From a device's quarantine to its first probe; twice as long after each that fails")
+      ->check(CLI::Range(1u, 86'400'000u));
+  add("--max-probe-interval-ms", o.max_probe_interval_ms, "Between probes that fail, at most")
+      ->check(CLI::Range(1u, 86'400'000u));
+  add("--device-stall-ms", o.device_stall_ms,
+      "Take a GPU for lost that gives no sign of life for so long and ten times its batch's predicted time, 0 for "
+      "never");
   add("--max-queue", o.max_queue, "Jobs that wait")->check(CLI::Range(0u, 1'000'000u));
   add("--max-calls", o.max_calls, "Calls at the same time, those included that send, wait or receive")
       ->check(CLI::Range(1u, 1'000'000u));
@@ -146,6 +172,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
 ServerOptions Resolve(ServerOptions options) {
   const int cores = std::max(1, int(std::thread::hardware_concurrency()));
   if (options.workers == 0) options.workers = std::min(4, cores);
+  if (options.cpu_workers == 0) options.cpu_workers = options.workers;
   if (options.threads == 0) options.threads = cores;
   if (options.max_working_bytes == 0) options.max_working_bytes = std::min<uint64_t>(20ull << 30, MemoryBytes() / 2);
   if (options.max_mesh_store_bytes == 0) {

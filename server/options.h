@@ -17,6 +17,14 @@ struct ServerOptions {
   SimdChoice simd = SimdChoice::kAuto;      // where the request leaves it open
   int threads = 0;                          // of the CPU backend in one job; 0 = all cores
   int workers = 0;                          // jobs at the same time; 0 = one a core, at most 4
+  int cpu_workers = 0;                      // jobs or batches on the CPU at the same time; 0 = as many as workers
+  std::string gpus = "all";                 // or "none", or their numbers: "0,2"
+  int gpu_streams = 2;                      // jobs or batches on one GPU at the same time
+  bool fallback = true;                     // another kind of worker may do what the chosen kind cannot
+  uint32_t max_attempts = 3;                // workers that are given a job whose devices fail
+  uint32_t probe_interval_ms = 1'000;       // from a device's quarantine to its first probe
+  uint32_t max_probe_interval_ms = 60'000;  // between probes that fail, at most
+  uint32_t device_stall_ms = 30'000;        // a GPU without a sign of life for so long is lost; 0 = never
   uint32_t max_queue = 1024;                // jobs that wait
   uint64_t max_queue_bytes = 2ull << 30;    // meshes that these hold
   uint64_t max_queue_ms = 600'000;          // predicted work of these, on one worker

@@ -108,7 +108,7 @@ VoxelServer::VoxelServer(const ServerOptions& resolved)
       })) {}
 
 absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOptions& options) {
-  if (const auto backend = SelectBackend(options.backend); !backend.ok()) return backend.status();
+  if (absl::Status s = CheckDevices(Resolve(options)); !s.ok()) return s;
   std::unique_ptr<VoxelServer> server(new VoxelServer(Resolve(options)));
   auto access = AccessControl::Create(options.token_file, options.open_health, server->state_->metrics);
   if (!access.ok())
@@ -156,14 +156,27 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   server->reloader_ = std::make_unique<Periodic>(std::chrono::milliseconds(options.reload_interval_ms),
                                                  [&access = *server->state_->access] { access.ReloadIfChanged(); });
   server->state_->pool.SetListener(
-      [&health = *server->health_](const std::string& device, bool serving) { health.SetDevice(device, serving); });
-  server->health_->SetServing(true);
+      [it = server.get()](const std::string& device, bool serving) { it->DeviceChanged(device, serving); });
   return server;
 }
 
+void VoxelServer::DeviceChanged(const std::string& device, bool serving) {
+  const std::lock_guard lock(health_mutex_);
+  health_->SetDevice(device, serving);
+  if (serving) {
+    serving_devices_.insert(device);
+  } else {
+    serving_devices_.erase(device);
+  }
+  if (!drained_) health_->SetServing(!serving_devices_.empty());
+}
+
 void VoxelServer::Drain() {
-  drained_ = true;
-  health_->SetServing(false);
+  {
+    const std::lock_guard lock(health_mutex_);
+    drained_ = true;
+    health_->SetServing(false);
+  }
   const ServerOptions& options = state_->options;
   spdlog::info("draining: calls are taken for another {} ms, then those that run have {} ms", options.lame_duck_ms,
                options.drain_grace_ms);
@@ -176,6 +189,7 @@ void VoxelServer::Drain() {
   state_->gate.Close();
   const bool empty = state_->gate.WaitUntilEmpty(std::chrono::steady_clock::now() + grace);
   if (!empty) spdlog::warn("the calls that still run are ended now");
+  state_->pool.Hasten();  // nothing runs any more, or the grace is over
   health_->EndWatches();
   server_->Shutdown(empty ? grace_end : std::chrono::system_clock::now());
   server_->Wait();
@@ -189,15 +203,16 @@ void VoxelServer::Reload() {
 
 VoxelServer::~VoxelServer() {
   StopTakingGrpcLog();
+  if (state_) {
+    state_->pool.SetListener({});
+    state_->pool.Hasten();
+  }
   if (server_ && !drained_) {
     health_->EndWatches();
     server_->Shutdown(std::chrono::system_clock::now());
     server_->Wait();
   }
-  if (state_) {
-    state_->pool.SetListener({});
-    state_->scheduler.Drain();
-  }
+  if (state_) state_->scheduler.Drain();
 }
 
 }  // namespace voxelpipe

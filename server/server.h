@@ -3,6 +3,8 @@
 
 #include <chrono>
 #include <memory>
+#include <mutex>
+#include <set>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -42,6 +44,7 @@ class VoxelServer {
 
  private:
   explicit VoxelServer(const ServerOptions& resolved);
+  void DeviceChanged(const std::string& device, bool serving);
 
   std::string address_, http_address_;
   std::unique_ptr<ServiceState> state_;
@@ -51,6 +54,8 @@ class VoxelServer {
   std::unique_ptr<HttpEndpoint> http_;
   std::unique_ptr<Periodic> reloader_;
   std::unique_ptr<grpc::Server> server_;
+  std::mutex health_mutex_;
+  std::set<std::string> serving_devices_;  // the server serves while there is one
   bool drained_ = false;
 };
 

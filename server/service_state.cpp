@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "pipeline/backend.h"
 
 namespace voxelpipe {
@@ -20,15 +22,40 @@ std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved) {
       std::clamp(std::min(resolved.stall_timeout_ms, resolved.upload_idle_timeout_ms) / 8, 1u, 1000u));
 }
 
-WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics& metrics) {
+namespace {
+
+// "0,2" -> "cuda:0", "cuda:2".
+std::vector<std::string> ChosenGpus(const std::string& gpus) {
+  std::vector<std::string> names;
+  if (gpus == "all" || gpus == "none") return names;
+  for (const auto number : absl::StrSplit(gpus, ',')) names.push_back(absl::StrCat("cuda:", number));
+  return names;
+}
+
+}  // namespace
+
+WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics* metrics) {
   if (resolved.max_device_mesh_bytes > 0) SetDeviceMeshBytes(resolved.max_device_mesh_bytes);  // the process's devices
   WorkerPoolOptions pool;
-  pool.metrics = &metrics;
   pool.loaders = resolved.workers;
   pool.threads = resolved.threads;
+  pool.max_attempts = resolved.max_attempts;
+  pool.health.probe_interval = std::chrono::milliseconds(resolved.probe_interval_ms);
+  pool.health.max_probe_interval =
+      std::chrono::milliseconds(std::max(resolved.probe_interval_ms, resolved.max_probe_interval_ms));
+  pool.stall = std::chrono::milliseconds(resolved.device_stall_ms);
+  pool.metrics = metrics;
+  const std::vector<std::string> chosen = ChosenGpus(resolved.gpus);
   for (const Backend* device : Devices()) {
-    if (resolved.backend == BackendChoice::kCpu && device->name() != "cpu") continue;
-    pool.devices.push_back({device, resolved.workers});
+    if (device->name() == "cpu") {
+      // Beside GPUs it helps and stands in for them.
+      if (resolved.backend == BackendChoice::kCuda && !resolved.fallback) continue;
+      pool.devices.push_back({device, resolved.cpu_workers});
+      continue;
+    }
+    if (resolved.backend == BackendChoice::kCpu || resolved.gpus == "none") continue;
+    if (!chosen.empty() && std::find(chosen.begin(), chosen.end(), device->device()) == chosen.end()) continue;
+    pool.devices.push_back({device, resolved.gpu_streams});
   }
   return pool;
 }
@@ -59,6 +86,26 @@ std::unique_ptr<Metrics::Sampler> SampleQueue(const Scheduler& scheduler, Metric
     metrics.queue_seconds.Set(state.ms * 1e-3);
     metrics.running_jobs.Set(double(state.running));
   });
+}
+
+absl::Status CheckDevices(const ServerOptions& resolved) {
+  if (const auto backend = SelectBackend(resolved.backend); !backend.ok()) return backend.status();
+  const std::vector<DeviceWorkers> devices = WorkersOf(resolved).devices;
+  const auto is_there = [&](const auto& what) {
+    return std::any_of(devices.begin(), devices.end(),
+                       [&](const DeviceWorkers& device) { return what(*device.backend); });
+  };
+  if (resolved.backend == BackendChoice::kCpu) return absl::OkStatus();
+  for (const std::string& name : ChosenGpus(resolved.gpus)) {
+    if (!is_there([&](const Backend& device) { return device.device() == name; })) {
+      return absl::FailedPreconditionError(absl::StrCat("--gpus: there is no ", name));
+    }
+  }
+  if (resolved.backend == BackendChoice::kCuda &&
+      !is_there([](const Backend& device) { return device.name() == "cuda"; })) {
+    return absl::FailedPreconditionError("--backend cuda: --gpus leaves no GPU");
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace voxelpipe

@@ -26,10 +26,13 @@ inline constexpr int kMaxMessageBytes = 64 << 20;
 inline constexpr uint64_t kLeastUploadBytes = 64 << 10;
 
 JobLimits LimitsOf(const ServerOptions& resolved);
-WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics& metrics);
 SchedulerOptions SchedulingOf(const ServerOptions& resolved, Metrics& metrics);
 // Sets the gauges of the queue before they are read.
 std::unique_ptr<Metrics::Sampler> SampleQueue(const Scheduler& scheduler, Metrics& metrics);
+// The devices that the operator chose, best first, and how they are worked.
+WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics* metrics = nullptr);
+// FAILED_PRECONDITION where a GPU, or a kind of device, was asked for that is not there.
+absl::Status CheckDevices(const ServerOptions& resolved);
 // How often to look for idle clients: late by at most an eighth of the smallest limit.
 std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved);
 
@@ -47,7 +50,7 @@ struct ServiceState {
         results(scheduler, working, metrics, {resolved.share_equal_jobs, resolved.result_cache_bytes}),
         scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),
         queue_sampler(SampleQueue(scheduler, metrics)),
-        pool(scheduler, WorkersOf(resolved, metrics), limits.plan) {}
+        pool(scheduler, WorkersOf(resolved, &metrics), limits.plan) {}
 
   const ServerOptions options;
   Metrics metrics;

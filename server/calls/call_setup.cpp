@@ -34,8 +34,7 @@ absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request)
   if (request.backend == BackendChoice::kAuto) request.backend = state.options.backend;
   if (request.simd == SimdChoice::kAuto) request.simd = state.options.simd;
   request.threads = state.options.threads;
-  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
-  return SelectBackend(request.backend).status();
+  return ValidateRequest(request);
 }
 
 }  // namespace voxelpipe

@@ -21,7 +21,7 @@ absl::Status ShuttingDownError();
 absl::Status MayBegin(const CallGate::Pass& pass, const CallRecord& record);
 
 // Puts the operator's choices (threads, backend, instruction set) into a client's request and checks all of it that needs no mesh.
-// Errors: INVALID_ARGUMENT naming the field; FAILED_PRECONDITION for a backend that is not there.
+// Errors: INVALID_ARGUMENT naming the field.
 absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request);
 
 }  // namespace voxelpipe

@@ -8,6 +8,7 @@
 #include "calls/call_setup.h"
 #include "calls/grpc_turn.h"
 #include "meshes/prepare_kept.h"
+#include "pipeline/backend.h"
 #include "pipeline/plan.h"
 #include "wire/request.h"
 #include "wire/response.h"
@@ -77,6 +78,7 @@ void EstimateCall::Start() {
   }
   absl::StatusOr<ParsedConfig> config = ParseConfig(request_.config());
   absl::Status status = config.ok() ? PrepareRequest(state_, config->request) : config.status();
+  if (status.ok()) status = SelectBackend(config->request.backend).status();
   if (status.ok() && request_.mesh_case() == v1::EstimateVoxelizationRequest::kMeshId) status = FindKeptMesh();
   if (!status.ok() || (!request_.has_mesh_bytes() && !kept_)) {
     End(status.ok() ? FromSummary(*config) : status);

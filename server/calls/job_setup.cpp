@@ -38,7 +38,10 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message
   const BackendChoice asked = job.config.request.backend;
   if (absl::Status s = PrepareRequest(state, job.config.request); !s.ok()) return s;
   job.traits.backend = job.config.request.backend;
-  job.traits.fallback = settings.fallback.value_or(asked == BackendChoice::kAuto);
+  job.traits.fallback = state.options.fallback && settings.fallback.value_or(asked == BackendChoice::kAuto);
+  // Without a fallback the job stays on one kind, the best.
+  if (job.traits.backend == BackendChoice::kAuto && !job.traits.fallback) job.traits.backend = state.pool.best_kind();
+  if (absl::Status s = state.pool.CheckServed(job.traits); !s.ok()) return s;
   job.traits.priority = settings.priority;
   job.traits.queue_timeout = settings.queue_timeout;
   if (absl::Status s = FindKeptMesh(state, job); !s.ok()) return s;

@@ -57,6 +57,8 @@ class DeviceRun::Inside {
 struct DeviceRun::Member {
   Member(DeviceRun& run, std::shared_ptr<Task> of)
       : task(std::move(of)), job(static_cast<VoxelizeJob*>(task.get())), attempt(job->attempts + 1) {
+    // The device is chosen; which one the request named does not matter any more, and may not even be there.
+    job->config.request.backend = BackendChoice::kAuto;
     queue_ms = std::chrono::duration<double, std::milli>(Clock::now() - task->traits.arrived).count();
     if (!run.options_.watched) {
       config = &job->config;
@@ -199,7 +201,9 @@ absl::Status DeviceRun::Planned(Member& member, const Plan& plan, bool together)
   }
   VoxelizeJob& job = *member.job;
   if (job.planned) return job.context.Check();
-  absl::Status s = job.Planned(plan, !together);
+  Plan told = plan;
+  told.backend = std::string(backend_.name());
+  absl::Status s = job.Planned(told, !together);
   job.planned = s.ok();
   member.alone = together && absl::IsAborted(s);
   return s;

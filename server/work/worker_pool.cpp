@@ -33,6 +33,7 @@ constexpr size_t kMaxLeftBehind = 8;
 // Times of a batch's predicted time that it may take in silence beyond the stall limit.
 constexpr int kPredictionSlack = 10;
 constexpr milliseconds kLeastRetryDelay{100};
+constexpr milliseconds kNever = std::chrono::hours(24 * 365);
 // Part of a device's memory that one batch may be predicted to take: its other workers and cached meshes need theirs.
 constexpr uint64_t kBatchShare = 4;
 
@@ -354,6 +355,7 @@ absl::Status WorkerPool::CheckServed(const TaskTraits& task) const {
   std::vector<ServingDevice> all;
   for (const auto& device : devices_) all.push_back({device->traits, size_t(device->workers)});
   if (!AnyMayHave(task, all)) {
+    if (const auto missing = SelectBackend(task.backend); !missing.ok()) return missing.status();
     return absl::FailedPreconditionError(
         absl::StrCat("backend: this server has no ", KindName(task.backend), " worker"));
   }
@@ -378,6 +380,10 @@ std::vector<DeviceReport> WorkerPool::Devices() const {
     reports.push_back({&device->backend, device->workers, device->health.serving(), device->health.reason()});
   }
   return reports;
+}
+
+BackendChoice WorkerPool::best_kind() const {
+  return devices_.empty() ? BackendChoice::kCpu : devices_.front()->traits.kind;
 }
 
 void WorkerPool::SetListener(std::function<void(const std::string&, bool)> listener) {
@@ -427,8 +433,7 @@ void WorkerPool::WakeWatch() {
 }
 
 milliseconds WorkerPool::PatienceWith(const DeviceRun& run) const {
-  const milliseconds slow =
-      options_.stall.count() == 0 ? milliseconds::max() : options_.stall + kPredictionSlack * run.predicted();
+  const milliseconds slow = options_.stall.count() == 0 ? kNever : options_.stall + kPredictionSlack * run.predicted();
   if (!run.Unwanted()) return slow;
   const std::lock_guard lock(watch_mutex_);
   return std::min(slow, hasty_ ? kHastyPatience : kCancelPatience);

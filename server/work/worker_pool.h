@@ -64,6 +64,8 @@ class WorkerPool {
   absl::Status CheckServed(const TaskTraits& task) const;
 
   std::vector<DeviceReport> Devices() const;
+  // Of the first of its devices.
+  BackendChoice best_kind() const;
   // `listener` hears of every device now, and of every change, one call at a time, from any thread, until another one takes its place. It
   // must not call back here.
   void SetListener(std::function<void(const std::string& device, bool serving)> listener);

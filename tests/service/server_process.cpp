@@ -26,11 +26,16 @@ struct Child {
   int output = -1;  // read end of its stdout
 };
 
-absl::StatusOr<Child> Spawn(const std::vector<std::string>& arguments, const std::string& log_path = "") {
+// This build's server, or the one that the environment names.
+std::string ServerProgram() {
+  const char* other = std::getenv("VOXELPIPE_TEST_SERVER");
+  return other != nullptr ? other : VOXELPIPED_PATH;
+}
+
+absl::StatusOr<Child> Spawn(std::string program, const std::vector<std::string>& arguments,
+                            const std::string& log_path = "") {
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) return absl::InternalError(absl::StrCat("pipe: ", std::strerror(errno)));
-  const char* other = std::getenv("VOXELPIPE_TEST_SERVER");
-  std::string program = other != nullptr ? other : VOXELPIPED_PATH;
   std::vector<std::string> copies = arguments;
   std::vector<char*> argv{program.data()};
   for (std::string& argument : copies) argv.push_back(argument.data());
@@ -75,9 +80,21 @@ int ExitCode(int wait_status) {
 
 absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(const std::vector<std::string>& arguments,
                                                                     const std::string& log_path) {
+  return StartProgram(ServerProgram(), arguments, log_path);
+}
+
+absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::StartFaulty(const std::string& fault_file,
+                                                                          const std::vector<std::string>& arguments) {
+  setenv("VOXELPIPE_TEST_FAULTS", fault_file.c_str(), /*overwrite=*/1);
+  return StartProgram(FAULTY_VOXELPIPED_PATH, arguments, "");
+}
+
+absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::StartProgram(const std::string& program,
+                                                                           const std::vector<std::string>& arguments,
+                                                                           const std::string& log_path) {
   std::vector<std::string> all{"--listen", "127.0.0.1:0"};
   all.insert(all.end(), arguments.begin(), arguments.end());
-  absl::StatusOr<Child> child = Spawn(all, log_path);
+  absl::StatusOr<Child> child = Spawn(program, all, log_path);
   if (!child.ok()) return child.status();
   std::unique_ptr<ServerProcess> server(new ServerProcess);
   server->pid_ = child->pid;
@@ -143,7 +160,7 @@ absl::StatusOr<CommandResult> ServerProcess::Wait(std::chrono::milliseconds time
 }
 
 absl::StatusOr<CommandResult> RunVoxelpiped(const std::vector<std::string>& arguments) {
-  absl::StatusOr<Child> child = Spawn(arguments);
+  absl::StatusOr<Child> child = Spawn(ServerProgram(), arguments);
   if (!child.ok()) return child.status();
   CommandResult result;
   const auto deadline = Clock::now() + kPatience;

@@ -34,6 +34,9 @@ class ServerProcess {
   // Its log goes to the file `log_path`, or where this process's stderr goes.
   static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(const std::vector<std::string>& arguments = {},
                                                               const std::string& log_path = "");
+  // The same with a device "cuda:0" that breaks as `fault_file` says (support/faulty_backend.h), read anew before every run.
+  static absl::StatusOr<std::unique_ptr<ServerProcess>> StartFaulty(const std::string& fault_file,
+                                                                    const std::vector<std::string>& arguments);
   // Ends the process the hard way if it still runs.
   ~ServerProcess();
   ServerProcess(const ServerProcess&) = delete;
@@ -52,6 +55,9 @@ class ServerProcess {
 
  private:
   ServerProcess() = default;
+  static absl::StatusOr<std::unique_ptr<ServerProcess>> StartProgram(const std::string& program,
+                                                                     const std::vector<std::string>& arguments,
+                                                                     const std::string& log_path);
   bool Reap(bool block_until_dead);
   // What stands in the line of stdout that begins with `start`, waiting for it.
   absl::StatusOr<std::string> ReadLine(const std::string& start);
