@@ -8,6 +8,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -49,6 +50,9 @@ class DeviceRun {
   // All tasks, those that have their answer and those that do not.
   const std::vector<std::shared_ptr<Task>>& answered() const { return answered_; }
   const std::vector<Left>& left() const { return left_; }
+  // The same, away from an abandoned run: whoever runs it may hold it for ever, and must not hold tasks with it.
+  std::vector<std::shared_ptr<Task>> TakeAnswered() { return std::exchange(answered_, {}); }
+  std::vector<Left> TakeLeft() { return std::exchange(left_, {}); }
   bool any_result() const { return any_result_; }  // the device made one
   uint64_t launches() const { return stats_.launches.value_or(0); }
 

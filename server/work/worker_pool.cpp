@@ -487,9 +487,9 @@ bool WorkerPool::LookAround() {
     for (const auto& run : abandoned) {
       const std::string reason = "it gave no sign of life for so long that it is taken for lost";
       const absl::Status failure = MarkDeviceFailure(absl::UnavailableError(reason), DeviceFailureKind::kLost);
-      scheduler_.Ended(run->answered());
+      scheduler_.Ended(run->TakeAnswered());
       Failed(*device, DeviceFailureKind::kLost, reason);
-      for (const DeviceRun::Left& left : run->left()) FailOver(*device, left.task, failure);
+      for (DeviceRun::Left& left : run->TakeLeft()) FailOver(*device, std::move(left.task), failure);
       all_serve = false;
     }
     if (probe_stuck) Failed(*device, DeviceFailureKind::kLost, "the probe does not end");

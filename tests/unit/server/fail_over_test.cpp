@@ -356,7 +356,7 @@ TEST_F(FailOverTest, WhereEverythingFailedWhatWaitsIsRefusedAndTheServerRecovers
 }
 
 TEST_F(FailOverTest, AStreamedResultGoesOnWhereItStopped) {
-  for (const int slab : {0, 1, 2, 5}) {
+  for (const int slab : {0, 1}) {
     Fault fault = Breaks("lost");
     fault.slab = slab;
     gpu_.Set(fault);
@@ -393,6 +393,9 @@ TEST_F(FailOverTest, AStalledDeviceLosesItsJobsAndItsThreadIsLeftBehind) {
   for (const auto& job : jobs) ExpectServed(*job, "cpu", 2);
   EXPECT_EQ(WorkerPool::ThreadsLeftBehind(), 1u);
   EXPECT_FALSE(GpuServes());
+  for (const auto& job : jobs) {
+    EXPECT_TRUE(WaitUntil([&] { return job.use_count() == 1; })) << "what is stuck holds no job, and no call with it";
+  }
   gpu_.Set({});
   EXPECT_TRUE(WaitUntil([] { return WorkerPool::ThreadsLeftBehind() == 0; }));
   EXPECT_TRUE(WaitUntil([&] { return GpuServes(); })) << "a new worker probed it";
