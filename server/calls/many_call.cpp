@@ -149,9 +149,10 @@ absl::Status ManyCall::Take(v1::VoxelizeManyRequest request) {
     const std::lock_guard lock(mutex_);
     if (end_) return absl::OkStatus();
     draining = draining_;
-    if (!jobs_.emplace(request.id(), job).second) {
+    if (!ids_.insert(request.id()).second) {
       return absl::InvalidArgumentError(absl::StrCat("id: a job ", request.id(), " is in hand already"));
     }
+    jobs_.emplace(job.get(), job);
     ++jobs_taken_;
     job->bytes_in_hand = request.mesh().size();
     bytes_ += job->bytes_in_hand;
@@ -202,7 +203,7 @@ void ManyCall::Ended(Answer answer, bool failed) {
     bytes_ -= std::exchange(answer.job->bytes_in_hand, held);
     if (end_) {
       bytes_ -= held;
-      jobs_.erase(answer.job->id());
+      jobs_.erase(answer.job.get());
     } else {
       ready_.push_back(std::move(answer));
     }
@@ -224,7 +225,7 @@ bool ManyCall::HasRoomLocked() const {
 
 void ManyCall::ForgetWrittenLocked() {
   bytes_ -= current_->job->bytes_in_hand;
-  jobs_.erase(current_->job->id());
+  jobs_.erase(current_->job.get());
   current_.reset();
 }
 
@@ -277,6 +278,8 @@ void ManyCall::Pump() {
       last_of_current_ = true;
     }
     record_.bytes_out += writing_message_.Length();
+    // The client may use the id again as soon as it has this, which may be before gRPC says that it was written.
+    if (last_of_current_) ids_.erase(current_->job->id());
     writing_ = true;
     lock.unlock();
     write_wait_->Begin();
@@ -325,8 +328,8 @@ void ManyCall::End(absl::Status status) {
     const std::lock_guard lock(mutex_);
     if (!end_) end_ = std::move(status);
     ready.swap(ready_);
-    for (const Answer& answer : ready) jobs_.erase(answer.job->id());
-    for (const auto& [id, job] : jobs_) jobs.push_back(job);
+    for (const Answer& answer : ready) jobs_.erase(answer.job.get());
+    for (const auto& [key, job] : jobs_) jobs.push_back(job);
   }
   if (deadline_.Check().ok()) deadline_.Cancel();
   for (const std::shared_ptr<Job>& job : jobs) {

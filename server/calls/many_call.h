@@ -8,6 +8,7 @@
 #include <optional>
 #include <string_view>
 #include <unordered_map>
+#include <unordered_set>
 
 #include <grpcpp/grpcpp.h>
 
@@ -78,8 +79,9 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   grpc::ByteBuffer read_;  // in flight while reading_
 
   std::mutex mutex_;
-  std::unordered_map<uint64_t, std::shared_ptr<Job>> jobs_;  // in hand: read, and not yet answered as a whole
-  uint64_t bytes_ = 0;                                       // that they hold: meshes and results
+  std::unordered_map<const Job*, std::shared_ptr<Job>> jobs_;  // in hand: read, and not yet answered as a whole
+  std::unordered_set<uint64_t> ids_;                           // of those whose answer did not go out yet
+  uint64_t bytes_ = 0;                                         // that they hold: meshes and results
   uint64_t jobs_taken_ = 0, jobs_failed_ = 0;
   std::deque<Answer> ready_;
   std::optional<Answer> current_;  // being written

@@ -183,6 +183,19 @@ TEST_F(ManyTest, AnIdInHandMayNotComeAgain) {
   ExpectFree();  // the slow job was cancelled with its stream
 }
 
+TEST_F(ManyTest, AnIdMayComeAgainAsSoonAsItsAnswerIsThere) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  v1::VoxelizeManyResponse response;
+  for (int i = 0; i < 500; ++i) {
+    ASSERT_TRUE(stream_->Write(Item(7, SmallRequest())));
+    ASSERT_TRUE(stream_->Read(&response)) << i;
+    ASSERT_TRUE(response.has_whole()) << i << ": " << response.ShortDebugString();
+  }
+  stream_->WritesDone();
+  EXPECT_FALSE(stream_->Read(&response));
+  EXPECT_EQ(stream_->Finish().error_code(), grpc::StatusCode::OK);
+}
+
 TEST_F(ManyTest, AStreamThatIsGoneTakesItsJobsWithIt) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   const std::vector<uint8_t> endless = LargeTrianglesGlb(20000);
