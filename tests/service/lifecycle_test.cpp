@@ -309,6 +309,7 @@ TEST_F(LifecycleTest, SummaryTellsStagesPeakAndMesh) {
   ASSERT_NO_FATAL_FAILURE(Start());
   VoxelizeRequest request = SmallRequest();
   request.fill = Fill::kParity;
+  request.grid.resolution = 256;  // more than goes in one message, which has no room for progress
   std::vector<std::string> reported;
   const JobContext job([&](std::string_view stage, double fraction) {
     EXPECT_GE(fraction, 0);
