@@ -406,6 +406,7 @@ TEST_F(FailOverTest, AStalledDeviceLosesItsJobsAndItsThreadIsLeftBehind) {
 TEST_F(FailOverTest, AStalledDeviceAndAStalledProbeDoNotHoldUpTheEnd) {
   options_.stall = milliseconds(0);  // never
   Fault fault = Breaks("stall", -1);
+  fault.stage = "start";  // before anything looks at the cancellation
   fault.probe = "stall";
   gpu_.Set(fault);
   const auto job = Submit();
