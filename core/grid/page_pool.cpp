@@ -12,6 +12,7 @@
 namespace voxelpipe {
 namespace {
 
+constexpr uint64_t kLine = 64;
 constexpr uint64_t kHugePage = 2 << 20;
 constexpr uint64_t kMostIdleBytes = 1ull << 30;
 constexpr uint64_t kIdleShare = 8;  // of the machine's memory
@@ -29,7 +30,8 @@ uint64_t RoundUp(uint64_t bytes, uint64_t multiple) {
 
 // The size that a block of `bytes` really has: few sizes, so that blocks fit again.
 uint64_t BlockBytes(uint64_t bytes) {
-  return bytes < kPooledBytes || !kPool ? RoundUp(bytes == 0 ? 1 : bytes, 64) : RoundUp(bytes, kHugePage);
+  const uint64_t lines = RoundUp(bytes == 0 ? 1 : bytes, kLine);
+  return lines < kPooledBytes || !kPool ? lines : RoundUp(lines, kHugePage);
 }
 
 class Pool {
@@ -88,7 +90,7 @@ Pool& ThePool() {
 void* TakePages(uint64_t bytes) {
   if (bytes > UINT64_MAX - kHugePage) return nullptr;
   const uint64_t size = BlockBytes(bytes);
-  if (size < kPooledBytes || !kPool) return std::aligned_alloc(64, size);
+  if (size < kPooledBytes || !kPool) return std::aligned_alloc(kLine, size);
   if (void* const block = ThePool().Take(size)) return block;
   void* block = std::aligned_alloc(kHugePage, size);
   if (block == nullptr) {  // idle blocks may be what is missing
