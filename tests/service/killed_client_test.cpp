@@ -181,7 +181,7 @@ TEST_F(KilledClientTest, AThousandDeathsLeaveNothingBehind) {
   EXPECT_LE(after.threads, before.threads + 2);
   // The resident memory of an undisturbed server wanders by some 5 MiB with the order in which its arenas are used, and stands still
   // over ten thousand deaths. A thousand leaked results would be 64 GiB, leaked uploads are found by the tight limits above.
-  if (!kSanitized) {
+  if (!IsSanitized(server_->pid())) {
     EXPECT_LE(after.resident_bytes, before.resident_bytes + (16 << 20));
   }
 }

@@ -108,7 +108,7 @@ TEST(OverloadTest, TenTimesTheLoadIsRefusedAndBounded) {
   EXPECT_GT(tally.of(absl::StatusCode::kResourceExhausted), 0) << "there was no overload";
   // The load generator has the same cores, so this is no measure of the server, only of its getting anything done.
   EXPECT_GT(tally.served_a_second, alone.served_a_second / 10);
-  if (!kSanitized) {
+  if (!IsSanitized(server->pid())) {
     EXPECT_LT(after.peak_bytes, before.peak_bytes + (uint64_t{100} << 20));
   }
   RecordProperty("alone_per_second", std::to_string(alone.served_a_second));

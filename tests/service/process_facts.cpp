@@ -52,4 +52,12 @@ ProcessFacts SettledProcessFacts(pid_t pid) {
   return facts;
 }
 
+bool IsSanitized(pid_t pid) {
+  std::ifstream maps("/proc/" + std::to_string(pid) + "/maps");
+  for (std::string line; std::getline(maps, line);) {
+    if (line.find("/libasan.so") != std::string::npos || line.find("/libtsan.so") != std::string::npos) return true;
+  }
+  return false;
+}
+
 }  // namespace voxelpipe::testing

@@ -24,12 +24,7 @@ ProcessFacts ReadProcessFacts(pid_t pid);
 // after it.
 ProcessFacts SettledProcessFacts(pid_t pid);
 
-// Whether this build, and so the server under test, carries a sanitizer, whose shadow and quarantine grow the resident memory.
-constexpr bool kSanitized =
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-    true;
-#else
-    false;
-#endif
+// Whether a process carries a sanitizer, whose shadow and quarantine grow the resident memory. It need not be of this build.
+bool IsSanitized(pid_t pid);
 
 }  // namespace voxelpipe::testing

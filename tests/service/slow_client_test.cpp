@@ -174,7 +174,7 @@ TEST_F(SlowClientTest, TwentyNonReadersAreCheap) {
   for (const auto& reader : readers) EXPECT_TRUE(reader->ReadUntilData());
   ExpectServed();
   const ProcessFacts after = ReadProcessFacts(server_->pid());
-  if (!kSanitized) {
+  if (!IsSanitized(server_->pid())) {
     EXPECT_LT(after.peak_bytes, before.resident_bytes + (uint64_t{400} << 20)) << after.ToString();
   }
   readers.clear();
