@@ -103,11 +103,11 @@ ManyCall* ManyCall::Create(ServiceState& state, grpc::CallbackServerContext& con
       });
   if (absl::Status status = MayBegin(call->pass_, call->record_); !status.ok()) {
     call->End(std::move(status));
-    return call.get();
+  } else {
+    call->closer_.emplace(state.gate, [weak] {
+      if (const auto self = weak.lock()) self->StopTaking();
+    });
   }
-  call->closer_.emplace(state.gate, [weak] {
-    if (const auto self = weak.lock()) self->StopTaking();
-  });
   GiveToGrpc(&call->self_);
   call->Pump();
   return call.get();
