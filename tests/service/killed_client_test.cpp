@@ -179,8 +179,9 @@ TEST_F(KilledClientTest, AThousandDeathsLeaveNothingBehind) {
   EXPECT_EQ(after.descriptors, before.descriptors);
   // One thread a death would be a thousand; gRPC's pollers come and go by one or two.
   EXPECT_LE(after.threads, before.threads + 2);
-  // The resident memory of an undisturbed server wanders by some 5 MiB with the order in which its arenas are used, and stands still
-  // over ten thousand deaths. A thousand leaked results would be 64 GiB, leaked uploads are found by the tight limits above.
+  // The resident memory of an undisturbed server wanders by some 5 MiB with the order in which its arenas are used. A thousand leaked
+  // results would be 64 GiB, leaked uploads are found by the tight limits above. Ten thousand deaths (the thorough run) leave some 30 MiB
+  // that are not explained and do not pass here; LeakSanitizer finds nothing unreachable.
   if (!IsSanitized(server_->pid())) {
     EXPECT_LE(after.resident_bytes, before.resident_bytes + (16 << 20));
   }
