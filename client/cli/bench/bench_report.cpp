@@ -74,10 +74,16 @@ nlohmann::ordered_json BenchJson(const LoadPlan& plan, const LoadResult& result)
   json["requests"] = tally.requests;
   json["ok"] = tally.ok;
   json["errors"] = nlohmann::ordered_json::object();
-  for (const auto& [code, count] : tally.errors) json["errors"][code] = count;
+  for (const auto& [code, failures] : tally.errors) json["errors"][code] = failures.count;
   json["seconds"] = result.issue_seconds + result.drain_seconds;
   json["per_second"] = PerSecond(double(tally.ok), result);
   json["latency_ms"] = TimesJson(tally.latency_ns);
+  json["error_latency_ms"] = nlohmann::ordered_json::object();
+  json["errors_with_retry_info"] = nlohmann::ordered_json::object();
+  for (const auto& [code, failures] : tally.errors) {
+    json["error_latency_ms"][code] = TimesJson(failures.latency_ns);
+    json["errors_with_retry_info"][code] = failures.with_retry_info;
+  }
   json["bytes_per_second"] = PerSecond(double(tally.result_bytes), result);
   json["received_bytes_per_second"] = PerSecond(double(tally.received_bytes), result);
   json["issue_seconds"] = result.issue_seconds;
@@ -119,7 +125,10 @@ std::string BenchTable(const LoadPlan& plan, const LoadResult& result) {
   row("answers", absl::StrCat(WithCommas(tally.ok), " of ", WithCommas(tally.requests), " requests in ",
                               absl::StrFormat("%.2f s (%.2f s of it to drain)",
                                               result.issue_seconds + result.drain_seconds, result.drain_seconds)));
-  for (const auto& [code, count] : tally.errors) row("errors", absl::StrCat(WithCommas(count), " ", code));
+  for (const auto& [code, failures] : tally.errors) {
+    row("errors", absl::StrCat(WithCommas(failures.count), " ", code));
+    row("  after, ms", TimesText(failures.latency_ns));
+  }
   row("throughput", absl::StrFormat("%.1f a second, %s/s of results", PerSecond(double(tally.ok), result),
                                     HumanBytes(uint64_t(PerSecond(double(tally.result_bytes), result)))));
   if (tally.ok > 0) {

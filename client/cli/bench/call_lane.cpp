@@ -19,6 +19,11 @@ constexpr std::chrono::milliseconds kLookEvery{100};  // at the flags of the run
 // A closed loop whose server is gone would spin: a refused call comes back at once.
 constexpr std::chrono::milliseconds kPauseUnavailable{10};
 
+// Looks for the detail's name: thousands a second are not parsed.
+bool SaysWhenToRetry(const grpc::Status& status) {
+  return status.error_details().find("/google.rpc.RetryInfo") != std::string::npos;
+}
+
 class CallLane final : public Lane {
  public:
   CallLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run)
@@ -148,7 +153,11 @@ class CallLane final : public Lane {
   void Complete(Call& call) {
     Outcome outcome;
     outcome.code = !call.broken.ok() ? call.broken.code() : absl::StatusCode(int(call.status.error_code()));
-    if (outcome.code == absl::StatusCode::kOk) call.answer.Fill(run_.expected_hash, outcome);
+    if (outcome.code == absl::StatusCode::kOk) {
+      call.answer.Fill(run_.expected_hash, outcome);
+    } else {
+      outcome.retry_info = SaysWhenToRetry(call.status);
+    }
     tally_.Add(call.due, call.sent, outcome);
     call.active = false;
     if (!run_.closed_loop) {

@@ -60,6 +60,15 @@ struct Outcome {
   std::optional<uint64_t> batch_launches;
   uint32_t attempts = 0;
   bool cached = false;
+  // Of a failure: whether the server said when to come again.
+  bool retry_info = false;
+};
+
+// What failed with one code.
+struct Failures {
+  uint64_t count = 0;
+  uint64_t with_retry_info = 0;
+  Histogram latency_ns;
 };
 
 // Sums over outcomes. Not thread-safe: one a thread, merged at the end.
@@ -68,7 +77,7 @@ struct Tally {
   void Merge(const Tally& other);
 
   uint64_t requests = 0, ok = 0;
-  std::map<std::string, uint64_t> errors;  // by the code's name
+  std::map<std::string, Failures> errors;  // by the code's name
   // Of answers only:
   Histogram latency_ns, queue_ns, mesh_ns, voxelize_ns;
   uint64_t result_bytes = 0, received_bytes = 0;

@@ -198,7 +198,12 @@ class ManyLane final : public Lane {
     if (!job.active) return false;
     Outcome outcome;
     switch (message.answer_case()) {
-      case v1::VoxelizeManyResponse::kError: outcome.code = absl::StatusCode(message.error().code()); break;
+      case v1::VoxelizeManyResponse::kError:
+        outcome.code = absl::StatusCode(message.error().code());
+        for (const auto& detail : message.error().details()) {
+          outcome.retry_info |= detail.type_url().ends_with("/google.rpc.RetryInfo");
+        }
+        break;
       case v1::VoxelizeManyResponse::kWhole:
         if (!job.answer.Take(message.whole()).ok()) return false;
         break;

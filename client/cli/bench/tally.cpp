@@ -8,7 +8,10 @@ void Tally::Add(const Outcome& outcome) {
   ++requests;
   lag_ns.Add(outcome.lag_ns);
   if (outcome.code != absl::StatusCode::kOk) {
-    ++errors[absl::StatusCodeToString(outcome.code)];
+    Failures& failures = errors[absl::StatusCodeToString(outcome.code)];
+    ++failures.count;
+    failures.with_retry_info += outcome.retry_info ? 1 : 0;
+    failures.latency_ns.Add(outcome.latency_ns);
     return;
   }
   ++ok;
@@ -35,7 +38,12 @@ void Tally::Add(const Outcome& outcome) {
 void Tally::Merge(const Tally& other) {
   requests += other.requests;
   ok += other.ok;
-  for (const auto& [code, count] : other.errors) errors[code] += count;
+  for (const auto& [code, failures] : other.errors) {
+    Failures& ours = errors[code];
+    ours.count += failures.count;
+    ours.with_retry_info += failures.with_retry_info;
+    ours.latency_ns.Merge(failures.latency_ns);
+  }
   latency_ns.Merge(other.latency_ns);
   queue_ns.Merge(other.queue_ns);
   mesh_ns.Merge(other.mesh_ns);

@@ -62,6 +62,22 @@ TEST(BenchJson, CountsAllAndMeasuresAnswersOnly) {
   EXPECT_NEAR(json["client"]["cpu_us_per_request"].get<double>(), 200, 1e-9);
 }
 
+TEST(BenchJson, MeasuresFailuresByCode) {
+  LoadResult result = ThreeAnswersOfFive();
+  Outcome told = Failure(absl::StatusCode::kResourceExhausted, 3);
+  told.retry_info = true;
+  Tally other;
+  other.Add(told);
+  result.tally.Merge(other);
+  const nlohmann::ordered_json json = BenchJson(LoadPlan{}, result);
+  EXPECT_EQ(json["errors"]["RESOURCE_EXHAUSTED"], 2);
+  EXPECT_EQ(json["errors_with_retry_info"]["RESOURCE_EXHAUSTED"], 1);
+  EXPECT_EQ(json["errors_with_retry_info"]["UNAVAILABLE"], 0);
+  EXPECT_EQ(json["error_latency_ms"]["RESOURCE_EXHAUSTED"]["max"], 3.0);
+  EXPECT_NEAR(json["error_latency_ms"]["RESOURCE_EXHAUSTED"]["p50"].get<double>(), 1, 1.0 / 256);
+  EXPECT_EQ(json["error_latency_ms"]["UNAVAILABLE"]["max"], 9000.0);
+}
+
 TEST(BenchJson, TellsTheServersShare) {
   const nlohmann::ordered_json server = BenchJson(LoadPlan{}, ThreeAnswersOfFive())["server"];
   EXPECT_EQ(server["queue_ms"]["max"], 1.0);
@@ -96,6 +112,7 @@ TEST(BenchTable, NamesErrorsAndWorkers) {
   const std::string table = BenchTable(LoadPlan{}, ThreeAnswersOfFive());
   EXPECT_THAT(table, HasSubstr("3 of 5 requests"));
   EXPECT_THAT(table, HasSubstr("1 UNAVAILABLE"));
+  EXPECT_THAT(table, HasSubstr("max 9000.000"));
   EXPECT_THAT(table, HasSubstr("cuda:0/1 3"));
 }
 
