@@ -47,29 +47,19 @@ class ManyCall::Job final : public VoxelizeJob {
 
   void Done(absl::StatusOr<JobOutcome> outcome) override {
     CountJob(call_->state_.metrics, outcome);
-    mesh.reset();
-    kept.reset();
-    pieces.clear();
-    uploads_.ShrinkTo(0);
-    Answer answer;
     if (!outcome.ok()) {
       working_.ShrinkTo(0);
-      answer.message = ErrorMessage(id_, outcome.status());
-    } else {
-      const uint64_t result_bytes = ResultBytes(outcome->result);
-      working_.ShrinkTo(result_bytes);
-      const auto shared = std::make_shared<const JobOutcome>(*std::move(outcome));
-      const PieceOptions options = PiecesOf(call_->state_.options);
-      if (result_bytes <= kWholeBytes) {
-        answer.message = ResultPieces(config.settings, options, ResponseCoder(id_)).Whole(plan_, shared);
-      } else {
-        answer.stream = std::make_shared<ResultStream>(shared, config.settings, options, ResponseCoder(id_));
-      }
+      Reply({.job = nullptr, .message = ErrorMessage(id_, outcome.status()), .stream = nullptr}, true);
+      return;
     }
-    // The call owns this job until it has been answered, and this job the call until now.
-    const std::shared_ptr<ManyCall> call = std::move(call_);
-    answer.job = std::static_pointer_cast<Job>(self.lock());
-    call->Ended(std::move(answer), !outcome.ok());
+    working_.ShrinkTo(ResultBytes(outcome->result));
+    Reply(std::make_shared<const JobOutcome>(*std::move(outcome)), false);
+  }
+  // The plan comes with the answer: PlanShared would say it while the answer is made.
+  void DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& plan, bool cached) override {
+    call_->state_.metrics.JobEnded(absl::StatusCode::kOk);
+    plan_ = ToMessage(plan);
+    Reply(std::move(outcome), cached);
   }
 
   std::weak_ptr<Task> self;
@@ -83,6 +73,29 @@ class ManyCall::Job final : public VoxelizeJob {
     return absl::OkStatus();
   }
   ResultSink* large_results() override { return nullptr; }
+
+  void Reply(const std::shared_ptr<const JobOutcome>& outcome, bool cached) {
+    const PieceOptions options = PiecesOf(call_->state_.options);
+    Answer answer;
+    if (ResultBytes(outcome->result) <= kWholeBytes) {
+      ResultPieces whole(config.settings, options, ResponseCoder(id_));
+      whole.SetShared(cached, outcome->content_sha256);
+      answer.message = whole.Whole(plan_, outcome);
+    } else {
+      answer.stream = std::make_shared<ResultStream>(outcome, config.settings, options, ResponseCoder(id_), cached);
+    }
+    Reply(std::move(answer), false);
+  }
+  void Reply(Answer answer, bool failed) {
+    mesh.reset();
+    kept.reset();
+    pieces.clear();
+    uploads_.ShrinkTo(0);
+    // The call owns this job until it has been answered, and this job the call until now.
+    const std::shared_ptr<ManyCall> call = std::move(call_);
+    answer.job = std::static_pointer_cast<Job>(self.lock());
+    call->Ended(std::move(answer), failed);
+  }
 
   std::shared_ptr<ManyCall> call_;
   const uint64_t id_;
@@ -158,12 +171,12 @@ absl::Status ManyCall::Take(v1::VoxelizeManyRequest request) {
     bytes_ += job->bytes_in_hand;
   }
   absl::Status status = draining ? ShuttingDownError() : Prepare(request, *job);
-  if (status.ok()) status = state_.scheduler.Submit(job);
+  if (status.ok()) status = state_.results.Submit(job);
   if (!status.ok()) job->Done(std::move(status));
   // A cancellation that came before the job could be withdrawn.
   if (!deadline_.Check().ok()) {
     job->context.Cancel();
-    if (state_.scheduler.Withdraw(*job)) job->Done(job->context.Check());
+    if (state_.results.Withdraw(*job)) job->Done(job->context.Check());
   }
   return absl::OkStatus();
 }
@@ -334,7 +347,7 @@ void ManyCall::End(absl::Status status) {
   if (deadline_.Check().ok()) deadline_.Cancel();
   for (const std::shared_ptr<Job>& job : jobs) {
     job->context.Cancel();
-    if (state_.scheduler.Withdraw(*job)) job->Done(job->context.Check());
+    if (state_.results.Withdraw(*job)) job->Done(job->context.Check());
   }
   Pump();
 }

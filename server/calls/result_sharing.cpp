@@ -126,10 +126,7 @@ absl::Status ResultSharing::Submit(std::shared_ptr<VoxelizeJob> job) {
     seats_[job.get()] = seat;
     if (seat.first) run = std::make_shared<Run>(*this, seat.flight, *job);
   }
-  if (!seat.first) {
-    metrics_.jobs_shared.Increment();
-    return absl::OkStatus();
-  }
+  if (!seat.first) return absl::OkStatus();
   flights_.WhenEmpty(seat.flight, [this, weak = std::weak_ptr<Run>(run)] {
     if (const auto alive = weak.lock()) {
       alive->context.Cancel();
@@ -150,6 +147,7 @@ void ResultSharing::Answer(const std::shared_ptr<VoxelizeJob>& job, const Flight
     seats_.erase(seat);
   }
   if (result.ok()) {
+    if (!first) metrics_.jobs_shared.Increment();
     // The outcome, and with it what it holds of the server's memory.
     job->DoneShared({*result, (*result)->outcome.get()}, (*result)->plan, !first);
   } else if (!IsOfTheRun(result.status())) {

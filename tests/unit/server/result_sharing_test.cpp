@@ -113,7 +113,6 @@ class ResultCacheTest : public ResultSharingTest {
 TEST_F(ResultSharingTest, EqualJobsRunOnce) {
   const auto a = Submitted(), b = Submitted(), c = Submitted();
   EXPECT_EQ(scheduler.queued(), 1u);
-  EXPECT_EQ(metrics.jobs_shared.Value(), 2);
   VoxelizeJob& run = Take();
   run.context.Report("load", 0);
   EXPECT_TRUE(run.Planned(OneSlab(100), true).ok());
@@ -126,6 +125,7 @@ TEST_F(ResultSharingTest, EqualJobsRunOnce) {
     EXPECT_EQ(job->planned, 0) << "the run holds the memory";
     EXPECT_TRUE(job->done.empty());
   }
+  EXPECT_EQ(metrics.jobs_shared.Value(), 2);
   EXPECT_EQ(a->cached, std::vector<bool>{false});
   EXPECT_EQ(b->cached, std::vector<bool>{true});
   EXPECT_FALSE(a->results[0]->content_sha256.empty()) << "hashed once";
