@@ -47,7 +47,8 @@ struct ServiceState {
         gate(resolved.max_calls),
         idle_watch(IdleIntervalOf(resolved)),
         limits(LimitsOf(resolved)),
-        results(scheduler, working, metrics, {resolved.share_equal_jobs, resolved.result_cache_bytes}),
+        results(scheduler, working, metrics,
+                {resolved.share_equal_jobs, resolved.result_cache_bytes, resolved.piece_bytes}),
         scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),
         queue_sampler(SampleQueue(scheduler, metrics)),
         pool(scheduler, WorkersOf(resolved, &metrics), limits.plan) {}

@@ -39,7 +39,7 @@ CodedPiece ResultPieces::Code(size_t array, std::span<const uint8_t> bytes, std:
     piece.data = *kept;
     piece.owner = std::move(kept);
   }
-  piece.crc32c = Crc32c(piece.data);
+  piece.crc32c = sums_ && !frame ? sums_->Crc32cOf(array, piece.offset, piece.data) : Crc32c(piece.data);
   bytes_ += bytes.size();
   sent_bytes_ += piece.data.size();
   return piece;
@@ -55,9 +55,10 @@ void ResultPieces::Hash(std::span<const uint8_t> bytes) {
   hash_->Update(bytes);
 }
 
-void ResultPieces::SetShared(bool cached, const std::string& hash) {
+void ResultPieces::SetShared(bool cached, std::shared_ptr<ResultSums> sums) {
   cached_ = cached;
-  known_hash_ = hash;
+  sums_ = std::move(sums);
+  if (hashed_ && sums_) known_hash_ = sums_->sha256();
 }
 
 void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) {
@@ -74,7 +75,9 @@ void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) 
     summary.set_content_sha256(known_hash_);
   } else if (hashed_) {
     if (!hash_) hash_.emplace();
-    summary.set_content_sha256(hash_->HexDigest());
+    known_hash_ = hash_->HexDigest();
+    if (sums_) sums_->SetSha256(known_hash_);
+    summary.set_content_sha256(known_hash_);
   }
   summary.set_result_bytes(bytes_);
   summary.set_sent_bytes(sent_bytes_);

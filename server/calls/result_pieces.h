@@ -15,6 +15,7 @@
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "wire/call_settings.h"
 #include "work/job.h"
+#include "work/result_sums.h"
 #include "work/sha256.h"
 
 namespace voxelpipe {
@@ -37,8 +38,8 @@ class ResultPieces {
   grpc::ByteBuffer Piece(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner);
   // Every piece's bytes in order, apart from Piece so that hashing goes on while they are sent. Not needed where the hash is known.
   void Hash(std::span<const uint8_t> bytes);
-  // Of a result that was made for others, too: `hash`, if not empty, is that of all pieces, which need not be hashed then.
-  void SetShared(bool cached, const std::string& hash);
+  // Of a result that others read, too: its checksums are taken from `sums`, and left there. null: they are of this stream alone.
+  void SetShared(bool cached, std::shared_ptr<ResultSums> sums);
   // After the last piece. Call once.
   grpc::ByteBuffer Summary(const JobOutcome& outcome);
 
@@ -60,6 +61,7 @@ class ResultPieces {
   size_t array_ = 0;
   uint64_t offset_ = 0, bytes_ = 0, sent_bytes_ = 0;
   std::optional<Sha256> hash_;  // made when it is needed
+  std::shared_ptr<ResultSums> sums_;
   std::string known_hash_;
   bool cached_ = false;
 };

@@ -9,6 +9,7 @@
 #include "calls/job_setup.h"
 #include "pipeline/result.h"
 #include "wire/request.h"
+#include "work/result_sums.h"
 #include "work/sha256.h"
 
 namespace voxelpipe {
@@ -75,9 +76,12 @@ class ResultSharing::Run final : public VoxelizeJob {
     uint64_t bytes = 0;
     for (const auto array : ArraysOf(made->result)) bytes += array.size();
     memory_->ShrinkTo(bytes);
-    // Where it is sent once, it is hashed while it is sent.
-    const bool kept_or_shared = sharing_.cache_.enabled() || sharing_.flights_.waiting(flight_) > 1;
-    if (config.settings.content_hash && kept_or_shared) made->content_sha256 = HashOf(made->result);
+    // Where one reads it first, it is hashed while it is sent; several would each do so.
+    const bool shared = sharing_.flights_.waiting(flight_) > 1;
+    if (shared || sharing_.cache_.enabled()) {
+      made->sums = std::make_shared<ResultSums>(made->result, sharing_.piece_bytes_);
+      if (shared && config.settings.content_hash) made->sums->SetSha256(HashOf(made->result));
+    }
     auto result = std::make_shared<const SharedResult>(SharedResult{std::move(made), plan_, memory_});
     if (sharing_.cache_.enabled()) sharing_.cache_.Put(flight_->key, *result);
     sharing_.flights_.Land(flight_, std::move(result));
@@ -96,6 +100,7 @@ ResultSharing::ResultSharing(Scheduler& scheduler, ByteBudget& working, Metrics&
       working_(working),
       metrics_(metrics),
       on_(options.share || options.cache_bytes > 0),
+      piece_bytes_(options.piece_bytes),
       cache_(options.cache_bytes) {}
 
 ResultSharing::~ResultSharing() = default;

@@ -24,8 +24,9 @@ namespace voxelpipe {
 class ResultSharing {
  public:
   struct Options {
-    bool share = true;         // false: all go through, where nothing is kept either
-    uint64_t cache_bytes = 0;  // 0: nothing is kept
+    bool share = true;               // false: all go through, where nothing is kept either
+    uint64_t cache_bytes = 0;        // 0: nothing is kept
+    uint64_t piece_bytes = 1 << 20;  // of the results in one piece, as they are sent
   };
   // All must outlive the object, but for `scheduler`, which may be made later and must end its tasks earlier.
   ResultSharing(Scheduler& scheduler, ByteBudget& working, Metrics& metrics, const Options& options);
@@ -55,6 +56,7 @@ class ResultSharing {
   ByteBudget& working_;
   Metrics& metrics_;
   const bool on_;
+  const uint64_t piece_bytes_;
   ResultCache cache_;
   Flights flights_;
   std::mutex mutex_;

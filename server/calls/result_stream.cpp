@@ -8,7 +8,7 @@ namespace voxelpipe {
 ResultStream::ResultStream(std::shared_ptr<const JobOutcome> outcome, const CallSettings& settings,
                            const PieceOptions& options, ResponseCoder coder, bool cached)
     : outcome_(std::move(outcome)), arrays_(ArraysOf(outcome_->result)), pieces_(settings, options, coder) {
-  pieces_.SetShared(cached, outcome_->content_sha256);
+  pieces_.SetShared(cached, outcome_->sums);
 }
 
 grpc::ByteBuffer ResultStream::Next() {

@@ -231,7 +231,7 @@ void VoxelizeCall::Answer(std::shared_ptr<const JobOutcome> outcome, bool cached
   uint64_t sent_bytes = 0, raw_bytes = 0;
   if (plan_ && ResultBytes(outcome->result) <= kWholeBytes) {
     ResultPieces whole(config.settings, options);
-    whole.SetShared(cached, outcome->content_sha256);
+    whole.SetShared(cached, outcome->sums);
     message = whole.Whole(*plan_, outcome);
     sent_bytes = whole.sent_bytes();
     raw_bytes = whole.bytes();

@@ -13,7 +13,7 @@ namespace voxelpipe {
 
 // What all who asked for the same get.
 struct SharedResult {
-  std::shared_ptr<const JobOutcome> outcome;  // with content_sha256, where it was computed
+  std::shared_ptr<const JobOutcome> outcome;  // with its sums
   Plan plan;
   std::shared_ptr<const void> memory;  // the share of the server's memory that the result holds while somebody reads it
 };

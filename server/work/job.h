@@ -19,6 +19,8 @@
 
 namespace voxelpipe {
 
+class ResultSums;
+
 struct JobLimits {
   LoadLimits load;
   PlanLimits plan;
@@ -41,7 +43,7 @@ struct JobOutcome {
   MeshReport report;
   bool examined = false;              // see PreparedMesh
   std::vector<std::string> warnings;  // of the loader
-  std::string content_sha256;         // of the arrays in stream order, 64 hexadecimal digits; empty: not computed yet
+  std::shared_ptr<ResultSums> sums;   // where several read the result; null: it is sent once
   uint64_t peak_bytes = 0;  // estimate of this request's peak: the largest of loading, flattening and the pipeline
   // How it was served.
   std::string worker;  // "cpu/0"

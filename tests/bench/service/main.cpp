@@ -17,8 +17,10 @@ namespace voxelpipe::bench {
 namespace {
 
 void Print(const char* name, const Measured& m) {
-  std::printf("%-32s %9.1f us %10.0f /s %7.2f GB/s %6.3f CPU-s/GB\n", name, m.cpu_us_per_request(),
-              m.requests / m.seconds, m.gigabytes_per_second(), (m.server_cpu + m.client_cpu) / m.bytes * 1e9);
+  std::printf("%-32s %9.1f us %10.0f /s %7.2f GB/s %6.3f CPU-s/GB (server %.3f, client %.3f)\n", name,
+              m.cpu_us_per_request(), m.requests / m.seconds, m.gigabytes_per_second(),
+              (m.server_cpu + m.client_cpu) / m.bytes * 1e9, m.server_cpu / m.bytes * 1e9,
+              m.client_cpu / m.bytes * 1e9);
   std::fflush(stdout);
 }
 

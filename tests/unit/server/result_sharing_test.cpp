@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "gtest/gtest.h"
+#include "work/result_sums.h"
 
 namespace voxelpipe {
 namespace {
@@ -128,7 +129,8 @@ TEST_F(ResultSharingTest, EqualJobsRunOnce) {
   EXPECT_EQ(metrics.jobs_shared.Value(), 2);
   EXPECT_EQ(a->cached, std::vector<bool>{false});
   EXPECT_EQ(b->cached, std::vector<bool>{true});
-  EXPECT_FALSE(a->results[0]->content_sha256.empty()) << "hashed once";
+  ASSERT_TRUE(a->results[0]->sums);
+  EXPECT_FALSE(a->results[0]->sums->sha256().empty()) << "hashed once";
 }
 
 TEST_F(ResultSharingTest, OtherRequestsRunApart) {
@@ -142,7 +144,7 @@ TEST_F(ResultSharingTest, OtherRequestsRunApart) {
     End(Outcome());
   }
   EXPECT_NE(a->results.at(0), b->results.at(0));
-  EXPECT_TRUE(a->results.at(0)->content_sha256.empty()) << "hashed while it is sent";
+  EXPECT_FALSE(a->results.at(0)->sums) << "hashed while it is sent";
 }
 
 TEST_F(ResultSharingTest, WhatCannotBeSharedGoesThrough) {
