@@ -79,7 +79,7 @@ class ManyCall::Job final : public VoxelizeJob {
     Answer answer;
     if (ResultBytes(outcome->result) <= kWholeBytes) {
       ResultPieces whole(config.settings, options, ResponseCoder(id_));
-      whole.SetShared(cached, outcome->content_sha256);
+      whole.SetShared(cached, outcome->sums);
       answer.message = whole.Whole(plan_, outcome);
     } else {
       answer.stream = std::make_shared<ResultStream>(outcome, config.settings, options, ResponseCoder(id_), cached);
