@@ -25,6 +25,9 @@ namespace {
 
 // Bounds what gRPC itself buffers; room for a few messages of the largest size.
 constexpr size_t kTransportBytes = size_t{512} << 20;
+// Of a stream, beyond what the client has made room for, where the next message is known to follow (WriteOptions::set_buffer_hint): so
+// that pieces smaller than this leave several at a time.
+constexpr int kWriteAheadBytes = 1 << 20;
 constexpr int kKeepaliveMs = 60'000;       // finds clients that vanished, so that their jobs end
 constexpr int kMinPingIntervalMs = 5'000;  // what clients may do to find a server that vanished
 
@@ -138,6 +141,7 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   builder.RegisterService(server->health_.get());
   builder.SetMaxReceiveMessageSize(kMaxMessageBytes);
   builder.SetResourceQuota(grpc::ResourceQuota("voxelpiped").Resize(kTransportBytes));
+  builder.AddChannelArgument(GRPC_ARG_HTTP2_WRITE_BUFFER_SIZE, kWriteAheadBytes);
   // Two servers must not share a port unnoticed.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
   builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, int(options.max_connection_calls));

@@ -294,10 +294,12 @@ void ManyCall::Pump() {
     // The client may use the id again as soon as it has this, which may be before gRPC says that it was written.
     if (last_of_current_) ids_.erase(current_->job->id());
     writing_ = true;
+    grpc::WriteOptions options;
+    if (!last_of_current_ && stream->next_is_ready()) options.set_buffer_hint();
     lock.unlock();
     write_wait_->Begin();
     GiveToGrpc(&writing_message_);
-    StartWrite(&writing_message_);
+    StartWrite(&writing_message_, options);
     if (stream) stream->CatchUp();  // while the piece is on its way
     lock.lock();
     if (stream) making_ = false;

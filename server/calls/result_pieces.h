@@ -46,6 +46,8 @@ class ResultPieces {
   // All of a small result. Call alone, once. `outcome` stays until gRPC has sent the message.
   grpc::ByteBuffer Whole(const v1::VoxelizationPlan& plan, const std::shared_ptr<const JobOutcome>& outcome);
 
+  // Pieces are made without compressing or hashing them.
+  bool at_once() const { return !compressor_ && (!hashed_ || !known_hash_.empty()); }
   uint64_t piece_bytes() const { return options_.piece_bytes; }
   uint64_t bytes() const { return bytes_; }            // of all pieces so far
   uint64_t sent_bytes() const { return sent_bytes_; }  // of the same, as they are sent

@@ -24,6 +24,8 @@ class ResultStream {
   // Work that need not be done before the message of Next is on its way. Call between two of them.
   void CatchUp();
   bool done() const { return part_ == Part::kEnd; }
+  // There is a next message, and neither CatchUp nor Next have much to do for it: it follows at once.
+  bool next_is_ready() const { return !done() && pieces_.at_once(); }
 
   uint64_t bytes() const { return pieces_.bytes(); }
   uint64_t sent_bytes() const { return pieces_.sent_bytes(); }

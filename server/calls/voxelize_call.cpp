@@ -392,7 +392,9 @@ void VoxelizeCall::Pump() {
     lock.unlock();
     write_wait_->Begin();
     GiveToGrpc(&writing_message_);
-    StartWrite(&writing_message_);
+    grpc::WriteOptions options;
+    if (result && result->next_is_ready()) options.set_buffer_hint();  // done as soon as there is room for the next one
+    StartWrite(&writing_message_, options);
     if (!result) return;
     result->CatchUp();  // while the piece is on its way
     lock.lock();

@@ -176,6 +176,30 @@ TEST(ResultStreamTest, SumsOfOtherPiecesOrCompressedOnesAreTheirOwn) {
   }
 }
 
+TEST(ResultStreamTest, TellsWhenTheNextMessageFollowsAtOnce) {
+  JobOutcome made = MakeOutcome({3 * kPieceBytes});
+  made.sums = std::make_shared<ResultSums>(made.result, kPieceBytes);
+  const auto outcome = Shared(std::move(made));
+  const auto all_ready = [&](const CallSettings& settings) {
+    ResultStream stream(outcome, settings, {.piece_bytes = kPieceBytes});
+    bool ready = true;
+    while (!stream.done()) {
+      ready = ready && stream.next_is_ready();
+      stream.Next();
+      stream.CatchUp();
+    }
+    EXPECT_FALSE(stream.next_is_ready()) << "there is none";
+    return ready;
+  };
+  CallSettings plain, compressed;
+  plain.content_hash = compressed.content_hash = false;
+  compressed.compression = Compression::kZstd;
+  EXPECT_TRUE(all_ready(plain));
+  EXPECT_FALSE(all_ready(compressed));
+  EXPECT_FALSE(all_ready({})) << "hashed between two pieces";
+  EXPECT_TRUE(all_ready({})) << "the hash is known by now";
+}
+
 TEST(ResultStreamTest, WithoutHashThereIsNone) {
   CallSettings settings;
   settings.content_hash = false;
