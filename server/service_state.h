@@ -7,6 +7,7 @@
 
 #include "access/access_control.h"
 #include "calls/call_gate.h"
+#include "calls/full_queue.h"
 #include "calls/idle_watch.h"
 #include "calls/result_sharing.h"
 #include "meshes/mesh_store.h"
@@ -50,6 +51,7 @@ struct ServiceState {
         results(scheduler, working, metrics,
                 {resolved.share_equal_jobs, resolved.result_cache_bytes, resolved.piece_bytes}),
         scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),
+        full_queue(scheduler, metrics),
         queue_sampler(SampleQueue(scheduler, metrics)),
         pool(scheduler, WorkersOf(resolved, &metrics), limits.plan) {}
 
@@ -65,6 +67,7 @@ struct ServiceState {
   const JobLimits limits;
   ResultSharing results;  // between the calls and the scheduler
   Scheduler scheduler;
+  FullQueue full_queue;
   const std::unique_ptr<Metrics::Sampler> queue_sampler;
   WorkerPool pool;  // last, so that its jobs end before the budgets go
 };

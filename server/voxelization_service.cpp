@@ -4,6 +4,7 @@
 #include "calls/estimate_call.h"
 #include "calls/many_call.h"
 #include "calls/mesh_calls.h"
+#include "calls/refused_call.h"
 #include "calls/voxelize_call.h"
 #include "pipeline/backend.h"
 #include "shaders/catalog.h"
@@ -52,6 +53,8 @@ void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& respon
 
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizationServiceImpl::Voxelize(
     grpc::CallbackServerContext* context) {
+  using Reactor = grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>;
+  if (Reactor* refused = RefusedCall<Reactor>::CreateIfFull(state_, *context, Rpc::kVoxelize)) return refused;
   return VoxelizeCall::Create(state_, *context);
 }
 

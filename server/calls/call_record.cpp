@@ -42,14 +42,23 @@ absl::Status CallRecord::TakeBytes(uint64_t bytes) {
   return admitted_.ok() ? admitted_->TakeBytes(bytes) : admitted_.status();
 }
 
-void CallRecord::Log(const absl::Status& status) {
+void CallRecord::Count(const absl::Status& status) {
   logged_ = true;
+  CountEnd(status);
+}
+
+double CallRecord::CountEnd(const absl::Status& status) {
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   metrics_.CallEnded(rpc, status.code(), seconds);
   metrics_.received_bytes.Increment(double(bytes_in));
   metrics_.sent_bytes.Increment(double(bytes_out));
   metrics_.result_bytes.Increment(double(raw_bytes_out != 0 ? raw_bytes_out : bytes_out));
+  return seconds;
+}
 
+void CallRecord::Log(const absl::Status& status) {
+  logged_ = true;
+  const double seconds = CountEnd(status);
   LogLine line("call");
   line.Add("request", request_id).Add("method", RpcName(rpc)).Add("peer", peer);
   if (admitted_.ok() && !admitted_->name().empty()) line.Add("client", admitted_->name());

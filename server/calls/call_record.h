@@ -35,8 +35,9 @@ class CallRecord {
   // `bytes` of a mesh came: counts them. Errors: RESOURCE_EXHAUSTED beyond the client's quota.
   absl::Status TakeBytes(uint64_t bytes);
 
-  // The call is over: writes its line into the access log and counts it. Once.
+  // The call is over: writes its line into the access log and counts it; or counts it alone. One of the two, once.
   void Log(const absl::Status& status);
+  void Count(const absl::Status& status);
 
   const Rpc rpc;
   const std::string request_id;
@@ -53,6 +54,9 @@ class CallRecord {
   static std::optional<std::string_view> Metadata(const grpc::CallbackServerContext& context, const char* name);
   static std::string IdOf(const grpc::CallbackServerContext& context);
   static std::optional<TraceContext> TraceOf(const grpc::CallbackServerContext& context);
+
+  // Out: how long the call took, in seconds.
+  double CountEnd(const absl::Status& status);
 
   Metrics& metrics_;
   absl::StatusOr<Admitted> admitted_;

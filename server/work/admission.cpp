@@ -28,17 +28,22 @@ absl::Status Busy(const std::string& message, const Backlog& backlog, double ms)
 
 }  // namespace
 
+size_t PlacesFor(size_t max_jobs, size_t running, size_t workers) {
+  return max_jobs + (workers - std::min(workers, running));
+}
+
+absl::Status QueueFullError(const Backlog& backlog) {
+  // A tenth of the work is enough to find a place again.
+  return Busy(absl::StrCat("the queue is full: ", backlog.running, " jobs run and ", backlog.jobs, " wait"), backlog,
+              backlog.ms / 10);
+}
+
 AdmissionAnswer AdmitTask(const AdmissionLimits& limits, const Backlog& backlog, const TaskTraits& traits,
                           double task_ms, JobContext::Clock::time_point now) {
-  const size_t idle = backlog.workers - std::min(backlog.workers, backlog.running);
-  const size_t places = limits.max_jobs + idle;
-  // A tenth of the work is enough to find a place again.
-  const double retry_ms = backlog.ms / 10;
-  if (backlog.jobs >= places) {
-    return {Refused::kJobs,
-            Busy(absl::StrCat("the queue is full: ", backlog.running, " jobs run and ", backlog.jobs, " wait"), backlog,
-                 retry_ms)};
-  }
+  const size_t places = PlacesFor(limits.max_jobs, backlog.running, backlog.workers);
+  const size_t idle = places - limits.max_jobs;
+  const double retry_ms = backlog.ms / 10;  // as QueueFullError has it
+  if (backlog.jobs >= places) return {Refused::kJobs, QueueFullError(backlog)};
   if (backlog.client_jobs >= kShareOfFree * (places - backlog.jobs)) {
     return {Refused::kJobs,
             Busy(absl::StrCat("this client's share of the queue is full: ", backlog.client_jobs, " of its jobs wait"),

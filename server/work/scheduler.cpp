@@ -79,6 +79,17 @@ absl::Status Scheduler::Admit(const TaskTraits& traits) const {
   return std::move(answer.status);
 }
 
+bool Scheduler::IsFull() const {
+  const std::lock_guard lock(mutex_);
+  return !draining_ && QueuedLocked() >= PlacesFor(options_.max_queue, taken_.size(), workers_);
+}
+
+absl::Status Scheduler::FullError() const {
+  const std::lock_guard lock(mutex_);
+  return QueueFullError(
+      {QueuedLocked(), 0, waiting_bytes_, to_run_.waiting_ms() + to_load_.waiting_ms(), 0, taken_.size(), workers_});
+}
+
 absl::Status Scheduler::Submit(std::shared_ptr<Task> task) {
   task->Weigh();
   const Time now = Now();

@@ -76,6 +76,9 @@ class Scheduler {
 
   // Whether a task with these traits would be taken in now: for callers who are about to receive a lot for it. Errors: those of Submit.
   absl::Status Admit(const TaskTraits& traits) const;
+  // Whether there is no place for any task now, whatever its traits; and then what Admit would say to all. Cheap.
+  bool IsFull() const;
+  absl::Status FullError() const;
   // Takes a task in. From here on it ends by Task::Refuse with DEADLINE_EXCEEDED if its deadline, or its time in the queue, is over before a
   // worker has it. Errors: see AdmitTask; UNAVAILABLE after Drain began.
   absl::Status Submit(std::shared_ptr<Task> task);

@@ -9,6 +9,7 @@
 
 #include "gtest/gtest.h"
 #include "service/background_call.h"
+#include "service/http_get.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
@@ -87,6 +88,29 @@ TEST_F(QueueTest, ARefusalComesBeforeTheMesh) {
   const absl::Status status = Call({}, false);
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
   EXPECT_TRUE(RetryDelay(status).has_value()) << status;
+}
+
+TEST_F(QueueTest, AFullQueueRefusesBeforeAnythingIsRead) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--max-queue", "0", "--http-listen", "127.0.0.1:0"}));
+  const auto running = Slow();
+  ASSERT_TRUE(running->WaitUntilPlanned());
+  const auto stub =
+      v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+  for (int i = 0; i < 20; ++i) {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + kPatience);
+    const auto stream = stub->Voxelize(&context);  // and nothing more is sent
+    const absl::Status status = FromGrpcStatus(stream->Finish());
+    EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+    EXPECT_TRUE(RetryDelay(status).has_value()) << status;
+    EXPECT_NE(std::string(status.message()).find("the queue is full: 1 jobs run and 0 wait"), std::string::npos);
+    EXPECT_EQ(context.GetServerInitialMetadata().count("x-request-id") +
+                  context.GetServerTrailingMetadata().count("x-request-id"),
+              1u);
+  }
+  const absl::StatusOr<std::string> http = server_->http_address();
+  ASSERT_TRUE(http.ok()) << http.status();
+  EXPECT_EQ(SampleOf(HttpGet(*http, "/metrics"), "voxelpipe_queue_refusals_total{reason=\"jobs\"}"), 20);
 }
 
 TEST_F(QueueTest, GiantsDoNotHoldUpTheSmall) {

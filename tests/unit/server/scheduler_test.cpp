@@ -353,6 +353,24 @@ TEST_F(SchedulerTest, RefusesBeyondEachLimitAndSaysWhenToComeAgain) {
       << "known before anything is uploaded";
 }
 
+TEST_F(SchedulerTest, IsFullWhereEveryTaskWouldBeRefused) {
+  options.max_queue = 2;
+  options.max_batch_jobs = 1;
+  Start(1);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_FALSE(scheduler->IsFull());
+    Submit(i % 2 == 0 ? "a" : "b", Priority::kNormal, 200);
+  }
+  EXPECT_TRUE(scheduler->IsFull());
+  const absl::Status told = scheduler->FullError(), refused = scheduler->Submit(MakeTask("c", Priority::kHigh));
+  EXPECT_EQ(told, refused);
+  EXPECT_EQ(RetryDelay(told), milliseconds(60));  // a tenth of what waits
+  Take();
+  EXPECT_TRUE(scheduler->IsFull()) << "the idle worker's place went with it";
+  Take();
+  EXPECT_FALSE(scheduler->IsFull());
+}
+
 TEST_F(SchedulerTest, BytesAndTimeOfWhatWaitsAreBoundedAndGivenBack) {
   options.max_queue_bytes = 100;
   options.max_queue_ms = 1000;

@@ -1,0 +1,57 @@
+// A call that comes while the queue is full: refused before anything of it is read.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+
+#include <grpcpp/grpcpp.h>
+
+#include "absl/status/status.h"
+#include "calls/call_record.h"
+#include "calls/call_setup.h"
+#include "calls/full_queue.h"
+#include "calls/grpc_turn.h"
+#include "service_state.h"
+#include "wire/status.h"
+
+namespace voxelpipe {
+
+// Reactor: what the service's method returns. Deletes itself when gRPC is done with it.
+template <typename Reactor>
+class RefusedCall final : public Reactor {
+ public:
+  // The call's reactor, or null where the queue has room and the call is to be looked at. `state` must outlive it.
+  static Reactor* CreateIfFull(ServiceState& state, grpc::CallbackServerContext& context, Rpc rpc) {
+    std::shared_ptr<const FullQueue::Answer> answer = state.full_queue.Refusal();
+    return answer ? new RefusedCall(state, context, rpc, *answer) : nullptr;
+  }
+
+  void OnDone() override {
+    GrpcIsDone(this, this);
+    if (!log_) {
+      record_.Count(status_);
+    } else {
+      if (*log_ > 0) record_.facts.push_back({"refused_before", *log_});
+      record_.Log(status_);
+    }
+    delete this;
+  }
+
+ private:
+  RefusedCall(ServiceState& state, grpc::CallbackServerContext& context, Rpc rpc, const FullQueue::Answer& answer)
+      : pass_(state.gate), record_(state, context, rpc), status_(MayBegin(pass_, record_)) {
+    const bool strange = !status_.ok();  // who may not call at all hears that
+    if (!strange) status_ = answer.status;
+    log_ = strange ? 0 : state.full_queue.MayLog();
+    GiveToGrpc(this);
+    this->Finish(strange ? ToGrpcStatus(status_) : answer.grpc_status);
+  }
+
+  const CallGate::Pass pass_;  // a drain waits until the client was told
+  CallRecord record_;
+  absl::Status status_;
+  std::optional<uint64_t> log_;
+};
+
+}  // namespace voxelpipe
