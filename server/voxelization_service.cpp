@@ -6,6 +6,7 @@
 #include "calls/mesh_calls.h"
 #include "calls/refused_call.h"
 #include "calls/voxelize_call.h"
+#include "calls/whole_call.h"
 #include "pipeline/backend.h"
 #include "shaders/catalog.h"
 #include "wire/response.h"
@@ -61,6 +62,13 @@ grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizationService
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizationServiceImpl::VoxelizeMany(
     grpc::CallbackServerContext* context) {
   return ManyCall::Create(state_, *context);
+}
+
+grpc::ServerUnaryReactor* VoxelizationServiceImpl::VoxelizeWhole(grpc::CallbackServerContext* context,
+                                                                 const grpc::ByteBuffer* request,
+                                                                 grpc::ByteBuffer* response) {
+  // gRPC made it for this call and does not look at it again: reading it frees its bytes.
+  return WholeCall::Create(state_, *context, *const_cast<grpc::ByteBuffer*>(request), *response);
 }
 
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::EstimateVoxelization(grpc::CallbackServerContext* context,

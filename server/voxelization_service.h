@@ -13,8 +13,9 @@ namespace voxelpipe {
 
 // These send and receive bytes as gRPC has them, so that results go out from where they stand.
 template <typename Base>
-using WithRawCalls = v1::VoxelizationService::WithRawCallbackMethod_Voxelize<
-    v1::VoxelizationService::WithRawCallbackMethod_VoxelizeMany<Base>>;
+using WithRawCalls =
+    v1::VoxelizationService::WithRawCallbackMethod_Voxelize<v1::VoxelizationService::WithRawCallbackMethod_VoxelizeMany<
+        v1::VoxelizationService::WithRawCallbackMethod_VoxelizeWhole<Base>>>;
 template <typename Base>
 using WithTypedCalls = v1::VoxelizationService::WithCallbackMethod_EstimateVoxelization<
     v1::VoxelizationService::WithCallbackMethod_ListShaders<v1::VoxelizationService::WithCallbackMethod_GetServerInfo<
@@ -29,6 +30,8 @@ class VoxelizationServiceImpl final : public WithRawCalls<WithTypedCalls<v1::Vox
   grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Voxelize(grpc::CallbackServerContext* context) override;
   grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizeMany(
       grpc::CallbackServerContext* context) override;
+  grpc::ServerUnaryReactor* VoxelizeWhole(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
+                                          grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* EstimateVoxelization(grpc::CallbackServerContext* context,
                                                  const v1::EstimateVoxelizationRequest* request,
                                                  v1::EstimateVoxelizationResponse* response) override;

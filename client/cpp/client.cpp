@@ -28,6 +28,7 @@ struct Client::Impl {
   std::string target;
   ConnectOptions options;
   std::shared_ptr<grpc::Channel> channel;
+  ServerWays ways;
   std::unique_ptr<v1::VoxelizationService::Stub> service;
   std::unique_ptr<grpc::health::v1::Health::Stub> health;
 
@@ -76,15 +77,15 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& targe
 absl::StatusOr<RemoteResult> Client::Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                               const VoxelizeRequest& request, const JobContext& job,
                                               const std::function<void(const Plan&)>& on_plan) {
-  return CallVoxelize(*impl_->service, impl_->target, impl_->options.max_result_bytes, impl_->options.settings,
-                      MeshSource::File(mesh_bytes, format), request, job, on_plan);
+  return CallVoxelize(*impl_->service, impl_->ways, impl_->target, impl_->options.max_result_bytes,
+                      impl_->options.settings, MeshSource::File(mesh_bytes, format), request, job, on_plan);
 }
 
 absl::StatusOr<RemoteRun> Client::VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                              const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                              const std::function<void(const Plan&)>& on_plan) {
-  return CallVoxelizeTo(*impl_->service, impl_->target, impl_->options.max_result_bytes, impl_->options.settings,
-                        MeshSource::File(mesh_bytes, format), request, job, sink, on_plan);
+  return CallVoxelizeTo(*impl_->service, impl_->ways, impl_->target, impl_->options.max_result_bytes,
+                        impl_->options.settings, MeshSource::File(mesh_bytes, format), request, job, sink, on_plan);
 }
 
 std::unique_ptr<ManyStream> Client::OpenMany(const JobContext& job, size_t window) {
@@ -100,8 +101,8 @@ absl::StatusOr<RemoteResult> Client::VoxelizeStored(const std::string& mesh_id, 
                                                     const JobContext& job, std::span<const float> new_positions,
                                                     const std::function<void(const Plan&)>& on_plan) {
   if (mesh_id.empty()) return NoMeshId();
-  return CallVoxelize(*impl_->service, impl_->target, impl_->options.max_result_bytes, impl_->options.settings,
-                      MeshSource::Stored(mesh_id, new_positions), request, job, on_plan);
+  return CallVoxelize(*impl_->service, impl_->ways, impl_->target, impl_->options.max_result_bytes,
+                      impl_->options.settings, MeshSource::Stored(mesh_id, new_positions), request, job, on_plan);
 }
 
 absl::StatusOr<RemoteRun> Client::VoxelizeStoredTo(const std::string& mesh_id, const VoxelizeRequest& request,
@@ -109,8 +110,9 @@ absl::StatusOr<RemoteRun> Client::VoxelizeStoredTo(const std::string& mesh_id, c
                                                    std::span<const float> new_positions,
                                                    const std::function<void(const Plan&)>& on_plan) {
   if (mesh_id.empty()) return NoMeshId();
-  return CallVoxelizeTo(*impl_->service, impl_->target, impl_->options.max_result_bytes, impl_->options.settings,
-                        MeshSource::Stored(mesh_id, new_positions), request, job, sink, on_plan);
+  return CallVoxelizeTo(*impl_->service, impl_->ways, impl_->target, impl_->options.max_result_bytes,
+                        impl_->options.settings, MeshSource::Stored(mesh_id, new_positions), request, job, sink,
+                        on_plan);
 }
 
 absl::StatusOr<StoredMesh> Client::GetMesh(const std::string& mesh_id) {

@@ -14,7 +14,7 @@
 #include "call_watch.h"
 #include "list_check.h"
 #include "many_call.h"
-#include "memory_sink.h"
+#include "pipeline/memory_sink.h"
 #include "result_reader.h"
 #include "wire/request.h"
 #include "wire/status.h"

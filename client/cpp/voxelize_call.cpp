@@ -9,15 +9,17 @@
 #include <thread>
 #include <utility>
 
+#include <google/protobuf/arena.h>
 #include <grpcpp/support/sync_stream.h>
 
 #include "base/crc32c.h"
 #include "call_watch.h"
 #include "list_check.h"
-#include "memory_sink.h"
+#include "pipeline/memory_sink.h"
 #include "result_reader.h"
 #include "wire/request.h"
 #include "wire/response.h"
+#include "wire/status.h"
 
 namespace voxelpipe {
 namespace {
@@ -119,6 +121,15 @@ bool IsSmall(const VoxelizeRequest& request) {
   return bytes <= kWholeBytes;
 }
 
+// The result of a call without a stream. An error means that the server does not keep to the contract, or is the sink's.
+absl::Status TakeWhole(const v1::WholeResult& whole, ResultReader& reader, bool& planned, Reporter& reporter,
+                       const std::function<void(const Plan&)>& on_plan) {
+  absl::Status status = TellPlan(whole.accepted(), planned, on_plan);
+  if (status.ok()) status = reader.AddWhole(whole);
+  if (status.ok()) reporter.Report("download", 1);
+  return status;
+}
+
 // Takes one message. An error means that the server does not keep to the contract, or is the sink's.
 absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, bool& planned, Reporter& reporter,
                   const std::function<void(const Plan&)>& on_plan) {
@@ -134,35 +145,69 @@ absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, boo
       return status;
     }
     case v1::VoxelizeResponse::kSummary: return reader.AddSummary(message.summary());
-    case v1::VoxelizeResponse::kWhole: {
-      absl::Status status = TellPlan(message.whole().accepted(), planned, on_plan);
-      if (status.ok()) status = reader.AddWhole(message.whole());
-      if (status.ok()) reporter.Report("download", 1);
-      return status;
-    }
+    case v1::VoxelizeResponse::kWhole: return TakeWhole(message.whole(), reader, planned, reporter, on_plan);
     case v1::VoxelizeResponse::MESSAGE_NOT_SET: return absl::OkStatus();  // something that a newer server says
   }
   return absl::OkStatus();
 }
 
-}  // namespace
-
-absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                         uint64_t max_result_bytes, const CallSettings& settings,
-                                         const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
-                                         ResultSink& sink, const std::function<void(const Plan&)>& on_plan) {
-  // On the wire no target at all means one of bits; whoever calls this never means that.
-  if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
-  if (absl::Status status = job.Check(); !status.ok()) return status;
-  grpc::ClientContext context;
-  const CallWatch watch(context, job);
-  const bool whole = mesh.bytes.size() <= kWholeBytes && IsSmall(request);
-  if (whole) context.set_initial_metadata_corked(true);  // goes with the one message
-  const std::unique_ptr<Stream> stream = stub.Voxelize(&context);
-  Reporter reporter(job);
+v1::VoxelizeConfig ConfigOf(const MeshSource& mesh, const VoxelizeRequest& request, const CallSettings& settings) {
   v1::VoxelizeConfig config = MakeConfig(request, mesh.format, settings);
   config.set_mesh_id(mesh.mesh_id);
   config.set_new_positions(!mesh.mesh_id.empty() && !mesh.bytes.empty());
+  return config;
+}
+
+// A small job, one message each way. UNIMPLEMENTED and NeedsStream where the server would have it on a stream; nothing was told then.
+absl::StatusOr<RemoteRun> CallWhole(v1::VoxelizationService::Stub& stub, const std::string& target,
+                                    uint64_t max_result_bytes, const CallSettings& settings, const MeshSource& mesh,
+                                    const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
+                                    const std::function<void(const Plan&)>& on_plan) {
+  Reporter reporter(job);
+  reporter.Report("upload", 0);
+  google::protobuf::Arena arena;
+  auto& message = *google::protobuf::Arena::CreateMessage<v1::VoxelizeWholeRequest>(&arena);
+  *message.mutable_config() = ConfigOf(mesh, request, settings);
+  message.set_mesh(mesh.bytes.data(), mesh.bytes.size());
+  message.set_crc32c(Crc32c(mesh.bytes));
+  auto& answer = *google::protobuf::Arena::CreateMessage<v1::VoxelizeWholeResponse>(&arena);
+  grpc::ClientContext context;
+  grpc::Status status;
+  {
+    const CallWatch watch(context, job);
+    status = stub.VoxelizeWhole(&context, message, &answer);
+  }
+  if (!status.ok()) return CallStatus(status, job, target);
+  ResultReader reader(request, max_result_bytes, sink, settings.content_hash);
+  bool planned = false;
+  if (absl::Status s = TakeWhole(answer.result(), reader, planned, reporter, on_plan); !s.ok()) return s;
+  return reader.Take();
+}
+
+}  // namespace
+
+absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, ServerWays& ways,
+                                         const std::string& target, uint64_t max_result_bytes,
+                                         const CallSettings& settings, const MeshSource& mesh,
+                                         const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
+                                         const std::function<void(const Plan&)>& on_plan) {
+  // On the wire no target at all means one of bits; whoever calls this never means that.
+  if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
+  if (absl::Status status = job.Check(); !status.ok()) return status;
+  const bool whole = mesh.bytes.size() <= kWholeBytes && IsSmall(request);
+  bool not_there = false;
+  if (whole && !ways.no_whole_calls) {
+    absl::StatusOr<RemoteRun> run =
+        CallWhole(stub, target, max_result_bytes, settings, mesh, request, job, sink, on_plan);
+    not_there = absl::IsUnimplemented(run.status());  // the call, or something in the mesh
+    if (!not_there && !NeedsStream(run.status())) return run;
+  }
+  grpc::ClientContext context;
+  const CallWatch watch(context, job);
+  if (whole) context.set_initial_metadata_corked(true);  // goes with the one message
+  const std::unique_ptr<Stream> stream = stub.Voxelize(&context);
+  Reporter reporter(job);
+  v1::VoxelizeConfig config = ConfigOf(mesh, request, settings);
   std::optional<UploadThread> upload;
   if (whole) {
     UploadWhole(*stream, std::move(config), mesh.bytes, reporter);
@@ -185,16 +230,18 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, co
   const grpc::Status status = stream->Finish();
   if (!broken.ok()) return broken;
   if (!status.ok()) return CallStatus(status, job, target);
+  if (not_there) ways.no_whole_calls = true;
   return reader.Take();
 }
 
-absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                          uint64_t max_result_bytes, const CallSettings& settings,
-                                          const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
+absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, ServerWays& ways,
+                                          const std::string& target, uint64_t max_result_bytes,
+                                          const CallSettings& settings, const MeshSource& mesh,
+                                          const VoxelizeRequest& request, const JobContext& job,
                                           const std::function<void(const Plan&)>& on_plan) {
   MemorySink sink;
   absl::StatusOr<RemoteRun> run =
-      CallVoxelizeTo(stub, target, max_result_bytes, settings, mesh, request, job, sink, on_plan);
+      CallVoxelizeTo(stub, ways, target, max_result_bytes, settings, mesh, request, job, sink, on_plan);
   if (!run.ok()) return run.status();
   RemoteResult remote{*std::move(run), sink.Take()};
   remote.result.stats = remote.stats;

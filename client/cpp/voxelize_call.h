@@ -1,6 +1,7 @@
 // One Voxelize call: uploads and downloads at the same time.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <span>
@@ -27,16 +28,23 @@ struct MeshSource {
   }
 };
 
+// What was learned about a server. Thread-safe.
+struct ServerWays {
+  std::atomic<bool> no_whole_calls{false};  // it is older than VoxelizeWhole
+};
+
 // See Client::VoxelizeTo. `target` names the server in errors.
-absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                         uint64_t max_result_bytes, const CallSettings& settings,
-                                         const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
-                                         ResultSink& sink, const std::function<void(const Plan&)>& on_plan);
+absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, ServerWays& ways,
+                                         const std::string& target, uint64_t max_result_bytes,
+                                         const CallSettings& settings, const MeshSource& mesh,
+                                         const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
+                                         const std::function<void(const Plan&)>& on_plan);
 
 // See Client::Voxelize. `target` names the server in errors.
-absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                          uint64_t max_result_bytes, const CallSettings& settings,
-                                          const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
+absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, ServerWays& ways,
+                                          const std::string& target, uint64_t max_result_bytes,
+                                          const CallSettings& settings, const MeshSource& mesh,
+                                          const VoxelizeRequest& request, const JobContext& job,
                                           const std::function<void(const Plan&)>& on_plan);
 
 }  // namespace voxelpipe

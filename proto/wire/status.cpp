@@ -16,10 +16,14 @@ namespace {
 constexpr char kRetryDelayUrl[] = "voxelpipe/retry_delay_ms";
 constexpr char kQuotaSubjectUrl[] = "voxelpipe/quota_subject";
 constexpr char kMissingMeshUrl[] = "voxelpipe/missing_mesh";
+constexpr char kNeedsStreamUrl[] = "voxelpipe/needs_stream";  // its value: need_bytes limit_bytes
 constexpr char kMeshType[] = "voxelpipe.v1.StoredMesh";
 constexpr char kDomain[] = "voxelpipe";
 // Keys of an ErrorInfo's metadata.
-constexpr char kNeedBytes[] = "need_bytes", kLimitBytes[] = "limit_bytes", kLargestResolution[] = "largest_resolution";
+constexpr char kNeedBytes[] = "need_bytes", kLimitBytes[] = "limit_bytes", kLargestResolution[] = "largest_resolution",
+               kUseRpc[] = "use_rpc";
+constexpr char kNotAvailable[] = "NOT_AVAILABLE", kResultNeedsStream[] = "RESULT_NEEDS_STREAM";
+constexpr char kStreamRpc[] = "voxelpipe.v1.VoxelizationService/Voxelize";
 // Trailers are bounded to 8 KiB together by default; the message goes there twice, percent-encoded once.
 constexpr size_t kMaxMessageBytes = 1000;
 constexpr size_t kMaxIdBytes = 80;
@@ -88,6 +92,17 @@ std::optional<std::string> MissingMesh(const absl::Status& status) {
   return std::string(*payload);
 }
 
+absl::Status NeedsStreamError(uint64_t need_bytes, uint64_t limit_bytes) {
+  absl::Status status = absl::FailedPreconditionError(absl::StrCat(
+      "the result takes up to ", need_bytes, " bytes, and this call carries ", limit_bytes, "; Voxelize streams it"));
+  status.SetPayload(kNeedsStreamUrl, absl::Cord(absl::StrCat(need_bytes, " ", limit_bytes)));
+  return status;
+}
+
+bool NeedsStream(const absl::Status& status) {
+  return status.GetPayload(kNeedsStreamUrl).has_value();
+}
+
 grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.ok()) return grpc::Status::OK;
   const std::string message = CleanText({status.message().data(), status.message().size()}, kMaxMessageBytes);
@@ -128,7 +143,17 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
     missing.set_description(message);
     details.add_details()->PackFrom(missing);
   } else if (status.code() == absl::StatusCode::kFailedPrecondition) {
-    details.add_details()->PackFrom(MakeErrorInfo("NOT_AVAILABLE"));
+    const auto bytes = status.GetPayload(kNeedsStreamUrl);
+    google::rpc::ErrorInfo info = MakeErrorInfo(bytes ? kResultNeedsStream : kNotAvailable);
+    if (bytes) {
+      const std::string numbers(*bytes);
+      const size_t space = numbers.find(' ');
+      auto& metadata = *info.mutable_metadata();
+      metadata[kNeedBytes] = numbers.substr(0, space);
+      metadata[kLimitBytes] = numbers.substr(space + 1);
+      metadata[kUseRpc] = kStreamRpc;
+    }
+    details.add_details()->PackFrom(info);
   } else if (status.code() == absl::StatusCode::kUnavailable) {
     if (const auto delay = RetryDelay(status)) details.add_details()->PackFrom(MakeRetryInfo(*delay));
   }
@@ -147,6 +172,13 @@ absl::Status FromGrpcStatus(const grpc::Status& status) {
         ReadNumber(info, kNeedBytes, numbers.need_bytes) && ReadNumber(info, kLimitBytes, numbers.limit_bytes) &&
         ReadNumber(info, kLargestResolution, numbers.largest_resolution)) {
       result = MakeLimitError(status.error_message(), numbers);
+    }
+    if (absl::IsFailedPrecondition(result) && detail.Is<google::rpc::ErrorInfo>() && detail.UnpackTo(&info) &&
+        info.reason() == kResultNeedsStream) {
+      uint64_t need_bytes = 0, limit_bytes = 0;  // 0 where a server does not say
+      ReadNumber(info, kNeedBytes, need_bytes);
+      ReadNumber(info, kLimitBytes, limit_bytes);
+      result.SetPayload(kNeedsStreamUrl, absl::Cord(absl::StrCat(need_bytes, " ", limit_bytes)));
     }
     google::rpc::ResourceInfo missing;
     if (detail.Is<google::rpc::ResourceInfo>() && detail.UnpackTo(&missing) && missing.resource_type() == kMeshType) {

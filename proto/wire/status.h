@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -26,16 +27,21 @@ absl::Status MissingMeshError(std::string_view mesh_id);
 // The id of a MissingMeshError, on either side of the wire.
 std::optional<std::string> MissingMesh(const absl::Status& status);
 
+// FAILED_PRECONDITION because the result takes, or may take, more bytes than a call without a stream carries.
+absl::Status NeedsStreamError(uint64_t need_bytes, uint64_t limit_bytes);
+// Whether it is one, on either side of the wire.
+bool NeedsStream(const absl::Status& status);
+
 // The one place where a job's status becomes a call's. Code and message stay; the details are
 //   INVALID_ARGUMENT      BadRequest: field = the message's text before the first ": ", description = the rest
 //   RESOURCE_EXHAUSTED    RetryInfo for a BusyError, with QuotaFailure for a QuotaError; otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as need_and_limit, and
 //                         need_bytes, limit_bytes and largest_resolution as numbers where they are known (LimitErrorOf)
 //   NOT_FOUND             ResourceInfo for a MissingMeshError: type "voxelpipe.v1.StoredMesh", name the mesh's id
-//   FAILED_PRECONDITION   ErrorInfo "NOT_AVAILABLE"
+//   FAILED_PRECONDITION   ErrorInfo "RESULT_NEEDS_STREAM" with need_bytes, limit_bytes and use_rpc for a NeedsStreamError; otherwise "NOT_AVAILABLE"
 //   UNAVAILABLE           RetryInfo for a NotServingError
 grpc::Status ToGrpcStatus(const absl::Status& status);
 
-// The client's half: RetryDelay, LimitErrorOf and MissingMesh work on what comes out. Messages that are not valid UTF-8 cannot come; all other
+// The client's half: RetryDelay, LimitErrorOf, MissingMesh and NeedsStream work on what comes out. Messages that are not valid UTF-8 cannot come; all other
 // details stay on the wire.
 absl::Status FromGrpcStatus(const grpc::Status& status);
 

@@ -135,8 +135,9 @@ grpc::ByteBuffer ResponseCoder::Whole(const v1::WholeResult& head, std::span<con
     bytes += 1 + VarintSize(piece_bytes) + piece_bytes;
   }
   Slices slices;
-  slices.text = Envelope(job_id_, v1::VoxelizeResponse::kWholeFieldNumber, v1::VoxelizeManyResponse::kWholeFieldNumber,
-                         false, bytes);
+  const int field =
+      whole_call_ ? int{v1::VoxelizeWholeResponse::kResultFieldNumber} : int{v1::VoxelizeResponse::kWholeFieldNumber};
+  slices.text = Envelope(job_id_, field, v1::VoxelizeManyResponse::kWholeFieldNumber, false, bytes);
   head.AppendToString(&slices.text);
   for (size_t i = 0; i < pieces.size(); ++i) {
     PutLength(v1::WholeResult::kPiecesFieldNumber, heads[i].size() + pieces[i].data.size(), slices.text);

@@ -23,11 +23,17 @@ struct CodedPiece {
   std::shared_ptr<const void> owner;  // keeps `data` until gRPC has sent it; null: `data` is copied
 };
 
-// Messages of one call, or of one job of a VoxelizeMany call.
+// Messages of one Voxelize call, of one job of a VoxelizeMany call, or the one of a VoxelizeWhole call.
 class ResponseCoder {
  public:
   ResponseCoder() = default;
   explicit ResponseCoder(uint64_t job_id) : job_id_(job_id) {}
+  // Makes only Whole.
+  static ResponseCoder OfWholeCall() {
+    ResponseCoder coder;
+    coder.whole_call_ = true;
+    return coder;
+  }
 
   // Any message that carries few bytes.
   grpc::ByteBuffer Message(const v1::VoxelizeResponse& response) const;
@@ -36,7 +42,8 @@ class ResponseCoder {
   grpc::ByteBuffer Whole(const v1::WholeResult& head, std::span<const CodedPiece> pieces) const;
 
  private:
-  const std::optional<uint64_t> job_id_;
+  std::optional<uint64_t> job_id_;
+  bool whole_call_ = false;
 };
 
 }  // namespace voxelpipe

@@ -27,6 +27,7 @@ namespace voxelpipe {
 enum class Rpc {
   kVoxelize,
   kVoxelizeMany,
+  kVoxelizeWhole,
   kEstimateVoxelization,
   kListShaders,
   kGetServerInfo,
@@ -36,7 +37,7 @@ enum class Rpc {
   kHealthCheck,
   kHealthWatch,
 };
-inline constexpr size_t kRpcs = 10;
+inline constexpr size_t kRpcs = 11;
 // "Voxelize", ... as the protos name them; of the health service "HealthCheck", "HealthWatch".
 const char* RpcName(Rpc rpc);
 
@@ -105,7 +106,7 @@ class Metrics {
   prometheus::Counter& result_bytes;    // of the same results, before compression
   prometheus::Counter& Refused(Refusal reason);
 
-  // ---- jobs: one a Voxelize call, many in a VoxelizeMany
+  // ---- jobs: one a Voxelize or VoxelizeWhole call, many in a VoxelizeMany
   void JobEnded(absl::StatusCode code);
   Seconds& QueueWait(size_t priority);  // below kPriorityClasses; from admission to a worker's hand
   Seconds& job_seconds;                 // from the worker's hand to the result in memory, loading included

@@ -88,6 +88,7 @@ TEST_F(BenchTest, EveryWayToSendGivesTheSameAnswer) {
   for (const std::vector<std::string>& way : {std::vector<std::string>{},
                                               {"--send-mesh"},
                                               {"--pieces"},
+                                              {"--stream"},
                                               {"--send-mesh", "--pieces"},
                                               {"--same-request"},
                                               {"--connections", "3"},

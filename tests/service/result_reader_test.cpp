@@ -9,7 +9,7 @@
 #include "base/crc32c.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include "memory_sink.h"
+#include "pipeline/memory_sink.h"
 #include "wire/response.h"
 
 namespace voxelpipe {

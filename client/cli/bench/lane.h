@@ -53,6 +53,7 @@ class Lane {
 // `run` must outlive the lane.
 std::unique_ptr<Lane> MakeCallLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
 std::unique_ptr<Lane> MakeManyLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
+std::unique_ptr<Lane> MakeUnaryLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
 
 // The lane's count of one outcome: only requests that were due within the window count.
 class LaneTally {

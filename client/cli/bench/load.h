@@ -30,6 +30,7 @@ struct LoadPlan {
   bool without_hash = false;  // no SHA-256 of the results
 
   bool many = false;    // jobs of VoxelizeMany streams instead of calls
+  bool stream = false;  // Voxelize also where VoxelizeWhole would do
   bool pieces = false;  // config, mesh and result in messages of their own even where one would do
   bool same_request =
       false;  // each time; otherwise they differ where it does not matter, so that a server cannot answer several by one
@@ -97,7 +98,7 @@ struct LoadResult {
   std::optional<double> server_cpu_seconds;
   int connections = 0;
   bool mesh_sent = false;  // the bytes with each request
-  std::string call;        // "whole", "pieces" or "many"
+  std::string call;        // "unary", "whole" (on a stream), "pieces" or "many"
   std::string hash;        // of every answer
   uint64_t bytes = 0;      // of one answer
   bool interrupted = false;

@@ -92,10 +92,17 @@ std::vector<v1::VoxelizeRequest> CallMessages(const v1::VoxelizeConfig& config, 
   return messages;
 }
 
+v1::VoxelizeWholeRequest UnaryMessage(const v1::VoxelizeConfig& config, const FileBytes& mesh) {
+  v1::VoxelizeWholeRequest message;
+  *message.mutable_config() = config;
+  message.set_mesh(mesh.data(), mesh.size());
+  return message;
+}
+
 // Requests that a server cannot take for one another, although they give the same bytes: otherwise it may compute one for many, and
 // the load would measure that. What is filled has a value of its own, which matters to nobody where nothing is filled.
 std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeConfig config, const FileBytes& mesh,
-                                           bool whole) {
+                                           const std::string& call) {
   constexpr size_t kWithMesh = 64, kMost = 4096;
   const size_t at_once = size_t(plan.rate ? plan.max_in_flight : plan.concurrency);
   size_t count = std::min(mesh.empty() ? kMost : kWithMesh, std::max<size_t>(64, 2 * at_once));
@@ -110,12 +117,27 @@ std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeCon
       variants[i].push_back(Serialized(job));
       continue;
     }
+    if (call == "unary") {
+      variants[i].push_back(Serialized(UnaryMessage(config, mesh)));
+      continue;
+    }
+    const bool whole = call == "whole";
     std::vector<v1::VoxelizeRequest> messages = CallMessages(config, i == 0 || whole ? mesh : FileBytes(), whole);
     for (const v1::VoxelizeRequest& message : messages) variants[i].push_back(Serialized(message));
     // The pieces behind the config are the same bytes, kept once.
     for (size_t piece = messages.size(); piece < variants[0].size(); ++piece) variants[i].push_back(variants[0][piece]);
   }
   return variants;
+}
+
+// An answer that can be counted.
+absl::StatusOr<Answer> Complete(Answer answer, const std::string& target) {
+  Outcome outcome;
+  answer.Fill("", outcome);
+  if (outcome.code != absl::StatusCode::kOk) {
+    return absl::DataLossError(absl::StrCat(target, ": the answer ended before its end"));
+  }
+  return answer;
 }
 
 // One call before the measurement. Out: what its answer says.
@@ -139,12 +161,22 @@ absl::StatusOr<Answer> CallOnce(VoxelizationService::Stub& stub, const std::stri
   const grpc::Status status = stream->Finish();
   if (!status.ok()) return AtServer(target, status);
   if (!broken.ok()) return broken;
-  Outcome outcome;
-  answer.Fill("", outcome);
-  if (outcome.code != absl::StatusCode::kOk) {
-    return absl::DataLossError(absl::StrCat(target, ": the answer ended before its end"));
+  return Complete(std::move(answer), target);
+}
+
+// The same without a stream. NeedsStream, or UNIMPLEMENTED of an older server, where only a stream will do.
+absl::StatusOr<Answer> CallUnary(VoxelizationService::Stub& stub, const std::string& target,
+                                 const v1::VoxelizeWholeRequest& message) {
+  grpc::ClientContext context;
+  v1::VoxelizeWholeResponse response;
+  const grpc::Status status = stub.VoxelizeWhole(&context, message, &response);
+  if (!status.ok()) {
+    absl::Status told = FromGrpcStatus(status);
+    return NeedsStream(told) ? told : AtServer(target, status);
   }
-  return answer;
+  Answer answer;
+  if (absl::Status s = answer.Take(response.result()); !s.ok()) return s;
+  return Complete(std::move(answer), target);
 }
 
 double CpuSeconds() {
@@ -200,11 +232,17 @@ class Servers {
     const FileBytes none;
     const FileBytes& mesh = result.mesh_sent ? plan.mesh : none;
     bool whole = !plan.pieces && mesh.size() <= kMaxWholeBytes;
+    bool unary = whole && !plan.stream && !plan.many;
     std::vector<v1::VoxelizeRequest> messages = CallMessages(config, mesh, whole);
     for (size_t i = 0; i < plan.servers.size(); ++i) {
       VoxelizationService::Stub stub(channels[i]);
-      absl::StatusOr<Answer> answer = CallOnce(stub, plan.servers[i], messages);
-      if (whole && (absl::IsInvalidArgument(answer.status()) || absl::IsUnimplemented(answer.status()))) {
+      absl::StatusOr<Answer> answer = absl::UnimplementedError("");
+      if (unary) {
+        answer = CallUnary(stub, plan.servers[i], UnaryMessage(config, mesh));
+        unary = !NeedsStream(answer.status()) && !absl::IsUnimplemented(answer.status());
+      }
+      if (!unary) answer = CallOnce(stub, plan.servers[i], messages);
+      if (whole && !unary && (absl::IsInvalidArgument(answer.status()) || absl::IsUnimplemented(answer.status()))) {
         // A server that does not know whole requests; or else the same error comes again.
         whole = false;
         messages = CallMessages(config, mesh, whole);
@@ -218,8 +256,8 @@ class Servers {
       }
       run.expected_hash = result.hash;
     }
-    run.variants = MakeVariants(plan, config, mesh, whole);
-    result.call = plan.many ? "many" : whole ? "whole" : "pieces";
+    result.call = plan.many ? "many" : unary ? "unary" : whole ? "whole" : "pieces";
+    run.variants = MakeVariants(plan, config, mesh, result.call);
     result.connections = int(channels.size());
     return absl::OkStatus();
   }
@@ -303,7 +341,9 @@ absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan) {
   run.end = run.begin + seconds(plan.seconds);
   std::vector<std::unique_ptr<Lane>> lanes;
   for (const std::shared_ptr<grpc::Channel>& channel : servers.channels) {
-    lanes.push_back(plan.many ? MakeManyLane(channel, run) : MakeCallLane(channel, run));
+    lanes.push_back(plan.many                ? MakeManyLane(channel, run)
+                    : result.call == "unary" ? MakeUnaryLane(channel, run)
+                                             : MakeCallLane(channel, run));
   }
   Loop loop(plan, run, lanes);
   double client_cpu = 0, server_cpu = 0;

@@ -114,6 +114,7 @@ void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments
       "Most unanswered requests of an open loop (default 4096); beyond, those that are due wait, and their latency "
       "counts");
   flag("--many", plan.many, "Send jobs on VoxelizeMany streams, one a connection, instead of single calls");
+  flag("--stream", plan.stream, "Never call VoxelizeWhole, which takes one message and gives one");
   flag("--pieces", plan.pieces, "Never send or ask for all in one message");
   flag("--send-mesh", plan.send_mesh, "Send the mesh each time instead of uploading it once");
   flag("--same-request", plan.same_request,

@@ -1,4 +1,4 @@
-#include "memory_sink.h"
+#include "pipeline/memory_sink.h"
 
 #include <algorithm>
 #include <utility>

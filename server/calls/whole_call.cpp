@@ -1,0 +1,196 @@
+#include "calls/whole_call.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include <google/protobuf/arena.h>
+#include <grpcpp/impl/codegen/proto_utils.h>
+
+#include "absl/strings/str_cat.h"
+#include "base/crc32c.h"
+#include "calls/call_setup.h"
+#include "calls/grpc_turn.h"
+#include "calls/job_setup.h"
+#include "calls/result_pieces.h"
+#include "meshes/prepare_kept.h"
+#include "wire/response.h"
+#include "wire/status.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr std::chrono::milliseconds kRetryDelay{1000};
+
+}  // namespace
+
+WholeCall* WholeCall::Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& request,
+                             grpc::ByteBuffer& response) {
+  const std::shared_ptr<WholeCall> call(new WholeCall(state, context, response));
+  call->self_ = call;
+  GiveToGrpc(&call->self_);
+  call->Start(request);
+  return call.get();
+}
+
+WholeCall::WholeCall(ServiceState& state, grpc::CallbackServerContext& grpc_context, grpc::ByteBuffer& response)
+    : state_(state),
+      pass_(state.gate),
+      context_(grpc_context),
+      response_(response),
+      record_(state, grpc_context, Rpc::kVoxelizeWhole),
+      uploads_(state.uploads),
+      working_(state.working) {
+  SetDeadline(grpc_context, context);
+}
+
+void WholeCall::Start(grpc::ByteBuffer& request) {
+  absl::Status status = MayBegin(pass_, record_);
+  if (status.ok()) status = TakeRequest(request);
+  if (!status.ok()) {
+    End(std::move(status));
+    return;
+  }
+  const std::shared_ptr<WholeCall> self = self_;  // the job may be over before Submit returns, and with it the call
+  if (absl::Status s = state_.results.Submit({self, static_cast<VoxelizeJob*>(this)}); !s.ok()) {
+    Done(std::move(s));
+    return;
+  }
+  if (!context.Check().ok()) OnCancel();  // it may have come before the job could be withdrawn
+}
+
+absl::Status WholeCall::TakeRequest(grpc::ByteBuffer& message) {
+  google::protobuf::Arena arena;
+  auto& request = *google::protobuf::Arena::CreateMessage<v1::VoxelizeWholeRequest>(&arena);
+  if (!grpc::SerializationTraits<v1::VoxelizeWholeRequest>::Deserialize(&message, &request).ok()) {
+    return absl::InvalidArgumentError("message: not a VoxelizeWholeRequest");
+  }
+  if (absl::Status s = ConfigureJob(state_, request.config(), record_.client, *this); !s.ok()) return s;
+  std::string& bytes = *request.mutable_mesh();
+  if (request.has_crc32c() &&
+      Crc32c({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}) != request.crc32c()) {
+    return absl::DataLossError("the CRC-32C of the mesh bytes from offset 0 does not fit");
+  }
+  if (bytes.empty()) return absl::OkStatus();
+  if (kept) {
+    if (absl::Status s = CheckMeshBytes(*kept, config, bytes.size(), false); !s.ok()) return s;
+  }
+  if (bytes.size() > state_.limits.load.max_file_bytes) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the mesh file is larger than the limit of ", state_.limits.load.max_file_bytes, " bytes"));
+  }
+  if (!uploads_.TryGrow(bytes.size())) {
+    return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
+  }
+  if (absl::Status s = record_.TakeBytes(bytes.size()); !s.ok()) return s;
+  pieces.push_back(std::move(bytes));
+  return absl::OkStatus();
+}
+
+absl::Status WholeCall::Planned(const Plan& plan, bool may_wait) {
+  if (plan.result_bytes > kWholeBytes) return NeedsStreamError(plan.result_bytes, kWholeBytes);
+  uploads_.ShrinkTo(0);  // the file is gone since it was loaded
+  working_.ShrinkTo(0);  // of a worker that failed
+  if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
+  plan_ = plan;
+  return absl::OkStatus();
+}
+
+void WholeCall::PlanShared(const Plan& plan) {
+  if (plan.result_bytes > kWholeBytes && state_.results.Withdraw(*this)) {
+    Done(NeedsStreamError(plan.result_bytes, kWholeBytes));
+  }
+}
+
+void WholeCall::DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& plan, bool cached) {
+  plan_ = plan;
+  const uint64_t bytes = ResultBytes(outcome->result);
+  // A plan that was too large is refused also where the result is there: the answer does not depend on what others asked for.
+  if (std::max(bytes, plan.result_bytes) > kWholeBytes) {
+    Done(NeedsStreamError(std::max(bytes, plan.result_bytes), kWholeBytes));
+    return;
+  }
+  state_.metrics.JobEnded(absl::StatusCode::kOk);
+  Answer(std::move(outcome), cached);
+}
+
+void WholeCall::Done(absl::StatusOr<JobOutcome> outcome) {
+  if (outcome.ok() && outcome->streamed) {
+    VoxelizeResult gathered = slabs_.Take();
+    gathered.stats = std::move(outcome->result.stats);
+    outcome->result = std::move(gathered);
+    outcome->streamed = false;
+  }
+  // Not known before: lists are estimated.
+  if (outcome.ok() && ResultBytes(outcome->result) > kWholeBytes) {
+    outcome = NeedsStreamError(ResultBytes(outcome->result), kWholeBytes);
+  }
+  CountJob(state_.metrics, outcome);
+  if (!outcome.ok()) {
+    End(outcome.status());
+    return;
+  }
+  working_.ShrinkTo(ResultBytes(outcome->result));
+  Answer(std::make_shared<const JobOutcome>(*std::move(outcome)), false);
+}
+
+void WholeCall::Answer(std::shared_ptr<const JobOutcome> outcome, bool cached) {
+  ResultPieces whole(config.settings, PiecesOf(state_.options), ResponseCoder::OfWholeCall());
+  whole.SetShared(cached, outcome->sums);
+  response_ = whole.Whole(ToMessage(*plan_), outcome);
+  record_.bytes_out = whole.sent_bytes();
+  record_.raw_bytes_out = whole.bytes();
+  record_.facts = Facts(*outcome);
+  const uint32_t patience_ms = state_.options.stall_timeout_ms;
+  write_wait_.emplace(state_.idle_watch, std::chrono::milliseconds(patience_ms),
+                      [weak = std::weak_ptr<WholeCall>(self_)] {
+                        if (const auto self = weak.lock()) self->GiveUp();
+                      });
+  write_wait_->Begin();
+  End(absl::OkStatus());
+}
+
+void WholeCall::End(absl::Status status) {
+  const std::shared_ptr<WholeCall> keep = self_;  // OnDone may come while Finish runs
+  mesh.reset();
+  kept.reset();
+  pieces.clear();
+  uploads_.ShrinkTo(0);
+  if (!status.ok()) working_.ShrinkTo(0);
+  const grpc::Status told = ToGrpcStatus(status);
+  end_ = std::move(status);
+  GiveToGrpc(&response_);
+  Finish(told);
+}
+
+void WholeCall::GiveUp() {
+  const std::lock_guard lock(context_mutex_);
+  if (context_gone_) return;
+  given_up_ = true;
+  context_.TryCancel();  // only the end of the write lets the call finish
+}
+
+void WholeCall::OnCancel() {
+  const GrpcTurn turn(&self_, this);
+  if (context.Check().ok()) context.Cancel();
+  // A job that runs ends by itself soon, and then the call.
+  if (state_.results.Withdraw(*this)) Done(context.Check());
+}
+
+void WholeCall::OnDone() {
+  GrpcIsDone(this, &response_);
+  write_wait_.reset();
+  {
+    const std::lock_guard lock(context_mutex_);
+    context_gone_ = true;
+  }
+  if (given_up_) {
+    end_ = absl::AbortedError(
+        absl::StrCat("the client took nothing of the answer for ", state_.options.stall_timeout_ms, " ms"));
+  }
+  record_.Log(end_);
+  working_.ShrinkTo(0);
+  const std::shared_ptr<WholeCall> last = std::move(self_);
+}
+
+}  // namespace voxelpipe

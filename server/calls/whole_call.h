@@ -1,0 +1,70 @@
+// One VoxelizeWhole call: one message in, one small result out.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <optional>
+
+#include <grpcpp/grpcpp.h>
+
+#include "absl/status/status.h"
+#include "calls/call_record.h"
+#include "calls/idle_watch.h"
+#include "pipeline/memory_sink.h"
+#include "service_state.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
+#include "work/byte_budget.h"
+#include "work/voxelize_job.h"
+
+namespace voxelpipe {
+
+// gRPC's threads begin the call and never wait here; whoever ends the job, a worker as a rule, finishes it from its own thread: no
+// other hand-over is between. Every call is ended by Finish exactly once, when its job has ended. The object lives until gRPC and the
+// worker are both done with it.
+class WholeCall final : public grpc::ServerUnaryReactor, private VoxelizeJob {
+ public:
+  // The reactor of a new call. `state` must outlive it; `request` is used up at once, `response` must live until the call is done.
+  static WholeCall* Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& request,
+                           grpc::ByteBuffer& response);
+
+  void OnCancel() override;
+  void OnDone() override;
+
+ private:
+  WholeCall(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& response);
+
+  void Start(grpc::ByteBuffer& request);
+  absl::Status TakeRequest(grpc::ByteBuffer& request);
+
+  // On a worker's thread.
+  absl::Status Planned(const Plan& plan, bool may_wait) override;
+  void PlanShared(const Plan& plan) override;
+  void DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& plan, bool cached) override;
+  void Done(absl::StatusOr<JobOutcome> outcome) override;
+  // A small result comes in slabs only where the operator wants slabs that small. Not null, so that a plan is the same as for Voxelize, and
+  // its errors with it.
+  ResultSink* large_results() override { return &slabs_; }
+
+  // Ends the call with a result in memory, or because it is too large.
+  void Answer(std::shared_ptr<const JobOutcome> outcome, bool cached);
+  void End(absl::Status status);
+  // The client does not take the answer.
+  void GiveUp();
+
+  ServiceState& state_;
+  const CallGate::Pass pass_;             // given back when gRPC and the worker are both done
+  grpc::CallbackServerContext& context_;  // see context_mutex_
+  grpc::ByteBuffer& response_;
+  std::shared_ptr<WholeCall> self_;  // until OnDone
+  CallRecord record_;
+  BudgetShare uploads_, working_;
+  std::optional<Plan> plan_;
+  MemorySink slabs_;
+  absl::Status end_;  // set before Finish, read in OnDone
+  std::optional<IdleWatch::Wait> write_wait_;
+
+  std::mutex context_mutex_;  // while held, gRPC does not take context_ away
+  bool context_gone_ = false, given_up_ = false;
+};
+
+}  // namespace voxelpipe
