@@ -68,6 +68,8 @@ grpc::ServerUnaryReactor* VoxelizationServiceImpl::VoxelizeWhole(grpc::CallbackS
                                                                  const grpc::ByteBuffer* request,
                                                                  grpc::ByteBuffer* response) {
   // gRPC made it for this call and does not look at it again: reading it frees its bytes.
+  using FullCall = RefusedCall<grpc::ServerUnaryReactor>;
+  if (grpc::ServerUnaryReactor* refused = FullCall::CreateIfFull(state_, *context, Rpc::kVoxelizeWhole)) return refused;
   return WholeCall::Create(state_, *context, *const_cast<grpc::ByteBuffer*>(request), *response);
 }
 

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""service.py BIN_DIR SECONDS: the service's figures beside those of bare gRPC, as a Markdown table."""
+"""service.py BIN_DIR SECONDS [load]: the service's figures beside those of bare gRPC, as a Markdown table; with "load" only the rows of
+service_load.py."""
 import json
 import math
 import os
@@ -12,6 +13,7 @@ import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
 import glb  # noqa: E402
+import service_load  # noqa: E402
 
 BIN, SECONDS = sys.argv[1], float(sys.argv[2])
 
@@ -41,6 +43,7 @@ class Server:
         command = [f"{BIN}/voxelpiped", "--listen", "127.0.0.1:0", "--log-level", "error", *arguments]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self.address = self.process.stdout.readline().split()[-1]
+        self.http_address = self.process.stdout.readline().split()[-1] if "--http-listen" in arguments else None
 
     def __enter__(self):
         return self
@@ -126,37 +129,6 @@ def small(mesh, bare):
     return overheads
 
 
-def under_load(mesh):
-    request = ["--resolution", "64", "--send-mesh"]
-    with Server("--max-queue", "64") as server:
-        alone = server.bench(mesh, "--concurrency", "1", *request)
-        peak = server.bench(mesh, "--concurrency", "32", *request)
-        half = server.bench(mesh, "--rate", str(peak["per_second"] / 2), *request)
-        added = half["latency_ms"]["p99"] - (alone["server"]["voxelize_ms"]["p99"] + alone["server"]["mesh_ms"]["p99"])
-        row("half load, p99 beyond the core's own", f"{added:.2f} ms at {half['per_second']:.0f} /s", "", "<= 2 ms")
-        double = server.bench(mesh, "--rate", str(peak["per_second"] * 2), *request)
-        share = double["per_second"] / peak["per_second"]
-        row("twice the load, throughput", f"{double['per_second']:.0f} /s ({share:.0%} of {peak['per_second']:.0f})",
-            "", ">= 95 %")
-        refused = double["errors"].get("RESOURCE_EXHAUSTED", 0)
-        other = {code: count for code, count in double["errors"].items() if code != "RESOURCE_EXHAUSTED"}
-        row("twice the load, refused", f"{refused} of {double['requests']}; other errors {other or 'none'}", "",
-            "RESOURCE_EXHAUSTED only")
-
-
-def twice_the_work(mesh):
-    """As above with jobs that take the server longer than a refusal takes client and server together."""
-    request = ["--resolution", "128", "--target", "f32x3:max:shader=normal", "--result", "sparse"]
-    with Server("--max-queue", "64") as server:
-        peak = server.bench(mesh, "--concurrency", "16", *request, seconds=2 * SECONDS)
-        double = server.bench(mesh, "--rate", str(peak["per_second"] * 2), *request, seconds=2 * SECONDS)
-        share = double["per_second"] / peak["per_second"]
-        refused = double["errors"].get("RESOURCE_EXHAUSTED", 0)
-        row(f"twice the load, jobs of {peak['server']['voxelize_ms']['mean']:.0f} ms",
-            f"{double['per_second']:.0f} /s ({share:.0%} of {peak['per_second']:.0f}); {refused} of {double['requests']} refused, "
-            f"{double['requests'] - double['ok'] - refused} other errors", "", ">= 95 %")
-
-
 def terminate(mesh):
     with Server("--lame-duck-ms", "1500") as server:
         command = [f"{BIN}/voxelpipe", "bench", mesh, "--server", server.address, "--json", "--duration", "1.5",
@@ -171,19 +143,21 @@ def terminate(mesh):
 
 
 def main():
-    bare = yardstick()
+    only_load = "load" in sys.argv[3:]
+    bare = {} if only_load else yardstick()
     print("| | ours | bare gRPC, same run | to reach |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
+        load = service_load.LoadRows(Server, sphere, row, folder, BIN, SECONDS)
+        if only_load:
+            load.all()
+            return
         mesh = os.path.join(folder, "sphere500.glb")
         assert sphere(mesh, 11, 25) == 500
         streams(mesh, bare)
         overheads = small(mesh, bare)
         row("VoxelizeMany against single calls",
             f"{overheads['VoxelizeMany'] / max(1e-9, overheads['single calls']):.0%}", "", "<= 50 %")
-        under_load(mesh)
-        large = os.path.join(folder, "sphere70k.glb")
-        sphere(large, 188, 188)
-        twice_the_work(large)
+        load.all()
         terminate(mesh)
     for name, (us, gigabytes) in bare.items():
         row(f"bare gRPC: {name}", "", f"{us:.0f} us, {gigabytes:.2f} GB/s", "")

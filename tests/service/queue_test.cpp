@@ -99,8 +99,10 @@ TEST_F(QueueTest, AFullQueueRefusesBeforeAnythingIsRead) {
   for (int i = 0; i < 20; ++i) {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    const auto stream = stub->Voxelize(&context);  // and nothing more is sent
-    const absl::Status status = FromGrpcStatus(stream->Finish());
+    // Nothing is sent, or a request that no server would look at any further.
+    v1::VoxelizeWholeResponse response;
+    const absl::Status status =
+        FromGrpcStatus(i % 2 == 0 ? stub->Voxelize(&context)->Finish() : stub->VoxelizeWhole(&context, {}, &response));
     EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
     EXPECT_TRUE(RetryDelay(status).has_value()) << status;
     EXPECT_NE(std::string(status.message()).find("the queue is full: 1 jobs run and 0 wait"), std::string::npos);

@@ -19,11 +19,6 @@ constexpr std::chrono::milliseconds kLookEvery{100};  // at the flags of the run
 // A closed loop whose server is gone would spin: a refused call comes back at once.
 constexpr std::chrono::milliseconds kPauseUnavailable{10};
 
-// Looks for the detail's name: thousands a second are not parsed.
-bool SaysWhenToRetry(const grpc::Status& status) {
-  return status.error_details().find("/google.rpc.RetryInfo") != std::string::npos;
-}
-
 class CallLane final : public Lane {
  public:
   CallLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run)

@@ -11,6 +11,7 @@
 #include <grpcpp/channel.h>
 #include <grpcpp/completion_queue.h>
 #include <grpcpp/support/byte_buffer.h>
+#include <grpcpp/support/status.h>
 
 #include "bench/load.h"
 
@@ -54,6 +55,11 @@ class Lane {
 std::unique_ptr<Lane> MakeCallLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
 std::unique_ptr<Lane> MakeManyLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
 std::unique_ptr<Lane> MakeUnaryLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
+
+// Whether an error has a RetryInfo. Looks for its name: thousands a second are not parsed.
+inline bool SaysWhenToRetry(const grpc::Status& status) {
+  return status.error_details().find("/google.rpc.RetryInfo") != std::string::npos;
+}
 
 // The lane's count of one outcome: only requests that were due within the window count.
 class LaneTally {

@@ -106,6 +106,8 @@ class UnaryLane final : public Lane {
       const absl::Status taken = TakeAnswer(call, answer);
       outcome.code = taken.code();
       if (taken.ok()) answer.Fill(run_.expected_hash, outcome);
+    } else {
+      outcome.retry_info = SaysWhenToRetry(call.status);
     }
     tally_.Add(call.due, call.sent, outcome);
     call.active = false;

@@ -23,8 +23,7 @@ namespace {
 using google::protobuf::BytesValue;
 using grpc::ByteBuffer;
 
-constexpr char kRaw[] = "/bare.Grpc/Raw", kBytes[] = "/bare.Grpc/Bytes", kUnary[] = "/bare.Grpc/Unary",
-               kBidi[] = "/bare.Grpc/Bidi";
+constexpr char kRaw[] = "/bare.Grpc/Raw", kBytes[] = "/bare.Grpc/Bytes", kBidi[] = "/bare.Grpc/Bidi";
 
 // What the client asks for: "PIECE TOTAL".
 struct Order {
@@ -114,7 +113,7 @@ class Service final : public grpc::Service {
     using grpc::internal::RpcMethod;
     AddMethod(new Method(kRaw, RpcMethod::SERVER_STREAMING, nullptr));
     AddMethod(new Method(kBytes, RpcMethod::SERVER_STREAMING, nullptr));
-    AddMethod(new Method(kUnary, RpcMethod::NORMAL_RPC, nullptr));
+    AddMethod(new Method(kUnaryMethod, RpcMethod::NORMAL_RPC, nullptr));
     AddMethod(new Method(kBidi, RpcMethod::BIDI_STREAMING, nullptr));
     MarkMethodRawCallback(0, new grpc::internal::CallbackServerStreamingHandler<ByteBuffer, ByteBuffer>(
                                  [](grpc::CallbackServerContext*, const ByteBuffer* request) {
@@ -151,6 +150,11 @@ BytesValue Message(const std::string& text) {
 }
 
 }  // namespace
+
+grpc::ByteBuffer UnaryRequest(size_t request, size_t response) {
+  const grpc::Slice slice(Message(OrderText(response, 0, request)).SerializeAsString());
+  return {&slice, 1};
+}
 
 int ServeBareGrpc() {
   Service service;
@@ -211,7 +215,7 @@ Measured BareGrpc::BytesStream(size_t piece, size_t total) {
 }
 
 Measured BareGrpc::Unary(size_t request, size_t response, int in_flight, double seconds) {
-  const grpc::internal::RpcMethod method(kUnary, nullptr, grpc::internal::RpcMethod::NORMAL_RPC, channel_);
+  const grpc::internal::RpcMethod method(kUnaryMethod, nullptr, grpc::internal::RpcMethod::NORMAL_RPC, channel_);
   const BytesValue message = Message(OrderText(response, 0, request));
   std::atomic<uint64_t> done{0};
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);

@@ -7,6 +7,7 @@
 #include <string>
 
 #include <grpcpp/channel.h>
+#include <grpcpp/support/byte_buffer.h>
 
 #include "bench/service/cpu_clock.h"
 
@@ -14,6 +15,10 @@ namespace voxelpipe::bench {
 
 // Serves until the process is ended. Prints its port on the first line of stdout.
 int ServeBareGrpc();
+
+// The unary method, and a request of `request` bytes for an answer of `response`.
+inline constexpr char kUnaryMethod[] = "/bare.Grpc/Unary";
+grpc::ByteBuffer UnaryRequest(size_t request, size_t response);
 
 // The client's side. Each call is one measurement against a ServeBareGrpc process `server` at 127.0.0.1:`port`.
 class BareGrpc {
@@ -28,6 +33,8 @@ class BareGrpc {
   Measured Unary(size_t request, size_t response, int in_flight, double seconds);
   // Small messages on one bidirectional stream, at most `window` of them under way.
   Measured Bidirectional(size_t request, size_t response, int window, double seconds);
+
+  const std::shared_ptr<grpc::Channel>& channel() const { return channel_; }
 
  private:
   const pid_t server_;

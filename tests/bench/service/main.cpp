@@ -1,6 +1,7 @@
 // service_yardstick: the bare gRPC figures of this machine, one line a case: name, CPU us a request (both processes), requests/s,
 // GB/s, CPU-s/GB.
 //   service_yardstick [--seconds S] [--megabytes N]
+//   service_yardstick --rate R [--seconds S]: unary calls at random, R a second, 20 KB up and 5 KB down; latency from when they were due
 //   service_yardstick --serve
 #include <signal.h>
 #include <sys/wait.h>
@@ -12,6 +13,7 @@
 #include <string>
 
 #include "bench/service/bare_grpc.h"
+#include "bench/service/open_loop.h"
 
 namespace voxelpipe::bench {
 namespace {
@@ -47,17 +49,37 @@ Child StartServer() {
   return child;
 }
 
+void EndServer(const Child& child) {
+  kill(child.pid, SIGKILL);
+  waitpid(child.pid, nullptr, 0);
+}
+
+void PrintOpenLoop(BareGrpc& bare, pid_t server, double rate, double seconds) {
+  OpenLoopUnary(bare.channel(), server, 20'000, 5'000, rate, 0.3);  // warm
+  const OpenLoop result = OpenLoopUnary(bare.channel(), server, 20'000, 5'000, rate, seconds);
+  const auto ms = [](uint64_t nanoseconds) { return double(nanoseconds) * 1e-6; };
+  std::printf("unary 20 KB -> 5 KB, %.0f /s at random: %.1f us CPU a request; ms: p50 %.3f, p99 %.3f, max %.3f\n", rate,
+              result.measured.cpu_us_per_request(), ms(result.latency_ns.Percentile(0.5)),
+              ms(result.latency_ns.Percentile(0.99)), ms(result.latency_ns.max()));
+}
+
 int Main(int argc, char** argv) {
-  double seconds = 2;
+  double seconds = 2, rate = 0;
   size_t megabytes = 1024;
   for (int i = 1; i < argc; ++i) {
     if (std::strcmp(argv[i], "--serve") == 0) return ServeBareGrpc();
     if (i + 1 < argc && std::strcmp(argv[i], "--seconds") == 0) seconds = std::atof(argv[++i]);
+    if (i + 1 < argc && std::strcmp(argv[i], "--rate") == 0) rate = std::atof(argv[++i]);
     if (i + 1 < argc && std::strcmp(argv[i], "--megabytes") == 0) megabytes = size_t(std::atoll(argv[++i]));
   }
   const Child child = StartServer();
   if (child.port == 0) return std::fputs("service_yardstick: no server\n", stderr), 1;
   BareGrpc bare(child.pid, child.port);
+  if (rate > 0) {
+    PrintOpenLoop(bare, child.pid, rate, seconds);
+    EndServer(child);
+    return 0;
+  }
   bare.RawStream(1 << 20, size_t{64} << 20);  // warm
   const size_t total = megabytes << 20;
   Print("raw stream, 256 KiB pieces", bare.RawStream(256 << 10, total));
@@ -67,8 +89,7 @@ int Main(int argc, char** argv) {
   Print("unary 20 KB -> 5 KB, 16 in flight", bare.Unary(20'000, 5'000, 16, seconds));
   Print("bidi 64 B, 16 under way", bare.Bidirectional(64, 64, 16, seconds));
   Print("bidi 20 KB -> 5 KB, 16 under way", bare.Bidirectional(20'000, 5'000, 16, seconds));
-  kill(child.pid, SIGKILL);
-  waitpid(child.pid, nullptr, 0);
+  EndServer(child);
   return 0;
 }
 
