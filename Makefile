@@ -5,12 +5,15 @@ TEST_JOBS ?= 2
 
 GPU_BUNDLE_TARGETS := cuda_parity cuda_bench cuda_devices device_parity voxelpipe voxelpiped
 
+# By label, which is the name of the test's program.
+SERVICE_TESTS := ^(library_order|server|service_.*)_test$$
+
 # Where the preset builds: `dev` and `ci` in build/, any other in build-<preset>/.
 BUILD_DIR := $(if $(filter dev ci,$(PRESET)),build,build-$(PRESET))
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup configure build test demo bench format lint docker-test gpu-bundle clean
+.PHONY: help setup configure build test test-asan test-tsan demo bench format lint docker-test gpu-bundle clean
 
 help: ## List the tasks
 	@echo "usage: make TASK [PRESET=dev|release|cpu-only|asan|tsan|ci] [JOBS=N]"
@@ -28,6 +31,17 @@ build: configure ## Build everything; binaries land in build/bin
 
 test: build ## Set up, build and run every test
 	ctest --preset $(PRESET) --output-on-failure -j $(TEST_JOBS)
+
+test-asan: ## Run the service's tests with AddressSanitizer and UndefinedBehaviorSanitizer in server, clients and tests
+	@$(MAKE) --no-print-directory PRESET=asan service-tests
+
+test-tsan: ## Run the service's tests with ThreadSanitizer in server, clients and tests
+	@$(MAKE) --no-print-directory PRESET=tsan service-tests
+
+.PHONY: service-tests
+service-tests: configure
+	cmake --build --preset $(PRESET) -j $(JOBS) --target service_tests
+	ctest --preset $(PRESET) -j $(TEST_JOBS) -L '$(SERVICE_TESTS)'
 
 demo: configure ## Send a real mesh to a server, get voxels and a picture back (build/demo)
 	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe voxelpiped

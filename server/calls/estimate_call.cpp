@@ -6,7 +6,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "calls/call_setup.h"
-#include "calls/grpc_turn.h"
 #include "meshes/prepare_kept.h"
 #include "pipeline/backend.h"
 #include "pipeline/plan.h"
@@ -53,7 +52,6 @@ EstimateCall* EstimateCall::Create(ServiceState& state, grpc::CallbackServerCont
   std::shared_ptr<EstimateCall> call(new EstimateCall(state, context, request, response));
   call->self_ = call;
   call->Start();
-  GiveToGrpc(&call->self_);
   return call.get();
 }
 
@@ -136,12 +134,10 @@ void EstimateCall::End(const absl::Status& status) {
     const std::lock_guard lock(mutex_);
     status_ = status;
   }
-  GiveToGrpc(&response_);
   Finish(ToGrpcStatus(status));
 }
 
 void EstimateCall::OnCancel() {
-  const GrpcTurn turn(&self_, this);
   if (job_.Check().ok()) job_.Cancel();
   std::shared_ptr<MeshTask> task;
   {
@@ -153,7 +149,6 @@ void EstimateCall::OnCancel() {
 }
 
 void EstimateCall::OnDone() {
-  GrpcIsDone(this, &response_);
   std::shared_ptr<EstimateCall> keep;
   {
     const std::lock_guard lock(mutex_);

@@ -10,7 +10,6 @@
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
-#include "calls/grpc_turn.h"
 #include "calls/job_setup.h"
 #include "meshes/prepare_kept.h"
 #include "wire/response.h"
@@ -121,7 +120,6 @@ ManyCall* ManyCall::Create(ServiceState& state, grpc::CallbackServerContext& con
       if (const auto self = weak.lock()) self->StopTaking();
     });
   }
-  GiveToGrpc(&call->self_);
   call->Pump();
   return call.get();
 }
@@ -134,7 +132,6 @@ ManyCall::ManyCall(ServiceState& state, grpc::CallbackServerContext& context)
 ManyCall::~ManyCall() = default;
 
 void ManyCall::OnReadDone(bool ok) {
-  const GrpcTurn turn(&read_, this);
   absl::Status status = absl::OkStatus();
   if (ok) {
     v1::VoxelizeManyRequest request;
@@ -250,7 +247,6 @@ void ManyCall::Pump() {
       reading_ = true;
       ++starting_reads_;
       lock.unlock();
-      GiveToGrpc(&read_);
       StartRead(&read_);
       lock.lock();
       --starting_reads_;
@@ -266,7 +262,6 @@ void ManyCall::Pump() {
       finished_ = true;
       const grpc::Status status = ToGrpcStatus(*end_);
       lock.unlock();
-      GiveToGrpc(&writing_message_);
       Finish(status);
       return;
     }
@@ -298,7 +293,6 @@ void ManyCall::Pump() {
     if (!last_of_current_ && stream->next_is_ready()) options.set_buffer_hint();
     lock.unlock();
     write_wait_->Begin();
-    GiveToGrpc(&writing_message_);
     StartWrite(&writing_message_, options);
     if (stream) stream->CatchUp();  // while the piece is on its way
     lock.lock();
@@ -307,7 +301,6 @@ void ManyCall::Pump() {
 }
 
 void ManyCall::OnWriteDone(bool ok) {
-  const GrpcTurn turn(&writing_message_, this);
   write_wait_->End();
   std::optional<Answer> written;  // freed without the lock
   {
@@ -355,13 +348,11 @@ void ManyCall::End(absl::Status status) {
 }
 
 void ManyCall::OnCancel() {
-  const GrpcTurn turn(&self_, this);
   if (deadline_.Check().ok()) deadline_.Cancel();
   End(deadline_.Check());
 }
 
 void ManyCall::OnDone() {
-  GrpcIsDone(this, &writing_message_);
   std::shared_ptr<ManyCall> keep;
   write_wait_->End();
   closer_.reset();

@@ -8,7 +8,6 @@
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
-#include "calls/grpc_turn.h"
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
@@ -92,12 +91,10 @@ UploadMeshCall* UploadMeshCall::Create(ServiceState& state, grpc::CallbackServer
       });
   if (absl::Status s = MayBegin(call->pass_, call->record_); s.ok()) {
     call->upload_wait_->Begin();
-    GiveToGrpc(&call->request_);
     call->StartRead(&call->request_);
   } else {
     call->Answer(s, false);
   }
-  GiveToGrpc(&call->self_);
   return call.get();
 }
 
@@ -113,7 +110,6 @@ UploadMeshCall::UploadMeshCall(ServiceState& state, grpc::CallbackServerContext&
 }
 
 void UploadMeshCall::OnReadDone(bool ok) {
-  const GrpcTurn turn(&request_, this);
   if (!ok) {
     upload_wait_->End();
     UploadEnded();
@@ -141,7 +137,6 @@ void UploadMeshCall::OnReadDone(bool ok) {
     upload_bytes_seen_ = record_.bytes_in;
     upload_wait_->Begin();
   }
-  GiveToGrpc(&request_);
   StartRead(&request_);
 }
 
@@ -264,7 +259,6 @@ void UploadMeshCall::Answer(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mes
     *response_.mutable_mesh() = ToMessage(**mesh);
     response_.set_already_stored(already_stored);
   }
-  GiveToGrpc(&response_);
   Finish(ToGrpcStatus(mesh.status()));
 }
 
@@ -287,7 +281,6 @@ void UploadMeshCall::LeaveFlight() {
 }
 
 void UploadMeshCall::OnCancel() {
-  const GrpcTurn turn(&self_, this);
   if (job_.Check().ok()) job_.Cancel();
   std::shared_ptr<FileTask> task;
   {
@@ -302,7 +295,6 @@ void UploadMeshCall::OnCancel() {
 }
 
 void UploadMeshCall::OnDone() {
-  GrpcIsDone(this, &response_);
   std::shared_ptr<UploadMeshCall> keep;
   {
     const std::lock_guard lock(mutex_);

@@ -8,7 +8,6 @@
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
-#include "calls/grpc_turn.h"
 #include "calls/job_setup.h"
 #include "meshes/prepare_kept.h"
 #include "wire/response.h"
@@ -33,10 +32,8 @@ VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerCont
     call->End(std::move(status));
   } else {
     call->upload_wait_->Begin();
-    GiveToGrpc(&call->read_);
     call->StartRead(&call->read_);
   }
-  GiveToGrpc(&call->self_);
   return call.get();
 }
 
@@ -64,7 +61,6 @@ void VoxelizeCall::WatchForIdleness() {
 }
 
 void VoxelizeCall::OnReadDone(bool ok) {
-  const GrpcTurn turn(&read_, this);
   if (!ok) {
     upload_wait_->End();
     UploadEnded();
@@ -90,7 +86,6 @@ void VoxelizeCall::OnReadDone(bool ok) {
     upload_bytes_seen_ = record_.bytes_in;
     upload_wait_->Begin();
   }
-  GiveToGrpc(&read_);
   StartRead(&read_);
 }
 
@@ -345,7 +340,6 @@ void VoxelizeCall::Pump() {
       finished_ = true;
       const grpc::Status status = ToGrpcStatus(*end_);
       lock.unlock();
-      GiveToGrpc(&writing_message_);
       Finish(status);
       return;
     }
@@ -384,14 +378,12 @@ void VoxelizeCall::Pump() {
       making_ = false;
       lock.unlock();
       write_wait_->Begin();
-      GiveToGrpc(&writing_message_);
       StartWriteAndFinish(&writing_message_, grpc::WriteOptions(), grpc::Status::OK);
       return;
     }
     writing_ = true;
     lock.unlock();
     write_wait_->Begin();
-    GiveToGrpc(&writing_message_);
     grpc::WriteOptions options;
     if (result && result->next_is_ready()) options.set_buffer_hint();  // done as soon as there is room for the next one
     StartWrite(&writing_message_, options);
@@ -404,7 +396,6 @@ void VoxelizeCall::Pump() {
 }
 
 void VoxelizeCall::OnWriteDone(bool ok) {
-  const GrpcTurn turn(&writing_message_, this);
   write_wait_->End();
   {
     const std::lock_guard lock(mutex_);
@@ -440,7 +431,6 @@ void VoxelizeCall::FreeLocked() {
 }
 
 void VoxelizeCall::OnCancel() {
-  const GrpcTurn turn(&self_, this);
   if (context.Check().ok()) context.Cancel();
   bool submitted;
   {
@@ -451,7 +441,6 @@ void VoxelizeCall::OnCancel() {
 }
 
 void VoxelizeCall::OnDone() {
-  GrpcIsDone(this, &writing_message_);
   std::shared_ptr<VoxelizeCall> keep;
   write_wait_->End();
   {

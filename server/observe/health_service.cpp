@@ -4,7 +4,6 @@
 #include <optional>
 #include <utility>
 
-#include "calls/grpc_turn.h"
 #include "wire/status.h"
 
 namespace voxelpipe {
@@ -24,7 +23,6 @@ class HealthService::Watcher final : public grpc::ServerWriteReactor<HealthCheck
   static std::shared_ptr<Watcher> Create() {
     auto watcher = std::make_shared<Watcher>();
     watcher->self_ = watcher;
-    GiveToGrpc(&watcher->self_);
     return watcher;
   }
 
@@ -45,7 +43,6 @@ class HealthService::Watcher final : public grpc::ServerWriteReactor<HealthCheck
   }
 
   void OnWriteDone(bool ok) override {
-    const GrpcTurn turn(&response_, this);
     {
       const std::lock_guard lock(mutex_);
       writing_ = false;
@@ -53,14 +50,8 @@ class HealthService::Watcher final : public grpc::ServerWriteReactor<HealthCheck
     }
     Pump();
   }
-  void OnCancel() override {
-    const GrpcTurn turn(&self_, this);
-    End(grpc::Status::CANCELLED);
-  }
-  void OnDone() override {
-    GrpcIsDone(this, &response_);
-    const std::shared_ptr<Watcher> keep = std::move(self_);
-  }
+  void OnCancel() override { End(grpc::Status::CANCELLED); }
+  void OnDone() override { const std::shared_ptr<Watcher> keep = std::move(self_); }
 
  private:
   void Pump() {
@@ -80,7 +71,6 @@ class HealthService::Watcher final : public grpc::ServerWriteReactor<HealthCheck
         return;
       }
     }
-    GiveToGrpc(&response_);
     if (write) {
       StartWrite(&response_);
     } else {
