@@ -26,6 +26,9 @@ inline constexpr int kMaxMessageBytes = 64 << 20;
 // What an upload has to bring in each --upload-idle-timeout-ms, or its end: a byte now and then is idle, too.
 inline constexpr uint64_t kLeastUploadBytes = 64 << 10;
 
+// Jobs predicted to take less are not compared with others: that takes both sides a tenth of it, and seldom finds one.
+inline constexpr double kLeastSharedMs = 0.1;
+
 JobLimits LimitsOf(const ServerOptions& resolved);
 SchedulerOptions SchedulingOf(const ServerOptions& resolved, Metrics& metrics);
 // Sets the gauges of the queue before they are read.
@@ -49,7 +52,7 @@ struct ServiceState {
         idle_watch(IdleIntervalOf(resolved)),
         limits(LimitsOf(resolved)),
         results(scheduler, working, metrics,
-                {resolved.share_equal_jobs, resolved.result_cache_bytes, resolved.piece_bytes}),
+                {resolved.share_equal_jobs, resolved.result_cache_bytes, resolved.piece_bytes, kLeastSharedMs}),
         scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),
         full_queue(scheduler, metrics),
         queue_sampler(SampleQueue(scheduler, metrics)),

@@ -18,6 +18,12 @@ namespace {
 // No server compresses more at once.
 constexpr uint64_t kMostRawBytes = 64 << 20;
 
+// Looked up once: OpenSSL would do so, with locks, for each result.
+const EVP_MD* Sha256Algorithm() {
+  static const EVP_MD* const algorithm = EVP_MD_fetch(nullptr, "SHA256", nullptr);
+  return algorithm != nullptr ? algorithm : EVP_sha256();
+}
+
 template <typename... Parts>
 absl::Status Lost(const Parts&... parts) {
   return absl::DataLossError(absl::StrCat("the server's result: ", parts...));
@@ -56,7 +62,7 @@ ResultReader::~ResultReader() = default;
 
 absl::Status ResultReader::AddHeader(const v1::ResultHeader& message) {
   if (has_header_) return Lost("a second header");
-  if (!digest_ || EVP_DigestInit_ex(digest_.get(), EVP_sha256(), nullptr) != 1) {
+  if (!digest_ || EVP_DigestInit_ex(digest_.get(), Sha256Algorithm(), nullptr) != 1) {
     return absl::InternalError("SHA-256 could not be started");
   }
   const absl::StatusOr<ResultHeader> header = FromMessage(message, request_);

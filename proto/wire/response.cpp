@@ -98,17 +98,22 @@ absl::StatusOr<Counts> ReadCounts(const v1::ResultHeader& message, const Voxeliz
 
 }  // namespace
 
-v1::Grid ToMessage(const GridSpec& grid) {
-  v1::Grid message;
+void WriteTo(const GridSpec& grid, v1::Grid& message) {
   message.mutable_dims()->set_x(grid.dims[0]);
   message.mutable_dims()->set_y(grid.dims[1]);
   message.mutable_dims()->set_z(grid.dims[2]);
   WriteVec(grid.origin, message.mutable_origin());
   WriteVec(grid.voxel_size, message.mutable_voxel_size());
   const Mat4d matrix = grid.index_to_world();
+  message.mutable_index_to_world()->Reserve(16);
   for (const auto& row : matrix.m) {
     for (const double value : row) message.add_index_to_world(value);
   }
+}
+
+v1::Grid ToMessage(const GridSpec& grid) {
+  v1::Grid message;
+  WriteTo(grid, message);
   return message;
 }
 
@@ -131,9 +136,8 @@ absl::StatusOr<GridSpec> FromMessage(const v1::Grid& message) {
   return grid;
 }
 
-v1::VoxelizationPlan ToMessage(const Plan& plan) {
-  v1::VoxelizationPlan message;
-  *message.mutable_grid() = ToMessage(plan.grid);
+void WriteTo(const Plan& plan, v1::VoxelizationPlan& message) {
+  WriteTo(plan.grid, *message.mutable_grid());
   message.set_result_bytes(plan.result_bytes);
   message.set_peak_bytes(plan.peak_bytes);
   message.set_backend(plan.backend);
@@ -143,6 +147,11 @@ v1::VoxelizationPlan ToMessage(const Plan& plan) {
     case TimeClass::kShort: message.set_time_class(v1::TIME_CLASS_SHORT); break;
     case TimeClass::kLong: message.set_time_class(v1::TIME_CLASS_LONG); break;
   }
+}
+
+v1::VoxelizationPlan ToMessage(const Plan& plan) {
+  v1::VoxelizationPlan message;
+  WriteTo(plan, message);
   return message;
 }
 
@@ -161,8 +170,7 @@ absl::StatusOr<Plan> FromMessage(const v1::VoxelizationPlan& message) {
   return plan;
 }
 
-v1::VoxelizeStats ToMessage(const VoxelizeStats& stats) {
-  v1::VoxelizeStats message;
+void WriteTo(const VoxelizeStats& stats, v1::VoxelizeStats& message) {
   message.set_triangles(stats.triangles);
   if (stats.fragments) message.set_fragments(*stats.fragments);
   message.set_occupied(stats.occupied);
@@ -176,6 +184,11 @@ v1::VoxelizeStats ToMessage(const VoxelizeStats& stats) {
   }
   message.set_voxelize_ms(stats.voxelize_ms);
   message.set_voxelize_cpu_ms(stats.voxelize_cpu_ms);
+}
+
+v1::VoxelizeStats ToMessage(const VoxelizeStats& stats) {
+  v1::VoxelizeStats message;
+  WriteTo(stats, message);
   return message;
 }
 
@@ -193,8 +206,7 @@ VoxelizeStats FromMessage(const v1::VoxelizeStats& message) {
   return stats;
 }
 
-v1::MeshReport ToMessage(const MeshReport& report, bool examined) {
-  v1::MeshReport message;
+void WriteTo(const MeshReport& report, bool examined, std::span<const std::string> warnings, v1::MeshReport& message) {
   message.set_triangles(report.triangles);
   message.set_vertices(report.vertices);
   if (examined) {
@@ -203,14 +215,18 @@ v1::MeshReport ToMessage(const MeshReport& report, bool examined) {
   }
   WriteVec(report.min, message.mutable_min());
   WriteVec(report.max, message.mutable_max());
-  return message;
-}
-
-v1::MeshReport ToMessage(const MeshReport& report, bool examined, std::span<const std::string> warnings) {
-  v1::MeshReport message = ToMessage(report, examined);
   for (const std::string& warning : warnings.first(std::min(kMaxWarnings, warnings.size()))) {
     message.add_warnings(CleanText(warning, kMaxWarningBytes));
   }
+}
+
+v1::MeshReport ToMessage(const MeshReport& report, bool examined) {
+  return ToMessage(report, examined, {});
+}
+
+v1::MeshReport ToMessage(const MeshReport& report, bool examined, std::span<const std::string> warnings) {
+  v1::MeshReport message;
+  WriteTo(report, examined, warnings, message);
   return message;
 }
 
@@ -260,9 +276,8 @@ ShaderInfo FromMessage(const v1::ShaderInfo& message) {
   return info;
 }
 
-v1::ResultHeader ToMessage(const ResultHeader& header) {
-  v1::ResultHeader message;
-  *message.mutable_grid() = ToMessage(header.grid);
+void WriteTo(const ResultHeader& header, v1::ResultHeader& message) {
+  WriteTo(header.grid, *message.mutable_grid());
   message.set_layout(ToMessage(header.layout));
   message.set_kind(ToMessage(header.kind));
   for (const ArraySpec& array : header.arrays) {
@@ -271,6 +286,11 @@ v1::ResultHeader ToMessage(const ResultHeader& header) {
     out->set_element_type(ToMessage(array.type));
     out->mutable_shape()->Add(array.shape.begin(), array.shape.end());
   }
+}
+
+v1::ResultHeader ToMessage(const ResultHeader& header) {
+  v1::ResultHeader message;
+  WriteTo(header, message);
   return message;
 }
 

@@ -59,6 +59,7 @@ double CallRecord::CountEnd(const absl::Status& status) {
 void CallRecord::Log(const absl::Status& status) {
   logged_ = true;
   const double seconds = CountEnd(status);
+  if (!LogLine::IsWanted(spdlog::level::info)) return;
   LogLine line("call");
   line.Add("request", request_id).Add("method", RpcName(rpc)).Add("peer", peer);
   if (admitted_.ok() && !admitted_->name().empty()) line.Add("client", admitted_->name());

@@ -9,6 +9,7 @@
 
 #include "base/job_context.h"
 #include "calls/call_record.h"
+#include "calls/grpc_turn.h"
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 
@@ -23,6 +24,7 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
 
   void OnCancel() override;
   void OnDone() override;
+  bool InternalInlineable() override { return kReactAtOnce; }
 
  private:
   EstimateCall(ServiceState& state, grpc::CallbackServerContext& context,

@@ -12,6 +12,10 @@ extern "C" void __tsan_release(void* address);
 #define VOXELPIPE_TSAN(action, place) static_cast<void>(place)
 #endif
 
+// What our reactors answer to gRPC's InternalInlineable: OnCancel and OnDone never wait, and so gRPC need not hand them over to one more
+// thread.
+inline constexpr bool kReactAtOnce = true;
+
 // Before an operation is started: what was done until here is seen by the reaction to it, whose GrpcTurn begins at the same place.
 // `place` is any object that stands for one kind of operation of one call, as the message that is read. No worker waits on a place, so
 // that races between workers and reactions are still found.

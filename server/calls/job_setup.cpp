@@ -79,6 +79,7 @@ void CountWork(Metrics& metrics, const JobOutcome& outcome) {
 }
 
 LogFields Facts(const JobOutcome& outcome) {
+  if (!LogLine::IsWanted(spdlog::level::info)) return {};
   const GridSpec& grid = outcome.result.grid;
   const VoxelizeStats& stats = outcome.result.stats;
   LogFields facts = {{"worker", outcome.worker},

@@ -57,7 +57,7 @@ class ManyCall::Job final : public VoxelizeJob {
   // The plan comes with the answer: PlanShared would say it while the answer is made.
   void DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& plan, bool cached) override {
     call_->state_.metrics.JobEnded(absl::StatusCode::kOk);
-    plan_ = ToMessage(plan);
+    plan_ = plan;
     Reply(std::move(outcome), cached);
   }
 
@@ -68,7 +68,7 @@ class ManyCall::Job final : public VoxelizeJob {
     uploads_.ShrinkTo(0);
     working_.ShrinkTo(0);  // of a worker that failed
     if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
-    plan_ = ToMessage(plan);
+    plan_ = plan;
     return absl::OkStatus();
   }
   ResultSink* large_results() override { return nullptr; }
@@ -99,7 +99,7 @@ class ManyCall::Job final : public VoxelizeJob {
   std::shared_ptr<ManyCall> call_;
   const uint64_t id_;
   BudgetShare uploads_, working_;
-  v1::VoxelizationPlan plan_;
+  Plan plan_;
 };
 
 ManyCall* ManyCall::Create(ServiceState& state, grpc::CallbackServerContext& context) {

@@ -15,6 +15,7 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "calls/call_record.h"
+#include "calls/grpc_turn.h"
 #include "calls/idle_watch.h"
 #include "calls/result_stream.h"
 #include "service_state.h"
@@ -35,6 +36,7 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   void OnWriteDone(bool ok) override;
   void OnCancel() override;
   void OnDone() override;
+  bool InternalInlineable() override { return kReactAtOnce; }
 
  private:
   class Job;

@@ -128,7 +128,8 @@ grpc::ByteBuffer ResponseCoder::Piece(const CodedPiece& piece) const {
 
 grpc::ByteBuffer ResponseCoder::Whole(const v1::WholeResult& head, std::span<const CodedPiece> pieces) const {
   std::vector<std::string> heads;
-  uint64_t bytes = head.ByteSizeLong();
+  const size_t head_bytes = head.ByteSizeLong();
+  uint64_t bytes = head_bytes;
   for (const CodedPiece& piece : pieces) {
     heads.push_back(PieceHead(piece));
     const uint64_t piece_bytes = heads.back().size() + piece.data.size();
@@ -138,7 +139,10 @@ grpc::ByteBuffer ResponseCoder::Whole(const v1::WholeResult& head, std::span<con
   const int field =
       whole_call_ ? int{v1::VoxelizeWholeResponse::kResultFieldNumber} : int{v1::VoxelizeResponse::kWholeFieldNumber};
   slices.text = Envelope(job_id_, field, v1::VoxelizeManyResponse::kWholeFieldNumber, false, bytes);
-  head.AppendToString(&slices.text);
+  slices.text.reserve(slices.text.size() + size_t(bytes < kCopyBelow ? bytes : head_bytes));
+  const size_t begin = slices.text.size();
+  slices.text.resize(begin + head_bytes);
+  head.SerializeWithCachedSizesToArray(reinterpret_cast<uint8_t*>(slices.text.data() + begin));
   for (size_t i = 0; i < pieces.size(); ++i) {
     PutLength(v1::WholeResult::kPiecesFieldNumber, heads[i].size() + pieces[i].data.size(), slices.text);
     slices.text += heads[i];

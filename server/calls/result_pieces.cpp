@@ -1,13 +1,22 @@
 #include "calls/result_pieces.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <utility>
 #include <vector>
+
+#include <google/protobuf/arena.h>
 
 #include "base/crc32c.h"
 #include "wire/response.h"
 
 namespace voxelpipe {
+namespace {
+
+// What the messages of a small result take, without the result.
+constexpr size_t kArenaBytes = 4096;
+
+}  // namespace
 
 ResultPieces::ResultPieces(const CallSettings& settings, const PieceOptions& options, ResponseCoder coder)
     : options_(options), hashed_(settings.content_hash), coder_(coder) {
@@ -63,13 +72,13 @@ void ResultPieces::SetShared(bool cached, std::shared_ptr<ResultSums> sums) {
 
 void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) {
   v1::VoxelizeStats& stats = *summary.mutable_stats();
-  stats = ToMessage(outcome.result.stats);
+  WriteTo(outcome.result.stats, stats);
   stats.set_worker(outcome.worker);
   stats.set_queue_ms(outcome.queue_ms);
   stats.set_batch_jobs(outcome.batch_jobs);
   if (outcome.batch_launches) stats.set_batch_launches(*outcome.batch_launches);
   stats.set_attempts(outcome.attempts);
-  *summary.mutable_mesh() = ToMessage(outcome.report, outcome.examined, outcome.warnings);
+  WriteTo(outcome.report, outcome.examined, outcome.warnings, *summary.mutable_mesh());
   summary.set_peak_bytes(outcome.peak_bytes);
   if (hashed_ && !known_hash_.empty()) {
     summary.set_content_sha256(known_hash_);
@@ -90,11 +99,13 @@ grpc::ByteBuffer ResultPieces::Summary(const JobOutcome& outcome) {
   return coder_.Message(response);
 }
 
-grpc::ByteBuffer ResultPieces::Whole(const v1::VoxelizationPlan& plan,
-                                     const std::shared_ptr<const JobOutcome>& outcome) {
-  v1::WholeResult head;
-  *head.mutable_accepted() = plan;
-  *head.mutable_header() = ToMessage(HeaderOf(outcome->result));
+grpc::ByteBuffer ResultPieces::Whole(const Plan& plan, const std::shared_ptr<const JobOutcome>& outcome) {
+  // Some forty small parts, which would be allocated and freed one by one.
+  alignas(std::max_align_t) char room[kArenaBytes];
+  google::protobuf::Arena arena(room, sizeof room);
+  auto& head = *google::protobuf::Arena::CreateMessage<v1::WholeResult>(&arena);
+  WriteTo(plan, *head.mutable_accepted());
+  WriteTo(HeaderOf(outcome->result), *head.mutable_header());
   std::vector<CodedPiece> pieces;
   const std::vector<std::span<const uint8_t>> arrays = ArraysOf(outcome->result);
   for (size_t i = 0; i < arrays.size(); ++i) {

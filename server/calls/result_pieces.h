@@ -11,6 +11,7 @@
 
 #include "calls/response_coder.h"
 #include "calls/zstd_piece.h"
+#include "pipeline/plan.h"
 #include "pipeline/result.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "wire/call_settings.h"
@@ -44,7 +45,7 @@ class ResultPieces {
   grpc::ByteBuffer Summary(const JobOutcome& outcome);
 
   // All of a small result. Call alone, once. `outcome` stays until gRPC has sent the message.
-  grpc::ByteBuffer Whole(const v1::VoxelizationPlan& plan, const std::shared_ptr<const JobOutcome>& outcome);
+  grpc::ByteBuffer Whole(const Plan& plan, const std::shared_ptr<const JobOutcome>& outcome);
 
   // Pieces are made without compressing or hashing them.
   bool at_once() const { return !compressor_ && (!hashed_ || !known_hash_.empty()); }

@@ -101,12 +101,14 @@ ResultSharing::ResultSharing(Scheduler& scheduler, ByteBudget& working, Metrics&
       metrics_(metrics),
       on_(options.share || options.cache_bytes > 0),
       piece_bytes_(options.piece_bytes),
+      least_ms_(options.cache_bytes > 0 ? 0 : options.least_ms),
       cache_(options.cache_bytes) {}
 
 ResultSharing::~ResultSharing() = default;
 
 absl::Status ResultSharing::Submit(std::shared_ptr<VoxelizeJob> job) {
-  const std::string key = on_ ? RequestKey(*job) : std::string();
+  const bool may_share = on_ && job->traits.cost.run_ms >= least_ms_;
+  const std::string key = may_share ? RequestKey(*job) : std::string();
   if (key.empty()) return scheduler_.Submit(std::move(job));
   if (cache_.enabled()) {
     if (const std::shared_ptr<const SharedResult> result = cache_.Use(key)) {

@@ -27,6 +27,7 @@ class ResultSharing {
     bool share = true;               // false: all go through, where nothing is kept either
     uint64_t cache_bytes = 0;        // 0: nothing is kept
     uint64_t piece_bytes = 1 << 20;  // of the results in one piece, as they are sent
+    double least_ms = 0;             // predicted: less work is done again sooner than shared, unless results are kept
   };
   // All must outlive the object, but for `scheduler`, which may be made later and must end its tasks earlier.
   ResultSharing(Scheduler& scheduler, ByteBudget& working, Metrics& metrics, const Options& options);
@@ -57,6 +58,7 @@ class ResultSharing {
   Metrics& metrics_;
   const bool on_;
   const uint64_t piece_bytes_;
+  const double least_ms_;
   ResultCache cache_;
   Flights flights_;
   std::mutex mutex_;

@@ -171,7 +171,7 @@ absl::Status VoxelizeCall::Planned(const Plan& plan, bool may_wait) {
 void VoxelizeCall::PlanShared(const Plan& plan) {
   if (std::exchange(planned_, true)) return;
   if (whole_ && plan.result_bytes <= kWholeBytes) {
-    plan_ = ToMessage(plan);
+    plan_ = plan;
   } else {
     v1::VoxelizeResponse response;
     *response.mutable_accepted() = ToMessage(plan);
@@ -233,7 +233,7 @@ void VoxelizeCall::Answer(std::shared_ptr<const JobOutcome> outcome, bool cached
   } else {
     if (plan_) {  // the plan did not know how large it would be
       v1::VoxelizeResponse response;
-      *response.mutable_accepted() = *std::move(plan_);
+      *response.mutable_accepted() = ToMessage(*plan_);
       Post(response);
     }
     result = std::make_shared<ResultStream>(outcome, config.settings, options, ResponseCoder(), cached);

@@ -14,6 +14,7 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "calls/call_record.h"
+#include "calls/grpc_turn.h"
 #include "calls/idle_watch.h"
 #include "calls/result_pieces.h"
 #include "calls/result_stream.h"
@@ -39,6 +40,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   void OnWriteDone(bool ok) override;
   void OnCancel() override;
   void OnDone() override;
+  bool InternalInlineable() override { return kReactAtOnce; }
 
  private:
   VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& context);
@@ -95,7 +97,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   BudgetShare uploads_, working_;
   bool planned_ = false;
   std::chrono::steady_clock::time_point last_progress_;
-  std::optional<v1::VoxelizationPlan> plan_;  // not told yet: it goes with the whole result
+  std::optional<Plan> plan_;  // not told yet: it goes with the whole result
 
   // A streamed result: touched by the worker only.
   std::optional<ResultPieces> pieces_made_;

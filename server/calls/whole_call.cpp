@@ -137,7 +137,7 @@ void WholeCall::Done(absl::StatusOr<JobOutcome> outcome) {
 void WholeCall::Answer(std::shared_ptr<const JobOutcome> outcome, bool cached) {
   ResultPieces whole(config.settings, PiecesOf(state_.options), ResponseCoder::OfWholeCall());
   whole.SetShared(cached, outcome->sums);
-  response_ = whole.Whole(ToMessage(*plan_), outcome);
+  response_ = whole.Whole(*plan_, outcome);
   record_.bytes_out = whole.sent_bytes();
   record_.raw_bytes_out = whole.bytes();
   record_.facts = Facts(*outcome);

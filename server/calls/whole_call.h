@@ -9,6 +9,7 @@
 
 #include "absl/status/status.h"
 #include "calls/call_record.h"
+#include "calls/grpc_turn.h"
 #include "calls/idle_watch.h"
 #include "pipeline/memory_sink.h"
 #include "service_state.h"
@@ -29,6 +30,7 @@ class WholeCall final : public grpc::ServerUnaryReactor, private VoxelizeJob {
 
   void OnCancel() override;
   void OnDone() override;
+  bool InternalInlineable() override { return kReactAtOnce; }
 
  private:
   WholeCall(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& response);

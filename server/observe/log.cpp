@@ -25,6 +25,7 @@ constexpr char kTime[] = "%Y-%m-%dT%H:%M:%S.%e%z";
 constexpr char kFields[] = "fields";
 
 std::atomic<bool> json_lines{false};
+std::atomic<spdlog::level::level_enum> wanted_level{spdlog::level::trace};
 
 std::string Quoted(std::string_view text) {
   return nlohmann::json(std::string(text)).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
@@ -68,6 +69,7 @@ LogField::LogField(const char* name, double number) : key(name), value(ThreeDigi
 
 void StartLog(spdlog::level::level_enum level, LogFormat format) {
   json_lines = format == LogFormat::kJson;
+  wanted_level = level;
   spdlog::sink_ptr sink;
   if (json_lines) {
     sink = std::make_shared<spdlog::sinks::stderr_sink_mt>();
@@ -89,6 +91,10 @@ void StartLog(spdlog::level::level_enum level, LogFormat format) {
 
 void StopLog() {
   spdlog::shutdown();
+}
+
+bool LogLine::IsWanted(spdlog::level::level_enum level) {
+  return level >= wanted_level.load(std::memory_order_relaxed);
 }
 
 LogLine::LogLine(std::string_view event) : LogLine(event, json_lines ? LogFormat::kJson : LogFormat::kText) {}

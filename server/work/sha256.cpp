@@ -5,6 +5,15 @@
 #include <new>
 
 namespace voxelpipe {
+namespace {
+
+// Looked up once: OpenSSL would do so, with locks, for each hash.
+const EVP_MD* Algorithm() {
+  static const EVP_MD* const algorithm = EVP_MD_fetch(nullptr, "SHA256", nullptr);
+  return algorithm != nullptr ? algorithm : EVP_sha256();
+}
+
+}  // namespace
 
 struct Sha256::State {
   EVP_MD_CTX* context = EVP_MD_CTX_new();
@@ -13,7 +22,7 @@ struct Sha256::State {
 
 Sha256::Sha256() : state_(std::make_unique<State>()) {
   // Both fail for want of memory only.
-  if (!state_->context || EVP_DigestInit_ex(state_->context, EVP_sha256(), nullptr) != 1) throw std::bad_alloc();
+  if (!state_->context || EVP_DigestInit_ex(state_->context, Algorithm(), nullptr) != 1) throw std::bad_alloc();
 }
 
 Sha256::~Sha256() = default;

@@ -227,13 +227,19 @@ TEST(ResultStreamTest, PartsOfAJobCarryItsId) {
 TEST(ResultPiecesTest, AWholeResultIsOneMessage) {
   // One that is copied, one that is referred to, one that is empty.
   const auto outcome = Shared(MakeOutcome({100, 200'000, 0}));
-  v1::VoxelizationPlan plan;
-  plan.set_backend("cpu");
-  for (const bool many : {false, true}) {
-    ResultPieces pieces({}, {}, many ? ResponseCoder(5) : ResponseCoder());
+  Plan plan;
+  plan.backend = "cpu";
+  enum class Way { kStream, kMany, kWholeCall };
+  for (const Way way : {Way::kStream, Way::kMany, Way::kWholeCall}) {
+    ResultPieces pieces({}, {},
+                        way == Way::kMany     ? ResponseCoder(5)
+                        : way == Way::kStream ? ResponseCoder()
+                                              : ResponseCoder::OfWholeCall());
     grpc::ByteBuffer message = pieces.Whole(plan, outcome);
     v1::WholeResult whole;
-    if (many) {
+    if (way == Way::kWholeCall) {
+      whole = Received<v1::VoxelizeWholeResponse>(std::move(message)).result();
+    } else if (way == Way::kMany) {
       const auto response = Received<v1::VoxelizeManyResponse>(std::move(message));
       EXPECT_EQ(response.id(), 5u);
       whole = response.whole();
