@@ -6,6 +6,7 @@
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "many_call.h"
 #include "mesh_calls.h"
+#include "raw_calls.h"
 #include "voxelize_call.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "wire/request.h"
@@ -70,6 +71,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& targe
   if (!channel.ok()) return channel.status();
   impl->channel = *std::move(channel);
   impl->service = v1::VoxelizationService::NewStub(impl->channel);
+  impl->ways.raw = std::make_unique<RawCalls>(impl->channel);
   impl->health = grpc::health::v1::Health::NewStub(impl->channel);
   return std::unique_ptr<Client>(new Client(std::move(impl)));
 }
@@ -94,7 +96,7 @@ std::unique_ptr<ManyStream> Client::OpenMany(const JobContext& job, size_t windo
 
 absl::StatusOr<StoredMesh> Client::UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                               const JobContext& job) {
-  return CallUploadMesh(*impl_->service, impl_->target, mesh_bytes, format, job);
+  return CallUploadMesh(*impl_->ways.raw, impl_->target, mesh_bytes, format, job);
 }
 
 absl::StatusOr<RemoteResult> Client::VoxelizeStored(const std::string& mesh_id, const VoxelizeRequest& request,

@@ -7,19 +7,17 @@
 #include <memory>
 
 #include <grpcpp/client_context.h>
-#include <grpcpp/support/sync_stream.h>
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
-#include "base/crc32c.h"
 #include "call_watch.h"
+#include "upload_pieces.h"
 #include "wire/request.h"
 #include "wire/response.h"
 
 namespace voxelpipe {
 namespace {
 
-constexpr size_t kPieceBytes = size_t{1} << 20;
 constexpr size_t kMeshIdDigits = 64;
 
 std::string MeshIdOf(std::span<const uint8_t> bytes) {
@@ -46,26 +44,25 @@ absl::StatusOr<StoredMesh> FromMessage(const v1::StoredMesh& message) {
   return mesh;
 }
 
-absl::StatusOr<StoredMesh> CallUploadMesh(v1::VoxelizationService::Stub& stub, const std::string& target,
+absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::string& target,
                                           std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                           const JobContext& job) {
   if (absl::Status status = job.Check(); !status.ok()) return status;
   grpc::ClientContext context;
   const CallWatch watch(context, job);
   v1::UploadMeshResponse response;
-  const std::unique_ptr<grpc::ClientWriter<v1::UploadMeshRequest>> stream = stub.UploadMesh(&context, &response);
+  const auto stream = calls.UploadMesh(context, response);
   v1::UploadMeshRequest message;
   const std::string mesh_id = MeshIdOf(mesh_bytes);
   message.mutable_upload()->set_mesh_format(ToMessage(format));
   message.mutable_upload()->set_mesh_id(mesh_id);
-  bool open = stream->Write(message);  // false as soon as the server has answered: it has the mesh, or does not want it
-  for (size_t offset = 0; open && offset < mesh_bytes.size(); offset += kPieceBytes) {
+  bool open = stream->Write(
+      Serialized(message));  // false as soon as the server has answered: it has the mesh, or does not want it
+  UploadPieces pieces(v1::UploadMeshRequest::kPieceFieldNumber, v1::UploadMeshRequest::kCrc32CFieldNumber);
+  for (size_t offset = 0; open && offset < mesh_bytes.size(); offset += kUploadPieceBytes) {
     job.Report("upload", double(offset) / double(mesh_bytes.size()));
-    const std::span<const uint8_t> piece =
-        mesh_bytes.subspan(offset, std::min(kPieceBytes, mesh_bytes.size() - offset));
-    message.set_piece(piece.data(), piece.size());
-    message.set_crc32c(Crc32c(piece));
-    open = stream->Write(message);
+    const size_t bytes = std::min(kUploadPieceBytes, mesh_bytes.size() - offset);
+    open = stream->Write(pieces.Make(mesh_bytes.subspan(offset, bytes)));
   }
   if (open) stream->WritesDone();
   const grpc::Status status = stream->Finish();

@@ -7,12 +7,12 @@
 
 #include "absl/status/statusor.h"
 #include "client.h"
-#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "raw_calls.h"
 
 namespace voxelpipe {
 
 // See Client::UploadMesh. `target` names the server in errors.
-absl::StatusOr<StoredMesh> CallUploadMesh(v1::VoxelizationService::Stub& stub, const std::string& target,
+absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::string& target,
                                           std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                           const JobContext& job);
 

@@ -8,7 +8,7 @@
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
-#include "base/crc32c.h"
+#include "piece_view.h"
 #include "wire/response.h"
 #include "zstd_frame.h"
 
@@ -80,31 +80,50 @@ absl::Status ResultReader::AddHeader(const v1::ResultHeader& message) {
 }
 
 absl::Status ResultReader::AddPiece(const v1::ResultPiece& piece) {
+  return AddPiece(PieceView(piece));
+}
+
+absl::Status ResultReader::AddPiece(const PieceView& piece) {
   if (!has_header_) return Lost("a piece before the header");
   if (has_summary_) return Lost("a piece after the summary");
-  if (piece.data().empty()) return Lost("a piece without bytes");
+  const uint64_t data_bytes = piece.data_bytes();
+  if (data_bytes == 0) return Lost("a piece without bytes");
   while (array_ < array_bytes_.size() && offset_ == array_bytes_[array_]) {
     ++array_;
     offset_ = 0;
   }
   if (array_ == array_bytes_.size()) return Lost("more bytes than announced");
-  if (piece.target() != array_ || piece.offset() != offset_) {
-    return Lost("a piece of array ", piece.target(), " at offset ", piece.offset(), ", expected was array ", array_,
-                " at ", offset_);
+  if (piece.target != array_ || piece.offset != offset_) {
+    return Lost("a piece of array ", piece.target, " at offset ", piece.offset, ", expected was array ", array_, " at ",
+                offset_);
   }
-  const std::span<const uint8_t> data(reinterpret_cast<const uint8_t*>(piece.data().data()), piece.data().size());
-  const uint64_t raw_bytes = piece.raw_bytes() != 0 ? piece.raw_bytes() : data.size();
-  if (raw_bytes > array_bytes_[array_] - offset_ || (piece.raw_bytes() != 0 && raw_bytes > kMostRawBytes)) {
+  const uint64_t raw_bytes = piece.raw_bytes != 0 ? piece.raw_bytes : data_bytes;
+  if (raw_bytes > array_bytes_[array_] - offset_ || (piece.raw_bytes != 0 && raw_bytes > kMostRawBytes)) {
     return Lost("a piece of ", raw_bytes, " bytes at offset ", offset_, " of array ", array_, ", which has ",
                 array_bytes_[array_]);
   }
-  if (Crc32c(data) != piece.crc32c()) {
+  // All of it before any of it goes on: a piece is small enough to stay in the processor's cache until then.
+  if (piece.DataCrc32c() != piece.crc32c) {
     return Lost("the CRC32C of the piece at offset ", offset_, " of array ", array_, " does not match its bytes");
   }
-  out_.sent_bytes += data.size();
-  if (piece.raw_bytes() == 0) return AddBytes(data);
-  const absl::StatusOr<std::vector<uint8_t>> raw = DecompressFrame(data, raw_bytes);
-  return raw.ok() ? AddBytes(*raw) : raw.status();
+  out_.sent_bytes += data_bytes;
+  if (piece.raw_bytes != 0) return AddFrame(piece);
+  for (const std::span<const uint8_t> part : piece.data) {
+    if (absl::Status s = AddBytes(part); !s.ok()) return s;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ResultReader::AddFrame(const PieceView& piece) {
+  std::vector<uint8_t> joined;
+  std::span<const uint8_t> frame = piece.data.front();
+  if (piece.data.size() > 1) {
+    joined.reserve(piece.data_bytes());
+    for (const std::span<const uint8_t> part : piece.data) joined.insert(joined.end(), part.begin(), part.end());
+    frame = joined;
+  }
+  if (absl::Status s = DecompressFrame(frame, piece.raw_bytes, raw_); !s.ok()) return s;
+  return AddBytes(raw_);
 }
 
 absl::Status ResultReader::AddBytes(std::span<const uint8_t> bytes) {

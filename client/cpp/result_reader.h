@@ -16,6 +16,8 @@ struct evp_md_ctx_st;
 
 namespace voxelpipe {
 
+struct PieceView;
+
 // Fed with header, pieces and summary as they come. Every error is DATA_LOSS saying what does not fit, but for those of the sink.
 // After an error the object is of no more use.
 class ResultReader {
@@ -26,7 +28,9 @@ class ResultReader {
 
   // Checks the announced grid and sizes against the request, then begins the sink.
   absl::Status AddHeader(const v1::ResultHeader& message);
-  // Checks array, offset, length and CRC32C, decompresses where that is needed, then hands the bytes to the sink.
+  // Checks array, offset, length and CRC32C, decompresses where that is needed, then hands the bytes to the sink: part by part, where they
+  // lie.
+  absl::Status AddPiece(const PieceView& piece);
   absl::Status AddPiece(const v1::ResultPiece& piece);
   // Checks that everything came and that its SHA-256 is the announced one.
   absl::Status AddSummary(const v1::Summary& summary);
@@ -41,6 +45,7 @@ class ResultReader {
   absl::StatusOr<RemoteRun> Take();
 
  private:
+  absl::Status AddFrame(const PieceView& piece);
   absl::Status AddBytes(std::span<const uint8_t> bytes);
   absl::Status CheckHash(const std::string& announced);
 
@@ -53,6 +58,7 @@ class ResultReader {
   ResultSink& sink_;
   const bool hashed_;
   std::vector<uint64_t> array_bytes_;
+  std::vector<uint8_t> raw_;  // of a compressed piece; keeps its memory
   bool has_header_ = false, has_summary_ = false;
   size_t array_ = 0;     // the one that the next byte belongs to
   uint64_t offset_ = 0;  // of the next byte in it

@@ -10,13 +10,15 @@
 #include <utility>
 
 #include <google/protobuf/arena.h>
-#include <grpcpp/support/sync_stream.h>
+#include <grpcpp/impl/codegen/proto_utils.h>
 
 #include "base/crc32c.h"
 #include "call_watch.h"
 #include "list_check.h"
+#include "piece_view.h"
 #include "pipeline/memory_sink.h"
 #include "result_reader.h"
+#include "upload_pieces.h"
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
@@ -24,11 +26,10 @@
 namespace voxelpipe {
 namespace {
 
-constexpr size_t kPieceBytes = size_t{1} << 20;
 // Meshes and results up to here go in one message each.
 constexpr uint64_t kWholeBytes = uint64_t{1} << 20;
 
-using Stream = grpc::ClientReaderWriter<v1::VoxelizeRequest, v1::VoxelizeResponse>;
+using Stream = RawCalls::VoxelizeStream;
 
 // Both threads report; JobContext wants one at a time. A stage is told at most some twenty times.
 class Reporter {
@@ -54,14 +55,12 @@ class Reporter {
 void Upload(Stream& stream, const v1::VoxelizeConfig& config, std::span<const uint8_t> mesh_bytes, Reporter& reporter) {
   v1::VoxelizeRequest message;
   *message.mutable_config() = config;
-  if (!stream.Write(message)) return;
-  for (size_t offset = 0; offset < mesh_bytes.size(); offset += kPieceBytes) {
+  if (!stream.Write(Serialized(message))) return;
+  UploadPieces pieces(v1::VoxelizeRequest::kMeshPieceFieldNumber, v1::VoxelizeRequest::kCrc32CFieldNumber);
+  for (size_t offset = 0; offset < mesh_bytes.size(); offset += kUploadPieceBytes) {
     reporter.Report("upload", double(offset) / double(mesh_bytes.size()));
-    const std::span<const uint8_t> piece =
-        mesh_bytes.subspan(offset, std::min(kPieceBytes, mesh_bytes.size() - offset));
-    message.set_mesh_piece(piece.data(), piece.size());
-    message.set_crc32c(Crc32c(piece));
-    if (!stream.Write(message)) return;
+    const size_t bytes = std::min(kUploadPieceBytes, mesh_bytes.size() - offset);
+    if (!stream.Write(pieces.Make(mesh_bytes.subspan(offset, bytes)))) return;
   }
   stream.WritesDone();
 }
@@ -73,7 +72,7 @@ void UploadWhole(Stream& stream, v1::VoxelizeConfig config, std::span<const uint
   *message.mutable_whole()->mutable_config() = std::move(config);
   message.mutable_whole()->set_mesh(mesh_bytes.data(), mesh_bytes.size());
   message.set_crc32c(Crc32c(mesh_bytes));
-  stream.WriteLast(message, grpc::WriteOptions());
+  stream.WriteLast(Serialized(message), grpc::WriteOptions());
 }
 
 // The thread of an upload. However the reading half is left, also by an exception of the caller's callbacks, the call
@@ -130,7 +129,7 @@ absl::Status TakeWhole(const v1::WholeResult& whole, ResultReader& reader, bool&
   return status;
 }
 
-// Takes one message. An error means that the server does not keep to the contract, or is the sink's.
+// Takes one message of any kind. An error means that the server does not keep to the contract, or is the sink's.
 absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, bool& planned, Reporter& reporter,
                   const std::function<void(const Plan&)>& on_plan) {
   switch (message.message_case()) {
@@ -149,6 +148,21 @@ absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, boo
     case v1::VoxelizeResponse::MESSAGE_NOT_SET: return absl::OkStatus();  // something that a newer server says
   }
   return absl::OkStatus();
+}
+
+// The same of a message as it came.
+absl::Status TakeBytes(grpc::ByteBuffer& buffer, PieceViewer& viewer, ResultReader& reader, bool& planned,
+                       Reporter& reporter, const std::function<void(const Plan&)>& on_plan) {
+  if (const PieceView* piece = viewer.View(buffer)) {
+    absl::Status status = reader.AddPiece(*piece);
+    if (status.ok()) reporter.Report("download", reader.fraction());
+    return status;
+  }
+  v1::VoxelizeResponse message;
+  if (!grpc::SerializationTraits<v1::VoxelizeResponse>::Deserialize(&buffer, &message).ok()) {
+    return absl::DataLossError("the server's result: a message that cannot be read");
+  }
+  return Take(message, reader, planned, reporter, on_plan);
 }
 
 v1::VoxelizeConfig ConfigOf(const MeshSource& mesh, const VoxelizeRequest& request, const CallSettings& settings) {
@@ -205,7 +219,7 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, Se
   grpc::ClientContext context;
   const CallWatch watch(context, job);
   if (whole) context.set_initial_metadata_corked(true);  // goes with the one message
-  const std::unique_ptr<Stream> stream = stub.Voxelize(&context);
+  const std::unique_ptr<Stream> stream = ways.raw->Voxelize(context);
   Reporter reporter(job);
   v1::VoxelizeConfig config = ConfigOf(mesh, request, settings);
   std::optional<UploadThread> upload;
@@ -218,12 +232,14 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, Se
   ResultReader reader(request, max_result_bytes, sink, settings.content_hash);
   absl::Status broken = absl::OkStatus();
   bool planned = false;
-  v1::VoxelizeResponse message;
-  while (stream->Read(&message)) {
-    broken = Take(message, reader, planned, reporter, on_plan);
+  PieceViewer viewer;
+  grpc::ByteBuffer buffer;
+  while (stream->Read(&buffer)) {
+    broken = TakeBytes(buffer, viewer, reader, planned, reporter, on_plan);
+    buffer.Clear();  // its memory takes the next one
     if (broken.ok()) continue;
     context.TryCancel();
-    while (stream->Read(&message)) {}
+    while (stream->Read(&buffer)) {}
     break;
   }
   if (upload) upload->Join();

@@ -4,12 +4,14 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <span>
 #include <string>
 #include <utility>
 
 #include "absl/status/statusor.h"
 #include "client.h"
+#include "raw_calls.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 
 namespace voxelpipe {
@@ -28,8 +30,9 @@ struct MeshSource {
   }
 };
 
-// What was learned about a server. Thread-safe.
+// How a server is called, besides by the stub, and what was learned about it. Thread-safe.
 struct ServerWays {
+  std::unique_ptr<const RawCalls> raw;      // never null
   std::atomic<bool> no_whole_calls{false};  // it is older than VoxelizeWhole
 };
 

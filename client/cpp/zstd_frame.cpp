@@ -4,18 +4,18 @@
 
 namespace voxelpipe {
 
-absl::StatusOr<std::vector<uint8_t>> DecompressFrame(std::span<const uint8_t> frame, uint64_t raw_bytes) {
+absl::Status DecompressFrame(std::span<const uint8_t> frame, uint64_t raw_bytes, std::vector<uint8_t>& bytes) {
   // The frame states its size in its first bytes: what lies is found before any memory is taken.
   if (ZSTD_getFrameContentSize(frame.data(), frame.size()) != raw_bytes ||
       ZSTD_findFrameCompressedSize(frame.data(), frame.size()) != frame.size()) {
     return absl::DataLossError(
         "the server's result: a compressed piece that is not one zstd frame of the announced size");
   }
-  std::vector<uint8_t> bytes(raw_bytes);
+  bytes.resize(raw_bytes);
   if (ZSTD_decompress(bytes.data(), bytes.size(), frame.data(), frame.size()) != raw_bytes) {
     return absl::DataLossError("the server's result: a compressed piece is broken");
   }
-  return bytes;
+  return absl::OkStatus();
 }
 
 }  // namespace voxelpipe

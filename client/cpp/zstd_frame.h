@@ -5,12 +5,13 @@
 #include <span>
 #include <vector>
 
-#include "absl/status/statusor.h"
+#include "absl/status/status.h"
 
 namespace voxelpipe {
 
-// In: a zstd frame, and how many bytes it is said to hold; the caller has checked that so many may come. Out: the bytes.
+// In: a zstd frame, and how many bytes it is said to hold; the caller has checked that so many may come. Out: the bytes, in `bytes`, which
+// keeps its memory from call to call.
 // Errors: DATA_LOSS where the frame is broken, or holds another number of bytes.
-absl::StatusOr<std::vector<uint8_t>> DecompressFrame(std::span<const uint8_t> frame, uint64_t raw_bytes);
+absl::Status DecompressFrame(std::span<const uint8_t> frame, uint64_t raw_bytes, std::vector<uint8_t>& bytes);
 
 }  // namespace voxelpipe

@@ -8,8 +8,12 @@
 namespace voxelpipe {
 
 uint32_t Crc32c(std::span<const uint8_t> bytes) {
+  return ExtendCrc32c(0, bytes);
+}
+
+uint32_t ExtendCrc32c(uint32_t crc, std::span<const uint8_t> bytes) {
   constexpr size_t kMost = size_t{1} << 30;  // the library takes the length as an int
-  uint32_t crc = ~0u;
+  crc = ~crc;
   while (!bytes.empty()) {
     const size_t n = std::min(bytes.size(), kMost);
     // The parameter is not const, but the bytes are only read.

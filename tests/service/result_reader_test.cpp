@@ -9,6 +9,7 @@
 #include "base/crc32c.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "piece_view.h"
 #include "pipeline/memory_sink.h"
 #include "wire/response.h"
 
@@ -157,6 +158,47 @@ TEST_F(ResultReaderTest, BelievesNoSizeOfACompressedPiece) {
   ExpectLost(reader_.AddPiece(piece), "11 bytes");
   piece.set_raw_bytes(uint64_t{1} << 60);
   ExpectLost(reader_.AddPiece(piece), "bytes at offset 6");
+}
+
+// As pieces come from gRPC: in parts that end anywhere.
+TEST_F(ResultReaderTest, TakesPiecesInParts) {
+  for (v1::ResultPiece piece : {Piece(6, 10), Compressed()}) {
+    MemorySink sink;
+    ResultReader reader(request_, 1 << 20, sink);
+    ASSERT_TRUE(reader.AddHeader(Header(request_)).ok());
+    ASSERT_TRUE(reader.AddPiece(Piece(0, 6)).ok());
+    PieceView view(piece);
+    const std::span<const uint8_t> all = view.data.front();
+    view.data = {all.first(1), all.subspan(1, 4), all.subspan(5)};
+    ASSERT_TRUE(reader.AddPiece(view).ok());
+    ASSERT_TRUE(reader.AddSummary(GoodSummary()).ok());
+    EXPECT_EQ(reader.Take()->sent_bytes, 6 + piece.data().size());
+    const VoxelizeResult result = sink.Take();
+    for (size_t i = 0; i < 16; ++i) EXPECT_EQ(result.targets[0].data()[i], i);
+  }
+}
+
+// A sink may act on what it gets: not a byte of a broken piece.
+TEST(ResultReaderHeaderTest, TheSinkGetsNothingOfABrokenPiece) {
+  struct Counting : ResultSink {
+    absl::Status Begin(const ResultHeader&) override { return absl::OkStatus(); }
+    absl::Status Write(size_t, std::span<const uint8_t> part) override {
+      bytes += part.size();
+      return absl::OkStatus();
+    }
+    size_t bytes = 0;
+  };
+  const VoxelizeRequest request = FourFloats();
+  Counting sink;
+  ResultReader reader(request, 1 << 20, sink);
+  ASSERT_TRUE(reader.AddHeader(Header(request)).ok());
+  v1::ResultPiece piece = Piece(0, 16);
+  piece.mutable_data()->back() ^= 1;
+  PieceView view(piece);
+  const std::span<const uint8_t> all = view.data.front();
+  view.data = {all.first(8), all.subspan(8)};
+  EXPECT_EQ(reader.AddPiece(view).code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(sink.bytes, 0u);
 }
 
 TEST_F(ResultReaderTest, RefusesABrokenFrame) {

@@ -1,4 +1,4 @@
-// One answer of a Voxelize or VoxelizeMany call, read for its figures: result bytes are counted and not copied.
+// One answer of a Voxelize or VoxelizeMany call, read for its figures: result bytes are checked and counted where they lie, and not copied.
 #pragma once
 
 #include <cstdint>
@@ -8,6 +8,7 @@
 
 #include "absl/status/status.h"
 #include "bench/load.h"
+#include "piece_view.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 
 namespace voxelpipe::cli {
@@ -16,7 +17,7 @@ class Answer {
  public:
   void Reset() { *this = Answer(); }
 
-  // The next message of the call. DATA_LOSS where it cannot be read. The buffer is used up.
+  // The next message of the call. DATA_LOSS where it cannot be read, or a piece is not what its CRC-32C says. The buffer is used up.
   absl::Status Take(grpc::ByteBuffer& buffer);
   absl::Status Take(const v1::VoxelizeResponse& message);
   absl::Status Take(const v1::WholeResult& whole);
@@ -30,9 +31,10 @@ class Answer {
   void Fill(const std::string& expected_hash, Outcome& outcome) const;
 
  private:
-  void Take(const v1::ResultPiece& piece);
+  absl::Status Take(const PieceView& piece);
   void Take(const v1::Summary& summary);
 
+  PieceViewer viewer_;
   v1::Summary summary_;
   uint64_t bytes_ = 0, received_bytes_ = 0;
   bool complete_ = false;

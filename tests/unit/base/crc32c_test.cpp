@@ -20,6 +20,15 @@ TEST(Crc32cTest, GivesThePublishedValues) {
   EXPECT_EQ(Crc32c(std::vector<uint8_t>(32, 0xFF)), 0x62A8AB43u);
 }
 
+TEST(Crc32cTest, GoesOnFromPartToPart) {
+  std::vector<uint8_t> bytes(5000);
+  for (size_t i = 0; i < bytes.size(); ++i) bytes[i] = uint8_t(i * 31);
+  const std::span<const uint8_t> all(bytes);
+  for (const size_t cut : {0, 1, 15, 64, 1023, 4999, 5000}) {
+    EXPECT_EQ(ExtendCrc32c(Crc32c(all.first(cut)), all.subspan(cut)), Crc32c(all)) << cut;
+  }
+}
+
 TEST(Crc32cTest, SeesOneFlippedBit) {
   std::vector<uint8_t> bytes(1 << 16);
   for (size_t i = 0; i < bytes.size(); ++i) bytes[i] = uint8_t(i * 31);

@@ -1,0 +1,34 @@
+// The calls that carry many bytes, with messages as gRPC has them: what generated stubs would parse and copy is read where it lies.
+#pragma once
+
+#include <memory>
+
+#include <grpcpp/channel.h>
+#include <grpcpp/client_context.h>
+#include <grpcpp/impl/codegen/rpc_method.h>
+#include <grpcpp/support/byte_buffer.h>
+#include <grpcpp/support/sync_stream.h>
+
+#include "voxelpipe/v1/voxelization_service.pb.h"
+
+namespace voxelpipe {
+
+// Thread-safe, as a generated stub is.
+class RawCalls {
+ public:
+  explicit RawCalls(std::shared_ptr<grpc::Channel> channel);
+
+  // VoxelizeRequest up, VoxelizeResponse down.
+  using VoxelizeStream = grpc::ClientReaderWriter<grpc::ByteBuffer, grpc::ByteBuffer>;
+  std::unique_ptr<VoxelizeStream> Voxelize(grpc::ClientContext& context) const;
+
+  // UploadMeshRequest up.
+  std::unique_ptr<grpc::ClientWriter<grpc::ByteBuffer>> UploadMesh(grpc::ClientContext& context,
+                                                                   v1::UploadMeshResponse& response) const;
+
+ private:
+  const std::shared_ptr<grpc::Channel> channel_;
+  const grpc::internal::RpcMethod voxelize_, upload_mesh_;
+};
+
+}  // namespace voxelpipe
