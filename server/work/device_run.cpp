@@ -18,11 +18,11 @@ constexpr uint64_t kLargestOfBatchBytes = 64 << 20;
 
 // Waking a thread for less work than this costs more than it brings.
 constexpr double kLeastMsPerThread = 1;
+constexpr double kShortMs = 100;
 
-int ThreadsFor(double predicted_ms, int limit) {
+int Cores() {
   static const int cores = std::max(1, int(std::thread::hardware_concurrency()));  // asking opens a file
-  const int most = limit > 0 ? std::min(limit, cores) : cores;
-  return int(std::clamp(predicted_ms / kLeastMsPerThread, 1.0, double(most)));
+  return cores;
 }
 
 bool IsOutOfMemory(const absl::Status& status) {
@@ -30,6 +30,12 @@ bool IsOutOfMemory(const absl::Status& status) {
 }
 
 }  // namespace
+
+int ThreadsFor(double predicted_ms, int limit, int sharers, int cores) {
+  const int share = predicted_ms < kShortMs ? std::max(1, cores / std::max(1, sharers)) : cores;
+  const int most = limit > 0 ? std::min(limit, share) : share;
+  return int(std::clamp(predicted_ms / kLeastMsPerThread, 1.0, double(most)));
+}
 
 // While it is true, jobs may be called, and the run cannot be abandoned.
 class DeviceRun::Inside {
@@ -123,7 +129,7 @@ DeviceRun::DeviceRun(const Backend& backend, std::vector<std::shared_ptr<Task>> 
     ++members_.back()->job->attempts;
   }
   predicted_ = std::chrono::milliseconds(int64_t(std::min(run_ms, 1e9)));
-  options_.threads = ThreadsFor(run_ms, options_.threads);
+  options_.threads = ThreadsFor(run_ms, options_.threads, options_.sharers, Cores());
   // Jobs of a watched run are copied with it.
   for (const auto& member : members_) member->LimitThreads(options_.threads);
 }

@@ -21,9 +21,15 @@ namespace voxelpipe {
 struct DeviceRunOptions {
   std::string worker;  // "cuda:0/1"
   int threads = 0;     // of the whole batch on the host; 0 = all
+  int sharers = 1;     // workers that use the host's cores now, this one included
   PlanLimits limits;
   bool watched = false;  // whether another thread may Abandon it; costs a copy of each request
 };
+
+// Threads of one run: no more than its work is worth, `limit` (0: none) and the cores. A short one takes no more than its share of the cores:
+// where all are busy, threads beyond them only wait for each other and for those that answer clients. A long one takes them all, since it
+// will outlast who shares them now.
+int ThreadsFor(double predicted_ms, int limit, int sharers, int cores);
 
 // Runs jobs, gives each its answer, and keeps those that the device failed, for another one. A device may also never answer: then another
 // thread abandons the run, and from then on nothing of the jobs is touched, whatever the worker's thread still does. So all that the

@@ -190,14 +190,17 @@ bool WorkerPool::RunBatch(Worker& self, std::vector<std::shared_ptr<Task>> batch
   Device& device = *self.device;
   const Clock::time_point begin = Clock::now();
   if (device.metrics != nullptr) device.metrics->workers_busy.Increment();
-  const auto run = std::make_shared<DeviceRun>(device.backend, std::move(batch),
-                                               DeviceRunOptions{self.name, options_.threads, limits_, device.watched});
+  const int sharers = device.watched ? 1 : ++cpu_runs_;
+  const auto run =
+      std::make_shared<DeviceRun>(device.backend, std::move(batch),
+                                  DeviceRunOptions{self.name, options_.threads, sharers, limits_, device.watched});
   {
     const std::lock_guard lock(device.mutex);
     self.run = run;
   }
   if (device.watched) WakeWatch();
   run->Go();
+  if (!device.watched) --cpu_runs_;
   {
     const std::lock_guard lock(device.mutex);
     if (self.is_left_behind) return false;

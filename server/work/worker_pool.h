@@ -1,6 +1,7 @@
 // The threads that work: loaders, and the workers of each device.
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstddef>
@@ -112,6 +113,7 @@ class WorkerPool {
   const PlanLimits limits_;
   std::vector<std::shared_ptr<Device>> devices_;
   std::vector<std::thread> loaders_;
+  std::atomic<int> cpu_runs_{0};  // under way now
 
   std::mutex change_mutex_;  // one change at a time; taken before a device's lock
   std::function<void(const std::string&, bool)> listener_;

@@ -148,6 +148,17 @@ TEST(WorkerPoolTest, DrainEndsWhatWasAcceptedAndRefusesMore) {
   EXPECT_EQ(refused.code(), absl::StatusCode::kUnavailable);
 }
 
+TEST(ThreadsForTest, AreWorthTheirWorkAndShareTheCores) {
+  EXPECT_EQ(ThreadsFor(0.1, 0, 1, 8), 1);
+  EXPECT_EQ(ThreadsFor(3.5, 0, 1, 8), 3);
+  EXPECT_EQ(ThreadsFor(50, 0, 1, 8), 8);
+  EXPECT_EQ(ThreadsFor(50, 3, 1, 8), 3);
+  EXPECT_EQ(ThreadsFor(50, 0, 3, 8), 2);
+  EXPECT_EQ(ThreadsFor(50, 0, 9, 8), 1);
+  EXPECT_EQ(ThreadsFor(5000, 0, 9, 8), 8) << "a long job outlasts the others";
+  EXPECT_EQ(ThreadsFor(5000, 3, 9, 8), 3);
+}
+
 TEST(WorkerPoolTest, RunsAsManyJobsAtOnceAsItHasWorkers) {
   Pool pool(3, 0);
   std::latch together(3);  // returns only if all three run at the same time
