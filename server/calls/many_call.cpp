@@ -48,7 +48,9 @@ class ManyCall::Job final : public VoxelizeJob {
     CountJob(call_->state_.metrics, outcome);
     if (!outcome.ok()) {
       working_.ShrinkTo(0);
-      Reply({.job = nullptr, .message = ErrorMessage(id_, outcome.status()), .stream = nullptr}, true);
+      Answer answer;
+      answer.message = ErrorMessage(id_, outcome.status());
+      Reply(std::move(answer), true);
       return;
     }
     working_.ShrinkTo(ResultBytes(outcome->result));
@@ -80,6 +82,8 @@ class ManyCall::Job final : public VoxelizeJob {
       ResultPieces whole(config.settings, options, ResponseCoder(id_));
       whole.SetShared(cached, outcome->sums);
       answer.message = whole.Whole(plan_, outcome);
+      answer.bytes = whole.sent_bytes();
+      answer.raw_bytes = whole.bytes();
     } else {
       answer.stream = std::make_shared<ResultStream>(outcome, config.settings, options, ResponseCoder(id_), cached);
     }
@@ -273,8 +277,11 @@ void ManyCall::Pump() {
     if (stream) {
       making_ = true;  // without the lock: hashing and compressing take their time
       lock.unlock();
+      const uint64_t sent_before = stream->sent_bytes(), raw_before = stream->bytes();
       grpc::ByteBuffer message = stream->Next();
       lock.lock();
+      record_.bytes_out += stream->sent_bytes() - sent_before;
+      record_.raw_bytes_out += stream->bytes() - raw_before;
       writing_message_ = std::move(message);
       last_of_current_ = stream->done();
       if (end_) {
@@ -284,8 +291,9 @@ void ManyCall::Pump() {
     } else {
       writing_message_ = std::move(current_->message);
       last_of_current_ = true;
+      record_.bytes_out += current_->bytes;
+      record_.raw_bytes_out += current_->raw_bytes;
     }
-    record_.bytes_out += writing_message_.Length();
     // The client may use the id again as soon as it has this, which may be before gRPC says that it was written.
     if (last_of_current_) ids_.erase(current_->job->id());
     writing_ = true;

@@ -45,6 +45,7 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
     std::shared_ptr<Job> job;
     grpc::ByteBuffer message;
     std::shared_ptr<ResultStream> stream;
+    uint64_t bytes = 0, raw_bytes = 0;  // of the result in `message`: as they are sent, and before compression
   };
 
   ManyCall(ServiceState& state, grpc::CallbackServerContext& context);

@@ -1,6 +1,7 @@
 #include "work/device_choice.h"
 
 #include <algorithm>
+#include <string_view>
 
 namespace voxelpipe {
 namespace {
@@ -23,6 +24,13 @@ bool MayHave(const TaskTraits& task, const WorkerTraits& worker, std::span<const
   if (FailedOn(task, worker.device)) return false;
   if (task.backend == BackendChoice::kAuto || task.backend == worker.kind) return true;
   return task.fallback && !IsLeft(task, task.backend, serving);
+}
+
+bool IsFallback(const TaskTraits& task, const WorkerTraits& worker) {
+  if (task.backend != BackendChoice::kAuto) return task.backend != worker.kind;
+  const auto kind_of = [](std::string_view device) { return device.substr(0, device.find(':')); };
+  return std::any_of(task.excluded_devices.begin(), task.excluded_devices.end(),
+                     [&](const std::string& failed) { return kind_of(failed) != kind_of(worker.device); });
 }
 
 bool AnyMayHave(const TaskTraits& task, std::span<const ServingDevice> serving) {

@@ -28,6 +28,10 @@ struct ServingDevice {
 // on another only where fallback is allowed and no device of the named kind is left that serves and has not failed it.
 bool MayHave(const TaskTraits& task, const WorkerTraits& worker, std::span<const ServingDevice> serving);
 
+// Whether the worker that has the task is of another kind than the one it was meant for: the one that it names or, where it leaves that
+// open, that of a device that failed it.
+bool IsFallback(const TaskTraits& task, const WorkerTraits& worker);
+
 // Whether any of the devices may have it.
 bool AnyMayHave(const TaskTraits& task, std::span<const ServingDevice> serving);
 

@@ -264,6 +264,11 @@ bool WorkerPool::Settle(Device& device, const DeviceRun& run) {
     device.metrics->jobs.Increment(double(run.answered().size() + run.left().size()));
     if (run.launches() > 0) device.metrics->launches.Increment(double(run.launches()));
   }
+  if (options_.metrics != nullptr) {
+    const auto fell_back = std::count_if(run.answered().begin(), run.answered().end(),
+                                         [&](const auto& task) { return IsFallback(task->traits, device.traits); });
+    if (fell_back > 0) options_.metrics->job_fallbacks.Increment(double(fell_back));
+  }
   if (run.any_result()) {
     const std::lock_guard lock(device.mutex);
     device.health.Succeeded();

@@ -1,4 +1,5 @@
 // Equal jobs on one stream, on several, and beside single calls: one run for all.
+#include <functional>
 #include <future>
 #include <string>
 #include <thread>
@@ -6,6 +7,7 @@
 
 #include "gtest/gtest.h"
 #include "many_stream.h"
+#include "service/background_call.h"
 #include "service/http_get.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
@@ -42,11 +44,14 @@ class ManySharingTest : public ::testing::Test {
     size_t computed = 0, from_others = 0;
     std::vector<std::string> hashes;
   };
-  Answers Ask(const std::string& id, const VoxelizeRequest& request, size_t jobs) {
+  // `all_sent` is called before the first answer is waited for.
+  Answers Ask(const std::string& id, const VoxelizeRequest& request, size_t jobs,
+              const std::function<void()>& all_sent = {}) {
     Answers answers;
     const auto stream = client_->OpenMany(job_);
     for (size_t i = 0; i < jobs; ++i) EXPECT_TRUE(stream->SendStored(i, id, request).ok());
     stream->FinishSending();
+    if (all_sent) all_sent();
     for (size_t i = 0; i < jobs; ++i) {
       const absl::StatusOr<ManyAnswer> answer = stream->Receive();
       EXPECT_TRUE(answer.ok()) << answer.status();
@@ -72,9 +77,9 @@ class ManySharingTest : public ::testing::Test {
   std::unique_ptr<Client> client_;
 };
 
-// Slow enough that all of them are there before the first is done; one result fits into a message, the other leaves in pieces.
+// Another job holds the one worker until all of them are there. One result fits into a message, the other leaves in pieces.
 TEST_F(ManySharingTest, EqualJobsOfAStreamAreComputedOnce) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "2", "--threads", "1"}));
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   const std::vector<uint8_t> slow = LargeTrianglesGlb(300);
   const std::string id = Upload(slow);
   double shared = 0, runs = 0;
@@ -84,11 +89,17 @@ TEST_F(ManySharingTest, EqualJobsOfAStreamAreComputedOnce) {
     if (resolution == 64) request.targets[0].format = VoxelFormat::kU8;
     const absl::StatusOr<RemoteResult> single = client_->Voxelize(slow, MeshFormat::kAuto, request, job_);
     ASSERT_TRUE(single.ok()) << single.status();
-    const Answers answers = Ask(id, request, kJobs);
+    BackgroundCall first(*client_, LargeTrianglesGlb(20000), SlowRequest());
+    ASSERT_TRUE(first.WaitUntilPlanned());
+    const uint64_t uses = client_->GetMesh(id).value_or(StoredMesh{}).uses;
+    const Answers answers = Ask(id, request, kJobs, [&] {
+      while (client_->GetMesh(id).value_or(StoredMesh{}).uses < uses + kJobs) std::this_thread::yield();
+      first.Cancel();
+    });
     EXPECT_EQ(answers.computed, 1u);
     EXPECT_EQ(answers.from_others, kJobs - 1);
     EXPECT_EQ(answers.hashes, std::vector<std::string>(kJobs, single->content_sha256));
-    runs += 2;  // the single call's, and one for all
+    runs += 3;  // the single call's, that of the first job, and one for all
     EXPECT_EQ(SampleAtLast(kRuns, runs), runs);
     shared += kJobs - 1;
     EXPECT_EQ(Sample("voxelpipe_jobs_shared_total"), shared);

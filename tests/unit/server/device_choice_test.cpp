@@ -51,6 +51,17 @@ TEST(DeviceChoiceTest, ADeviceThatFailedItDoesNotGetItAgain) {
   EXPECT_TRUE(MayHave(task, kCpu, kAll));
 }
 
+TEST(DeviceChoiceTest, AFallbackIsAnotherKindThanTheOneThatWasMeant) {
+  EXPECT_FALSE(IsFallback(Wants(BackendChoice::kCuda, true), kGpu1));
+  EXPECT_TRUE(IsFallback(Wants(BackendChoice::kCuda, true), kCpu));
+  EXPECT_TRUE(IsFallback(Wants(BackendChoice::kCpu, true), kGpu0));
+  TaskTraits open = Wants(BackendChoice::kAuto, true);
+  EXPECT_FALSE(IsFallback(open, kCpu)) << "it was never meant for a GPU alone";
+  open.excluded_devices = {"cuda:0"};
+  EXPECT_FALSE(IsFallback(open, kGpu1)) << "another of the same kind";
+  EXPECT_TRUE(IsFallback(open, kCpu));
+}
+
 TEST(DeviceChoiceTest, NothingServesNothing) {
   EXPECT_FALSE(AnyMayHave(Wants(BackendChoice::kAuto, true), {}));
 }
