@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""service.py BIN_DIR SECONDS [load]: the service's figures beside those of bare gRPC, as a Markdown table; with "load" only the rows of
-service_load.py."""
+"""service.py BIN_DIR SECONDS [load [thorough]]: the service's figures beside those of bare gRPC, as a Markdown table; with "load" only the rows of
+service_load.py; "load thorough": and a minute at ten times the load."""
 import json
 import math
 import os
@@ -150,6 +150,8 @@ def main():
         load = service_load.LoadRows(Server, sphere, row, folder, BIN, SECONDS)
         if only_load:
             load.all()
+            if "thorough" in sys.argv[3:]:
+                load.ten_times_the_load()
             return
         mesh = os.path.join(folder, "sphere500.glb")
         assert sphere(mesh, 11, 25) == 500
