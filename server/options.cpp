@@ -126,6 +126,9 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--upload-idle-timeout-ms", o.upload_idle_timeout_ms,
       "Let a client go that sends less than 64 KiB of its mesh in so long")
       ->check(CLI::Range(1u, 1'000'000'000u));
+  add("--idle-memory-ms", o.idle_memory_ms,
+      "Memory that is kept for the next jobs goes back to the system when it was not used for so long, 0: never")
+      ->check(CLI::Range(0u, 1'000'000'000u));
   add("--lame-duck-ms", o.lame_duck_ms, "On SIGTERM: time in which calls are still taken");
   add("--drain-grace-ms", o.drain_grace_ms, "Then: time in which running calls may end");
   add("--log-level", o.log_level, "Least severe level that is logged")

@@ -55,6 +55,8 @@ struct ServerOptions {
   int zstd_level = 1;                        // where a request asks for compression
   uint32_t stall_timeout_ms = 60'000;        // a client that takes no message of its answer for so long is let go
   uint32_t upload_idle_timeout_ms = 60'000;  // a client that sends less than 64 KiB of its mesh in so long is let go
+  uint32_t idle_memory_ms =
+      10'000;  // memory that is kept for later goes to the system when unused for so long; 0: never
   std::string log_level = "info";
   std::string log_format = "text";  // or "json"
   std::string http_listen;          // HOST:PORT of /metrics, /livez and /readyz; empty: none

@@ -15,6 +15,7 @@
 #include "check_files.h"
 #include "observe/health_service.h"
 #include "observe/http_endpoint.h"
+#include "observe/idle_memory.h"
 #include "observe/log.h"
 #include "pipeline/backend.h"
 #include "service_state.h"
@@ -159,6 +160,10 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   }
   server->reloader_ = std::make_unique<Periodic>(std::chrono::milliseconds(options.reload_interval_ms),
                                                  [&access = *server->state_->access] { access.ReloadIfChanged(); });
+  if (const std::chrono::milliseconds unused(options.idle_memory_ms); unused.count() > 0) {
+    server->memory_looker_ = std::make_unique<Periodic>(
+        unused, [unused, memory = std::make_shared<IdleMemory>(MemoryOfThisProcess())] { memory->Look(unused); });
+  }
   server->state_->pool.SetListener(
       [it = server.get()](const std::string& device, bool serving) { it->DeviceChanged(device, serving); });
   return server;

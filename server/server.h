@@ -53,6 +53,7 @@ class VoxelServer {
   std::unique_ptr<Metrics::Sampler> sampler_;
   std::unique_ptr<HttpEndpoint> http_;
   std::unique_ptr<Periodic> reloader_;
+  std::unique_ptr<Periodic> memory_looker_;
   std::unique_ptr<grpc::Server> server_;
   std::mutex health_mutex_;
   std::set<std::string> serving_devices_;  // the server serves while there is one

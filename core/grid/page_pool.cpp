@@ -3,11 +3,15 @@
 #include <sys/mman.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdlib>
 #include <deque>
 #include <mutex>
+#include <optional>
+#include <vector>
 
 #include "base/machine_memory.h"
+#include "grid/idle_pages.h"
 
 namespace voxelpipe {
 namespace {
@@ -34,6 +38,27 @@ uint64_t BlockBytes(uint64_t bytes) {
   return lines < kPooledBytes || !kPool ? lines : RoundUp(lines, kHugePage);
 }
 
+// A block of its own mapping, on huge pages where the system has them: one fault in place of 512. Not from the allocator: in its arenas, the
+// system would go on making huge pages of what lies between a few small things there. nullptr when there is no memory.
+void* Map(uint64_t size) {
+  // A range of this size that begins where a huge page does lies somewhere in one that is larger by a huge page.
+  void* const mapped = mmap(nullptr, size + kHugePage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (mapped == MAP_FAILED) return nullptr;
+  uint8_t* const first = static_cast<uint8_t*>(mapped);
+  const uint64_t before = (kHugePage - reinterpret_cast<uintptr_t>(first) % kHugePage) % kHugePage;
+  uint8_t* const block = first + before;
+  if (before > 0) munmap(first, before);
+  munmap(block + size, kHugePage - before);
+  madvise(block, size, MADV_HUGEPAGE);
+  return block;
+}
+
+void Unmap(void* block, uint64_t size) {
+  munmap(block, size);
+}
+
+using Clock = std::chrono::steady_clock;
+
 class Pool {
  public:
   void* Take(uint64_t size) {
@@ -50,28 +75,42 @@ class Pool {
   }
 
   void Return(void* address, uint64_t size) {
-    const std::lock_guard lock(mutex_);
-    idle_.push_back({address, size});
-    idle_bytes_ += size;
-    Shrink(most_idle_);
+    const Clock::time_point now = Clock::now();
+    FreeOldest([&](const Block&) { return idle_bytes_ > most_idle_; }, Block{address, size, now});
   }
 
   void Release() {
-    const std::lock_guard lock(mutex_);
-    Shrink(0);
+    FreeOldest([](const Block&) { return true; });
+  }
+
+  void ReleaseIdleSince(Clock::time_point moment) {
+    FreeOldest([moment](const Block& block) { return block.since <= moment; });
   }
 
  private:
   struct Block {
     void* address;
     uint64_t size;
+    Clock::time_point since;  // when it came back
   };
 
-  void Shrink(uint64_t most) {
-    for (; idle_bytes_ > most; idle_.pop_front()) {
-      idle_bytes_ -= idle_.front().size;
-      std::free(idle_.front().address);
+  // Takes `returned` in, then frees the oldest blocks while `too_much(block)`. Without the lock: the system takes milliseconds for a
+  // large block, in which others want theirs.
+  template <typename TooMuch>
+  void FreeOldest(const TooMuch& too_much, std::optional<Block> returned = std::nullopt) {
+    std::vector<Block> freed;
+    {
+      const std::lock_guard lock(mutex_);
+      if (returned) {
+        idle_.push_back(*returned);
+        idle_bytes_ += returned->size;
+      }
+      for (; !idle_.empty() && too_much(idle_.front()); idle_.pop_front()) {
+        idle_bytes_ -= idle_.front().size;
+        freed.push_back(idle_.front());
+      }
     }
+    for (const Block& block : freed) Unmap(block.address, block.size);
   }
 
   std::mutex mutex_;
@@ -88,17 +127,15 @@ Pool& ThePool() {
 }  // namespace
 
 void* TakePages(uint64_t bytes) {
-  if (bytes > UINT64_MAX - kHugePage) return nullptr;
+  if (bytes > UINT64_MAX - 2 * kHugePage) return nullptr;  // room for rounding and aligning
   const uint64_t size = BlockBytes(bytes);
   if (size < kPooledBytes || !kPool) return std::aligned_alloc(kLine, size);
   if (void* const block = ThePool().Take(size)) return block;
-  void* block = std::aligned_alloc(kHugePage, size);
+  void* block = Map(size);
   if (block == nullptr) {  // idle blocks may be what is missing
     ReleaseIdlePages();
-    block = std::aligned_alloc(kHugePage, size);
+    block = Map(size);
   }
-  // One fault a huge page in place of 512; where the system has none, nothing is lost.
-  if (block != nullptr) madvise(block, size, MADV_HUGEPAGE);
   return block;
 }
 
@@ -111,6 +148,10 @@ void ReturnPages(void* block, uint64_t bytes) {
 
 void ReleaseIdlePages() {
   ThePool().Release();
+}
+
+void ReleasePagesIdleSince(Clock::time_point moment) {
+  ThePool().ReleaseIdleSince(moment);
 }
 
 }  // namespace voxelpipe

@@ -1,5 +1,6 @@
 #include "service/process_facts.h"
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -46,7 +47,11 @@ ProcessFacts SettledProcessFacts(pid_t pid) {
   for (auto since = Clock::now(); Clock::now() - since < std::chrono::milliseconds(500) && Clock::now() < give_up;) {
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
     const ProcessFacts now = ReadProcessFacts(pid);
-    if (now.descriptors != facts.descriptors || now.threads != facts.threads) since = Clock::now();
+    const uint64_t more = std::max(now.resident_bytes, facts.resident_bytes),
+                   less = std::min(now.resident_bytes, facts.resident_bytes);
+    if (now.descriptors != facts.descriptors || now.threads != facts.threads || more - less > (1 << 20)) {
+      since = Clock::now();
+    }
     facts = now;
   }
   return facts;

@@ -20,7 +20,7 @@ struct ProcessFacts {
 // Of a process of this user; zeros where there is none.
 ProcessFacts ReadProcessFacts(pid_t pid);
 
-// Asks again until descriptors and threads have not changed for half a second, or for kPatience: what a peer left behind goes a little
+// Asks again until descriptors, threads and memory (but for a MiB) have not changed for half a second, or for kPatience: what a peer left behind goes a little
 // after it.
 ProcessFacts SettledProcessFacts(pid_t pid);
 

@@ -1,5 +1,10 @@
 #include "grid/page_pool.h"
 
+#include <sys/mman.h>
+
+#include <chrono>
+
+#include "grid/idle_pages.h"
 #include "gtest/gtest.h"
 
 namespace voxelpipe {
@@ -17,6 +22,32 @@ TEST(PagePoolTest, ABlockThatRoundingBringsIntoThePoolHasWholePages) {
   void* const second = TakePages(kPooledBytes);
   EXPECT_EQ(second, first) << "of another size";
   ReturnPages(second, kPooledBytes);
+}
+
+TEST(PagePoolTest, BlocksUnusedSinceAMomentGoToTheSystemAndYoungerOnesStay) {
+#if defined(__SANITIZE_ADDRESS__)
+  GTEST_SKIP() << "no pool with AddressSanitizer";
+#endif
+  constexpr uint64_t kBytes = 40 << 20;
+  const auto is_mapped = [](void* block) {
+    unsigned char resident;
+    return mincore(block, 1, &resident) == 0;
+  };
+  ReleaseIdlePages();
+  void* const old = TakePages(kBytes);
+  void* const young = TakePages(kBytes);
+  ASSERT_NE(old, nullptr);
+  ASSERT_NE(young, nullptr);
+  EXPECT_TRUE(is_mapped(old));
+  ReturnPages(old, kBytes);
+  const auto between = std::chrono::steady_clock::now();
+  while (std::chrono::steady_clock::now() == between) {}
+  ReturnPages(young, kBytes);
+  ReleasePagesIdleSince(between);
+  EXPECT_FALSE(is_mapped(old));
+  void* const again = TakePages(kBytes);
+  EXPECT_EQ(again, young);
+  ReturnPages(again, kBytes);
 }
 
 }  // namespace
