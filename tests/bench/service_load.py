@@ -148,14 +148,15 @@ class LoadRows:
                  f"at the client, {result['requests']} requests (sent late: p99 {lag:.2f})", "", "<= 5 ms")
 
     def cancels(self, runs=10):
-        """From a client's death to a worker that is free, as the metrics show it."""
+        """From a client's death to a worker that is free, as the metrics show it: since it was killed, and since it was gone, which may be
+        long after its connection is, or a while after the signal."""
         sphere, slow = self.mesh(188, 188), self.slow_mesh()
         for name, mesh, request in (
                 ("f32 256^3, large triangles", slow, SLOW),
                 ("sparse f32x3 512^3", sphere, ["--resolution", "512", *SPARSE]),
                 ("flood 512^3", sphere, ["--resolution", "512", "--fit", "cube", "--fill", "flood"]),
                 ("bits 1024^3", sphere, ["--resolution", "1024", "--fit", "cube"])):
-            times = []
+            times, since_gone = [], []
             with self.server("--workers", "1", "--http-listen", "127.0.0.1:0") as server:
                 metrics = Metrics(server)
                 for attempt in range(4 * runs):
@@ -167,11 +168,12 @@ class LoadRows:
                         kill(job)
                         continue  # it was over
                     begin = time.monotonic()
-                    job.send_signal(signal.SIGKILL)
+                    kill(job)
+                    gone = time.monotonic()
                     while metrics.busy() != 0:
-                        pass
+                        time.sleep(0.001)
                     times.append(1000 * (time.monotonic() - begin))
-                    job.wait()
+                    since_gone.append(1000 * (time.monotonic() - gone))
                     if len(times) == runs:
                         break
             if not times:
@@ -179,7 +181,8 @@ class LoadRows:
                 continue
             times.sort()
             self.row(f"client killed, {name}: worker free after",
-                     f"median {times[len(times) // 2]:.1f}, worst {times[-1]:.1f} ms of {len(times)}", "", "<= 50 ms")
+                     f"median {times[len(times) // 2]:.1f}, worst {times[-1]:.1f} ms of {len(times)} (worst since it was gone: "
+                     f"{max(since_gone):.1f})", "", "<= 50 ms")
 
 
 class Metrics:
