@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "pipeline/backend.h"
+#include "pipeline/bind.h"
 #include "pipeline/footprint.h"
 #include "pipeline/limit_error.h"
 #include "pipeline/result.h"
@@ -144,6 +145,11 @@ absl::Status ValidateRequest(const VoxelizeRequest& request) {
 absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
                                       const MeshExtent& extent, const PlanLimits& limits, Delivery delivery) {
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
+  return PlanChecked(request, triangles, vertices, extent, limits, delivery);
+}
+
+absl::StatusOr<Plan> PlanChecked(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
+                                 const MeshExtent& extent, const PlanLimits& limits, Delivery delivery) {
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
   const absl::StatusOr<GridSpec> grid = FitGrid(request.grid, extent.box);

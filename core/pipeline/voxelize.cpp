@@ -127,7 +127,7 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
   absl::StatusOr<MeshExtent> extent = run("vertex_shade", [&] { return stages.VertexShade(); });
   if (!extent.ok()) return extent.status();
   absl::StatusOr<Plan> plan =
-      PlanVoxelization(request, mesh.triangles.size(), mesh.positions.size(), *extent, limits, delivery);
+      PlanChecked(request, mesh.triangles.size(), mesh.positions.size(), *extent, limits, delivery);
   if (!plan.ok()) return plan.status();
   if (on_plan) {
     run.Pause();

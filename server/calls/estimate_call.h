@@ -9,7 +9,7 @@
 
 #include "base/job_context.h"
 #include "calls/call_record.h"
-#include "calls/grpc_turn.h"
+#include "calls/react_at_once.h"
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 

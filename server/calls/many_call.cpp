@@ -298,7 +298,8 @@ void ManyCall::Pump() {
     if (last_of_current_) ids_.erase(current_->job->id());
     writing_ = true;
     grpc::WriteOptions options;
-    if (!last_of_current_ && stream->next_is_ready()) options.set_buffer_hint();
+    // What follows at once leaves with it.
+    if (last_of_current_ ? !ready_.empty() : stream->next_is_ready()) options.set_buffer_hint();
     lock.unlock();
     write_wait_->Begin();
     StartWrite(&writing_message_, options);

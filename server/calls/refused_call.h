@@ -11,7 +11,7 @@
 #include "calls/call_record.h"
 #include "calls/call_setup.h"
 #include "calls/full_queue.h"
-#include "calls/grpc_turn.h"
+#include "calls/react_at_once.h"
 #include "service_state.h"
 #include "wire/status.h"
 
@@ -28,7 +28,6 @@ class RefusedCall final : public Reactor {
   }
 
   void OnDone() override {
-    GrpcIsDone(this, this);
     if (!log_) {
       record_.Count(status_);
     } else {
@@ -37,6 +36,7 @@ class RefusedCall final : public Reactor {
     }
     delete this;
   }
+  bool InternalInlineable() override { return kReactAtOnce; }
 
  private:
   RefusedCall(ServiceState& state, grpc::CallbackServerContext& context, Rpc rpc, const FullQueue::Answer& answer)
@@ -44,7 +44,6 @@ class RefusedCall final : public Reactor {
     const bool strange = !status_.ok();  // who may not call at all hears that
     if (!strange) status_ = answer.status;
     log_ = strange ? 0 : state.full_queue.MayLog();
-    GiveToGrpc(this);
     this->Finish(strange ? ToGrpcStatus(status_) : answer.grpc_status);
   }
 

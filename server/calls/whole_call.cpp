@@ -10,7 +10,6 @@
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
-#include "calls/grpc_turn.h"
 #include "calls/job_setup.h"
 #include "calls/result_pieces.h"
 #include "meshes/prepare_kept.h"
@@ -28,7 +27,6 @@ WholeCall* WholeCall::Create(ServiceState& state, grpc::CallbackServerContext& c
                              grpc::ByteBuffer& response) {
   const std::shared_ptr<WholeCall> call(new WholeCall(state, context, response));
   call->self_ = call;
-  GiveToGrpc(&call->self_);
   call->Start(request);
   return call.get();
 }
@@ -159,7 +157,6 @@ void WholeCall::End(absl::Status status) {
   if (!status.ok()) working_.ShrinkTo(0);
   const grpc::Status told = ToGrpcStatus(status);
   end_ = std::move(status);
-  GiveToGrpc(&response_);
   Finish(told);
 }
 
@@ -171,14 +168,12 @@ void WholeCall::GiveUp() {
 }
 
 void WholeCall::OnCancel() {
-  const GrpcTurn turn(&self_, this);
   if (context.Check().ok()) context.Cancel();
   // A job that runs ends by itself soon, and then the call.
   if (state_.results.Withdraw(*this)) Done(context.Check());
 }
 
 void WholeCall::OnDone() {
-  GrpcIsDone(this, &response_);
   write_wait_.reset();
   {
     const std::lock_guard lock(context_mutex_);

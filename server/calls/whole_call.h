@@ -9,8 +9,8 @@
 
 #include "absl/status/status.h"
 #include "calls/call_record.h"
-#include "calls/grpc_turn.h"
 #include "calls/idle_watch.h"
+#include "calls/react_at_once.h"
 #include "pipeline/memory_sink.h"
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"

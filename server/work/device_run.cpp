@@ -163,8 +163,12 @@ void DeviceRun::Prepare() {
     member.mesh = member.job->mesh;
     member.alone = member.job->resumed.begun();
   };
-  if (members_.size() == 1) {
-    prepare(0);
+  // Where nothing is to be loaded, handing that over takes longer than doing it.
+  const bool at_once = std::all_of(members_.begin(), members_.end(), [](const auto& member) {
+    return member->job->mesh != nullptr || (member->job->kept != nullptr && member->job->pieces.empty());
+  });
+  if (members_.size() == 1 || at_once) {
+    for (size_t i = 0; i < members_.size(); ++i) prepare(i);
   } else {
     cpu::CpuBackend().RunEach(options_.threads, members_.size(), prepare);
   }

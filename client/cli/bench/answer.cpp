@@ -21,22 +21,22 @@ absl::Status Answer::Take(grpc::ByteBuffer& buffer) {
   return Take(message);
 }
 
-absl::Status Answer::Take(const v1::VoxelizeResponse& message) {
+absl::Status Answer::Take(v1::VoxelizeResponse& message) {
   switch (message.message_case()) {
     case v1::VoxelizeResponse::kPiece: return Take(PieceView(message.piece()));
-    case v1::VoxelizeResponse::kSummary: Take(message.summary()); break;
-    case v1::VoxelizeResponse::kWhole: return Take(message.whole());
+    case v1::VoxelizeResponse::kSummary: Take(*message.mutable_summary()); break;
+    case v1::VoxelizeResponse::kWhole: return Take(*message.mutable_whole());
     default: break;
   }
   return absl::OkStatus();
 }
 
-absl::Status Answer::Take(const v1::WholeResult& whole) {
+absl::Status Answer::Take(v1::WholeResult& whole) {
   for (const v1::ResultPiece& piece : whole.pieces()) {
     if (absl::Status s = Take(PieceView(piece)); !s.ok()) return s;
   }
   if (!whole.has_summary()) return absl::DataLossError("a whole result without its summary");
-  Take(whole.summary());
+  Take(*whole.mutable_summary());
   return absl::OkStatus();
 }
 
@@ -46,8 +46,8 @@ absl::Status Answer::Take(const PieceView& piece) {
   return absl::OkStatus();
 }
 
-void Answer::Take(const v1::Summary& summary) {
-  summary_ = summary;
+void Answer::Take(v1::Summary& summary) {
+  summary_.Swap(&summary);
   complete_ = true;
 }
 

@@ -19,8 +19,9 @@ class Answer {
 
   // The next message of the call. DATA_LOSS where it cannot be read, or a piece is not what its CRC-32C says. The buffer is used up.
   absl::Status Take(grpc::ByteBuffer& buffer);
-  absl::Status Take(const v1::VoxelizeResponse& message);
-  absl::Status Take(const v1::WholeResult& whole);
+  absl::Status Take(v1::VoxelizeResponse& message);
+  // Takes the summary out of it.
+  absl::Status Take(v1::WholeResult& whole);
 
   bool complete() const { return complete_; }  // the summary is there
   uint64_t bytes() const { return bytes_; }    // of the result, uncompressed
@@ -32,7 +33,7 @@ class Answer {
 
  private:
   absl::Status Take(const PieceView& piece);
-  void Take(const v1::Summary& summary);
+  void Take(v1::Summary& summary);
 
   PieceViewer viewer_;
   v1::Summary summary_;

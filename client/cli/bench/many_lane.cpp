@@ -190,7 +190,7 @@ class ManyLane final : public Lane {
 
   // False where the server does not keep to the contract.
   bool TakeAnswer() {
-    v1::VoxelizeManyResponse message;
+    v1::VoxelizeManyResponse& message = message_;
     if (!grpc::SerializationTraits<v1::VoxelizeManyResponse>::Deserialize(&buffer_, &message).ok()) return false;
     if (message.id() == 0 || message.id() > jobs_.size()) return false;
     const size_t slot = message.id() - 1;
@@ -205,10 +205,10 @@ class ManyLane final : public Lane {
         }
         break;
       case v1::VoxelizeManyResponse::kWhole:
-        if (!job.answer.Take(message.whole()).ok()) return false;
+        if (!job.answer.Take(*message.mutable_whole()).ok()) return false;
         break;
       case v1::VoxelizeManyResponse::kPart:
-        if (!job.answer.Take(message.part()).ok()) return false;
+        if (!job.answer.Take(*message.mutable_part()).ok()) return false;
         if (!job.answer.complete()) return true;
         break;
       case v1::VoxelizeManyResponse::ANSWER_NOT_SET: return true;  // something that a newer server says
@@ -268,6 +268,7 @@ class ManyLane final : public Lane {
   std::optional<grpc::ClientContext> context_;
   std::unique_ptr<grpc::GenericClientAsyncReaderWriter> stream_;
   grpc::ByteBuffer buffer_;
+  v1::VoxelizeManyResponse message_;  // used again and again: its memory is there then
   grpc::Status status_;
   std::deque<Job> jobs_;  // by id - 1
   std::vector<size_t> free_;

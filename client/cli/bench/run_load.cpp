@@ -175,7 +175,7 @@ absl::StatusOr<Answer> CallUnary(VoxelizationService::Stub& stub, const std::str
     return NeedsStream(told) ? told : AtServer(target, status);
   }
   Answer answer;
-  if (absl::Status s = answer.Take(response.result()); !s.ok()) return s;
+  if (absl::Status s = answer.Take(*response.mutable_result()); !s.ok()) return s;
   return Complete(std::move(answer), target);
 }
 

@@ -95,7 +95,7 @@ class UnaryLane final : public Lane {
     if (!grpc::SerializationTraits<v1::VoxelizeWholeResponse>::Deserialize(&call.buffer, &message_).ok()) {
       return absl::DataLossError("the server's message cannot be read");
     }
-    return answer.Take(message_.result());
+    return answer.Take(*message_.mutable_result());
   }
 
   void Complete(Call& call) {
