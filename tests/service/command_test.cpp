@@ -180,9 +180,10 @@ TEST_F(BenchTest, AWrongRequestFailsBeforeTheLoad) {
 TEST_F(BenchTest, AServerThatDiesIsCountedAndTheRunEnds) {
   const std::string server = Start();
   std::future<CliOutcome> run = std::async(std::launch::async, [&] {
-    return Bench("torus.glb", {"--server", server, "--concurrency", "3", "--duration", "3", "--resolution", "16"});
+    return Bench("torus.glb", {"--server", server, "--concurrency", "3", "--duration", std::to_string(3 * kSlowdown),
+                               "--resolution", "16"});
   });
-  std::this_thread::sleep_for(std::chrono::milliseconds(1200));
+  std::this_thread::sleep_for(std::chrono::milliseconds(1200 * kSlowdown));  // the mesh is there, the load has begun
   servers_[0]->Signal(SIGKILL);
   const json json_run = json::parse(run.get().out);
   EXPECT_GE(json_run["errors"]["UNAVAILABLE"], 1);
@@ -193,7 +194,7 @@ TEST_F(BenchTest, AServerThatDiesIsCountedAndTheRunEnds) {
 TEST_F(BenchTest, AStoppedRunPrintsWhatItHas) {
   const CliOutcome outcome =
       Bench("torus.glb", {"--server", Start(), "--concurrency", "2", "--duration", "60", "--resolution", "16"},
-            "timeout --preserve-status --signal=INT 2");
+            "timeout --preserve-status --signal=INT " + std::to_string(2 * kSlowdown));
   EXPECT_EQ(outcome.exit_code, 130);
   const json run = json::parse(outcome.out);
   EXPECT_EQ(run["interrupted"], true);

@@ -197,13 +197,13 @@ class KilledClientTest : public ::testing::Test {
 
 TEST_F(KilledClientTest, AThousandDeathsLeaveNothingBehind) {
   // What a server allocates once and keeps comes first: threads, and the allocator's arenas.
-  ASSERT_NO_FATAL_FAILURE(KillAtEveryStage(Effort(200, 500)));
-  ASSERT_NO_FATAL_FAILURE(KillAtOnce(Effort(250, 2500)));
+  ASSERT_NO_FATAL_FAILURE(KillAtEveryStage(Effort(LessIfSlow(200), 500)));
+  ASSERT_NO_FATAL_FAILURE(KillAtOnce(Effort(LessIfSlow(250), 2500)));
   ASSERT_NO_FATAL_FAILURE(ExpectAllFree());
   const ProcessFacts before = SettledProcessFacts(server_->pid());
   // All at once (the first round of a thorough run), then a thousand a round: what each leaves must not add up.
   for (int round = 0; round < Effort(1, 20); ++round) {
-    ASSERT_NO_FATAL_FAILURE(KillAtEveryStage(round == 0 ? Effort(250, 2500) : 250));
+    ASSERT_NO_FATAL_FAILURE(KillAtEveryStage(round == 0 ? Effort(LessIfSlow(250), 2500) : 250));
     const ProcessFacts after = SettledProcessFacts(server_->pid());
     SCOPED_TRACE("before: " + before.ToString() + "\nafter: " + after.ToString());
     std::cout << "round " << round << ": " << after.ToString() << std::endl;
@@ -223,7 +223,7 @@ TEST_F(KilledClientTest, DeathsInMeshUploadsLeaveNothingOpen) {
   ASSERT_NO_FATAL_FAILURE(KillInMeshUpload(20));
   ASSERT_NO_FATAL_FAILURE(ExpectAllFree());
   const ProcessFacts before = SettledProcessFacts(server_->pid());
-  ASSERT_NO_FATAL_FAILURE(KillInMeshUpload(Effort(250, 2500)));
+  ASSERT_NO_FATAL_FAILURE(KillInMeshUpload(Effort(LessIfSlow(250), 2500)));
   ASSERT_NO_FATAL_FAILURE(ExpectAllFree());
   const ProcessFacts after = SettledProcessFacts(server_->pid());
   EXPECT_EQ(after.descriptors, before.descriptors);

@@ -18,6 +18,7 @@
 #include "mesh/flatten.h"
 #include "mesh/report.h"
 #include "service/background_call.h"
+#include "service/effort.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
@@ -134,7 +135,7 @@ TEST_F(LifecycleTest, HealthWatchOfAnUnknownService) {
 
 TEST_F(LifecycleTest, SigtermLetsARunningRequestFinish) {
   ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0", "--threads", "1"}));
-  BackgroundCall call(*client_, LargeTrianglesGlb(1000), SlowRequest());
+  BackgroundCall call(*client_, LargeTrianglesGlb(LessIfSlow(1000)), SlowRequest());
   ASSERT_TRUE(call.WaitUntilPlanned());
   EXPECT_FALSE(call.IsOver());
   server_->Signal(SIGTERM);

@@ -8,6 +8,7 @@
 #include "gtest/gtest.h"
 #include "many_stream.h"
 #include "service/background_call.h"
+#include "service/effort.h"
 #include "service/http_get.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
@@ -80,7 +81,7 @@ class ManySharingTest : public ::testing::Test {
 // Another job holds the one worker until all of them are there. One result fits into a message, the other leaves in pieces.
 TEST_F(ManySharingTest, EqualJobsOfAStreamAreComputedOnce) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
-  const std::vector<uint8_t> slow = LargeTrianglesGlb(300);
+  const std::vector<uint8_t> slow = LargeTrianglesGlb(LessIfSlow(300));
   const std::string id = Upload(slow);
   double shared = 0, runs = 0;
   for (const int64_t resolution : {64, 128}) {
@@ -111,7 +112,7 @@ TEST_F(ManySharingTest, EqualJobsOfAStreamAreComputedOnce) {
 
 TEST_F(ManySharingTest, AStreamThatEndsDoesNotDisturbACallThatWantsTheSame) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
-  const std::string id = Upload(LargeTrianglesGlb(1000));
+  const std::string id = Upload(LargeTrianglesGlb(LessIfSlow(1000)));
   VoxelizeRequest request = SlowRequest();
   request.grid.resolution = 128;
   std::promise<void> planned;

@@ -17,6 +17,7 @@
 #include "load/loader.h"
 #include "mesh/flatten.h"
 #include "service/background_call.h"
+#include "service/effort.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
@@ -189,7 +190,7 @@ TEST_F(MeshStoreTest, WhatIsNotKeptIsNamed) {
 
 TEST_F(MeshStoreTest, AMeshThatIsDeletedInUseServesItsJobsToTheEnd) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "2"}));
-  const std::vector<uint8_t> slow = LargeTrianglesGlb(2000);
+  const std::vector<uint8_t> slow = LargeTrianglesGlb(LessIfSlow(2000));
   const std::string id = Upload(slow).mesh_id;
   VoxelizeRequest request = SlowRequest();
   request.grid.resolution = 128;
@@ -360,7 +361,7 @@ TEST_F(MeshStoreTest, EqualUploadsAtTheSameTimeBecomeOneMesh) {
 // Sixteen clients want the same of a mesh that takes a while: one run, sixteen equal answers.
 TEST_F(MeshStoreTest, EqualRequestsAtTheSameTimeAreComputedOnce) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "2"}));
-  const std::vector<uint8_t> slow = LargeTrianglesGlb(3000);
+  const std::vector<uint8_t> slow = LargeTrianglesGlb(LessIfSlow(3000));
   const std::string id = Upload(slow).mesh_id;
   VoxelizeRequest request = SlowRequest();
   request.grid.resolution = 128;
@@ -383,7 +384,7 @@ TEST_F(MeshStoreTest, EqualRequestsAtTheSameTimeAreComputedOnce) {
 
 TEST_F(MeshStoreTest, WhoCancelsDoesNotDisturbWhoWantsTheSame) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1"}));
-  const std::string id = Upload(LargeTrianglesGlb(3000)).mesh_id;
+  const std::string id = Upload(LargeTrianglesGlb(LessIfSlow(3000))).mesh_id;
   VoxelizeRequest request = SlowRequest();
   request.grid.resolution = 128;
   JobContext first_job;

@@ -41,10 +41,11 @@ ProcessFacts ReadProcessFacts(pid_t pid) {
 }
 
 ProcessFacts SettledProcessFacts(pid_t pid) {
+  constexpr std::chrono::milliseconds kUnchanged{500 * kSlowdown};
   using Clock = std::chrono::steady_clock;
   const auto give_up = Clock::now() + kPatience;
   ProcessFacts facts = ReadProcessFacts(pid);
-  for (auto since = Clock::now(); Clock::now() - since < std::chrono::milliseconds(500) && Clock::now() < give_up;) {
+  for (auto since = Clock::now(); Clock::now() - since < kUnchanged && Clock::now() < give_up;) {
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
     const ProcessFacts now = ReadProcessFacts(pid);
     const uint64_t more = std::max(now.resident_bytes, facts.resident_bytes),

@@ -13,11 +13,12 @@
 
 #include "absl/status/statusor.h"
 #include "client.h"
+#include "support/slowdown.h"
 
 namespace voxelpipe::testing {
 
-// Long enough for a loaded machine with sanitizers; every wait of these tests ends by then.
-inline constexpr std::chrono::seconds kPatience{60};
+// Long enough for a loaded machine; every wait of these tests ends by then.
+inline constexpr std::chrono::seconds kPatience{60 * kSlowdown};
 
 // What a finished command left.
 struct CommandResult {

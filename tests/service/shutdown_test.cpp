@@ -14,6 +14,7 @@
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "gtest/gtest.h"
 #include "service/background_call.h"
+#include "service/effort.h"
 #include "service/raw_client.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
@@ -69,7 +70,7 @@ class HealthWatcher {
 // Eight clients that ask without a pause while the server says that it serves. Some jobs are large, some leave slab by slab. Every
 // call that began before the client learned of the end has its answer.
 TEST(ShutdownTest, SigtermUnderLoadLosesNothing) {
-  const std::vector<uint8_t> small = TorusGlb(8), slow = LargeTrianglesGlb(20);
+  const std::vector<uint8_t> small = TorusGlb(8), slow = LargeTrianglesGlb(LessIfSlow(20));
   for (int round = 0; round < 3; ++round) {
     const std::unique_ptr<ServerProcess> server =
         StartServer({"--log-level", "error", "--workers", "2", "--lame-duck-ms", "500", "--stream-above-mb", "1"});

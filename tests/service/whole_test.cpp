@@ -19,6 +19,7 @@
 #include "google/rpc/status.pb.h"
 #include "gtest/gtest.h"
 #include "service/background_call.h"
+#include "service/effort.h"
 #include "service/http_get.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
@@ -322,7 +323,7 @@ TEST_F(WholeTest, CancelAndDeadlineEndTheCallAndFreeTheWorker) {
 TEST_F(WholeTest, EqualRequestsShareOneRun) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   const JobContext job;
-  const auto mesh = client_->UploadMesh(LargeTrianglesGlb(3000), MeshFormat::kGlb, job);
+  const auto mesh = client_->UploadMesh(LargeTrianglesGlb(LessIfSlow(3000)), MeshFormat::kGlb, job);
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   for (const int64_t resolution : {60, 200}) {
     VoxelizeRequest request = SmallAndSlow();
@@ -362,7 +363,7 @@ TEST_F(WholeTest, AFullQueueAsksToComeAgain) {
 TEST_F(WholeTest, ADrainAnswersWhatIsInHandAndTakesNothingElse) {
   ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0"}));
   VoxelizeRequest request = SmallAndSlow();
-  const v1::VoxelizeWholeRequest message = Message(request, LargeTrianglesGlb(500));
+  const v1::VoxelizeWholeRequest message = Message(request, LargeTrianglesGlb(LessIfSlow(500)));
   auto call = std::async(std::launch::async, [&] { return Call(message); });
   ASSERT_TRUE(Soon([&] { return Sample("voxelpipe_running_jobs") == 1 || Calls("OK") == 1; }));
   server_->Signal(SIGTERM);
