@@ -163,6 +163,8 @@ absl::Status Bin(RunState& state, uint64_t capacity) {
 absl::Status PlaceVertices(RunState& state) {
   const uint64_t vertices = state.mesh.host_view.vertex_count;
   if (!state.placed && vertices > 0) {
+    VOXELPIPE_OK_OR_RETURN(state.mesh.index_positions.Resize(vertices, state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.mesh.codes.Resize(vertices, state.stream));
     PlaceKernel<<<unsigned((vertices + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(
         state.mesh.host_view.positions, vertices, state.grid.origin, state.grid.voxel_size,
         state.mesh.index_positions.data(), state.mesh.codes.data());
@@ -190,11 +192,10 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
         "a face of the grid has more voxels than the CUDA backend counts for one triangle");
   }
   VOXELPIPE_OK_OR_RETURN(CheckReach(state, grid));
-  const uint64_t vertices = state.mesh.host_view.vertex_count, triangles = state.mesh.host_view.triangle_count;
-  VOXELPIPE_OK_OR_RETURN(state.mesh.index_positions.Resize(vertices, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.mesh.codes.Resize(vertices, state.stream));
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.placed = false;
-  if (!state.plain_bits) VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));  // otherwise with the clearing of the bits
+  if (state.plain_bits) return absl::OkStatus();  // rows come from world space
+  VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
   if (state.mesh.host_view.index_positions != state.mesh.index_positions.data()) {
     state.mesh.host_view.index_positions = state.mesh.index_positions.data();
     VOXELPIPE_OK_OR_RETURN(state.mesh.view.Upload({&state.mesh.host_view, 1}, state.stream));

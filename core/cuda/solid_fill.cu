@@ -254,6 +254,7 @@ absl::Status ParityInside(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   VOXELPIPE_OK_OR_RETURN(state.inside.Fill(0, state.stream));
   if (triangles == 0) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
   ToggleArgs args;
   args.view.column_words = (state.view.dims[1] + 31) / 32;
   DeviceArray<uint32_t> columns;

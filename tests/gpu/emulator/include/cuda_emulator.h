@@ -53,6 +53,11 @@ inline uint4 make_uint4(uint32_t x, uint32_t y, uint32_t z, uint32_t w) {
   return {x, y, z, w};
 }
 
+// No device that says it cannot is asked.
+inline cudaError_t cudaLaunchCooperativeKernel(const void*, dim3, dim3, void**, size_t, cudaStream_t) {
+  return cudaErrorLaunchFailure;
+}
+
 namespace cuda_emulator {
 
 struct Config {

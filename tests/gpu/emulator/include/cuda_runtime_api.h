@@ -53,6 +53,10 @@ inline cudaError_t cudaSetDevice(int) {
 inline cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
   return *properties = cudaDeviceProp(), cudaSuccess;
 }
+enum cudaDeviceAttr { cudaDevAttrCooperativeLaunch = 95 };
+inline cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr, int) {
+  return *value = 0, cudaSuccess;  // blocks run one after the other
+}
 inline cudaError_t cudaDeviceGetDefaultMemPool(cudaMemPool_t*, int) {
   return cudaSuccess;
 }

@@ -1,0 +1,294 @@
+// Small triangles and the voxels they touch, by integers and a few float tests: the answer of raster/spans.h where it is certain.
+//
+// Vertices come to index space as fixed-point integers, one multiply-add a coordinate, which is off by less than two units. With w
+// the widening of narrow triangles (raster/triangle_setup.h):
+// * The box of voxels is that of raster/triangle_setup.h unless a vertex lies within two units of a voxel's border moved by w.
+// * A box of at most two voxels along each axis is eight octants about an inner corner. By the separating-axis theorem
+//   the triangle touches all of them but those that one of ten tests takes out: a plane through an edge along an axis that leaves the
+//   corner outside by more than w takes out the two octants that it points to, the triangle's own plane the one behind it. The narrow
+//   class answers as for a voxel grown by w give or take its roundings. So where no test comes closer to w than those and the fixed
+//   point's error together (the band), the triangle touches the same octants grown by anything within it, and the answers agree.
+// * Larger boxes go by rows as raster/spans.h has them, each bound once for voxels grown by w and the band, once for w less the band. Where
+//   both give the same voxels, so does whatever lies between.
+// What is not certain, and triangles that may be of the wide class, go to the code that all schedules share.
+#pragma once
+
+#include "cuda/views.h"
+#include "raster/triangle_setup.h"
+
+namespace voxelpipe::cuda {
+
+// World space to fixed-point index space.
+struct FixedPlace {
+  Vec3d scale, offset;
+  int bits = 0;                    // after the point; 0: the mesh reaches too far, there are none
+  float widening = 0;              // voxel sizes in units
+  float band = 0, plane_band = 0;  // likewise, of the tests of edges and of the plane
+  float voxel = 0, noise = 0;      // a voxel; what moving vertices by units does to a normal, at most, and some more
+};
+
+inline constexpr double kFixedMagic = 0x1.8p52;
+inline constexpr float kCellBand = 1e-5f, kCellPlaneBand = 4e-5f;  // voxels
+inline constexpr float kMoreOfRows = 1e-5f;                        // where boxes are up to 9 voxels large
+
+// In: a grid's origin and voxel size, the mesh's box in its index space.
+inline FixedPlace MakeFixedPlace(const Vec3d& origin, const Vec3d& voxel_size, const Vec3d& least, const Vec3d& most) {
+  FixedPlace place;
+  const double reach = Max(MaxAbs(least), MaxAbs(most));
+  const int bits = reach < 2000 ? 20 : reach < 4000 ? 19 : reach < 32000 ? 16 : 0;
+  for (int i = 0; i < 3; ++i) {
+    const double unit = 1 / voxel_size[i] * double(1 << bits);
+    place.scale[i] = unit;
+    place.offset[i] = kFixedMagic - origin[i] * unit;
+    // The offset loses what lies below a unit, and no more.
+    if (!(Abs(origin[i] * unit) < 0x1p50 && unit < 0x1p900)) return place;
+  }
+  const auto unit = float(1 << bits);
+  place.bits = bits;
+  place.widening = float(kNarrowWidening) * unit;
+  // raster/triangle_setup.h: some 17 x size x 2^-24 + 2^-19 for a size of 3 voxels here; and 2^-15 for the plane of a sliver. Four
+  // units for the fixed point, one of them for products of an edge and a position.
+  place.band = kCellBand * unit + 4;
+  place.plane_band = kCellPlaneBand * unit + 4;
+  place.voxel = unit;
+  place.noise = 0x1p-19f * unit * unit;
+  return place;
+}
+
+VOXELPIPE_HD int ToFixed(double world, double scale, double offset) {
+  const double sum = fma(world, scale, offset);
+  uint64_t bits;
+  memcpy(&bits, &sum, sizeof bits);
+  return int(uint32_t(bits));
+}
+
+// Of a triangle: its box of voxels, inclusive.
+struct FixedBox {
+  int first[3], last[3];
+  bool doubtful;  // one voxel more or less on some side
+};
+
+VOXELPIPE_HD FixedBox BoxOf(const int (&v)[3][3], const FixedPlace& place) {
+  FixedBox box;
+  const int w = int(place.widening);
+  int near = 0;
+  for (int i = 0; i < 3; ++i) {
+    const int from = Min(v[0][i], Min(v[1][i], v[2][i])) - w, upto = Max(v[0][i], Max(v[1][i], v[2][i])) + w;
+    near |= ((from - 2) ^ (from + 2)) | ((upto - 2) ^ (upto + 2));
+    box.first[i] = from >> place.bits;
+    box.last[i] = upto >> place.bits;
+  }
+  box.doubtful = near >> place.bits != 0;
+  return box;
+}
+
+// Whether the sign bit is set, as 0 or 1.
+VOXELPIPE_HD uint32_t SignOf(float v) {
+  uint32_t bits;
+  memcpy(&bits, &v, sizeof bits);
+  return bits >> 31;
+}
+
+struct Octants {
+  uint32_t touched;  // bit x + 2y + 4z
+  bool doubtful;
+};
+
+// One edge seen along an axis: in the plane of the other two, (u, t), from p by e. Takes out what lies behind it, `pattern` moved by
+// the bits of u and t. `area` is the triangle's in that plane, twice, `rounding` what its roundings may make.
+VOXELPIPE_HD void TestEdge(float eu, float et, float pu, float pt, float area, float rounding, const FixedPlace& place,
+                           uint32_t pattern, int bit_u, int bit_t, Octants& o) {
+  // The axis (et, -eu): where the corner lies on it against the triangle's interval, from the interval's middle, twice.
+  const float from_middle = fmaf(2.0f, fmaf(eu, pt, -(et * pu)), area);
+  const float norm = Abs(eu) + Abs(et);
+  const float beyond = fmaf(-2 * place.widening, norm, Abs(from_middle) - Abs(area));
+  o.doubtful = o.doubtful || Abs(beyond) <= fmaf(2 * place.band, norm, rounding);
+  const uint32_t side = SignOf(from_middle);
+  const uint32_t u = (side ^ SignOf(et)) ^ 1, t = side ^ SignOf(eu);
+  if (beyond > 0) o.touched &= ~(pattern << (u * uint32_t(bit_u) + t * uint32_t(bit_t)));
+}
+
+// The octants about `corner` that a triangle touches whose box reaches at most one voxel to each side of it.
+template <bool kThin>
+VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const int (&corner)[3], const FixedPlace& place) {
+  Vec3f q[3];
+  for (int i = 0; i < 3; ++i) {
+    q[i] = {float(v[i][0] - corner[0]), float(v[i][1] - corner[1]), float(v[i][2] - corner[2])};
+  }
+  const Vec3f e[3] = {q[1] - q[0], q[2] - q[1], q[0] - q[2]};  // exact, and so is what follows but for products
+  Vec3f n;
+  n.x = fmaf(e[0].z, e[2].y, -(e[0].y * e[2].z));  // cross(e0, -e2)
+  n.y = fmaf(e[0].x, e[2].z, -(e[0].z * e[2].x));
+  n.z = fmaf(e[0].y, e[2].x, -(e[0].x * e[2].y));
+  Octants o{0xff, false};
+  float longest = 0;  // squared
+  for (int i = 0; i < 3; ++i) longest = fmaxf(longest, fmaf(e[i].x, e[i].x, fmaf(e[i].y, e[i].y, e[i].z * e[i].z)));
+  const float rounding = 0x1p-21f * longest;
+  for (int i = 0; i < 3; ++i) {
+    TestEdge(e[i].x, e[i].y, q[i].x, q[i].y, n.z, rounding, place, 0x11, 1, 2, o);
+    TestEdge(e[i].y, e[i].z, q[i].y, q[i].z, n.x, rounding, place, 0x03, 2, 4, o);
+    TestEdge(e[i].z, e[i].x, q[i].z, q[i].x, n.y, rounding, place, 0x05, 4, 1, o);
+  }
+  const float ax = Abs(n.x), ay = Abs(n.y), az = Abs(n.z);
+  const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
+  // Narrow for sure: kNarrowRatio, a little more, and what moving vertices by units does to the normal.
+  o.doubtful = o.doubtful || !(most > fmaf(0.0042f, longest, place.noise));
+  const float plane_rounding = 0x1p-20f * longest * place.voxel;
+  const float at = -fmaf(n.x, q[0].x, fmaf(n.y, q[0].y, n.z * q[0].z));  // of the corner
+  if constexpr (!kThin) {
+    const float beyond = fmaf(-place.widening, norm, Abs(at));
+    o.doubtful = o.doubtful || Abs(beyond) <= fmaf(place.plane_band, norm, plane_rounding);
+    const uint32_t side = SignOf(at) ^ 1;
+    const uint32_t octant = (side ^ SignOf(n.x)) | (side ^ SignOf(n.y)) << 1 | (side ^ SignOf(n.z)) << 2;
+    if (beyond > 0) o.touched &= ~(1u << octant);
+  } else {
+    // The plane against each voxel's centre. Units of the vertices turn the plane: that shows at a centre two voxels away.
+    const float reach = fmaf(place.widening, norm, 0.5f * place.voxel * most);
+    const float turned = 24.0f * place.voxel * sqrtf(longest);
+    const float band = fmaf(place.plane_band, norm, plane_rounding + turned);
+    for (uint32_t i = 0; i < 8; ++i) {
+      const float half = 0.5f * place.voxel;
+      const float there = fmaf((i & 1) != 0 ? half : -half, n.x,
+                               fmaf((i & 2) != 0 ? half : -half, n.y, fmaf((i & 4) != 0 ? half : -half, n.z, at)));
+      const float beyond = Abs(there) - reach;
+      // Only octants that the other tests leave matter, but those alone can be in doubt.
+      o.doubtful = o.doubtful || Abs(beyond) <= band;
+      if (beyond > 0) o.touched &= ~(1u << i);
+    }
+  }
+  return o;
+}
+
+// Bounds of a coordinate u given t, about c - s*t: `outer` to each side at most, `inner` at least.
+struct CellBound {
+  float c, s, outer, inner;
+};
+
+// Between two bounds of one coordinate, outer and inner; local voxels.
+struct CellSpan {
+  float first_outer, first_inner, last_outer, last_inner;
+};
+
+VOXELPIPE_HD float Reciprocal(float v) {
+#if defined(__CUDA_ARCH__)
+  return __fdividef(1.0f, v);  // what it is off by is part of the band
+#else
+  return 1.0f / v;
+#endif
+}
+
+// The bound |nu*u + nt*t - middle| <= half, where half is sure to within `band`.
+VOXELPIPE_HD CellBound SolveCell(float nu, float nt, float middle, float half, float band) {
+  const float inverse = Reciprocal(nu), length = Abs(inverse);
+  return {middle * inverse, nt * inverse, (half + band) * length, (half - band) * length};
+}
+
+// An edge e through p, seen along an axis; as TestEdge. Where it is parallel to u it says no more than the box.
+VOXELPIPE_HD CellBound EdgeCells(float eu, float et, float pu, float pt, float area, float band, float rounding) {
+  const float norm = Abs(eu) + Abs(et);
+  if (Abs(et) <= norm * 0x1p-26f) return {0, 0, 1e30f, 1e30f};
+  const float middle = fmaf(et, pu, -(eu * pt)) - 0.5f * ((area + et) - eu);
+  return SolveCell(et, -eu, middle, fmaf(0.5f + float(kNarrowWidening), norm, 0.5f * Abs(area)),
+                   fmaf(band, norm, rounding));
+}
+
+VOXELPIPE_HD void Narrow(const CellBound& b, float t, CellSpan& span) {
+  const float c = fmaf(-b.s, t, b.c);
+  span.first_outer = fmaxf(span.first_outer, c - b.outer);
+  span.first_inner = fmaxf(span.first_inner, c - b.inner);
+  span.last_outer = fminf(span.last_outer, c + b.outer);
+  span.last_inner = fminf(span.last_inner, c + b.inner);
+}
+
+inline constexpr int kMostCells = 7;  // of a box along each axis that goes by rows here
+
+// Rows of a box of at most kMostCells voxels along each axis, within `begin` to `end` of the grid: visit(y, z, x_begin, x_end). False
+// where some voxel is not certain; rows already visited are right. `table` has room for kMostCells elements, `pitch` apart.
+template <bool kThin, typename Visit>
+VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const int (&begin)[3], const int (&end)[3],
+                             const FixedPlace& place, CellSpan* table, int pitch, Visit&& visit) {
+  const float voxels = 1 / place.voxel;
+  Vec3f q[3];
+  for (int i = 0; i < 3; ++i) {
+    q[i] = {float(v[i][0] - (box.first[0] << place.bits)) * voxels,
+            float(v[i][1] - (box.first[1] << place.bits)) * voxels,
+            float(v[i][2] - (box.first[2] << place.bits)) * voxels};
+  }
+  const Vec3f e[3] = {q[1] - q[0], q[2] - q[1], q[0] - q[2]};  // exact
+  Vec3f n;
+  n.x = fmaf(e[0].z, e[2].y, -(e[0].y * e[2].z));
+  n.y = fmaf(e[0].x, e[2].z, -(e[0].z * e[2].x));
+  n.z = fmaf(e[0].y, e[2].x, -(e[0].x * e[2].y));
+  const float ax = Abs(n.x), ay = Abs(n.y), az = Abs(n.z);
+  const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
+  float longest = 0;
+  for (int i = 0; i < 3; ++i) longest = fmaxf(longest, fmaf(e[i].x, e[i].x, fmaf(e[i].y, e[i].y, e[i].z * e[i].z)));
+  if (!(most > fmaf(0.0042f, longest, 0x1p-19f))) return false;  // perhaps not narrow
+  // Rounding errors grow with the box: of products of two lengths, of three, and of the plane that moving vertices by units turns.
+  const auto size =
+      float(2 + Max(box.last[0] - box.first[0], Max(box.last[1] - box.first[1], box.last[2] - box.first[2])));
+  const float band = fmaf(place.band, voxels, kMoreOfRows), rounding = 1.5e-6f * size * size;
+
+  // The plane bounds x. Where x says nothing, neither does the plane if it is parallel to a second axis too: the box says it.
+  CellBound plane{0, 0, 1e30f, 1e30f};
+  float plane_sy = 0;
+  if (ax > norm * 0x1p-26f) {
+    const float middle = fmaf(n.x, q[0].x, fmaf(n.y, q[0].y, n.z * q[0].z)) - 0.5f * ((n.x + n.y) + n.z);
+    float half = (0.5f + float(kNarrowWidening)) * norm,
+          unsure = fmaf(fmaf(place.plane_band, voxels, kMoreOfRows), norm, 4e-6f * size * size * size);
+    if constexpr (kThin) {
+      half = fmaf(float(kNarrowWidening), norm, 0.5f * most);
+      unsure += 16.0f * voxels * size * sqrtf(longest);
+    }
+    plane = SolveCell(n.x, n.z, middle, half, unsure);
+    plane_sy = n.y * Reciprocal(n.x);
+  } else if (Min(ay, az) > norm * 0x1p-26f) {
+    return false;
+  }
+
+  const int x_lo = begin[0] - box.first[0], x_hi = end[0] - box.first[0];
+  const CellSpan box_x{float(x_lo), float(x_lo), float(x_hi - 1), float(x_hi - 1)};
+  const int y_lo = begin[1] - box.first[1], y_hi = end[1] - box.first[1];
+  {
+    CellBound x_of_y[3];
+    for (int i = 0; i < 3; ++i) x_of_y[i] = EdgeCells(e[i].x, e[i].y, q[i].x, q[i].y, n.z, band, rounding);
+    for (int y = y_lo; y < y_hi; ++y) {
+      CellSpan span = box_x;
+      for (int i = 0; i < 3; ++i) Narrow(x_of_y[i], float(y), span);
+      table[(y - y_lo) * pitch] = span;
+    }
+  }
+  CellBound x_of_z[3], y_of_z[3];
+  for (int i = 0; i < 3; ++i) {
+    x_of_z[i] = EdgeCells(e[i].x, e[i].z, q[i].x, q[i].z, -n.y, band, rounding);
+    y_of_z[i] = EdgeCells(e[i].y, e[i].z, q[i].y, q[i].z, n.x, band, rounding);
+  }
+  bool certain = true;
+  for (int z = begin[2] - box.first[2]; z < end[2] - box.first[2]; ++z) {
+    CellSpan rows{float(y_lo), float(y_lo), float(y_hi - 1), float(y_hi - 1)}, layer = box_x;
+    for (int i = 0; i < 3; ++i) {
+      Narrow(y_of_z[i], float(z), rows);
+      Narrow(x_of_z[i], float(z), layer);
+    }
+    // Whole numbers stay in floating point until they are known to lie in the box.
+    const float sure_first_y = ceilf(rows.first_inner), sure_last_y = floorf(rows.last_inner);
+    const float last_y = floorf(rows.last_outer);
+    for (float y = ceilf(rows.first_outer); y <= last_y; y += 1) {
+      const CellSpan& shared = table[(int(y) - y_lo) * pitch];
+      const float c = fmaf(-plane_sy, y, fmaf(-plane.s, float(z), plane.c));
+      const float first = ceilf(fmaxf(fmaxf(shared.first_outer, layer.first_outer), c - plane.outer));
+      const float last = floorf(fminf(fminf(shared.last_outer, layer.last_outer), c + plane.outer));
+      if (first > last) continue;
+      const float sure_first = ceilf(fmaxf(fmaxf(shared.first_inner, layer.first_inner), c - plane.inner));
+      const float sure_last = floorf(fminf(fminf(shared.last_inner, layer.last_inner), c + plane.inner));
+      if (y < sure_first_y || y > sure_last_y || first != sure_first || last != sure_last) {
+        certain = false;
+      } else {
+        visit(int(y) + box.first[1], z + box.first[2], int(first) + box.first[0], int(last) + 1 + box.first[0]);
+      }
+    }
+  }
+  return certain;
+}
+
+}  // namespace voxelpipe::cuda

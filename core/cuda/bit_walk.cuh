@@ -1,0 +1,466 @@
+// Plain bits of one grid: triangles from world space straight to words of the bit grid.
+//
+// Three steps, each a kernel or a part of one:
+//   WalkCells   every triangle a thread: what bit_cells.cuh is certain of is written at once, the rest waits in two queues
+//   WalkLayers  lanes of a warp set up a triangle each, exactly, then all share their layers
+//   WalkLarge   the largest: warps share their layers, lanes the rows of one
+// No host-only includes.
+#pragma once
+
+#include "cuda/bit_cells.cuh"
+#include "cuda/walk_kernels.cuh"
+
+namespace voxelpipe::cuda {
+
+inline constexpr int kCellThreads = 256;
+inline constexpr int kMostCellRows = 36;   // of a triangle that a thread walks alone
+inline constexpr int kManyOctants = 14;    // of a warp's lanes: enough not to wait for others
+inline constexpr int kMostCellRounds = 8;  // triangles of a thread of WalkCells
+inline constexpr int kLayerLanes = 8;      // share a layer in WalkLayers: rows of one lie near each other in memory
+inline constexpr int kLargeSetups = 32;    // of a block
+inline constexpr int kMostLayerWidth = 96, kMostLayerRows = 6144;  // along y, and in all, of one that WalkLayers takes
+
+struct BitArgs {
+  GridView grid;  // rows outside its slab are left out
+  uint32_t* bits = nullptr;
+  uint64_t quads = 0;  // 16-byte units to clear
+  Coverage coverage{};
+  FixedPlace fixed;
+  Vec3d inverse_size;  // 1 / grid.voxel_size, rounded
+  const uint32_t* triangles = nullptr;
+  const Vec3d* positions = nullptr;  // world space
+  uint64_t triangle_count = 0;
+  int rounds = 1;                // of WalkCells
+  int per_block = kCellThreads;  // triangles a round; whole warps
+  // Room for all triangles each.
+  uint32_t *layer_queue = nullptr, *large_queue = nullptr;
+  uint64_t* queued = nullptr;  // how many wait in each
+};
+
+enum BitQueue : int { kLayerQueue, kLargeQueue, kBitQueues };
+
+// Sets voxels [x_begin, x_end) of a row. Where many triangles share a voxel most bits are set already, and reading first (`look`) is
+// cheaper than an atomic.
+__device__ inline void SetWord(uint32_t* word, uint32_t mask, bool look) {
+  if (look && (__ldca(word) & mask) == mask) return;
+  atomicOr(word, mask);
+}
+__device__ inline void SetRow(uint32_t* row, int x_begin, int x_end, bool look) {
+  const int first = x_begin / 32, last = (x_end - 1) / 32;
+  const uint32_t from = ~0u << (x_begin % 32), upto = ~0u >> (31 - (x_end - 1) % 32);
+  if (first == last) return SetWord(row + first, from & upto, look);
+  SetWord(row + first, from, look);
+  for (int w = first + 1; w < last; ++w) row[w] = ~0u;
+  SetWord(row + last, upto, look);
+}
+__device__ inline void SetRow(const BitArgs& args, int y, int z, int x_begin, int x_end) {
+  SetRow(args.bits + args.grid.Word(0, y, z), x_begin, x_end, false);
+}
+
+// Kept apart, as other code that few threads take: small kernels wait for instructions more than for anything else.
+__device__ __noinline__ Vec3d DividePlainly(const Vec3d& a, const Vec3d& b) {
+  return {a.x / b.x, a.y / b.y, a.z / b.z};
+}
+
+// The quotient as the processor divides, in fewer steps: two corrections of a product with the rounded inverse, each with an exact
+// remainder (P. Markstein, "Computation of elementary functions on the IBM RISC System/6000 processor", 1990).
+__device__ inline double Divide(double a, double b, double inverse) {
+  double q = a * inverse;
+  q = fma(fma(-q, b, a), inverse, q);
+  return fma(fma(-q, b, a), inverse, q);
+}
+// WorldToIndex.
+__device__ inline Vec3d PlaceVertex(const BitArgs& args, uint32_t vertex) {
+  const Vec3d &origin = args.grid.origin, &size = args.grid.voxel_size;
+  const Vec3d p = args.positions[vertex] - origin;
+  // Of the least, remainders would be lost.
+  const bool tiny = !(Abs(p.x) >= 0x1p-400 && Abs(p.y) >= 0x1p-400 && Abs(p.z) >= 0x1p-400);
+  if (tiny) return DividePlainly(p, size);
+  return {Divide(p.x, size.x, args.inverse_size.x), Divide(p.y, size.y, args.inverse_size.y),
+          Divide(p.z, size.z, args.inverse_size.z)};
+}
+
+struct PlacedCorners {
+  Vec3d at[3];
+};
+__device__ __noinline__ PlacedCorners PlaceCorners(const BitArgs& args, uint32_t t) {
+  const Corners c = LoadCorners(args.triangles, t);
+  return {{PlaceVertex(args, c.v[0]), PlaceVertex(args, c.v[1]), PlaceVertex(args, c.v[2])}};
+}
+
+// The octants' voxels about the inner corner of a box that begins at `first`; those outside of the grid are left out.
+__device__ inline void SetOctants(const BitArgs& args, const int (&first)[3], uint32_t octants) {
+  const int nx = int(args.grid.dims[0]), ny = int(args.grid.dims[1]);
+  const int z_begin = int(args.grid.slab_begin), z_end = int(args.grid.slab_end);
+  if (first[0] < 0) octants &= 0xaa;
+  if (first[0] + 1 >= nx) octants &= 0x55;
+  if (first[1] < 0) octants &= 0xcc;
+  if (first[1] + 1 >= ny) octants &= 0x33;
+  if (first[2] < z_begin) octants &= 0xf0;
+  if (first[2] + 1 >= z_end) octants &= 0x0f;
+  const auto pitch = int64_t(args.grid.words_per_row);
+  const int64_t row = int64_t{ny} * (first[2] - z_begin) + first[1];
+  uint32_t* const near = args.bits + (row * pitch + (first[0] >> 5));
+  uint32_t* const far = near + pitch * ny;
+  const int shift = first[0] & 31;
+  const auto pair = [octants](int i) { return octants >> 2 * i & 3; };
+  if (shift < 31) {
+    if (pair(0) != 0) atomicOr(near, pair(0) << shift);
+    if (pair(1) != 0) atomicOr(near + pitch, pair(1) << shift);
+    if (pair(2) != 0) atomicOr(far, pair(2) << shift);
+    if (pair(3) != 0) atomicOr(far + pitch, pair(3) << shift);
+    return;
+  }
+  for (int i = 0; i < 4; ++i) {
+    uint32_t* const word = ((i & 2) != 0 ? far : near) + ((i & 1) != 0 ? pitch : 0);
+    if ((pair(i) & 1) != 0) atomicOr(word, 1u << 31);
+    if ((pair(i) & 2) != 0) atomicOr(word + 1, 1);
+  }
+}
+
+// At most kMostCells voxels of a row.
+__device__ inline void SetFew(const BitArgs& args, int y, int z, int x_begin, int x_end) {
+  uint32_t* const word = args.bits + args.grid.Word(x_begin, y, z);
+  const int shift = x_begin & 31;
+  const uint64_t mask = uint64_t{(1u << (x_end - x_begin)) - 1} << shift;
+  atomicOr(word, uint32_t(mask));
+  if (uint32_t(mask >> 32) != 0) atomicOr(word + 1, uint32_t(mask >> 32));
+}
+
+// What becomes of a triangle.
+enum class CellFate { kDone, kOctants, kRows, kLayers, kLarge };
+
+// Where a triangle of so many rows waits.
+__device__ inline CellFate QueueOf(int64_t width, int64_t layers) {
+  return width > kMostLayerWidth || width * layers > kMostLayerRows ? CellFate::kLarge : CellFate::kLayers;
+}
+
+struct FixedCorners {
+  int at[3][3];
+};
+__device__ inline FixedCorners LoadFixed(const BitArgs& args, const Corners& c) {
+  FixedCorners v;
+  for (int i = 0; i < 3; ++i) {
+    const Vec3d& p = args.positions[c.v[i]];
+    for (int a = 0; a < 3; ++a) v.at[i][a] = ToFixed(p[a], args.fixed.scale[a], args.fixed.offset[a]);
+  }
+  return v;
+}
+
+// The box's part in the slab; empty where some end is not behind its begin.
+__device__ inline void ClipBox(const BitArgs& args, const FixedBox& box, int (&begin)[3], int (&end)[3]) {
+  const int low[3] = {0, 0, int(args.grid.slab_begin)};
+  const int high[3] = {int(args.grid.dims[0]), int(args.grid.dims[1]), int(args.grid.slab_end)};
+  for (int a = 0; a < 3; ++a) {
+    begin[a] = max(box.first[a], low[a]);
+    end[a] = min(box.last[a] + 1, high[a]);
+  }
+}
+
+struct FixedTriangle {
+  FixedCorners v;
+  FixedBox box;
+};
+
+// What is found of a triangle by its box alone. Where it is done, `octants` about the inner corner of the box.
+template <bool kThin>
+__device__ inline CellFate FindFate(const BitArgs& args, const Corners& c, FixedTriangle& t, uint32_t& octants) {
+  t.v = LoadFixed(args, c);
+  t.box = BoxOf(t.v.at, args.fixed);
+  const FixedBox& box = t.box;
+  int begin[3], end[3];
+  ClipBox(args, box, begin, end);
+  const int unsure = box.doubtful ? 1 : 0;
+  if (end[0] - begin[0] + unsure <= 0 || end[1] - begin[1] + unsure <= 0 || end[2] - begin[2] + unsure <= 0) {
+    return CellFate::kDone;
+  }
+  const int size[3] = {box.last[0] - box.first[0], box.last[1] - box.first[1], box.last[2] - box.first[2]};
+  const int greatest = max(size[0], max(size[1], size[2]));
+  if (!box.doubtful && greatest <= 1) {
+    if constexpr (!kThin) {
+      if (size[0] + size[1] + size[2] <= 1) {  // of the run class, which touches the whole box
+        octants = size[0] != 0 ? 0x03 : size[1] != 0 ? 0x05 : size[2] != 0 ? 0x11 : 0x01;
+        return CellFate::kDone;
+      }
+    }
+    return CellFate::kOctants;
+  }
+  const int width = max(1, end[1] - begin[1]), layers = max(1, end[2] - begin[2]);
+  if (!box.doubtful && greatest < kMostCells && width * layers <= kMostCellRows) return CellFate::kRows;
+  return QueueOf(width, layers);
+}
+
+// A triangle whose fate is kOctants; false if some voxel is in doubt.
+template <bool kThin>
+__device__ inline bool FindOctants(const BitArgs& args, const FixedTriangle& t, uint32_t& octants) {
+  const FixedBox& box = t.box;
+  int corner[3];
+  for (int a = 0; a < 3; ++a) corner[a] = (box.first[a] + 1) << args.fixed.bits;
+  const Octants o = TouchedOctants<kThin>(t.v.at, corner, args.fixed);
+  if (o.doubtful) return false;
+  octants = o.touched & (box.first[0] == box.last[0] ? 0x55u : 0xffu) & (box.first[1] == box.last[1] ? 0x33u : 0xffu) &
+            (box.first[2] == box.last[2] ? 0x0fu : 0xffu);
+  return true;
+}
+
+// Sets the octants of all lanes, first those together that neighbours in a mesh have about one corner: atomics are what takes longest.
+// All threads of a warp call it.
+__device__ inline void SetOctantsTogether(const BitArgs& args, const int (&first)[3], uint32_t octants) {
+  const unsigned lane = threadIdx.x % 32;
+  const uint32_t xy = (uint32_t(first[0]) & 0xffff) | uint32_t(first[1]) << 16;  // fixed-point cells have 16 bits
+  const bool other_xy = __shfl_up_sync(~0u, xy, 1) != xy, other_z = __shfl_up_sync(~0u, first[2], 1) != first[2];
+  const bool is_head = lane == 0 || other_xy || other_z;
+  const unsigned heads = __ballot_sync(~0u, is_head);
+  if (heads != ~0u) {
+    const unsigned above = heads & ~((2u << lane) - 1);
+    const unsigned end = above == 0 ? 32 : unsigned(__ffs(int(above))) - 1;
+    for (unsigned step = 1; step < 32; step *= 2) {
+      const uint32_t there = __shfl_down_sync(~0u, octants, step);
+      if (lane + step < end) octants |= there;
+    }
+  }
+  if (is_head && octants != 0) SetOctants(args, first, octants);
+}
+
+// A triangle whose fate is kRows; false if some voxel is in doubt.
+template <bool kThin>
+__device__ inline bool WalkCellRows(const BitArgs& args, const Corners& c, CellSpan* table) {
+  const FixedCorners v = LoadFixed(args, c);
+  const FixedBox box = BoxOf(v.at, args.fixed);
+  int begin[3], end[3];
+  ClipBox(args, box, begin, end);
+  const auto set = [&](int y, int z, int x_begin, int x_end) { SetFew(args, y, z, x_begin, x_end); };
+  const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
+  if (!kThin && single >= 2) {  // the run class
+    for (int z = begin[2]; z < end[2]; ++z) {
+      for (int y = begin[1]; y < end[1]; ++y) set(y, z, begin[0], end[0]);
+    }
+    return true;
+  }
+  return VisitCells<kThin>(v.at, box, begin, end, args.fixed, table, kCellThreads, set);
+}
+
+// The same of a mesh that reaches too far for fixed point, and under center coverage: its queue alone.
+__device__ __noinline__ CellFate FindQueue(const BitArgs& args, uint64_t t) {
+  const PlacedCorners p = PlaceCorners(args, uint32_t(t));
+  int64_t width[3];
+  for (int a = 1; a < 3; ++a) {
+    const double least = Min(p.at[0][a], Min(p.at[1][a], p.at[2][a])),
+                 most = Max(p.at[0][a], Max(p.at[1][a], p.at[2][a]));
+    const double lo = a == 1 ? 0 : double(args.grid.slab_begin),
+                 hi = a == 1 ? double(args.grid.dims[1]) : double(args.grid.slab_end);
+    if (most < lo - 2 || least > hi + 2) return CellFate::kDone;
+    width[a] = int64_t(Clamp(most + 2, lo, hi)) - int64_t(Clamp(least - 2, lo, hi));
+  }
+  return QueueOf(max(width[1], int64_t{1}), max(width[2], int64_t{1}));
+}
+
+// What the block's triangles share in WalkCells.
+struct CellRoom {
+  static constexpr uint32_t kRoom = kMostCellRounds * kCellThreads;
+  CellSpan table[kMostCells][kCellThreads];
+  uint32_t cells[kRoom];   // triangles that wait for octants, from the begin on, and for rows, from the end on
+  uint32_t layers[kRoom];  // for another kernel
+  uint32_t octant_count, row_count, layer_count;
+  unsigned long long first;
+};
+
+// Appends t to a list of the block's where `wanted`, `step` from one to the next. All threads of a warp call it.
+__device__ inline void AppendInBlock(bool wanted, uint32_t t, uint32_t* list, int step, uint32_t* count) {
+  const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, wanted);
+  if (all == 0) return;
+  uint32_t at = 0;
+  if (lane == 0) at = atomicAdd(count, uint32_t(__popc(all)));
+  at = __shfl_sync(~0u, at, 0) + uint32_t(__popc(all & ((1u << lane) - 1)));
+  if (wanted) list[int(at) * step] = t;
+}
+
+// Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. The block appends what waits for
+// other kernels at once: an atomic that returns costs some 3 ns where all are on one address.
+template <bool kThin>
+__device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& room) {
+  if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = 0;
+  __syncthreads();
+  const bool fixed = args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
+  const uint64_t begin = chunk * uint64_t(args.rounds) * uint64_t(args.per_block) + threadIdx.x;
+  const bool takes = int(threadIdx.x) < args.per_block;
+  Corners next{};
+  if (takes && begin < args.triangle_count) next = LoadCorners(args.triangles, begin);
+  for (int round = 0; round < args.rounds; ++round) {
+    const uint64_t t = begin + uint64_t(round) * uint64_t(args.per_block), then = t + uint64_t(args.per_block);
+    const Corners corners = next;
+    if (takes && round + 1 < args.rounds && then < args.triangle_count) next = LoadCorners(args.triangles, then);
+    CellFate fate = CellFate::kDone;
+    FixedTriangle triangle{};
+    uint32_t octants = 0;
+    if (takes && t < args.triangle_count) {
+      fate = fixed ? FindFate<kThin>(args, corners, triangle, octants) : FindQueue(args, t);
+      if (fate == CellFate::kLarge) {
+        args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLargeQueue), 1ull)] =
+            uint32_t(t);
+      }
+    }
+    __syncwarp();
+    if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
+      if (fate == CellFate::kOctants) {
+        fate = FindOctants<kThin>(args, triangle, octants) ? CellFate::kDone : CellFate::kLayers;
+      }
+      __syncwarp();
+    }
+    SetOctantsTogether(args, triangle.box.first, octants);
+    AppendInBlock(fate == CellFate::kOctants, uint32_t(t), room.cells, 1, &room.octant_count);
+    AppendInBlock(fate == CellFate::kRows, uint32_t(t), room.cells + (CellRoom::kRoom - 1), -1, &room.row_count);
+    AppendInBlock(fate == CellFate::kLayers, uint32_t(t), room.layers, 1, &room.layer_count);
+  }
+  __syncthreads();
+  const uint32_t octant_count = room.octant_count, row_count = room.row_count;
+  for (uint32_t begins = threadIdx.x / 32 * 32; begins < octant_count; begins += kCellThreads) {
+    const uint32_t i = begins + threadIdx.x % 32;
+    bool doubtful = false;
+    uint32_t t = 0, octants = 0;
+    FixedTriangle triangle{};
+    if (i < octant_count) {
+      t = room.cells[i];
+      triangle.v = LoadFixed(args, LoadCorners(args.triangles, t));
+      triangle.box = BoxOf(triangle.v.at, args.fixed);
+      doubtful = !FindOctants<kThin>(args, triangle, octants);
+    }
+    __syncwarp();
+    SetOctantsTogether(args, triangle.box.first, octants);
+    AppendInBlock(doubtful, t, room.layers, 1, &room.layer_count);
+  }
+  for (uint32_t first = threadIdx.x / 32 * 32; first < row_count; first += kCellThreads) {
+    const uint32_t i = first + threadIdx.x % 32;
+    bool doubtful = false;
+    uint32_t t = 0;
+    if (i < row_count) {
+      t = room.cells[CellRoom::kRoom - 1 - i];
+      doubtful = !WalkCellRows<kThin>(args, LoadCorners(args.triangles, t), &room.table[0][threadIdx.x]);
+    }
+    __syncwarp();
+    AppendInBlock(doubtful, t, room.layers, 1, &room.layer_count);
+  }
+  __syncthreads();
+  if (threadIdx.x == 0 && room.layer_count > 0) {
+    room.first = atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLayerQueue),
+                           static_cast<unsigned long long>(room.layer_count));
+  }
+  __syncthreads();
+  for (uint32_t i = threadIdx.x; i < room.layer_count; i += kCellThreads)
+    args.layer_queue[room.first + i] = room.layers[i];
+  __syncthreads();  // the room is free again
+}
+
+// Sets up triangle t in shared memory; the number of its layers.
+__device__ __noinline__ uint32_t SetUpLayers(const BitArgs& args, uint32_t t, SharedSetup& shared) {
+  const PlacedCorners p = PlaceCorners(args, t);
+  constexpr uint32_t kOrder[3] = {0, 1, 2};
+  const uint64_t rows = SetUpShared(p.at, kOrder, args.coverage, args.grid.SlabRange(), 0, shared);
+  return rows == 0 ? 0 : uint32_t(shared.end[2] - shared.begin[2]);
+}
+
+// Rows offset, offset + step, ... of a layer of a set-up triangle.
+template <typename Real>
+__device__ inline void WalkLayer(const BitArgs& args, const SpanBounds<Real>& bounds, const SharedSetup& s, int z,
+                                 int offset, int step) {
+  const Layer<Real> layer = ComputeLayer(bounds, Real(double(z) - s.base.z));
+  if (layer.y.empty() || layer.x.empty()) return;
+  const double y_lo = double(s.begin[1]), y_hi = double(s.end[1]), x_lo = double(s.begin[0]), x_hi = double(s.end[0]);
+  const int y_end = int(Clamp((s.base.y + double(layer.y.last)) + 1, y_lo, y_hi));
+  for (int y = int(Clamp(s.base.y + double(layer.y.first), y_lo, y_hi)) + offset; y < y_end; y += step) {
+    const Interval<Real> row = ComputeRow(bounds, layer, Real(double(y) - s.base.y));
+    if (row.empty()) continue;
+    const int x_begin = int(Clamp(s.base.x + double(row.first), x_lo, x_hi));
+    const int x_end = int(Clamp((s.base.x + double(row.last)) + 1, x_lo, x_hi));
+    if (x_begin < x_end) SetRow(args, y, z, x_begin, x_end);
+  }
+}
+// The same of a narrow triangle, which is at most some 34 voxels long: its box tells that 32 bits do.
+__device__ inline void WalkLayer(const BitArgs& args, const SpanBounds<float>& bounds, const SharedSetup& s, int z,
+                                 int offset, int step) {
+  const Layer<float> layer = ComputeLayer(bounds, float(z - s.cell[2]));
+  if (layer.y.empty() || layer.x.empty()) return;
+  const int y_end = min(s.end[1], s.cell[1] + int(layer.y.last) + 1);
+  for (int y = max(s.begin[1], s.cell[1] + int(layer.y.first)) + offset; y < y_end; y += step) {
+    const Interval<float> row = ComputeRow(bounds, layer, float(y - s.cell[1]));
+    if (row.empty()) continue;
+    const int x_begin = max(s.begin[0], s.cell[0] + int(row.first)),
+              x_end = min(s.end[0], s.cell[0] + int(row.last) + 1);
+    if (x_begin < x_end) SetRow(args, y, z, x_begin, x_end);
+  }
+}
+__device__ __noinline__ void WalkLayer(const BitArgs& args, const SharedSetup& s, int z, int offset, int step) {
+  if (s.span_class == SpanClass::kNarrow) return WalkLayer(args, s.narrow, s, z, offset, step);
+  if (s.span_class == SpanClass::kWide) return WalkLayer(args, s.wide, s, z, offset, step);
+  for (int y = s.begin[1] + offset; y < s.end[1]; y += step) SetRow(args, y, z, s.begin[0], s.end[0]);
+}
+
+// The layer queue, by warp `warp` of `warps`, which has room for kSetups triangles.
+template <int kSetups>
+__device__ inline void WalkLayers(const BitArgs& args, uint64_t warp, uint64_t warps, SharedSetup* shared) {
+  const int lane = int(threadIdx.x % 32);
+  const uint64_t count = __ldcg(args.queued + kLayerQueue);
+  // Few triangles are spread over all warps, many are taken together.
+  const uint64_t each = min(uint64_t{kSetups}, (count + warps - 1) / warps);
+  for (uint64_t begin = warp * each; begin < count; begin += warps * each) {
+    uint32_t layers = 0;
+    if (uint64_t(lane) < each && begin + uint64_t(lane) < count) {
+      layers = SetUpLayers(args, __ldcg(args.layer_queue + begin + uint64_t(lane)), shared[lane]);
+    }
+    uint32_t total;
+    const uint32_t before = WarpExclusiveSum(layers, total);
+    __syncwarp();
+    for (uint32_t first = 0; first < total; first += 32 / kLayerLanes) {
+      const uint32_t item = first + uint32_t(lane / kLayerLanes);
+      // The last triangle that begins at or before the item, by bisection; those without layers are never found.
+      int i = 0;
+      for (int step = kSetups / 2; step > 0; step /= 2) {
+        const uint32_t there = __shfl_sync(~0u, before, i + step);
+        if (there <= item) i += step;
+      }
+      const uint32_t begins = __shfl_sync(~0u, before, i);
+      if (item < total) {
+        WalkLayer(args, shared[i], shared[i].begin[2] + int(item - begins), lane % kLayerLanes, kLayerLanes);
+      }
+    }
+    __syncwarp();
+  }
+}
+
+struct LargeRoom {
+  SharedSetup setups[kLargeSetups];
+  uint32_t before[kLargeSetups + 1];
+};
+
+// The large queue, by block `block` of `blocks`. Batches of triangles are dealt to the blocks; where those are more, several share one.
+__device__ inline void WalkLarge(const BitArgs& args, uint32_t block, uint32_t blocks, LargeRoom& room) {
+  const uint64_t count = __ldcg(args.queued + kLargeQueue);
+  if (count == 0) return;
+  const uint64_t batches = (count + kLargeSetups - 1) / kLargeSetups, each = (count + batches - 1) / batches;
+  const auto warps = uint32_t(blockDim.x / 32), warp = uint32_t(threadIdx.x / 32), lane = uint32_t(threadIdx.x % 32);
+  for (uint64_t batch = block % batches; batch < batches; batch += blocks) {
+    const auto sharing = batches >= blocks ? 1 : uint32_t((blocks - 1 - batch) / batches + 1);
+    const auto part = batches >= blocks ? 0 : uint32_t(block / batches);
+    const int here = int(min(count - batch * each, each));
+    uint32_t layers = 0;
+    if (warp == 0) {
+      if (int(lane) < here) {
+        layers = SetUpLayers(args, __ldcg(args.large_queue + batch * each + lane), room.setups[lane]);
+      }
+      uint32_t total;
+      const uint32_t before = WarpExclusiveSum(layers, total);
+      if (lane < uint32_t(kLargeSetups)) room.before[lane] = before;
+      if (lane == 0) room.before[kLargeSetups] = total;
+    }
+    __syncthreads();
+    const uint32_t total = room.before[kLargeSetups];
+    for (uint32_t item = part * warps + warp; item < total; item += sharing * warps) {
+      int i = 0;
+      while (i + 1 < here && room.before[i + 1] <= item) ++i;
+      WalkLayer(args, room.setups[i], room.setups[i].begin[2] + int(item - room.before[i]), int(lane), 32);
+    }
+    __syncthreads();
+  }
+}
+
+}  // namespace voxelpipe::cuda

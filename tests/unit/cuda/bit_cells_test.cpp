@@ -1,0 +1,145 @@
+// The device's certain answers about small triangles, computed on the host: those of raster/spans.h, which every schedule shares.
+#include "cuda/bit_cells.cuh"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <random>
+#include <set>
+
+#include "grid/index_space.h"
+#include "raster/spans.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+using Voxels = std::set<std::array<int, 3>>;
+using Triangle = std::array<Vec3d, 3>;
+
+constexpr int kDims = 64;
+
+Voxels Exactly(const Triangle& t, Coverage coverage) {
+  VoxelRange grid;
+  for (int i = 0; i < 3; ++i) grid.end[i] = kDims;
+  Voxels voxels;
+  ForEachRowSpan(SetUpTriangle(t[0], t[1], t[2], coverage), grid,
+                 [&](int64_t y, int64_t z, int64_t begin, int64_t end) {
+                   for (int64_t x = begin; x < end; ++x) voxels.insert({int(x), int(y), int(z)});
+                 });
+  return voxels;
+}
+
+struct Answer {
+  bool certain = false;
+  Voxels voxels;
+};
+
+template <bool kThin>
+Answer ByCells(const Triangle& world, const FixedPlace& place) {
+  int v[3][3];
+  for (int i = 0; i < 3; ++i) {
+    for (int a = 0; a < 3; ++a) v[i][a] = ToFixed(world[size_t(i)][a], place.scale[a], place.offset[a]);
+  }
+  const FixedBox box = BoxOf(v, place);
+  if (box.doubtful) return {};
+  int begin[3], end[3], corner[3], greatest = 0, single = 0;
+  for (int a = 0; a < 3; ++a) {
+    begin[a] = Max(box.first[a], 0);
+    end[a] = Min(box.last[a] + 1, kDims);
+    corner[a] = (box.first[a] + 1) << place.bits;
+    greatest = Max(greatest, box.last[a] - box.first[a]);
+    single += box.last[a] == box.first[a];
+  }
+  Answer answer;
+  if (greatest >= kMostCells || (!kThin && single >= 2)) return {};  // for others, or nothing to decide
+  if (greatest <= 1) {
+    const Octants o = TouchedOctants<kThin>(v, corner, place);
+    answer.certain = !o.doubtful;
+    for (int i = 0; i < 8; ++i) {
+      const std::array<int, 3> at{box.first[0] + (i & 1), box.first[1] + (i >> 1 & 1), box.first[2] + (i >> 2)};
+      bool inside = (o.touched >> i & 1) != 0;
+      for (int a = 0; a < 3; ++a) inside = inside && at[size_t(a)] >= begin[a] && at[size_t(a)] < end[a];
+      if (inside) answer.voxels.insert(at);
+    }
+    return answer;
+  }
+  std::array<CellSpan, kMostCells> table;
+  answer.certain =
+      VisitCells<kThin>(v, box, begin, end, place, table.data(), 1, [&](int y, int z, int x_begin, int x_end) {
+        for (int x = x_begin; x < x_end; ++x) answer.voxels.insert({x, y, z});
+      });
+  return answer;
+}
+
+struct Kind {
+  const char* name;
+  double reach;       // of a triangle about its middle, voxels
+  double quantum;     // vertices on multiples of it: ties; 0: anywhere
+  double flatness;    // of 1: the third vertex so much nearer to the line of the others
+  double most_doubt;  // share of the answers
+};
+
+class CellsTest : public ::testing::TestWithParam<Kind> {
+ protected:
+  template <bool kThin>
+  void Compare() {
+    const Kind& kind = GetParam();
+    const Vec3d origin{-3.7, 0.2, 11.3}, size{0.013, 0.0171, 0.02};
+    const FixedPlace place = MakeFixedPlace(origin, size, Vec3d{-8, -8, -8}, Vec3d{kDims + 8, kDims + 8, kDims + 8});
+    ASSERT_GT(place.bits, 0);
+    std::mt19937_64 random(kThin ? 5 : 4);
+    std::uniform_real_distribution<double> middle(-2, kDims + 2), about(-kind.reach, kind.reach);
+    int answers = 0, certain = 0;
+    for (int n = 0; n < 20'000; ++n) {
+      Triangle world, index;
+      const Vec3d at{middle(random), middle(random), middle(random)};
+      for (Vec3d& p : index) {
+        for (int a = 0; a < 3; ++a) {
+          p[a] = at[a] + about(random);
+          if (kind.quantum > 0) p[a] = std::round(p[a] / kind.quantum) * kind.quantum;
+        }
+      }
+      if (kind.flatness < 1) index[2] = (index[0] + index[1]) * 0.5 + (index[2] - at) * kind.flatness;
+      for (size_t i = 0; i < 3; ++i) {
+        for (int a = 0; a < 3; ++a) world[i][a] = origin[a] + index[i][a] * size[a];
+        index[i] = WorldToIndex(origin, size, world[i]);
+      }
+      const Answer answer = ByCells<kThin>(world, place);
+      ++answers;
+      if (!answer.certain) continue;
+      ++certain;
+      ASSERT_EQ(answer.voxels, Exactly(index, kThin ? Coverage::kThin : Coverage::kConservative))
+          << kind.name << " " << n;
+    }
+    EXPECT_GT(certain, 0);
+    doubt_ = 1 - double(certain) / answers;
+  }
+  double doubt_ = 1;
+};
+
+TEST_P(CellsTest, CertainConservativeVoxelsAreThoseOfTheRows) {
+  Compare<false>();
+}
+
+TEST_P(CellsTest, CertainThinVoxelsAreThoseOfTheRows) {
+  Compare<true>();
+  EXPECT_LE(doubt_, GetParam().most_doubt);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, CellsTest,
+                         ::testing::Values(Kind{"half", 0.5, 0, 1, 0.1}, Kind{"voxel", 1, 0, 1, 0.1},
+                                           Kind{"several", 2.5, 0, 1, 0.2}, Kind{"ties", 1, 0.25, 1, 0.6},
+                                           Kind{"ties of several", 2.5, 0.5, 1, 0.6},
+                                           Kind{"on the lattice", 2, 1, 1, 0.9}, Kind{"slivers", 1.5, 0, 0.01, 1},
+                                           Kind{"near the border of the class", 1, 0, 0.02, 1},
+                                           Kind{"tiny", 0.01, 0, 1, 1}));
+
+TEST(FixedPlaceTest, MeshesThatReachTooFarHaveNone) {
+  const Vec3d origin{}, size{1, 1, 1}, least{-1, -1, -1};
+  EXPECT_EQ(MakeFixedPlace(origin, size, least, Vec3d{40'000, 1, 1}).bits, 0);
+  EXPECT_EQ(MakeFixedPlace(Vec3d{1e18, 0, 0}, size, least, Vec3d{5, 1, 1}).bits, 0);
+  EXPECT_GT(MakeFixedPlace(origin, size, least, Vec3d{30'000, 1, 1}).bits, 0);
+}
+
+}  // namespace
+}  // namespace voxelpipe::cuda
