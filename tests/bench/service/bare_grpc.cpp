@@ -17,6 +17,8 @@
 #include <grpcpp/impl/service_type.h>
 #include <grpcpp/support/sync_stream.h>
 
+#include "bench/service/polled_unary.h"
+
 namespace voxelpipe::bench {
 namespace {
 
@@ -232,6 +234,10 @@ Measured BareGrpc::Unary(size_t request, size_t response, int in_flight, double 
   }
   for (std::thread& thread : threads) thread.join();
   return span.End(double(done), double(done) * double(request + response));
+}
+
+Measured BareGrpc::UnaryPolled(size_t request, size_t response, int in_flight, double seconds) {
+  return PolledUnary(channel_, kUnaryMethod, UnaryRequest(request, response), response, in_flight, seconds, server_);
 }
 
 Measured BareGrpc::Bidirectional(size_t request, size_t response, int window, double seconds) {

@@ -31,6 +31,8 @@ class BareGrpc {
   Measured BytesStream(size_t piece, size_t total);
   // Unary calls of `request` bytes up and `response` down, `in_flight` threads with one at a time each.
   Measured Unary(size_t request, size_t response, int in_flight, double seconds);
+  // The same from one thread that polls, as voxelpipe bench does.
+  Measured UnaryPolled(size_t request, size_t response, int in_flight, double seconds);
   // Small messages on one bidirectional stream, at most `window` of them under way.
   Measured Bidirectional(size_t request, size_t response, int window, double seconds);
 

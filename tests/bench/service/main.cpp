@@ -87,8 +87,11 @@ int Main(int argc, char** argv) {
   Print("bytes stream, 1 MiB pieces", bare.BytesStream(1 << 20, total));
   Print("unary 64 B, 16 in flight", bare.Unary(64, 64, 16, seconds));
   Print("unary 20 KB -> 5 KB, 16 in flight", bare.Unary(20'000, 5'000, 16, seconds));
+  Print("unary 0.3 -> 4.7 KB, threads", bare.Unary(300, 4'700, 16, seconds));
+  Print("unary 0.3 -> 4.7 KB, polled", bare.UnaryPolled(300, 4'700, 16, seconds));
   Print("bidi 64 B, 16 under way", bare.Bidirectional(64, 64, 16, seconds));
   Print("bidi 20 KB -> 5 KB, 16 under way", bare.Bidirectional(20'000, 5'000, 16, seconds));
+  Print("bidi 0.3 -> 4.7 KB, 16 under way", bare.Bidirectional(300, 4'700, 16, seconds));
   EndServer(child);
   return 0;
 }
