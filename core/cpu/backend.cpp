@@ -1,14 +1,37 @@
 #include "cpu/backend.h"
 
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <span>
+
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include "cpu/a_buffer.h"
+#include "cpu/parallel.h"
 #include "cpu/run_state.h"
 #include "cpu/thread_arena.h"
 
 namespace voxelpipe::cpu {
 namespace {
+
+constexpr int64_t kCountWords = 1 << 16;  // between two looks at whether the job may go on
+
+// Number of voxels in at least one of two grids of the same dims, the second of which may be empty. Of a job that is to end: any number.
+uint64_t CountRows(const BitGrid& a, const BitGrid& b, const JobContext& job) {
+  const BitGrid& other = b.empty() ? a : b;
+  std::atomic<uint64_t> total{0};
+  ParallelChunks(a.rows(), std::max<int64_t>(1, kCountWords / a.words_per_row()), job, [&](int64_t begin, int64_t end) {
+    uint64_t count = 0;
+    for (int64_t r = begin; r < end; ++r) {
+      const std::span<const uint32_t> row_a = a.row(r), row_b = other.row(r);
+      for (size_t w = 0; w < row_a.size(); ++w) count += uint64_t(std::popcount(row_a[w] | row_b[w]));
+    }
+    total.fetch_add(count, std::memory_order_relaxed);
+  }).IgnoreError();  // the next stage finds it, too
+  return total;
+}
 
 class CpuStages final : public Stages {
  public:
@@ -29,7 +52,7 @@ class CpuStages final : public Stages {
   absl::StatusOr<ResultArrays> Finish() override { return cpu::Finish(state_); }
   uint64_t CountOccupied() const override {
     if (state_.a_buffer) return state_.a_buffer->voxels;
-    return state_.inside.empty() ? CountBits(state_.coverage) : CountUnion(state_.coverage, state_.inside);
+    return CountRows(state_.coverage, state_.inside, state_.job);
   }
   SlabCounts counts() const override { return state_.counts; }
   bool SortsTiles(const GridSpec& grid) const override { return !PlainBits(state_, grid); }

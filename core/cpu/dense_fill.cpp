@@ -7,6 +7,8 @@
 namespace voxelpipe::cpu {
 namespace {
 
+constexpr int64_t kBytesBetweenChecks = 4 << 10;
+
 template <typename Element>
 void FillElements(RunState& state, CpuTarget& target, int64_t row, std::span<const uint32_t> inside) {
   auto* const out = reinterpret_cast<Element*>(target.dense.data());
@@ -35,7 +37,10 @@ void ClearRows(const RunState& state, CpuTarget& target, const VoxelRange& rows,
   const bool whole = x_begin == 0 && x_end == state.dims[0];
   const int64_t lines = whole ? 1 : rows.end[1] - rows.begin[1];
   const int64_t line_bytes = (x_end - x_begin) * voxel_bytes * (whole ? rows.end[1] - rows.begin[1] : 1);
+  // The layers lie far apart: where their pages are fresh, each may cost a huge page.
+  const bool asks = lines * line_bytes >= kBytesBetweenChecks;
   for (int64_t z = rows.begin[2]; z < rows.end[2]; ++z) {
+    if (asks && !state.job.Check().ok()) return;
     for (int64_t line = 0; line < lines; ++line) {
       const int64_t voxel = x_begin + state.dims[0] * state.SlabRow(rows.begin[1] + line, z);
       uint8_t* const to = target.dense.data() + voxel * voxel_bytes;

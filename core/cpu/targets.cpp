@@ -1,5 +1,8 @@
 // Allocation and packing of the render targets. FineRaster clears what it does not write.
+#include <algorithm>
+
 #include "cpu/a_buffer.h"
+#include "cpu/parallel.h"
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
 #include "pipeline/plan.h"
@@ -32,20 +35,28 @@ absl::Status Allocate(CpuTarget& target, const RunState& state) {
   return absl::OkStatus();
 }
 
-HostBuffer PackBitTarget(const RunState& state, const CpuTarget& target, HostBuffer out) {
+constexpr int64_t kPackBytes = 256 << 10;  // between two looks at whether the job may go on
+
+absl::Status PackBitTarget(const RunState& state, const CpuTarget& target, HostBuffer& out) {
   const BitGrid& present = target.own_presence ? target.presence : state.coverage;
   const BitGrid& value = target.is_occupancy ? present : target.bits;
   const uint32_t clear = target.spec.clear != 0 ? ~0u : 0, fill = target.spec.fill_value != 0 ? ~0u : 0;
   const int64_t last_word = state.coverage.words_per_row() - 1;
   const uint32_t last_mask = state.coverage.last_word_mask();
-  PackBits(state.slab_dims, out.bytes(), [&](int64_t r, int64_t w) {
-    const uint32_t here = present.row(r)[w];
-    const uint32_t inside = state.inside.empty() ? 0 : state.inside.row(r)[w];
-    const uint32_t elsewhere = (inside & fill) | (~inside & clear);
-    const uint32_t word = (here & value.row(r)[w]) | (~here & elsewhere);
-    return w == last_word ? word & last_mask : word;
+  // Eight rows end with a byte whatever their length, so parts of the grid are packed like small grids.
+  const int64_t nx = state.slab_dims[0], rows = state.slab_dims[1] * state.slab_dims[2];
+  const int64_t part = std::max<int64_t>(8, kPackBytes * 8 / nx / 8 * 8);
+  return ParallelChunks((rows + part - 1) / part, 1, state.job, [&](int64_t begin, int64_t end) {
+    const int64_t first = begin * part, count = std::min(rows, end * part) - first;
+    PackBits({nx, count, 1}, out.bytes().subspan(size_t(first * nx / 8)), [&](int64_t part_row, int64_t w) {
+      const int64_t r = first + part_row;
+      const uint32_t here = present.row(r)[w];
+      const uint32_t inside = state.inside.empty() ? 0 : state.inside.row(r)[w];
+      const uint32_t elsewhere = (inside & fill) | (~inside & clear);
+      const uint32_t word = (here & value.row(r)[w]) | (~here & elsewhere);
+      return w == last_word ? word & last_mask : word;
+    });
   });
-  return out;
 }
 
 }  // namespace
@@ -114,7 +125,8 @@ absl::StatusOr<ResultArrays> Finish(RunState& state) {
     }
     auto packed = HostBuffer::Allocate(TargetBytes(target.spec, state.slab_voxels()));
     if (!packed.ok()) return packed.status();
-    results.targets.push_back(PackBitTarget(state, target, *std::move(packed)));
+    if (absl::Status s = PackBitTarget(state, target, *packed); !s.ok()) return s;
+    results.targets.push_back(*std::move(packed));
   }
   return results;
 }
