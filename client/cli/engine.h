@@ -29,6 +29,7 @@ struct EngineRun {
     uint32_t batch_jobs = 0;  // jobs of the worker's pass
     uint32_t attempts = 0;    // workers that were given the job
     bool cached = false;      // the result was made for an equal request
+    uint64_t sent_bytes = 0;  // of the result as they came, compressed or not
   };
   std::optional<Served> served;
   std::optional<uint64_t> server_peak_bytes;  // the server's peak for the request; absent in-process

@@ -33,8 +33,8 @@ class RemoteEngine : public Engine {
     const auto add = [&](RemoteRun& remote) {
       run.mesh_stages = std::move(remote.mesh_stages);
       run.runs.push_back(std::move(remote.stats));
-      run.served = {remote.served.worker, remote.served.queue_ms, remote.served.batch_jobs, remote.served.attempts,
-                    remote.cached};
+      run.served = {remote.served.worker,   remote.served.queue_ms, remote.served.batch_jobs,
+                    remote.served.attempts, remote.cached,          remote.sent_bytes};
       run.server_peak_bytes = std::max(*run.server_peak_bytes, remote.peak_bytes);
       if (request.fill != Fill::kNone) run.open_edges = remote.report.open_edges;
     };

@@ -111,6 +111,8 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
     json["batch_jobs"] = run.served->batch_jobs;
     json["attempts"] = run.served->attempts;
     json["cached"] = run.served->cached;
+    json["result_bytes"] = report.bytes;
+    json["sent_bytes"] = run.served->sent_bytes;
   }
   json["files"] = report.files;
   return json;
@@ -149,6 +151,9 @@ std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
                      run.served->batch_jobs > 1 ? absl::StrCat(", with ", run.served->batch_jobs - 1, " others") : "",
                      run.served->attempts > 1 ? absl::StrCat(", at attempt ", run.served->attempts) : "",
                      run.served->cached ? ", shared with an equal request" : ""));
+  }
+  if (run.served && run.served->sent_bytes < report.bytes) {
+    row("sent", absl::StrCat(HumanBytes(run.served->sent_bytes), " of ", HumanBytes(report.bytes), ", compressed"));
   }
   row("peak memory", HumanBytes(report.peak_bytes));
   row("sha-256", report.hash);

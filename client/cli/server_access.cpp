@@ -15,7 +15,7 @@ namespace {
 
 struct Flags {
   bool tls = false;
-  std::string ca, cert, key, server_name, token_file;
+  std::string ca, cert, key, server_name, token_file, compress;
 };
 
 // One command runs in a process, so one set is enough for the flags of all of them.
@@ -39,6 +39,13 @@ void AddServerAccessFlags(CLI::App& app) {
     add("--tls-key", flags.key, "FILE", "The key of --tls-cert (PEM)");
     add("--tls-server-name", flags.server_name, "NAME", "Encrypt; the server's certificate is for this name");
     add("--token-file", flags.token_file, "FILE", "Send the token in this file (else that of VOXELPIPE_TOKEN, if set)");
+    // Of those that take results home; bench has an option of its own.
+    if (command->get_name() != "voxelize" && command->get_name() != "batch") continue;
+    command->add_option("--compress", flags.compress, "Of results on their way here (default none)")
+        ->type_name("none|zstd")
+        ->group("The server")
+        ->check(CLI::IsMember({"none", "zstd"}))
+        ->needs(command->get_option("--server"));
   }
 }
 
@@ -46,6 +53,7 @@ void AddServerAccessFlags(CLI::App& app) {
 absl::StatusOr<ConnectOptions> MakeConnectOptions() {
   const Flags& flags = TheFlags();
   ConnectOptions options;
+  if (flags.compress == "zstd") options.settings.compression = Compression::kZstd;
   if (flags.tls || !(flags.ca + flags.cert + flags.key + flags.server_name).empty()) {
     options.tls = ClientTls{flags.ca, flags.cert, flags.key, flags.server_name};
   }

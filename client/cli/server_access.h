@@ -15,7 +15,8 @@ struct ConnectOptions;
 
 namespace voxelpipe::cli {
 
-// Gives every command of `app` that has --server the flags --tls, --tls-ca, --tls-cert, --tls-key, --tls-server-name and --token-file.
+// Gives every command of `app` that has --server the flags --tls, --tls-ca, --tls-cert, --tls-key, --tls-server-name and --token-file, and
+// those that take results home --compress.
 // Once, after the commands were added.
 void AddServerAccessFlags(CLI::App& app);
 

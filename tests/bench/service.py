@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""service.py BIN_DIR SECONDS [load [thorough]]: the service's figures beside those of bare gRPC, as a Markdown table; with "load" only the rows of
-service_load.py; "load thorough": and a minute at ten times the load."""
+"""service.py BIN_DIR SECONDS [load [thorough]|streams]: the service's figures beside those of bare gRPC, as a Markdown table; with "load" or
+"streams" only the rows of service_load.py or service_streams.py; "load thorough": and a minute at ten times the load."""
 import json
 import math
 import os
@@ -14,6 +14,7 @@ import time
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
 import glb  # noqa: E402
 import service_load  # noqa: E402
+import service_streams  # noqa: E402
 
 BIN, SECONDS = sys.argv[1], float(sys.argv[2])
 
@@ -96,22 +97,6 @@ def cpu_us(result):
     return result["server"]["cpu_us_per_request"] + result["client"]["cpu_us_per_request"]
 
 
-def streams(mesh, bare):
-    dense = ["--resolution", "512", "--fit", "cube", "--target", "u8:replace:shader=constant", "--pieces"]
-    for piece, name in ((1 << 20, "1 MiB"), (256 << 10, "256 KiB")):
-        gigabytes = bare[f"raw stream, {name} pieces"][1]
-        for label, extra in (("", ["--without-hash"]), (", with SHA-256", [])):
-            # Made once, before the time is taken, and kept: what is measured is a ready result on its way.
-            with Server("--piece-bytes", str(piece), "--result-cache-bytes", "1G") as server:
-                result = server.bench(mesh, "--same-request", *dense, *extra)
-                if not result["ok"]:
-                    row(f"dense 512^3 u8, {name} pieces{label}", "no answer in time: more seconds", "", ">= 90 %")
-                    continue
-                ours = result["result_bytes"] * result["per_second"] * 1e-9
-                row(f"dense 512^3 u8, {name} pieces{label}", f"{ours:.2f} GB/s ({ours / gigabytes:.0%})",
-                    f"{gigabytes:.2f} GB/s", ">= 90 %")
-
-
 def small(mesh, bare):
     request = ["--resolution", "32"]
     core = core_cpu_us(mesh, *request)
@@ -144,19 +129,20 @@ def terminate(mesh):
 
 
 def main():
-    only_load = "load" in sys.argv[3:]
-    bare = {} if only_load else yardstick()
+    only = sys.argv[3] if len(sys.argv) > 3 else None
+    bare = {} if only else yardstick()
     print("| | ours | bare gRPC, same run | to reach |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         load = service_load.LoadRows(Server, sphere, row, folder, BIN, SECONDS)
-        if only_load:
-            load.all()
+        streams = service_streams.StreamRows(Server, sphere, row, folder, BIN, SECONDS)
+        if only:
+            {"load": load, "streams": streams}[only].all()
             if "thorough" in sys.argv[3:]:
                 load.ten_times_the_load()
             return
         mesh = os.path.join(folder, "sphere500.glb")
         assert sphere(mesh, 11, 25) == 500
-        streams(mesh, bare)
+        streams.all()
         overheads = small(mesh, bare)
         row("VoxelizeMany against VoxelizeWhole",
             f"{overheads['VoxelizeMany'] / max(1e-9, overheads['VoxelizeWhole']):.0%}", "", "<= 50 %")

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# service.sh BUILD_DIR [SECONDS [load [thorough]]]: measures the service beside bare gRPC in the same run and prints one Markdown
-# table. Wants an idle machine; builds nothing (targets voxelpiped, voxelpipe, service_yardstick). With "load" only the rows of
-# service_load.py; with "load thorough" and a minute at ten times the load.
+# service.sh BUILD_DIR [SECONDS [load [thorough]|streams]]: measures the service beside bare gRPC in the same run and prints one Markdown
+# table. Wants an idle machine; builds nothing (targets voxelpiped, voxelpipe, service_yardstick, service_client). With "load" or "streams"
+# only the rows of service_load.py or service_streams.py; with "load thorough" and a minute at ten times the load.
 set -euo pipefail
 build=$1
 seconds=${2:-3}

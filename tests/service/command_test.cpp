@@ -136,6 +136,33 @@ TEST_F(CommandTest, AServedRunTellsItsWorkerAndServersTheirDevices) {
   EXPECT_THAT(RunCli({"server-info", "--server", server}).out, HasSubstr("device "));
 }
 
+TEST_F(CommandTest, CompressedResultsAreTheSameInFewerBytes) {
+  const std::string server = Start({"--piece-bytes", "65536"});
+  const auto voxelize = [&](const std::string& resolution, const std::vector<std::string>& options) {
+    std::vector<std::string> all = {"voxelize", directory_ / "torus.glb",    "--resolution", resolution, "--json",
+                                    "--target", "u32:max:shader=triangle_id"};
+    all.insert(all.end(), options.begin(), options.end());
+    const CliOutcome outcome = RunCli(all);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return outcome.exit_code == 0 ? json::parse(outcome.out) : json();
+  };
+  for (const std::string resolution : {"16", "100"}) {  // in one message, and in pieces
+    const json here = voxelize(resolution, {});
+    const json plain = voxelize(resolution, {"--server", server});
+    const json compressed = voxelize(resolution, {"--server", server, "--compress", "zstd"});
+    ASSERT_FALSE(here.is_null() || plain.is_null() || compressed.is_null());
+    EXPECT_FALSE(here.contains("sent_bytes"));
+    EXPECT_EQ(plain["hash"], here["hash"]);
+    EXPECT_EQ(compressed["hash"], here["hash"]);
+    for (const json& run : {plain, compressed}) EXPECT_EQ(run["result_bytes"], here["bytes"]);
+    EXPECT_EQ(plain["sent_bytes"], here["bytes"]);
+    EXPECT_LT(compressed["sent_bytes"].get<uint64_t>(), here["bytes"].get<uint64_t>() / 4);
+  }
+  const CliOutcome nowhere = RunCli({"voxelize", directory_ / "torus.glb", "--compress", "zstd"});
+  EXPECT_EQ(nowhere.exit_code, 2);
+  EXPECT_THAT(nowhere.err, HasSubstr("--server"));
+}
+
 TEST_F(BenchTest, AnOpenLoopSendsWhatIsDueAndNoMore) {
   const std::string server = Start();
   const json run = BenchJson("torus.glb", {"--server", server, "--rate", "50", "--arrivals", "fixed", "--duration",

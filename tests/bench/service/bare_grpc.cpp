@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
+#include <fstream>
+#include <iterator>
 #include <semaphore>
 #include <thread>
 #include <vector>
@@ -15,6 +17,8 @@
 #include <grpcpp/impl/codegen/proto_utils.h>
 #include <grpcpp/impl/codegen/server_callback_handlers.h>
 #include <grpcpp/impl/service_type.h>
+#include <grpcpp/security/credentials.h>
+#include <grpcpp/security/server_credentials.h>
 #include <grpcpp/support/sync_stream.h>
 
 #include "bench/service/polled_unary.h"
@@ -25,7 +29,8 @@ namespace {
 using google::protobuf::BytesValue;
 using grpc::ByteBuffer;
 
-constexpr char kRaw[] = "/bare.Grpc/Raw", kBytes[] = "/bare.Grpc/Bytes", kBidi[] = "/bare.Grpc/Bidi";
+constexpr char kRaw[] = "/bare.Grpc/Raw", kBytes[] = "/bare.Grpc/Bytes", kBidi[] = "/bare.Grpc/Bidi",
+               kUpload[] = "/bare.Grpc/Upload";
 
 // What the client asks for: "PIECE TOTAL".
 struct Order {
@@ -44,6 +49,11 @@ std::string TextOf(const ByteBuffer& buffer) {
   std::string text;
   for (const grpc::Slice& slice : slices) text.append(reinterpret_cast<const char*>(slice.begin()), slice.size());
   return text;
+}
+
+std::string FileText(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
 const std::vector<uint8_t>& ReadyBytes() {
@@ -90,6 +100,27 @@ class BytesSender final : public grpc::ServerWriteReactor<BytesValue> {
   BytesValue message_;
 };
 
+class RawTaker final : public grpc::ServerReadReactor<ByteBuffer> {
+ public:
+  explicit RawTaker(ByteBuffer& response) {
+    const grpc::Slice slice("taken");
+    response = ByteBuffer(&slice, 1);
+    StartRead(&buffer_);
+  }
+  void OnReadDone(bool ok) override {
+    buffer_.Clear();
+    if (ok) {
+      StartRead(&buffer_);
+    } else {
+      Finish(grpc::Status::OK);
+    }
+  }
+  void OnDone() override { delete this; }
+
+ private:
+  ByteBuffer buffer_;
+};
+
 // Answers each message with as many bytes as it asks for.
 class Echo final : public grpc::ServerBidiReactor<BytesValue, BytesValue> {
  public:
@@ -117,6 +148,7 @@ class Service final : public grpc::Service {
     AddMethod(new Method(kBytes, RpcMethod::SERVER_STREAMING, nullptr));
     AddMethod(new Method(kUnaryMethod, RpcMethod::NORMAL_RPC, nullptr));
     AddMethod(new Method(kBidi, RpcMethod::BIDI_STREAMING, nullptr));
+    AddMethod(new Method(kUpload, RpcMethod::CLIENT_STREAMING, nullptr));
     MarkMethodRawCallback(0, new grpc::internal::CallbackServerStreamingHandler<ByteBuffer, ByteBuffer>(
                                  [](grpc::CallbackServerContext*, const ByteBuffer* request) {
                                    return new RawSender(ParseOrder(TextOf(*request)));
@@ -135,6 +167,9 @@ class Service final : public grpc::Service {
                            }));
     MarkMethodCallback(3, new grpc::internal::CallbackBidiHandler<BytesValue, BytesValue>(
                               [](grpc::CallbackServerContext*) { return new Echo; }));
+    MarkMethodRawCallback(
+        4, new grpc::internal::CallbackClientStreamingHandler<ByteBuffer, ByteBuffer>(
+               [](grpc::CallbackServerContext*, ByteBuffer* response) { return new RawTaker(*response); }));
   }
 };
 
@@ -158,11 +193,17 @@ grpc::ByteBuffer UnaryRequest(size_t request, size_t response) {
   return {&slice, 1};
 }
 
-int ServeBareGrpc() {
+int ServeBareGrpc(const BareTls& tls) {
   Service service;
   grpc::ServerBuilder builder;
   int port = 0;
-  builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
+  std::shared_ptr<grpc::ServerCredentials> credentials = grpc::InsecureServerCredentials();
+  if (!tls.cert_file.empty()) {
+    grpc::SslServerCredentialsOptions options;
+    options.pem_key_cert_pairs.push_back({FileText(tls.key_file), FileText(tls.cert_file)});
+    credentials = grpc::SslServerCredentials(options);
+  }
+  builder.AddListeningPort("127.0.0.1:0", credentials, &port);
   builder.RegisterService(&service);
   builder.SetMaxReceiveMessageSize(-1);
   const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
@@ -173,14 +214,15 @@ int ServeBareGrpc() {
   return 0;
 }
 
-BareGrpc::BareGrpc(pid_t server, int port)
-    : server_(server), channel_([port] {
+BareGrpc::BareGrpc(pid_t server, int port, const BareTls& tls)
+    : server_(server), channel_([port, &tls] {
         grpc::ChannelArguments arguments;
         arguments.SetMaxReceiveMessageSize(-1);
         arguments.SetInt(GRPC_ARG_HTTP2_MAX_FRAME_SIZE, 16777215);
         arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
-        return grpc::CreateCustomChannel("127.0.0.1:" + std::to_string(port), grpc::InsecureChannelCredentials(),
-                                         arguments);
+        std::shared_ptr<grpc::ChannelCredentials> credentials = grpc::InsecureChannelCredentials();
+        if (!tls.cert_file.empty()) credentials = grpc::SslCredentials({FileText(tls.cert_file), "", ""});
+        return grpc::CreateCustomChannel("127.0.0.1:" + std::to_string(port), credentials, arguments);
       }()) {
   channel_->WaitForConnected(std::chrono::system_clock::now() + std::chrono::seconds(10));
 }
@@ -214,6 +256,21 @@ Measured BareGrpc::BytesStream(size_t piece, size_t total) {
   const Span span(server_);
   const double messages = ReadAll<BytesValue>(*channel_, kBytes, channel_, Message(OrderText(piece, total)));
   return span.End(1, messages * double(piece));
+}
+
+Measured BareGrpc::RawUpload(size_t piece, size_t total) {
+  const grpc::internal::RpcMethod method(kUpload, nullptr, grpc::internal::RpcMethod::CLIENT_STREAMING, channel_);
+  const grpc::Slice slice(ReadyBytes().data(), piece, grpc::Slice::STATIC_SLICE);
+  const ByteBuffer message(&slice, 1);
+  const Span span(server_);
+  grpc::ClientContext context;
+  ByteBuffer response;
+  const std::unique_ptr<grpc::ClientWriter<ByteBuffer>> writer(
+      grpc::internal::ClientWriterFactory<ByteBuffer>::Create(channel_.get(), method, &context, &response));
+  double sent = 0;
+  while (sent < double(total) && writer->Write(message)) sent += double(piece);
+  writer->WritesDone();
+  return span.End(1, writer->Finish().ok() ? sent : 0);
 }
 
 Measured BareGrpc::Unary(size_t request, size_t response, int in_flight, double seconds) {

@@ -13,8 +13,13 @@
 
 namespace voxelpipe::bench {
 
+// A certificate that both sides believe, and its key: PEM files. Empty: plain text.
+struct BareTls {
+  std::string cert_file, key_file;
+};
+
 // Serves until the process is ended. Prints its port on the first line of stdout.
-int ServeBareGrpc();
+int ServeBareGrpc(const BareTls& tls);
 
 // The unary method, and a request of `request` bytes for an answer of `response`.
 inline constexpr char kUnaryMethod[] = "/bare.Grpc/Unary";
@@ -23,12 +28,14 @@ grpc::ByteBuffer UnaryRequest(size_t request, size_t response);
 // The client's side. Each call is one measurement against a ServeBareGrpc process `server` at 127.0.0.1:`port`.
 class BareGrpc {
  public:
-  BareGrpc(pid_t server, int port);
+  BareGrpc(pid_t server, int port, const BareTls& tls);
 
   // A stream of `total` bytes in messages of `piece`: ready slices sent as they are, read as they come.
   Measured RawStream(size_t piece, size_t total);
   // The same through a message with a bytes field, as generated code has it.
   Measured BytesStream(size_t piece, size_t total);
+  // A stream up: the same slice again and again, read as it comes and let go.
+  Measured RawUpload(size_t piece, size_t total);
   // Unary calls of `request` bytes up and `response` down, `in_flight` threads with one at a time each.
   Measured Unary(size_t request, size_t response, int in_flight, double seconds);
   // The same from one thread that polls, as voxelpipe bench does.

@@ -1,8 +1,9 @@
 // service_yardstick: the bare gRPC figures of this machine, one line a case: name, CPU us a request (both processes), requests/s,
 // GB/s, CPU-s/GB.
-//   service_yardstick [--seconds S] [--megabytes N]
+//   service_yardstick [--seconds S] [--megabytes N] [--streams] [--tls-cert FILE --tls-key FILE]
+//     --streams: only the streams of bytes, N MiB each
 //   service_yardstick --rate R [--seconds S]: unary calls at random, R a second, 20 KB up and 5 KB down; latency from when they were due
-//   service_yardstick --serve
+//   service_yardstick --serve [--tls-cert FILE --tls-key FILE]
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -31,14 +32,15 @@ struct Child {
   pid_t pid = -1;
   int port = 0;
 };
-Child StartServer() {
+Child StartServer(const BareTls& tls) {
   int ends[2];
   if (pipe(ends) != 0) return {};
   Child child;
   child.pid = fork();
   if (child.pid == 0) {
     dup2(ends[1], STDOUT_FILENO);
-    execl("/proc/self/exe", "service_yardstick", "--serve", nullptr);
+    execl("/proc/self/exe", "service_yardstick", "--serve", "--tls-cert", tls.cert_file.c_str(), "--tls-key",
+          tls.key_file.c_str(), nullptr);
     _exit(127);
   }
   close(ends[1]);
@@ -66,15 +68,21 @@ void PrintOpenLoop(BareGrpc& bare, pid_t server, double rate, double seconds) {
 int Main(int argc, char** argv) {
   double seconds = 2, rate = 0;
   size_t megabytes = 1024;
+  bool serve = false, only_streams = false;
+  BareTls tls;
   for (int i = 1; i < argc; ++i) {
-    if (std::strcmp(argv[i], "--serve") == 0) return ServeBareGrpc();
+    if (std::strcmp(argv[i], "--serve") == 0) serve = true;
+    if (std::strcmp(argv[i], "--streams") == 0) only_streams = true;
+    if (i + 1 < argc && std::strcmp(argv[i], "--tls-cert") == 0) tls.cert_file = argv[++i];
+    if (i + 1 < argc && std::strcmp(argv[i], "--tls-key") == 0) tls.key_file = argv[++i];
     if (i + 1 < argc && std::strcmp(argv[i], "--seconds") == 0) seconds = std::atof(argv[++i]);
     if (i + 1 < argc && std::strcmp(argv[i], "--rate") == 0) rate = std::atof(argv[++i]);
     if (i + 1 < argc && std::strcmp(argv[i], "--megabytes") == 0) megabytes = size_t(std::atoll(argv[++i]));
   }
-  const Child child = StartServer();
+  if (serve) return ServeBareGrpc(tls);
+  const Child child = StartServer(tls);
   if (child.port == 0) return std::fputs("service_yardstick: no server\n", stderr), 1;
-  BareGrpc bare(child.pid, child.port);
+  BareGrpc bare(child.pid, child.port, tls);
   if (rate > 0) {
     PrintOpenLoop(bare, child.pid, rate, seconds);
     EndServer(child);
@@ -84,6 +92,11 @@ int Main(int argc, char** argv) {
   const size_t total = megabytes << 20;
   Print("raw stream, 256 KiB pieces", bare.RawStream(256 << 10, total));
   Print("raw stream, 1 MiB pieces", bare.RawStream(1 << 20, total));
+  Print("raw upload, 1 MiB pieces", bare.RawUpload(1 << 20, total));
+  if (only_streams) {
+    EndServer(child);
+    return 0;
+  }
   Print("bytes stream, 1 MiB pieces", bare.BytesStream(1 << 20, total));
   Print("unary 64 B, 16 in flight", bare.Unary(64, 64, 16, seconds));
   Print("unary 20 KB -> 5 KB, 16 in flight", bare.Unary(20'000, 5'000, 16, seconds));
