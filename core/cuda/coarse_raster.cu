@@ -195,6 +195,7 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.placed = false;
   if (state.plain_bits) return absl::OkStatus();  // rows come from world space
+  for (SpanTarget& target : state.span_targets) target.shaded = false;
   VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
   if (state.mesh.host_view.index_positions != state.mesh.index_positions.data()) {
     state.mesh.host_view.index_positions = state.mesh.index_positions.data();

@@ -16,6 +16,7 @@
 #include "cuda/device.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
+#include "cuda/span_views.h"
 #include "cuda/vertex_code.cuh"
 #include "cuda/views.h"
 #include "pipeline/stages.h"
@@ -49,6 +50,16 @@ struct DeviceMesh {
 struct TargetMemory {
   DeviceArray<uint32_t> bits, presence;
   DeviceArray<uint8_t> dense;
+};
+
+// What a target that is blended by spans has besides (span_blend.cuh).
+struct SpanTarget {
+  DeviceArray<uint32_t> values, negative;  // of all triangles
+  DeviceArray<int64_t> terms;
+  DeviceArray<uint32_t> cells, counts;  // by rank
+  DeviceArray<unsigned long long> sums;
+  bool shaded = false;    // whether values or terms are made
+  bool in_place = false;  // blended in the dense target
 };
 
 // Arrays of a sparse or bucketed result on the device, as ResultArrays has them; the triangles of buckets are
@@ -120,6 +131,12 @@ struct RunState {
   uint64_t fragment_count = 0;
   int fragments_in = 0;  // the current copy
 
+  // Blending without tiles
+  DeviceArray<uint64_t> spans;       // of the slab (span_views.h), in no order, kNoSpan among them
+  uint64_t span_count = 0;           // of all triangles, also where there was no room for them
+  DeviceArray<uint32_t> word_ranks;  // per word of a bit grid, where it is not empty (Ranks); by bricks, four
+  std::array<SpanTarget, kMaxTargets> span_targets;
+
   // FineRaster, SolidFill
   DeviceArray<uint32_t> inside, outside;  // bit grids; outside is of the whole grid
   SlabCounts counts;                      // up to date after Counts
@@ -142,6 +159,8 @@ enum Counter : int {
   kOddColumns,  // of the slab
   kVoxels,      // of the slab, with a fragment or filled
   kChanged,     // flood: rows changed
+  kSpans,       // of the list
+  kRanks,       // voxels with a rank
   kScratch0,    // free for use within a stage
   kScratch1,
   kCounters
@@ -149,9 +168,6 @@ enum Counter : int {
 
 // Allocates the counters, all 0, before their first use.
 absl::Status EnsureCounters(RunState& state);
-// Behind the counters: fragments of the slab counted without tiles, in parts, so that not all wait for one address.
-inline constexpr int kFragmentSlots = 64;
-
 // Sets counters to 0.
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
 // Copies all counters to the host. Synchronizes with the stream.
@@ -187,7 +203,8 @@ bool IsUniform(const RunState& state, const CudaTarget& target);
 bool BlendsDirectly(const RunState& state, const GridSpec& grid);
 
 // Parts of stages
-absl::Status BlendDirectly(RunState& state);
+absl::Status BlendDirectly(RunState& state);    // synchronizes
+absl::Status BlendIntoBricks(RunState& state);  // the values of a sparse result, whose bricks stand; may synchronize
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
                         uint64_t words);

@@ -22,6 +22,8 @@ struct BrickArgs {
   const uint64_t *first_brick, *first_voxel;
   const uint32_t* tile_slot;
   const uint8_t* tile_values;
+  uint32_t* word_ranks;  // not null: values come later, by these ranks (span_blend.cuh)
+  bool emits;            // whether any value is stored here
   uint64_t value_stride;
   uint64_t value_offset[kMostTargets];
   TargetViews targets;
@@ -99,6 +101,7 @@ __device__ inline void EmitVoxel(const BrickArgs& args, uint32_t slot, int row, 
     const CudaTarget& target = args.targets.at[t];
     // Where another target's fragment covers the voxel and this one's were discarded, what a dense target holds.
     const bool kept = here && (!target.own_presence || (target.presence[word] >> x & 1) != 0);
+    if (kept && args.word_ranks != nullptr && target.format != VoxelFormat::kBit) continue;
     const bool filled = !here || (args.inside != nullptr && (args.inside[word] >> x & 1) != 0);
     for (int c = 0; c < target.components; ++c) {
       uint32_t stored = filled ? target.fill_stored : target.clear_stored;
@@ -144,7 +147,9 @@ __global__ void __launch_bounds__(kThreads) EmitBricks(const __grid_constant__ B
         const uint32_t byte = half == 0 ? low : high;
         uint32_t total;
         uint64_t number = n + WarpExclusiveSum(uint32_t(__popc(byte)), total);
-        for (uint32_t left = byte; left != 0; left &= left - 1, ++number) {
+        if (args.word_ranks != nullptr && byte != 0)
+          args.word_ranks[words[half] * 4 + uint64_t(part)] = uint32_t(number);
+        for (uint32_t left = args.emits ? byte : 0; left != 0; left &= left - 1, ++number) {
           EmitVoxel(args, slot, lane + 32 * half, 8 * part + __ffs(int(left)) - 1, words[half], number);
         }
         n += total;
@@ -201,6 +206,15 @@ absl::Status MakeBricks(RunState& state) {
   args.first_voxel = state.first_voxel.data();
   args.tile_slot = state.plain_bits || state.pair_count == 0 ? nullptr : state.tile_slot.data();
   args.tile_values = state.tile_values.data();
+  args.emits = true;
+  if (state.direct) {
+    VOXELPIPE_OK_OR_RETURN(state.word_ranks.Resize(state.slab_words() * 4, state.stream));
+    args.word_ranks = state.word_ranks.data();
+    args.emits = args.inside != nullptr;
+    for (int t = 0; t < state.targets.count; ++t) {
+      args.emits = args.emits || state.targets.at[t].format == VoxelFormat::kBit;
+    }
+  }
   args.value_stride = state.value_stride;
   args.targets = state.targets;
   args.all_voxels = out.listed_voxels;
@@ -209,7 +223,7 @@ absl::Status MakeBricks(RunState& state) {
   const uint64_t blocks = std::min<uint64_t>(uint64_t(state.device.multiprocessors) * 16, (args.tile_count + 7) / 8);
   EmitBricks<<<unsigned(blocks), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitBricks");
-  return absl::OkStatus();
+  return state.direct ? BlendIntoBricks(state) : absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cuda

@@ -12,12 +12,13 @@ struct UniformValue {
   int64_t component[4];
 };
 
-// A call of its own: shading takes many registers, and none of them is needed afterwards.
-__device__ __noinline__ inline void ShadeUniform(const FineArgs& args, uint32_t triangle, UniformValue& value) {
+// The target's shader and its traits are given apart: where they are constants little is left of the shading.
+__device__ __forceinline__ void ShadeUniformAs(const FineArgs& args, FragmentShaderId shader, bool needs_plane,
+                                               uint32_t triangle, UniformValue& value) {
   const TileTarget& t = args.targets[0];
   const CudaTarget& target = t.target;
   FragmentInput in;
-  if (args.traits.needs_plane) {
+  if (needs_plane) {
     const uint32_t* v = args.mesh->triangles[triangle];
     const Vec3d* p = args.mesh->index_positions;
     in = MakeFragmentInput(*args.mesh, triangle, SetUpPlane(p[v[0]], p[v[1]], p[v[2]]).degenerate, false);
@@ -25,9 +26,11 @@ __device__ __noinline__ inline void ShadeUniform(const FineArgs& args, uint32_t 
     in = MakePlainInput(*args.mesh, triangle);
   }
   FragmentOutput out;
-  ShadeFragment(target.shader, in, target.params, out);
-  for (int c = 0; c < 4; ++c) value.component[c] = 0;
-  for (int c = 0; c < target.components; ++c) {
+  ShadeFragment(shader, in, target.params, out);
+#pragma unroll
+  for (int c = 0; c < 4; ++c) {
+    value.component[c] = 0;
+    if (c >= target.components) continue;
     switch (t.kept) {
       case Kept::kBitOr: value.component[c] = target.blend == Blend::kCount || ToBit(out, target.u32_output); break;
       case Kept::kBitAnd: value.component[c] = ToBit(out, target.u32_output); break;
@@ -43,6 +46,11 @@ __device__ __noinline__ inline void ShadeUniform(const FineArgs& args, uint32_t 
       }
     }
   }
+}
+
+// A call of its own: shading takes many registers, and none of them is needed afterwards.
+__device__ __noinline__ inline void ShadeUniform(const FineArgs& args, uint32_t triangle, UniformValue& value) {
+  ShadeUniformAs(args, args.targets[0].target.shader, args.traits.needs_plane, triangle, value);
 }
 
 // Whether FineUniformKernel knows how to blend the target, given that its value is uniform.

@@ -119,6 +119,16 @@ TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
 
+TEST(NvrtcTest, CompilesTheKernelsThatListAndBlendSpans) {
+  const Compiled compiled =
+      Compile(std::string(kShader) + "#include \"cuda/span_blend.cuh\"\n#include \"cuda/span_kernels.cuh\"\n",
+              {"voxelpipe::cuda::EmitSpans", "voxelpipe::cuda::EmitRest", "voxelpipe::cuda::EmitLarge",
+               "voxelpipe::cuda::ShadeTriangles<-1>", "voxelpipe::cuda::BlendInPlace<1>",
+               "voxelpipe::cuda::Accumulate<4>", "voxelpipe::cuda::StoreAccumulated"});
+  EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
+  EXPECT_GT(compiled.cubin.size(), 1000u);
+}
+
 TEST(NvrtcTest, RefusesHeadersOfTheHost) {
   EXPECT_NE(Compile("#include <vector>\n#include \"base/vec.h\"\n", {}).result, NVRTC_SUCCESS);
   EXPECT_NE(Compile("#include \"mesh/triangle_mesh.h\"\n", {}).result, NVRTC_SUCCESS);

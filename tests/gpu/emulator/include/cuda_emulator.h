@@ -136,6 +136,11 @@ inline void __syncwarp(uint32_t mask = ~0u) {
 inline void __threadfence() {}
 inline void __threadfence_block() {}
 
+// Lanes that happen to run together: here none does.
+inline uint32_t __activemask() {
+  return 1u << cuda_emulator::Lane();
+}
+
 template <typename T>
 T __shfl_sync(uint32_t mask, T value, int lane, int width = 32) {
   const auto& lanes = cuda_emulator::WarpExchange(mask, cuda_emulator::ToBits(value));

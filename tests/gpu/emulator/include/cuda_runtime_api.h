@@ -50,8 +50,12 @@ inline cudaError_t cudaGetDevice(int* ordinal) {
 inline cudaError_t cudaSetDevice(int) {
   return cudaSuccess;
 }
+// CUDA_EMULATOR_MEMORY in the environment: bytes of a device that has less, for what depends on it.
 inline cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
-  return *properties = cudaDeviceProp(), cudaSuccess;
+  *properties = cudaDeviceProp();
+  if (const char* bytes = std::getenv("CUDA_EMULATOR_MEMORY"))
+    properties->totalGlobalMem = std::strtoull(bytes, nullptr, 10);
+  return cudaSuccess;
 }
 enum cudaDeviceAttr { cudaDevAttrCooperativeLaunch = 95 };
 inline cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr, int) {

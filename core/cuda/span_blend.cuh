@@ -1,0 +1,402 @@
+// Blending by spans (span_views.h): a thread a span, in any order. No host-only includes.
+//
+// Where a blend is one 32-bit atomic that begins from the stored clear value 0, it is done in the dense target itself: min and
+// max as keys (tile_blend.cuh), which become values at the end, or as they are where no value of a max is negative. Other blends go to
+// accumulators that only covered voxels have, numbered by rank: those of a word of coverage one after the other.
+#pragma once
+
+#include "cuda/row_walk.cuh"
+#include "cuda/span_runs.cuh"
+#include "cuda/uniform_value.cuh"
+
+namespace voxelpipe::cuda {
+
+inline constexpr int kBlendThreads = 256;
+
+// ---- values of triangles ----
+
+struct ShadeTrianglesArgs {
+  FineArgs shading;  // of one target
+  uint64_t triangles = 0;
+  uint32_t* values = nullptr;    // `components` a triangle, as the target keeps them; or
+  int64_t* terms = nullptr;      // those of sums
+  uint32_t* negative = nullptr;  // values that are keys of floats: becomes 1 where one is the key of a negative number
+};
+
+// kShader: the target's, where the kernel is made for one; -1: any.
+template <int kShader>
+__global__ void __launch_bounds__(kBlendThreads) ShadeTriangles(const __grid_constant__ ShadeTrianglesArgs args) {
+  const auto components = uint64_t(args.shading.targets[0].target.components);
+  const uint64_t t = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x;
+  bool negative = false;
+  if (t < args.triangles) {
+    UniformValue value;
+    if constexpr (kShader >= 0) {
+      constexpr auto kId = FragmentShaderId(kShader);
+      ShadeUniformAs(args.shading, kId, TraitsOf(kId).needs_plane, uint32_t(t), value);
+    } else {
+      ShadeUniform(args.shading, uint32_t(t), value);
+    }
+#pragma unroll
+    for (uint64_t c = 0; c < 4; ++c) {
+      if (c >= components) break;
+      if (args.terms != nullptr) {
+        args.terms[t * components + c] = value.component[c];
+      } else {
+        args.values[t * components + c] = uint32_t(value.component[c]);
+        negative = negative || (uint32_t(value.component[c]) >> 31) == 0;
+      }
+    }
+  }
+  if (args.negative == nullptr || __any_sync(~0u, negative) == 0) return;
+  if (threadIdx.x % 32 == 0 && __ldcg(args.negative) == 0) atomicOr(args.negative, 1u);
+}
+
+// ---- in place ----
+
+enum class InPlace : uint8_t { kMax, kMaxOfComplement, kOr, kCount };
+
+struct InPlaceArgs {
+  const uint64_t* spans = nullptr;
+  uint64_t count = 0;
+  const uint32_t* values = nullptr;
+  const uint32_t* negative = nullptr;  // of keys of floats; null: others
+  uint32_t* out = nullptr;
+  InPlace blend{};
+  bool planar = false;
+  uint64_t voxels = 0;  // of the slab
+  uint32_t nx = 0, words_per_row = 0;
+};
+
+// The voxel of a bit of a grid whose rows are padded to whole words.
+__device__ inline uint64_t VoxelOfBit(uint32_t bit, uint32_t nx, uint32_t words_per_row) {
+  if (nx == words_per_row * 32) return bit;
+  const uint32_t row = bit / 32 / words_per_row;
+  return uint64_t{row} * nx + (bit - row * words_per_row * 32);
+}
+
+template <int kComponents>
+__device__ inline void LoadValues(const uint32_t* from, uint32_t (&to)[kComponents]) {
+  if constexpr (kComponents == 4) {
+    const uint4 all = *reinterpret_cast<const uint4*>(from);
+    to[0] = all.x, to[1] = all.y, to[2] = all.z, to[3] = all.w;
+  } else {
+#pragma unroll
+    for (int c = 0; c < kComponents; ++c) to[c] = from[c];
+  }
+}
+
+// Cells that others write meanwhile, as they are now or were a little before. Only of several: to look costs as much as one atomic. `blank` is
+// what every value changes.
+template <int kComponents>
+__device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_t (&to)[kComponents]) {
+  if constexpr (kComponents == 4) {
+    const uint4 all = __ldca(reinterpret_cast<const uint4*>(from));
+    to[0] = all.x, to[1] = all.y, to[2] = all.z, to[3] = all.w;
+  } else {
+#pragma unroll
+    for (int c = 0; c < kComponents; ++c) to[c] = kComponents == 1 ? blank : __ldca(from + c);
+  }
+}
+
+// Spans are taken from the last on: values that grow with the triangle's number, as its id does, then find their voxel done. A cell only
+// grows, so one that was seen to be large enough needs no atomic.
+template <int kComponents>
+__global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_constant__ InPlaceArgs args) {
+  const bool plain = args.negative != nullptr && *args.negative == 0;  // positive floats have the order of their bits
+  const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
+  const unsigned lane = threadIdx.x % 32;
+  for (uint64_t begin = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x - lane; begin < args.count;
+       begin += threads) {
+    const uint64_t span = begin + lane < args.count ? args.spans[args.count - 1 - begin - lane] : kNoSpan;
+    const LaneRun run = FindRun(span);
+    uint32_t value[kComponents] = {};
+    if (args.blend == InPlace::kCount) {
+#pragma unroll
+      for (int c = 0; c < kComponents; ++c) value[c] = uint32_t(run.last - run.first + 1);
+    } else {
+      if (span != kNoSpan) LoadValues<kComponents>(args.values + uint64_t{SpanTriangle(span)} * kComponents, value);
+#pragma unroll
+      for (int c = 0; c < kComponents; ++c) {
+        if (plain) value[c] ^= 0x80000000u;
+        if (args.blend == InPlace::kMaxOfComplement) value[c] = ~value[c];
+        value[c] = CombineRun(run, value[c],
+                              [&](uint32_t a, uint32_t b) { return args.blend == InPlace::kOr ? a | b : max(a, b); });
+      }
+    }
+    if (span == kNoSpan || !run.head()) continue;
+    const uint64_t first = VoxelOfBit(SpanFirst(span), args.nx, args.words_per_row);
+    const uint32_t length = SpanLength(span);
+    for (uint32_t x = 0; x < length; ++x) {
+      if (args.blend == InPlace::kCount || args.blend == InPlace::kOr || (kComponents > 1 && args.planar)) {
+#pragma unroll
+        for (int c = 0; c < kComponents; ++c) {
+          uint32_t* const cell = args.out + (args.planar ? uint64_t(c) * args.voxels + first + x
+                                                         : (first + x) * kComponents + uint64_t(c));
+          if (args.blend == InPlace::kCount) {
+            atomicAdd(cell, value[c]);
+          } else if (args.blend == InPlace::kOr) {
+            atomicOr(cell, value[c]);
+          } else if (__ldca(cell) < value[c]) {
+            atomicMax(cell, value[c]);
+          }
+        }
+      } else {
+        uint32_t* const cells = args.out + (first + x) * kComponents;
+        uint32_t now[kComponents];
+        LookAtCells<kComponents>(cells, 0, now);
+#pragma unroll
+        for (int c = 0; c < kComponents; ++c) {
+          if (now[c] < value[c]) atomicMax(cells + c, value[c]);
+        }
+      }
+    }
+  }
+}
+
+struct KeyArgs {
+  const uint32_t* coverage;  // bit grid
+  const uint32_t* negative;  // as InPlaceArgs has it
+  uint32_t* out;
+  uint64_t words, voxels;
+  int64_t nx, words_per_row;
+  int components;
+  bool planar, complement, is_float;
+};
+
+// Calls visit(word, x) for the set bits of a bit grid. A warp looks at 128 words at a time, for most are empty, and gives each bit a lane.
+template <typename Visit>
+__device__ inline void ForEachSetBit(const uint32_t* grid, uint64_t words, Visit&& visit) {
+  const uint64_t warps = uint64_t(gridDim.x) * (kBlendThreads / 32);
+  const unsigned lane = threadIdx.x % 32;
+  for (uint64_t begin = (uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32) * 128; begin < words;
+       begin += warps * 128) {
+    const uint64_t mine = begin + lane * 4;
+    uint4 four{0, 0, 0, 0};
+    if (mine < words) four = *reinterpret_cast<const uint4*>(grid + mine);  // arrays end on whole units of 16 bytes
+    if (mine + 1 >= words) four.y = 0;
+    if (mine + 2 >= words) four.z = 0;
+    if (mine + 3 >= words) four.w = 0;
+    const int in_x = __popc(four.x), in_y = __popc(four.y), in_z = __popc(four.z);
+    uint32_t total;
+    const uint32_t first = WarpExclusiveSum(uint32_t(in_x + in_y + in_z + __popc(four.w)), total);
+    for (uint32_t number = lane; number - lane < total; number += 32) {
+      // The last lane whose words begin at or before the bit.
+      int owner = 0;
+#pragma unroll
+      for (int step = 16; step > 0; step /= 2) {
+        if (__shfl_sync(~0u, first, owner + step) <= number) owner += step;
+      }
+      int left = int(number - __shfl_sync(~0u, first, owner));
+      const int a = __shfl_sync(~0u, in_x, owner), b = __shfl_sync(~0u, in_y, owner), c = __shfl_sync(~0u, in_z, owner);
+      const uint32_t x = __shfl_sync(~0u, four.x, owner), y = __shfl_sync(~0u, four.y, owner);
+      const uint32_t z = __shfl_sync(~0u, four.z, owner), w = __shfl_sync(~0u, four.w, owner);
+      if (number >= total) continue;
+      uint32_t bits = x;
+      int which = 0;
+      if (left >= a) bits = y, which = 1, left -= a;
+      if (which == 1 && left >= b) bits = z, which = 2, left -= b;
+      if (which == 2 && left >= c) bits = w, which = 3, left -= c;
+      for (; left > 0; --left) bits &= bits - 1;
+      visit(begin + uint64_t(owner) * 4 + uint64_t(which), unsigned(__ffs(int(bits)) - 1));
+    }
+  }
+}
+
+// The keys of covered voxels become values.
+__global__ void __launch_bounds__(kBlendThreads) KeysToValues(const __grid_constant__ KeyArgs args) {
+  const bool plain = args.negative != nullptr && *args.negative == 0;
+  if (plain && !args.complement) return;
+  ForEachSetBit(args.coverage, args.words, [&](uint64_t word, unsigned lane) {
+    const uint64_t row = word / uint64_t(args.words_per_row), w = word % uint64_t(args.words_per_row);
+    const uint64_t n = row * uint64_t(args.nx) + w * 32 + lane;
+    for (uint64_t c = 0; c < uint64_t(args.components); ++c) {
+      uint32_t* const cell = args.out + (args.planar ? c * args.voxels + n : n * uint64_t(args.components) + c);
+      const uint32_t key = args.complement ? ~*cell : *cell;
+      *cell = args.is_float && !plain ? BitsOfKey(key) : key;
+    }
+  });
+}
+
+// ---- in accumulators ----
+
+// Where a covered voxel's accumulators are: its rank.
+struct Ranks {
+  const uint32_t* bits = nullptr;   // coverage
+  const uint32_t* more = nullptr;   // further voxels that have ranks, of a sparse result: filled ones; or null
+  const uint32_t* first = nullptr;  // rank of the first voxel of a word; by bricks, of each of its four parts
+  bool by_bricks = false;           // the rank is the voxel's number in a sparse result
+
+  __device__ uint32_t Of(uint32_t word, uint32_t x) const {
+    uint32_t here = bits[word];
+    if (!by_bricks) return first[word] + uint32_t(__popc(here & ((1u << x) - 1)));
+    if (more != nullptr) here |= more[word];
+    return first[uint64_t{word} * 4 + x / 8] + uint32_t(__popc(here >> (x & 24) & ((1u << (x % 8)) - 1)));
+  }
+};
+
+inline constexpr int kRankedOfThread = 16;  // words
+
+// Gives every set bit a rank, those of a word in a row; `counter` has the number of all.
+__global__ void __launch_bounds__(kBlendThreads)
+    RankWords(const uint32_t* bits, uint64_t words, uint32_t* first, uint64_t* counter) {
+  constexpr int kEach = kRankedOfThread;
+  __shared__ unsigned long long room[kBlendThreads / 32 + 1];
+  const uint64_t begin = uint64_t(blockIdx.x) * (kBlendThreads * kEach) + threadIdx.x * 4;
+  uint32_t word[kEach];
+  uint32_t count = 0;
+#pragma unroll
+  for (int i = 0; i < kEach; i += 4) {
+    const uint64_t at = begin + uint64_t(i) * kBlendThreads;
+    uint4 four{0, 0, 0, 0};
+    if (at < words) four = *reinterpret_cast<const uint4*>(bits + at);  // arrays end on whole units of 16 bytes
+    word[i] = four.x, word[i + 1] = four.y, word[i + 2] = four.z, word[i + 3] = four.w;
+#pragma unroll
+    for (int k = 0; k < 4; ++k) {
+      if (at + uint64_t(k) >= words) word[i + k] = 0;
+      count += uint32_t(__popc(word[i + k]));
+    }
+  }
+  auto rank = uint32_t(BlockAllocate<kBlendThreads>(counter, count, room));
+#pragma unroll
+  for (int i = 0; i < kEach; ++i) {
+    if (word[i] == 0) continue;
+    first[begin + uint64_t(i / 4) * (4 * kBlendThreads) + uint64_t(i % 4)] = rank;
+    rank += uint32_t(__popc(word[i]));
+  }
+}
+
+// Accumulators by rank, `components` a voxel; those that the target's Kept needs.
+struct Accumulators {
+  Kept kept{};
+  int components = 1;
+  uint32_t* cells = nullptr;
+  unsigned long long* sums = nullptr;
+  uint32_t* counts = nullptr;  // one a voxel
+};
+
+struct AccumulateArgs {
+  const uint64_t* spans = nullptr;
+  uint64_t count = 0;
+  const uint32_t* values = nullptr;
+  const int64_t* terms = nullptr;
+  Ranks ranks;
+  Accumulators to;
+};
+
+template <int kComponents>
+__global__ void __launch_bounds__(kBlendThreads) Accumulate(const __grid_constant__ AccumulateArgs args) {
+  const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
+  const Kept kept = args.to.kept;
+  const bool sums = kept == Kept::kSum || kept == Kept::kAverage;
+  const unsigned lane = threadIdx.x % 32;
+  for (uint64_t begin = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x - lane; begin < args.count;
+       begin += threads) {
+    const uint64_t span = begin + lane < args.count ? args.spans[args.count - 1 - begin - lane] : kNoSpan;
+    const LaneRun run = FindRun(span);
+    const uint64_t triangle = SpanTriangle(span);
+    int64_t term[kComponents] = {};
+    uint32_t value[kComponents] = {};
+    if (sums) {
+#pragma unroll
+      for (int c = 0; c < kComponents; ++c) {
+        if (span != kNoSpan) term[c] = args.terms[triangle * kComponents + uint64_t(c)];
+        term[c] = CombineRun(run, term[c], [](int64_t a, int64_t b) { return int64_t(uint64_t(a) + uint64_t(b)); });
+      }
+    } else if (kept != Kept::kCount) {
+      if (span != kNoSpan) LoadValues<kComponents>(args.values + triangle * kComponents, value);
+#pragma unroll
+      for (int c = 0; c < kComponents; ++c) {
+        value[c] = CombineRun(run, value[c], [&](uint32_t a, uint32_t b) {
+          return kept == Kept::kMax ? max(a, b) : kept == Kept::kMin ? min(a, b) : kept == Kept::kOr ? a | b : a & b;
+        });
+      }
+    }
+    if (span == kNoSpan || !run.head()) continue;
+    const uint32_t word = SpanWord(span), x = SpanFirst(span) % 32, length = SpanLength(span);
+    uint64_t rank = args.ranks.Of(word, x);
+    for (uint32_t k = 0; k < length; ++k) {
+      if (k > 0) rank = args.ranks.by_bricks && (x + k) % 8 == 0 ? args.ranks.Of(word, x + k) : rank + 1;
+      if (kept == Kept::kCount || kept == Kept::kAverage) {
+        atomicAdd(args.to.counts + rank, uint32_t(run.last - run.first + 1));
+      }
+      if (kept == Kept::kCount) continue;
+      if (sums) {
+#pragma unroll
+        for (int c = 0; c < kComponents; ++c) {
+          atomicAdd(args.to.sums + rank * kComponents + uint64_t(c), static_cast<unsigned long long>(term[c]));
+        }
+        continue;
+      }
+      uint32_t* const cells = args.to.cells + rank * kComponents;
+      uint32_t now[kComponents];
+      LookAtCells<kComponents>(cells, kept == Kept::kMin || kept == Kept::kAnd ? ~0u : 0, now);
+#pragma unroll
+      for (int c = 0; c < kComponents; ++c) {
+        if (kept == Kept::kMax) {
+          if (now[c] < value[c]) atomicMax(cells + c, value[c]);
+        } else if (kept == Kept::kMin) {
+          if (now[c] > value[c]) atomicMin(cells + c, value[c]);
+        } else if (kept == Kept::kOr) {
+          if ((now[c] & value[c]) != value[c]) atomicOr(cells + c, value[c]);
+        } else {
+          if ((now[c] & value[c]) != now[c]) atomicAnd(cells + c, value[c]);
+        }
+      }
+    }
+  }
+}
+
+struct StoreArgs {
+  Ranks ranks;
+  Accumulators from;
+  VoxelFormat format{};
+  bool is_float = false, planar = false;
+  double quantum = 1;
+  uint64_t words = 0;   // of the bit grid
+  uint64_t voxels = 0;  // of the result
+  bool all = false;     // by bricks: every voxel of the result has accumulators
+  uint32_t nx = 0, words_per_row = 0;
+  uint8_t* out = nullptr;
+};
+
+// What the accumulators of covered voxels hold becomes the result's values.
+__global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_constant__ StoreArgs args) {
+  const Accumulators& from = args.from;
+  const auto store = [&](uint64_t rank, uint64_t n) {
+    for (uint64_t c = 0; c < uint64_t(from.components); ++c) {
+      const uint64_t at = rank * uint64_t(from.components) + c;
+      uint32_t stored;
+      switch (from.kept) {
+        case Kept::kSum: stored = StoreSum(int64_t(from.sums[at]), args.format, args.quantum); break;
+        case Kept::kAverage:
+          stored = StoreAverage(int64_t(from.sums[at]), from.counts[rank], args.format, args.quantum);
+          break;
+        case Kept::kCount: stored = StoreCount(from.counts[rank], args.format); break;
+        case Kept::kMin:
+        case Kept::kMax:
+          stored = StoredBits(args.is_float ? BitsOfKey(from.cells[at]) : from.cells[at], args.format);
+          break;
+        default: stored = StoredBits(from.cells[at], args.format);
+      }
+      const uint64_t to = args.planar ? c * args.voxels + n : n * uint64_t(from.components) + c;
+      switch (args.format) {
+        case VoxelFormat::kU8: args.out[to] = uint8_t(stored); break;
+        case VoxelFormat::kU16:
+        case VoxelFormat::kF16: reinterpret_cast<uint16_t*>(args.out)[to] = uint16_t(stored); break;
+        default: reinterpret_cast<uint32_t*>(args.out)[to] = stored; break;
+      }
+    }
+  };
+  if (args.all) {
+    const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
+    for (uint64_t i = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x; i < args.voxels; i += threads) store(i, i);
+    return;
+  }
+  ForEachSetBit(args.ranks.bits, args.words, [&](uint64_t word, unsigned x) {
+    const uint64_t rank = args.ranks.Of(uint32_t(word), x);
+    store(rank, args.ranks.by_bricks ? rank : VoxelOfBit(uint32_t(word) * 32 + x, args.nx, args.words_per_row));
+  });
+}
+
+}  // namespace voxelpipe::cuda
