@@ -38,6 +38,7 @@ class LoadRows:
         for timeout_ms in (50, 200):
             self.queue_timeouts(timeout_ms)
         self.cancels()
+        self.deadlines()
 
     def mesh(self, rings, segments):
         path = os.path.join(self.folder, f"sphere{rings}x{segments}.glb")
@@ -183,6 +184,30 @@ class LoadRows:
             self.row(f"client killed, {name}: worker free after",
                      f"median {times[len(times) // 2]:.1f}, worst {times[-1]:.1f} ms of {len(times)} (worst since it was gone: "
                      f"{max(since_gone):.1f})", "", "<= 50 ms")
+
+
+    def deadlines(self, deadline_ms=300, runs=8):
+        """How long a worker is busy with a job whose deadline passes while it runs: the deadline, less the job's way to the worker."""
+        manifest = os.path.join(self.folder, "slow.jsonl")
+        with open(manifest, "w", encoding="utf-8") as file:
+            file.write(json.dumps({"input": self.slow_mesh()}) + "\n")
+        times = []
+        with self.server("--workers", "1", "--http-listen", "127.0.0.1:0") as server:
+            metrics = Metrics(server)
+            for _ in range(runs):
+                command = [f"{self.binaries}/voxelpipe", "batch", manifest, "--server", server.address, "--output-dir",
+                           os.path.join(self.folder, "slow"), "--deadline-ms", str(deadline_ms), "--retries", "0", *SLOW]
+                job = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                while metrics.busy() == 0 and job.poll() is None:
+                    time.sleep(0.001)
+                begin = time.monotonic()
+                while metrics.busy() != 0:
+                    time.sleep(0.001)
+                times.append(1000 * (time.monotonic() - begin))
+                job.wait()
+        times.sort()
+        self.row(f"deadline of {deadline_ms} ms, large triangles: worker busy for",
+                 f"median {times[len(times) // 2]:.0f}, most {times[-1]:.0f} ms of {runs}", "", f"<= {deadline_ms + 50} ms")
 
 
 class Metrics:
