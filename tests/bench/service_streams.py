@@ -75,8 +75,10 @@ class StreamRows:
                     cpu = of["server_cpu_s_per_gb"] + of["client_cpu_s_per_gb"]
                     rounds[key].append((of["gigabytes_per_second"], cpu))
         down = [of["raw stream, 1 MiB pieces"] for of in bare]
-        self.compare("the same into memory, C++ client", rounds["result"], down, "")
-        self.compare("the same into memory, SHA-256 checked", rounds["hashed"], down, "")
+        wide = [of["raw stream, 1 MiB of 128 MiB"] for of in bare]
+        self.compare("bare gRPC, pieces of 128 MiB in place of one", wide, down, "")
+        self.compare("dense 512^3 u8 into memory, C++ client", rounds["result"], down, "")
+        self.compare("dense 512^3 u8 into memory, SHA-256 checked", rounds["hashed"], down, "")
         self.compare("mesh of 64 MiB up, C++ client", rounds["upload"], [of["raw upload, 1 MiB pieces"] for of in bare], "")
 
     def compare(self, what, ours, bare, target):

@@ -30,7 +30,7 @@ using google::protobuf::BytesValue;
 using grpc::ByteBuffer;
 
 constexpr char kRaw[] = "/bare.Grpc/Raw", kBytes[] = "/bare.Grpc/Bytes", kBidi[] = "/bare.Grpc/Bidi",
-               kUpload[] = "/bare.Grpc/Upload";
+               kUpload[] = "/bare.Grpc/Upload", kWide[] = "/bare.Grpc/Wide";
 
 // What the client asks for: "PIECE TOTAL".
 struct Order {
@@ -61,24 +61,39 @@ const std::vector<uint8_t>& ReadyBytes() {
   return bytes;
 }
 
+// As many as a large result: more than the processor's near caches hold.
+const std::vector<uint8_t>& WideBytes() {
+  static const std::vector<uint8_t> bytes(size_t{128} << 20, 0x5a);
+  return bytes;
+}
+
+// Sends the first piece of `bytes` again and again, or, if `wide`, piece after piece of all of them.
 class RawSender final : public grpc::ServerWriteReactor<ByteBuffer> {
  public:
-  explicit RawSender(Order order) : left_(order.total), piece_(order.piece) {
-    const grpc::Slice slice(ReadyBytes().data(), piece_, grpc::Slice::STATIC_SLICE);
-    buffer_ = ByteBuffer(&slice, 1);
+  RawSender(Order order, const std::vector<uint8_t>& bytes, bool wide)
+      : left_(order.total), piece_(order.piece), bytes_(bytes), wide_(wide) {
+    TakePiece();
     Next();
   }
   void OnWriteDone(bool ok) override { ok ? Next() : Finish(grpc::Status::CANCELLED); }
   void OnDone() override { delete this; }
 
  private:
+  void TakePiece() {
+    const grpc::Slice slice(bytes_.data() + at_, piece_, grpc::Slice::STATIC_SLICE);
+    buffer_ = ByteBuffer(&slice, 1);
+    at_ = at_ + 2 * piece_ <= bytes_.size() ? at_ + piece_ : 0;
+  }
   void Next() {
     if (left_ < piece_) return Finish(grpc::Status::OK);
     left_ -= piece_;
+    if (wide_) TakePiece();
     StartWrite(&buffer_);
   }
-  size_t left_;
+  size_t left_, at_ = 0;
   const size_t piece_;
+  const std::vector<uint8_t>& bytes_;
+  const bool wide_;
   ByteBuffer buffer_;
 };
 
@@ -149,9 +164,10 @@ class Service final : public grpc::Service {
     AddMethod(new Method(kUnaryMethod, RpcMethod::NORMAL_RPC, nullptr));
     AddMethod(new Method(kBidi, RpcMethod::BIDI_STREAMING, nullptr));
     AddMethod(new Method(kUpload, RpcMethod::CLIENT_STREAMING, nullptr));
+    AddMethod(new Method(kWide, RpcMethod::SERVER_STREAMING, nullptr));
     MarkMethodRawCallback(0, new grpc::internal::CallbackServerStreamingHandler<ByteBuffer, ByteBuffer>(
                                  [](grpc::CallbackServerContext*, const ByteBuffer* request) {
-                                   return new RawSender(ParseOrder(TextOf(*request)));
+                                   return new RawSender(ParseOrder(TextOf(*request)), ReadyBytes(), false);
                                  }));
     MarkMethodCallback(1, new grpc::internal::CallbackServerStreamingHandler<BytesValue, BytesValue>(
                               [](grpc::CallbackServerContext*, const BytesValue* request) {
@@ -170,6 +186,10 @@ class Service final : public grpc::Service {
     MarkMethodRawCallback(
         4, new grpc::internal::CallbackClientStreamingHandler<ByteBuffer, ByteBuffer>(
                [](grpc::CallbackServerContext*, ByteBuffer* response) { return new RawTaker(*response); }));
+    MarkMethodRawCallback(5, new grpc::internal::CallbackServerStreamingHandler<ByteBuffer, ByteBuffer>(
+                                 [](grpc::CallbackServerContext*, const ByteBuffer* request) {
+                                   return new RawSender(ParseOrder(TextOf(*request)), WideBytes(), true);
+                                 }));
   }
 };
 
@@ -244,11 +264,11 @@ double ReadAll(grpc::Channel& channel, const char* name, const std::shared_ptr<g
 
 }  // namespace
 
-Measured BareGrpc::RawStream(size_t piece, size_t total) {
+Measured BareGrpc::RawStream(size_t piece, size_t total, bool wide) {
   const grpc::Slice order(OrderText(piece, total));
   const ByteBuffer request(&order, 1);
   const Span span(server_);
-  const double messages = ReadAll<ByteBuffer>(*channel_, kRaw, channel_, request);
+  const double messages = ReadAll<ByteBuffer>(*channel_, wide ? kWide : kRaw, channel_, request);
   return span.End(1, messages * double(piece));
 }
 

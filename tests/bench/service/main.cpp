@@ -92,6 +92,8 @@ int Main(int argc, char** argv) {
   const size_t total = megabytes << 20;
   Print("raw stream, 256 KiB pieces", bare.RawStream(256 << 10, total));
   Print("raw stream, 1 MiB pieces", bare.RawStream(1 << 20, total));
+  bare.RawStream(1 << 20, size_t{64} << 20, true);  // warm
+  Print("raw stream, 1 MiB of 128 MiB", bare.RawStream(1 << 20, total, true));
   Print("raw upload, 1 MiB pieces", bare.RawUpload(1 << 20, total));
   if (only_streams) {
     EndServer(child);
