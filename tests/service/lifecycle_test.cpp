@@ -193,10 +193,12 @@ TEST_F(LifecycleTest, ReflectionListsEveryService) {
   EXPECT_THAT(names, Contains(kServiceName));
   EXPECT_THAT(names, Contains("grpc.health.v1.Health"));
 
-  request.set_file_containing_symbol(std::string(kServiceName) + ".Voxelize");
-  ASSERT_TRUE(stream->Write(request));
-  ASSERT_TRUE(stream->Read(&response));
-  EXPECT_GE(response.file_descriptor_response().file_descriptor_proto_size(), 1);
+  for (const char* method : {".Voxelize", ".VoxelizeMany", ".VoxelizeWhole"}) {
+    request.set_file_containing_symbol(std::string(kServiceName) + method);
+    ASSERT_TRUE(stream->Write(request));
+    ASSERT_TRUE(stream->Read(&response));
+    EXPECT_GE(response.file_descriptor_response().file_descriptor_proto_size(), 1) << method;
+  }
   stream->WritesDone();
   stream->Finish();
 }

@@ -1,6 +1,7 @@
 // One message in, one small result out: the same as on a stream, in bytes, errors and rules.
 #include <signal.h>
 
+#include <atomic>
 #include <chrono>
 #include <functional>
 #include <future>
@@ -10,8 +11,8 @@
 #include <vector>
 
 #include <grpcpp/create_channel.h>
-#include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/security/credentials.h>
+#include <grpcpp/server_builder.h>
 
 #include "base/crc32c.h"
 #include "gmock/gmock.h"
@@ -21,6 +22,8 @@
 #include "service/background_call.h"
 #include "service/effort.h"
 #include "service/http_get.h"
+#include "service/raw_client.h"
+#include "service/raw_messages.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
@@ -32,6 +35,8 @@ namespace voxelpipe::testing {
 namespace {
 
 using ::testing::HasSubstr;
+
+constexpr char kMethod[] = "/voxelpipe.v1.VoxelizationService/VoxelizeWhole";
 
 VoxelizeRequest Normals(int64_t resolution, ResultKind kind) {
   VoxelizeRequest request;
@@ -229,19 +234,11 @@ TEST_F(WholeTest, EveryErrorIsThatOfAStream) {
 
 TEST_F(WholeTest, BytesThatAreNoMessageAreRefused) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  grpc::GenericStub stub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
-  const std::vector<std::string> all = {"", "\xff\xff\xff\xff", std::string("\x0a\xff\x01", 3)};
-  for (const std::string& bytes : all) {
-    const grpc::Slice slice(bytes);
-    const grpc::ByteBuffer request(&slice, 1);
-    grpc::ByteBuffer response;
-    grpc::ClientContext context;
-    context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    std::promise<grpc::Status> ended;
-    stub.UnaryCall(&context, "/voxelpipe.v1.VoxelizationService/VoxelizeWhole", {}, &request, &response,
-                   [&](grpc::Status status) { ended.set_value(std::move(status)); });
-    EXPECT_EQ(ended.get_future().get().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  const auto channel = grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials());
+  for (const std::string& bytes : {std::string(), std::string("\xff\xff\xff\xff"), std::string("\x0a\xff\x01", 3)}) {
+    EXPECT_EQ(SendRawMessages(channel, kMethod, {bytes}).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   }
+  EXPECT_TRUE(Call(Message(SmallRequest(), glb_)).ok());
 }
 
 TEST_F(WholeTest, WhatIsTooLargeIsRefusedBeforeTheWorkAndTheClientStreamsIt) {
@@ -281,6 +278,70 @@ TEST_F(WholeTest, TheClientTakesTheCallThatFits) {
   EXPECT_EQ(Sample("voxelpipe_jobs_total{code=\"OK\"}"), 3);
   EXPECT_EQ(Sample("voxelpipe_received_bytes_total"), 3 * double(glb_.size()));
   EXPECT_EQ(Sample("voxelpipe_memory_bytes{budget=\"uploads\"}"), 0);
+  EXPECT_TRUE(Soon([&] { return Sample("voxelpipe_memory_bytes{budget=\"working\"}") == 0; }));
+}
+
+// A server of before VoxelizeWhole, which has another one do the work.
+class OlderServer final : public v1::VoxelizationService::Service {
+ public:
+  explicit OlderServer(v1::VoxelizationService::Stub& behind) : behind_(behind) {}
+
+  grpc::Status VoxelizeWhole(grpc::ServerContext* /*context*/, const v1::VoxelizeWholeRequest* /*request*/,
+                             v1::VoxelizeWholeResponse* /*response*/) override {
+    ++asked;
+    return {grpc::StatusCode::UNIMPLEMENTED, "as of a method that is not there"};
+  }
+  grpc::Status Voxelize(grpc::ServerContext* /*context*/,
+                        grpc::ServerReaderWriter<v1::VoxelizeResponse, v1::VoxelizeRequest>* stream) override {
+    grpc::ClientContext context;
+    const auto call = behind_.Voxelize(&context);
+    v1::VoxelizeRequest request;
+    while (stream->Read(&request)) call->Write(request);
+    call->WritesDone();
+    v1::VoxelizeResponse response;
+    while (call->Read(&response)) stream->Write(response);
+    return call->Finish();
+  }
+
+  std::atomic<int> asked{0};
+
+ private:
+  v1::VoxelizationService::Stub& behind_;
+};
+
+TEST_F(WholeTest, AnOlderServerIsAskedOnceAndThenOnStreams) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  OlderServer older(*stub_);
+  int port = 0;
+  grpc::ServerBuilder builder;
+  builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
+  builder.RegisterService(&older);
+  const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
+  ASSERT_NE(server, nullptr);
+  const auto client = Client::Connect("127.0.0.1:" + std::to_string(port));
+  ASSERT_TRUE(client.ok()) << client.status();
+  const JobContext job;
+  for (int i = 0; i < 3; ++i) {
+    const auto result = (*client)->Voxelize(glb_, MeshFormat::kGlb, SmallRequest(), job);
+    EXPECT_TRUE(result.ok()) << result.status();
+  }
+  EXPECT_EQ(older.asked, 1);
+  EXPECT_TRUE(Soon([&] { return Calls("OK", "Voxelize") == 3; }));
+}
+
+// HTTP/2's own window is 64 KiB, and this client never opens it.
+TEST_F(WholeTest, AClientThatDoesNotTakeItsAnswerIsLetGo) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--stall-timeout-ms", "500"}));
+  VoxelizeRequest request = Normals(44, ResultKind::kDense);
+  request.grid.fit = GridFit::kCube;  // a megabyte
+  auto client = RawClient::Connect(server_->address());
+  ASSERT_TRUE(client.ok()) << client.status();
+  ASSERT_TRUE((*client)->Send("PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + http2::Frame(http2::kSettings, 0, 0, "")));
+  const std::string message = http2::Message(Message(request, glb_).SerializeAsString());
+  ASSERT_TRUE((*client)->Send(http2::Request(1, kMethod) + http2::Data(1, message, true)));
+  ASSERT_TRUE((*client)->ReadUntilData());
+  EXPECT_TRUE(Soon([&] { return Calls("ABORTED") == 1; }));
+  EXPECT_EQ(Sample("voxelpipe_calls_in_flight{method=\"VoxelizeWhole\"}"), 0);
   EXPECT_TRUE(Soon([&] { return Sample("voxelpipe_memory_bytes{budget=\"working\"}") == 0; }));
 }
 
@@ -342,22 +403,22 @@ TEST_F(WholeTest, EqualRequestsShareOneRun) {
 
 TEST_F(WholeTest, AFullQueueAsksToComeAgain) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1", "--max-queue", "1"}));
-  const v1::VoxelizeWholeRequest slow = Message(SmallAndSlow(), LargeTrianglesGlb(40000));
-  grpc::ClientContext contexts[2];
-  std::vector<std::future<grpc::Status>> calls;
-  for (grpc::ClientContext& context : contexts) {
-    calls.push_back(std::async(std::launch::async, [&] {
-      v1::VoxelizeWholeResponse none;
-      return stub_->VoxelizeWhole(&context, slow, &none);
-    }));
-    ASSERT_TRUE(Soon([&] { return Sample("voxelpipe_running_jobs") == 1; }));
-  }
+  BackgroundCall running(*client_, LargeTrianglesGlb(20000), SlowRequest());  // a minute or more
+  ASSERT_TRUE(running.WaitUntilPlanned());
+  const v1::VoxelizeWholeRequest message = Message(SmallRequest(), glb_);
+  grpc::ClientContext context;
+  auto waiting = std::async(std::launch::async, [&] {
+    v1::VoxelizeWholeResponse none;
+    return stub_->VoxelizeWhole(&context, message, &none);
+  });
   ASSERT_TRUE(Soon([&] { return Sample("voxelpipe_queue_jobs{priority=\"normal\"}") == 1; }));
-  const grpc::Status refused = Call(Message(SmallRequest(), glb_));
+  const grpc::Status refused = Call(message);
   EXPECT_EQ(refused.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
   EXPECT_TRUE(RetryDelay(FromGrpcStatus(refused)).has_value());
-  for (grpc::ClientContext& context : contexts) context.TryCancel();
-  for (auto& call : calls) EXPECT_EQ(call.get().error_code(), grpc::StatusCode::CANCELLED);
+  context.TryCancel();
+  EXPECT_EQ(waiting.get().error_code(), grpc::StatusCode::CANCELLED);
+  running.Cancel();
+  EXPECT_EQ(running.Result().status().code(), absl::StatusCode::kCancelled);
 }
 
 TEST_F(WholeTest, ADrainAnswersWhatIsInHandAndTakesNothingElse) {
