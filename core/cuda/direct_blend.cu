@@ -9,6 +9,7 @@
 #include "cuda/run_state.h"
 #include "cuda/span_blend.cuh"
 #include "cuda/span_kernels.cuh"
+#include "grid/index_space.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -100,6 +101,10 @@ absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool count
   args.walk.rest_queue = state.queue[1].data();
   args.walk.large_queue = state.queue[2].data();
   args.walk.queued = state.counters.data() + kQueued0;
+  args.world = state.mesh.host_view.positions;
+  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
+  args.fixed = MakeFixedPlace(origin, size, WorldToIndex(origin, size, state.box.min),
+                              WorldToIndex(origin, size, state.box.max));
   args.spans = state.spans.data();
   args.capacity = state.spans.size();
   args.first_triangle = begin;
@@ -111,8 +116,9 @@ absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool count
   const double surface = double(d[0]) * double(d[1]) + double(d[1]) * double(d[2]) + double(d[2]) * double(d[0]);
   args.look_first = double(end - begin) > 16 * surface;
   const auto processors = unsigned(state.device.multiprocessors);
-  EmitSpans<<<unsigned((end - begin + kTrianglesOfEmitBlock - 1) / kTrianglesOfEmitBlock), kEmitThreads, 0,
-              state.stream>>>(args);
+  const auto emit = args.walk.coverage == Coverage::kThin ? EmitSpans<true> : EmitSpans<false>;
+  emit<<<unsigned((end - begin + kTrianglesOfEmitBlock - 1) / kTrianglesOfEmitBlock), kEmitThreads, 0, state.stream>>>(
+      args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitSpans");
   constexpr int kOfRest = kRestThreads / 32 * kSetupsOfWarp * int(sizeof(SharedSetup));
   EmitRest<<<unsigned(std::min<uint64_t>(processors * 6, (end - begin + 3) / 4)), kRestThreads, kOfRest,

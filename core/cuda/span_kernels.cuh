@@ -6,6 +6,7 @@
 // No host-only includes.
 #pragma once
 
+#include "cuda/bit_cells.cuh"
 #include "cuda/span_runs.cuh"
 #include "cuda/walk_kernels.cuh"
 
@@ -20,6 +21,8 @@ struct SpanArgs {
   uint64_t* spans = nullptr;
   uint64_t capacity = 0;  // spans beyond it are counted and covered, but not kept
   uint64_t first_triangle = 0, end_triangle = 0;
+  const Vec3d* world = nullptr;  // positions in world space
+  FixedPlace fixed;
   uint64_t* count = nullptr;
   uint32_t* bits = nullptr;       // bit grid: becomes the coverage
   bool look_first = false;        // where many triangles share a voxel: reading a word is cheaper than an atomic
@@ -65,63 +68,129 @@ __device__ inline void AddFragments(const SpanArgs& args, uint64_t count) {
 }
 
 // Runs and small triangles; the others wait in the rest's queue. A block takes kTrianglesOfEmitBlock triangles: runs at once, and then the small
-// ones that it gathered, least and others apart, so that the lanes of a warp have alike work. Their spans gather in shared memory and go to
-// the list together.
+// ones that it gathered: those of octants (bit_cells.cuh), and those that are set up. Their spans gather in shared memory and go to the list
+// together.
+template <bool kThin>
 __global__ void __launch_bounds__(kEmitThreads, 7) EmitSpans(const __grid_constant__ SpanArgs args) {
   __shared__ uint64_t staged[kStagedSpans];
-  __shared__ uint16_t small[kTrianglesOfEmitBlock];  // the least from the begin on, others from the end on
-  __shared__ uint32_t staged_count, least_count, other_count;
+  __shared__ uint16_t small[kTrianglesOfEmitBlock];  // octants from the begin on, others from the end on
+  __shared__ uint32_t staged_count, octant_count, other_count;
   __shared__ unsigned long long first_of_block;
   const WalkArgs& walk = args.walk;
-  if (threadIdx.x == 0) staged_count = least_count = other_count = 0;
+  if (threadIdx.x == 0) staged_count = octant_count = other_count = 0;
   __syncthreads();
+  const unsigned lane = threadIdx.x % 32;
+  const auto words_per_row = uint32_t(walk.grid.words_per_row);
   const uint64_t first = args.first_triangle + uint64_t(blockIdx.x) * kTrianglesOfEmitBlock;
   uint64_t fragments = 0;
-  const auto put = [&](uint32_t t, uint32_t row, int x_begin, int x_end) {
-    uint32_t word = row * uint32_t(walk.grid.words_per_row) + uint32_t(x_begin) / 32;
+  const auto keep = [&](uint32_t at, uint64_t span) {
+    if (at < kStagedSpans) {
+      staged[at] = span;
+    } else {
+      const uint64_t beyond = NextOf(Counted(args.count));
+      if (beyond < args.capacity) args.spans[beyond] = span;
+      CoverSpan(args, span);
+      fragments += SpanLength(span);
+    }
+  };
+  // Room for `count` spans of each lane: the number of its first. All threads of a warp call it.
+  const auto allocate = [&](uint32_t count) {
+    uint32_t total, at = 0;
+    const uint32_t before = WarpExclusiveSum(count, total);
+    if (lane == 0 && total > 0) at = atomicAdd(&staged_count, total);
+    return __shfl_sync(~0u, at, 0) + before;
+  };
+  // The spans of one row, from number `at` on, which grows.
+  const auto put = [&](uint32_t& at, uint32_t t, uint32_t row, int x_begin, int x_end) {
+    uint32_t word = row * words_per_row + uint32_t(x_begin) / 32;
     do {
       const int end = min(x_end, (x_begin | 31) + 1);
-      const uint64_t span = PackSpan(word * 32 + uint32_t(x_begin % 32), t, uint32_t(end - x_begin));
-      const uint32_t at = NextOf(&staged_count);
-      if (at < kStagedSpans) {
-        staged[at] = span;
-      } else {
-        const uint64_t beyond = NextOf(Counted(args.count));
-        if (beyond < args.capacity) args.spans[beyond] = span;
-        CoverSpan(args, span);
-        fragments += SpanLength(span);
-      }
+      keep(at++, PackSpan(word * 32 + uint32_t(x_begin % 32), t, uint32_t(end - x_begin)));
       x_begin = end;
       ++word;
     } while (x_begin < x_end);
   };
-  for (int local = int(threadIdx.x); local < kTrianglesOfEmitBlock; local += kEmitThreads) {
-    const uint64_t t = first + uint64_t(local);
-    if (t >= args.end_triangle) break;
-    const CodedBox box = LoadBox(walk.codes, LoadCorners(walk.triangles, t));
-    Box32 range;
-    bool rest = box.far;
-    if (!box.far && Clip(box, SlabBox(walk.grid), range)) {
-      const int rows = range.rows();
-      if (IsRun(box, walk.coverage) && rows <= kRowsOfRun) {
-        uint32_t row = BitRow(walk.grid, range.begin[1], range.begin[2]);
-        const uint32_t step = range.end[2] - range.begin[2] > 1 ? uint32_t(walk.grid.dims[1]) : 1;
-        for (int i = 0; i < rows; ++i, row += step) put(uint32_t(t), row, range.begin[0], range.end[0]);
-      } else if (rows > kRowsOfThread || walk.coverage == Coverage::kCenter) {
-        rest = true;
-      } else if (range.end[1] - range.begin[1] <= 2 && range.end[2] - range.begin[2] <= 2) {
-        small[NextOf(&least_count)] = uint16_t(local);
-      } else {
-        small[kTrianglesOfEmitBlock - 1 - int(NextOf(&other_count))] = uint16_t(local);
+  for (unsigned local = threadIdx.x; local < unsigned(kTrianglesOfEmitBlock); local += kEmitThreads) {
+    const uint64_t t = first + local;
+    Box32 range{};
+    bool rest = false;
+    uint32_t rows = 0, count = 0;
+    if (t < args.end_triangle) {
+      const CodedBox box = LoadBox(walk.codes, LoadCorners(walk.triangles, t));
+      rest = box.far;
+      if (!box.far && Clip(box, SlabBox(walk.grid), range)) {
+        const int all = range.rows();
+        const int size_x = box.last[0] - box.first[0], size_y = box.last[1] - box.first[1],
+                  size_z = box.last[2] - box.first[2];
+        if (IsRun(box, walk.coverage) && all <= kRowsOfRun) {
+          rows = uint32_t(all);
+          count = rows * uint32_t((range.end[0] - 1) / 32 - range.begin[0] / 32 + 1);
+        } else if (all > kRowsOfThread || walk.coverage == Coverage::kCenter) {
+          rest = true;
+        } else if (args.fixed.bits > 0 && max(size_x, max(size_y, size_z)) <= 1) {
+          small[NextOf(&octant_count)] = uint16_t(local);
+        } else {
+          small[kTrianglesOfEmitBlock - 1 - int(NextOf(&other_count))] = uint16_t(local);
+        }
       }
     }
     if (rest) walk.rest_queue[NextOf(Counted(walk.queued))] = uint32_t(t);
+    __syncwarp();
+    uint32_t at = allocate(count);
+    uint32_t row = BitRow(walk.grid, range.begin[1], range.begin[2]);
+    const uint32_t step = range.end[2] - range.begin[2] > 1 ? uint32_t(walk.grid.dims[1]) : 1;
+    for (; rows > 0; --rows, row += step) put(at, uint32_t(t), row, range.begin[0], range.end[0]);
+    __syncwarp();
   }
   __syncthreads();
-  const uint32_t least = (least_count + 31) / 32 * 32, all = least + other_count;  // no warp has both
-  for (uint32_t i = threadIdx.x; i < all; i += kEmitThreads) {
-    if (i >= least_count && i < least) continue;
-    const auto t = uint32_t(first + small[i < least ? i : uint32_t(kTrianglesOfEmitBlock) - 1 - (i - least)]);
+  const uint32_t octant_triangles = octant_count, others = other_count;
+  for (uint32_t i = threadIdx.x; i - lane < octant_triangles; i += kEmitThreads) {
+    uint32_t t = 0, octants = 0;
+    FixedBox box{};
+    bool doubtful = false;
+    if (i < octant_triangles) {
+      t = uint32_t(first + small[i]);
+      const Corners corners = LoadCorners(walk.triangles, t);
+      int v[3][3], corner[3];
+      for (int k = 0; k < 3; ++k) {
+        const Vec3d& p = args.world[corners.v[k]];
+        for (int a = 0; a < 3; ++a) v[k][a] = ToFixed(p[a], args.fixed.scale[a], args.fixed.offset[a]);
+      }
+      box = BoxOf(v, args.fixed);
+      for (int a = 0; a < 3; ++a) corner[a] = (box.first[a] + 1) << args.fixed.bits;
+      const Octants o = TouchedOctants<kThin>(v, corner, args.fixed);
+      doubtful = box.doubtful || o.doubtful;
+      octants = doubtful ? 0 : o.touched;
+      const int high[3] = {int(walk.grid.dims[0]), int(walk.grid.dims[1]), int(walk.grid.slab_end)};
+      const int low[3] = {0, 0, int(walk.grid.slab_begin)};
+      constexpr uint32_t kNear[3] = {0x55, 0x33, 0x0f};
+      for (int a = 0; a < 3; ++a) {
+        if (box.first[a] == box.last[a] || box.first[a] + 1 >= high[a]) octants &= kNear[a];
+        if (box.first[a] < low[a]) octants &= ~kNear[a];
+      }
+    }
+    if (doubtful) walk.rest_queue[NextOf(Counted(walk.queued))] = t;
+    __syncwarp();
+    const bool splits = (box.first[0] & 31) == 31;  // between words
+    uint32_t count = 0;
+#pragma unroll
+    for (int k = 0; k < 4; ++k) {
+      const uint32_t pair = octants >> 2 * k & 3;
+      count += pair == 0 ? 0 : pair == 3 && splits ? 2 : 1;
+    }
+    uint32_t at = allocate(count);
+#pragma unroll
+    for (int k = 0; k < 4; ++k) {
+      const uint32_t pair = octants >> 2 * k & 3;
+      if (pair == 0) continue;
+      const int x = box.first[0];
+      put(at, t, BitRow(walk.grid, box.first[1] + k % 2, box.first[2] + k / 2), x + (pair == 2 ? 1 : 0),
+          x + (pair == 1 ? 1 : 2));
+    }
+    __syncwarp();
+  }
+  for (uint32_t i = threadIdx.x; i < others; i += kEmitThreads) {
+    const auto t = uint32_t(first + small[uint32_t(kTrianglesOfEmitBlock) - 1 - i]);
     const Corners corners = LoadCorners(walk.triangles, t);
     const CodedBox box = LoadBox(walk.codes, corners);
     Box32 range;
@@ -131,15 +200,22 @@ __global__ void __launch_bounds__(kEmitThreads, 7) EmitSpans(const __grid_consta
       walk.rest_queue[NextOf(Counted(walk.queued))] = t;
       continue;
     }
-    WalkNarrow(bounds, box.base, range,
-               [&](int y, int z, int x_begin, int x_end) { put(t, BitRow(walk.grid, y, z), x_begin, x_end); });
+    WalkNarrow(bounds, box.base, range, [&](int y, int z, int x_begin, int x_end) {
+      const bool splits = x_begin / 32 != (x_end - 1) / 32;  // one word more: such a triangle is narrow
+      uint32_t at = NextOf(&staged_count);
+      const int middle = splits ? (x_begin | 31) + 1 : x_end;
+      put(at, t, BitRow(walk.grid, y, z), x_begin, middle);
+      for (int x = middle; x < x_end; x = min(x_end, (x | 31) + 1)) {
+        at = NextOf(&staged_count);
+        put(at, t, BitRow(walk.grid, y, z), x, min(x_end, (x | 31) + 1));
+      }
+    });
   }
   __syncthreads();
   const uint32_t kept = min(staged_count, uint32_t(kStagedSpans));
   if (threadIdx.x == 0) first_of_block = kept == 0 ? 0 : atomicAdd(Counted(args.count), 0ull + kept);
   __syncthreads();
   const uint64_t to = first_of_block;
-  const unsigned lane = threadIdx.x % 32;
   for (uint32_t i = threadIdx.x; i - lane < kept; i += kEmitThreads) {
     const uint64_t span = i < kept ? staged[i] : kNoSpan;
     const bool head = FindRun(span).head();

@@ -122,8 +122,8 @@ TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
 TEST(NvrtcTest, CompilesTheKernelsThatListAndBlendSpans) {
   const Compiled compiled =
       Compile(std::string(kShader) + "#include \"cuda/span_blend.cuh\"\n#include \"cuda/span_kernels.cuh\"\n",
-              {"voxelpipe::cuda::EmitSpans", "voxelpipe::cuda::EmitRest", "voxelpipe::cuda::EmitLarge",
-               "voxelpipe::cuda::ShadeTriangles<-1>", "voxelpipe::cuda::BlendInPlace<1>",
+              {"voxelpipe::cuda::EmitSpans<false>", "voxelpipe::cuda::EmitSpans<true>", "voxelpipe::cuda::EmitRest",
+               "voxelpipe::cuda::EmitLarge", "voxelpipe::cuda::ShadeTriangles<-1>", "voxelpipe::cuda::BlendInPlace<1>",
                "voxelpipe::cuda::Accumulate<4>", "voxelpipe::cuda::StoreAccumulated"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
