@@ -93,19 +93,12 @@ __global__ void __launch_bounds__(kEmitThreads, 7) EmitSpans(const __grid_consta
       fragments += SpanLength(span);
     }
   };
-  // Room for `count` spans of each lane: the number of its first. All threads of a warp call it.
-  const auto allocate = [&](uint32_t count) {
-    uint32_t total, at = 0;
-    const uint32_t before = WarpExclusiveSum(count, total);
-    if (lane == 0 && total > 0) at = atomicAdd(&staged_count, total);
-    return __shfl_sync(~0u, at, 0) + before;
-  };
-  // The spans of one row, from number `at` on, which grows.
-  const auto put = [&](uint32_t& at, uint32_t t, uint32_t row, int x_begin, int x_end) {
+  // The spans of one row. Lanes that run together write theirs one behind the other: so neighbours in a mesh stay neighbours.
+  const auto put = [&](uint32_t t, uint32_t row, int x_begin, int x_end) {
     uint32_t word = row * words_per_row + uint32_t(x_begin) / 32;
     do {
       const int end = min(x_end, (x_begin | 31) + 1);
-      keep(at++, PackSpan(word * 32 + uint32_t(x_begin % 32), t, uint32_t(end - x_begin)));
+      keep(NextOf(&staged_count), PackSpan(word * 32 + uint32_t(x_begin % 32), t, uint32_t(end - x_begin)));
       x_begin = end;
       ++word;
     } while (x_begin < x_end);
@@ -114,7 +107,7 @@ __global__ void __launch_bounds__(kEmitThreads, 7) EmitSpans(const __grid_consta
     const uint64_t t = first + local;
     Box32 range{};
     bool rest = false;
-    uint32_t rows = 0, count = 0;
+    uint32_t rows = 0;
     if (t < args.end_triangle) {
       const CodedBox box = LoadBox(walk.codes, LoadCorners(walk.triangles, t));
       rest = box.far;
@@ -124,7 +117,6 @@ __global__ void __launch_bounds__(kEmitThreads, 7) EmitSpans(const __grid_consta
                   size_z = box.last[2] - box.first[2];
         if (IsRun(box, walk.coverage) && all <= kRowsOfRun) {
           rows = uint32_t(all);
-          count = rows * uint32_t((range.end[0] - 1) / 32 - range.begin[0] / 32 + 1);
         } else if (all > kRowsOfThread || walk.coverage == Coverage::kCenter) {
           rest = true;
         } else if (args.fixed.bits > 0 && max(size_x, max(size_y, size_z)) <= 1) {
@@ -135,11 +127,9 @@ __global__ void __launch_bounds__(kEmitThreads, 7) EmitSpans(const __grid_consta
       }
     }
     if (rest) walk.rest_queue[NextOf(Counted(walk.queued))] = uint32_t(t);
-    __syncwarp();
-    uint32_t at = allocate(count);
     uint32_t row = BitRow(walk.grid, range.begin[1], range.begin[2]);
     const uint32_t step = range.end[2] - range.begin[2] > 1 ? uint32_t(walk.grid.dims[1]) : 1;
-    for (; rows > 0; --rows, row += step) put(at, uint32_t(t), row, range.begin[0], range.end[0]);
+    for (; rows > 0; --rows, row += step) put(uint32_t(t), row, range.begin[0], range.end[0]);
     __syncwarp();
   }
   __syncthreads();
@@ -171,21 +161,30 @@ __global__ void __launch_bounds__(kEmitThreads, 7) EmitSpans(const __grid_consta
     }
     if (doubtful) walk.rest_queue[NextOf(Counted(walk.queued))] = t;
     __syncwarp();
-    const bool splits = (box.first[0] & 31) == 31;  // between words
-    uint32_t count = 0;
+    // One row after the other, of all lanes.
+    uint32_t lanes[4], total = 0;
 #pragma unroll
     for (int k = 0; k < 4; ++k) {
-      const uint32_t pair = octants >> 2 * k & 3;
-      count += pair == 0 ? 0 : pair == 3 && splits ? 2 : 1;
+      lanes[k] = __ballot_sync(~0u, (octants >> 2 * k & 3) != 0);
+      total += uint32_t(__popc(lanes[k]));
     }
-    uint32_t at = allocate(count);
+    uint32_t at = 0;
+    if (lane == 0 && total > 0) at = atomicAdd(&staged_count, total);
+    at = __shfl_sync(~0u, at, 0);
+    const int x = box.first[0];
 #pragma unroll
     for (int k = 0; k < 4; ++k) {
       const uint32_t pair = octants >> 2 * k & 3;
-      if (pair == 0) continue;
-      const int x = box.first[0];
-      put(at, t, BitRow(walk.grid, box.first[1] + k % 2, box.first[2] + k / 2), x + (pair == 2 ? 1 : 0),
-          x + (pair == 1 ? 1 : 2));
+      const uint32_t row = BitRow(walk.grid, box.first[1] + k % 2, box.first[2] + k / 2);
+      const bool splits = pair == 3 && (x & 31) == 31;  // between words
+      const int x_begin = x + (pair == 2 ? 1 : 0);
+      if (pair != 0) {
+        const uint32_t word = row * words_per_row + uint32_t(x_begin) / 32;
+        keep(at + uint32_t(__popc(lanes[k] & ((1u << lane) - 1))),
+             PackSpan(word * 32 + uint32_t(x_begin % 32), t, pair == 3 && !splits ? 2 : 1));
+      }
+      if (splits) put(t, row, x + 1, x + 2);
+      at += uint32_t(__popc(lanes[k]));
     }
     __syncwarp();
   }
@@ -200,16 +199,8 @@ __global__ void __launch_bounds__(kEmitThreads, 7) EmitSpans(const __grid_consta
       walk.rest_queue[NextOf(Counted(walk.queued))] = t;
       continue;
     }
-    WalkNarrow(bounds, box.base, range, [&](int y, int z, int x_begin, int x_end) {
-      const bool splits = x_begin / 32 != (x_end - 1) / 32;  // one word more: such a triangle is narrow
-      uint32_t at = NextOf(&staged_count);
-      const int middle = splits ? (x_begin | 31) + 1 : x_end;
-      put(at, t, BitRow(walk.grid, y, z), x_begin, middle);
-      for (int x = middle; x < x_end; x = min(x_end, (x | 31) + 1)) {
-        at = NextOf(&staged_count);
-        put(at, t, BitRow(walk.grid, y, z), x, min(x_end, (x | 31) + 1));
-      }
-    });
+    WalkNarrow(bounds, box.base, range,
+               [&](int y, int z, int x_begin, int x_end) { put(t, BitRow(walk.grid, y, z), x_begin, x_end); });
   }
   __syncthreads();
   const uint32_t kept = min(staged_count, uint32_t(kStagedSpans));
