@@ -1,7 +1,7 @@
 // Blending without tiles: targets whose value is the same for all fragments of a triangle.
 //
-// Triangles are walked once, into a list of spans; then each target takes the list. Spans that are too many for the list are made and taken in
-// parts, by halves of the triangles. Everything else goes by tiles.
+// Triangles are walked once, into a list of spans; then each target takes the list. Spans that are too many for the
+// list are made and taken in parts, by halves of the triangles. Everything else goes by tiles.
 #include <algorithm>
 #include <utility>
 
@@ -87,8 +87,9 @@ bool SpansReach(const RunState& state, const int64_t (&dims)[3]) {
          state.host.view.triangle_count <= kMostSpanTriangles;
 }
 
-// Lists the spans of triangles [begin, end) of the slab in state.spans, as far as there is room; state.counters[kSpans] has how many entries
-// they need. Sets the voxels of all of them in the coverage. `count_fragments`: adds to the slots behind the counters.
+// Lists the spans of triangles [begin, end) of the slab in state.spans, as far as there is room; state.counters[kSpans]
+// has how many entries they need. Sets the voxels of all of them in the coverage. `count_fragments`: adds to the slots
+// behind the counters.
 absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool count_fragments) {
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1, kSpans}));
   SpanArgs args;
@@ -230,8 +231,8 @@ absl::StatusOr<uint64_t> ListedSpans(RunState& state) {
   return (*counters)[kSpans];
 }
 
-// Calls take(number of spans in the list) for lists that together hold the spans of triangles [begin, end). `counted`: the list is theirs,
-// as far as there was room, and there are so many.
+// Calls take(number of spans in the list) for lists that together hold the spans of triangles [begin, end). `counted`:
+// the list is theirs, as far as there was room, and there are so many.
 template <typename Take>
 absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t counted, const Take& take) {
   while (counted > state.spans.size() && (counted <= MostSpans(state) || end - begin == 1)) {

@@ -1,8 +1,9 @@
 // Blending by spans (span_views.h): a thread a span, in any order. No host-only includes.
 //
-// Where a blend is one 32-bit atomic that begins from the stored clear value 0, it is done in the dense target itself: min and
-// max as keys (tile_blend.cuh), which become values at the end, or as they are where no value of a max is negative. Other blends go to
-// accumulators that only covered voxels have, numbered by rank: those of a word of coverage one after the other.
+// Where a blend is one 32-bit atomic that begins from the stored clear value 0, it is done in the dense target itself:
+// min and max as keys (tile_blend.cuh), which become values at the end, or as they are where no value of a max is
+// negative. Other blends go to accumulators that only covered voxels have, numbered by rank: those of a word of
+// coverage one after the other.
 #pragma once
 
 #include "cuda/row_walk.cuh"
@@ -86,8 +87,8 @@ __device__ inline void LoadValues(const uint32_t* from, uint32_t (&to)[kComponen
   }
 }
 
-// Cells that others write meanwhile, as they are now or were a little before. Only of several: to look costs as much as one atomic. `blank` is
-// what every value changes.
+// Cells that others write meanwhile, as they are now or were a little before. Only of several: to look costs as much as
+// one atomic. `blank` is what every value changes.
 template <int kComponents>
 __device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_t (&to)[kComponents]) {
   if constexpr (kComponents == 4) {
@@ -99,8 +100,8 @@ __device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_
   }
 }
 
-// Spans are taken from the last on: values that grow with the triangle's number, as its id does, then find their voxel done. A cell only
-// grows, so one that was seen to be large enough needs no atomic.
+// Spans are taken from the last on: values that grow with the triangle's number, as its id does, then find their voxel
+// done. A cell only grows, so one that was seen to be large enough needs no atomic.
 template <int kComponents>
 __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_constant__ InPlaceArgs args) {
   const bool plain = args.negative != nullptr && *args.negative == 0;  // positive floats have the order of their bits
@@ -164,7 +165,8 @@ struct KeyArgs {
   bool planar, complement, is_float;
 };
 
-// Calls visit(word, x) for the set bits of a bit grid. A warp looks at 128 words at a time, for most are empty, and gives each bit a lane.
+// Calls visit(word, x) for the set bits of a bit grid. A warp looks at 128 words at a time, for most are empty, and
+// gives each bit a lane.
 template <typename Visit>
 __device__ inline void ForEachSetBit(const uint32_t* grid, uint64_t words, Visit&& visit) {
   const uint64_t warps = uint64_t(gridDim.x) * (kBlendThreads / 32);

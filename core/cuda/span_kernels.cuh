@@ -1,9 +1,8 @@
-// The kernels that list the spans of all triangles: who covers which voxels, as records of 8 bytes that further kernels take in any
-// order. The walk is done once, whatever is blended then, and blending is balanced: a thread a span.
+// The kernels that list the spans of all triangles: who covers which voxels, as records of 8 bytes that further kernels
+// take in any order. The walk is done once, whatever is blended then, and blending is balanced: a thread a span.
 //
-// Three classes share the work, as in walk_kernels.cuh. Warps append spans to pieces of the list that they take one after the other; the lanes
-// of a warp always do so together.
-// No host-only includes.
+// Three classes share the work, as in walk_kernels.cuh. Warps append spans to pieces of the list that they take one
+// after the other; the lanes of a warp always do so together. No host-only includes.
 #pragma once
 
 #include "cuda/bit_cells.cuh"
@@ -67,9 +66,9 @@ __device__ inline void AddFragments(const SpanArgs& args, uint64_t count) {
   }
 }
 
-// Runs and small triangles; the others wait in the rest's queue. A block takes kTrianglesOfEmitBlock triangles: runs at once, and then the small
-// ones that it gathered: those of octants (bit_cells.cuh), and those that are set up. Their spans gather in shared memory and go to the list
-// together.
+// Runs and small triangles; the others wait in the rest's queue. A block takes kTrianglesOfEmitBlock triangles: runs at
+// once, and then the small ones that it gathered: those of octants (bit_cells.cuh), and those that are set up. Their
+// spans gather in shared memory and go to the list together.
 template <bool kThin>
 __global__ void __launch_bounds__(kEmitThreads, 7) EmitSpans(const __grid_constant__ SpanArgs args) {
   __shared__ uint64_t staged[kStagedSpans];
@@ -93,7 +92,8 @@ __global__ void __launch_bounds__(kEmitThreads, 7) EmitSpans(const __grid_consta
       fragments += SpanLength(span);
     }
   };
-  // The spans of one row. Lanes that run together write theirs one behind the other: so neighbours in a mesh stay neighbours.
+  // The spans of one row. Lanes that run together write theirs one behind the other: so neighbours in a mesh stay
+  // neighbours.
   const auto put = [&](uint32_t t, uint32_t row, int x_begin, int x_end) {
     uint32_t word = row * words_per_row + uint32_t(x_begin) / 32;
     do {
