@@ -182,5 +182,33 @@ TEST_F(SlowClientTest, TwentyNonReadersAreCheap) {
   EXPECT_LE(end.descriptors, before.descriptors);
 }
 
+// What leaves ahead of their windows is the kept result itself, and not a copy for each of them.
+TEST_F(SlowClientTest, NonReadersOfAKeptResultShareIt) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--result-cache-bytes", "100000000", "--piece-bytes", "262144"}));
+  const absl::StatusOr<StoredMesh> mesh = client_->UploadMesh(glb_, MeshFormat::kGlb, JobContext());
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  ASSERT_TRUE(client_->VoxelizeStored(mesh->mesh_id, LargeResult(), JobContext()).ok());
+  const ProcessFacts before = ReadProcessFacts(server_->pid());
+  v1::VoxelizeRequest request = Config(LargeResult());
+  request.mutable_config()->set_mesh_id(mesh->mesh_id);
+  std::vector<std::unique_ptr<RawClient>> readers;
+  for (int i = 0; i < 20; ++i) {
+    auto reader = RawClient::Connect(server_->address(), /*receive_buffer_bytes=*/4096);
+    ASSERT_TRUE(reader.ok()) << reader.status();
+    readers.push_back(*std::move(reader));
+    ASSERT_TRUE(readers.back()->Send(http2::Opening() +
+                                     http2::Request(1, "/voxelpipe.v1.VoxelizationService/Voxelize") +
+                                     http2::Data(1, http2::Message(request.SerializeAsString()), true)));
+  }
+  for (const auto& reader : readers) EXPECT_TRUE(reader->ReadUntilData());
+  const absl::StatusOr<RemoteResult> again = client_->VoxelizeStored(mesh->mesh_id, LargeResult(), JobContext());
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_TRUE(again->cached);
+  const ProcessFacts after = ReadProcessFacts(server_->pid());
+  if (!IsSanitized(server_->pid())) {
+    EXPECT_LT(after.resident_bytes, before.resident_bytes + (uint64_t{64} << 20)) << after.ToString();
+  }
+}
+
 }  // namespace
 }  // namespace voxelpipe::testing
