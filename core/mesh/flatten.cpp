@@ -1,6 +1,7 @@
 // Source: glTF 2.0 specification, sections 3.5.2 (transformations), 3.7.3 (skins), 3.7.4 (instantiation);
 // EXT_mesh_gpu_instancing.
 #include "mesh/flatten.h"
+#include "mesh/flatten_job.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
@@ -207,9 +208,9 @@ void WriteAttributes(const Placement& p, size_t begin, size_t end, TriangleMesh&
   }
 }
 
-void WriteTriangles(const Placement& p, TriangleMesh& mesh) {
+void WriteTriangles(const Placement& p, size_t begin, size_t end, TriangleMesh& mesh) {
   const uint32_t base = uint32_t(p.part.first_vertex);
-  for (size_t t = 0; t < p.primitive->triangles.size(); ++t) {
+  for (size_t t = begin; t < end; ++t) {
     std::array<uint32_t, 3> v = p.primitive->triangles[t];
     if (p.mirrored) std::swap(v[1], v[2]);
     mesh.triangles[p.part.first_triangle + t] = {base + v[0], base + v[1], base + v[2]};
@@ -289,7 +290,18 @@ absl::Status NameAttributes(std::vector<Placement>& placements, const LoadLimits
   return absl::OkStatus();
 }
 
-void AllocateArrays(const std::vector<Placement>& placements, TriangleMesh& mesh) {
+// The same as resize, but that it may end with the job: writing fresh pages takes its time.
+template <typename T>
+void Resize(const JobContext& job, std::vector<T>& values, size_t count, const T& value = T()) {
+  constexpr size_t kStepBytes = 1 << 20;
+  values.reserve(count);
+  while (values.size() < count && job.Check().ok()) {
+    values.resize(std::min(count, values.size() + kStepBytes / sizeof(T)), value);
+  }
+}
+
+// What a job that ends leaves short must not be used.
+void AllocateArrays(const JobContext& job, const std::vector<Placement>& placements, TriangleMesh& mesh) {
   uint64_t vertices = 0, triangles = 0;
   bool normals = false, tangents = false, colors = false, uv[2] = {false, false};
   for (const Placement& p : placements) {
@@ -301,19 +313,20 @@ void AllocateArrays(const std::vector<Placement>& placements, TriangleMesh& mesh
     for (int s = 0; s < 2; ++s) uv[s] = uv[s] || p.part.has_uv[s];
     mesh.parts.push_back(p.part);
   }
-  mesh.positions.resize(vertices);
-  mesh.triangles.resize(triangles);
-  if (normals) mesh.normals.resize(vertices);
-  if (tangents) mesh.tangents.resize(vertices);
-  if (colors) mesh.colors.resize(vertices, Vec4f{1, 1, 1, 1});
+  Resize(job, mesh.positions, vertices);
+  Resize(job, mesh.triangles, triangles);
+  if (normals) Resize(job, mesh.normals, vertices);
+  if (tangents) Resize(job, mesh.tangents, vertices);
+  if (colors) Resize(job, mesh.colors, vertices, Vec4f{1, 1, 1, 1});
   for (int s = 0; s < 2; ++s) {
-    if (uv[s]) mesh.uv[s].resize(vertices);
+    if (uv[s]) Resize(job, mesh.uv[s], vertices);
   }
 }
 
-std::vector<uint32_t> UnusedVertices(const TriangleMesh& mesh) {
+std::vector<uint32_t> UnusedVertices(const JobContext& job, const TriangleMesh& mesh) {
   std::vector<uint8_t> used(mesh.positions.size());
   tbb::parallel_for(tbb::blocked_range<size_t>(0, mesh.triangles.size(), kVertexGrain), [&](const auto& range) {
+    if (!job.Check().ok()) return;
     for (size_t t = range.begin(); t < range.end(); ++t) {
       for (const uint32_t v : mesh.triangles[t]) std::atomic_ref<uint8_t>(used[v]).store(1, std::memory_order_relaxed);
     }
@@ -341,6 +354,11 @@ uint64_t CountTriangles(const Scene& scene) {
 }
 
 absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limits) {
+  const JobContext endless;
+  return FlattenFor(endless, scene, limits);
+}
+
+absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scene, const LoadLimits& limits) {
   const std::vector<uint32_t> order = DepthFirst(scene);
   if (absl::Status s = CheckLimits(scene, order, limits); !s.ok()) return s;
   const std::vector<Mat4d> world = WorldTransforms(scene);
@@ -349,7 +367,8 @@ absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limit
 
   TriangleMesh mesh;
   try {
-    AllocateArrays(placements, mesh);
+    AllocateArrays(job, placements, mesh);
+    if (absl::Status s = job.Check(); !s.ok()) return s;
     if (absl::Status s = NameAttributes(placements, limits, mesh); !s.ok()) return s;
     mesh.rig = MakeRig(scene, placements);
   } catch (const std::bad_alloc&) {
@@ -363,8 +382,11 @@ absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limit
   std::atomic<uint64_t> bad{UINT64_MAX};
   tbb::parallel_for(size_t{0}, placements.size(), [&](size_t i) {
     const Placement& p = placements[i];
-    WriteTriangles(p, mesh);
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, p.part.triangle_count, kVertexGrain), [&](const auto& range) {
+      if (job.Check().ok()) WriteTriangles(p, range.begin(), range.end(), mesh);
+    });
     tbb::parallel_for(tbb::blocked_range<size_t>(0, p.part.vertex_count, kVertexGrain), [&](const auto& range) {
+      if (!job.Check().ok()) return;
       WriteAttributes(p, range.begin(), range.end(), mesh);
       const size_t v = WriteVertices(p, range.begin(), range.end(), mesh);
       if (v == SIZE_MAX) return;
@@ -373,6 +395,7 @@ absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limit
       while (id < seen && !bad.compare_exchange_weak(seen, id)) {}
     });
   });
+  if (absl::Status s = job.Check(); !s.ok()) return s;
   if (const uint64_t id = bad.load(); id != UINT64_MAX) {
     const auto part = std::partition_point(mesh.parts.begin(), mesh.parts.end(),
                                            [&](const MeshPart& p) { return p.first_vertex + p.vertex_count <= id; });
@@ -380,7 +403,8 @@ absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limit
         absl::StrCat("node ", part->node, ", mesh ", part->mesh, ", primitive ", part->primitive, ", vertex ",
                      id - part->first_vertex, ": the transformed position is not finite, or a joint does not exist"));
   }
-  mesh.unused_vertices = UnusedVertices(mesh);
+  mesh.unused_vertices = UnusedVertices(job, mesh);
+  if (absl::Status s = job.Check(); !s.ok()) return s;
   return mesh;
 }
 

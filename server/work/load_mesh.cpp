@@ -4,7 +4,7 @@
 #include <chrono>
 #include <utility>
 
-#include "mesh/flatten.h"
+#include "mesh/flatten_job.h"
 #include "work/mesh_bytes.h"
 
 namespace voxelpipe {
@@ -34,7 +34,7 @@ absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format
   if (absl::Status s = job.Check(); !s.ok()) return s;
   job.Report("flatten", 0);
   begin = Clock::now();
-  absl::StatusOr<TriangleMesh> mesh = Flatten(*scene, limits);
+  absl::StatusOr<TriangleMesh> mesh = FlattenFor(job, *scene, limits);
   if (!mesh.ok()) return mesh.status();
   loaded.peak_bytes = std::max(loaded.peak_bytes, SceneBytes(*scene) + MeshBytes(*mesh));
   loaded.warnings = std::move(scene->warnings);

@@ -9,12 +9,15 @@
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <functional>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "bench/meshes.h"
 #include "grid/page_pool.h"
+#include "mesh/flatten_job.h"
 #include "pipeline/voxelize.h"
 
 namespace voxelpipe::bench {
@@ -52,13 +55,15 @@ VoxelizeRequest Request(int64_t resolution, Fill fill, ResultKind result, int co
   return request;
 }
 
+using Run = std::function<absl::Status(const JobContext& job)>;
+
 struct Worst {
   double cpu_ms = 0, wall_ms = 0;
   int cancelled = 0;
 };
 
 // Cancels at so many moments of a run that takes `whole` ms.
-Worst CancelAt(const TriangleMesh& mesh, const VoxelizeRequest& request, double whole, int moments, bool fresh) {
+Worst CancelAt(const Run& run, double whole, int moments, bool fresh) {
   Worst worst;
   for (int i = 0; i < moments; ++i) {
     if (fresh) ReleaseIdlePages();
@@ -70,7 +75,7 @@ Worst CancelAt(const TriangleMesh& mesh, const VoxelizeRequest& request, double 
       cpu = CpuMs();
       job.Cancel();
     });
-    const bool ended = !Voxelize(mesh, request, job).ok();
+    const bool ended = !run(job).ok();
     const double wall_end = WallMs(), cpu_end = CpuMs();
     canceller.join();
     if (!ended) continue;
@@ -81,21 +86,39 @@ Worst CancelAt(const TriangleMesh& mesh, const VoxelizeRequest& request, double 
   return worst;
 }
 
-void Measure(const char* mesh_name, const TriangleMesh& mesh, const Case& one, int moments) {
+void Measure(const char* mesh_name, const std::string& name, const Run& run, int moments) {
   const double began = WallMs();
   {
     const JobContext job;
-    if (const auto s = Voxelize(mesh, one.request, job).status(); !s.ok()) {
-      std::printf("| %s | %s | %s |\n", mesh_name, one.name.c_str(), s.ToString().c_str());
+    if (const absl::Status s = run(job); !s.ok()) {
+      std::printf("| %s | %s | %s |\n", mesh_name, name.c_str(), s.ToString().c_str());
       return;
     }
   }
   const double first = WallMs() - began;
-  const Worst reused = CancelAt(mesh, one.request, first, moments, /*fresh=*/false);
-  const Worst fresh = CancelAt(mesh, one.request, first, std::max(1, moments / 3), /*fresh=*/true);
-  std::printf("| %s | %s | %.0f | %d | %.1f | %.1f | %d | %.1f | %.1f |\n", mesh_name, one.name.c_str(), first,
+  const Worst reused = CancelAt(run, first, moments, /*fresh=*/false);
+  const Worst fresh = CancelAt(run, first, std::max(1, moments / 3), /*fresh=*/true);
+  std::printf("| %s | %s | %.0f | %d | %.1f | %.1f | %d | %.1f | %.1f |\n", mesh_name, name.c_str(), first,
               reused.cancelled, reused.cpu_ms, reused.wall_ms, fresh.cancelled, fresh.cpu_ms, fresh.wall_ms);
   std::fflush(stdout);
+}
+
+void Measure(const char* mesh_name, const TriangleMesh& mesh, const Case& one, int moments) {
+  Measure(
+      mesh_name, one.name, [&](const JobContext& job) { return Voxelize(mesh, one.request, job).status(); }, moments);
+}
+
+// As a file of one primitive would be loaded.
+Scene SceneOf(const TriangleMesh& mesh) {
+  Scene scene;
+  Primitive primitive;
+  for (const Vec3d& p : mesh.positions) primitive.positions.push_back({float(p.x), float(p.y), float(p.z)});
+  for (const auto& triangle : mesh.triangles) primitive.triangles.push_back({triangle[0], triangle[1], triangle[2]});
+  scene.meshes = {Mesh{"", {std::move(primitive)}}};
+  scene.nodes.resize(1);
+  scene.nodes[0].mesh = 0;
+  scene.roots = {0};
+  return scene;
 }
 
 }  // namespace
@@ -137,8 +160,15 @@ int main(int argc, char** argv) {
   for (const bench::Case& one : cases) {
     if (one.name.find(only) != std::string::npos) bench::Measure("sphere1M", sphere, one, moments);
   }
-  if (displaced.name.find(only) != std::string::npos) {
-    bench::Measure("sphere10M", bench::BumpySphere(10'000'000), displaced, moments);
+  const bool shades = displaced.name.find(only) != std::string::npos;
+  const bool flattens = std::string("flatten").find(only) != std::string::npos;
+  if (!shades && !flattens) return 0;
+  const TriangleMesh large = bench::BumpySphere(10'000'000);
+  if (shades) bench::Measure("sphere10M", large, displaced, moments);
+  if (flattens) {
+    const Scene scene = bench::SceneOf(large);
+    const bench::Run flatten = [&](const JobContext& job) { return FlattenFor(job, scene, LoadLimits()).status(); };
+    bench::Measure("sphere10M", "flatten", flatten, moments);
   }
   return 0;
 }

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "gtest/gtest.h"
+#include "mesh/flatten_job.h"
 
 namespace voxelpipe {
 namespace {
@@ -146,6 +147,17 @@ TEST(FlattenTest, LimitsAreCheckedBeforeAllocation) {
   EXPECT_TRUE(Flatten(scene, limits).ok());
   limits.max_instances = 999;
   EXPECT_EQ(Flatten(scene, limits).status().code(), absl::StatusCode::kResourceExhausted);
+}
+
+TEST(FlattenTest, EndsWithItsJob) {
+  const Scene scene = SceneOf({NodeAt(Mat4d{}, 0)}, {0});
+  JobContext job;
+  ASSERT_TRUE(FlattenFor(job, scene, LoadLimits()).ok());
+  job.Cancel();
+  EXPECT_EQ(FlattenFor(job, scene, LoadLimits()).status().code(), absl::StatusCode::kCancelled);
+  JobContext late;
+  late.set_deadline(JobContext::Clock::now());
+  EXPECT_EQ(FlattenFor(late, scene, LoadLimits()).status().code(), absl::StatusCode::kDeadlineExceeded);
 }
 
 TEST(FlattenTest, OverflowingTransformsAreNamed) {
