@@ -3,6 +3,7 @@
 #include <limits>
 #include <random>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <grpcpp/create_channel.h>
@@ -58,6 +59,11 @@ class CorruptStreamTest : public ::testing::Test {
   void TearDown() override {
     if (server_ == nullptr || client_ == nullptr) return;
     ExpectServed();
+    // A connection goes when the server has come to the end of its calls, which may be thousands.
+    const auto give_up = JobContext::Clock::now() + kPatience;
+    while (ReadProcessFacts(server_->pid()).descriptors > before_.descriptors && JobContext::Clock::now() < give_up) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    }
     EXPECT_LE(SettledProcessFacts(server_->pid()).descriptors, before_.descriptors);
     server_->Signal(SIGTERM);
     const absl::StatusOr<CommandResult> end = server_->Wait();

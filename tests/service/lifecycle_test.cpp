@@ -134,7 +134,8 @@ TEST_F(LifecycleTest, HealthWatchOfAnUnknownService) {
 }
 
 TEST_F(LifecycleTest, SigtermLetsARunningRequestFinish) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0", "--threads", "1"}));
+  const std::string grace_ms = std::to_string(30'000 * kSlowdown);
+  ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0", "--drain-grace-ms", grace_ms, "--threads", "1"}));
   BackgroundCall call(*client_, LargeTrianglesGlb(LessIfSlow(1000)), SlowRequest());
   ASSERT_TRUE(call.WaitUntilPlanned());
   EXPECT_FALSE(call.IsOver());
