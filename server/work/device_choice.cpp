@@ -38,15 +38,14 @@ bool AnyMayHave(const TaskTraits& task, std::span<const ServingDevice> serving) 
                      [&](const ServingDevice& device) { return MayHave(task, device.traits, serving); });
 }
 
-bool LeavesToGpus(const TaskTraits& task, const WorkerTraits& worker, std::span<const ServingDevice> serving,
-                  size_t waiting, size_t max_batch_jobs) {
-  if (task.backend != BackendChoice::kAuto || worker.kind != BackendChoice::kCpu) return false;
-  size_t next = 0;  // what the GPUs take with their next batches
-  for (const ServingDevice& device : serving) {
-    if (device.traits.kind != BackendChoice::kCuda || FailedOn(task, device.traits.device)) continue;
-    next += device.workers * max_batch_jobs;
-  }
-  return waiting <= next;
+double GpusDoneInMs(const KindOutlook& gpu) {
+  return gpu.free_in_ms + std::max(gpu.task_ms, gpu.waiting_ms / double(std::max<size_t>(1, gpu.workers)));
+}
+
+bool LeavesToOtherKind(BackendChoice kind, const KindOutlook& cpu, const KindOutlook& gpu, size_t waiting) {
+  if (cpu.workers == 0 || gpu.workers == 0) return false;
+  if (kind == BackendChoice::kCpu) return cpu.task_ms >= GpusDoneInMs(gpu);
+  return cpu.idle > 0 && cpu.idle >= waiting && cpu.task_ms < gpu.task_ms;
 }
 
 }  // namespace voxelpipe

@@ -35,9 +35,22 @@ bool IsFallback(const TaskTraits& task, const WorkerTraits& worker);
 // Whether any of the devices may have it.
 bool AnyMayHave(const TaskTraits& task, std::span<const ServingDevice> serving);
 
-// Whether a worker that may have the task had better leave it: a CPU worker leaves to the GPUs what they can take with their next
-// batches, and helps when more waits than that. `waiting`: tasks that wait for any device; `max_batch_jobs`: of one batch.
-bool LeavesToGpus(const TaskTraits& task, const WorkerTraits& worker, std::span<const ServingDevice> serving,
-                  size_t waiting, size_t max_batch_jobs);
+// What is thought of the workers of one kind that may have a task which leaves the device open. Milliseconds are predicted, as corrected
+// by what that kind of device took for jobs of this size.
+struct KindOutlook {
+  size_t workers = 0;     // that serve
+  size_t idle = 0;        // of these
+  double free_in_ms = 0;  // until the first of them has no batch; 0 where one is idle
+  double task_ms = 0;     // the task itself
+  double waiting_ms = 0;  // all that waits for this kind, the task included
+};
+
+// When the GPUs would be done with all that waits for them.
+double GpusDoneInMs(const KindOutlook& gpu);
+
+// Whether a worker that may have the task and has nothing else to do had better leave it to the other kind, because it ends earlier there.
+// A CPU worker leaves what it would not end before the GPUs have ended all that waits; a GPU leaves to idle CPU workers what these do sooner,
+// if there is one for each of the `waiting` tasks. Where all are idle, one of them does not leave it.
+bool LeavesToOtherKind(BackendChoice kind, const KindOutlook& cpu, const KindOutlook& gpu, size_t waiting);
 
 }  // namespace voxelpipe

@@ -28,11 +28,18 @@ void FairQueue::Push(std::shared_ptr<Task> task, size_t lane, Priority priority,
   if (items.size() == 1) level.turns[lane].insert({flow.paid, flow.turn, &flow});
   places_[key] = {&flow, lane, std::prev(items.end())};
   if (lane_sizes_[lane]++ == 0) lanes_ |= 1u << lane;
+  lane_ms_[lane] += cost_ms;
   if (flow.waiting++ == 0) ++level.clients;
   if (level.waiting++ == 0) level.paid = std::max(level.paid, now_);
   flow.waiting_ms += cost_ms;
   level.waiting_ms += cost_ms;
   waiting_ms_ += cost_ms;
+}
+
+double FairQueue::waiting_ms(Lanes lanes) const {
+  double ms = 0;
+  for (size_t lane = 0; lane < kLanes; ++lane) ms += (lanes >> lane & 1) != 0 ? lane_ms_[lane] : 0;
+  return ms;
 }
 
 FairQueue::Flow& FairQueue::Wake(Level& level, const std::string& client) {
@@ -140,7 +147,11 @@ FairQueue::Item FairQueue::TakeOut(const Place& place) {
   places_.erase(item.task.get());
   items.erase(place.item);
   if (items.empty()) level.turns[place.lane].erase({flow.paid, flow.turn, &flow});
-  if (--lane_sizes_[place.lane] == 0) lanes_ &= ~(1u << place.lane);
+  lane_ms_[place.lane] -= item.cost_ms;
+  if (--lane_sizes_[place.lane] == 0) {
+    lanes_ &= ~(1u << place.lane);
+    lane_ms_[place.lane] = 0;  // sums of doubles drift
+  }
   flow.waiting_ms -= item.cost_ms;
   level.waiting_ms -= item.cost_ms;
   waiting_ms_ -= item.cost_ms;

@@ -55,6 +55,8 @@ class FairQueue {
   // Lanes where tasks wait.
   Lanes lanes() const { return lanes_; }
   double waiting_ms() const { return waiting_ms_; }
+  // Of the tasks in these lanes.
+  double waiting_ms(Lanes lanes) const;
   // Of one client, in all priorities.
   size_t WaitingOf(const std::string& client) const;
   // How much of the work that waits would be done before a new task of this client and cost is.
@@ -110,6 +112,7 @@ class FairQueue {
   std::array<Level, kPriorities> levels_;
   std::unordered_map<const Task*, Place> places_;
   std::array<size_t, kLanes> lane_sizes_{};
+  std::array<double, kLanes> lane_ms_{};
   Lanes lanes_ = 0;
   double now_ = 0;
   double waiting_ms_ = 0;

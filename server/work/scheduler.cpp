@@ -39,8 +39,13 @@ double Scheduler::LoadMs(const TaskTraits& traits) const {
 // On a device worker, which loads small meshes itself.
 double Scheduler::RunMs(const TaskTraits& traits) const {
   const bool cuda = traits.backend != BackendChoice::kCpu && KindServes(BackendChoice::kCuda);
+  return RunMsOn(traits, cuda ? BackendChoice::kCuda : BackendChoice::kCpu);
+}
+
+double Scheduler::RunMsOn(const TaskTraits& traits, BackendChoice kind) const {
   const double ms = traits.cost.run_ms + traits.cost.load_ms;
-  return ms * measured_.Ratio(cuda ? WorkKind::kCuda : WorkKind::kCpu, ClassOf(ms, traits.cost.output_bytes));
+  const WorkKind work = kind == BackendChoice::kCuda ? WorkKind::kCuda : WorkKind::kCpu;
+  return ms * measured_.Ratio(work, ClassOf(ms, traits.cost.output_bytes));
 }
 
 // ---- in

@@ -126,6 +126,7 @@ class Scheduler {
     SizeClass size = SizeClass::kSmall;
     std::string device;  // empty for a loader's
     double predicted_ms = 0;
+    double expected_ms = 0;  // the same, as corrected by what was measured
     Time began;
     size_t left = 0;
     bool measurable = true;  // its time is the work's alone
@@ -141,6 +142,7 @@ class Scheduler {
   SizeClass ClassOf(double ms, uint64_t output_bytes) const;
   double LoadMs(const TaskTraits& traits) const;
   double RunMs(const TaskTraits& traits) const;
+  double RunMsOn(const TaskTraits& traits, BackendChoice kind) const;
   AdmissionAnswer AdmissionLocked(const TaskTraits& traits, Time now) const;
   void CountRefused(const AdmissionAnswer& answer) const;
 
@@ -151,11 +153,17 @@ class Scheduler {
   bool KindServes(BackendChoice kind) const;
   const ServingDevice* Serving(const std::string& device) const;
   std::vector<Sleeper*> CallAll();
-  FairQueue::Lanes RunLanes(const WorkerTraits& worker) const;
+  // Lanes from which the worker may take now. `look_again`, if given: when that may be different though nothing happens until then.
+  FairQueue::Lanes RunLanes(const WorkerTraits& worker, std::optional<Time>* look_again = nullptr) const;
+  // Of the devices of this kind that may have the task; `waiting_ms` is left to the caller.
+  KindOutlook Outlook(const TaskTraits& task, BackendChoice kind, Time now) const;
+  // Whether the worker leaves such a task, of which `waiting` wait, to another kind.
+  bool Leaves(const TaskTraits& task, const WorkerTraits& worker, size_t waiting, Time now,
+              std::optional<Time>* look_again) const;
   FairQueue::Lanes LoadLanes() const;
 
   std::vector<std::shared_ptr<Task>> FormBatch(const WorkerTraits& worker, bool may_delay, Time now,
-                                               std::optional<Time>& come_again);
+                                               std::optional<Time>& come_again, std::optional<Time>& look_again);
   void Take(const std::shared_ptr<Task>& task, const std::shared_ptr<Batch>& batch);
   void TellTaken(std::span<const std::shared_ptr<Task>> batch, Time now) const;
   void EndLocked(const Task& task, Time now);
@@ -180,6 +188,7 @@ class Scheduler {
   FairQueue to_load_, to_run_;
   std::list<std::shared_ptr<Task>> again_;  // whose worker failed
   std::unordered_map<const Task*, std::shared_ptr<Batch>> taken_;
+  std::vector<std::shared_ptr<Batch>> running_;  // of device workers
   uint64_t waiting_bytes_ = 0;
   std::optional<Time> ready_since_;  // to_run_ is not empty
   MeasuredCost measured_;

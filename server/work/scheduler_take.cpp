@@ -1,5 +1,7 @@
 // How tasks leave the queue for workers, and what is done when they end.
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <utility>
 
 #include "observe/metrics.h"
@@ -66,11 +68,65 @@ bool Scheduler::IsServed(const TaskTraits& task) const {
   return AnyMayHave(task, serving_);
 }
 
-FairQueue::Lanes Scheduler::RunLanes(const WorkerTraits& worker) const {
-  static const TaskTraits kAnyones;
+KindOutlook Scheduler::Outlook(const TaskTraits& task, BackendChoice kind, Time now) const {
+  KindOutlook outlook;
+  for (const ServingDevice& device : serving_) {
+    if (device.traits.kind == kind && MayHave(task, device.traits, serving_)) outlook.workers += device.workers;
+  }
+  const WorkKind work = kind == BackendChoice::kCuda ? WorkKind::kCuda : WorkKind::kCpu;
+  size_t busy = 0;
+  std::optional<double> first;
+  for (const std::shared_ptr<Batch>& batch : running_) {
+    if (batch->kind != work) continue;
+    ++busy;
+    // What takes longer than was thought may well take as long again.
+    const double left = std::abs(batch->expected_ms - MsBetween(batch->began, now));
+    first = std::min(first.value_or(left), left);
+  }
+  outlook.idle = outlook.workers - std::min(outlook.workers, busy);
+  if (outlook.idle == 0) outlook.free_in_ms = first.value_or(0);
+  outlook.task_ms = RunMsOn(task, kind);
+  return outlook;
+}
+
+bool Scheduler::Leaves(const TaskTraits& task, const WorkerTraits& worker, size_t waiting, Time now,
+                       std::optional<Time>* look_again) const {
+  if (task.backend != BackendChoice::kAuto) return false;
+  const KindOutlook cpu = Outlook(task, BackendChoice::kCpu, now);
+  KindOutlook gpu = Outlook(task, BackendChoice::kCuda, now);
+  gpu.waiting_ms = to_run_.waiting_ms(LanesOfKind(BackendChoice::kAuto) | LanesOfKind(BackendChoice::kCuda));
+  if (!LeavesToOtherKind(worker.kind, cpu, gpu, waiting)) return false;
+  if (look_again != nullptr && worker.kind == BackendChoice::kCpu && gpu.idle == 0) {
+    // Where no batch of the GPUs ends until then, the CPU is the better choice: the guess was wrong.
+    const double spare = cpu.task_ms - (GpusDoneInMs(gpu) - gpu.free_in_ms);
+    for (const std::shared_ptr<Batch>& batch : running_) {
+      if (batch->kind != WorkKind::kCuda) continue;
+      const auto ms = std::chrono::duration<double, std::milli>(batch->expected_ms + std::max(0.0, spare) + 1);
+      const Time then = batch->began + std::chrono::ceil<JobContext::Clock::duration>(ms);
+      if (then > now) *look_again = std::min(look_again->value_or(then), then);
+    }
+  }
+  return true;
+}
+
+FairQueue::Lanes Scheduler::RunLanes(const WorkerTraits& worker, std::optional<Time>* look_again) const {
   FairQueue::Lanes lanes = LanesOfKind(worker.kind);
-  if (!LeavesToGpus(kAnyones, worker, serving_, to_run_.size() + again_.size(), options_.max_batch_jobs)) {
+  const FairQueue::Lanes anyones = LanesOfKind(BackendChoice::kAuto) & to_run_.lanes();
+  const bool choice = anyones != 0 && KindServes(BackendChoice::kCpu) && KindServes(BackendChoice::kCuda);
+  if (!choice) {
     lanes |= LanesOfKind(BackendChoice::kAuto);
+  } else {
+    const Time now = Now();
+    for (const SizeClass size : {SizeClass::kSmall, SizeClass::kMedium, SizeClass::kGiant}) {
+      const size_t lane = LaneFor(BackendChoice::kAuto, size);
+      const Task* front = to_run_.Front(FairQueue::Lanes{1} << lane);
+      // Nobody waits for a giant's worker.
+      const bool gpus_giant = size == SizeClass::kGiant && worker.kind == BackendChoice::kCuda;
+      const size_t waiting = to_run_.size();
+      if (front != nullptr && (gpus_giant || !Leaves(front->traits, worker, waiting, now, look_again))) {
+        lanes |= FairQueue::Lanes{1} << lane;
+      }
+    }
   }
   const ServingDevice* device = Serving(worker.device);
   const size_t workers = device == nullptr ? 1 : device->workers;
@@ -89,24 +145,26 @@ FairQueue::Lanes Scheduler::LoadLanes() const {
 // ---- out
 
 std::vector<std::shared_ptr<Task>> Scheduler::FormBatch(const WorkerTraits& worker, bool may_delay, Time now,
-                                                        std::optional<Time>& come_again) {
+                                                        std::optional<Time>& come_again,
+                                                        std::optional<Time>& look_again) {
   auto batch = std::make_shared<Batch>();
   batch->kind = worker.kind == BackendChoice::kCuda ? WorkKind::kCuda : WorkKind::kCpu;
   batch->device = worker.device;
   batch->began = now;
   for (auto it = again_.begin(); it != again_.end(); ++it) {
     if (!MayHave((*it)->traits, worker, serving_)) continue;
-    if (LeavesToGpus((*it)->traits, worker, serving_, to_run_.size() + again_.size(), options_.max_batch_jobs))
-      continue;
+    if (Leaves((*it)->traits, worker, to_run_.size() + again_.size(), now, &look_again)) continue;
     std::vector<std::shared_ptr<Task>> alone{std::move(*it)};
     again_.erase(it);
     Forget(*alone[0]);
     batch->measurable = false;  // its class is not known any more
+    batch->expected_ms = RunMsOn(alone[0]->traits, worker.kind);
+    running_.push_back(batch);
     Take(alone[0], batch);
     return alone;
   }
 
-  FairQueue::Lanes lanes = RunLanes(worker);
+  FairQueue::Lanes lanes = RunLanes(worker, &look_again);
   size_t lane = 0;
   const Task* first = to_run_.Front(lanes, &lane);
   if (first == nullptr) return {};
@@ -130,18 +188,29 @@ std::vector<std::shared_ptr<Task>> Scheduler::FormBatch(const WorkerTraits& work
   BatchRoom room({std::min(options_.max_batch_jobs, (ready + takers - 1) / takers), options_.max_batch_ms,
                   options_.max_batch_bytes, worker.batch_device_bytes});
   batch->size = size;
+  // A CPU worker takes no more than it ends before the GPUs have ended the rest.
+  double most_ms = std::numeric_limits<double>::infinity();
+  if (first->traits.backend == BackendChoice::kAuto && worker.kind == BackendChoice::kCpu &&
+      KindServes(BackendChoice::kCuda)) {
+    KindOutlook gpu = Outlook(first->traits, BackendChoice::kCuda, now);
+    gpu.waiting_ms = to_run_.waiting_ms(LanesOfKind(BackendChoice::kAuto) | LanesOfKind(BackendChoice::kCuda));
+    most_ms = GpusDoneInMs(gpu);
+  }
   std::vector<std::shared_ptr<Task>> tasks;
   tasks.reserve(size == SizeClass::kGiant ? 1 : std::min(ready, options_.max_batch_jobs));
   for (const Task* next = first; next != nullptr; next = to_run_.Front(lanes)) {
-    const double ms = RunMs(next->traits);
+    const double ms = RunMsOn(next->traits, worker.kind);
     if (!room.Fits(next->traits.cost, ms)) break;
+    if (!tasks.empty() && batch->expected_ms + ms > most_ms) break;
     room.Add(next->traits.cost, ms);
+    batch->expected_ms += ms;
     batch->predicted_ms += next->traits.cost.run_ms + next->traits.cost.load_ms;
     tasks.push_back(to_run_.Pop(lanes));
     Forget(*tasks.back());
     Take(tasks.back(), batch);
     if (size == SizeClass::kGiant) break;
   }
+  running_.push_back(batch);
   if (size == SizeClass::kGiant) ++giants_[worker.device];
   if (to_run_.size() == 0) ready_since_.reset();
   return tasks;
@@ -169,17 +238,17 @@ std::vector<std::shared_ptr<Task>> Scheduler::TakeBatch(const WorkerTraits& work
     std::unique_lock lock(mutex_);
     while (Serving(worker.device) != nullptr) {
       now = Now();
-      std::optional<Time> come_again;
-      batch = FormBatch(worker, may_delay, now, come_again);
+      std::optional<Time> come_again, look_again;
+      batch = FormBatch(worker, may_delay, now, come_again, look_again);
       if (!batch.empty() || stopped_) break;
       Sleeper& sleeper = Sleep(&worker, come_again ? options_.max_batch_jobs : 1);
       const auto woken = [&] { return sleeper.called || stopped_; };
-      if (come_again) {
-        sleeper.wake.wait_until(lock, *come_again, woken);
+      if (come_again || look_again) {
+        sleeper.wake.wait_until(lock, come_again ? *come_again : *look_again, woken);
       } else {
         sleeper.wake.wait(lock, woken);
-        may_delay = false;
       }
+      if (!come_again) may_delay = false;
       WokeUp(sleeper);
     }
     next = CallOne();  // what it left may be another's
@@ -195,8 +264,8 @@ std::vector<std::shared_ptr<Task>> Scheduler::TryTakeBatch(const WorkerTraits& w
   {
     const std::lock_guard lock(mutex_);
     if (Serving(worker.device) == nullptr) return batch;
-    std::optional<Time> come_again;
-    batch = FormBatch(worker, options_.batch_delay.count() > 0, now, come_again);
+    std::optional<Time> come_again, look_again;
+    batch = FormBatch(worker, options_.batch_delay.count() > 0, now, come_again, look_again);
   }
   TellTaken(batch, now);
   return batch;
@@ -295,6 +364,7 @@ void Scheduler::EndLocked(const Task& task, Time now) {
   const std::shared_ptr<Batch> batch = std::move(it->second);
   taken_.erase(it);
   if (--batch->left > 0) return;
+  std::erase(running_, batch);
   if (batch->size == SizeClass::kGiant) {
     size_t& giants = batch->kind == WorkKind::kLoad ? giants_loading_ : giants_[batch->device];
     giants -= std::min<size_t>(1, giants);

@@ -1,5 +1,7 @@
 #include "work/device_choice.h"
 
+#include <algorithm>
+#include <utility>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -66,21 +68,41 @@ TEST(DeviceChoiceTest, NothingServesNothing) {
   EXPECT_FALSE(AnyMayHave(Wants(BackendChoice::kAuto, true), {}));
 }
 
-TEST(DeviceChoiceTest, TheCpuHelpsWhereMoreWaitsThanTheGpusTakeNext) {
-  const TaskTraits task = Wants(BackendChoice::kAuto, true);
-  const size_t batch = 16, next = 2 * 2 * batch;
-  EXPECT_TRUE(LeavesToGpus(task, kCpu, kAll, 1, batch));
-  EXPECT_TRUE(LeavesToGpus(task, kCpu, kAll, next, batch));
-  EXPECT_FALSE(LeavesToGpus(task, kCpu, kAll, next + 1, batch));
-  EXPECT_FALSE(LeavesToGpus(task, kGpu0, kAll, 1, batch));
-  EXPECT_FALSE(LeavesToGpus(task, kCpu, kOnlyCpu, 1, batch)) << "no GPU serves";
+// Workers of one kind, of which some are idle, that take so long for the task alone.
+KindOutlook Workers(size_t workers, size_t idle, double task_ms, double free_in_ms = 0, double waiting_ms = 0) {
+  return {workers, idle, free_in_ms, task_ms, std::max(task_ms, waiting_ms)};
 }
 
-TEST(DeviceChoiceTest, TheCpuDoesNotLeaveWhatTheGpusFailedOrWhatIsItsOwn) {
-  TaskTraits failed = Wants(BackendChoice::kAuto, true);
-  failed.excluded_devices = {"cuda:0", "cuda:1"};
-  EXPECT_FALSE(LeavesToGpus(failed, kCpu, kAll, 1, 16));
-  EXPECT_FALSE(LeavesToGpus(Wants(BackendChoice::kCpu, false), kCpu, kAll, 1, 16));
+TEST(LeavesToOtherKindTest, OfIdleDevicesTheFasterTakesATask) {
+  for (const auto& [cpu_ms, gpu_ms] : {std::pair{1.0, 5.0}, std::pair{5.0, 1.0}, std::pair{3.0, 3.0}}) {
+    const KindOutlook cpu = Workers(2, 2, cpu_ms), gpu = Workers(2, 2, gpu_ms);
+    EXPECT_EQ(LeavesToOtherKind(BackendChoice::kCpu, cpu, gpu, 1), cpu_ms >= gpu_ms);
+    EXPECT_EQ(LeavesToOtherKind(BackendChoice::kCuda, cpu, gpu, 1), cpu_ms < gpu_ms);
+  }
+}
+
+TEST(LeavesToOtherKindTest, TheCpuTakesWhatItEndsBeforeABusyGpuWould) {
+  const KindOutlook gpu = Workers(2, 0, 1, /*free_in_ms=*/10);
+  EXPECT_FALSE(LeavesToOtherKind(BackendChoice::kCpu, Workers(1, 1, 10.5), gpu, 1));
+  EXPECT_TRUE(LeavesToOtherKind(BackendChoice::kCpu, Workers(1, 1, 11.5), gpu, 1));
+}
+
+TEST(LeavesToOtherKindTest, TheCpuHelpsWhereMoreWaitsThanTheGpusSoonDo) {
+  const KindOutlook cpu = Workers(1, 1, 20);
+  EXPECT_TRUE(LeavesToOtherKind(BackendChoice::kCpu, cpu, Workers(2, 0, 1, 5, /*waiting_ms=*/28), 28));
+  EXPECT_FALSE(LeavesToOtherKind(BackendChoice::kCpu, cpu, Workers(2, 0, 1, 5, /*waiting_ms=*/32), 32));
+}
+
+TEST(LeavesToOtherKindTest, AGpuLeavesOnlyWhatIdleCpuWorkersTakeAtOnce) {
+  const KindOutlook gpu = Workers(1, 1, 5);
+  EXPECT_TRUE(LeavesToOtherKind(BackendChoice::kCuda, Workers(2, 2, 1), gpu, 2));
+  EXPECT_FALSE(LeavesToOtherKind(BackendChoice::kCuda, Workers(2, 2, 1), gpu, 3)) << "one would wait";
+  EXPECT_FALSE(LeavesToOtherKind(BackendChoice::kCuda, Workers(2, 0, 1, 0.5), gpu, 1)) << "nobody is idle";
+}
+
+TEST(LeavesToOtherKindTest, NothingIsLeftToAKindThatDoesNotServe) {
+  EXPECT_FALSE(LeavesToOtherKind(BackendChoice::kCpu, Workers(1, 1, 100), Workers(0, 0, 1), 1));
+  EXPECT_FALSE(LeavesToOtherKind(BackendChoice::kCuda, Workers(0, 0, 1), Workers(1, 1, 100), 1));
 }
 
 }  // namespace
