@@ -148,6 +148,8 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--tls-client-ca", o.tls_client_ca,
       "Clients need a certificate that one of these signed (PEM); empty: they need none")
       ->type_name("FILE");
+  add("--tls-client-names", o.tls_client_names,
+      "Whether a call without a token is the client's that its certificate names, for quotas, fairness and the log");
   add("--reflection", o.reflection, "Whether clients may ask for the descriptions of the services");
   app.add_option("--config", config, "Read options from this TOML file")->type_name("FILE")->configurable(false);
   app.add_flag("--check-config", check_config, "Print every option and where it comes from, say what is wrong, and end")

@@ -65,6 +65,7 @@ struct ServerOptions {
   uint32_t reload_interval_ms = 5000;  // how often changed tokens and certificates are looked for
   std::string tls_cert, tls_key;       // PEM files of the server's certificate chain and its key; empty: plain text
   std::string tls_client_ca;           // PEM file of those who sign clients' certificates; empty: clients need none
+  bool tls_client_names = false;       // a call without a token is the client's that its certificate names
   bool reflection = true;              // clients may ask for the descriptions of the services
 };
 

@@ -79,19 +79,35 @@ void AccessControl::Install(TokenTable table) {
 }
 
 absl::StatusOr<Admitted> AccessControl::Admit(std::optional<std::string_view> authorization, Rpc rpc,
-                                              QuotaClock::time_point now) {
+                                              const std::string& certificate, QuotaClock::time_point now) {
   const bool health = rpc == Rpc::kHealthCheck || rpc == Rpc::kHealthWatch;
-  if (token_file_.empty() || (health && open_health_)) return Admitted();
+  if (health && open_health_) return Admitted();
+  if (token_file_.empty()) {
+    Admitted admitted;
+    if (!certificate.empty()) {
+      admitted.name_ = certificate;
+      admitted.role_ = Role::kUser;
+    }
+    return admitted;
+  }
   std::shared_ptr<const TokenTable> table;
   {
     const std::lock_guard lock(mutex_);
     table = table_;
   }
-  if (!authorization) {
-    metrics_.Refused(Refusal::kNoToken).Increment();
-    return absl::UnauthenticatedError("a token is needed: authorization: Bearer TOKEN");
+  const TokenClient* client = nullptr;
+  if (authorization) {
+    client = table->Find(TokenOf(*authorization));
+  } else {
+    if (!certificate.empty()) client = table->FindCertificate(certificate);
+    if (client == nullptr) {
+      metrics_.Refused(Refusal::kNoToken).Increment();
+      return absl::UnauthenticatedError(
+          certificate.empty() ? "a token is needed: authorization: Bearer TOKEN"
+                              : absl::StrCat("a token is needed, authorization: Bearer TOKEN; the certificate's name ",
+                                             certificate, " is not known here"));
+    }
   }
-  const TokenClient* client = table->Find(TokenOf(*authorization));
   if (client == nullptr) {
     metrics_.Refused(Refusal::kBadToken).Increment();
     return absl::UnauthenticatedError("the token is not known here");

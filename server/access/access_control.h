@@ -27,7 +27,7 @@ class Admitted {
     if (quota_) quota_->End();
   }
 
-  const std::string& name() const { return name_; }  // of the token's client; empty where no tokens are asked for
+  const std::string& name() const { return name_; }  // of the token's client, or the certificate's; else empty
   Role role() const { return role_; }
   // `bytes` of a mesh came. Errors: RESOURCE_EXHAUSTED with RetryInfo and QuotaFailure.
   absl::Status TakeBytes(uint64_t bytes, QuotaClock::time_point now = QuotaClock::now());
@@ -47,10 +47,11 @@ class AccessControl {
   static absl::StatusOr<std::unique_ptr<AccessControl>> Create(const std::string& token_file, bool open_health,
                                                                Metrics& metrics);
 
-  // In: the `authorization` metadata of the call. Errors, counted: UNAUTHENTICATED without a token or with one that is not known,
+  // In: the `authorization` metadata of the call, and the name in its client's certificate, empty where that does not count. A token goes
+  // before a certificate. Without a token file everybody is admitted, one with a certificate as a user of that name. Errors, counted: UNAUTHENTICATED without a token or with one that is not known,
   // PERMISSION_DENIED where the role may not make this call, RESOURCE_EXHAUSTED (RetryInfo, QuotaFailure) beyond the quota.
   absl::StatusOr<Admitted> Admit(std::optional<std::string_view> authorization, Rpc rpc,
-                                 QuotaClock::time_point now = QuotaClock::now());
+                                 const std::string& certificate = "", QuotaClock::time_point now = QuotaClock::now());
 
   // Reads the token file again. Clients keep what they have used; calls in progress go on. Errors: those of TokenTable::Read, and
   // then the old table stays.

@@ -12,6 +12,7 @@
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "access/certificate_name.h"
 #include "observe/trace.h"
 
 namespace voxelpipe {
@@ -84,9 +85,9 @@ absl::Status ReadRole(const std::string& where, const Json& value, Role& out) {
   return Wrong(where, "needs to be monitor, user or admin");
 }
 
-// One client and the digests of its tokens.
-absl::Status ReadClient(const std::string& place, const Json& object, TokenClient& client,
-                        std::vector<Digest>& digests) {
+// One client, the digests of its tokens, and the names of its certificates.
+absl::Status ReadClient(const std::string& place, const Json& object, TokenClient& client, std::vector<Digest>& digests,
+                        std::vector<std::string>& certificates) {
   if (!object.is_object()) return Wrong(place, "needs to be an object");
   bool has_role = false;
   for (const auto& [key, value] : object.items()) {
@@ -105,6 +106,13 @@ absl::Status ReadClient(const std::string& place, const Json& object, TokenClien
         if (!digest.ok()) return digest.status();
         digests.push_back(*digest);
       }
+    } else if (key == "certificate") {
+      absl::StatusOr<std::vector<std::string>> names = Strings(where, value);
+      if (!names.ok()) return names.status();
+      for (std::string& name : *names) {
+        if (!IsCertificateName(name)) return Wrong(where, "needs 1 to 128 letters, digits and . _ - : / @");
+        certificates.push_back(std::move(name));
+      }
     } else if (key == "calls_per_second") {
       status = ReadLimit(where, value, client.limits.calls_per_second);
     } else if (key == "burst_calls") {
@@ -122,7 +130,7 @@ absl::Status ReadClient(const std::string& place, const Json& object, TokenClien
   }
   if (!IsRequestId(client.name)) return Wrong(place + ".name", "needs 1 to 64 letters, digits, '.', '_' or '-'");
   if (!has_role) return Wrong(place + ".role", "is missing");
-  if (digests.empty()) return Wrong(place + ".token_sha256", "is missing");
+  if (digests.empty() && certificates.empty()) return Wrong(place + ".token_sha256", "is missing");
   return absl::OkStatus();
 }
 
@@ -160,11 +168,17 @@ absl::StatusOr<TokenTable> TokenTable::Parse(std::string_view json) {
     const std::string place = absl::StrCat("clients[", table.clients_.size(), "]");
     TokenClient client;
     std::vector<Digest> digests;
-    if (absl::Status status = ReadClient(place, object, client, digests); !status.ok()) return status;
+    std::vector<std::string> certificates;
+    if (absl::Status status = ReadClient(place, object, client, digests, certificates); !status.ok()) return status;
     if (!names.insert(client.name).second) return Wrong(place + ".name", "stands there twice: " + client.name);
     for (const Digest& digest : digests) {
       if (!known.insert(digest).second) return Wrong(place, "has a token that stands there twice");
       table.entries_.push_back({digest, table.clients_.size()});
+    }
+    for (const std::string& name : certificates) {
+      if (!table.certificates_.emplace(name, table.clients_.size()).second) {
+        return Wrong(place, "has a certificate that stands there twice");
+      }
     }
     table.clients_.push_back(std::move(client));
   }
@@ -192,6 +206,11 @@ const TokenClient* TokenTable::Find(std::string_view token) const {
     if (CRYPTO_memcmp(digest.data(), entry.sha256.data(), digest.size()) == 0) found = &clients_[entry.client];
   }
   return found;
+}
+
+const TokenClient* TokenTable::FindCertificate(const std::string& name) const {
+  const auto found = certificates_.find(name);
+  return found == certificates_.end() ? nullptr : &clients_[found->second];
 }
 
 }  // namespace voxelpipe

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -42,7 +43,8 @@ struct TokenClient {
 //   {"clients": [{"name": "render-farm", "role": "user", "token_sha256": "<64 hexadecimal digits>", "calls_per_second": 50, ...}]}
 // name: 1 to 64 letters, digits, '.', '_', '-', unique. role: "monitor", "user", "admin". Either token_sha256 (the SHA-256 of the
 // token; what `printf %s TOKEN | sha256sum` prints) or token itself (16 to 512 printable characters), each a string or a list of strings,
-// so that tokens can be changed one after the other. The rest are those of QuotaLimits. Anything else in it is an error.
+// so that tokens can be changed one after the other; instead of them or beside them `certificate`, names that the client's certificate may
+// have (access/certificate_name.h). The rest are those of QuotaLimits. Anything else in it is an error.
 class TokenTable {
  public:
   // Errors: INVALID_ARGUMENT naming the client and the key at fault; never a token.
@@ -52,6 +54,8 @@ class TokenTable {
 
   // The client that the token belongs to, or null. Takes the same time whatever the token.
   const TokenClient* Find(std::string_view token) const;
+  // The client whose certificate has this name, or null.
+  const TokenClient* FindCertificate(const std::string& name) const;
   const std::vector<TokenClient>& clients() const { return clients_; }
 
  private:
@@ -61,6 +65,7 @@ class TokenTable {
   };
   std::vector<TokenClient> clients_;
   std::vector<Entry> entries_;
+  std::map<std::string, size_t> certificates_;
 };
 
 }  // namespace voxelpipe

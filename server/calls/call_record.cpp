@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "access/certificate_name.h"
 #include "service_state.h"
 
 namespace voxelpipe {
@@ -22,13 +23,18 @@ std::optional<TraceContext> CallRecord::TraceOf(const grpc::CallbackServerContex
   return given ? ParseTraceparent(*given) : std::nullopt;
 }
 
+std::string CertificateOf(const ServiceState& state, const grpc::ServerContextBase& context) {
+  return state.options.tls_client_names ? ClientNameOf(*context.auth_context()) : std::string();
+}
+
 CallRecord::CallRecord(ServiceState& state, grpc::CallbackServerContext& context, Rpc called)
     : rpc(called),
       request_id(IdOf(context)),
       peer(context.peer()),
       trace(TraceOf(context)),
       metrics_(state.metrics),
-      admitted_(state.access->Admit(Metadata(context, "authorization"), called)) {
+      admitted_(state.access->Admit(Metadata(context, "authorization"), called, CertificateOf(state, context))) {
+  client = admitted_.ok() && !admitted_->name().empty() ? admitted_->name() : HostOfPeer(peer);
   metrics_.CallBegan(rpc);
   context.AddInitialMetadata("x-request-id", request_id);
 }

@@ -20,6 +20,9 @@ namespace voxelpipe {
 
 struct ServiceState;
 
+// The name in the certificate of the call's client, where the operator wants certificates to name clients; else empty.
+std::string CertificateOf(const ServiceState& state, const grpc::ServerContextBase& context);
+
 // Made when a call comes, on gRPC's thread. Members that change are guarded by the call.
 class CallRecord {
  public:
@@ -43,7 +46,8 @@ class CallRecord {
   const std::string request_id;
   const std::string peer;                   // the connection's other end
   const std::optional<TraceContext> trace;  // of the caller
-  const std::string client;                 // whose it is: the token's client, or the peer where there are no tokens
+  std::string
+      client;  // whose it is: that of the token or the certificate, else the peer's address; set once, by the constructor
   const std::chrono::steady_clock::time_point begin = std::chrono::steady_clock::now();
   uint64_t bytes_in = 0, bytes_out = 0;  // of meshes, of results as they were sent
   uint64_t raw_bytes_out = 0;            // of results before compression; 0: the same as bytes_out

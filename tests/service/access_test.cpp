@@ -84,6 +84,13 @@ class AccessTest : public ::testing::Test {
     return tls;
   }
 
+  ClientTls Showing(const CertificateFiles& files) const {
+    ClientTls tls = Believing();
+    tls.cert_file = files.certificate;
+    tls.key_file = files.key;
+    return tls;
+  }
+
   double Sample(const std::string& name) { return SampleOf(HttpGet(http_, "/metrics"), name); }
   double Refused(const std::string& reason) { return Sample("voxelpipe_refused_total{reason=\"" + reason + "\"}"); }
   std::string Log() const {
@@ -134,12 +141,7 @@ TEST_F(AccessTest, MutualTlsServesThoseWithACertificateThatIsValid) {
   const auto foreign = others->Sign("client");
   ASSERT_TRUE(foreign.ok());
   ASSERT_NO_FATAL_FAILURE(StartWithTls({"--tls-client-ca", authority_->ca()}));
-  const auto showing = [&](const CertificateFiles& files) {
-    ClientTls tls = Believing();
-    tls.cert_file = files.certificate;
-    tls.key_file = files.key;
-    return tls;
-  };
+  const auto showing = [&](const CertificateFiles& files) { return Showing(files); };
   EXPECT_TRUE(Work(showing(*good)).ok()) << Work(showing(*good));
   EXPECT_EQ(Refused("tls_handshake"), 0);
   EXPECT_FALSE(Work(Believing()).ok()) << "no certificate at all";
@@ -150,6 +152,14 @@ TEST_F(AccessTest, MutualTlsServesThoseWithACertificateThatIsValid) {
   EXPECT_TRUE(Soon([&] { return Refused("tls_handshake") >= 3; }));
   EXPECT_TRUE(Logged("certificate verify failed")) << Log();
   EXPECT_TRUE(Work(showing(*good)).ok());
+}
+
+TEST_F(AccessTest, WithoutTokensACertificateNamesItsClient) {
+  const auto files = authority_->Sign("client");
+  ASSERT_TRUE(files.ok()) << files.status();
+  ASSERT_NO_FATAL_FAILURE(StartWithTls({"--tls-client-ca", authority_->ca(), "--tls-client-names", "true"}));
+  EXPECT_TRUE(Work(Showing(*files)).ok());
+  EXPECT_TRUE(Logged("client=client.test code=OK")) << Log();
 }
 
 TEST_F(AccessTest, AChangedCertificateIsShownWithoutARestart) {
@@ -218,6 +228,50 @@ TEST_F(TokenTest, AWrongTokenIsRefusedLoggedAndCounted) {
   EXPECT_TRUE(Logged("code=PERMISSION_DENIED")) << Log();
   EXPECT_TRUE(Logged("client=farm code=OK")) << Log();
   EXPECT_EQ(Log().find("token-of-"), std::string::npos) << "no token is ever logged";
+}
+
+TEST_F(TokenTest, ACertificateCountsForATokenWhereItsNameStandsInTheFile) {
+  const auto known = authority_->Sign("client"), other = authority_->Sign("other");
+  ASSERT_TRUE(known.ok() && other.ok());
+  Write(
+      R"({"name": "farm", "role": "user", "certificate": ["client.test"], "calls_per_second": 0.01, "burst_calls": 1})"
+      R"(,{"name": "eye", "role": "monitor", "token": "token-of-the-eye"})");
+  ASSERT_NO_FATAL_FAILURE(
+      StartWithTls({"--tls-client-ca", authority_->ca(), "--tls-client-names", "true", "--token-file", Path()}));
+  EXPECT_TRUE(Work(Showing(*known)).ok());
+  EXPECT_TRUE(Logged("client=farm code=OK")) << Log();
+  EXPECT_EQ(Work(Showing(*known)).code(), absl::StatusCode::kResourceExhausted) << "the quota is its own";
+  EXPECT_EQ(Refused("quota_rate"), 1);
+  const absl::Status stranger = Work(Showing(*other));
+  EXPECT_EQ(stranger.code(), absl::StatusCode::kUnauthenticated) << stranger;
+  EXPECT_THAT(std::string(stranger.message()), HasSubstr("other.test"));
+  EXPECT_EQ(Work(Showing(*known), "token-of-the-eye").code(), absl::StatusCode::kPermissionDenied)
+      << "a token goes before a certificate";
+}
+
+TEST_F(TokenTest, CertificatesNameNobodyUnlessTheOperatorSaysSo) {
+  const auto files = authority_->Sign("client");
+  ASSERT_TRUE(files.ok());
+  Write(R"({"name": "farm", "role": "user", "certificate": "client.test"})");
+  ASSERT_NO_FATAL_FAILURE(StartWithTls({"--tls-client-ca", authority_->ca(), "--token-file", Path()}));
+  EXPECT_EQ(Work(Showing(*files)).code(), absl::StatusCode::kUnauthenticated);
+}
+
+TEST_F(TokenTest, AUserForgetsItsOwnMeshesAndNotThoseOfOthers) {
+  ASSERT_NO_FATAL_FAILURE(StartWithTokens(std::string(kFarm) +
+                                          R"(,{"name": "mill", "role": "user", "token": "token-of-the-mill"})"
+                                          R"(,{"name": "boss", "role": "admin", "token": "token-of-the-boss"})"));
+  const auto farm = Connect(std::nullopt, "token-of-the-farm"), mill = Connect(std::nullopt, "token-of-the-mill"),
+             boss = Connect(std::nullopt, "token-of-the-boss");
+  ASSERT_TRUE(farm.ok() && mill.ok() && boss.ok());
+  const JobContext job;
+  for (const auto* owner : {&farm, &boss}) {
+    const auto mesh = (*farm)->UploadMesh(TorusGlb(6), MeshFormat::kGlb, job);
+    ASSERT_TRUE(mesh.ok()) << mesh.status();
+    const absl::Status refused = (*mill)->DeleteMesh(mesh->mesh_id).status();
+    EXPECT_EQ(refused.code(), absl::StatusCode::kPermissionDenied) << refused;
+    EXPECT_TRUE((**owner)->DeleteMesh(mesh->mesh_id).ok());
+  }
 }
 
 TEST_F(TokenTest, AMonitorSeesHealthAndServerInfo) {
