@@ -1,10 +1,12 @@
 // A server's work through the client library.
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client.h"
+#include "inspect.h"
 #include "load/pack.h"
 #include "report.h"
 #include "server_access.h"
@@ -100,7 +102,9 @@ nlohmann::ordered_json ServerJson(const ServerDescription& server) {
             {"max_file_bytes", server.max_file_bytes},
             {"max_triangles", server.max_triangles},
             {"max_result_bytes", server.max_result_bytes},
-            {"max_working_bytes", server.max_working_bytes}}}};
+            {"max_working_bytes", server.max_working_bytes},
+            {"max_message_bytes", server.max_message_bytes},
+            {"max_mesh_store_bytes", server.max_mesh_store_bytes}}}};
 }
 
 std::string ServerTable(const std::string& target, const ServerDescription& server) {
@@ -127,6 +131,8 @@ std::string ServerTable(const std::string& target, const ServerDescription& serv
   row("most triangles", limit(server.max_triangles, WithCommas(server.max_triangles)));
   row("largest result", limit(server.max_result_bytes, HumanBytes(server.max_result_bytes)));
   row("working memory", limit(server.max_working_bytes, HumanBytes(server.max_working_bytes)));
+  row("largest message", limit(server.max_message_bytes, HumanBytes(server.max_message_bytes)));
+  row("kept meshes", limit(server.max_mesh_store_bytes, HumanBytes(server.max_mesh_store_bytes)));
   return table;
 }
 
@@ -136,16 +142,14 @@ std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target) {
   return std::make_unique<RemoteEngine>(target);
 }
 
-absl::StatusOr<MeshReport> RemoteReport(const std::string& target, const std::string& path, const JobContext& job) {
+absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::string& path, const JobContext& job) {
   const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
   if (!bytes.ok()) return bytes.status();
-  const absl::StatusOr<std::unique_ptr<Client>> client = ConnectTo(target);
-  if (!client.ok()) return client.status();
-  VoxelizeRequest smallest;
-  smallest.grid.resolution = 1;
-  const absl::StatusOr<Client::Estimated> estimated = (*client)->Estimate(*bytes, MeshFormat::kAuto, smallest, job);
-  if (!estimated.ok()) return estimated.status();
-  return estimated->report;
+  const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
+  if (!options.ok()) return options.status();
+  absl::StatusOr<MeshInspection> seen = InspectMesh(target, *options, *bytes, MeshFormat::kAuto, job);
+  if (!seen.ok()) return seen.status();
+  return MeshFacts{seen->report, std::move(seen->contents), std::move(seen->warnings), std::move(seen->stages)};
 }
 
 std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status) {

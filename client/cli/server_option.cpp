@@ -18,7 +18,7 @@ absl::Status CheckServerOption(const std::string& server) {
   return absl::UnimplementedError("--server: this build was made without the service");
 }
 
-absl::StatusOr<MeshReport> RemoteReport(const std::string& server, const std::string&, const JobContext&) {
+absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string&, const JobContext&) {
   return CheckServerOption(server);
 }
 

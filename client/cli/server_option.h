@@ -5,14 +5,25 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "engine.h"
+#include "mesh/contents.h"
 #include "mesh/report.h"
 
 namespace voxelpipe::cli {
+
+// What is said of a mesh file, whoever looked at it.
+struct MeshFacts {
+  MeshReport report;
+  MeshContents contents;
+  std::vector<std::string> warnings;
+  std::vector<std::pair<std::string, double>> stages;  // load and flatten, milliseconds
+};
 
 // UNIMPLEMENTED where a server is named and this build has no service.
 absl::Status CheckServerOption(const std::string& server);
@@ -21,7 +32,7 @@ absl::Status CheckServerOption(const std::string& server);
 absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server);
 
 // What the server sees in the mesh file at `path`.
-absl::StatusOr<MeshReport> RemoteReport(const std::string& server, const std::string& path, const JobContext& job);
+absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string& path, const JobContext& job);
 
 // The text of `server-info`: a short table, or one JSON object.
 absl::StatusOr<std::string> DescribeServer(const std::string& server, bool json);

@@ -9,6 +9,7 @@
 #include "meshes/prepare_kept.h"
 #include "pipeline/backend.h"
 #include "pipeline/plan.h"
+#include "wire/mesh_contents.h"
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
@@ -125,7 +126,8 @@ absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   const absl::StatusOr<Estimate> estimate = EstimateJob(**mesh, config, state_.limits, job_);
   if (!estimate.ok()) return estimate.status();
   *response_.mutable_plan() = ToMessage(estimate->plan);
-  *response_.mutable_mesh() = ToMessage(estimate->report, false);
+  *response_.mutable_mesh() = ToMessage(estimate->report, (*mesh)->examined, (*mesh)->warnings);
+  if (!kept_) *response_.mutable_contents() = ToMessage((*mesh)->contents, (*mesh)->stages);
   return absl::OkStatus();
 }
 

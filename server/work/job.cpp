@@ -115,6 +115,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint
       if (absl::Status s = PrepareTextures(loaded->mesh, limits.load, TexturesRead(config.request)); !s.ok()) return s;
     }
     prepared->mesh = std::make_shared<const TriangleMesh>(std::move(loaded->mesh));
+    prepared->contents = std::move(loaded->contents);
     prepared->warnings = std::move(loaded->warnings);
     prepared->stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
     prepared->peak_bytes = loaded->peak_bytes;

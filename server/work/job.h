@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "load/limits.h"
+#include "mesh/contents.h"
 #include "mesh/report.h"
 #include "mesh/triangle_mesh.h"
 #include "pipeline/plan.h"
@@ -29,6 +30,7 @@ struct JobLimits {
 // A mesh that is ready for the pipeline: textures that the request reads are decoded.
 struct PreparedMesh {
   std::shared_ptr<const TriangleMesh> mesh;  // never null; other jobs may share it
+  MeshContents contents;                     // of the file; empty where the mesh is a kept one
   std::vector<std::string> warnings;         // of the loader
   std::vector<std::pair<std::string, double>>
       stages;               // that it took to prepare it: "load", "flatten", wall milliseconds

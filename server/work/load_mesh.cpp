@@ -26,7 +26,8 @@ absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format
   Clock::time_point begin = Clock::now();
   absl::StatusOr<Scene> scene = LoadScene(file, format, limits);
   if (!scene.ok()) return scene.status();
-  loaded.peak_bytes = file.size() + SceneBytes(*scene);
+  const uint64_t file_bytes = file.size();
+  loaded.peak_bytes = file_bytes + SceneBytes(*scene);
   file = {};
   loaded.load_ms = MsSince(begin);
   job.Report("load", 1);
@@ -37,6 +38,7 @@ absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format
   absl::StatusOr<TriangleMesh> mesh = FlattenFor(job, *scene, limits);
   if (!mesh.ok()) return mesh.status();
   loaded.peak_bytes = std::max(loaded.peak_bytes, SceneBytes(*scene) + MeshBytes(*mesh));
+  loaded.contents = ContentsOf(*scene, *mesh, file_bytes);
   loaded.warnings = std::move(scene->warnings);
   loaded.mesh = *std::move(mesh);
   loaded.flatten_ms = MsSince(begin);

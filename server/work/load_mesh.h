@@ -9,6 +9,7 @@
 #include "base/job_context.h"
 #include "load/limits.h"
 #include "load/loader.h"
+#include "mesh/contents.h"
 #include "mesh/report.h"
 #include "mesh/triangle_mesh.h"
 
@@ -16,6 +17,7 @@ namespace voxelpipe {
 
 struct LoadedMesh {
   TriangleMesh mesh;
+  MeshContents contents;
   std::vector<std::string> warnings;  // of the loader
   double load_ms = 0, flatten_ms = 0;
   uint64_t peak_bytes = 0;  // the largest of file and scene, scene and flattened mesh, computed from sizes

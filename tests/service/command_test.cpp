@@ -26,6 +26,17 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using ::testing::HasSubstr;
 
+// One triangle with an attribute of its own.
+constexpr char kOwnAttributes[] =
+    R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+  "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "_TEMPERATURE": 1}}]}],
+  "buffers": [{"byteLength": 48, "uri": "data:application/octet-stream;base64,)"
+    "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAAgQQAAoEEAAPBB\"}],"
+    R"(
+  "bufferViews": [{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 12}],
+  "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
+                {"bufferView": 1, "componentType": 5126, "count": 3, "type": "SCALAR"}]})";
+
 class CommandTest : public ::testing::Test {
  protected:
   CommandTest() {
@@ -161,6 +172,45 @@ TEST_F(CommandTest, CompressedResultsAreTheSameInFewerBytes) {
   const CliOutcome nowhere = RunCli({"voxelize", directory_ / "torus.glb", "--compress", "zstd"});
   EXPECT_EQ(nowhere.exit_code, 2);
   EXPECT_THAT(nowhere.err, HasSubstr("--server"));
+}
+
+// The same of a mesh, whoever looks at it: a closed surface, an open one, and one with attributes and a warning of its own.
+TEST_F(CommandTest, AServerSaysOfAMeshWhatThisProcessSays) {
+  const std::string server = Start({"--backend", "cpu"});
+  const std::string own = kOwnAttributes;
+  Write("own.gltf", {own.begin(), own.end()});
+  for (const char* mesh : {"torus.glb", "triangles.glb", "own.gltf"}) {
+    SCOPED_TRACE(mesh);
+    const std::string path = directory_ / mesh;
+    const CliOutcome here = RunCli({"info", path}), there = RunCli({"info", path, "--server", server});
+    ASSERT_EQ(here.exit_code, 0) << here.err;
+    ASSERT_EQ(there.exit_code, 0) << there.err;
+    EXPECT_EQ(here.out, there.out);
+    json here_json = json::parse(RunCli({"info", path, "--json"}).out);
+    json there_json = json::parse(RunCli({"info", path, "--server", server, "--json"}).out);
+    for (json* facts : {&here_json, &there_json}) {
+      EXPECT_GT((*facts)["peak_bytes"], 0);
+      EXPECT_GE((*facts)["stages"]["load"], 0.0);
+      EXPECT_GE((*facts)["stages"]["flatten"], 0.0);
+      facts->erase("peak_bytes");
+      facts->erase("stages");
+    }
+    EXPECT_EQ(here_json, there_json);
+    EXPECT_EQ(here_json["attributes"].size(), std::string(mesh) == "own.gltf" ? 1u : 0u);
+    if (std::string(mesh) == "triangles.glb") {
+      EXPECT_GT(there_json["open_edges"], 0) << "counted, not left at 0";
+    }
+  }
+  EXPECT_EQ(RunCli({"shaders", "--server", server}).out, RunCli({"shaders"}).out);
+  EXPECT_EQ(RunCli({"shaders", "--server", server, "--json"}).out, RunCli({"shaders", "--json"}).out);
+}
+
+TEST_F(CommandTest, EveryLimitOfAServerIsTold) {
+  const std::string server = Start({"--backend", "cpu", "--max-mesh-store-bytes", "3MiB"});
+  const json limits = json::parse(RunCli({"server-info", "--server", server, "--json"}).out)["limits"];
+  EXPECT_EQ(limits["max_mesh_store_bytes"], 3 << 20);
+  EXPECT_GT(limits["max_message_bytes"], 0);
+  EXPECT_THAT(RunCli({"server-info", "--server", server}).out, HasSubstr("3.0 MiB"));
 }
 
 TEST_F(BenchTest, AnOpenLoopSendsWhatIsDueAndNoMore) {

@@ -1,11 +1,13 @@
 #include <exception>
 #include <new>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "commands/commands.h"
 #include "interrupt.h"
+#include "mesh/contents.h"
 #include "mesh/report.h"
 #include "mesh_file.h"
 #include "report.h"
@@ -19,8 +21,9 @@ struct InfoArguments {
   bool json = false;
 };
 
-// `loaded` is null where a server looked at the mesh: then its report is all there is.
-nlohmann::ordered_json InfoJson(const std::string& path, const MeshReport& report, const LoadedMesh* loaded) {
+nlohmann::ordered_json InfoJson(const std::string& path, const MeshFacts& facts) {
+  const MeshReport& report = facts.report;
+  const MeshContents& contents = facts.contents;
   nlohmann::ordered_json json;
   json["input"] = path;
   json["triangles"] = report.triangles;
@@ -29,26 +32,28 @@ nlohmann::ordered_json InfoJson(const std::string& path, const MeshReport& repor
   json["open_edges"] = report.open_edges;
   json["min"] = {report.min.x, report.min.y, report.min.z};
   json["max"] = {report.max.x, report.max.y, report.max.z};
-  if (loaded == nullptr) return json;
-  json["format"] = loaded->scene.format;
-  json["bytes"] = loaded->packed_bytes;
-  json["nodes"] = loaded->scene.nodes.size();
-  json["meshes"] = loaded->scene.meshes.size();
-  json["parts"] = loaded->mesh.parts.size();
-  json["materials"] = loaded->scene.materials.size();
-  json["textures"] = loaded->scene.textures.size();
-  json["images"] = loaded->scene.images.size();
+  json["format"] = contents.format;
+  json["bytes"] = contents.file_bytes;
+  json["nodes"] = contents.nodes;
+  json["meshes"] = contents.meshes;
+  json["parts"] = contents.parts;
+  json["materials"] = contents.materials;
+  json["textures"] = contents.textures;
+  json["images"] = contents.images;
   json["attributes"] = nlohmann::ordered_json::array();
-  for (const VertexAttribute& attribute : loaded->mesh.attributes) {
+  for (const MeshContents::Attribute& attribute : contents.attributes) {
     json["attributes"].push_back({{"name", attribute.name}, {"components", attribute.components}});
   }
-  json["warnings"] = loaded->scene.warnings;
-  json["stages"] = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
+  json["warnings"] = facts.warnings;
+  json["stages"] = nlohmann::ordered_json::object();
+  for (const auto& [stage, ms] : facts.stages) json["stages"][stage] = ms;
   json["peak_bytes"] = ProcessPeakBytes();
   return json;
 }
 
-std::string InfoTable(const std::string& path, const MeshReport& report, const LoadedMesh* loaded) {
+std::string InfoTable(const std::string& path, const MeshFacts& facts) {
+  const MeshReport& report = facts.report;
+  const MeshContents& contents = facts.contents;
   std::string table = path;
   const auto row = [&](const char* name, const std::string& text) {
     absl::StrAppend(&table, absl::StrFormat("\n  %-12s", name), text);
@@ -60,40 +65,43 @@ std::string InfoTable(const std::string& path, const MeshReport& report, const L
       WithCommas(report.open_edges) + (report.open_edges == 0 && report.triangles > 0 ? " (closed)" : ""));
   row("box", absl::StrFormat("%.6g %.6g %.6g to %.6g %.6g %.6g", report.min.x, report.min.y, report.min.z, report.max.x,
                              report.max.y, report.max.z));
-  if (loaded == nullptr) return table;
-  const Scene& scene = loaded->scene;
-  row("format", absl::StrCat(scene.format, ", ", HumanBytes(loaded->packed_bytes)));
-  row("scene", absl::StrCat(scene.nodes.size(), " nodes, ", scene.meshes.size(), " meshes, ", loaded->mesh.parts.size(),
-                            " parts, ", scene.materials.size(), " materials, ", scene.images.size(), " images"));
-  const std::vector<VertexAttribute>& own = loaded->mesh.attributes;
+  row("format", absl::StrCat(contents.format, ", ", HumanBytes(contents.file_bytes)));
+  row("scene", absl::StrCat(contents.nodes, " nodes, ", contents.meshes, " meshes, ", contents.parts, " parts, ",
+                            contents.materials, " materials, ", contents.images, " images"));
+  const std::vector<MeshContents::Attribute>& own = contents.attributes;
   for (size_t i = 0; i < own.size(); ++i) {
     row(i == 0 ? "attributes" : "",
         absl::StrCat(own[i].name, ", ", own[i].components, own[i].components == 1 ? " component" : " components"));
   }
-  for (size_t i = 0; i < scene.warnings.size(); ++i) row(i == 0 ? "warnings" : "", scene.warnings[i]);
+  for (size_t i = 0; i < facts.warnings.size(); ++i) row(i == 0 ? "warnings" : "", facts.warnings[i]);
   return table;
 }
 
-absl::Status Print(const InfoArguments& arguments, const MeshReport& report, const LoadedMesh* loaded) {
-  if (!arguments.json) return PrintLine(InfoTable(arguments.path, report, loaded));
+absl::Status Print(const InfoArguments& arguments, const MeshFacts& facts) {
+  if (!arguments.json) return PrintLine(InfoTable(arguments.path, facts));
   // A name in the file may not be UTF-8.
   constexpr auto kReplace = nlohmann::json::error_handler_t::replace;
-  return PrintLine(InfoJson(arguments.path, report, loaded).dump(-1, ' ', false, kReplace));
+  return PrintLine(InfoJson(arguments.path, facts).dump(-1, ' ', false, kReplace));
+}
+
+absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const JobContext& job) {
+  absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, job);
+  if (!mesh.ok()) return mesh.status();
+  absl::StatusOr<LoadedMesh> loaded = LoadMesh(*std::move(mesh), job);
+  if (!loaded.ok()) return loaded.status();
+  return MeshFacts{ReportMesh(loaded->mesh),
+                   ContentsOf(loaded->scene, loaded->mesh, loaded->packed_bytes),
+                   std::move(loaded->scene.warnings),
+                   {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}}};
 }
 
 absl::Status Info(const InfoArguments& arguments) {
   JobContext job;
   const CancelOnInterrupt cancel(job);
   try {
-    if (!arguments.server.empty()) {
-      const absl::StatusOr<MeshReport> report = RemoteReport(arguments.server, arguments.path, job);
-      return report.ok() ? Print(arguments, *report, nullptr) : report.status();
-    }
-    absl::StatusOr<MeshInput> mesh = ReadMeshInput(arguments.path, job);
-    if (!mesh.ok()) return mesh.status();
-    const absl::StatusOr<LoadedMesh> loaded = LoadMesh(*std::move(mesh), job);
-    if (!loaded.ok()) return loaded.status();
-    return Print(arguments, ReportMesh(loaded->mesh), &*loaded);
+    const absl::StatusOr<MeshFacts> facts =
+        arguments.server.empty() ? LocalFacts(arguments.path, job) : RemoteFacts(arguments.server, arguments.path, job);
+    return facts.ok() ? Print(arguments, *facts) : facts.status();
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");
   } catch (const std::exception& error) {

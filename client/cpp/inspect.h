@@ -1,0 +1,31 @@
+// What a server sees in a mesh file. No gRPC and no protobuf in this header.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "client.h"
+#include "mesh/contents.h"
+#include "mesh/report.h"
+
+namespace voxelpipe {
+
+struct MeshInspection {
+  MeshReport report;  // degenerate triangles and open edges counted
+  MeshContents contents;
+  std::vector<std::string> warnings;                   // of the loader
+  std::vector<std::pair<std::string, double>> stages;  // load and flatten, milliseconds on the server
+};
+
+// In: the bytes of a self-contained mesh file, below the server's max_message_bytes: they go in one message. Connects for this one call.
+// Errors: those of Client::Connect and Client::Estimate.
+absl::StatusOr<MeshInspection> InspectMesh(const std::string& target, const ConnectOptions& options,
+                                           std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                           const JobContext& job);
+
+}  // namespace voxelpipe

@@ -1,0 +1,29 @@
+// What a mesh file holds besides its triangles, for who looks into one.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "mesh/scene.h"
+#include "mesh/triangle_mesh.h"
+
+namespace voxelpipe {
+
+struct MeshContents {
+  struct Attribute {
+    std::string name;    // of the file's own, with its underscore
+    int components = 1;  // 1 to 4
+  };
+  std::string format;       // "glb", "gltf", "drc"
+  uint64_t file_bytes = 0;  // of the self-contained file
+  uint64_t nodes = 0, meshes = 0;
+  uint64_t parts = 0;  // primitives of node instances
+  uint64_t materials = 0, textures = 0, images = 0;
+  std::vector<Attribute> attributes;
+};
+
+// In: a scene, the mesh that it was flattened to, and the size of the file. May throw bad_alloc.
+MeshContents ContentsOf(const Scene& scene, const TriangleMesh& mesh, uint64_t file_bytes);
+
+}  // namespace voxelpipe

@@ -1,0 +1,18 @@
+// MeshContents <-> its message.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "mesh/contents.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
+
+namespace voxelpipe {
+
+// `stages`: wall milliseconds of "load" and "flatten". Names of attributes come from strangers' files: they are cleaned (wire/text.h), and
+// no more than 256 are told.
+v1::MeshContents ToMessage(const MeshContents& contents, const std::vector<std::pair<std::string, double>>& stages);
+MeshContents FromMessage(const v1::MeshContents& message);
+
+}  // namespace voxelpipe
