@@ -17,8 +17,10 @@
 #include "cpu/run_state.h"
 #include "cuda/batch_bricks.h"
 #include "cuda/mesh_cache.h"
+#include "cuda/mesh_uploads.h"
 #include "cuda/pinned.h"
 #include "grid/index_space.h"
+#include "mesh/content_id.h"
 #include "pipeline/bind.h"
 
 namespace voxelpipe::cuda {
@@ -265,10 +267,12 @@ class Pass {
       };
       if (item.positions == nullptr) {
         put(offsets[i].positions, mesh.positions, mesh.vertex_count * sizeof(Vec3d));
+        CountMeshUpload(state_.device.ordinal, mesh.vertex_count * sizeof(Vec3d));
         item.positions = At<Vec3d>(there_, offsets[i].positions);
       }
       if (item.triangles == nullptr) {
         put(offsets[i].triangles, mesh.triangles, mesh.triangle_count * 3 * sizeof(uint32_t));
+        CountMeshUpload(state_.device.ordinal, mesh.triangle_count * 3 * sizeof(uint32_t));
         item.triangles = At<uint32_t>(there_, offsets[i].triangles);
       }
       put(items_at + i * sizeof item, &item, sizeof item);
@@ -285,15 +289,16 @@ class Pass {
   absl::Status FindKept(const Member& member, BatchItemView& item) {
     const TriangleMesh& mesh = *member.item->mesh;
     const MeshView& view = member.host->view;
-    if (mesh.content_id.empty() || mesh.triangles.empty()) return absl::OkStatus();
+    const SharedArrays shared = SharedArraysOf(mesh.content_id);
+    if (shared.id.empty() || mesh.triangles.empty()) return absl::OkStatus();
     const auto find = [&](const char* part, const void* from, uint64_t bytes) -> absl::StatusOr<const uint8_t*> {
-      auto array = CachedUpload(state_.device.ordinal, absl::StrCat(mesh.content_id, "/", part), from, bytes,
-                                state_.stream, staged_);
+      auto array =
+          CachedUpload(state_.device.ordinal, absl::StrCat(shared.id, "/", part), from, bytes, state_.stream, staged_);
       if (!array.ok()) return array.status();
       kept_.push_back(*std::move(array));
       return kept_.back()->data();
     };
-    if (view.positions == mesh.positions.data()) {
+    if (view.positions == mesh.positions.data() && shared.positions) {
       const auto positions = find("positions", view.positions, view.vertex_count * sizeof(Vec3d));
       if (!positions.ok()) return positions.status();
       item.positions = reinterpret_cast<const Vec3d*>(*positions);

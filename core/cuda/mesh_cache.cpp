@@ -7,6 +7,8 @@
 #include <unordered_map>
 #include <utility>
 
+#include "cuda/mesh_uploads.h"
+
 namespace voxelpipe::cuda {
 namespace {
 
@@ -110,6 +112,7 @@ absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, con
   VOXELPIPE_OK_OR_RETURN(StagedCopy(made->array_.data(), from, bytes, stream, staged));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventCreateWithFlags(&made->ready_, cudaEventDisableTiming));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventRecord(made->ready_, stream));
+  CountMeshUpload(ordinal, bytes);
   const uint64_t most = MostBytes(ordinal);
   if (bytes <= most) cache.Keep(key, made, most);
   return std::shared_ptr<const CachedArray>(std::move(made));

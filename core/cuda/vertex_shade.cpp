@@ -5,7 +5,10 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "cuda/mesh_cache.h"
+#include "cuda/mesh_uploads.h"
 #include "cuda/run_state.h"
+#include "mesh/content_id.h"
 #include "shaders/mips.h"
 
 namespace voxelpipe::cuda {
@@ -18,10 +21,10 @@ absl::Status UploadIf(RunState& state, bool wanted, bool kept, const char* part,
                       DeviceArray<T>& to, const T*& view) {
   view = nullptr;
   if (!wanted || from == nullptr) return absl::OkStatus();
-  const std::string& id = state.host.mesh.content_id;
-  if (kept && !id.empty() && count > 0) {
-    auto array = CachedUpload(state.device.ordinal, absl::StrCat(id, "/", part), from, count * sizeof(T), state.stream,
-                              state.staged);
+  const SharedArrays shared = SharedArraysOf(state.host.mesh.content_id);
+  if (kept && !shared.id.empty() && count > 0) {
+    auto array = CachedUpload(state.device.ordinal, absl::StrCat(shared.id, "/", part), from, count * sizeof(T),
+                              state.stream, state.staged);
     if (!array.ok()) return array.status();
     view = reinterpret_cast<const T*>((*array)->data());
     state.cached.push_back(*std::move(array));
@@ -29,6 +32,7 @@ absl::Status UploadIf(RunState& state, bool wanted, bool kept, const char* part,
   }
   VOXELPIPE_OK_OR_RETURN(to.Resize(count, state.stream));
   VOXELPIPE_OK_OR_RETURN(StagedCopy(to.data(), from, count * sizeof(T), state.stream, state.staged));
+  CountMeshUpload(state.device.ordinal, count * sizeof(T));
   view = to.data();
   return absl::OkStatus();
 }
@@ -64,8 +68,9 @@ absl::Status UploadAttributes(RunState& state) {
   mesh.attribute_values.resize(attributes.size());
   for (size_t i = 0; i < attributes.size(); ++i) {
     const uint64_t count = state.host.view.vertex_count * uint64_t(attributes[i].components);
-    VOXELPIPE_OK_OR_RETURN(mesh.attribute_values[i].Upload({attributes[i].values, count}, state.stream));
-    attributes[i].values = mesh.attribute_values[i].data();
+    const std::string part = absl::StrCat("attribute", i);
+    VOXELPIPE_OK_OR_RETURN(UploadIf(state, true, true, part.c_str(), attributes[i].values, count,
+                                    mesh.attribute_values[i], attributes[i].values));
   }
   VOXELPIPE_OK_OR_RETURN(mesh.attributes.Upload(attributes, state.stream));
   mesh.host_view.attributes = mesh.attributes.data();
@@ -93,8 +98,9 @@ absl::Status UploadMesh(RunState& state) {
   const auto upload = [&](bool wanted, bool kept, const char* part, const auto* from, uint64_t count, auto& to,
                           auto& view) { return UploadIf(state, wanted, kept, part, from, count, to, view); };
   const auto is_own = [](const auto* shaded, const auto& array) { return shaded == array.data(); };
-  VOXELPIPE_OK_OR_RETURN(upload(true, is_own(host.positions, own.positions), "positions", host.positions, n,
-                                mesh.positions, there.positions));
+  // Of a mesh that was moved all else may be there.
+  const bool kept_positions = is_own(host.positions, own.positions) && SharedArraysOf(own.content_id).positions;
+  VOXELPIPE_OK_OR_RETURN(upload(true, kept_positions, "positions", host.positions, n, mesh.positions, there.positions));
   const uint32_t* triangles = nullptr;
   VOXELPIPE_OK_OR_RETURN(upload(true, true, "triangles", host.triangles == nullptr ? nullptr : &host.triangles[0][0],
                                 host.triangle_count * 3, mesh.triangles, triangles));

@@ -93,6 +93,11 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const Texture
   }
 }
 
+std::shared_ptr<TriangleMesh> KeptMesh::Moved(const std::shared_ptr<const TriangleMesh>& mesh, bool keep_one) {
+  if (keep_one) keeps_moved_ = true;
+  return moved_->Copy(mesh, keep_one);
+}
+
 void KeptMesh::AddOwner(const std::string& client) {
   const std::lock_guard lock(mutex_);
   owners_.insert(client);

@@ -15,6 +15,7 @@
 #include "mesh/material.h"
 #include "mesh/report.h"
 #include "mesh/triangle_mesh.h"
+#include "meshes/moved_meshes.h"
 #include "work/load_mesh.h"
 
 namespace voxelpipe {
@@ -31,8 +32,8 @@ class KeptMesh {
   const std::vector<std::string>& warnings() const { return warnings_; }  // of the loader
   uint64_t triangles() const { return triangles_; }                       // of the flattened mesh
   uint64_t vertices() const { return vertices_; }
-  // What it takes now: arrays, names, images as far as they are decoded.
-  uint64_t memory_bytes() const { return memory_bytes_.load(); }
+  // What it takes now: arrays, names, images as far as they are decoded; and as much for the copy of which jobs move the vertices, once one did.
+  uint64_t memory_bytes() const { return memory_bytes_.load() * (keeps_moved_ ? 2 : 1); }
   uint64_t uses() const { return uses_.load(); }
   void CountUse() { ++uses_; }
 
@@ -46,6 +47,10 @@ class KeptMesh {
   // wait meanwhile. A mesh with textures has another content_id than the one without.
   // Errors: those of PrepareTextures, each time anew; RESOURCE_EXHAUSTED out of memory.
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const TextureUse& use, const LoadLimits& limits);
+
+  // A copy of `mesh`, which came from here, whose positions are the caller's to set (MovedMeshes). `keep_one`: from now on.
+  std::shared_ptr<TriangleMesh> Moved(const std::shared_ptr<const TriangleMesh>& mesh, bool keep_one);
+  bool keeps_moved() const { return keeps_moved_; }
 
   // Whether Mesh gives those textures without decoding any.
   bool ready(const TextureUse& use) const;
@@ -65,6 +70,8 @@ class KeptMesh {
   const std::vector<std::string> warnings_;
   const uint64_t triangles_, vertices_;
   std::atomic<uint64_t> memory_bytes_{0}, uses_{0};
+  std::atomic<bool> keeps_moved_{false};
+  const std::shared_ptr<MovedMeshes> moved_ = std::make_shared<MovedMeshes>();
 
   std::mutex preparing_;      // held while textures are decoded or edges counted; taken before mutex_
   mutable std::mutex mutex_;  // held for moments only

@@ -35,6 +35,14 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> MeshStore::Mesh(KeptMesh& me
   return textured;
 }
 
+std::shared_ptr<TriangleMesh> MeshStore::Moved(KeptMesh& mesh, const std::shared_ptr<const TriangleMesh>& of) {
+  if (mesh.keeps_moved()) return mesh.Moved(of, true);
+  const bool keep_one = mesh.memory_bytes() <= max_bytes() / 16;
+  std::shared_ptr<TriangleMesh> moved = mesh.Moved(of, keep_one);
+  if (keep_one) meshes_.Resize(mesh.id(), &mesh, mesh.memory_bytes());
+  return moved;
+}
+
 absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Get(const std::string& id) const {
   std::shared_ptr<KeptMesh> mesh = meshes_.Peek(id);
   if (!mesh) return MissingMeshError(id);

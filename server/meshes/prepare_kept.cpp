@@ -18,11 +18,10 @@ namespace {
 constexpr uint64_t kPositionBytes = 3 * sizeof(float);
 
 // The mesh, but for its positions.
-absl::StatusOr<std::shared_ptr<const TriangleMesh>> WithPositions(const TriangleMesh& mesh,
+absl::StatusOr<std::shared_ptr<const TriangleMesh>> WithPositions(MeshStore& store, KeptMesh& kept,
+                                                                  const std::shared_ptr<const TriangleMesh>& mesh,
                                                                   std::span<const uint8_t> positions) {
-  auto moved = std::make_shared<TriangleMesh>(mesh);
-  moved->content_id.clear();
-  moved->rig.reset();  // it would put the vertices back
+  std::shared_ptr<TriangleMesh> moved = store.Moved(kept, mesh);
   for (size_t i = 0; i < moved->positions.size(); ++i) {
     float xyz[3];
     std::memcpy(xyz, positions.data() + i * kPositionBytes, sizeof xyz);
@@ -53,7 +52,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   }
   job.Report("load", 0);
   const auto begin = std::chrono::steady_clock::now();
-  mesh = WithPositions(*prepared->mesh, positions);
+  mesh = WithPositions(store, kept, prepared->mesh, positions);
   if (!mesh.ok()) return mesh.status();
   prepared->mesh = *std::move(mesh);
   prepared->peak_bytes = MeshBytes(*prepared->mesh) + positions.size();

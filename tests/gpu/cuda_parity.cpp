@@ -25,9 +25,13 @@
 #include "gpu/bench_meshes.h"
 #include "gpu/first_difference.h"
 #include "gpu/parity_cases.h"
+#include "mesh/content_id.h"
 #include "pipeline/backend.h"
 #include "pipeline/voxelize.h"
 #include "support/meshes.h"
+#ifdef VOXELPIPE_HAVE_CUDA
+#include "cuda/mesh_uploads.h"
+#endif
 
 namespace voxelpipe::gpu {
 namespace {
@@ -104,6 +108,24 @@ class Parity {
     return true;
   }
 
+  // A mesh that the device keeps, and then others that share all but their positions with it: what each gives is what it gives as a mesh of its
+  // own, and its positions alone go up. Single runs, and all frames in one batch.
+  bool RunMoved(const ParityMesh& named, TriangleMesh mesh, const std::vector<ParityCase>& cases,
+                BatchParity& batches) {
+    mesh.content_id = "moved " + named.name;
+    if (!RunMesh({named.name + "_kept", named.extent, {}}, mesh, cases, 1)) return false;
+    for (int frame = 1; frame <= 2; ++frame) {
+      auto moved = std::make_shared<TriangleMesh>(mesh);
+      moved->content_id = NewMovedId(mesh.content_id);
+      for (Vec3d& p : moved->positions) p = Vec3d{p.x, p.y * (1 + 0.25 * frame), p.z + 0.125 * frame * p.x};
+      const std::string name = absl::StrCat(named.name, "_moved", frame);
+      if (!RunMesh({name, named.extent, {}}, *moved, cases, 1)) return false;
+      CheckUpload(name, *moved);
+      if (options_.filter.empty() && !options_.list) batches.Add(name, moved, cases, 1);
+    }
+    return true;
+  }
+
   // More than any device has: RESOURCE_EXHAUSTED, and what comes after it works.
   void RunOutOfMemory() {
     const std::string line = "out_of_memory#0 f32 dense 8192x8192x4096 as one slab";
@@ -154,6 +176,23 @@ class Parity {
   bool Stop(const char* why) {
     stopped_ = why;
     return false;
+  }
+
+  void CheckUpload(const std::string& name, const TriangleMesh& mesh) {
+#ifdef VOXELPIPE_HAVE_CUDA
+    if (options_.self || options_.list || !options_.filter.empty()) return;
+    ParityCase c;
+    c.request.backend = BackendChoice::kCuda;
+    const uint64_t before = cuda::MeshUploadedBytes(0);
+    const auto result = Voxelize(mesh, c.request, JobContext());
+    const uint64_t uploaded = cuda::MeshUploadedBytes(0) - before;
+    const uint64_t positions = mesh.positions.size() * sizeof(Vec3d), small_parts = 64 * (1 + mesh.parts.size());
+    if (!result.ok() || uploaded < positions || uploaded > positions + small_parts) {
+      Differ(c, name, absl::StrCat(uploaded, " bytes of the mesh went up, its positions have ", positions));
+    }
+#else
+    (void)name, (void)mesh;
+#endif
   }
 
   void Differ(const ParityCase& c, const std::string& line, const std::string& how) {
@@ -290,6 +329,7 @@ void RunAll(Parity& parity, BatchParity& batches, const Options& options) {
     const CaseSizes sizes{first ? 300 : large ? 16 : 32, !named.refusable, first};
     const auto cases = options.quick ? QuickCases(named) : CasesFor(named, mesh, sizes, options.seed + 100 * number);
     if (!parity.RunMesh(named, mesh, cases, options.quick ? 1 : 0)) return;
+    if (number == 1 && !parity.RunMoved(named, mesh, QuickCases(named), batches)) return;
     if (in_batches && !large) batches.Add(named.name, made, cases, options.quick ? 1 : 8);
   }
   batches.Flush();

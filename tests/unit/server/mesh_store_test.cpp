@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "gtest/gtest.h"
+#include "mesh/content_id.h"
 #include "meshes/prepare_kept.h"
 #include "pipeline/limit_error.h"
 #include "wire/status.h"
@@ -212,9 +213,47 @@ TEST_F(PrepareKeptTest, NewPositionsAreAMeshOfTheirOwn) {
   const TriangleMesh& mesh = *(*moved)->mesh;
   EXPECT_EQ(mesh.positions[1], (Vec3d{2, 0, 5}));
   EXPECT_EQ(mesh.triangles.size(), 1u);
-  EXPECT_TRUE(mesh.content_id.empty()) << "a device must not take it for the mesh that it has";
+  EXPECT_NE(mesh.content_id, Id('a')) << "a device must not take it for the mesh that it has";
+  EXPECT_EQ(SharedArraysOf(mesh.content_id).id, Id('a')) << "but for its positions";
+  EXPECT_FALSE(SharedArraysOf(mesh.content_id).positions);
   EXPECT_EQ((*moved)->report.max, (Vec3d{2, 2, 5}));
   EXPECT_EQ((*kept_->Mesh({}, {}))->positions[1], (Vec3d{1, 0, 0}));
+}
+
+// Frame after frame nothing but positions is written; frames at the same time do not disturb each other.
+TEST_F(PrepareKeptTest, ACopyServesOneMoveAfterTheOther) {
+  config_.new_positions = true;
+  auto first = Prepare({0, 0, 1, 1, 0, 1, 0, 1, 1});
+  ASSERT_TRUE(first.ok()) << first.status();
+  const auto second = Prepare({0, 0, 2, 1, 0, 2, 0, 1, 2});
+  ASSERT_TRUE(second.ok()) << second.status();
+  const auto* indices = (*first)->mesh->triangles.data();
+  const std::string id = (*first)->mesh->content_id;
+  EXPECT_NE((*second)->mesh->triangles.data(), indices) << "the first is in use";
+  EXPECT_NE((*second)->mesh->content_id, id);
+  EXPECT_EQ((*first)->mesh->positions[0], (Vec3d{0, 0, 1}));
+  first = absl::CancelledError();
+  const auto third = Prepare({0, 0, 3, 1, 0, 3, 0, 1, 3});
+  ASSERT_TRUE(third.ok()) << third.status();
+  EXPECT_EQ((*third)->mesh->triangles.data(), indices) << "the same arrays";
+  EXPECT_NE((*third)->mesh->content_id, id) << "with other positions";
+  EXPECT_EQ((*third)->mesh->positions[0], (Vec3d{0, 0, 3}));
+  EXPECT_EQ((*second)->mesh->positions[0], (Vec3d{0, 0, 2}));
+}
+
+TEST_F(PrepareKeptTest, TheCopyCountsAsMemoryAndOutlivesItsMesh) {
+  config_.new_positions = true;
+  ASSERT_TRUE(store_.Insert(kept_).ok());
+  const uint64_t before = store_.stats().bytes;
+  auto moved = Prepare({0, 0, 1, 1, 0, 1, 0, 1, 1});
+  ASSERT_TRUE(moved.ok()) << moved.status();
+  EXPECT_EQ(store_.stats().bytes, 2 * before);
+  EXPECT_TRUE(Prepare({0, 0, 1, 1, 0, 1, 0, 1, 1}).ok());
+  EXPECT_EQ(store_.stats().bytes, 2 * before) << "one copy is kept";
+  const std::shared_ptr<const TriangleMesh> mesh = (*moved)->mesh;
+  moved = absl::CancelledError();
+  ASSERT_TRUE(store_.Delete(Id('a')).ok());
+  EXPECT_EQ(mesh->triangles.size(), 1u);
 }
 
 TEST_F(PrepareKeptTest, WrongPositionsAreNamed) {
