@@ -41,21 +41,26 @@ absl::Status PackBitTarget(const RunState& state, const CpuTarget& target, HostB
   const BitGrid& present = target.own_presence ? target.presence : state.coverage;
   const BitGrid& value = target.is_occupancy ? present : target.bits;
   const uint32_t clear = target.spec.clear != 0 ? ~0u : 0, fill = target.spec.fill_value != 0 ? ~0u : 0;
-  const int64_t last_word = state.coverage.words_per_row() - 1;
+  const int64_t words = state.coverage.words_per_row(), last_word = words - 1;
   const uint32_t last_mask = state.coverage.last_word_mask();
   // Eight rows end with a byte whatever their length, so parts of the grid are packed like small grids.
   const int64_t nx = state.slab_dims[0], rows = state.slab_dims[1] * state.slab_dims[2];
   const int64_t part = std::max<int64_t>(8, kPackBytes * 8 / nx / 8 * 8);
   return ParallelChunks((rows + part - 1) / part, 1, state.job, [&](int64_t begin, int64_t end) {
     const int64_t first = begin * part, count = std::min(rows, end * part) - first;
-    PackBits({nx, count, 1}, out.bytes().subspan(size_t(first * nx / 8)), [&](int64_t part_row, int64_t w) {
-      const int64_t r = first + part_row;
-      const uint32_t here = present.row(r)[w];
-      const uint32_t inside = state.inside.empty() ? 0 : state.inside.row(r)[w];
+    // By value: through references, each would be read anew for every word, as the bytes written might be what they refer to.
+    const uint32_t* const here_words = present.row(first).data();
+    const uint32_t* const value_words = value.row(first).data();
+    const uint32_t* const inside_words = state.inside.empty() ? nullptr : state.inside.row(first).data();
+    const auto word_at = [=](int64_t row, int64_t w) {
+      const int64_t at = row * words + w;
+      const uint32_t here = here_words[at];
+      const uint32_t inside = inside_words == nullptr ? 0 : inside_words[at];
       const uint32_t elsewhere = (inside & fill) | (~inside & clear);
-      const uint32_t word = (here & value.row(r)[w]) | (~here & elsewhere);
+      const uint32_t word = (here & value_words[at]) | (~here & elsewhere);
       return w == last_word ? word & last_mask : word;
-    });
+    };
+    PackBits({nx, count, 1}, out.bytes().subspan(size_t(first * nx / 8)), word_at);
   });
 }
 
