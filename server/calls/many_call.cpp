@@ -298,8 +298,8 @@ void ManyCall::Pump() {
     if (last_of_current_) ids_.erase(current_->job->id());
     writing_ = true;
     grpc::WriteOptions options;
-    // What follows at once leaves with it.
-    if (last_of_current_ ? !ready_.empty() : stream->next_is_ready()) options.set_buffer_hint();
+    // What follows at once leaves with it. Not pieces: with the hint, streams of equal jobs of several pieces each stopped for good.
+    if (!stream && last_of_current_ && !ready_.empty()) options.set_buffer_hint();
     lock.unlock();
     write_wait_->Begin();
     StartWrite(&writing_message_, options);
