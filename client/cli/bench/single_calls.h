@@ -1,0 +1,147 @@
+// What lanes of single calls share: calls that are used again and again, the thread that serves their events, and what follows an answer.
+#pragma once
+
+#include <chrono>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include <grpcpp/alarm.h>
+#include <grpcpp/client_context.h>
+#include <grpcpp/generic/generic_stub.h>
+
+#include "bench/lane.h"
+
+namespace voxelpipe::cli {
+
+struct SingleCall {
+  LoadClock::time_point due, sent;
+  std::optional<grpc::ClientContext> context;
+  grpc::ByteBuffer buffer;
+  grpc::Status status;
+  grpc::Alarm alarm;
+  bool active = false;
+};
+
+// `Call` is a SingleCall that can be made without arguments and stays where it is. Whoever derives calls Serve last in the constructor
+// and Join in the destructor: the thread uses all of the object.
+template <typename Call>
+class SingleCalls : public Lane {
+ public:
+  void Start(LoadClock::time_point due) override {
+    Call* call = nullptr;
+    {
+      const std::lock_guard lock(mutex_);
+      if (free_.empty()) {
+        call = &calls_.emplace_back();
+      } else {
+        call = free_.back();
+        free_.pop_back();
+      }
+    }
+    run_.in_flight.fetch_add(1, std::memory_order_relaxed);
+    LaunchAt(*call, due);
+  }
+
+  Ended End() override {
+    queue_.Shutdown();
+    thread_.join();
+    return tally_.ended();
+  }
+
+ protected:
+  SingleCalls(std::shared_ptr<grpc::Channel> channel, LoadRun& run)
+      : run_(run), stub_(std::move(channel)), tally_(run) {}
+
+  void Serve() {
+    thread_ = std::thread([this] { Loop(); });
+  }
+  void Join() {
+    if (thread_.joinable()) End();
+  }
+
+  // Sends the call, whose context is new.
+  virtual void Launch(Call& call) = 0;
+  virtual void Handle(void* tag, bool ok) = 0;
+
+  // The call is over. `pause`: the tag for Handle, which calls Again, where the next one has to wait.
+  void Complete(Call& call, Outcome& outcome, void* pause) {
+    // A closed loop whose server is gone would spin: a refused call comes back at once.
+    constexpr std::chrono::milliseconds kPauseUnavailable{10};
+    if (outcome.code != absl::StatusCode::kOk) outcome.retry_info = SaysWhenToRetry(call.status);
+    tally_.Add(call.due, call.sent, outcome);
+    call.active = false;
+    if (!run_.closed_loop) {
+      Release(call);
+    } else if (outcome.code == absl::StatusCode::kUnavailable) {
+      call.alarm.Set(&queue_, std::chrono::system_clock::now() + kPauseUnavailable, pause);
+    } else {
+      Again(call);
+    }
+  }
+
+  void Again(Call& call) {
+    const LoadClock::time_point now = LoadClock::now();
+    if (run_.stop.load(std::memory_order_relaxed) || now >= run_.end) {
+      Release(call);
+    } else {
+      LaunchAt(call, now);
+    }
+  }
+
+  LoadRun& run_;
+  grpc::GenericStub stub_;
+  grpc::CompletionQueue queue_;
+
+ private:
+  void LaunchAt(Call& call, LoadClock::time_point due) {
+    call.due = due;
+    call.sent = LoadClock::now();
+    call.context.emplace();
+    if (run_.deadline) call.context->set_deadline(std::chrono::system_clock::now() + *run_.deadline);
+    call.active = true;
+    Launch(call);
+  }
+
+  void Loop() {
+    constexpr std::chrono::milliseconds kLookEvery{100};  // at the flags of the run
+    for (;;) {
+      void* tag = nullptr;
+      bool ok = false;
+      const auto next = queue_.AsyncNext(&tag, &ok, std::chrono::system_clock::now() + kLookEvery);
+      if (next == grpc::CompletionQueue::SHUTDOWN) return;
+      if (next == grpc::CompletionQueue::GOT_EVENT) Handle(tag, ok);
+      if (run_.cancel.load(std::memory_order_relaxed)) CancelAll();
+    }
+  }
+
+  void Release(Call& call) {
+    {
+      const std::lock_guard lock(mutex_);
+      free_.push_back(&call);
+    }
+    run_.in_flight.fetch_sub(1, std::memory_order_release);
+  }
+
+  // Only once nobody starts calls any more.
+  void CancelAll() {
+    if (std::exchange(cancelled_, true)) return;
+    const std::lock_guard lock(mutex_);
+    for (Call& call : calls_) {
+      if (call.active) call.context->TryCancel();
+    }
+  }
+
+  std::mutex mutex_;        // of the next two
+  std::deque<Call> calls_;  // stay where they are
+  std::vector<Call*> free_;
+  LaneTally tally_;
+  bool cancelled_ = false;
+  std::thread thread_;
+};
+
+}  // namespace voxelpipe::cli
