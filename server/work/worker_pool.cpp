@@ -14,30 +14,16 @@
 #include "observe/metrics.h"
 #include "pipeline/backend.h"
 #include "wire/status.h"
+#include "work/worker_pool_state.h"
 
 namespace voxelpipe {
 namespace {
 
 using std::chrono::milliseconds;
 
-// How often the watch looks while there is something to see. Cancelled jobs of a GPU hear of it within this time.
-constexpr milliseconds kLookEvery{10};
-// How long a GPU may take to react when all its jobs are cancelled or late, ...
-constexpr milliseconds kCancelPatience{5'000};
-// ... and how long where the process wants to end.
-constexpr milliseconds kHastyPatience{300};
-// How long a probe may take. The first use of a device makes its context, which takes a while.
-constexpr milliseconds kProbePatience{20'000};
-// Threads that a device may keep: beyond that it gets no new worker, and with none left no probe.
-constexpr size_t kMaxLeftBehind = 8;
-// Times of a batch's predicted time that it may take in silence beyond the stall limit.
-constexpr int kPredictionSlack = 10;
 constexpr milliseconds kLeastRetryDelay{100};
-constexpr milliseconds kNever = std::chrono::hours(24 * 365);
 // Part of a device's memory that one batch may be predicted to take: its other workers and cached meshes need theirs.
 constexpr uint64_t kBatchShare = 4;
-
-std::atomic<size_t> left_behind{0};
 
 BackendChoice KindOf(const Backend& backend) {
   return backend.name() == "cuda" ? BackendChoice::kCuda : BackendChoice::kCpu;
@@ -66,48 +52,20 @@ std::string Words(const absl::Status& status) {
 
 }  // namespace
 
-// Shared with its workers' threads, for those that are left behind.
-struct WorkerPool::Device {
-  Device(const DeviceWorkers& of, const WorkerPoolOptions& options)
-      : backend(*of.backend),
-        traits{of.backend->device(), KindOf(*of.backend), of.backend->memory_bytes() / kBatchShare},
-        workers(std::max(1, of.workers)),
-        // A thread of the CPU's cannot hang in a device; on a machine that has too much to do it may only seem so.
-        watched(traits.kind != BackendChoice::kCpu),
-        metrics(options.metrics == nullptr ? nullptr : &options.metrics->Device(traits.device)),
-        health(options.health) {
-    if (metrics == nullptr) return;
-    metrics->serving.Set(1);
-    metrics->workers.Set(workers);
-  }
+std::atomic<size_t> WorkerPool::left_behind_{0};
 
-  const Backend& backend;
-  const WorkerTraits traits;
-  const int workers;
-  const bool watched;
-  DeviceMetrics* const metrics;  // null: nobody asks; not for threads left behind
-  bool told_serving = true;      // with the pool's change_mutex_
-
-  mutable std::mutex mutex;
-  std::condition_variable changed;
-  DeviceHealth health;
-  bool stopping = false;
-  size_t away = 0;  // threads left behind
-  int next_number = 0;
-  std::vector<std::shared_ptr<Worker>> crew;  // not those left behind
-};
-
-// What it does now is guarded by its device's lock.
-struct WorkerPool::Worker {
-  Worker(std::shared_ptr<Device> of, std::string called) : device(std::move(of)), name(std::move(called)) {}
-
-  const std::shared_ptr<Device> device;
-  const std::string name;  // "cuda:0/1"
-  std::shared_ptr<DeviceRun> run;
-  std::optional<Clock::time_point> probing_since;
-  bool is_left_behind = false, ended = false;
-  std::thread thread;
-};
+WorkerPool::Device::Device(const DeviceWorkers& of, const WorkerPoolOptions& options)
+    : backend(*of.backend),
+      traits{of.backend->device(), KindOf(*of.backend), of.backend->memory_bytes() / kBatchShare},
+      workers(std::max(1, of.workers)),
+      // A thread of the CPU's cannot hang in a device; on a machine that has too much to do it may only seem so.
+      watched(traits.kind != BackendChoice::kCpu),
+      metrics(options.metrics == nullptr ? nullptr : &options.metrics->Device(traits.device)),
+      health(options.health) {
+  if (metrics == nullptr) return;
+  metrics->serving.Set(1);
+  metrics->workers.Set(workers);
+}
 
 WorkerPool::WorkerPool(Scheduler& scheduler, const WorkerPoolOptions& options, const PlanLimits& limits)
     : scheduler_(scheduler), options_(options), limits_(limits) {
@@ -180,7 +138,7 @@ void WorkerPool::Work(WorkerPool* pool, std::shared_ptr<Worker> self) {
   self->ended = true;
   if (self->is_left_behind) {
     --device.away;
-    --left_behind;
+    --left_behind_;
   } else {
     device.changed.notify_all();
   }
@@ -401,109 +359,8 @@ void WorkerPool::SetListener(std::function<void(const std::string&, bool)> liste
   for (const auto& device : devices_) listener_(device->traits.device, device->told_serving);
 }
 
-void WorkerPool::Hasten() {
-  {
-    const std::lock_guard lock(watch_mutex_);
-    hasty_ = true;
-  }
-  WakeWatch();
-}
-
 size_t WorkerPool::ThreadsLeftBehind() {
-  return left_behind;
-}
-
-void WorkerPool::Watch() {
-  std::unique_lock lock(watch_mutex_);
-  while (!stopping_) {
-    watch_woken_ = false;
-    lock.unlock();
-    const bool busy = LookAround();
-    lock.lock();
-    const auto woken = [this] { return stopping_ || watch_woken_; };
-    if (busy) {
-      watch_changed_.wait_for(lock, kLookEvery, [this] { return stopping_; });
-    } else {
-      watch_idle_ = true;
-      watch_changed_.wait(lock, woken);
-      watch_idle_ = false;
-    }
-  }
-}
-
-void WorkerPool::WakeWatch() {
-  {
-    const std::lock_guard lock(watch_mutex_);
-    watch_woken_ = true;
-    if (!watch_idle_) return;
-  }
-  watch_changed_.notify_one();
-}
-
-milliseconds WorkerPool::PatienceWith(const DeviceRun& run) const {
-  const milliseconds slow = options_.stall.count() == 0 ? kNever : options_.stall + kPredictionSlack * run.predicted();
-  if (!run.Unwanted()) return slow;
-  const std::lock_guard lock(watch_mutex_);
-  return std::min(slow, hasty_ ? kHastyPatience : kCancelPatience);
-}
-
-bool WorkerPool::LookAround() {
-  const Clock::time_point now = Clock::now();
-  milliseconds probe_patience;
-  {
-    const std::lock_guard lock(watch_mutex_);
-    probe_patience = hasty_ ? kHastyPatience : kProbePatience;
-  }
-  bool busy = false, all_serve = true;
-  for (const auto& device : devices_) {
-    std::vector<std::shared_ptr<DeviceRun>> abandoned;
-    bool probe_stuck = false;
-    {
-      const std::lock_guard lock(device->mutex);
-      const auto crew = device->crew;
-      for (const auto& worker : crew) {
-        const bool probing = worker->probing_since.has_value();
-        if (worker->run && device->watched) {
-          busy = true;
-          worker->run->PassOnCancels();
-          const milliseconds patience = PatienceWith(*worker->run);
-          if (worker->run->Silence(now) < patience || !worker->run->Abandon(now, patience)) continue;
-          abandoned.push_back(worker->run);
-          if (device->metrics != nullptr) device->metrics->workers_busy.Decrement();
-        } else if (probing) {
-          busy = true;
-          if (now - *worker->probing_since < probe_patience) continue;
-          probe_stuck = true;
-          if (device->health.state() == DeviceState::kProbing) {
-            device->health.Probed(absl::DeadlineExceededError("the probe does not end"), now);
-          }
-        } else {
-          continue;
-        }
-        worker->is_left_behind = true;
-        worker->thread.detach();
-        ++left_behind;
-        ++device->away;
-        std::erase(device->crew, worker);
-        if (!device->stopping && device->away < kMaxLeftBehind) StartWorker(device);
-        spdlog::error("device {}: worker {} does not come back; its thread is left behind", device->traits.device,
-                      worker->name);
-      }
-      all_serve &= device->health.serving();
-      if (!abandoned.empty() || probe_stuck) device->changed.notify_all();
-    }
-    for (const auto& run : abandoned) {
-      const std::string reason = "it gave no sign of life for so long that it is taken for lost";
-      const absl::Status failure = MarkDeviceFailure(absl::UnavailableError(reason), DeviceFailureKind::kLost);
-      scheduler_.Ended(run->TakeAnswered());
-      Failed(*device, DeviceFailureKind::kLost, reason);
-      for (DeviceRun::Left& left : run->TakeLeft()) FailOver(*device, std::move(left.task), failure);
-      all_serve = false;
-    }
-    if (probe_stuck) Failed(*device, DeviceFailureKind::kLost, "the probe does not end");
-  }
-  if (!all_serve) RefuseStranded();
-  return busy || !all_serve;
+  return left_behind_;
 }
 
 }  // namespace voxelpipe

@@ -108,6 +108,8 @@ class WorkerPool {
   bool LookAround();
   std::chrono::milliseconds PatienceWith(const DeviceRun& run) const;
 
+  static std::atomic<size_t> left_behind_;  // see ThreadsLeftBehind
+
   Scheduler& scheduler_;
   const WorkerPoolOptions options_;
   const PlanLimits limits_;
