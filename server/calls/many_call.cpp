@@ -297,9 +297,8 @@ void ManyCall::Pump() {
     // The client may use the id again as soon as it has this, which may be before gRPC says that it was written.
     if (last_of_current_) ids_.erase(current_->job->id());
     writing_ = true;
-    grpc::WriteOptions options;
-    // What follows at once leaves with it. Not pieces: with the hint, streams of equal jobs of several pieces each stopped for good.
-    if (!stream && last_of_current_ && !ready_.empty()) options.set_buffer_hint();
+    // What follows at once leaves with it: of the same answer, or the first message of the next one.
+    const grpc::WriteOptions options = write_ahead_.Next(last_of_current_ ? !ready_.empty() : stream->next_is_ready());
     lock.unlock();
     write_wait_->Begin();
     StartWrite(&writing_message_, options);

@@ -18,6 +18,7 @@
 #include "calls/idle_watch.h"
 #include "calls/react_at_once.h"
 #include "calls/result_stream.h"
+#include "calls/write_ahead.h"
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 
@@ -90,7 +91,8 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   std::optional<Answer> current_;  // being written
   grpc::ByteBuffer writing_message_;
   bool last_of_current_ = false;  // the message in flight is
-  int starting_reads_ = 0;        // threads that are about to start one
+  WriteAhead write_ahead_;
+  int starting_reads_ = 0;  // threads that are about to start one
   bool reading_ = false, making_ = false, writing_ = false, finished_ = false;
   bool half_closed_ = false, draining_ = false;
   std::optional<absl::Status> end_;

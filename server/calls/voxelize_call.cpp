@@ -382,10 +382,9 @@ void VoxelizeCall::Pump() {
       return;
     }
     writing_ = true;
+    const grpc::WriteOptions options = write_ahead_.Next(result && result->next_is_ready());
     lock.unlock();
     write_wait_->Begin();
-    grpc::WriteOptions options;
-    if (result && result->next_is_ready()) options.set_buffer_hint();  // done as soon as there is room for the next one
     StartWrite(&writing_message_, options);
     if (!result) return;
     result->CatchUp();  // while the piece is on its way

@@ -18,6 +18,7 @@
 #include "calls/react_at_once.h"
 #include "calls/result_pieces.h"
 #include "calls/result_stream.h"
+#include "calls/write_ahead.h"
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "work/byte_budget.h"
@@ -115,6 +116,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   std::shared_ptr<ResultStream> result_;
   bool last_is_pending_ = false;  // pending_ holds the last messages
   grpc::ByteBuffer writing_message_;
+  WriteAhead write_ahead_;
   std::optional<absl::Status> end_;
   bool submitted_ = false;  // a worker has the job or will have it
   // A thread makes a message of result_; a write is in flight; gRPC has been told how the call ends.
