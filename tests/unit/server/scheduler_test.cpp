@@ -2,10 +2,13 @@
 
 #include <atomic>
 #include <chrono>
-#include <latch>
+#include <string>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "gtest/gtest.h"
+#include "scheduler_fixture.h"
 #include "waiting_task.h"
 #include "wire/status.h"
 
@@ -13,70 +16,13 @@ namespace voxelpipe {
 namespace {
 
 using std::chrono::milliseconds;
+using testing::kCpu;
+using testing::kGpu;
+using testing::kGpu1;
 using testing::MakeTask;
+using testing::SchedulerTest;
+using testing::Tasks;
 using testing::WaitingTask;
-using Tasks = std::vector<std::shared_ptr<Task>>;
-
-const WorkerTraits kCpu{"cpu", BackendChoice::kCpu};
-const WorkerTraits kGpu{"cuda:0", BackendChoice::kCuda};
-const WorkerTraits kGpu1{"cuda:1", BackendChoice::kCuda};
-
-// A scheduler whose time and timers the test drives.
-class SchedulerTest : public ::testing::Test {
- protected:
-  SchedulerTest() {
-    options.now = [this] { return now; };
-    options.timer_thread = false;
-    options.max_batch_jobs = 64;
-    options.max_batch_ms = 1e9;
-  }
-  ~SchedulerTest() override { Finish(); }
-
-  Scheduler& Start(size_t workers = 2) {
-    scheduler = std::make_unique<Scheduler>(options, workers);
-    scheduler->SetDevice(kCpu, workers);
-    return *scheduler;
-  }
-  // Runs all that is left.
-  void Finish() {
-    if (!scheduler) return;
-    for (const Tasks& batch : taken) scheduler->Ended(batch);
-    taken.clear();
-    for (Tasks batch = scheduler->TryTakeBatch(kCpu); !batch.empty(); batch = scheduler->TryTakeBatch(kCpu)) {
-      scheduler->Ended(batch);
-    }
-  }
-  Tasks Take(const WorkerTraits& worker = kCpu) {
-    taken.push_back(scheduler->TryTakeBatch(worker));
-    return taken.back();
-  }
-  // The next one, which ends at once.
-  std::shared_ptr<Task> RunOne() {
-    const Tasks batch = scheduler->TryTakeBatch(kCpu);
-    EXPECT_LE(batch.size(), 1u) << "set max_batch_jobs";
-    if (batch.empty()) return nullptr;
-    scheduler->Ended(batch);
-    return batch[0];
-  }
-  void Pass(milliseconds time) {
-    now += time;
-    scheduler->RunTimers();
-  }
-  std::shared_ptr<WaitingTask> Submit(const std::string& client = "a", Priority priority = Priority::kNormal,
-                                      double run_ms = 1) {
-    return Submit(MakeTask(client, priority, run_ms));
-  }
-  std::shared_ptr<WaitingTask> Submit(std::shared_ptr<WaitingTask> task) {
-    const absl::Status s = scheduler->Submit(task);
-    EXPECT_TRUE(s.ok()) << s;
-    return task;
-  }
-
-  SchedulerOptions options;
-  JobContext::Clock::time_point now = JobContext::Clock::time_point() + std::chrono::hours(1);
-  std::unique_ptr<Scheduler> scheduler;
-  std::vector<Tasks> taken;
-};
 
 TEST_F(SchedulerTest, ABatchEndsWithTheJobsTheTimeOrTheBytesThatItMayHave) {
   options.max_batch_jobs = 4;
@@ -239,107 +185,6 @@ TEST_F(SchedulerTest, AClientWithAThousandTasksDoesNotHoldUpOneWithOne) {
   EXPECT_LE(before, 1);
 }
 
-TEST_F(SchedulerTest, AQueueTimeOutEndsATaskThoughEveryWorkerIsBusy) {
-  options.max_batch_jobs = 1;
-  Start(1);
-  Submit();
-  Take();
-  auto task = MakeTask();
-  task->traits.queue_timeout = milliseconds(30);
-  Submit(task);
-  Pass(milliseconds(29));
-  EXPECT_TRUE(task->refused.empty());
-  Pass(milliseconds(1));
-  ASSERT_EQ(task->refused.size(), 1u);
-  EXPECT_EQ(task->refused[0].code(), absl::StatusCode::kDeadlineExceeded);
-  EXPECT_NE(std::string(task->refused[0].message()).find("waited 30 ms in the queue"), std::string::npos)
-      << task->refused[0];
-  EXPECT_EQ(scheduler->queued(), 0u);
-  EXPECT_FALSE(scheduler->Withdraw(*task));
-  Pass(milliseconds(1000));
-  EXPECT_EQ(task->refused.size(), 1u) << "once";
-}
-
-TEST_F(SchedulerTest, ADeadlineThatPassesInTheQueueEndsATask) {
-  options.max_batch_jobs = 1;
-  Start(1);
-  Submit();
-  Take();
-  auto task = MakeTask();
-  task->traits.deadline = now + milliseconds(20);
-  task->traits.queue_timeout = milliseconds(500);
-  Submit(task);
-  Pass(milliseconds(20));
-  ASSERT_EQ(task->refused.size(), 1u);
-  EXPECT_EQ(task->refused[0].code(), absl::StatusCode::kDeadlineExceeded);
-}
-
-TEST_F(SchedulerTest, ATimeOutIsOverOnceAWorkerHasTheTask) {
-  Start(1);
-  auto task = MakeTask();
-  task->traits.queue_timeout = milliseconds(30);
-  Submit(task);
-  EXPECT_EQ(Take(), Tasks{task});
-  Pass(milliseconds(100));
-  EXPECT_TRUE(task->refused.empty());
-  scheduler->Resubmit(task);  // its worker failed
-  taken.clear();
-  Pass(milliseconds(100));
-  EXPECT_TRUE(task->refused.empty()) << "it had its turn";
-}
-
-TEST_F(SchedulerTest, TheServersTimeOutIsForTasksThatDoNotSay) {
-  options.queue_timeout = milliseconds(10);
-  options.max_batch_jobs = 1;
-  Start(1);
-  Submit();
-  Take();
-  const auto silent = Submit();
-  auto patient = MakeTask();
-  patient->traits.queue_timeout = milliseconds(0);
-  Submit(patient);
-  Pass(milliseconds(10));
-  EXPECT_EQ(silent->refused.size(), 1u);
-  EXPECT_TRUE(patient->refused.empty()) << "0 is no limit";
-}
-
-TEST_F(SchedulerTest, TimeSpentLoadingIsNotSpentWaiting) {
-  Start(1);
-  auto task = MakeTask();
-  task->is_loaded = false;
-  task->traits.queue_timeout = milliseconds(30);
-  Submit(task);
-  now += milliseconds(10);
-  EXPECT_EQ(scheduler->TakeLoad(), task);
-  Pass(milliseconds(1000));
-  task->is_loaded = true;
-  scheduler->Resubmit(task);
-  Pass(milliseconds(19));
-  EXPECT_TRUE(task->refused.empty());
-  Pass(milliseconds(1));
-  EXPECT_EQ(task->refused.size(), 1u);
-}
-
-TEST_F(SchedulerTest, TheTimerThreadWakesByItself) {
-  options.now = {};
-  options.timer_thread = true;
-  options.max_batch_jobs = 1;
-  Start(1);
-  Submit();
-  Take();
-  class Told final : public Task {
-   public:
-    bool loaded() const override { return true; }
-    bool Load() override { return true; }
-    void Refuse(absl::Status) override { told.count_down(); }
-    std::latch told{1};
-  };
-  auto task = std::make_shared<Told>();
-  task->traits.queue_timeout = milliseconds(1);
-  ASSERT_TRUE(scheduler->Submit(task).ok());
-  task->told.wait();
-}
-
 TEST_F(SchedulerTest, RefusesBeyondEachLimitAndSaysWhenToComeAgain) {
   options.max_queue = 2;
   Start(1);
@@ -442,99 +287,6 @@ TEST_F(SchedulerTest, AFailedTaskIsNextOnAnotherDevice) {
   scheduler->Resubmit(failed);
   EXPECT_NE(Take(kGpu)[0], failed);
   EXPECT_EQ(Take(kGpu1)[0], failed);
-}
-
-// Where a task goes that leaves it open, with devices whose speed the scheduler has seen.
-class AutoTest : public SchedulerTest {
- protected:
-  // Runs of each kind that took so long for a predicted millisecond.
-  void Learn(double cpu_ms, double gpu_ms) {
-    options.max_batch_jobs = 1;
-    Start(1);
-    scheduler->SetDevice(kGpu, 1);
-    for (int i = 0; i < 200; ++i) {
-      for (const auto& [worker, ms] : {std::pair{kCpu, cpu_ms}, std::pair{kGpu, gpu_ms}}) {
-        auto task = MakeTask();
-        task->traits.backend = worker.kind;
-        Submit(task);
-        Run(worker, ms);
-      }
-    }
-  }
-  void Run(const WorkerTraits& worker, double ms) {
-    ASSERT_EQ(Take(worker).size(), 1u);
-    now += std::chrono::duration_cast<JobContext::Clock::duration>(std::chrono::duration<double, std::milli>(ms));
-    scheduler->Ended(taken.back());
-    taken.clear();
-  }
-};
-
-TEST_F(AutoTest, AnIdleCpuHasWhatItEndsEarlier) {
-  Learn(/*cpu_ms=*/1, /*gpu_ms=*/5);
-  const auto task = Submit();
-  EXPECT_TRUE(Take(kGpu).empty());
-  EXPECT_EQ(Take(kCpu), Tasks{task});
-  const auto next = Submit();
-  EXPECT_EQ(Take(kGpu), Tasks{next}) << "the CPU is busy";
-}
-
-TEST_F(AutoTest, AnIdleGpuHasWhatItEndsEarlier) {
-  Learn(/*cpu_ms=*/5, /*gpu_ms=*/1);
-  const auto task = Submit();
-  EXPECT_TRUE(Take(kCpu).empty());
-  EXPECT_EQ(Take(kGpu), Tasks{task});
-}
-
-TEST_F(AutoTest, TheCpuHelpsABusyGpuAsSoonAsItEndsEarlier) {
-  Learn(/*cpu_ms=*/5, /*gpu_ms=*/1);
-  const auto running = Submit("a", Priority::kNormal, 12);
-  EXPECT_EQ(Take(kGpu), Tasks{running});  // for 12 ms
-  const auto small = Submit();
-  EXPECT_EQ(Take(kCpu), Tasks{small}) << "5 ms here, after 13 there";
-  const auto waiting = Submit("a", Priority::kNormal, 4);
-  EXPECT_TRUE(Take(kCpu).empty()) << "20 ms here, after 16 there";
-  now += milliseconds(40);  // the GPU's batch takes far longer than was thought
-  EXPECT_EQ(Take(kCpu), Tasks{waiting});
-}
-
-TEST_F(AutoTest, OneKindAloneTakesAll) {
-  Learn(/*cpu_ms=*/50, /*gpu_ms=*/1);
-  const auto task = Submit();
-  EXPECT_TRUE(Take(kCpu).empty());
-  scheduler->SetDevice(kGpu, 0);
-  EXPECT_EQ(Take(kCpu), Tasks{task});
-}
-
-// With real threads: whoever is the better choice is woken, whoever is not sleeps.
-TEST(AutoWorkersTest, EveryTaskIsTakenByOneOfBoth) {
-  SchedulerOptions options;
-  options.max_batch_jobs = 4;
-  Scheduler scheduler(options, 2);
-  scheduler.SetDevice(kCpu, 1);
-  scheduler.SetDevice(kGpu, 1);
-  std::atomic<int> done = 0;
-  std::vector<std::thread> workers;
-  for (const WorkerTraits* worker : {&kCpu, &kGpu}) {
-    workers.emplace_back([&scheduler, &done, worker] {
-      for (Tasks batch = scheduler.TakeBatch(*worker); !batch.empty(); batch = scheduler.TakeBatch(*worker)) {
-        done += int(batch.size());
-        scheduler.Ended(batch);
-      }
-    });
-  }
-  constexpr int kTasks = 2000;
-  for (int i = 0; i < kTasks; ++i) {
-    while (!scheduler.Submit(MakeTask("a", Priority::kNormal, 0.001 * double(1 + i % 50))).ok()) {
-      std::this_thread::yield();
-    }
-    if (i % 7 == 0) {  // one at a time, too: nobody else's end wakes its worker
-      while (done < i + 1) std::this_thread::yield();
-    }
-  }
-  scheduler.Drain();
-  EXPECT_EQ(done, kTasks);
-  scheduler.Stop();
-  for (std::thread& worker : workers) worker.join();
 }
 
 TEST_F(SchedulerTest, DrainWaitsForAllThatWasAcceptedAndRefusesMore) {
