@@ -43,18 +43,21 @@ class Admitted {
 // Thread-safe. Must not be destroyed before those whom it admitted.
 class AccessControl {
  public:
-  // `token_file` empty: everybody may do everything. `open_health`: health is told without a token. Errors: those of TokenTable::Read.
+  // `token_file` empty: everybody may do everything. `open_health`: health is told without a token. Errors: those of
+  // TokenTable::Read.
   static absl::StatusOr<std::unique_ptr<AccessControl>> Create(const std::string& token_file, bool open_health,
                                                                Metrics& metrics);
 
-  // In: the `authorization` metadata of the call, and the name in its client's certificate, empty where that does not count. A token goes
-  // before a certificate. Without a token file everybody is admitted, one with a certificate as a user of that name. Errors, counted: UNAUTHENTICATED without a token or with one that is not known,
-  // PERMISSION_DENIED where the role may not make this call, RESOURCE_EXHAUSTED (RetryInfo, QuotaFailure) beyond the quota.
+  // In: the `authorization` metadata of the call, and the name in its client's certificate, empty where that does not
+  // count. A token goes before a certificate. Without a token file everybody is admitted, one with a certificate as a
+  // user of that name. Errors, counted: UNAUTHENTICATED without a token or with one that is not known,
+  // PERMISSION_DENIED where the role may not make this call, RESOURCE_EXHAUSTED (RetryInfo, QuotaFailure) beyond the
+  // quota.
   absl::StatusOr<Admitted> Admit(std::optional<std::string_view> authorization, Rpc rpc,
                                  const std::string& certificate = "", QuotaClock::time_point now = QuotaClock::now());
 
-  // Reads the token file again. Clients keep what they have used; calls in progress go on. Errors: those of TokenTable::Read, and
-  // then the old table stays.
+  // Reads the token file again. Clients keep what they have used; calls in progress go on. Errors: those of
+  // TokenTable::Read, and then the old table stays.
   absl::Status Reload();
   // The same if the file has changed since it was read.
   void ReloadIfChanged();

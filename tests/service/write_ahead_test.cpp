@@ -1,5 +1,5 @@
-// Answers whose first message is ready together with the next one, on a connection on which nothing else moves: what the server puts off
-// until more comes must not wait for the client.
+// Answers whose first message is ready together with the next one, on a connection on which nothing else moves: what
+// the server puts off until more comes must not wait for the client.
 #include <memory>
 #include <string>
 #include <vector>
