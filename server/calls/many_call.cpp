@@ -297,8 +297,9 @@ void ManyCall::Pump() {
     // The client may use the id again as soon as it has this, which may be before gRPC says that it was written.
     if (last_of_current_) ids_.erase(current_->job->id());
     writing_ = true;
-    // What follows at once leaves with it: of the same answer, or the first message of the next one.
-    const grpc::WriteOptions options = write_ahead_.Next(last_of_current_ ? !ready_.empty() : stream->next_is_ready());
+    // What follows at once leaves with it: the next piece, or the next answer. Not the end of several pieces: their large
+    // result counts as in hand until the client has room for all of it.
+    const grpc::WriteOptions options = write_ahead_.Next(stream ? stream->next_is_ready() : !ready_.empty());
     lock.unlock();
     write_wait_->Begin();
     StartWrite(&writing_message_, options);
