@@ -49,7 +49,7 @@ class ManyCall::Job final : public VoxelizeJob {
     if (!outcome.ok()) {
       working_.ShrinkTo(0);
       Answer answer;
-      answer.message = ErrorMessage(id_, outcome.status());
+      answer.message = std::make_unique<grpc::ByteBuffer>(ErrorMessage(id_, outcome.status()));
       Reply(std::move(answer), true);
       return;
     }
@@ -81,7 +81,7 @@ class ManyCall::Job final : public VoxelizeJob {
     if (ResultBytes(outcome->result) <= kWholeBytes) {
       ResultPieces whole(config.settings, options, ResponseCoder(id_));
       whole.SetShared(cached, outcome->sums);
-      answer.message = whole.Whole(plan_, outcome);
+      answer.message = std::make_unique<grpc::ByteBuffer>(whole.Whole(plan_, outcome));
       answer.bytes = whole.sent_bytes();
       answer.raw_bytes = whole.bytes();
     } else {
@@ -212,7 +212,7 @@ void ManyCall::Ended(Answer answer, bool failed) {
   {
     const std::lock_guard lock(mutex_);
     if (failed) ++jobs_failed_;
-    const uint64_t held = answer.stream ? ResultBytes(answer.stream->outcome().result) : answer.message.Length();
+    const uint64_t held = answer.stream ? ResultBytes(answer.stream->outcome().result) : answer.message->Length();
     bytes_ += held;
     bytes_ -= std::exchange(answer.job->bytes_in_hand, held);
     if (end_) {
@@ -237,10 +237,11 @@ bool ManyCall::HasRoomLocked() const {
   return jobs_.size() < state_.options.many_in_flight && bytes_ < state_.options.many_bytes;
 }
 
-void ManyCall::ForgetWrittenLocked() {
+std::optional<ManyCall::Answer> ManyCall::TakeWrittenLocked() {
+  if (!last_of_current_ || !current_) return std::nullopt;
   bytes_ -= current_->job->bytes_in_hand;
   jobs_.erase(current_->job.get());
-  current_.reset();
+  return std::exchange(current_, std::nullopt);
 }
 
 void ManyCall::Pump() {
@@ -282,14 +283,14 @@ void ManyCall::Pump() {
       lock.lock();
       record_.bytes_out += stream->sent_bytes() - sent_before;
       record_.raw_bytes_out += stream->bytes() - raw_before;
-      writing_message_ = std::move(message);
+      writing_message_.Swap(&message);
       last_of_current_ = stream->done();
       if (end_) {
         making_ = false;
         continue;
       }
     } else {
-      writing_message_ = std::move(current_->message);
+      writing_message_.Swap(current_->message.get());
       last_of_current_ = true;
       record_.bytes_out += current_->bytes;
       record_.raw_bytes_out += current_->raw_bytes;
@@ -316,10 +317,7 @@ void ManyCall::OnWriteDone(bool ok) {
     const std::lock_guard lock(mutex_);
     writing_ = false;
     writing_message_.Clear();
-    if (last_of_current_ && current_) {
-      written = current_;
-      ForgetWrittenLocked();
-    }
+    written = TakeWrittenLocked();
   }
   if (!ok) {
     OnCancel();  // nobody listens

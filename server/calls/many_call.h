@@ -44,7 +44,7 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   // What a job has to say: one message, or those of a stream.
   struct Answer {
     std::shared_ptr<Job> job;
-    grpc::ByteBuffer message;
+    std::unique_ptr<grpc::ByteBuffer> message;  // a ByteBuffer itself is copied where it is moved
     std::shared_ptr<ResultStream> stream;
     uint64_t bytes = 0, raw_bytes = 0;  // of the result in `message`: as they are sent, and before compression
   };
@@ -64,8 +64,8 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   // Starts the next write, read or the end of the call, as far as they are due and not under way.
   void Pump();
   void End(absl::Status status);
-  // The answer in writing has been sent. With mutex_ held.
-  void ForgetWrittenLocked();
+  // The answer in writing, if that was its last message, which has been sent. With mutex_ held.
+  std::optional<Answer> TakeWrittenLocked();
   bool HasRoomLocked() const;
 
   ServiceState& state_;
