@@ -6,6 +6,7 @@
 
 #include "cuda/batch.h"
 #include "cuda/batch_kernel.cuh"
+#include "cuda/bit_bins.cuh"
 #include "cuda/bit_walk.cuh"
 #include "cuda/launch.h"
 #include "cuda/walk.h"
@@ -67,6 +68,24 @@ __global__ void __launch_bounds__(kLayerThreads, 4) LayerKernel(const __grid_con
   WalkLarge(args, blockIdx.x, gridDim.x, room.large);
   const uint32_t warp = threadIdx.x / 32, warps = kLayerThreads / 32;
   WalkLayers<kLayerSetups>(args, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps, room.of_warps[warp]);
+}
+
+constexpr int kBinBlocks = 8, kStoreBlocks = 16;  // on a multiprocessor at once
+constexpr uint32_t kStoreDepth = 128;             // blocks along z
+
+__global__ void __launch_bounds__(kBinThreads, kBinBlocks)
+    BinKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
+  constexpr uint32_t kWarps = kBinThreads / 32;
+  __shared__ alignas(16) char memory[kBinThreads * sizeof(SharedSetup)];
+  FillBins(args, bins, uint64_t(blockIdx.x) * kWarps + threadIdx.x / 32, uint64_t(gridDim.x) * kWarps,
+           reinterpret_cast<SharedSetup*>(memory) + threadIdx.x / 32 * 32);
+}
+
+template <bool kQuads>
+__global__ void __launch_bounds__(kStoreThreads, kStoreBlocks)
+    StoreKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
+  __shared__ alignas(16) char memory[sizeof(StoreRoom)];
+  StorePieces<kQuads>(args, bins, *reinterpret_cast<StoreRoom*>(memory));
 }
 
 // Waits for all blocks of a cooperative launch. The counter is 0 but for its highest bit, and so it is left.
@@ -151,22 +170,88 @@ namespace {
 // Up to so many triangles all is one launch.
 constexpr uint64_t kMostAtOnce = 20'000;
 
+// The first value that `find` gives for a device, a number not below 0.
+template <typename Find>
+int OfDevice(std::array<std::atomic<int>, 64>& known, const DeviceInfo& device, Find&& find) {
+  std::atomic<int>& slot = known[size_t(device.ordinal) % known.size()];  // one more than found
+  if (const int found = slot.load(std::memory_order_relaxed); found > 0) return found - 1;
+  const int value = find();
+  slot.store(value + 1, std::memory_order_relaxed);
+  return value;
+}
+
 // Blocks of AtOnceKernel that the device runs at once; 0 where they cannot wait for each other.
 template <bool kThin>
 int BlocksAtOnce(const DeviceInfo& device) {
-  static std::array<std::atomic<int>, 64> known{};  // per device: one more than found
-  const size_t slot = size_t(device.ordinal) % known.size();
-  if (const int found = known[slot].load(std::memory_order_relaxed); found > 0) return found - 1;
-  int cooperative = 0, resident = 0;
-  if (cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, device.ordinal) != cudaSuccess ||
-      cooperative == 0 ||
-      cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, AtOnceKernel<kThin>, kCellThreads, 0) != cudaSuccess) {
-    (void)cudaGetLastError();
-    resident = 0;
+  static std::array<std::atomic<int>, 64> known{};
+  return OfDevice(known, device, [&] {
+    int cooperative = 0, resident = 0;
+    if (cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, device.ordinal) != cudaSuccess ||
+        cooperative == 0 ||
+        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, AtOnceKernel<kThin>, kCellThreads, 0) != cudaSuccess) {
+      (void)cudaGetLastError();
+      resident = 0;
+    }
+    return std::min(resident, 2) * device.multiprocessors;
+  });
+}
+
+int CacheBytes(const DeviceInfo& device) {
+  static std::array<std::atomic<int>, 64> known{};
+  return OfDevice(known, device, [&] {
+    int bytes = 0;
+    if (cudaDeviceGetAttribute(&bytes, cudaDevAttrL2CacheSize, device.ordinal) != cudaSuccess) bytes = 0;
+    return std::max(bytes, 0);
+  });
+}
+
+// Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where triangles are small: more
+// than four to a piece of the grid's largest face.
+bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
+  constexpr uint64_t kMostTriangles = 1 << 18;
+  const auto cache = uint64_t(CacheBytes(state.device));
+  if (!state.plain_bits || cache == 0 || args.quads * 16 <= cache / 2) return false;
+  const uint64_t nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
+  const auto nz = uint64_t(args.grid.slab_end - args.grid.slab_begin);
+  const uint64_t count = args.triangle_count, face = std::max({nx * ny, ny * nz, nz * nx});
+  if (count == 0 || count > kMostTriangles || count * 16 > face) return false;
+  const auto pieces_along = [](uint64_t n, uint64_t edge) { return uint32_t((n + edge - 1) / edge); };
+  bins.dims[0] = pieces_along(nx, kPieceWords * 32);
+  bins.dims[1] = pieces_along(ny, kPieceEdge);
+  bins.dims[2] = pieces_along(nz, kPieceEdge);
+  const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
+  if (pieces >= UINT32_MAX / kBinRoom) return false;
+  const auto whole = [](uint64_t bytes) { return (bytes + 255) / 256 * 256; };
+  const uint64_t set_up = whole(count * sizeof(SharedSetup)), counts = whole(pieces * 4),
+                 bits = whole((count + 31) / 32 * 4);
+  if (!state.scratch.Resize(set_up + counts + bits + pieces * kBinRoom * 4, state.stream).ok()) return false;
+  uint8_t* const room = state.scratch.data();
+  bins.set_up = reinterpret_cast<SharedSetup*>(room);
+  bins.counts = reinterpret_cast<uint32_t*>(room + set_up);
+  bins.overflowed = reinterpret_cast<uint32_t*>(room + set_up + counts);
+  bins.triangles = reinterpret_cast<uint32_t*>(room + set_up + counts + bits);
+  return true;
+}
+
+absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins& bins) {
+  const auto processors = unsigned(state.device.multiprocessors);
+  BitArgs clear = args;  // what is cleared lies together
+  clear.bits = bins.counts;
+  clear.quads = uint64_t(bins.triangles - bins.counts) / 4;
+  ClearKernel<<<BlocksFor(clear.quads, kThreads, processors * 16), kThreads, 0, state.stream>>>(clear);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ClearKernel");
+  BinKernel<<<processors * kBinBlocks, kBinThreads, 0, state.stream>>>(args, bins);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BinKernel");
+  const dim3 blocks(bins.dims[0], bins.dims[1], std::min(bins.dims[2], kStoreDepth));
+  if (args.grid.words_per_row % 4 == 0) {
+    StoreKernel<true><<<blocks, kStoreThreads, 0, state.stream>>>(args, bins);
+  } else {
+    StoreKernel<false><<<blocks, kStoreThreads, 0, state.stream>>>(args, bins);
   }
-  const int blocks = std::min(resident, 2) * device.multiprocessors;
-  known[slot].store(blocks + 1, std::memory_order_relaxed);
-  return blocks;
+  VOXELPIPE_LAUNCHED_OR_RETURN("StoreKernel");
+  LayerKernel<<<processors * 4, kLayerThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("LayerKernel");
+  return absl::OkStatus();
 }
 
 template <bool kThin>
@@ -226,6 +311,7 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   args.layer_queue = state.queue[0].data();
   args.large_queue = state.queue[1].data();
   args.queued = state.counters.data() + kQueued0;
+  if (Bins bins; MakeBins(state, args, bins)) return LaunchPieces(state, args, bins);
   const bool thin = coverage == Coverage::kThin;
   // The last counter of the queues is the barrier's: runs of plain bits put it to no other use.
   if (state.plain_bits && args.triangle_count > 0 && args.triangle_count <= kMostAtOnce) {

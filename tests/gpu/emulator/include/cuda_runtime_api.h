@@ -57,9 +57,10 @@ inline cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
     properties->totalGlobalMem = std::strtoull(bytes, nullptr, 10);
   return cudaSuccess;
 }
-enum cudaDeviceAttr { cudaDevAttrCooperativeLaunch = 95 };
-inline cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr, int) {
-  return *value = 0, cudaSuccess;  // blocks run one after the other
+enum cudaDeviceAttr { cudaDevAttrL2CacheSize = 38, cudaDevAttrCooperativeLaunch = 95 };
+// Blocks run one after the other. The cache is so small that most grids are larger.
+inline cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
+  return *value = attribute == cudaDevAttrL2CacheSize ? 2048 : 0, cudaSuccess;
 }
 inline cudaError_t cudaDeviceGetDefaultMemPool(cudaMemPool_t*, int) {
   return cudaSuccess;
