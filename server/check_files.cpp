@@ -15,7 +15,7 @@ absl::Status CheckFiles(const ServerOptions& options) {
     return absl::InvalidArgumentError("--tls-client-names: needs --tls-client-ca, certificates of nobody name nobody");
   }
   if (options.token_file.empty()) return absl::OkStatus();
-  const absl::Status status = TokenTable::Read(options.token_file).status();
+  absl::Status status = TokenTable::Read(options.token_file).status();
   if (status.ok()) return status;
   return absl::Status(status.code(), absl::StrCat("--token-file: ", status.message()));
 }

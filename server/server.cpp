@@ -45,7 +45,7 @@ absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& 
   const auto found = context.client_metadata().find("authorization");
   std::optional<std::string_view> authorization;
   if (found != context.client_metadata().end()) authorization.emplace(found->second.data(), found->second.size());
-  const absl::Status status = state.access->Admit(authorization, rpc, CertificateOf(state, context)).status();
+  absl::Status status = state.access->Admit(authorization, rpc, CertificateOf(state, context)).status();
   state.metrics.CallBegan(rpc);
   state.metrics.CallEnded(rpc, status.code(), 0);
   if (!status.ok()) {

@@ -39,7 +39,7 @@ class CallGate {
   // gone, too: let it hold a weak pointer.
   class Closer {
    public:
-    Closer(CallGate& gate, std::function<void()> on_close) : gate_(gate) {
+    Closer(CallGate& gate, const std::function<void()>& on_close) : gate_(gate) {
       bool closed;
       {
         const std::lock_guard lock(gate_.mutex_);

@@ -57,10 +57,10 @@ class ManyCall::Job final : public VoxelizeJob {
     Reply(std::make_shared<const JobOutcome>(*std::move(outcome)), false);
   }
   // The plan comes with the answer: PlanShared would say it while the answer is made.
-  void DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& plan, bool cached) override {
+  void DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) override {
     call_->state_.metrics.JobEnded(absl::StatusCode::kOk);
     plan_ = plan;
-    Reply(std::move(outcome), cached);
+    Reply(outcome, cached);
   }
 
   std::weak_ptr<Task> self;

@@ -38,7 +38,8 @@ CodedPiece ResultPieces::Code(size_t array, std::span<const uint8_t> bytes, std:
   piece.owner = std::move(owner);
   std::optional<std::vector<uint8_t>> frame;
   if (compressor_) frame = compressor_->Compress(bytes);
-  if (frame) {
+  const bool compressed = frame.has_value();
+  if (compressed) {
     piece.raw_bytes = bytes.size();
     auto kept = std::make_shared<const std::vector<uint8_t>>(*std::move(frame));
     piece.data = *kept;
@@ -48,7 +49,7 @@ CodedPiece ResultPieces::Code(size_t array, std::span<const uint8_t> bytes, std:
     piece.data = *kept;
     piece.owner = std::move(kept);
   }
-  piece.crc32c = sums_ && !frame ? sums_->Crc32cOf(array, piece.offset, piece.data) : Crc32c(piece.data);
+  piece.crc32c = sums_ && !compressed ? sums_->Crc32cOf(array, piece.offset, piece.data) : Crc32c(piece.data);
   bytes_ += bytes.size();
   sent_bytes_ += piece.data.size();
   return piece;

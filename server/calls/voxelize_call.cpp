@@ -49,7 +49,7 @@ VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& grp
 }
 
 void VoxelizeCall::WatchForIdleness() {
-  const auto watch = [this](uint32_t limit_ms, std::string what) {
+  const auto watch = [this](uint32_t limit_ms, const char* what) {
     const std::string why = absl::StrCat("the client ", what, " for ", limit_ms, " ms");
     return std::make_unique<IdleWatch::Wait>(state_.idle_watch, std::chrono::milliseconds(limit_ms),
                                              [call = std::weak_ptr<VoxelizeCall>(self_), why] {
@@ -180,11 +180,11 @@ void VoxelizeCall::PlanShared(const Plan& plan) {
   }
 }
 
-void VoxelizeCall::DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& plan, bool cached) {
+void VoxelizeCall::DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) {
   state_.metrics.JobEnded(absl::StatusCode::kOk);
   kept.reset();
   PlanShared(plan);
-  Answer(std::move(outcome), cached);
+  Answer(outcome, cached);
 }
 
 void VoxelizeCall::Done(absl::StatusOr<JobOutcome> outcome) {
@@ -219,7 +219,7 @@ void VoxelizeCall::Done(absl::StatusOr<JobOutcome> outcome) {
   Pump();
 }
 
-void VoxelizeCall::Answer(std::shared_ptr<const JobOutcome> outcome, bool cached) {
+void VoxelizeCall::Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached) {
   const PieceOptions options = PiecesOf(state_.options);
   std::shared_ptr<ResultStream> result;
   std::optional<grpc::ByteBuffer> message;
@@ -347,7 +347,7 @@ void VoxelizeCall::Pump() {
     std::shared_ptr<ResultStream> result;
     std::shared_ptr<VoxelizeCall> keep;
     if (!pending_.empty()) {
-      writing_message_ = std::move(pending_.front());
+      writing_message_.Swap(&pending_.front());
       pending_.pop_front();
       pending_bytes_ -= std::min(pending_bytes_, writing_message_.Length());
       last = last_is_pending_ && pending_.empty();
@@ -364,7 +364,7 @@ void VoxelizeCall::Pump() {
         FreeLocked();
         continue;
       }
-      writing_message_ = std::move(message);
+      writing_message_.Swap(&message);
       record_.bytes_out = result->sent_bytes();
       record_.raw_bytes_out = result->bytes();
       last = result->done();

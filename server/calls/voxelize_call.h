@@ -57,7 +57,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   absl::Status Planned(const Plan& plan, bool may_wait) override;
   // Tells the client of the plan, once.
   void PlanShared(const Plan& plan) override;
-  void DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& plan, bool cached) override;
+  void DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) override;
   ResultSink* large_results() override { return this; }
   void Done(absl::StatusOr<JobOutcome> outcome) override;
   absl::Status Begin(const ResultHeader& header) override;
@@ -67,7 +67,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   ResultPieces& pieces_made();
 
   // Answers with a result in memory.
-  void Answer(std::shared_ptr<const JobOutcome> outcome, bool cached);
+  void Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached);
   // Queues a message.
   void Post(const v1::VoxelizeResponse& response);
   void Post(grpc::ByteBuffer message);

@@ -100,7 +100,7 @@ void WholeCall::PlanShared(const Plan& plan) {
   }
 }
 
-void WholeCall::DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& plan, bool cached) {
+void WholeCall::DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) {
   plan_ = plan;
   const uint64_t bytes = ResultBytes(outcome->result);
   // A plan that was too large is refused also where the result is there: the answer does not depend on what others asked for.
@@ -109,7 +109,7 @@ void WholeCall::DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan
     return;
   }
   state_.metrics.JobEnded(absl::StatusCode::kOk);
-  Answer(std::move(outcome), cached);
+  Answer(outcome, cached);
 }
 
 void WholeCall::Done(absl::StatusOr<JobOutcome> outcome) {
@@ -132,10 +132,11 @@ void WholeCall::Done(absl::StatusOr<JobOutcome> outcome) {
   Answer(std::make_shared<const JobOutcome>(*std::move(outcome)), false);
 }
 
-void WholeCall::Answer(std::shared_ptr<const JobOutcome> outcome, bool cached) {
+void WholeCall::Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached) {
   ResultPieces whole(config.settings, PiecesOf(state_.options), ResponseCoder::OfWholeCall());
   whole.SetShared(cached, outcome->sums);
-  response_ = whole.Whole(*plan_, outcome);
+  grpc::ByteBuffer message = whole.Whole(*plan_, outcome);
+  response_.Swap(&message);  // it has no move
   record_.bytes_out = whole.sent_bytes();
   record_.raw_bytes_out = whole.bytes();
   record_.facts = Facts(*outcome);

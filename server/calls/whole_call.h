@@ -41,14 +41,14 @@ class WholeCall final : public grpc::ServerUnaryReactor, private VoxelizeJob {
   // On a worker's thread.
   absl::Status Planned(const Plan& plan, bool may_wait) override;
   void PlanShared(const Plan& plan) override;
-  void DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& plan, bool cached) override;
+  void DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) override;
   void Done(absl::StatusOr<JobOutcome> outcome) override;
   // A small result comes in slabs only where the operator wants slabs that small. Not null, so that a plan is the same as for Voxelize, and
   // its errors with it.
   ResultSink* large_results() override { return &slabs_; }
 
   // Ends the call with a result in memory, or because it is too large.
-  void Answer(std::shared_ptr<const JobOutcome> outcome, bool cached);
+  void Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached);
   void End(absl::Status status);
   // The client does not take the answer.
   void GiveUp();

@@ -21,7 +21,7 @@ uint64_t KeptBytes(const TriangleMesh& mesh, const std::vector<std::string>& war
   for (const Material& material : mesh.materials) bytes += sizeof material + material.name.size();
   for (const VertexAttribute& attribute : mesh.attributes) bytes += sizeof attribute + attribute.name.size();
   for (const auto& image : mesh.images) bytes += sizeof *image + image->name.size() + image->mime_type.size();
-  for (const std::string& warning : warnings) bytes += sizeof warning + warning.size();
+  for (const std::string& warning : warnings) bytes += sizeof(std::string) + warning.size();
   return bytes;
 }
 

@@ -65,7 +65,7 @@ class SingleFlight {
 
   // For the first one: `stop` is called when everybody has left before the flight landed, at once if that is so already; by whoever
   // leaves last.
-  void WhenEmpty(const std::shared_ptr<Flight>& flight, std::function<void()> stop) {
+  void WhenEmpty(const std::shared_ptr<Flight>& flight, std::function<void()>&& stop) {
     {
       const std::lock_guard lock(mutex_);
       if (!flight->over) {

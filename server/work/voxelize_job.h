@@ -53,7 +53,7 @@ class VoxelizeJob : public Task {
   // Where one run serves several equal jobs (ResultSharing), these are called in place of Planned, and of Done with a result. PlanShared
   // may be left out, and may come after DoneShared to those that join late. `cached`: this job was not the one that made the run start.
   virtual void PlanShared(const Plan& /*plan*/) {}
-  virtual void DoneShared(std::shared_ptr<const JobOutcome> /*outcome*/, const Plan& /*plan*/, bool /*cached*/) {
+  virtual void DoneShared(const std::shared_ptr<const JobOutcome>& /*outcome*/, const Plan& /*plan*/, bool /*cached*/) {
     Done(absl::InternalError("a shared result for a job that shares none"));
   }
 

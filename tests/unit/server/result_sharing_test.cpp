@@ -23,7 +23,7 @@ class FakeJob final : public VoxelizeJob {
   ResultSink* large_results() override { return nullptr; }
   void Done(absl::StatusOr<JobOutcome> outcome) override { done.push_back(outcome.status()); }
   void PlanShared(const Plan& plan) override { plans.push_back(plan); }
-  void DoneShared(std::shared_ptr<const JobOutcome> outcome, const Plan& /*plan*/, bool was_cached) override {
+  void DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& /*plan*/, bool was_cached) override {
     results.push_back(std::move(outcome));
     cached.push_back(was_cached);
   }
