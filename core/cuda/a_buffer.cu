@@ -4,13 +4,15 @@
 // voxel, and runs of equal voxels become buckets. Changed: they are emitted in the order of triangles and sorted stably by
 // the bits that the slab's voxel numbers have, so that each bucket is in the order of triangle ids.
 #include <thrust/iterator/counting_iterator.h>
-#include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_select.cuh>
 
 #include <algorithm>
 #include <bit>
 
 #include "cuda/a_buffer_kernel.cuh"
+#include "cuda/cell_fragments.cuh"
+#include "cuda/cells.h"
+#include "cuda/fragment_sort.h"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
@@ -107,17 +109,14 @@ __global__ void __launch_bounds__(256) ShadeFragments(const __grid_constant__ Sh
 }
 
 // Voxel ids of the buckets that begin at offsets[0 .. voxels), and the end of the last one.
-__global__ void __launch_bounds__(256)
-    ListVoxels(const void* keys, bool wide_keys, uint64_t* offsets, const uint64_t* count, uint64_t fragments,
-               uint64_t first_voxel, uint64_t* voxels) {
+__global__ void __launch_bounds__(256) ListVoxels(const uint64_t* keys, uint64_t* offsets, const uint64_t* count,
+                                                  uint64_t fragments, uint64_t first_voxel, uint64_t* voxels) {
   const uint64_t listed = *count;
   for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i <= listed; i += uint64_t(gridDim.x) * 256) {
     if (i == listed) {
       offsets[i] = fragments;
     } else {
-      const uint64_t at = offsets[i];
-      voxels[i] =
-          first_voxel + (wide_keys ? static_cast<const uint64_t*>(keys)[at] : static_cast<const uint32_t*>(keys)[at]);
+      voxels[i] = first_voxel + keys[offsets[i]];
     }
   }
 }
@@ -165,22 +164,6 @@ absl::Status Emit(RunState& state, const WalkArgs& args) {
   return Walk(state, args, op, /*skip_runs=*/true);
 }
 
-template <typename Key>
-absl::Status Sort(RunState& state) {
-  cub::DoubleBuffer<Key> keys(reinterpret_cast<Key*>(state.fragment_keys[0].data()),
-                              reinterpret_cast<Key*>(state.fragment_keys[1].data()));
-  cub::DoubleBuffer<uint32_t> values(state.fragment_triangles[0].data(), state.fragment_triangles[1].data());
-  const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
-  size_t scratch = 0;
-  VOXELPIPE_CUDA_OR_RETURN(
-      cub::DeviceRadixSort::SortPairs(nullptr, scratch, keys, values, state.fragment_count, 0, bits, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceRadixSort::SortPairs(state.scratch.data(), scratch, keys, values,
-                                                           state.fragment_count, 0, bits, state.stream));
-  state.fragments_in = values.Current() == state.fragment_triangles[0].data() ? 0 : 1;
-  return absl::OkStatus();
-}
-
 template <typename T>
 absl::Status Compact(RunState& state, const T* from, const uint8_t* flags, T* to, uint64_t* count) {
   size_t scratch = 0;
@@ -218,6 +201,72 @@ absl::Status DropDiscarded(RunState& state) {
   return absl::OkStatus();
 }
 
+FragmentArgs MakeFragmentArgs(RunState& state) {
+  FragmentArgs args;
+  args.grid = state.view;
+  args.cells = state.cells.data();
+  args.blocks = state.blocks.data();
+  args.triangles = state.mesh.host_view.triangle_count;
+  args.first = state.fragment_first.data();
+  args.keys = reinterpret_cast<uint32_t*>(state.fragment_keys[0].data());
+  args.values = state.fragment_triangles[0].data();
+  return args;
+}
+
+// Room for state.fragment_count fragments.
+absl::Status MakeRoom(RunState& state) {
+  for (int i = 0; i < 2; ++i) {
+    VOXELPIPE_OK_OR_RETURN(state.fragment_keys[i].Resize(state.fragment_count * KeyBytes(state), state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.fragment_triangles[i].Resize(state.fragment_count, state.stream));
+  }
+  return absl::OkStatus();
+}
+
+// Small triangles are walked once and leave records; only rows of the others are walked twice.
+absl::Status EmitByCells(RunState& state) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  const uint64_t chunks = (triangles + kCellsOfChunk - 1) / kCellsOfChunk;
+  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(chunks + 1, state.stream));
+  VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecords, nullptr));
+  FragmentArgs args = MakeFragmentArgs(state);
+  VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentCounter>(state, MakeRestArgs(state, 0, triangles, false), args));
+  CountCells<<<unsigned(chunks), kChunkThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("CountCells");
+  ScanChunks<<<1, kScanThreads, 0, state.stream>>>(args.first, chunks);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ScanChunks");
+  const absl::StatusOr<uint64_t> total = ReadElement(state, args.first + chunks);
+  if (!total.ok()) return total.status();
+  state.fragment_count = *total;
+  if (state.fragment_count == 0) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(MakeRoom(state));
+  args = MakeFragmentArgs(state);
+  EmitCells<<<unsigned(chunks), kChunkThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitCells");
+  return EmitWaiting<FragmentWriter>(state, MakeRestArgs(state, 0, triangles, true), args);
+}
+
+// Buckets of fragments whose keys have 32 bits; state.counters[kScratch1] becomes their number.
+absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel) {
+  const uint64_t chunks = (state.fragment_count + kKeysOfChunk - 1) / kKeysOfChunk;
+  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(chunks + 1, state.stream));
+  BucketArgs args;
+  args.keys = reinterpret_cast<const uint32_t*>(state.fragment_keys[state.fragments_in].data());
+  args.fragments = state.fragment_count;
+  args.first_voxel = first_voxel;
+  args.first = state.fragment_first.data();
+  args.offsets = state.result.offsets.data();
+  args.voxels = state.result.voxels.data();
+  CountHeads<<<unsigned(chunks), kChunkThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("CountHeads");
+  ScanChunks<<<1, kScanThreads, 0, state.stream>>>(args.first, chunks);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ScanChunks");
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(state.counters.data() + kScratch1, args.first + chunks, sizeof(uint64_t),
+                                           cudaMemcpyDeviceToDevice, state.stream));
+  WriteBuckets<<<unsigned(chunks), kChunkThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("WriteBuckets");
+  return absl::OkStatus();
+}
+
 template <typename Key>
 absl::Status FindBuckets(RunState& state) {
   const BeginsVoxel<Key> begins{reinterpret_cast<const Key*>(state.fragment_keys[state.fragments_in].data())};
@@ -239,6 +288,7 @@ absl::Status EmitFragments(RunState& state) {
   state.fragment_count = 0;
   state.fragments_in = 0;
   if (triangles == 0) return absl::OkStatus();
+  if (CellsReach(state, state.view.dims)) return EmitByCells(state);
   VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Resize(triangles + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(triangles + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1, kQueued2, kQueued3}));
@@ -255,16 +305,14 @@ absl::Status EmitFragments(RunState& state) {
   if (!total.ok()) return total.status();
   state.fragment_count = *total;
   if (state.fragment_count == 0) return absl::OkStatus();
-  for (int i = 0; i < 2; ++i) {
-    VOXELPIPE_OK_OR_RETURN(state.fragment_keys[i].Resize(state.fragment_count * KeyBytes(state), state.stream));
-    VOXELPIPE_OK_OR_RETURN(state.fragment_triangles[i].Resize(state.fragment_count, state.stream));
-  }
+  VOXELPIPE_OK_OR_RETURN(MakeRoom(state));
   return WideKeys(state) ? Emit<uint64_t>(state, *args) : Emit<uint32_t>(state, *args);
 }
 
 absl::Status SortFragments(RunState& state) {
   if (state.fragment_count == 0) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(WideKeys(state) ? Sort<uint64_t>(state) : Sort<uint32_t>(state));
+  const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
+  VOXELPIPE_OK_OR_RETURN(SortByKey(state, WideKeys(state), bits));
   return state.targets.any_always_present ? absl::OkStatus() : DropDiscarded(state);
 }
 
@@ -275,14 +323,17 @@ absl::Status Resolve(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(out.offsets.Resize(most_voxels + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(out.voxels.Resize(most_voxels, state.stream));
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kScratch1}));
-  if (fragments > 0) {
-    VOXELPIPE_OK_OR_RETURN(WideKeys(state) ? FindBuckets<uint64_t>(state) : FindBuckets<uint32_t>(state));
-  }
   uint64_t* const voxels = state.counters.data() + kScratch1;
-  ListVoxels<<<BlocksFor(most_voxels + 1, 256), 256, 0, state.stream>>>(
-      state.fragment_keys[state.fragments_in].data(), WideKeys(state), out.offsets.data(), voxels, fragments,
-      uint64_t(state.slab.begin) * uint64_t(state.view.dims[0]) * uint64_t(state.view.dims[1]), out.voxels.data());
-  VOXELPIPE_LAUNCHED_OR_RETURN("ListVoxels");
+  const uint64_t first_voxel = uint64_t(state.slab.begin) * uint64_t(state.view.dims[0]) * uint64_t(state.view.dims[1]);
+  if (fragments > 0 && !WideKeys(state)) {
+    VOXELPIPE_OK_OR_RETURN(WriteNarrowBuckets(state, first_voxel));
+  } else {
+    if (fragments > 0) VOXELPIPE_OK_OR_RETURN(FindBuckets<uint64_t>(state));
+    ListVoxels<<<BlocksFor(most_voxels + 1, 256), 256, 0, state.stream>>>(
+        reinterpret_cast<const uint64_t*>(state.fragment_keys[state.fragments_in].data()), out.offsets.data(), voxels,
+        fragments, first_voxel, out.voxels.data());
+    VOXELPIPE_LAUNCHED_OR_RETURN("ListVoxels");
+  }
   const absl::StatusOr<uint64_t> listed = ReadElement(state, voxels);
   if (!listed.ok()) return listed.status();
   out.listed_voxels = *listed;

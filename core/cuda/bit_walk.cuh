@@ -58,7 +58,7 @@ __device__ inline void SetRow(const BitArgs& args, int y, int z, int x_begin, in
 }
 
 // Kept apart, as other code that few threads take: small kernels wait for instructions more than for anything else.
-__device__ __noinline__ Vec3d DividePlainly(const Vec3d& a, const Vec3d& b) {
+__device__ __noinline__ inline Vec3d DividePlainly(const Vec3d& a, const Vec3d& b) {
   return {a.x / b.x, a.y / b.y, a.z / b.z};
 }
 
@@ -83,7 +83,7 @@ __device__ inline Vec3d PlaceVertex(const BitArgs& args, uint32_t vertex) {
 struct PlacedCorners {
   Vec3d at[3];
 };
-__device__ __noinline__ PlacedCorners PlaceCorners(const BitArgs& args, uint32_t t) {
+__device__ __noinline__ inline PlacedCorners PlaceCorners(const BitArgs& args, uint32_t t) {
   const Corners c = LoadCorners(args.triangles, t);
   return {{PlaceVertex(args, c.v[0]), PlaceVertex(args, c.v[1]), PlaceVertex(args, c.v[2])}};
 }
@@ -241,7 +241,7 @@ __device__ inline bool WalkCellRows(const BitArgs& args, const Corners& c, CellS
 }
 
 // The same of a mesh that reaches too far for fixed point, and under center coverage: its queue alone.
-__device__ __noinline__ CellFate FindQueue(const BitArgs& args, uint64_t t) {
+__device__ __noinline__ inline CellFate FindQueue(const BitArgs& args, uint64_t t) {
   const PlacedCorners p = PlaceCorners(args, uint32_t(t));
   int64_t width[3];
   for (int a = 1; a < 3; ++a) {
@@ -352,7 +352,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
 }
 
 // Sets up triangle t in shared memory; the number of its layers.
-__device__ __noinline__ uint32_t SetUpLayers(const BitArgs& args, uint32_t t, SharedSetup& shared) {
+__device__ __noinline__ inline uint32_t SetUpLayers(const BitArgs& args, uint32_t t, SharedSetup& shared) {
   const PlacedCorners p = PlaceCorners(args, t);
   constexpr uint32_t kOrder[3] = {0, 1, 2};
   const uint64_t rows = SetUpShared(p.at, kOrder, args.coverage, args.grid.SlabRange(), 0, shared);
@@ -389,7 +389,7 @@ __device__ inline void WalkLayer(const BitArgs& args, const SpanBounds<float>& b
     if (x_begin < x_end) SetRow(args, y, z, x_begin, x_end);
   }
 }
-__device__ __noinline__ void WalkLayer(const BitArgs& args, const SharedSetup& s, int z, int offset, int step) {
+__device__ __noinline__ inline void WalkLayer(const BitArgs& args, const SharedSetup& s, int z, int offset, int step) {
   if (s.span_class == SpanClass::kNarrow) return WalkLayer(args, s.narrow, s, z, offset, step);
   if (s.span_class == SpanClass::kWide) return WalkLayer(args, s.wide, s, z, offset, step);
   for (int y = s.begin[1] + offset; y < s.end[1]; y += step) SetRow(args, y, z, s.begin[0], s.end[0]);

@@ -131,6 +131,22 @@ absl::Status CheckReach(const RunState& state, const GridSpec& grid) {
       absl::StrCat(cpu::DescribeVertex(state.host.mesh, bad), ": farther than 2^40 voxels from the grid's origin"));
 }
 
+// Whether some kernel asks for vertices in index space.
+bool NeedsPlaces(const RunState& state) {
+  const auto& shaders = state.request.fragment_shaders;
+  if (state.request.request.result == ResultKind::kBuckets) {
+    const auto& targets = state.request.request.targets;
+    if (!CellsReach(state, state.view.dims)) return true;
+    for (size_t i = 0; i < targets.size(); ++i) {
+      if (!DescribeTarget(targets[i], shaders[i]).is_occupancy) return true;
+    }
+    return false;
+  }
+  if (!state.direct) return true;
+  return std::any_of(shaders.begin(), shaders.end(),
+                     [](const BoundShader& shader) { return TraitsOf(FragmentShaderId(shader.id)).needs_plane; });
+}
+
 absl::Status Bin(RunState& state, uint64_t capacity) {
   for (auto* arrays : {&state.pair_tiles, &state.pair_triangles}) {
     for (auto& array : *arrays) VOXELPIPE_OK_OR_RETURN(array.Resize(capacity, state.stream));
@@ -196,8 +212,8 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   state.placed = false;
   if (state.plain_bits) return absl::OkStatus();  // rows come from world space
   for (SpanTarget& target : state.span_targets) target.shaded = false;
-  VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
-  if (state.mesh.host_view.index_positions != state.mesh.index_positions.data()) {
+  if (NeedsPlaces(state)) VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
+  if (state.mesh.view.empty() || state.mesh.host_view.index_positions != state.mesh.index_positions.data()) {
     state.mesh.host_view.index_positions = state.mesh.index_positions.data();
     VOXELPIPE_OK_OR_RETURN(state.mesh.view.Upload({&state.mesh.host_view, 1}, state.stream));
   }

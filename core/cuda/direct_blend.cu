@@ -1,15 +1,16 @@
 // Blending without tiles: targets whose value is the same for all fragments of a triangle.
 //
-// Triangles are walked once, into a list of spans; then each target takes the list. Spans that are too many for the
-// list are made and taken in parts, by halves of the triangles. Everything else goes by tiles.
+// Triangles are walked once. Where there is one target of one component that seeks a largest or least value, small
+// triangles are blended by the walk itself; otherwise they become records, which each target then takes. Larger ones
+// become spans in a list, which each target takes too; those that are too many for the list are made and taken in parts,
+// by halves of the triangles. Everything else goes by tiles.
 #include <algorithm>
 #include <utility>
 
+#include "cuda/cell_blend.cuh"
+#include "cuda/cells.h"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
-#include "cuda/span_blend.cuh"
-#include "cuda/span_kernels.cuh"
-#include "grid/index_space.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -57,7 +58,13 @@ absl::Status MakeValues(RunState& state, int index) {
   args.shading.traits = TraitsOf(target.shader);
   args.triangles = state.mesh.host_view.triangle_count;
   memory.shaded = true;
+  memory.shading = args.shading;
+  memory.by_id = target.shader == FragmentShaderId::kTriangleId && target.components == 1;
   if (target.blend == Blend::kCount || args.triangles == 0) return absl::OkStatus();
+  if (memory.by_id) {  // cheaper than to read it; and no id is negative
+    VOXELPIPE_OK_OR_RETURN(memory.negative.Resize(1, state.stream));
+    return memory.negative.Fill(0, state.stream);
+  }
   const uint64_t count = args.triangles * uint64_t(target.components);
   if (IsSum(KeptBy(target))) {
     VOXELPIPE_OK_OR_RETURN(memory.terms.Resize(count, state.stream));
@@ -80,55 +87,27 @@ uint64_t MostSpans(const RunState& state) {
   return std::max<uint64_t>(state.device.memory_bytes / kMemoryPerSpan, 1 << 10);
 }
 
-// Whether a grid's voxels and the mesh's triangles have numbers that a span can hold.
-bool SpansReach(const RunState& state, const int64_t (&dims)[3]) {
-  const uint64_t rows = uint64_t(dims[1]) * uint64_t(dims[2]);
-  return (uint64_t(dims[0]) + 31) / 32 * 32 <= kMostSpanBits / rows &&
-         state.host.view.triangle_count <= kMostSpanTriangles;
+uint64_t* FragmentSlots(RunState& state) {
+  return state.counters.data() + kCounters;
 }
 
-// Lists the spans of triangles [begin, end) of the slab in state.spans, as far as there is room; state.counters[kSpans]
-// has how many entries they need. Sets the voxels of all of them in the coverage. `count_fragments`: adds to the slots
-// behind the counters.
-absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool count_fragments) {
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1, kSpans}));
+// Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; state.counters[kSpans]
+// has how many entries they need. Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and
+// fragments are counted.
+absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again) {
+  if (again) VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecords, nullptr));
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kSpans}));
   SpanArgs args;
-  args.walk.grid = state.view;
-  args.walk.coverage = state.request.request.coverage;
-  args.walk.triangles = state.mesh.triangle_list();
-  args.walk.positions = state.mesh.index_positions.data();
-  args.walk.codes = state.mesh.codes.data();
-  args.walk.triangle_count = end - begin;
-  args.walk.rest_queue = state.queue[1].data();
-  args.walk.large_queue = state.queue[2].data();
-  args.walk.queued = state.counters.data() + kQueued0;
-  args.world = state.mesh.host_view.positions;
-  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
-  args.fixed = MakeFixedPlace(origin, size, WorldToIndex(origin, size, state.box.min),
-                              WorldToIndex(origin, size, state.box.max));
+  args.grid = state.view;
   args.spans = state.spans.data();
   args.capacity = state.spans.size();
-  args.first_triangle = begin;
-  args.end_triangle = end;
   args.count = state.counters.data() + kSpans;
   args.bits = state.coverage.data();
-  args.fragments = count_fragments ? state.counters.data() + kCounters : nullptr;
+  args.fragments = again ? nullptr : FragmentSlots(state);
   const int64_t* const d = state.view.dims;
   const double surface = double(d[0]) * double(d[1]) + double(d[1]) * double(d[2]) + double(d[2]) * double(d[0]);
   args.look_first = double(end - begin) > 16 * surface;
-  const auto processors = unsigned(state.device.multiprocessors);
-  const auto emit = args.walk.coverage == Coverage::kThin ? EmitSpans<true> : EmitSpans<false>;
-  emit<<<unsigned((end - begin + kTrianglesOfEmitBlock - 1) / kTrianglesOfEmitBlock), kEmitThreads, 0, state.stream>>>(
-      args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("EmitSpans");
-  constexpr int kOfRest = kRestThreads / 32 * kSetupsOfWarp * int(sizeof(SharedSetup));
-  EmitRest<<<unsigned(std::min<uint64_t>(processors * 6, (end - begin + 3) / 4)), kRestThreads, kOfRest,
-             state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("EmitRest");
-  constexpr int kOfLarge = kSetupsOfBlock * int(sizeof(SharedSetup));
-  EmitLarge<<<processors * 6, kRestThreads, kOfLarge, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("EmitLarge");
-  return absl::OkStatus();
+  return EmitWaiting<SpanWriter>(state, MakeRestArgs(state, begin, end, false), args);
 }
 
 Ranks RanksOf(RunState& state) {
@@ -167,46 +146,91 @@ absl::Status BeginAccumulators(RunState& state, const CudaTarget& target, SpanTa
   return memory.cells.Fill(kept == Kept::kMin || kept == Kept::kAnd ? 0xff : 0, state.stream);
 }
 
-// Takes the `count` spans of the list to a target.
-absl::Status Take(RunState& state, int index, uint64_t count) {
+InPlaceArgs PlaceOf(RunState& state, int index) {
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
+  InPlaceArgs args;
+  args.values = memory.values.data();
+  args.shading = memory.shading;
+  args.negative = target.format == VoxelFormat::kF32 ? memory.negative.data() : nullptr;
+  args.out = reinterpret_cast<uint32_t*>(target.dense);
+  args.blend = target.blend == Blend::kMin     ? InPlace::kMaxOfComplement
+               : target.blend == Blend::kMax   ? InPlace::kMax
+               : target.blend == Blend::kCount ? InPlace::kCount
+                                               : InPlace::kOr;
+  args.planar = state.targets.planar;
+  args.voxels = state.slab_voxels();
+  args.nx = uint32_t(state.view.dims[0]);
+  args.words_per_row = uint32_t(state.view.words_per_row);
+  return args;
+}
+
+AccumulateArgs SumsOf(RunState& state, int index) {
+  SpanTarget& memory = state.span_targets[size_t(index)];
+  AccumulateArgs args;
+  args.values = memory.values.data();
+  args.terms = memory.terms.data();
+  args.shading = memory.shading;
+  args.ranks = RanksOf(state);
+  args.to = AccumulatorsOf(state.targets.at[index], memory);
+  return args;
+}
+
+constexpr int kById = int(FragmentShaderId::kTriangleId);
+
+// Takes the `count` spans of the list to a target.
+absl::Status TakeSpans(RunState& state, int index, uint64_t count) {
+  if (count == 0) return absl::OkStatus();
+  const int components = state.targets.at[index].components;
+  const SpanTarget& memory = state.span_targets[size_t(index)];
   if (memory.in_place) {
-    InPlaceArgs args;
+    InPlaceArgs args = PlaceOf(state, index);
     args.spans = state.spans.data();
     args.count = count;
-    args.values = memory.values.data();
-    args.negative = target.format == VoxelFormat::kF32 ? memory.negative.data() : nullptr;
-    args.out = reinterpret_cast<uint32_t*>(target.dense);
-    args.blend = target.blend == Blend::kMin     ? InPlace::kMaxOfComplement
-                 : target.blend == Blend::kMax   ? InPlace::kMax
-                 : target.blend == Blend::kCount ? InPlace::kCount
-                                                 : InPlace::kOr;
-    args.planar = state.targets.planar;
-    args.voxels = state.slab_voxels();
-    args.nx = uint32_t(state.view.dims[0]);
-    args.words_per_row = uint32_t(state.view.words_per_row);
-    const auto kernel = target.components == 1   ? BlendInPlace<1>
-                        : target.components == 2 ? BlendInPlace<2>
-                        : target.components == 3 ? BlendInPlace<3>
-                                                 : BlendInPlace<4>;
+    const auto kernel = memory.by_id      ? BlendInPlace<1, kById>
+                        : components == 1 ? BlendInPlace<1, -1>
+                        : components == 2 ? BlendInPlace<2, -1>
+                        : components == 3 ? BlendInPlace<3, -1>
+                                          : BlendInPlace<4, -1>;
     kernel<<<BlendBlocks(state, count), kBlendThreads, 0, state.stream>>>(args);
     VOXELPIPE_LAUNCHED_OR_RETURN("BlendInPlace");
     return absl::OkStatus();
   }
-  AccumulateArgs args;
+  AccumulateArgs args = SumsOf(state, index);
   args.spans = state.spans.data();
   args.count = count;
-  args.values = memory.values.data();
-  args.terms = memory.terms.data();
-  args.ranks = RanksOf(state);
-  args.to = AccumulatorsOf(target, memory);
-  const auto kernel = target.components == 1   ? Accumulate<1>
-                      : target.components == 2 ? Accumulate<2>
-                      : target.components == 3 ? Accumulate<3>
-                                               : Accumulate<4>;
+  const auto kernel = memory.by_id      ? Accumulate<1, kById>
+                      : components == 1 ? Accumulate<1, -1>
+                      : components == 2 ? Accumulate<2, -1>
+                      : components == 3 ? Accumulate<3, -1>
+                                        : Accumulate<4, -1>;
   kernel<<<BlendBlocks(state, count), kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("Accumulate");
+  return absl::OkStatus();
+}
+
+// Takes the records of all triangles to a target.
+absl::Status TakeCells(RunState& state, int index) {
+  const int components = state.targets.at[index].components;
+  const SpanTarget& memory = state.span_targets[size_t(index)];
+  BlendCellsArgs args;
+  args.records = state.cells.data();
+  args.blocks = state.blocks.data();
+  args.triangles = state.mesh.host_view.triangle_count;
+  args.grid = state.view;
+  args.in_place = memory.in_place;
+  if (memory.in_place) {
+    args.place = PlaceOf(state, index);
+  } else {
+    args.accumulate = SumsOf(state, index);
+  }
+  const auto kernel = memory.by_id      ? BlendCells<1, kById>
+                      : components == 1 ? BlendCells<1, -1>
+                      : components == 2 ? BlendCells<2, -1>
+                      : components == 3 ? BlendCells<3, -1>
+                                        : BlendCells<4, -1>;
+  kernel<<<BlendBlocks(state, args.triangles), kBlendThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BlendCells");
   return absl::OkStatus();
 }
 
@@ -238,7 +262,7 @@ absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t
   while (counted > state.spans.size() && (counted <= MostSpans(state) || end - begin == 1)) {
     state.spans.Free();
     VOXELPIPE_OK_OR_RETURN(state.spans.Resize(counted + counted / 16 + 1024, state.stream));
-    VOXELPIPE_OK_OR_RETURN(ListSpans(state, begin, end, false));
+    VOXELPIPE_OK_OR_RETURN(ListSpans(state, begin, end, true));
     const absl::StatusOr<uint64_t> again = ListedSpans(state);
     if (!again.ok()) return again.status();
     counted = *again;
@@ -246,7 +270,7 @@ absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t
   if (counted <= state.spans.size()) return take(counted);
   const uint64_t middle = begin + (end - begin) / 2;
   for (const auto& [from, to] : {std::pair(begin, middle), std::pair(middle, end)}) {
-    VOXELPIPE_OK_OR_RETURN(ListSpans(state, from, to, false));
+    VOXELPIPE_OK_OR_RETURN(ListSpans(state, from, to, true));
     const absl::StatusOr<uint64_t> here = ListedSpans(state);
     if (!here.ok()) return here.status();
     VOXELPIPE_OK_OR_RETURN(ForEachList(state, from, to, *here, take));
@@ -254,11 +278,14 @@ absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t
   return absl::OkStatus();
 }
 
-// Takes all spans to all targets.
+// Takes all triangles to all targets.
 absl::Status TakeAll(RunState& state) {
+  for (int i = 0; i < state.targets.count && !state.blended_cells; ++i) {
+    if (BySpans(state.targets.at[i])) VOXELPIPE_OK_OR_RETURN(TakeCells(state, i));
+  }
   return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.span_count, [&](uint64_t count) {
     for (int i = 0; i < state.targets.count; ++i) {
-      if (BySpans(state.targets.at[i])) VOXELPIPE_OK_OR_RETURN(Take(state, i, count));
+      if (BySpans(state.targets.at[i])) VOXELPIPE_OK_OR_RETURN(TakeSpans(state, i, count));
     }
     return absl::OkStatus();
   });
@@ -308,7 +335,7 @@ absl::Status Store(RunState& state, const CudaTarget& target, SpanTarget& memory
 bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
   const VoxelizeRequest& request = state.request.request;
   if (request.result == ResultKind::kBuckets) return false;
-  if (!SpansReach(state, {grid.dims[0], grid.dims[1], grid.dims[2]})) return false;
+  if (!CellsReach(state, {grid.dims[0], grid.dims[1], grid.dims[2]})) return false;
   bool any = false;
   for (size_t i = 0; i < request.targets.size(); ++i) {
     const CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
@@ -320,24 +347,35 @@ bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
 }
 
 absl::Status BlendDirectly(RunState& state) {
-  uint64_t* const slots = state.counters.data() + kCounters;
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   const bool sparse = state.request.request.result == ResultKind::kSparse;
-  VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(slots, 0, kFragmentSlots * sizeof(uint64_t), state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(FragmentSlots(state), 0, kFragmentSlots * sizeof(uint64_t), state.stream));
   state.span_count = 0;
   if (triangles == 0) return absl::OkStatus();
-  for (int i = 1; i < 3; ++i) VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(triangles, state.stream));
   bool ranked = false;
+  int blended = 0, last = 0;  // targets
   for (int i = 0; i < state.targets.count; ++i) {
     const CudaTarget& target = state.targets.at[i];
     if (!BySpans(target)) continue;
     VOXELPIPE_OK_OR_RETURN(MakeValues(state, i));
     state.span_targets[size_t(i)].in_place = !sparse && IsInPlace(target);
     ranked = ranked || !state.span_targets[size_t(i)].in_place;
+    ++blended;
+    last = i;
   }
-  const uint64_t guess = std::min(MostSpans(state), 3 * triangles + (uint64_t{1} << 18));
+  const Blend blend = state.targets.at[last].blend;
+  state.blended_cells = blended == 1 && !ranked && state.targets.at[last].components == 1 &&
+                        (blend == Blend::kMax || blend == Blend::kMin);
+  if (state.blended_cells) {
+    const InPlaceArgs place = PlaceOf(state, last);
+    VOXELPIPE_OK_OR_RETURN(
+        FindAllCells(state, CellSink::kBlend, FragmentSlots(state), &place, state.span_targets[size_t(last)].by_id));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));
+  }
+  const uint64_t guess = std::min(MostSpans(state), triangles / 2 + (uint64_t{1} << 18));
   if (state.spans.size() < guess) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(guess, state.stream));
-  VOXELPIPE_OK_OR_RETURN(ListSpans(state, 0, triangles, true));
+  VOXELPIPE_OK_OR_RETURN(ListSpans(state, 0, triangles, false));
   if (ranked && !sparse) VOXELPIPE_OK_OR_RETURN(Rank(state));
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
@@ -361,7 +399,7 @@ absl::Status BlendDirectly(RunState& state) {
 
 absl::Status BlendIntoBricks(RunState& state) {
   const uint64_t voxels = state.result.listed_voxels;
-  if (state.span_count == 0) return absl::OkStatus();
+  if (state.mesh.host_view.triangle_count == 0) return absl::OkStatus();
   for (int i = 0; i < state.targets.count; ++i) {
     if (!BySpans(state.targets.at[i])) continue;
     VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, state.targets.at[i], state.span_targets[size_t(i)], voxels));

@@ -14,6 +14,7 @@
 #include "cuda/buffer.h"
 #include "cuda/check.h"
 #include "cuda/device.h"
+#include "cuda/fine_args.cuh"
 #include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
 #include "cuda/span_views.h"
@@ -59,6 +60,8 @@ struct SpanTarget {
   DeviceArray<uint32_t> cells, counts;  // by rank
   DeviceArray<unsigned long long> sums;
   bool shaded = false;    // whether values or terms are made
+  bool by_id = false;     // there are none: the value is the triangle's id
+  FineArgs shading;       // of the target alone
   bool in_place = false;  // blended in the dense target
 };
 
@@ -125,17 +128,19 @@ struct RunState {
 
   // Buckets: EmitFragments, SortFragments. Fragments in two copies, one of which is the current one.
   DeviceArray<uint32_t> fragment_counts;  // per triangle
-  DeviceArray<uint64_t> fragment_first;   // per triangle: where its fragments begin before they are sorted
+  DeviceArray<uint64_t> fragment_first;  // per triangle: where its fragments begin before they are sorted; or per chunk
   DeviceArray<uint8_t> fragment_keys[2];  // voxel index within the slab: u32, u64 where the slab has more voxels
   DeviceArray<uint32_t> fragment_triangles[2];
   uint64_t fragment_count = 0;
   int fragments_in = 0;  // the current copy
 
-  // Blending without tiles
+  // Blending without tiles, and the A-buffer: per triangle (cell_views.h)
+  DeviceArray<uint64_t> cells, blocks;
   DeviceArray<uint64_t> spans;       // of the slab (span_views.h), in no order, kNoSpan among them
   uint64_t span_count = 0;           // of all triangles, also where there was no room for them
   DeviceArray<uint32_t> word_ranks;  // per word of a bit grid, where it is not empty (Ranks); by bricks, four
   std::array<SpanTarget, kMaxTargets> span_targets;
+  bool blended_cells = false;  // small triangles are blended already
 
   // FineRaster, SolidFill
   DeviceArray<uint32_t> inside, outside;  // bit grids; outside is of the whole grid
@@ -199,6 +204,8 @@ void LayOutTileValues(RunState& state);
 CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader);
 // Whether every triangle of the shaded mesh gives all its fragments one value, and blending it needs no owner.
 bool IsUniform(const RunState& state, const CudaTarget& target);
+// Whether a grid's voxels and the mesh's triangles have numbers that records of triangles and spans can hold.
+bool CellsReach(const RunState& state, const int64_t (&dims)[3]);
 // Whether all targets of a grid are blended without tiles; after VertexShade.
 bool BlendsDirectly(const RunState& state, const GridSpec& grid);
 

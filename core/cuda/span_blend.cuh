@@ -6,9 +6,9 @@
 // coverage one after the other.
 #pragma once
 
+#include "cuda/in_place.cuh"
 #include "cuda/row_walk.cuh"
 #include "cuda/span_runs.cuh"
-#include "cuda/uniform_value.cuh"
 
 namespace voxelpipe::cuda {
 
@@ -55,54 +55,9 @@ __global__ void __launch_bounds__(kBlendThreads) ShadeTriangles(const __grid_con
 
 // ---- in place ----
 
-enum class InPlace : uint8_t { kMax, kMaxOfComplement, kOr, kCount };
-
-struct InPlaceArgs {
-  const uint64_t* spans = nullptr;
-  uint64_t count = 0;
-  const uint32_t* values = nullptr;
-  const uint32_t* negative = nullptr;  // of keys of floats; null: others
-  uint32_t* out = nullptr;
-  InPlace blend{};
-  bool planar = false;
-  uint64_t voxels = 0;  // of the slab
-  uint32_t nx = 0, words_per_row = 0;
-};
-
-// The voxel of a bit of a grid whose rows are padded to whole words.
-__device__ inline uint64_t VoxelOfBit(uint32_t bit, uint32_t nx, uint32_t words_per_row) {
-  if (nx == words_per_row * 32) return bit;
-  const uint32_t row = bit / 32 / words_per_row;
-  return uint64_t{row} * nx + (bit - row * words_per_row * 32);
-}
-
-template <int kComponents>
-__device__ inline void LoadValues(const uint32_t* from, uint32_t (&to)[kComponents]) {
-  if constexpr (kComponents == 4) {
-    const uint4 all = *reinterpret_cast<const uint4*>(from);
-    to[0] = all.x, to[1] = all.y, to[2] = all.z, to[3] = all.w;
-  } else {
-#pragma unroll
-    for (int c = 0; c < kComponents; ++c) to[c] = from[c];
-  }
-}
-
-// Cells that others write meanwhile, as they are now or were a little before. Only of several: to look costs as much as
-// one atomic. `blank` is what every value changes.
-template <int kComponents>
-__device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_t (&to)[kComponents]) {
-  if constexpr (kComponents == 4) {
-    const uint4 all = __ldca(reinterpret_cast<const uint4*>(from));
-    to[0] = all.x, to[1] = all.y, to[2] = all.z, to[3] = all.w;
-  } else {
-#pragma unroll
-    for (int c = 0; c < kComponents; ++c) to[c] = kComponents == 1 ? blank : __ldca(from + c);
-  }
-}
-
 // Spans are taken from the last on: values that grow with the triangle's number, as its id does, then find their voxel
-// done. A cell only grows, so one that was seen to be large enough needs no atomic.
-template <int kComponents>
+// done.
+template <int kComponents, int kShader>
 __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_constant__ InPlaceArgs args) {
   const bool plain = args.negative != nullptr && *args.negative == 0;  // positive floats have the order of their bits
   const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
@@ -112,45 +67,16 @@ __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_const
     const uint64_t span = begin + lane < args.count ? args.spans[args.count - 1 - begin - lane] : kNoSpan;
     const LaneRun run = FindRun(span);
     uint32_t value[kComponents] = {};
-    if (args.blend == InPlace::kCount) {
+    if (span != kNoSpan) KeysOf<kShader, kComponents>(args, plain, SpanTriangle(span), value);
 #pragma unroll
-      for (int c = 0; c < kComponents; ++c) value[c] = uint32_t(run.last - run.first + 1);
-    } else {
-      if (span != kNoSpan) LoadValues<kComponents>(args.values + uint64_t{SpanTriangle(span)} * kComponents, value);
-#pragma unroll
-      for (int c = 0; c < kComponents; ++c) {
-        if (plain) value[c] ^= 0x80000000u;
-        if (args.blend == InPlace::kMaxOfComplement) value[c] = ~value[c];
-        value[c] = CombineRun(run, value[c],
-                              [&](uint32_t a, uint32_t b) { return args.blend == InPlace::kOr ? a | b : max(a, b); });
-      }
+    for (int c = 0; c < kComponents; ++c) {
+      value[c] = CombineRun(run, value[c], [&](uint32_t a, uint32_t b) { return CombineKeys(args, a, b); });
     }
     if (span == kNoSpan || !run.head()) continue;
     const uint64_t first = VoxelOfBit(SpanFirst(span), args.nx, args.words_per_row);
     const uint32_t length = SpanLength(span);
     for (uint32_t x = 0; x < length; ++x) {
-      if (args.blend == InPlace::kCount || args.blend == InPlace::kOr || (kComponents > 1 && args.planar)) {
-#pragma unroll
-        for (int c = 0; c < kComponents; ++c) {
-          uint32_t* const cell = args.out + (args.planar ? uint64_t(c) * args.voxels + first + x
-                                                         : (first + x) * kComponents + uint64_t(c));
-          if (args.blend == InPlace::kCount) {
-            atomicAdd(cell, value[c]);
-          } else if (args.blend == InPlace::kOr) {
-            atomicOr(cell, value[c]);
-          } else if (__ldca(cell) < value[c]) {
-            atomicMax(cell, value[c]);
-          }
-        }
-      } else {
-        uint32_t* const cells = args.out + (first + x) * kComponents;
-        uint32_t now[kComponents];
-        LookAtCells<kComponents>(cells, 0, now);
-#pragma unroll
-        for (int c = 0; c < kComponents; ++c) {
-          if (now[c] < value[c]) atomicMax(cells + c, value[c]);
-        }
-      }
+      BlendAt<kComponents>(args, first + x, value, uint32_t(run.last - run.first + 1));
     }
   }
 }
@@ -282,11 +208,67 @@ struct AccumulateArgs {
   uint64_t count = 0;
   const uint32_t* values = nullptr;
   const int64_t* terms = nullptr;
+  FineArgs shading;  // of the target, where there are neither values nor terms
   Ranks ranks;
   Accumulators to;
 };
 
+// As ValuesOf.
+template <int kShader, int kComponents>
+__device__ inline void TermsOf(const AccumulateArgs& args, uint32_t t, int64_t (&to)[kComponents]) {
+  if constexpr (kShader >= 0) {
+    UniformValue value;
+    ShadeUniformAs(args.shading, FragmentShaderId(kShader), false, t, value);
+#pragma unroll
+    for (int c = 0; c < kComponents; ++c) to[c] = value.component[c];
+  } else {
+#pragma unroll
+    for (int c = 0; c < kComponents; ++c) to[c] = args.terms[uint64_t{t} * kComponents + uint64_t(c)];
+  }
+}
+__device__ inline int64_t AddTerms(int64_t a, int64_t b) {
+  return int64_t(uint64_t(a) + uint64_t(b));
+}
+__device__ inline uint32_t CombineCells(Kept kept, uint32_t a, uint32_t b) {
+  return kept == Kept::kMax ? max(a, b) : kept == Kept::kMin ? min(a, b) : kept == Kept::kOr ? a | b : a & b;
+}
+
+// Adds what `count` triangles bring to the voxel with a rank.
 template <int kComponents>
+__device__ inline void AddAt(const Accumulators& to, uint64_t rank, const int64_t (&term)[kComponents],
+                             uint32_t count) {
+  if (to.kept == Kept::kAverage) atomicAdd(to.counts + rank, count);
+#pragma unroll
+  for (int c = 0; c < kComponents; ++c) {
+    atomicAdd(to.sums + rank * kComponents + uint64_t(c), static_cast<unsigned long long>(term[c]));
+  }
+}
+template <int kComponents>
+__device__ inline void AddAt(const Accumulators& to, uint64_t rank, const uint32_t (&value)[kComponents],
+                             uint32_t count) {
+  const Kept kept = to.kept;
+  if (kept == Kept::kCount) {
+    atomicAdd(to.counts + rank, count);
+    return;
+  }
+  uint32_t* const cells = to.cells + rank * kComponents;
+  uint32_t now[kComponents];
+  LookAtCells<kComponents>(cells, kept == Kept::kMin || kept == Kept::kAnd ? ~0u : 0, now);
+#pragma unroll
+  for (int c = 0; c < kComponents; ++c) {
+    if (kept == Kept::kMax) {
+      if (now[c] < value[c]) atomicMax(cells + c, value[c]);
+    } else if (kept == Kept::kMin) {
+      if (now[c] > value[c]) atomicMin(cells + c, value[c]);
+    } else if (kept == Kept::kOr) {
+      if ((now[c] & value[c]) != value[c]) atomicOr(cells + c, value[c]);
+    } else {
+      if ((now[c] & value[c]) != now[c]) atomicAnd(cells + c, value[c]);
+    }
+  }
+}
+
+template <int kComponents, int kShader>
 __global__ void __launch_bounds__(kBlendThreads) Accumulate(const __grid_constant__ AccumulateArgs args) {
   const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
   const Kept kept = args.to.kept;
@@ -296,54 +278,30 @@ __global__ void __launch_bounds__(kBlendThreads) Accumulate(const __grid_constan
        begin += threads) {
     const uint64_t span = begin + lane < args.count ? args.spans[args.count - 1 - begin - lane] : kNoSpan;
     const LaneRun run = FindRun(span);
-    const uint64_t triangle = SpanTriangle(span);
+    const uint32_t triangle = SpanTriangle(span);
     int64_t term[kComponents] = {};
     uint32_t value[kComponents] = {};
     if (sums) {
+      if (span != kNoSpan) TermsOf<kShader, kComponents>(args, triangle, term);
 #pragma unroll
-      for (int c = 0; c < kComponents; ++c) {
-        if (span != kNoSpan) term[c] = args.terms[triangle * kComponents + uint64_t(c)];
-        term[c] = CombineRun(run, term[c], [](int64_t a, int64_t b) { return int64_t(uint64_t(a) + uint64_t(b)); });
-      }
+      for (int c = 0; c < kComponents; ++c) term[c] = CombineRun(run, term[c], AddTerms);
     } else if (kept != Kept::kCount) {
-      if (span != kNoSpan) LoadValues<kComponents>(args.values + triangle * kComponents, value);
+      if (span != kNoSpan) ValuesOf<kShader, kComponents>(args.values, args.shading, triangle, value);
 #pragma unroll
       for (int c = 0; c < kComponents; ++c) {
-        value[c] = CombineRun(run, value[c], [&](uint32_t a, uint32_t b) {
-          return kept == Kept::kMax ? max(a, b) : kept == Kept::kMin ? min(a, b) : kept == Kept::kOr ? a | b : a & b;
-        });
+        value[c] = CombineRun(run, value[c], [&](uint32_t a, uint32_t b) { return CombineCells(kept, a, b); });
       }
     }
     if (span == kNoSpan || !run.head()) continue;
     const uint32_t word = SpanWord(span), x = SpanFirst(span) % 32, length = SpanLength(span);
+    const auto count = uint32_t(run.last - run.first + 1);
     uint64_t rank = args.ranks.Of(word, x);
     for (uint32_t k = 0; k < length; ++k) {
       if (k > 0) rank = args.ranks.by_bricks && (x + k) % 8 == 0 ? args.ranks.Of(word, x + k) : rank + 1;
-      if (kept == Kept::kCount || kept == Kept::kAverage) {
-        atomicAdd(args.to.counts + rank, uint32_t(run.last - run.first + 1));
-      }
-      if (kept == Kept::kCount) continue;
       if (sums) {
-#pragma unroll
-        for (int c = 0; c < kComponents; ++c) {
-          atomicAdd(args.to.sums + rank * kComponents + uint64_t(c), static_cast<unsigned long long>(term[c]));
-        }
-        continue;
-      }
-      uint32_t* const cells = args.to.cells + rank * kComponents;
-      uint32_t now[kComponents];
-      LookAtCells<kComponents>(cells, kept == Kept::kMin || kept == Kept::kAnd ? ~0u : 0, now);
-#pragma unroll
-      for (int c = 0; c < kComponents; ++c) {
-        if (kept == Kept::kMax) {
-          if (now[c] < value[c]) atomicMax(cells + c, value[c]);
-        } else if (kept == Kept::kMin) {
-          if (now[c] > value[c]) atomicMin(cells + c, value[c]);
-        } else if (kept == Kept::kOr) {
-          if ((now[c] & value[c]) != value[c]) atomicOr(cells + c, value[c]);
-        } else {
-          if ((now[c] & value[c]) != now[c]) atomicAnd(cells + c, value[c]);
-        }
+        AddAt<kComponents>(args.to, rank, term, count);
+      } else {
+        AddAt<kComponents>(args.to, rank, value, count);
       }
     }
   }

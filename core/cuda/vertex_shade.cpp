@@ -121,6 +121,7 @@ absl::Status UploadMesh(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(UploadAttributes(state));
   }
   mesh.host_view.index_positions = nullptr;  // CoarseRaster makes them, and uploads the view
+  mesh.view.Free();
   return absl::OkStatus();
 }
 

@@ -3,7 +3,7 @@
 //
 // usage: cuda_bench [OPTION]...
 //   --bunny FILE    a bunny of 69,451 triangles     --cow FILE   a mesh of about 5,800 in place of its decimation
-//   --filter TEXT   only rows whose line "MESH CASE N" holds TEXT
+//   --filter TEXT   only rows whose line "MESH CASE N" holds TEXT; of several, with | between them, one
 //   --budget S      rows that would begin after so many seconds are not run, and say so
 //   --repeats N     at most so many measured runs a row (60)      --warmup N   runs before them (3)
 //   --only PART     one of: table, stages, calls, batch
@@ -28,6 +28,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
 #include "cuda/backend.h"
 #include "gpu/bench_meshes.h"
 #include "gpu/bench_rows.h"
@@ -174,7 +175,10 @@ class Bench {
  private:
   bool Wanted(const char* part) const { return options_.only.empty() || options_.only == part; }
   bool Wanted(const BenchRow& row) const {
-    return absl::StrContains(absl::StrCat(row.mesh, " ", row.name, " ", row.n), options_.filter);
+    const std::string line = absl::StrCat(row.mesh, " ", row.name, " ", row.n);
+    const std::vector<std::string> filters = absl::StrSplit(options_.filter, '|');
+    return std::any_of(filters.begin(), filters.end(),
+                       [&](const std::string& filter) { return absl::StrContains(line, filter); });
   }
   bool TimeIsUp() const { return MsSince(begin_) / 1e3 > options_.budget_s; }
 

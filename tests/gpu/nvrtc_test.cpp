@@ -119,12 +119,28 @@ TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
 
-TEST(NvrtcTest, CompilesTheKernelsThatListAndBlendSpans) {
-  const Compiled compiled =
-      Compile(std::string(kShader) + "#include \"cuda/span_blend.cuh\"\n#include \"cuda/span_kernels.cuh\"\n",
-              {"voxelpipe::cuda::EmitSpans<false>", "voxelpipe::cuda::EmitSpans<true>", "voxelpipe::cuda::EmitRest",
-               "voxelpipe::cuda::EmitLarge", "voxelpipe::cuda::ShadeTriangles<-1>", "voxelpipe::cuda::BlendInPlace<1>",
-               "voxelpipe::cuda::Accumulate<4>", "voxelpipe::cuda::StoreAccumulated"});
+TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
+  const std::string in = "voxelpipe::cuda::";
+  const std::vector<std::string> kernels = {
+      in + "FindCells<false, " + in + "CellSink::kRecords, -1>",
+      in + "FindCells<true, " + in + "CellSink::kBlend, -1>",
+      in + "EmitRest<" + in + "SpanWriter>",
+      in + "EmitLarge<" + in + "SpanWriter>",
+      in + "ShadeTriangles<-1>",
+      in + "BlendCells<4, -1>",
+      in + "BlendInPlace<1, -1>",
+      in + "Accumulate<4, -1>",
+      in + "StoreAccumulated",
+      in + "EmitCells",
+      in + "EmitRest<" + in + "FragmentWriter>",
+      in + "WriteBuckets",
+  };
+  std::vector<const char*> names;
+  for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
+  const Compiled compiled = Compile(std::string(kShader) +
+                                        "#include \"cuda/cell_blend.cuh\"\n"
+                                        "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/span_kernels.cuh\"\n",
+                                    names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }

@@ -1,0 +1,264 @@
+// Every triangle a thread, from world space to the voxels that it touches: where it is small they become a record
+// (cell_views.h), or are blended at once; what is larger or in doubt waits for the kernels of span_kernels.cuh.
+//
+// The order of work is that of WalkCells (bit_walk.cuh): by boxes first, then, packed, by octants and by rows.
+// No host-only includes.
+#pragma once
+
+#include "cuda/bit_walk.cuh"
+#include "cuda/cell_runs.cuh"
+#include "cuda/cell_views.h"
+#include "cuda/in_place.cuh"
+#include "cuda/span_views.h"
+
+namespace voxelpipe::cuda {
+
+inline constexpr int kMostFindRounds = 8;
+inline constexpr int kFindBlocks = 4;  // of FindCells on a multiprocessor at once
+
+// What becomes of what is found.
+enum class CellSink {
+  kRecords,         // records alone
+  kRecordsAndBits,  // and the coverage
+  kBlend,           // blended in place, by maximum, and the coverage
+};
+
+struct CellArgs {
+  BitArgs walk;                   // `bits` is the coverage; layer_queue takes all that waits, large_queue nothing
+  uint64_t* records = nullptr;    // of all triangles
+  uint64_t* blocks = nullptr;     // likewise, masks of those that are blocks
+  uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: not counted
+  InPlaceArgs blend;
+};
+
+struct FindRoom {
+  static constexpr int kTriangles = kMostFindRounds * kCellThreads;
+  CellSpan table[kBlockSide][kCellThreads];
+  CellRunRoom<uint32_t, 1> runs[kCellThreads / 32];
+  uint16_t cells[kTriangles];    // that wait for octants, from the begin on, and for rows, from the end on
+  uint16_t waiting[kTriangles];  // for another kernel
+  uint32_t octant_count, row_count, waiting_count;
+  unsigned long long first;
+};
+
+// Appends to a list of the block's where `wanted`, `step` from one to the next. All threads of a warp call it.
+__device__ inline void AppendLocal(bool wanted, uint32_t local, uint16_t* list, int step, uint32_t* count) {
+  const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, wanted);
+  if (all == 0) return;
+  uint32_t at = 0;
+  if (lane == 0) at = atomicAdd(count, uint32_t(__popc(all)));
+  at = __shfl_sync(~0u, at, 0) + uint32_t(__popc(all & ((1u << lane) - 1)));
+  if (wanted) list[int(at) * step] = uint16_t(local);
+}
+
+// The bit of a voxel in the slab's bit grid; grids have less than 2^32.
+__device__ inline uint32_t BitOfVoxel(const GridView& grid, int x, int y, int z) {
+  const uint32_t row = uint32_t(grid.dims[1]) * uint32_t(z - int(grid.slab_begin)) + uint32_t(y);
+  return row * uint32_t(grid.words_per_row) * 32 + uint32_t(x);
+}
+
+// The octants within the grid, moved so that their corner's first voxel is. False where none is.
+__device__ inline bool KeepInside(const GridView& grid, int (&first)[3], uint32_t& octants) {
+  const int low[3] = {0, 0, int(grid.slab_begin)};
+  const int high[3] = {int(grid.dims[0]), int(grid.dims[1]), int(grid.slab_end)};
+  constexpr uint32_t kNear[3] = {0x55, 0x33, 0x0f};
+#pragma unroll
+  for (int a = 0; a < 3; ++a) {
+    if (first[a] < low[a]) {
+      octants = octants >> (1 << a) & kNear[a];
+      ++first[a];
+    }
+    if (first[a] + 1 >= high[a]) octants &= kNear[a];
+    if (first[a] < low[a] || first[a] >= high[a]) octants = 0;
+  }
+  return octants != 0;
+}
+
+// From an octant's place about a corner to a voxel's bit.
+__device__ inline uint32_t BitOfOctant(const GridView& grid, uint32_t first, int octant) {
+  const auto row = uint32_t(grid.words_per_row) * 32;
+  return first + uint32_t(octant & 1) + ((octant & 2) != 0 ? row : 0) +
+         ((octant & 4) != 0 ? row * uint32_t(grid.dims[1]) : 0);
+}
+
+// Sets some of neighbouring bits from one on, at most 32.
+__device__ inline void CoverBits(uint32_t* bits, uint32_t first, uint32_t which) {
+  const uint64_t mask = uint64_t{which} << (first % 32);
+  uint32_t* const word = bits + first / 32;
+  if (uint32_t(mask) != 0) atomicOr(word, uint32_t(mask));
+  if (uint32_t(mask >> 32) != 0) atomicOr(word + 1, uint32_t(mask >> 32));
+}
+
+// The rows of a block: visit(the bit of its first voxel, which of four it touches).
+template <typename Visit>
+__device__ inline void ForEachBlockRow(const GridView& grid, uint32_t first, uint64_t mask, Visit&& visit) {
+  const auto row = uint32_t(grid.words_per_row) * 32;
+  for (int z = 0; mask != 0; ++z, mask >>= 16, first += row * uint32_t(grid.dims[1])) {
+    uint32_t layer = uint32_t(mask) & 0xffff;
+    for (uint32_t at = first; layer != 0; layer >>= 4, at += row) {
+      if ((layer & 15) != 0) visit(at, layer & 15);
+    }
+  }
+}
+
+// What a warp does with the octants of its lanes' triangles; `takes`: the lane has a triangle, whose octants these are.
+template <CellSink kSink, int kShader>
+__device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1>& room, bool plain, bool takes,
+                                   uint32_t t, int (&first)[3], uint32_t octants, uint64_t& fragments) {
+  uint32_t bit = 0;
+  if (octants != 0 && KeepInside(args.walk.grid, first, octants)) {
+    bit = BitOfVoxel(args.walk.grid, first[0], first[1], first[2]);
+  }
+  fragments += uint32_t(__popc(octants));
+  if constexpr (kSink != CellSink::kBlend) {
+    if (takes) args.records[t] = octants == 0 ? 0 : PackCell(CellKind::kOctants, bit, octants);
+    if constexpr (kSink == CellSink::kRecordsAndBits) SetOctantsTogether(args.walk, first, octants);
+  } else {
+    uint32_t key[1] = {};
+    if (octants != 0) KeysOf<kShader, 1>(args.blend, plain, t, key);
+    CombineRuns<uint32_t, 1>(
+        room, bit, octants, key, [](uint32_t a, uint32_t b) { return max(a, b); },
+        [&](const OctantOfRun<uint32_t, 1>& of) {
+          const uint32_t bit_of = BitOfOctant(args.walk.grid, of.first, of.octant);
+          if (of.octant % 2 == 0 && (of.count | of.beside) != 0) {
+            CoverBits(args.walk.bits, bit_of, (of.count != 0 ? 1u : 0u) | (of.beside != 0 ? 2u : 0u));
+          }
+          if (of.count == 0) return;
+          atomicMax(args.blend.out + VoxelOfBit(bit_of, args.blend.nx, args.blend.words_per_row), of.value[0]);
+        });
+  }
+}
+
+// A triangle of few rows as a block; false if some voxel is in doubt.
+template <bool kThin, CellSink kSink, int kShader>
+__device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, CellSpan* table, uint64_t& fragments) {
+  const FixedCorners v = LoadFixed(args.walk, LoadCorners(args.walk.triangles, t));
+  const FixedBox box = BoxOf(v.at, args.walk.fixed);
+  int begin[3], end[3];
+  ClipBox(args.walk, box, begin, end);
+  uint64_t mask = 0;
+  const auto add = [&](int y, int z, int x_begin, int x_end) {
+    const int at = (x_begin - begin[0]) + kBlockSide * ((y - begin[1]) + kBlockSide * (z - begin[2]));
+    mask |= uint64_t{(1u << (x_end - x_begin)) - 1} << at;
+  };
+  const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
+  if (!kThin && single >= 2) {  // the run class
+    for (int z = begin[2]; z < end[2]; ++z) {
+      for (int y = begin[1]; y < end[1]; ++y) add(y, z, begin[0], end[0]);
+    }
+  } else if (!VisitCells<kThin>(v.at, box, begin, end, args.walk.fixed, table, kCellThreads, add)) {
+    return false;
+  }
+  const uint32_t first = BitOfVoxel(args.walk.grid, begin[0], begin[1], begin[2]);
+  fragments += uint32_t(__popcll(mask));
+  if constexpr (kSink != CellSink::kBlend) {
+    args.records[t] = PackCell(CellKind::kBlock, first, 0);
+    args.blocks[t] = mask;
+  }
+  if constexpr (kSink == CellSink::kRecords) return true;
+  uint32_t key[1] = {};
+  if constexpr (kSink == CellSink::kBlend) KeysOf<kShader, 1>(args.blend, plain, t, key);
+  ForEachBlockRow(args.walk.grid, first, mask, [&](uint32_t at, uint32_t four) {
+    CoverBits(args.walk.bits, at, four);
+    if constexpr (kSink == CellSink::kBlend) {
+      const uint64_t n = VoxelOfBit(at, args.blend.nx, args.blend.words_per_row);
+#pragma unroll
+      for (uint32_t x = 0; x < uint32_t(kBlockSide); ++x) {
+        if ((four >> x & 1) != 0) atomicMax(args.blend.out + n + x, key[0]);
+      }
+    }
+  });
+  return true;
+}
+
+template <bool kThin, CellSink kSink, int kShader>
+__global__ void __launch_bounds__(kCellThreads, kFindBlocks) FindCells(const __grid_constant__ CellArgs args) {
+  __shared__ FindRoom room;
+  const BitArgs& walk = args.walk;
+  if (threadIdx.x == 0) room.octant_count = room.row_count = room.waiting_count = 0;
+  __syncthreads();
+  const bool fixed = walk.fixed.bits > 0 && walk.coverage != Coverage::kCenter;
+  const bool plain = kSink == CellSink::kBlend && args.blend.negative != nullptr && *args.blend.negative == 0;
+  CellRunRoom<uint32_t, 1>& runs = room.runs[threadIdx.x / 32];
+  const uint64_t chunk = uint64_t(blockIdx.x) * uint64_t(walk.rounds) * kCellThreads;
+  uint64_t fragments = 0;
+  Corners next{};
+  if (chunk + threadIdx.x < walk.triangle_count) next = LoadCorners(walk.triangles, chunk + threadIdx.x);
+  for (int round = 0; round < walk.rounds; ++round) {
+    const uint32_t local = uint32_t(round) * kCellThreads + threadIdx.x;
+    const uint64_t t = chunk + local, then = t + kCellThreads;
+    const Corners corners = next;
+    if (round + 1 < walk.rounds && then < walk.triangle_count) next = LoadCorners(walk.triangles, then);
+    CellFate fate = CellFate::kDone;
+    FixedTriangle triangle{};
+    uint32_t octants = 0;
+    if (t < walk.triangle_count) {
+      fate = fixed ? FindFate<kThin>(walk, corners, triangle, octants) : FindQueue(walk, t);
+      if (fate == CellFate::kRows) {
+        int begin[3], end[3];
+        ClipBox(walk, triangle.box, begin, end);
+        const int most = max(end[0] - begin[0], max(end[1] - begin[1], end[2] - begin[2]));
+        if (most > kBlockSide) fate = CellFate::kLayers;
+      }
+    }
+    __syncwarp();
+    if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
+      if (fate == CellFate::kOctants) {
+        fate = FindOctants<kThin>(walk, triangle, octants) ? CellFate::kDone : CellFate::kLayers;
+      }
+      __syncwarp();
+    }
+    TakeOctants<kSink, kShader>(args, runs, plain, fate == CellFate::kDone && t < walk.triangle_count, uint32_t(t),
+                                triangle.box.first, octants, fragments);
+    AppendLocal(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
+    AppendLocal(fate == CellFate::kRows, local, room.cells + (FindRoom::kTriangles - 1), -1, &room.row_count);
+    AppendLocal(fate == CellFate::kLayers || fate == CellFate::kLarge, local, room.waiting, 1, &room.waiting_count);
+  }
+  __syncthreads();
+  const uint32_t octant_count = room.octant_count, row_count = room.row_count;
+  for (uint32_t begins = threadIdx.x / 32 * 32; begins < octant_count; begins += kCellThreads) {
+    const uint32_t i = begins + threadIdx.x % 32;
+    bool doubtful = false;
+    uint32_t local = 0, octants = 0;
+    FixedTriangle triangle{};
+    if (i < octant_count) {
+      local = room.cells[i];
+      triangle.v = LoadFixed(walk, LoadCorners(walk.triangles, chunk + local));
+      triangle.box = BoxOf(triangle.v.at, walk.fixed);
+      doubtful = !FindOctants<kThin>(walk, triangle, octants);
+    }
+    __syncwarp();
+    TakeOctants<kSink, kShader>(args, runs, plain, i < octant_count && !doubtful, uint32_t(chunk + local),
+                                triangle.box.first, octants, fragments);
+    AppendLocal(doubtful, local, room.waiting, 1, &room.waiting_count);
+  }
+  for (uint32_t begins = threadIdx.x / 32 * 32; begins < row_count; begins += kCellThreads) {
+    const uint32_t i = begins + threadIdx.x % 32;
+    bool doubtful = false;
+    uint32_t local = 0;
+    if (i < row_count) {
+      local = room.cells[FindRoom::kTriangles - 1 - int(i)];
+      doubtful = !TakeBlock<kThin, kSink, kShader>(args, plain, uint32_t(chunk + local), &room.table[0][threadIdx.x],
+                                                   fragments);
+    }
+    __syncwarp();
+    AppendLocal(doubtful, local, room.waiting, 1, &room.waiting_count);
+  }
+  __syncthreads();
+  if (threadIdx.x == 0 && room.waiting_count > 0) {
+    room.first = atomicAdd(reinterpret_cast<unsigned long long*>(walk.queued), 0ull + room.waiting_count);
+  }
+  __syncthreads();
+  for (uint32_t i = threadIdx.x; i < room.waiting_count; i += kCellThreads) {
+    const auto t = uint32_t(chunk + room.waiting[i]);
+    walk.layer_queue[room.first + i] = t;
+    if constexpr (kSink != CellSink::kBlend) args.records[t] = PackCell(CellKind::kOther, 0, 0);
+  }
+  if (args.fragments == nullptr) return;
+  for (int step = 16; step > 0; step /= 2) fragments += __shfl_down_sync(~0u, fragments, step);
+  if (threadIdx.x % 32 == 0 && fragments > 0) {
+    atomicAdd(reinterpret_cast<unsigned long long*>(args.fragments + blockIdx.x % kFragmentSlots), 0ull + fragments);
+  }
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,100 @@
+#include "cuda/cells.h"
+
+#include <algorithm>
+
+#include "grid/index_space.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+BitArgs MakeCellWalk(const RunState& state) {
+  const MeshView& mesh = state.mesh.host_view;
+  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
+  BitArgs args;
+  args.grid = state.view;
+  args.bits = const_cast<uint32_t*>(state.coverage.data());
+  args.coverage = state.request.request.coverage;
+  if (mesh.triangle_count > 0) {
+    args.fixed = MakeFixedPlace(origin, size, WorldToIndex(origin, size, state.box.min),
+                                WorldToIndex(origin, size, state.box.max));
+  }
+  args.inverse_size = {1 / size.x, 1 / size.y, 1 / size.z};
+  args.triangles = state.mesh.triangle_list();
+  args.positions = mesh.positions;
+  args.triangle_count = mesh.triangle_count;
+  args.layer_queue = const_cast<uint32_t*>(state.queue[1].data());
+  args.large_queue = const_cast<uint32_t*>(state.queue[2].data());
+  args.queued = const_cast<uint64_t*>(state.counters.data()) + kQueued0;
+  return args;
+}
+
+// As many as leave the least to the last wave of blocks.
+int RoundsFor(uint64_t triangles, uint64_t resident) {
+  int best = 1;
+  uint64_t least = UINT64_MAX;
+  for (int rounds = kMostFindRounds; rounds >= 1; --rounds) {
+    const uint64_t each = uint64_t(rounds) * kCellThreads, blocks = (triangles + each - 1) / each;
+    const uint64_t waves = (blocks + resident - 1) / resident, work = 4 * waves * uint64_t(rounds) + waves;
+    if (work < least) {
+      least = work;
+      best = rounds;
+    }
+  }
+  return best;
+}
+
+template <bool kThin>
+auto KernelFor(CellSink sink, bool by_id) {
+  switch (sink) {
+    case CellSink::kRecords: return FindCells<kThin, CellSink::kRecords, -1>;
+    case CellSink::kRecordsAndBits: return FindCells<kThin, CellSink::kRecordsAndBits, -1>;
+    default:
+      return by_id ? FindCells<kThin, CellSink::kBlend, int(FragmentShaderId::kTriangleId)>
+                   : FindCells<kThin, CellSink::kBlend, -1>;
+  }
+}
+
+}  // namespace
+
+bool CellsReach(const RunState& state, const int64_t (&dims)[3]) {
+  const uint64_t rows = uint64_t(dims[1]) * uint64_t(dims[2]);
+  return (uint64_t(dims[0]) + 31) / 32 * 32 <= kMostSpanBits / rows &&
+         state.host.view.triangle_count <= kMostSpanTriangles;
+}
+
+absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend, bool by_id) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1}));
+  for (int i = 1; i < 3; ++i) {
+    VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(triangles, 1), state.stream));
+  }
+  if (triangles == 0) return absl::OkStatus();
+  CellArgs args;
+  if (sink != CellSink::kBlend) {
+    VOXELPIPE_OK_OR_RETURN(state.cells.Resize(triangles, state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.blocks.Resize(triangles, state.stream));
+    args.records = state.cells.data();
+    args.blocks = state.blocks.data();
+  }
+  args.walk = MakeCellWalk(state);
+  args.walk.rounds = RoundsFor(triangles, uint64_t(state.device.multiprocessors) * kFindBlocks);
+  args.fragments = fragments;
+  if (blend != nullptr) args.blend = *blend;
+  const uint64_t each = uint64_t(args.walk.rounds) * kCellThreads;
+  const bool thin = args.walk.coverage == Coverage::kThin;
+  const auto kernel = thin ? KernelFor<true>(sink, by_id) : KernelFor<false>(sink, by_id);
+  kernel<<<unsigned((triangles + each - 1) / each), kCellThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("FindCells");
+  return absl::OkStatus();
+}
+
+RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats) {
+  RestArgs args;
+  args.walk = MakeCellWalk(state);
+  args.first_triangle = begin;
+  args.end_triangle = end;
+  args.repeats = repeats;
+  return args;
+}
+
+}  // namespace voxelpipe::cuda

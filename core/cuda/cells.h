@@ -1,0 +1,36 @@
+// The first kernel of blending without tiles and of the A-buffer. Included by .cu files only.
+#pragma once
+
+#include "cuda/cell_walk.cuh"
+#include "cuda/run_state.h"
+#include "cuda/span_kernels.cuh"
+
+namespace voxelpipe::cuda {
+
+// Gives every triangle of the slab to a sink, and what is not small to the queues; state.counters has how many wait.
+// kBlend: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: counters, or null.
+absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
+                          bool by_id = false);
+
+// What waits after FindAllCells, of triangles [begin, end).
+RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats);
+
+// Gives the rows of what waits to writers.
+template <typename Writer>
+absl::Status EmitWaiting(const RunState& state, const RestArgs& args, const typename Writer::Args& out) {
+  const auto processors = unsigned(state.device.multiprocessors);
+  const uint64_t most = std::max<uint64_t>(args.walk.triangle_count, 1);
+  constexpr int kOfRest = kRestThreads / 32 * kSetupsOfWarp * int(sizeof(SharedSetup));
+  constexpr int kOfLarge = kSetupsOfBlock * int(sizeof(SharedSetup));
+  static_assert(kOfRest <= 48 << 10 && kOfLarge <= 48 << 10);  // more must be asked for
+  const auto rest = EmitRest<Writer>;
+  const auto blocks = unsigned(std::min<uint64_t>(processors * 6, (most + 3) / 4));
+  rest<<<blocks, kRestThreads, kOfRest, state.stream>>>(args, out);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitRest");
+  const auto large = EmitLarge<Writer>;
+  large<<<processors * 6, kRestThreads, kOfLarge, state.stream>>>(args, out);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitLarge");
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda

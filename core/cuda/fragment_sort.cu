@@ -1,0 +1,99 @@
+#include "cuda/fragment_sort.h"
+
+#include <cub/device/device_radix_sort.cuh>
+
+#include <algorithm>
+
+namespace voxelpipe::cuda {
+namespace {
+
+template <typename Key>
+struct Buffers {
+  cub::DoubleBuffer<Key> keys;
+  cub::DoubleBuffer<uint32_t> values;
+};
+
+// Calls sort(scratch, bytes) to learn how much it needs, and then with that.
+template <typename Sort>
+absl::Status WithScratch(RunState& state, const Sort& sort) {
+  size_t bytes = 0;
+  VOXELPIPE_CUDA_OR_RETURN(sort(nullptr, bytes));
+  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(bytes, 1), state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(sort(state.scratch.data(), bytes));
+  return absl::OkStatus();
+}
+
+template <typename Key>
+absl::Status Sort(RunState& state, int bits, Buffers<Key>& buffers) {
+  return WithScratch(state, [&](void* scratch, size_t& bytes) {
+    return cub::DeviceRadixSort::SortPairs(scratch, bytes, buffers.keys, buffers.values, state.fragment_count, 0, bits,
+                                           state.stream);
+  });
+}
+
+// CUB sorts 8 bits a pass. Keys of 25 to 27 bits go in three passes of 9 bits, which takes less than four; with 10 bits, for 30, each
+// pass took longer than it saved. CUB's dispatcher takes the number as a parameter, but that is not part of its interface: with other
+// versions keys are sorted as CUB has it.
+#if defined(CUB_VERSION) && CUB_VERSION >= 300000 && CUB_VERSION < 300100
+template <int kBits>
+struct DigitPolicies {
+  using Hub = cub::detail::radix::policy_hub<uint32_t, uint32_t, uint32_t>;
+  using Base = Hub::OnesweepSmallKeyTunedPolicy<cub::detail::radix::sm90_small_key_tuning<4, 4, 4>>;
+  struct Policy : cub::ChainedPolicy<500, Policy, Policy>, Base {
+    static constexpr bool ONESWEEP = true;
+    static constexpr int ONESWEEP_RADIX_BITS = kBits;
+    using HistogramPolicy = cub::AgentRadixSortHistogramPolicy<128, 16, 1, uint32_t, kBits>;
+    using ExclusiveSumPolicy = cub::AgentRadixSortExclusiveSumPolicy<256, kBits>;
+    using OnesweepPolicy =
+        cub::AgentRadixSortOnesweepPolicy<384, 23, uint32_t, 1, cub::RADIX_RANK_MATCH_EARLY_COUNTS_ANY,
+                                          cub::BLOCK_SCAN_RAKING_MEMOIZE, cub::RADIX_SORT_STORE_DIRECT, kBits>;
+  };
+  using MaxPolicy = Policy;
+};
+
+template <int kBits>
+absl::Status SortByDigits(RunState& state, int bits, Buffers<uint32_t>& buffers) {
+  using Dispatch = cub::DispatchRadixSort<cub::SortOrder::Ascending, uint32_t, uint32_t, uint32_t,
+                                          cub::detail::identity_decomposer_t, DigitPolicies<kBits>>;
+  return WithScratch(state, [&](void* scratch, size_t& bytes) {
+    return Dispatch::Dispatch(scratch, bytes, buffers.keys, buffers.values, uint32_t(state.fragment_count), 0, bits,
+                              true, state.stream);
+  });
+}
+
+absl::Status SortNarrow(RunState& state, int bits, Buffers<uint32_t>& buffers) {
+  if (state.fragment_count >= uint64_t{1} << 31) return Sort(state, bits, buffers);
+  return (bits + 8) / 9 < (bits + 7) / 8 ? SortByDigits<9>(state, bits, buffers)
+                                         : SortByDigits<8>(state, bits, buffers);
+}
+#else
+absl::Status SortNarrow(RunState& state, int bits, Buffers<uint32_t>& buffers) {
+  return Sort(state, bits, buffers);
+}
+#endif
+
+template <typename Key>
+Buffers<Key> BuffersOf(RunState& state) {
+  return {cub::DoubleBuffer<Key>(reinterpret_cast<Key*>(state.fragment_keys[0].data()),
+                                 reinterpret_cast<Key*>(state.fragment_keys[1].data())),
+          cub::DoubleBuffer<uint32_t>(state.fragment_triangles[0].data(), state.fragment_triangles[1].data())};
+}
+
+}  // namespace
+
+absl::Status SortByKey(RunState& state, bool wide_keys, int bits) {
+  uint32_t* sorted = nullptr;
+  if (wide_keys) {
+    Buffers<uint64_t> buffers = BuffersOf<uint64_t>(state);
+    VOXELPIPE_OK_OR_RETURN(Sort(state, bits, buffers));
+    sorted = buffers.values.Current();
+  } else {
+    Buffers<uint32_t> buffers = BuffersOf<uint32_t>(state);
+    VOXELPIPE_OK_OR_RETURN(SortNarrow(state, bits, buffers));
+    sorted = buffers.values.Current();
+  }
+  state.fragments_in = sorted == state.fragment_triangles[0].data() ? 0 : 1;
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda
