@@ -60,6 +60,8 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--simd", simd, "Instruction set of the CPU backend where the request leaves it open")
       ->check(CLI::IsMember(kSimds));
   add("--threads", o.threads, "CPU threads of one job, 0 for all cores")->check(CLI::Range(0, 1024));
+  add("--io-threads", o.io_threads, "Threads that serve connections, 0 for one for each four cores")
+      ->check(CLI::Range(0, 16));
   add("--workers", o.workers, "Jobs that run at the same time, 0 to choose")->check(CLI::Range(0, 1024));
   add("--cpu-workers", o.cpu_workers, "Jobs or batches on the CPU at the same time, 0 for as many as --workers")
       ->check(CLI::Range(0, 1024));
@@ -179,6 +181,7 @@ ServerOptions Resolve(ServerOptions options) {
   if (options.workers == 0) options.workers = std::min(4, cores);
   if (options.cpu_workers == 0) options.cpu_workers = options.workers;
   if (options.threads == 0) options.threads = cores;
+  if (options.io_threads == 0) options.io_threads = std::max(1, cores / 4);
   if (options.max_working_bytes == 0) options.max_working_bytes = std::min<uint64_t>(20ull << 30, MemoryBytes() / 2);
   if (options.max_mesh_store_bytes == 0) {
     options.max_mesh_store_bytes = std::min<uint64_t>(2ull << 30, MemoryBytes() / 16);

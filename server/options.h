@@ -17,6 +17,7 @@ struct ServerOptions {
   SimdChoice simd = SimdChoice::kAuto;      // where the request leaves it open
   int threads = 0;                          // of the CPU backend in one job; 0 = all cores
   int workers = 0;                          // jobs at the same time; 0 = one a core, at most 4
+  int io_threads = 0;                       // of gRPC's, that read and write; 0 = one for each four cores
   int cpu_workers = 0;                      // jobs or batches on the CPU at the same time; 0 = as many as workers
   std::string gpus = "all";                 // or "none", or their numbers: "0,2"
   int gpu_streams = 2;                      // jobs or batches on one GPU at the same time

@@ -13,6 +13,7 @@
 #include "access/periodic.h"
 #include "access/tls.h"
 #include "check_files.h"
+#include "io_threads.h"
 #include "observe/health_service.h"
 #include "observe/http_endpoint.h"
 #include "observe/idle_memory.h"
@@ -151,6 +152,8 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   server->server_ = builder.BuildAndStart();
   if (!server->server_ || port == 0) return absl::UnavailableError(absl::StrCat("cannot listen on ", options.listen));
 
+  server->io_threads_ = std::make_unique<IoThreads>(size_t(server->state_->options.io_threads),
+                                                    server->server_->InProcessChannel(grpc::ChannelArguments()));
   server->address_ = options.listen;
   if (!options.listen.starts_with("unix:")) {
     server->address_ = absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
@@ -211,6 +214,7 @@ void VoxelServer::Reload() {
 }
 
 VoxelServer::~VoxelServer() {
+  io_threads_.reset();
   StopTakingGrpcLog();
   if (state_) {
     state_->pool.SetListener({});

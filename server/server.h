@@ -19,6 +19,7 @@ namespace voxelpipe {
 
 class HealthService;
 class HttpEndpoint;
+class IoThreads;
 class Periodic;
 class VoxelizationServiceImpl;
 struct ServiceState;
@@ -55,6 +56,7 @@ class VoxelServer {
   std::unique_ptr<Periodic> reloader_;
   std::unique_ptr<Periodic> memory_looker_;
   std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<IoThreads> io_threads_;
   std::mutex health_mutex_;
   std::set<std::string> serving_devices_;  // the server serves while there is one
   bool drained_ = false;
