@@ -12,6 +12,7 @@
 #include <google/protobuf/stubs/logging.h>
 #include <spdlog/spdlog.h>
 
+#include "absl/synchronization/mutex.h"
 #include "check_files.h"
 #include "observe/log.h"
 #include "options.h"
@@ -38,6 +39,8 @@ int WaitForSignal(const sigset_t& signals) {
 }
 
 int Serve(const ServerOptions& options) {
+  // gRPC's locks are Abseil's, which where they were built for debugging keep a graph of all locks behind one lock.
+  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   // Blocked in every thread that starts from here on; taken by sigwait below, where everything may be called.
   const sigset_t signals = StopSignals();
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);

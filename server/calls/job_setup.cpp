@@ -46,7 +46,7 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message
   job.traits.queue_timeout = settings.queue_timeout;
   if (absl::Status s = FindKeptMesh(state, job); !s.ok()) return s;
   job.Weigh();
-  return state.scheduler.Admit(job.traits);  // before the mesh is uploaded for nothing
+  return absl::OkStatus();
 }
 
 absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working) {

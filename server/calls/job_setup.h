@@ -13,7 +13,7 @@ namespace voxelpipe {
 
 // Fills the job's config, limits and traits from the message; `client` is whom the queue takes it to be from. The job's deadline, if
 // any, is set before. Where the config names a mesh that the server keeps, the job gets that mesh, for its use to be counted.
-// Errors: those of ParseConfig, PrepareRequest and Scheduler::Admit; NOT_FOUND (MissingMeshError).
+// Errors: those of ParseConfig, PrepareRequest and WorkerPool::CheckServed; NOT_FOUND (MissingMeshError).
 absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message, const std::string& client,
                           VoxelizeJob& job);
 

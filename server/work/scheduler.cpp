@@ -13,6 +13,12 @@ namespace {
 // A result larger than this is a giant's, however fast it is made: it leaves slab by slab, while its worker waits for the client.
 constexpr uint64_t kGiantBytes = 512ull << 20;
 
+void Relax() {
+#if defined(__x86_64__)
+  __builtin_ia32_pause();
+#endif
+}
+
 }  // namespace
 
 Scheduler::Scheduler(const SchedulerOptions& options, size_t workers)
@@ -84,8 +90,19 @@ absl::Status Scheduler::Admit(const TaskTraits& traits) const {
   return std::move(answer.status);
 }
 
+std::unique_lock<std::mutex> Scheduler::LockShortly() const {
+  constexpr int kTries = 100;  // some microseconds
+  std::unique_lock lock(mutex_, std::try_to_lock);
+  for (int i = 0; i < kTries && !lock.owns_lock(); ++i) {
+    Relax();
+    lock.try_lock();
+  }
+  if (!lock.owns_lock()) lock.lock();
+  return lock;
+}
+
 bool Scheduler::IsFull() const {
-  const std::lock_guard lock(mutex_);
+  const std::unique_lock lock = LockShortly();
   return !draining_ && QueuedLocked() >= PlacesFor(options_.max_queue, taken_.size(), workers_);
 }
 
@@ -105,7 +122,7 @@ absl::Status Scheduler::Submit(std::shared_ptr<Task> task) {
   AdmissionAnswer answer;
   Sleeper* sleeper = nullptr;
   {
-    const std::lock_guard lock(mutex_);
+    const std::unique_lock lock = LockShortly();
     if (draining_) return absl::UnavailableError("the server is shutting down");
     answer = AdmissionLocked(traits, now);
     if (answer.why == Refused::kNo) {

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
@@ -143,6 +144,8 @@ class Scheduler {
   double LoadMs(const TaskTraits& traits) const;
   double RunMs(const TaskTraits& traits) const;
   double RunMsOn(const TaskTraits& traits, BackendChoice kind) const;
+  // Workers hold the lock for a microsecond or two at a time: to sleep for it, and to be woken, takes longer.
+  std::unique_lock<std::mutex> LockShortly() const;
   AdmissionAnswer AdmissionLocked(const TaskTraits& traits, Time now) const;
   void CountRefused(const AdmissionAnswer& answer) const;
 
@@ -193,7 +196,8 @@ class Scheduler {
   std::optional<Time> ready_since_;  // to_run_ is not empty
   MeasuredCost measured_;
   std::vector<ServingDevice> serving_;
-  std::map<std::string, size_t> giants_;  // that run, of each device
+  std::atomic<uint32_t> serving_kinds_{0};  // of these, a bit each; read without the lock
+  std::map<std::string, size_t> giants_;    // that run, of each device
   size_t giants_loading_ = 0;
   size_t refusing_ = 0;
   bool draining_ = false, stopped_ = false;

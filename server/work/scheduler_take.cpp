@@ -16,6 +16,10 @@ double MsBetween(JobContext::Clock::time_point from, JobContext::Clock::time_poi
   return std::chrono::duration<double, std::milli>(to - from).count();
 }
 
+uint32_t BitOf(BackendChoice kind) {
+  return 1u << unsigned(kind);
+}
+
 }  // namespace
 
 // ---- whose turn it is
@@ -37,6 +41,9 @@ void Scheduler::SetDevice(const WorkerTraits& device, size_t workers) {
     const bool served = KindServes(device.kind);
     std::erase_if(serving_, [&](const ServingDevice& d) { return d.traits.device == device.device; });
     if (workers > 0) serving_.push_back({device, workers});
+    uint32_t kinds = 0;
+    for (const ServingDevice& d : serving_) kinds |= BitOf(d.traits.kind);
+    serving_kinds_.store(kinds, std::memory_order_relaxed);
     if (KindServes(device.kind) != served) {  // what wants this kind, but need not have it, changes lanes
       std::vector<const Task*> moved;
       to_run_.ForEach([&](const Task& task) {
@@ -64,6 +71,11 @@ std::vector<std::shared_ptr<Task>> Scheduler::TakeStranded() {
 }
 
 bool Scheduler::IsServed(const TaskTraits& task) const {
+  if (task.excluded_devices.empty()) {
+    const uint32_t kinds = serving_kinds_.load(std::memory_order_relaxed);
+    const bool any = task.backend == BackendChoice::kAuto || task.fallback;
+    return any ? kinds != 0 : (kinds & BitOf(task.backend)) != 0;
+  }
   const std::lock_guard lock(mutex_);
   return AnyMayHave(task, serving_);
 }
