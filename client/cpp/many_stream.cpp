@@ -61,6 +61,7 @@ struct ManyStream::Impl {
   absl::Status Send(uint64_t id, v1::VoxelizeManyRequest message, const VoxelizeRequest& request) {
     if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
     message.set_id(id);
+    message.set_takes_more(true);
     message.set_crc32c(Crc32c({reinterpret_cast<const uint8_t*>(message.mesh().data()), message.mesh().size()}));
     {
       std::unique_lock lock(mutex);
@@ -76,9 +77,8 @@ struct ManyStream::Impl {
 
   absl::StatusOr<ManyAnswer> Receive() {
     const std::lock_guard one_reader(read_mutex);
-    v1::VoxelizeManyResponse message;
-    while (stream->Read(&message)) {
-      absl::StatusOr<std::optional<ManyAnswer>> answer = Take(message);
+    while (const v1::VoxelizeManyResponse* next = NextMessage()) {
+      absl::StatusOr<std::optional<ManyAnswer>> answer = Take(*next);
       if (!answer.ok()) {
         context.TryCancel();
         End();
@@ -89,6 +89,13 @@ struct ManyStream::Impl {
     End();
     if (!status) status = CallStatus(stream->Finish(), job, target);
     return status->ok() ? absl::OutOfRangeError("all jobs are answered") : *status;
+  }
+
+  // The next answer, be it in a message of its own or with others; null at the end of the stream.
+  const v1::VoxelizeManyResponse* NextMessage() {
+    if (taken < received.more_size()) return &received.more(taken++);
+    taken = 0;
+    return stream->Read(&received) ? &received : nullptr;
   }
 
   // An error is the stream's.
@@ -140,7 +147,10 @@ struct ManyStream::Impl {
   const CallWatch watch;
   std::unique_ptr<grpc::ClientReaderWriter<v1::VoxelizeManyRequest, v1::VoxelizeManyResponse>> stream;
   std::mutex write_mutex, read_mutex;  // gRPC takes one of each at a time
-  std::optional<absl::Status> status;  // guarded by read_mutex
+  // Guarded by read_mutex:
+  std::optional<absl::Status> status;
+  v1::VoxelizeManyResponse received;  // the last message
+  int taken = 0;                      // of the answers that it holds besides its own
 
   std::mutex mutex;
   std::condition_variable changed;

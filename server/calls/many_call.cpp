@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include <google/protobuf/arena.h>
 #include <grpcpp/impl/codegen/proto_utils.h>
 
 #include "absl/strings/str_cat.h"
@@ -14,12 +15,16 @@
 #include "meshes/prepare_kept.h"
 #include "wire/response.h"
 #include "wire/status.h"
+#include "work/answer_burst.h"
 #include "work/voxelize_job.h"
 
 namespace voxelpipe {
 namespace {
 
 constexpr std::chrono::milliseconds kRetryDelay{1000};
+// In one message.
+constexpr int kMostJobs = 256;
+constexpr size_t kMostAnswers = 256, kMostAnswerBytes = 256 << 10;
 
 grpc::ByteBuffer ErrorMessage(uint64_t id, const absl::Status& status) {
   v1::VoxelizeManyResponse response;
@@ -98,6 +103,7 @@ class ManyCall::Job final : public VoxelizeJob {
     const std::shared_ptr<ManyCall> call = std::move(call_);
     answer.job = std::static_pointer_cast<Job>(self.lock());
     call->Ended(std::move(answer), failed);
+    if (!AnswerBurst::Later(call.get(), [call] { call->Pump(); })) call->Pump();
   }
 
   std::shared_ptr<ManyCall> call_;
@@ -138,9 +144,10 @@ ManyCall::~ManyCall() = default;
 void ManyCall::OnReadDone(bool ok) {
   absl::Status status = absl::OkStatus();
   if (ok) {
-    v1::VoxelizeManyRequest request;
+    google::protobuf::Arena arena;
+    auto& request = *google::protobuf::Arena::CreateMessage<v1::VoxelizeManyRequest>(&arena);
     status = grpc::SerializationTraits<v1::VoxelizeManyRequest>::Deserialize(&read_, &request).ok()
-                 ? Take(std::move(request))
+                 ? TakeAll(request)
                  : absl::InvalidArgumentError("message: not a VoxelizeManyRequest");
   }
   {
@@ -155,7 +162,26 @@ void ManyCall::OnReadDone(bool ok) {
   }
 }
 
-absl::Status ManyCall::Take(v1::VoxelizeManyRequest request) {
+absl::Status ManyCall::TakeAll(v1::VoxelizeManyRequest& message) {
+  if (message.more_size() >= kMostJobs) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("more: a message of ", message.more_size() + 1, " jobs; at most ", kMostJobs, " are allowed"));
+  }
+  for (const v1::VoxelizeManyRequest& request : message.more()) {
+    if (request.more_size() > 0) {
+      return absl::InvalidArgumentError(absl::StrCat("more: job ", request.id(), " holds more itself"));
+    }
+  }
+  if (message.takes_more()) {
+    const std::lock_guard lock(mutex_);
+    takes_more_ = true;
+  }
+  absl::Status status = Take(message);
+  for (int i = 0; status.ok() && i < message.more_size(); ++i) status = Take(*message.mutable_more(i));
+  return status;
+}
+
+absl::Status ManyCall::Take(v1::VoxelizeManyRequest& request) {
   const auto job = std::make_shared<Job>(self_, request.id());
   job->self = job;
   bool draining;
@@ -222,7 +248,6 @@ void ManyCall::Ended(Answer answer, bool failed) {
       ready_.push_back(std::move(answer));
     }
   }
-  Pump();
 }
 
 void ManyCall::StopTaking() {
@@ -237,11 +262,22 @@ bool ManyCall::HasRoomLocked() const {
   return jobs_.size() < state_.options.many_in_flight && bytes_ < state_.options.many_bytes;
 }
 
-std::optional<ManyCall::Answer> ManyCall::TakeWrittenLocked() {
-  if (!last_of_current_ || !current_) return std::nullopt;
-  bytes_ -= current_->job->bytes_in_hand;
-  jobs_.erase(current_->job.get());
-  return std::exchange(current_, std::nullopt);
+void ManyCall::ChooseLocked() {
+  size_t bytes = 0;
+  do {
+    if (ready_.front().message) bytes += ready_.front().message->Length();
+    current_.push_back(std::move(ready_.front()));
+    ready_.pop_front();
+  } while (takes_more_ && !current_.front().stream && !ready_.empty() && !ready_.front().stream &&
+           current_.size() < kMostAnswers && bytes + ready_.front().message->Length() <= kMostAnswerBytes);
+}
+
+std::vector<ManyCall::Answer> ManyCall::WrittenLocked() {
+  for (const Answer& answer : current_) {
+    bytes_ -= answer.job->bytes_in_hand;
+    jobs_.erase(answer.job.get());
+  }
+  return std::exchange(current_, {});
 }
 
 void ManyCall::Pump() {
@@ -259,7 +295,7 @@ void ManyCall::Pump() {
     }
     // Nor may another thread end the call, after which gRPC takes no read, between the decision to read and the read.
     if (starting_reads_ > 0 || making_ || writing_) return;
-    if (!end_ && !current_ && ready_.empty()) {
+    if (!end_ && current_.empty() && ready_.empty()) {
       if (!jobs_.empty() || !(half_closed_ || draining_)) return;  // they go on, or more may come
       end_ = half_closed_ ? absl::OkStatus() : ShuttingDownError();
     }
@@ -270,11 +306,8 @@ void ManyCall::Pump() {
       Finish(status);
       return;
     }
-    if (!current_) {
-      current_ = std::move(ready_.front());
-      ready_.pop_front();
-    }
-    const std::shared_ptr<ResultStream> stream = current_->stream;
+    if (current_.empty()) ChooseLocked();
+    const std::shared_ptr<ResultStream> stream = current_.front().stream;
     if (stream) {
       making_ = true;  // without the lock: hashing and compressing take their time
       lock.unlock();
@@ -290,13 +323,20 @@ void ManyCall::Pump() {
         continue;
       }
     } else {
-      writing_message_.Swap(current_->message.get());
+      std::vector<const grpc::ByteBuffer*> messages;
+      for (const Answer& answer : current_) {
+        messages.push_back(answer.message.get());
+        record_.bytes_out += answer.bytes;
+        record_.raw_bytes_out += answer.raw_bytes;
+      }
+      grpc::ByteBuffer message = AnswersInOne(messages);
+      writing_message_.Swap(&message);
       last_of_current_ = true;
-      record_.bytes_out += current_->bytes;
-      record_.raw_bytes_out += current_->raw_bytes;
     }
-    // The client may use the id again as soon as it has this, which may be before gRPC says that it was written.
-    if (last_of_current_) ids_.erase(current_->job->id());
+    // The client may use the ids again as soon as it has this, which may be before gRPC says that it was written.
+    for (const Answer& answer : current_) {
+      if (last_of_current_) ids_.erase(answer.job->id());
+    }
     writing_ = true;
     // What follows at once leaves with it: the next piece, or the next answer. Not the end of several pieces: their large
     // result counts as in hand until the client has room for all of it.
@@ -312,12 +352,12 @@ void ManyCall::Pump() {
 
 void ManyCall::OnWriteDone(bool ok) {
   write_wait_->End();
-  std::optional<Answer> written;  // freed without the lock
+  std::vector<Answer> written;
   {
     const std::lock_guard lock(mutex_);
     writing_ = false;
     writing_message_.Clear();
-    written = TakeWrittenLocked();
+    if (last_of_current_) written = WrittenLocked();
   }
   if (!ok) {
     OnCancel();  // nobody listens

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <unordered_map>
 #include <unordered_set>
+#include <vector>
 
 #include <grpcpp/grpcpp.h>
 
@@ -52,10 +53,11 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   ManyCall(ServiceState& state, grpc::CallbackServerContext& context);
 
   // An error ends the call.
-  absl::Status Take(v1::VoxelizeManyRequest request);
+  absl::Status TakeAll(v1::VoxelizeManyRequest& message);
+  absl::Status Take(v1::VoxelizeManyRequest& request);
   // An error ends the job.
   absl::Status Prepare(v1::VoxelizeManyRequest& request, Job& job);
-  // The job has ended, on any thread.
+  // The job has ended, on any thread. Pump is left to the caller.
   void Ended(Answer answer, bool failed);
   // The server goes away: what is in hand is answered, nothing else is taken.
   void StopTaking();
@@ -64,8 +66,10 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   // Starts the next write, read or the end of the call, as far as they are due and not under way.
   void Pump();
   void End(absl::Status status);
-  // The answer in writing, if that was its last message, which has been sent. With mutex_ held.
-  std::optional<Answer> TakeWrittenLocked();
+  // Chooses what is written next of what is ready.
+  void ChooseLocked();
+  // What is in writing has been sent. Out: it, to be freed without the lock.
+  std::vector<Answer> WrittenLocked();
   bool HasRoomLocked() const;
 
   ServiceState& state_;
@@ -88,13 +92,14 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   uint64_t bytes_ = 0;                                         // that they hold: meshes and results
   uint64_t jobs_taken_ = 0, jobs_failed_ = 0;
   std::deque<Answer> ready_;
-  std::optional<Answer> current_;  // being written
+  std::vector<Answer> current_;  // being written: one that is a stream, or those of one message
   grpc::ByteBuffer writing_message_;
   bool last_of_current_ = false;  // the message in flight is
   WriteAhead write_ahead_;
   int starting_reads_ = 0;  // threads that are about to start one
   bool reading_ = false, making_ = false, writing_ = false, finished_ = false;
   bool half_closed_ = false, draining_ = false;
+  bool takes_more_ = false;  // the client understands answers that hold more
   std::optional<absl::Status> end_;
 };
 

@@ -2,6 +2,7 @@
 // first; fields may come in any order.
 #include "calls/response_coder.h"
 
+#include <iterator>
 #include <utility>
 
 namespace voxelpipe {
@@ -103,6 +104,20 @@ class Slices {
 };
 
 }  // namespace
+
+grpc::ByteBuffer AnswersInOne(std::span<const grpc::ByteBuffer* const> answers) {
+  std::vector<grpc::Slice> all, one;
+  for (const grpc::ByteBuffer* answer : answers) {
+    if (!all.empty()) {
+      std::string head;
+      PutLength(v1::VoxelizeManyResponse::kMoreFieldNumber, answer->Length(), head);
+      all.emplace_back(head);
+    }
+    answer->Dump(&one);
+    std::move(one.begin(), one.end(), std::back_inserter(all));
+  }
+  return {all.data(), all.size()};
+}
 
 grpc::ByteBuffer ResponseCoder::Message(const v1::VoxelizeResponse& response) const {
   std::string text;

@@ -15,6 +15,7 @@
 #include "meshes/prepare_kept.h"
 #include "wire/response.h"
 #include "wire/status.h"
+#include "work/answer_burst.h"
 
 namespace voxelpipe {
 namespace {
@@ -158,7 +159,7 @@ void WholeCall::End(absl::Status status) {
   if (!status.ok()) working_.ShrinkTo(0);
   const grpc::Status told = ToGrpcStatus(status);
   end_ = std::move(status);
-  Finish(told);
+  if (!AnswerBurst::Later(this, [keep, told] { keep->Finish(told); })) Finish(told);
 }
 
 void WholeCall::GiveUp() {

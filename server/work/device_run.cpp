@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
 #include "cpu/backend.h"
+#include "work/answer_burst.h"
 
 namespace voxelpipe {
 namespace {
@@ -19,6 +20,10 @@ constexpr uint64_t kLargestOfBatchBytes = 64 << 20;
 // Waking a thread for less work than this costs more than it brings.
 constexpr double kLeastMsPerThread = 1;
 constexpr double kShortMs = 100;
+
+// Answers of jobs that are predicted to take less wait for the next ones of their batch, so long.
+constexpr double kTinyMs = 0.1;
+constexpr std::chrono::milliseconds kLongestBurst{1};
 
 int Cores() {
   static const int cores = std::max(1, int(std::thread::hardware_concurrency()));  // asking opens a file
@@ -128,6 +133,7 @@ DeviceRun::DeviceRun(const Backend& backend, std::vector<std::shared_ptr<Task>> 
     members_.push_back(std::make_unique<Member>(*this, std::move(task)));
     ++members_.back()->job->attempts;
   }
+  tiny_jobs_ = run_ms < kTinyMs * double(members_.size());
   predicted_ = std::chrono::milliseconds(int64_t(std::min(run_ms, 1e9)));
   options_.threads = ThreadsFor(run_ms, options_.threads, options_.sharers, Cores());
   // Jobs of a watched run are copied with it.
@@ -247,6 +253,9 @@ void DeviceRun::RunTogether(std::span<Member* const> members) {
       TakeOfBatch(member, std::move(result), uint32_t(members.size()));
     };
   }
+  std::optional<AnswerBurst> burst;
+  // Not where the device may hold this thread up for good: what was put off would stay with it.
+  if (tiny_jobs_ && !options_.watched) burst.emplace(kLongestBurst);
   absl::Status thrown;
   try {
     VoxelizeBatch(backend_, items, options_.threads, limits_.plan, stats_);

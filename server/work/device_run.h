@@ -96,6 +96,7 @@ class DeviceRun {
   const JobLimits limits_;
   std::vector<std::unique_ptr<Member>> members_;
   std::chrono::milliseconds predicted_{0};
+  bool tiny_jobs_ = false;
   BatchStats stats_;
 
   mutable std::mutex mutex_;

@@ -7,96 +7,14 @@
 #include <thread>
 #include <vector>
 
-#include <grpcpp/create_channel.h>
-#include <grpcpp/security/credentials.h>
 #include <signal.h>
 
-#include "base/crc32c.h"
 #include "gtest/gtest.h"
 #include "many_stream.h"
-#include "service/requests.h"
-#include "service/sample_mesh.h"
-#include "service/server_process.h"
-#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
-#include "wire/request.h"
+#include "service/many_fixture.h"
 
 namespace voxelpipe::testing {
 namespace {
-
-class ManyTest : public ::testing::Test {
- protected:
-  using Stream = grpc::ClientReaderWriter<v1::VoxelizeManyRequest, v1::VoxelizeManyResponse>;
-
-  void Start(std::vector<std::string> arguments = {}) {
-    arguments.insert(arguments.end(), {"--log-level", "warn"});
-    server_ = StartServer(arguments);
-    ASSERT_NE(server_, nullptr);
-    client_ = ConnectTo(*server_);
-    ASSERT_NE(client_, nullptr);
-    grpc::ChannelArguments unbounded;
-    unbounded.SetMaxReceiveMessageSize(-1);
-    stub_ = v1::VoxelizationService::NewStub(
-        grpc::CreateCustomChannel(server_->address(), grpc::InsecureChannelCredentials(), unbounded));
-    context_.set_deadline(std::chrono::system_clock::now() + kPatience);
-    stream_ = stub_->VoxelizeMany(&context_);
-  }
-
-  v1::VoxelizeManyRequest Item(uint64_t id, const VoxelizeRequest& request) const {
-    v1::VoxelizeManyRequest item;
-    item.set_id(id);
-    *item.mutable_config() = MakeConfig(request, MeshFormat::kGlb);
-    item.set_mesh(glb_.data(), glb_.size());
-    item.set_crc32c(Crc32c(glb_));
-    return item;
-  }
-
-  // The bytes of all arrays, as a single call has them.
-  std::string Single(const VoxelizeRequest& request) {
-    const JobContext job;
-    const auto result = client_->Voxelize(glb_, MeshFormat::kGlb, request, job);
-    EXPECT_TRUE(result.ok()) << result.status();
-    std::string all;
-    if (!result.ok()) return all;
-    for (const auto bytes : ArraysOf(result->result)) all.append(bytes.begin(), bytes.end());
-    return all;
-  }
-
-  // The worker is free and the queue empty: a call comes through.
-  void ExpectFree() {
-    JobContext job;
-    job.set_deadline(JobContext::Clock::now() + kPatience);
-    const absl::Status status = client_->Voxelize(glb_, MeshFormat::kGlb, SmallRequest(), job).status();
-    EXPECT_TRUE(status.ok()) << status;
-  }
-
-  const std::vector<uint8_t> glb_ = TorusGlb(8);
-  std::unique_ptr<ServerProcess> server_;
-  std::unique_ptr<Client> client_;
-  std::unique_ptr<v1::VoxelizationService::Stub> stub_;
-  grpc::ClientContext context_;
-  std::unique_ptr<Stream> stream_;
-};
-
-// What came for one job.
-struct Answer {
-  std::string bytes;
-  int whole = 0, parts = 0, summaries = 0;
-  int error = 0;
-};
-
-void Add(const v1::VoxelizeManyResponse& response, Answer& answer) {
-  if (response.has_whole()) {
-    ++answer.whole;
-    for (const auto& piece : response.whole().pieces()) answer.bytes += piece.data();
-    if (response.whole().has_summary()) ++answer.summaries;
-  } else if (response.has_part()) {
-    ++answer.parts;
-    answer.bytes += response.part().piece().data();
-    if (response.part().has_summary()) ++answer.summaries;
-  } else {
-    answer.error = response.error().code();
-  }
-}
 
 TEST_F(ManyTest, EveryJobGetsTheBytesOfASingleCall) {
   ASSERT_NO_FATAL_FAILURE(Start());
@@ -123,14 +41,14 @@ TEST_F(ManyTest, EveryJobGetsTheBytesOfASingleCall) {
   }
   for (size_t i = 0; i < requests.size(); ++i) ASSERT_TRUE(stream_->Write(Item(1000 + i, requests[i])));
   stream_->WritesDone();
-  std::map<uint64_t, Answer> answers;
+  std::map<uint64_t, JobAnswer> answers;
   v1::VoxelizeManyResponse response;
   while (stream_->Read(&response)) Add(response, answers[response.id()]);
   const grpc::Status status = stream_->Finish();
   ASSERT_TRUE(status.ok()) << status.error_message();
   ASSERT_EQ(answers.size(), requests.size());
   for (size_t i = 0; i < requests.size(); ++i) {
-    const Answer& answer = answers[1000 + i];
+    const JobAnswer& answer = answers[1000 + i];
     EXPECT_EQ(answer.error, 0);
     EXPECT_EQ(answer.summaries, 1);
     EXPECT_EQ(answer.whole, answer.parts == 0 ? 1 : 0);
@@ -153,7 +71,7 @@ TEST_F(ManyTest, AnErrorEndsItsJobAndNotTheStream) {
   ASSERT_TRUE(stream_->Write(flipped));
   ASSERT_TRUE(stream_->Write(Item(4, SmallRequest())));
   stream_->WritesDone();
-  std::map<uint64_t, Answer> answers;
+  std::map<uint64_t, JobAnswer> answers;
   v1::VoxelizeManyResponse response;
   while (stream_->Read(&response)) {
     Add(response, answers[response.id()]);
@@ -239,7 +157,7 @@ TEST_F(ManyTest, WhoDoesNotReadIsNotRead) {
     std::this_thread::sleep_for(std::chrono::milliseconds(300));
   }
   EXPECT_LT(written, kJobs / 2) << "the server takes more than it may have in hand";
-  std::map<uint64_t, Answer> answers;
+  std::map<uint64_t, JobAnswer> answers;
   v1::VoxelizeManyResponse response;
   while (stream_->Read(&response)) Add(response, answers[response.id()]);
   writer.join();

@@ -1,7 +1,10 @@
 // Jobs of one VoxelizeMany stream. A stream that breaks fails its jobs and is opened anew.
 #include <deque>
+#include <iterator>
 #include <optional>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include <google/protobuf/io/coded_stream.h>
 #include <grpcpp/alarm.h>
@@ -20,15 +23,40 @@ constexpr std::chrono::milliseconds kLookEvery{100};  // at the flags of the run
 constexpr std::chrono::milliseconds kPauseBroken{10};
 constexpr std::chrono::seconds kPatienceAtEnd{2};  // for a server that does not end the stream after us
 
-// The job's bytes with its id behind them: fields may come in any order.
-grpc::ByteBuffer WithId(const grpc::ByteBuffer& job, uint64_t id) {
-  uint8_t field[11] = {uint8_t(v1::VoxelizeManyRequest::kIdFieldNumber << 3)};
-  const uint8_t* const end = google::protobuf::io::CodedOutputStream::WriteVarint64ToArray(id, field + 1);
-  std::vector<grpc::Slice> slices;
-  job.Dump(&slices);  // shares the bytes
-  slices.emplace_back(field, size_t(end - field));
-  return {slices.data(), slices.size()};
-}
+// Jobs of one message, at most.
+constexpr size_t kMostJobs = 64, kMostBytes = 256 << 10;
+
+// A request message made of jobs whose bytes, but for the id, stand ready: the first with the others behind it. Fields may come in any
+// order.
+class Requests {
+ public:
+  void Add(const grpc::ByteBuffer& job, uint64_t id) {
+    using google::protobuf::io::CodedOutputStream;
+    uint8_t tail[16] = {uint8_t(v1::VoxelizeManyRequest::kIdFieldNumber << 3)};
+    uint8_t* end = CodedOutputStream::WriteVarint64ToArray(id, tail + 1);
+    if (jobs_ == 0) {
+      *end++ = uint8_t(v1::VoxelizeManyRequest::kTakesMoreFieldNumber << 3);
+      *end++ = 1;
+    } else {
+      constexpr int kBytesField = 2;
+      uint8_t head[16] = {uint8_t(v1::VoxelizeManyRequest::kMoreFieldNumber << 3 | kBytesField)};
+      const uint64_t bytes = job.Length() + uint64_t(end - tail);
+      slices_.emplace_back(head, size_t(CodedOutputStream::WriteVarint64ToArray(bytes, head + 1) - head));
+    }
+    std::vector<grpc::Slice> slices;
+    job.Dump(&slices);  // shares the bytes
+    std::move(slices.begin(), slices.end(), std::back_inserter(slices_));
+    slices_.emplace_back(tail, size_t(end - tail));
+    ++jobs_;
+    bytes_ += job.Length();
+  }
+  bool full() const { return jobs_ >= kMostJobs || bytes_ >= kMostBytes; }
+  grpc::ByteBuffer Message() const { return {slices_.data(), slices_.size()}; }
+
+ private:
+  std::vector<grpc::Slice> slices_;
+  size_t jobs_ = 0, bytes_ = 0;
+};
 
 class ManyLane final : public Lane {
  public:
@@ -52,6 +80,7 @@ class ManyLane final : public Lane {
       free_.pop_back();
     }
     Submit(slot, due);
+    Pump();
   }
 
   Ended End() override {
@@ -92,19 +121,21 @@ class ManyLane final : public Lane {
     job.answer.Reset();
     job.active = true;
     unsent_.push_back(slot);
-    Pump();
   }
 
   // Under the lock.
   void Pump() {
     if (!open_ || writing_ || unsent_.empty()) return;
-    const size_t slot = unsent_.front();
-    unsent_.pop_front();
+    Requests requests;
+    while (!unsent_.empty() && !requests.full()) {
+      requests.Add(run_.NextVariant().front(), unsent_.front() + 1);
+      unsent_.pop_front();
+    }
     writing_ = true;
     ++pending_;
     grpc::WriteOptions options;
     if (!unsent_.empty()) options.set_buffer_hint();  // the next one follows at once
-    stream_->Write(WithId(run_.NextVariant().front(), slot + 1), options, TagOf(Event::kWritten));
+    stream_->Write(requests.Message(), options, TagOf(Event::kWritten));
   }
 
   // Under the lock.
@@ -158,8 +189,9 @@ class ManyLane final : public Lane {
           Finish();
           break;
         }
-        if (TakeAnswer()) {
+        if (TakeAnswers()) {
           Read();
+          Pump();
         } else {
           context_->TryCancel();
           Finish();
@@ -189,9 +221,16 @@ class ManyLane final : public Lane {
   }
 
   // False where the server does not keep to the contract.
-  bool TakeAnswer() {
-    v1::VoxelizeManyResponse& message = message_;
-    if (!grpc::SerializationTraits<v1::VoxelizeManyResponse>::Deserialize(&buffer_, &message).ok()) return false;
+  bool TakeAnswers() {
+    if (!grpc::SerializationTraits<v1::VoxelizeManyResponse>::Deserialize(&buffer_, &message_).ok()) return false;
+    if (!TakeAnswer(message_)) return false;
+    for (v1::VoxelizeManyResponse& more : *message_.mutable_more()) {
+      if (!TakeAnswer(more)) return false;
+    }
+    return true;
+  }
+
+  bool TakeAnswer(v1::VoxelizeManyResponse& message) {
     if (message.id() == 0 || message.id() > jobs_.size()) return false;
     const size_t slot = message.id() - 1;
     Job& job = jobs_[slot];
