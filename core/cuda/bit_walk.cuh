@@ -12,7 +12,7 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr int kCellThreads = 256;
+inline constexpr int kCellThreads = 128;
 inline constexpr int kMostCellRows = 36;   // of a triangle that a thread walks alone
 inline constexpr int kManyOctants = 14;    // of a warp's lanes: enough not to wait for others
 inline constexpr int kMostCellRounds = 8;  // triangles of a thread of WalkCells
@@ -395,6 +395,29 @@ __device__ __noinline__ inline void WalkLayer(const BitArgs& args, const SharedS
   for (int y = s.begin[1] + offset; y < s.end[1]; y += step) SetRow(args, y, z, s.begin[0], s.end[0]);
 }
 
+// All layers of a warp's set-up triangles, each of whose lanes brings how many its own has.
+template <int kSetups>
+__device__ inline void WalkSetUp(const BitArgs& args, const SharedSetup* shared, uint32_t layers) {
+  const int lane = int(threadIdx.x % 32);
+  uint32_t total;
+  const uint32_t before = WarpExclusiveSum(layers, total);
+  __syncwarp();
+  for (uint32_t first = 0; first < total; first += 32 / kLayerLanes) {
+    const uint32_t item = first + uint32_t(lane / kLayerLanes);
+    // The last triangle that begins at or before the item, by bisection; those without layers are never found.
+    int i = 0;
+    for (int step = kSetups / 2; step > 0; step /= 2) {
+      const uint32_t there = __shfl_sync(~0u, before, i + step);
+      if (there <= item) i += step;
+    }
+    const uint32_t begins = __shfl_sync(~0u, before, i);
+    if (item < total) {
+      WalkLayer(args, shared[i], shared[i].begin[2] + int(item - begins), lane % kLayerLanes, kLayerLanes);
+    }
+  }
+  __syncwarp();
+}
+
 // The layer queue, by warp `warp` of `warps`, which has room for kSetups triangles.
 template <int kSetups>
 __device__ inline void WalkLayers(const BitArgs& args, uint64_t warp, uint64_t warps, SharedSetup* shared) {
@@ -407,23 +430,7 @@ __device__ inline void WalkLayers(const BitArgs& args, uint64_t warp, uint64_t w
     if (uint64_t(lane) < each && begin + uint64_t(lane) < count) {
       layers = SetUpLayers(args, __ldcg(args.layer_queue + begin + uint64_t(lane)), shared[lane]);
     }
-    uint32_t total;
-    const uint32_t before = WarpExclusiveSum(layers, total);
-    __syncwarp();
-    for (uint32_t first = 0; first < total; first += 32 / kLayerLanes) {
-      const uint32_t item = first + uint32_t(lane / kLayerLanes);
-      // The last triangle that begins at or before the item, by bisection; those without layers are never found.
-      int i = 0;
-      for (int step = kSetups / 2; step > 0; step /= 2) {
-        const uint32_t there = __shfl_sync(~0u, before, i + step);
-        if (there <= item) i += step;
-      }
-      const uint32_t begins = __shfl_sync(~0u, before, i);
-      if (item < total) {
-        WalkLayer(args, shared[i], shared[i].begin[2] + int(item - begins), lane % kLayerLanes, kLayerLanes);
-      }
-    }
-    __syncwarp();
+    WalkSetUp<kSetups>(args, shared, layers);
   }
 }
 

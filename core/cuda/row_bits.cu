@@ -16,7 +16,7 @@ namespace voxelpipe::cuda {
 namespace {
 
 constexpr int kThreads = 256;
-constexpr int kCellBlocks = 4;  // of CellKernel on a multiprocessor at once
+constexpr int kCellBlocks = 8;  // of CellKernel on a multiprocessor at once
 
 // Sets bits in the grids of a batch.
 struct SetBatchBits {
@@ -55,14 +55,14 @@ __global__ void __launch_bounds__(kCellThreads, kCellBlocks) CellKernel(const __
   WalkCells<kThin>(args, blockIdx.x, room);
 }
 
-constexpr int kLayerThreads = 128, kLayerSetups = 8;
+constexpr int kLayerThreads = 128, kLayerSetups = 8, kLayerBlocks = 4;
 
 union LayerRoom {
   SharedSetup of_warps[kLayerThreads / 32][kLayerSetups];
   LargeRoom large;
 };
 
-__global__ void __launch_bounds__(kLayerThreads, 4) LayerKernel(const __grid_constant__ BitArgs args) {
+__global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const __grid_constant__ BitArgs args) {
   __shared__ alignas(16) char memory[sizeof(LayerRoom)];
   auto& room = *reinterpret_cast<LayerRoom*>(memory);
   WalkLarge(args, blockIdx.x, gridDim.x, room.large);
@@ -101,26 +101,32 @@ __device__ inline void WaitForGrid(unsigned* arrived) {
   __syncthreads();
 }
 
-// All steps in one launch, for meshes that take no longer than launches do.
-template <bool kThin>
-__global__ void __launch_bounds__(kCellThreads, 2)
+// All steps in one launch, for meshes of so few triangles that each warp has at most kLayerSetups: what takes longest there is to wait.
+// Triangles are set up while the bits are cleared.
+__global__ void __launch_bounds__(kLayerThreads, kLayerBlocks)
     AtOnceKernel(const __grid_constant__ BitArgs args, unsigned* arrived) {
-  constexpr size_t kBytes = kCellThreads / 32 * kLayerSetups * sizeof(SharedSetup);
-  __shared__ alignas(16) char memory[sizeof(CellRoom)];
-  static_assert(sizeof(CellRoom) >= kBytes && sizeof(CellRoom) >= sizeof(LargeRoom));
-  Clear(args);
-  WaitForGrid(arrived);
-  const uint64_t chunks = (args.triangle_count + uint64_t(args.per_block) - 1) / uint64_t(args.per_block);
-  for (uint64_t chunk = blockIdx.x; chunk < chunks; chunk += gridDim.x) {
-    WalkCells<kThin>(args, chunk, *reinterpret_cast<CellRoom*>(memory));
-  }
-  WaitForGrid(arrived);
-  const uint64_t threads = uint64_t(gridDim.x) * kCellThreads;
-  // Neighbours in the queue to different multiprocessors: there may be few.
+  __shared__ alignas(16) char memory[sizeof(LayerRoom)];
+  auto& room = *reinterpret_cast<LayerRoom*>(memory);
+  // Neighbours in the mesh to different multiprocessors.
+  const uint64_t warps = uint64_t(gridDim.x) * (kLayerThreads / 32);
   const uint64_t warp = uint64_t(threadIdx.x / 32) * gridDim.x + blockIdx.x;
-  WalkLarge(args, blockIdx.x, gridDim.x, *reinterpret_cast<LargeRoom*>(memory));
-  WalkLayers<kLayerSetups>(args, warp, threads / 32,
-                           reinterpret_cast<SharedSetup*>(memory) + threadIdx.x / 32 * kLayerSetups);
+  const uint64_t each = (args.triangle_count + warps - 1) / warps, lane = threadIdx.x % 32;
+  SharedSetup* const shared = room.of_warps[threadIdx.x / 32];
+  const uint64_t t = warp * each + lane;
+  uint32_t layers = 0;
+  Clear(args);
+  if (lane < each && t < args.triangle_count) layers = SetUpLayers(args, uint32_t(t), shared[lane]);
+  WaitForGrid(arrived);
+  if (layers > 0) {
+    const int width = shared[lane].end[1] - shared[lane].begin[1];
+    if (QueueOf(width, layers) == CellFate::kLarge) {
+      layers = 0;
+      args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLargeQueue), 1ull)] = uint32_t(t);
+    }
+  }
+  WalkSetUp<kLayerSetups>(args, shared, layers);
+  WaitForGrid(arrived);
+  WalkLarge(args, blockIdx.x, gridDim.x, room.large);
 }
 
 // A batch's beginning: clears its bits and counters, takes its vertices to the index space of their grids, and tells each triangle its
@@ -167,9 +173,6 @@ absl::Status RasterBatch(const BatchState& state) {
 
 namespace {
 
-// Up to so many triangles all is one launch.
-constexpr uint64_t kMostAtOnce = 20'000;
-
 // The first value that `find` gives for a device, a number not below 0.
 template <typename Find>
 int OfDevice(std::array<std::atomic<int>, 64>& known, const DeviceInfo& device, Find&& find) {
@@ -181,18 +184,17 @@ int OfDevice(std::array<std::atomic<int>, 64>& known, const DeviceInfo& device, 
 }
 
 // Blocks of AtOnceKernel that the device runs at once; 0 where they cannot wait for each other.
-template <bool kThin>
 int BlocksAtOnce(const DeviceInfo& device) {
   static std::array<std::atomic<int>, 64> known{};
   return OfDevice(known, device, [&] {
     int cooperative = 0, resident = 0;
     if (cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, device.ordinal) != cudaSuccess ||
         cooperative == 0 ||
-        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, AtOnceKernel<kThin>, kCellThreads, 0) != cudaSuccess) {
+        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, AtOnceKernel, kLayerThreads, 0) != cudaSuccess) {
       (void)cudaGetLastError();
       resident = 0;
     }
-    return std::min(resident, 2) * device.multiprocessors;
+    return std::min(resident, kLayerBlocks) * device.multiprocessors;
   });
 }
 
@@ -254,12 +256,11 @@ absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins
   return absl::OkStatus();
 }
 
-template <bool kThin>
 absl::Status LaunchAtOnce(RunState& state, BitArgs& args, int blocks) {
   auto* arrived = reinterpret_cast<unsigned*>(state.counters.data() + kQueued3);
   void* arguments[] = {&args, &arrived};
-  VOXELPIPE_CUDA_OR_RETURN(cudaLaunchCooperativeKernel(reinterpret_cast<const void*>(&AtOnceKernel<kThin>),
-                                                       dim3(unsigned(blocks)), dim3(kCellThreads), arguments, 0,
+  VOXELPIPE_CUDA_OR_RETURN(cudaLaunchCooperativeKernel(reinterpret_cast<const void*>(&AtOnceKernel),
+                                                       dim3(unsigned(blocks)), dim3(kLayerThreads), arguments, 0,
                                                        state.stream));
   VOXELPIPE_LAUNCHED_OR_RETURN("AtOnceKernel");
   return absl::OkStatus();
@@ -314,11 +315,9 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   if (Bins bins; MakeBins(state, args, bins)) return LaunchPieces(state, args, bins);
   const bool thin = coverage == Coverage::kThin;
   // The last counter of the queues is the barrier's: runs of plain bits put it to no other use.
-  if (state.plain_bits && args.triangle_count > 0 && args.triangle_count <= kMostAtOnce) {
-    const int blocks = thin ? BlocksAtOnce<true>(state.device) : BlocksAtOnce<false>(state.device);
-    args.per_block = int(
-        std::clamp<uint64_t>((args.triangle_count / uint64_t(std::max(blocks, 1)) + 31) / 32 * 32, 32, kCellThreads));
-    if (blocks > 0) return thin ? LaunchAtOnce<true>(state, args, blocks) : LaunchAtOnce<false>(state, args, blocks);
+  const uint64_t most_at_once = uint64_t(BlocksAtOnce(state.device)) * (kLayerThreads / 32) * kLayerSetups;
+  if (state.plain_bits && args.triangle_count > 0 && args.triangle_count <= most_at_once) {
+    return LaunchAtOnce(state, args, BlocksAtOnce(state.device));
   }
   args.per_block = kCellThreads;
   // As many rounds as leave the least to the last wave of blocks.
