@@ -10,9 +10,10 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr int kBinThreads = 64, kStoreThreads = 64;
+inline constexpr int kBinThreads = 64;
 inline constexpr int kPieceEdge = 8, kPieceRows = kPieceEdge * kPieceEdge, kPieceWords = 32;
-inline constexpr uint32_t kBinRoom = 256;  // triangles of a list
+inline constexpr int kPiecePitch = kPieceWords + 4;  // in shared memory: rows begin in different banks, and on 16 bytes
+inline constexpr uint32_t kBinRoom = 256;            // triangles of a list
 
 struct Bins {
   uint32_t dims[3] = {0, 0, 0};   // pieces
@@ -121,11 +122,10 @@ struct PieceLayer {
   uint8_t z, begin, end;
 };
 
+template <int kThreads>
 struct StoreRoom {
-  // Rows begin in different banks, and on 16 bytes.
-  static constexpr int kPitch = kPieceWords + 4;
-  alignas(16) uint32_t words[kPieceRows * kPitch];
-  PieceLayer layers[kStoreThreads];
+  alignas(16) uint32_t words[kPieceRows * kPiecePitch];
+  PieceLayer layers[kThreads];
 };
 
 template <typename Real>
@@ -199,18 +199,18 @@ __device__ inline void SetSharedRow(uint32_t* row, int x_begin, int x_end) {
   atomicOr(row + last, mask & ~0u >> (31 - (x_end - 1) % 32));
 }
 
-// Draws the first `count` triangles of a list into the room's words, row (y, z) of the piece at kPitch * (y + 8*z). In: the grid's row
-// and layer where the piece begins, its first voxel and how many there are. Warps take four triangles at a time; all threads of the block call it, and a barrier
-// is to follow.
+// Draws the first `count` triangles of a list into the room's words, row (y, z) of the piece at kPiecePitch * (y + 8*z). In: the grid's row
+// and layer where the piece begins, its first voxel and how many there are. Warps take four triangles at a time; all threads of
+// the block call it, and a barrier is to follow.
+template <int kThreads>
 __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, uint32_t count, int x, int y, int z,
-                                 int width, StoreRoom& room) {
+                                 int width, StoreRoom<kThreads>& room) {
   const unsigned lane = threadIdx.x % 32;
   PieceLayer* const layers = room.layers + threadIdx.x / 32 * 32;
   const auto quads = reinterpret_cast<uint4*>(room.words);
-  for (int i = int(threadIdx.x); i < kPieceRows * StoreRoom::kPitch / 4; i += kStoreThreads)
-    quads[i] = uint4{0, 0, 0, 0};
+  for (int i = int(threadIdx.x); i < kPieceRows * kPiecePitch / 4; i += kThreads) quads[i] = uint4{0, 0, 0, 0};
   __syncthreads();
-  for (uint32_t first = threadIdx.x / 32 * 4; first < count; first += kStoreThreads / kPieceEdge) {
+  for (uint32_t first = threadIdx.x / 32 * 4; first < count; first += kThreads / kPieceEdge) {
     const uint32_t number = first + lane / kPieceEdge;
     uint32_t rows = 0;
     if (number < count) {
@@ -241,7 +241,7 @@ __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, ui
       x_begin = max(x_begin - x, 0);
       x_end = min(x_end - x, width);
       if (x_begin < x_end) {
-        SetSharedRow(room.words + (int(layer.z) * kPieceEdge + row) * StoreRoom::kPitch, x_begin, x_end);
+        SetSharedRow(room.words + (int(layer.z) * kPieceEdge + row) * kPiecePitch, x_begin, x_end);
       }
     }
     __syncwarp();
@@ -249,21 +249,22 @@ __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, ui
 }
 
 // Writes piece (x, y, z) of the grid. `kQuads`: rows are whole units of 16 bytes. All threads of a block call it.
-template <bool kQuads>
+template <bool kQuads, int kThreads>
 __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_t x, uint32_t y, uint32_t z,
-                                  StoreRoom& room) {
+                                  StoreRoom<kThreads>& room) {
   constexpr int kEach = kQuads ? 4 : 1, kUnits = kPieceWords / kEach;  // side by side along a row
-  constexpr int kRowStep = kStoreThreads / kUnits;
+  constexpr int kRowStep = kThreads / kUnits;
   const auto me = int(threadIdx.x);
   const auto words_per_row = int(args.grid.words_per_row), ny = int(args.grid.dims[1]);
   const int z_begin = int(args.grid.slab_begin),
             layers = min(int(args.grid.slab_end) - z_begin - int(z) * kPieceEdge, kPieceEdge);
-  const uint32_t piece = x + bins.dims[0] * (y + bins.dims[1] * z), count = min(__ldg(bins.counts + piece), kBinRoom);
+  const uint32_t piece = x + bins.dims[0] * (y + bins.dims[1] * z);
+  const uint32_t* const triangles = bins.triangles + uint64_t{piece} * kBinRoom;
+  const uint32_t count = min(__ldg(bins.counts + piece), kBinRoom);
   const int first_y = int(y) * kPieceEdge, first_z = int(z) * kPieceEdge, first_word = int(x) * kPieceWords;
   const int words = min(kPieceWords, words_per_row - first_word);
   if (count > 0) {
-    DrawPiece(bins, bins.triangles + uint64_t{piece} * kBinRoom, count, first_word * 32, first_y, first_z + z_begin,
-              words * 32, room);
+    DrawPiece(bins, triangles, count, first_word * 32, first_y, first_z + z_begin, words * 32, room);
     __syncthreads();
   }
   const int unit = me % kUnits * kEach, first_row = me / kUnits;
@@ -273,7 +274,7 @@ __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_
            (uint64_t(uint32_t(ny)) * uint32_t(first_z + row_z) + uint32_t(first_y + row_y)) * uint32_t(words_per_row) +
            uint32_t(first_word + unit);
   };
-  const uint32_t* drawn = room.words + first_row * StoreRoom::kPitch + unit;
+  const uint32_t* drawn = room.words + first_row * kPiecePitch + unit;
   if constexpr (kQuads) {
     static_assert(kRowStep % kPieceEdge == 0);  // whole layers at a time
     constexpr int kLayerStep = kRowStep / kPieceEdge;
@@ -284,20 +285,20 @@ __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_
     if (count == 0) {
       for (int i = first_layer; i < layers; i += kLayerStep, to += step) *to = uint4{0, 0, 0, 0};
     } else {
-      for (int i = first_layer; i < layers; i += kLayerStep, to += step, drawn += kRowStep * StoreRoom::kPitch) {
+      for (int i = first_layer; i < layers; i += kLayerStep, to += step, drawn += kRowStep * kPiecePitch) {
         *to = *reinterpret_cast<const uint4*>(drawn);
       }
     }
   } else {
-    for (int row = first_row; row < layers * kPieceEdge; row += kRowStep, drawn += kRowStep * StoreRoom::kPitch) {
+    for (int row = first_row; row < layers * kPieceEdge; row += kRowStep, drawn += kRowStep * kPiecePitch) {
       if (first_y + row % kPieceEdge < ny) *at(row % kPieceEdge, row / kPieceEdge) = count > 0 ? *drawn : 0;
     }
   }
 }
 
 // The same of pieces z, z + step, ...; and zeros behind the last word of all, up to a whole unit.
-template <bool kQuads>
-__device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreRoom& room) {
+template <bool kQuads, int kThreads>
+__device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreRoom<kThreads>& room) {
   if (!kQuads && blockIdx.x == 0 && blockIdx.y == 0 && blockIdx.z == 0) {
     const uint64_t begin = uint64_t(args.grid.words_per_row) * uint64_t(args.grid.dims[1]) *
                                uint64_t(args.grid.slab_end - args.grid.slab_begin) +
@@ -306,7 +307,7 @@ __device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreR
   }
   for (uint32_t z = blockIdx.z; z < bins.dims[2]; z += gridDim.z) {
     if (z != blockIdx.z) __syncthreads();  // the room is free again
-    StorePiece<kQuads>(args, bins, blockIdx.x, blockIdx.y, z, room);
+    StorePiece<kQuads, kThreads>(args, bins, blockIdx.x, blockIdx.y, z, room);
   }
 }
 

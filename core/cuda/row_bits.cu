@@ -70,8 +70,9 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const
   WalkLayers<kLayerSetups>(args, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps, room.of_warps[warp]);
 }
 
-constexpr int kBinBlocks = 8, kStoreBlocks = 16;  // on a multiprocessor at once
-constexpr uint32_t kStoreDepth = 128;             // blocks along z
+constexpr int kBinBlocks = 8;          // on a multiprocessor at once
+constexpr int kStoreThreads = 1024;    // likewise
+constexpr uint32_t kStoreDepth = 128;  // blocks along z
 
 __global__ void __launch_bounds__(kBinThreads, kBinBlocks)
     BinKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
@@ -81,11 +82,11 @@ __global__ void __launch_bounds__(kBinThreads, kBinBlocks)
            reinterpret_cast<SharedSetup*>(memory) + threadIdx.x / 32 * 32);
 }
 
-template <bool kQuads>
-__global__ void __launch_bounds__(kStoreThreads, kStoreBlocks)
+template <bool kQuads, int kThreads>
+__global__ void __launch_bounds__(kThreads, kStoreThreads / kThreads)
     StoreKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
-  __shared__ alignas(16) char memory[sizeof(StoreRoom)];
-  StorePieces<kQuads>(args, bins, *reinterpret_cast<StoreRoom*>(memory));
+  __shared__ alignas(16) char memory[sizeof(StoreRoom<kThreads>)];
+  StorePieces<kQuads>(args, bins, *reinterpret_cast<StoreRoom<kThreads>*>(memory));
 }
 
 // Waits for all blocks of a cooperative launch. The counter is 0 but for its highest bit, and so it is left.
@@ -208,7 +209,7 @@ int CacheBytes(const DeviceInfo& device) {
 }
 
 // Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where triangles are small: more
-// than four to a piece of the grid's largest face.
+// than eight to a piece of the grid's largest face.
 bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
   constexpr uint64_t kMostTriangles = 1 << 18;
   const auto cache = uint64_t(CacheBytes(state.device));
@@ -216,7 +217,7 @@ bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
   const uint64_t nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
   const auto nz = uint64_t(args.grid.slab_end - args.grid.slab_begin);
   const uint64_t count = args.triangle_count, face = std::max({nx * ny, ny * nz, nz * nx});
-  if (count == 0 || count > kMostTriangles || count * 16 > face) return false;
+  if (count == 0 || count > kMostTriangles || count * 8 > face) return false;
   const auto pieces_along = [](uint64_t n, uint64_t edge) { return uint32_t((n + edge - 1) / edge); };
   bins.dims[0] = pieces_along(nx, kPieceWords * 32);
   bins.dims[1] = pieces_along(ny, kPieceEdge);
@@ -235,6 +236,12 @@ bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
   return true;
 }
 
+template <bool kQuads, int kThreads>
+void LaunchStore(const RunState& state, const BitArgs& args, const Bins& bins) {
+  const dim3 blocks(bins.dims[0], bins.dims[1], std::min(bins.dims[2], kStoreDepth));
+  StoreKernel<kQuads, kThreads><<<blocks, kThreads, 0, state.stream>>>(args, bins);
+}
+
 absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins& bins) {
   const auto processors = unsigned(state.device.multiprocessors);
   BitArgs clear = args;  // what is cleared lies together
@@ -244,11 +251,13 @@ absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins
   VOXELPIPE_LAUNCHED_OR_RETURN("ClearKernel");
   BinKernel<<<processors * kBinBlocks, kBinThreads, 0, state.stream>>>(args, bins);
   VOXELPIPE_LAUNCHED_OR_RETURN("BinKernel");
-  const dim3 blocks(bins.dims[0], bins.dims[1], std::min(bins.dims[2], kStoreDepth));
-  if (args.grid.words_per_row % 4 == 0) {
-    StoreKernel<true><<<blocks, kStoreThreads, 0, state.stream>>>(args, bins);
+  const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
+  if (args.grid.words_per_row % 4 != 0) {
+    LaunchStore<false, 64>(state, args, bins);
+  } else if (args.triangle_count < pieces) {
+    LaunchStore<true, 64>(state, args, bins);
   } else {
-    StoreKernel<false><<<blocks, kStoreThreads, 0, state.stream>>>(args, bins);
+    LaunchStore<true, 128>(state, args, bins);  // several triangles a piece
   }
   VOXELPIPE_LAUNCHED_OR_RETURN("StoreKernel");
   LayerKernel<<<processors * 4, kLayerThreads, 0, state.stream>>>(args);
