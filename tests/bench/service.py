@@ -65,7 +65,7 @@ class Server:
 def yardstick():
     """Bare gRPC: name -> (CPU us a request, GB/s)."""
     text = subprocess.run([f"{BIN}/service_yardstick", "--seconds", str(SECONDS)], capture_output=True, text=True).stdout
-    rows = re.findall(r"^(.{32})\s+([\d.]+) us\s+([\d.]+) /s\s+([\d.]+) GB/s", text, re.M)
+    rows = re.findall(r"^(\S.*?)\s+([\d.]+) us\s+([\d.]+) /s\s+([\d.]+) GB/s", text, re.M)
     return {name.strip(): (float(us), float(gigabytes)) for name, us, _, gigabytes in rows}
 
 
