@@ -222,27 +222,50 @@ absl::Status MakeRoom(RunState& state) {
   return absl::OkStatus();
 }
 
-// Small triangles are walked once and leave records; only rows of the others are walked twice.
+// Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list has room
+// for, the others are walked again.
 absl::Status EmitByCells(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
-  const uint64_t chunks = (triangles + kCellsOfChunk - 1) / kCellsOfChunk;
-  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(chunks + 1, state.stream));
-  VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecords, nullptr));
-  FragmentArgs args = MakeFragmentArgs(state);
+  uint32_t of_chunk = 1;
+  VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, of_chunk));
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kSpans}));
+  const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, triangles / 2 + (uint64_t{1} << 18));
+  if (state.spans.size() < least) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(least, state.stream));
+  const auto make_args = [&] {
+    FragmentArgs args = MakeFragmentArgs(state);
+    args.of_chunk = of_chunk;
+    args.spans = state.spans.data();
+    args.capacity = state.spans.size();
+    args.span_count = state.counters.data() + kSpans;
+    return args;
+  };
+  FragmentArgs args = make_args();
   VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentCounter>(state, MakeRestArgs(state, 0, triangles, false), args));
-  CountCells<<<unsigned(chunks), kChunkThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("CountCells");
+  const uint64_t chunks = state.fragment_first.size() - 1;
   ScanChunks<<<1, kScanThreads, 0, state.stream>>>(args.first, chunks);
   VOXELPIPE_LAUNCHED_OR_RETURN("ScanChunks");
-  const absl::StatusOr<uint64_t> total = ReadElement(state, args.first + chunks);
-  if (!total.ok()) return total.status();
-  state.fragment_count = *total;
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(state.counters.data() + kScratch0, args.first + chunks, sizeof(uint64_t),
+                                           cudaMemcpyDeviceToDevice, state.stream));
+  const auto counters = ReadCounters(state);
+  if (!counters.ok()) return counters.status();
+  state.fragment_count = (*counters)[kScratch0];
+  const uint64_t spans = (*counters)[kSpans];
   if (state.fragment_count == 0) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(MakeRoom(state));
-  args = MakeFragmentArgs(state);
+  args = make_args();
   EmitCells<<<unsigned(chunks), kChunkThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitCells");
-  return EmitWaiting<FragmentWriter>(state, MakeRestArgs(state, 0, triangles, true), args);
+  if (spans > args.capacity) {
+    VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentWriter>(state, MakeRestArgs(state, 0, triangles, true), args));
+    // The next slab's are likely as many.
+    const uint64_t wanted = std::min(state.device.memory_bytes / 64 / sizeof(uint64_t), spans + spans / 16);
+    return wanted > args.capacity ? state.spans.Resize(wanted, state.stream) : absl::OkStatus();
+  }
+  if (spans == 0) return absl::OkStatus();
+  EmitListed<<<BlocksFor(spans, kChunkThreads, uint64_t(state.device.multiprocessors) * 16), kChunkThreads, 0,
+               state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitListed");
+  return absl::OkStatus();
 }
 
 // Buckets of fragments whose keys have 32 bits; state.counters[kScratch1] becomes their number.

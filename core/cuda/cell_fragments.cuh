@@ -3,20 +3,26 @@
 #pragma once
 
 #include "cuda/cell_walk.cuh"
+#include "cuda/span_kernels.cuh"
 
 namespace voxelpipe::cuda {
 
-inline constexpr int kChunkThreads = 256, kCellsOfThread = 4;
-inline constexpr int kCellsOfChunk = kChunkThreads * kCellsOfThread;  // whose fragments a block counts and emits
-inline constexpr int kStagedFragments = 3584;                         // of a chunk; further ones are written one by one
+inline constexpr int kChunkThreads = 256, kCellsOfThread = 2;
+inline constexpr int kCellsAtOnce = kChunkThreads * kCellsOfThread;  // whose fragments a block emits together
+inline constexpr int kStagedFragments = 4096;                        // of those; where they have more none is staged
 
 struct FragmentArgs {
   GridView grid;
   uint64_t* cells = nullptr;   // records
   uint64_t* blocks = nullptr;  // masks; of others, where their next fragment goes
   uint64_t triangles = 0;
-  uint64_t* first = nullptr;  // of chunks, and one more
+  uint64_t* first = nullptr;  // of chunks of records: how many fragments, then where they begin; and one more
+  uint32_t of_chunk = 1;      // records
   uint32_t *keys = nullptr, *values = nullptr;
+  // What waits as a list (span_views.h), if it has room for all.
+  uint64_t* spans = nullptr;
+  uint64_t capacity = 0;
+  uint64_t* span_count = nullptr;
 };
 
 __device__ inline uint32_t FragmentsOf(const FragmentArgs& args, uint64_t t, uint64_t cell) {
@@ -35,98 +41,55 @@ __device__ inline uint32_t KeyOfBit(const GridView& grid, uint32_t bit) {
   return row * nx + (bit - row * words * 32);
 }
 
-// first[chunk] becomes the number of its fragments.
-__global__ void __launch_bounds__(kChunkThreads) CountCells(const __grid_constant__ FragmentArgs args) {
-  __shared__ uint64_t sums[kChunkThreads / 32];
-  const uint64_t begin = uint64_t(blockIdx.x) * kCellsOfChunk;
-  uint64_t sum = 0;
-#pragma unroll
-  for (int i = 0; i < kCellsOfThread; ++i) {
-    const uint64_t t = begin + uint64_t(i) * kChunkThreads + threadIdx.x;
-    if (t < args.triangles) sum += FragmentsOf(args, t, args.cells[t]);
-  }
-  for (int step = 16; step > 0; step /= 2) sum += __shfl_down_sync(~0u, sum, step);
-  if (threadIdx.x % 32 == 0) sums[threadIdx.x / 32] = sum;
-  __syncthreads();
-  if (threadIdx.x > 0) return;
-  for (int w = 1; w < kChunkThreads / 32; ++w) sum += sums[w];
-  args.first[blockIdx.x] = sum;
-}
-
 // An exclusive scan in place, by one block; sums[count] becomes the total.
-inline constexpr int kScanThreads = 1024;
+inline constexpr int kScanThreads = 1024, kScannedOfThread = 8;
 __global__ void __launch_bounds__(kScanThreads) ScanChunks(uint64_t* sums, uint64_t count) {
-  __shared__ uint64_t before[kScanThreads];
-  const uint64_t each = (count + kScanThreads - 1) / kScanThreads;
-  const uint64_t begin = min(count, threadIdx.x * each), end = min(count, begin + each);
-  uint64_t sum = 0;
-  for (uint64_t i = begin; i < end; ++i) sum += sums[i];
-  before[threadIdx.x] = sum;
-  __syncthreads();
-  for (int step = 1; step < kScanThreads; step *= 2) {
-    const uint64_t there = int(threadIdx.x) >= step ? before[threadIdx.x - unsigned(step)] : 0;
+  __shared__ uint64_t of_warps[kScanThreads / 32];
+  const unsigned lane = threadIdx.x % 32, warp = threadIdx.x / 32;
+  const auto upto = [&](uint64_t value) {  // the sum over the warp's lanes up to this one
+    for (unsigned step = 1; step < 32; step *= 2) {
+      const uint64_t below = __shfl_up_sync(~0u, value, step);
+      if (lane >= step) value += below;
+    }
+    return value;
+  };
+  uint64_t before = 0;
+  for (uint64_t begin = 0; begin < count; begin += uint64_t(kScanThreads) * kScannedOfThread) {
+    const uint64_t first = begin + uint64_t(threadIdx.x) * kScannedOfThread;
+    uint64_t each[kScannedOfThread], mine = 0;
+#pragma unroll
+    for (int i = 0; i < kScannedOfThread; ++i) {
+      each[i] = first + uint64_t(i) < count ? sums[first + uint64_t(i)] : 0;
+      mine += each[i];
+    }
+    const uint64_t here = upto(mine);
+    if (lane == 31) of_warps[warp] = here;
     __syncthreads();
-    before[threadIdx.x] += there;
+    const uint64_t warps = upto(of_warps[lane]);
+    const uint64_t earlier = __shfl_sync(~0u, warps, warp == 0 ? 0 : int(warp) - 1);
+    uint64_t at = before + (warp == 0 ? 0 : earlier) + (here - mine);
+#pragma unroll
+    for (int i = 0; i < kScannedOfThread; ++i) {
+      if (first + uint64_t(i) < count) sums[first + uint64_t(i)] = at;
+      at += each[i];
+    }
+    before += __shfl_sync(~0u, warps, 31);
     __syncthreads();
   }
-  uint64_t at = before[threadIdx.x] - sum;
-  for (uint64_t i = begin; i < end; ++i) {
-    const uint64_t here = sums[i];
-    sums[i] = at;
-    at += here;
-  }
-  if (threadIdx.x == kScanThreads - 1) sums[count] = before[threadIdx.x];
+  if (threadIdx.x == 0) sums[count] = before;
 }
 
-// The fragments of a chunk's triangles, a triangle's in a row; of those that wait only where they go.
-__global__ void __launch_bounds__(kChunkThreads) EmitCells(const __grid_constant__ FragmentArgs args) {
-  __shared__ uint32_t keys[kStagedFragments], values[kStagedFragments];
-  __shared__ uint64_t sums[kChunkThreads / 32];
-  const uint64_t begin = uint64_t(blockIdx.x) * kCellsOfChunk + uint64_t(threadIdx.x) * kCellsOfThread;
-  uint64_t cell[kCellsOfThread] = {};
-  if (begin + kCellsOfThread <= args.triangles) {
-#pragma unroll
-    for (int i = 0; i < kCellsOfThread; i += 2) {
-      const ulonglong2 two = *reinterpret_cast<const ulonglong2*>(args.cells + begin + i);
-      cell[i] = two.x, cell[i + 1] = two.y;
-    }
-  } else {
-#pragma unroll
-    for (int i = 0; i < kCellsOfThread; ++i) {
-      if (begin + uint64_t(i) < args.triangles) cell[i] = args.cells[begin + uint64_t(i)];
-    }
-  }
-  uint64_t mine = 0;
-#pragma unroll
-  for (int i = 0; i < kCellsOfThread; ++i) mine += FragmentsOf(args, begin + uint64_t(i), cell[i]);
-  uint64_t sum = mine;
-  const unsigned lane = threadIdx.x % 32, warp = threadIdx.x / 32;
-  for (unsigned step = 1; step < 32; step *= 2) {
-    const uint64_t below = __shfl_up_sync(~0u, sum, step);
-    if (lane >= step) sum += below;
-  }
-  if (lane == 31) sums[warp] = sum;
-  __syncthreads();
-  uint64_t at = sum - mine, total = 0;  // within the chunk
-#pragma unroll
-  for (unsigned w = 0; w < kChunkThreads / 32; ++w) {
-    if (w < warp) at += sums[w];
-    total += sums[w];
-  }
-  const uint64_t base = args.first[blockIdx.x];
-  const auto layer = uint32_t(args.grid.words_per_row) * 32 * uint32_t(args.grid.dims[1]);
-  const auto put = [&](uint64_t t, uint32_t bit) {
-    const uint32_t key = KeyOfBit(args.grid, bit);
-    if (at < uint64_t(kStagedFragments)) {
-      keys[at] = key;
-      values[at] = uint32_t(t);
-    } else {
-      args.keys[base + at] = key;
-      args.values[base + at] = uint32_t(t);
-    }
-    ++at;
-  };
-  bool gaps = false;
+struct EmitRoom {
+  uint32_t bits[kStagedFragments], values[kStagedFragments];
+  uint64_t sums[kChunkThreads / 32];
+};
+
+// The fragments of a thread's records from `at` on, a triangle's in a row: put(at, triangle, bit); of those that wait only where
+// they go, `base` from where `at` counts: skip(at, how many).
+template <typename Put, typename Skip>
+__device__ inline void ForEachFragment(const FragmentArgs& args, const uint64_t (&cell)[kCellsOfThread], uint64_t begin,
+                                       uint64_t base, uint64_t at, Put&& put, Skip&& skip) {
+  const auto row = uint32_t(args.grid.words_per_row) * 32, layer = row * uint32_t(args.grid.dims[1]);
 #pragma unroll
   for (int i = 0; i < kCellsOfThread; ++i) {
     const uint64_t t = begin + uint64_t(i);
@@ -134,29 +97,89 @@ __global__ void __launch_bounds__(kChunkThreads) EmitCells(const __grid_constant
     switch (KindOfCell(cell[i])) {
       case CellKind::kOctants:
         for (uint32_t left = OctantsOfCell(cell[i]); left != 0; left &= left - 1) {
-          put(t, BitOfOctant(args.grid, first, __ffs(int(left)) - 1));
+          const auto n = uint32_t(__ffs(int(left)) - 1);
+          put(at++, t, first + (n & 1) + (n >> 1 & 1) * row + (n >> 2) * layer);
         }
         break;
       case CellKind::kBlock:
         for (uint64_t left = args.blocks[t]; left != 0; left &= left - 1) {
           const auto n = uint32_t(__ffsll(static_cast<long long>(left)) - 1);
-          put(t, first + n % 4 + n / 4 % 4 * (uint32_t(args.grid.words_per_row) * 32) + n / 16 * layer);
+          put(at++, t, first + (n & 3) + (n >> 2 & 3) * row + (n >> 4) * layer);
         }
         break;
       default:
         args.blocks[t] = base + at;
-        // Others write there: what is staged leaves it out.
-        gaps = gaps || first > 0;
-        for (uint64_t k = at; k < min(at + first, uint64_t{kStagedFragments}); ++k) values[k] = ~0u;
+        skip(at, first);
         at += first;
     }
   }
-  gaps = __syncthreads_or(gaps) != 0;
-  const auto staged = uint32_t(min(total, uint64_t{kStagedFragments}));
-  for (uint32_t i = threadIdx.x; i < staged; i += kChunkThreads) {
-    if (gaps && values[i] == ~0u) continue;
-    args.keys[base + i] = keys[i];
-    args.values[base + i] = values[i];
+}
+
+// The fragments of a chunk's triangles.
+__global__ void __launch_bounds__(kChunkThreads) EmitCells(const __grid_constant__ FragmentArgs args) {
+  __shared__ EmitRoom room;
+  const unsigned lane = threadIdx.x % 32, warp = threadIdx.x / 32;
+  const uint64_t chunk = uint64_t(blockIdx.x) * args.of_chunk, end = min(args.triangles, chunk + args.of_chunk);
+  uint64_t base = args.first[blockIdx.x];
+  for (uint64_t cells = chunk; cells < end; cells += kCellsAtOnce) {
+    const uint64_t begin = cells + uint64_t(threadIdx.x) * kCellsOfThread;
+    uint64_t cell[kCellsOfThread] = {};
+    if (begin + kCellsOfThread <= end) {
+#pragma unroll
+      for (int i = 0; i < kCellsOfThread; i += 2) {
+        const ulonglong2 two = *reinterpret_cast<const ulonglong2*>(args.cells + begin + i);
+        cell[i] = two.x, cell[i + 1] = two.y;
+      }
+    } else {
+#pragma unroll
+      for (int i = 0; i < kCellsOfThread; ++i) {
+        if (begin + uint64_t(i) < end) cell[i] = args.cells[begin + uint64_t(i)];
+      }
+    }
+    uint64_t mine = 0;
+#pragma unroll
+    for (int i = 0; i < kCellsOfThread; ++i) mine += FragmentsOf(args, begin + uint64_t(i), cell[i]);
+    uint64_t sum = mine;
+    for (unsigned step = 1; step < 32; step *= 2) {
+      const uint64_t below = __shfl_up_sync(~0u, sum, step);
+      if (lane >= step) sum += below;
+    }
+    if (lane == 31) room.sums[warp] = sum;
+    __syncthreads();
+    uint64_t at = sum - mine, total = 0;
+#pragma unroll
+    for (unsigned w = 0; w < kChunkThreads / 32; ++w) {
+      if (w < warp) at += room.sums[w];
+      total += room.sums[w];
+    }
+    if (total <= uint64_t{kStagedFragments}) {
+      ForEachFragment(
+          args, cell, begin, base, at,
+          [&](uint64_t to, uint64_t t, uint32_t bit) {
+            room.bits[uint32_t(to)] = bit;
+            room.values[uint32_t(to)] = uint32_t(t);
+          },
+          [&](uint64_t to, uint32_t count) {  // others write there
+            for (uint32_t k = 0; k < count; ++k) room.values[uint32_t(to) + k] = ~0u;
+          });
+      __syncthreads();
+      for (uint32_t i = threadIdx.x; i < uint32_t(total); i += kChunkThreads) {
+        const uint32_t t = room.values[i];
+        if (t == ~0u) continue;
+        args.keys[base + i] = KeyOfBit(args.grid, room.bits[i]);
+        args.values[base + i] = t;
+      }
+    } else {
+      ForEachFragment(
+          args, cell, begin, base, at,
+          [&](uint64_t to, uint64_t t, uint32_t bit) {
+            args.keys[base + to] = KeyOfBit(args.grid, bit);
+            args.values[base + to] = uint32_t(t);
+          },
+          [](uint64_t, uint32_t) {});
+    }
+    base += total;
+    __syncthreads();  // the room is free again
   }
 }
 
@@ -176,26 +199,65 @@ __device__ inline LanesOfPut LookAtPut(uint32_t t, int x_begin, int x_end) {
   return put;
 }
 
-// Adds to the records of those that wait how many fragments they have.
+// Adds to the records of those that wait, and to their chunks, how many fragments they have, and lists them.
 class FragmentCounter {
  public:
   using Args = FragmentArgs;
-  __device__ explicit FragmentCounter(const FragmentArgs& args) : args_(args) {}
-  __device__ void Put(uint32_t t, uint32_t, int x_begin, int x_end) {
+  __device__ explicit FragmentCounter(const FragmentArgs& args)
+      : args_(args), list_(args.spans, args.capacity, args.span_count, kNoSpan) {}
+  __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
     const LanesOfPut put = LookAtPut(t, x_begin, x_end);
     if (put.leader < 0) return;
-    uint32_t count = put.count;
-    if (put.one_triangle) {
-      count = __reduce_add_sync(~0u, count);
-      if (int(threadIdx.x % 32) != put.leader) return;
+    const uint32_t all = __reduce_add_sync(~0u, put.count);
+    if (!put.one_triangle) {
+      if (put.count > 0) Add(t, put.count);
+    } else if (int(threadIdx.x % 32) == put.leader) {
+      Add(t, all);
     }
-    if (count > 0) atomicAdd(reinterpret_cast<uint32_t*>(args_.cells + t), count);  // the low half
+    ForEachSpan(args_.grid, t, row, x_begin, x_end, [&](uint32_t lanes, uint64_t span) { list_.Put(lanes, span); });
   }
-  __device__ void Finish() {}
+  __device__ void Finish() {
+    __syncwarp();
+    list_.Close();
+  }
 
  private:
   const FragmentArgs& args_;
+  PieceWriter<uint64_t, kSpansOfPiece> list_;
+
+  __device__ void Add(uint32_t t, uint32_t count) const {
+    atomicAdd(reinterpret_cast<uint32_t*>(args_.cells + t), count);  // the low half
+    atomicAdd(reinterpret_cast<unsigned long long*>(args_.first + t / args_.of_chunk), 0ull + count);
+  }
 };
+
+// The listed spans to fragments.
+__global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constant__ FragmentArgs args) {
+  const uint64_t count = *args.span_count;
+  const uint64_t threads = uint64_t(gridDim.x) * kChunkThreads;
+  for (uint64_t begin = uint64_t(blockIdx.x) * kChunkThreads + threadIdx.x / 32 * 32; begin < count; begin += threads) {
+    const uint64_t i = begin + threadIdx.x % 32, span = i < count ? args.spans[i] : kNoSpan;
+    const uint32_t t = SpanTriangle(span), length = span == kNoSpan ? 0 : SpanLength(span);
+    const LanesOfPut put = LookAtPut(t, 0, int(length));
+    if (put.leader < 0) continue;
+    unsigned long long at = 0;
+    if (put.one_triangle) {
+      uint32_t total;
+      const uint32_t before = WarpExclusiveSum(length, total);
+      if (int(threadIdx.x % 32) == put.leader) {
+        at = atomicAdd(reinterpret_cast<unsigned long long*>(args.blocks + t), 0ull + total);
+      }
+      at = __shfl_sync(~0u, at, put.leader) + before;
+    } else if (length > 0) {
+      at = atomicAdd(reinterpret_cast<unsigned long long*>(args.blocks + t), 0ull + length);
+    }
+    const uint32_t key = length > 0 ? KeyOfBit(args.grid, SpanFirst(span)) : 0;
+    for (uint32_t x = 0; x < length; ++x) {
+      args.keys[at + x] = key + x;
+      args.values[at + x] = t;
+    }
+  }
+}
 
 // Writes them where EmitCells says.
 class FragmentWriter {

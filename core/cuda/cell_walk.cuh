@@ -28,6 +28,7 @@ struct CellArgs {
   uint64_t* records = nullptr;    // of all triangles
   uint64_t* blocks = nullptr;     // likewise, masks of those that are blocks
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: not counted
+  uint64_t* chunks = nullptr;     // of each block, how many fragments its records have; null: likewise
   InPlaceArgs blend;
 };
 
@@ -254,11 +255,19 @@ __global__ void __launch_bounds__(kCellThreads, kFindBlocks) FindCells(const __g
     walk.layer_queue[room.first + i] = t;
     if constexpr (kSink != CellSink::kBlend) args.records[t] = PackCell(CellKind::kOther, 0, 0);
   }
-  if (args.fragments == nullptr) return;
+  __syncthreads();
+  if (args.fragments == nullptr && args.chunks == nullptr) return;
   for (int step = 16; step > 0; step /= 2) fragments += __shfl_down_sync(~0u, fragments, step);
-  if (threadIdx.x % 32 == 0 && fragments > 0) {
+  const bool counts = threadIdx.x % 32 == 0;
+  if (counts && fragments > 0 && args.fragments != nullptr) {
     atomicAdd(reinterpret_cast<unsigned long long*>(args.fragments + blockIdx.x % kFragmentSlots), 0ull + fragments);
   }
+  if (args.chunks == nullptr) return;
+  if (threadIdx.x == 0) room.first = 0;
+  __syncthreads();
+  if (counts) atomicAdd(&room.first, 0ull + fragments);
+  __syncthreads();
+  if (threadIdx.x == 0) args.chunks[blockIdx.x] = room.first;
 }
 
 }  // namespace voxelpipe::cuda

@@ -62,14 +62,20 @@ bool CellsReach(const RunState& state, const int64_t (&dims)[3]) {
          state.host.view.triangle_count <= kMostSpanTriangles;
 }
 
-absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend, bool by_id) {
+namespace {
+
+// Of a run of FindCells.
+int RoundsOf(const RunState& state) {
+  return RoundsFor(state.mesh.host_view.triangle_count, uint64_t(state.device.multiprocessors) * kFindBlocks);
+}
+
+absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1}));
   for (int i = 1; i < 3; ++i) {
     VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(triangles, 1), state.stream));
   }
   if (triangles == 0) return absl::OkStatus();
-  CellArgs args;
   if (sink != CellSink::kBlend) {
     VOXELPIPE_OK_OR_RETURN(state.cells.Resize(triangles, state.stream));
     VOXELPIPE_OK_OR_RETURN(state.blocks.Resize(triangles, state.stream));
@@ -77,15 +83,31 @@ absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, c
     args.blocks = state.blocks.data();
   }
   args.walk = MakeCellWalk(state);
-  args.walk.rounds = RoundsFor(triangles, uint64_t(state.device.multiprocessors) * kFindBlocks);
-  args.fragments = fragments;
-  if (blend != nullptr) args.blend = *blend;
+  args.walk.rounds = RoundsOf(state);
   const uint64_t each = uint64_t(args.walk.rounds) * kCellThreads;
   const bool thin = args.walk.coverage == Coverage::kThin;
   const auto kernel = thin ? KernelFor<true>(sink, by_id) : KernelFor<false>(sink, by_id);
   kernel<<<unsigned((triangles + each - 1) / each), kCellThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("FindCells");
   return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend, bool by_id) {
+  CellArgs args;
+  args.fragments = fragments;
+  if (blend != nullptr) args.blend = *blend;
+  return Find(state, sink, args, by_id);
+}
+
+absl::Status FindAndCountCells(RunState& state, uint32_t& of_chunk) {
+  of_chunk = uint32_t(RoundsOf(state)) * kCellThreads;
+  const uint64_t chunks = (state.mesh.host_view.triangle_count + of_chunk - 1) / of_chunk;
+  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(chunks + 1, state.stream));
+  CellArgs args;
+  args.chunks = state.fragment_first.data();
+  return Find(state, CellSink::kRecords, args, false);
 }
 
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats) {

@@ -11,6 +11,9 @@ namespace voxelpipe::cuda {
 // kBlend: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: counters, or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
                           bool by_id = false);
+// The same, for the A-buffer: records, and how many fragments those of each chunk have in state.fragment_first, which has room for
+// one more. `of_chunk` becomes the number of triangles of a chunk.
+absl::Status FindAndCountCells(RunState& state, uint32_t& of_chunk);
 
 // What waits after FindAllCells, of triangles [begin, end).
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats);

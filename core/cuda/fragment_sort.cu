@@ -35,7 +35,7 @@ absl::Status Sort(RunState& state, int bits, Buffers<Key>& buffers) {
 // pass took longer than it saved. CUB's dispatcher takes the number as a parameter, but that is not part of its interface: with other
 // versions keys are sorted as CUB has it.
 #if defined(CUB_VERSION) && CUB_VERSION >= 300000 && CUB_VERSION < 300100
-template <int kBits>
+template <int kBits, int kThreads, int kItems>
 struct DigitPolicies {
   using Hub = cub::detail::radix::policy_hub<uint32_t, uint32_t, uint32_t>;
   using Base = Hub::OnesweepSmallKeyTunedPolicy<cub::detail::radix::sm90_small_key_tuning<4, 4, 4>>;
@@ -45,16 +45,16 @@ struct DigitPolicies {
     using HistogramPolicy = cub::AgentRadixSortHistogramPolicy<128, 16, 1, uint32_t, kBits>;
     using ExclusiveSumPolicy = cub::AgentRadixSortExclusiveSumPolicy<256, kBits>;
     using OnesweepPolicy =
-        cub::AgentRadixSortOnesweepPolicy<384, 23, uint32_t, 1, cub::RADIX_RANK_MATCH_EARLY_COUNTS_ANY,
+        cub::AgentRadixSortOnesweepPolicy<kThreads, kItems, uint32_t, 1, cub::RADIX_RANK_MATCH_EARLY_COUNTS_ANY,
                                           cub::BLOCK_SCAN_RAKING_MEMOIZE, cub::RADIX_SORT_STORE_DIRECT, kBits>;
   };
   using MaxPolicy = Policy;
 };
 
-template <int kBits>
+template <typename Policies>
 absl::Status SortByDigits(RunState& state, int bits, Buffers<uint32_t>& buffers) {
   using Dispatch = cub::DispatchRadixSort<cub::SortOrder::Ascending, uint32_t, uint32_t, uint32_t,
-                                          cub::detail::identity_decomposer_t, DigitPolicies<kBits>>;
+                                          cub::detail::identity_decomposer_t, Policies>;
   return WithScratch(state, [&](void* scratch, size_t& bytes) {
     return Dispatch::Dispatch(scratch, bytes, buffers.keys, buffers.values, uint32_t(state.fragment_count), 0, bits,
                               true, state.stream);
@@ -63,8 +63,8 @@ absl::Status SortByDigits(RunState& state, int bits, Buffers<uint32_t>& buffers)
 
 absl::Status SortNarrow(RunState& state, int bits, Buffers<uint32_t>& buffers) {
   if (state.fragment_count >= uint64_t{1} << 31) return Sort(state, bits, buffers);
-  return (bits + 8) / 9 < (bits + 7) / 8 ? SortByDigits<9>(state, bits, buffers)
-                                         : SortByDigits<8>(state, bits, buffers);
+  if ((bits + 8) / 9 < (bits + 7) / 8) return SortByDigits<DigitPolicies<9, 512, 17>>(state, bits, buffers);
+  return SortByDigits<DigitPolicies<8, 384, 23>>(state, bits, buffers);
 }
 #else
 absl::Status SortNarrow(RunState& state, int bits, Buffers<uint32_t>& buffers) {

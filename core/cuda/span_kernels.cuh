@@ -107,6 +107,23 @@ class PieceWriter {
   }
 };
 
+// The spans of a row of each lane, a word of every row at a time, for most rows have one: visit(lanes that have one, this lane's).
+template <typename Visit>
+__device__ inline void ForEachSpan(const GridView& grid, uint32_t t, uint32_t row, int x_begin, int x_end,
+                                   Visit&& visit) {
+  uint32_t word = row * uint32_t(grid.words_per_row) + uint32_t(x_begin) / 32;
+  uint32_t lanes = __ballot_sync(~0u, x_begin < x_end);
+  while (lanes != 0) {
+    const int end = min(x_end, (x_begin | 31) + 1);
+    visit(lanes, PackSpan(word * 32 + uint32_t(x_begin % 32), t, uint32_t(end - x_begin)));
+    if (x_begin < x_end) {
+      x_begin = end;
+      ++word;
+    }
+    lanes = __ballot_sync(~0u, x_begin < x_end);
+  }
+}
+
 // The same of spans: rows of voxels.
 class SpanWriter {
  public:
@@ -116,22 +133,11 @@ class SpanWriter {
 
   // Voxels of one row of each lane whose row is not empty.
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
-    uint32_t lanes = __ballot_sync(~0u, x_begin < x_end);
-    if (lanes == 0) return;
-    uint32_t word = row * uint32_t(args_.grid.words_per_row) + uint32_t(x_begin) / 32;
     if (x_begin < x_end) fragments_ += uint32_t(x_end - x_begin);
-    // A word of every row at a time: most rows have one.
-    do {
-      const int end = min(x_end, (x_begin | 31) + 1);
-      const uint64_t span = PackSpan(word * 32 + uint32_t(x_begin % 32), t, uint32_t(end - x_begin));
+    ForEachSpan(args_.grid, t, row, x_begin, x_end, [&](uint32_t lanes, uint64_t span) {
       list_.Put(lanes, span);
-      if (x_begin < x_end) {
-        CoverSpan(args_, span);
-        x_begin = end;
-        ++word;
-      }
-      lanes = __ballot_sync(~0u, x_begin < x_end);
-    } while (lanes != 0);
+      if ((lanes >> threadIdx.x % 32 & 1) != 0) CoverSpan(args_, span);
+    });
   }
   __device__ void Finish() {
     __syncwarp();
