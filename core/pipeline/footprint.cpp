@@ -185,6 +185,32 @@ uint64_t MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, con
   return shaded + mesh.vertices * sizeof(Vec3d) + uint64_t(2 * sizeof(uint64_t) * counts.pairs);
 }
 
+// What the CUDA backend lists on the device. That is the same whether a target's value is uniform over a triangle, which is not known
+// before the vertex shader ran, or not: pairs of tiles and triangles then take the place of records and spans.
+uint64_t DeviceListBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Counts& counts) {
+  constexpr uint64_t kQueues = 2 * sizeof(uint32_t), kRecord = 2 * sizeof(uint64_t), kSpan = sizeof(uint64_t);
+  if (PlainBits(request)) return mesh.triangles * kQueues;
+  // A triangle that touches many voxels has a span for each of its rows, others are records; there is room for a span for every second.
+  constexpr double kManyVoxels = 16, kVoxelsOfSpan = 2;
+  const double n = double(mesh.triangles);
+  const double rows = counts.fragments > kManyVoxels * n ? counts.fragments / kVoxelsOfSpan : 0;
+  const auto spans = uint64_t(std::max(n / 2 + double(1 << 18), rows));
+  uint64_t bytes = mesh.triangles * (kQueues + kRecord) + spans * kSpan;
+  if (request.result == ResultKind::kBuckets) {
+    constexpr uint64_t kFragment =
+        2 * (sizeof(uint32_t) + sizeof(uint32_t));      // voxel and triangle, to sort from and to
+    constexpr uint64_t kBucket = 2 * sizeof(uint64_t);  // room for as many as fragments
+    return bytes + uint64_t(counts.fragments) * (kFragment + kBucket);
+  }
+  for (const TargetSpec& target : request.targets) {
+    if (target.format == VoxelFormat::kBit) continue;
+    const bool sums = target.blend == Blend::kAdd || target.blend == Blend::kAverage;
+    const uint64_t cell = uint64_t(target.components) * (sums ? sizeof(int64_t) : sizeof(uint32_t));
+    bytes += (mesh.triangles + uint64_t(counts.voxels)) * cell;  // values, and what they are blended in
+  }
+  return bytes;
+}
+
 // A slab deep enough for the whole grid, or a multiple of the granularity.
 template <typename Bytes>
 int64_t SlabDepth(const GridSpec& grid, const PlanLimits& limits, bool bounded, const Bytes& slab_bytes) {
@@ -201,7 +227,7 @@ int64_t SlabDepth(const GridSpec& grid, const PlanLimits& limits, bool bounded, 
 }  // namespace
 
 Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
-                           const PlanLimits& limits, Delivery delivery) {
+                           const PlanLimits& limits, Delivery delivery, bool cuda) {
   const bool dense = request.result == ResultKind::kDense;
   const Counts counts = Count(request, grid, mesh);
   Footprint out;
@@ -217,6 +243,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
 
   const bool one_slab = out.slab_depth >= grid.dims[2];
   out.peak_bytes = kBaseBytes + slab_bytes(out.slab_depth) + MeshWorkBytes(request, mesh, counts);
+  if (cuda) out.peak_bytes += DeviceListBytes(request, mesh, counts);
   if (!one_slab && dense && delivery == Delivery::kMemory) out.peak_bytes += out.result_bytes;
   // The lists of all slabs, the last one's counted already, and what they are joined to.
   if (!one_slab && !dense) {

@@ -1,4 +1,4 @@
-// The memory that a run of the CPU backend takes, predicted.
+// The memory that a run takes, predicted.
 #pragma once
 
 #include <cstdint>
@@ -20,10 +20,11 @@ struct Footprint {
   int64_t slab_depth = 1;     // layers worked on at a time
 };
 
-// In: a valid request, the grid it is fitted to, the mesh after its vertex shader. Out: what the run takes, within a factor of
+// In: a valid request, the grid it is fitted to, the mesh after its vertex shader; whether the CUDA backend runs it, whose lists of
+// triangles, spans and fragments then count too. Out: what the run takes, on the CPU within a factor of
 // 1.5 of what is measured (tests/unit/pipeline/plan_memory_test.cpp) for surfaces that are neither folded within a voxel nor, with a
 // fill into a sparse result, turned both outwards and inwards.
 Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
-                           const PlanLimits& limits, Delivery delivery);
+                           const PlanLimits& limits, Delivery delivery, bool cuda = false);
 
 }  // namespace voxelpipe

@@ -55,7 +55,8 @@ bool Fits(const Footprint& need, const PlanLimits& limits) {
 }
 
 // The largest resolution whose grid fits the limits, 0 if none does.
-int64_t LargestResolution(VoxelizeRequest request, const MeshSize& mesh, const PlanLimits& limits, Delivery delivery) {
+int64_t LargestResolution(VoxelizeRequest request, const MeshSize& mesh, const PlanLimits& limits, Delivery delivery,
+                          bool cuda) {
   request.grid.dims.reset();
   request.grid.origin.reset();
   request.grid.voxel_size.reset();
@@ -64,7 +65,7 @@ int64_t LargestResolution(VoxelizeRequest request, const MeshSize& mesh, const P
     const int64_t mid = lo + (hi - lo + 1) / 2;
     request.grid.resolution = mid;
     const auto grid = FitGrid(request.grid, mesh.extent.box);
-    if (grid.ok() && Fits(PredictFootprint(request, *grid, mesh, limits, delivery), limits)) {
+    if (grid.ok() && Fits(PredictFootprint(request, *grid, mesh, limits, delivery, cuda), limits)) {
       lo = mid;
     } else {
       hi = mid - 1;
@@ -158,7 +159,8 @@ absl::StatusOr<Plan> PlanChecked(const VoxelizeRequest& request, uint64_t triang
   plan.grid = *grid;
   plan.backend = std::string((*backend)->name());
   const MeshSize mesh{triangles, vertices, extent};
-  const Footprint need = PredictFootprint(request, *grid, mesh, limits, delivery);
+  const bool cuda = plan.backend == "cuda";
+  const Footprint need = PredictFootprint(request, *grid, mesh, limits, delivery, cuda);
   plan.result_bytes = need.result_bytes;
   plan.peak_bytes = need.peak_bytes;
   plan.slab_depth = need.slab_depth;
@@ -167,7 +169,7 @@ absl::StatusOr<Plan> PlanChecked(const VoxelizeRequest& request, uint64_t triang
     const bool result = plan.result_bytes > limits.max_result_bytes;
     const LimitError error{result ? plan.result_bytes : plan.peak_bytes,
                            result ? limits.max_result_bytes : limits.max_working_bytes,
-                           LargestResolution(request, mesh, limits, delivery)};
+                           LargestResolution(request, mesh, limits, delivery, cuda)};
     return MakeLimitError(
         absl::StrCat("grid ", grid->dims[0], "x", grid->dims[1], "x", grid->dims[2], " needs ", error.need_bytes,
                      result ? " bytes of results" : " bytes of memory", ", the limit is ", error.limit_bytes,

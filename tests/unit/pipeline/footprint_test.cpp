@@ -1,0 +1,77 @@
+// What a plan counts for the CUDA backend's lists.
+#include "pipeline/footprint.h"
+
+#include <cmath>
+
+#include "gtest/gtest.h"
+#include "support/run.h"
+
+namespace voxelpipe {
+namespace {
+
+// A sphere-like surface in the unit cube: `triangles` of equal size.
+MeshSize Surface(uint64_t triangles) {
+  MeshSize mesh;
+  mesh.triangles = triangles;
+  mesh.vertices = triangles / 2;
+  mesh.extent.box = {{0, 0, 0}, {1, 1, 1}, false};
+  const double each = std::sqrt(3.0 / double(triangles));
+  mesh.extent.projected_area = Vec3d{1, 1, 1} * 1.5;
+  mesh.extent.dominant_area = Vec3d{1, 1, 1} * 0.8;
+  mesh.extent.width = Vec3d{1, 1, 1} * (each * double(triangles));
+  return mesh;
+}
+
+GridSpec Cube(int64_t n) {
+  GridSpec grid;
+  grid.dims = {n, n, n};
+  grid.voxel_size = Vec3d{1, 1, 1} * (1 / double(n));
+  return grid;
+}
+
+VoxelizeRequest Floats(Blend blend, ResultKind result) {
+  VoxelizeRequest request;
+  request.targets = {testing::FloatTarget(1, blend, {"triangle_id", {}})};
+  request.result = result;
+  return request;
+}
+
+// What running on CUDA adds.
+uint64_t Lists(const VoxelizeRequest& request, int64_t resolution, const MeshSize& mesh) {
+  const GridSpec grid = Cube(resolution);
+  const auto of = [&](bool cuda) {
+    return PredictFootprint(request, grid, mesh, PlanLimits(), Delivery::kMemory, cuda).peak_bytes;
+  };
+  return of(true) - of(false);
+}
+
+TEST(FootprintTest, PlainBitsListNothingButTrianglesThatWait) {
+  EXPECT_EQ(Lists(VoxelizeRequest(), 256, Surface(1'000'000)), 8'000'000u);
+}
+
+TEST(FootprintTest, RecordsAndSpansOfBlendedTargetsCount) {
+  constexpr uint64_t kTriangles = 1'000'000;
+  const uint64_t lists = Lists(Floats(Blend::kMax, ResultKind::kDense), 256, Surface(kTriangles));
+  constexpr uint64_t kRecords = 24 * kTriangles, kSpans = 8 * (kTriangles / 2 + (1 << 18));
+  EXPECT_GE(lists, kRecords + kSpans + 4 * kTriangles);
+  EXPECT_LT(lists, 2 * (kRecords + kSpans));
+  EXPECT_GT(Lists(Floats(Blend::kAdd, ResultKind::kDense), 256, Surface(kTriangles)), lists);  // sums take 8 bytes
+}
+
+TEST(FootprintTest, SpansOfLargeTrianglesGrowWithTheSurface) {
+  const VoxelizeRequest request = Floats(Blend::kMax, ResultKind::kDense);
+  const uint64_t less = Lists(request, 512, Surface(2000)), more = Lists(request, 1024, Surface(2000));
+  EXPECT_GT(more, 3 * less);
+  EXPECT_LT(more, 5 * less);
+}
+
+TEST(FootprintTest, FragmentsOfBucketsCountTwiceForTheirSort) {
+  VoxelizeRequest request;
+  request.result = ResultKind::kBuckets;
+  const uint64_t less = Lists(request, 256, Surface(2000)), more = Lists(request, 512, Surface(2000));
+  EXPECT_GT(more, less + less);
+  EXPECT_GT(less, 32u * 256 * 256 * 3);  // the surface has so many voxels at least
+}
+
+}  // namespace
+}  // namespace voxelpipe
