@@ -18,12 +18,12 @@ struct AdmissionLimits {
 
 // What stands before a task.
 struct Backlog {
-  size_t jobs = 0;         // that wait
+  size_t jobs = 0;  // that wait, for a loader or a worker, and those that are being loaded: they will wait for a worker
   size_t client_jobs = 0;  // of these, the same client's
   uint64_t bytes = 0;      // that these hold
   double ms = 0;           // predicted work of all of them
   double ahead_ms = 0;     // predicted work that is done before it is this task's turn
-  size_t running = 0;      // jobs in workers' hands
+  size_t running = 0;      // jobs in the hands of workers that run them
   size_t workers = 1;
 };
 

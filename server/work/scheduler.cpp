@@ -56,15 +56,26 @@ double Scheduler::RunMsOn(const TaskTraits& traits, BackendChoice kind) const {
 
 // ---- in
 
+Backlog Scheduler::BacklogLocked() const {
+  Backlog backlog;
+  backlog.jobs = PlacesTakenLocked();
+  backlog.bytes = waiting_bytes_;
+  backlog.ms = to_run_.waiting_ms() + to_load_.waiting_ms();
+  for (const Loading& loading : loading_) {
+    backlog.bytes += loading.bytes;
+    backlog.ms += loading.run_ms;
+  }
+  backlog.running = RunningLocked();
+  backlog.workers = workers_;
+  return backlog;
+}
+
 AdmissionAnswer Scheduler::AdmissionLocked(const TaskTraits& traits, Time now) const {
   const double ms = RunMs(traits);
-  const Backlog backlog{QueuedLocked(),
-                        to_run_.WaitingOf(traits.client) + to_load_.WaitingOf(traits.client),
-                        waiting_bytes_,
-                        to_run_.waiting_ms() + to_load_.waiting_ms(),
-                        to_run_.AheadMs(traits.priority, traits.client, ms),
-                        taken_.size(),
-                        workers_};
+  Backlog backlog = BacklogLocked();
+  backlog.client_jobs = to_run_.WaitingOf(traits.client) + to_load_.WaitingOf(traits.client);
+  for (const Loading& loading : loading_) backlog.client_jobs += loading.client == traits.client ? 1 : 0;
+  backlog.ahead_ms = to_run_.AheadMs(traits.priority, traits.client, ms);
   return AdmitTask({options_.max_queue, options_.max_queue_bytes, options_.max_queue_ms}, backlog, traits, ms, now);
 }
 
@@ -103,13 +114,12 @@ std::unique_lock<std::mutex> Scheduler::LockShortly() const {
 
 bool Scheduler::IsFull() const {
   const std::unique_lock lock = LockShortly();
-  return !draining_ && QueuedLocked() >= PlacesFor(options_.max_queue, taken_.size(), workers_);
+  return !draining_ && PlacesTakenLocked() >= PlacesFor(options_.max_queue, RunningLocked(), workers_);
 }
 
 absl::Status Scheduler::FullError() const {
   const std::lock_guard lock(mutex_);
-  return QueueFullError(
-      {QueuedLocked(), 0, waiting_bytes_, to_run_.waiting_ms() + to_load_.waiting_ms(), 0, taken_.size(), workers_});
+  return QueueFullError(BacklogLocked());
 }
 
 absl::Status Scheduler::Submit(std::shared_ptr<Task> task) {

@@ -78,6 +78,7 @@ class Scheduler {
   // Whether a task with these traits would be taken in now: for callers who are about to receive a lot for it. Errors: those of Submit.
   absl::Status Admit(const TaskTraits& traits) const;
   // Whether there is no place for any task now, whatever its traits; and then what Admit would say to all. Cheap.
+  // A task whose mesh is being loaded keeps its place, since it comes back to wait for a worker.
   bool IsFull() const;
   absl::Status FullError() const;
   // Takes a task in. From here on it ends by Task::Refuse with DEADLINE_EXCEEDED if its deadline, or its time in the queue, is over before a
@@ -132,6 +133,13 @@ class Scheduler {
     size_t left = 0;
     bool measurable = true;  // its time is the work's alone
   };
+  // A task in a loader's hands: what it held when it was taken, so that nobody takes its place meanwhile. The task itself may change.
+  struct Loading {
+    const Task* task = nullptr;
+    std::string client;
+    uint64_t bytes = 0;
+    double run_ms = 0;
+  };
   // A thread that waits for work. Never freed before the scheduler, so that it can be notified without the lock.
   struct Sleeper {
     std::condition_variable wake;
@@ -146,6 +154,10 @@ class Scheduler {
   double RunMsOn(const TaskTraits& traits, BackendChoice kind) const;
   // Workers hold the lock for a microsecond or two at a time: to sleep for it, and to be woken, takes longer.
   std::unique_lock<std::mutex> LockShortly() const;
+  // Tasks that wait, those included that are being loaded; those that run, without these.
+  size_t PlacesTakenLocked() const { return QueuedLocked() + loading_.size(); }
+  size_t RunningLocked() const { return taken_.size() - loading_.size(); }
+  Backlog BacklogLocked() const;
   AdmissionAnswer AdmissionLocked(const TaskTraits& traits, Time now) const;
   void CountRefused(const AdmissionAnswer& answer) const;
 
@@ -191,6 +203,7 @@ class Scheduler {
   FairQueue to_load_, to_run_;
   std::list<std::shared_ptr<Task>> again_;  // whose worker failed
   std::unordered_map<const Task*, std::shared_ptr<Batch>> taken_;
+  std::vector<Loading> loading_;                 // of taken_, at most one for each loader
   std::vector<std::shared_ptr<Batch>> running_;  // of device workers
   uint64_t waiting_bytes_ = 0;
   std::optional<Time> ready_since_;  // to_run_ is not empty

@@ -301,6 +301,8 @@ std::shared_ptr<Task> Scheduler::TakeLoad() {
         if (batch->size == SizeClass::kGiant) ++giants_loading_;
         Forget(*task);
         Take(task, batch);
+        const TaskTraits& traits = task->traits;
+        loading_.push_back({task.get(), traits.client, traits.cost.held_bytes, RunMs(traits)});
         break;
       }
       if (stopped_) return nullptr;
@@ -375,6 +377,7 @@ void Scheduler::EndLocked(const Task& task, Time now) {
   if (it == taken_.end()) return;
   const std::shared_ptr<Batch> batch = std::move(it->second);
   taken_.erase(it);
+  if (batch->kind == WorkKind::kLoad) std::erase_if(loading_, [&](const Loading& l) { return l.task == &task; });
   if (--batch->left > 0) return;
   std::erase(running_, batch);
   if (batch->size == SizeClass::kGiant) {

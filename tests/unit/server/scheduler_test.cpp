@@ -217,6 +217,57 @@ TEST_F(SchedulerTest, IsFullWhereEveryTaskWouldBeRefused) {
   EXPECT_FALSE(scheduler->IsFull());
 }
 
+// It comes back to wait for a worker: whoever took its place meanwhile would be one too many.
+TEST_F(SchedulerTest, ATaskThatIsBeingLoadedKeepsItsPlace) {
+  options.max_queue = 2;
+  options.max_batch_jobs = 1;
+  options.loaders = 2;
+  Start(1);
+  Submit();
+  Take();
+  std::vector<std::shared_ptr<WaitingTask>> unloaded;
+  for (int i = 0; i < 2; ++i) {
+    unloaded.push_back(MakeTask());
+    unloaded.back()->is_loaded = false;
+    Submit(unloaded.back());
+  }
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_EQ(scheduler->TakeLoad(), unloaded[i]);
+    EXPECT_TRUE(scheduler->IsFull());
+    EXPECT_EQ(scheduler->Submit(MakeTask()).code(), absl::StatusCode::kResourceExhausted);
+  }
+  unloaded[0]->is_loaded = true;
+  scheduler->Resubmit(unloaded[0]);
+  EXPECT_TRUE(scheduler->IsFull()) << "it waits for the worker now";
+  scheduler->Ended(*unloaded[1]);
+  EXPECT_FALSE(scheduler->IsFull()) << "a mesh that could not be loaded gives its place back";
+  Submit();
+  EXPECT_EQ(scheduler->queued(), options.max_queue);
+  EXPECT_TRUE(scheduler->IsFull());
+}
+
+TEST_F(SchedulerTest, ATaskThatIsBeingLoadedCountsWithItsBytesAndItsTime) {
+  options.max_queue_bytes = 100;
+  options.max_queue_ms = 1000;
+  Start(1);
+  Submit();
+  Take();
+  const auto holding = [](uint64_t bytes, double ms) {
+    auto task = MakeTask("a", Priority::kNormal, ms);
+    task->traits.cost.held_bytes = bytes;
+    return task;
+  };
+  const auto loading = holding(60, 900);
+  loading->is_loaded = false;
+  Submit(loading);
+  EXPECT_EQ(scheduler->TakeLoad(), loading);
+  EXPECT_FALSE(scheduler->Admit(holding(60, 1)->traits).ok());
+  EXPECT_FALSE(scheduler->Admit(holding(1, 200)->traits).ok());
+  EXPECT_TRUE(scheduler->Admit(holding(40, 100)->traits).ok());
+  scheduler->Ended(*loading);
+  EXPECT_TRUE(scheduler->Admit(holding(60, 200)->traits).ok());
+}
+
 TEST_F(SchedulerTest, BytesAndTimeOfWhatWaitsAreBoundedAndGivenBack) {
   options.max_queue_bytes = 100;
   options.max_queue_ms = 1000;
