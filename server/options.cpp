@@ -59,15 +59,19 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--backend", backend, "Kind of worker")->check(CLI::IsMember(kBackends));
   add("--simd", simd, "Instruction set of the CPU backend where the request leaves it open")
       ->check(CLI::IsMember(kSimds));
-  add("--threads", o.threads, "CPU threads of one job, 0 for all cores")->check(CLI::Range(0, 1024));
+  add("--threads", o.threads, "Threads of the CPU backend, shared by the jobs of a batch, 0 for all cores")
+      ->check(CLI::Range(0, 1024));
   add("--io-threads", o.io_threads, "Threads that serve connections, 0 for one for each four cores")
       ->check(CLI::Range(0, 16));
-  add("--workers", o.workers, "Jobs that run at the same time, 0 to choose")->check(CLI::Range(0, 1024));
-  add("--cpu-workers", o.cpu_workers, "Jobs or batches on the CPU at the same time, 0 for as many as --workers")
+  add("--workers", o.workers,
+      "Meshes that are loaded at the same time, and batches on the CPU unless --cpu-workers says otherwise; 0 to "
+      "choose: one a core, at most 4")
+      ->check(CLI::Range(0, 1024));
+  add("--cpu-workers", o.cpu_workers, "Batches on the CPU at the same time, 0 for as many as --workers")
       ->check(CLI::Range(0, 1024));
   add("--gpus", o.gpus, "GPUs to use: all, none, or their numbers with commas between them")
       ->check(CLI::Validator(CheckGpus, "all|none|N,N..."));
-  add("--gpu-streams", o.gpu_streams, "Jobs or batches on one GPU at the same time")->check(CLI::Range(1, 64));
+  add("--gpu-streams", o.gpu_streams, "Batches on one GPU at the same time")->check(CLI::Range(1, 64));
   add("--fallback", o.fallback, "Whether another kind of worker may do what the chosen kind cannot do now");
   add("--max-attempts", o.max_attempts, "Workers that are given a job whose devices fail")->check(CLI::Range(1u, 100u));
   add("--probe-interval-ms", o.probe_interval_ms,
@@ -78,7 +82,8 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--device-stall-ms", o.device_stall_ms,
       "Take a GPU for lost that gives no sign of life for so long and ten times its batch's predicted time, 0 for "
       "never");
-  add("--max-queue", o.max_queue, "Jobs that wait")->check(CLI::Range(0u, 1'000'000u));
+  add("--max-queue", o.max_queue, "Jobs that wait, those included whose mesh is being loaded")
+      ->check(CLI::Range(0u, 1'000'000u));
   add("--max-calls", o.max_calls, "Calls at the same time, those included that send, wait or receive")
       ->check(CLI::Range(1u, 1'000'000u));
   add("--max-connection-calls", o.max_connection_calls, "Calls at the same time on one connection")
