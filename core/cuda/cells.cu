@@ -33,7 +33,7 @@ int RoundsFor(uint64_t triangles, uint64_t resident) {
   int best = 1;
   uint64_t least = UINT64_MAX;
   for (int rounds = kMostFindRounds; rounds >= 1; --rounds) {
-    const uint64_t each = uint64_t(rounds) * kCellThreads, blocks = (triangles + each - 1) / each;
+    const uint64_t each = uint64_t(rounds) * kFindThreads, blocks = (triangles + each - 1) / each;
     const uint64_t waves = (blocks + resident - 1) / resident, work = 4 * waves * uint64_t(rounds) + waves;
     if (work < least) {
       least = work;
@@ -84,10 +84,10 @@ absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
   }
   args.walk = MakeCellWalk(state);
   args.walk.rounds = RoundsOf(state);
-  const uint64_t each = uint64_t(args.walk.rounds) * kCellThreads;
+  const uint64_t each = uint64_t(args.walk.rounds) * kFindThreads;
   const bool thin = args.walk.coverage == Coverage::kThin;
   const auto kernel = thin ? KernelFor<true>(sink, by_id) : KernelFor<false>(sink, by_id);
-  kernel<<<unsigned((triangles + each - 1) / each), kCellThreads, 0, state.stream>>>(args);
+  kernel<<<unsigned((triangles + each - 1) / each), kFindThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("FindCells");
   return absl::OkStatus();
 }
@@ -102,7 +102,7 @@ absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, c
 }
 
 absl::Status FindAndCountCells(RunState& state, uint32_t& of_chunk) {
-  of_chunk = uint32_t(RoundsOf(state)) * kCellThreads;
+  of_chunk = uint32_t(RoundsOf(state)) * kFindThreads;
   const uint64_t chunks = (state.mesh.host_view.triangle_count + of_chunk - 1) / of_chunk;
   VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(chunks + 1, state.stream));
   CellArgs args;
