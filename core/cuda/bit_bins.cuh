@@ -71,7 +71,7 @@ __device__ inline bool MayMeet(const SharedSetup& s, int y, int z) {
   return true;
 }
 
-// Sets up all triangles and lists them, by warp `warp` of `warps`, which has room for 32.
+// Sets up all triangles and lists them, by warp `warp` of `warps`, which has room for 32. Waits for earlier kernels.
 __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t warp, uint64_t warps,
                                 SharedSetup* shared) {
   const unsigned lane = threadIdx.x % 32;
@@ -87,6 +87,7 @@ __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t 
     uint32_t total;
     const uint32_t before = WarpExclusiveSum(pieces, total);
     __syncwarp();
+    AwaitEarlier();
     static_assert(sizeof(SharedSetup) % sizeof(uint2) == 0);
     const auto* const from_here = reinterpret_cast<const uint2*>(shared);
     auto* const to_there = reinterpret_cast<uint2*>(bins.set_up + begin);
@@ -113,6 +114,7 @@ __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t 
     }
     __syncwarp();
   }
+  AwaitEarlier();  // also where there was nothing
 }
 
 // A layer of a triangle within a piece: its rows, from `begin` to `end` of the piece's eight, and what they share.

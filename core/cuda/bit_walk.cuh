@@ -8,6 +8,7 @@
 #pragma once
 
 #include "cuda/bit_cells.cuh"
+#include "cuda/early_launch.cuh"
 #include "cuda/walk_kernels.cuh"
 
 namespace voxelpipe::cuda {
@@ -276,7 +277,7 @@ __device__ inline void AppendInBlock(bool wanted, uint32_t t, uint32_t* list, in
 }
 
 // Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. The block appends what waits for
-// other kernels at once: an atomic that returns costs some 3 ns where all are on one address.
+// other kernels at once: an atomic that returns costs some 3 ns where all are on one address. Waits for earlier kernels.
 template <bool kThin>
 __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& room) {
   if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = 0;
@@ -295,10 +296,10 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
     uint32_t octants = 0;
     if (takes && t < args.triangle_count) {
       fate = fixed ? FindFate<kThin>(args, corners, triangle, octants) : FindQueue(args, t);
-      if (fate == CellFate::kLarge) {
-        args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLargeQueue), 1ull)] =
-            uint32_t(t);
-      }
+    }
+    if (round == 0) AwaitEarlier();  // until here nothing is written but what is the block's
+    if (fate == CellFate::kLarge) {
+      args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLargeQueue), 1ull)] = uint32_t(t);
     }
     __syncwarp();
     if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {

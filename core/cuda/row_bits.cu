@@ -8,6 +8,7 @@
 #include "cuda/batch_kernel.cuh"
 #include "cuda/bit_bins.cuh"
 #include "cuda/bit_walk.cuh"
+#include "cuda/early_launch.cuh"
 #include "cuda/launch.h"
 #include "cuda/walk.h"
 #include "grid/index_space.h"
@@ -46,12 +47,14 @@ __device__ inline void Clear(const BitArgs& args) {
 }
 
 __global__ void __launch_bounds__(kThreads) ClearKernel(const __grid_constant__ BitArgs args) {
+  AllowNext();
   Clear(args);
 }
 
 template <bool kThin>
 __global__ void __launch_bounds__(kCellThreads, kCellBlocks) CellKernel(const __grid_constant__ BitArgs args) {
   __shared__ CellRoom room;
+  AllowNext();
   WalkCells<kThin>(args, blockIdx.x, room);
 }
 
@@ -65,6 +68,7 @@ union LayerRoom {
 __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const __grid_constant__ BitArgs args) {
   __shared__ alignas(16) char memory[sizeof(LayerRoom)];
   auto& room = *reinterpret_cast<LayerRoom*>(memory);
+  AwaitEarlier();
   WalkLarge(args, blockIdx.x, gridDim.x, room.large);
   const uint32_t warp = threadIdx.x / 32, warps = kLayerThreads / 32;
   WalkLayers<kLayerSetups>(args, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps, room.of_warps[warp]);
@@ -78,6 +82,7 @@ __global__ void __launch_bounds__(kBinThreads, kBinBlocks)
     BinKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
   constexpr uint32_t kWarps = kBinThreads / 32;
   __shared__ alignas(16) char memory[kBinThreads * sizeof(SharedSetup)];
+  AllowNext();
   FillBins(args, bins, uint64_t(blockIdx.x) * kWarps + threadIdx.x / 32, uint64_t(gridDim.x) * kWarps,
            reinterpret_cast<SharedSetup*>(memory) + threadIdx.x / 32 * 32);
 }
@@ -86,6 +91,8 @@ template <bool kQuads, int kThreads>
 __global__ void __launch_bounds__(kThreads, kStoreThreads / kThreads)
     StoreKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
   __shared__ alignas(16) char memory[sizeof(StoreRoom<kThreads>)];
+  AllowNext();
+  AwaitEarlier();
   StorePieces<kQuads>(args, bins, *reinterpret_cast<StoreRoom<kThreads>*>(memory));
 }
 
@@ -199,6 +206,17 @@ int BlocksAtOnce(const DeviceInfo& device) {
   });
 }
 
+// Whether kernels can begin before the one before them has ended.
+bool BeginsEarly(const DeviceInfo& device) {
+  static std::array<std::atomic<int>, 64> known{};
+  return OfDevice(known, device, [&] {
+           int major = 0;
+           if (cudaDeviceGetAttribute(&major, cudaDevAttrComputeCapabilityMajor, device.ordinal) != cudaSuccess)
+             major = 0;
+           return major >= 9 ? 1 : 0;
+         }) != 0;
+}
+
 int CacheBytes(const DeviceInfo& device) {
   static std::array<std::atomic<int>, 64> known{};
   return OfDevice(known, device, [&] {
@@ -239,7 +257,7 @@ bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
 template <bool kQuads, int kThreads>
 void LaunchStore(const RunState& state, const BitArgs& args, const Bins& bins) {
   const dim3 blocks(bins.dims[0], bins.dims[1], std::min(bins.dims[2], kStoreDepth));
-  StoreKernel<kQuads, kThreads><<<blocks, kThreads, 0, state.stream>>>(args, bins);
+  LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kThreads, StoreKernel<kQuads, kThreads>, args, bins);
 }
 
 absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins& bins) {
@@ -249,7 +267,8 @@ absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins
   clear.quads = uint64_t(bins.triangles - bins.counts) / 4;
   ClearKernel<<<BlocksFor(clear.quads, kThreads, processors * 16), kThreads, 0, state.stream>>>(clear);
   VOXELPIPE_LAUNCHED_OR_RETURN("ClearKernel");
-  BinKernel<<<processors * kBinBlocks, kBinThreads, 0, state.stream>>>(args, bins);
+  const bool early = BeginsEarly(state.device);
+  LaunchEarly(early, state.stream, processors * kBinBlocks, kBinThreads, BinKernel, args, bins);
   VOXELPIPE_LAUNCHED_OR_RETURN("BinKernel");
   const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
   if (args.grid.words_per_row % 4 != 0) {
@@ -260,7 +279,7 @@ absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins
     LaunchStore<true, 128>(state, args, bins);  // several triangles a piece
   }
   VOXELPIPE_LAUNCHED_OR_RETURN("StoreKernel");
-  LayerKernel<<<processors * 4, kLayerThreads, 0, state.stream>>>(args);
+  LaunchEarly(early, state.stream, processors * kLayerBlocks, kLayerThreads, LayerKernel, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("LayerKernel");
   return absl::OkStatus();
 }
@@ -282,13 +301,10 @@ absl::Status LaunchSteps(const RunState& state, const BitArgs& args, bool thin) 
   if (args.triangle_count == 0) return absl::OkStatus();
   const auto blocks = unsigned((args.triangle_count + uint64_t(args.rounds) * kCellThreads - 1) /
                                (uint64_t(args.rounds) * kCellThreads));
-  if (thin) {
-    CellKernel<true><<<blocks, kCellThreads, 0, state.stream>>>(args);
-  } else {
-    CellKernel<false><<<blocks, kCellThreads, 0, state.stream>>>(args);
-  }
+  const bool early = BeginsEarly(state.device);
+  LaunchEarly(early, state.stream, blocks, kCellThreads, thin ? CellKernel<true> : CellKernel<false>, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CellKernel");
-  LayerKernel<<<processors * 4, kLayerThreads, 0, state.stream>>>(args);
+  LaunchEarly(early, state.stream, processors * kLayerBlocks, kLayerThreads, LayerKernel, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("LayerKernel");
   return absl::OkStatus();
 }

@@ -112,6 +112,29 @@ extern Built built_in;
 
 }  // namespace cuda_emulator
 
+enum cudaLaunchAttributeID { cudaLaunchAttributeProgrammaticStreamSerialization };
+struct cudaLaunchAttribute {
+  cudaLaunchAttributeID id;
+  struct {
+    int programmaticStreamSerializationAllowed;
+  } val;
+};
+struct cudaLaunchConfig_t {
+  dim3 gridDim, blockDim;
+  size_t dynamicSmemBytes;
+  cudaStream_t stream;
+  cudaLaunchAttribute* attrs;
+  unsigned numAttrs;
+};
+// One kernel after the other, whatever the attributes allow.
+template <typename... Parameters, typename... Arguments>
+cudaError_t cudaLaunchKernelEx(const cudaLaunchConfig_t* config, void (*kernel)(Parameters...),
+                               const Arguments&... arguments) {
+  ::cuda_emulator::Launch({config->gridDim, config->blockDim, config->dynamicSmemBytes, config->stream}, kernel,
+                          arguments...);
+  return cudaSuccess;
+}
+
 #define threadIdx (::cuda_emulator::built_in.thread)
 #define blockIdx (::cuda_emulator::built_in.block)
 #define blockDim (::cuda_emulator::built_in.block_dim)
