@@ -125,7 +125,8 @@ std::string ServerTable(const std::string& target, const ServerDescription& serv
                      device.workers == 1 ? " worker" : " workers",
                      device.serving ? "" : absl::StrCat(", put aside: ", device.reason)));
   }
-  row("at once", absl::StrCat(server.workers, " requests on ", server.threads, " threads"));
+  row("at once", absl::StrCat("a batch of requests a worker, ", server.workers,
+                              server.workers == 1 ? " mesh" : " meshes", " loaded; ", server.threads, " CPU threads"));
   row("waiting", limit(server.max_queue, absl::StrCat("up to ", server.max_queue, " requests")));
   row("largest file", limit(server.max_file_bytes, HumanBytes(server.max_file_bytes)));
   row("most triangles", limit(server.max_triangles, WithCommas(server.max_triangles)));

@@ -101,7 +101,7 @@ struct ServerDescription {
   std::string version;
   std::vector<ServerBackend> backends;  // best first
   uint32_t threads = 0;                 // of the CPU backend, shared by the requests that run
-  uint32_t workers = 0;                 // requests that run at the same time
+  uint32_t workers = 0;                 // meshes that are loaded at the same time; what runs, the devices tell
   uint32_t max_queue = 0;               // requests that wait
   uint64_t max_file_bytes = 0;
   uint64_t max_result_bytes = 0;
