@@ -247,9 +247,11 @@ absl::StatusOr<DracoMesh> DecodeDraco(std::span<const uint8_t> bytes, const Load
   }
 }
 
-absl::StatusOr<Scene> LoadDraco(std::span<const uint8_t> bytes, const LoadLimits& limits) {
+absl::StatusOr<Scene> LoadDraco(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits) {
+  if (absl::Status over = job.Check(); !over.ok()) return over;
   auto mesh = DecodeDraco(bytes, limits);
   if (!mesh.ok()) return mesh.status();
+  if (absl::Status over = job.Check(); !over.ok()) return over;
   Scene scene;
   scene.format = "drc";
   scene.nodes.emplace_back();

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "load/limits.h"
 #include "mesh/scene.h"
 
@@ -44,7 +45,7 @@ struct DracoMesh {
 absl::StatusOr<DracoMesh> DecodeDraco(std::span<const uint8_t> bytes, const LoadLimits& limits);
 
 // A plain .drc file as a scene of one node, one mesh and one primitive (none for a point cloud). Generic attributes
-// that have a name in their metadata are kept by it.
-absl::StatusOr<Scene> LoadDraco(std::span<const uint8_t> bytes, const LoadLimits& limits);
+// that have a name in their metadata are kept by it. The job is looked at before and after the stream is decoded.
+absl::StatusOr<Scene> LoadDraco(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits);
 
 }  // namespace voxelpipe

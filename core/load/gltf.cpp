@@ -15,15 +15,18 @@ namespace voxelpipe {
 
 // The order of the steps is the safety of the loader: guard the text, check every declaration, resolve the bytes, and
 // only then read typed data, each range checked before it is read.
-absl::StatusOr<Scene> LoadGltf(std::string_view json, std::optional<std::span<const uint8_t>> binary_chunk,
-                               const LoadLimits& limits) {
+absl::StatusOr<Scene> LoadGltf(const JobContext& job, std::string_view json,
+                               std::optional<std::span<const uint8_t>> binary_chunk, const LoadLimits& limits) {
+  gltf::Budget budget(job, limits);
+  if (absl::Status over = job.Check(); !over.ok()) return over;
   if (absl::Status bad = GuardJson(json, limits); !bad.ok()) return bad;
+  if (absl::Status over = job.Check(); !over.ok()) return over;
   absl::StatusOr<gltf::Document> document = gltf::ParseDocument(json, limits);
   if (!document.ok()) return document.status();
+  if (absl::Status over = job.Check(); !over.ok()) return over;
   absl::StatusOr<tinygltf::Model> model = gltf::ParseGraph(document->graph);
   if (!model.ok()) return model.status();
 
-  gltf::Budget budget(limits);
   absl::StatusOr<gltf::Buffers> buffers = gltf::Buffers::Resolve(*document, binary_chunk, budget);
   if (!buffers.ok()) return buffers.status();
   const gltf::AccessorReader accessors(*document, *buffers, budget);

@@ -7,14 +7,15 @@
 #include <string_view>
 
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "load/limits.h"
 #include "mesh/scene.h"
 
 namespace voxelpipe {
 
 // In: the JSON text and, for GLB, the BIN chunk (empty span and no value differ: a GLB without BIN has none).
-// Errors: see LoadScene.
-absl::StatusOr<Scene> LoadGltf(std::string_view json, std::optional<std::span<const uint8_t>> binary_chunk,
-                               const LoadLimits& limits);
+// Errors: see LoadScene; those of the job, which is looked at between the steps.
+absl::StatusOr<Scene> LoadGltf(const JobContext& job, std::string_view json,
+                               std::optional<std::span<const uint8_t>> binary_chunk, const LoadLimits& limits);
 
 }  // namespace voxelpipe

@@ -68,6 +68,7 @@ std::vector<bool> Placeholders(const Document& document) {
 }  // namespace
 
 absl::Status Budget::Take(uint64_t elements, uint64_t bytes_each, const std::string& what) {
+  if (absl::Status over = job_.Check(); !over.ok()) return over;
   const std::optional<uint64_t> bytes = CheckedMul(elements, bytes_each);
   const std::optional<uint64_t> sum = bytes ? CheckedAdd(used_, *bytes) : std::nullopt;
   if (!sum || *sum > limits_.max_decoded_bytes) {

@@ -9,20 +9,25 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "load/gltf_document.h"
 #include "load/limits.h"
 
 namespace voxelpipe::gltf {
 
-// A running sum of decoded bytes against max_decoded_bytes: one declared count can stand for gigabytes.
+// A running sum of decoded bytes against max_decoded_bytes: one declared count can stand for gigabytes. As everything that takes long
+// takes of it first, it is also where the job is looked at. Not thread-safe, but for job().
 class Budget {
  public:
-  explicit Budget(const LoadLimits& limits) : limits_(limits) {}
-  // Takes elements * bytes_each, before they are allocated. RESOURCE_EXHAUSTED naming `what`.
+  // Both must outlive this.
+  Budget(const JobContext& job, const LoadLimits& limits) : job_(job), limits_(limits) {}
+  // Takes elements * bytes_each, before they are allocated. RESOURCE_EXHAUSTED naming `what`; the job's error once it is over.
   absl::Status Take(uint64_t elements, uint64_t bytes_each, const std::string& what);
   const LoadLimits& limits() const { return limits_; }
+  const JobContext& job() const { return job_; }
 
  private:
+  const JobContext& job_;
   const LoadLimits& limits_;
   uint64_t used_ = 0;
 };

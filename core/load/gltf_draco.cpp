@@ -16,6 +16,7 @@ constexpr uint64_t kMostBytesAhead = 4 << 20;
 absl::StatusOr<DracoMesh> DracoAhead::Take(std::span<const uint8_t> bytes) {
   const bool next =
       taken_ < streams_.size() && streams_[taken_].data() == bytes.data() && streams_[taken_].size() == bytes.size();
+  if (absl::Status over = job_.Check(); !over.ok()) return over;
   if (!next) return DecodeDraco(bytes, limits_);
   if (ready_.empty()) DecodeSome();
   Decoded decoded = std::move(ready_.front());
@@ -34,6 +35,7 @@ void DracoAhead::DecodeSome() {
   }
   ready_.resize(count);
   tbb::parallel_for(size_t{0}, count, [&](size_t i) {
+    if (ready_[i].status = job_.Check(); !ready_[i].status.ok()) return;
     absl::StatusOr<DracoMesh> mesh = DecodeDraco(streams_[taken_ + i], limits_);
     if (mesh.ok()) {
       ready_[i].mesh = *std::move(mesh);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "load/draco.h"
 #include "load/limits.h"
 
@@ -16,11 +17,11 @@ namespace voxelpipe::gltf {
 // decoded when it is taken. Not thread-safe.
 class DracoAhead {
  public:
-  // In: the streams in the order in which they will be taken. Views; `limits` too must outlive this.
-  DracoAhead(std::vector<std::span<const uint8_t>> streams, const LoadLimits& limits)
-      : streams_(std::move(streams)), limits_(limits) {}
+  // In: the streams in the order in which they will be taken. Views; `job` and `limits` too must outlive this.
+  DracoAhead(const JobContext& job, std::vector<std::span<const uint8_t>> streams, const LoadLimits& limits)
+      : job_(job), streams_(std::move(streams)), limits_(limits) {}
 
-  // DecodeDraco(bytes). A stream that is not the next one is decoded here and now.
+  // DecodeDraco(bytes), or the job's error once it is over. A stream that is not the next one is decoded here and now.
   absl::StatusOr<DracoMesh> Take(std::span<const uint8_t> bytes);
 
  private:
@@ -30,6 +31,7 @@ class DracoAhead {
   };
   void DecodeSome();
 
+  const JobContext& job_;
   std::vector<std::span<const uint8_t>> streams_;
   const LoadLimits& limits_;
   size_t taken_ = 0;

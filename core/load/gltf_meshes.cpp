@@ -116,7 +116,7 @@ std::vector<std::span<const uint8_t>> DracoStreams(const tinygltf::Model& model,
 }  // namespace
 
 absl::Status ReadMeshes(const tinygltf::Model& model, PrimitiveContext& context, Scene& scene) {
-  DracoAhead draco(DracoStreams(model, context), context.budget.limits());
+  DracoAhead draco(context.budget.job(), DracoStreams(model, context), context.budget.limits());
   context.draco = &draco;
   for (size_t i = 0; i < model.meshes.size(); ++i) {
     absl::StatusOr<Mesh> mesh = ReadMesh(model.meshes[i], model.meshes[i].weights, i, context);

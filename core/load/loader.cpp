@@ -9,6 +9,7 @@
 #include "load/draco.h"
 #include "load/glb_container.h"
 #include "load/gltf.h"
+#include "load/load_job.h"
 
 namespace voxelpipe {
 namespace {
@@ -27,23 +28,24 @@ bool LooksLikeJson(std::span<const uint8_t> bytes) {
   return false;
 }
 
-absl::StatusOr<Scene> Dispatch(std::span<const uint8_t> bytes, MeshFormat format, const LoadLimits& limits) {
+absl::StatusOr<Scene> Dispatch(const JobContext& job, std::span<const uint8_t> bytes, MeshFormat format,
+                               const LoadLimits& limits) {
   switch (format) {
     case MeshFormat::kGlb: {
       absl::StatusOr<GlbChunks> chunks = SplitGlb(bytes);
       if (!chunks.ok()) return chunks.status();
-      absl::StatusOr<Scene> scene = LoadGltf(chunks->json, chunks->binary, limits);
+      absl::StatusOr<Scene> scene = LoadGltf(job, chunks->json, chunks->binary, limits);
       if (scene.ok()) scene->format = "glb";
       return scene;
     }
     case MeshFormat::kGltf: {
       const std::string_view json(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-      absl::StatusOr<Scene> scene = LoadGltf(json, std::nullopt, limits);
+      absl::StatusOr<Scene> scene = LoadGltf(job, json, std::nullopt, limits);
       if (scene.ok()) scene->format = "gltf";
       return scene;
     }
     case MeshFormat::kDraco: {
-      absl::StatusOr<Scene> scene = LoadDraco(bytes, limits);
+      absl::StatusOr<Scene> scene = LoadDraco(job, bytes, limits);
       if (scene.ok()) scene->format = "drc";
       return scene;
     }
@@ -62,6 +64,12 @@ std::optional<MeshFormat> SniffMeshFormat(std::span<const uint8_t> bytes) {
 }
 
 absl::StatusOr<Scene> LoadScene(std::span<const uint8_t> bytes, MeshFormat format, const LoadLimits& limits) {
+  const JobContext endless;
+  return LoadSceneFor(endless, bytes, format, limits);
+}
+
+absl::StatusOr<Scene> LoadSceneFor(const JobContext& job, std::span<const uint8_t> bytes, MeshFormat format,
+                                   const LoadLimits& limits) {
   if (bytes.empty()) return absl::InvalidArgumentError("the mesh is empty (zero bytes)");
   if (bytes.size() > limits.max_file_bytes) {
     return absl::ResourceExhaustedError(
@@ -77,7 +85,10 @@ absl::StatusOr<Scene> LoadScene(std::span<const uint8_t> bytes, MeshFormat forma
     format = *sniffed;
   }
   try {
-    return Dispatch(bytes, format, limits);
+    absl::StatusOr<Scene> scene = Dispatch(job, bytes, format, limits);
+    // Its end may stand in an error that names an accessor, in a warning or in an animation's fault.
+    if (absl::Status over = job.Check(); !over.ok()) return over;
+    return scene;
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("not enough memory to load the mesh");
   }

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <utility>
 
+#include "load/load_job.h"
 #include "mesh/flatten_job.h"
 #include "work/mesh_bytes.h"
 
@@ -24,7 +25,7 @@ absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format
   if (absl::Status s = job.Check(); !s.ok()) return s;
   job.Report("load", 0);
   Clock::time_point begin = Clock::now();
-  absl::StatusOr<Scene> scene = LoadScene(file, format, limits);
+  absl::StatusOr<Scene> scene = LoadSceneFor(job, file, format, limits);
   if (!scene.ok()) return scene.status();
   const uint64_t file_bytes = file.size();
   loaded.peak_bytes = file_bytes + SceneBytes(*scene);

@@ -23,7 +23,7 @@ struct LoadedMesh {
   uint64_t peak_bytes = 0;  // the largest of file and scene, scene and flattened mesh, computed from sizes
 };
 
-// In: the whole file. It is freed as soon as it is loaded, the scene as soon as it is flat. `job` is looked at between the steps, and
+// In: the whole file. It is freed as soon as it is loaded, the scene as soon as it is flat. `job` is looked at within the steps, and
 // told of "load" and "flatten".
 // Errors: those of LoadScene and Flatten; the job's. May throw bad_alloc.
 absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format, const LoadLimits& limits,

@@ -122,7 +122,7 @@ TEST(DracoBombTest, DeclaredCountsBeyondTheBytesAreRefusedBeforeDecoding) {
 
 TEST(DracoHeaderTest, AnUnknownGeometryTypeIsNoPointCloud) {
   const std::vector<uint8_t> bytes = {'D', 'R', 'A', 'C', 'O', 2, 2, 9, 0, 0, 0, 1, 0, 0, 0, 0};
-  const absl::Status s = LoadDraco(bytes, {}).status();
+  const absl::Status s = LoadDraco(JobContext(), bytes, {}).status();
   EXPECT_EQ(s.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(s.message()), HasSubstr("geometry type 9 at byte 7"));
 }

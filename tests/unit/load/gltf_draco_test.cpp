@@ -10,6 +10,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "load/draco.h"
+#include "load/gltf_draco.h"
+#include "load/load_job.h"
 #include "load/loader.h"
 #include "support/glb_builder.h"
 
@@ -243,6 +245,18 @@ TEST(GltfDracoValues, AnAttributeThatTheStreamLacksIsNamed) {
 }
 
 // In a plain .drc file, names are metadata.
+TEST(DracoFile, StreamsEndWithTheirJob) {
+  const ByteVector stream = Encode(PatchColumns(), false);
+  const LoadLimits limits;
+  JobContext job;
+  gltf::DracoAhead ahead(job, {stream, stream}, limits);
+  EXPECT_TRUE(ahead.Take(stream).ok());
+  job.Cancel();
+  EXPECT_EQ(ahead.Take(stream).status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(LoadSceneFor(job, stream).status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(gltf::DracoAhead(job, {stream}, limits).Take(stream).status().code(), absl::StatusCode::kCancelled);
+}
+
 TEST(DracoFile, GenericAttributesWithANameAreKept) {
   draco::TriangleSoupMeshBuilder builder;
   builder.Start(1);
