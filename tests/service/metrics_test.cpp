@@ -89,18 +89,6 @@ class MetricsPathTest : public ::testing::Test {
   std::unique_ptr<BackgroundCall> Slow() {
     return std::make_unique<BackgroundCall>(*client_, LargeTrianglesGlb(20000), SlowRequest());
   }
-  // What a job is told where another one waits. That one leaves the queue for a moment, to be loaded, and who comes then has
-  // its place: such a one is over in 50 ms, and the next is asked.
-  absl::StatusCode AskWhileOneWaits() {
-    CallSettings patient;
-    patient.queue_timeout = std::chrono::milliseconds(50);
-    const auto end = std::chrono::steady_clock::now() + kPatience;
-    absl::StatusCode code;
-    do {
-      code = Ask(SmallRequest(), patient).code();
-    } while (code == absl::StatusCode::kDeadlineExceeded && std::chrono::steady_clock::now() < end);
-    return code;
-  }
   std::string Upload(const std::vector<uint8_t>& bytes) {
     const auto mesh = client_->UploadMesh(bytes, MeshFormat::kAuto, job_);
     EXPECT_TRUE(mesh.ok()) << mesh.status();
@@ -166,7 +154,7 @@ TEST_F(MetricsPathTest, AQueueThatIsFull) {
   ASSERT_TRUE(Becomes("queue_jobs{priority=\"normal\"}", 1));
   EXPECT_TRUE(Becomes("queue_bytes", [](double n) { return n > 0; }));
   EXPECT_TRUE(Becomes("queue_predicted_seconds", [](double n) { return n > 0; }));
-  EXPECT_EQ(AskWhileOneWaits(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(Ask(SmallRequest()).code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(Sample("queue_refusals_total{reason=\"jobs\"}"), 1);
   EXPECT_EQ(Sample("jobs_total{code=\"DEADLINE_EXCEEDED\"}"), Sample("queue_timeouts_total"));
 }
@@ -180,7 +168,7 @@ TEST_F(MetricsPathTest, AQueueThatHoldsTooMuch) {
     ASSERT_TRUE(running->WaitUntilPlanned());
     const auto waiting = Slow();  // the first one may always wait
     ASSERT_TRUE(Becomes("queue_jobs{priority=\"normal\"}", 1));
-    EXPECT_EQ(AskWhileOneWaits(), absl::StatusCode::kResourceExhausted);
+    EXPECT_EQ(Ask(SmallRequest()).code(), absl::StatusCode::kResourceExhausted);
     EXPECT_EQ(Sample(std::string("queue_refusals_total{reason=\"") + reason + "\"}"), 1);
   }
 }
