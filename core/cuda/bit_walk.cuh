@@ -17,7 +17,7 @@ inline constexpr int kCellThreads = 128;
 inline constexpr int kMostCellRows = 36;   // of a triangle that a thread walks alone
 inline constexpr int kManyOctants = 14;    // of a warp's lanes: enough not to wait for others
 inline constexpr int kMostCellRounds = 8;  // triangles of a thread of WalkCells
-inline constexpr int kLayerLanes = 8;      // share a layer in WalkLayers: rows of one lie near each other in memory
+inline constexpr int kLayerLanes = 4;      // share a layer in WalkLayers: rows of one lie near each other in memory
 inline constexpr int kLargeSetups = 32;    // of a block
 inline constexpr int kMostLayerWidth = 96, kMostLayerRows = 6144;  // along y, and in all, of one that WalkLayers takes
 

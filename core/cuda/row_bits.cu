@@ -81,8 +81,8 @@ constexpr uint32_t kStoreDepth = 128;  // blocks along z
 __global__ void __launch_bounds__(kBinThreads, kBinBlocks)
     BinKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
   constexpr uint32_t kWarps = kBinThreads / 32;
+  // The next kernel is not allowed to begin: its blocks would take the place of those here.
   __shared__ alignas(16) char memory[kBinThreads * sizeof(SharedSetup)];
-  AllowNext();
   FillBins(args, bins, uint64_t(blockIdx.x) * kWarps + threadIdx.x / 32, uint64_t(gridDim.x) * kWarps,
            reinterpret_cast<SharedSetup*>(memory) + threadIdx.x / 32 * 32);
 }
