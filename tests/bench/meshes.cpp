@@ -181,9 +181,14 @@ class Scattered {
       Add(Point(at, 0.0015), Point(at, 0.0015), Point(at, 0.0015));
     }
   }
+  // A triangle's vertices move with it, as in a file without indices.
   TriangleMesh Shuffled() {
-    for (size_t i = mesh_.triangles.size() - 1; i > 0; --i)
-      std::swap(mesh_.triangles[i], mesh_.triangles[random_.Next() % (i + 1)]);
+    for (size_t i = mesh_.triangles.size() - 1; i > 0; --i) {
+      const size_t other = random_.Next() % (i + 1);
+      for (int corner = 0; corner < 3; ++corner) {
+        std::swap(mesh_.positions[3 * i + corner], mesh_.positions[3 * other + corner]);
+      }
+    }
     return Finish(std::move(mesh_));
   }
 
