@@ -310,9 +310,13 @@ __device__ inline uint32_t FindHeads(const BucketArgs& args, uint64_t begin, uin
   const auto here = uint32_t(min(args.fragments - begin, uint64_t{kKeysOfThread}));
 #pragma unroll
   for (int i = 0; i < kKeysOfThread; i += 4) {
+    const uint32_t* const from = args.keys + begin + uint64_t(i);
     uint4 four{0, 0, 0, 0};
-    if (uint32_t(i) < here)
-      four = *reinterpret_cast<const uint4*>(args.keys + begin + uint64_t(i));  // whole units of 16 bytes
+    if (uint32_t(i) + 4 <= here) {
+      four = *reinterpret_cast<const uint4*>(from);
+    } else if (uint32_t(i) < here) {
+      four = {from[0], uint32_t(i) + 1 < here ? from[1] : 0, uint32_t(i) + 2 < here ? from[2] : 0, 0};
+    }
     key[i] = four.x, key[i + 1] = four.y, key[i + 2] = four.z, key[i + 3] = four.w;
   }
   uint32_t heads = begin == 0 || args.keys[begin - 1] != key[0] ? 1 : 0;
