@@ -71,7 +71,8 @@ struct IoThreads::Call {
 
 IoThreads::IoThreads(size_t keep, const std::shared_ptr<grpc::Channel>& channel) : hold_(std::make_shared<Hold>()) {
   const std::lock_guard one_at_a_time(g_mutex);
-  const size_t count = CountStarted() - g_held, least = std::max<size_t>(1, keep);
+  const size_t started = CountStarted(), count = started - std::min(started, g_held);
+  const size_t least = std::max<size_t>(1, keep);
   if (count <= least) return;
   grpc::GenericStub stub(channel);
   for (size_t i = least; i < count; ++i) {
