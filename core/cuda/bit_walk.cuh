@@ -267,13 +267,14 @@ struct CellRoom {
 };
 
 // Appends t to a list of the block's where `wanted`, `step` from one to the next. All threads of a warp call it.
-__device__ inline void AppendInBlock(bool wanted, uint32_t t, uint32_t* list, int step, uint32_t* count) {
+template <typename Entry>
+__device__ inline void AppendInBlock(bool wanted, uint32_t t, Entry* list, int step, uint32_t* count) {
   const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, wanted);
   if (all == 0) return;
   uint32_t at = 0;
   if (lane == 0) at = atomicAdd(count, uint32_t(__popc(all)));
   at = __shfl_sync(~0u, at, 0) + uint32_t(__popc(all & ((1u << lane) - 1)));
-  if (wanted) list[int(at) * step] = t;
+  if (wanted) list[int(at) * step] = Entry(t);
 }
 
 // Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. The block appends what waits for

@@ -43,16 +43,6 @@ struct FindRoom {
   unsigned long long first;
 };
 
-// Appends to a list of the block's where `wanted`, `step` from one to the next. All threads of a warp call it.
-__device__ inline void AppendLocal(bool wanted, uint32_t local, uint16_t* list, int step, uint32_t* count) {
-  const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, wanted);
-  if (all == 0) return;
-  uint32_t at = 0;
-  if (lane == 0) at = atomicAdd(count, uint32_t(__popc(all)));
-  at = __shfl_sync(~0u, at, 0) + uint32_t(__popc(all & ((1u << lane) - 1)));
-  if (wanted) list[int(at) * step] = uint16_t(local);
-}
-
 // The bit of a voxel in the slab's bit grid; grids have less than 2^32.
 __device__ inline uint32_t BitOfVoxel(const GridView& grid, int x, int y, int z) {
   const uint32_t row = uint32_t(grid.dims[1]) * uint32_t(z - int(grid.slab_begin)) + uint32_t(y);
@@ -212,9 +202,9 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     }
     TakeOctants<kSink, kShader>(args, runs, plain, fate == CellFate::kDone && t < walk.triangle_count, uint32_t(t),
                                 triangle.box.first, octants, fragments);
-    AppendLocal(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
-    AppendLocal(fate == CellFate::kRows, local, room.cells + (FindRoom::kTriangles - 1), -1, &room.row_count);
-    AppendLocal(fate == CellFate::kLayers || fate == CellFate::kLarge, local, room.waiting, 1, &room.waiting_count);
+    AppendInBlock(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
+    AppendInBlock(fate == CellFate::kRows, local, room.cells + (FindRoom::kTriangles - 1), -1, &room.row_count);
+    AppendInBlock(fate == CellFate::kLayers || fate == CellFate::kLarge, local, room.waiting, 1, &room.waiting_count);
   }
   __syncthreads();
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;
@@ -232,7 +222,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     __syncwarp();
     TakeOctants<kSink, kShader>(args, runs, plain, i < octant_count && !doubtful, uint32_t(chunk + local),
                                 triangle.box.first, octants, fragments);
-    AppendLocal(doubtful, local, room.waiting, 1, &room.waiting_count);
+    AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
   }
   for (uint32_t begins = threadIdx.x / 32 * 32; begins < row_count; begins += kFindThreads) {
     const uint32_t i = begins + threadIdx.x % 32;
@@ -244,7 +234,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
                                                    fragments);
     }
     __syncwarp();
-    AppendLocal(doubtful, local, room.waiting, 1, &room.waiting_count);
+    AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
   }
   __syncthreads();
   if (threadIdx.x == 0 && room.waiting_count > 0) {

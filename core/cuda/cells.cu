@@ -2,26 +2,17 @@
 
 #include <algorithm>
 
-#include "grid/index_space.h"
+#include "cuda/bit_args.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
 BitArgs MakeCellWalk(const RunState& state) {
-  const MeshView& mesh = state.mesh.host_view;
-  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
   BitArgs args;
   args.grid = state.view;
   args.bits = const_cast<uint32_t*>(state.coverage.data());
   args.coverage = state.request.request.coverage;
-  if (mesh.triangle_count > 0) {
-    args.fixed = MakeFixedPlace(origin, size, WorldToIndex(origin, size, state.box.min),
-                                WorldToIndex(origin, size, state.box.max));
-  }
-  args.inverse_size = {1 / size.x, 1 / size.y, 1 / size.z};
-  args.triangles = state.mesh.triangle_list();
-  args.positions = mesh.positions;
-  args.triangle_count = mesh.triangle_count;
+  SetTriangles(state, args);
   args.layer_queue = const_cast<uint32_t*>(state.queue[1].data());
   args.large_queue = const_cast<uint32_t*>(state.queue[2].data());
   args.queued = const_cast<uint64_t*>(state.counters.data()) + kQueued0;

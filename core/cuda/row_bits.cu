@@ -6,6 +6,7 @@
 
 #include "cuda/batch.h"
 #include "cuda/batch_kernel.cuh"
+#include "cuda/bit_args.h"
 #include "cuda/bit_bins.cuh"
 #include "cuda/bit_walk.cuh"
 #include "cuda/early_launch.cuh"
@@ -314,9 +315,9 @@ absl::Status LaunchSteps(const RunState& state, const BitArgs& args, bool thin) 
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
                         uint64_t words) {
   VOXELPIPE_OK_OR_RETURN(EnsureCounters(state));
-  const MeshView& mesh = state.mesh.host_view;
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
   for (int i = 0; i < kBitQueues; ++i) {
-    VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(mesh.triangle_count, 1), state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(triangles, 1), state.stream));
   }
   BitArgs args;
   args.grid = state.view;
@@ -325,15 +326,7 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   args.bits = bits;
   args.quads = (words + 3) / 4;  // a DeviceArray ends on a whole one
   args.coverage = coverage;
-  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
-  if (mesh.triangle_count > 0) {
-    args.fixed = MakeFixedPlace(origin, size, WorldToIndex(origin, size, state.box.min),
-                                WorldToIndex(origin, size, state.box.max));
-  }
-  args.inverse_size = {1 / size.x, 1 / size.y, 1 / size.z};
-  args.triangles = state.mesh.triangle_list();
-  args.positions = mesh.positions;
-  args.triangle_count = mesh.triangle_count;
+  SetTriangles(state, args);
   args.layer_queue = state.queue[0].data();
   args.large_queue = state.queue[1].data();
   args.queued = state.counters.data() + kQueued0;

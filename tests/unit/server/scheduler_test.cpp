@@ -246,26 +246,28 @@ TEST_F(SchedulerTest, ATaskThatIsBeingLoadedKeepsItsPlace) {
   EXPECT_TRUE(scheduler->IsFull());
 }
 
+// A task that keeps so much while it waits, and is predicted to run so long.
+auto Holding(uint64_t bytes, double ms) {
+  auto task = MakeTask("a", Priority::kNormal, ms);
+  task->traits.cost.held_bytes = bytes;
+  return task;
+}
+
 TEST_F(SchedulerTest, ATaskThatIsBeingLoadedCountsWithItsBytesAndItsTime) {
   options.max_queue_bytes = 100;
   options.max_queue_ms = 1000;
   Start(1);
   Submit();
   Take();
-  const auto holding = [](uint64_t bytes, double ms) {
-    auto task = MakeTask("a", Priority::kNormal, ms);
-    task->traits.cost.held_bytes = bytes;
-    return task;
-  };
-  const auto loading = holding(60, 900);
+  const auto loading = Holding(60, 900);
   loading->is_loaded = false;
   Submit(loading);
   EXPECT_EQ(scheduler->TakeLoad(), loading);
-  EXPECT_FALSE(scheduler->Admit(holding(60, 1)->traits).ok());
-  EXPECT_FALSE(scheduler->Admit(holding(1, 200)->traits).ok());
-  EXPECT_TRUE(scheduler->Admit(holding(40, 100)->traits).ok());
+  EXPECT_FALSE(scheduler->Admit(Holding(60, 1)->traits).ok());
+  EXPECT_FALSE(scheduler->Admit(Holding(1, 200)->traits).ok());
+  EXPECT_TRUE(scheduler->Admit(Holding(40, 100)->traits).ok());
   scheduler->Ended(*loading);
-  EXPECT_TRUE(scheduler->Admit(holding(60, 200)->traits).ok());
+  EXPECT_TRUE(scheduler->Admit(Holding(60, 200)->traits).ok());
 }
 
 TEST_F(SchedulerTest, BytesAndTimeOfWhatWaitsAreBoundedAndGivenBack) {
@@ -275,21 +277,16 @@ TEST_F(SchedulerTest, BytesAndTimeOfWhatWaitsAreBoundedAndGivenBack) {
   Start(1);
   Submit();
   Take();
-  const auto holding = [](uint64_t bytes, double ms) {
-    auto task = MakeTask("a", Priority::kNormal, ms);
-    task->traits.cost.held_bytes = bytes;
-    return task;
-  };
-  const auto first = Submit(holding(60, 1));
-  EXPECT_FALSE(scheduler->Submit(holding(60, 1)).ok());
-  const auto second = Submit(holding(0, 900));
-  EXPECT_FALSE(scheduler->Submit(holding(0, 200)).ok());
+  const auto first = Submit(Holding(60, 1));
+  EXPECT_FALSE(scheduler->Submit(Holding(60, 1)).ok());
+  const auto second = Submit(Holding(0, 900));
+  EXPECT_FALSE(scheduler->Submit(Holding(0, 200)).ok());
   EXPECT_EQ(scheduler->waiting_bytes(), 60u);
   EXPECT_NEAR(scheduler->waiting_ms(), 901, 1e-6);
   EXPECT_TRUE(scheduler->Withdraw(*second));
   EXPECT_TRUE(scheduler->Withdraw(*first));
   EXPECT_EQ(scheduler->waiting_bytes(), 0u);
-  Submit(holding(60, 200));
+  Submit(Holding(60, 200));
 }
 
 TEST_F(SchedulerTest, MeasuredTimesCorrectTheBacklog) {

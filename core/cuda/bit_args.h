@@ -1,0 +1,24 @@
+// The part of BitArgs that every walk over a run's triangles has in common. Included by .cu files only.
+#pragma once
+
+#include "cuda/bit_walk.cuh"
+#include "cuda/run_state.h"
+#include "grid/index_space.h"
+
+namespace voxelpipe::cuda {
+
+// Names all triangles of the run's mesh, and how they lie in its grid.
+inline void SetTriangles(const RunState& state, BitArgs& args) {
+  const MeshView& mesh = state.mesh.host_view;
+  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
+  if (mesh.triangle_count > 0) {
+    args.fixed = MakeFixedPlace(origin, size, WorldToIndex(origin, size, state.box.min),
+                                WorldToIndex(origin, size, state.box.max));
+  }
+  args.inverse_size = {1 / size.x, 1 / size.y, 1 / size.z};
+  args.triangles = state.mesh.triangle_list();
+  args.positions = mesh.positions;
+  args.triangle_count = mesh.triangle_count;
+}
+
+}  // namespace voxelpipe::cuda
