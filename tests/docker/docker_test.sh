@@ -1,17 +1,22 @@
 #!/usr/bin/env bash
-# Builds docker/Dockerfile's target `cpu`, runs it as an operator would (read-only, no capabilities) and calls it from
+# Builds a target of docker/Dockerfile, runs it as an operator would (read-only, no capabilities) and calls it from
 # the host. Slow (it compiles the project inside the image), so it runs only when VOXELPIPE_DOCKER_TEST=1 asks for it:
-# with the engine that runs, or else with a private one (root, 6 GiB of disk).
+# with the engine that runs, or else with a private one (root, 6 GiB of disk). No GPU is needed: without one the image
+# with device code serves on the CPU.
 #
 # usage: docker_test.sh VOXELPIPE      VOXELPIPE: the host's CLI
-#   VOXELPIPE_DOCKER_DIR  environment: where the private engine keeps its data; kept afterwards if given
+# environment:
+#   VOXELPIPE_DOCKER_TARGET     cpu (the default) or cuda
+#   VOXELPIPE_DOCKER_CUDA_BASE  for cuda: an image of Debian 12 with nvcc 13; else the host's toolkit, or NVIDIA's packages
+#   VOXELPIPE_DOCKER_DIR        where the private engine keeps its data; kept afterwards if given
 # Exit: 0 passed, 77 skipped with a printed reason, anything else failed.
 set -euo pipefail
 voxelpipe="$(realpath "${1:?usage: docker_test.sh VOXELPIPE}")"
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 source tests/docker/engine.sh
 
-image=voxelpipe-test:cpu
+target="${VOXELPIPE_DOCKER_TARGET:-cpu}"
+image="voxelpipe-test:$target"
 container=voxelpipe-docker-test
 keep="${VOXELPIPE_DOCKER_DIR:-}"
 work="$(mktemp -d)"
@@ -27,9 +32,15 @@ trap cleanup EXIT
 fail() { echo "FAILED: $*" >&2; exit 1; }
 now_s() { date +%s; }
 
+[[ "$target" == cpu || "$target" == cuda ]] || fail "VOXELPIPE_DOCKER_TARGET is $target, not cpu or cuda"
 [[ -x "$voxelpipe" ]] || fail "$voxelpipe is no program; build it first"
 engine_start "$dir"
 engine_base_image
+arguments=()
+if [[ "$target" == cuda ]]; then
+  engine_cuda_image
+  arguments=(--build-arg "CUDA_BASE=$CUDA_BASE")
+fi
 
 # The containers share the host's network, so the service needs a port that is free here.
 port=50051
@@ -37,7 +48,8 @@ while (exec 3<>"/dev/tcp/127.0.0.1/$port") 2>/dev/null; do port=$((port + 1)); d
 address="127.0.0.1:$port"
 
 start="$(now_s)"
-DOCKER_BUILDKIT=1 "${DOCKER[@]}" build --network host --progress plain -f docker/Dockerfile --target cpu -t "$image" . \
+DOCKER_BUILDKIT=1 "${DOCKER[@]}" build --network host --progress plain -f docker/Dockerfile --target "$target" \
+  ${arguments[@]+"${arguments[@]}"} -t "$image" . \
   >"$work/build.log" 2>&1 || { tail -n 40 "$work/build.log"; fail "docker build"; }
 echo "built in $(($(now_s) - start)) s, $(($("${DOCKER[@]}" image inspect -f '{{.Size}}' "$image") / 1048576)) MiB"
 

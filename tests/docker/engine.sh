@@ -3,6 +3,7 @@
 # engine_start DIR   sets DOCKER (the command to use, an array); skips (exit 77) with the reason where none can run
 # engine_stop        ends the private engine, if one was started, by its pid file
 # engine_base_image  makes debian:bookworm-slim available to the engine
+# engine_cuda_image  sets CUDA_BASE to what docker/Dockerfile's argument of that name should be
 
 engine_dir=
 engine_private=0
@@ -90,4 +91,26 @@ engine_base_image() {
   rm -rf "$root"/var/cache/apt/archives/*.deb "$root"/var/lib/apt/lists/*
   tar -C "$root" -c . | "${DOCKER[@]}" import - "$image" >/dev/null
   rm -rf "$root"
+}
+
+# Without the packages that the Dockerfile takes from NVIDIA: the host's toolkit, if it has one, on top of the base image.
+engine_cuda_image() {
+  CUDA_BASE="${VOXELPIPE_DOCKER_CUDA_BASE:-cuda-toolkit}"
+  local toolkit=/usr/local/cuda context
+  [[ "$CUDA_BASE" == cuda-toolkit && -x $toolkit/bin/nvcc ]] || return 0
+  CUDA_BASE=voxelpipe-test:cuda-base
+  context="$engine_dir/cuda-base"
+  rm -rf "$context"
+  mkdir -p "$context/cuda/lib64"
+  echo "engine: making $CUDA_BASE with the toolkit in $toolkit"
+  # -L: parts of a toolkit may be links to another place; nvcc looks under targets/ too.
+  cp -rL "$toolkit/bin" "$toolkit/nvvm" "$toolkit/include" "$context/cuda/"
+  cp -L "$toolkit"/lib64/libcudart* "$toolkit"/lib64/libcudadevrt.a "$context/cuda/lib64/"
+  mkdir -p "$context/cuda/targets/x86_64-linux"
+  ln -s ../../include ../../lib64 "$context/cuda/targets/x86_64-linux/"
+  ln -s lib64 "$context/cuda/lib"
+  ln -s ../../lib64 "$context/cuda/targets/x86_64-linux/lib"
+  printf '%s\n' 'FROM debian:bookworm-slim' 'COPY cuda /usr/local/cuda' >"$context/Dockerfile"
+  DOCKER_BUILDKIT=1 "${DOCKER[@]}" build --network host -q -t "$CUDA_BASE" "$context" >/dev/null
+  rm -rf "$context"
 }
