@@ -8,8 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "cpu/parallel.h"
-#include "cpu/run_state.h"
-#include "mesh/pose.h"
+#include "cpu/vertex_shade.h"
 #include "shaders/material_views.h"
 
 namespace voxelpipe::cpu {
@@ -17,104 +16,10 @@ namespace {
 
 constexpr int64_t kGrain = 1 << 14;
 
-void MakeViews(RunState& state) {
-  const TriangleMesh& mesh = state.mesh;
-  MaterialViews views = MakeMaterialViews(mesh);
-  state.materials = std::move(views.materials);
-  state.textures = std::move(views.textures);
-  const int32_t default_material = int32_t(mesh.materials.size());
-  for (const MeshPart& part : mesh.parts) {
-    PartView view;
-    view.first_triangle = part.first_triangle;
-    view.material = part.material >= 0 && part.material < default_material ? part.material : default_material;
-    view.mesh = part.mesh;
-    view.has_normals = part.has_normals && !mesh.normals.empty();
-    view.has_tangents = part.has_tangents && !mesh.tangents.empty();
-    view.has_colors = part.has_colors && !mesh.colors.empty();
-    for (int i = 0; i < 2; ++i) view.has_uv[i] = part.has_uv[i] && !mesh.uv[i].empty();
-    state.parts.push_back(view);
-  }
-  if (state.parts.empty()) state.parts.push_back({.first_triangle = 0, .material = default_material});
-
-  MeshView& view = state.view;
-  view.positions = mesh.positions.data();
-  view.normals = mesh.normals.empty() ? nullptr : mesh.normals.data();
-  for (int i = 0; i < 2; ++i) view.uv[i] = mesh.uv[i].empty() ? nullptr : mesh.uv[i].data();
-  view.tangents = mesh.tangents.empty() ? nullptr : mesh.tangents.data();
-  view.colors = mesh.colors.empty() ? nullptr : mesh.colors.data();
-  static_assert(sizeof(mesh.triangles[0]) == sizeof(uint32_t[3]));
-  view.triangles = reinterpret_cast<const uint32_t(*)[3]>(mesh.triangles.data());
-  view.parts = state.parts.data();
-  view.materials = state.materials.data();
-  view.textures = state.textures.data();
-  for (const VertexAttribute& attribute : mesh.attributes) {
-    state.attributes.push_back({attribute.values.data(), attribute.components});
-  }
-  view.attributes = state.attributes.data();
-  view.attribute_count = uint32_t(state.attributes.size());
-  view.vertex_count = mesh.positions.size();
-  view.triangle_count = mesh.triangles.size();
-  view.part_count = uint32_t(state.parts.size());
-  view.material_count = uint32_t(state.materials.size());
-  view.texture_count = uint32_t(state.textures.size());
-}
-
 // The numbers of a parameter that the host reads by itself, null where it is not given.
 const std::vector<double>* Given(const ShaderCall& call, const char* name) {
   const auto found = call.parameters.find(name);
   return found == call.parameters.end() ? nullptr : &found->second;
-}
-
-// The parts of the mesh in the pose that `morph` or `skin` asks for; views point into the members.
-struct PosedMesh {
-  std::unique_ptr<Pose> pose, later;
-  std::vector<std::vector<MorphTargetView>> targets;
-  std::vector<PosedPartView> parts;  // empty: the file's own pose
-};
-
-absl::StatusOr<PosedMesh> MakePose(const RunState& state) {
-  PosedMesh posed;
-  const BoundShader& shader = state.request.vertex_shader;
-  const bool morph = VertexShaderId(shader.id) == VertexShaderId::kMorph;
-  if (!morph && VertexShaderId(shader.id) != VertexShaderId::kSkin) return posed;
-  const ShaderCall& call = state.request.request.vertex_shader;
-  const auto error = [&](const absl::Status& why) {
-    return absl::Status(why.code(),
-                        absl::StrCat("vertex shader '", shader.info->name, "': ", std::string(why.message())));
-  };
-  PoseQuery query;
-  query.nodes = !morph;
-  const std::vector<double>*animation = Given(call, "animation"), *time = Given(call, "time");
-  const std::vector<double>* weights = Given(call, "weights");
-  if (animation != nullptr || time != nullptr) query.animation = animation == nullptr ? 0u : uint32_t(animation->at(0));
-  if (time != nullptr) query.time = time->at(0);
-  if (weights != nullptr) query.weights = *weights;
-  if (query.animation && query.weights) {
-    return error(absl::InvalidArgumentError("weights are given either by `weights` or by an animation, not by both"));
-  }
-  const double dt = shader.params.value[0];
-  if (dt > 0 && !query.animation) return error(absl::InvalidArgumentError("dt needs a time"));
-  if (!query.animation && !query.weights) return posed;
-  const Rig empty;
-  const Rig& rig = state.mesh.rig == nullptr ? empty : *state.mesh.rig;
-  auto pose = EvaluatePose(rig, query);
-  if (!pose.ok()) return error(pose.status());
-  posed.pose = *std::move(pose);
-  if (dt > 0) {
-    query.time += dt;
-    auto later = EvaluatePose(rig, query);
-    if (!later.ok()) return error(later.status());
-    posed.later = *std::move(later);
-  }
-  posed.targets.resize(rig.parts.size());
-  for (size_t i = 0; i < rig.parts.size(); ++i) {
-    PosedPartView view;
-    view.rest = RestView(*rig.parts[i].primitive, posed.targets[i]);
-    view.pose = posed.pose->parts[i];
-    view.later = posed.later == nullptr ? view.pose : posed.later->parts[i];
-    posed.parts.push_back(view);
-  }
-  return posed;
 }
 
 // Whether the call's parameters make anything move; otherwise there is no velocity array.
@@ -124,51 +29,6 @@ bool GivesVelocities(const BoundRequest& request) {
     if (given != nullptr && std::any_of(given->begin(), given->end(), [](double v) { return v != 0; })) return true;
   }
   return false;
-}
-
-absl::Status RunShader(RunState& state) {
-  const BoundShader& shader = state.request.vertex_shader;
-  const auto id = VertexShaderId(shader.id);
-  absl::StatusOr<PosedMesh> posed = MakePose(state);
-  if (!posed.ok()) return posed.status();
-  const bool poses = id == VertexShaderId::kMorph || id == VertexShaderId::kSkin;
-  const bool moves = GivesVelocities(state.request);
-  const bool same = id == VertexShaderId::kIdentity || (poses && posed->parts.empty());
-  if (same && !moves) return absl::OkStatus();
-  const TriangleMesh& mesh = state.mesh;
-  if (!same) {
-    state.shaded_positions.resize(mesh.positions.size());
-    state.shaded_normals.resize(mesh.normals.size());
-    state.shaded_tangents.resize(mesh.tangents.size());
-  }
-  if (moves) state.velocities.resize(mesh.positions.size());
-  absl::Status s = ParallelChunks(int64_t(mesh.positions.size()), kGrain, state.job, [&](int64_t begin, int64_t end) {
-    size_t part = 0;
-    for (int64_t i = begin; i < end; ++i) {
-      const uint64_t v = uint64_t(i);
-      VertexInput in;
-      in.flat.position = mesh.positions[v];
-      if (!mesh.normals.empty()) in.flat.normal = mesh.normals[v];
-      if (!mesh.tangents.empty()) in.flat.tangent = mesh.tangents[v];
-      if (!posed->parts.empty()) {
-        while (v >= mesh.parts[part].first_vertex + mesh.parts[part].vertex_count) ++part;
-        in.posed = &posed->parts[part];
-        in.vertex = v - mesh.parts[part].first_vertex;
-      }
-      const ShadedVertex out = ShadeVertex(id, in, shader.params);
-      if (moves) state.velocities[v] = {float(out.velocity.x), float(out.velocity.y), float(out.velocity.z)};
-      if (same) continue;
-      state.shaded_positions[v] = out.position;
-      if (!mesh.normals.empty()) state.shaded_normals[v] = out.normal;
-      if (!mesh.tangents.empty()) state.shaded_tangents[v] = out.tangent;
-    }
-  });
-  if (moves) state.view.velocities = state.velocities.data();
-  if (same) return s;
-  state.view.positions = state.shaded_positions.data();
-  if (!mesh.normals.empty()) state.view.normals = state.shaded_normals.data();
-  if (!mesh.tangents.empty()) state.view.tangents = state.shaded_tangents.data();
-  return s;
 }
 
 Box3d Grow(const Box3d& box, const Vec3d& p) {
@@ -291,9 +151,147 @@ std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex) {
   return absl::StrCat("vertex ", vertex);
 }
 
-absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
-  MakeViews(state);
-  if (absl::Status s = RunShader(state); !s.ok()) return s;
+void MakeViews(RunState& state) {
+  const TriangleMesh& mesh = state.mesh;
+  MaterialViews views = MakeMaterialViews(mesh);
+  state.materials = std::move(views.materials);
+  state.textures = std::move(views.textures);
+  const int32_t default_material = int32_t(mesh.materials.size());
+  for (const MeshPart& part : mesh.parts) {
+    PartView view;
+    view.first_triangle = part.first_triangle;
+    view.material = part.material >= 0 && part.material < default_material ? part.material : default_material;
+    view.mesh = part.mesh;
+    view.has_normals = part.has_normals && !mesh.normals.empty();
+    view.has_tangents = part.has_tangents && !mesh.tangents.empty();
+    view.has_colors = part.has_colors && !mesh.colors.empty();
+    for (int i = 0; i < 2; ++i) view.has_uv[i] = part.has_uv[i] && !mesh.uv[i].empty();
+    state.parts.push_back(view);
+  }
+  if (state.parts.empty()) state.parts.push_back({.first_triangle = 0, .material = default_material});
+
+  MeshView& view = state.view;
+  view.positions = mesh.positions.data();
+  view.normals = mesh.normals.empty() ? nullptr : mesh.normals.data();
+  for (int i = 0; i < 2; ++i) view.uv[i] = mesh.uv[i].empty() ? nullptr : mesh.uv[i].data();
+  view.tangents = mesh.tangents.empty() ? nullptr : mesh.tangents.data();
+  view.colors = mesh.colors.empty() ? nullptr : mesh.colors.data();
+  static_assert(sizeof(mesh.triangles[0]) == sizeof(uint32_t[3]));
+  view.triangles = reinterpret_cast<const uint32_t(*)[3]>(mesh.triangles.data());
+  view.parts = state.parts.data();
+  view.materials = state.materials.data();
+  view.textures = state.textures.data();
+  for (const VertexAttribute& attribute : mesh.attributes) {
+    state.attributes.push_back({attribute.values.data(), attribute.components});
+  }
+  view.attributes = state.attributes.data();
+  view.attribute_count = uint32_t(state.attributes.size());
+  view.vertex_count = mesh.positions.size();
+  view.triangle_count = mesh.triangles.size();
+  view.part_count = uint32_t(state.parts.size());
+  view.material_count = uint32_t(state.materials.size());
+  view.texture_count = uint32_t(state.textures.size());
+}
+
+absl::StatusOr<PosedMesh> MakePose(const RunState& state) {
+  PosedMesh posed;
+  const BoundShader& shader = state.request.vertex_shader;
+  const bool morph = VertexShaderId(shader.id) == VertexShaderId::kMorph;
+  if (!morph && VertexShaderId(shader.id) != VertexShaderId::kSkin) return posed;
+  const ShaderCall& call = state.request.request.vertex_shader;
+  const auto error = [&](const absl::Status& why) {
+    return absl::Status(why.code(),
+                        absl::StrCat("vertex shader '", shader.info->name, "': ", std::string(why.message())));
+  };
+  PoseQuery query;
+  query.nodes = !morph;
+  const std::vector<double>*animation = Given(call, "animation"), *time = Given(call, "time");
+  const std::vector<double>* weights = Given(call, "weights");
+  if (animation != nullptr || time != nullptr) query.animation = animation == nullptr ? 0u : uint32_t(animation->at(0));
+  if (time != nullptr) query.time = time->at(0);
+  if (weights != nullptr) query.weights = *weights;
+  if (query.animation && query.weights) {
+    return error(absl::InvalidArgumentError("weights are given either by `weights` or by an animation, not by both"));
+  }
+  const double dt = shader.params.value[0];
+  if (dt > 0 && !query.animation) return error(absl::InvalidArgumentError("dt needs a time"));
+  if (!query.animation && !query.weights) return posed;
+  const Rig empty;
+  const Rig& rig = state.mesh.rig == nullptr ? empty : *state.mesh.rig;
+  auto pose = EvaluatePose(rig, query);
+  if (!pose.ok()) return error(pose.status());
+  posed.pose = *std::move(pose);
+  if (dt > 0) {
+    query.time += dt;
+    auto later = EvaluatePose(rig, query);
+    if (!later.ok()) return error(later.status());
+    posed.later = *std::move(later);
+  }
+  posed.targets.resize(rig.parts.size());
+  for (size_t i = 0; i < rig.parts.size(); ++i) {
+    PosedPartView view;
+    view.rest = RestView(*rig.parts[i].primitive, posed.targets[i]);
+    view.pose = posed.pose->parts[i];
+    view.later = posed.later == nullptr ? view.pose : posed.later->parts[i];
+    posed.parts.push_back(view);
+  }
+  return posed;
+}
+
+VertexWork WorkOf(const RunState& state, const PosedMesh& posed) {
+  const auto id = VertexShaderId(state.request.vertex_shader.id);
+  const bool poses = id == VertexShaderId::kMorph || id == VertexShaderId::kSkin;
+  VertexWork work;
+  work.places = id != VertexShaderId::kIdentity && !(poses && posed.parts.empty());
+  work.moves = GivesVelocities(state.request);
+  return work;
+}
+
+absl::Status ShadeVertices(RunState& state) {
+  const BoundShader& shader = state.request.vertex_shader;
+  const auto id = VertexShaderId(shader.id);
+  absl::StatusOr<PosedMesh> posed = MakePose(state);
+  if (!posed.ok()) return posed.status();
+  const VertexWork work = WorkOf(state, *posed);
+  const bool same = !work.places, moves = work.moves;
+  if (!work.any()) return absl::OkStatus();
+  const TriangleMesh& mesh = state.mesh;
+  if (!same) {
+    state.shaded_positions.resize(mesh.positions.size());
+    state.shaded_normals.resize(mesh.normals.size());
+    state.shaded_tangents.resize(mesh.tangents.size());
+  }
+  if (moves) state.velocities.resize(mesh.positions.size());
+  absl::Status s = ParallelChunks(int64_t(mesh.positions.size()), kGrain, state.job, [&](int64_t begin, int64_t end) {
+    size_t part = 0;
+    for (int64_t i = begin; i < end; ++i) {
+      const uint64_t v = uint64_t(i);
+      VertexInput in;
+      in.flat.position = mesh.positions[v];
+      if (!mesh.normals.empty()) in.flat.normal = mesh.normals[v];
+      if (!mesh.tangents.empty()) in.flat.tangent = mesh.tangents[v];
+      if (!posed->parts.empty()) {
+        while (v >= mesh.parts[part].first_vertex + mesh.parts[part].vertex_count) ++part;
+        in.posed = &posed->parts[part];
+        in.vertex = v - mesh.parts[part].first_vertex;
+      }
+      const ShadedVertex out = ShadeVertex(id, in, shader.params);
+      if (moves) state.velocities[v] = {float(out.velocity.x), float(out.velocity.y), float(out.velocity.z)};
+      if (same) continue;
+      state.shaded_positions[v] = out.position;
+      if (!mesh.normals.empty()) state.shaded_normals[v] = out.normal;
+      if (!mesh.tangents.empty()) state.shaded_tangents[v] = out.tangent;
+    }
+  });
+  if (moves) state.view.velocities = state.velocities.data();
+  if (same) return s;
+  state.view.positions = state.shaded_positions.data();
+  if (!mesh.normals.empty()) state.view.normals = state.shaded_normals.data();
+  if (!mesh.tangents.empty()) state.view.tangents = state.shaded_tangents.data();
+  return s;
+}
+
+absl::StatusOr<MeshExtent> MeasureMesh(const RunState& state) {
   const MeshView& view = state.view;
   MeshExtent extent;
   if (!FewUnused(state.mesh) || !BoundsByVertices(state, extent.box)) {
@@ -309,6 +307,12 @@ absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
                         state.shaded_tangents.size() * sizeof(Vec4f) + state.velocities.size() * sizeof(Vec3f);
   if (state.request.request.result != ResultKind::kDense) MeasureSurface(view, extent);
   return extent;
+}
+
+absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
+  MakeViews(state);
+  if (absl::Status s = ShadeVertices(state); !s.ok()) return s;
+  return MeasureMesh(state);
 }
 
 }  // namespace voxelpipe::cpu

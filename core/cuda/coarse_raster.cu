@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "absl/strings/str_cat.h"
+#include "cpu/vertex_shade.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
 #include "cuda/vertex_code.cuh"
@@ -112,11 +113,12 @@ bool InReach(const Vec3d& p) {
 
 // The box of the mesh is monotone in index space, so its corners say whether any vertex is out of reach. Which one is looked
 // for on the host: it ends the run.
-absl::Status CheckReach(const RunState& state, const GridSpec& grid) {
+absl::Status CheckReach(RunState& state, const GridSpec& grid) {
   const auto place = [&](const Vec3d& p) { return WorldToIndex(grid.origin, grid.voxel_size, p); };
   if (state.host.view.triangle_count == 0 || (InReach(place(state.box.min)) && InReach(place(state.box.max)))) {
     return absl::OkStatus();
   }
+  if (state.shaded_there) VOXELPIPE_OK_OR_RETURN(cpu::ShadeVertices(state.host));
   uint32_t bad = UINT32_MAX;
   const MeshView& mesh = state.host.view;
   for (uint64_t t = 0; t < mesh.triangle_count; ++t) {

@@ -92,7 +92,8 @@ absl::Status Launch(const RunState& state, FineArgs& args) {
 
 bool IsUniform(const RunState& state, const CudaTarget& target) {
   if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
-  const MeshView& mesh = state.host.view;
+  MeshView mesh = state.host.view;
+  mesh.velocities = state.mesh.host_view.velocities;  // shaders ask only whether there are any
   for (uint32_t i = 0; i < mesh.part_count; ++i) {
     FragmentInput in;
     in.mesh = &mesh;

@@ -99,9 +99,9 @@ uint64_t MostBytes(int ordinal) {
 
 }  // namespace
 
-absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, const std::string& key, const void* from,
-                                                                uint64_t bytes, cudaStream_t stream,
-                                                                std::vector<PinnedBuffer>& staged) {
+absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const std::string& key, uint64_t bytes,
+                                                              cudaStream_t stream,
+                                                              const std::function<absl::Status(uint8_t*)>& make) {
   Cache& cache = CacheOf(ordinal);
   if (std::shared_ptr<const CachedArray> found = cache.Find(key, bytes)) {
     VOXELPIPE_CUDA_OR_RETURN(cudaStreamWaitEvent(stream, found->ready_, 0));
@@ -109,13 +109,20 @@ absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, con
   }
   auto made = std::make_shared<CachedArray>();
   VOXELPIPE_OK_OR_RETURN(made->array_.Resize(bytes, stream));
-  VOXELPIPE_OK_OR_RETURN(StagedCopy(made->array_.data(), from, bytes, stream, staged));
+  VOXELPIPE_OK_OR_RETURN(make(made->array_.data()));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventCreateWithFlags(&made->ready_, cudaEventDisableTiming));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventRecord(made->ready_, stream));
   CountMeshUpload(ordinal, bytes);
   const uint64_t most = MostBytes(ordinal);
   if (bytes <= most) cache.Keep(key, made, most);
   return std::shared_ptr<const CachedArray>(std::move(made));
+}
+
+absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, const std::string& key, const void* from,
+                                                                uint64_t bytes, cudaStream_t stream,
+                                                                std::vector<PinnedBuffer>& staged) {
+  return CachedMade(ordinal, key, bytes, stream,
+                    [&](uint8_t* there) { return StagedCopy(there, from, bytes, stream, staged); });
 }
 
 void SetMeshCacheBytes(uint64_t bytes) {

@@ -7,6 +7,7 @@
 #include <cuda_runtime_api.h>
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -30,16 +31,20 @@ class CachedArray {
   uint64_t bytes() const { return array_.size(); }
 
  private:
-  friend absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, const std::string& key,
-                                                                         const void* from, uint64_t bytes,
-                                                                         cudaStream_t stream,
-                                                                         std::vector<PinnedBuffer>& staged);
+  friend absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(
+      int ordinal, const std::string& key, uint64_t bytes, cudaStream_t stream,
+      const std::function<absl::Status(uint8_t*)>& make);
   DeviceArray<uint8_t> array_;
   cudaEvent_t ready_ = nullptr;  // when the upload is done
 };
 
-// The array that `key` names on the device, which is the current one; uploaded from the host where it is not there. Work given to
-// `stream` afterwards finds it. What stands in `staged` must live until the stream's work is done, and so must the returned pointer.
+// The array that `key` names on the device, which is the current one; where it is not there, `make` gives `stream` the copies that make it
+// from the host. Work given to `stream` afterwards finds it. The returned pointer must live until that work is done.
+absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const std::string& key, uint64_t bytes,
+                                                              cudaStream_t stream,
+                                                              const std::function<absl::Status(uint8_t*)>& make);
+
+// The same for one array of the host. What stands in `staged` must live until the stream's work is done, and so must the returned pointer.
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, const std::string& key, const void* from,
                                                                 uint64_t bytes, cudaStream_t stream,
                                                                 std::vector<PinnedBuffer>& staged);

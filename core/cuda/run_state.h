@@ -86,9 +86,10 @@ struct RunState {
   std::vector<std::shared_ptr<const CachedArray>> cached;
 
   // VertexShade
-  cpu::RunState host;  // vertices are shaded and the mesh's box is found on the host
+  cpu::RunState host;  // its view shows the mesh before the vertex shader
   DeviceMesh mesh;
-  Box3d box;  // of the vertices that triangles use, world space
+  Box3d box;                  // of the vertices that triangles use, world space
+  bool shaded_there = false;  // the shader placed vertices, and the host does not know where
 
   // CoarseRaster, TileSort: of the whole grid
   GridSpec grid;
@@ -177,9 +178,6 @@ absl::Status EnsureCounters(RunState& state);
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
 // Copies all counters to the host. Synchronizes with the stream.
 absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state);
-
-// Uploads what the stages need of the mesh shaded on the host.
-absl::Status UploadMesh(RunState& state);
 
 // The stages; see pipeline/stages.h for what each does.
 absl::StatusOr<MeshExtent> VertexShade(RunState& state);

@@ -1,13 +1,15 @@
 // Vertex shading and the mesh's way to the device.
 //
-// Vertices are shaded by the host's stage, which also finds the box and names bad vertices: a vertex shader runs once a vertex, and
-// poses are made of host data. The device gets the shaded arrays.
+// The device shades: it gets the arrays as Flatten left them, or keeps them, and the shader's parameters. Poses are evaluated on the host,
+// which has libm; what they move is there too (pose_upload.cpp). The host shades where something is wrong with the result, to say which
+// vertex, and of small meshes that no shader changes it finds the box sooner.
+#include <optional>
 #include <string>
 
 #include "absl/strings/str_cat.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/mesh_uploads.h"
-#include "cuda/run_state.h"
+#include "cuda/vertex_shade.h"
 #include "mesh/content_id.h"
 #include "shaders/mips.h"
 
@@ -85,31 +87,42 @@ bool AnyShading(const BoundRequest& request) {
   return false;
 }
 
-}  // namespace
+// Whether positions depend on normals or tangents.
+bool PositionsNeedNormals(VertexShaderId id) {
+  switch (id) {
+    case VertexShaderId::kDisplaceAlongNormal: return true;
+    case VertexShaderId::kIdentity:
+    case VertexShaderId::kTransform:
+    case VertexShaderId::kMorph:
+    case VertexShaderId::kSkin: return false;
+  }
+  return true;
+}
 
-absl::Status UploadMesh(RunState& state) {
+// What of the mesh's own arrays the stages, or the vertex shader on the device, read.
+struct Wanted {
+  bool positions = true, normals = false, tangents = false;
+};
+
+absl::Status UploadMesh(RunState& state, const Wanted& wanted) {
   const MeshView& host = state.host.view;
   DeviceMesh& mesh = state.mesh;
   const bool shading = AnyShading(state.request);
   mesh.host_view = host;
   const uint64_t n = host.vertex_count;
-  const TriangleMesh& own = state.host.mesh;
   MeshView& there = mesh.host_view;
-  const auto upload = [&](bool wanted, bool kept, const char* part, const auto* from, uint64_t count, auto& to,
-                          auto& view) { return UploadIf(state, wanted, kept, part, from, count, to, view); };
-  const auto is_own = [](const auto* shaded, const auto& array) { return shaded == array.data(); };
+  const auto upload = [&](bool wants, bool kept, const char* part, const auto* from, uint64_t count, auto& to,
+                          auto& view) { return UploadIf(state, wants, kept, part, from, count, to, view); };
   // Of a mesh that was moved all else may be there.
-  const bool kept_positions = is_own(host.positions, own.positions) && SharedArraysOf(own.content_id).positions;
-  VOXELPIPE_OK_OR_RETURN(upload(true, kept_positions, "positions", host.positions, n, mesh.positions, there.positions));
+  const bool kept_positions = SharedArraysOf(state.host.mesh.content_id).positions;
+  VOXELPIPE_OK_OR_RETURN(
+      upload(wanted.positions, kept_positions, "positions", host.positions, n, mesh.positions, there.positions));
   const uint32_t* triangles = nullptr;
   VOXELPIPE_OK_OR_RETURN(upload(true, true, "triangles", host.triangles == nullptr ? nullptr : &host.triangles[0][0],
                                 host.triangle_count * 3, mesh.triangles, triangles));
   there.triangles = reinterpret_cast<const uint32_t(*)[3]>(triangles);
-  VOXELPIPE_OK_OR_RETURN(
-      upload(shading, is_own(host.normals, own.normals), "normals", host.normals, n, mesh.normals, there.normals));
-  VOXELPIPE_OK_OR_RETURN(upload(shading, is_own(host.tangents, own.tangents), "tangents", host.tangents, n,
-                                mesh.tangents, there.tangents));
-  VOXELPIPE_OK_OR_RETURN(upload(shading, false, "velocities", host.velocities, n, mesh.velocities, there.velocities));
+  VOXELPIPE_OK_OR_RETURN(upload(wanted.normals, true, "normals", host.normals, n, mesh.normals, there.normals));
+  VOXELPIPE_OK_OR_RETURN(upload(wanted.tangents, true, "tangents", host.tangents, n, mesh.tangents, there.tangents));
   VOXELPIPE_OK_OR_RETURN(upload(shading, true, "colors", host.colors, n, mesh.colors, there.colors));
   VOXELPIPE_OK_OR_RETURN(upload(shading, true, "uv0", host.uv[0], n, mesh.uv[0], there.uv[0]));
   VOXELPIPE_OK_OR_RETURN(upload(shading, true, "uv1", host.uv[1], n, mesh.uv[1], there.uv[1]));
@@ -125,12 +138,96 @@ absl::Status UploadMesh(RunState& state) {
   return absl::OkStatus();
 }
 
+// Room for what the shader makes of an array: that of the upload, or one beside what the device keeps.
+template <typename T>
+absl::Status MakeRoom(const RunState& state, DeviceArray<T>& to, T*& shaded) {
+  VOXELPIPE_OK_OR_RETURN(to.Resize(state.host.view.vertex_count, state.stream));
+  shaded = to.data();
+  return absl::OkStatus();
+}
+
+// Uploads the mesh, if it is not there, and runs the vertex shader on it. Out: bytes that the shader made.
+absl::StatusOr<uint64_t> ShadeOnDevice(RunState& state, const cpu::PosedMesh& posed, const cpu::VertexWork& work) {
+  const MeshView& host = state.host.view;
+  const auto shader = VertexShaderId(state.request.vertex_shader.id);
+  const bool shading = AnyShading(state.request), poses = !posed.parts.empty();
+  Wanted wanted;
+  wanted.positions = !poses;
+  wanted.normals = wanted.tangents = !poses && (shading || (work.places && PositionsNeedNormals(shader)));
+  VOXELPIPE_OK_OR_RETURN(UploadMesh(state, wanted));
+  DeviceMesh& mesh = state.mesh;
+  MeshView& there = mesh.host_view;
+  const bool moves = work.moves && shading;
+  if (!work.places && !moves) return 0;
+  VertexArgs args;
+  args.params = state.request.vertex_shader.params;
+  args.count = host.vertex_count;
+  args.positions = there.positions;
+  args.normals = there.normals;
+  args.tangents = there.tangents;
+  DevicePose pose;
+  if (poses) VOXELPIPE_OK_OR_RETURN(UploadPose(state, posed, pose, args));
+  if (work.places) {
+    VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.positions, args.shaded_positions));
+    if (shading && host.normals != nullptr) {
+      VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.normals, args.shaded_normals));
+    }
+    if (shading && host.tangents != nullptr) {
+      VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.tangents, args.shaded_tangents));
+    }
+    there.positions = args.shaded_positions;
+    there.normals = args.shaded_normals;
+    there.tangents = args.shaded_tangents;
+  }
+  if (moves) VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.velocities, args.velocities));
+  there.velocities = args.velocities;
+  VOXELPIPE_OK_OR_RETURN(RunVertexShader(state, shader, args));
+  if (!shading) {  // they were the shader's only
+    mesh.normals.Free();
+    mesh.tangents.Free();
+  }
+  return (work.places ? mesh.positions.bytes() + mesh.normals.bytes() + mesh.tangents.bytes() : 0) +
+         mesh.velocities.bytes();
+}
+
+// Below so many triangles the host finds the box sooner than the device answers.
+constexpr uint64_t kLeastMeasured = 1 << 16;
+
+}  // namespace
+
 absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
-  absl::StatusOr<MeshExtent> extent = cpu::VertexShade(state.host);
+  cpu::RunState& host = state.host;
+  cpu::MakeViews(host);
+  absl::StatusOr<cpu::PosedMesh> posed = cpu::MakePose(host);
+  if (!posed.ok()) return posed.status();
+  const cpu::VertexWork work = cpu::WorkOf(host, *posed);
+  const bool empty = host.view.triangle_count == 0;
+  if (empty || (!work.places && host.view.triangle_count < kLeastMeasured)) {
+    // Nothing is placed anew, so the box is that of the mesh as it is.
+    absl::StatusOr<MeshExtent> extent = cpu::MeasureMesh(host);
+    if (!extent.ok()) return extent.status();
+    state.box = extent->box;
+    const absl::StatusOr<uint64_t> made = ShadeOnDevice(state, *posed, work);
+    if (!made.ok()) return made.status();
+    extent->shaded_bytes = *made;
+    return extent;
+  }
+  const absl::StatusOr<uint64_t> made = ShadeOnDevice(state, *posed, work);
+  if (!made.ok()) return made.status();
+  state.shaded_there = work.places;
+  const absl::StatusOr<std::optional<MeshExtent>> extent = MeasureOnDevice(state);
   if (!extent.ok()) return extent.status();
-  state.box = extent->box;
-  VOXELPIPE_OK_OR_RETURN(UploadMesh(state));
-  return extent;
+  if (*extent) {
+    MeshExtent measured = **extent;
+    measured.shaded_bytes = *made;
+    state.box = measured.box;
+    return measured;
+  }
+  VOXELPIPE_OK_OR_RETURN(cpu::ShadeVertices(host));
+  absl::StatusOr<MeshExtent> named = cpu::MeasureMesh(host);
+  return named.ok()
+             ? absl::InternalError("vertex shading: the device made a vertex that is not finite, the host did not")
+             : named;
 }
 
 }  // namespace voxelpipe::cuda

@@ -103,6 +103,11 @@ std::vector<BenchRow> WholeCallRows() {
     bricks.result = ResultKind::kSparse;
     rows.Add(mesh, "bit sparse", 1024, 0, 0, bricks);
     rows.Add(mesh, "f32 max sparse", 1024, 0, 0, Floats(1, Blend::kMax, ResultKind::kSparse));
+    VoxelizeRequest displaced = Bits(Coverage::kConservative);
+    displaced.vertex_shader = {"displace_along_normal", {{"distance", {-0.01}}}};
+    rows.Add(mesh, "bit dense, displaced", 512, 0, 0, displaced);
+    displaced.result = ResultKind::kSparse;
+    rows.Add(mesh, "bit sparse, displaced", 512, 0, 0, displaced);
   }
   return rows.Take();
 }

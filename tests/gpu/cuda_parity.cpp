@@ -120,9 +120,19 @@ class Parity {
       for (Vec3d& p : moved->positions) p = Vec3d{p.x, p.y * (1 + 0.25 * frame), p.z + 0.125 * frame * p.x};
       const std::string name = absl::StrCat(named.name, "_moved", frame);
       if (!RunMesh({name, named.extent, {}}, *moved, cases, 1)) return false;
-      CheckUpload(name, *moved);
+      CheckUpload(name, *moved, {}, moved->positions.size() * sizeof(Vec3d));
       if (options_.filter.empty() && !options_.list) batches.Add(name, moved, cases, 1);
     }
+    return true;
+  }
+
+  // Every vertex shader on the mesh, then on one that the device keeps: once it was there, poses and parameters alone go up.
+  bool RunVertexShaders(const ParityMesh& named, TriangleMesh mesh) {
+    const std::vector<ParityCase> cases = VertexShaderCases(named, mesh);
+    if (!RunMesh({named.name + "_shaded", named.extent, {}}, mesh, cases, 1)) return false;
+    mesh.content_id = "shaded " + named.name;
+    if (!RunMesh({named.name + "_shaded_kept", named.extent, {}}, mesh, cases, 1)) return false;
+    for (const ParityCase& c : cases) CheckUpload(named.name + "_shaded_kept " + Describe(c), mesh, c, 0);
     return true;
   }
 
@@ -178,20 +188,20 @@ class Parity {
     return false;
   }
 
-  void CheckUpload(const std::string& name, const TriangleMesh& mesh) {
+  // Whether another run uploads `bytes` of the mesh, but for its small parts.
+  void CheckUpload(const std::string& name, const TriangleMesh& mesh, ParityCase c, uint64_t bytes) {
 #ifdef VOXELPIPE_HAVE_CUDA
     if (options_.self || options_.list || !options_.filter.empty()) return;
-    ParityCase c;
     c.request.backend = BackendChoice::kCuda;
     const uint64_t before = cuda::MeshUploadedBytes(0);
     const auto result = Voxelize(mesh, c.request, JobContext());
     const uint64_t uploaded = cuda::MeshUploadedBytes(0) - before;
-    const uint64_t positions = mesh.positions.size() * sizeof(Vec3d), small_parts = 64 * (1 + mesh.parts.size());
-    if (!result.ok() || uploaded < positions || uploaded > positions + small_parts) {
-      Differ(c, name, absl::StrCat(uploaded, " bytes of the mesh went up, its positions have ", positions));
+    const uint64_t small_parts = 64 * (1 + mesh.parts.size()) + 256 * (1 + mesh.materials.size());
+    if (!result.ok() || uploaded < bytes || uploaded > bytes + small_parts) {
+      Differ(c, name, absl::StrCat(uploaded, " bytes of the mesh went up, not ", bytes));
     }
 #else
-    (void)name, (void)mesh;
+    (void)name, (void)mesh, (void)c, (void)bytes;
 #endif
   }
 
@@ -322,14 +332,17 @@ void RunAll(Parity& parity, BatchParity& batches, const Options& options) {
     const bool first = number <= 3;  // those with attributes
     const bool small =
         number == 1 || named.name == "pile_in_a_voxel" || named.name == "giants" || named.name == "point";
+    const bool rigged = named.name == "rigged";
+    if (options.quick && rigged && !parity.RunVertexShaders(named, named.make())) return;
     if (options.quick && !small) continue;
     const auto made = std::make_shared<const TriangleMesh>(named.make());
     const TriangleMesh& mesh = *made;
     const bool large = mesh.triangles.size() > 10'000;
-    const CaseSizes sizes{first ? 300 : large ? 16 : 32, !named.refusable, first};
+    const CaseSizes sizes{first ? 300 : rigged ? 96 : large ? 16 : 32, !named.refusable, first};
     const auto cases = options.quick ? QuickCases(named) : CasesFor(named, mesh, sizes, options.seed + 100 * number);
     if (!parity.RunMesh(named, mesh, cases, options.quick ? 1 : 0)) return;
     if (number == 1 && !parity.RunMoved(named, mesh, QuickCases(named), batches)) return;
+    if (rigged && !parity.RunVertexShaders(named, mesh)) return;
     if (in_batches && !large) batches.Add(named.name, made, cases, options.quick ? 1 : 8);
   }
   batches.Flush();

@@ -145,6 +145,14 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
 
+TEST(NvrtcTest, CompilesTheVertexShadersAndTheMeasureOfTheSurface) {
+  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/vertex_kernels.cuh\"\n",
+                                    {"voxelpipe::cuda::ShadeVertices<1>", "voxelpipe::cuda::ShadeVertices<4>",
+                                     "voxelpipe::cuda::MeasureTriangles<true>", "voxelpipe::cuda::JoinSurfaces"});
+  EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
+  EXPECT_GT(compiled.cubin.size(), 1000u);
+}
+
 TEST(NvrtcTest, RefusesHeadersOfTheHost) {
   EXPECT_NE(Compile("#include <vector>\n#include \"base/vec.h\"\n", {}).result, NVRTC_SUCCESS);
   EXPECT_NE(Compile("#include \"mesh/triangle_mesh.h\"\n", {}).result, NVRTC_SUCCESS);

@@ -370,4 +370,47 @@ std::vector<ParityCase> QuickCases(const ParityMesh& named) {
   return cases;
 }
 
+std::vector<ParityCase> VertexShaderCases(const ParityMesh& named, const TriangleMesh& mesh) {
+  std::vector<ShaderCall> calls(5);
+  calls[0] = {"identity", {}};
+  calls[0].parameters["linear_velocity"] = {1, -2, 0.5};
+  calls[1] = {"transform", {}};
+  calls[1].parameters["matrix"] = {0.9, 0.1, 0, 2, -0.1, 1.1, 0.05, 0.25, 0, 0.2, -0.8, 31, 0, 0, 0, 1};  // mirrors
+  calls[1].parameters["matrix_previous"] = {1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, -1, 30, 0, 0, 0, 1};
+  calls[1].parameters["dt"] = {0.125};
+  calls[2] = {"displace_along_normal", {}};
+  calls[2].parameters["distance"] = {0.75};
+  calls[3] = {"morph", {}};
+  calls[4] = {"skin", {}};
+  for (ShaderCall* call : {&calls[3], &calls[4]}) {
+    call->parameters["animation"] = {0};
+    call->parameters["time"] = {0.8};
+    call->parameters["dt"] = {0.0625};
+  }
+  if (mesh.rig == nullptr) calls.resize(3);
+  std::vector<TargetSpec> all;
+  for (const char* shader : {"position", "normal", "tangent", "velocity"}) {
+    all.emplace_back();
+    all.back().format = VoxelFormat::kF32;
+    all.back().components = 4;
+    all.back().blend = Blend::kAdd;
+    all.back().shader = {shader, {}};
+  }
+  std::vector<ParityCase> cases;
+  for (const ShaderCall& call : calls) {
+    for (const ResultKind kind : kKinds) {
+      ParityCase c;
+      const auto n = int64_t(named.extent / 2);
+      c.request.grid = Placed({n, n, n}, {0, 0, 0}, {2, 2, 2});
+      c.request.result = kind;
+      c.request.coverage = kCoverages[cases.size() / 2 % 2];
+      c.request.vertex_shader = call;
+      cases.push_back(c);
+      c.request.targets = all;
+      cases.push_back(c);
+    }
+  }
+  return cases;
+}
+
 }  // namespace voxelpipe::gpu

@@ -35,5 +35,7 @@ std::vector<ParityCase> CasesFor(const ParityMesh& named, const TriangleMesh& me
                                  uint32_t seed);
 // Each kernel once or twice, so small that it runs under a sanitizer.
 std::vector<ParityCase> QuickCases(const ParityMesh& named);
+// Every vertex shader that the mesh has what it needs for, under each result kind: positions alone, and all that fragment shaders read.
+std::vector<ParityCase> VertexShaderCases(const ParityMesh& named, const TriangleMesh& mesh);
 
 }  // namespace voxelpipe::gpu

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "bench/meshes.h"
+#include "gpu/rigged_mesh.h"
 #include "load/image.h"
 #include "support/meshes.h"
 
@@ -234,6 +235,7 @@ std::vector<ParityMesh> ParityMeshes(uint32_t seed) {
   add("nothing", 10, [] { return TriangleMesh(); });
   add("outside", 20, [] { return Moved(testing::BumpySphere(8, 2), 5, {70, -30, 10}); });
   add("touching_from_outside", 24, [] { return Moved(testing::Cube(6), 1, {24, 24, 24}); });
+  add("rigged", 40, [=] { return RiggedMesh(seed + 15); });
   const double infinity = std::numeric_limits<double>::infinity();
   all.push_back({"infinite_vertex", 20, [=] { return One({1, 2, 3}, {infinity, 2, 5}, {9, 1, 5}); }, true});
   all.push_back({"far_vertex", 20, [] { return One({1, 2, 3}, {0x1p41, 2, 5}, {9, 1, 5}); }, true});

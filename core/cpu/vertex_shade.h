@@ -1,0 +1,39 @@
+// The parts of vertex shading, for a backend that shades elsewhere.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "cpu/run_state.h"
+#include "mesh/pose.h"
+
+namespace voxelpipe::cpu {
+
+// Sets state.view, and the lists that it shows, to the mesh before its vertex shader. Once a run.
+void MakeViews(RunState& state);
+
+// The parts of the mesh in the pose that `morph` or `skin` asks for; views point into the members and the mesh.
+struct PosedMesh {
+  std::unique_ptr<Pose> pose, later;
+  std::vector<std::vector<MorphTargetView>> targets;
+  std::vector<PosedPartView> parts;  // empty: the file's own pose; otherwise one a part of the mesh
+};
+// INVALID_ARGUMENT naming the shader for a pose that the file cannot take.
+absl::StatusOr<PosedMesh> MakePose(const RunState& state);
+
+// What the vertex shader makes anew.
+struct VertexWork {
+  bool places = false;  // positions, normals, tangents
+  bool moves = false;   // velocities
+  bool any() const { return places || moves; }
+};
+VertexWork WorkOf(const RunState& state, const PosedMesh& posed);
+
+// Runs the vertex shader on the host; state.view then shows what it made.
+absl::Status ShadeVertices(RunState& state);
+
+// The extent of the mesh as state.view shows it. INVALID_ARGUMENT naming the first vertex of a triangle that is not finite.
+absl::StatusOr<MeshExtent> MeasureMesh(const RunState& state);
+
+}  // namespace voxelpipe::cpu
