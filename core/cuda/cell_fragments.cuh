@@ -4,6 +4,7 @@
 
 #include "cuda/cell_walk.cuh"
 #include "cuda/span_kernels.cuh"
+#include "cuda/warp_sum.cuh"
 
 namespace voxelpipe::cuda {
 
@@ -208,7 +209,7 @@ class FragmentCounter {
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
     const LanesOfPut put = LookAtPut(t, x_begin, x_end);
     if (put.leader < 0) return;
-    const uint32_t all = __reduce_add_sync(~0u, put.count);
+    const uint32_t all = WarpSum(put.count);
     if (!put.one_triangle) {
       if (put.count > 0) Add(t, put.count);
     } else if (int(threadIdx.x % 32) == put.leader) {
@@ -330,7 +331,7 @@ __global__ void __launch_bounds__(kChunkThreads) CountHeads(const __grid_constan
   __shared__ uint32_t sums[kChunkThreads / 32];
   uint32_t key[kKeysOfThread];
   const uint64_t begin = uint64_t(blockIdx.x) * kKeysOfChunk + uint64_t(threadIdx.x) * kKeysOfThread;
-  uint32_t sum = __reduce_add_sync(~0u, uint32_t(__popc(FindHeads(args, begin, key))));
+  uint32_t sum = WarpSum(uint32_t(__popc(FindHeads(args, begin, key))));
   if (threadIdx.x % 32 == 0) sums[threadIdx.x / 32] = sum;
   __syncthreads();
   if (threadIdx.x > 0) return;

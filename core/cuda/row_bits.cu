@@ -207,14 +207,14 @@ int BlocksAtOnce(const DeviceInfo& device) {
   });
 }
 
-// Whether kernels can begin before the one before them has ended.
+// Whether kernels can begin before the one before them has ended: only where they were compiled for an architecture that lets them wait.
+// A device that can may run code of an older one.
 bool BeginsEarly(const DeviceInfo& device) {
   static std::array<std::atomic<int>, 64> known{};
   return OfDevice(known, device, [&] {
-           int major = 0;
-           if (cudaDeviceGetAttribute(&major, cudaDevAttrComputeCapabilityMajor, device.ordinal) != cudaSuccess)
-             major = 0;
-           return major >= 9 ? 1 : 0;
+           cudaFuncAttributes compiled{};
+           if (cudaFuncGetAttributes(&compiled, LayerKernel) != cudaSuccess) (void)cudaGetLastError();
+           return compiled.ptxVersion >= 90 ? 1 : 0;
          }) != 0;
 }
 
