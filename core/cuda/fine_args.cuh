@@ -9,6 +9,31 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kFineThreads = 256;
 
+// A tile with very many pairs is split into parts of `pairs` each (tile_parts.cuh); one of fewer than kPartsSplit parts is not.
+inline constexpr uint32_t kPartsSplit = 3, kPartsJoined = 8;
+inline constexpr uint32_t kLeastPartPairs = 1024, kMostParts = 1024;  // of a grid; the last ones of tiles come on top
+
+// As long as no tile has more parts than this many levels of kPartsJoined can join.
+inline constexpr uint32_t kPartLevels = 4;
+
+VOXELPIPE_HD uint32_t PartsOf(uint32_t pairs_of_tile, uint32_t pairs) {
+  const uint32_t parts = (pairs_of_tile + pairs - 1) / pairs;
+  return parts < kPartsSplit ? 1 : parts;
+}
+
+struct TilePart {
+  uint32_t slot = 0, part = 0;  // of which occupied tile which one; a tile's parts stand together, in order
+};
+
+struct TileParts {
+  const TilePart* list = nullptr;  // null: no tile is split
+  const uint64_t* count = nullptr;
+  uint32_t pairs = 0;           // of a part
+  uint32_t capacity = 0;        // at least as many as there are parts
+  uint32_t* results = nullptr;  // of each part: the launch's shared words, then what it touched and covered
+  uint32_t* done = nullptr;     // kPartLevels times `capacity`, all 0 between launches
+};
+
 // What one launch blends: the targets that share a tile in shared memory.
 struct FineArgs {
   GridView grid;
@@ -28,6 +53,7 @@ struct FineArgs {
   uint64_t value_stride = 0;
   uint64_t value_offset[kMostTargets] = {};
   uint64_t slab_voxels = 0;
+  TileParts parts;
   TileTarget targets[kMostTargets];
   int target_count = 0;
   int shared_words = 0;  // of the targets' tiles

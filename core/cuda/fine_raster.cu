@@ -73,11 +73,27 @@ absl::Status AllowShared(int ordinal, Kernel kernel, int bytes) {
   return absl::OkStatus();
 }
 
-absl::Status Launch(const RunState& state, FineArgs& args) {
+// Room for the parts of split tiles.
+absl::Status PlaceParts(RunState& state, FineArgs& args) {
+  if (state.tile_parts.empty()) return absl::OkStatus();
+  args.parts.list = state.tile_parts.data();
+  args.parts.count = state.counters.data() + kParts;
+  args.parts.pairs = state.part_pairs;
+  args.parts.capacity = uint32_t(state.tile_parts.size());
+  const uint64_t words = uint64_t(args.shared_words) + 2 * kTileRows;
+  VOXELPIPE_OK_OR_RETURN(
+      state.part_results.Resize(std::max(state.part_results.size(), words * state.tile_parts.size()), state.stream));
+  args.parts.results = state.part_results.data();
+  args.parts.done = state.parts_done.data();
+  return absl::OkStatus();
+}
+
+absl::Status Launch(RunState& state, FineArgs& args) {
   const auto kernel = args.uniform ? FineUniformKernel : args.shades ? FineRasterKernel<true> : FineRasterKernel<false>;
   const int threads = args.uniform ? UniformThreads(state) : kFineThreads;
   int shared = (SharedBytes(args) + 15) / 16 * 16;
   args.shared_words = shared / 4;
+  VOXELPIPE_OK_OR_RETURN(PlaceParts(state, args));
   if (args.uniform) shared += threads / 32 * kUniformWarpBytes;
   VOXELPIPE_OK_OR_RETURN(AllowShared(state.device.ordinal, kernel, shared));
   int resident = 1;

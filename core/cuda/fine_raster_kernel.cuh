@@ -7,6 +7,7 @@
 #include "cuda/fine_args.cuh"
 #include "cuda/row_walk.cuh"
 #include "cuda/tile_blend.cuh"
+#include "cuda/tile_parts.cuh"
 #include "cuda/vertex_code.cuh"
 #include "shaders/fragment_input.h"
 
@@ -209,26 +210,26 @@ __global__ void __launch_bounds__(kFineThreads, 2) FineRasterKernel(const __grid
   __shared__ uint32_t touched[kTileRows], covered[kTileRows], queue[kFineThreads], queued;
   __shared__ uint64_t number;
   const auto thread = int(threadIdx.x);
-  const uint64_t count = *args.occupied_count;
+  const uint64_t count = *args.occupied_count + (args.parts.list == nullptr ? 0 : *args.parts.count);
   uint64_t fragments = 0;
   if (thread == 0) queued = 0;
   for (;;) {
     __syncthreads();
     if (thread == 0) number = atomicAdd(reinterpret_cast<unsigned long long*>(args.next_tile), 1ull);
     __syncthreads();
-    const uint64_t slot = number;
-    if (slot >= count) break;
-    const uint32_t tile = args.occupied_tiles[slot];
-    const VoxelRange whole = TileVoxels(args.grid.tiles, tile, args.grid.dims);
+    if (number >= count) break;
+    TileWork work;
+    if (!TakeWork(args, number, work)) continue;
+    const VoxelRange whole = TileVoxels(args.grid.tiles, work.tile, args.grid.dims);
     if (whole.begin[2] < args.grid.slab_begin || whole.begin[2] >= args.grid.slab_end) continue;
     if (thread < kTileRows) touched[thread] = covered[thread] = 0;
     for (int t = 0; t < args.target_count; ++t) BeginTile(args.targets[t], shared, thread, kFineThreads);
     __syncthreads();
     for (int pass = 0; pass < (args.has_owners ? 2 : 1); ++pass) {
-      RasterTile<kShades>(args, shared, pass, whole, args.tile_begin[tile], args.tile_end[tile], touched, covered,
-                          queue, &queued, fragments);
+      RasterTile<kShades>(args, shared, pass, whole, work.begin, work.end, touched, covered, queue, &queued, fragments);
     }
-    StoreTile(args, shared, whole, touched, covered, slot);
+    if (work.parts > 1 && !JoinParts(args, work, shared, touched, covered)) continue;
+    StoreTile(args, shared, whole, touched, covered, work.slot);
   }
   if (args.fragments == nullptr) return;
   for (int step = 16; step > 0; step /= 2) fragments += __shfl_down_sync(~0u, fragments, step);

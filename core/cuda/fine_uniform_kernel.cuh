@@ -71,16 +71,16 @@ __global__ void __launch_bounds__(kMostUniformThreads, 2) FineUniformKernel(cons
                                                        threads / 32 * kUniformSetups) +
                        warp * kUniformSetups;
   const TileTarget& target = args.targets[0];
-  const uint64_t count = *args.occupied_count;
+  const uint64_t count = *args.occupied_count + (args.parts.list == nullptr ? 0 : *args.parts.count);
   uint64_t fragments = 0;
   for (;;) {
     __syncthreads();
     if (thread == 0) number = atomicAdd(reinterpret_cast<unsigned long long*>(args.next_tile), 1ull);
     __syncthreads();
-    const uint64_t slot = number;
-    if (slot >= count) break;
-    const uint32_t tile = args.occupied_tiles[slot];
-    const VoxelRange range = TileVoxels(args.grid.tiles, tile, args.grid.dims);
+    if (number >= count) break;
+    TileWork work;
+    if (!TakeWork(args, number, work)) continue;
+    const VoxelRange range = TileVoxels(args.grid.tiles, work.tile, args.grid.dims);
     if (range.begin[2] < args.grid.slab_begin || range.begin[2] >= args.grid.slab_end) continue;
     const Box32 box_of_tile{{int(range.begin[0]), int(range.begin[1]), int(range.begin[2])},
                             {int(range.end[0]), int(range.end[1]), int(range.end[2])}};
@@ -95,10 +95,9 @@ __global__ void __launch_bounds__(kMostUniformThreads, 2) FineUniformKernel(cons
     if (thread == 0) queued = 0;
     BeginTile(target, shared, thread, threads);
     __syncthreads();
-    const uint32_t begin = args.tile_begin[tile], end = args.tile_end[tile];
-    for (uint32_t first = begin; first < end; first += uint32_t(threads)) {
+    for (uint32_t first = work.begin; first < work.end; first += uint32_t(threads)) {
       const uint32_t i = first + threadIdx.x;
-      if (i < end) {
+      if (i < work.end) {
         const uint32_t t = args.pair_triangles[i];
         const Corners corners = LoadCorners(&args.mesh->triangles[0][0], t);
         const CodedBox box = LoadBox(args.codes, corners);
@@ -149,7 +148,8 @@ __global__ void __launch_bounds__(kMostUniformThreads, 2) FineUniformKernel(cons
       if (thread == 0) queued = 0;
       __syncthreads();
     }
-    StoreTile(args, shared, range, touched, touched, slot);
+    if (work.parts > 1 && !JoinParts(args, work, shared, touched, touched)) continue;
+    StoreTile(args, shared, range, touched, touched, work.slot);
   }
   if (args.fragments == nullptr) return;
   for (int step = 16; step > 0; step /= 2) fragments += __shfl_down_sync(~0u, fragments, step);

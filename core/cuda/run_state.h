@@ -105,7 +105,10 @@ struct RunState {
   DeviceArray<uint32_t> tile_begin, tile_end;  // per tile of the grid: its pairs; valid for occupied tiles
   DeviceArray<uint32_t> occupied_tiles;        // in no order
   uint64_t occupied_count = 0;                 // how many there are; sparse results only
-  DeviceArray<uint32_t> queue[3];              // triangles that wait for another kernel of a stage
+  DeviceArray<TilePart> tile_parts;            // of tiles that are split; size 0: none can be
+  uint32_t part_pairs = 0;                     // of a part
+  DeviceArray<uint32_t> part_results, parts_done;
+  DeviceArray<uint32_t> queue[3];  // triangles that wait for another kernel of a stage
 
   // BeginSlab: what follows holds the slab's layers only
   Slab slab;
@@ -167,6 +170,7 @@ enum Counter : int {
   kChanged,     // flood: rows changed
   kSpans,       // of the list
   kRanks,       // voxels with a rank
+  kParts,       // of tiles that are split
   kScratch0,    // free for use within a stage
   kScratch1,
   kCounters

@@ -1,9 +1,10 @@
-// Pairs by tile, and where each tile's begin and end.
+// Pairs by tile, where each tile's begin and end, and the parts of tiles that have too many for one block.
 #include <cub/device/device_radix_sort.cuh>
 
 #include <algorithm>
 #include <bit>
 
+#include "cuda/launch.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
 
@@ -31,6 +32,40 @@ __global__ void __launch_bounds__(kThreads)
   if (slot != nullptr) slot[tile] = uint32_t(at);
 }
 
+// The parts of tiles that have so many pairs that they are split, an occupied tile a thread.
+__global__ void __launch_bounds__(kThreads)
+    ListParts(const uint32_t* begin, const uint32_t* end, const uint32_t* occupied, uint32_t pairs, TilePart* list,
+              uint64_t* counters) {
+  __shared__ unsigned long long room[kThreads / 32 + 1];
+  const uint64_t count = counters[kOccupied];
+  for (uint64_t first = uint64_t(blockIdx.x) * kThreads; first < count; first += uint64_t(gridDim.x) * kThreads) {
+    const uint64_t slot = first + threadIdx.x;
+    uint32_t parts = 1;
+    if (slot < count) parts = PartsOf(end[occupied[slot]] - begin[occupied[slot]], pairs);
+    if (__syncthreads_or(parts > 1) == 0) continue;
+    const uint64_t at = BlockAllocate<kThreads>(counters + kParts, parts > 1 ? parts : 0, room);
+    for (uint32_t p = 0; parts > 1 && p < parts; ++p) list[at + p] = {uint32_t(slot), p};
+  }
+}
+
+// Lists parts, where some tile may have so many.
+absl::Status SplitTiles(RunState& state, uint64_t most_tiles) {
+  const uint64_t pairs = state.pair_count;
+  state.part_pairs = uint32_t(std::max<uint64_t>(kLeastPartPairs, pairs / kMostParts));
+  if (pairs <= uint64_t{kPartsSplit - 1} * state.part_pairs) return absl::OkStatus();
+  // Whole parts, and of each split tile one that is not.
+  const uint64_t most = pairs / state.part_pairs + pairs / (uint64_t{kPartsSplit - 1} * state.part_pairs);
+  VOXELPIPE_OK_OR_RETURN(state.tile_parts.Resize(most, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.parts_done.Resize(kPartLevels * most, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.parts_done.Fill(0, state.stream));
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kParts}));
+  ListParts<<<BlocksFor(most_tiles, kThreads, 1 << 10), kThreads, 0, state.stream>>>(
+      state.tile_begin.data(), state.tile_end.data(), state.occupied_tiles.data(), state.part_pairs,
+      state.tile_parts.data(), state.counters.data());
+  VOXELPIPE_LAUNCHED_OR_RETURN("ListParts");
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::Status TileSort(RunState& state) {
@@ -43,6 +78,7 @@ absl::Status TileSort(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(state.tile_slot.Resize(tiles, state.stream));
     VOXELPIPE_OK_OR_RETURN(state.tile_slot.Fill(0xff, state.stream));
   }
+  state.tile_parts.Free();
   if (pairs == 0) return absl::OkStatus();
   cub::DoubleBuffer<uint32_t> keys(state.pair_tiles[0].data(), state.pair_tiles[1].data());
   cub::DoubleBuffer<uint32_t> values(state.pair_triangles[0].data(), state.pair_triangles[1].data());
@@ -61,6 +97,7 @@ absl::Status TileSort(RunState& state) {
       keys.Current(), pairs, state.tile_begin.data(), state.tile_end.data(), sparse ? state.tile_slot.data() : nullptr,
       state.occupied_tiles.data(), state.counters.data());
   VOXELPIPE_LAUNCHED_OR_RETURN("MarkTiles");
+  VOXELPIPE_OK_OR_RETURN(SplitTiles(state, std::min(pairs, tiles)));
   if (!sparse) return absl::OkStatus();  // only the values of sparse results take memory by the tile
   auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();

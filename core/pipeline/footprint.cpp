@@ -185,6 +185,23 @@ uint64_t MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, con
   return shaded + mesh.vertices * sizeof(Vec3d) + uint64_t(2 * sizeof(uint64_t) * counts.pairs);
 }
 
+// What is left of the parts of tiles that the CUDA backend splits (cuda/fine_args.cuh), until they are joined.
+uint64_t PartBytes(const VoxelizeRequest& request, const Counts& counts) {
+  constexpr double kLeastPairs = 1024, kMostParts = 1024,
+                   kPairsOfSplitTile = 2;  // of a part; parts; parts' pairs, more than
+  constexpr uint64_t kGroup = 100 << 10;   // targets are blended in groups of so many bytes, or alone
+  if (counts.pairs <= kPairsOfSplitTile * kLeastPairs) return 0;
+  const double parts = counts.pairs / std::max(kLeastPairs, counts.pairs / kMostParts);
+  uint64_t together = 0, largest = 0;
+  for (const TargetSpec& target : request.targets) {
+    const uint64_t component = target.blend == Blend::kAdd || target.blend == Blend::kAverage ? 8 : 4;
+    const uint64_t of_voxel = 4 + component * uint64_t(target.components);  // an owner or a count
+    together += kTileVoxels * of_voxel;
+    largest = std::max(largest, kTileVoxels * of_voxel);
+  }
+  return uint64_t(parts * (1 + 1 / kPairsOfSplitTile)) * std::min(together, std::max(kGroup, largest));
+}
+
 // What the CUDA backend lists on the device. That is the same whether a target's value is uniform over a triangle, which is not known
 // before the vertex shader ran, or not: pairs of tiles and triangles then take the place of records and spans.
 uint64_t DeviceListBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Counts& counts) {
@@ -202,6 +219,7 @@ uint64_t DeviceListBytes(const VoxelizeRequest& request, const MeshSize& mesh, c
     constexpr uint64_t kBucket = 2 * sizeof(uint64_t);  // room for as many as fragments
     return bytes + uint64_t(counts.fragments) * (kFragment + kBucket);
   }
+  bytes = std::max(bytes, mesh.triangles * kQueues + PartBytes(request, counts));  // either the one way or the other
   for (const TargetSpec& target : request.targets) {
     if (target.format == VoxelFormat::kBit) continue;
     const bool sums = target.blend == Blend::kAdd || target.blend == Blend::kAverage;

@@ -58,6 +58,19 @@ TEST(FootprintTest, RecordsAndSpansOfBlendedTargetsCount) {
   EXPECT_GT(Lists(Floats(Blend::kAdd, ResultKind::kDense), 256, Surface(kTriangles)), lists);  // sums take 8 bytes
 }
 
+TEST(FootprintTest, PartsOfSplitTilesCountWhereTheyAreMoreThanRecords) {
+  constexpr uint64_t kTriangles = 100'000;
+  VoxelizeRequest request = Floats(Blend::kAverage, ResultKind::kDense);
+  const uint64_t one = Lists(request, 32, Surface(kTriangles));
+  request.targets[0].components = 4;
+  constexpr uint64_t kTile = 2048 * (4 * 8 + 4);  // sums and a count
+  constexpr uint64_t kParts = kTriangles / 1024;
+  const uint64_t four = Lists(request, 32, Surface(kTriangles));
+  EXPECT_GT(four, one);
+  EXPECT_GE(four, kParts * kTile);
+  EXPECT_LT(four, 4 * kParts * kTile);
+}
+
 TEST(FootprintTest, SpansOfLargeTrianglesGrowWithTheSurface) {
   const VoxelizeRequest request = Floats(Blend::kMax, ResultKind::kDense);
   const uint64_t less = Lists(request, 512, Surface(2000)), more = Lists(request, 1024, Surface(2000));
