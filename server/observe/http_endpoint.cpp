@@ -1,7 +1,10 @@
 #include "observe/http_endpoint.h"
 
 #include <array>
+#include <atomic>
+#include <chrono>
 #include <string_view>
+#include <thread>
 #include <utility>
 
 #include <civetweb.h>
@@ -14,6 +17,8 @@
 namespace voxelpipe {
 namespace {
 
+// Of the end's calls.
+constexpr std::chrono::milliseconds kBetweenCalls{5};
 constexpr char kText[] = "text/plain; charset=utf-8";
 constexpr char kPrometheusText[] = "text/plain; version=0.0.4; charset=utf-8";
 
@@ -37,6 +42,14 @@ bool Split(const std::string& address, std::string& host, int& port) {
   const std::string digits = colon == std::string::npos ? address : address.substr(colon + 1);
   return !digits.empty() && digits.find_first_not_of("0123456789") == std::string::npos &&
          absl::SimpleAtoi(digits, &port) && port <= 65535 && host.find_first_of(",+ ") == std::string::npos;
+}
+
+// The same to call it at.
+bool SplitForCall(const std::string& address, std::string& host, int& port) {
+  if (!Split(address, host, port)) return false;
+  if (host.size() > 2 && host.front() == '[') host = host.substr(1, host.size() - 2);
+  if (host.empty() || host == "0.0.0.0") host = "127.0.0.1";
+  return true;
 }
 
 }  // namespace
@@ -63,7 +76,24 @@ absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(const std::str
 }
 
 HttpEndpoint::~HttpEndpoint() {
-  if (context_ != nullptr) mg_stop(context_);
+  if (context_ != nullptr) {
+    // mg_stop waits for a thread that looks up every two seconds, or when somebody connects.
+    std::atomic<bool> stopped = false;
+    std::thread caller([&] {
+      std::string host;
+      int port = 0;
+      if (!SplitForCall(address_, host, port)) return;
+      while (!stopped) {
+        std::array<char, 200> error{};
+        mg_connection* const connection = mg_connect_client(host.c_str(), port, 0, error.data(), error.size());
+        if (connection != nullptr) mg_close_connection(connection);
+        std::this_thread::sleep_for(kBetweenCalls);
+      }
+    });
+    mg_stop(context_);
+    stopped = true;
+    caller.join();
+  }
   mg_exit_library();
 }
 
@@ -99,12 +129,10 @@ int HttpEndpoint::Answer(mg_connection* connection) {
 int HttpStatusOf(const std::string& address, const std::string& path, int timeout_ms, std::string& error) {
   std::string host;
   int port = 0;
-  if (!Split(address, host, port)) {
+  if (!SplitForCall(address, host, port)) {
     error = "no HOST:PORT";
     return 0;
   }
-  if (host.size() > 2 && host.front() == '[') host = host.substr(1, host.size() - 2);
-  if (host.empty() || host == "0.0.0.0") host = "127.0.0.1";
   mg_init_library(0);
   std::array<char, 200> what{};
   int status = 0;
