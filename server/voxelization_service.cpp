@@ -4,6 +4,7 @@
 #include "calls/estimate_call.h"
 #include "calls/many_call.h"
 #include "calls/mesh_calls.h"
+#include "calls/raw_message.h"
 #include "calls/refused_call.h"
 #include "calls/voxelize_call.h"
 #include "calls/whole_call.h"
@@ -52,6 +53,23 @@ void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& respon
 
 }  // namespace
 
+template <typename Request, typename Response, typename Fill>
+grpc::ServerUnaryReactor* VoxelizationServiceImpl::Answer(grpc::CallbackServerContext* context, Rpc rpc,
+                                                          const grpc::ByteBuffer* request, grpc::ByteBuffer* response,
+                                                          Fill fill) {
+  CallRecord record(state_, *context, rpc);
+  Request in;
+  Response out;
+  absl::Status status = record.admission();
+  if (status.ok()) status = ReadMessage(OwnRequest(request), in);
+  if (status.ok()) status = fill(record, in, out);
+  if (status.ok()) WriteMessage(out, *response);
+  record.Log(status);
+  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
+  reactor->Finish(ToGrpcStatus(status));
+  return reactor;
+}
+
 grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizationServiceImpl::Voxelize(
     grpc::CallbackServerContext* context) {
   using Reactor = grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>;
@@ -67,64 +85,57 @@ grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizationService
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::VoxelizeWhole(grpc::CallbackServerContext* context,
                                                                  const grpc::ByteBuffer* request,
                                                                  grpc::ByteBuffer* response) {
-  // gRPC made it for this call and does not look at it again: reading it frees its bytes.
   using FullCall = RefusedCall<grpc::ServerUnaryReactor>;
   if (grpc::ServerUnaryReactor* refused = FullCall::CreateIfFull(state_, *context, Rpc::kVoxelizeWhole)) return refused;
-  return WholeCall::Create(state_, *context, *const_cast<grpc::ByteBuffer*>(request), *response);
+  return WholeCall::Create(state_, *context, OwnRequest(request), *response);
 }
 
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::EstimateVoxelization(grpc::CallbackServerContext* context,
-                                                                        const v1::EstimateVoxelizationRequest* request,
-                                                                        v1::EstimateVoxelizationResponse* response) {
-  return EstimateCall::Create(state_, *context, *request, *response);
+                                                                        const grpc::ByteBuffer* request,
+                                                                        grpc::ByteBuffer* response) {
+  return EstimateCall::Create(state_, *context, OwnRequest(request), *response);
 }
 
-grpc::ServerReadReactor<v1::UploadMeshRequest>* VoxelizationServiceImpl::UploadMesh(
-    grpc::CallbackServerContext* context, v1::UploadMeshResponse* response) {
+grpc::ServerReadReactor<grpc::ByteBuffer>* VoxelizationServiceImpl::UploadMesh(grpc::CallbackServerContext* context,
+                                                                               grpc::ByteBuffer* response) {
   return UploadMeshCall::Create(state_, *context, *response);
 }
 
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::GetMesh(grpc::CallbackServerContext* context,
-                                                           const v1::GetMeshRequest* request,
-                                                           v1::GetMeshResponse* response) {
-  return Answer(context, Rpc::kGetMesh,
-                [&](const CallRecord&) { return voxelpipe::GetMesh(state_, *request, *response); });
+                                                           const grpc::ByteBuffer* request,
+                                                           grpc::ByteBuffer* response) {
+  return Answer<v1::GetMeshRequest, v1::GetMeshResponse>(
+      context, Rpc::kGetMesh, request, response,
+      [&](const CallRecord&, const auto& in, auto& out) { return voxelpipe::GetMesh(state_, in, out); });
 }
 
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::DeleteMesh(grpc::CallbackServerContext* context,
-                                                              const v1::DeleteMeshRequest* request,
-                                                              v1::DeleteMeshResponse* response) {
-  return Answer(context, Rpc::kDeleteMesh,
-                [&](const CallRecord& record) { return voxelpipe::DeleteMesh(state_, record, *request, *response); });
+                                                              const grpc::ByteBuffer* request,
+                                                              grpc::ByteBuffer* response) {
+  return Answer<v1::DeleteMeshRequest, v1::DeleteMeshResponse>(
+      context, Rpc::kDeleteMesh, request, response, [&](const CallRecord& record, const auto& in, auto& out) {
+        return voxelpipe::DeleteMesh(state_, record, in, out);
+      });
 }
 
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::ListShaders(grpc::CallbackServerContext* context,
-                                                               const v1::ListShadersRequest* /*request*/,
-                                                               v1::ListShadersResponse* response) {
-  return Answer(context, Rpc::kListShaders, [&](const CallRecord&) {
-    for (const ShaderInfo& shader : voxelpipe::ListShaders()) *response->add_shaders() = ToMessage(shader);
-    return absl::OkStatus();
-  });
+                                                               const grpc::ByteBuffer* request,
+                                                               grpc::ByteBuffer* response) {
+  return Answer<v1::ListShadersRequest, v1::ListShadersResponse>(
+      context, Rpc::kListShaders, request, response, [](const CallRecord&, const auto&, auto& out) {
+        for (const ShaderInfo& shader : voxelpipe::ListShaders()) *out.add_shaders() = ToMessage(shader);
+        return absl::OkStatus();
+      });
 }
 
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::GetServerInfo(grpc::CallbackServerContext* context,
-                                                                 const v1::GetServerInfoRequest* /*request*/,
-                                                                 v1::GetServerInfoResponse* response) {
-  return Answer(context, Rpc::kGetServerInfo, [&](const CallRecord&) {
-    DescribeServer(state_, *response);
-    return absl::OkStatus();
-  });
-}
-
-grpc::ServerUnaryReactor* VoxelizationServiceImpl::Answer(grpc::CallbackServerContext* context, Rpc rpc,
-                                                          const std::function<absl::Status(const CallRecord&)>& fill) {
-  CallRecord record(state_, *context, rpc);
-  absl::Status status = record.admission();
-  if (status.ok()) status = fill(record);
-  record.Log(status);
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(ToGrpcStatus(status));
-  return reactor;
+                                                                 const grpc::ByteBuffer* request,
+                                                                 grpc::ByteBuffer* response) {
+  return Answer<v1::GetServerInfoRequest, v1::GetServerInfoResponse>(context, Rpc::kGetServerInfo, request, response,
+                                                                     [&](const CallRecord&, const auto&, auto& out) {
+                                                                       DescribeServer(state_, out);
+                                                                       return absl::OkStatus();
+                                                                     });
 }
 
 }  // namespace voxelpipe

@@ -1,8 +1,6 @@
 // The service: which call is answered by what.
 #pragma once
 
-#include <functional>
-
 #include <grpcpp/grpcpp.h>
 
 #include "calls/call_record.h"
@@ -11,18 +9,20 @@
 
 namespace voxelpipe {
 
-// These send and receive bytes as gRPC has them, so that results go out from where they stand.
+// All send and receive bytes as gRPC has them: results go out from where they stand, and what cannot be read is answered like any other
+// wrong request, logged and counted.
+using Rpcs = v1::VoxelizationService;
 template <typename Base>
-using WithRawCalls =
-    v1::VoxelizationService::WithRawCallbackMethod_Voxelize<v1::VoxelizationService::WithRawCallbackMethod_VoxelizeMany<
-        v1::VoxelizationService::WithRawCallbackMethod_VoxelizeWhole<Base>>>;
+using WithMeshCalls = Rpcs::WithRawCallbackMethod_UploadMesh<
+    Rpcs::WithRawCallbackMethod_GetMesh<Rpcs::WithRawCallbackMethod_DeleteMesh<Base>>>;
 template <typename Base>
-using WithTypedCalls = v1::VoxelizationService::WithCallbackMethod_EstimateVoxelization<
-    v1::VoxelizationService::WithCallbackMethod_ListShaders<v1::VoxelizationService::WithCallbackMethod_GetServerInfo<
-        v1::VoxelizationService::WithCallbackMethod_UploadMesh<v1::VoxelizationService::WithCallbackMethod_GetMesh<
-            v1::VoxelizationService::WithCallbackMethod_DeleteMesh<Base>>>>>>;
+using WithJobCalls = Rpcs::WithRawCallbackMethod_Voxelize<
+    Rpcs::WithRawCallbackMethod_VoxelizeMany<Rpcs::WithRawCallbackMethod_VoxelizeWhole<Base>>>;
+template <typename Base>
+using WithQuestions = Rpcs::WithRawCallbackMethod_EstimateVoxelization<
+    Rpcs::WithRawCallbackMethod_ListShaders<Rpcs::WithRawCallbackMethod_GetServerInfo<Base>>>;
 
-class VoxelizationServiceImpl final : public WithRawCalls<WithTypedCalls<v1::VoxelizationService::Service>> {
+class VoxelizationServiceImpl final : public WithJobCalls<WithMeshCalls<WithQuestions<Rpcs::Service>>> {
  public:
   // `state` must outlive the service.
   explicit VoxelizationServiceImpl(ServiceState& state) : state_(state) {}
@@ -32,24 +32,25 @@ class VoxelizationServiceImpl final : public WithRawCalls<WithTypedCalls<v1::Vox
       grpc::CallbackServerContext* context) override;
   grpc::ServerUnaryReactor* VoxelizeWhole(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                           grpc::ByteBuffer* response) override;
-  grpc::ServerUnaryReactor* EstimateVoxelization(grpc::CallbackServerContext* context,
-                                                 const v1::EstimateVoxelizationRequest* request,
-                                                 v1::EstimateVoxelizationResponse* response) override;
-  grpc::ServerReadReactor<v1::UploadMeshRequest>* UploadMesh(grpc::CallbackServerContext* context,
-                                                             v1::UploadMeshResponse* response) override;
-  grpc::ServerUnaryReactor* GetMesh(grpc::CallbackServerContext* context, const v1::GetMeshRequest* request,
-                                    v1::GetMeshResponse* response) override;
-  grpc::ServerUnaryReactor* DeleteMesh(grpc::CallbackServerContext* context, const v1::DeleteMeshRequest* request,
-                                       v1::DeleteMeshResponse* response) override;
-  grpc::ServerUnaryReactor* ListShaders(grpc::CallbackServerContext* context, const v1::ListShadersRequest* request,
-                                        v1::ListShadersResponse* response) override;
-  grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context, const v1::GetServerInfoRequest* request,
-                                          v1::GetServerInfoResponse* response) override;
+  grpc::ServerUnaryReactor* EstimateVoxelization(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
+                                                 grpc::ByteBuffer* response) override;
+  grpc::ServerReadReactor<grpc::ByteBuffer>* UploadMesh(grpc::CallbackServerContext* context,
+                                                        grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* GetMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
+                                    grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* DeleteMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
+                                       grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* ListShaders(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
+                                        grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
+                                          grpc::ByteBuffer* response) override;
 
  private:
-  // Answers a call that needs no job: `fill` writes the response, if the caller may have it, and says how the call ends.
-  grpc::ServerUnaryReactor* Answer(grpc::CallbackServerContext* context, Rpc rpc,
-                                   const std::function<absl::Status(const CallRecord&)>& fill);
+  // Answers a call that needs no job: `fill(record, request, response)` writes the response, if the caller may have it and sent a
+  // Request, and says how the call ends.
+  template <typename Request, typename Response, typename Fill>
+  grpc::ServerUnaryReactor* Answer(grpc::CallbackServerContext* context, Rpc rpc, const grpc::ByteBuffer* request,
+                                   grpc::ByteBuffer* response, Fill fill);
 
   ServiceState& state_;
 };

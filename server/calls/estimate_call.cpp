@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "calls/call_setup.h"
+#include "calls/raw_message.h"
 #include "meshes/prepare_kept.h"
 #include "pipeline/backend.h"
 #include "pipeline/plan.h"
@@ -47,28 +48,24 @@ class EstimateCall::MeshTask final : public Task {
   const ParsedConfig config_;
 };
 
-EstimateCall* EstimateCall::Create(ServiceState& state, grpc::CallbackServerContext& context,
-                                   const v1::EstimateVoxelizationRequest& request,
-                                   v1::EstimateVoxelizationResponse& response) {
-  std::shared_ptr<EstimateCall> call(new EstimateCall(state, context, request, response));
+EstimateCall* EstimateCall::Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& request,
+                                   grpc::ByteBuffer& response) {
+  std::shared_ptr<EstimateCall> call(new EstimateCall(state, context, response));
   call->self_ = call;
-  call->Start();
+  call->Start(request);
   return call.get();
 }
 
-EstimateCall::EstimateCall(ServiceState& state, grpc::CallbackServerContext& context,
-                           const v1::EstimateVoxelizationRequest& request, v1::EstimateVoxelizationResponse& response)
-    : state_(state),
-      pass_(state.gate),
-      request_(request),
-      response_(response),
-      record_(state, context, Rpc::kEstimateVoxelization) {
+EstimateCall::EstimateCall(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& response)
+    : state_(state), pass_(state.gate), response_bytes_(response), record_(state, context, Rpc::kEstimateVoxelization) {
   SetDeadline(context, job_);
 }
 
-void EstimateCall::Start() {
-  if (absl::Status s = MayBegin(pass_, record_); !s.ok()) {
-    End(s);
+void EstimateCall::Start(grpc::ByteBuffer& request) {
+  absl::Status begun = MayBegin(pass_, record_);
+  if (begun.ok()) begun = ReadMessage(request, request_);
+  if (!begun.ok()) {
+    End(begun);
     return;
   }
   if (absl::Status s = record_.TakeBytes(request_.mesh_bytes().size()); !s.ok()) {
@@ -136,6 +133,7 @@ void EstimateCall::End(const absl::Status& status) {
     const std::lock_guard lock(mutex_);
     status_ = status;
   }
+  if (status.ok()) WriteMessage(response_, response_bytes_);
   Finish(ToGrpcStatus(status));
 }
 

@@ -17,23 +17,21 @@ namespace voxelpipe {
 
 class EstimateCall final : public grpc::ServerUnaryReactor {
  public:
-  // `state`, and until the call is done `request` and `response`, must outlive the reactor.
-  static EstimateCall* Create(ServiceState& state, grpc::CallbackServerContext& context,
-                              const v1::EstimateVoxelizationRequest& request,
-                              v1::EstimateVoxelizationResponse& response);
+  // Reads `request`. `state`, and until the call is done `response`, must outlive the reactor.
+  static EstimateCall* Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& request,
+                              grpc::ByteBuffer& response);
 
   void OnCancel() override;
   void OnDone() override;
   bool InternalInlineable() override { return kReactAtOnce; }
 
  private:
-  EstimateCall(ServiceState& state, grpc::CallbackServerContext& context,
-               const v1::EstimateVoxelizationRequest& request, v1::EstimateVoxelizationResponse& response);
+  EstimateCall(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& response);
 
   // The task of an estimate with a mesh: loaded and planned on a loader.
   class MeshTask;
 
-  void Start();
+  void Start(grpc::ByteBuffer& request);
   absl::Status FindKeptMesh();
   absl::Status FromSummary(const ParsedConfig& config);
   absl::Status FromMesh(const ParsedConfig& config);
@@ -41,8 +39,9 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
 
   ServiceState& state_;
   const CallGate::Pass pass_;  // given back when gRPC and the worker are both done
-  const v1::EstimateVoxelizationRequest& request_;
-  v1::EstimateVoxelizationResponse& response_;
+  v1::EstimateVoxelizationRequest request_;
+  grpc::ByteBuffer& response_bytes_;  // until the call is answered
+  v1::EstimateVoxelizationResponse response_;
   std::shared_ptr<EstimateCall> self_;  // until OnDone
   std::shared_ptr<KeptMesh> kept_;      // that the request names
   CallRecord record_;

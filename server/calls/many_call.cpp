@@ -6,12 +6,12 @@
 #include <vector>
 
 #include <google/protobuf/arena.h>
-#include <grpcpp/impl/codegen/proto_utils.h>
 
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
+#include "calls/raw_message.h"
 #include "meshes/prepare_kept.h"
 #include "wire/response.h"
 #include "wire/status.h"
@@ -32,8 +32,7 @@ grpc::ByteBuffer ErrorMessage(uint64_t id, const absl::Status& status) {
   // A call's error details are a google.rpc.Status with code and message.
   response.mutable_error()->ParseFromString(ToGrpcStatus(status).error_details());
   grpc::ByteBuffer message;
-  bool own = false;
-  grpc::SerializationTraits<v1::VoxelizeManyResponse>::Serialize(response, &message, &own);
+  WriteMessage(response, message);
   return message;
 }
 
@@ -146,9 +145,8 @@ void ManyCall::OnReadDone(bool ok) {
   if (ok) {
     google::protobuf::Arena arena;
     auto& request = *google::protobuf::Arena::CreateMessage<v1::VoxelizeManyRequest>(&arena);
-    status = grpc::SerializationTraits<v1::VoxelizeManyRequest>::Deserialize(&read_, &request).ok()
-                 ? TakeAll(request)
-                 : absl::InvalidArgumentError("message: not a VoxelizeManyRequest");
+    status = ReadMessage(read_, request);
+    if (status.ok()) status = TakeAll(request);
   }
   {
     const std::lock_guard lock(mutex_);

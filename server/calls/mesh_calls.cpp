@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
+#include "calls/raw_message.h"
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
@@ -81,7 +82,7 @@ v1::StoredMesh ToMessage(KeptMesh& mesh) {
 }
 
 UploadMeshCall* UploadMeshCall::Create(ServiceState& state, grpc::CallbackServerContext& context,
-                                       v1::UploadMeshResponse& response) {
+                                       grpc::ByteBuffer& response) {
   std::shared_ptr<UploadMeshCall> call(new UploadMeshCall(state, context, response));
   call->self_ = call;
   call->upload_wait_ = std::make_unique<IdleWatch::Wait>(
@@ -91,15 +92,14 @@ UploadMeshCall* UploadMeshCall::Create(ServiceState& state, grpc::CallbackServer
       });
   if (absl::Status s = MayBegin(call->pass_, call->record_); s.ok()) {
     call->upload_wait_->Begin();
-    call->StartRead(&call->request_);
+    call->StartRead(&call->read_);
   } else {
     call->Answer(s, false);
   }
   return call.get();
 }
 
-UploadMeshCall::UploadMeshCall(ServiceState& state, grpc::CallbackServerContext& context,
-                               v1::UploadMeshResponse& response)
+UploadMeshCall::UploadMeshCall(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& response)
     : state_(state),
       pass_(state.gate),
       context_(context),
@@ -115,8 +115,8 @@ void UploadMeshCall::OnReadDone(bool ok) {
     UploadEnded();
     return;
   }
-  absl::Status taken;
-  {
+  absl::Status taken = ReadMessage(read_, request_);
+  if (taken.ok()) {
     const std::lock_guard lock(mutex_);  // the watch may end the call meanwhile
     if (answered_) return;
     taken = TakeMessage();
@@ -137,7 +137,7 @@ void UploadMeshCall::OnReadDone(bool ok) {
     upload_bytes_seen_ = record_.bytes_in;
     upload_wait_->Begin();
   }
-  StartRead(&request_);
+  StartRead(&read_);
 }
 
 absl::Status UploadMeshCall::TakeMessage() {
@@ -256,8 +256,10 @@ void UploadMeshCall::Answer(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mes
   }
   if (mesh.ok()) {
     if (record_.role() == Role::kUser) (*mesh)->AddOwner(record_.client);
-    *response_.mutable_mesh() = ToMessage(**mesh);
-    response_.set_already_stored(already_stored);
+    v1::UploadMeshResponse response;
+    *response.mutable_mesh() = ToMessage(**mesh);
+    response.set_already_stored(already_stored);
+    WriteMessage(response, response_);
   }
   Finish(ToGrpcStatus(mesh.status()));
 }

@@ -29,12 +29,11 @@ v1::StoredMesh ToMessage(KeptMesh& mesh);
 // One UploadMesh call: gathers the file; a loader takes its hash, loads it unless an equal one is there or being loaded, and keeps it. Where
 // the client named the mesh and it is here already, the call ends before the file has come. Lives until gRPC is done with the call and
 // the loader with the file, whichever comes last.
-class UploadMeshCall final : public grpc::ServerReadReactor<v1::UploadMeshRequest>,
+class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
                              public std::enable_shared_from_this<UploadMeshCall> {
  public:
   // `state`, and until the call is done `response`, must outlive the reactor.
-  static UploadMeshCall* Create(ServiceState& state, grpc::CallbackServerContext& context,
-                                v1::UploadMeshResponse& response);
+  static UploadMeshCall* Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& response);
 
   void OnReadDone(bool ok) override;
   void OnCancel() override;
@@ -43,7 +42,7 @@ class UploadMeshCall final : public grpc::ServerReadReactor<v1::UploadMeshReques
  private:
   using Loads = SingleFlight<KeptMesh>;
 
-  UploadMeshCall(ServiceState& state, grpc::CallbackServerContext& context, v1::UploadMeshResponse& response);
+  UploadMeshCall(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& response);
 
   class FileTask;
 
@@ -66,12 +65,13 @@ class UploadMeshCall final : public grpc::ServerReadReactor<v1::UploadMeshReques
   ServiceState& state_;
   const CallGate::Pass pass_;             // given back when gRPC and the loader are both done
   grpc::CallbackServerContext& context_;  // used by gRPC's threads only
-  v1::UploadMeshResponse& response_;      // until the call is answered
+  grpc::ByteBuffer& response_;            // until the call is answered
   std::shared_ptr<UploadMeshCall> self_;  // until OnDone
   CallRecord record_;
   JobContext job_;
 
   // The upload: touched by one read at a time, then by the loader.
+  grpc::ByteBuffer read_;
   v1::UploadMeshRequest request_;
   std::unique_ptr<IdleWatch::Wait> upload_wait_;
   uint64_t upload_bytes_seen_ = 0;

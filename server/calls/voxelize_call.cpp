@@ -3,12 +3,11 @@
 #include <algorithm>
 #include <utility>
 
-#include <grpcpp/impl/codegen/proto_utils.h>
-
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
+#include "calls/raw_message.h"
 #include "meshes/prepare_kept.h"
 #include "wire/response.h"
 #include "wire/status.h"
@@ -67,8 +66,8 @@ void VoxelizeCall::OnReadDone(bool ok) {
     return;
   }
   v1::VoxelizeRequest request;
-  absl::Status taken = absl::InvalidArgumentError("message: not a VoxelizeRequest");
-  if (grpc::SerializationTraits<v1::VoxelizeRequest>::Deserialize(&read_, &request).ok()) {
+  absl::Status taken = ReadMessage(read_, request);
+  if (taken.ok()) {
     const std::lock_guard lock(mutex_);  // the watch may end the call meanwhile
     if (end_) return;
     taken = TakeMessage(request);

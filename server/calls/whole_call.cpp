@@ -5,12 +5,12 @@
 #include <utility>
 
 #include <google/protobuf/arena.h>
-#include <grpcpp/impl/codegen/proto_utils.h>
 
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
+#include "calls/raw_message.h"
 #include "calls/result_pieces.h"
 #include "meshes/prepare_kept.h"
 #include "wire/response.h"
@@ -61,9 +61,7 @@ void WholeCall::Start(grpc::ByteBuffer& request) {
 absl::Status WholeCall::TakeRequest(grpc::ByteBuffer& message) {
   google::protobuf::Arena arena;
   auto& request = *google::protobuf::Arena::CreateMessage<v1::VoxelizeWholeRequest>(&arena);
-  if (!grpc::SerializationTraits<v1::VoxelizeWholeRequest>::Deserialize(&message, &request).ok()) {
-    return absl::InvalidArgumentError("message: not a VoxelizeWholeRequest");
-  }
+  if (absl::Status s = ReadMessage(message, request); !s.ok()) return s;
   if (absl::Status s = ConfigureJob(state_, request.config(), record_.client, *this); !s.ok()) return s;
   std::string& bytes = *request.mutable_mesh();
   if (request.has_crc32c() &&

@@ -4,6 +4,7 @@
 #include <random>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include <grpcpp/create_channel.h>
@@ -192,6 +193,62 @@ TEST_F(CorruptStreamTest, MessagesThatAreNoProtobuf) {
     EXPECT_THAT(status.error_code(), AnyOf(grpc::StatusCode::INVALID_ARGUMENT, grpc::StatusCode::INTERNAL))
         << status.error_message();
   }
+}
+
+// Whatever the call, the client hears what is wrong, and what was sent before is not taken for all.
+TEST_F(CorruptStreamTest, EveryCallSaysThatAMessageCannotBeRead) {
+  const std::string noise(50, '\xff');
+  const std::string service = "/voxelpipe.v1.VoxelizationService/";
+  v1::UploadMeshRequest upload, file;
+  upload.mutable_upload();
+  file.set_piece(glb_.data(), glb_.size());
+  const std::vector<std::string> begun{upload.SerializeAsString(), file.SerializeAsString(), noise};
+  const std::vector<std::pair<std::string, std::vector<std::string>>> calls = {
+      {"DeleteMesh", {noise}},    {"EstimateVoxelization", {noise}}, {"GetMesh", {noise}},
+      {"GetServerInfo", {noise}}, {"ListShaders", {noise}},          {"UploadMesh", begun},
+      {"Voxelize", {noise}},      {"VoxelizeMany", {noise}},         {"VoxelizeWhole", {noise}}};
+  for (const auto& [method, messages] : calls) {
+    const grpc::Status status = SendRawMessages(channel_, service + method, messages);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << method << ": " << status.error_message();
+    EXPECT_THAT(status.error_message(), HasSubstr("message: not a ")) << method;
+  }
+}
+
+// Sixteen MiB of empty fields would be a gigabyte of messages once they were read.
+TEST_F(CorruptStreamTest, EmptyFieldsWithoutNumberTakeNoMemory) {
+  if (IsSanitized(server_->pid())) GTEST_SKIP() << "a sanitizer's memory is not the server's";
+  const auto many = [](int field) {
+    std::string fields;
+    for (int i = 0; i < (8 << 20); ++i) fields += {char(field << 3 | 2), '\0'};
+    return fields;
+  };
+  const auto in_field = [](int field, const std::string& bytes) {
+    std::string out(1, char(field << 3 | 2));
+    for (size_t length = bytes.size(); length != 0; length >>= 7) {
+      out.push_back(char((length & 0x7f) | (length >= 0x80 ? 0x80 : 0)));
+    }
+    return out + bytes;
+  };
+  const std::string targets = many(v1::VoxelizeConfig::kTargetsFieldNumber);
+  const std::string config = in_field(1, targets);  // field 1 of VoxelizeRequest and of its kin
+  const std::string service = "/voxelpipe.v1.VoxelizationService/";
+  const std::vector<std::pair<std::string, std::string>> calls = {
+      {"EstimateVoxelization", config},
+      {"GetMesh", many(15)},  // fields that nobody knows
+      {"UploadMesh", many(15)},
+      {"Voxelize", config},
+      {"Voxelize", in_field(v1::VoxelizeRequest::kWholeFieldNumber, config)},
+      {"VoxelizeMany", many(v1::VoxelizeManyRequest::kMoreFieldNumber)},
+      {"VoxelizeMany", in_field(v1::VoxelizeManyRequest::kConfigFieldNumber, targets)},
+      {"VoxelizeWhole", config}};
+  const uint64_t peak = ReadProcessFacts(server_->pid()).peak_bytes;
+  for (const auto& [method, message] : calls) {
+    const grpc::Status status = SendRawMessages(channel_, service + method, {message});
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << method << ": " << status.error_message();
+    EXPECT_THAT(status.error_message(), HasSubstr("at most 1048576")) << method;
+  }
+  // The messages' own bytes, some of them still on their way back to the system.
+  EXPECT_LT(ReadProcessFacts(server_->pid()).peak_bytes, peak + (160u << 20));
 }
 
 TEST_F(CorruptStreamTest, APieceThatIsNotWhatItsChecksumSays) {

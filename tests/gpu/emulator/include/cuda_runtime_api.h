@@ -57,10 +57,7 @@ inline cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
     properties->totalGlobalMem = std::strtoull(bytes, nullptr, 10);
   return cudaSuccess;
 }
-enum cudaDeviceAttr {
-  cudaDevAttrL2CacheSize = 38,
-  cudaDevAttrCooperativeLaunch = 95
-};
+enum cudaDeviceAttr { cudaDevAttrL2CacheSize = 38, cudaDevAttrCooperativeLaunch = 95 };
 // Blocks run one after the other. The cache is so small that most grids are larger.
 inline cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
   return *value = attribute == cudaDevAttrL2CacheSize ? 2048 : 0, cudaSuccess;
