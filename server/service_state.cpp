@@ -10,7 +10,8 @@ namespace voxelpipe {
 
 JobLimits LimitsOf(const ServerOptions& resolved) {
   JobLimits limits;
-  limits.load.max_file_bytes = resolved.max_file_bytes;
+  // Else a file could be told to wait for room that never comes.
+  limits.load.max_file_bytes = std::min(resolved.max_file_bytes, resolved.max_upload_bytes);
   limits.plan.max_result_bytes = resolved.max_result_bytes;
   limits.plan.max_working_bytes = resolved.max_working_bytes;
   limits.plan.slab_bytes = resolved.stream_above_mb << 20;

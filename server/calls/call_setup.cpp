@@ -2,6 +2,7 @@
 
 #include <chrono>
 
+#include "absl/strings/str_cat.h"
 #include "pipeline/backend.h"
 #include "pipeline/plan.h"
 #include "wire/status.h"
@@ -35,6 +36,15 @@ absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request)
   if (request.simd == SimdChoice::kAuto) request.simd = state.options.simd;
   request.threads = state.options.threads;
   return ValidateRequest(request);
+}
+
+absl::Status TakeUploadBytes(const ServiceState& state, uint64_t so_far, uint64_t bytes, BudgetShare& uploads) {
+  const uint64_t limit = state.limits.load.max_file_bytes;
+  if (so_far > limit || bytes > limit - so_far) {
+    return absl::ResourceExhaustedError(absl::StrCat("the mesh file is larger than the limit of ", limit, " bytes"));
+  }
+  if (uploads.TryGrow(bytes)) return absl::OkStatus();
+  return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
 }
 
 }  // namespace voxelpipe

@@ -1,6 +1,8 @@
 // What every call that runs a job does first.
 #pragma once
 
+#include <cstdint>
+
 #include <grpcpp/grpcpp.h>
 
 #include "absl/status/status.h"
@@ -8,6 +10,7 @@
 #include "calls/call_record.h"
 #include "pipeline/request.h"
 #include "service_state.h"
+#include "work/byte_budget.h"
 
 namespace voxelpipe {
 
@@ -23,5 +26,9 @@ absl::Status MayBegin(const CallGate::Pass& pass, const CallRecord& record);
 // Puts the operator's choices (threads, backend, instruction set) into a client's request and checks all of it that needs no mesh.
 // Errors: INVALID_ARGUMENT naming the field.
 absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request);
+
+// Room in `uploads` for the next `bytes` of a mesh file of which `so_far` have come. RESOURCE_EXHAUSTED where the file grows too large,
+// with RetryInfo where too many come at the same time.
+absl::Status TakeUploadBytes(const ServiceState& state, uint64_t so_far, uint64_t bytes, BudgetShare& uploads);
 
 }  // namespace voxelpipe

@@ -57,19 +57,22 @@ EstimateCall* EstimateCall::Create(ServiceState& state, grpc::CallbackServerCont
 }
 
 EstimateCall::EstimateCall(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& response)
-    : state_(state), pass_(state.gate), response_bytes_(response), record_(state, context, Rpc::kEstimateVoxelization) {
+    : state_(state),
+      pass_(state.gate),
+      response_bytes_(response),
+      record_(state, context, Rpc::kEstimateVoxelization),
+      uploads_(state.uploads) {
   SetDeadline(context, job_);
 }
 
 void EstimateCall::Start(grpc::ByteBuffer& request) {
   absl::Status begun = MayBegin(pass_, record_);
   if (begun.ok()) begun = ReadMessage(request, request_);
+  const uint64_t mesh_bytes = request_.mesh_bytes().size();
+  if (begun.ok()) begun = TakeUploadBytes(state_, 0, mesh_bytes, uploads_);
+  if (begun.ok()) begun = record_.TakeBytes(mesh_bytes);
   if (!begun.ok()) {
     End(begun);
-    return;
-  }
-  if (absl::Status s = record_.TakeBytes(request_.mesh_bytes().size()); !s.ok()) {
-    End(s);
     return;
   }
   absl::StatusOr<ParsedConfig> config = ParseConfig(request_.config());
@@ -83,6 +86,7 @@ void EstimateCall::Start(grpc::ByteBuffer& request) {
   auto task = std::make_shared<MeshTask>(self_, *std::move(config));
   task->traits.client = record_.client;
   task->traits.deadline = job_.deadline();
+  task->traits.cost.file_bytes = task->traits.cost.held_bytes = mesh_bytes;
   {
     const std::lock_guard lock(mutex_);
     task_ = task;

@@ -11,7 +11,8 @@
 #include "calls/call_record.h"
 #include "calls/react_at_once.h"
 #include "service_state.h"
-#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
+#include "work/byte_budget.h"
 
 namespace voxelpipe {
 
@@ -45,6 +46,7 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   std::shared_ptr<EstimateCall> self_;  // until OnDone
   std::shared_ptr<KeptMesh> kept_;      // that the request names
   CallRecord record_;
+  BudgetShare uploads_;
   JobContext job_;
   std::mutex mutex_;
   std::shared_ptr<MeshTask> task_;

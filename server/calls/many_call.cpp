@@ -21,7 +21,6 @@
 namespace voxelpipe {
 namespace {
 
-constexpr std::chrono::milliseconds kRetryDelay{1000};
 // In one message.
 constexpr int kMostJobs = 256;
 constexpr size_t kMostAnswers = 256, kMostAnswerBytes = 256 << 10;
@@ -217,13 +216,7 @@ absl::Status ManyCall::Prepare(v1::VoxelizeManyRequest& request, Job& job) {
   if (job.kept) {
     if (absl::Status s = CheckMeshBytes(*job.kept, job.config, mesh.size(), false); !s.ok()) return s;
   }
-  if (mesh.size() > state_.limits.load.max_file_bytes) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("the mesh file is larger than the limit of ", state_.limits.load.max_file_bytes, " bytes"));
-  }
-  if (!job.uploads().TryGrow(mesh.size())) {
-    return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
-  }
+  if (absl::Status s = TakeUploadBytes(state_, 0, mesh.size(), job.uploads()); !s.ok()) return s;
   {
     const std::lock_guard lock(mutex_);
     if (absl::Status s = record_.TakeBytes(mesh.size()); !s.ok()) return s;

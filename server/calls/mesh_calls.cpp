@@ -18,8 +18,6 @@
 namespace voxelpipe {
 namespace {
 
-constexpr std::chrono::milliseconds kRetryDelay{1000};
-
 std::span<const uint8_t> BytesOf(const std::string& text) {
   return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
 }
@@ -165,13 +163,7 @@ absl::Status UploadMeshCall::TakePiece(std::string piece) {
         absl::StrCat("the piece at byte ", record_.bytes_in, " of the mesh does not have its CRC-32C"));
   }
   if (piece.empty()) return absl::OkStatus();
-  if (piece.size() > state_.limits.load.max_file_bytes - record_.bytes_in) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("the mesh file is larger than the limit of ", state_.limits.load.max_file_bytes, " bytes"));
-  }
-  if (!uploads_.TryGrow(piece.size())) {
-    return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
-  }
+  if (absl::Status s = TakeUploadBytes(state_, record_.bytes_in, piece.size(), uploads_); !s.ok()) return s;
   if (absl::Status s = record_.TakeBytes(piece.size()); !s.ok()) return s;
   pieces_.push_back(std::move(piece));
   return absl::OkStatus();

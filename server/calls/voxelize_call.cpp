@@ -15,7 +15,6 @@
 namespace voxelpipe {
 namespace {
 
-constexpr std::chrono::milliseconds kRetryDelay{1000};
 // A waiting worker looks at its deadline so often.
 constexpr std::chrono::milliseconds kLookEvery{20};
 // Progress within a stage is not told more often.
@@ -122,13 +121,7 @@ absl::Status VoxelizeCall::TakePiece(std::string piece) {
   if (kept) {
     if (absl::Status s = CheckMeshBytes(*kept, config, record_.bytes_in + piece.size(), false); !s.ok()) return s;
   }
-  if (piece.size() > state_.limits.load.max_file_bytes - record_.bytes_in) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("the mesh file is larger than the limit of ", state_.limits.load.max_file_bytes, " bytes"));
-  }
-  if (!uploads_.TryGrow(piece.size())) {
-    return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
-  }
+  if (absl::Status s = TakeUploadBytes(state_, record_.bytes_in, piece.size(), uploads_); !s.ok()) return s;
   if (absl::Status s = record_.TakeBytes(piece.size()); !s.ok()) return s;
   pieces.push_back(std::move(piece));
   return absl::OkStatus();

@@ -18,12 +18,6 @@
 #include "work/answer_burst.h"
 
 namespace voxelpipe {
-namespace {
-
-constexpr std::chrono::milliseconds kRetryDelay{1000};
-
-}  // namespace
-
 WholeCall* WholeCall::Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& request,
                              grpc::ByteBuffer& response) {
   const std::shared_ptr<WholeCall> call(new WholeCall(state, context, response));
@@ -72,13 +66,7 @@ absl::Status WholeCall::TakeRequest(grpc::ByteBuffer& message) {
   if (kept) {
     if (absl::Status s = CheckMeshBytes(*kept, config, bytes.size(), false); !s.ok()) return s;
   }
-  if (bytes.size() > state_.limits.load.max_file_bytes) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("the mesh file is larger than the limit of ", state_.limits.load.max_file_bytes, " bytes"));
-  }
-  if (!uploads_.TryGrow(bytes.size())) {
-    return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
-  }
+  if (absl::Status s = TakeUploadBytes(state_, 0, bytes.size(), uploads_); !s.ok()) return s;
   if (absl::Status s = record_.TakeBytes(bytes.size()); !s.ok()) return s;
   pieces.push_back(std::move(bytes));
   return absl::OkStatus();

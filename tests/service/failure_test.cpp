@@ -19,6 +19,7 @@
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/status.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -125,6 +126,42 @@ TEST_F(FailureTest, UploadBeyondTheLimitIsRefusedEarly) {
   // Far more than all the buffers between us: without the early answer this would have to be sent whole.
   EXPECT_STATUS(Ask(std::vector<uint8_t>(256u << 20, 'x')), kResourceExhausted, "100000");
   ExpectAlive();
+}
+
+// An estimate holds its mesh while it waits, as a job does.
+TEST_F(FailureTest, TheMeshOfAnEstimateTakesRoomOfTheUploads) {
+  const size_t begun = 1000;
+  ASSERT_NO_FATAL_FAILURE(Start({"--max-upload-bytes", std::to_string(glb_.size() + begun - 1)}));
+  v1::EstimateVoxelizationRequest request;
+  request.set_mesh_bytes(glb_.data(), glb_.size());
+  const auto estimate = [&] {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + kPatience);
+    v1::EstimateVoxelizationResponse response;
+    return stub_->EstimateVoxelization(&context, request, &response);
+  };
+  EXPECT_TRUE(estimate().ok());
+  grpc::ClientContext context;
+  const auto upload = stub_->Voxelize(&context);
+  ASSERT_TRUE(upload->Write(Config()));
+  ASSERT_TRUE(upload->Write(Piece({glb_.begin(), glb_.begin() + begun})));
+  grpc::Status status;
+  const auto give_up = std::chrono::steady_clock::now() + kPatience;
+  do {  // until the piece is there
+    status = estimate();
+  } while (status.ok() && std::chrono::steady_clock::now() < give_up);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+  EXPECT_TRUE(RetryDelay(FromGrpcStatus(status)).has_value());
+  context.TryCancel();
+  upload->Finish();
+}
+
+// What all uploads together may take, one may: to wait would not help it.
+TEST_F(FailureTest, AFileThatNeverFitsIsNotToldToComeAgain) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--max-upload-bytes", "1000"}));
+  const absl::Status status = Ask(glb_);
+  EXPECT_STATUS(status, kResourceExhausted, "larger than the limit of 1000 bytes");
+  EXPECT_FALSE(RetryDelay(status).has_value());
 }
 
 TEST_F(FailureTest, MessagesOutOfOrder) {
