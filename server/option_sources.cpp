@@ -17,7 +17,8 @@ struct Found {
 
 std::map<std::string, std::string> ReadConfigFile(const CLI::App& app, const std::string& path) {
   std::ifstream file(path);
-  if (!file) throw CLI::FileError("--config: " + path + " cannot be read");
+  file.peek();  // a directory opens and cannot be read
+  if (file.bad() || !file.is_open()) throw CLI::FileError("--config: " + path + " cannot be read");
   std::map<std::string, std::string> values;
   for (const CLI::ConfigItem& item : CLI::ConfigTOML().from_config(file)) {
     if (item.name == "++" || item.name == "--") continue;  // begin and end of a section
@@ -26,7 +27,7 @@ std::map<std::string, std::string> ReadConfigFile(const CLI::App& app, const std
     if (option == nullptr || !option->get_configurable()) {
       throw CLI::ConfigError(path + ": " + key + " is not an option of the config file");
     }
-    if (item.inputs.size() != 1) throw CLI::ConfigError(path + ": " + key + " needs one value");
+    if (item.inputs.size() != 1) throw CLI::ConfigError(path + ": " + key + " needs one value, once");
     if (!values.emplace(key, item.inputs[0]).second) throw CLI::ConfigError(path + ": " + key + " stands there twice");
   }
   return values;

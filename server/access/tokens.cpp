@@ -131,6 +131,13 @@ absl::Status ReadClient(const std::string& place, const Json& object, TokenClien
   if (!IsRequestId(client.name)) return Wrong(place + ".name", "needs 1 to 64 letters, digits, '.', '_' or '-'");
   if (!has_role) return Wrong(place + ".role", "is missing");
   if (digests.empty() && certificates.empty()) return Wrong(place + ".token_sha256", "is missing");
+  const QuotaLimits& limits = client.limits;
+  if (limits.burst_calls > 0 && limits.calls_per_second == 0) {
+    return Wrong(place + ".burst_calls", "has no effect without calls_per_second");
+  }
+  if (limits.burst_bytes > 0 && limits.bytes_per_second == 0) {
+    return Wrong(place + ".burst_bytes", "has no effect without bytes_per_second");
+  }
   return absl::OkStatus();
 }
 

@@ -130,11 +130,27 @@ TEST(OptionsTest, WhatCannotBeIsRefusedWithExitCodeTwo) {
                                                     {"--threads", "-1"},
                                                     {"--workers", "many"},
                                                     {"--nonsense"},
+                                                    {"--max-file-bytes", "-1"},
+                                                    {"--max-queue-ms", "-1"},
+                                                    {"--listen", "nonsense"},
+                                                    {"--listen", "127.0.0.1:99999"},
+                                                    {"--listen", ":50051x"},
+                                                    {"--http-listen", "9464"},
+                                                    {"--config", "/"},
                                                     {"extra"}}) {
     const ParseOutcome outcome = Parse(arguments);
     EXPECT_FALSE(outcome.command) << arguments[0];
     EXPECT_EQ(outcome.exit_code, 2) << arguments[0];
   }
+}
+
+TEST(OptionsTest, EveryWayToNameAnAddressIsTaken) {
+  for (const char* address : {"0.0.0.0:0", "[::]:65535", "localhost:50051", "unix:/run/voxelpiped.sock"}) {
+    const ParseOutcome outcome = Parse({"--listen", address});
+    ASSERT_TRUE(outcome.command) << address;
+    EXPECT_EQ(outcome.command->options.listen, address);
+  }
+  EXPECT_TRUE(Parse({"--http-listen", ""}).command);
 }
 
 TEST(OptionsTest, HelpIsNoFailure) {
