@@ -14,7 +14,9 @@ inline constexpr int kBinThreads = 64;
 inline constexpr int kPieceEdge = 8, kPieceRows = kPieceEdge * kPieceEdge, kPieceWords = 32;
 inline constexpr int kPiecePitch = kPieceWords + 4;  // in shared memory: rows begin in different banks, and on 16 bytes
 inline constexpr uint32_t kBinRoom = 256;            // triangles of a list
+inline constexpr uint32_t kMostLarge = 256;          // that every piece looks at, where there are no lists
 
+// Lists of triangles; or none, and every piece looks at the first of the large queue, up to kMostLarge: those alone are set up then.
 struct Bins {
   uint32_t dims[3] = {0, 0, 0};   // pieces
   SharedSetup* set_up = nullptr;  // of every triangle
@@ -127,8 +129,31 @@ struct PieceLayer {
 template <int kThreads>
 struct StoreRoom {
   alignas(16) uint32_t words[kPieceRows * kPiecePitch];
-  PieceLayer layers[kThreads];
+  union {
+    PieceLayer layers[kThreads];
+    uint32_t list[kMostLarge];  // of the piece, where there are no lists
+  };
+  uint32_t count;
 };
+
+// Lists the set-up triangles that may meet the piece whose first row is y of layer z and whose voxels are [x, x + width); how many those
+// are. All threads of a block call it.
+template <int kThreads>
+__device__ inline uint32_t ListLarge(const BitArgs& args, const Bins& bins, int x, int y, int z, int width,
+                                     StoreRoom<kThreads>& room) {
+  const auto large = uint32_t(min(__ldg(args.queued + kLargeQueue), uint64_t{kMostLarge}));
+  if (large == 0) return 0;
+  if (threadIdx.x == 0) room.count = 0;
+  __syncthreads();
+  for (uint32_t i = threadIdx.x; i < large; i += kThreads) {
+    const SharedSetup& s = bins.set_up[i];
+    const bool meets = s.begin[0] < x + width && s.end[0] > x && s.begin[1] < y + kPieceEdge && s.end[1] > y &&
+                       s.begin[2] < z + kPieceEdge && s.end[2] > z && MayMeet(s, y, z);
+    if (meets) room.list[atomicAdd(&room.count, 1u)] = i;
+  }
+  __syncthreads();
+  return room.count;
+}
 
 template <typename Real>
 __device__ inline Layer<Real> LayerOf(const SpanBounds<Real>& bounds, Real z, PieceLayer& out) {
@@ -250,8 +275,59 @@ __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, ui
   }
 }
 
-// Writes piece (x, y, z) of the grid. `kQuads`: rows are whole units of 16 bytes. All threads of a block call it.
-template <bool kQuads, int kThreads>
+template <typename Real>
+__device__ inline SpanBounds<Real> BoundsOfRows(const SpanBounds<Real>& bounds) {
+  SpanBounds<Real> rows;
+  for (int i = 0; i < 3; ++i) rows.x_of_y[i] = bounds.x_of_y[i];
+  rows.plane_sy = bounds.plane_sy;
+  return rows;
+}
+
+// The rows of a layer, as FindRow has them: set(row of the piece, x_begin, x_end).
+template <typename Set>
+__device__ inline void ForEachRowOf(const SharedSetup& s, const PieceLayer& layer, int y, Set&& set) {
+  const int x_lo = s.begin[0], x_hi = s.end[0];
+  if (s.span_class == SpanClass::kNarrow) {
+    const SpanBounds<float> bounds = BoundsOfRows(s.narrow);
+    const int from_x = s.cell[0], from_y = s.cell[1];
+    for (int row = int(layer.begin); row < int(layer.end); ++row) {
+      const Interval<float> x = RowOf(bounds, layer, float(y + row - from_y));
+      if (!x.empty()) set(row, max(x_lo, from_x + int(x.first)), min(x_hi, from_x + int(x.last) + 1));
+    }
+  } else if (s.span_class == SpanClass::kWide) {
+    const SpanBounds<double> bounds = BoundsOfRows(s.wide);
+    const double from_x = s.base.x, from_y = s.base.y, lo = double(x_lo), hi = double(x_hi);
+    for (int row = int(layer.begin); row < int(layer.end); ++row) {
+      const Interval<double> x = RowOf(bounds, layer, double(y + row) - from_y);
+      if (!x.empty()) set(row, int(Clamp(from_x + x.first, lo, hi)), int(Clamp((from_x + x.last) + 1, lo, hi)));
+    }
+  } else {
+    for (int row = int(layer.begin); row < int(layer.end); ++row) set(row, x_lo, x_hi);
+  }
+}
+
+// DrawPiece for triangles that fill most of it: a thread takes a layer.
+template <int kThreads>
+__device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, uint32_t count, int x, int y, int z,
+                                  int width, StoreRoom<kThreads>& room) {
+  const auto quads = reinterpret_cast<uint4*>(room.words);
+  for (int i = int(threadIdx.x); i < kPieceRows * kPiecePitch / 4; i += kThreads) quads[i] = uint4{0, 0, 0, 0};
+  __syncthreads();
+  for (uint32_t item = threadIdx.x; item < count * kPieceEdge; item += kThreads) {
+    const SharedSetup& s = bins.set_up[triangles[item / kPieceEdge]];
+    const int of_piece = int(item % kPieceEdge);
+    PieceLayer layer;
+    if (!FindLayer(s, y, z + of_piece, layer)) continue;
+    ForEachRowOf(s, layer, y, [&](int row, int x_begin, int x_end) {
+      x_begin = max(x_begin - x, 0);
+      x_end = min(x_end - x, width);
+      if (x_begin < x_end) SetSharedRow(room.words + (of_piece * kPieceEdge + row) * kPiecePitch, x_begin, x_end);
+    });
+  }
+}
+
+// Writes piece (x, y, z) of the grid. `kQuads`: rows are whole units of 16 bytes; `kListed`: there are lists. All threads of a block call it.
+template <bool kQuads, bool kListed, int kThreads>
 __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_t x, uint32_t y, uint32_t z,
                                   StoreRoom<kThreads>& room) {
   constexpr int kEach = kQuads ? 4 : 1, kUnits = kPieceWords / kEach;  // side by side along a row
@@ -260,13 +336,23 @@ __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_
   const auto words_per_row = int(args.grid.words_per_row), ny = int(args.grid.dims[1]);
   const int z_begin = int(args.grid.slab_begin),
             layers = min(int(args.grid.slab_end) - z_begin - int(z) * kPieceEdge, kPieceEdge);
-  const uint32_t piece = x + bins.dims[0] * (y + bins.dims[1] * z);
-  const uint32_t* const triangles = bins.triangles + uint64_t{piece} * kBinRoom;
-  const uint32_t count = min(__ldg(bins.counts + piece), kBinRoom);
   const int first_y = int(y) * kPieceEdge, first_z = int(z) * kPieceEdge, first_word = int(x) * kPieceWords;
   const int words = min(kPieceWords, words_per_row - first_word);
+  const uint32_t* triangles = room.list;
+  uint32_t count;
+  if constexpr (!kListed) {
+    count = ListLarge(args, bins, first_word * 32, first_y, first_z + z_begin, words * 32, room);
+  } else {
+    const uint32_t piece = x + bins.dims[0] * (y + bins.dims[1] * z);
+    triangles = bins.triangles + uint64_t{piece} * kBinRoom;
+    count = min(__ldg(bins.counts + piece), kBinRoom);
+  }
   if (count > 0) {
-    DrawPiece(bins, triangles, count, first_word * 32, first_y, first_z + z_begin, words * 32, room);
+    if constexpr (kListed) {
+      DrawPiece(bins, triangles, count, first_word * 32, first_y, first_z + z_begin, words * 32, room);
+    } else {
+      DrawLayers(bins, triangles, count, first_word * 32, first_y, first_z + z_begin, words * 32, room);
+    }
     __syncthreads();
   }
   const int unit = me % kUnits * kEach, first_row = me / kUnits;
@@ -299,7 +385,7 @@ __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_
 }
 
 // The same of pieces z, z + step, ...; and zeros behind the last word of all, up to a whole unit.
-template <bool kQuads, int kThreads>
+template <bool kQuads, bool kListed, int kThreads>
 __device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreRoom<kThreads>& room) {
   if (!kQuads && blockIdx.x == 0 && blockIdx.y == 0 && blockIdx.z == 0) {
     const uint64_t begin = uint64_t(args.grid.words_per_row) * uint64_t(args.grid.dims[1]) *
@@ -309,7 +395,7 @@ __device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreR
   }
   for (uint32_t z = blockIdx.z; z < bins.dims[2]; z += gridDim.z) {
     if (z != blockIdx.z) __syncthreads();  // the room is free again
-    StorePiece<kQuads, kThreads>(args, bins, blockIdx.x, blockIdx.y, z, room);
+    StorePiece<kQuads, kListed, kThreads>(args, bins, blockIdx.x, blockIdx.y, z, room);
   }
 }
 

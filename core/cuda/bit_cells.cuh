@@ -82,11 +82,11 @@ VOXELPIPE_HD FixedBox BoxOf(const int (&v)[3][3], const FixedPlace& place) {
   return box;
 }
 
-// Whether the sign bit is set, as 0 or 1.
-VOXELPIPE_HD uint32_t SignOf(float v) {
-  uint32_t bits;
+// All bits set where the sign bit is, none otherwise.
+VOXELPIPE_HD uint32_t SignMask(float v) {
+  int32_t bits;
   memcpy(&bits, &v, sizeof bits);
-  return bits >> 31;
+  return uint32_t(bits >> 31);
 }
 
 struct Octants {
@@ -94,18 +94,45 @@ struct Octants {
   bool doubtful;
 };
 
-// One edge seen along an axis: in the plane of the other two, (u, t), from p by e. Takes out what lies behind it, `pattern` moved by
-// the bits of u and t. `area` is the triangle's in that plane, twice, `rounding` what its roundings may make.
-VOXELPIPE_HD void TestEdge(float eu, float et, float pu, float pt, float area, float rounding, const FixedPlace& place,
-                           uint32_t pattern, int bit_u, int bit_t, Octants& o) {
+// The octants on the greater side along an axis.
+VOXELPIPE_HD constexpr uint32_t HalfOf(int axis) {
+  return axis == 0 ? 0xaa : axis == 1 ? 0xcc : 0xf0;
+}
+
+// An edge and the signs of its components.
+struct CellEdge {
+  Vec3f e;
+  uint32_t sign[3];
+};
+
+// One edge seen along an axis: in the plane of the other two, u and t, from p by the edge. Takes out what lies behind it. `area` is the
+// triangle's in that plane, twice, `rounding` what its roundings may make.
+template <int kU, int kT>
+VOXELPIPE_HD void TestEdge(const CellEdge& edge, const Vec3f& p, float area, float rounding, const FixedPlace& place,
+                           Octants& o) {
+  const float eu = edge.e[kU], et = edge.e[kT];
   // The axis (et, -eu): where the corner lies on it against the triangle's interval, from the interval's middle, twice.
-  const float from_middle = fmaf(2.0f, fmaf(eu, pt, -(et * pu)), area);
-  const float norm = Abs(eu) + Abs(et);
-  const float beyond = fmaf(-2 * place.widening, norm, Abs(from_middle) - Abs(area));
-  o.doubtful = o.doubtful || Abs(beyond) <= fmaf(2 * place.band, norm, rounding);
-  const uint32_t side = SignOf(from_middle);
-  const uint32_t u = (side ^ SignOf(et)) ^ 1, t = side ^ SignOf(eu);
-  if (beyond > 0) o.touched &= ~(pattern << (u * uint32_t(bit_u) + t * uint32_t(bit_t)));
+  const float from_middle = fmaf(2.0f, fmaf(eu, p[kT], -(et * p[kU])), area);
+  const float norm = fabsf(eu) + fabsf(et);
+  const float beyond = fmaf(-2 * place.widening, norm, fabsf(from_middle) - fabsf(area));
+  o.doubtful = o.doubtful || fabsf(beyond) <= fmaf(2 * place.band, norm, rounding);
+  const uint32_t side = SignMask(from_middle);
+  const uint32_t u = side ^ edge.sign[kT] ^ HalfOf(kU), t = side ^ edge.sign[kU] ^ ~HalfOf(kT);
+  if (beyond > 0) o.touched &= ~(u & t);
+}
+
+VOXELPIPE_HD float LengthSquared(const Vec3f& e) {
+  return fmaf(e.x, e.x, fmaf(e.y, e.y, e.z * e.z));
+}
+
+// How far from a voxel's centre a plane may pass for the voxel to be touched under thin coverage, and within what of that is doubt; times
+// the normal. Units of the vertices turn the plane: that shows at a centre two voxels away.
+struct ThinBand {
+  float reach, band;
+};
+VOXELPIPE_HD ThinBand ThinBandOf(float most, float norm, float longest, float rounding, const FixedPlace& place) {
+  const float turned = 24.0f * place.voxel * sqrtf(longest);
+  return {fmaf(place.widening, norm, 0.5f * place.voxel * most), fmaf(place.plane_band, norm, rounding + turned)};
 }
 
 // The octants about `corner` that a triangle touches whose box reaches at most one voxel to each side of it.
@@ -122,40 +149,81 @@ VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const int (&corner)[3]
   n.z = fmaf(e[0].y, e[2].x, -(e[0].x * e[2].y));
   Octants o{0xff, false};
   float longest = 0;  // squared
-  for (int i = 0; i < 3; ++i) longest = fmaxf(longest, fmaf(e[i].x, e[i].x, fmaf(e[i].y, e[i].y, e[i].z * e[i].z)));
+  for (int i = 0; i < 3; ++i) longest = fmaxf(longest, LengthSquared(e[i]));
   const float rounding = 0x1p-21f * longest;
   for (int i = 0; i < 3; ++i) {
-    TestEdge(e[i].x, e[i].y, q[i].x, q[i].y, n.z, rounding, place, 0x11, 1, 2, o);
-    TestEdge(e[i].y, e[i].z, q[i].y, q[i].z, n.x, rounding, place, 0x03, 2, 4, o);
-    TestEdge(e[i].z, e[i].x, q[i].z, q[i].x, n.y, rounding, place, 0x05, 4, 1, o);
+    const CellEdge edge{e[i], {SignMask(e[i].x), SignMask(e[i].y), SignMask(e[i].z)}};
+    TestEdge<0, 1>(edge, q[i], n.z, rounding, place, o);
+    TestEdge<1, 2>(edge, q[i], n.x, rounding, place, o);
+    TestEdge<2, 0>(edge, q[i], n.y, rounding, place, o);
   }
-  const float ax = Abs(n.x), ay = Abs(n.y), az = Abs(n.z);
+  const float ax = fabsf(n.x), ay = fabsf(n.y), az = fabsf(n.z);
   const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
   // Narrow for sure: kNarrowRatio, a little more, and what moving vertices by units does to the normal.
   o.doubtful = o.doubtful || !(most > fmaf(0.0042f, longest, place.noise));
   const float plane_rounding = 0x1p-20f * longest * place.voxel;
   const float at = -fmaf(n.x, q[0].x, fmaf(n.y, q[0].y, n.z * q[0].z));  // of the corner
   if constexpr (!kThin) {
-    const float beyond = fmaf(-place.widening, norm, Abs(at));
-    o.doubtful = o.doubtful || Abs(beyond) <= fmaf(place.plane_band, norm, plane_rounding);
-    const uint32_t side = SignOf(at) ^ 1;
-    const uint32_t octant = (side ^ SignOf(n.x)) | (side ^ SignOf(n.y)) << 1 | (side ^ SignOf(n.z)) << 2;
-    if (beyond > 0) o.touched &= ~(1u << octant);
+    const float beyond = fmaf(-place.widening, norm, fabsf(at));
+    o.doubtful = o.doubtful || fabsf(beyond) <= fmaf(place.plane_band, norm, plane_rounding);
+    const uint32_t side = ~SignMask(at);
+    const uint32_t x = side ^ SignMask(n.x) ^ ~HalfOf(0), y = side ^ SignMask(n.y) ^ ~HalfOf(1),
+                   z = side ^ SignMask(n.z) ^ ~HalfOf(2);
+    if (beyond > 0) o.touched &= ~(x & y & z);
   } else {
-    // The plane against each voxel's centre. Units of the vertices turn the plane: that shows at a centre two voxels away.
-    const float reach = fmaf(place.widening, norm, 0.5f * place.voxel * most);
-    const float turned = 24.0f * place.voxel * sqrtf(longest);
-    const float band = fmaf(place.plane_band, norm, plane_rounding + turned);
+    // The plane against each voxel's centre.
+    const ThinBand thin = ThinBandOf(most, norm, longest, plane_rounding, place);
+    const float half = 0.5f * place.voxel, hx = half * n.x, hy = half * n.y, hz = half * n.z;
     for (uint32_t i = 0; i < 8; ++i) {
-      const float half = 0.5f * place.voxel;
-      const float there = fmaf((i & 1) != 0 ? half : -half, n.x,
-                               fmaf((i & 2) != 0 ? half : -half, n.y, fmaf((i & 4) != 0 ? half : -half, n.z, at)));
-      const float beyond = Abs(there) - reach;
-      // Only octants that the other tests leave matter, but those alone can be in doubt.
-      o.doubtful = o.doubtful || Abs(beyond) <= band;
+      const float there = ((i & 4) != 0 ? at + hz : at - hz) + ((i & 2) != 0 ? hy : -hy) + ((i & 1) != 0 ? hx : -hx);
+      const float beyond = fabsf(there) - thin.reach;
+      if (fabsf(beyond) <= thin.band) {  // only octants that the other tests leave can be in doubt
+        o.doubtful = o.doubtful || (o.touched & 1u << i) != 0;
+      }
       if (beyond > 0) o.touched &= ~(1u << i);
     }
   }
+  return o;
+}
+
+// Under thin coverage, of a triangle whose box is one voxel or two side by side along one axis: the octants about its inner corner. Edges
+// take nothing out there, since the triangle touches all of the box.
+VOXELPIPE_HD Octants TouchedThinRun(const int (&v)[3][3], const FixedBox& box, const FixedPlace& place) {
+  Vec3f q[3];
+  for (int a = 0; a < 3; ++a) {
+    const int centre = (box.first[a] << place.bits) + (1 << place.bits) / 2;  // of the first voxel
+    for (int i = 0; i < 3; ++i) q[i][a] = float(v[i][a] - centre);
+  }
+  const Vec3f e0 = q[1] - q[0], e1 = q[2] - q[1], e2 = q[0] - q[2];
+  Vec3f n;
+  n.x = fmaf(e0.z, e2.y, -(e0.y * e2.z));
+  n.y = fmaf(e0.x, e2.z, -(e0.z * e2.x));
+  n.z = fmaf(e0.y, e2.x, -(e0.x * e2.y));
+  const float longest = fmaxf(LengthSquared(e0), fmaxf(LengthSquared(e1), LengthSquared(e2)));
+  const float ax = fabsf(n.x), ay = fabsf(n.y), az = fabsf(n.z);
+  const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
+  Octants o{0, !(most > fmaf(0.0042f, longest, place.noise))};
+  // A vertex is farther from the first centre than it would be from the corner: up to one and a half voxels.
+  const ThinBand thin = ThinBandOf(most, norm, longest, 0x1p-19f * longest * place.voxel, place);
+  const float at = -fmaf(n.x, q[0].x, fmaf(n.y, q[0].y, n.z * q[0].z));
+  const float beyond = fabsf(at) - thin.reach;
+  o.doubtful = o.doubtful || fabsf(beyond) <= thin.band;
+  if (!(beyond > 0)) o.touched = 1;
+  const bool along_x = box.first[0] != box.last[0], along_y = box.first[1] != box.last[1];
+  if (!along_x && !along_y && box.first[2] == box.last[2]) return o;
+  const float second = fabsf(fmaf(place.voxel, along_x ? n.x : along_y ? n.y : n.z, at)) - thin.reach;
+  o.doubtful = o.doubtful || fabsf(second) <= thin.band;
+  if (!(second > 0)) o.touched |= along_x ? 0x02 : along_y ? 0x04 : 0x10;
+  // A voxel that the triangle reaches by its widening alone, and hardly: roundings of the edges' tests may leave it out.
+  const int w = int(place.widening), hardly = 1 << (place.bits - 13);
+  int least[3], greatest[3];
+  for (int i = 0; i < 3; ++i) {
+    least[i] = Min(v[0][i], Min(v[1][i], v[2][i])) - w;
+    greatest[i] = Max(v[0][i], Max(v[1][i], v[2][i])) + w;
+  }
+  const int from = along_x ? least[0] : along_y ? least[1] : least[2];
+  const int upto = along_x ? greatest[0] : along_y ? greatest[1] : greatest[2];
+  o.doubtful = o.doubtful || ((from ^ (from + hardly)) | (upto ^ (upto - hardly))) >> place.bits != 0;
   return o;
 }
 
@@ -179,16 +247,16 @@ VOXELPIPE_HD float Reciprocal(float v) {
 
 // The bound |nu*u + nt*t - middle| <= half, where half is sure to within `band`.
 VOXELPIPE_HD CellBound SolveCell(float nu, float nt, float middle, float half, float band) {
-  const float inverse = Reciprocal(nu), length = Abs(inverse);
+  const float inverse = Reciprocal(nu), length = fabsf(inverse);
   return {middle * inverse, nt * inverse, (half + band) * length, (half - band) * length};
 }
 
 // An edge e through p, seen along an axis; as TestEdge. Where it is parallel to u it says no more than the box.
 VOXELPIPE_HD CellBound EdgeCells(float eu, float et, float pu, float pt, float area, float band, float rounding) {
-  const float norm = Abs(eu) + Abs(et);
-  if (Abs(et) <= norm * 0x1p-26f) return {0, 0, 1e30f, 1e30f};
+  const float norm = fabsf(eu) + fabsf(et);
+  if (fabsf(et) <= norm * 0x1p-26f) return {0, 0, 1e30f, 1e30f};
   const float middle = fmaf(et, pu, -(eu * pt)) - 0.5f * ((area + et) - eu);
-  return SolveCell(et, -eu, middle, fmaf(0.5f + float(kNarrowWidening), norm, 0.5f * Abs(area)),
+  return SolveCell(et, -eu, middle, fmaf(0.5f + float(kNarrowWidening), norm, 0.5f * fabsf(area)),
                    fmaf(band, norm, rounding));
 }
 
@@ -219,10 +287,10 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
   n.x = fmaf(e[0].z, e[2].y, -(e[0].y * e[2].z));
   n.y = fmaf(e[0].x, e[2].z, -(e[0].z * e[2].x));
   n.z = fmaf(e[0].y, e[2].x, -(e[0].x * e[2].y));
-  const float ax = Abs(n.x), ay = Abs(n.y), az = Abs(n.z);
+  const float ax = fabsf(n.x), ay = fabsf(n.y), az = fabsf(n.z);
   const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
   float longest = 0;
-  for (int i = 0; i < 3; ++i) longest = fmaxf(longest, fmaf(e[i].x, e[i].x, fmaf(e[i].y, e[i].y, e[i].z * e[i].z)));
+  for (int i = 0; i < 3; ++i) longest = fmaxf(longest, LengthSquared(e[i]));
   if (!(most > fmaf(0.0042f, longest, 0x1p-19f))) return false;  // perhaps not narrow
   // Rounding errors grow with the box: of products of two lengths, of three, and of the plane that moving vertices by units turns.
   const auto size =

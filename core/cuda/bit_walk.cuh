@@ -4,6 +4,7 @@
 //   WalkCells   every triangle a thread: what bit_cells.cuh is certain of is written at once, the rest waits in two queues
 //   WalkLayers  lanes of a warp set up a triangle each, exactly, then all share their layers
 //   WalkLarge   the largest: warps share their layers, lanes the rows of one
+// Before them, where triangles come in random order: bit_order.cuh. Few and large triangles in large grids: bit_bins.cuh.
 // No host-only includes.
 #pragma once
 
@@ -31,8 +32,9 @@ struct BitArgs {
   const uint32_t* triangles = nullptr;
   const Vec3d* positions = nullptr;  // world space
   uint64_t triangle_count = 0;
-  int rounds = 1;                // of WalkCells
-  int per_block = kCellThreads;  // triangles a round; whole warps
+  const uint32_t *order = nullptr, *ordered = nullptr;  // of WalkCells<, true>, and how many there are
+  int rounds = 1;                                       // of WalkCells
+  uint32_t drawn_large = 0;                             // of the large queue, those at its begin
   // Room for all triangles each.
   uint32_t *layer_queue = nullptr, *large_queue = nullptr;
   uint64_t* queued = nullptr;  // how many wait in each
@@ -178,13 +180,15 @@ __device__ inline CellFate FindFate(const BitArgs& args, const Corners& c, Fixed
   const int size[3] = {box.last[0] - box.first[0], box.last[1] - box.first[1], box.last[2] - box.first[2]};
   const int greatest = max(size[0], max(size[1], size[2]));
   if (!box.doubtful && greatest <= 1) {
-    if constexpr (!kThin) {
-      if (size[0] + size[1] + size[2] <= 1) {  // of the run class, which touches the whole box
-        octants = size[0] != 0 ? 0x03 : size[1] != 0 ? 0x05 : size[2] != 0 ? 0x11 : 0x01;
-        return CellFate::kDone;
-      }
+    if (size[0] + size[1] + size[2] > 1) return CellFate::kOctants;
+    if constexpr (!kThin) {  // of the run class, which touches the whole box
+      octants = size[0] != 0 ? 0x03 : size[1] != 0 ? 0x05 : size[2] != 0 ? 0x11 : 0x01;
+      return CellFate::kDone;
     }
-    return CellFate::kOctants;
+    const Octants o = TouchedThinRun(t.v.at, box, args.fixed);
+    if (o.doubtful) return CellFate::kLayers;
+    octants = o.touched;
+    return CellFate::kDone;
   }
   const int width = max(1, end[1] - begin[1]), layers = max(1, end[2] - begin[2]);
   if (!box.doubtful && greatest < kMostCells && width * layers <= kMostCellRows) return CellFate::kRows;
@@ -204,9 +208,9 @@ __device__ inline bool FindOctants(const BitArgs& args, const FixedTriangle& t, 
   return true;
 }
 
-// Sets the octants of all lanes, first those together that neighbours in a mesh have about one corner: atomics are what takes longest.
-// All threads of a warp call it.
-__device__ inline void SetOctantsTogether(const BitArgs& args, const int (&first)[3], uint32_t octants) {
+// The octants of all lanes, those together that neighbours in a mesh have about one corner: atomics are what takes longest. Those of a lane
+// whose octants another has come to none. All threads of a warp call it.
+__device__ inline uint32_t Together(const int (&first)[3], uint32_t octants) {
   const unsigned lane = threadIdx.x % 32;
   const uint32_t xy = (uint32_t(first[0]) & 0xffff) | uint32_t(first[1]) << 16;  // fixed-point cells have 16 bits
   const bool other_xy = __shfl_up_sync(~0u, xy, 1) != xy, other_z = __shfl_up_sync(~0u, first[2], 1) != first[2];
@@ -220,7 +224,12 @@ __device__ inline void SetOctantsTogether(const BitArgs& args, const int (&first
       if (lane + step < end) octants |= there;
     }
   }
-  if (is_head && octants != 0) SetOctants(args, first, octants);
+  return is_head ? octants : 0;
+}
+
+__device__ inline void SetOctantsTogether(const BitArgs& args, const int (&first)[3], uint32_t octants) {
+  octants = Together(first, octants);
+  if (octants != 0) SetOctants(args, first, octants);
 }
 
 // A triangle whose fate is kRows; false if some voxel is in doubt.
@@ -256,14 +265,18 @@ __device__ __noinline__ inline CellFate FindQueue(const BitArgs& args, uint64_t 
   return QueueOf(max(width[1], int64_t{1}), max(width[2], int64_t{1}));
 }
 
-// What the block's triangles share in WalkCells.
+// What the block's triangles share in WalkCells. Triangles are numbered from the block's first on.
 struct CellRoom {
   static constexpr uint32_t kRoom = kMostCellRounds * kCellThreads;
-  CellSpan table[kMostCells][kCellThreads];
-  uint32_t cells[kRoom];   // triangles that wait for octants, from the begin on, and for rows, from the end on
-  uint32_t layers[kRoom];  // for another kernel
-  uint32_t octant_count, row_count, layer_count;
-  unsigned long long first;
+  static_assert(kRoom <= 1 << 16);
+  union {
+    CellSpan table[kMostCells][kCellThreads];
+    uint2 found[kMostCellRounds][kCellThreads];  // octants that wait for the bits to be cleared
+  };
+  uint16_t cells[kRoom];  // triangles that wait for octants, from the begin on, and for rows, from the end on
+  uint16_t later[kRoom];  // likewise for other kernels: those of the layer queue, those of the large queue
+  uint32_t octant_count, row_count, layer_count, large_count;
+  unsigned long long first_layer, first_large;
 };
 
 // Appends t to a list of the block's where `wanted`, `step` from one to the next. All threads of a warp call it.
@@ -277,30 +290,51 @@ __device__ inline void AppendInBlock(bool wanted, uint32_t t, Entry* list, int s
   if (wanted) list[int(at) * step] = Entry(t);
 }
 
-// Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. The block appends what waits for
+// Octants about a corner in 64 bits; fixed-point cells have 16 bits.
+__device__ inline uint2 PackOctants(const int (&first)[3], uint32_t octants) {
+  return {(uint32_t(first[0]) & 0xffff) | uint32_t(first[1]) << 16, (uint32_t(first[2]) & 0xffff) | octants << 16};
+}
+__device__ inline void SetPacked(const BitArgs& args, const uint2& packed) {
+  const uint32_t octants = packed.y >> 16;
+  if (octants == 0) return;
+  const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
+  SetOctants(args, first, octants);
+}
+
+// Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first pass finds is kept
+// until earlier kernels have ended, so that it runs beside the clearing of the grid. The block appends what waits for
 // other kernels at once: an atomic that returns costs some 3 ns where all are on one address. Waits for earlier kernels.
-template <bool kThin>
+template <bool kThin, bool kOrdered>
 __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& room) {
-  if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = 0;
+  if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = room.large_count = 0;
   __syncthreads();
   const bool fixed = args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
-  const uint64_t begin = chunk * uint64_t(args.rounds) * uint64_t(args.per_block) + threadIdx.x;
-  const bool takes = int(threadIdx.x) < args.per_block;
+  const uint64_t begin = chunk * uint64_t(args.rounds) * uint64_t(kCellThreads), mine = begin + threadIdx.x;
+  uint64_t count = args.triangle_count;
+  if constexpr (kOrdered) {  // earlier kernels make the order
+    AwaitEarlier();
+    count = __ldcg(args.ordered);
+    if (begin >= count) return;
+  }
+  const auto triangle_at = [&args](uint64_t i) {
+    if constexpr (kOrdered) return __ldcg(args.order + i);
+    return uint32_t(i);
+  };
+  uint32_t next_t = 0;
   Corners next{};
-  if (takes && begin < args.triangle_count) next = LoadCorners(args.triangles, begin);
+  if (mine < count) next = LoadCorners(args.triangles, next_t = triangle_at(mine));
   for (int round = 0; round < args.rounds; ++round) {
-    const uint64_t t = begin + uint64_t(round) * uint64_t(args.per_block), then = t + uint64_t(args.per_block);
+    const uint32_t number = uint32_t(round * kCellThreads) + threadIdx.x;
+    const uint32_t t = kOrdered ? next_t : uint32_t(begin) + number;
+    const bool takes = begin + number < count;
+    const uint64_t then = begin + number + uint64_t(kCellThreads);
     const Corners corners = next;
-    if (takes && round + 1 < args.rounds && then < args.triangle_count) next = LoadCorners(args.triangles, then);
+    if (round + 1 < args.rounds && then < count) next = LoadCorners(args.triangles, next_t = triangle_at(then));
     CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
-    if (takes && t < args.triangle_count) {
+    if (takes) {
       fate = fixed ? FindFate<kThin>(args, corners, triangle, octants) : FindQueue(args, t);
-    }
-    if (round == 0) AwaitEarlier();  // until here nothing is written but what is the block's
-    if (fate == CellFate::kLarge) {
-      args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLargeQueue), 1ull)] = uint32_t(t);
     }
     __syncwarp();
     if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
@@ -309,48 +343,56 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
       }
       __syncwarp();
     }
-    SetOctantsTogether(args, triangle.box.first, octants);
-    AppendInBlock(fate == CellFate::kOctants, uint32_t(t), room.cells, 1, &room.octant_count);
-    AppendInBlock(fate == CellFate::kRows, uint32_t(t), room.cells + (CellRoom::kRoom - 1), -1, &room.row_count);
-    AppendInBlock(fate == CellFate::kLayers, uint32_t(t), room.layers, 1, &room.layer_count);
+    room.found[round][threadIdx.x] = PackOctants(triangle.box.first, Together(triangle.box.first, octants));
+    AppendInBlock(fate == CellFate::kOctants, number, room.cells, 1, &room.octant_count);
+    AppendInBlock(fate == CellFate::kRows, number, room.cells + (CellRoom::kRoom - 1), -1, &room.row_count);
+    AppendInBlock(fate == CellFate::kLayers, number, room.later, 1, &room.layer_count);
+    AppendInBlock(fate == CellFate::kLarge, number, room.later + (CellRoom::kRoom - 1), -1, &room.large_count);
   }
+  AwaitEarlier();  // until here nothing is written but what is the block's
+  for (int round = 0; round < args.rounds; ++round) SetPacked(args, room.found[round][threadIdx.x]);
   __syncthreads();
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;
   for (uint32_t begins = threadIdx.x / 32 * 32; begins < octant_count; begins += kCellThreads) {
     const uint32_t i = begins + threadIdx.x % 32;
     bool doubtful = false;
-    uint32_t t = 0, octants = 0;
+    uint32_t number = 0, octants = 0;
     FixedTriangle triangle{};
     if (i < octant_count) {
-      t = room.cells[i];
-      triangle.v = LoadFixed(args, LoadCorners(args.triangles, t));
+      number = room.cells[i];
+      triangle.v = LoadFixed(args, LoadCorners(args.triangles, triangle_at(begin + number)));
       triangle.box = BoxOf(triangle.v.at, args.fixed);
       doubtful = !FindOctants<kThin>(args, triangle, octants);
     }
     __syncwarp();
-    SetOctantsTogether(args, triangle.box.first, octants);
-    AppendInBlock(doubtful, t, room.layers, 1, &room.layer_count);
+    SetPacked(args, PackOctants(triangle.box.first, Together(triangle.box.first, octants)));
+    AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
   }
   for (uint32_t first = threadIdx.x / 32 * 32; first < row_count; first += kCellThreads) {
     const uint32_t i = first + threadIdx.x % 32;
     bool doubtful = false;
-    uint32_t t = 0;
+    uint32_t number = 0;
     if (i < row_count) {
-      t = room.cells[CellRoom::kRoom - 1 - i];
-      doubtful = !WalkCellRows<kThin>(args, LoadCorners(args.triangles, t), &room.table[0][threadIdx.x]);
+      number = room.cells[CellRoom::kRoom - 1 - i];
+      const Corners corners = LoadCorners(args.triangles, triangle_at(begin + number));
+      doubtful = !WalkCellRows<kThin>(args, corners, &room.table[0][threadIdx.x]);
     }
     __syncwarp();
-    AppendInBlock(doubtful, t, room.layers, 1, &room.layer_count);
+    AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
   }
   __syncthreads();
-  if (threadIdx.x == 0 && room.layer_count > 0) {
-    room.first = atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLayerQueue),
-                           static_cast<unsigned long long>(room.layer_count));
-  }
+  auto* const queued = reinterpret_cast<unsigned long long*>(args.queued);
+  if (threadIdx.x == 0 && room.layer_count > 0)
+    room.first_layer = atomicAdd(queued + kLayerQueue, 0ull + room.layer_count);
+  if (threadIdx.x == 32 && room.large_count > 0)
+    room.first_large = atomicAdd(queued + kLargeQueue, 0ull + room.large_count);
   __syncthreads();
-  for (uint32_t i = threadIdx.x; i < room.layer_count; i += kCellThreads)
-    args.layer_queue[room.first + i] = room.layers[i];
-  __syncthreads();  // the room is free again
+  for (uint32_t i = threadIdx.x; i < room.layer_count; i += kCellThreads) {
+    args.layer_queue[room.first_layer + i] = triangle_at(begin + room.later[i]);
+  }
+  for (uint32_t i = threadIdx.x; i < room.large_count; i += kCellThreads) {
+    args.large_queue[room.first_large + i] = triangle_at(begin + room.later[CellRoom::kRoom - 1 - i]);
+  }
 }
 
 // Sets up triangle t in shared memory; the number of its layers.
@@ -443,8 +485,10 @@ struct LargeRoom {
 
 // The large queue, by block `block` of `blocks`. Batches of triangles are dealt to the blocks; where those are more, several share one.
 __device__ inline void WalkLarge(const BitArgs& args, uint32_t block, uint32_t blocks, LargeRoom& room) {
-  const uint64_t count = __ldcg(args.queued + kLargeQueue);
-  if (count == 0) return;
+  const uint64_t queued = __ldcg(args.queued + kLargeQueue);
+  if (queued <= args.drawn_large) return;
+  const uint32_t* const queue = args.large_queue + args.drawn_large;
+  const uint64_t count = queued - args.drawn_large;
   const uint64_t batches = (count + kLargeSetups - 1) / kLargeSetups, each = (count + batches - 1) / batches;
   const auto warps = uint32_t(blockDim.x / 32), warp = uint32_t(threadIdx.x / 32), lane = uint32_t(threadIdx.x % 32);
   for (uint64_t batch = block % batches; batch < batches; batch += blocks) {
@@ -454,7 +498,7 @@ __device__ inline void WalkLarge(const BitArgs& args, uint32_t block, uint32_t b
     uint32_t layers = 0;
     if (warp == 0) {
       if (int(lane) < here) {
-        layers = SetUpLayers(args, __ldcg(args.large_queue + batch * each + lane), room.setups[lane]);
+        layers = SetUpLayers(args, __ldcg(queue + batch * each + lane), room.setups[lane]);
       }
       uint32_t total;
       const uint32_t before = WarpExclusiveSum(layers, total);

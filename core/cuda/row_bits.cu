@@ -8,6 +8,7 @@
 #include "cuda/batch_kernel.cuh"
 #include "cuda/bit_args.h"
 #include "cuda/bit_bins.cuh"
+#include "cuda/bit_order.cuh"
 #include "cuda/bit_walk.cuh"
 #include "cuda/early_launch.cuh"
 #include "cuda/launch.h"
@@ -18,7 +19,8 @@ namespace voxelpipe::cuda {
 namespace {
 
 constexpr int kThreads = 256;
-constexpr int kCellBlocks = 8;  // of CellKernel on a multiprocessor at once
+constexpr int kOrderedRounds = 1;  // of CellKernel where triangles are ordered: fewer are under way, in fewer places
+constexpr int kCellBlocks = 8;     // of CellKernel on a multiprocessor at once
 
 // Sets bits in the grids of a batch.
 struct SetBatchBits {
@@ -52,14 +54,14 @@ __global__ void __launch_bounds__(kThreads) ClearKernel(const __grid_constant__ 
   Clear(args);
 }
 
-template <bool kThin>
+template <bool kThin, bool kOrdered>
 __global__ void __launch_bounds__(kCellThreads, kCellBlocks) CellKernel(const __grid_constant__ BitArgs args) {
   __shared__ CellRoom room;
   AllowNext();
-  WalkCells<kThin>(args, blockIdx.x, room);
+  WalkCells<kThin, kOrdered>(args, blockIdx.x, room);
 }
 
-constexpr int kLayerThreads = 128, kLayerSetups = 8, kLayerBlocks = 4;
+constexpr int kLayerThreads = 128, kLayerSetups = 16, kLayerBlocks = 4;
 
 union LayerRoom {
   SharedSetup of_warps[kLayerThreads / 32][kLayerSetups];
@@ -75,28 +77,6 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const
   WalkLayers<kLayerSetups>(args, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps, room.of_warps[warp]);
 }
 
-constexpr int kBinBlocks = 8;          // on a multiprocessor at once
-constexpr int kStoreThreads = 1024;    // likewise
-constexpr uint32_t kStoreDepth = 128;  // blocks along z
-
-__global__ void __launch_bounds__(kBinThreads, kBinBlocks)
-    BinKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
-  constexpr uint32_t kWarps = kBinThreads / 32;
-  // The next kernel is not allowed to begin: its blocks would take the place of those here.
-  __shared__ alignas(16) char memory[kBinThreads * sizeof(SharedSetup)];
-  FillBins(args, bins, uint64_t(blockIdx.x) * kWarps + threadIdx.x / 32, uint64_t(gridDim.x) * kWarps,
-           reinterpret_cast<SharedSetup*>(memory) + threadIdx.x / 32 * 32);
-}
-
-template <bool kQuads, int kThreads>
-__global__ void __launch_bounds__(kThreads, kStoreThreads / kThreads)
-    StoreKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
-  __shared__ alignas(16) char memory[sizeof(StoreRoom<kThreads>)];
-  AllowNext();
-  AwaitEarlier();
-  StorePieces<kQuads>(args, bins, *reinterpret_cast<StoreRoom<kThreads>*>(memory));
-}
-
 // Waits for all blocks of a cooperative launch. The counter is 0 but for its highest bit, and so it is left.
 __device__ inline void WaitForGrid(unsigned* arrived) {
   __syncthreads();
@@ -110,14 +90,64 @@ __device__ inline void WaitForGrid(unsigned* arrived) {
   __syncthreads();
 }
 
-// All steps in one launch, for meshes of so few triangles that each warp has at most kLayerSetups: what takes longest there is to wait.
+constexpr int kBinBlocks = 8;          // on a multiprocessor at once
+constexpr int kStoreThreads = 1024;    // likewise
+constexpr uint32_t kStoreDepth = 128;  // blocks along z
+
+__global__ void __launch_bounds__(kBinThreads, kBinBlocks)
+    BinKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
+  constexpr uint32_t kWarps = kBinThreads / 32;
+  // The next kernel is not allowed to begin: its blocks would take the place of those here.
+  __shared__ alignas(16) char memory[kBinThreads * sizeof(SharedSetup)];
+  FillBins(args, bins, uint64_t(blockIdx.x) * kWarps + threadIdx.x / 32, uint64_t(gridDim.x) * kWarps,
+           reinterpret_cast<SharedSetup*>(memory) + threadIdx.x / 32 * 32);
+}
+
+template <bool kQuads, bool kListed, int kThreads>
+__global__ void __launch_bounds__(kThreads, kStoreThreads / kThreads)
+    StoreKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
+  __shared__ alignas(16) char memory[sizeof(StoreRoom<kThreads>)];
+  AllowNext();
+  AwaitEarlier();
+  StorePieces<kQuads, kListed>(args, bins, *reinterpret_cast<StoreRoom<kThreads>*>(memory));
+}
+
+constexpr int kAtOnceThreads = 128, kAtOnceSetups = 8, kAtOnceBlocks = 4;
+
+union AtOnceRoom {
+  SharedSetup of_warps[kAtOnceThreads / 32][kAtOnceSetups];
+  LargeRoom large;
+};
+
+__global__ void __launch_bounds__(kOrderThreads)
+    KeyKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
+  __shared__ OrderRoom room;
+  AllowNext();
+  KeyTriangles(args, order, room);
+}
+
+__global__ void __launch_bounds__(kOrderThreads)
+    PlaceKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
+  __shared__ OrderRoom room;
+  PlaceTriangles(args, order, room);
+}
+
+// Begins when KeyKernel has ended and runs beside PlaceKernel, which writes nothing that it reads: it waits last.
+__global__ void __launch_bounds__(32)
+    SetUpKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
+  AllowNext();
+  SetUpLarge(args, order, uint64_t(threadIdx.x) * gridDim.x + blockIdx.x);
+  AwaitEarlier();
+}
+
+// All steps in one launch, for meshes of so few triangles that each warp has at most kAtOnceSetups: what takes longest there is to wait.
 // Triangles are set up while the bits are cleared.
-__global__ void __launch_bounds__(kLayerThreads, kLayerBlocks)
+__global__ void __launch_bounds__(kAtOnceThreads, kAtOnceBlocks)
     AtOnceKernel(const __grid_constant__ BitArgs args, unsigned* arrived) {
-  __shared__ alignas(16) char memory[sizeof(LayerRoom)];
-  auto& room = *reinterpret_cast<LayerRoom*>(memory);
+  __shared__ alignas(16) char memory[sizeof(AtOnceRoom)];
+  auto& room = *reinterpret_cast<AtOnceRoom*>(memory);
   // Neighbours in the mesh to different multiprocessors.
-  const uint64_t warps = uint64_t(gridDim.x) * (kLayerThreads / 32);
+  const uint64_t warps = uint64_t(gridDim.x) * (kAtOnceThreads / 32);
   const uint64_t warp = uint64_t(threadIdx.x / 32) * gridDim.x + blockIdx.x;
   const uint64_t each = (args.triangle_count + warps - 1) / warps, lane = threadIdx.x % 32;
   SharedSetup* const shared = room.of_warps[threadIdx.x / 32];
@@ -133,7 +163,7 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks)
       args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLargeQueue), 1ull)] = uint32_t(t);
     }
   }
-  WalkSetUp<kLayerSetups>(args, shared, layers);
+  WalkSetUp<kAtOnceSetups>(args, shared, layers);
   WaitForGrid(arrived);
   WalkLarge(args, blockIdx.x, gridDim.x, room.large);
 }
@@ -199,11 +229,11 @@ int BlocksAtOnce(const DeviceInfo& device) {
     int cooperative = 0, resident = 0;
     if (cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, device.ordinal) != cudaSuccess ||
         cooperative == 0 ||
-        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, AtOnceKernel, kLayerThreads, 0) != cudaSuccess) {
+        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, AtOnceKernel, kAtOnceThreads, 0) != cudaSuccess) {
       (void)cudaGetLastError();
       resident = 0;
     }
-    return std::min(resident, kLayerBlocks) * device.multiprocessors;
+    return std::min(resident, kAtOnceBlocks) * device.multiprocessors;
   });
 }
 
@@ -227,20 +257,67 @@ int CacheBytes(const DeviceInfo& device) {
   });
 }
 
+// Whether the cache holds less than the most of the grid.
+bool ExceedsCache(const RunState& state, const BitArgs& args) {
+  const auto cache = uint64_t(CacheBytes(state.device));
+  return state.plain_bits && cache != 0 && args.quads * 16 > cache / 2;
+}
+
+void CutIntoPieces(const BitArgs& args, Bins& bins) {
+  const auto pieces_along = [](int64_t n, int64_t edge) { return uint32_t((n + edge - 1) / edge); };
+  bins.dims[0] = pieces_along(args.grid.dims[0], kPieceWords * 32);
+  bins.dims[1] = pieces_along(args.grid.dims[1], kPieceEdge);
+  bins.dims[2] = pieces_along(args.grid.slab_end - args.grid.slab_begin, kPieceEdge);
+}
+
+// Whether neighbours in the order of triangles lie far apart, by a sample: every second pair more than a sixteenth of the grid.
+bool IsScattered(const RunState& state, const BitArgs& args) {
+  constexpr uint64_t kSamples = 128;
+  const TriangleMesh& mesh = state.host.mesh;
+  if (args.triangle_count < 32 * kSamples || mesh.triangles.size() != args.triangle_count) return false;
+  uint64_t apart = 0;
+  for (uint64_t i = 0; i < kSamples; ++i) {
+    const uint64_t t = args.triangle_count / kSamples * i;
+    const Vec3d& a = mesh.positions[mesh.triangles[t][0]];
+    const Vec3d& b = mesh.positions[mesh.triangles[t + 1][0]];
+    bool far = false;
+    for (int k = 0; k < 3; ++k)
+      far = far || Abs(a[k] - b[k]) * 16 > args.grid.voxel_size[k] * double(args.grid.dims[k]);
+    apart += far ? 1 : 0;
+  }
+  return apart * 2 > kSamples;
+}
+
+// Whether triangles are ordered first, and the room for that.
+bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
+  if (!ExceedsCache(state, args) || args.fixed.bits == 0 || args.coverage == Coverage::kCenter) return false;
+  if (!IsScattered(state, args)) return false;
+  constexpr uint64_t kSetUp = kMostLarge * sizeof(SharedSetup), kCounts = (kOrderCells + 2) * sizeof(uint32_t);
+  if (!state.queue[2].Resize(args.triangle_count, state.stream).ok() ||
+      !state.scratch.Resize(kSetUp + kCounts, state.stream).ok()) {
+    return false;
+  }
+  order.keys = args.layer_queue;  // nothing waits there yet
+  order.order = state.queue[2].data();
+  order.large = reinterpret_cast<SharedSetup*>(state.scratch.data());
+  order.cells = reinterpret_cast<uint32_t*>(state.scratch.data() + kSetUp);
+  const int64_t dims[3] = {args.grid.dims[0], args.grid.dims[1], args.grid.slab_end - args.grid.slab_begin};
+  for (int a = 0; a < 3; ++a) {
+    while (dims[a] > int64_t{kCellsOfSide} << order.shift[a]) ++order.shift[a];
+  }
+  return true;
+}
+
 // Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where triangles are small: more
 // than eight to a piece of the grid's largest face.
 bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
   constexpr uint64_t kMostTriangles = 1 << 18;
-  const auto cache = uint64_t(CacheBytes(state.device));
-  if (!state.plain_bits || cache == 0 || args.quads * 16 <= cache / 2) return false;
+  if (!ExceedsCache(state, args)) return false;
   const uint64_t nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
   const auto nz = uint64_t(args.grid.slab_end - args.grid.slab_begin);
   const uint64_t count = args.triangle_count, face = std::max({nx * ny, ny * nz, nz * nx});
   if (count == 0 || count > kMostTriangles || count * 8 > face) return false;
-  const auto pieces_along = [](uint64_t n, uint64_t edge) { return uint32_t((n + edge - 1) / edge); };
-  bins.dims[0] = pieces_along(nx, kPieceWords * 32);
-  bins.dims[1] = pieces_along(ny, kPieceEdge);
-  bins.dims[2] = pieces_along(nz, kPieceEdge);
+  CutIntoPieces(args, bins);
   const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
   if (pieces >= UINT32_MAX / kBinRoom) return false;
   const auto whole = [](uint64_t bytes) { return (bytes + 255) / 256 * 256; };
@@ -255,10 +332,41 @@ bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
   return true;
 }
 
-template <bool kQuads, int kThreads>
+template <bool kQuads, bool kListed, int kThreads>
 void LaunchStore(const RunState& state, const BitArgs& args, const Bins& bins) {
   const dim3 blocks(bins.dims[0], bins.dims[1], std::min(bins.dims[2], kStoreDepth));
-  LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kThreads, StoreKernel<kQuads, kThreads>, args, bins);
+  LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kThreads, StoreKernel<kQuads, kListed, kThreads>, args,
+              bins);
+}
+
+absl::Status LaunchClear(const RunState& state, const BitArgs& args) {
+  const auto processors = unsigned(state.device.multiprocessors);
+  ClearKernel<<<BlocksFor(args.quads / 4, kThreads, processors * 16), kThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ClearKernel");
+  return absl::OkStatus();
+}
+
+absl::Status LaunchStores(const RunState& state, const BitArgs& args, const Bins& bins) {
+  const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
+  const bool quads = args.grid.words_per_row % 4 == 0, listed = bins.counts != nullptr;
+  if (!listed) {
+    quads ? LaunchStore<true, false, 64>(state, args, bins) : LaunchStore<false, false, 64>(state, args, bins);
+  } else if (!quads) {
+    LaunchStore<false, true, 64>(state, args, bins);
+  } else if (args.triangle_count < pieces) {
+    LaunchStore<true, true, 64>(state, args, bins);
+  } else {
+    LaunchStore<true, true, 128>(state, args, bins);  // several triangles a piece
+  }
+  VOXELPIPE_LAUNCHED_OR_RETURN("StoreKernel");
+  return absl::OkStatus();
+}
+
+absl::Status LaunchLayers(const RunState& state, const BitArgs& args) {
+  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(state.device.multiprocessors) * kLayerBlocks,
+              kLayerThreads, LayerKernel, args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("LayerKernel");
+  return absl::OkStatus();
 }
 
 absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins& bins) {
@@ -266,48 +374,73 @@ absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins
   BitArgs clear = args;  // what is cleared lies together
   clear.bits = bins.counts;
   clear.quads = uint64_t(bins.triangles - bins.counts) / 4;
-  ClearKernel<<<BlocksFor(clear.quads, kThreads, processors * 16), kThreads, 0, state.stream>>>(clear);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ClearKernel");
+  VOXELPIPE_OK_OR_RETURN(LaunchClear(state, clear));
   const bool early = BeginsEarly(state.device);
   LaunchEarly(early, state.stream, processors * kBinBlocks, kBinThreads, BinKernel, args, bins);
   VOXELPIPE_LAUNCHED_OR_RETURN("BinKernel");
-  const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
-  if (args.grid.words_per_row % 4 != 0) {
-    LaunchStore<false, 64>(state, args, bins);
-  } else if (args.triangle_count < pieces) {
-    LaunchStore<true, 64>(state, args, bins);
-  } else {
-    LaunchStore<true, 128>(state, args, bins);  // several triangles a piece
-  }
-  VOXELPIPE_LAUNCHED_OR_RETURN("StoreKernel");
-  LaunchEarly(early, state.stream, processors * kLayerBlocks, kLayerThreads, LayerKernel, args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("LayerKernel");
-  return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(LaunchStores(state, args, bins));
+  return LaunchLayers(state, args);
 }
 
 absl::Status LaunchAtOnce(RunState& state, BitArgs& args, int blocks) {
+  // The last counter of the queues is the barrier's: runs of plain bits put it to no other use.
   auto* arrived = reinterpret_cast<unsigned*>(state.counters.data() + kQueued3);
   void* arguments[] = {&args, &arrived};
   VOXELPIPE_CUDA_OR_RETURN(cudaLaunchCooperativeKernel(reinterpret_cast<const void*>(&AtOnceKernel),
-                                                       dim3(unsigned(blocks)), dim3(kLayerThreads), arguments, 0,
+                                                       dim3(unsigned(blocks)), dim3(kAtOnceThreads), arguments, 0,
                                                        state.stream));
   VOXELPIPE_LAUNCHED_OR_RETURN("AtOnceKernel");
   return absl::OkStatus();
 }
 
-absl::Status LaunchSteps(const RunState& state, const BitArgs& args, bool thin) {
-  const auto processors = unsigned(state.device.multiprocessors);
-  ClearKernel<<<BlocksFor(args.quads / 4, kThreads, processors * 16), kThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ClearKernel");
-  if (args.triangle_count == 0) return absl::OkStatus();
+absl::Status LaunchCells(const RunState& state, const BitArgs& args, bool thin) {
   const auto blocks = unsigned((args.triangle_count + uint64_t(args.rounds) * kCellThreads - 1) /
                                (uint64_t(args.rounds) * kCellThreads));
-  const bool early = BeginsEarly(state.device);
-  LaunchEarly(early, state.stream, blocks, kCellThreads, thin ? CellKernel<true> : CellKernel<false>, args);
+  auto* kernel = thin ? CellKernel<true, false> : CellKernel<false, false>;
+  if (args.order != nullptr) kernel = thin ? CellKernel<true, true> : CellKernel<false, true>;
+  LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kCellThreads, kernel, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CellKernel");
-  LaunchEarly(early, state.stream, processors * kLayerBlocks, kLayerThreads, LayerKernel, args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("LayerKernel");
-  return absl::OkStatus();
+  return LaunchLayers(state, args);
+}
+
+// Triangles by place; the grid cleared with the largest drawn in it.
+absl::Status LaunchOrdered(RunState& state, BitArgs& args, const OrderArgs& order, bool thin) {
+  BitArgs clear = args;
+  clear.bits = order.cells;
+  clear.quads = (kOrderCells + 2 + 3) / 4;
+  VOXELPIPE_OK_OR_RETURN(LaunchClear(state, clear));
+  const bool early = BeginsEarly(state.device);
+  const auto chunks = unsigned((args.triangle_count + kOrderChunk - 1) / kOrderChunk);
+  LaunchEarly(early, state.stream, chunks, kOrderThreads, KeyKernel, args, order);
+  VOXELPIPE_LAUNCHED_OR_RETURN("KeyKernel");
+  LaunchEarly(early, state.stream, chunks, kOrderThreads, PlaceKernel, args, order);
+  VOXELPIPE_LAUNCHED_OR_RETURN("PlaceKernel");
+  LaunchEarly(early, state.stream, kMostLarge / 32, 32, SetUpKernel, args, order);
+  VOXELPIPE_LAUNCHED_OR_RETURN("SetUpKernel");
+  Bins bins;
+  CutIntoPieces(args, bins);
+  bins.set_up = order.large;
+  VOXELPIPE_OK_OR_RETURN(LaunchStores(state, args, bins));
+  args.order = order.order;
+  args.ordered = order.cells + kOrderCells;
+  args.drawn_large = kMostLarge;
+  args.rounds = kOrderedRounds;
+  return LaunchCells(state, args, thin);
+}
+
+// As many rounds as leave the least to the last wave of blocks.
+void ChooseRounds(const RunState& state, BitArgs& args) {
+  const uint64_t resident = uint64_t(state.device.multiprocessors) * kCellBlocks;
+  uint64_t least = UINT64_MAX;
+  for (int rounds = kMostCellRounds; rounds >= 1; --rounds) {
+    const uint64_t blocks =
+        (args.triangle_count + uint64_t(rounds) * kCellThreads - 1) / (uint64_t(rounds) * kCellThreads);
+    const uint64_t waves = (blocks + resident - 1) / resident, work = 4 * waves * uint64_t(rounds) + waves;
+    if (work < least) {
+      least = work;
+      args.rounds = rounds;
+    }
+  }
 }
 
 }  // namespace
@@ -332,25 +465,14 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   args.queued = state.counters.data() + kQueued0;
   if (Bins bins; MakeBins(state, args, bins)) return LaunchPieces(state, args, bins);
   const bool thin = coverage == Coverage::kThin;
-  // The last counter of the queues is the barrier's: runs of plain bits put it to no other use.
-  const uint64_t most_at_once = uint64_t(BlocksAtOnce(state.device)) * (kLayerThreads / 32) * kLayerSetups;
+  const uint64_t most_at_once = uint64_t(BlocksAtOnce(state.device)) * (kAtOnceThreads / 32) * kAtOnceSetups;
   if (state.plain_bits && args.triangle_count > 0 && args.triangle_count <= most_at_once) {
     return LaunchAtOnce(state, args, BlocksAtOnce(state.device));
   }
-  args.per_block = kCellThreads;
-  // As many rounds as leave the least to the last wave of blocks.
-  const uint64_t resident = uint64_t(state.device.multiprocessors) * kCellBlocks;
-  uint64_t least = UINT64_MAX;
-  for (int rounds = kMostCellRounds; rounds >= 1; --rounds) {
-    const uint64_t blocks =
-        (args.triangle_count + uint64_t(rounds) * kCellThreads - 1) / (uint64_t(rounds) * kCellThreads);
-    const uint64_t waves = (blocks + resident - 1) / resident, work = 4 * waves * uint64_t(rounds) + waves;
-    if (work < least) {
-      least = work;
-      args.rounds = rounds;
-    }
-  }
-  return LaunchSteps(state, args, thin);
+  ChooseRounds(state, args);
+  if (OrderArgs order; MakeOrder(state, args, order)) return LaunchOrdered(state, args, order, thin);
+  VOXELPIPE_OK_OR_RETURN(LaunchClear(state, args));
+  return args.triangle_count == 0 ? absl::OkStatus() : LaunchCells(state, args, thin);
 }
 
 }  // namespace voxelpipe::cuda

@@ -110,29 +110,35 @@ struct SharedSetup {
   SpanClass span_class;
 };
 
+// A TriangleSetup whose bounds are made where they are to lie: a copy would go through local memory.
+struct SetupInPlace {
+  SpanBounds<float>& narrow;
+  SpanBounds<double>& wide;
+  SpanClass span_class;
+  Vec3d base, box_first, box_last;
+};
+
 // Sets up one triangle; the number of its rows within `within`.
 __device__ inline uint64_t SetUpShared(const Vec3d* positions, const uint32_t* triangles, Coverage coverage,
                                        const VoxelRange& within, uint32_t t, SharedSetup& shared) {
   const Corners c = LoadCorners(triangles, t);
-  const TriangleSetup s = SetUpTriangle(positions[c.v[0]], positions[c.v[1]], positions[c.v[2]], coverage);
-  const VoxelRange range = ClipToRange(s, within);
+  SetupInPlace s{shared.narrow, shared.wide, SpanClass::kRun, {}, {}, {}};
+  SetUpTriangle(positions[c.v[0]], positions[c.v[1]], positions[c.v[2]], coverage, s);
   shared.span_class = s.span_class;
   shared.base = s.base;
   shared.triangle = t;
-  if (range.empty()) return 0;
-  for (int i = 0; i < 3; ++i) {
-    shared.begin[i] = int(range.begin[i]);
-    shared.end[i] = int(range.end[i]);
+  bool empty = false;
+  for (int i = 0; i < 3; ++i) {  // as ClipToRange
+    const auto lo = double(int(within.begin[i])), hi = double(int(within.end[i]));
+    shared.begin[i] = int(Clamp(s.box_first[i], lo, hi));
+    shared.end[i] = int(Clamp(s.box_last[i] + 1, lo, hi));
+    empty = empty || shared.end[i] <= shared.begin[i];
+    shared.cell[i] = int(Clamp(s.base[i], -0x1p30, 0x1p30));  // of narrow triangles only
   }
-  shared.ny = uint32_t(range.end[1] - range.begin[1]);
+  if (empty) return 0;
+  shared.ny = uint32_t(shared.end[1] - shared.begin[1]);
   shared.one_over_ny = 1.0f / float(shared.ny);
-  if (s.span_class == SpanClass::kNarrow) {
-    shared.narrow = s.narrow;
-    for (int i = 0; i < 3; ++i) shared.cell[i] = int(s.base[i]);
-  } else if (s.span_class == SpanClass::kWide) {
-    shared.wide = s.wide;
-  }
-  return uint64_t(shared.ny) * uint64_t(range.end[2] - range.begin[2]);
+  return uint64_t(shared.ny) * uint64_t(shared.end[2] - shared.begin[2]);
 }
 
 // One row of a shared set-up within its box: false if the triangle does not touch it.

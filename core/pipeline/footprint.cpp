@@ -206,7 +206,8 @@ uint64_t PartBytes(const VoxelizeRequest& request, const Counts& counts) {
 // before the vertex shader ran, or not: pairs of tiles and triangles then take the place of records and spans.
 uint64_t DeviceListBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Counts& counts) {
   constexpr uint64_t kQueues = 2 * sizeof(uint32_t), kRecord = 2 * sizeof(uint64_t), kSpan = sizeof(uint64_t);
-  if (PlainBits(request)) return mesh.triangles * kQueues;
+  // Two queues and an order.
+  if (PlainBits(request)) return mesh.triangles * (kQueues + sizeof(uint32_t));
   // A triangle that touches many voxels has a span for each of its rows, others are records; there is room for a span for every second.
   constexpr double kManyVoxels = 16, kVoxelsOfSpan = 2;
   const double n = double(mesh.triangles);

@@ -208,8 +208,9 @@ VOXELPIPE_HD bool NarrowShape(const Vec3d& a, const Vec3d& b, const Vec3d& c, co
   return true;
 }
 
+template <typename Setup>
 VOXELPIPE_HD void SetUpWide(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage, double min_widening,
-                            TriangleSetup& s) {
+                            Setup& s) {
   const TrianglePlane plane = SetUpPlane(a, b, c);
   Shape<double> shape;
   shape.v0 = plane.v0;
@@ -238,10 +239,10 @@ VOXELPIPE_HD void SetUpWide(const Vec3d& a, const Vec3d& b, const Vec3d& c, Cove
 }  // namespace setup_internal
 
 // In: the three vertices in index space (double, finite, within 2^40 voxels), the coverage. Out: the set-up, independent of
-// grid, tile and batch.
-VOXELPIPE_HD TriangleSetup SetUpTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage) {
+// grid, tile and batch. `Setup` has the members of TriangleSetup; its bounds may be references to where they are to lie.
+template <typename Setup>
+VOXELPIPE_HD void SetUpTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage, Setup& s) {
   using namespace setup_internal;
-  TriangleSetup s;
   Vec3d lo, hi;
   for (int i = 0; i < 3; ++i) {
     lo[i] = Min(a[i], Min(b[i], c[i]));
@@ -255,13 +256,13 @@ VOXELPIPE_HD TriangleSetup SetUpTriangle(const Vec3d& a, const Vec3d& b, const V
         (s.box_first.x == s.box_last.x) + (s.box_first.y == s.box_last.y) + (s.box_first.z == s.box_last.z);
     if (single >= 2) {
       s.span_class = SpanClass::kRun;
-      return s;
+      return;
     }
   }
   Shape<float> shape;
   if (!NarrowShape(a, b, c, s.base, shape)) {
     SetUpWide(a, b, c, coverage, kMinWidening, s);
-    return s;
+    return;
   }
   s.span_class = SpanClass::kNarrow;
   shape.half = HalfSizes(coverage, shape.normal);
@@ -274,6 +275,10 @@ VOXELPIPE_HD TriangleSetup SetUpTriangle(const Vec3d& a, const Vec3d& b, const V
     s.narrow.last[i] = float(s.box_last[i] - s.base[i]);
   }
   BoundShape(shape, coverage, s.narrow);
+}
+VOXELPIPE_HD TriangleSetup SetUpTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage) {
+  TriangleSetup s;
+  SetUpTriangle(a, b, c, coverage, s);
   return s;
 }
 

@@ -330,8 +330,8 @@ void RunAll(Parity& parity, BatchParity& batches, const Options& options) {
   for (const ParityMesh& named : ParityMeshes(options.seed)) {
     ++number;
     const bool first = number <= 3;  // those with attributes
-    const bool small =
-        number == 1 || named.name == "pile_in_a_voxel" || named.name == "giants" || named.name == "point";
+    const bool small = number == 1 || named.name == "pile_in_a_voxel" || named.name == "scattered" ||
+                       named.name == "giants" || named.name == "point";
     const bool rigged = named.name == "rigged";
     if (options.quick && rigged && !parity.RunVertexShaders(named, named.make())) return;
     if (options.quick && !small) continue;

@@ -214,6 +214,16 @@ std::vector<ParityMesh> ParityMeshes(uint32_t seed) {
     }
     return mesh.Take();
   });
+  add("scattered", 110, [=] {  // neighbours far apart, a giant now and then
+    Loose mesh;
+    Random random(seed + 15);
+    for (int i = 0; i < 4500; ++i) {
+      const Vec3d a = random.Point(0, 110);
+      const double reach = i % 300 == 7 ? 400 : random(0.2, 4);
+      mesh.Add(a, a + random.Point(-reach, reach), a + random.Point(-reach, reach));
+    }
+    return mesh.Take();
+  });
   add("giants", 60, [=] { return Giants(40, 60, 120, seed + 11); });
   add("giants_far", 40, [=] { return Giants(24, 40, 60'000, seed + 12); });
   add("giants_beyond", 30, [=] { return Giants(12, 30, 0x1p36, seed + 13); });

@@ -53,7 +53,7 @@ Answer ByCells(const Triangle& world, const FixedPlace& place) {
   Answer answer;
   if (greatest >= kMostCells || (!kThin && single >= 2)) return {};  // for others, or nothing to decide
   if (greatest <= 1) {
-    const Octants o = TouchedOctants<kThin>(v, corner, place);
+    const Octants o = kThin && single >= 2 ? TouchedThinRun(v, box, place) : TouchedOctants<kThin>(v, corner, place);
     answer.certain = !o.doubtful;
     for (int i = 0; i < 8; ++i) {
       const std::array<int, 3> at{box.first[0] + (i & 1), box.first[1] + (i >> 1 & 1), box.first[2] + (i >> 2)};
@@ -73,8 +73,9 @@ Answer ByCells(const Triangle& world, const FixedPlace& place) {
 
 struct Kind {
   const char* name;
-  double reach;       // of a triangle about its middle, voxels
-  double quantum;     // vertices on multiples of it: ties; 0: anywhere
+  double reach;  // of a triangle about its middle, voxels
+  double
+      quantum;  // vertices on multiples of it: ties; 0: anywhere; below 0: many by the widening beyond a voxel's border
   double flatness;    // of 1: the third vertex so much nearer to the line of the others
   double most_doubt;  // share of the answers
 };
@@ -97,6 +98,10 @@ class CellsTest : public ::testing::TestWithParam<Kind> {
         for (int a = 0; a < 3; ++a) {
           p[a] = at[a] + about(random);
           if (kind.quantum > 0) p[a] = std::round(p[a] / kind.quantum) * kind.quantum;
+          if (kind.quantum < 0 && random() % 4 == 0) {
+            const double beyond = kNarrowWidening + 2e-4 * about(random) / kind.reach;
+            p[a] = std::round(p[a]) + (random() % 2 == 0 ? beyond : -beyond);
+          }
         }
       }
       if (kind.flatness < 1) index[2] = (index[0] + index[1]) * 0.5 + (index[2] - at) * kind.flatness;
@@ -132,7 +137,7 @@ INSTANTIATE_TEST_SUITE_P(Kinds, CellsTest,
                                            Kind{"ties of several", 2.5, 0.5, 1, 0.6},
                                            Kind{"on the lattice", 2, 1, 1, 0.9}, Kind{"slivers", 1.5, 0, 0.01, 1},
                                            Kind{"near the border of the class", 1, 0, 0.02, 1},
-                                           Kind{"tiny", 0.01, 0, 1, 1}));
+                                           Kind{"tiny", 0.01, 0, 1, 1}, Kind{"widened", 0.4, -1, 1, 1}));
 
 TEST(FixedPlaceTest, MeshesThatReachTooFarHaveNone) {
   const Vec3d origin{}, size{1, 1, 1}, least{-1, -1, -1};

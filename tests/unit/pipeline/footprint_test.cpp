@@ -45,8 +45,8 @@ uint64_t Lists(const VoxelizeRequest& request, int64_t resolution, const MeshSiz
   return of(true) - of(false);
 }
 
-TEST(FootprintTest, PlainBitsListNothingButTrianglesThatWait) {
-  EXPECT_EQ(Lists(VoxelizeRequest(), 256, Surface(1'000'000)), 8'000'000u);
+TEST(FootprintTest, PlainBitsListNothingButTrianglesThatWaitAndTheirOrder) {
+  EXPECT_EQ(Lists(VoxelizeRequest(), 256, Surface(1'000'000)), 12'000'000u);
 }
 
 TEST(FootprintTest, RecordsAndSpansOfBlendedTargetsCount) {
