@@ -64,7 +64,7 @@ void RaiseTo(prometheus::Counter& counter, uint64_t total) {
 }
 
 // What nobody keeps in the metrics.
-void SampleState(ServiceState& state) {
+void SampleState(ServiceState& state, const ServerTls& tls) {
   Metrics& metrics = state.metrics;
   metrics.upload_bytes.Set(double(state.uploads.used()));
   metrics.upload_limit_bytes.Set(double(state.uploads.limit()));
@@ -83,23 +83,21 @@ void SampleState(ServiceState& state) {
   RaiseTo(metrics.result_cache_hits, results.hits);
   RaiseTo(metrics.result_cache_misses, results.misses);
   RaiseTo(metrics.result_cache_evictions, results.evictions);
-  if (const auto facts = CheckTlsFiles(TlsOf(state.options)); facts.ok() && facts->has_value()) {
-    metrics.certificate_expiry.Set(std::chrono::duration<double>((*facts)->valid_until.time_since_epoch()).count());
+  if (const std::optional<TlsFacts> facts = tls.facts()) {
+    metrics.certificate_expiry.Set(std::chrono::duration<double>(facts->valid_until.time_since_epoch()).count());
   }
 }
 
 // A certificate that is about to expire is told at the start; later the metric tells it.
-void WarnOfCertificate(const TlsFiles& files) {
+void WarnOfCertificate(const std::string& path, const TlsFacts& facts) {
   constexpr std::chrono::hours kSoon(14 * 24);
-  const auto facts = CheckTlsFiles(files);
-  if (!facts.ok() || !facts->has_value()) return;
   const auto now = std::chrono::system_clock::now();
-  const auto left = std::chrono::duration_cast<std::chrono::hours>((*facts)->valid_until - now);
-  if ((*facts)->valid_from > now) spdlog::error("{} is not valid yet: clients will refuse it", files.certificate);
-  if ((*facts)->valid_until < now) {
-    spdlog::error("{} has expired: clients will refuse it", files.certificate);
+  const auto left = std::chrono::duration_cast<std::chrono::hours>(facts.valid_until - now);
+  if (facts.valid_from > now) spdlog::error("{} is not valid yet: clients will refuse it", path);
+  if (facts.valid_until < now) {
+    spdlog::error("{} has expired: clients will refuse it", path);
   } else if (left < kSoon) {
-    spdlog::warn("{} expires in {} hours", files.certificate, left.count());
+    spdlog::warn("{} expires in {} hours", path, left.count());
   }
 }
 
@@ -120,7 +118,11 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
     return absl::Status(access.status().code(), absl::StrCat("--token-file: ", access.status().message()));
   server->state_->access = *std::move(access);
   TakeGrpcLog(server->state_->metrics);
-  server->sampler_ = server->state_->metrics.BeforeText([&state = *server->state_] { SampleState(state); });
+  auto tls = ServerTls::Open(TlsOf(options), server->state_->metrics);
+  if (!tls.ok()) return tls.status();
+  server->tls_ = *std::move(tls);
+  server->sampler_ =
+      server->state_->metrics.BeforeText([&state = *server->state_, &tls = *server->tls_] { SampleState(state, tls); });
 
   if (!options.http_listen.empty()) {
     HealthService& health = *server->health_;
@@ -130,15 +132,12 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
     server->http_ = *std::move(http);
     server->http_address_ = server->http_->address();
   }
-  const TlsFiles tls = TlsOf(options);
-  auto credentials = MakeServerCredentials(tls, std::chrono::milliseconds(options.reload_interval_ms));
-  if (!credentials.ok()) return credentials.status();
-  WarnOfCertificate(tls);
+  if (const std::optional<TlsFacts> facts = server->tls_->facts()) WarnOfCertificate(options.tls_cert, *facts);
   // Once for the process, before any builder; a repetition does nothing.
   if (options.reflection) grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   grpc::ServerBuilder builder;
   int port = 0;
-  builder.AddListeningPort(options.listen, *credentials, &port);
+  builder.AddListeningPort(options.listen, server->tls_->Credentials(), &port);
   builder.RegisterService(server->service_.get());
   builder.RegisterService(server->health_.get());
   builder.SetMaxReceiveMessageSize(kMaxMessageBytes);
@@ -158,11 +157,14 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   if (!options.listen.starts_with("unix:")) {
     server->address_ = absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
   }
-  if (!IsLocal(options.listen) && tls.certificate.empty()) {
+  if (!IsLocal(options.listen) && options.tls_cert.empty()) {
     spdlog::warn("{} may be reached from other machines, without encryption: TLS is off", server->address_);
   }
   server->reloader_ = std::make_unique<Periodic>(std::chrono::milliseconds(options.reload_interval_ms),
-                                                 [&access = *server->state_->access] { access.ReloadIfChanged(); });
+                                                 [&access = *server->state_->access, &tls = *server->tls_] {
+                                                   access.ReloadIfChanged();
+                                                   tls.ReloadIfChanged();
+                                                 });
   if (const std::chrono::milliseconds unused(options.idle_memory_ms); unused.count() > 0) {
     server->memory_looker_ = std::make_unique<Periodic>(
         unused, [unused, memory = std::make_shared<IdleMemory>(MemoryOfThisProcess())] { memory->Look(unused); });

@@ -21,6 +21,7 @@ class HealthService;
 class HttpEndpoint;
 class IoThreads;
 class Periodic;
+class ServerTls;
 class VoxelizationServiceImpl;
 struct ServiceState;
 
@@ -36,7 +37,7 @@ class VoxelServer {
   // Of /metrics, /livez and /readyz; empty where there is none.
   const std::string& http_address() const { return http_address_; }
 
-  // Reads tokens again, whether they have changed or not. Certificates are read again by themselves.
+  // Reads tokens again, whether they have changed or not. Changed certificates are read by themselves.
   void Reload();
 
   // Graceful end: says NOT_SERVING, takes calls for another options.lame_duck_ms so that those on their way arrive, then takes
@@ -51,6 +52,7 @@ class VoxelServer {
   std::unique_ptr<ServiceState> state_;
   std::unique_ptr<VoxelizationServiceImpl> service_;
   std::unique_ptr<HealthService> health_;
+  std::unique_ptr<ServerTls> tls_;
   std::unique_ptr<Metrics::Sampler> sampler_;
   std::unique_ptr<HttpEndpoint> http_;
   std::unique_ptr<Periodic> reloader_;

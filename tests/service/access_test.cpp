@@ -181,6 +181,42 @@ TEST_F(AccessTest, AChangedCertificateIsShownWithoutARestart) {
   EXPECT_TRUE((*open)->ServerInfo().ok()) << "a connection that stood goes on";
 }
 
+// New files are shown when all of them are good together, whatever comes first and however broken it is.
+TEST_F(AccessTest, ABrokenCertificateIsToldAndTheLastGoodOneStays) {
+  ASSERT_NO_FATAL_FAILURE(StartWithTls());
+  const std::string certificate = authority_->folder() + "/server.pem", key = authority_->folder() + "/server.key";
+  const double expiry = Sample("voxelpipe_certificate_expiry_timestamp_seconds");
+  EXPECT_GT(expiry, 0);
+  const auto others = CertificateAuthority::Make();
+  ASSERT_TRUE(others.ok());
+  const auto files = others->Sign("server");
+  ASSERT_TRUE(files.ok());
+  const auto stays = [&](double failures) {
+    EXPECT_TRUE(Soon([&] { return Sample("voxelpipe_reload_failures_total") == failures; }));
+    // gRPC looks at what it is given once a second.
+    std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+    EXPECT_TRUE(Work(Believing()).ok());
+    EXPECT_EQ(Sample("voxelpipe_certificate_expiry_timestamp_seconds"), expiry);
+  };
+  // At once: a file in the middle of its writing would count, too.
+  const auto replace = [&](const std::string& from, const std::string& to) {
+    std::filesystem::copy_file(from, to + ".new");
+    std::filesystem::rename(to + ".new", to);
+  };
+  std::ofstream(authority_->folder() + "/broken") << "no certificate";
+  replace(authority_->folder() + "/broken", certificate);
+  stays(1);
+  EXPECT_TRUE(Logged("the certificates stay as they were: --tls-cert: ")) << Log();
+  replace(files->certificate, certificate);
+  stays(2);
+  EXPECT_TRUE(Logged("server.key does not belong to the certificate")) << Log();
+  replace(files->key, key);
+  ClientTls new_ones;
+  new_ones.ca_file = others->ca();
+  EXPECT_TRUE(Soon([&] { return Work(new_ones).ok(); }));
+  EXPECT_EQ(Sample("voxelpipe_reloads_total"), 1);
+}
+
 TEST_F(AccessTest, AProbeNeedsNeitherNameNorToken) {
   ASSERT_NO_FATAL_FAILURE(StartWithTls());
   const std::string folder = authority_->folder();
