@@ -27,6 +27,7 @@ Vec3d Three(const Surface& s, int first) {
 }  // namespace
 
 absl::Status RunVertexShader(const RunState& state, VertexShaderId shader, const VertexArgs& args) {
+  if (args.count == 0) return absl::OkStatus();
   const auto kernel = KernelOf(shader);
   kernel<<<unsigned((args.count + kVertexThreads - 1) / kVertexThreads), kVertexThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ShadeVertices");
