@@ -65,6 +65,7 @@ grpc::ServerUnaryReactor* VoxelizationServiceImpl::Answer(grpc::CallbackServerCo
   if (status.ok()) status = fill(record, in, out);
   if (status.ok()) WriteMessage(out, *response);
   record.Log(status);
+  record.Answered();
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   reactor->Finish(ToGrpcStatus(status));
   return reactor;

@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -24,19 +25,24 @@ class Admitted {
   Admitted(Admitted&&) = default;
   Admitted& operator=(Admitted&&) = delete;
   ~Admitted() {
-    if (quota_) quota_->End();
+    if (quota_) quota_->End(answered_);
   }
 
   const std::string& name() const { return name_; }  // of the token's client, or the certificate's; else empty
   Role role() const { return role_; }
   // `bytes` of a mesh came. Errors: RESOURCE_EXHAUSTED with RetryInfo and QuotaFailure.
   absl::Status TakeBytes(uint64_t bytes, QuotaClock::time_point now = QuotaClock::now());
+  // The call is answered, though it has not ended. Once.
+  void Answered() {
+    if (quota_ && !std::exchange(answered_, true)) quota_->Answered();
+  }
 
  private:
   friend class AccessControl;
   std::string name_;
   Role role_ = Role::kAdmin;
   std::shared_ptr<Quota> quota_;
+  bool answered_ = false;
   Metrics* metrics_ = nullptr;
 };
 

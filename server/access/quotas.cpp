@@ -64,7 +64,8 @@ void Quota::SetLimits(const QuotaLimits& limits, QuotaClock::time_point now) {
 
 std::optional<QuotaRefusal> Quota::Begin(QuotaClock::time_point now) {
   const std::lock_guard lock(mutex_);
-  if (limits_.calls_at_once != 0 && calls_now_ >= limits_.calls_at_once) {
+  const uint32_t counted = std::max(calls_now_ - answered_now_, calls_now_ - std::min(calls_now_, kMostAnswered));
+  if (limits_.calls_at_once != 0 && counted >= limits_.calls_at_once) {
     return QuotaRefusal{Refusal::kQuotaCalls, kCallsAtOnceRetry};
   }
   if (calls_) {
@@ -74,9 +75,15 @@ std::optional<QuotaRefusal> Quota::Begin(QuotaClock::time_point now) {
   return std::nullopt;
 }
 
-void Quota::End() {
+void Quota::Answered() {
+  const std::lock_guard lock(mutex_);
+  ++answered_now_;
+}
+
+void Quota::End(bool answered) {
   const std::lock_guard lock(mutex_);
   --calls_now_;
+  if (answered) --answered_now_;
 }
 
 std::optional<QuotaRefusal> Quota::TakeBytes(uint64_t bytes, QuotaClock::time_point now) {

@@ -38,12 +38,17 @@ struct QuotaRefusal {
 // One client's. Thread-safe.
 class Quota {
  public:
+  static constexpr uint32_t kMostAnswered = 64;
+
   explicit Quota(const QuotaLimits& limits);
 
   void SetLimits(const QuotaLimits& limits, QuotaClock::time_point now);
   // One call begins, or why not. Each that began must End.
   std::optional<QuotaRefusal> Begin(QuotaClock::time_point now);
-  void End();
+  // One that began is answered: its client may begin the next one before this one has ended. Of such calls kMostAnswered more than
+  // may be at once do not count, so that clients that take no answer do not pile up.
+  void Answered();
+  void End(bool answered);
   // `bytes` of a mesh came, or why they are too many.
   std::optional<QuotaRefusal> TakeBytes(uint64_t bytes, QuotaClock::time_point now);
 
@@ -51,7 +56,7 @@ class Quota {
   std::mutex mutex_;
   QuotaLimits limits_;
   std::optional<TokenBucket> calls_, bytes_;
-  uint32_t calls_now_ = 0;
+  uint32_t calls_now_ = 0, answered_now_ = 0;  // the second ones are among the first
 };
 
 }  // namespace voxelpipe

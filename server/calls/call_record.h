@@ -37,6 +37,10 @@ class CallRecord {
   Role role() const { return admitted_.ok() ? admitted_->role() : Role::kMonitor; }
   // `bytes` of a mesh came: counts them. Errors: RESOURCE_EXHAUSTED beyond the client's quota.
   absl::Status TakeBytes(uint64_t bytes);
+  // Before the last word is given to gRPC: from then on the client may begin another call in place of this one.
+  void Answered() {
+    if (admitted_.ok()) admitted_->Answered();
+  }
 
   // The call is over: writes its line into the access log and counts it; or counts it alone. One of the two, once.
   void Log(const absl::Status& status);

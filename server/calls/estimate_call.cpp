@@ -138,6 +138,7 @@ void EstimateCall::End(const absl::Status& status) {
     status_ = status;
   }
   if (status.ok()) WriteMessage(response_, response_bytes_);
+  record_.Answered();
   Finish(ToGrpcStatus(status));
 }
 

@@ -294,6 +294,7 @@ void ManyCall::Pump() {
       finished_ = true;
       const grpc::Status status = ToGrpcStatus(*end_);
       lock.unlock();
+      record_.Answered();
       Finish(status);
       return;
     }

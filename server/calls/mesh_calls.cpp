@@ -253,6 +253,7 @@ void UploadMeshCall::Answer(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mes
     response.set_already_stored(already_stored);
     WriteMessage(response, response_);
   }
+  record_.Answered();
   Finish(ToGrpcStatus(mesh.status()));
 }
 

@@ -44,6 +44,7 @@ class RefusedCall final : public Reactor {
     const bool strange = !status_.ok();  // who may not call at all hears that
     if (!strange) status_ = answer.status;
     log_ = strange ? 0 : state.full_queue.MayLog();
+    record_.Answered();
     this->Finish(strange ? ToGrpcStatus(status_) : answer.grpc_status);
   }
 

@@ -333,6 +333,7 @@ void VoxelizeCall::Pump() {
       finished_ = true;
       const grpc::Status status = ToGrpcStatus(*end_);
       lock.unlock();
+      record_.Answered();
       Finish(status);
       return;
     }
@@ -371,6 +372,7 @@ void VoxelizeCall::Pump() {
       making_ = false;
       lock.unlock();
       write_wait_->Begin();
+      record_.Answered();
       StartWriteAndFinish(&writing_message_, grpc::WriteOptions(), grpc::Status::OK);
       return;
     }

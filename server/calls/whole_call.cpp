@@ -145,6 +145,7 @@ void WholeCall::End(absl::Status status) {
   if (!status.ok()) working_.ShrinkTo(0);
   const grpc::Status told = ToGrpcStatus(status);
   end_ = std::move(status);
+  record_.Answered();
   if (!AnswerBurst::Later(this, [keep, told] { keep->Finish(told); })) Finish(told);
 }
 

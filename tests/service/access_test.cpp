@@ -379,6 +379,25 @@ TEST_F(TokenTest, BeyondItsQuotaAClientIsToldWhenToComeAgain) {
   EXPECT_TRUE(ask("token-of-the-mill").ok()) << "others have their own";
 }
 
+// A client that waits for each answer never has two calls at once, however late the server is done with the one before.
+TEST_F(TokenTest, OneCallAfterAnotherIsOneAtATime) {
+  ASSERT_NO_FATAL_FAILURE(
+      StartWithTokens(R"({"name": "farm", "role": "user", "token": "token-of-the-farm", "calls_at_once": 1})"));
+  const auto client = Connect(std::nullopt, "token-of-the-farm");
+  ASSERT_TRUE(client.ok()) << client.status();
+  const std::vector<uint8_t> glb = TorusGlb(6);
+  VoxelizeRequest large = SmallRequest();
+  large.grid.resolution = 300;  // more than fits into one message
+  for (int i = 0; i < 60; ++i) {
+    const JobContext job;
+    const absl::Status status =
+        (*client)->Voxelize(glb, MeshFormat::kGlb, i % 3 == 0 ? large : SmallRequest(), job).status();
+    ASSERT_TRUE(status.ok()) << "call " << i << ": " << status;
+    ASSERT_TRUE((*client)->ServerInfo().ok()) << "after call " << i;
+  }
+  EXPECT_EQ(Refused("quota_calls"), 0);
+}
+
 TEST_F(TokenTest, MeshBytesHaveAQuota) {
   ASSERT_NO_FATAL_FAILURE(
       StartWithTokens(R"({"name": "farm", "role": "user", "token": "token-of-the-farm", "bytes_per_second": 10})"));

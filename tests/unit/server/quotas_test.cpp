@@ -42,7 +42,29 @@ TEST(QuotasTest, CallsAtOnceAreCountedAndGivenBack) {
   ASSERT_TRUE(refusal);
   EXPECT_EQ(refusal->reason, Refusal::kQuotaCalls);
   EXPECT_GT(refusal->retry_after, milliseconds(0));
-  quota.End();
+  quota.End(false);
+  EXPECT_FALSE(quota.Begin(kStart));
+}
+
+TEST(QuotasTest, AnAnsweredCallGivesItsPlaceBeforeItEnds) {
+  Quota quota({.calls_per_second = 0, .burst_calls = 0, .calls_at_once = 1, .bytes_per_second = 0, .burst_bytes = 0});
+  EXPECT_FALSE(quota.Begin(kStart));
+  EXPECT_TRUE(quota.Begin(kStart));
+  quota.Answered();
+  EXPECT_FALSE(quota.Begin(kStart));
+  EXPECT_TRUE(quota.Begin(kStart)) << "the second one is not answered";
+  quota.End(true);
+  EXPECT_TRUE(quota.Begin(kStart));
+  quota.End(false);
+  EXPECT_FALSE(quota.Begin(kStart));
+}
+
+TEST(QuotasTest, CallsWhoseAnswersNobodyTakesDoNotPileUp) {
+  Quota quota({.calls_per_second = 0, .burst_calls = 0, .calls_at_once = 2, .bytes_per_second = 0, .burst_bytes = 0});
+  uint32_t begun = 0;
+  for (; begun < 1000 && !quota.Begin(kStart); ++begun) quota.Answered();
+  EXPECT_EQ(begun, 2 + Quota::kMostAnswered);
+  quota.End(true);
   EXPECT_FALSE(quota.Begin(kStart));
 }
 
