@@ -130,8 +130,8 @@ __device__ inline void SetFew(const BitArgs& args, int y, int z, int x_begin, in
   if (uint32_t(mask >> 32) != 0) atomicOr(word + 1, uint32_t(mask >> 32));
 }
 
-// What becomes of a triangle.
-enum class CellFate { kDone, kOctants, kRows, kLayers, kLarge };
+// What becomes of a triangle. Runs: those of thin coverage whose box is one voxel or two side by side.
+enum class CellFate { kDone, kRuns, kOctants, kRows, kLayers, kLarge };
 
 // Where a triangle of so many rows waits.
 __device__ inline CellFate QueueOf(int64_t width, int64_t layers) {
@@ -185,14 +185,27 @@ __device__ inline CellFate FindFate(const BitArgs& args, const Corners& c, Fixed
       octants = size[0] != 0 ? 0x03 : size[1] != 0 ? 0x05 : size[2] != 0 ? 0x11 : 0x01;
       return CellFate::kDone;
     }
-    const Octants o = TouchedThinRun(t.v.at, box, args.fixed);
-    if (o.doubtful) return CellFate::kLayers;
-    octants = o.touched;
-    return CellFate::kDone;
+    return CellFate::kRuns;
   }
   const int width = max(1, end[1] - begin[1]), layers = max(1, end[2] - begin[2]);
   if (!box.doubtful && greatest < kMostCells && width * layers <= kMostCellRows) return CellFate::kRows;
   return QueueOf(width, layers);
+}
+
+// Decides the runs of a warp, or where they are few leaves them to those who go by octants. All threads of a warp call it.
+template <bool kThin>
+__device__ inline void DecideRuns(const BitArgs& args, const FixedTriangle& t, CellFate& fate, uint32_t& octants) {
+  if constexpr (kThin) {
+    const bool run = fate == CellFate::kRuns;
+    const int runs = __popc(__ballot_sync(~0u, run));
+    if (run && runs < kManyOctants) fate = CellFate::kOctants;
+    if (run && runs >= kManyOctants) {
+      const Octants o = TouchedThinRun(t.v.at, t.box, args.fixed);
+      if (!o.doubtful) octants = o.touched;
+      fate = o.doubtful ? CellFate::kLayers : CellFate::kDone;
+    }
+    __syncwarp();
+  }
 }
 
 // A triangle whose fate is kOctants; false if some voxel is in doubt.
@@ -337,6 +350,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
       fate = fixed ? FindFate<kThin>(args, corners, triangle, octants) : FindQueue(args, t);
     }
     __syncwarp();
+    DecideRuns<kThin>(args, triangle, fate, octants);
     if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
       if (fate == CellFate::kOctants) {
         fate = FindOctants<kThin>(args, triangle, octants) ? CellFate::kDone : CellFate::kLayers;

@@ -194,6 +194,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       }
     }
     __syncwarp();
+    DecideRuns<kThin>(walk, triangle, fate, octants);
     if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
       if (fate == CellFate::kOctants) {
         fate = FindOctants<kThin>(walk, triangle, octants) ? CellFate::kDone : CellFate::kLayers;
