@@ -44,7 +44,7 @@ absl::StatusOr<DeclaredCounts> ReadDeclaredCounts(std::span<const uint8_t> bytes
   buffer.Init(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   draco::DracoHeader header;
   if (const draco::Status s = draco::PointCloudDecoder::DecodeHeader(&buffer, &header); !s.ok()) {
-    return Invalid(absl::StrCat("bad header in the first 11 of ", bytes.size(), " bytes (", s.error_msg_string(), ")"));
+    return Invalid(absl::StrCat("bad header in the first bytes of ", bytes.size(), " (", s.error_msg_string(), ")"));
   }
   const uint16_t version = DRACO_BITSTREAM_VERSION(header.version_major, header.version_minor);
   if (version > DRACO_BITSTREAM_VERSION(2, 3)) {

@@ -42,6 +42,15 @@ google::rpc::RetryInfo MakeRetryInfo(std::chrono::milliseconds delay) {
   return retry;
 }
 
+// Where the place ends that an INVALID_ARGUMENT names before it says what is wrong there: "targets[0].blend: ..." has one word for it, a mesh
+// file's two, "glTF: mesh 0, primitive 0: ...". npos where it names none. Quoted text is a stranger's.
+size_t EndOfPlace(std::string_view message) {
+  const size_t end = message.find(": ");
+  if (end == message.npos || !(message.starts_with("glTF: ") || message.starts_with("GLB: "))) return end;
+  const size_t next = message.find(": ", end + 2);
+  return next < message.find('\'', end) ? next : end;
+}
+
 template <typename Number>
 bool ReadNumber(const google::rpc::ErrorInfo& info, const char* key, Number& out) {
   const auto found = info.metadata().find(key);
@@ -112,7 +121,7 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.code() == absl::StatusCode::kInvalidArgument) {
     google::rpc::BadRequest bad;
     auto* violation = bad.add_field_violations();
-    const size_t colon = message.find(": ");
+    const size_t colon = EndOfPlace(message);
     violation->set_field(colon == std::string::npos ? "" : message.substr(0, colon));
     violation->set_description(colon == std::string::npos ? message : message.substr(colon + 2));
     details.add_details()->PackFrom(bad);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <string>
 #include <utility>
 
 #include "load/load_job.h"
@@ -17,6 +18,13 @@ double MsSince(Clock::time_point begin) {
   return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
 }
 
+// What is wrong with the file as a whole names no part of it; the request's part is the mesh then.
+absl::Status OfMesh(const absl::Status& status) {
+  const std::string message(status.message());
+  if (!absl::IsInvalidArgument(status) || message.find(": ") != std::string::npos) return status;
+  return absl::InvalidArgumentError("mesh: " + message);
+}
+
 }  // namespace
 
 absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format, const LoadLimits& limits,
@@ -26,7 +34,7 @@ absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format
   job.Report("load", 0);
   Clock::time_point begin = Clock::now();
   absl::StatusOr<Scene> scene = LoadSceneFor(job, file, format, limits);
-  if (!scene.ok()) return scene.status();
+  if (!scene.ok()) return OfMesh(scene.status());
   const uint64_t file_bytes = file.size();
   loaded.peak_bytes = file_bytes + SceneBytes(*scene);
   file = {};
@@ -37,7 +45,7 @@ absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format
   job.Report("flatten", 0);
   begin = Clock::now();
   absl::StatusOr<TriangleMesh> mesh = FlattenFor(job, *scene, limits);
-  if (!mesh.ok()) return mesh.status();
+  if (!mesh.ok()) return OfMesh(mesh.status());
   loaded.peak_bytes = std::max(loaded.peak_bytes, SceneBytes(*scene) + MeshBytes(*mesh));
   loaded.contents = ContentsOf(*scene, *mesh, file_bytes);
   loaded.warnings = std::move(scene->warnings);

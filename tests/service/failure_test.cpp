@@ -244,6 +244,24 @@ TEST_F(FailureTest, InvalidArgumentCarriesTheField) {
   EXPECT_THAT(bad.field_violations(0).field(), HasSubstr("targets[0]"));
 }
 
+TEST_F(FailureTest, InvalidArgumentCarriesThePartOfTheMesh) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const auto field = [&](const std::vector<uint8_t>& mesh) {
+    google::rpc::Status details;
+    google::rpc::BadRequest bad;
+    details.ParseFromString(Send({Config(), Piece(mesh)}).error_details());
+    for (const auto& detail : details.details()) detail.UnpackTo(&bad);
+    return bad.field_violations_size() == 1 ? bad.field_violations(0).field() : "none";
+  };
+  EXPECT_EQ(field({}), "mesh");
+  EXPECT_EQ(field({'n', 'o', ' ', 'm', 'e', 's', 'h'}), "mesh");
+  EXPECT_EQ(field({glb_.begin(), glb_.begin() + ptrdiff_t(glb_.size() / 2)}), "GLB: byte 8");
+  std::vector<uint8_t> bytes = glb_;
+  const std::string text(bytes.begin(), bytes.end());
+  bytes[text.find("\"count\":81") + 8] = '9';
+  EXPECT_EQ(field(bytes), "glTF: mesh 0, primitive 0");
+}
+
 TEST_F(FailureTest, GridBeyondTheLimits) {
   ASSERT_NO_FATAL_FAILURE(Start({"--max-result-bytes", "1000000"}));
   VoxelizeRequest request = SmallRequest();

@@ -23,6 +23,9 @@ class Answer {
   // Takes the summary out of it.
   absl::Status Take(v1::WholeResult& whole);
 
+  // Counts a message that came some other way than Take(buffer).
+  void CountReceived(uint64_t bytes) { received_bytes_ += bytes; }
+
   bool complete() const { return complete_; }  // the summary is there
   uint64_t bytes() const { return bytes_; }    // of the result, uncompressed
   const v1::Summary& summary() const { return summary_; }

@@ -222,7 +222,10 @@ class ManyLane final : public Lane {
 
   // False where the server does not keep to the contract.
   bool TakeAnswers() {
+    const size_t bytes = buffer_.Length();
     if (!grpc::SerializationTraits<v1::VoxelizeManyResponse>::Deserialize(&buffer_, &message_).ok()) return false;
+    // Of answers that came together, the first one counts them all.
+    if (message_.id() != 0 && message_.id() <= jobs_.size()) jobs_[message_.id() - 1].answer.CountReceived(bytes);
     if (!TakeAnswer(message_)) return false;
     for (v1::VoxelizeManyResponse& more : *message_.mutable_more()) {
       if (!TakeAnswer(more)) return false;

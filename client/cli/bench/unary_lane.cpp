@@ -43,6 +43,7 @@ class UnaryLane final : public SingleCalls<Unary> {
   }
 
   absl::Status TakeAnswer(Unary& call, Answer& answer) {
+    answer.CountReceived(call.buffer.Length());
     if (!grpc::SerializationTraits<v1::VoxelizeWholeResponse>::Deserialize(&call.buffer, &message_).ok()) {
       return absl::DataLossError("the server's message cannot be read");
     }

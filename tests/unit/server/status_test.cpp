@@ -41,6 +41,17 @@ TEST(StatusTest, AnInvalidArgumentNamesTheField) {
   EXPECT_EQ(bad.field_violations(0).description(), "blend 'or': not for f32");
 }
 
+TEST(StatusTest, AnInvalidArgumentNamesThePartOfTheMesh) {
+  const auto field = [](const char* message) {
+    const auto bad = Detail<google::rpc::BadRequest>(ToGrpcStatus(absl::InvalidArgumentError(message)));
+    return bad.field_violations(0).field() + " | " + bad.field_violations(0).description();
+  };
+  EXPECT_EQ(field("glTF: mesh 0, primitive 1: accessor 2: index 9"), "glTF: mesh 0, primitive 1 | accessor 2: index 9");
+  EXPECT_EQ(field("GLB: byte 8: the length"), "GLB: byte 8 | the length");
+  EXPECT_EQ(field("glTF: node 0 is part of a cycle"), "glTF | node 0 is part of a cycle");
+  EXPECT_EQ(field("glTF: the name 'a: b' is wrong"), "glTF | the name 'a: b' is wrong");
+}
+
 TEST(StatusTest, AnInvalidArgumentWithoutAFieldKeepsItsWholeText) {
   const auto bad = Detail<google::rpc::BadRequest>(ToGrpcStatus(absl::InvalidArgumentError("not a mesh")));
   ASSERT_EQ(bad.field_violations_size(), 1);
