@@ -73,4 +73,21 @@ __device__ inline void CombineRuns(CellRunRoom<T, kComponents>& room, uint32_t f
   }
 }
 
+// Of the octants that a lane's triangle touches, those that no later lane of its run (`last`), or no earlier one, touches: all that
+// are to be blended where the largest of values that grow, or fall, from lane to lane is sought. All 32 lanes call it.
+__device__ inline uint32_t OctantsAlone(uint32_t first, uint32_t octants, bool last) {
+  const unsigned lane = threadIdx.x % 32;
+  const uint32_t left = __shfl_up_sync(~0u, first, 1);
+  const uint32_t heads = __ballot_sync(~0u, lane == 0 || left != first), upto = (2u << lane) - 1;
+  const uint32_t next = heads & ~upto;
+  const uint32_t others = last ? (next == 0 ? ~0u : (next & (0u - next)) - 1) & ~upto  // up to the next head
+                               : (upto >> 1) & (~0u << (31 - __clz(int(heads & upto))));
+  uint32_t alone = octants;
+#pragma unroll
+  for (int k = 0; k < 8; ++k) {
+    if ((__ballot_sync(~0u, (octants >> k & 1) != 0) & others) != 0) alone &= ~(1u << k);
+  }
+  return alone;
+}
+
 }  // namespace voxelpipe::cuda

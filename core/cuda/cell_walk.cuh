@@ -93,10 +93,27 @@ __device__ inline void ForEachBlockRow(const GridView& grid, uint32_t first, uin
   }
 }
 
-// What a warp does with the octants of its lanes' triangles; `takes`: the lane has a triangle, whose octants these are.
+// Blends the octants about a corner whose first voxel has the bit, and covers them.
+__device__ inline void BlendOctants(const CellArgs& args, uint32_t first, uint32_t octants, uint32_t key) {
+  const GridView& grid = args.walk.grid;
+  const auto row = uint32_t(grid.words_per_row) * 32, layer = row * uint32_t(grid.dims[1]);
+#pragma unroll
+  for (uint32_t pair = 0; pair < 4; ++pair) {
+    const uint32_t two = octants >> 2 * pair & 3;
+    if (two == 0) continue;
+    const uint32_t bit = first + ((pair & 1) != 0 ? row : 0) + ((pair & 2) != 0 ? layer : 0);
+    CoverBits(args.walk.bits, bit, two);
+    uint32_t* const out = args.blend.out + VoxelOfBit(bit, args.blend.nx, args.blend.words_per_row);
+    if ((two & 1) != 0) atomicMax(out, key);
+    if ((two & 2) != 0) atomicMax(out + 1, key);
+  }
+}
+
+// What a warp does with the octants of its lanes' triangles; `takes`: the lane has a triangle, whose octants these are. `in_order`: of
+// two lanes the later one has the later triangle.
 template <CellSink kSink, int kShader>
-__device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1>& room, bool plain, bool takes,
-                                   uint32_t t, int (&first)[3], uint32_t octants, uint64_t& fragments) {
+__device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1>& room, bool plain, bool in_order,
+                                   bool takes, uint32_t t, int (&first)[3], uint32_t octants, uint64_t& fragments) {
   uint32_t bit = 0;
   if (octants != 0 && KeepInside(args.walk.grid, first, octants)) {
     bit = BitOfVoxel(args.walk.grid, first[0], first[1], first[2]);
@@ -108,16 +125,23 @@ __device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1
   } else {
     uint32_t key[1] = {};
     if (octants != 0) KeysOf<kShader, 1>(args.blend, plain, t, key);
-    CombineRuns<uint32_t, 1>(
-        room, bit, octants, key, [](uint32_t a, uint32_t b) { return max(a, b); },
-        [&](const OctantOfRun<uint32_t, 1>& of) {
-          const uint32_t bit_of = BitOfOctant(args.walk.grid, of.first, of.octant);
-          if (of.octant % 2 == 0 && (of.count | of.beside) != 0) {
-            CoverBits(args.walk.bits, bit_of, (of.count != 0 ? 1u : 0u) | (of.beside != 0 ? 2u : 0u));
-          }
-          if (of.count == 0) return;
-          atomicMax(args.blend.out + VoxelOfBit(bit_of, args.blend.nx, args.blend.words_per_row), of.value[0]);
-        });
+    if constexpr (kShader == int(FragmentShaderId::kTriangleId)) {
+      // Ids grow from lane to lane: one of a run has the largest key of an octant, and nothing is to be combined.
+      if (__any_sync(~0u, octants != 0) == 0) return;
+      if (in_order) octants = OctantsAlone(bit, octants, args.blend.blend == InPlace::kMax);
+      BlendOctants(args, bit, octants, key[0]);
+    } else {
+      CombineRuns<uint32_t, 1>(
+          room, bit, octants, key, [](uint32_t a, uint32_t b) { return max(a, b); },
+          [&](const OctantOfRun<uint32_t, 1>& of) {
+            const uint32_t bit_of = BitOfOctant(args.walk.grid, of.first, of.octant);
+            if (of.octant % 2 == 0 && (of.count | of.beside) != 0) {
+              CoverBits(args.walk.bits, bit_of, (of.count != 0 ? 1u : 0u) | (of.beside != 0 ? 2u : 0u));
+            }
+            if (of.count == 0) return;
+            atomicMax(args.blend.out + VoxelOfBit(bit_of, args.blend.nx, args.blend.words_per_row), of.value[0]);
+          });
+    }
   }
 }
 
@@ -201,8 +225,8 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       }
       __syncwarp();
     }
-    TakeOctants<kSink, kShader>(args, runs, plain, fate == CellFate::kDone && t < walk.triangle_count, uint32_t(t),
-                                triangle.box.first, octants, fragments);
+    TakeOctants<kSink, kShader>(args, runs, plain, true, fate == CellFate::kDone && t < walk.triangle_count,
+                                uint32_t(t), triangle.box.first, octants, fragments);
     AppendInBlock(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
     AppendInBlock(fate == CellFate::kRows, local, room.cells + (FindRoom::kTriangles - 1), -1, &room.row_count);
     AppendInBlock(fate == CellFate::kLayers || fate == CellFate::kLarge, local, room.waiting, 1, &room.waiting_count);
@@ -221,7 +245,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       doubtful = !FindOctants<kThin>(walk, triangle, octants);
     }
     __syncwarp();
-    TakeOctants<kSink, kShader>(args, runs, plain, i < octant_count && !doubtful, uint32_t(chunk + local),
+    TakeOctants<kSink, kShader>(args, runs, plain, false, i < octant_count && !doubtful, uint32_t(chunk + local),
                                 triangle.box.first, octants, fragments);
     AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
   }
