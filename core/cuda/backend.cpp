@@ -6,11 +6,13 @@
 
 #include <algorithm>
 #include <atomic>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "cpu/row_kernels.h"
 #include "cuda/batch.h"
 #include "cuda/run_state.h"
+#include "cuda/slab_copies.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -26,7 +28,10 @@ class CudaStages final : public Stages {
     state_.device = device;
     state_.stream = use_.stream();
   }
-  ~CudaStages() override { use_.Wait(); }  // before what its work reads is released
+  ~CudaStages() override {  // before what their work reads is released
+    copies_.reset();
+    use_.Wait();
+  }
 
   absl::StatusOr<MeshExtent> VertexShade() override { return cuda::VertexShade(state_); }
   absl::Status CoarseRaster(const GridSpec& grid) override {
@@ -49,6 +54,17 @@ class CudaStages final : public Stages {
     if (!count_status_.ok()) return count_status_;
     return cuda::Finish(state_);
   }
+  absl::StatusOr<SlabArrays> FinishLater() override {
+    if (state_.request.request.result != ResultKind::kDense) return Stages::FinishLater();
+    Count();
+    if (!count_status_.ok()) return count_status_;
+    if (!copies_) {
+      absl::StatusOr<SlabCopies> copies = SlabCopies::Make(state_.device.ordinal);
+      if (!copies.ok()) return copies.status();
+      copies_.emplace(*std::move(copies));
+    }
+    return copies_->Start(state_);
+  }
   uint64_t CountOccupied() const override {
     Count();
     return occupied_;
@@ -62,6 +78,12 @@ class CudaStages final : public Stages {
            !BlendsDirectly(state_, grid);
   }
   std::string_view simd() const override { return "cuda"; }
+  std::optional<uint64_t> FreeBytes() const override { return FreeMemory(state_.device.ordinal); }
+  bool AbandonSlab() override {
+    if (copies_) copies_->Forget();
+    cuda::AbandonSlab(state_);
+    return true;
+  }
 
   RunState& state() { return state_; }
 
@@ -89,6 +111,7 @@ class CudaStages final : public Stages {
 
   DeviceUse use_;  // destroyed last: arrays give their memory back on the stream
   mutable RunState state_;
+  std::optional<SlabCopies> copies_;
   mutable bool counted_ = false;
   mutable uint64_t occupied_ = 0;
   mutable absl::Status count_status_;
@@ -101,7 +124,7 @@ class Cuda final : public Backend {
   std::string_view name() const override { return "cuda"; }
   std::string device() const override { return absl::StrCat("cuda:", device_.ordinal); }
   std::string model() const override { return device_.name; }
-  uint64_t memory_bytes() const override { return device_.memory_bytes; }
+  uint64_t memory_bytes() const override { return std::min(device_.memory_bytes, MemoryLimit()); }
   absl::Status Probe() const override { return ProbeDevice(device_.ordinal); }
   std::string_view simd() const override { return "cuda"; }
   absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,

@@ -15,6 +15,11 @@ namespace voxelpipe::cuda {
 // The status, its message beginning with the need.
 absl::Status NeedStatus(const absl::Status& status, uint64_t bytes);  // device.cpp
 
+// What arrays take of LimitMemory (device.h). False: that would be more than there is. Thread-safe.
+bool TakeMemory(uint64_t bytes);    // device.cpp
+void ReturnMemory(uint64_t bytes);  // device.cpp
+absl::Status LimitStatus(uint64_t bytes);
+
 // Uninitialized elements of a trivially copyable T, in whole units of 16 bytes: stores of uint4 may end behind the last
 // element. Allocation and release are ordered on the stream of the last Resize: all work on the array must have been given
 // to that stream. Never synchronizes.
@@ -38,7 +43,9 @@ class DeviceArray {
       Free();
       stream_ = stream;
       void* p = nullptr;
+      if (!TakeMemory(RoundedBytes(count))) return LimitStatus(count * sizeof(T));
       if (const cudaError_t error = cudaMallocAsync(&p, RoundedBytes(count), stream); error != cudaSuccess) {
+        ReturnMemory(RoundedBytes(count));
         return NeedStatus(CudaStatus(error, "cudaMallocAsync", __FILE__, __LINE__), count * sizeof(T));
       }
       data_ = static_cast<T*>(p);
@@ -48,7 +55,10 @@ class DeviceArray {
     return absl::OkStatus();
   }
   void Free() {
-    if (data_ != nullptr) (void)cudaFreeAsync(data_, stream_);
+    if (data_ != nullptr) {
+      (void)cudaFreeAsync(data_, stream_);
+      ReturnMemory(RoundedBytes(capacity_));
+    }
     data_ = nullptr;
     size_ = capacity_ = 0;
   }

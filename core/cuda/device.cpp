@@ -2,8 +2,11 @@
 
 #include <cuda_runtime_api.h>
 
+#include <algorithm>
+#include <atomic>
 #include <deque>
 #include <mutex>
+#include <optional>
 
 #include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
@@ -116,11 +119,18 @@ bool IsSticky(cudaError_t error) {
   }
 }
 
-// What the current device has left, in words; empty if that cannot be found out. What the pool keeps between runs can be
-// had too, but the driver counts it as taken.
-std::string MemoryAtHand() {
+struct Memory {
+  uint64_t free = 0, idle = 0,
+           all = 0;  // free to the driver; in the pool, which the driver counts as taken; of the device
+};
+
+// Of the current device; nothing if that cannot be found out.
+std::optional<Memory> MemoryNow() {
   size_t free = 0, all = 0;
-  if (cudaMemGetInfo(&free, &all) != cudaSuccess) return "";
+  if (cudaMemGetInfo(&free, &all) != cudaSuccess) {
+    (void)cudaGetLastError();
+    return std::nullopt;
+  }
   int ordinal = 0;
   cudaMemPool_t pool = nullptr;
   uint64_t reserved = 0, used = 0;
@@ -129,9 +139,18 @@ std::string MemoryAtHand() {
                       cudaMemPoolGetAttribute(pool, cudaMemPoolAttrReservedMemCurrent, &reserved) == cudaSuccess &&
                       cudaMemPoolGetAttribute(pool, cudaMemPoolAttrUsedMemCurrent, &used) == cudaSuccess;
   if (!pooled) (void)cudaGetLastError();  // it is no error of the caller's
-  const uint64_t idle = pooled && reserved > used ? reserved - used : 0;
-  return absl::StrCat(free + idle, " of ", all, " bytes of device memory are free, ", idle, " of them in the pool");
+  return Memory{free, pooled && reserved > used ? reserved - used : 0, all};
 }
+
+// What the current device has left, in words; empty if that cannot be found out.
+std::string MemoryAtHand() {
+  const std::optional<Memory> memory = MemoryNow();
+  if (!memory) return "";
+  return absl::StrCat(memory->free + memory->idle, " of ", memory->all, " bytes of device memory are free, ",
+                      memory->idle, " of them in the pool");
+}
+
+std::atomic<uint64_t> limit_bytes{UINT64_MAX}, taken_bytes{0};  // see LimitMemory
 
 // A lost device begins anew: all that was allocated on it is gone. No run holds it.
 absl::Status Reset(int ordinal, Slot& slot) {
@@ -223,6 +242,52 @@ absl::Status ProbeDevice(int ordinal) {
   if (status.ok()) return status;
   return LostStatus(absl::StrCat(
       why, "; it does not come back to this process, another one may have it: ", std::string(status.message())));
+}
+
+uint64_t FreeMemory(int ordinal) {
+  if (cudaSetDevice(ordinal) != cudaSuccess) (void)cudaGetLastError();
+  const std::optional<Memory> memory = MemoryNow();
+  const uint64_t limit = limit_bytes, taken = taken_bytes;
+  return std::min(memory ? memory->free + memory->idle : 0, limit > taken ? limit - taken : 0);
+}
+
+void TrimMemory(int ordinal) {
+  DropCachedMeshes(ordinal);
+  cudaMemPool_t pool = nullptr;
+  if (cudaDeviceGetDefaultMemPool(&pool, ordinal) != cudaSuccess || cudaMemPoolTrimTo(pool, 0) != cudaSuccess) {
+    (void)cudaGetLastError();  // then there is as much as before
+  }
+}
+
+void LimitMemory(uint64_t bytes) {
+  limit_bytes = bytes;
+}
+uint64_t MemoryLimit() {
+  return limit_bytes;
+}
+
+uint64_t MemoryTaken() {
+  return taken_bytes;
+}
+
+bool TakeMemory(uint64_t bytes) {
+  const uint64_t before = taken_bytes.fetch_add(bytes, std::memory_order_relaxed);
+  const uint64_t limit = limit_bytes.load(std::memory_order_relaxed);
+  if (bytes <= limit && before <= limit - bytes) return true;
+  ReturnMemory(bytes);
+  return false;
+}
+
+void ReturnMemory(uint64_t bytes) {
+  taken_bytes.fetch_sub(bytes, std::memory_order_relaxed);
+}
+
+absl::Status LimitStatus(uint64_t bytes) {
+  const uint64_t limit = limit_bytes, taken = taken_bytes;
+  return MarkDeviceFailure(absl::ResourceExhaustedError(absl::StrCat(
+                               bytes, " bytes of device memory needed: ", limit > taken ? limit - taken : 0, " of ",
+                               limit, " bytes are free")),
+                           DeviceFailureKind::kOutOfMemory);
 }
 
 uint64_t LaunchesOfThread() {

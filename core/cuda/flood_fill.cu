@@ -136,7 +136,12 @@ absl::Status FloodInside(RunState& state) {
   const int rest = int(state.view.dims[0] % 32);
   args.last_mask = rest == 0 ? ~0u : (1u << rest) - 1;
   args.last_bit = rest == 0 ? 31 : rest - 1;
-  if (state.outside.empty()) VOXELPIPE_OK_OR_RETURN(FindOutside(state, args));
+  if (state.outside.empty()) {
+    if (absl::Status s = FindOutside(state, args); !s.ok()) {
+      state.outside.Free();  // it is not done
+      return s;
+    }
+  }
   const uint64_t first = uint64_t(state.slab.begin) * uint64_t(args.ny) * uint64_t(args.words);
   const uint64_t count = state.slab_words();
   Invert<<<BlocksFor(count, kThreads), kThreads, 0, state.stream>>>(state.outside.data() + first, state.inside.data(),

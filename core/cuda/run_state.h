@@ -189,6 +189,7 @@ absl::Status PlaceVertices(RunState& state);                       // unless the
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid);  // synchronizes under tiles
 absl::Status TileSort(RunState& state);                            // synchronizes
 absl::Status BeginSlab(RunState& state, const Slab& slab);
+void AbandonSlab(RunState& state);  // synchronizes
 absl::Status FineRaster(RunState& state);
 absl::Status SolidFill(RunState& state);      // flood: synchronizes
 absl::Status EmitFragments(RunState& state);  // synchronizes

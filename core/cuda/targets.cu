@@ -1,10 +1,12 @@
 // Allocation, clearing, packing and counting of the render targets, and their way to the host.
 #include <algorithm>
+#include <vector>
 
 #include "cuda/batch.h"
 #include "cuda/launch.h"
 #include "cuda/pinned.h"
 #include "cuda/run_state.h"
+#include "cuda/slab_copies.h"
 #include "pipeline/plan.h"
 #include "shaders/blend_ops.h"
 
@@ -179,15 +181,17 @@ absl::Status CopyToHost(const void* from, uint64_t bytes, cudaStream_t stream, H
   return absl::OkStatus();
 }
 
-// A bit target's packed bits on the host.
-absl::Status PackBitTarget(RunState& state, const CudaTarget& target, const TargetSpec& spec, HostBuffer& to) {
+// A bit target's packed bits.
+absl::Status PackBitTarget(RunState& state, const CudaTarget& target, const TargetSpec& spec,
+                           std::vector<DeviceArray<uint32_t>>& packed, std::vector<DenseSource>& sources) {
   const uint64_t bytes = (state.slab_voxels() + 7) / 8;
   const uint32_t* const coverage = state.coverage.data();
   if (target.is_occupancy && state.inside.empty() && spec.clear == 0 && state.view.dims[0] % 32 == 0) {
-    return CopyToHost(coverage, bytes, state.stream, to);
+    sources.push_back({coverage, bytes});
+    return absl::OkStatus();
   }
-  DeviceArray<uint32_t> packed;
-  VOXELPIPE_OK_OR_RETURN(packed.Resize((state.slab_voxels() + 31) / 32, state.stream));
+  DeviceArray<uint32_t>& out = packed.emplace_back();
+  VOXELPIPE_OK_OR_RETURN(out.Resize((state.slab_voxels() + 31) / 32, state.stream));
   PackArgs args;
   args.present = target.own_presence ? target.presence : coverage;
   args.value = target.is_occupancy ? args.present : target.bits;
@@ -197,10 +201,11 @@ absl::Status PackBitTarget(RunState& state, const CudaTarget& target, const Targ
   args.nx = state.view.dims[0];
   args.words_per_row = state.view.words_per_row;
   args.voxels = state.slab_voxels();
-  args.out = packed.data();
-  PackKernel<<<BlocksFor(packed.size(), kThreads), kThreads, 0, state.stream>>>(args);
+  args.out = out.data();
+  PackKernel<<<BlocksFor(out.size(), kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("PackKernel");
-  return CopyToHost(packed.data(), bytes, state.stream, to);
+  sources.push_back({out.data(), bytes});
+  return absl::OkStatus();
 }
 
 template <typename T>
@@ -226,20 +231,6 @@ absl::Status CopyResult(RunState& state, ResultArrays& out) {
     out.targets.emplace_back();
     VOXELPIPE_OK_OR_RETURN(
         Take(r.targets[t], TargetBytes(state.request.request.targets[t], listed), out.targets.back(), state.stream));
-  }
-  return absl::OkStatus();
-}
-
-// All targets of a dense result.
-absl::Status CopyDense(RunState& state, ResultArrays& out) {
-  for (int i = 0; i < state.targets.count; ++i) {
-    const CudaTarget& target = state.targets.at[i];
-    DeviceArray<uint8_t>& dense = state.target_memory[size_t(i)].dense;
-    out.targets.emplace_back();
-    VOXELPIPE_OK_OR_RETURN(
-        target.format == VoxelFormat::kBit
-            ? PackBitTarget(state, target, state.request.request.targets[size_t(i)], out.targets.back())
-            : CopyToHost(dense.data(), dense.size(), state.stream, out.targets.back()));
   }
   return absl::OkStatus();
 }
@@ -345,6 +336,28 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   return absl::OkStatus();
 }
 
+void AbandonSlab(RunState& state) {
+  state.target_memory = {};
+  state.coverage.Free();
+  state.inside.Free();
+  state.tile_values.Free();
+  state.part_results.Free();
+  state.result = {};
+  for (auto* array : {&state.brick_counts, &state.voxel_counts}) array->Free();
+  for (auto* array : {&state.first_brick, &state.first_voxel}) array->Free();
+  state.fragment_counts.Free();
+  state.fragment_first.Free();
+  for (auto& array : state.fragment_keys) array.Free();
+  for (auto& array : state.fragment_triangles) array.Free();
+  state.fragment_count = 0;
+  for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
+  state.word_ranks.Free();
+  state.span_targets = {};  // with the values of all triangles, which are made anew
+  state.scratch.Free();
+  if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so
+  TrimMemory(state.device.ordinal);
+}
+
 absl::Status PackBatch(const BatchState& state) {
   const BatchView& batch = state.view;
   CountBatchKernel<<<dim3(std::min(batch.item_count, 1u << 16), 4), kThreads, 0, state.stream>>>(batch);
@@ -370,11 +383,38 @@ absl::Status CountSlab(RunState& state) {
   return absl::OkStatus();
 }
 
+absl::Status PackDense(RunState& state, std::vector<DeviceArray<uint32_t>>& packed, std::vector<DenseSource>& sources) {
+  for (int i = 0; i < state.targets.count; ++i) {
+    const CudaTarget& target = state.targets.at[i];
+    if (target.format == VoxelFormat::kBit) {
+      VOXELPIPE_OK_OR_RETURN(PackBitTarget(state, target, state.request.request.targets[size_t(i)], packed, sources));
+      continue;
+    }
+    const DeviceArray<uint8_t>& dense = state.target_memory[size_t(i)].dense;
+    sources.push_back({dense.data(), dense.size()});
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CopyDense(const std::vector<DenseSource>& sources, cudaStream_t stream, ResultArrays& out) {
+  for (const DenseSource& source : sources) {
+    out.targets.emplace_back();
+    VOXELPIPE_OK_OR_RETURN(CopyToHost(source.from, source.bytes, stream, out.targets.back()));
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<ResultArrays> Finish(RunState& state) {
   const ResultKind kind = state.request.request.result;
   if (kind == ResultKind::kSparse) VOXELPIPE_OK_OR_RETURN(MakeBricks(state));
   ResultArrays out;
-  absl::Status status = kind == ResultKind::kDense ? CopyDense(state, out) : CopyResult(state, out);
+  std::vector<DeviceArray<uint32_t>> packed;
+  const auto copy_dense = [&]() -> absl::Status {
+    std::vector<DenseSource> sources;
+    VOXELPIPE_OK_OR_RETURN(PackDense(state, packed, sources));
+    return CopyDense(sources, state.stream, out);
+  };
+  const absl::Status status = kind == ResultKind::kDense ? copy_dense() : CopyResult(state, out);
   // Also after an error: buffers go back to their pools only when no copy is on its way to them.
   const cudaError_t error = cudaStreamSynchronize(state.stream);
   if (!status.ok()) return status;

@@ -1,5 +1,7 @@
 #include "pipeline/assemble.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <bit>
 #include <cstring>
@@ -10,6 +12,14 @@ namespace {
 
 uint64_t SlabVoxels(const GridSpec& grid, int64_t layers) {
   return uint64_t(grid.dims[0]) * uint64_t(grid.dims[1]) * uint64_t(layers);
+}
+
+// By all threads of the run: pages of the result are touched for the first time.
+void Copy(uint8_t* to, const uint8_t* from, uint64_t bytes) {
+  constexpr uint64_t kGrain = 4 << 20;
+  tbb::parallel_for(tbb::blocked_range<uint64_t>(0, bytes, kGrain), [&](const tbb::blocked_range<uint64_t>& part) {
+    std::memcpy(to + part.begin(), from + part.begin(), part.size());
+  });
 }
 
 // Joins lists of elements that may be bits, end to end. `out` must be zero where bits are written.
@@ -142,9 +152,8 @@ absl::Status MemoryAssembler::Add(int, const Slab& slab, ResultArrays arrays) {
     const uint64_t per_voxel = uint64_t(spec.components) / planes;
     for (uint64_t plane = 0; plane < planes; ++plane) {
       const uint64_t to = plane * result_.grid.voxels() * per_voxel + before * per_voxel;
-      std::memcpy(result_.targets[t].data() + ArrayBytes(type, to),
-                  arrays.targets[t].data() + ArrayBytes(type, plane * here * per_voxel),
-                  ArrayBytes(type, here * per_voxel));
+      Copy(result_.targets[t].data() + ArrayBytes(type, to),
+           arrays.targets[t].data() + ArrayBytes(type, plane * here * per_voxel), ArrayBytes(type, here * per_voxel));
     }
   }
   return absl::OkStatus();
@@ -173,6 +182,8 @@ absl::Status MemoryAssembler::End() {
 }
 
 absl::Status StreamAssembler::Begin(const VoxelizeRequest& request, const Plan& plan) {
+  passes_.clear();
+  all_at_once_.clear();
   for (size_t t = 0; t < request.targets.size(); ++t) {
     const int planes = request.layout == Layout::kPlanar ? request.targets[t].components : 1;
     for (int plane = 0; plane < planes; ++plane) passes_.push_back({t, plane, planes});

@@ -263,6 +263,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
   const bool one_slab = out.slab_depth >= grid.dims[2];
   out.peak_bytes = kBaseBytes + slab_bytes(out.slab_depth) + MeshWorkBytes(request, mesh, counts);
   if (cuda) out.peak_bytes += DeviceListBytes(request, mesh, counts);
+  if (cuda && dense && !one_slab) out.peak_bytes += slab_bytes(out.slab_depth);  // one is copied while another is made
   if (!one_slab && dense && delivery == Delivery::kMemory) out.peak_bytes += out.result_bytes;
   // The lists of all slabs, the last one's counted already, and what they are joined to.
   if (!one_slab && !dense) {
@@ -274,6 +275,33 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
     out.peak_bytes += (one_slab ? 1 : 2) * BitGrid::BytesFor(grid.dims);
   }
   return out;
+}
+
+uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t layers) {
+  const double share = double(layers) / double(grid.dims[2]);
+  Counts counts = Count(request, grid, mesh);
+  const double listed = request.result == ResultKind::kDense ? 0 : share * double(ListedBytes(request, counts));
+  const double kept = request.result == ResultKind::kSparse ? KeptBytes(request, counts) : 0;  // of all tiles
+  for (double* count : {&counts.fragments, &counts.voxels, &counts.pairs, &counts.listed}) *count *= share;
+  uint64_t bytes = BitGridBytes(request, grid, layers) + DeviceListBytes(request, mesh, counts);
+  if (request.result == ResultKind::kDense) bytes += DenseBytes(request, grid, layers);
+  if (request.fill == Fill::kFlood) bytes += 2 * BitGrid::BytesFor(grid.dims);
+  return bytes + uint64_t(listed + kept);
+}
+
+int64_t FittingSlabDepth(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t depth,
+                         uint64_t room) {
+  if (PredictSlabBytes(request, grid, mesh, depth) <= room) return depth;
+  const bool dense = request.result == ResultKind::kDense;
+  int64_t layers = (depth + kSlabGranularity - 1) / kSlabGranularity;  // in units of it
+  const auto fits = [&] {
+    const int64_t here = layers * kSlabGranularity;
+    const uint64_t copied = dense ? DenseBytes(request, grid, here) : 0;  // beside the next slab
+    const uint64_t bits = dense ? BitGrid::BytesFor({grid.dims[0], grid.dims[1], here}) : 0;
+    return PredictSlabBytes(request, grid, mesh, here) + copied + bits <= room && copied <= kMostSlabBytes;
+  };
+  while (layers > 1 && !fits()) layers = (layers + 1) / 2;
+  return std::min(depth, layers * kSlabGranularity);
 }
 
 }  // namespace voxelpipe

@@ -27,4 +27,14 @@ struct Footprint {
 Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                            const PlanLimits& limits, Delivery delivery, bool cuda = false);
 
+// Bytes of device memory that a slab of so many layers takes on the CUDA backend besides the mesh: a prediction, as above.
+uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t layers);
+
+// In: the layers a slab that the plan has, and the bytes of device memory there are. Out: no more layers, a multiple of the granularity unless
+// they are all, for which the prediction leaves room, but at least one slab's granularity. Where slabs are cut for want of room, those of dense
+// results take no more than kMostSlabBytes each: so much is copied through pinned memory at a time.
+inline constexpr uint64_t kMostSlabBytes = 1 << 30;
+int64_t FittingSlabDepth(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t depth,
+                         uint64_t room);
+
 }  // namespace voxelpipe

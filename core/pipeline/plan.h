@@ -50,7 +50,8 @@ struct Plan {
       0;                // predicted working set of the pipeline, what is held of the result included, the mesh excluded
   std::string backend;  // "cpu" or "cuda"
   TimeClass time_class = TimeClass::kInstant;
-  int64_t slab_depth = 1;  // layers of z worked on at a time; at least dims[2] where one slab does
+  int64_t slab_depth =
+      1;  // layers of z worked on at a time; at least dims[2] where one slab does. A run may come to take fewer
 };
 
 // Bytes of one dense target over `voxels` voxels.

@@ -13,6 +13,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -45,6 +46,33 @@ struct Slab {
 struct SlabCounts {
   std::optional<uint64_t> fragments;  // absent where a fast path does not count them
   uint64_t odd_columns = 0;
+};
+
+// The arrays of a slab that may still be on their way from the device. At its end it waits for them.
+class SlabArrays {
+ public:
+  SlabArrays(ResultArrays arrays) : arrays_(std::move(arrays)) {}  // that are there
+  SlabArrays(ResultArrays arrays, std::function<absl::Status()> wait)
+      : arrays_(std::move(arrays)), wait_(std::move(wait)) {}
+  SlabArrays(SlabArrays&& other) noexcept
+      : arrays_(std::move(other.arrays_)), wait_(std::exchange(other.wait_, nullptr)) {}
+  SlabArrays& operator=(SlabArrays&&) = delete;
+  ~SlabArrays() { (void)Wait(); }
+
+  bool there() const { return wait_ == nullptr; }
+  absl::StatusOr<ResultArrays> Take() && {
+    if (absl::Status s = Wait(); !s.ok()) return s;
+    return std::move(arrays_);
+  }
+
+ private:
+  absl::Status Wait() {
+    const auto wait = std::exchange(wait_, nullptr);
+    return wait ? wait() : absl::OkStatus();
+  }
+
+  ResultArrays arrays_;
+  std::function<absl::Status()> wait_;
 };
 
 // Once a run, in this order: VertexShade, CoarseRaster, TileSort. Then slab after slab, by ascending z:
@@ -89,6 +117,20 @@ class Stages {
   // The slab's arrays in their result format. `offsets` count from the slab's own first fragment; bricks and voxels carry
   // the numbers of the whole grid.
   virtual absl::StatusOr<ResultArrays> Finish() = 0;
+
+  // The same of a slab that is not all, where stages can go on with the next one before the arrays are there. What is returned must end
+  // before AbandonSlab, and before the FinishLater after the next.
+  virtual absl::StatusOr<SlabArrays> FinishLater() {
+    absl::StatusOr<ResultArrays> arrays = Finish();
+    if (!arrays.ok()) return arrays.status();
+    return SlabArrays(*std::move(arrays));
+  }
+
+  // Bytes of the device's memory that a slab can have now; absent where stages work in the host's. Takes as long as a small job.
+  virtual std::optional<uint64_t> FreeBytes() const { return std::nullopt; }
+  // After a stage of the slab returned RESOURCE_EXHAUSTED with the mark kOutOfMemory (base/device_failure.h): gives back what it took. The
+  // next call is BeginSlab, of a slab with fewer layers. False: these stages cannot.
+  virtual bool AbandonSlab() { return false; }
 
   // Number of voxels of the slab with a fragment or filled. Outside the measured time.
   virtual uint64_t CountOccupied() const = 0;

@@ -8,13 +8,17 @@
 #include <chrono>
 #include <memory>
 #include <new>
+#include <optional>
+#include <tuple>
 
 #include <tbb/task_arena.h>
 
 #include "absl/strings/str_cat.h"
+#include "base/device_failure.h"
 #include "pipeline/assemble.h"
 #include "pipeline/backend.h"
 #include "pipeline/bind.h"
+#include "pipeline/footprint.h"
 #include "pipeline/stages.h"
 
 namespace voxelpipe {
@@ -80,8 +84,9 @@ void AddCounts(const Stages& stages, const VoxelizeRequest& request, VoxelizeSta
 }
 
 // The stages of one slab, in the paper's order. Adds its counts to `stats`, if given.
-absl::StatusOr<ResultArrays> RunSlab(Stages& stages, const VoxelizeRequest& request, const Slab& slab, StageClock& run,
-                                     VoxelizeStats* stats) {
+// `all`: there is no other slab.
+absl::StatusOr<SlabArrays> RunSlab(Stages& stages, const VoxelizeRequest& request, const Slab& slab, bool all,
+                                   StageClock& run, VoxelizeStats* stats) {
   const bool buckets = request.result == ResultKind::kBuckets;
   absl::Status s = run(buckets ? "emit" : "fine_raster", [&] { return stages.BeginSlab(slab); });
   if (!s.ok()) return s;
@@ -108,7 +113,32 @@ absl::StatusOr<ResultArrays> RunSlab(Stages& stages, const VoxelizeRequest& requ
   return run(buckets                       ? "resolve"
              : request.fill == Fill::kNone ? "fine_raster"
                                            : "fill",
-             [&] { return stages.Finish(); });
+             [&]() -> absl::StatusOr<SlabArrays> {
+               if (!all) return stages.FinishLater();
+               absl::StatusOr<ResultArrays> arrays = stages.Finish();
+               if (!arrays.ok()) return arrays.status();
+               return SlabArrays(*std::move(arrays));
+             });
+}
+
+// The plan's slabs made as thin as the device has room for. Asked only where that is in doubt.
+void FitToDevice(const Backend& backend, const Stages& stages, const VoxelizeRequest& request, const MeshSize& mesh,
+                 PlanLimits limits, Delivery delivery, Plan& plan) {
+  constexpr uint64_t kShareInDoubt = 8;
+  const uint64_t all = backend.memory_bytes();
+  if (all == 0 || PredictSlabBytes(request, plan.grid, mesh, plan.slab_depth) < all / kShareInDoubt) return;
+  const std::optional<uint64_t> room = stages.FreeBytes();
+  if (!room) return;
+  limits.slab_depth = FittingSlabDepth(request, plan.grid, mesh, plan.slab_depth, *room);
+  if (limits.slab_depth == plan.slab_depth) return;
+  plan.slab_depth = limits.slab_depth;
+  plan.peak_bytes = PredictFootprint(request, plan.grid, mesh, limits, delivery, true).peak_bytes;
+}
+
+// Layers of a slab to try in place of one that found no room on the device; 0 where it was as thin as can be, or something else was wrong.
+int64_t HalfOf(const Slab& slab, const absl::Status& why) {
+  if (DeviceFailureOf(why) != DeviceFailureKind::kOutOfMemory || slab.depth() <= kSlabGranularity) return 0;
+  return (slab.depth() / 2 + kSlabGranularity - 1) / kSlabGranularity * kSlabGranularity;
 }
 
 absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const BoundRequest& bound,
@@ -129,6 +159,8 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
   absl::StatusOr<Plan> plan =
       PlanChecked(request, mesh.triangles.size(), mesh.positions.size(), *extent, limits, delivery);
   if (!plan.ok()) return plan.status();
+  FitToDevice(backend, stages, request, {mesh.triangles.size(), mesh.positions.size(), *extent}, limits, delivery,
+              *plan);
   if (on_plan) {
     run.Pause();
     if (absl::Status refused = on_plan(*plan); !refused.ok()) return refused;
@@ -146,20 +178,53 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
     if (!s.ok()) return s;
   }
   if (s = assembler.Begin(request, *plan); !s.ok()) return s;
-  for (int pass = 0; pass < assembler.passes(); ++pass) {
-    for (int64_t z = 0; z < depth; z += plan->slab_depth) {
-      const Slab slab{z, std::min(depth, z + plan->slab_depth)};
-      absl::StatusOr<ResultArrays> arrays = RunSlab(stages, request, slab, run, pass == 0 ? &stats : nullptr);
+  // While a slab's arrays come from the device and are added, the next slab is worked on.
+  struct Coming {
+    int pass;
+    Slab slab;
+    SlabArrays arrays;
+  };
+  std::optional<Coming> coming;
+  const auto add = [&]() -> absl::Status {
+    if (!coming) return absl::OkStatus();
+    const auto wait_and_add = [&]() -> absl::Status {
+      absl::StatusOr<ResultArrays> arrays = std::move(coming->arrays).Take();
       if (!arrays.ok()) return arrays.status();
+      return assembler.Add(coming->pass, coming->slab, *std::move(arrays));
+    };
+    if (!timed) run.Pause();
+    const absl::Status added = timed ? run(last, wait_and_add) : wait_and_add();
+    coming.reset();
+    return added;
+  };
+  for (int pass = 0; pass < assembler.passes(); ++pass) {
+    for (int64_t z = 0; z < depth;) {
+      const Slab slab{z, std::min(depth, z + plan->slab_depth)};
+      const bool all = slab.depth() == depth;
+      const auto before = std::tuple(stats.occupied, stats.fragments, stats.odd_columns);
+      absl::StatusOr<SlabArrays> arrays = RunSlab(stages, request, slab, all, run, pass == 0 ? &stats : nullptr);
+      if (!arrays.ok()) {  // where the device has no room: thinner slabs from here on
+        const int64_t half = HalfOf(slab, arrays.status());
+        if (half == 0) return arrays.status();
+        if (s = add(); !s.ok()) return s;
+        if (!stages.AbandonSlab()) return arrays.status();
+        std::tie(stats.occupied, stats.fragments, stats.odd_columns) = before;
+        plan->slab_depth = half;
+        if (all) s = assembler.Begin(request, *plan);  // it expected one slab
+        if (!s.ok()) return s;
+        continue;
+      }
+      z = slab.end;
       run.Done(last, (double(pass) + double(slab.end) / double(depth)) / double(assembler.passes()));
       // Asked here too: a sink may take long, and a client may have gone meanwhile.
       if (s = job.Check(); !s.ok()) return s;
-      const auto add = [&] { return assembler.Add(pass, slab, *std::move(arrays)); };
-      if (!timed) run.Pause();
-      s = timed ? run(last, add) : add();
-      if (!s.ok()) return s;
+      if (s = add(); !s.ok()) return s;
+      coming.emplace(Coming{pass, slab, *std::move(arrays)});
+      if (!coming->arrays.there()) continue;
+      if (s = add(); !s.ok()) return s;
     }
   }
+  if (s = add(); !s.ok()) return s;
   s = timed ? run(last, [&] { return assembler.End(); }) : assembler.End();
   run.Pause();
   return s;

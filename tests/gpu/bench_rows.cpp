@@ -98,7 +98,9 @@ std::vector<BenchRow> WholeCallRows() {
   Rows rows;
   for (const char* mesh : {"bunny", "sphere10M"}) {
     for (const int64_t n : {512, 1024}) rows.Add(mesh, "bit dense", n, 0, 0, Bits(Coverage::kConservative));
-    rows.Add(mesh, "f32 max dense", 512, 0, 0, Floats(1, Blend::kMax, ResultKind::kDense));
+    for (const int64_t n : {512, 1024}) {
+      rows.Add(mesh, "f32 max dense", n, 0, 0, Floats(1, Blend::kMax, ResultKind::kDense));
+    }
     VoxelizeRequest bricks = Bits(Coverage::kConservative);
     bricks.result = ResultKind::kSparse;
     rows.Add(mesh, "bit sparse", 1024, 0, 0, bricks);

@@ -7,6 +7,7 @@
 //   --budget S      rows that would begin after so many seconds are not run, and say so
 //   --repeats N     at most so many measured runs a row (60)      --warmup N   runs before them (3)
 //   --only PART     one of: table, stages, calls, batch
+//   --memory BYTES  so much of the device's memory may be taken: larger grids go by slabs
 //
 // Method of the table: mesh on the device, result left there, CUDA events on the backend's stream around the whole
 // call, clearing included, median of the measured runs and their 10th and 90th percentiles. Whole calls: wall clock of
@@ -30,6 +31,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "cuda/backend.h"
+#include "cuda/device.h"
 #include "gpu/bench_meshes.h"
 #include "gpu/bench_rows.h"
 #include "mesh/content_id.h"
@@ -484,6 +486,8 @@ bool Parse(int argc, char** argv, Options& options) {
       options.only = value;
     } else if (argument == "--budget") {
       options.budget_s = std::atof(value.c_str());
+    } else if (argument == "--memory") {
+      cuda::LimitMemory(std::strtoull(value.c_str(), nullptr, 10));
     } else if (argument == "--repeats") {
       options.repeats = std::atoi(value.c_str());
     } else if (argument == "--warmup") {

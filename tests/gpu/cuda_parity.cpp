@@ -17,6 +17,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
+#include <set>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -30,6 +31,7 @@
 #include "pipeline/voxelize.h"
 #include "support/meshes.h"
 #ifdef VOXELPIPE_HAVE_CUDA
+#include "cuda/device.h"
 #include "cuda/mesh_uploads.h"
 #endif
 
@@ -58,8 +60,7 @@ class KeepArrays final : public ResultSink {
   Delivered delivered;
 };
 
-absl::StatusOr<Delivered> Run(const TriangleMesh& mesh, const ParityCase& c) {
-  const JobContext job;
+absl::StatusOr<Delivered> Run(const TriangleMesh& mesh, const ParityCase& c, const JobContext& job = {}) {
   PlanLimits limits;
   limits.slab_depth = c.slab_depth;
   KeepArrays sink;
@@ -136,21 +137,91 @@ class Parity {
     return true;
   }
 
+  // Less and less device memory, told before the run, and found out when a slab is begun: the same bytes by more and thinner slabs, until not
+  // even the thinnest fits, which is RESOURCE_EXHAUSTED; then there is room again.
+  bool RunShortOfMemory(const ParityMesh& named, const TriangleMesh& mesh, const std::vector<ParityCase>& cases) {
+#ifdef VOXELPIPE_HAVE_CUDA
+    std::set<int> seen[2];  // numbers of slabs
+    bool whole = !options_.self && !options_.list;
+    for (size_t i = 0; i < cases.size() && !options_.self; ++i) {
+      ParityCase c = cases[i];
+      const auto by_slabs = [&](bool told, uint64_t room, int& slabs) {
+        bool begun = false;
+        slabs = 0;
+        const JobContext job([&](std::string_view stage, double fraction) {
+          slabs += fraction > 0;
+          if (told || begun || (stage != "fine_raster" && stage != "emit")) return;
+          begun = true;
+          cuda::LimitMemory(cuda::MemoryTaken() + room);
+        });
+        if (told) cuda::LimitMemory(cuda::MemoryTaken() + room);
+        absl::StatusOr<Delivered> result = Run(mesh, c, job);
+        cuda::LimitMemory(UINT64_MAX);
+        return result;
+      };
+      const std::string line = absl::StrCat(named.name, "_short#", i, " ", Describe(c));
+      whole = whole && absl::StrContains(line, options_.filter);
+      if (!absl::StrContains(line, options_.filter)) continue;
+      if (options_.list) std::printf("%s\n", line.c_str());
+      if (options_.list) continue;
+      if (Seconds(started_) > options_.budget_s) return Stop("the time is up");
+      ++cases_;
+      c.request.backend = BackendChoice::kCpu;
+      const absl::StatusOr<Delivered> expected = Run(mesh, c);
+      c.request.backend = BackendChoice::kCuda;
+      for (const bool told : {true, false}) {
+        absl::StatusOr<Delivered> got = expected;
+        for (uint64_t room = 12 << 20; got.ok() && room >= 1 << 10; room /= 2) {
+          int slabs = 0;
+          got = by_slabs(told, room, slabs);
+          ++runs_;
+          if (!got.ok()) {
+            const std::string why = Message(got.status());
+            if (!absl::StartsWith(why, "RESOURCE_EXHAUSTED") ||
+                !absl::StrContains(why, "bytes of device memory needed"))
+              Differ(c, line, absl::StrCat(room, " bytes: ", why));
+            continue;
+          }
+          if (!c.streamed) seen[told].insert(slabs);
+          if (const auto difference = FirstDifference(*expected, *got))
+            Differ(c, line, absl::StrCat(room, " bytes, ", slabs, " slabs: ", *difference));
+        }
+        if (got.ok()) Differ(c, line, "1 KiB was enough");
+        got = Run(mesh, c);
+        if (!got.ok() || FirstDifference(*expected, *got)) Differ(c, line, "it is wrong with enough memory afterwards");
+      }
+    }
+    for (const bool told : {true, false}) {
+      // Which numbers there are depends on what else takes memory; where it is found out, slabs end where there is no room for two.
+      if (!whole || (seen[told].size() >= 3 && seen[told].count(1) == 1 && (!told || seen[told].count(7) == 1)))
+        continue;
+      std::string numbers;
+      for (const int n : seen[told]) absl::StrAppend(&numbers, " ", n);
+      Differ(cases[0], named.name + "_short",
+             absl::StrCat(told ? "told" : "found out", ": slabs in numbers of", numbers));
+    }
+#else
+    (void)named, (void)mesh, (void)cases;
+#endif
+    return true;
+  }
+
   // More than any device has: RESOURCE_EXHAUSTED, and what comes after it works.
   void RunOutOfMemory() {
-    const std::string line = "out_of_memory#0 f32 dense 8192x8192x4096 as one slab";
+    const std::string line = "out_of_memory#0 8 x f32x4 dense 28000x28000x8, which are the fewest layers";
     if (options_.list || !absl::StrContains(line, options_.filter)) return;
     ++cases_;
     ParityCase c;
     c.request.backend = BackendChoice::kCuda;
-    c.request.grid.dims = {8192, 8192, 4096};
+    c.request.grid.dims = {28000, 28000, 8};
     c.request.grid.origin = Vec3d{0, 0, 0};
     c.request.grid.voxel_size = Vec3d{1, 1, 1};
     c.request.targets[0].format = VoxelFormat::kF32;
+    c.request.targets[0].components = 4;
     c.request.targets[0].blend = Blend::kMax;
+    c.request.targets.resize(kMaxTargets, c.request.targets[0]);
     PlanLimits limits;
     limits.max_result_bytes = limits.max_working_bytes = limits.slab_bytes = UINT64_MAX / 4;
-    limits.slab_depth = 4096;
     const TriangleMesh mesh = testing::Cube(16);
     const absl::Status status = Voxelize(mesh, c.request, JobContext(), limits).status();
     if (status.code() != absl::StatusCode::kResourceExhausted) return Differ(c, line, Message(status));
@@ -180,8 +251,12 @@ class Parity {
 
  private:
   using Time = std::chrono::steady_clock::time_point;
-  static Time Now() { return std::chrono::steady_clock::now(); }
-  static double Seconds(Time since) { return std::chrono::duration<double>(Now() - since).count(); }
+  static Time Now() {
+    return std::chrono::steady_clock::now();
+  }
+  static double Seconds(Time since) {
+    return std::chrono::duration<double>(Now() - since).count();
+  }
 
   bool Stop(const char* why) {
     stopped_ = why;
@@ -341,6 +416,7 @@ void RunAll(Parity& parity, BatchParity& batches, const Options& options) {
     const CaseSizes sizes{first ? 300 : rigged ? 96 : large ? 16 : 32, !named.refusable, first};
     const auto cases = options.quick ? QuickCases(named) : CasesFor(named, mesh, sizes, options.seed + 100 * number);
     if (!parity.RunMesh(named, mesh, cases, options.quick ? 1 : 0)) return;
+    if (number == 1 && !parity.RunShortOfMemory(named, mesh, SlabCases())) return;
     if (number == 1 && !parity.RunMoved(named, mesh, QuickCases(named), batches)) return;
     if (rigged && !parity.RunVertexShaders(named, mesh)) return;
     if (in_batches && !large) batches.Add(named.name, made, cases, options.quick ? 1 : 8);

@@ -370,6 +370,36 @@ std::vector<ParityCase> QuickCases(const ParityMesh& named) {
   return cases;
 }
 
+std::vector<ParityCase> SlabCases() {
+  std::vector<ParityCase> cases;
+  const auto add = [&](ResultKind kind, Fill fill, const char* shader, Blend blend, int components) -> ParityCase& {
+    ParityCase c;
+    c.request.grid = Placed({33, 16, 56}, {0, 0, 0}, {1.25, 2.5, 0.7});
+    c.request.result = kind;
+    c.request.coverage = kCoverages[cases.size() % 2];
+    c.request.fill = fill;
+    if (components > 0) {
+      c.request.targets[0].format = VoxelFormat::kF32;
+      c.request.targets[0].components = components;
+      c.request.targets[0].blend = blend;
+      c.request.targets[0].shader = {shader, {}};
+    }
+    cases.push_back(c);
+    return cases.back();
+  };
+  add(ResultKind::kDense, Fill::kParity, "", Blend::kOr, 0);
+  add(ResultKind::kDense, Fill::kFlood, "", Blend::kOr, 0);
+  add(ResultKind::kDense, Fill::kNone, "triangle_id", Blend::kMax, 1);
+  add(ResultKind::kDense, Fill::kParity, "geometric_normal", Blend::kAdd, 4).request.layout = Layout::kPlanar;
+  add(ResultKind::kDense, Fill::kNone, "normal", Blend::kAverage, 4).request.layout = Layout::kPlanar;
+  add(ResultKind::kDense, Fill::kFlood, "normal", Blend::kReplace, 4).streamed = true;
+  add(ResultKind::kSparse, Fill::kNone, "", Blend::kOr, 0);
+  add(ResultKind::kSparse, Fill::kParity, "triangle_id", Blend::kAdd, 4);
+  add(ResultKind::kSparse, Fill::kNone, "normal", Blend::kMax, 4);
+  add(ResultKind::kBuckets, Fill::kNone, "normal", Blend::kMax, 4);
+  return cases;
+}
+
 std::vector<ParityCase> VertexShaderCases(const ParityMesh& named, const TriangleMesh& mesh) {
   std::vector<ShaderCall> calls(5);
   calls[0] = {"identity", {}};

@@ -71,6 +71,24 @@ TEST(FootprintTest, PartsOfSplitTilesCountWhereTheyAreMoreThanRecords) {
   EXPECT_LT(four, 4 * kParts * kTile);
 }
 
+TEST(FootprintTest, SlabsAreCutToTheRoomThatTheDeviceHas) {
+  const VoxelizeRequest request = Floats(Blend::kMax, ResultKind::kDense);
+  const GridSpec grid = Cube(1024);  // 4 GiB of floats
+  const MeshSize mesh = Surface(100'000);
+  const auto depth = [&](uint64_t room) { return FittingSlabDepth(request, grid, mesh, 1024, room); };
+  EXPECT_EQ(depth(uint64_t{8} << 30), 1024);
+  EXPECT_EQ(depth(uint64_t{4} << 30), 256);  // slabs of a GiB, one of which is copied
+  EXPECT_EQ(depth(uint64_t{1} << 30), 64);
+  EXPECT_EQ(depth(0), 8);
+  uint64_t before = UINT64_MAX;
+  for (int64_t layers = 1024; layers >= 8; layers /= 2) {
+    const uint64_t bytes = PredictSlabBytes(request, grid, mesh, layers);
+    EXPECT_LT(bytes, before);
+    EXPECT_GE(bytes, uint64_t(layers) * 1024 * 1024 * 4);
+    before = bytes;
+  }
+}
+
 TEST(FootprintTest, SpansOfLargeTrianglesGrowWithTheSurface) {
   const VoxelizeRequest request = Floats(Blend::kMax, ResultKind::kDense);
   const uint64_t less = Lists(request, 512, Surface(2000)), more = Lists(request, 1024, Surface(2000));

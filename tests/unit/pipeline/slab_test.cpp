@@ -1,5 +1,12 @@
 // The depth of the slabs changes nothing but the memory.
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <utility>
+
+#include "base/device_failure.h"
 #include "gtest/gtest.h"
+#include "pipeline/backend.h"
 #include "support/meshes.h"
 #include "support/run.h"
 
@@ -100,6 +107,126 @@ TEST(Slabs, EndWithTheSinksError) {
       VoxelizeTo(Soup(50, 40, 1), TwoTargets(Fill::kNone, Layout::kPlanar, {40, 40, 40}), job, limits, sink);
   EXPECT_EQ(stats.status(), absl::DataLossError("the disk is full"));
   EXPECT_EQ(sink.writes, 2);
+}
+
+// The CPU's stages on a device that has room for slabs of so many layers, which is found out when their arrays are finished; arrays arrive
+// later.
+class ShortOfMemory final : public Backend {
+ public:
+  explicit ShortOfMemory(int64_t most_layers) : most_layers_(most_layers) {}
+  std::string_view name() const override { return "short"; }
+  std::string_view simd() const override { return cpu().simd(); }
+  void Run(int threads, const std::function<void()>& body) const override { cpu().Run(threads, body); }
+  absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,
+                                                const JobContext& job) const override {
+    absl::StatusOr<std::unique_ptr<Stages>> stages = cpu().Start(mesh, request, job);
+    if (!stages.ok()) return stages.status();
+    return std::make_unique<ShortStages>(*std::move(stages), *this);
+  }
+
+  mutable int made = 0, abandoned = 0, waited = 0;  // slabs
+
+ private:
+  class ShortStages final : public Stages {
+   public:
+    ShortStages(std::unique_ptr<Stages> stages, const ShortOfMemory& of) : of_(of), cpu_(std::move(stages)) {}
+    absl::StatusOr<MeshExtent> VertexShade() override { return cpu_->VertexShade(); }
+    absl::Status CoarseRaster(const GridSpec& grid) override { return cpu_->CoarseRaster(grid); }
+    absl::Status TileSort() override { return cpu_->TileSort(); }
+    bool SortsTiles(const GridSpec& grid) const override { return cpu_->SortsTiles(grid); }
+    absl::Status BeginSlab(const Slab& slab) override {
+      EXPECT_FALSE(failed_) << "the slab was not abandoned";
+      layers_ = slab.depth();
+      return cpu_->BeginSlab(slab);
+    }
+    absl::Status FineRaster() override { return cpu_->FineRaster(); }
+    absl::Status SolidFill() override { return cpu_->SolidFill(); }
+    absl::Status EmitFragments() override { return cpu_->EmitFragments(); }
+    absl::Status SortFragments() override { return cpu_->SortFragments(); }
+    absl::Status Resolve() override { return cpu_->Resolve(); }
+    absl::StatusOr<ResultArrays> Finish() override {
+      failed_ = layers_ > of_.most_layers_;
+      if (failed_) {
+        return MarkDeviceFailure(absl::ResourceExhaustedError("no room"), DeviceFailureKind::kOutOfMemory);
+      }
+      ++of_.made;
+      return cpu_->Finish();
+    }
+    absl::StatusOr<SlabArrays> FinishLater() override {
+      absl::StatusOr<ResultArrays> arrays = Finish();
+      if (!arrays.ok()) return arrays.status();
+      EXPECT_LE(of_.made - of_.waited, 2) << "more than one slab is on its way while the next is made";
+      return SlabArrays(*std::move(arrays), [this] {
+        ++of_.waited;
+        return absl::OkStatus();
+      });
+    }
+    bool AbandonSlab() override {
+      EXPECT_EQ(of_.made, of_.waited) << "arrays of an earlier slab are still to come";
+      failed_ = false;
+      ++of_.abandoned;
+      return true;
+    }
+    uint64_t CountOccupied() const override { return cpu_->CountOccupied(); }
+    SlabCounts counts() const override { return cpu_->counts(); }
+    std::string_view simd() const override { return cpu_->simd(); }
+
+   private:
+    const ShortOfMemory& of_;
+    const std::unique_ptr<Stages> cpu_;
+    int64_t layers_ = 0;
+    bool failed_ = false;
+  };
+
+  static const Backend& cpu() { return **SelectBackend(BackendChoice::kCpu); }
+
+  const int64_t most_layers_;
+};
+
+TEST(Slabs, GrowThinnerWhereTheDeviceHasNoRoom) {
+  const TriangleMesh mesh = Soup(300, 50, 11);
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    VoxelizeRequest request =
+        TwoTargets(kind == ResultKind::kBuckets ? Fill::kNone : Fill::kParity, Layout::kPlanar, {45, 39, 56});
+    request.backend = BackendChoice::kCpu;
+    request.result = kind;
+    const VoxelizeResult whole = RunPipeline(mesh, request);
+    const std::map<int64_t, int> slabs_by_room = {{56, 1}, {55, 2}, {31, 4}, {15, 7}, {8, 7}};
+    for (const auto& [room, slabs] : slabs_by_room) {
+      const ShortOfMemory device(room);
+      const auto result = VoxelizeOn(device, mesh, request, JobContext());
+      ASSERT_TRUE(result.ok()) << result.status();
+      EXPECT_EQ(device.made, slabs) << room;
+      EXPECT_EQ(device.waited, slabs == 1 ? 0 : slabs) << room;
+      EXPECT_EQ(result->stats.occupied, whole.stats.occupied);
+      EXPECT_EQ(result->stats.fragments, whole.stats.fragments);
+      EXPECT_EQ(result->stats.odd_columns, whole.stats.odd_columns);
+      const auto expected = ArraysOf(whole), got = ArraysOf(*result);
+      ASSERT_EQ(got.size(), expected.size());
+      for (size_t i = 0; i < got.size(); ++i) EXPECT_TRUE(std::ranges::equal(got[i], expected[i])) << room << " " << i;
+    }
+    const ShortOfMemory none(7);
+    EXPECT_EQ(VoxelizeOn(none, mesh, request, JobContext()).status().message(), "no room");
+    EXPECT_EQ(none.abandoned, 3);
+  }
+}
+
+TEST(Slabs, OfAStreamGrowThinnerToo) {
+  const TriangleMesh mesh = Soup(300, 50, 11);
+  VoxelizeRequest request = TwoTargets(Fill::kFlood, Layout::kPlanar, {45, 39, 56});
+  request.backend = BackendChoice::kCpu;
+  const VoxelizeResult whole = RunPipeline(mesh, request);
+  for (const int64_t room : {int64_t{56}, int64_t{40}, int64_t{9}}) {
+    const ShortOfMemory device(room);
+    KeepingSink sink;
+    const auto stats = VoxelizeOnTo(device, mesh, request, JobContext(), PlanLimits(), sink);
+    ASSERT_TRUE(stats.ok()) << stats.status();
+    EXPECT_EQ(stats->occupied, whole.stats.occupied);
+    ASSERT_EQ(sink.arrays.size(), whole.targets.size());
+    for (size_t i = 0; i < sink.arrays.size(); ++i) {
+      EXPECT_TRUE(std::ranges::equal(sink.arrays[i], whole.targets[i].bytes())) << room << " " << i;
+    }
+  }
 }
 
 }  // namespace
