@@ -136,7 +136,7 @@ class Cuda final : public Backend {
     return std::make_unique<CudaStages>(mesh, request, job, device_, **kernels, *std::move(use));
   }
   void Run(int threads, const std::function<void()>& body) const override {
-    const int cores = tbb::info::default_concurrency();  // vertices are shaded on the host
+    const int cores = tbb::info::default_concurrency();  // results are put together on the host
     tbb::task_arena arena(threads > 0 ? std::min(threads, cores) : cores);
     arena.execute(body);
   }
