@@ -107,8 +107,11 @@ absl::Status EstimateCall::FindKeptMesh() {
 }
 
 absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
-  if (!request_.has_summary())
-    return absl::InvalidArgumentError("mesh: neither a summary nor mesh bytes nor a mesh_id");
+  if (!request_.has_summary()) {
+    const char* const hint =
+        request_.config().mesh_id().empty() ? "" : " beside the config, whose own is not looked at";
+    return absl::InvalidArgumentError(absl::StrCat("mesh: neither a summary nor mesh_bytes nor a mesh_id", hint));
+  }
   const absl::StatusOr<Box3d> box = ReadBox(request_.summary());
   if (!box.ok()) return box.status();
   const absl::StatusOr<Plan> plan =

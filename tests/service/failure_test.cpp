@@ -156,6 +156,21 @@ TEST_F(FailureTest, TheMeshOfAnEstimateTakesRoomOfTheUploads) {
   upload->Finish();
 }
 
+TEST_F(FailureTest, AnEstimateOfTheConfigsMeshSaysWhereItBelongs) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  v1::EstimateVoxelizationRequest request;
+  v1::EstimateVoxelizationResponse response;
+  for (const char* id : {"", "some"}) {
+    request.mutable_config()->set_mesh_id(id);
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + kPatience);
+    const grpc::Status status = stub_->EstimateVoxelization(&context, request, &response);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+    EXPECT_EQ(status.error_message().find("beside the config") != std::string::npos, *id != '\0')
+        << status.error_message();
+  }
+}
+
 // What all uploads together may take, one may: to wait would not help it.
 TEST_F(FailureTest, AFileThatNeverFitsIsNotToldToComeAgain) {
   ASSERT_NO_FATAL_FAILURE(Start({"--max-upload-bytes", "1000"}));

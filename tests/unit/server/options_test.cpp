@@ -145,7 +145,7 @@ TEST(OptionsTest, WhatCannotBeIsRefusedWithExitCodeTwo) {
 }
 
 TEST(OptionsTest, EveryWayToNameAnAddressIsTaken) {
-  for (const char* address : {"0.0.0.0:0", "[::]:65535", "localhost:50051", "unix:/run/voxelpiped.sock"}) {
+  for (const char* address : {"0.0.0.0:0", "[::]:65535", ":50051", "localhost:50051", "unix:/run/voxelpiped.sock"}) {
     const ParseOutcome outcome = Parse({"--listen", address});
     ASSERT_TRUE(outcome.command) << address;
     EXPECT_EQ(outcome.command->options.listen, address);
