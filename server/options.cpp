@@ -48,7 +48,7 @@ std::string CheckAddress(std::string& text) {
   const size_t colon = text.rfind(':');
   const std::string port = colon == std::string::npos ? "" : text.substr(colon + 1);
   const bool digits = !port.empty() && port.size() <= 5 && port.find_first_not_of("0123456789") == std::string::npos;
-  if (!digits || std::stoul(port) > 65'535) return "not HOST:PORT with a port of 0 to 65535: " + text;
+  if (!digits || colon == 0 || std::stoul(port) > 65'535) return "not HOST:PORT with a port of 0 to 65535: " + text;
   return "";
 }
 

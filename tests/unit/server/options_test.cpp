@@ -134,6 +134,7 @@ TEST(OptionsTest, WhatCannotBeIsRefusedWithExitCodeTwo) {
                                                     {"--max-queue-ms", "-1"},
                                                     {"--listen", "nonsense"},
                                                     {"--listen", "127.0.0.1:99999"},
+                                                    {"--listen", ":50051"},
                                                     {"--listen", ":50051x"},
                                                     {"--http-listen", "9464"},
                                                     {"--config", "/"},
@@ -145,7 +146,7 @@ TEST(OptionsTest, WhatCannotBeIsRefusedWithExitCodeTwo) {
 }
 
 TEST(OptionsTest, EveryWayToNameAnAddressIsTaken) {
-  for (const char* address : {"0.0.0.0:0", "[::]:65535", ":50051", "localhost:50051", "unix:/run/voxelpiped.sock"}) {
+  for (const char* address : {"0.0.0.0:0", "[::]:65535", "localhost:50051", "unix:/run/voxelpiped.sock"}) {
     const ParseOutcome outcome = Parse({"--listen", address});
     ASSERT_TRUE(outcome.command) << address;
     EXPECT_EQ(outcome.command->options.listen, address);
