@@ -125,7 +125,7 @@ __device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1
   } else {
     uint32_t key[1] = {};
     if (octants != 0) KeysOf<kShader, 1>(args.blend, plain, t, key);
-    if constexpr (kShader == int(FragmentShaderId::kTriangleId)) {
+    if constexpr (kShader >= 0) {  // triangle ids: see FindCells
       // Ids grow from lane to lane: one of a run has the largest key of an octant, and nothing is to be combined.
       if (__any_sync(~0u, octants != 0) == 0) return;
       if (in_order) octants = OctantsAlone(bit, octants, args.blend.blend == InPlace::kMax);
@@ -187,6 +187,7 @@ __device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, C
   return true;
 }
 
+// kShader: that of triangle ids, whose numbers grow with the triangles, or -1 for any.
 template <bool kThin, CellSink kSink, int kShader>
 __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __grid_constant__ CellArgs args) {
   __shared__ FindRoom room;

@@ -71,20 +71,22 @@ class HealthWatcher {
 // call that began before the client learned of the end has its answer.
 TEST(ShutdownTest, SigtermUnderLoadLosesNothing) {
   const std::vector<uint8_t> small = TorusGlb(8), slow = LargeTrianglesGlb(LessIfSlow(20));
+  constexpr int kClients = 8;
   for (int round = 0; round < 3; ++round) {
     const std::unique_ptr<ServerProcess> server =
         StartServer({"--log-level", "error", "--workers", "2", "--lame-duck-ms", "500", "--stream-above-mb", "1"});
     ASSERT_NE(server, nullptr);
     HealthWatcher health(server->address());
     ASSERT_TRUE(health.WaitUntilServing());
-    std::atomic<int> served{0}, served_late{0};
+    std::atomic<int> connected{0}, served{0}, served_late{0};
     std::atomic<bool> told{false};
     std::mutex mutex;
     std::map<std::string, int> lost;
     std::vector<std::thread> clients;
-    for (int i = 0; i < 8; ++i) {
+    for (int i = 0; i < kClients; ++i) {
       clients.emplace_back([&, i] {
         const std::unique_ptr<Client> client = ConnectTo(*server);
+        ++connected;
         for (int k = 0; client != nullptr && health.serving(); ++k) {
           VoxelizeRequest request = SmallRequest();
           if ((i + k) % 4 == 1) request.grid.resolution = 100;
@@ -104,7 +106,7 @@ TEST(ShutdownTest, SigtermUnderLoadLosesNothing) {
       });
     }
     const auto give_up = std::chrono::steady_clock::now() + kPatience;
-    while (served < 10 + 7 * round && std::chrono::steady_clock::now() < give_up) {
+    while ((connected < kClients || served < 10 + 7 * round) && std::chrono::steady_clock::now() < give_up) {
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
     server->Signal(SIGTERM);
