@@ -22,9 +22,6 @@
 namespace voxelpipe::testing {
 namespace {
 
-// gRPC's pollers, and what runs its closures when they contend, come and go by some. One thread a death would be hundreds.
-constexpr int kWanderingThreads = 6;
-
 constexpr char kVoxelize[] = "/voxelpipe.v1.VoxelizationService/Voxelize";
 constexpr char kUploadMesh[] = "/voxelpipe.v1.VoxelizationService/UploadMesh";
 constexpr int kQueue = 8;
@@ -211,7 +208,8 @@ TEST_F(KilledClientTest, AThousandDeathsLeaveNothingBehind) {
     SCOPED_TRACE("before: " + before.ToString() + "\nafter: " + after.ToString());
     std::cout << "round " << round << ": " << after.ToString() << std::endl;
     EXPECT_EQ(after.descriptors, before.descriptors);
-    EXPECT_LE(after.threads, before.threads + kWanderingThreads);
+    // One thread a death would be a thousand; gRPC's pollers come and go by one or two.
+    EXPECT_LE(after.threads, before.threads + 2);
     // What lies free goes back to the system (--idle-memory-ms). So small a server wanders by some 5 MiB all the same, with the pages that
     // something small still keeps. A thousand leaked results would be 64 GiB, leaked uploads are found by the tight limits above.
     if (!IsSanitized(server_->pid())) {
@@ -222,14 +220,15 @@ TEST_F(KilledClientTest, AThousandDeathsLeaveNothingBehind) {
 
 // What a full store keeps, and the holes between its meshes, are not told from what the dead left, so memory is not looked at here.
 TEST_F(KilledClientTest, DeathsInMeshUploadsLeaveNothingOpen) {
-  ASSERT_NO_FATAL_FAILURE(KillInMeshUpload(20));
+  // As many as a round has: the threads on which gRPC runs closures that contend come one by one, and stay.
+  ASSERT_NO_FATAL_FAILURE(KillInMeshUpload(LessIfSlow(250)));
   ASSERT_NO_FATAL_FAILURE(ExpectAllFree());
   const ProcessFacts before = SettledProcessFacts(server_->pid());
   ASSERT_NO_FATAL_FAILURE(KillInMeshUpload(Effort(LessIfSlow(250), 2500)));
   ASSERT_NO_FATAL_FAILURE(ExpectAllFree());
   const ProcessFacts after = SettledProcessFacts(server_->pid());
   EXPECT_EQ(after.descriptors, before.descriptors);
-  EXPECT_LE(after.threads, before.threads + kWanderingThreads);
+  EXPECT_LE(after.threads, before.threads + 2);
 }
 
 }  // namespace
