@@ -8,6 +8,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <ctime>
 #include <fstream>
 
@@ -125,6 +126,15 @@ int CopyOf(const std::string& text) {
   return copy;
 }
 
+// `fresh` under the number `copy` too, at once. Both are open, so it can only be put off: by a signal, or by another thread's open().
+bool Replace(int fresh, int copy) {
+  int done;
+  do {
+    done = dup3(fresh, copy, O_CLOEXEC);
+  } while (done < 0 && (errno == EINTR || errno == EBUSY));
+  return done == copy;
+}
+
 std::string PathOfCopy(int descriptor) {
   return descriptor < 0 ? std::string() : absl::StrCat("/proc/self/fd/", descriptor);
 }
@@ -166,16 +176,18 @@ absl::StatusOr<TlsFacts> ServerTls::Take(const Contents& contents) {
     fresh[i] = PathOf(files_, i).empty() ? -1 : CopyOf(contents[i]);
     have_all = have_all && (fresh[i] >= 0 || PathOf(files_, i).empty());
   }
-  // Under the numbers that gRPC knows, each at once.
+  // Under the numbers that gRPC knows.
+  bool replaced = true;
   for (size_t i = 0; i < fresh.size(); ++i) {
     if (have_all && copies_[i] < 0) {
       copies_[i] = std::exchange(fresh[i], -1);
     } else if (have_all) {
-      dup3(fresh[i], copies_[i], O_CLOEXEC);
+      replaced = Replace(fresh[i], copies_[i]) && replaced;
     }
     if (fresh[i] >= 0) close(fresh[i]);
   }
   if (!have_all) return absl::ResourceExhaustedError("no descriptors or memory for the certificates");
+  if (!replaced) return absl::InternalError("the certificates in use could not be replaced: restart the server");
   const std::lock_guard lock(mutex_);
   facts_ = *facts;
   return facts;
