@@ -1,7 +1,7 @@
 // The part of BitArgs that every walk over a run's triangles has in common. Included by .cu files only.
 #pragma once
 
-#include "cuda/bit_walk.cuh"
+#include "cuda/bit_grid.cuh"
 #include "cuda/run_state.h"
 #include "grid/index_space.h"
 

@@ -2,11 +2,12 @@
 //
 // An atomic on a word outside of the cache brings its sector from memory, though it has just been cleared. Here the grid is cut into
 // pieces, 8x8 rows of so many words, and each triangle is listed with those that its box meets. Then a block takes a piece, draws
-// it in shared memory and stores it. A triangle that finds a full list is drawn afterwards by atomics (bit_walk.cuh).
+// it in shared memory and stores it. A triangle that finds a full list is drawn afterwards by atomics (bit_layers.cuh).
 // No host-only includes.
 #pragma once
 
-#include "cuda/bit_walk.cuh"
+#include "cuda/bit_layers.cuh"
+#include "cuda/early_launch.cuh"
 
 namespace voxelpipe::cuda {
 

@@ -8,6 +8,7 @@
 #pragma once
 
 #include "cuda/bit_bins.cuh"
+#include "cuda/bit_walk.cuh"
 
 namespace voxelpipe::cuda {
 

@@ -1,95 +1,21 @@
 // Plain bits of one grid: triangles from world space straight to words of the bit grid.
 //
-// Three steps, each a kernel or a part of one:
-//   WalkCells   every triangle a thread: what bit_cells.cuh is certain of is written at once, the rest waits in two queues
-//   WalkLayers  lanes of a warp set up a triangle each, exactly, then all share their layers
-//   WalkLarge   the largest: warps share their layers, lanes the rows of one
-// Before them, where triangles come in random order: bit_order.cuh. Few and large triangles in large grids: bit_bins.cuh.
+// Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what bit_cells.cuh is certain of is written at once, the
+// rest waits in two queues. They are walked in bit_layers.cuh. Before both, where triangles come in random order: bit_order.cuh. Few and large
+// triangles in large grids: bit_bins.cuh.
 // No host-only includes.
 #pragma once
 
-#include "cuda/bit_cells.cuh"
+#include "cuda/bit_grid.cuh"
 #include "cuda/early_launch.cuh"
-#include "cuda/walk_kernels.cuh"
 
 namespace voxelpipe::cuda {
 
 inline constexpr int kCellThreads = 128;
-inline constexpr int kMostCellRows = 36;   // of a triangle that a thread walks alone
-inline constexpr int kManyOctants = 14;    // of a warp's lanes: enough not to wait for others
-inline constexpr int kMostCellRounds = 8;  // triangles of a thread of WalkCells
-inline constexpr int kLayerLanes = 4;      // share a layer in WalkLayers: rows of one lie near each other in memory
-inline constexpr int kLargeSetups = 32;    // of a block
+inline constexpr int kMostCellRows = 36;                           // of a triangle that a thread walks alone
+inline constexpr int kManyOctants = 14;                            // of a warp's lanes: enough not to wait for others
+inline constexpr int kMostCellRounds = 8;                          // triangles of a thread of WalkCells
 inline constexpr int kMostLayerWidth = 96, kMostLayerRows = 6144;  // along y, and in all, of one that WalkLayers takes
-
-struct BitArgs {
-  GridView grid;  // rows outside its slab are left out
-  uint32_t* bits = nullptr;
-  uint64_t quads = 0;  // 16-byte units to clear
-  Coverage coverage{};
-  FixedPlace fixed;
-  Vec3d inverse_size;  // 1 / grid.voxel_size, rounded
-  const uint32_t* triangles = nullptr;
-  const Vec3d* positions = nullptr;  // world space
-  uint64_t triangle_count = 0;
-  const uint32_t *order = nullptr, *ordered = nullptr;  // of WalkCells<, true>, and how many there are
-  int rounds = 1;                                       // of WalkCells
-  uint32_t drawn_large = 0;                             // of the large queue, those at its begin
-  // Room for all triangles each.
-  uint32_t *layer_queue = nullptr, *large_queue = nullptr;
-  uint64_t* queued = nullptr;  // how many wait in each
-};
-
-enum BitQueue : int { kLayerQueue, kLargeQueue, kBitQueues };
-
-// Sets voxels [x_begin, x_end) of a row. Where many triangles share a voxel most bits are set already, and reading first (`look`) is
-// cheaper than an atomic.
-__device__ inline void SetWord(uint32_t* word, uint32_t mask, bool look) {
-  if (look && (__ldca(word) & mask) == mask) return;
-  atomicOr(word, mask);
-}
-__device__ inline void SetRow(uint32_t* row, int x_begin, int x_end, bool look) {
-  const int first = x_begin / 32, last = (x_end - 1) / 32;
-  const uint32_t from = ~0u << (x_begin % 32), upto = ~0u >> (31 - (x_end - 1) % 32);
-  if (first == last) return SetWord(row + first, from & upto, look);
-  SetWord(row + first, from, look);
-  for (int w = first + 1; w < last; ++w) row[w] = ~0u;
-  SetWord(row + last, upto, look);
-}
-__device__ inline void SetRow(const BitArgs& args, int y, int z, int x_begin, int x_end) {
-  SetRow(args.bits + args.grid.Word(0, y, z), x_begin, x_end, false);
-}
-
-// Kept apart, as other code that few threads take: small kernels wait for instructions more than for anything else.
-__device__ __noinline__ inline Vec3d DividePlainly(const Vec3d& a, const Vec3d& b) {
-  return {a.x / b.x, a.y / b.y, a.z / b.z};
-}
-
-// The quotient as the processor divides, in fewer steps: two corrections of a product with the rounded inverse, each with an exact
-// remainder (P. Markstein, "Computation of elementary functions on the IBM RISC System/6000 processor", 1990).
-__device__ inline double Divide(double a, double b, double inverse) {
-  double q = a * inverse;
-  q = fma(fma(-q, b, a), inverse, q);
-  return fma(fma(-q, b, a), inverse, q);
-}
-// WorldToIndex.
-__device__ inline Vec3d PlaceVertex(const BitArgs& args, uint32_t vertex) {
-  const Vec3d &origin = args.grid.origin, &size = args.grid.voxel_size;
-  const Vec3d p = args.positions[vertex] - origin;
-  // Of the least, remainders would be lost.
-  const bool tiny = !(Abs(p.x) >= 0x1p-400 && Abs(p.y) >= 0x1p-400 && Abs(p.z) >= 0x1p-400);
-  if (tiny) return DividePlainly(p, size);
-  return {Divide(p.x, size.x, args.inverse_size.x), Divide(p.y, size.y, args.inverse_size.y),
-          Divide(p.z, size.z, args.inverse_size.z)};
-}
-
-struct PlacedCorners {
-  Vec3d at[3];
-};
-__device__ __noinline__ inline PlacedCorners PlaceCorners(const BitArgs& args, uint32_t t) {
-  const Corners c = LoadCorners(args.triangles, t);
-  return {{PlaceVertex(args, c.v[0]), PlaceVertex(args, c.v[1]), PlaceVertex(args, c.v[2])}};
-}
 
 // The octants' voxels about the inner corner of a box that begins at `first`; those outside of the grid are left out.
 __device__ inline void SetOctants(const BitArgs& args, const int (&first)[3], uint32_t octants) {
@@ -406,127 +332,6 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
   }
   for (uint32_t i = threadIdx.x; i < room.large_count; i += kCellThreads) {
     args.large_queue[room.first_large + i] = triangle_at(begin + room.later[CellRoom::kRoom - 1 - i]);
-  }
-}
-
-// Sets up triangle t in shared memory; the number of its layers.
-__device__ __noinline__ inline uint32_t SetUpLayers(const BitArgs& args, uint32_t t, SharedSetup& shared) {
-  const PlacedCorners p = PlaceCorners(args, t);
-  constexpr uint32_t kOrder[3] = {0, 1, 2};
-  const uint64_t rows = SetUpShared(p.at, kOrder, args.coverage, args.grid.SlabRange(), 0, shared);
-  return rows == 0 ? 0 : uint32_t(shared.end[2] - shared.begin[2]);
-}
-
-// Rows offset, offset + step, ... of a layer of a set-up triangle.
-template <typename Real>
-__device__ inline void WalkLayer(const BitArgs& args, const SpanBounds<Real>& bounds, const SharedSetup& s, int z,
-                                 int offset, int step) {
-  const Layer<Real> layer = ComputeLayer(bounds, Real(double(z) - s.base.z));
-  if (layer.y.empty() || layer.x.empty()) return;
-  const double y_lo = double(s.begin[1]), y_hi = double(s.end[1]), x_lo = double(s.begin[0]), x_hi = double(s.end[0]);
-  const int y_end = int(Clamp((s.base.y + double(layer.y.last)) + 1, y_lo, y_hi));
-  for (int y = int(Clamp(s.base.y + double(layer.y.first), y_lo, y_hi)) + offset; y < y_end; y += step) {
-    const Interval<Real> row = ComputeRow(bounds, layer, Real(double(y) - s.base.y));
-    if (row.empty()) continue;
-    const int x_begin = int(Clamp(s.base.x + double(row.first), x_lo, x_hi));
-    const int x_end = int(Clamp((s.base.x + double(row.last)) + 1, x_lo, x_hi));
-    if (x_begin < x_end) SetRow(args, y, z, x_begin, x_end);
-  }
-}
-// The same of a narrow triangle, which is at most some 34 voxels long: its box tells that 32 bits do.
-__device__ inline void WalkLayer(const BitArgs& args, const SpanBounds<float>& bounds, const SharedSetup& s, int z,
-                                 int offset, int step) {
-  const Layer<float> layer = ComputeLayer(bounds, float(z - s.cell[2]));
-  if (layer.y.empty() || layer.x.empty()) return;
-  const int y_end = min(s.end[1], s.cell[1] + int(layer.y.last) + 1);
-  for (int y = max(s.begin[1], s.cell[1] + int(layer.y.first)) + offset; y < y_end; y += step) {
-    const Interval<float> row = ComputeRow(bounds, layer, float(y - s.cell[1]));
-    if (row.empty()) continue;
-    const int x_begin = max(s.begin[0], s.cell[0] + int(row.first)),
-              x_end = min(s.end[0], s.cell[0] + int(row.last) + 1);
-    if (x_begin < x_end) SetRow(args, y, z, x_begin, x_end);
-  }
-}
-__device__ __noinline__ inline void WalkLayer(const BitArgs& args, const SharedSetup& s, int z, int offset, int step) {
-  if (s.span_class == SpanClass::kNarrow) return WalkLayer(args, s.narrow, s, z, offset, step);
-  if (s.span_class == SpanClass::kWide) return WalkLayer(args, s.wide, s, z, offset, step);
-  for (int y = s.begin[1] + offset; y < s.end[1]; y += step) SetRow(args, y, z, s.begin[0], s.end[0]);
-}
-
-// All layers of a warp's set-up triangles, each of whose lanes brings how many its own has.
-template <int kSetups>
-__device__ inline void WalkSetUp(const BitArgs& args, const SharedSetup* shared, uint32_t layers) {
-  const int lane = int(threadIdx.x % 32);
-  uint32_t total;
-  const uint32_t before = WarpExclusiveSum(layers, total);
-  __syncwarp();
-  for (uint32_t first = 0; first < total; first += 32 / kLayerLanes) {
-    const uint32_t item = first + uint32_t(lane / kLayerLanes);
-    // The last triangle that begins at or before the item, by bisection; those without layers are never found.
-    int i = 0;
-    for (int step = kSetups / 2; step > 0; step /= 2) {
-      const uint32_t there = __shfl_sync(~0u, before, i + step);
-      if (there <= item) i += step;
-    }
-    const uint32_t begins = __shfl_sync(~0u, before, i);
-    if (item < total) {
-      WalkLayer(args, shared[i], shared[i].begin[2] + int(item - begins), lane % kLayerLanes, kLayerLanes);
-    }
-  }
-  __syncwarp();
-}
-
-// The layer queue, by warp `warp` of `warps`, which has room for kSetups triangles.
-template <int kSetups>
-__device__ inline void WalkLayers(const BitArgs& args, uint64_t warp, uint64_t warps, SharedSetup* shared) {
-  const int lane = int(threadIdx.x % 32);
-  const uint64_t count = __ldcg(args.queued + kLayerQueue);
-  // Few triangles are spread over all warps, many are taken together.
-  const uint64_t each = min(uint64_t{kSetups}, (count + warps - 1) / warps);
-  for (uint64_t begin = warp * each; begin < count; begin += warps * each) {
-    uint32_t layers = 0;
-    if (uint64_t(lane) < each && begin + uint64_t(lane) < count) {
-      layers = SetUpLayers(args, __ldcg(args.layer_queue + begin + uint64_t(lane)), shared[lane]);
-    }
-    WalkSetUp<kSetups>(args, shared, layers);
-  }
-}
-
-struct LargeRoom {
-  SharedSetup setups[kLargeSetups];
-  uint32_t before[kLargeSetups + 1];
-};
-
-// The large queue, by block `block` of `blocks`. Batches of triangles are dealt to the blocks; where those are more, several share one.
-__device__ inline void WalkLarge(const BitArgs& args, uint32_t block, uint32_t blocks, LargeRoom& room) {
-  const uint64_t queued = __ldcg(args.queued + kLargeQueue);
-  if (queued <= args.drawn_large) return;
-  const uint32_t* const queue = args.large_queue + args.drawn_large;
-  const uint64_t count = queued - args.drawn_large;
-  const uint64_t batches = (count + kLargeSetups - 1) / kLargeSetups, each = (count + batches - 1) / batches;
-  const auto warps = uint32_t(blockDim.x / 32), warp = uint32_t(threadIdx.x / 32), lane = uint32_t(threadIdx.x % 32);
-  for (uint64_t batch = block % batches; batch < batches; batch += blocks) {
-    const auto sharing = batches >= blocks ? 1 : uint32_t((blocks - 1 - batch) / batches + 1);
-    const auto part = batches >= blocks ? 0 : uint32_t(block / batches);
-    const int here = int(min(count - batch * each, each));
-    uint32_t layers = 0;
-    if (warp == 0) {
-      if (int(lane) < here) {
-        layers = SetUpLayers(args, __ldcg(queue + batch * each + lane), room.setups[lane]);
-      }
-      uint32_t total;
-      const uint32_t before = WarpExclusiveSum(layers, total);
-      if (lane < uint32_t(kLargeSetups)) room.before[lane] = before;
-      if (lane == 0) room.before[kLargeSetups] = total;
-    }
-    __syncthreads();
-    const uint32_t total = room.before[kLargeSetups];
-    for (uint32_t item = part * warps + warp; item < total; item += sharing * warps) {
-      int i = 0;
-      while (i + 1 < here && room.before[i + 1] <= item) ++i;
-      WalkLayer(args, room.setups[i], room.setups[i].begin[2] + int(item - room.before[i]), int(lane), 32);
-    }
-    __syncthreads();
   }
 }
 

@@ -8,6 +8,7 @@
 #include "cuda/batch_kernel.cuh"
 #include "cuda/bit_args.h"
 #include "cuda/bit_bins.cuh"
+#include "cuda/bit_layers.cuh"
 #include "cuda/bit_order.cuh"
 #include "cuda/bit_walk.cuh"
 #include "cuda/early_launch.cuh"

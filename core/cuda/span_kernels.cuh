@@ -6,7 +6,7 @@
 // done with the rows is the writer's: it has Args, and Put and Finish as SpanWriter. No host-only includes.
 #pragma once
 
-#include "cuda/bit_walk.cuh"
+#include "cuda/bit_grid.cuh"
 #include "cuda/span_runs.cuh"
 
 namespace voxelpipe::cuda {

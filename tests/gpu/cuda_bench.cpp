@@ -32,6 +32,7 @@
 #include "absl/strings/str_split.h"
 #include "cuda/backend.h"
 #include "cuda/device.h"
+#include "gpu/bench_call.h"
 #include "gpu/bench_meshes.h"
 #include "gpu/bench_rows.h"
 #include "mesh/content_id.h"
@@ -60,97 +61,6 @@ double Quantile(std::vector<double> values, double q) {
 std::string Ms(double ms) {
   return ms < 0.1 ? absl::StrFormat("%.4f", ms) : ms < 10 ? absl::StrFormat("%.3f", ms) : absl::StrFormat("%.1f", ms);
 }
-
-absl::Status Cuda(cudaError_t error) {
-  return error == cudaSuccess ? absl::OkStatus() : absl::InternalError(cudaGetErrorString(error));
-}
-
-// CUDA events: marks on a stream, and the milliseconds between neighbours.
-class Marks {
- public:
-  explicit Marks(size_t count) : events_(count) {
-    for (cudaEvent_t& event : events_) (void)cudaEventCreate(&event);
-  }
-  Marks(const Marks&) = delete;
-  Marks& operator=(const Marks&) = delete;
-  ~Marks() {
-    for (cudaEvent_t event : events_) (void)cudaEventDestroy(event);
-  }
-  void Set(size_t i, cudaStream_t stream) { (void)cudaEventRecord(events_[i], stream); }
-  absl::Status Wait() { return Cuda(cudaEventSynchronize(events_.back())); }
-  double Between(size_t a, size_t b) {
-    float ms = 0;
-    (void)cudaEventElapsedTime(&ms, events_[a], events_[b]);
-    return double(ms);
-  }
-
- private:
-  std::vector<cudaEvent_t> events_;
-};
-
-// One call of the pipeline after another on one mesh that stays on the device.
-class Call {
- public:
-  using Step = std::pair<const char*, std::function<absl::Status()>>;
-
-  static absl::StatusOr<std::unique_ptr<Call>> Make(const Backend& backend, const TriangleMesh& mesh,
-                                                    const VoxelizeRequest& request) {
-    auto call = std::unique_ptr<Call>(new Call);
-    absl::StatusOr<BoundRequest> bound = BindRequest(mesh, request);
-    if (!bound.ok()) return bound.status();
-    call->bound_ = *std::move(bound);
-    absl::StatusOr<std::unique_ptr<Stages>> stages = backend.Start(mesh, call->bound_, call->job_);
-    if (!stages.ok()) return stages.status();
-    call->stages_ = *std::move(stages);
-    const absl::StatusOr<MeshExtent> extent = call->stages_->VertexShade();
-    if (!extent.ok()) return extent.status();
-    const absl::StatusOr<GridSpec> grid = FitGrid(request.grid, extent->box);
-    if (!grid.ok()) return grid.status();
-    call->grid_ = *grid;
-    call->MakeSteps();
-    return call;
-  }
-
-  const std::vector<Step>& steps() const { return steps_; }
-  cudaStream_t stream() { return cuda::StreamOf(*stages_); }
-  const Stages& stages() const { return *stages_; }
-
-  // With marks.size() == 2 around all steps, otherwise before each and after the last.
-  absl::Status Run(Marks& marks, bool each) {
-    marks.Set(0, stream());
-    for (size_t i = 0; i < steps_.size(); ++i) {
-      if (absl::Status s = steps_[i].second(); !s.ok())
-        return absl::Status(s.code(), absl::StrCat(steps_[i].first, ": ", std::string(s.message())));
-      if (each || i + 1 == steps_.size()) marks.Set(each ? i + 1 : 1, stream());
-    }
-    return marks.Wait();
-  }
-
- private:
-  Call() = default;
-
-  void MakeSteps() {
-    Stages& s = *stages_;
-    const ResultKind kind = bound_.request.result;
-    steps_.emplace_back("CoarseRaster", [this, &s] { return s.CoarseRaster(grid_); });
-    if (s.SortsTiles(grid_)) steps_.emplace_back("TileSort", [&s] { return s.TileSort(); });
-    steps_.emplace_back("BeginSlab", [this, &s] { return s.BeginSlab({0, grid_.dims[2]}); });
-    if (kind == ResultKind::kBuckets) {
-      steps_.emplace_back("EmitFragments", [&s] { return s.EmitFragments(); });
-      steps_.emplace_back("SortFragments", [&s] { return s.SortFragments(); });
-      steps_.emplace_back("Resolve", [&s] { return s.Resolve(); });
-    } else {
-      steps_.emplace_back("FineRaster", [&s] { return s.FineRaster(); });
-    }
-    if (kind == ResultKind::kSparse) steps_.emplace_back("MakeBricks", [&s] { return cuda::MakeDeviceResult(s); });
-  }
-
-  BoundRequest bound_;
-  JobContext job_;
-  std::unique_ptr<Stages> stages_;  // refers to bound_ and job_
-  GridSpec grid_;
-  std::vector<Step> steps_;
-};
 
 struct Options {
   std::string bunny, cow, filter, only;

@@ -1,0 +1,79 @@
+// The bit grid that triangles are drawn in straight from world space: what its kernels share (bit_walk.cuh, bit_layers.cuh, bit_bins.cuh,
+// bit_order.cuh), how rows of voxels are set, and vertices in index space. No host-only includes.
+#pragma once
+
+#include "cuda/bit_cells.cuh"
+#include "cuda/walk_kernels.cuh"
+
+namespace voxelpipe::cuda {
+
+struct BitArgs {
+  GridView grid;  // rows outside its slab are left out
+  uint32_t* bits = nullptr;
+  uint64_t quads = 0;  // 16-byte units to clear
+  Coverage coverage{};
+  FixedPlace fixed;
+  Vec3d inverse_size;  // 1 / grid.voxel_size, rounded
+  const uint32_t* triangles = nullptr;
+  const Vec3d* positions = nullptr;  // world space
+  uint64_t triangle_count = 0;
+  const uint32_t *order = nullptr, *ordered = nullptr;  // of WalkCells<, true>, and how many there are
+  int rounds = 1;                                       // of WalkCells
+  uint32_t drawn_large = 0;                             // of the large queue, those at its begin
+  // Room for all triangles each.
+  uint32_t *layer_queue = nullptr, *large_queue = nullptr;
+  uint64_t* queued = nullptr;  // how many wait in each
+};
+
+enum BitQueue : int { kLayerQueue, kLargeQueue, kBitQueues };
+
+// Sets voxels [x_begin, x_end) of a row. Where many triangles share a voxel most bits are set already, and reading first (`look`) is
+// cheaper than an atomic.
+__device__ inline void SetWord(uint32_t* word, uint32_t mask, bool look) {
+  if (look && (__ldca(word) & mask) == mask) return;
+  atomicOr(word, mask);
+}
+__device__ inline void SetRow(uint32_t* row, int x_begin, int x_end, bool look) {
+  const int first = x_begin / 32, last = (x_end - 1) / 32;
+  const uint32_t from = ~0u << (x_begin % 32), upto = ~0u >> (31 - (x_end - 1) % 32);
+  if (first == last) return SetWord(row + first, from & upto, look);
+  SetWord(row + first, from, look);
+  for (int w = first + 1; w < last; ++w) row[w] = ~0u;
+  SetWord(row + last, upto, look);
+}
+__device__ inline void SetRow(const BitArgs& args, int y, int z, int x_begin, int x_end) {
+  SetRow(args.bits + args.grid.Word(0, y, z), x_begin, x_end, false);
+}
+
+// Kept apart, as other code that few threads take: small kernels wait for instructions more than for anything else.
+__device__ __noinline__ inline Vec3d DividePlainly(const Vec3d& a, const Vec3d& b) {
+  return {a.x / b.x, a.y / b.y, a.z / b.z};
+}
+
+// The quotient as the processor divides, in fewer steps: two corrections of a product with the rounded inverse, each with an exact
+// remainder (P. Markstein, "Computation of elementary functions on the IBM RISC System/6000 processor", 1990).
+__device__ inline double Divide(double a, double b, double inverse) {
+  double q = a * inverse;
+  q = fma(fma(-q, b, a), inverse, q);
+  return fma(fma(-q, b, a), inverse, q);
+}
+// WorldToIndex.
+__device__ inline Vec3d PlaceVertex(const BitArgs& args, uint32_t vertex) {
+  const Vec3d &origin = args.grid.origin, &size = args.grid.voxel_size;
+  const Vec3d p = args.positions[vertex] - origin;
+  // Of the least, remainders would be lost.
+  const bool tiny = !(Abs(p.x) >= 0x1p-400 && Abs(p.y) >= 0x1p-400 && Abs(p.z) >= 0x1p-400);
+  if (tiny) return DividePlainly(p, size);
+  return {Divide(p.x, size.x, args.inverse_size.x), Divide(p.y, size.y, args.inverse_size.y),
+          Divide(p.z, size.z, args.inverse_size.z)};
+}
+
+struct PlacedCorners {
+  Vec3d at[3];
+};
+__device__ __noinline__ inline PlacedCorners PlaceCorners(const BitArgs& args, uint32_t t) {
+  const Corners c = LoadCorners(args.triangles, t);
+  return {{PlaceVertex(args, c.v[0]), PlaceVertex(args, c.v[1]), PlaceVertex(args, c.v[2])}};
+}
+
+}  // namespace voxelpipe::cuda
