@@ -207,31 +207,70 @@ __global__ void __launch_bounds__(kRestThreads, 6)
   writer.Finish();
 }
 
-// As WalkLarge.
+inline constexpr int kRowsOfPart = 256;  // of a layer, that a warp takes at once
+
+// Rows [y_begin, y_end) of a layer of a set-up, by a warp: what they share is computed once for all that a lane has of them.
+template <typename Real, typename Writer>
+__device__ inline void PutLayer(const SpanBounds<Real>& bounds, const SharedSetup& s, const GridView& grid, int z,
+                                int y_begin, int y_end, Writer& writer) {
+  const Layer<Real> layer = SharedLayer(bounds, s, z);
+  if (layer.y.empty() || layer.x.empty()) return;
+  const double lo = double(y_begin), hi = double(y_end);
+  y_begin = int(Clamp(s.base.y + double(layer.y.first), lo, hi));
+  y_end = int(Clamp((s.base.y + double(layer.y.last)) + 1, lo, hi));
+  for (; y_begin < y_end; y_begin += 32) {
+    const int y = y_begin + int(threadIdx.x % 32);
+    int x_begin = 0, x_end = 0;
+    if (y >= y_end || !RowOfLayer(bounds, layer, s, y, x_begin, x_end)) x_begin = x_end = 0;
+    writer.Put(s.triangle, BitRow(grid, y, z), x_begin, x_end);
+  }
+}
+
+// As WalkLarge, but by parts of layers, a warp each.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, 6)
     EmitLarge(const __grid_constant__ RestArgs args, const __grid_constant__ typename Writer::Args out) {
   extern __shared__ double setups[];
-  __shared__ uint64_t rows_of[kSetupsOfBlock];
+  __shared__ uint32_t parts_before[kSetupsOfBlock + 1];
   const BitArgs& walk = args.walk;
   auto* const shared = reinterpret_cast<SharedSetup*>(setups);
   const uint64_t count = walk.queued[1];
-  const uint64_t threads = uint64_t(gridDim.x) * kRestThreads, me = uint64_t(blockIdx.x) * kRestThreads + threadIdx.x;
+  const uint32_t warps = gridDim.x * (kRestThreads / 32), warp = threadIdx.x / 32 * gridDim.x + blockIdx.x;
+  const auto parts_of = [](const SharedSetup& s) { return (s.ny + kRowsOfPart - 1) / kRowsOfPart; };
   Writer writer(out);
   for (uint64_t begin = 0; begin < count; begin += kSetupsOfBlock) {
     const int here = int(min(count - begin, uint64_t{kSetupsOfBlock}));
-    if (int(threadIdx.x) < here) {
-      const uint32_t t = walk.large_queue[begin + threadIdx.x];
-      const bool wanted = t >= args.first_triangle && t < args.end_triangle;
-      rows_of[threadIdx.x] = wanted ? SetUpRows(walk, t, shared[threadIdx.x]) : 0;
+    if (threadIdx.x < 32) {
+      static_assert(kSetupsOfBlock == 32);
+      uint32_t parts = 0, all;
+      if (int(threadIdx.x) < here) {
+        const uint32_t t = walk.large_queue[begin + threadIdx.x];
+        SharedSetup& s = shared[threadIdx.x];
+        if (t >= args.first_triangle && t < args.end_triangle && SetUpRows(walk, t, s) > 0) {
+          parts = parts_of(s) * uint32_t(s.end[2] - s.begin[2]);
+        }
+      }
+      parts_before[threadIdx.x] = WarpExclusiveSum(parts, all);
+      if (threadIdx.x == 0) parts_before[kSetupsOfBlock] = all;
     }
     __syncthreads();
-    for (int i = 0; i < here; ++i) {
-      for (uint64_t row = me - threadIdx.x % 32; row < rows_of[i]; row += threads) {
-        int y = 0, z = 0, x_begin = 0, x_end = 0;
-        const uint64_t mine = row + threadIdx.x % 32;
-        if (mine >= rows_of[i] || !SharedRowSpan(shared[i], uint32_t(mine), y, z, x_begin, x_end)) x_begin = x_end = 0;
-        writer.Put(shared[i].triangle, BitRow(walk.grid, y, z), x_begin, x_end);
+    int i = 0;
+    for (uint32_t item = warp; item < parts_before[kSetupsOfBlock]; item += warps) {
+      while (parts_before[i + 1] <= item) ++i;
+      const SharedSetup& s = shared[i];
+      const uint32_t number = item - parts_before[i], each = parts_of(s), part = number % each;
+      const int z = s.begin[2] + int(number / each), y_begin = s.begin[1] + int(part) * kRowsOfPart;
+      const int y_end = min(s.end[1], y_begin + kRowsOfPart);
+      if (s.span_class == SpanClass::kNarrow) {
+        PutLayer(s.narrow, s, walk.grid, z, y_begin, y_end, writer);
+      } else if (s.span_class == SpanClass::kWide) {
+        PutLayer(s.wide, s, walk.grid, z, y_begin, y_end, writer);
+      } else {
+        for (int y = y_begin; y < y_end; y += 32) {
+          const bool inside = y + int(threadIdx.x % 32) < y_end;
+          writer.Put(s.triangle, BitRow(walk.grid, y + int(threadIdx.x % 32), z), inside ? s.begin[0] : 0,
+                     inside ? s.end[0] : 0);
+        }
       }
     }
     __syncthreads();

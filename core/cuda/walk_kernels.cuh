@@ -141,12 +141,20 @@ __device__ inline uint64_t SetUpShared(const Vec3d* positions, const uint32_t* t
   return uint64_t(shared.ny) * uint64_t(shared.end[2] - shared.begin[2]);
 }
 
-// One row of a shared set-up within its box: false if the triangle does not touch it.
+// A layer of a shared set-up.
 template <typename Real>
-__device__ inline bool SharedRowOf(const SpanBounds<Real>& bounds, const SharedSetup& s, int y, int z, int& x_begin,
-                                   int& x_end) {
-  const Layer<Real> layer = ComputeLayer(bounds, Real(double(z) - s.base.z));
-  if (layer.y.empty() || layer.x.empty()) return false;
+__device__ inline Layer<Real> SharedLayer(const SpanBounds<Real>& bounds, const SharedSetup& s, int z) {
+  return ComputeLayer(bounds, Real(double(z) - s.base.z));
+}
+// The same of a narrow triangle, which is at most some 34 voxels long: its box tells that 32 bits do.
+__device__ inline Layer<float> SharedLayer(const SpanBounds<float>& bounds, const SharedSetup& s, int z) {
+  return ComputeLayer(bounds, float(z - s.cell[2]));
+}
+
+// One row of a layer, neither of whose intervals is empty, within the set-up's box: false if the triangle does not touch it.
+template <typename Real>
+__device__ inline bool RowOfLayer(const SpanBounds<Real>& bounds, const Layer<Real>& layer, const SharedSetup& s, int y,
+                                  int& x_begin, int& x_end) {
   const Real local = Real(double(y) - s.base.y);
   if (local < layer.y.first || local > layer.y.last) return false;
   const Interval<Real> row = ComputeRow(bounds, layer, local);
@@ -157,11 +165,8 @@ __device__ inline bool SharedRowOf(const SpanBounds<Real>& bounds, const SharedS
   return x_begin < x_end;
 }
 
-// The same of a narrow triangle, which is at most some 34 voxels long: its box tells that 32 bits do.
-__device__ inline bool SharedRowOf(const SpanBounds<float>& bounds, const SharedSetup& s, int y, int z, int& x_begin,
-                                   int& x_end) {
-  const Layer<float> layer = ComputeLayer(bounds, float(z - s.cell[2]));
-  if (layer.y.empty() || layer.x.empty()) return false;
+__device__ inline bool RowOfLayer(const SpanBounds<float>& bounds, const Layer<float>& layer, const SharedSetup& s,
+                                  int y, int& x_begin, int& x_end) {
   const auto local = float(y - s.cell[1]);
   if (local < layer.y.first || local > layer.y.last) return false;
   const Interval<float> row = ComputeRow(bounds, layer, local);
@@ -169,6 +174,13 @@ __device__ inline bool SharedRowOf(const SpanBounds<float>& bounds, const Shared
   x_begin = max(s.begin[0], s.cell[0] + int(row.first));
   x_end = min(s.end[0], s.cell[0] + int(row.last) + 1);
   return x_begin < x_end;
+}
+
+template <typename Real>
+__device__ inline bool SharedRowOf(const SpanBounds<Real>& bounds, const SharedSetup& s, int y, int z, int& x_begin,
+                                   int& x_end) {
+  const Layer<Real> layer = SharedLayer(bounds, s, z);
+  return !layer.y.empty() && !layer.x.empty() && RowOfLayer(bounds, layer, s, y, x_begin, x_end);
 }
 
 // Row number `row` of a shared set-up; false if the triangle does not touch it.
