@@ -89,6 +89,13 @@ void CheckRange(Fields& fields, uint64_t offset, uint64_t length, uint32_t buffe
   }
 }
 
+// glTF 2.0 forbids other strides (bufferView.byteStride). They are read all the same; what is amiss may be an offset that looks right.
+void WarnOfStride(uint64_t stride, size_t view, Document& document) {
+  if (stride == 0 || (stride >= 4 && stride <= 252 && stride % 4 == 0)) return;
+  document.warnings.push_back(
+      absl::StrCat("bufferView ", view, ": byteStride ", stride, " is no multiple of 4 from 4 to 252"));
+}
+
 void ReadViews(const Json& array, Document& document, absl::Status& status) {
   for (size_t i = 0; i < array.size() && status.ok(); ++i) {
     Fields fields(array[i], absl::StrCat("bufferView ", i), status);
@@ -97,6 +104,7 @@ void ReadViews(const Json& array, Document& document, absl::Status& status) {
     view.offset = fields.Unsigned("byteOffset", 0);
     view.length = fields.RequiredUnsigned("byteLength");
     view.stride = fields.Unsigned("byteStride", 0);
+    WarnOfStride(view.stride, i, document);
     CheckRange(fields, view.offset, view.length, view.buffer, document);
     if (const Json* object = Extension(fields, "EXT_meshopt_compression")) {
       Fields extension(*object, absl::StrCat("bufferView ", i, ", EXT_meshopt_compression"), status);

@@ -2,7 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstring>
 #include <numbers>
+#include <utility>
 
 #include "load/loader.h"
 #include "support/glb_builder.h"
@@ -69,6 +71,21 @@ TEST(Gltf, GlbAndTextGiveTheSameScene) {
     EXPECT_THAT(scene->meshes[0].primitives[0].triangles, ElementsAre(Triangle{0, 1, 2}, Triangle{0, 2, 3}));
     EXPECT_THAT(scene->roots, ElementsAre(0));
     EXPECT_THAT(scene->warnings, IsEmpty());
+  }
+}
+
+TEST(Gltf, AStrideThatTheFormatForbidsIsReadWithAWarning) {
+  for (const auto& [stride, warned] : {std::pair{12, false}, {13, true}, {252, false}, {254, true}, {256, true}}) {
+    GlbBuilder builder;
+    ByteVector bytes(size_t(stride) * kSquare.size());
+    for (size_t i = 0; i < kSquare.size(); ++i) std::memcpy(&bytes[i * size_t(stride)], &kSquare[i], sizeof(Vec3f));
+    const int positions = builder.Accessor(builder.View(bytes, stride), testing::kF32, "VEC3", kSquare.size());
+    Draw(builder, {{"attributes", {{"POSITION", positions}}}, {"indices", builder.Indices(kSquareIndices)}});
+    const Scene scene = Load(builder);
+    EXPECT_EQ(scene.meshes[0].primitives[0].positions, kSquare) << stride;
+    const std::string text =
+        "bufferView 0: byteStride " + std::to_string(stride) + " is no multiple of 4 from 4 to 252";
+    EXPECT_EQ(scene.warnings, warned ? std::vector<std::string>{text} : std::vector<std::string>{});
   }
 }
 
