@@ -45,6 +45,7 @@ std::string ReadFile(const std::string& path) {
   std::string text(kMaxFileBytes, '\0');
   file.read(text.data(), std::streamsize(text.size()));
   text.resize(size_t(file.gcount()));
+  text.shrink_to_fit();  // it is kept
   return text;
 }
 
@@ -215,10 +216,14 @@ std::optional<TlsFacts> ServerTls::facts() const {
 void ServerTls::ReloadIfChanged() {
   if (files_.certificate.empty()) return;
   Contents contents = ReadFiles(files_);
-  if (contents == seen_) return;
+  if (contents == seen_ && !starved_) return;
   const absl::StatusOr<TlsFacts> facts = Take(contents);
+  const bool told = contents == seen_;  // only tried again
+  OPENSSL_cleanse(seen_[1].data(), seen_[1].size());
   seen_ = std::move(contents);
+  starved_ = absl::IsResourceExhausted(facts.status());
   if (!facts.ok()) {
+    if (starved_ && told) return;
     metrics_.reload_failures.Increment();
     spdlog::error("the certificates stay as they were: {}", std::string(facts.status().message()));
     return;

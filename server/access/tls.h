@@ -59,6 +59,7 @@ class ServerTls {
   Metrics& metrics_;
   std::array<int, 3> copies_{-1, -1, -1};  // descriptors of memory
   Contents seen_;                          // that were looked at last, good or not
+  bool starved_ = false;                   // and lacked descriptors or memory: to be tried again
   mutable std::mutex mutex_;
   std::optional<TlsFacts> facts_;
 };

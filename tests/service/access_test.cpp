@@ -1,5 +1,6 @@
 // Who may talk to a server, and what it says of those who may not.
 #include <signal.h>
+#include <sys/resource.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -17,6 +18,7 @@
 #include "gtest/gtest.h"
 #include "service/certificates.h"
 #include "service/http_get.h"
+#include "service/process_facts.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
@@ -215,6 +217,34 @@ TEST_F(AccessTest, ABrokenCertificateIsToldAndTheLastGoodOneStays) {
   new_ones.ca_file = others->ca();
   EXPECT_TRUE(Soon([&] { return Work(new_ones).ok(); }));
   EXPECT_EQ(Sample("voxelpipe_reloads_total"), 1);
+}
+
+// Good files are not forgotten because there was no descriptor for their copies just then.
+TEST_F(AccessTest, ACertificateIsTriedAgainUntilThereAreDescriptorsForIt) {
+  ASSERT_NO_FATAL_FAILURE(StartWithTls());
+  const auto others = CertificateAuthority::Make();
+  ASSERT_TRUE(others.ok());
+  const auto files = others->Sign("server");
+  ASSERT_TRUE(files.ok());
+  SettledProcessFacts(server_->pid());
+  // One more, which reads the files; their copies need two.
+  const std::string folder = "/proc/" + std::to_string(server_->pid()) + "/fd/";
+  rlim_t numbers = 0;
+  for (int unused = 0; unused < 2; ++numbers)
+    unused += std::filesystem::is_symlink(folder + std::to_string(numbers)) ? 0 : 1;
+  rlimit before{};
+  ASSERT_EQ(prlimit(server_->pid(), RLIMIT_NOFILE, nullptr, &before), 0);
+  const rlimit tight{numbers - 1, before.rlim_max};
+  ASSERT_EQ(prlimit(server_->pid(), RLIMIT_NOFILE, &tight, nullptr), 0);
+  for (const auto& [from, to] : {std::pair{files->certificate, "/server.pem"}, std::pair{files->key, "/server.key"}}) {
+    std::filesystem::copy_file(from, authority_->folder() + "/new");
+    std::filesystem::rename(authority_->folder() + "/new", authority_->folder() + to);
+  }
+  EXPECT_TRUE(Logged("the certificates stay as they were: no descriptors or memory for the certificates")) << Log();
+  ASSERT_EQ(prlimit(server_->pid(), RLIMIT_NOFILE, &before, nullptr), 0);
+  ClientTls new_ones;
+  new_ones.ca_file = others->ca();
+  EXPECT_TRUE(Soon([&] { return Work(new_ones).ok(); })) << Log();
 }
 
 TEST_F(AccessTest, AProbeNeedsNeitherNameNorToken) {
