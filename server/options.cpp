@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <map>
 #include <thread>
+#include <type_traits>
 
 #include <CLI/CLI.hpp>
 
@@ -42,14 +43,33 @@ std::string CheckGpus(std::string& text) {
   return "";
 }
 
-// What is wrong with an address to serve on; empty: nothing. gRPC takes 99999 for 34463.
-std::string CheckAddress(std::string& text) {
-  if (text.empty() || text.starts_with("unix:")) return "";
+// What is wrong with HOST:PORT; empty: nothing. gRPC takes port 99999 for 34463, and ::1 for port 1 of the host ":".
+std::string CheckHostPort(std::string& text) {
   const size_t colon = text.rfind(':');
   const std::string port = colon == std::string::npos ? "" : text.substr(colon + 1);
   const bool digits = !port.empty() && port.size() <= 5 && port.find_first_not_of("0123456789") == std::string::npos;
   if (!digits || colon == 0 || std::stoul(port) > 65'535) return "not HOST:PORT with a port of 0 to 65535: " + text;
+  const std::string host = text.substr(0, colon);
+  if (host.find(':') != std::string::npos && !(host.starts_with('[') && host.ends_with(']'))) {
+    return "an IPv6 address stands in brackets, [::1]:PORT: " + text;
+  }
   return "";
+}
+
+// Of gRPC's address.
+std::string CheckListen(std::string& text) {
+  if (!text.starts_with("unix:")) return CheckHostPort(text);
+  return text == "unix:" ? "unix: without the path of a socket" : "";
+}
+
+// Of the HTTP port's.
+std::string CheckHttpListen(std::string& text) {
+  return text.empty() ? "" : CheckHostPort(text);
+}
+
+// Unsigned numbers would be taken modulo 2^64.
+std::string CheckNotNegative(std::string& text) {
+  return text.find('-') == std::string::npos ? "" : "must not be negative: " + text;
 }
 
 }  // namespace
@@ -65,10 +85,22 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
       "(max-queue). A flag is stronger than a variable, a variable than the file.");
   app.option_defaults()->always_capture_default();
   const auto add = [&](const std::string& flag, auto& value, const std::string& help) {
-    return app.add_option(flag, value, help);
+    CLI::Option* const option = app.add_option(flag, value, help);
+    using Value = std::remove_reference_t<decltype(value)>;
+    if constexpr (std::is_unsigned_v<Value> && !std::is_same_v<Value, bool>) {
+      option->transform(CLI::Validator(CheckNotNegative, ""));
+    }
+    return option;
   };
-  const CLI::Validator address(CheckAddress, "HOST:PORT");
-  add("--listen", o.listen, "Address to serve on; port 0 picks one; unix:/PATH for a socket")->check(address);
+  const auto add_bytes = [&](const std::string& flag, uint64_t& value, const std::string& help) {
+    // What was added last is looked at first.
+    return app.add_option(flag, value, help)
+        ->transform(CLI::AsSizeValue(false))
+        ->transform(CLI::Validator(CheckNotNegative, ""))
+        ->check(CLI::Range(uint64_t{0}, kMostBytes));
+  };
+  add("--listen", o.listen, "Address to serve on; port 0 picks one; unix:/PATH for a socket")
+      ->check(CLI::Validator(CheckListen, "HOST:PORT"));
   add("--backend", backend, "Kind of worker")->check(CLI::IsMember(kBackends));
   add("--simd", simd, "Instruction set of the CPU backend where the request leaves it open")
       ->check(CLI::IsMember(kSimds));
@@ -101,9 +133,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
       ->check(CLI::Range(1u, 1'000'000u));
   add("--max-connection-calls", o.max_connection_calls, "Calls at the same time on one connection")
       ->check(CLI::Range(1u, 1'000'000u));
-  const auto size = CLI::AsSizeValue(false);
-  const CLI::Range bytes(uint64_t{0}, kMostBytes);  // else -1 is 2^64 - 1
-  add("--max-queue-bytes", o.max_queue_bytes, "Meshes that waiting jobs hold")->transform(size)->check(bytes);
+  add_bytes("--max-queue-bytes", o.max_queue_bytes, "Meshes that waiting jobs hold");
   add("--max-queue-ms", o.max_queue_ms, "Predicted work of the jobs that wait, on one worker")
       ->check(CLI::Range(uint64_t{0}, uint64_t{1'000'000'000'000}));
   add("--queue-timeout-ms", o.queue_timeout_ms,
@@ -111,44 +141,32 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--queue-aging-ms", o.queue_aging_ms, "A job that has waited so long rises by one priority; 0: never");
   add("--max-batch-jobs", o.max_batch_jobs, "Jobs that a worker takes together")->check(CLI::Range(1u, 65'536u));
   add("--max-batch-ms", o.max_batch_ms, "Predicted work of a batch");
-  add("--max-batch-bytes", o.max_batch_bytes, "Results of a batch")->transform(size)->check(bytes);
+  add_bytes("--max-batch-bytes", o.max_batch_bytes, "Results of a batch");
   add("--batch-delay-us", o.batch_delay_us, "A worker that has ended a batch waits so long for a fuller one")
       ->check(CLI::Range(0u, 1'000'000u));
   add("--giant-job-ms", o.giant_job_ms,
       "Predicted; of the workers of a device all but one run such jobs or larger ones at the same time")
       ->check(CLI::Range(1u, 1'000'000'000u));
-  add("--max-file-bytes", o.max_file_bytes, "Largest mesh file")->transform(size)->check(bytes);
-  add("--max-upload-bytes", o.max_upload_bytes, "All mesh files in hand together")->transform(size)->check(bytes);
-  add("--max-device-mesh-bytes", o.max_device_mesh_bytes, "Meshes that each GPU keeps, 0 to choose")
-      ->transform(size)
-      ->check(bytes);
-  add("--max-mesh-store-bytes", o.max_mesh_store_bytes, "Memory of all meshes that are kept, 0 to choose")
-      ->transform(size)
-      ->check(bytes);
+  add_bytes("--max-file-bytes", o.max_file_bytes, "Largest mesh file");
+  add_bytes("--max-upload-bytes", o.max_upload_bytes, "All mesh files in hand together");
+  add_bytes("--max-device-mesh-bytes", o.max_device_mesh_bytes, "Meshes that each GPU keeps, 0 to choose");
+  add_bytes("--max-mesh-store-bytes", o.max_mesh_store_bytes, "Memory of all meshes that are kept, 0 to choose");
   add("--share-equal-jobs", o.share_equal_jobs, "Whether equal jobs on kept meshes at the same time are run once");
-  add("--result-cache-bytes", o.result_cache_bytes,
-      "Results that are kept for equal requests on kept meshes, 0 for none")
-      ->transform(size)
-      ->check(bytes);
-  add("--max-result-bytes", o.max_result_bytes, "Largest result")->transform(size)->check(bytes);
-  add("--max-working-bytes", o.max_working_bytes, "Memory of all jobs together, 0 to choose")
-      ->transform(size)
-      ->check(bytes);
+  add_bytes("--result-cache-bytes", o.result_cache_bytes,
+            "Results that are kept for equal requests on kept meshes, 0 for none");
+  add_bytes("--max-result-bytes", o.max_result_bytes, "Largest result");
+  add_bytes("--max-working-bytes", o.max_working_bytes, "Memory of all jobs together, 0 to choose");
   add("--stream-above-mb", o.stream_above_mb,
       "MiB: larger dense results leave slab by slab while they are made, and bound no memory by their size")
       ->check(CLI::Range(uint64_t{0}, uint64_t{1} << 30));
   add("--many-in-flight", o.many_in_flight, "Jobs of one VoxelizeMany stream in hand; it is not read beyond")
       ->check(CLI::Range(1u, 1'000'000u));
-  add("--many-bytes", o.many_bytes, "Meshes and results of one VoxelizeMany stream in hand; it is not read beyond")
-      ->transform(size)
-      ->check(bytes);
-  add("--piece-bytes", o.piece_bytes, "Bytes of a result in one message")
-      ->transform(size)
+  add_bytes("--many-bytes", o.many_bytes,
+            "Meshes and results of one VoxelizeMany stream in hand; it is not read beyond");
+  add_bytes("--piece-bytes", o.piece_bytes, "Bytes of a result in one message")
       ->check(CLI::Range(uint64_t{64} << 10, uint64_t{4} << 20));
-  add("--stream-buffer-bytes", o.stream_buffer_bytes,
-      "Pieces of one result that leaves slab by slab and wait for their client; its worker waits beyond that")
-      ->transform(size)
-      ->check(bytes);
+  add_bytes("--stream-buffer-bytes", o.stream_buffer_bytes,
+            "Pieces of one result that leaves slab by slab and wait for their client; its worker waits beyond that");
   add("--zstd-level", o.zstd_level, "Compression of results whose request asks for it: 1 is fast, 19 small")
       ->check(CLI::Range(1, 19));
   add("--stall-timeout-ms", o.stall_timeout_ms, "Let a client go that takes nothing of its answer for so long")
@@ -166,7 +184,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--log-format", o.log_format, "Lines for people or for programs")->check(CLI::IsMember({"text", "json"}));
   add("--http-listen", o.http_listen,
       "Address of /metrics, /livez and /readyz over HTTP; port 0 picks one, empty: none")
-      ->check(address);
+      ->check(CLI::Validator(CheckHttpListen, "HOST:PORT"));
   add("--token-file", o.token_file,
       "Clients with their tokens, roles and quotas (JSON); empty: everybody may do everything")
       ->type_name("FILE");

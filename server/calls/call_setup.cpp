@@ -1,6 +1,7 @@
 #include "calls/call_setup.h"
 
 #include <chrono>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "pipeline/backend.h"
@@ -11,6 +12,9 @@ namespace voxelpipe {
 namespace {
 
 constexpr std::chrono::milliseconds kRetryDelay{1000};
+
+// Up to so many bytes, pieces are small.
+constexpr size_t kSmallPieceBytes = 64 << 10;
 
 }  // namespace
 
@@ -45,6 +49,14 @@ absl::Status TakeUploadBytes(const ServiceState& state, uint64_t so_far, uint64_
   }
   if (uploads.TryGrow(bytes)) return absl::OkStatus();
   return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
+}
+
+void AppendPiece(std::string piece, std::deque<std::string>& pieces) {
+  if (!pieces.empty() && pieces.back().size() + piece.size() <= kSmallPieceBytes) {
+    pieces.back() += piece;
+  } else {
+    pieces.push_back(std::move(piece));
+  }
 }
 
 }  // namespace voxelpipe

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
+#include <string>
 
 #include <grpcpp/grpcpp.h>
 
@@ -30,5 +32,9 @@ absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request)
 // Room in `uploads` for the next `bytes` of a mesh file of which `so_far` have come. RESOURCE_EXHAUSTED where the file grows too large,
 // with RetryInfo where too many come at the same time.
 absl::Status TakeUploadBytes(const ServiceState& state, uint64_t so_far, uint64_t bytes, BudgetShare& uploads);
+
+// Puts a piece of a mesh file behind those before it. Small ones are brought together: each string of its own costs more than a few
+// bytes, and only bytes are counted.
+void AppendPiece(std::string piece, std::deque<std::string>& pieces);
 
 }  // namespace voxelpipe

@@ -83,6 +83,9 @@ void EstimateCall::Start(grpc::ByteBuffer& request) {
     End(status.ok() ? FromSummary(*config) : status);
     return;
   }
+  // While the job waits, only its mesh has been counted.
+  request_.clear_config();
+  request_.DiscardUnknownFields();
   auto task = std::make_shared<MeshTask>(self_, *std::move(config));
   task->traits.client = record_.client;
   task->traits.deadline = job_.deadline();

@@ -113,11 +113,15 @@ void UploadMeshCall::OnReadDone(bool ok) {
     UploadEnded();
     return;
   }
-  absl::Status taken = ReadMessage(read_, request_);
-  if (taken.ok()) {
-    const std::lock_guard lock(mutex_);  // the watch may end the call meanwhile
-    if (answered_) return;
-    taken = TakeMessage();
+  absl::Status taken;
+  {
+    v1::UploadMeshRequest message;  // gone before the next one comes: an open upload holds nothing beside its mesh
+    taken = ReadMessage(read_, message);
+    if (taken.ok()) {
+      const std::lock_guard lock(mutex_);  // the watch may end the call meanwhile
+      if (answered_) return;
+      taken = TakeMessage(message);
+    }
   }
   if (!taken.ok()) {
     upload_wait_->End();
@@ -138,10 +142,10 @@ void UploadMeshCall::OnReadDone(bool ok) {
   StartRead(&read_);
 }
 
-absl::Status UploadMeshCall::TakeMessage() {
-  switch (request_.message_case()) {
-    case v1::UploadMeshRequest::kUpload: return TakeUpload(request_.upload());
-    case v1::UploadMeshRequest::kPiece: return TakePiece(std::move(*request_.mutable_piece()));
+absl::Status UploadMeshCall::TakeMessage(v1::UploadMeshRequest& message) {
+  switch (message.message_case()) {
+    case v1::UploadMeshRequest::kUpload: return TakeUpload(message.upload());
+    case v1::UploadMeshRequest::kPiece: return TakePiece(message);
     default: return absl::InvalidArgumentError("message: neither an upload nor a piece");
   }
 }
@@ -156,16 +160,17 @@ absl::Status UploadMeshCall::TakeUpload(const v1::MeshUpload& upload) {
   return CheckMeshId(expected_id_, "upload.mesh_id");
 }
 
-absl::Status UploadMeshCall::TakePiece(std::string piece) {
+absl::Status UploadMeshCall::TakePiece(v1::UploadMeshRequest& message) {
+  std::string& piece = *message.mutable_piece();
   if (!begun_) return absl::InvalidArgumentError("upload: must come before the pieces");
-  if (request_.has_crc32c() && request_.crc32c() != Crc32c(BytesOf(piece))) {
+  if (message.has_crc32c() && message.crc32c() != Crc32c(BytesOf(piece))) {
     return absl::DataLossError(
         absl::StrCat("the piece at byte ", record_.bytes_in, " of the mesh does not have its CRC-32C"));
   }
   if (piece.empty()) return absl::OkStatus();
   if (absl::Status s = TakeUploadBytes(state_, record_.bytes_in, piece.size(), uploads_); !s.ok()) return s;
   if (absl::Status s = record_.TakeBytes(piece.size()); !s.ok()) return s;
-  pieces_.push_back(std::move(piece));
+  AppendPiece(std::move(piece), pieces_);
   return absl::OkStatus();
 }
 

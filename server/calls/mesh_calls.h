@@ -46,9 +46,9 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
 
   class FileTask;
 
-  absl::Status TakeMessage();
+  absl::Status TakeMessage(v1::UploadMeshRequest& message);
   absl::Status TakeUpload(const v1::MeshUpload& upload);
-  absl::Status TakePiece(std::string piece);
+  absl::Status TakePiece(v1::UploadMeshRequest& message);
   void UploadEnded();
   // On the watch's thread.
   void GiveUp();
@@ -72,7 +72,6 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
 
   // The upload: touched by one read at a time, then by the loader.
   grpc::ByteBuffer read_;
-  v1::UploadMeshRequest request_;
   std::unique_ptr<IdleWatch::Wait> upload_wait_;
   uint64_t upload_bytes_seen_ = 0;
   bool begun_ = false;

@@ -1,7 +1,6 @@
 #include "calls/raw_message.h"
 
 #include <cstdint>
-#include <optional>
 
 #include <google/protobuf/io/coded_stream.h>
 #include <google/protobuf/wire_format_lite.h>
@@ -12,32 +11,42 @@ namespace {
 using google::protobuf::internal::WireFormatLite;
 using google::protobuf::io::CodedInputStream;
 
-// Bytes of the mesh fields up to the end of `in`; nothing where it breaks before.
-std::optional<uint64_t> CountMeshBytes(CodedInputStream& in, const MeshFields& fields) {
-  uint64_t bytes = 0;
-  while (const uint32_t tag = in.ReadTag()) {
-    const int field = WireFormatLite::GetTagFieldNumber(tag);
-    const bool mesh = field == fields.own, inner = field == fields.inner;
-    if (WireFormatLite::GetTagWireType(tag) != WireFormatLite::WIRETYPE_LENGTH_DELIMITED || (!mesh && !inner)) {
-      if (!WireFormatLite::SkipField(&in, tag)) return std::nullopt;
-      continue;
+enum class Fields { kPossible, kBroken, kTooMany };
+
+// Counts what is no mesh's, and stops when that is more than may be: fields are skipped one by one, and 64 MiB may hold 32 million.
+class SettingsCounter {
+ public:
+  explicit SettingsCounter(CodedInputStream& in) : in_(in) {}
+
+  // Up to the end of what `in` may read now.
+  Fields Count(const MeshFields& fields) {
+    for (;;) {
+      const int begin = in_.CurrentPosition();
+      const uint32_t tag = in_.ReadTag();
+      if (tag == 0) return in_.ConsumedEntireMessage() ? Fields::kPossible : Fields::kBroken;
+      const int field = WireFormatLite::GetTagFieldNumber(tag);
+      const bool mesh = field == fields.own, inner = field == fields.inner;
+      int length = 0;
+      if (WireFormatLite::GetTagWireType(tag) != WireFormatLite::WIRETYPE_LENGTH_DELIMITED || (!mesh && !inner)) {
+        if (!WireFormatLite::SkipField(&in_, tag)) return Fields::kBroken;
+      } else if (!in_.ReadVarintSizeAsInt(&length)) {
+        return Fields::kBroken;
+      }
+      bytes_ += uint64_t(in_.CurrentPosition() - begin);
+      if (bytes_ > kMaxSettingsBytes) return Fields::kTooMany;
+      if (mesh && !in_.Skip(length)) return Fields::kBroken;
+      if (inner && length > 0) {
+        const CodedInputStream::Limit limit = in_.PushLimit(length);
+        if (const Fields found = Count({fields.of_inner, 0, 0}); found != Fields::kPossible) return found;
+        in_.PopLimit(limit);
+      }
     }
-    int length = 0;
-    if (!in.ReadVarintSizeAsInt(&length)) return std::nullopt;
-    if (mesh) {
-      if (!in.Skip(length)) return std::nullopt;
-      bytes += uint64_t(length);
-      continue;
-    }
-    const CodedInputStream::Limit limit = in.PushLimit(length);
-    const std::optional<uint64_t> of_inner = CountMeshBytes(in, {fields.of_inner, 0, 0});
-    if (!of_inner) return std::nullopt;
-    bytes += *of_inner;
-    in.PopLimit(limit);
   }
-  if (!in.ConsumedEntireMessage()) return std::nullopt;
-  return bytes;
-}
+
+ private:
+  CodedInputStream& in_;
+  uint64_t bytes_ = 0;  // that are no mesh's
+};
 
 }  // namespace
 
@@ -45,12 +54,13 @@ absl::Status CheckSettingsBytes(grpc::ByteBuffer& bytes, const MeshFields& field
   if (bytes.Length() <= kMaxSettingsBytes) return absl::OkStatus();
   grpc::ProtoBufferReader reader(&bytes);
   CodedInputStream in(&reader);
-  const std::optional<uint64_t> mesh_bytes = CountMeshBytes(in, fields);
-  if (!mesh_bytes) return absl::InvalidArgumentError("message: its fields do not end where it ends");
-  const uint64_t settings_bytes = bytes.Length() - *mesh_bytes;
-  if (settings_bytes <= kMaxSettingsBytes) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat("message: ", settings_bytes, " bytes beside the mesh's; at most ",
-                                                 kMaxSettingsBytes, " are possible"));
+  switch (SettingsCounter(in).Count(fields)) {
+    case Fields::kPossible: return absl::OkStatus();
+    case Fields::kBroken: return absl::InvalidArgumentError("message: its fields do not end where it ends");
+    case Fields::kTooMany: break;
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("message: at most ", kMaxSettingsBytes, " bytes beside the mesh's are possible"));
 }
 
 }  // namespace voxelpipe

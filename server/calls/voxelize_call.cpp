@@ -123,7 +123,7 @@ absl::Status VoxelizeCall::TakePiece(std::string piece) {
   }
   if (absl::Status s = TakeUploadBytes(state_, record_.bytes_in, piece.size(), uploads_); !s.ok()) return s;
   if (absl::Status s = record_.TakeBytes(piece.size()); !s.ok()) return s;
-  pieces.push_back(std::move(piece));
+  AppendPiece(std::move(piece), pieces);
   return absl::OkStatus();
 }
 

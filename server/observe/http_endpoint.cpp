@@ -62,7 +62,7 @@ absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(const std::str
   mg_init_library(0);  // counted; nothing of TLS or files is wanted
   std::unique_ptr<HttpEndpoint> endpoint(new HttpEndpoint(metrics, std::move(ready)));
   const std::array<const char*, 11> options = {
-      "listening_ports",   listen.c_str(), "num_threads", "2", "connection_queue", "16", "request_timeout_ms", "5000",
+      "listening_ports",   listen.c_str(), "num_threads", "8", "connection_queue", "16", "request_timeout_ms", "2000",
       "enable_keep_alive", "no",           nullptr};
   mg_callbacks callbacks{};
   callbacks.log_message = &LogMessage;

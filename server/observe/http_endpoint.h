@@ -15,10 +15,11 @@ namespace voxelpipe {
 class Metrics;
 
 // GET /metrics (Prometheus' text format), /livez (200 while the process answers), /readyz (200 while the service takes calls, 503
-// otherwise). Nothing else, and no file. Two threads of its own, which serve the connections that fit into a bounded queue.
+// otherwise). Nothing else, and no file. Eight threads of its own serve the connections that fit into a bounded queue; one that
+// says nothing is let go after two seconds, so that a few of them keep nobody from being answered.
 class HttpEndpoint {
  public:
-  // In: "HOST:PORT" or "PORT"; port 0 picks one. `ready` is called on the endpoint's threads; it and `metrics` must outlive it.
+  // In: "HOST:PORT", or "PORT" for every address; port 0 picks one. `ready` is called on the endpoint's threads; it and `metrics` must outlive it.
   // Errors: INVALID_ARGUMENT for an address that is none, UNAVAILABLE where it cannot be bound.
   static absl::StatusOr<std::unique_ptr<HttpEndpoint>> Start(const std::string& listen, Metrics& metrics,
                                                              std::function<bool()> ready);

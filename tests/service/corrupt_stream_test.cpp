@@ -1,12 +1,14 @@
 // Bytes that are no call, calls that are no messages, messages that make no sense: refused, and the server lives on.
 #include <algorithm>
 #include <limits>
+#include <memory>
 #include <random>
 #include <string>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include <grpcpp/client_context.h>
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
 
@@ -19,7 +21,7 @@
 #include "service/requests.h"
 #include "service/sample_mesh.h"
 #include "service/server_process.h"
-#include "voxelpipe/v1/voxelization_service.pb.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "wire/request.h"
 
 namespace voxelpipe::testing {
@@ -249,6 +251,53 @@ TEST_F(CorruptStreamTest, EmptyFieldsWithoutNumberTakeNoMemory) {
   }
   // The messages' own bytes, some of them still on their way back to the system.
   EXPECT_LT(ReadProcessFacts(server_->pid()).peak_bytes, peak + (160u << 20));
+}
+
+// A message of 256 MiB in a quarter of one: gRPC unpacks before it looks at any limit, so it must not unpack.
+TEST_F(CorruptStreamTest, CompressedMessagesAreRefusedUnopened) {
+  if (IsSanitized(server_->pid())) GTEST_SKIP() << "a sanitizer's memory is not the server's";
+  const uint64_t peak = ReadProcessFacts(server_->pid()).peak_bytes;
+  auto stub = v1::VoxelizationService::NewStub(channel_);
+  for (const auto algorithm : {GRPC_COMPRESS_GZIP, GRPC_COMPRESS_DEFLATE}) {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + kPatience);
+    context.set_compression_algorithm(algorithm);
+    v1::GetMeshRequest request;
+    request.set_mesh_id(std::string(256 << 20, 'm'));
+    v1::GetMeshResponse response;
+    const grpc::Status status = stub->GetMesh(&context, request, &response);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::UNIMPLEMENTED) << status.error_message();
+  }
+  EXPECT_LT(ReadProcessFacts(server_->pid()).peak_bytes, peak + (64u << 20));
+}
+
+// Many that begin, send something large that is no mesh, and wait.
+TEST_F(CorruptStreamTest, AnOpenUploadKeepsNothingBesideItsMesh) {
+  if (IsSanitized(server_->pid())) GTEST_SKIP() << "a sanitizer's memory is not the server's";
+  struct Upload {
+    grpc::ClientContext context;
+    v1::UploadMeshResponse response;
+    std::unique_ptr<grpc::ClientWriter<v1::UploadMeshRequest>> writer;
+  };
+  auto stub = v1::VoxelizationService::NewStub(channel_);
+  v1::UploadMeshRequest begin;
+  // Unknown fields: a message of half a MiB takes thirty times as much once it has been read.
+  std::string unknown;
+  for (int i = 0; i < (256 << 10); ++i) unknown += {char(15 << 3 | 2), '\0'};
+  ASSERT_TRUE(begin.ParseFromString(unknown));
+  begin.mutable_upload();
+  const uint64_t before = SettledProcessFacts(server_->pid()).resident_bytes;
+  std::vector<std::unique_ptr<Upload>> uploads;
+  for (int i = 0; i < 32; ++i) {
+    uploads.push_back(std::make_unique<Upload>());
+    Upload& upload = *uploads.back();
+    upload.context.set_deadline(std::chrono::system_clock::now() + kPatience);
+    upload.writer = stub->UploadMesh(&upload.context, &upload.response);
+    ASSERT_TRUE(upload.writer->Write(begin)) << i;
+  }
+  EXPECT_LT(SettledProcessFacts(server_->pid()).resident_bytes, before + (96u << 20));
+  for (const auto& upload : uploads) upload->context.TryCancel();
+  for (const auto& upload : uploads) upload->writer->Finish();
 }
 
 TEST_F(CorruptStreamTest, APieceThatIsNotWhatItsChecksumSays) {

@@ -2,7 +2,9 @@
 
 #include <array>
 #include <atomic>
+#include <memory>
 #include <string>
+#include <vector>
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -19,21 +21,38 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
-// All that the endpoint answers to these bytes.
-std::string Talk(const std::string& address, const std::string& request) {
-  sockaddr_in to{};
-  to.sin_family = AF_INET;
-  to.sin_port = htons(uint16_t(std::stoi(address.substr(address.rfind(':') + 1))));
-  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  std::string answer;
-  if (connect(fd, reinterpret_cast<sockaddr*>(&to), sizeof to) == 0 &&
-      send(fd, request.data(), request.size(), MSG_NOSIGNAL) == ssize_t(request.size())) {
-    std::array<char, 4096> buffer{};
-    for (ssize_t n; (n = recv(fd, buffer.data(), buffer.size(), 0)) > 0;) answer.append(buffer.data(), size_t(n));
+// A connection to the endpoint.
+class Connection {
+ public:
+  explicit Connection(const std::string& address) : fd_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_in to{};
+    to.sin_family = AF_INET;
+    to.sin_port = htons(uint16_t(std::stoi(address.substr(address.rfind(':') + 1))));
+    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    open_ = connect(fd_, reinterpret_cast<sockaddr*>(&to), sizeof to) == 0;
   }
-  close(fd);
-  return answer;
+  ~Connection() { close(fd_); }
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
+
+  bool open() const { return open_; }
+  // All that it answers to these bytes.
+  std::string Talk(const std::string& request) {
+    std::string answer;
+    if (open_ && send(fd_, request.data(), request.size(), MSG_NOSIGNAL) == ssize_t(request.size())) {
+      std::array<char, 4096> buffer{};
+      for (ssize_t n; (n = recv(fd_, buffer.data(), buffer.size(), 0)) > 0;) answer.append(buffer.data(), size_t(n));
+    }
+    return answer;
+  }
+
+ private:
+  const int fd_;
+  bool open_ = false;
+};
+
+std::string Talk(const std::string& address, const std::string& request) {
+  return Connection(address).Talk(request);
 }
 
 std::string Get(const std::string& address, const std::string& path) {
@@ -87,6 +106,17 @@ TEST_F(HttpEndpointTest, AnAddressThatIsTakenOrNoneIsRefused) {
               absl::StatusCode::kInvalidArgument)
         << address;
   }
+}
+
+// The limit tells "behind those that are silent until they are let go" from "beside them".
+TEST_F(HttpEndpointTest, SilentConnectionsKeepNobodyFromBeingAnswered) {
+  std::vector<std::unique_ptr<Connection>> silent;
+  for (int i = 0; i < 5; ++i) {
+    silent.push_back(std::make_unique<Connection>(endpoint_->address()));
+    ASSERT_TRUE(silent.back()->open());
+  }
+  std::string error;
+  EXPECT_EQ(HttpStatusOf(endpoint_->address(), "/livez", 1500, error), 200) << error;
 }
 
 TEST_F(HttpEndpointTest, NobodyThereIsSaid) {

@@ -59,7 +59,7 @@ TEST(RawMessageTest, AllElseIsBounded) {
   config.mutable_config()->set_mesh_id(Settings(kMaxSettingsBytes / 2));
   EXPECT_TRUE(Read(config, read).ok());
   config.mutable_config()->set_mesh_id(Settings(kMaxSettingsBytes));  // and some bytes for keys and lengths
-  EXPECT_THAT(std::string(Read(config, read).message()), HasSubstr("message: 10485"));
+  EXPECT_THAT(std::string(Read(config, read).message()), HasSubstr("message: at most 1048576"));
   v1::VoxelizeRequest whole;
   whole.mutable_whole()->set_mesh(std::string(kLargeMesh, 'm'));
   *whole.mutable_whole()->mutable_config() = config.config();
@@ -71,6 +71,14 @@ TEST(RawMessageTest, AllElseIsBounded) {
   v1::GetMeshRequest get, get_read;
   get.set_mesh_id(Settings(kMaxSettingsBytes));
   EXPECT_TRUE(absl::IsInvalidArgument(Read(get, get_read)));
+}
+
+// Else the fields behind are looked at for nothing.
+TEST(RawMessageTest, CountingStopsWhereTooMuchHasCome) {
+  const std::string settings(2 * kMaxSettingsBytes, '\x08');  // field 1 of number 8, again and again
+  grpc::ByteBuffer bytes = InSlices(settings + "\x12\xff\xff\xff\x7f", 16 << 10);
+  v1::VoxelizeRequest read;
+  EXPECT_THAT(std::string(ReadMessage(bytes, read).message()), HasSubstr("at most 1048576"));
 }
 
 // A length that reaches beyond its message hides nothing behind it.
