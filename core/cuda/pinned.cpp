@@ -28,7 +28,7 @@ constexpr uint64_t kShare = 16;  // of the machine's memory
 // Four sizes an octave, so that blocks fit again and waste at most a fifth.
 uint64_t BlockBytes(uint64_t bytes) {
   if (bytes <= kLeastBytes) return kLeastBytes;
-  const uint64_t step = std::bit_floor(bytes - 1) / 4;
+  const uint64_t step = std::max(std::bit_floor(bytes - 1), kLeastBytes) / 4;
   return (bytes + step - 1) / step * step;
 }
 

@@ -150,7 +150,8 @@ absl::StatusOr<std::vector<E>> AccessorReader::Read(uint32_t accessor) const {
                                                      budget_.limits().max_vertices));
   }
   if (absl::Status full = budget_.Take(decl.count, decl.components * sizeof(T), where); !full.ok()) return full;
-  const uint64_t size = decl.count * decl.components / (sizeof(E) / sizeof(T));
+  const uint64_t size =
+      decl.count * decl.components / (sizeof(E) / sizeof(T));  // NOLINT(bugprone-sizeof-expression): E holds several T
   const E* const plain = decl.view >= 0 && decl.count > 0 ? InPlace<T, E>(run, decl) : nullptr;
   std::vector<E> out;
   ReserveHuge(out, size);

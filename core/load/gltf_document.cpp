@@ -20,7 +20,7 @@ constexpr std::array<std::string_view, 12> kKnownExtensions = {
     "KHR_node_visibility",        "KHR_xmp_json_ld",         "KHR_animation_pointer", "EXT_texture_avif"};
 constexpr uint64_t kMostElements = 1'000'000;  // of any one array; nodes have their own limit
 
-absl::Status CheckVersion(Fields root) {
+absl::Status CheckVersion(const Fields& root) {
   absl::Status status;
   const Json* asset = root.Find("asset");
   if (asset == nullptr)
@@ -41,10 +41,8 @@ absl::Status CheckVersion(Fields root) {
   return absl::OkStatus();
 }
 
-absl::Status CheckExtensions(Fields root) {
-  absl::Status status;
-  Fields fields = root;
-  const Json* required = fields.Find("extensionsRequired");
+absl::Status CheckExtensions(const Fields& root) {
+  const Json* required = root.Find("extensionsRequired");
   if (required == nullptr) return absl::OkStatus();
   if (!required->is_array()) return absl::InvalidArgumentError("glTF: extensionsRequired is not an array");
   for (const Json& entry : *required) {

@@ -207,7 +207,7 @@ absl::Status StreamAssembler::Add(int pass, const Slab&, ResultArrays arrays) {
   whole.specs = header_.specs;
   static_cast<ResultArrays&>(whole) = std::move(arrays);
   if (sink_.Keep(std::move(whole))) return absl::OkStatus();
-  arrays = std::move(whole);
+  arrays = std::move(whole);  // NOLINT(bugprone-use-after-move): it was not kept
   if (absl::Status s = sink_.Begin(header_); !s.ok()) return s;
   for (const Pass& part : all_at_once_) {
     if (absl::Status s = hand_on(part); !s.ok()) return s;

@@ -193,7 +193,7 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
       return assembler.Add(coming->pass, coming->slab, *std::move(arrays));
     };
     if (!timed) run.Pause();
-    const absl::Status added = timed ? run(last, wait_and_add) : wait_and_add();
+    absl::Status added = timed ? run(last, wait_and_add) : wait_and_add();
     coming.reset();
     return added;
   };
@@ -282,7 +282,7 @@ absl::StatusOr<VoxelizeStats> VoxelizeOnTo(const Backend& backend, const Triangl
   if (!result.ok()) return result.status();
   stats = std::move(result->stats);
   if (sink.Keep(*std::move(result))) return stats;
-  if (absl::Status s = WriteTo(*result, sink); !s.ok()) return s;
+  if (absl::Status s = WriteTo(*result, sink); !s.ok()) return s;  // NOLINT(bugprone-use-after-move): it was not kept
   return stats;
 }
 

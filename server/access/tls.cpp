@@ -169,7 +169,7 @@ ServerTls::~ServerTls() {
 }
 
 absl::StatusOr<TlsFacts> ServerTls::Take(const Contents& contents) {
-  const absl::StatusOr<TlsFacts> facts = CheckContents(files_, contents);
+  absl::StatusOr<TlsFacts> facts = CheckContents(files_, contents);
   if (!facts.ok()) return facts.status();
   std::array<int, 3> fresh;
   bool have_all = true;
