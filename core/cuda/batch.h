@@ -10,6 +10,7 @@
 #include "cuda/batch_views.h"
 #include "cuda/buffer.h"
 #include "cuda/device.h"
+#include "cuda/tile_pairs.h"
 #include "pipeline/batch.h"
 
 namespace voxelpipe::cuda {
@@ -18,16 +19,30 @@ struct BatchState {
   DeviceInfo device;
   cudaStream_t stream = nullptr;
   BatchView view;
+  // Of items that go by tiles.
+  TilePairs pairs;
+  DeviceArray<uint8_t> scratch;
+  int shared_bytes = 0;  // of the largest group
 };
 
-// Backend::RunShared, inside the backend's arena. Which items can share a pass: dense and small sparse results of plain bits, without or
-// with parity fill, that are not large (batch.cpp).
+// Backend::RunShared, inside the backend's arena. Which items can share a pass: dense and small sparse results, without or with parity
+// fill, that are not large (batch_member.cpp).
 std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, std::span<const BatchItem> items,
                               const PlanLimits& limits, BatchStats& stats);
 
-// The steps of a pass, in this order. None synchronizes.
-absl::Status RasterBatch(const BatchState& state);  // row_bits.cu: coverage
-absl::Status FillBatch(const BatchState& state);    // solid_fill.cu: inside, odd columns
+// The steps of a pass, in this order. None synchronizes unless its comment says so.
+absl::Status RasterBatch(const BatchState& state);  // row_bits.cu: places vertices; coverage of plain bits
+absl::Status ClearBatch(const BatchState& state);   // targets.cu: values of the other items
+absl::Status BinBatch(BatchState& state);           // coarse_raster.cu: their pairs; synchronizes
+absl::Status FineBatch(BatchState& state);          // fine_raster.cu: their coverage and values
+absl::Status FillBatch(const BatchState& state);    // solid_fill.cu: inside, odd columns, filled values
 absl::Status PackBatch(const BatchState& state);    // targets.cu: occupied voxels, packed targets
+
+// Of a batch's item: its targets in groups, each for a launch. What lies on the device is for the caller to set.
+struct TargetGroups {
+  std::vector<FineArgs> groups;
+  int shared_bytes = 0;  // of the largest
+};
+TargetGroups GroupForBatch(const TargetViews& targets);  // fine_raster.cu
 
 }  // namespace voxelpipe::cuda

@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "pipeline/plan.h"
+
 namespace voxelpipe::cuda {
 namespace {
 
@@ -38,14 +40,14 @@ absl::Status Allocate(uint64_t bytes, HostBuffer& to) {
   return absl::OkStatus();
 }
 
-}  // namespace
-
-absl::Status BricksOfBits(const uint8_t* occupied, const uint8_t* covered, VoxelizeResult& result) {
+// Bricks and masks of `result` from the occupied voxels; each calls visit(n), its index in the grid, in the order of the result. Out: how
+// many there are.
+template <typename Visit>
+absl::StatusOr<uint64_t> ListBricks(const uint8_t* occupied, VoxelizeResult& result, const Visit& visit) {
   const auto [nx, ny, nz] = result.grid.dims;
   const int64_t bricks_x = (nx + 7) / 8, bricks_y = (ny + 7) / 8, bricks_z = (nz + 7) / 8;
   std::vector<uint64_t> ids;
   std::vector<std::array<uint8_t, 64>> masks;
-  std::vector<bool> has_fragment;  // of the listed voxels, in their order; where `covered` is given
   uint64_t voxels = 0;
   for (int64_t bz = 0; bz < bricks_z; ++bz) {
     for (int64_t by = 0; by < bricks_y; ++by) {
@@ -60,11 +62,7 @@ absl::Status BricksOfBits(const uint8_t* occupied, const uint8_t* covered, Voxel
             const unsigned bits = BitsAt(occupied, at, width);
             mask[size_t(y - 8 * by + 8 * (z - 8 * bz))] = uint8_t(bits);
             here += unsigned(std::popcount(bits));
-            if (covered == nullptr || bits == 0) continue;
-            const unsigned fragments = BitsAt(covered, at, width);
-            for (unsigned left = bits; left != 0; left &= left - 1) {
-              has_fragment.push_back((fragments & left & -left) != 0);
-            }
+            for (unsigned left = bits; left != 0; left &= left - 1) visit(at + unsigned(std::countr_zero(left)));
           }
         }
         if (here == 0) continue;
@@ -80,11 +78,67 @@ absl::Status BricksOfBits(const uint8_t* occupied, const uint8_t* covered, Voxel
     std::memcpy(result.bricks.data(), ids.data(), result.bricks.size());
     std::memcpy(result.masks.data(), masks.data(), result.masks.size());
   }
+  return voxels;
+}
+
+bool BitAt(const uint8_t* bits, uint64_t at) {
+  return (bits[at / 8] >> (at % 8) & 1) != 0;
+}
+
+// The elements of the listed voxels.
+template <typename Element>
+void Gather(const uint8_t* dense, const std::vector<uint64_t>& listed, uint64_t voxels, uint64_t components,
+            bool planar, uint8_t* to) {
+  const auto place = [&](uint64_t voxel, uint64_t of, uint64_t c) {
+    return (planar ? c * of + voxel : voxel * components + c) * sizeof(Element);
+  };
+  for (uint64_t i = 0; i < listed.size(); ++i) {
+    for (uint64_t c = 0; c < components; ++c) {
+      std::memcpy(to + place(i, listed.size(), c), dense + place(listed[i], voxels, c), sizeof(Element));
+    }
+  }
+}
+
+}  // namespace
+
+absl::Status BricksOfBits(const uint8_t* occupied, const uint8_t* covered, VoxelizeResult& result) {
+  std::vector<bool> has_fragment;  // of the listed voxels, where `covered` is given
+  const absl::StatusOr<uint64_t> voxels = ListBricks(occupied, result, [&](uint64_t n) {
+    if (covered != nullptr) has_fragment.push_back(BitAt(covered, n));
+  });
+  if (!voxels.ok()) return voxels.status();
   for (const TargetSpec& spec : result.specs) {
     HostBuffer values;
-    if (absl::Status s = Allocate((voxels + 7) / 8, values); !s.ok()) return s;
+    if (absl::Status s = Allocate((*voxels + 7) / 8, values); !s.ok()) return s;
     BitWriter writer(values);
-    for (uint64_t i = 0; i < voxels; ++i) writer.Append(covered == nullptr || has_fragment[i] || spec.fill_value != 0);
+    for (uint64_t i = 0; i < *voxels; ++i) writer.Append(covered == nullptr || has_fragment[i] || spec.fill_value != 0);
+    result.targets.push_back(std::move(values));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status BricksOfDense(const uint8_t* occupied, const std::vector<const uint8_t*>& dense, VoxelizeResult& result) {
+  std::vector<uint64_t> listed;
+  const absl::StatusOr<uint64_t> count = ListBricks(occupied, result, [&](uint64_t n) { listed.push_back(n); });
+  if (!count.ok()) return count.status();
+  const bool planar = result.layout == Layout::kPlanar;
+  for (size_t t = 0; t < result.specs.size(); ++t) {
+    const TargetSpec& spec = result.specs[t];
+    HostBuffer values;
+    if (absl::Status s = Allocate(TargetBytes(spec, *count), values); !s.ok()) return s;
+    const auto gather = [&]<typename Element>(Element) {
+      Gather<Element>(dense[t], listed, result.grid.voxels(), uint64_t(spec.components), planar, values.data());
+    };
+    switch (BitsPerComponent(spec.format)) {
+      case 1: {
+        BitWriter writer(values);
+        for (const uint64_t n : listed) writer.Append(BitAt(dense[t], n));
+        break;
+      }
+      case 8: gather(uint8_t{}); break;
+      case 16: gather(uint16_t{}); break;
+      default: gather(uint32_t{}); break;
+    }
     result.targets.push_back(std::move(values));
   }
   return absl::OkStatus();

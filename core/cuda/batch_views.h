@@ -4,6 +4,7 @@
 // words of the results. What belongs to whom is found by bisection among the items, whose firsts ascend.
 #pragma once
 
+#include "cuda/fine_args.cuh"
 #include "cuda/vertex_code.cuh"
 #include "cuda/views.h"
 
@@ -18,28 +19,61 @@ struct BatchItemView {
   // Its mesh, which may lie anywhere on the device.
   const Vec3d* positions = nullptr;  // world space
   const uint32_t* triangles = nullptr;
-  // Where its part begins among all vertices, triangles, rows of bit grids, their words, and words of columns.
-  uint64_t first_vertex = 0, first_triangle = 0, first_row = 0, first_word = 0, first_column = 0;
-  uint64_t words = 0;        // of its bit grid
-  int64_t column_words = 0;  // of a layer's columns (solid_fill.cu)
+  // Where its part begins among all vertices, triangles, rows of bit grids, their words, words of columns, and tiles. An item of plain
+  // bits goes by rows and has no tiles; such items come first.
+  uint64_t first_vertex = 0, first_triangle = 0, first_row = 0, first_word = 0, first_column = 0, first_tile = 0;
+  uint32_t first_group = 0, group_count = 0;  // of BatchView::groups: its targets
+  uint64_t words = 0;                         // of its bit grid
+  int64_t column_words = 0;                   // of a layer's columns (solid_fill.cu)
 };
 
 // One bit target: packed bits, made of an item's coverage and inside.
 struct BatchTargetView {
   uint32_t item = 0;
-  uint32_t clear = 0, fill = 0;  // all bits set or none
-  uint64_t first_packed = 0;     // its first word among the packed ones
+  const uint32_t *present = nullptr, *value = nullptr;  // bit grids; null: the coverage
+  uint32_t clear = 0, fill = 0;                         // all bits set or none
+  uint64_t first_packed = 0;                            // its first word among the packed ones
+  uint64_t voxels = 0;
+};
+
+// One target of other formats: elements over an item's grid, as its result has them.
+struct BatchValueView {
+  uint32_t item = 0;
+  int components = 1, element_bytes = 4;
+  bool planar = false;
+  uint32_t clear_stored = 0, fill_stored = 0;
+  const uint32_t* present = nullptr;  // bit grid; null: the coverage
+  uint8_t* at = nullptr;
+  uint64_t words = 0;  // of 32 bits, rounded up
   uint64_t voxels = 0;
 };
 
 struct BatchCounts {
-  uint64_t occupied = 0, odd_columns = 0;
+  uint64_t occupied = 0, odd_columns = 0, fragments = 0;
+};
+
+// Elements of BatchView::counters. kBatchNextTile: one for each group of targets that an item can have.
+enum BatchCounter : int {
+  kBatchPairs,
+  kBatchQueued,
+  kBatchOccupied,
+  kBatchNextTile,
+  kBatchCounters = kBatchNextTile + kMostTargets
+};
+
+// TilePairs of all tiles, sorted.
+struct BatchPairs {
+  const uint32_t *triangles = nullptr, *begin = nullptr, *end = nullptr, *occupied = nullptr;
 };
 
 struct BatchView {
   const BatchItemView* items = nullptr;
   const BatchTargetView* targets = nullptr;
-  uint32_t item_count = 0, target_count = 0;
+  const BatchValueView* values = nullptr;
+  const FineArgs* groups = nullptr;
+  uint32_t item_count = 0, target_count = 0, value_count = 0;
+  uint32_t most_groups = 0;                    // of an item
+  uint64_t row_triangles = 0, tile_count = 0;  // of items of plain bits; of the others
   uint64_t vertex_count = 0, triangle_count = 0, row_count = 0, packed_words = 0;
   bool any_parity = false;
   Vec3d* placed = nullptr;  // vertices in index space
@@ -51,6 +85,7 @@ struct BatchView {
   void* zero = nullptr;
   uint64_t zero_quads = 0;        // of 16 bytes
   uint64_t* queued = nullptr;     // see WalkArgs; the fifth is of the parity fill
+  uint64_t* counters = nullptr;   // see BatchCounter
   uint32_t* bits = nullptr;       // coverage
   uint32_t* inside = nullptr;     // where any item has a fill
   uint32_t* columns = nullptr;    // likewise: parity of each column's crossings

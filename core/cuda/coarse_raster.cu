@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "cpu/vertex_shade.h"
+#include "cuda/batch.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
 #include "cuda/vertex_code.cuh"
@@ -29,16 +30,36 @@ __global__ void __launch_bounds__(kThreads)
 }
 
 struct BinArgs {
-  TileGrid tiles;
   const uint32_t* triangles;
   const Vec3d* positions;  // index space
   const VertexCode* codes;
-  uint64_t triangle_count;
+  uint64_t first_triangle = 0, triangle_end;  // those that are binned
   uint32_t *pair_tiles, *pair_triangles;
   uint64_t capacity;
   uint32_t* queue;
-  uint64_t* counters;
+  uint64_t *pairs, *queued;  // counters
 };
+struct GridBinArgs : BinArgs {
+  TileGrid tiles;
+};
+// The same for the triangles of a batch: tiles and triangles are numbered as among all, triangles as in their mesh.
+struct BatchBinArgs : BinArgs {
+  const BatchItemView* items;
+  const uint32_t* item_of;
+};
+
+// Where the tiles of a triangle are, and the number that it has for whoever takes the pair.
+struct BinPlace {
+  TileGrid tiles;
+  uint64_t first_tile, triangle;
+};
+__device__ inline BinPlace PlaceOf(const GridBinArgs& args, uint64_t t) {
+  return {args.tiles, 0, t};
+}
+__device__ inline BinPlace PlaceOf(const BatchBinArgs& args, uint64_t t) {
+  const BatchItemView& item = args.items[args.item_of[t]];
+  return {item.grid.tiles, item.first_tile, t - item.first_triangle};
+}
 
 __device__ inline void Put(const BinArgs& args, uint64_t at, uint64_t tile, uint64_t triangle) {
   if (at >= args.capacity) return;
@@ -46,13 +67,16 @@ __device__ inline void Put(const BinArgs& args, uint64_t at, uint64_t tile, uint
   args.pair_triangles[at] = uint32_t(triangle);
 }
 
-__global__ void __launch_bounds__(kThreads) BinSmall(const BinArgs args) {
+template <typename Args>
+__global__ void __launch_bounds__(kThreads) BinSmall(const Args args) {
   __shared__ unsigned long long room[2][kThreads / 32 + 1];
-  const uint64_t t = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
+  const uint64_t t = args.first_triangle + uint64_t(blockIdx.x) * kThreads + threadIdx.x;
   bool few = false, many = false;
   int begin[3], end[3];  // tiles
   uint32_t count = 0;
-  if (t < args.triangle_count) {
+  BinPlace place{};
+  if (t < args.triangle_end) {
+    place = PlaceOf(args, t);
     const uint32_t* v = args.triangles + 3 * t;
     const CodedBox box = DecodeBox(args.codes[v[0]], args.codes[v[1]], args.codes[v[2]]);
     many = box.far;
@@ -62,7 +86,7 @@ __global__ void __launch_bounds__(kThreads) BinSmall(const BinArgs args) {
       for (int i = 0; i < 3; ++i) {
         const int dim = int(TileDim(i));
         begin[i] = max(box.first[i], 0) / dim;
-        end[i] = box.last[i] < 0 ? 0 : min(box.last[i] / dim + 1, int(args.tiles.dims[i]));
+        end[i] = box.last[i] < 0 ? 0 : min(box.last[i] / dim + 1, int(place.tiles.dims[i]));
         empty = empty || begin[i] >= end[i];
         count = empty ? 0 : min(count * uint32_t(end[i] - begin[i]), 8u);
       }
@@ -73,36 +97,41 @@ __global__ void __launch_bounds__(kThreads) BinSmall(const BinArgs args) {
       count = 0;
     }
   }
-  uint64_t at = BlockAllocate<kThreads>(args.counters + kPairs, count, room[0]);
+  uint64_t at = BlockAllocate<kThreads>(args.pairs, count, room[0]);
   if (few) {
     for (int z = begin[2]; z < end[2]; ++z) {
       for (int y = begin[1]; y < end[1]; ++y) {
-        for (int x = begin[0]; x < end[0]; ++x) Put(args, at++, args.tiles.Index(x, y, z), t);
+        for (int x = begin[0]; x < end[0]; ++x)
+          Put(args, at++, place.first_tile + place.tiles.Index(x, y, z), place.triangle);
       }
     }
   }
   if (__syncthreads_or(many) == 0) return;
-  const uint64_t place = BlockAllocate<kThreads>(args.counters + kQueued0, many, room[1]);
-  if (many) args.queue[place] = uint32_t(t);
+  const uint64_t slot = BlockAllocate<kThreads>(args.queued, many, room[1]);
+  if (many) args.queue[slot] = uint32_t(t);
 }
 
 // A block takes a queued triangle and deals its rows of tiles to its threads.
-__global__ void __launch_bounds__(kLargeThreads) BinLarge(const BinArgs args) {
-  const uint64_t queued = args.counters[kQueued0];
+template <typename Args>
+__global__ void __launch_bounds__(kLargeThreads) BinLarge(const Args args) {
+  const uint64_t queued = *args.queued;
   for (uint64_t i = blockIdx.x; i < queued; i += gridDim.x) {
     const uint32_t t = args.queue[i];
+    const BinPlace place = PlaceOf(args, t);
     const uint32_t* v = args.triangles + 3 * uint64_t{t};
     const Vec3d &a = args.positions[v[0]], &b = args.positions[v[1]], &c = args.positions[v[2]];
-    const TriangleSetup s = SetUpAmongTiles(a, b, c, BoundTiles(args.tiles, a, b, c).widening);
-    const VoxelRange range = ClipToRange(s, AllTiles(args.tiles));
+    const TriangleSetup s = SetUpAmongTiles(a, b, c, BoundTiles(place.tiles, a, b, c).widening);
+    const VoxelRange range = ClipToRange(s, AllTiles(place.tiles));
     const uint64_t rows =
         range.empty() ? 0 : uint64_t(range.end[1] - range.begin[1]) * uint64_t(range.end[2] - range.begin[2]);
     for (uint64_t first = 0; first < rows; first += kLargeThreads) {
       const uint64_t row = first + threadIdx.x;
       int64_t y = 0, z = 0, x_begin = 0, x_end = 0;
       if (row >= rows || !RowSpan(s, range, row, y, z, x_begin, x_end)) x_begin = x_end = 0;
-      uint64_t at = WarpAllocate(args.counters + kPairs, uint32_t(x_end - x_begin));
-      for (int64_t x = x_begin; x < x_end; ++x) Put(args, at++, args.tiles.Index(x, y, z), t);
+      uint64_t at = WarpAllocate(args.pairs, uint32_t(x_end - x_begin));
+      for (int64_t x = x_begin; x < x_end; ++x) {
+        Put(args, at++, place.first_tile + place.tiles.Index(x, y, z), place.triangle);
+      }
     }
   }
 }
@@ -149,30 +178,37 @@ bool NeedsPlaces(const RunState& state) {
                      [](const BoundShader& shader) { return TraitsOf(FragmentShaderId(shader.id)).needs_plane; });
 }
 
+// The counters are to be 0.
+template <typename Args>
+absl::Status LaunchBins(const Args& args, const DeviceInfo& device, cudaStream_t stream) {
+  const uint64_t count = args.triangle_end - args.first_triangle;
+  BinSmall<<<unsigned((count + kThreads - 1) / kThreads), kThreads, 0, stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BinSmall");
+  const uint64_t blocks = std::min<uint64_t>(uint64_t(device.multiprocessors) * 8, count);
+  BinLarge<<<unsigned(blocks), kLargeThreads, 0, stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BinLarge");
+  return absl::OkStatus();
+}
+
 absl::Status Bin(RunState& state, uint64_t capacity) {
-  for (auto* arrays : {&state.pair_tiles, &state.pair_triangles}) {
-    for (auto& array : *arrays) VOXELPIPE_OK_OR_RETURN(array.Resize(capacity, state.stream));
-  }
+  VOXELPIPE_OK_OR_RETURN(state.pairs.MakeRoom(capacity, state.stream));
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kPairs, kQueued0}));
-  BinArgs args;
+  GridBinArgs args;
   args.tiles = state.view.tiles;
   args.triangles = state.mesh.triangle_list();
   args.positions = state.mesh.index_positions.data();
   args.codes = state.mesh.codes.data();
-  args.triangle_count = state.mesh.host_view.triangle_count;
-  args.pair_tiles = state.pair_tiles[0].data();
-  args.pair_triangles = state.pair_triangles[0].data();
+  args.triangle_end = state.mesh.host_view.triangle_count;
+  args.pair_tiles = state.pairs.tiles[0].data();
+  args.pair_triangles = state.pairs.triangles[0].data();
   args.capacity = capacity;
   args.queue = state.queue[0].data();
-  args.counters = state.counters.data();
-  BinSmall<<<unsigned((args.triangle_count + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("BinSmall");
-  const uint64_t blocks = std::min<uint64_t>(uint64_t(state.device.multiprocessors) * 8, args.triangle_count);
-  BinLarge<<<unsigned(blocks), kLargeThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("BinLarge");
+  args.pairs = state.counters.data() + kPairs;
+  args.queued = state.counters.data() + kQueued0;
+  VOXELPIPE_OK_OR_RETURN(LaunchBins(args, state.device, state.stream));
   auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
-  state.pair_count = (*counters)[kPairs];
+  state.pairs.count = (*counters)[kPairs];
   return absl::OkStatus();
 }
 
@@ -190,6 +226,38 @@ absl::Status PlaceVertices(RunState& state) {
   }
   state.placed = true;
   return absl::OkStatus();
+}
+
+absl::Status BinBatch(BatchState& state) {
+  const BatchView& batch = state.view;
+  TilePairs& pairs = state.pairs;
+  BatchBinArgs args;
+  args.items = batch.items;
+  args.item_of = batch.item_of;
+  args.triangles = batch.triangles;
+  args.positions = batch.placed;
+  args.codes = batch.codes;
+  args.first_triangle = batch.row_triangles;
+  args.triangle_end = batch.triangle_count;
+  args.queue = batch.queue[0];
+  args.pairs = batch.counters + kBatchPairs;
+  args.queued = batch.counters + kBatchQueued;
+  const uint64_t triangles = args.triangle_end - args.first_triangle;
+  pairs.count = 0;
+  if (triangles == 0) return absl::OkStatus();
+  for (uint64_t capacity = 2 * triangles + (1 << 16);; capacity = pairs.count) {
+    VOXELPIPE_OK_OR_RETURN(pairs.MakeRoom(capacity, state.stream));
+    args.pair_tiles = pairs.tiles[0].data();
+    args.pair_triangles = pairs.triangles[0].data();
+    args.capacity = capacity;
+    VOXELPIPE_OK_OR_RETURN(LaunchBins(args, state.device, state.stream));
+    VOXELPIPE_CUDA_OR_RETURN(
+        cudaMemcpyAsync(&pairs.count, args.pairs, sizeof pairs.count, cudaMemcpyDeviceToHost, state.stream));
+    VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
+    if (pairs.count <= capacity) return absl::OkStatus();
+    static_assert(kBatchQueued == kBatchPairs + 1);
+    VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(args.pairs, 0, 2 * sizeof(uint64_t), state.stream));
+  }
 }
 
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
@@ -219,15 +287,15 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
     state.mesh.host_view.index_positions = state.mesh.index_positions.data();
     VOXELPIPE_OK_OR_RETURN(state.mesh.view.Upload({&state.mesh.host_view, 1}, state.stream));
   }
-  state.pair_count = 0;
+  state.pairs.count = 0;
   if (triangles == 0 || !NeedsTiles(state)) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
-  const uint64_t guess = std::max<uint64_t>(state.pair_tiles[0].size(), triangles + triangles / 2 + (1 << 16));
+  const uint64_t guess = std::max<uint64_t>(state.pairs.tiles[0].size(), triangles + triangles / 2 + (1 << 16));
   VOXELPIPE_OK_OR_RETURN(Bin(state, guess));
-  if (state.pair_count > guess) VOXELPIPE_OK_OR_RETURN(Bin(state, state.pair_count));
-  if (state.pair_count > UINT32_MAX) {
+  if (state.pairs.count > guess) VOXELPIPE_OK_OR_RETURN(Bin(state, state.pairs.count));
+  if (state.pairs.count > UINT32_MAX) {
     return absl::ResourceExhaustedError(
-        absl::StrCat("the mesh meets tiles ", state.pair_count, " times; the CUDA backend takes at most 2^32"));
+        absl::StrCat("the mesh meets tiles ", state.pairs.count, " times; the CUDA backend takes at most 2^32"));
   }
   return absl::OkStatus();
 }

@@ -5,6 +5,8 @@
 #include <utility>
 #include <vector>
 
+#include "cuda/batch.h"
+#include "cuda/fine_batch_kernel.cuh"
 #include "cuda/fine_raster_kernel.cuh"
 #include "cuda/fine_uniform_kernel.cuh"
 #include "cuda/run_state.h"
@@ -16,15 +18,16 @@ namespace {
 constexpr int kGroupWords = 100 * 1024 / 4;
 
 // Targets in groups whose tiles fit into shared memory together; each group is a launch, and rasterizes anew.
-std::vector<FineArgs> GroupTargets(const RunState& state) {
+template <typename Uniform>
+std::vector<FineArgs> GroupTargets(const TargetViews& targets, const Uniform& is_uniform) {
   std::vector<FineArgs> groups;
   int words = 0;
-  for (int i = 0; i < state.targets.count; ++i) {
+  for (int i = 0; i < targets.count; ++i) {
     TileTarget t;
-    t.target = state.targets.at[i];
+    t.target = targets.at[i];
     t.index = i;
     const int end = PlaceTileTarget(t, words);
-    const bool uniform = IsUniform(state, t.target);
+    const bool uniform = is_uniform(t.target);
     if (groups.empty() || uniform || groups.back().uniform || (end > kGroupWords && words > 0)) {
       groups.emplace_back();
       words = PlaceTileTarget(t, 0);
@@ -32,6 +35,8 @@ std::vector<FineArgs> GroupTargets(const RunState& state) {
       words = end;
     }
     FineArgs& group = groups.back();
+    group.any_always_present = targets.any_always_present;
+    group.planar = targets.planar;
     group.uniform = uniform;
     group.targets[group.target_count++] = t;
     group.has_owners = group.has_owners || t.has_owner();
@@ -55,7 +60,7 @@ int SharedBytes(const FineArgs& group) {
 int UniformThreads(const RunState& state) {
   const int64_t* const t = state.view.tiles.dims;
   const double surface = double(t[0]) * double(t[1]) + double(t[1]) * double(t[2]) + double(t[2]) * double(t[0]);
-  const double pairs = double(state.pair_count) / surface;
+  const double pairs = double(state.pairs.count) / surface;
   return pairs > 250 ? kMostUniformThreads : 64;
 }
 
@@ -88,6 +93,16 @@ absl::Status PlaceParts(RunState& state, FineArgs& args) {
   return absl::OkStatus();
 }
 
+// Blocks that the device runs at once.
+template <typename Kernel>
+absl::StatusOr<unsigned> ResidentBlocks(const DeviceInfo& device, Kernel kernel, int threads, int shared_bytes) {
+  VOXELPIPE_OK_OR_RETURN(AllowShared(device.ordinal, kernel, shared_bytes));
+  int resident = 1;
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, kernel, threads, size_t(shared_bytes)));
+  return unsigned(std::max(1, resident) * device.multiprocessors);
+}
+
 absl::Status Launch(RunState& state, FineArgs& args) {
   const auto kernel = args.uniform ? FineUniformKernel : args.shades ? FineRasterKernel<true> : FineRasterKernel<false>;
   const int threads = args.uniform ? UniformThreads(state) : kFineThreads;
@@ -95,11 +110,9 @@ absl::Status Launch(RunState& state, FineArgs& args) {
   args.shared_words = shared / 4;
   VOXELPIPE_OK_OR_RETURN(PlaceParts(state, args));
   if (args.uniform) shared += threads / 32 * kUniformWarpBytes;
-  VOXELPIPE_OK_OR_RETURN(AllowShared(state.device.ordinal, kernel, shared));
-  int resident = 1;
-  VOXELPIPE_CUDA_OR_RETURN(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, kernel, threads, size_t(shared)));
-  const auto blocks = unsigned(std::max(1, resident) * state.device.multiprocessors);
-  kernel<<<blocks, unsigned(threads), size_t(shared), state.stream>>>(args);
+  const absl::StatusOr<unsigned> blocks = ResidentBlocks(state.device, kernel, threads, shared);
+  if (!blocks.ok()) return blocks.status();
+  kernel<<<*blocks, unsigned(threads), size_t(shared), state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("FineRasterKernel");
   return absl::OkStatus();
 }
@@ -119,30 +132,54 @@ bool IsUniform(const RunState& state, const CudaTarget& target) {
   return true;
 }
 
+TargetGroups GroupForBatch(const TargetViews& targets) {
+  TargetGroups found;
+  found.groups = GroupTargets(targets, [](const CudaTarget&) { return false; });
+  for (const FineArgs& group : found.groups) found.shared_bytes = std::max(found.shared_bytes, SharedBytes(group));
+  return found;
+}
+
+absl::Status FineBatch(BatchState& state) {
+  const BatchView& batch = state.view;
+  TilePairs& pairs = state.pairs;
+  if (pairs.count == 0) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(
+      SortPairs(pairs, batch.tile_count, nullptr, batch.counters + kBatchOccupied, state.scratch, state.stream));
+  const BatchPairs sorted{pairs.triangles[pairs.sorted].data(), pairs.begin.data(), pairs.end.data(),
+                          pairs.occupied.data()};
+  const absl::StatusOr<unsigned> blocks =
+      ResidentBlocks(state.device, FineBatchKernel, kFineThreads, state.shared_bytes);
+  if (!blocks.ok()) return blocks.status();
+  for (uint32_t group = 0; group < batch.most_groups; ++group) {
+    FineBatchKernel<<<*blocks, kFineThreads, size_t(state.shared_bytes), state.stream>>>(batch, sorted, group);
+    VOXELPIPE_LAUNCHED_OR_RETURN("FineBatchKernel");
+  }
+  return absl::OkStatus();
+}
+
 absl::Status FineRaster(RunState& state) {
   if (state.plain_bits) {
     return RasterRows(state, state.request.request.coverage, state.slab.begin, state.slab.end, state.coverage.data(),
                       state.coverage.size());
   }
   if (state.direct) return BlendDirectly(state);
-  if (state.pair_count == 0) return absl::OkStatus();
-  std::vector<FineArgs> groups = GroupTargets(state);
+  if (state.pairs.count == 0) return absl::OkStatus();
+  std::vector<FineArgs> groups =
+      GroupTargets(state.targets, [&](const CudaTarget& target) { return IsUniform(state, target); });
   for (size_t g = 0; g < groups.size(); ++g) {
     FineArgs& args = groups[g];
     args.grid = state.view;
     args.mesh = state.mesh.view.data();
     args.codes = state.mesh.codes.data();
     args.coverage = state.request.request.coverage;
-    args.pair_triangles = state.pair_triangles[state.sorted].data();
-    args.tile_begin = state.tile_begin.data();
-    args.tile_end = state.tile_end.data();
-    args.occupied_tiles = state.occupied_tiles.data();
+    args.pair_triangles = state.pairs.triangles[state.pairs.sorted].data();
+    args.tile_begin = state.pairs.begin.data();
+    args.tile_end = state.pairs.end.data();
+    args.occupied_tiles = state.pairs.occupied.data();
     args.occupied_count = state.counters.data() + kOccupied;
     args.next_tile = state.counters.data() + kNextTile;
     args.fragments = g == 0 ? state.counters.data() + kFragments : nullptr;
     args.coverage_bits = state.coverage.data();
-    args.any_always_present = state.targets.any_always_present;
-    args.planar = state.targets.planar;
     args.slab_voxels = state.slab_voxels();
     if (state.request.request.result == ResultKind::kSparse) {
       args.tile_values = state.tile_values.data();

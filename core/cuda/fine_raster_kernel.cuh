@@ -136,11 +136,11 @@ __device__ inline void StoreTile(const FineArgs& args, const uint32_t* shared, c
   }
 }
 
-// Blends the tile's pairs once: pass 0 and, where replace or first have owners, pass 1. All threads of the block.
+// Blends the triangles of a tile's pairs [begin, end) once: pass 0 and, where replace or first have owners, pass 1. All threads of the block.
 template <bool kShades>
-__device__ inline void RasterTile(const FineArgs& args, uint32_t* shared, int pass, const VoxelRange& range,
-                                  uint32_t begin, uint32_t end, uint32_t* touched, uint32_t* covered, uint32_t* queue,
-                                  uint32_t* queued, uint64_t& fragments) {
+__device__ inline void RasterTile(const FineArgs& args, const uint32_t* triangles, uint32_t* shared, int pass,
+                                  const VoxelRange& range, uint32_t begin, uint32_t end, uint32_t* touched,
+                                  uint32_t* covered, uint32_t* queue, uint32_t* queued, uint64_t& fragments) {
   constexpr uint32_t kRowsOfThread = 12;
   const int64_t origin[3] = {range.begin[0], range.begin[1], range.begin[2]};
   const Vec3d* const positions = args.mesh->index_positions;
@@ -163,7 +163,7 @@ __device__ inline void RasterTile(const FineArgs& args, uint32_t* shared, int pa
   for (uint32_t first = begin; first < end; first += kFineThreads) {
     const uint32_t i = first + threadIdx.x;
     if (i < end) {
-      const uint32_t triangle = args.pair_triangles[i];
+      const uint32_t triangle = triangles[i];
       const TriangleSetup s = set_up(triangle);
       const VoxelRange clipped = ClipToRange(s, range);
       if (!clipped.empty()) {
@@ -202,6 +202,12 @@ __device__ inline void RasterTile(const FineArgs& args, uint32_t* shared, int pa
   }
 }
 
+// Adds what the threads of a warp counted. All of them call it.
+__device__ inline void AddFragments(uint64_t fragments, uint64_t* to) {
+  for (int step = 16; step > 0; step /= 2) fragments += __shfl_down_sync(~0u, fragments, step);
+  if (threadIdx.x % 32 == 0 && fragments > 0) atomicAdd(reinterpret_cast<unsigned long long*>(to), fragments);
+}
+
 // Persistent blocks; `shared` has the room that PlaceTileTarget gave out.
 template <bool kShades>
 __global__ void __launch_bounds__(kFineThreads, 2) FineRasterKernel(const __grid_constant__ FineArgs args) {
@@ -226,14 +232,13 @@ __global__ void __launch_bounds__(kFineThreads, 2) FineRasterKernel(const __grid
     for (int t = 0; t < args.target_count; ++t) BeginTile(args.targets[t], shared, thread, kFineThreads);
     __syncthreads();
     for (int pass = 0; pass < (args.has_owners ? 2 : 1); ++pass) {
-      RasterTile<kShades>(args, shared, pass, whole, work.begin, work.end, touched, covered, queue, &queued, fragments);
+      RasterTile<kShades>(args, args.pair_triangles, shared, pass, whole, work.begin, work.end, touched, covered, queue,
+                          &queued, fragments);
     }
     if (work.parts > 1 && !JoinParts(args, work, shared, touched, covered)) continue;
     StoreTile(args, shared, whole, touched, covered, work.slot);
   }
-  if (args.fragments == nullptr) return;
-  for (int step = 16; step > 0; step /= 2) fragments += __shfl_down_sync(~0u, fragments, step);
-  if (thread % 32 == 0 && fragments > 0) atomicAdd(reinterpret_cast<unsigned long long*>(args.fragments), fragments);
+  if (args.fragments != nullptr) AddFragments(fragments, args.fragments);
 }
 
 }  // namespace voxelpipe::cuda

@@ -1,30 +1,27 @@
 // A pose's way to the device: the primitives before any pose, which the device keeps with the mesh, and the matrices and weights of
 // the request.
-#include <tbb/parallel_for.h>
-
-#include <cstring>
 #include <unordered_map>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "cuda/mesh_uploads.h"
 #include "cuda/pinned.h"
+#include "cuda/upload_layout.h"
 #include "cuda/vertex_shade.h"
 #include "mesh/content_id.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
-// Arrays of the host behind each other in one block, each at a multiple of 16 bytes, and where each of them is.
+// Arrays of the host in one block, each once, and where each of them is.
 class Block {
  public:
   template <typename T>
   void Add(const T* from, uint64_t count) {
-    if (from == nullptr || count == 0 || !at_.emplace(from, bytes_).second) return;
-    arrays_.push_back({from, count * sizeof(T), bytes_});
-    bytes_ += (count * sizeof(T) + 15) / 16 * 16;
+    if (from == nullptr || count == 0 || !at_.emplace(from, layout_.bytes()).second) return;
+    layout_.Add(from, count);
   }
-  uint64_t bytes() const { return bytes_; }
+  uint64_t bytes() const { return layout_.bytes(); }
 
   // The place of an array in the block that begins at `there`; null for one that was not added.
   template <typename T>
@@ -34,25 +31,18 @@ class Block {
   }
 
   absl::Status Upload(uint8_t* there, RunState& state) const {
-    if (bytes_ == 0) return absl::OkStatus();
-    absl::StatusOr<PinnedBuffer> between = PinnedBuffer::Take(bytes_);
+    if (bytes() == 0) return absl::OkStatus();
+    absl::StatusOr<PinnedBuffer> between = PinnedBuffer::Take(bytes());
     if (!between.ok()) return between.status();
-    tbb::parallel_for(size_t{0}, arrays_.size(), [&](size_t i) {
-      std::memcpy(between->data() + arrays_[i].at, arrays_[i].from, arrays_[i].bytes);
-    });
-    VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(there, between->data(), bytes_, cudaMemcpyHostToDevice, state.stream));
+    layout_.CopyTo(between->data());
+    VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(there, between->data(), bytes(), cudaMemcpyHostToDevice, state.stream));
     state.staged.push_back(*std::move(between));
     return absl::OkStatus();
   }
 
  private:
-  struct Array {
-    const void* from;
-    uint64_t bytes, at;
-  };
-  std::vector<Array> arrays_;
+  UploadLayout layout_;
   std::unordered_map<const void*, uint64_t> at_;
-  uint64_t bytes_ = 0;
 };
 
 void AddRest(const RestPrimitiveView& rest, uint64_t vertices, Block& block) {

@@ -169,7 +169,7 @@ __global__ void __launch_bounds__(kAtOnceThreads, kAtOnceBlocks)
   WalkLarge(args, blockIdx.x, gridDim.x, room.large);
 }
 
-// A batch's beginning: clears its bits and counters, takes its vertices to the index space of their grids, and tells each triangle its
+// A batch's beginning: clears its bit grids and counters, takes its vertices to the index space of their grids, and tells each triangle its
 // item and its vertices among all.
 __global__ void __launch_bounds__(kThreads) PrepareBatch(const __grid_constant__ BatchView batch) {
   const uint64_t me = uint64_t(blockIdx.x) * kThreads + threadIdx.x, threads = uint64_t(gridDim.x) * kThreads;
@@ -203,7 +203,7 @@ absl::Status RasterBatch(const BatchState& state) {
   args.triangles = batch.triangles;
   args.positions = batch.placed;
   args.codes = batch.codes;
-  args.triangle_count = batch.triangle_count;
+  args.triangle_count = batch.row_triangles;
   args.small_queue = batch.queue[0];
   args.rest_queue = batch.queue[1];
   args.large_queue = batch.queue[2];

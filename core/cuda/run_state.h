@@ -18,6 +18,7 @@
 #include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
 #include "cuda/span_views.h"
+#include "cuda/tile_pairs.h"
 #include "cuda/vertex_code.cuh"
 #include "cuda/views.h"
 #include "pipeline/stages.h"
@@ -93,20 +94,16 @@ struct RunState {
 
   // CoarseRaster, TileSort: of the whole grid
   GridSpec grid;
-  GridView view{};                                         // dims, tiles, slab: what kernels get
-  bool placed = false;                                     // whether index_positions and codes are made
-  bool plain_bits = false;                                 // every target is the coverage itself: rows without tiles
-  bool direct = false;                                     // every target blends without tiles
-  DeviceArray<uint32_t> pair_tiles[2], pair_triangles[2];  // (tile, triangle), unsorted and sorted by tile
-  DeviceArray<uint64_t> counters;                          // see Counter
-  DeviceArray<uint8_t> scratch;                            // of CUB
-  uint64_t pair_count = 0;
-  int sorted = 0;                              // which of the two the sorted pairs are in
-  DeviceArray<uint32_t> tile_begin, tile_end;  // per tile of the grid: its pairs; valid for occupied tiles
-  DeviceArray<uint32_t> occupied_tiles;        // in no order
-  uint64_t occupied_count = 0;                 // how many there are; sparse results only
-  DeviceArray<TilePart> tile_parts;            // of tiles that are split; size 0: none can be
-  uint32_t part_pairs = 0;                     // of a part
+  GridView view{};          // dims, tiles, slab: what kernels get
+  bool placed = false;      // whether index_positions and codes are made
+  bool plain_bits = false;  // every target is the coverage itself: rows without tiles
+  bool direct = false;      // every target blends without tiles
+  TilePairs pairs;
+  DeviceArray<uint64_t> counters;    // see Counter
+  DeviceArray<uint8_t> scratch;      // of CUB
+  uint64_t occupied_count = 0;       // of occupied tiles; sparse results only
+  DeviceArray<TilePart> tile_parts;  // of tiles that are split; size 0: none can be
+  uint32_t part_pairs = 0;           // of a part
   DeviceArray<uint32_t> part_results, parts_done;
   DeviceArray<uint32_t> queue[3];  // triangles that wait for another kernel of a stage
 
@@ -116,7 +113,7 @@ struct RunState {
   TargetViews targets{};
   std::array<TargetMemory, kMaxTargets> target_memory;
   DeviceArray<uint32_t> coverage;  // bit grid: voxels that a fragment of any target wrote
-  // Sparse results: `value_stride` bytes for each occupied tile, in the order of occupied_tiles (a tile's number among them
+  // Sparse results: `value_stride` bytes for each occupied tile, in the order of pairs.occupied (a tile's number among them
   // is tile_slot[tile]). Target t that is no bit target has element (voxel * components + c) in its format from byte
   // value_offset[t] on, voxel = x + 32*(y + 8*z) of the tile; values of voxels without a fragment are undefined. Bit targets have
   // their values in the bit grids as in dense results.
@@ -198,6 +195,8 @@ absl::Status Resolve(RunState& state);                 // synchronizes
 absl::Status MakeBricks(RunState& state);              // sparse: state.result; synchronizes
 absl::StatusOr<ResultArrays> Finish(RunState& state);  // copies to the host; synchronizes
 
+// Whether any fragment shader looks at more than which voxels a triangle touches.
+bool AnyShading(const BoundRequest& request);
 // Whether the request goes by tiles: not plain bits, and not the A-buffer, which emits by triangle.
 bool NeedsTiles(const RunState& state);
 // Bytes of one tile's values in RunState::tile_values; sets value_stride and value_offset.

@@ -176,34 +176,69 @@ __global__ void __launch_bounds__(kThreads) SuffixXorBatch(const __grid_constant
 }
 
 struct FillArgs {
-  CudaTarget target;
+  uint8_t* dense;
+  int components;
+  uint32_t fill_stored;
   const uint32_t *inside, *present;  // bit grids of the slab
   uint64_t words, voxels;
   int64_t nx, words_per_row;
   bool planar;
 };
 
-// The fill value, to the filled voxels without a fragment of the target.
+// The fill value, to the filled voxels of words begin, begin + step, ... without a fragment of the target: a warp a word, a lane a voxel.
 template <typename Element>
-__global__ void __launch_bounds__(kThreads) FillValues(const __grid_constant__ FillArgs args) {
-  auto* const out = reinterpret_cast<Element*>(args.target.dense);
-  const auto components = uint64_t(args.target.components);
-  // A warp a word, a lane a voxel.
-  const uint64_t warps = uint64_t(gridDim.x) * (kThreads / 32);
+__device__ inline void FillWords(const FillArgs& args, uint64_t begin, uint64_t step) {
+  auto* const out = reinterpret_cast<Element*>(args.dense);
+  const auto components = uint64_t(args.components);
   const unsigned lane = threadIdx.x % 32;
-  for (uint64_t word = uint64_t(blockIdx.x) * (kThreads / 32) + threadIdx.x / 32; word < args.words; word += warps) {
+  for (uint64_t word = begin; word < args.words; word += step) {
     if (((args.inside[word] & ~args.present[word]) >> lane & 1) == 0) continue;
     const uint64_t row = word / uint64_t(args.words_per_row), w = word % uint64_t(args.words_per_row);
     const uint64_t n = row * uint64_t(args.nx) + w * 32 + lane;
     for (uint64_t c = 0; c < components; ++c) {
-      out[args.planar ? c * args.voxels + n : n * components + c] = Element(args.target.fill_stored);
+      out[args.planar ? c * args.voxels + n : n * components + c] = Element(args.fill_stored);
+    }
+  }
+}
+
+template <typename Element>
+__global__ void __launch_bounds__(kThreads) FillValues(const __grid_constant__ FillArgs args) {
+  FillWords<Element>(args, uint64_t(blockIdx.x) * (kThreads / 32) + threadIdx.x / 32,
+                     uint64_t(gridDim.x) * (kThreads / 32));
+}
+
+// Blocks in x take a target's values each, blocks in y share its words.
+__global__ void __launch_bounds__(kThreads) FillBatchValues(const __grid_constant__ BatchView batch) {
+  const uint64_t begin = uint64_t(blockIdx.y) * (kThreads / 32) + threadIdx.x / 32,
+                 step = uint64_t(gridDim.y) * (kThreads / 32);
+  for (uint32_t i = blockIdx.x; i < batch.value_count; i += gridDim.x) {
+    const BatchValueView& values = batch.values[i];
+    const BatchItemView& item = batch.items[values.item];
+    if (!item.parity) continue;
+    FillArgs args;
+    args.dense = values.at;
+    args.components = values.components;
+    args.fill_stored = values.fill_stored;
+    args.inside = batch.inside + item.first_word;
+    args.present = values.present == nullptr ? batch.bits + item.first_word : values.present;
+    args.words = item.words;
+    args.voxels = values.voxels;
+    args.nx = item.grid.dims[0];
+    args.words_per_row = item.grid.words_per_row;
+    args.planar = values.planar;
+    switch (values.element_bytes) {
+      case 1: FillWords<uint8_t>(args, begin, step); break;
+      case 2: FillWords<uint16_t>(args, begin, step); break;
+      default: FillWords<uint32_t>(args, begin, step); break;
     }
   }
 }
 
 absl::Status FillTarget(RunState& state, const CudaTarget& target) {
   FillArgs args;
-  args.target = target;
+  args.dense = target.dense;
+  args.components = target.components;
+  args.fill_stored = target.fill_stored;
   args.inside = state.inside.data();
   args.present = target.own_presence ? target.presence : state.coverage.data();
   args.words = state.slab_words();
@@ -247,6 +282,9 @@ absl::Status FillBatch(const BatchState& state) {
   VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, 1, state.stream));  // small grids: many queued, each with few lines
   SuffixXorBatch<<<BlocksFor(batch.row_count, kThreads / 32), kThreads, 0, state.stream>>>(batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("SuffixXorBatch");
+  if (batch.value_count == 0) return absl::OkStatus();
+  FillBatchValues<<<dim3(std::min(batch.value_count, 1u << 16), 4), kThreads, 0, state.stream>>>(batch);
+  VOXELPIPE_LAUNCHED_OR_RETURN("FillBatchValues");
   return absl::OkStatus();
 }
 

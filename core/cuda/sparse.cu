@@ -204,7 +204,7 @@ absl::Status MakeBricks(RunState& state) {
   if (out.listed_bricks == 0) return absl::OkStatus();
   args.first_brick = state.first_brick.data();
   args.first_voxel = state.first_voxel.data();
-  args.tile_slot = state.plain_bits || state.pair_count == 0 ? nullptr : state.tile_slot.data();
+  args.tile_slot = state.plain_bits || state.pairs.count == 0 ? nullptr : state.tile_slot.data();
   args.tile_values = state.tile_values.data();
   args.emits = true;
   if (state.direct) {

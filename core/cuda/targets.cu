@@ -83,7 +83,9 @@ __global__ void __launch_bounds__(kThreads) PackBatchKernel(const __grid_constan
     const BatchTargetView& target = batch.targets[lo];
     const BatchItemView& item = batch.items[target.item];
     PackArgs a;
-    a.present = a.value = batch.bits + item.first_word;
+    const uint32_t* const coverage = batch.bits + item.first_word;
+    a.present = target.present == nullptr ? coverage : target.present;
+    a.value = target.value == nullptr ? coverage : target.value;
     a.inside = item.parity ? batch.inside + item.first_word : nullptr;
     a.clear = target.clear;
     a.fill = target.fill;
@@ -91,6 +93,19 @@ __global__ void __launch_bounds__(kThreads) PackBatchKernel(const __grid_constan
     a.words_per_row = item.grid.words_per_row;
     a.voxels = target.voxels;
     batch.packed[w] = PackedWord(a, w - target.first_packed);
+  }
+}
+
+// Blocks in x take a target's values each, blocks in y share its words.
+__global__ void __launch_bounds__(kThreads) ClearBatchKernel(const __grid_constant__ BatchView batch) {
+  const uint64_t begin = uint64_t(blockIdx.y) * kThreads + threadIdx.x, step = uint64_t(gridDim.y) * kThreads;
+  for (uint32_t i = blockIdx.x; i < batch.value_count; i += gridDim.x) {
+    const BatchValueView& values = batch.values[i];
+    uint32_t pattern = values.clear_stored;
+    if (values.element_bytes == 1) pattern *= 0x01010101u;
+    if (values.element_bytes == 2) pattern *= 0x00010001u;
+    auto* const words = reinterpret_cast<uint32_t*>(values.at);
+    for (uint64_t w = begin; w < values.words; w += step) words[w] = pattern;
   }
 }
 
@@ -358,10 +373,19 @@ void AbandonSlab(RunState& state) {
   TrimMemory(state.device.ordinal);
 }
 
+absl::Status ClearBatch(const BatchState& state) {
+  const BatchView& batch = state.view;
+  if (batch.value_count == 0) return absl::OkStatus();
+  ClearBatchKernel<<<dim3(std::min(batch.value_count, 1u << 16), 8), kThreads, 0, state.stream>>>(batch);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ClearBatchKernel");
+  return absl::OkStatus();
+}
+
 absl::Status PackBatch(const BatchState& state) {
   const BatchView& batch = state.view;
   CountBatchKernel<<<dim3(std::min(batch.item_count, 1u << 16), 4), kThreads, 0, state.stream>>>(batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("CountBatchKernel");
+  if (batch.packed_words == 0) return absl::OkStatus();
   PackBatchKernel<<<BlocksFor(batch.packed_words, kThreads), kThreads, 0, state.stream>>>(batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("PackBatchKernel");
   return absl::OkStatus();

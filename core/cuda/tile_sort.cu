@@ -15,7 +15,7 @@ constexpr int kThreads = 256;
 
 __global__ void __launch_bounds__(kThreads)
     MarkTiles(const uint32_t* tiles, uint64_t count, uint32_t* begin, uint32_t* end, uint32_t* slot, uint32_t* occupied,
-              uint64_t* counters) {
+              uint64_t* occupied_count) {
   __shared__ unsigned long long room[kThreads / 32 + 1];
   const uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
   bool first = false;
@@ -26,7 +26,7 @@ __global__ void __launch_bounds__(kThreads)
     if (first) begin[tile] = uint32_t(i);
     if (i + 1 == count || tiles[i + 1] != tile) end[tile] = uint32_t(i + 1);
   }
-  const uint64_t at = BlockAllocate<kThreads>(counters + kOccupied, first, room);
+  const uint64_t at = BlockAllocate<kThreads>(occupied_count, first, room);
   if (!first) return;
   occupied[at] = tile;
   if (slot != nullptr) slot[tile] = uint32_t(at);
@@ -50,7 +50,7 @@ __global__ void __launch_bounds__(kThreads)
 
 // Lists parts, where some tile may have so many.
 absl::Status SplitTiles(RunState& state, uint64_t most_tiles) {
-  const uint64_t pairs = state.pair_count;
+  const uint64_t pairs = state.pairs.count;
   state.part_pairs = uint32_t(std::max<uint64_t>(kLeastPartPairs, pairs / kMostParts));
   if (pairs <= uint64_t{kPartsSplit - 1} * state.part_pairs) return absl::OkStatus();
   // Whole parts, and of each split tile one that is not.
@@ -60,7 +60,7 @@ absl::Status SplitTiles(RunState& state, uint64_t most_tiles) {
   VOXELPIPE_OK_OR_RETURN(state.parts_done.Fill(0, state.stream));
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kParts}));
   ListParts<<<BlocksFor(most_tiles, kThreads, 1 << 10), kThreads, 0, state.stream>>>(
-      state.tile_begin.data(), state.tile_end.data(), state.occupied_tiles.data(), state.part_pairs,
+      state.pairs.begin.data(), state.pairs.end.data(), state.pairs.occupied.data(), state.part_pairs,
       state.tile_parts.data(), state.counters.data());
   VOXELPIPE_LAUNCHED_OR_RETURN("ListParts");
   return absl::OkStatus();
@@ -68,11 +68,35 @@ absl::Status SplitTiles(RunState& state, uint64_t most_tiles) {
 
 }  // namespace
 
+absl::Status SortPairs(TilePairs& pairs, uint64_t tile_count, uint32_t* slot, uint64_t* occupied_count,
+                       DeviceArray<uint8_t>& scratch, cudaStream_t stream) {
+  pairs.sorted = 0;
+  if (pairs.count == 0) return absl::OkStatus();
+  cub::DoubleBuffer<uint32_t> keys(pairs.tiles[0].data(), pairs.tiles[1].data());
+  cub::DoubleBuffer<uint32_t> values(pairs.triangles[0].data(), pairs.triangles[1].data());
+  const int bits = std::max(1, int(std::bit_width(tile_count - 1)));
+  const auto count = uint32_t(pairs.count);
+  size_t bytes = 0;
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceRadixSort::SortPairs(nullptr, bytes, keys, values, count, 0, bits, stream));
+  VOXELPIPE_OK_OR_RETURN(scratch.Resize(std::max<size_t>(bytes, 1), stream));
+  VOXELPIPE_CUDA_OR_RETURN(
+      cub::DeviceRadixSort::SortPairs(scratch.data(), bytes, keys, values, count, 0, bits, stream));
+  CountLaunch();
+  pairs.sorted = values.Current() == pairs.triangles[0].data() ? 0 : 1;
+  VOXELPIPE_OK_OR_RETURN(pairs.begin.Resize(tile_count, stream));
+  VOXELPIPE_OK_OR_RETURN(pairs.end.Resize(tile_count, stream));
+  VOXELPIPE_OK_OR_RETURN(pairs.occupied.Resize(std::min(pairs.count, tile_count), stream));
+  MarkTiles<<<unsigned((pairs.count + kThreads - 1) / kThreads), kThreads, 0, stream>>>(
+      keys.Current(), pairs.count, pairs.begin.data(), pairs.end.data(), slot, pairs.occupied.data(), occupied_count);
+  VOXELPIPE_LAUNCHED_OR_RETURN("MarkTiles");
+  return absl::OkStatus();
+}
+
 absl::Status TileSort(RunState& state) {
-  const uint64_t pairs = state.pair_count, tiles = state.view.tiles.count();
+  const uint64_t pairs = state.pairs.count, tiles = state.view.tiles.count();
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kOccupied}));
-  state.sorted = 0;
+  state.pairs.sorted = 0;
   state.occupied_count = 0;
   if (sparse) {
     VOXELPIPE_OK_OR_RETURN(state.tile_slot.Resize(tiles, state.stream));
@@ -80,23 +104,8 @@ absl::Status TileSort(RunState& state) {
   }
   state.tile_parts.Free();
   if (pairs == 0) return absl::OkStatus();
-  cub::DoubleBuffer<uint32_t> keys(state.pair_tiles[0].data(), state.pair_tiles[1].data());
-  cub::DoubleBuffer<uint32_t> values(state.pair_triangles[0].data(), state.pair_triangles[1].data());
-  const int bits = std::max(1, int(std::bit_width(tiles - 1)));
-  size_t scratch = 0;
-  VOXELPIPE_CUDA_OR_RETURN(
-      cub::DeviceRadixSort::SortPairs(nullptr, scratch, keys, values, uint32_t(pairs), 0, bits, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceRadixSort::SortPairs(state.scratch.data(), scratch, keys, values, uint32_t(pairs),
-                                                           0, bits, state.stream));
-  state.sorted = values.Current() == state.pair_triangles[0].data() ? 0 : 1;
-  VOXELPIPE_OK_OR_RETURN(state.tile_begin.Resize(tiles, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.tile_end.Resize(tiles, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.occupied_tiles.Resize(std::min(pairs, tiles), state.stream));
-  MarkTiles<<<unsigned((pairs + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(
-      keys.Current(), pairs, state.tile_begin.data(), state.tile_end.data(), sparse ? state.tile_slot.data() : nullptr,
-      state.occupied_tiles.data(), state.counters.data());
-  VOXELPIPE_LAUNCHED_OR_RETURN("MarkTiles");
+  VOXELPIPE_OK_OR_RETURN(SortPairs(state.pairs, tiles, sparse ? state.tile_slot.data() : nullptr,
+                                   state.counters.data() + kOccupied, state.scratch, state.stream));
   VOXELPIPE_OK_OR_RETURN(SplitTiles(state, std::min(pairs, tiles)));
   if (!sparse) return absl::OkStatus();  // only the values of sparse results take memory by the tile
   auto counters = ReadCounters(state);

@@ -79,14 +79,6 @@ absl::Status UploadAttributes(RunState& state) {
   return absl::OkStatus();
 }
 
-// Whether any fragment shader looks at more than which voxels a triangle touches.
-bool AnyShading(const BoundRequest& request) {
-  for (const BoundShader& shader : request.fragment_shaders) {
-    if (FragmentShaderId(shader.id) != FragmentShaderId::kOccupancy) return true;
-  }
-  return false;
-}
-
 // Whether positions depend on normals or tangents.
 bool PositionsNeedNormals(VertexShaderId id) {
   switch (id) {
@@ -194,6 +186,13 @@ absl::StatusOr<uint64_t> ShadeOnDevice(RunState& state, const cpu::PosedMesh& po
 constexpr uint64_t kLeastMeasured = 1 << 16;
 
 }  // namespace
+
+bool AnyShading(const BoundRequest& request) {
+  for (const BoundShader& shader : request.fragment_shaders) {
+    if (FragmentShaderId(shader.id) != FragmentShaderId::kOccupancy) return true;
+  }
+  return false;
+}
 
 absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
   cpu::RunState& host = state.host;

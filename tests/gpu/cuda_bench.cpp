@@ -295,12 +295,17 @@ class Bench {
                 kMeshes);
     std::printf("|---|---|---|---|---|---|---|---|\n");
     const Backend& cpu = *Devices().back();
-    for (const bool parity : {false, true}) {
-      VoxelizeRequest request;
-      request.grid.resolution = 32;
-      request.grid.fit = GridFit::kCube;
-      if (parity) request.fill = Fill::kParity;
-      const std::string what = parity ? ", parity fill" : "";
+    VoxelizeRequest bits;
+    bits.grid.resolution = 32;
+    bits.grid.fit = GridFit::kCube;
+    VoxelizeRequest filled = bits, shaded = bits;
+    filled.fill = Fill::kParity;
+    shaded.targets[0].format = VoxelFormat::kF32;
+    shaded.targets[0].blend = Blend::kMax;
+    shaded.targets[0].shader.name = "position";
+    shaded.targets[0].components = 3;
+    for (const auto& [request, what] :
+         {std::pair{bits, std::string()}, {filled, ", parity fill"}, {shaded, ", 3 x f32 max"}}) {
       MeasureBatch("one batch, cuda" + what, backend_, BackendChoice::kCuda, request, meshes, kMeshes);
       MeasureBatch("batches of 64, cuda" + what, backend_, BackendChoice::kCuda, request, meshes, 64);
       for (size_t i = 0; i < kMeshes; ++i) meshes[i].content_id = absl::StrCat("small", i);

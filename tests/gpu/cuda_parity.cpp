@@ -3,6 +3,7 @@
 //
 // usage: cuda_parity [OPTION]... [--files FILE...]
 //   --quick         each kernel once or twice on small meshes: for a sanitizer
+//   --batches       the batches alone
 //   --bench-meshes  the benchmark's meshes at 512^3 and 1024^3 instead
 //   --bunny FILE    of --bench-meshes: a bunny of 69,451 triangles
 //   --filter TEXT   only cases whose line holds TEXT; a line begins "MESH#NUMBER "
@@ -17,6 +18,8 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
+#include <memory>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -39,7 +42,7 @@ namespace voxelpipe::gpu {
 namespace {
 
 struct Options {
-  bool quick = false, bench_meshes = false, list = false, self = false;
+  bool quick = false, batches = false, bench_meshes = false, list = false, self = false;
   std::string filter, bunny;
   std::vector<std::string> files;
   uint32_t seed = 1;
@@ -398,28 +401,59 @@ bool RunBeyond32Bits(Parity& parity, const Options& options) {
   return parity.RunMesh({"beyond_32_bits", 4096, {}}, mesh, cases, 1);
 }
 
+// A mesh of RunAll, and what is asked of it.
+struct Subject {
+  ParityMesh named;
+  bool large = false, rigged = false;
+  std::shared_ptr<const TriangleMesh> mesh;
+  std::vector<ParityCase> cases;
+};
+
+// Null where `quick` leaves the mesh out.
+std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, const Options& options) {
+  Subject subject;
+  subject.named = named;
+  subject.rigged = named.name == "rigged";
+  const bool first = number <= 3;  // those with attributes
+  const bool small = number == 1 || named.name == "pile_in_a_voxel" || named.name == "scattered" ||
+                     named.name == "giants" || named.name == "point";
+  if (options.quick && !small) return std::nullopt;
+  subject.mesh = std::make_shared<const TriangleMesh>(named.make());
+  subject.large = subject.mesh->triangles.size() > 10'000;
+  const CaseSizes sizes{first ? 300 : subject.rigged ? 96 : subject.large ? 16 : 32, !named.refusable, first};
+  subject.cases =
+      options.quick ? QuickCases(named) : CasesFor(named, *subject.mesh, sizes, options.seed + 100 * number);
+  return subject;
+}
+
+void AddTo(BatchParity& batches, const Subject& subject, const Options& options) {
+  if (!subject.large) batches.Add(subject.named.name, subject.mesh, subject.cases, options.quick ? 1 : 8);
+}
+
+void RunBatches(BatchParity& batches, const Options& options) {
+  uint32_t number = 0;
+  for (const ParityMesh& named : ParityMeshes(options.seed)) {
+    if (const auto subject = MakeSubject(named, ++number, options)) AddTo(batches, *subject, options);
+  }
+  batches.Flush();
+}
+
 void RunAll(Parity& parity, BatchParity& batches, const Options& options) {
   if (options.bench_meshes) return RunBenchMeshes(parity, options);
   const bool in_batches = options.filter.empty() && !options.list;
   uint32_t number = 0;
   for (const ParityMesh& named : ParityMeshes(options.seed)) {
     ++number;
-    const bool first = number <= 3;  // those with attributes
-    const bool small = number == 1 || named.name == "pile_in_a_voxel" || named.name == "scattered" ||
-                       named.name == "giants" || named.name == "point";
-    const bool rigged = named.name == "rigged";
-    if (options.quick && rigged && !parity.RunVertexShaders(named, named.make())) return;
-    if (options.quick && !small) continue;
-    const auto made = std::make_shared<const TriangleMesh>(named.make());
-    const TriangleMesh& mesh = *made;
-    const bool large = mesh.triangles.size() > 10'000;
-    const CaseSizes sizes{first ? 300 : rigged ? 96 : large ? 16 : 32, !named.refusable, first};
-    const auto cases = options.quick ? QuickCases(named) : CasesFor(named, mesh, sizes, options.seed + 100 * number);
-    if (!parity.RunMesh(named, mesh, cases, options.quick ? 1 : 0)) return;
+    const bool quick_rig = options.quick && named.name == "rigged";
+    if (quick_rig && !parity.RunVertexShaders(named, named.make())) return;
+    const auto subject = MakeSubject(named, number, options);
+    if (!subject) continue;
+    const TriangleMesh& mesh = *subject->mesh;
+    if (!parity.RunMesh(named, mesh, subject->cases, options.quick ? 1 : 0)) return;
     if (number == 1 && !parity.RunShortOfMemory(named, mesh, SlabCases())) return;
     if (number == 1 && !parity.RunMoved(named, mesh, QuickCases(named), batches)) return;
-    if (rigged && !parity.RunVertexShaders(named, mesh)) return;
-    if (in_batches && !large) batches.Add(named.name, made, cases, options.quick ? 1 : 8);
+    if (subject->rigged && !parity.RunVertexShaders(named, mesh)) return;
+    if (in_batches) AddTo(batches, *subject, options);
   }
   batches.Flush();
   if (options.quick) return;
@@ -439,6 +473,8 @@ bool Parse(int argc, char** argv, Options& options) {
     const char* value = i + 1 < argc ? argv[i + 1] : nullptr;
     if (argument == "--quick") {
       options.quick = true;
+    } else if (argument == "--batches") {
+      options.batches = true;
     } else if (argument == "--bench-meshes") {
       options.bench_meshes = true;
     } else if (argument == "--list") {
@@ -479,6 +515,11 @@ int Main(int argc, char** argv) {
   }
   Parity parity(options);
   BatchParity batches(options.self ? *Devices().back() : **cuda, options.quick ? 64 : 512);
+  if (options.batches) {
+    RunBatches(batches, options);
+    batches.Report();
+    return batches.cases() == 0 || batches.differ() > 0 ? 1 : 0;
+  }
   RunAll(parity, batches, options);
   batches.Report();
   const int code = parity.Report();

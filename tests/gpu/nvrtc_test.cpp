@@ -102,8 +102,10 @@ Compiled Compile(const std::string& source, const std::vector<const char*>& kern
 }
 
 TEST(NvrtcTest, CompilesTheFineRasterWithAShaderSuppliedAtRunTime) {
-  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/fine_uniform_kernel.cuh\"\n",
-                                    {"voxelpipe::cuda::FineRasterKernel<true>", "voxelpipe::cuda::FineUniformKernel"});
+  const Compiled compiled = Compile(
+      std::string(kShader) + "#include \"cuda/fine_batch_kernel.cuh\"\n#include \"cuda/fine_uniform_kernel.cuh\"\n",
+      {"voxelpipe::cuda::FineRasterKernel<true>", "voxelpipe::cuda::FineUniformKernel",
+       "voxelpipe::cuda::FineBatchKernel"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }

@@ -1,0 +1,39 @@
+// An item of a batch that shares a pass with others: what is known of it before the pass.
+#pragma once
+
+#include <memory>
+
+#include "cpu/run_state.h"
+#include "pipeline/batch.h"
+#include "pipeline/bind.h"
+
+namespace voxelpipe::cuda {
+
+struct BatchMember {
+  const BatchItem* item = nullptr;
+  std::unique_ptr<BoundRequest> bound;
+  std::unique_ptr<cpu::RunState> host;  // refers to `bound`; its view shows the mesh as the vertex shader left it
+  Plan plan;
+  VoxelizeStats stats;
+  bool by_rows = false;  // plain bits; the others go by tiles
+
+  const VoxelizeRequest& request() const { return bound->request; }
+  uint64_t triangles() const { return host->view.triangle_count; }
+  uint64_t vertices() const { return host->view.vertex_count; }
+  uint64_t rows() const { return uint64_t(plan.grid.dims[1]) * uint64_t(plan.grid.dims[2]); }
+  uint64_t words() const { return rows() * uint64_t((plan.grid.dims[0] + 31) / 32); }  // of a bit grid
+  uint64_t packed_words() const { return (plan.grid.voxels() + 31) / 32; }             // of one target
+  bool sparse() const { return request().result == ResultKind::kSparse; }
+  bool parity() const { return request().fill == Fill::kParity; }
+  uint64_t column_words() const {  // of all layers
+    return parity() ? uint64_t((plan.grid.dims[1] + 31) / 32) * uint64_t(plan.grid.dims[2]) : 0;
+  }
+  // What the device holds of its targets, packed bits and values, in 32-bit words.
+  uint64_t target_words() const;
+};
+
+// Shades the item's vertices and plans. Null where it cannot share a pass, being large, of another kind, or wrong in some way: alone it
+// says what. In the calling thread's arena.
+std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimits& limits);
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,80 @@
+// A member's mesh on the device: what the device keeps of it, and what goes up with the pass.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "cuda/batch_member.h"
+#include "cuda/mesh_cache.h"
+#include "cuda/upload_layout.h"
+
+namespace voxelpipe::cuda {
+
+// The arrays that the device keeps, of all members. Must live until the pass's work is done.
+class KeptArrays {
+ public:
+  KeptArrays(int ordinal, cudaStream_t stream) : ordinal_(ordinal), stream_(stream) {}
+  int ordinal() const { return ordinal_; }
+  // The device's copy of an array that a mesh's id names, made if there is none.
+  absl::StatusOr<const uint8_t*> Find(const std::string& key, const void* from, uint64_t bytes);
+
+ private:
+  const int ordinal_;
+  const cudaStream_t stream_;
+  std::vector<PinnedBuffer> staged_;
+  std::vector<std::shared_ptr<const CachedArray>> arrays_;
+};
+
+class BatchMesh {
+ public:
+  // Adds to `layout` what of the mesh the member's stages read and the device does not keep. `member` must outlive this object, which must
+  // not move until the layout was copied.
+  absl::Status Add(const BatchMember& member, KeptArrays& kept, UploadLayout& layout);
+  // Once the layout's block has its place. `index_positions`: where the pass puts the vertices in index space.
+  void Place(const uint8_t* block, const Vec3d* index_positions);
+
+  // On the device; after Place.
+  const Vec3d* positions() const { return view_.positions; }
+  const uint32_t* triangles() const { return view_.triangles == nullptr ? nullptr : &view_.triangles[0][0]; }
+  const MeshView* view() const { return there_; }  // of a member that goes by tiles
+
+ private:
+  // An array on the device: there already, or in the block.
+  template <typename T>
+  struct Array {
+    const T* kept = nullptr;
+    uint64_t at = 0;
+    bool in_block = false;
+    const T* On(const uint8_t* block) const { return in_block ? reinterpret_cast<const T*>(block + at) : kept; }
+  };
+  template <typename T>
+  absl::Status AddArray(const std::string& key, const T* from, uint64_t count, KeptArrays& kept, UploadLayout& layout,
+                        Array<T>& array);
+  template <typename T>
+  void AddToBlock(const T* from, uint64_t count, UploadLayout& layout, Array<T>& array);
+  absl::Status AddShading(const BatchMember& member, KeptArrays& kept, UploadLayout& layout);
+  void AddTextures(UploadLayout& layout);
+
+  MeshView view_;
+  uint64_t view_at_ = 0;
+  bool by_tiles_ = false;
+  const MeshView* there_ = nullptr;
+  Array<Vec3d> positions_;
+  Array<uint32_t> triangles_;
+  Array<Vec3f> normals_, velocities_;
+  Array<Vec4f> tangents_, colors_;
+  Array<Vec2f> uv_[2];
+  Array<PartView> parts_;
+  Array<MaterialView> materials_;
+  Array<TextureView> textures_;
+  Array<AttributeView> attributes_;
+  // What the lists show, and where it is.
+  std::vector<TextureView> texture_list_;
+  std::vector<Array<uint8_t>> images_;
+  std::vector<Array<Vec4f>> mips_;
+  std::vector<AttributeView> attribute_list_;
+  std::vector<Array<float>> values_;
+};
+
+}  // namespace voxelpipe::cuda

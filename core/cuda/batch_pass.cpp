@@ -1,0 +1,312 @@
+#include "cuda/batch_pass.h"
+
+#include <algorithm>
+#include <cstring>
+#include <utility>
+
+#include "cuda/batch_bricks.h"
+#include "cuda/run_state.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+// Places for arrays behind each other in one block of device memory, each at a multiple of 16 bytes.
+class Layout {
+ public:
+  template <typename T>
+  uint64_t Add(uint64_t count) {
+    const uint64_t begin = bytes_;
+    bytes_ += (count * sizeof(T) + 15) / 16 * 16;
+    return begin;
+  }
+  uint64_t bytes() const { return bytes_; }
+
+ private:
+  uint64_t bytes_ = 0;
+};
+
+template <typename T>
+T* At(DeviceArray<uint8_t>& block, uint64_t offset) {
+  return reinterpret_cast<T*>(block.data() + offset);
+}
+
+}  // namespace
+
+BatchPass::BatchPass(const DeviceInfo& device, DeviceUse use, std::span<const std::unique_ptr<BatchMember>> members)
+    : members_(members), use_(std::move(use)), kept_(device.ordinal, use_.stream()) {
+  state_.device = device;
+  state_.stream = use_.stream();
+}
+
+BatchPass::~BatchPass() {
+  use_.Wait();  // before what its work reads and writes is released
+}
+
+absl::Status BatchPass::Run() {
+  Describe();
+  VOXELPIPE_OK_OR_RETURN(Allocate());
+  VOXELPIPE_OK_OR_RETURN(Upload());
+  VOXELPIPE_OK_OR_RETURN(RasterBatch(state_));
+  VOXELPIPE_OK_OR_RETURN(ClearBatch(state_));
+  VOXELPIPE_OK_OR_RETURN(BinBatch(state_));
+  VOXELPIPE_OK_OR_RETURN(FineBatch(state_));
+  VOXELPIPE_OK_OR_RETURN(FillBatch(state_));
+  VOXELPIPE_OK_OR_RETURN(PackBatch(state_));
+  absl::StatusOr<PinnedBuffer> back = PinnedBuffer::Take(result_bytes_ + 8);  // bricks are read beyond the end
+  if (!back.ok()) return back.status();
+  back_ = *std::move(back);
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaMemcpyAsync(back_.data(), state_.view.counts, result_bytes_, cudaMemcpyDeviceToHost, state_.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state_.stream));
+  return absl::OkStatus();
+}
+
+absl::StatusOr<VoxelizeResult> BatchPass::Cut(size_t number) {
+  BatchMember& member = *members_[number];
+  const Place& place = places_[number];
+  if (absl::Status s = member.item->job->Check(); !s.ok()) return s;
+  VoxelizeResult result;
+  result.kind = member.request().result;
+  result.grid = member.plan.grid;
+  result.layout = member.request().layout;
+  result.specs = member.request().targets;
+  const uint8_t* const packed = back_.data() + packed_offset_;
+  uint32_t next_packed = place.first_packed;
+  const auto take_packed = [&] { return packed + packed_[next_packed++].first_packed * sizeof(uint32_t); };
+  if (member.sparse() && member.by_rows) {
+    const uint8_t* const occupied = take_packed();
+    const uint8_t* const covered = member.parity() ? take_packed() : nullptr;
+    if (absl::Status s = BricksOfBits(occupied, covered, result); !s.ok()) return s;
+  } else {
+    const uint8_t* const occupied = member.sparse() ? take_packed() : nullptr;
+    std::vector<const uint8_t*> dense;
+    for (size_t t = 0; t < result.specs.size(); ++t) {
+      const bool bits = result.specs[t].format == VoxelFormat::kBit;
+      dense.push_back(bits ? take_packed() : back_.data() + values_offset_ + place.values[t]);
+    }
+    if (member.sparse()) {
+      if (absl::Status s = BricksOfDense(occupied, dense, result); !s.ok()) return s;
+    }
+    for (size_t t = 0; t < dense.size() && !member.sparse(); ++t) {
+      absl::StatusOr<HostBuffer> target = HostBuffer::Allocate(TargetBytes(result.specs[t], result.grid.voxels()));
+      if (!target.ok()) return target.status();
+      std::memcpy(target->data(), dense[t], target->size());
+      result.targets.push_back(*std::move(target));
+    }
+  }
+  BatchCounts counts;
+  std::memcpy(&counts, back_.data() + number * sizeof counts, sizeof counts);
+  result.stats = std::move(member.stats);
+  result.stats.triangles = member.triangles();
+  result.stats.occupied = counts.occupied;
+  if (member.parity()) result.stats.odd_columns = counts.odd_columns;
+  if (!member.by_rows) result.stats.fragments = counts.fragments;
+  result.stats.backend = result.stats.simd = "cuda";
+  return result;
+}
+
+void BatchPass::Describe() {
+  for (const auto& member : members_) {
+    DescribeItem(*member);
+    DescribeTargets(*member);
+  }
+  BatchView& view = state_.view;
+  view.item_count = uint32_t(items_.size());
+  view.target_count = uint32_t(packed_.size());
+  view.value_count = uint32_t(values_.size());
+}
+
+void BatchPass::DescribeItem(const BatchMember& member) {
+  BatchView& view = state_.view;
+  const GridSpec& grid = member.plan.grid;
+  BatchItemView item;
+  for (int a = 0; a < 3; ++a) item.grid.dims[a] = grid.dims[size_t(a)];
+  item.grid.slab_end = item.grid.dims[2];
+  item.grid.tiles = TilesOf(item.grid.dims);
+  item.grid.words_per_row = (item.grid.dims[0] + 31) / 32;
+  item.grid.origin = grid.origin;
+  item.grid.voxel_size = grid.voxel_size;
+  item.coverage = member.request().coverage;
+  item.parity = member.parity();
+  const int64_t* const d = item.grid.dims;
+  item.look_first = member.triangles() > 16 * uint64_t(d[0] * d[1] + d[1] * d[2] + d[2] * d[0]);
+  item.first_vertex = view.vertex_count;
+  item.first_triangle = view.triangle_count;
+  item.first_row = view.row_count;
+  item.first_word = words_;
+  item.first_column = columns_;
+  item.first_tile = view.tile_count;
+  item.words = member.words();
+  item.column_words = item.parity ? (item.grid.dims[1] + 31) / 32 : 0;
+  view.vertex_count += member.vertices();
+  view.triangle_count += member.triangles();
+  if (member.by_rows) view.row_triangles = view.triangle_count;
+  if (!member.by_rows) view.tile_count += item.grid.tiles.count();
+  view.row_count += member.rows();
+  view.any_parity = view.any_parity || item.parity;
+  words_ += item.words;
+  columns_ += member.column_words();
+  items_.push_back(item);
+}
+
+void BatchPass::DescribeTargets(const BatchMember& member) {
+  BatchView& view = state_.view;
+  Place& place = places_.emplace_back();
+  place.first_packed = uint32_t(packed_.size());
+  place.first_value = uint32_t(values_.size());
+  const auto add_packed = [&](bool clear, bool fill) {
+    BatchTargetView target;
+    target.item = uint32_t(items_.size() - 1);
+    target.clear = clear ? ~0u : 0;
+    target.fill = fill ? ~0u : 0;
+    target.first_packed = view.packed_words;
+    target.voxels = member.plan.grid.voxels();
+    view.packed_words += member.packed_words();
+    packed_.push_back(target);
+  };
+  const std::vector<TargetSpec>& specs = member.request().targets;
+  if (member.sparse()) add_packed(false, true);  // what is occupied
+  if (member.by_rows && member.sparse()) {
+    if (member.parity()) add_packed(false, false);  // what has a fragment
+    return;
+  }
+  place.targets.count = int(specs.size());
+  place.targets.planar = member.request().layout == voxelpipe::Layout::kPlanar;
+  const auto take_grid = [&] {
+    const uint64_t at = own_words_;
+    own_words_ += member.words();
+    return at;
+  };
+  for (size_t t = 0; t < specs.size(); ++t) {
+    CudaTarget& target = place.targets.at[t] = DescribeTarget(specs[t], member.bound->fragment_shaders[t]);
+    place.targets.any_always_present = place.targets.any_always_present || !target.own_presence;
+    if (target.own_presence) place.presence[t] = take_grid();
+    if (target.format == VoxelFormat::kBit) {
+      if (!target.is_occupancy) place.bits[t] = take_grid();
+      add_packed(specs[t].clear != 0, specs[t].fill_value != 0);
+      continue;
+    }
+    BatchValueView values;
+    values.item = uint32_t(items_.size() - 1);
+    values.components = target.components;
+    values.element_bytes = BitsPerComponent(target.format) / 8;
+    values.planar = place.targets.planar;
+    values.clear_stored = target.clear_stored;
+    values.fill_stored = target.fill_stored;
+    values.voxels = member.plan.grid.voxels();
+    values.words = (TargetBytes(specs[t], values.voxels) + 3) / 4;
+    values_.push_back(values);
+    place.values[t] = value_bytes_;
+    value_bytes_ += (values.words * 4 + 15) / 16 * 16;
+  }
+}
+
+absl::Status BatchPass::Allocate() {
+  BatchView& view = state_.view;
+  Layout layout;
+  const uint64_t placed = layout.Add<Vec3d>(view.vertex_count), codes = layout.Add<VertexCode>(view.vertex_count);
+  const uint64_t triangles = layout.Add<uint32_t>(3 * view.triangle_count);
+  const uint64_t item_of = layout.Add<uint32_t>(view.triangle_count);
+  uint64_t queue[3];
+  for (uint64_t& q : queue) q = layout.Add<uint32_t>(view.triangle_count);
+  const uint64_t queued = layout.Add<uint64_t>(8);  // from here on cleared together
+  const uint64_t counters = layout.Add<uint64_t>(kBatchCounters);
+  const uint64_t bits = layout.Add<uint32_t>(words_);
+  const uint64_t own_bits = layout.Add<uint32_t>(own_words_);
+  const uint64_t inside = layout.Add<uint32_t>(view.any_parity ? words_ : 0);
+  const uint64_t columns = layout.Add<uint32_t>(columns_);
+  const uint64_t counts = layout.Add<BatchCounts>(view.item_count);  // from here on copied back together
+  const uint64_t packed = layout.Add<uint32_t>(view.packed_words);   // from here on not cleared
+  const uint64_t values = layout.Add<uint8_t>(value_bytes_);
+  VOXELPIPE_OK_OR_RETURN(work_.Resize(layout.bytes(), state_.stream));
+  view.placed = At<Vec3d>(work_, placed);
+  view.codes = At<VertexCode>(work_, codes);
+  view.triangles = At<uint32_t>(work_, triangles);
+  view.item_of = At<uint32_t>(work_, item_of);
+  for (int q = 0; q < 3; ++q) view.queue[q] = At<uint32_t>(work_, queue[q]);
+  view.queued = At<uint64_t>(work_, queued);
+  view.counters = At<uint64_t>(work_, counters);
+  view.bits = At<uint32_t>(work_, bits);
+  own_bits_ = At<uint32_t>(work_, own_bits);
+  view.inside = At<uint32_t>(work_, inside);
+  view.columns = At<uint32_t>(work_, columns);
+  view.counts = At<BatchCounts>(work_, counts);
+  view.packed = At<uint32_t>(work_, packed);
+  first_values_ = At<uint8_t>(work_, values);
+  view.zero = At<uint8_t>(work_, queued);
+  view.zero_quads = (packed - queued) / 16;
+  packed_offset_ = packed - counts;
+  values_offset_ = values - counts;
+  result_bytes_ = layout.bytes() - counts;
+  return absl::OkStatus();
+}
+
+// Tells the descriptions of a member's targets where they are on the device, and groups those that go by tiles.
+void BatchPass::PointAtTargets(size_t number) {
+  const BatchMember& member = *members_[number];
+  Place& place = places_[number];
+  BatchItemView& item = items_[number];
+  uint32_t packed = place.first_packed + (member.sparse() ? 1 : 0), value = place.first_value;
+  for (int t = 0; t < place.targets.count; ++t) {
+    CudaTarget& target = place.targets.at[t];
+    if (target.own_presence) target.presence = own_bits_ + place.presence[size_t(t)];
+    if (target.format == VoxelFormat::kBit) {
+      BatchTargetView& view = packed_[packed++];
+      view.present = target.presence;
+      view.value = target.presence;
+      if (!target.is_occupancy) view.value = target.bits = own_bits_ + place.bits[size_t(t)];
+      continue;
+    }
+    BatchValueView& view = values_[value++];
+    view.present = target.presence;
+    view.at = target.dense = first_values_ + place.values[size_t(t)];
+  }
+  if (member.by_rows) return;
+  place.groups = GroupForBatch(place.targets);
+  item.first_group = uint32_t(groups_.size());
+  item.group_count = uint32_t(place.groups.groups.size());
+  state_.view.most_groups = std::max(state_.view.most_groups, item.group_count);
+  state_.shared_bytes = std::max(state_.shared_bytes, place.groups.shared_bytes);
+  for (FineArgs& group : place.groups.groups) {
+    group.grid = item.grid;
+    group.coverage = item.coverage;
+    group.coverage_bits = state_.view.bits + item.first_word;
+    group.slab_voxels = member.plan.grid.voxels();
+    groups_.push_back(group);
+  }
+}
+
+absl::Status BatchPass::Upload() {
+  BatchView& view = state_.view;
+  for (size_t i = 0; i < members_.size(); ++i) PointAtTargets(i);
+  UploadLayout layout;
+  const uint64_t items = layout.Add(items_.data(), items_.size());
+  const uint64_t packed = layout.Add(packed_.data(), packed_.size());
+  const uint64_t values = layout.Add(values_.data(), values_.size());
+  const uint64_t groups = layout.Add(groups_.data(), groups_.size());
+  meshes_.resize(members_.size());
+  for (size_t i = 0; i < members_.size(); ++i) {
+    VOXELPIPE_OK_OR_RETURN(meshes_[i].Add(*members_[i], kept_, layout));
+  }
+  absl::StatusOr<PinnedBuffer> staging = PinnedBuffer::Take(layout.bytes());
+  if (!staging.ok()) return staging.status();
+  staging_ = *std::move(staging);
+  VOXELPIPE_OK_OR_RETURN(there_.Resize(layout.bytes(), state_.stream));
+  for (size_t i = 0; i < members_.size(); ++i) {
+    BatchItemView& item = items_[i];
+    meshes_[i].Place(there_.data(), view.placed + item.first_vertex);
+    item.positions = meshes_[i].positions();
+    item.triangles = meshes_[i].triangles();
+    for (uint32_t g = 0; g < item.group_count; ++g) groups_[item.first_group + g].mesh = meshes_[i].view();
+  }
+  layout.CopyTo(staging_.data());
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaMemcpyAsync(there_.data(), staging_.data(), layout.bytes(), cudaMemcpyHostToDevice, state_.stream));
+  view.items = At<BatchItemView>(there_, items);
+  view.targets = At<BatchTargetView>(there_, packed);
+  view.values = At<BatchValueView>(there_, values);
+  view.groups = At<FineArgs>(there_, groups);
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,64 @@
+// One pass of the device for the members of a batch.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "cuda/batch.h"
+#include "cuda/batch_member.h"
+#include "cuda/batch_mesh.h"
+#include "cuda/pinned.h"
+#include "cuda/upload_layout.h"
+
+namespace voxelpipe::cuda {
+
+class BatchPass {
+ public:
+  // Those that go by rows come first. What is pointed to must outlive the pass.
+  BatchPass(const DeviceInfo& device, DeviceUse use, std::span<const std::unique_ptr<BatchMember>> members);
+  ~BatchPass();
+
+  // All stages, up to the results in host memory. Synchronizes.
+  absl::Status Run();
+  // The result of a member; after Run. Takes its statistics. Members may be cut at the same time.
+  absl::StatusOr<VoxelizeResult> Cut(size_t number);
+
+ private:
+  // Where a member's results are among packed_ and values_, and what a member that goes by tiles has besides. Places of bit grids are
+  // words from the first one of `own bits`, of values bytes from the first one.
+  struct Place {
+    uint32_t first_packed = 0, first_value = 0;
+    TargetViews targets;
+    std::array<uint64_t, kMostTargets> bits{}, presence{}, values{};
+    TargetGroups groups;
+  };
+
+  void Describe();
+  void DescribeItem(const BatchMember& member);
+  void DescribeTargets(const BatchMember& member);
+  absl::Status Allocate();
+  // Descriptions and meshes go up in one copy.
+  absl::Status Upload();
+  void PointAtTargets(size_t number);
+
+  std::span<const std::unique_ptr<BatchMember>> members_;
+  DeviceUse use_;  // destroyed behind all arrays, which are freed on its stream
+  BatchState state_;
+  std::vector<BatchItemView> items_;
+  std::vector<BatchTargetView> packed_;
+  std::vector<BatchValueView> values_;
+  std::vector<FineArgs> groups_;
+  std::vector<Place> places_;      // per member
+  std::vector<BatchMesh> meshes_;  // likewise
+  uint64_t words_ = 0, own_words_ = 0, columns_ = 0, value_bytes_ = 0;
+  uint32_t* own_bits_ = nullptr;                                       // bit grids of single targets
+  uint8_t* first_values_ = nullptr;                                    // on the device
+  uint64_t packed_offset_ = 0, values_offset_ = 0, result_bytes_ = 0;  // in back_
+  PinnedBuffer staging_, back_;
+  KeptArrays kept_;
+  DeviceArray<uint8_t> there_, work_;
+};
+
+}  // namespace voxelpipe::cuda
