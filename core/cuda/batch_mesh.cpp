@@ -44,8 +44,6 @@ absl::Status BatchMesh::Add(const BatchMember& member, KeptArrays& kept, UploadL
   const TriangleMesh& mesh = *member.item->mesh;
   const SharedArrays shared = SharedArraysOf(mesh.content_id);
   const MeshView& host = member.host->view;
-  view_ = host;
-  by_tiles_ = !member.by_rows;
   const bool has_id = !shared.id.empty() && !mesh.triangles.empty();
   const bool own_positions = host.positions == mesh.positions.data() && shared.positions;
   VOXELPIPE_OK_OR_RETURN(AddArray(has_id && own_positions ? shared.id + "/positions" : "", host.positions,
@@ -53,11 +51,7 @@ absl::Status BatchMesh::Add(const BatchMember& member, KeptArrays& kept, UploadL
   VOXELPIPE_OK_OR_RETURN(AddArray(has_id ? shared.id + "/triangles" : "",
                                   host.triangles == nullptr ? nullptr : &host.triangles[0][0], 3 * host.triangle_count,
                                   kept, layout, triangles_));
-  if (!by_tiles_) return absl::OkStatus();
-  AddToBlock(host.parts, host.part_count, layout, parts_);
-  if (AnyShading(*member.bound)) VOXELPIPE_OK_OR_RETURN(AddShading(member, kept, layout));
-  view_at_ = layout.Add(&view_, 1);
-  return absl::OkStatus();
+  return member.by_rows ? absl::OkStatus() : AddShading(member, kept, layout);
 }
 
 absl::Status BatchMesh::AddShading(const BatchMember& member, KeptArrays& kept, UploadLayout& layout) {
@@ -65,67 +59,82 @@ absl::Status BatchMesh::AddShading(const BatchMember& member, KeptArrays& kept, 
   const std::string id = mesh.triangles.empty() ? "" : SharedArraysOf(mesh.content_id).id;
   const MeshView& host = member.host->view;
   const uint64_t n = host.vertex_count;
+  shading_ = std::make_unique<Shading>();
+  Shading& s = *shading_;
+  s.view = host;
+  s.view_at = layout.Add(&s.view, 1);
+  AddToBlock(host.parts, host.part_count, layout, s.parts);
+  if (!AnyShading(*member.bound)) return absl::OkStatus();
   // Of the mesh itself, or made by the vertex shader.
-  const auto key = [&](const char* part, bool own) { return id.empty() || !own ? "" : absl::StrCat(id, "/", part); };
+  const auto key = [&](const std::string& part, bool own) {
+    return id.empty() || !own ? "" : absl::StrCat(id, "/", part);
+  };
   VOXELPIPE_OK_OR_RETURN(
-      AddArray(key("normals", host.normals == mesh.normals.data()), host.normals, n, kept, layout, normals_));
+      AddArray(key("normals", host.normals == mesh.normals.data()), host.normals, n, kept, layout, s.normals));
   VOXELPIPE_OK_OR_RETURN(
-      AddArray(key("tangents", host.tangents == mesh.tangents.data()), host.tangents, n, kept, layout, tangents_));
-  VOXELPIPE_OK_OR_RETURN(AddArray("", host.velocities, n, kept, layout, velocities_));
-  VOXELPIPE_OK_OR_RETURN(AddArray(key("colors", true), host.colors, n, kept, layout, colors_));
-  VOXELPIPE_OK_OR_RETURN(AddArray(key("uv0", true), host.uv[0], n, kept, layout, uv_[0]));
-  VOXELPIPE_OK_OR_RETURN(AddArray(key("uv1", true), host.uv[1], n, kept, layout, uv_[1]));
-  AddToBlock(host.materials, host.material_count, layout, materials_);
-  attribute_list_ = member.host->attributes;
-  values_.resize(attribute_list_.size());
-  for (size_t i = 0; i < attribute_list_.size(); ++i) {
-    const uint64_t count = n * uint64_t(attribute_list_[i].components);
-    VOXELPIPE_OK_OR_RETURN(AddArray(key(absl::StrCat("attribute", i).c_str(), true), attribute_list_[i].values, count,
-                                    kept, layout, values_[i]));
+      AddArray(key("tangents", host.tangents == mesh.tangents.data()), host.tangents, n, kept, layout, s.tangents));
+  VOXELPIPE_OK_OR_RETURN(AddArray("", host.velocities, n, kept, layout, s.velocities));
+  VOXELPIPE_OK_OR_RETURN(AddArray(key("colors", true), host.colors, n, kept, layout, s.colors));
+  VOXELPIPE_OK_OR_RETURN(AddArray(key("uv0", true), host.uv[0], n, kept, layout, s.uv[0]));
+  VOXELPIPE_OK_OR_RETURN(AddArray(key("uv1", true), host.uv[1], n, kept, layout, s.uv[1]));
+  AddToBlock(host.materials, host.material_count, layout, s.materials);
+  s.attribute_list = member.host->attributes;
+  s.values.resize(s.attribute_list.size());
+  for (size_t i = 0; i < s.attribute_list.size(); ++i) {
+    const uint64_t count = n * uint64_t(s.attribute_list[i].components);
+    VOXELPIPE_OK_OR_RETURN(AddArray(key(absl::StrCat("attribute", i), true), s.attribute_list[i].values, count, kept,
+                                    layout, s.values[i]));
   }
-  AddToBlock(attribute_list_.data(), attribute_list_.size(), layout, attributes_);
-  texture_list_ = member.host->textures;
+  AddToBlock(s.attribute_list.data(), s.attribute_list.size(), layout, s.attributes);
+  s.texture_list = member.host->textures;
   AddTextures(layout);
   return absl::OkStatus();
 }
 
 void BatchMesh::AddTextures(UploadLayout& layout) {
-  images_.resize(texture_list_.size());
-  mips_.resize(texture_list_.size());
-  for (size_t i = 0; i < texture_list_.size(); ++i) {
-    const TextureView& t = texture_list_[i];
+  Shading& s = *shading_;
+  s.images.resize(s.texture_list.size());
+  s.mips.resize(s.texture_list.size());
+  for (size_t i = 0; i < s.texture_list.size(); ++i) {
+    const TextureView& t = s.texture_list[i];
     if (t.rgba == nullptr) continue;
     // A texture stands in the list twice, as linear values and as sRGB colours: of one image.
-    if (i > 0 && texture_list_[i - 1].rgba == t.rgba) {
-      images_[i] = images_[i - 1];
+    if (i > 0 && s.texture_list[i - 1].rgba == t.rgba) {
+      s.images[i] = s.images[i - 1];
     } else {
-      AddToBlock(t.rgba, uint64_t{t.width} * t.height * 4, layout, images_[i]);
+      AddToBlock(t.rgba, uint64_t{t.width} * t.height * 4, layout, s.images[i]);
     }
-    if (t.mips != nullptr) AddToBlock(t.mips, LevelOffset(t.width, t.height, t.levels), layout, mips_[i]);
+    if (t.mips != nullptr) AddToBlock(t.mips, LevelOffset(t.width, t.height, t.levels), layout, s.mips[i]);
   }
-  AddToBlock(texture_list_.data(), texture_list_.size(), layout, textures_);
+  AddToBlock(s.texture_list.data(), s.texture_list.size(), layout, s.textures);
 }
 
 void BatchMesh::Place(const uint8_t* block, const Vec3d* index_positions) {
-  view_.positions = positions_.On(block);
-  view_.triangles = reinterpret_cast<const uint32_t(*)[3]>(triangles_.On(block));
-  if (!by_tiles_) return;
-  view_.index_positions = index_positions;
-  view_.normals = normals_.On(block);
-  view_.tangents = tangents_.On(block);
-  view_.velocities = velocities_.On(block);
-  view_.colors = colors_.On(block);
-  for (int set = 0; set < 2; ++set) view_.uv[set] = uv_[set].On(block);
-  view_.parts = parts_.On(block);
-  view_.materials = materials_.On(block);
-  view_.textures = textures_.On(block);
-  view_.attributes = attributes_.On(block);
-  for (size_t i = 0; i < texture_list_.size(); ++i) {
-    texture_list_[i].rgba = images_[i].On(block);
-    texture_list_[i].mips = mips_[i].On(block);
+  positions_there_ = positions_.On(block);
+  triangles_there_ = triangles_.On(block);
+  if (shading_) PlaceShading(block, index_positions);
+}
+
+void BatchMesh::PlaceShading(const uint8_t* block, const Vec3d* index_positions) {
+  Shading& s = *shading_;
+  s.view.positions = positions_there_;
+  s.view.triangles = reinterpret_cast<const uint32_t(*)[3]>(triangles_there_);
+  s.view.index_positions = index_positions;
+  s.view.normals = s.normals.On(block);
+  s.view.tangents = s.tangents.On(block);
+  s.view.velocities = s.velocities.On(block);
+  s.view.colors = s.colors.On(block);
+  for (int set = 0; set < 2; ++set) s.view.uv[set] = s.uv[set].On(block);
+  s.view.parts = s.parts.On(block);
+  s.view.materials = s.materials.On(block);
+  s.view.textures = s.textures.On(block);
+  s.view.attributes = s.attributes.On(block);
+  for (size_t i = 0; i < s.texture_list.size(); ++i) {
+    s.texture_list[i].rgba = s.images[i].On(block);
+    s.texture_list[i].mips = s.mips[i].On(block);
   }
-  for (size_t i = 0; i < attribute_list_.size(); ++i) attribute_list_[i].values = values_[i].On(block);
-  there_ = reinterpret_cast<const MeshView*>(block + view_at_);
+  for (size_t i = 0; i < s.attribute_list.size(); ++i) s.attribute_list[i].values = s.values[i].On(block);
+  view_there_ = reinterpret_cast<const MeshView*>(block + s.view_at);
 }
 
 }  // namespace voxelpipe::cuda

@@ -28,16 +28,16 @@ class KeptArrays {
 
 class BatchMesh {
  public:
-  // Adds to `layout` what of the mesh the member's stages read and the device does not keep. `member` must outlive this object, which must
-  // not move until the layout was copied.
+  // Adds to `layout` what of the mesh the member's stages read and the device does not keep. `member` and this object must live until the
+  // layout was copied.
   absl::Status Add(const BatchMember& member, KeptArrays& kept, UploadLayout& layout);
   // Once the layout's block has its place. `index_positions`: where the pass puts the vertices in index space.
   void Place(const uint8_t* block, const Vec3d* index_positions);
 
   // On the device; after Place.
-  const Vec3d* positions() const { return view_.positions; }
-  const uint32_t* triangles() const { return view_.triangles == nullptr ? nullptr : &view_.triangles[0][0]; }
-  const MeshView* view() const { return there_; }  // of a member that goes by tiles
+  const Vec3d* positions() const { return positions_there_; }
+  const uint32_t* triangles() const { return triangles_there_; }
+  const MeshView* view() const { return view_there_; }  // of a member that goes by tiles
 
  private:
   // An array on the device: there already, or in the block.
@@ -55,26 +55,32 @@ class BatchMesh {
   void AddToBlock(const T* from, uint64_t count, UploadLayout& layout, Array<T>& array);
   absl::Status AddShading(const BatchMember& member, KeptArrays& kept, UploadLayout& layout);
   void AddTextures(UploadLayout& layout);
+  void PlaceShading(const uint8_t* block, const Vec3d* index_positions);
 
-  MeshView view_;
-  uint64_t view_at_ = 0;
-  bool by_tiles_ = false;
-  const MeshView* there_ = nullptr;
+  // What fragment shaders read besides positions and triangles. Lists show arrays; they are changed to where those are.
+  struct Shading {
+    MeshView view;
+    uint64_t view_at = 0;
+    Array<Vec3f> normals, velocities;
+    Array<Vec4f> tangents, colors;
+    Array<Vec2f> uv[2];
+    Array<PartView> parts;
+    Array<MaterialView> materials;
+    Array<TextureView> textures;
+    Array<AttributeView> attributes;
+    std::vector<TextureView> texture_list;
+    std::vector<Array<uint8_t>> images;
+    std::vector<Array<Vec4f>> mips;
+    std::vector<AttributeView> attribute_list;
+    std::vector<Array<float>> values;
+  };
+
   Array<Vec3d> positions_;
   Array<uint32_t> triangles_;
-  Array<Vec3f> normals_, velocities_;
-  Array<Vec4f> tangents_, colors_;
-  Array<Vec2f> uv_[2];
-  Array<PartView> parts_;
-  Array<MaterialView> materials_;
-  Array<TextureView> textures_;
-  Array<AttributeView> attributes_;
-  // What the lists show, and where it is.
-  std::vector<TextureView> texture_list_;
-  std::vector<Array<uint8_t>> images_;
-  std::vector<Array<Vec4f>> mips_;
-  std::vector<AttributeView> attribute_list_;
-  std::vector<Array<float>> values_;
+  const Vec3d* positions_there_ = nullptr;
+  const uint32_t* triangles_there_ = nullptr;
+  const MeshView* view_there_ = nullptr;
+  std::unique_ptr<Shading> shading_;  // of a member that goes by tiles
 };
 
 }  // namespace voxelpipe::cuda

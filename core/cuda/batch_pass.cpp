@@ -82,7 +82,7 @@ absl::StatusOr<VoxelizeResult> BatchPass::Cut(size_t number) {
     std::vector<const uint8_t*> dense;
     for (size_t t = 0; t < result.specs.size(); ++t) {
       const bool bits = result.specs[t].format == VoxelFormat::kBit;
-      dense.push_back(bits ? take_packed() : back_.data() + values_offset_ + place.values[t]);
+      dense.push_back(bits ? take_packed() : back_.data() + values_offset_ + place.tiled->values[t]);
     }
     if (member.sparse()) {
       if (absl::Status s = BricksOfDense(occupied, dense, result); !s.ok()) return s;
@@ -106,6 +106,9 @@ absl::StatusOr<VoxelizeResult> BatchPass::Cut(size_t number) {
 }
 
 void BatchPass::Describe() {
+  items_.reserve(members_.size());
+  packed_.reserve(members_.size());
+  places_.reserve(members_.size());
   for (const auto& member : members_) {
     DescribeItem(*member);
     DescribeTargets(*member);
@@ -150,53 +153,59 @@ void BatchPass::DescribeItem(const BatchMember& member) {
 }
 
 void BatchPass::DescribeTargets(const BatchMember& member) {
-  BatchView& view = state_.view;
-  Place& place = places_.emplace_back();
-  place.first_packed = uint32_t(packed_.size());
-  place.first_value = uint32_t(values_.size());
-  const auto add_packed = [&](bool clear, bool fill) {
-    BatchTargetView target;
-    target.item = uint32_t(items_.size() - 1);
-    target.clear = clear ? ~0u : 0;
-    target.fill = fill ? ~0u : 0;
-    target.first_packed = view.packed_words;
-    target.voxels = member.plan.grid.voxels();
-    view.packed_words += member.packed_words();
-    packed_.push_back(target);
-  };
-  const std::vector<TargetSpec>& specs = member.request().targets;
-  if (member.sparse()) add_packed(false, true);  // what is occupied
-  if (member.by_rows && member.sparse()) {
-    if (member.parity()) add_packed(false, false);  // what has a fragment
-    return;
+  places_.emplace_back().first_packed = uint32_t(packed_.size());
+  if (member.sparse()) AddPacked(member, false, true);  // what is occupied
+  if (!member.by_rows) {
+    AddTiled(member);
+  } else if (!member.sparse()) {
+    for (const TargetSpec& spec : member.request().targets) AddPacked(member, spec.clear != 0, spec.fill_value != 0);
+  } else if (member.parity()) {
+    AddPacked(member, false, false);  // what has a fragment
   }
-  place.targets.count = int(specs.size());
-  place.targets.planar = member.request().layout == voxelpipe::Layout::kPlanar;
+}
+
+void BatchPass::AddPacked(const BatchMember& member, bool clear, bool fill) {
+  BatchTargetView target;
+  target.item = uint32_t(items_.size() - 1);
+  target.clear = clear ? ~0u : 0;
+  target.fill = fill ? ~0u : 0;
+  target.first_packed = state_.view.packed_words;
+  target.voxels = member.plan.grid.voxels();
+  state_.view.packed_words += member.packed_words();
+  packed_.push_back(target);
+}
+
+void BatchPass::AddTiled(const BatchMember& member) {
+  Tiled& tiled = *(places_.back().tiled = std::make_unique<Tiled>());
+  const std::vector<TargetSpec>& specs = member.request().targets;
+  tiled.first_value = uint32_t(values_.size());
+  tiled.targets.count = int(specs.size());
+  tiled.targets.planar = member.request().layout == voxelpipe::Layout::kPlanar;
   const auto take_grid = [&] {
     const uint64_t at = own_words_;
     own_words_ += member.words();
     return at;
   };
   for (size_t t = 0; t < specs.size(); ++t) {
-    CudaTarget& target = place.targets.at[t] = DescribeTarget(specs[t], member.bound->fragment_shaders[t]);
-    place.targets.any_always_present = place.targets.any_always_present || !target.own_presence;
-    if (target.own_presence) place.presence[t] = take_grid();
+    CudaTarget& target = tiled.targets.at[t] = DescribeTarget(specs[t], member.bound->fragment_shaders[t]);
+    tiled.targets.any_always_present = tiled.targets.any_always_present || !target.own_presence;
+    if (target.own_presence) tiled.presence[t] = take_grid();
     if (target.format == VoxelFormat::kBit) {
-      if (!target.is_occupancy) place.bits[t] = take_grid();
-      add_packed(specs[t].clear != 0, specs[t].fill_value != 0);
+      if (!target.is_occupancy) tiled.bits[t] = take_grid();
+      AddPacked(member, specs[t].clear != 0, specs[t].fill_value != 0);
       continue;
     }
     BatchValueView values;
     values.item = uint32_t(items_.size() - 1);
     values.components = target.components;
     values.element_bytes = BitsPerComponent(target.format) / 8;
-    values.planar = place.targets.planar;
+    values.planar = tiled.targets.planar;
     values.clear_stored = target.clear_stored;
     values.fill_stored = target.fill_stored;
     values.voxels = member.plan.grid.voxels();
     values.words = (TargetBytes(specs[t], values.voxels) + 3) / 4;
     values_.push_back(values);
-    place.values[t] = value_bytes_;
+    tiled.values[t] = value_bytes_;
     value_bytes_ += (values.words * 4 + 15) / 16 * 16;
   }
 }
@@ -241,33 +250,32 @@ absl::Status BatchPass::Allocate() {
   return absl::OkStatus();
 }
 
-// Tells the descriptions of a member's targets where they are on the device, and groups those that go by tiles.
+// Tells the descriptions of a tiled member's targets where they are on the device, and groups them.
 void BatchPass::PointAtTargets(size_t number) {
   const BatchMember& member = *members_[number];
-  Place& place = places_[number];
+  Tiled& tiled = *places_[number].tiled;
   BatchItemView& item = items_[number];
-  uint32_t packed = place.first_packed + (member.sparse() ? 1 : 0), value = place.first_value;
-  for (int t = 0; t < place.targets.count; ++t) {
-    CudaTarget& target = place.targets.at[t];
-    if (target.own_presence) target.presence = own_bits_ + place.presence[size_t(t)];
+  uint32_t packed = places_[number].first_packed + (member.sparse() ? 1 : 0), value = tiled.first_value;
+  for (int t = 0; t < tiled.targets.count; ++t) {
+    CudaTarget& target = tiled.targets.at[t];
+    if (target.own_presence) target.presence = own_bits_ + tiled.presence[size_t(t)];
     if (target.format == VoxelFormat::kBit) {
       BatchTargetView& view = packed_[packed++];
       view.present = target.presence;
       view.value = target.presence;
-      if (!target.is_occupancy) view.value = target.bits = own_bits_ + place.bits[size_t(t)];
+      if (!target.is_occupancy) view.value = target.bits = own_bits_ + tiled.bits[size_t(t)];
       continue;
     }
     BatchValueView& view = values_[value++];
     view.present = target.presence;
-    view.at = target.dense = first_values_ + place.values[size_t(t)];
+    view.at = target.dense = first_values_ + tiled.values[size_t(t)];
   }
-  if (member.by_rows) return;
-  place.groups = GroupForBatch(place.targets);
+  const TargetGroups grouped = GroupForBatch(tiled.targets);
   item.first_group = uint32_t(groups_.size());
-  item.group_count = uint32_t(place.groups.groups.size());
+  item.group_count = uint32_t(grouped.groups.size());
   state_.view.most_groups = std::max(state_.view.most_groups, item.group_count);
-  state_.shared_bytes = std::max(state_.shared_bytes, place.groups.shared_bytes);
-  for (FineArgs& group : place.groups.groups) {
+  state_.shared_bytes = std::max(state_.shared_bytes, grouped.shared_bytes);
+  for (FineArgs group : grouped.groups) {
     group.grid = item.grid;
     group.coverage = item.coverage;
     group.coverage_bits = state_.view.bits + item.first_word;
@@ -278,7 +286,9 @@ void BatchPass::PointAtTargets(size_t number) {
 
 absl::Status BatchPass::Upload() {
   BatchView& view = state_.view;
-  for (size_t i = 0; i < members_.size(); ++i) PointAtTargets(i);
+  for (size_t i = 0; i < members_.size(); ++i) {
+    if (places_[i].tiled) PointAtTargets(i);
+  }
   UploadLayout layout;
   const uint64_t items = layout.Add(items_.data(), items_.size());
   const uint64_t packed = layout.Add(packed_.data(), packed_.size());

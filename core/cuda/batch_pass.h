@@ -26,18 +26,24 @@ class BatchPass {
   absl::StatusOr<VoxelizeResult> Cut(size_t number);
 
  private:
-  // Where a member's results are among packed_ and values_, and what a member that goes by tiles has besides. Places of bit grids are
-  // words from the first one of `own bits`, of values bytes from the first one.
-  struct Place {
-    uint32_t first_packed = 0, first_value = 0;
+  // What a member that goes by tiles has besides. Places of bit grids are words from the first one of `own bits`, of values bytes from the
+  // first one.
+  struct Tiled {
+    uint32_t first_value = 0;
     TargetViews targets;
     std::array<uint64_t, kMostTargets> bits{}, presence{}, values{};
-    TargetGroups groups;
+  };
+  // Where a member's results are among packed_, and the rest.
+  struct Place {
+    uint32_t first_packed = 0;
+    std::unique_ptr<Tiled> tiled;  // null: it goes by rows
   };
 
   void Describe();
   void DescribeItem(const BatchMember& member);
   void DescribeTargets(const BatchMember& member);
+  void AddPacked(const BatchMember& member, bool clear, bool fill);
+  void AddTiled(const BatchMember& member);
   absl::Status Allocate();
   // Descriptions and meshes go up in one copy.
   absl::Status Upload();
