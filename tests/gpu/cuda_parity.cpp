@@ -16,7 +16,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <cstdlib>
 #include <map>
 #include <memory>
 #include <optional>
@@ -29,6 +28,7 @@
 #include "gpu/bench_meshes.h"
 #include "gpu/first_difference.h"
 #include "gpu/parity_cases.h"
+#include "gpu/parity_options.h"
 #include "mesh/content_id.h"
 #include "pipeline/backend.h"
 #include "pipeline/voxelize.h"
@@ -40,14 +40,6 @@
 
 namespace voxelpipe::gpu {
 namespace {
-
-struct Options {
-  bool quick = false, batches = false, bench_meshes = false, list = false, self = false;
-  std::string filter, bunny;
-  std::vector<std::string> files;
-  uint32_t seed = 1;
-  double budget_s = 1e9;
-};
 
 class KeepArrays final : public ResultSink {
  public:
@@ -86,7 +78,7 @@ std::string Message(const absl::Status& status) {
 
 class Parity {
  public:
-  explicit Parity(const Options& options) : options_(options) {}
+  explicit Parity(const ParityOptions& options) : options_(options) {}
 
   // False: the time is up, or the device answers nothing any more.
   // `repeats`: device runs a case; 0: two, and ten of every tenth.
@@ -339,7 +331,7 @@ class Parity {
     }
   }
 
-  const Options& options_;
+  const ParityOptions& options_;
   const Time started_ = Now();
   uint64_t cases_ = 0, differ_ = 0, runs_ = 0, meshes_ = 0;
   int failed_in_a_row_ = 0;
@@ -350,7 +342,7 @@ class Parity {
 };
 
 // The meshes and resolutions of the benchmark's table, bits of both coverages; at 512^3 also values and the A-buffer.
-void RunBenchMeshes(Parity& parity, const Options& options) {
+void RunBenchMeshes(Parity& parity, const ParityOptions& options) {
   for (const BenchMesh& bench : BenchMeshes(options.bunny, "")) {
     std::vector<ParityCase> cases;
     for (const int64_t n : {512, 1024}) {
@@ -378,7 +370,7 @@ void RunBenchMeshes(Parity& parity, const Options& options) {
 }
 
 // A small surface at the far end of grids of more than 2^32 voxels, as one slab and as several.
-bool RunBeyond32Bits(Parity& parity, const Options& options) {
+bool RunBeyond32Bits(Parity& parity, const ParityOptions& options) {
   TriangleMesh mesh = testing::BumpySphere(16, options.seed);
   for (Vec3d& p : mesh.positions) p = p * 30.0 + Vec3d{4070, 4060, 225};
   std::vector<ParityCase> cases;
@@ -410,7 +402,7 @@ struct Subject {
 };
 
 // Null where `quick` leaves the mesh out.
-std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, const Options& options) {
+std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, const ParityOptions& options) {
   Subject subject;
   subject.named = named;
   subject.rigged = named.name == "rigged";
@@ -426,11 +418,11 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   return subject;
 }
 
-void AddTo(BatchParity& batches, const Subject& subject, const Options& options) {
+void AddTo(BatchParity& batches, const Subject& subject, const ParityOptions& options) {
   if (!subject.large) batches.Add(subject.named.name, subject.mesh, subject.cases, options.quick ? 1 : 8);
 }
 
-void RunBatches(BatchParity& batches, const Options& options) {
+void RunBatches(BatchParity& batches, const ParityOptions& options) {
   uint32_t number = 0;
   for (const ParityMesh& named : ParityMeshes(options.seed)) {
     if (const auto subject = MakeSubject(named, ++number, options)) AddTo(batches, *subject, options);
@@ -438,7 +430,7 @@ void RunBatches(BatchParity& batches, const Options& options) {
   batches.Flush();
 }
 
-void RunAll(Parity& parity, BatchParity& batches, const Options& options) {
+void RunAll(Parity& parity, BatchParity& batches, const ParityOptions& options) {
   if (options.bench_meshes) return RunBenchMeshes(parity, options);
   const bool in_batches = options.filter.empty() && !options.list;
   uint32_t number = 0;
@@ -467,43 +459,9 @@ void RunAll(Parity& parity, BatchParity& batches, const Options& options) {
   }
 }
 
-bool Parse(int argc, char** argv, Options& options) {
-  for (int i = 1; i < argc; ++i) {
-    const std::string argument = argv[i];
-    const char* value = i + 1 < argc ? argv[i + 1] : nullptr;
-    if (argument == "--quick") {
-      options.quick = true;
-    } else if (argument == "--batches") {
-      options.batches = true;
-    } else if (argument == "--bench-meshes") {
-      options.bench_meshes = true;
-    } else if (argument == "--list") {
-      options.list = true;
-    } else if (argument == "--self") {
-      options.self = true;
-    } else if (argument == "--files") {
-      options.files.assign(argv + i + 1, argv + argc);
-      break;
-    } else if (value == nullptr) {
-      return false;
-    } else if (argument == "--filter") {
-      options.filter = argv[++i];
-    } else if (argument == "--bunny") {
-      options.bunny = argv[++i];
-    } else if (argument == "--seed") {
-      options.seed = uint32_t(std::atoi(argv[++i]));
-    } else if (argument == "--budget") {
-      options.budget_s = std::atof(argv[++i]);
-    } else {
-      return false;
-    }
-  }
-  return true;
-}
-
 int Main(int argc, char** argv) {
-  Options options;
-  if (!Parse(argc, argv, options)) {
+  ParityOptions options;
+  if (!ParseParityOptions(argc, argv, options)) {
     std::fprintf(stderr, "cuda_parity: unknown or incomplete option; see the head of cuda_parity.cpp\n");
     return 1;
   }

@@ -1,0 +1,21 @@
+// What cuda_parity is asked to do; the head of cuda_parity.cpp says what each option means.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace voxelpipe::gpu {
+
+struct ParityOptions {
+  bool quick = false, batches = false, bench_meshes = false, list = false, self = false;
+  std::string filter, bunny;
+  std::vector<std::string> files;
+  uint32_t seed = 1;
+  double budget_s = 1e9;
+};
+
+// False: an option that is not known, or one without its value.
+bool ParseParityOptions(int argc, char** argv, ParityOptions& options);
+
+}  // namespace voxelpipe::gpu
