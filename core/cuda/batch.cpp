@@ -4,13 +4,13 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <chrono>
 #include <ctime>
 #include <memory>
 #include <new>
 #include <optional>
 #include <utility>
 
+#include "base/wall_clock.h"
 #include "cuda/batch_member.h"
 #include "cuda/batch_pass.h"
 
@@ -20,9 +20,6 @@ namespace {
 // A pass ends where the next item would go beyond; the rest of the items take another one.
 constexpr uint64_t kMostWords = 1 << 26, kMostTriangles = 1 << 24, kMostVertices = 1 << 24;
 
-double WallMs() {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 double CpuMs() {
   timespec t;
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);

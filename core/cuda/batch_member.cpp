@@ -1,9 +1,9 @@
 #include "cuda/batch_member.h"
 
 #include <algorithm>
-#include <chrono>
 #include <utility>
 
+#include "base/wall_clock.h"
 #include "cpu/row_kernels.h"
 #include "cuda/views.h"
 #include "grid/index_space.h"
@@ -20,10 +20,6 @@ constexpr uint64_t kMostTiledTriangles = 1 << 15, kMostTiledVertices = 3 * kMost
 constexpr uint64_t kMostTargetWords = 1 << 22, kMostTexels = 1 << 20;
 // Bricks are made of all voxels on the host; beyond this the device makes them, alone.
 constexpr uint64_t kMostVoxelsOfSparse = 1 << 21;
-
-double WallMs() {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 bool InReach(const MeshExtent& extent, const GridSpec& grid) {
   constexpr double kFarthest = 0x1p40;  // as CoarseRaster says, which names the vertex

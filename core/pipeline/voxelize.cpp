@@ -5,7 +5,6 @@
 #include <ctime>
 
 #include <algorithm>
-#include <chrono>
 #include <memory>
 #include <new>
 #include <optional>
@@ -15,6 +14,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
+#include "base/wall_clock.h"
 #include "pipeline/assemble.h"
 #include "pipeline/backend.h"
 #include "pipeline/bind.h"
@@ -23,10 +23,6 @@
 
 namespace voxelpipe {
 namespace {
-
-double WallMs() {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 // CPU time of the whole process: with one job at a time, that job's on all its threads. Of this thread where the run has no other: to ask for
 // the process's takes microseconds in a server of many threads.
