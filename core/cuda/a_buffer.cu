@@ -12,14 +12,12 @@
 #include "cuda/a_buffer_kernel.cuh"
 #include "cuda/cell_fragments.cuh"
 #include "cuda/cells.h"
-#include "cuda/fragment_sort.h"
+#include "cuda/fragment_shading.cuh"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
 #include "cuda/walk.h"
 #include "pipeline/plan.h"
-#include "shaders/blend_ops.h"
-#include "shaders/fragment_input.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -33,78 +31,31 @@ uint64_t KeyBytes(const RunState& state) {
 
 struct ShadeArgs {
   GridView grid;
-  const MeshView* mesh;
   TargetViews targets;
-  ShaderTraits traits;  // of all targets' shaders together
-  const void* keys;
-  bool wide_keys;
-  const uint32_t* triangles;
-  uint64_t fragments;
+  FragmentShading shading;  // but for pointers to what stands here
   uint8_t* out[kMostTargets];
 };
 
-__device__ inline void PlaceFragment(const ShadeArgs& args, uint64_t i, FragmentInput& in) {
-  const uint64_t key =
-      args.wide_keys ? static_cast<const uint64_t*>(args.keys)[i] : static_cast<const uint32_t*>(args.keys)[i];
-  const auto nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
-  const uint32_t triangle = args.triangles[i];
-  const uint32_t* v = args.mesh->triangles[triangle];
-  const Vec3d* p = args.mesh->index_positions;
-  const TrianglePlane plane = SetUpPlane(p[v[0]], p[v[1]], p[v[2]]);
-  in = MakeFragmentInput(*args.mesh, triangle, plane.degenerate, args.traits.reads_textures());
-  in.voxel[0] = int64_t(key % nx);
-  in.voxel[1] = int64_t(key / nx % ny);
-  in.voxel[2] = int64_t(key / nx / ny) + args.grid.slab_begin;
-  if (args.traits.needs_barycentrics) in.barycentric = Barycentrics(plane, in.voxel[0], in.voxel[1], in.voxel[2]);
+__device__ inline FragmentShading ShadingOf(const ShadeArgs& args) {
+  FragmentShading shading = args.shading;
+  shading.grid = &args.grid;
+  shading.targets = args.targets.at;
+  shading.out = args.out;
+  return shading;
 }
 
-__device__ inline void PutElement(uint8_t* out, VoxelFormat format, uint64_t at, uint32_t stored) {
-  switch (format) {
-    case VoxelFormat::kU8: out[at] = uint8_t(stored); break;
-    case VoxelFormat::kU16:
-    case VoxelFormat::kF16: reinterpret_cast<uint16_t*>(out)[at] = uint16_t(stored); break;
-    default: reinterpret_cast<uint32_t*>(out)[at] = stored; break;
+// A thread a fragment.
+__global__ void __launch_bounds__(256) ShadeFragments(const __grid_constant__ ShadeArgs args) {
+  const uint64_t rounded = (args.shading.count + 31) / 32 * 32;
+  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < rounded; i += uint64_t(gridDim.x) * 256) {
+    WriteValues(ShadingOf(args), i);
   }
 }
 
-// A thread a fragment; the 32 bits of a bit target that a warp makes are one word. kDiscards: instead of values, out[0] gets a byte a
-// fragment, 1 where some target keeps it.
-template <bool kDiscards>
-__global__ void __launch_bounds__(256) ShadeFragments(const __grid_constant__ ShadeArgs args) {
-  const uint64_t rounded = (args.fragments + 31) / 32 * 32;
-  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < rounded; i += uint64_t(gridDim.x) * 256) {
-    const bool real = i < args.fragments;
-    FragmentInput in;
-    if (real) PlaceFragment(args, i, in);
-    bool kept = false;
-    for (int t = 0; t < args.targets.count; ++t) {
-      const CudaTarget& target = args.targets.at[t];
-      FragmentOutput out;
-      if (real) ShadeFragment(target.shader, in, target.params, out);
-      if constexpr (kDiscards) {
-        kept = kept || !out.discard;
-        continue;
-      }
-      if (target.format == VoxelFormat::kBit) {
-        const bool bit = real && (out.discard ? target.clear_stored != 0 : ToBit(out, target.u32_output));
-        const uint32_t word = __ballot_sync(~0u, bit);
-        if (threadIdx.x % 32 == 0) reinterpret_cast<uint32_t*>(args.out[t])[i / 32] = word;
-        continue;
-      }
-      if (!real) continue;
-      const auto components = uint64_t(target.components);
-      for (uint64_t c = 0; c < components; ++c) {
-        const uint32_t stored =
-            out.discard
-                ? target.clear_stored
-                : StoredBits(ToCell(out, target.u32_output, int(c), target.format, target.scale), target.format);
-        const uint64_t at = args.targets.planar ? c * args.fragments + i : i * components + c;
-        PutElement(args.out[t], target.format, at, stored);
-      }
-    }
-    if constexpr (kDiscards) {
-      if (real) args.out[0][i] = kept;
-    }
+// A byte a fragment, 1 where some target keeps it.
+__global__ void __launch_bounds__(256) FindKept(const __grid_constant__ ShadeArgs args, uint8_t* kept) {
+  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < args.shading.count; i += uint64_t(gridDim.x) * 256) {
+    kept[i] = IsKept(ShadingOf(args), i);
   }
 }
 
@@ -139,27 +90,30 @@ __global__ void __launch_bounds__(256) FillOnes(uint32_t* words, uint64_t bits) 
 ShadeArgs MakeShadeArgs(RunState& state) {
   ShadeArgs args{};
   args.grid = state.view;
-  args.mesh = state.mesh.view.data();
   args.targets = state.targets;
-  for (int t = 0; t < state.targets.count; ++t) args.traits |= TraitsOf(state.targets.at[t].shader);
-  args.keys = state.fragment_keys[state.fragments_in].data();
-  args.wide_keys = WideKeys(state);
-  args.triangles = state.fragment_triangles[state.fragments_in].data();
-  args.fragments = state.fragment_count;
+  FragmentShading& shading = args.shading;
+  shading.mesh = state.mesh.view.data();
+  shading.target_count = state.targets.count;
+  for (int t = 0; t < state.targets.count; ++t) shading.traits |= TraitsOf(state.targets.at[t].shader);
+  shading.planar = state.targets.planar;
+  shading.wide_keys = WideKeys(state);
+  shading.keys = state.fragments.keys[state.fragments.current].data();
+  shading.triangles = state.fragments.triangles[state.fragments.current].data();
+  shading.count = state.fragments.count;
   return args;
 }
 
 template <typename Key>
 absl::Status Emit(RunState& state, const WalkArgs& args) {
   EmitFragment<Key> op;
-  op.grid = state.view;
+  op.names.grid = state.view;
   op.first = state.fragment_first.data();
   op.emitted = state.fragment_counts.data();
-  op.keys = reinterpret_cast<Key*>(state.fragment_keys[0].data());
-  op.values = state.fragment_triangles[0].data();
+  op.keys = state.fragments.KeysAs<Key>(0);
+  op.values = state.fragments.triangles[0].data();
   VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Fill(0, state.stream));
   const auto blocks = unsigned((args.triangle_count + kRunThreads - 1) / kRunThreads);
-  EmitRuns<Key><<<blocks, kRunThreads, 0, state.stream>>>(args, op);
+  EmitRuns<<<blocks, kRunThreads, 0, state.stream>>>(args, op);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitRuns");
   return Walk(state, args, op, /*skip_runs=*/true);
 }
@@ -168,36 +122,35 @@ template <typename T>
 absl::Status Compact(RunState& state, const T* from, const uint8_t* flags, T* to, uint64_t* count) {
   size_t scratch = 0;
   VOXELPIPE_CUDA_OR_RETURN(
-      cub::DeviceSelect::Flagged(nullptr, scratch, from, flags, to, count, state.fragment_count, state.stream));
+      cub::DeviceSelect::Flagged(nullptr, scratch, from, flags, to, count, state.fragments.count, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
   VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::Flagged(state.scratch.data(), scratch, from, flags, to, count,
-                                                      state.fragment_count, state.stream));
+                                                      state.fragments.count, state.stream));
   return absl::OkStatus();
 }
 
 // Drops the fragments that the shaders of all targets discard.
 absl::Status DropDiscarded(RunState& state) {
   DeviceArray<uint8_t> kept;
-  VOXELPIPE_OK_OR_RETURN(kept.Resize(state.fragment_count, state.stream));
-  ShadeArgs args = MakeShadeArgs(state);
-  args.out[0] = kept.data();
-  ShadeFragments<true><<<BlocksFor(state.fragment_count, 256), 256, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ShadeFragments");
-  const int from = state.fragments_in, to = 1 - from;
+  VOXELPIPE_OK_OR_RETURN(kept.Resize(state.fragments.count, state.stream));
+  FindKept<<<BlocksFor(state.fragments.count, 256), 256, 0, state.stream>>>(MakeShadeArgs(state), kept.data());
+  VOXELPIPE_LAUNCHED_OR_RETURN("FindKept");
+  Fragments& fragments = state.fragments;
+  const int from = fragments.current, to = 1 - from;
   uint64_t* const count = state.counters.data() + kScratch0;
   if (WideKeys(state)) {
-    VOXELPIPE_OK_OR_RETURN(Compact(state, reinterpret_cast<const uint64_t*>(state.fragment_keys[from].data()),
-                                   kept.data(), reinterpret_cast<uint64_t*>(state.fragment_keys[to].data()), count));
+    VOXELPIPE_OK_OR_RETURN(
+        Compact(state, fragments.KeysAs<uint64_t>(from), kept.data(), fragments.KeysAs<uint64_t>(to), count));
   } else {
-    VOXELPIPE_OK_OR_RETURN(Compact(state, reinterpret_cast<const uint32_t*>(state.fragment_keys[from].data()),
-                                   kept.data(), reinterpret_cast<uint32_t*>(state.fragment_keys[to].data()), count));
+    VOXELPIPE_OK_OR_RETURN(
+        Compact(state, fragments.KeysAs<uint32_t>(from), kept.data(), fragments.KeysAs<uint32_t>(to), count));
   }
-  VOXELPIPE_OK_OR_RETURN(Compact(state, static_cast<const uint32_t*>(state.fragment_triangles[from].data()),
-                                 kept.data(), state.fragment_triangles[to].data(), count));
-  const absl::StatusOr<uint64_t> left = ReadElement(state, count);
+  VOXELPIPE_OK_OR_RETURN(
+      Compact(state, fragments.triangles[from].data(), kept.data(), fragments.triangles[to].data(), count));
+  const absl::StatusOr<uint64_t> left = ReadElement(count, state.stream);
   if (!left.ok()) return left.status();
-  state.fragment_count = *left;
-  state.fragments_in = to;
+  fragments.count = *left;
+  fragments.current = to;
   return absl::OkStatus();
 }
 
@@ -208,18 +161,9 @@ FragmentArgs MakeFragmentArgs(RunState& state) {
   args.blocks = state.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
   args.first = state.fragment_first.data();
-  args.keys = reinterpret_cast<uint32_t*>(state.fragment_keys[0].data());
-  args.values = state.fragment_triangles[0].data();
+  args.keys = state.fragments.KeysAs<uint32_t>(0);
+  args.values = state.fragments.triangles[0].data();
   return args;
-}
-
-// Room for state.fragment_count fragments.
-absl::Status MakeRoom(RunState& state) {
-  for (int i = 0; i < 2; ++i) {
-    VOXELPIPE_OK_OR_RETURN(state.fragment_keys[i].Resize(state.fragment_count * KeyBytes(state), state.stream));
-    VOXELPIPE_OK_OR_RETURN(state.fragment_triangles[i].Resize(state.fragment_count, state.stream));
-  }
-  return absl::OkStatus();
 }
 
 // Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list has room
@@ -242,16 +186,15 @@ absl::Status EmitByCells(RunState& state) {
   FragmentArgs args = make_args();
   VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentCounter>(state, MakeRestArgs(state, 0, triangles, false), args));
   const uint64_t chunks = state.fragment_first.size() - 1;
-  ScanChunks<<<1, kScanThreads, 0, state.stream>>>(args.first, chunks);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ScanChunks");
+  VOXELPIPE_OK_OR_RETURN(ScanInPlace(args.first, chunks, state.stream));
   VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(state.counters.data() + kScratch0, args.first + chunks, sizeof(uint64_t),
                                            cudaMemcpyDeviceToDevice, state.stream));
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
-  state.fragment_count = (*counters)[kScratch0];
+  state.fragments.count = (*counters)[kScratch0];
   const uint64_t spans = (*counters)[kSpans];
-  if (state.fragment_count == 0) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(MakeRoom(state));
+  if (state.fragments.count == 0) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(state.fragments.MakeRoom(KeyBytes(state), state.stream));
   args = make_args();
   EmitCells<<<unsigned(chunks), kChunkThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitCells");
@@ -270,37 +213,31 @@ absl::Status EmitByCells(RunState& state) {
 
 // Buckets of fragments whose keys have 32 bits; state.counters[kScratch1] becomes their number.
 absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel) {
-  const uint64_t chunks = (state.fragment_count + kKeysOfChunk - 1) / kKeysOfChunk;
-  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(chunks + 1, state.stream));
-  BucketArgs args;
-  args.keys = reinterpret_cast<const uint32_t*>(state.fragment_keys[state.fragments_in].data());
-  args.fragments = state.fragment_count;
+  BucketArgs<uint64_t> args;
+  args.keys = state.fragments.KeysAs<uint32_t>(state.fragments.current);
+  args.fragments = state.fragments.count;
+  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(args.chunks() + 1, state.stream));
   args.first_voxel = first_voxel;
   args.first = state.fragment_first.data();
   args.offsets = state.result.offsets.data();
   args.voxels = state.result.voxels.data();
-  CountHeads<<<unsigned(chunks), kChunkThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("CountHeads");
-  ScanChunks<<<1, kScanThreads, 0, state.stream>>>(args.first, chunks);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ScanChunks");
-  VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(state.counters.data() + kScratch1, args.first + chunks, sizeof(uint64_t),
-                                           cudaMemcpyDeviceToDevice, state.stream));
-  WriteBuckets<<<unsigned(chunks), kChunkThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("WriteBuckets");
-  return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(CountBuckets(args, state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(state.counters.data() + kScratch1, args.first + args.chunks(),
+                                           sizeof(uint64_t), cudaMemcpyDeviceToDevice, state.stream));
+  return ListBuckets(args, state.stream);
 }
 
 template <typename Key>
 absl::Status FindBuckets(RunState& state) {
-  const BeginsVoxel<Key> begins{reinterpret_cast<const Key*>(state.fragment_keys[state.fragments_in].data())};
+  const BeginsVoxel<Key> begins{state.fragments.KeysAs<Key>(state.fragments.current)};
   const thrust::counting_iterator<uint64_t> numbers(0);
   uint64_t* const count = state.counters.data() + kScratch1;
   size_t scratch = 0;
   VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(nullptr, scratch, numbers, state.result.offsets.data(), count,
-                                                 state.fragment_count, begins, state.stream));
+                                                 state.fragments.count, begins, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
   VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(state.scratch.data(), scratch, numbers, state.result.offsets.data(),
-                                                 count, state.fragment_count, begins, state.stream));
+                                                 count, state.fragments.count, begins, state.stream));
   return absl::OkStatus();
 }
 
@@ -308,8 +245,8 @@ absl::Status FindBuckets(RunState& state) {
 
 absl::Status EmitFragments(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
-  state.fragment_count = 0;
-  state.fragments_in = 0;
+  state.fragments.count = 0;
+  state.fragments.current = 0;
   if (triangles == 0) return absl::OkStatus();
   if (CellsReach(state, state.view.dims)) return EmitByCells(state);
   VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Resize(triangles + 1, state.stream));
@@ -322,26 +259,26 @@ absl::Status EmitFragments(RunState& state) {
   CountFragments count;
   count.counts = state.fragment_counts.data();
   VOXELPIPE_OK_OR_RETURN(Walk(state, *args, count));
-  VOXELPIPE_OK_OR_RETURN(
-      ExclusiveScan(state, state.fragment_counts.data(), state.fragment_first.data(), triangles + 1));
-  const absl::StatusOr<uint64_t> total = ReadElement(state, state.fragment_first.data() + triangles);
+  VOXELPIPE_OK_OR_RETURN(ExclusiveScan(state.fragment_counts.data(), state.fragment_first.data(), triangles + 1,
+                                       state.scratch, state.stream));
+  const absl::StatusOr<uint64_t> total = ReadElement(state.fragment_first.data() + triangles, state.stream);
   if (!total.ok()) return total.status();
-  state.fragment_count = *total;
-  if (state.fragment_count == 0) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(MakeRoom(state));
+  state.fragments.count = *total;
+  if (state.fragments.count == 0) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(state.fragments.MakeRoom(KeyBytes(state), state.stream));
   return WideKeys(state) ? Emit<uint64_t>(state, *args) : Emit<uint32_t>(state, *args);
 }
 
 absl::Status SortFragments(RunState& state) {
-  if (state.fragment_count == 0) return absl::OkStatus();
+  if (state.fragments.count == 0) return absl::OkStatus();
   const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
-  VOXELPIPE_OK_OR_RETURN(SortByKey(state, WideKeys(state), bits));
+  VOXELPIPE_OK_OR_RETURN(SortByKey(state.fragments, WideKeys(state), bits, state.scratch, state.stream));
   return state.targets.any_always_present ? absl::OkStatus() : DropDiscarded(state);
 }
 
 absl::Status Resolve(RunState& state) {
   DeviceResult& out = state.result;
-  const uint64_t fragments = state.fragment_count;
+  const uint64_t fragments = state.fragments.count;
   const uint64_t most_voxels = std::min(fragments, state.slab_voxels());
   VOXELPIPE_OK_OR_RETURN(out.offsets.Resize(most_voxels + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(out.voxels.Resize(most_voxels, state.stream));
@@ -353,11 +290,11 @@ absl::Status Resolve(RunState& state) {
   } else {
     if (fragments > 0) VOXELPIPE_OK_OR_RETURN(FindBuckets<uint64_t>(state));
     ListVoxels<<<BlocksFor(most_voxels + 1, 256), 256, 0, state.stream>>>(
-        reinterpret_cast<const uint64_t*>(state.fragment_keys[state.fragments_in].data()), out.offsets.data(), voxels,
-        fragments, first_voxel, out.voxels.data());
+        state.fragments.KeysAs<uint64_t>(state.fragments.current), out.offsets.data(), voxels, fragments, first_voxel,
+        out.voxels.data());
     VOXELPIPE_LAUNCHED_OR_RETURN("ListVoxels");
   }
-  const absl::StatusOr<uint64_t> listed = ReadElement(state, voxels);
+  const absl::StatusOr<uint64_t> listed = ReadElement(voxels, state.stream);
   if (!listed.ok()) return listed.status();
   out.listed_voxels = *listed;
   out.listed_fragments = fragments;
@@ -370,13 +307,13 @@ absl::Status Resolve(RunState& state) {
     args.out[t] = values.data();
   }
   if (fragments == 0) return absl::OkStatus();
-  if (args.targets.count == 1 && args.targets.at[0].is_occupancy) {
+  if (state.targets.count == 1 && state.targets.at[0].is_occupancy) {
     FillOnes<<<BlocksFor((fragments + 31) / 32, 256), 256, 0, state.stream>>>(reinterpret_cast<uint32_t*>(args.out[0]),
                                                                               fragments);
     VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");
     return absl::OkStatus();
   }
-  ShadeFragments<false><<<BlocksFor(fragments, 256), 256, 0, state.stream>>>(args);
+  ShadeFragments<<<BlocksFor(fragments, 256), 256, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ShadeFragments");
   return absl::OkStatus();
 }

@@ -1,11 +1,18 @@
-#include "cuda/fragment_sort.h"
-
 #include <cub/device/device_radix_sort.cuh>
 
 #include <algorithm>
 
+#include "cuda/fragments.h"
+
 namespace voxelpipe::cuda {
 namespace {
+
+struct Work {
+  uint64_t count;
+  int bits;
+  DeviceArray<uint8_t>& scratch;
+  cudaStream_t stream;
+};
 
 template <typename Key>
 struct Buffers {
@@ -15,19 +22,19 @@ struct Buffers {
 
 // Calls sort(scratch, bytes) to learn how much it needs, and then with that.
 template <typename Sort>
-absl::Status WithScratch(RunState& state, const Sort& sort) {
+absl::Status WithScratch(const Work& work, const Sort& sort) {
   size_t bytes = 0;
   VOXELPIPE_CUDA_OR_RETURN(sort(nullptr, bytes));
-  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(bytes, 1), state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(sort(state.scratch.data(), bytes));
+  VOXELPIPE_OK_OR_RETURN(work.scratch.Resize(std::max<size_t>(bytes, 1), work.stream));
+  VOXELPIPE_CUDA_OR_RETURN(sort(work.scratch.data(), bytes));
   return absl::OkStatus();
 }
 
 template <typename Key>
-absl::Status Sort(RunState& state, int bits, Buffers<Key>& buffers) {
-  return WithScratch(state, [&](void* scratch, size_t& bytes) {
-    return cub::DeviceRadixSort::SortPairs(scratch, bytes, buffers.keys, buffers.values, state.fragment_count, 0, bits,
-                                           state.stream);
+absl::Status Sort(const Work& work, Buffers<Key>& buffers) {
+  return WithScratch(work, [&](void* scratch, size_t& bytes) {
+    return cub::DeviceRadixSort::SortPairs(scratch, bytes, buffers.keys, buffers.values, work.count, 0, work.bits,
+                                           work.stream);
   });
 }
 
@@ -52,47 +59,48 @@ struct DigitPolicies {
 };
 
 template <typename Policies>
-absl::Status SortByDigits(RunState& state, int bits, Buffers<uint32_t>& buffers) {
+absl::Status SortByDigits(const Work& work, Buffers<uint32_t>& buffers) {
   using Dispatch = cub::DispatchRadixSort<cub::SortOrder::Ascending, uint32_t, uint32_t, uint32_t,
                                           cub::detail::identity_decomposer_t, Policies>;
-  return WithScratch(state, [&](void* scratch, size_t& bytes) {
-    return Dispatch::Dispatch(scratch, bytes, buffers.keys, buffers.values, uint32_t(state.fragment_count), 0, bits,
-                              true, state.stream);
+  return WithScratch(work, [&](void* scratch, size_t& bytes) {
+    return Dispatch::Dispatch(scratch, bytes, buffers.keys, buffers.values, uint32_t(work.count), 0, work.bits, true,
+                              work.stream);
   });
 }
 
-absl::Status SortNarrow(RunState& state, int bits, Buffers<uint32_t>& buffers) {
-  if (state.fragment_count >= uint64_t{1} << 31) return Sort(state, bits, buffers);
-  if ((bits + 8) / 9 < (bits + 7) / 8) return SortByDigits<DigitPolicies<9, 512, 17>>(state, bits, buffers);
-  return SortByDigits<DigitPolicies<8, 384, 23>>(state, bits, buffers);
+absl::Status SortNarrow(const Work& work, Buffers<uint32_t>& buffers) {
+  if (work.count >= uint64_t{1} << 31) return Sort(work, buffers);
+  if ((work.bits + 8) / 9 < (work.bits + 7) / 8) return SortByDigits<DigitPolicies<9, 512, 17>>(work, buffers);
+  return SortByDigits<DigitPolicies<8, 384, 23>>(work, buffers);
 }
 #else
-absl::Status SortNarrow(RunState& state, int bits, Buffers<uint32_t>& buffers) {
-  return Sort(state, bits, buffers);
+absl::Status SortNarrow(const Work& work, Buffers<uint32_t>& buffers) {
+  return Sort(work, buffers);
 }
 #endif
 
 template <typename Key>
-Buffers<Key> BuffersOf(RunState& state) {
-  return {cub::DoubleBuffer<Key>(reinterpret_cast<Key*>(state.fragment_keys[0].data()),
-                                 reinterpret_cast<Key*>(state.fragment_keys[1].data())),
-          cub::DoubleBuffer<uint32_t>(state.fragment_triangles[0].data(), state.fragment_triangles[1].data())};
+Buffers<Key> BuffersOf(Fragments& fragments) {
+  return {cub::DoubleBuffer<Key>(fragments.KeysAs<Key>(0), fragments.KeysAs<Key>(1)),
+          cub::DoubleBuffer<uint32_t>(fragments.triangles[0].data(), fragments.triangles[1].data())};
 }
 
 }  // namespace
 
-absl::Status SortByKey(RunState& state, bool wide_keys, int bits) {
+absl::Status SortByKey(Fragments& fragments, bool wide_keys, int bits, DeviceArray<uint8_t>& scratch,
+                       cudaStream_t stream) {
+  const Work work{fragments.count, bits, scratch, stream};
   uint32_t* sorted = nullptr;
   if (wide_keys) {
-    Buffers<uint64_t> buffers = BuffersOf<uint64_t>(state);
-    VOXELPIPE_OK_OR_RETURN(Sort(state, bits, buffers));
+    Buffers<uint64_t> buffers = BuffersOf<uint64_t>(fragments);
+    VOXELPIPE_OK_OR_RETURN(Sort(work, buffers));
     sorted = buffers.values.Current();
   } else {
-    Buffers<uint32_t> buffers = BuffersOf<uint32_t>(state);
-    VOXELPIPE_OK_OR_RETURN(SortNarrow(state, bits, buffers));
+    Buffers<uint32_t> buffers = BuffersOf<uint32_t>(fragments);
+    VOXELPIPE_OK_OR_RETURN(SortNarrow(work, buffers));
     sorted = buffers.values.Current();
   }
-  state.fragments_in = sorted == state.fragment_triangles[0].data() ? 0 : 1;
+  fragments.current = sorted == fragments.triangles[0].data() ? 0 : 1;
   return absl::OkStatus();
 }
 

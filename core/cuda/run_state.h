@@ -15,6 +15,7 @@
 #include "cuda/check.h"
 #include "cuda/device.h"
 #include "cuda/fine_args.cuh"
+#include "cuda/fragments.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
 #include "cuda/span_views.h"
@@ -67,7 +68,7 @@ struct SpanTarget {
 };
 
 // Arrays of a sparse or bucketed result on the device, as ResultArrays has them; the triangles of buckets are
-// RunState::fragment_triangles.
+// RunState::fragments.
 struct DeviceResult {
   DeviceArray<uint64_t> bricks, voxels, offsets;
   DeviceArray<uint8_t> masks;
@@ -127,13 +128,10 @@ struct RunState {
   DeviceArray<uint32_t> brick_counts, voxel_counts;
   DeviceArray<uint64_t> first_brick, first_voxel;
 
-  // Buckets: EmitFragments, SortFragments. Fragments in two copies, one of which is the current one.
+  // Buckets: EmitFragments, SortFragments
   DeviceArray<uint32_t> fragment_counts;  // per triangle
   DeviceArray<uint64_t> fragment_first;  // per triangle: where its fragments begin before they are sorted; or per chunk
-  DeviceArray<uint8_t> fragment_keys[2];  // voxel index within the slab: u32, u64 where the slab has more voxels
-  DeviceArray<uint32_t> fragment_triangles[2];
-  uint64_t fragment_count = 0;
-  int fragments_in = 0;  // the current copy
+  Fragments fragments;                   // their keys are voxel indices within the slab
 
   // Blending without tiles, and the A-buffer: per triangle (cell_views.h)
   DeviceArray<uint64_t> cells, blocks;

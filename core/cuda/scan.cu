@@ -7,22 +7,22 @@
 
 namespace voxelpipe::cuda {
 
-absl::Status ExclusiveScan(RunState& state, const uint32_t* in, uint64_t* out, uint64_t count) {
+absl::Status ExclusiveScan(const uint32_t* in, uint64_t* out, uint64_t count, DeviceArray<uint8_t>& scratch,
+                           cudaStream_t stream) {
   if (count == 0) return absl::OkStatus();
-  size_t scratch = 0;
+  size_t bytes = 0;
   const ::cuda::std::plus<> plus;
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceScan::ExclusiveScan(nullptr, bytes, in, out, plus, uint64_t{0}, count, stream));
+  VOXELPIPE_OK_OR_RETURN(scratch.Resize(std::max<size_t>(bytes, 1), stream));
   VOXELPIPE_CUDA_OR_RETURN(
-      cub::DeviceScan::ExclusiveScan(nullptr, scratch, in, out, plus, uint64_t{0}, count, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(
-      cub::DeviceScan::ExclusiveScan(state.scratch.data(), scratch, in, out, plus, uint64_t{0}, count, state.stream));
+      cub::DeviceScan::ExclusiveScan(scratch.data(), bytes, in, out, plus, uint64_t{0}, count, stream));
   return absl::OkStatus();
 }
 
-absl::StatusOr<uint64_t> ReadElement(RunState& state, const uint64_t* at) {
+absl::StatusOr<uint64_t> ReadElement(const uint64_t* at, cudaStream_t stream) {
   uint64_t value = 0;
-  VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(&value, at, sizeof value, cudaMemcpyDeviceToHost, state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(&value, at, sizeof value, cudaMemcpyDeviceToHost, stream));
+  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(stream));
   return value;
 }
 

@@ -180,8 +180,10 @@ absl::Status MakeBricks(RunState& state) {
   args.voxel_counts = state.voxel_counts.data();
   CountBricks<<<unsigned((args.tile_count + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CountBricks");
-  VOXELPIPE_OK_OR_RETURN(ExclusiveScan(state, state.brick_counts.data(), state.first_brick.data(), counts));
-  VOXELPIPE_OK_OR_RETURN(ExclusiveScan(state, state.voxel_counts.data(), state.first_voxel.data(), counts));
+  VOXELPIPE_OK_OR_RETURN(
+      ExclusiveScan(state.brick_counts.data(), state.first_brick.data(), counts, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(
+      ExclusiveScan(state.voxel_counts.data(), state.first_voxel.data(), counts, state.scratch, state.stream));
   uint64_t totals[2] = {0, 0};
   VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(totals, state.first_brick.data() + args.tile_count, sizeof(uint64_t),
                                            cudaMemcpyDeviceToHost, state.stream));

@@ -236,7 +236,7 @@ absl::Status CopyResult(RunState& state, ResultArrays& out) {
     VOXELPIPE_OK_OR_RETURN(Take(r.voxels, r.listed_voxels, out.voxels, state.stream));
     VOXELPIPE_OK_OR_RETURN(Take(r.offsets, r.listed_voxels + 1, out.offsets, state.stream));
     VOXELPIPE_OK_OR_RETURN(
-        Take(state.fragment_triangles[state.fragments_in], r.listed_fragments, out.triangles, state.stream));
+        Take(state.fragments.triangles[state.fragments.current], r.listed_fragments, out.triangles, state.stream));
   } else {
     VOXELPIPE_OK_OR_RETURN(Take(r.bricks, r.listed_bricks, out.bricks, state.stream));
     VOXELPIPE_OK_OR_RETURN(Take(r.masks, r.listed_bricks * 64, out.masks, state.stream));
@@ -362,9 +362,7 @@ void AbandonSlab(RunState& state) {
   for (auto* array : {&state.first_brick, &state.first_voxel}) array->Free();
   state.fragment_counts.Free();
   state.fragment_first.Free();
-  for (auto& array : state.fragment_keys) array.Free();
-  for (auto& array : state.fragment_triangles) array.Free();
-  state.fragment_count = 0;
+  state.fragments.Free();
   for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
   state.word_ranks.Free();
   state.span_targets = {};  // with the values of all triangles, which are made anew

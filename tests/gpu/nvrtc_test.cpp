@@ -111,12 +111,12 @@ TEST(NvrtcTest, CompilesTheFineRasterWithAShaderSuppliedAtRunTime) {
 }
 
 TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
-  const Compiled compiled =
-      Compile(std::string(kShader) + "#include \"cuda/a_buffer_kernel.cuh\"\n",
-              {"voxelpipe::cuda::WalkRuns<voxelpipe::cuda::CountFragments>", "voxelpipe::cuda::EmitRuns<unsigned>",
-               "voxelpipe::cuda::WalkSmall<voxelpipe::cuda::EmitFragment<unsigned>>",
-               "voxelpipe::cuda::WalkRest<voxelpipe::cuda::EmitFragment<unsigned>>",
-               "voxelpipe::cuda::WalkLarge<voxelpipe::cuda::EmitFragment<unsigned>>"});
+  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/a_buffer_kernel.cuh\"\n",
+                                    {"voxelpipe::cuda::WalkRuns<voxelpipe::cuda::CountFragments>",
+                                     "voxelpipe::cuda::EmitRuns<voxelpipe::cuda::EmitFragment<unsigned>>",
+                                     "voxelpipe::cuda::WalkSmall<voxelpipe::cuda::EmitFragment<unsigned>>",
+                                     "voxelpipe::cuda::WalkRest<voxelpipe::cuda::EmitFragment<unsigned>>",
+                                     "voxelpipe::cuda::WalkLarge<voxelpipe::cuda::EmitFragment<unsigned>>"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
@@ -135,12 +135,13 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
       in + "StoreAccumulated",
       in + "EmitCells",
       in + "EmitRest<" + in + "FragmentWriter>",
-      in + "WriteBuckets",
+      in + "WriteBuckets<unsigned>",
+      in + "ScanChunks",
   };
   std::vector<const char*> names;
   for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
   const Compiled compiled = Compile(std::string(kShader) +
-                                        "#include \"cuda/cell_blend.cuh\"\n"
+                                        "#include \"cuda/bucket_kernels.cuh\"\n#include \"cuda/cell_blend.cuh\"\n"
                                         "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/span_kernels.cuh\"\n",
                                     names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;

@@ -1,0 +1,50 @@
+// Fragments of the A-buffer: the voxel and the triangle of each.
+#pragma once
+
+#include <cstdint>
+
+#include "cuda/bucket_views.h"
+#include "cuda/buffer.h"
+
+namespace voxelpipe::cuda {
+
+// Two copies, one of which is the current one.
+struct Fragments {
+  DeviceArray<uint8_t> keys[2];  // voxels: u32, u64 where there are more
+  DeviceArray<uint32_t> triangles[2];
+  uint64_t count = 0;
+  int current = 0;
+
+  absl::Status MakeRoom(uint64_t key_bytes, cudaStream_t stream) {
+    for (int i = 0; i < 2; ++i) {
+      VOXELPIPE_OK_OR_RETURN(keys[i].Resize(count * key_bytes, stream));
+      VOXELPIPE_OK_OR_RETURN(triangles[i].Resize(count, stream));
+    }
+    return absl::OkStatus();
+  }
+  void Free() {
+    for (auto& array : keys) array.Free();
+    for (auto& array : triangles) array.Free();
+    count = 0;
+  }
+  template <typename Key>
+  Key* KeysAs(int copy) {
+    return reinterpret_cast<Key*>(keys[copy].data());
+  }
+};
+
+// Sorts by the lowest `bits` bits of the keys, which are 64 bits wide or 32; fragments of one key keep their order. `scratch` is CUB's.
+absl::Status SortByKey(
+    Fragments& fragments, bool wide_keys, int bits, DeviceArray<uint8_t>& scratch,
+    cudaStream_t stream);  // fragment_sort.cu: CUB compiles slowly, so its instances stand in one place
+
+// An exclusive scan of few sums; sums[count] becomes the total.
+absl::Status ScanInPlace(uint64_t* sums, uint64_t count, cudaStream_t stream);  // buckets.cu, and the rest
+
+// Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room. There are fragments.
+absl::Status CountBuckets(const SortedKeys& keys, cudaStream_t stream);
+// Voxels and where their fragments begin; behind the last one's stands the number of all fragments.
+absl::Status ListBuckets(const BucketArgs<uint64_t>& args, cudaStream_t stream);
+absl::Status ListBuckets(const BucketArgs<uint32_t>& args, cudaStream_t stream);
+
+}  // namespace voxelpipe::cuda
