@@ -18,7 +18,34 @@ namespace voxelpipe::cuda {
 namespace {
 
 // A pass ends where the next item would go beyond; the rest of the items take another one.
-constexpr uint64_t kMostWords = 1 << 26, kMostTriangles = 1 << 24, kMostVertices = 1 << 24;
+struct PassSize {
+  uint64_t words = 0, triangles = 0, vertices = 0;
+  uint64_t voxels = 0, fragment_words = 0;  // of A-buffers
+
+  void Add(const BatchMember& m) {
+    triangles += m.triangles();
+    vertices += m.vertices();
+    if (m.path == BatchPath::kFragments) {
+      voxels += m.plan.grid.voxels();
+      fragment_words += m.fragment_words();
+    } else {  // its bit grids, of single targets too, and what goes back
+      words += m.words() * (2 + 2 * m.request().targets.size()) + m.target_words();
+    }
+  }
+  bool FitsInto(const PassSize& most) const {
+    return words <= most.words && triangles <= most.triangles && vertices <= most.vertices && voxels <= most.voxels &&
+           fragment_words <= most.fragment_words;
+  }
+};
+
+PassSize MostOfPass(const DeviceInfo& device) {
+  PassSize most;
+  most.words = 1 << 26;
+  most.triangles = most.vertices = 1 << 24;
+  most.voxels = UINT32_MAX;  // they and one more have numbers of 32 bits
+  most.fragment_words = std::min<uint64_t>(1 << 30, device.memory_bytes / 16);
+  return most;
+}
 
 double CpuMs() {
   timespec t;
@@ -28,7 +55,7 @@ double CpuMs() {
 
 void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const std::unique_ptr<BatchMember>> members,
              const PlanLimits& limits, BatchStats& stats) {
-  for (const auto& member : members) member->item->job->Report("fine_raster", 0);
+  for (const auto& member : members) member->item->job->Report(member->stage(), 0);
   const double wall = WallMs(), cpu = CpuMs();
   const uint64_t launches = LaunchesOfThread();
   absl::StatusOr<DeviceUse> use = DeviceUse::Begin(device.ordinal);
@@ -50,9 +77,9 @@ void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const s
     }
     member.stats.voxelize_ms = wall_ms + member.stats.stages[0].second;
     member.stats.voxelize_cpu_ms = cpu_ms + member.stats.stages[0].second;
-    member.stats.stages.emplace_back("fine_raster", wall_ms);
+    member.stats.stages.emplace_back(member.stage(), wall_ms);
     absl::StatusOr<VoxelizeResult> result = pass->Cut(i);
-    item.job->Report("fine_raster", 1);
+    item.job->Report(member.stage(), 1);
     item.done(std::move(result));
   });
 }
@@ -90,17 +117,14 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
     }
     together.push_back(std::move(members[i]));
   }
-  std::stable_partition(together.begin(), together.end(), [](const auto& member) { return member->by_rows; });
+  std::stable_sort(together.begin(), together.end(), [](const auto& a, const auto& b) { return a->path < b->path; });
+  const PassSize most = MostOfPass(device);
   for (size_t begin = 0; begin < together.size();) {
-    uint64_t words = 0, triangles = 0, vertices = 0;
+    PassSize size;
     size_t end = begin;
     for (; end < together.size(); ++end) {
-      const BatchMember& m = *together[end];
-      // Its bit grids, of single targets too, and what goes back.
-      words += m.words() * (2 + 2 * m.request().targets.size()) + m.target_words();
-      triangles += m.triangles();
-      vertices += m.vertices();
-      if (end > begin && (words > kMostWords || triangles > kMostTriangles || vertices > kMostVertices)) break;
+      size.Add(*together[end]);
+      if (end > begin && !size.FitsInto(most)) break;
     }
     RunPass(backend, device, std::span(together).subspan(begin, end - begin), limits, stats);
     begin = end;

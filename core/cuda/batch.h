@@ -10,6 +10,7 @@
 #include "cuda/batch_views.h"
 #include "cuda/buffer.h"
 #include "cuda/device.h"
+#include "cuda/fragments.h"
 #include "cuda/tile_pairs.h"
 #include "pipeline/batch.h"
 
@@ -21,12 +22,17 @@ struct BatchState {
   BatchView view;
   // Of items that go by tiles.
   TilePairs pairs;
+  // Of A-buffers: voxels are numbered as among all of them, triangles as in their meshes.
+  uint32_t first_bucketed = 0;  // item; they end with the last one
+  bool drops = false;           // some of their fragments may be dropped
+  Fragments fragments;
+  DeviceArray<uint64_t> chunks;  // of sorted fragments (SortedKeys::first)
   DeviceArray<uint8_t> scratch;
   int shared_bytes = 0;  // of the largest group
 };
 
 // Backend::RunShared, inside the backend's arena. Which items can share a pass: dense and small sparse results, without or with parity
-// fill, that are not large (batch_member.cpp).
+// fill, and A-buffers, that are not large (batch_member.cpp).
 std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, std::span<const BatchItem> items,
                               const PlanLimits& limits, BatchStats& stats);
 
@@ -37,6 +43,14 @@ absl::Status BinBatch(BatchState& state);           // coarse_raster.cu: their p
 absl::Status FineBatch(BatchState& state);          // fine_raster.cu: their coverage and values
 absl::Status FillBatch(const BatchState& state);    // solid_fill.cu: inside, odd columns, filled values
 absl::Status PackBatch(const BatchState& state);    // targets.cu: occupied voxels, packed targets
+// batch_fragments.cu, of A-buffers where there are any:
+absl::Status EmitBatch(BatchState& state);  // fragments; synchronizes
+// Sorts them, where there are any. Out: where each item's begin; where the last one's end, behind which those that are dropped lie; and how
+// many voxels there are, one of dropped fragments among them. Synchronizes.
+absl::StatusOr<std::vector<uint64_t>> SortBatch(BatchState& state);
+// Numbers of voxels and where their fragments begin; behind the last one's stands where they end.
+absl::Status ListBatch(BatchState& state, uint32_t* voxels, uint32_t* offsets);
+absl::Status ShadeBatch(BatchState& state, BatchShadeArgs args);  // `args` but for keys and triangles
 
 // Of a batch's item: its targets in groups, each for a launch. What lies on the device is for the caller to set.
 struct TargetGroups {

@@ -5,18 +5,22 @@
 
 namespace voxelpipe::cuda {
 
-// The last item whose `first` is not behind `at`: items without any part of their own are never found.
-__device__ inline uint32_t ItemAt(const BatchView& batch, uint64_t BatchItemView::*first, uint64_t at) {
-  uint32_t lo = 0, hi = batch.item_count;
+// The last of a list whose `first` is not behind `at`: those without any part of their own are never found.
+template <typename T>
+__device__ inline uint32_t LastAt(const T* list, uint32_t count, uint64_t T::*first, uint64_t at) {
+  uint32_t lo = 0, hi = count;
   while (hi - lo > 1) {
     const uint32_t mid = lo + (hi - lo) / 2;
-    if (batch.items[mid].*first <= at) {
+    if (list[mid].*first <= at) {
       lo = mid;
     } else {
       hi = mid;
     }
   }
   return lo;
+}
+__device__ inline uint32_t ItemAt(const BatchView& batch, uint64_t BatchItemView::*first, uint64_t at) {
+  return LastAt(batch.items, batch.item_count, first, at);
 }
 
 // The walk's arguments (walk_kernels.cuh) where each triangle has the grid and the coverage of its item.
@@ -35,6 +39,22 @@ __device__ inline const GridView& GridOf(const BatchWalkArgs& args, uint32_t t) 
 }
 __device__ inline Coverage CoverageOf(const BatchWalkArgs& args, uint32_t t) {
   return args.items[args.item_of[t]].coverage;
+}
+
+// The walk of `count` triangles from `first` on, which have numbers from there on.
+inline BatchWalkArgs WalkOf(const BatchView& batch, uint64_t first, uint64_t count, BatchQueue queue) {
+  BatchWalkArgs args;
+  args.items = batch.items;
+  args.item_of = batch.item_of + first;
+  args.triangles = batch.triangles + 3 * first;
+  args.positions = batch.placed;
+  args.codes = batch.codes;
+  args.triangle_count = count;
+  args.small_queue = batch.queue[0];
+  args.rest_queue = batch.queue[1];
+  args.large_queue = batch.queue[2];
+  args.queued = batch.queued + queue;
+  return args;
 }
 
 }  // namespace voxelpipe::cuda

@@ -5,7 +5,7 @@
 
 #include "base/wall_clock.h"
 #include "cpu/row_kernels.h"
-#include "cuda/views.h"
+#include "cuda/run_state.h"
 #include "grid/index_space.h"
 #include "shaders/mips.h"
 
@@ -18,6 +18,8 @@ constexpr uint64_t kMostTriangles = 1 << 20, kMostVertices = 1 << 24;
 // Likewise of items that go by tiles: a block takes a tile whole, and what shaders read goes up with the pass.
 constexpr uint64_t kMostTiledTriangles = 1 << 15, kMostTiledVertices = 3 * kMostTiledTriangles;
 constexpr uint64_t kMostTargetWords = 1 << 22, kMostTexels = 1 << 20;
+// Likewise of A-buffers.
+constexpr uint64_t kMostBoxVoxels = 1 << 24;
 // Bricks are made of all voxels on the host; beyond this the device makes them, alone.
 constexpr uint64_t kMostVoxelsOfSparse = 1 << 21;
 
@@ -39,14 +41,41 @@ uint64_t Texels(const std::vector<TextureView>& textures) {
   return texels;
 }
 
-bool IsSmallForTiles(const BatchMember& member) {
+bool IsSmallForShaders(const BatchMember& member) {
   return member.triangles() <= kMostTiledTriangles && member.vertices() <= kMostTiledVertices &&
-         member.target_words() <= kMostTargetWords && Texels(member.host->textures) <= kMostTexels;
+         Texels(member.host->textures) <= kMostTexels;
+}
+
+// Voxels of the triangles' boxes within the grid, of each at most five layers: a plane meets no more voxels of a column along its normal's
+// largest component.
+uint64_t BoxVoxels(const MeshView& mesh, const GridSpec& grid) {
+  double scale[3], last[3];
+  for (int i = 0; i < 3; ++i) {
+    scale[i] = 1 / grid.voxel_size[i];
+    last[i] = double(grid.dims[size_t(i)] - 1);
+  }
+  uint64_t voxels = 0;
+  for (uint64_t t = 0; t < mesh.triangle_count; ++t) {
+    const uint32_t* const v = mesh.triangles[t];
+    const Vec3d &a = mesh.positions[v[0]], &b = mesh.positions[v[1]], &c = mesh.positions[v[2]];
+    int64_t box = 1, least = INT64_MAX;
+    for (int i = 0; i < 3; ++i) {
+      const double lo = Min(a[i], Min(b[i], c[i])), hi = Max(a[i], Max(b[i], c[i]));
+      const double begin = Clamp((lo - grid.origin[i]) * scale[i], 0.0, last[i]);
+      const double end = Clamp((hi - grid.origin[i]) * scale[i], 0.0, last[i]);
+      const int64_t side = int64_t(end) - int64_t(begin) + 1;
+      box *= side;
+      least = std::min(least, side);
+    }
+    voxels += uint64_t(least <= 5 ? box : box / least * 5);
+  }
+  return voxels;
 }
 
 }  // namespace
 
 uint64_t BatchMember::target_words() const {
+  if (path == BatchPath::kFragments) return 0;
   uint64_t words = sparse() ? packed_words() : 0;  // what is occupied
   for (const TargetSpec& spec : request().targets) {
     words += (TargetBytes(spec, plan.grid.voxels()) + 3) / 4;
@@ -54,9 +83,20 @@ uint64_t BatchMember::target_words() const {
   return words;
 }
 
+bool BatchMember::shades_fragments() const {
+  const TargetSpec& first = request().targets[0];
+  return request().targets.size() > 1 || !DescribeTarget(first, bound->fragment_shaders[0]).is_occupancy;
+}
+
+uint64_t BatchMember::fragment_words() const {
+  uint64_t of_each = 3;  // its triangle; its voxel and offset, if it has one to itself
+  for (const TargetSpec& spec : request().targets) of_each += (TargetBytes(spec, 1) + 3) / 4;
+  return box_voxels * of_each;
+}
+
 std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimits& limits) {
   const VoxelizeRequest& request = *item.request;
-  if (request.result == ResultKind::kBuckets || request.fill == Fill::kFlood) return nullptr;
+  if (request.fill == Fill::kFlood) return nullptr;
   if (item.mesh->triangles.size() > kMostTriangles || item.mesh->positions.size() > kMostVertices) return nullptr;
   if (!item.job->Check().ok()) return nullptr;
   absl::StatusOr<BoundRequest> bound = BindRequest(*item.mesh, request);
@@ -81,8 +121,15 @@ std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimi
   if (member->words() > kMostWords || grid.voxels() > 32 * kMostWords) return nullptr;
   if (member->sparse() && grid.voxels() > kMostVoxelsOfSparse) return nullptr;
   if (member->triangles() > 0 && !InReach(*extent, grid)) return nullptr;
-  member->by_rows = cpu::PlainBits(*member->host, grid);
-  return member->by_rows || IsSmallForTiles(*member) ? std::move(member) : nullptr;
+  if (request.result == ResultKind::kBuckets) {
+    member->path = BatchPath::kFragments;
+    if (!IsSmallForShaders(*member)) return nullptr;
+    member->box_voxels = BoxVoxels(member->host->view, grid);
+    return member->box_voxels <= kMostBoxVoxels ? std::move(member) : nullptr;
+  }
+  if (cpu::PlainBits(*member->host, grid)) return member;
+  member->path = BatchPath::kTiles;
+  return IsSmallForShaders(*member) && member->target_words() <= kMostTargetWords ? std::move(member) : nullptr;
 }
 
 }  // namespace voxelpipe::cuda

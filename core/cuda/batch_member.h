@@ -9,13 +9,21 @@
 
 namespace voxelpipe::cuda {
 
+// How a member goes through a pass.
+enum class BatchPath {
+  kRows,       // plain bits
+  kTiles,      // other dense and sparse results
+  kFragments,  // A-buffers
+};
+
 struct BatchMember {
   const BatchItem* item = nullptr;
   std::unique_ptr<BoundRequest> bound;
   std::unique_ptr<cpu::RunState> host;  // refers to `bound`; its view shows the mesh as the vertex shader left it
   Plan plan;
   VoxelizeStats stats;
-  bool by_rows = false;  // plain bits; the others go by tiles
+  BatchPath path = BatchPath::kRows;
+  uint64_t box_voxels = 0;  // of an A-buffer: about the most fragments that it can have
 
   const VoxelizeRequest& request() const { return bound->request; }
   uint64_t triangles() const { return host->view.triangle_count; }
@@ -28,8 +36,13 @@ struct BatchMember {
   uint64_t column_words() const {  // of all layers
     return parity() ? uint64_t((plan.grid.dims[1] + 31) / 32) * uint64_t(plan.grid.dims[2]) : 0;
   }
-  // What the device holds of its targets, packed bits and values, in 32-bit words.
+  // The stage that its pass is to clients.
+  const char* stage() const { return path == BatchPath::kFragments ? "emit" : "fine_raster"; }
+  // What the device holds of its targets, packed bits and values, in 32-bit words; not of an A-buffer.
   uint64_t target_words() const;
+  // Of an A-buffer: whether more than which fragments there are is asked for; what goes back of one at most, in 32-bit words, and of all.
+  bool shades_fragments() const;
+  uint64_t fragment_words() const;
 };
 
 // Shades the item's vertices and plans. Null where it cannot share a pass, being large, of another kind, or wrong in some way: alone it

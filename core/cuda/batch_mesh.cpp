@@ -51,7 +51,9 @@ absl::Status BatchMesh::Add(const BatchMember& member, KeptArrays& kept, UploadL
   VOXELPIPE_OK_OR_RETURN(AddArray(has_id ? shared.id + "/triangles" : "",
                                   host.triangles == nullptr ? nullptr : &host.triangles[0][0], 3 * host.triangle_count,
                                   kept, layout, triangles_));
-  return member.by_rows ? absl::OkStatus() : AddShading(member, kept, layout);
+  const bool shades =
+      member.path == BatchPath::kFragments ? member.shades_fragments() : member.path != BatchPath::kRows;
+  return shades ? AddShading(member, kept, layout) : absl::OkStatus();
 }
 
 absl::Status BatchMesh::AddShading(const BatchMember& member, KeptArrays& kept, UploadLayout& layout) {

@@ -37,7 +37,7 @@ class BatchMesh {
   // On the device; after Place.
   const Vec3d* positions() const { return positions_there_; }
   const uint32_t* triangles() const { return triangles_there_; }
-  const MeshView* view() const { return view_there_; }  // of a member that goes by tiles
+  const MeshView* view() const { return view_there_; }  // of a member that is shaded; else null
 
  private:
   // An array on the device: there already, or in the block.
@@ -80,7 +80,7 @@ class BatchMesh {
   const Vec3d* positions_there_ = nullptr;
   const uint32_t* triangles_there_ = nullptr;
   const MeshView* view_there_ = nullptr;
-  std::unique_ptr<Shading> shading_;  // of a member that goes by tiles
+  std::unique_ptr<Shading> shading_;  // of a member that is shaded
 };
 
 }  // namespace voxelpipe::cuda

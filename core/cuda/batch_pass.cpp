@@ -5,32 +5,10 @@
 #include <utility>
 
 #include "cuda/batch_bricks.h"
+#include "cuda/block_layout.h"
 #include "cuda/run_state.h"
 
 namespace voxelpipe::cuda {
-namespace {
-
-// Places for arrays behind each other in one block of device memory, each at a multiple of 16 bytes.
-class Layout {
- public:
-  template <typename T>
-  uint64_t Add(uint64_t count) {
-    const uint64_t begin = bytes_;
-    bytes_ += (count * sizeof(T) + 15) / 16 * 16;
-    return begin;
-  }
-  uint64_t bytes() const { return bytes_; }
-
- private:
-  uint64_t bytes_ = 0;
-};
-
-template <typename T>
-T* At(DeviceArray<uint8_t>& block, uint64_t offset) {
-  return reinterpret_cast<T*>(block.data() + offset);
-}
-
-}  // namespace
 
 BatchPass::BatchPass(const DeviceInfo& device, DeviceUse use, std::span<const std::unique_ptr<BatchMember>> members)
     : members_(members), use_(std::move(use)), kept_(device.ordinal, use_.stream()) {
@@ -52,57 +30,67 @@ absl::Status BatchPass::Run() {
   VOXELPIPE_OK_OR_RETURN(FineBatch(state_));
   VOXELPIPE_OK_OR_RETURN(FillBatch(state_));
   VOXELPIPE_OK_OR_RETURN(PackBatch(state_));
-  absl::StatusOr<PinnedBuffer> back = PinnedBuffer::Take(result_bytes_ + 8);  // bricks are read beyond the end
+  VOXELPIPE_OK_OR_RETURN(buckets_.Make(state_));
+  const uint64_t back_bytes = result_bytes_ + buckets_.result_bytes();
+  absl::StatusOr<PinnedBuffer> back = PinnedBuffer::Take(back_bytes + 8);  // bricks are read beyond the end
   if (!back.ok()) return back.status();
   back_ = *std::move(back);
   VOXELPIPE_CUDA_OR_RETURN(
       cudaMemcpyAsync(back_.data(), state_.view.counts, result_bytes_, cudaMemcpyDeviceToHost, state_.stream));
+  VOXELPIPE_OK_OR_RETURN(buckets_.CopyBack(state_, back_.data() + result_bytes_));
   VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state_.stream));
   return absl::OkStatus();
 }
 
 absl::StatusOr<VoxelizeResult> BatchPass::Cut(size_t number) {
   BatchMember& member = *members_[number];
-  const Place& place = places_[number];
-  if (absl::Status s = member.item->job->Check(); !s.ok()) return s;
+  VOXELPIPE_OK_OR_RETURN(member.item->job->Check());
   VoxelizeResult result;
   result.kind = member.request().result;
   result.grid = member.plan.grid;
   result.layout = member.request().layout;
   result.specs = member.request().targets;
-  const uint8_t* const packed = back_.data() + packed_offset_;
-  uint32_t next_packed = place.first_packed;
-  const auto take_packed = [&] { return packed + packed_[next_packed++].first_packed * sizeof(uint32_t); };
-  if (member.sparse() && member.by_rows) {
-    const uint8_t* const occupied = take_packed();
-    const uint8_t* const covered = member.parity() ? take_packed() : nullptr;
-    if (absl::Status s = BricksOfBits(occupied, covered, result); !s.ok()) return s;
-  } else {
-    const uint8_t* const occupied = member.sparse() ? take_packed() : nullptr;
-    std::vector<const uint8_t*> dense;
-    for (size_t t = 0; t < result.specs.size(); ++t) {
-      const bool bits = result.specs[t].format == VoxelFormat::kBit;
-      dense.push_back(bits ? take_packed() : back_.data() + values_offset_ + place.tiled->values[t]);
-    }
-    if (member.sparse()) {
-      if (absl::Status s = BricksOfDense(occupied, dense, result); !s.ok()) return s;
-    }
-    for (size_t t = 0; t < dense.size() && !member.sparse(); ++t) {
-      absl::StatusOr<HostBuffer> target = HostBuffer::Allocate(TargetBytes(result.specs[t], result.grid.voxels()));
-      if (!target.ok()) return target.status();
-      std::memcpy(target->data(), dense[t], target->size());
-      result.targets.push_back(*std::move(target));
-    }
-  }
   BatchCounts counts;
   std::memcpy(&counts, back_.data() + number * sizeof counts, sizeof counts);
+  if (member.path == BatchPath::kFragments) {
+    VOXELPIPE_OK_OR_RETURN(buckets_.Cut(number - state_.first_bucketed, back_.data() + result_bytes_, result));
+    counts.occupied = result.listed_voxels();
+    counts.fragments = result.listed_fragments();
+  } else {
+    VOXELPIPE_OK_OR_RETURN(CutGrid(member, places_[number], result));
+  }
   result.stats = std::move(member.stats);
   result.stats.triangles = member.triangles();
   result.stats.occupied = counts.occupied;
   if (member.parity()) result.stats.odd_columns = counts.odd_columns;
-  if (!member.by_rows) result.stats.fragments = counts.fragments;
+  if (member.path != BatchPath::kRows) result.stats.fragments = counts.fragments;
   result.stats.backend = result.stats.simd = "cuda";
   return result;
+}
+
+absl::Status BatchPass::CutGrid(const BatchMember& member, const Place& place, VoxelizeResult& result) const {
+  const uint8_t* const packed = back_.data() + packed_offset_;
+  uint32_t next_packed = place.first_packed;
+  const auto take_packed = [&] { return packed + packed_[next_packed++].first_packed * sizeof(uint32_t); };
+  if (member.sparse() && member.path == BatchPath::kRows) {
+    const uint8_t* const occupied = take_packed();
+    const uint8_t* const covered = member.parity() ? take_packed() : nullptr;
+    return BricksOfBits(occupied, covered, result);
+  }
+  const uint8_t* const occupied = member.sparse() ? take_packed() : nullptr;
+  std::vector<const uint8_t*> dense;
+  for (size_t t = 0; t < result.specs.size(); ++t) {
+    const bool bits = result.specs[t].format == VoxelFormat::kBit;
+    dense.push_back(bits ? take_packed() : back_.data() + values_offset_ + place.tiled->values[t]);
+  }
+  if (member.sparse()) return BricksOfDense(occupied, dense, result);
+  for (size_t t = 0; t < dense.size(); ++t) {
+    absl::StatusOr<HostBuffer> target = HostBuffer::Allocate(TargetBytes(result.specs[t], result.grid.voxels()));
+    if (!target.ok()) return target.status();
+    std::memcpy(target->data(), dense[t], target->size());
+    result.targets.push_back(*std::move(target));
+  }
+  return absl::OkStatus();
 }
 
 void BatchPass::Describe() {
@@ -122,6 +110,7 @@ void BatchPass::Describe() {
 void BatchPass::DescribeItem(const BatchMember& member) {
   BatchView& view = state_.view;
   const GridSpec& grid = member.plan.grid;
+  const bool grids = member.path != BatchPath::kFragments;
   BatchItemView item;
   for (int a = 0; a < 3; ++a) item.grid.dims[a] = grid.dims[size_t(a)];
   item.grid.slab_end = item.grid.dims[2];
@@ -139,23 +128,28 @@ void BatchPass::DescribeItem(const BatchMember& member) {
   item.first_word = words_;
   item.first_column = columns_;
   item.first_tile = view.tile_count;
-  item.words = member.words();
+  item.words = grids ? member.words() : 0;
   item.column_words = item.parity ? (item.grid.dims[1] + 31) / 32 : 0;
   view.vertex_count += member.vertices();
   view.triangle_count += member.triangles();
-  if (member.by_rows) view.row_triangles = view.triangle_count;
-  if (!member.by_rows) view.tile_count += item.grid.tiles.count();
-  view.row_count += member.rows();
+  if (member.path == BatchPath::kRows) view.row_triangles += member.triangles();
+  if (member.path == BatchPath::kTiles) {
+    view.tile_triangles += member.triangles();
+    view.tile_count += item.grid.tiles.count();
+  }
+  if (grids) view.row_count += member.rows();
   view.any_parity = view.any_parity || item.parity;
   words_ += item.words;
   columns_ += member.column_words();
+  if (!grids) buckets_.Add(member, uint32_t(items_.size()), item, state_);
   items_.push_back(item);
 }
 
 void BatchPass::DescribeTargets(const BatchMember& member) {
   places_.emplace_back().first_packed = uint32_t(packed_.size());
+  if (member.path == BatchPath::kFragments) return;
   if (member.sparse()) AddPacked(member, false, true);  // what is occupied
-  if (!member.by_rows) {
+  if (member.path == BatchPath::kTiles) {
     AddTiled(member);
   } else if (!member.sparse()) {
     for (const TargetSpec& spec : member.request().targets) AddPacked(member, spec.clear != 0, spec.fill_value != 0);
@@ -212,18 +206,20 @@ void BatchPass::AddTiled(const BatchMember& member) {
 
 absl::Status BatchPass::Allocate() {
   BatchView& view = state_.view;
-  Layout layout;
+  BlockLayout layout;
   const uint64_t placed = layout.Add<Vec3d>(view.vertex_count), codes = layout.Add<VertexCode>(view.vertex_count);
   const uint64_t triangles = layout.Add<uint32_t>(3 * view.triangle_count);
   const uint64_t item_of = layout.Add<uint32_t>(view.triangle_count);
   uint64_t queue[3];
   for (uint64_t& q : queue) q = layout.Add<uint32_t>(view.triangle_count);
-  const uint64_t queued = layout.Add<uint64_t>(8);  // from here on cleared together
+  const uint64_t queued = layout.Add<uint64_t>(kBatchQueues);  // from here on cleared together
   const uint64_t counters = layout.Add<uint64_t>(kBatchCounters);
   const uint64_t bits = layout.Add<uint32_t>(words_);
   const uint64_t own_bits = layout.Add<uint32_t>(own_words_);
   const uint64_t inside = layout.Add<uint32_t>(view.any_parity ? words_ : 0);
   const uint64_t columns = layout.Add<uint32_t>(columns_);
+  const uint64_t bucketed = view.triangle_count - view.row_triangles - view.tile_triangles;
+  const uint64_t fragment_counts = layout.Add<uint32_t>(bucketed + 1);
   const uint64_t counts = layout.Add<BatchCounts>(view.item_count);  // from here on copied back together
   const uint64_t packed = layout.Add<uint32_t>(view.packed_words);   // from here on not cleared
   const uint64_t values = layout.Add<uint8_t>(value_bytes_);
@@ -239,6 +235,7 @@ absl::Status BatchPass::Allocate() {
   own_bits_ = At<uint32_t>(work_, own_bits);
   view.inside = At<uint32_t>(work_, inside);
   view.columns = At<uint32_t>(work_, columns);
+  view.fragment_counts = At<uint32_t>(work_, fragment_counts);
   view.counts = At<BatchCounts>(work_, counts);
   view.packed = At<uint32_t>(work_, packed);
   first_values_ = At<uint8_t>(work_, values);
@@ -294,6 +291,7 @@ absl::Status BatchPass::Upload() {
   const uint64_t packed = layout.Add(packed_.data(), packed_.size());
   const uint64_t values = layout.Add(values_.data(), values_.size());
   const uint64_t groups = layout.Add(groups_.data(), groups_.size());
+  buckets_.AddTo(layout);
   meshes_.resize(members_.size());
   for (size_t i = 0; i < members_.size(); ++i) {
     VOXELPIPE_OK_OR_RETURN(meshes_[i].Add(*members_[i], kept_, layout));
@@ -307,6 +305,7 @@ absl::Status BatchPass::Upload() {
     meshes_[i].Place(there_.data(), view.placed + item.first_vertex);
     item.positions = meshes_[i].positions();
     item.triangles = meshes_[i].triangles();
+    item.shading.mesh = meshes_[i].view();
     for (uint32_t g = 0; g < item.group_count; ++g) groups_[item.first_group + g].mesh = meshes_[i].view();
   }
   layout.CopyTo(staging_.data());
@@ -316,6 +315,7 @@ absl::Status BatchPass::Upload() {
   view.targets = At<BatchTargetView>(there_, packed);
   view.values = At<BatchValueView>(there_, values);
   view.groups = At<FineArgs>(there_, groups);
+  buckets_.Place(there_.data(), view);
   return absl::OkStatus();
 }
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cuda/batch.h"
+#include "cuda/batch_buckets.h"
 #include "cuda/batch_member.h"
 #include "cuda/batch_mesh.h"
 #include "cuda/pinned.h"
@@ -16,7 +17,7 @@ namespace voxelpipe::cuda {
 
 class BatchPass {
  public:
-  // Those that go by rows come first. What is pointed to must outlive the pass.
+  // In the order of their paths. What is pointed to must outlive the pass.
   BatchPass(const DeviceInfo& device, DeviceUse use, std::span<const std::unique_ptr<BatchMember>> members);
   ~BatchPass();
 
@@ -36,7 +37,7 @@ class BatchPass {
   // Where a member's results are among packed_, and the rest.
   struct Place {
     uint32_t first_packed = 0;
-    std::unique_ptr<Tiled> tiled;  // null: it goes by rows
+    std::unique_ptr<Tiled> tiled;  // null: it does not go by tiles
   };
 
   void Describe();
@@ -48,6 +49,8 @@ class BatchPass {
   // Descriptions and meshes go up in one copy.
   absl::Status Upload();
   void PointAtTargets(size_t number);
+  // The arrays of a member that has a grid.
+  absl::Status CutGrid(const BatchMember& member, const Place& place, VoxelizeResult& result) const;
 
   std::span<const std::unique_ptr<BatchMember>> members_;
   DeviceUse use_;  // destroyed behind all arrays, which are freed on its stream
@@ -58,6 +61,7 @@ class BatchPass {
   std::vector<FineArgs> groups_;
   std::vector<Place> places_;      // per member
   std::vector<BatchMesh> meshes_;  // likewise
+  BatchBuckets buckets_;
   uint64_t words_ = 0, own_words_ = 0, columns_ = 0, value_bytes_ = 0;
   uint32_t* own_bits_ = nullptr;                                       // bit grids of single targets
   uint8_t* first_values_ = nullptr;                                    // on the device

@@ -1,7 +1,7 @@
 // What kernels get of a batch: plain structs, no host-only includes.
 //
-// All grids of a batch lie in one index space of words and rows, one behind the other; so do vertices, triangles and the
-// words of the results. What belongs to whom is found by bisection among the items, whose firsts ascend.
+// All grids of a batch lie in one index space of words and rows, one behind the other, those of A-buffers in one of voxels; so do vertices,
+// triangles and the words of the results. What belongs to whom is found by bisection among the items, whose firsts ascend.
 #pragma once
 
 #include "cuda/fine_args.cuh"
@@ -9,6 +9,16 @@
 #include "cuda/views.h"
 
 namespace voxelpipe::cuda {
+
+// How the fragments of an A-buffer are shaded.
+struct BatchShading {
+  const MeshView* mesh = nullptr;
+  uint32_t first_target = 0;  // of BatchView::shaded
+  int target_count = 0;
+  ShaderTraits traits;  // of all targets' shaders together
+  bool planar = false;
+  bool drops = false;  // every target's shader can discard: a fragment that all do is none
+};
 
 // One grid of the batch, a single slab.
 struct BatchItemView {
@@ -19,12 +29,14 @@ struct BatchItemView {
   // Its mesh, which may lie anywhere on the device.
   const Vec3d* positions = nullptr;  // world space
   const uint32_t* triangles = nullptr;
-  // Where its part begins among all vertices, triangles, rows of bit grids, their words, words of columns, and tiles. An item of plain
-  // bits goes by rows and has no tiles; such items come first.
+  // Where its part begins among all vertices, triangles, rows of bit grids, their words, words of columns, tiles, and voxels of
+  // A-buffers. An item of plain bits goes by rows and has no tiles; such items come first. An A-buffer has voxels alone; they come last.
   uint64_t first_vertex = 0, first_triangle = 0, first_row = 0, first_word = 0, first_column = 0, first_tile = 0;
+  uint64_t first_voxel = 0;
   uint32_t first_group = 0, group_count = 0;  // of BatchView::groups: its targets
   uint64_t words = 0;                         // of its bit grid
   int64_t column_words = 0;                   // of a layer's columns (solid_fill.cu)
+  BatchShading shading;
 };
 
 // One bit target: packed bits, made of an item's coverage and inside.
@@ -61,6 +73,14 @@ enum BatchCounter : int {
   kBatchCounters = kBatchNextTile + kMostTargets
 };
 
+// Elements of BatchView::queued, the first ones of a stage.
+enum BatchQueue : int {
+  kBatchRows = 0,       // as in WalkArgs
+  kBatchFill = 4,       // of the parity fill
+  kBatchFragments = 5,  // as in WalkArgs
+  kBatchQueues = 9
+};
+
 // TilePairs of all tiles, sorted.
 struct BatchPairs {
   const uint32_t *triangles = nullptr, *begin = nullptr, *end = nullptr, *occupied = nullptr;
@@ -72,8 +92,12 @@ struct BatchView {
   const BatchValueView* values = nullptr;
   const FineArgs* groups = nullptr;
   uint32_t item_count = 0, target_count = 0, value_count = 0;
-  uint32_t most_groups = 0;                    // of an item
-  uint64_t row_triangles = 0, tile_count = 0;  // of items of plain bits; of the others
+  uint32_t most_groups = 0;  // of an item
+  // Triangles of items of plain bits, behind them those of items that go by tiles, and tiles.
+  uint64_t row_triangles = 0, tile_triangles = 0, tile_count = 0;
+  uint64_t voxel_count = 0;             // of A-buffers
+  const CudaTarget* shaded = nullptr;   // targets of A-buffers
+  uint32_t* fragment_counts = nullptr;  // per triangle of an A-buffer, and one more, which stays 0
   uint64_t vertex_count = 0, triangle_count = 0, row_count = 0, packed_words = 0;
   bool any_parity = false;
   Vec3d* placed = nullptr;  // vertices in index space
@@ -84,13 +108,28 @@ struct BatchView {
   // Cleared at the beginning, together.
   void* zero = nullptr;
   uint64_t zero_quads = 0;        // of 16 bytes
-  uint64_t* queued = nullptr;     // see WalkArgs; the fifth is of the parity fill
+  uint64_t* queued = nullptr;     // see BatchQueue
   uint64_t* counters = nullptr;   // see BatchCounter
   uint32_t* bits = nullptr;       // coverage
   uint32_t* inside = nullptr;     // where any item has a fill
   uint32_t* columns = nullptr;    // likewise: parity of each column's crossings
   BatchCounts* counts = nullptr;  // per item
   uint32_t* packed = nullptr;
+};
+
+// Sorted fragments of one A-buffer that are shaded.
+struct BatchFragmentRange {
+  uint32_t item = 0;
+  uint64_t first = 0, count = 0;
+  uint64_t first_thread = 0;  // a multiple of 32: no warp has two ranges
+};
+
+struct BatchShadeArgs {
+  const BatchFragmentRange* ranges = nullptr;
+  uint32_t range_count = 0;
+  uint64_t threads = 0;                                  // of all ranges
+  uint8_t* const* out = nullptr;                         // per target of BatchView::shaded
+  const uint32_t *keys = nullptr, *triangles = nullptr;  // sorted
 };
 
 }  // namespace voxelpipe::cuda

@@ -238,7 +238,7 @@ absl::Status BinBatch(BatchState& state) {
   args.positions = batch.placed;
   args.codes = batch.codes;
   args.first_triangle = batch.row_triangles;
-  args.triangle_end = batch.triangle_count;
+  args.triangle_end = batch.row_triangles + batch.tile_triangles;
   args.queue = batch.queue[0];
   args.pairs = batch.counters + kBatchPairs;
   args.queued = batch.counters + kBatchQueued;

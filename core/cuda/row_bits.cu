@@ -197,18 +197,7 @@ absl::Status RasterBatch(const BatchState& state) {
   PrepareBatch<<<BlocksFor(work, kThreads, uint64_t(state.device.multiprocessors) * 16), kThreads, 0, state.stream>>>(
       batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("PrepareBatch");
-  BatchWalkArgs args;
-  args.items = batch.items;
-  args.item_of = batch.item_of;
-  args.triangles = batch.triangles;
-  args.positions = batch.placed;
-  args.codes = batch.codes;
-  args.triangle_count = batch.row_triangles;
-  args.small_queue = batch.queue[0];
-  args.rest_queue = batch.queue[1];
-  args.large_queue = batch.queue[2];
-  args.queued = batch.queued;
-  return WalkOn(state.device, state.stream, args, SetBatchBits{batch});
+  return WalkOn(state.device, state.stream, WalkOf(batch, 0, batch.row_triangles, kBatchRows), SetBatchBits{batch});
 }
 
 namespace {

@@ -278,7 +278,7 @@ absl::Status FillBatch(const BatchState& state) {
   args.positions = batch.placed;
   args.triangle_count = batch.triangle_count;
   args.queue = batch.queue[0];
-  args.queued = batch.queued + 4;
+  args.queued = batch.queued + kBatchFill;
   VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, 1, state.stream));  // small grids: many queued, each with few lines
   SuffixXorBatch<<<BlocksFor(batch.row_count, kThreads / 32), kThreads, 0, state.stream>>>(batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("SuffixXorBatch");

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "cuda/batch.h"
+#include "cuda/batch_kernel.cuh"
 #include "cuda/launch.h"
 #include "cuda/pinned.h"
 #include "cuda/run_state.h"
@@ -71,16 +72,8 @@ __global__ void __launch_bounds__(kThreads) PackKernel(const PackArgs a) {
 __global__ void __launch_bounds__(kThreads) PackBatchKernel(const __grid_constant__ BatchView batch) {
   for (uint64_t w = uint64_t(blockIdx.x) * kThreads + threadIdx.x; w < batch.packed_words;
        w += uint64_t(gridDim.x) * kThreads) {
-    uint32_t lo = 0, hi = batch.target_count;
-    while (hi - lo > 1) {
-      const uint32_t mid = lo + (hi - lo) / 2;
-      if (batch.targets[mid].first_packed <= w) {
-        lo = mid;
-      } else {
-        hi = mid;
-      }
-    }
-    const BatchTargetView& target = batch.targets[lo];
+    const BatchTargetView& target =
+        batch.targets[LastAt(batch.targets, batch.target_count, &BatchTargetView::first_packed, w)];
     const BatchItemView& item = batch.items[target.item];
     PackArgs a;
     const uint32_t* const coverage = batch.bits + item.first_word;

@@ -5,8 +5,10 @@
 #include <optional>
 
 #include "absl/strings/str_cat.h"
+#include "gpu/batch_cases.h"
 #include "gpu/first_difference.h"
 #include "pipeline/backend.h"
+#include "support/meshes.h"
 
 namespace voxelpipe::gpu {
 namespace {
@@ -42,12 +44,21 @@ bool IsPlain(const VoxelizeRequest& request) {
                      [](const TargetSpec& t) { return t.format == VoxelFormat::kBit && t.shader.name == "occupancy"; });
 }
 
-using Result = std::optional<absl::StatusOr<VoxelizeResult>>;
-
-std::string Outcome(const Result& result) {
-  if (!result) return "nothing";
-  return result->ok() ? "a result" : std::string(result->status().ToString());
+// Whether its A-buffer shares a pass: it is so small that whatever its triangles are it has few fragments.
+bool IsSmallABuffer(const TriangleMesh& mesh, const VoxelizeResult& result) {
+  return result.kind == ResultKind::kBuckets && mesh.triangles.size() * result.grid.voxels() <= 1 << 24;
 }
+
+struct Result {
+  std::optional<absl::StatusOr<VoxelizeResult>> result;
+  bool shared = false;  // it came while shared passes ran
+
+  bool ok() const { return result && result->ok(); }
+  std::string Outcome() const {
+    if (!result) return "nothing";
+    return result->ok() ? "a result" : std::string(result->status().ToString());
+  }
+};
 
 }  // namespace
 
@@ -55,9 +66,22 @@ void BatchParity::Add(const std::string& name, std::shared_ptr<const TriangleMes
                       const std::vector<ParityCase>& cases, size_t every) {
   for (size_t i = 0; i < cases.size(); ++i) {
     if (!IsPlain(cases[i].request) && i % every != 0) continue;
-    waiting_.push_back({absl::StrCat(name, "#", i, " ", Describe(cases[i])), mesh, cases[i].request});
-    if (waiting_.size() >= most_) Flush();
+    Add(absl::StrCat(name, "#", i, " ", Describe(cases[i])), mesh, cases[i].request);
   }
+}
+
+void BatchParity::AddABuffers(const std::string& name, std::shared_ptr<const TriangleMesh> mesh) {
+  for (const ParityCase& c : ABufferCases()) Add(absl::StrCat(name, " batch ", Describe(c)), mesh, c.request);
+}
+
+void BatchParity::Add(std::string line, std::shared_ptr<const TriangleMesh> mesh, const VoxelizeRequest& request) {
+  waiting_.push_back({std::move(line), std::move(mesh), request});
+  if (waiting_.size() >= most_) Flush();
+}
+
+void BatchParity::Differ(const std::string& line, const std::string& how) {
+  ++differ_;
+  if (differ_ <= 20) std::printf("BATCH DIFFERS %s\n        %s\n", line.c_str(), how.c_str());
 }
 
 void BatchParity::Flush() {
@@ -65,16 +89,18 @@ void BatchParity::Flush() {
   const JobContext job;
   std::vector<Result> expected(waiting_.size());
   const auto run = [&](const Backend& backend, BackendChoice choice, std::vector<Result>& results) {
+    BatchStats stats;
     std::vector<BatchItem> items;
     for (size_t i = 0; i < waiting_.size(); ++i) {
       waiting_[i].request.backend = choice;
-      items.push_back({waiting_[i].mesh.get(),
-                       &waiting_[i].request,
-                       &job,
-                       {},
-                       [&results, i](absl::StatusOr<VoxelizeResult> result) { results[i] = std::move(result); }});
+      items.push_back(
+          {waiting_[i].mesh.get(), &waiting_[i].request, &job, {}, [&, i](absl::StatusOr<VoxelizeResult> result) {
+             results[i].result = std::move(result);
+             results[i].shared = stats.sharing;
+           }});
     }
-    return VoxelizeBatch(backend, items, 0);
+    VoxelizeBatch(backend, items, 0, {}, stats);
+    return stats;
   };
   run(*Devices().back(), BackendChoice::kCpu, expected);
   const auto choice = device_.name() == "cuda" ? BackendChoice::kCuda : BackendChoice::kCpu;
@@ -88,33 +114,70 @@ void BatchParity::Flush() {
     for (size_t i = 0; i < waiting_.size(); ++i) {
       ++cases_;
       std::optional<std::string> difference;
-      if (!expected[i] || !expected[i]->ok() || !got[i] || !got[i]->ok()) {
-        if (Outcome(expected[i]) != Outcome(got[i])) {
-          difference = absl::StrCat(Outcome(expected[i]), " and ", Outcome(got[i]));
+      if (!expected[i].ok() || !got[i].ok()) {
+        if (expected[i].Outcome() != got[i].Outcome()) {
+          difference = absl::StrCat(expected[i].Outcome(), " and ", got[i].Outcome());
         }
-      } else if ((*got[i])->stats.backend != device_.name()) {
-        difference = "ran on " + (*got[i])->stats.backend;
+      } else if (VoxelizeResult& here = **got[i].result; here.stats.backend != device_.name()) {
+        difference = "ran on " + here.stats.backend;
       } else {
-        Delivered copy = Deliver(**got[i]);
-        VoxelizeStats stats_of_cpu = (*expected[i])->stats;
-        difference = FirstDifference(Deliver(**expected[i]), copy);
-        (*expected[i])->stats = std::move(stats_of_cpu);  // Deliver took them
+        VoxelizeResult& there = **expected[i].result;
+        a_buffers_ += here.kind == ResultKind::kBuckets;
+        shared_a_buffers_ += here.kind == ResultKind::kBuckets && got[i].shared;
+        if (Shares() && !got[i].shared && IsSmallABuffer(*waiting_[i].mesh, here)) difference = "it shared no pass";
+        Delivered copy = Deliver(here);
+        VoxelizeStats stats_of_cpu = there.stats;
+        if (!difference) difference = FirstDifference(Deliver(there), copy);
+        there.stats = std::move(stats_of_cpu);  // Deliver took them
       }
-      if (!difference) continue;
-      ++differ_;
-      if (differ_ <= 20) std::printf("BATCH DIFFERS %s\n        %s\n", waiting_[i].line.c_str(), difference->c_str());
+      if (difference) Differ(waiting_[i].line, *difference);
     }
   }
   waiting_.clear();
 }
 
+void BatchParity::Finish() {
+  auto vertices_alone = std::make_shared<TriangleMesh>(testing::Cube(16));
+  vertices_alone->triangles.clear();
+  AddABuffers("no_triangles", vertices_alone);
+  AddABuffers("nothing", std::make_shared<const TriangleMesh>());
+  AddABuffers("cube", std::make_shared<const TriangleMesh>(testing::Cube(16)));
+  Flush();
+  if (Shares()) CheckLaunches();
+}
+
+void BatchParity::CheckLaunches() {
+  std::vector<TriangleMesh> meshes;
+  for (uint32_t seed = 1; seed <= 48; ++seed) meshes.push_back(testing::Soup(10 + int(seed), 8, seed));
+  const JobContext job;
+  for (const bool shaded : {false, true}) {
+    VoxelizeRequest request = FittedABuffer(8, shaded);
+    request.backend = BackendChoice::kCuda;
+    std::optional<uint64_t> launches_of_few;
+    for (const size_t count : {size_t{6}, meshes.size()}) {
+      std::vector<BatchItem> items;
+      for (size_t i = 0; i < count; ++i) items.push_back({&meshes[i], &request, &job, {}, [](const auto&) {}});
+      const BatchStats stats = VoxelizeBatch(device_, items, 0);
+      const std::string line = absl::StrCat(count, shaded ? " shaded" : "", " A-buffers of soups");
+      if (stats.shared != count) Differ(line, absl::StrCat(stats.shared, " shared a pass"));
+      if (stats.passes != 1 && !IsShort()) Differ(line, absl::StrCat(stats.passes, " passes"));
+      const uint64_t launches = stats.launches.value_or(0) / stats.passes;
+      if (launches_of_few.value_or(launches) != launches) {
+        Differ(line, absl::StrCat(launches, " launches, and few take ", *launches_of_few));
+      }
+      launches_of_few = launches;
+    }
+  }
+}
+
 void BatchParity::Report() const {
   std::printf(
-      "batches: %llu of %llu items, %llu of them shared a pass; %llu passes, %llu launches of the shared; %llu "
-      "differ\n",
+      "batches: %llu of %llu items, %llu of them shared a pass; %llu passes, %llu launches of the shared; %llu of %llu "
+      "A-buffers shared; %llu differ\n",
       static_cast<unsigned long long>(batches_), static_cast<unsigned long long>(cases_),
       static_cast<unsigned long long>(shared_), static_cast<unsigned long long>(passes_),
-      static_cast<unsigned long long>(launches_), static_cast<unsigned long long>(differ_));
+      static_cast<unsigned long long>(launches_), static_cast<unsigned long long>(shared_a_buffers_),
+      static_cast<unsigned long long>(a_buffers_), static_cast<unsigned long long>(differ_));
 }
 
 }  // namespace voxelpipe::gpu

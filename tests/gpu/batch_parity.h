@@ -18,8 +18,12 @@ class BatchParity {
   // Adds those of the cases that make sense in a batch: every one of plain bits, and of the others each `every`-th.
   void Add(const std::string& name, std::shared_ptr<const TriangleMesh> mesh, const std::vector<ParityCase>& cases,
            size_t every);
+  // Adds A-buffers of all kinds of a mesh about [0, 40].
+  void AddABuffers(const std::string& name, std::shared_ptr<const TriangleMesh> mesh);
   // Runs what is waiting.
   void Flush();
+  // The same, A-buffers of empty meshes among it; and then whether a pass of many A-buffers takes as many launches as one of few.
+  void Finish();
 
   // Prints the first differences as they are found, and one line at the end.
   uint64_t differ() const { return differ_; }
@@ -33,10 +37,18 @@ class BatchParity {
     VoxelizeRequest request;
   };
 
+  void Add(std::string line, std::shared_ptr<const TriangleMesh> mesh, const VoxelizeRequest& request);
+  void Differ(const std::string& line, const std::string& how);
+  void CheckLaunches();
+  // Whether the device shares passes at all; whether it has so little memory that many take several.
+  bool Shares() const { return device_.name() == "cuda"; }
+  bool IsShort() const { return device_.memory_bytes() < uint64_t{1} << 30; }
+
   const Backend& device_;
   const size_t most_;
   std::vector<Item> waiting_;
   uint64_t cases_ = 0, differ_ = 0, batches_ = 0, shared_ = 0, passes_ = 0, launches_ = 0;
+  uint64_t a_buffers_ = 0, shared_a_buffers_ = 0;  // results
 };
 
 }  // namespace voxelpipe::gpu

@@ -419,7 +419,9 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
 }
 
 void AddTo(BatchParity& batches, const Subject& subject, const ParityOptions& options) {
-  if (!subject.large) batches.Add(subject.named.name, subject.mesh, subject.cases, options.quick ? 1 : 8);
+  if (subject.large) return;
+  batches.Add(subject.named.name, subject.mesh, subject.cases, options.quick ? 1 : 8);
+  if (subject.named.extent > 0) batches.AddABuffers(subject.named.name, subject.mesh);
 }
 
 void RunBatches(BatchParity& batches, const ParityOptions& options) {
@@ -427,7 +429,7 @@ void RunBatches(BatchParity& batches, const ParityOptions& options) {
   for (const ParityMesh& named : ParityMeshes(options.seed)) {
     if (const auto subject = MakeSubject(named, ++number, options)) AddTo(batches, *subject, options);
   }
-  batches.Flush();
+  batches.Finish();
 }
 
 void RunAll(Parity& parity, BatchParity& batches, const ParityOptions& options) {
@@ -447,7 +449,7 @@ void RunAll(Parity& parity, BatchParity& batches, const ParityOptions& options) 
     if (subject->rigged && !parity.RunVertexShaders(named, mesh)) return;
     if (in_batches) AddTo(batches, *subject, options);
   }
-  batches.Flush();
+  if (in_batches) batches.Finish();
   if (options.quick) return;
   if (!options.self) parity.RunOutOfMemory();
   if (!RunBeyond32Bits(parity, options)) return;

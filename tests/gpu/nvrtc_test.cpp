@@ -111,12 +111,21 @@ TEST(NvrtcTest, CompilesTheFineRasterWithAShaderSuppliedAtRunTime) {
 }
 
 TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
-  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/a_buffer_kernel.cuh\"\n",
-                                    {"voxelpipe::cuda::WalkRuns<voxelpipe::cuda::CountFragments>",
-                                     "voxelpipe::cuda::EmitRuns<voxelpipe::cuda::EmitFragment<unsigned>>",
-                                     "voxelpipe::cuda::WalkSmall<voxelpipe::cuda::EmitFragment<unsigned>>",
-                                     "voxelpipe::cuda::WalkRest<voxelpipe::cuda::EmitFragment<unsigned>>",
-                                     "voxelpipe::cuda::WalkLarge<voxelpipe::cuda::EmitFragment<unsigned>>"});
+  const std::string in = "voxelpipe::cuda::", emit = in + "EmitFragment<unsigned>";
+  const std::string of_batch = in + "EmitFragment<unsigned, " + in + "BatchNames>, " + in + "BatchWalkArgs>";
+  const std::vector<std::string> kernels = {in + "WalkRuns<" + in + "CountFragments>",
+                                            in + "EmitRuns<" + emit + ">",
+                                            in + "WalkSmall<" + emit + ">",
+                                            in + "WalkRest<" + emit + ">",
+                                            in + "WalkLarge<" + emit + ">",
+                                            in + "EmitRuns<" + of_batch,
+                                            in + "WalkSmall<" + of_batch,
+                                            in + "DropFragments",
+                                            in + "FindItems",
+                                            in + "ShadeBatchFragments"};
+  std::vector<const char*> names;
+  for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
+  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/batch_fragments.cuh\"\n", names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
