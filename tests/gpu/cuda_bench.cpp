@@ -298,14 +298,20 @@ class Bench {
     VoxelizeRequest bits;
     bits.grid.resolution = 32;
     bits.grid.fit = GridFit::kCube;
-    VoxelizeRequest filled = bits, shaded = bits;
+    VoxelizeRequest filled = bits, shaded = bits, buckets = bits;
     filled.fill = Fill::kParity;
     shaded.targets[0].format = VoxelFormat::kF32;
     shaded.targets[0].blend = Blend::kMax;
     shaded.targets[0].shader.name = "position";
     shaded.targets[0].components = 3;
-    for (const auto& [request, what] :
-         {std::pair{bits, std::string()}, {filled, ", parity fill"}, {shaded, ", 3 x f32 max"}}) {
+    buckets.result = ResultKind::kBuckets;
+    VoxelizeRequest shaded_buckets = shaded;
+    shaded_buckets.result = ResultKind::kBuckets;
+    for (const auto& [request, what] : {std::pair{bits, std::string()},
+                                        {filled, ", parity fill"},
+                                        {shaded, ", 3 x f32 max"},
+                                        {buckets, ", A-buffer"},
+                                        {shaded_buckets, ", A-buffer of 3 x f32"}}) {
       MeasureBatch("one batch, cuda" + what, backend_, BackendChoice::kCuda, request, meshes, kMeshes);
       MeasureBatch("batches of 64, cuda" + what, backend_, BackendChoice::kCuda, request, meshes, 64);
       for (size_t i = 0; i < kMeshes; ++i) meshes[i].content_id = absl::StrCat("small", i);
