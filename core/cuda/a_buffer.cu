@@ -307,10 +307,12 @@ absl::Status Resolve(RunState& state) {
     args.out[t] = values.data();
   }
   if (fragments == 0) return absl::OkStatus();
-  if (state.targets.count == 1 && state.targets.at[0].is_occupancy) {
-    FillOnes<<<BlocksFor((fragments + 31) / 32, 256), 256, 0, state.stream>>>(reinterpret_cast<uint32_t*>(args.out[0]),
-                                                                              fragments);
-    VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");
+  if (!ShadesFragments(state.request)) {
+    for (int t = 0; t < state.targets.count; ++t) {
+      FillOnes<<<BlocksFor((fragments + 31) / 32, 256), 256, 0, state.stream>>>(
+          reinterpret_cast<uint32_t*>(args.out[t]), fragments);
+      VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");
+    }
     return absl::OkStatus();
   }
   ShadeFragments<<<BlocksFor(fragments, 256), 256, 0, state.stream>>>(args);

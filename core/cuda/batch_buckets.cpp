@@ -46,7 +46,7 @@ void BatchBuckets::Add(const BatchMember& member, uint32_t number, BatchItemView
   of.request = &member.request();
   of.item = number;
   of.first_target = uint32_t(targets_.size());
-  of.shades = member.shades_fragments();
+  of.shades = ShadesFragments(*member.bound);
   of.first_voxel = item.first_voxel = state.view.voxel_count;
   of.voxel_end = state.view.voxel_count += member.plan.grid.voxels();
   if (!of.shades) return;

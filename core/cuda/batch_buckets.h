@@ -32,7 +32,7 @@ class BatchBuckets {
   struct Bucketed {
     const VoxelizeRequest* request = nullptr;
     uint32_t item = 0, first_target = 0;
-    bool shades = false;  // else its one target has a 1 for each fragment
+    bool shades = false;  // else its targets have a 1 for each fragment
     uint64_t first_voxel = 0, voxel_end = 0;
     uint64_t first_fragment = 0, fragments = 0;
   };

@@ -83,11 +83,6 @@ uint64_t BatchMember::target_words() const {
   return words;
 }
 
-bool BatchMember::shades_fragments() const {
-  const TargetSpec& first = request().targets[0];
-  return request().targets.size() > 1 || !DescribeTarget(first, bound->fragment_shaders[0]).is_occupancy;
-}
-
 uint64_t BatchMember::fragment_words() const {
   uint64_t of_each = 3;  // its triangle; its voxel and offset, if it has one to itself
   for (const TargetSpec& spec : request().targets) of_each += (TargetBytes(spec, 1) + 3) / 4;

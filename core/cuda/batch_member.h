@@ -40,8 +40,7 @@ struct BatchMember {
   const char* stage() const { return path == BatchPath::kFragments ? "emit" : "fine_raster"; }
   // What the device holds of its targets, packed bits and values, in 32-bit words; not of an A-buffer.
   uint64_t target_words() const;
-  // Of an A-buffer: whether more than which fragments there are is asked for; what goes back of one at most, in 32-bit words, and of all.
-  bool shades_fragments() const;
+  // Of an A-buffer: about the most that goes back, in 32-bit words.
   uint64_t fragment_words() const;
 };
 

@@ -52,7 +52,7 @@ absl::Status BatchMesh::Add(const BatchMember& member, KeptArrays& kept, UploadL
                                   host.triangles == nullptr ? nullptr : &host.triangles[0][0], 3 * host.triangle_count,
                                   kept, layout, triangles_));
   const bool shades =
-      member.path == BatchPath::kFragments ? member.shades_fragments() : member.path != BatchPath::kRows;
+      member.path == BatchPath::kFragments ? ShadesFragments(*member.bound) : member.path != BatchPath::kRows;
   return shades ? AddShading(member, kept, layout) : absl::OkStatus();
 }
 

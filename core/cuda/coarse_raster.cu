@@ -166,12 +166,7 @@ absl::Status CheckReach(RunState& state, const GridSpec& grid) {
 bool NeedsPlaces(const RunState& state) {
   const auto& shaders = state.request.fragment_shaders;
   if (state.request.request.result == ResultKind::kBuckets) {
-    const auto& targets = state.request.request.targets;
-    if (!CellsReach(state, state.view.dims)) return true;
-    for (size_t i = 0; i < targets.size(); ++i) {
-      if (!DescribeTarget(targets[i], shaders[i]).is_occupancy) return true;
-    }
-    return false;
+    return !CellsReach(state, state.view.dims) || ShadesFragments(state.request);
   }
   if (!state.direct) return true;
   return std::any_of(shaders.begin(), shaders.end(),

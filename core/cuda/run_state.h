@@ -195,6 +195,8 @@ absl::StatusOr<ResultArrays> Finish(RunState& state);  // copies to the host; sy
 
 // Whether any fragment shader looks at more than which voxels a triangle touches.
 bool AnyShading(const BoundRequest& request);
+// Whether an A-buffer's targets show more than which fragments there are; only then do its shaders run.
+bool ShadesFragments(const BoundRequest& request);
 // Whether the request goes by tiles: not plain bits, and not the A-buffer, which emits by triangle.
 bool NeedsTiles(const RunState& state);
 // Bytes of one tile's values in RunState::tile_values; sets value_stride and value_offset.

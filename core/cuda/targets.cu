@@ -262,6 +262,13 @@ CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader) {
   return t;
 }
 
+bool ShadesFragments(const BoundRequest& request) {
+  for (size_t i = 0; i < request.request.targets.size(); ++i) {
+    if (!DescribeTarget(request.request.targets[i], request.fragment_shaders[i]).is_occupancy) return true;
+  }
+  return false;
+}
+
 absl::Status EnsureCounters(RunState& state) {
   if (!state.counters.empty()) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kCounters + kFragmentSlots, state.stream));

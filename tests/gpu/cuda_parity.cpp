@@ -24,6 +24,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "gpu/batch_cases.h"
 #include "gpu/batch_parity.h"
 #include "gpu/bench_meshes.h"
 #include "gpu/first_difference.h"
@@ -446,6 +447,7 @@ void RunAll(Parity& parity, BatchParity& batches, const ParityOptions& options) 
     if (!parity.RunMesh(named, mesh, subject->cases, options.quick ? 1 : 0)) return;
     if (number == 1 && !parity.RunShortOfMemory(named, mesh, SlabCases())) return;
     if (number == 1 && !parity.RunMoved(named, mesh, QuickCases(named), batches)) return;
+    if (number == 1 && !parity.RunMesh({named.name + "_a_buffer", 40, {}, true}, mesh, ABufferCases(), 1)) return;
     if (subject->rigged && !parity.RunVertexShaders(named, mesh)) return;
     if (in_batches) AddTo(batches, *subject, options);
   }
