@@ -1,7 +1,7 @@
 // One pass of the device for many meshes.
 //
 // Source: J. Pantaleoni, "VoxelPipe", HPG 2011, voxelizes one mesh a call; here the grids of many small jobs share one index space, so
-// that a batch costs one upload, one set of launches and one copy back.
+// that a batch costs one upload, one set of launches and one copy back; A-buffers add a few of each, however many they are.
 #pragma once
 
 #include <span>
