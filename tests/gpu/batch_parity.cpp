@@ -62,7 +62,7 @@ struct Result {
 
 }  // namespace
 
-void BatchParity::Add(const std::string& name, std::shared_ptr<const TriangleMesh> mesh,
+void BatchParity::Add(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh,
                       const std::vector<ParityCase>& cases, size_t every) {
   for (size_t i = 0; i < cases.size(); ++i) {
     if (!IsPlain(cases[i].request) && i % every != 0) continue;
@@ -70,7 +70,7 @@ void BatchParity::Add(const std::string& name, std::shared_ptr<const TriangleMes
   }
 }
 
-void BatchParity::AddABuffers(const std::string& name, std::shared_ptr<const TriangleMesh> mesh) {
+void BatchParity::AddABuffers(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh) {
   for (const ParityCase& c : ABufferCases()) Add(absl::StrCat(name, " batch ", Describe(c)), mesh, c.request);
 }
 

@@ -16,10 +16,10 @@ class BatchParity {
   BatchParity(const Backend& device, size_t most) : device_(device), most_(most) {}
 
   // Adds those of the cases that make sense in a batch: every one of plain bits, and of the others each `every`-th.
-  void Add(const std::string& name, std::shared_ptr<const TriangleMesh> mesh, const std::vector<ParityCase>& cases,
-           size_t every);
+  void Add(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh,
+           const std::vector<ParityCase>& cases, size_t every);
   // Adds A-buffers of all kinds of a mesh about [0, 40].
-  void AddABuffers(const std::string& name, std::shared_ptr<const TriangleMesh> mesh);
+  void AddABuffers(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh);
   // Runs what is waiting.
   void Flush();
   // The same, A-buffers of empty meshes among it; and then whether a pass of many A-buffers takes as many launches as one of few.
