@@ -72,12 +72,16 @@ __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_const
     for (int c = 0; c < kComponents; ++c) {
       value[c] = CombineRun(run, value[c], [&](uint32_t a, uint32_t b) { return CombineKeys(args, a, b); });
     }
-    if (span == kNoSpan || !run.head()) continue;
-    const uint64_t first = VoxelOfBit(SpanFirst(span), args.nx, args.words_per_row);
-    const uint32_t length = SpanLength(span);
-    for (uint32_t x = 0; x < length; ++x) {
-      BlendAt<kComponents>(args, first + x, value, uint32_t(run.last - run.first + 1));
-    }
+    const bool blends = span != kNoSpan && run.head();
+    const uint64_t first = blends ? VoxelOfBit(SpanFirst(span), args.nx, args.words_per_row) : 0;
+    ForEachVoxel(blends ? SpanLength(span) : 0, [&](int owner, uint32_t x, bool there) {
+      const uint64_t n = __shfl_sync(~0u, first, owner) + x;
+      const auto count = uint32_t(__shfl_sync(~0u, run.last - run.first + 1, owner));
+      uint32_t of[kComponents];
+#pragma unroll
+      for (int c = 0; c < kComponents; ++c) of[c] = __shfl_sync(~0u, value[c], owner);
+      if (there) BlendAt<kComponents>(args, n, of, count);
+    });
   }
 }
 
@@ -292,18 +296,23 @@ __global__ void __launch_bounds__(kBlendThreads) Accumulate(const __grid_constan
         value[c] = CombineRun(run, value[c], [&](uint32_t a, uint32_t b) { return CombineCells(kept, a, b); });
       }
     }
-    if (span == kNoSpan || !run.head()) continue;
-    const uint32_t word = SpanWord(span), x = SpanFirst(span) % 32, length = SpanLength(span);
-    const auto count = uint32_t(run.last - run.first + 1);
-    uint64_t rank = args.ranks.Of(word, x);
-    for (uint32_t k = 0; k < length; ++k) {
-      if (k > 0) rank = args.ranks.by_bricks && (x + k) % 8 == 0 ? args.ranks.Of(word, x + k) : rank + 1;
+    const bool blends = span != kNoSpan && run.head();
+    const uint32_t first = SpanFirst(span);
+    ForEachVoxel(blends ? SpanLength(span) : 0, [&](int owner, uint32_t x, bool there) {
+      const uint32_t at = __shfl_sync(~0u, first, owner) + x;
+      const auto count = uint32_t(__shfl_sync(~0u, run.last - run.first + 1, owner));
+      const auto add = [&]<typename T>(const T(&of_lane)[kComponents]) {
+        T of[kComponents];
+#pragma unroll
+        for (int c = 0; c < kComponents; ++c) of[c] = __shfl_sync(~0u, of_lane[c], owner);
+        if (there) AddAt<kComponents>(args.to, args.ranks.Of(at / 32, at % 32), of, count);
+      };
       if (sums) {
-        AddAt<kComponents>(args.to, rank, term, count);
+        add(term);
       } else {
-        AddAt<kComponents>(args.to, rank, value, count);
+        add(value);
       }
-    }
+    });
   }
 }
 

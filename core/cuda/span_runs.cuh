@@ -33,4 +33,21 @@ __device__ inline T CombineRun(const LaneRun& run, T value, Combine&& combine) {
   return value;
 }
 
+// The voxels of a span of each lane, side by side in the lanes: neighbours of a row meet in one access of memory. visit(lane of the span,
+// how many voxels of it lie before this one, whether there is one). All 32 lanes call it, and all call visit together.
+template <typename Visit>
+__device__ inline void ForEachVoxel(uint32_t length, Visit&& visit) {
+  uint32_t total;
+  const uint32_t before = WarpExclusiveSum(length, total);
+  for (uint32_t first = 0; first < total; first += 32) {
+    const uint32_t item = first + threadIdx.x % 32;
+    int owner = 0;  // the last lane that begins at or before the voxel; those without any are never found
+#pragma unroll
+    for (int step = 16; step > 0; step /= 2) {
+      if (__shfl_sync(~0u, before, owner + step) <= item) owner += step;
+    }
+    visit(owner, item - __shfl_sync(~0u, before, owner), item < total);
+  }
+}
+
 }  // namespace voxelpipe::cuda
