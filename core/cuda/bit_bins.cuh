@@ -19,8 +19,9 @@ inline constexpr uint32_t kMostLarge = 256;          // that every piece looks a
 
 // Lists of triangles; or none, and every piece looks at the first of the large queue, up to kMostLarge: those alone are set up then.
 struct Bins {
-  uint32_t dims[3] = {0, 0, 0};   // pieces
-  SharedSetup* set_up = nullptr;  // of every triangle
+  uint32_t dims[3] = {0, 0, 0};     // pieces
+  uint32_t z_begin = 0, z_end = 0;  // along z, those that are stored: the others lie before or behind the whole mesh
+  SharedSetup* set_up = nullptr;    // of every triangle
   uint32_t* counts =
       nullptr;  // of triangles that meet a piece, also those that found no room; in whole units of 16 bytes
   uint32_t* triangles = nullptr;   // kBinRoom a piece
@@ -385,7 +386,7 @@ __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_
   }
 }
 
-// The same of pieces z, z + step, ...; and zeros behind the last word of all, up to a whole unit.
+// The same of all pieces along z that are stored; and zeros behind the last word of all, up to a whole unit.
 template <bool kQuads, bool kListed, int kThreads>
 __device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreRoom<kThreads>& room) {
   if (!kQuads && blockIdx.x == 0 && blockIdx.y == 0 && blockIdx.z == 0) {
@@ -394,8 +395,8 @@ __device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreR
                            threadIdx.x;
     if (begin < args.quads * 4) args.bits[begin] = 0;
   }
-  for (uint32_t z = blockIdx.z; z < bins.dims[2]; z += gridDim.z) {
-    if (z != blockIdx.z) __syncthreads();  // the room is free again
+  for (uint32_t z = bins.z_begin + blockIdx.z; z < bins.z_end; z += gridDim.z) {
+    if (z != bins.z_begin + blockIdx.z) __syncthreads();  // the room is free again
     StorePiece<kQuads, kListed, kThreads>(args, bins, blockIdx.x, blockIdx.y, z, room);
   }
 }

@@ -10,16 +10,18 @@ namespace voxelpipe::cuda {
 struct BlendCellsArgs {
   const uint64_t *records = nullptr, *blocks = nullptr;
   uint64_t triangles = 0;
+  const uint32_t *order = nullptr,
+                 *ordered = nullptr;  // of records, and how many there are; null: triangle i has record i
   GridView grid;
   bool in_place = false;  // or else in accumulators
   InPlaceArgs place;      // without spans, as what follows
   AccumulateArgs accumulate;
 };
 
-// Takes 32 triangles: one of each lane, `load` makes what it brings.
+// Takes 32 triangles: one of each lane, t, and its record with the number; `load` makes what it brings.
 template <typename T, int kComponents, typename Load, typename Combine, typename Blend>
 __device__ inline void BlendRecords(const BlendCellsArgs& args, CellRunRoom<T, kComponents>& room, uint32_t t,
-                                    uint64_t record, Load&& load, Combine&& combine, Blend&& blend) {
+                                    uint64_t number, uint64_t record, Load&& load, Combine&& combine, Blend&& blend) {
   const CellKind kind = KindOfCell(record);
   const uint32_t octants = kind == CellKind::kOctants ? OctantsOfCell(record) : 0;
   T value[kComponents] = {};
@@ -30,7 +32,7 @@ __device__ inline void BlendRecords(const BlendCellsArgs& args, CellRunRoom<T, k
                                 blend(BitOfOctant(args.grid, of.first, of.octant), of.value, of.count);
                               });
   if (kind != CellKind::kBlock) return;
-  ForEachBlockRow(args.grid, FirstOfCell(record), args.blocks[t], [&](uint32_t at, uint32_t four) {
+  ForEachBlockRow(args.grid, FirstOfCell(record), args.blocks[number], [&](uint32_t at, uint32_t four) {
 #pragma unroll
     for (uint32_t x = 0; x < uint32_t(kBlockSide); ++x) {
       if ((four >> x & 1) != 0) blend(at + x, value, 1);
@@ -50,14 +52,16 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
   const AccumulateArgs& accumulate = args.accumulate;
   const Kept kept = accumulate.to.kept;
   const bool plain = args.in_place && place.negative != nullptr && *place.negative == 0;
-  for (uint64_t begin = (uint64_t(blockIdx.x) * kWarps + warp) * 32; begin < args.triangles;
+  const uint64_t records = args.ordered == nullptr ? args.triangles : *args.ordered;
+  for (uint64_t begin = (uint64_t(blockIdx.x) * kWarps + warp) * 32; begin < records;
        begin += uint64_t(gridDim.x) * kBlendThreads) {
-    const bool takes = begin + lane < args.triangles;
-    const auto t = uint32_t(takes ? args.triangles - 1 - begin - lane : 0);
-    const uint64_t record = takes ? args.records[t] : 0;
+    const bool takes = begin + lane < records;
+    const uint64_t number = takes ? records - 1 - begin - lane : 0;
+    const uint32_t t = args.ordered == nullptr || !takes ? uint32_t(number) : args.order[number];
+    const uint64_t record = takes ? args.records[number] : 0;
     if (args.in_place) {
       BlendRecords<uint32_t, kComponents>(
-          args, cells, t, record,
+          args, cells, t, number, record,
           [&](uint32_t of, uint32_t(&value)[kComponents]) { KeysOf<kShader, kComponents>(place, plain, of, value); },
           [&](uint32_t a, uint32_t b) { return CombineKeys(place, a, b); },
           [&](uint32_t at, const uint32_t(&value)[kComponents], uint32_t count) {
@@ -65,7 +69,7 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
           });
     } else if (kept == Kept::kSum || kept == Kept::kAverage) {
       BlendRecords<int64_t, kComponents>(
-          args, terms, t, record,
+          args, terms, t, number, record,
           [&](uint32_t of, int64_t(&value)[kComponents]) { TermsOf<kShader, kComponents>(accumulate, of, value); },
           AddTerms,
           [&](uint32_t at, const int64_t(&value)[kComponents], uint32_t count) {
@@ -73,7 +77,7 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
           });
     } else {
       BlendRecords<uint32_t, kComponents>(
-          args, cells, t, record,
+          args, cells, t, number, record,
           [&](uint32_t of, uint32_t(&value)[kComponents]) {
             if (kept != Kept::kCount) ValuesOf<kShader, kComponents>(accumulate.values, accumulate.shading, of, value);
           },

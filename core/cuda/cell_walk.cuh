@@ -26,7 +26,7 @@ enum class CellSink {
 
 struct CellArgs {
   BitArgs walk;                   // `bits` is the coverage; layer_queue takes all that waits, large_queue nothing
-  uint64_t* records = nullptr;    // of all triangles
+  uint64_t* records = nullptr;    // of all triangles, in the order in which they are taken
   uint64_t* blocks = nullptr;     // likewise, masks of those that are blocks
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: not counted
   uint64_t* chunks = nullptr;     // of each block, how many fragments its records have; null: likewise
@@ -109,18 +109,19 @@ __device__ inline void BlendOctants(const CellArgs& args, uint32_t first, uint32
   }
 }
 
-// What a warp does with the octants of its lanes' triangles; `takes`: the lane has a triangle, whose octants these are. `in_order`: of
-// two lanes the later one has the later triangle.
+// What a warp does with the octants of its lanes' triangles; `takes`: the lane has a triangle, whose octants these are, and whose record.
+// `in_order`: of two lanes the later one has the later triangle.
 template <CellSink kSink, int kShader>
 __device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1>& room, bool plain, bool in_order,
-                                   bool takes, uint32_t t, int (&first)[3], uint32_t octants, uint64_t& fragments) {
+                                   bool takes, uint32_t t, uint64_t record, int (&first)[3], uint32_t octants,
+                                   uint64_t& fragments) {
   uint32_t bit = 0;
   if (octants != 0 && KeepInside(args.walk.grid, first, octants)) {
     bit = BitOfVoxel(args.walk.grid, first[0], first[1], first[2]);
   }
   fragments += uint32_t(__popc(octants));
   if constexpr (kSink != CellSink::kBlend) {
-    if (takes) args.records[t] = octants == 0 ? 0 : PackCell(CellKind::kOctants, bit, octants);
+    if (takes) args.records[record] = octants == 0 ? 0 : PackCell(CellKind::kOctants, bit, octants);
     if constexpr (kSink == CellSink::kRecordsAndBits) SetOctantsTogether(args.walk, first, octants);
   } else {
     uint32_t key[1] = {};
@@ -145,9 +146,10 @@ __device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1
   }
 }
 
-// A triangle of few rows as a block; false if some voxel is in doubt.
+// A triangle of few rows as a block, which has the record; false if some voxel is in doubt.
 template <bool kThin, CellSink kSink, int kShader>
-__device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, CellSpan* table, uint64_t& fragments) {
+__device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, uint64_t record, CellSpan* table,
+                                 uint64_t& fragments) {
   const FixedCorners v = LoadFixed(args.walk, LoadCorners(args.walk.triangles, t));
   const FixedBox box = BoxOf(v.at, args.walk.fixed);
   int begin[3], end[3];
@@ -168,8 +170,8 @@ __device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, C
   const uint32_t first = BitOfVoxel(args.walk.grid, begin[0], begin[1], begin[2]);
   fragments += uint32_t(__popcll(mask));
   if constexpr (kSink != CellSink::kBlend) {
-    args.records[t] = PackCell(CellKind::kBlock, first, 0);
-    args.blocks[t] = mask;
+    args.records[record] = PackCell(CellKind::kBlock, first, 0);
+    args.blocks[record] = mask;
   }
   if constexpr (kSink == CellSink::kRecords) return true;
   uint32_t key[1] = {};
@@ -187,8 +189,9 @@ __device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, C
   return true;
 }
 
-// kShader: that of triangle ids, whose numbers grow with the triangles, or -1 for any.
-template <bool kThin, CellSink kSink, int kShader>
+// kShader: that of triangle ids, whose numbers grow with the triangles, or -1 for any. kOrdered: triangles are taken in the order of the
+// walk, those alone that it names; records then stand in that order.
+template <bool kThin, CellSink kSink, int kShader, bool kOrdered>
 __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __grid_constant__ CellArgs args) {
   __shared__ FindRoom room;
   const BitArgs& walk = args.walk;
@@ -198,18 +201,31 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
   const bool plain = kSink == CellSink::kBlend && args.blend.negative != nullptr && *args.blend.negative == 0;
   CellRunRoom<uint32_t, 1>& runs = room.runs[threadIdx.x / 32];
   const uint64_t chunk = uint64_t(blockIdx.x) * uint64_t(walk.rounds) * kFindThreads;
-  uint64_t fragments = 0;
+  uint64_t fragments = 0, count = walk.triangle_count;
+  if constexpr (kOrdered) {
+    count = *walk.ordered;
+    if (chunk >= count) return;
+  }
+  const auto triangle_at = [&walk](uint64_t i) {
+    if constexpr (kOrdered) return __ldg(walk.order + i);
+    return uint32_t(i);
+  };
   Corners next{};
-  if (chunk + threadIdx.x < walk.triangle_count) next = LoadCorners(walk.triangles, chunk + threadIdx.x);
+  uint32_t next_t = 0;
+  if (chunk + threadIdx.x < count) {
+    next_t = triangle_at(chunk + threadIdx.x);
+    next = LoadCorners(walk.triangles, next_t);
+  }
   for (int round = 0; round < walk.rounds; ++round) {
     const uint32_t local = uint32_t(round) * kFindThreads + threadIdx.x;
-    const uint64_t t = chunk + local, then = t + kFindThreads;
+    const uint64_t number = chunk + local, then = number + kFindThreads;
+    const uint32_t t = kOrdered ? next_t : uint32_t(number);
     const Corners corners = next;
-    if (round + 1 < walk.rounds && then < walk.triangle_count) next = LoadCorners(walk.triangles, then);
+    if (round + 1 < walk.rounds && then < count) next = LoadCorners(walk.triangles, next_t = triangle_at(then));
     CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
-    if (t < walk.triangle_count) {
+    if (number < count) {
       fate = fixed ? FindFate<kThin>(walk, corners, triangle, octants) : FindQueue(walk, t);
       if (fate == CellFate::kRows) {
         int begin[3], end[3];
@@ -226,8 +242,8 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       }
       __syncwarp();
     }
-    TakeOctants<kSink, kShader>(args, runs, plain, true, fate == CellFate::kDone && t < walk.triangle_count,
-                                uint32_t(t), triangle.box.first, octants, fragments);
+    TakeOctants<kSink, kShader>(args, runs, plain, !kOrdered, fate == CellFate::kDone && number < count, t, number,
+                                triangle.box.first, octants, fragments);
     AppendInBlock(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
     AppendInBlock(fate == CellFate::kRows, local, room.cells + (FindRoom::kTriangles - 1), -1, &room.row_count);
     AppendInBlock(fate == CellFate::kLayers || fate == CellFate::kLarge, local, room.waiting, 1, &room.waiting_count);
@@ -237,16 +253,17 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
   for (uint32_t begins = threadIdx.x / 32 * 32; begins < octant_count; begins += kFindThreads) {
     const uint32_t i = begins + threadIdx.x % 32;
     bool doubtful = false;
-    uint32_t local = 0, octants = 0;
+    uint32_t local = 0, t = 0, octants = 0;
     FixedTriangle triangle{};
     if (i < octant_count) {
       local = room.cells[i];
-      triangle.v = LoadFixed(walk, LoadCorners(walk.triangles, chunk + local));
+      t = triangle_at(chunk + local);
+      triangle.v = LoadFixed(walk, LoadCorners(walk.triangles, t));
       triangle.box = BoxOf(triangle.v.at, walk.fixed);
       doubtful = !FindOctants<kThin>(walk, triangle, octants);
     }
     __syncwarp();
-    TakeOctants<kSink, kShader>(args, runs, plain, false, i < octant_count && !doubtful, uint32_t(chunk + local),
+    TakeOctants<kSink, kShader>(args, runs, plain, false, i < octant_count && !doubtful, t, chunk + local,
                                 triangle.box.first, octants, fragments);
     AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
   }
@@ -256,8 +273,8 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     uint32_t local = 0;
     if (i < row_count) {
       local = room.cells[FindRoom::kTriangles - 1 - int(i)];
-      doubtful = !TakeBlock<kThin, kSink, kShader>(args, plain, uint32_t(chunk + local), &room.table[0][threadIdx.x],
-                                                   fragments);
+      doubtful = !TakeBlock<kThin, kSink, kShader>(args, plain, triangle_at(chunk + local), chunk + local,
+                                                   &room.table[0][threadIdx.x], fragments);
     }
     __syncwarp();
     AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
@@ -268,9 +285,9 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
   }
   __syncthreads();
   for (uint32_t i = threadIdx.x; i < room.waiting_count; i += kFindThreads) {
-    const auto t = uint32_t(chunk + room.waiting[i]);
-    walk.layer_queue[room.first + i] = t;
-    if constexpr (kSink != CellSink::kBlend) args.records[t] = PackCell(CellKind::kOther, 0, 0);
+    const uint64_t number = chunk + room.waiting[i];
+    walk.layer_queue[room.first + i] = triangle_at(number);
+    if constexpr (kSink != CellSink::kBlend) args.records[number] = PackCell(CellKind::kOther, 0, 0);
   }
   __syncthreads();
   if (args.fragments == nullptr && args.chunks == nullptr) return;

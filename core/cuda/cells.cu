@@ -3,6 +3,8 @@
 #include <algorithm>
 
 #include "cuda/bit_args.h"
+#include "cuda/device_abilities.h"
+#include "cuda/triangle_order.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -35,13 +37,15 @@ int RoundsFor(uint64_t triangles, uint64_t resident) {
 }
 
 template <bool kThin>
-auto KernelFor(CellSink sink, bool by_id) {
+auto KernelFor(CellSink sink, bool by_id, bool ordered) {
   switch (sink) {
-    case CellSink::kRecords: return FindCells<kThin, CellSink::kRecords, -1>;
-    case CellSink::kRecordsAndBits: return FindCells<kThin, CellSink::kRecordsAndBits, -1>;
+    case CellSink::kRecords: return FindCells<kThin, CellSink::kRecords, -1, false>;
+    case CellSink::kRecordsAndBits:
+      return ordered ? FindCells<kThin, CellSink::kRecordsAndBits, -1, true>
+                     : FindCells<kThin, CellSink::kRecordsAndBits, -1, false>;
     default:
-      return by_id ? FindCells<kThin, CellSink::kBlend, int(FragmentShaderId::kTriangleId)>
-                   : FindCells<kThin, CellSink::kBlend, -1>;
+      return by_id ? FindCells<kThin, CellSink::kBlend, int(FragmentShaderId::kTriangleId), false>
+                   : FindCells<kThin, CellSink::kBlend, -1, false>;
   }
 }
 
@@ -51,6 +55,12 @@ bool CellsReach(const RunState& state, const int64_t (&dims)[3]) {
   const uint64_t rows = uint64_t(dims[1]) * uint64_t(dims[2]);
   return (uint64_t(dims[0]) + 31) / 32 * 32 <= kMostSpanBits / rows &&
          state.host.view.triangle_count <= kMostSpanTriangles;
+}
+
+// The values of its voxels are more than a slab's bits.
+bool NeedsOrder(RunState& state) {
+  const auto cache = uint64_t(CacheBytes(state.device));
+  return cache != 0 && state.slab_words() * 4 > cache / 2 && IsScattered(state);
 }
 
 namespace {
@@ -75,9 +85,19 @@ absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
   }
   args.walk = MakeCellWalk(state);
   args.walk.rounds = RoundsOf(state);
+  state.ordered_cells = false;
+  if (OrderArgs order;
+      sink == CellSink::kRecordsAndBits && NeedsOrder(state) && MakeRoomForOrder(state, args.walk, order)) {
+    VOXELPIPE_OK_OR_RETURN(OrderTriangles(state, args.walk, order));
+    const TriangleOrder made = OrderOf(state);
+    args.walk.order = made.order;
+    args.walk.ordered = made.count;
+    state.ordered_cells = true;
+  }
   const uint64_t each = uint64_t(args.walk.rounds) * kFindThreads;
   const bool thin = args.walk.coverage == Coverage::kThin;
-  const auto kernel = thin ? KernelFor<true>(sink, by_id) : KernelFor<false>(sink, by_id);
+  const bool ordered = state.ordered_cells;
+  const auto kernel = thin ? KernelFor<true>(sink, by_id, ordered) : KernelFor<false>(sink, by_id, ordered);
   kernel<<<unsigned((triangles + each - 1) / each), kFindThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("FindCells");
   return absl::OkStatus();

@@ -7,6 +7,10 @@
 
 namespace voxelpipe::cuda {
 
+// Whether triangles are better taken by place (triangle_order.h): they lie scattered, and the cache does not hold the slab. FindAllCells does so
+// where it leaves records and bits.
+bool NeedsOrder(RunState& state);
+
 // Gives every triangle of the slab to a sink, and what is not small to the queues; state.counters has how many wait.
 // kBlend: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: counters, or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,

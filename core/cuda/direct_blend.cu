@@ -1,7 +1,8 @@
 // Blending without tiles: targets whose value is the same for all fragments of a triangle.
 //
 // Triangles are walked once. Where there is one target of one component that seeks a largest or least value, small
-// triangles are blended by the walk itself; otherwise they become records, which each target then takes. Larger ones
+// triangles are blended by the walk itself; otherwise, and where they have to be ordered first, they become records, which each target
+// then takes. Larger ones
 // become spans in a list, which each target takes too; those that are too many for the list are made and taken in parts,
 // by halves of the triangles. Everything else goes by tiles.
 #include <algorithm>
@@ -11,6 +12,7 @@
 #include "cuda/cells.h"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
+#include "cuda/triangle_order.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -24,6 +26,11 @@ bool IsInPlace(const CudaTarget& target) {
   const bool u32 = target.format == VoxelFormat::kU32, f32 = target.format == VoxelFormat::kF32;
   if (target.blend == Blend::kMin || target.blend == Blend::kMax) return u32 || f32;
   return u32 && (target.blend == Blend::kOr || target.blend == Blend::kCount);
+}
+
+// Of a target of one component whose largest or least value is sought: small triangles may be blended by the walk itself.
+bool BlendsInWalk(const CudaTarget& target) {
+  return target.components == 1 && IsInPlace(target) && (target.blend == Blend::kMax || target.blend == Blend::kMin);
 }
 
 bool IsSum(Kept kept) {
@@ -217,6 +224,11 @@ absl::Status TakeCells(RunState& state, int index) {
   args.records = state.cells.data();
   args.blocks = state.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
+  if (state.ordered_cells) {
+    const TriangleOrder order = OrderOf(state);
+    args.order = order.order;
+    args.ordered = order.count;
+  }
   args.grid = state.view;
   args.in_place = memory.in_place;
   if (memory.in_place) {
@@ -363,9 +375,7 @@ absl::Status BlendDirectly(RunState& state) {
     ++blended;
     last = i;
   }
-  const Blend blend = state.targets.at[last].blend;
-  state.blended_cells = blended == 1 && !ranked && state.targets.at[last].components == 1 &&
-                        (blend == Blend::kMax || blend == Blend::kMin);
+  state.blended_cells = blended == 1 && !sparse && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state);
   if (state.blended_cells) {
     const InPlaceArgs place = PlaceOf(state, last);
     VOXELPIPE_OK_OR_RETURN(

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cmath>
 #include <cstdint>
 
 #include "cuda/batch.h"
@@ -11,8 +12,10 @@
 #include "cuda/bit_layers.cuh"
 #include "cuda/bit_order.cuh"
 #include "cuda/bit_walk.cuh"
+#include "cuda/device_abilities.h"
 #include "cuda/early_launch.cuh"
 #include "cuda/launch.h"
+#include "cuda/triangle_order.h"
 #include "cuda/walk.h"
 #include "grid/index_space.h"
 
@@ -43,16 +46,32 @@ struct SetBatchBits {
   }
 };
 
-// Clears the bits and the queues.
-__device__ inline void Clear(const BitArgs& args) {
+// By all threads of the grid.
+__device__ inline void ClearQuads(uint32_t* words, uint64_t begin, uint64_t end) {
   const uint64_t me = uint64_t(blockIdx.x) * blockDim.x + threadIdx.x, threads = uint64_t(gridDim.x) * blockDim.x;
-  if (me < kBitQueues) args.queued[me] = 0;
-  for (uint64_t i = me; i < args.quads; i += threads) reinterpret_cast<uint4*>(args.bits)[i] = uint4{0, 0, 0, 0};
+  for (uint64_t i = begin + me; i < end; i += threads) reinterpret_cast<uint4*>(words)[i] = uint4{0, 0, 0, 0};
+}
+
+// Clears the bits and the queues; likewise.
+__device__ inline void Clear(const BitArgs& args) {
+  if (blockIdx.x == 0 && threadIdx.x < kBitQueues) args.queued[threadIdx.x] = 0;
+  ClearQuads(args.bits, 0, args.quads);
 }
 
 __global__ void __launch_bounds__(kThreads) ClearKernel(const __grid_constant__ BitArgs args) {
   AllowNext();
   Clear(args);
+}
+
+// Clears the queues, what the lists count, and the layers of pieces that are not stored: while BinKernel sets triangles up memory is idle.
+__global__ void __launch_bounds__(kThreads)
+    ClearForBins(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
+  AllowNext();
+  if (blockIdx.x == 0 && threadIdx.x < kBitQueues) args.queued[threadIdx.x] = 0;
+  ClearQuads(bins.counts, 0, uint64_t(bins.triangles - bins.counts) / 4);
+  const uint64_t layer = uint64_t(args.grid.words_per_row) * uint64_t(args.grid.dims[1]) * kPieceEdge / 4;
+  ClearQuads(args.bits, 0, bins.z_begin * layer);
+  ClearQuads(args.bits, min(bins.z_end * layer, args.quads), args.quads);
 }
 
 template <bool kThin, bool kOrdered>
@@ -119,19 +138,6 @@ union AtOnceRoom {
   SharedSetup of_warps[kAtOnceThreads / 32][kAtOnceSetups];
   LargeRoom large;
 };
-
-__global__ void __launch_bounds__(kOrderThreads)
-    KeyKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
-  __shared__ OrderRoom room;
-  AllowNext();
-  KeyTriangles(args, order, room);
-}
-
-__global__ void __launch_bounds__(kOrderThreads)
-    PlaceKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
-  __shared__ OrderRoom room;
-  PlaceTriangles(args, order, room);
-}
 
 // Begins when KeyKernel has ended and runs beside PlaceKernel, which writes nothing that it reads: it waits last.
 __global__ void __launch_bounds__(32)
@@ -202,16 +208,6 @@ absl::Status RasterBatch(const BatchState& state) {
 
 namespace {
 
-// The first value that `find` gives for a device, a number not below 0.
-template <typename Find>
-int OfDevice(std::array<std::atomic<int>, 64>& known, const DeviceInfo& device, Find&& find) {
-  std::atomic<int>& slot = known[size_t(device.ordinal) % known.size()];  // one more than found
-  if (const int found = slot.load(std::memory_order_relaxed); found > 0) return found - 1;
-  const int value = find();
-  slot.store(value + 1, std::memory_order_relaxed);
-  return value;
-}
-
 // Blocks of AtOnceKernel that the device runs at once; 0 where they cannot wait for each other.
 int BlocksAtOnce(const DeviceInfo& device) {
   static std::array<std::atomic<int>, 64> known{};
@@ -227,26 +223,6 @@ int BlocksAtOnce(const DeviceInfo& device) {
   });
 }
 
-// Whether kernels can begin before the one before them has ended: only where they were compiled for an architecture that lets them wait.
-// A device that can may run code of an older one.
-bool BeginsEarly(const DeviceInfo& device) {
-  static std::array<std::atomic<int>, 64> known{};
-  return OfDevice(known, device, [&] {
-           cudaFuncAttributes compiled{};
-           if (cudaFuncGetAttributes(&compiled, LayerKernel) != cudaSuccess) (void)cudaGetLastError();
-           return compiled.ptxVersion >= 90 ? 1 : 0;
-         }) != 0;
-}
-
-int CacheBytes(const DeviceInfo& device) {
-  static std::array<std::atomic<int>, 64> known{};
-  return OfDevice(known, device, [&] {
-    int bytes = 0;
-    if (cudaDeviceGetAttribute(&bytes, cudaDevAttrL2CacheSize, device.ordinal) != cudaSuccess) bytes = 0;
-    return std::max(bytes, 0);
-  });
-}
-
 // Whether the cache holds less than the most of the grid.
 bool ExceedsCache(const RunState& state, const BitArgs& args) {
   const auto cache = uint64_t(CacheBytes(state.device));
@@ -258,44 +234,26 @@ void CutIntoPieces(const BitArgs& args, Bins& bins) {
   bins.dims[0] = pieces_along(args.grid.dims[0], kPieceWords * 32);
   bins.dims[1] = pieces_along(args.grid.dims[1], kPieceEdge);
   bins.dims[2] = pieces_along(args.grid.slab_end - args.grid.slab_begin, kPieceEdge);
+  bins.z_begin = 0;
+  bins.z_end = bins.dims[2];
 }
 
-// Whether neighbours in the order of triangles lie far apart, by a sample: every second pair more than a sixteenth of the grid.
-bool IsScattered(const RunState& state, const BitArgs& args) {
-  constexpr uint64_t kSamples = 128;
-  const TriangleMesh& mesh = state.host.mesh;
-  if (args.triangle_count < 32 * kSamples || mesh.triangles.size() != args.triangle_count) return false;
-  uint64_t apart = 0;
-  for (uint64_t i = 0; i < kSamples; ++i) {
-    const uint64_t t = args.triangle_count / kSamples * i;
-    const Vec3d& a = mesh.positions[mesh.triangles[t][0]];
-    const Vec3d& b = mesh.positions[mesh.triangles[t + 1][0]];
-    bool far = false;
-    for (int k = 0; k < 3; ++k)
-      far = far || Abs(a[k] - b[k]) * 16 > args.grid.voxel_size[k] * double(args.grid.dims[k]);
-    apart += far ? 1 : 0;
-  }
-  return apart * 2 > kSamples;
+// Leaves out pieces along z that the mesh's box does not reach, with two voxels to spare; one stays.
+void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
+  const auto layer = [&](const Vec3d& p) {
+    return WorldToIndex(state.grid.origin, state.grid.voxel_size, p).z - double(args.grid.slab_begin);
+  };
+  const double most = double(bins.dims[2]);
+  bins.z_begin = uint32_t(Clamp(std::floor((layer(state.box.min) - 3) / kPieceEdge), 0.0, most - 1));
+  bins.z_end = uint32_t(Clamp(std::ceil((layer(state.box.max) + 3) / kPieceEdge), double(bins.z_begin) + 1, most));
 }
 
 // Whether triangles are ordered first, and the room for that.
 bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
-  if (!ExceedsCache(state, args) || args.fixed.bits == 0 || args.coverage == Coverage::kCenter) return false;
-  if (!IsScattered(state, args)) return false;
-  constexpr uint64_t kSetUp = kMostLarge * sizeof(SharedSetup), kCounts = (kOrderCells + 2) * sizeof(uint32_t);
-  if (!state.queue[2].Resize(args.triangle_count, state.stream).ok() ||
-      !state.scratch.Resize(kSetUp + kCounts, state.stream).ok()) {
-    return false;
-  }
-  order.keys = args.layer_queue;  // nothing waits there yet
-  order.order = state.queue[2].data();
+  if (!ExceedsCache(state, args) || !IsScattered(state)) return false;
+  if (!state.scratch.Resize(kMostLarge * sizeof(SharedSetup), state.stream).ok()) return false;
   order.large = reinterpret_cast<SharedSetup*>(state.scratch.data());
-  order.cells = reinterpret_cast<uint32_t*>(state.scratch.data() + kSetUp);
-  const int64_t dims[3] = {args.grid.dims[0], args.grid.dims[1], args.grid.slab_end - args.grid.slab_begin};
-  for (int a = 0; a < 3; ++a) {
-    while (dims[a] > int64_t{kCellsOfSide} << order.shift[a]) ++order.shift[a];
-  }
-  return true;
+  return MakeRoomForOrder(state, args, order);
 }
 
 // Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where triangles are small: more
@@ -308,6 +266,7 @@ bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
   const uint64_t count = args.triangle_count, face = std::max({nx * ny, ny * nz, nz * nx});
   if (count == 0 || count > kMostTriangles || count * 8 > face) return false;
   CutIntoPieces(args, bins);
+  LeaveOutEmpty(state, args, bins);
   const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
   if (pieces >= UINT32_MAX / kBinRoom) return false;
   const auto whole = [](uint64_t bytes) { return (bytes + 255) / 256 * 256; };
@@ -324,7 +283,7 @@ bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
 
 template <bool kQuads, bool kListed, int kThreads>
 void LaunchStore(const RunState& state, const BitArgs& args, const Bins& bins) {
-  const dim3 blocks(bins.dims[0], bins.dims[1], std::min(bins.dims[2], kStoreDepth));
+  const dim3 blocks(bins.dims[0], bins.dims[1], std::min(bins.z_end - bins.z_begin, kStoreDepth));
   LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kThreads, StoreKernel<kQuads, kListed, kThreads>, args,
               bins);
 }
@@ -361,10 +320,8 @@ absl::Status LaunchLayers(const RunState& state, const BitArgs& args) {
 
 absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins& bins) {
   const auto processors = unsigned(state.device.multiprocessors);
-  BitArgs clear = args;  // what is cleared lies together
-  clear.bits = bins.counts;
-  clear.quads = uint64_t(bins.triangles - bins.counts) / 4;
-  VOXELPIPE_OK_OR_RETURN(LaunchClear(state, clear));
+  ClearForBins<<<processors * 4, kThreads, 0, state.stream>>>(args, bins);  // few: BinKernel runs beside them
+  VOXELPIPE_LAUNCHED_OR_RETURN("ClearForBins");
   const bool early = BeginsEarly(state.device);
   LaunchEarly(early, state.stream, processors * kBinBlocks, kBinThreads, BinKernel, args, bins);
   VOXELPIPE_LAUNCHED_OR_RETURN("BinKernel");
@@ -395,24 +352,17 @@ absl::Status LaunchCells(const RunState& state, const BitArgs& args, bool thin) 
 
 // Triangles by place; the grid cleared with the largest drawn in it.
 absl::Status LaunchOrdered(RunState& state, BitArgs& args, const OrderArgs& order, bool thin) {
-  BitArgs clear = args;
-  clear.bits = order.cells;
-  clear.quads = (kOrderCells + 2 + 3) / 4;
-  VOXELPIPE_OK_OR_RETURN(LaunchClear(state, clear));
+  VOXELPIPE_OK_OR_RETURN(OrderTriangles(state, args, order));
   const bool early = BeginsEarly(state.device);
-  const auto chunks = unsigned((args.triangle_count + kOrderChunk - 1) / kOrderChunk);
-  LaunchEarly(early, state.stream, chunks, kOrderThreads, KeyKernel, args, order);
-  VOXELPIPE_LAUNCHED_OR_RETURN("KeyKernel");
-  LaunchEarly(early, state.stream, chunks, kOrderThreads, PlaceKernel, args, order);
-  VOXELPIPE_LAUNCHED_OR_RETURN("PlaceKernel");
   LaunchEarly(early, state.stream, kMostLarge / 32, 32, SetUpKernel, args, order);
   VOXELPIPE_LAUNCHED_OR_RETURN("SetUpKernel");
   Bins bins;
   CutIntoPieces(args, bins);
   bins.set_up = order.large;
   VOXELPIPE_OK_OR_RETURN(LaunchStores(state, args, bins));
-  args.order = order.order;
-  args.ordered = order.cells + kOrderCells;
+  const TriangleOrder made = OrderOf(state);
+  args.order = made.order;
+  args.ordered = made.count;
   args.drawn_large = kMostLarge;
   args.rounds = kOrderedRounds;
   return LaunchCells(state, args, thin);

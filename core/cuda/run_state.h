@@ -8,6 +8,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "cpu/run_state.h"
@@ -107,6 +108,8 @@ struct RunState {
   uint32_t part_pairs = 0;           // of a part
   DeviceArray<uint32_t> part_results, parts_done;
   DeviceArray<uint32_t> queue[3];  // triangles that wait for another kernel of a stage
+  std::optional<bool> scattered;   // see IsScattered
+  DeviceArray<uint32_t> order;     // of triangles by place, and what belongs to it (triangle_order.h)
 
   // BeginSlab: what follows holds the slab's layers only
   Slab slab;
@@ -135,6 +138,7 @@ struct RunState {
 
   // Blending without tiles, and the A-buffer: per triangle (cell_views.h)
   DeviceArray<uint64_t> cells, blocks;
+  bool ordered_cells = false;        // they stand in the order of places that `order` has
   DeviceArray<uint64_t> spans;       // of the slab (span_views.h), in no order, kNoSpan among them
   uint64_t span_count = 0;           // of all triangles, also where there was no room for them
   DeviceArray<uint32_t> word_ranks;  // per word of a bit grid, where it is not empty (Ranks); by bricks, four

@@ -133,8 +133,8 @@ TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
 TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   const std::string in = "voxelpipe::cuda::";
   const std::vector<std::string> kernels = {
-      in + "FindCells<false, " + in + "CellSink::kRecords, -1>",
-      in + "FindCells<true, " + in + "CellSink::kBlend, -1>",
+      in + "FindCells<false, " + in + "CellSink::kRecords, -1, false>",
+      in + "FindCells<true, " + in + "CellSink::kBlend, -1, false>",
       in + "EmitRest<" + in + "SpanWriter>",
       in + "EmitLarge<" + in + "SpanWriter>",
       in + "ShadeTriangles<-1>",

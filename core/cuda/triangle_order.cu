@@ -1,0 +1,85 @@
+#include "cuda/triangle_order.h"
+
+#include "cuda/device_abilities.h"
+#include "cuda/early_launch.cuh"
+#include "cuda/launch.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+constexpr uint32_t kCells = kOrderCells + 2;  // with what stands behind them: OrderArgs
+
+__global__ void __launch_bounds__(kOrderThreads)
+    BeginKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
+  AllowNext();
+  const uint32_t i = blockIdx.x * kOrderThreads + threadIdx.x;
+  if (i < kCells) order.cells[i] = 0;
+  if (i < kBitQueues) args.queued[i] = 0;
+}
+
+__global__ void __launch_bounds__(kOrderThreads)
+    KeyKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
+  __shared__ OrderRoom room;
+  AllowNext();
+  KeyTriangles(args, order, room);
+}
+
+__global__ void __launch_bounds__(kOrderThreads)
+    PlaceKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
+  __shared__ OrderRoom room;
+  PlaceTriangles(args, order, room);
+}
+
+}  // namespace
+
+bool IsScattered(RunState& state) {
+  if (state.scattered) return *state.scattered;
+  constexpr uint64_t kSamples = 128;
+  const TriangleMesh& mesh = state.host.mesh;
+  const uint64_t count = state.mesh.host_view.triangle_count;
+  uint64_t apart = 0;
+  const bool known = count >= 32 * kSamples && mesh.triangles.size() == count;
+  for (uint64_t i = 0; i < kSamples && known; ++i) {
+    const uint64_t t = count / kSamples * i;
+    const Vec3d& a = mesh.positions[mesh.triangles[t][0]];
+    const Vec3d& b = mesh.positions[mesh.triangles[t + 1][0]];
+    bool far = false;
+    for (int k = 0; k < 3; ++k) {
+      far = far || Abs(a[k] - b[k]) * 16 > state.grid.voxel_size[k] * double(state.view.dims[k]);
+    }
+    apart += far ? 1 : 0;
+  }
+  state.scattered = apart * 2 > kSamples;
+  return *state.scattered;
+}
+
+bool MakeRoomForOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
+  if (args.fixed.bits == 0 || args.coverage == Coverage::kCenter) return false;
+  if (!state.order.Resize(kCells + args.triangle_count, state.stream).ok()) return false;
+  order.cells = state.order.data();
+  order.order = order.cells + kCells;
+  order.keys = args.layer_queue;  // nothing waits there yet
+  const int64_t dims[3] = {args.grid.dims[0], args.grid.dims[1], args.grid.slab_end - args.grid.slab_begin};
+  for (int a = 0; a < 3; ++a) {
+    while (dims[a] > int64_t{kCellsOfSide} << order.shift[a]) ++order.shift[a];
+  }
+  return true;
+}
+
+TriangleOrder OrderOf(const RunState& state) {
+  return {state.order.data() + kCells, state.order.data() + kOrderCells};
+}
+
+absl::Status OrderTriangles(RunState& state, const BitArgs& args, const OrderArgs& order) {
+  BeginKernel<<<(kCells + kOrderThreads - 1) / kOrderThreads, kOrderThreads, 0, state.stream>>>(args, order);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BeginKernel");
+  const bool early = BeginsEarly(state.device);
+  const auto chunks = unsigned((args.triangle_count + kOrderChunk - 1) / kOrderChunk);
+  LaunchEarly(early, state.stream, chunks, kOrderThreads, KeyKernel, args, order);
+  VOXELPIPE_LAUNCHED_OR_RETURN("KeyKernel");
+  LaunchEarly(early, state.stream, chunks, kOrderThreads, PlaceKernel, args, order);
+  VOXELPIPE_LAUNCHED_OR_RETURN("PlaceKernel");
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda

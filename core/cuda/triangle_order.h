@@ -1,0 +1,23 @@
+// Launches the kernels of bit_order.cuh. Included by .cu files only.
+#pragma once
+
+#include "cuda/bit_order.cuh"
+#include "cuda/run_state.h"
+
+namespace voxelpipe::cuda {
+
+// Whether neighbours in the order of triangles lie far apart, by a sample: every second pair more than a sixteenth of the grid. Looked for once a
+// run.
+bool IsScattered(RunState& state);
+// Room for the order of triangles, and what else of `order` does not depend on them. False where there is none, or triangles are not told
+// their places by fixed point.
+bool MakeRoomForOrder(RunState& state, const BitArgs& args, OrderArgs& order);
+// The order that was made last: the numbers of triangles, and how many there are.
+struct TriangleOrder {
+  const uint32_t *order, *count;
+};
+TriangleOrder OrderOf(const RunState& state);
+// Orders the triangles, and lists the largest in the large queue; clears the queues before.
+absl::Status OrderTriangles(RunState& state, const BitArgs& args, const OrderArgs& order);
+
+}  // namespace voxelpipe::cuda
