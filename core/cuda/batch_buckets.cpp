@@ -83,6 +83,7 @@ absl::Status BatchBuckets::Make(BatchState& state) {
     }
   }
   VOXELPIPE_OK_OR_RETURN(results_.Resize(layout.bytes(), state.stream));
+  VOXELPIPE_OK_OR_RETURN(results_.Fill(0, state.stream));  // what lies between the arrays is copied too
   triangles_at_ = layout.Add<uint32_t>(state.fragments.count);
   result_bytes_ = layout.bytes();
   VOXELPIPE_OK_OR_RETURN(ListBatch(state, At<uint32_t>(results_, 0), At<uint32_t>(results_, offsets_at_)));

@@ -197,10 +197,10 @@ void BatchPass::AddTiled(const BatchMember& member) {
     values.clear_stored = target.clear_stored;
     values.fill_stored = target.fill_stored;
     values.voxels = member.plan.grid.voxels();
-    values.words = (TargetBytes(specs[t], values.voxels) + 3) / 4;
+    values.words = (TargetBytes(specs[t], values.voxels) + 15) / 16 * 4;  // all that is copied is cleared
     values_.push_back(values);
     tiled.values[t] = value_bytes_;
-    value_bytes_ += (values.words * 4 + 15) / 16 * 16;
+    value_bytes_ += values.words * 4;
   }
 }
 
@@ -221,8 +221,8 @@ absl::Status BatchPass::Allocate() {
   const uint64_t bucketed = view.triangle_count - view.row_triangles - view.tile_triangles;
   const uint64_t fragment_counts = layout.Add<uint32_t>(bucketed + 1);
   const uint64_t counts = layout.Add<BatchCounts>(view.item_count);  // from here on copied back together
-  const uint64_t packed = layout.Add<uint32_t>(view.packed_words);   // from here on not cleared
-  const uint64_t values = layout.Add<uint8_t>(value_bytes_);
+  const uint64_t values = layout.Add<uint8_t>(value_bytes_);         // from here on not cleared
+  const uint64_t packed = layout.Add<uint32_t>(view.packed_words);
   VOXELPIPE_OK_OR_RETURN(work_.Resize(layout.bytes(), state_.stream));
   view.placed = At<Vec3d>(work_, placed);
   view.codes = At<VertexCode>(work_, codes);
@@ -240,10 +240,10 @@ absl::Status BatchPass::Allocate() {
   view.packed = At<uint32_t>(work_, packed);
   first_values_ = At<uint8_t>(work_, values);
   view.zero = At<uint8_t>(work_, queued);
-  view.zero_quads = (packed - queued) / 16;
+  view.zero_quads = (values - queued) / 16;
   packed_offset_ = packed - counts;
   values_offset_ = values - counts;
-  result_bytes_ = layout.bytes() - counts;
+  result_bytes_ = packed + view.packed_words * sizeof(uint32_t) - counts;
   return absl::OkStatus();
 }
 
