@@ -62,6 +62,8 @@ void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const s
   std::optional<BatchPass> pass;
   absl::Status status = use.status();
   if (use.ok()) status = pass.emplace(device, *std::move(use), members).Run();
+  if (!status.ok()) pass.reset();  // what it holds is theirs who go alone
+  if (status.code() == absl::StatusCode::kResourceExhausted) TrimMemory(device.ordinal);
   ++stats.passes;
   stats.shared += uint32_t(members.size());
   stats.launches = stats.launches.value_or(0) + LaunchesOfThread() - launches;

@@ -39,7 +39,6 @@ absl::Status EmitBatch(BatchState& state) {
   VOXELPIPE_OK_OR_RETURN(firsts.Resize(triangles + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(
       ExclusiveScan(batch.fragment_counts, firsts.data(), triangles + 1, state.scratch, state.stream));
-  CountLaunch();
   const absl::StatusOr<uint64_t> total = ReadElement(firsts.data() + triangles, state.stream);
   if (!total.ok()) return total.status();
   if (*total >= UINT32_MAX) {
@@ -74,7 +73,6 @@ absl::StatusOr<std::vector<uint64_t>> SortBatch(BatchState& state) {
   const uint64_t last_key = state.drops ? batch.voxel_count : batch.voxel_count - 1;
   const int bits = std::max(1, int(std::bit_width(last_key)));
   VOXELPIPE_OK_OR_RETURN(SortByKey(fragments, /*wide_keys=*/false, bits, state.scratch, state.stream));
-  CountLaunch();
   VOXELPIPE_OK_OR_RETURN(state.chunks.Resize(KeysOf(state).chunks() + 1, state.stream));
   const SortedKeys keys = KeysOf(state);
   VOXELPIPE_OK_OR_RETURN(CountBuckets(keys, state.stream));

@@ -47,8 +47,9 @@ bool IsSmallForShaders(const BatchMember& member) {
 }
 
 // Voxels of the triangles' boxes within the grid, of each at most five layers: a plane meets no more voxels of a column along its normal's
-// largest component.
+// largest component. Boxes that end at a border of voxels, or hardly before it, touch those beyond.
 uint64_t BoxVoxels(const MeshView& mesh, const GridSpec& grid) {
+  constexpr double kNear = 1e-3;  // voxels
   double scale[3], last[3];
   for (int i = 0; i < 3; ++i) {
     scale[i] = 1 / grid.voxel_size[i];
@@ -61,8 +62,8 @@ uint64_t BoxVoxels(const MeshView& mesh, const GridSpec& grid) {
     int64_t box = 1, least = INT64_MAX;
     for (int i = 0; i < 3; ++i) {
       const double lo = Min(a[i], Min(b[i], c[i])), hi = Max(a[i], Max(b[i], c[i]));
-      const double begin = Clamp((lo - grid.origin[i]) * scale[i], 0.0, last[i]);
-      const double end = Clamp((hi - grid.origin[i]) * scale[i], 0.0, last[i]);
+      const double begin = Clamp((lo - grid.origin[i]) * scale[i] - kNear, 0.0, last[i]);
+      const double end = Clamp((hi - grid.origin[i]) * scale[i] + kNear, 0.0, last[i]);
       const int64_t side = int64_t(end) - int64_t(begin) + 1;
       box *= side;
       least = std::min(least, side);
@@ -118,7 +119,7 @@ std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimi
   if (member->triangles() > 0 && !InReach(*extent, grid)) return nullptr;
   if (request.result == ResultKind::kBuckets) {
     member->path = BatchPath::kFragments;
-    if (!IsSmallForShaders(*member)) return nullptr;
+    if (ShadesFragments(*member->bound) && !IsSmallForShaders(*member)) return nullptr;
     member->box_voxels = BoxVoxels(member->host->view, grid);
     return member->box_voxels <= kMostBoxVoxels ? std::move(member) : nullptr;
   }

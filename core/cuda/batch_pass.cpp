@@ -31,13 +31,13 @@ absl::Status BatchPass::Run() {
   VOXELPIPE_OK_OR_RETURN(FillBatch(state_));
   VOXELPIPE_OK_OR_RETURN(PackBatch(state_));
   VOXELPIPE_OK_OR_RETURN(buckets_.Make(state_));
-  const uint64_t back_bytes = result_bytes_ + buckets_.result_bytes();
+  const uint64_t back_bytes = buckets_at_ + buckets_.result_bytes();
   absl::StatusOr<PinnedBuffer> back = PinnedBuffer::Take(back_bytes + 8);  // bricks are read beyond the end
   if (!back.ok()) return back.status();
   back_ = *std::move(back);
   VOXELPIPE_CUDA_OR_RETURN(
       cudaMemcpyAsync(back_.data(), state_.view.counts, result_bytes_, cudaMemcpyDeviceToHost, state_.stream));
-  VOXELPIPE_OK_OR_RETURN(buckets_.CopyBack(state_, back_.data() + result_bytes_));
+  VOXELPIPE_OK_OR_RETURN(buckets_.CopyBack(state_, back_.data() + buckets_at_));
   VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state_.stream));
   return absl::OkStatus();
 }
@@ -53,7 +53,7 @@ absl::StatusOr<VoxelizeResult> BatchPass::Cut(size_t number) {
   BatchCounts counts;
   std::memcpy(&counts, back_.data() + number * sizeof counts, sizeof counts);
   if (member.path == BatchPath::kFragments) {
-    VOXELPIPE_OK_OR_RETURN(buckets_.Cut(number - state_.first_bucketed, back_.data() + result_bytes_, result));
+    VOXELPIPE_OK_OR_RETURN(buckets_.Cut(number - state_.first_bucketed, back_.data() + buckets_at_, result));
     counts.occupied = result.listed_voxels();
     counts.fragments = result.listed_fragments();
   } else {
@@ -244,6 +244,7 @@ absl::Status BatchPass::Allocate() {
   packed_offset_ = packed - counts;
   values_offset_ = values - counts;
   result_bytes_ = packed + view.packed_words * sizeof(uint32_t) - counts;
+  buckets_at_ = (result_bytes_ + 255) / 256 * 256;
   return absl::OkStatus();
 }
 

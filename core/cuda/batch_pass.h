@@ -63,9 +63,9 @@ class BatchPass {
   std::vector<BatchMesh> meshes_;  // likewise
   BatchBuckets buckets_;
   uint64_t words_ = 0, own_words_ = 0, columns_ = 0, value_bytes_ = 0;
-  uint32_t* own_bits_ = nullptr;                                       // bit grids of single targets
-  uint8_t* first_values_ = nullptr;                                    // on the device
-  uint64_t packed_offset_ = 0, values_offset_ = 0, result_bytes_ = 0;  // in back_
+  uint32_t* own_bits_ = nullptr;                                                        // bit grids of single targets
+  uint8_t* first_values_ = nullptr;                                                     // on the device
+  uint64_t packed_offset_ = 0, values_offset_ = 0, result_bytes_ = 0, buckets_at_ = 0;  // in back_
   PinnedBuffer staging_, back_;
   KeptArrays kept_;
   DeviceArray<uint8_t> there_, work_;

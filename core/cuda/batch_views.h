@@ -30,7 +30,7 @@ struct BatchItemView {
   const Vec3d* positions = nullptr;  // world space
   const uint32_t* triangles = nullptr;
   // Where its part begins among all vertices, triangles, rows of bit grids, their words, words of columns, tiles, and voxels of
-  // A-buffers. An item of plain bits goes by rows and has no tiles; such items come first. An A-buffer has voxels alone; they come last.
+  // A-buffers. An item of plain bits goes by rows and has no tiles; such items come first. An A-buffer has neither rows nor tiles; they come last.
   uint64_t first_vertex = 0, first_triangle = 0, first_row = 0, first_word = 0, first_column = 0, first_tile = 0;
   uint64_t first_voxel = 0;
   uint32_t first_group = 0, group_count = 0;  // of BatchView::groups: its targets
@@ -56,7 +56,7 @@ struct BatchValueView {
   uint32_t clear_stored = 0, fill_stored = 0;
   const uint32_t* present = nullptr;  // bit grid; null: the coverage
   uint8_t* at = nullptr;
-  uint64_t words = 0;  // of 32 bits, rounded up
+  uint64_t words = 0;  // of 32 bits, up to a whole unit of 16 bytes
   uint64_t voxels = 0;
 };
 

@@ -100,12 +100,7 @@ __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t 
     }
     for (uint32_t first = 0; first < total; first += 32) {
       const uint32_t item = first + lane;
-      // The last triangle that begins at or before the item; those without pieces are never found.
-      int i = 0;
-      for (int step = 16; step > 0; step /= 2) {
-        const uint32_t there = __shfl_sync(~0u, before, i + step);
-        if (there <= item) i += step;
-      }
+      const int i = LaneOfItem(before, item);
       const uint32_t number = item - __shfl_sync(~0u, before, i);
       uint32_t from[3], size[2];
       for (int a = 0; a < 3; ++a) from[a] = __shfl_sync(~0u, box.first[a], i);
@@ -256,11 +251,7 @@ __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, ui
     __syncwarp();
     for (uint32_t begins = 0; begins < total; begins += 32) {
       const uint32_t item = begins + lane;
-      int i = 0;  // the last layer that begins at or before the item; those without rows are never found
-      for (int step = 16; step > 0; step /= 2) {
-        const uint32_t there = __shfl_sync(~0u, before, i + step);
-        if (there <= item) i += step;
-      }
+      const int i = LaneOfItem(before, item);
       const uint32_t row_of_layer = item - __shfl_sync(~0u, before, i);
       if (item >= total) continue;
       const PieceLayer& layer = layers[i];

@@ -17,8 +17,8 @@ struct BitArgs {
   const uint32_t* triangles = nullptr;
   const Vec3d* positions = nullptr;  // world space
   uint64_t triangle_count = 0;
-  const uint32_t *order = nullptr, *ordered = nullptr;  // of WalkCells<, true>, and how many there are
-  int rounds = 1;                                       // of WalkCells
+  const uint32_t *order = nullptr, *ordered = nullptr;  // of triangles by place, and how many there are; or null
+  int rounds = 1;                                       // of WalkCells and FindCells
   uint32_t drawn_large = 0;                             // of the large queue, those at its begin
   // Room for all triangles each.
   uint32_t *layer_queue = nullptr, *large_queue = nullptr;

@@ -65,12 +65,7 @@ __device__ inline void WalkSetUp(const BitArgs& args, const SharedSetup* shared,
   __syncwarp();
   for (uint32_t first = 0; first < total; first += 32 / kLayerLanes) {
     const uint32_t item = first + uint32_t(lane / kLayerLanes);
-    // The last triangle that begins at or before the item, by bisection; those without layers are never found.
-    int i = 0;
-    for (int step = kSetups / 2; step > 0; step /= 2) {
-      const uint32_t there = __shfl_sync(~0u, before, i + step);
-      if (there <= item) i += step;
-    }
+    const int i = LaneOfItem<kSetups>(before, item);
     const uint32_t begins = __shfl_sync(~0u, before, i);
     if (item < total) {
       WalkLayer(args, shared[i], shared[i].begin[2] + int(item - begins), lane % kLayerLanes, kLayerLanes);

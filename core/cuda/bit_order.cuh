@@ -24,6 +24,7 @@ struct OrderArgs {
       nullptr;  // kOrderCells and two: counts, then where each begins; how many are ordered; blocks that are done
   uint32_t* order = nullptr;     // room for all triangles
   int shift[3] = {0, 0, 0};      // of a voxel's coordinates to its cell's
+  bool blends = false;           // the largest are then those that EmitRest would pass on to EmitLarge
   SharedSetup* large = nullptr;  // of the first kMostLarge of the large queue
 };
 __device__ inline uint32_t& OrderedCount(const OrderArgs& order) {
@@ -76,7 +77,9 @@ __device__ inline void KeyTriangles(const BitArgs& args, const OrderArgs& order,
     const int unsure = box.doubtful ? 1 : 0;
     uint32_t key = kNoCell;
     if (upto[0] - from[0] + unsure > 0 && upto[1] - from[1] + unsure > 0 && upto[2] - from[2] + unsure > 0) {
-      if (QueueOf(max(1, upto[1] - from[1]), max(1, upto[2] - from[2])) == CellFate::kLarge) {
+      const int width = max(1, upto[1] - from[1]), layers = max(1, upto[2] - from[2]);
+      if (order.blends ? uint64_t(uint32_t(width)) * uint32_t(layers) > kRowsOfWarp
+                       : QueueOf(width, layers) == CellFate::kLarge) {
         args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLargeQueue), 1ull)] =
             uint32_t(t);
       } else {

@@ -1,4 +1,4 @@
-// What FindCells (cell_walk.cuh) says of a triangle, in 8 bytes each, in the order of triangles. No host-only includes.
+// What FindCells (cell_walk.cuh) says of a triangle, in 8 bytes each, in the order in which it takes them. No host-only includes.
 #pragma once
 
 #include <cstdint>

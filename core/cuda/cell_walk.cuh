@@ -25,7 +25,8 @@ enum class CellSink {
 };
 
 struct CellArgs {
-  BitArgs walk;                   // `bits` is the coverage; layer_queue takes all that waits, large_queue nothing
+  BitArgs
+      walk;  // `bits` is the coverage; layer_queue takes all that waits; in large_queue are those that have no place in an order
   uint64_t* records = nullptr;    // of all triangles, in the order in which they are taken
   uint64_t* blocks = nullptr;     // likewise, masks of those that are blocks
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: not counted

@@ -57,10 +57,11 @@ bool CellsReach(const RunState& state, const int64_t (&dims)[3]) {
          state.host.view.triangle_count <= kMostSpanTriangles;
 }
 
-// The values of its voxels are more than a slab's bits.
+// In grids whose bits the cache holds, as far as was measured (512^3), the order costs as much as it saves.
 bool NeedsOrder(RunState& state) {
   const auto cache = uint64_t(CacheBytes(state.device));
-  return cache != 0 && state.slab_words() * 4 > cache / 2 && IsScattered(state);
+  if (cache == 0 || state.slab_words() * 4 <= cache / 2) return false;
+  return CanOrder(MakeCellWalk(state)) && IsScattered(state);
 }
 
 namespace {
@@ -86,8 +87,9 @@ absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
   args.walk = MakeCellWalk(state);
   args.walk.rounds = RoundsOf(state);
   state.ordered_cells = false;
-  if (OrderArgs order;
-      sink == CellSink::kRecordsAndBits && NeedsOrder(state) && MakeRoomForOrder(state, args.walk, order)) {
+  OrderArgs order;
+  order.blends = true;
+  if (sink == CellSink::kRecordsAndBits && NeedsOrder(state) && MakeRoomForOrder(state, args.walk, order)) {
     VOXELPIPE_OK_OR_RETURN(OrderTriangles(state, args.walk, order));
     const TriangleOrder made = OrderOf(state);
     args.walk.order = made.order;

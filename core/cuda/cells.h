@@ -8,7 +8,7 @@
 namespace voxelpipe::cuda {
 
 // Whether triangles are better taken by place (triangle_order.h): they lie scattered, and the cache does not hold the slab. FindAllCells does so
-// where it leaves records and bits.
+// where it leaves records and bits, and there is room for the order.
 bool NeedsOrder(RunState& state);
 
 // Gives every triangle of the slab to a sink, and what is not small to the queues; state.counters has how many wait.

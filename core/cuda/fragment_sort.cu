@@ -90,6 +90,7 @@ Buffers<Key> BuffersOf(Fragments& fragments) {
 absl::Status SortByKey(Fragments& fragments, bool wide_keys, int bits, DeviceArray<uint8_t>& scratch,
                        cudaStream_t stream) {
   const Work work{fragments.count, bits, scratch, stream};
+  CountLaunch();
   uint32_t* sorted = nullptr;
   if (wide_keys) {
     Buffers<uint64_t> buffers = BuffersOf<uint64_t>(fragments);

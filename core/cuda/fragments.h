@@ -26,6 +26,7 @@ struct Fragments {
     for (auto& array : keys) array.Free();
     for (auto& array : triangles) array.Free();
     count = 0;
+    current = 0;
   }
   template <typename Key>
   Key* KeysAs(int copy) {
@@ -33,7 +34,7 @@ struct Fragments {
   }
 };
 
-// Sorts by the lowest `bits` bits of the keys, which are 64 bits wide or 32; fragments of one key keep their order. `scratch` is CUB's.
+// Sorts the first copy by the lowest `bits` bits of the keys, which are 64 bits wide or 32; fragments of one key keep their order. `scratch` is CUB's.
 absl::Status SortByKey(
     Fragments& fragments, bool wide_keys, int bits, DeviceArray<uint8_t>& scratch,
     cudaStream_t stream);  // fragment_sort.cu: CUB compiles slowly, so its instances stand in one place

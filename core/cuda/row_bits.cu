@@ -139,7 +139,7 @@ union AtOnceRoom {
   LargeRoom large;
 };
 
-// Begins when KeyKernel has ended and runs beside PlaceKernel, which writes nothing that it reads: it waits last.
+// Begins when OrderKeys (triangle_order.cu) has ended and runs beside OrderPlaces, which writes nothing that it reads: it waits last.
 __global__ void __launch_bounds__(32)
     SetUpKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
   AllowNext();
@@ -238,7 +238,7 @@ void CutIntoPieces(const BitArgs& args, Bins& bins) {
   bins.z_end = bins.dims[2];
 }
 
-// Leaves out pieces along z that the mesh's box does not reach, with two voxels to spare; one stays.
+// Leaves out pieces along z that the mesh's box does not reach, with some voxels to spare; one stays.
 void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
   const auto layer = [&](const Vec3d& p) {
     return WorldToIndex(state.grid.origin, state.grid.voxel_size, p).z - double(args.grid.slab_begin);
@@ -251,9 +251,10 @@ void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
 // Whether triangles are ordered first, and the room for that.
 bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
   if (!ExceedsCache(state, args) || !IsScattered(state)) return false;
+  if (!MakeRoomForOrder(state, args, order)) return false;
   if (!state.scratch.Resize(kMostLarge * sizeof(SharedSetup), state.stream).ok()) return false;
   order.large = reinterpret_cast<SharedSetup*>(state.scratch.data());
-  return MakeRoomForOrder(state, args, order);
+  return true;
 }
 
 // Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where triangles are small: more
@@ -296,7 +297,7 @@ absl::Status LaunchClear(const RunState& state, const BitArgs& args) {
 }
 
 absl::Status LaunchStores(const RunState& state, const BitArgs& args, const Bins& bins) {
-  const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
+  const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * (bins.z_end - bins.z_begin);
   const bool quads = args.grid.words_per_row % 4 == 0, listed = bins.counts != nullptr;
   if (!listed) {
     quads ? LaunchStore<true, false, 64>(state, args, bins) : LaunchStore<false, false, 64>(state, args, bins);

@@ -101,6 +101,18 @@ __device__ inline uint32_t WarpExclusiveSum(uint32_t value, uint32_t& total) {
   return sum - value;
 }
 
+// The lane that has item number `item`: the last one of the first kLanes, a power of two, with that many before it or fewer. Lanes that have
+// none are never found while there are such items. In: the sum of WarpExclusiveSum. All 32 lanes call it.
+template <int kLanes = 32>
+__device__ inline int LaneOfItem(uint32_t before, uint32_t item) {
+  int found = 0;
+#pragma unroll
+  for (int step = kLanes / 2; step > 0; step /= 2) {
+    if (__shfl_sync(~0u, before, found + step) <= item) found += step;
+  }
+  return found;
+}
+
 // Room for `count` elements of each lane in an array whose fill `counter` counts: the lane's first index. One atomic a warp. All 32
 // lanes call it.
 __device__ inline uint64_t WarpAllocate(uint64_t* counter, uint32_t count) {

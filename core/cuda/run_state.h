@@ -136,7 +136,7 @@ struct RunState {
   DeviceArray<uint64_t> fragment_first;  // per triangle: where its fragments begin before they are sorted; or per chunk
   Fragments fragments;                   // their keys are voxel indices within the slab
 
-  // Blending without tiles, and the A-buffer: per triangle (cell_views.h)
+  // Blending without tiles, and the A-buffer: per triangle, as they are taken (cell_views.h)
   DeviceArray<uint64_t> cells, blocks;
   bool ordered_cells = false;        // they stand in the order of places that `order` has
   DeviceArray<uint64_t> spans;       // of the slab (span_views.h), in no order, kNoSpan among them

@@ -16,6 +16,7 @@ absl::Status ExclusiveScan(const uint32_t* in, uint64_t* out, uint64_t count, De
   VOXELPIPE_OK_OR_RETURN(scratch.Resize(std::max<size_t>(bytes, 1), stream));
   VOXELPIPE_CUDA_OR_RETURN(
       cub::DeviceScan::ExclusiveScan(scratch.data(), bytes, in, out, plus, uint64_t{0}, count, stream));
+  CountLaunch();
   return absl::OkStatus();
 }
 

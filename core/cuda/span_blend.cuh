@@ -113,12 +113,7 @@ __device__ inline void ForEachSetBit(const uint32_t* grid, uint64_t words, Visit
     uint32_t total;
     const uint32_t first = WarpExclusiveSum(uint32_t(in_x + in_y + in_z + __popc(four.w)), total);
     for (uint32_t number = lane; number - lane < total; number += 32) {
-      // The last lane whose words begin at or before the bit.
-      int owner = 0;
-#pragma unroll
-      for (int step = 16; step > 0; step /= 2) {
-        if (__shfl_sync(~0u, first, owner + step) <= number) owner += step;
-      }
+      const int owner = LaneOfItem(first, number);
       int left = int(number - __shfl_sync(~0u, first, owner));
       const int a = __shfl_sync(~0u, in_x, owner), b = __shfl_sync(~0u, in_y, owner), c = __shfl_sync(~0u, in_z, owner);
       const uint32_t x = __shfl_sync(~0u, four.x, owner), y = __shfl_sync(~0u, four.y, owner);

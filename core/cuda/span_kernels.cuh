@@ -13,7 +13,7 @@ namespace voxelpipe::cuda {
 
 inline constexpr unsigned kSpansOfPiece = 512;  // what a warp takes of the list at a time
 
-// What waits, in layer_queue of `walk`; the largest go on to large_queue.
+// What waits, in layer_queue of `walk`; the largest go on to large_queue, where some may be already.
 struct RestArgs {
   BitArgs walk;
   uint64_t first_triangle = 0, end_triangle = 0;  // others are left out
@@ -191,12 +191,7 @@ __global__ void __launch_bounds__(kRestThreads, 6)
     __syncwarp();
     for (uint32_t first = 0; first < total; first += 32) {
       const uint32_t item = first + uint32_t(lane);
-      // The last triangle that begins at or before the item, by bisection; those without rows are never found.
-      int i = 0;
-#pragma unroll
-      for (int step = kSetupsOfWarp / 2; step > 0; step /= 2) {
-        if (__shfl_sync(~0u, before, i + step) <= item) i += step;
-      }
+      const int i = LaneOfItem<kSetupsOfWarp>(before, item);
       const uint32_t begins = __shfl_sync(~0u, before, i);
       int y = 0, z = 0, x_begin = 0, x_end = 0;
       if (item >= total || !SharedRowSpan(shared[i], item - begins, y, z, x_begin, x_end)) x_begin = x_end = 0;

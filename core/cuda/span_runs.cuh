@@ -1,6 +1,7 @@
 // Neighbours in a list of spans that cover the same voxels: those of small triangles often do. No host-only includes.
 #pragma once
 
+#include "cuda/row_walk.cuh"
 #include "cuda/span_views.h"
 
 namespace voxelpipe::cuda {
@@ -41,11 +42,7 @@ __device__ inline void ForEachVoxel(uint32_t length, Visit&& visit) {
   const uint32_t before = WarpExclusiveSum(length, total);
   for (uint32_t first = 0; first < total; first += 32) {
     const uint32_t item = first + threadIdx.x % 32;
-    int owner = 0;  // the last lane that begins at or before the voxel; those without any are never found
-#pragma unroll
-    for (int step = 16; step > 0; step /= 2) {
-      if (__shfl_sync(~0u, before, owner + step) <= item) owner += step;
-    }
+    const int owner = LaneOfItem(before, item);
     visit(owner, item - __shfl_sync(~0u, before, owner), item < total);
   }
 }

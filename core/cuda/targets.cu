@@ -366,6 +366,7 @@ void AbandonSlab(RunState& state) {
   for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
   state.word_ranks.Free();
   state.order.Free();
+  state.ordered_cells = false;
   state.span_targets = {};  // with the values of all triangles, which are made anew
   state.scratch.Free();
   if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so

@@ -10,7 +10,7 @@ namespace {
 constexpr uint32_t kCells = kOrderCells + 2;  // with what stands behind them: OrderArgs
 
 __global__ void __launch_bounds__(kOrderThreads)
-    BeginKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
+    BeginOrder(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
   AllowNext();
   const uint32_t i = blockIdx.x * kOrderThreads + threadIdx.x;
   if (i < kCells) order.cells[i] = 0;
@@ -18,14 +18,14 @@ __global__ void __launch_bounds__(kOrderThreads)
 }
 
 __global__ void __launch_bounds__(kOrderThreads)
-    KeyKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
+    OrderKeys(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
   __shared__ OrderRoom room;
   AllowNext();
   KeyTriangles(args, order, room);
 }
 
 __global__ void __launch_bounds__(kOrderThreads)
-    PlaceKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
+    OrderPlaces(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
   __shared__ OrderRoom room;
   PlaceTriangles(args, order, room);
 }
@@ -53,8 +53,12 @@ bool IsScattered(RunState& state) {
   return *state.scattered;
 }
 
+bool CanOrder(const BitArgs& args) {
+  return args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
+}
+
 bool MakeRoomForOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
-  if (args.fixed.bits == 0 || args.coverage == Coverage::kCenter) return false;
+  if (!CanOrder(args)) return false;
   if (!state.order.Resize(kCells + args.triangle_count, state.stream).ok()) return false;
   order.cells = state.order.data();
   order.order = order.cells + kCells;
@@ -71,14 +75,14 @@ TriangleOrder OrderOf(const RunState& state) {
 }
 
 absl::Status OrderTriangles(RunState& state, const BitArgs& args, const OrderArgs& order) {
-  BeginKernel<<<(kCells + kOrderThreads - 1) / kOrderThreads, kOrderThreads, 0, state.stream>>>(args, order);
-  VOXELPIPE_LAUNCHED_OR_RETURN("BeginKernel");
+  BeginOrder<<<(kCells + kOrderThreads - 1) / kOrderThreads, kOrderThreads, 0, state.stream>>>(args, order);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BeginOrder");
   const bool early = BeginsEarly(state.device);
   const auto chunks = unsigned((args.triangle_count + kOrderChunk - 1) / kOrderChunk);
-  LaunchEarly(early, state.stream, chunks, kOrderThreads, KeyKernel, args, order);
-  VOXELPIPE_LAUNCHED_OR_RETURN("KeyKernel");
-  LaunchEarly(early, state.stream, chunks, kOrderThreads, PlaceKernel, args, order);
-  VOXELPIPE_LAUNCHED_OR_RETURN("PlaceKernel");
+  LaunchEarly(early, state.stream, chunks, kOrderThreads, OrderKeys, args, order);
+  VOXELPIPE_LAUNCHED_OR_RETURN("OrderKeys");
+  LaunchEarly(early, state.stream, chunks, kOrderThreads, OrderPlaces, args, order);
+  VOXELPIPE_LAUNCHED_OR_RETURN("OrderPlaces");
   return absl::OkStatus();
 }
 

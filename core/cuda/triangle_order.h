@@ -9,8 +9,9 @@ namespace voxelpipe::cuda {
 // Whether neighbours in the order of triangles lie far apart, by a sample: every second pair more than a sixteenth of the grid. Looked for once a
 // run.
 bool IsScattered(RunState& state);
-// Room for the order of triangles, and what else of `order` does not depend on them. False where there is none, or triangles are not told
-// their places by fixed point.
+// Whether fixed point tells the triangles their places.
+bool CanOrder(const BitArgs& args);
+// Room for the order of triangles, and what else of `order` does not depend on them. False where there is none, or they cannot be ordered.
 bool MakeRoomForOrder(RunState& state, const BitArgs& args, OrderArgs& order);
 // The order that was made last: the numbers of triangles, and how many there are.
 struct TriangleOrder {

@@ -206,8 +206,8 @@ uint64_t PartBytes(const VoxelizeRequest& request, const Counts& counts) {
 // before the vertex shader ran, or not: pairs of tiles and triangles then take the place of records and spans.
 uint64_t DeviceListBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Counts& counts) {
   constexpr uint64_t kQueues = 2 * sizeof(uint32_t), kRecord = 2 * sizeof(uint64_t), kSpan = sizeof(uint64_t);
-  // Two queues and an order.
-  if (PlainBits(request)) return mesh.triangles * (kQueues + sizeof(uint32_t));
+  constexpr uint64_t kOrder = sizeof(uint32_t);
+  if (PlainBits(request)) return mesh.triangles * (kQueues + kOrder);
   // A triangle that touches many voxels has a span for each of its rows, others are records; there is room for a span for every second.
   constexpr double kManyVoxels = 16, kVoxelsOfSpan = 2;
   const double n = double(mesh.triangles);
@@ -220,6 +220,7 @@ uint64_t DeviceListBytes(const VoxelizeRequest& request, const MeshSize& mesh, c
     constexpr uint64_t kBucket = 2 * sizeof(uint64_t);  // room for as many as fragments
     return bytes + uint64_t(counts.fragments) * (kFragment + kBucket);
   }
+  bytes += mesh.triangles * kOrder;
   bytes = std::max(bytes, mesh.triangles * kQueues + PartBytes(request, counts));  // either the one way or the other
   for (const TargetSpec& target : request.targets) {
     if (target.format == VoxelFormat::kBit) continue;

@@ -26,6 +26,7 @@
 #include "absl/strings/str_cat.h"
 #include "gpu/batch_cases.h"
 #include "gpu/batch_parity.h"
+#include "gpu/bench_mesh_cases.h"
 #include "gpu/bench_meshes.h"
 #include "gpu/first_difference.h"
 #include "gpu/parity_cases.h"
@@ -342,31 +343,10 @@ class Parity {
   std::map<std::string, std::pair<uint64_t, uint64_t>> tally_;  // word of a request -> cases, those that differ
 };
 
-// The meshes and resolutions of the benchmark's table, bits of both coverages; at 512^3 also values and the A-buffer.
+// The meshes of the benchmark's table.
 void RunBenchMeshes(Parity& parity, const ParityOptions& options) {
   for (const BenchMesh& bench : BenchMeshes(options.bunny, "")) {
-    std::vector<ParityCase> cases;
-    for (const int64_t n : {512, 1024}) {
-      ParityCase c;
-      c.request.grid.fit = GridFit::kCube;
-      c.request.grid.resolution = n;
-      for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
-        c.request.coverage = coverage;
-        cases.push_back(c);
-      }
-      if (n > 512) continue;
-      c.request.grid = UnitCube(n);
-      c.request.result = ResultKind::kBuckets;
-      cases.push_back(c);
-      c.request.targets[0] = {};
-      c.request.targets[0].format = VoxelFormat::kF32;
-      c.request.targets[0].blend = Blend::kAdd;
-      for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse}) {
-        c.request.result = kind;
-        cases.push_back(c);
-      }
-    }
-    if (!parity.RunMesh({bench.name, 1, {}}, bench.make(), cases, 1)) return;
+    if (!parity.RunMesh({bench.name, 1, {}}, bench.make(), BenchMeshCases(bench.name), 1)) return;
   }
 }
 

@@ -135,6 +135,7 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   const std::vector<std::string> kernels = {
       in + "FindCells<false, " + in + "CellSink::kRecords, -1, false>",
       in + "FindCells<true, " + in + "CellSink::kBlend, -1, false>",
+      in + "FindCells<false, " + in + "CellSink::kRecordsAndBits, -1, true>",
       in + "EmitRest<" + in + "SpanWriter>",
       in + "EmitLarge<" + in + "SpanWriter>",
       in + "ShadeTriangles<-1>",

@@ -1,0 +1,62 @@
+#include "gpu/bench_mesh_cases.h"
+
+#include "gpu/bench_meshes.h"
+
+namespace voxelpipe::gpu {
+namespace {
+
+// Blends of a mesh whose triangles lie scattered, in a grid of which the cache does not hold even the bits: they are ordered first.
+void AddOrdered(std::vector<ParityCase>& cases, int64_t n) {
+  struct Wanted {
+    Blend blend;
+    const char* shader;
+    int components;
+    ResultKind kind;
+    Coverage coverage;
+  };
+  for (const Wanted& wanted : {Wanted{Blend::kMax, "triangle_id", 1, ResultKind::kDense, Coverage::kConservative},
+                               Wanted{Blend::kMin, "triangle_id", 1, ResultKind::kSparse, Coverage::kThin},
+                               Wanted{Blend::kAdd, "normal", 3, ResultKind::kSparse, Coverage::kConservative},
+                               Wanted{Blend::kAdd, "triangle_id", 1, ResultKind::kDense, Coverage::kThin}}) {
+    ParityCase c;
+    c.request.grid = UnitCube(n);
+    c.request.coverage = wanted.coverage;
+    c.request.result = wanted.kind;
+    TargetSpec& target = c.request.targets[0];
+    target.format = VoxelFormat::kF32;
+    target.components = wanted.components;
+    target.blend = wanted.blend;
+    target.shader = {wanted.shader, {}};
+    cases.push_back(c);
+  }
+}
+
+}  // namespace
+
+std::vector<ParityCase> BenchMeshCases(const std::string& mesh) {
+  std::vector<ParityCase> cases;
+  for (const int64_t n : {512, 1024}) {
+    ParityCase c;
+    c.request.grid.fit = GridFit::kCube;
+    c.request.grid.resolution = n;
+    for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
+      c.request.coverage = coverage;
+      cases.push_back(c);
+    }
+    if (n > 512 && mesh == "nasty") AddOrdered(cases, n);
+    if (n > 512) continue;
+    c.request.grid = UnitCube(n);
+    c.request.result = ResultKind::kBuckets;
+    cases.push_back(c);
+    c.request.targets[0] = {};
+    c.request.targets[0].format = VoxelFormat::kF32;
+    c.request.targets[0].blend = Blend::kAdd;
+    for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse}) {
+      c.request.result = kind;
+      cases.push_back(c);
+    }
+  }
+  return cases;
+}
+
+}  // namespace voxelpipe::gpu
