@@ -71,18 +71,9 @@ racecheck() {
 }
 sanitize() {
   local tool code result=0 tools=(memcheck initcheck synccheck racecheck)
-  declare -A started
-  # racecheck last and by itself: beside the others it is slower still.
-  for tool in memcheck initcheck synccheck; do
-    sanitize_with "$tool" >"$work/$tool.log" 2>&1 &
-    started[$tool]=$!
-  done
+  # One after the other: beside each other they take longer, and initcheck may tell of what it has not yet seen written.
   for tool in "${tools[@]}"; do
-    if [[ "$tool" == racecheck ]]; then
-      racecheck >"$work/$tool.log" 2>&1 &
-      started[$tool]=$!
-    fi
-    wait "${started[$tool]}"
+    if [[ "$tool" == racecheck ]]; then racecheck; else sanitize_with "$tool"; fi >"$work/$tool.log" 2>&1
     code=$?
     echo "=== $tool: exit $code"
     if ((code == 0)); then tail -4 "$work/$tool.log"; else head -c 200000 "$work/$tool.log"; fi
