@@ -15,8 +15,8 @@ namespace {
 // A grid or mesh above these fills the device by itself.
 constexpr uint64_t kMostWords = 1 << 22;  // 512^3 voxels
 constexpr uint64_t kMostTriangles = 1 << 20, kMostVertices = 1 << 24;
-// Likewise of items that go by tiles: a block takes a tile whole, and what shaders read goes up with the pass.
-constexpr uint64_t kMostTiledTriangles = 1 << 15, kMostTiledVertices = 3 * kMostTiledTriangles;
+// Likewise of items that are shaded: what shaders read goes up with the pass, and by tiles a block takes a tile whole.
+constexpr uint64_t kMostShadedTriangles = 1 << 15, kMostShadedVertices = 3 * kMostShadedTriangles;
 constexpr uint64_t kMostTargetWords = 1 << 22, kMostTexels = 1 << 20;
 // Likewise of A-buffers.
 constexpr uint64_t kMostBoxVoxels = 1 << 24;
@@ -42,7 +42,7 @@ uint64_t Texels(const std::vector<TextureView>& textures) {
 }
 
 bool IsSmallForShaders(const BatchMember& member) {
-  return member.triangles() <= kMostTiledTriangles && member.vertices() <= kMostTiledVertices &&
+  return member.triangles() <= kMostShadedTriangles && member.vertices() <= kMostShadedVertices &&
          Texels(member.host->textures) <= kMostTexels;
 }
 

@@ -36,7 +36,7 @@ struct BatchMember {
   uint64_t column_words() const {  // of all layers
     return parity() ? uint64_t((plan.grid.dims[1] + 31) / 32) * uint64_t(plan.grid.dims[2]) : 0;
   }
-  // The stage that its pass is to clients.
+  // The stage that its pass is to clients, all that it does.
   const char* stage() const { return path == BatchPath::kFragments ? "emit" : "fine_raster"; }
   // What the device holds of its targets, packed bits and values, in 32-bit words; not of an A-buffer.
   uint64_t target_words() const;
