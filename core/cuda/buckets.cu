@@ -1,5 +1,6 @@
 #include "cuda/bucket_kernels.cuh"
 #include "cuda/fragments.h"
+#include "cuda/scan.h"
 
 namespace voxelpipe::cuda {
 namespace {

@@ -39,10 +39,7 @@ absl::Status SortByKey(
     Fragments& fragments, bool wide_keys, int bits, DeviceArray<uint8_t>& scratch,
     cudaStream_t stream);  // fragment_sort.cu: CUB compiles slowly, so its instances stand in one place
 
-// An exclusive scan of few sums; sums[count] becomes the total.
-absl::Status ScanInPlace(uint64_t* sums, uint64_t count, cudaStream_t stream);  // buckets.cu, and the rest
-
-// Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room. There are fragments.
+// In buckets.cu. Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room. There are fragments.
 absl::Status CountBuckets(const SortedKeys& keys, cudaStream_t stream);
 // Voxels and where their fragments begin; behind the last one's stands the number of all fragments.
 absl::Status ListBuckets(const BucketArgs<uint64_t>& args, cudaStream_t stream);
