@@ -76,7 +76,6 @@ uint64_t BoxVoxels(const MeshView& mesh, const GridSpec& grid) {
 }  // namespace
 
 uint64_t BatchMember::target_words() const {
-  if (path == BatchPath::kFragments) return 0;
   uint64_t words = sparse() ? packed_words() : 0;  // what is occupied
   for (const TargetSpec& spec : request().targets) {
     words += (TargetBytes(spec, plan.grid.voxels()) + 3) / 4;

@@ -4,6 +4,7 @@
 
 #include "cuda/bit_args.h"
 #include "cuda/device_abilities.h"
+#include "cuda/launch.h"
 #include "cuda/triangle_order.h"
 
 namespace voxelpipe::cuda {
@@ -19,21 +20,6 @@ BitArgs MakeCellWalk(const RunState& state) {
   args.large_queue = const_cast<uint32_t*>(state.queue[2].data());
   args.queued = const_cast<uint64_t*>(state.counters.data()) + kQueued0;
   return args;
-}
-
-// As many as leave the least to the last wave of blocks.
-int RoundsFor(uint64_t triangles, uint64_t resident) {
-  int best = 1;
-  uint64_t least = UINT64_MAX;
-  for (int rounds = kMostFindRounds; rounds >= 1; --rounds) {
-    const uint64_t each = uint64_t(rounds) * kFindThreads, blocks = (triangles + each - 1) / each;
-    const uint64_t waves = (blocks + resident - 1) / resident, work = 4 * waves * uint64_t(rounds) + waves;
-    if (work < least) {
-      least = work;
-      best = rounds;
-    }
-  }
-  return best;
 }
 
 template <bool kThin>
@@ -57,18 +43,18 @@ bool CellsReach(const RunState& state, const int64_t (&dims)[3]) {
          state.host.view.triangle_count <= kMostSpanTriangles;
 }
 
-// In grids whose bits the cache holds, as far as was measured (512^3), the order costs as much as it saves.
+// The bound is that of plain bits; an order of blends in smaller grids was not measured.
 bool NeedsOrder(RunState& state) {
-  const auto cache = uint64_t(CacheBytes(state.device));
-  if (cache == 0 || state.slab_words() * 4 <= cache / 2) return false;
-  return CanOrder(MakeCellWalk(state)) && IsScattered(state);
+  return ExceedsCache(state.device, state.slab_words() * sizeof(uint32_t)) && CanOrder(MakeCellWalk(state)) &&
+         IsScattered(state);
 }
 
 namespace {
 
 // Of a run of FindCells.
 int RoundsOf(const RunState& state) {
-  return RoundsFor(state.mesh.host_view.triangle_count, uint64_t(state.device.multiprocessors) * kFindBlocks);
+  return RoundsFor(state.mesh.host_view.triangle_count, kFindThreads,
+                   uint64_t(state.device.multiprocessors) * kFindBlocks, kMostFindRounds);
 }
 
 absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {

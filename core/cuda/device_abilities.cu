@@ -20,13 +20,14 @@ bool BeginsEarly(const DeviceInfo& device) {
          }) != 0;
 }
 
-int CacheBytes(const DeviceInfo& device) {
+bool ExceedsCache(const DeviceInfo& device, uint64_t bytes) {
   static std::array<std::atomic<int>, 64> known{};
-  return OfDevice(known, device, [&] {
-    int bytes = 0;
-    if (cudaDeviceGetAttribute(&bytes, cudaDevAttrL2CacheSize, device.ordinal) != cudaSuccess) bytes = 0;
-    return std::max(bytes, 0);
+  const int cache = OfDevice(known, device, [&] {
+    int size = 0;
+    if (cudaDeviceGetAttribute(&size, cudaDevAttrL2CacheSize, device.ordinal) != cudaSuccess) size = 0;
+    return std::max(size, 0);
   });
+  return cache != 0 && bytes > uint64_t(cache) / 2;
 }
 
 }  // namespace voxelpipe::cuda

@@ -14,6 +14,22 @@ inline unsigned BlocksFor(uint64_t count, uint64_t each, uint64_t most = 1 << 16
   return unsigned(std::clamp<uint64_t>((count + each - 1) / each, 1, most));
 }
 
+// Of kernels whose blocks take `rounds` times `threads` triangles, `resident` of them at once: as many rounds, up to `most`, as leave the least
+// to the last wave of blocks.
+inline int RoundsFor(uint64_t triangles, int threads, uint64_t resident, int most) {
+  int best = 1;
+  uint64_t least = UINT64_MAX;
+  for (int rounds = most; rounds >= 1; --rounds) {
+    const uint64_t each = uint64_t(rounds) * uint64_t(threads), blocks = (triangles + each - 1) / each;
+    const uint64_t waves = (blocks + resident - 1) / resident, work = 4 * waves * uint64_t(rounds) + waves;
+    if (work < least) {
+      least = work;
+      best = rounds;
+    }
+  }
+  return best;
+}
+
 // Launches a kernel that keeps to early_launch.cuh. `early`: whether the device can. Errors as with any launch: cudaGetLastError() has them.
 template <typename... Parameters>
 void LaunchEarly(bool early, cudaStream_t stream, dim3 blocks, unsigned threads, void (*kernel)(Parameters...),

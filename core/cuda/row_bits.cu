@@ -223,10 +223,9 @@ int BlocksAtOnce(const DeviceInfo& device) {
   });
 }
 
-// Whether the cache holds less than the most of the grid.
-bool ExceedsCache(const RunState& state, const BitArgs& args) {
-  const auto cache = uint64_t(CacheBytes(state.device));
-  return state.plain_bits && cache != 0 && args.quads * 16 > cache / 2;
+// Whether the grid is worth ways around the cache: other runs than those of plain bits keep to the plain way.
+bool GoesAroundCache(const RunState& state, const BitArgs& args) {
+  return state.plain_bits && ExceedsCache(state.device, args.quads * 16);
 }
 
 void CutIntoPieces(const BitArgs& args, Bins& bins) {
@@ -250,7 +249,7 @@ void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
 
 // Whether triangles are ordered first, and the room for that.
 bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
-  if (!ExceedsCache(state, args) || !IsScattered(state)) return false;
+  if (!GoesAroundCache(state, args) || !IsScattered(state)) return false;
   if (!MakeRoomForOrder(state, args, order)) return false;
   if (!state.scratch.Resize(kMostLarge * sizeof(SharedSetup), state.stream).ok()) return false;
   order.large = reinterpret_cast<SharedSetup*>(state.scratch.data());
@@ -261,7 +260,7 @@ bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
 // than eight to a piece of the grid's largest face.
 bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
   constexpr uint64_t kMostTriangles = 1 << 18;
-  if (!ExceedsCache(state, args)) return false;
+  if (!GoesAroundCache(state, args)) return false;
   const uint64_t nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
   const auto nz = uint64_t(args.grid.slab_end - args.grid.slab_begin);
   const uint64_t count = args.triangle_count, face = std::max({nx * ny, ny * nz, nz * nx});
@@ -369,21 +368,6 @@ absl::Status LaunchOrdered(RunState& state, BitArgs& args, const OrderArgs& orde
   return LaunchCells(state, args, thin);
 }
 
-// As many rounds as leave the least to the last wave of blocks.
-void ChooseRounds(const RunState& state, BitArgs& args) {
-  const uint64_t resident = uint64_t(state.device.multiprocessors) * kCellBlocks;
-  uint64_t least = UINT64_MAX;
-  for (int rounds = kMostCellRounds; rounds >= 1; --rounds) {
-    const uint64_t blocks =
-        (args.triangle_count + uint64_t(rounds) * kCellThreads - 1) / (uint64_t(rounds) * kCellThreads);
-    const uint64_t waves = (blocks + resident - 1) / resident, work = 4 * waves * uint64_t(rounds) + waves;
-    if (work < least) {
-      least = work;
-      args.rounds = rounds;
-    }
-  }
-}
-
 }  // namespace
 
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
@@ -410,7 +394,8 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   if (state.plain_bits && args.triangle_count > 0 && args.triangle_count <= most_at_once) {
     return LaunchAtOnce(state, args, BlocksAtOnce(state.device));
   }
-  ChooseRounds(state, args);
+  args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,
+                          kMostCellRounds);
   if (OrderArgs order; MakeOrder(state, args, order)) return LaunchOrdered(state, args, order, thin);
   VOXELPIPE_OK_OR_RETURN(LaunchClear(state, args));
   return args.triangle_count == 0 ? absl::OkStatus() : LaunchCells(state, args, thin);
