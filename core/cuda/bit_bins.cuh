@@ -133,6 +133,12 @@ struct StoreRoom {
   uint32_t count;
 };
 
+// False where a set-up triangle does not meet the piece whose first row is y of layer z and whose voxels are [x, x + width).
+__device__ inline bool MeetsPiece(const SharedSetup& s, int x, int y, int z, int width) {
+  return s.begin[0] < x + width && s.end[0] > x && s.begin[1] < y + kPieceEdge && s.end[1] > y &&
+         s.begin[2] < z + kPieceEdge && s.end[2] > z && MayMeet(s, y, z);
+}
+
 // Lists the set-up triangles that may meet the piece whose first row is y of layer z and whose voxels are [x, x + width); how many those
 // are. All threads of a block call it.
 template <int kThreads>
@@ -143,10 +149,7 @@ __device__ inline uint32_t ListLarge(const BitArgs& args, const Bins& bins, int 
   if (threadIdx.x == 0) room.count = 0;
   __syncthreads();
   for (uint32_t i = threadIdx.x; i < large; i += kThreads) {
-    const SharedSetup& s = bins.set_up[i];
-    const bool meets = s.begin[0] < x + width && s.end[0] > x && s.begin[1] < y + kPieceEdge && s.end[1] > y &&
-                       s.begin[2] < z + kPieceEdge && s.end[2] > z && MayMeet(s, y, z);
-    if (meets) room.list[atomicAdd(&room.count, 1u)] = i;
+    if (MeetsPiece(bins.set_up[i], x, y, z, width)) room.list[atomicAdd(&room.count, 1u)] = i;
   }
   __syncthreads();
   return room.count;

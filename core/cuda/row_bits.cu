@@ -9,6 +9,7 @@
 #include "cuda/batch_kernel.cuh"
 #include "cuda/bit_args.h"
 #include "cuda/bit_bins.cuh"
+#include "cuda/bit_large.cuh"
 #include "cuda/bit_layers.cuh"
 #include "cuda/bit_order.cuh"
 #include "cuda/bit_walk.cuh"
@@ -95,6 +96,15 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const
   WalkLarge(args, blockIdx.x, gridDim.x, room.large);
   const uint32_t warp = threadIdx.x / 32, warps = kLayerThreads / 32;
   WalkLayers<kLayerSetups>(args, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps, room.of_warps[warp]);
+}
+
+constexpr int kLargeThreads = 128, kLargeBlocks = 8;
+
+template <bool kQuads>
+__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) LargeKernel(const __grid_constant__ BitArgs args) {
+  __shared__ alignas(16) char memory[sizeof(OverdrawRoom<kLargeThreads>)];
+  AwaitEarlier();
+  OverdrawLarge<kQuads>(args, blockIdx.x, gridDim.x, *reinterpret_cast<OverdrawRoom<kLargeThreads>*>(memory));
 }
 
 // Waits for all blocks of a cooperative launch. The counter is 0 but for its highest bit, and so it is left.
@@ -247,9 +257,11 @@ void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
   bins.z_end = uint32_t(Clamp(std::ceil((layer(state.box.max) + 3) / kPieceEdge), double(bins.z_begin) + 1, most));
 }
 
-// Whether triangles are ordered first, and the room for that.
+// Of scattered triangles, whether they are ordered first, and the room for that. Of a grid that is not many times larger than the cache they
+// meet little enough at a time as they are: 1024^3 took a sixth longer with an order.
 bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
-  if (!GoesAroundCache(state, args) || !IsScattered(state)) return false;
+  constexpr uint64_t kManyTimes = 8;
+  if (!ExceedsCache(state.device, args.quads * 16 / kManyTimes)) return false;
   if (!MakeRoomForOrder(state, args, order)) return false;
   if (!state.scratch.Resize(kMostLarge * sizeof(SharedSetup), state.stream).ok()) return false;
   order.large = reinterpret_cast<SharedSetup*>(state.scratch.data());
@@ -340,13 +352,20 @@ absl::Status LaunchAtOnce(RunState& state, BitArgs& args, int blocks) {
   return absl::OkStatus();
 }
 
-absl::Status LaunchCells(const RunState& state, const BitArgs& args, bool thin) {
+// `overdraws`: the largest triangles have a kernel of their own.
+absl::Status LaunchCells(const RunState& state, BitArgs args, bool thin, bool overdraws) {
   const auto blocks = unsigned((args.triangle_count + uint64_t(args.rounds) * kCellThreads - 1) /
                                (uint64_t(args.rounds) * kCellThreads));
   auto* kernel = thin ? CellKernel<true, false> : CellKernel<false, false>;
   if (args.order != nullptr) kernel = thin ? CellKernel<true, true> : CellKernel<false, true>;
   LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kCellThreads, kernel, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CellKernel");
+  if (overdraws) {
+    LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(state.device.multiprocessors) * kLargeBlocks,
+                kLargeThreads, args.grid.words_per_row % 4 == 0 ? LargeKernel<true> : LargeKernel<false>, args);
+    VOXELPIPE_LAUNCHED_OR_RETURN("LargeKernel");
+    args.drawn_large = kMostOverdrawn;
+  }
   return LaunchLayers(state, args);
 }
 
@@ -365,7 +384,7 @@ absl::Status LaunchOrdered(RunState& state, BitArgs& args, const OrderArgs& orde
   args.ordered = made.count;
   args.drawn_large = kMostLarge;
   args.rounds = kOrderedRounds;
-  return LaunchCells(state, args, thin);
+  return LaunchCells(state, args, thin, false);
 }
 
 }  // namespace
@@ -396,9 +415,10 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   }
   args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,
                           kMostCellRounds);
-  if (OrderArgs order; MakeOrder(state, args, order)) return LaunchOrdered(state, args, order, thin);
+  const bool scattered = GoesAroundCache(state, args) && IsScattered(state);
+  if (OrderArgs order; scattered && MakeOrder(state, args, order)) return LaunchOrdered(state, args, order, thin);
   VOXELPIPE_OK_OR_RETURN(LaunchClear(state, args));
-  return args.triangle_count == 0 ? absl::OkStatus() : LaunchCells(state, args, thin);
+  return args.triangle_count == 0 ? absl::OkStatus() : LaunchCells(state, args, thin, scattered);
 }
 
 }  // namespace voxelpipe::cuda
