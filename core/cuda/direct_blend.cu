@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "cuda/blend_store.h"
 #include "cuda/cell_blend.cuh"
 #include "cuda/cells.h"
 #include "cuda/launch.h"
@@ -20,25 +21,9 @@ namespace {
 // Bytes of the device's memory for each span that the list may hold at most.
 constexpr uint64_t kMemoryPerSpan = 64;
 
-// Whether a dense target's blend is one atomic on its stored cells, beginning from the clear value.
-bool IsInPlace(const CudaTarget& target) {
-  if (target.clear_stored != 0) return false;
-  const bool u32 = target.format == VoxelFormat::kU32, f32 = target.format == VoxelFormat::kF32;
-  if (target.blend == Blend::kMin || target.blend == Blend::kMax) return u32 || f32;
-  return u32 && (target.blend == Blend::kOr || target.blend == Blend::kCount);
-}
-
 // Of a target of one component whose largest or least value is sought: small triangles may be blended by the walk itself.
 bool BlendsInWalk(const CudaTarget& target) {
   return target.components == 1 && IsInPlace(target) && (target.blend == Blend::kMax || target.blend == Blend::kMin);
-}
-
-bool IsSum(Kept kept) {
-  return kept == Kept::kSum || kept == Kept::kAverage;
-}
-
-unsigned BlendBlocks(const RunState& state, uint64_t work) {
-  return BlocksFor(work, kBlendThreads, uint64_t(state.device.multiprocessors) * 16);
 }
 
 // Shaders that are asked for much have a kernel of their own, which keeps nothing in local memory.
@@ -94,10 +79,6 @@ uint64_t MostSpans(const RunState& state) {
   return std::max<uint64_t>(state.device.memory_bytes / kMemoryPerSpan, 1 << 10);
 }
 
-uint64_t* FragmentSlots(RunState& state) {
-  return state.counters.data() + kCounters;
-}
-
 // Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; state.counters[kSpans]
 // has how many entries they need. Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and
 // fragments are counted.
@@ -114,43 +95,9 @@ absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again
   const int64_t* const d = state.view.dims;
   const double surface = double(d[0]) * double(d[1]) + double(d[1]) * double(d[2]) + double(d[2]) * double(d[0]);
   args.look_first = double(end - begin) > 16 * surface;
-  return EmitWaiting<SpanWriter>(state, MakeRestArgs(state, begin, end, false), args);
-}
-
-Ranks RanksOf(RunState& state) {
-  Ranks ranks;
-  ranks.bits = state.coverage.data();
-  ranks.first = state.word_ranks.data();
-  ranks.by_bricks = state.request.request.result == ResultKind::kSparse;
-  ranks.more = ranks.by_bricks && !state.inside.empty() ? state.inside.data() : nullptr;
-  return ranks;
-}
-
-Accumulators AccumulatorsOf(const CudaTarget& target, SpanTarget& memory) {
-  Accumulators to;
-  to.kept = KeptBy(target);
-  to.components = target.components;
-  to.cells = memory.cells.data();
-  to.sums = memory.sums.data();
-  to.counts = memory.counts.data();
-  return to;
-}
-
-// Accumulators for `voxels` voxels, set to where blending starts.
-absl::Status BeginAccumulators(RunState& state, const CudaTarget& target, SpanTarget& memory, uint64_t voxels) {
-  const Kept kept = KeptBy(target);
-  const uint64_t cells = voxels * uint64_t(target.components);
-  if (kept == Kept::kCount || kept == Kept::kAverage) {
-    VOXELPIPE_OK_OR_RETURN(memory.counts.Resize(voxels, state.stream));
-    VOXELPIPE_OK_OR_RETURN(memory.counts.Fill(0, state.stream));
-    if (kept == Kept::kCount) return absl::OkStatus();
-  }
-  if (IsSum(kept)) {
-    VOXELPIPE_OK_OR_RETURN(memory.sums.Resize(cells, state.stream));
-    return memory.sums.Fill(0, state.stream);
-  }
-  VOXELPIPE_OK_OR_RETURN(memory.cells.Resize(cells, state.stream));
-  return memory.cells.Fill(kept == Kept::kMin || kept == Kept::kAnd ? 0xff : 0, state.stream);
+  RestArgs rest = MakeRestArgs(state, begin, end, false);
+  rest.walk.drawn_large = state.drawn_large;
+  return EmitWaiting<SpanWriter>(state, rest, args);
 }
 
 InPlaceArgs PlaceOf(RunState& state, int index) {
@@ -169,17 +116,6 @@ InPlaceArgs PlaceOf(RunState& state, int index) {
   args.voxels = state.slab_voxels();
   args.nx = uint32_t(state.view.dims[0]);
   args.words_per_row = uint32_t(state.view.words_per_row);
-  return args;
-}
-
-AccumulateArgs SumsOf(RunState& state, int index) {
-  SpanTarget& memory = state.span_targets[size_t(index)];
-  AccumulateArgs args;
-  args.values = memory.values.data();
-  args.terms = memory.terms.data();
-  args.shading = memory.shading;
-  args.ranks = RanksOf(state);
-  args.to = AccumulatorsOf(state.targets.at[index], memory);
   return args;
 }
 
@@ -246,19 +182,36 @@ absl::Status TakeCells(RunState& state, int index) {
   return absl::OkStatus();
 }
 
-bool BySpans(const CudaTarget& target) {
-  return target.format != VoxelFormat::kBit;
+absl::Status ClearFragmentSlots(RunState& state) {
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(FragmentSlots(state), 0, kFragmentSlots * sizeof(uint64_t), state.stream));
+  return absl::OkStatus();
 }
 
-// Ranks of the covered voxels of a dense result.
-absl::Status Rank(RunState& state) {
-  const uint64_t words = state.slab_words();
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kRanks}));
-  VOXELPIPE_OK_OR_RETURN(state.word_ranks.Resize(words, state.stream));
-  RankWords<<<BlocksFor(words, kBlendThreads * kRankedOfThread, UINT32_MAX), kBlendThreads, 0, state.stream>>>(
-      state.coverage.data(), words, state.word_ranks.data(), state.counters.data() + kRanks);
-  VOXELPIPE_LAUNCHED_OR_RETURN("RankWords");
-  return absl::OkStatus();
+// Walks all triangles: small ones become records or are blended by the walk in target `last`, the spans of the others are listed, as far as
+// there is room. Sets state.span_count; the number of covered voxels with a rank. Synchronizes.
+absl::StatusOr<uint64_t> FindAndList(RunState& state, int last, bool ranked) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  VOXELPIPE_OK_OR_RETURN(ClearFragmentSlots(state));
+  if (state.blended_cells) {
+    const InPlaceArgs place = PlaceOf(state, last);
+    VOXELPIPE_OK_OR_RETURN(
+        FindAllCells(state, CellSink::kBlend, FragmentSlots(state), &place, state.span_targets[size_t(last)].by_id));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));
+  }
+  const uint64_t guess = std::min(MostSpans(state), triangles / 2 + (uint64_t{1} << 18));
+  if (state.spans.size() < guess) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(guess, state.stream));
+  VOXELPIPE_OK_OR_RETURN(ListSpans(state, 0, triangles, false));
+  if (ranked) VOXELPIPE_OK_OR_RETURN(RankCovered(state));
+  const auto counters = ReadCounters(state);
+  if (!counters.ok()) return counters.status();
+  state.span_count = (*counters)[kSpans];
+  if (state.drawn_large > 0 && state.span_count > state.spans.size()) {
+    // Lists that are made anew, in parts, may have another queue of the largest: all of those are listed then.
+    state.drawn_large = 0;
+    return FindAndList(state, last, ranked);
+  }
+  return (*counters)[kRanks];
 }
 
 absl::StatusOr<uint64_t> ListedSpans(RunState& state) {
@@ -303,45 +256,6 @@ absl::Status TakeAll(RunState& state) {
   });
 }
 
-absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& memory) {
-  const bool is_float = target.format == VoxelFormat::kF32;
-  if (target.blend != Blend::kMin && (target.blend != Blend::kMax || !is_float)) return absl::OkStatus();
-  KeyArgs keys;
-  keys.coverage = state.coverage.data();
-  keys.negative = is_float ? memory.negative.data() : nullptr;
-  keys.out = reinterpret_cast<uint32_t*>(target.dense);
-  keys.words = state.slab_words();
-  keys.voxels = state.slab_voxels();
-  keys.nx = state.view.dims[0];
-  keys.words_per_row = state.view.words_per_row;
-  keys.components = target.components;
-  keys.planar = state.targets.planar;
-  keys.complement = target.blend == Blend::kMin;
-  keys.is_float = is_float;
-  KeysToValues<<<BlendBlocks(state, keys.words), kBlendThreads, 0, state.stream>>>(keys);
-  VOXELPIPE_LAUNCHED_OR_RETURN("KeysToValues");
-  return absl::OkStatus();
-}
-
-absl::Status Store(RunState& state, const CudaTarget& target, SpanTarget& memory, uint8_t* out, uint64_t voxels) {
-  StoreArgs args;
-  args.ranks = RanksOf(state);
-  args.from = AccumulatorsOf(target, memory);
-  args.format = target.format;
-  args.is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
-  args.planar = state.targets.planar;
-  args.quantum = target.quantum;
-  args.words = state.slab_words();
-  args.voxels = voxels;
-  args.nx = uint32_t(state.view.dims[0]);
-  args.words_per_row = uint32_t(state.view.words_per_row);
-  args.out = out;
-  args.all = args.ranks.by_bricks && args.ranks.more == nullptr;
-  StoreAccumulated<<<BlendBlocks(state, args.words), kBlendThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("StoreAccumulated");
-  return absl::OkStatus();
-}
-
 }  // namespace
 
 bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
@@ -359,50 +273,38 @@ bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
 }
 
 absl::Status BlendDirectly(RunState& state) {
-  const uint64_t triangles = state.mesh.host_view.triangle_count;
   const bool sparse = state.request.request.result == ResultKind::kSparse;
-  VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(FragmentSlots(state), 0, kFragmentSlots * sizeof(uint64_t), state.stream));
   state.span_count = 0;
-  if (triangles == 0) return absl::OkStatus();
-  bool ranked = false;
+  if (state.mesh.host_view.triangle_count == 0) return ClearFragmentSlots(state);
+  bool ranked = false, all_by_rows = !sparse;
   int blended = 0, last = 0;  // targets
   for (int i = 0; i < state.targets.count; ++i) {
     const CudaTarget& target = state.targets.at[i];
+    SpanTarget& memory = state.span_targets[size_t(i)];
     if (!BySpans(target)) continue;
     VOXELPIPE_OK_OR_RETURN(MakeValues(state, i));
-    state.span_targets[size_t(i)].in_place = !sparse && IsInPlace(target);
-    ranked = ranked || !state.span_targets[size_t(i)].in_place;
+    memory.by_rows = WritesAllCells(state, target);
+    memory.in_place = !sparse && !memory.by_rows && IsInPlace(target);
+    ranked = ranked || (!sparse && !memory.in_place);
+    all_by_rows = all_by_rows && memory.by_rows;
     ++blended;
     last = i;
   }
-  state.blended_cells = blended == 1 && !sparse && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state);
-  if (state.blended_cells) {
-    const InPlaceArgs place = PlaceOf(state, last);
-    VOXELPIPE_OK_OR_RETURN(
-        FindAllCells(state, CellSink::kBlend, FragmentSlots(state), &place, state.span_targets[size_t(last)].by_id));
-  } else {
-    VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));
-  }
-  const uint64_t guess = std::min(MostSpans(state), triangles / 2 + (uint64_t{1} << 18));
-  if (state.spans.size() < guess) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(guess, state.stream));
-  VOXELPIPE_OK_OR_RETURN(ListSpans(state, 0, triangles, false));
-  if (ranked && !sparse) VOXELPIPE_OK_OR_RETURN(Rank(state));
-  const auto counters = ReadCounters(state);
-  if (!counters.ok()) return counters.status();
-  state.span_count = (*counters)[kSpans];
+  state.blended_cells =
+      blended == 1 && !sparse && !all_by_rows && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state);
+  state.drawn_large = all_by_rows ? kMostDrawnLarge : 0;
+  const absl::StatusOr<uint64_t> ranks = FindAndList(state, last, ranked);
+  if (!ranks.ok()) return ranks.status();
   if (sparse) return absl::OkStatus();  // the bricks come first
   for (int i = 0; i < state.targets.count; ++i) {
     SpanTarget& memory = state.span_targets[size_t(i)];
     if (!BySpans(state.targets.at[i]) || memory.in_place) continue;
-    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, state.targets.at[i], memory, (*counters)[kRanks]));
+    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, *ranks));
   }
   VOXELPIPE_OK_OR_RETURN(TakeAll(state));
   for (int i = 0; i < state.targets.count; ++i) {
-    const CudaTarget& target = state.targets.at[i];
-    SpanTarget& memory = state.span_targets[size_t(i)];
-    if (!BySpans(target)) continue;
-    VOXELPIPE_OK_OR_RETURN(memory.in_place ? StoreKeys(state, target, memory)
-                                           : Store(state, target, memory, target.dense, state.slab_voxels()));
+    if (!BySpans(state.targets.at[i])) continue;
+    VOXELPIPE_OK_OR_RETURN(StoreDense(state, i, i == last));
   }
   return absl::OkStatus();
 }
@@ -412,14 +314,12 @@ absl::Status BlendIntoBricks(RunState& state) {
   if (state.mesh.host_view.triangle_count == 0) return absl::OkStatus();
   for (int i = 0; i < state.targets.count; ++i) {
     if (!BySpans(state.targets.at[i])) continue;
-    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, state.targets.at[i], state.span_targets[size_t(i)], voxels));
+    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, voxels));
   }
   VOXELPIPE_OK_OR_RETURN(TakeAll(state));
   for (int i = 0; i < state.targets.count; ++i) {
-    const CudaTarget& target = state.targets.at[i];
-    if (!BySpans(target)) continue;
-    VOXELPIPE_OK_OR_RETURN(
-        Store(state, target, state.span_targets[size_t(i)], state.result.targets[size_t(i)].data(), voxels));
+    if (!BySpans(state.targets.at[i])) continue;
+    VOXELPIPE_OK_OR_RETURN(StoreListed(state, i, state.result.targets[size_t(i)].data(), voxels));
   }
   return absl::OkStatus();
 }

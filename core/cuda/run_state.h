@@ -66,6 +66,7 @@ struct SpanTarget {
   bool by_id = false;     // there are none: the value is the triangle's id
   FineArgs shading;       // of the target alone
   bool in_place = false;  // blended in the dense target
+  bool by_rows = false;   // its sums are stored by rows (sum_rows.cuh)
 };
 
 // Arrays of a sparse or bucketed result on the device, as ResultArrays has them; the triangles of buckets are
@@ -144,6 +145,7 @@ struct RunState {
   DeviceArray<uint32_t> word_ranks;  // per word of a bit grid, where it is not empty (Ranks); by bricks, four
   std::array<SpanTarget, kMaxTargets> span_targets;
   bool blended_cells = false;  // small triangles are blended already
+  uint32_t drawn_large = 0;    // of the queue of the largest triangles, how many are drawn when rows are stored
 
   // FineRaster, SolidFill
   DeviceArray<uint32_t> inside, outside;  // bit grids; outside is of the whole grid
@@ -216,7 +218,9 @@ bool CellsReach(const RunState& state, const int64_t (&dims)[3]);
 bool BlendsDirectly(const RunState& state, const GridSpec& grid);
 
 // Parts of stages
-absl::Status BlendDirectly(RunState& state);    // synchronizes
+absl::Status BlendDirectly(RunState& state);  // synchronizes
+// Whether that writes every cell of a dense target: then nothing clears it before. After the slab is known.
+bool WritesAllCells(RunState& state, const CudaTarget& target);
 absl::Status BlendIntoBricks(RunState& state);  // the values of a sparse result, whose bricks stand; may synchronize
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,

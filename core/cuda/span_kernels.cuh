@@ -50,12 +50,10 @@ __device__ inline uint32_t BitRow(const GridView& grid, int y, int z) {
   return uint32_t(grid.dims[1]) * uint32_t(z - int(grid.slab_begin)) + uint32_t(y);
 }
 
-__device__ inline void AddFragments(const SpanArgs& args, uint64_t count) {
-  if (args.fragments == nullptr) return;
+// Adds what the lanes bring to one of kFragmentSlots counters. All threads of a warp call it.
+__device__ inline void AddFragments(uint64_t* counters, uint64_t count) {
   for (int step = 16; step > 0; step /= 2) count += __shfl_down_sync(~0u, count, step);
-  if (threadIdx.x % 32 == 0 && count > 0) {
-    atomicAdd(reinterpret_cast<unsigned long long*>(args.fragments + blockIdx.x % kFragmentSlots), count);
-  }
+  if (threadIdx.x % 32 == 0 && count > 0) atomicAdd(Counted(counters + blockIdx.x % kFragmentSlots), 0ull + count);
 }
 
 // A warp's way to append to a list: it takes a piece of the list after the other. All 32 lanes call it together.
@@ -142,7 +140,7 @@ class SpanWriter {
   __device__ void Finish() {
     __syncwarp();
     list_.Close();
-    AddFragments(args_, fragments_);
+    if (args_.fragments != nullptr) AddFragments(args_.fragments, fragments_);
   }
 
  private:
@@ -221,7 +219,7 @@ __device__ inline void PutLayer(const SpanBounds<Real>& bounds, const SharedSetu
   }
 }
 
-// As WalkLarge, but by parts of layers, a warp each.
+// As WalkLarge, but by parts of layers, a warp each; without those of the queue that are drawn elsewhere.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, 6)
     EmitLarge(const __grid_constant__ RestArgs args, const __grid_constant__ typename Writer::Args out) {
@@ -229,11 +227,11 @@ __global__ void __launch_bounds__(kRestThreads, 6)
   __shared__ uint32_t parts_before[kSetupsOfBlock + 1];
   const BitArgs& walk = args.walk;
   auto* const shared = reinterpret_cast<SharedSetup*>(setups);
-  const uint64_t count = walk.queued[1];
+  const uint64_t count = walk.queued[kLargeQueue];
   const uint32_t warps = gridDim.x * (kRestThreads / 32), warp = threadIdx.x / 32 * gridDim.x + blockIdx.x;
   const auto parts_of = [](const SharedSetup& s) { return (s.ny + kRowsOfPart - 1) / kRowsOfPart; };
   Writer writer(out);
-  for (uint64_t begin = 0; begin < count; begin += kSetupsOfBlock) {
+  for (uint64_t begin = walk.drawn_large; begin < count; begin += kSetupsOfBlock) {
     const int here = int(min(count - begin, uint64_t{kSetupsOfBlock}));
     if (threadIdx.x < 32) {
       static_assert(kSetupsOfBlock == 32);

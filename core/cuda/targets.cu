@@ -169,6 +169,7 @@ absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory)
   const uint64_t bytes = state.slab_voxels() * uint64_t(target.components) * uint64_t(bits / 8);
   VOXELPIPE_OK_OR_RETURN(memory.dense.Resize(bytes, state.stream));
   target.dense = memory.dense.data();
+  if (WritesAllCells(state, target)) return absl::OkStatus();
   return ClearElements(state, memory.dense, target.clear_stored, bits);
 }
 

@@ -1,0 +1,171 @@
+// Ranks, accumulators, and the kernels that store what was blended.
+#include "cuda/blend_store.h"
+
+#include "cuda/cells.h"
+#include "cuda/span_store.cuh"
+#include "cuda/sum_rows.cuh"
+
+namespace voxelpipe::cuda {
+namespace {
+
+Ranks RanksOf(RunState& state) {
+  Ranks ranks;
+  ranks.bits = state.coverage.data();
+  ranks.first = state.word_ranks.data();
+  ranks.by_bricks = state.request.request.result == ResultKind::kSparse;
+  ranks.more = ranks.by_bricks && !state.inside.empty() ? state.inside.data() : nullptr;
+  return ranks;
+}
+
+Accumulators AccumulatorsOf(const CudaTarget& target, SpanTarget& memory) {
+  Accumulators to;
+  to.kept = KeptBy(target);
+  to.components = target.components;
+  to.cells = memory.cells.data();
+  to.sums = memory.sums.data();
+  to.counts = memory.counts.data();
+  return to;
+}
+
+// Whether a dense target's rows are whole units of 16 bytes that hold whole voxels, 32 in a word of coverage: then its sums can be
+// stored by rows (sum_rows.cuh).
+bool HasWholeRows(const RunState& state, const CudaTarget& target) {
+  const bool wide = target.format == VoxelFormat::kU32 || target.format == VoxelFormat::kF32;
+  const bool whole = target.components == 1 || (!state.targets.planar && target.components != 3);
+  return wide && whole && state.view.dims[0] % 32 == 0;
+}
+
+absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& memory) {
+  const bool is_float = target.format == VoxelFormat::kF32;
+  if (target.blend != Blend::kMin && (target.blend != Blend::kMax || !is_float)) return absl::OkStatus();
+  KeyArgs keys;
+  keys.coverage = state.coverage.data();
+  keys.negative = is_float ? memory.negative.data() : nullptr;
+  keys.out = reinterpret_cast<uint32_t*>(target.dense);
+  keys.words = state.slab_words();
+  keys.voxels = state.slab_voxels();
+  keys.nx = state.view.dims[0];
+  keys.words_per_row = state.view.words_per_row;
+  keys.components = target.components;
+  keys.planar = state.targets.planar;
+  keys.complement = target.blend == Blend::kMin;
+  keys.is_float = is_float;
+  KeysToValues<<<BlendBlocks(state, keys.words), kBlendThreads, 0, state.stream>>>(keys);
+  VOXELPIPE_LAUNCHED_OR_RETURN("KeysToValues");
+  return absl::OkStatus();
+}
+
+StoreArgs MakeStoreArgs(RunState& state, const CudaTarget& target, SpanTarget& memory, uint8_t* out, uint64_t voxels) {
+  StoreArgs args;
+  args.ranks = RanksOf(state);
+  args.from = AccumulatorsOf(target, memory);
+  args.format = target.format;
+  args.is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
+  args.planar = state.targets.planar;
+  args.quantum = target.quantum;
+  args.words = state.slab_words();
+  args.voxels = voxels;
+  args.nx = uint32_t(state.view.dims[0]);
+  args.words_per_row = uint32_t(state.view.words_per_row);
+  args.out = out;
+  args.all = args.ranks.by_bricks && args.ranks.more == nullptr;
+  return args;
+}
+
+absl::Status Store(RunState& state, const CudaTarget& target, SpanTarget& memory, uint8_t* out, uint64_t voxels) {
+  const StoreArgs args = MakeStoreArgs(state, target, memory, out, voxels);
+  StoreAccumulated<<<BlendBlocks(state, args.words), kBlendThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("StoreAccumulated");
+  return absl::OkStatus();
+}
+
+absl::Status StoreByRows(RunState& state, int index, bool covers) {
+  const CudaTarget& target = state.targets.at[index];
+  SpanTarget& memory = state.span_targets[size_t(index)];
+  SumRowArgs args;
+  args.store = MakeStoreArgs(state, target, memory, target.dense, state.slab_voxels());
+  args.largest = SumsOf(state, index);
+  args.by_id = memory.by_id;
+  args.clear_stored = target.clear_stored;
+  args.walk = MakeRestArgs(state, 0, 0, false).walk;
+  args.walk.drawn_large = state.drawn_large;
+  if (covers) {
+    args.coverage = state.coverage.data();
+    args.fragments = FragmentSlots(state);
+  }
+  const auto kernel = target.components == 1   ? StoreSumRows<1>
+                      : target.components == 2 ? StoreSumRows<2>
+                                               : StoreSumRows<4>;
+  const auto blocks = unsigned(state.device.multiprocessors) * kRowBlocks;
+  kernel<<<blocks, kRowThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("StoreSumRows");
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+bool IsInPlace(const CudaTarget& target) {
+  if (target.clear_stored != 0) return false;
+  const bool u32 = target.format == VoxelFormat::kU32, f32 = target.format == VoxelFormat::kF32;
+  if (target.blend == Blend::kMin || target.blend == Blend::kMax) return u32 || f32;
+  return u32 && (target.blend == Blend::kOr || target.blend == Blend::kCount);
+}
+
+absl::Status RankCovered(RunState& state) {
+  const uint64_t words = state.slab_words();
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kRanks}));
+  VOXELPIPE_OK_OR_RETURN(state.word_ranks.Resize(words, state.stream));
+  RankWords<<<BlocksFor(words, kBlendThreads * kRankedOfThread, UINT32_MAX), kBlendThreads, 0, state.stream>>>(
+      state.coverage.data(), words, state.word_ranks.data(), state.counters.data() + kRanks);
+  VOXELPIPE_LAUNCHED_OR_RETURN("RankWords");
+  return absl::OkStatus();
+}
+
+absl::Status BeginAccumulators(RunState& state, int index, uint64_t voxels) {
+  const CudaTarget& target = state.targets.at[index];
+  SpanTarget& memory = state.span_targets[size_t(index)];
+  const Kept kept = KeptBy(target);
+  const uint64_t cells = voxels * uint64_t(target.components);
+  if (kept == Kept::kCount || kept == Kept::kAverage) {
+    VOXELPIPE_OK_OR_RETURN(memory.counts.Resize(voxels, state.stream));
+    VOXELPIPE_OK_OR_RETURN(memory.counts.Fill(0, state.stream));
+    if (kept == Kept::kCount) return absl::OkStatus();
+  }
+  if (IsSum(kept)) {
+    VOXELPIPE_OK_OR_RETURN(memory.sums.Resize(cells, state.stream));
+    return memory.sums.Fill(0, state.stream);
+  }
+  VOXELPIPE_OK_OR_RETURN(memory.cells.Resize(cells, state.stream));
+  return memory.cells.Fill(kept == Kept::kMin || kept == Kept::kAnd ? 0xff : 0, state.stream);
+}
+
+AccumulateArgs SumsOf(RunState& state, int index) {
+  SpanTarget& memory = state.span_targets[size_t(index)];
+  AccumulateArgs args;
+  args.values = memory.values.data();
+  args.terms = memory.terms.data();
+  args.shading = memory.shading;
+  args.ranks = RanksOf(state);
+  args.to = AccumulatorsOf(state.targets.at[index], memory);
+  return args;
+}
+
+absl::Status StoreDense(RunState& state, int index, bool covers) {
+  const CudaTarget& target = state.targets.at[index];
+  SpanTarget& memory = state.span_targets[size_t(index)];
+  if (memory.by_rows) return StoreByRows(state, index, covers);
+  if (memory.in_place) return StoreKeys(state, target, memory);
+  return Store(state, target, memory, target.dense, state.slab_voxels());
+}
+
+absl::Status StoreListed(RunState& state, int index, uint8_t* out, uint64_t voxels) {
+  return Store(state, state.targets.at[index], state.span_targets[size_t(index)], out, voxels);
+}
+
+bool WritesAllCells(RunState& state, const CudaTarget& target) {
+  if (!state.direct || state.request.request.result != ResultKind::kDense || KeptBy(target) != Kept::kSum) return false;
+  // Of triangles that are not scattered it takes longer than to clear the target and to store what is covered.
+  return state.mesh.host_view.triangle_count > 0 && HasWholeRows(state, target) && NeedsOrder(state);
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,41 @@
+// Where targets that are blended without tiles (direct_blend.cu) keep what is blended, and how that becomes the result. Included by .cu
+// files only.
+#pragma once
+
+#include "cuda/launch.h"
+#include "cuda/run_state.h"
+#include "cuda/span_blend.cuh"
+
+namespace voxelpipe::cuda {
+
+inline bool BySpans(const CudaTarget& target) {
+  return target.format != VoxelFormat::kBit;
+}
+inline bool IsSum(Kept kept) {
+  return kept == Kept::kSum || kept == Kept::kAverage;
+}
+// Whether a dense target's blend is one atomic on its stored cells, beginning from the clear value.
+bool IsInPlace(const CudaTarget& target);
+
+inline unsigned BlendBlocks(const RunState& state, uint64_t work) {
+  return BlocksFor(work, kBlendThreads, uint64_t(state.device.multiprocessors) * 16);
+}
+// kFragmentSlots counters.
+inline uint64_t* FragmentSlots(RunState& state) {
+  return state.counters.data() + kCounters;
+}
+
+// Ranks of the covered voxels of a dense result, numbered by state.counters[kRanks].
+absl::Status RankCovered(RunState& state);
+// Accumulators of a target for `voxels` voxels, set to where blending starts.
+absl::Status BeginAccumulators(RunState& state, int index, uint64_t voxels);
+// Those, and what triangles bring to them; without spans.
+AccumulateArgs SumsOf(RunState& state, int index);
+
+// What was blended becomes the values of a dense target. `covers`: where rows are stored, of all targets this one covers and counts what the
+// largest triangles touch.
+absl::Status StoreDense(RunState& state, int index, bool covers);
+// The same of a sparse result's `voxels` voxels.
+absl::Status StoreListed(RunState& state, int index, uint8_t* out, uint64_t voxels);
+
+}  // namespace voxelpipe::cuda
