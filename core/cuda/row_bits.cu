@@ -6,7 +6,7 @@
 #include <cstdint>
 
 #include "cuda/batch.h"
-#include "cuda/batch_kernel.cuh"
+#include "cuda/batch_bits.cuh"
 #include "cuda/bit_args.h"
 #include "cuda/bit_bins.cuh"
 #include "cuda/bit_large.cuh"
@@ -26,26 +26,6 @@ namespace {
 constexpr int kThreads = 256;
 constexpr int kOrderedRounds = 1;  // of CellKernel where triangles are ordered: fewer are under way, in fewer places
 constexpr int kCellBlocks = 8;     // of CellKernel on a multiprocessor at once
-
-// Sets bits in the grids of a batch.
-struct SetBatchBits {
-  BatchView batch;
-  const BatchItemView* item = nullptr;
-
-  __device__ static bool repeats() { return false; }
-  __device__ void Begin(uint32_t t) { item = batch.items + batch.item_of[t]; }
-  __device__ void End(uint32_t) const {}
-  __device__ void Finish() const {}
-  __device__ void Row(int y, int z, int x_begin, int x_end) const { Set(*item, y, z, x_begin, x_end); }
-  __device__ void SharedRow(uint32_t t, int y, int z, int x_begin, int x_end) const {
-    Set(batch.items[batch.item_of[t]], y, z, x_begin, x_end);
-  }
-
- private:
-  __device__ void Set(const BatchItemView& of, int y, int z, int x_begin, int x_end) const {
-    SetRow(batch.bits + of.first_word + of.grid.Word(0, y, z), x_begin, x_end, of.look_first);
-  }
-};
 
 // By all threads of the grid.
 __device__ inline void ClearQuads(uint32_t* words, uint64_t begin, uint64_t end) {
@@ -213,7 +193,8 @@ absl::Status RasterBatch(const BatchState& state) {
   PrepareBatch<<<BlocksFor(work, kThreads, uint64_t(state.device.multiprocessors) * 16), kThreads, 0, state.stream>>>(
       batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("PrepareBatch");
-  return WalkOn(state.device, state.stream, WalkOf(batch, 0, batch.row_triangles, kBatchRows), SetBatchBits{batch});
+  const BatchWalkArgs args = WalkOf(batch, 0, batch.row_triangles, kBatchRows);
+  return WalkOn(state.device, state.stream, args, SetBatchBits<&BatchItemView::first_word>(args, batch.bits));
 }
 
 namespace {
