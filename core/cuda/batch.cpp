@@ -28,8 +28,8 @@ struct PassSize {
     if (m.path == BatchPath::kFragments) {
       voxels += m.plan.grid.voxels();
       fragment_words += m.fragment_words();
-    } else {  // its bit grids, of single targets too, and what goes back
-      words += m.words() * (2 + 2 * m.request().targets.size()) + m.target_words();
+    } else {
+      words += m.grid_words() + m.target_words();
     }
   }
   bool FitsInto(const PassSize& most) const {
@@ -68,15 +68,16 @@ void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const s
   stats.shared += uint32_t(members.size());
   stats.launches = stats.launches.value_or(0) + LaunchesOfThread() - launches;
   const double wall_ms = WallMs() - wall, cpu_ms = (CpuMs() - cpu) / double(members.size());
+  const auto go_alone = [&](const BatchItem& item) {  // its plan is told already
+    tbb::this_task_arena::isolate(
+        [&] { item.done(VoxelizeInside(backend, *item.mesh, *item.request, *item.job, limits, {})); });
+  };
   tbb::parallel_for(size_t{0}, members.size(), [&](size_t i) {
     BatchMember& member = *members[i];
     const BatchItem& item = *member.item;
     if (!status.ok() && status.code() != absl::StatusCode::kResourceExhausted) return item.done(status);
-    if (!status.ok()) {  // alone it may fit; its plan is told already
-      tbb::this_task_arena::isolate(
-          [&] { item.done(VoxelizeInside(backend, *item.mesh, *item.request, *item.job, limits, {})); });
-      return;
-    }
+    if (!status.ok()) return go_alone(item);  // so it may fit
+    if (!pass->Finished(i)) return;
     member.stats.voxelize_ms = wall_ms + member.stats.stages[0].second;
     member.stats.voxelize_cpu_ms = cpu_ms + member.stats.stages[0].second;
     member.stats.stages.emplace_back(member.stage(), wall_ms);
@@ -84,6 +85,18 @@ void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const s
     item.job->Report(member.stage(), 1);
     item.done(std::move(result));
   });
+  if (!status.ok()) return;
+  std::vector<const BatchItem*> unfinished;
+  for (size_t i = 0; i < members.size(); ++i) {
+    if (!pass->Finished(i)) unfinished.push_back(members[i]->item);
+  }
+  if (unfinished.empty()) return;
+  pass.reset();
+  stats.shared -= uint32_t(unfinished.size());
+  stats.passes += uint32_t(unfinished.size());
+  stats.sharing = false;
+  tbb::parallel_for(size_t{0}, unfinished.size(), [&](size_t i) { go_alone(*unfinished[i]); });
+  stats.sharing = true;
 }
 
 }  // namespace
@@ -119,7 +132,8 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
     }
     together.push_back(std::move(members[i]));
   }
-  std::stable_sort(together.begin(), together.end(), [](const auto& a, const auto& b) { return a->path < b->path; });
+  std::stable_sort(together.begin(), together.end(),
+                   [](const auto& a, const auto& b) { return a->order() < b->order(); });
   const PassSize most = MostOfPass(device);
   for (size_t begin = 0; begin < together.size();) {
     PassSize size;

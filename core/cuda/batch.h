@@ -31,8 +31,8 @@ struct BatchState {
   int shared_bytes = 0;  // of the largest group
 };
 
-// Backend::RunShared, inside the backend's arena. Which items can share a pass: dense and small sparse results, without or with parity
-// fill, and A-buffers, that are not large (batch_member.cpp).
+// Backend::RunShared, inside the backend's arena. Which items can share a pass: dense and small sparse results, whatever their fill, and
+// A-buffers, that are not large (batch_member.cpp).
 std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, std::span<const BatchItem> items,
                               const PlanLimits& limits, BatchStats& stats);
 
@@ -41,7 +41,8 @@ absl::Status RasterBatch(const BatchState& state);  // row_bits.cu: places verti
 absl::Status ClearBatch(const BatchState& state);   // targets.cu: values of the other items
 absl::Status BinBatch(BatchState& state);           // coarse_raster.cu: their pairs; synchronizes
 absl::Status FineBatch(BatchState& state);          // fine_raster.cu: their coverage and values
-absl::Status FillBatch(const BatchState& state);    // solid_fill.cu: inside, odd columns, filled values
+absl::Status FloodBatch(const BatchState& state);   // batch_flood.cu: inside of items with flood fill
+absl::Status FillBatch(const BatchState& state);    // solid_fill.cu: inside of the others, odd columns, filled values
 absl::Status PackBatch(const BatchState& state);    // targets.cu: occupied voxels, packed targets
 // batch_fragments.cu, of A-buffers where there are any:
 absl::Status EmitBatch(BatchState& state);  // fragments; synchronizes

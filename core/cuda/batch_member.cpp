@@ -18,6 +18,8 @@ constexpr uint64_t kMostTriangles = 1 << 20, kMostVertices = 1 << 24;
 // Likewise of items that are shaded: what shaders read goes up with the pass, and by tiles a block takes a tile whole.
 constexpr uint64_t kMostShadedTriangles = 1 << 15, kMostShadedVertices = 3 * kMostShadedTriangles;
 constexpr uint64_t kMostTargetWords = 1 << 22, kMostTexels = 1 << 20;
+// Likewise of flood fills: a block takes a grid whole, however many others are idle, and what it sweeps again and again must stay in the cache.
+constexpr uint64_t kMostFloodWords = 1 << 19;  // 256^3 voxels
 // Likewise of A-buffers.
 constexpr uint64_t kMostBoxVoxels = 1 << 24;
 // Bricks are made of all voxels on the host; beyond this the device makes them, alone.
@@ -75,6 +77,28 @@ uint64_t BoxVoxels(const MeshView& mesh, const GridSpec& grid) {
 
 }  // namespace
 
+bool BatchMember::own_shell() const {
+  if (!flood()) return false;
+  // Where every target's shader drops fragments, their voxels are no coverage, and still closed.
+  const bool all_drop = std::all_of(bound->fragment_shaders.begin(), bound->fragment_shaders.end(),
+                                    [](const BoundShader& shader) { return shader.info->can_discard; });
+  return all_drop || request().coverage != Coverage::kConservative;
+}
+
+int BatchMember::order() const {
+  const int with_flood = !flood() ? 0 : own_shell() ? 2 : 1;
+  switch (path) {
+    case BatchPath::kRows: return with_flood;
+    case BatchPath::kTiles: return 5 - with_flood;
+    default: return 6;
+  }
+}
+
+uint64_t BatchMember::grid_words() const {
+  const uint64_t grids = 2 + (own_shell() ? 1 : 0) + 2 * request().targets.size();  // coverage, inside, and of targets
+  return words() * grids;
+}
+
 uint64_t BatchMember::target_words() const {
   uint64_t words = sparse() ? packed_words() : 0;  // what is occupied
   for (const TargetSpec& spec : request().targets) {
@@ -91,7 +115,6 @@ uint64_t BatchMember::fragment_words() const {
 
 std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimits& limits) {
   const VoxelizeRequest& request = *item.request;
-  if (request.fill == Fill::kFlood) return nullptr;
   if (item.mesh->triangles.size() > kMostTriangles || item.mesh->positions.size() > kMostVertices) return nullptr;
   if (!item.job->Check().ok()) return nullptr;
   absl::StatusOr<BoundRequest> bound = BindRequest(*item.mesh, request);
@@ -114,6 +137,7 @@ std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimi
   const GridSpec& grid = member->plan.grid;
   if (member->plan.slab_depth < grid.dims[2]) return nullptr;
   if (member->words() > kMostWords || grid.voxels() > 32 * kMostWords) return nullptr;
+  if (member->flood() && member->words() > kMostFloodWords) return nullptr;
   if (member->sparse() && grid.voxels() > kMostVoxelsOfSparse) return nullptr;
   if (member->triangles() > 0 && !InReach(*extent, grid)) return nullptr;
   if (request.result == ResultKind::kBuckets) {

@@ -33,11 +33,19 @@ struct BatchMember {
   uint64_t packed_words() const { return (plan.grid.voxels() + 31) / 32; }             // of one target
   bool sparse() const { return request().result == ResultKind::kSparse; }
   bool parity() const { return request().fill == Fill::kParity; }
+  bool flood() const { return request().fill == Fill::kFlood; }
+  bool filled() const { return request().fill != Fill::kNone; }
+  // Whether a flood's conservative shell is rasterized besides the coverage, which is not it.
+  bool own_shell() const;
+  // A pass has its members in this order: by path, and those that are flooded, and of them those with a shell of their own, next to each other.
+  int order() const;
   uint64_t column_words() const {  // of all layers
     return parity() ? uint64_t((plan.grid.dims[1] + 31) / 32) * uint64_t(plan.grid.dims[2]) : 0;
   }
   // The stage that its pass is to clients, all that it does.
   const char* stage() const { return path == BatchPath::kFragments ? "emit" : "fine_raster"; }
+  // What the device holds of its bit grids, in 32-bit words; not of an A-buffer.
+  uint64_t grid_words() const;
   // What the device holds of its targets, packed bits and values, in 32-bit words; not of an A-buffer.
   uint64_t target_words() const;
   // Of an A-buffer: about the most that goes back, in 32-bit words.

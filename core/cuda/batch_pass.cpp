@@ -28,6 +28,7 @@ absl::Status BatchPass::Run() {
   VOXELPIPE_OK_OR_RETURN(ClearBatch(state_));
   VOXELPIPE_OK_OR_RETURN(BinBatch(state_));
   VOXELPIPE_OK_OR_RETURN(FineBatch(state_));
+  VOXELPIPE_OK_OR_RETURN(FloodBatch(state_));
   VOXELPIPE_OK_OR_RETURN(FillBatch(state_));
   VOXELPIPE_OK_OR_RETURN(PackBatch(state_));
   VOXELPIPE_OK_OR_RETURN(buckets_.Make(state_));
@@ -42,6 +43,12 @@ absl::Status BatchPass::Run() {
   return absl::OkStatus();
 }
 
+BatchCounts BatchPass::CountsOf(size_t number) const {
+  BatchCounts counts;
+  std::memcpy(&counts, back_.data() + number * sizeof counts, sizeof counts);
+  return counts;
+}
+
 absl::StatusOr<VoxelizeResult> BatchPass::Cut(size_t number) {
   BatchMember& member = *members_[number];
   VOXELPIPE_OK_OR_RETURN(member.item->job->Check());
@@ -50,8 +57,7 @@ absl::StatusOr<VoxelizeResult> BatchPass::Cut(size_t number) {
   result.grid = member.plan.grid;
   result.layout = member.request().layout;
   result.specs = member.request().targets;
-  BatchCounts counts;
-  std::memcpy(&counts, back_.data() + number * sizeof counts, sizeof counts);
+  BatchCounts counts = CountsOf(number);
   if (member.path == BatchPath::kFragments) {
     VOXELPIPE_OK_OR_RETURN(buckets_.Cut(number - state_.first_bucketed, back_.data() + buckets_at_, result));
     counts.occupied = result.listed_voxels();
@@ -74,7 +80,7 @@ absl::Status BatchPass::CutGrid(const BatchMember& member, const Place& place, V
   const auto take_packed = [&] { return packed + packed_[next_packed++].first_packed * sizeof(uint32_t); };
   if (member.sparse() && member.path == BatchPath::kRows) {
     const uint8_t* const occupied = take_packed();
-    const uint8_t* const covered = member.parity() ? take_packed() : nullptr;
+    const uint8_t* const covered = member.filled() ? take_packed() : nullptr;
     return BricksOfBits(occupied, covered, result);
   }
   const uint8_t* const occupied = member.sparse() ? take_packed() : nullptr;
@@ -120,6 +126,8 @@ void BatchPass::DescribeItem(const BatchMember& member) {
   item.grid.voxel_size = grid.voxel_size;
   item.coverage = member.request().coverage;
   item.parity = member.parity();
+  item.flood = member.flood();
+  item.own_shell = member.own_shell();
   const int64_t* const d = item.grid.dims;
   item.look_first = member.triangles() > 16 * uint64_t(d[0] * d[1] + d[1] * d[2] + d[2] * d[0]);
   item.first_vertex = view.vertex_count;
@@ -127,6 +135,7 @@ void BatchPass::DescribeItem(const BatchMember& member) {
   item.first_row = view.row_count;
   item.first_word = words_;
   item.first_column = columns_;
+  item.first_shell = shell_words_;
   item.first_tile = view.tile_count;
   item.words = grids ? member.words() : 0;
   item.column_words = item.parity ? (item.grid.dims[1] + 31) / 32 : 0;
@@ -139,6 +148,12 @@ void BatchPass::DescribeItem(const BatchMember& member) {
   }
   if (grids) view.row_count += member.rows();
   view.any_parity = view.any_parity || item.parity;
+  if (item.flood && view.flood_count++ == 0) view.first_flood = uint32_t(items_.size());
+  if (item.own_shell) {
+    if (shell_words_ == 0) view.first_shell_triangle = item.first_triangle;
+    view.shell_triangles += member.triangles();
+    shell_words_ += item.words;
+  }
   words_ += item.words;
   columns_ += member.column_words();
   if (!grids) buckets_.Add(member, uint32_t(items_.size()), item, state_);
@@ -153,7 +168,7 @@ void BatchPass::DescribeTargets(const BatchMember& member) {
     AddTiled(member);
   } else if (!member.sparse()) {
     for (const TargetSpec& spec : member.request().targets) AddPacked(member, spec.clear != 0, spec.fill_value != 0);
-  } else if (member.parity()) {
+  } else if (member.filled()) {
     AddPacked(member, false, false);  // what has a fragment
   }
 }
@@ -216,7 +231,8 @@ absl::Status BatchPass::Allocate() {
   const uint64_t counters = layout.Add<uint64_t>(kBatchCounters);
   const uint64_t bits = layout.Add<uint32_t>(words_);
   const uint64_t own_bits = layout.Add<uint32_t>(own_words_);
-  const uint64_t inside = layout.Add<uint32_t>(view.any_parity ? words_ : 0);
+  const uint64_t shells = layout.Add<uint32_t>(shell_words_);
+  const uint64_t inside = layout.Add<uint32_t>(view.any_fill() ? words_ : 0);
   const uint64_t columns = layout.Add<uint32_t>(columns_);
   const uint64_t bucketed = view.triangle_count - view.row_triangles - view.tile_triangles;
   const uint64_t fragment_counts = layout.Add<uint32_t>(bucketed + 1);
@@ -233,6 +249,7 @@ absl::Status BatchPass::Allocate() {
   view.counters = At<uint64_t>(work_, counters);
   view.bits = At<uint32_t>(work_, bits);
   own_bits_ = At<uint32_t>(work_, own_bits);
+  view.shells = At<uint32_t>(work_, shells);
   view.inside = At<uint32_t>(work_, inside);
   view.columns = At<uint32_t>(work_, columns);
   view.fragment_counts = At<uint32_t>(work_, fragment_counts);

@@ -17,13 +17,15 @@ namespace voxelpipe::cuda {
 
 class BatchPass {
  public:
-  // In the order of their paths. What is pointed to must outlive the pass.
+  // In the order of BatchMember::order(). What is pointed to must outlive the pass.
   BatchPass(const DeviceInfo& device, DeviceUse use, std::span<const std::unique_ptr<BatchMember>> members);
   ~BatchPass();
 
   // All stages, up to the results in host memory. Synchronizes.
   absl::Status Run();
-  // The result of a member; after Run. Takes its statistics. Members may be cut at the same time.
+  // Whether there is a result of a member; after Run. There is none of a flood whose walk is a long one: it goes alone, where it can be cancelled.
+  bool Finished(size_t number) const { return CountsOf(number).unfinished == 0; }
+  // The result of a member that is finished; after Run. Takes its statistics. Members may be cut at the same time.
   absl::StatusOr<VoxelizeResult> Cut(size_t number);
 
  private:
@@ -40,6 +42,7 @@ class BatchPass {
     std::unique_ptr<Tiled> tiled;  // null: it does not go by tiles
   };
 
+  BatchCounts CountsOf(size_t number) const;
   void Describe();
   void DescribeItem(const BatchMember& member);
   void DescribeTargets(const BatchMember& member);
@@ -62,7 +65,7 @@ class BatchPass {
   std::vector<Place> places_;      // per member
   std::vector<BatchMesh> meshes_;  // likewise
   BatchBuckets buckets_;
-  uint64_t words_ = 0, own_words_ = 0, columns_ = 0, value_bytes_ = 0;
+  uint64_t words_ = 0, own_words_ = 0, shell_words_ = 0, columns_ = 0, value_bytes_ = 0;
   uint32_t* own_bits_ = nullptr;                                                        // bit grids of single targets
   uint8_t* first_values_ = nullptr;                                                     // on the device
   uint64_t packed_offset_ = 0, values_offset_ = 0, result_bytes_ = 0, buckets_at_ = 0;  // in back_

@@ -24,19 +24,22 @@ struct BatchShading {
 struct BatchItemView {
   GridView grid;
   Coverage coverage{};
-  bool parity = false;      // fill
-  bool look_first = false;  // far more triangles than voxels of its faces
+  bool parity = false, flood = false;  // fill
+  bool own_shell = false;              // of a flood: its coverage is not the conservative shell
+  bool look_first = false;             // far more triangles than voxels of its faces
   // Its mesh, which may lie anywhere on the device.
   const Vec3d* positions = nullptr;  // world space
   const uint32_t* triangles = nullptr;
-  // Where its part begins among all vertices, triangles, rows of bit grids, their words, words of columns, tiles, and voxels of
-  // A-buffers. An item of plain bits goes by rows and has no tiles; such items come first. An A-buffer has neither rows nor tiles; they come last.
+  // Where its part begins among all vertices, triangles, rows of bit grids, their words, words of columns, words of shells, tiles, and
+  // voxels of A-buffers. An item of plain bits goes by rows and has no tiles; such items come first. An A-buffer has neither rows nor tiles; they come last.
   uint64_t first_vertex = 0, first_triangle = 0, first_row = 0, first_word = 0, first_column = 0, first_tile = 0;
-  uint64_t first_voxel = 0;
+  uint64_t first_shell = 0, first_voxel = 0;
   uint32_t first_group = 0, group_count = 0;  // of BatchView::groups: its targets
   uint64_t words = 0;                         // of its bit grid
   int64_t column_words = 0;                   // of a layer's columns (solid_fill.cu)
   BatchShading shading;
+
+  VOXELPIPE_HD bool filled() const { return parity || flood; }
 };
 
 // One bit target: packed bits, made of an item's coverage and inside.
@@ -62,6 +65,7 @@ struct BatchValueView {
 
 struct BatchCounts {
   uint64_t occupied = 0, odd_columns = 0, fragments = 0;
+  uint64_t unfinished = 0;  // not 0: the flood takes more sweeps than a pass waits for, and the item has no result
 };
 
 // Elements of BatchView::counters. kBatchNextTile: one for each group of targets that an item can have.
@@ -78,7 +82,8 @@ enum BatchQueue : int {
   kBatchRows = 0,       // as in WalkArgs
   kBatchFill = 4,       // of the parity fill
   kBatchFragments = 5,  // as in WalkArgs
-  kBatchQueues = 9
+  kBatchShells = 9,     // likewise
+  kBatchQueues = 13
 };
 
 // TilePairs of all tiles, sorted.
@@ -95,11 +100,15 @@ struct BatchView {
   uint32_t most_groups = 0;  // of an item
   // Triangles of items of plain bits, behind them those of items that go by tiles, and tiles.
   uint64_t row_triangles = 0, tile_triangles = 0, tile_count = 0;
+  // Of the triangles, those of items with a shell of their own; and the items that are flooded.
+  uint64_t first_shell_triangle = 0, shell_triangles = 0;
+  uint32_t first_flood = 0, flood_count = 0;
   uint64_t voxel_count = 0;             // of A-buffers
   const CudaTarget* shaded = nullptr;   // targets of A-buffers
   uint32_t* fragment_counts = nullptr;  // per triangle of an A-buffer, and one more, which stays 0
   uint64_t vertex_count = 0, triangle_count = 0, row_count = 0, packed_words = 0;
   bool any_parity = false;
+  VOXELPIPE_HD bool any_fill() const { return any_parity || flood_count > 0; }
   Vec3d* placed = nullptr;  // vertices in index space
   VertexCode* codes = nullptr;
   uint32_t* triangles = nullptr;  // of vertices among all
@@ -111,8 +120,9 @@ struct BatchView {
   uint64_t* queued = nullptr;     // see BatchQueue
   uint64_t* counters = nullptr;   // see BatchCounter
   uint32_t* bits = nullptr;       // coverage
+  uint32_t* shells = nullptr;     // of items with one of their own
   uint32_t* inside = nullptr;     // where any item has a fill
-  uint32_t* columns = nullptr;    // likewise: parity of each column's crossings
+  uint32_t* columns = nullptr;    // of items with parity fill: parity of each column's crossings
   BatchCounts* counts = nullptr;  // per item
   uint32_t* packed = nullptr;
 };

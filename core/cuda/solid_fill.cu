@@ -214,7 +214,7 @@ __global__ void __launch_bounds__(kThreads) FillBatchValues(const __grid_constan
   for (uint32_t i = blockIdx.x; i < batch.value_count; i += gridDim.x) {
     const BatchValueView& values = batch.values[i];
     const BatchItemView& item = batch.items[values.item];
-    if (!item.parity) continue;
+    if (!item.filled()) continue;
     FillArgs args;
     args.dense = values.at;
     args.components = values.components;
@@ -267,11 +267,9 @@ absl::Status Toggle(const Args& args, const DeviceInfo& device, unsigned share, 
   return absl::OkStatus();
 }
 
-}  // namespace
-
-absl::Status FillBatch(const BatchState& state) {
+// The inside of items with parity fill, and their odd columns.
+absl::Status ParityBatch(const BatchState& state) {
   const BatchView& batch = state.view;
-  if (!batch.any_parity || batch.triangle_count == 0) return absl::OkStatus();
   BatchToggleArgs args;
   args.batch = batch;
   args.triangles = batch.triangles;
@@ -282,6 +280,15 @@ absl::Status FillBatch(const BatchState& state) {
   VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, 1, state.stream));  // small grids: many queued, each with few lines
   SuffixXorBatch<<<BlocksFor(batch.row_count, kThreads / 32), kThreads, 0, state.stream>>>(batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("SuffixXorBatch");
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status FillBatch(const BatchState& state) {
+  const BatchView& batch = state.view;
+  if (!batch.any_fill() || batch.triangle_count == 0) return absl::OkStatus();
+  if (batch.any_parity) VOXELPIPE_OK_OR_RETURN(ParityBatch(state));
   if (batch.value_count == 0) return absl::OkStatus();
   FillBatchValues<<<dim3(std::min(batch.value_count, 1u << 16), 4), kThreads, 0, state.stream>>>(batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("FillBatchValues");

@@ -79,7 +79,7 @@ __global__ void __launch_bounds__(kThreads) PackBatchKernel(const __grid_constan
     const uint32_t* const coverage = batch.bits + item.first_word;
     a.present = target.present == nullptr ? coverage : target.present;
     a.value = target.value == nullptr ? coverage : target.value;
-    a.inside = item.parity ? batch.inside + item.first_word : nullptr;
+    a.inside = item.filled() ? batch.inside + item.first_word : nullptr;
     a.clear = target.clear;
     a.fill = target.fill;
     a.nx = item.grid.dims[0];
@@ -121,7 +121,7 @@ __global__ void __launch_bounds__(kThreads) CountBatchKernel(const __grid_consta
   const uint64_t begin = uint64_t(blockIdx.y) * kThreads + threadIdx.x, step = uint64_t(gridDim.y) * kThreads;
   for (uint32_t i = blockIdx.x; i < batch.item_count; i += gridDim.x) {
     const BatchItemView& item = batch.items[i];
-    AddBits(batch.bits + item.first_word, item.parity ? batch.inside + item.first_word : nullptr, item.words, begin,
+    AddBits(batch.bits + item.first_word, item.filled() ? batch.inside + item.first_word : nullptr, item.words, begin,
             step, &batch.counts[i].occupied);
     if (item.parity) {
       const uint64_t columns = uint64_t(item.column_words) * uint64_t(item.grid.dims[2]);

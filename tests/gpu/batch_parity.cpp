@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <iterator>
 #include <optional>
 
 #include "absl/strings/str_cat.h"
@@ -39,7 +40,7 @@ Delivered Deliver(VoxelizeResult& result) {
 }
 
 bool IsPlain(const VoxelizeRequest& request) {
-  return request.result != ResultKind::kBuckets && request.fill != Fill::kFlood &&
+  return request.result != ResultKind::kBuckets &&
          std::all_of(request.targets.begin(), request.targets.end(),
                      [](const TargetSpec& t) { return t.format == VoxelFormat::kBit && t.shader.name == "occupancy"; });
 }
@@ -47,6 +48,13 @@ bool IsPlain(const VoxelizeRequest& request) {
 // Whether its A-buffer shares a pass: it is so small that whatever its triangles are it has few fragments.
 bool IsSmallABuffer(const TriangleMesh& mesh, const VoxelizeResult& result) {
   return result.kind == ResultKind::kBuckets && mesh.triangles.size() * result.grid.voxels() <= 1 << 24;
+}
+
+// Those with cavities, those that are open, those that fill a grid's border, with attributes, and with hardly anything.
+bool IsForFloods(const ParityMesh& named) {
+  constexpr const char* kNames[] = {"attributed400", "nested",         "open_half_sphere",
+                                    "octahedron",    "lattice_sheets", "triangle"};
+  return std::any_of(std::begin(kNames), std::end(kNames), [&](const char* name) { return named.name == name; });
 }
 
 struct Result {
@@ -74,8 +82,16 @@ void BatchParity::AddABuffers(const std::string& name, const std::shared_ptr<con
   for (const ParityCase& c : ABufferCases()) Add(absl::StrCat(name, " batch ", Describe(c)), mesh, c.request);
 }
 
-void BatchParity::Add(std::string line, std::shared_ptr<const TriangleMesh> mesh, const VoxelizeRequest& request) {
-  waiting_.push_back({std::move(line), std::move(mesh), request});
+void BatchParity::AddFloods(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh, size_t first) {
+  const std::vector<ParityCase> cases = FloodCases();
+  for (size_t i = first; i < cases.size(); i += 2) {
+    Add(absl::StrCat(name, " batch ", Describe(cases[i])), mesh, cases[i].request, true);
+  }
+}
+
+void BatchParity::Add(std::string line, std::shared_ptr<const TriangleMesh> mesh, const VoxelizeRequest& request,
+                      std::optional<bool> shares) {
+  waiting_.push_back({std::move(line), std::move(mesh), request, shares});
   if (waiting_.size() >= most_) Flush();
 }
 
@@ -124,7 +140,13 @@ void BatchParity::Flush() {
         VoxelizeResult& there = **expected[i].result;
         a_buffers_ += here.kind == ResultKind::kBuckets;
         shared_a_buffers_ += here.kind == ResultKind::kBuckets && got[i].shared;
-        if (Shares() && !got[i].shared && IsSmallABuffer(*waiting_[i].mesh, here)) difference = "it shared no pass";
+        floods_ += waiting_[i].request.fill == Fill::kFlood;
+        shared_floods_ += waiting_[i].request.fill == Fill::kFlood && got[i].shared;
+        std::optional<bool> shares = waiting_[i].shares;
+        if (IsSmallABuffer(*waiting_[i].mesh, here)) shares = true;
+        if (Shares() && shares.value_or(got[i].shared) != got[i].shared) {
+          difference = *shares ? "it shared no pass" : "it shared a pass";
+        }
         Delivered copy = Deliver(here);
         VoxelizeStats stats_of_cpu = there.stats;
         if (!difference) difference = FirstDifference(Deliver(there), copy);
@@ -142,6 +164,20 @@ void BatchParity::Finish() {
   AddABuffers("no_triangles", vertices_alone);
   AddABuffers("nothing", std::make_shared<const TriangleMesh>());
   AddABuffers("cube", std::make_shared<const TriangleMesh>(testing::Cube(16)));
+  AddFloods("no_triangles", vertices_alone, 0);
+  AddFloods("nothing", std::make_shared<const TriangleMesh>(), 1);
+  size_t first = 0;
+  for (const ParityMesh& named : ParityMeshes(1)) {
+    if (IsForFloods(named)) AddFloods(named.name, std::make_shared<const TriangleMesh>(named.make()), first++ % 2);
+  }
+  for (const int levels : {2, 10}) {
+    const auto labyrinth = std::make_shared<const TriangleMesh>(Labyrinth(levels));
+    for (const bool shaded : {false, true}) {
+      // The long one takes more sweeps than a pass waits for.
+      Add(absl::StrCat("labyrinth of ", levels, shaded ? " shaded" : ""), labyrinth, FloodOfLabyrinth(shaded),
+          levels == 2);
+    }
+  }
   Flush();
   if (Shares()) CheckLaunches();
 }
@@ -150,15 +186,19 @@ void BatchParity::CheckLaunches() {
   std::vector<TriangleMesh> meshes;
   for (uint32_t seed = 1; seed <= 48; ++seed) meshes.push_back(testing::Soup(10 + int(seed), 8, seed));
   const JobContext job;
-  for (const bool shaded : {false, true}) {
-    VoxelizeRequest request = FittedABuffer(8, shaded);
+  VoxelizeRequest flood = FloodOfLabyrinth(/*shaded=*/true);
+  flood.grid = FittedABuffer(8, false).grid;
+  for (VoxelizeRequest request : {FittedABuffer(8, false), FittedABuffer(8, true), flood}) {
     request.backend = BackendChoice::kCuda;
     std::optional<uint64_t> launches_of_few;
     for (const size_t count : {size_t{6}, meshes.size()}) {
       std::vector<BatchItem> items;
       for (size_t i = 0; i < count; ++i) items.push_back({&meshes[i], &request, &job, {}, [](const auto&) {}});
       const BatchStats stats = VoxelizeBatch(device_, items, 0);
-      const std::string line = absl::StrCat(count, shaded ? " shaded" : "", " A-buffers of soups");
+      const char* const what = request.fill == Fill::kFlood                     ? " flood fills of soups"
+                               : request.targets[0].format == VoxelFormat::kBit ? " A-buffers of soups"
+                                                                                : " shaded A-buffers of soups";
+      const std::string line = absl::StrCat(count, what);
       if (stats.shared != count) Differ(line, absl::StrCat(stats.shared, " shared a pass"));
       if (stats.passes != 1 && !IsShort()) Differ(line, absl::StrCat(stats.passes, " passes"));
       const uint64_t launches = stats.launches.value_or(0) / stats.passes;
@@ -173,11 +213,12 @@ void BatchParity::CheckLaunches() {
 void BatchParity::Report() const {
   std::printf(
       "batches: %llu of %llu items, %llu of them shared a pass; %llu passes, %llu launches of the shared; %llu of %llu "
-      "A-buffers shared; %llu differ\n",
+      "A-buffers and %llu of %llu flood fills shared; %llu differ\n",
       static_cast<unsigned long long>(batches_), static_cast<unsigned long long>(cases_),
       static_cast<unsigned long long>(shared_), static_cast<unsigned long long>(passes_),
       static_cast<unsigned long long>(launches_), static_cast<unsigned long long>(shared_a_buffers_),
-      static_cast<unsigned long long>(a_buffers_), static_cast<unsigned long long>(differ_));
+      static_cast<unsigned long long>(a_buffers_), static_cast<unsigned long long>(shared_floods_),
+      static_cast<unsigned long long>(floods_), static_cast<unsigned long long>(differ_));
 }
 
 }  // namespace voxelpipe::gpu

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,9 +21,12 @@ class BatchParity {
            const std::vector<ParityCase>& cases, size_t every);
   // Adds A-buffers of all kinds of a mesh about [0, 40].
   void AddABuffers(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh);
+  // The same of flood fills, each second one from `first` on.
+  void AddFloods(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh, size_t first);
   // Runs what is waiting.
   void Flush();
-  // The same, A-buffers of empty meshes among it; and then whether a pass of many A-buffers takes as many launches as one of few.
+  // The same, A-buffers of empty meshes and flood fills of all kinds of meshes among it; and then whether a pass of many A-buffers or flood fills
+  // takes as many launches as one of few.
   void Finish();
 
   // Prints the first differences as they are found, and one line at the end.
@@ -35,9 +39,11 @@ class BatchParity {
     std::string line;
     std::shared_ptr<const TriangleMesh> mesh;
     VoxelizeRequest request;
+    std::optional<bool> shares;  // a pass; none: whatever it does
   };
 
-  void Add(std::string line, std::shared_ptr<const TriangleMesh> mesh, const VoxelizeRequest& request);
+  void Add(std::string line, std::shared_ptr<const TriangleMesh> mesh, const VoxelizeRequest& request,
+           std::optional<bool> shares = std::nullopt);
   void Differ(const std::string& line, const std::string& how);
   void CheckLaunches();
   // Whether the device shares passes at all; whether it has so little memory that many take several.
@@ -48,7 +54,7 @@ class BatchParity {
   const size_t most_;
   std::vector<Item> waiting_;
   uint64_t cases_ = 0, differ_ = 0, batches_ = 0, shared_ = 0, passes_ = 0, launches_ = 0;
-  uint64_t a_buffers_ = 0, shared_a_buffers_ = 0;  // results
+  uint64_t a_buffers_ = 0, shared_a_buffers_ = 0, floods_ = 0, shared_floods_ = 0;  // results
 };
 
 }  // namespace voxelpipe::gpu

@@ -298,8 +298,9 @@ class Bench {
     VoxelizeRequest bits;
     bits.grid.resolution = 32;
     bits.grid.fit = GridFit::kCube;
-    VoxelizeRequest filled = bits, shaded = bits, buckets = bits;
+    VoxelizeRequest filled = bits, flooded = bits, shaded = bits, buckets = bits;
     filled.fill = Fill::kParity;
+    flooded.fill = Fill::kFlood;
     shaded.targets[0].format = VoxelFormat::kF32;
     shaded.targets[0].blend = Blend::kMax;
     shaded.targets[0].shader.name = "position";
@@ -309,6 +310,7 @@ class Bench {
     shaded_buckets.result = ResultKind::kBuckets;
     for (const auto& [request, what] : {std::pair{bits, std::string()},
                                         {filled, ", parity fill"},
+                                        {flooded, ", flood fill"},
                                         {shaded, ", 3 x f32 max"},
                                         {buckets, ", A-buffer"},
                                         {shaded_buckets, ", A-buffer of 3 x f32"}}) {

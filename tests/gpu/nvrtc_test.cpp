@@ -130,6 +130,17 @@ TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
 
+TEST(NvrtcTest, CompilesTheKernelsOfABatchsFloodFill) {
+  const std::string in = "voxelpipe::cuda::";
+  const std::string walk_small = in + "WalkSmall<" + in + "SetBatchBits<&" + in + "BatchItemView::first_shell>, " + in +
+                                 "ShellWalkArgs>",
+                    flood = in + "FloodKernel";
+  const Compiled compiled =
+      Compile(std::string(kShader) + "#include \"cuda/batch_flood.cuh\"\n", {walk_small.c_str(), flood.c_str()});
+  EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
+  EXPECT_GT(compiled.cubin.size(), 1000u);
+}
+
 TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   const std::string in = "voxelpipe::cuda::";
   const std::vector<std::string> kernels = {
