@@ -29,6 +29,28 @@ void AddOrdered(std::vector<ParityCase>& cases, int64_t n) {
     target.shader = {wanted.shader, {}};
     cases.push_back(c);
   }
+  // A part of the cube, for the whole would take much of the host's memory.
+  ParityCase part;
+  part.request.grid = UnitCube(n);
+  part.request.grid.dims->at(2) = n / 3;
+  TargetSpec& target = part.request.targets[0];
+  target.format = VoxelFormat::kF32;
+  target.components = 2;
+  target.blend = Blend::kAdd;
+  target.shader = {"normal", {}};
+  target.clear = -1;
+  cases.push_back(part);
+}
+
+// Plain bits of such a mesh in a grid of which the cache holds a small part only.
+void AddOrderedBits(std::vector<ParityCase>& cases, int64_t n) {
+  for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
+    ParityCase c;
+    c.request.grid = UnitCube(n);
+    c.request.grid.dims->at(2) = n / 3;
+    c.request.coverage = coverage;
+    cases.push_back(c);
+  }
 }
 
 }  // namespace
@@ -43,7 +65,10 @@ std::vector<ParityCase> BenchMeshCases(const std::string& mesh) {
       c.request.coverage = coverage;
       cases.push_back(c);
     }
-    if (n > 512 && mesh == "nasty") AddOrdered(cases, n);
+    if (n > 512 && mesh == "nasty") {
+      AddOrdered(cases, n);
+      AddOrderedBits(cases, 2 * n);
+    }
     if (n > 512) continue;
     c.request.grid = UnitCube(n);
     c.request.result = ResultKind::kBuckets;

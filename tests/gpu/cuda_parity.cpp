@@ -396,6 +396,9 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   const CaseSizes sizes{first ? 300 : subject.rigged ? 96 : subject.large ? 16 : 32, !named.refusable, first};
   subject.cases =
       options.quick ? QuickCases(named) : CasesFor(named, *subject.mesh, sizes, options.seed + 100 * number);
+  if (named.name == "scattered") {
+    for (ParityCase& c : ScatteredCases()) subject.cases.push_back(std::move(c));
+  }
   return subject;
 }
 

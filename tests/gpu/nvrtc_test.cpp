@@ -154,6 +154,8 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
       in + "BlendInPlace<1, -1>",
       in + "Accumulate<4, -1>",
       in + "StoreAccumulated",
+      in + "StoreSumRows<1>",
+      in + "StoreSumRows<4>",
       in + "EmitCells",
       in + "EmitRest<" + in + "FragmentWriter>",
       in + "WriteBuckets<unsigned>",
@@ -163,7 +165,7 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
   const Compiled compiled = Compile(std::string(kShader) +
                                         "#include \"cuda/bucket_kernels.cuh\"\n#include \"cuda/cell_blend.cuh\"\n"
-                                        "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/span_kernels.cuh\"\n",
+                                        "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/sum_rows.cuh\"\n",
                                     names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);

@@ -214,12 +214,12 @@ std::vector<ParityMesh> ParityMeshes(uint32_t seed) {
     }
     return mesh.Take();
   });
-  add("scattered", 110, [=] {  // neighbours far apart, a giant now and then
+  add("scattered", 110, [=] {  // neighbours far apart, a giant now and then: more than kernels draw apart
     Loose mesh;
     Random random(seed + 15);
     for (int i = 0; i < 4500; ++i) {
       const Vec3d a = random.Point(0, 110);
-      const double reach = i % 300 == 7 ? 400 : random(0.2, 4);
+      const double reach = i % 100 == 7 ? 400 : random(0.2, 4);
       mesh.Add(a, a + random.Point(-reach, reach), a + random.Point(-reach, reach));
     }
     return mesh.Take();

@@ -58,9 +58,11 @@ inline cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
   return cudaSuccess;
 }
 enum cudaDeviceAttr { cudaDevAttrL2CacheSize = 38, cudaDevAttrCooperativeLaunch = 95 };
-// Blocks run one after the other. The cache is so small that most grids are larger.
+// Blocks run one after the other. The cache is so small that most grids are many times larger; CUDA_EMULATOR_CACHE: its bytes.
 inline cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
-  return *value = attribute == cudaDevAttrL2CacheSize ? 2048 : 0, cudaSuccess;
+  const char* const bytes = std::getenv("CUDA_EMULATOR_CACHE");
+  const int cache = bytes != nullptr ? std::atoi(bytes) : 2048;
+  return *value = attribute == cudaDevAttrL2CacheSize ? cache : 0, cudaSuccess;
 }
 struct cudaFuncAttributes {
   int ptxVersion;
