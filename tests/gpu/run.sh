@@ -4,6 +4,7 @@
 # usage: run.sh [-o LOG_DIR] [-f FILTER] [SECTION]...      sections:
 #   parity    CPU bytes = CUDA bytes over all cases and models
 #   sanitize  compute-sanitizer's four tools on the quick cases
+#   sanitize_large  three of them on the kernels that only large grids come to
 #   devices   several threads on each device, and each lost and back
 #   device    the arithmetic headers on both devices
 #   cli       the command line's hash, cuda against cpu
@@ -83,6 +84,20 @@ sanitize() {
   echo "=== in short"
   for tool in "${tools[@]}"; do
     echo "$tool: $(grep -E 'SUMMARY|^cuda_parity:' "$work/$tool.log" | sed 's/=* *//' | tr '\n' ' ')"
+  done
+  return "$result"
+}
+
+# Kernels that only grids larger than the cache come to, and no others, which would take long there. initcheck must see all that others write.
+sanitize_large() {
+  local tool kernel result=0 options=()
+  for kernel in StoreSumRows LargeKernel SetUpKernel StoreKernel OrderKeys OrderPlaces; do
+    options+=(--kernel-name "kernel_substring=$kernel")
+  done
+  for tool in memcheck racecheck synccheck; do
+    echo "=== $tool"
+    timeout "$(limit 150)" compute-sanitizer --tool "$tool" "${options[@]}" --error-exitcode 9 --print-limit 12 \
+      "$bin/cuda_parity" --bench-meshes "${mesh_options[@]}" --filter "nasty#" || result=1
   done
   return "$result"
 }
@@ -232,13 +247,13 @@ run_section() {
 }
 
 sections=("$@")
-if ((${#sections[@]} == 0)); then sections=(parity sanitize device cli server devices service bench meshes profile); fi
+if ((${#sections[@]} == 0)); then sections=(parity sanitize sanitize_large device cli server devices service bench meshes profile); fi
 together=()
 alone=()
 for section in "${sections[@]}"; do
   case "$section" in
     parity | device | cli | server) together+=("$section") ;;
-    bench | devices | meshes | profile | sanitize | service) alone+=("$section") ;;
+    bench | devices | meshes | profile | sanitize | sanitize_large | service) alone+=("$section") ;;
     *) echo "run.sh: no section '$section'" >&2; exit 2 ;;
   esac
 done
