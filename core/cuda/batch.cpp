@@ -95,7 +95,7 @@ void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const s
   stats.shared -= uint32_t(unfinished.size());
   stats.passes += uint32_t(unfinished.size());
   stats.sharing = false;
-  tbb::parallel_for(size_t{0}, unfinished.size(), [&](size_t i) { go_alone(*unfinished[i]); });
+  for (const BatchItem* item : unfinished) go_alone(*item);
   stats.sharing = true;
 }
 

@@ -18,8 +18,9 @@ constexpr uint64_t kMostTriangles = 1 << 20, kMostVertices = 1 << 24;
 // Likewise of items that are shaded: what shaders read goes up with the pass, and by tiles a block takes a tile whole.
 constexpr uint64_t kMostShadedTriangles = 1 << 15, kMostShadedVertices = 3 * kMostShadedTriangles;
 constexpr uint64_t kMostTargetWords = 1 << 22, kMostTexels = 1 << 20;
-// Likewise of flood fills: a block takes a grid whole, however many others are idle, and what it sweeps again and again must stay in the cache.
-constexpr uint64_t kMostFloodWords = 1 << 19;  // 256^3 voxels
+// Likewise of flood fills: a block takes a grid whole, however many others are idle, and a thread a line of it.
+constexpr uint64_t kMostFloodWords = 1 << 16;  // 128^3 voxels
+constexpr int64_t kMostFloodLine = 256;        // words or rows
 // Likewise of A-buffers.
 constexpr uint64_t kMostBoxVoxels = 1 << 24;
 // Bricks are made of all voxels on the host; beyond this the device makes them, alone.
@@ -137,7 +138,10 @@ std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimi
   const GridSpec& grid = member->plan.grid;
   if (member->plan.slab_depth < grid.dims[2]) return nullptr;
   if (member->words() > kMostWords || grid.voxels() > 32 * kMostWords) return nullptr;
-  if (member->flood() && member->words() > kMostFloodWords) return nullptr;
+  if (member->flood()) {
+    const int64_t line = std::max({(grid.dims[0] + 31) / 32, grid.dims[1], grid.dims[2]});
+    if (member->words() > kMostFloodWords || line > kMostFloodLine) return nullptr;
+  }
   if (member->sparse() && grid.voxels() > kMostVoxelsOfSparse) return nullptr;
   if (member->triangles() > 0 && !InReach(*extent, grid)) return nullptr;
   if (request.result == ResultKind::kBuckets) {

@@ -1,5 +1,5 @@
 // The bit grid that triangles are drawn in straight from world space: what its kernels share (bit_walk.cuh, bit_layers.cuh, bit_bins.cuh,
-// bit_order.cuh), how rows of voxels are set, and vertices in index space. No host-only includes.
+// bit_large.cuh, bit_order.cuh), how rows of voxels are set, and vertices in index space. No host-only includes.
 #pragma once
 
 #include "cuda/bit_cells.cuh"
@@ -19,7 +19,7 @@ struct BitArgs {
   uint64_t triangle_count = 0;
   const uint32_t *order = nullptr, *ordered = nullptr;  // of triangles by place, and how many there are; or null
   int rounds = 1;                                       // of WalkCells and FindCells
-  uint32_t drawn_large = 0;                             // of the large queue, those at its begin
+  uint32_t drawn_large = 0;  // of the large queue, those at its begin, which other kernels draw
   // Room for all triangles each.
   uint32_t *layer_queue = nullptr, *large_queue = nullptr;
   uint64_t* queued = nullptr;  // how many wait in each

@@ -1,9 +1,10 @@
 // Many triangles in random order: ordered by place first, the largest apart. For plain bits and for blending without tiles.
 //
-// Where a grid is larger than the L2 cache, an atomic on a word that is not there takes six times as long. Triangles of one coarse cell
+// Where a grid is larger than the L2 cache (plain bits: many times larger), an atomic on a word that is not there takes six times as long. Triangles of one coarse cell
 // of the grid after the other keep to few words at a time. Two passes of a counting sort: KeyTriangles tells each triangle's cell and
 // counts, its last block adds the counts up; PlaceTriangles writes the order. The largest triangles are not ordered but listed: those that
-// have a place in Large are drawn by pieces (bit_bins.cuh), the others by WalkLarge or, blended, by EmitLarge (span_kernels.cuh).
+// have a place in Large are drawn by pieces (bit_bins.cuh), the others by WalkLarge; blended ones by EmitLarge (span_kernels.cuh), or with the
+// rows of sums (sum_rows.cuh).
 // No host-only includes.
 #pragma once
 

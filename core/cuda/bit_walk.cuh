@@ -1,7 +1,7 @@
 // Plain bits of one grid: triangles from world space straight to words of the bit grid.
 //
 // Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what bit_cells.cuh is certain of is written at once, the
-// rest waits in two queues. They are walked in bit_layers.cuh. Before both, where triangles come in random order: bit_order.cuh. Few and large
+// rest waits in two queues. They are walked in bit_layers.cuh, the largest in bit_large.cuh. Before both, where triangles come in random order: bit_order.cuh. Few and large
 // triangles in large grids: bit_bins.cuh.
 // No host-only includes.
 #pragma once

@@ -88,7 +88,6 @@ absl::Status StoreByRows(RunState& state, int index, bool covers) {
   args.by_id = memory.by_id;
   args.clear_stored = target.clear_stored;
   args.walk = MakeRestArgs(state, 0, 0, false).walk;
-  args.walk.drawn_large = state.drawn_large;
   if (covers) {
     args.coverage = state.coverage.data();
     args.fragments = FragmentSlots(state);

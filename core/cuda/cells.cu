@@ -43,7 +43,7 @@ bool CellsReach(const RunState& state, const int64_t (&dims)[3]) {
          state.host.view.triangle_count <= kMostSpanTriangles;
 }
 
-// The bound is that of plain bits; an order of blends in smaller grids was not measured.
+// Plain bits begin to be ordered in larger grids; blends in smaller ones were not measured.
 bool NeedsOrder(RunState& state) {
   return ExceedsCache(state.device, state.slab_words() * sizeof(uint32_t)) && CanOrder(MakeCellWalk(state)) &&
          IsScattered(state);
@@ -112,6 +112,7 @@ absl::Status FindAndCountCells(RunState& state, uint32_t& of_chunk) {
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats) {
   RestArgs args;
   args.walk = MakeCellWalk(state);
+  args.walk.drawn_large = state.drawn_large;
   args.first_triangle = begin;
   args.end_triangle = end;
   args.repeats = repeats;

@@ -2,9 +2,8 @@
 //
 // Triangles are walked once. Where there is one target of one component that seeks a largest or least value, small
 // triangles are blended by the walk itself; otherwise, and where they have to be ordered first, they become records, which each target
-// then takes. Larger ones
-// become spans in a list, which each target takes too; those that are too many for the list are made and taken in parts,
-// by halves of the triangles. Everything else goes by tiles.
+// then takes. Larger ones become spans in a list, which each target takes too, but for the few largest where rows of sums are stored
+// (sum_rows.cuh); those that are too many for the list are made and taken in parts, by halves of the triangles. Everything else goes by tiles.
 #include <algorithm>
 #include <utility>
 
@@ -95,9 +94,7 @@ absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again
   const int64_t* const d = state.view.dims;
   const double surface = double(d[0]) * double(d[1]) + double(d[1]) * double(d[2]) + double(d[2]) * double(d[0]);
   args.look_first = double(end - begin) > 16 * surface;
-  RestArgs rest = MakeRestArgs(state, begin, end, false);
-  rest.walk.drawn_large = state.drawn_large;
-  return EmitWaiting<SpanWriter>(state, rest, args);
+  return EmitWaiting<SpanWriter>(state, MakeRestArgs(state, begin, end, false), args);
 }
 
 InPlaceArgs PlaceOf(RunState& state, int index) {
@@ -283,15 +280,13 @@ absl::Status BlendDirectly(RunState& state) {
     SpanTarget& memory = state.span_targets[size_t(i)];
     if (!BySpans(target)) continue;
     VOXELPIPE_OK_OR_RETURN(MakeValues(state, i));
-    memory.by_rows = WritesAllCells(state, target);
     memory.in_place = !sparse && !memory.by_rows && IsInPlace(target);
     ranked = ranked || (!sparse && !memory.in_place);
     all_by_rows = all_by_rows && memory.by_rows;
     ++blended;
     last = i;
   }
-  state.blended_cells =
-      blended == 1 && !sparse && !all_by_rows && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state);
+  state.blended_cells = blended == 1 && !sparse && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state);
   state.drawn_large = all_by_rows ? kMostDrawnLarge : 0;
   const absl::StatusOr<uint64_t> ranks = FindAndList(state, last, ranked);
   if (!ranks.ok()) return ranks.status();

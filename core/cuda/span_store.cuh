@@ -1,5 +1,5 @@
-// What was blended by spans (span_blend.cuh) as values of the result; and ranks of covered voxels. Included by blend_store.cu only: these kernels
-// are no templates. No host-only includes.
+// What was blended by spans (span_blend.cuh) as values of the result; and ranks of covered voxels. Included by blend_store.cu only, as what
+// includes it: these kernels are no templates. No host-only includes.
 #pragma once
 
 #include "cuda/span_blend.cuh"

@@ -152,7 +152,7 @@ absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_
   return absl::OkStatus();
 }
 
-absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory) {
+absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory, bool by_rows) {
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   if (target.own_presence) {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, memory.presence));
@@ -169,7 +169,7 @@ absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory)
   const uint64_t bytes = state.slab_voxels() * uint64_t(target.components) * uint64_t(bits / 8);
   VOXELPIPE_OK_OR_RETURN(memory.dense.Resize(bytes, state.stream));
   target.dense = memory.dense.data();
-  if (WritesAllCells(state, target)) return absl::OkStatus();
+  if (by_rows) return absl::OkStatus();
   return ClearElements(state, memory.dense, target.clear_stored, bits);
 }
 
@@ -336,7 +336,8 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   for (size_t i = 0; i < request.targets.size(); ++i) {
     CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
     state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
-    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i]));
+    const bool by_rows = state.span_targets[i].by_rows = WritesAllCells(state, target);
+    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i], by_rows));
     state.targets.at[i] = target;
   }
   if (buckets) return absl::OkStatus();

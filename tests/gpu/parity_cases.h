@@ -37,10 +37,10 @@ std::vector<ParityCase> CasesFor(const ParityMesh& named, const TriangleMesh& me
 std::vector<ParityCase> QuickCases(const ParityMesh& named);
 // Each way to make a result, in a grid of 56 layers, for meshes about [0, 40].
 std::vector<ParityCase> SlabCases();
-// Every vertex shader that the mesh has what it needs for, under each result kind: positions alone, and all that fragment shaders read.
 // For the mesh whose triangles lie scattered: plain bits and sums, which kernels of their own store where the cache does not hold the grid. Few
 // caches are so small; that of the kernels on the host is.
 std::vector<ParityCase> ScatteredCases();
+// Every vertex shader that the mesh has what it needs for, under each result kind: positions alone, and all that fragment shaders read.
 std::vector<ParityCase> VertexShaderCases(const ParityMesh& named, const TriangleMesh& mesh);
 
 }  // namespace voxelpipe::gpu

@@ -4,7 +4,7 @@
 # usage: run.sh [-o LOG_DIR] [-f FILTER] [SECTION]...      sections:
 #   parity    CPU bytes = CUDA bytes over all cases and models
 #   sanitize  compute-sanitizer's four tools on the quick cases
-#   sanitize_large  three of them on the kernels that only large grids come to
+#   sanitize_large  three of them on kernels that only scattered triangles in large grids come to
 #   devices   several threads on each device, and each lost and back
 #   device    the arithmetic headers on both devices
 #   cli       the command line's hash, cuda against cpu
@@ -88,7 +88,7 @@ sanitize() {
   return "$result"
 }
 
-# Kernels that only grids larger than the cache come to, and no others, which would take long there. initcheck must see all that others write.
+# Kernels that only scattered triangles in grids larger than the cache come to, and no others, which would take long there. initcheck must see all that others write.
 sanitize_large() {
   local tool kernel result=0 options=()
   for kernel in StoreSumRows LargeKernel SetUpKernel StoreKernel OrderKeys OrderPlaces; do
