@@ -92,9 +92,10 @@ absl::Status StoreByRows(RunState& state, int index, bool covers) {
     args.coverage = state.coverage.data();
     args.fragments = FragmentSlots(state);
   }
-  const auto kernel = target.components == 1   ? StoreSumRows<1>
-                      : target.components == 2 ? StoreSumRows<2>
-                                               : StoreSumRows<4>;
+  constexpr int kById = int(FragmentShaderId::kTriangleId);
+  const auto kernel = target.components == 1   ? StoreSumRows<1, kById>
+                      : target.components == 2 ? StoreSumRows<2, kById>
+                                               : StoreSumRows<4, kById>;
   const auto blocks = unsigned(state.device.multiprocessors) * kRowBlocks;
   kernel<<<blocks, kRowThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("StoreSumRows");

@@ -51,7 +51,7 @@ __device__ inline uint32_t StoredCellOf(const SumRowArgs& args, int64_t sum) {
 }
 
 // Sets up the largest triangles; how many there are. All threads of a block call it.
-template <int kComponents>
+template <int kIdShader, int kComponents>
 __device__ inline uint32_t SetUpLargest(const SumRowArgs& args, SumRowRoom<kComponents>& room) {
   if (args.walk.drawn_large == 0) return 0;
   const auto count = uint32_t(min(args.walk.queued[kLargeQueue], uint64_t{args.walk.drawn_large}));
@@ -59,9 +59,9 @@ __device__ inline uint32_t SetUpLargest(const SumRowArgs& args, SumRowRoom<kComp
     const uint32_t t = args.walk.large_queue[threadIdx.x];
     SharedSetup& s = room.setups[threadIdx.x];
     if (SetUpRows(args.walk, t, s) == 0) s.begin[2] = s.end[2] = 0;
-    constexpr int kById = int(FragmentShaderId::kTriangleId);
     int64_t(&term)[kComponents] = room.terms[threadIdx.x];
-    args.by_id ? TermsOf<kById, kComponents>(args.largest, t, term) : TermsOf<-1, kComponents>(args.largest, t, term);
+    args.by_id ? TermsOf<kIdShader, kComponents>(args.largest, t, term)
+               : TermsOf<-1, kComponents>(args.largest, t, term);
   }
   __syncthreads();
   return count;
@@ -184,8 +184,9 @@ __device__ inline uint32_t StorePart(const SumRowArgs& args, const SumRowRoom<kC
   return small | over;
 }
 
-// The cells of a target. Warps take the rows of pieces (bit_bins.cuh), eight of a layer, in turn, a part of each at a time.
-template <int kComponents>
+// The cells of a target. Warps take the rows of pieces (bit_bins.cuh), eight of a layer, in turn, a part of each at a time. kIdShader: the
+// shader of triangle ids.
+template <int kComponents, int kIdShader>
 __global__ void __launch_bounds__(kRowThreads, kRowBlocks) StoreSumRows(const __grid_constant__ SumRowArgs args) {
   using Room = SumRowRoom<kComponents>;
   __shared__ alignas(16) char memory[sizeof(Room)];
@@ -196,7 +197,7 @@ __global__ void __launch_bounds__(kRowThreads, kRowBlocks) StoreSumRows(const __
   RowPart& part = room.parts[threadIdx.x / 32];
   for (int i = int(lane); i < kRowCells; i += 32) part.cells[i] = 0;
   __syncwarp();
-  const uint32_t large = SetUpLargest(args, room);
+  const uint32_t large = SetUpLargest<kIdShader>(args, room);
   DrawnSpan<kComponents> span;
 #pragma unroll
   for (int c = 0; c < kComponents; ++c) span.cells[c] = lane < large ? StoredCellOf(args, room.terms[lane][c]) : 0;
