@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "cpu/parallel.h"
+#include "grid/word_spread.h"
 #include "raster/spans.h"
 
 namespace voxelpipe::cpu {
@@ -41,18 +42,6 @@ absl::Status RasterShell(const RunState& state, BitGrid& shell) {
       }
     }
   });
-}
-
-// Spreads `reached` along the open voxels of its word, both ways.
-uint32_t SpreadInWord(uint32_t reached, uint32_t open) {
-  uint32_t up = reached & open, down = up, up_open = open, down_open = open;
-  for (int step = 1; step < 32; step *= 2) {
-    up |= up_open & (up << step);
-    up_open &= up_open << step;
-    down |= down_open & (down >> step);
-    down_open &= down_open >> step;
-  }
-  return up | down;
 }
 
 // The walk. Rows are numbered y + ny*z.

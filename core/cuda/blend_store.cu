@@ -162,7 +162,7 @@ absl::Status StoreListed(RunState& state, int index, uint8_t* out, uint64_t voxe
   return Store(state, state.targets.at[index], state.span_targets[size_t(index)], out, voxels);
 }
 
-bool WritesAllCells(RunState& state, const CudaTarget& target) {
+bool StoresByRows(RunState& state, const CudaTarget& target) {
   if (!state.direct || state.request.request.result != ResultKind::kDense || KeptBy(target) != Kept::kSum) return false;
   // Of triangles that are not scattered it takes longer than to clear the target and to store what is covered.
   return state.mesh.host_view.triangle_count > 0 && HasWholeRows(state, target) && NeedsOrder(state);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "cuda/views.h"
+#include "grid/word_spread.h"
 
 namespace voxelpipe::cuda {
 
@@ -30,18 +31,6 @@ VOXELPIPE_HD FloodView FloodViewOf(const GridView& grid, const uint32_t* shell, 
 // The voxels that exist in word `w` of a row.
 __device__ inline uint32_t MaskOf(const FloodView& flood, int64_t w) {
   return w + 1 == flood.words ? flood.last_mask : ~0u;
-}
-
-// Spreads `reached` along the open voxels of its word, both ways.
-__device__ inline uint32_t SpreadInWord(uint32_t reached, uint32_t open) {
-  uint32_t up = reached & open, down = up, up_open = open, down_open = open;
-  for (int step = 1; step < 32; step *= 2) {
-    up |= up_open & (up << step);
-    up_open &= up_open << step;
-    down |= down_open & (down >> step);
-    down_open &= down_open >> step;
-  }
-  return up | down;
 }
 
 // Along `length` words, `step` apart, from outside to where they are open; `mask` has their voxels. Whether anything new is reached.

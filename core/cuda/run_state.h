@@ -220,7 +220,7 @@ bool BlendsDirectly(const RunState& state, const GridSpec& grid);
 // Parts of stages
 absl::Status BlendDirectly(RunState& state);  // synchronizes
 // Whether that can store a dense target's sums by rows, and so write every cell: then nothing clears it before. After the slab is known.
-bool WritesAllCells(RunState& state, const CudaTarget& target);
+bool StoresByRows(RunState& state, const CudaTarget& target);
 absl::Status BlendIntoBricks(RunState& state);  // the values of a sparse result, whose bricks stand; may synchronize
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,

@@ -336,7 +336,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   for (size_t i = 0; i < request.targets.size(); ++i) {
     CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
     state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
-    const bool by_rows = state.span_targets[i].by_rows = WritesAllCells(state, target);
+    const bool by_rows = state.span_targets[i].by_rows = StoresByRows(state, target);
     if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i], by_rows));
     state.targets.at[i] = target;
   }
