@@ -139,12 +139,11 @@ __device__ inline bool MeetsPiece(const SharedSetup& s, int x, int y, int z, int
          s.begin[2] < z + kPieceEdge && s.end[2] > z && MayMeet(s, y, z);
 }
 
-// Lists the set-up triangles that may meet the piece whose first row is y of layer z and whose voxels are [x, x + width); how many those
-// are. All threads of a block call it.
+// Lists those of `large` set-up triangles that may meet the piece whose first row is y of layer z and whose voxels are [x, x + width); how
+// many those are. All threads of a block call it.
 template <int kThreads>
-__device__ inline uint32_t ListLarge(const BitArgs& args, const Bins& bins, int x, int y, int z, int width,
+__device__ inline uint32_t ListLarge(const Bins& bins, uint32_t large, int x, int y, int z, int width,
                                      StoreRoom<kThreads>& room) {
-  const auto large = uint32_t(min(__ldg(args.queued + kLargeQueue), uint64_t{kMostLarge}));
   if (large == 0) return 0;
   if (threadIdx.x == 0) room.count = 0;
   __syncthreads();
@@ -322,10 +321,11 @@ __device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, u
   }
 }
 
-// Writes piece (x, y, z) of the grid. `kQuads`: rows are whole units of 16 bytes; `kListed`: there are lists. All threads of a block call it.
+// Writes piece (x, y, z) of the grid. `kQuads`: rows are whole units of 16 bytes; `kListed`: there are lists, or else `large` set-up triangles.
+// All threads of a block call it.
 template <bool kQuads, bool kListed, int kThreads>
-__device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_t x, uint32_t y, uint32_t z,
-                                  StoreRoom<kThreads>& room) {
+__device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_t large, uint32_t x, uint32_t y,
+                                  uint32_t z, StoreRoom<kThreads>& room) {
   constexpr int kEach = kQuads ? 4 : 1, kUnits = kPieceWords / kEach;  // side by side along a row
   constexpr int kRowStep = kThreads / kUnits;
   const auto me = int(threadIdx.x);
@@ -337,7 +337,7 @@ __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_
   const uint32_t* triangles = room.list;
   uint32_t count;
   if constexpr (!kListed) {
-    count = ListLarge(args, bins, first_word * 32, first_y, first_z + z_begin, words * 32, room);
+    count = ListLarge(bins, large, first_word * 32, first_y, first_z + z_begin, words * 32, room);
   } else {
     const uint32_t piece = x + bins.dims[0] * (y + bins.dims[1] * z);
     triangles = bins.triangles + uint64_t{piece} * kBinRoom;
@@ -380,18 +380,22 @@ __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_
   }
 }
 
+// Clears what stands behind the last word up to a whole unit of 16 bytes, by a block.
+__device__ inline void ClearBehind(const BitArgs& args) {
+  const uint64_t begin = uint64_t(args.grid.words_per_row) * uint64_t(args.grid.dims[1]) *
+                             uint64_t(args.grid.slab_end - args.grid.slab_begin) +
+                         threadIdx.x;
+  if (begin < args.quads * 4) args.bits[begin] = 0;
+}
+
 // The same of all pieces along z that are stored; and zeros behind the last word of all, up to a whole unit.
 template <bool kQuads, bool kListed, int kThreads>
 __device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreRoom<kThreads>& room) {
-  if (!kQuads && blockIdx.x == 0 && blockIdx.y == 0 && blockIdx.z == 0) {
-    const uint64_t begin = uint64_t(args.grid.words_per_row) * uint64_t(args.grid.dims[1]) *
-                               uint64_t(args.grid.slab_end - args.grid.slab_begin) +
-                           threadIdx.x;
-    if (begin < args.quads * 4) args.bits[begin] = 0;
-  }
+  if (!kQuads && blockIdx.x == 0 && blockIdx.y == 0 && blockIdx.z == 0) ClearBehind(args);
+  const uint32_t large = kListed ? 0 : uint32_t(min(__ldg(args.queued + kLargeQueue), uint64_t{kMostLarge}));
   for (uint32_t z = bins.z_begin + blockIdx.z; z < bins.z_end; z += gridDim.z) {
     if (z != bins.z_begin + blockIdx.z) __syncthreads();  // the room is free again
-    StorePiece<kQuads, kListed, kThreads>(args, bins, blockIdx.x, blockIdx.y, z, room);
+    StorePiece<kQuads, kListed, kThreads>(args, bins, large, blockIdx.x, blockIdx.y, z, room);
   }
 }
 

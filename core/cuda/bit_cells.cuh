@@ -62,6 +62,52 @@ VOXELPIPE_HD int ToFixed(double world, double scale, double offset) {
   return int(uint32_t(bits));
 }
 
+// A vertex as parts of its mesh's box, counted from the least corner: two thirds of the bytes, in one access of memory.
+struct alignas(16) PackedVertex {
+  uint32_t at[3];
+  uint32_t unused;
+};
+
+inline constexpr double kPackedParts = 4294967295.0;  // of the box along an axis
+
+// How long a part is of an axis along which the box is `extent` long, which is finite.
+VOXELPIPE_HD double PartOf(double extent) {
+  return extent > 0 ? extent / kPackedParts : 1;
+}
+
+// The nearest part; of what lies outside of the box, the first or the last.
+VOXELPIPE_HD uint32_t PackCoordinate(double p, double least, double part) {
+  return uint32_t(Clamp((p - least) / part + 0.5, 0.0, kPackedParts));
+}
+
+// Packed vertices to fixed-point index space. The nearest part is off by half a unit at most there, and with what is rounded on the way
+// the result is off by less than two, as that of ToFixed.
+struct PackedPlace {
+  Vec3d scale, offset;
+};
+
+// In: a place, what it was made from, and the least corner and the extent of the packed box, which `place` reaches.
+inline PackedPlace MakePackedPlace(const FixedPlace& place, const Vec3d& origin, const Vec3d& voxel_size,
+                                   const Vec3d& least, const Vec3d& extent) {
+  PackedPlace packed;
+  for (int i = 0; i < 3; ++i) {
+    const double unit = 1 / voxel_size[i] * double(1 << place.bits);
+    // A whole multiple of 2^-52, so that what 2^52 of it make is taken off without rounding.
+    const double part = extent[i] > 0 ? PartOf(extent[i]) * unit : 0;  // at most a unit: `place` reaches the box
+    const auto all = double(int64_t(part * 0x1p52 + 0.5));
+    packed.scale[i] = all * 0x1p-52;
+    packed.offset[i] = (kFixedMagic - all) + (least[i] - origin[i]) * unit;
+  }
+  return packed;
+}
+
+VOXELPIPE_HD int PackedToFixed(uint32_t parts, double scale, double offset) {
+  const uint64_t bits = uint64_t{0x43300000} << 32 | parts;  // 2^52 and the parts
+  double value;
+  memcpy(&value, &bits, sizeof value);
+  return ToFixed(value, scale, offset);
+}
+
 // Of a triangle: its box of voxels, inclusive.
 struct FixedBox {
   int first[3], last[3];

@@ -7,6 +7,16 @@
 
 namespace voxelpipe::cuda {
 
+inline constexpr uint32_t kMostLargest = 30;  // of a warp's lanes, within 48 KiB of shared memory
+
+// The few largest triangles of a mesh, in no order. `count` may be more than are listed.
+struct LargestTriangles {
+  uint32_t count;
+  uint32_t triangles[kMostLargest];
+
+  __device__ uint32_t listed() const { return min(count, kMostLargest); }
+};
+
 struct BitArgs {
   GridView grid;  // rows outside its slab are left out
   uint32_t* bits = nullptr;
@@ -15,7 +25,10 @@ struct BitArgs {
   FixedPlace fixed;
   Vec3d inverse_size;  // 1 / grid.voxel_size, rounded
   const uint32_t* triangles = nullptr;
-  const Vec3d* positions = nullptr;  // world space
+  const Vec3d* positions = nullptr;      // world space
+  const PackedVertex* packed = nullptr;  // the same; or null
+  PackedPlace packed_place;
+  const LargestTriangles* largest = nullptr;  // drawn apart from the others; or null
   uint64_t triangle_count = 0;
   const uint32_t *order = nullptr, *ordered = nullptr;  // of triangles by place, and how many there are; or null
   int rounds = 1;                                       // of WalkCells and FindCells
@@ -24,6 +37,14 @@ struct BitArgs {
   uint32_t *layer_queue = nullptr, *large_queue = nullptr;
   uint64_t* queued = nullptr;  // how many wait in each
 };
+
+// Whether triangle t is among those that are drawn apart.
+__device__ inline bool IsAmongLargest(const BitArgs& args, uint32_t t) {
+  if (args.largest == nullptr) return false;
+  bool among = false;
+  for (uint32_t i = 0; i < args.largest->listed(); ++i) among = among || args.largest->triangles[i] == t;
+  return among;
+}
 
 enum BitQueue : int { kLayerQueue, kLargeQueue, kBitQueues };
 

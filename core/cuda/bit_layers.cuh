@@ -110,7 +110,8 @@ __device__ inline void WalkLarge(const BitArgs& args, uint32_t block, uint32_t b
     uint32_t layers = 0;
     if (warp == 0) {
       if (int(lane) < here) {
-        layers = SetUpLayers(args, __ldcg(queue + batch * each + lane), room.setups[lane]);
+        const uint32_t t = __ldcg(queue + batch * each + lane);
+        if (!IsAmongLargest(args, t)) layers = SetUpLayers(args, t, room.setups[lane]);
       }
       uint32_t total;
       const uint32_t before = WarpExclusiveSum(layers, total);

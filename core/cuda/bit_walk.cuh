@@ -69,6 +69,15 @@ struct FixedCorners {
 };
 __device__ inline FixedCorners LoadFixed(const BitArgs& args, const Corners& c) {
   FixedCorners v;
+  if (args.packed != nullptr) {
+    const PackedPlace& place = args.packed_place;
+    PackedVertex p[3];
+    for (int i = 0; i < 3; ++i) p[i] = args.packed[c.v[i]];
+    for (int i = 0; i < 3; ++i) {
+      for (int a = 0; a < 3; ++a) v.at[i][a] = PackedToFixed(p[i].at[a], place.scale[a], place.offset[a]);
+    }
+    return v;
+  }
   for (int i = 0; i < 3; ++i) {
     const Vec3d& p = args.positions[c.v[i]];
     for (int a = 0; a < 3; ++a) v.at[i][a] = ToFixed(p[a], args.fixed.scale[a], args.fixed.offset[a]);

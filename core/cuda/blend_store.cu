@@ -2,6 +2,9 @@
 #include "cuda/blend_store.h"
 
 #include "cuda/cells.h"
+#include "cuda/device_abilities.h"
+#include "cuda/fill_rows.cuh"
+#include "cuda/scattered.h"
 #include "cuda/span_store.cuh"
 #include "cuda/sum_rows.cuh"
 
@@ -158,8 +161,32 @@ absl::Status StoreDense(RunState& state, int index, bool covers) {
   return Store(state, target, memory, target.dense, state.slab_voxels());
 }
 
+absl::Status FillDense(RunState& state, int index, const InPlaceArgs& place, bool covers) {
+  FillRowArgs args;
+  args.place = place;
+  args.by_id = state.span_targets[size_t(index)].by_id;
+  args.walk = MakeRestArgs(state, 0, 0, false).walk;
+  if (covers) {
+    args.coverage = state.coverage.data();
+    args.fragments = FragmentSlots(state);
+  }
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kNextRows}));
+  args.taken = reinterpret_cast<uint32_t*>(state.counters.data() + kNextRows);
+  const auto blocks = unsigned(state.device.multiprocessors) * kFillBlocks;
+  FillRows<int(FragmentShaderId::kTriangleId)><<<blocks, kFillThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("FillRows");
+  return absl::OkStatus();
+}
+
 absl::Status StoreListed(RunState& state, int index, uint8_t* out, uint64_t voxels) {
   return Store(state, state.targets.at[index], state.span_targets[size_t(index)], out, voxels);
+}
+
+bool FillsByRows(RunState& state, const CudaTarget& target) {
+  if (!state.direct || state.request.request.result != ResultKind::kDense || !IsInPlace(target)) return false;
+  if (target.components != 1 || (target.blend != Blend::kMax && target.blend != Blend::kMin)) return false;
+  return state.scattered_mesh.largest != nullptr && HasWholeRows(state, target) &&
+         ExceedsCache(state.device, state.slab_voxels() * sizeof(uint32_t));
 }
 
 bool StoresByRows(RunState& state, const CudaTarget& target) {

@@ -5,6 +5,7 @@
 #include "cuda/bit_args.h"
 #include "cuda/device_abilities.h"
 #include "cuda/launch.h"
+#include "cuda/scattered.h"
 #include "cuda/triangle_order.h"
 
 namespace voxelpipe::cuda {
@@ -112,7 +113,7 @@ absl::Status FindAndCountCells(RunState& state, uint32_t& of_chunk) {
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats) {
   RestArgs args;
   args.walk = MakeCellWalk(state);
-  args.walk.drawn_large = state.drawn_large;
+  if (state.draws_largest) args.walk.largest = state.scattered_mesh.largest;
   args.first_triangle = begin;
   args.end_triangle = end;
   args.repeats = repeats;

@@ -188,7 +188,6 @@ absl::Status ClearFragmentSlots(RunState& state) {
 // there is room. Sets state.span_count; the number of covered voxels with a rank. Synchronizes.
 absl::StatusOr<uint64_t> FindAndList(RunState& state, int last, bool ranked) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
-  VOXELPIPE_OK_OR_RETURN(ClearFragmentSlots(state));
   if (state.blended_cells) {
     const InPlaceArgs place = PlaceOf(state, last);
     VOXELPIPE_OK_OR_RETURN(
@@ -203,11 +202,6 @@ absl::StatusOr<uint64_t> FindAndList(RunState& state, int last, bool ranked) {
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
   state.span_count = (*counters)[kSpans];
-  if (state.drawn_large > 0 && state.span_count > state.spans.size()) {
-    // Lists that are made anew, in parts, may have another queue of the largest: all of those are listed then.
-    state.drawn_large = 0;
-    return FindAndList(state, last, ranked);
-  }
   return (*counters)[kRanks];
 }
 
@@ -253,6 +247,15 @@ absl::Status TakeAll(RunState& state) {
   });
 }
 
+// Writes all targets of values, and the coverage, with the largest triangles in them.
+absl::Status FillAll(RunState& state, int last) {
+  for (int i = 0; i < state.targets.count; ++i) {
+    if (!BySpans(state.targets.at[i])) continue;
+    VOXELPIPE_OK_OR_RETURN(FillDense(state, i, PlaceOf(state, i), i == last));
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
@@ -272,7 +275,8 @@ bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
 absl::Status BlendDirectly(RunState& state) {
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   state.span_count = 0;
-  if (state.mesh.host_view.triangle_count == 0) return ClearFragmentSlots(state);
+  VOXELPIPE_OK_OR_RETURN(ClearFragmentSlots(state));
+  if (state.mesh.host_view.triangle_count == 0) return absl::OkStatus();
   bool ranked = false, all_by_rows = !sparse;
   int blended = 0, last = 0;  // targets
   for (int i = 0; i < state.targets.count; ++i) {
@@ -287,7 +291,8 @@ absl::Status BlendDirectly(RunState& state) {
     last = i;
   }
   state.blended_cells = blended == 1 && !sparse && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state);
-  state.drawn_large = all_by_rows ? kMostDrawnLarge : 0;
+  state.draws_largest = all_by_rows || state.fills_rows;
+  if (state.fills_rows) VOXELPIPE_OK_OR_RETURN(FillAll(state, last));
   const absl::StatusOr<uint64_t> ranks = FindAndList(state, last, ranked);
   if (!ranks.ok()) return ranks.status();
   if (sparse) return absl::OkStatus();  // the bricks come first

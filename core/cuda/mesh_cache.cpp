@@ -112,7 +112,6 @@ absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const
   VOXELPIPE_OK_OR_RETURN(make(made->array_.data()));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventCreateWithFlags(&made->ready_, cudaEventDisableTiming));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventRecord(made->ready_, stream));
-  CountMeshUpload(ordinal, bytes);
   const uint64_t most = MostBytes(ordinal);
   if (bytes <= most) cache.Keep(key, made, most);
   return std::shared_ptr<const CachedArray>(std::move(made));
@@ -121,8 +120,10 @@ absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, const std::string& key, const void* from,
                                                                 uint64_t bytes, cudaStream_t stream,
                                                                 std::vector<PinnedBuffer>& staged) {
-  return CachedMade(ordinal, key, bytes, stream,
-                    [&](uint8_t* there) { return StagedCopy(there, from, bytes, stream, staged); });
+  return CachedMade(ordinal, key, bytes, stream, [&](uint8_t* there) {
+    CountMeshUpload(ordinal, bytes);
+    return StagedCopy(there, from, bytes, stream, staged);
+  });
 }
 
 void SetMeshCacheBytes(uint64_t bytes) {

@@ -38,8 +38,8 @@ class CachedArray {
   cudaEvent_t ready_ = nullptr;  // when the upload is done
 };
 
-// The array that `key` names on the device, which is the current one; where it is not there, `make` gives `stream` the copies that make it
-// from the host. Work given to `stream` afterwards finds it. The returned pointer must live until that work is done.
+// The array that `key` names on the device, which is the current one; where it is not there, `make` gives `stream` the copies from the
+// host, or the kernels, that make it. Work given to `stream` afterwards finds it. The returned pointer must live until that work is done.
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const std::string& key, uint64_t bytes,
                                                               cudaStream_t stream,
                                                               const std::function<absl::Status(uint8_t*)>& make);

@@ -65,7 +65,10 @@ absl::StatusOr<const uint8_t*> UploadRest(RunState& state, const Block& block, D
   const SharedArrays shared = SharedArraysOf(state.host.mesh.content_id);
   if (!shared.id.empty() && block.bytes() > 0) {
     auto kept = CachedMade(state.device.ordinal, absl::StrCat(shared.id, "/rest"), block.bytes(), state.stream,
-                           [&](uint8_t* there) { return block.Upload(there, state); });
+                           [&](uint8_t* there) {
+                             CountMeshUpload(state.device.ordinal, block.bytes());
+                             return block.Upload(there, state);
+                           });
     if (!kept.ok()) return kept.status();
     state.cached.push_back(*std::move(kept));
     return state.cached.back()->data();

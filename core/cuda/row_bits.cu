@@ -16,6 +16,7 @@
 #include "cuda/device_abilities.h"
 #include "cuda/early_launch.cuh"
 #include "cuda/launch.h"
+#include "cuda/scattered.h"
 #include "cuda/triangle_order.h"
 #include "cuda/walk.h"
 #include "grid/index_space.h"
@@ -78,13 +79,14 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const
   WalkLayers<kLayerSetups>(args, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps, room.of_warps[warp]);
 }
 
-constexpr int kLargeThreads = 128, kLargeBlocks = 8;
+constexpr int kLargestThreads = 128, kLargestBlocks = 8;
 
 template <bool kQuads>
-__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) LargeKernel(const __grid_constant__ BitArgs args) {
-  __shared__ alignas(16) char memory[sizeof(OverdrawRoom<kLargeThreads>)];
-  AwaitEarlier();
-  OverdrawLarge<kQuads>(args, blockIdx.x, gridDim.x, *reinterpret_cast<OverdrawRoom<kLargeThreads>*>(memory));
+__global__ void __launch_bounds__(kLargestThreads, kLargestBlocks) LargestKernel(const __grid_constant__ BitArgs args) {
+  __shared__ alignas(16) char memory[sizeof(LargestRoom<kLargestThreads>)];
+  AllowNext();
+  if (blockIdx.x == 0 && threadIdx.x < kBitQueues) args.queued[threadIdx.x] = 0;
+  StoreLargest<kQuads>(args, blockIdx.x, gridDim.x, *reinterpret_cast<LargestRoom<kLargestThreads>*>(memory));
 }
 
 // Waits for all blocks of a cooperative launch. The counter is 0 but for its highest bit, and so it is left.
@@ -249,6 +251,12 @@ bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
   return true;
 }
 
+// Whether the largest of scattered triangles are drawn while the grid is cleared: in small ones it takes longer to set them up than it saves.
+bool DrawsLargest(RunState& state, const BitArgs& args) {
+  constexpr uint64_t kTimes = 8;  // what ExceedsCache asks for
+  return state.plain_bits && ExceedsCache(state.device, args.quads * 16 * kTimes) && IsScattered(state);
+}
+
 // Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where triangles are small: more
 // than eight to a piece of the grid's largest face.
 bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
@@ -333,20 +341,22 @@ absl::Status LaunchAtOnce(RunState& state, BitArgs& args, int blocks) {
   return absl::OkStatus();
 }
 
-// `overdraws`: the largest triangles have a kernel of their own.
-absl::Status LaunchCells(const RunState& state, BitArgs args, bool thin, bool overdraws) {
+// Clears the grid, with the largest triangles in it where there are such.
+absl::Status LaunchCleared(const RunState& state, const BitArgs& args) {
+  if (args.largest == nullptr) return LaunchClear(state, args);
+  const auto kernel = args.grid.words_per_row % 4 == 0 ? LargestKernel<true> : LargestKernel<false>;
+  kernel<<<unsigned(state.device.multiprocessors) * kLargestBlocks, kLargestThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("LargestKernel");
+  return absl::OkStatus();
+}
+
+absl::Status LaunchCells(const RunState& state, const BitArgs& args, bool thin) {
   const auto blocks = unsigned((args.triangle_count + uint64_t(args.rounds) * kCellThreads - 1) /
                                (uint64_t(args.rounds) * kCellThreads));
   auto* kernel = thin ? CellKernel<true, false> : CellKernel<false, false>;
   if (args.order != nullptr) kernel = thin ? CellKernel<true, true> : CellKernel<false, true>;
   LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kCellThreads, kernel, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CellKernel");
-  if (overdraws) {
-    LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(state.device.multiprocessors) * kLargeBlocks,
-                kLargeThreads, args.grid.words_per_row % 4 == 0 ? LargeKernel<true> : LargeKernel<false>, args);
-    VOXELPIPE_LAUNCHED_OR_RETURN("LargeKernel");
-    args.drawn_large = kMostOverdrawn;
-  }
   return LaunchLayers(state, args);
 }
 
@@ -365,7 +375,7 @@ absl::Status LaunchOrdered(RunState& state, BitArgs& args, const OrderArgs& orde
   args.ordered = made.count;
   args.drawn_large = kMostLarge;
   args.rounds = kOrderedRounds;
-  return LaunchCells(state, args, thin, false);
+  return LaunchCells(state, args, thin);
 }
 
 }  // namespace
@@ -398,8 +408,9 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
                           kMostCellRounds);
   const bool scattered = GoesAroundCache(state, args) && IsScattered(state);
   if (OrderArgs order; scattered && MakeOrder(state, args, order)) return LaunchOrdered(state, args, order, thin);
-  VOXELPIPE_OK_OR_RETURN(LaunchClear(state, args));
-  return args.triangle_count == 0 ? absl::OkStatus() : LaunchCells(state, args, thin, scattered);
+  if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;
+  VOXELPIPE_OK_OR_RETURN(LaunchCleared(state, args));
+  return args.triangle_count == 0 ? absl::OkStatus() : LaunchCells(state, args, thin);
 }
 
 }  // namespace voxelpipe::cuda

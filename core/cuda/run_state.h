@@ -44,9 +44,27 @@ struct DeviceMesh {
   std::vector<DeviceArray<Vec4f>> mips;      // further levels
   MeshView host_view;                        // pointers into device memory
   DeviceArray<MeshView> view;                // the same on the device, one element
+  bool as_loaded = false;                    // positions are the mesh's own, as it was loaded
 
   const uint32_t* triangle_list() const {
     return host_view.triangles == nullptr ? nullptr : &host_view.triangles[0][0];
+  }
+};
+
+struct PackedVertex;
+struct LargestTriangles;
+// What walks over a scattered mesh read besides its arrays (scattered.h); null: they do without.
+struct ScatteredMesh {
+  const PackedVertex* packed = nullptr;  // parts of RunState::box, whose extent is kept here (bit_cells.cuh)
+  const LargestTriangles* largest = nullptr;
+  Vec3d extent;
+  DeviceArray<uint8_t> own;  // where no other run has the same
+  bool tried = false;        // to make it
+
+  void Drop() {
+    packed = nullptr;
+    largest = nullptr;
+    own.Free();
   }
 };
 
@@ -110,7 +128,8 @@ struct RunState {
   DeviceArray<uint32_t> part_results, parts_done;
   DeviceArray<uint32_t> queue[3];  // triangles that wait for another kernel of a stage
   std::optional<bool> scattered;   // see IsScattered
-  DeviceArray<uint32_t> order;     // of triangles by place, and what belongs to it (triangle_order.h)
+  ScatteredMesh scattered_mesh;
+  DeviceArray<uint32_t> order;  // of triangles by place, and what belongs to it (triangle_order.h)
 
   // BeginSlab: what follows holds the slab's layers only
   Slab slab;
@@ -145,7 +164,8 @@ struct RunState {
   DeviceArray<uint32_t> word_ranks;  // per word of a bit grid, where it is not empty (Ranks); by bricks, four
   std::array<SpanTarget, kMaxTargets> span_targets;
   bool blended_cells = false;  // small triangles are blended already
-  uint32_t drawn_large = 0;    // of the queue of the largest triangles, how many are drawn when rows are stored
+  bool fills_rows = false;     // targets are written with the largest triangles in them, not cleared (fill_rows.cuh)
+  bool draws_largest = false;  // the largest triangles are drawn by rows, of all targets
 
   // FineRaster, SolidFill
   DeviceArray<uint32_t> inside, outside;  // bit grids; outside is of the whole grid
@@ -172,6 +192,7 @@ enum Counter : int {
   kSpans,       // of the list
   kRanks,       // voxels with a rank
   kParts,       // of tiles that are split
+  kNextRows,    // the next rows for a block that fills them
   kScratch0,    // free for use within a stage
   kScratch1,
   kCounters
@@ -221,6 +242,9 @@ bool BlendsDirectly(const RunState& state, const GridSpec& grid);
 absl::Status BlendDirectly(RunState& state);  // synchronizes
 // Whether that can store a dense target's sums by rows, and so write every cell: then nothing clears it before. After the slab is known.
 bool StoresByRows(RunState& state, const CudaTarget& target);
+// Whether that can write a dense target's cells with the largest triangles in them, for all others to be blended over: then nothing
+// clears it before, nor, where all targets of values are so, the coverage. Likewise.
+bool FillsByRows(RunState& state, const CudaTarget& target);
 absl::Status BlendIntoBricks(RunState& state);  // the values of a sparse result, whose bricks stand; may synchronize
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,

@@ -219,7 +219,17 @@ __device__ inline void PutLayer(const SpanBounds<Real>& bounds, const SharedSetu
   }
 }
 
-// As WalkLarge, but by parts of layers, a warp each; without those of the queue that are drawn elsewhere.
+// Whether a set-up triangle of so many rows is drawn apart: then it has no part in what all others go through.
+__device__ inline bool IsDrawnApart(const BitArgs& args, uint32_t t, uint64_t rows) {
+  return rows > kRowsOfWarp && IsAmongLargest(args, t);
+}
+
+// Sets up a triangle that is among the largest; where it is not drawn apart, without layers.
+__device__ inline void SetUpApart(const BitArgs& args, uint32_t t, SharedSetup& shared) {
+  if (SetUpRows(args, t, shared) <= kRowsOfWarp) shared.begin[2] = shared.end[2] = 0;
+}
+
+// As WalkLarge, but by parts of layers, a warp each; without those that are drawn apart.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, 6)
     EmitLarge(const __grid_constant__ RestArgs args, const __grid_constant__ typename Writer::Args out) {
@@ -231,7 +241,7 @@ __global__ void __launch_bounds__(kRestThreads, 6)
   const uint32_t warps = gridDim.x * (kRestThreads / 32), warp = threadIdx.x / 32 * gridDim.x + blockIdx.x;
   const auto parts_of = [](const SharedSetup& s) { return (s.ny + kRowsOfPart - 1) / kRowsOfPart; };
   Writer writer(out);
-  for (uint64_t begin = walk.drawn_large; begin < count; begin += kSetupsOfBlock) {
+  for (uint64_t begin = 0; begin < count; begin += kSetupsOfBlock) {
     const int here = int(min(count - begin, uint64_t{kSetupsOfBlock}));
     if (threadIdx.x < 32) {
       static_assert(kSetupsOfBlock == 32);
@@ -239,9 +249,8 @@ __global__ void __launch_bounds__(kRestThreads, 6)
       if (int(threadIdx.x) < here) {
         const uint32_t t = walk.large_queue[begin + threadIdx.x];
         SharedSetup& s = shared[threadIdx.x];
-        if (t >= args.first_triangle && t < args.end_triangle && SetUpRows(walk, t, s) > 0) {
-          parts = parts_of(s) * uint32_t(s.end[2] - s.begin[2]);
-        }
+        const uint64_t rows = t >= args.first_triangle && t < args.end_triangle ? SetUpRows(walk, t, s) : 0;
+        if (rows > 0 && !IsDrawnApart(walk, t, rows)) parts = parts_of(s) * uint32_t(s.end[2] - s.begin[2]);
       }
       parts_before[threadIdx.x] = WarpExclusiveSum(parts, all);
       if (threadIdx.x == 0) parts_before[kSetupsOfBlock] = all;

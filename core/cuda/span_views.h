@@ -13,8 +13,6 @@ inline constexpr uint64_t kMostSpanBits = UINT32_MAX - 31;  // of a bit grid: th
 inline constexpr uint64_t kMostSpanTriangles = uint64_t{1} << 27;
 // Behind the counters: fragments of the slab counted without tiles, in parts, so that not all wait for one address.
 inline constexpr int kFragmentSlots = 64;
-// Of the largest triangles so many, at most, become no spans where sums are stored by rows (sum_rows.cuh).
-inline constexpr uint32_t kMostDrawnLarge = 30;  // of a warp's lanes, within 48 KiB of shared memory
 
 VOXELPIPE_HD uint64_t PackSpan(uint32_t first, uint32_t triangle, uint32_t length) {
   return uint64_t{triangle << 5 | (length - 1)} << 32 | first;

@@ -15,14 +15,14 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kRowThreads = 256, kRowBlocks = 4;
 inline constexpr int kRowCells = 1024;  // of a part of a row: 4 KiB
-static_assert(kMostDrawnLarge <= 32);   // a lane each
+static_assert(kMostLargest <= 32);      // a lane each
 
 struct SumRowArgs {
   StoreArgs store;         // of sums, in rows of whole words, and a format of 32 bits
   AccumulateArgs largest;  // what the largest triangles bring
   bool by_id = false;      // their number
   uint32_t clear_stored = 0;
-  BitArgs walk;                   // drawn_large: how many of the large queue are drawn here
+  BitArgs walk;                   // its `largest` are drawn here
   uint32_t* coverage = nullptr;   // becomes that of the largest triangles too; null: another launch sees to it
   uint64_t* fragments = nullptr;  // likewise, kFragmentSlots counters
 };
@@ -38,8 +38,8 @@ template <int kComponents>
 struct SumRowRoom {
   static constexpr int kVoxels = kRowCells / kComponents, kWords = kVoxels / 32;  // of a part
   RowPart parts[kRowThreads / 32];
-  int64_t terms[kMostDrawnLarge][kComponents];
-  SharedSetup setups[kMostDrawnLarge];
+  int64_t terms[kMostLargest][kComponents];
+  SharedSetup setups[kMostLargest];
 };
 
 // A sum as it is stored: with two formats alone little code is left, for which large kernels wait more than for anything else.
@@ -50,15 +50,56 @@ __device__ inline uint32_t StoredCellOf(const SumRowArgs& args, int64_t sum) {
          args.clear_stored;
 }
 
+// A part of a row of the slab.
+struct RowPartPlace {
+  int x = 0, y = 0, z = 0;  // its first voxel in the grid
+  uint32_t words = 0;       // of coverage; 0: there is no such part
+  uint64_t word = 0;        // its first, of the slab
+};
+
+// The parts of all rows, of at most so many words. A block takes those of as many rows as it has warps, which lie one behind the other, and the
+// next block what lies behind that: memory takes such stores a fifth faster than those of warps that each go their own way.
+struct RowParts {
+  __device__ RowParts(const GridView& of_grid, uint32_t most_words, uint32_t of_block)
+      : grid(of_grid), most(most_words), rows(of_block) {
+    along_x = (uint32_t(grid.words_per_row) + most - 1) / most;
+    along_y = (uint32_t(grid.dims[1]) + rows - 1) / rows;
+    count = along_x * along_y * uint32_t(grid.slab_end - grid.slab_begin);
+  }
+  // Part `row` of a block's number `item`.
+  __device__ RowPartPlace Find(uint32_t item, uint32_t row) const {
+    RowPartPlace place;
+    const uint32_t yz = item / along_x, z = yz / along_y, y = (yz - z * along_y) * rows + row;
+    const uint32_t first = (item - yz * along_x) * most, ny = uint32_t(grid.dims[1]);
+    if (item >= count || y >= ny) return place;
+    place.x = int(first * 32);
+    place.y = int(y);
+    place.z = int(grid.slab_begin) + int(z);
+    place.words = min(most, uint32_t(grid.words_per_row) - first);
+    place.word = (uint64_t{z} * ny + y) * uint32_t(grid.words_per_row) + first;
+    return place;
+  }
+
+  const GridView& grid;
+  uint32_t most, rows, along_x, along_y, count;
+};
+
+// The voxels of a set-up triangle in the row of a part; an empty range without any.
+__device__ inline void FindSpan(const SharedSetup& s, const RowPartPlace& place, int& x_begin, int& x_end) {
+  PieceLayer layer;
+  const bool has =
+      FindLayer(s, place.y, place.z, layer) && layer.begin == 0 && FindRow(s, layer, place.y, x_begin, x_end);
+  if (!has) x_begin = x_end = 0;
+}
+
 // Sets up the largest triangles; how many there are. All threads of a block call it.
 template <int kIdShader, int kComponents>
 __device__ inline uint32_t SetUpLargest(const SumRowArgs& args, SumRowRoom<kComponents>& room) {
-  if (args.walk.drawn_large == 0) return 0;
-  const auto count = uint32_t(min(args.walk.queued[kLargeQueue], uint64_t{args.walk.drawn_large}));
+  if (args.walk.largest == nullptr) return 0;
+  const uint32_t count = args.walk.largest->listed();
   if (threadIdx.x < count) {
-    const uint32_t t = args.walk.large_queue[threadIdx.x];
-    SharedSetup& s = room.setups[threadIdx.x];
-    if (SetUpRows(args.walk, t, s) == 0) s.begin[2] = s.end[2] = 0;
+    const uint32_t t = args.walk.largest->triangles[threadIdx.x];
+    SetUpApart(args.walk, t, room.setups[threadIdx.x]);
     int64_t(&term)[kComponents] = room.terms[threadIdx.x];
     args.by_id ? TermsOf<kIdShader, kComponents>(args.largest, t, term)
                : TermsOf<-1, kComponents>(args.largest, t, term);
@@ -184,15 +225,12 @@ __device__ inline uint32_t StorePart(const SumRowArgs& args, const SumRowRoom<kC
   return small | over;
 }
 
-// The cells of a target. Warps take the rows of pieces (bit_bins.cuh), eight of a layer, in turn, a part of each at a time. kIdShader: the
-// shader of triangle ids.
+// The cells of a target. kIdShader: the shader of triangle ids.
 template <int kComponents, int kIdShader>
 __global__ void __launch_bounds__(kRowThreads, kRowBlocks) StoreSumRows(const __grid_constant__ SumRowArgs args) {
   using Room = SumRowRoom<kComponents>;
   __shared__ alignas(16) char memory[sizeof(Room)];
   auto& room = *reinterpret_cast<Room*>(memory);
-  constexpr int kAhead = 4;  // rows whose coverage is read together
-  constexpr auto kWords = uint32_t(Room::kWords);
   const unsigned lane = threadIdx.x % 32;
   RowPart& part = room.parts[threadIdx.x / 32];
   for (int i = int(lane); i < kRowCells; i += 32) part.cells[i] = 0;
@@ -201,48 +239,36 @@ __global__ void __launch_bounds__(kRowThreads, kRowBlocks) StoreSumRows(const __
   DrawnSpan<kComponents> span;
 #pragma unroll
   for (int c = 0; c < kComponents; ++c) span.cells[c] = lane < large ? StoredCellOf(args, room.terms[lane][c]) : 0;
-  const GridView& grid = args.walk.grid;
   const Ranks& ranks = args.store.ranks;
-  const auto ny = uint32_t(grid.dims[1]), words = args.store.words_per_row;
-  const uint32_t along_x = (words + kWords - 1) / kWords, along_y = (ny + kPieceEdge - 1) / kPieceEdge;
-  const uint32_t pieces = along_x * along_y * uint32_t(grid.slab_end - grid.slab_begin);
-  const uint32_t warps = gridDim.x * (kRowThreads / 32);
+  const RowParts parts(args.walk.grid, Room::kWords, kRowThreads / 32);
+  const uint32_t warp = threadIdx.x / 32;
+  const auto word_of = [&](const RowPartPlace& place) {
+    return lane < place.words ? ranks.bits[place.word + lane] : 0;
+  };
   uint64_t fragments = 0;
-  // Neighbours go to different multiprocessors, for where small triangles are many rows take long.
-  for (uint32_t item = threadIdx.x / 32 * gridDim.x + blockIdx.x; item < pieces; item += warps) {
-    const uint32_t yz = item / along_x, first = (item - yz * along_x) * kWords, z = yz / along_y;
-    const uint32_t y = (yz - z * along_y) * kPieceEdge, rows = min(uint32_t{kPieceEdge}, ny - y);
-    const uint32_t here = min(kWords, words - first);
-    const int x = int(first * 32), width = int(here * 32);
-    PieceLayer layer{};
-    const bool draws = lane < large && FindLayer(room.setups[lane], int(y), int(grid.slab_begin) + int(z), layer);
-    uint32_t word[kAhead] = {}, rank[kAhead] = {};
-#pragma unroll 1
-    for (uint32_t row = 0; row < rows; ++row) {
-      const uint64_t at = (uint64_t{z} * ny + y + row) * words + first;
-      if (row % kAhead == 0) {
-#pragma unroll
-        for (uint32_t i = 0; i < kAhead; ++i) {
-          word[i] = row + i < rows && lane < here ? ranks.bits[at + uint64_t{i} * words + lane] : 0;
-        }
-#pragma unroll
-        for (uint32_t i = 0; i < kAhead; ++i) {
-          rank[i] = word[i] != 0 ? ranks.first[at + uint64_t{i} * words + lane] : 0;
-        }
-      }
+  // Coverage is read two parts ahead, and ranks one: memory is slow to answer while rows are stored.
+  RowPartPlace place = parts.Find(blockIdx.x, warp), next = parts.Find(blockIdx.x + gridDim.x, warp);
+  uint32_t word = word_of(place), next_word = word_of(next), rank = word != 0 ? ranks.first[place.word + lane] : 0;
+  for (uint32_t item = blockIdx.x; item < parts.count; item += gridDim.x) {
+    const uint32_t next_rank = next_word != 0 ? ranks.first[next.word + lane] : 0;
+    const RowPartPlace after = parts.Find(item + 2 * gridDim.x, warp);
+    const uint32_t word_after = word_of(after);
+    if (place.words != 0) {
       int x_begin = 0, x_end = 0;
-      if (draws && row >= layer.begin && row < layer.end) {
-        if (!FindRow(room.setups[lane], layer, int(y + row), x_begin, x_end)) x_begin = x_end = 0;
-      }
-      if (first == 0) fragments += uint32_t(x_end - x_begin);
-      span.begin = max(x_begin - x, 0);
-      span.end = max(span.begin, min(x_end - x, width));
-      auto* const out = reinterpret_cast<uint4*>(args.store.out) + at * (32 * kComponents / 4);
-      const uint32_t all = StorePart(args, room, part, word[0], rank[0], out, width, span);
-      if (args.coverage != nullptr && all != word[0]) args.coverage[at + lane] = all;
-#pragma unroll
-      for (int i = 1; i < kAhead; ++i) word[i - 1] = word[i], rank[i - 1] = rank[i];  // the next row's
+      if (lane < large) FindSpan(room.setups[lane], place, x_begin, x_end);
+      if (place.x == 0) fragments += uint32_t(x_end - x_begin);
+      const int width = int(place.words) * 32;
+      span.begin = max(x_begin - place.x, 0);
+      span.end = max(span.begin, min(x_end - place.x, width));
+      auto* const out = reinterpret_cast<uint4*>(args.store.out) + place.word * (32 * kComponents / 4);
+      const uint32_t all = StorePart(args, room, part, word, rank, out, width, span);
+      if (args.coverage != nullptr && all != word) args.coverage[place.word + lane] = all;
     }
+    place = next;
+    word = next_word;
+    rank = next_rank;
+    next = after;
+    next_word = word_after;
   }
   if (args.fragments != nullptr && large > 0) AddFragments(args.fragments, fragments);
 }

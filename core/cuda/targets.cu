@@ -152,6 +152,7 @@ absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_
   return absl::OkStatus();
 }
 
+// `by_rows`: all of its cells are written later.
 absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory, bool by_rows) {
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   if (target.own_presence) {
@@ -333,15 +334,20 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.targets.count = int(request.targets.size());
   state.targets.planar = request.layout == Layout::kPlanar;
   state.targets.any_always_present = false;
+  state.fills_rows = state.direct && !buckets;
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    const CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
+    state.fills_rows = state.fills_rows && (target.is_occupancy || FillsByRows(state, target));
+  }
   for (size_t i = 0; i < request.targets.size(); ++i) {
     CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
     state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
     const bool by_rows = state.span_targets[i].by_rows = StoresByRows(state, target);
-    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i], by_rows));
+    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i], by_rows || state.fills_rows));
     state.targets.at[i] = target;
   }
   if (buckets) return absl::OkStatus();
-  if (state.plain_bits) {  // the rasterizer clears it
+  if (state.plain_bits || state.fills_rows) {  // what draws there writes all of it
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
   } else {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
@@ -371,6 +377,7 @@ void AbandonSlab(RunState& state) {
   state.ordered_cells = false;
   state.span_targets = {};  // with the values of all triangles, which are made anew
   state.scratch.Free();
+  state.scattered_mesh.Drop();                                                       // walks do without
   if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so
   TrimMemory(state.device.ordinal);
 }

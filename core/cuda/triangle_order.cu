@@ -32,27 +32,6 @@ __global__ void __launch_bounds__(kOrderThreads)
 
 }  // namespace
 
-bool IsScattered(RunState& state) {
-  if (state.scattered) return *state.scattered;
-  constexpr uint64_t kSamples = 128;
-  const TriangleMesh& mesh = state.host.mesh;
-  const uint64_t count = state.mesh.host_view.triangle_count;
-  uint64_t apart = 0;
-  const bool known = count >= 32 * kSamples && mesh.triangles.size() == count;
-  for (uint64_t i = 0; i < kSamples && known; ++i) {
-    const uint64_t t = count / kSamples * i;
-    const Vec3d& a = mesh.positions[mesh.triangles[t][0]];
-    const Vec3d& b = mesh.positions[mesh.triangles[t + 1][0]];
-    bool far = false;
-    for (int k = 0; k < 3; ++k) {
-      far = far || Abs(a[k] - b[k]) * 16 > state.grid.voxel_size[k] * double(state.view.dims[k]);
-    }
-    apart += far ? 1 : 0;
-  }
-  state.scattered = apart * 2 > kSamples;
-  return *state.scattered;
-}
-
 bool CanOrder(const BitArgs& args) {
   return args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
 }

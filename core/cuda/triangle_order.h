@@ -6,9 +6,6 @@
 
 namespace voxelpipe::cuda {
 
-// Whether neighbours in the order of triangles lie far apart, by a sample: every second pair more than a sixteenth of the grid. Looked for once a
-// run.
-bool IsScattered(RunState& state);
 // Whether fixed point tells the triangles their places.
 bool CanOrder(const BitArgs& args);
 // Room for the order of triangles, and what else of `order` does not depend on them. False where there is none, or they cannot be ordered.

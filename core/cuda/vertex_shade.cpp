@@ -107,6 +107,7 @@ absl::Status UploadMesh(RunState& state, const Wanted& wanted) {
                           auto& view) { return UploadIf(state, wants, kept, part, from, count, to, view); };
   // Of a mesh that was moved all else may be there.
   const bool kept_positions = SharedArraysOf(state.host.mesh.content_id).positions;
+  mesh.as_loaded = true;
   VOXELPIPE_OK_OR_RETURN(
       upload(wanted.positions, kept_positions, "positions", host.positions, n, mesh.positions, there.positions));
   const uint32_t* triangles = nullptr;
@@ -168,6 +169,7 @@ absl::StatusOr<uint64_t> ShadeOnDevice(RunState& state, const cpu::PosedMesh& po
       VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.tangents, args.shaded_tangents));
     }
     there.positions = args.shaded_positions;
+    mesh.as_loaded = false;
     there.normals = args.shaded_normals;
     there.tangents = args.shaded_tangents;
   }

@@ -42,6 +42,30 @@ void AddOrdered(std::vector<ParityCase>& cases, int64_t n) {
   cases.push_back(part);
 }
 
+// Largest and least values of such a mesh, which are written with its largest triangles in them.
+void AddFilled(std::vector<ParityCase>& cases, int64_t n) {
+  ParityCase c;
+  c.request.grid = UnitCube(n);
+  TargetSpec& target = c.request.targets[0];
+  target.format = VoxelFormat::kF32;
+  target.blend = Blend::kMax;
+  target.shader = {"triangle_id", {}};
+  cases.push_back(c);
+  c.request.coverage = Coverage::kThin;
+  target.blend = Blend::kMin;
+  target.shader = {"normal", {}};
+  c.request.targets.push_back({});  // occupancy
+  c.request.targets.push_back(target);
+  c.request.targets[2].format = VoxelFormat::kU32;
+  c.request.targets[2].shader = {"triangle_id", {}};
+  cases.push_back(c);
+  // Rows of bits that are no whole units of 16 bytes.
+  ParityCase bits;
+  bits.request.grid = UnitCube(n);
+  bits.request.grid.dims->at(0) = n + 70;
+  cases.push_back(bits);
+}
+
 // Plain bits of such a mesh in a grid of which the cache holds a small part only.
 void AddOrderedBits(std::vector<ParityCase>& cases, int64_t n) {
   for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
@@ -70,6 +94,7 @@ std::vector<ParityCase> BenchMeshCases(const std::string& mesh) {
       AddOrderedBits(cases, 2 * n);
     }
     if (n > 512) continue;
+    if (mesh == "nasty") AddFilled(cases, n);
     c.request.grid = UnitCube(n);
     c.request.result = ResultKind::kBuckets;
     cases.push_back(c);

@@ -400,6 +400,39 @@ std::vector<ParityCase> SlabCases() {
   return cases;
 }
 
+namespace {
+
+// Largest and least values, which are written with the largest triangles in them.
+void AddFilled(std::vector<ParityCase>& cases, const std::vector<GridRequest>& grids) {
+  const auto value = [](VoxelFormat format, Blend blend, const char* shader) {
+    TargetSpec target;
+    target.format = format;
+    target.blend = blend;
+    target.shader = {shader, {}};
+    return target;
+  };
+  const TargetSpec most = value(VoxelFormat::kF32, Blend::kMax, "triangle_id"),
+                   least = value(VoxelFormat::kU32, Blend::kMin, "triangle_id"),
+                   across = value(VoxelFormat::kF32, Blend::kMax, "normal"),  // of either sign
+      along = value(VoxelFormat::kF32, Blend::kMin, "geometric_normal");
+  TargetSpec cleared = most;
+  cleared.clear = 3;  // not written so: nor are those beside it
+  for (const GridRequest& grid : grids) {
+    for (const std::vector<TargetSpec>& targets : std::vector<std::vector<TargetSpec>>{
+             {most}, {least}, {across}, {along}, {most, TargetSpec(), least, along}, {most, cleared}}) {
+      ParityCase c;
+      c.request.grid = grid;
+      c.request.coverage = kCoverages[cases.size() % 3];
+      c.request.targets = targets;
+      if (cases.size() % 4 == 0) c.slab_depth = 40;
+      if (cases.size() % 5 == 0) c.request.fill = Fill::kParity;
+      cases.push_back(c);
+    }
+  }
+}
+
+}  // namespace
+
 std::vector<ParityCase> ScatteredCases() {
   std::vector<ParityCase> cases;
   const auto add = [&](const GridRequest& grid, std::vector<TargetSpec> targets) -> ParityCase& {
@@ -441,7 +474,9 @@ std::vector<ParityCase> ScatteredCases() {
   ParityCase& filled = add(slanted, {sum(VoxelFormat::kF32, 1, 0)});
   filled.request.fill = Fill::kParity;
   filled.request.layout = Layout::kPlanar;
-  add(Placed({1056, 96, 90}, {-5, 10, 20}, {0.11, 1.02, 1}), {sum(VoxelFormat::kF32, 2, 0)});  // parts of rows
+  const GridRequest parts_of_rows = Placed({1056, 96, 90}, {-5, 10, 20}, {0.11, 1.02, 1});
+  add(parts_of_rows, {sum(VoxelFormat::kF32, 2, 0)});
+  AddFilled(cases, {narrow, slanted, parts_of_rows});
   return cases;
 }
 

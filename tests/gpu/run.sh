@@ -91,7 +91,7 @@ sanitize() {
 # Kernels that only scattered triangles in grids larger than the cache come to, and no others, which would take long there. initcheck must see all that others write.
 sanitize_large() {
   local tool kernel result=0 options=()
-  for kernel in StoreSumRows LargeKernel SetUpKernel StoreKernel OrderKeys OrderPlaces; do
+  for kernel in StoreSumRows FillRows LargestKernel SetUpKernel StoreKernel OrderKeys OrderPlaces; do
     options+=(--kernel-name "kernel_substring=$kernel")
   done
   for tool in memcheck racecheck synccheck; do

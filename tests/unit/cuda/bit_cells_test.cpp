@@ -34,11 +34,23 @@ struct Answer {
   Voxels voxels;
 };
 
+// The box that vertices are packed in.
+struct Packing {
+  Vec3d least, extent;
+  PackedPlace place;
+};
+
+// `packing`: null for vertices as they are.
 template <bool kThin>
-Answer ByCells(const Triangle& world, const FixedPlace& place) {
+Answer ByCells(const Triangle& world, const FixedPlace& place, const Packing* packing) {
   int v[3][3];
   for (int i = 0; i < 3; ++i) {
-    for (int a = 0; a < 3; ++a) v[i][a] = ToFixed(world[size_t(i)][a], place.scale[a], place.offset[a]);
+    for (int a = 0; a < 3; ++a) {
+      const double p = world[size_t(i)][a];
+      v[i][a] = packing == nullptr ? ToFixed(p, place.scale[a], place.offset[a])
+                                   : PackedToFixed(PackCoordinate(p, packing->least[a], PartOf(packing->extent[a])),
+                                                   packing->place.scale[a], packing->place.offset[a]);
+    }
   }
   const FixedBox box = BoxOf(v, place);
   if (box.doubtful) return {};
@@ -83,11 +95,17 @@ struct Kind {
 class CellsTest : public ::testing::TestWithParam<Kind> {
  protected:
   template <bool kThin>
-  void Compare() {
+  void Compare(bool packed = false) {
     const Kind& kind = GetParam();
     const Vec3d origin{-3.7, 0.2, 11.3}, size{0.013, 0.0171, 0.02};
     const FixedPlace place = MakeFixedPlace(origin, size, Vec3d{-8, -8, -8}, Vec3d{kDims + 8, kDims + 8, kDims + 8});
     ASSERT_GT(place.bits, 0);
+    Packing packing;
+    for (int a = 0; a < 3; ++a) {
+      packing.least[a] = origin[a] - 8 * size[a];
+      packing.extent[a] = (kDims + 16) * size[a];
+    }
+    packing.place = MakePackedPlace(place, origin, size, packing.least, packing.extent);
     std::mt19937_64 random(kThin ? 5 : 4);
     std::uniform_real_distribution<double> middle(-2, kDims + 2), about(-kind.reach, kind.reach);
     int answers = 0, certain = 0;
@@ -109,7 +127,7 @@ class CellsTest : public ::testing::TestWithParam<Kind> {
         for (int a = 0; a < 3; ++a) world[i][a] = origin[a] + index[i][a] * size[a];
         index[i] = WorldToIndex(origin, size, world[i]);
       }
-      const Answer answer = ByCells<kThin>(world, place);
+      const Answer answer = ByCells<kThin>(world, place, packed ? &packing : nullptr);
       ++answers;
       if (!answer.certain) continue;
       ++certain;
@@ -131,6 +149,12 @@ TEST_P(CellsTest, CertainThinVoxelsAreThoseOfTheRows) {
   EXPECT_LE(doubt_, GetParam().most_doubt);
 }
 
+TEST_P(CellsTest, SoAreThoseOfPackedVertices) {
+  Compare<false>(true);
+  Compare<true>(true);
+  EXPECT_LE(doubt_, GetParam().most_doubt);
+}
+
 INSTANTIATE_TEST_SUITE_P(Kinds, CellsTest,
                          ::testing::Values(Kind{"half", 0.5, 0, 1, 0.1}, Kind{"voxel", 1, 0, 1, 0.1},
                                            Kind{"several", 2.5, 0, 1, 0.2}, Kind{"ties", 1, 0.25, 1, 0.6},
@@ -138,6 +162,34 @@ INSTANTIATE_TEST_SUITE_P(Kinds, CellsTest,
                                            Kind{"on the lattice", 2, 1, 1, 0.9}, Kind{"slivers", 1.5, 0, 0.01, 1},
                                            Kind{"near the border of the class", 1, 0, 0.02, 1},
                                            Kind{"tiny", 0.01, 0, 1, 1}, Kind{"widened", 0.4, -1, 1, 1}));
+
+TEST(PackedPlaceTest, VerticesAreOffByLessThanTwoUnits) {
+  std::mt19937_64 random(6);
+  std::uniform_real_distribution<double> share(0, 1);
+  for (int n = 0; n < 20'000; ++n) {
+    // Grids of up to some 30,000 voxels, meshes from far below a voxel to the grid's size, or flat, also beside it.
+    const double most = std::exp2(15 * share(random));
+    Vec3d origin, size, least, extent, first, last;
+    for (int a = 0; a < 3; ++a) {
+      size[a] = std::exp2(40 * share(random) - 20);
+      origin[a] = (share(random) - 0.5) * 1e4 * size[a];
+      first[a] = (2 * share(random) - 1) * most * 0.9;
+      last[a] = n % 7 == a ? first[a] : first[a] + share(random) * (most * 0.9 - first[a]);
+      least[a] = origin[a] + first[a] * size[a];
+      extent[a] = n % 7 == a ? 0 : (last[a] - first[a]) * size[a];
+    }
+    const FixedPlace place = MakeFixedPlace(origin, size, first, last);
+    ASSERT_GT(place.bits, 0);
+    const PackedPlace packed = MakePackedPlace(place, origin, size, least, extent);
+    for (int a = 0; a < 3; ++a) {
+      const double p = least[a] + share(random) * extent[a];
+      const long double exact = (static_cast<long double>(p) - origin[a]) / size[a] * (1 << place.bits);
+      const int found =
+          PackedToFixed(PackCoordinate(p, least[a], PartOf(extent[a])), packed.scale[a], packed.offset[a]);
+      ASSERT_LT(std::fabs(double(exact - found)), 2) << n << " " << a;
+    }
+  }
+}
 
 TEST(FixedPlaceTest, MeshesThatReachTooFarHaveNone) {
   const Vec3d origin{}, size{1, 1, 1}, least{-1, -1, -1};

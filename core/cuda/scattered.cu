@@ -1,0 +1,120 @@
+#include "cuda/scattered.h"
+
+#include "absl/strings/str_cat.h"
+#include "cuda/bit_grid.cuh"
+#include "cuda/launch.h"
+#include "mesh/content_id.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+constexpr int kThreads = 256;
+constexpr uint64_t kHead = 256;    // bytes before the packed vertices, for the largest triangles
+constexpr double kLargeShare = 8;  // a triangle is large that reaches over such a part of the mesh's box along an axis
+static_assert(sizeof(LargestTriangles) <= kHead);
+
+struct PackArgs {
+  const Vec3d* positions = nullptr;
+  const uint32_t* triangles = nullptr;
+  uint64_t vertex_count = 0, triangle_count = 0;
+  Vec3d least, part, large;  // of the box: its corner, a part, and from where on a triangle is large
+  PackedVertex* packed = nullptr;
+  LargestTriangles* largest = nullptr;  // none yet
+};
+
+__global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant__ PackArgs args) {
+  const uint64_t me = uint64_t(blockIdx.x) * kThreads + threadIdx.x, threads = uint64_t(gridDim.x) * kThreads;
+  for (uint64_t i = me; i < args.vertex_count; i += threads) {
+    const Vec3d p = args.positions[i];
+    PackedVertex packed{};
+    for (int a = 0; a < 3; ++a) packed.at[a] = PackCoordinate(p[a], args.least[a], args.part[a]);
+    args.packed[i] = packed;
+  }
+  for (uint64_t t = me; t < args.triangle_count; t += threads) {
+    const Corners c = LoadCorners(args.triangles, t);
+    const Vec3d p = args.positions[c.v[0]], q = args.positions[c.v[1]], r = args.positions[c.v[2]];
+    bool large = false;
+    for (int a = 0; a < 3; ++a) {
+      large = large || Max(p[a], Max(q[a], r[a])) - Min(p[a], Min(q[a], r[a])) >= args.large[a];
+    }
+    if (!large) continue;
+    const uint32_t at = atomicAdd(&args.largest->count, 1u);
+    if (at < kMostLargest) args.largest->triangles[at] = uint32_t(t);
+  }
+}
+
+// In: room for the head and all vertices.
+absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
+  const MeshView& mesh = state.mesh.host_view;
+  PackArgs args;
+  args.positions = mesh.positions;
+  args.triangles = state.mesh.triangle_list();
+  args.vertex_count = mesh.vertex_count;
+  args.triangle_count = mesh.triangle_count;
+  args.least = state.box.min;
+  for (int a = 0; a < 3; ++a) {
+    args.part[a] = PartOf(extent[a]);
+    args.large[a] = extent[a] > 0 ? extent[a] / kLargeShare : HUGE_VAL;
+  }
+  args.packed = reinterpret_cast<PackedVertex*>(room + kHead);
+  args.largest = reinterpret_cast<LargestTriangles*>(room);
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(room, 0, kHead, state.stream));
+  const uint64_t work = std::max(args.vertex_count, args.triangle_count);
+  PackScattered<<<BlocksFor(work, kThreads), kThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("PackScattered");
+  return absl::OkStatus();
+}
+
+// The packed mesh, kept where the mesh and its positions are; null without memory for it.
+const uint8_t* MakePacked(RunState& state, const Vec3d& extent) {
+  const uint64_t bytes = kHead + state.mesh.host_view.vertex_count * sizeof(PackedVertex);
+  const SharedArrays shared = SharedArraysOf(state.host.mesh.content_id);
+  if (shared.positions && !shared.id.empty() && state.mesh.as_loaded) {
+    auto array = CachedMade(state.device.ordinal, absl::StrCat(shared.id, "/scattered"), bytes, state.stream,
+                            [&](uint8_t* room) { return Pack(state, extent, room); });
+    if (!array.ok()) return nullptr;
+    state.cached.push_back(*std::move(array));
+    return state.cached.back()->data();
+  }
+  DeviceArray<uint8_t>& own = state.scattered_mesh.own;
+  if (!own.Resize(bytes, state.stream).ok() || !Pack(state, extent, own.data()).ok()) return nullptr;
+  return own.data();
+}
+
+}  // namespace
+
+bool IsScattered(RunState& state) {
+  if (state.scattered) return *state.scattered;
+  constexpr uint64_t kSamples = 128;
+  const TriangleMesh& mesh = state.host.mesh;
+  const uint64_t count = state.mesh.host_view.triangle_count;
+  uint64_t apart = 0;
+  const bool known = count >= 32 * kSamples && mesh.triangles.size() == count;
+  for (uint64_t i = 0; i < kSamples && known; ++i) {
+    const uint64_t t = count / kSamples * i;
+    const Vec3d& a = mesh.positions[mesh.triangles[t][0]];
+    const Vec3d& b = mesh.positions[mesh.triangles[t + 1][0]];
+    bool far = false;
+    for (int k = 0; k < 3; ++k) {
+      far = far || Abs(a[k] - b[k]) * 16 > state.grid.voxel_size[k] * double(state.view.dims[k]);
+    }
+    apart += far ? 1 : 0;
+  }
+  state.scattered = apart * 2 > kSamples;
+  return *state.scattered;
+}
+
+void PrepareScattered(RunState& state) {
+  ScatteredMesh& made = state.scattered_mesh;
+  if (made.tried || !IsScattered(state)) return;
+  made.tried = true;
+  const Vec3d extent = state.box.max - state.box.min;
+  if (!(Max(extent.x, Max(extent.y, extent.z)) < 0x1p900)) return;
+  const uint8_t* const room = MakePacked(state, extent);
+  if (room == nullptr) return;
+  made.largest = reinterpret_cast<const LargestTriangles*>(room);
+  made.packed = reinterpret_cast<const PackedVertex*>(room + kHead);
+  made.extent = extent;
+}
+
+}  // namespace voxelpipe::cuda
