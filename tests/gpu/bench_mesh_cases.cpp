@@ -44,20 +44,19 @@ void AddOrdered(std::vector<ParityCase>& cases, int64_t n) {
 
 // Largest and least values of such a mesh, which are written with its largest triangles in them.
 void AddFilled(std::vector<ParityCase>& cases, int64_t n) {
+  TargetSpec most, least, least_id;
+  most.format = least.format = VoxelFormat::kF32;
+  least_id.format = VoxelFormat::kU32;
+  most.blend = Blend::kMax;
+  least.blend = least_id.blend = Blend::kMin;
+  most.shader = least_id.shader = {"triangle_id", {}};
+  least.shader = {"normal", {}};
   ParityCase c;
   c.request.grid = UnitCube(n);
-  TargetSpec& target = c.request.targets[0];
-  target.format = VoxelFormat::kF32;
-  target.blend = Blend::kMax;
-  target.shader = {"triangle_id", {}};
+  c.request.targets = {most};
   cases.push_back(c);
   c.request.coverage = Coverage::kThin;
-  target.blend = Blend::kMin;
-  target.shader = {"normal", {}};
-  c.request.targets.push_back({});  // occupancy
-  c.request.targets.push_back(target);
-  c.request.targets[2].format = VoxelFormat::kU32;
-  c.request.targets[2].shader = {"triangle_id", {}};
+  c.request.targets = {least, TargetSpec(), least_id};
   cases.push_back(c);
   // Rows of bits that are no whole units of 16 bytes.
   ParityCase bits;
