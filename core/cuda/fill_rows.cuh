@@ -79,6 +79,7 @@ __device__ inline uint32_t FindFillSpans(const FillRoom& room, uint32_t large, c
   // So many lanes take a row.
   const uint32_t each = count <= 8 ? 8 : count <= 16 ? 16 : 32, number = lane % each;
   const uint32_t triangle = number < count ? spans[0][number] : 0;
+  __syncwarp();
   PieceLayer mine;
   mine.x_first = __shfl_sync(~0u, layer.x_first, int(triangle));
   mine.x_last = __shfl_sync(~0u, layer.x_last, int(triangle));
