@@ -19,10 +19,15 @@ inline void SetTriangles(const RunState& state, BitArgs& args) {
   args.triangles = state.mesh.triangle_list();
   args.positions = mesh.positions;
   args.triangle_count = mesh.triangle_count;
-  if (const ScatteredMesh& scattered = state.scattered_mesh; scattered.packed != nullptr && args.fixed.bits > 0) {
-    args.packed = scattered.packed;
-    args.packed_place = MakePackedPlace(args.fixed, origin, size, state.box.min, scattered.extent);
-  }
+}
+
+// Has the walk read packed vertices, where there are such (scattered.h).
+inline void UsePacked(const RunState& state, BitArgs& args) {
+  const ScatteredMesh& scattered = state.scattered_mesh;
+  if (scattered.packed == nullptr || args.fixed.bits == 0) return;
+  args.packed = scattered.packed;
+  args.packed_place =
+      MakePackedPlace(args.fixed, state.grid.origin, state.grid.voxel_size, state.box.min, scattered.extent);
 }
 
 }  // namespace voxelpipe::cuda

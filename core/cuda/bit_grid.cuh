@@ -7,14 +7,14 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr uint32_t kMostLargest = 30;  // of a warp's lanes, within 48 KiB of shared memory
+inline constexpr uint32_t kMostApart = 30;  // of a warp's lanes, within 48 KiB of shared memory
 
 // The few largest triangles of a mesh, in no order. `count` may be more than are listed.
 struct LargestTriangles {
   uint32_t count;
-  uint32_t triangles[kMostLargest];
+  uint32_t triangles[kMostApart];
 
-  __device__ uint32_t listed() const { return min(count, kMostLargest); }
+  __device__ uint32_t listed() const { return min(count, kMostApart); }
 };
 
 struct BitArgs {

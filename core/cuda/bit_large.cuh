@@ -9,7 +9,7 @@ namespace voxelpipe::cuda {
 
 template <int kThreads>
 struct LargestRoom {
-  SharedSetup setups[kMostLargest];
+  SharedSetup setups[kMostApart];
   StoreRoom<kThreads> piece;
 };
 

@@ -1,8 +1,8 @@
 // Plain bits of one grid: triangles from world space straight to words of the bit grid.
 //
 // Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what bit_cells.cuh is certain of is written at once, the
-// rest waits in two queues. They are walked in bit_layers.cuh, the largest in bit_large.cuh. Before both, where triangles come in random order: bit_order.cuh. Few and large
-// triangles in large grids: bit_bins.cuh.
+// rest waits in two queues, which are walked in bit_layers.cuh. Where triangles come in random order, before both: bit_order.cuh in the largest
+// grids, in others bit_large.cuh, which draws the largest of them. Few and large triangles in large grids: bit_bins.cuh.
 // No host-only includes.
 #pragma once
 

@@ -87,7 +87,7 @@ absl::Status StoreByRows(RunState& state, int index, bool covers) {
   SpanTarget& memory = state.span_targets[size_t(index)];
   SumRowArgs args;
   args.store = MakeStoreArgs(state, target, memory, target.dense, state.slab_voxels());
-  args.largest = SumsOf(state, index);
+  args.brings = SumsOf(state, index);
   args.by_id = memory.by_id;
   args.clear_stored = target.clear_stored;
   args.walk = MakeRestArgs(state, 0, 0, false).walk;
@@ -182,11 +182,18 @@ absl::Status StoreListed(RunState& state, int index, uint8_t* out, uint64_t voxe
   return Store(state, state.targets.at[index], state.span_targets[size_t(index)], out, voxels);
 }
 
-bool FillsByRows(RunState& state, const CudaTarget& target) {
-  if (!state.direct || state.request.request.result != ResultKind::kDense || !IsInPlace(target)) return false;
-  if (target.components != 1 || (target.blend != Blend::kMax && target.blend != Blend::kMin)) return false;
-  return state.scattered_mesh.largest != nullptr && HasWholeRows(state, target) &&
-         ExceedsCache(state.device, state.slab_voxels() * sizeof(uint32_t));
+bool FillsByRows(const RunState& state) {
+  const VoxelizeRequest& request = state.request.request;
+  if (!state.direct || request.result != ResultKind::kDense || state.mesh.host_view.triangle_count == 0) return false;
+  if (state.scattered_mesh.largest == nullptr) return false;
+  if (!ExceedsCache(state.device, state.slab_voxels() * sizeof(uint32_t))) return false;
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    const CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
+    if (target.is_occupancy) continue;
+    const bool sought = target.blend == Blend::kMax || target.blend == Blend::kMin;
+    if (!sought || target.components != 1 || !IsInPlace(target) || !HasWholeRows(state, target)) return false;
+  }
+  return true;
 }
 
 bool StoresByRows(RunState& state, const CudaTarget& target) {

@@ -17,6 +17,7 @@ BitArgs MakeCellWalk(const RunState& state) {
   args.bits = const_cast<uint32_t*>(state.coverage.data());
   args.coverage = state.request.request.coverage;
   SetTriangles(state, args);
+  UsePacked(state, args);
   args.layer_queue = const_cast<uint32_t*>(state.queue[1].data());
   args.large_queue = const_cast<uint32_t*>(state.queue[2].data());
   args.queued = const_cast<uint64_t*>(state.counters.data()) + kQueued0;

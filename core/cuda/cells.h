@@ -19,7 +19,7 @@ absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, c
 // one more. `of_chunk` becomes the number of triangles of a chunk.
 absl::Status FindAndCountCells(RunState& state, uint32_t& of_chunk);
 
-// What waits after FindAllCells, of triangles [begin, end).
+// What waits after FindAllCells, of triangles [begin, end); where state.draws_largest, without those that are drawn apart.
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats);
 
 // Gives the rows of what waits to writers.

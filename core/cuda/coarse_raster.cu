@@ -276,7 +276,7 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   VOXELPIPE_OK_OR_RETURN(CheckReach(state, grid));
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.placed = false;
-  if (!NeedsTiles(state)) PrepareScattered(state);
+  if (!state.plain_bits && !NeedsTiles(state)) PrepareScattered(state);
   if (state.plain_bits) return absl::OkStatus();  // rows come from world space
   for (SpanTarget& target : state.span_targets) target.shaded = false;
   if (NeedsPlaces(state)) VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));

@@ -2,8 +2,8 @@
 //
 // Triangles are walked once. Where there is one target of one component that seeks a largest or least value, small
 // triangles are blended by the walk itself; otherwise, and where they have to be ordered first, they become records, which each target
-// then takes. Larger ones become spans in a list, which each target takes too, but for the few largest where rows of sums are stored
-// (sum_rows.cuh); those that are too many for the list are made and taken in parts, by halves of the triangles. Everything else goes by tiles.
+// then takes. Larger ones become spans in a list, which each target takes too, but for the few largest where targets are written by
+// rows (sum_rows.cuh, fill_rows.cuh); those that are too many for the list are made and taken in parts, by halves of the triangles. Everything else goes by tiles.
 #include <algorithm>
 #include <utility>
 

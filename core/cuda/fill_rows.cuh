@@ -4,7 +4,9 @@
 // No host-only includes.
 #pragma once
 
-#include "cuda/sum_rows.cuh"
+#include "cuda/in_place.cuh"
+#include "cuda/row_parts.cuh"
+#include "cuda/span_runs.cuh"
 
 namespace voxelpipe::cuda {
 
@@ -38,8 +40,8 @@ struct FillRoom {
   FillGroup groups[kFillWarps];
   uint32_t first;                              // of the groups, their number
   uint32_t spans[kFillWarps][kFillWarps][32];  // of a group's rows, see PackFillSpan; then their coverage
-  uint32_t keys[kMostLargest];
-  SharedSetup setups[kMostLargest];
+  uint32_t keys[kMostApart];
+  SharedSetup setups[kMostApart];
 };
 
 // Sets up the largest triangles; how many there are. All threads of a block call it.
@@ -47,21 +49,16 @@ template <int kIdShader>
 __device__ inline uint32_t SetUpFilled(const FillRowArgs& args, FillRoom& room) {
   const InPlaceArgs& place = args.place;
   const bool plain = place.negative != nullptr && *place.negative == 0;
-  const uint32_t count = args.walk.largest->listed();
-  if (threadIdx.x < count) {
-    const uint32_t t = args.walk.largest->triangles[threadIdx.x];
-    SetUpApart(args.walk, t, room.setups[threadIdx.x]);
+  return SetUpApart(args.walk, room.setups, [&](uint32_t i, uint32_t t) {
     uint32_t key[1] = {};
     args.by_id ? KeysOf<kIdShader, 1>(place, plain, t, key) : KeysOf<-1, 1>(place, plain, t, key);
-    room.keys[threadIdx.x] = key[0];
-  }
-  __syncthreads();
-  return count;
+    room.keys[i] = key[0];
+  });
 }
 
 // Voxels [begin, end) of a part of a row, and whose they are.
 __device__ inline uint32_t PackFillSpan(int begin, int end, uint32_t triangle) {
-  static_assert(kRowCells < 1 << 11 && kMostLargest <= 32);
+  static_assert(kRowCells < 1 << 11 && kMostApart <= 32);
   return begin < end ? uint32_t(begin) | uint32_t(end) << 11 | triangle << 22 : 0;
 }
 
@@ -117,11 +114,7 @@ __device__ inline uint32_t FillRowPart(FillPart& part, uint4* out, int voxels, i
   }
   part.covered[lane] = 0;
   __syncwarp();
-  for (int x = begin; x < end;) {
-    const int upto = min(end, (x | 31) + 1);
-    atomicOr(part.covered + x / 32, ~0u >> (32 - (upto - x)) << x % 32);
-    x = upto;
-  }
+  ForEachWordOf(begin, end, [&](int word, uint32_t mask) { atomicOr(part.covered + word, mask); });
   ForEachVoxel(uint32_t(end - begin), [&](int owner, uint32_t before, bool there) {
     const int x = __shfl_sync(~0u, begin, owner) + int(before);
     const uint32_t of_owner = __shfl_sync(~0u, key, owner);
@@ -152,7 +145,7 @@ __global__ void __launch_bounds__(kFillThreads, kFillBlocks) FillRows(const __gr
   for (int i = int(lane); i < kRowCells; i += 32) part.cells[i] = 0;
   __syncwarp();
   const uint32_t large = SetUpFilled<kIdShader>(args, room);
-  const RowParts parts(args.walk.grid, kRowCells / 32, kFillWarps);
+  const RowOrder parts(args.walk.grid, kRowCells / 32, kFillWarps);
   const auto words_per_row = uint32_t(args.walk.grid.words_per_row);
   uint64_t fragments = 0;
   for (;;) {

@@ -30,9 +30,10 @@ class Cache {
     return found->second->array;
   }
 
-  void Keep(const std::string& key, std::shared_ptr<const CachedArray> array, uint64_t most) {
+  void Keep(const std::string& key, std::shared_ptr<const CachedArray> array, uint64_t most, Keeping keeping) {
     Order gone;  // destroyed behind the lock
     const std::lock_guard lock(mutex_);
+    if (keeping == Keeping::kIfRoom && use_.bytes + array->bytes() > most) return;
     const auto old = entries_.find(key);
     if (old != entries_.end()) Drop(old->second, gone);
     use_.bytes += array->bytes();
@@ -101,7 +102,8 @@ uint64_t MostBytes(int ordinal) {
 
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const std::string& key, uint64_t bytes,
                                                               cudaStream_t stream,
-                                                              const std::function<absl::Status(uint8_t*)>& make) {
+                                                              const std::function<absl::Status(uint8_t*)>& make,
+                                                              Keeping keeping) {
   Cache& cache = CacheOf(ordinal);
   if (std::shared_ptr<const CachedArray> found = cache.Find(key, bytes)) {
     VOXELPIPE_CUDA_OR_RETURN(cudaStreamWaitEvent(stream, found->ready_, 0));
@@ -113,7 +115,7 @@ absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const
   VOXELPIPE_CUDA_OR_RETURN(cudaEventCreateWithFlags(&made->ready_, cudaEventDisableTiming));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventRecord(made->ready_, stream));
   const uint64_t most = MostBytes(ordinal);
-  if (bytes <= most) cache.Keep(key, made, most);
+  if (bytes <= most) cache.Keep(key, made, most, keeping);
   return std::shared_ptr<const CachedArray>(std::move(made));
 }
 

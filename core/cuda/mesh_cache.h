@@ -18,6 +18,11 @@
 
 namespace voxelpipe::cuda {
 
+enum class Keeping {
+  kAlways,  // others go for it
+  kIfRoom,  // what is made from kept arrays: it does not push them out
+};
+
 // An array on the device. Whoever holds one gives it back when the work on it is done.
 class CachedArray {
  public:
@@ -33,7 +38,7 @@ class CachedArray {
  private:
   friend absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(
       int ordinal, const std::string& key, uint64_t bytes, cudaStream_t stream,
-      const std::function<absl::Status(uint8_t*)>& make);
+      const std::function<absl::Status(uint8_t*)>& make, Keeping keeping);
   DeviceArray<uint8_t> array_;
   cudaEvent_t ready_ = nullptr;  // when the upload is done
 };
@@ -42,7 +47,8 @@ class CachedArray {
 // host, or the kernels, that make it. Work given to `stream` afterwards finds it. The returned pointer must live until that work is done.
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const std::string& key, uint64_t bytes,
                                                               cudaStream_t stream,
-                                                              const std::function<absl::Status(uint8_t*)>& make);
+                                                              const std::function<absl::Status(uint8_t*)>& make,
+                                                              Keeping keeping = Keeping::kAlways);
 
 // The same for one array of the host. What stands in `staged` must live until the stream's work is done, and so must the returned pointer.
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, const std::string& key, const void* from,

@@ -252,9 +252,9 @@ bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
 }
 
 // Whether the largest of scattered triangles are drawn while the grid is cleared: in small ones it takes longer to set them up than it saves.
-bool DrawsLargest(RunState& state, const BitArgs& args) {
+bool DrawsLargest(const RunState& state, const BitArgs& args) {
   constexpr uint64_t kTimes = 8;  // what ExceedsCache asks for
-  return state.plain_bits && ExceedsCache(state.device, args.quads * 16 * kTimes) && IsScattered(state);
+  return state.plain_bits && ExceedsCache(state.device, args.quads * 16 * kTimes);
 }
 
 // Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where triangles are small: more
@@ -406,6 +406,8 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   }
   args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,
                           kMostCellRounds);
+  PrepareScattered(state);
+  UsePacked(state, args);
   const bool scattered = GoesAroundCache(state, args) && IsScattered(state);
   if (OrderArgs order; scattered && MakeOrder(state, args, order)) return LaunchOrdered(state, args, order, thin);
   if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;

@@ -58,12 +58,15 @@ struct ScatteredMesh {
   const PackedVertex* packed = nullptr;  // parts of RunState::box, whose extent is kept here (bit_cells.cuh)
   const LargestTriangles* largest = nullptr;
   Vec3d extent;
-  DeviceArray<uint8_t> own;  // where no other run has the same
-  bool tried = false;        // to make it
+  std::shared_ptr<const CachedArray> kept;  // what both lie in, with the mesh; or
+  DeviceArray<uint8_t> own;                 // where no other run has the same
+  bool tried = false;                       // to make it
 
+  // The stream's work is done.
   void Drop() {
     packed = nullptr;
     largest = nullptr;
+    kept.reset();
     own.Free();
   }
 };
@@ -242,9 +245,9 @@ bool BlendsDirectly(const RunState& state, const GridSpec& grid);
 absl::Status BlendDirectly(RunState& state);  // synchronizes
 // Whether that can store a dense target's sums by rows, and so write every cell: then nothing clears it before. After the slab is known.
 bool StoresByRows(RunState& state, const CudaTarget& target);
-// Whether that can write a dense target's cells with the largest triangles in them, for all others to be blended over: then nothing
-// clears it before, nor, where all targets of values are so, the coverage. Likewise.
-bool FillsByRows(RunState& state, const CudaTarget& target);
+// Whether that can write all dense targets of values, and the coverage, with the largest triangles in them, for all others to be blended
+// over: then nothing clears them before. Likewise.
+bool FillsByRows(const RunState& state);
 absl::Status BlendIntoBricks(RunState& state);  // the values of a sparse result, whose bricks stand; may synchronize
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,

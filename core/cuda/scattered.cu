@@ -1,5 +1,8 @@
 #include "cuda/scattered.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "absl/strings/str_cat.h"
 #include "cuda/bit_grid.cuh"
 #include "cuda/launch.h"
@@ -37,9 +40,10 @@ __global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant_
     for (int a = 0; a < 3; ++a) {
       large = large || Max(p[a], Max(q[a], r[a])) - Min(p[a], Min(q[a], r[a])) >= args.large[a];
     }
-    if (!large) continue;
+    // Nobody asks how many more there are, and answers of one counter take long where they are many.
+    if (!large || __ldcg(&args.largest->count) >= kMostApart) continue;
     const uint32_t at = atomicAdd(&args.largest->count, 1u);
-    if (at < kMostLargest) args.largest->triangles[at] = uint32_t(t);
+    if (at < kMostApart) args.largest->triangles[at] = uint32_t(t);
   }
 }
 
@@ -70,11 +74,12 @@ const uint8_t* MakePacked(RunState& state, const Vec3d& extent) {
   const uint64_t bytes = kHead + state.mesh.host_view.vertex_count * sizeof(PackedVertex);
   const SharedArrays shared = SharedArraysOf(state.host.mesh.content_id);
   if (shared.positions && !shared.id.empty() && state.mesh.as_loaded) {
-    auto array = CachedMade(state.device.ordinal, absl::StrCat(shared.id, "/scattered"), bytes, state.stream,
-                            [&](uint8_t* room) { return Pack(state, extent, room); });
+    auto array = CachedMade(
+        state.device.ordinal, absl::StrCat(shared.id, "/scattered"), bytes, state.stream,
+        [&](uint8_t* room) { return Pack(state, extent, room); }, Keeping::kIfRoom);
     if (!array.ok()) return nullptr;
-    state.cached.push_back(*std::move(array));
-    return state.cached.back()->data();
+    state.scattered_mesh.kept = *std::move(array);
+    return state.scattered_mesh.kept->data();
   }
   DeviceArray<uint8_t>& own = state.scattered_mesh.own;
   if (!own.Resize(bytes, state.stream).ok() || !Pack(state, extent, own.data()).ok()) return nullptr;
@@ -106,7 +111,7 @@ bool IsScattered(RunState& state) {
 
 void PrepareScattered(RunState& state) {
   ScatteredMesh& made = state.scattered_mesh;
-  if (made.tried || !IsScattered(state)) return;
+  if (made.tried || state.request.request.coverage == Coverage::kCenter || !IsScattered(state)) return;
   made.tried = true;
   const Vec3d extent = state.box.max - state.box.min;
   if (!(Max(extent.x, Max(extent.y, extent.z)) < 0x1p900)) return;

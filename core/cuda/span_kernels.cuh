@@ -224,11 +224,6 @@ __device__ inline bool IsDrawnApart(const BitArgs& args, uint32_t t, uint64_t ro
   return rows > kRowsOfWarp && IsAmongLargest(args, t);
 }
 
-// Sets up a triangle that is among the largest; where it is not drawn apart, without layers.
-__device__ inline void SetUpApart(const BitArgs& args, uint32_t t, SharedSetup& shared) {
-  if (SetUpRows(args, t, shared) <= kRowsOfWarp) shared.begin[2] = shared.end[2] = 0;
-}
-
 // As WalkLarge, but by parts of layers, a warp each; without those that are drawn apart.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, 6)

@@ -7,20 +7,17 @@
 // No host-only includes.
 #pragma once
 
-#include "cuda/bit_bins.cuh"
-#include "cuda/span_kernels.cuh"
+#include "cuda/row_parts.cuh"
 #include "cuda/span_store.cuh"
 
 namespace voxelpipe::cuda {
 
 inline constexpr int kRowThreads = 256, kRowBlocks = 4;
-inline constexpr int kRowCells = 1024;  // of a part of a row: 4 KiB
-static_assert(kMostLargest <= 32);      // a lane each
 
 struct SumRowArgs {
-  StoreArgs store;         // of sums, in rows of whole words, and a format of 32 bits
-  AccumulateArgs largest;  // what the largest triangles bring
-  bool by_id = false;      // their number
+  StoreArgs store;        // of sums, in rows of whole words, and a format of 32 bits
+  AccumulateArgs brings;  // what the largest triangles bring
+  bool by_id = false;     // their number
   uint32_t clear_stored = 0;
   BitArgs walk;                   // its `largest` are drawn here
   uint32_t* coverage = nullptr;   // becomes that of the largest triangles too; null: another launch sees to it
@@ -38,8 +35,8 @@ template <int kComponents>
 struct SumRowRoom {
   static constexpr int kVoxels = kRowCells / kComponents, kWords = kVoxels / 32;  // of a part
   RowPart parts[kRowThreads / 32];
-  int64_t terms[kMostLargest][kComponents];
-  SharedSetup setups[kMostLargest];
+  int64_t terms[kMostApart][kComponents];
+  SharedSetup setups[kMostApart];
 };
 
 // A sum as it is stored: with two formats alone little code is left, for which large kernels wait more than for anything else.
@@ -49,40 +46,6 @@ __device__ inline uint32_t StoredCellOf(const SumRowArgs& args, int64_t sum) {
                          : StoreSum(sum, VoxelFormat::kU32, store.quantum)) ^
          args.clear_stored;
 }
-
-// A part of a row of the slab.
-struct RowPartPlace {
-  int x = 0, y = 0, z = 0;  // its first voxel in the grid
-  uint32_t words = 0;       // of coverage; 0: there is no such part
-  uint64_t word = 0;        // its first, of the slab
-};
-
-// The parts of all rows, of at most so many words. A block takes those of as many rows as it has warps, which lie one behind the other, and the
-// next block what lies behind that: memory takes such stores a fifth faster than those of warps that each go their own way.
-struct RowParts {
-  __device__ RowParts(const GridView& of_grid, uint32_t most_words, uint32_t of_block)
-      : grid(of_grid), most(most_words), rows(of_block) {
-    along_x = (uint32_t(grid.words_per_row) + most - 1) / most;
-    along_y = (uint32_t(grid.dims[1]) + rows - 1) / rows;
-    count = along_x * along_y * uint32_t(grid.slab_end - grid.slab_begin);
-  }
-  // Part `row` of a block's number `item`.
-  __device__ RowPartPlace Find(uint32_t item, uint32_t row) const {
-    RowPartPlace place;
-    const uint32_t yz = item / along_x, z = yz / along_y, y = (yz - z * along_y) * rows + row;
-    const uint32_t first = (item - yz * along_x) * most, ny = uint32_t(grid.dims[1]);
-    if (item >= count || y >= ny) return place;
-    place.x = int(first * 32);
-    place.y = int(y);
-    place.z = int(grid.slab_begin) + int(z);
-    place.words = min(most, uint32_t(grid.words_per_row) - first);
-    place.word = (uint64_t{z} * ny + y) * uint32_t(grid.words_per_row) + first;
-    return place;
-  }
-
-  const GridView& grid;
-  uint32_t most, rows, along_x, along_y, count;
-};
 
 // The voxels of a set-up triangle in the row of a part; an empty range without any.
 __device__ inline void FindSpan(const SharedSetup& s, const RowPartPlace& place, int& x_begin, int& x_end) {
@@ -95,17 +58,10 @@ __device__ inline void FindSpan(const SharedSetup& s, const RowPartPlace& place,
 // Sets up the largest triangles; how many there are. All threads of a block call it.
 template <int kIdShader, int kComponents>
 __device__ inline uint32_t SetUpLargest(const SumRowArgs& args, SumRowRoom<kComponents>& room) {
-  if (args.walk.largest == nullptr) return 0;
-  const uint32_t count = args.walk.largest->listed();
-  if (threadIdx.x < count) {
-    const uint32_t t = args.walk.largest->triangles[threadIdx.x];
-    SetUpApart(args.walk, t, room.setups[threadIdx.x]);
-    int64_t(&term)[kComponents] = room.terms[threadIdx.x];
-    args.by_id ? TermsOf<kIdShader, kComponents>(args.largest, t, term)
-               : TermsOf<-1, kComponents>(args.largest, t, term);
-  }
-  __syncthreads();
-  return count;
+  return SetUpApart(args.walk, room.setups, [&](uint32_t i, uint32_t t) {
+    int64_t(&term)[kComponents] = room.terms[i];
+    args.by_id ? TermsOf<kIdShader, kComponents>(args.brings, t, term) : TermsOf<-1, kComponents>(args.brings, t, term);
+  });
 }
 
 // What a lane's triangle covers of a part, and what it leaves where no other triangle is.
@@ -123,13 +79,10 @@ __device__ inline uint32_t DrawSpans(RowPart& part, const DrawnSpan<kComponents>
   part.covered[lane] = 0;
   part.several[lane] = small;
   __syncwarp();
-  for (int x = span.begin; x < span.end;) {
-    const int end = min(span.end, (x | 31) + 1);
-    const uint32_t mask = ~0u >> (32 - (end - x)) << x % 32;
-    const uint32_t others = atomicOr(part.covered + x / 32, mask) & mask;
-    if (others != 0) atomicOr(part.several + x / 32, others);
-    x = end;
-  }
+  ForEachWordOf(span.begin, span.end, [&](int word, uint32_t mask) {
+    const uint32_t others = atomicOr(part.covered + word, mask) & mask;
+    if (others != 0) atomicOr(part.several + word, others);
+  });
   __syncwarp();
   ForEachVoxel(uint32_t(span.end - span.begin), [&](int owner, uint32_t before, bool there) {
     const int x = __shfl_sync(~0u, span.begin, owner) + int(before);
@@ -240,7 +193,7 @@ __global__ void __launch_bounds__(kRowThreads, kRowBlocks) StoreSumRows(const __
 #pragma unroll
   for (int c = 0; c < kComponents; ++c) span.cells[c] = lane < large ? StoredCellOf(args, room.terms[lane][c]) : 0;
   const Ranks& ranks = args.store.ranks;
-  const RowParts parts(args.walk.grid, Room::kWords, kRowThreads / 32);
+  const RowOrder parts(args.walk.grid, Room::kWords, kRowThreads / 32);
   const uint32_t warp = threadIdx.x / 32;
   const auto word_of = [&](const RowPartPlace& place) {
     return lane < place.words ? ranks.bits[place.word + lane] : 0;

@@ -334,11 +334,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.targets.count = int(request.targets.size());
   state.targets.planar = request.layout == Layout::kPlanar;
   state.targets.any_always_present = false;
-  state.fills_rows = state.direct && !buckets;
-  for (size_t i = 0; i < request.targets.size(); ++i) {
-    const CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
-    state.fills_rows = state.fills_rows && (target.is_occupancy || FillsByRows(state, target));
-  }
+  state.fills_rows = FillsByRows(state);
   for (size_t i = 0; i < request.targets.size(); ++i) {
     CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
     state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
@@ -377,8 +373,8 @@ void AbandonSlab(RunState& state) {
   state.ordered_cells = false;
   state.span_targets = {};  // with the values of all triangles, which are made anew
   state.scratch.Free();
-  state.scattered_mesh.Drop();                                                       // walks do without
   if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so
+  state.scattered_mesh.Drop();                                                       // walks do without
   TrimMemory(state.device.ordinal);
 }
 

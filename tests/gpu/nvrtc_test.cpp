@@ -156,6 +156,7 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
       in + "StoreAccumulated",
       in + "StoreSumRows<1, -1>",
       in + "StoreSumRows<4, -1>",
+      in + "FillRows<-1>",
       in + "EmitCells",
       in + "EmitRest<" + in + "FragmentWriter>",
       in + "WriteBuckets<unsigned>",
@@ -163,10 +164,11 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   };
   std::vector<const char*> names;
   for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
-  const Compiled compiled = Compile(std::string(kShader) +
-                                        "#include \"cuda/bucket_kernels.cuh\"\n#include \"cuda/cell_blend.cuh\"\n"
-                                        "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/sum_rows.cuh\"\n",
-                                    names);
+  const Compiled compiled = Compile(
+      std::string(kShader) +
+          "#include \"cuda/bucket_kernels.cuh\"\n#include \"cuda/cell_blend.cuh\"\n"
+          "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/fill_rows.cuh\"\n#include \"cuda/sum_rows.cuh\"\n",
+      names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }

@@ -402,8 +402,8 @@ std::vector<ParityCase> SlabCases() {
 
 namespace {
 
-// Largest and least values, which are written with the largest triangles in them.
-void AddFilled(std::vector<ParityCase>& cases, const std::vector<GridRequest>& grids) {
+// Largest and least values, which are written with the largest triangles in them, where the grids are larger than the cache.
+void AddFilled(std::vector<ParityCase>& cases, const GridRequest& small, const std::vector<GridRequest>& others) {
   const auto value = [](VoxelFormat format, Blend blend, const char* shader) {
     TargetSpec target;
     target.format = format;
@@ -411,23 +411,26 @@ void AddFilled(std::vector<ParityCase>& cases, const std::vector<GridRequest>& g
     target.shader = {shader, {}};
     return target;
   };
+  const auto add = [&](const GridRequest& grid, std::vector<TargetSpec> targets) {
+    ParityCase c;
+    c.request.grid = grid;
+    c.request.coverage = kCoverages[cases.size() % 3];
+    c.request.targets = std::move(targets);
+    if (cases.size() % 4 == 0) c.slab_depth = 40;
+    if (cases.size() % 5 == 0) c.request.fill = Fill::kParity;
+    cases.push_back(c);
+  };
   const TargetSpec most = value(VoxelFormat::kF32, Blend::kMax, "triangle_id"),
                    least = value(VoxelFormat::kU32, Blend::kMin, "triangle_id"),
                    across = value(VoxelFormat::kF32, Blend::kMax, "normal"),  // of either sign
       along = value(VoxelFormat::kF32, Blend::kMin, "geometric_normal");
   TargetSpec cleared = most;
   cleared.clear = 3;  // not written so: nor are those beside it
-  for (const GridRequest& grid : grids) {
-    for (const std::vector<TargetSpec>& targets : std::vector<std::vector<TargetSpec>>{
-             {most}, {least}, {across}, {along}, {most, TargetSpec(), least, along}, {most, cleared}}) {
-      ParityCase c;
-      c.request.grid = grid;
-      c.request.coverage = kCoverages[cases.size() % 3];
-      c.request.targets = targets;
-      if (cases.size() % 4 == 0) c.slab_depth = 40;
-      if (cases.size() % 5 == 0) c.request.fill = Fill::kParity;
-      cases.push_back(c);
-    }
+  for (const TargetSpec& target : {most, least, across, along}) add(small, {target});
+  add(small, {most, cleared});
+  for (const GridRequest& grid : others) {
+    add(grid, {most, TargetSpec(), least, along});
+    add(grid, {across});
   }
 }
 
@@ -476,7 +479,7 @@ std::vector<ParityCase> ScatteredCases() {
   filled.request.layout = Layout::kPlanar;
   const GridRequest parts_of_rows = Placed({1056, 96, 90}, {-5, 10, 20}, {0.11, 1.02, 1});
   add(parts_of_rows, {sum(VoxelFormat::kF32, 2, 0)});
-  AddFilled(cases, {narrow, slanted, parts_of_rows});
+  AddFilled(cases, narrow, {slanted, parts_of_rows});
   return cases;
 }
 

@@ -294,6 +294,6 @@ for section in "${sections[@]}"; do
   esac
   if [[ "$word" != passed ]]; then failed=1; fi
   line="$(grep -E '^(cuda_parity|cuda_bench|cuda_devices|cli|server|service):' "$logs/$section.log" | tail -1)"
-  printf '%-9s %4s s  %s  %s\n' "$section" "${seconds[$section]}" "$word" "$line"
+  printf '%-14s %4s s  %s  %s\n' "$section" "${seconds[$section]}" "$word" "$line"
 done
 exit "$failed"
