@@ -414,9 +414,9 @@ void AddFilled(std::vector<ParityCase>& cases, const GridRequest& small, const s
   const auto add = [&](const GridRequest& grid, std::vector<TargetSpec> targets) {
     ParityCase c;
     c.request.grid = grid;
-    c.request.coverage = kCoverages[cases.size() % 3];
+    c.request.coverage = kCoverages[cases.size() % 2];
     c.request.targets = std::move(targets);
-    if (cases.size() % 4 == 0) c.slab_depth = 40;
+    if (cases.size() % 4 == 0) c.slab_depth = 88;  // of many rows still
     if (cases.size() % 5 == 0) c.request.fill = Fill::kParity;
     cases.push_back(c);
   };
