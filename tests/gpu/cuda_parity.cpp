@@ -31,6 +31,7 @@
 #include "gpu/first_difference.h"
 #include "gpu/parity_cases.h"
 #include "gpu/parity_options.h"
+#include "gpu/scattered_cases.h"
 #include "mesh/content_id.h"
 #include "pipeline/backend.h"
 #include "pipeline/voxelize.h"

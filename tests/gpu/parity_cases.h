@@ -2,6 +2,7 @@
 // grids and slabs, combined.
 #pragma once
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,9 @@ struct ParityCase {
   int64_t slab_depth = 0;  // of the backend under test; 0 = the plan's choice
   bool streamed = false;   // VoxelizeTo instead of Voxelize
 };
+
+// A grid of so many voxels of a size, from a corner on.
+GridRequest Placed(std::array<int64_t, 3> dims, const Vec3d& origin, const Vec3d& voxel);
 
 // One line, enough to make the request again.
 std::string Describe(const ParityCase& c);
@@ -37,9 +41,6 @@ std::vector<ParityCase> CasesFor(const ParityMesh& named, const TriangleMesh& me
 std::vector<ParityCase> QuickCases(const ParityMesh& named);
 // Each way to make a result, in a grid of 56 layers, for meshes about [0, 40].
 std::vector<ParityCase> SlabCases();
-// For the mesh whose triangles lie scattered: plain bits and sums, which kernels of their own store where the cache does not hold the grid. Few
-// caches are so small; that of the kernels on the host is.
-std::vector<ParityCase> ScatteredCases();
 // Every vertex shader that the mesh has what it needs for, under each result kind: positions alone, and all that fragment shaders read.
 std::vector<ParityCase> VertexShaderCases(const ParityMesh& named, const TriangleMesh& mesh);
 

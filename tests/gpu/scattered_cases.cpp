@@ -1,0 +1,91 @@
+#include "gpu/scattered_cases.h"
+
+#include <utility>
+
+namespace voxelpipe::gpu {
+namespace {
+
+constexpr Coverage kCoverages[] = {Coverage::kConservative, Coverage::kThin};
+
+// Largest and least values, which are written with the largest triangles in them, where the grids are larger than the cache.
+void AddFilled(std::vector<ParityCase>& cases, const GridRequest& small, const std::vector<GridRequest>& others) {
+  const auto value = [](VoxelFormat format, Blend blend, const char* shader) {
+    TargetSpec target;
+    target.format = format;
+    target.blend = blend;
+    target.shader = {shader, {}};
+    return target;
+  };
+  const auto add = [&](const GridRequest& grid, std::vector<TargetSpec> targets) {
+    ParityCase c;
+    c.request.grid = grid;
+    c.request.coverage = kCoverages[cases.size() % 2];
+    c.request.targets = std::move(targets);
+    if (cases.size() % 4 == 0) c.slab_depth = 88;  // of many rows still
+    if (cases.size() % 5 == 0) c.request.fill = Fill::kParity;
+    cases.push_back(c);
+  };
+  const TargetSpec most = value(VoxelFormat::kF32, Blend::kMax, "triangle_id"),
+                   least = value(VoxelFormat::kU32, Blend::kMin, "triangle_id"),
+                   across = value(VoxelFormat::kF32, Blend::kMax, "normal"),  // of either sign
+      along = value(VoxelFormat::kF32, Blend::kMin, "geometric_normal");
+  TargetSpec cleared = most;
+  cleared.clear = 3;  // not written so: nor are those beside it
+  for (const TargetSpec& target : {most, least, across, along}) add(small, {target});
+  add(small, {most, cleared});
+  for (const GridRequest& grid : others) {
+    add(grid, {most, TargetSpec(), least, along});
+    add(grid, {across});
+  }
+}
+
+}  // namespace
+
+std::vector<ParityCase> ScatteredCases() {
+  std::vector<ParityCase> cases;
+  const auto add = [&](const GridRequest& grid, std::vector<TargetSpec> targets) -> ParityCase& {
+    ParityCase c;
+    c.request.grid = grid;
+    c.request.coverage = kCoverages[cases.size() % 2];
+    c.request.targets = std::move(targets);
+    cases.push_back(c);
+    return cases.back();
+  };
+  const auto sum = [](VoxelFormat format, int components, double clear) {
+    TargetSpec target;
+    target.format = format;
+    target.components = components;
+    target.blend = Blend::kAdd;
+    target.shader = {components == 1 ? "triangle_id" : "normal", {}};
+    target.clear = clear;
+    return target;
+  };
+  // So many rows that the giants count as large.
+  const GridRequest narrow = Placed({32, 110, 110}, {10, 0, 0}, {2.5, 1, 1});
+  const GridRequest slanted = Placed({64, 100, 96}, {5, 3, 2}, {1.5, 1, 1.1});
+  for (const GridRequest& grid :
+       {narrow, Placed({128, 80, 90}, {0, 5, 0}, {1, 1.25, 1.2}), Placed({160, 80, 80}, {0, 0, 0}, {0.7, 1.3, 1.3})}) {
+    add(grid, {TargetSpec()});
+    add(grid, {TargetSpec()});
+  }
+  add(narrow, {sum(VoxelFormat::kF32, 1, 0)});
+  add(narrow, {sum(VoxelFormat::kF32, 2, -1.5)}).slab_depth = 80;
+  add(narrow, {sum(VoxelFormat::kF32, 4, 0)});
+  add(narrow, {sum(VoxelFormat::kU32, 1, 7)});
+  add(narrow, {sum(VoxelFormat::kF32, 4, 0), sum(VoxelFormat::kU32, 1, 0), TargetSpec()});
+  add(slanted, {sum(VoxelFormat::kF32, 1, 0.5)}).slab_depth = 88;
+  add(slanted, {sum(VoxelFormat::kF32, 4, 1)});
+  // Others beside them, which take the largest triangles as spans.
+  TargetSpec greatest = sum(VoxelFormat::kF32, 1, 0);
+  greatest.blend = Blend::kMax;
+  add(slanted, {sum(VoxelFormat::kF32, 1, 0), greatest, sum(VoxelFormat::kF32, 3, 0)});
+  ParityCase& filled = add(slanted, {sum(VoxelFormat::kF32, 1, 0)});
+  filled.request.fill = Fill::kParity;
+  filled.request.layout = Layout::kPlanar;
+  const GridRequest parts_of_rows = Placed({1056, 96, 90}, {-5, 10, 20}, {0.11, 1.02, 1});
+  add(parts_of_rows, {sum(VoxelFormat::kF32, 2, 0)});
+  AddFilled(cases, narrow, {slanted, parts_of_rows});
+  return cases;
+}
+
+}  // namespace voxelpipe::gpu
