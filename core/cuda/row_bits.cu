@@ -240,11 +240,14 @@ void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
   bins.z_end = uint32_t(Clamp(std::ceil((layer(state.box.max) + 3) / kPieceEdge), double(bins.z_begin) + 1, most));
 }
 
+// Scattered triangles are ordered in grids so many times larger than what GoesAroundCache asks for, and their largest drawn with the clearing in
+// grids down to so many times smaller.
+constexpr uint64_t kCacheTimes = 8;
+
 // Of scattered triangles, whether they are ordered first, and the room for that. In a grid that the cache holds a quarter of they keep to little
 // of it as they are: 1024^3 takes a fifth longer with an order.
 bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
-  constexpr uint64_t kTimes = 8;  // what ExceedsCache asks for
-  if (!ExceedsCache(state.device, args.quads * 16 / kTimes)) return false;
+  if (!ExceedsCache(state.device, args.quads * 16 / kCacheTimes)) return false;
   if (!MakeRoomForOrder(state, args, order)) return false;
   if (!state.scratch.Resize(kMostLarge * sizeof(SharedSetup), state.stream).ok()) return false;
   order.large = reinterpret_cast<SharedSetup*>(state.scratch.data());
@@ -253,8 +256,7 @@ bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
 
 // Whether the largest of scattered triangles are drawn while the grid is cleared: in small ones it takes longer to set them up than it saves.
 bool DrawsLargest(const RunState& state, const BitArgs& args) {
-  constexpr uint64_t kTimes = 8;  // what ExceedsCache asks for
-  return state.plain_bits && ExceedsCache(state.device, args.quads * 16 * kTimes);
+  return state.plain_bits && ExceedsCache(state.device, args.quads * 16 * kCacheTimes);
 }
 
 // Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where triangles are small: more

@@ -374,7 +374,8 @@ void AbandonSlab(RunState& state) {
   state.span_targets = {};  // with the values of all triangles, which are made anew
   state.scratch.Free();
   if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so
-  state.scattered_mesh.Drop();                                                       // walks do without
+  // Walks do without.
+  state.scattered_mesh.Drop();
   TrimMemory(state.device.ordinal);
 }
 
