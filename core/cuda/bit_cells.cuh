@@ -317,10 +317,12 @@ VOXELPIPE_HD void Narrow(const CellBound& b, float t, CellSpan& span) {
 inline constexpr int kMostCells = 7;  // of a box along each axis that goes by rows here
 
 // Rows of a box of at most kMostCells voxels along each axis, within `begin` to `end` of the grid: visit(y, z, x_begin, x_end). False
-// where some voxel is not certain; rows already visited are right. `table` has room for kMostCells elements, `pitch` apart.
+// where some voxel is not certain; rows already visited are right. `table` has room for kMostCells elements, `pitch` apart. Of the layers
+// those from number `part` on, `parts` apart.
 template <bool kThin, typename Visit>
 VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const int (&begin)[3], const int (&end)[3],
-                             const FixedPlace& place, CellSpan* table, int pitch, Visit&& visit) {
+                             const FixedPlace& place, CellSpan* table, int pitch, Visit&& visit, int part = 0,
+                             int parts = 1) {
   const float voxels = 1 / place.voxel;
   Vec3f q[3];
   for (int i = 0; i < 3; ++i) {
@@ -378,7 +380,7 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
     y_of_z[i] = EdgeCells(e[i].y, e[i].z, q[i].y, q[i].z, n.x, band, rounding);
   }
   bool certain = true;
-  for (int z = begin[2] - box.first[2]; z < end[2] - box.first[2]; ++z) {
+  for (int z = begin[2] - box.first[2] + part; z < end[2] - box.first[2]; z += parts) {
     CellSpan rows{float(y_lo), float(y_lo), float(y_hi - 1), float(y_hi - 1)}, layer = box_x;
     for (int i = 0; i < 3; ++i) {
       Narrow(y_of_z[i], float(z), rows);

@@ -26,7 +26,7 @@ struct BitArgs {
   Vec3d inverse_size;  // 1 / grid.voxel_size, rounded
   const uint32_t* triangles = nullptr;
   const Vec3d* positions = nullptr;      // world space
-  const PackedVertex* packed = nullptr;  // the same; or null
+  const PackedVertex* packed = nullptr;  // of all triangles, their corners; or null
   PackedPlace packed_place;
   const LargestTriangles* largest = nullptr;  // drawn apart from the others; or null
   uint64_t triangle_count = 0;

@@ -58,20 +58,21 @@ __device__ inline void SumCells(const OrderArgs& order, uint32_t* room) {
 }
 
 // The first pass. The cells' counts and the queues are 0 before. Waits for earlier kernels.
+template <bool kPacked>
 __device__ inline void KeyTriangles(const BitArgs& args, const OrderArgs& order, OrderRoom& shared) {
   uint32_t* const room = shared.counts;
   for (uint32_t i = threadIdx.x; i < kOrderCells; i += kOrderThreads) room[i] = 0;
   __syncthreads();
   AwaitEarlier();
   const uint64_t begin = uint64_t(blockIdx.x) * kOrderChunk + threadIdx.x;
-  Corners next{};
-  if (begin < args.triangle_count) next = LoadCorners(args.triangles, begin);
+  Fetched<kPacked> next{};
+  if (begin < args.triangle_count) next = Fetch<kPacked>(args, uint32_t(begin));
   for (int round = 0; round < kOrderRounds; ++round) {
     const uint64_t t = begin + uint64_t(round) * kOrderThreads, then = t + kOrderThreads;
     if (t >= args.triangle_count) break;
-    const Corners corners = next;
-    if (then < args.triangle_count) next = LoadCorners(args.triangles, then);
-    const FixedCorners v = LoadFixed(args, corners);
+    const Fetched<kPacked> fetched = next;
+    if (then < args.triangle_count) next = Fetch<kPacked>(args, uint32_t(then));
+    const FixedCorners v = LoadFixed<kPacked>(args, fetched);
     const FixedBox box = BoxOf(v.at, args.fixed);
     int from[3], upto[3];
     ClipBox(args, box, from, upto);

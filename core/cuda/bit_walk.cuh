@@ -67,22 +67,52 @@ __device__ inline CellFate QueueOf(int64_t width, int64_t layers) {
 struct FixedCorners {
   int at[3][3];
 };
-__device__ inline FixedCorners LoadFixed(const BitArgs& args, const Corners& c) {
+// What of a triangle comes from memory first, to be asked for some time before it is needed: the numbers of its corners. Packed corners, which
+// would take more registers than there are, are only asked to come nearer, by Fetch.
+template <bool kPacked>
+struct Fetched {
+  Corners corners;
+};
+template <>
+struct Fetched<true> {
+  uint32_t triangle;
+};
+template <bool kPacked>
+__device__ inline Fetched<kPacked> FetchNow(const BitArgs& args, uint32_t t) {
+  if constexpr (kPacked) {
+    return {t};
+  } else {
+    return {LoadCorners(args.triangles, t)};
+  }
+}
+template <bool kPacked>
+__device__ inline Fetched<kPacked> Fetch(const BitArgs& args, uint32_t t) {
+#if defined(__CUDA_ARCH__)
+  if constexpr (kPacked) asm volatile("prefetch.global.L2 [%0];" ::"l"(args.packed + 3 * uint64_t{t}));
+#endif
+  return FetchNow<kPacked>(args, t);
+}
+template <bool kPacked>
+__device__ inline FixedCorners LoadFixed(const BitArgs& args, const Fetched<kPacked>& fetched) {
   FixedCorners v;
-  if (args.packed != nullptr) {
+  if constexpr (kPacked) {
     const PackedPlace& place = args.packed_place;
-    PackedVertex p[3];
-    for (int i = 0; i < 3; ++i) p[i] = args.packed[c.v[i]];
+    const PackedVertex* const from = args.packed + 3 * uint64_t{fetched.triangle};
+    const PackedVertex p[3] = {from[0], from[1], from[2]};
     for (int i = 0; i < 3; ++i) {
       for (int a = 0; a < 3; ++a) v.at[i][a] = PackedToFixed(p[i].at[a], place.scale[a], place.offset[a]);
     }
-    return v;
-  }
-  for (int i = 0; i < 3; ++i) {
-    const Vec3d& p = args.positions[c.v[i]];
-    for (int a = 0; a < 3; ++a) v.at[i][a] = ToFixed(p[a], args.fixed.scale[a], args.fixed.offset[a]);
+  } else {
+    for (int i = 0; i < 3; ++i) {
+      const Vec3d& p = args.positions[fetched.corners.v[i]];
+      for (int a = 0; a < 3; ++a) v.at[i][a] = ToFixed(p[a], args.fixed.scale[a], args.fixed.offset[a]);
+    }
   }
   return v;
+}
+template <bool kPacked>
+__device__ inline FixedCorners LoadFixed(const BitArgs& args, uint32_t t) {
+  return LoadFixed(args, FetchNow<kPacked>(args, t));
 }
 
 // The box's part in the slab; empty where some end is not behind its begin.
@@ -101,9 +131,10 @@ struct FixedTriangle {
 };
 
 // What is found of a triangle by its box alone. Where it is done, `octants` about the inner corner of the box.
-template <bool kThin>
-__device__ inline CellFate FindFate(const BitArgs& args, const Corners& c, FixedTriangle& t, uint32_t& octants) {
-  t.v = LoadFixed(args, c);
+template <bool kThin, bool kPacked>
+__device__ inline CellFate FindFate(const BitArgs& args, const Fetched<kPacked>& fetched, FixedTriangle& t,
+                                    uint32_t& octants) {
+  t.v = LoadFixed<kPacked>(args, fetched);
   t.box = BoxOf(t.v.at, args.fixed);
   const FixedBox& box = t.box;
   int begin[3], end[3];
@@ -181,21 +212,22 @@ __device__ inline void SetOctantsTogether(const BitArgs& args, const int (&first
 }
 
 // A triangle whose fate is kRows; false if some voxel is in doubt.
-template <bool kThin>
-__device__ inline bool WalkCellRows(const BitArgs& args, const Corners& c, CellSpan* table) {
-  const FixedCorners v = LoadFixed(args, c);
+template <bool kThin, bool kPacked>
+__device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>& fetched, CellSpan* table, int part,
+                                    int parts) {
+  const FixedCorners v = LoadFixed<kPacked>(args, fetched);
   const FixedBox box = BoxOf(v.at, args.fixed);
   int begin[3], end[3];
   ClipBox(args, box, begin, end);
   const auto set = [&](int y, int z, int x_begin, int x_end) { SetFew(args, y, z, x_begin, x_end); };
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
   if (!kThin && single >= 2) {  // the run class
-    for (int z = begin[2]; z < end[2]; ++z) {
+    for (int z = begin[2] + part; z < end[2]; z += parts) {
       for (int y = begin[1]; y < end[1]; ++y) set(y, z, begin[0], end[0]);
     }
     return true;
   }
-  return VisitCells<kThin>(v.at, box, begin, end, args.fixed, table, kCellThreads, set);
+  return VisitCells<kThin>(v.at, box, begin, end, args.fixed, table, kCellThreads, set, part, parts);
 }
 
 // The same of a mesh that reaches too far for fixed point, and under center coverage: its queue alone.
@@ -252,13 +284,16 @@ __device__ inline void SetPacked(const BitArgs& args, const uint2& packed) {
 // Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first pass finds is kept
 // until earlier kernels have ended, so that it runs beside the clearing of the grid. The block appends what waits for
 // other kernels at once: an atomic that returns costs some 3 ns where all are on one address. Waits for earlier kernels.
-template <bool kThin, bool kOrdered>
+template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes>
 __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& room) {
   if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = room.large_count = 0;
   __syncthreads();
   const bool fixed = args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
-  const uint64_t begin = chunk * uint64_t(args.rounds) * uint64_t(kCellThreads), mine = begin + threadIdx.x;
+  const int rounds = kRowLanes > 1 ? 1 : args.rounds;
+  const uint64_t each = uint64_t(rounds) * uint64_t{kCellThreads / kRowLanes};
+  const uint64_t begin = chunk * each, mine = begin + threadIdx.x;
   uint64_t count = args.triangle_count;
+  if constexpr (kRowLanes > 1) count = min(count, begin + each);
   if constexpr (kOrdered) {  // earlier kernels make the order
     AwaitEarlier();
     count = __ldcg(args.ordered);
@@ -269,20 +304,20 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
     return uint32_t(i);
   };
   uint32_t next_t = 0;
-  Corners next{};
-  if (mine < count) next = LoadCorners(args.triangles, next_t = triangle_at(mine));
-  for (int round = 0; round < args.rounds; ++round) {
+  Fetched<kPacked> next{};
+  if (mine < count) next = Fetch<kPacked>(args, next_t = triangle_at(mine));
+  for (int round = 0; round < rounds; ++round) {
     const uint32_t number = uint32_t(round * kCellThreads) + threadIdx.x;
     const uint32_t t = kOrdered ? next_t : uint32_t(begin) + number;
     const bool takes = begin + number < count;
     const uint64_t then = begin + number + uint64_t(kCellThreads);
-    const Corners corners = next;
-    if (round + 1 < args.rounds && then < count) next = LoadCorners(args.triangles, next_t = triangle_at(then));
+    const Fetched<kPacked> fetched = next;
+    if (round + 1 < rounds && then < count) next = Fetch<kPacked>(args, next_t = triangle_at(then));
     CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
     if (takes) {
-      fate = fixed ? FindFate<kThin>(args, corners, triangle, octants) : FindQueue(args, t);
+      fate = fixed ? FindFate<kThin>(args, fetched, triangle, octants) : FindQueue(args, t);
     }
     __syncwarp();
     DecideRuns<kThin>(args, triangle, fate, octants);
@@ -299,7 +334,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
     AppendInBlock(fate == CellFate::kLarge, number, room.later + (CellRoom::kRoom - 1), -1, &room.large_count);
   }
   AwaitEarlier();  // until here nothing is written but what is the block's
-  for (int round = 0; round < args.rounds; ++round) SetPacked(args, room.found[round][threadIdx.x]);
+  for (int round = 0; round < rounds; ++round) SetPacked(args, room.found[round][threadIdx.x]);
   __syncthreads();
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;
   for (uint32_t begins = threadIdx.x / 32 * 32; begins < octant_count; begins += kCellThreads) {
@@ -309,7 +344,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
     FixedTriangle triangle{};
     if (i < octant_count) {
       number = room.cells[i];
-      triangle.v = LoadFixed(args, LoadCorners(args.triangles, triangle_at(begin + number)));
+      triangle.v = LoadFixed(args, FetchNow<kPacked>(args, triangle_at(begin + number)));
       triangle.box = BoxOf(triangle.v.at, args.fixed);
       doubtful = !FindOctants<kThin>(args, triangle, octants);
     }
@@ -317,16 +352,20 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
     SetPacked(args, PackOctants(triangle.box.first, Together(triangle.box.first, octants)));
     AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
   }
-  for (uint32_t first = threadIdx.x / 32 * 32; first < row_count; first += kCellThreads) {
-    const uint32_t i = first + threadIdx.x % 32;
+  for (uint32_t first = threadIdx.x / 32 * 32; first < row_count * kRowLanes; first += kCellThreads) {
+    const uint32_t lane = first + threadIdx.x % 32, i = lane / kRowLanes, part = lane % kRowLanes;
     bool doubtful = false;
     uint32_t number = 0;
     if (i < row_count) {
       number = room.cells[CellRoom::kRoom - 1 - i];
-      const Corners corners = LoadCorners(args.triangles, triangle_at(begin + number));
-      doubtful = !WalkCellRows<kThin>(args, corners, &room.table[0][threadIdx.x]);
+      const Fetched<kPacked> of_rows = FetchNow<kPacked>(args, triangle_at(begin + number));
+      doubtful = !WalkCellRows<kThin>(args, of_rows, &room.table[0][threadIdx.x], int(part), kRowLanes);
     }
     __syncwarp();
+    if constexpr (kRowLanes > 1) {
+      for (int step = 1; step < kRowLanes; step *= 2) doubtful |= __shfl_xor_sync(~0u, int(doubtful), step) != 0;
+      doubtful = doubtful && part == 0;
+    }
     AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
   }
   __syncthreads();

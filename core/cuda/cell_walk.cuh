@@ -148,10 +148,10 @@ __device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1
 }
 
 // A triangle of few rows as a block, which has the record; false if some voxel is in doubt.
-template <bool kThin, CellSink kSink, int kShader>
+template <bool kThin, CellSink kSink, int kShader, bool kPacked>
 __device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, uint64_t record, CellSpan* table,
                                  uint64_t& fragments) {
-  const FixedCorners v = LoadFixed(args.walk, LoadCorners(args.walk.triangles, t));
+  const FixedCorners v = LoadFixed<kPacked>(args.walk, t);
   const FixedBox box = BoxOf(v.at, args.walk.fixed);
   int begin[3], end[3];
   ClipBox(args.walk, box, begin, end);
@@ -191,8 +191,8 @@ __device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, u
 }
 
 // kShader: that of triangle ids, whose numbers grow with the triangles, or -1 for any. kOrdered: triangles are taken in the order of the
-// walk, those alone that it names; records then stand in that order.
-template <bool kThin, CellSink kSink, int kShader, bool kOrdered>
+// walk, those alone that it names; records then stand in that order. kPacked: the walk has packed corners.
+template <bool kThin, CellSink kSink, int kShader, bool kOrdered, bool kPacked>
 __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __grid_constant__ CellArgs args) {
   __shared__ FindRoom room;
   const BitArgs& walk = args.walk;
@@ -211,23 +211,23 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     if constexpr (kOrdered) return __ldg(walk.order + i);
     return uint32_t(i);
   };
-  Corners next{};
+  Fetched<kPacked> next{};
   uint32_t next_t = 0;
   if (chunk + threadIdx.x < count) {
     next_t = triangle_at(chunk + threadIdx.x);
-    next = LoadCorners(walk.triangles, next_t);
+    next = Fetch<kPacked>(walk, next_t);
   }
   for (int round = 0; round < walk.rounds; ++round) {
     const uint32_t local = uint32_t(round) * kFindThreads + threadIdx.x;
     const uint64_t number = chunk + local, then = number + kFindThreads;
     const uint32_t t = kOrdered ? next_t : uint32_t(number);
-    const Corners corners = next;
-    if (round + 1 < walk.rounds && then < count) next = LoadCorners(walk.triangles, next_t = triangle_at(then));
+    const Fetched<kPacked> fetched = next;
+    if (round + 1 < walk.rounds && then < count) next = Fetch<kPacked>(walk, next_t = triangle_at(then));
     CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
     if (number < count) {
-      fate = fixed ? FindFate<kThin>(walk, corners, triangle, octants) : FindQueue(walk, t);
+      fate = fixed ? FindFate<kThin>(walk, fetched, triangle, octants) : FindQueue(walk, t);
       if (fate == CellFate::kRows) {
         int begin[3], end[3];
         ClipBox(walk, triangle.box, begin, end);
@@ -259,7 +259,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     if (i < octant_count) {
       local = room.cells[i];
       t = triangle_at(chunk + local);
-      triangle.v = LoadFixed(walk, LoadCorners(walk.triangles, t));
+      triangle.v = LoadFixed<kPacked>(walk, t);
       triangle.box = BoxOf(triangle.v.at, walk.fixed);
       doubtful = !FindOctants<kThin>(walk, triangle, octants);
     }
@@ -274,8 +274,8 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     uint32_t local = 0;
     if (i < row_count) {
       local = room.cells[FindRoom::kTriangles - 1 - int(i)];
-      doubtful = !TakeBlock<kThin, kSink, kShader>(args, plain, triangle_at(chunk + local), chunk + local,
-                                                   &room.table[0][threadIdx.x], fragments);
+      doubtful = !TakeBlock<kThin, kSink, kShader, kPacked>(args, plain, triangle_at(chunk + local), chunk + local,
+                                                            &room.table[0][threadIdx.x], fragments);
     }
     __syncwarp();
     AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);

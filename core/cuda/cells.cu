@@ -24,17 +24,22 @@ BitArgs MakeCellWalk(const RunState& state) {
   return args;
 }
 
-template <bool kThin>
+template <bool kThin, bool kPacked>
 auto KernelFor(CellSink sink, bool by_id, bool ordered) {
   switch (sink) {
-    case CellSink::kRecords: return FindCells<kThin, CellSink::kRecords, -1, false>;
+    case CellSink::kRecords: return FindCells<kThin, CellSink::kRecords, -1, false, kPacked>;
     case CellSink::kRecordsAndBits:
-      return ordered ? FindCells<kThin, CellSink::kRecordsAndBits, -1, true>
-                     : FindCells<kThin, CellSink::kRecordsAndBits, -1, false>;
+      return ordered ? FindCells<kThin, CellSink::kRecordsAndBits, -1, true, kPacked>
+                     : FindCells<kThin, CellSink::kRecordsAndBits, -1, false, kPacked>;
     default:
-      return by_id ? FindCells<kThin, CellSink::kBlend, int(FragmentShaderId::kTriangleId), false>
-                   : FindCells<kThin, CellSink::kBlend, -1, false>;
+      return by_id ? FindCells<kThin, CellSink::kBlend, int(FragmentShaderId::kTriangleId), false, kPacked>
+                   : FindCells<kThin, CellSink::kBlend, -1, false, kPacked>;
   }
+}
+template <bool kThin>
+auto KernelFor(const BitArgs& walk, CellSink sink, bool by_id, bool ordered) {
+  return walk.packed != nullptr ? KernelFor<kThin, true>(sink, by_id, ordered)
+                                : KernelFor<kThin, false>(sink, by_id, ordered);
 }
 
 }  // namespace
@@ -87,7 +92,8 @@ absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
   const uint64_t each = uint64_t(args.walk.rounds) * kFindThreads;
   const bool thin = args.walk.coverage == Coverage::kThin;
   const bool ordered = state.ordered_cells;
-  const auto kernel = thin ? KernelFor<true>(sink, by_id, ordered) : KernelFor<false>(sink, by_id, ordered);
+  const auto kernel =
+      thin ? KernelFor<true>(args.walk, sink, by_id, ordered) : KernelFor<false>(args.walk, sink, by_id, ordered);
   kernel<<<unsigned((triangles + each - 1) / each), kFindThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("FindCells");
   return absl::OkStatus();

@@ -27,6 +27,7 @@ namespace {
 constexpr int kThreads = 256;
 constexpr int kOrderedRounds = 1;  // of CellKernel where triangles are ordered: fewer are under way, in fewer places
 constexpr int kCellBlocks = 8;     // of CellKernel on a multiprocessor at once
+constexpr int kSharedRows = 2;     // lanes of CellKernel for a triangle's rows where they are shared
 
 // By all threads of the grid.
 __device__ inline void ClearQuads(uint32_t* words, uint64_t begin, uint64_t end) {
@@ -56,11 +57,11 @@ __global__ void __launch_bounds__(kThreads)
   ClearQuads(args.bits, min(bins.z_end * layer, args.quads), args.quads);
 }
 
-template <bool kThin, bool kOrdered>
+template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes>
 __global__ void __launch_bounds__(kCellThreads, kCellBlocks) CellKernel(const __grid_constant__ BitArgs args) {
   __shared__ CellRoom room;
   AllowNext();
-  WalkCells<kThin, kOrdered>(args, blockIdx.x, room);
+  WalkCells<kThin, kOrdered, kPacked, kRowLanes>(args, blockIdx.x, room);
 }
 
 constexpr int kLayerThreads = 128, kLayerSetups = 16, kLayerBlocks = 4;
@@ -352,11 +353,31 @@ absl::Status LaunchCleared(const RunState& state, const BitArgs& args) {
   return absl::OkStatus();
 }
 
-absl::Status LaunchCells(const RunState& state, const BitArgs& args, bool thin) {
-  const auto blocks = unsigned((args.triangle_count + uint64_t(args.rounds) * kCellThreads - 1) /
-                               (uint64_t(args.rounds) * kCellThreads));
-  auto* kernel = thin ? CellKernel<true, false> : CellKernel<false, false>;
-  if (args.order != nullptr) kernel = thin ? CellKernel<true, true> : CellKernel<false, true>;
+// Whether lanes of CellKernel share the rows of a triangle: where a device has little else to do, for triangles so few that nearly all blocks
+// run at once, and of many rows (of more than a voxel of the grid's largest face each). More lanes, and other numbers of triangles a block, are
+// slower.
+bool SharesRows(const RunState& state, const BitArgs& args) {
+  if (args.packed != nullptr || args.order != nullptr) return false;
+  const int64_t nx = args.grid.dims[0], ny = args.grid.dims[1], nz = args.grid.slab_end - args.grid.slab_begin;
+  const uint64_t at_once = uint64_t(state.device.multiprocessors) * kCellBlocks * kCellThreads / kSharedRows;
+  return args.triangle_count < uint64_t(std::max({nx * ny, ny * nz, nz * nx})) &&
+         args.triangle_count < at_once + at_once / 16;
+}
+
+template <bool kThin>
+auto* CellKernelFor(const BitArgs& args, bool shares_rows) {
+  const bool packed = args.packed != nullptr;
+  if (args.order != nullptr) return packed ? CellKernel<kThin, true, true, 1> : CellKernel<kThin, true, false, 1>;
+  if (shares_rows) return CellKernel<kThin, false, false, kSharedRows>;
+  return packed ? CellKernel<kThin, false, true, 1> : CellKernel<kThin, false, false, 1>;
+}
+
+absl::Status LaunchCells(const RunState& state, BitArgs& args, bool thin) {
+  const bool shares_rows = SharesRows(state, args);
+  if (shares_rows) args.rounds = 1;
+  const uint64_t each = uint64_t(args.rounds) * kCellThreads / (shares_rows ? kSharedRows : 1);
+  const auto blocks = unsigned((args.triangle_count + each - 1) / each);
+  auto* const kernel = thin ? CellKernelFor<true>(args, shares_rows) : CellKernelFor<false>(args, shares_rows);
   LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kCellThreads, kernel, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CellKernel");
   return LaunchLayers(state, args);

@@ -55,7 +55,8 @@ struct PackedVertex;
 struct LargestTriangles;
 // What walks over a scattered mesh read besides its arrays (scattered.h); null: they do without.
 struct ScatteredMesh {
-  const PackedVertex* packed = nullptr;  // parts of RunState::box, whose extent is kept here (bit_cells.cuh)
+  // Three a triangle, so that nothing is to be looked up: parts of RunState::box, whose extent is kept here (bit_cells.cuh).
+  const PackedVertex* packed = nullptr;
   const LargestTriangles* largest = nullptr;
   Vec3d extent;
   std::shared_ptr<const CachedArray> kept;  // what both lie in, with the mesh; or

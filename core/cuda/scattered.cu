@@ -1,6 +1,5 @@
 #include "cuda/scattered.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "absl/strings/str_cat.h"
@@ -12,14 +11,14 @@ namespace voxelpipe::cuda {
 namespace {
 
 constexpr int kThreads = 256;
-constexpr uint64_t kHead = 256;    // bytes before the packed vertices, for the largest triangles
+constexpr uint64_t kHead = 256;    // bytes before the packed corners, for the largest triangles
 constexpr double kLargeShare = 8;  // a triangle is large that reaches over such a part of the mesh's box along an axis
 static_assert(sizeof(LargestTriangles) <= kHead);
 
 struct PackArgs {
   const Vec3d* positions = nullptr;
   const uint32_t* triangles = nullptr;
-  uint64_t vertex_count = 0, triangle_count = 0;
+  uint64_t triangle_count = 0;
   Vec3d least, part, large;  // of the box: its corner, a part, and from where on a triangle is large
   PackedVertex* packed = nullptr;
   LargestTriangles* largest = nullptr;  // none yet
@@ -27,15 +26,15 @@ struct PackArgs {
 
 __global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant__ PackArgs args) {
   const uint64_t me = uint64_t(blockIdx.x) * kThreads + threadIdx.x, threads = uint64_t(gridDim.x) * kThreads;
-  for (uint64_t i = me; i < args.vertex_count; i += threads) {
-    const Vec3d p = args.positions[i];
-    PackedVertex packed{};
-    for (int a = 0; a < 3; ++a) packed.at[a] = PackCoordinate(p[a], args.least[a], args.part[a]);
-    args.packed[i] = packed;
-  }
   for (uint64_t t = me; t < args.triangle_count; t += threads) {
     const Corners c = LoadCorners(args.triangles, t);
-    const Vec3d p = args.positions[c.v[0]], q = args.positions[c.v[1]], r = args.positions[c.v[2]];
+    const Vec3d corners[3] = {args.positions[c.v[0]], args.positions[c.v[1]], args.positions[c.v[2]]};
+    for (int i = 0; i < 3; ++i) {
+      PackedVertex packed{};
+      for (int a = 0; a < 3; ++a) packed.at[a] = PackCoordinate(corners[i][a], args.least[a], args.part[a]);
+      args.packed[3 * t + uint64_t(i)] = packed;
+    }
+    const Vec3d &p = corners[0], &q = corners[1], &r = corners[2];
     bool large = false;
     for (int a = 0; a < 3; ++a) {
       large = large || Max(p[a], Max(q[a], r[a])) - Min(p[a], Min(q[a], r[a])) >= args.large[a];
@@ -47,13 +46,12 @@ __global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant_
   }
 }
 
-// In: room for the head and all vertices.
+// In: room for the head and the corners of all triangles.
 absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
   const MeshView& mesh = state.mesh.host_view;
   PackArgs args;
   args.positions = mesh.positions;
   args.triangles = state.mesh.triangle_list();
-  args.vertex_count = mesh.vertex_count;
   args.triangle_count = mesh.triangle_count;
   args.least = state.box.min;
   for (int a = 0; a < 3; ++a) {
@@ -63,15 +61,14 @@ absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
   args.packed = reinterpret_cast<PackedVertex*>(room + kHead);
   args.largest = reinterpret_cast<LargestTriangles*>(room);
   VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(room, 0, kHead, state.stream));
-  const uint64_t work = std::max(args.vertex_count, args.triangle_count);
-  PackScattered<<<BlocksFor(work, kThreads), kThreads, 0, state.stream>>>(args);
+  PackScattered<<<BlocksFor(args.triangle_count, kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("PackScattered");
   return absl::OkStatus();
 }
 
 // The packed mesh, kept where the mesh and its positions are; null without memory for it.
 const uint8_t* MakePacked(RunState& state, const Vec3d& extent) {
-  const uint64_t bytes = kHead + state.mesh.host_view.vertex_count * sizeof(PackedVertex);
+  const uint64_t bytes = kHead + 3 * state.mesh.host_view.triangle_count * sizeof(PackedVertex);
   const SharedArrays shared = SharedArraysOf(state.host.mesh.content_id);
   if (shared.positions && !shared.id.empty() && state.mesh.as_loaded) {
     auto array = CachedMade(

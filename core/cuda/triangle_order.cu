@@ -17,11 +17,12 @@ __global__ void __launch_bounds__(kOrderThreads)
   if (i < kBitQueues) args.queued[i] = 0;
 }
 
+template <bool kPacked>
 __global__ void __launch_bounds__(kOrderThreads)
     OrderKeys(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
   __shared__ OrderRoom room;
   AllowNext();
-  KeyTriangles(args, order, room);
+  KeyTriangles<kPacked>(args, order, room);
 }
 
 __global__ void __launch_bounds__(kOrderThreads)
@@ -58,7 +59,8 @@ absl::Status OrderTriangles(RunState& state, const BitArgs& args, const OrderArg
   VOXELPIPE_LAUNCHED_OR_RETURN("BeginOrder");
   const bool early = BeginsEarly(state.device);
   const auto chunks = unsigned((args.triangle_count + kOrderChunk - 1) / kOrderChunk);
-  LaunchEarly(early, state.stream, chunks, kOrderThreads, OrderKeys, args, order);
+  LaunchEarly(early, state.stream, chunks, kOrderThreads, args.packed != nullptr ? OrderKeys<true> : OrderKeys<false>,
+              args, order);
   VOXELPIPE_LAUNCHED_OR_RETURN("OrderKeys");
   LaunchEarly(early, state.stream, chunks, kOrderThreads, OrderPlaces, args, order);
   VOXELPIPE_LAUNCHED_OR_RETURN("OrderPlaces");

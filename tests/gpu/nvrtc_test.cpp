@@ -144,9 +144,9 @@ TEST(NvrtcTest, CompilesTheKernelsOfABatchsFloodFill) {
 TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   const std::string in = "voxelpipe::cuda::";
   const std::vector<std::string> kernels = {
-      in + "FindCells<false, " + in + "CellSink::kRecords, -1, false>",
-      in + "FindCells<true, " + in + "CellSink::kBlend, -1, false>",
-      in + "FindCells<false, " + in + "CellSink::kRecordsAndBits, -1, true>",
+      in + "FindCells<false, " + in + "CellSink::kRecords, -1, false, false>",
+      in + "FindCells<true, " + in + "CellSink::kBlend, -1, false, true>",
+      in + "FindCells<false, " + in + "CellSink::kRecordsAndBits, -1, true, true>",
       in + "EmitRest<" + in + "SpanWriter>",
       in + "EmitLarge<" + in + "SpanWriter>",
       in + "ShadeTriangles<-1>",
