@@ -8,10 +8,16 @@
 
 #include <algorithm>
 #include <bit>
+#include <numeric>
+#include <span>
 
 #include "cuda/a_buffer_kernel.cuh"
+#include "cuda/bucket_views.h"
 #include "cuda/cell_fragments.cuh"
 #include "cuda/cells.h"
+#include "cuda/counter_copy.h"
+#include "cuda/device.h"
+#include "cuda/device_abilities.h"
 #include "cuda/fragment_shading.cuh"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
@@ -83,7 +89,7 @@ struct BeginsVoxel {
 __global__ void __launch_bounds__(256) FillOnes(uint32_t* words, uint64_t bits) {
   const uint64_t count = (bits + 31) / 32;
   for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < count; i += uint64_t(gridDim.x) * 256) {
-    words[i] = bits - i * 32 >= 32 ? ~0u : (1u << (bits - i * 32)) - 1;
+    words[i] = WordOfOnes(bits, i);
   }
 }
 
@@ -154,84 +160,96 @@ absl::Status DropDiscarded(RunState& state) {
   return absl::OkStatus();
 }
 
-FragmentArgs MakeFragmentArgs(RunState& state) {
+FragmentArgs MakeFragmentArgs(RunState& state, const FragmentCounts& counts) {
   FragmentArgs args;
   args.grid = state.view;
   args.cells = state.cells.data();
   args.blocks = state.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
-  args.first = state.fragment_first.data();
+  args.counts = counts;
   args.keys = state.fragments.KeysAs<uint32_t>(0);
   args.values = state.fragments.triangles[0].data();
+  args.room = state.fragments.triangles[0].size();
+  args.list = ListOf(state);
   return args;
 }
 
-// Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list has room
-// for, the others are walked again.
-absl::Status EmitByCells(RunState& state) {
-  const uint64_t triangles = state.mesh.host_view.triangle_count;
-  uint32_t of_chunk = 1;
-  VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, of_chunk));
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kSpans}));
-  const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, triangles / 2 + (uint64_t{1} << 18));
-  if (state.spans.size() < least) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(least, state.stream));
-  const auto make_args = [&] {
-    FragmentArgs args = MakeFragmentArgs(state);
-    args.of_chunk = of_chunk;
-    args.spans = state.spans.data();
-    args.capacity = state.spans.size();
-    args.span_count = state.counters.data() + kSpans;
-    return args;
-  };
-  FragmentArgs args = make_args();
-  VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentCounter>(state, MakeRestArgs(state, 0, triangles, false), args));
-  const uint64_t chunks = state.fragment_first.size() - 1;
-  VOXELPIPE_OK_OR_RETURN(ScanInPlace(args.first, chunks, state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(state.counters.data() + kScratch0, args.first + chunks, sizeof(uint64_t),
-                                           cudaMemcpyDeviceToDevice, state.stream));
-  const auto counters = ReadCounters(state);
-  if (!counters.ok()) return counters.status();
-  state.fragments.count = (*counters)[kScratch0];
-  const uint64_t spans = (*counters)[kSpans];
-  if (state.fragments.count == 0) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(state.fragments.MakeRoom(KeyBytes(state), state.stream));
-  args = make_args();
-  EmitCells<<<unsigned(chunks), kChunkThreads, 0, state.stream>>>(args);
+// Fragments and listed spans, each as far as there is room.
+absl::Status EmitRecords(RunState& state, FragmentArgs args) {
+  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(ChunksOf(args.room), state.stream));
+  args.clear = state.bucket_chunks.data();
+  args.clear_count = state.bucket_chunks.size();
+  const uint64_t chunks = (args.triangles + args.counts.of_chunk - 1) / args.counts.of_chunk;
+  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(chunks), kChunkThreads, EmitCells, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitCells");
-  if (spans > args.capacity) {
-    VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentWriter>(state, MakeRestArgs(state, 0, triangles, true), args));
-    // The next slab's are likely as many.
-    const uint64_t wanted = std::min(state.device.memory_bytes / 64 / sizeof(uint64_t), spans + spans / 16);
-    return wanted > args.capacity ? state.spans.Resize(wanted, state.stream) : absl::OkStatus();
-  }
-  if (spans == 0) return absl::OkStatus();
-  EmitListed<<<BlocksFor(spans, kChunkThreads, uint64_t(state.device.multiprocessors) * 16), kChunkThreads, 0,
-               state.stream>>>(args);
+  EmitListed<<<BlocksFor(args.list.capacity, kChunkThreads, uint64_t(state.device.multiprocessors) * 16), kChunkThreads,
+               0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitListed");
   return absl::OkStatus();
 }
 
-// Buckets of fragments whose keys have 32 bits; state.counters[kScratch1] becomes their number.
-absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel) {
+// Room for as many fragments as fine meshes have, before they are counted; false where that might be memory that is needed elsewhere.
+bool GuessRoom(RunState& state) {
+  constexpr uint64_t kOfTriangle = 4, kOfVoxel = 4, kAnyway = 1 << 25, kPartOfMemory = 64;
+  const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (2 * sizeof(uint32_t));
+  const uint64_t wanted = kOfTriangle * state.mesh.host_view.triangle_count;
+  if (wanted > most) return false;
+  const uint64_t guess = std::max(wanted, std::min({kAnyway, most, kOfVoxel * state.slab_voxels()}));
+  return state.fragments.MakeRoom(0, guess, sizeof(uint32_t), state.stream).ok();
+}
+
+// Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list has room
+// for, the others are walked again. Where there is room for what is guessed the host learns how many fragments there are while
+// they are emitted, and nothing waits for it.
+absl::Status EmitByCells(RunState& state) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  FragmentCounts counts;
+  VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, counts));
+  const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, triangles / 2 + (uint64_t{1} << 18));
+  if (state.spans.size() < least) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(least, state.stream));
+  const RestArgs waiting = MakeRestArgs(state, 0, triangles, false);
+  VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentCounter>(state, waiting, MakeFragmentArgs(state, counts)));
+  const absl::StatusOr<CounterCopy> copy =
+      CounterCopy::Start(state.counters.data() + kSpans, kAllCounters - kSpans, state.device.ordinal, state.stream);
+  if (!copy.ok()) return copy.status();
+  const bool guessed = GuessRoom(state);
+  if (guessed) VOXELPIPE_OK_OR_RETURN(EmitRecords(state, MakeFragmentArgs(state, counts)));
+  const absl::StatusOr<const uint64_t*> counted = copy->Wait();
+  if (!counted.ok()) return counted.status();
+  const uint64_t* const groups = *counted + (kCounters - kSpans) + kFragmentSlots;
+  state.fragments.count = std::accumulate(groups, groups + kChunkGroups, uint64_t{0});
+  if (state.fragments.count == 0) return absl::OkStatus();
+  const bool fits = guessed && state.fragments.count <= state.fragments.triangles[0].size();
+  VOXELPIPE_OK_OR_RETURN(state.fragments.MakeRoom(KeyBytes(state), state.stream));
+  const FragmentArgs args = MakeFragmentArgs(state, counts);
+  if (!fits) VOXELPIPE_OK_OR_RETURN(EmitRecords(state, args));
+  const uint64_t spans = args.list.own + **counted;
+  if (spans <= args.list.capacity) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentWriter>(state, MakeRestArgs(state, 0, triangles, true), args));
+  // The next slab's are likely as many.
+  const uint64_t wanted = std::min(state.device.memory_bytes / 64 / sizeof(uint64_t), spans + spans / 16);
+  return wanted > args.list.capacity ? state.spans.Resize(wanted, state.stream) : absl::OkStatus();
+}
+
+// Buckets of fragments whose keys have 32 bits, and the ones of the targets that `ones` has.
+absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel, std::span<uint8_t* const> ones) {
   BucketArgs<uint64_t> args;
   args.keys = state.fragments.KeysAs<uint32_t>(state.fragments.current);
   args.fragments = state.fragments.count;
-  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(args.chunks() + 1, state.stream));
   args.first_voxel = first_voxel;
-  args.first = state.fragment_first.data();
+  args.first = state.bucket_chunks.data();
   args.offsets = state.result.offsets.data();
   args.voxels = state.result.voxels.data();
-  VOXELPIPE_OK_OR_RETURN(CountBuckets(args, state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(state.counters.data() + kScratch1, args.first + args.chunks(),
-                                           sizeof(uint64_t), cudaMemcpyDeviceToDevice, state.stream));
-  return ListBuckets(args, state.stream);
+  args.listed = state.counters.data() + kBuckets;
+  for (uint8_t* const words : ones) args.ones[args.ones_count++] = reinterpret_cast<uint32_t*>(words);
+  return CountAndListBuckets(args, state.stream);
 }
 
 template <typename Key>
 absl::Status FindBuckets(RunState& state) {
   const BeginsVoxel<Key> begins{state.fragments.KeysAs<Key>(state.fragments.current)};
   const thrust::counting_iterator<uint64_t> numbers(0);
-  uint64_t* const count = state.counters.data() + kScratch1;
+  uint64_t* const count = state.counters.data() + kBuckets;
   size_t scratch = 0;
   VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(nullptr, scratch, numbers, state.result.offsets.data(), count,
                                                  state.fragments.count, begins, state.stream));
@@ -266,6 +284,8 @@ absl::Status EmitFragments(RunState& state) {
   state.fragments.count = *total;
   if (state.fragments.count == 0) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(state.fragments.MakeRoom(KeyBytes(state), state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(ChunksOf(state.fragments.count), state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Fill(0, state.stream));
   return WideKeys(state) ? Emit<uint64_t>(state, *args) : Emit<uint32_t>(state, *args);
 }
 
@@ -282,23 +302,9 @@ absl::Status Resolve(RunState& state) {
   const uint64_t most_voxels = std::min(fragments, state.slab_voxels());
   VOXELPIPE_OK_OR_RETURN(out.offsets.Resize(most_voxels + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(out.voxels.Resize(most_voxels, state.stream));
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kScratch1}));
-  uint64_t* const voxels = state.counters.data() + kScratch1;
   const uint64_t first_voxel = uint64_t(state.slab.begin) * uint64_t(state.view.dims[0]) * uint64_t(state.view.dims[1]);
-  if (fragments > 0 && !WideKeys(state)) {
-    VOXELPIPE_OK_OR_RETURN(WriteNarrowBuckets(state, first_voxel));
-  } else {
-    if (fragments > 0) VOXELPIPE_OK_OR_RETURN(FindBuckets<uint64_t>(state));
-    ListVoxels<<<BlocksFor(most_voxels + 1, 256), 256, 0, state.stream>>>(
-        state.fragments.KeysAs<uint64_t>(state.fragments.current), out.offsets.data(), voxels, fragments, first_voxel,
-        out.voxels.data());
-    VOXELPIPE_LAUNCHED_OR_RETURN("ListVoxels");
-  }
-  const absl::StatusOr<uint64_t> listed = ReadElement(voxels, state.stream);
-  if (!listed.ok()) return listed.status();
-  out.listed_voxels = *listed;
-  out.listed_fragments = fragments;
   ShadeArgs args = MakeShadeArgs(state);
+  out.listed_fragments = fragments;
   out.targets.resize(size_t(state.targets.count));
   for (int t = 0; t < state.targets.count; ++t) {
     DeviceArray<uint8_t>& values = out.targets[size_t(t)];
@@ -306,9 +312,22 @@ absl::Status Resolve(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(values.Resize((bytes + 3) / 4 * 4, state.stream));
     args.out[t] = values.data();
   }
+  const bool shades = ShadesFragments(state.request), narrow = fragments > 0 && !WideKeys(state);
+  if (narrow) {
+    const auto targets = size_t(state.targets.count);
+    VOXELPIPE_OK_OR_RETURN(WriteNarrowBuckets(state, first_voxel, std::span(args.out, shades ? 0 : targets)));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kBuckets}));
+    uint64_t* const voxels = state.counters.data() + kBuckets;
+    if (fragments > 0) VOXELPIPE_OK_OR_RETURN(FindBuckets<uint64_t>(state));
+    ListVoxels<<<BlocksFor(most_voxels + 1, 256), 256, 0, state.stream>>>(
+        state.fragments.KeysAs<uint64_t>(state.fragments.current), out.offsets.data(), voxels, fragments, first_voxel,
+        out.voxels.data());
+    VOXELPIPE_LAUNCHED_OR_RETURN("ListVoxels");
+  }
   if (fragments == 0) return absl::OkStatus();
-  if (!ShadesFragments(state.request)) {
-    for (int t = 0; t < state.targets.count; ++t) {
+  if (!shades) {
+    for (int t = 0; t < state.targets.count && !narrow; ++t) {
       FillOnes<<<BlocksFor((fragments + 31) / 32, 256), 256, 0, state.stream>>>(
           reinterpret_cast<uint32_t*>(args.out[t]), fragments);
       VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");

@@ -100,7 +100,8 @@ class CudaStages final : public Stages {
       return;
     }
     const bool buckets = state_.request.request.result == ResultKind::kBuckets;
-    occupied_ = buckets ? state_.result.listed_voxels : (*counters)[kVoxels];
+    if (buckets) state_.result.listed_voxels = (*counters)[kBuckets];
+    occupied_ = (*counters)[buckets ? kBuckets : kVoxels];
     state_.counts.odd_columns = (*counters)[kOddColumns];
     if (buckets) {
       state_.counts.fragments = state_.result.listed_fragments;

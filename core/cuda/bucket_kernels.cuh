@@ -79,12 +79,41 @@ __global__ void __launch_bounds__(kBucketThreads) CountHeads(const __grid_consta
   args.first[blockIdx.x] = sum;
 }
 
-// Voxels and the offsets of their fragments; after the last voxel stands the number of all fragments.
-template <typename Index>
-__global__ void __launch_bounds__(kBucketThreads) WriteBuckets(const __grid_constant__ BucketArgs<Index> args) {
+// How many voxels begin before this block's chunk, in which `here` do; by its first warp. Every block says in `first` what it knows: at first
+// how many begin in its chunk, later how many up to its end, for which it sums backwards until another one says that (D. Merrill and
+// M. Garland, "Single-pass Parallel Prefix Scan with Decoupled Look-back", NVIDIA 2016). Blocks begin in the order of their numbers.
+__device__ inline uint64_t LookBack(uint64_t* first, uint64_t here) {
+  constexpr uint64_t kOfChunk = uint64_t{1} << 62, kUpto = uint64_t{1} << 63, kNumber = kOfChunk - 1;
+  const unsigned lane = threadIdx.x % 32;
+  volatile uint64_t* const said = first;
+  if (blockIdx.x == 0) {
+    if (lane == 0) said[0] = kUpto | here;
+    return 0;
+  }
+  if (lane == 0) said[blockIdx.x] = kOfChunk | here;
+  uint64_t sum = 0;
+  for (int64_t at = int64_t(blockIdx.x) - 1 - lane;; at -= 32) {
+    uint64_t there;
+    unsigned nearest;  // the lane that sees one which knows all before it; the largest number where there is none
+    do {
+      there = at < 0 ? kUpto : said[at];
+      nearest = unsigned(__ffs(int(__ballot_sync(~0u, (there & kUpto) != 0))) - 1);
+    } while (__any_sync(~0u, there == 0 && lane <= nearest) != 0);
+    uint64_t theirs = lane <= nearest ? there & kNumber : 0;
+    for (int step = 16; step > 0; step /= 2) theirs += __shfl_xor_sync(~0u, theirs, step);
+    sum += theirs;
+    if (nearest < 32) break;
+  }
+  if (lane == 0) said[blockIdx.x] = kUpto | (sum + here);
+  return sum;
+}
+
+// Voxels and the offsets of their fragments; after the last voxel stands the number of all fragments. kCounts: nothing is counted before.
+template <bool kCounts, typename Index>
+__global__ void __launch_bounds__(kBucketThreads, 4) WriteBuckets(const __grid_constant__ BucketArgs<Index> args) {
   __shared__ uint32_t sums[kBucketThreads / 32];
-  __shared__ uint32_t keys[kKeysOfChunk];
   __shared__ uint16_t places[kKeysOfChunk];
+  __shared__ uint64_t before;
   uint32_t key[kKeysOfThread];
   const uint64_t chunk = uint64_t(blockIdx.x) * kKeysOfChunk;
   const uint32_t heads = FindHeads(args, chunk + uint64_t(threadIdx.x) * kKeysOfThread, key);
@@ -97,20 +126,32 @@ __global__ void __launch_bounds__(kBucketThreads) WriteBuckets(const __grid_cons
     if (w < threadIdx.x / 32) at += sums[w];
     total += sums[w];
   }
+  if constexpr (kCounts) {
+    const uint64_t words = (args.fragments + 31) / 32, word = chunk / 32 + threadIdx.x;
+    static_assert(kKeysOfChunk / 32 <= kBucketThreads);
+    for (int t = 0; t < args.ones_count && threadIdx.x < kKeysOfChunk / 32 && word < words; ++t) {
+      args.ones[t][word] = WordOfOnes(args.fragments, word);
+    }
+    if (threadIdx.x < 32) {
+      const uint64_t sum = LookBack(args.first, total);
+      if (threadIdx.x == 0) before = sum;
+    }
+  }
 #pragma unroll
   for (int i = 0; i < kKeysOfThread; ++i) {
     if ((heads >> i & 1) == 0) continue;
-    keys[at] = key[i];
     places[at] = uint16_t(threadIdx.x * kKeysOfThread + unsigned(i));
     ++at;
   }
   __syncthreads();
-  const uint64_t to = args.first[blockIdx.x];
+  const uint64_t to = kCounts ? before : args.first[blockIdx.x];
   for (uint32_t i = threadIdx.x; i < total; i += kBucketThreads) {
     args.offsets[to + i] = Index(chunk + places[i]);
-    args.voxels[to + i] = Index(args.first_voxel + keys[i]);
+    args.voxels[to + i] = Index(args.first_voxel + args.keys[chunk + places[i]]);
   }
-  if (blockIdx.x + 1 == gridDim.x && threadIdx.x == 0) args.offsets[to + total] = Index(args.fragments);
+  if (blockIdx.x + 1 < gridDim.x || threadIdx.x > 0) return;
+  args.offsets[to + total] = Index(args.fragments);
+  if constexpr (kCounts) *args.listed = to + total;
 }
 
 }  // namespace voxelpipe::cuda

@@ -1,5 +1,5 @@
-// The A-buffer's fragments from records of triangles (cell_views.h): counted, given room by a scan, emitted in the order of
-// triangles. No host-only includes.
+// The A-buffer's fragments from records of triangles (cell_views.h), in the order of triangles. FindCells counts them; where those of a block
+// begin is the sum of what is counted before. No host-only includes.
 #pragma once
 
 #include "cuda/cell_walk.cuh"
@@ -8,31 +8,23 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr int kChunkThreads = 256, kCellsOfThread = 2;
-inline constexpr int kCellsAtOnce = kChunkThreads * kCellsOfThread;  // whose fragments a block emits together
-inline constexpr int kStagedFragments = 4096;                        // of those; where they have more none is staged
+inline constexpr int kChunkThreads = 256, kChunkWarps = kChunkThreads / 32, kCellsOfThread = 2;
+inline constexpr uint32_t kCellsAtOnce = kChunkThreads * kCellsOfThread;  // whose fragments a block emits together
+inline constexpr uint32_t kStagedFragments = 4096;  // of those; where they have more none is staged
+inline constexpr uint32_t kNotHere = ~0u;           // what other kernels write
 
 struct FragmentArgs {
   GridView grid;
   uint64_t* cells = nullptr;   // records
   uint64_t* blocks = nullptr;  // masks; of others, where their next fragment goes
   uint64_t triangles = 0;
-  uint64_t* first = nullptr;  // of chunks of records: how many fragments, then where they begin; and one more
-  uint32_t of_chunk = 1;      // records
+  FragmentCounts counts;
   uint32_t *keys = nullptr, *values = nullptr;
-  // What waits as a list (span_views.h), if it has room for all.
-  uint64_t* spans = nullptr;
-  uint64_t capacity = 0;
-  uint64_t* span_count = nullptr;
+  uint64_t room = 0;          // fragments; what is beyond it is not written
+  SpanList list;              // what waits, if it has room for all
+  uint64_t* clear = nullptr;  // `clear_count` elements, which EmitCells sets to 0 for a later kernel
+  uint64_t clear_count = 0;
 };
-
-__device__ inline uint32_t FragmentsOf(const FragmentArgs& args, uint64_t t, uint64_t cell) {
-  switch (KindOfCell(cell)) {
-    case CellKind::kOctants: return uint32_t(__popc(OctantsOfCell(cell)));
-    case CellKind::kBlock: return uint32_t(__popcll(args.blocks[t]));
-    default: return FirstOfCell(cell);
-  }
-}
 
 // The voxel of a bit of a grid: its index within the slab.
 __device__ inline uint32_t KeyOfBit(const GridView& grid, uint32_t bit) {
@@ -42,107 +34,185 @@ __device__ inline uint32_t KeyOfBit(const GridView& grid, uint32_t bit) {
   return row * nx + (bit - row * words * 32);
 }
 
-struct EmitRoom {
-  uint32_t bits[kStagedFragments], values[kStagedFragments];
-  uint64_t sums[kChunkThreads / 32];
+// From a voxel's bit to those of its neighbours in the next row and in the next layer.
+struct BitSteps {
+  uint32_t row, layer;
+
+  __device__ explicit BitSteps(const GridView& grid)
+      : row(uint32_t(grid.words_per_row) * 32), layer(row * uint32_t(grid.dims[1])) {}
 };
 
-// The fragments of a thread's records from `at` on, a triangle's in a row: put(at, triangle, bit); of those that wait only where
-// they go, `base` from where `at` counts: skip(at, how many).
-template <typename Put, typename Skip>
-__device__ inline void ForEachFragment(const FragmentArgs& args, const uint64_t (&cell)[kCellsOfThread], uint64_t begin,
-                                       uint64_t base, uint64_t at, Put&& put, Skip&& skip) {
-  const auto row = uint32_t(args.grid.words_per_row) * 32, layer = row * uint32_t(args.grid.dims[1]);
+// The voxels of a record: put(bit). None of what waits.
+template <typename Put>
+__device__ inline void ForEachOctant(const BitSteps& steps, uint64_t cell, Put&& put) {
+  const uint32_t octants = OctantsOfCell(cell), first = FirstOfCell(cell);
 #pragma unroll
-  for (int i = 0; i < kCellsOfThread; ++i) {
-    const uint64_t t = begin + uint64_t(i);
-    const uint32_t first = FirstOfCell(cell[i]);
-    switch (KindOfCell(cell[i])) {
-      case CellKind::kOctants:
-        for (uint32_t left = OctantsOfCell(cell[i]); left != 0; left &= left - 1) {
-          const auto n = uint32_t(__ffs(int(left)) - 1);
-          put(at++, t, first + (n & 1) + (n >> 1 & 1) * row + (n >> 2) * layer);
-        }
-        break;
-      case CellKind::kBlock:
-        for (uint64_t left = args.blocks[t]; left != 0; left &= left - 1) {
-          const auto n = uint32_t(__ffsll(static_cast<long long>(left)) - 1);
-          put(at++, t, first + (n & 3) + (n >> 2 & 3) * row + (n >> 4) * layer);
-        }
-        break;
-      default:
-        args.blocks[t] = base + at;
-        skip(at, first);
-        at += first;
+  for (uint32_t pair = 0; pair < 4; ++pair) {  // without a loop over those that are set: lanes have as many
+    const uint32_t at = first + ((pair & 1) != 0 ? steps.row : 0) + ((pair & 2) != 0 ? steps.layer : 0);
+    if ((octants >> 2 * pair & 1) != 0) put(at);
+    if ((octants >> 2 * pair & 2) != 0) put(at + 1);
+  }
+}
+template <typename Put>
+__device__ inline void ForEachOfBlock(const BitSteps& steps, uint64_t cell, uint64_t mask, Put&& put) {
+  uint32_t first = FirstOfCell(cell);
+  for (int half = 0; half < 2; ++half, mask >>= 32, first += 2 * steps.layer) {
+    for (auto left = uint32_t(mask); left != 0; left &= left - 1) {
+      const auto n = uint32_t(__ffs(int(left)) - 1);
+      put(first + (n & 3) + (n >> 2 & 3) * steps.row + (n >> 4) * steps.layer);
     }
   }
 }
 
-// The fragments of a chunk's triangles.
-__global__ void __launch_bounds__(kChunkThreads) EmitCells(const __grid_constant__ FragmentArgs args) {
+// The sum over the lanes up to this one.
+template <typename T>
+__device__ inline T SumUpto(T value) {
+  const unsigned lane = threadIdx.x % 32;
+  for (unsigned step = 1; step < 32; step *= 2) {
+    const T below = __shfl_up_sync(~0u, value, step);
+    if (lane >= step) value += below;
+  }
+  return value;
+}
+
+// A block's room. Sums of warps are written and read between two barriers.
+struct EmitRoom {
+  uint2 staged[kStagedFragments];  // the bit, and which of the block's triangles; or kNotHere
+  uint64_t before[kChunkWarps];
+  uint32_t sums[kChunkWarps];
+  uint64_t long_sums[kChunkWarps];
+};
+
+// The sum over the warps before this one, and over all.
+template <typename T>
+__device__ inline T SumOfWarps(const T (&sums)[kChunkWarps], T& all) {
+  T before = all = 0;
+#pragma unroll
+  for (unsigned w = 0; w < kChunkWarps; ++w) {
+    if (w == threadIdx.x / 32) before = all;
+    all += sums[w];
+  }
+  return before;
+}
+
+// How many fragments there are in groups and chunks before this block's. All threads of the block call it.
+__device__ inline uint64_t FragmentsBefore(const FragmentCounts& counts, EmitRoom& room) {
+  const uint32_t group = blockIdx.x / counts.chunks_of_group, in_group = blockIdx.x - group * counts.chunks_of_group;
+  static_assert(kChunkGroups <= kChunkThreads);
+  uint64_t sum = threadIdx.x < group ? counts.of_groups[threadIdx.x] : 0;
+  for (uint32_t c = threadIdx.x; c < in_group; c += kChunkThreads) sum += counts.of_block[blockIdx.x - 1 - c];
+  for (int step = 16; step > 0; step /= 2) sum += __shfl_xor_sync(~0u, sum, step);
+  if (threadIdx.x % 32 == 0) room.before[threadIdx.x / 32] = sum;
+  __syncthreads();
+  SumOfWarps(room.before, sum);
+  return sum;
+}
+
+// The records that a thread takes at once, and the masks of blocks among them.
+struct CellsOfThread {
+  uint64_t cell[kCellsOfThread] = {}, mask[kCellsOfThread] = {};
+
+  __device__ bool waits(int i) const { return KindOfCell(cell[i]) == CellKind::kOther; }
+  __device__ uint32_t count(int i) const {
+    return waits(i) ? FirstOfCell(cell[i]) : uint32_t(__popc(OctantsOfCell(cell[i])) + __popcll(mask[i]));
+  }
+};
+
+// The fragments of a block's triangles, the thread's from `first` on, where they are too many to be staged. The number of all.
+__device__ __noinline__ inline uint64_t EmitPlainly(const FragmentArgs& args, EmitRoom& room, uint64_t first,
+                                                    CellsOfThread of, uint64_t out) {
+  uint64_t mine = 0;
+  for (int i = 0; i < kCellsOfThread; ++i) mine += of.count(i);
+  const uint64_t upto = SumUpto(mine);
+  if (threadIdx.x % 32 == 31) room.long_sums[threadIdx.x / 32] = upto;
+  __syncthreads();
+  uint64_t total;
+  uint64_t at = out + SumOfWarps(room.long_sums, total) + upto - mine;
+  if (out + total > args.room) return total;
+  const BitSteps steps(args.grid);
+  for (int i = 0; i < kCellsOfThread; ++i) {
+    if (of.waits(i)) {
+      args.blocks[first + uint64_t(i)] = at;  // others write there
+      at += FirstOfCell(of.cell[i]);
+      continue;
+    }
+    const auto put = [&](uint32_t bit) {
+      args.keys[at] = KeyOfBit(args.grid, bit);
+      args.values[at++] = uint32_t(first) + uint32_t(i);
+    };
+    ForEachOctant(steps, of.cell[i], put);
+    ForEachOfBlock(steps, of.cell[i], of.mask[i], put);
+  }
+  return total;
+}
+
+// The fragments of all records, a block what a block of FindCells took. May begin early.
+__global__ void __launch_bounds__(kChunkThreads, 6) EmitCells(const __grid_constant__ FragmentArgs args) {
   __shared__ EmitRoom room;
-  const unsigned lane = threadIdx.x % 32, warp = threadIdx.x / 32;
-  const uint64_t chunk = uint64_t(blockIdx.x) * args.of_chunk, end = min(args.triangles, chunk + args.of_chunk);
-  uint64_t base = args.first[blockIdx.x];
-  for (uint64_t cells = chunk; cells < end; cells += kCellsAtOnce) {
-    const uint64_t begin = cells + uint64_t(threadIdx.x) * kCellsOfThread;
-    uint64_t cell[kCellsOfThread] = {};
-    if (begin + kCellsOfThread <= end) {
+  AwaitEarlier();
+  if (threadIdx.x == 0) {
+    for (uint64_t i = blockIdx.x; i < args.clear_count; i += gridDim.x) args.clear[i] = 0;
+  }
+  const uint64_t chunk = uint64_t(blockIdx.x) * args.counts.of_chunk;
+  const auto here = uint32_t(min(args.triangles - chunk, uint64_t{args.counts.of_chunk}));
+  const uint64_t *const cells = args.cells + chunk, *const blocks = args.blocks + chunk;
+  const BitSteps steps(args.grid);
+  const auto load = [&](uint64_t(&to)[kCellsOfThread], uint32_t local) {
 #pragma unroll
-      for (int i = 0; i < kCellsOfThread; i += 2) {
-        const ulonglong2 two = *reinterpret_cast<const ulonglong2*>(args.cells + begin + i);
-        cell[i] = two.x, cell[i + 1] = two.y;
-      }
-    } else {
+    for (int i = 0; i < kCellsOfThread; ++i) to[i] = local + uint32_t(i) < here ? cells[local + uint32_t(i)] : 0;
+  };
+  uint64_t next[kCellsOfThread];
+  load(next, threadIdx.x * kCellsOfThread);
+  uint64_t out = FragmentsBefore(args.counts, room);
+  for (uint32_t begin = 0; begin < here; begin += kCellsAtOnce) {
+    const uint32_t local = begin + threadIdx.x * kCellsOfThread;
+    CellsOfThread of;
+    uint32_t mine = 0, counts[kCellsOfThread];
 #pragma unroll
-      for (int i = 0; i < kCellsOfThread; ++i) {
-        if (begin + uint64_t(i) < end) cell[i] = args.cells[begin + uint64_t(i)];
-      }
+    for (int i = 0; i < kCellsOfThread; ++i) {
+      of.cell[i] = next[i];
+      if (KindOfCell(of.cell[i]) == CellKind::kBlock) of.mask[i] = blocks[local + uint32_t(i)];
     }
-    uint64_t mine = 0;
+    load(next, local + kCellsAtOnce);
 #pragma unroll
-    for (int i = 0; i < kCellsOfThread; ++i) mine += FragmentsOf(args, begin + uint64_t(i), cell[i]);
-    uint64_t sum = mine;
-    for (unsigned step = 1; step < 32; step *= 2) {
-      const uint64_t below = __shfl_up_sync(~0u, sum, step);
-      if (lane >= step) sum += below;
+    for (int i = 0; i < kCellsOfThread; ++i) {
+      counts[i] = min(of.count(i), kStagedFragments + 1);
+      mine += counts[i];
     }
-    if (lane == 31) room.sums[warp] = sum;
-    __syncthreads();
-    uint64_t at = sum - mine, total = 0;
-#pragma unroll
-    for (unsigned w = 0; w < kChunkThreads / 32; ++w) {
-      if (w < warp) at += room.sums[w];
-      total += room.sums[w];
-    }
-    if (total <= uint64_t{kStagedFragments}) {
-      ForEachFragment(
-          args, cell, begin, base, at,
-          [&](uint64_t to, uint64_t t, uint32_t bit) {
-            room.bits[uint32_t(to)] = bit;
-            room.values[uint32_t(to)] = uint32_t(t);
-          },
-          [&](uint64_t to, uint32_t count) {  // others write there
-            for (uint32_t k = 0; k < count; ++k) room.values[uint32_t(to) + k] = ~0u;
-          });
+    const uint32_t upto = SumUpto(mine);
+    if (threadIdx.x % 32 == 31) room.sums[threadIdx.x / 32] = upto;
+    __syncthreads();  // what was staged before is written too
+    uint32_t total;
+    const uint32_t before = SumOfWarps(room.sums, total) + upto - mine;
+    if (total > kStagedFragments) {
+      out += EmitPlainly(args, room, chunk + local, of, out);
       __syncthreads();
-      for (uint32_t i = threadIdx.x; i < uint32_t(total); i += kChunkThreads) {
-        const uint32_t t = room.values[i];
-        if (t == ~0u) continue;
-        args.keys[base + i] = KeyOfBit(args.grid, room.bits[i]);
-        args.values[base + i] = t;
-      }
-    } else {
-      ForEachFragment(
-          args, cell, begin, base, at,
-          [&](uint64_t to, uint64_t t, uint32_t bit) {
-            args.keys[base + to] = KeyOfBit(args.grid, bit);
-            args.values[base + to] = uint32_t(t);
-          },
-          [](uint64_t, uint32_t) {});
+      continue;
     }
-    base += total;
-    __syncthreads();  // the room is free again
+    if (out + total > args.room) return;
+    uint32_t at = before;
+#pragma unroll
+    for (int i = 0; i < kCellsOfThread && mine > 0; ++i) {
+      const uint32_t t = local + uint32_t(i);
+      uint2* to = room.staged + at;
+      const auto put = [&](uint32_t bit) { *to++ = uint2{bit, t}; };
+      ForEachOctant(steps, of.cell[i], put);
+      if (of.mask[i] != 0) ForEachOfBlock(steps, of.cell[i], of.mask[i], put);
+      if (of.waits(i)) {
+        args.blocks[chunk + t] = out + at;  // others write there
+        for (uint32_t k = FirstOfCell(of.cell[i]); k > 0; --k) *to++ = uint2{0, kNotHere};
+      }
+      at += counts[i];
+    }
+    __syncthreads();
+    uint32_t *const keys = args.keys + out, *const values = args.values + out;
+    for (uint32_t k = threadIdx.x; k < total; k += kChunkThreads) {
+      const uint2 fragment = room.staged[k];
+      if (fragment.y == kNotHere) continue;
+      keys[k] = KeyOfBit(args.grid, fragment.x);
+      values[k] = uint32_t(chunk) + fragment.y;
+    }
+    out += total;
   }
 }
 
@@ -162,44 +232,74 @@ __device__ inline LanesOfPut LookAtPut(uint32_t t, int x_begin, int x_end) {
   return put;
 }
 
-// Adds to the records of those that wait, and to their chunks, how many fragments they have, and lists them.
+// Adds to the records of those that wait, and to their chunks, how many fragments they have, and lists them. What a warp has of a triangle it
+// adds at once, and of one triangle time after time at the end: what takes longest is that many additions go to one address.
 class FragmentCounter {
  public:
   using Args = FragmentArgs;
-  __device__ explicit FragmentCounter(const FragmentArgs& args)
-      : args_(args), list_(args.spans, args.capacity, args.span_count, kNoSpan) {}
+  __device__ FragmentCounter(const FragmentArgs& args, uint32_t number) : args_(args), list_(args.list, number) {}
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
     const LanesOfPut put = LookAtPut(t, x_begin, x_end);
     if (put.leader < 0) return;
-    const uint32_t all = WarpSum(put.count);
     if (!put.one_triangle) {
-      if (put.count > 0) Add(t, put.count);
-    } else if (int(threadIdx.x % 32) == put.leader) {
-      Add(t, all);
+      AddRuns(t, put.count);
+    } else {
+      const uint32_t all = WarpSum(put.count), theirs = __shfl_sync(~0u, t, put.leader);
+      if (theirs != triangle_ || counted_ > UINT32_MAX - all) Flush();
+      triangle_ = theirs;
+      counted_ += all;
     }
     ForEachSpan(args_.grid, t, row, x_begin, x_end, [&](uint32_t lanes, uint64_t span) { list_.Put(lanes, span); });
   }
   __device__ void Finish() {
     __syncwarp();
+    Flush();
     list_.Close();
   }
 
  private:
   const FragmentArgs& args_;
-  PieceWriter<uint64_t, kSpansOfPiece> list_;
+  SpanListWriter list_;
+  uint32_t triangle_ = 0, counted_ = 0;  // alike in all lanes
 
+  __device__ void Flush() {
+    if (counted_ > 0 && threadIdx.x % 32 == 0) Add(triangle_, counted_);
+    counted_ = 0;
+  }
+  // Lanes of one triangle follow one another; the first of them adds what they have.
+  __device__ void AddRuns(uint32_t t, uint32_t count) const {
+    const unsigned lane = threadIdx.x % 32;
+    const uint32_t left = __shfl_up_sync(~0u, t, 1);
+    const bool first = lane == 0 || left != t;
+    const uint32_t heads = __ballot_sync(~0u, first), above = heads & ~((2u << lane) - 1);
+    const uint32_t upto = SumUpto(count);
+    const uint32_t all = __shfl_sync(~0u, upto, above == 0 ? 31 : __ffs(int(above)) - 2) - (upto - count);
+    if (first && all > 0) Add(t, all);
+  }
   __device__ void Add(uint32_t t, uint32_t count) const {
+    const FragmentCounts& counts = args_.counts;
+    const uint32_t chunk = t / counts.of_chunk;
     atomicAdd(reinterpret_cast<uint32_t*>(args_.cells + t), count);  // the low half
-    atomicAdd(reinterpret_cast<unsigned long long*>(args_.first + t / args_.of_chunk), 0ull + count);
+    atomicAdd(Counted(counts.of_block + chunk), 0ull + count);
+    atomicAdd(Counted(counts.of_groups + chunk / counts.chunks_of_group), 0ull + count);
   }
 };
 
-// The listed spans to fragments.
+// How many there are. All threads of a warp call it.
+__device__ inline uint64_t AllFragments(const FragmentCounts& counts) {
+  uint64_t all = 0;
+  for (uint32_t g = threadIdx.x % 32; g < uint32_t(kChunkGroups); g += 32) all += counts.of_groups[g];
+  for (int step = 16; step > 0; step /= 2) all += __shfl_xor_sync(~0u, all, step);
+  return all;
+}
+
+// The listed spans to fragments, where there is room for all of both.
 __global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constant__ FragmentArgs args) {
-  const uint64_t count = *args.span_count;
+  const uint64_t count = args.list.own + *args.list.count;
+  if (count > args.list.capacity || AllFragments(args.counts) > args.room) return;
   const uint64_t threads = uint64_t(gridDim.x) * kChunkThreads;
   for (uint64_t begin = uint64_t(blockIdx.x) * kChunkThreads + threadIdx.x / 32 * 32; begin < count; begin += threads) {
-    const uint64_t i = begin + threadIdx.x % 32, span = i < count ? args.spans[i] : kNoSpan;
+    const uint64_t i = begin + threadIdx.x % 32, span = i < count ? args.list.spans[i] : kNoSpan;
     const uint32_t t = SpanTriangle(span), length = span == kNoSpan ? 0 : SpanLength(span);
     const LanesOfPut put = LookAtPut(t, 0, int(length));
     if (put.leader < 0) continue;
@@ -226,7 +326,7 @@ __global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constan
 class FragmentWriter {
  public:
   using Args = FragmentArgs;
-  __device__ explicit FragmentWriter(const FragmentArgs& args) : args_(args) {}
+  __device__ FragmentWriter(const FragmentArgs& args, uint32_t) : args_(args) {}
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
     const LanesOfPut put = LookAtPut(t, x_begin, x_end);
     if (put.leader < 0) return;

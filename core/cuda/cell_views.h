@@ -30,4 +30,12 @@ VOXELPIPE_HD uint32_t OctantsOfCell(uint64_t cell) {
 
 inline constexpr int kBlockSide = 4;
 
+// How many fragments triangles have, summed twice over: where those of a block's begin is found without a scan.
+struct FragmentCounts {
+  uint32_t of_chunk = 1;          // triangles: what a block of FindCells takes
+  uint32_t chunks_of_group = 1;   // of kChunkGroups groups (span_views.h)
+  uint64_t* of_block = nullptr;   // fragments of each chunk; null: not counted
+  uint64_t* of_groups = nullptr;  // likewise of each group
+};
+
 }  // namespace voxelpipe::cuda

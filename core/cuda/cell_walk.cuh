@@ -30,7 +30,7 @@ struct CellArgs {
   uint64_t* records = nullptr;    // of all triangles, in the order in which they are taken
   uint64_t* blocks = nullptr;     // likewise, masks of those that are blocks
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: not counted
-  uint64_t* chunks = nullptr;     // of each block, how many fragments its records have; null: likewise
+  FragmentCounts chunks;          // of the records
   InPlaceArgs blend;
 };
 
@@ -291,18 +291,21 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     if constexpr (kSink != CellSink::kBlend) args.records[number] = PackCell(CellKind::kOther, 0, 0);
   }
   __syncthreads();
-  if (args.fragments == nullptr && args.chunks == nullptr) return;
+  if (args.fragments == nullptr && args.chunks.of_block == nullptr) return;
   for (int step = 16; step > 0; step /= 2) fragments += __shfl_down_sync(~0u, fragments, step);
   const bool counts = threadIdx.x % 32 == 0;
   if (counts && fragments > 0 && args.fragments != nullptr) {
     atomicAdd(reinterpret_cast<unsigned long long*>(args.fragments + blockIdx.x % kFragmentSlots), 0ull + fragments);
   }
-  if (args.chunks == nullptr) return;
+  if (args.chunks.of_block == nullptr) return;
   if (threadIdx.x == 0) room.first = 0;
   __syncthreads();
   if (counts) atomicAdd(&room.first, 0ull + fragments);
   __syncthreads();
-  if (threadIdx.x == 0) args.chunks[blockIdx.x] = room.first;
+  if (threadIdx.x > 0) return;
+  args.chunks.of_block[blockIdx.x] = room.first;
+  atomicAdd(reinterpret_cast<unsigned long long*>(args.chunks.of_groups + blockIdx.x / args.chunks.chunks_of_group),
+            room.first);
 }
 
 }  // namespace voxelpipe::cuda

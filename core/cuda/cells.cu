@@ -66,7 +66,8 @@ int RoundsOf(const RunState& state) {
 
 absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1}));
+  const bool counts = args.chunks.of_block != nullptr;
+  if (!counts) VOXELPIPE_OK_OR_RETURN(ClearQueues(state, false));
   for (int i = 1; i < 3; ++i) {
     VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(triangles, 1), state.stream));
   }
@@ -108,12 +109,16 @@ absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, c
   return Find(state, sink, args, by_id);
 }
 
-absl::Status FindAndCountCells(RunState& state, uint32_t& of_chunk) {
-  of_chunk = uint32_t(RoundsOf(state)) * kFindThreads;
-  const uint64_t chunks = (state.mesh.host_view.triangle_count + of_chunk - 1) / of_chunk;
-  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(chunks + 1, state.stream));
+absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts) {
+  VOXELPIPE_OK_OR_RETURN(ClearQueues(state, /*groups=*/true));
+  counts.of_chunk = uint32_t(RoundsOf(state)) * kFindThreads;
+  const uint64_t chunks = (state.mesh.host_view.triangle_count + counts.of_chunk - 1) / counts.of_chunk;
+  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(chunks, state.stream));
+  counts.of_block = state.fragment_first.data();
+  counts.of_groups = state.counters.data() + kCounters + kFragmentSlots;
+  counts.chunks_of_group = uint32_t((chunks + kChunkGroups - 1) / kChunkGroups);
   CellArgs args;
-  args.chunks = state.fragment_first.data();
+  args.chunks = counts;
   return Find(state, CellSink::kRecords, args, false);
 }
 

@@ -2,6 +2,8 @@
 #pragma once
 
 #include "cuda/cell_walk.cuh"
+#include "cuda/device_abilities.h"
+#include "cuda/launch.h"
 #include "cuda/run_state.h"
 #include "cuda/span_kernels.cuh"
 
@@ -15,27 +17,40 @@ bool NeedsOrder(RunState& state);
 // kBlend: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: counters, or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
                           bool by_id = false);
-// The same, for the A-buffer: records, and how many fragments those of each chunk have in state.fragment_first, which has room for
-// one more. `of_chunk` becomes the number of triangles of a chunk.
-absl::Status FindAndCountCells(RunState& state, uint32_t& of_chunk);
+// The same, for the A-buffer: records, and how many fragments they have, in state.fragment_first and behind the counters, as `counts` then says.
+absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts);
 
 // What waits after FindAllCells, of triangles [begin, end); where state.draws_largest, without those that are drawn apart.
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats);
+
+// Blocks of EmitRest.
+inline unsigned RestBlocks(const RunState& state) {
+  const uint64_t most = std::max<uint64_t>(state.mesh.host_view.triangle_count, 1);
+  return unsigned(std::min<uint64_t>(uint64_t(state.device.multiprocessors) * kRestBlocks, (most + 3) / 4));
+}
+// The list of spans, as it stands in the slab's arrays: counted by state.counters[kSpans].
+inline SpanList ListOf(RunState& state) {
+  SpanList list;
+  list.spans = state.spans.data();
+  list.capacity = state.spans.size();
+  const uint64_t own = uint64_t{RestBlocks(state)} * (kRestThreads / 32) * kOwnSpans;
+  if (own <= list.capacity / 4) list.own = own;
+  list.count = state.counters.data() + kSpans;
+  return list;
+}
 
 // Gives the rows of what waits to writers.
 template <typename Writer>
 absl::Status EmitWaiting(const RunState& state, const RestArgs& args, const typename Writer::Args& out) {
   const auto processors = unsigned(state.device.multiprocessors);
-  const uint64_t most = std::max<uint64_t>(args.walk.triangle_count, 1);
   constexpr int kOfRest = kRestThreads / 32 * kSetupsOfWarp * int(sizeof(SharedSetup));
   constexpr int kOfLarge = kSetupsOfBlock * int(sizeof(SharedSetup));
   static_assert(kOfRest <= 48 << 10 && kOfLarge <= 48 << 10);  // more must be asked for
   const auto rest = EmitRest<Writer>;
-  const auto blocks = unsigned(std::min<uint64_t>(processors * 6, (most + 3) / 4));
-  rest<<<blocks, kRestThreads, kOfRest, state.stream>>>(args, out);
+  rest<<<RestBlocks(state), kRestThreads, kOfRest, state.stream>>>(args, out);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitRest");
-  const auto large = EmitLarge<Writer>;
-  large<<<processors * 6, kRestThreads, kOfLarge, state.stream>>>(args, out);
+  LaunchEarly(BeginsEarly(state.device), state.stream, processors * 6, kRestThreads, kOfLarge, EmitLarge<Writer>, args,
+              out);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitLarge");
   return absl::OkStatus();
 }

@@ -78,17 +78,13 @@ uint64_t MostSpans(const RunState& state) {
   return std::max<uint64_t>(state.device.memory_bytes / kMemoryPerSpan, 1 << 10);
 }
 
-// Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; state.counters[kSpans]
-// has how many entries they need. Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and
+// Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; ListOf says how many entries they need. Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and
 // fragments are counted.
 absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again) {
   if (again) VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecords, nullptr));
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kSpans}));
   SpanArgs args;
   args.grid = state.view;
-  args.spans = state.spans.data();
-  args.capacity = state.spans.size();
-  args.count = state.counters.data() + kSpans;
+  args.list = ListOf(state);
   args.bits = state.coverage.data();
   args.fragments = again ? nullptr : FragmentSlots(state);
   const int64_t* const d = state.view.dims;
@@ -201,14 +197,14 @@ absl::StatusOr<uint64_t> FindAndList(RunState& state, int last, bool ranked) {
   if (ranked) VOXELPIPE_OK_OR_RETURN(RankCovered(state));
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
-  state.span_count = (*counters)[kSpans];
+  state.span_count = ListOf(state).own + (*counters)[kSpans];
   return (*counters)[kRanks];
 }
 
 absl::StatusOr<uint64_t> ListedSpans(RunState& state) {
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
-  return (*counters)[kSpans];
+  return ListOf(state).own + (*counters)[kSpans];
 }
 
 // Calls take(number of spans in the list) for lists that together hold the spans of triangles [begin, end). `counted`:

@@ -49,7 +49,8 @@ struct DigitPolicies {
   struct Policy : cub::ChainedPolicy<500, Policy, Policy>, Base {
     static constexpr bool ONESWEEP = true;
     static constexpr int ONESWEEP_RADIX_BITS = kBits;
-    using HistogramPolicy = cub::AgentRadixSortHistogramPolicy<128, 16, 1, uint32_t, kBits>;
+    // Blocks of 128 threads, as CUB has them, add four times as many counts of theirs to those of all.
+    using HistogramPolicy = cub::AgentRadixSortHistogramPolicy<512, 16, 1, uint32_t, kBits>;
     using ExclusiveSumPolicy = cub::AgentRadixSortExclusiveSumPolicy<256, kBits>;
     using OnesweepPolicy =
         cub::AgentRadixSortOnesweepPolicy<kThreads, kItems, uint32_t, 1, cub::RADIX_RANK_MATCH_EARLY_COUNTS_ANY,

@@ -16,11 +16,13 @@ struct Fragments {
   int current = 0;
 
   absl::Status MakeRoom(uint64_t key_bytes, cudaStream_t stream) {
-    for (int i = 0; i < 2; ++i) {
-      VOXELPIPE_OK_OR_RETURN(keys[i].Resize(count * key_bytes, stream));
-      VOXELPIPE_OK_OR_RETURN(triangles[i].Resize(count, stream));
-    }
+    for (int i = 0; i < 2; ++i) VOXELPIPE_OK_OR_RETURN(MakeRoom(i, count, key_bytes, stream));
     return absl::OkStatus();
+  }
+  // In one of the copies.
+  absl::Status MakeRoom(int copy, uint64_t fragments, uint64_t key_bytes, cudaStream_t stream) {
+    VOXELPIPE_OK_OR_RETURN(keys[copy].Resize(fragments * key_bytes, stream));
+    return triangles[copy].Resize(fragments, stream);
   }
   void Free() {
     for (auto& array : keys) array.Free();
@@ -41,8 +43,9 @@ absl::Status SortByKey(
 
 // In buckets.cu. Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room. There are fragments.
 absl::Status CountBuckets(const SortedKeys& keys, cudaStream_t stream);
+// Both in one, which reads the keys once. keys.first is 0 everywhere, and what it becomes is no other's.
+absl::Status CountAndListBuckets(const BucketArgs<uint64_t>& args, cudaStream_t stream);
 // Voxels and where their fragments begin; behind the last one's stands the number of all fragments.
-absl::Status ListBuckets(const BucketArgs<uint64_t>& args, cudaStream_t stream);
 absl::Status ListBuckets(const BucketArgs<uint32_t>& args, cudaStream_t stream);
 
 }  // namespace voxelpipe::cuda

@@ -30,15 +30,21 @@ inline int RoundsFor(uint64_t triangles, int threads, uint64_t resident, int mos
   return best;
 }
 
-// Launches a kernel that keeps to early_launch.cuh. `early`: whether the device can. Errors as with any launch: cudaGetLastError() has them.
+// Launches a kernel that keeps to early_launch.cuh, with `room` bytes of shared memory. `early`: whether the device can. Errors as with any
+// launch: cudaGetLastError() has them.
 template <typename... Parameters>
-void LaunchEarly(bool early, cudaStream_t stream, dim3 blocks, unsigned threads, void (*kernel)(Parameters...),
-                 const Parameters&... arguments) {
+void LaunchEarly(bool early, cudaStream_t stream, dim3 blocks, unsigned threads, size_t room,
+                 void (*kernel)(Parameters...), const Parameters&... arguments) {
   cudaLaunchAttribute attribute{};
   attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
   attribute.val.programmaticStreamSerializationAllowed = 1;
-  const cudaLaunchConfig_t config{blocks, dim3(threads), 0, stream, &attribute, early ? 1u : 0u};
+  const cudaLaunchConfig_t config{blocks, dim3(threads), room, stream, &attribute, early ? 1u : 0u};
   (void)cudaLaunchKernelEx(&config, kernel, arguments...);
+}
+template <typename... Parameters>
+void LaunchEarly(bool early, cudaStream_t stream, dim3 blocks, unsigned threads, void (*kernel)(Parameters...),
+                 const Parameters&... arguments) {
+  LaunchEarly(early, stream, blocks, threads, 0, kernel, arguments...);
 }
 
 }  // namespace voxelpipe::cuda

@@ -97,7 +97,8 @@ struct DeviceResult {
   DeviceArray<uint64_t> bricks, voxels, offsets;
   DeviceArray<uint8_t> masks;
   std::vector<DeviceArray<uint8_t>> targets;
-  uint64_t listed_bricks = 0, listed_voxels = 0, listed_fragments = 0;  // known to the host
+  uint64_t listed_bricks = 0, listed_voxels = 0,
+           listed_fragments = 0;  // known to the host; voxels of buckets: after counts
 };
 
 struct RunState {
@@ -157,8 +158,10 @@ struct RunState {
 
   // Buckets: EmitFragments, SortFragments
   DeviceArray<uint32_t> fragment_counts;  // per triangle
-  DeviceArray<uint64_t> fragment_first;  // per triangle: where its fragments begin before they are sorted; or per chunk
-  Fragments fragments;                   // their keys are voxel indices within the slab
+  DeviceArray<uint64_t>
+      fragment_first;   // per triangle: where its fragments begin before they are sorted; per chunk: see a_buffer.cu
+  Fragments fragments;  // their keys are voxel indices within the slab
+  DeviceArray<uint64_t> bucket_chunks;  // for CountAndListBuckets (fragments.h): 0 once fragments are emitted
 
   // Blending without tiles, and the A-buffer: per triangle, as they are taken (cell_views.h)
   DeviceArray<uint64_t> cells, blocks;
@@ -182,30 +185,33 @@ struct RunState {
 
 // Elements of RunState::counters.
 enum Counter : int {
-  kPairs,    // (tile, triangle) pairs found, also where there was no room for them
-  kQueued0,  // entries of the queues of a stage
-  kQueued1,
-  kQueued2,
-  kQueued3,
   kOccupied,    // occupied tiles
   kNextTile,    // the next tile for a block of the fine raster
   kFragments,   // of the slab
   kOddColumns,  // of the slab
   kVoxels,      // of the slab, with a fragment or filled
   kChanged,     // flood: rows changed
-  kSpans,       // of the list
   kRanks,       // voxels with a rank
   kParts,       // of tiles that are split
   kNextRows,    // the next rows for a block that fills them
+  kBuckets,     // of the slab
   kScratch0,    // free for use within a stage
-  kScratch1,
-  kCounters
+  kPairs,       // (tile, triangle) pairs found, also where there was no room for them
+  kQueued0,     // entries of the queues of a stage
+  kQueued1,
+  kQueued2,
+  kQueued3,
+  kSpans,    // of the list; the queues and it are cleared in one, at the end
+  kCounters  // behind them: kFragmentSlots, kChunkGroups (span_views.h)
 };
+inline constexpr int kAllCounters = kCounters + kFragmentSlots + kChunkGroups;
 
 // Allocates the counters, all 0, before their first use.
 absl::Status EnsureCounters(RunState& state);
 // Sets counters to 0.
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
+// Likewise those of the queues and of the list; `groups`: also what stands behind the counters.
+absl::Status ClearQueues(RunState& state, bool groups);
 // Copies all counters to the host. Synchronizes with the stream.
 absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state);
 
@@ -220,8 +226,8 @@ absl::Status FineRaster(RunState& state);
 absl::Status SolidFill(RunState& state);      // flood: synchronizes
 absl::Status EmitFragments(RunState& state);  // synchronizes
 absl::Status SortFragments(RunState& state);
-absl::Status Resolve(RunState& state);                 // synchronizes
-absl::Status MakeBricks(RunState& state);              // sparse: state.result; synchronizes
+absl::Status Resolve(RunState& state);     // counters[kBuckets] becomes the number of voxels that are listed
+absl::Status MakeBricks(RunState& state);  // sparse: state.result; synchronizes
 absl::StatusOr<ResultArrays> Finish(RunState& state);  // copies to the host; synchronizes
 
 // Whether any fragment shader looks at more than which voxels a triangle touches.

@@ -12,9 +12,6 @@ namespace voxelpipe::cuda {
 absl::Status ExclusiveScan(const uint32_t* in, uint64_t* out, uint64_t count, DeviceArray<uint8_t>& scratch,
                            cudaStream_t stream);
 
-// An exclusive scan of few sums; sums[count] becomes the total. No work of CUB's: bucket_kernels.cuh.
-absl::Status ScanInPlace(uint64_t* sums, uint64_t count, cudaStream_t stream);  // buckets.cu
-
 // The element of a device array. Synchronizes with the stream.
 absl::StatusOr<uint64_t> ReadElement(const uint64_t* at, cudaStream_t stream);
 

@@ -2,16 +2,21 @@
 // 8 bytes that further kernels take in any order. The walk is done once, whatever is blended then, and blending is balanced:
 // a thread a span.
 //
-// Warps append to pieces of the list that they take one after the other; the lanes of a warp always do so together. What is
+// Warps append to pieces of the list that they take one after the other, those of EmitRest first to a small one that each has at the list's
+// begin: an atomic that returns takes long where all wait for one address. The lanes of a warp always do so together. What is
 // done with the rows is the writer's: it has Args, and Put and Finish as SpanWriter. No host-only includes.
 #pragma once
 
 #include "cuda/bit_grid.cuh"
+#include "cuda/early_launch.cuh"
 #include "cuda/span_runs.cuh"
 
 namespace voxelpipe::cuda {
 
 inline constexpr unsigned kSpansOfPiece = 512;  // what a warp takes of the list at a time
+inline constexpr int kRestBlocks = 4;           // of EmitRest on a multiprocessor at once
+inline constexpr unsigned kOwnSpans = 32;       // what each warp of EmitRest has of it from the start
+inline constexpr uint32_t kNoPiece = ~0u;       // of a warp that has none
 
 // What waits, in layer_queue of `walk`; the largest go on to large_queue, where some may be already.
 struct RestArgs {
@@ -20,11 +25,17 @@ struct RestArgs {
   bool repeats = false;                           // the large queue stands already
 };
 
+// The list.
+struct SpanList {
+  uint64_t* spans = nullptr;
+  uint64_t capacity = 0;      // spans beyond it are counted, but not kept
+  uint64_t own = 0;           // entries at the begin, kOwnSpans for each warp of EmitRest; 0: none has its own
+  uint64_t* count = nullptr;  // of entries behind those
+};
+
 struct SpanArgs {
   GridView grid;
-  uint64_t* spans = nullptr;
-  uint64_t capacity = 0;  // spans beyond it are counted and covered, but not kept
-  uint64_t* count = nullptr;
+  SpanList list;
   uint32_t* bits = nullptr;       // bit grid: becomes the coverage
   bool look_first = false;        // where many triangles share a voxel: reading a word is cheaper than an atomic
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: they are counted already
@@ -60,9 +71,16 @@ __device__ inline void AddFragments(uint64_t* counters, uint64_t count) {
 template <typename T, unsigned kPiece>
 class PieceWriter {
  public:
-  // A list of `capacity` entries that `count` counts; `nothing` fills what is left of a piece.
-  __device__ PieceWriter(T* list, uint64_t capacity, uint64_t* count, T nothing)
-      : list_(list), capacity_(capacity), count_(count), nothing_(nothing) {}
+  // A list of `capacity` entries, of which `count` counts those from `begin` on; `nothing` fills what is left of a piece.
+  __device__ PieceWriter(T* list, uint64_t capacity, uint64_t begin, uint64_t* count, T nothing)
+      : list_(list), capacity_(capacity), begin_(begin), count_(count), nothing_(nothing) {}
+
+  // `entries` of the list, which is as large as that, are this warp's own; before the first Put.
+  __device__ void Begin(uint64_t at, unsigned entries) {
+    at_ = list_ + at;
+    room_ = entries;
+    kept_ = true;
+  }
 
   // One entry of each lane in `lanes`.
   __device__ void Put(uint32_t lanes, T entry) {
@@ -88,7 +106,7 @@ class PieceWriter {
 
  private:
   T* list_;
-  uint64_t capacity_;
+  uint64_t capacity_, begin_;
   uint64_t* count_;
   T nothing_;
   T* at_ = nullptr;
@@ -98,10 +116,19 @@ class PieceWriter {
   __device__ void Open() {
     unsigned long long begin = 0;
     if (threadIdx.x % 32 == 0) begin = atomicAdd(reinterpret_cast<unsigned long long*>(count_), 0ull + kPiece);
-    begin = __shfl_sync(~0u, begin, 0);
+    begin = begin_ + __shfl_sync(~0u, begin, 0);
     kept_ = begin + kPiece <= capacity_;
     at_ = list_ + (kept_ ? begin : 0);
     room_ = kPiece;
+  }
+};
+
+// A warp's way to append to the list of spans. `number`: of the warp in EmitRest; kNoPiece in other kernels.
+class SpanListWriter : public PieceWriter<uint64_t, kSpansOfPiece> {
+ public:
+  __device__ SpanListWriter(const SpanList& list, uint32_t number)
+      : PieceWriter(list.spans, list.capacity, list.own, list.count, kNoSpan) {
+    if (list.own > 0 && number != kNoPiece) Begin(uint64_t{number} * kOwnSpans, kOwnSpans);
   }
 };
 
@@ -126,8 +153,7 @@ __device__ inline void ForEachSpan(const GridView& grid, uint32_t t, uint32_t ro
 class SpanWriter {
  public:
   using Args = SpanArgs;
-  __device__ explicit SpanWriter(const SpanArgs& args)
-      : args_(args), list_(args.spans, args.capacity, args.count, kNoSpan) {}
+  __device__ SpanWriter(const SpanArgs& args, uint32_t number) : args_(args), list_(args.list, number) {}
 
   // Voxels of one row of each lane whose row is not empty.
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
@@ -145,7 +171,7 @@ class SpanWriter {
 
  private:
   const SpanArgs& args_;
-  PieceWriter<uint64_t, kSpansOfPiece> list_;
+  SpanListWriter list_;
   uint64_t fragments_ = 0;
 };
 
@@ -158,11 +184,12 @@ __device__ __noinline__ inline uint64_t SetUpRows(const BitArgs& args, uint32_t 
   return rows;
 }
 
-// As WalkRest.
+// As WalkRest. With fewer registers, for more blocks, what is set up goes to memory in part.
 template <typename Writer>
-__global__ void __launch_bounds__(kRestThreads, 6)
+__global__ void __launch_bounds__(kRestThreads, kRestBlocks)
     EmitRest(const __grid_constant__ RestArgs args, const __grid_constant__ typename Writer::Args out) {
   extern __shared__ double setups[];
+  AllowNext();
   const BitArgs& walk = args.walk;
   const int lane = int(threadIdx.x % 32), warp_of_block = int(threadIdx.x / 32);
   auto* const shared = reinterpret_cast<SharedSetup*>(setups) + warp_of_block * kSetupsOfWarp;
@@ -170,7 +197,7 @@ __global__ void __launch_bounds__(kRestThreads, 6)
   const uint64_t warps = uint64_t(gridDim.x) * (kRestThreads / 32);
   const uint64_t each = min(uint64_t{kSetupsOfWarp}, (count + warps - 1) / warps);
   const uint64_t warp = uint64_t(blockIdx.x) * (kRestThreads / 32) + uint64_t(warp_of_block);
-  Writer writer(out);
+  Writer writer(out, uint32_t(warp));
   for (uint64_t begin = warp * each; begin < count; begin += warps * each) {
     uint64_t rows = 0;
     if (uint64_t(lane) < each && begin + uint64_t(lane) < count) {
@@ -224,18 +251,20 @@ __device__ inline bool IsDrawnApart(const BitArgs& args, uint32_t t, uint64_t ro
   return rows > kRowsOfWarp && IsAmongLargest(args, t);
 }
 
-// As WalkLarge, but by parts of layers, a warp each; without those that are drawn apart.
+// As WalkLarge, but by parts of layers, a warp each; without those that are drawn apart. May begin early.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, 6)
     EmitLarge(const __grid_constant__ RestArgs args, const __grid_constant__ typename Writer::Args out) {
   extern __shared__ double setups[];
   __shared__ uint32_t parts_before[kSetupsOfBlock + 1];
+  AllowNext();
+  AwaitEarlier();
   const BitArgs& walk = args.walk;
   auto* const shared = reinterpret_cast<SharedSetup*>(setups);
   const uint64_t count = walk.queued[kLargeQueue];
   const uint32_t warps = gridDim.x * (kRestThreads / 32), warp = threadIdx.x / 32 * gridDim.x + blockIdx.x;
   const auto parts_of = [](const SharedSetup& s) { return (s.ny + kRowsOfPart - 1) / kRowsOfPart; };
-  Writer writer(out);
+  Writer writer(out, kNoPiece);
   for (uint64_t begin = 0; begin < count; begin += kSetupsOfBlock) {
     const int here = int(min(count - begin, uint64_t{kSetupsOfBlock}));
     if (threadIdx.x < 32) {

@@ -13,6 +13,8 @@ inline constexpr uint64_t kMostSpanBits = UINT32_MAX - 31;  // of a bit grid: th
 inline constexpr uint64_t kMostSpanTriangles = uint64_t{1} << 27;
 // Behind the counters: fragments of the slab counted without tiles, in parts, so that not all wait for one address.
 inline constexpr int kFragmentSlots = 64;
+// Behind those: fragments of the A-buffer, by groups of FindCells' blocks.
+inline constexpr int kChunkGroups = 256;
 
 VOXELPIPE_HD uint64_t PackSpan(uint32_t first, uint32_t triangle, uint32_t length) {
   return uint64_t{triangle << 5 | (length - 1)} << 32 | first;

@@ -273,7 +273,7 @@ bool ShadesFragments(const BoundRequest& request) {
 
 absl::Status EnsureCounters(RunState& state) {
   if (!state.counters.empty()) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kCounters + kFragmentSlots, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kAllCounters, state.stream));
   return state.counters.Fill(0, state.stream);
 }
 
@@ -287,6 +287,14 @@ absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which
         cudaMemsetAsync(state.counters.data() + *at, 0, size_t(end - at) * sizeof(uint64_t), state.stream));
     at = end;
   }
+  return absl::OkStatus();
+}
+
+absl::Status ClearQueues(RunState& state, bool groups) {
+  if (state.counters.empty()) return EnsureCounters(state);
+  const int end = groups ? kAllCounters : kCounters;
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaMemsetAsync(state.counters.data() + kQueued0, 0, size_t(end - kQueued0) * sizeof(uint64_t), state.stream));
   return absl::OkStatus();
 }
 
@@ -328,7 +336,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.view.slab_end = slab.end;
   state.counts = SlabCounts();
   state.inside.Free();
-  if (!state.plain_bits || request.fill != Fill::kNone) {
+  if (!buckets && (!state.plain_bits || request.fill != Fill::kNone)) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kFragments, kOddColumns, kVoxels}));
   }
   state.targets.count = int(request.targets.size());
@@ -366,6 +374,7 @@ void AbandonSlab(RunState& state) {
   for (auto* array : {&state.first_brick, &state.first_voxel}) array->Free();
   state.fragment_counts.Free();
   state.fragment_first.Free();
+  state.bucket_chunks.Free();
   state.fragments.Free();
   for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
   state.word_ranks.Free();

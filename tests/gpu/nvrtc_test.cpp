@@ -159,7 +159,9 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
       in + "FillRows<-1>",
       in + "EmitCells",
       in + "EmitRest<" + in + "FragmentWriter>",
-      in + "WriteBuckets<unsigned>",
+      in + "WriteBuckets<false, unsigned>",
+      in + "WriteBuckets<true, unsigned long>",
+      in + "EmitListed",
       in + "ScanChunks",
   };
   std::vector<const char*> names;
