@@ -392,7 +392,7 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   subject.rigged = named.name == "rigged";
   const bool first = number <= 3;  // those with attributes
   const bool small = number == 1 || named.name == "pile_in_a_voxel" || named.name == "scattered" ||
-                     named.name == "giants" || named.name == "point";
+                     named.name == "giants" || named.name == "crowd" || named.name == "point";
   if (options.quick && !small) return std::nullopt;
   subject.mesh = std::make_shared<const TriangleMesh>(named.make());
   subject.large = subject.mesh->triangles.size() > 10'000;

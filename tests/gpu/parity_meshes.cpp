@@ -249,6 +249,8 @@ std::vector<ParityMesh> ParityMeshes(uint32_t seed) {
   const double infinity = std::numeric_limits<double>::infinity();
   all.push_back({"infinite_vertex", 20, [=] { return One({1, 2, 3}, {infinity, 2, 5}, {9, 1, 5}); }, true});
   all.push_back({"far_vertex", 20, [] { return One({1, 2, 3}, {0x1p41, 2, 5}, {9, 1, 5}); }, true});
+  // More fragments than there are by any guess from its triangles or the grid's voxels.
+  add("crowd", 8, [=] { return Giants(900, 8, 24, seed + 16); });
   return all;
 }
 
