@@ -327,7 +327,8 @@ absl::Status Resolve(RunState& state) {
   }
   if (fragments == 0) return absl::OkStatus();
   if (!shades) {
-    for (int t = 0; t < state.targets.count && !narrow; ++t) {
+    if (narrow) return absl::OkStatus();  // written with the buckets
+    for (int t = 0; t < state.targets.count; ++t) {
       FillOnes<<<BlocksFor((fragments + 31) / 32, 256), 256, 0, state.stream>>>(
           reinterpret_cast<uint32_t*>(args.out[t]), fragments);
       VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");

@@ -12,13 +12,6 @@ inline constexpr int kScanThreads = 1024, kScannedOfThread = 8;
 __global__ void __launch_bounds__(kScanThreads) ScanChunks(uint64_t* sums, uint64_t count) {
   __shared__ uint64_t of_warps[kScanThreads / 32];
   const unsigned lane = threadIdx.x % 32, warp = threadIdx.x / 32;
-  const auto upto = [&](uint64_t value) {  // the sum over the warp's lanes up to this one
-    for (unsigned step = 1; step < 32; step *= 2) {
-      const uint64_t below = __shfl_up_sync(~0u, value, step);
-      if (lane >= step) value += below;
-    }
-    return value;
-  };
   uint64_t before = 0;
   for (uint64_t begin = 0; begin < count; begin += uint64_t(kScanThreads) * kScannedOfThread) {
     const uint64_t first = begin + uint64_t(threadIdx.x) * kScannedOfThread;
@@ -28,10 +21,10 @@ __global__ void __launch_bounds__(kScanThreads) ScanChunks(uint64_t* sums, uint6
       each[i] = first + uint64_t(i) < count ? sums[first + uint64_t(i)] : 0;
       mine += each[i];
     }
-    const uint64_t here = upto(mine);
+    const uint64_t here = SumUpto(mine);
     if (lane == 31) of_warps[warp] = here;
     __syncthreads();
-    const uint64_t warps = upto(of_warps[lane]);
+    const uint64_t warps = SumUpto(of_warps[lane]);
     const uint64_t earlier = __shfl_sync(~0u, warps, warp == 0 ? 0 : int(warp) - 1);
     uint64_t at = before + (warp == 0 ? 0 : earlier) + (here - mine);
 #pragma unroll
@@ -99,9 +92,7 @@ __device__ inline uint64_t LookBack(uint64_t* first, uint64_t here) {
       there = at < 0 ? kUpto : said[at];
       nearest = unsigned(__ffs(int(__ballot_sync(~0u, (there & kUpto) != 0))) - 1);
     } while (__any_sync(~0u, there == 0 && lane <= nearest) != 0);
-    uint64_t theirs = lane <= nearest ? there & kNumber : 0;
-    for (int step = 16; step > 0; step /= 2) theirs += __shfl_xor_sync(~0u, theirs, step);
-    sum += theirs;
+    sum += WarpSum(lane <= nearest ? there & kNumber : uint64_t{0});
     if (nearest < 32) break;
   }
   if (lane == 0) said[blockIdx.x] = kUpto | (sum + here);

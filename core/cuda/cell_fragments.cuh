@@ -64,17 +64,6 @@ __device__ inline void ForEachOfBlock(const BitSteps& steps, uint64_t cell, uint
   }
 }
 
-// The sum over the lanes up to this one.
-template <typename T>
-__device__ inline T SumUpto(T value) {
-  const unsigned lane = threadIdx.x % 32;
-  for (unsigned step = 1; step < 32; step *= 2) {
-    const T below = __shfl_up_sync(~0u, value, step);
-    if (lane >= step) value += below;
-  }
-  return value;
-}
-
 // A block's room. Sums of warps are written and read between two barriers.
 struct EmitRoom {
   uint2 staged[kStagedFragments];  // the bit, and which of the block's triangles; or kNotHere
@@ -101,7 +90,7 @@ __device__ inline uint64_t FragmentsBefore(const FragmentCounts& counts, EmitRoo
   static_assert(kChunkGroups <= kChunkThreads);
   uint64_t sum = threadIdx.x < group ? counts.of_groups[threadIdx.x] : 0;
   for (uint32_t c = threadIdx.x; c < in_group; c += kChunkThreads) sum += counts.of_block[blockIdx.x - 1 - c];
-  for (int step = 16; step > 0; step /= 2) sum += __shfl_xor_sync(~0u, sum, step);
+  sum = WarpSum(sum);
   if (threadIdx.x % 32 == 0) room.before[threadIdx.x / 32] = sum;
   __syncthreads();
   SumOfWarps(room.before, sum);
@@ -289,8 +278,7 @@ class FragmentCounter {
 __device__ inline uint64_t AllFragments(const FragmentCounts& counts) {
   uint64_t all = 0;
   for (uint32_t g = threadIdx.x % 32; g < uint32_t(kChunkGroups); g += 32) all += counts.of_groups[g];
-  for (int step = 16; step > 0; step /= 2) all += __shfl_xor_sync(~0u, all, step);
-  return all;
+  return WarpSum(all);
 }
 
 // The listed spans to fragments, where there is room for all of both.

@@ -78,8 +78,8 @@ uint64_t MostSpans(const RunState& state) {
   return std::max<uint64_t>(state.device.memory_bytes / kMemoryPerSpan, 1 << 10);
 }
 
-// Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; ListOf says how many entries they need. Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and
-// fragments are counted.
+// Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; ListOf says how many entries they need.
+// Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and fragments are counted.
 absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again) {
   if (again) VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecords, nullptr));
   SpanArgs args;

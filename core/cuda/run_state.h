@@ -97,8 +97,8 @@ struct DeviceResult {
   DeviceArray<uint64_t> bricks, voxels, offsets;
   DeviceArray<uint8_t> masks;
   std::vector<DeviceArray<uint8_t>> targets;
-  uint64_t listed_bricks = 0, listed_voxels = 0,
-           listed_fragments = 0;  // known to the host; voxels of buckets: after counts
+  // Known to the host; the voxels of buckets once the slab's counters are read.
+  uint64_t listed_bricks = 0, listed_voxels = 0, listed_fragments = 0;
 };
 
 struct RunState {
@@ -158,9 +158,9 @@ struct RunState {
 
   // Buckets: EmitFragments, SortFragments
   DeviceArray<uint32_t> fragment_counts;  // per triangle
-  DeviceArray<uint64_t>
-      fragment_first;   // per triangle: where its fragments begin before they are sorted; per chunk: see a_buffer.cu
-  Fragments fragments;  // their keys are voxel indices within the slab
+  // Per triangle: where its fragments begin before they are sorted. Or, of records, how many each chunk has (FragmentCounts).
+  DeviceArray<uint64_t> fragment_first;
+  Fragments fragments;                  // their keys are voxel indices within the slab
   DeviceArray<uint64_t> bucket_chunks;  // for CountAndListBuckets (fragments.h): 0 once fragments are emitted
 
   // Blending without tiles, and the A-buffer: per triangle, as they are taken (cell_views.h)

@@ -14,5 +14,20 @@ __device__ inline uint32_t WarpSum(uint32_t value) {
   return __reduce_add_sync(~0u, value);
 #endif
 }
+__device__ inline uint64_t WarpSum(uint64_t value) {
+  for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(~0u, value, step);
+  return value;
+}
+
+// The sum over the lanes up to this one; likewise.
+template <typename T>
+__device__ inline T SumUpto(T value) {
+  const unsigned lane = threadIdx.x % 32;
+  for (unsigned step = 1; step < 32; step *= 2) {
+    const T below = __shfl_up_sync(~0u, value, step);
+    if (lane >= step) value += below;
+  }
+  return value;
+}
 
 }  // namespace voxelpipe::cuda
