@@ -3,6 +3,7 @@
 #pragma once
 
 #include "cuda/bit_cells.cuh"
+#include "cuda/reductions.cuh"
 #include "cuda/walk_kernels.cuh"
 
 namespace voxelpipe::cuda {
@@ -20,7 +21,9 @@ struct LargestTriangles {
 struct BitArgs {
   GridView grid;  // rows outside its slab are left out
   uint32_t* bits = nullptr;
-  uint64_t quads = 0;  // 16-byte units to clear
+  uint64_t quads = 0;           // 16-byte units to clear
+  uint32_t clear_blocks = 0;    // of CellKernel, which clear the grid and the queues; 0: earlier kernels do
+  uint32_t* cleared = nullptr;  // how many of them are done; 0 before and after
   Coverage coverage{};
   FixedPlace fixed;
   Vec3d inverse_size;  // 1 / grid.voxel_size, rounded
@@ -52,7 +55,7 @@ enum BitQueue : int { kLayerQueue, kLargeQueue, kBitQueues };
 // cheaper than an atomic.
 __device__ inline void SetWord(uint32_t* word, uint32_t mask, bool look) {
   if (look && (__ldca(word) & mask) == mask) return;
-  atomicOr(word, mask);
+  ReduceOr(word, mask);
 }
 __device__ inline void SetRow(uint32_t* row, int x_begin, int x_end, bool look) {
   const int first = x_begin / 32, last = (x_end - 1) / 32;

@@ -34,16 +34,16 @@ __device__ inline void SetOctants(const BitArgs& args, const int (&first)[3], ui
   const int shift = first[0] & 31;
   const auto pair = [octants](int i) { return octants >> 2 * i & 3; };
   if (shift < 31) {
-    if (pair(0) != 0) atomicOr(near, pair(0) << shift);
-    if (pair(1) != 0) atomicOr(near + pitch, pair(1) << shift);
-    if (pair(2) != 0) atomicOr(far, pair(2) << shift);
-    if (pair(3) != 0) atomicOr(far + pitch, pair(3) << shift);
+    if (pair(0) != 0) ReduceOr(near, pair(0) << shift);
+    if (pair(1) != 0) ReduceOr(near + pitch, pair(1) << shift);
+    if (pair(2) != 0) ReduceOr(far, pair(2) << shift);
+    if (pair(3) != 0) ReduceOr(far + pitch, pair(3) << shift);
     return;
   }
   for (int i = 0; i < 4; ++i) {
     uint32_t* const word = ((i & 2) != 0 ? far : near) + ((i & 1) != 0 ? pitch : 0);
-    if ((pair(i) & 1) != 0) atomicOr(word, 1u << 31);
-    if ((pair(i) & 2) != 0) atomicOr(word + 1, 1);
+    if ((pair(i) & 1) != 0) ReduceOr(word, 1u << 31);
+    if ((pair(i) & 2) != 0) ReduceOr(word + 1, 1);
   }
 }
 
@@ -52,8 +52,8 @@ __device__ inline void SetFew(const BitArgs& args, int y, int z, int x_begin, in
   uint32_t* const word = args.bits + args.grid.Word(x_begin, y, z);
   const int shift = x_begin & 31;
   const uint64_t mask = uint64_t{(1u << (x_end - x_begin)) - 1} << shift;
-  atomicOr(word, uint32_t(mask));
-  if (uint32_t(mask >> 32) != 0) atomicOr(word + 1, uint32_t(mask >> 32));
+  ReduceOr(word, uint32_t(mask));
+  if (uint32_t(mask >> 32) != 0) ReduceOr(word + 1, uint32_t(mask >> 32));
 }
 
 // What becomes of a triangle. Runs: those of thin coverage whose box is one voxel or two side by side.
@@ -281,9 +281,19 @@ __device__ inline void SetPacked(const BitArgs& args, const uint2& packed) {
   SetOctants(args, first, octants);
 }
 
+// Waits until the grid and the queues are cleared. All threads of a block call it.
+__device__ inline void AwaitCleared(const BitArgs& args) {
+  if (args.clear_blocks == 0) return AwaitEarlier();
+  if (threadIdx.x == 0) {
+    while (*const_cast<volatile uint32_t*>(args.cleared) < args.clear_blocks) {}
+    __threadfence();
+  }
+  __syncthreads();
+}
+
 // Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first pass finds is kept
-// until earlier kernels have ended, so that it runs beside the clearing of the grid. The block appends what waits for
-// other kernels at once: an atomic that returns costs some 3 ns where all are on one address. Waits for earlier kernels.
+// until the grid is cleared, so that it runs beside the clearing of the grid. The block appends what waits for
+// other kernels at once: an atomic that returns costs some 3 ns where all are on one address. Waits for whoever clears the grid.
 template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes>
 __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& room) {
   if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = room.large_count = 0;
@@ -333,7 +343,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
     AppendInBlock(fate == CellFate::kLayers, number, room.later, 1, &room.layer_count);
     AppendInBlock(fate == CellFate::kLarge, number, room.later + (CellRoom::kRoom - 1), -1, &room.large_count);
   }
-  AwaitEarlier();  // until here nothing is written but what is the block's
+  AwaitCleared(args);  // until here nothing is written but what is the block's
   for (int round = 0; round < rounds; ++round) SetPacked(args, room.found[round][threadIdx.x]);
   __syncthreads();
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;

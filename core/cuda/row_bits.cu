@@ -28,22 +28,24 @@ constexpr int kThreads = 256;
 constexpr int kOrderedRounds = 1;  // of CellKernel where triangles are ordered: fewer are under way, in fewer places
 constexpr int kCellBlocks = 8;     // of CellKernel on a multiprocessor at once
 constexpr int kSharedRows = 2;     // lanes of CellKernel for a triangle's rows where they are shared
+// Grids of so many bytes at most are cleared by CellKernel's first blocks; larger ones are cleared sooner by a kernel of their own.
+constexpr uint64_t kClearedByWalk = 4 << 20;
 
-// By all threads of the grid.
-__device__ inline void ClearQuads(uint32_t* words, uint64_t begin, uint64_t end) {
-  const uint64_t me = uint64_t(blockIdx.x) * blockDim.x + threadIdx.x, threads = uint64_t(gridDim.x) * blockDim.x;
+// By all threads of the first `blocks` of the grid.
+__device__ inline void ClearQuads(uint32_t* words, uint64_t begin, uint64_t end, uint32_t blocks) {
+  const uint64_t me = uint64_t(blockIdx.x) * blockDim.x + threadIdx.x, threads = uint64_t(blocks) * blockDim.x;
   for (uint64_t i = begin + me; i < end; i += threads) reinterpret_cast<uint4*>(words)[i] = uint4{0, 0, 0, 0};
 }
 
 // Clears the bits and the queues; likewise.
-__device__ inline void Clear(const BitArgs& args) {
+__device__ inline void Clear(const BitArgs& args, uint32_t blocks) {
   if (blockIdx.x == 0 && threadIdx.x < kBitQueues) args.queued[threadIdx.x] = 0;
-  ClearQuads(args.bits, 0, args.quads);
+  ClearQuads(args.bits, 0, args.quads, blocks);
 }
 
 __global__ void __launch_bounds__(kThreads) ClearKernel(const __grid_constant__ BitArgs args) {
   AllowNext();
-  Clear(args);
+  Clear(args, gridDim.x);
 }
 
 // Clears the queues, what the lists count, and the layers of pieces that are not stored: while BinKernel sets triangles up memory is idle.
@@ -51,17 +53,28 @@ __global__ void __launch_bounds__(kThreads)
     ClearForBins(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
   AllowNext();
   if (blockIdx.x == 0 && threadIdx.x < kBitQueues) args.queued[threadIdx.x] = 0;
-  ClearQuads(bins.counts, 0, uint64_t(bins.triangles - bins.counts) / 4);
+  const uint32_t all = gridDim.x;
+  ClearQuads(bins.counts, 0, uint64_t(bins.triangles - bins.counts) / 4, all);
   const uint64_t layer = uint64_t(args.grid.words_per_row) * uint64_t(args.grid.dims[1]) * kPieceEdge / 4;
-  ClearQuads(args.bits, 0, bins.z_begin * layer);
-  ClearQuads(args.bits, min(bins.z_end * layer, args.quads), args.quads);
+  ClearQuads(args.bits, 0, bins.z_begin * layer, all);
+  ClearQuads(args.bits, min(bins.z_end * layer, args.quads), args.quads, all);
 }
 
+// Its first blocks may clear the grid: a launch less to wait for. Blocks begin in the order of their numbers, so those that are waited for are
+// under way; CUDA does not promise that, but CUB's scans rely on it too.
 template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes>
 __global__ void __launch_bounds__(kCellThreads, kCellBlocks) CellKernel(const __grid_constant__ BitArgs args) {
   __shared__ CellRoom room;
   AllowNext();
-  WalkCells<kThin, kOrdered, kPacked, kRowLanes>(args, blockIdx.x, room);
+  if (blockIdx.x < args.clear_blocks) {
+    Clear(args, args.clear_blocks);
+    __syncthreads();
+    if (threadIdx.x > 0) return;
+    __threadfence();
+    atomicAdd(args.cleared, 1u);
+    return;
+  }
+  WalkCells<kThin, kOrdered, kPacked, kRowLanes>(args, blockIdx.x - args.clear_blocks, room);
 }
 
 constexpr int kLayerThreads = 128, kLayerSetups = 16, kLayerBlocks = 4;
@@ -75,6 +88,7 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const
   __shared__ alignas(16) char memory[sizeof(LayerRoom)];
   auto& room = *reinterpret_cast<LayerRoom*>(memory);
   AwaitEarlier();
+  if (args.clear_blocks > 0 && blockIdx.x == 0 && threadIdx.x == 0) *args.cleared = 0;
   WalkLarge(args, blockIdx.x, gridDim.x, room.large);
   const uint32_t warp = threadIdx.x / 32, warps = kLayerThreads / 32;
   WalkLayers<kLayerSetups>(args, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps, room.of_warps[warp]);
@@ -153,7 +167,7 @@ __global__ void __launch_bounds__(kAtOnceThreads, kAtOnceBlocks)
   SharedSetup* const shared = room.of_warps[threadIdx.x / 32];
   const uint64_t t = warp * each + lane;
   uint32_t layers = 0;
-  Clear(args);
+  Clear(args, gridDim.x);
   if (lane < each && t < args.triangle_count) layers = SetUpLayers(args, uint32_t(t), shared[lane]);
   WaitForGrid(arrived);
   if (layers > 0) {
@@ -372,15 +386,17 @@ auto* CellKernelFor(const BitArgs& args, bool shares_rows) {
   return packed ? CellKernel<kThin, false, true, 1> : CellKernel<kThin, false, false, 1>;
 }
 
-absl::Status LaunchCells(const RunState& state, BitArgs& args, bool thin) {
+absl::Status LaunchCells(RunState& state, BitArgs& args, bool thin) {
   const bool shares_rows = SharesRows(state, args);
   if (shares_rows) args.rounds = 1;
   const uint64_t each = uint64_t(args.rounds) * kCellThreads / (shares_rows ? kSharedRows : 1);
-  const auto blocks = unsigned((args.triangle_count + each - 1) / each);
+  const auto blocks = args.clear_blocks + unsigned((args.triangle_count + each - 1) / each);
   auto* const kernel = thin ? CellKernelFor<true>(args, shares_rows) : CellKernelFor<false>(args, shares_rows);
-  LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kCellThreads, kernel, args);
+  LaunchEarly(args.clear_blocks == 0 && BeginsEarly(state.device), state.stream, blocks, kCellThreads, kernel, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CellKernel");
-  return LaunchLayers(state, args);
+  absl::Status launched = LaunchLayers(state, args);
+  if (!launched.ok() && args.clear_blocks > 0) (void)ClearCounters(state, {kCleared});
+  return launched;
 }
 
 // Triangles by place; the grid cleared with the largest drawn in it.
@@ -434,8 +450,14 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   const bool scattered = GoesAroundCache(state, args) && IsScattered(state);
   if (OrderArgs order; scattered && MakeOrder(state, args, order)) return LaunchOrdered(state, args, order, thin);
   if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;
-  VOXELPIPE_OK_OR_RETURN(LaunchCleared(state, args));
-  return args.triangle_count == 0 ? absl::OkStatus() : LaunchCells(state, args, thin);
+  if (args.triangle_count == 0) return LaunchClear(state, args);
+  if (args.largest == nullptr && args.quads * 16 <= kClearedByWalk) {
+    args.clear_blocks = BlocksFor(args.quads, uint64_t{kCellThreads} * 4, uint64_t(state.device.multiprocessors));
+    args.cleared = reinterpret_cast<uint32_t*>(state.counters.data() + kCleared);
+  } else {
+    VOXELPIPE_OK_OR_RETURN(LaunchCleared(state, args));
+  }
+  return LaunchCells(state, args, thin);
 }
 
 }  // namespace voxelpipe::cuda

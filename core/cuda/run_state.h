@@ -195,6 +195,7 @@ enum Counter : int {
   kParts,       // of tiles that are split
   kNextRows,    // the next rows for a block that fills them
   kBuckets,     // of the slab
+  kCleared,     // blocks that have cleared their part of a bit grid; 0 again when it is drawn
   kScratch0,    // free for use within a stage
   kPairs,       // (tile, triangle) pairs found, also where there was no room for them
   kQueued0,     // entries of the queues of a stage
