@@ -73,6 +73,7 @@ class CudaStages final : public Stages {
     Count();
     return state_.counts;
   }
+  bool counts_wait() const override { return true; }
   bool SortsTiles(const GridSpec& grid) const override {
     return state_.request.request.result != ResultKind::kBuckets && !cpu::PlainBits(state_.host, grid) &&
            !BlendsDirectly(state_, grid);

@@ -132,9 +132,11 @@ class Stages {
   // next call is BeginSlab, of a slab with fewer layers. False: these stages cannot.
   virtual bool AbandonSlab() { return false; }
 
-  // Number of voxels of the slab with a fragment or filled. Outside the measured time.
+  // Number of voxels of the slab with a fragment or filled. Outside the measured time, unless counts_wait().
   virtual uint64_t CountOccupied() const = 0;
   virtual SlabCounts counts() const = 0;
+  // Whether counting waits for what stages have only begun: then it belongs to their time.
+  virtual bool counts_wait() const { return false; }
   // Instruction set of the row kernels of this run.
   virtual std::string_view simd() const = 0;
 };

@@ -101,20 +101,27 @@ absl::StatusOr<SlabArrays> RunSlab(Stages& stages, const VoxelizeRequest& reques
       if (!s.ok()) return s;
     }
   }
+  const char* const last = buckets ? "resolve" : request.fill == Fill::kNone ? "fine_raster" : "fill";
   if (stats != nullptr) {
-    run.Pause();
-    AddCounts(stages, request, *stats);
+    const auto count = [&] {
+      AddCounts(stages, request, *stats);
+      return absl::OkStatus();
+    };
+    if (stages.counts_wait()) {
+      s = run(last, count);
+      if (!s.ok()) return s;
+    } else {
+      run.Pause();
+      (void)count();
+    }
   }
   // Bringing the arrays into their result format ends whichever stage wrote them last.
-  return run(buckets                       ? "resolve"
-             : request.fill == Fill::kNone ? "fine_raster"
-                                           : "fill",
-             [&]() -> absl::StatusOr<SlabArrays> {
-               if (!all) return stages.FinishLater();
-               absl::StatusOr<ResultArrays> arrays = stages.Finish();
-               if (!arrays.ok()) return arrays.status();
-               return SlabArrays(*std::move(arrays));
-             });
+  return run(last, [&]() -> absl::StatusOr<SlabArrays> {
+    if (!all) return stages.FinishLater();
+    absl::StatusOr<ResultArrays> arrays = stages.Finish();
+    if (!arrays.ok()) return arrays.status();
+    return SlabArrays(*std::move(arrays));
+  });
 }
 
 // The plan's slabs made as thin as the device has room for. Asked only where that is in doubt.
