@@ -15,8 +15,13 @@ Ranks RanksOf(RunState& state) {
   Ranks ranks;
   ranks.bits = state.coverage.data();
   ranks.first = state.word_ranks.data();
-  ranks.by_bricks = state.request.request.result == ResultKind::kSparse;
-  ranks.more = ranks.by_bricks && !state.inside.empty() ? state.inside.data() : nullptr;
+  if (state.request.request.result != ResultKind::kSparse) return ranks;
+  ranks.rows = state.row_ranks.data();
+  ranks.first_brick = state.first_brick.data();
+  ranks.by_words_per_row = MakeDivisor(uint32_t(state.view.words_per_row));
+  ranks.by_ny = MakeDivisor(uint32_t(state.view.dims[1]));
+  ranks.tiles_x = uint32_t(state.view.tiles.dims[0]);
+  ranks.tiles_y = uint32_t(state.view.tiles.dims[1]);
   return ranks;
 }
 
@@ -71,7 +76,9 @@ StoreArgs MakeStoreArgs(RunState& state, const CudaTarget& target, SpanTarget& m
   args.nx = uint32_t(state.view.dims[0]);
   args.words_per_row = uint32_t(state.view.words_per_row);
   args.out = out;
-  args.all = args.ranks.by_bricks && args.ranks.more == nullptr;
+  const bool sparse = args.ranks.rows != nullptr;
+  args.places = sparse ? state.listed_places.data() : nullptr;
+  args.all = sparse && state.inside.empty();
   return args;
 }
 

@@ -13,15 +13,32 @@ struct BlendCellsArgs {
   const uint32_t *order = nullptr,
                  *ordered = nullptr;  // of records, and how many there are; null: triangle i has record i
   GridView grid;
-  bool in_place = false;  // or else in accumulators
-  InPlaceArgs place;      // without spans, as what follows
+  // By BlendTo one of both is set; without spans.
+  InPlaceArgs place;
   AccumulateArgs accumulate;
 };
 
-// Takes 32 triangles: one of each lane, t, and its record with the number; `load` makes what it brings.
-template <typename T, int kComponents, typename Load, typename Combine, typename Blend>
+// The places of a block's voxels, all of them covered: visit(place). A triangle's lie side by side in each row, and within a word of coverage ranks
+// follow each other, as cells of a target do: one is looked up for all.
+template <typename PlaceOf, typename Visit>
+__device__ inline void ForEachPlace(const GridView& grid, uint32_t block, uint64_t mask, PlaceOf&& place_of,
+                                    Visit&& visit) {
+  ForEachBlockRow(grid, block, mask, [&](uint32_t at, uint32_t four) {
+    const uint32_t first = at + uint32_t(__ffs(int(four))) - 1, end = first + uint32_t(__popc(four));
+    uint64_t place = 0;
+    for (uint32_t bit = first; bit < end; ++bit, ++place) {
+      if (bit == first || bit % 32 == 0) place = place_of(bit);
+      visit(place);
+    }
+  });
+}
+
+// Takes 32 triangles: one of each lane, t, and its record with the number; `load` makes what it brings, `place_of` tells where the voxel of a bit is
+// kept, blend(place, value, how many triangles bring it).
+template <typename T, int kComponents, typename Load, typename Combine, typename PlaceOf, typename Blend>
 __device__ inline void BlendRecords(const BlendCellsArgs& args, CellRunRoom<T, kComponents>& room, uint32_t t,
-                                    uint64_t number, uint64_t record, Load&& load, Combine&& combine, Blend&& blend) {
+                                    uint64_t number, uint64_t record, Load&& load, Combine&& combine,
+                                    PlaceOf&& place_of, Blend&& blend) {
   const CellKind kind = KindOfCell(record);
   const uint32_t octants = kind == CellKind::kOctants ? OctantsOfCell(record) : 0;
   T value[kComponents] = {};
@@ -29,62 +46,68 @@ __device__ inline void BlendRecords(const BlendCellsArgs& args, CellRunRoom<T, k
   CombineRuns<T, kComponents>(room, FirstOfCell(record), octants, value, combine,
                               [&](const OctantOfRun<T, kComponents>& of) {
                                 if (of.count == 0) return;
-                                blend(BitOfOctant(args.grid, of.first, of.octant), of.value, of.count);
+                                blend(place_of(BitOfOctant(args.grid, of.first, of.octant)), of.value, of.count);
                               });
   if (kind != CellKind::kBlock) return;
-  ForEachBlockRow(args.grid, FirstOfCell(record), args.blocks[number], [&](uint32_t at, uint32_t four) {
-#pragma unroll
-    for (uint32_t x = 0; x < uint32_t(kBlockSide); ++x) {
-      if ((four >> x & 1) != 0) blend(at + x, value, 1);
-    }
-  });
+  ForEachPlace(args.grid, FirstOfCell(record), args.blocks[number], place_of,
+               [&](uint64_t place) { blend(place, value, 1); });
 }
 
+// In a dense target itself, or in accumulators.
+enum class BlendTo { kTarget, kRanksOfWords, kRanksOfRows };
+
 // Triangles are taken from the last on, as spans are.
-template <int kComponents, int kShader>
+template <int kComponents, int kShader, BlendTo kTo>
 __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constant__ BlendCellsArgs args) {
   constexpr int kWarps = kBlendThreads / 32;
-  __shared__ alignas(16) char memory[kWarps * sizeof(CellRunRoom<int64_t, kComponents>)];
+  constexpr size_t kCells = sizeof(CellRunRoom<uint32_t, kComponents>),
+                   kTerms = sizeof(CellRunRoom<int64_t, kComponents>);
+  __shared__ alignas(16) char memory[kWarps * (kTo == BlendTo::kTarget ? kCells : kTerms)];
   const unsigned warp = threadIdx.x / 32, lane = threadIdx.x % 32;
   auto& cells = reinterpret_cast<CellRunRoom<uint32_t, kComponents>*>(memory)[warp];
   auto& terms = reinterpret_cast<CellRunRoom<int64_t, kComponents>*>(memory)[warp];
   const InPlaceArgs& place = args.place;
   const AccumulateArgs& accumulate = args.accumulate;
   const Kept kept = accumulate.to.kept;
-  const bool plain = args.in_place && place.negative != nullptr && *place.negative == 0;
+  const bool plain = kTo == BlendTo::kTarget && place.negative != nullptr && *place.negative == 0;
   const uint64_t records = args.ordered == nullptr ? args.triangles : *args.ordered;
+  const auto place_of = [&](uint32_t bit) {
+    if constexpr (kTo == BlendTo::kTarget) {
+      return VoxelOfBit(bit, place.nx, place.words_per_row);
+    } else {
+      constexpr RankedBy kBy = kTo == BlendTo::kRanksOfRows ? RankedBy::kRows : RankedBy::kWords;
+      return uint64_t{accumulate.ranks.Of<kBy>(bit / 32, bit % 32)};
+    }
+  };
+  const auto add = [&](uint64_t at, const auto& value, uint32_t count) {
+    AddAt<kComponents>(accumulate.to, at, value, count);
+  };
   for (uint64_t begin = (uint64_t(blockIdx.x) * kWarps + warp) * 32; begin < records;
        begin += uint64_t(gridDim.x) * kBlendThreads) {
     const bool takes = begin + lane < records;
     const uint64_t number = takes ? records - 1 - begin - lane : 0;
     const uint32_t t = args.ordered == nullptr || !takes ? uint32_t(number) : args.order[number];
     const uint64_t record = takes ? args.records[number] : 0;
-    if (args.in_place) {
+    if constexpr (kTo == BlendTo::kTarget) {
       BlendRecords<uint32_t, kComponents>(
           args, cells, t, number, record,
           [&](uint32_t of, uint32_t(&value)[kComponents]) { KeysOf<kShader, kComponents>(place, plain, of, value); },
-          [&](uint32_t a, uint32_t b) { return CombineKeys(place, a, b); },
-          [&](uint32_t at, const uint32_t(&value)[kComponents], uint32_t count) {
-            BlendAt<kComponents>(place, VoxelOfBit(at, place.nx, place.words_per_row), value, count);
+          [&](uint32_t a, uint32_t b) { return CombineKeys(place, a, b); }, place_of,
+          [&](uint64_t at, const uint32_t(&value)[kComponents], uint32_t count) {
+            BlendAt<kComponents>(place, at, value, count);
           });
     } else if (kept == Kept::kSum || kept == Kept::kAverage) {
       BlendRecords<int64_t, kComponents>(
           args, terms, t, number, record,
           [&](uint32_t of, int64_t(&value)[kComponents]) { TermsOf<kShader, kComponents>(accumulate, of, value); },
-          AddTerms,
-          [&](uint32_t at, const int64_t(&value)[kComponents], uint32_t count) {
-            AddAt<kComponents>(accumulate.to, accumulate.ranks.Of(at / 32, at % 32), value, count);
-          });
+          AddTerms, place_of, add);
     } else {
       BlendRecords<uint32_t, kComponents>(
           args, cells, t, number, record,
           [&](uint32_t of, uint32_t(&value)[kComponents]) {
             if (kept != Kept::kCount) ValuesOf<kShader, kComponents>(accumulate.values, accumulate.shading, of, value);
           },
-          [&](uint32_t a, uint32_t b) { return CombineCells(kept, a, b); },
-          [&](uint32_t at, const uint32_t(&value)[kComponents], uint32_t count) {
-            AddAt<kComponents>(accumulate.to, accumulate.ranks.Of(at / 32, at % 32), value, count);
-          });
+          [&](uint32_t a, uint32_t b) { return CombineCells(kept, a, b); }, place_of, add);
     }
   }
 }

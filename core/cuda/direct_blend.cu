@@ -114,6 +114,27 @@ InPlaceArgs PlaceOf(RunState& state, int index) {
 
 constexpr int kById = int(FragmentShaderId::kTriangleId);
 
+bool IsSparse(const RunState& state) {
+  return state.request.request.result == ResultKind::kSparse;
+}
+
+template <RankedBy kBy>
+auto AccumulateBy(bool by_id, int components) {
+  return by_id             ? Accumulate<1, kById, kBy>
+         : components == 1 ? Accumulate<1, -1, kBy>
+         : components == 2 ? Accumulate<2, -1, kBy>
+         : components == 3 ? Accumulate<3, -1, kBy>
+                           : Accumulate<4, -1, kBy>;
+}
+template <BlendTo kTo>
+auto BlendCellsTo(bool by_id, int components) {
+  return by_id             ? BlendCells<1, kById, kTo>
+         : components == 1 ? BlendCells<1, -1, kTo>
+         : components == 2 ? BlendCells<2, -1, kTo>
+         : components == 3 ? BlendCells<3, -1, kTo>
+                           : BlendCells<4, -1, kTo>;
+}
+
 // Takes the `count` spans of the list to a target.
 absl::Status TakeSpans(RunState& state, int index, uint64_t count) {
   if (count == 0) return absl::OkStatus();
@@ -135,11 +156,8 @@ absl::Status TakeSpans(RunState& state, int index, uint64_t count) {
   AccumulateArgs args = SumsOf(state, index);
   args.spans = state.spans.data();
   args.count = count;
-  const auto kernel = memory.by_id      ? Accumulate<1, kById>
-                      : components == 1 ? Accumulate<1, -1>
-                      : components == 2 ? Accumulate<2, -1>
-                      : components == 3 ? Accumulate<3, -1>
-                                        : Accumulate<4, -1>;
+  const auto kernel = IsSparse(state) ? AccumulateBy<RankedBy::kRows>(memory.by_id, components)
+                                      : AccumulateBy<RankedBy::kWords>(memory.by_id, components);
   kernel<<<BlendBlocks(state, count), kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("Accumulate");
   return absl::OkStatus();
@@ -159,17 +177,14 @@ absl::Status TakeCells(RunState& state, int index) {
     args.ordered = order.count;
   }
   args.grid = state.view;
-  args.in_place = memory.in_place;
   if (memory.in_place) {
     args.place = PlaceOf(state, index);
   } else {
     args.accumulate = SumsOf(state, index);
   }
-  const auto kernel = memory.by_id      ? BlendCells<1, kById>
-                      : components == 1 ? BlendCells<1, -1>
-                      : components == 2 ? BlendCells<2, -1>
-                      : components == 3 ? BlendCells<3, -1>
-                                        : BlendCells<4, -1>;
+  const auto kernel = memory.in_place   ? BlendCellsTo<BlendTo::kTarget>(memory.by_id, components)
+                      : IsSparse(state) ? BlendCellsTo<BlendTo::kRanksOfRows>(memory.by_id, components)
+                                        : BlendCellsTo<BlendTo::kRanksOfWords>(memory.by_id, components);
   kernel<<<BlendBlocks(state, args.triangles), kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("BlendCells");
   return absl::OkStatus();
@@ -181,8 +196,8 @@ absl::Status ClearFragmentSlots(RunState& state) {
 }
 
 // Walks all triangles: small ones become records or are blended by the walk in target `last`, the spans of the others are listed, as far as
-// there is room. Sets state.span_count; the number of covered voxels with a rank. Synchronizes.
-absl::StatusOr<uint64_t> FindAndList(RunState& state, int last, bool ranked) {
+// there is room. Then what is counted stands in state.counters, covered voxels that have a rank among it.
+absl::Status FindAndList(RunState& state, int last, bool ranked) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   if (state.blended_cells) {
     const InPlaceArgs place = PlaceOf(state, last);
@@ -194,17 +209,17 @@ absl::StatusOr<uint64_t> FindAndList(RunState& state, int last, bool ranked) {
   const uint64_t guess = std::min(MostSpans(state), triangles / 2 + (uint64_t{1} << 18));
   if (state.spans.size() < guess) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(guess, state.stream));
   VOXELPIPE_OK_OR_RETURN(ListSpans(state, 0, triangles, false));
-  if (ranked) VOXELPIPE_OK_OR_RETURN(RankCovered(state));
-  const auto counters = ReadCounters(state);
-  if (!counters.ok()) return counters.status();
-  state.span_count = ListOf(state).own + (*counters)[kSpans];
-  return (*counters)[kRanks];
+  return ranked ? RankCovered(state) : absl::OkStatus();
 }
 
-absl::StatusOr<uint64_t> ListedSpans(RunState& state) {
+// Entries of the list, of which state.counters[kSpans] counted some.
+uint64_t ListedSpans(RunState& state, uint64_t counted) {
+  return ListOf(state).own + counted;
+}
+absl::StatusOr<uint64_t> ReadListedSpans(RunState& state) {
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
-  return ListOf(state).own + (*counters)[kSpans];
+  return ListedSpans(state, (*counters)[kSpans]);
 }
 
 // Calls take(number of spans in the list) for lists that together hold the spans of triangles [begin, end). `counted`:
@@ -215,7 +230,7 @@ absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t
     state.spans.Free();
     VOXELPIPE_OK_OR_RETURN(state.spans.Resize(counted + counted / 16 + 1024, state.stream));
     VOXELPIPE_OK_OR_RETURN(ListSpans(state, begin, end, true));
-    const absl::StatusOr<uint64_t> again = ListedSpans(state);
+    const absl::StatusOr<uint64_t> again = ReadListedSpans(state);
     if (!again.ok()) return again.status();
     counted = *again;
   }
@@ -223,7 +238,7 @@ absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t
   const uint64_t middle = begin + (end - begin) / 2;
   for (const auto& [from, to] : {std::pair(begin, middle), std::pair(middle, end)}) {
     VOXELPIPE_OK_OR_RETURN(ListSpans(state, from, to, true));
-    const absl::StatusOr<uint64_t> here = ListedSpans(state);
+    const absl::StatusOr<uint64_t> here = ReadListedSpans(state);
     if (!here.ok()) return here.status();
     VOXELPIPE_OK_OR_RETURN(ForEachList(state, from, to, *here, take));
   }
@@ -269,7 +284,7 @@ bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
 }
 
 absl::Status BlendDirectly(RunState& state) {
-  const bool sparse = state.request.request.result == ResultKind::kSparse;
+  const bool sparse = IsSparse(state);
   state.span_count = 0;
   VOXELPIPE_OK_OR_RETURN(ClearFragmentSlots(state));
   if (state.mesh.host_view.triangle_count == 0) return absl::OkStatus();
@@ -289,13 +304,15 @@ absl::Status BlendDirectly(RunState& state) {
   state.blended_cells = blended == 1 && !sparse && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state);
   state.draws_largest = all_by_rows || state.fills_rows;
   if (state.fills_rows) VOXELPIPE_OK_OR_RETURN(FillAll(state, last));
-  const absl::StatusOr<uint64_t> ranks = FindAndList(state, last, ranked);
-  if (!ranks.ok()) return ranks.status();
+  VOXELPIPE_OK_OR_RETURN(FindAndList(state, last, ranked));
   if (sparse) return absl::OkStatus();  // the bricks come first
+  const auto counters = ReadCounters(state);
+  if (!counters.ok()) return counters.status();
+  state.span_count = ListedSpans(state, (*counters)[kSpans]);
   for (int i = 0; i < state.targets.count; ++i) {
     SpanTarget& memory = state.span_targets[size_t(i)];
     if (!BySpans(state.targets.at[i]) || memory.in_place) continue;
-    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, *ranks));
+    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, (*counters)[kRanks]));
   }
   VOXELPIPE_OK_OR_RETURN(TakeAll(state));
   for (int i = 0; i < state.targets.count; ++i) {
@@ -305,9 +322,10 @@ absl::Status BlendDirectly(RunState& state) {
   return absl::OkStatus();
 }
 
-absl::Status BlendIntoBricks(RunState& state) {
+absl::Status BlendIntoBricks(RunState& state, uint64_t counted) {
   const uint64_t voxels = state.result.listed_voxels;
   if (state.mesh.host_view.triangle_count == 0) return absl::OkStatus();
+  state.span_count = ListedSpans(state, counted);
   for (int i = 0; i < state.targets.count; ++i) {
     if (!BySpans(state.targets.at[i])) continue;
     VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, voxels));

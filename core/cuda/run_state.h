@@ -165,10 +165,12 @@ struct RunState {
 
   // Blending without tiles, and the A-buffer: per triangle, as they are taken (cell_views.h)
   DeviceArray<uint64_t> cells, blocks;
-  bool ordered_cells = false;        // they stand in the order of places that `order` has
-  DeviceArray<uint64_t> spans;       // of the slab (span_views.h), in no order, kNoSpan among them
-  uint64_t span_count = 0;           // of all triangles, also where there was no room for them
-  DeviceArray<uint32_t> word_ranks;  // per word of a bit grid, where it is not empty (Ranks); by bricks, four
+  bool ordered_cells = false;           // they stand in the order of places that `order` has
+  DeviceArray<uint64_t> spans;          // of the slab (span_views.h), in no order, kNoSpan among them
+  uint64_t span_count = 0;              // of all triangles, also where there was no room for them
+  DeviceArray<uint32_t> word_ranks;     // per word of a bit grid, where it is not empty (Ranks)
+  DeviceArray<RowRank> row_ranks;       // of a sparse result: 64 a tile, from its first brick's place on (Ranks)
+  DeviceArray<uint32_t> listed_places;  // likewise: by rank, a voxel's number in the result
   std::array<SpanTarget, kMaxTargets> span_targets;
   bool blended_cells = false;  // small triangles are blended already
   bool fills_rows = false;     // targets are written with the largest triangles in them, not cleared (fill_rows.cuh)
@@ -190,15 +192,17 @@ enum Counter : int {
   kFragments,   // of the slab
   kOddColumns,  // of the slab
   kVoxels,      // of the slab, with a fragment or filled
-  kChanged,     // flood: rows changed
-  kRanks,       // voxels with a rank
-  kParts,       // of tiles that are split
-  kNextRows,    // the next rows for a block that fills them
-  kBuckets,     // of the slab
-  kCleared,     // blocks that have cleared their part of a bit grid; 0 again when it is drawn
-  kScratch0,    // free for use within a stage
-  kPairs,       // (tile, triangle) pairs found, also where there was no room for them
-  kQueued0,     // entries of the queues of a stage
+  kListedBricks,
+  kListedVoxels,  // of a sparse result
+  kChanged,       // flood: rows changed
+  kRanks,         // voxels with a rank
+  kParts,         // of tiles that are split
+  kNextRows,      // the next rows for a block that fills them
+  kBuckets,       // of the slab
+  kCleared,       // blocks that have cleared their part of a bit grid; 0 again when it is drawn
+  kScratch0,      // free for use within a stage
+  kPairs,         // (tile, triangle) pairs found, also where there was no room for them
+  kQueued0,       // entries of the queues of a stage
   kQueued1,
   kQueued2,
   kQueued3,
@@ -250,13 +254,14 @@ bool CellsReach(const RunState& state, const int64_t (&dims)[3]);
 bool BlendsDirectly(const RunState& state, const GridSpec& grid);
 
 // Parts of stages
-absl::Status BlendDirectly(RunState& state);  // synchronizes
+absl::Status BlendDirectly(RunState& state);  // synchronizes, but for a sparse result
 // Whether that can store a dense target's sums by rows, and so write every cell: then nothing clears it before. After the slab is known.
 bool StoresByRows(RunState& state, const CudaTarget& target);
 // Whether that can write all dense targets of values, and the coverage, with the largest triangles in them, for all others to be blended
 // over: then nothing clears them before. Likewise.
 bool FillsByRows(const RunState& state);
-absl::Status BlendIntoBricks(RunState& state);  // the values of a sparse result, whose bricks stand; may synchronize
+// The values of a sparse result, whose bricks stand. `counted`: what state.counters[kSpans] was. May synchronize.
+absl::Status BlendIntoBricks(RunState& state, uint64_t counted);
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
                         uint64_t words);

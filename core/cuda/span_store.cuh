@@ -103,9 +103,10 @@ struct StoreArgs {
   VoxelFormat format{};
   bool is_float = false, planar = false;
   double quantum = 1;
-  uint64_t words = 0;   // of the bit grid
-  uint64_t voxels = 0;  // of the result
-  bool all = false;     // by bricks: every voxel of the result has accumulators
+  uint64_t words = 0;                // of the bit grid
+  uint64_t voxels = 0;               // of the result
+  const uint32_t* places = nullptr;  // by rank, a voxel's number in a sparse result; null: a dense one
+  bool all = false;                  // every voxel of a sparse result has accumulators
   uint32_t nx = 0, words_per_row = 0;
   uint8_t* out = nullptr;
 };
@@ -140,12 +141,18 @@ __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_c
   };
   if (args.all) {
     const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
-    for (uint64_t i = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x; i < args.voxels; i += threads) store(i, i);
+    for (uint64_t i = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x; i < args.voxels; i += threads)
+      store(i, args.places[i]);
     return;
   }
   ForEachSetBit(args.ranks.bits, args.words, [&](uint64_t word, unsigned x) {
-    const uint64_t rank = args.ranks.Of(uint32_t(word), x);
-    store(rank, args.ranks.by_bricks ? rank : VoxelOfBit(uint32_t(word) * 32 + x, args.nx, args.words_per_row));
+    if (args.places != nullptr) {
+      const uint32_t rank = args.ranks.Of<RankedBy::kRows>(uint32_t(word), x);
+      store(rank, args.places[rank]);
+    } else {
+      store(args.ranks.Of<RankedBy::kWords>(uint32_t(word), x),
+            VoxelOfBit(uint32_t(word) * 32 + x, args.nx, args.words_per_row));
+    }
   });
 }
 

@@ -22,8 +22,9 @@ struct BrickArgs {
   const uint64_t *first_brick, *first_voxel;
   const uint32_t* tile_slot;
   const uint8_t* tile_values;
-  uint32_t* word_ranks;  // not null: values come later, by these ranks (span_blend.cuh)
-  bool emits;            // whether any value is stored here
+  RowRank* rows;     // not null: values come later, by these ranks (span_blend.cuh)
+  uint32_t* places;  // likewise: a voxel's number, by rank
+  bool emits;        // whether any value is stored here
   uint64_t value_stride;
   uint64_t value_offset[kMostTargets];
   TargetViews targets;
@@ -54,9 +55,10 @@ __device__ inline uint32_t OccupiedWord(const BrickArgs& args, uint64_t word) {
   return args.inside == nullptr ? args.coverage[word] : args.coverage[word] | args.inside[word];
 }
 
-// A thread a tile: neighbours along x read neighbouring words.
+// A thread a tile: neighbours along x read neighbouring words. Behind the last stands a 0, so that its scan is the total.
 __global__ void __launch_bounds__(kThreads) CountBricks(const __grid_constant__ BrickArgs args) {
   const uint64_t tile = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
+  if (tile == args.tile_count) args.brick_counts[tile] = args.voxel_counts[tile] = 0;
   if (tile >= args.tile_count) return;
   const TileAt at = Locate(args, tile);
   uint32_t any = 0, voxels = 0;
@@ -71,6 +73,12 @@ __global__ void __launch_bounds__(kThreads) CountBricks(const __grid_constant__ 
   for (int part = 0; part < 4; ++part) bricks += (any >> (8 * part) & 0xff) != 0;
   args.brick_counts[tile] = bricks;
   args.voxel_counts[tile] = voxels;
+}
+
+// By one thread: to where the host reads other counters too, since each copy takes some 10 us.
+__global__ void CopyTotals(const uint64_t* bricks, const uint64_t* voxels, uint64_t* counters) {
+  counters[kListedBricks] = *bricks;
+  counters[kListedVoxels] = *voxels;
 }
 
 __device__ inline uint32_t LoadElement(const uint8_t* from, VoxelFormat format, uint64_t at) {
@@ -101,7 +109,7 @@ __device__ inline void EmitVoxel(const BrickArgs& args, uint32_t slot, int row, 
     const CudaTarget& target = args.targets.at[t];
     // Where another target's fragment covers the voxel and this one's were discarded, what a dense target holds.
     const bool kept = here && (!target.own_presence || (target.presence[word] >> x & 1) != 0);
-    if (kept && args.word_ranks != nullptr && target.format != VoxelFormat::kBit) continue;
+    if (kept && args.rows != nullptr && target.format != VoxelFormat::kBit) continue;
     const bool filled = !here || (args.inside != nullptr && (args.inside[word] >> x & 1) != 0);
     for (int c = 0; c < target.components; ++c) {
       uint32_t stored = filled ? target.fill_stored : target.clear_stored;
@@ -118,42 +126,58 @@ __device__ inline void EmitVoxel(const BrickArgs& args, uint32_t slot, int row, 
   }
 }
 
-// A warp a tile: lane l has rows l and l + 32.
-__global__ void __launch_bounds__(kThreads) EmitBricks(const __grid_constant__ BrickArgs args) {
+// By a warp: lane l has rows l and l + 32.
+__device__ inline void EmitTile(const BrickArgs& args, uint64_t tile) {
   const int lane = int(threadIdx.x % 32);
-  const uint64_t warps = uint64_t(gridDim.x) * (kThreads / 32);
   const auto nbx = uint64_t((args.grid.dims[0] + 7) / 8), nby = uint64_t((args.grid.dims[1] + 7) / 8);
-  for (uint64_t tile = uint64_t(blockIdx.x) * (kThreads / 32) + threadIdx.x / 32; tile < args.tile_count;
-       tile += warps) {
-    if (args.voxel_counts[tile] == 0) continue;
-    const TileAt at = Locate(args, tile);
-    const uint32_t slot = args.tile_slot == nullptr ? 0 : args.tile_slot[args.grid.tiles.Index(at.x, at.y, at.z)];
-    uint64_t words[2] = {0, 0};
-    uint32_t bits[2] = {0, 0};
-    for (int half = 0; half < 2; ++half) {
-      if (RowWord(args, at, lane + 32 * half, words[half])) bits[half] = OccupiedWord(args, words[half]);
+  const TileAt at = Locate(args, tile);
+  const uint32_t slot = args.tile_slot == nullptr ? 0 : args.tile_slot[args.grid.tiles.Index(at.x, at.y, at.z)];
+  uint64_t words[2] = {0, 0};
+  uint32_t bits[2] = {0, 0};
+  for (int half = 0; half < 2; ++half) {
+    if (RowWord(args, at, lane + 32 * half, words[half])) bits[half] = OccupiedWord(args, words[half]);
+  }
+  uint64_t brick = args.first_brick[tile], n = args.first_voxel[tile];
+  uint32_t ranks[2] = {0, 0};
+  if (args.rows != nullptr) {
+    uint32_t before = uint32_t(n), total;
+    for (int half = 0; half < 2; ++half, before += total) {
+      ranks[half] = before + WarpExclusiveSum(uint32_t(__popc(bits[half])), total);
+      args.rows[brick * kTileRows + uint64_t(lane + 32 * half)] = {bits[half], ranks[half]};
     }
-    uint64_t brick = args.first_brick[tile], n = args.first_voxel[tile];
-    for (int part = 0; part < 4; ++part) {
-      const uint32_t low = bits[0] >> (8 * part) & 0xff, high = bits[1] >> (8 * part) & 0xff;
-      if (__ballot_sync(~0u, (low | high) != 0) == 0) continue;
-      if (lane == 0) {
-        args.bricks[brick] = uint64_t(at.x * 4 + part) + nbx * (uint64_t(at.y) + nby * uint64_t(at.z));
+  }
+  for (int part = 0; part < 4; ++part) {
+    const uint32_t low = bits[0] >> (8 * part) & 0xff, high = bits[1] >> (8 * part) & 0xff;
+    if (__ballot_sync(~0u, (low | high) != 0) == 0) continue;
+    if (lane == 0) {
+      args.bricks[brick] = uint64_t(at.x * 4 + part) + nbx * (uint64_t(at.y) + nby * uint64_t(at.z));
+    }
+    args.masks[brick * 64 + uint64_t(lane)] = uint8_t(low);
+    args.masks[brick * 64 + 32 + uint64_t(lane)] = uint8_t(high);
+    ++brick;
+    for (int half = 0; half < 2; ++half) {
+      const uint32_t byte = half == 0 ? low : high;
+      uint32_t total;
+      uint64_t number = n + WarpExclusiveSum(uint32_t(__popc(byte)), total);
+      for (uint32_t left = byte; left != 0; left &= left - 1, ++number) {
+        if (args.places != nullptr) args.places[ranks[half]++] = uint32_t(number);
+        if (!args.emits) continue;
+        EmitVoxel(args, slot, lane + 32 * half, 8 * part + __ffs(int(left)) - 1, words[half], number);
       }
-      args.masks[brick * 64 + uint64_t(lane)] = uint8_t(low);
-      args.masks[brick * 64 + 32 + uint64_t(lane)] = uint8_t(high);
-      ++brick;
-      for (int half = 0; half < 2; ++half) {
-        const uint32_t byte = half == 0 ? low : high;
-        uint32_t total;
-        uint64_t number = n + WarpExclusiveSum(uint32_t(__popc(byte)), total);
-        if (args.word_ranks != nullptr && byte != 0)
-          args.word_ranks[words[half] * 4 + uint64_t(part)] = uint32_t(number);
-        for (uint32_t left = args.emits ? byte : 0; left != 0; left &= left - 1, ++number) {
-          EmitVoxel(args, slot, lane + 32 * half, 8 * part + __ffs(int(left)) - 1, words[half], number);
-        }
-        n += total;
-      }
+      n += total;
+    }
+  }
+}
+
+// A warp a tile. It looks at 32 of its tiles at once, most of which are empty.
+__global__ void __launch_bounds__(kThreads) EmitBricks(const __grid_constant__ BrickArgs args) {
+  const uint64_t warps = uint64_t(gridDim.x) * (kThreads / 32);
+  const uint64_t warp = uint64_t(blockIdx.x) * (kThreads / 32) + threadIdx.x / 32;
+  for (uint64_t first = warp; first < args.tile_count; first += 32 * warps) {
+    const uint64_t mine = first + threadIdx.x % 32 * warps;
+    unsigned occupied = __ballot_sync(~0u, mine < args.tile_count && args.voxel_counts[mine] != 0);
+    for (; occupied != 0; occupied &= occupied - 1) {
+      EmitTile(args, first + uint64_t(__ffs(int(occupied)) - 1) * warps);
     }
   }
 }
@@ -166,32 +190,29 @@ absl::Status MakeBricks(RunState& state) {
   args.grid = state.view;
   const int64_t layers = (state.slab.end + 7) / 8 - state.slab.begin / 8;
   args.tile_count = uint64_t(state.view.tiles.dims[0]) * uint64_t(state.view.tiles.dims[1]) * uint64_t(layers);
-  const uint64_t counts = args.tile_count + 1;  // the last one is 0, so that its scan is the total
+  const uint64_t counts = args.tile_count + 1;
   VOXELPIPE_OK_OR_RETURN(state.brick_counts.Resize(counts, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.voxel_counts.Resize(counts, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.first_brick.Resize(counts, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.first_voxel.Resize(counts, state.stream));
-  for (auto* array : {&state.brick_counts, &state.voxel_counts}) {
-    VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(array->data() + args.tile_count, 0, sizeof(uint32_t), state.stream));
-  }
   args.coverage = state.coverage.data();
   args.inside = state.inside.empty() ? nullptr : state.inside.data();
   args.brick_counts = state.brick_counts.data();
   args.voxel_counts = state.voxel_counts.data();
-  CountBricks<<<unsigned((args.tile_count + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(args);
+  CountBricks<<<unsigned((counts + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CountBricks");
   VOXELPIPE_OK_OR_RETURN(
       ExclusiveScan(state.brick_counts.data(), state.first_brick.data(), counts, state.scratch, state.stream));
   VOXELPIPE_OK_OR_RETURN(
       ExclusiveScan(state.voxel_counts.data(), state.first_voxel.data(), counts, state.scratch, state.stream));
-  uint64_t totals[2] = {0, 0};
-  VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(totals, state.first_brick.data() + args.tile_count, sizeof(uint64_t),
-                                           cudaMemcpyDeviceToHost, state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(totals + 1, state.first_voxel.data() + args.tile_count, sizeof(uint64_t),
-                                           cudaMemcpyDeviceToHost, state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
-  out.listed_bricks = totals[0];
-  out.listed_voxels = totals[1];
+  VOXELPIPE_OK_OR_RETURN(EnsureCounters(state));
+  CopyTotals<<<1, 1, 0, state.stream>>>(state.first_brick.data() + args.tile_count,
+                                        state.first_voxel.data() + args.tile_count, state.counters.data());
+  VOXELPIPE_LAUNCHED_OR_RETURN("CopyTotals");
+  const auto counters = ReadCounters(state);
+  if (!counters.ok()) return counters.status();
+  out.listed_bricks = (*counters)[kListedBricks];
+  out.listed_voxels = (*counters)[kListedVoxels];
   VOXELPIPE_OK_OR_RETURN(out.bricks.Resize(out.listed_bricks, state.stream));
   VOXELPIPE_OK_OR_RETURN(out.masks.Resize(out.listed_bricks * 64, state.stream));
   out.targets.resize(size_t(state.targets.count));
@@ -210,8 +231,10 @@ absl::Status MakeBricks(RunState& state) {
   args.tile_values = state.tile_values.data();
   args.emits = true;
   if (state.direct) {
-    VOXELPIPE_OK_OR_RETURN(state.word_ranks.Resize(state.slab_words() * 4, state.stream));
-    args.word_ranks = state.word_ranks.data();
+    VOXELPIPE_OK_OR_RETURN(state.row_ranks.Resize(out.listed_bricks * kTileRows, state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.listed_places.Resize(out.listed_voxels, state.stream));
+    args.rows = state.row_ranks.data();
+    args.places = state.listed_places.data();
     args.emits = args.inside != nullptr;
     for (int t = 0; t < state.targets.count; ++t) {
       args.emits = args.emits || state.targets.at[t].format == VoxelFormat::kBit;
@@ -225,7 +248,7 @@ absl::Status MakeBricks(RunState& state) {
   const uint64_t blocks = std::min<uint64_t>(uint64_t(state.device.multiprocessors) * 16, (args.tile_count + 7) / 8);
   EmitBricks<<<unsigned(blocks), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitBricks");
-  return state.direct ? BlendIntoBricks(state) : absl::OkStatus();
+  return state.direct ? BlendIntoBricks(state, (*counters)[kSpans]) : absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cuda

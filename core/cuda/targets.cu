@@ -378,6 +378,8 @@ void AbandonSlab(RunState& state) {
   state.fragments.Free();
   for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
   state.word_ranks.Free();
+  state.row_ranks.Free();
+  state.listed_places.Free();
   state.order.Free();
   state.ordered_cells = false;
   state.span_targets = {};  // with the values of all triangles, which are made anew

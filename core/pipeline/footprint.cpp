@@ -222,11 +222,17 @@ uint64_t DeviceListBytes(const VoxelizeRequest& request, const MeshSize& mesh, c
   }
   bytes += mesh.triangles * kOrder;
   bytes = std::max(bytes, mesh.triangles * kQueues + PartBytes(request, counts));  // either the one way or the other
+  const bool sparse = request.result == ResultKind::kSparse;
+  const double kept = sparse ? counts.listed : counts.voxels;
+  if (sparse) {
+    constexpr double kRowRanks = 512;  // a brick
+    bytes += uint64_t(kRowRanks * counts.bricks + sizeof(uint32_t) * counts.listed);
+  }
   for (const TargetSpec& target : request.targets) {
     if (target.format == VoxelFormat::kBit) continue;
     const bool sums = target.blend == Blend::kAdd || target.blend == Blend::kAverage;
     const uint64_t cell = uint64_t(target.components) * (sums ? sizeof(int64_t) : sizeof(uint32_t));
-    bytes += (mesh.triangles + uint64_t(counts.voxels)) * cell;  // values, and what they are blended in
+    bytes += (mesh.triangles + uint64_t(kept)) * cell;  // values, and what they are blended in
   }
   return bytes;
 }
@@ -283,7 +289,8 @@ uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, 
   Counts counts = Count(request, grid, mesh);
   const double listed = request.result == ResultKind::kDense ? 0 : share * double(ListedBytes(request, counts));
   const double kept = request.result == ResultKind::kSparse ? KeptBytes(request, counts) : 0;  // of all tiles
-  for (double* count : {&counts.fragments, &counts.voxels, &counts.pairs, &counts.listed}) *count *= share;
+  for (double* count : {&counts.fragments, &counts.voxels, &counts.pairs, &counts.bricks, &counts.listed})
+    *count *= share;
   uint64_t bytes = BitGridBytes(request, grid, layers) + DeviceListBytes(request, mesh, counts);
   if (request.result == ResultKind::kDense) bytes += DenseBytes(request, grid, layers);
   if (request.fill == Fill::kFlood) bytes += 2 * BitGrid::BytesFor(grid.dims);

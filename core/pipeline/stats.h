@@ -12,7 +12,8 @@ namespace voxelpipe {
 struct VoxelizeStats {
   uint64_t triangles = 0;
   std::optional<uint64_t> fragments;  // (triangle, voxel) pairs touched; absent where a fast path does not count them
-  uint64_t occupied = 0;              // voxels with a fragment or filled; counted after the pipeline, outside its time
+  // Voxels with a fragment or filled; counted after the pipeline, outside its time but where that waits for a device.
+  uint64_t occupied = 0;
   std::optional<uint64_t> odd_columns;  // with parity fill: columns with an odd number of crossings
   std::string backend;                  // "cpu" or "cuda"
   std::string simd = "scalar";
