@@ -108,8 +108,7 @@ struct Ranks {
   __device__ uint32_t Of(uint32_t word, uint32_t x) const {
     const uint32_t below = (1u << x) - 1;
     if constexpr (kBy == RankedBy::kWords) return first[word] + uint32_t(__popc(bits[word] & below));
-    const uint32_t row = Quotient(word, by_words_per_row), layer = Quotient(row, by_ny);
-    const uint32_t y = row - layer * by_ny.divisor, z = layer;
+    const uint32_t row = Quotient(word, by_words_per_row), z = Quotient(row, by_ny), y = row - z * by_ny.divisor;
     const uint64_t tile = (word - row * by_words_per_row.divisor) + tiles_x * (y / 8 + uint64_t{tiles_y} * (z / 8));
     const RowRank of_row = rows[first_brick[tile] * kTileRows + (y % 8 + 8 * (z % 8))];
     return of_row.first + uint32_t(__popc(of_row.voxels & below));
