@@ -35,19 +35,16 @@ grpc::ChannelArguments MakeArguments(const std::string& target) {
   return arguments;
 }
 
-absl::Status WaitUntilConnected(grpc::Channel& channel, const std::string& target, std::chrono::milliseconds timeout) {
-  const auto deadline = std::chrono::system_clock::now() + timeout;
+// gRPC 1.51 reads errno of connect() only after calls that may change it (mended later: grpc/grpc#35064), and so takes a connection on
+// its way for one that failed: on a busy machine one in a thousand. Only failures one after another are believed.
+constexpr int kAttempts = 3;
+
+// The state in which the first attempt of a new channel ended, or the last one before the deadline.
+grpc_connectivity_state StateAfterAttempt(grpc::Channel& channel, std::chrono::system_clock::time_point deadline) {
   for (;;) {
     const grpc_connectivity_state state = channel.GetState(/*try_to_connect=*/true);
-    if (state == GRPC_CHANNEL_READY) return absl::OkStatus();
-    if (state == GRPC_CHANNEL_TRANSIENT_FAILURE || state == GRPC_CHANNEL_SHUTDOWN) {
-      return absl::UnavailableError(
-          absl::StrCat("cannot connect to ", target, ": refused, not reachable or unknown, or TLS on one side only"));
-    }
-    if (!channel.WaitForStateChange(state, deadline)) {
-      return absl::UnavailableError(
-          absl::StrCat("cannot connect to ", target, ": no answer within ", timeout.count(), " ms"));
-    }
+    const bool ended = state != GRPC_CHANNEL_IDLE && state != GRPC_CHANNEL_CONNECTING;
+    if (ended || !channel.WaitForStateChange(state, deadline)) return state;
   }
 }
 
@@ -107,6 +104,14 @@ class TokenSenders final : public grpc::experimental::ClientInterceptorFactoryIn
   const std::string authorization_;
 };
 
+// None without a token.
+std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> MakeSenders(
+    const std::string& token) {
+  std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> senders;
+  if (!token.empty()) senders.push_back(std::make_unique<TokenSenders>(token));
+  return senders;
+}
+
 }  // namespace
 
 absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& target, const ConnectOptions& options) {
@@ -120,12 +125,20 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& ta
   if (options.tls && !options.tls->server_name.empty()) {
     arguments.SetSslTargetNameOverride(options.tls->server_name);
   }
-  std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> senders;
-  if (!options.token.empty()) senders.push_back(std::make_unique<TokenSenders>(options.token));
-  const std::shared_ptr<grpc::Channel> channel =
-      grpc::experimental::CreateCustomChannelWithInterceptors(target, *credentials, arguments, std::move(senders));
-  if (absl::Status status = WaitUntilConnected(*channel, target, options.timeout); !status.ok()) return status;
-  return channel;
+  const auto deadline = std::chrono::system_clock::now() + options.timeout;
+  for (int attempt = 1; attempt <= kAttempts; ++attempt) {
+    // A channel waits before it tries again, a new one does not.
+    std::shared_ptr<grpc::Channel> channel = grpc::experimental::CreateCustomChannelWithInterceptors(
+        target, *credentials, arguments, MakeSenders(options.token));
+    const grpc_connectivity_state state = StateAfterAttempt(*channel, deadline);
+    if (state == GRPC_CHANNEL_READY) return channel;
+    if (state == GRPC_CHANNEL_IDLE || state == GRPC_CHANNEL_CONNECTING) {
+      return absl::UnavailableError(
+          absl::StrCat("cannot connect to ", target, ": no answer within ", options.timeout.count(), " ms"));
+    }
+  }
+  return absl::UnavailableError(
+      absl::StrCat("cannot connect to ", target, ": refused, not reachable or unknown, or TLS on one side only"));
 }
 
 }  // namespace voxelpipe

@@ -118,8 +118,8 @@ class ManyStream;  // many_stream.h
 class Client {
  public:
   // In: "HOST:PORT" or any gRPC target ("unix:/path"). UNAVAILABLE naming the target when nobody answers there or TLS does
-  // not come about, at once where the connection is refused, else after `options.timeout`. INVALID_ARGUMENT naming a file of
-  // `options.tls` that cannot be read.
+  // not come about, at once where the connection is refused time and again, else after `options.timeout`. INVALID_ARGUMENT
+  // naming a file of `options.tls` that cannot be read.
   static absl::StatusOr<std::unique_ptr<Client>> Connect(const std::string& target, const ConnectOptions& options = {});
   ~Client();
   Client(const Client&) = delete;
