@@ -180,10 +180,11 @@ absl::Status EmitRecords(RunState& state, FragmentArgs args) {
   args.clear = state.bucket_chunks.data();
   args.clear_count = state.bucket_chunks.size();
   const uint64_t chunks = (args.triangles + args.counts.of_chunk - 1) / args.counts.of_chunk;
-  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(chunks), kChunkThreads, EmitCells, args);
+  const bool early = BeginsEarly(state.device);
+  LaunchEarly(early, state.stream, unsigned(chunks), kChunkThreads, EmitCells, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitCells");
-  EmitListed<<<BlocksFor(args.list.capacity, kChunkThreads, uint64_t(state.device.multiprocessors) * 16), kChunkThreads,
-               0, state.stream>>>(args);
+  const auto blocks = BlocksFor(args.list.capacity, kChunkThreads, uint64_t(state.device.multiprocessors) * 16);
+  LaunchEarly(early, state.stream, blocks, kChunkThreads, EmitListed, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitListed");
   return absl::OkStatus();
 }

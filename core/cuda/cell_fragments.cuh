@@ -138,6 +138,7 @@ __device__ __noinline__ inline uint64_t EmitPlainly(const FragmentArgs& args, Em
 // The fragments of all records, a block what a block of FindCells took. May begin early.
 __global__ void __launch_bounds__(kChunkThreads, 6) EmitCells(const __grid_constant__ FragmentArgs args) {
   __shared__ EmitRoom room;
+  AllowNext();
   AwaitEarlier();
   if (threadIdx.x == 0) {
     for (uint64_t i = blockIdx.x; i < args.clear_count; i += gridDim.x) args.clear[i] = 0;
@@ -281,8 +282,9 @@ __device__ inline uint64_t AllFragments(const FragmentCounts& counts) {
   return WarpSum(all);
 }
 
-// The listed spans to fragments, where there is room for all of both.
+// The listed spans to fragments, where there is room for all of both. May begin early.
 __global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constant__ FragmentArgs args) {
+  AwaitEarlier();
   const uint64_t count = args.list.own + *args.list.count;
   if (count > args.list.capacity || AllFragments(args.counts) > args.room) return;
   const uint64_t threads = uint64_t(gridDim.x) * kChunkThreads;

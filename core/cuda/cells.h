@@ -46,11 +46,10 @@ absl::Status EmitWaiting(const RunState& state, const RestArgs& args, const type
   constexpr int kOfRest = kRestThreads / 32 * kSetupsOfWarp * int(sizeof(SharedSetup));
   constexpr int kOfLarge = kSetupsOfBlock * int(sizeof(SharedSetup));
   static_assert(kOfRest <= 48 << 10 && kOfLarge <= 48 << 10);  // more must be asked for
-  const auto rest = EmitRest<Writer>;
-  rest<<<RestBlocks(state), kRestThreads, kOfRest, state.stream>>>(args, out);
+  const bool early = BeginsEarly(state.device);
+  LaunchEarly(early, state.stream, RestBlocks(state), kRestThreads, kOfRest, EmitRest<Writer>, args, out);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitRest");
-  LaunchEarly(BeginsEarly(state.device), state.stream, processors * 6, kRestThreads, kOfLarge, EmitLarge<Writer>, args,
-              out);
+  LaunchEarly(early, state.stream, processors * 6, kRestThreads, kOfLarge, EmitLarge<Writer>, args, out);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitLarge");
   return absl::OkStatus();
 }

@@ -184,12 +184,13 @@ __device__ __noinline__ inline uint64_t SetUpRows(const BitArgs& args, uint32_t 
   return rows;
 }
 
-// As WalkRest. With fewer registers, for more blocks, what is set up goes to memory in part.
+// As WalkRest. With fewer registers, for more blocks, what is set up goes to memory in part. May begin early.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, kRestBlocks)
     EmitRest(const __grid_constant__ RestArgs args, const __grid_constant__ typename Writer::Args out) {
   extern __shared__ double setups[];
   AllowNext();
+  AwaitEarlier();
   const BitArgs& walk = args.walk;
   const int lane = int(threadIdx.x % 32), warp_of_block = int(threadIdx.x / 32);
   auto* const shared = reinterpret_cast<SharedSetup*>(setups) + warp_of_block * kSetupsOfWarp;
