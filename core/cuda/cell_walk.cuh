@@ -6,6 +6,7 @@
 #pragma once
 
 #include "cuda/bit_walk.cuh"
+#include "cuda/brick_pool.cuh"
 #include "cuda/cell_runs.cuh"
 #include "cuda/cell_views.h"
 #include "cuda/in_place.cuh"
@@ -22,6 +23,7 @@ enum class CellSink {
   kRecords,         // records alone
   kRecordsAndBits,  // and the coverage
   kBlend,           // blended in place, by maximum, and the coverage
+  kPool,            // blended in a pool of bricks, by maximum
 };
 
 struct CellArgs {
@@ -32,6 +34,7 @@ struct CellArgs {
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: not counted
   FragmentCounts chunks;          // of the records
   InPlaceArgs blend;
+  BrickPool pool;
 };
 
 struct FindRoom {
@@ -121,7 +124,14 @@ __device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1
     bit = BitOfVoxel(args.walk.grid, first[0], first[1], first[2]);
   }
   fragments += uint32_t(__popc(octants));
-  if constexpr (kSink != CellSink::kBlend) {
+  if constexpr (kSink == CellSink::kPool) {
+    if (__any_sync(~0u, octants != 0) == 0) return;
+    uint32_t key[1] = {};
+    if (octants != 0) KeysOf<kShader, 1>(args.blend, plain, t, key);
+    if (kShader >= 0 && in_order) octants = OctantsAlone(bit, octants, args.blend.blend == InPlace::kMax);
+    const int local[3] = {first[0], first[1], first[2] - int(args.walk.grid.slab_begin)};
+    BlendOctantsInPool(args.pool, local, octants, key[0]);
+  } else if constexpr (kSink != CellSink::kBlend) {
     if (takes) args.records[record] = octants == 0 ? 0 : PackCell(CellKind::kOctants, bit, octants);
     if constexpr (kSink == CellSink::kRecordsAndBits) SetOctantsTogether(args.walk, first, octants);
   } else {
@@ -147,10 +157,17 @@ __device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1
   }
 }
 
+// What is left to do of a block of voxels, by all lanes of a warp together.
+struct PooledBlock {
+  int first[3] = {};  // of the slab
+  uint64_t mask = 0;
+  uint32_t key[1] = {};
+};
+
 // A triangle of few rows as a block, which has the record; false if some voxel is in doubt.
 template <bool kThin, CellSink kSink, int kShader, bool kPacked>
 __device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, uint64_t record, CellSpan* table,
-                                 uint64_t& fragments) {
+                                 uint64_t& fragments, PooledBlock& pooled) {
   const FixedCorners v = LoadFixed<kPacked>(args.walk, t);
   const FixedBox box = BoxOf(v.at, args.walk.fixed);
   int begin[3], end[3];
@@ -168,8 +185,15 @@ __device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, u
   } else if (!VisitCells<kThin>(v.at, box, begin, end, args.walk.fixed, table, kFindThreads, add)) {
     return false;
   }
-  const uint32_t first = BitOfVoxel(args.walk.grid, begin[0], begin[1], begin[2]);
   fragments += uint32_t(__popcll(mask));
+  if constexpr (kSink == CellSink::kPool) {
+    for (int a = 0; a < 3; ++a) pooled.first[a] = begin[a];
+    pooled.first[2] -= int(args.walk.grid.slab_begin);
+    pooled.mask = mask;
+    KeysOf<kShader, 1>(args.blend, plain, t, pooled.key);
+    return true;
+  }
+  const uint32_t first = BitOfVoxel(args.walk.grid, begin[0], begin[1], begin[2]);
   if constexpr (kSink != CellSink::kBlend) {
     args.records[record] = PackCell(CellKind::kBlock, first, 0);
     args.blocks[record] = mask;
@@ -195,6 +219,7 @@ __device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, u
 template <bool kThin, CellSink kSink, int kShader, bool kOrdered, bool kPacked>
 __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __grid_constant__ CellArgs args) {
   __shared__ FindRoom room;
+  AllowNext();
   const BitArgs& walk = args.walk;
   if (threadIdx.x == 0) room.octant_count = room.row_count = room.waiting_count = 0;
   __syncthreads();
@@ -272,12 +297,14 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     const uint32_t i = begins + threadIdx.x % 32;
     bool doubtful = false;
     uint32_t local = 0;
+    PooledBlock pooled;
     if (i < row_count) {
       local = room.cells[FindRoom::kTriangles - 1 - int(i)];
       doubtful = !TakeBlock<kThin, kSink, kShader, kPacked>(args, plain, triangle_at(chunk + local), chunk + local,
-                                                            &room.table[0][threadIdx.x], fragments);
+                                                            &room.table[0][threadIdx.x], fragments, pooled);
     }
     __syncwarp();
+    if constexpr (kSink == CellSink::kPool) BlendBlockInPool(args.pool, pooled.first, pooled.mask, pooled.key[0]);
     AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
   }
   __syncthreads();
@@ -288,7 +315,9 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
   for (uint32_t i = threadIdx.x; i < room.waiting_count; i += kFindThreads) {
     const uint64_t number = chunk + room.waiting[i];
     walk.layer_queue[room.first + i] = triangle_at(number);
-    if constexpr (kSink != CellSink::kBlend) args.records[number] = PackCell(CellKind::kOther, 0, 0);
+    if constexpr (kSink == CellSink::kRecords || kSink == CellSink::kRecordsAndBits) {
+      args.records[number] = PackCell(CellKind::kOther, 0, 0);
+    }
   }
   __syncthreads();
   if (args.fragments == nullptr && args.chunks.of_block == nullptr) return;

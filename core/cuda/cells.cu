@@ -31,6 +31,9 @@ auto KernelFor(CellSink sink, bool by_id, bool ordered) {
     case CellSink::kRecordsAndBits:
       return ordered ? FindCells<kThin, CellSink::kRecordsAndBits, -1, true, kPacked>
                      : FindCells<kThin, CellSink::kRecordsAndBits, -1, false, kPacked>;
+    case CellSink::kPool:
+      return by_id ? FindCells<kThin, CellSink::kPool, int(FragmentShaderId::kTriangleId), false, kPacked>
+                   : FindCells<kThin, CellSink::kPool, -1, false, kPacked>;
     default:
       return by_id ? FindCells<kThin, CellSink::kBlend, int(FragmentShaderId::kTriangleId), false, kPacked>
                    : FindCells<kThin, CellSink::kBlend, -1, false, kPacked>;
@@ -72,7 +75,7 @@ absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
     VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(triangles, 1), state.stream));
   }
   if (triangles == 0) return absl::OkStatus();
-  if (sink != CellSink::kBlend) {
+  if (sink == CellSink::kRecords || sink == CellSink::kRecordsAndBits) {
     VOXELPIPE_OK_OR_RETURN(state.cells.Resize(triangles, state.stream));
     VOXELPIPE_OK_OR_RETURN(state.blocks.Resize(triangles, state.stream));
     args.records = state.cells.data();
@@ -102,10 +105,12 @@ absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
 
 }  // namespace
 
-absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend, bool by_id) {
+absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend, bool by_id,
+                          const BrickPool* pool) {
   CellArgs args;
   args.fragments = fragments;
   if (blend != nullptr) args.blend = *blend;
+  if (pool != nullptr) args.pool = *pool;
   return Find(state, sink, args, by_id);
 }
 

@@ -14,9 +14,9 @@ namespace voxelpipe::cuda {
 bool NeedsOrder(RunState& state);
 
 // Gives every triangle of the slab to a sink, and what is not small to the queues; state.counters has how many wait.
-// kBlend: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: counters, or null.
+// kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: counters, or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
-                          bool by_id = false);
+                          bool by_id = false, const BrickPool* pool = nullptr);
 // The same, for the A-buffer: records, and how many fragments they have, in state.fragment_first and behind the counters, as `counts` then says.
 absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts);
 

@@ -3,11 +3,13 @@
 // Triangles are walked once. Where there is one target of one component that seeks a largest or least value, small
 // triangles are blended by the walk itself; otherwise, and where they have to be ordered first, they become records, which each target
 // then takes. Larger ones become spans in a list, which each target takes too, but for the few largest where targets are written by
-// rows (sum_rows.cuh, fill_rows.cuh); those that are too many for the list are made and taken in parts, by halves of the triangles. Everything else goes by tiles.
+// rows (sum_rows.cuh, fill_rows.cuh); those that are too many for the list are made and taken in parts, by halves of the triangles. Largest and least values
+// of a sparse result are blended in bricks that are given out meanwhile (brick_pool.h), and nothing is recorded or listed. Everything else goes by tiles.
 #include <algorithm>
 #include <utility>
 
 #include "cuda/blend_store.h"
+#include "cuda/brick_pool.h"
 #include "cuda/cell_blend.cuh"
 #include "cuda/cells.h"
 #include "cuda/launch.h"
@@ -300,6 +302,13 @@ absl::Status BlendDirectly(RunState& state) {
     all_by_rows = all_by_rows && memory.by_rows;
     ++blended;
     last = i;
+  }
+  if (state.pools_bricks) {
+    VOXELPIPE_OK_OR_RETURN(BlendIntoPool(state, PlaceOf(state, last), state.span_targets[size_t(last)].by_id));
+    if (state.pools_bricks) return absl::OkStatus();
+    VOXELPIPE_OK_OR_RETURN(ClearFragmentSlots(state));
+    VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.coverage.Fill(0, state.stream));
   }
   state.blended_cells = blended == 1 && !sparse && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state);
   state.draws_largest = all_by_rows || state.fills_rows;

@@ -14,4 +14,12 @@ __device__ inline void ReduceOr(uint32_t* to, uint32_t bits) {
 #endif
 }
 
+__device__ inline void ReduceMax(uint32_t* to, uint32_t value) {
+#if defined(__CUDA_ARCH__)
+  asm volatile("red.relaxed.gpu.global.max.u32 [%0], %1;" ::"l"(__cvta_generic_to_global(to)), "r"(value) : "memory");
+#else  // on the host
+  atomicMax(to, value);
+#endif
+}
+
 }  // namespace voxelpipe::cuda

@@ -91,6 +91,16 @@ struct SpanTarget {
   bool by_rows = false;   // its sums are stored by rows (sum_rows.cuh)
 };
 
+// A pool of bricks (brick_pool.cuh): per brick of the slab, and per place.
+struct PoolMemory {
+  DeviceArray<uint32_t> places, cells, masks, bricks, voxels;
+  bool too_small = false;  // for some slab of the run: then others go without, too
+
+  void Free() {
+    for (auto* array : {&places, &cells, &masks, &bricks, &voxels}) array->Free();
+  }
+};
+
 // Arrays of a sparse or bucketed result on the device, as ResultArrays has them; the triangles of buckets are
 // RunState::fragments.
 struct DeviceResult {
@@ -155,6 +165,8 @@ struct RunState {
   // Sparse: per tile of the slab, and one more
   DeviceArray<uint32_t> brick_counts, voxel_counts;
   DeviceArray<uint64_t> first_brick, first_voxel;
+  PoolMemory pool;
+  bool pools_bricks = false;  // bricks are given out while triangles are drawn; there is no coverage then
 
   // Buckets: EmitFragments, SortFragments
   DeviceArray<uint32_t> fragment_counts;  // per triangle
@@ -199,6 +211,7 @@ enum Counter : int {
   kParts,         // of tiles that are split
   kNextRows,      // the next rows for a block that fills them
   kBuckets,       // of the slab
+  kPooled,        // bricks that wanted a place in the pool
   kCleared,       // blocks that have cleared their part of a bit grid; 0 again when it is drawn
   kScratch0,      // free for use within a stage
   kPairs,         // (tile, triangle) pairs found, also where there was no room for them

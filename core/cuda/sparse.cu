@@ -4,6 +4,7 @@
 // brick ids.
 #include <algorithm>
 
+#include "cuda/brick_pool.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
@@ -185,6 +186,7 @@ __global__ void __launch_bounds__(kThreads) EmitBricks(const __grid_constant__ B
 }  // namespace
 
 absl::Status MakeBricks(RunState& state) {
+  if (state.pools_bricks) return EmitPool(state);
   DeviceResult& out = state.result;
   BrickArgs args{};
   args.grid = state.view;

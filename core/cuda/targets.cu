@@ -4,6 +4,7 @@
 
 #include "cuda/batch.h"
 #include "cuda/batch_kernel.cuh"
+#include "cuda/brick_pool.h"
 #include "cuda/launch.h"
 #include "cuda/pinned.h"
 #include "cuda/run_state.h"
@@ -351,7 +352,10 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     state.targets.at[i] = target;
   }
   if (buckets) return absl::OkStatus();
-  if (state.plain_bits || state.fills_rows) {  // what draws there writes all of it
+  state.pools_bricks = PoolsBricks(state);
+  if (state.pools_bricks) {
+    state.coverage.Free();
+  } else if (state.plain_bits || state.fills_rows) {  // what draws there writes all of it
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
   } else {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
@@ -380,6 +384,7 @@ void AbandonSlab(RunState& state) {
   state.word_ranks.Free();
   state.row_ranks.Free();
   state.listed_places.Free();
+  state.pool.Free();
   state.order.Free();
   state.ordered_cells = false;
   state.span_targets = {};  // with the values of all triangles, which are made anew
@@ -416,7 +421,7 @@ absl::Status CountBits(RunState& state, const uint32_t* a, const uint32_t* b, ui
 }
 
 absl::Status CountSlab(RunState& state) {
-  if (state.request.request.result != ResultKind::kBuckets) {
+  if (state.request.request.result != ResultKind::kBuckets && !state.pools_bricks) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kVoxels}));
     return CountBits(state, state.coverage.data(), state.inside.empty() ? nullptr : state.inside.data(),
                      state.slab_words(), kVoxels);

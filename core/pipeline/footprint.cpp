@@ -202,9 +202,23 @@ uint64_t PartBytes(const VoxelizeRequest& request, const Counts& counts) {
   return uint64_t(parts * (1 + 1 / kPairsOfSplitTile)) * std::min(together, std::max(kGroup, largest));
 }
 
+// The pool of bricks from which the CUDA backend gives out those of a sparse result while triangles are drawn (cuda/brick_pool.h), of `layers` layers;
+// 0 where it does not.
+uint64_t PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
+  if (request.result != ResultKind::kSparse || request.fill != Fill::kNone || request.targets.size() != 1) return 0;
+  const TargetSpec& target = request.targets[0];
+  const bool is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
+  if (!is_float || target.components != 1 || (target.blend != Blend::kMax && target.blend != Blend::kMin)) return 0;
+  constexpr uint64_t kPlace = 512 * sizeof(uint32_t) + 64 + 8, kLeast = 1 << 10, kOfFaces = 4;
+  const uint64_t x = uint64_t(grid.dims[0] + 7) / 8, y = uint64_t(grid.dims[1] + 7) / 8, z = uint64_t(layers + 7) / 8;
+  const uint64_t bricks = x * y * z;
+  return bricks * sizeof(uint32_t) + std::min(bricks, kLeast + kOfFaces * (x * y + y * z + z * x)) * kPlace;
+}
+
 // What the CUDA backend lists on the device. That is the same whether a target's value is uniform over a triangle, which is not known
 // before the vertex shader ran, or not: pairs of tiles and triangles then take the place of records and spans.
-uint64_t DeviceListBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Counts& counts) {
+uint64_t DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                         const Counts& counts, int64_t layers) {
   constexpr uint64_t kQueues = 2 * sizeof(uint32_t), kRecord = 2 * sizeof(uint64_t), kSpan = sizeof(uint64_t);
   constexpr uint64_t kOrder = sizeof(uint32_t);
   if (PlainBits(request)) return mesh.triangles * (kQueues + kOrder);
@@ -227,6 +241,7 @@ uint64_t DeviceListBytes(const VoxelizeRequest& request, const MeshSize& mesh, c
   if (sparse) {
     constexpr double kRowRanks = 512;  // a brick
     bytes += uint64_t(kRowRanks * counts.bricks + sizeof(uint32_t) * counts.listed);
+    bytes = std::max(bytes, mesh.triangles * kQueues + PoolBytes(request, grid, layers));  // likewise
   }
   for (const TargetSpec& target : request.targets) {
     if (target.format == VoxelFormat::kBit) continue;
@@ -269,7 +284,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
 
   const bool one_slab = out.slab_depth >= grid.dims[2];
   out.peak_bytes = kBaseBytes + slab_bytes(out.slab_depth) + MeshWorkBytes(request, mesh, counts);
-  if (cuda) out.peak_bytes += DeviceListBytes(request, mesh, counts);
+  if (cuda) out.peak_bytes += DeviceListBytes(request, grid, mesh, counts, out.slab_depth);
   if (cuda && dense && !one_slab) out.peak_bytes += slab_bytes(out.slab_depth);  // one is copied while another is made
   if (!one_slab && dense && delivery == Delivery::kMemory) out.peak_bytes += out.result_bytes;
   // The lists of all slabs, the last one's counted already, and what they are joined to.
@@ -291,7 +306,7 @@ uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, 
   const double kept = request.result == ResultKind::kSparse ? KeptBytes(request, counts) : 0;  // of all tiles
   for (double* count : {&counts.fragments, &counts.voxels, &counts.pairs, &counts.bricks, &counts.listed})
     *count *= share;
-  uint64_t bytes = BitGridBytes(request, grid, layers) + DeviceListBytes(request, mesh, counts);
+  uint64_t bytes = BitGridBytes(request, grid, layers) + DeviceListBytes(request, grid, mesh, counts, layers);
   if (request.result == ResultKind::kDense) bytes += DenseBytes(request, grid, layers);
   if (request.fill == Fill::kFlood) bytes += 2 * BitGrid::BytesFor(grid.dims);
   return bytes + uint64_t(listed + kept);

@@ -402,6 +402,9 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   if (named.name == "scattered") {
     for (ParityCase& c : ScatteredCases()) subject.cases.push_back(std::move(c));
   }
+  if (named.extent > 0) {
+    for (ParityCase& c : PooledCases(named)) subject.cases.push_back(std::move(c));
+  }
   return subject;
 }
 

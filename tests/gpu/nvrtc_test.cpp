@@ -177,6 +177,24 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
 
+TEST(NvrtcTest, CompilesTheKernelsOfAPoolOfBricks) {
+  const std::string in = "voxelpipe::cuda::";
+  const std::vector<std::string> kernels = {
+      in + "FindCells<false, " + in + "CellSink::kPool, -1, false, false>",
+      in + "EmitRest<" + in + "PoolWriter<-1>>",
+      in + "EmitLarge<" + in + "PoolWriter<-1>>",
+      in + "MaskPlaces",
+      in + "CountTiles",
+      in + "EmitPlaces",
+  };
+  std::vector<const char*> names;
+  for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
+  const Compiled compiled = Compile(
+      std::string(kShader) + "#include \"cuda/brick_pool_kernels.cuh\"\n#include \"cuda/cell_walk.cuh\"\n", names);
+  EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
+  EXPECT_GT(compiled.cubin.size(), 1000u);
+}
+
 TEST(NvrtcTest, CompilesTheVertexShadersAndTheMeasureOfTheSurface) {
   const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/vertex_kernels.cuh\"\n",
                                     {"voxelpipe::cuda::ShadeVertices<1>", "voxelpipe::cuda::ShadeVertices<4>",

@@ -371,6 +371,25 @@ std::vector<ParityCase> QuickCases(const ParityMesh& named) {
   return cases;
 }
 
+std::vector<ParityCase> PooledCases(const ParityMesh& named) {
+  const std::vector<GridRequest> grids = GridsFor(named.extent);
+  constexpr size_t kGrids[4] = {0, 6, 12, 13};
+  std::vector<ParityCase> cases;
+  for (size_t i = 0; i < 12; ++i) {
+    ParityCase c;
+    c.request.grid = grids[kGrids[i % 4]];
+    c.request.result = ResultKind::kSparse;
+    c.request.coverage = kCoverages[i % 3];
+    TargetSpec& target = c.request.targets[0];
+    target.format = i % 5 == 4 ? VoxelFormat::kF16 : VoxelFormat::kF32;
+    target.blend = i % 2 == 0 ? Blend::kMax : Blend::kMin;
+    target.shader = {i < 6 ? "triangle_id" : "geometric_normal", {}};
+    c.slab_depth = i % 7 == 6 ? 8 : 0;
+    cases.push_back(c);
+  }
+  return cases;
+}
+
 std::vector<ParityCase> SlabCases() {
   std::vector<ParityCase> cases;
   const auto add = [&](ResultKind kind, Fill fill, const char* shader, Blend blend, int components) -> ParityCase& {
@@ -397,6 +416,7 @@ std::vector<ParityCase> SlabCases() {
   add(ResultKind::kSparse, Fill::kNone, "", Blend::kOr, 0);
   add(ResultKind::kSparse, Fill::kParity, "triangle_id", Blend::kAdd, 4);
   add(ResultKind::kSparse, Fill::kNone, "normal", Blend::kMax, 4);
+  add(ResultKind::kSparse, Fill::kNone, "triangle_id", Blend::kMax, 1);
   add(ResultKind::kBuckets, Fill::kNone, "normal", Blend::kMax, 4);
   return cases;
 }

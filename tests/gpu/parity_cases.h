@@ -39,6 +39,8 @@ std::vector<ParityCase> CasesFor(const ParityMesh& named, const TriangleMesh& me
                                  uint32_t seed);
 // Each kernel once or twice, so small that it runs under a sanitizer.
 std::vector<ParityCase> QuickCases(const ParityMesh& named);
+// Largest and least values in sparse results, which have a way of their own: shaders, formats, coverages, grids and slabs.
+std::vector<ParityCase> PooledCases(const ParityMesh& named);
 // Each way to make a result, in a grid of 56 layers, for meshes about [0, 40].
 std::vector<ParityCase> SlabCases();
 // Every vertex shader that the mesh has what it needs for, under each result kind: positions alone, and all that fragment shaders read.

@@ -1,0 +1,168 @@
+// Sparse results whose bricks are given out while triangles are drawn (brick_pool.cuh).
+#include <algorithm>
+
+#include "cuda/blend_store.h"
+#include "cuda/brick_pool.h"
+#include "cuda/brick_pool_kernels.cuh"
+#include "cuda/cells.h"
+#include "cuda/launch.h"
+#include "cuda/scan.h"
+#include "pipeline/plan.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+// Places for twice and a half as many bricks as a sphere touches that fills the slab's box, and of the memory no more than its share.
+uint64_t CapacityOf(const RunState& state) {
+  constexpr uint64_t kOfFaces = 4, kLeast = 1 << 10, kPartOfMemory = 32;
+  const uint64_t x = uint64_t(state.view.dims[0] + 7) / 8, y = uint64_t(state.view.dims[1] + 7) / 8;
+  const uint64_t z = uint64_t(state.slab.depth() + 7) / 8;
+  const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (kBrickCells * 4);
+  return std::min({x * y * z, kLeast + kOfFaces * (x * y + y * z + z * x), most});
+}
+
+uint64_t TilesOf(const RunState& state) {
+  const auto layers = uint64_t(state.slab.depth() + 7) / 8;
+  return uint64_t(state.view.tiles.dims[0]) * uint64_t(state.view.tiles.dims[1]) * layers;
+}
+
+absl::Status MakeRoom(RunState& state) {
+  PoolMemory& memory = state.pool;
+  const uint64_t capacity = CapacityOf(state);
+  if (capacity == 0) return absl::ResourceExhaustedError("no share of the memory is large enough for a brick");
+  VOXELPIPE_OK_OR_RETURN(memory.places.Resize(TilesOf(state) * 4, state.stream));
+  VOXELPIPE_OK_OR_RETURN(memory.cells.Resize(capacity * kBrickCells, state.stream));
+  VOXELPIPE_OK_OR_RETURN(memory.masks.Resize(capacity * 16, state.stream));
+  VOXELPIPE_OK_OR_RETURN(memory.bricks.Resize(capacity, state.stream));
+  return memory.voxels.Resize(capacity, state.stream);
+}
+
+BrickPool PoolOf(RunState& state) {
+  PoolMemory& memory = state.pool;
+  BrickPool pool;
+  pool.places = memory.places.data();
+  pool.cells = memory.cells.data();
+  pool.bricks = memory.bricks.data();
+  pool.asked = state.counters.data() + kPooled;
+  pool.capacity = uint32_t(memory.bricks.size());
+  pool.tiles_x = uint32_t(state.view.tiles.dims[0]);
+  pool.tiles_y = uint32_t(state.view.tiles.dims[1]);
+  return pool;
+}
+
+PoolResultArgs ResultOf(RunState& state) {
+  PoolResultArgs args;
+  args.pool = PoolOf(state);
+  args.masks = state.pool.masks.data();
+  args.voxels = state.pool.voxels.data();
+  args.tiles = TilesOf(state);
+  args.brick_counts = state.brick_counts.data();
+  args.voxel_counts = state.voxel_counts.data();
+  args.first_brick = state.first_brick.data();
+  args.first_voxel = state.first_voxel.data();
+  return args;
+}
+
+void GoWithout(RunState& state) {
+  state.pools_bricks = false;
+  state.pool.Free();
+  state.pool.too_small = true;
+}
+
+unsigned BlocksOfPlaces(const RunState& state) {
+  constexpr uint64_t kPlacesOfBlock = kPoolThreads / 32;
+  return BlocksFor(state.pool.bricks.size() * kPlacesOfBlock, kPoolThreads,
+                   uint64_t(state.device.multiprocessors) * 16);
+}
+
+// By one thread: to where the host reads other counters too.
+__global__ void CopyPoolTotals(const uint64_t* bricks, const uint64_t* voxels, uint64_t* counters) {
+  counters[kListedBricks] = *bricks;
+  counters[kListedVoxels] = counters[kVoxels] = *voxels;
+}
+
+// Numbers bricks and voxels of the pool, which is drawn.
+absl::Status Number(RunState& state) {
+  const uint64_t tiles = TilesOf(state), counts = tiles + 1;
+  for (auto* array : {&state.brick_counts, &state.voxel_counts}) {
+    VOXELPIPE_OK_OR_RETURN(array->Resize(counts, state.stream));
+  }
+  for (auto* array : {&state.first_brick, &state.first_voxel}) {
+    VOXELPIPE_OK_OR_RETURN(array->Resize(counts, state.stream));
+  }
+  const PoolResultArgs args = ResultOf(state);
+  MaskPlaces<<<BlocksOfPlaces(state), kPoolThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("MaskPlaces");
+  CountTiles<<<unsigned((counts + kPoolThreads - 1) / kPoolThreads), kPoolThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("CountTiles");
+  VOXELPIPE_OK_OR_RETURN(
+      ExclusiveScan(state.brick_counts.data(), state.first_brick.data(), counts, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(
+      ExclusiveScan(state.voxel_counts.data(), state.first_voxel.data(), counts, state.scratch, state.stream));
+  CopyPoolTotals<<<1, 1, 0, state.stream>>>(state.first_brick.data() + tiles, state.first_voxel.data() + tiles,
+                                            state.counters.data());
+  VOXELPIPE_LAUNCHED_OR_RETURN("CopyPoolTotals");
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+bool PoolsBricks(RunState& state) {
+  const VoxelizeRequest& request = state.request.request;
+  if (!state.direct || request.result != ResultKind::kSparse || request.fill != Fill::kNone) return false;
+  if (state.pool.too_small) return false;
+  if (request.targets.size() != 1 || state.mesh.host_view.triangle_count == 0) return false;
+  const CudaTarget target = DescribeTarget(request.targets[0], state.request.fragment_shaders[0]);
+  const bool is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
+  const bool sought = target.blend == Blend::kMax || target.blend == Blend::kMin;
+  return is_float && sought && target.components == 1 && !NeedsOrder(state);
+}
+
+absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id) {
+  if (!MakeRoom(state).ok()) {  // the other way needs less
+    GoWithout(state);
+    return absl::OkStatus();
+  }
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kPooled}));
+  VOXELPIPE_OK_OR_RETURN(state.pool.places.Fill(0, state.stream));
+  PoolWriterArgs args;
+  args.pool = PoolOf(state);
+  args.blend = blend;
+  args.by_ny = MakeDivisor(uint32_t(state.view.dims[1]));
+  args.fragments = FragmentSlots(state);
+  VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kPool, args.fragments, &blend, by_id, &args.pool));
+  constexpr int kById = int(FragmentShaderId::kTriangleId);
+  const auto emit_waiting = by_id ? EmitWaiting<PoolWriter<kById>> : EmitWaiting<PoolWriter<-1>>;
+  VOXELPIPE_OK_OR_RETURN(emit_waiting(state, MakeRestArgs(state, 0, state.mesh.host_view.triangle_count, false), args));
+  VOXELPIPE_OK_OR_RETURN(Number(state));
+  const auto counters = ReadCounters(state);
+  if (!counters.ok()) return counters.status();
+  if ((*counters)[kPooled] > args.pool.capacity) GoWithout(state);
+  state.result.listed_bricks = (*counters)[kListedBricks];
+  state.result.listed_voxels = (*counters)[kListedVoxels];
+  return absl::OkStatus();
+}
+
+absl::Status EmitPool(RunState& state) {
+  DeviceResult& out = state.result;
+  VOXELPIPE_OK_OR_RETURN(out.bricks.Resize(out.listed_bricks, state.stream));
+  VOXELPIPE_OK_OR_RETURN(out.masks.Resize(out.listed_bricks * 64, state.stream));
+  out.targets.resize(1);
+  const uint64_t bytes = TargetBytes(state.request.request.targets[0], out.listed_voxels);
+  VOXELPIPE_OK_OR_RETURN(out.targets[0].Resize((bytes + 3) / 4 * 4, state.stream));
+  if (out.listed_bricks == 0) return absl::OkStatus();
+  PoolResultArgs args = ResultOf(state);
+  args.bricks_x = uint64_t(state.view.dims[0] + 7) / 8;
+  args.bricks_y = uint64_t(state.view.dims[1] + 7) / 8;
+  args.first_layer = uint64_t(state.slab.begin) / 8;
+  args.bricks = out.bricks.data();
+  args.out_masks = reinterpret_cast<uint32_t*>(out.masks.data());
+  args.out = out.targets[0].data();
+  args.format = state.targets.at[0].format;
+  args.complement = state.targets.at[0].blend == Blend::kMin;
+  EmitPlaces<<<BlocksOfPlaces(state), kPoolThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitPlaces");
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,17 @@
+// Sparse results whose bricks are given out while triangles are drawn (brick_pool.cuh): of one target of floats, whose largest or least value is
+// sought, without a fill. Included by .cu files only.
+#pragma once
+
+#include "cuda/in_place.cuh"
+#include "cuda/run_state.h"
+
+namespace voxelpipe::cuda {
+
+// Whether the slab's bricks are; once it is known. May synchronize.
+bool PoolsBricks(RunState& state);
+// Draws all triangles. Where there is no room for all bricks state.pools_bricks becomes false, and nothing was done but fragments counted. Synchronizes.
+absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id);
+// What was drawn becomes state.result.
+absl::Status EmitPool(RunState& state);
+
+}  // namespace voxelpipe::cuda
