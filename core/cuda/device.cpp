@@ -151,6 +151,7 @@ std::string MemoryAtHand() {
 }
 
 std::atomic<uint64_t> limit_bytes{UINT64_MAX}, taken_bytes{0};  // see LimitMemory
+std::atomic<uint64_t> assumed_cache{0};
 
 // A lost device begins anew: all that was allocated on it is gone. No run holds it.
 absl::Status Reset(int ordinal, Slot& slot) {
@@ -264,6 +265,13 @@ void LimitMemory(uint64_t bytes) {
 }
 uint64_t MemoryLimit() {
   return limit_bytes;
+}
+
+void AssumeCache(uint64_t bytes) {
+  assumed_cache = bytes;
+}
+uint64_t AssumedCache() {
+  return assumed_cache;
 }
 
 uint64_t MemoryTaken() {

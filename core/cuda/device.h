@@ -68,6 +68,9 @@ void TrimMemory(int ordinal);
 void LimitMemory(uint64_t bytes);
 uint64_t MemoryLimit();
 uint64_t MemoryTaken();  // by arrays
+// From now on L2 caches are taken for ones of so many bytes: for tests of what happens in grids that are larger. 0: for what they are.
+void AssumeCache(uint64_t bytes);
+uint64_t AssumedCache();
 
 // The probe's work on the current device (probe.cu). Synchronizes.
 absl::Status RunProbe(cudaStream_t stream);

@@ -22,6 +22,7 @@ bool BeginsEarly(const DeviceInfo& device) {
 
 bool ExceedsCache(const DeviceInfo& device, uint64_t bytes) {
   static std::array<std::atomic<int>, 64> known{};
+  if (const uint64_t assumed = AssumedCache(); assumed > 0) return bytes > assumed / 2;
   const int cache = OfDevice(known, device, [&] {
     int size = 0;
     if (cudaDeviceGetAttribute(&size, cudaDevAttrL2CacheSize, device.ordinal) != cudaSuccess) size = 0;

@@ -6,6 +6,7 @@
 //   --batches       the batches alone
 //   --bench-meshes  the benchmark's meshes at 512^3 and 1024^3 instead
 //   --bunny FILE    of --bench-meshes: a bunny of 69,451 triangles
+//   --cache BYTES   the device is taken for one whose L2 cache is so large: small grids then go the ways of large ones
 //   --filter TEXT   only cases whose line holds TEXT; a line begins "MESH#NUMBER "
 //   --seed N        other random meshes and requests
 //   --budget S      stop after so many seconds, which counts as a failure
@@ -467,6 +468,7 @@ int Main(int argc, char** argv) {
     std::printf("SKIPPED: no CUDA device (%s)\n", std::string(cuda.status().message()).c_str());
     return 77;
   }
+  cuda::AssumeCache(options.cache);
   Parity parity(options);
   BatchParity batches(options.self ? *Devices().back() : **cuda, options.quick ? 64 : 512);
   if (options.batches) {

@@ -27,6 +27,8 @@ bool ParseParityOptions(int argc, char** argv, ParityOptions& options) {
       options.filter = argv[++i];
     } else if (argument == "--bunny") {
       options.bunny = argv[++i];
+    } else if (argument == "--cache") {
+      options.cache = std::strtoull(argv[++i], nullptr, 10);
     } else if (argument == "--seed") {
       options.seed = uint32_t(std::atoi(argv[++i]));
     } else if (argument == "--budget") {

@@ -11,6 +11,7 @@ struct ParityOptions {
   bool quick = false, batches = false, bench_meshes = false, list = false, self = false;
   std::string filter, bunny;
   std::vector<std::string> files;
+  uint64_t cache = 0;  // bytes; 0: as the device says
   uint32_t seed = 1;
   double budget_s = 1e9;
 };

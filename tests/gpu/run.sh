@@ -4,7 +4,7 @@
 # usage: run.sh [-o LOG_DIR] [-f FILTER] [SECTION]...      sections:
 #   parity    CPU bytes = CUDA bytes over all cases and models
 #   sanitize  compute-sanitizer's four tools on the quick cases
-#   sanitize_large  three of them on kernels that only scattered triangles in large grids come to
+#   sanitize_large  three of them, where small grids go the ways of those that are larger than the cache
 #   devices   several threads on each device, and each lost and back
 #   device    the arithmetic headers on both devices
 #   cli       the command line's hash, cuda against cpu
@@ -48,6 +48,8 @@ parity() {
   local files options=()
   mapfile -t files < <(models)
   if [[ -n "$filter" ]]; then options=(--filter "$filter"); fi
+  # Small grids by the ways of large ones, too.
+  timeout "$(limit 100)" "$bin/cuda_parity" --quick --cache 2048 "${options[@]}" || return 1
   timeout "$(limit 300)" "$bin/cuda_parity" "${options[@]}" --files "${files[@]}"
 }
 
@@ -62,19 +64,22 @@ sanitize_with() {
 # Mesh by mesh, and the batches: racecheck on all quick cases in one process takes ever longer and now and then does not come to an end.
 racecheck() {
   local mesh code result=0
-  for mesh in attributed96 point scattered pile_in_a_voxel rigged_shaded giants; do
-    sanitize_with racecheck --filter "$mesh"
+  for mesh in attributed96 point sphere# scattered pile_in_a_voxel rigged_shaded giants; do
+    sanitize_with racecheck --filter "$mesh" "$@"
     code=$?
     if ((code != 0 && code != 2)); then result="$code"; fi
   done
-  sanitize_with racecheck --batches || result=$?
+  sanitize_with racecheck --batches "$@" || result=$?
   return "$result"
 }
-sanitize() {
-  local tool code result=0 tools=(memcheck initcheck synccheck racecheck)
+# sanitize_quick TOOLS [OPTION]...: cuda_parity's.
+sanitize_quick() {
+  local tool code result=0 tools
+  read -ra tools <<<"$1"
+  shift
   # One after the other: beside each other they take longer, and initcheck may tell of what it has not yet seen written.
   for tool in "${tools[@]}"; do
-    if [[ "$tool" == racecheck ]]; then racecheck; else sanitize_with "$tool"; fi >"$work/$tool.log" 2>&1
+    if [[ "$tool" == racecheck ]]; then racecheck "$@"; else sanitize_with "$tool" "$@"; fi >"$work/$tool.log" 2>&1
     code=$?
     echo "=== $tool: exit $code"
     if ((code == 0)); then tail -4 "$work/$tool.log"; else head -c 200000 "$work/$tool.log"; fi
@@ -88,19 +93,10 @@ sanitize() {
   return "$result"
 }
 
-# Kernels that only scattered triangles in grids larger than the cache come to, and no others, which would take long there. initcheck must see all that others write.
-sanitize_large() {
-  local tool kernel result=0 options=()
-  for kernel in StoreSumRows FillRows LargestKernel SetUpKernel StoreKernel OrderKeys OrderPlaces; do
-    options+=(--kernel-name "kernel_substring=$kernel")
-  done
-  for tool in memcheck racecheck synccheck; do
-    echo "=== $tool"
-    timeout "$(limit 150)" compute-sanitizer --tool "$tool" "${options[@]}" --error-exitcode 9 --print-limit 12 \
-      "$bin/cuda_parity" --bench-meshes "${mesh_options[@]}" --filter "nasty#" || result=1
-  done
-  return "$result"
-}
+sanitize() { sanitize_quick "memcheck initcheck synccheck racecheck"; }
+# The same where the cache is taken for a small one: kernels for grids that are larger than it then run in small ones. Without racecheck, which did not
+# come to an end there.
+sanitize_large() { sanitize_quick "memcheck initcheck synccheck" --cache 2048; }
 
 device() {
   timeout "$(limit 60)" "$bin/device_parity"

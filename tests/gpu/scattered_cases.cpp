@@ -85,6 +85,19 @@ std::vector<ParityCase> ScatteredCases() {
   const GridRequest parts_of_rows = Placed({1056, 96, 90}, {-5, 10, 20}, {0.11, 1.02, 1});
   add(parts_of_rows, {sum(VoxelFormat::kF32, 2, 0)});
   AddFilled(cases, narrow, {slanted, parts_of_rows});
+  // A-buffers, in which the largest triangles are put among the others' fragments: with values, too, and with shaders that discard.
+  const auto add_buckets = [&](const GridRequest& grid, std::vector<TargetSpec> targets) -> ParityCase& {
+    ParityCase& c = add(grid, std::move(targets));
+    c.request.result = ResultKind::kBuckets;
+    return c;
+  };
+  TargetSpec checker;
+  checker.shader = {"checker", {}};
+  add_buckets(narrow, {TargetSpec()});
+  add_buckets(narrow, {TargetSpec()}).slab_depth = 80;
+  add_buckets(slanted, {greatest});
+  add_buckets(slanted, {checker, sum(VoxelFormat::kF32, 3, 0)});
+  add_buckets(parts_of_rows, {checker});
   return cases;
 }
 
