@@ -21,11 +21,11 @@ inline void SetTriangles(const RunState& state, BitArgs& args) {
   args.triangle_count = mesh.triangle_count;
 }
 
-// Has the walk read packed vertices, where there are such (scattered.h).
-inline void UsePacked(const RunState& state, BitArgs& args) {
+// Has the walk read packed vertices, where there are such (scattered.h). `placed`: triangles are then numbered by place.
+inline void UsePacked(const RunState& state, BitArgs& args, bool placed = false) {
   const ScatteredMesh& scattered = state.scattered_mesh;
   if (scattered.packed == nullptr || args.fixed.bits == 0) return;
-  args.packed = scattered.packed;
+  args.packed = placed ? scattered.placed : scattered.packed;
   args.packed_place =
       MakePackedPlace(args.fixed, state.grid.origin, state.grid.voxel_size, state.box.min, scattered.extent);
 }

@@ -65,7 +65,7 @@ VOXELPIPE_HD int ToFixed(double world, double scale, double offset) {
 // A vertex as parts of its mesh's box, counted from the least corner: two thirds of the bytes, in one access of memory.
 struct alignas(16) PackedVertex {
   uint32_t at[3];
-  uint32_t unused;
+  uint32_t triangle;  // whose corner it is
 };
 
 inline constexpr double kPackedParts = 4294967295.0;  // of the box along an axis
@@ -314,7 +314,7 @@ VOXELPIPE_HD void Narrow(const CellBound& b, float t, CellSpan& span) {
   span.last_inner = fminf(span.last_inner, c + b.inner);
 }
 
-inline constexpr int kMostCells = 7;  // of a box along each axis that goes by rows here
+inline constexpr int kMostCells = 9;  // of a box along each axis that goes by rows here
 
 // Rows of a box of at most kMostCells voxels along each axis, within `begin` to `end` of the grid: visit(y, z, x_begin, x_end). False
 // where some voxel is not certain; rows already visited are right. `table` has room for kMostCells elements, `pitch` apart. Of the layers

@@ -18,6 +18,19 @@ struct LargestTriangles {
   __device__ uint32_t listed() const { return min(count, kMostApart); }
 };
 
+// Bricks of 32x8x8 voxels that are given out while triangles are drawn (bit_pool.cuh).
+struct BitPool {
+  static constexpr uint32_t kWordsOfPlace = 64;
+  uint32_t* places = nullptr;  // of all bricks of the slab, x first; or null
+  uint32_t* words = nullptr;   // kWordsOfPlace a place
+  uint64_t* asked = nullptr;   // counter: bricks that wanted a place
+  uint64_t quads = 0;          // of places, to clear
+  uint32_t dims_x = 1, dims_y = 1;
+
+  __device__ uint32_t* WordsOf(uint64_t place) const { return words + place * kWordsOfPlace; }
+  __device__ void Name(uint64_t, uint32_t) const {}
+};
+
 struct BitArgs {
   GridView grid;  // rows outside its slab are left out
   uint32_t* bits = nullptr;
@@ -29,12 +42,13 @@ struct BitArgs {
   Vec3d inverse_size;  // 1 / grid.voxel_size, rounded
   const uint32_t* triangles = nullptr;
   const Vec3d* positions = nullptr;      // world space
-  const PackedVertex* packed = nullptr;  // of all triangles, their corners; or null
+  const PackedVertex* packed = nullptr;  // of all triangles, their corners, which tell whose they are; or null
   PackedPlace packed_place;
   const LargestTriangles* largest = nullptr;  // drawn apart from the others; or null
   uint64_t triangle_count = 0;
   const uint32_t *order = nullptr, *ordered = nullptr;  // of triangles by place, and how many there are; or null
   int rounds = 1;                                       // of WalkCells and FindCells
+  BitPool pool;                                         // where triangles are drawn first; or none
   uint32_t drawn_large = 0;  // of the large queue, those at its begin, which other kernels draw
   // Room for all triangles each.
   uint32_t *layer_queue = nullptr, *large_queue = nullptr;

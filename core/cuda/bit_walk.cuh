@@ -2,23 +2,26 @@
 //
 // Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what bit_cells.cuh is certain of is written at once, the
 // rest waits in two queues, which are walked in bit_layers.cuh. Where triangles come in random order, before both: bit_order.cuh in the largest
-// grids, in others bit_large.cuh, which draws the largest of them. Few and large triangles in large grids: bit_bins.cuh.
+// grids, in others bit_large.cuh, which draws the largest of them. Few and large triangles in large grids: bit_bins.cuh; fine meshes in such: the first
+// step sets bits in bricks, which become the grid before the second one (bit_pool.cuh).
 // No host-only includes.
 #pragma once
 
 #include "cuda/bit_grid.cuh"
+#include "cuda/bit_pool.cuh"
 #include "cuda/early_launch.cuh"
+#include "cuda/word_box.cuh"
 
 namespace voxelpipe::cuda {
 
 inline constexpr int kCellThreads = 128;
-inline constexpr int kMostCellRows = 36;                           // of a triangle that a thread walks alone
+inline constexpr int kMostCellRows = 64;                           // of a triangle that a thread walks alone
 inline constexpr int kManyOctants = 14;                            // of a warp's lanes: enough not to wait for others
 inline constexpr int kMostCellRounds = 8;                          // triangles of a thread of WalkCells
 inline constexpr int kMostLayerWidth = 96, kMostLayerRows = 6144;  // along y, and in all, of one that WalkLayers takes
 
-// The octants' voxels about the inner corner of a box that begins at `first`; those outside of the grid are left out.
-__device__ inline void SetOctants(const BitArgs& args, const int (&first)[3], uint32_t octants) {
+// Octants about the inner corner of a box that begins at `first`, without those outside of the grid.
+__device__ inline uint32_t ClipOctants(const BitArgs& args, const int (&first)[3], uint32_t octants) {
   const int nx = int(args.grid.dims[0]), ny = int(args.grid.dims[1]);
   const int z_begin = int(args.grid.slab_begin), z_end = int(args.grid.slab_end);
   if (first[0] < 0) octants &= 0xaa;
@@ -27,6 +30,13 @@ __device__ inline void SetOctants(const BitArgs& args, const int (&first)[3], ui
   if (first[1] + 1 >= ny) octants &= 0x33;
   if (first[2] < z_begin) octants &= 0xf0;
   if (first[2] + 1 >= z_end) octants &= 0x0f;
+  return octants;
+}
+
+// The octants' voxels about the inner corner of a box that begins at `first`; those outside of the grid are left out.
+__device__ inline void SetOctants(const BitArgs& args, const int (&first)[3], uint32_t octants) {
+  const int ny = int(args.grid.dims[1]), z_begin = int(args.grid.slab_begin);
+  octants = ClipOctants(args, first, octants);
   const auto pitch = int64_t(args.grid.words_per_row);
   const int64_t row = int64_t{ny} * (first[2] - z_begin) + first[1];
   uint32_t* const near = args.bits + (row * pitch + (first[0] >> 5));
@@ -55,6 +65,9 @@ __device__ inline void SetFew(const BitArgs& args, int y, int z, int x_begin, in
   ReduceOr(word, uint32_t(mask));
   if (uint32_t(mask >> 32) != 0) ReduceOr(word + 1, uint32_t(mask >> 32));
 }
+
+// Where the walk sets bits: in the grid's words, one by one, or, of octants, those of a warp together (word_box.cuh); or in bricks (bit_pool.cuh).
+enum class BitSink { kWords, kTogether, kBricks };
 
 // What becomes of a triangle. Runs: those of thin coverage whose box is one voxel or two side by side.
 enum class CellFate { kDone, kRuns, kOctants, kRows, kLayers, kLarge };
@@ -212,14 +225,21 @@ __device__ inline void SetOctantsTogether(const BitArgs& args, const int (&first
 }
 
 // A triangle whose fate is kRows; false if some voxel is in doubt.
-template <bool kThin, bool kPacked>
+template <bool kThin, bool kPacked, BitSink kSink>
 __device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>& fetched, CellSpan* table, int part,
                                     int parts) {
   const FixedCorners v = LoadFixed<kPacked>(args, fetched);
   const FixedBox box = BoxOf(v.at, args.fixed);
   int begin[3], end[3];
   ClipBox(args, box, begin, end);
-  const auto set = [&](int y, int z, int x_begin, int x_end) { SetFew(args, y, z, x_begin, x_end); };
+  PoolRows rows(args);
+  const auto set = [&](int y, int z, int x_begin, int x_end) {
+    if constexpr (kSink == BitSink::kBricks) {
+      rows.SetFew(y, z, x_begin, x_end);
+    } else {
+      SetFew(args, y, z, x_begin, x_end);
+    }
+  };
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
   if (!kThin && single >= 2) {  // the run class
     for (int z = begin[2] + part; z < end[2]; z += parts) {
@@ -258,6 +278,20 @@ struct CellRoom {
   uint32_t octant_count, row_count, layer_count, large_count;
   unsigned long long first_layer, first_large;
 };
+// The same, and each warp's words.
+struct CellRoomTogether : CellRoom {
+  WordBox boxes[kCellThreads / 32];
+};
+template <BitSink kSink>
+struct CellRoomType {
+  using Type = CellRoom;
+};
+template <>
+struct CellRoomType<BitSink::kTogether> {
+  using Type = CellRoomTogether;
+};
+template <BitSink kSink>
+using CellRoomFor = typename CellRoomType<kSink>::Type;
 
 // Appends t to a list of the block's where `wanted`, `step` from one to the next. All threads of a warp call it.
 template <typename Entry>
@@ -280,6 +314,40 @@ __device__ inline void SetPacked(const BitArgs& args, const uint2& packed) {
   const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
   SetOctants(args, first, octants);
 }
+// The same by way of a warp's words. All threads of a warp call it.
+__device__ inline void SetPackedTogether(const BitArgs& args, const uint2& packed, WordBox& words) {
+  const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
+  const uint32_t octants = ClipOctants(args, first, packed.y >> 16);
+  const int low[3] = {0, 0, int(args.grid.slab_begin)};
+  const int high[3] = {int(args.grid.dims[0]), int(args.grid.dims[1]), int(args.grid.slab_end)};
+  int begin[3], end[3];
+  for (int a = 0; a < 3; ++a) {
+    begin[a] = max(first[a], low[a]);
+    end[a] = min(first[a] + 2, high[a]);
+  }
+  const BoxPlace place = FitBox(words, octants != 0, begin, end);
+  __syncwarp();
+  if (!place.fits()) {
+    if (octants != 0) SetOctants(args, first, octants);
+    return;
+  }
+  for (int i = 0; i < 4; ++i) {
+    const uint32_t pair = octants >> 2 * i & 3;
+    if (pair == 0) continue;
+    const int x = first[0] + ((pair & 1) != 0 ? 0 : 1);  // in the grid, as the corner's first voxel need not be
+    const uint64_t mask = uint64_t{(pair & 1) != 0 ? pair : 1} << (x & 31);
+    SetInBox(words, place.At(x >> 5, first[1] + (i & 1), first[2] + (i >> 1)), mask);
+  }
+  __syncwarp();
+  StoreBox(args, words);
+}
+
+// The same in the pool.
+__device__ inline void SetPackedInPool(const BitArgs& args, const uint2& packed) {
+  const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
+  const uint32_t octants = ClipOctants(args, first, packed.y >> 16);
+  if (octants != 0) PoolRows(args).SetOctants(first, octants);
+}
 
 // Waits until the grid and the queues are cleared. All threads of a block call it.
 __device__ inline void AwaitCleared(const BitArgs& args) {
@@ -291,12 +359,30 @@ __device__ inline void AwaitCleared(const BitArgs& args) {
   __syncthreads();
 }
 
+// Octants of a warp's lanes to where they belong. All threads of a warp call it.
+template <BitSink kSink>
+__device__ inline void SetFound(const BitArgs& args, const uint2& packed, CellRoomFor<kSink>& room) {
+  if constexpr (kSink == BitSink::kTogether) {
+    SetPackedTogether(args, packed, room.boxes[threadIdx.x / 32]);
+  } else if constexpr (kSink == BitSink::kBricks) {
+    SetPackedInPool(args, packed);
+  } else {
+    SetPacked(args, packed);
+  }
+}
+// As they are found; neighbours' that will not come together are brought together at once.
+template <BitSink kSink>
+__device__ inline uint2 PackFound(const int (&first)[3], uint32_t octants) {
+  return PackOctants(first, kSink == BitSink::kTogether ? octants : Together(first, octants));
+}
+
 // Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first pass finds is kept
 // until the grid is cleared, so that it runs beside the clearing of the grid. The block appends what waits for
 // other kernels at once: an atomic that returns costs some 3 ns where all are on one address. Waits for whoever clears the grid.
-template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes>
-__device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& room) {
+template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes, BitSink kSink>
+__device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFor<kSink>& room) {
   if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = room.large_count = 0;
+  if constexpr (kSink == BitSink::kTogether) ClearBox(room.boxes[threadIdx.x / 32]);
   __syncthreads();
   const bool fixed = args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
   const int rounds = kRowLanes > 1 ? 1 : args.rounds;
@@ -309,9 +395,14 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
     count = __ldcg(args.ordered);
     if (begin >= count) return;
   }
+  // Where it stands among corners, or its number; and for those who do not read packed corners its number.
   const auto triangle_at = [&args](uint64_t i) {
     if constexpr (kOrdered) return __ldcg(args.order + i);
     return uint32_t(i);
+  };
+  const auto number_at = [&](uint64_t i) {
+    if constexpr (kPacked) return args.packed[3 * uint64_t{triangle_at(i)}].triangle;
+    return triangle_at(i);
   };
   uint32_t next_t = 0;
   Fetched<kPacked> next{};
@@ -337,14 +428,14 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
       }
       __syncwarp();
     }
-    room.found[round][threadIdx.x] = PackOctants(triangle.box.first, Together(triangle.box.first, octants));
+    room.found[round][threadIdx.x] = PackFound<kSink>(triangle.box.first, octants);
     AppendInBlock(fate == CellFate::kOctants, number, room.cells, 1, &room.octant_count);
     AppendInBlock(fate == CellFate::kRows, number, room.cells + (CellRoom::kRoom - 1), -1, &room.row_count);
     AppendInBlock(fate == CellFate::kLayers, number, room.later, 1, &room.layer_count);
     AppendInBlock(fate == CellFate::kLarge, number, room.later + (CellRoom::kRoom - 1), -1, &room.large_count);
   }
   AwaitCleared(args);  // until here nothing is written but what is the block's
-  for (int round = 0; round < rounds; ++round) SetPacked(args, room.found[round][threadIdx.x]);
+  for (int round = 0; round < rounds; ++round) SetFound<kSink>(args, room.found[round][threadIdx.x], room);
   __syncthreads();
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;
   for (uint32_t begins = threadIdx.x / 32 * 32; begins < octant_count; begins += kCellThreads) {
@@ -359,7 +450,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
       doubtful = !FindOctants<kThin>(args, triangle, octants);
     }
     __syncwarp();
-    SetPacked(args, PackOctants(triangle.box.first, Together(triangle.box.first, octants)));
+    SetFound<kSink>(args, PackFound<kSink>(triangle.box.first, octants), room);
     AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
   }
   for (uint32_t first = threadIdx.x / 32 * 32; first < row_count * kRowLanes; first += kCellThreads) {
@@ -369,7 +460,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
     if (i < row_count) {
       number = room.cells[CellRoom::kRoom - 1 - i];
       const Fetched<kPacked> of_rows = FetchNow<kPacked>(args, triangle_at(begin + number));
-      doubtful = !WalkCellRows<kThin>(args, of_rows, &room.table[0][threadIdx.x], int(part), kRowLanes);
+      doubtful = !WalkCellRows<kThin, kPacked, kSink>(args, of_rows, &room.table[0][threadIdx.x], int(part), kRowLanes);
     }
     __syncwarp();
     if constexpr (kRowLanes > 1) {
@@ -386,10 +477,10 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoom& 
     room.first_large = atomicAdd(queued + kLargeQueue, 0ull + room.large_count);
   __syncthreads();
   for (uint32_t i = threadIdx.x; i < room.layer_count; i += kCellThreads) {
-    args.layer_queue[room.first_layer + i] = triangle_at(begin + room.later[i]);
+    args.layer_queue[room.first_layer + i] = number_at(begin + room.later[i]);
   }
   for (uint32_t i = threadIdx.x; i < room.large_count; i += kCellThreads) {
-    args.large_queue[room.first_large + i] = triangle_at(begin + room.later[CellRoom::kRoom - 1 - i]);
+    args.large_queue[room.first_large + i] = number_at(begin + room.later[CellRoom::kRoom - 1 - i]);
   }
 }
 

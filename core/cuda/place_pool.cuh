@@ -67,4 +67,22 @@ __device__ inline uint32_t PlaceOf(const Pool& pool, bool wants, uint32_t brick)
   return place;
 }
 
+// The same by one thread, where there are places for all bricks.
+template <typename Pool>
+__device__ __noinline__ inline uint32_t TakePlace(const Pool& pool, uint32_t brick) {
+  uint32_t place = atomicCAS(pool.places + brick, kNoPlace, kPlaceToCome);
+  if (place == kNoPlace) {
+    const unsigned long long number = atomicAdd(reinterpret_cast<unsigned long long*>(pool.asked), 1ull);
+    auto* const words = reinterpret_cast<uint4*>(pool.WordsOf(number));
+    for (unsigned i = 0; i < Pool::kWordsOfPlace / 4; ++i) words[i] = uint4{0, 0, 0, 0};
+    pool.Name(number, brick);
+    place = kFirstPlace + uint32_t(number);
+    __threadfence();  // whoever sees the place finds it empty
+    *static_cast<volatile uint32_t*>(pool.places + brick) = place;
+  }
+  // Lanes that wait do so behind what another of their warp does to give it.
+  while (place == kPlaceToCome) place = *static_cast<volatile uint32_t*>(pool.places + brick);
+  return place;
+}
+
 }  // namespace voxelpipe::cuda

@@ -12,6 +12,7 @@
 #include "cuda/bit_large.cuh"
 #include "cuda/bit_layers.cuh"
 #include "cuda/bit_order.cuh"
+#include "cuda/bit_pool.h"
 #include "cuda/bit_walk.cuh"
 #include "cuda/device_abilities.h"
 #include "cuda/early_launch.cuh"
@@ -25,7 +26,7 @@ namespace voxelpipe::cuda {
 namespace {
 
 constexpr int kThreads = 256;
-constexpr int kOrderedRounds = 1;  // of CellKernel where triangles are ordered: fewer are under way, in fewer places
+constexpr int kOrderedRounds = 1;  // of CellKernel where places count: fewer triangles are under way, in fewer places
 constexpr int kCellBlocks = 8;     // of CellKernel on a multiprocessor at once
 constexpr int kSharedRows = 2;     // lanes of CellKernel for a triangle's rows where they are shared
 // Grids of so many bytes at most are cleared by CellKernel's first blocks; larger ones are cleared sooner by a kernel of their own.
@@ -62,9 +63,9 @@ __global__ void __launch_bounds__(kThreads)
 
 // Its first blocks may clear the grid: a launch less to wait for. Blocks begin in the order of their numbers, so those that are waited for are
 // under way; CUDA does not promise that, but CUB's scans rely on it too.
-template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes>
+template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes, BitSink kSink>
 __global__ void __launch_bounds__(kCellThreads, kCellBlocks) CellKernel(const __grid_constant__ BitArgs args) {
-  __shared__ CellRoom room;
+  __shared__ CellRoomFor<kSink> room;
   AllowNext();
   if (blockIdx.x < args.clear_blocks) {
     Clear(args, args.clear_blocks);
@@ -74,7 +75,7 @@ __global__ void __launch_bounds__(kCellThreads, kCellBlocks) CellKernel(const __
     atomicAdd(args.cleared, 1u);
     return;
   }
-  WalkCells<kThin, kOrdered, kPacked, kRowLanes>(args, blockIdx.x - args.clear_blocks, room);
+  WalkCells<kThin, kOrdered, kPacked, kRowLanes, kSink>(args, blockIdx.x - args.clear_blocks, room);
 }
 
 constexpr int kLayerThreads = 128, kLayerSetups = 16, kLayerBlocks = 4;
@@ -231,6 +232,10 @@ int BlocksAtOnce(const DeviceInfo& device) {
   });
 }
 
+bool ClearedByWalk(const BitArgs& args) {
+  return args.quads * 16 <= kClearedByWalk;
+}
+
 // Whether the grid is worth ways around the cache: other runs than those of plain bits keep to the plain way.
 bool GoesAroundCache(const RunState& state, const BitArgs& args) {
   return state.plain_bits && ExceedsCache(state.device, args.quads * 16);
@@ -259,10 +264,15 @@ void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
 // grids down to so many times smaller.
 constexpr uint64_t kCacheTimes = 8;
 
-// Of scattered triangles, whether they are ordered first, and the room for that. In a grid that the cache holds a quarter of they keep to little
-// of it as they are: 1024^3 takes a fifth longer with an order.
+// Whether a grid is so large that what is drawn at a time should lie together.
+bool KeepsToPlaces(const RunState& state, const BitArgs& args) {
+  return ExceedsCache(state.device, args.quads * 16 / kCacheTimes);
+}
+
+// Of scattered triangles whose corners are not kept in the order of places, whether they are ordered first, and the room for that. In a grid that the
+// cache holds a quarter of they keep to little of it as they are: 1024^3 takes a fifth longer with an order.
 bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
-  if (!ExceedsCache(state.device, args.quads * 16 / kCacheTimes)) return false;
+  if (!KeepsToPlaces(state, args)) return false;
   if (!MakeRoomForOrder(state, args, order)) return false;
   if (!state.scratch.Resize(kMostLarge * sizeof(SharedSetup), state.stream).ok()) return false;
   order.large = reinterpret_cast<SharedSetup*>(state.scratch.data());
@@ -371,7 +381,7 @@ absl::Status LaunchCleared(const RunState& state, const BitArgs& args) {
 // run at once, and of many rows (of more than a voxel of the grid's largest face each). More lanes, and other numbers of triangles a block, are
 // slower.
 bool SharesRows(const RunState& state, const BitArgs& args) {
-  if (args.packed != nullptr || args.order != nullptr) return false;
+  if (args.packed != nullptr || args.order != nullptr || args.pool.places != nullptr) return false;
   const int64_t nx = args.grid.dims[0], ny = args.grid.dims[1], nz = args.grid.slab_end - args.grid.slab_begin;
   const uint64_t at_once = uint64_t(state.device.multiprocessors) * kCellBlocks * kCellThreads / kSharedRows;
   return args.triangle_count < uint64_t(std::max({nx * ny, ny * nz, nz * nx})) &&
@@ -380,10 +390,12 @@ bool SharesRows(const RunState& state, const BitArgs& args) {
 
 template <bool kThin>
 auto* CellKernelFor(const BitArgs& args, bool shares_rows) {
-  const bool packed = args.packed != nullptr;
-  if (args.order != nullptr) return packed ? CellKernel<kThin, true, true, 1> : CellKernel<kThin, true, false, 1>;
-  if (shares_rows) return CellKernel<kThin, false, false, kSharedRows>;
-  return packed ? CellKernel<kThin, false, true, 1> : CellKernel<kThin, false, false, 1>;
+  if (args.order != nullptr) return CellKernel<kThin, true, false, 1, BitSink::kWords>;
+  if (shares_rows) return CellKernel<kThin, false, false, kSharedRows, BitSink::kWords>;
+  if (args.pool.places != nullptr) return CellKernel<kThin, false, false, 1, BitSink::kBricks>;
+  if (args.packed == nullptr) return CellKernel<kThin, false, false, 1, BitSink::kWords>;
+  return ClearedByWalk(args) ? CellKernel<kThin, false, true, 1, BitSink::kTogether>
+                             : CellKernel<kThin, false, true, 1, BitSink::kWords>;
 }
 
 absl::Status LaunchCells(RunState& state, BitArgs& args, bool thin) {
@@ -394,6 +406,7 @@ absl::Status LaunchCells(RunState& state, BitArgs& args, bool thin) {
   auto* const kernel = thin ? CellKernelFor<true>(args, shares_rows) : CellKernelFor<false>(args, shares_rows);
   LaunchEarly(args.clear_blocks == 0 && BeginsEarly(state.device), state.stream, blocks, kCellThreads, kernel, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CellKernel");
+  if (args.pool.places != nullptr) VOXELPIPE_OK_OR_RETURN(StoreBitPool(state, args));
   absl::Status launched = LaunchLayers(state, args);
   if (!launched.ok() && args.clear_blocks > 0) (void)ClearCounters(state, {kCleared});
   return launched;
@@ -446,12 +459,17 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,
                           kMostCellRounds);
   PrepareScattered(state);
-  UsePacked(state, args);
-  const bool scattered = GoesAroundCache(state, args) && IsScattered(state);
+  // In a grid that the cache holds neighbours get in each other's way, unless they are so many that what they set goes to the grid together.
+  UsePacked(state, args, ClearedByWalk(args) || ExceedsCache(state.device, args.quads * 16));
+  const bool scattered = args.packed == nullptr && GoesAroundCache(state, args) && IsScattered(state);
   if (OrderArgs order; scattered && MakeOrder(state, args, order)) return LaunchOrdered(state, args, order, thin);
+  if (args.packed != nullptr && KeepsToPlaces(state, args)) args.rounds = kOrderedRounds;
   if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;
   if (args.triangle_count == 0) return LaunchClear(state, args);
-  if (args.largest == nullptr && args.quads * 16 <= kClearedByWalk) {
+  if (MakeBitPool(state, args)) {
+    args.rounds = kOrderedRounds;
+    VOXELPIPE_OK_OR_RETURN(ClearBitPool(state, args));
+  } else if (args.largest == nullptr && ClearedByWalk(args)) {
     args.clear_blocks = BlocksFor(args.quads, uint64_t{kCellThreads} * 4, uint64_t(state.device.multiprocessors));
     args.cleared = reinterpret_cast<uint32_t*>(state.counters.data() + kCleared);
   } else {

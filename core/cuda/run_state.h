@@ -57,6 +57,8 @@ struct LargestTriangles;
 struct ScatteredMesh {
   // Three a triangle, so that nothing is to be looked up: parts of RunState::box, whose extent is kept here (bit_cells.cuh).
   const PackedVertex* packed = nullptr;
+  // The same in the order of places (Morton, 1966), for walks to which triangles are all the same.
+  const PackedVertex* placed = nullptr;
   const LargestTriangles* largest = nullptr;
   Vec3d extent;
   std::shared_ptr<const CachedArray> kept;  // what both lie in, with the mesh; or
@@ -65,7 +67,7 @@ struct ScatteredMesh {
 
   // The stream's work is done.
   void Drop() {
-    packed = nullptr;
+    packed = placed = nullptr;
     largest = nullptr;
     kept.reset();
     own.Free();
@@ -151,6 +153,7 @@ struct RunState {
   std::array<int64_t, 3> slab_dims{1, 1, 1};
   TargetViews targets{};
   std::array<TargetMemory, kMaxTargets> target_memory;
+  DeviceArray<uint32_t> bit_pool;  // of plain bits (bit_pool.h)
   DeviceArray<uint32_t> coverage;  // bit grid: voxels that a fragment of any target wrote
   // Sparse results: `value_stride` bytes for each occupied tile, in the order of pairs.occupied (a tile's number among them
   // is tile_slot[tile]). Target t that is no bit target has element (voxel * components + c) in its format from byte

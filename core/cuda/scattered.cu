@@ -4,6 +4,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "cuda/bit_grid.cuh"
+#include "cuda/fragments.h"
 #include "cuda/launch.h"
 #include "mesh/content_id.h"
 
@@ -22,7 +23,22 @@ struct PackArgs {
   Vec3d least, part, large;  // of the box: its corner, a part, and from where on a triangle is large
   PackedVertex* packed = nullptr;
   LargestTriangles* largest = nullptr;  // none yet
+  uint32_t *keys = nullptr, *numbers = nullptr;
 };
+
+constexpr int kMortonBits = 10;  // of an axis
+
+// Bit i of ten becomes bit 3i.
+__device__ inline uint32_t SpreadBits(uint32_t v) {
+  v = (v | v << 16) & 0x030000ffu;
+  v = (v | v << 8) & 0x0300f00fu;
+  v = (v | v << 4) & 0x030c30c3u;
+  return (v | v << 2) & 0x09249249u;
+}
+__device__ inline uint32_t MortonCode(const PackedVertex& v) {
+  constexpr int kDown = 32 - kMortonBits;
+  return SpreadBits(v.at[0] >> kDown) | SpreadBits(v.at[1] >> kDown) << 1 | SpreadBits(v.at[2] >> kDown) << 2;
+}
 
 __global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant__ PackArgs args) {
   const uint64_t me = uint64_t(blockIdx.x) * kThreads + threadIdx.x, threads = uint64_t(gridDim.x) * kThreads;
@@ -32,8 +48,11 @@ __global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant_
     for (int i = 0; i < 3; ++i) {
       PackedVertex packed{};
       for (int a = 0; a < 3; ++a) packed.at[a] = PackCoordinate(corners[i][a], args.least[a], args.part[a]);
+      packed.triangle = uint32_t(t);
       args.packed[3 * t + uint64_t(i)] = packed;
+      if (i == 0) args.keys[t] = MortonCode(packed);
     }
+    args.numbers[t] = uint32_t(t);
     const Vec3d &p = corners[0], &q = corners[1], &r = corners[2];
     bool large = false;
     for (int a = 0; a < 3; ++a) {
@@ -46,7 +65,15 @@ __global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant_
   }
 }
 
-// In: room for the head and the corners of all triangles.
+// Corner i of the triangles in the order of `numbers`. A thread a corner.
+__global__ void __launch_bounds__(kThreads)
+    PlaceScattered(const PackedVertex* packed, const uint32_t* numbers, uint64_t corners, PackedVertex* placed) {
+  for (uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x; i < corners; i += uint64_t(gridDim.x) * kThreads) {
+    placed[i] = packed[3 * uint64_t{numbers[i / 3]} + i % 3];
+  }
+}
+
+// In: room for the head and the corners of all triangles, twice.
 absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
   const MeshView& mesh = state.mesh.host_view;
   PackArgs args;
@@ -60,15 +87,25 @@ absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
   }
   args.packed = reinterpret_cast<PackedVertex*>(room + kHead);
   args.largest = reinterpret_cast<LargestTriangles*>(room);
+  Fragments by_place;
+  by_place.count = args.triangle_count;
+  VOXELPIPE_OK_OR_RETURN(by_place.MakeRoom(sizeof(uint32_t), state.stream));
+  args.keys = by_place.KeysAs<uint32_t>(0);
+  args.numbers = by_place.triangles[0].data();
   VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(room, 0, kHead, state.stream));
   PackScattered<<<BlocksFor(args.triangle_count, kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("PackScattered");
+  VOXELPIPE_OK_OR_RETURN(SortByKey(by_place, /*wide_keys=*/false, 3 * kMortonBits, state.scratch, state.stream));
+  const uint64_t corners = 3 * args.triangle_count;
+  PlaceScattered<<<BlocksFor(corners, kThreads), kThreads, 0, state.stream>>>(
+      args.packed, by_place.triangles[by_place.current].data(), corners, args.packed + corners);
+  VOXELPIPE_LAUNCHED_OR_RETURN("PlaceScattered");
   return absl::OkStatus();
 }
 
 // The packed mesh, kept where the mesh and its positions are; null without memory for it.
 const uint8_t* MakePacked(RunState& state, const Vec3d& extent) {
-  const uint64_t bytes = kHead + 3 * state.mesh.host_view.triangle_count * sizeof(PackedVertex);
+  const uint64_t bytes = kHead + 2 * 3 * state.mesh.host_view.triangle_count * sizeof(PackedVertex);
   const SharedArrays shared = SharedArraysOf(state.host.mesh.content_id);
   if (shared.positions && !shared.id.empty() && state.mesh.as_loaded) {
     auto array = CachedMade(
@@ -116,6 +153,7 @@ void PrepareScattered(RunState& state) {
   if (room == nullptr) return;
   made.largest = reinterpret_cast<const LargestTriangles*>(room);
   made.packed = reinterpret_cast<const PackedVertex*>(room + kHead);
+  made.placed = made.packed + 3 * state.mesh.host_view.triangle_count;
   made.extent = extent;
 }
 

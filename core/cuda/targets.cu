@@ -385,6 +385,7 @@ void AbandonSlab(RunState& state) {
   state.row_ranks.Free();
   state.listed_places.Free();
   state.pool.Free();
+  state.bit_pool.Free();
   state.order.Free();
   state.ordered_cells = false;
   state.span_targets = {};  // with the values of all triangles, which are made anew

@@ -1,4 +1,4 @@
-// The sum over a warp, on every architecture that is built for. No host-only includes.
+// Sums and bounds over a warp, on every architecture that is built for. No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -17,6 +17,24 @@ __device__ inline uint32_t WarpSum(uint32_t value) {
 __device__ inline uint64_t WarpSum(uint64_t value) {
   for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(~0u, value, step);
   return value;
+}
+
+// The least and the largest; likewise.
+__device__ inline uint32_t WarpLeast(uint32_t value) {
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ < 800
+  for (int step = 16; step > 0; step /= 2) value = min(value, __shfl_xor_sync(~0u, value, step));
+  return value;
+#else
+  return __reduce_min_sync(~0u, value);
+#endif
+}
+__device__ inline uint32_t WarpLargest(uint32_t value) {
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ < 800
+  for (int step = 16; step > 0; step /= 2) value = max(value, __shfl_xor_sync(~0u, value, step));
+  return value;
+#else
+  return __reduce_max_sync(~0u, value);
+#endif
 }
 
 // The sum over the lanes up to this one; likewise.

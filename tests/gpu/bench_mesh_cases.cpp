@@ -76,6 +76,15 @@ void AddOrderedBits(std::vector<ParityCase>& cases, int64_t n) {
   }
 }
 
+// Plain bits of a fine mesh in such a grid, which are set in bricks first; and with rows that are no whole units of 16 bytes.
+void AddBricks(std::vector<ParityCase>& cases, int64_t n) {
+  AddOrderedBits(cases, n);
+  ParityCase c = cases.back();
+  c.request.grid.dims->at(0) = n - 43;
+  c.request.grid.dims->at(1) = n - 1;
+  cases.push_back(c);
+}
+
 }  // namespace
 
 std::vector<ParityCase> BenchMeshCases(const std::string& mesh) {
@@ -92,6 +101,7 @@ std::vector<ParityCase> BenchMeshCases(const std::string& mesh) {
       AddOrdered(cases, n);
       AddOrderedBits(cases, 2 * n);
     }
+    if (n > 512 && mesh == "bunny1M") AddBricks(cases, 2 * n);
     if (n > 512) continue;
     if (mesh == "nasty") AddFilled(cases, n);
     c.request.grid = UnitCube(n);

@@ -391,15 +391,19 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   Subject subject;
   subject.named = named;
   subject.rigged = named.name == "rigged";
-  const bool first = number <= 3;  // those with attributes
+  const bool first = number <= 3;              // those with attributes
+  const bool bricks = named.name == "sphere";  // for them alone, where `quick`
   const bool small = number == 1 || named.name == "pile_in_a_voxel" || named.name == "scattered" ||
-                     named.name == "giants" || named.name == "crowd" || named.name == "point";
+                     named.name == "giants" || named.name == "crowd" || named.name == "point" || bricks;
   if (options.quick && !small) return std::nullopt;
   subject.mesh = std::make_shared<const TriangleMesh>(named.make());
   subject.large = subject.mesh->triangles.size() > 10'000;
+  subject.cases = BrickCases(named, subject.mesh->triangles.size());
+  if (options.quick && bricks) return subject;
   const CaseSizes sizes{first ? 300 : subject.rigged ? 96 : subject.large ? 16 : 32, !named.refusable, first};
-  subject.cases =
+  const auto others =
       options.quick ? QuickCases(named) : CasesFor(named, *subject.mesh, sizes, options.seed + 100 * number);
+  subject.cases.insert(subject.cases.begin(), others.begin(), others.end());
   if (named.name == "scattered") {
     for (ParityCase& c : ScatteredCases()) subject.cases.push_back(std::move(c));
   }

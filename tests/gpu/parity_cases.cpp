@@ -1,6 +1,7 @@
 #include "gpu/parity_cases.h"
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <random>
 
@@ -387,6 +388,26 @@ std::vector<ParityCase> PooledCases(const ParityMesh& named) {
     c.slab_depth = i % 7 == 6 ? 8 : 0;
     cases.push_back(c);
   }
+  return cases;
+}
+
+std::vector<ParityCase> BrickCases(const ParityMesh& named, size_t triangles) {
+  std::vector<ParityCase> cases;
+  if (named.extent <= 0 || triangles < 500 || triangles > 80'000) return cases;
+  const auto n = int64_t(2 * std::sqrt(double(triangles)));
+  const double voxel = named.extent / double(n);
+  const auto add = [&](std::array<int64_t, 3> dims, double from, Coverage coverage, int64_t slab_depth) {
+    ParityCase c;
+    c.request.grid = Placed(dims, {from * voxel, -from * voxel, from * voxel}, {voxel, 1.03 * voxel, voxel});
+    c.request.coverage = coverage;
+    c.slab_depth = slab_depth;
+    cases.push_back(c);
+  };
+  const int64_t whole = (n + 127) / 128 * 128;  // rows of whole units of 16 bytes
+  add({n, n, n}, 0, Coverage::kConservative, 0);
+  add({whole, n - 3, n + 5}, 0, Coverage::kThin, 0);
+  add({n + 40, n + 1, n - 9}, 3.5, Coverage::kConservative, 24);
+  add({whole, n + 6, n}, -2.25, Coverage::kConservative, 0);
   return cases;
 }
 

@@ -41,6 +41,9 @@ std::vector<ParityCase> CasesFor(const ParityMesh& named, const TriangleMesh& me
 std::vector<ParityCase> QuickCases(const ParityMesh& named);
 // Largest and least values in sparse results, which have a way of their own: shaders, formats, coverages, grids and slabs.
 std::vector<ParityCase> PooledCases(const ParityMesh& named);
+// Plain bits in grids so large for so many triangles that they are set in bricks first, where the cache is small; of meshes that are neither
+// tiny nor huge.
+std::vector<ParityCase> BrickCases(const ParityMesh& named, size_t triangles);
 // Each way to make a result, in a grid of 56 layers, for meshes about [0, 40].
 std::vector<ParityCase> SlabCases();
 // Every vertex shader that the mesh has what it needs for, under each result kind: positions alone, and all that fragment shaders read.
