@@ -65,6 +65,17 @@ __device__ inline bool IsAmongLargest(const BitArgs& args, uint32_t t) {
 
 enum BitQueue : int { kLayerQueue, kLargeQueue, kBitQueues };
 
+// Octants about a corner that are in the grid, by rows: set(word along x, y, z, mask of that word and of the next one).
+template <typename Set>
+__device__ inline void ForEachPair(const int (&first)[3], uint32_t octants, Set&& set) {
+  for (int i = 0; i < 4; ++i) {
+    const uint32_t pair = octants >> 2 * i & 3;
+    if (pair == 0) continue;
+    const int x = first[0] + ((pair & 1) != 0 ? 0 : 1);  // in the grid, as the corner's first voxel need not be
+    set(x >> 5, first[1] + (i & 1), first[2] + (i >> 1), uint64_t{(pair & 1) != 0 ? pair : 1} << (x & 31));
+  }
+}
+
 // Sets voxels [x_begin, x_end) of a row. Where many triangles share a voxel most bits are set already, and reading first (`look`) is
 // cheaper than an atomic.
 __device__ inline void SetWord(uint32_t* word, uint32_t mask, bool look) {

@@ -34,13 +34,7 @@ class PoolRows {
   }
   // Octants about a corner that are in the grid.
   __device__ void SetOctants(const int (&first)[3], uint32_t octants) {
-    for (int i = 0; i < 4; ++i) {
-      const uint32_t pair = octants >> 2 * i & 3;
-      if (pair == 0) continue;
-      const int x = first[0] + ((pair & 1) != 0 ? 0 : 1);  // in the grid, as the corner's first voxel need not be
-      const uint64_t mask = uint64_t{(pair & 1) != 0 ? pair : 1} << (x & 31);
-      SetMask(x >> 5, first[1] + (i & 1), first[2] + (i >> 1), mask);
-    }
+    ForEachPair(first, octants, [&](int word, int y, int z, uint64_t mask) { SetMask(word, y, z, mask); });
   }
 
  private:

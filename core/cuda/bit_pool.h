@@ -8,7 +8,7 @@ namespace voxelpipe::cuda {
 struct BitArgs;
 struct RunState;
 
-// Whether bits are set in bricks first, and the room for that: as many places as there are bricks, of which only those that are given are touched. Where
+// In a grid many times larger than the cache: whether bits are set in bricks first, and the room for that: as many places as there are bricks, of which only those that are given are touched. Where
 // triangles are smaller CellKernel issues instructions nearly all the time, and looking bricks up takes longer than memory does.
 bool MakeBitPool(RunState& state, BitArgs& args);
 // Clears the bricks' places, and the queues of what waits. CellKernel may begin early behind it.

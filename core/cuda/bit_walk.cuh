@@ -331,13 +331,8 @@ __device__ inline void SetPackedTogether(const BitArgs& args, const uint2& packe
     if (octants != 0) SetOctants(args, first, octants);
     return;
   }
-  for (int i = 0; i < 4; ++i) {
-    const uint32_t pair = octants >> 2 * i & 3;
-    if (pair == 0) continue;
-    const int x = first[0] + ((pair & 1) != 0 ? 0 : 1);  // in the grid, as the corner's first voxel need not be
-    const uint64_t mask = uint64_t{(pair & 1) != 0 ? pair : 1} << (x & 31);
-    SetInBox(words, place.At(x >> 5, first[1] + (i & 1), first[2] + (i >> 1)), mask);
-  }
+  ForEachPair(first, octants,
+              [&](int word, int y, int z, uint64_t mask) { SetInBox(words, place.At(word, y, z), mask); });
   __syncwarp();
   StoreBox(args, words);
 }

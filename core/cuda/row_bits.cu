@@ -466,7 +466,7 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   if (args.packed != nullptr && KeepsToPlaces(state, args)) args.rounds = kOrderedRounds;
   if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;
   if (args.triangle_count == 0) return LaunchClear(state, args);
-  if (MakeBitPool(state, args)) {
+  if (KeepsToPlaces(state, args) && MakeBitPool(state, args)) {
     args.rounds = kOrderedRounds;
     VOXELPIPE_OK_OR_RETURN(ClearBitPool(state, args));
   } else if (args.largest == nullptr && ClearedByWalk(args)) {
