@@ -41,7 +41,7 @@ class CpuStages final : public Stages {
   }
 
   absl::StatusOr<MeshExtent> VertexShade() override { return cpu::VertexShade(state_); }
-  absl::Status CoarseRaster(const GridSpec& grid) override { return cpu::CoarseRaster(state_, grid); }
+  absl::Status CoarseRaster(const GridSpec& grid, const Slab&) override { return cpu::CoarseRaster(state_, grid); }
   absl::Status TileSort() override { return cpu::TileSort(state_); }
   absl::Status BeginSlab(const Slab& slab) override { return cpu::BeginSlab(state_, slab); }
   absl::Status FineRaster() override { return cpu::FineRaster(state_); }

@@ -34,10 +34,10 @@ class CudaStages final : public Stages {
   }
 
   absl::StatusOr<MeshExtent> VertexShade() override { return cuda::VertexShade(state_); }
-  absl::Status CoarseRaster(const GridSpec& grid) override {
+  absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
     state_.plain_bits = cpu::PlainBits(state_.host, grid);
     state_.direct = !state_.plain_bits && BlendsDirectly(state_, grid);
-    return cuda::CoarseRaster(state_, grid);
+    return cuda::CoarseRaster(state_, grid, layers);
   }
   absl::Status TileSort() override { return NeedsTiles(state_) ? cuda::TileSort(state_) : absl::OkStatus(); }
   absl::Status BeginSlab(const Slab& slab) override {
@@ -78,6 +78,7 @@ class CudaStages final : public Stages {
     return state_.request.request.result != ResultKind::kBuckets && !cpu::PlainBits(state_.host, grid) &&
            !BlendsDirectly(state_, grid);
   }
+  bool SortsTilesBySlab() const override { return true; }
   std::string_view simd() const override { return "cuda"; }
   std::optional<uint64_t> FreeBytes() const override { return FreeMemory(state_.device.ordinal); }
   bool AbandonSlab() override {

@@ -42,6 +42,7 @@ struct BinArgs {
 };
 struct GridBinArgs : BinArgs {
   TileGrid tiles;
+  int z_begin, z_end;  // of the tiles that are wanted
 };
 // The same for the triangles of a batch: tiles and triangles are numbered as among all, triangles as in their mesh.
 struct BatchBinArgs : BinArgs {
@@ -52,14 +53,15 @@ struct BatchBinArgs : BinArgs {
 // Where the tiles of a triangle are, and the number that it has for whoever takes the pair.
 struct BinPlace {
   TileGrid tiles;
+  int z_begin, z_end;
   uint64_t first_tile, triangle;
 };
 __device__ inline BinPlace PlaceOf(const GridBinArgs& args, uint64_t t) {
-  return {args.tiles, 0, t};
+  return {args.tiles, args.z_begin, args.z_end, 0, t};
 }
 __device__ inline BinPlace PlaceOf(const BatchBinArgs& args, uint64_t t) {
   const BatchItemView& item = args.items[args.item_of[t]];
-  return {item.grid.tiles, item.first_tile, t - item.first_triangle};
+  return {item.grid.tiles, 0, int(item.grid.tiles.dims[2]), item.first_tile, t - item.first_triangle};
 }
 
 __device__ inline void Put(const BinArgs& args, uint64_t at, uint64_t tile, uint64_t triangle) {
@@ -86,8 +88,8 @@ __global__ void __launch_bounds__(kThreads) BinSmall(const Args args) {
       count = 1;
       for (int i = 0; i < 3; ++i) {
         const int dim = int(TileDim(i));
-        begin[i] = max(box.first[i], 0) / dim;
-        end[i] = box.last[i] < 0 ? 0 : min(box.last[i] / dim + 1, int(place.tiles.dims[i]));
+        begin[i] = max(max(box.first[i], 0) / dim, i == 2 ? place.z_begin : 0);
+        end[i] = box.last[i] < 0 ? 0 : min(box.last[i] / dim + 1, i == 2 ? place.z_end : int(place.tiles.dims[i]));
         empty = empty || begin[i] >= end[i];
         count = empty ? 0 : min(count * uint32_t(end[i] - begin[i]), 8u);
       }
@@ -122,7 +124,10 @@ __global__ void __launch_bounds__(kLargeThreads) BinLarge(const Args args) {
     const uint32_t* v = args.triangles + 3 * uint64_t{t};
     const Vec3d &a = args.positions[v[0]], &b = args.positions[v[1]], &c = args.positions[v[2]];
     const TriangleSetup s = SetUpAmongTiles(a, b, c, BoundTiles(place.tiles, a, b, c).widening);
-    const VoxelRange range = ClipToRange(s, AllTiles(place.tiles));
+    VoxelRange wanted = AllTiles(place.tiles);
+    wanted.begin[2] = place.z_begin;
+    wanted.end[2] = place.z_end;
+    const VoxelRange range = ClipToRange(s, wanted);
     const uint64_t rows =
         range.empty() ? 0 : uint64_t(range.end[1] - range.begin[1]) * uint64_t(range.end[2] - range.begin[2]);
     for (uint64_t first = 0; first < rows; first += kLargeThreads) {
@@ -186,11 +191,13 @@ absl::Status LaunchBins(const Args& args, const DeviceInfo& device, cudaStream_t
   return absl::OkStatus();
 }
 
-absl::Status Bin(RunState& state, uint64_t capacity) {
+absl::Status Bin(RunState& state, const Slab& layers, uint64_t capacity) {
   VOXELPIPE_OK_OR_RETURN(state.pairs.MakeRoom(capacity, state.stream));
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kPairs, kQueued0}));
   GridBinArgs args;
   args.tiles = state.view.tiles;
+  args.z_begin = int(layers.begin / TileDim(2));
+  args.z_end = int((layers.end + TileDim(2) - 1) / TileDim(2));
   args.triangles = state.mesh.triangle_list();
   args.positions = state.mesh.index_positions.data();
   args.codes = state.mesh.codes.data();
@@ -256,7 +263,10 @@ absl::Status BinBatch(BatchState& state) {
   }
 }
 
-absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
+namespace {
+
+// The grid, and the mesh in it.
+absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
   state.grid = grid;
   for (int a = 0; a < 3; ++a) state.view.dims[a] = grid.dims[size_t(a)];
   state.view.tiles = TilesOf(state.view.dims);
@@ -274,7 +284,6 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
         "a face of the grid has more voxels than the CUDA backend counts for one triangle");
   }
   VOXELPIPE_OK_OR_RETURN(CheckReach(state, grid));
-  const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.placed = false;
   if (!state.plain_bits && !NeedsTiles(state)) PrepareScattered(state);
   if (state.plain_bits) return absl::OkStatus();  // rows come from world space
@@ -284,12 +293,22 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
     state.mesh.host_view.index_positions = state.mesh.index_positions.data();
     VOXELPIPE_OK_OR_RETURN(state.mesh.view.Upload({&state.mesh.host_view, 1}, state.stream));
   }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status CoarseRaster(RunState& state, const GridSpec& grid, const Slab& layers) {
+  if (layers.begin == 0) VOXELPIPE_OK_OR_RETURN(SetUpGrid(state, grid));
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.pairs.count = 0;
-  if (triangles == 0 || !NeedsTiles(state)) return absl::OkStatus();
+  if (triangles == 0 || state.plain_bits || !NeedsTiles(state)) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
-  const uint64_t guess = std::max<uint64_t>(state.pairs.tiles[0].size(), triangles + triangles / 2 + (1 << 16));
-  VOXELPIPE_OK_OR_RETURN(Bin(state, guess));
-  if (state.pairs.count > guess) VOXELPIPE_OK_OR_RETURN(Bin(state, state.pairs.count));
+  const double share = double(layers.depth()) / double(grid.dims[2]);
+  const auto likely = uint64_t(share * (1.5 * double(triangles) + (1 << 16)));
+  const uint64_t guess = std::max(state.pairs.tiles[0].size(), likely);
+  VOXELPIPE_OK_OR_RETURN(Bin(state, layers, guess));
+  if (state.pairs.count > guess) VOXELPIPE_OK_OR_RETURN(Bin(state, layers, state.pairs.count));
   if (state.pairs.count > UINT32_MAX) {
     return absl::ResourceExhaustedError(
         absl::StrCat("the mesh meets tiles ", state.pairs.count, " times; the CUDA backend takes at most 2^32"));

@@ -60,7 +60,8 @@ int SharedBytes(const FineArgs& group) {
 int UniformThreads(const RunState& state) {
   const int64_t* const t = state.view.tiles.dims;
   const double surface = double(t[0]) * double(t[1]) + double(t[1]) * double(t[2]) + double(t[2]) * double(t[0]);
-  const double pairs = double(state.pairs.count) / surface;
+  const double share = double(state.slab.depth()) / double(state.view.dims[2]);  // pairs are those of the slab
+  const double pairs = double(state.pairs.count) / (share * surface);
   return pairs > 250 ? kMostUniformThreads : 64;
 }
 

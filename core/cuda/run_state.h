@@ -130,7 +130,7 @@ struct RunState {
   Box3d box;                  // of the vertices that triangles use, world space
   bool shaded_there = false;  // the shader placed vertices, and the host does not know where
 
-  // CoarseRaster, TileSort: of the whole grid
+  // CoarseRaster, TileSort: of the whole grid, but for pairs and occupied tiles, which are those of the slab
   GridSpec grid;
   GridView view{};          // dims, tiles, slab: what kernels get
   bool placed = false;      // whether index_positions and codes are made
@@ -238,9 +238,9 @@ absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state);
 
 // The stages; see pipeline/stages.h for what each does.
 absl::StatusOr<MeshExtent> VertexShade(RunState& state);
-absl::Status PlaceVertices(RunState& state);                       // unless they are placed
-absl::Status CoarseRaster(RunState& state, const GridSpec& grid);  // synchronizes under tiles
-absl::Status TileSort(RunState& state);                            // synchronizes
+absl::Status PlaceVertices(RunState& state);                                           // unless they are placed
+absl::Status CoarseRaster(RunState& state, const GridSpec& grid, const Slab& layers);  // synchronizes under tiles
+absl::Status TileSort(RunState& state);                                                // synchronizes
 absl::Status BeginSlab(RunState& state, const Slab& slab);
 void AbandonSlab(RunState& state);  // synchronizes
 absl::Status FineRaster(RunState& state);

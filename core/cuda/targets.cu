@@ -368,6 +368,10 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
 }
 
 void AbandonSlab(RunState& state) {
+  state.pairs = {};
+  state.tile_slot.Free();
+  state.tile_parts.Free();
+  state.parts_done.Free();
   state.target_memory = {};
   state.coverage.Free();
   state.inside.Free();

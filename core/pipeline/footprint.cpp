@@ -303,7 +303,7 @@ uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, 
   const double share = double(layers) / double(grid.dims[2]);
   Counts counts = Count(request, grid, mesh);
   const double listed = request.result == ResultKind::kDense ? 0 : share * double(ListedBytes(request, counts));
-  const double kept = request.result == ResultKind::kSparse ? KeptBytes(request, counts) : 0;  // of all tiles
+  const double kept = request.result == ResultKind::kSparse ? share * KeptBytes(request, counts) : 0;
   for (double* count : {&counts.fragments, &counts.voxels, &counts.pairs, &counts.bricks, &counts.listed})
     *count *= share;
   uint64_t bytes = BitGridBytes(request, grid, layers) + DeviceListBytes(request, grid, mesh, counts, layers);

@@ -40,6 +40,7 @@ struct BoundRequest {
 struct Slab {
   int64_t begin = 0, end = 0;
   int64_t depth() const { return end - begin; }
+  bool operator==(const Slab&) const = default;
 };
 
 // What the stages of one slab leave besides its arrays.
@@ -75,7 +76,8 @@ class SlabArrays {
   std::function<absl::Status()> wait_;
 };
 
-// Once a run, in this order: VertexShade, CoarseRaster, TileSort. Then slab after slab, by ascending z:
+// Once a run, in this order: VertexShade, CoarseRaster, TileSort. Then slab after slab, by ascending z (where tiles are sorted by slab,
+// CoarseRaster and TileSort of each go before its BeginSlab instead):
 //   dense, sparse   BeginSlab, FineRaster, SolidFill (only with a fill), Finish
 //   buckets         BeginSlab, EmitFragments, SortFragments, Resolve, Finish
 // Every stage returns CANCELLED or DEADLINE_EXCEEDED as soon as it sees that the job should end, and RESOURCE_EXHAUSTED
@@ -88,15 +90,17 @@ class Stages {
   // INVALID_ARGUMENT naming node, primitive and vertex where one that a triangle uses is not finite.
   virtual absl::StatusOr<MeshExtent> VertexShade() = 0;
 
-  // Takes the vertices to index space and finds the tiles of the grid that each triangle may touch.
+  // Takes the vertices to index space, where `layers` begin at 0, and finds the tiles of these layers of the grid that each triangle may touch.
   // INVALID_ARGUMENT naming node, primitive and vertex for one beyond 2^40 voxels of the grid's origin.
-  virtual absl::Status CoarseRaster(const GridSpec& grid) = 0;
+  virtual absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) = 0;
 
   // Sorts (tile, triangle) pairs by tile, then by triangle id.
   virtual absl::Status TileSort() = 0;
 
   // False where a faster way rasterizes rows without tiles: then CoarseRaster only bins, and TileSort has nothing to do.
   virtual bool SortsTiles(const GridSpec& grid) const = 0;
+  // Whether tiles are sorted for each slab by itself, so that what pairs take is bounded by the slab; otherwise `layers` are all.
+  virtual bool SortsTilesBySlab() const { return false; }
 
   // Allocates the targets of these layers and sets every voxel to its clear value.
   virtual absl::Status BeginSlab(const Slab& slab) = 0;
@@ -129,7 +133,7 @@ class Stages {
   // Bytes of the device's memory that a slab can have now; absent where stages work in the host's. Takes as long as a small job.
   virtual std::optional<uint64_t> FreeBytes() const { return std::nullopt; }
   // After a stage of the slab returned RESOURCE_EXHAUSTED with the mark kOutOfMemory (base/device_failure.h): gives back what it took. The
-  // next call is BeginSlab, of a slab with fewer layers. False: these stages cannot.
+  // next call is the first one of a slab with fewer layers. False: these stages cannot.
   virtual bool AbandonSlab() { return false; }
 
   // Number of voxels of the slab with a fragment or filled. Outside the measured time, unless counts_wait().

@@ -173,13 +173,26 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
   const char* last = buckets ? "resolve" : request.fill == Fill::kNone ? "fine_raster" : "fill";
   const bool timed = delivery == Delivery::kMemory;  // a sink's time is not the pipeline's
 
-  const bool tiles = stages.SortsTiles(plan->grid);
-  absl::Status s = run(tiles ? "coarse_raster" : "fine_raster", [&] { return stages.CoarseRaster(plan->grid); });
-  if (!s.ok()) return s;
-  if (tiles) {
-    s = run("tile_sort", [&] { return stages.TileSort(); });
-    if (!s.ok()) return s;
+  const bool tiles = stages.SortsTiles(plan->grid), by_slab = tiles && stages.SortsTilesBySlab();
+  const auto slab_from = [&](int64_t z) { return Slab{z, std::min(depth, z + plan->slab_depth)}; };
+  Slab sorted;  // layers whose triangles are sorted by tile
+  const auto sort = [&](const Slab& layers) -> absl::Status {
+    sorted = Slab();
+    absl::Status s =
+        run(tiles ? "coarse_raster" : "fine_raster", [&] { return stages.CoarseRaster(plan->grid, layers); });
+    if (s.ok() && tiles) s = run("tile_sort", [&] { return stages.TileSort(); });
+    if (s.ok()) sorted = layers;
+    return s;
+  };
+  // Before the assembler begins: what is wrong with the mesh shows here.
+  absl::Status s = sort(by_slab ? slab_from(0) : Slab{0, depth});
+  while (by_slab && !s.ok()) {
+    const int64_t half = HalfOf(slab_from(0), s);
+    if (half == 0 || !stages.AbandonSlab()) break;
+    plan->slab_depth = half;
+    s = sort(slab_from(0));
   }
+  if (!s.ok()) return s;
   if (s = assembler.Begin(request, *plan); !s.ok()) return s;
   // While a slab's arrays come from the device and are added, the next slab is worked on.
   struct Coming {
@@ -202,16 +215,23 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
   };
   for (int pass = 0; pass < assembler.passes(); ++pass) {
     for (int64_t z = 0; z < depth;) {
-      const Slab slab{z, std::min(depth, z + plan->slab_depth)};
+      const Slab slab = slab_from(z);
       const bool all = slab.depth() == depth;
       const auto before = std::tuple(stats.occupied, stats.fragments, stats.odd_columns);
-      absl::StatusOr<SlabArrays> arrays = RunSlab(stages, request, slab, all, run, pass == 0 ? &stats : nullptr);
+      const auto make = [&]() -> absl::StatusOr<SlabArrays> {
+        if (by_slab && slab != sorted) {
+          if (absl::Status unsorted = sort(slab); !unsorted.ok()) return unsorted;
+        }
+        return RunSlab(stages, request, slab, all, run, pass == 0 ? &stats : nullptr);
+      };
+      absl::StatusOr<SlabArrays> arrays = make();
       if (!arrays.ok()) {  // where the device has no room: thinner slabs from here on
         const int64_t half = HalfOf(slab, arrays.status());
         if (half == 0) return arrays.status();
         if (s = add(); !s.ok()) return s;
         if (!stages.AbandonSlab()) return arrays.status();
         std::tie(stats.occupied, stats.fragments, stats.odd_columns) = before;
+        sorted = Slab();
         plan->slab_depth = half;
         if (all) s = assembler.Begin(request, *plan);  // it expected one slab
         if (!s.ok()) return s;

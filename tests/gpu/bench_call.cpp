@@ -66,7 +66,7 @@ absl::Status Call::Run(Marks& marks, bool each) {
 void Call::MakeSteps() {
   Stages& s = *stages_;
   const ResultKind kind = bound_.request.result;
-  steps_.emplace_back("CoarseRaster", [this, &s] { return s.CoarseRaster(grid_); });
+  steps_.emplace_back("CoarseRaster", [this, &s] { return s.CoarseRaster(grid_, {0, grid_.dims[2]}); });
   if (s.SortsTiles(grid_)) steps_.emplace_back("TileSort", [&s] { return s.TileSort(); });
   steps_.emplace_back("BeginSlab", [this, &s] { return s.BeginSlab({0, grid_.dims[2]}); });
   if (kind == ResultKind::kBuckets) {

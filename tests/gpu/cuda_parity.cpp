@@ -136,7 +136,7 @@ class Parity {
     return true;
   }
 
-  // Less and less device memory, told before the run, and found out when a slab is begun: the same bytes by more and thinner slabs, until not
+  // Less and less device memory, told before the run, and found out once vertices are shaded: the same bytes by more and thinner slabs, until not
   // even the thinnest fits, which is RESOURCE_EXHAUSTED; then there is room again.
   bool RunShortOfMemory(const ParityMesh& named, const TriangleMesh& mesh, const std::vector<ParityCase>& cases) {
 #ifdef VOXELPIPE_HAVE_CUDA
@@ -149,7 +149,7 @@ class Parity {
         slabs = 0;
         const JobContext job([&](std::string_view stage, double fraction) {
           slabs += fraction > 0;
-          if (told || begun || (stage != "fine_raster" && stage != "emit")) return;
+          if (told || begun || stage == "vertex_shade") return;
           begun = true;
           cuda::LimitMemory(cuda::MemoryTaken() + room);
         });
@@ -179,6 +179,7 @@ class Parity {
             if (!absl::StartsWith(why, "RESOURCE_EXHAUSTED") ||
                 !absl::StrContains(why, "bytes of device memory needed"))
               Differ(c, line, absl::StrCat(room, " bytes: ", why));
+            if (c.enough > 0 && room >= c.enough) Differ(c, line, absl::StrCat(room, " bytes are not enough: ", why));
             continue;
           }
           if (!c.streamed) seen[told].insert(slabs);

@@ -436,11 +436,16 @@ std::vector<ParityCase> SlabCases() {
   add(ResultKind::kDense, Fill::kFlood, "", Blend::kOr, 0);
   add(ResultKind::kDense, Fill::kNone, "triangle_id", Blend::kMax, 1);
   add(ResultKind::kDense, Fill::kParity, "geometric_normal", Blend::kAdd, 4).request.layout = Layout::kPlanar;
-  add(ResultKind::kDense, Fill::kNone, "normal", Blend::kAverage, 4).request.layout = Layout::kPlanar;
-  add(ResultKind::kDense, Fill::kFlood, "normal", Blend::kReplace, 4).streamed = true;
+  // Those that go by tiles take less than the pairs and values of all tiles do.
+  ParityCase& planar = add(ResultKind::kDense, Fill::kNone, "normal", Blend::kAverage, 4);
+  planar.request.layout = Layout::kPlanar;
+  planar.enough = 1 << 19;
+  ParityCase& streamed = add(ResultKind::kDense, Fill::kFlood, "normal", Blend::kReplace, 4);
+  streamed.streamed = true;
+  streamed.enough = 1 << 19;
   add(ResultKind::kSparse, Fill::kNone, "", Blend::kOr, 0);
   add(ResultKind::kSparse, Fill::kParity, "triangle_id", Blend::kAdd, 4);
-  add(ResultKind::kSparse, Fill::kNone, "normal", Blend::kMax, 4);
+  add(ResultKind::kSparse, Fill::kNone, "normal", Blend::kMax, 4).enough = 1 << 19;
   add(ResultKind::kSparse, Fill::kNone, "triangle_id", Blend::kMax, 1);
   add(ResultKind::kBuckets, Fill::kNone, "normal", Blend::kMax, 4);
   return cases;

@@ -16,6 +16,7 @@ struct ParityCase {
   VoxelizeRequest request;
   int64_t slab_depth = 0;  // of the backend under test; 0 = the plan's choice
   bool streamed = false;   // VoxelizeTo instead of Voxelize
+  uint64_t enough = 0;     // bytes of device memory with which it has to go on by slabs; 0: as many as it takes
 };
 
 // A grid of so many voxels of a size, from a corner on.

@@ -57,15 +57,16 @@ class FaultyBackend::FaultyStages final : public Stages {
     if (absl::Status s = Reach("vertex_shade"); !s.ok()) return s;
     return inner_->VertexShade();
   }
-  absl::Status CoarseRaster(const GridSpec& grid) override {
+  absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
     if (absl::Status s = Reach("coarse_raster"); !s.ok()) return s;
-    return inner_->CoarseRaster(grid);
+    return inner_->CoarseRaster(grid, layers);
   }
   absl::Status TileSort() override {
     if (absl::Status s = Reach("tile_sort"); !s.ok()) return s;
     return inner_->TileSort();
   }
   bool SortsTiles(const GridSpec& grid) const override { return inner_->SortsTiles(grid); }
+  bool SortsTilesBySlab() const override { return inner_->SortsTilesBySlab(); }
   absl::Status BeginSlab(const Slab& slab) override {
     ++slab_;
     if (absl::Status s = Reach("begin_slab"); !s.ok()) return s;

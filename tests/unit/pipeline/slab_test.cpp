@@ -109,11 +109,11 @@ TEST(Slabs, EndWithTheSinksError) {
   EXPECT_EQ(sink.writes, 2);
 }
 
-// The CPU's stages on a device that has room for slabs of so many layers, which is found out when their arrays are finished; arrays arrive
-// later.
+// The CPU's stages on a device that has room for slabs of so many layers, which is found out when their arrays are finished, or, where
+// tiles are sorted by slab, when those are found; arrays arrive later.
 class ShortOfMemory final : public Backend {
  public:
-  explicit ShortOfMemory(int64_t most_layers) : most_layers_(most_layers) {}
+  explicit ShortOfMemory(int64_t most_layers, bool by_slab = false) : most_layers_(most_layers), by_slab_(by_slab) {}
   std::string_view name() const override { return "short"; }
   std::string_view simd() const override { return cpu().simd(); }
   void Run(int threads, const std::function<void()>& body) const override { cpu().Run(threads, body); }
@@ -131,11 +131,25 @@ class ShortOfMemory final : public Backend {
    public:
     ShortStages(std::unique_ptr<Stages> stages, const ShortOfMemory& of) : of_(of), cpu_(std::move(stages)) {}
     absl::StatusOr<MeshExtent> VertexShade() override { return cpu_->VertexShade(); }
-    absl::Status CoarseRaster(const GridSpec& grid) override { return cpu_->CoarseRaster(grid); }
-    absl::Status TileSort() override { return cpu_->TileSort(); }
+    absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
+      EXPECT_FALSE(failed_) << "the slab was not abandoned";
+      if (!of_.by_slab_) return cpu_->CoarseRaster(grid, layers);
+      failed_ = layers.depth() > of_.most_layers_;
+      if (failed_) return NoRoom();
+      layers_found_ = layers;
+      return !all_found_ ? cpu_->CoarseRaster(grid, {0, grid.dims[2]}) : absl::OkStatus();
+    }
+    absl::Status TileSort() override {
+      layers_sorted_ = layers_found_;
+      return std::exchange(all_found_, true) ? absl::OkStatus() : cpu_->TileSort();
+    }
     bool SortsTiles(const GridSpec& grid) const override { return cpu_->SortsTiles(grid); }
+    bool SortsTilesBySlab() const override { return of_.by_slab_; }
     absl::Status BeginSlab(const Slab& slab) override {
       EXPECT_FALSE(failed_) << "the slab was not abandoned";
+      if (of_.by_slab_) {
+        EXPECT_EQ(std::exchange(layers_sorted_, Slab()), slab) << "tiles are those of other layers";
+      }
       layers_ = slab.depth();
       return cpu_->BeginSlab(slab);
     }
@@ -146,9 +160,7 @@ class ShortOfMemory final : public Backend {
     absl::Status Resolve() override { return cpu_->Resolve(); }
     absl::StatusOr<ResultArrays> Finish() override {
       failed_ = layers_ > of_.most_layers_;
-      if (failed_) {
-        return MarkDeviceFailure(absl::ResourceExhaustedError("no room"), DeviceFailureKind::kOutOfMemory);
-      }
+      if (failed_) return NoRoom();
       ++of_.made;
       return cpu_->Finish();
     }
@@ -172,20 +184,29 @@ class ShortOfMemory final : public Backend {
     std::string_view simd() const override { return cpu_->simd(); }
 
    private:
+    static absl::Status NoRoom() {
+      return MarkDeviceFailure(absl::ResourceExhaustedError("no room"), DeviceFailureKind::kOutOfMemory);
+    }
+
     const ShortOfMemory& of_;
     const std::unique_ptr<Stages> cpu_;
+    Slab layers_found_, layers_sorted_;
     int64_t layers_ = 0;
-    bool failed_ = false;
+    bool all_found_ = false, failed_ = false;
   };
 
   static const Backend& cpu() { return **SelectBackend(BackendChoice::kCpu); }
 
   const int64_t most_layers_;
+  const bool by_slab_;
 };
 
 TEST(Slabs, GrowThinnerWhereTheDeviceHasNoRoom) {
   const TriangleMesh mesh = Soup(300, 50, 11);
-  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+  using Kind = std::pair<ResultKind, bool>;  // and whether tiles are sorted by slab
+  for (const auto& [kind, by_slab] :
+       {Kind(ResultKind::kDense, false), Kind(ResultKind::kDense, true), Kind(ResultKind::kSparse, false),
+        Kind(ResultKind::kSparse, true), Kind(ResultKind::kBuckets, false)}) {
     VoxelizeRequest request =
         TwoTargets(kind == ResultKind::kBuckets ? Fill::kNone : Fill::kParity, Layout::kPlanar, {45, 39, 56});
     request.backend = BackendChoice::kCpu;
@@ -193,7 +214,7 @@ TEST(Slabs, GrowThinnerWhereTheDeviceHasNoRoom) {
     const VoxelizeResult whole = RunPipeline(mesh, request);
     const std::map<int64_t, int> slabs_by_room = {{56, 1}, {55, 2}, {31, 4}, {15, 7}, {8, 7}};
     for (const auto& [room, slabs] : slabs_by_room) {
-      const ShortOfMemory device(room);
+      const ShortOfMemory device(room, by_slab);
       const auto result = VoxelizeOn(device, mesh, request, JobContext());
       ASSERT_TRUE(result.ok()) << result.status();
       EXPECT_EQ(device.made, slabs) << room;
@@ -205,7 +226,7 @@ TEST(Slabs, GrowThinnerWhereTheDeviceHasNoRoom) {
       ASSERT_EQ(got.size(), expected.size());
       for (size_t i = 0; i < got.size(); ++i) EXPECT_TRUE(std::ranges::equal(got[i], expected[i])) << room << " " << i;
     }
-    const ShortOfMemory none(7);
+    const ShortOfMemory none(7, by_slab);
     EXPECT_EQ(VoxelizeOn(none, mesh, request, JobContext()).status().message(), "no room");
     EXPECT_EQ(none.abandoned, 3);
   }
@@ -216,8 +237,10 @@ TEST(Slabs, OfAStreamGrowThinnerToo) {
   VoxelizeRequest request = TwoTargets(Fill::kFlood, Layout::kPlanar, {45, 39, 56});
   request.backend = BackendChoice::kCpu;
   const VoxelizeResult whole = RunPipeline(mesh, request);
-  for (const int64_t room : {int64_t{56}, int64_t{40}, int64_t{9}}) {
-    const ShortOfMemory device(room);
+  using Room = std::pair<int64_t, bool>;
+  for (const auto& [room, by_slab] :
+       {Room(56, false), Room(56, true), Room(40, false), Room(40, true), Room(9, false), Room(9, true)}) {
+    const ShortOfMemory device(room, by_slab);
     KeepingSink sink;
     const auto stats = VoxelizeOnTo(device, mesh, request, JobContext(), PlanLimits(), sink);
     ASSERT_TRUE(stats.ok()) << stats.status();
