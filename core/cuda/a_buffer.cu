@@ -227,9 +227,10 @@ absl::Status EmitByCells(RunState& state) {
   const uint64_t spans = args.list.own + **counted;
   if (spans <= args.list.capacity) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentWriter>(state, MakeRestArgs(state, 0, triangles, true), args));
-  // The next slab's are likely as many.
+  // The next slab's are likely as many. This one does not need the room.
   const uint64_t wanted = std::min(state.device.memory_bytes / 64 / sizeof(uint64_t), spans + spans / 16);
-  return wanted > args.list.capacity ? state.spans.Resize(wanted, state.stream) : absl::OkStatus();
+  if (wanted > args.list.capacity) (void)state.spans.Resize(wanted, state.stream);
+  return absl::OkStatus();
 }
 
 // Buckets of fragments whose keys have 32 bits, and the ones of the targets that `ones` has.

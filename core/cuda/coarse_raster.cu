@@ -5,8 +5,10 @@
 // run again with room for all.
 #include <algorithm>
 #include <cmath>
+#include <string>
 
 #include "absl/strings/str_cat.h"
+#include "base/device_failure.h"
 #include "cpu/vertex_shade.h"
 #include "cuda/batch.h"
 #include "cuda/row_walk.cuh"
@@ -42,7 +44,8 @@ struct BinArgs {
 };
 struct GridBinArgs : BinArgs {
   TileGrid tiles;
-  int z_begin, z_end;  // of the tiles that are wanted
+  int z_begin, z_end;   // of the tiles that are wanted, which are numbered from the first of them on:
+  uint64_t first_tile;  // what is added to a tile's number in the grid, modulo 2^64
 };
 // The same for the triangles of a batch: tiles and triangles are numbered as among all, triangles as in their mesh.
 struct BatchBinArgs : BinArgs {
@@ -57,7 +60,7 @@ struct BinPlace {
   uint64_t first_tile, triangle;
 };
 __device__ inline BinPlace PlaceOf(const GridBinArgs& args, uint64_t t) {
-  return {args.tiles, args.z_begin, args.z_end, 0, t};
+  return {args.tiles, args.z_begin, args.z_end, args.first_tile, t};
 }
 __device__ inline BinPlace PlaceOf(const BatchBinArgs& args, uint64_t t) {
   const BatchItemView& item = args.items[args.item_of[t]];
@@ -191,13 +194,14 @@ absl::Status LaunchBins(const Args& args, const DeviceInfo& device, cudaStream_t
   return absl::OkStatus();
 }
 
-absl::Status Bin(RunState& state, const Slab& layers, uint64_t capacity) {
+absl::Status Bin(RunState& state, uint64_t capacity) {
   VOXELPIPE_OK_OR_RETURN(state.pairs.MakeRoom(capacity, state.stream));
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kPairs, kQueued0}));
   GridBinArgs args;
   args.tiles = state.view.tiles;
-  args.z_begin = int(layers.begin / TileDim(2));
-  args.z_end = int((layers.end + TileDim(2) - 1) / TileDim(2));
+  args.z_begin = int(state.tile_layers.begin);
+  args.z_end = int(state.tile_layers.end);
+  args.first_tile = -FirstTile(state);
   args.triangles = state.mesh.triangle_list();
   args.positions = state.mesh.index_positions.data();
   args.codes = state.mesh.codes.data();
@@ -257,6 +261,7 @@ absl::Status BinBatch(BatchState& state) {
     VOXELPIPE_CUDA_OR_RETURN(
         cudaMemcpyAsync(&pairs.count, args.pairs, sizeof pairs.count, cudaMemcpyDeviceToHost, state.stream));
     VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
+    if (pairs.count > kMostPairs) return absl::ResourceExhaustedError("a batch's triangles meet tiles 2^32 times");
     if (pairs.count <= capacity) return absl::OkStatus();
     static_assert(kBatchQueued == kBatchPairs + 1);
     VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(args.pairs, 0, 2 * sizeof(uint64_t), state.stream));
@@ -264,6 +269,11 @@ absl::Status BinBatch(BatchState& state) {
 }
 
 namespace {
+
+// As if memory were short: thinner slabs may do, or another backend.
+absl::Status TooMuch(const std::string& what) {
+  return MarkDeviceFailure(absl::ResourceExhaustedError(what), DeviceFailureKind::kOutOfMemory);
+}
 
 // The grid, and the mesh in it.
 absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
@@ -274,14 +284,13 @@ absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
   state.view.origin = grid.origin;
   state.view.voxel_size = grid.voxel_size;
   if (state.view.tiles.count() > UINT32_MAX) {
-    return absl::ResourceExhaustedError("the grid has more than 2^32 tiles of 32x8x8 voxels");
+    return TooMuch("the grid has more than 2^32 tiles of 32x8x8 voxels");
   }
   // Rows and fragments of one triangle are counted in 32 bits. Along its normal's largest component a plane meets at most five voxels of
   // a column, so the largest face of the grid bounds both.
   const auto nx = double(grid.dims[0]), ny = double(grid.dims[1]), nz = double(grid.dims[2]);
   if (5 * Max(nx * ny, Max(ny * nz, nz * nx)) > double(UINT32_MAX)) {
-    return absl::ResourceExhaustedError(
-        "a face of the grid has more voxels than the CUDA backend counts for one triangle");
+    return TooMuch("a face of the grid has more voxels than the CUDA backend counts for one triangle");
   }
   VOXELPIPE_OK_OR_RETURN(CheckReach(state, grid));
   state.placed = false;
@@ -301,19 +310,19 @@ absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid, const Slab& layers) {
   if (layers.begin == 0) VOXELPIPE_OK_OR_RETURN(SetUpGrid(state, grid));
   const uint64_t triangles = state.mesh.host_view.triangle_count;
+  state.tile_layers = {layers.begin / TileDim(2), (layers.end + TileDim(2) - 1) / TileDim(2)};
   state.pairs.count = 0;
   if (triangles == 0 || state.plain_bits || !NeedsTiles(state)) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
   const double share = double(layers.depth()) / double(grid.dims[2]);
   const auto likely = uint64_t(share * (1.5 * double(triangles) + (1 << 16)));
   const uint64_t guess = std::max(state.pairs.tiles[0].size(), likely);
-  VOXELPIPE_OK_OR_RETURN(Bin(state, layers, guess));
-  if (state.pairs.count > guess) VOXELPIPE_OK_OR_RETURN(Bin(state, layers, state.pairs.count));
-  if (state.pairs.count > UINT32_MAX) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("the mesh meets tiles ", state.pairs.count, " times; the CUDA backend takes at most 2^32"));
+  VOXELPIPE_OK_OR_RETURN(Bin(state, guess));
+  if (state.pairs.count > kMostPairs) {
+    return TooMuch(absl::StrCat("triangles meet tiles of ", layers.depth(), " layers ", state.pairs.count,
+                                " times; the CUDA backend takes fewer than 2^32"));
   }
-  return absl::OkStatus();
+  return state.pairs.count > guess ? Bin(state, state.pairs.count) : absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cuda

@@ -42,6 +42,7 @@ struct FineArgs {
   Coverage coverage{};
   const uint32_t *pair_triangles = nullptr, *tile_begin = nullptr, *tile_end = nullptr, *occupied_tiles = nullptr;
   const uint64_t* occupied_count = nullptr;
+  uint64_t first_tile = 0;  // what is added to a tile's number for its number in the grid
   uint64_t* next_tile = nullptr;
   uint64_t* fragments = nullptr;  // null: another launch counts them
   uint32_t* coverage_bits = nullptr;

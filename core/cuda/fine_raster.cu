@@ -66,16 +66,16 @@ int UniformThreads(const RunState& state) {
 }
 
 // Lets the kernel have so much shared memory on the device. The bound is the kernel's and not the launch's: other threads launch it at the
-// same time, so it only grows.
+// same time, so it only grows. Said every time, for a device that was reset has forgotten it.
 template <typename Kernel>
 absl::Status AllowShared(int ordinal, Kernel kernel, int bytes) {
   static std::mutex mutex;
   static auto* const allowed = new std::map<std::pair<int, Kernel>, int>;
   const std::lock_guard lock(mutex);
   int& most = (*allowed)[{ordinal, kernel}];
-  if (bytes <= most) return absl::OkStatus();
-  VOXELPIPE_CUDA_OR_RETURN(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, bytes));
-  most = bytes;
+  const int wanted = std::max(most, bytes);
+  VOXELPIPE_CUDA_OR_RETURN(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, wanted));
+  most = wanted;
   return absl::OkStatus();
 }
 
@@ -178,6 +178,7 @@ absl::Status FineRaster(RunState& state) {
     args.tile_end = state.pairs.end.data();
     args.occupied_tiles = state.pairs.occupied.data();
     args.occupied_count = state.counters.data() + kOccupied;
+    args.first_tile = FirstTile(state);
     args.next_tile = state.counters.data() + kNextTile;
     args.fragments = g == 0 ? state.counters.data() + kFragments : nullptr;
     args.coverage_bits = state.coverage.data();

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "cuda/fine_args.cuh"
+#include "cuda/reductions.cuh"
 #include "cuda/row_walk.cuh"
 #include "cuda/tile_blend.cuh"
 #include "cuda/tile_parts.cuh"
@@ -152,7 +153,7 @@ __device__ inline void RasterTile(const FineArgs& args, const uint32_t* triangle
     const int row = int(y - origin[1]) + 8 * int(z - origin[2]);
     const uint32_t mask = RowMask(int(x_begin - origin[0]), int(x_end - origin[0]));
     if (pass == 0) {
-      if ((touched[row] & mask) != mask) atomicOr(touched + row, mask);
+      OrIfMissing(touched + row, mask);
       fragments += unsigned(__popc(mask));
     }
     if constexpr (kShades) {
@@ -226,8 +227,7 @@ __global__ void __launch_bounds__(kFineThreads, 2) FineRasterKernel(const __grid
     if (number >= count) break;
     TileWork work;
     if (!TakeWork(args, number, work)) continue;
-    const VoxelRange whole = TileVoxels(args.grid.tiles, work.tile, args.grid.dims);
-    if (whole.begin[2] < args.grid.slab_begin || whole.begin[2] >= args.grid.slab_end) continue;
+    const VoxelRange whole = TileVoxels(args.grid.tiles, args.first_tile + work.tile, args.grid.dims);
     if (thread < kTileRows) touched[thread] = covered[thread] = 0;
     for (int t = 0; t < args.target_count; ++t) BeginTile(args.targets[t], shared, thread, kFineThreads);
     __syncthreads();

@@ -80,14 +80,13 @@ __global__ void __launch_bounds__(kMostUniformThreads, 2) FineUniformKernel(cons
     if (number >= count) break;
     TileWork work;
     if (!TakeWork(args, number, work)) continue;
-    const VoxelRange range = TileVoxels(args.grid.tiles, work.tile, args.grid.dims);
-    if (range.begin[2] < args.grid.slab_begin || range.begin[2] >= args.grid.slab_end) continue;
+    const VoxelRange range = TileVoxels(args.grid.tiles, args.first_tile + work.tile, args.grid.dims);
     const Box32 box_of_tile{{int(range.begin[0]), int(range.begin[1]), int(range.begin[2])},
                             {int(range.end[0]), int(range.end[1]), int(range.end[2])}};
     const auto blend = [&](const UniformValue& value, int y, int z, int x_begin, int x_end) {
       const int row = (y - box_of_tile.begin[1]) + 8 * (z - box_of_tile.begin[2]);
       const uint32_t mask = RowMask(x_begin - box_of_tile.begin[0], x_end - box_of_tile.begin[0]);
-      if ((touched[row] & mask) != mask) atomicOr(touched + row, mask);
+      OrIfMissing(touched + row, mask);
       fragments += unsigned(__popc(mask));
       BlendUniform(target, shared, row, mask, value);
     };

@@ -1,5 +1,5 @@
-// Atomic operations on global memory that give no answer, written out: in a kernel that has a fence somewhere the compiler takes those that
-// give one, and walks that set bits then take up to a third longer. No host-only includes.
+// Atomic operations. Those on global memory that give no answer are written out: in a kernel that has a fence somewhere the compiler takes ones
+// that give one, and walks that set bits then take up to a third longer. No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -20,6 +20,20 @@ __device__ inline void ReduceMax(uint32_t* to, uint32_t value) {
 #else  // on the host
   atomicMax(to, value);
 #endif
+}
+
+// Sets all bits of a word by a plain store: behind it and whatever ReduceOr sets at the same time they are all set, in either order.
+__device__ inline void SetAllBits(uint32_t* to) {
+#if defined(__CUDA_ARCH__)
+  *to = ~0u;
+#else  // on the host, where races are looked for
+  __stcg(to, ~0u);
+#endif
+}
+
+// Sets bits of a word in shared memory, which most often are set: that is looked at first.
+__device__ inline void OrIfMissing(uint32_t* to, uint32_t bits) {
+  if ((*static_cast<volatile uint32_t*>(to) & bits) != bits) atomicOr(to, bits);
 }
 
 }  // namespace voxelpipe::cuda

@@ -130,12 +130,13 @@ struct RunState {
   Box3d box;                  // of the vertices that triangles use, world space
   bool shaded_there = false;  // the shader placed vertices, and the host does not know where
 
-  // CoarseRaster, TileSort: of the whole grid, but for pairs and occupied tiles, which are those of the slab
+  // CoarseRaster, TileSort: of the whole grid, but for tiles with pairs, which are those of the slab and numbered from its first one on
   GridSpec grid;
   GridView view{};          // dims, tiles, slab: what kernels get
   bool placed = false;      // whether index_positions and codes are made
   bool plain_bits = false;  // every target is the coverage itself: rows without tiles
   bool direct = false;      // every target blends without tiles
+  Slab tile_layers;         // of these tiles, counted in tiles
   TilePairs pairs;
   DeviceArray<uint64_t> counters;    // see Counter
   DeviceArray<uint8_t> scratch;      // of CUB
@@ -160,7 +161,7 @@ struct RunState {
   // value_offset[t] on, voxel = x + 32*(y + 8*z) of the tile; values of voxels without a fragment are undefined. Bit targets have
   // their values in the bit grids as in dense results.
   DeviceArray<uint8_t> tile_values;
-  DeviceArray<uint32_t> tile_slot;  // per tile of the grid; UINT32_MAX: no pairs
+  DeviceArray<uint32_t> tile_slot;  // per tile of the slab; UINT32_MAX: no pairs
   uint64_t value_stride = 0;
   std::array<uint64_t, kMaxTargets> value_offset{};
   DeviceResult result;  // sparse, buckets
@@ -199,6 +200,14 @@ struct RunState {
   uint64_t slab_words() const { return slab_rows() * uint64_t(view.words_per_row); }
   uint64_t slab_voxels() const { return slab_rows() * uint64_t(slab_dims[0]); }
 };
+
+// A tile's number in the grid: the first one of a layer of tiles, or of those that are sorted.
+inline uint64_t FirstTile(const RunState& state, int64_t layer) {
+  return state.view.tiles.Index(0, 0, layer);
+}
+inline uint64_t FirstTile(const RunState& state) {
+  return FirstTile(state, state.tile_layers.begin);
+}
 
 // Elements of RunState::counters.
 enum Counter : int {

@@ -116,7 +116,8 @@ const uint8_t* MakePacked(RunState& state, const Vec3d& extent) {
     return state.scattered_mesh.kept->data();
   }
   DeviceArray<uint8_t>& own = state.scattered_mesh.own;
-  if (!own.Resize(bytes, state.stream).ok() || !Pack(state, extent, own.data()).ok()) return nullptr;
+  if (!own.Resize(bytes, state.stream).ok()) return nullptr;
+  if (!Pack(state, extent, own.data()).ok()) own.Free();
   return own.data();
 }
 

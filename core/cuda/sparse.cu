@@ -132,7 +132,7 @@ __device__ inline void EmitTile(const BrickArgs& args, uint64_t tile) {
   const int lane = int(threadIdx.x % 32);
   const auto nbx = uint64_t((args.grid.dims[0] + 7) / 8), nby = uint64_t((args.grid.dims[1] + 7) / 8);
   const TileAt at = Locate(args, tile);
-  const uint32_t slot = args.tile_slot == nullptr ? 0 : args.tile_slot[args.grid.tiles.Index(at.x, at.y, at.z)];
+  const uint32_t slot = args.tile_slot == nullptr ? 0 : args.tile_slot[tile];
   uint64_t words[2] = {0, 0};
   uint32_t bits[2] = {0, 0};
   for (int half = 0; half < 2; ++half) {

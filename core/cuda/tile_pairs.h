@@ -7,6 +7,9 @@
 
 namespace voxelpipe::cuda {
 
+// Pairs are numbered in 32 bits, and blocks step some beyond the last one.
+inline constexpr uint64_t kMostPairs = UINT32_MAX - 4096;
+
 struct TilePairs {
   DeviceArray<uint32_t> tiles[2], triangles[2];  // unsorted and sorted by tile
   uint64_t count = 0;

@@ -93,7 +93,7 @@ absl::Status SortPairs(TilePairs& pairs, uint64_t tile_count, uint32_t* slot, ui
 }
 
 absl::Status TileSort(RunState& state) {
-  const uint64_t pairs = state.pairs.count, tiles = state.view.tiles.count();
+  const uint64_t pairs = state.pairs.count, tiles = FirstTile(state, state.tile_layers.end) - FirstTile(state);
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kOccupied}));
   state.pairs.sorted = 0;

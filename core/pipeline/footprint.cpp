@@ -283,7 +283,9 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
   out.slab_depth = SlabDepth(grid, limits, !dense || delivery == Delivery::kStream, slab_bytes);
 
   const bool one_slab = out.slab_depth >= grid.dims[2];
-  out.peak_bytes = kBaseBytes + slab_bytes(out.slab_depth) + MeshWorkBytes(request, mesh, counts);
+  Counts held = counts;
+  if (cuda) held.pairs *= double(out.slab_depth) / double(grid.dims[2]);  // tiles are sorted slab by slab
+  out.peak_bytes = kBaseBytes + slab_bytes(out.slab_depth) + MeshWorkBytes(request, mesh, held);
   if (cuda) out.peak_bytes += DeviceListBytes(request, grid, mesh, counts, out.slab_depth);
   if (cuda && dense && !one_slab) out.peak_bytes += slab_bytes(out.slab_depth);  // one is copied while another is made
   if (!one_slab && dense && delivery == Delivery::kMemory) out.peak_bytes += out.result_bytes;
