@@ -87,7 +87,7 @@ __device__ inline void SetRow(uint32_t* row, int x_begin, int x_end, bool look) 
   const uint32_t from = ~0u << (x_begin % 32), upto = ~0u >> (31 - (x_end - 1) % 32);
   if (first == last) return SetWord(row + first, from & upto, look);
   SetWord(row + first, from, look);
-  for (int w = first + 1; w < last; ++w) row[w] = ~0u;
+  for (int w = first + 1; w < last; ++w) SetAllBits(row + w);
   SetWord(row + last, upto, look);
 }
 __device__ inline void SetRow(const BitArgs& args, int y, int z, int x_begin, int x_end) {

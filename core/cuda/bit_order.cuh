@@ -98,16 +98,19 @@ __device__ inline void KeyTriangles(const BitArgs& args, const OrderArgs& order,
   for (uint32_t i = threadIdx.x; i < kOrderCells; i += kOrderThreads) {
     if (room[i] != 0) atomicAdd(order.cells + i, room[i]);
   }
-  __threadfence();
   __syncthreads();
-  if (threadIdx.x == 0) shared.last = atomicAdd(order.cells + kOrderCells + 1, 1u) == gridDim.x - 1;
+  if (threadIdx.x == 0) {
+    __threadfence();
+    shared.last = atomicAdd(order.cells + kOrderCells + 1, 1u) == gridDim.x - 1;
+  }
   __syncthreads();
   if (!shared.last) return;
   __threadfence();
   SumCells(order, room);
 }
 
-// The second. Where a cell begins moves on by what is placed there. Waits for earlier kernels, and lets the next begin.
+// The second. Where a cell begins moves on by what is placed there. Waits for earlier kernels, and only then lets the next begin: SetUpKernel
+// reads what those wrote (row_bits.cu).
 __device__ inline void PlaceTriangles(const BitArgs& args, const OrderArgs& order, OrderRoom& shared) {
   uint32_t* const room = shared.counts;
   for (uint32_t i = threadIdx.x; i < kOrderCells; i += kOrderThreads) room[i] = 0;

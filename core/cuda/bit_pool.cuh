@@ -86,7 +86,8 @@ __device__ inline void StorePart(const BitArgs& args, const PoolPart& part, Part
   bool mine = false;
 #pragma unroll
   for (uint32_t i = 0; i < kBricks; ++i) {
-    places[i] = lane + i * 32 < words ? from[lane + i * 32] : kNoPlace;
+    // What this multiprocessor's own cache has of them may be from before they were given.
+    places[i] = lane + i * 32 < words ? __ldcg(from + lane + i * 32) : kNoPlace;
     mine = mine || IsPlace(places[i]);
   }
   const bool any = __any_sync(~0u, mine) != 0;

@@ -68,7 +68,8 @@ void TrimMemory(int ordinal);
 void LimitMemory(uint64_t bytes);
 uint64_t MemoryLimit();
 uint64_t MemoryTaken();  // by arrays
-// From now on L2 caches are taken for ones of so many bytes: for tests of what happens in grids that are larger. 0: for what they are.
+// From now on L2 caches are taken for ones of so many bytes, and meshes go the ways of those that keep the device busy: for tests of what happens
+// in larger grids and with larger meshes. 0: caches and meshes are taken for what they are.
 void AssumeCache(uint64_t bytes);
 uint64_t AssumedCache();
 

@@ -30,7 +30,10 @@ __device__ __noinline__ inline uint32_t GivePlace(const Pool& pool, uint32_t bri
     if (lane == 0) place = *static_cast<volatile uint32_t*>(pool.places + brick);
     place = __shfl_sync(~0u, place, 0);
   }
-  if (place != kNoPlace) return place;
+  if (place != kNoPlace) {
+    __syncwarp();  // behind what lane 0 saw
+    return place;
+  }
   unsigned long long number = 0;
   if (lane == 0) number = atomicAdd(reinterpret_cast<unsigned long long*>(pool.asked), 1ull);
   number = __shfl_sync(~0u, number, 0);
@@ -42,9 +45,11 @@ __device__ __noinline__ inline uint32_t GivePlace(const Pool& pool, uint32_t bri
     for (unsigned i = lane; i < Pool::kWordsOfPlace / 4; i += 32) words[i] = uint4{0, 0, 0, 0};
     if (lane == 0) pool.Name(number, brick);
   }
-  __threadfence();  // whoever sees the place finds it empty
   __syncwarp();
-  if (lane == 0) *static_cast<volatile uint32_t*>(pool.places + brick) = place;
+  if (lane == 0) {
+    __threadfence();  // whoever sees the place finds it empty
+    *static_cast<volatile uint32_t*>(pool.places + brick) = place;
+  }
   return place;
 }
 

@@ -30,7 +30,7 @@ constexpr int kOrderedRounds = 1;  // of CellKernel where places count: fewer tr
 constexpr int kCellBlocks = 8;     // of CellKernel on a multiprocessor at once
 constexpr int kSharedRows = 2;     // lanes of CellKernel for a triangle's rows where they are shared
 // Grids of so many bytes at most are cleared by CellKernel's first blocks; larger ones are cleared sooner by a kernel of their own.
-constexpr uint64_t kClearedByWalk = 4 << 20;
+constexpr uint64_t kClearedByWalk = 4 << 20, kAssumedClearedByWalk = 8;  // the latter times an assumed cache
 
 // By all threads of the first `blocks` of the grid.
 __device__ inline void ClearQuads(uint32_t* words, uint64_t begin, uint64_t end, uint32_t blocks) {
@@ -147,7 +147,8 @@ union AtOnceRoom {
   LargeRoom large;
 };
 
-// Begins when OrderKeys (triangle_order.cu) has ended and runs beside OrderPlaces, which writes nothing that it reads: it waits last.
+// Begins when OrderKeys (triangle_order.cu) has ended and runs beside OrderPlaces, which lets it begin behind its own wait and writes nothing
+// that it reads: it waits last.
 __global__ void __launch_bounds__(32)
     SetUpKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
   AllowNext();
@@ -233,7 +234,14 @@ int BlocksAtOnce(const DeviceInfo& device) {
 }
 
 bool ClearedByWalk(const BitArgs& args) {
-  return args.quads * 16 <= kClearedByWalk;
+  const uint64_t assumed = AssumedCache();
+  return args.quads * 16 <= (assumed > 0 ? std::min(kClearedByWalk, assumed * kAssumedClearedByWalk) : kClearedByWalk);
+}
+
+// The most triangles that all steps are done for in one launch.
+uint64_t MostAtOnce(const RunState& state) {
+  if (!state.plain_bits || AssumedCache() > 0) return 0;
+  return uint64_t(BlocksAtOnce(state.device)) * (kAtOnceThreads / 32) * kAtOnceSetups;
 }
 
 // Whether the grid is worth ways around the cache: other runs than those of plain bits keep to the plain way.
@@ -452,8 +460,7 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   args.queued = state.counters.data() + kQueued0;
   if (Bins bins; MakeBins(state, args, bins)) return LaunchPieces(state, args, bins);
   const bool thin = coverage == Coverage::kThin;
-  const uint64_t most_at_once = uint64_t(BlocksAtOnce(state.device)) * (kAtOnceThreads / 32) * kAtOnceSetups;
-  if (state.plain_bits && args.triangle_count > 0 && args.triangle_count <= most_at_once) {
+  if (args.triangle_count > 0 && args.triangle_count <= MostAtOnce(state)) {
     return LaunchAtOnce(state, args, BlocksAtOnce(state.device));
   }
   args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,

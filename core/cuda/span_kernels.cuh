@@ -9,6 +9,7 @@
 
 #include "cuda/bit_grid.cuh"
 #include "cuda/early_launch.cuh"
+#include "cuda/reductions.cuh"
 #include "cuda/span_runs.cuh"
 
 namespace voxelpipe::cuda {
@@ -50,7 +51,7 @@ __device__ inline void CoverSpan(const SpanArgs& args, uint64_t span) {
   const uint32_t mask = SpanMask(span);
   if (args.look_first && (__ldca(word) & mask) == mask) return;
   if (mask == ~0u) {
-    *word = mask;
+    SetAllBits(word);
   } else {
     atomicOr(word, mask);
   }

@@ -4,7 +4,7 @@
 # usage: run.sh [-o LOG_DIR] [-f FILTER] [SECTION]...      sections:
 #   parity    CPU bytes = CUDA bytes over all cases and models
 #   sanitize  compute-sanitizer's four tools on the quick cases
-#   sanitize_large  three of them, where small grids go the ways of those that are larger than the cache
+#   sanitize_large  the same, where small grids go the ways of those that are larger than the cache
 #   devices   several threads on each device, and each lost and back
 #   device    the arithmetic headers on both devices
 #   cli       the command line's hash, cuda against cpu
@@ -79,7 +79,11 @@ sanitize_quick() {
   shift
   # One after the other: beside each other they take longer, and initcheck may tell of what it has not yet seen written.
   for tool in "${tools[@]}"; do
-    if [[ "$tool" == racecheck ]]; then racecheck "$@"; else sanitize_with "$tool" "$@"; fi >"$work/$tool.log" 2>&1
+    case "$tool" in
+      racecheck) racecheck "$@" ;;
+      racecheck_bricks) sanitize_with racecheck --filter sphere# "$@" ;;
+      *) sanitize_with "$tool" "$@" ;;
+    esac >"$work/$tool.log" 2>&1
     code=$?
     echo "=== $tool: exit $code"
     if ((code == 0)); then tail -4 "$work/$tool.log"; else head -c 200000 "$work/$tool.log"; fi
@@ -94,9 +98,9 @@ sanitize_quick() {
 }
 
 sanitize() { sanitize_quick "memcheck initcheck synccheck racecheck"; }
-# The same where the cache is taken for a small one: kernels for grids that are larger than it then run in small ones. Without racecheck, which did not
-# come to an end there.
-sanitize_large() { sanitize_quick "memcheck initcheck synccheck" --cache 2048; }
+# The same where the cache is taken for a small one: kernels for grids that are larger than it, and for larger meshes, then run in small ones.
+# racecheck on the mesh that is drawn in bricks alone: on all it did not come to an end there.
+sanitize_large() { sanitize_quick "memcheck initcheck synccheck racecheck_bricks" --cache 2048; }
 
 device() {
   timeout "$(limit 60)" "$bin/device_parity"

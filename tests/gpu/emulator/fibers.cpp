@@ -26,6 +26,7 @@ struct Fiber {
   void* stack_pointer = nullptr;
   std::vector<char> stack = std::vector<char>(kStackBytes);
   // Of the last rendezvous.
+  bool orders = false;
   uint32_t mask = 0;
   uint64_t value = 0;
   Lanes lanes{};
@@ -60,12 +61,14 @@ Block* running = nullptr;
 
 class Block {
  public:
-  Block(const Config& config, const std::function<void()>& thread)
+  Block(const Config& config, uint32_t number, const std::function<void()>& thread)
       : thread_(thread), dims_(config.block), count_(config.block.x * config.block.y * config.block.z) {
     if (count_ == 0 || count_ > 1024) Die("no block has so many threads");
     if (fibers_.size() < count_) fibers_.resize(count_);
     shared_.assign(config.shared + 16, char(0xcd));
+    races::BeginBlock(number, count_, shared_.data(), shared_.size());
   }
+  ~Block() { races::EndBlock(); }
 
   void Run() {
     running = this;
@@ -81,6 +84,7 @@ class Block {
         moved = true;
         current_ = i;
         built_in.thread = {i % dims_.x, i / dims_.x % dims_.y, i / dims_.x / dims_.y};
+        races::SwitchTo(i, fibers_[i].stack.data(), kStackBytes);
         cuda_emulator_switch(&scheduler_, fibers_[i].stack_pointer);
         if (fibers_[i].state == Fiber::kDone) {
           ++done;
@@ -102,12 +106,13 @@ class Block {
     return gathered_;
   }
 
-  const Lanes& Exchange(uint32_t mask, uint64_t value) {
+  const Lanes& Exchange(uint32_t mask, uint64_t value, bool orders) {
     Fiber& self = fibers_[current_];
     if ((mask >> current_ % 32 & 1) == 0) Die("a lane takes part in an exchange whose mask leaves it out");
     self.state = Fiber::kInWarp;
     self.mask = mask;
     self.value = value;
+    self.orders = orders;
     Release(current_ / 32);
     if (self.state == Fiber::kInWarp) Yield(self);
     return self.lanes;
@@ -166,6 +171,7 @@ class Block {
         lanes.value[j - begin] = fibers_[j].value;
       }
       if (lanes.came != (mask & alive)) continue;
+      if (fibers_[i].orders) races::JoinWarp(warp, lanes.came);
       for (unsigned j = begin; j < end; ++j) {
         if ((lanes.came >> (j - begin) & 1) == 0) continue;
         fibers_[j].lanes = lanes;
@@ -178,6 +184,7 @@ class Block {
     unsigned waiting = 0;
     for (unsigned i = 0; i < count_; ++i) waiting += fibers_[i].state == Fiber::kAtBarrier;
     if (waiting + done != count_) Die("a lane waits for others of its warp that wait at a barrier or not at all");
+    races::Barrier();
     gathered_ = {any_, all_, sum_};
     any_ = false;
     all_ = true;
@@ -210,11 +217,13 @@ void RunKernel(const Config& config, const std::function<void()>& thread) {
   built_in.grid_dim = config.grid;
   built_in.block_dim = config.block;
   if (config.grid.x == 0 || config.grid.y == 0 || config.grid.z == 0) Die("a grid without blocks");
+  races::BeginKernel(config.early);
+  uint32_t number = 0;
   for (unsigned z = 0; z < config.grid.z; ++z) {
     for (unsigned y = 0; y < config.grid.y; ++y) {
       for (unsigned x = 0; x < config.grid.x; ++x) {
         built_in.block = {x, y, z};
-        Block(config, thread).Run();
+        Block(config, number++, thread).Run();
       }
     }
   }
@@ -226,8 +235,8 @@ void* DynamicShared() {
 Gathered BlockBarrier(bool predicate) {
   return running->Barrier(predicate);
 }
-const Lanes& WarpExchange(uint32_t mask, uint64_t value) {
-  return running->Exchange(mask, value);
+const Lanes& WarpExchange(uint32_t mask, uint64_t value, bool orders) {
+  return running->Exchange(mask, value, orders);
 }
 unsigned Lane() {
   return running->current() % 32;

@@ -33,7 +33,13 @@ def launches(text):
     return "".join(out) + text[at:]
 
 
+# What a kernel that begins early says of itself (early_launch.cuh).
+EARLY = re.compile(r"#if defined\(__CUDA_ARCH__\)[^\n]*\n\s*asm volatile\(\"griddepcontrol\.(\w+);\"[^\n]*\n#endif")
+EARLY_CALLS = {"wait": "AwaitEarlier", "launch_dependents": "AllowNext"}
+
+
 def translate(text):
+    text = EARLY.sub(lambda m: f"  ::cuda_emulator::races::{EARLY_CALLS[m[1]]}();", text)
     text = re.sub(r"extern __shared__ (?:alignas\([^)]*\) )?([\w ]+?) (\w+)\[\];",
                   r"\1* const \2 = static_cast<\1*>(::cuda_emulator::DynamicShared());", text)
     text = re.sub(r"__shared__ (alignas\([^)]*\) )?", lambda m: (m[1] or "") + "static ", text)

@@ -2,8 +2,8 @@
 // everything else in a translation unit that translate.py made of a .cu file.
 //
 // What it finds: wrong results, barriers that not all threads reach, lanes missing from a warp's exchange, and with
-// AddressSanitizer accesses outside of allocations. What it does not: races that no order of its own shows
-// (CUDA_EMULATOR_SHUFFLE=1 in the environment changes the order of threads), and time.
+// AddressSanitizer accesses outside of allocations. With cuda_races.h races, too; without, only those that some order of its own shows
+// (CUDA_EMULATOR_SHUFFLE=1 in the environment changes the order of threads). What it does not: time.
 #pragma once
 
 #include <bit>
@@ -22,6 +22,7 @@
 #define __launch_bounds__(...)
 #define __grid_constant__
 
+#include "cuda_races.h"
 #include "cuda_runtime_api.h"
 
 struct dim3 {
@@ -64,6 +65,7 @@ struct Config {
   dim3 grid, block;
   size_t shared = 0;
   cudaStream_t stream = nullptr;
+  bool early = false;  // it may begin before the one before it has ended
 };
 
 // Runs `thread` for every thread of every block.
@@ -83,12 +85,13 @@ struct Gathered {
 };
 Gathered BlockBarrier(bool predicate);
 
-// Rendezvous of the lanes in `mask` that still run: what each brought, 0 of those that did not come; `came` has their bits.
+// Rendezvous of the lanes in `mask` that still run: what each brought, 0 of those that did not come; `came` has their bits. `orders`: what
+// they did before comes before what they do next.
 struct Lanes {
   uint64_t value[32];
   uint32_t came;
 };
-const Lanes& WarpExchange(uint32_t mask, uint64_t value);
+const Lanes& WarpExchange(uint32_t mask, uint64_t value, bool orders = false);
 unsigned Lane();
 
 template <typename T>
@@ -130,8 +133,9 @@ struct cudaLaunchConfig_t {
 template <typename... Parameters, typename... Arguments>
 cudaError_t cudaLaunchKernelEx(const cudaLaunchConfig_t* config, void (*kernel)(Parameters...),
                                const Arguments&... arguments) {
-  ::cuda_emulator::Launch({config->gridDim, config->blockDim, config->dynamicSmemBytes, config->stream}, kernel,
-                          arguments...);
+  ::cuda_emulator::Launch(
+      {config->gridDim, config->blockDim, config->dynamicSmemBytes, config->stream, config->numAttrs > 0}, kernel,
+      arguments...);
   return cudaSuccess;
 }
 
@@ -154,10 +158,14 @@ inline int __syncthreads_count(int predicate) {
   return cuda_emulator::BlockBarrier(predicate != 0).count;
 }
 inline void __syncwarp(uint32_t mask = ~0u) {
-  (void)cuda_emulator::WarpExchange(mask, 0);
+  (void)cuda_emulator::WarpExchange(mask, 0, true);
 }
-inline void __threadfence() {}
-inline void __threadfence_block() {}
+inline void __threadfence() {
+  cuda_emulator::races::Fence();
+}
+inline void __threadfence_block() {
+  cuda_emulator::races::Fence();
+}
 
 // Lanes that happen to run together: here none does.
 inline uint32_t __activemask() {
@@ -292,66 +300,103 @@ T __ldg(const T* p) {
   return *p;
 }
 template <typename T>
-T __ldca(const T* p) {
-  return *p;
-}
-template <typename T>
-T __ldcg(const T* p) {
-  return *p;
-}
-template <typename T>
 T __ldcs(const T* p) {
   return *p;
 }
+// Where races are looked for, accesses that may meet others at the same time are told of instead of seen.
+#ifdef CUDA_EMULATOR_RACES
+#define CUDA_EMULATOR_TELLS __attribute__((noinline, no_sanitize("thread")))
+#else
+#define CUDA_EMULATOR_TELLS inline
+#endif
 template <typename T>
-T __ldcv(const T* p) {
+CUDA_EMULATOR_TELLS T __ldcg(const T* p) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, false, __builtin_return_address(0));
+  return *p;
+}
+template <typename T>
+CUDA_EMULATOR_TELLS T __ldca(const T* p) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, false, __builtin_return_address(0));
+  return *p;
+}
+template <typename T, typename U>
+CUDA_EMULATOR_TELLS void __stcg(T* p, U value) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
+  *p = value;
+}
+template <typename T>
+CUDA_EMULATOR_TELLS T __ldcv(const T* p) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, false, __builtin_return_address(0));
   return *p;
 }
 template <typename T, typename U>
 void __stcs(T* p, U value) {
   *p = value;
 }
-template <typename T, typename U>
-void __stcg(T* p, U value) {
-  *p = value;
-}
 
 // Fibers give way only at rendezvous, so these need no more.
 template <typename T, typename U>
-T atomicAdd(T* p, U v) {
-  return std::exchange(*p, T(*p + T(v)));
+CUDA_EMULATOR_TELLS T atomicAdd(T* p, U v) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
+  const T before = *p;
+  *p = T(*p + T(v));
+  return before;
 }
 template <typename T, typename U>
-T atomicSub(T* p, U v) {
-  return std::exchange(*p, T(*p - T(v)));
+CUDA_EMULATOR_TELLS T atomicSub(T* p, U v) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
+  const T before = *p;
+  *p = T(*p - T(v));
+  return before;
 }
 template <typename T, typename U>
-T atomicMin(T* p, U v) {
-  return std::exchange(*p, std::min(*p, T(v)));
+CUDA_EMULATOR_TELLS T atomicMin(T* p, U v) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
+  const T before = *p;
+  *p = T(T(v) < *p ? T(v) : *p);
+  return before;
 }
 template <typename T, typename U>
-T atomicMax(T* p, U v) {
-  return std::exchange(*p, std::max(*p, T(v)));
+CUDA_EMULATOR_TELLS T atomicMax(T* p, U v) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
+  const T before = *p;
+  *p = T(*p < T(v) ? T(v) : *p);
+  return before;
 }
 template <typename T, typename U>
-T atomicAnd(T* p, U v) {
-  return std::exchange(*p, T(*p & T(v)));
+CUDA_EMULATOR_TELLS T atomicAnd(T* p, U v) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
+  const T before = *p;
+  *p = T(*p & T(v));
+  return before;
 }
 template <typename T, typename U>
-T atomicOr(T* p, U v) {
-  return std::exchange(*p, T(*p | T(v)));
+CUDA_EMULATOR_TELLS T atomicOr(T* p, U v) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
+  const T before = *p;
+  *p = T(*p | T(v));
+  return before;
 }
 template <typename T, typename U>
-T atomicXor(T* p, U v) {
-  return std::exchange(*p, T(*p ^ T(v)));
+CUDA_EMULATOR_TELLS T atomicXor(T* p, U v) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
+  const T before = *p;
+  *p = T(*p ^ T(v));
+  return before;
 }
 template <typename T, typename U>
-T atomicExch(T* p, U v) {
-  return std::exchange(*p, T(v));
+CUDA_EMULATOR_TELLS T atomicExch(T* p, U v) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
+  const T before = *p;
+  *p = T(v);
+  return before;
 }
 template <typename T, typename U, typename V>
-T atomicCAS(T* p, U expected, V v) {
-  return std::exchange(*p, *p == T(expected) ? T(v) : *p);
+CUDA_EMULATOR_TELLS T atomicCAS(T* p, U expected, V v) {
+  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
+  const T before = *p;
+  if (before == T(expected)) *p = T(v);
+  return before;
 }
 
 template <typename A, typename B>

@@ -67,9 +67,10 @@ inline cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, 
 struct cudaFuncAttributes {
   int ptxVersion;
 };
+// Code for devices that begin kernels early.
 template <typename Kernel>
 cudaError_t cudaFuncGetAttributes(cudaFuncAttributes* attributes, Kernel*) {
-  return *attributes = {}, cudaSuccess;
+  return *attributes = {90}, cudaSuccess;
 }
 inline cudaError_t cudaDeviceGetDefaultMemPool(cudaMemPool_t*, int) {
   return cudaSuccess;
