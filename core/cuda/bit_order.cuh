@@ -34,6 +34,7 @@ __device__ inline uint32_t& OrderedCount(const OrderArgs& order) {
 
 struct OrderRoom {
   uint32_t counts[kOrderCells];
+  StagedCorners staged[kOrderThreads / 32];
   bool last;
 };
 
@@ -65,13 +66,13 @@ __device__ inline void KeyTriangles(const BitArgs& args, const OrderArgs& order,
   __syncthreads();
   AwaitEarlier();
   const uint64_t begin = uint64_t(blockIdx.x) * kOrderChunk + threadIdx.x;
-  Fetched<kPacked> next{};
-  if (begin < args.triangle_count) next = Fetch<kPacked>(args, uint32_t(begin));
+  StagedCorners& staged = shared.staged[threadIdx.x / 32];
+  if (begin < args.triangle_count) StageCorners<kPacked>(args, uint32_t(begin), staged);
   for (int round = 0; round < kOrderRounds; ++round) {
     const uint64_t t = begin + uint64_t(round) * kOrderThreads, then = t + kOrderThreads;
     if (t >= args.triangle_count) break;
-    const Fetched<kPacked> fetched = next;
-    if (then < args.triangle_count) next = Fetch<kPacked>(args, uint32_t(then));
+    const Fetched<kPacked> fetched = TakeStaged<kPacked>(uint32_t(t), staged);
+    if (round + 1 < kOrderRounds && then < args.triangle_count) StageCorners<kPacked>(args, uint32_t(then), staged);
     const FixedCorners v = LoadFixed<kPacked>(args, fetched);
     const FixedBox box = BoxOf(v.at, args.fixed);
     int from[3], upto[3];

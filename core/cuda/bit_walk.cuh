@@ -10,6 +10,7 @@
 #include "cuda/bit_grid.cuh"
 #include "cuda/bit_pool.cuh"
 #include "cuda/early_launch.cuh"
+#include "cuda/fetch_corners.cuh"
 #include "cuda/word_box.cuh"
 
 namespace voxelpipe::cuda {
@@ -75,57 +76,6 @@ enum class CellFate { kDone, kRuns, kOctants, kRows, kLayers, kLarge };
 // Where a triangle of so many rows waits.
 __device__ inline CellFate QueueOf(int64_t width, int64_t layers) {
   return width > kMostLayerWidth || width * layers > kMostLayerRows ? CellFate::kLarge : CellFate::kLayers;
-}
-
-struct FixedCorners {
-  int at[3][3];
-};
-// What of a triangle comes from memory first, to be asked for some time before it is needed: the numbers of its corners. Packed corners, which
-// would take more registers than there are, are only asked to come nearer, by Fetch.
-template <bool kPacked>
-struct Fetched {
-  Corners corners;
-};
-template <>
-struct Fetched<true> {
-  uint32_t triangle;
-};
-template <bool kPacked>
-__device__ inline Fetched<kPacked> FetchNow(const BitArgs& args, uint32_t t) {
-  if constexpr (kPacked) {
-    return {t};
-  } else {
-    return {LoadCorners(args.triangles, t)};
-  }
-}
-template <bool kPacked>
-__device__ inline Fetched<kPacked> Fetch(const BitArgs& args, uint32_t t) {
-#if defined(__CUDA_ARCH__)
-  if constexpr (kPacked) asm volatile("prefetch.global.L2 [%0];" ::"l"(args.packed + 3 * uint64_t{t}));
-#endif
-  return FetchNow<kPacked>(args, t);
-}
-template <bool kPacked>
-__device__ inline FixedCorners LoadFixed(const BitArgs& args, const Fetched<kPacked>& fetched) {
-  FixedCorners v;
-  if constexpr (kPacked) {
-    const PackedPlace& place = args.packed_place;
-    const PackedVertex* const from = args.packed + 3 * uint64_t{fetched.triangle};
-    const PackedVertex p[3] = {from[0], from[1], from[2]};
-    for (int i = 0; i < 3; ++i) {
-      for (int a = 0; a < 3; ++a) v.at[i][a] = PackedToFixed(p[i].at[a], place.scale[a], place.offset[a]);
-    }
-  } else {
-    for (int i = 0; i < 3; ++i) {
-      const Vec3d& p = args.positions[fetched.corners.v[i]];
-      for (int a = 0; a < 3; ++a) v.at[i][a] = ToFixed(p[a], args.fixed.scale[a], args.fixed.offset[a]);
-    }
-  }
-  return v;
-}
-template <bool kPacked>
-__device__ inline FixedCorners LoadFixed(const BitArgs& args, uint32_t t) {
-  return LoadFixed(args, FetchNow<kPacked>(args, t));
 }
 
 // The box's part in the slab; empty where some end is not behind its begin.
@@ -265,13 +215,18 @@ __device__ __noinline__ inline CellFate FindQueue(const BitArgs& args, uint64_t 
   return QueueOf(max(width[1], int64_t{1}), max(width[2], int64_t{1}));
 }
 
+// Of each warp of a block.
+struct FirstPass {
+  uint2 found[kCellThreads / 32][kMostCellRounds * 32];  // octants that wait for the bits to be cleared
+  StagedCorners staged[kCellThreads / 32];
+};
 // What the block's triangles share in WalkCells. Triangles are numbered from the block's first on.
 struct CellRoom {
   static constexpr uint32_t kRoom = kMostCellRounds * kCellThreads;
   static_assert(kRoom <= 1 << 16);
   union {
     CellSpan table[kMostCells][kCellThreads];
-    uint2 found[kMostCellRounds][kCellThreads];  // octants that wait for the bits to be cleared
+    FirstPass first_pass;
   };
   uint16_t cells[kRoom];  // triangles that wait for octants, from the begin on, and for rows, from the end on
   uint16_t later[kRoom];  // likewise for other kernels: those of the layer queue, those of the large queue
@@ -371,6 +326,16 @@ __device__ inline uint2 PackFound(const int (&first)[3], uint32_t octants) {
   return PackOctants(first, kSink == BitSink::kTogether ? octants : Together(first, octants));
 }
 
+// Puts the octants of a warp's lanes that have some behind those that the warp has `kept`; how many those are then. All threads of a warp call it.
+template <BitSink kSink>
+__device__ inline uint32_t KeepFound(const int (&first)[3], uint32_t octants, uint2* found, uint32_t kept) {
+  const uint2 packed = PackFound<kSink>(first, octants);
+  const bool some = packed.y >> 16 != 0;
+  const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, some);
+  if (some) found[kept + uint32_t(__popc(all & ((1u << lane) - 1)))] = packed;
+  return kept + uint32_t(__popc(all));
+}
+
 // Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first pass finds is kept
 // until the grid is cleared, so that it runs beside the clearing of the grid. The block appends what waits for
 // other kernels at once: an atomic that returns costs some 3 ns where all are on one address. Waits for whoever clears the grid.
@@ -382,7 +347,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
   const bool fixed = args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
   const int rounds = kRowLanes > 1 ? 1 : args.rounds;
   const uint64_t each = uint64_t(rounds) * uint64_t{kCellThreads / kRowLanes};
-  const uint64_t begin = chunk * each, mine = begin + threadIdx.x;
+  const uint64_t begin = chunk * each;
   uint64_t count = args.triangle_count;
   if constexpr (kRowLanes > 1) count = min(count, begin + each);
   if constexpr (kOrdered) {  // earlier kernels make the order
@@ -399,22 +364,29 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     if constexpr (kPacked) return args.packed[3 * uint64_t{triangle_at(i)}].triangle;
     return triangle_at(i);
   };
-  uint32_t next_t = 0;
-  Fetched<kPacked> next{};
-  if (mine < count) next = Fetch<kPacked>(args, next_t = triangle_at(mine));
+  // Of the block's triangles; in 32 bits, as registers are few.
+  const uint32_t here = begin < count ? uint32_t(min(count - begin, each)) : 0;
+  const uint32_t warp = threadIdx.x / 32;
+  uint2* const found = room.first_pass.found[warp];
+  StagedCorners& staged = room.first_pass.staged[warp];
+  // Where each thread has one round there is nothing to ask for ahead.
+  constexpr bool kAhead = !kOrdered && kRowLanes == 1 && kSink != BitSink::kBricks;
+  uint32_t kept = 0;
+  if (kAhead && threadIdx.x < here) StageCorners<kPacked>(args, uint32_t(begin) + threadIdx.x, staged);
   for (int round = 0; round < rounds; ++round) {
-    const uint32_t number = uint32_t(round * kCellThreads) + threadIdx.x;
-    const uint32_t t = kOrdered ? next_t : uint32_t(begin) + number;
-    const bool takes = begin + number < count;
-    const uint64_t then = begin + number + uint64_t(kCellThreads);
-    const Fetched<kPacked> fetched = next;
-    if (round + 1 < rounds && then < count) next = Fetch<kPacked>(args, next_t = triangle_at(then));
+    const uint32_t number = uint32_t(round * kCellThreads) + threadIdx.x, then = number + kCellThreads;
+    Fetched<kPacked> fetched{};
+    if constexpr (kAhead) {
+      fetched = TakeStaged<kPacked>(uint32_t(begin) + number, staged);
+      if (then < here) StageCorners<kPacked>(args, uint32_t(begin) + then, staged);
+    } else if (number < here) {
+      fetched = FetchNow<kPacked>(args, triangle_at(begin + number));
+    }
     CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
-    if (takes) {
-      fate = fixed ? FindFate<kThin>(args, fetched, triangle, octants) : FindQueue(args, t);
-    }
+    if (number < here)
+      fate = fixed ? FindFate<kThin>(args, fetched, triangle, octants) : FindQueue(args, triangle_at(begin + number));
     __syncwarp();
     DecideRuns<kThin>(args, triangle, fate, octants);
     if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
@@ -423,14 +395,20 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
       }
       __syncwarp();
     }
-    room.found[round][threadIdx.x] = PackFound<kSink>(triangle.box.first, octants);
+    kept = KeepFound<kSink>(triangle.box.first, octants, found, kept);
     AppendInBlock(fate == CellFate::kOctants, number, room.cells, 1, &room.octant_count);
+    const bool larger = fate == CellFate::kRows || fate == CellFate::kLayers || fate == CellFate::kLarge;
+    if (__any_sync(~0u, larger) == 0) continue;
     AppendInBlock(fate == CellFate::kRows, number, room.cells + (CellRoom::kRoom - 1), -1, &room.row_count);
     AppendInBlock(fate == CellFate::kLayers, number, room.later, 1, &room.layer_count);
     AppendInBlock(fate == CellFate::kLarge, number, room.later + (CellRoom::kRoom - 1), -1, &room.large_count);
   }
   AwaitCleared(args);  // until here nothing is written but what is the block's
-  for (int round = 0; round < rounds; ++round) SetFound<kSink>(args, room.found[round][threadIdx.x], room);
+  __syncwarp();
+  for (uint32_t begins = 0; begins < kept; begins += 32) {  // full warps: lanes that have none would take as long
+    const uint32_t i = begins + threadIdx.x % 32;
+    SetFound<kSink>(args, i < kept ? found[i] : uint2{0, 0}, room);
+  }
   __syncthreads();
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;
   for (uint32_t begins = threadIdx.x / 32 * 32; begins < octant_count; begins += kCellThreads) {

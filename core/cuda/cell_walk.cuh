@@ -39,7 +39,10 @@ struct CellArgs {
 
 struct FindRoom {
   static constexpr int kTriangles = kMostFindRounds * kFindThreads;
-  CellSpan table[kBlockSide][kFindThreads];
+  union {
+    CellSpan table[kBlockSide][kFindThreads];
+    StagedCorners staged[kFindThreads / 32];
+  };
   CellRunRoom<uint32_t, 1> runs[kFindThreads / 32];
   uint16_t cells[kTriangles];    // that wait for octants, from the begin on, and for rows, from the end on
   uint16_t waiting[kTriangles];  // for another kernel
@@ -236,18 +239,20 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     if constexpr (kOrdered) return __ldg(walk.order + i);
     return uint32_t(i);
   };
-  Fetched<kPacked> next{};
-  uint32_t next_t = 0;
-  if (chunk + threadIdx.x < count) {
-    next_t = triangle_at(chunk + threadIdx.x);
-    next = Fetch<kPacked>(walk, next_t);
-  }
+  StagedCorners& staged = room.staged[threadIdx.x / 32];
+  const auto ahead = [&](uint64_t number) {
+    if (kOrdered && number >= count) return 0u;
+    return triangle_at(number);
+  };
+  uint32_t next_t = ahead(chunk + threadIdx.x);
+  if (chunk + threadIdx.x < count) StageCorners<kPacked>(walk, next_t, staged);
   for (int round = 0; round < walk.rounds; ++round) {
     const uint32_t local = uint32_t(round) * kFindThreads + threadIdx.x;
     const uint64_t number = chunk + local, then = number + kFindThreads;
-    const uint32_t t = kOrdered ? next_t : uint32_t(number);
-    const Fetched<kPacked> fetched = next;
-    if (round + 1 < walk.rounds && then < count) next = Fetch<kPacked>(walk, next_t = triangle_at(then));
+    const uint32_t t = next_t;
+    const Fetched<kPacked> fetched = TakeStaged<kPacked>(t, staged);
+    next_t = ahead(then);
+    if (round + 1 < walk.rounds && then < count) StageCorners<kPacked>(walk, next_t, staged);
     CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
@@ -271,6 +276,8 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     TakeOctants<kSink, kShader>(args, runs, plain, !kOrdered, fate == CellFate::kDone && number < count, t, number,
                                 triangle.box.first, octants, fragments);
     AppendInBlock(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
+    const bool larger = fate == CellFate::kRows || fate == CellFate::kLayers || fate == CellFate::kLarge;
+    if (__any_sync(~0u, larger) == 0) continue;
     AppendInBlock(fate == CellFate::kRows, local, room.cells + (FindRoom::kTriangles - 1), -1, &room.row_count);
     AppendInBlock(fate == CellFate::kLayers || fate == CellFate::kLarge, local, room.waiting, 1, &room.waiting_count);
   }
