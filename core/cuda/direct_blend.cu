@@ -1,7 +1,7 @@
 // Blending without tiles: targets whose value is the same for all fragments of a triangle.
 //
-// Triangles are walked once. Where there is one target of one component that seeks a largest or least value, small
-// triangles are blended by the walk itself; otherwise, and where they have to be ordered first, they become records, which each target
+// Triangles are walked once. Where there is one target of one component that seeks a largest or least value, they are
+// blended as they are found; otherwise, and where they have to be ordered first, small ones become records, which each target
 // then takes. Larger ones become spans in a list, which each target takes too, but for the few largest where targets are written by
 // rows (sum_rows.cuh, fill_rows.cuh); those that are too many for the list are made and taken in parts, by halves of the triangles. Largest and least values
 // of a sparse result are blended in bricks that are given out meanwhile (brick_pool.h), and nothing is recorded or listed. Everything else goes by tiles.
@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "cuda/blend_store.h"
+#include "cuda/blend_writer.cuh"
 #include "cuda/brick_pool.h"
 #include "cuda/cell_blend.cuh"
 #include "cuda/cells.h"
@@ -22,7 +23,7 @@ namespace {
 // Bytes of the device's memory for each span that the list may hold at most.
 constexpr uint64_t kMemoryPerSpan = 64;
 
-// Of a target of one component whose largest or least value is sought: small triangles may be blended by the walk itself.
+// Of a target of one component whose largest or least value is sought: triangles may be blended as they are found.
 bool BlendsInWalk(const CudaTarget& target) {
   return target.components == 1 && IsInPlace(target) && (target.blend == Blend::kMax || target.blend == Blend::kMin);
 }
@@ -80,18 +81,24 @@ uint64_t MostSpans(const RunState& state) {
   return std::max<uint64_t>(state.device.memory_bytes / kMemoryPerSpan, 1 << 10);
 }
 
+// How rows of `triangles` triangles that wait are covered.
+SpanArgs CoverArgs(RunState& state, uint64_t triangles) {
+  SpanArgs args;
+  args.grid = state.view;
+  args.bits = state.coverage.data();
+  const int64_t* const d = state.view.dims;
+  const double surface = double(d[0]) * double(d[1]) + double(d[1]) * double(d[2]) + double(d[2]) * double(d[0]);
+  args.look_first = double(triangles) > 16 * surface;
+  return args;
+}
+
 // Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; ListOf says how many entries they need.
 // Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and fragments are counted.
 absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again) {
   if (again) VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecords, nullptr));
-  SpanArgs args;
-  args.grid = state.view;
+  SpanArgs args = CoverArgs(state, end - begin);
   args.list = ListOf(state);
-  args.bits = state.coverage.data();
   args.fragments = again ? nullptr : FragmentSlots(state);
-  const int64_t* const d = state.view.dims;
-  const double surface = double(d[0]) * double(d[1]) + double(d[1]) * double(d[2]) + double(d[2]) * double(d[0]);
-  args.look_first = double(end - begin) > 16 * surface;
   return EmitWaiting<SpanWriter>(state, MakeRestArgs(state, begin, end, false), args);
 }
 
@@ -197,17 +204,24 @@ absl::Status ClearFragmentSlots(RunState& state) {
   return absl::OkStatus();
 }
 
-// Walks all triangles: small ones become records or are blended by the walk in target `last`, the spans of the others are listed, as far as
-// there is room. Then what is counted stands in state.counters, covered voxels that have a rank among it.
-absl::Status FindAndList(RunState& state, int last, bool ranked) {
+// Blends all triangles in a target as they are found.
+absl::Status BlendWhatIsFound(RunState& state, int index) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
-  if (state.blended_cells) {
-    const InPlaceArgs place = PlaceOf(state, last);
-    VOXELPIPE_OK_OR_RETURN(
-        FindAllCells(state, CellSink::kBlend, FragmentSlots(state), &place, state.span_targets[size_t(last)].by_id));
-  } else {
-    VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));
-  }
+  const bool by_id = state.span_targets[size_t(index)].by_id;
+  BlendWriterArgs args;
+  args.cover = CoverArgs(state, triangles);
+  args.cover.fragments = FragmentSlots(state);
+  args.blend = PlaceOf(state, index);
+  VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kBlend, args.cover.fragments, &args.blend, by_id));
+  const auto emit_waiting = by_id ? EmitWaiting<BlendWriter<kById>> : EmitWaiting<BlendWriter<-1>>;
+  return emit_waiting(state, MakeRestArgs(state, 0, triangles, false), args);
+}
+
+// Walks all triangles: small ones become records, the spans of the others are listed, as far as there is room. Then what is counted stands in
+// state.counters, covered voxels that have a rank among it.
+absl::Status FindAndList(RunState& state, bool ranked) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));
   const uint64_t guess = std::min(MostSpans(state), triangles / 2 + (uint64_t{1} << 18));
   if (state.spans.size() < guess) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(guess, state.stream));
   VOXELPIPE_OK_OR_RETURN(ListSpans(state, 0, triangles, false));
@@ -249,7 +263,7 @@ absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t
 
 // Takes all triangles to all targets.
 absl::Status TakeAll(RunState& state) {
-  for (int i = 0; i < state.targets.count && !state.blended_cells; ++i) {
+  for (int i = 0; i < state.targets.count; ++i) {
     if (BySpans(state.targets.at[i])) VOXELPIPE_OK_OR_RETURN(TakeCells(state, i));
   }
   return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.span_count, [&](uint64_t count) {
@@ -310,10 +324,13 @@ absl::Status BlendDirectly(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
     VOXELPIPE_OK_OR_RETURN(state.coverage.Fill(0, state.stream));
   }
-  state.blended_cells = blended == 1 && !sparse && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state);
   state.draws_largest = all_by_rows || state.fills_rows;
   if (state.fills_rows) VOXELPIPE_OK_OR_RETURN(FillAll(state, last));
-  VOXELPIPE_OK_OR_RETURN(FindAndList(state, last, ranked));
+  if (blended == 1 && !sparse && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state)) {
+    VOXELPIPE_OK_OR_RETURN(BlendWhatIsFound(state, last));
+    return StoreDense(state, last, true);
+  }
+  VOXELPIPE_OK_OR_RETURN(FindAndList(state, ranked));
   if (sparse) return absl::OkStatus();  // the bricks come first
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();

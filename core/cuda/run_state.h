@@ -188,7 +188,6 @@ struct RunState {
   DeviceArray<RowRank> row_ranks;       // of a sparse result: 64 a tile, from its first brick's place on (Ranks)
   DeviceArray<uint32_t> listed_places;  // likewise: by rank, a voxel's number in the result
   std::array<SpanTarget, kMaxTargets> span_targets;
-  bool blended_cells = false;  // small triangles are blended already
   bool fills_rows = false;     // targets are written with the largest triangles in them, not cleared (fill_rows.cuh)
   bool draws_largest = false;  // the largest triangles are drawn by rows, of all targets
 

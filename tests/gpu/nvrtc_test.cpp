@@ -148,6 +148,7 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
       in + "FindCells<true, " + in + "CellSink::kBlend, -1, false, true>",
       in + "FindCells<false, " + in + "CellSink::kRecordsAndBits, -1, true, true>",
       in + "EmitRest<" + in + "SpanWriter>",
+      in + "EmitRest<" + in + "BlendWriter<-1>>",
       in + "EmitLarge<" + in + "SpanWriter>",
       in + "ShadeTriangles<-1>",
       in + "BlendCells<4, -1, " + in + "BlendTo::kTarget>",
@@ -170,7 +171,7 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
   const Compiled compiled = Compile(
       std::string(kShader) +
-          "#include \"cuda/bucket_kernels.cuh\"\n#include \"cuda/cell_blend.cuh\"\n"
+          "#include \"cuda/blend_writer.cuh\"\n#include \"cuda/bucket_kernels.cuh\"\n#include \"cuda/cell_blend.cuh\"\n"
           "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/fill_rows.cuh\"\n#include \"cuda/sum_rows.cuh\"\n",
       names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
