@@ -74,11 +74,11 @@ __device__ inline void WalkSetUp(const BitArgs& args, const SharedSetup* shared,
   __syncwarp();
 }
 
-// The layer queue, by warp `warp` of `warps`, which has room for kSetups triangles.
+// The layer queue, which has `count` triangles, by warp `warp` of `warps`, which has room for kSetups.
 template <int kSetups>
-__device__ inline void WalkLayers(const BitArgs& args, uint64_t warp, uint64_t warps, SharedSetup* shared) {
+__device__ inline void WalkLayers(const BitArgs& args, uint64_t count, uint64_t warp, uint64_t warps,
+                                  SharedSetup* shared) {
   const int lane = int(threadIdx.x % 32);
-  const uint64_t count = __ldcg(args.queued + kLayerQueue);
   // Few triangles are spread over all warps, many are taken together.
   const uint64_t each = min(uint64_t{kSetups}, (count + warps - 1) / warps);
   for (uint64_t begin = warp * each; begin < count; begin += warps * each) {
@@ -95,9 +95,10 @@ struct LargeRoom {
   uint32_t before[kLargeSetups + 1];
 };
 
-// The large queue, by block `block` of `blocks`. Batches of triangles are dealt to the blocks; where those are more, several share one.
-__device__ inline void WalkLarge(const BitArgs& args, uint32_t block, uint32_t blocks, LargeRoom& room) {
-  const uint64_t queued = __ldcg(args.queued + kLargeQueue);
+// The large queue, which has `queued` triangles, by block `block` of `blocks`. Batches of triangles are dealt to the blocks; where those are
+// more, several share one.
+__device__ inline void WalkLarge(const BitArgs& args, uint64_t queued, uint32_t block, uint32_t blocks,
+                                 LargeRoom& room) {
   if (queued <= args.drawn_large) return;
   const uint32_t* const queue = args.large_queue + args.drawn_large;
   const uint64_t count = queued - args.drawn_large;

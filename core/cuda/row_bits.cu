@@ -90,9 +90,12 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const
   auto& room = *reinterpret_cast<LayerRoom*>(memory);
   AwaitEarlier();
   if (args.clear_blocks > 0 && blockIdx.x == 0 && threadIdx.x == 0) *args.cleared = 0;
-  WalkLarge(args, blockIdx.x, gridDim.x, room.large);
+  // Both at once: often there is nothing in either, and to ask takes long beside a small mesh.
+  const uint64_t large = __ldcg(args.queued + kLargeQueue), layers = __ldcg(args.queued + kLayerQueue);
+  WalkLarge(args, large, blockIdx.x, gridDim.x, room.large);
   const uint32_t warp = threadIdx.x / 32, warps = kLayerThreads / 32;
-  WalkLayers<kLayerSetups>(args, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps, room.of_warps[warp]);
+  WalkLayers<kLayerSetups>(args, layers, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps,
+                           room.of_warps[warp]);
 }
 
 constexpr int kLargestThreads = 128, kLargestBlocks = 8;
@@ -181,7 +184,7 @@ __global__ void __launch_bounds__(kAtOnceThreads, kAtOnceBlocks)
   }
   WalkSetUp<kAtOnceSetups>(args, shared, layers);
   WaitForGrid(arrived);
-  WalkLarge(args, blockIdx.x, gridDim.x, room.large);
+  WalkLarge(args, __ldcg(args.queued + kLargeQueue), blockIdx.x, gridDim.x, room.large);
 }
 
 // A batch's beginning: clears its bit grids and counters, takes its vertices to the index space of their grids, and tells each triangle its
