@@ -334,69 +334,52 @@ void __stcs(T* p, U value) {
   *p = value;
 }
 
-// Fibers give way only at rendezvous, so these need no more.
+namespace cuda_emulator {
+// What is there becomes what `change` makes of it, told of as done by `where`. Fibers give way only at rendezvous, so atomics need no more.
+template <typename T, typename Change>
+CUDA_EMULATOR_TELLS T Modify(T* p, const void* where, const Change& change) {
+  races::Relaxed(p, sizeof *p, true, where);
+  const T before = *p;
+  *p = change(before);
+  return before;
+}
+}  // namespace cuda_emulator
 template <typename T, typename U>
 CUDA_EMULATOR_TELLS T atomicAdd(T* p, U v) {
-  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
-  const T before = *p;
-  *p = T(*p + T(v));
-  return before;
+  return cuda_emulator::Modify(p, __builtin_return_address(0), [v](T of) { return T(of + T(v)); });
 }
 template <typename T, typename U>
 CUDA_EMULATOR_TELLS T atomicSub(T* p, U v) {
-  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
-  const T before = *p;
-  *p = T(*p - T(v));
-  return before;
+  return cuda_emulator::Modify(p, __builtin_return_address(0), [v](T of) { return T(of - T(v)); });
 }
 template <typename T, typename U>
 CUDA_EMULATOR_TELLS T atomicMin(T* p, U v) {
-  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
-  const T before = *p;
-  *p = T(T(v) < *p ? T(v) : *p);
-  return before;
+  return cuda_emulator::Modify(p, __builtin_return_address(0), [v](T of) { return T(T(v) < of ? T(v) : of); });
 }
 template <typename T, typename U>
 CUDA_EMULATOR_TELLS T atomicMax(T* p, U v) {
-  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
-  const T before = *p;
-  *p = T(*p < T(v) ? T(v) : *p);
-  return before;
+  return cuda_emulator::Modify(p, __builtin_return_address(0), [v](T of) { return T(of < T(v) ? T(v) : of); });
 }
 template <typename T, typename U>
 CUDA_EMULATOR_TELLS T atomicAnd(T* p, U v) {
-  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
-  const T before = *p;
-  *p = T(*p & T(v));
-  return before;
+  return cuda_emulator::Modify(p, __builtin_return_address(0), [v](T of) { return T(of & T(v)); });
 }
 template <typename T, typename U>
 CUDA_EMULATOR_TELLS T atomicOr(T* p, U v) {
-  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
-  const T before = *p;
-  *p = T(*p | T(v));
-  return before;
+  return cuda_emulator::Modify(p, __builtin_return_address(0), [v](T of) { return T(of | T(v)); });
 }
 template <typename T, typename U>
 CUDA_EMULATOR_TELLS T atomicXor(T* p, U v) {
-  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
-  const T before = *p;
-  *p = T(*p ^ T(v));
-  return before;
+  return cuda_emulator::Modify(p, __builtin_return_address(0), [v](T of) { return T(of ^ T(v)); });
 }
 template <typename T, typename U>
 CUDA_EMULATOR_TELLS T atomicExch(T* p, U v) {
-  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
-  const T before = *p;
-  *p = T(v);
-  return before;
+  return cuda_emulator::Modify(p, __builtin_return_address(0), [v](T) { return T(v); });
 }
 template <typename T, typename U, typename V>
 CUDA_EMULATOR_TELLS T atomicCAS(T* p, U expected, V v) {
-  cuda_emulator::races::Relaxed(p, sizeof *p, true, __builtin_return_address(0));
-  const T before = *p;
-  if (before == T(expected)) *p = T(v);
-  return before;
+  return cuda_emulator::Modify(p, __builtin_return_address(0),
+                               [expected, v](T of) { return of == T(expected) ? T(v) : of; });
 }
 
 template <typename A, typename B>
