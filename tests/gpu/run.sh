@@ -61,46 +61,40 @@ sanitize_with() {
   timeout "$(limit 240)" compute-sanitizer --tool "$tool" "${options[@]}" --error-exitcode 9 --print-limit 12 \
     "$bin/cuda_parity" --quick "$@"
 }
-# Mesh by mesh, and the batches: racecheck on all quick cases in one process takes ever longer and now and then does not come to an end.
-racecheck() {
-  local mesh code result=0
-  for mesh in attributed96 point sphere# scattered pile_in_a_voxel rigged_shaded giants; do
-    sanitize_with racecheck --filter "$mesh" "$@"
-    code=$?
-    if ((code != 0 && code != 2)); then result="$code"; fi
-  done
-  sanitize_with racecheck --batches "$@" || result=$?
-  return "$result"
-}
-# sanitize_quick TOOLS [OPTION]...: cuda_parity's.
+# sanitize_quick CHECKS [OPTION]...: each check is a tool, on all quick cases, TOOL:MESH or TOOL:batches. Options are cuda_parity's.
 sanitize_quick() {
-  local tool code result=0 tools
-  read -ra tools <<<"$1"
+  local check code result=0 checks only log in_short=()
+  read -ra checks <<<"$1"
   shift
   # One after the other: beside each other they take longer, and initcheck may tell of what it has not yet seen written.
-  for tool in "${tools[@]}"; do
-    case "$tool" in
-      racecheck) racecheck "$@" ;;
-      racecheck_bricks) sanitize_with racecheck --filter sphere# "$@" ;;
-      *) sanitize_with "$tool" "$@" ;;
-    esac >"$work/$tool.log" 2>&1
+  for check in "${checks[@]}"; do
+    case "$check" in
+      *:batches) only=(--batches) ;;
+      *:*) only=(--filter "${check#*:}") ;;
+      *) only=() ;;
+    esac
+    log="$work/$check.log"
+    sanitize_with "${check%%:*}" "${only[@]}" "$@" >"$log" 2>&1
     code=$?
-    echo "=== $tool: exit $code"
-    if ((code == 0)); then tail -4 "$work/$tool.log"; else head -c 200000 "$work/$tool.log"; fi
+    echo "=== $check: exit $code"
+    if ((code == 0)); then tail -4 "$log"; else head -c 200000 "$log"; fi
     # 2: clean, though some case is not implemented yet.
     if ((code != 0 && code != 2)); then result=1; fi
+    in_short+=("$check: exit $code $(grep -E 'SUMMARY|^cuda_parity:' "$log" | sed 's/=* *//' | tr '\n' ' ')")
   done
   echo "=== in short"
-  for tool in "${tools[@]}"; do
-    echo "$tool: $(grep -E 'SUMMARY|^cuda_parity:' "$work/$tool.log" | sed 's/=* *//' | tr '\n' ' ')"
-  done
+  printf '%s\n' "${in_short[@]}"
   return "$result"
 }
 
-sanitize() { sanitize_quick "memcheck initcheck synccheck racecheck"; }
+# racecheck mesh by mesh, and on the batches: on all quick cases in one process it takes ever longer and now and then does not come to an end.
+sanitize() {
+  sanitize_quick "memcheck initcheck synccheck racecheck:attributed96 racecheck:point racecheck:sphere# racecheck:scattered \
+    racecheck:pile_in_a_voxel racecheck:rigged_shaded racecheck:giants racecheck:batches"
+}
 # The same where the cache is taken for a small one: kernels for grids that are larger than it, and for larger meshes, then run in small ones.
 # racecheck on the mesh that is drawn in bricks alone: on all it did not come to an end there.
-sanitize_large() { sanitize_quick "memcheck initcheck synccheck racecheck_bricks" --cache 2048; }
+sanitize_large() { sanitize_quick "memcheck initcheck synccheck racecheck:sphere#" --cache 2048; }
 
 device() {
   timeout "$(limit 60)" "$bin/device_parity"
