@@ -73,6 +73,11 @@ enum class BitSink { kWords, kTogether, kBricks };
 // What becomes of a triangle. Runs: those of thin coverage whose box is one voxel or two side by side.
 enum class CellFate { kDone, kRuns, kOctants, kRows, kLayers, kLarge };
 
+// Whether it waits for more than octants.
+__device__ inline bool WaitsForRows(CellFate fate) {
+  return fate == CellFate::kRows || fate == CellFate::kLayers || fate == CellFate::kLarge;
+}
+
 // Where a triangle of so many rows waits.
 __device__ inline CellFate QueueOf(int64_t width, int64_t layers) {
   return width > kMostLayerWidth || width * layers > kMostLayerRows ? CellFate::kLarge : CellFate::kLayers;
@@ -174,22 +179,14 @@ __device__ inline void SetOctantsTogether(const BitArgs& args, const int (&first
   if (octants != 0) SetOctants(args, first, octants);
 }
 
-// A triangle whose fate is kRows; false if some voxel is in doubt.
-template <bool kThin, bool kPacked, BitSink kSink>
-__device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>& fetched, CellSpan* table, int part,
-                                    int parts) {
-  const FixedCorners v = LoadFixed<kPacked>(args, fetched);
-  const FixedBox box = BoxOf(v.at, args.fixed);
+// A triangle of at most kMostCells voxels along each axis, by set(y, z, x_begin, x_end); false if some voxel is in doubt. Of the layers those from
+// number `part` on, `parts` apart.
+template <bool kThin, typename Set>
+__device__ inline bool WalkRows(const BitArgs& args, const FixedTriangle& t, CellSpan* table, int part, int parts,
+                                Set&& set) {
+  const FixedBox& box = t.box;
   int begin[3], end[3];
   ClipBox(args, box, begin, end);
-  PoolRows rows(args);
-  const auto set = [&](int y, int z, int x_begin, int x_end) {
-    if constexpr (kSink == BitSink::kBricks) {
-      rows.SetFew(y, z, x_begin, x_end);
-    } else {
-      SetFew(args, y, z, x_begin, x_end);
-    }
-  };
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
   if (!kThin && single >= 2) {  // the run class
     for (int z = begin[2] + part; z < end[2]; z += parts) {
@@ -197,7 +194,24 @@ __device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>&
     }
     return true;
   }
-  return VisitCells<kThin>(v.at, box, begin, end, args.fixed, table, kCellThreads, set, part, parts);
+  return VisitCells<kThin>(t.v.at, box, begin, end, args.fixed, table, kCellThreads, set, part, parts);
+}
+
+// A triangle whose fate is kRows; likewise.
+template <bool kThin, bool kPacked, BitSink kSink>
+__device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>& fetched, CellSpan* table, int part,
+                                    int parts) {
+  FixedTriangle t;
+  t.v = LoadFixed<kPacked>(args, fetched);
+  t.box = BoxOf(t.v.at, args.fixed);
+  PoolRows rows(args);
+  return WalkRows<kThin>(args, t, table, part, parts, [&](int y, int z, int x_begin, int x_end) {
+    if constexpr (kSink == BitSink::kBricks) {
+      rows.SetFew(y, z, x_begin, x_end);
+    } else {
+      SetFew(args, y, z, x_begin, x_end);
+    }
+  });
 }
 
 // The same of a mesh that reaches too far for fixed point, and under center coverage: its queue alone.
@@ -231,6 +245,7 @@ struct CellRoom {
   uint16_t cells[kRoom];  // triangles that wait for octants, from the begin on, and for rows, from the end on
   uint16_t later[kRoom];  // likewise for other kernels: those of the layer queue, those of the large queue
   uint32_t octant_count, row_count, layer_count, large_count;
+  uint32_t turn;  // that the next warp takes
   unsigned long long first_layer, first_large;
 };
 // The same, and each warp's words.
@@ -257,6 +272,13 @@ __device__ inline void AppendInBlock(bool wanted, uint32_t t, Entry* list, int s
   if (lane == 0) at = atomicAdd(count, uint32_t(__popc(all)));
   at = __shfl_sync(~0u, at, 0) + uint32_t(__popc(all & ((1u << lane) - 1)));
   if (wanted) list[int(at) * step] = Entry(t);
+}
+
+// The number of the next turn, which no other warp takes. All threads of a warp call it.
+__device__ inline uint32_t NextTurn(uint32_t& turn) {
+  uint32_t mine = 0;
+  if (threadIdx.x % 32 == 0) mine = atomicAdd(&turn, 1u);
+  return __shfl_sync(~0u, mine, 0);
 }
 
 // Octants about a corner in 64 bits; fixed-point cells have 16 bits.
@@ -341,7 +363,7 @@ __device__ inline uint32_t KeepFound(const int (&first)[3], uint32_t octants, ui
 // other kernels at once: an atomic that returns costs some 3 ns where all are on one address. Waits for whoever clears the grid.
 template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes, BitSink kSink>
 __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFor<kSink>& room) {
-  if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = room.large_count = 0;
+  if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = room.large_count = room.turn = 0;
   if constexpr (kSink == BitSink::kTogether) ClearBox(room.boxes[threadIdx.x / 32]);
   __syncthreads();
   const bool fixed = args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
@@ -385,8 +407,9 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
-    if (number < here)
+    if (number < here) {
       fate = fixed ? FindFate<kThin>(args, fetched, triangle, octants) : FindQueue(args, triangle_at(begin + number));
+    }
     __syncwarp();
     DecideRuns<kThin>(args, triangle, fate, octants);
     if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
@@ -397,8 +420,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     }
     kept = KeepFound<kSink>(triangle.box.first, octants, found, kept);
     AppendInBlock(fate == CellFate::kOctants, number, room.cells, 1, &room.octant_count);
-    const bool larger = fate == CellFate::kRows || fate == CellFate::kLayers || fate == CellFate::kLarge;
-    if (__any_sync(~0u, larger) == 0) continue;
+    if (__any_sync(~0u, WaitsForRows(fate)) == 0) continue;
     AppendInBlock(fate == CellFate::kRows, number, room.cells + (CellRoom::kRoom - 1), -1, &room.row_count);
     AppendInBlock(fate == CellFate::kLayers, number, room.later, 1, &room.layer_count);
     AppendInBlock(fate == CellFate::kLarge, number, room.later + (CellRoom::kRoom - 1), -1, &room.large_count);
@@ -410,35 +432,37 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     SetFound<kSink>(args, i < kept ? found[i] : uint2{0, 0}, room);
   }
   __syncthreads();
-  const uint32_t octant_count = room.octant_count, row_count = room.row_count;
-  for (uint32_t begins = threadIdx.x / 32 * 32; begins < octant_count; begins += kCellThreads) {
-    const uint32_t i = begins + threadIdx.x % 32;
-    bool doubtful = false;
-    uint32_t number = 0, octants = 0;
-    FixedTriangle triangle{};
-    if (i < octant_count) {
-      number = room.cells[i];
-      triangle.v = LoadFixed(args, FetchNow<kPacked>(args, triangle_at(begin + number)));
-      triangle.box = BoxOf(triangle.v.at, args.fixed);
-      doubtful = !FindOctants<kThin>(args, triangle, octants);
-    }
-    __syncwarp();
-    SetFound<kSink>(args, PackFound<kSink>(triangle.box.first, octants), room);
-    AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
-  }
-  for (uint32_t first = threadIdx.x / 32 * 32; first < row_count * kRowLanes; first += kCellThreads) {
-    const uint32_t lane = first + threadIdx.x % 32, i = lane / kRowLanes, part = lane % kRowLanes;
+  // Warps take what is left as they come to it: rows first, which take longest.
+  const uint32_t octant_count = room.octant_count, row_lanes = room.row_count * kRowLanes;
+  const uint32_t row_turns = (row_lanes + 31) / 32, turns = row_turns + (octant_count + 31) / 32;
+  for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
     bool doubtful = false;
     uint32_t number = 0;
-    if (i < row_count) {
-      number = room.cells[CellRoom::kRoom - 1 - i];
-      const Fetched<kPacked> of_rows = FetchNow<kPacked>(args, triangle_at(begin + number));
-      doubtful = !WalkCellRows<kThin, kPacked, kSink>(args, of_rows, &room.table[0][threadIdx.x], int(part), kRowLanes);
-    }
-    __syncwarp();
-    if constexpr (kRowLanes > 1) {
-      for (int step = 1; step < kRowLanes; step *= 2) doubtful |= __shfl_xor_sync(~0u, int(doubtful), step) != 0;
-      doubtful = doubtful && part == 0;
+    if (turn < row_turns) {
+      const uint32_t lane = turn * 32 + threadIdx.x % 32, i = lane / kRowLanes, part = lane % kRowLanes;
+      if (lane < row_lanes) {
+        number = room.cells[CellRoom::kRoom - 1 - i];
+        const Fetched<kPacked> of_rows = FetchNow<kPacked>(args, triangle_at(begin + number));
+        doubtful =
+            !WalkCellRows<kThin, kPacked, kSink>(args, of_rows, &room.table[0][threadIdx.x], int(part), kRowLanes);
+      }
+      __syncwarp();
+      if constexpr (kRowLanes > 1) {
+        for (int step = 1; step < kRowLanes; step *= 2) doubtful |= __shfl_xor_sync(~0u, int(doubtful), step) != 0;
+        doubtful = doubtful && part == 0;
+      }
+    } else {
+      const uint32_t i = (turn - row_turns) * 32 + threadIdx.x % 32;
+      uint32_t octants = 0;
+      FixedTriangle triangle{};
+      if (i < octant_count) {
+        number = room.cells[i];
+        triangle.v = LoadFixed(args, FetchNow<kPacked>(args, triangle_at(begin + number)));
+        triangle.box = BoxOf(triangle.v.at, args.fixed);
+        doubtful = !FindOctants<kThin>(args, triangle, octants);
+      }
+      __syncwarp();
+      SetFound<kSink>(args, PackFound<kSink>(triangle.box.first, octants), room);
     }
     AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
   }

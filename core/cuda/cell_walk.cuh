@@ -47,6 +47,7 @@ struct FindRoom {
   uint16_t cells[kTriangles];    // that wait for octants, from the begin on, and for rows, from the end on
   uint16_t waiting[kTriangles];  // for another kernel
   uint32_t octant_count, row_count, waiting_count;
+  uint32_t turn;  // that the next warp takes
   unsigned long long first;
 };
 
@@ -224,7 +225,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
   __shared__ FindRoom room;
   AllowNext();
   const BitArgs& walk = args.walk;
-  if (threadIdx.x == 0) room.octant_count = room.row_count = room.waiting_count = 0;
+  if (threadIdx.x == 0) room.octant_count = room.row_count = room.waiting_count = room.turn = 0;
   __syncthreads();
   const bool fixed = walk.fixed.bits > 0 && walk.coverage != Coverage::kCenter;
   const bool plain = kSink == CellSink::kBlend && args.blend.negative != nullptr && *args.blend.negative == 0;
@@ -276,42 +277,42 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     TakeOctants<kSink, kShader>(args, runs, plain, !kOrdered, fate == CellFate::kDone && number < count, t, number,
                                 triangle.box.first, octants, fragments);
     AppendInBlock(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
-    const bool larger = fate == CellFate::kRows || fate == CellFate::kLayers || fate == CellFate::kLarge;
-    if (__any_sync(~0u, larger) == 0) continue;
+    if (__any_sync(~0u, WaitsForRows(fate)) == 0) continue;
     AppendInBlock(fate == CellFate::kRows, local, room.cells + (FindRoom::kTriangles - 1), -1, &room.row_count);
     AppendInBlock(fate == CellFate::kLayers || fate == CellFate::kLarge, local, room.waiting, 1, &room.waiting_count);
   }
   __syncthreads();
+  // Warps take what is left as they come to it: rows first, which take longest.
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;
-  for (uint32_t begins = threadIdx.x / 32 * 32; begins < octant_count; begins += kFindThreads) {
-    const uint32_t i = begins + threadIdx.x % 32;
-    bool doubtful = false;
-    uint32_t local = 0, t = 0, octants = 0;
-    FixedTriangle triangle{};
-    if (i < octant_count) {
-      local = room.cells[i];
-      t = triangle_at(chunk + local);
-      triangle.v = LoadFixed<kPacked>(walk, t);
-      triangle.box = BoxOf(triangle.v.at, walk.fixed);
-      doubtful = !FindOctants<kThin>(walk, triangle, octants);
-    }
-    __syncwarp();
-    TakeOctants<kSink, kShader>(args, runs, plain, false, i < octant_count && !doubtful, t, chunk + local,
-                                triangle.box.first, octants, fragments);
-    AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
-  }
-  for (uint32_t begins = threadIdx.x / 32 * 32; begins < row_count; begins += kFindThreads) {
-    const uint32_t i = begins + threadIdx.x % 32;
+  const uint32_t row_turns = (row_count + 31) / 32, turns = row_turns + (octant_count + 31) / 32;
+  for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
     bool doubtful = false;
     uint32_t local = 0;
-    PooledBlock pooled;
-    if (i < row_count) {
-      local = room.cells[FindRoom::kTriangles - 1 - int(i)];
-      doubtful = !TakeBlock<kThin, kSink, kShader, kPacked>(args, plain, triangle_at(chunk + local), chunk + local,
-                                                            &room.table[0][threadIdx.x], fragments, pooled);
+    if (turn < row_turns) {
+      const uint32_t i = turn * 32 + threadIdx.x % 32;
+      PooledBlock pooled;
+      if (i < row_count) {
+        local = room.cells[FindRoom::kTriangles - 1 - int(i)];
+        doubtful = !TakeBlock<kThin, kSink, kShader, kPacked>(args, plain, triangle_at(chunk + local), chunk + local,
+                                                              &room.table[0][threadIdx.x], fragments, pooled);
+      }
+      __syncwarp();
+      if constexpr (kSink == CellSink::kPool) BlendBlockInPool(args.pool, pooled.first, pooled.mask, pooled.key[0]);
+    } else {
+      const uint32_t i = (turn - row_turns) * 32 + threadIdx.x % 32;
+      uint32_t t = 0, octants = 0;
+      FixedTriangle triangle{};
+      if (i < octant_count) {
+        local = room.cells[i];
+        t = triangle_at(chunk + local);
+        triangle.v = LoadFixed<kPacked>(walk, t);
+        triangle.box = BoxOf(triangle.v.at, walk.fixed);
+        doubtful = !FindOctants<kThin>(walk, triangle, octants);
+      }
+      __syncwarp();
+      TakeOctants<kSink, kShader>(args, runs, plain, false, i < octant_count && !doubtful, t, chunk + local,
+                                  triangle.box.first, octants, fragments);
     }
-    __syncwarp();
-    if constexpr (kSink == CellSink::kPool) BlendBlockInPool(args.pool, pooled.first, pooled.mask, pooled.key[0]);
     AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
   }
   __syncthreads();

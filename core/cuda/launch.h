@@ -15,8 +15,10 @@ inline unsigned BlocksFor(uint64_t count, uint64_t each, uint64_t most = 1 << 16
 }
 
 // Of kernels whose blocks take `rounds` times `threads` triangles, `resident` of them at once: as many rounds, up to `most`, as leave the least
-// to the last wave of blocks.
+// to the last wave of blocks. Where there are many waves blocks drift apart, and fewer of them are better.
 inline int RoundsFor(uint64_t triangles, int threads, uint64_t resident, int most) {
+  constexpr uint64_t kManyWaves = 8;
+  if (triangles >= kManyWaves * resident * uint64_t(threads) * uint64_t(most)) return most;
   int best = 1;
   uint64_t least = UINT64_MAX;
   for (int rounds = most; rounds >= 1; --rounds) {

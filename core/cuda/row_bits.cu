@@ -13,6 +13,7 @@
 #include "cuda/bit_layers.cuh"
 #include "cuda/bit_order.cuh"
 #include "cuda/bit_pool.h"
+#include "cuda/bit_rows.h"
 #include "cuda/bit_walk.cuh"
 #include "cuda/device_abilities.h"
 #include "cuda/early_launch.cuh"
@@ -399,6 +400,11 @@ bool SharesRows(const RunState& state, const BitArgs& args) {
          args.triangle_count < at_once + at_once / 16;
 }
 
+// Whether all triangles go by rows at once. Small grids are left to CellKernel, which clears them too.
+bool GoesByRows(RunState& state, const BitArgs& args) {
+  return CanOrder(args) && !ClearedByWalk(args) && !SharesRows(state, args) && MostGoByRows(state);
+}
+
 template <bool kThin>
 auto* CellKernelFor(const BitArgs& args, bool shares_rows) {
   if (args.order != nullptr) return CellKernel<kThin, true, false, 1, BitSink::kWords>;
@@ -409,11 +415,12 @@ auto* CellKernelFor(const BitArgs& args, bool shares_rows) {
                              : CellKernel<kThin, false, true, 1, BitSink::kWords>;
 }
 
-absl::Status LaunchCells(RunState& state, BitArgs& args, bool thin) {
+absl::Status LaunchCells(RunState& state, BitArgs& args) {
   const bool shares_rows = SharesRows(state, args);
   if (shares_rows) args.rounds = 1;
   const uint64_t each = uint64_t(args.rounds) * kCellThreads / (shares_rows ? kSharedRows : 1);
   const auto blocks = args.clear_blocks + unsigned((args.triangle_count + each - 1) / each);
+  const bool thin = args.coverage == Coverage::kThin;
   auto* const kernel = thin ? CellKernelFor<true>(args, shares_rows) : CellKernelFor<false>(args, shares_rows);
   LaunchEarly(args.clear_blocks == 0 && BeginsEarly(state.device), state.stream, blocks, kCellThreads, kernel, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CellKernel");
@@ -424,7 +431,7 @@ absl::Status LaunchCells(RunState& state, BitArgs& args, bool thin) {
 }
 
 // Triangles by place; the grid cleared with the largest drawn in it.
-absl::Status LaunchOrdered(RunState& state, BitArgs& args, const OrderArgs& order, bool thin) {
+absl::Status LaunchOrdered(RunState& state, BitArgs& args, const OrderArgs& order) {
   VOXELPIPE_OK_OR_RETURN(OrderTriangles(state, args, order));
   const bool early = BeginsEarly(state.device);
   LaunchEarly(early, state.stream, kMostLarge / 32, 32, SetUpKernel, args, order);
@@ -438,7 +445,7 @@ absl::Status LaunchOrdered(RunState& state, BitArgs& args, const OrderArgs& orde
   args.ordered = made.count;
   args.drawn_large = kMostLarge;
   args.rounds = kOrderedRounds;
-  return LaunchCells(state, args, thin);
+  return LaunchCells(state, args);
 }
 
 }  // namespace
@@ -446,10 +453,6 @@ absl::Status LaunchOrdered(RunState& state, BitArgs& args, const OrderArgs& orde
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
                         uint64_t words) {
   VOXELPIPE_OK_OR_RETURN(EnsureCounters(state));
-  const uint64_t triangles = state.mesh.host_view.triangle_count;
-  for (int i = 0; i < kBitQueues; ++i) {
-    VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(triangles, 1), state.stream));
-  }
   BitArgs args;
   args.grid = state.view;
   args.grid.slab_begin = z_begin;
@@ -458,11 +461,13 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   args.quads = (words + 3) / 4;  // a DeviceArray ends on a whole one
   args.coverage = coverage;
   SetTriangles(state, args);
+  for (int i = 0; i < kBitQueues; ++i) {
+    VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(args.triangle_count, 1), state.stream));
+  }
   args.layer_queue = state.queue[0].data();
   args.large_queue = state.queue[1].data();
   args.queued = state.counters.data() + kQueued0;
   if (Bins bins; MakeBins(state, args, bins)) return LaunchPieces(state, args, bins);
-  const bool thin = coverage == Coverage::kThin;
   if (args.triangle_count > 0 && args.triangle_count <= MostAtOnce(state)) {
     return LaunchAtOnce(state, args, BlocksAtOnce(state.device));
   }
@@ -472,20 +477,24 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   // In a grid that the cache holds neighbours get in each other's way, unless they are so many that what they set goes to the grid together.
   UsePacked(state, args, ClearedByWalk(args) || ExceedsCache(state.device, args.quads * 16));
   const bool scattered = args.packed == nullptr && GoesAroundCache(state, args) && IsScattered(state);
-  if (OrderArgs order; scattered && MakeOrder(state, args, order)) return LaunchOrdered(state, args, order, thin);
+  if (OrderArgs order; scattered && MakeOrder(state, args, order)) return LaunchOrdered(state, args, order);
   if (args.packed != nullptr && KeepsToPlaces(state, args)) args.rounds = kOrderedRounds;
   if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;
   if (args.triangle_count == 0) return LaunchClear(state, args);
   if (KeepsToPlaces(state, args) && MakeBitPool(state, args)) {
     args.rounds = kOrderedRounds;
     VOXELPIPE_OK_OR_RETURN(ClearBitPool(state, args));
+  } else if (GoesByRows(state, args)) {
+    VOXELPIPE_OK_OR_RETURN(LaunchCleared(state, args));
+    VOXELPIPE_OK_OR_RETURN(LaunchRows(state, args, GoesAroundCache(state, args)));
+    return LaunchLayers(state, args);
   } else if (args.largest == nullptr && ClearedByWalk(args)) {
     args.clear_blocks = BlocksFor(args.quads, uint64_t{kCellThreads} * 4, uint64_t(state.device.multiprocessors));
     args.cleared = reinterpret_cast<uint32_t*>(state.counters.data() + kCleared);
   } else {
     VOXELPIPE_OK_OR_RETURN(LaunchCleared(state, args));
   }
-  return LaunchCells(state, args, thin);
+  return LaunchCells(state, args);
 }
 
 }  // namespace voxelpipe::cuda

@@ -396,15 +396,17 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   Subject subject;
   subject.named = named;
   subject.rigged = named.name == "rigged";
-  const bool first = number <= 3;              // those with attributes
-  const bool bricks = named.name == "sphere";  // for them alone, where `quick`
+  const bool first = number <= 3;                                               // those with attributes
+  const bool bricks = named.name == "sphere", rows = named.name == "sphere5k";  // for them alone, where `quick`
   const bool small = number == 1 || named.name == "pile_in_a_voxel" || named.name == "scattered" ||
-                     named.name == "giants" || named.name == "crowd" || named.name == "point" || bricks;
+                     named.name == "giants" || named.name == "crowd" || named.name == "point" || bricks || rows;
   if (options.quick && !small) return std::nullopt;
   subject.mesh = std::make_shared<const TriangleMesh>(named.make());
   subject.large = subject.mesh->triangles.size() > 10'000;
-  subject.cases = BrickCases(named, subject.mesh->triangles.size());
-  if (options.quick && bricks) return subject;
+  const size_t triangles = subject.mesh->triangles.size();
+  subject.cases = options.quick && rows ? RowCases(named, triangles) : BrickCases(named, triangles);
+  if (options.quick && (bricks || rows)) return subject;
+  for (ParityCase& c : RowCases(named, triangles)) subject.cases.push_back(std::move(c));
   const CaseSizes sizes{first ? 300 : subject.rigged ? 96 : subject.large ? 16 : 32, !named.refusable, first};
   const auto others =
       options.quick ? QuickCases(named) : CasesFor(named, *subject.mesh, sizes, options.seed + 100 * number);

@@ -251,6 +251,7 @@ std::vector<ParityMesh> ParityMeshes(uint32_t seed) {
   all.push_back({"far_vertex", 20, [] { return One({1, 2, 3}, {0x1p41, 2, 5}, {9, 1, 5}); }, true});
   // More fragments than there are by any guess from its triangles or the grid's voxels.
   add("crowd", 8, [=] { return Giants(900, 8, 24, seed + 16); });
+  add("sphere5k", 72, [] { return Moved(bench::BumpySphere(5000), 72, {0, 0, 0}); });  // of triangles that go by rows
   return all;
 }
 

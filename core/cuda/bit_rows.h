@@ -1,0 +1,17 @@
+// Plain bits by rows alone (bit_rows.cuh). Included by .cu files only.
+#pragma once
+
+#include "absl/status/status.h"
+#include "cuda/bit_grid.cuh"
+#include "cuda/run_state.h"
+
+namespace voxelpipe::cuda {
+
+// Whether most triangles would go by rows, by a sample: in the grid more than two voxels along some axis, and not too many. Looked for once a run.
+bool MostGoByRows(RunState& state);
+
+// Draws all triangles but those that come to wait in the queues. `together`: what a warp sets is brought together first; not with packed
+// corners, whose neighbours lie apart or in each other's way. Behind the kernel that clears the grid, beside which it may begin.
+absl::Status LaunchRows(const RunState& state, const BitArgs& args, bool together);
+
+}  // namespace voxelpipe::cuda
