@@ -389,15 +389,13 @@ absl::Status LaunchCleared(const RunState& state, const BitArgs& args) {
   return absl::OkStatus();
 }
 
-// Whether lanes of CellKernel share the rows of a triangle: where a device has little else to do, for triangles so few that nearly all blocks
-// run at once, and of many rows (of more than a voxel of the grid's largest face each). More lanes, and other numbers of triangles a block, are
-// slower.
+// Whether lanes of CellKernel share the rows of a triangle: where a device has little else to do, for triangles so few that all blocks run at
+// once, and of many rows (of more than a voxel of the grid's largest face each). More lanes, and other numbers of triangles a block, are slower.
 bool SharesRows(const RunState& state, const BitArgs& args) {
   if (args.packed != nullptr || args.order != nullptr || args.pool.places != nullptr) return false;
   const int64_t nx = args.grid.dims[0], ny = args.grid.dims[1], nz = args.grid.slab_end - args.grid.slab_begin;
   const uint64_t at_once = uint64_t(state.device.multiprocessors) * kCellBlocks * kCellThreads / kSharedRows;
-  return args.triangle_count < uint64_t(std::max({nx * ny, ny * nz, nz * nx})) &&
-         args.triangle_count < at_once + at_once / 16;
+  return args.triangle_count < std::min(uint64_t(std::max({nx * ny, ny * nz, nz * nx})), at_once);
 }
 
 // Whether all triangles go by rows at once. Small grids are left to CellKernel, which clears them too.
