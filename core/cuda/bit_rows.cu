@@ -45,7 +45,7 @@ double VoxelsOf(const TriangleMesh& mesh, uint64_t t, const GridSpec& grid) {
 
 }  // namespace
 
-bool MostGoByRows(RunState& state) {
+bool ManyGoByRows(RunState& state) {
   if (state.by_rows) return *state.by_rows;
   constexpr uint64_t kSamples = 128;
   const TriangleMesh& mesh = state.host.mesh;

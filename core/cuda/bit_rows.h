@@ -7,8 +7,9 @@
 
 namespace voxelpipe::cuda {
 
-// Whether most triangles would go by rows, by a sample: in the grid more than two voxels along some axis, and not too many. Looked for once a run.
-bool MostGoByRows(RunState& state);
+// Whether so many triangles would go by rows that all do, at once: a quarter of a sample, in the grid more than two voxels along some axis, and not too
+// many. Looked for once a run.
+bool ManyGoByRows(RunState& state);
 
 // Draws all triangles but those that come to wait in the queues. `together`: what a warp sets is brought together first; not with packed
 // corners, whose neighbours lie apart or in each other's way. Behind the kernel that clears the grid, beside which it may begin.

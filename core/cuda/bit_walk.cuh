@@ -3,7 +3,7 @@
 // Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what bit_cells.cuh is certain of is written at once, the
 // rest waits in two queues, which are walked in bit_layers.cuh. Where triangles come in random order, before both: bit_order.cuh in the largest
 // grids, in others bit_large.cuh, which draws the largest of them. Few and large triangles in large grids: bit_bins.cuh; fine meshes in such: the first
-// step sets bits in bricks, which become the grid before the second one (bit_pool.cuh).
+// step sets bits in bricks, which become the grid before the second one (bit_pool.cuh). Triangles of some voxels each: bit_rows.cuh is the first step.
 // No host-only includes.
 #pragma once
 

@@ -400,7 +400,7 @@ bool SharesRows(const RunState& state, const BitArgs& args) {
 
 // Whether all triangles go by rows at once. Small grids are left to CellKernel, which clears them too.
 bool GoesByRows(RunState& state, const BitArgs& args) {
-  return CanOrder(args) && !ClearedByWalk(args) && !SharesRows(state, args) && MostGoByRows(state);
+  return CanOrder(args) && !ClearedByWalk(args) && !SharesRows(state, args) && ManyGoByRows(state);
 }
 
 template <bool kThin>

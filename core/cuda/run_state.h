@@ -146,7 +146,7 @@ struct RunState {
   DeviceArray<uint32_t> part_results, parts_done;
   DeviceArray<uint32_t> queue[3];  // triangles that wait for another kernel of a stage
   std::optional<bool> scattered;   // see IsScattered
-  std::optional<bool> by_rows;     // see MostGoByRows
+  std::optional<bool> by_rows;     // see ManyGoByRows
   ScatteredMesh scattered_mesh;
   DeviceArray<uint32_t> order;  // of triangles by place, and what belongs to it (triangle_order.h)
 
