@@ -16,7 +16,7 @@ struct RowBox {
   uint32_t size_y, count;
 };
 
-// All lanes call it; __syncwarp follows, by FitRows if by none before.
+// All lanes call it, and __syncwarp before FitRows.
 __device__ inline void ClearRows(RowBox& box) {
   for (uint32_t i = threadIdx.x % 32; i < RowBox::kRows / 4; i += 32) {
     reinterpret_cast<uint4*>(box.rows)[i] = uint4{0, 0, 0, 0};

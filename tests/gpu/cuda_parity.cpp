@@ -30,6 +30,7 @@
 #include "gpu/batch_parity.h"
 #include "gpu/bench_mesh_cases.h"
 #include "gpu/bench_meshes.h"
+#include "gpu/fine_mesh_cases.h"
 #include "gpu/first_difference.h"
 #include "gpu/parity_cases.h"
 #include "gpu/parity_options.h"
@@ -404,19 +405,15 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   subject.mesh = std::make_shared<const TriangleMesh>(named.make());
   subject.large = subject.mesh->triangles.size() > 10'000;
   const size_t triangles = subject.mesh->triangles.size();
-  subject.cases = options.quick && rows ? RowCases(named, triangles) : BrickCases(named, triangles);
+  if (!options.quick || !rows) subject.cases = BrickCases(named, triangles);
+  if (!options.quick || rows) AppendTo(subject.cases, RowCases(named, triangles));
   if (options.quick && (bricks || rows)) return subject;
-  for (ParityCase& c : RowCases(named, triangles)) subject.cases.push_back(std::move(c));
   const CaseSizes sizes{first ? 300 : subject.rigged ? 96 : subject.large ? 16 : 32, !named.refusable, first};
   const auto others =
       options.quick ? QuickCases(named) : CasesFor(named, *subject.mesh, sizes, options.seed + 100 * number);
   subject.cases.insert(subject.cases.begin(), others.begin(), others.end());
-  if (named.name == "scattered") {
-    for (ParityCase& c : ScatteredCases()) subject.cases.push_back(std::move(c));
-  }
-  if (named.extent > 0) {
-    for (ParityCase& c : PooledCases(named)) subject.cases.push_back(std::move(c));
-  }
+  if (named.name == "scattered") AppendTo(subject.cases, ScatteredCases());
+  if (named.extent > 0) AppendTo(subject.cases, PooledCases(named));
   return subject;
 }
 

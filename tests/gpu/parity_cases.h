@@ -38,16 +38,13 @@ struct CaseSizes {
 // The requests of one mesh; the same ones for the same seed.
 std::vector<ParityCase> CasesFor(const ParityMesh& named, const TriangleMesh& mesh, const CaseSizes& sizes,
                                  uint32_t seed);
+inline void AppendTo(std::vector<ParityCase>& cases, const std::vector<ParityCase>& more) {
+  cases.insert(cases.end(), more.begin(), more.end());
+}
 // Each kernel once or twice, so small that it runs under a sanitizer.
 std::vector<ParityCase> QuickCases(const ParityMesh& named);
 // Largest and least values in sparse results, which have a way of their own: shaders, formats, coverages, grids and slabs.
 std::vector<ParityCase> PooledCases(const ParityMesh& named);
-// Plain bits in grids so large for so many triangles that they are set in bricks first, where the cache is small; of meshes that are neither
-// tiny nor huge.
-std::vector<ParityCase> BrickCases(const ParityMesh& named, size_t triangles);
-// Plain bits where triangles of a fine mesh reach over a few voxels each, and are as many as the grid's largest face has voxels: where the
-// cache is small most of them go by rows at once. Of meshes that are neither small nor huge.
-std::vector<ParityCase> RowCases(const ParityMesh& named, size_t triangles);
 // Each way to make a result, in a grid of 56 layers, for meshes about [0, 40].
 std::vector<ParityCase> SlabCases();
 // Every vertex shader that the mesh has what it needs for, under each result kind: positions alone, and all that fragment shaders read.

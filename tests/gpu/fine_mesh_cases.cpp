@@ -1,0 +1,51 @@
+#include "gpu/fine_mesh_cases.h"
+
+#include <array>
+#include <cmath>
+
+namespace voxelpipe::gpu {
+
+std::vector<ParityCase> BrickCases(const ParityMesh& named, size_t triangles) {
+  std::vector<ParityCase> cases;
+  if (named.extent <= 0 || triangles < 500 || triangles > 80'000) return cases;
+  const auto n = int64_t(2 * std::sqrt(double(triangles)));
+  const auto add = [&](std::array<int64_t, 3> dims, double from, Coverage coverage, int64_t slab_depth,
+                       double part = 1) {
+    const double voxel = named.extent / double(n) / part;
+    ParityCase c;
+    c.request.grid = Placed(dims, {from * voxel, -from * voxel, from * voxel}, {voxel, 1.03 * voxel, voxel});
+    c.request.coverage = coverage;
+    c.slab_depth = slab_depth;
+    cases.push_back(c);
+  };
+  const int64_t whole = (n + 127) / 128 * 128;  // rows of whole units of 16 bytes
+  add({n, n, n}, 0, Coverage::kConservative, 0);
+  add({whole, n - 3, n + 5}, 0, Coverage::kThin, 0);
+  add({n + 40, n + 1, n - 9}, 3.5, Coverage::kConservative, 24);
+  add({whole, n + 6, n}, -2.25, Coverage::kConservative, 0);
+  // In a part of the grid, so that triangles are about a voxel large.
+  add({n, n, n}, 0, Coverage::kConservative, 0, 0.3);
+  add({n, n, n}, 0.5, Coverage::kThin, 24, 0.4);
+  return cases;
+}
+
+std::vector<ParityCase> RowCases(const ParityMesh& named, size_t triangles) {
+  std::vector<ParityCase> cases;
+  if (named.extent <= 0 || triangles < 4000 || triangles > 80'000) return cases;
+  const auto n = int64_t(std::sqrt(double(triangles)));
+  const double voxel = named.extent / double(n);
+  const auto add = [&](std::array<int64_t, 3> dims, double from, Coverage coverage, int64_t slab_depth) {
+    ParityCase c;
+    c.request.grid = Placed(dims, {from * voxel, -from * voxel, from * voxel}, {voxel, 0.98 * voxel, voxel});
+    c.request.coverage = coverage;
+    c.slab_depth = slab_depth;
+    cases.push_back(c);
+  };
+  add({n, n, n}, 0, Coverage::kConservative, 0);
+  add({n - 3, n, n - 1}, 0.5, Coverage::kThin, 0);
+  add({n, n - 5, n}, -7.25, Coverage::kConservative, 0);  // some triangles outside
+  add({n - 1, n, n}, 3.5, Coverage::kThin, n * 2 / 3);
+  return cases;
+}
+
+}  // namespace voxelpipe::gpu
