@@ -79,15 +79,28 @@ __device__ inline uint32_t OctantsAlone(uint32_t first, uint32_t octants, bool l
   const unsigned lane = threadIdx.x % 32;
   const uint32_t left = __shfl_up_sync(~0u, first, 1);
   const uint32_t heads = __ballot_sync(~0u, lane == 0 || left != first), upto = (2u << lane) - 1;
-  const uint32_t next = heads & ~upto;
-  const uint32_t others = last ? (next == 0 ? ~0u : (next & (0u - next)) - 1) & ~upto  // up to the next head
-                               : (upto >> 1) & (~0u << (31 - __clz(int(heads & upto))));
-  uint32_t alone = octants;
+  uint32_t others;
+  if (last) {
+    const uint32_t next = heads & ~upto;
+    const unsigned end = next == 0 ? 32 : unsigned(__ffs(int(next))) - 1;
+    const auto from = [&](uint32_t value, unsigned step) {
+      const uint32_t there = __shfl_down_sync(~0u, value, step);
+      return lane + step < end ? there : 0;
+    };
+    others = from(octants, 1);
 #pragma unroll
-  for (int k = 0; k < 8; ++k) {
-    if ((__ballot_sync(~0u, (octants >> k & 1) != 0) & others) != 0) alone &= ~(1u << k);
+    for (unsigned step = 1; step < 32; step *= 2) others |= from(others, step);
+  } else {
+    const unsigned begin = 31 - unsigned(__clz(int(heads & upto)));
+    const auto from = [&](uint32_t value, unsigned step) {
+      const uint32_t there = __shfl_up_sync(~0u, value, step);
+      return lane >= begin + step ? there : 0;
+    };
+    others = from(octants, 1);
+#pragma unroll
+    for (unsigned step = 1; step < 32; step *= 2) others |= from(others, step);
   }
-  return alone;
+  return octants & ~others;
 }
 
 }  // namespace voxelpipe::cuda
