@@ -56,6 +56,19 @@ __device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_
 template <int kShader, int kComponents>
 __device__ inline void ValuesOf(const uint32_t* values, const FineArgs& shading, uint32_t t,
                                 uint32_t (&to)[kComponents]) {
+  if constexpr (kShader == int(FragmentShaderId::kTriangleId) && kComponents == 1) {
+    // Largest and least ids without what other shaders and formats need.
+    const TileTarget& target = shading.targets[0];
+    const bool ordered = target.kept == Kept::kMax || target.kept == Kept::kMin;
+    if (ordered && target.target.format == VoxelFormat::kF32) {
+      to[0] = KeyOf(BitsOf(float(t)));
+      return;
+    }
+    if (ordered && target.target.format == VoxelFormat::kU32) {
+      to[0] = t;
+      return;
+    }
+  }
   if constexpr (kShader >= 0) {
     UniformValue value;
     ShadeUniformAs(shading, FragmentShaderId(kShader), false, t, value);
