@@ -23,6 +23,7 @@ struct FixedPlace {
   Vec3d scale, offset;
   int bits = 0;                    // after the point; 0: the mesh reaches too far, there are none
   float widening = 0;              // voxel sizes in units
+  int margin = 0;                  // the same in whole units
   float band = 0, plane_band = 0;  // likewise, of the tests of edges and of the plane
   float voxel = 0, noise = 0;      // a voxel; what moving vertices by units does to a normal, at most, and some more
 };
@@ -46,6 +47,7 @@ inline FixedPlace MakeFixedPlace(const Vec3d& origin, const Vec3d& voxel_size, c
   const auto unit = float(1 << bits);
   place.bits = bits;
   place.widening = float(kNarrowWidening) * unit;
+  place.margin = int(place.widening);
   // raster/triangle_setup.h: some 17 x size x 2^-24 + 2^-19 for a size of 3 voxels here; and 2^-15 for the plane of a sliver. Four
   // units for the fixed point, one of them for products of an edge and a position.
   place.band = kCellBand * unit + 4;
@@ -116,15 +118,16 @@ struct FixedBox {
 
 VOXELPIPE_HD FixedBox BoxOf(const int (&v)[3][3], const FixedPlace& place) {
   FixedBox box;
-  const int w = int(place.widening);
-  int near = 0;
+  const int below_voxel = (1 << place.bits) - 1;
+  int least = below_voxel;  // of how far the box's sides, moved up by two units, lie behind a voxel's border
   for (int i = 0; i < 3; ++i) {
-    const int from = Min(v[0][i], Min(v[1][i], v[2][i])) - w, upto = Max(v[0][i], Max(v[1][i], v[2][i])) + w;
-    near |= ((from - 2) ^ (from + 2)) | ((upto - 2) ^ (upto + 2));
+    const int from = Min(v[0][i], Min(v[1][i], v[2][i])) - (place.margin - 2);
+    const int upto = Max(v[0][i], Max(v[1][i], v[2][i])) + (place.margin + 2);
+    least = Min(least, Min(from & below_voxel, upto & below_voxel));
     box.first[i] = from >> place.bits;
     box.last[i] = upto >> place.bits;
   }
-  box.doubtful = near >> place.bits != 0;
+  box.doubtful = least < 4;
   return box;
 }
 
@@ -145,30 +148,69 @@ VOXELPIPE_HD constexpr uint32_t HalfOf(int axis) {
   return axis == 0 ? 0xaa : axis == 1 ? 0xcc : 0xf0;
 }
 
+// Takes the bits that `a` and `b` have both out of `octants` where v > 0: on a device an instruction that is left out otherwise, in place of
+// values to choose from.
+VOXELPIPE_HD void TakeOutIf(float v, uint32_t a, uint32_t b, uint32_t& octants) {
+#if defined(__CUDA_ARCH__)
+  asm("{ .reg .pred p; setp.gt.f32 p, %1, 0f00000000; @p lop3.b32 %0, %0, %2, %3, 0x70; }"
+      : "+r"(octants)
+      : "f"(v), "r"(a), "r"(b));
+#else
+  if (v > 0) octants &= ~(a & b);
+#endif
+}
+
+// v, with its sign turned where the sign bit of `by` is set.
+VOXELPIPE_HD float TurnSign(float v, uint32_t by) {
+  uint32_t bits;
+  memcpy(&bits, &v, sizeof bits);
+  bits ^= by & 0x80000000u;
+  memcpy(&v, &bits, sizeof v);
+  return v;
+}
+
+// Moves the bits up by one and puts the sign of v in the lowest.
+VOXELPIPE_HD uint32_t PushSign(uint32_t bits, float v) {
+#if defined(__CUDA_ARCH__)
+  return __funnelshift_l(__float_as_uint(v), bits, 1);
+#else
+  return bits << 1 | (SignMask(v) & 1);
+#endif
+}
+
 // An edge and the signs of its components.
 struct CellEdge {
   Vec3f e;
   uint32_t sign[3];
 };
 
-// One edge seen along an axis: in the plane of the other two, u and t, from p by the edge. Takes out what lies behind it. `area` is the
-// triangle's in that plane, twice, `rounding` what its roundings may make.
+// One edge seen along an axis: in the plane of the other two, u and t, from p by the edge. Takes out what lies beyond it, on the side where the
+// triangle is not; what the axis' other end, at the opposite vertex, takes out the other edges and the box do as well. `side` has the sign of the
+// triangle's area in that plane, `rounding` is what roundings may make of it. `sure` becomes at most the corner's distance from being decided
+// otherwise, less what is uncertain of it, times the edge.
 template <int kU, int kT>
-VOXELPIPE_HD void TestEdge(const CellEdge& edge, const Vec3f& p, float area, float rounding, const FixedPlace& place,
-                           Octants& o) {
+VOXELPIPE_HD void TestEdge(const CellEdge& edge, const Vec3f& p, uint32_t side, float rounding, const FixedPlace& place,
+                           uint32_t& touched, float& sure) {
   const float eu = edge.e[kU], et = edge.e[kT];
-  // The axis (et, -eu): where the corner lies on it against the triangle's interval, from the interval's middle, twice.
-  const float from_middle = fmaf(2.0f, fmaf(eu, p[kT], -(et * p[kU])), area);
   const float norm = fabsf(eu) + fabsf(et);
-  const float beyond = fmaf(-2 * place.widening, norm, fabsf(from_middle) - fabsf(area));
-  o.doubtful = o.doubtful || fabsf(beyond) <= fmaf(2 * place.band, norm, rounding);
-  const uint32_t side = SignMask(from_middle);
-  const uint32_t u = side ^ edge.sign[kT] ^ HalfOf(kU), t = side ^ edge.sign[kU] ^ ~HalfOf(kT);
-  if (beyond > 0) o.touched &= ~(u & t);
+  const float beyond = fmaf(-place.widening, norm, TurnSign(fmaf(eu, p[kT], -(et * p[kU])), side));
+  sure = fminf(sure, fabsf(beyond) - fmaf(place.band, norm, rounding));
+  TakeOutIf(beyond, side ^ edge.sign[kT] ^ HalfOf(kU), side ^ edge.sign[kU] ^ ~HalfOf(kT), touched);
 }
 
 VOXELPIPE_HD float LengthSquared(const Vec3f& e) {
   return fmaf(e.x, e.x, fmaf(e.y, e.y, e.z * e.z));
+}
+
+// Of a number that is 0 or at least 1, to a few parts in a million; what it is off by is part of the band.
+VOXELPIPE_HD float RoughSqrt(float v) {
+#if defined(__CUDA_ARCH__)
+  float root;
+  asm("sqrt.approx.ftz.f32 %0, %1;" : "=f"(root) : "f"(v));
+  return root;
+#else
+  return sqrtf(v);
+#endif
 }
 
 // How far from a voxel's centre a plane may pass for the voxel to be touched under thin coverage, and within what of that is doubt; times
@@ -177,13 +219,14 @@ struct ThinBand {
   float reach, band;
 };
 VOXELPIPE_HD ThinBand ThinBandOf(float most, float norm, float longest, float rounding, const FixedPlace& place) {
-  const float turned = 24.0f * place.voxel * sqrtf(longest);
+  const float turned = 24.0f * place.voxel * RoughSqrt(longest);
   return {fmaf(place.widening, norm, 0.5f * place.voxel * most), fmaf(place.plane_band, norm, rounding + turned)};
 }
 
-// The octants about `corner` that a triangle touches whose box reaches at most one voxel to each side of it.
+// The octants about `corner`, of those in question, that a triangle touches whose box reaches at most one voxel to each side of it.
 template <bool kThin>
-VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const int (&corner)[3], const FixedPlace& place) {
+VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const int (&corner)[3], uint32_t in_question,
+                                    const FixedPlace& place) {
   Vec3f q[3];
   for (int i = 0; i < 3; ++i) {
     q[i] = {float(v[i][0] - corner[0]), float(v[i][1] - corner[1]), float(v[i][2] - corner[2])};
@@ -193,43 +236,44 @@ VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const int (&corner)[3]
   n.x = fmaf(e[0].z, e[2].y, -(e[0].y * e[2].z));  // cross(e0, -e2)
   n.y = fmaf(e[0].x, e[2].z, -(e[0].z * e[2].x));
   n.z = fmaf(e[0].y, e[2].x, -(e[0].x * e[2].y));
-  Octants o{0xff, false};
   float longest = 0;  // squared
   for (int i = 0; i < 3; ++i) longest = fmaxf(longest, LengthSquared(e[i]));
-  const float rounding = 0x1p-21f * longest;
-  for (int i = 0; i < 3; ++i) {
-    const CellEdge edge{e[i], {SignMask(e[i].x), SignMask(e[i].y), SignMask(e[i].z)}};
-    TestEdge<0, 1>(edge, q[i], n.z, rounding, place, o);
-    TestEdge<1, 2>(edge, q[i], n.x, rounding, place, o);
-    TestEdge<2, 0>(edge, q[i], n.y, rounding, place, o);
-  }
+  const float rounding = 0x1p-22f * longest;
+  uint32_t touched = in_question;
+  const uint32_t sides[3] = {SignMask(n.x), SignMask(n.y), SignMask(n.z)};
   const float ax = fabsf(n.x), ay = fabsf(n.y), az = fabsf(n.z);
   const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
-  // Narrow for sure: kNarrowRatio, a little more, and what moving vertices by units does to the normal.
-  o.doubtful = o.doubtful || !(most > fmaf(0.0042f, longest, place.noise));
+  // What is certain stays above 0. Narrow for sure: kNarrowRatio, a little more, and what moving vertices by units does to the normal.
+  float sure = most - fmaf(0.0042f, longest, place.noise);
+  for (int i = 0; i < 3; ++i) {
+    const CellEdge edge{e[i], {SignMask(e[i].x), SignMask(e[i].y), SignMask(e[i].z)}};
+    TestEdge<0, 1>(edge, q[i], sides[2], rounding, place, touched, sure);
+    TestEdge<1, 2>(edge, q[i], sides[0], rounding, place, touched, sure);
+    TestEdge<2, 0>(edge, q[i], sides[1], rounding, place, touched, sure);
+  }
   const float plane_rounding = 0x1p-20f * longest * place.voxel;
   const float at = -fmaf(n.x, q[0].x, fmaf(n.y, q[0].y, n.z * q[0].z));  // of the corner
   if constexpr (!kThin) {
     const float beyond = fmaf(-place.widening, norm, fabsf(at));
-    o.doubtful = o.doubtful || fabsf(beyond) <= fmaf(place.plane_band, norm, plane_rounding);
+    sure = fminf(sure, fabsf(beyond) - fmaf(place.plane_band, norm, plane_rounding));
     const uint32_t side = ~SignMask(at);
-    const uint32_t x = side ^ SignMask(n.x) ^ ~HalfOf(0), y = side ^ SignMask(n.y) ^ ~HalfOf(1),
-                   z = side ^ SignMask(n.z) ^ ~HalfOf(2);
-    if (beyond > 0) o.touched &= ~(x & y & z);
+    const uint32_t x = side ^ sides[0] ^ ~HalfOf(0), y = side ^ sides[1] ^ ~HalfOf(1), z = side ^ sides[2] ^ ~HalfOf(2);
+    TakeOutIf(beyond, x & y, z, touched);
+    return {touched, !(sure > 0)};
   } else {
     // The plane against each voxel's centre.
     const ThinBand thin = ThinBandOf(most, norm, longest, plane_rounding, place);
     const float half = 0.5f * place.voxel, hx = half * n.x, hy = half * n.y, hz = half * n.z;
-    for (uint32_t i = 0; i < 8; ++i) {
+    uint32_t out = 0, certain = 0;
+    for (int i = 7; i >= 0; --i) {
       const float there = ((i & 4) != 0 ? at + hz : at - hz) + ((i & 2) != 0 ? hy : -hy) + ((i & 1) != 0 ? hx : -hx);
-      const float beyond = fabsf(there) - thin.reach;
-      if (fabsf(beyond) <= thin.band) {  // only octants that the other tests leave can be in doubt
-        o.doubtful = o.doubtful || (o.touched & 1u << i) != 0;
-      }
-      if (beyond > 0) o.touched &= ~(1u << i);
+      const float within = thin.reach - fabsf(there);
+      out = PushSign(out, within);
+      certain = PushSign(certain, thin.band - fabsf(within));
     }
+    // Only octants that the other tests leave can be in doubt.
+    return {touched & ~out, !(sure > 0) || (touched & ~certain) != 0};
   }
-  return o;
 }
 
 // Under thin coverage, of a triangle whose box is one voxel or two side by side along one axis: the octants about its inner corner. Edges
@@ -248,18 +292,19 @@ VOXELPIPE_HD Octants TouchedThinRun(const int (&v)[3][3], const FixedBox& box, c
   const float longest = fmaxf(LengthSquared(e0), fmaxf(LengthSquared(e1), LengthSquared(e2)));
   const float ax = fabsf(n.x), ay = fabsf(n.y), az = fabsf(n.z);
   const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
-  Octants o{0, !(most > fmaf(0.0042f, longest, place.noise))};
+  float sure = most - fmaf(0.0042f, longest, place.noise);
+  uint32_t touched = 0;
   // A vertex is farther from the first centre than it would be from the corner: up to one and a half voxels.
   const ThinBand thin = ThinBandOf(most, norm, longest, 0x1p-19f * longest * place.voxel, place);
   const float at = -fmaf(n.x, q[0].x, fmaf(n.y, q[0].y, n.z * q[0].z));
   const float beyond = fabsf(at) - thin.reach;
-  o.doubtful = o.doubtful || fabsf(beyond) <= thin.band;
-  if (!(beyond > 0)) o.touched = 1;
+  sure = fminf(sure, fabsf(beyond) - thin.band);
+  if (!(beyond > 0)) touched = 1;
   const bool along_x = box.first[0] != box.last[0], along_y = box.first[1] != box.last[1];
-  if (!along_x && !along_y && box.first[2] == box.last[2]) return o;
+  if (!along_x && !along_y && box.first[2] == box.last[2]) return {touched, !(sure > 0)};
   const float second = fabsf(fmaf(place.voxel, along_x ? n.x : along_y ? n.y : n.z, at)) - thin.reach;
-  o.doubtful = o.doubtful || fabsf(second) <= thin.band;
-  if (!(second > 0)) o.touched |= along_x ? 0x02 : along_y ? 0x04 : 0x10;
+  sure = fminf(sure, fabsf(second) - thin.band);
+  if (!(second > 0)) touched |= along_x ? 0x02 : along_y ? 0x04 : 0x10;
   // A voxel that the triangle reaches by its widening alone, and hardly: roundings of the edges' tests may leave it out.
   const int w = int(place.widening), hardly = 1 << (place.bits - 13);
   int least[3], greatest[3];
@@ -269,8 +314,8 @@ VOXELPIPE_HD Octants TouchedThinRun(const int (&v)[3][3], const FixedBox& box, c
   }
   const int from = along_x ? least[0] : along_y ? least[1] : least[2];
   const int upto = along_x ? greatest[0] : along_y ? greatest[1] : greatest[2];
-  o.doubtful = o.doubtful || ((from ^ (from + hardly)) | (upto ^ (upto - hardly))) >> place.bits != 0;
-  return o;
+  const bool near = ((from ^ (from + hardly)) | (upto ^ (upto - hardly))) >> place.bits != 0;
+  return {touched, near || !(sure > 0)};
 }
 
 // Bounds of a coordinate u given t, about c - s*t: `outer` to each side at most, `inner` at least.
@@ -316,13 +361,13 @@ VOXELPIPE_HD void Narrow(const CellBound& b, float t, CellSpan& span) {
 
 inline constexpr int kMostCells = 9;  // of a box along each axis that goes by rows here
 
-// Rows of a box of at most kMostCells voxels along each axis, within `begin` to `end` of the grid: visit(y, z, x_begin, x_end). False
-// where some voxel is not certain; rows already visited are right. `table` has room for kMostCells elements, `pitch` apart. Of the layers
-// those from number `part` on, `parts` apart.
+// Rows of a box of at most kMostCells voxels along each axis, within `begin` to `end` of the grid: visit(y, z, x, count), `count` voxels from x on, all
+// three counted from `begin`. False where some voxel is not certain; rows already visited are right. `table` has room for kMostCells elements, `pitch`
+// apart. Of the layers those from number `part` on, `parts` apart. `whole`: the triangle touches all of the box.
 template <bool kThin, typename Visit>
 VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const int (&begin)[3], const int (&end)[3],
-                             const FixedPlace& place, CellSpan* table, int pitch, Visit&& visit, int part = 0,
-                             int parts = 1) {
+                             const FixedPlace& place, CellSpan* table, int pitch, bool whole, Visit&& visit,
+                             int part = 0, int parts = 1) {
   const float voxels = 1 / place.voxel;
   Vec3f q[3];
   for (int i = 0; i < 3; ++i) {
@@ -330,6 +375,7 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
             float(v[i][1] - (box.first[1] << place.bits)) * voxels,
             float(v[i][2] - (box.first[2] << place.bits)) * voxels};
   }
+  if (whole) q[1] = q[2] = q[0];  // a point bounds nothing: lanes of a warp go the same way
   const Vec3f e[3] = {q[1] - q[0], q[2] - q[1], q[0] - q[2]};  // exact
   Vec3f n;
   n.x = fmaf(e[0].z, e[2].y, -(e[0].y * e[2].z));
@@ -339,7 +385,7 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
   const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
   float longest = 0;
   for (int i = 0; i < 3; ++i) longest = fmaxf(longest, LengthSquared(e[i]));
-  if (!(most > fmaf(0.0042f, longest, 0x1p-19f))) return false;  // perhaps not narrow
+  if (!whole && !(most > fmaf(0.0042f, longest, 0x1p-19f))) return false;  // perhaps not narrow
   // Rounding errors grow with the box: of products of two lengths, of three, and of the plane that moving vertices by units turns.
   const auto size =
       float(2 + Max(box.last[0] - box.first[0], Max(box.last[1] - box.first[1], box.last[2] - box.first[2])));
@@ -380,27 +426,31 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
     y_of_z[i] = EdgeCells(e[i].y, e[i].z, q[i].y, q[i].z, n.x, band, rounding);
   }
   bool certain = true;
-  for (int z = begin[2] - box.first[2] + part; z < end[2] - box.first[2]; z += parts) {
+  const int layers = end[2] - begin[2], z_lo = begin[2] - box.first[2];
+  for (int k = part; k < layers; k += parts) {
+    const auto z = float(z_lo + k);
     CellSpan rows{float(y_lo), float(y_lo), float(y_hi - 1), float(y_hi - 1)}, layer = box_x;
     for (int i = 0; i < 3; ++i) {
-      Narrow(y_of_z[i], float(z), rows);
-      Narrow(x_of_z[i], float(z), layer);
+      Narrow(y_of_z[i], z, rows);
+      Narrow(x_of_z[i], z, layer);
     }
     // Whole numbers stay in floating point until they are known to lie in the box.
-    const float sure_first_y = ceilf(rows.first_inner), sure_last_y = floorf(rows.last_inner);
-    const float last_y = floorf(rows.last_outer);
-    for (float y = ceilf(rows.first_outer); y <= last_y; y += 1) {
-      const CellSpan& shared = table[(int(y) - y_lo) * pitch];
-      const float c = fmaf(-plane_sy, y, fmaf(-plane.s, float(z), plane.c));
+    const float last_y = floorf(rows.last_outer), plane_c = fmaf(-plane.s, z, plane.c);
+    float y = ceilf(rows.first_outer);
+    for (int j = y <= last_y ? int(y) - y_lo : 0; y <= last_y; y += 1, ++j) {
+      const CellSpan& shared = table[j * pitch];
+      const float c = fmaf(-plane_sy, y, plane_c);
       const float first = ceilf(fmaxf(fmaxf(shared.first_outer, layer.first_outer), c - plane.outer));
       const float last = floorf(fminf(fminf(shared.last_outer, layer.last_outer), c + plane.outer));
       if (first > last) continue;
-      const float sure_first = ceilf(fmaxf(fmaxf(shared.first_inner, layer.first_inner), c - plane.inner));
-      const float sure_last = floorf(fminf(fminf(shared.last_inner, layer.last_inner), c + plane.inner));
-      if (y < sure_first_y || y > sure_last_y || first != sure_first || last != sure_last) {
+      // Certain where between the inner bounds lie the same whole numbers.
+      const float from = fmaxf(fmaxf(shared.first_inner, layer.first_inner), c - plane.inner);
+      const float upto = fminf(fminf(shared.last_inner, layer.last_inner), c + plane.inner);
+      if (y < rows.first_inner || y > rows.last_inner || first < from || last > upto) {
         certain = false;
       } else {
-        visit(int(y) + box.first[1], z + box.first[2], int(first) + box.first[0], int(last) + 1 + box.first[0]);
+        const int x = int(first);
+        visit(j, k, x - x_lo, int(last) + 1 - x);
       }
     }
   }

@@ -55,16 +55,23 @@ __device__ inline void WalkByRows(const BitArgs& args, uint64_t i, RowRoom<kToge
   }
   if (!place.fits()) AwaitEarlier();
   if (walks) {
-    const bool certain =
-        WalkRows<kThin>(args, triangle, &room.table[0][threadIdx.x], 0, 1, [&](int y, int z, int x_begin, int x_end) {
-          if constexpr (kTogether) {
-            if (place.fits()) {
-              place.Set(room.boxes[threadIdx.x / 32], y, z, x_begin, x_end);
-              return;
-            }
-          }
-          SetFew(args, y, z, x_begin, x_end);
-        });
+    CellSpan* const table = &room.table[0][threadIdx.x];
+    bool certain = false;
+    if constexpr (kTogether) {
+      RowBox& box = room.boxes[threadIdx.x / 32];
+      const uint32_t first_row = place.RowOf(begin), first_x = uint32_t(begin[0] - place.x);
+      certain = WalkRows<kThin>(args, triangle, begin, end, table, 0, 1, [&](int y, int z, int x, int count) {
+        if (place.fits()) {
+          place.Set(box, first_row, y, z, first_x + uint32_t(x), count);
+        } else {
+          NearWords(args, begin).SetFew(y, z, x, count);
+        }
+      });
+    } else {
+      const NearWords words(args, begin);
+      certain = WalkRows<kThin>(args, triangle, begin, end, table, 0, 1,
+                                [&](int y, int z, int x, int count) { words.SetFew(y, z, x, count); });
+    }
     fate = certain ? CellFate::kDone : CellFate::kLayers;
   }
   AwaitEarlier();

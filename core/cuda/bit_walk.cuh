@@ -58,14 +58,28 @@ __device__ inline void SetOctants(const BitArgs& args, const int (&first)[3], ui
   }
 }
 
-// At most kMostCells voxels of a row.
-__device__ inline void SetFew(const BitArgs& args, int y, int z, int x_begin, int x_end) {
-  uint32_t* const word = args.bits + args.grid.Word(x_begin, y, z);
-  const int shift = x_begin & 31;
-  const uint64_t mask = uint64_t{(1u << (x_end - x_begin)) - 1} << shift;
-  ReduceOr(word, uint32_t(mask));
-  if (uint32_t(mask >> 32) != 0) ReduceOr(word + 1, uint32_t(mask >> 32));
-}
+// The grid's words about a box of voxels: rows are found by few steps.
+class NearWords {
+ public:
+  // `begin`: the box's first voxel, in the grid.
+  __device__ NearWords(const BitArgs& args, const int (&begin)[3])
+      : first_(args.bits + args.grid.Word(begin[0], begin[1], begin[2])),
+        shift_(begin[0] & 31),
+        row_(uint32_t(args.grid.words_per_row)),
+        layer_(row_ * uint32_t(args.grid.dims[1])) {}
+  // `count` voxels from x on, at most kMostCells, counted from the box's first one as all are.
+  __device__ void SetFew(int y, int z, int x, int count) const {
+    const uint64_t mask = uint64_t{(1u << count) - 1} << (shift_ + x);
+    uint32_t* const word = first_ + (uint32_t(y) * row_ + uint64_t{uint32_t(z)} * layer_);
+    if (uint32_t(mask) != 0) ReduceOr(word, uint32_t(mask));
+    if (uint32_t(mask >> 32) != 0) ReduceOr(word + 1, uint32_t(mask >> 32));
+  }
+
+ private:
+  uint32_t* first_;
+  int shift_;
+  uint32_t row_, layer_;
+};
 
 // Where the walk sets bits: in the grid's words, one by one, or, of octants, those of a warp together (word_box.cuh); or in bricks (bit_pool.cuh).
 enum class BitSink { kWords, kTogether, kBricks };
@@ -148,10 +162,11 @@ __device__ inline bool FindOctants(const BitArgs& args, const FixedTriangle& t, 
   const FixedBox& box = t.box;
   int corner[3];
   for (int a = 0; a < 3; ++a) corner[a] = (box.first[a] + 1) << args.fixed.bits;
-  const Octants o = TouchedOctants<kThin>(t.v.at, corner, args.fixed);
+  const uint32_t in_box = (box.first[0] == box.last[0] ? 0x55u : 0xffu) &
+                          (box.first[1] == box.last[1] ? 0x33u : 0xffu) & (box.first[2] == box.last[2] ? 0x0fu : 0xffu);
+  const Octants o = TouchedOctants<kThin>(t.v.at, corner, in_box, args.fixed);
   if (o.doubtful) return false;
-  octants = o.touched & (box.first[0] == box.last[0] ? 0x55u : 0xffu) & (box.first[1] == box.last[1] ? 0x33u : 0xffu) &
-            (box.first[2] == box.last[2] ? 0x0fu : 0xffu);
+  octants = o.touched;
   return true;
 }
 
@@ -179,22 +194,15 @@ __device__ inline void SetOctantsTogether(const BitArgs& args, const int (&first
   if (octants != 0) SetOctants(args, first, octants);
 }
 
-// A triangle of at most kMostCells voxels along each axis, by set(y, z, x_begin, x_end); false if some voxel is in doubt. Of the layers those from
-// number `part` on, `parts` apart.
+// A triangle of at most kMostCells voxels along each axis, by set(y, z, x, count): rows of voxels of its box, counted from `begin`, of what is in
+// the grid. False if some voxel is in doubt. Of the layers those from number `part` on, `parts` apart.
 template <bool kThin, typename Set>
-__device__ inline bool WalkRows(const BitArgs& args, const FixedTriangle& t, CellSpan* table, int part, int parts,
-                                Set&& set) {
+__device__ inline bool WalkRows(const BitArgs& args, const FixedTriangle& t, const int (&begin)[3], const int (&end)[3],
+                                CellSpan* table, int part, int parts, Set&& set) {
   const FixedBox& box = t.box;
-  int begin[3], end[3];
-  ClipBox(args, box, begin, end);
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
-  if (!kThin && single >= 2) {  // the run class
-    for (int z = begin[2] + part; z < end[2]; z += parts) {
-      for (int y = begin[1]; y < end[1]; ++y) set(y, z, begin[0], end[0]);
-    }
-    return true;
-  }
-  return VisitCells<kThin>(t.v.at, box, begin, end, args.fixed, table, kCellThreads, set, part, parts);
+  const bool run = !kThin && single >= 2;  // of the run class
+  return VisitCells<kThin>(t.v.at, box, begin, end, args.fixed, table, kCellThreads, run, set, part, parts);
 }
 
 // A triangle whose fate is kRows; likewise.
@@ -204,14 +212,17 @@ __device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>&
   FixedTriangle t;
   t.v = LoadFixed<kPacked>(args, fetched);
   t.box = BoxOf(t.v.at, args.fixed);
-  PoolRows rows(args);
-  return WalkRows<kThin>(args, t, table, part, parts, [&](int y, int z, int x_begin, int x_end) {
-    if constexpr (kSink == BitSink::kBricks) {
-      rows.SetFew(y, z, x_begin, x_end);
-    } else {
-      SetFew(args, y, z, x_begin, x_end);
-    }
-  });
+  int begin[3], end[3];
+  ClipBox(args, t.box, begin, end);
+  if constexpr (kSink == BitSink::kBricks) {
+    PoolRows rows(args);
+    return WalkRows<kThin>(args, t, begin, end, table, part, parts, [&](int y, int z, int x, int count) {
+      rows.SetFew(begin[1] + y, begin[2] + z, begin[0] + x, begin[0] + x + count);
+    });
+  }
+  const NearWords words(args, begin);
+  return WalkRows<kThin>(args, t, begin, end, table, part, parts,
+                         [&](int y, int z, int x, int count) { words.SetFew(y, z, x, count); });
 }
 
 // The same of a mesh that reaches too far for fixed point, and under center coverage: its queue alone.

@@ -10,6 +10,7 @@
 #include "cuda/cell_runs.cuh"
 #include "cuda/cell_views.h"
 #include "cuda/in_place.cuh"
+#include "cuda/key_box.cuh"
 #include "cuda/span_views.h"
 
 namespace voxelpipe::cuda {
@@ -37,13 +38,27 @@ struct CellArgs {
   BrickPool pool;
 };
 
+// A warp's.
+template <CellSink kSink>
+struct FindWarpRoom {
+  union {
+    CellSpan table[kBlockSide][32];
+    StagedCorners staged;
+  };
+};
+template <>
+struct FindWarpRoom<CellSink::kBlend> {
+  union {
+    CellSpan table[kBlockSide][32];
+    KeyBox keys;
+    CellRunRoom<uint32_t, 1> runs;
+  };
+  StagedCorners staged;
+};
+template <CellSink kSink>
 struct FindRoom {
   static constexpr int kTriangles = kMostFindRounds * kFindThreads;
-  union {
-    CellSpan table[kBlockSide][kFindThreads];
-    StagedCorners staged[kFindThreads / 32];
-  };
-  CellRunRoom<uint32_t, 1> runs[kFindThreads / 32];
+  FindWarpRoom<kSink> of_warps[kFindThreads / 32];
   uint16_t cells[kTriangles];    // that wait for octants, from the begin on, and for rows, from the end on
   uint16_t waiting[kTriangles];  // for another kernel
   uint32_t octant_count, row_count, waiting_count;
@@ -62,6 +77,10 @@ __device__ inline bool KeepInside(const GridView& grid, int (&first)[3], uint32_
   const int low[3] = {0, 0, int(grid.slab_begin)};
   const int high[3] = {int(grid.dims[0]), int(grid.dims[1]), int(grid.slab_end)};
   constexpr uint32_t kNear[3] = {0x55, 0x33, 0x0f};
+  bool inside = true;  // all of them, as most often
+#pragma unroll
+  for (int a = 0; a < 3; ++a) inside = inside & (uint32_t(first[a] - low[a]) < uint32_t(high[a] - low[a] - 1));
+  if (inside) return octants != 0;
 #pragma unroll
   for (int a = 0; a < 3; ++a) {
     if (first[a] < low[a]) {
@@ -117,10 +136,37 @@ __device__ inline void BlendOctants(const CellArgs& args, uint32_t first, uint32
   }
 }
 
+// Of the octants about corners that a warp's lanes bring, within the grid, leaves those that no other lane brings a larger key to. False where the
+// warp's box does not hold them: then all are left. All lanes call it.
+__device__ inline bool LargestAmongLanes(KeyBox& box, const int (&first)[3], uint32_t& octants, uint32_t key) {
+  int last[3];
+#pragma unroll
+  for (int a = 0; a < 3; ++a) last[a] = first[a] + ((octants & HalfOf(a)) != 0 ? 1 : 0);
+  const KeyPlace place = FitKeys(octants != 0, first, last);
+  if (!place.fits()) return false;
+  __syncwarp();
+  ClearKeys(box, place);
+  __syncwarp();
+  uint32_t* const cells = box.cells + (octants != 0 ? place.At(first) : 0);
+  const auto cell = [&](uint32_t i) {
+    return cells + (i & 1) + ((i & 2) != 0 ? place.row : 0) + ((i & 4) != 0 ? place.layer : 0);
+  };
+#pragma unroll
+  for (uint32_t i = 0; i < 8; ++i) {
+    if ((octants >> i & 1) != 0) atomicMax(cell(i), key);
+  }
+  __syncwarp();
+#pragma unroll
+  for (uint32_t i = 0; i < 8; ++i) {
+    if ((octants >> i & 1) != 0 && *cell(i) != key) octants &= ~(1u << i);
+  }
+  return true;
+}
+
 // What a warp does with the octants of its lanes' triangles; `takes`: the lane has a triangle, whose octants these are, and whose record.
 // `in_order`: of two lanes the later one has the later triangle.
 template <CellSink kSink, int kShader>
-__device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1>& room, bool plain, bool in_order,
+__device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& room, bool plain, bool in_order,
                                    bool takes, uint32_t t, uint64_t record, int (&first)[3], uint32_t octants,
                                    uint64_t& fragments) {
   uint32_t bit = 0;
@@ -139,16 +185,22 @@ __device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1
     if (takes) args.records[record] = octants == 0 ? 0 : PackCell(CellKind::kOctants, bit, octants);
     if constexpr (kSink == CellSink::kRecordsAndBits) SetOctantsTogether(args.walk, first, octants);
   } else {
+    if (__any_sync(~0u, octants != 0) == 0) return;
     uint32_t key[1] = {};
-    if (octants != 0) KeysOf<kShader, 1>(args.blend, plain, t, key);
-    if constexpr (kShader >= 0) {  // triangle ids: see FindCells
-      // Ids grow from lane to lane: one of a run has the largest key of an octant, and nothing is to be combined.
-      if (__any_sync(~0u, octants != 0) == 0) return;
+    if (octants != 0) KeysOf<kShader, 1>(args.blend, /*plain=*/false, t, key);
+    const bool is_float = args.blend.negative != nullptr;  // its keys are never 0
+    if (is_float && LargestAmongLanes(room.keys, first, octants, key[0])) {
+      BlendOctants(args, bit, octants, plain ? key[0] ^ 0x80000000u : key[0]);
+      return;
+    }
+    if (plain) key[0] ^= 0x80000000u;
+    if constexpr (kShader >= 0) {
+      // Triangle ids (see FindCells) grow from lane to lane: one of a run has the largest key of an octant, and nothing is to be combined.
       if (in_order) octants = OctantsAlone(bit, octants, args.blend.blend == InPlace::kMax);
       BlendOctants(args, bit, octants, key[0]);
     } else {
       CombineRuns<uint32_t, 1>(
-          room, bit, octants, key, [](uint32_t a, uint32_t b) { return max(a, b); },
+          room.runs, bit, octants, key, [](uint32_t a, uint32_t b) { return max(a, b); },
           [&](const OctantOfRun<uint32_t, 1>& of) {
             const uint32_t bit_of = BitOfOctant(args.walk.grid, of.first, of.octant);
             if (of.octant % 2 == 0 && (of.count | of.beside) != 0) {
@@ -162,59 +214,54 @@ __device__ inline void TakeOctants(const CellArgs& args, CellRunRoom<uint32_t, 1
 }
 
 // What is left to do of a block of voxels, by all lanes of a warp together.
-struct PooledBlock {
+struct FoundBlock {
   int first[3] = {};  // of the slab
   uint64_t mask = 0;
-  uint32_t key[1] = {};
+  uint32_t key[1] = {};  // not plain
 };
+
+// Blends the rows of a block, whose first voxel has the bit.
+__device__ inline void BlendBlock(const CellArgs& args, uint32_t first, uint64_t mask, uint32_t key) {
+  ForEachBlockRow(args.walk.grid, first, mask, [&](uint32_t at, uint32_t four) {
+    CoverBits(args.walk.bits, at, four);
+    const uint64_t n = VoxelOfBit(at, args.blend.nx, args.blend.words_per_row);
+#pragma unroll
+    for (uint32_t x = 0; x < uint32_t(kBlockSide); ++x) {
+      if ((four >> x & 1) != 0) atomicMax(args.blend.out + n + x, key);
+    }
+  });
+}
 
 // A triangle of few rows as a block, which has the record; false if some voxel is in doubt.
 template <bool kThin, CellSink kSink, int kShader, bool kPacked>
-__device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, uint64_t record, CellSpan* table,
-                                 uint64_t& fragments, PooledBlock& pooled) {
+__device__ inline bool TakeBlock(const CellArgs& args, uint32_t t, uint64_t record, CellSpan* table,
+                                 uint64_t& fragments, FoundBlock& found) {
   const FixedCorners v = LoadFixed<kPacked>(args.walk, t);
   const FixedBox box = BoxOf(v.at, args.walk.fixed);
   int begin[3], end[3];
   ClipBox(args.walk, box, begin, end);
   uint64_t mask = 0;
-  const auto add = [&](int y, int z, int x_begin, int x_end) {
-    const int at = (x_begin - begin[0]) + kBlockSide * ((y - begin[1]) + kBlockSide * (z - begin[2]));
-    mask |= uint64_t{(1u << (x_end - x_begin)) - 1} << at;
-  };
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
-  if (!kThin && single >= 2) {  // the run class
-    for (int z = begin[2]; z < end[2]; ++z) {
-      for (int y = begin[1]; y < end[1]; ++y) add(y, z, begin[0], end[0]);
-    }
-  } else if (!VisitCells<kThin>(v.at, box, begin, end, args.walk.fixed, table, kFindThreads, add)) {
-    return false;
-  }
+  const bool run = !kThin && single >= 2;  // of the run class
+  const auto add = [&](int y, int z, int x, int count) {
+    mask |= uint64_t{(1u << count) - 1} << (x + kBlockSide * (y + kBlockSide * z));
+  };
+  if (!VisitCells<kThin>(v.at, box, begin, end, args.walk.fixed, table, 32, run, add)) return false;
   fragments += uint32_t(__popcll(mask));
-  if constexpr (kSink == CellSink::kPool) {
-    for (int a = 0; a < 3; ++a) pooled.first[a] = begin[a];
-    pooled.first[2] -= int(args.walk.grid.slab_begin);
-    pooled.mask = mask;
-    KeysOf<kShader, 1>(args.blend, plain, t, pooled.key);
+  if constexpr (kSink == CellSink::kPool || kSink == CellSink::kBlend) {
+    for (int a = 0; a < 3; ++a) found.first[a] = begin[a];
+    found.first[2] -= int(args.walk.grid.slab_begin);
+    found.mask = mask;
+    KeysOf<kShader, 1>(args.blend, /*plain=*/false, t, found.key);
     return true;
   }
   const uint32_t first = BitOfVoxel(args.walk.grid, begin[0], begin[1], begin[2]);
-  if constexpr (kSink != CellSink::kBlend) {
-    args.records[record] = PackCell(CellKind::kBlock, first, 0);
-    args.blocks[record] = mask;
+  args.records[record] = PackCell(CellKind::kBlock, first, 0);
+  args.blocks[record] = mask;
+  if constexpr (kSink == CellSink::kRecordsAndBits) {
+    ForEachBlockRow(args.walk.grid, first, mask,
+                    [&](uint32_t at, uint32_t four) { CoverBits(args.walk.bits, at, four); });
   }
-  if constexpr (kSink == CellSink::kRecords) return true;
-  uint32_t key[1] = {};
-  if constexpr (kSink == CellSink::kBlend) KeysOf<kShader, 1>(args.blend, plain, t, key);
-  ForEachBlockRow(args.walk.grid, first, mask, [&](uint32_t at, uint32_t four) {
-    CoverBits(args.walk.bits, at, four);
-    if constexpr (kSink == CellSink::kBlend) {
-      const uint64_t n = VoxelOfBit(at, args.blend.nx, args.blend.words_per_row);
-#pragma unroll
-      for (uint32_t x = 0; x < uint32_t(kBlockSide); ++x) {
-        if ((four >> x & 1) != 0) atomicMax(args.blend.out + n + x, key[0]);
-      }
-    }
-  });
   return true;
 }
 
@@ -222,14 +269,14 @@ __device__ inline bool TakeBlock(const CellArgs& args, bool plain, uint32_t t, u
 // walk, those alone that it names; records then stand in that order. kPacked: the walk has packed corners.
 template <bool kThin, CellSink kSink, int kShader, bool kOrdered, bool kPacked>
 __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __grid_constant__ CellArgs args) {
-  __shared__ FindRoom room;
+  __shared__ FindRoom<kSink> room;
   AllowNext();
   const BitArgs& walk = args.walk;
   if (threadIdx.x == 0) room.octant_count = room.row_count = room.waiting_count = room.turn = 0;
   __syncthreads();
   const bool fixed = walk.fixed.bits > 0 && walk.coverage != Coverage::kCenter;
   const bool plain = kSink == CellSink::kBlend && args.blend.negative != nullptr && *args.blend.negative == 0;
-  CellRunRoom<uint32_t, 1>& runs = room.runs[threadIdx.x / 32];
+  FindWarpRoom<kSink>& own = room.of_warps[threadIdx.x / 32];
   const uint64_t chunk = uint64_t(blockIdx.x) * uint64_t(walk.rounds) * kFindThreads;
   uint64_t fragments = 0, count = walk.triangle_count;
   if constexpr (kOrdered) {
@@ -240,7 +287,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     if constexpr (kOrdered) return __ldg(walk.order + i);
     return uint32_t(i);
   };
-  StagedCorners& staged = room.staged[threadIdx.x / 32];
+  StagedCorners& staged = own.staged;
   const auto ahead = [&](uint64_t number) {
     if (kOrdered && number >= count) return 0u;
     return triangle_at(number);
@@ -274,11 +321,11 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       }
       __syncwarp();
     }
-    TakeOctants<kSink, kShader>(args, runs, plain, !kOrdered, fate == CellFate::kDone && number < count, t, number,
+    TakeOctants<kSink, kShader>(args, own, plain, !kOrdered, fate == CellFate::kDone && number < count, t, number,
                                 triangle.box.first, octants, fragments);
     AppendInBlock(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
     if (__any_sync(~0u, WaitsForRows(fate)) == 0) continue;
-    AppendInBlock(fate == CellFate::kRows, local, room.cells + (FindRoom::kTriangles - 1), -1, &room.row_count);
+    AppendInBlock(fate == CellFate::kRows, local, room.cells + (FindRoom<kSink>::kTriangles - 1), -1, &room.row_count);
     AppendInBlock(fate == CellFate::kLayers || fate == CellFate::kLarge, local, room.waiting, 1, &room.waiting_count);
   }
   __syncthreads();
@@ -290,14 +337,22 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     uint32_t local = 0;
     if (turn < row_turns) {
       const uint32_t i = turn * 32 + threadIdx.x % 32;
-      PooledBlock pooled;
+      FoundBlock found;
+      __syncwarp();  // what the table lies over is read
       if (i < row_count) {
-        local = room.cells[FindRoom::kTriangles - 1 - int(i)];
-        doubtful = !TakeBlock<kThin, kSink, kShader, kPacked>(args, plain, triangle_at(chunk + local), chunk + local,
-                                                              &room.table[0][threadIdx.x], fragments, pooled);
+        local = room.cells[FindRoom<kSink>::kTriangles - 1 - int(i)];
+        doubtful = !TakeBlock<kThin, kSink, kShader, kPacked>(args, triangle_at(chunk + local), chunk + local,
+                                                              &own.table[0][threadIdx.x % 32], fragments, found);
       }
       __syncwarp();
-      if constexpr (kSink == CellSink::kPool) BlendBlockInPool(args.pool, pooled.first, pooled.mask, pooled.key[0]);
+      if constexpr (kSink == CellSink::kPool) BlendBlockInPool(args.pool, found.first, found.mask, found.key[0]);
+      if constexpr (kSink == CellSink::kBlend) {
+        const GridView& grid = walk.grid;
+        if (found.mask != 0) {
+          const uint32_t bit = BitOfVoxel(grid, found.first[0], found.first[1], found.first[2] + int(grid.slab_begin));
+          BlendBlock(args, bit, found.mask, found.key[0] ^ (plain ? 0x80000000u : 0));
+        }
+      }
     } else {
       const uint32_t i = (turn - row_turns) * 32 + threadIdx.x % 32;
       uint32_t t = 0, octants = 0;
@@ -310,7 +365,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
         doubtful = !FindOctants<kThin>(walk, triangle, octants);
       }
       __syncwarp();
-      TakeOctants<kSink, kShader>(args, runs, plain, false, i < octant_count && !doubtful, t, chunk + local,
+      TakeOctants<kSink, kShader>(args, own, plain, false, i < octant_count && !doubtful, t, chunk + local,
                                   triangle.box.first, octants, fragments);
     }
     AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);

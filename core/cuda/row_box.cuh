@@ -29,9 +29,11 @@ struct RowPlace {
   int pitch = 0;  // of layers; 0: the triangles reach too far, and their bits are set in the grid
 
   __device__ bool fits() const { return pitch != 0; }
-  // Voxels [x_begin, x_end) of a row.
-  __device__ void Set(RowBox& box, int y, int z, int x_begin, int x_end) const {
-    atomicOr(&box.rows[offset + y + z * pitch], ((1u << (x_end - x_begin)) - 1) << (x_begin - x));
+  // The row of a voxel.
+  __device__ uint32_t RowOf(const int (&voxel)[3]) const { return uint32_t(offset + voxel[1] + voxel[2] * pitch); }
+  // `count` voxels from number `from` of the box's on, in the row that lies y rows and z layers behind the `first`.
+  __device__ void Set(RowBox& box, uint32_t first, int y, int z, uint32_t from, int count) const {
+    atomicOr(&box.rows[first + uint32_t(y + z * pitch)], ((1u << count) - 1) << from);
   }
 };
 

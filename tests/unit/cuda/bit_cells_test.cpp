@@ -65,7 +65,10 @@ Answer ByCells(const Triangle& world, const FixedPlace& place, const Packing* pa
   Answer answer;
   if (greatest >= kMostCells || (!kThin && single >= 2)) return {};  // for others, or nothing to decide
   if (greatest <= 1) {
-    const Octants o = kThin && single >= 2 ? TouchedThinRun(v, box, place) : TouchedOctants<kThin>(v, corner, place);
+    uint32_t in_box = 0xff;
+    for (int a = 0; a < 3; ++a) in_box &= box.first[a] == box.last[a] ? ~HalfOf(a) : 0xff;
+    const Octants o =
+        kThin && single >= 2 ? TouchedThinRun(v, box, place) : TouchedOctants<kThin>(v, corner, in_box, place);
     answer.certain = !o.doubtful;
     for (int i = 0; i < 8; ++i) {
       const std::array<int, 3> at{box.first[0] + (i & 1), box.first[1] + (i >> 1 & 1), box.first[2] + (i >> 2)};
@@ -77,8 +80,8 @@ Answer ByCells(const Triangle& world, const FixedPlace& place, const Packing* pa
   }
   std::array<CellSpan, kMostCells> table;
   answer.certain =
-      VisitCells<kThin>(v, box, begin, end, place, table.data(), 1, [&](int y, int z, int x_begin, int x_end) {
-        for (int x = x_begin; x < x_end; ++x) answer.voxels.insert({x, y, z});
+      VisitCells<kThin>(v, box, begin, end, place, table.data(), 1, false, [&](int y, int z, int x, int count) {
+        for (int i = 0; i < count; ++i) answer.voxels.insert({begin[0] + x + i, begin[1] + y, begin[2] + z});
       });
   return answer;
 }
