@@ -194,6 +194,37 @@ TEST(PackedPlaceTest, VerticesAreOffByLessThanTwoUnits) {
   }
 }
 
+TEST(VisitCellsTest, ATriangleThatIsSaidToTouchAllOfItsBoxHasAllRowsOfItThatAreInTheGrid) {
+  const FixedPlace place = MakeFixedPlace({}, {1, 1, 1}, {}, {kDims, kDims, kDims});
+  for (int axis = 0; axis < 3; ++axis) {
+    // Four voxels along the axis, the first of them outside of the grid, and two along the next, of which a line from corner to corner leaves some out.
+    const int next = (axis + 1) % 3;
+    int v[3][3], begin[3], end[3];
+    for (int a = 0; a < 3; ++a) {
+      const double from = a == axis ? -0.5 : 7.25, upto = a == axis ? 2.5 : a == next ? 8.75 : 7.75;
+      for (int i = 0; i < 3; ++i) v[i][a] = ToFixed(i == 1 ? upto : from, place.scale[a], place.offset[a]);
+      begin[a] = a == axis ? 0 : 7;
+      end[a] = a == axis ? 3 : a == next ? 9 : 8;
+    }
+    const FixedBox box = BoxOf(v, place);
+    ASSERT_FALSE(box.doubtful);
+    ASSERT_EQ(box.first[axis], -1);
+    std::array<CellSpan, kMostCells> table;
+    Voxels voxels, expected;
+    for (int i = 0; i < 6; ++i) {
+      std::array<int, 3> at{7, 7, 7};
+      at[size_t(axis)] = i % 3;
+      at[size_t(next)] += i / 3;
+      expected.insert(at);
+    }
+    EXPECT_TRUE(
+        VisitCells<false>(v, box, begin, end, place, table.data(), 1, true, [&](int y, int z, int x, int count) {
+          for (int i = 0; i < count; ++i) voxels.insert({begin[0] + x + i, begin[1] + y, begin[2] + z});
+        }));
+    EXPECT_EQ(voxels, expected) << axis;
+  }
+}
+
 TEST(FixedPlaceTest, MeshesThatReachTooFarHaveNone) {
   const Vec3d origin{}, size{1, 1, 1}, least{-1, -1, -1};
   EXPECT_EQ(MakeFixedPlace(origin, size, least, Vec3d{40'000, 1, 1}).bits, 0);
