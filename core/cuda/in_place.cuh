@@ -51,13 +51,12 @@ __device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_
   }
 }
 
-// What triangle t brings, as the target keeps it. kShader: its shader, where that is cheaper than to read what was made
-// before; -1: values stand ready.
+// What triangle t brings, as the target keeps it. kShader: that of triangle ids, which is cheaper than to read what was made before; -1, of any
+// other: values stand ready.
 template <int kShader, int kComponents>
 __device__ inline void ValuesOf(const uint32_t* values, const FineArgs& shading, uint32_t t,
                                 uint32_t (&to)[kComponents]) {
-  if constexpr (kShader == int(FragmentShaderId::kTriangleId) && kComponents == 1) {
-    // Largest and least ids without what other shaders and formats need.
+  if constexpr (kShader >= 0 && kComponents == 1) {  // largest and least ids without what other formats and blends need
     const TileTarget& target = shading.targets[0];
     const bool ordered = target.kept == Kept::kMax || target.kept == Kept::kMin;
     if (ordered && target.target.format == VoxelFormat::kF32) {
