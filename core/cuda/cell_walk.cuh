@@ -139,10 +139,13 @@ __device__ inline void BlendOctants(const CellArgs& args, uint32_t first, uint32
 // Of the octants about corners that a warp's lanes bring, within the grid, leaves those that no other lane brings a larger key to. False where the
 // warp's box does not hold them: then all are left. All lanes call it.
 __device__ inline bool LargestAmongLanes(KeyBox& box, const int (&first)[3], uint32_t& octants, uint32_t key) {
-  int last[3];
+  uint32_t from[3], last[3];
 #pragma unroll
-  for (int a = 0; a < 3; ++a) last[a] = first[a] + ((octants & HalfOf(a)) != 0 ? 1 : 0);
-  const KeyPlace place = FitKeys(octants != 0, first, last);
+  for (int a = 0; a < 3; ++a) {
+    from[a] = uint32_t(first[a]);
+    last[a] = from[a] + ((octants & HalfOf(a)) != 0 ? 1 : 0);
+  }
+  const KeyPlace place = FitKeys(octants != 0, from, last);
   if (!place.fits()) return false;
   __syncwarp();
   ClearKeys(box, place);

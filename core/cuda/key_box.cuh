@@ -24,13 +24,9 @@ struct KeyPlace {
 };
 
 // The box of what the lanes with `has` reach, voxels `from` to `last`. All lanes call it.
-__device__ inline KeyPlace FitKeys(bool has, const int (&from)[3], const int (&last)[3]) {
+__device__ inline KeyPlace FitKeys(bool has, const uint32_t (&from)[3], const uint32_t (&last)[3]) {
   uint32_t least[3], size[3];
-#pragma unroll
-  for (int a = 0; a < 3; ++a) {
-    least[a] = WarpLeast(has ? uint32_t(from[a]) : ~0u);
-    size[a] = WarpLargest(has ? uint32_t(last[a]) : 0u) + 1 - least[a];
-  }
+  WarpBox(has, from, last, least, size);
   KeyPlace place;
   if (least[0] == ~0u || max(size[0], max(size[1], size[2])) > KeyBox::kCells) return place;
   const uint32_t count = size[0] * size[1] * size[2];

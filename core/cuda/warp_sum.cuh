@@ -37,6 +37,17 @@ __device__ inline uint32_t WarpLargest(uint32_t value) {
 #endif
 }
 
+// The box of what the lanes with `has` bring, `from` to `last` along each axis, none below 0: its first place, ~0 where no lane has any, and its size;
+// likewise.
+__device__ inline void WarpBox(bool has, const uint32_t (&from)[3], const uint32_t (&last)[3], uint32_t (&least)[3],
+                               uint32_t (&size)[3]) {
+#pragma unroll
+  for (int a = 0; a < 3; ++a) {
+    least[a] = WarpLeast(has ? from[a] : ~0u);
+    size[a] = WarpLargest(has ? last[a] : 0u) + 1 - least[a];
+  }
+}
+
 // The sum over the lanes up to this one; likewise.
 template <typename T>
 __device__ inline T SumUpto(T value) {

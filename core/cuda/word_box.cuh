@@ -37,10 +37,7 @@ __device__ inline BoxPlace FitBox(WordBox& box, bool has, const int (&begin)[3],
   const uint32_t from[3] = {uint32_t(begin[0]) >> 5, uint32_t(begin[1]), uint32_t(begin[2])};
   const uint32_t last[3] = {uint32_t(end[0] - 1) >> 5, uint32_t(end[1] - 1), uint32_t(end[2] - 1)};
   uint32_t least[3], size[3];
-  for (int a = 0; a < 3; ++a) {
-    least[a] = WarpLeast(has ? from[a] : ~0u);
-    size[a] = WarpLargest(has ? last[a] : 0u) - least[a] + 1;
-  }
+  WarpBox(has, from, last, least, size);
   BoxPlace place;
   if (least[0] == ~0u || size[0] > kBoxWords || size[1] > kBoxWords || size[2] > kBoxWords ||
       size[0] * size[1] * size[2] > kBoxWords) {
