@@ -46,6 +46,7 @@ bool HasWholeRows(const RunState& state, const CudaTarget& target) {
 absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& memory) {
   const bool is_float = target.format == VoxelFormat::kF32;
   if (target.blend != Blend::kMin && (target.blend != Blend::kMax || !is_float)) return absl::OkStatus();
+  if (target.blend == Blend::kMax && memory.by_id) return absl::OkStatus();  // ids are their own keys: none is negative
   KeyArgs keys;
   keys.coverage = state.coverage.data();
   keys.negative = is_float ? memory.negative.data() : nullptr;

@@ -23,7 +23,7 @@ inline constexpr int kFindBlocks = 4;  // of FindCells on a multiprocessor at on
 enum class CellSink {
   kRecords,         // records alone
   kRecordsAndBits,  // and the coverage
-  kBlend,           // blended in place, by maximum, and the coverage
+  kBlend,           // blended in place, by maximum, and the coverage or the touched blocks
   kPool,            // blended in a pool of bricks, by maximum
 };
 
@@ -120,9 +120,32 @@ __device__ inline void ForEachBlockRow(const GridView& grid, uint32_t first, uin
   }
 }
 
-// Blends the octants about a corner whose first voxel has the bit, and covers them.
-__device__ inline void BlendOctants(const CellArgs& args, uint32_t first, uint32_t octants, uint32_t key) {
+// A voxel of the slab's dense target of one component; it has less than 2^32.
+__device__ inline uint32_t* CellOf(const CellArgs& args, int x, int y, int z) {
+  const uint32_t row = uint32_t(args.walk.grid.dims[1]) * uint32_t(z) + uint32_t(y);
+  return args.blend.out + (uint32_t(x) + args.blend.nx * row);
+}
+
+// Blends the octants about a corner whose first voxel is given, and has the bit, and covers them or touches their blocks.
+template <int kShader>
+__device__ inline void BlendOctants(const CellArgs& args, const int (&voxel)[3], uint32_t first, uint32_t octants,
+                                    uint32_t key) {
   const GridView& grid = args.walk.grid;
+  if constexpr (kShader >= 0) {
+    if (args.blend.touched.marks != nullptr) {
+      if (octants == 0) return;
+      const int z = voxel[2] - int(grid.slab_begin);
+      args.blend.touched.Touch(voxel[0], voxel[1], z);
+      uint32_t* const out = CellOf(args, voxel[0], voxel[1], z);
+      const uint32_t row = args.blend.nx, layer = row * uint32_t(grid.dims[1]);
+#pragma unroll
+      for (uint32_t i = 0; i < 8; ++i) {
+        uint32_t* const cell = out + ((i & 2) != 0 ? row : 0) + ((i & 4) != 0 ? layer : 0) + (i & 1);
+        if ((octants >> i & 1) != 0) atomicMax(cell, key);
+      }
+      return;
+    }
+  }
   const auto row = uint32_t(grid.words_per_row) * 32, layer = row * uint32_t(grid.dims[1]);
 #pragma unroll
   for (uint32_t pair = 0; pair < 4; ++pair) {
@@ -159,10 +182,12 @@ __device__ inline bool LargestAmongLanes(KeyBox& box, const int (&first)[3], uin
     if ((octants >> i & 1) != 0) atomicMax(cell(i), key);
   }
   __syncwarp();
+  uint32_t smaller = 0;  // all cells are read before any is waited for
 #pragma unroll
   for (uint32_t i = 0; i < 8; ++i) {
-    if ((octants >> i & 1) != 0 && *cell(i) != key) octants &= ~(1u << i);
+    if ((octants >> i & 1) != 0 && *cell(i) != key) smaller |= 1u << i;
   }
+  octants &= ~smaller;
   return true;
 }
 
@@ -193,14 +218,14 @@ __device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& ro
     if (octants != 0) KeysOf<kShader, 1>(args.blend, /*plain=*/false, t, key);
     const bool is_float = args.blend.negative != nullptr;  // its keys are never 0
     if (is_float && LargestAmongLanes(room.keys, first, octants, key[0])) {
-      BlendOctants(args, bit, octants, plain ? key[0] ^ 0x80000000u : key[0]);
+      BlendOctants<kShader>(args, first, bit, octants, plain ? key[0] ^ 0x80000000u : key[0]);
       return;
     }
     if (plain) key[0] ^= 0x80000000u;
     if constexpr (kShader >= 0) {
       // Triangle ids (see FindCells) grow from lane to lane: one of a run has the largest key of an octant, and nothing is to be combined.
       if (in_order) octants = OctantsAlone(bit, octants, args.blend.blend == InPlace::kMax);
-      BlendOctants(args, bit, octants, key[0]);
+      BlendOctants<kShader>(args, first, bit, octants, key[0]);
     } else {
       CombineRuns<uint32_t, 1>(
           room.runs, bit, octants, key, [](uint32_t a, uint32_t b) { return max(a, b); },
@@ -223,10 +248,13 @@ struct FoundBlock {
   uint32_t key[1] = {};  // not plain
 };
 
-// Blends the rows of a block, whose first voxel has the bit.
-__device__ inline void BlendBlock(const CellArgs& args, uint32_t first, uint64_t mask, uint32_t key) {
+// Blends the rows of a block, whose first voxel has the bit; likewise.
+__device__ inline void BlendBlock(const CellArgs& args, const int (&voxel)[3], uint32_t first, uint64_t mask,
+                                  uint32_t key) {
+  const bool touches = args.blend.touched.marks != nullptr;
+  if (touches) args.blend.touched.TouchBox(voxel[0], voxel[1], voxel[2], mask);
   ForEachBlockRow(args.walk.grid, first, mask, [&](uint32_t at, uint32_t four) {
-    CoverBits(args.walk.bits, at, four);
+    if (!touches) CoverBits(args.walk.bits, at, four);
     const uint64_t n = VoxelOfBit(at, args.blend.nx, args.blend.words_per_row);
 #pragma unroll
     for (uint32_t x = 0; x < uint32_t(kBlockSide); ++x) {
@@ -278,7 +306,9 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
   if (threadIdx.x == 0) room.octant_count = room.row_count = room.waiting_count = room.turn = 0;
   __syncthreads();
   const bool fixed = walk.fixed.bits > 0 && walk.coverage != Coverage::kCenter;
-  const bool plain = kSink == CellSink::kBlend && args.blend.negative != nullptr && *args.blend.negative == 0;
+  // Ids are never negative.
+  const bool plain =
+      kSink == CellSink::kBlend && args.blend.negative != nullptr && (kShader >= 0 || *args.blend.negative == 0);
   FindWarpRoom<kSink>& own = room.of_warps[threadIdx.x / 32];
   const uint64_t chunk = uint64_t(blockIdx.x) * uint64_t(walk.rounds) * kFindThreads;
   uint64_t fragments = 0, count = walk.triangle_count;
@@ -353,7 +383,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
         const GridView& grid = walk.grid;
         if (found.mask != 0) {
           const uint32_t bit = BitOfVoxel(grid, found.first[0], found.first[1], found.first[2] + int(grid.slab_begin));
-          BlendBlock(args, bit, found.mask, found.key[0] ^ (plain ? 0x80000000u : 0));
+          BlendBlock(args, found.first, bit, found.mask, found.key[0] ^ (plain ? 0x80000000u : 0));
         }
       }
     } else {

@@ -39,19 +39,26 @@ inline SpanList ListOf(RunState& state) {
   return list;
 }
 
+// Gives the rows of the large queue to writers.
+template <typename Writer>
+absl::Status EmitLargest(const RunState& state, const RestArgs& args, const typename Writer::Args& out) {
+  constexpr int kRoom = kSetupsOfBlock * int(sizeof(SharedSetup));
+  static_assert(kRoom <= 48 << 10);  // more must be asked for
+  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(state.device.multiprocessors) * 6, kRestThreads, kRoom,
+              EmitLarge<Writer>, args, out);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitLarge");
+  return absl::OkStatus();
+}
+
 // Gives the rows of what waits to writers.
 template <typename Writer>
 absl::Status EmitWaiting(const RunState& state, const RestArgs& args, const typename Writer::Args& out) {
-  const auto processors = unsigned(state.device.multiprocessors);
-  constexpr int kOfRest = kRestThreads / 32 * kSetupsOfWarp * int(sizeof(SharedSetup));
-  constexpr int kOfLarge = kSetupsOfBlock * int(sizeof(SharedSetup));
-  static_assert(kOfRest <= 48 << 10 && kOfLarge <= 48 << 10);  // more must be asked for
-  const bool early = BeginsEarly(state.device);
-  LaunchEarly(early, state.stream, RestBlocks(state), kRestThreads, kOfRest, EmitRest<Writer>, args, out);
+  constexpr int kRoom = kRestThreads / 32 * kSetupsOfWarp * int(sizeof(SharedSetup));
+  static_assert(kRoom <= 48 << 10);  // more must be asked for
+  LaunchEarly(BeginsEarly(state.device), state.stream, RestBlocks(state), kRestThreads, kRoom, EmitRest<Writer>, args,
+              out);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitRest");
-  LaunchEarly(early, state.stream, processors * 6, kRestThreads, kOfLarge, EmitLarge<Writer>, args, out);
-  VOXELPIPE_LAUNCHED_OR_RETURN("EmitLarge");
-  return absl::OkStatus();
+  return EmitLargest<Writer>(state, args, out);
 }
 
 }  // namespace voxelpipe::cuda

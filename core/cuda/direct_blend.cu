@@ -15,6 +15,7 @@
 #include "cuda/cells.h"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
+#include "cuda/touched_blocks.h"
 #include "cuda/triangle_order.h"
 
 namespace voxelpipe::cuda {
@@ -118,6 +119,7 @@ InPlaceArgs PlaceOf(RunState& state, int index) {
   args.voxels = state.slab_voxels();
   args.nx = uint32_t(state.view.dims[0]);
   args.words_per_row = uint32_t(state.view.words_per_row);
+  args.touched = TouchedOf(state);
   return args;
 }
 

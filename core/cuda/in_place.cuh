@@ -1,6 +1,7 @@
 // Blends that are one 32-bit atomic on a dense target's cell (span_blend.cuh). No host-only includes.
 #pragma once
 
+#include "cuda/touched_blocks.cuh"
 #include "cuda/uniform_value.cuh"
 
 namespace voxelpipe::cuda {
@@ -18,6 +19,7 @@ struct InPlaceArgs {
   bool planar = false;
   uint64_t voxels = 0;  // of the slab
   uint32_t nx = 0, words_per_row = 0;
+  TouchedBlocks touched;  // marked instead of covering voxels; or none: ids alone know it
 };
 
 // The voxel of a bit of a grid whose rows are padded to whole words.

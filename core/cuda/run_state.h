@@ -157,6 +157,8 @@ struct RunState {
   std::array<TargetMemory, kMaxTargets> target_memory;
   DeviceArray<uint32_t> bit_pool;  // of plain bits (bit_pool.h)
   DeviceArray<uint32_t> coverage;  // bit grid: voxels that a fragment of any target wrote
+  DeviceArray<uint8_t> touched;    // blocks of such voxels (touched_blocks.h)
+  bool keeps_touched = false;      // instead of the coverage
   // Sparse results: `value_stride` bytes for each occupied tile, in the order of pairs.occupied (a tile's number among them
   // is tile_slot[tile]). Target t that is no bit target has element (voxel * components + c) in its format from byte
   // value_offset[t] on, voxel = x + 32*(y + 8*z) of the tile; values of voxels without a fragment are undefined. Bit targets have

@@ -9,6 +9,7 @@
 #include "cuda/pinned.h"
 #include "cuda/run_state.h"
 #include "cuda/slab_copies.h"
+#include "cuda/touched_blocks.h"
 #include "pipeline/plan.h"
 #include "shaders/blend_ops.h"
 
@@ -353,8 +354,10 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   }
   if (buckets) return absl::OkStatus();
   state.pools_bricks = PoolsBricks(state);
-  if (state.pools_bricks) {
+  state.keeps_touched = KeepsTouched(state);
+  if (state.pools_bricks || state.keeps_touched) {
     state.coverage.Free();
+    if (state.keeps_touched) return ClearTouched(state);
   } else if (state.plain_bits || state.fills_rows) {  // what draws there writes all of it
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
   } else {
@@ -374,6 +377,7 @@ void AbandonSlab(RunState& state) {
   state.parts_done.Free();
   state.target_memory = {};
   state.coverage.Free();
+  state.touched.Free();
   state.inside.Free();
   state.tile_values.Free();
   state.part_results.Free();
@@ -428,6 +432,7 @@ absl::Status CountBits(RunState& state, const uint32_t* a, const uint32_t* b, ui
 absl::Status CountSlab(RunState& state) {
   if (state.request.request.result != ResultKind::kBuckets && !state.pools_bricks) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kVoxels}));
+    if (state.keeps_touched) return CountTouched(state);
     return CountBits(state, state.coverage.data(), state.inside.empty() ? nullptr : state.inside.data(),
                      state.slab_words(), kVoxels);
   }

@@ -414,6 +414,7 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   subject.cases.insert(subject.cases.begin(), others.begin(), others.end());
   if (named.name == "scattered") AppendTo(subject.cases, ScatteredCases());
   if (named.extent > 0) AppendTo(subject.cases, PooledCases(named));
+  if (named.extent > 0 && !options.quick) AppendTo(subject.cases, LargestIdCases(named));
   return subject;
 }
 

@@ -362,6 +362,10 @@ std::vector<ParityCase> QuickCases(const ParityMesh& named) {
   add(ResultKind::kDense, Coverage::kCenter, Fill::kFlood, {bit});
   add(ResultKind::kSparse, Coverage::kThin, Fill::kParity, {bit});
   add(ResultKind::kDense, Coverage::kThin, Fill::kNone, {f32_max});
+  ParityCase& ids = add(ResultKind::kDense, Coverage::kConservative, Fill::kNone,
+                        {target(VoxelFormat::kU32, 1, Blend::kMax, "triangle_id")});
+  ids.request.grid = GridsFor(named.extent)[6];  // of odd sides
+  ids.slab_depth = 8;
   add(ResultKind::kDense, Coverage::kConservative, Fill::kNone, {f32_add});
   add(ResultKind::kDense, Coverage::kConservative, Fill::kParity, {f32x4}).request.layout = Layout::kPlanar;
   add(ResultKind::kDense, Coverage::kThin, Fill::kFlood, many).slab_depth = 8;
@@ -386,6 +390,23 @@ std::vector<ParityCase> PooledCases(const ParityMesh& named) {
     target.blend = i % 2 == 0 ? Blend::kMax : Blend::kMin;
     target.shader = {i < 6 ? "triangle_id" : "geometric_normal", {}};
     c.slab_depth = i % 7 == 6 ? 8 : 0;
+    cases.push_back(c);
+  }
+  return cases;
+}
+
+std::vector<ParityCase> LargestIdCases(const ParityMesh& named) {
+  std::vector<ParityCase> cases;
+  for (const GridRequest& grid : GridsFor(named.extent)) {
+    const size_t i = cases.size();
+    ParityCase c;
+    c.request.grid = grid;
+    c.request.coverage = kCoverages[i % 3];
+    TargetSpec& target = c.request.targets[0];
+    target.format = i % 2 == 0 ? VoxelFormat::kF32 : VoxelFormat::kU32;
+    target.blend = Blend::kMax;
+    target.shader = {"triangle_id", {}};
+    c.slab_depth = i % 5 == 4 ? 8 : 0;
     cases.push_back(c);
   }
   return cases;
