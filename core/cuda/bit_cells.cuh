@@ -26,6 +26,7 @@ struct FixedPlace {
   int margin = 0;                  // the same in whole units
   float band = 0, plane_band = 0;  // likewise, of the tests of edges and of the plane
   float voxel = 0, noise = 0;      // a voxel; what moving vertices by units does to a normal, at most, and some more
+  float unit = 0;                  // in voxels
 };
 
 inline constexpr double kFixedMagic = 0x1.8p52;
@@ -54,6 +55,7 @@ inline FixedPlace MakeFixedPlace(const Vec3d& origin, const Vec3d& voxel_size, c
   place.plane_band = kCellPlaneBand * unit + 4;
   place.voxel = unit;
   place.noise = 0x1p-19f * unit * unit;
+  place.unit = 1 / unit;
   return place;
 }
 
@@ -328,26 +330,69 @@ struct CellSpan {
   float first_outer, first_inner, last_outer, last_inner;
 };
 
+// Of a number that is not close to 0, as those here are, or is not used; what it is off by is part of the band.
 VOXELPIPE_HD float Reciprocal(float v) {
 #if defined(__CUDA_ARCH__)
-  return __fdividef(1.0f, v);  // what it is off by is part of the band
+  float inverse;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(v));
+  return inverse;
 #else
   return 1.0f / v;
 #endif
 }
 
-// The bound |nu*u + nt*t - middle| <= half, where half is sure to within `band`.
-VOXELPIPE_HD CellBound SolveCell(float nu, float nt, float middle, float half, float band) {
-  const float inverse = Reciprocal(nu), length = fabsf(inverse);
-  return {middle * inverse, nt * inverse, (half + band) * length, (half - band) * length};
+// Whole numbers of less than 22 bits as floats with this on top, in which their bits stand as those of an integer. Others stay as large as they are
+// or nearly so. Roundings to such are additions on a device.
+inline constexpr float kWhole = 0x1.8p23f;
+VOXELPIPE_HD float WholeFrom(float v) {  // the least that is not less
+#if defined(__CUDA_ARCH__)
+  return __fadd_ru(v, kWhole);
+#else
+  return ceilf(v) + kWhole;
+#endif
+}
+VOXELPIPE_HD float WholeUpto(float v) {  // the greatest that is not greater
+#if defined(__CUDA_ARCH__)
+  return __fadd_rd(v, kWhole);
+#else
+  return floorf(v) + kWhole;
+#endif
+}
+VOXELPIPE_HD int IntOf(float whole) {
+  int32_t bits;
+  memcpy(&bits, &whole, sizeof bits);
+  return bits - 0x4b400000;
+}
+VOXELPIPE_HD int CountOf(float first, float last) {  // of whole numbers from one to the other
+  int32_t from, upto;
+  memcpy(&from, &first, sizeof from);
+  memcpy(&upto, &last, sizeof upto);
+  return upto - from + 1;
 }
 
-// An edge e through p, seen along an axis; as TestEdge. Where it is parallel to u it says no more than the box.
+// `count` bits of a word from one on; those beyond it are left out.
+VOXELPIPE_HD uint32_t BitsFrom(uint32_t first, int count) {
+#if defined(__CUDA_ARCH__)
+  uint32_t bits;
+  asm("bmsk.clamp.b32 %0, %1, %2;" : "=r"(bits) : "r"(first), "r"(count));
+  return bits;
+#else
+  return uint32_t(((uint64_t{1} << count) - 1) << first);
+#endif
+}
+
+// The bound |nu*u + nt*t - middle| <= half, where half is sure to within `band`. `none`: it bounds nothing; without a branch, as most do.
+VOXELPIPE_HD CellBound SolveCell(bool none, float nu, float nt, float middle, float half, float band) {
+  const float inverse = none ? 0 : Reciprocal(nu), length = fabsf(inverse), more = none ? 1e30f : 0;
+  return {middle * inverse, nt * inverse, fmaf(half + band, length, more), fmaf(half - band, length, more)};
+}
+
+// An edge e through p, seen along an axis; as TestEdge. Where it is parallel to u it says no more than the box; its components are whole units of the
+// fixed point.
 VOXELPIPE_HD CellBound EdgeCells(float eu, float et, float pu, float pt, float area, float band, float rounding) {
   const float norm = fabsf(eu) + fabsf(et);
-  if (fabsf(et) <= norm * 0x1p-26f) return {0, 0, 1e30f, 1e30f};
-  const float middle = fmaf(et, pu, -(eu * pt)) - 0.5f * ((area + et) - eu);
-  return SolveCell(et, -eu, middle, fmaf(0.5f + float(kNarrowWidening), norm, 0.5f * fabsf(area)),
+  const float middle = fmaf(-0.5f, (area + et) - eu, fmaf(et, pu, -(eu * pt)));
+  return SolveCell(et == 0, et, -eu, middle, fmaf(0.5f + float(kNarrowWidening), norm, 0.5f * fabsf(area)),
                    fmaf(band, norm, rounding));
 }
 
@@ -361,14 +406,28 @@ VOXELPIPE_HD void Narrow(const CellBound& b, float t, CellSpan& span) {
 
 inline constexpr int kMostCells = 9;  // of a box along each axis that goes by rows here
 
-// Rows of a box of at most kMostCells voxels along each axis, within `begin` to `end` of the grid: visit(y, z, x, count), `count` voxels from x on, all
-// three counted from `begin`. False where some voxel is not certain; rows already visited are right. `table` has room for kMostCells elements, `pitch`
-// apart. Of the layers those from number `part` on, `parts` apart. `whole`: the triangle touches all of the box.
-template <bool kThin, typename Visit>
+// Takes rows of VisitCells to visit(y, z, x, count).
+template <typename Visit>
+class EachRow {
+ public:
+  VOXELPIPE_HD explicit EachRow(const Visit& visit) : visit_(visit) {}
+  VOXELPIPE_HD void Layer(int z) { z_ = z; }
+  VOXELPIPE_HD void Row(int y, int x, int count) { visit_(y, z_, x, count); }
+
+ private:
+  const Visit& visit_;
+  int z_ = 0;
+};
+
+// Rows of a box of at most kMostCells voxels along each axis, within `begin` to `end` of the grid: to.Layer(z) before those of a layer, then
+// to.Row(y, x, count), `count` voxels from x on, or none; y and z are counted from `begin`, x from the box's first voxel. False as soon as some voxel is not
+// certain; rows already visited are right. `table` has room for kMostCells elements, `pitch` apart. Of the layers those from number `part` on, `parts`
+// apart. `whole`: the triangle touches all of the box.
+template <bool kThin, typename Rows>
 VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const int (&begin)[3], const int (&end)[3],
-                             const FixedPlace& place, CellSpan* table, int pitch, bool whole, Visit&& visit,
-                             int part = 0, int parts = 1) {
-  const float voxels = 1 / place.voxel;
+                             const FixedPlace& place, CellSpan* table, int pitch, bool whole, Rows&& to, int part = 0,
+                             int parts = 1) {
+  const float voxels = place.unit;
   Vec3f q[3];
   for (int i = 0; i < 3; ++i) {
     q[i] = {float(v[i][0] - (box.first[0] << place.bits)) * voxels,
@@ -395,14 +454,14 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
   CellBound plane{0, 0, 1e30f, 1e30f};
   float plane_sy = 0;
   if (ax > norm * 0x1p-26f) {
-    const float middle = fmaf(n.x, q[0].x, fmaf(n.y, q[0].y, n.z * q[0].z)) - 0.5f * ((n.x + n.y) + n.z);
+    const float middle = fmaf(-0.5f, (n.x + n.y) + n.z, fmaf(n.x, q[0].x, fmaf(n.y, q[0].y, n.z * q[0].z)));
     float half = (0.5f + float(kNarrowWidening)) * norm,
           unsure = fmaf(fmaf(place.plane_band, voxels, kMoreOfRows), norm, 4e-6f * size * size * size);
     if constexpr (kThin) {
       half = fmaf(float(kNarrowWidening), norm, 0.5f * most);
       unsure += 16.0f * voxels * size * sqrtf(longest);
     }
-    plane = SolveCell(n.x, n.z, middle, half, unsure);
+    plane = SolveCell(false, n.x, n.z, middle, half, unsure);
     plane_sy = n.y * Reciprocal(n.x);
   } else if (Min(ay, az) > norm * 0x1p-26f) {
     return false;
@@ -414,10 +473,14 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
   {
     CellBound x_of_y[3];
     for (int i = 0; i < 3; ++i) x_of_y[i] = EdgeCells(e[i].x, e[i].y, q[i].x, q[i].y, n.z, band, rounding);
-    for (int y = y_lo; y < y_hi; ++y) {
+    CellSpan* next = table;
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1  // there are few
+#endif
+    for (int y = y_lo; y < y_hi; ++y, next += pitch) {
       CellSpan span = box_x;
       for (int i = 0; i < 3; ++i) Narrow(x_of_y[i], float(y), span);
-      table[(y - y_lo) * pitch] = span;
+      *next = span;
     }
   }
   CellBound x_of_z[3], y_of_z[3];
@@ -425,7 +488,6 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
     x_of_z[i] = EdgeCells(e[i].x, e[i].z, q[i].x, q[i].z, -n.y, band, rounding);
     y_of_z[i] = EdgeCells(e[i].y, e[i].z, q[i].y, q[i].z, n.x, band, rounding);
   }
-  bool certain = true;
   const int layers = end[2] - begin[2], z_lo = begin[2] - box.first[2];
   for (int k = part; k < layers; k += parts) {
     const auto z = float(z_lo + k);
@@ -434,27 +496,33 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
       Narrow(y_of_z[i], z, rows);
       Narrow(x_of_z[i], z, layer);
     }
-    // Whole numbers stay in floating point until they are known to lie in the box.
-    const float last_y = floorf(rows.last_outer), plane_c = fmaf(-plane.s, z, plane.c);
-    float y = ceilf(rows.first_outer);
-    for (int j = y <= last_y ? int(y) - y_lo : 0; y <= last_y; y += 1, ++j) {
-      const CellSpan& shared = table[j * pitch];
+    const float from_y = WholeFrom(rows.first_outer), upto_y = WholeUpto(rows.last_outer);
+    if (from_y > upto_y) continue;
+    // Certain where between the inner bounds lie the same whole numbers.
+    float y = from_y - kWhole;
+    if (y < rows.first_inner || upto_y - kWhole > rows.last_inner) return false;
+    to.Layer(k);
+    const float plane_c = fmaf(-plane.s, z, plane.c);
+    int j = IntOf(from_y) - y_lo, last_j = IntOf(upto_y) - y_lo;
+    const CellSpan* shared = table + j * pitch;
+    do {
       const float c = fmaf(-plane_sy, y, plane_c);
-      const float first = ceilf(fmaxf(fmaxf(shared.first_outer, layer.first_outer), c - plane.outer));
-      const float last = floorf(fminf(fminf(shared.last_outer, layer.last_outer), c + plane.outer));
-      if (first > last) continue;
-      // Certain where between the inner bounds lie the same whole numbers.
-      const float from = fmaxf(fmaxf(shared.first_inner, layer.first_inner), c - plane.inner);
-      const float upto = fminf(fminf(shared.last_inner, layer.last_inner), c + plane.inner);
-      if (y < rows.first_inner || y > rows.last_inner || first < from || last > upto) {
-        certain = false;
-      } else {
-        const int x = int(first);
-        visit(j, k, x - x_lo, int(last) + 1 - x);
+      const float first = WholeFrom(fmaxf(fmaxf(shared->first_outer, layer.first_outer), c - plane.outer));
+      const float last = WholeUpto(fminf(fminf(shared->last_outer, layer.last_outer), c + plane.outer));
+      if (first <= last) {
+        const float from = fmaxf(fmaxf(shared->first_inner, layer.first_inner), c - plane.inner);
+        const float upto = fminf(fminf(shared->last_inner, layer.last_inner), c + plane.inner);
+        // Without a branch, which would cost every row more: in doubt there are no voxels, and no more rows.
+        const bool doubt = first - kWhole < from || last - kWhole > upto;
+        last_j = doubt ? -1 : last_j;
+        to.Row(j, IntOf(first), doubt ? 0 : CountOf(first, last));
       }
-    }
+      y += 1;
+      shared += pitch;
+    } while (++j <= last_j);
+    if (last_j < 0) return false;
   }
-  return certain;
+  return true;
 }
 
 }  // namespace voxelpipe::cuda

@@ -32,22 +32,55 @@ __device__ inline void AppendToQueue(const BitArgs& args, BitQueue queue, bool w
   if (wanted) (queue == kLayerQueue ? args.layer_queue : args.large_queue)[at] = t;
 }
 
+// Rows of a triangle as VisitCells has them, to the warp's box, or where that does not hold them to the grid.
+class RowsTogether {
+ public:
+  // `begin`, `first`: as NearWords has them.
+  __device__ RowsTogether(const BitArgs& args, const RowPlace& place, RowBox& box, const int (&begin)[3], int first)
+      : args_(args), place_(place), box_(box), begin_(begin), first_(first), first_row_(place.RowOf(begin)) {}
+
+  __device__ void Layer(int z) {
+    z_ = z;
+    row_ = first_row_ + uint32_t(z * place_.pitch);
+  }
+  __device__ void Row(int y, int x, int count) const {
+    if (place_.fits()) {
+      atomicOr(&box_.rows[row_ + uint32_t(y)], BitsFrom(uint32_t(first_ - place_.x + x), count));
+      return;
+    }
+    NearWords words(args_, begin_, first_);
+    words.Layer(z_);
+    words.Row(y, x, count);
+  }
+
+ private:
+  const BitArgs& args_;
+  const RowPlace& place_;
+  RowBox& box_;
+  const int (&begin_)[3];
+  int first_;
+  uint32_t first_row_, row_ = 0;
+  int z_ = 0;
+};
+
 // Triangle i of the walk, if there are so many. All threads of a block call it. Waits for whoever clears the grid.
 template <bool kThin, bool kPacked, bool kTogether>
 __device__ inline void WalkByRows(const BitArgs& args, uint64_t i, RowRoom<kTogether>& room) {
-  FixedTriangle triangle{};
-  CellFate fate = CellFate::kDone;
-  uint32_t t = uint32_t(i), octants = 0;
-  int begin[3] = {}, end[3] = {};
+  // Threads behind the last triangle look at it too, and leave it.
+  const uint32_t at = min(uint32_t(i), uint32_t(args.triangle_count) - 1);
+  const uint32_t t = kPacked ? args.packed[3 * uint64_t{at}].triangle : at;
   if constexpr (kTogether) ClearRows(room.boxes[threadIdx.x / 32]);
-  if (i < args.triangle_count) {
-    // As under thin coverage, where a box alone decides no voxel.
-    fate = FindFate</*kThin=*/true>(args, FetchNow<kPacked>(args, uint32_t(i)), triangle, octants);
-    ClipBox(args, triangle.box, begin, end);
-    if constexpr (kPacked) t = args.packed[3 * i].triangle;
-  }
+  FixedTriangle triangle;
+  triangle.v = LoadFixed<kPacked>(args, at);
+  triangle.box = BoxOf(triangle.v.at, args.fixed);
+  const FixedBox& box = triangle.box;
+  int begin[3], end[3];
+  ClipBox(args, box, begin, end);
+  const int greatest = max(box.last[0] - box.first[0], max(box.last[1] - box.first[1], box.last[2] - box.first[2]));
+  const bool taken = i < args.triangle_count && !IsOutside(box, begin, end);
+  CellFate fate = taken ? FateByRows(box, greatest, begin, end) : CellFate::kDone;
   __syncwarp();
-  const bool walks = fate == CellFate::kRuns || fate == CellFate::kOctants || fate == CellFate::kRows;
+  const bool walks = fate == CellFate::kRows;
   RowPlace place;
   if constexpr (kTogether) {
     place = FitRows(room.boxes[threadIdx.x / 32], walks, begin, end);
@@ -58,19 +91,10 @@ __device__ inline void WalkByRows(const BitArgs& args, uint64_t i, RowRoom<kToge
     CellSpan* const table = &room.table[0][threadIdx.x];
     bool certain = false;
     if constexpr (kTogether) {
-      RowBox& box = room.boxes[threadIdx.x / 32];
-      const uint32_t first_row = place.RowOf(begin), first_x = uint32_t(begin[0] - place.x);
-      certain = WalkRows<kThin>(args, triangle, begin, end, table, 0, 1, [&](int y, int z, int x, int count) {
-        if (place.fits()) {
-          place.Set(box, first_row, y, z, first_x + uint32_t(x), count);
-        } else {
-          NearWords(args, begin).SetFew(y, z, x, count);
-        }
-      });
-    } else {
-      const NearWords words(args, begin);
       certain = WalkRows<kThin>(args, triangle, begin, end, table, 0, 1,
-                                [&](int y, int z, int x, int count) { words.SetFew(y, z, x, count); });
+                                RowsTogether(args, place, room.boxes[threadIdx.x / 32], begin, box.first[0]));
+    } else {
+      certain = WalkRows<kThin>(args, triangle, begin, end, table, 0, 1, NearWords(args, begin, box.first[0]));
     }
     fate = certain ? CellFate::kDone : CellFate::kLayers;
   }

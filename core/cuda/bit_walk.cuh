@@ -61,24 +61,32 @@ __device__ inline void SetOctants(const BitArgs& args, const int (&first)[3], ui
 // The grid's words about a box of voxels: rows are found by few steps.
 class NearWords {
  public:
-  // `begin`: the box's first voxel, in the grid.
-  __device__ NearWords(const BitArgs& args, const int (&begin)[3])
+  // `begin`: the box's first voxel in the grid; along x, where it may lie outside, the box begins at `first`.
+  __device__ NearWords(const BitArgs& args, const int (&begin)[3], int first)
       : first_(args.bits + args.grid.Word(begin[0], begin[1], begin[2])),
-        shift_(begin[0] & 31),
+        shift_((begin[0] & 31) - (begin[0] - first)),
         row_(uint32_t(args.grid.words_per_row)),
         layer_(row_ * uint32_t(args.grid.dims[1])) {}
-  // `count` voxels from x on, at most kMostCells, counted from the box's first one as all are.
-  __device__ void SetFew(int y, int z, int x, int count) const {
-    const uint64_t mask = uint64_t{(1u << count) - 1} << (shift_ + x);
-    uint32_t* const word = first_ + (uint32_t(y) * row_ + uint64_t{uint32_t(z)} * layer_);
-    if (uint32_t(mask) != 0) ReduceOr(word, uint32_t(mask));
-    if (uint32_t(mask >> 32) != 0) ReduceOr(word + 1, uint32_t(mask >> 32));
+  // As VisitCells has it, at most kMostCells voxels.
+  __device__ void Layer(int z) {
+    layer_begins_ = first_ + uint64_t{uint32_t(z)} * layer_;
+#if defined(__CUDA_ARCH__)
+    asm volatile("" : "+l"(layer_begins_));  // kept: it would be computed again for each row
+#endif
+  }
+  __device__ void Row(int y, int x, int count) const {
+    const auto at = uint32_t(shift_ + x), bit = at % 32;
+    uint32_t* const word = layer_begins_ + (uint32_t(y) * row_ + at / 32);
+    ReduceOr(word, BitsFrom(bit, count));
+    const int beyond = int(bit) + count - 32;
+    if (beyond > 0) ReduceOr(word + 1, BitsFrom(0, beyond));
   }
 
  private:
-  uint32_t* first_;
+  uint32_t* first_;  // the word of the first voxel
   int shift_;
   uint32_t row_, layer_;
+  uint32_t* layer_begins_ = nullptr;
 };
 
 // Where the walk sets bits: in the grid's words, one by one, or, of octants, those of a warp together (word_box.cuh); or in bricks (bit_pool.cuh).
@@ -112,6 +120,19 @@ struct FixedTriangle {
   FixedBox box;
 };
 
+// Whether no voxel of a box is in the slab, of which `begin` to `end` is.
+__device__ inline bool IsOutside(const FixedBox& box, const int (&begin)[3], const int (&end)[3]) {
+  const int unsure = box.doubtful ? 1 : 0;
+  return end[0] - begin[0] + unsure <= 0 || end[1] - begin[1] + unsure <= 0 || end[2] - begin[2] + unsure <= 0;
+}
+
+// Whether a triangle goes by rows or where it waits. `greatest`: voxels from its box's first to the last along some axis, at most.
+__device__ inline CellFate FateByRows(const FixedBox& box, int greatest, const int (&begin)[3], const int (&end)[3]) {
+  const int width = max(1, end[1] - begin[1]), layers = max(1, end[2] - begin[2]);
+  if (!box.doubtful && greatest < kMostCells && width * layers <= kMostCellRows) return CellFate::kRows;
+  return QueueOf(width, layers);
+}
+
 // What is found of a triangle by its box alone. Where it is done, `octants` about the inner corner of the box.
 template <bool kThin, bool kPacked>
 __device__ inline CellFate FindFate(const BitArgs& args, const Fetched<kPacked>& fetched, FixedTriangle& t,
@@ -121,10 +142,7 @@ __device__ inline CellFate FindFate(const BitArgs& args, const Fetched<kPacked>&
   const FixedBox& box = t.box;
   int begin[3], end[3];
   ClipBox(args, box, begin, end);
-  const int unsure = box.doubtful ? 1 : 0;
-  if (end[0] - begin[0] + unsure <= 0 || end[1] - begin[1] + unsure <= 0 || end[2] - begin[2] + unsure <= 0) {
-    return CellFate::kDone;
-  }
+  if (IsOutside(box, begin, end)) return CellFate::kDone;
   const int size[3] = {box.last[0] - box.first[0], box.last[1] - box.first[1], box.last[2] - box.first[2]};
   const int greatest = max(size[0], max(size[1], size[2]));
   if (!box.doubtful && greatest <= 1) {
@@ -135,9 +153,7 @@ __device__ inline CellFate FindFate(const BitArgs& args, const Fetched<kPacked>&
     }
     return CellFate::kRuns;
   }
-  const int width = max(1, end[1] - begin[1]), layers = max(1, end[2] - begin[2]);
-  if (!box.doubtful && greatest < kMostCells && width * layers <= kMostCellRows) return CellFate::kRows;
-  return QueueOf(width, layers);
+  return FateByRows(box, greatest, begin, end);
 }
 
 // Decides the runs of a warp, or where they are few leaves them to those who go by octants. All threads of a warp call it.
@@ -194,15 +210,15 @@ __device__ inline void SetOctantsTogether(const BitArgs& args, const int (&first
   if (octants != 0) SetOctants(args, first, octants);
 }
 
-// A triangle of at most kMostCells voxels along each axis, by set(y, z, x, count): rows of voxels of its box, counted from `begin`, of what is in
-// the grid. False if some voxel is in doubt. Of the layers those from number `part` on, `parts` apart.
-template <bool kThin, typename Set>
+// A triangle of at most kMostCells voxels along each axis, as VisitCells has it. False if some voxel is in doubt. Of the layers those from number
+// `part` on, `parts` apart.
+template <bool kThin, typename Rows>
 __device__ inline bool WalkRows(const BitArgs& args, const FixedTriangle& t, const int (&begin)[3], const int (&end)[3],
-                                CellSpan* table, int part, int parts, Set&& set) {
+                                CellSpan* table, int part, int parts, Rows&& to) {
   const FixedBox& box = t.box;
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
   const bool run = !kThin && single >= 2;  // of the run class
-  return VisitCells<kThin>(t.v.at, box, begin, end, args.fixed, table, kCellThreads, run, set, part, parts);
+  return VisitCells<kThin>(t.v.at, box, begin, end, args.fixed, table, kCellThreads, run, to, part, parts);
 }
 
 // A triangle whose fate is kRows; likewise.
@@ -216,13 +232,12 @@ __device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>&
   ClipBox(args, t.box, begin, end);
   if constexpr (kSink == BitSink::kBricks) {
     PoolRows rows(args);
-    return WalkRows<kThin>(args, t, begin, end, table, part, parts, [&](int y, int z, int x, int count) {
-      rows.SetFew(begin[1] + y, begin[2] + z, begin[0] + x, begin[0] + x + count);
-    });
+    const auto set = [&](int y, int z, int x, int count) {
+      rows.SetFew(begin[1] + y, begin[2] + z, t.box.first[0] + x, t.box.first[0] + x + count);
+    };
+    return WalkRows<kThin>(args, t, begin, end, table, part, parts, EachRow(set));
   }
-  const NearWords words(args, begin);
-  return WalkRows<kThin>(args, t, begin, end, table, part, parts,
-                         [&](int y, int z, int x, int count) { words.SetFew(y, z, x, count); });
+  return WalkRows<kThin>(args, t, begin, end, table, part, parts, NearWords(args, begin, t.box.first[0]));
 }
 
 // The same of a mesh that reaches too far for fixed point, and under center coverage: its queue alone.
@@ -280,7 +295,7 @@ __device__ inline void AppendInBlock(bool wanted, uint32_t t, Entry* list, int s
   const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, wanted);
   if (all == 0) return;
   uint32_t at = 0;
-  if (lane == 0) at = atomicAdd(count, uint32_t(__popc(all)));
+  if (lane == 0) at = SharedAdd(count, uint32_t(__popc(all)));
   at = __shfl_sync(~0u, at, 0) + uint32_t(__popc(all & ((1u << lane) - 1)));
   if (wanted) list[int(at) * step] = Entry(t);
 }
@@ -288,7 +303,7 @@ __device__ inline void AppendInBlock(bool wanted, uint32_t t, Entry* list, int s
 // The number of the next turn, which no other warp takes. All threads of a warp call it.
 __device__ inline uint32_t NextTurn(uint32_t& turn) {
   uint32_t mine = 0;
-  if (threadIdx.x % 32 == 0) mine = atomicAdd(&turn, 1u);
+  if (threadIdx.x % 32 == 0) mine = SharedAdd(&turn, 1u);
   return __shfl_sync(~0u, mine, 0);
 }
 

@@ -274,10 +274,11 @@ __device__ inline bool TakeBlock(const CellArgs& args, uint32_t t, uint64_t reco
   uint64_t mask = 0;
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
   const bool run = !kThin && single >= 2;  // of the run class
+  const int outside = begin[0] - box.first[0];
   const auto add = [&](int y, int z, int x, int count) {
-    mask |= uint64_t{(1u << count) - 1} << (x + kBlockSide * (y + kBlockSide * z));
+    mask |= uint64_t{(1u << count) - 1} << (x - outside + kBlockSide * (y + kBlockSide * z));
   };
-  if (!VisitCells<kThin>(v.at, box, begin, end, args.walk.fixed, table, 32, run, add)) return false;
+  if (!VisitCells<kThin>(v.at, box, begin, end, args.walk.fixed, table, 32, run, EachRow(add))) return false;
   fragments += uint32_t(__popcll(mask));
   if constexpr (kSink == CellSink::kPool || kSink == CellSink::kBlend) {
     for (int a = 0; a < 3; ++a) found.first[a] = begin[a];

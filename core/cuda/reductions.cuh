@@ -22,6 +22,20 @@ __device__ inline void ReduceMax(uint32_t* to, uint32_t value) {
 #endif
 }
 
+// Adds to a counter in shared memory: what it was. By one lane of a warp, which the compiler does not know: it would have lanes agree on one.
+__device__ inline uint32_t SharedAdd(uint32_t* to, uint32_t value) {
+#if defined(__CUDA_ARCH__)
+  uint32_t before;
+  asm volatile("atom.shared.add.u32 %0, [%1], %2;"
+               : "=r"(before)
+               : "r"(uint32_t(__cvta_generic_to_shared(to))), "r"(value)
+               : "memory");
+  return before;
+#else  // on the host
+  return atomicAdd(to, value);
+#endif
+}
+
 // Sets all bits of a word by a plain store: behind it and whatever ReduceOr sets at the same time they are all set, in either order.
 __device__ inline void SetAllBits(uint32_t* to) {
 #if defined(__CUDA_ARCH__)

@@ -31,10 +31,6 @@ struct RowPlace {
   __device__ bool fits() const { return pitch != 0; }
   // The row of a voxel.
   __device__ uint32_t RowOf(const int (&voxel)[3]) const { return uint32_t(offset + voxel[1] + voxel[2] * pitch); }
-  // `count` voxels from number `from` of the box's on, in the row that lies y rows and z layers behind the `first`.
-  __device__ void Set(RowBox& box, uint32_t first, int y, int z, uint32_t from, int count) const {
-    atomicOr(&box.rows[first + uint32_t(y + z * pitch)], ((1u << count) - 1) << from);
-  }
 };
 
 // The box of what the lanes with `has` reach, voxels [begin, end) of the grid. All lanes call it, when the rows are clear and __syncwarp.

@@ -80,9 +80,10 @@ Answer ByCells(const Triangle& world, const FixedPlace& place, const Packing* pa
   }
   std::array<CellSpan, kMostCells> table;
   answer.certain =
-      VisitCells<kThin>(v, box, begin, end, place, table.data(), 1, false, [&](int y, int z, int x, int count) {
-        for (int i = 0; i < count; ++i) answer.voxels.insert({begin[0] + x + i, begin[1] + y, begin[2] + z});
-      });
+      VisitCells<kThin>(v, box, begin, end, place, table.data(), 1, false, EachRow([&](int y, int z, int x, int count) {
+                          for (int i = 0; i < count; ++i)
+                            answer.voxels.insert({box.first[0] + x + i, begin[1] + y, begin[2] + z});
+                        }));
   return answer;
 }
 
@@ -217,12 +218,33 @@ TEST(VisitCellsTest, ATriangleThatIsSaidToTouchAllOfItsBoxHasAllRowsOfItThatAreI
       at[size_t(next)] += i / 3;
       expected.insert(at);
     }
-    EXPECT_TRUE(
-        VisitCells<false>(v, box, begin, end, place, table.data(), 1, true, [&](int y, int z, int x, int count) {
-          for (int i = 0; i < count; ++i) voxels.insert({begin[0] + x + i, begin[1] + y, begin[2] + z});
-        }));
+    EXPECT_TRUE(VisitCells<false>(v, box, begin, end, place, table.data(), 1, true,
+                                  EachRow([&](int y, int z, int x, int count) {
+                                    for (int i = 0; i < count; ++i)
+                                      voxels.insert({box.first[0] + x + i, begin[1] + y, begin[2] + z});
+                                  })));
     EXPECT_EQ(voxels, expected) << axis;
   }
+}
+
+TEST(WholeNumbersTest, AreTheNearestOfEitherSide) {
+  for (const float v : {-3.0f, -2.5f, -0.0f, 0.0f, 0x1p-20f, 0.5f, 1.0f, 8.999999f, 9.000001f, 4.0e6f}) {
+    const float above = WholeFrom(v), below = WholeUpto(v);
+    EXPECT_EQ(IntOf(above), int(std::ceil(v))) << v;
+    EXPECT_EQ(IntOf(below), int(std::floor(v))) << v;
+    EXPECT_EQ(above - kWhole, std::ceil(v)) << v;
+    EXPECT_EQ(CountOf(below, above), IntOf(above) - IntOf(below) + 1) << v;
+  }
+  // Bounds that bound nothing stay beyond all others.
+  EXPECT_GT(WholeFrom(1e30f), WholeUpto(9));
+  EXPECT_LT(WholeUpto(-1e30f), WholeFrom(0));
+}
+
+TEST(BitsFromTest, AreSoManyFromOneOn) {
+  EXPECT_EQ(BitsFrom(0, 0), 0u);
+  EXPECT_EQ(BitsFrom(3, 2), 0x18u);
+  EXPECT_EQ(BitsFrom(0, 32), ~0u);
+  EXPECT_EQ(BitsFrom(30, 9), 0xc0000000u);  // those beyond the word are left out
 }
 
 TEST(FixedPlaceTest, MeshesThatReachTooFarHaveNone) {
