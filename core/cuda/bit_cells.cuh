@@ -26,7 +26,7 @@ struct FixedPlace {
   int margin = 0;                  // the same in whole units
   float band = 0, plane_band = 0;  // likewise, of the tests of edges and of the plane
   float voxel = 0, noise = 0;      // a voxel; what moving vertices by units does to a normal, at most, and some more
-  float unit = 0;                  // in voxels
+  float voxels = 0;                // a unit, in voxels
 };
 
 inline constexpr double kFixedMagic = 0x1.8p52;
@@ -55,7 +55,7 @@ inline FixedPlace MakeFixedPlace(const Vec3d& origin, const Vec3d& voxel_size, c
   place.plane_band = kCellPlaneBand * unit + 4;
   place.voxel = unit;
   place.noise = 0x1p-19f * unit * unit;
-  place.unit = 1 / unit;
+  place.voxels = 1 / unit;
   return place;
 }
 
@@ -330,7 +330,7 @@ struct CellSpan {
   float first_outer, first_inner, last_outer, last_inner;
 };
 
-// Of a number that is not close to 0, as those here are, or is not used; what it is off by is part of the band.
+// Of a number that is not close to 0, as all are whose inverse is used here; what that is off by is part of the band.
 VOXELPIPE_HD float Reciprocal(float v) {
 #if defined(__CUDA_ARCH__)
   float inverse;
@@ -427,7 +427,7 @@ template <bool kThin, typename Rows>
 VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const int (&begin)[3], const int (&end)[3],
                              const FixedPlace& place, CellSpan* table, int pitch, bool whole, Rows&& to, int part = 0,
                              int parts = 1) {
-  const float voxels = place.unit;
+  const float voxels = place.voxels;
   Vec3f q[3];
   for (int i = 0; i < 3; ++i) {
     q[i] = {float(v[i][0] - (box.first[0] << place.bits)) * voxels,

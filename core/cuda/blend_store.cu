@@ -45,8 +45,8 @@ bool HasWholeRows(const RunState& state, const CudaTarget& target) {
 
 absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& memory) {
   const bool is_float = target.format == VoxelFormat::kF32;
-  if (target.blend != Blend::kMin && (target.blend != Blend::kMax || !is_float)) return absl::OkStatus();
-  if (target.blend == Blend::kMax && memory.by_id) return absl::OkStatus();  // ids are their own keys: none is negative
+  const bool may_be_negative = is_float && !memory.by_id;
+  if (target.blend != Blend::kMin && (target.blend != Blend::kMax || !may_be_negative)) return absl::OkStatus();
   KeyArgs keys;
   keys.coverage = state.coverage.data();
   keys.negative = is_float ? memory.negative.data() : nullptr;

@@ -29,7 +29,7 @@ enum class CellSink {
 
 struct CellArgs {
   BitArgs
-      walk;  // `bits` is the coverage; layer_queue takes all that waits; in large_queue are those that have no place in an order
+      walk;  // `bits` is the coverage, null where blocks are touched; layer_queue takes all that waits; in large_queue are those that have no place in an order
   uint64_t* records = nullptr;    // of all triangles, in the order in which they are taken
   uint64_t* blocks = nullptr;     // likewise, masks of those that are blocks
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: not counted
@@ -120,13 +120,13 @@ __device__ inline void ForEachBlockRow(const GridView& grid, uint32_t first, uin
   }
 }
 
-// A voxel of the slab's dense target of one component; it has less than 2^32.
+// A voxel of the slab's dense target of one component; z is counted from the slab's first layer. It has less than 2^32.
 __device__ inline uint32_t* CellOf(const CellArgs& args, int x, int y, int z) {
   const uint32_t row = uint32_t(args.walk.grid.dims[1]) * uint32_t(z) + uint32_t(y);
   return args.blend.out + (uint32_t(x) + args.blend.nx * row);
 }
 
-// Blends the octants about a corner whose first voxel is given, and has the bit, and covers them or touches their blocks.
+// Blends the octants about a corner whose first voxel is `voxel` of the grid and has the bit `first`, and covers them or touches their blocks.
 template <int kShader>
 __device__ inline void BlendOctants(const CellArgs& args, const int (&voxel)[3], uint32_t first, uint32_t octants,
                                     uint32_t key) {
@@ -248,7 +248,7 @@ struct FoundBlock {
   uint32_t key[1] = {};  // not plain
 };
 
-// Blends the rows of a block, whose first voxel has the bit; likewise.
+// The same of the rows of a block, whose first voxel is `voxel` of the slab.
 __device__ inline void BlendBlock(const CellArgs& args, const int (&voxel)[3], uint32_t first, uint64_t mask,
                                   uint32_t key) {
   const bool touches = args.blend.touched.marks != nullptr;

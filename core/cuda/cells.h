@@ -41,7 +41,7 @@ inline SpanList ListOf(RunState& state) {
 
 // Gives the rows of the large queue to writers.
 template <typename Writer>
-absl::Status EmitLargest(const RunState& state, const RestArgs& args, const typename Writer::Args& out) {
+absl::Status EmitLargeQueue(const RunState& state, const RestArgs& args, const typename Writer::Args& out) {
   constexpr int kRoom = kSetupsOfBlock * int(sizeof(SharedSetup));
   static_assert(kRoom <= 48 << 10);  // more must be asked for
   LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(state.device.multiprocessors) * 6, kRestThreads, kRoom,
@@ -58,7 +58,7 @@ absl::Status EmitWaiting(const RunState& state, const RestArgs& args, const type
   LaunchEarly(BeginsEarly(state.device), state.stream, RestBlocks(state), kRestThreads, kRoom, EmitRest<Writer>, args,
               out);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitRest");
-  return EmitLargest<Writer>(state, args, out);
+  return EmitLargeQueue<Writer>(state, args, out);
 }
 
 }  // namespace voxelpipe::cuda

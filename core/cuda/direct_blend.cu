@@ -119,7 +119,6 @@ InPlaceArgs PlaceOf(RunState& state, int index) {
   args.voxels = state.slab_voxels();
   args.nx = uint32_t(state.view.dims[0]);
   args.words_per_row = uint32_t(state.view.words_per_row);
-  args.touched = TouchedOf(state);
   return args;
 }
 
@@ -214,6 +213,7 @@ absl::Status BlendWhatIsFound(RunState& state, int index) {
   args.cover = CoverArgs(state, triangles);
   args.cover.fragments = FragmentSlots(state);
   args.blend = PlaceOf(state, index);
+  args.blend.touched = TouchedOf(state);
   VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kBlend, args.cover.fragments, &args.blend, by_id));
   const auto emit_waiting = by_id ? EmitWaiting<BlendWriter<kById>> : EmitWaiting<BlendWriter<-1>>;
   return emit_waiting(state, MakeRestArgs(state, 0, triangles, false), args);
@@ -332,6 +332,8 @@ absl::Status BlendDirectly(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(BlendWhatIsFound(state, last));
     return StoreDense(state, last, true);
   }
+  // There is no coverage then.
+  if (state.keeps_touched) return absl::InternalError("blocks are touched of a target that is not blended as found");
   VOXELPIPE_OK_OR_RETURN(FindAndList(state, ranked));
   if (sparse) return absl::OkStatus();  // the bricks come first
   const auto counters = ReadCounters(state);

@@ -19,7 +19,7 @@ struct InPlaceArgs {
   bool planar = false;
   uint64_t voxels = 0;  // of the slab
   uint32_t nx = 0, words_per_row = 0;
-  TouchedBlocks touched;  // marked instead of covering voxels; or none: ids alone know it
+  TouchedBlocks touched;  // marked in place of the coverage, where the values are triangle ids; or none
 };
 
 // The voxel of a bit of a grid whose rows are padded to whole words.

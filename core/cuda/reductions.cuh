@@ -45,6 +45,15 @@ __device__ inline void SetAllBits(uint32_t* to) {
 #endif
 }
 
+// A mark that others set at the same time, too.
+__device__ inline void SetMark(uint8_t* to) {
+#if defined(__CUDA_ARCH__)
+  *to = 1;
+#else  // on the host, where races are looked for
+  __stcg(to, uint8_t{1});
+#endif
+}
+
 // Sets bits of a word in shared memory, which most often are set: that is looked at first.
 __device__ inline void OrIfMissing(uint32_t* to, uint32_t bits) {
   if ((*static_cast<volatile uint32_t*>(to) & bits) != bits) atomicOr(to, bits);

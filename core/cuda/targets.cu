@@ -355,9 +355,12 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   if (buckets) return absl::OkStatus();
   state.pools_bricks = PoolsBricks(state);
   state.keeps_touched = KeepsTouched(state);
-  if (state.pools_bricks || state.keeps_touched) {
+  if (state.keeps_touched) {
     state.coverage.Free();
-    if (state.keeps_touched) return ClearTouched(state);
+    return ClearTouched(state);
+  }
+  if (state.pools_bricks) {
+    state.coverage.Free();
   } else if (state.plain_bits || state.fills_rows) {  // what draws there writes all of it
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
   } else {

@@ -39,6 +39,7 @@ __device__ inline uint32_t MarksUpto(const uint8_t* row, uint32_t word) {
 template <typename Visit>
 __device__ inline void ForEachTouched(const CountTouchedArgs& args, uint32_t i, Visit&& visit) {
   static_assert(kSide == 4 && TouchedBlocks::kReach[1] == 2 && TouchedBlocks::kReach[2] == 2);
+  static_assert(TouchedBlocks::kReach[0] <= int(kWidth) && kBlockSide <= TouchedBlocks::kReach[0]);
   constexpr uint32_t kAll = 0xffff, kFirstOfLayers = 0x1111, kFirstLayer = 0x000f, kFirst = 0x0001;
   const TouchedBlocks& touched = args.touched;
   const uint32_t row = Quotient(i, args.by_pitch), word = i - row * (touched.pitch / 4);
@@ -188,20 +189,21 @@ absl::Status CountTouched(RunState& state) {
   if (state.mesh.host_view.triangle_count == 0) return absl::OkStatus();
   CountTouchedArgs args;
   args.touched = TouchedOf(state);
-  args.words = uint32_t(MarkBytes(state) / 4);  // of less than 2^32 voxels
+  args.words = uint32_t(MarkBytes(state) / 4);  // no more than a bit grid has: below 2^27, so that Quotient holds
   args.by_pitch = MakeDivisor(args.touched.pitch / 4);
   args.by_rows = MakeDivisor(args.touched.rows);
   args.cells = reinterpret_cast<const uint32_t*>(state.targets.at[0].dense);
   for (int a = 0; a < 3; ++a) args.dims[a] = uint32_t(state.slab_dims[size_t(a)]);
   args.count = state.counters.data() + kVoxels;
-  const RestArgs first = MakeRestArgs(state, 0, 1, false);
+  RestArgs first = MakeRestArgs(state, 0, 1, false);
+  first.walk.largest = nullptr;  // nothing is drawn apart
   args.large_queue = first.walk.large_queue;
   args.queued = first.walk.queued;
   const auto kernel = args.dims[0] % 4 == 0 ? CountTouchedKernel<uint4> : CountTouchedKernel<uint32_t>;
   kernel<<<BlocksFor(args.words, kThreads, UINT32_MAX), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CountTouched");
   // The least id is what the target was cleared to.
-  return EmitLargest<BlankCounter>(state, first, {args.cells, args.dims[0], args.count});
+  return EmitLargeQueue<BlankCounter>(state, first, {args.cells, args.dims[0], args.count});
 }
 
 }  // namespace voxelpipe::cuda

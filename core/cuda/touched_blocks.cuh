@@ -4,6 +4,8 @@
 
 #include <cstdint>
 
+#include "cuda/reductions.cuh"
+
 namespace voxelpipe::cuda {
 
 // A byte for each block, x fastest, which is not 0 where voxels are touched from: from one of the block's on, up to kReach. Blocks are 16 voxels
@@ -17,8 +19,7 @@ struct TouchedBlocks {
 
   // Voxels from (x, y, z) of the slab on.
   __device__ void Touch(int x, int y, int z) const {
-    // Others store the same.
-    marks[uint32_t(x >> kLogX) + pitch * (uint32_t(y >> kLogYZ) + rows * uint32_t(z >> kLogYZ))] = 1;
+    SetMark(marks + (uint32_t(x >> kLogX) + pitch * (uint32_t(y >> kLogYZ) + rows * uint32_t(z >> kLogYZ))));
   }
   // Voxels [x_begin, x_end) of a row.
   __device__ void TouchRow(int x_begin, int x_end, int y, int z) const {
