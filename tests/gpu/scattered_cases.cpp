@@ -79,6 +79,8 @@ std::vector<ParityCase> ScatteredCases() {
   TargetSpec greatest = sum(VoxelFormat::kF32, 1, 0);
   greatest.blend = Blend::kMax;
   add(slanted, {sum(VoxelFormat::kF32, 1, 0), greatest, sum(VoxelFormat::kF32, 3, 0)});
+  // With a cache of 2 KB full slabs are ordered, and cover voxels; the last one, of a layer, is not, and touches blocks.
+  add(Placed({40, 48, 41}, {0, 0, 0}, {2.7, 2.2, 2.6}), {greatest}).slab_depth = 8;
   ParityCase& filled = add(slanted, {sum(VoxelFormat::kF32, 1, 0)});
   filled.request.fill = Fill::kParity;
   filled.request.layout = Layout::kPlanar;
