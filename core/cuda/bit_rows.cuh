@@ -1,4 +1,4 @@
-// Plain bits of meshes many of whose triangles reach over more than two voxels: a triangle a thread, by rows (bit_cells.cuh), however small its box.
+// Plain bits of meshes many of whose triangles reach over more than two voxels: a triangle a thread, by rows (cell_rows.cuh), however small its box.
 //
 // WalkCells (bit_walk.cuh) sorts a block's triangles first, so that lanes of a warp do the same. Where many of them go by rows, that takes longer
 // than it saves: they are read twice, and warps wait for each other. What is left then is the rate of atomics on the grid, so those of

@@ -11,6 +11,10 @@ namespace voxelpipe::cuda {
 inline bool BySpans(const CudaTarget& target) {
   return target.format != VoxelFormat::kBit;
 }
+// Whether its values are the ids of triangles, which no kernel has to read.
+inline bool IsById(const CudaTarget& target) {
+  return target.shader == FragmentShaderId::kTriangleId && target.components == 1;
+}
 inline bool IsSum(Kept kept) {
   return kept == Kept::kSum || kept == Kept::kAverage;
 }

@@ -54,7 +54,7 @@ absl::Status MakeValues(RunState& state, int index) {
   args.triangles = state.mesh.host_view.triangle_count;
   memory.shaded = true;
   memory.shading = args.shading;
-  memory.by_id = target.shader == FragmentShaderId::kTriangleId && target.components == 1;
+  memory.by_id = IsById(target);
   if (target.blend == Blend::kCount || args.triangles == 0) return absl::OkStatus();
   if (memory.by_id) {  // cheaper than to read it; and no id is negative
     VOXELPIPE_OK_OR_RETURN(memory.negative.Resize(1, state.stream));

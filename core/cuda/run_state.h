@@ -55,7 +55,7 @@ struct PackedVertex;
 struct LargestTriangles;
 // What walks over a scattered mesh read besides its arrays (scattered.h); null: they do without.
 struct ScatteredMesh {
-  // Three a triangle, so that nothing is to be looked up: parts of RunState::box, whose extent is kept here (bit_cells.cuh).
+  // Three a triangle, so that nothing is to be looked up: parts of RunState::box, whose extent is kept here (fixed_place.cuh).
   const PackedVertex* packed = nullptr;
   // The same in the order of places (Morton, 1966), for walks to which triangles are all the same.
   const PackedVertex* placed = nullptr;

@@ -167,8 +167,7 @@ bool KeepsTouched(RunState& state) {
   if (!state.direct || request.result != ResultKind::kDense || request.fill != Fill::kNone) return false;
   if (state.targets.count != 1 || state.fills_rows) return false;
   const CudaTarget& target = state.targets.at[0];
-  if (target.shader != FragmentShaderId::kTriangleId || target.components != 1) return false;
-  return target.blend == Blend::kMax && IsInPlace(target) && !NeedsOrder(state);
+  return IsById(target) && target.blend == Blend::kMax && IsInPlace(target) && !NeedsOrder(state);
 }
 
 absl::Status ClearTouched(RunState& state) {

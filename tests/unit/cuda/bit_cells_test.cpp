@@ -7,6 +7,7 @@
 #include <random>
 #include <set>
 
+#include "cuda/cell_rows.cuh"
 #include "grid/index_space.h"
 #include "raster/spans.h"
 
