@@ -22,6 +22,7 @@
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
+#include "cuda/scattered.h"
 #include "cuda/walk.h"
 #include "pipeline/plan.h"
 
@@ -294,7 +295,8 @@ absl::Status EmitFragments(RunState& state) {
 absl::Status SortFragments(RunState& state) {
   if (state.fragments.count == 0) return absl::OkStatus();
   const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
-  VOXELPIPE_OK_OR_RETURN(SortByKey(state.fragments, WideKeys(state), bits, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(
+      SortByKey(state.fragments, WideKeys(state), bits, IsScattered(state), state.scratch, state.stream));
   return state.targets.any_always_present ? absl::OkStatus() : DropDiscarded(state);
 }
 

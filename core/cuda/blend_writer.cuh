@@ -18,14 +18,16 @@ class BlendWriter {
  public:
   using Args = BlendWriterArgs;
   __device__ BlendWriter(const BlendWriterArgs& args, uint32_t)
-      : args_(args), plain_(args.blend.negative != nullptr && *args.blend.negative == 0) {}
+      : args_(args), plain_(args.blend.negative != nullptr && (kShader >= 0 || *args.blend.negative == 0)) {}
 
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
     uint32_t key[1] = {};
     const uint32_t length = x_begin < x_end ? uint32_t(x_end - x_begin) : 0;
     if (length > 0) KeysOf<kShader, 1>(args_.blend, plain_, t, key);
     fragments_ += length;
-    if (args_.blend.touched.marks != nullptr) {
+    bool touches = false;  // ids alone do
+    if constexpr (kShader >= 0) touches = args_.blend.touched.marks != nullptr;
+    if (touches) {
       const auto ny = uint32_t(args_.cover.grid.dims[1]);
       if (length > 0) args_.blend.touched.TouchRow(x_begin, x_end, int(row % ny), int(row / ny));
     } else {

@@ -249,9 +249,11 @@ struct FoundBlock {
 };
 
 // The same of the rows of a block, whose first voxel is `voxel` of the slab.
+template <int kShader>
 __device__ inline void BlendBlock(const CellArgs& args, const int (&voxel)[3], uint32_t first, uint64_t mask,
                                   uint32_t key) {
-  const bool touches = args.blend.touched.marks != nullptr;
+  bool touches = false;
+  if constexpr (kShader >= 0) touches = args.blend.touched.marks != nullptr;
   if (touches) args.blend.touched.TouchBox(voxel[0], voxel[1], voxel[2], mask);
   ForEachBlockRow(args.walk.grid, first, mask, [&](uint32_t at, uint32_t four) {
     if (!touches) CoverBits(args.walk.bits, at, four);
@@ -384,7 +386,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
         const GridView& grid = walk.grid;
         if (found.mask != 0) {
           const uint32_t bit = BitOfVoxel(grid, found.first[0], found.first[1], found.first[2] + int(grid.slab_begin));
-          BlendBlock(args, found.first, bit, found.mask, found.key[0] ^ (plain ? 0x80000000u : 0));
+          BlendBlock<kShader>(args, found.first, bit, found.mask, found.key[0] ^ (plain ? 0x80000000u : 0));
         }
       }
     } else {

@@ -4,12 +4,30 @@
 
 #include "cuda/fragments.h"
 
+// What goes beyond CUB's interface is for these versions; with others keys are sorted as CUB has it.
+#if defined(CUB_VERSION) && CUB_VERSION >= 300000 && CUB_VERSION < 300100
+#define VOXELPIPE_TUNES_CUB
+namespace cub::detail {
+
+// The lanes that have a lane's digit of 8 bits, in blocks of 16 warps: by the instruction for that, which takes the longer the more digits a
+// warp has, where CUB takes a vote for each bit.
+template <>
+struct warp_in_block_matcher_t<8, 0, 15> {
+  static __device__ __forceinline__ uint32_t match_any(uint32_t digit, uint32_t) {
+    return __match_any_sync(~0u, digit);
+  }
+};
+
+}  // namespace cub::detail
+#endif
+
 namespace voxelpipe::cuda {
 namespace {
 
 struct Work {
   uint64_t count;
   int bits;
+  bool scattered;
   DeviceArray<uint8_t>& scratch;
   cudaStream_t stream;
 };
@@ -39,9 +57,8 @@ absl::Status Sort(const Work& work, Buffers<Key>& buffers) {
 }
 
 // CUB sorts 8 bits a pass. Keys of 25 to 27 bits go in three passes of 9 bits, which takes less than four; with 10 bits, for 30, each
-// pass took longer than it saved. CUB's dispatcher takes the number as a parameter, but that is not part of its interface: with other
-// versions keys are sorted as CUB has it.
-#if defined(CUB_VERSION) && CUB_VERSION >= 300000 && CUB_VERSION < 300100
+// pass took longer than it saved. CUB's dispatcher takes the number as a parameter.
+#ifdef VOXELPIPE_TUNES_CUB
 template <int kBits, int kThreads, int kItems>
 struct DigitPolicies {
   using Hub = cub::detail::radix::policy_hub<uint32_t, uint32_t, uint32_t>;
@@ -72,6 +89,7 @@ absl::Status SortByDigits(const Work& work, Buffers<uint32_t>& buffers) {
 absl::Status SortNarrow(const Work& work, Buffers<uint32_t>& buffers) {
   if (work.count >= uint64_t{1} << 31) return Sort(work, buffers);
   if ((work.bits + 8) / 9 < (work.bits + 7) / 8) return SortByDigits<DigitPolicies<9, 512, 17>>(work, buffers);
+  if (!work.scattered) return SortByDigits<DigitPolicies<8, 512, 17>>(work, buffers);
   return SortByDigits<DigitPolicies<8, 384, 23>>(work, buffers);
 }
 #else
@@ -88,9 +106,9 @@ Buffers<Key> BuffersOf(Fragments& fragments) {
 
 }  // namespace
 
-absl::Status SortByKey(Fragments& fragments, bool wide_keys, int bits, DeviceArray<uint8_t>& scratch,
+absl::Status SortByKey(Fragments& fragments, bool wide_keys, int bits, bool scattered, DeviceArray<uint8_t>& scratch,
                        cudaStream_t stream) {
-  const Work work{fragments.count, bits, scratch, stream};
+  const Work work{fragments.count, bits, scattered, scratch, stream};
   CountLaunch();
   uint32_t* sorted = nullptr;
   if (wide_keys) {

@@ -36,9 +36,10 @@ struct Fragments {
   }
 };
 
-// Sorts the first copy by the lowest `bits` bits of the keys, which are 64 bits wide or 32; fragments of one key keep their order. `scratch` is CUB's.
+// Sorts the first copy by the lowest `bits` bits of the keys, which are 64 bits wide or 32; fragments of one key keep their order. `scattered`: keys of
+// neighbours have little in common; it is a matter of speed alone. `scratch` is CUB's.
 absl::Status SortByKey(
-    Fragments& fragments, bool wide_keys, int bits, DeviceArray<uint8_t>& scratch,
+    Fragments& fragments, bool wide_keys, int bits, bool scattered, DeviceArray<uint8_t>& scratch,
     cudaStream_t stream);  // fragment_sort.cu: CUB compiles slowly, so its instances stand in one place
 
 // In buckets.cu. Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room. There are fragments.
