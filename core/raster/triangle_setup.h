@@ -51,6 +51,15 @@ struct SpanBounds {
   Real plane_sy;
 };
 
+// Stands for bounds of which one of kBoundsParts threads makes its part: an edge's, or the box's and the plane's. All of them do everything else.
+inline constexpr int kBoundsParts = 4;
+template <typename Real>
+struct BoundsPart {
+  SpanBounds<Real>& out;
+  int number;
+  Real first[3], last[3];  // as in SpanBounds
+};
+
 struct TriangleSetup {
   SpanClass span_class;
   Vec3d base;                 // index space of the local origin, integer valued: the first voxel of the triangle's box
@@ -164,6 +173,26 @@ VOXELPIPE_HD void BoundShape(const Shape<Real>& shape, Coverage coverage, SpanBo
   BoundEdge(shape, 2, shape.f2, shape.v0, Real(1), out);
   BoundPlane(shape, coverage, out);
 }
+// The same, what is of the part's number alone.
+template <typename Real>
+VOXELPIPE_HD void BoundShape(const Shape<Real>& shape, Coverage coverage, BoundsPart<Real>& part) {
+  SpanBounds<Real>& out = part.out;
+  if (part.number < 3) {
+    const bool second = part.number == 1, third = part.number == 2;
+    Vec3<Real> f, p;
+    for (int a = 0; a < 3; ++a) {
+      f[a] = second ? shape.f3[a] : third ? shape.f2[a] : shape.f1[a];
+      p[a] = second ? shape.v1[a] : shape.v0[a];
+    }
+    BoundEdge(shape, part.number, f, p, third ? Real(1) : Real(-1), out);
+    return;
+  }
+  for (int a = 0; a < 3; ++a) {
+    out.first[a] = part.first[a];
+    out.last[a] = part.last[a];
+  }
+  BoundPlane(shape, coverage, out);
+}
 
 // Half sizes of the box that stands for the voxel (coverage.h).
 template <typename Real>
@@ -239,7 +268,7 @@ VOXELPIPE_HD void SetUpWide(const Vec3d& a, const Vec3d& b, const Vec3d& c, Cove
 }  // namespace setup_internal
 
 // In: the three vertices in index space (double, finite, within 2^40 voxels), the coverage. Out: the set-up, independent of
-// grid, tile and batch. `Setup` has the members of TriangleSetup; its bounds may be references to where they are to lie.
+// grid, tile and batch. `Setup` has the members of TriangleSetup; its bounds may be references to where they are to lie, or parts.
 template <typename Setup>
 VOXELPIPE_HD void SetUpTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage, Setup& s) {
   using namespace setup_internal;

@@ -1,6 +1,7 @@
 #include "raster/triangle_setup.h"
 
 #include <cmath>
+#include <cstring>
 
 #include "gtest/gtest.h"
 #include "raster/crossing.h"
@@ -58,6 +59,43 @@ TEST(TriangleSetupTest, DominantAxisTiesGoToXThenY) {
   EXPECT_EQ(DominantAxis(Vec3d{1, -1, 1}), 0);
   EXPECT_EQ(DominantAxis(Vec3d{0, -1, 1}), 1);
   EXPECT_EQ(DominantAxis(Vec3d{0.5, 0.5, -1}), 2);
+}
+
+// Bounds made by four, each its part, are those that one makes: to the last bit, and nothing of them is left out.
+TEST(TriangleSetupTest, PartsMakeTheSameBounds) {
+  struct PartOfSetup {
+    BoundsPart<float> narrow;
+    BoundsPart<double> wide;
+    SpanClass span_class;
+    Vec3d base, box_first, box_last;
+  };
+  int classes[3] = {0, 0, 0};
+  for (const double extent : {3.0, 50.0, 4000.0}) {
+    const TriangleMesh soup = Soup(300, extent, 7);
+    for (const auto& t : soup.triangles) {
+      const Vec3d &a = soup.positions[t[0]], &b = soup.positions[t[1]], &c = soup.positions[t[2]];
+      for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin, Coverage::kCenter}) {
+        const TriangleSetup whole = SetUpTriangle(a, b, c, coverage);
+        SpanBounds<float> narrow;
+        SpanBounds<double> wide;
+        std::memset(static_cast<void*>(&narrow), 0xff, sizeof narrow);
+        std::memset(static_cast<void*>(&wide), 0xff, sizeof wide);
+        for (int part = 0; part < kBoundsParts; ++part) {
+          PartOfSetup s{{narrow, part, {}, {}}, {wide, part, {}, {}}, SpanClass::kRun, {}, {}, {}};
+          SetUpTriangle(a, b, c, coverage, s);
+          ASSERT_EQ(s.span_class, whole.span_class);
+          ASSERT_EQ(s.base, whole.base);
+          ASSERT_EQ(s.box_first, whole.box_first);
+          ASSERT_EQ(s.box_last, whole.box_last);
+        }
+        ++classes[int(whole.span_class)];
+        const bool is_narrow = whole.span_class == SpanClass::kNarrow, is_wide = whole.span_class == SpanClass::kWide;
+        ASSERT_TRUE(!is_narrow || std::memcmp(&narrow, &whole.narrow, sizeof narrow) == 0);
+        ASSERT_TRUE(!is_wide || std::memcmp(&wide, &whole.wide, sizeof wide) == 0);
+      }
+    }
+  }
+  for (const int count : classes) EXPECT_GT(count, 0);
 }
 
 TEST(SpansTest, FarTrianglesAreClampedNotConverted) {
