@@ -17,7 +17,8 @@ inline constexpr int kPiecePitch = kPieceWords + 4;  // in shared memory: rows b
 inline constexpr uint32_t kBinRoom = 256;            // triangles of a list
 inline constexpr uint32_t kMostLarge = 256;          // that every piece looks at, where there are no lists
 
-// Lists of triangles; or none, and every piece looks at the first of the large queue, up to kMostLarge: those alone are set up then.
+// Lists of triangles; or none, and every piece looks at few, which alone are set up: args.largest, or where there are none the first of the large queue,
+// up to kMostLarge.
 struct Bins {
   uint32_t dims[3] = {0, 0, 0};     // pieces
   uint32_t z_begin = 0, z_end = 0;  // along z, those that are stored: the others lie before or behind the whole mesh
@@ -75,7 +76,9 @@ __device__ inline bool MayMeet(const SharedSetup& s, int y, int z) {
   return true;
 }
 
-// Sets up all triangles and lists them, by warp `warp` of `warps`, which has room for 32. Waits for earlier kernels.
+// Sets up all triangles and lists them, by warp `warp` of `warps`, which has room for 32. `kFew`: no warp has more than kMostInParts. Waits for
+// earlier kernels.
+template <bool kFew>
 __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t warp, uint64_t warps,
                                 SharedSetup* shared) {
   const unsigned lane = threadIdx.x % 32;
@@ -84,7 +87,14 @@ __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t 
     const uint64_t here = min(each, args.triangle_count - begin);
     PieceBox box{};
     uint32_t pieces = 0;
-    if (lane < here && SetUpLayers(args, uint32_t(begin) + lane, shared[lane]) > 0) {
+    const auto number = [begin](uint32_t i) { return uint32_t(begin) + i; };
+    uint64_t rows = 0;
+    if constexpr (kFew) {
+      rows = SetUpFew(args, uint32_t(here), number, shared);
+    } else if (lane < here) {
+      rows = SetUpRows(args, number(lane), shared[lane]);
+    }
+    if (rows > 0) {
       box = PiecesOf(shared[lane], int(args.grid.slab_begin));
       pieces = box.count();
     }
@@ -119,9 +129,11 @@ __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t 
 // A layer of a triangle within a piece: its rows, from `begin` to `end` of the piece's eight, and what they share.
 struct PieceLayer {
   double x_first, x_last, plane_lo, plane_hi;
-  uint32_t triangle;
+  uint32_t triangle;  // of those that the warp draws at once
   uint8_t z, begin, end;
 };
+
+inline constexpr uint32_t kDrawnAtOnce = 32 / kPieceEdge;  // triangles of a warp
 
 template <int kThreads>
 struct StoreRoom {
@@ -132,6 +144,22 @@ struct StoreRoom {
   };
   uint32_t count;
 };
+
+// The same, and set-ups of listed triangles, which a warp draws a few of at a time.
+template <int kThreads>
+struct ListedRoom : StoreRoom<kThreads> {
+  alignas(16) SharedSetup setups[kThreads / 32][kDrawnAtOnce];
+};
+template <bool kListed, int kThreads>
+struct StoreRoomType {
+  using Type = StoreRoom<kThreads>;
+};
+template <int kThreads>
+struct StoreRoomType<true, kThreads> {
+  using Type = ListedRoom<kThreads>;
+};
+template <bool kListed, int kThreads>
+using StoreRoomFor = typename StoreRoomType<kListed, kThreads>::Type;
 
 // False where a set-up triangle does not meet the piece whose first row is y of layer z and whose voxels are [x, x + width).
 __device__ inline bool MeetsPiece(const SharedSetup& s, int x, int y, int z, int width) {
@@ -225,25 +253,51 @@ __device__ inline void SetSharedRow(uint32_t* row, int x_begin, int x_end) {
   atomicOr(row + last, mask & ~0u >> (31 - (x_end - 1) % 32));
 }
 
+// Brings set-ups of a warp's next triangles to shared memory, each by the eight lanes whose `t` it is; none of kNoTriangle. All that they need is asked for
+// at once: where it lies it would be waited for field by field. All threads of the warp call it.
+__device__ inline void FetchSetups(const Bins& bins, uint32_t t, SharedSetup* setups) {
+  static_assert(sizeof(SharedSetup) % sizeof(uint4) == 0);
+  constexpr uint32_t kQuads = sizeof(SharedSetup) / sizeof(uint4);
+  const uint32_t lane = threadIdx.x % 32;
+  if (t != kNoTriangle) {
+    const auto* const from = reinterpret_cast<const uint4*>(bins.set_up + t);
+    auto* const to = reinterpret_cast<uint4*>(setups + lane / kPieceEdge);
+    uint4 quads[(kQuads + kPieceEdge - 1) / kPieceEdge];
+#pragma unroll
+    for (uint32_t i = 0; i * kPieceEdge < kQuads; ++i) {
+      const uint32_t at = i * kPieceEdge + lane % kPieceEdge;
+      if (at < kQuads) quads[i] = __ldg(from + at);
+    }
+#pragma unroll
+    for (uint32_t i = 0; i * kPieceEdge < kQuads; ++i) {
+      const uint32_t at = i * kPieceEdge + lane % kPieceEdge;
+      if (at < kQuads) to[at] = quads[i];
+    }
+  }
+  __syncwarp();
+}
+
 // Draws the first `count` triangles of a list into the room's words, row (y, z) of the piece at kPiecePitch * (y + 8*z). In: the grid's row
 // and layer where the piece begins, its first voxel and how many there are. Warps take four triangles at a time; all threads of
 // the block call it, and a barrier is to follow.
 template <int kThreads>
 __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, uint32_t count, int x, int y, int z,
-                                 int width, StoreRoom<kThreads>& room) {
+                                 int width, ListedRoom<kThreads>& room) {
   const unsigned lane = threadIdx.x % 32;
   PieceLayer* const layers = room.layers + threadIdx.x / 32 * 32;
+  SharedSetup* const setups = room.setups[threadIdx.x / 32];
   const auto quads = reinterpret_cast<uint4*>(room.words);
   for (int i = int(threadIdx.x); i < kPieceRows * kPiecePitch / 4; i += kThreads) quads[i] = uint4{0, 0, 0, 0};
   __syncthreads();
-  for (uint32_t first = threadIdx.x / 32 * 4; first < count; first += kThreads / kPieceEdge) {
+  for (uint32_t first = threadIdx.x / 32 * kDrawnAtOnce; first < count; first += kThreads / kPieceEdge) {
     const uint32_t number = first + lane / kPieceEdge;
     uint32_t rows = 0;
+    FetchSetups(bins, number < count ? triangles[number] : kNoTriangle, setups);
     if (number < count) {
       PieceLayer layer;
-      layer.triangle = triangles[number];
+      layer.triangle = lane / kPieceEdge;
       layer.z = uint8_t(lane % kPieceEdge);
-      if (FindLayer(bins.set_up[layer.triangle], y, z + int(layer.z), layer)) {
+      if (FindLayer(setups[layer.triangle], y, z + int(layer.z), layer)) {
         rows = uint32_t(layer.end) - layer.begin;
         layers[lane] = layer;
       }
@@ -259,7 +313,7 @@ __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, ui
       const PieceLayer& layer = layers[i];
       const int row = int(layer.begin) + int(row_of_layer);
       int x_begin, x_end;
-      if (!FindRow(bins.set_up[layer.triangle], layer, y + row, x_begin, x_end)) continue;
+      if (!FindRow(setups[layer.triangle], layer, y + row, x_begin, x_end)) continue;
       x_begin = max(x_begin - x, 0);
       x_end = min(x_end - x, width);
       if (x_begin < x_end) {
@@ -278,7 +332,53 @@ __device__ inline SpanBounds<Real> BoundsOfRows(const SpanBounds<Real>& bounds) 
   return rows;
 }
 
-// The rows of a layer, as FindRow has them: set(row of the piece, x_begin, x_end).
+// Whether the plane alone tells the voxels of the layer's rows. Bounds of x are a product and a sum, each rounded once: what lies between two rows
+// has bounds between theirs.
+__device__ inline bool IsPlaneAlone(const SharedSetup& s, const PieceLayer& layer, int y) {
+  if (s.span_class != SpanClass::kWide || double(s.cell[0]) != s.base.x) return false;
+  const double first = double(y + int(layer.begin)) - s.base.y, last = double(y + int(layer.end) - 1) - s.base.y;
+  double lo = layer.x_first, hi = layer.x_last;
+  for (int i = 0; i < 3; ++i) {
+    const Bound<double>& bound = s.wide.x_of_y[i];
+    const double here = bound.s * first, there = bound.s * last;
+    lo = Greater(lo, Greater(bound.lo - here, bound.lo - there));
+    hi = Lesser(hi, Lesser(bound.hi - here, bound.hi - there));
+  }
+  const double here = s.wide.plane_sy * first, there = s.wide.plane_sy * last;
+  return lo <= Lesser(layer.plane_lo - here, layer.plane_lo - there) &&
+         hi >= Greater(layer.plane_hi - here, layer.plane_hi - there);
+}
+
+// Rounded up and down; what 32 bits do not hold becomes the nearest that they do.
+__device__ inline int IntAbove(double v) {
+#if defined(__CUDA_ARCH__)
+  return __double2int_ru(v);
+#else
+  return int(Clamp(ceil(v), -0x1p31, 0x1p31 - 1));
+#endif
+}
+__device__ inline int IntBelow(double v) {
+#if defined(__CUDA_ARCH__)
+  return __double2int_rd(v);
+#else
+  return int(Clamp(floor(v), -0x1p31, 0x1p31 - 1));
+#endif
+}
+
+// The rows of a layer of which IsPlaneAlone: set(row of the piece, x_begin, x_end).
+template <typename Set>
+__device__ inline void ForEachRowOfPlane(const SharedSetup& s, const PieceLayer& layer, int y, Set&& set) {
+  const int cell = s.cell[0], least = s.begin[0] - cell, most = s.end[0] - cell;
+  const double slope = s.wide.plane_sy;
+  double local = double(y + int(layer.begin)) - s.base.y;
+  for (int row = int(layer.begin); row < int(layer.end); ++row, local += 1) {
+    const double shift = slope * local;
+    const int first = IntAbove(layer.plane_lo - shift), last = IntBelow(layer.plane_hi - shift);
+    set(row, cell + min(max(first, least), most), cell + min(max(last, least - 1), most - 1) + 1);
+  }
+}
+
+// The rows of a layer, as FindRow has them; likewise.
 template <typename Set>
 __device__ inline void ForEachRowOf(const SharedSetup& s, const PieceLayer& layer, int y, Set&& set) {
   const int x_lo = s.begin[0], x_hi = s.end[0];
@@ -301,23 +401,33 @@ __device__ inline void ForEachRowOf(const SharedSetup& s, const PieceLayer& laye
   }
 }
 
-// DrawPiece for triangles that fill most of it: a thread takes a layer.
+// DrawPiece for triangles that fill most of it: a thread takes a layer. Most often no edge is near, and the plane alone tells the rows.
 template <int kThreads>
 __device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, uint32_t count, int x, int y, int z,
                                   int width, StoreRoom<kThreads>& room) {
   const auto quads = reinterpret_cast<uint4*>(room.words);
   for (int i = int(threadIdx.x); i < kPieceRows * kPiecePitch / 4; i += kThreads) quads[i] = uint4{0, 0, 0, 0};
   __syncthreads();
-  for (uint32_t item = threadIdx.x; item < count * kPieceEdge; item += kThreads) {
+  const uint32_t lane = threadIdx.x % 32, total = count * kPieceEdge;
+  for (uint32_t begins = threadIdx.x - lane; begins < total; begins += kThreads) {
+    const uint32_t item = min(begins + lane, total - 1);
     const SharedSetup& s = bins.set_up[triangles[item / kPieceEdge]];
     const int of_piece = int(item % kPieceEdge);
     PieceLayer layer;
-    if (!FindLayer(s, y, z + of_piece, layer)) continue;
-    ForEachRowOf(s, layer, y, [&](int row, int x_begin, int x_end) {
+    const bool has = begins + lane < total && FindLayer(s, y, z + of_piece, layer);
+    // Where some lane needs edges, too, all take that way: they would wait for it.
+    const bool plane_alone = __all_sync(~0u, !has || IsPlaneAlone(s, layer, y)) != 0;
+    const auto set = [&](int row, int x_begin, int x_end) {
       x_begin = max(x_begin - x, 0);
       x_end = min(x_end - x, width);
       if (x_begin < x_end) SetSharedRow(room.words + (of_piece * kPieceEdge + row) * kPiecePitch, x_begin, x_end);
-    });
+    };
+    if (has && plane_alone) {
+      ForEachRowOfPlane(s, layer, y, set);
+    } else if (has) {
+      ForEachRowOf(s, layer, y, set);
+    }
+    __syncwarp();
   }
 }
 
@@ -325,7 +435,7 @@ __device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, u
 // All threads of a block call it.
 template <bool kQuads, bool kListed, int kThreads>
 __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_t large, uint32_t x, uint32_t y,
-                                  uint32_t z, StoreRoom<kThreads>& room) {
+                                  uint32_t z, StoreRoomFor<kListed, kThreads>& room) {
   constexpr int kEach = kQuads ? 4 : 1, kUnits = kPieceWords / kEach;  // side by side along a row
   constexpr int kRowStep = kThreads / kUnits;
   const auto me = int(threadIdx.x);
@@ -390,9 +500,13 @@ __device__ inline void ClearBehind(const BitArgs& args) {
 
 // The same of all pieces along z that are stored; and zeros behind the last word of all, up to a whole unit.
 template <bool kQuads, bool kListed, int kThreads>
-__device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreRoom<kThreads>& room) {
+__device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreRoomFor<kListed, kThreads>& room) {
   if (!kQuads && blockIdx.x == 0 && blockIdx.y == 0 && blockIdx.z == 0) ClearBehind(args);
-  const uint32_t large = kListed ? 0 : uint32_t(min(__ldg(args.queued + kLargeQueue), uint64_t{kMostLarge}));
+  uint32_t large = 0;
+  if constexpr (!kListed) {
+    large = args.largest != nullptr ? args.largest->listed()
+                                    : uint32_t(min(__ldg(args.queued + kLargeQueue), uint64_t{kMostLarge}));
+  }
   for (uint32_t z = bins.z_begin + blockIdx.z; z < bins.z_end; z += gridDim.z) {
     if (z != bins.z_begin + blockIdx.z) __syncthreads();  // the room is free again
     StorePiece<kQuads, kListed, kThreads>(args, bins, large, blockIdx.x, blockIdx.y, z, room);

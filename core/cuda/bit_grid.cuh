@@ -1,5 +1,5 @@
-// The bit grid that triangles are drawn in straight from world space: what its kernels share (bit_walk.cuh, bit_layers.cuh, bit_bins.cuh,
-// bit_large.cuh, bit_order.cuh), how rows of voxels are set, and vertices in index space. No host-only includes.
+// The bit grid that triangles are drawn in straight from world space: what its kernels share (bit_walk.cuh, bit_setups.cuh,
+// bit_layers.cuh, bit_bins.cuh, bit_order.cuh), how rows of voxels are set, and vertices in index space. No host-only includes.
 #pragma once
 
 #include "cuda/bit_cells.cuh"
@@ -10,10 +10,11 @@ namespace voxelpipe::cuda {
 
 inline constexpr uint32_t kMostApart = 30;  // of a warp's lanes, within 48 KiB of shared memory
 
-// The few largest triangles of a mesh, in no order. `count` may be more than are listed.
+// The few largest triangles of a mesh, in no order, with their corners in world space. `count` may be more than are listed.
 struct LargestTriangles {
   uint32_t count;
   uint32_t triangles[kMostApart];
+  Vec3d corners[kMostApart][3];
 
   __device__ uint32_t listed() const { return min(count, kMostApart); }
 };
@@ -107,14 +108,18 @@ __device__ inline double Divide(double a, double b, double inverse) {
   return fma(fma(-q, b, a), inverse, q);
 }
 // WorldToIndex.
-__device__ inline Vec3d PlaceVertex(const BitArgs& args, uint32_t vertex) {
+__device__ inline Vec3d PlacePosition(const BitArgs& args, const Vec3d& position) {
   const Vec3d &origin = args.grid.origin, &size = args.grid.voxel_size;
-  const Vec3d p = args.positions[vertex] - origin;
+  const Vec3d p = position - origin;
   // Of the least, remainders would be lost.
   const bool tiny = !(Abs(p.x) >= 0x1p-400 && Abs(p.y) >= 0x1p-400 && Abs(p.z) >= 0x1p-400);
   if (tiny) return DividePlainly(p, size);
   return {Divide(p.x, size.x, args.inverse_size.x), Divide(p.y, size.y, args.inverse_size.y),
           Divide(p.z, size.z, args.inverse_size.z)};
+}
+
+__device__ inline Vec3d PlaceVertex(const BitArgs& args, uint32_t vertex) {
+  return PlacePosition(args, args.positions[vertex]);
 }
 
 struct PlacedCorners {

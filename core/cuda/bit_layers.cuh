@@ -5,20 +5,12 @@
 // No host-only includes.
 #pragma once
 
-#include "cuda/bit_grid.cuh"
+#include "cuda/bit_setups.cuh"
 
 namespace voxelpipe::cuda {
 
 inline constexpr int kLayerLanes = 4;    // share a layer in WalkLayers: rows of one lie near each other in memory
-inline constexpr int kLargeSetups = 32;  // of a block
-
-// Sets up triangle t in shared memory; the number of its layers.
-__device__ __noinline__ inline uint32_t SetUpLayers(const BitArgs& args, uint32_t t, SharedSetup& shared) {
-  const PlacedCorners p = PlaceCorners(args, t);
-  constexpr uint32_t kOrder[3] = {0, 1, 2};
-  const uint64_t rows = SetUpShared(p.at, kOrder, args.coverage, args.grid.SlabRange(), 0, shared);
-  return rows == 0 ? 0 : uint32_t(shared.end[2] - shared.begin[2]);
-}
+inline constexpr int kLargeSetups = 32;  // of a block, a lane each
 
 // Rows offset, offset + step, ... of a layer of a set-up triangle.
 template <typename Real>
@@ -78,15 +70,13 @@ __device__ inline void WalkSetUp(const BitArgs& args, const SharedSetup* shared,
 template <int kSetups>
 __device__ inline void WalkLayers(const BitArgs& args, uint64_t count, uint64_t warp, uint64_t warps,
                                   SharedSetup* shared) {
-  const int lane = int(threadIdx.x % 32);
   // Few triangles are spread over all warps, many are taken together.
   const uint64_t each = min(uint64_t{kSetups}, (count + warps - 1) / warps);
   for (uint64_t begin = warp * each; begin < count; begin += warps * each) {
-    uint32_t layers = 0;
-    if (uint64_t(lane) < each && begin + uint64_t(lane) < count) {
-      layers = SetUpLayers(args, __ldcg(args.layer_queue + begin + uint64_t(lane)), shared[lane]);
-    }
-    WalkSetUp<kSetups>(args, shared, layers);
+    const uint32_t* const queue = args.layer_queue + begin;
+    const uint64_t rows = SetUpRowsOfWarp(
+        args, uint32_t(min(each, count - begin)), [&](uint32_t i) { return __ldcg(queue + i); }, shared);
+    WalkSetUp<kSetups>(args, shared, rows == 0 ? 0 : LayersOf(shared[threadIdx.x % 32], rows));
   }
 }
 
@@ -94,6 +84,21 @@ struct LargeRoom {
   SharedSetup setups[kLargeSetups];
   uint32_t before[kLargeSetups + 1];
 };
+
+// IsAmongLargest by four neighbouring lanes, to each of them. All threads of a warp call it.
+__device__ inline bool IsAmongLargestInParts(const BitArgs& args, uint32_t t) {
+  if (args.largest == nullptr) return false;
+  const uint32_t lane = threadIdx.x % 32, part = lane % kBoundsParts, listed = args.largest->listed();
+  bool mine = false;
+#pragma unroll
+  for (uint32_t i = 0; i < kMostApart; i += kBoundsParts) {  // all asked for at once
+    const uint32_t other = args.largest->triangles[min(i + part, kMostApart - 1)];
+    mine = mine || (other == t && i + part < listed);
+  }
+  return (__ballot_sync(~0u, mine) >> (lane - part) & ((1u << kBoundsParts) - 1)) != 0;
+}
+
+inline constexpr int kLargeThreads = kLargeSetups * kBoundsParts;  // of a block that calls WalkLarge
 
 // The large queue, which has `queued` triangles, by block `block` of `blocks`. Batches of triangles are dealt to the blocks; where those are
 // more, several share one.
@@ -108,15 +113,17 @@ __device__ inline void WalkLarge(const BitArgs& args, uint64_t queued, uint32_t 
     const auto sharing = batches >= blocks ? 1 : uint32_t((blocks - 1 - batch) / batches + 1);
     const auto part = batches >= blocks ? 0 : uint32_t(block / batches);
     const int here = int(min(count - batch * each, each));
-    uint32_t layers = 0;
+    const uint32_t place = threadIdx.x / kBoundsParts;
+    uint32_t t = place < uint32_t(here) ? __ldcg(queue + batch * each + place) : kNoTriangle;
+    if (IsAmongLargestInParts(args, t)) t = kNoTriangle;
+    if (__syncthreads_or(t != kNoTriangle) == 0) continue;
+    const uint64_t rows = SetUpRowsInParts(args, t, room.setups[place]);
+    if (threadIdx.x % kBoundsParts == 0) room.before[place] = LayersOf(room.setups[place], rows);
+    __syncthreads();
     if (warp == 0) {
-      if (int(lane) < here) {
-        const uint32_t t = __ldcg(queue + batch * each + lane);
-        if (!IsAmongLargest(args, t)) layers = SetUpLayers(args, t, room.setups[lane]);
-      }
       uint32_t total;
-      const uint32_t before = WarpExclusiveSum(layers, total);
-      if (lane < uint32_t(kLargeSetups)) room.before[lane] = before;
+      const uint32_t before = WarpExclusiveSum(room.before[lane], total);
+      room.before[lane] = before;
       if (lane == 0) room.before[kLargeSetups] = total;
     }
     __syncthreads();

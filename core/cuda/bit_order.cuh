@@ -145,7 +145,7 @@ __device__ inline void PlaceTriangles(const BitArgs& args, const OrderArgs& orde
 __device__ inline void SetUpLarge(const BitArgs& args, const OrderArgs& order, uint64_t i) {
   if (i >= min(__ldcg(args.queued + kLargeQueue), uint64_t{kMostLarge})) return;
   SharedSetup& s = order.large[i];
-  if (SetUpLayers(args, __ldcg(args.large_queue + i), s) == 0) s.begin[2] = s.end[2] = 0;
+  if (SetUpRows(args, __ldcg(args.large_queue + i), s) == 0) s.begin[2] = s.end[2] = 0;
 }
 
 }  // namespace voxelpipe::cuda

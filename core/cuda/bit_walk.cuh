@@ -1,8 +1,8 @@
 // Plain bits of one grid: triangles from world space straight to words of the bit grid.
 //
 // Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what bit_cells.cuh is certain of is written at once, the
-// rest waits in two queues, which are walked in bit_layers.cuh. Where triangles come in random order, before both: bit_order.cuh in the largest
-// grids, in others bit_large.cuh, which draws the largest of them. Few and large triangles in large grids: bit_bins.cuh; fine meshes in such: the first
+// rest waits in two queues, which are walked in bit_layers.cuh. Where triangles come in random order, before both: the largest of them are drawn by pieces
+// (bit_bins.cuh) while the grid is cleared, or all are ordered (bit_order.cuh). Few and large triangles in large grids: bit_bins.cuh; fine meshes in such: the first
 // step sets bits in bricks, which become the grid before the second one (bit_pool.cuh). Triangles of some voxels each: bit_rows.cuh is the first step.
 // No host-only includes.
 #pragma once
@@ -410,7 +410,9 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     room.first_large = atomicAdd(queued + kLargeQueue, 0ull + room.large_count);
   __syncthreads();
   for (uint32_t i = threadIdx.x; i < room.layer_count; i += kCellThreads) {
-    args.layer_queue[room.first_layer + i] = number_at(begin + room.later[i]);
+    const uint32_t t = number_at(begin + room.later[i]);
+    args.layer_queue[room.first_layer + i] = t;
+    if constexpr (kPacked) PrefetchCorners(args, t);
   }
   for (uint32_t i = threadIdx.x; i < room.large_count; i += kCellThreads) {
     args.large_queue[room.first_large + i] = number_at(begin + room.later[CellRoom::kRoom - 1 - i]);

@@ -9,7 +9,6 @@
 #include "cuda/batch_bits.cuh"
 #include "cuda/bit_args.h"
 #include "cuda/bit_bins.cuh"
-#include "cuda/bit_large.cuh"
 #include "cuda/bit_layers.cuh"
 #include "cuda/bit_order.cuh"
 #include "cuda/bit_pool.h"
@@ -79,7 +78,7 @@ __global__ void __launch_bounds__(kCellThreads, kCellBlocks) CellKernel(const __
   WalkCells<kThin, kOrdered, kPacked, kRowLanes, kSink>(args, blockIdx.x - args.clear_blocks, room);
 }
 
-constexpr int kLayerThreads = 128, kLayerSetups = 16, kLayerBlocks = 4;
+constexpr int kLayerThreads = kLargeThreads, kLayerSetups = 16, kLayerBlocks = 4;
 
 union LayerRoom {
   SharedSetup of_warps[kLayerThreads / 32][kLayerSetups];
@@ -99,14 +98,19 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const
                            room.of_warps[warp]);
 }
 
-constexpr int kLargestThreads = 128, kLargestBlocks = 8;
-
-template <bool kQuads>
-__global__ void __launch_bounds__(kLargestThreads, kLargestBlocks) LargestKernel(const __grid_constant__ BitArgs args) {
-  __shared__ alignas(16) char memory[sizeof(LargestRoom<kLargestThreads>)];
+// Sets up args.largest, for a StoreKernel, and clears the queues.
+__global__ void __launch_bounds__(32) SetUpLargestKernel(const __grid_constant__ BitArgs args, SharedSetup* setups) {
   AllowNext();
   if (blockIdx.x == 0 && threadIdx.x < kBitQueues) args.queued[threadIdx.x] = 0;
-  StoreLargest<kQuads>(args, blockIdx.x, gridDim.x, *reinterpret_cast<LargestRoom<kLargestThreads>*>(memory));
+  const uint32_t place = blockIdx.x * kMostInParts + threadIdx.x / kBoundsParts;
+  const uint32_t part = threadIdx.x % kBoundsParts;
+  const bool has = place < args.largest->listed();
+  Vec3d mine{};
+  if (place < kMostApart && part < 3) mine = PlacePosition(args, args.largest->corners[place][part]);
+  __syncwarp();
+  SharedSetup& s = setups[has ? place : 0];
+  const uint64_t rows = SetUpPlacedInParts(args, has, has ? args.largest->triangles[place] : 0, mine, s);
+  if (has && rows == 0 && part == 0) s.begin[2] = s.end[2] = 0;
 }
 
 // Waits for all blocks of a cooperative launch. The counter is 0 but for its highest bit, and so it is left.
@@ -126,25 +130,27 @@ constexpr int kBinBlocks = 8;          // on a multiprocessor at once
 constexpr int kStoreThreads = 1024;    // likewise
 constexpr uint32_t kStoreDepth = 128;  // blocks along z
 
+template <bool kFew>
 __global__ void __launch_bounds__(kBinThreads, kBinBlocks)
     BinKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
   constexpr uint32_t kWarps = kBinThreads / 32;
   // The next kernel is not allowed to begin: its blocks would take the place of those here.
   __shared__ alignas(16) char memory[kBinThreads * sizeof(SharedSetup)];
-  FillBins(args, bins, uint64_t(blockIdx.x) * kWarps + threadIdx.x / 32, uint64_t(gridDim.x) * kWarps,
-           reinterpret_cast<SharedSetup*>(memory) + threadIdx.x / 32 * 32);
+  FillBins<kFew>(args, bins, uint64_t(blockIdx.x) * kWarps + threadIdx.x / 32, uint64_t(gridDim.x) * kWarps,
+                 reinterpret_cast<SharedSetup*>(memory) + threadIdx.x / 32 * 32);
 }
 
 template <bool kQuads, bool kListed, int kThreads>
 __global__ void __launch_bounds__(kThreads, kStoreThreads / kThreads)
     StoreKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
-  __shared__ alignas(16) char memory[sizeof(StoreRoom<kThreads>)];
+  using Room = StoreRoomFor<kListed, kThreads>;
+  __shared__ alignas(16) char memory[sizeof(Room)];
   AllowNext();
   AwaitEarlier();
-  StorePieces<kQuads, kListed>(args, bins, *reinterpret_cast<StoreRoom<kThreads>*>(memory));
+  StorePieces<kQuads, kListed, kThreads>(args, bins, *reinterpret_cast<Room*>(memory));
 }
 
-constexpr int kAtOnceThreads = 128, kAtOnceSetups = 8, kAtOnceBlocks = 4;
+constexpr int kAtOnceThreads = kLargeThreads, kAtOnceSetups = 8, kAtOnceBlocks = 4;
 
 union AtOnceRoom {
   SharedSetup of_warps[kAtOnceThreads / 32][kAtOnceSetups];
@@ -171,16 +177,21 @@ __global__ void __launch_bounds__(kAtOnceThreads, kAtOnceBlocks)
   const uint64_t warp = uint64_t(threadIdx.x / 32) * gridDim.x + blockIdx.x;
   const uint64_t each = (args.triangle_count + warps - 1) / warps, lane = threadIdx.x % 32;
   SharedSetup* const shared = room.of_warps[threadIdx.x / 32];
-  const uint64_t t = warp * each + lane;
-  uint32_t layers = 0;
   Clear(args, gridDim.x);
-  if (lane < each && t < args.triangle_count) layers = SetUpLayers(args, uint32_t(t), shared[lane]);
+  const uint64_t begin = min(warp * each, args.triangle_count);
+  static_assert(kAtOnceSetups <= int(kMostInParts));
+  const uint64_t rows = SetUpFew(
+      args, uint32_t(min(each, args.triangle_count - begin)), [begin](uint32_t i) { return uint32_t(begin) + i; },
+      shared);
   WaitForGrid(arrived);
-  if (layers > 0) {
+  uint32_t layers = 0;
+  if (rows > 0) {
+    layers = LayersOf(shared[lane], rows);
     const int width = shared[lane].end[1] - shared[lane].begin[1];
     if (QueueOf(width, layers) == CellFate::kLarge) {
       layers = 0;
-      args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLargeQueue), 1ull)] = uint32_t(t);
+      args.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLargeQueue), 1ull)] =
+          uint32_t(begin + lane);
     }
   }
   WalkSetUp<kAtOnceSetups>(args, shared, layers);
@@ -363,7 +374,9 @@ absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins
   ClearForBins<<<processors * 4, kThreads, 0, state.stream>>>(args, bins);  // few: BinKernel runs beside them
   VOXELPIPE_LAUNCHED_OR_RETURN("ClearForBins");
   const bool early = BeginsEarly(state.device);
-  LaunchEarly(early, state.stream, processors * kBinBlocks, kBinThreads, BinKernel, args, bins);
+  const unsigned blocks = processors * kBinBlocks;
+  const bool few = args.triangle_count <= uint64_t{blocks} * (kBinThreads / 32) * kMostInParts;
+  LaunchEarly(early, state.stream, blocks, kBinThreads, few ? BinKernel<true> : BinKernel<false>, args, bins);
   VOXELPIPE_LAUNCHED_OR_RETURN("BinKernel");
   VOXELPIPE_OK_OR_RETURN(LaunchStores(state, args, bins));
   return LaunchLayers(state, args);
@@ -380,13 +393,17 @@ absl::Status LaunchAtOnce(RunState& state, BitArgs& args, int blocks) {
   return absl::OkStatus();
 }
 
-// Clears the grid, with the largest triangles in it where there are such.
-absl::Status LaunchCleared(const RunState& state, const BitArgs& args) {
+// Clears the grid, with the largest triangles in it where there are such: so these take no access of memory but the grid's own, where an atomic for
+// each triangle's row takes one each.
+absl::Status LaunchCleared(RunState& state, const BitArgs& args) {
   if (args.largest == nullptr) return LaunchClear(state, args);
-  const auto kernel = args.grid.words_per_row % 4 == 0 ? LargestKernel<true> : LargestKernel<false>;
-  kernel<<<unsigned(state.device.multiprocessors) * kLargestBlocks, kLargestThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("LargestKernel");
-  return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(kMostApart * sizeof(SharedSetup), state.stream));
+  Bins bins;
+  CutIntoPieces(args, bins);
+  bins.set_up = reinterpret_cast<SharedSetup*>(state.scratch.data());
+  SetUpLargestKernel<<<(kMostApart + kMostInParts - 1) / kMostInParts, 32, 0, state.stream>>>(args, bins.set_up);
+  VOXELPIPE_LAUNCHED_OR_RETURN("SetUpLargestKernel");
+  return LaunchStores(state, args, bins);
 }
 
 // Whether lanes of CellKernel share the rows of a triangle: where a device has little else to do, for triangles so few that all blocks run at
@@ -409,8 +426,7 @@ auto* CellKernelFor(const BitArgs& args, bool shares_rows) {
   if (shares_rows) return CellKernel<kThin, false, false, kSharedRows, BitSink::kWords>;
   if (args.pool.places != nullptr) return CellKernel<kThin, false, false, 1, BitSink::kBricks>;
   if (args.packed == nullptr) return CellKernel<kThin, false, false, 1, BitSink::kWords>;
-  return ClearedByWalk(args) ? CellKernel<kThin, false, true, 1, BitSink::kTogether>
-                             : CellKernel<kThin, false, true, 1, BitSink::kWords>;
+  return CellKernel<kThin, false, true, 1, BitSink::kTogether>;
 }
 
 absl::Status LaunchCells(RunState& state, BitArgs& args) {
@@ -472,8 +488,7 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,
                           kMostCellRounds);
   PrepareScattered(state);
-  // In a grid that the cache holds neighbours get in each other's way, unless they are so many that what they set goes to the grid together.
-  UsePacked(state, args, ClearedByWalk(args) || ExceedsCache(state.device, args.quads * 16));
+  UsePacked(state, args, /*placed=*/true);
   const bool scattered = args.packed == nullptr && GoesAroundCache(state, args) && IsScattered(state);
   if (OrderArgs order; scattered && MakeOrder(state, args, order)) return LaunchOrdered(state, args, order);
   if (args.packed != nullptr && KeepsToPlaces(state, args)) args.rounds = kOrderedRounds;

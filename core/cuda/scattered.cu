@@ -12,7 +12,7 @@ namespace voxelpipe::cuda {
 namespace {
 
 constexpr int kThreads = 256;
-constexpr uint64_t kHead = 256;    // bytes before the packed corners, for the largest triangles
+constexpr uint64_t kHead = 2560;   // bytes before the packed corners, for the largest triangles
 constexpr double kLargeShare = 8;  // a triangle is large that reaches over such a part of the mesh's box along an axis
 static_assert(sizeof(LargestTriangles) <= kHead);
 
@@ -61,7 +61,9 @@ __global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant_
     // Nobody asks how many more there are, and answers of one counter take long where they are many.
     if (!large || __ldcg(&args.largest->count) >= kMostApart) continue;
     const uint32_t at = atomicAdd(&args.largest->count, 1u);
-    if (at < kMostApart) args.largest->triangles[at] = uint32_t(t);
+    if (at >= kMostApart) continue;
+    args.largest->triangles[at] = uint32_t(t);
+    for (int i = 0; i < 3; ++i) args.largest->corners[at][i] = corners[i];
   }
 }
 

@@ -7,7 +7,7 @@
 // done with the rows is the writer's: it has Args, and Put and Finish as SpanWriter. No host-only includes.
 #pragma once
 
-#include "cuda/bit_grid.cuh"
+#include "cuda/bit_setups.cuh"
 #include "cuda/early_launch.cuh"
 #include "cuda/reductions.cuh"
 #include "cuda/span_runs.cuh"
@@ -176,15 +176,6 @@ class SpanWriter {
   uint64_t fragments_ = 0;
 };
 
-// Sets up triangle t in shared memory; the number of its rows.
-__device__ __noinline__ inline uint64_t SetUpRows(const BitArgs& args, uint32_t t, SharedSetup& shared) {
-  const PlacedCorners p = PlaceCorners(args, t);
-  constexpr uint32_t kOrder[3] = {0, 1, 2};
-  const uint64_t rows = SetUpShared(p.at, kOrder, args.coverage, args.grid.SlabRange(), 0, shared);
-  shared.triangle = t;
-  return rows;
-}
-
 // As WalkRest. With fewer registers, for more blocks, what is set up goes to memory in part. May begin early.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, kRestBlocks)
@@ -201,16 +192,17 @@ __global__ void __launch_bounds__(kRestThreads, kRestBlocks)
   const uint64_t warp = uint64_t(blockIdx.x) * (kRestThreads / 32) + uint64_t(warp_of_block);
   Writer writer(out, uint32_t(warp));
   for (uint64_t begin = warp * each; begin < count; begin += warps * each) {
-    uint64_t rows = 0;
-    if (uint64_t(lane) < each && begin + uint64_t(lane) < count) {
-      const uint32_t t = walk.layer_queue[begin + uint64_t(lane)];
-      if (t >= args.first_triangle && t < args.end_triangle) rows = SetUpRows(walk, t, shared[lane]);
-      if (rows > kRowsOfWarp) {
-        if (!args.repeats) {
-          walk.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(walk.queued + 1), 1ull)] = t;
-        }
-        rows = 0;
+    const auto number = [&](uint32_t i) {
+      const uint32_t t = walk.layer_queue[begin + i];
+      return t >= args.first_triangle && t < args.end_triangle ? t : kNoTriangle;
+    };
+    uint64_t rows = SetUpRowsOfWarp(walk, uint32_t(min(each, count - begin)), number, shared);
+    if (rows > kRowsOfWarp) {
+      if (!args.repeats) {
+        walk.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(walk.queued + 1), 1ull)] =
+            shared[lane].triangle;
       }
+      rows = 0;
     }
     // The rows of all of them in a row, a lane each.
     uint32_t total;

@@ -103,7 +103,7 @@ struct SharedSetup {
   };
   Vec3d base;
   int begin[3], end[3];  // its box within the range asked for
-  int cell[3];           // base, of a narrow triangle
+  int cell[3];           // base, of a narrow triangle; of others where that is near
   uint32_t ny;
   float one_over_ny;
   uint32_t triangle;
@@ -118,27 +118,62 @@ struct SetupInPlace {
   Vec3d base, box_first, box_last;
 };
 
-// Sets up one triangle; the number of its rows within `within`.
-__device__ inline uint64_t SetUpShared(const Vec3d* positions, const uint32_t* triangles, Coverage coverage,
-                                       const VoxelRange& within, uint32_t t, SharedSetup& shared) {
-  const Corners c = LoadCorners(triangles, t);
-  SetupInPlace s{shared.narrow, shared.wide, SpanClass::kRun, {}, {}, {}};
-  SetUpTriangle(positions[c.v[0]], positions[c.v[1]], positions[c.v[2]], coverage, s);
-  shared.span_class = s.span_class;
-  shared.base = s.base;
-  shared.triangle = t;
+// The same made by kBoundsParts neighbouring lanes, this one's part.
+struct SetupInParts {
+  BoundsPart<float> narrow;
+  BoundsPart<double> wide;
+  SpanClass span_class;
+  Vec3d base, box_first, box_last;
+};
+
+// All of a shared set-up but its bounds, where `writes`; the number of its rows within `within`.
+template <typename Setup>
+__device__ inline uint64_t FinishShared(const Setup& s, const VoxelRange& within, uint32_t t, bool writes,
+                                        SharedSetup& shared) {
+  int begin[3], end[3];
   bool empty = false;
   for (int i = 0; i < 3; ++i) {  // as ClipToRange
     const auto lo = double(int(within.begin[i])), hi = double(int(within.end[i]));
-    shared.begin[i] = int(Clamp(s.box_first[i], lo, hi));
-    shared.end[i] = int(Clamp(s.box_last[i] + 1, lo, hi));
-    empty = empty || shared.end[i] <= shared.begin[i];
-    shared.cell[i] = int(Clamp(s.base[i], -0x1p30, 0x1p30));  // of narrow triangles only
+    begin[i] = int(Clamp(s.box_first[i], lo, hi));
+    end[i] = int(Clamp(s.box_last[i] + 1, lo, hi));
+    empty = empty || end[i] <= begin[i];
   }
-  if (empty) return 0;
-  shared.ny = uint32_t(shared.end[1] - shared.begin[1]);
-  shared.one_over_ny = 1.0f / float(shared.ny);
-  return uint64_t(shared.ny) * uint64_t(shared.end[2] - shared.begin[2]);
+  const auto ny = uint32_t(end[1] - begin[1]);
+  if (writes) {
+    shared.span_class = s.span_class;
+    shared.base = s.base;
+    shared.triangle = t;
+    for (int i = 0; i < 3; ++i) {
+      shared.begin[i] = begin[i];
+      shared.end[i] = end[i];
+      shared.cell[i] = int(Clamp(s.base[i], -0x1p30, 0x1p30));
+    }
+    shared.ny = ny;
+    shared.one_over_ny = 1.0f / float(ny);
+  }
+  return empty ? 0 : uint64_t(ny) * uint64_t(end[2] - begin[2]);
+}
+
+// Sets up triangle t, which has these corners; the number of its rows within `within`.
+__device__ inline uint64_t SetUpShared(const Vec3d (&corners)[3], Coverage coverage, const VoxelRange& within,
+                                       uint32_t t, SharedSetup& shared) {
+  SetupInPlace s{shared.narrow, shared.wide, SpanClass::kRun, {}, {}, {}};
+  SetUpTriangle(corners[0], corners[1], corners[2], coverage, s);
+  return FinishShared(s, within, t, true, shared);
+}
+__device__ inline uint64_t SetUpShared(const Vec3d* positions, const uint32_t* triangles, Coverage coverage,
+                                       const VoxelRange& within, uint32_t t, SharedSetup& shared) {
+  const Corners c = LoadCorners(triangles, t);
+  const Vec3d corners[3] = {positions[c.v[0]], positions[c.v[1]], positions[c.v[2]]};
+  return SetUpShared(corners, coverage, within, t, shared);
+}
+// The same by kBoundsParts neighbouring lanes of a block, the first of which has a number that they divide; to each of them.
+__device__ inline uint64_t SetUpSharedInParts(const Vec3d (&corners)[3], Coverage coverage, const VoxelRange& within,
+                                              uint32_t t, SharedSetup& shared) {
+  const int part = int(threadIdx.x) % kBoundsParts;
+  SetupInParts s{{shared.narrow, part, {}, {}}, {shared.wide, part, {}, {}}, SpanClass::kRun, {}, {}, {}};
+  SetUpTriangle(corners[0], corners[1], corners[2], coverage, s);
+  return FinishShared(s, within, t, part == 0, shared);
 }
 
 // A layer of a shared set-up.

@@ -7,7 +7,7 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr uint32_t kBoxWords = 64;
+inline constexpr uint32_t kBoxWords = 128;
 
 // A warp's: its words are zero between uses.
 struct WordBox {
