@@ -87,12 +87,12 @@ __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t 
     const uint64_t here = min(each, args.triangle_count - begin);
     PieceBox box{};
     uint32_t pieces = 0;
-    const auto number = [begin](uint32_t i) { return uint32_t(begin) + i; };
+    const auto triangle = [begin](uint32_t i) { return uint32_t(begin) + i; };
     uint64_t rows = 0;
     if constexpr (kFew) {
-      rows = SetUpFew(args, uint32_t(here), number, shared);
+      rows = SetUpFew(args, uint32_t(here), triangle, shared);
     } else if (lane < here) {
-      rows = SetUpRows(args, number(lane), shared[lane]);
+      rows = SetUpRows(args, triangle(lane), shared[lane]);
     }
     if (rows > 0) {
       box = PiecesOf(shared[lane], int(args.grid.slab_begin));

@@ -52,7 +52,7 @@ __device__ inline void AwaitCopies() {
 }
 
 // Has the L2 cache fetch the numbers of a triangle's corners, which nobody reads who reads packed ones.
-__device__ inline void PrefetchCorners(const BitArgs& args, uint32_t t) {
+__device__ inline void PrefetchCorners([[maybe_unused]] const BitArgs& args, [[maybe_unused]] uint32_t t) {
 #if defined(__CUDA_ARCH__)
   asm volatile("prefetch.global.L2 [%0];" ::"l"(args.triangles + 3 * uint64_t{t}));
 #endif
