@@ -37,7 +37,7 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
                               const PlanLimits& limits, BatchStats& stats);
 
 // The steps of a pass, in this order. None synchronizes unless its comment says so.
-absl::Status RasterBatch(const BatchState& state);  // row_bits.cu: places vertices; coverage of plain bits
+absl::Status RasterBatch(const BatchState& state);  // batch_bits.cu: places vertices; coverage of plain bits
 absl::Status ClearBatch(const BatchState& state);   // targets.cu: values of the other items
 absl::Status BinBatch(BatchState& state);           // coarse_raster.cu: their pairs; synchronizes
 absl::Status FineBatch(BatchState& state);          // fine_raster.cu: their coverage and values

@@ -1,5 +1,5 @@
 // The bit grid that triangles are drawn in straight from world space: what its kernels share (bit_walk.cuh, bit_setups.cuh,
-// bit_layers.cuh, bit_bins.cuh, bit_order.cuh), how rows of voxels are set, and vertices in index space. No host-only includes.
+// bit_layers.cuh, bit_bins.cuh, bit_pieces.cuh, bit_order.cuh), how rows of voxels are set, and vertices in index space. No host-only includes.
 #pragma once
 
 #include "cuda/bit_cells.cuh"
@@ -128,6 +128,14 @@ struct PlacedCorners {
 __device__ __noinline__ inline PlacedCorners PlaceCorners(const BitArgs& args, uint32_t t) {
   const Corners c = LoadCorners(args.triangles, t);
   return {{PlaceVertex(args, c.v[0]), PlaceVertex(args, c.v[1]), PlaceVertex(args, c.v[2])}};
+}
+
+// Clears what stands behind the last word up to a whole unit of 16 bytes, by a block.
+__device__ inline void ClearBehind(const BitArgs& args) {
+  const uint64_t begin = uint64_t(args.grid.words_per_row) * uint64_t(args.grid.dims[1]) *
+                             uint64_t(args.grid.slab_end - args.grid.slab_begin) +
+                         threadIdx.x;
+  if (begin < args.quads * 4) args.bits[begin] = 0;
 }
 
 }  // namespace voxelpipe::cuda

@@ -76,7 +76,7 @@ __device__ inline void WalkLayers(const BitArgs& args, uint64_t count, uint64_t 
     const uint32_t* const queue = args.layer_queue + begin;
     const uint64_t rows = SetUpRowsOfWarp(
         args, uint32_t(min(each, count - begin)), [&](uint32_t i) { return __ldcg(queue + i); }, shared);
-    WalkSetUp<kSetups>(args, shared, rows == 0 ? 0 : LayersOf(shared[threadIdx.x % 32], rows));
+    WalkSetUp<kSetups>(args, shared, rows == 0 ? 0 : LayersOf(shared[threadIdx.x % 32]));
   }
 }
 
@@ -118,7 +118,7 @@ __device__ inline void WalkLarge(const BitArgs& args, uint64_t queued, uint32_t 
     if (IsAmongLargestInParts(args, t)) t = kNoTriangle;
     if (__syncthreads_or(t != kNoTriangle) == 0) continue;
     const uint64_t rows = SetUpRowsInParts(args, t, room.setups[place]);
-    if (threadIdx.x % kBoundsParts == 0) room.before[place] = LayersOf(room.setups[place], rows);
+    if (threadIdx.x % kBoundsParts == 0) room.before[place] = rows == 0 ? 0 : LayersOf(room.setups[place]);
     __syncthreads();
     if (warp == 0) {
       uint32_t total;

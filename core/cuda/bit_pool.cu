@@ -2,7 +2,6 @@
 
 #include "cuda/bit_pool.h"
 
-#include "cuda/bit_bins.cuh"
 #include "cuda/bit_pool.cuh"
 #include "cuda/device.h"
 #include "cuda/device_abilities.h"

@@ -60,9 +60,9 @@ __device__ inline uint64_t SetUpRowsOfWarp(const BitArgs& args, uint32_t count, 
   return rows;
 }
 
-// Layers of a set-up triangle that has so many rows.
-__device__ inline uint32_t LayersOf(const SharedSetup& s, uint64_t rows) {
-  return rows == 0 ? 0 : uint32_t(s.end[2] - s.begin[2]);
+// Of a set-up triangle that has some rows.
+__device__ inline uint32_t LayersOf(const SharedSetup& s) {
+  return uint32_t(s.end[2] - s.begin[2]);
 }
 
 }  // namespace voxelpipe::cuda

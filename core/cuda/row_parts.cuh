@@ -2,7 +2,7 @@
 // which they are written, and those triangles. No host-only includes.
 #pragma once
 
-#include "cuda/bit_bins.cuh"
+#include "cuda/piece_layers.cuh"
 #include "cuda/span_kernels.cuh"
 
 namespace voxelpipe::cuda {
