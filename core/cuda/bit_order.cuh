@@ -3,7 +3,7 @@
 // Where a grid is larger than the L2 cache (plain bits: many times larger), an atomic on a word that is not there takes six times as long. Triangles of one coarse cell
 // of the grid after the other keep to few words at a time. Two passes of a counting sort: KeyTriangles tells each triangle's cell and
 // counts, its last block adds the counts up; PlaceTriangles writes the order. The largest triangles are not ordered but listed: those that
-// have a place in Large are drawn by pieces (bit_bins.cuh), the others by WalkLarge; blended ones by EmitLarge (span_kernels.cuh), or where
+// have a place in Large are drawn by pieces (bit_pieces.cuh), the others by WalkLarge; blended ones by EmitLarge (span_kernels.cuh), or where
 // targets are written by rows (row_parts.cuh).
 // No host-only includes.
 #pragma once
