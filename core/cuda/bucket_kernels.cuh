@@ -2,6 +2,7 @@
 #pragma once
 
 #include "cuda/bucket_views.h"
+#include "cuda/look_back.cuh"
 #include "cuda/row_walk.cuh"
 #include "cuda/warp_sum.cuh"
 
@@ -72,33 +73,6 @@ __global__ void __launch_bounds__(kBucketThreads) CountHeads(const __grid_consta
   args.first[blockIdx.x] = sum;
 }
 
-// How many voxels begin before this block's chunk, in which `here` do; by its first warp. Every block says in `first` what it knows: at first
-// how many begin in its chunk, later how many up to its end, for which it sums backwards until another one says that (D. Merrill and
-// M. Garland, "Single-pass Parallel Prefix Scan with Decoupled Look-back", NVIDIA 2016). Blocks begin in the order of their numbers.
-__device__ inline uint64_t LookBack(uint64_t* first, uint64_t here) {
-  constexpr uint64_t kOfChunk = uint64_t{1} << 62, kUpto = uint64_t{1} << 63, kNumber = kOfChunk - 1;
-  const unsigned lane = threadIdx.x % 32;
-  volatile uint64_t* const said = first;
-  if (blockIdx.x == 0) {
-    if (lane == 0) said[0] = kUpto | here;
-    return 0;
-  }
-  if (lane == 0) said[blockIdx.x] = kOfChunk | here;
-  uint64_t sum = 0;
-  for (int64_t at = int64_t(blockIdx.x) - 1 - lane;; at -= 32) {
-    uint64_t there;
-    unsigned nearest;  // the lane that sees one which knows all before it; the largest number where there is none
-    do {
-      there = at < 0 ? kUpto : said[at];
-      nearest = unsigned(__ffs(int(__ballot_sync(~0u, (there & kUpto) != 0))) - 1);
-    } while (__any_sync(~0u, there == 0 && lane <= nearest) != 0);
-    sum += WarpSum(lane <= nearest ? there & kNumber : uint64_t{0});
-    if (nearest < 32) break;
-  }
-  if (lane == 0) said[blockIdx.x] = kUpto | (sum + here);
-  return sum;
-}
-
 // Voxels and the offsets of their fragments; after the last voxel stands the number of all fragments. kCounts: nothing is counted before.
 template <bool kCounts, typename Index>
 __global__ void __launch_bounds__(kBucketThreads, 4) WriteBuckets(const __grid_constant__ BucketArgs<Index> args) {
@@ -124,6 +98,7 @@ __global__ void __launch_bounds__(kBucketThreads, 4) WriteBuckets(const __grid_c
       args.ones[t][word] = WordOfOnes(args.fragments, word);
     }
     if (threadIdx.x < 32) {
+      SayHere(args.first, total);
       const uint64_t sum = LookBack(args.first, total);
       if (threadIdx.x == 0) before = sum;
     }
