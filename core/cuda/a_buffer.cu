@@ -9,15 +9,18 @@
 #include <algorithm>
 #include <bit>
 #include <numeric>
+#include <optional>
 #include <span>
 
 #include "cuda/a_buffer_kernel.cuh"
 #include "cuda/bucket_views.h"
+#include "cuda/bundle_plan.h"
 #include "cuda/cell_fragments.cuh"
 #include "cuda/cells.h"
 #include "cuda/counter_copy.h"
 #include "cuda/device.h"
 #include "cuda/device_abilities.h"
+#include "cuda/fragment_bundles.cuh"
 #include "cuda/fragment_shading.cuh"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
@@ -175,17 +178,55 @@ FragmentArgs MakeFragmentArgs(RunState& state, const FragmentCounts& counts) {
   return args;
 }
 
-// Fragments and listed spans, each as far as there is room.
-absl::Status EmitRecords(RunState& state, FragmentArgs args) {
+absl::Status LaunchEmitCells(RunState& state, FragmentArgs args) {
   VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(ChunksOf(args.room), state.stream));
   args.clear = state.bucket_chunks.data();
   args.clear_count = state.bucket_chunks.size();
   const uint64_t chunks = (args.triangles + args.counts.of_chunk - 1) / args.counts.of_chunk;
-  const bool early = BeginsEarly(state.device);
-  LaunchEarly(early, state.stream, unsigned(chunks), kChunkThreads, EmitCells, args);
+  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(chunks), kChunkThreads, EmitCells, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitCells");
+  return absl::OkStatus();
+}
+
+uint64_t BundleBlocks(const RunState& state) {
+  const uint64_t each = uint64_t{state.fragments.plan->rounds} * kChunkWarps * kBundledTriangles;
+  return (state.mesh.host_view.triangle_count + each - 1) / each;
+}
+
+// What EmitBundles wants cleared.
+absl::Status ClearBundleBlocks(RunState& state) {
+  VOXELPIPE_OK_OR_RETURN(state.bundles_before.Resize(BundleBlocks(state), state.stream));
+  return state.bundles_before.Fill(0, state.stream);
+}
+
+absl::Status LaunchEmitBundles(RunState& state, const FragmentArgs& fragments) {
+  EmitBundleArgs args;
+  static_cast<FragmentArgs&>(args) = fragments;
+  args.code = state.fragments.plan->code;
+  args.rounds = state.fragments.plan->rounds;
+  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(ChunksOfBundles(args.room), state.stream));
+  args.clear = state.bucket_chunks.data();
+  args.clear_count = state.bucket_chunks.size();
+  args.before = state.bundles_before.data();
+  args.bundles = state.counters.data() + kBundles;
+  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(BundleBlocks(state)), kChunkThreads, EmitBundles, args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitBundles");
+  return absl::OkStatus();
+}
+
+// Fragments, or bundles of them, and listed spans, each as far as there is room. `bundles`: becomes their number on its way to the host.
+absl::Status EmitRecords(RunState& state, const FragmentArgs& args, std::optional<CounterCopy>& bundles) {
+  if (state.fragments.plan) {
+    VOXELPIPE_OK_OR_RETURN(LaunchEmitBundles(state, args));
+    absl::StatusOr<CounterCopy> copy =
+        CounterCopy::Start(state.counters.data() + kBundles, 1, state.device.ordinal, state.stream);
+    if (!copy.ok()) return copy.status();
+    bundles.emplace(*std::move(copy));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(LaunchEmitCells(state, args));
+  }
   const auto blocks = BlocksFor(args.list.capacity, kChunkThreads, uint64_t(state.device.multiprocessors) * 16);
-  LaunchEarly(early, state.stream, blocks, kChunkThreads, EmitListed, args);
+  LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kChunkThreads, EmitListed, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitListed");
   return absl::OkStatus();
 }
@@ -205,6 +246,15 @@ bool GuessRoom(RunState& state) {
 // they are emitted, and nothing waits for it.
 absl::Status EmitByCells(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
+  Fragments& fragments = state.fragments;
+  fragments.plan = PlanBundles(state);
+  if (fragments.plan) {
+    // As many as leave the least to the last wave of blocks.
+    const uint64_t resident = uint64_t(state.device.multiprocessors) * kBundleBlocks;
+    fragments.plan->rounds =
+        uint32_t(RoundsFor(triangles, kChunkWarps * int(kBundledTriangles), resident, int(fragments.plan->rounds)));
+    VOXELPIPE_OK_OR_RETURN(ClearBundleBlocks(state));
+  }
   FragmentCounts counts;
   VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, counts));
   const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, triangles / 2 + (uint64_t{1} << 18));
@@ -214,17 +264,28 @@ absl::Status EmitByCells(RunState& state) {
   const absl::StatusOr<CounterCopy> copy =
       CounterCopy::Start(state.counters.data() + kSpans, kAllCounters - kSpans, state.device.ordinal, state.stream);
   if (!copy.ok()) return copy.status();
+  std::optional<CounterCopy> bundles;
   const bool guessed = GuessRoom(state);
-  if (guessed) VOXELPIPE_OK_OR_RETURN(EmitRecords(state, MakeFragmentArgs(state, counts)));
+  if (guessed) VOXELPIPE_OK_OR_RETURN(EmitRecords(state, MakeFragmentArgs(state, counts), bundles));
   const absl::StatusOr<const uint64_t*> counted = copy->Wait();
   if (!counted.ok()) return counted.status();
   const uint64_t* const groups = *counted + (kCounters - kSpans) + kFragmentSlots;
-  state.fragments.count = std::accumulate(groups, groups + kChunkGroups, uint64_t{0});
-  if (state.fragments.count == 0) return absl::OkStatus();
-  const bool fits = guessed && state.fragments.count <= state.fragments.triangles[0].size();
-  VOXELPIPE_OK_OR_RETURN(state.fragments.MakeRoom(KeyBytes(state), state.stream));
+  fragments.count = std::accumulate(groups, groups + kChunkGroups, uint64_t{0});
+  if (fragments.count == 0) return absl::OkStatus();
+  const bool too_many = fragments.plan && fragments.count > kMostBundledFragments;
+  const bool fits = guessed && !too_many && fragments.count <= fragments.triangles[0].size();
+  VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(KeyBytes(state), state.stream));
   const FragmentArgs args = MakeFragmentArgs(state, counts);
-  if (!fits) VOXELPIPE_OK_OR_RETURN(EmitRecords(state, args));
+  if (!fits) {
+    if (too_many) fragments.plan.reset();
+    if (fragments.plan && guessed) VOXELPIPE_OK_OR_RETURN(ClearBundleBlocks(state));
+    VOXELPIPE_OK_OR_RETURN(EmitRecords(state, args, bundles));
+  }
+  if (fragments.plan) {
+    const absl::StatusOr<const uint64_t*> bundled = bundles->Wait();
+    if (!bundled.ok()) return bundled.status();
+    fragments.bundles = **bundled;
+  }
   const uint64_t spans = args.list.own + **counted;
   if (spans <= args.list.capacity) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentWriter>(state, MakeRestArgs(state, 0, triangles, true), args));
@@ -234,18 +295,25 @@ absl::Status EmitByCells(RunState& state) {
   return absl::OkStatus();
 }
 
-// Buckets of fragments whose keys have 32 bits, and the ones of the targets that `ones` has.
+// Buckets of fragments whose keys have 32 bits, or of bundles, and the ones of the targets that `ones` has.
 absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel, std::span<uint8_t* const> ones) {
-  BucketArgs<uint64_t> args;
-  args.keys = state.fragments.KeysAs<uint32_t>(state.fragments.current);
-  args.fragments = state.fragments.count;
+  Fragments& fragments = state.fragments;
+  BundleArgs args;
+  args.keys = fragments.KeysAs<uint32_t>(fragments.current);
+  args.fragments = fragments.count;
   args.first_voxel = first_voxel;
   args.first = state.bucket_chunks.data();
   args.offsets = state.result.offsets.data();
   args.voxels = state.result.voxels.data();
   args.listed = state.counters.data() + kBuckets;
   for (uint8_t* const words : ones) args.ones[args.ones_count++] = reinterpret_cast<uint32_t*>(words);
-  return CountAndListBuckets(args, state.stream);
+  if (!fragments.plan) return CountAndListBuckets(args, state.stream);
+  args.code = fragments.plan->code;
+  args.bundles = fragments.bundles;
+  args.codes = fragments.triangles[fragments.current].data();
+  fragments.current = 1 - fragments.current;
+  args.triangles = fragments.triangles[fragments.current].data();
+  return UnpackIntoBuckets(args, state.stream);
 }
 
 template <typename Key>
@@ -266,8 +334,7 @@ absl::Status FindBuckets(RunState& state) {
 
 absl::Status EmitFragments(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
-  state.fragments.count = 0;
-  state.fragments.current = 0;
+  state.fragments.Clear();
   if (triangles == 0) return absl::OkStatus();
   if (CellsReach(state, state.view.dims)) return EmitByCells(state);
   VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Resize(triangles + 1, state.stream));

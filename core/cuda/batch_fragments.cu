@@ -28,8 +28,7 @@ absl::Status EmitBatch(BatchState& state) {
   const BatchView& batch = state.view;
   Fragments& fragments = state.fragments;
   const uint64_t first = batch.row_triangles + batch.tile_triangles, triangles = batch.triangle_count - first;
-  fragments.count = 0;
-  fragments.current = 0;
+  fragments.Clear();
   if (triangles == 0) return absl::OkStatus();
   const BatchWalkArgs args = WalkOf(batch, first, triangles, kBatchFragments);
   CountFragments count;

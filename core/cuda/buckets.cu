@@ -1,4 +1,5 @@
 #include "cuda/bucket_kernels.cuh"
+#include "cuda/bundle_kernels.cuh"
 #include "cuda/check.h"
 #include "cuda/fragments.h"
 
@@ -27,6 +28,11 @@ absl::Status CountAndListBuckets(const BucketArgs<uint64_t>& args, cudaStream_t 
 }
 absl::Status ListBuckets(const BucketArgs<uint32_t>& args, cudaStream_t stream) {
   return List<false>(args, stream);
+}
+absl::Status UnpackIntoBuckets(const BundleArgs& args, cudaStream_t stream) {
+  UnpackBundles<<<unsigned(args.chunks()), kBundleThreads, 0, stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("UnpackBundles");
+  return absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cuda

@@ -66,7 +66,8 @@ __device__ inline void ForEachOfBlock(const BitSteps& steps, uint64_t cell, uint
 
 // A block's room. Sums of warps are written and read between two barriers.
 struct EmitRoom {
-  uint2 staged[kStagedFragments];  // the bit, and which of the block's triangles; or kNotHere
+  // The bit, and which of the block's triangles. Of what waits kNotHere, before which the first of a triangle has that, the others the same.
+  uint2 staged[kStagedFragments];
   uint64_t before[kChunkWarps];
   uint32_t sums[kChunkWarps];
   uint64_t long_sums[kChunkWarps];
@@ -105,19 +106,35 @@ struct CellsOfThread {
   __device__ uint32_t count(int i) const {
     return waits(i) ? FirstOfCell(cell[i]) : uint32_t(__popc(OctantsOfCell(cell[i])) + __popcll(mask[i]));
   }
+  // The number of all; of each, as far as `most`.
+  __device__ uint32_t few(uint32_t most) const {
+    uint32_t sum = 0;
+#pragma unroll
+    for (int i = 0; i < kCellsOfThread; ++i) sum += min(count(i), most);
+    return sum;
+  }
+  __device__ uint64_t all() const {
+    uint64_t sum = 0;
+    for (int i = 0; i < kCellsOfThread; ++i) sum += count(i);
+    return sum;
+  }
 };
 
-// The fragments of a block's triangles, the thread's from `first` on, where they are too many to be staged. The number of all.
-__device__ __noinline__ inline uint64_t EmitPlainly(const FragmentArgs& args, EmitRoom& room, uint64_t first,
-                                                    CellsOfThread of, uint64_t out) {
-  uint64_t mine = 0;
-  for (int i = 0; i < kCellsOfThread; ++i) mine += of.count(i);
-  const uint64_t upto = SumUpto(mine);
-  if (threadIdx.x % 32 == 31) room.long_sums[threadIdx.x / 32] = upto;
-  __syncthreads();
-  uint64_t total;
-  uint64_t at = out + SumOfWarps(room.long_sums, total) + upto - mine;
-  if (out + total > args.room) return total;
+// Puts the fragments of a thread's records, whose first is the block's triangle `local`, from `to` on.
+__device__ inline void StageCells(const BitSteps& steps, const CellsOfThread& of, uint32_t local, uint2* to) {
+#pragma unroll
+  for (int i = 0; i < kCellsOfThread; ++i) {
+    const uint32_t t = local + uint32_t(i);
+    const auto put = [&](uint32_t bit) { *to++ = uint2{bit, t}; };
+    ForEachOctant(steps, of.cell[i], put);
+    if (of.mask[i] != 0) ForEachOfBlock(steps, of.cell[i], of.mask[i], put);
+    const uint32_t waiting = of.waits(i) ? FirstOfCell(of.cell[i]) : 0;
+    for (uint32_t k = 0; k < waiting; ++k) *to++ = uint2{k == 0 ? t : kNotHere, kNotHere};
+  }
+}
+
+// Writes the fragments of a thread's records, whose first is triangle `first`, from `at` on.
+__device__ inline void EmitCellsAt(const FragmentArgs& args, uint64_t first, const CellsOfThread& of, uint64_t at) {
   const BitSteps steps(args.grid);
   for (int i = 0; i < kCellsOfThread; ++i) {
     if (of.waits(i)) {
@@ -132,6 +149,17 @@ __device__ __noinline__ inline uint64_t EmitPlainly(const FragmentArgs& args, Em
     ForEachOctant(steps, of.cell[i], put);
     ForEachOfBlock(steps, of.cell[i], of.mask[i], put);
   }
+}
+
+// The fragments of a block's triangles, the thread's from `first` on, where they are too many to be staged. The number of all.
+__device__ __noinline__ inline uint64_t EmitPlainly(const FragmentArgs& args, EmitRoom& room, uint64_t first,
+                                                    CellsOfThread of, uint64_t out) {
+  const uint64_t mine = of.all(), upto = SumUpto(mine);
+  if (threadIdx.x % 32 == 31) room.long_sums[threadIdx.x / 32] = upto;
+  __syncthreads();
+  uint64_t total;
+  const uint64_t at = out + SumOfWarps(room.long_sums, total) + upto - mine;
+  if (out + total <= args.room) EmitCellsAt(args, first, of, at);
   return total;
 }
 
@@ -157,19 +185,13 @@ __global__ void __launch_bounds__(kChunkThreads, 6) EmitCells(const __grid_const
   for (uint32_t begin = 0; begin < here; begin += kCellsAtOnce) {
     const uint32_t local = begin + threadIdx.x * kCellsOfThread;
     CellsOfThread of;
-    uint32_t mine = 0, counts[kCellsOfThread];
 #pragma unroll
     for (int i = 0; i < kCellsOfThread; ++i) {
       of.cell[i] = next[i];
       if (KindOfCell(of.cell[i]) == CellKind::kBlock) of.mask[i] = blocks[local + uint32_t(i)];
     }
     load(next, local + kCellsAtOnce);
-#pragma unroll
-    for (int i = 0; i < kCellsOfThread; ++i) {
-      counts[i] = min(of.count(i), kStagedFragments + 1);
-      mine += counts[i];
-    }
-    const uint32_t upto = SumUpto(mine);
+    const uint32_t mine = of.few(kStagedFragments + 1), upto = SumUpto(mine);
     if (threadIdx.x % 32 == 31) room.sums[threadIdx.x / 32] = upto;
     __syncthreads();  // what was staged before is written too
     uint32_t total;
@@ -180,27 +202,17 @@ __global__ void __launch_bounds__(kChunkThreads, 6) EmitCells(const __grid_const
       continue;
     }
     if (out + total > args.room) return;
-    uint32_t at = before;
-#pragma unroll
-    for (int i = 0; i < kCellsOfThread && mine > 0; ++i) {
-      const uint32_t t = local + uint32_t(i);
-      uint2* to = room.staged + at;
-      const auto put = [&](uint32_t bit) { *to++ = uint2{bit, t}; };
-      ForEachOctant(steps, of.cell[i], put);
-      if (of.mask[i] != 0) ForEachOfBlock(steps, of.cell[i], of.mask[i], put);
-      if (of.waits(i)) {
-        args.blocks[chunk + t] = out + at;  // others write there
-        for (uint32_t k = FirstOfCell(of.cell[i]); k > 0; --k) *to++ = uint2{0, kNotHere};
-      }
-      at += counts[i];
-    }
+    if (mine > 0) StageCells(steps, of, local, room.staged + before);
     __syncthreads();
     uint32_t *const keys = args.keys + out, *const values = args.values + out;
     for (uint32_t k = threadIdx.x; k < total; k += kChunkThreads) {
       const uint2 fragment = room.staged[k];
-      if (fragment.y == kNotHere) continue;
-      keys[k] = KeyOfBit(args.grid, fragment.x);
-      values[k] = uint32_t(chunk) + fragment.y;
+      if (fragment.y != kNotHere) {
+        keys[k] = KeyOfBit(args.grid, fragment.x);
+        values[k] = uint32_t(chunk) + fragment.y;
+      } else if (fragment.x != kNotHere) {
+        args.blocks[chunk + fragment.x] = out + k;  // others write there
+      }
     }
     out += total;
   }

@@ -108,7 +108,7 @@ Buffers<Key> BuffersOf(Fragments& fragments) {
 
 absl::Status SortByKey(Fragments& fragments, bool wide_keys, int bits, bool scattered, DeviceArray<uint8_t>& scratch,
                        cudaStream_t stream) {
-  const Work work{fragments.count, bits, scattered, scratch, stream};
+  const Work work{fragments.elements(), bits, scattered, scratch, stream};
   CountLaunch();
   uint32_t* sorted = nullptr;
   if (wide_keys) {

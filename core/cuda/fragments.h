@@ -2,18 +2,21 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
-#include "cuda/bucket_views.h"
 #include "cuda/buffer.h"
+#include "cuda/bundle_views.h"
 
 namespace voxelpipe::cuda {
 
 // Two copies, one of which is the current one.
 struct Fragments {
-  DeviceArray<uint8_t> keys[2];  // voxels: u32, u64 where there are more
-  DeviceArray<uint32_t> triangles[2];
+  DeviceArray<uint8_t> keys[2];        // voxels: u32, u64 where there are more
+  DeviceArray<uint32_t> triangles[2];  // or codes of bundles
   uint64_t count = 0;
   int current = 0;
+  std::optional<BundlePlan> plan;  // of bundles, of which the arrays have `bundles`
+  uint64_t bundles = 0;
 
   absl::Status MakeRoom(uint64_t key_bytes, cudaStream_t stream) {
     for (int i = 0; i < 2; ++i) VOXELPIPE_OK_OR_RETURN(MakeRoom(i, count, key_bytes, stream));
@@ -27,9 +30,16 @@ struct Fragments {
   void Free() {
     for (auto& array : keys) array.Free();
     for (auto& array : triangles) array.Free();
-    count = 0;
-    current = 0;
+    Clear();
   }
+  // None, and no bundles. The arrays stay.
+  void Clear() {
+    count = bundles = 0;
+    current = 0;
+    plan.reset();
+  }
+  // What is sorted.
+  uint64_t elements() const { return plan ? bundles : count; }
   template <typename Key>
   Key* KeysAs(int copy) {
     return reinterpret_cast<Key*>(keys[copy].data());
@@ -46,6 +56,8 @@ absl::Status SortByKey(
 absl::Status CountBuckets(const SortedKeys& keys, cudaStream_t stream);
 // Both in one, which reads the keys once. keys.first is 0 everywhere, and what it becomes is no other's.
 absl::Status CountAndListBuckets(const BucketArgs<uint64_t>& args, cudaStream_t stream);
+// Buckets of bundles, and their fragments, which are read once. keys.first as above.
+absl::Status UnpackIntoBuckets(const BundleArgs& args, cudaStream_t stream);
 // Voxels and where their fragments begin; behind the last one's stands the number of all fragments.
 absl::Status ListBuckets(const BucketArgs<uint32_t>& args, cudaStream_t stream);
 

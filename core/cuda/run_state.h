@@ -179,8 +179,9 @@ struct RunState {
   DeviceArray<uint32_t> fragment_counts;  // per triangle
   // Per triangle: where its fragments begin before they are sorted. Or, of records, how many each chunk has (FragmentCounts).
   DeviceArray<uint64_t> fragment_first;
-  Fragments fragments;                  // their keys are voxel indices within the slab
-  DeviceArray<uint64_t> bucket_chunks;  // for CountAndListBuckets (fragments.h): 0 once fragments are emitted
+  Fragments fragments;                   // their keys are voxel indices within the slab
+  DeviceArray<uint64_t> bucket_chunks;   // for CountAndListBuckets (fragments.h): 0 once fragments are emitted
+  DeviceArray<uint64_t> bundles_before;  // for EmitBundles: per block of it
 
   // Blending without tiles, and the A-buffer: per triangle, as they are taken (cell_views.h)
   DeviceArray<uint64_t> cells, blocks;
@@ -225,6 +226,7 @@ enum Counter : int {
   kParts,         // of tiles that are split
   kNextRows,      // the next rows for a block that fills them
   kBuckets,       // of the slab
+  kBundles,       // of the slab's fragments
   kPooled,        // bricks that wanted a place in the pool
   kCleared,       // blocks that have cleared their part of a bit grid; 0 again when it is drawn
   kScratch0,      // free for use within a stage

@@ -397,17 +397,20 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   Subject subject;
   subject.named = named;
   subject.rigged = named.name == "rigged";
-  const bool first = number <= 3;                                               // those with attributes
-  const bool bricks = named.name == "sphere", rows = named.name == "sphere5k";  // for them alone, where `quick`
+  const bool first = number <= 3;  // those with attributes
+  // For these alone, where `quick`.
+  const bool bricks = named.name == "sphere", rows = named.name == "sphere5k", bundles = named.name == "of_all_sizes";
   const bool small = number == 1 || named.name == "pile_in_a_voxel" || named.name == "scattered" ||
-                     named.name == "giants" || named.name == "crowd" || named.name == "point" || bricks || rows;
+                     named.name == "giants" || named.name == "crowd" || named.name == "point" || bricks || rows ||
+                     bundles;
   if (options.quick && !small) return std::nullopt;
   subject.mesh = std::make_shared<const TriangleMesh>(named.make());
   subject.large = subject.mesh->triangles.size() > 10'000;
   const size_t triangles = subject.mesh->triangles.size();
-  if (!options.quick || !rows) subject.cases = BrickCases(named, triangles);
+  if (!options.quick || !(rows || bundles)) subject.cases = BrickCases(named, triangles);
   if (!options.quick || rows) AppendTo(subject.cases, RowCases(named, triangles));
-  if (options.quick && (bricks || rows)) return subject;
+  if (!options.quick || rows || bundles) AppendTo(subject.cases, BundleCases(named, triangles));
+  if (options.quick && (bricks || rows || bundles)) return subject;
   const CaseSizes sizes{first ? 300 : subject.rigged ? 96 : subject.large ? 16 : 32, !named.refusable, first};
   const auto others =
       options.quick ? QuickCases(named) : CasesFor(named, *subject.mesh, sizes, options.seed + 100 * number);

@@ -1,5 +1,6 @@
 #include "gpu/fine_mesh_cases.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -45,6 +46,31 @@ std::vector<ParityCase> RowCases(const ParityMesh& named, size_t triangles) {
   add({n - 3, n, n - 1}, 0.5, Coverage::kThin, 0);
   add({n, n - 5, n}, -7.25, Coverage::kConservative, 0);  // some triangles outside
   add({n - 1, n, n}, 3.5, Coverage::kThin, n * 2 / 3);
+  return cases;
+}
+
+std::vector<ParityCase> BundleCases(const ParityMesh& named, size_t triangles) {
+  std::vector<ParityCase> cases;
+  if (named.extent <= 0 || triangles < 500 || triangles > 80'000) return cases;
+  const auto side = int64_t(std::sqrt(double(triangles) / 2));
+  const auto add = [&](double part, double from, Coverage coverage, int64_t slab_depth = 0) {
+    const auto n = std::max(int64_t(1), int64_t(part * double(side)));
+    const double voxel = named.extent / double(n);
+    ParityCase c;
+    c.request.grid = Placed({n, n + 1, n}, {from * voxel, -from * voxel, from * voxel}, {voxel, 0.97 * voxel, voxel});
+    c.request.coverage = coverage;
+    c.request.result = ResultKind::kBuckets;
+    c.slab_depth = slab_depth;
+    cases.push_back(c);
+  };
+  add(0.1, 0, Coverage::kConservative);  // one voxel of many triangles that follow one another
+  add(0.5, 0, Coverage::kThin);
+  add(1, 0, Coverage::kConservative);
+  add(1, -0.5, Coverage::kThin, 16);  // others outside
+  add(1.75, 0.25, Coverage::kConservative);
+  add(1.75, 0, Coverage::kThin);
+  add(1, 0, Coverage::kConservative);
+  cases.back().request.targets.resize(3);
   return cases;
 }
 

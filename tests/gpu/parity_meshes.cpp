@@ -130,6 +130,29 @@ TriangleMesh Giants(int count, double extent, double reach, uint32_t seed) {
   return mesh.Take();
 }
 
+// Small triangles one beside the other, and after some of them another one, of a few voxels or as large as a part of the mesh; in three
+// places many of them one after the other.
+TriangleMesh OfAllSizes(uint32_t seed) {
+  Random random(seed);
+  TriangleMesh mesh = Moved(bench::BumpySphere(9000), 80, {0, 0, 0});
+  std::vector<std::array<uint32_t, 3>> triangles;
+  const auto add = [&](const Vec3d& at, double reach) {
+    const auto first = uint32_t(mesh.positions.size());
+    mesh.positions.insert(mesh.positions.end(),
+                          {at, at + random.Point(-reach, reach), at + random.Point(-reach, reach)});
+    triangles.push_back({first, first + 1, first + 2});
+  };
+  for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const auto corners = mesh.triangles[i];
+    const Vec3d at = mesh.positions[corners[0]];
+    triangles.push_back(corners);
+    if (i % 83 == 40) add(at, 25);
+    if (i % 29 == 20) add(at, 5);
+    if (i % 3000 < 40) add(at, 3);
+  }
+  return MakeMesh(std::move(mesh.positions), std::move(triangles));
+}
+
 TriangleMesh NestedSpheres() {
   TriangleMesh all = Moved(testing::BumpySphere(16, 3), 22, {24, 24, 24});
   for (const double r : {15.0, 9.0, 4.0}) {
@@ -252,6 +275,7 @@ std::vector<ParityMesh> ParityMeshes(uint32_t seed) {
   // More fragments than there are by any guess from its triangles or the grid's voxels.
   add("crowd", 8, [=] { return Giants(900, 8, 24, seed + 16); });
   add("sphere5k", 72, [] { return Moved(bench::BumpySphere(5000), 72, {0, 0, 0}); });  // of triangles that go by rows
+  add("of_all_sizes", 80, [=] { return OfAllSizes(seed + 17); });
   return all;
 }
 

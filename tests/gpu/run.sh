@@ -50,6 +50,7 @@ parity() {
   if [[ -n "$filter" ]]; then options=(--filter "$filter"); fi
   # Small grids by the ways of large ones, too.
   timeout "$(limit 100)" "$bin/cuda_parity" --quick --cache 2048 "${options[@]}" || return 1
+  if [[ -z "$filter" ]]; then timeout "$(limit 100)" "$bin/cuda_parity" --cache 2048 --filter buckets || return 1; fi
   timeout "$(limit 300)" "$bin/cuda_parity" "${options[@]}" --files "${files[@]}"
 }
 
@@ -93,8 +94,8 @@ sanitize() {
     racecheck:pile_in_a_voxel racecheck:rigged_shaded racecheck:giants racecheck:batches"
 }
 # The same where the cache is taken for a small one: kernels for grids that are larger than it, and for larger meshes, then run in small ones.
-# racecheck on the mesh that is drawn in bricks alone: on all it did not come to an end there.
-sanitize_large() { sanitize_quick "memcheck initcheck synccheck racecheck:sphere#" --cache 2048; }
+# racecheck on the mesh that is drawn in bricks and on the one whose fragments are bundled: on all it did not come to an end there.
+sanitize_large() { sanitize_quick "memcheck initcheck synccheck racecheck:sphere# racecheck:of_all_sizes" --cache 2048; }
 
 device() {
   timeout "$(limit 60)" "$bin/device_parity"
