@@ -85,19 +85,6 @@ struct LargeRoom {
   uint32_t before[kLargeSetups + 1];
 };
 
-// IsAmongLargest by four neighbouring lanes, to each of them. All threads of a warp call it.
-__device__ inline bool IsAmongLargestInParts(const BitArgs& args, uint32_t t) {
-  if (args.largest == nullptr) return false;
-  const uint32_t lane = threadIdx.x % 32, part = lane % kBoundsParts, listed = args.largest->listed();
-  bool mine = false;
-#pragma unroll
-  for (uint32_t i = 0; i < kMostApart; i += kBoundsParts) {  // all asked for at once
-    const uint32_t other = args.largest->triangles[min(i + part, kMostApart - 1)];
-    mine = mine || (other == t && i + part < listed);
-  }
-  return (__ballot_sync(~0u, mine) >> (lane - part) & ((1u << kBoundsParts) - 1)) != 0;
-}
-
 inline constexpr int kLargeThreads = kLargeSetups * kBoundsParts;  // of a block that calls WalkLarge
 
 // The large queue, which has `queued` triangles, by block `block` of `blocks`. Batches of triangles are dealt to the blocks; where those are
@@ -114,9 +101,7 @@ __device__ inline void WalkLarge(const BitArgs& args, uint64_t queued, uint32_t 
     const auto part = batches >= blocks ? 0 : uint32_t(block / batches);
     const int here = int(min(count - batch * each, each));
     const uint32_t place = threadIdx.x / kBoundsParts;
-    uint32_t t = place < uint32_t(here) ? __ldcg(queue + batch * each + place) : kNoTriangle;
-    if (IsAmongLargestInParts(args, t)) t = kNoTriangle;
-    if (__syncthreads_or(t != kNoTriangle) == 0) continue;
+    const uint32_t t = place < uint32_t(here) ? __ldcg(queue + batch * each + place) : kNoTriangle;
     const uint64_t rows = SetUpRowsInParts(args, t, room.setups[place]);
     if (threadIdx.x % kBoundsParts == 0) room.before[place] = rows == 0 ? 0 : LayersOf(room.setups[place]);
     __syncthreads();

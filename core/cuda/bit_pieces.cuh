@@ -10,24 +10,22 @@ inline constexpr int kPieceRows = kPieceEdge * kPieceEdge;
 inline constexpr int kPiecePitch = kPieceWords + 4;  // in shared memory: rows begin in different banks, and on 16 bytes
 inline constexpr uint32_t kDrawnAtOnce = 32 / kPieceEdge;  // triangles of a warp
 
-template <int kThreads>
 struct StoreRoom {
   alignas(16) uint32_t words[kPieceRows * kPiecePitch];
-  union {
-    PieceLayer layers[kThreads];
-    uint32_t list[kMostLarge];  // of the piece, where there are no lists
-  };
+  uint32_t list[kMostLarge];  // of the piece
   uint32_t count;
 };
 
-// The same, and set-ups of listed triangles, which a warp draws a few of at a time.
+// Where there are lists: layers, and set-ups of listed triangles, which a warp draws a few of at a time.
 template <int kThreads>
-struct ListedRoom : StoreRoom<kThreads> {
+struct ListedRoom {
+  alignas(16) uint32_t words[kPieceRows * kPiecePitch];
+  PieceLayer layers[kThreads];
   alignas(16) SharedSetup setups[kThreads / 32][kDrawnAtOnce];
 };
 template <bool kListed, int kThreads>
 struct StoreRoomType {
-  using Type = StoreRoom<kThreads>;
+  using Type = StoreRoom;
 };
 template <int kThreads>
 struct StoreRoomType<true, kThreads> {
@@ -42,13 +40,21 @@ __device__ inline bool MeetsPiece(const SharedSetup& s, int x, int y, int z, int
          s.begin[2] < z + kPieceEdge && s.end[2] > z && MayMeet(s, y, z);
 }
 
+// By all threads of a block.
+template <int kThreads>
+__device__ inline void ClearPiece(uint32_t* words) {
+  const auto quads = reinterpret_cast<uint4*>(words);
+  for (int i = int(threadIdx.x); i < kPieceRows * kPiecePitch / 4; i += kThreads) quads[i] = uint4{0, 0, 0, 0};
+}
+
 // Lists those of `large` set-up triangles that may meet the piece whose first row is y of layer z and whose voxels are [x, x + width); how
-// many those are. All threads of a block call it.
+// many those are. The room's words are cleared then, if there are any. All threads of a block call it.
 template <int kThreads>
 __device__ inline uint32_t ListLarge(const Bins& bins, uint32_t large, int x, int y, int z, int width,
-                                     StoreRoom<kThreads>& room) {
+                                     StoreRoom& room) {
   if (large == 0) return 0;
   if (threadIdx.x == 0) room.count = 0;
+  ClearPiece<kThreads>(room.words);
   __syncthreads();
   for (uint32_t i = threadIdx.x; i < large; i += kThreads) {
     if (MeetsPiece(bins.set_up[i], x, y, z, width)) room.list[atomicAdd(&room.count, 1u)] = i;
@@ -57,15 +63,23 @@ __device__ inline uint32_t ListLarge(const Bins& bins, uint32_t large, int x, in
   return room.count;
 }
 
-// Sets voxels [x_begin, x_end) of a row in shared memory.
+// Sets voxels [x_begin, x_end) of a row in shared memory, one at least.
 __device__ inline void SetSharedRow(uint32_t* row, int x_begin, int x_end) {
-  const int last = (x_end - 1) / 32;
+  const int length = x_end - x_begin;
+  uint32_t* word = row + x_begin / 32;
+  if (length <= 32) {  // as most often
+    const uint64_t mask = uint64_t{~0u >> (32 - length)} << (x_begin % 32);
+    atomicOr(word, uint32_t(mask));
+    if (uint32_t(mask >> 32) != 0) atomicOr(word + 1, uint32_t(mask >> 32));
+    return;
+  }
+  uint32_t* const last = row + (x_end - 1) / 32;
   uint32_t mask = ~0u << (x_begin % 32);
-  for (int w = x_begin / 32; w < last; ++w) {
-    atomicOr(row + w, mask);
+  for (; word < last; ++word) {
+    atomicOr(word, mask);
     mask = ~0u;
   }
-  atomicOr(row + last, mask & ~0u >> (31 - (x_end - 1) % 32));
+  atomicOr(last, mask & ~0u >> (31 - (x_end - 1) % 32));
 }
 
 // Brings set-ups of a warp's next triangles to shared memory, each by the eight lanes whose `t` it is; none of kNoTriangle. All that they need is asked for
@@ -101,8 +115,7 @@ __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, ui
   const unsigned lane = threadIdx.x % 32;
   PieceLayer* const layers = room.layers + threadIdx.x / 32 * 32;
   SharedSetup* const setups = room.setups[threadIdx.x / 32];
-  const auto quads = reinterpret_cast<uint4*>(room.words);
-  for (int i = int(threadIdx.x); i < kPieceRows * kPiecePitch / 4; i += kThreads) quads[i] = uint4{0, 0, 0, 0};
+  ClearPiece<kThreads>(room.words);
   __syncthreads();
   for (uint32_t first = threadIdx.x / 32 * kDrawnAtOnce; first < count; first += kThreads / kPieceEdge) {
     const uint32_t number = first + lane / kPieceEdge;
@@ -139,13 +152,10 @@ __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, ui
   }
 }
 
-// DrawPiece for triangles that fill most of it: a thread takes a layer. Most often no edge is near, and the plane alone tells the rows.
+// DrawPiece for triangles that fill most of it: a thread takes a layer, into cleared words. Most often no edge is near, and the plane alone tells the rows.
 template <int kThreads>
 __device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, uint32_t count, int x, int y, int z,
-                                  int width, StoreRoom<kThreads>& room) {
-  const auto quads = reinterpret_cast<uint4*>(room.words);
-  for (int i = int(threadIdx.x); i < kPieceRows * kPiecePitch / 4; i += kThreads) quads[i] = uint4{0, 0, 0, 0};
-  __syncthreads();
+                                  int width, uint32_t* words) {
   const uint32_t lane = threadIdx.x % 32, total = count * kPieceEdge;
   for (uint32_t begins = threadIdx.x - lane; begins < total; begins += kThreads) {
     const uint32_t item = min(begins + lane, total - 1);
@@ -158,7 +168,7 @@ __device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, u
     const auto set = [&](int row, int x_begin, int x_end) {
       x_begin = max(x_begin - x, 0);
       x_end = min(x_end - x, width);
-      if (x_begin < x_end) SetSharedRow(room.words + (of_piece * kPieceEdge + row) * kPiecePitch, x_begin, x_end);
+      if (x_begin < x_end) SetSharedRow(words + (of_piece * kPieceEdge + row) * kPiecePitch, x_begin, x_end);
     };
     if (has && plane_alone) {
       ForEachRowOfPlane(s, layer, y, set);
@@ -182,23 +192,22 @@ __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_
             layers = min(int(args.grid.slab_end) - z_begin - int(z) * kPieceEdge, kPieceEdge);
   const int first_y = int(y) * kPieceEdge, first_z = int(z) * kPieceEdge, first_word = int(x) * kPieceWords;
   const int words = min(kPieceWords, words_per_row - first_word);
-  const uint32_t* triangles = room.list;
+  const int first_x = first_word * 32, first_layer_of_grid = first_z + z_begin;
   uint32_t count;
-  if constexpr (!kListed) {
-    count = ListLarge(bins, large, first_word * 32, first_y, first_z + z_begin, words * 32, room);
-  } else {
+  if constexpr (kListed) {
     const uint32_t piece = x + bins.dims[0] * (y + bins.dims[1] * z);
-    triangles = bins.triangles + uint64_t{piece} * kBinRoom;
     count = min(__ldg(bins.counts + piece), kBinRoom);
-  }
-  if (count > 0) {
-    if constexpr (kListed) {
-      DrawPiece(bins, triangles, count, first_word * 32, first_y, first_z + z_begin, words * 32, room);
-    } else {
-      DrawLayers(bins, triangles, count, first_word * 32, first_y, first_z + z_begin, words * 32, room);
+    if (count > 0) {
+      const uint32_t* const triangles = bins.triangles + uint64_t{piece} * kBinRoom;
+      DrawPiece(bins, triangles, count, first_x, first_y, first_layer_of_grid, words * 32, room);
     }
-    __syncthreads();
+  } else {
+    count = ListLarge<kThreads>(bins, large, first_x, first_y, first_layer_of_grid, words * 32, room);
+    if (count > 0) {
+      DrawLayers<kThreads>(bins, room.list, count, first_x, first_y, first_layer_of_grid, words * 32, room.words);
+    }
   }
+  if (count > 0) __syncthreads();
   const int unit = me % kUnits * kEach, first_row = me / kUnits;
   if (unit >= words) return;
   const auto at = [&](int row_y, int row_z) {

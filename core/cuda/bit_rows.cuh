@@ -98,6 +98,7 @@ __device__ inline void WalkByRows(const BitArgs& args, uint64_t i, RowRoom<kToge
     }
     fate = certain ? CellFate::kDone : CellFate::kLayers;
   }
+  if (fate == CellFate::kLarge && IsAmongLargest(args, t)) fate = CellFate::kDone;
   AwaitEarlier();
   __syncwarp();
   if constexpr (kTogether) {

@@ -358,6 +358,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     kept = KeepFound<kSink>(triangle.box.first, octants, found, kept);
     AppendInBlock(fate == CellFate::kOctants, number, room.cells, 1, &room.octant_count);
     if (__any_sync(~0u, WaitsForRows(fate)) == 0) continue;
+    if (fate == CellFate::kLarge && IsAmongLargest(args, number_at(begin + number))) fate = CellFate::kDone;
     AppendInBlock(fate == CellFate::kRows, number, room.cells + (CellRoom::kRoom - 1), -1, &room.row_count);
     AppendInBlock(fate == CellFate::kLayers, number, room.later, 1, &room.layer_count);
     AppendInBlock(fate == CellFate::kLarge, number, room.later + (CellRoom::kRoom - 1), -1, &room.large_count);
