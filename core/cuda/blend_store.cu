@@ -49,7 +49,7 @@ absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& me
   if (target.blend != Blend::kMin && (target.blend != Blend::kMax || !may_be_negative)) return absl::OkStatus();
   KeyArgs keys;
   keys.coverage = state.coverage.data();
-  keys.negative = is_float ? memory.negative.data() : nullptr;
+  keys.negative = is_float ? NegativeOf(state, memory) : nullptr;
   keys.out = reinterpret_cast<uint32_t*>(target.dense);
   keys.words = state.slab_words();
   keys.voxels = state.slab_voxels();

@@ -24,6 +24,10 @@ bool IsInPlace(const CudaTarget& target);
 inline unsigned BlendBlocks(const RunState& state, uint64_t work) {
   return BlocksFor(work, kBlendThreads, uint64_t(state.device.multiprocessors) * 16);
 }
+// Whether some value of a float target is negative: as InPlaceArgs has it. No triangle's id is.
+inline const uint32_t* NegativeOf(RunState& state, const SpanTarget& memory) {
+  return memory.by_id ? reinterpret_cast<const uint32_t*>(state.counters.data() + kNever) : memory.negative.data();
+}
 // kFragmentSlots counters.
 inline uint64_t* FragmentSlots(RunState& state) {
   return state.counters.data() + kCounters;

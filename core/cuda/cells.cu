@@ -70,7 +70,10 @@ int RoundsOf(const RunState& state) {
 absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   const bool counts = args.chunks.of_block != nullptr;
-  if (!counts) VOXELPIPE_OK_OR_RETURN(ClearQueues(state, false));
+  if (!counts) {  // what fragments are counted in as well, unless some are already
+    const bool slots = args.fragments != nullptr && !state.fills_rows;
+    VOXELPIPE_OK_OR_RETURN(ClearQueues(state, slots ? kCounters + kFragmentSlots : kCounters));
+  }
   for (int i = 1; i < 3; ++i) {
     VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(triangles, 1), state.stream));
   }
@@ -115,7 +118,7 @@ absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, c
 }
 
 absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts) {
-  VOXELPIPE_OK_OR_RETURN(ClearQueues(state, /*groups=*/true));
+  VOXELPIPE_OK_OR_RETURN(ClearQueues(state, kAllCounters));
   counts.of_chunk = uint32_t(RoundsOf(state)) * kFindThreads;
   const uint64_t chunks = (state.mesh.host_view.triangle_count + counts.of_chunk - 1) / counts.of_chunk;
   VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(chunks, state.stream));

@@ -56,10 +56,7 @@ absl::Status MakeValues(RunState& state, int index) {
   memory.shading = args.shading;
   memory.by_id = IsById(target);
   if (target.blend == Blend::kCount || args.triangles == 0) return absl::OkStatus();
-  if (memory.by_id) {  // cheaper than to read it; and no id is negative
-    VOXELPIPE_OK_OR_RETURN(memory.negative.Resize(1, state.stream));
-    return memory.negative.Fill(0, state.stream);
-  }
+  if (memory.by_id) return EnsureCounters(state);  // cheaper than to read it
   const uint64_t count = args.triangles * uint64_t(target.components);
   if (IsSum(KeptBy(target))) {
     VOXELPIPE_OK_OR_RETURN(memory.terms.Resize(count, state.stream));
@@ -109,7 +106,7 @@ InPlaceArgs PlaceOf(RunState& state, int index) {
   InPlaceArgs args;
   args.values = memory.values.data();
   args.shading = memory.shading;
-  args.negative = target.format == VoxelFormat::kF32 ? memory.negative.data() : nullptr;
+  args.negative = target.format == VoxelFormat::kF32 ? NegativeOf(state, memory) : nullptr;
   args.out = reinterpret_cast<uint32_t*>(target.dense);
   args.blend = target.blend == Blend::kMin     ? InPlace::kMaxOfComplement
                : target.blend == Blend::kMax   ? InPlace::kMax
@@ -304,8 +301,8 @@ bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
 absl::Status BlendDirectly(RunState& state) {
   const bool sparse = IsSparse(state);
   state.span_count = 0;
-  VOXELPIPE_OK_OR_RETURN(ClearFragmentSlots(state));
-  if (state.mesh.host_view.triangle_count == 0) return absl::OkStatus();
+  if (state.mesh.host_view.triangle_count == 0) return ClearFragmentSlots(state);
+  if (state.fills_rows) VOXELPIPE_OK_OR_RETURN(ClearFragmentSlots(state));  // else with the queues
   bool ranked = false, all_by_rows = !sparse;
   int blended = 0, last = 0;  // targets
   for (int i = 0; i < state.targets.count; ++i) {
@@ -322,7 +319,6 @@ absl::Status BlendDirectly(RunState& state) {
   if (state.pools_bricks) {
     VOXELPIPE_OK_OR_RETURN(BlendIntoPool(state, PlaceOf(state, last), state.span_targets[size_t(last)].by_id));
     if (state.pools_bricks) return absl::OkStatus();
-    VOXELPIPE_OK_OR_RETURN(ClearFragmentSlots(state));
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
     VOXELPIPE_OK_OR_RETURN(state.coverage.Fill(0, state.stream));
   }

@@ -229,6 +229,7 @@ enum Counter : int {
   kBundles,       // of the slab's fragments
   kPooled,        // bricks that wanted a place in the pool
   kCleared,       // blocks that have cleared their part of a bit grid; 0 again when it is drawn
+  kNever,         // always 0
   kScratch0,      // free for use within a stage
   kPairs,         // (tile, triangle) pairs found, also where there was no room for them
   kQueued0,       // entries of the queues of a stage
@@ -244,8 +245,8 @@ inline constexpr int kAllCounters = kCounters + kFragmentSlots + kChunkGroups;
 absl::Status EnsureCounters(RunState& state);
 // Sets counters to 0.
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
-// Likewise those of the queues and of the list; `groups`: also what stands behind the counters.
-absl::Status ClearQueues(RunState& state, bool groups);
+// Likewise those of the queues and of the list, and what stands behind the counters up to `end`.
+absl::Status ClearQueues(RunState& state, int end);
 // Copies all counters to the host. Synchronizes with the stream.
 absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state);
 

@@ -292,9 +292,8 @@ absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which
   return absl::OkStatus();
 }
 
-absl::Status ClearQueues(RunState& state, bool groups) {
+absl::Status ClearQueues(RunState& state, int end) {
   if (state.counters.empty()) return EnsureCounters(state);
-  const int end = groups ? kAllCounters : kCounters;
   VOXELPIPE_CUDA_OR_RETURN(
       cudaMemsetAsync(state.counters.data() + kQueued0, 0, size_t(end - kQueued0) * sizeof(uint64_t), state.stream));
   return absl::OkStatus();
