@@ -8,10 +8,11 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kUnpackBlocks = 4;  // on a multiprocessor at once
-inline constexpr uint32_t kUnpackedOfWarp =
-    1344;  // fragments of a warp's bundles that it brings together before it knows where they go
-inline constexpr uint32_t kVoxelUnit = 1 << 16;  // numbers of voxels and fragments in one word, of a block
-inline constexpr uint64_t kWideVoxelUnit = uint64_t{1} << 31;  // likewise in two, of all
+// Fragments of a warp's bundles that it brings together before it knows where they go.
+inline constexpr uint32_t kUnpackedOfWarp = 1344;
+// A number of voxels and one of fragments in one word, as many units of the first: of a block, and of all.
+inline constexpr uint32_t kVoxelUnit = 1 << 16;
+inline constexpr uint64_t kWideVoxelUnit = uint64_t{1} << 31;
 static_assert(kBundlesOfChunk * (1 + BundleCode::kMostFollowers) < kVoxelUnit &&
               kMostBundledFragments < kWideVoxelUnit);
 
