@@ -2,7 +2,8 @@
 //
 // Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing): fragments are counted, given room by a scan, emitted, sorted by
 // voxel, and runs of equal voxels become buckets. Changed: they are emitted in the order of triangles and sorted stably by
-// the bits that the slab's voxel numbers have, so that each bucket is in the order of triangle ids.
+// the bits that the slab's voxel numbers have, so that each bucket is in the order of triangle ids; and fragments of a voxel by triangles of near
+// ids may be sorted as one (bundle_views.h).
 #include <thrust/iterator/counting_iterator.h>
 #include <cub/device/device_select.cuh>
 
@@ -243,7 +244,7 @@ bool GuessRoom(RunState& state) {
 
 // Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list has room
 // for, the others are walked again. Where there is room for what is guessed the host learns how many fragments there are while
-// they are emitted, and nothing waits for it.
+// they are emitted, and nothing waits for it, but where they are bundled: how many bundles are sorted is known when they are emitted.
 absl::Status EmitByCells(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   Fragments& fragments = state.fragments;
@@ -278,6 +279,7 @@ absl::Status EmitByCells(RunState& state) {
   const FragmentArgs args = MakeFragmentArgs(state, counts);
   if (!fits) {
     if (too_many) fragments.plan.reset();
+    bundles.reset();  // done with the counter
     if (fragments.plan && guessed) VOXELPIPE_OK_OR_RETURN(ClearBundleBlocks(state));
     VOXELPIPE_OK_OR_RETURN(EmitRecords(state, args, bundles));
   }

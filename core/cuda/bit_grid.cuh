@@ -45,7 +45,8 @@ struct BitArgs {
   const Vec3d* positions = nullptr;      // world space
   const PackedVertex* packed = nullptr;  // of all triangles, their corners, which tell whose they are; or null
   PackedPlace packed_place;
-  const LargestTriangles* largest = nullptr;  // drawn apart from the others, and in no queue of large ones; or null
+  // Drawn apart from the others, and of plain bits in no large queue; or null.
+  const LargestTriangles* largest = nullptr;
   uint64_t triangle_count = 0;
   const uint32_t *order = nullptr, *ordered = nullptr;  // of triangles by place, and how many there are; or null
   int rounds = 1;                                       // of WalkCells and FindCells

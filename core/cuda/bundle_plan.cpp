@@ -5,13 +5,14 @@
 
 #include "cuda/device_abilities.h"
 #include "cuda/scattered.h"
+#include "cuda/span_views.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
-// How many voxels a triangle of the mesh touches under conservative coverage, on the average, by a sample: as many as the sum of that box has volume
-// which one of a voxel sweeps with the triangle, which is 1, the lengths of the triangle's projections on the axes, and the areas of those on
-// the planes between them.
+// How many voxels a triangle of the mesh touches under conservative coverage, on the average, by a sample. Wherever it lies, it is as many, on the
+// average, as the volume that a box of a voxel sweeps when its centre goes all over the triangle: 1, and the lengths of the triangle's projections on
+// the axes, and the areas of those on the planes between them.
 double VoxelsOfTriangle(const RunState& state) {
   constexpr uint64_t kSamples = 128;
   const TriangleMesh& mesh = state.host.mesh;
@@ -45,10 +46,8 @@ std::optional<BundlePlan> PlanBundles(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   BundlePlan plan;
   plan.code.id_bits = uint32_t(std::max(1, int(std::bit_width(triangles - 1))));
-  if (plan.code.id_bits > BundleCode::kMostIdBits || ShadesFragments(state.request) ||
-      !state.targets.any_always_present || IsScattered(state)) {
-    return std::nullopt;
-  }
+  static_assert(kMostSpanTriangles <= uint64_t{1} << BundleCode::kMostIdBits);  // of more there are no records
+  if (ShadesFragments(state.request) || !state.targets.any_always_present || IsScattered(state)) return std::nullopt;
   plan.code.followers = std::min(32 - plan.code.id_bits, BundleCode::kMostFollowers);
   // Measured: of spheres of 2 to 8 voxels a triangle some 0.7 bundles for each voxel but for the first 1.6.
   constexpr double kMostVoxels = 12, kShared = 1.6, kBundles = .7, kLeast = .25;

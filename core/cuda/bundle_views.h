@@ -1,5 +1,5 @@
 // Bundles: fragments of one voxel by triangles whose ids follow one another closely, sorted as one. Neighbours in a mesh in order share voxels,
-// so there are a third as many bundles as fragments or fewer. Plain structs, no host-only includes.
+// so there are about a third as many bundles as fragments where triangles are small. Plain structs, no host-only includes.
 #pragma once
 
 #include <cstdint>

@@ -22,7 +22,7 @@ struct FragmentArgs {
   uint32_t *keys = nullptr, *values = nullptr;
   uint64_t room = 0;          // fragments; what is beyond it is not written
   SpanList list;              // what waits, if it has room for all
-  uint64_t* clear = nullptr;  // `clear_count` elements, which EmitCells sets to 0 for a later kernel
+  uint64_t* clear = nullptr;  // `clear_count` elements, which EmitCells or EmitBundles sets to 0 for a later kernel
   uint64_t clear_count = 0;
 };
 
@@ -324,7 +324,7 @@ __global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constan
   }
 }
 
-// Writes them where EmitCells says.
+// Writes them where EmitCells, or EmitBundles, says.
 class FragmentWriter {
  public:
   using Args = FragmentArgs;

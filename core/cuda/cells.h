@@ -14,7 +14,8 @@ namespace voxelpipe::cuda {
 bool NeedsOrder(RunState& state);
 
 // Gives every triangle of the slab to a sink, and what is not small to the queues; state.counters has how many wait.
-// kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: counters, or null.
+// kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: FragmentSlots, which are cleared before unless
+// state.fills_rows, for then what is written by rows is counted there already; or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
                           bool by_id = false, const BrickPool* pool = nullptr);
 // The same, for the A-buffer: records, and how many fragments they have, in state.fragment_first and behind the counters, as `counts` then says.

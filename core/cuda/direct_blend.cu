@@ -56,7 +56,7 @@ absl::Status MakeValues(RunState& state, int index) {
   memory.shading = args.shading;
   memory.by_id = IsById(target);
   if (target.blend == Blend::kCount || args.triangles == 0) return absl::OkStatus();
-  if (memory.by_id) return EnsureCounters(state);  // cheaper than to read it
+  if (memory.by_id) return EnsureCounters(state);  // for NegativeOf; an id is cheaper made than read
   const uint64_t count = args.triangles * uint64_t(target.components);
   if (IsSum(KeptBy(target))) {
     VOXELPIPE_OK_OR_RETURN(memory.terms.Resize(count, state.stream));

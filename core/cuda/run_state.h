@@ -179,8 +179,9 @@ struct RunState {
   DeviceArray<uint32_t> fragment_counts;  // per triangle
   // Per triangle: where its fragments begin before they are sorted. Or, of records, how many each chunk has (FragmentCounts).
   DeviceArray<uint64_t> fragment_first;
-  Fragments fragments;                   // their keys are voxel indices within the slab
-  DeviceArray<uint64_t> bucket_chunks;   // for CountAndListBuckets (fragments.h): 0 once fragments are emitted
+  Fragments fragments;  // their keys are voxel indices within the slab
+  // For CountAndListBuckets and UnpackIntoBuckets (fragments.h): 0 once fragments are emitted.
+  DeviceArray<uint64_t> bucket_chunks;
   DeviceArray<uint64_t> bundles_before;  // for EmitBundles: per block of it
 
   // Blending without tiles, and the A-buffer: per triangle, as they are taken (cell_views.h)

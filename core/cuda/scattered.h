@@ -1,5 +1,5 @@
 // Meshes of many triangles in no order, which walks take in other ways: their arrays are read once each, from all over memory, and their few
-// largest triangles reach where all others do. Included by .cu files only.
+// largest triangles reach where all others do.
 #pragma once
 
 #include "cuda/run_state.h"

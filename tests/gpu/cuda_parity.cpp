@@ -401,8 +401,8 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   // For these alone, where `quick`.
   const bool bricks = named.name == "sphere", rows = named.name == "sphere5k", bundles = named.name == "of_all_sizes";
   const bool small = number == 1 || named.name == "pile_in_a_voxel" || named.name == "scattered" ||
-                     named.name == "giants" || named.name == "crowd" || named.name == "point" || bricks || rows ||
-                     bundles;
+                     named.name == "giants" || named.name == "crowd" || named.name == "throng" ||
+                     named.name == "point" || bricks || rows || bundles;
   if (options.quick && !small) return std::nullopt;
   subject.mesh = std::make_shared<const TriangleMesh>(named.make());
   subject.large = subject.mesh->triangles.size() > 10'000;

@@ -66,8 +66,9 @@ std::vector<ParityCase> BundleCases(const ParityMesh& named, size_t triangles) {
   add(0.1, 0, Coverage::kConservative);  // one voxel of many triangles that follow one another
   add(0.5, 0, Coverage::kThin);
   add(1, 0, Coverage::kConservative);
-  add(1, -0.5, Coverage::kThin, 16);  // others outside
-  add(1.75, 0.25, Coverage::kConservative);
+  add(1, -0.5, Coverage::kThin, 16);        // others outside
+  add(1.2, 0.25, Coverage::kConservative);  // of some eleven voxels a triangle: larger ones are not bundled
+  add(1.2, 0, Coverage::kThin);
   add(1.75, 0, Coverage::kThin);
   add(1, 0, Coverage::kConservative);
   cases.back().request.targets.resize(3);

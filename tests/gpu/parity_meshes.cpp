@@ -276,6 +276,8 @@ std::vector<ParityMesh> ParityMeshes(uint32_t seed) {
   add("crowd", 8, [=] { return Giants(900, 8, 24, seed + 16); });
   add("sphere5k", 72, [] { return Moved(bench::BumpySphere(5000), 72, {0, 0, 0}); });  // of triangles that go by rows
   add("of_all_sizes", 80, [=] { return OfAllSizes(seed + 17); });
+  // Likewise more fragments than by any guess, of small triangles, which are bundled where the cache is small.
+  add("throng", 8, [=] { return Pile(900, {4, 4, 4}, 4, 1.5, seed + 18); });
   return all;
 }
 
