@@ -200,6 +200,18 @@ absl::Status ClearBundleBlocks(RunState& state) {
   return state.bundles_before.Fill(0, state.stream);
 }
 
+// Whether fragments are bundled, and how; then what EmitBundles wants is cleared.
+absl::Status BeginBundles(RunState& state) {
+  std::optional<BundlePlan>& plan = state.fragments.plan;
+  plan = PlanBundles(state);
+  if (!plan) return absl::OkStatus();
+  // As many rounds as leave the least to the last wave of blocks.
+  const uint64_t resident = uint64_t(state.device.multiprocessors) * kBundleBlocks;
+  plan->rounds = uint32_t(RoundsFor(state.mesh.host_view.triangle_count, kChunkWarps * int(kBundledTriangles), resident,
+                                    int(plan->rounds)));
+  return ClearBundleBlocks(state);
+}
+
 absl::Status LaunchEmitBundles(RunState& state, const FragmentArgs& fragments) {
   EmitBundleArgs args;
   static_cast<FragmentArgs&>(args) = fragments;
@@ -248,14 +260,7 @@ bool GuessRoom(RunState& state) {
 absl::Status EmitByCells(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   Fragments& fragments = state.fragments;
-  fragments.plan = PlanBundles(state);
-  if (fragments.plan) {
-    // As many as leave the least to the last wave of blocks.
-    const uint64_t resident = uint64_t(state.device.multiprocessors) * kBundleBlocks;
-    fragments.plan->rounds =
-        uint32_t(RoundsFor(triangles, kChunkWarps * int(kBundledTriangles), resident, int(fragments.plan->rounds)));
-    VOXELPIPE_OK_OR_RETURN(ClearBundleBlocks(state));
-  }
+  VOXELPIPE_OK_OR_RETURN(BeginBundles(state));
   FragmentCounts counts;
   VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, counts));
   const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, triangles / 2 + (uint64_t{1} << 18));
