@@ -14,7 +14,7 @@
 #include "cuda/cell_rows.cuh"
 #include "cuda/early_launch.cuh"
 #include "cuda/fetch_corners.cuh"
-#include "cuda/word_box.cuh"
+#include "cuda/row_box.cuh"
 
 namespace voxelpipe::cuda {
 
@@ -24,7 +24,7 @@ inline constexpr int kManyOctants = 14;                            // of a warp'
 inline constexpr int kMostCellRounds = 8;                          // triangles of a thread of WalkCells
 inline constexpr int kMostLayerWidth = 96, kMostLayerRows = 6144;  // along y, and in all, of one that WalkLayers takes
 
-// Where the walk sets bits: in the grid's words, one by one, or, of octants, those of a warp together (word_box.cuh); or in bricks (bit_pool.cuh).
+// Where the walk sets bits: in the grid's words, one by one, or, of octants, those of a warp together (row_box.cuh); or in bricks (bit_pool.cuh).
 enum class BitSink { kWords, kTogether, kBricks };
 
 // What becomes of a triangle. Runs: those of thin coverage whose box is one voxel or two side by side.
@@ -185,9 +185,9 @@ struct CellRoom {
   uint32_t turn;  // that the next warp takes
   unsigned long long first_layer, first_large;
 };
-// The same, and each warp's words.
+// The same, and each warp's rows.
 struct CellRoomTogether : CellRoom {
-  WordBox boxes[kCellThreads / 32];
+  OctantBox boxes[kCellThreads / 32];
 };
 template <BitSink kSink>
 struct CellRoomType {
@@ -228,27 +228,36 @@ __device__ inline void SetPacked(const BitArgs& args, const uint2& packed) {
   const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
   SetOctants(args, first, octants);
 }
-// The same by way of a warp's words. All threads of a warp call it.
-__device__ inline void SetPackedTogether(const BitArgs& args, const uint2& packed, WordBox& words) {
+// The same by way of a warp's rows. All threads of a warp call it.
+__device__ inline void SetPackedTogether(const BitArgs& args, const uint2& packed, OctantBox& box) {
+  const uint32_t octants = packed.y >> 16;
   const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
-  const uint32_t octants = ClipOctants(args, first, packed.y >> 16);
   const int low[3] = {0, 0, int(args.grid.slab_begin)};
   const int high[3] = {int(args.grid.dims[0]), int(args.grid.dims[1]), int(args.grid.slab_end)};
-  int begin[3], end[3];
+  bool inside = true;  // all of them, as most often
+  int end[3];
+#pragma unroll
   for (int a = 0; a < 3; ++a) {
-    begin[a] = max(first[a], low[a]);
-    end[a] = min(first[a] + 2, high[a]);
+    inside = inside & (uint32_t(first[a] - low[a]) < uint32_t(high[a] - low[a] - 1));
+    end[a] = first[a] + 2;
   }
-  const BoxPlace place = FitBox(words, octants != 0, begin, end);
+  const bool has = octants != 0 && inside;
+  const RowPlace place = FitRows(box, has, first, end);
   __syncwarp();
-  if (!place.fits()) {
-    if (octants != 0) SetOctants(args, first, octants);
-    return;
+  if (octants != 0 && !(inside && place.fits())) SetOctants(args, first, octants);
+  if (!place.fits()) return;
+  if (has) {
+    uint32_t* const rows = box.rows + place.RowOf(first);
+    const int bit = first[0] - place.x;
+#pragma unroll
+    for (int i = 0; i < 4; ++i) {
+      const uint32_t pair = octants >> 2 * i & 3;
+      if (pair != 0) atomicOr(rows + ((i & 1) + ((i & 2) != 0 ? place.pitch : 0)), pair << bit);
+    }
   }
-  ForEachPair(first, octants,
-              [&](int word, int y, int z, uint64_t mask) { SetInBox(words, place.At(word, y, z), mask); });
   __syncwarp();
-  StoreBox(args, words);
+  StoreRows(args, box);
+  __syncwarp();
 }
 
 // The same in the pool.
@@ -301,7 +310,7 @@ __device__ inline uint32_t KeepFound(const int (&first)[3], uint32_t octants, ui
 template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes, BitSink kSink>
 __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFor<kSink>& room) {
   if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = room.large_count = room.turn = 0;
-  if constexpr (kSink == BitSink::kTogether) ClearBox(room.boxes[threadIdx.x / 32]);
+  if constexpr (kSink == BitSink::kTogether) ClearRows(room.boxes[threadIdx.x / 32]);
   __syncthreads();
   const bool fixed = args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
   const int rounds = kRowLanes > 1 ? 1 : args.rounds;

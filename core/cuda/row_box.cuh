@@ -4,21 +4,26 @@
 
 #include "cuda/bit_grid.cuh"
 #include "cuda/warp_sum.cuh"
-#include "cuda/word_box.cuh"
 
 namespace voxelpipe::cuda {
 
-// A warp's. So many that blocks of RowKernel leave the L1 cache what those of CellKernel do; 128 and 512 are some 3 % slower.
-struct RowBox {
-  static constexpr uint32_t kRows = 336;
+// A warp's, for triangles in so many rows.
+template <uint32_t kMostRows>
+struct RowBoxOf {
+  static constexpr uint32_t kRows = kMostRows;
   alignas(16) uint32_t rows[kRows];
   int first[3];  // voxel
   uint32_t size_y, count;
 };
+// Of RowKernel. So many that its blocks leave the L1 cache what those of CellKernel do; 128 and 512 are some 3 % slower.
+using RowBox = RowBoxOf<336>;
+// Of octants in CellKernel, whose rows are zero between uses.
+using OctantBox = RowBoxOf<128>;
 
 // All lanes call it, and __syncwarp before FitRows.
-__device__ inline void ClearRows(RowBox& box) {
-  for (uint32_t i = threadIdx.x % 32; i < RowBox::kRows / 4; i += 32) {
+template <uint32_t kRows>
+__device__ inline void ClearRows(RowBoxOf<kRows>& box) {
+  for (uint32_t i = threadIdx.x % 32; i < kRows / 4; i += 32) {
     reinterpret_cast<uint4*>(box.rows)[i] = uint4{0, 0, 0, 0};
   }
 }
@@ -34,15 +39,15 @@ struct RowPlace {
 };
 
 // The box of what the lanes with `has` reach, voxels [begin, end) of the grid. All lanes call it, when the rows are clear and __syncwarp.
-__device__ inline RowPlace FitRows(RowBox& box, bool has, const int (&begin)[3], const int (&end)[3]) {
+template <uint32_t kRows>
+__device__ inline RowPlace FitRows(RowBoxOf<kRows>& box, bool has, const int (&begin)[3], const int (&end)[3]) {
   uint32_t least[3], size[3];
   for (int a = 0; a < 3; ++a) {
     least[a] = WarpLeast(has ? uint32_t(begin[a]) : ~0u);
     size[a] = WarpLargest(has ? uint32_t(end[a]) : 0u) - least[a];
   }
   RowPlace place;
-  if (least[0] == ~0u || size[0] > 32 || size[1] > RowBox::kRows || size[2] > RowBox::kRows ||
-      size[1] * size[2] > RowBox::kRows) {
+  if (least[0] == ~0u || size[0] > 32 || size[1] > kRows || size[2] > kRows || size[1] * size[2] > kRows) {
     return place;
   }
   place.x = int(least[0]);
@@ -56,8 +61,14 @@ __device__ inline RowPlace FitRows(RowBox& box, bool has, const int (&begin)[3],
   return place;
 }
 
-// Brings the rows to the grid. All lanes call it, when all have set theirs and __syncwarp.
-__device__ inline void StoreRows(const BitArgs& args, const RowBox& box) {
+// i / n of small numbers.
+__device__ inline uint32_t DivideSmall(uint32_t i, float inverse) {
+  return uint32_t((float(i) + 0.5f) * inverse);
+}
+
+// Brings the rows to the grid and clears them. All lanes call it, when all have set theirs and __syncwarp.
+template <uint32_t kRows>
+__device__ inline void StoreRows(const BitArgs& args, RowBoxOf<kRows>& box) {
   const uint32_t count = box.count, size_y = box.size_y;
   const float inverse = 1.0f / float(size_y);
   const int shift = box.first[0] & 31;
@@ -65,6 +76,7 @@ __device__ inline void StoreRows(const BitArgs& args, const RowBox& box) {
   for (uint32_t i = threadIdx.x % 32; i < count; i += 32) {
     const uint64_t bits = uint64_t{box.rows[i]} << shift;
     if (bits == 0) continue;
+    box.rows[i] = 0;
     const uint32_t z = DivideSmall(i, inverse);
     uint32_t* const to = grid + args.grid.Word(0, box.first[1] + int(i - z * size_y), box.first[2] + int(z));
     if (uint32_t(bits) != 0) ReduceOr(to, uint32_t(bits));
