@@ -9,6 +9,7 @@
 #include <new>
 #include <optional>
 #include <tuple>
+#include <utility>
 
 #include <tbb/task_arena.h>
 
@@ -19,6 +20,7 @@
 #include "pipeline/backend.h"
 #include "pipeline/bind.h"
 #include "pipeline/footprint.h"
+#include "pipeline/resuming_sink.h"
 #include "pipeline/stages.h"
 
 namespace voxelpipe {
@@ -311,12 +313,20 @@ absl::StatusOr<VoxelizeStats> VoxelizeOnTo(const Backend& backend, const Triangl
 
 namespace {
 
-PlanHook Tell(const std::function<void(const Plan&)>& on_plan) {
+// Tells of the first plan alone.
+PlanHook TellOnce(const std::function<void(const Plan&)>& on_plan) {
   if (!on_plan) return {};
-  return [&on_plan](const Plan& plan) {
-    on_plan(plan);
+  return [&on_plan, told = std::make_shared<bool>(false)](const Plan& plan) {
+    if (!std::exchange(*told, true)) on_plan(plan);
     return absl::OkStatus();
   };
+}
+
+// Where any device may do a request and this one failed by no fault of the request's: the one that does it instead, or null.
+const Backend* InsteadOf(const Backend& backend, BackendChoice choice, const absl::Status& status) {
+  if (choice != BackendChoice::kAuto || status.ok() || !DeviceFailureOf(status)) return nullptr;
+  const absl::StatusOr<const Backend*> cpu = SelectBackend(BackendChoice::kCpu);
+  return cpu.ok() && *cpu != &backend ? *cpu : nullptr;
 }
 
 }  // namespace
@@ -327,7 +337,11 @@ absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const Voxelize
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
-  return VoxelizeOn(**backend, mesh, request, job, limits, Tell(on_plan));
+  const PlanHook tell = TellOnce(on_plan);
+  absl::StatusOr<VoxelizeResult> result = VoxelizeOn(**backend, mesh, request, job, limits, tell);
+  const Backend* const other = InsteadOf(**backend, request.backend, result.status());
+  if (other != nullptr) result = VoxelizeOn(*other, mesh, request, job, limits, tell);
+  return result;
 }
 
 absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
@@ -336,7 +350,13 @@ absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const Voxeliz
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
-  return VoxelizeOnTo(**backend, mesh, request, job, limits, sink, Tell(on_plan));
+  const PlanHook tell = TellOnce(on_plan);
+  ResumingSink resuming(sink);
+  absl::StatusOr<VoxelizeStats> stats = VoxelizeOnTo(**backend, mesh, request, job, limits, resuming, tell);
+  const Backend* const other = InsteadOf(**backend, request.backend, stats.status());
+  if (other == nullptr) return stats;
+  resuming.Restart();
+  return VoxelizeOnTo(*other, mesh, request, job, limits, resuming, tell);
 }
 
 }  // namespace voxelpipe
