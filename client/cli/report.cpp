@@ -92,6 +92,7 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
   json["open_edges"] = OrNull(run.open_edges);
   json["backend"] = stats.backend;
   json["simd"] = stats.simd;
+  if (!stats.device_failure.empty()) json["device_failure"] = stats.device_failure;
   json["result"] = Name(result.kind);
   json["bytes"] = report.bytes;
   json["peak_bytes"] = report.peak_bytes;
@@ -145,6 +146,7 @@ std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
                      HumanBytes(result.arrays[result.arrays.size() - result.specs.size() + i].bytes())));
   }
   row("backend", absl::StrCat(stats.backend, ", ", stats.simd, run.server_peak_bytes ? ", on the server" : ""));
+  if (!stats.device_failure.empty()) row("in place of", stats.device_failure);
   if (run.served && !run.served->worker.empty()) {
     row("worker",
         absl::StrCat(run.served->worker, ", after ", absl::StrFormat("%.1f ms in the queue", run.served->queue_ms),

@@ -16,6 +16,7 @@ struct VoxelizeStats {
   uint64_t occupied = 0;
   std::optional<uint64_t> odd_columns;  // with parity fill: columns with an odd number of crossings
   std::string backend;                  // "cpu" or "cuda"
+  std::string device_failure;           // why a device that was tried first did not do it; empty where none was
   std::string simd = "scalar";
   // Stage name -> wall milliseconds, in order of execution, those that ran:
   // vertex_shade coarse_raster tile_sort fine_raster emit sort resolve fill.

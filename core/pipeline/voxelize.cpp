@@ -329,6 +329,15 @@ const Backend* InsteadOf(const Backend& backend, BackendChoice choice, const abs
   return cpu.ok() && *cpu != &backend ? *cpu : nullptr;
 }
 
+std::string Words(const Backend& backend, const absl::Status& failure) {
+  return absl::StrCat(backend.device(), ": ", failure.message());
+}
+
+// An error of the device that went on, with what made it necessary.
+absl::Status After(const absl::Status& status, const std::string& failure) {
+  return absl::Status(status.code(), absl::StrCat(status.message(), "; tried before, ", failure));
+}
+
 }  // namespace
 
 absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
@@ -340,7 +349,11 @@ absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const Voxelize
   const PlanHook tell = TellOnce(on_plan);
   absl::StatusOr<VoxelizeResult> result = VoxelizeOn(**backend, mesh, request, job, limits, tell);
   const Backend* const other = InsteadOf(**backend, request.backend, result.status());
-  if (other != nullptr) result = VoxelizeOn(*other, mesh, request, job, limits, tell);
+  if (other == nullptr) return result;
+  const std::string failure = Words(**backend, result.status());
+  result = VoxelizeOn(*other, mesh, request, job, limits, tell);
+  if (!result.ok()) return After(result.status(), failure);
+  result->stats.device_failure = failure;
   return result;
 }
 
@@ -355,8 +368,12 @@ absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const Voxeliz
   absl::StatusOr<VoxelizeStats> stats = VoxelizeOnTo(**backend, mesh, request, job, limits, resuming, tell);
   const Backend* const other = InsteadOf(**backend, request.backend, stats.status());
   if (other == nullptr) return stats;
+  const std::string failure = Words(**backend, stats.status());
   resuming.Restart();
-  return VoxelizeOnTo(*other, mesh, request, job, limits, resuming, tell);
+  stats = VoxelizeOnTo(*other, mesh, request, job, limits, resuming, tell);
+  if (!stats.ok()) return After(stats.status(), failure);
+  stats->device_failure = failure;
+  return stats;
 }
 
 }  // namespace voxelpipe

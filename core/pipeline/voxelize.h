@@ -17,7 +17,8 @@ namespace voxelpipe {
 // Out: the result in memory (result.h). Deterministic: the same bytes for any thread count, instruction set, slab depth and
 // backend.
 // `on_plan`, if set, is called once, before rasterization, on the calling thread.
-// Where `auto` takes a GPU that fails or has no room, the CPU does the job; stats.backend tells.
+// Where `auto` takes a GPU that fails or has no room, the CPU does the job: stats.backend and stats.device_failure tell. `on_plan` then has
+// heard of the GPU's plan if it came so far, and progress is told from the start again.
 // Errors: INVALID_ARGUMENT naming the field, or primitive and vertex where a vertex is not finite or beyond 2^40 voxels
 // of the grid; RESOURCE_EXHAUSTED (see PlanVoxelization, or out of memory); CANCELLED; DEADLINE_EXCEEDED;
 // FAILED_PRECONDITION where a backend or an instruction set was asked for that this machine does not have.

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
 #include "pipeline/backend.h"
 #include "pipeline/voxelize.h"
@@ -43,6 +44,14 @@ VoxelizeRequest Request(BackendChoice backend) {
 
 class CountingSink final : public ResultSink {
  public:
+  explicit CountingSink(bool keep = false) : keeps_(keep) {}
+
+  bool Keep(VoxelizeResult&& whole) override {
+    if (!keeps_) return false;
+    for (const std::span<const uint8_t> array : ArraysOf(whole)) arrays.emplace_back(array.begin(), array.end());
+    ++keeps;
+    return true;
+  }
   absl::Status Begin(const ResultHeader& header) override {
     ++begins;
     arrays.resize(header.arrays.size());
@@ -54,7 +63,10 @@ class CountingSink final : public ResultSink {
   }
 
   std::vector<std::vector<uint8_t>> arrays;
-  int begins = 0, writes = 0, fail_at = -1;
+  int keeps = 0, begins = 0, writes = 0, fail_at = -1;
+
+ private:
+  bool keeps_;
 };
 
 class Fallback : public ::testing::Test {
@@ -76,6 +88,7 @@ TEST_F(Fallback, TheCpuDoesWhatTheDeviceCannot) {
       const absl::StatusOr<VoxelizeResult> result = Voxelize(mesh_, request, job_, {}, [&](const Plan&) { ++plans; });
       ASSERT_TRUE(result.ok()) << kind << " in " << stage << ": " << result.status();
       EXPECT_EQ(result->stats.backend, "cpu") << kind << " in " << stage;
+      EXPECT_EQ(result->stats.device_failure, absl::StrCat("cuda:0: a fault was asked for in ", stage));
       EXPECT_EQ(result->stats.occupied, whole->stats.occupied);
       EXPECT_EQ(plans, 1) << kind << " in " << stage;
       for (size_t t = 0; t < 2; ++t) EXPECT_EQ(Bytes(result->targets[t]), Bytes(whole->targets[t]));
@@ -107,6 +120,45 @@ TEST_F(Fallback, AStreamGoesOnWhereItWasCutOff) {
       EXPECT_EQ(plans, 1);
     }
   }
+}
+
+TEST_F(Fallback, EveryKindOfResultIsHandedOnWhole) {
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    for (const Layout layout : {Layout::kInterleaved, Layout::kPlanar}) {
+      for (const bool keeps : {false, true}) {
+        for (const int64_t depth : {8, 40}) {
+          VoxelizeRequest request = Request(BackendChoice::kAuto);
+          request.result = kind;
+          request.layout = layout;
+          if (kind == ResultKind::kBuckets) request.targets[1].blend = Blend::kReplace;
+          PlanLimits limits;
+          limits.slab_depth = depth;
+          Device().Set({});
+          CountingSink whole(keeps);
+          const absl::StatusOr<VoxelizeStats> expected = VoxelizeTo(mesh_, request, job_, limits, whole);
+          ASSERT_TRUE(expected.ok()) << expected.status();
+          EXPECT_EQ(expected->device_failure, "");
+          Break("memory", "finish", depth == 8 ? 1 : 0);
+          CountingSink sink(keeps);
+          const absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh_, request, job_, limits, sink);
+          ASSERT_TRUE(stats.ok()) << stats.status();
+          EXPECT_EQ(stats->backend, "cpu");
+          EXPECT_EQ(sink.arrays, whole.arrays);
+          EXPECT_EQ(sink.keeps, whole.keeps);
+          EXPECT_EQ(sink.begins, whole.begins);
+        }
+      }
+    }
+  }
+}
+
+TEST_F(Fallback, AnErrorOfBothNamesBoth) {
+  Break("memory", "vertex_shade");
+  CountingSink sink;
+  sink.fail_at = 1;
+  const absl::Status status = VoxelizeTo(mesh_, Request(BackendChoice::kAuto), job_, {}, sink).status();
+  EXPECT_EQ(status,
+            absl::DataLossError("the disk is full; tried before, cuda:0: a fault was asked for in vertex_shade"));
 }
 
 TEST_F(Fallback, WhoAsksForTheGpuIsToldOfIt) {
