@@ -238,7 +238,7 @@ absl::Status EmitRecords(RunState& state, const FragmentArgs& args, std::optiona
   } else {
     VOXELPIPE_OK_OR_RETURN(LaunchEmitCells(state, args));
   }
-  const auto blocks = BlocksFor(args.list.capacity, kChunkThreads, uint64_t(state.device.multiprocessors) * 16);
+  const auto blocks = BlocksFor(args.list.capacity, kSpansOfPiece, uint64_t(state.device.multiprocessors) * 16);
   LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kChunkThreads, EmitListed, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitListed");
   return absl::OkStatus();

@@ -228,7 +228,7 @@ __device__ inline void SetPacked(const BitArgs& args, const uint2& packed) {
   const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
   SetOctants(args, first, octants);
 }
-// The same by way of a warp's rows. All threads of a warp call it.
+// The same by way of a warp's rows, but at the grid's sides one by one. All threads of a warp call it.
 __device__ inline void SetPackedTogether(const BitArgs& args, const uint2& packed, OctantBox& box) {
   const uint32_t octants = packed.y >> 16;
   const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};

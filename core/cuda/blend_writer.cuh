@@ -17,6 +17,7 @@ template <int kShader>
 class BlendWriter {
  public:
   using Args = BlendWriterArgs;
+  static constexpr bool kPartsInRow = false;
   __device__ BlendWriter(const BlendWriterArgs& args, uint32_t)
       : args_(args), plain_(args.blend.negative != nullptr && (kShader >= 0 || *args.blend.negative == 0)) {}
 

@@ -24,6 +24,7 @@ template <int kShader>
 class PoolWriter {
  public:
   using Args = PoolWriterArgs;
+  static constexpr bool kPartsInRow = false;
   __device__ PoolWriter(const PoolWriterArgs& args, uint32_t) : args_(args) {}
 
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {

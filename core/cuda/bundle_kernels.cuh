@@ -4,6 +4,7 @@
 #include "cuda/bundle_views.h"
 #include "cuda/look_back.cuh"
 #include "cuda/row_walk.cuh"
+#include "cuda/warp_sum.cuh"
 
 namespace voxelpipe::cuda {
 
@@ -91,12 +92,8 @@ __global__ void __launch_bounds__(kBundleThreads, kUnpackBlocks)
   const BundlesOfThread of(args, uint64_t(blockIdx.x) * kBundlesOfChunk + warp * BundlesOfThread::kOfWarp);
   if (threadIdx.x % 32 == 0) of_warps[warp] = of.all;
   __syncthreads();
-  uint32_t before = 0, all = 0;
-#pragma unroll
-  for (unsigned w = 0; w < kWarps; ++w) {
-    before += w < warp ? of_warps[w] : 0;
-    all += of_warps[w];
-  }
+  uint32_t all;
+  const uint32_t before = SumOfWarps(of_warps, all);
   const uint64_t of_block = all / kVoxelUnit * kWideVoxelUnit + all % kVoxelUnit;
   if (warp == 0) SayHere(args.first, of_block);
   uint32_t* const room = rooms[warp];

@@ -33,21 +33,41 @@ __device__ inline void ForEachPlace(const GridView& grid, uint32_t block, uint64
   });
 }
 
-// Takes 32 triangles: one of each lane, t, and its record with the number; `load` makes what it brings, `place_of` tells where the voxel of a bit is
-// kept, blend(place, value, how many triangles bring it).
-template <typename T, int kComponents, typename Load, typename Combine, typename PlaceOf, typename Blend>
+// A warp's, for four sums of each lane; rows of it begin in different banks.
+struct alignas(16) FourSumsRoom {
+  int64_t terms[32 + 32 / 4][4];
+  __device__ int64_t (&Of(unsigned lane))[4] { return terms[lane + lane / 4]; }
+};
+
+// AddAt of four sums a voxel, `count` 0 where a lane has none: four lanes add those of a voxel together, for they lie in one sector of memory, and what
+// takes longest is that the cache does one atomic operation on a sector at a time. All 32 lanes call it.
+__device__ inline void AddFourSums(FourSumsRoom& room, const Accumulators& to, uint32_t rank, const int64_t (&term)[4],
+                                   uint32_t count) {
+  const unsigned lane = threadIdx.x % 32, first = lane & ~3u, mine = lane & 3;
+  if (to.kept == Kept::kAverage && count > 0) atomicAdd(to.counts + rank, count);
+  __syncwarp();  // the room is free
+#pragma unroll
+  for (int c = 0; c < 4; ++c) room.Of(lane)[c] = term[c];
+  __syncwarp();
+#pragma unroll
+  for (unsigned k = 0; k < 4; ++k) {
+    const bool has = __shfl_sync(~0u, count, int(first + k)) > 0;
+    const uint64_t at = uint64_t{__shfl_sync(~0u, rank, int(first + k))} * 4 + mine;
+    if (has) atomicAdd(to.sums + at, static_cast<unsigned long long>(room.Of(first + k)[mine]));
+  }
+}
+
+// Takes 32 triangles: one of each lane, t, and its record with the number; `load` makes what it brings, `emit` takes what CombineRuns finds,
+// `place_of` tells where the voxel of a bit is kept, blend(place, value, how many triangles bring it).
+template <typename T, int kComponents, typename Load, typename Combine, typename Emit, typename PlaceOf, typename Blend>
 __device__ inline void BlendRecords(const BlendCellsArgs& args, CellRunRoom<T, kComponents>& room, uint32_t t,
-                                    uint64_t number, uint64_t record, Load&& load, Combine&& combine,
+                                    uint64_t number, uint64_t record, Load&& load, Combine&& combine, Emit&& emit,
                                     PlaceOf&& place_of, Blend&& blend) {
   const CellKind kind = KindOfCell(record);
   const uint32_t octants = kind == CellKind::kOctants ? OctantsOfCell(record) : 0;
   T value[kComponents] = {};
   if (kind == CellKind::kBlock || octants != 0) load(t, value);
-  CombineRuns<T, kComponents>(room, FirstOfCell(record), octants, value, combine,
-                              [&](const OctantOfRun<T, kComponents>& of) {
-                                if (of.count == 0) return;
-                                blend(place_of(BitOfOctant(args.grid, of.first, of.octant)), of.value, of.count);
-                              });
+  CombineRuns<T, kComponents>(room, FirstOfCell(record), octants, value, combine, emit);
   if (kind != CellKind::kBlock) return;
   ForEachPlace(args.grid, FirstOfCell(record), args.blocks[number], place_of,
                [&](uint64_t place) { blend(place, value, 1); });
@@ -63,6 +83,8 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
   constexpr size_t kCells = sizeof(CellRunRoom<uint32_t, kComponents>),
                    kTerms = sizeof(CellRunRoom<int64_t, kComponents>);
   __shared__ alignas(16) char memory[kWarps * (kTo == BlendTo::kTarget ? kCells : kTerms)];
+  constexpr bool kFourSums = kTo != BlendTo::kTarget && kComponents == 4;
+  __shared__ FourSumsRoom four_sums[kFourSums ? kWarps : 1];
   const unsigned warp = threadIdx.x / 32, lane = threadIdx.x % 32;
   auto& cells = reinterpret_cast<CellRunRoom<uint32_t, kComponents>*>(memory)[warp];
   auto& terms = reinterpret_cast<CellRunRoom<int64_t, kComponents>*>(memory)[warp];
@@ -79,8 +101,23 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
       return uint64_t{accumulate.ranks.Of<kBy>(bit / 32, bit % 32)};
     }
   };
+  const auto place_of_octant = [&](const auto& of) { return place_of(BitOfOctant(args.grid, of.first, of.octant)); };
   const auto add = [&](uint64_t at, const auto& value, uint32_t count) {
     AddAt<kComponents>(accumulate.to, at, value, count);
+  };
+  const auto add_octant = [&](const auto& of) {
+    if (of.count > 0) add(place_of_octant(of), of.value, of.count);
+  };
+  const auto add_sums = [&](const OctantOfRun<int64_t, kComponents>& of) {
+    if constexpr (kFourSums) {
+      const auto rank = uint32_t(of.count > 0 ? place_of_octant(of) : 0);
+      AddFourSums(four_sums[warp], accumulate.to, rank, of.value, of.count);
+    } else {
+      add_octant(of);
+    }
+  };
+  const auto blend_octant = [&](const OctantOfRun<uint32_t, kComponents>& of) {
+    if (of.count > 0) BlendAt<kComponents>(place, place_of_octant(of), of.value, of.count);
   };
   for (uint64_t begin = (uint64_t(blockIdx.x) * kWarps + warp) * 32; begin < records;
        begin += uint64_t(gridDim.x) * kBlendThreads) {
@@ -92,7 +129,7 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
       BlendRecords<uint32_t, kComponents>(
           args, cells, t, number, record,
           [&](uint32_t of, uint32_t(&value)[kComponents]) { KeysOf<kShader, kComponents>(place, plain, of, value); },
-          [&](uint32_t a, uint32_t b) { return CombineKeys(place, a, b); }, place_of,
+          [&](uint32_t a, uint32_t b) { return CombineKeys(place, a, b); }, blend_octant, place_of,
           [&](uint64_t at, const uint32_t(&value)[kComponents], uint32_t count) {
             BlendAt<kComponents>(place, at, value, count);
           });
@@ -100,14 +137,14 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
       BlendRecords<int64_t, kComponents>(
           args, terms, t, number, record,
           [&](uint32_t of, int64_t(&value)[kComponents]) { TermsOf<kShader, kComponents>(accumulate, of, value); },
-          AddTerms, place_of, add);
+          AddTerms, add_sums, place_of, add);
     } else {
       BlendRecords<uint32_t, kComponents>(
           args, cells, t, number, record,
           [&](uint32_t of, uint32_t(&value)[kComponents]) {
             if (kept != Kept::kCount) ValuesOf<kShader, kComponents>(accumulate.values, accumulate.shading, of, value);
           },
-          [&](uint32_t a, uint32_t b) { return CombineCells(kept, a, b); }, place_of, add);
+          [&](uint32_t a, uint32_t b) { return CombineCells(kept, a, b); }, add_octant, place_of, add);
     }
   }
 }

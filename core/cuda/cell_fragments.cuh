@@ -73,18 +73,6 @@ struct EmitRoom {
   uint64_t long_sums[kChunkWarps];
 };
 
-// The sum over the warps before this one, and over all.
-template <typename T>
-__device__ inline T SumOfWarps(const T (&sums)[kChunkWarps], T& all) {
-  T before = all = 0;
-#pragma unroll
-  for (unsigned w = 0; w < kChunkWarps; ++w) {
-    if (w == threadIdx.x / 32) before = all;
-    all += sums[w];
-  }
-  return before;
-}
-
 // How many fragments there are in groups and chunks before this block's. All threads of the block call it.
 __device__ inline uint64_t FragmentsBefore(const FragmentCounts& counts, EmitRoom& room) {
   const uint32_t group = blockIdx.x / counts.chunks_of_group, in_group = blockIdx.x - group * counts.chunks_of_group;
@@ -239,6 +227,7 @@ __device__ inline LanesOfPut LookAtPut(uint32_t t, int x_begin, int x_end) {
 class FragmentCounter {
  public:
   using Args = FragmentArgs;
+  static constexpr bool kPartsInRow = true;  // so that what it appends at a time is of one triangle
   __device__ FragmentCounter(const FragmentArgs& args, uint32_t number) : args_(args), list_(args.list, number) {}
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
     const LanesOfPut put = LookAtPut(t, x_begin, x_end);
@@ -294,33 +283,92 @@ __device__ inline uint64_t AllFragments(const FragmentCounts& counts) {
   return WarpSum(all);
 }
 
-// The listed spans to fragments, where there is room for all of both. May begin early.
+// Reserves room for the fragments of listed spans, `length` of each lane's triangle t, by warps: where they go. All threads of a warp call it.
+__device__ inline uint64_t ReserveByWarps(const FragmentArgs& args, uint32_t t, uint32_t length) {
+  const auto reserve = [&](uint32_t count) {
+    return atomicAdd(reinterpret_cast<unsigned long long*>(args.blocks + t), 0ull + count);
+  };
+  const LanesOfPut put = LookAtPut(t, 0, int(length));
+  if (put.leader < 0) return 0;
+  if (!put.one_triangle) return length > 0 ? reserve(length) : 0;
+  uint32_t total;
+  const uint32_t before = WarpExclusiveSum(length, total);
+  unsigned long long at = 0;
+  if (int(threadIdx.x % 32) == put.leader) at = reserve(total);
+  return __shfl_sync(~0u, at, put.leader) + before;
+}
+
+inline constexpr uint32_t kListedOfThread = 2;  // so that a block takes as many as a warp appends at a time, and most often just those
+
+// A block's room.
+struct ListedRoom {
+  uint32_t sums[kListedOfThread][kChunkWarps], least[kChunkWarps], largest[kChunkWarps];
+  unsigned long long at;
+};
+
+// The listed spans to fragments, where there is room for all of both. Most often all that a block takes are of one triangle: what takes longest is that
+// many additions go to one address, so there it makes one. May begin early.
 __global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constant__ FragmentArgs args) {
+  constexpr uint32_t kSpans = kChunkThreads * kListedOfThread;
+  static_assert(kSpans == kSpansOfPiece);
+  __shared__ ListedRoom room;
   AwaitEarlier();
   const uint64_t count = args.list.own + *args.list.count;
   if (count > args.list.capacity || AllFragments(args.counts) > args.room) return;
-  const uint64_t threads = uint64_t(gridDim.x) * kChunkThreads;
-  for (uint64_t begin = uint64_t(blockIdx.x) * kChunkThreads + threadIdx.x / 32 * 32; begin < count; begin += threads) {
-    const uint64_t i = begin + threadIdx.x % 32, span = i < count ? args.list.spans[i] : kNoSpan;
-    const uint32_t t = SpanTriangle(span), length = span == kNoSpan ? 0 : SpanLength(span);
-    const LanesOfPut put = LookAtPut(t, 0, int(length));
-    if (put.leader < 0) continue;
-    unsigned long long at = 0;
-    if (put.one_triangle) {
-      uint32_t total;
-      const uint32_t before = WarpExclusiveSum(length, total);
-      if (int(threadIdx.x % 32) == put.leader) {
-        at = atomicAdd(reinterpret_cast<unsigned long long*>(args.blocks + t), 0ull + total);
+  const uint32_t warp = threadIdx.x / 32;
+  for (uint64_t begin = uint64_t(blockIdx.x) * kSpans; begin < count; begin += uint64_t(gridDim.x) * kSpans) {
+    uint64_t span[kListedOfThread], at[kListedOfThread];
+    uint32_t length[kListedOfThread], before[kListedOfThread], least = ~0u, largest = 0;
+#pragma unroll
+    for (uint32_t i = 0; i < kListedOfThread; ++i) {
+      const uint64_t number = begin + i * kChunkThreads + threadIdx.x;
+      span[i] = number < count ? args.list.spans[number] : kNoSpan;
+    }
+#pragma unroll
+    for (uint32_t i = 0; i < kListedOfThread; ++i) {
+      length[i] = span[i] == kNoSpan ? 0 : SpanLength(span[i]);
+      if (length[i] > 0) {
+        least = min(least, SpanTriangle(span[i]));
+        largest = max(largest, SpanTriangle(span[i]));
       }
-      at = __shfl_sync(~0u, at, put.leader) + before;
-    } else if (length > 0) {
-      at = atomicAdd(reinterpret_cast<unsigned long long*>(args.blocks + t), 0ull + length);
+      before[i] = SumUpto(length[i]);
+      if (threadIdx.x % 32 == 31) room.sums[i][warp] = before[i];
+      before[i] -= length[i];
     }
-    const uint32_t key = length > 0 ? KeyOfBit(args.grid, SpanFirst(span)) : 0;
-    for (uint32_t x = 0; x < length; ++x) {
-      args.keys[at + x] = key + x;
-      args.values[at + x] = t;
+    least = WarpLeast(least);
+    largest = WarpLargest(largest);
+    if (threadIdx.x % 32 == 0) room.least[warp] = least, room.largest[warp] = largest;
+    __syncthreads();
+    for (uint32_t w = 0; w < uint32_t(kChunkWarps); ++w) {
+      least = min(least, room.least[w]);
+      largest = max(largest, room.largest[w]);
     }
+    if (least == largest) {
+      uint32_t all = 0;
+#pragma unroll
+      for (uint32_t i = 0; i < kListedOfThread; ++i) {
+        uint32_t of_these;
+        before[i] += all + SumOfWarps(room.sums[i], of_these);
+        all += of_these;
+      }
+      if (threadIdx.x == 0) room.at = atomicAdd(reinterpret_cast<unsigned long long*>(args.blocks + least), 0ull + all);
+      __syncthreads();
+#pragma unroll
+      for (uint32_t i = 0; i < kListedOfThread; ++i) at[i] = room.at + before[i];
+    } else {
+#pragma unroll
+      for (uint32_t i = 0; i < kListedOfThread; ++i) at[i] = ReserveByWarps(args, SpanTriangle(span[i]), length[i]);
+    }
+#pragma unroll
+    for (uint32_t i = 0; i < kListedOfThread; ++i) {
+      const uint32_t key = length[i] > 0 ? KeyOfBit(args.grid, SpanFirst(span[i])) : 0;
+      ForEachVoxel(length[i], [&](int owner, uint32_t x, bool there) {
+        const uint32_t of = __shfl_sync(~0u, key, owner) + x, t = __shfl_sync(~0u, SpanTriangle(span[i]), owner);
+        const uint64_t to = __shfl_sync(~0u, at[i], owner) + x;
+        if (there) args.keys[to] = of, args.values[to] = t;
+      });
+    }
+    __syncthreads();  // the room is free again
   }
 }
 
@@ -328,19 +376,10 @@ __global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constan
 class FragmentWriter {
  public:
   using Args = FragmentArgs;
+  static constexpr bool kPartsInRow = false;
   __device__ FragmentWriter(const FragmentArgs& args, uint32_t) : args_(args) {}
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
-    const LanesOfPut put = LookAtPut(t, x_begin, x_end);
-    if (put.leader < 0) return;
-    unsigned long long at = 0;
-    if (put.one_triangle) {
-      uint32_t total;
-      const uint32_t before = WarpExclusiveSum(put.count, total);
-      if (int(threadIdx.x % 32) == put.leader) at = Reserve(t, total);
-      at = __shfl_sync(~0u, at, put.leader) + before;
-    } else if (put.count > 0) {
-      at = Reserve(t, put.count);
-    }
+    uint64_t at = ReserveByWarps(args_, t, uint32_t(x_end - x_begin));
     const uint32_t key = row * uint32_t(args_.grid.dims[0]);
     for (int x = x_begin; x < x_end; ++x, ++at) {
       args_.keys[at] = key + uint32_t(x);
@@ -351,10 +390,6 @@ class FragmentWriter {
 
  private:
   const FragmentArgs& args_;
-
-  __device__ unsigned long long Reserve(uint32_t t, uint32_t count) const {
-    return atomicAdd(reinterpret_cast<unsigned long long*>(args_.blocks + t), 0ull + count);
-  }
 };
 
 }  // namespace voxelpipe::cuda

@@ -173,13 +173,10 @@ absl::Status CheckReach(RunState& state, const GridSpec& grid) {
 
 // Whether some kernel asks for vertices in index space.
 bool NeedsPlaces(const RunState& state) {
-  const auto& shaders = state.request.fragment_shaders;
   if (state.request.request.result == ResultKind::kBuckets) {
     return !CellsReach(state, state.view.dims) || ShadesFragments(state.request);
   }
-  if (!state.direct) return true;
-  return std::any_of(shaders.begin(), shaders.end(),
-                     [](const BoundShader& shader) { return TraitsOf(FragmentShaderId(shader.id)).needs_plane; });
+  return !state.direct;
 }
 
 // The counters are to be 0.

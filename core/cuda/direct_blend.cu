@@ -23,6 +23,8 @@ namespace {
 
 // Bytes of the device's memory for each span that the list may hold at most.
 constexpr uint64_t kMemoryPerSpan = 64;
+// Blocks of ShadeTriangles a multiprocessor from which on they clear beside their work.
+constexpr uint64_t kLeastClearingBlocks = 16;
 
 // Of a target of one component whose largest or least value is sought: triangles may be blended as they are found.
 bool BlendsInWalk(const CudaTarget& target) {
@@ -52,6 +54,9 @@ absl::Status MakeValues(RunState& state, int index) {
   args.shading.target_count = 1;
   args.shading.traits = TraitsOf(target.shader);
   args.triangles = state.mesh.host_view.triangle_count;
+  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
+  args.degenerate = MakeDegenerateTest(origin, size, WorldToIndex(origin, size, state.box.min),
+                                       WorldToIndex(origin, size, state.box.max));
   memory.shaded = true;
   memory.shading = args.shading;
   memory.by_id = IsById(target);
@@ -68,8 +73,17 @@ absl::Status MakeValues(RunState& state, int index) {
     args.values = memory.values.data();
     args.negative = memory.negative.data();
   }
+  const auto blocks = unsigned((args.triangles + kBlendThreads - 1) / kBlendThreads);
+  if (memory.clears_later) {
+    DeviceArray<uint8_t>& dense = state.target_memory[size_t(index)].dense;
+    constexpr uint64_t kUnit = ClearBeside::kUnit;
+    const uint64_t quads = (dense.size() + 15) / 16, units = (quads + kUnit - 1) / kUnit;
+    args.clear = {reinterpret_cast<uint4*>(dense.data()), quads, uint32_t((units + blocks - 1) / blocks * kUnit),
+                  PatternOf(target)};
+    memory.clears_later = false;
+  }
   const auto kernel = ShadeKernel(target.shader);
-  kernel<<<unsigned((args.triangles + kBlendThreads - 1) / kBlendThreads), kBlendThreads, 0, state.stream>>>(args);
+  kernel<<<blocks, kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ShadeTriangles");
   return absl::OkStatus();
 }
@@ -284,6 +298,14 @@ absl::Status FillAll(RunState& state, int last) {
 
 }  // namespace
 
+bool ClearsWhileShading(const RunState& state, int index, const CudaTarget& target) {
+  if (!state.direct || IsSparse(state) || state.span_targets[size_t(index)].shaded) return false;
+  if (!BySpans(target) || IsById(target) || target.blend == Blend::kCount) return false;
+  // Few blocks would clear slowly.
+  const uint64_t least = AssumedCache() > 0 ? 1 : uint64_t(state.device.multiprocessors) * kLeastClearingBlocks;
+  return state.mesh.host_view.triangle_count >= least * kBlendThreads;
+}
+
 bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
   const VoxelizeRequest& request = state.request.request;
   if (request.result == ResultKind::kBuckets) return false;
@@ -310,6 +332,8 @@ absl::Status BlendDirectly(RunState& state) {
     SpanTarget& memory = state.span_targets[size_t(i)];
     if (!BySpans(target)) continue;
     VOXELPIPE_OK_OR_RETURN(MakeValues(state, i));
+    if (memory.clears_later)
+      return absl::InternalError("a target was to be cleared with shading, and nothing is shaded");
     memory.in_place = !sparse && !memory.by_rows && IsInPlace(target);
     ranked = ranked || (!sparse && !memory.in_place);
     all_by_rows = all_by_rows && memory.by_rows;

@@ -72,7 +72,7 @@ __device__ inline void ValuesOf(const uint32_t* values, const FineArgs& shading,
   }
   if constexpr (kShader >= 0) {
     UniformValue value;
-    ShadeUniformAs(shading, FragmentShaderId(kShader), false, t, value);
+    ShadeUniformAs(shading, FragmentShaderId(kShader), MakePlainInput(*shading.mesh, t), value);
 #pragma unroll
     for (int c = 0; c < kComponents; ++c) to[c] = uint32_t(value.component[c]);
   } else {

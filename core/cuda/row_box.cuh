@@ -66,7 +66,8 @@ __device__ inline uint32_t DivideSmall(uint32_t i, float inverse) {
   return uint32_t((float(i) + 0.5f) * inverse);
 }
 
-// Brings the rows to the grid and clears them. All lanes call it, when all have set theirs and __syncwarp.
+// Brings the rows to the grid and clears them. All lanes call it, when all have set theirs and __syncwarp, and
+// __syncwarp before any sets rows again.
 template <uint32_t kRows>
 __device__ inline void StoreRows(const BitArgs& args, RowBoxOf<kRows>& box) {
   const uint32_t count = box.count, size_y = box.size_y;

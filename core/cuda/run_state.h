@@ -86,11 +86,12 @@ struct SpanTarget {
   DeviceArray<int64_t> terms;
   DeviceArray<uint32_t> cells, counts;  // by rank
   DeviceArray<unsigned long long> sums;
-  bool shaded = false;    // whether values or terms are made
-  bool by_id = false;     // there are none: the value is the triangle's id
-  FineArgs shading;       // of the target alone
-  bool in_place = false;  // blended in the dense target
-  bool by_rows = false;   // its sums are stored by rows (sum_rows.cuh)
+  bool shaded = false;        // whether values or terms are made
+  bool clears_later = false;  // the kernel that makes them clears the dense target
+  bool by_id = false;         // there are none: the value is the triangle's id
+  FineArgs shading;           // of the target alone
+  bool in_place = false;      // blended in the dense target
+  bool by_rows = false;       // its sums are stored by rows (sum_rows.cuh)
 };
 
 // A pool of bricks (brick_pool.cuh): per brick of the slab, and per place.
@@ -275,6 +276,8 @@ bool NeedsTiles(const RunState& state);
 // Bytes of one tile's values in RunState::tile_values; sets value_stride and value_offset.
 void LayOutTileValues(RunState& state);
 
+// A dense target's clear value as a repeated word.
+uint32_t PatternOf(const CudaTarget& target);
 // The target of a request, without memory.
 CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader);
 // Whether every triangle of the shaded mesh gives all its fragments one value, and blending it needs no owner.
@@ -291,6 +294,8 @@ bool StoresByRows(RunState& state, const CudaTarget& target);
 // Whether that can write all dense targets of values, and the coverage, with the largest triangles in them, for all others to be blended
 // over: then nothing clears them before. Likewise.
 bool FillsByRows(const RunState& state);
+// Whether that clears target `index`, dense, while it makes the values of all triangles: then BeginSlab does not. Likewise.
+bool ClearsWhileShading(const RunState& state, int index, const CudaTarget& target);
 // The values of a sparse result, whose bricks stand. `counted`: what state.counters[kSpans] was. May synchronize.
 absl::Status BlendIntoBricks(RunState& state, uint64_t counted);
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.

@@ -11,6 +11,7 @@
 #include "cuda/row_walk.cuh"
 #include "cuda/span_runs.cuh"
 #include "cuda/span_views.h"
+#include "raster/degenerate.h"
 
 namespace voxelpipe::cuda {
 
@@ -18,36 +19,86 @@ inline constexpr int kBlendThreads = 256;
 
 // ---- values of triangles ----
 
+// Memory that a kernel sets to a repeated word beside its own work: `quads` units of 16 bytes.
+struct ClearBeside {
+  uint4* to = nullptr;
+  uint64_t quads = 0;
+  uint32_t each = 0;  // of a block, a multiple of kUnit
+  uint32_t pattern = 0;
+  static constexpr uint32_t kUnit = 64;  // parts of cache lines would be written twice
+
+  // All blocks of the grid call it, all threads of each.
+  __device__ void Clear() const {
+    const uint64_t begin = uint64_t{blockIdx.x} * each;
+    if (begin >= quads) return;
+    const auto count = uint32_t(min(quads - begin, uint64_t{each}));
+    uint4* const first = to + begin;
+#pragma unroll 4
+    for (uint32_t i = threadIdx.x; i < count; i += blockDim.x) first[i] = {pattern, pattern, pattern, pattern};
+  }
+};
+
 struct ShadeTrianglesArgs {
   FineArgs shading;  // of one target
+  DegenerateTest degenerate;
+  ClearBeside clear;
   uint64_t triangles = 0;
   uint32_t* values = nullptr;    // `components` a triangle, as the target keeps them; or
   int64_t* terms = nullptr;      // those of sums
   uint32_t* negative = nullptr;  // values that are keys of floats: becomes 1 where one is the key of a negative number
 };
 
+// The components of triangle t's value, four of them by accesses of 16 bytes.
+template <typename T>
+__device__ inline void StoreComponents(const UniformValue& value, uint64_t t, uint64_t components, T* to) {
+  const int64_t(&of)[4] = value.component;
+  if (components == 4) {
+    struct alignas(16) All {
+      T of[4];
+    };
+    reinterpret_cast<All*>(to)[t] = {T(of[0]), T(of[1]), T(of[2]), T(of[3])};
+    return;
+  }
+#pragma unroll
+  for (uint64_t c = 0; c < 3; ++c) {
+    if (c < components) to[t * components + c] = T(of[c]);
+  }
+}
+
 // kShader: the target's, where the kernel is made for one; -1: any.
 template <int kShader>
 __global__ void __launch_bounds__(kBlendThreads) ShadeTriangles(const __grid_constant__ ShadeTrianglesArgs args) {
-  const auto components = uint64_t(args.shading.targets[0].target.components);
+  const TileTarget& target = args.shading.targets[0];
+  const auto shader = kShader >= 0 ? FragmentShaderId(kShader) : target.target.shader;
+  const bool needs_plane = kShader >= 0 ? TraitsOf(shader).needs_plane : args.shading.traits.needs_plane;
+  const auto components = uint64_t(target.target.components);
   const uint64_t t = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x;
-  bool negative = false;
-  if (t < args.triangles) {
-    UniformValue value;
-    if constexpr (kShader >= 0) {
-      constexpr auto kId = FragmentShaderId(kShader);
-      ShadeUniformAs(args.shading, kId, TraitsOf(kId).needs_plane, uint32_t(t), value);
-    } else {
-      ShadeUniform(args.shading, uint32_t(t), value);
+  const bool has = t < args.triangles;
+  FragmentInput in;
+  Vec3d corners[3];
+  if (has) {
+    const MeshView& mesh = *args.shading.mesh;
+    in = MakePlainInput(mesh, uint32_t(t));
+    if (needs_plane) {
+      for (int i = 0; i < 3; ++i) corners[i] = mesh.positions[in.vertex[i]];
     }
+  }
+  args.clear.Clear();  // while corners are on their way
+  bool negative = false;
+  if (has) {
+    if (needs_plane) {
+      in.degenerate = IsDegenerate(args.degenerate, corners[0], corners[1], corners[2]);
+      if (!in.degenerate) in.geometric_normal = TriangleNormal(corners[0], corners[1], corners[2]);
+    }
+    UniformValue value;
+    ShadeUniformAs(args.shading, shader, in, value);
+    if (args.terms != nullptr) {
+      StoreComponents(value, t, components, args.terms);
+    } else {
+      StoreComponents(value, t, components, args.values);
 #pragma unroll
-    for (uint64_t c = 0; c < 4; ++c) {
-      if (c >= components) break;
-      if (args.terms != nullptr) {
-        args.terms[t * components + c] = value.component[c];
-      } else {
-        args.values[t * components + c] = uint32_t(value.component[c]);
-        negative = negative || (uint32_t(value.component[c]) >> 31) == 0;
+      for (uint64_t c = 0; c < 4; ++c) {
+        negative = negative || (c < components && uint32_t(value.component[c]) >> 31 == 0);
       }
     }
   }
@@ -139,7 +190,7 @@ template <int kShader, int kComponents>
 __device__ inline void TermsOf(const AccumulateArgs& args, uint32_t t, int64_t (&to)[kComponents]) {
   if constexpr (kShader >= 0) {
     UniformValue value;
-    ShadeUniformAs(args.shading, FragmentShaderId(kShader), false, t, value);
+    ShadeUniformAs(args.shading, FragmentShaderId(kShader), MakePlainInput(*args.shading.mesh, t), value);
 #pragma unroll
     for (int c = 0; c < kComponents; ++c) to[c] = value.component[c];
   } else {

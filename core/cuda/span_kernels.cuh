@@ -4,7 +4,7 @@
 //
 // Warps append to pieces of the list that they take one after the other, those of EmitRest first to a small one that each has at the list's
 // begin: an atomic that returns takes long where all wait for one address. The lanes of a warp always do so together. What is
-// done with the rows is the writer's: it has Args, and Put and Finish as SpanWriter. No host-only includes.
+// done with the rows is the writer's: it has Args, kPartsInRow, and Put and Finish as SpanWriter. No host-only includes.
 #pragma once
 
 #include "cuda/bit_setups.cuh"
@@ -154,6 +154,7 @@ __device__ inline void ForEachSpan(const GridView& grid, uint32_t t, uint32_t ro
 class SpanWriter {
  public:
   using Args = SpanArgs;
+  static constexpr bool kPartsInRow = false;  // see PartsOfWarp
   __device__ SpanWriter(const SpanArgs& args, uint32_t number) : args_(args), list_(args.list, number) {}
 
   // Voxels of one row of each lane whose row is not empty.
@@ -245,6 +246,18 @@ __device__ inline bool IsDrawnApart(const BitArgs& args, uint32_t t, uint64_t ro
   return rows > kRowsOfWarp && IsAmongLargest(args, t);
 }
 
+// Which of `all` parts warp `warp` of `warps` takes: first, first + step, ...
+struct WarpParts {
+  uint32_t first, end, step;
+};
+// kInRow: parts that follow one another, most often all of one triangle; else every `warps`-th, so that what is drawn at a time lies together.
+template <bool kInRow>
+__device__ inline WarpParts PartsOfWarp(uint32_t all, uint32_t warp, uint32_t warps) {
+  if constexpr (!kInRow) return {warp, all, warps};
+  const uint32_t of_warp = (all + warps - 1) / warps, first = min(warp * of_warp, all);
+  return {first, min(first + of_warp, all), 1};
+}
+
 // As WalkLarge, but by parts of layers, a warp each; without those that are drawn apart. May begin early.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, 6)
@@ -261,21 +274,29 @@ __global__ void __launch_bounds__(kRestThreads, 6)
   Writer writer(out, kNoPiece);
   for (uint64_t begin = 0; begin < count; begin += kSetupsOfBlock) {
     const int here = int(min(count - begin, uint64_t{kSetupsOfBlock}));
-    if (threadIdx.x < 32) {
-      static_assert(kSetupsOfBlock == 32);
-      uint32_t parts = 0, all;
-      if (int(threadIdx.x) < here) {
-        const uint32_t t = walk.large_queue[begin + threadIdx.x];
-        SharedSetup& s = shared[threadIdx.x];
-        const uint64_t rows = t >= args.first_triangle && t < args.end_triangle ? SetUpRows(walk, t, s) : 0;
-        if (rows > 0 && !IsDrawnApart(walk, t, rows)) parts = parts_of(s) * uint32_t(s.end[2] - s.begin[2]);
+    static_assert(kSetupsOfBlock == 32 && kRestThreads == kSetupsOfBlock * kBoundsParts);
+    {
+      const uint32_t place = threadIdx.x / kBoundsParts;
+      const uint32_t t = int(place) < here ? walk.large_queue[begin + place] : kNoTriangle;
+      const bool wanted = t >= args.first_triangle && t < args.end_triangle;  // kNoTriangle is not
+      SharedSetup& s = shared[place];
+      const uint64_t rows = SetUpRowsInParts(walk, wanted ? t : kNoTriangle, s);
+      if (threadIdx.x % kBoundsParts == 0) {
+        const bool has = rows > 0 && !IsDrawnApart(walk, t, rows);
+        parts_before[place] = has ? parts_of(s) * LayersOf(s) : 0;
       }
-      parts_before[threadIdx.x] = WarpExclusiveSum(parts, all);
+    }
+    __syncthreads();
+    if (threadIdx.x < 32) {
+      uint32_t all;
+      const uint32_t before = WarpExclusiveSum(parts_before[threadIdx.x], all);
+      parts_before[threadIdx.x] = before;
       if (threadIdx.x == 0) parts_before[kSetupsOfBlock] = all;
     }
     __syncthreads();
+    const WarpParts mine = PartsOfWarp<Writer::kPartsInRow>(parts_before[kSetupsOfBlock], warp, warps);
     int i = 0;
-    for (uint32_t item = warp; item < parts_before[kSetupsOfBlock]; item += warps) {
+    for (uint32_t item = mine.first; item < mine.end; item += mine.step) {
       while (parts_before[i + 1] <= item) ++i;
       const SharedSetup& s = shared[i];
       const uint32_t number = item - parts_before[i], each = parts_of(s), part = number % each;

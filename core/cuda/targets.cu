@@ -142,11 +142,8 @@ absl::Status ClearedBits(RunState& state, DeviceArray<uint32_t>& grid) {
   return grid.Fill(0, state.stream);
 }
 
-absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_t stored, int element_bits) {
-  if (stored == 0) return array.Fill(0, state.stream);
-  uint32_t pattern = stored;
-  if (element_bits == 8) pattern *= 0x01010101u;
-  if (element_bits == 16) pattern *= 0x00010001u;
+absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_t pattern) {
+  if (pattern == 0) return array.Fill(0, state.stream);
   const uint64_t words = (array.size() + 3) / 4;  // the pool's blocks end on multiples of 256 bytes
   FillWords<<<BlocksFor(words, kThreads), kThreads, 0, state.stream>>>(reinterpret_cast<uint32_t*>(array.data()), words,
                                                                        pattern);
@@ -154,8 +151,8 @@ absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_
   return absl::OkStatus();
 }
 
-// `by_rows`: all of its cells are written later.
-absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory, bool by_rows) {
+// `later`: all of its cells are written later.
+absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory, bool later) {
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   if (target.own_presence) {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, memory.presence));
@@ -172,8 +169,7 @@ absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory,
   const uint64_t bytes = state.slab_voxels() * uint64_t(target.components) * uint64_t(bits / 8);
   VOXELPIPE_OK_OR_RETURN(memory.dense.Resize(bytes, state.stream));
   target.dense = memory.dense.data();
-  if (by_rows) return absl::OkStatus();
-  return ClearElements(state, memory.dense, target.clear_stored, bits);
+  return later ? absl::OkStatus() : ClearElements(state, memory.dense, PatternOf(target));
 }
 
 // Small results wait for the driver's staging no longer than for a pinned block.
@@ -248,6 +244,11 @@ absl::Status CopyResult(RunState& state, ResultArrays& out) {
 }
 
 }  // namespace
+
+uint32_t PatternOf(const CudaTarget& target) {
+  const int bits = BitsPerComponent(target.format);
+  return target.clear_stored * (bits == 8 ? 0x01010101u : bits == 16 ? 0x00010001u : 1);
+}
 
 CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader) {
   CudaTarget t;
@@ -348,7 +349,10 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
     state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
     const bool by_rows = state.span_targets[i].by_rows = StoresByRows(state, target);
-    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i], by_rows || state.fills_rows));
+    const bool by_others = by_rows || state.fills_rows;
+    const bool clears_later = !by_others && ClearsWhileShading(state, int(i), target);
+    state.span_targets[i].clears_later = clears_later;
+    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i], by_others || clears_later));
     state.targets.at[i] = target;
   }
   if (buckets) return absl::OkStatus();

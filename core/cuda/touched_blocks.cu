@@ -122,6 +122,7 @@ __global__ void __launch_bounds__(kThreads) CountTouchedKernel(const __grid_cons
 // A writer of span_kernels.cuh: counts the voxels of rows whose cells are 0.
 class BlankCounter {
  public:
+  static constexpr bool kPartsInRow = false;
   struct Args {
     const uint32_t* cells = nullptr;
     uint32_t nx = 0;

@@ -12,19 +12,11 @@ struct UniformValue {
   int64_t component[4];
 };
 
-// The target's shader and its traits are given apart: where they are constants little is left of the shading.
-__device__ __forceinline__ void ShadeUniformAs(const FineArgs& args, FragmentShaderId shader, bool needs_plane,
-                                               uint32_t triangle, UniformValue& value) {
+// The target's shader is given apart, and so is what it receives: where they are constants little is left of the shading.
+__device__ __forceinline__ void ShadeUniformAs(const FineArgs& args, FragmentShaderId shader, const FragmentInput& in,
+                                               UniformValue& value) {
   const TileTarget& t = args.targets[0];
   const CudaTarget& target = t.target;
-  FragmentInput in;
-  if (needs_plane) {
-    const uint32_t* v = args.mesh->triangles[triangle];
-    const Vec3d* p = args.mesh->index_positions;
-    in = MakeFragmentInput(*args.mesh, triangle, SetUpPlane(p[v[0]], p[v[1]], p[v[2]]).degenerate, false);
-  } else {
-    in = MakePlainInput(*args.mesh, triangle);
-  }
   FragmentOutput out;
   ShadeFragment(shader, in, target.params, out);
 #pragma unroll
@@ -48,9 +40,18 @@ __device__ __forceinline__ void ShadeUniformAs(const FineArgs& args, FragmentSha
   }
 }
 
-// A call of its own: shading takes many registers, and none of them is needed afterwards.
+// A call of its own: shading takes many registers, and none of them is needed afterwards. Of meshes that are placed in index space.
 __device__ __noinline__ inline void ShadeUniform(const FineArgs& args, uint32_t triangle, UniformValue& value) {
-  ShadeUniformAs(args, args.targets[0].target.shader, args.traits.needs_plane, triangle, value);
+  const MeshView& mesh = *args.mesh;
+  FragmentInput in;
+  if (args.traits.needs_plane) {
+    const uint32_t* v = mesh.triangles[triangle];
+    const Vec3d* p = mesh.index_positions;
+    in = MakeFragmentInput(mesh, triangle, SetUpPlane(p[v[0]], p[v[1]], p[v[2]]).degenerate, false);
+  } else {
+    in = MakePlainInput(mesh, triangle);
+  }
+  ShadeUniformAs(args, args.targets[0].target.shader, in, value);
 }
 
 // Whether FineUniformKernel knows how to blend the target, given that its value is uniform.

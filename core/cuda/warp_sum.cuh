@@ -59,4 +59,16 @@ __device__ inline T SumUpto(T value) {
   return value;
 }
 
+// Of what the warps of a block have brought to shared memory, the sum over those before this one, and over all. A barrier lies between.
+template <typename T, int kWarps>
+__device__ inline T SumOfWarps(const T (&sums)[kWarps], T& all) {
+  T before = all = 0;
+#pragma unroll
+  for (int w = 0; w < kWarps; ++w) {
+    if (w == int(threadIdx.x / 32)) before = all;
+    all += sums[w];
+  }
+  return before;
+}
+
 }  // namespace voxelpipe::cuda

@@ -1,0 +1,102 @@
+// Degenerate triangles told from world space: the answer of SetUpPlane in index space, whatever way it is found.
+#include "raster/degenerate.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <random>
+
+namespace voxelpipe {
+namespace {
+
+using Triangle = std::array<Vec3d, 3>;
+
+struct Grid {
+  Vec3d origin, size;
+  double extent;  // of the box that holds all vertices, in voxels from the origin
+};
+
+class Triangles {
+ public:
+  explicit Triangles(const Grid& grid) : grid_(grid) {
+    const auto corner = [&](double at) { return Vec3d{at, at, at}; };
+    test_ = MakeDegenerateTest(grid.origin, grid.size, corner(-grid.extent), corner(grid.extent));
+  }
+
+  // Edges of up to `edge` voxels; the third corner leaves the line through the others by about `width` of them.
+  Triangle Make(double edge, double width) {
+    const Vec3d a = Somewhere(grid_.extent - 3 * edge), along = Somewhere(edge), aside = Somewhere(edge * width);
+    return {World(a), World(a + along), World(a + along * Number(1) + aside)};
+  }
+
+  void Check(const Triangle& t) {
+    const auto index = [&](int i) { return WorldToIndex(grid_.origin, grid_.size, t[size_t(i)]); };
+    const bool expected = SetUpPlane(index(0), index(1), index(2)).degenerate;
+    ASSERT_EQ(IsDegenerate(test_, t[0], t[1], t[2]), expected);
+    ++(expected ? degenerate_ : plain_);
+  }
+
+  int degenerate() const { return degenerate_; }
+  int plain() const { return plain_; }
+
+ private:
+  Grid grid_;
+  DegenerateTest test_;
+  std::mt19937_64 random_{7};
+  int degenerate_ = 0, plain_ = 0;
+
+  double Number(double most) { return std::uniform_real_distribution<double>(-most, most)(random_); }
+  Vec3d Somewhere(double most) { return {Number(most), Number(most), Number(most)}; }
+  Vec3d World(const Vec3d& p) const {
+    return {p.x * grid_.size.x + grid_.origin.x, p.y * grid_.size.y + grid_.origin.y,
+            p.z * grid_.size.z + grid_.origin.z};
+  }
+};
+
+TEST(DegenerateTest, AnswersAsThePlaneInIndexSpaceDoes) {
+  const Grid grids[] = {
+      {{0, 0, 0}, {1.0 / 512, 1.0 / 512, 1.0 / 512}, 512},
+      {{-3, 1e3, 0.1}, {0.01, 1e-5, 7}, 1000},
+      {{1e9, -1e9, 0}, {1e-3, 1e-3, 1e-3}, 1e12},
+      {{0, 0, 0}, {1e-200, 1e-200, 1e-200}, 100},
+      {{0, 0, 0}, {1e200, 1e200, 1e200}, 100},
+      {{0, 0, 0}, {1e-38, 1e-38, 1e-38}, 100},
+      {{0, 0, 0}, {1e46, 1, 1}, 100},
+      {{0, 0, 0}, {0x1p-60, 0x1p60, 1}, 100},
+  };
+  int degenerate = 0, plain = 0;
+  for (const Grid& grid : grids) {
+    Triangles triangles(grid);
+    for (const double edge : {1e-12, 1e-7, 1e-3, 0.3, 10.0}) {
+      for (const double width : {0.0, 1e-14, 1e-11, 1e-9, 1e-4, 1e-3, 3e-3, 1.0}) {
+        for (int i = 0; i < 200; ++i) triangles.Check(triangles.Make(edge, width));
+      }
+    }
+    degenerate += triangles.degenerate();
+    plain += triangles.plain();
+  }
+  EXPECT_GT(degenerate, 1000);
+  EXPECT_GT(plain, 1000);
+}
+
+TEST(DegenerateTest, NumbersThatFloatsDoNotHoldGoThePlainWay) {
+  const auto check = [](const Vec3d& size, const Vec3d& b, const Vec3d& c) {
+    const DegenerateTest test = MakeDegenerateTest({0, 0, 0}, size, {-100, -100, -100}, {100, 100, 100});
+    EXPECT_TRUE(IsDegenerate(test, {0, 0, 0}, b, c));
+  };
+  check({1e-38, 1e-38, 1e-38}, {1e-44, 2e-44, 3e-44}, {1.5e-44, 3e-44, 4.5e-44});  // edges of few bits
+  check({1e46, 1, 1}, {0, 100, 0}, {1e39, 1e10, 0.2});                             // an edge that overflows
+}
+
+TEST(DegenerateTest, PointsAndLinesAreDegenerate) {
+  const DegenerateTest test = MakeDegenerateTest({0, 0, 0}, {1, 1, 1}, {-10, -10, -10}, {10, 10, 10});
+  const Vec3d a{1, 2, 3}, b{4, 2, 3}, c{7, 2, 3}, d{1, 2.5, 3};
+  EXPECT_TRUE(IsDegenerate(test, a, a, a));
+  EXPECT_TRUE(IsDegenerate(test, a, b, a));
+  EXPECT_TRUE(IsDegenerate(test, a, b, c));
+  EXPECT_FALSE(IsDegenerate(test, a, b, d));
+}
+
+}  // namespace
+}  // namespace voxelpipe
