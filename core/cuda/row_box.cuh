@@ -8,9 +8,8 @@
 namespace voxelpipe::cuda {
 
 // A warp's, for triangles in so many rows.
-template <uint32_t kMostRows>
+template <uint32_t kRows>
 struct RowBoxOf {
-  static constexpr uint32_t kRows = kMostRows;
   alignas(16) uint32_t rows[kRows];
   int first[3];  // voxel
   uint32_t size_y, count;

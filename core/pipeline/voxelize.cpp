@@ -333,8 +333,30 @@ std::string Words(const Backend& backend, const absl::Status& failure) {
   return absl::StrCat(backend.device(), ": ", failure.message());
 }
 
-// An error of the device that went on, with what made it necessary.
-absl::Status After(const absl::Status& status, const std::string& failure) {
+VoxelizeStats& StatsOf(VoxelizeResult& result) {
+  return result.stats;
+}
+VoxelizeStats& StatsOf(VoxelizeStats& stats) {
+  return stats;
+}
+
+// run(backend, whether another one was tried before) on what the request chooses, and then, where that may help, on what does it instead.
+template <typename Run>
+auto RunOnChosen(const VoxelizeRequest& request, Run&& run) -> decltype(run(std::declval<const Backend&>(), false)) {
+  // Said first of all that is wrong with a request, whatever this machine has.
+  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
+  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
+  if (!backend.ok()) return backend.status();
+  auto result = run(**backend, false);
+  const Backend* const other = InsteadOf(**backend, request.backend, result.status());
+  if (other == nullptr) return result;
+  const std::string failure = Words(**backend, result.status());
+  result = run(*other, true);
+  if (result.ok()) {
+    StatsOf(*result).device_failure = failure;
+    return result;
+  }
+  const absl::Status& status = result.status();
   return absl::Status(status.code(), absl::StrCat(status.message(), "; tried before, ", failure));
 }
 
@@ -342,38 +364,20 @@ absl::Status After(const absl::Status& status, const std::string& failure) {
 
 absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
                                         const PlanLimits& limits, const std::function<void(const Plan&)>& on_plan) {
-  // Said first of all that is wrong with a request, whatever this machine has.
-  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
-  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
-  if (!backend.ok()) return backend.status();
   const PlanHook tell = TellOnce(on_plan);
-  absl::StatusOr<VoxelizeResult> result = VoxelizeOn(**backend, mesh, request, job, limits, tell);
-  const Backend* const other = InsteadOf(**backend, request.backend, result.status());
-  if (other == nullptr) return result;
-  const std::string failure = Words(**backend, result.status());
-  result = VoxelizeOn(*other, mesh, request, job, limits, tell);
-  if (!result.ok()) return After(result.status(), failure);
-  result->stats.device_failure = failure;
-  return result;
+  return RunOnChosen(
+      request, [&](const Backend& backend, bool) { return VoxelizeOn(backend, mesh, request, job, limits, tell); });
 }
 
 absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
                                          const JobContext& job, const PlanLimits& limits, ResultSink& sink,
                                          const std::function<void(const Plan&)>& on_plan) {
-  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
-  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
-  if (!backend.ok()) return backend.status();
   const PlanHook tell = TellOnce(on_plan);
   ResumingSink resuming(sink);
-  absl::StatusOr<VoxelizeStats> stats = VoxelizeOnTo(**backend, mesh, request, job, limits, resuming, tell);
-  const Backend* const other = InsteadOf(**backend, request.backend, stats.status());
-  if (other == nullptr) return stats;
-  const std::string failure = Words(**backend, stats.status());
-  resuming.Restart();
-  stats = VoxelizeOnTo(*other, mesh, request, job, limits, resuming, tell);
-  if (!stats.ok()) return After(stats.status(), failure);
-  stats->device_failure = failure;
-  return stats;
+  return RunOnChosen(request, [&](const Backend& backend, bool again) {
+    if (again) resuming.Restart();
+    return VoxelizeOnTo(backend, mesh, request, job, limits, resuming, tell);
+  });
 }
 
 }  // namespace voxelpipe

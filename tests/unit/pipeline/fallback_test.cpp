@@ -24,13 +24,12 @@ FaultyBackend& Device() {
   return *device;
 }
 
-// The next run, or all, fail on the device.
-void Break(const std::string& kind, const std::string& stage, int slab = 0, int runs = 1) {
+// The next run fails on the device.
+void Break(const std::string& kind, const std::string& stage, int slab = 0) {
   Fault fault;
   fault.kind = kind;
   fault.stage = stage;
   fault.slab = slab;
-  fault.runs = runs;
   Device().Set(fault);
 }
 
