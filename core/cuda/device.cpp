@@ -45,9 +45,9 @@ absl::StatusOr<DeviceInfo> Describe(int ordinal) {
 // What is known of a device at run time.
 struct Slot {
   std::mutex mutex;
-  std::string lost;                   // why; empty: not lost
-  int runs = 0;                       // that hold the device
-  std::vector<cudaStream_t> streams;  // idle ones
+  std::string lost;                      // why; empty: not lost
+  int runs = 0;                          // that hold the device
+  std::vector<cudaStream_t> streams[2];  // idle ones, by their turn
 };
 
 struct Found {
@@ -157,7 +157,7 @@ std::atomic<uint64_t> assumed_cache{0};
 absl::Status Reset(int ordinal, Slot& slot) {
   DropCachedMeshes(ordinal);
   ForgetPinned();
-  slot.streams.clear();  // the reset destroys them
+  for (auto& streams : slot.streams) streams.clear();  // the reset destroys them
   VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(ordinal));
   (void)cudaDeviceReset();  // says once more why the device was lost
   (void)cudaGetLastError();
@@ -186,7 +186,7 @@ void MarkDeviceLost(int ordinal, std::string_view reason) {
   if (slot->lost.empty()) slot->lost = std::string(reason);
 }
 
-absl::StatusOr<DeviceUse> DeviceUse::Begin(int ordinal) {
+absl::StatusOr<DeviceUse> DeviceUse::Begin(int ordinal, Turn turn) {
   Slot* const slot = SlotOf(ordinal);
   if (slot == nullptr) return absl::FailedPreconditionError("backend: there is no such CUDA device");
   cudaStream_t stream = nullptr;
@@ -194,15 +194,30 @@ absl::StatusOr<DeviceUse> DeviceUse::Begin(int ordinal) {
     const std::lock_guard lock(slot->mutex);
     if (!slot->lost.empty()) return LostStatus(slot->lost);
     ++slot->runs;
-    if (!slot->streams.empty()) {
-      stream = slot->streams.back();
-      slot->streams.pop_back();
+    auto& idle = slot->streams[int(turn)];
+    if (!idle.empty()) {
+      stream = idle.back();
+      idle.pop_back();
     }
   }
-  DeviceUse use(ordinal, stream);
+  DeviceUse use(ordinal, turn, stream);
   VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(ordinal));
-  if (stream == nullptr) VOXELPIPE_CUDA_OR_RETURN(cudaStreamCreateWithFlags(&use.stream_, cudaStreamNonBlocking));
+  if (stream != nullptr) return use;
+  int last = 0, first = 0;  // numbers become less from the last to the first
+  VOXELPIPE_CUDA_OR_RETURN(cudaDeviceGetStreamPriorityRange(&last, &first));
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaStreamCreateWithPriority(&use.stream_, cudaStreamNonBlocking, turn == Turn::kFirst ? first : last));
   return use;
+}
+
+absl::Status DeviceUse::After(cudaStream_t earlier) const {
+  cudaEvent_t done = nullptr;
+  VOXELPIPE_CUDA_OR_RETURN(cudaEventCreateWithFlags(&done, cudaEventDisableTiming));
+  cudaError_t error = cudaEventRecord(done, earlier);
+  if (error == cudaSuccess) error = cudaStreamWaitEvent(stream_, done, 0);
+  (void)cudaEventDestroy(done);  // once it is done
+  VOXELPIPE_CUDA_OR_RETURN(error);
+  return absl::OkStatus();
 }
 
 void DeviceUse::Wait() const {
@@ -218,7 +233,7 @@ DeviceUse::~DeviceUse() {
   Slot& slot = *SlotOf(ordinal_);
   const std::lock_guard lock(slot.mutex);
   --slot.runs;
-  if (slot.lost.empty() && stream_ != nullptr) slot.streams.push_back(stream_);
+  if (slot.lost.empty() && stream_ != nullptr) slot.streams[int(turn_)].push_back(stream_);
 }
 
 absl::Status ProbeDevice(int ordinal) {

@@ -29,25 +29,33 @@ absl::StatusOr<const std::vector<DeviceInfo>*> AllDevices();
 // OK unless the device was lost: then FAILED_PRECONDITION with the mark of base/device_failure.h.
 absl::Status CheckDevice(int ordinal);
 
+// Whose work a device takes first where streams have some at the same time.
+enum class Turn { kFirst, kBehind };
+
 // A run's hold on a device: a stream, and the promise that nobody resets the device meanwhile. Movable. At the end it waits for the
 // stream's work, which may still read or write memory of the run.
 class DeviceUse {
  public:
   // Makes the device the calling thread's. Errors: CheckDevice's; INTERNAL.
-  static absl::StatusOr<DeviceUse> Begin(int ordinal);
+  static absl::StatusOr<DeviceUse> Begin(int ordinal, Turn turn = Turn::kFirst);
 
   DeviceUse(DeviceUse&& other) noexcept
-      : ordinal_(std::exchange(other.ordinal_, -1)), stream_(std::exchange(other.stream_, nullptr)) {}
+      : ordinal_(std::exchange(other.ordinal_, -1)),
+        turn_(other.turn_),
+        stream_(std::exchange(other.stream_, nullptr)) {}
   DeviceUse& operator=(DeviceUse&&) = delete;
   ~DeviceUse();
 
   cudaStream_t stream() const { return stream_; }
+  // What the stream gets from now on waits for what `earlier` has got so far.
+  absl::Status After(cudaStream_t earlier) const;
   void Wait() const;  // for the stream's work; errors come with the next call
 
  private:
-  DeviceUse(int ordinal, cudaStream_t stream) : ordinal_(ordinal), stream_(stream) {}
+  DeviceUse(int ordinal, Turn turn, cudaStream_t stream) : ordinal_(ordinal), turn_(turn), stream_(stream) {}
 
   int ordinal_;
+  Turn turn_;
   cudaStream_t stream_;
 };
 

@@ -24,8 +24,8 @@ __device__ inline Layer<Real> LayerOf(const SpanBounds<Real>& bounds, Real z, Pi
   out.plane_hi = double(layer.plane_hi);
   return layer;
 }
-// In: a layer z of the grid, the piece's first row y. False where the triangle has none of the piece's rows.
-__device__ inline bool FindLayer(const SharedSetup& s, int y, int z, PieceLayer& out) {
+// In: a layer z of the grid, the piece's first row y. False where the triangle has none of the piece's rows, or of as many others as `rows` says.
+__device__ inline bool FindLayer(const SharedSetup& s, int y, int z, PieceLayer& out, int rows = kPieceEdge) {
   if (z < s.begin[2] || z >= s.end[2]) return false;
   int begin = s.begin[1], end = s.end[1];
   if (s.span_class == SpanClass::kNarrow) {
@@ -41,7 +41,7 @@ __device__ inline bool FindLayer(const SharedSetup& s, int y, int z, PieceLayer&
     end = int(Clamp((s.base.y + double(layer.y.last)) + 1, lo, hi));
   }
   begin = max(begin - y, 0);
-  end = min(end - y, kPieceEdge);
+  end = min(end - y, rows);
   if (begin >= end) return false;
   out.begin = uint8_t(begin);
   out.end = uint8_t(end);
@@ -116,16 +116,34 @@ __device__ inline int IntBelow(double v) {
 #endif
 }
 
+// What bounds the rows of a triangle besides its plane: its box along x, from voxel `cell` on.
+struct RowClip {
+  int cell, least, most;
+
+  RowClip() = default;
+  __device__ explicit RowClip(const SharedSetup& s)
+      : cell(s.cell[0]), least(s.begin[0] - s.cell[0]), most(s.end[0] - s.cell[0]) {}
+};
+
+// A row of a layer of which IsPlaneAlone: `shift` is the plane's slope times how far the row is from the set-up's base. Empty where x_begin is not
+// before x_end.
+__device__ inline void RowOfPlane(const RowClip& clip, const PieceLayer& layer, double shift, int& x_begin,
+                                  int& x_end) {
+  const int first = IntAbove(layer.plane_lo - shift), last = IntBelow(layer.plane_hi - shift);
+  x_begin = clip.cell + min(max(first, clip.least), clip.most);
+  x_end = clip.cell + min(max(last, clip.least - 1), clip.most - 1) + 1;
+}
+
 // The rows of a layer of which IsPlaneAlone: set(row of the piece, x_begin, x_end).
 template <typename Set>
 __device__ inline void ForEachRowOfPlane(const SharedSetup& s, const PieceLayer& layer, int y, Set&& set) {
-  const int cell = s.cell[0], least = s.begin[0] - cell, most = s.end[0] - cell;
+  const RowClip clip(s);
   const double slope = s.wide.plane_sy;
   double local = double(y + int(layer.begin)) - s.base.y;
   for (int row = int(layer.begin); row < int(layer.end); ++row, local += 1) {
-    const double shift = slope * local;
-    const int first = IntAbove(layer.plane_lo - shift), last = IntBelow(layer.plane_hi - shift);
-    set(row, cell + min(max(first, least), most), cell + min(max(last, least - 1), most - 1) + 1);
+    int x_begin, x_end;
+    RowOfPlane(clip, layer, slope * local, x_begin, x_end);
+    set(row, x_begin, x_end);
   }
 }
 

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "cpu/run_state.h"
+#include "cuda/apart_fragments.h"
 #include "cuda/buffer.h"
 #include "cuda/check.h"
 #include "cuda/device.h"
@@ -180,7 +181,8 @@ struct RunState {
   DeviceArray<uint32_t> fragment_counts;  // per triangle
   // Per triangle: where its fragments begin before they are sorted. Or, of records, how many each chunk has (FragmentCounts).
   DeviceArray<uint64_t> fragment_first;
-  Fragments fragments;  // their keys are voxel indices within the slab
+  Fragments fragments;                  // their keys are voxel indices within the slab
+  std::optional<ApartFragments> apart;  // those of the largest triangles, which are not among them; or none
   // For CountAndListBuckets and UnpackIntoBuckets (fragments.h): 0 once fragments are emitted.
   DeviceArray<uint64_t> bucket_chunks;
   DeviceArray<uint64_t> bundles_before;  // for EmitBundles: per block of it

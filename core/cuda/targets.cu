@@ -394,6 +394,7 @@ void AbandonSlab(RunState& state) {
   state.fragment_first.Free();
   state.bucket_chunks.Free();
   state.bundles_before.Free();
+  state.apart.reset();
   state.fragments.Free();
   for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
   state.word_ranks.Free();

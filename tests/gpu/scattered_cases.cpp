@@ -100,6 +100,13 @@ std::vector<ParityCase> ScatteredCases() {
   add_buckets(slanted, {greatest});
   add_buckets(slanted, {checker, sum(VoxelFormat::kF32, 3, 0)});
   add_buckets(parts_of_rows, {checker});
+  // Rows of more voxels of a triangle than a lane sorts, of both coverages; and grids that only some of the largest reach, or none of any.
+  add_buckets(parts_of_rows, {TargetSpec()});
+  add_buckets(parts_of_rows, {TargetSpec()});
+  for (const double away : {30.0, 60.0, 500.0}) {
+    add_buckets(Placed({40, 120, 100}, {away, away, away}, {0.2, 0.2, 0.2}), {TargetSpec()});
+    add_buckets(Placed({40, 120, 100}, {away, away, away}, {0.2, 0.2, 0.2}), {checker});
+  }
   return cases;
 }
 

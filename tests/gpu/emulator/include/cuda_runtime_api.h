@@ -78,7 +78,10 @@ inline cudaError_t cudaDeviceGetDefaultMemPool(cudaMemPool_t*, int) {
 inline cudaError_t cudaMemPoolSetAttribute(cudaMemPool_t, cudaMemPoolAttr, void*) {
   return cudaSuccess;
 }
-inline cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned) {
+inline cudaError_t cudaDeviceGetStreamPriorityRange(int* last, int* first) {
+  return *last = *first = 0, cudaSuccess;
+}
+inline cudaError_t cudaStreamCreateWithPriority(cudaStream_t* stream, unsigned, int) {
   return *stream = nullptr, cudaSuccess;
 }
 inline cudaError_t cudaStreamDestroy(cudaStream_t) {

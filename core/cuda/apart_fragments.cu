@@ -1,0 +1,144 @@
+#include "cuda/apart_fragments.h"
+
+#include <algorithm>
+
+#include "cuda/apart_fragments.cuh"
+#include "cuda/bit_args.h"
+#include "cuda/device_abilities.h"
+#include "cuda/launch.h"
+#include "cuda/merge_fragments.cuh"
+#include "cuda/run_state.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+constexpr uint64_t kSetupBytes = kMostApart * sizeof(SharedSetup);
+// Blocks of ListApart on a multiprocessor, where eight would find room: the kernels of the run's stream need some too. With one it takes longer than
+// those; three and four are alike, five and six slower.
+constexpr unsigned kApartBeside = 4;
+
+uint32_t GroupsOf(const RunState& state) {
+  const auto along_y = (uint32_t(state.slab_dims[1]) + kApartGroup - 1) / kApartGroup;
+  return along_y * uint32_t(state.slab_dims[2]);
+}
+
+// Room for as many as there are most often; where the cache is taken for a small one, for few, so that they are listed once more.
+uint64_t GuessApart(const RunState& state) {
+  if (AssumedCache() > 0) return 1 << 10;
+  constexpr uint64_t kMost = 1 << 24, kPartOfMemory = 64;
+  const uint64_t memory = std::min(state.device.memory_bytes, MemoryLimit());
+  return std::min({kMost, state.slab_voxels(), memory / kPartOfMemory / (2 * sizeof(uint32_t))});
+}
+
+}  // namespace
+
+bool ApartFragments::Pays(const RunState& state) {
+  return state.scattered_mesh.largest != nullptr && state.slab_rows() > kRowsOfWarp && state.view.dims[0] < 1 << 16;
+}
+
+absl::StatusOr<ApartFragments> ApartFragments::Make(const RunState& state) {
+  absl::StatusOr<DeviceUse> use = DeviceUse::Begin(state.device.ordinal, Turn::kBehind);
+  if (!use.ok()) return use.status();
+  ApartFragments made(*std::move(use));
+  absl::StatusOr<PinnedBuffer> listed = PinnedBuffer::Take(sizeof(uint64_t));
+  if (!listed.ok()) return listed.status();
+  made.listed_ = *std::move(listed);
+  VOXELPIPE_OK_OR_RETURN(made.MakeRoom(state, GuessApart(state)));
+  VOXELPIPE_OK_OR_RETURN(
+      made.room_.Resize(kSetupBytes + (GroupsOf(state) + uint64_t{2}) * sizeof(uint64_t), state.stream));
+  return made;
+}
+
+absl::Status ApartFragments::MakeRoom(const RunState& state, uint64_t fragments) {
+  VOXELPIPE_OK_OR_RETURN(keys_.Resize(fragments, state.stream));
+  return triangles_.Resize(fragments, state.stream);
+}
+
+absl::Status ApartFragments::Start(const RunState& state) {
+  const cudaStream_t stream = use_.stream();
+  VOXELPIPE_OK_OR_RETURN(use_.After(state.stream));
+  BitArgs walk;
+  walk.grid = state.view;
+  walk.coverage = state.request.request.coverage;
+  SetTriangles(state, walk);
+  walk.largest = state.scattered_mesh.largest;
+  ApartArgs args;
+  args.grid = state.view;
+  args.largest = walk.largest;
+  args.setups = reinterpret_cast<SharedSetup*>(room_.data());
+  args.keys = keys_.data();
+  args.triangles = triangles_.data();
+  args.room = keys_.size();
+  args.groups = GroupsOf(state);
+  args.before = reinterpret_cast<uint64_t*>(room_.data() + kSetupBytes);
+  args.total = args.before + args.groups;
+  args.taken = reinterpret_cast<uint32_t*>(args.total + 1);
+  SetUpApart<<<(kMostApart + kMostInParts - 1) / kMostInParts, 32, 0, stream>>>(walk, args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("SetUpApart");
+  const unsigned most = unsigned(state.device.multiprocessors) * kApartBeside;
+  ListApart<<<std::min(args.groups, most), kApartThreads, 0, stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ListApart");
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaMemcpyAsync(listed_.data(), args.total, sizeof(uint64_t), cudaMemcpyDeviceToHost, stream));
+  return absl::OkStatus();
+}
+
+absl::Status ApartFragments::Wait(const RunState& state) {
+  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(use_.stream()));
+  count_ = *reinterpret_cast<const uint64_t*>(listed_.data());
+  if (count_ <= keys_.size()) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(MakeRoom(state, count_));
+  VOXELPIPE_OK_OR_RETURN(Start(state));
+  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(use_.stream()));
+  return absl::OkStatus();
+}
+
+namespace {
+
+// What both kernels that merge get; `splits` has room for one more than there are blocks. The other copy becomes the current one.
+absl::StatusOr<MergeArgs> BeginMerge(RunState& state) {
+  Fragments& fragments = state.fragments;
+  const int from = fragments.current, to = 1 - from;
+  MergeArgs args;
+  args.from[0] = {fragments.KeysAs<uint32_t>(from), fragments.triangles[from].data(), fragments.count};
+  args.from[1] = state.apart->sorted();
+  fragments.count += args.from[1].count;
+  VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(to, fragments.count, sizeof(uint32_t), state.stream));
+  const uint64_t blocks = MergeBlocksOf(args);
+  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(2 * blocks + 1, state.stream));
+  args.keys = fragments.KeysAs<uint32_t>(to);
+  args.triangles = fragments.triangles[to].data();
+  args.before = state.bucket_chunks.data();
+  args.splits = args.before + blocks;
+  fragments.current = to;
+  FindSplits<<<unsigned((blocks + 1) * kSplitLanes / kMergeThreads + 1), kMergeThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("FindSplits");
+  return args;
+}
+
+}  // namespace
+
+absl::Status MergeApart(RunState& state) {
+  const absl::StatusOr<MergeArgs> args = BeginMerge(state);
+  if (!args.ok()) return args.status();
+  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(MergeBlocksOf(*args)), kMergeThreads, MergeLists,
+              *args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("MergeLists");
+  state.apart.reset();
+  Fragments& fragments = state.fragments;  // whoever drops some of them has as much room in the other copy
+  return fragments.MakeRoom(1 - fragments.current, fragments.count, sizeof(uint32_t), state.stream);
+}
+
+absl::Status MergeApartIntoBuckets(RunState& state, BucketArgs<uint64_t> buckets) {
+  const absl::StatusOr<MergeArgs> args = BeginMerge(state);
+  if (!args.ok()) return args.status();
+  buckets.fragments = state.fragments.count;
+  buckets.first = args->before;
+  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(MergeBlocksOf(*args)), kMergeThreads, MergeIntoBuckets,
+              *args, buckets);
+  VOXELPIPE_LAUNCHED_OR_RETURN("MergeIntoBuckets");
+  state.apart.reset();
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda
