@@ -73,8 +73,8 @@ absl::Status ApartFragments::Start(const RunState& state) {
   args.before = reinterpret_cast<uint64_t*>(room_.data() + kSetupBytes);
   args.total = args.before + args.groups;
   args.taken = reinterpret_cast<uint32_t*>(args.total + 1);
-  SetUpApart<<<(kMostApart + kMostInParts - 1) / kMostInParts, 32, 0, stream>>>(walk, args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("SetUpApart");
+  SetUpListed<<<(kMostApart + kMostInParts - 1) / kMostInParts, 32, 0, stream>>>(walk, args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("SetUpListed");
   const unsigned most = unsigned(state.device.multiprocessors) * kApartBeside;
   ListApart<<<std::min(args.groups, most), kApartThreads, 0, stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ListApart");
@@ -95,15 +95,17 @@ absl::Status ApartFragments::Wait(const RunState& state) {
 
 namespace {
 
-// What both kernels that merge get; `splits` has room for one more than there are blocks. The other copy becomes the current one.
-absl::StatusOr<MergeArgs> BeginMerge(RunState& state) {
+// What both kernels that merge get. The other copy becomes the current one, with room for keys if they are kept. state.bucket_chunks has what blocks say
+// and, behind that, the splits: who lists buckets of merged fragments afterwards finds as many elements as it wants, and 0 in them.
+absl::StatusOr<MergeArgs> BeginMerge(RunState& state, bool keeps_keys) {
+  static_assert(kMergedOfBlock <= kKeysOfChunk);
   Fragments& fragments = state.fragments;
   const int from = fragments.current, to = 1 - from;
   MergeArgs args;
   args.from[0] = {fragments.KeysAs<uint32_t>(from), fragments.triangles[from].data(), fragments.count};
   args.from[1] = state.apart->sorted();
   fragments.count += args.from[1].count;
-  VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(to, fragments.count, sizeof(uint32_t), state.stream));
+  VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(to, fragments.count, keeps_keys ? sizeof(uint32_t) : 0, state.stream));
   const uint64_t blocks = MergeBlocksOf(args);
   VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(2 * blocks + 1, state.stream));
   args.keys = fragments.KeysAs<uint32_t>(to);
@@ -111,7 +113,8 @@ absl::StatusOr<MergeArgs> BeginMerge(RunState& state) {
   args.before = state.bucket_chunks.data();
   args.splits = args.before + blocks;
   fragments.current = to;
-  FindSplits<<<unsigned((blocks + 1) * kSplitLanes / kMergeThreads + 1), kMergeThreads, 0, state.stream>>>(args);
+  const auto of_splits = unsigned((blocks + 1) * kSplitLanes / kMergeThreads + 1);
+  LaunchEarly(BeginsEarly(state.device), state.stream, of_splits, kMergeThreads, FindSplits, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("FindSplits");
   return args;
 }
@@ -119,18 +122,19 @@ absl::StatusOr<MergeArgs> BeginMerge(RunState& state) {
 }  // namespace
 
 absl::Status MergeApart(RunState& state) {
-  const absl::StatusOr<MergeArgs> args = BeginMerge(state);
+  const absl::StatusOr<MergeArgs> args = BeginMerge(state, true);
   if (!args.ok()) return args.status();
   LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(MergeBlocksOf(*args)), kMergeThreads, MergeLists,
               *args);
   VOXELPIPE_LAUNCHED_OR_RETURN("MergeLists");
   state.apart.reset();
-  Fragments& fragments = state.fragments;  // whoever drops some of them has as much room in the other copy
+  if (state.targets.any_always_present) return absl::OkStatus();
+  Fragments& fragments = state.fragments;  // who drops some of them wants as much room in the other copy
   return fragments.MakeRoom(1 - fragments.current, fragments.count, sizeof(uint32_t), state.stream);
 }
 
 absl::Status MergeApartIntoBuckets(RunState& state, BucketArgs<uint64_t> buckets) {
-  const absl::StatusOr<MergeArgs> args = BeginMerge(state);
+  const absl::StatusOr<MergeArgs> args = BeginMerge(state, false);
   if (!args.ok()) return args.status();
   buckets.fragments = state.fragments.count;
   buckets.first = args->before;

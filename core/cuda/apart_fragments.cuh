@@ -19,7 +19,7 @@ inline constexpr uint32_t kApartGroup = kApartRows * kApartWarps;  // that a blo
 // Sets up the largest triangles, in the order of their ids; those that are not drawn apart in this grid get no layers. Clears what ListApart wants
 // cleared.
 __global__ void __launch_bounds__(32)
-    SetUpApart(const __grid_constant__ BitArgs walk, const __grid_constant__ ApartArgs args) {
+    SetUpListed(const __grid_constant__ BitArgs walk, const __grid_constant__ ApartArgs args) {
   for (uint64_t i = blockIdx.x * 32 + threadIdx.x; i < args.groups; i += gridDim.x * 32) args.before[i] = 0;
   if (blockIdx.x == 0 && threadIdx.x == 0) *args.taken = 0;
   const LargestTriangles& largest = *walk.largest;

@@ -23,9 +23,9 @@ class ApartFragments {
   // With room for as many as there are most often.
   static absl::StatusOr<ApartFragments> Make(const RunState& state);
 
-  // Begins to list them, beside what the run's stream gets from now on and after its work so far. Once.
+  // Begins to list them, beside what the run's stream gets from now on and after its work so far.
   absl::Status Start(const RunState& state);
-  // Waits until they are listed.
+  // Waits until they are listed, which was begun.
   absl::Status Wait(const RunState& state);
   // Once that is done.
   SortedFragments sorted() const { return {keys_.data(), triangles_.data(), count_}; }

@@ -29,7 +29,8 @@ absl::StatusOr<const std::vector<DeviceInfo>*> AllDevices();
 // OK unless the device was lost: then FAILED_PRECONDITION with the mark of base/device_failure.h.
 absl::Status CheckDevice(int ordinal);
 
-// Whose work a device takes first where streams have some at the same time.
+// Whose work a device takes first where streams have some at the same time. Streams of runs are of the device's highest priority, before a host
+// application's own.
 enum class Turn { kFirst, kBehind };
 
 // A run's hold on a device: a stream, and the promise that nobody resets the device meanwhile. Movable. At the end it waits for the

@@ -27,15 +27,15 @@ __device__ inline bool IsBehind(const SortedFragments& a, uint64_t i, const Sort
   return of_a > of_b || (of_a == of_b && a.triangles[i] > b.triangles[j]);
 }
 
-inline constexpr unsigned kSplitLanes =
-    4;  // that look for a split: more of them look at more of memory, fewer have more steps to wait for
+// That look for a split: more of them look at more of memory, fewer have more steps to wait for.
+inline constexpr unsigned kSplitLanes = 4;
 
 // How many of the first `d` fragments of both are the first list's. No two are alike. Some neighbouring lanes each have a `d`, all of a warp call it.
 __device__ inline uint64_t FindSplit(const MergeArgs& args, uint64_t d) {
   const unsigned lane = threadIdx.x % kSplitLanes, shift = threadIdx.x % 32 - lane;
   uint64_t lo = d > args.from[1].count ? d - args.from[1].count : 0, hi = min(d, args.from[0].count);
-  while (__any_sync(
-      ~0u, lo < hi)) {  // the least place in [lo, hi] whose fragment comes behind what the other list has left of `d`
+  // The least place in [lo, hi] whose fragment comes behind what the other list has left of `d`.
+  while (__any_sync(~0u, lo < hi)) {
     const uint64_t step = (hi - lo + kSplitLanes - 1) / kSplitLanes, at = min(lo + uint64_t{lane + 1} * step, hi) - 1;
     const bool behind = lo < hi && IsBehind(args.from[0], at, args.from[1], d - 1 - at);
     const unsigned all = __ballot_sync(~0u, behind) >> shift & ((1u << kSplitLanes) - 1);
@@ -122,6 +122,7 @@ __device__ inline uint32_t MergeOfBlock(const MergeArgs& args, MergeRoom& room, 
   return here;
 }
 
+// The merged list. May begin early.
 __global__ void __launch_bounds__(kMergeThreads, kMergeBlocks) MergeLists(const __grid_constant__ MergeArgs args) {
   __shared__ MergeRoom room;
   AllowNext();
@@ -141,7 +142,7 @@ struct MergeBucketRoom : MergeRoom {
   uint64_t before;
 };
 
-// The merged list's triangles and buckets, as WriteBuckets has them; the keys are not kept.
+// The merged list's triangles and buckets, as WriteBuckets has them; the keys are not kept. May begin early.
 __global__ void __launch_bounds__(kMergeThreads, kMergeBlocks)
     MergeIntoBuckets(const __grid_constant__ MergeArgs args, const __grid_constant__ BucketArgs<uint64_t> buckets) {
   __shared__ MergeBucketRoom room;

@@ -183,7 +183,7 @@ struct RunState {
   DeviceArray<uint64_t> fragment_first;
   Fragments fragments;                  // their keys are voxel indices within the slab
   std::optional<ApartFragments> apart;  // those of the largest triangles, which are not among them; or none
-  // For CountAndListBuckets and UnpackIntoBuckets (fragments.h): 0 once fragments are emitted.
+  // For CountAndListBuckets and UnpackIntoBuckets (fragments.h): 0 once fragments are emitted. Merging has its own use for it (apart_fragments.h).
   DeviceArray<uint64_t> bucket_chunks;
   DeviceArray<uint64_t> bundles_before;  // for EmitBundles: per block of it
 
@@ -197,7 +197,7 @@ struct RunState {
   DeviceArray<uint32_t> listed_places;  // likewise: by rank, a voxel's number in the result
   std::array<SpanTarget, kMaxTargets> span_targets;
   bool fills_rows = false;     // targets are written with the largest triangles in them, not cleared (fill_rows.cuh)
-  bool draws_largest = false;  // the largest triangles are drawn by rows, of all targets
+  bool draws_largest = false;  // the largest triangles are drawn by rows, of all targets, or listed apart
 
   // FineRaster, SolidFill
   DeviceArray<uint32_t> inside, outside;  // bit grids; outside is of the whole grid
@@ -264,9 +264,9 @@ void AbandonSlab(RunState& state);  // synchronizes
 absl::Status FineRaster(RunState& state);
 absl::Status SolidFill(RunState& state);      // flood: synchronizes
 absl::Status EmitFragments(RunState& state);  // synchronizes
-absl::Status SortFragments(RunState& state);
-absl::Status Resolve(RunState& state);     // counters[kBuckets] becomes the number of voxels that are listed
-absl::Status MakeBricks(RunState& state);  // sparse: state.result; synchronizes
+absl::Status SortFragments(RunState& state);  // may synchronize
+absl::Status Resolve(RunState& state);        // counters[kBuckets] becomes the number of voxels that are listed
+absl::Status MakeBricks(RunState& state);     // sparse: state.result; synchronizes
 absl::StatusOr<ResultArrays> Finish(RunState& state);  // copies to the host; synchronizes
 
 // Whether any fragment shader looks at more than which voxels a triangle touches.
