@@ -4,6 +4,7 @@
 
 #include <cstdint>
 
+#include "base/host_device.h"
 #include "cuda/views.h"
 
 namespace voxelpipe::cuda {
@@ -35,7 +36,7 @@ struct MergeArgs {
   uint64_t* splits = nullptr;  // how many fragments before each block are the first list's; and of all
   uint64_t* before = nullptr;  // of the blocks, which FindSplits clears for look_back.cuh
 
-  uint64_t count() const { return from[0].count + from[1].count; }
+  VOXELPIPE_HD uint64_t count() const { return from[0].count + from[1].count; }
 };
 
 }  // namespace voxelpipe::cuda

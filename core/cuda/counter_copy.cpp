@@ -6,13 +6,6 @@
 
 namespace voxelpipe::cuda {
 
-CounterCopy::CounterCopy(CounterCopy&& other) noexcept
-    : to_(std::move(other.to_)), use_(std::move(other.use_)), written_(std::exchange(other.written_, nullptr)) {}
-
-CounterCopy::~CounterCopy() {
-  if (written_ != nullptr) (void)cudaEventDestroy(written_);
-}
-
 absl::StatusOr<CounterCopy> CounterCopy::Start(const uint64_t* counters, uint64_t count, int ordinal,
                                                cudaStream_t stream) {
   const uint64_t bytes = count * sizeof(uint64_t);
@@ -21,9 +14,7 @@ absl::StatusOr<CounterCopy> CounterCopy::Start(const uint64_t* counters, uint64_
   absl::StatusOr<DeviceUse> use = DeviceUse::Begin(ordinal);
   if (!use.ok()) return use.status();
   CounterCopy copy(*std::move(to), *std::move(use));
-  VOXELPIPE_CUDA_OR_RETURN(cudaEventCreateWithFlags(&copy.written_, cudaEventDisableTiming));
-  VOXELPIPE_CUDA_OR_RETURN(cudaEventRecord(copy.written_, stream));
-  VOXELPIPE_CUDA_OR_RETURN(cudaStreamWaitEvent(copy.use_.stream(), copy.written_, 0));
+  VOXELPIPE_OK_OR_RETURN(copy.use_.After(stream));
   VOXELPIPE_CUDA_OR_RETURN(
       cudaMemcpyAsync(copy.to_.data(), counters, bytes, cudaMemcpyDeviceToHost, copy.use_.stream()));
   return copy;

@@ -17,9 +17,6 @@ class CounterCopy {
  public:
   // Nothing writes the counters until Wait returns.
   static absl::StatusOr<CounterCopy> Start(const uint64_t* counters, uint64_t count, int ordinal, cudaStream_t stream);
-  CounterCopy(CounterCopy&& other) noexcept;
-  CounterCopy& operator=(CounterCopy&&) = delete;
-  ~CounterCopy();
 
   // Waits for the copy, not for what the stream got since. The counters live as long as this does.
   absl::StatusOr<const uint64_t*> Wait() const;
@@ -29,7 +26,6 @@ class CounterCopy {
 
   PinnedBuffer to_;
   DeviceUse use_;
-  cudaEvent_t written_ = nullptr;
 };
 
 }  // namespace voxelpipe::cuda

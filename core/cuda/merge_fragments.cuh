@@ -17,7 +17,7 @@ inline constexpr uint32_t kMergeThreads = 256, kMergeBlocks = 7;  // of a multip
 inline constexpr uint32_t kMergedOfThread = 9;  // odd: threads write to different banks of shared memory
 inline constexpr uint32_t kMergedOfBlock = kMergeThreads * kMergedOfThread;
 
-inline uint64_t MergeBlocksOf(const MergeArgs& args) {
+VOXELPIPE_HD uint64_t MergeBlocksOf(const MergeArgs& args) {
   return (args.count() + kMergedOfBlock - 1) / kMergedOfBlock;
 }
 
@@ -53,7 +53,7 @@ __device__ inline uint64_t FindSplit(const MergeArgs& args, uint64_t d) {
 __global__ void __launch_bounds__(kMergeThreads) FindSplits(const __grid_constant__ MergeArgs args) {
   AllowNext();
   AwaitEarlier();
-  const uint64_t all = args.from[0].count + args.from[1].count, blocks = (all + kMergedOfBlock - 1) / kMergedOfBlock;
+  const uint64_t all = args.count(), blocks = MergeBlocksOf(args);
   const uint64_t i = (uint64_t(blockIdx.x) * kMergeThreads + threadIdx.x) / kSplitLanes;
   const uint64_t split = FindSplit(args, min(i * kMergedOfBlock, all));
   if (threadIdx.x % kSplitLanes > 0 || i > blocks) return;
@@ -69,7 +69,7 @@ struct MergeRoom {
 // number threadIdx.x * kMergedOfThread of the part on, in `mine`. All threads of the block call it.
 __device__ inline uint32_t MergeOfBlock(const MergeArgs& args, MergeRoom& room, uint64_t (&mine)[kMergedOfThread]) {
   const uint64_t begin = uint64_t(blockIdx.x) * kMergedOfBlock;
-  const auto here = uint32_t(min(args.from[0].count + args.from[1].count - begin, uint64_t{kMergedOfBlock}));
+  const auto here = uint32_t(min(args.count() - begin, uint64_t{kMergedOfBlock}));
   const uint64_t first = args.splits[blockIdx.x], second = begin - first;
   const auto of_first = uint32_t(args.splits[blockIdx.x + 1] - first), of_second = here - of_first;
   // All are on their way before the first is put away.
