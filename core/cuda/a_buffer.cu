@@ -271,9 +271,9 @@ absl::Status EmitByCells(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   Fragments& fragments = state.fragments;
   VOXELPIPE_OK_OR_RETURN(BeginBundles(state));
-  BeginApart(state);
   FragmentCounts counts;
   VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, counts));
+  BeginApart(state);  // while cells are found: it takes the host some time
   const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, triangles / 2 + (uint64_t{1} << 18));
   if (state.spans.size() < least) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(least, state.stream));
   const RestArgs waiting = MakeRestArgs(state, 0, triangles, false);
@@ -284,8 +284,6 @@ absl::Status EmitByCells(RunState& state) {
   std::optional<CounterCopy> bundles;
   const bool guessed = GuessRoom(state);
   if (guessed) VOXELPIPE_OK_OR_RETURN(EmitRecords(state, MakeFragmentArgs(state, counts), bundles));
-  // Now, so that it runs beside what sorts the others, which waits for memory. FindCells would lose as much as is gained beside it.
-  if (state.apart) VOXELPIPE_OK_OR_RETURN(state.apart->Start(state));
   const absl::StatusOr<const uint64_t*> counted = copy->Wait();
   if (!counted.ok()) return counted.status();
   const uint64_t* const groups = *counted + (kCounters - kSpans) + kFragmentSlots;
@@ -387,10 +385,14 @@ absl::Status EmitFragments(RunState& state) {
 }
 
 absl::Status SortFragments(RunState& state) {
-  const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
-  if (state.fragments.count > 0) {
-    VOXELPIPE_OK_OR_RETURN(
-        SortByKey(state.fragments, WideKeys(state), bits, IsScattered(state), state.scratch, state.stream));
+  const auto list_apart = [&state] { return state.apart ? state.apart->Start(state) : absl::OkStatus(); };
+  if (state.fragments.count == 0) {
+    VOXELPIPE_OK_OR_RETURN(list_apart());
+  } else {
+    const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
+    // Beside the sort, which waits for memory. FindCells would lose as much as is gained beside it.
+    const KeySort sort{WideKeys(state), bits, IsScattered(state), list_apart};
+    VOXELPIPE_OK_OR_RETURN(SortByKey(state.fragments, sort, state.device, state.scratch, state.stream));
   }
   if (state.apart) {
     VOXELPIPE_OK_OR_RETURN(state.apart->Wait(state));

@@ -13,8 +13,8 @@ namespace voxelpipe::cuda {
 namespace {
 
 constexpr uint64_t kSetupBytes = kMostApart * sizeof(SharedSetup);
-// Blocks of ListApart on a multiprocessor, where eight would find room: the kernels of the run's stream need some too. With one it takes longer than
-// those; three and four are alike, five and six slower.
+// Blocks of ListApart on a multiprocessor, where eleven would find room: the kernels of the run's stream need some too. Four take the place of one block
+// of a sort's pass, of which two find room.
 constexpr unsigned kApartBeside = 4;
 
 uint32_t GroupsOf(const RunState& state) {
@@ -33,7 +33,8 @@ uint64_t GuessApart(const RunState& state) {
 }  // namespace
 
 bool ApartFragments::Pays(const RunState& state) {
-  return state.scattered_mesh.largest != nullptr && state.slab_rows() > kRowsOfWarp && state.view.dims[0] < 1 << 16;
+  return state.scattered_mesh.largest != nullptr && state.slab_rows() > kRowsOfWarp &&
+         state.view.dims[0] <= kMostApartRow;
 }
 
 absl::StatusOr<ApartFragments> ApartFragments::Make(const RunState& state) {
@@ -46,6 +47,7 @@ absl::StatusOr<ApartFragments> ApartFragments::Make(const RunState& state) {
   VOXELPIPE_OK_OR_RETURN(made.MakeRoom(state, GuessApart(state)));
   VOXELPIPE_OK_OR_RETURN(
       made.room_.Resize(kSetupBytes + (GroupsOf(state) + uint64_t{2}) * sizeof(uint64_t), state.stream));
+  VOXELPIPE_OK_OR_RETURN(made.SetUp(state));
   return made;
 }
 
@@ -54,17 +56,10 @@ absl::Status ApartFragments::MakeRoom(const RunState& state, uint64_t fragments)
   return triangles_.Resize(fragments, state.stream);
 }
 
-absl::Status ApartFragments::Start(const RunState& state) {
-  const cudaStream_t stream = use_.stream();
-  VOXELPIPE_OK_OR_RETURN(use_.After(state.stream));
-  BitArgs walk;
-  walk.grid = state.view;
-  walk.coverage = state.request.request.coverage;
-  SetTriangles(state, walk);
-  walk.largest = state.scattered_mesh.largest;
+ApartArgs ApartFragments::Args(const RunState& state) {
   ApartArgs args;
   args.grid = state.view;
-  args.largest = walk.largest;
+  args.largest = state.scattered_mesh.largest;
   args.setups = reinterpret_cast<SharedSetup*>(room_.data());
   args.keys = keys_.data();
   args.triangles = triangles_.data();
@@ -73,8 +68,25 @@ absl::Status ApartFragments::Start(const RunState& state) {
   args.before = reinterpret_cast<uint64_t*>(room_.data() + kSetupBytes);
   args.total = args.before + args.groups;
   args.taken = reinterpret_cast<uint32_t*>(args.total + 1);
-  SetUpListed<<<(kMostApart + kMostInParts - 1) / kMostInParts, 32, 0, stream>>>(walk, args);
+  return args;
+}
+
+absl::Status ApartFragments::SetUp(const RunState& state) {
+  VOXELPIPE_OK_OR_RETURN(use_.After(state.stream));
+  BitArgs walk;
+  walk.grid = state.view;
+  walk.coverage = state.request.request.coverage;
+  SetTriangles(state, walk);
+  walk.largest = state.scattered_mesh.largest;
+  SetUpListed<<<(kMostApart + kMostInParts - 1) / kMostInParts, 32, 0, use_.stream()>>>(walk, Args(state));
   VOXELPIPE_LAUNCHED_OR_RETURN("SetUpListed");
+  return absl::OkStatus();
+}
+
+absl::Status ApartFragments::Start(const RunState& state) {
+  const cudaStream_t stream = use_.stream();
+  VOXELPIPE_OK_OR_RETURN(use_.After(state.stream));
+  const ApartArgs args = Args(state);
   const unsigned most = unsigned(state.device.multiprocessors) * kApartBeside;
   ListApart<<<std::min(args.groups, most), kApartThreads, 0, stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ListApart");
@@ -88,6 +100,7 @@ absl::Status ApartFragments::Wait(const RunState& state) {
   count_ = *reinterpret_cast<const uint64_t*>(listed_.data());
   if (count_ <= keys_.size()) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(MakeRoom(state, count_));
+  VOXELPIPE_OK_OR_RETURN(SetUp(state));  // clears what ListApart wants cleared
   VOXELPIPE_OK_OR_RETURN(Start(state));
   VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(use_.stream()));
   return absl::OkStatus();

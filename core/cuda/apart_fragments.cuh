@@ -11,7 +11,7 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr int kApartThreads = 128, kApartBlocks = 8;
+inline constexpr int kApartThreads = 128, kApartBlocks = 12;
 inline constexpr uint32_t kApartWarps = kApartThreads / 32;
 inline constexpr uint32_t kApartRows = 32;                         // of a layer, that a warp takes: a lane each
 inline constexpr uint32_t kApartGroup = kApartRows * kApartWarps;  // that a block takes at once
@@ -74,15 +74,21 @@ struct ApartSpan {
 // Fragments of a row that a lane sorts. A warp one of whose rows has more goes by spans.
 inline constexpr uint32_t kSortedApart = 32;
 
+// A fragment within its row, in 16 bits: those of lesser voxels are less, and of one voxel those of spans of lesser numbers.
+inline constexpr uint32_t kApartNumberBits = 5, kMostApartRow = 1 << (16 - kApartNumberBits);
+static_assert(kMostApart < 1 << kApartNumberBits);  // all ones is none
+__device__ inline uint32_t ApartCode(uint32_t x, uint32_t number) {
+  return x << kApartNumberBits | number;
+}
+
 // Of a warp.
 struct ApartRows {
   union {
-    uint32_t found[kSortedApart][kApartRows];    // fragments of each row: voxel and span, in no order
-    uint32_t staged[kSortedApart * kApartRows];  // keys of all, in their order
+    alignas(4) uint16_t found[kSortedApart / 2][kApartRows][2];  // codes of each row, in no order
+    uint32_t staged[kSortedApart * kApartRows];  // codes of all, in their order; in the upper half the row
     uint32_t spans[kMostApart][kApartRows];
   };
-  uint8_t of[kSortedApart * kApartRows];  // of staged fragments: which span
-  uint32_t ids[kMostApart];               // of spans: their triangles
+  uint32_t ids[kMostApart];  // of spans: their triangles
 };
 
 // Calls take(number, x_begin, x_end) for the spans, empty or not, that the triangles in `drawing` have in the lane's row, `y` of the grid, numbered in
@@ -106,40 +112,64 @@ __device__ inline void ForEachApartSpan(const SharedSetup* setups, const ApartLa
   }
 }
 
-// Sorts what a lane has, all lanes of a warp alike (K. E. Batcher, "Sorting networks and their applications", AFIPS 1968: bitonic sorting).
+// Both halves of v[i] and of v[j], i before j, in order.
+__device__ inline void OrderHalves(uint32_t& v, uint32_t& w) {
+  const uint32_t least = __vminu2(v, w);
+  w = __vmaxu2(v, w);
+  v = least;
+}
+
+// Sorts 2 * kCount numbers of 16 bits, two to an element, all lanes of a warp alike: the lower halves become the least of them, in order, the upper
+// ones the others. At first both halves by themselves (K. E. Batcher, "Sorting networks and their applications", AFIPS 1968: odd-even merging), then
+// each with the other's reverse, which leaves two bitonic sequences.
 template <int kCount>
 __device__ inline void SortInLane(uint32_t (&v)[kCount]) {
 #pragma unroll
-  for (int size = 2; size <= kCount; size *= 2) {
+  for (int size = 1; size < kCount; size *= 2) {
 #pragma unroll
-    for (int step = size / 2; step > 0; step /= 2) {
+    for (int step = size; step > 0; step /= 2) {
 #pragma unroll
       for (int i = 0; i < kCount; ++i) {
-        const int j = i ^ step;
-        if (j < i) continue;
-        const uint32_t least = min(v[i], v[j]), largest = max(v[i], v[j]);
-        v[i] = (i & size) == 0 ? least : largest;
-        v[j] = (i & size) == 0 ? largest : least;
+        const int j = i + step;
+        if (i >= step % size && (i - step % size) / step % 2 == 0 && j < kCount && i / (2 * size) == j / (2 * size)) {
+          OrderHalves(v[i], v[j]);
+        }
       }
+    }
+  }
+#pragma unroll
+  for (int i = 0; i < kCount / 2; ++i) {
+    const uint32_t mine = v[i], other = __byte_perm(v[kCount - 1 - i], 0, 0x1032);
+    const uint32_t least = __vminu2(mine, other), largest = __vmaxu2(mine, other);
+    v[i] = __byte_perm(least, largest, 0x5410);
+    v[kCount - 1 - i] = __byte_perm(least, largest, 0x7632);
+  }
+#pragma unroll
+  for (int step = kCount / 2; step > 0; step /= 2) {
+#pragma unroll
+    for (int i = 0; i < kCount; ++i) {
+      if ((i & step) == 0) OrderHalves(v[i], v[i + step]);
     }
   }
 }
 
-// Sorts the fragments that were found, `count` in the lane's row, and stages them from number `at` on. `first`: the row's first key. All lanes of a warp
-// call it.
+// Sorts the fragments that were found, `count` in the lane's row, at most 2 * kCount, and stages them from number `at` on. All lanes of a warp call it.
 template <int kCount>
-__device__ inline void StageSorted(ApartRows& rows, uint32_t count, uint32_t first, uint32_t at) {
+__device__ inline void StageSorted(ApartRows& rows, uint32_t count, uint32_t at) {
   const unsigned lane = threadIdx.x % 32;
-  uint32_t fragment[kCount];
-#pragma unroll
-  for (uint32_t i = 0; i < uint32_t(kCount); ++i) fragment[i] = i < count ? rows.found[i][lane] : ~0u;
-  __syncwarp();
-  SortInLane(fragment);
+  uint32_t codes[kCount];
 #pragma unroll
   for (uint32_t i = 0; i < uint32_t(kCount); ++i) {
-    if (i >= count) continue;
-    rows.staged[at + i] = first + (fragment[i] >> 16);
-    rows.of[at + i] = uint8_t(fragment[i] & 0xff);
+    uint32_t both;
+    memcpy(&both, rows.found[i][lane], sizeof(both));
+    if (2 * i + 1 >= count) both |= 0xffff0000;
+    codes[i] = 2 * i < count ? both : ~0u;
+  }
+  __syncwarp();
+  SortInLane(codes);
+#pragma unroll
+  for (uint32_t i = 0; i < 2 * uint32_t(kCount); ++i) {
+    if (i < count) rows.staged[at + i] = __byte_perm(codes[i % kCount], lane, i < uint32_t(kCount) ? 0x5410 : 0x5432);
   }
   __syncwarp();
 }
@@ -182,7 +212,9 @@ __device__ inline void ListApartGroup(const ApartArgs& args, uint32_t group, Apa
   ForEachApartSpan(
       args.setups, room.layers, drawing, int(first_row + lane), [&](uint32_t number, int x_begin, int x_end) {
         const auto length = uint32_t(x_end - x_begin), kept = min(length, kSortedApart - min(mine, kSortedApart));
-        for (uint32_t i = 0; i < kept; ++i) rows.found[mine + i][lane] = (uint32_t(x_begin) + i) << 16 | number;
+        for (uint32_t i = mine; i < mine + kept; ++i) {
+          rows.found[i / 2][lane][i % 2] = uint16_t(ApartCode(uint32_t(x_begin) + i - mine, number));
+        }
         mine += length;
       });
   uint32_t total, all;
@@ -193,9 +225,9 @@ __device__ inline void ListApartGroup(const ApartArgs& args, uint32_t group, Apa
   if (warp == 0) SayHere(args.before, all, group);
   const uint32_t most = WarpLargest(mine);
   if (most <= kSortedApart / 2) {
-    StageSorted<kSortedApart / 2>(rows, mine, first_key + lane * nx, before_row);
+    StageSorted<kSortedApart / 4>(rows, mine, before_row);
   } else if (most <= kSortedApart) {
-    StageSorted<kSortedApart>(rows, mine, first_key + lane * nx, before_row);
+    StageSorted<kSortedApart / 2>(rows, mine, before_row);
   }
   if (warp == 0) {  // those before have come as far by now
     const uint64_t sum = LookBack(args.before, all, group);
@@ -209,8 +241,9 @@ __device__ inline void ListApartGroup(const ApartArgs& args, uint32_t group, Apa
   if (most <= kSortedApart) {
 #pragma unroll 2
     for (uint32_t i = lane; i < total; i += 32) {
-      keys[i] = rows.staged[i];
-      triangles[i] = rows.ids[rows.of[i]];
+      const uint32_t code = rows.staged[i];
+      keys[i] = first_key + (code >> 16) * nx + (code >> kApartNumberBits & (kMostApartRow - 1));
+      triangles[i] = rows.ids[code & ((1u << kApartNumberBits) - 1)];
     }
     return;
   }

@@ -21,7 +21,7 @@ class ApartFragments {
  public:
   // Whether they are listed apart: of scattered meshes whose largest triangles are known (scattered.h), in grids where those may have many rows.
   static bool Pays(const RunState& state);
-  // With room for as many as there are most often.
+  // With room for as many as there are most often. The triangles are set up already, when the run's stream has done its work so far.
   static absl::StatusOr<ApartFragments> Make(const RunState& state);
 
   // Begins to list them, beside what the run's stream gets from now on and after its work so far.
@@ -34,6 +34,8 @@ class ApartFragments {
  private:
   explicit ApartFragments(DeviceUse&& use) : use_(std::move(use)) {}
   absl::Status MakeRoom(const RunState& state, uint64_t fragments);
+  ApartArgs Args(const RunState& state);
+  absl::Status SetUp(const RunState& state);
 
   DeviceArray<uint32_t> keys_, triangles_;
   DeviceArray<uint8_t> room_;  // what the kernels keep

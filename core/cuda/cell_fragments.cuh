@@ -312,6 +312,7 @@ __global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constan
   constexpr uint32_t kSpans = kChunkThreads * kListedOfThread;
   static_assert(kSpans == kSpansOfPiece);
   __shared__ ListedRoom room;
+  AllowNext();
   AwaitEarlier();
   const uint64_t count = args.list.own + *args.list.count;
   if (count > args.list.capacity || AllFragments(args.counts) > args.room) return;

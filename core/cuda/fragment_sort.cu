@@ -2,7 +2,9 @@
 
 #include <algorithm>
 
+#include "cuda/device_abilities.h"
 #include "cuda/fragments.h"
+#include "cuda/launch.h"
 
 // What goes beyond CUB's interface is for these versions; with others keys are sorted as CUB has it.
 #if defined(CUB_VERSION) && CUB_VERSION >= 300000 && CUB_VERSION < 300100
@@ -19,6 +21,8 @@ struct warp_in_block_matcher_t<8, 0, 15> {
 };
 
 }  // namespace cub::detail
+
+#include "cuda/radix_passes.cuh"
 #endif
 
 namespace voxelpipe::cuda {
@@ -28,6 +32,8 @@ struct Work {
   uint64_t count;
   int bits;
   bool scattered;
+  const std::function<absl::Status()>& beside;
+  const DeviceInfo& device;
   DeviceArray<uint8_t>& scratch;
   cudaStream_t stream;
 };
@@ -50,6 +56,7 @@ absl::Status WithScratch(const Work& work, const Sort& sort) {
 
 template <typename Key>
 absl::Status Sort(const Work& work, Buffers<Key>& buffers) {
+  if (work.beside) VOXELPIPE_OK_OR_RETURN(work.beside());
   return WithScratch(work, [&](void* scratch, size_t& bytes) {
     return cub::DeviceRadixSort::SortPairs(scratch, bytes, buffers.keys, buffers.values, work.count, 0, work.bits,
                                            work.stream);
@@ -57,40 +64,46 @@ absl::Status Sort(const Work& work, Buffers<Key>& buffers) {
 }
 
 // CUB sorts 8 bits a pass. Keys of 25 to 27 bits go in three passes of 9 bits, which takes less than four; with 10 bits, for 30, each
-// pass took longer than it saved. CUB's dispatcher takes the number as a parameter.
+// pass took longer than it saved.
 #ifdef VOXELPIPE_TUNES_CUB
-template <int kBits, int kThreads, int kItems>
-struct DigitPolicies {
-  using Hub = cub::detail::radix::policy_hub<uint32_t, uint32_t, uint32_t>;
-  using Base = Hub::OnesweepSmallKeyTunedPolicy<cub::detail::radix::sm90_small_key_tuning<4, 4, 4>>;
-  struct Policy : cub::ChainedPolicy<500, Policy, Policy>, Base {
-    static constexpr bool ONESWEEP = true;
-    static constexpr int ONESWEEP_RADIX_BITS = kBits;
-    // Blocks of 128 threads, as CUB has them, add four times as many counts of theirs to those of all.
-    using HistogramPolicy = cub::AgentRadixSortHistogramPolicy<512, 16, 1, uint32_t, kBits>;
-    using ExclusiveSumPolicy = cub::AgentRadixSortExclusiveSumPolicy<256, kBits>;
-    using OnesweepPolicy =
-        cub::AgentRadixSortOnesweepPolicy<kThreads, kItems, uint32_t, 1, cub::RADIX_RANK_MATCH_EARLY_COUNTS_ANY,
-                                          cub::BLOCK_SCAN_RAKING_MEMOIZE, cub::RADIX_SORT_STORE_DIRECT, kBits>;
-  };
-  using MaxPolicy = Policy;
-};
-
-template <typename Policies>
+template <typename D>
 absl::Status SortByDigits(const Work& work, Buffers<uint32_t>& buffers) {
-  using Dispatch = cub::DispatchRadixSort<cub::SortOrder::Ascending, uint32_t, uint32_t, uint32_t,
-                                          cub::detail::identity_decomposer_t, Policies>;
-  return WithScratch(work, [&](void* scratch, size_t& bytes) {
-    return Dispatch::Dispatch(scratch, bytes, buffers.keys, buffers.values, uint32_t(work.count), 0, work.bits, true,
-                              work.stream);
-  });
+  const auto count = uint32_t(work.count);
+  const uint64_t passes = uint64_t((work.bits + D::kOfDigit - 1) / D::kOfDigit), tiles = D::TilesOf(count);
+  const uint64_t starts = passes * D::kCount, said = tiles * starts, quads = (starts + said + passes + 3) / 4;
+  VOXELPIPE_OK_OR_RETURN(work.scratch.Resize(quads * sizeof(uint4), work.stream));
+  RadixRoom room;
+  room.starts = reinterpret_cast<uint32_t*>(work.scratch.data());
+  room.said = reinterpret_cast<int*>(room.starts + starts);
+  room.taken = room.said + said;
+  const bool early = BeginsEarly(work.device);
+  const auto processors = unsigned(work.device.multiprocessors);
+  LaunchEarly(early, work.stream, BlocksFor(quads, 256, processors * 8), 256, ClearRadixRoom,
+              reinterpret_cast<uint4*>(work.scratch.data()), quads);
+  VOXELPIPE_CUDA_OR_RETURN(cudaGetLastError());
+  LaunchEarly(early, work.stream, BlocksFor(count, D::kCountThreads, processors * D::kCountBlocks), D::kCountThreads,
+              CountDigits<D>, static_cast<const uint32_t*>(buffers.keys.Current()), count, work.bits, room.starts);
+  VOXELPIPE_CUDA_OR_RETURN(cudaGetLastError());
+  LaunchEarly(early, work.stream, unsigned(passes), D::kCount, SumDigits<D>, room.starts);
+  VOXELPIPE_CUDA_OR_RETURN(cudaGetLastError());
+  if (work.beside) VOXELPIPE_OK_OR_RETURN(work.beside());
+  for (int pass = 0; pass < int(passes); ++pass) {
+    const int bits = std::min(D::kOfDigit, work.bits - pass * D::kOfDigit);
+    LaunchEarly(early, work.stream, unsigned(tiles), D::kPassThreads, SortByDigit<D>,
+                RadixPairs{buffers.keys.Current(), buffers.values.Current()},
+                RadixPairs{buffers.keys.Alternate(), buffers.values.Alternate()}, count, pass, bits, room);
+    VOXELPIPE_CUDA_OR_RETURN(cudaGetLastError());
+    buffers.keys.selector ^= 1;
+    buffers.values.selector ^= 1;
+  }
+  return absl::OkStatus();
 }
 
 absl::Status SortNarrow(const Work& work, Buffers<uint32_t>& buffers) {
-  if (work.count >= uint64_t{1} << 31) return Sort(work, buffers);
-  if ((work.bits + 8) / 9 < (work.bits + 7) / 8) return SortByDigits<DigitPolicies<9, 512, 17>>(work, buffers);
-  if (!work.scattered) return SortByDigits<DigitPolicies<8, 512, 17>>(work, buffers);
-  return SortByDigits<DigitPolicies<8, 384, 23>>(work, buffers);
+  if (work.count > kMostSortedByDigits) return Sort(work, buffers);
+  if ((work.bits + 8) / 9 < (work.bits + 7) / 8) return SortByDigits<Digits<9, 512, 17>>(work, buffers);
+  if (!work.scattered) return SortByDigits<Digits<8, 512, 17>>(work, buffers);
+  return SortByDigits<Digits<8, 384, 23>>(work, buffers);
 }
 #else
 absl::Status SortNarrow(const Work& work, Buffers<uint32_t>& buffers) {
@@ -106,12 +119,12 @@ Buffers<Key> BuffersOf(Fragments& fragments) {
 
 }  // namespace
 
-absl::Status SortByKey(Fragments& fragments, bool wide_keys, int bits, bool scattered, DeviceArray<uint8_t>& scratch,
-                       cudaStream_t stream) {
-  const Work work{fragments.elements(), bits, scattered, scratch, stream};
+absl::Status SortByKey(Fragments& fragments, const KeySort& sort, const DeviceInfo& device,
+                       DeviceArray<uint8_t>& scratch, cudaStream_t stream) {
+  const Work work{fragments.elements(), sort.bits, sort.scattered, sort.beside, device, scratch, stream};
   CountLaunch();
   uint32_t* sorted = nullptr;
-  if (wide_keys) {
+  if (sort.wide_keys) {
     Buffers<uint64_t> buffers = BuffersOf<uint64_t>(fragments);
     VOXELPIPE_OK_OR_RETURN(Sort(work, buffers));
     sorted = buffers.values.Current();

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 
 #include "cuda/buffer.h"
 #include "cuda/bundle_views.h"
+#include "cuda/device.h"
 
 namespace voxelpipe::cuda {
 
@@ -46,11 +48,18 @@ struct Fragments {
   }
 };
 
-// Sorts the first copy by the lowest `bits` bits of the keys, which are 64 bits wide or 32; fragments of one key keep their order. `scattered`: keys of
-// neighbours have little in common; it is a matter of speed alone. `scratch` is CUB's.
-absl::Status SortByKey(
-    Fragments& fragments, bool wide_keys, int bits, bool scattered, DeviceArray<uint8_t>& scratch,
-    cudaStream_t stream);  // fragment_sort.cu: CUB compiles slowly, so its instances stand in one place
+struct KeySort {
+  bool wide_keys = false;  // 64 bits, not 32
+  int bits = 0;            // the lowest that keys have
+  bool scattered = false;  // whether keys of neighbours have little in common: a matter of speed alone
+  // Called once, where what another stream begins after what this one has got so far runs beside the sort.
+  std::function<absl::Status()> beside = {};
+};
+
+// Sorts the first copy by its keys; fragments of one key keep their order. What `scratch` had is lost. In fragment_sort.cu: CUB compiles slowly, so its
+// instances stand in one place.
+absl::Status SortByKey(Fragments& fragments, const KeySort& sort, const DeviceInfo& device,
+                       DeviceArray<uint8_t>& scratch, cudaStream_t stream);
 
 // In buckets.cu. Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room. There are fragments.
 absl::Status CountBuckets(const SortedKeys& keys, cudaStream_t stream);

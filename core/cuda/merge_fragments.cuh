@@ -179,7 +179,9 @@ __global__ void __launch_bounds__(kMergeThreads, kMergeBlocks)
   for (uint32_t k = 0; k < kMergedOfThread; ++k) {
     if ((heads >> k & 1) != 0) room.places[at++] = uint16_t(d + k);
   }
-  for (uint32_t k = threadIdx.x; k < here; k += kMergeThreads) args.triangles[begin + k] = uint32_t(room.fragments[k]);
+  for (uint32_t k = threadIdx.x; k < here; k += kMergeThreads) {
+    __stcs(args.triangles + begin + k, uint32_t(room.fragments[k]));
+  }
   const uint64_t words = (buckets.fragments + 31) / 32, word = begin / 32 + threadIdx.x;
   static_assert(kMergedOfBlock % 32 == 0 && kMergedOfBlock / 32 <= kMergeThreads);
   for (int t = 0; t < buckets.ones_count && threadIdx.x < kMergedOfBlock / 32 && word < words; ++t) {
@@ -193,8 +195,8 @@ __global__ void __launch_bounds__(kMergeThreads, kMergeBlocks)
   const uint64_t to = room.before;
   for (uint32_t i = threadIdx.x; i < total; i += kMergeThreads) {
     const uint32_t place = room.places[i];
-    buckets.offsets[to + i] = begin + place;
-    buckets.voxels[to + i] = buckets.first_voxel + uint32_t(room.fragments[place] >> 32);
+    __stcs(Counted(buckets.offsets + to + i), 0ull + begin + place);
+    __stcs(Counted(buckets.voxels + to + i), 0ull + buckets.first_voxel + uint32_t(room.fragments[place] >> 32));
   }
   if (blockIdx.x + 1 < gridDim.x || threadIdx.x > 0) return;
   buckets.offsets[to + total] = buckets.fragments;

@@ -199,7 +199,7 @@ __global__ void __launch_bounds__(kRestThreads, kRestBlocks)
     };
     uint64_t rows = SetUpRowsOfWarp(walk, uint32_t(min(each, count - begin)), number, shared);
     if (rows > kRowsOfWarp) {
-      if (!args.repeats) {
+      if (!args.repeats && !IsAmongLargest(walk, shared[lane].triangle)) {
         walk.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(walk.queued + 1), 1ull)] =
             shared[lane].triangle;
       }

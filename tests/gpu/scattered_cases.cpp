@@ -103,6 +103,10 @@ std::vector<ParityCase> ScatteredCases() {
   // Rows of more voxels of a triangle than a lane sorts, of both coverages; and grids that only some of the largest reach, or none of any.
   add_buckets(parts_of_rows, {TargetSpec()});
   add_buckets(parts_of_rows, {TargetSpec()});
+  // The longest rows whose voxels fit the codes that a lane sorts, and longer ones.
+  for (const int64_t row : {2048, 2049}) {
+    add_buckets(Placed({row, 96, 90}, {110.0 - double(row), 10, 20}, {1, 1.02, 1}), {TargetSpec()});
+  }
   for (const double away : {30.0, 60.0, 500.0}) {
     add_buckets(Placed({40, 120, 100}, {away, away, away}, {0.2, 0.2, 0.2}), {TargetSpec()});
     add_buckets(Placed({40, 120, 100}, {away, away, away}, {0.2, 0.2, 0.2}), {checker});

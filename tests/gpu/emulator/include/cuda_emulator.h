@@ -256,6 +256,23 @@ inline int __ffs(int v) {
 inline int __ffsll(long long v) {
   return v == 0 ? 0 : std::countr_zero(static_cast<unsigned long long>(v)) + 1;
 }
+template <typename Choose>
+uint32_t EmulatedHalves(uint32_t a, uint32_t b, Choose&& choose) {
+  return uint32_t(choose(a & 0xffff, b & 0xffff)) | uint32_t(choose(a >> 16, b >> 16)) << 16;
+}
+inline uint32_t __vminu2(uint32_t a, uint32_t b) {
+  return EmulatedHalves(a, b, [](uint32_t x, uint32_t y) { return x < y ? x : y; });
+}
+inline uint32_t __vmaxu2(uint32_t a, uint32_t b) {
+  return EmulatedHalves(a, b, [](uint32_t x, uint32_t y) { return x > y ? x : y; });
+}
+// Without the selector's sign bits.
+inline uint32_t __byte_perm(uint32_t a, uint32_t b, uint32_t selector) {
+  const uint64_t bytes = uint64_t{b} << 32 | a;
+  uint32_t result = 0;
+  for (int i = 0; i < 4; ++i) result |= uint32_t(bytes >> 8 * (selector >> 4 * i & 7) & 0xff) << 8 * i;
+  return result;
+}
 inline int __clz(int v) {
   return std::countl_zero(uint32_t(v));
 }
