@@ -57,6 +57,7 @@ absl::Status WithScratch(const Work& work, const Sort& sort) {
 template <typename Key>
 absl::Status Sort(const Work& work, Buffers<Key>& buffers) {
   if (work.beside) VOXELPIPE_OK_OR_RETURN(work.beside());
+  CountLaunch();
   return WithScratch(work, [&](void* scratch, size_t& bytes) {
     return cub::DeviceRadixSort::SortPairs(scratch, bytes, buffers.keys, buffers.values, work.count, 0, work.bits,
                                            work.stream);
@@ -80,19 +81,19 @@ absl::Status SortByDigits(const Work& work, Buffers<uint32_t>& buffers) {
   const auto processors = unsigned(work.device.multiprocessors);
   LaunchEarly(early, work.stream, BlocksFor(quads, 256, processors * 8), 256, ClearRadixRoom,
               reinterpret_cast<uint4*>(work.scratch.data()), quads);
-  VOXELPIPE_CUDA_OR_RETURN(cudaGetLastError());
+  VOXELPIPE_LAUNCHED_OR_RETURN("ClearRadixRoom");
   LaunchEarly(early, work.stream, BlocksFor(count, D::kCountThreads, processors * D::kCountBlocks), D::kCountThreads,
               CountDigits<D>, static_cast<const uint32_t*>(buffers.keys.Current()), count, work.bits, room.starts);
-  VOXELPIPE_CUDA_OR_RETURN(cudaGetLastError());
+  VOXELPIPE_LAUNCHED_OR_RETURN("CountDigits");
   LaunchEarly(early, work.stream, unsigned(passes), D::kCount, SumDigits<D>, room.starts);
-  VOXELPIPE_CUDA_OR_RETURN(cudaGetLastError());
+  VOXELPIPE_LAUNCHED_OR_RETURN("SumDigits");
   if (work.beside) VOXELPIPE_OK_OR_RETURN(work.beside());
   for (int pass = 0; pass < int(passes); ++pass) {
     const int bits = std::min(D::kOfDigit, work.bits - pass * D::kOfDigit);
     LaunchEarly(early, work.stream, unsigned(tiles), D::kPassThreads, SortByDigit<D>,
                 RadixPairs{buffers.keys.Current(), buffers.values.Current()},
                 RadixPairs{buffers.keys.Alternate(), buffers.values.Alternate()}, count, pass, bits, room);
-    VOXELPIPE_CUDA_OR_RETURN(cudaGetLastError());
+    VOXELPIPE_LAUNCHED_OR_RETURN("SortByDigit");
     buffers.keys.selector ^= 1;
     buffers.values.selector ^= 1;
   }
@@ -122,7 +123,6 @@ Buffers<Key> BuffersOf(Fragments& fragments) {
 absl::Status SortByKey(Fragments& fragments, const KeySort& sort, const DeviceInfo& device,
                        DeviceArray<uint8_t>& scratch, cudaStream_t stream) {
   const Work work{fragments.elements(), sort.bits, sort.scattered, sort.beside, device, scratch, stream};
-  CountLaunch();
   uint32_t* sorted = nullptr;
   if (sort.wide_keys) {
     Buffers<uint64_t> buffers = BuffersOf<uint64_t>(fragments);

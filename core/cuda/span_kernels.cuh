@@ -19,7 +19,7 @@ inline constexpr int kRestBlocks = 4;           // of EmitRest on a multiprocess
 inline constexpr unsigned kOwnSpans = 32;       // what each warp of EmitRest has of it from the start
 inline constexpr uint32_t kNoPiece = ~0u;       // of a warp that has none
 
-// What waits, in layer_queue of `walk`; the largest go on to large_queue, where some may be already.
+// What waits, in layer_queue of `walk`; the largest go on to large_queue, where some may be already, but for those that are drawn apart.
 struct RestArgs {
   BitArgs walk;
   uint64_t first_triangle = 0, end_triangle = 0;  // others are left out
