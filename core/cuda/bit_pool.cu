@@ -7,6 +7,7 @@
 #include "cuda/device_abilities.h"
 #include "cuda/early_launch.cuh"
 #include "cuda/launch.h"
+#include "cuda/launch_list.h"
 #include "cuda/run_state.h"
 
 namespace voxelpipe::cuda {
@@ -62,19 +63,15 @@ bool MakeBitPool(RunState& state, BitArgs& args) {
   return true;
 }
 
-absl::Status ClearBitPool(const RunState& state, const BitArgs& args) {
-  const auto blocks = BlocksFor(args.pool.quads, kThreads, uint64_t(state.device.multiprocessors));
-  ClearPool<<<blocks, kThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ClearPool");
-  return absl::OkStatus();
+void AddClearPool(const RunState& state, const BitArgs& args, LaunchList& list) {
+  list.Add("ClearPool", Begins::kBehind, BlocksFor(args.pool.quads, kThreads, uint64_t(state.device.multiprocessors)),
+           kThreads, ClearPool, args);
 }
 
-absl::Status StoreBitPool(const RunState& state, const BitArgs& args) {
+void AddStorePool(const RunState& state, const BitArgs& args, LaunchList& list) {
   const auto blocks = unsigned((PartsOf(args) + kPartWarps - 1) / kPartWarps);
-  LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kPartThreads,
-              args.grid.words_per_row % 4 == 0 ? StorePool<true> : StorePool<false>, args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("StorePool");
-  return absl::OkStatus();
+  list.Add("StorePool", EarlyIfAble(state.device), blocks, kPartThreads,
+           args.grid.words_per_row % 4 == 0 ? StorePool<true> : StorePool<false>, args);
 }
 
 }  // namespace voxelpipe::cuda

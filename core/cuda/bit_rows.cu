@@ -6,7 +6,7 @@
 #include "cuda/bit_rows.cuh"
 #include "cuda/device_abilities.h"
 #include "cuda/early_launch.cuh"
-#include "cuda/launch.h"
+#include "cuda/launch_list.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -62,13 +62,11 @@ bool ManyGoByRows(RunState& state) {
   return *state.by_rows;
 }
 
-absl::Status LaunchRows(const RunState& state, const BitArgs& args, bool together) {
+void AddRows(const RunState& state, const BitArgs& args, bool together, LaunchList& list) {
   auto* const kernel =
       args.coverage == Coverage::kThin ? KernelFor<true>(args, together) : KernelFor<false>(args, together);
-  LaunchEarly(BeginsEarly(state.device), state.stream,
-              unsigned((args.triangle_count + kCellThreads - 1) / kCellThreads), kCellThreads, kernel, args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("RowKernel");
-  return absl::OkStatus();
+  list.Add("RowKernel", EarlyIfAble(state.device), unsigned((args.triangle_count + kCellThreads - 1) / kCellThreads),
+           kCellThreads, kernel, args);
 }
 
 }  // namespace voxelpipe::cuda

@@ -1,8 +1,8 @@
 // Plain bits by rows alone (bit_rows.cuh). Included by .cu files only.
 #pragma once
 
-#include "absl/status/status.h"
 #include "cuda/bit_grid.cuh"
+#include "cuda/launch_list.h"
 #include "cuda/run_state.h"
 
 namespace voxelpipe::cuda {
@@ -11,8 +11,8 @@ namespace voxelpipe::cuda {
 // many. Looked for once a run.
 bool ManyGoByRows(RunState& state);
 
-// Draws all triangles but those that come to wait in the queues. `together`: what a warp sets is brought together first; not with packed
+// Adds the kernel that draws all triangles but those that come to wait in the queues. `together`: what a warp sets is brought together first; not with packed
 // corners, whose neighbours lie apart or in each other's way. Behind the kernel that clears the grid, beside which it may begin.
-absl::Status LaunchRows(const RunState& state, const BitArgs& args, bool together);
+void AddRows(const RunState& state, const BitArgs& args, bool together, LaunchList& list);
 
 }  // namespace voxelpipe::cuda

@@ -13,6 +13,7 @@
 #include "base/device_failure.h"
 #include "cuda/buffer.h"
 #include "cuda/check.h"
+#include "cuda/launch_graphs.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
 
@@ -159,6 +160,7 @@ absl::Status Reset(int ordinal, Slot& slot) {
   ForgetPinned();
   for (auto& streams : slot.streams) streams.clear();  // the reset destroys them
   VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(ordinal));
+  DropLaunchGraphs(ordinal);
   (void)cudaDeviceReset();  // says once more why the device was lost
   (void)cudaGetLastError();
   return KeepPool(ordinal);
@@ -269,6 +271,7 @@ uint64_t FreeMemory(int ordinal) {
 
 void TrimMemory(int ordinal) {
   DropCachedMeshes(ordinal);
+  DropLaunchGraphs(ordinal);
   cudaMemPool_t pool = nullptr;
   if (cudaDeviceGetDefaultMemPool(&pool, ordinal) != cudaSuccess || cudaMemPoolTrimTo(pool, 0) != cudaSuccess) {
     (void)cudaGetLastError();  // then there is as much as before

@@ -16,6 +16,7 @@
 #include "cuda/device_abilities.h"
 #include "cuda/early_launch.cuh"
 #include "cuda/launch.h"
+#include "cuda/launch_list.h"
 #include "cuda/scattered.h"
 #include "cuda/triangle_order.h"
 #include "grid/index_space.h"
@@ -296,78 +297,73 @@ bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
   return true;
 }
 
+// What follows adds kernels to a list, which goes to the stream when it is whole.
+
 template <bool kQuads, bool kListed, int kThreads>
-void LaunchStore(const RunState& state, const BitArgs& args, const Bins& bins) {
+void AddStore(const RunState& state, const BitArgs& args, const Bins& bins, LaunchList& list) {
   const dim3 blocks(bins.dims[0], bins.dims[1], std::min(bins.z_end - bins.z_begin, kStoreDepth));
-  LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kThreads, StoreKernel<kQuads, kListed, kThreads>, args,
-              bins);
+  list.Add("StoreKernel", EarlyIfAble(state.device), blocks, kThreads, StoreKernel<kQuads, kListed, kThreads>, args,
+           bins);
 }
 
-absl::Status LaunchClear(const RunState& state, const BitArgs& args) {
+void AddClear(const RunState& state, const BitArgs& args, LaunchList& list) {
   const auto processors = unsigned(state.device.multiprocessors);
-  ClearKernel<<<BlocksFor(args.quads / 4, kThreads, processors * 16), kThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ClearKernel");
-  return absl::OkStatus();
+  list.Add("ClearKernel", Begins::kBehind, BlocksFor(args.quads / 4, kThreads, processors * 16), kThreads, ClearKernel,
+           args);
 }
 
-absl::Status LaunchStores(const RunState& state, const BitArgs& args, const Bins& bins) {
+void AddStores(const RunState& state, const BitArgs& args, const Bins& bins, LaunchList& list) {
   const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * (bins.z_end - bins.z_begin);
   const bool quads = args.grid.words_per_row % 4 == 0, listed = bins.counts != nullptr;
   if (!listed) {
-    quads ? LaunchStore<true, false, 64>(state, args, bins) : LaunchStore<false, false, 64>(state, args, bins);
+    quads ? AddStore<true, false, 64>(state, args, bins, list) : AddStore<false, false, 64>(state, args, bins, list);
   } else if (!quads) {
-    LaunchStore<false, true, 64>(state, args, bins);
+    AddStore<false, true, 64>(state, args, bins, list);
   } else if (args.triangle_count < pieces) {
-    LaunchStore<true, true, 64>(state, args, bins);
+    AddStore<true, true, 64>(state, args, bins, list);
   } else {
-    LaunchStore<true, true, 128>(state, args, bins);  // several triangles a piece
+    AddStore<true, true, 128>(state, args, bins, list);  // several triangles a piece
   }
-  VOXELPIPE_LAUNCHED_OR_RETURN("StoreKernel");
-  return absl::OkStatus();
 }
 
-absl::Status LaunchLayers(const RunState& state, const BitArgs& args) {
-  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(state.device.multiprocessors) * kLayerBlocks,
-              kLayerThreads, LayerKernel, args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("LayerKernel");
-  return absl::OkStatus();
+void AddLayers(const RunState& state, const BitArgs& args, LaunchList& list) {
+  list.Add("LayerKernel", EarlyIfAble(state.device), unsigned(state.device.multiprocessors) * kLayerBlocks,
+           kLayerThreads, LayerKernel, args);
 }
 
-absl::Status LaunchPieces(const RunState& state, const BitArgs& args, const Bins& bins) {
+void AddPieces(const RunState& state, const BitArgs& args, const Bins& bins, LaunchList& list) {
   const auto processors = unsigned(state.device.multiprocessors);
-  ClearForBins<<<processors * 4, kThreads, 0, state.stream>>>(args, bins);  // few: BinKernel runs beside them
-  VOXELPIPE_LAUNCHED_OR_RETURN("ClearForBins");
-  const bool early = BeginsEarly(state.device);
+  // Few blocks: BinKernel runs beside them.
+  list.Add("ClearForBins", Begins::kBehind, processors * 4, kThreads, ClearForBins, args, bins);
   const unsigned blocks = processors * kBinBlocks;
   const bool few = args.triangle_count <= uint64_t{blocks} * (kBinThreads / 32) * kMostInParts;
-  LaunchEarly(early, state.stream, blocks, kBinThreads, few ? BinKernel<true> : BinKernel<false>, args, bins);
-  VOXELPIPE_LAUNCHED_OR_RETURN("BinKernel");
-  VOXELPIPE_OK_OR_RETURN(LaunchStores(state, args, bins));
-  return LaunchLayers(state, args);
+  list.Add("BinKernel", EarlyIfAble(state.device), blocks, kBinThreads, few ? BinKernel<true> : BinKernel<false>, args,
+           bins);
+  AddStores(state, args, bins, list);
+  AddLayers(state, args, list);
 }
 
-absl::Status LaunchAtOnce(RunState& state, BitArgs& args, int blocks) {
+void AddAtOnce(RunState& state, const BitArgs& args, int blocks, LaunchList& list) {
   // The last counter of the queues is the barrier's: runs of plain bits put it to no other use.
-  auto* arrived = reinterpret_cast<unsigned*>(state.counters.data() + kQueued3);
-  void* arguments[] = {&args, &arrived};
-  VOXELPIPE_CUDA_OR_RETURN(cudaLaunchCooperativeKernel(reinterpret_cast<const void*>(&AtOnceKernel),
-                                                       dim3(unsigned(blocks)), dim3(kAtOnceThreads), arguments, 0,
-                                                       state.stream));
-  VOXELPIPE_LAUNCHED_OR_RETURN("AtOnceKernel");
-  return absl::OkStatus();
+  auto* const arrived = reinterpret_cast<unsigned*>(state.counters.data() + kQueued3);
+  list.Add("AtOnceKernel", Begins::kAtOnce, unsigned(blocks), kAtOnceThreads, AtOnceKernel, args, arrived);
 }
 
 // Clears the grid, with the largest triangles in it where there are such: so these take no access of memory but the grid's own, where an atomic for
 // each triangle's row takes one each.
-absl::Status LaunchCleared(RunState& state, const BitArgs& args) {
-  if (args.largest == nullptr) return LaunchClear(state, args);
+absl::Status AddCleared(RunState& state, const BitArgs& args, LaunchList& list) {
+  if (args.largest == nullptr) {
+    AddClear(state, args, list);
+    return absl::OkStatus();
+  }
   VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(kMostApart * sizeof(SharedSetup), state.stream));
   Bins bins;
   CutIntoPieces(args, bins);
   bins.set_up = reinterpret_cast<SharedSetup*>(state.scratch.data());
-  SetUpLargestKernel<<<(kMostApart + kMostInParts - 1) / kMostInParts, 32, 0, state.stream>>>(args, bins.set_up);
-  VOXELPIPE_LAUNCHED_OR_RETURN("SetUpLargestKernel");
-  return LaunchStores(state, args, bins);
+  list.Add("SetUpLargestKernel", Begins::kBehind, (kMostApart + kMostInParts - 1) / kMostInParts, 32,
+           SetUpLargestKernel, args, bins.set_up);
+  AddStores(state, args, bins, list);
+  return absl::OkStatus();
 }
 
 // Whether lanes of CellKernel share the rows of a triangle: where a device has little else to do, for triangles so few that all blocks run at
@@ -393,37 +389,74 @@ auto* CellKernelFor(const BitArgs& args, bool shares_rows) {
   return CellKernel<kThin, false, true, 1, BitSink::kTogether>;
 }
 
-absl::Status LaunchCells(RunState& state, BitArgs& args) {
+void AddCells(const RunState& state, BitArgs& args, LaunchList& list) {
   const bool shares_rows = SharesRows(state, args);
   if (shares_rows) args.rounds = 1;
   const uint64_t each = uint64_t(args.rounds) * kCellThreads / (shares_rows ? kSharedRows : 1);
   const auto blocks = args.clear_blocks + unsigned((args.triangle_count + each - 1) / each);
   const bool thin = args.coverage == Coverage::kThin;
   auto* const kernel = thin ? CellKernelFor<true>(args, shares_rows) : CellKernelFor<false>(args, shares_rows);
-  LaunchEarly(args.clear_blocks == 0 && BeginsEarly(state.device), state.stream, blocks, kCellThreads, kernel, args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("CellKernel");
-  if (args.pool.places != nullptr) VOXELPIPE_OK_OR_RETURN(StoreBitPool(state, args));
-  absl::Status launched = LaunchLayers(state, args);
-  if (!launched.ok() && args.clear_blocks > 0) (void)ClearCounters(state, {kCleared});
-  return launched;
+  list.Add("CellKernel", args.clear_blocks == 0 ? EarlyIfAble(state.device) : Begins::kBehind, blocks, kCellThreads,
+           kernel, args);
+  if (args.pool.places != nullptr) AddStorePool(state, args, list);
+  AddLayers(state, args, list);
 }
 
 // Triangles by place; the grid cleared with the largest drawn in it.
-absl::Status LaunchOrdered(RunState& state, BitArgs& args, const OrderArgs& order) {
+absl::Status AddOrdered(RunState& state, BitArgs& args, const OrderArgs& order, LaunchList& list) {
   VOXELPIPE_OK_OR_RETURN(OrderTriangles(state, args, order));
-  const bool early = BeginsEarly(state.device);
-  LaunchEarly(early, state.stream, kMostLarge / 32, 32, SetUpKernel, args, order);
-  VOXELPIPE_LAUNCHED_OR_RETURN("SetUpKernel");
+  list.Add("SetUpKernel", EarlyIfAble(state.device), kMostLarge / 32, 32, SetUpKernel, args, order);
   Bins bins;
   CutIntoPieces(args, bins);
   bins.set_up = order.large;
-  VOXELPIPE_OK_OR_RETURN(LaunchStores(state, args, bins));
+  AddStores(state, args, bins, list);
   const TriangleOrder made = OrderOf(state);
   args.order = made.order;
   args.ordered = made.count;
   args.drawn_large = kMostLarge;
   args.rounds = kOrderedRounds;
-  return LaunchCells(state, args);
+  AddCells(state, args, list);
+  return absl::OkStatus();
+}
+
+// All kernels of a call. `args` is whole but for what depends on how the triangles are drawn.
+absl::Status AddAll(RunState& state, BitArgs& args, LaunchList& list) {
+  if (Bins bins; MakeBins(state, args, bins)) {
+    AddPieces(state, args, bins, list);
+    return absl::OkStatus();
+  }
+  if (args.triangle_count > 0 && args.triangle_count <= MostAtOnce(state)) {
+    AddAtOnce(state, args, BlocksAtOnce(state.device), list);
+    return absl::OkStatus();
+  }
+  args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,
+                          kMostCellRounds);
+  PrepareScattered(state);
+  UsePacked(state, args, /*placed=*/true);
+  const bool scattered = args.packed == nullptr && GoesAroundCache(state, args) && IsScattered(state);
+  if (OrderArgs order; scattered && MakeOrder(state, args, order)) return AddOrdered(state, args, order, list);
+  if (args.packed != nullptr && KeepsToPlaces(state, args)) args.rounds = kOrderedRounds;
+  if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;
+  if (args.triangle_count == 0) {
+    AddClear(state, args, list);
+    return absl::OkStatus();
+  }
+  if (KeepsToPlaces(state, args) && MakeBitPool(state, args)) {
+    args.rounds = kOrderedRounds;
+    AddClearPool(state, args, list);
+  } else if (GoesByRows(state, args)) {
+    VOXELPIPE_OK_OR_RETURN(AddCleared(state, args, list));
+    AddRows(state, args, GoesAroundCache(state, args), list);
+    AddLayers(state, args, list);
+    return absl::OkStatus();
+  } else if (args.largest == nullptr && ClearedByWalk(args)) {
+    args.clear_blocks = BlocksFor(args.quads, uint64_t{kCellThreads} * 4, uint64_t(state.device.multiprocessors));
+    args.cleared = reinterpret_cast<uint32_t*>(state.counters.data() + kCleared);
+  } else {
+    VOXELPIPE_OK_OR_RETURN(AddCleared(state, args, list));
+  }
+  AddCells(state, args, list);
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -445,33 +478,11 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   args.layer_queue = state.queue[0].data();
   args.large_queue = state.queue[1].data();
   args.queued = state.counters.data() + kQueued0;
-  if (Bins bins; MakeBins(state, args, bins)) return LaunchPieces(state, args, bins);
-  if (args.triangle_count > 0 && args.triangle_count <= MostAtOnce(state)) {
-    return LaunchAtOnce(state, args, BlocksAtOnce(state.device));
-  }
-  args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,
-                          kMostCellRounds);
-  PrepareScattered(state);
-  UsePacked(state, args, /*placed=*/true);
-  const bool scattered = args.packed == nullptr && GoesAroundCache(state, args) && IsScattered(state);
-  if (OrderArgs order; scattered && MakeOrder(state, args, order)) return LaunchOrdered(state, args, order);
-  if (args.packed != nullptr && KeepsToPlaces(state, args)) args.rounds = kOrderedRounds;
-  if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;
-  if (args.triangle_count == 0) return LaunchClear(state, args);
-  if (KeepsToPlaces(state, args) && MakeBitPool(state, args)) {
-    args.rounds = kOrderedRounds;
-    VOXELPIPE_OK_OR_RETURN(ClearBitPool(state, args));
-  } else if (GoesByRows(state, args)) {
-    VOXELPIPE_OK_OR_RETURN(LaunchCleared(state, args));
-    VOXELPIPE_OK_OR_RETURN(LaunchRows(state, args, GoesAroundCache(state, args)));
-    return LaunchLayers(state, args);
-  } else if (args.largest == nullptr && ClearedByWalk(args)) {
-    args.clear_blocks = BlocksFor(args.quads, uint64_t{kCellThreads} * 4, uint64_t(state.device.multiprocessors));
-    args.cleared = reinterpret_cast<uint32_t*>(state.counters.data() + kCleared);
-  } else {
-    VOXELPIPE_OK_OR_RETURN(LaunchCleared(state, args));
-  }
-  return LaunchCells(state, args);
+  LaunchList list;
+  VOXELPIPE_OK_OR_RETURN(AddAll(state, args, list));
+  absl::Status launched = state.graphs.Launch(list, state.device.ordinal, state.stream);
+  if (!launched.ok() && args.clear_blocks > 0) (void)ClearCounters(state, {kCleared});
+  return launched;
 }
 
 }  // namespace voxelpipe::cuda

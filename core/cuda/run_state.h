@@ -18,6 +18,7 @@
 #include "cuda/device.h"
 #include "cuda/fine_args.cuh"
 #include "cuda/fragments.h"
+#include "cuda/launch_graphs.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
 #include "cuda/span_views.h"
@@ -122,6 +123,7 @@ struct RunState {
   const JobContext& job;
   DeviceInfo device;
   cudaStream_t stream = nullptr;
+  LaunchGraphs graphs;
   // What the stream's work reads: released when it is done.
   std::vector<PinnedBuffer> staged;
   std::vector<std::shared_ptr<const CachedArray>> cached;

@@ -25,10 +25,6 @@
 #include "cuda_races.h"
 #include "cuda_runtime_api.h"
 
-struct dim3 {
-  unsigned x = 1, y = 1, z = 1;
-  dim3(unsigned a = 1, unsigned b = 1, unsigned c = 1) : x(a), y(b), z(c) {}
-};
 struct alignas(8) uint2 {
   uint32_t x, y;
 };
@@ -52,11 +48,6 @@ inline uint2 make_uint2(uint32_t x, uint32_t y) {
 }
 inline uint4 make_uint4(uint32_t x, uint32_t y, uint32_t z, uint32_t w) {
   return {x, y, z, w};
-}
-
-// No device that says it cannot is asked.
-inline cudaError_t cudaLaunchCooperativeKernel(const void*, dim3, dim3, void**, size_t, cudaStream_t) {
-  return cudaErrorLaunchFailure;
 }
 
 namespace cuda_emulator {
@@ -115,27 +106,13 @@ extern Built built_in;
 
 }  // namespace cuda_emulator
 
-enum cudaLaunchAttributeID { cudaLaunchAttributeProgrammaticStreamSerialization };
-struct cudaLaunchAttribute {
-  cudaLaunchAttributeID id;
-  struct {
-    int programmaticStreamSerializationAllowed;
-  } val;
-};
-struct cudaLaunchConfig_t {
-  dim3 gridDim, blockDim;
-  size_t dynamicSmemBytes;
-  cudaStream_t stream;
-  cudaLaunchAttribute* attrs;
-  unsigned numAttrs;
-};
 // One kernel after the other, whatever the attributes allow.
 template <typename... Parameters, typename... Arguments>
 cudaError_t cudaLaunchKernelEx(const cudaLaunchConfig_t* config, void (*kernel)(Parameters...),
                                const Arguments&... arguments) {
-  ::cuda_emulator::Launch(
-      {config->gridDim, config->blockDim, config->dynamicSmemBytes, config->stream, config->numAttrs > 0}, kernel,
-      arguments...);
+  const bool early = config->numAttrs > 0 && config->attrs[0].id == cudaLaunchAttributeProgrammaticStreamSerialization;
+  ::cuda_emulator::Launch({config->gridDim, config->blockDim, config->dynamicSmemBytes, config->stream, early}, kernel,
+                          arguments...);
   return cudaSuccess;
 }
 

@@ -24,6 +24,7 @@ enum cudaError_t {
   cudaErrorAssert,
   cudaErrorECCUncorrectable,
   cudaErrorLaunchTimeout,
+  cudaErrorNotSupported,
 };
 enum cudaMemcpyKind { cudaMemcpyHostToHost, cudaMemcpyHostToDevice, cudaMemcpyDeviceToHost, cudaMemcpyDeviceToDevice };
 enum cudaMemPoolAttr {
@@ -126,6 +127,37 @@ inline cudaError_t cudaFreeHost(void* p) {
 }
 inline cudaError_t cudaDeviceReset() {
   return cudaSuccess;
+}
+// There are no graphs: lists of kernels go one by one.
+inline cudaError_t cudaGraphCreate(cudaGraph_t*, unsigned) {
+  return cudaErrorNotSupported;
+}
+inline cudaError_t cudaGraphDestroy(cudaGraph_t) {
+  return cudaErrorNotSupported;
+}
+inline cudaError_t cudaGraphAddKernelNode(cudaGraphNode_t*, cudaGraph_t, const cudaGraphNode_t*, size_t,
+                                          const cudaKernelNodeParams*) {
+  return cudaErrorNotSupported;
+}
+inline cudaError_t cudaGraphKernelNodeSetAttribute(cudaGraphNode_t, cudaLaunchAttributeID,
+                                                   const cudaLaunchAttributeValue*) {
+  return cudaErrorNotSupported;
+}
+inline cudaError_t cudaGraphAddDependencies(cudaGraph_t, const cudaGraphNode_t*, const cudaGraphNode_t*,
+                                            const cudaGraphEdgeData*, size_t) {
+  return cudaErrorNotSupported;
+}
+inline cudaError_t cudaGraphInstantiate(cudaGraphExec_t*, cudaGraph_t, unsigned long long) {
+  return cudaErrorNotSupported;
+}
+inline cudaError_t cudaGraphExecDestroy(cudaGraphExec_t) {
+  return cudaErrorNotSupported;
+}
+inline cudaError_t cudaGraphExecKernelNodeSetParams(cudaGraphExec_t, cudaGraphNode_t, const cudaKernelNodeParams*) {
+  return cudaErrorNotSupported;
+}
+inline cudaError_t cudaGraphLaunch(cudaGraphExec_t, cudaStream_t) {
+  return cudaErrorNotSupported;
 }
 enum { cudaEventDisableTiming = 2 };
 inline cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned) {
