@@ -55,6 +55,9 @@ struct BitArgs {
   // Room for all triangles each.
   uint32_t *layer_queue = nullptr, *large_queue = nullptr;
   uint64_t* queued = nullptr;  // how many wait in each
+  // Boxes of bit_mail.cuh, and how many; or none.
+  uint32_t* mail = nullptr;
+  uint32_t mail_boxes = 0;
 };
 
 // Whether triangle t is among those that are drawn apart.

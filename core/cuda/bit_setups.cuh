@@ -29,16 +29,31 @@ __device__ inline uint64_t SetUpPlacedInParts(const BitArgs& args, bool has, uin
   __syncwarp();
   return rows;
 }
-// The same of triangle t, or of none for kNoTriangle.
-__device__ __noinline__ inline uint64_t SetUpRowsInParts(const BitArgs& args, uint32_t t, SharedSetup& shared) {
-  const int part = int(threadIdx.x) % kBoundsParts;
+// The same of triangle t, or of none for kNoTriangle, of which the first three lanes bring a corner's number each.
+__device__ __noinline__ inline uint64_t SetUpCornersInParts(const BitArgs& args, uint32_t t, uint32_t vertex,
+                                                            SharedSetup& shared) {
   Vec3d mine{};
-  if (t != kNoTriangle && part < 3) mine = PlaceVertex(args, args.triangles[3 * uint64_t{t} + uint64_t(part)]);
+  if (t != kNoTriangle && threadIdx.x % kBoundsParts < 3) mine = PlaceVertex(args, vertex);
   __syncwarp();
   return SetUpPlacedInParts(args, t != kNoTriangle, t, mine, shared);
 }
+// The number of the lane's corner of triangle t; or 0.
+__device__ inline uint32_t CornerInParts(const BitArgs& args, uint32_t t) {
+  const uint32_t part = threadIdx.x % kBoundsParts;
+  return t != kNoTriangle && part < 3 ? args.triangles[3 * uint64_t{t} + part] : 0;
+}
+__device__ inline uint64_t SetUpRowsInParts(const BitArgs& args, uint32_t t, SharedSetup& shared) {
+  return SetUpCornersInParts(args, t, CornerInParts(args, t), shared);
+}
 
 inline constexpr uint32_t kMostInParts = 32 / kBoundsParts;  // of a warp at once
+
+// From what each lane has for the triangle that it has a part of to that of the lane's place. All threads of a warp call it.
+__device__ inline uint64_t RowsOfLane(uint64_t rows) {
+  const uint32_t lane = threadIdx.x % 32;
+  const uint64_t there = __shfl_sync(~0u, rows, int(lane * kBoundsParts % 32));
+  return lane < kMostInParts ? there : 0;
+}
 
 // Sets up a warp's triangles number(0) to number(count - 1), or kNoTriangle among them, in `shared`, at most kMostInParts; how many rows the one of
 // the lane's place has. All threads of the warp call it.
@@ -47,7 +62,7 @@ __device__ inline uint64_t SetUpFew(const BitArgs& args, uint32_t count, Number&
   const uint32_t lane = threadIdx.x % 32, place = lane / kBoundsParts;
   const uint32_t t = place < count ? number(place) : kNoTriangle;
   const uint64_t rows = SetUpRowsInParts(args, t, shared[place < count ? place : 0]);
-  const uint64_t there = __shfl_sync(~0u, rows, int(lane * kBoundsParts % 32));
+  const uint64_t there = RowsOfLane(rows);
   return lane < count ? there : 0;
 }
 // The same of up to 32.

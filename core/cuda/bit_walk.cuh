@@ -14,6 +14,7 @@
 #include "cuda/cell_rows.cuh"
 #include "cuda/early_launch.cuh"
 #include "cuda/fetch_corners.cuh"
+#include "cuda/ordered_access.cuh"
 #include "cuda/row_box.cuh"
 
 namespace voxelpipe::cuda {
@@ -134,8 +135,7 @@ __device__ inline bool WalkRows(const BitArgs& args, const FixedTriangle& t, con
 
 // A triangle whose fate is kRows; likewise.
 template <bool kThin, bool kPacked, BitSink kSink>
-__device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>& fetched, CellSpan* table, int part,
-                                    int parts) {
+__device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>& fetched, CellSpan* table) {
   FixedTriangle t;
   t.v = LoadFixed<kPacked>(args, fetched);
   t.box = BoxOf(t.v.at, args.fixed);
@@ -146,9 +146,9 @@ __device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>&
     const auto set = [&](int y, int z, int x, int count) {
       rows.SetFew(begin[1] + y, begin[2] + z, t.box.first[0] + x, t.box.first[0] + x + count);
     };
-    return WalkRows<kThin>(args, t, begin, end, table, part, parts, EachRow(set));
+    return WalkRows<kThin>(args, t, begin, end, table, 0, 1, EachRow(set));
   }
-  return WalkRows<kThin>(args, t, begin, end, table, part, parts, NearWords(args, begin, t.box.first[0]));
+  return WalkRows<kThin>(args, t, begin, end, table, 0, 1, NearWords(args, begin, t.box.first[0]));
 }
 
 // The same of a mesh that reaches too far for fixed point, and under center coverage: its queue alone.
@@ -166,24 +166,52 @@ __device__ __noinline__ inline CellFate FindQueue(const BitArgs& args, uint64_t 
   return QueueOf(max(width[1], int64_t{1}), max(width[2], int64_t{1}));
 }
 
+// Appends t to a list of the block's where `wanted`, `step` from one to the next. All threads of a warp call it.
+template <typename Entry>
+__device__ inline void AppendInBlock(bool wanted, uint32_t t, Entry* list, int step, uint32_t* count) {
+  const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, wanted);
+  if (all == 0) return;
+  uint32_t at = 0;
+  if (lane == 0) at = SharedAdd(count, uint32_t(__popc(all)));
+  at = __shfl_sync(~0u, at, 0) + uint32_t(__popc(all & ((1u << lane) - 1)));
+  if (wanted) list[int(at) * step] = Entry(t);
+}
+
+// Of a block's triangles, numbered from its first on, those that wait.
+template <uint32_t kTriangles>
+struct CellLists {
+  static constexpr uint32_t kRoom = kTriangles;
+  static_assert(kRoom <= 1 << 16);
+  uint16_t cells[kRoom];  // for octants, from the begin on, and for rows, from the end on
+  uint16_t later[kRoom];  // likewise for other kernels: those of the layer queue, those of the large queue
+  uint32_t octant_count, row_count, layer_count, large_count;
+  uint32_t turn;  // that the next warp takes
+  unsigned long long first_layer, first_large;
+
+  __device__ void Clear() { octant_count = row_count = layer_count = large_count = turn = 0; }
+  // By all threads of a warp, each its own.
+  __device__ void Append(CellFate fate, uint32_t number) {
+    AppendInBlock(fate == CellFate::kOctants, number, cells, 1, &octant_count);
+    if (__any_sync(~0u, WaitsForRows(fate)) == 0) return;
+    AppendInBlock(fate == CellFate::kRows, number, cells + (kRoom - 1), -1, &row_count);
+    AppendInBlock(fate == CellFate::kLayers, number, later, 1, &layer_count);
+    AppendInBlock(fate == CellFate::kLarge, number, later + (kRoom - 1), -1, &large_count);
+  }
+  __device__ uint32_t RowNumber(uint32_t i) const { return cells[kRoom - 1 - i]; }
+  __device__ uint32_t LargeNumber(uint32_t i) const { return later[kRoom - 1 - i]; }
+};
+
 // Of each warp of a block.
 struct FirstPass {
   uint2 found[kCellThreads / 32][kMostCellRounds * 32];  // octants that wait for the bits to be cleared
   StagedCorners staged[kCellThreads / 32];
 };
-// What the block's triangles share in WalkCells. Triangles are numbered from the block's first on.
-struct CellRoom {
-  static constexpr uint32_t kRoom = kMostCellRounds * kCellThreads;
-  static_assert(kRoom <= 1 << 16);
+// What the block's triangles share in WalkCells.
+struct CellRoom : CellLists<kMostCellRounds * kCellThreads> {
   union {
     CellSpan table[kMostCells][kCellThreads];
     FirstPass first_pass;
   };
-  uint16_t cells[kRoom];  // triangles that wait for octants, from the begin on, and for rows, from the end on
-  uint16_t later[kRoom];  // likewise for other kernels: those of the layer queue, those of the large queue
-  uint32_t octant_count, row_count, layer_count, large_count;
-  uint32_t turn;  // that the next warp takes
-  unsigned long long first_layer, first_large;
 };
 // The same, and each warp's rows.
 struct CellRoomTogether : CellRoom {
@@ -199,17 +227,6 @@ struct CellRoomType<BitSink::kTogether> {
 };
 template <BitSink kSink>
 using CellRoomFor = typename CellRoomType<kSink>::Type;
-
-// Appends t to a list of the block's where `wanted`, `step` from one to the next. All threads of a warp call it.
-template <typename Entry>
-__device__ inline void AppendInBlock(bool wanted, uint32_t t, Entry* list, int step, uint32_t* count) {
-  const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, wanted);
-  if (all == 0) return;
-  uint32_t at = 0;
-  if (lane == 0) at = SharedAdd(count, uint32_t(__popc(all)));
-  at = __shfl_sync(~0u, at, 0) + uint32_t(__popc(all & ((1u << lane) - 1)));
-  if (wanted) list[int(at) * step] = Entry(t);
-}
 
 // The number of the next turn, which no other warp takes. All threads of a warp call it.
 __device__ inline uint32_t NextTurn(uint32_t& turn) {
@@ -271,8 +288,7 @@ __device__ inline void SetPackedInPool(const BitArgs& args, const uint2& packed)
 __device__ inline void AwaitCleared(const BitArgs& args) {
   if (args.clear_blocks == 0) return AwaitEarlier();
   if (threadIdx.x == 0) {
-    while (*const_cast<volatile uint32_t*>(args.cleared) < args.clear_blocks) {}
-    __threadfence();
+    while (LoadAcquire(args.cleared) < args.clear_blocks) {}
   }
   __syncthreads();
 }
@@ -304,20 +320,55 @@ __device__ inline uint32_t KeepFound(const int (&first)[3], uint32_t octants, ui
   return kept + uint32_t(__popc(all));
 }
 
+// What becomes of a lane's triangle, where it `has` one, by its box, and, where many of its warp go by octants, by those. `number` gives the triangle's
+// number. All threads of a warp call it.
+template <bool kThin, bool kPacked, typename Number>
+__device__ inline CellFate FindFirst(const BitArgs& args, bool has, const Fetched<kPacked>& fetched, Number&& number,
+                                     FixedTriangle& triangle, uint32_t& octants) {
+  const bool fixed = args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
+  CellFate fate = CellFate::kDone;
+  if (has) fate = fixed ? FindFate<kThin>(args, fetched, triangle, octants) : FindQueue(args, number());
+  __syncwarp();
+  DecideRuns<kThin>(args, triangle, fate, octants);
+  if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
+    if (fate == CellFate::kOctants) {
+      fate = FindOctants<kThin>(args, triangle, octants) ? CellFate::kDone : CellFate::kLayers;
+    }
+    __syncwarp();
+  }
+  return fate;
+}
+
+// Puts what waits for other kernels into the queues: of those for layers, numbers `begin` to `end` of the list. A block's go there at once: an atomic
+// that returns costs some 3 ns where all are on one address. number_at(number of the block's). All threads of a block call it.
+template <bool kPrefetch, uint32_t kRoom, typename Number>
+__device__ inline void QueueLater(const BitArgs& args, CellLists<kRoom>& lists, uint32_t begin, uint32_t end,
+                                  Number&& number_at) {
+  auto* const queued = reinterpret_cast<unsigned long long*>(args.queued);
+  if (threadIdx.x == 0 && begin < end) lists.first_layer = atomicAdd(queued + kLayerQueue, 0ull + (end - begin));
+  if (threadIdx.x == 32 && lists.large_count > 0) {
+    lists.first_large = atomicAdd(queued + kLargeQueue, 0ull + lists.large_count);
+  }
+  __syncthreads();
+  for (uint32_t i = threadIdx.x; i < end - begin; i += kCellThreads) {
+    const uint32_t t = number_at(lists.later[begin + i]);
+    args.layer_queue[lists.first_layer + i] = t;
+    if constexpr (kPrefetch) PrefetchCorners(args, t);
+  }
+  for (uint32_t i = threadIdx.x; i < lists.large_count; i += kCellThreads) {
+    args.large_queue[lists.first_large + i] = number_at(lists.LargeNumber(i));
+  }
+}
+
 // Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first pass finds is kept
-// until the grid is cleared, so that it runs beside the clearing of the grid. The block appends what waits for
-// other kernels at once: an atomic that returns costs some 3 ns where all are on one address. Waits for whoever clears the grid.
-template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes, BitSink kSink>
+// until the grid is cleared, so that it runs beside the clearing of the grid. Waits for whoever clears the grid.
+template <bool kThin, bool kOrdered, bool kPacked, BitSink kSink>
 __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFor<kSink>& room) {
-  if (threadIdx.x == 0) room.octant_count = room.row_count = room.layer_count = room.large_count = room.turn = 0;
+  if (threadIdx.x == 0) room.Clear();
   if constexpr (kSink == BitSink::kTogether) ClearRows(room.boxes[threadIdx.x / 32]);
   __syncthreads();
-  const bool fixed = args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
-  const int rounds = kRowLanes > 1 ? 1 : args.rounds;
-  const uint64_t each = uint64_t(rounds) * uint64_t{kCellThreads / kRowLanes};
-  const uint64_t begin = chunk * each;
+  const uint64_t each = uint64_t(args.rounds) * kCellThreads, begin = chunk * each;
   uint64_t count = args.triangle_count;
-  if constexpr (kRowLanes > 1) count = min(count, begin + each);
   if constexpr (kOrdered) {  // earlier kernels make the order
     AwaitEarlier();
     count = __ldcg(args.ordered);
@@ -338,10 +389,10 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
   uint2* const found = room.first_pass.found[warp];
   StagedCorners& staged = room.first_pass.staged[warp];
   // Where each thread has one round there is nothing to ask for ahead.
-  constexpr bool kAhead = !kOrdered && kRowLanes == 1 && kSink != BitSink::kBricks;
+  constexpr bool kAhead = !kOrdered && kSink != BitSink::kBricks;
   uint32_t kept = 0;
   if (kAhead && threadIdx.x < here) StageCorners<kPacked>(args, uint32_t(begin) + threadIdx.x, staged);
-  for (int round = 0; round < rounds; ++round) {
+  for (int round = 0; round < args.rounds; ++round) {
     const uint32_t number = uint32_t(round * kCellThreads) + threadIdx.x, then = number + kCellThreads;
     Fetched<kPacked> fetched{};
     if constexpr (kAhead) {
@@ -350,27 +401,13 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     } else if (number < here) {
       fetched = FetchNow<kPacked>(args, triangle_at(begin + number));
     }
-    CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
-    if (number < here) {
-      fate = fixed ? FindFate<kThin>(args, fetched, triangle, octants) : FindQueue(args, triangle_at(begin + number));
-    }
-    __syncwarp();
-    DecideRuns<kThin>(args, triangle, fate, octants);
-    if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
-      if (fate == CellFate::kOctants) {
-        fate = FindOctants<kThin>(args, triangle, octants) ? CellFate::kDone : CellFate::kLayers;
-      }
-      __syncwarp();
-    }
+    CellFate fate = FindFirst<kThin>(
+        args, number < here, fetched, [&] { return triangle_at(begin + number); }, triangle, octants);
     kept = KeepFound<kSink>(triangle.box.first, octants, found, kept);
-    AppendInBlock(fate == CellFate::kOctants, number, room.cells, 1, &room.octant_count);
-    if (__any_sync(~0u, WaitsForRows(fate)) == 0) continue;
     if (fate == CellFate::kLarge && IsAmongLargest(args, number_at(begin + number))) fate = CellFate::kDone;
-    AppendInBlock(fate == CellFate::kRows, number, room.cells + (CellRoom::kRoom - 1), -1, &room.row_count);
-    AppendInBlock(fate == CellFate::kLayers, number, room.later, 1, &room.layer_count);
-    AppendInBlock(fate == CellFate::kLarge, number, room.later + (CellRoom::kRoom - 1), -1, &room.large_count);
+    room.Append(fate, number);
   }
   AwaitCleared(args);  // until here nothing is written but what is the block's
   __syncwarp();
@@ -380,24 +417,19 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
   }
   __syncthreads();
   // Warps take what is left as they come to it: rows first, which take longest.
-  const uint32_t octant_count = room.octant_count, row_lanes = room.row_count * kRowLanes;
-  const uint32_t row_turns = (row_lanes + 31) / 32, turns = row_turns + (octant_count + 31) / 32;
+  const uint32_t octant_count = room.octant_count, row_count = room.row_count;
+  const uint32_t row_turns = (row_count + 31) / 32, turns = row_turns + (octant_count + 31) / 32;
   for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
     bool doubtful = false;
     uint32_t number = 0;
     if (turn < row_turns) {
-      const uint32_t lane = turn * 32 + threadIdx.x % 32, i = lane / kRowLanes, part = lane % kRowLanes;
-      if (lane < row_lanes) {
-        number = room.cells[CellRoom::kRoom - 1 - i];
+      const uint32_t i = turn * 32 + threadIdx.x % 32;
+      if (i < row_count) {
+        number = room.RowNumber(i);
         const Fetched<kPacked> of_rows = FetchNow<kPacked>(args, triangle_at(begin + number));
-        doubtful =
-            !WalkCellRows<kThin, kPacked, kSink>(args, of_rows, &room.table[0][threadIdx.x], int(part), kRowLanes);
+        doubtful = !WalkCellRows<kThin, kPacked, kSink>(args, of_rows, &room.table[0][threadIdx.x]);
       }
       __syncwarp();
-      if constexpr (kRowLanes > 1) {
-        for (int step = 1; step < kRowLanes; step *= 2) doubtful |= __shfl_xor_sync(~0u, int(doubtful), step) != 0;
-        doubtful = doubtful && part == 0;
-      }
     } else {
       const uint32_t i = (turn - row_turns) * 32 + threadIdx.x % 32;
       uint32_t octants = 0;
@@ -414,20 +446,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
   }
   __syncthreads();
-  auto* const queued = reinterpret_cast<unsigned long long*>(args.queued);
-  if (threadIdx.x == 0 && room.layer_count > 0)
-    room.first_layer = atomicAdd(queued + kLayerQueue, 0ull + room.layer_count);
-  if (threadIdx.x == 32 && room.large_count > 0)
-    room.first_large = atomicAdd(queued + kLargeQueue, 0ull + room.large_count);
-  __syncthreads();
-  for (uint32_t i = threadIdx.x; i < room.layer_count; i += kCellThreads) {
-    const uint32_t t = number_at(begin + room.later[i]);
-    args.layer_queue[room.first_layer + i] = t;
-    if constexpr (kPacked) PrefetchCorners(args, t);
-  }
-  for (uint32_t i = threadIdx.x; i < room.large_count; i += kCellThreads) {
-    args.large_queue[room.first_large + i] = number_at(begin + room.later[CellRoom::kRoom - 1 - i]);
-  }
+  QueueLater<kPacked>(args, room, 0, room.layer_count, [&](uint32_t number) { return number_at(begin + number); });
 }
 
 }  // namespace voxelpipe::cuda

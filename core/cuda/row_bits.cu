@@ -7,7 +7,9 @@
 
 #include "cuda/bit_args.h"
 #include "cuda/bit_bins.cuh"
+#include "cuda/bit_few.cuh"
 #include "cuda/bit_layers.cuh"
+#include "cuda/bit_mail.cuh"
 #include "cuda/bit_order.cuh"
 #include "cuda/bit_pieces.cuh"
 #include "cuda/bit_pool.h"
@@ -17,6 +19,7 @@
 #include "cuda/early_launch.cuh"
 #include "cuda/launch.h"
 #include "cuda/launch_list.h"
+#include "cuda/ordered_access.cuh"
 #include "cuda/scattered.h"
 #include "cuda/triangle_order.h"
 #include "grid/index_space.h"
@@ -26,9 +29,9 @@ namespace {
 
 constexpr int kThreads = 256;
 constexpr int kOrderedRounds = 1;  // of CellKernel where places count: fewer triangles are under way, in fewer places
-constexpr int kCellBlocks = 8;     // of CellKernel on a multiprocessor at once
-constexpr int kSharedRows = 2;     // lanes of CellKernel for a triangle's rows where they are shared
-// Grids of so many bytes at most are cleared by CellKernel's first blocks; larger ones are cleared sooner by a kernel of their own.
+constexpr int kCellBlocks = 8;     // of CellKernel or FewKernel on a multiprocessor at once
+constexpr int kSharedRows = 2;     // lanes of FewKernel for a triangle's rows where they are shared
+// Grids of so many bytes at most are cleared by the first blocks of either; larger ones are cleared sooner by a kernel of their own.
 constexpr uint64_t kClearedByWalk = 4 << 20, kAssumedClearedByWalk = 8;  // the latter times an assumed cache
 
 // By all threads of the first `blocks` of the grid.
@@ -60,21 +63,30 @@ __global__ void __launch_bounds__(kThreads)
   ClearQuads(args.bits, min(bins.z_end * layer, args.quads), args.quads, all);
 }
 
-// Its first blocks may clear the grid: a launch less to wait for. Blocks begin in the order of their numbers, so those that are waited for are
-// under way; CUDA does not promise that, but CUB's scans rely on it too.
-template <bool kThin, bool kOrdered, bool kPacked, int kRowLanes, BitSink kSink>
+// The first blocks of a kernel may clear the grid: a launch less to wait for. Blocks begin in the order of their numbers, so those that are waited for
+// are under way; CUDA does not promise that, but CUB's scans rely on it too. Whether the block is one of those.
+__device__ inline bool ClearsFirst(const BitArgs& args) {
+  if (blockIdx.x >= args.clear_blocks) return false;
+  Clear(args, args.clear_blocks);
+  __syncthreads();
+  if (threadIdx.x == 0) AddRelease(args.cleared, 1);
+  return true;
+}
+
+template <bool kThin, bool kOrdered, bool kPacked, BitSink kSink>
 __global__ void __launch_bounds__(kCellThreads, kCellBlocks) CellKernel(const __grid_constant__ BitArgs args) {
   __shared__ CellRoomFor<kSink> room;
   AllowNext();
-  if (blockIdx.x < args.clear_blocks) {
-    Clear(args, args.clear_blocks);
-    __syncthreads();
-    if (threadIdx.x > 0) return;
-    __threadfence();
-    atomicAdd(args.cleared, 1u);
-    return;
-  }
-  WalkCells<kThin, kOrdered, kPacked, kRowLanes, kSink>(args, blockIdx.x - args.clear_blocks, room);
+  if (ClearsFirst(args)) return;
+  WalkCells<kThin, kOrdered, kPacked, kSink>(args, blockIdx.x - args.clear_blocks, room);
+}
+
+template <bool kThin, int kRowLanes>
+__global__ void __launch_bounds__(kCellThreads, kCellBlocks) FewKernel(const __grid_constant__ BitArgs args) {
+  __shared__ FewRoom<kRowLanes> room;
+  AllowNext();
+  if (ClearsFirst(args)) return;
+  WalkFew<kThin, kRowLanes>(args, blockIdx.x - args.clear_blocks, room);
 }
 
 constexpr int kLayerThreads = kLargeThreads, kLayerSetups = 16, kLayerBlocks = 4;
@@ -87,12 +99,17 @@ union LayerRoom {
 __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const __grid_constant__ BitArgs args) {
   __shared__ alignas(16) char memory[sizeof(LayerRoom)];
   auto& room = *reinterpret_cast<LayerRoom*>(memory);
+  const uint32_t warp = threadIdx.x / 32, warps = kLayerThreads / 32;
+  // By as many blocks as there is room for beside the kernel before.
+  if (const uint32_t blocks = gridDim.x / kLayerBlocks; args.mail != nullptr && blockIdx.x < blocks) {
+    WalkMail<kLayerSetups>(args, warp * blocks + blockIdx.x, blocks * warps, room.of_warps[warp]);
+    __syncthreads();
+  }
   AwaitEarlier();
-  if (args.clear_blocks > 0 && blockIdx.x == 0 && threadIdx.x == 0) *args.cleared = 0;
+  if (args.clear_blocks > 0 && blockIdx.x == 0 && threadIdx.x == 0) StoreRelaxed(args.cleared, 0);
   // Both at once: often there is nothing in either, and to ask takes long beside a small mesh.
   const uint64_t large = __ldcg(args.queued + kLargeQueue), layers = __ldcg(args.queued + kLayerQueue);
   WalkLarge(args, large, blockIdx.x, gridDim.x, room.large);
-  const uint32_t warp = threadIdx.x / 32, warps = kLayerThreads / 32;
   WalkLayers<kLayerSetups>(args, layers, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps,
                            room.of_warps[warp]);
 }
@@ -366,38 +383,51 @@ absl::Status AddCleared(RunState& state, const BitArgs& args, LaunchList& list) 
   return absl::OkStatus();
 }
 
-// Whether lanes of CellKernel share the rows of a triangle: where a device has little else to do, for triangles so few that all blocks run at
-// once, and of many rows (of more than a voxel of the grid's largest face each). More lanes, and other numbers of triangles a block, are slower.
-bool SharesRows(const RunState& state, const BitArgs& args) {
-  if (args.packed != nullptr || args.order != nullptr || args.pool.places != nullptr) return false;
+// How many lanes of FewKernel share the rows of a triangle, where triangles are so few that all its blocks run at once; 0 where they are not. More than
+// one for triangles of many rows (of more than a voxel of the grid's largest face each). More lanes, and other numbers of triangles a block, are slower.
+int RowLanes(const RunState& state, const BitArgs& args) {
+  if (args.packed != nullptr || args.order != nullptr || args.pool.places != nullptr) return 0;
   const int64_t nx = args.grid.dims[0], ny = args.grid.dims[1], nz = args.grid.slab_end - args.grid.slab_begin;
-  const uint64_t at_once = uint64_t(state.device.multiprocessors) * kCellBlocks * kCellThreads / kSharedRows;
-  return args.triangle_count < std::min(uint64_t(std::max({nx * ny, ny * nz, nz * nx})), at_once);
+  static_assert(kCellBlocks <= int(kMailBoxes));
+  const int processors = AssumedCache() > 0 ? 1 : state.device.multiprocessors;
+  const uint64_t at_once = uint64_t(processors) * kCellBlocks * kCellThreads;
+  const auto face = uint64_t(std::max({nx * ny, ny * nz, nz * nx}));
+  if (args.triangle_count < std::min(face, at_once / kSharedRows)) return kSharedRows;
+  return args.triangle_count <= at_once ? 1 : 0;
 }
 
 // Whether all triangles go by rows at once. Small grids are left to CellKernel, which clears them too.
 bool GoesByRows(RunState& state, const BitArgs& args) {
-  return CanOrder(args) && !ClearedByWalk(args) && !SharesRows(state, args) && ManyGoByRows(state);
+  return CanOrder(args) && !ClearedByWalk(args) && RowLanes(state, args) != kSharedRows && ManyGoByRows(state);
 }
 
 template <bool kThin>
-auto* CellKernelFor(const BitArgs& args, bool shares_rows) {
-  if (args.order != nullptr) return CellKernel<kThin, true, false, 1, BitSink::kWords>;
-  if (shares_rows) return CellKernel<kThin, false, false, kSharedRows, BitSink::kWords>;
-  if (args.pool.places != nullptr) return CellKernel<kThin, false, false, 1, BitSink::kBricks>;
-  if (args.packed == nullptr) return CellKernel<kThin, false, false, 1, BitSink::kWords>;
-  return CellKernel<kThin, false, true, 1, BitSink::kTogether>;
+auto* CellKernelFor(const BitArgs& args) {
+  if (args.order != nullptr) return CellKernel<kThin, true, false, BitSink::kWords>;
+  if (args.pool.places != nullptr) return CellKernel<kThin, false, false, BitSink::kBricks>;
+  if (args.packed == nullptr) return CellKernel<kThin, false, false, BitSink::kWords>;
+  return CellKernel<kThin, false, true, BitSink::kTogether>;
+}
+template <bool kThin>
+auto* FewKernelFor(int row_lanes) {
+  return row_lanes == kSharedRows ? FewKernel<kThin, kSharedRows> : FewKernel<kThin, 1>;
 }
 
-void AddCells(const RunState& state, BitArgs& args, LaunchList& list) {
-  const bool shares_rows = SharesRows(state, args);
-  if (shares_rows) args.rounds = 1;
-  const uint64_t each = uint64_t(args.rounds) * kCellThreads / (shares_rows ? kSharedRows : 1);
-  const auto blocks = args.clear_blocks + unsigned((args.triangle_count + each - 1) / each);
-  const bool thin = args.coverage == Coverage::kThin;
-  auto* const kernel = thin ? CellKernelFor<true>(args, shares_rows) : CellKernelFor<false>(args, shares_rows);
-  list.Add("CellKernel", args.clear_blocks == 0 ? EarlyIfAble(state.device) : Begins::kBehind, blocks, kCellThreads,
-           kernel, args);
+void AddCells(RunState& state, BitArgs& args, LaunchList& list) {
+  const int row_lanes = RowLanes(state, args);
+  const bool few = row_lanes > 0, thin = args.coverage == Coverage::kThin;
+  const uint64_t each = few ? uint64_t(kCellThreads / row_lanes) : uint64_t(args.rounds) * kCellThreads;
+  const auto blocks = unsigned((args.triangle_count + each - 1) / each);
+  const Begins begins = args.clear_blocks == 0 ? EarlyIfAble(state.device) : Begins::kBehind;
+  if (few) {
+    if (args.clear_blocks > 0) args.mail = MailOf(state);
+    args.mail_boxes = blocks;
+    list.Add("FewKernel", begins, args.clear_blocks + blocks, kCellThreads,
+             thin ? FewKernelFor<true>(row_lanes) : FewKernelFor<false>(row_lanes), args);
+  } else {
+    list.Add("CellKernel", begins, args.clear_blocks + blocks, kCellThreads,
+             thin ? CellKernelFor<true>(args) : CellKernelFor<false>(args), args);
+  }
   if (args.pool.places != nullptr) AddStorePool(state, args, list);
   AddLayers(state, args, list);
 }
@@ -481,7 +511,7 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   LaunchList list;
   VOXELPIPE_OK_OR_RETURN(AddAll(state, args, list));
   absl::Status launched = state.graphs.Launch(list, state.device.ordinal, state.stream);
-  if (!launched.ok() && args.clear_blocks > 0) (void)ClearCounters(state, {kCleared});
+  if (!launched.ok()) (void)state.counters.Fill(0, state.stream);  // some kernel may not have left them so
   return launched;
 }
 

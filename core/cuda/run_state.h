@@ -13,6 +13,7 @@
 
 #include "cpu/run_state.h"
 #include "cuda/apart_fragments.h"
+#include "cuda/bit_mail.h"
 #include "cuda/buffer.h"
 #include "cuda/check.h"
 #include "cuda/device.h"
@@ -247,8 +248,14 @@ enum Counter : int {
 };
 inline constexpr int kAllCounters = kCounters + kFragmentSlots + kChunkGroups;
 
-// Allocates the counters, all 0, before their first use.
+// Allocates the counters, and behind all of them boxes of mail (bit_mail.cuh), all 0, before their first use.
 absl::Status EnsureCounters(RunState& state);
+inline uint32_t MostMailBoxes(const RunState& state) {
+  return uint32_t(state.device.multiprocessors) * kMailBoxes;
+}
+inline uint32_t* MailOf(RunState& state) {
+  return reinterpret_cast<uint32_t*>(state.counters.data() + kAllCounters);
+}
 // Sets counters to 0.
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
 // Likewise those of the queues and of the list, and what stands behind the counters up to `end`.

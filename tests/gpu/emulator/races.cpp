@@ -21,16 +21,14 @@ extern char __data_start, _end;
 namespace cuda_emulator::races {
 namespace {
 
-constexpr unsigned kMostThreads = 1024;
-
-uint64_t NameOf(uint32_t block, unsigned thread) {
-  return uint64_t{block} * kMostThreads + thread;
-}
+// A block of this kernel or of an earlier one, and a thread of it.
+using BlockName = std::pair<uint32_t, uint32_t>;
+using ThreadName = std::pair<BlockName, unsigned>;
 
 // What a thread knows of others by fences: of blocks, which barriers all they did before is known of; of threads, up to which clock.
 struct Knowledge {
-  std::map<uint32_t, uint32_t> phases;
-  std::map<uint64_t, uint32_t> clocks;
+  std::map<BlockName, uint32_t> phases;
+  std::map<ThreadName, uint32_t> clocks;
 };
 using Known = std::shared_ptr<const Knowledge>;
 
@@ -84,8 +82,9 @@ class Races {
     early_ = early;
     known_at_begin_ = early ? known_to_next_ : kernel_ - 1;
     known_to_next_ = kernel_ - 1;
+    if (early) return;
     sync_.clear();
-    if (!early) words_.clear();  // all of it is known
+    words_.clear();  // all of it is known
   }
 
   void BeginBlock(uint32_t block, unsigned threads, const void* shared, size_t shared_bytes) {
@@ -139,13 +138,14 @@ class Races {
 
   void Fence() {
     auto knows = std::make_shared<Knowledge>(running_->others ? *running_->others : Knowledge());
-    uint32_t& phase = knows->phases[block_];
+    const BlockName mine(kernel_, block_);
+    uint32_t& phase = knows->phases[mine];
     phase = std::max(phase, phase_);
     const unsigned warp = thread_ / 32 * 32;
     for (unsigned i = 0; i < 32; ++i) {
-      if (running_->of_warp[i] > 0) Raise(knows->clocks[NameOf(block_, warp + i)], running_->of_warp[i]);
+      if (running_->of_warp[i] > 0) Raise(knows->clocks[{mine, warp + i}], running_->of_warp[i]);
     }
-    Raise(knows->clocks[NameOf(block_, thread_)], running_->clock);
+    Raise(knows->clocks[{mine, thread_}], running_->clock);
     running_->fenced = knows;
     ++running_->clock;
   }
@@ -205,15 +205,16 @@ class Races {
   // Whether the running thread comes behind an access of another one.
   bool Knows(const Access& a) const {
     const Thread& me = *running_;
-    if (a.kernel != kernel_) return a.kernel <= me.knows_kernel;
-    if (a.block == block_) {
+    if (a.kernel != kernel_ && a.kernel <= me.knows_kernel) return true;
+    if (a.kernel == kernel_ && a.block == block_) {
       if (a.thread == thread_ || a.phase < phase_) return true;
       if (a.thread / 32 == thread_ / 32 && a.clock <= me.of_warp[a.thread % 32]) return true;
     }
     if (me.others == nullptr) return false;
-    const auto phase = me.others->phases.find(a.block);
+    const BlockName block(a.kernel, a.block);
+    const auto phase = me.others->phases.find(block);
     if (phase != me.others->phases.end() && a.phase < phase->second) return true;
-    const auto clock = me.others->clocks.find(NameOf(a.block, a.thread));
+    const auto clock = me.others->clocks.find({block, a.thread});
     return clock != me.others->clocks.end() && a.clock <= clock->second;
   }
 

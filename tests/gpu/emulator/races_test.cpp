@@ -115,6 +115,22 @@ TEST(Races, KernelsThatBeginEarlyAreOrderedByTheirWait) {
   EXPECT_GT(RacesOf(kEarly, [] {}), 0u) << "it never waits";
 }
 
+TEST(Races, AFenceAndAFlagOrderAKernelThatBeginsEarly) {
+  const Device memory;
+  const auto read = [&] {
+    if (*const_cast<volatile uint32_t*>(memory.at + 1) == 1) Look(memory.at);
+    races::AwaitEarlier();
+  };
+  for (const bool fences : {true, false}) {
+    Launch({1, 1}, [&] {
+      *memory.at = 1;
+      if (fences) __threadfence();
+      *const_cast<volatile uint32_t*>(memory.at + 1) = 1;
+    });
+    EXPECT_EQ(RacesOf(kEarly, read) == 0, fences);
+  }
+}
+
 TEST(Races, WhoLetsTheNextBeginBeforeItWaitsTellsItLess) {
   const Device memory;
   const auto between = [&](bool waits_before) {

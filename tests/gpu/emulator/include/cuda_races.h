@@ -7,8 +7,8 @@
 // * what threads of a block do before and behind a barrier, and lanes of a warp before and behind __syncwarp (shuffles and votes order nothing);
 // * what a thread did, or knew of, before a fence, for whoever sees what it then writes by an atomic or as volatile. The one who sees it needs
 //   no fence here: only what depends on it is expected to follow;
-// * kernels of a stream; but one that begins early knows the one before it only behind AwaitEarlier(), and of those before that what every
-//   thread of the one before knew when it called AllowNext() or ended.
+// * kernels of a stream; but one that begins early knows the one before it only behind AwaitEarlier(), or by such fences, and of those before that
+//   what every thread of the one before knew when it called AllowNext() or ended.
 // Atomics, volatile accesses and loads that say where they look (__ldcg and the like) are no race among themselves. Shared memory is a block's.
 //
 // What it tells goes to stderr, a line each, when the program ends, whose exit status is 9 then. Runs of several host threads at a time on

@@ -1,0 +1,112 @@
+// Plain bits of so few triangles that all blocks run at once, a triangle or half of one a thread: the steps of bit_walk.cuh, where time goes by waiting. So
+// corners are kept in shared memory for the second step, and what is left goes by mail (bit_mail.cuh) in grids that are cleared here. No host-only includes.
+#pragma once
+
+#include "cuda/bit_mail.cuh"
+#include "cuda/bit_walk.cuh"
+
+namespace voxelpipe::cuda {
+
+// What the block's triangles share in WalkFew.
+template <int kRowLanes>
+struct FewRoom : CellLists<kCellThreads / kRowLanes> {
+  CellSpan table[kMostCells][kCellThreads];
+  int corners[9][FewRoom::kRoom];  // of those that wait in cells
+  uint32_t doubt_count;            // of the second step, behind those of the first in `later`
+
+  __device__ void Keep(uint32_t number, const FixedCorners& v) {
+    for (int i = 0; i < 9; ++i) corners[i][number] = v.at[i / 3][i % 3];
+  }
+  __device__ FixedTriangle Kept(uint32_t number, const FixedPlace& place) const {
+    FixedTriangle t;
+    for (int i = 0; i < 9; ++i) t.v.at[i / 3][i % 3] = corners[i][number];
+    t.box = BoxOf(t.v.at, place);
+    return t;
+  }
+};
+
+// A turn of a warp's lanes at those that wait for rows, kRowLanes for each; whether the lane's own is in doubt, to one lane of each.
+template <bool kThin, int kRowLanes>
+__device__ inline bool TurnOfRows(const BitArgs& args, uint32_t turn, FewRoom<kRowLanes>& room, uint32_t& number) {
+  const uint32_t at = turn * 32 + threadIdx.x % 32, i = at / kRowLanes, part = at % kRowLanes;
+  bool doubtful = false;
+  if (i < room.row_count) {
+    number = room.RowNumber(i);
+    const FixedTriangle t = room.Kept(number, args.fixed);
+    int begin[3], end[3];
+    ClipBox(args, t.box, begin, end);
+    doubtful = !WalkRows<kThin>(args, t, begin, end, &room.table[0][threadIdx.x], int(part), kRowLanes,
+                                NearWords(args, begin, t.box.first[0]));
+  }
+  __syncwarp();
+  for (int step = 1; step < kRowLanes; step *= 2) doubtful |= __shfl_xor_sync(~0u, int(doubtful), step) != 0;
+  return doubtful && part == 0;
+}
+
+// The same at those that wait for octants, a lane each.
+template <bool kThin, int kRowLanes>
+__device__ inline bool TurnOfOctants(const BitArgs& args, uint32_t turn, const FewRoom<kRowLanes>& room,
+                                     uint32_t& number) {
+  const uint32_t i = turn * 32 + threadIdx.x % 32;
+  bool doubtful = false;
+  uint32_t octants = 0;
+  FixedTriangle t{};
+  if (i < room.octant_count) {
+    number = room.cells[i];
+    t = room.Kept(number, args.fixed);
+    doubtful = !FindOctants<kThin>(args, t, octants);
+  }
+  __syncwarp();
+  SetOctantsTogether(args, t.box.first, octants);
+  return doubtful;
+}
+
+// As WalkCells does, the triangles of block `chunk` of as many as there are in a room; box `chunk` of the mail, where there is mail, is the block's.
+template <bool kThin, int kRowLanes>
+__device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRowLanes>& room) {
+  constexpr uint32_t kEach = FewRoom<kRowLanes>::kRoom;
+  const uint32_t begin = chunk * kEach, mine = threadIdx.x;
+  const bool has = mine < min(uint32_t(args.triangle_count) - begin, kEach);
+  const auto number_at = [begin](uint32_t number) { return begin + number; };
+  Fetched<false> fetched{};
+  if (has) fetched = FetchNow<false>(args, begin + mine);
+  if (threadIdx.x == 0) {
+    room.Clear();
+    room.doubt_count = 0;
+  }
+  __syncthreads();
+  FixedTriangle triangle{};
+  uint32_t octants = 0;
+  CellFate fate = FindFirst<kThin>(
+      args, has, fetched, [&] { return begin + mine; }, triangle, octants);
+  octants = Together(triangle.box.first, octants);
+  if (fate == CellFate::kRows || fate == CellFate::kOctants) room.Keep(mine, triangle.v);
+  if (fate == CellFate::kLarge && IsAmongLargest(args, begin + mine)) fate = CellFate::kDone;
+  room.Append(fate, mine);
+  AwaitCleared(args);  // until here nothing is written but what is the block's
+  if (args.clear_blocks == 0) __syncthreads();
+  // Where more wait already than go by mail they wait for each other anyway.
+  const uint32_t wait = room.layer_count;
+  const bool mails = args.mail != nullptr && wait <= kMostMailed;
+  if (mails && mine < wait) PostTriangle(args, chunk, mine, number_at(room.later[mine]));
+  if (octants != 0) SetOctants(args, triangle.box.first, octants);
+  // Warps take what is left as they come to it: rows first, which take longest.
+  const uint32_t row_turns = (room.row_count * kRowLanes + 31) / 32, turns = row_turns + (room.octant_count + 31) / 32;
+  for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
+    uint32_t number = 0;
+    const bool doubtful = turn < row_turns ? TurnOfRows<kThin>(args, turn, room, number)
+                                           : TurnOfOctants<kThin>(args, turn - row_turns, room, number);
+    if (doubtful) {
+      const uint32_t place = wait + SharedAdd(&room.doubt_count, 1);
+      room.later[place] = uint16_t(number);
+      if (mails && place < kMostMailed) PostTriangle(args, chunk, place, number_at(number));
+    }
+    __syncwarp();
+  }
+  __syncthreads();
+  const uint32_t all = wait + room.doubt_count, posted = mails ? min(all, kMostMailed) : 0;
+  if (args.mail != nullptr && threadIdx.x == 0) EndMail(args, chunk, posted);
+  if (posted < all || room.large_count > 0) QueueLater<false>(args, room, posted, all, number_at);
+}
+
+}  // namespace voxelpipe::cuda
