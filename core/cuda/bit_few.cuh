@@ -12,7 +12,7 @@ template <int kRowLanes>
 struct FewRoom : CellLists<kCellThreads / kRowLanes> {
   CellSpan table[kMostCells][kCellThreads];
   int corners[9][FewRoom::kRoom];  // of those that wait in cells
-  uint32_t doubt_count;            // of the second step, behind those of the first in `later`
+  uint32_t doubt_count;            // of those that are not in `later` but went by mail, and some more
 
   __device__ void Keep(uint32_t number, const FixedCorners& v) {
     for (int i = 0; i < 9; ++i) corners[i][number] = v.at[i / 3][i % 3];
@@ -61,13 +61,29 @@ __device__ inline bool TurnOfOctants(const BitArgs& args, uint32_t turn, const F
   return doubtful;
 }
 
+// Passes a triangle that is in doubt on to the next kernel: by mail, which is for those of few rows, while there is room.
+template <int kRowLanes>
+__device__ inline void PassOn(const BitArgs& args, uint32_t chunk, uint32_t number, FewRoom<kRowLanes>& room) {
+  const uint32_t place = args.mail != nullptr ? SharedAdd(&room.doubt_count, 1) : kMostMailed;
+  if (place < kMostMailed) {
+    PostTriangle(args, chunk, place, chunk * FewRoom<kRowLanes>::kRoom + number);
+  } else {
+    room.later[SharedAdd(&room.layer_count, 1)] = uint16_t(number);
+  }
+}
+
+// Whether the box has as few rows as a thread walks.
+__device__ inline bool HasFewRows(const FixedBox& box) {
+  const int width = box.last[1] - box.first[1] + 1, layers = box.last[2] - box.first[2] + 1;
+  return max(width, layers) <= kMostCellRows && width * layers <= kMostCellRows;
+}
+
 // As WalkCells does, the triangles of block `chunk` of as many as there are in a room; box `chunk` of the mail, where there is mail, is the block's.
 template <bool kThin, int kRowLanes>
 __device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRowLanes>& room) {
   constexpr uint32_t kEach = FewRoom<kRowLanes>::kRoom;
   const uint32_t begin = chunk * kEach, mine = threadIdx.x;
   const bool has = mine < min(uint32_t(args.triangle_count) - begin, kEach);
-  const auto number_at = [begin](uint32_t number) { return begin + number; };
   Fetched<false> fetched{};
   if (has) fetched = FetchNow<false>(args, begin + mine);
   if (threadIdx.x == 0) {
@@ -82,31 +98,28 @@ __device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRow
   octants = Together(triangle.box.first, octants);
   if (fate == CellFate::kRows || fate == CellFate::kOctants) room.Keep(mine, triangle.v);
   if (fate == CellFate::kLarge && IsAmongLargest(args, begin + mine)) fate = CellFate::kDone;
+  const bool in_doubt = fate == CellFate::kLayers && GoesByFixed(args) && HasFewRows(triangle.box);
+  if (in_doubt) fate = CellFate::kDone;
+  __syncwarp();
   room.Append(fate, mine);
-  AwaitCleared(args);  // until here nothing is written but what is the block's
-  if (args.clear_blocks == 0) __syncthreads();
-  // Where more wait already than go by mail they wait for each other anyway.
-  const uint32_t wait = room.layer_count;
-  const bool mails = args.mail != nullptr && wait <= kMostMailed;
-  if (mails && mine < wait) PostTriangle(args, chunk, mine, number_at(room.later[mine]));
+  AwaitCleared(args);                           // until here nothing is written but what is the block's
+  if (args.clear_blocks == 0) __syncthreads();  // which is no barrier then, and lists are read
+  if (in_doubt) PassOn(args, chunk, mine, room);
   if (octants != 0) SetOctants(args, triangle.box.first, octants);
+  __syncwarp();
   // Warps take what is left as they come to it: rows first, which take longest.
   const uint32_t row_turns = (room.row_count * kRowLanes + 31) / 32, turns = row_turns + (room.octant_count + 31) / 32;
   for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
     uint32_t number = 0;
     const bool doubtful = turn < row_turns ? TurnOfRows<kThin>(args, turn, room, number)
                                            : TurnOfOctants<kThin>(args, turn - row_turns, room, number);
-    if (doubtful) {
-      const uint32_t place = wait + SharedAdd(&room.doubt_count, 1);
-      room.later[place] = uint16_t(number);
-      if (mails && place < kMostMailed) PostTriangle(args, chunk, place, number_at(number));
-    }
+    if (doubtful) PassOn(args, chunk, number, room);
     __syncwarp();
   }
   __syncthreads();
-  const uint32_t all = wait + room.doubt_count, posted = mails ? min(all, kMostMailed) : 0;
-  if (args.mail != nullptr && threadIdx.x == 0) EndMail(args, chunk, posted);
-  if (posted < all || room.large_count > 0) QueueLater<false>(args, room, posted, all, number_at);
+  if (args.mail != nullptr && threadIdx.x == 64) EndMail(args, chunk, min(room.doubt_count, kMostMailed));
+  if (room.layer_count + room.large_count == 0) return;
+  QueueLater<false>(args, room, [begin](uint32_t number) { return begin + number; });
 }
 
 }  // namespace voxelpipe::cuda

@@ -36,7 +36,7 @@ struct BitArgs {
   GridView grid;  // rows outside its slab are left out
   uint32_t* bits = nullptr;
   uint64_t quads = 0;           // 16-byte units to clear
-  uint32_t clear_blocks = 0;    // of CellKernel, which clear the grid and the queues; 0: earlier kernels do
+  uint32_t clear_blocks = 0;    // of the walk's kernel, which clear the grid and the queues; 0: earlier kernels do
   uint32_t* cleared = nullptr;  // how many of them are done; 0 before and after
   Coverage coverage{};
   FixedPlace fixed;

@@ -6,6 +6,7 @@
 namespace voxelpipe::cuda {
 
 inline constexpr uint32_t kMailWords = 8;  // of a box
-inline constexpr uint32_t kMailBoxes = 8;  // for each multiprocessor
+// Boxes for each multiprocessor: beside so many blocks of the kernel that posts there is room for one of the kernel that looks.
+inline constexpr uint32_t kMailBoxes = 6;
 
 }  // namespace voxelpipe::cuda

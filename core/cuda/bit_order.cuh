@@ -111,7 +111,7 @@ __device__ inline void KeyTriangles(const BitArgs& args, const OrderArgs& order,
 }
 
 // The second. Where a cell begins moves on by what is placed there. Waits for earlier kernels, and only then lets the next begin: SetUpKernel
-// reads what those wrote (row_bits.cu).
+// reads what those wrote (bit_kernels.cuh).
 __device__ inline void PlaceTriangles(const BitArgs& args, const OrderArgs& order, OrderRoom& shared) {
   uint32_t* const room = shared.counts;
   for (uint32_t i = threadIdx.x; i < kOrderCells; i += kOrderThreads) room[i] = 0;

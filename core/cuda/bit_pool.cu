@@ -4,7 +4,6 @@
 
 #include "cuda/bit_pool.cuh"
 #include "cuda/device.h"
-#include "cuda/device_abilities.h"
 #include "cuda/early_launch.cuh"
 #include "cuda/launch.h"
 #include "cuda/launch_list.h"

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "cuda/bit_rows.cuh"
-#include "cuda/device_abilities.h"
 #include "cuda/early_launch.cuh"
 #include "cuda/launch_list.h"
 

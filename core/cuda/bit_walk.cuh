@@ -4,7 +4,7 @@
 // rest waits in two queues, which are walked in bit_layers.cuh. Where triangles come in random order, before both: all are ordered
 // (bit_order.cuh), or the largest of them are drawn by pieces (bit_pieces.cuh) while the grid is cleared. Few and large triangles in large grids:
 // bit_bins.cuh. Fine meshes in such: the first step sets bits in bricks, which become the grid before the second one (bit_pool.cuh). Triangles of
-// some voxels each: bit_rows.cuh is the first step.
+// some voxels each: bit_rows.cuh is the first step. Few triangles: bit_few.cuh is.
 // No host-only includes.
 #pragma once
 
@@ -284,7 +284,7 @@ __device__ inline void SetPackedInPool(const BitArgs& args, const uint2& packed)
   if (octants != 0) PoolRows(args).SetOctants(first, octants);
 }
 
-// Waits until the grid and the queues are cleared. All threads of a block call it.
+// Waits until the grid and the queues are cleared. All threads of a block call it; a barrier where blocks of the same kernel clear.
 __device__ inline void AwaitCleared(const BitArgs& args) {
   if (args.clear_blocks == 0) return AwaitEarlier();
   if (threadIdx.x == 0) {
@@ -320,14 +320,18 @@ __device__ inline uint32_t KeepFound(const int (&first)[3], uint32_t octants, ui
   return kept + uint32_t(__popc(all));
 }
 
+// Whether triangles have fixed-point corners and boxes.
+__device__ inline bool GoesByFixed(const BitArgs& args) {
+  return args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
+}
+
 // What becomes of a lane's triangle, where it `has` one, by its box, and, where many of its warp go by octants, by those. `number` gives the triangle's
 // number. All threads of a warp call it.
 template <bool kThin, bool kPacked, typename Number>
 __device__ inline CellFate FindFirst(const BitArgs& args, bool has, const Fetched<kPacked>& fetched, Number&& number,
                                      FixedTriangle& triangle, uint32_t& octants) {
-  const bool fixed = args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
   CellFate fate = CellFate::kDone;
-  if (has) fate = fixed ? FindFate<kThin>(args, fetched, triangle, octants) : FindQueue(args, number());
+  if (has) fate = GoesByFixed(args) ? FindFate<kThin>(args, fetched, triangle, octants) : FindQueue(args, number());
   __syncwarp();
   DecideRuns<kThin>(args, triangle, fate, octants);
   if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
@@ -339,19 +343,20 @@ __device__ inline CellFate FindFirst(const BitArgs& args, bool has, const Fetche
   return fate;
 }
 
-// Puts what waits for other kernels into the queues: of those for layers, numbers `begin` to `end` of the list. A block's go there at once: an atomic
-// that returns costs some 3 ns where all are on one address. number_at(number of the block's). All threads of a block call it.
+// Puts what waits for other kernels into the queues. A block's go there at once: an atomic that returns costs some 3 ns where all are on one address.
+// number_at(number of the block's). All threads of a block call it.
 template <bool kPrefetch, uint32_t kRoom, typename Number>
-__device__ inline void QueueLater(const BitArgs& args, CellLists<kRoom>& lists, uint32_t begin, uint32_t end,
-                                  Number&& number_at) {
+__device__ inline void QueueLater(const BitArgs& args, CellLists<kRoom>& lists, Number&& number_at) {
   auto* const queued = reinterpret_cast<unsigned long long*>(args.queued);
-  if (threadIdx.x == 0 && begin < end) lists.first_layer = atomicAdd(queued + kLayerQueue, 0ull + (end - begin));
+  if (threadIdx.x == 0 && lists.layer_count > 0) {
+    lists.first_layer = atomicAdd(queued + kLayerQueue, 0ull + lists.layer_count);
+  }
   if (threadIdx.x == 32 && lists.large_count > 0) {
     lists.first_large = atomicAdd(queued + kLargeQueue, 0ull + lists.large_count);
   }
   __syncthreads();
-  for (uint32_t i = threadIdx.x; i < end - begin; i += kCellThreads) {
-    const uint32_t t = number_at(lists.later[begin + i]);
+  for (uint32_t i = threadIdx.x; i < lists.layer_count; i += kCellThreads) {
+    const uint32_t t = number_at(lists.later[i]);
     args.layer_queue[lists.first_layer + i] = t;
     if constexpr (kPrefetch) PrefetchCorners(args, t);
   }
@@ -446,7 +451,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
   }
   __syncthreads();
-  QueueLater<kPacked>(args, room, 0, room.layer_count, [&](uint32_t number) { return number_at(begin + number); });
+  QueueLater<kPacked>(args, room, [&](uint32_t number) { return number_at(begin + number); });
 }
 
 }  // namespace voxelpipe::cuda

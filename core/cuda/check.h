@@ -14,7 +14,7 @@ namespace voxelpipe::cuda {
 // base/device_failure.h.
 absl::Status CudaStatus(cudaError_t error, const char* expression, const char* file, int line);
 
-// Kernel launches that the calling thread made so far. A call of CUB counts as one, whatever it launches.
+// Kernel launches that the calling thread made so far. Those of a graph count one by one, a call of CUB as one, whatever it launches.
 uint64_t LaunchesOfThread();
 void CountLaunch();
 

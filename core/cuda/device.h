@@ -71,7 +71,7 @@ absl::Status ProbeDevice(int ordinal);
 
 // Bytes that the device can still give out, what its pool keeps idle counted; 0 where that cannot be found out. Asks the driver.
 uint64_t FreeMemory(int ordinal);
-// Gives what the pool keeps idle back to the device, and forgets meshes that no run holds. The stream's work must be done.
+// Gives what the pool keeps idle back to the device, and forgets meshes and graphs of launches that no run holds. The stream's work must be done.
 void TrimMemory(int ordinal);
 // From now on arrays may take so many bytes of all devices together: for tests of what happens where there is less. UINT64_MAX: no limit.
 void LimitMemory(uint64_t bytes);

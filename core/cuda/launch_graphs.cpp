@@ -1,7 +1,7 @@
 #include "cuda/launch_graphs.h"
 
 #include <algorithm>
-#include <deque>
+#include <list>
 #include <map>
 #include <mutex>
 #include <string>
@@ -32,7 +32,6 @@ absl::Status LaunchPlainly(const LaunchList& list, cudaStream_t stream) {
     CountLaunch();
     const cudaError_t error = launch.launch(config, launch.kernel, list.ArgumentsOf(launch).data());
     if (error != cudaSuccess) {
-      (void)cudaGetLastError();
       return CudaStatus(error, absl::StrCat("launch of ", launch.name).c_str(), __FILE__, __LINE__);
     }
   }
@@ -76,10 +75,14 @@ class LaunchGraph {
     if (!same) list_ = list;
     return true;
   }
-  absl::Status Launch(cudaStream_t stream) const {
-    VOXELPIPE_CUDA_OR_RETURN(cudaGraphLaunch(executable_, stream));
+  // False where that is refused; then nothing was launched.
+  bool Launch(cudaStream_t stream) const {
+    if (cudaGraphLaunch(executable_, stream) != cudaSuccess) {
+      (void)cudaGetLastError();
+      return false;
+    }
     for (size_t i = 0; i < nodes_.size(); ++i) CountLaunch();
-    return absl::OkStatus();
+    return true;
   }
 
  private:
@@ -133,8 +136,9 @@ namespace {
 
 // Graphs of a device that no run uses, the latest last, and lists that came once.
 struct Kept {
-  std::deque<std::unique_ptr<LaunchGraph>> graphs;
-  std::deque<LaunchList> once;
+  std::list<std::unique_ptr<LaunchGraph>> graphs;
+  std::list<LaunchList> once;
+  bool refused = false;  // the device or its driver made none when asked
 };
 std::mutex kept_mutex;
 std::map<int, Kept>& KeptGraphs() {
@@ -142,36 +146,32 @@ std::map<int, Kept>& KeptGraphs() {
   return *kept;
 }
 
-std::unique_ptr<LaunchGraph> TakeKept(const LaunchList& list, int ordinal) {
+// Moves a kept graph for such a list to the front of `mine`, the latest there is; false where there is none.
+bool TakeKept(const LaunchList& list, int ordinal, std::list<std::unique_ptr<LaunchGraph>>& mine) {
   const std::lock_guard lock(kept_mutex);
   auto& graphs = KeptGraphs()[ordinal].graphs;
-  const auto found = std::find_if(graphs.begin(), graphs.end(), [&](const auto& g) { return g->list().IsLike(list); });
-  if (found == graphs.end()) return nullptr;
-  std::unique_ptr<LaunchGraph> taken = std::move(*found);
-  graphs.erase(found);
-  return taken;
+  const auto found =
+      std::find_if(graphs.rbegin(), graphs.rend(), [&](const auto& g) { return g->list().IsLike(list); });
+  if (found == graphs.rend()) return false;
+  mine.splice(mine.begin(), graphs, std::prev(found.base()));
+  return true;
 }
 
-// Whether a list like it came before; it has come now.
-bool CameBefore(const LaunchList& list, int ordinal) {
+// Whether a list is worth a graph: one like it came before. It has come now.
+bool IsWorthGraph(const LaunchList& list, int ordinal) {
   const std::lock_guard lock(kept_mutex);
-  auto& once = KeptGraphs()[ordinal].once;
-  const auto found = std::find_if(once.begin(), once.end(), [&](const LaunchList& l) { return l.IsLike(list); });
-  if (found != once.end()) return true;
+  Kept& kept = KeptGraphs()[ordinal];
+  if (kept.refused) return false;
+  auto& once = kept.once;
+  if (std::any_of(once.begin(), once.end(), [&](const LaunchList& l) { return l.IsLike(list); })) return true;
   if (once.size() == kMostKept) once.pop_front();
   once.push_back(list);
   return false;
 }
 
-void Keep(std::unique_ptr<LaunchGraph> graph, int ordinal) {
-  std::unique_ptr<LaunchGraph> dropped;  // outside of the lock
+void Refused(int ordinal) {
   const std::lock_guard lock(kept_mutex);
-  auto& graphs = KeptGraphs()[ordinal].graphs;
-  if (graphs.size() == kMostKept) {
-    dropped = std::move(graphs.front());
-    graphs.pop_front();
-  }
-  graphs.push_back(std::move(graph));
+  KeptGraphs()[ordinal].refused = true;
 }
 
 }  // namespace
@@ -179,23 +179,30 @@ void Keep(std::unique_ptr<LaunchGraph> graph, int ordinal) {
 LaunchGraphs::LaunchGraphs() = default;
 
 LaunchGraphs::~LaunchGraphs() {
-  for (auto& graph : mine_) Keep(std::move(graph), ordinal_);
+  std::list<std::unique_ptr<LaunchGraph>> dropped;  // outside of the lock
+  if (mine_.empty()) return;
+  const std::lock_guard lock(kept_mutex);
+  auto& graphs = KeptGraphs()[ordinal_].graphs;
+  graphs.splice(graphs.end(), mine_);
+  while (graphs.size() > kMostKept) dropped.splice(dropped.end(), graphs, graphs.begin());
 }
 
 LaunchGraph* LaunchGraphs::Find(const LaunchList& list, int ordinal) {
   for (auto& graph : mine_) {
     if (graph->list().IsLike(list)) return graph.get();
   }
-  std::unique_ptr<LaunchGraph> graph = TakeKept(list, ordinal);
-  if (graph == nullptr && CameBefore(list, ordinal)) graph = LaunchGraph::Make(list);
-  if (graph == nullptr) return nullptr;
   ordinal_ = ordinal;
-  if (mine_.size() == kMostHeld) {
-    Keep(std::move(mine_.front()), ordinal);
-    mine_.erase(mine_.begin());
+  if (!TakeKept(list, ordinal, mine_)) {
+    if (!IsWorthGraph(list, ordinal)) return nullptr;
+    std::unique_ptr<LaunchGraph> made = LaunchGraph::Make(list);
+    if (made == nullptr) {
+      Refused(ordinal);
+      return nullptr;
+    }
+    mine_.push_front(std::move(made));
   }
-  mine_.push_back(std::move(graph));
-  return mine_.back().get();
+  if (mine_.size() > kMostHeld) mine_.pop_back();  // not for others: it may be under way
+  return mine_.front().get();
 }
 
 absl::Status LaunchGraphs::Launch(const LaunchList& list, int ordinal, cudaStream_t stream) {
@@ -203,16 +210,17 @@ absl::Status LaunchGraphs::Launch(const LaunchList& list, int ordinal, cudaStrea
   if (launches.empty()) return absl::OkStatus();
   if (launches[0].begins == Begins::kEarly) return LaunchPlainly(list, stream);
   LaunchGraph* const graph = Find(list, ordinal);
-  if (graph == nullptr) return LaunchPlainly(list, stream);
-  if (graph->Take(list)) return graph->Launch(stream);
-  std::erase_if(mine_, [graph](const auto& g) { return g.get() == graph; });
+  if (graph != nullptr) {
+    if (graph->Take(list) && graph->Launch(stream)) return absl::OkStatus();
+    mine_.remove_if([graph](const auto& g) { return g.get() == graph; });
+  }
   return LaunchPlainly(list, stream);
 }
 
 void DropLaunchGraphs(int ordinal) {
-  std::deque<std::unique_ptr<LaunchGraph>> dropped;
+  Kept dropped;  // outside of the lock
   const std::lock_guard lock(kept_mutex);
-  dropped = std::exchange(KeptGraphs()[ordinal].graphs, {});
+  std::swap(dropped, KeptGraphs()[ordinal]);
 }
 
 }  // namespace voxelpipe::cuda

@@ -6,8 +6,8 @@
 
 #include <cuda_runtime_api.h>
 
+#include <list>
 #include <memory>
-#include <vector>
 
 #include "absl/status/status.h"
 
@@ -25,17 +25,17 @@ class LaunchGraphs {
   ~LaunchGraphs();  // keeps them for others
 
   // Gives the list to `stream` of the device, which is the current one. A list that begins early goes kernel by kernel, since a graph begins when
-  // all before it has ended. Errors: what a launch refuses.
+  // all before it has ended; so does one whose graph the device refuses. Errors: what a launch refuses.
   absl::Status Launch(const LaunchList& list, int ordinal, cudaStream_t stream);
 
  private:
   LaunchGraph* Find(const LaunchList& list, int ordinal);
 
   int ordinal_ = 0;
-  std::vector<std::unique_ptr<LaunchGraph>> mine_;
+  std::list<std::unique_ptr<LaunchGraph>> mine_;  // the latest first
 };
 
-// Destroys the graphs of a device that no run uses, which is the current one.
+// Destroys the graphs of a device that no run uses, which is the current one, and forgets which lists came.
 void DropLaunchGraphs(int ordinal);
 
 }  // namespace voxelpipe::cuda

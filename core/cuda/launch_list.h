@@ -25,7 +25,7 @@ inline Begins EarlyIfAble(const DeviceInfo& device) {
 struct ListedLaunch {
   const char* name;  // for errors
   const void* kernel;
-  // Launches the kernel with arguments that the pointers show.
+  // Launches the kernel with the arguments that the pointers show.
   cudaError_t (*launch)(const cudaLaunchConfig_t& config, const void* kernel, void* const* arguments);
   dim3 blocks;
   unsigned threads;
@@ -46,6 +46,7 @@ class LaunchList {
   void Add(const char* name, Begins begins, dim3 blocks, unsigned threads, void (*kernel)(Parameters...),
            const std::type_identity_t<Parameters>&... arguments) {
     static_assert((std::is_trivially_copyable_v<Parameters> && ...));
+    static_assert(((alignof(Parameters) <= kAlignment) && ...));
     launches_.push_back({name, reinterpret_cast<const void*>(kernel), &LaunchOf<Parameters...>, blocks, threads, begins,
                          places_.size(), sizeof...(Parameters)});
     (Keep(&arguments, sizeof arguments), ...);
@@ -77,6 +78,7 @@ class LaunchList {
  private:
   static constexpr size_t kAlignment = 16;
 
+  // Typed, so that a runtime which calls kernels on the host can.
   template <typename... Parameters>
   static cudaError_t LaunchOf(const cudaLaunchConfig_t& config, const void* kernel, void* const* arguments) {
     return LaunchWith<Parameters...>(config, kernel, arguments, std::index_sequence_for<Parameters...>());

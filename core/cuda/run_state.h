@@ -248,14 +248,20 @@ enum Counter : int {
 };
 inline constexpr int kAllCounters = kCounters + kFragmentSlots + kChunkGroups;
 
-// Allocates the counters, and behind all of them boxes of mail (bit_mail.cuh), all 0, before their first use.
-absl::Status EnsureCounters(RunState& state);
+// Boxes of mail (bit_mail.cuh) stand behind all counters, each in a sector of its own.
+inline constexpr int kMailBegins = (kAllCounters + 3) / 4 * 4;
 inline uint32_t MostMailBoxes(const RunState& state) {
   return uint32_t(state.device.multiprocessors) * kMailBoxes;
 }
-inline uint32_t* MailOf(RunState& state) {
-  return reinterpret_cast<uint32_t*>(state.counters.data() + kAllCounters);
+inline uint64_t MailBytes(const RunState& state) {
+  return uint64_t{MostMailBoxes(state)} * kMailWords * sizeof(uint32_t);
 }
+inline uint32_t* MailOf(RunState& state) {
+  return reinterpret_cast<uint32_t*>(state.counters.data() + kMailBegins);
+}
+
+// Allocates the counters and the mail, all 0, before their first use.
+absl::Status EnsureCounters(RunState& state);
 // Sets counters to 0.
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
 // Likewise those of the queues and of the list, and what stands behind the counters up to `end`.

@@ -276,8 +276,7 @@ bool ShadesFragments(const BoundRequest& request) {
 
 absl::Status EnsureCounters(RunState& state) {
   if (!state.counters.empty()) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(
-      state.counters.Resize(kAllCounters + uint64_t{MostMailBoxes(state)} * kMailWords / 2, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kMailBegins + MailBytes(state) / sizeof(uint64_t), state.stream));
   return state.counters.Fill(0, state.stream);
 }
 

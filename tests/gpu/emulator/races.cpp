@@ -157,6 +157,13 @@ class Races {
     if (writes) there = Join(there, running_->fenced);
     Touch(at, bytes, writes, true, code);
   }
+  // Who sees it does not see what the word told before.
+  void Volatile(const void* at, size_t bytes, bool writes, const void* code) {
+    if (!writes) return Relaxed(at, bytes, false, code);
+    if (running_ == nullptr || IsOwn(at)) return;
+    (IsShared(at) ? shared_sync_ : sync_)[at] = running_->fenced;
+    Touch(at, bytes, true, true, code);
+  }
 
   void Plain(const void* at, size_t bytes, bool writes, const void* code) {
     if (running_ == nullptr || IsOwn(at)) return;
@@ -330,6 +337,9 @@ void Fence() {
 void Relaxed(const void* at, size_t bytes, bool writes, const void* code) {
   races().Relaxed(at, bytes, writes, code);
 }
+void Volatile(const void* at, size_t bytes, bool writes, const void* code) {
+  races().Volatile(at, bytes, writes, code);
+}
 void AwaitEarlier() {
   races().AwaitEarlier();
 }
@@ -352,13 +362,13 @@ void Plain(const void* at, size_t bytes, bool writes, const void* code) {
   extern "C" void __tsan_##name##bytes(void* at) {                                \
     ::cuda_emulator::races::kind(at, bytes, writes, __builtin_return_address(0)); \
   }
-#define ACCESSES(bytes)                        \
-  ACCESS(read, bytes, Plain, false)            \
-  ACCESS(write, bytes, Plain, true)            \
-  ACCESS(unaligned_read, bytes, Plain, false)  \
-  ACCESS(unaligned_write, bytes, Plain, true)  \
-  ACCESS(volatile_read, bytes, Relaxed, false) \
-  ACCESS(volatile_write, bytes, Relaxed, true)
+#define ACCESSES(bytes)                         \
+  ACCESS(read, bytes, Plain, false)             \
+  ACCESS(write, bytes, Plain, true)             \
+  ACCESS(unaligned_read, bytes, Plain, false)   \
+  ACCESS(unaligned_write, bytes, Plain, true)   \
+  ACCESS(volatile_read, bytes, Volatile, false) \
+  ACCESS(volatile_write, bytes, Volatile, true)
 ACCESSES(1)
 ACCESSES(2)
 ACCESSES(4)

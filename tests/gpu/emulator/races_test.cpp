@@ -131,6 +131,38 @@ TEST(Races, AFenceAndAFlagOrderAKernelThatBeginsEarly) {
   }
 }
 
+TEST(Races, ACounterTellsAKernelThatBeginsEarlyWhatBlocksDid) {
+  const Device memory;
+  const auto write = [&](bool waits) {
+    memory.at[blockIdx.x * 32 + threadIdx.x] = 1;
+    if (waits) __syncthreads();
+    if (threadIdx.x > 0) return;
+    __threadfence();
+    atomicAdd(memory.at + 16, 1u);
+  };
+  const auto read = [&](uint32_t counter) {
+    if (*const_cast<volatile uint32_t*>(memory.at + 16) == counter) {
+      for (int i = 0; i < 4; ++i) Look(memory.at + i);
+    }
+    races::AwaitEarlier();
+  };
+  for (const bool waits : {true, false}) {
+    memory.at[16] = 0;
+    Launch({2, 4}, [&] { write(waits); });
+    EXPECT_EQ(RacesOf(kEarly, [&] { read(2); }) == 0, waits);
+  }
+  // Set back by somebody who has waited for nothing, it tells nothing.
+  memory.at[16] = 0;
+  Launch({2, 4}, [&] { write(true); });
+  EXPECT_GT(RacesOf(cuda_emulator::Config{2, 1, 0, nullptr, true},
+                    [&] {
+                      if (blockIdx.x == 0) *const_cast<volatile uint32_t*>(memory.at + 16) = 0;
+                      if (blockIdx.x == 1) return read(0);
+                      races::AwaitEarlier();
+                    }),
+            0u);
+}
+
 TEST(Races, WhoLetsTheNextBeginBeforeItWaitsTellsItLess) {
   const Device memory;
   const auto between = [&](bool waits_before) {
