@@ -17,7 +17,7 @@ if(NOT VOXELPIPE_CUDA STREQUAL "OFF")
       set(CMAKE_CUDA20_EXTENSION_COMPILE_OPTION "-std=c++20")
     endif()
     set(CMAKE_CUDA_STANDARD 20)
-    # CUB's blocks, and edges of graphs, as they are called since.
+    # Edges of graphs are given with their data in one call since 13; with earlier ones nothing was tried.
     if(CMAKE_CUDA_COMPILER_VERSION VERSION_GREATER_EQUAL 13)
       set(VOXELPIPE_HAVE_CUDA ON)
     elseif(VOXELPIPE_CUDA STREQUAL "ON")

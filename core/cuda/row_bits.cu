@@ -24,18 +24,25 @@ constexpr int kSharedRows = 2;     // lanes of FewKernel for a triangle's rows w
 // Grids of so many bytes at most are cleared by the first blocks of either; larger ones are cleared sooner by a kernel of their own.
 constexpr uint64_t kClearedByWalk = 4 << 20, kAssumedClearedByWalk = 8;  // the latter times an assumed cache
 
+// Blocks of a kernel that a multiprocessor of the current device runs at once; 0 where that cannot be found out.
+template <typename Kernel>
+int ResidentBlocks(Kernel* kernel, int threads) {
+  int blocks = 0;
+  if (cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel, threads, 0) == cudaSuccess) return blocks;
+  (void)cudaGetLastError();
+  return 0;
+}
+
 // Blocks of AtOnceKernel that the device runs at once; 0 where they cannot wait for each other.
 int BlocksAtOnce(const DeviceInfo& device) {
   static std::array<std::atomic<int>, 64> known{};
   return OfDevice(known, device, [&] {
-    int cooperative = 0, resident = 0;
-    if (cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, device.ordinal) != cudaSuccess ||
-        cooperative == 0 ||
-        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, AtOnceKernel, kAtOnceThreads, 0) != cudaSuccess) {
+    int cooperative = 0;
+    if (cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, device.ordinal) != cudaSuccess) {
       (void)cudaGetLastError();
-      resident = 0;
     }
-    return std::min(resident, kAtOnceBlocks) * device.multiprocessors;
+    if (cooperative == 0) return 0;
+    return std::min(ResidentBlocks(AtOnceKernel, kAtOnceThreads), kAtOnceBlocks) * device.multiprocessors;
   });
 }
 
@@ -200,14 +207,8 @@ auto* FewKernelFor(int row_lanes) {
 // Blocks of FewKernel that the device runs at once. Thin coverage and two lanes a triangle take no more room.
 uint64_t FewBlocksAtOnce(const DeviceInfo& device) {
   static std::array<std::atomic<int>, 64> known{};
-  const int resident = OfDevice(known, device, [&] {
-    int blocks = 0;
-    if (cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, FewKernel<false, 1>, kCellThreads, 0) != cudaSuccess) {
-      (void)cudaGetLastError();
-      blocks = 0;
-    }
-    return std::min(blocks, kCellBlocks);
-  });
+  const int resident =
+      OfDevice(known, device, [] { return std::min(ResidentBlocks(FewKernel<false, 1>, kCellThreads), kCellBlocks); });
   return uint64_t(resident) * uint64_t(AssumedCache() > 0 ? 1 : device.multiprocessors);
 }
 
