@@ -69,11 +69,10 @@ __device__ inline CellFate FateByRows(const FixedBox& box, int greatest, const i
   return QueueOf(width, layers);
 }
 
-// What is found of a triangle by its box alone. Where it is done, `octants` about the inner corner of the box.
-template <bool kThin, bool kPacked>
-__device__ inline CellFate FindFate(const BitArgs& args, const Fetched<kPacked>& fetched, FixedTriangle& t,
-                                    uint32_t& octants) {
-  t.v = LoadFixed<kPacked>(args, fetched);
+// What is found of a triangle, whose corners stand in `t`, by its box alone, which is put there. Where it is done, `octants` about the inner corner of the
+// box.
+template <bool kThin>
+__device__ inline CellFate FindFate(const BitArgs& args, FixedTriangle& t, uint32_t& octants) {
   t.box = BoxOf(t.v.at, args.fixed);
   const FixedBox& box = t.box;
   int begin[3], end[3];
@@ -90,6 +89,12 @@ __device__ inline CellFate FindFate(const BitArgs& args, const Fetched<kPacked>&
     return CellFate::kRuns;
   }
   return FateByRows(box, greatest, begin, end);
+}
+template <bool kThin, bool kPacked>
+__device__ inline CellFate FindFate(const BitArgs& args, const Fetched<kPacked>& fetched, FixedTriangle& t,
+                                    uint32_t& octants) {
+  t.v = LoadFixed<kPacked>(args, fetched);
+  return FindFate<kThin>(args, t, octants);
 }
 
 // Decides the runs of a warp, or where they are few leaves them to those who go by octants. All threads of a warp call it.

@@ -122,6 +122,12 @@ bool IsInPlace(const CudaTarget& target) {
   return u32 && (target.blend == Blend::kOr || target.blend == Blend::kCount);
 }
 
+bool IsFine(const RunState& state) {
+  constexpr uint64_t kLeastBlocks = 16;
+  const uint64_t least = AssumedCache() > 0 ? 1 : uint64_t(state.device.multiprocessors) * kLeastBlocks;
+  return state.mesh.host_view.triangle_count >= least * kBlendThreads;
+}
+
 absl::Status RankCovered(RunState& state) {
   const uint64_t words = state.slab_words();
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kRanks}));

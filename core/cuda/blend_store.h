@@ -21,6 +21,9 @@ inline bool IsSum(Kept kept) {
 // Whether a dense target's blend is one atomic on its stored cells, beginning from the clear value.
 bool IsInPlace(const CudaTarget& target);
 
+// Whether the mesh has so many triangles that some of a thread each keep the device busy for long.
+bool IsFine(const RunState& state);
+
 inline unsigned BlendBlocks(const RunState& state, uint64_t work) {
   return BlocksFor(work, kBlendThreads, uint64_t(state.device.multiprocessors) * 16);
 }

@@ -12,22 +12,22 @@ struct BlendWriterArgs {
   InPlaceArgs blend;
 };
 
-// A writer of span_kernels.cuh. kShader: as ValuesOf has it.
-template <int kShader>
+// A writer of span_kernels.cuh. kShader: as KeysOf has it.
+template <int kShader, int kComponents = 1>
 class BlendWriter {
  public:
   using Args = BlendWriterArgs;
   static constexpr bool kPartsInRow = false;
   __device__ BlendWriter(const BlendWriterArgs& args, uint32_t)
-      : args_(args), plain_(args.blend.negative != nullptr && (kShader >= 0 || *args.blend.negative == 0)) {}
+      : args_(args), plain_(args.blend.negative != nullptr && (IsIdShader(kShader) || *args.blend.negative == 0)) {}
 
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
-    uint32_t key[1] = {};
+    uint32_t key[kComponents] = {};
     const uint32_t length = x_begin < x_end ? uint32_t(x_end - x_begin) : 0;
-    if (length > 0) KeysOf<kShader, 1>(args_.blend, plain_, t, key);
+    if (length > 0) KeysOf<kShader, kComponents>(args_.blend, plain_, t, key);
     fragments_ += length;
     bool touches = false;  // ids alone do
-    if constexpr (kShader >= 0) touches = args_.blend.touched.marks != nullptr;
+    if constexpr (IsIdShader(kShader)) touches = args_.blend.touched.marks != nullptr;
     if (touches) {
       const auto ny = uint32_t(args_.cover.grid.dims[1]);
       if (length > 0) args_.blend.touched.TouchRow(x_begin, x_end, int(row % ny), int(row / ny));
@@ -39,8 +39,10 @@ class BlendWriter {
     const uint64_t first = uint64_t{row} * args_.blend.nx + uint32_t(x_begin);
     ForEachVoxel(length, [&](int owner, uint32_t x, bool there) {
       const uint64_t n = __shfl_sync(~0u, first, owner) + x;
-      const uint32_t of[1] = {__shfl_sync(~0u, key[0], owner)};
-      if (there) BlendAt<1>(args_.blend, n, of, 1);
+      uint32_t of[kComponents];
+#pragma unroll
+      for (int c = 0; c < kComponents; ++c) of[c] = __shfl_sync(~0u, key[c], owner);
+      if (there) BlendAt<kComponents>(args_.blend, n, of, 1);
     });
   }
   __device__ void Finish() {

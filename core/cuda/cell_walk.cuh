@@ -265,22 +265,39 @@ __device__ inline void BlendBlock(const CellArgs& args, const int (&voxel)[3], u
   });
 }
 
-// A triangle of few rows as a block, which has the record; false if some voxel is in doubt.
-template <bool kThin, CellSink kSink, int kShader, bool kPacked>
-__device__ inline bool TakeBlock(const CellArgs& args, uint32_t t, uint64_t record, CellSpan* table,
-                                 uint64_t& fragments, FoundBlock& found) {
-  const FixedCorners v = LoadFixed<kPacked>(args.walk, t);
-  const FixedBox box = BoxOf(v.at, args.walk.fixed);
+// Whether a triangle with a box goes as a block.
+__device__ inline bool IsBlock(const BitArgs& walk, const FixedBox& box) {
   int begin[3], end[3];
-  ClipBox(args.walk, box, begin, end);
-  uint64_t mask = 0;
+  ClipBox(walk, box, begin, end);
+  return max(end[0] - begin[0], max(end[1] - begin[1], end[2] - begin[2])) <= kBlockSide;
+}
+
+// Its voxels, from voxel `begin` of the grid on; false if some is in doubt.
+template <bool kThin, bool kPacked>
+__device__ inline bool FindBlock(const BitArgs& walk, uint32_t t, CellSpan* table, int (&begin)[3], uint64_t& mask) {
+  const FixedCorners v = LoadFixed<kPacked>(walk, t);
+  const FixedBox box = BoxOf(v.at, walk.fixed);
+  int end[3];
+  ClipBox(walk, box, begin, end);
+  uint64_t found = 0;
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
   const bool run = !kThin && single >= 2;  // of the run class
   const int outside = begin[0] - box.first[0];
   const auto add = [&](int y, int z, int x, int count) {
-    mask |= uint64_t{(1u << count) - 1} << (x - outside + kBlockSide * (y + kBlockSide * z));
+    found |= uint64_t{(1u << count) - 1} << (x - outside + kBlockSide * (y + kBlockSide * z));
   };
-  if (!VisitCells<kThin>(v.at, box, begin, end, args.walk.fixed, table, 32, run, EachRow(add))) return false;
+  if (!VisitCells<kThin>(v.at, box, begin, end, walk.fixed, table, 32, run, EachRow(add))) return false;
+  mask = found;
+  return true;
+}
+
+// A triangle of few rows as a block, which has the record; false if some voxel is in doubt.
+template <bool kThin, CellSink kSink, int kShader, bool kPacked>
+__device__ inline bool TakeBlock(const CellArgs& args, uint32_t t, uint64_t record, CellSpan* table,
+                                 uint64_t& fragments, FoundBlock& found) {
+  int begin[3];
+  uint64_t mask = 0;
+  if (!FindBlock<kThin, kPacked>(args.walk, t, table, begin, mask)) return false;
   fragments += uint32_t(__popcll(mask));
   if constexpr (kSink == CellSink::kPool || kSink == CellSink::kBlend) {
     for (int a = 0; a < 3; ++a) found.first[a] = begin[a];
@@ -297,6 +314,18 @@ __device__ inline bool TakeBlock(const CellArgs& args, uint32_t t, uint64_t reco
                     [&](uint32_t at, uint32_t four) { CoverBits(args.walk.bits, at, four); });
   }
   return true;
+}
+
+// Puts a block's triangles that wait for another kernel into the layer queue. triangle_at(number of the block's); `first` is in shared memory. All
+// threads of the block call it, after a barrier.
+template <typename TriangleAt>
+__device__ inline void QueueWaiting(const BitArgs& walk, const uint16_t* waiting, uint32_t count,
+                                    unsigned long long& first, TriangleAt&& triangle_at) {
+  if (threadIdx.x == 0 && count > 0) {
+    first = atomicAdd(reinterpret_cast<unsigned long long*>(walk.queued), 0ull + count);
+  }
+  __syncthreads();
+  for (uint32_t i = threadIdx.x; i < count; i += blockDim.x) walk.layer_queue[first + i] = triangle_at(waiting[i]);
 }
 
 // kShader: that of triangle ids, whose numbers grow with the triangles, or -1 for any. kOrdered: triangles are taken in the order of the
@@ -342,12 +371,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     uint32_t octants = 0;
     if (number < count) {
       fate = fixed ? FindFate<kThin>(walk, fetched, triangle, octants) : FindQueue(walk, t);
-      if (fate == CellFate::kRows) {
-        int begin[3], end[3];
-        ClipBox(walk, triangle.box, begin, end);
-        const int most = max(end[0] - begin[0], max(end[1] - begin[1], end[2] - begin[2]));
-        if (most > kBlockSide) fate = CellFate::kLayers;
-      }
+      if (fate == CellFate::kRows && !IsBlock(walk, triangle.box)) fate = CellFate::kLayers;
     }
     __syncwarp();
     DecideRuns<kThin>(walk, triangle, fate, octants);
@@ -407,17 +431,13 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
   }
   __syncthreads();
-  if (threadIdx.x == 0 && room.waiting_count > 0) {
-    room.first = atomicAdd(reinterpret_cast<unsigned long long*>(walk.queued), 0ull + room.waiting_count);
-  }
-  __syncthreads();
-  for (uint32_t i = threadIdx.x; i < room.waiting_count; i += kFindThreads) {
-    const uint64_t number = chunk + room.waiting[i];
-    walk.layer_queue[room.first + i] = triangle_at(number);
+  QueueWaiting(walk, room.waiting, room.waiting_count, room.first, [&](uint32_t local) {
+    const uint64_t number = chunk + local;
     if constexpr (kSink == CellSink::kRecords || kSink == CellSink::kRecordsAndBits) {
       args.records[number] = PackCell(CellKind::kOther, 0, 0);
     }
-  }
+    return triangle_at(number);
+  });
   __syncthreads();
   if (args.fragments == nullptr && args.chunks.of_block == nullptr) return;
   for (int step = 16; step > 0; step /= 2) fragments += __shfl_down_sync(~0u, fragments, step);

@@ -67,16 +67,18 @@ int RoundsOf(const RunState& state) {
                    uint64_t(state.device.multiprocessors) * kFindBlocks, kMostFindRounds);
 }
 
+absl::Status MakeRoomForQueues(RunState& state) {
+  for (int i = 1; i < 3; ++i) {
+    const uint64_t most = std::max<uint64_t>(state.mesh.host_view.triangle_count, 1);
+    VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(most, state.stream));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   const bool counts = args.chunks.of_block != nullptr;
-  if (!counts) {  // what fragments are counted in as well, unless some are already
-    const bool slots = args.fragments != nullptr && !state.fills_rows;
-    VOXELPIPE_OK_OR_RETURN(ClearQueues(state, slots ? kCounters + kFragmentSlots : kCounters));
-  }
-  for (int i = 1; i < 3; ++i) {
-    VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(triangles, 1), state.stream));
-  }
+  VOXELPIPE_OK_OR_RETURN(counts ? MakeRoomForQueues(state) : PrepareQueues(state, args.fragments));
   if (triangles == 0) return absl::OkStatus();
   if (sink == CellSink::kRecords || sink == CellSink::kRecordsAndBits) {
     VOXELPIPE_OK_OR_RETURN(state.cells.Resize(triangles, state.stream));
@@ -115,6 +117,12 @@ absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, c
   if (blend != nullptr) args.blend = *blend;
   if (pool != nullptr) args.pool = *pool;
   return Find(state, sink, args, by_id);
+}
+
+absl::Status PrepareQueues(RunState& state, const uint64_t* fragments) {
+  const bool slots = fragments != nullptr && !state.fills_rows;
+  VOXELPIPE_OK_OR_RETURN(ClearQueues(state, slots ? kCounters + kFragmentSlots : kCounters));
+  return MakeRoomForQueues(state);
 }
 
 absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts) {

@@ -21,6 +21,9 @@ absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, c
 // The same, for the A-buffer: records, and how many fragments they have, in state.fragment_first and behind the counters, as `counts` then says.
 absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts);
 
+// Clears the queues, and `fragments` as FindAllCells does, and makes room for all triangles to wait.
+absl::Status PrepareQueues(RunState& state, const uint64_t* fragments);
+
 // What waits after FindAllCells, of triangles [begin, end); where state.draws_largest, without those that are drawn apart.
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats);
 

@@ -1,7 +1,7 @@
 // Blending without tiles: targets whose value is the same for all fragments of a triangle.
 //
-// Triangles are walked once. Where there is one target of one component that seeks a largest or least value, they are
-// blended as they are found; otherwise, and where they have to be ordered first, small ones become records, which each target
+// Triangles are walked once. Where there is one target that seeks a largest or least value, of one component or, in fine meshes, of four
+// (four_cells.h), they are blended as they are found; otherwise, and where they have to be ordered first, small ones become records, which each target
 // then takes. Larger ones become spans in a list, which each target takes too, but for the few largest where targets are written by
 // rows (sum_rows.cuh, fill_rows.cuh); those that are too many for the list are made and taken in parts, by halves of the triangles. Largest and least values
 // of a sparse result are blended in bricks that are given out meanwhile (brick_pool.h), and nothing is recorded or listed. Everything else goes by tiles.
@@ -13,6 +13,7 @@
 #include "cuda/brick_pool.h"
 #include "cuda/cell_blend.cuh"
 #include "cuda/cells.h"
+#include "cuda/four_cells.h"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
 #include "cuda/touched_blocks.h"
@@ -23,11 +24,10 @@ namespace {
 
 // Bytes of the device's memory for each span that the list may hold at most.
 constexpr uint64_t kMemoryPerSpan = 64;
-// Blocks of ShadeTriangles a multiprocessor from which on they clear beside their work.
-constexpr uint64_t kLeastClearingBlocks = 16;
 
-// Of a target of one component whose largest or least value is sought: triangles may be blended as they are found.
-bool BlendsInWalk(const CudaTarget& target) {
+// Whether triangles may be blended in a target as they are found: where a largest or least value is sought.
+bool BlendsInWalk(RunState& state, const CudaTarget& target) {
+  if (GoesByFours(state, target)) return true;
   return target.components == 1 && IsInPlace(target) && (target.blend == Blend::kMax || target.blend == Blend::kMin);
 }
 
@@ -57,9 +57,11 @@ absl::Status MakeValues(RunState& state, int index) {
   const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
   args.degenerate = MakeDegenerateTest(origin, size, WorldToIndex(origin, size, state.box.min),
                                        WorldToIndex(origin, size, state.box.max));
-  memory.shaded = true;
   memory.shading = args.shading;
   memory.by_id = IsById(target);
+  memory.degenerate = args.degenerate;
+  if (ShadesByFours(state, target)) return absl::OkStatus();
+  memory.shaded = true;
   if (target.blend == Blend::kCount || args.triangles == 0) return absl::OkStatus();
   if (memory.by_id) return EnsureCounters(state);  // for NegativeOf; an id is cheaper made than read
   const uint64_t count = args.triangles * uint64_t(target.components);
@@ -120,6 +122,7 @@ InPlaceArgs PlaceOf(RunState& state, int index) {
   InPlaceArgs args;
   args.values = memory.values.data();
   args.shading = memory.shading;
+  args.degenerate = memory.degenerate;
   args.negative = target.format == VoxelFormat::kF32 ? NegativeOf(state, memory) : nullptr;
   args.out = reinterpret_cast<uint32_t*>(target.dense);
   args.blend = target.blend == Blend::kMin     ? InPlace::kMaxOfComplement
@@ -219,11 +222,18 @@ absl::Status ClearFragmentSlots(RunState& state) {
 // Blends all triangles in a target as they are found.
 absl::Status BlendWhatIsFound(RunState& state, int index) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
-  const bool by_id = state.span_targets[size_t(index)].by_id;
+  const CudaTarget& target = state.targets.at[index];
+  SpanTarget& memory = state.span_targets[size_t(index)];
+  const bool by_id = memory.by_id, by_fours = GoesByFours(state, target);
+  if (by_fours) {  // which has no look at whether some value is negative
+    VOXELPIPE_OK_OR_RETURN(memory.negative.Resize(1, state.stream));
+    VOXELPIPE_OK_OR_RETURN(memory.negative.Fill(1, state.stream));
+  }
   BlendWriterArgs args;
   args.cover = CoverArgs(state, triangles);
   args.cover.fragments = FragmentSlots(state);
   args.blend = PlaceOf(state, index);
+  if (by_fours) return BlendByFours(state, target, args);
   args.blend.touched = TouchedOf(state);
   VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kBlend, args.cover.fragments, &args.blend, by_id));
   const auto emit_waiting = by_id ? EmitWaiting<BlendWriter<kById>> : EmitWaiting<BlendWriter<-1>>;
@@ -298,12 +308,10 @@ absl::Status FillAll(RunState& state, int last) {
 
 }  // namespace
 
-bool ClearsWhileShading(const RunState& state, int index, const CudaTarget& target) {
+bool ClearsWhileShading(RunState& state, int index, const CudaTarget& target) {
   if (!state.direct || IsSparse(state) || state.span_targets[size_t(index)].shaded) return false;
   if (!BySpans(target) || IsById(target) || target.blend == Blend::kCount) return false;
-  // Few blocks would clear slowly.
-  const uint64_t least = AssumedCache() > 0 ? 1 : uint64_t(state.device.multiprocessors) * kLeastClearingBlocks;
-  return state.mesh.host_view.triangle_count >= least * kBlendThreads;
+  return IsFine(state) && !ShadesByFours(state, target);  // few blocks would clear slowly
 }
 
 bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
@@ -348,7 +356,7 @@ absl::Status BlendDirectly(RunState& state) {
   }
   state.draws_largest = all_by_rows || state.fills_rows;
   if (state.fills_rows) VOXELPIPE_OK_OR_RETURN(FillAll(state, last));
-  if (blended == 1 && !sparse && BlendsInWalk(state.targets.at[last]) && !NeedsOrder(state)) {
+  if (blended == 1 && !sparse && BlendsInWalk(state, state.targets.at[last]) && !NeedsOrder(state)) {
     VOXELPIPE_OK_OR_RETURN(BlendWhatIsFound(state, last));
     return StoreDense(state, last, true);
   }

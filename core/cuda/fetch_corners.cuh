@@ -36,10 +36,12 @@ struct StagedCorners {
   uint32_t v[3 * 32];
 };
 
-// *to = *from when AwaitCopies returns; `to` in shared memory.
-__device__ inline void CopyLater(uint32_t* to, const uint32_t* from) {
+// *to = *from when AwaitCopies returns; `to` in shared memory. Of 4 or 8 bytes.
+template <typename T>
+__device__ inline void CopyLater(T* to, const T* from) {
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
-  asm volatile("cp.async.ca.shared.global [%0], [%1], 4;" ::"r"(uint32_t(__cvta_generic_to_shared(to))), "l"(from)
+  asm volatile("cp.async.ca.shared.global [%0], [%1], %2;" ::"r"(uint32_t(__cvta_generic_to_shared(to))), "l"(from),
+               "n"(sizeof(T))
                : "memory");
 #else
   *to = *from;

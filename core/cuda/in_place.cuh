@@ -1,8 +1,10 @@
 // Blends that are one 32-bit atomic on a dense target's cell (span_blend.cuh). No host-only includes.
 #pragma once
 
+#include "cuda/quick_normal.cuh"
 #include "cuda/touched_blocks.cuh"
 #include "cuda/uniform_value.cuh"
+#include "raster/degenerate.h"
 
 namespace voxelpipe::cuda {
 
@@ -13,6 +15,7 @@ struct InPlaceArgs {
   uint64_t count = 0;
   const uint32_t* values = nullptr;
   FineArgs shading;                    // of the target, where there are no values
+  DegenerateTest degenerate;           // where they are normals
   const uint32_t* negative = nullptr;  // of keys of floats; null: others
   uint32_t* out = nullptr;
   InPlace blend{};
@@ -53,6 +56,23 @@ __device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_
   }
 }
 
+// What kernels are made for, apart from values that stand ready: the ids of triangles, which are never negative, and geometric normals as keys.
+__device__ constexpr bool IsIdShader(int shader) {
+  return shader == int(FragmentShaderId::kTriangleId);
+}
+__device__ constexpr bool IsNormalShader(int shader) {
+  return shader == int(FragmentShaderId::kGeometricNormal);
+}
+
+// The keys of a triangle's unit normal, and of what shaders leave the fourth component at, of which the largest is sought.
+__device__ inline uint4 KeysOfNormal(const InPlaceArgs& args, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+  Vec3f n{};
+  if (!IsDegenerate(args.degenerate, a, b, c)) n = QuickNormal(a, b, c);
+  const uint32_t flip = args.blend == InPlace::kMaxOfComplement ? ~0u : 0;
+  return {KeyOf(BitsOf(n.x)) ^ flip, KeyOf(BitsOf(n.y)) ^ flip, KeyOf(BitsOf(n.z)) ^ flip,
+          KeyOf(BitsOf(FragmentOutput().f[3])) ^ flip};
+}
+
 // What triangle t brings, as the target keeps it. kShader: that of triangle ids, which is cheaper than to read what was made before; -1, of any
 // other: values stand ready.
 template <int kShader, int kComponents>
@@ -83,6 +103,14 @@ __device__ inline void ValuesOf(const uint32_t* values, const FineArgs& shading,
 template <int kShader, int kComponents>
 __device__ inline void KeysOf(const InPlaceArgs& args, bool plain, uint32_t t, uint32_t (&to)[kComponents]) {
   if (args.blend == InPlace::kCount) return;
+  if constexpr (IsNormalShader(kShader)) {
+    static_assert(kComponents == 4);
+    const MeshView& mesh = *args.shading.mesh;
+    const uint32_t* const v = mesh.triangles[t];
+    const uint4 keys = KeysOfNormal(args, mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]]);
+    to[0] = keys.x, to[1] = keys.y, to[2] = keys.z, to[3] = keys.w;
+    return;
+  }
   ValuesOf<kShader, kComponents>(args.values, args.shading, t, to);
 #pragma unroll
   for (int c = 0; c < kComponents; ++c) {

@@ -27,6 +27,7 @@
 #include "cuda/vertex_code.cuh"
 #include "cuda/views.h"
 #include "pipeline/stages.h"
+#include "raster/degenerate.h"
 
 namespace voxelpipe::cuda {
 
@@ -93,6 +94,7 @@ struct SpanTarget {
   bool clears_later = false;  // the kernel that makes them clears the dense target
   bool by_id = false;         // there are none: the value is the triangle's id
   FineArgs shading;           // of the target alone
+  DegenerateTest degenerate;  // of the run's triangles
   bool in_place = false;      // blended in the dense target
   bool by_rows = false;       // its sums are stored by rows (sum_rows.cuh)
 };
@@ -312,7 +314,7 @@ bool StoresByRows(RunState& state, const CudaTarget& target);
 // over: then nothing clears them before. Likewise.
 bool FillsByRows(const RunState& state);
 // Whether that clears target `index`, dense, while it makes the values of all triangles: then BeginSlab does not. Likewise.
-bool ClearsWhileShading(const RunState& state, int index, const CudaTarget& target);
+bool ClearsWhileShading(RunState& state, int index, const CudaTarget& target);
 // The values of a sparse result, whose bricks stand. `counted`: what state.counters[kSpans] was. May synchronize.
 absl::Status BlendIntoBricks(RunState& state, uint64_t counted);
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.

@@ -50,7 +50,10 @@ parity() {
   if [[ -n "$filter" ]]; then options=(--filter "$filter"); fi
   # Small grids by the ways of large ones, too.
   timeout "$(limit 100)" "$bin/cuda_parity" --quick --cache 2048 "${options[@]}" || return 1
-  if [[ -z "$filter" ]]; then timeout "$(limit 100)" "$bin/cuda_parity" --cache 2048 --filter buckets || return 1; fi
+  if [[ -z "$filter" ]]; then
+    local kind
+    for kind in buckets f32x4; do timeout "$(limit 100)" "$bin/cuda_parity" --cache 2048 --filter "$kind" || return 1; done
+  fi
   timeout "$(limit 300)" "$bin/cuda_parity" "${options[@]}" --files "${files[@]}"
 }
 

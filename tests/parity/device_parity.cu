@@ -1,9 +1,11 @@
 // Runs the arithmetic of core/raster and core/shaders on the device and on the host and compares the bits: row spans,
 // tiles, barycentrics, crossings, every shader, conversion and blending, over a random soup with slivers, points, huge and
-// outside triangles. Exit 0 if all agree, 1 if not, 77 (skipped) without a GPU.
+// outside triangles. And, on the device, quick normals (cuda/quick_normal.cuh) against plain ones, of many more vectors.
+// Exit 0 if all agree, 1 if not, 77 (skipped) without a GPU.
 #include <cstdio>
 #include <vector>
 
+#include "cuda/quick_normal.cuh"
 #include "grid/index_space.h"
 #include "load/mips.h"
 #include "raster/crossing.h"
@@ -111,6 +113,37 @@ VOXELPIPE_HD uint64_t DigestTriangle(const MeshView& mesh, uint32_t t, const Sha
 __global__ void DigestKernel(MeshView mesh, ShaderParams params, uint64_t* digests) {
   const uint32_t t = blockIdx.x * blockDim.x + threadIdx.x;
   if (t < mesh.triangle_count) digests[t] = DigestTriangle(mesh, t, params);
+}
+
+constexpr uint32_t kNormalThreads = 1 << 17, kNormalsOfThread = 512;
+
+// A step of splitmix64 (G. L. Steele et al., "Fast Splittable Pseudorandom Number Generators", OOPSLA 2014).
+__device__ uint64_t Random(uint64_t& state) {
+  uint64_t z = state += 0x9e3779b97f4a7c15;
+  z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9;
+  z = (z ^ z >> 27) * 0x94d049bb133111eb;
+  return z ^ z >> 31;
+}
+
+// Vectors of all directions and lengths, some along an axis or a plane, some of few bits, counts those whose quick normal differs.
+__global__ void CompareNormals(unsigned long long* different) {
+  uint64_t state = blockIdx.x * blockDim.x + threadIdx.x;
+  for (uint32_t i = 0; i < kNormalsOfThread; ++i) {
+    double v[3];
+    const uint64_t kind = Random(state) % 16;
+    const double scale = ldexp(1.0, int(Random(state) % (kind == 0 ? 2000 : 40)) - (kind == 0 ? 1000 : 20));
+    for (double& of : v) {
+      const uint64_t bits = Random(state);
+      const double part = kind == 1 ? double(bits % 7) - 3 : double(int64_t(bits)) * 0x1p-63;
+      const int smaller = kind == 2 ? int(bits % 200) : kind == 3 ? int(bits % 30) : 0;
+      of = kind == 4 && bits % 3 == 0 ? 0.0 : ldexp(part, -smaller) * scale;
+    }
+    const Vec3d vector{v[0], v[1], v[2]};
+    const Vec3f quick = cuda::QuickNormalized(vector), plain = Normalized(vector);
+    const bool same =
+        BitsOf(quick.x) == BitsOf(plain.x) && BitsOf(quick.y) == BitsOf(plain.y) && BitsOf(quick.z) == BitsOf(plain.z);
+    if (!same) atomicAdd(different, 1ull);
+  }
 }
 
 bool Check(cudaError_t error, const char* what) {
@@ -240,7 +273,16 @@ int Main() {
   cudaGetDeviceProperties(&properties, 0);
   std::printf("%s: %d of %d triangles give the same bits on device and host\n", properties.name, kTriangles - different,
               kTriangles);
-  return different == 0 ? 0 : 1;
+  unsigned long long* counter = nullptr;
+  unsigned long long normals = 0;
+  if (!Check(cudaMalloc(&counter, sizeof normals), "cudaMalloc") ||
+      !Check(cudaMemset(counter, 0, sizeof normals), "cudaMemset")) {
+    return 1;
+  }
+  CompareNormals<<<kNormalThreads / 128, 128>>>(counter);
+  if (!Check(cudaMemcpy(&normals, counter, sizeof normals, cudaMemcpyDeviceToHost), "cudaMemcpy")) return 1;
+  std::printf("%llu of %llu quick normals differ from plain ones\n", normals, 0ull + kNormalThreads * kNormalsOfThread);
+  return different == 0 && normals == 0 ? 0 : 1;
 }
 
 }  // namespace

@@ -221,6 +221,16 @@ inline uint32_t __reduce_min_sync(uint32_t mask, uint32_t v) {
   return EmulatedReduce(mask, v, [](uint32_t a, uint32_t b) { return a < b ? a : b; });
 }
 
+inline int __double2loint(double v) {
+  return int(uint32_t(std::bit_cast<uint64_t>(v)));
+}
+inline int __double2hiint(double v) {
+  return int(uint32_t(std::bit_cast<uint64_t>(v) >> 32));
+}
+inline float rsqrtf(float v) {
+  return 1.0f / std::sqrt(v);
+}
+
 inline int __popc(uint32_t v) {
   return std::popcount(v);
 }

@@ -1,0 +1,58 @@
+#include "cuda/four_cells.h"
+
+#include <algorithm>
+
+#include "cuda/blend_store.h"
+#include "cuda/cells.h"
+#include "cuda/four_walk.cuh"
+
+namespace voxelpipe::cuda {
+namespace {
+
+constexpr int kNormal = int(FragmentShaderId::kGeometricNormal);
+
+template <bool kThin>
+auto KernelFor(bool normals) {
+  return normals ? BlendFours<kThin, kNormal> : BlendFours<kThin, -1>;
+}
+
+}  // namespace
+
+bool GoesByFours(RunState& state, const CudaTarget& target) {
+  const VoxelizeRequest& request = state.request.request;
+  if (!state.direct || request.result != ResultKind::kDense || request.layout == Layout::kPlanar) return false;
+  if (target.components != 4 || target.format != VoxelFormat::kF32 || !IsInPlace(target)) return false;
+  const auto has_values = [](const TargetSpec& spec) { return spec.format != VoxelFormat::kBit; };
+  if (std::count_if(request.targets.begin(), request.targets.end(), has_values) != 1) return false;
+  return IsFine(state) && !NeedsOrder(state);
+}
+
+bool ShadesByFours(RunState& state, const CudaTarget& target) {
+  // Of a triangle without normals of its vertices both are the same.
+  const bool normals =
+      target.shader == FragmentShaderId::kNormal || target.shader == FragmentShaderId::kGeometricNormal;
+  return normals && GoesByFours(state, target);
+}
+
+absl::Status BlendByFours(RunState& state, const CudaTarget& target, const BlendWriterArgs& args) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  VOXELPIPE_OK_OR_RETURN(PrepareQueues(state, args.cover.fragments));
+  const RestArgs rest = MakeRestArgs(state, 0, triangles, false);
+  FourWalkArgs walk;
+  walk.walk = rest.walk;
+  walk.walk.rounds =
+      RoundsFor(triangles, kFourThreads, uint64_t(state.device.multiprocessors) * kFourBlocks, kMostFourRounds);
+  walk.four.blend = args.blend;
+  walk.four.bits = walk.walk.bits;
+  walk.four.ny = uint32_t(state.slab_dims[1]);
+  walk.fragments = args.cover.fragments;
+  const uint64_t each = uint64_t(walk.walk.rounds) * kFourThreads;
+  const bool normals = ShadesByFours(state, target);
+  const auto kernel = walk.walk.coverage == Coverage::kThin ? KernelFor<true>(normals) : KernelFor<false>(normals);
+  kernel<<<unsigned((triangles + each - 1) / each), kFourThreads, 0, state.stream>>>(walk);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BlendFours");
+  const auto emit_waiting = normals ? EmitWaiting<BlendWriter<kNormal, 4>> : EmitWaiting<BlendWriter<-1, 4>>;
+  return emit_waiting(state, rest, args);
+}
+
+}  // namespace voxelpipe::cuda
