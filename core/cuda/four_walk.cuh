@@ -6,6 +6,7 @@
 #pragma once
 
 #include "cuda/cell_walk.cuh"
+#include "cuda/corners_ahead.cuh"
 #include "cuda/four_blend.cuh"
 #include "cuda/span_kernels.cuh"
 
@@ -25,9 +26,9 @@ struct FourWalkArgs {
 struct FourWarpRoom {
   union {
     CellSpan table[kBlockSide][32];
-    double positions[32][9];  // corners of the next triangle
+    PositionsAhead positions;
   };
-  uint32_t corners[2][32][3];  // their numbers, and those of the triangle after that
+  CornersAhead corners;
   uint4 keys[32];
   LaneBox box;
 };
@@ -39,34 +40,6 @@ struct FourRoom {
   uint32_t row_count, waiting_count;
   uint32_t turn;  // that the next warp takes
   unsigned long long first;
-};
-
-// What a block asks for ahead of its triangle `local`.
-struct FourAhead {
-  const BitArgs& walk;
-  FourWarpRoom& room;
-  uint64_t chunk;  // the block's first triangle
-  uint32_t here;   // how many it has
-
-  __device__ uint32_t (&CornersOf(uint32_t local) const)[3] {
-    return room.corners[local / kFourThreads % 2][threadIdx.x % 32];
-  }
-  __device__ void AskCorners(uint32_t local) const {
-    if (local >= here) return;
-    const uint32_t* const from = walk.triangles + 3 * (chunk + local);
-    uint32_t(&to)[3] = CornersOf(local);
-    for (int c = 0; c < 3; ++c) CopyLater(to + c, from + c);
-  }
-  // Once its corners are there.
-  __device__ void AskPositions(uint32_t local) const {
-    if (local >= here) return;
-    const uint32_t(&v)[3] = CornersOf(local);
-    double(&to)[9] = room.positions[threadIdx.x % 32];
-    for (int c = 0; c < 3; ++c) {
-      const double* const from = &walk.positions[v[c]].x;
-      for (int a = 0; a < 3; ++a) CopyLater(to + (3 * c + a), from + a);
-    }
-  }
 };
 
 // What triangle t brings, where that is not the normal of corners at hand.
@@ -92,33 +65,22 @@ __global__ void __launch_bounds__(kFourThreads, kFourBlocks) BlendFours(const __
   const bool fixed = GoesByFixed(walk);
   const auto slab_begin = uint32_t(walk.grid.slab_begin);
   uint64_t fragments = 0;
-  const FourAhead ahead{walk, own, chunk, here};
-  ahead.AskCorners(threadIdx.x);
-  AwaitCopies();
-  ahead.AskPositions(threadIdx.x);
-  ahead.AskCorners(threadIdx.x + kFourThreads);
+  const WalkAhead<kFourThreads> ahead{walk, own.positions, own.corners, chunk, here};
+  ahead.Begin();
   for (int round = 0; round < walk.rounds; ++round) {
     const uint32_t local = uint32_t(round) * kFourThreads + threadIdx.x, t = uint32_t(chunk) + local;
-    AwaitCopies();
-    const double(&p)[9] = own.positions[lane];
-    const Vec3d corners[3] = {{p[0], p[1], p[2]}, {p[3], p[4], p[5]}, {p[6], p[7], p[8]}};
-    ahead.AskPositions(local + kFourThreads);
-    ahead.AskCorners(local + 2 * kFourThreads);
+    const WorldCorners corners = ahead.Take(local);
     CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
     if (local < here) {
       if constexpr (IsNormalShader(kShader)) {
-        own.keys[lane] = KeysOfNormal(args.four.blend, corners[0], corners[1], corners[2]);
+        own.keys[lane] = KeysOfNormal(args.four.blend, corners.at[0], corners.at[1], corners.at[2]);
       } else {
         own.keys[lane] = FourKeysOf<kShader>(args.four.blend, t);
       }
       if (fixed) {
-        for (int c = 0; c < 3; ++c) {
-          for (int a = 0; a < 3; ++a) {
-            triangle.v.at[c][a] = ToFixed(corners[c][a], walk.fixed.scale[a], walk.fixed.offset[a]);
-          }
-        }
+        triangle.v = FixedOf(walk, corners);
         fate = FindFate<kThin>(walk, triangle, octants);
         if (fate == CellFate::kRows && !IsBlock(walk, triangle.box)) fate = CellFate::kLayers;
       } else {
