@@ -16,6 +16,16 @@ struct KeyArgs {
   bool planar, complement, is_float;
 };
 
+// Four words of an array from number `at` on, a multiple of 4; those behind its end are 0.
+__device__ inline uint4 FourWords(const uint32_t* array, uint64_t at, uint64_t words) {
+  if (at + 4 <= words) return *reinterpret_cast<const uint4*>(array + at);
+  uint4 four{0, 0, 0, 0};
+  if (at < words) four.x = array[at];
+  if (at + 1 < words) four.y = array[at + 1];
+  if (at + 2 < words) four.z = array[at + 2];
+  return four;
+}
+
 // Calls visit(word, x) for the set bits of a bit grid. A warp looks at 128 words at a time, for most are empty, and
 // gives each bit a lane.
 template <typename Visit>
@@ -25,11 +35,7 @@ __device__ inline void ForEachSetBit(const uint32_t* grid, uint64_t words, Visit
   for (uint64_t begin = (uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32) * 128; begin < words;
        begin += warps * 128) {
     const uint64_t mine = begin + lane * 4;
-    uint4 four{0, 0, 0, 0};
-    if (mine < words) four = *reinterpret_cast<const uint4*>(grid + mine);  // arrays end on whole units of 16 bytes
-    if (mine + 1 >= words) four.y = 0;
-    if (mine + 2 >= words) four.z = 0;
-    if (mine + 3 >= words) four.w = 0;
+    const uint4 four = FourWords(grid, mine, words);
     const int in_x = __popc(four.x), in_y = __popc(four.y), in_z = __popc(four.z);
     uint32_t total;
     const uint32_t first = WarpExclusiveSum(uint32_t(in_x + in_y + in_z + __popc(four.w)), total);
@@ -79,14 +85,10 @@ __global__ void __launch_bounds__(kBlendThreads)
 #pragma unroll
   for (int i = 0; i < kEach; i += 4) {
     const uint64_t at = begin + uint64_t(i) * kBlendThreads;
-    uint4 four{0, 0, 0, 0};
-    if (at < words) four = *reinterpret_cast<const uint4*>(bits + at);  // arrays end on whole units of 16 bytes
+    const uint4 four = FourWords(bits, at, words);
     word[i] = four.x, word[i + 1] = four.y, word[i + 2] = four.z, word[i + 3] = four.w;
 #pragma unroll
-    for (int k = 0; k < 4; ++k) {
-      if (at + uint64_t(k) >= words) word[i + k] = 0;
-      count += uint32_t(__popc(word[i + k]));
-    }
+    for (int k = 0; k < 4; ++k) count += uint32_t(__popc(word[i + k]));
   }
   auto rank = uint32_t(BlockAllocate<kBlendThreads>(counter, count, room));
 #pragma unroll
