@@ -85,6 +85,21 @@ void AddBricks(std::vector<ParityCase>& cases, int64_t n) {
   cases.push_back(c);
 }
 
+// Largest and least values of four components of a fine mesh, which are blended as its triangles are found.
+void AddFours(std::vector<ParityCase>& cases, int64_t n) {
+  for (const Blend blend : {Blend::kMax, Blend::kMin}) {
+    ParityCase c;
+    c.request.grid = UnitCube(n);
+    if (blend == Blend::kMin) c.request.coverage = Coverage::kThin;
+    TargetSpec& target = c.request.targets[0];
+    target.format = VoxelFormat::kF32;
+    target.components = 4;
+    target.blend = blend;
+    target.shader = {blend == Blend::kMax ? "normal" : "triangle_id", {}};
+    cases.push_back(c);
+  }
+}
+
 }  // namespace
 
 std::vector<ParityCase> BenchMeshCases(const std::string& mesh) {
@@ -104,6 +119,7 @@ std::vector<ParityCase> BenchMeshCases(const std::string& mesh) {
     if (n > 512 && mesh == "bunny1M") AddBricks(cases, 2 * n);
     if (n > 512) continue;
     if (mesh == "nasty") AddFilled(cases, n);
+    if (mesh == "bunny1M" || mesh == "sphere10M") AddFours(cases, n);
     c.request.grid = UnitCube(n);
     c.request.result = ResultKind::kBuckets;
     cases.push_back(c);
