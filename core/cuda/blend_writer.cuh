@@ -19,7 +19,7 @@ class BlendWriter {
   using Args = BlendWriterArgs;
   static constexpr bool kPartsInRow = false;
   __device__ BlendWriter(const BlendWriterArgs& args, uint32_t)
-      : args_(args), plain_(args.blend.negative != nullptr && (IsIdShader(kShader) || *args.blend.negative == 0)) {}
+      : args_(args), plain_(args.blend.negative != nullptr && (kShader >= 0 || *args.blend.negative == 0)) {}
 
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
     uint32_t key[kComponents] = {};
@@ -27,7 +27,7 @@ class BlendWriter {
     if (length > 0) KeysOf<kShader, kComponents>(args_.blend, plain_, t, key);
     fragments_ += length;
     bool touches = false;  // ids alone do
-    if constexpr (IsIdShader(kShader)) touches = args_.blend.touched.marks != nullptr;
+    if constexpr (kShader >= 0) touches = args_.blend.touched.marks != nullptr;
     if (touches) {
       const auto ny = uint32_t(args_.cover.grid.dims[1]);
       if (length > 0) args_.blend.touched.TouchRow(x_begin, x_end, int(row % ny), int(row / ny));

@@ -9,11 +9,9 @@
 namespace voxelpipe::cuda {
 namespace {
 
-constexpr int kNormal = int(FragmentShaderId::kGeometricNormal);
-
 template <bool kThin>
 auto KernelFor(bool normals) {
-  return normals ? BlendFours<kThin, kNormal> : BlendFours<kThin, -1>;
+  return normals ? BlendFours<kThin, kNormalShader> : BlendFours<kThin, -1>;
 }
 
 }  // namespace
@@ -51,7 +49,7 @@ absl::Status BlendByFours(RunState& state, const CudaTarget& target, const Blend
   const auto kernel = walk.walk.coverage == Coverage::kThin ? KernelFor<true>(normals) : KernelFor<false>(normals);
   kernel<<<unsigned((triangles + each - 1) / each), kFourThreads, 0, state.stream>>>(walk);
   VOXELPIPE_LAUNCHED_OR_RETURN("BlendFours");
-  const auto emit_waiting = normals ? EmitWaiting<BlendWriter<kNormal, 4>> : EmitWaiting<BlendWriter<-1, 4>>;
+  const auto emit_waiting = normals ? EmitWaiting<BlendWriter<kNormalShader, 4>> : EmitWaiting<BlendWriter<-1, 4>>;
   return emit_waiting(state, rest, args);
 }
 

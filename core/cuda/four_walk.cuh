@@ -50,7 +50,7 @@ __device__ __noinline__ inline uint4 FourKeysOf(const InPlaceArgs& args, uint32_
   return {key[0], key[1], key[2], key[3]};
 }
 
-// kShader: that of normals, or -1 for values that stand ready.
+// kShader: kNormalShader, or -1 for values that stand ready.
 template <bool kThin, int kShader>
 __global__ void __launch_bounds__(kFourThreads, kFourBlocks) BlendFours(const __grid_constant__ FourWalkArgs args) {
   __shared__ FourRoom room;
@@ -74,7 +74,7 @@ __global__ void __launch_bounds__(kFourThreads, kFourBlocks) BlendFours(const __
     FixedTriangle triangle{};
     uint32_t octants = 0;
     if (local < here) {
-      if constexpr (IsNormalShader(kShader)) {
+      if constexpr (kShader == kNormalShader) {
         own.keys[lane] = KeysOfNormal(args.four.blend, corners.at[0], corners.at[1], corners.at[2]);
       } else {
         own.keys[lane] = FourKeysOf<kShader>(args.four.blend, t);

@@ -56,13 +56,8 @@ __device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_
   }
 }
 
-// What kernels are made for, apart from values that stand ready: the ids of triangles, which are never negative, and geometric normals as keys.
-__device__ constexpr bool IsIdShader(int shader) {
-  return shader == int(FragmentShaderId::kTriangleId);
-}
-__device__ constexpr bool IsNormalShader(int shader) {
-  return shader == int(FragmentShaderId::kGeometricNormal);
-}
+// The kShader of kernels that make geometric normals; as others have it, that of triangle ids is a shader's number, and -1 says that values stand ready.
+inline constexpr int kNormalShader = -2;
 
 // The keys of a triangle's unit normal, and of what shaders leave the fourth component at, of which the largest is sought.
 __device__ inline uint4 KeysOfNormal(const InPlaceArgs& args, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
@@ -103,7 +98,7 @@ __device__ inline void ValuesOf(const uint32_t* values, const FineArgs& shading,
 template <int kShader, int kComponents>
 __device__ inline void KeysOf(const InPlaceArgs& args, bool plain, uint32_t t, uint32_t (&to)[kComponents]) {
   if (args.blend == InPlace::kCount) return;
-  if constexpr (IsNormalShader(kShader)) {
+  if constexpr (kShader == kNormalShader) {
     static_assert(kComponents == 4);
     const MeshView& mesh = *args.shading.mesh;
     const uint32_t* const v = mesh.triangles[t];

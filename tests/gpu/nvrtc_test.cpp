@@ -178,6 +178,21 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
 
+TEST(NvrtcTest, CompilesTheKernelsThatBlendByFours) {
+  const std::string in = "voxelpipe::cuda::";
+  const std::vector<std::string> kernels = {
+      in + "BlendFours<true, -1>",
+      in + "BlendFours<false, " + in + "kNormalShader>",
+      in + "EmitRest<" + in + "BlendWriter<" + in + "kNormalShader, 4>>",
+  };
+  std::vector<const char*> names;
+  for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
+  const Compiled compiled =
+      Compile(std::string(kShader) + "#include \"cuda/blend_writer.cuh\"\n#include \"cuda/four_walk.cuh\"\n", names);
+  EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
+  EXPECT_GT(compiled.cubin.size(), 1000u);
+}
+
 TEST(NvrtcTest, CompilesTheKernelsOfAPoolOfBricks) {
   const std::string in = "voxelpipe::cuda::";
   const std::vector<std::string> kernels = {
