@@ -225,10 +225,7 @@ absl::Status BlendWhatIsFound(RunState& state, int index) {
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
   const bool by_id = memory.by_id, by_fours = GoesByFours(state, target);
-  if (by_fours) {  // which has no look at whether some value is negative
-    VOXELPIPE_OK_OR_RETURN(memory.negative.Resize(1, state.stream));
-    VOXELPIPE_OK_OR_RETURN(memory.negative.Fill(1, state.stream));
-  }
+  if (by_fours) memory.negative.Free();  // keys stay keys, whether some value is negative or not
   BlendWriterArgs args;
   args.cover = CoverArgs(state, triangles);
   args.cover.fragments = FragmentSlots(state);

@@ -16,7 +16,7 @@ struct InPlaceArgs {
   const uint32_t* values = nullptr;
   FineArgs shading;                    // of the target, where there are no values
   DegenerateTest degenerate;           // where they are normals
-  const uint32_t* negative = nullptr;  // of keys of floats; null: others
+  const uint32_t* negative = nullptr;  // of keys of floats: 0 where they may go plain; null: never, or others
   uint32_t* out = nullptr;
   InPlace blend{};
   bool planar = false;

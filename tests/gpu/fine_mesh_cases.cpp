@@ -49,6 +49,33 @@ std::vector<ParityCase> RowCases(const ParityMesh& named, size_t triangles) {
   return cases;
 }
 
+std::vector<ParityCase> FourCases(const ParityMesh& named) {
+  std::vector<ParityCase> cases;
+  if (named.extent <= 0) return cases;
+  const auto e = int64_t(named.extent);
+  const double third = named.extent / 3;
+  const GridRequest grids[4] = {Placed({e, e, e}, {0, 0, 0}, {1, 1, 1}), Placed({65, 17, 23}, {0, 0, 0}, {1, 1, 1}),
+                                Placed({e, e - 3, e + 2}, {-1.25, 0.5, 2}, {0.75, 1, 4.0 / 3}),
+                                Placed({97, 41, 53}, {third, third, named.extent / 4}, {0.1, 0.125, 0.3})};
+  constexpr Coverage kCoverages[3] = {Coverage::kConservative, Coverage::kThin, Coverage::kCenter};
+  constexpr const char* kShaders[3] = {"normal", "geometric_normal", "triangle_id"};
+  for (size_t i = 0; i < 12; ++i) {
+    ParityCase c;
+    c.request.grid = grids[i % 4];
+    c.request.coverage = kCoverages[i / 2 % 3];
+    if (i % 4 == 3) c.request.fill = Fill::kParity;
+    TargetSpec& target = c.request.targets[0];
+    target.format = VoxelFormat::kF32;
+    target.components = 4;
+    target.blend = i % 2 == 0 ? Blend::kMax : Blend::kMin;
+    target.shader = {kShaders[(i + i / 6) % 3], {}};
+    if (i % 5 == 3) c.request.targets.emplace_back();  // of occupancy
+    c.slab_depth = i % 7 == 6 ? 8 : 0;
+    cases.push_back(c);
+  }
+  return cases;
+}
+
 std::vector<ParityCase> BundleCases(const ParityMesh& named, size_t triangles) {
   std::vector<ParityCase> cases;
   if (named.extent <= 0 || triangles < 500 || triangles > 80'000) return cases;

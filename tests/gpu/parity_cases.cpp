@@ -395,28 +395,6 @@ std::vector<ParityCase> PooledCases(const ParityMesh& named) {
   return cases;
 }
 
-std::vector<ParityCase> FourCases(const ParityMesh& named) {
-  const std::vector<GridRequest> grids = GridsFor(named.extent);
-  constexpr size_t kGrids[4] = {0, 6, 12, 13};
-  constexpr const char* kShaders[3] = {"normal", "geometric_normal", "triangle_id"};
-  std::vector<ParityCase> cases;
-  for (size_t i = 0; i < 12; ++i) {
-    ParityCase c;
-    c.request.grid = grids[kGrids[i % 4]];
-    c.request.coverage = kCoverages[i / 2 % 3];
-    if (i % 4 == 3) c.request.fill = Fill::kParity;
-    TargetSpec& target = c.request.targets[0];
-    target.format = VoxelFormat::kF32;
-    target.components = 4;
-    target.blend = i % 2 == 0 ? Blend::kMax : Blend::kMin;
-    target.shader = {kShaders[(i + i / 6) % 3], {}};
-    if (i % 5 == 3) c.request.targets.emplace_back();  // of occupancy
-    c.slab_depth = i % 7 == 6 ? 8 : 0;
-    cases.push_back(c);
-  }
-  return cases;
-}
-
 std::vector<ParityCase> LargestIdCases(const ParityMesh& named) {
   std::vector<ParityCase> cases;
   for (const GridRequest& grid : GridsFor(named.extent)) {

@@ -45,8 +45,6 @@ inline void AppendTo(std::vector<ParityCase>& cases, const std::vector<ParityCas
 std::vector<ParityCase> QuickCases(const ParityMesh& named);
 // Largest and least values in sparse results, which have a way of their own: shaders, formats, coverages, grids and slabs.
 std::vector<ParityCase> PooledCases(const ParityMesh& named);
-// Largest and least values of four components in dense results, which have a way of their own in fine meshes: shaders, coverages, fills, grids and slabs.
-std::vector<ParityCase> FourCases(const ParityMesh& named);
 // The largest triangle ids in dense results, whose covered voxels are counted by their values: formats, coverages, grids and slabs.
 std::vector<ParityCase> LargestIdCases(const ParityMesh& named);
 // Each way to make a result, in a grid of 56 layers, for meshes about [0, 40].

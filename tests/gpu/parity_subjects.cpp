@@ -22,7 +22,7 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   if (!options.quick || !(rows || bundles)) subject.cases = BrickCases(named, triangles);
   if (!options.quick || rows) AppendTo(subject.cases, RowCases(named, triangles));
   if (!options.quick || rows || bundles) AppendTo(subject.cases, BundleCases(named, triangles));
-  if (named.extent > 0) AppendTo(subject.cases, FourCases(named));
+  AppendTo(subject.cases, FourCases(named));
   if (options.quick && (bricks || rows || bundles)) return subject;
   const CaseSizes sizes{first ? 300 : subject.rigged ? 96 : subject.large ? 16 : 32, !named.refusable, first};
   const auto others =
