@@ -59,7 +59,9 @@ absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& me
   keys.planar = state.targets.planar;
   keys.complement = target.blend == Blend::kMin;
   keys.is_float = is_float;
-  KeysToValues<<<BlendBlocks(state, keys.words), kBlendThreads, 0, state.stream>>>(keys);
+  // As many blocks as there is work: some of them have much more than others.
+  const unsigned blocks = BlocksFor(keys.words, kBlendThreads / 32 * kWordsOfWarp);
+  LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kBlendThreads, KeysToValues, keys);
   VOXELPIPE_LAUNCHED_OR_RETURN("KeysToValues");
   return absl::OkStatus();
 }

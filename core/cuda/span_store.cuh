@@ -26,48 +26,111 @@ __device__ inline uint4 FourWords(const uint32_t* array, uint64_t at, uint64_t w
   return four;
 }
 
-// Calls visit(word, x) for the set bits of a bit grid. A warp looks at 128 words at a time, for most are empty, and
-// gives each bit a lane.
+inline constexpr uint64_t kWordsOfWarp = 128;  // that a warp looks at a time
+
+// The set bits of a warp's words of a bit grid, numbered in order, for most words are empty. All lanes call each.
+class SetBits {
+ public:
+  // Of kWordsOfWarp words from number `begin` on.
+  __device__ SetBits(const uint32_t* grid, uint64_t begin, uint64_t words)
+      : begin_(begin), four_(FourWords(grid, begin + threadIdx.x % 32 * 4, words)) {
+    before_ = WarpExclusiveSum(uint32_t(__popc(four_.x) + __popc(four_.y) + __popc(four_.z) + __popc(four_.w)), total_);
+  }
+  __device__ uint32_t total() const { return total_; }
+  // Where a lane's bit stands; of no meaning where there are not so many.
+  __device__ void Find(uint32_t number, uint64_t& word, uint32_t& x) const {
+    const int owner = LaneOfItem(before_, number);
+    int left = int(number - __shfl_sync(~0u, before_, owner));
+    const uint32_t of[4] = {__shfl_sync(~0u, four_.x, owner), __shfl_sync(~0u, four_.y, owner),
+                            __shfl_sync(~0u, four_.z, owner), __shfl_sync(~0u, four_.w, owner)};
+    if (number >= total_) return;
+    uint32_t bits = of[0];
+    int which = 0;
+#pragma unroll
+    for (int next = 1; next < 4; ++next) {
+      if (which == next - 1 && left >= __popc(bits)) left -= __popc(bits), bits = of[next], which = next;
+    }
+    for (; left > 0; --left) bits &= bits - 1;
+    word = begin_ + uint64_t(owner) * 4 + uint64_t(which);
+    x = uint32_t(__ffs(int(bits)) - 1);
+  }
+
+ private:
+  uint64_t begin_;
+  uint4 four_;
+  uint32_t before_, total_;
+};
+
+// Calls visit(word, x) for the set bits of a bit grid, each by a lane.
 template <typename Visit>
 __device__ inline void ForEachSetBit(const uint32_t* grid, uint64_t words, Visit&& visit) {
-  const uint64_t warps = uint64_t(gridDim.x) * (kBlendThreads / 32);
-  const unsigned lane = threadIdx.x % 32;
-  for (uint64_t begin = (uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32) * 128; begin < words;
-       begin += warps * 128) {
-    const uint64_t mine = begin + lane * 4;
-    const uint4 four = FourWords(grid, mine, words);
-    const int in_x = __popc(four.x), in_y = __popc(four.y), in_z = __popc(four.z);
-    uint32_t total;
-    const uint32_t first = WarpExclusiveSum(uint32_t(in_x + in_y + in_z + __popc(four.w)), total);
-    for (uint32_t number = lane; number - lane < total; number += 32) {
-      const int owner = LaneOfItem(first, number);
-      int left = int(number - __shfl_sync(~0u, first, owner));
-      const int a = __shfl_sync(~0u, in_x, owner), b = __shfl_sync(~0u, in_y, owner), c = __shfl_sync(~0u, in_z, owner);
-      const uint32_t x = __shfl_sync(~0u, four.x, owner), y = __shfl_sync(~0u, four.y, owner);
-      const uint32_t z = __shfl_sync(~0u, four.z, owner), w = __shfl_sync(~0u, four.w, owner);
-      if (number >= total) continue;
-      uint32_t bits = x;
-      int which = 0;
-      if (left >= a) bits = y, which = 1, left -= a;
-      if (which == 1 && left >= b) bits = z, which = 2, left -= b;
-      if (which == 2 && left >= c) bits = w, which = 3, left -= c;
-      for (; left > 0; --left) bits &= bits - 1;
-      visit(begin + uint64_t(owner) * 4 + uint64_t(which), unsigned(__ffs(int(bits)) - 1));
+  const uint64_t step = uint64_t(gridDim.x) * (kBlendThreads / 32) * kWordsOfWarp;
+  uint64_t begin = (uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32) * kWordsOfWarp;
+  for (; begin < words; begin += step) {
+    const SetBits bits(grid, begin, words);
+    for (uint32_t first = 0; first < bits.total(); first += 32) {
+      const uint32_t number = first + threadIdx.x % 32;
+      uint64_t word = 0;
+      uint32_t x = 0;
+      bits.Find(number, word, x);
+      if (number < bits.total()) visit(word, x);
     }
   }
 }
 
-// The keys of covered voxels become values.
+__device__ inline uint32_t ValueOfCell(const KeyArgs& args, bool plain, uint32_t cell) {
+  const uint32_t key = args.complement ? ~cell : cell;
+  return args.is_float && !plain ? BitsOfKey(key) : key;
+}
+__device__ inline uint64_t VoxelOf(const KeyArgs& args, uint64_t word, uint32_t x) {
+  const auto w = uint32_t(word), per_row = uint32_t(args.words_per_row),
+             row = w / per_row;  // cells of 32 words each are fewer
+  return uint64_t{row} * uint64_t(args.nx) + (w - row * per_row) * 32 + x;
+}
+
+// Keys of four components, each one access.
+__device__ inline void FoursToValues(const KeyArgs& args, bool plain) {
+  constexpr int kAtOnce = 4;  // voxels of a lane, all of which are read before any is written
+  const uint64_t step = uint64_t(gridDim.x) * (kBlendThreads / 32) * kWordsOfWarp;
+  uint64_t begin = (uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32) * kWordsOfWarp;
+  uint4* const cells = reinterpret_cast<uint4*>(args.out);
+  for (; begin < args.words; begin += step) {
+    const SetBits bits(args.coverage, begin, args.words);
+    for (uint32_t first = 0; first < bits.total(); first += 32 * kAtOnce) {
+      uint64_t voxel[kAtOnce];
+      uint4 cell[kAtOnce];
+#pragma unroll
+      for (uint32_t i = 0; i < kAtOnce; ++i) {
+        const uint32_t number = first + 32 * i + threadIdx.x % 32;
+        if (first + 32 * i >= bits.total()) break;
+        uint64_t word = 0;
+        uint32_t x = 0;
+        bits.Find(number, word, x);
+        voxel[i] = VoxelOf(args, word, x);
+        if (number < bits.total()) cell[i] = cells[voxel[i]];
+      }
+#pragma unroll
+      for (uint32_t i = 0; i < kAtOnce; ++i) {
+        if (first + 32 * i + threadIdx.x % 32 >= bits.total()) break;
+        const uint4& c = cell[i];
+        cells[voxel[i]] = {ValueOfCell(args, plain, c.x), ValueOfCell(args, plain, c.y), ValueOfCell(args, plain, c.z),
+                           ValueOfCell(args, plain, c.w)};
+      }
+    }
+  }
+}
+
+// The keys of covered voxels become values. May begin early.
 __global__ void __launch_bounds__(kBlendThreads) KeysToValues(const __grid_constant__ KeyArgs args) {
+  AwaitEarlier();
   const bool plain = args.negative != nullptr && *args.negative == 0;
   if (plain && !args.complement) return;
-  ForEachSetBit(args.coverage, args.words, [&](uint64_t word, unsigned lane) {
-    const uint64_t row = word / uint64_t(args.words_per_row), w = word % uint64_t(args.words_per_row);
-    const uint64_t n = row * uint64_t(args.nx) + w * 32 + lane;
+  if (args.components == 4 && !args.planar) return FoursToValues(args, plain);
+  ForEachSetBit(args.coverage, args.words, [&](uint64_t word, uint32_t x) {
+    const uint64_t n = VoxelOf(args, word, x);
     for (uint64_t c = 0; c < uint64_t(args.components); ++c) {
       uint32_t* const cell = args.out + (args.planar ? c * args.voxels + n : n * uint64_t(args.components) + c);
-      const uint32_t key = args.complement ? ~*cell : *cell;
-      *cell = args.is_float && !plain ? BitsOfKey(key) : key;
+      *cell = ValueOfCell(args, plain, *cell);
     }
   });
 }
