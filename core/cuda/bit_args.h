@@ -1,9 +1,10 @@
-// The part of BitArgs that every walk over a run's triangles has in common. Included by .cu files only.
+// The part of BitArgs that every walk over a run's triangles has in common, and what else is told from the run's grid and the mesh's box. Included by .cu files only.
 #pragma once
 
 #include "cuda/bit_grid.cuh"
 #include "cuda/run_state.h"
 #include "grid/index_space.h"
+#include "raster/degenerate.h"
 
 namespace voxelpipe::cuda {
 
@@ -19,6 +20,13 @@ inline void SetTriangles(const RunState& state, BitArgs& args) {
   args.triangles = state.mesh.triangle_list();
   args.positions = mesh.positions;
   args.triangle_count = mesh.triangle_count;
+}
+
+// The test of the run's triangles.
+inline DegenerateTest DegenerateTestOf(const RunState& state) {
+  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
+  return MakeDegenerateTest(origin, size, WorldToIndex(origin, size, state.box.min),
+                            WorldToIndex(origin, size, state.box.max));
 }
 
 // Has the walk read packed vertices, where there are such (scattered.h). `placed`: triangles are then numbered by place.

@@ -69,6 +69,12 @@ __device__ inline CellFate FateByRows(const FixedBox& box, int greatest, const i
   return QueueOf(width, layers);
 }
 
+// Of a box of at most two voxels along each axis the octants about its inner corner.
+__device__ inline uint32_t OctantsOf(const FixedBox& box) {
+  const auto far = [&box](int a, uint32_t near) { return near + uint32_t(box.last[a] - box.first[a]) * (0xff - near); };
+  return far(0, 0x55) & far(1, 0x33) & far(2, 0x0f);
+}
+
 // What is found of a triangle, whose corners stand in `t`, by its box alone, which is put there. Where it is done, `octants` about the inner corner of the
 // box.
 template <bool kThin>
@@ -119,9 +125,7 @@ __device__ inline bool FindOctants(const BitArgs& args, const FixedTriangle& t, 
   const FixedBox& box = t.box;
   int corner[3];
   for (int a = 0; a < 3; ++a) corner[a] = (box.first[a] + 1) << args.fixed.bits;
-  const uint32_t in_box = (box.first[0] == box.last[0] ? 0x55u : 0xffu) &
-                          (box.first[1] == box.last[1] ? 0x33u : 0xffu) & (box.first[2] == box.last[2] ? 0x0fu : 0xffu);
-  const Octants o = TouchedOctants<kThin>(t.v.at, corner, in_box, args.fixed);
+  const Octants o = TouchedOctants<kThin>(t.v.at, corner, OctantsOf(box), args.fixed);
   if (o.doubtful) return false;
   octants = o.touched;
   return true;

@@ -53,10 +53,13 @@ bool CellsReach(const RunState& state, const int64_t (&dims)[3]) {
          state.host.view.triangle_count <= kMostSpanTriangles;
 }
 
+bool GoesByFixed(const RunState& state) {
+  return CanOrder(MakeCellWalk(state));
+}
+
 // Plain bits begin to be ordered in larger grids; blends in smaller ones were not measured.
 bool NeedsOrder(RunState& state) {
-  return ExceedsCache(state.device, state.slab_words() * sizeof(uint32_t)) && CanOrder(MakeCellWalk(state)) &&
-         IsScattered(state);
+  return ExceedsCache(state.device, state.slab_words() * sizeof(uint32_t)) && GoesByFixed(state) && IsScattered(state);
 }
 
 namespace {

@@ -9,6 +9,9 @@
 
 namespace voxelpipe::cuda {
 
+// Whether walks over the run's triangles go by fixed point; where not, all triangles wait for what comes behind the walk.
+bool GoesByFixed(const RunState& state);
+
 // Whether triangles are better taken by place (triangle_order.h): they lie scattered, and the cache does not hold the slab. FindAllCells does so
 // where it leaves records and bits, and there is room for the order.
 bool NeedsOrder(RunState& state);

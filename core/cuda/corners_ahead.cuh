@@ -20,56 +20,55 @@ __device__ inline FixedCorners FixedOf(const BitArgs& args, const WorldCorners& 
 
 // Each lane's, of a warp, on their way: the positions of its next triangle's corners, and the numbers of those and of the triangle's after that.
 struct PositionsAhead {
-  double of[32][9];
+  double of[9][32];
 };
 struct CornersAhead {
-  uint32_t of[2][32][3];
+  uint32_t of[32][3];
 };
 
-// What a block of kThreads asks for a round ahead, of its triangles from `chunk` on, numbered from there, of which it has `here`; each thread those that
-// are kThreads apart.
-template <int kThreads>
+// What a lane asks for a round ahead, of triangles kStep apart; of those alone that come before `end`, which is below 2^32 by twice as much.
+template <uint32_t kStep>
 struct WalkAhead {
   const BitArgs& walk;
-  PositionsAhead& positions;  // of the warp
+  PositionsAhead& positions;
   CornersAhead& corners;
-  uint64_t chunk;
-  uint32_t here;
+  uint32_t end;
 
-  // Before the first Take.
-  __device__ void Begin() const {
-    AskCorners(threadIdx.x);
+  // Before the first Take, which takes triangle t.
+  __device__ void Begin(uint32_t t) const {
+    AskCorners(t);
     AwaitCopies();
-    AskPositions(threadIdx.x);
-    AskCorners(threadIdx.x + kThreads);
+    AskPositions(t);
+    AskCorners(t + kStep);
   }
-  // The corners of triangle `local`, of no meaning where there is none, and asks for others.
-  __device__ WorldCorners Take(uint32_t local) const {
+  // The corners of triangle t, of no meaning where there is none, and asks for others.
+  __device__ WorldCorners Take(uint32_t t) const {
     AwaitCopies();
-    const double(&p)[9] = positions.of[threadIdx.x % 32];
-    const WorldCorners taken = {{{p[0], p[1], p[2]}, {p[3], p[4], p[5]}, {p[6], p[7], p[8]}}};
-    AskPositions(local + kThreads);
-    AskCorners(local + 2 * kThreads);
+    WorldCorners taken;
+    for (int c = 0; c < 3; ++c) {
+      for (int a = 0; a < 3; ++a) taken.at[c][a] = positions.of[3 * c + a][threadIdx.x % 32];
+    }
+    AskPositions(t + kStep);
+    AskCorners(t + 2 * kStep);
     return taken;
   }
 
  private:
-  __device__ uint32_t (&CornersOf(uint32_t local) const)[3] {
-    return corners.of[local / kThreads % 2][threadIdx.x % 32];
+  // The numbers of a triangle's corners, when those that stand there have been read.
+  __device__ void AskCorners(uint32_t t) const {
+    if (t >= end) return;
+    const uint32_t* const from = walk.triangles + 3 * uint64_t{t};
+    for (int c = 0; c < 3; ++c) CopyLater(corners.of[threadIdx.x % 32] + c, from + c);
   }
-  __device__ void AskCorners(uint32_t local) const {
-    if (local >= here) return;
-    const uint32_t* const from = walk.triangles + 3 * (chunk + local);
-    uint32_t(&to)[3] = CornersOf(local);
-    for (int c = 0; c < 3; ++c) CopyLater(to + c, from + c);
-  }
-  __device__ void AskPositions(uint32_t local) const {
-    if (local >= here) return;
-    const uint32_t(&v)[3] = CornersOf(local);
-    double(&to)[9] = positions.of[threadIdx.x % 32];
+  // The positions of the corners whose numbers stand there.
+  __device__ void AskPositions(uint32_t t) const {
+    if (t >= end) return;
+    const uint32_t(&numbers)[3] = corners.of[threadIdx.x % 32];
+    const uint32_t v[3] = {numbers[0], numbers[1],
+                           numbers[2]};  // all before anything is asked for, which takes longer in between
     for (int c = 0; c < 3; ++c) {
       const double* const from = &walk.positions[v[c]].x;
-      for (int a = 0; a < 3; ++a) CopyLater(to + (3 * c + a), from + a);
+      for (int a = 0; a < 3; ++a) CopyLater(&positions.of[3 * c + a][threadIdx.x % 32], from + a);
     }
   }
 };

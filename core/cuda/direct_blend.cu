@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "cuda/bit_args.h"
 #include "cuda/blend_store.h"
 #include "cuda/blend_writer.cuh"
 #include "cuda/brick_pool.h"
@@ -16,6 +17,7 @@
 #include "cuda/four_cells.h"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
+#include "cuda/scattered.h"
 #include "cuda/touched_blocks.h"
 #include "cuda/triangle_order.h"
 
@@ -54,9 +56,7 @@ absl::Status MakeValues(RunState& state, int index) {
   args.shading.target_count = 1;
   args.shading.traits = TraitsOf(target.shader);
   args.triangles = state.mesh.host_view.triangle_count;
-  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
-  args.degenerate = MakeDegenerateTest(origin, size, WorldToIndex(origin, size, state.box.min),
-                                       WorldToIndex(origin, size, state.box.max));
+  args.degenerate = DegenerateTestOf(state);
   memory.shading = args.shading;
   memory.by_id = IsById(target);
   memory.degenerate = args.degenerate;
@@ -102,7 +102,8 @@ SpanArgs CoverArgs(RunState& state, uint64_t triangles) {
   args.bits = state.coverage.data();
   const int64_t* const d = state.view.dims;
   const double surface = double(d[0]) * double(d[1]) + double(d[1]) * double(d[2]) + double(d[2]) * double(d[0]);
-  args.look_first = double(triangles) > 16 * surface;
+  // What waits of a fine mesh in order lies beside what covers the same voxels, and much of it in few of them.
+  args.look_first = double(triangles) > 16 * surface || (IsFine(state) && !IsScattered(state));
   return args;
 }
 

@@ -1,7 +1,9 @@
 #include "cuda/four_cells.h"
 
 #include <algorithm>
+#include <cmath>
 
+#include "cuda/bit_args.h"
 #include "cuda/blend_store.h"
 #include "cuda/cells.h"
 #include "cuda/four_walk.cuh"
@@ -22,14 +24,16 @@ bool GoesByFours(RunState& state, const CudaTarget& target) {
   if (target.components != 4 || target.format != VoxelFormat::kF32 || !IsInPlace(target)) return false;
   const auto has_values = [](const TargetSpec& spec) { return spec.format != VoxelFormat::kBit; };
   if (std::count_if(request.targets.begin(), request.targets.end(), has_values) != 1) return false;
-  return IsFine(state) && !NeedsOrder(state);
+  // Numbers of triangles that are asked for ahead fit as well.
+  const bool numbers_fit = state.mesh.host_view.triangle_count < uint64_t{1} << 31;
+  return numbers_fit && IsFine(state) && !NeedsOrder(state) && GoesByFixed(state);
 }
 
 bool ShadesByFours(RunState& state, const CudaTarget& target) {
   // Of a triangle without normals of its vertices both are the same.
   const bool normals =
       target.shader == FragmentShaderId::kNormal || target.shader == FragmentShaderId::kGeometricNormal;
-  return normals && GoesByFours(state, target);
+  return normals && GoesByFours(state, target) && std::isfinite(DegenerateTestOf(state).least_small);
 }
 
 absl::Status BlendByFours(RunState& state, const CudaTarget& target, const BlendWriterArgs& args) {
@@ -43,6 +47,8 @@ absl::Status BlendByFours(RunState& state, const CudaTarget& target, const Blend
   walk.four.blend = args.blend;
   walk.four.bits = walk.walk.bits;
   walk.four.ny = uint32_t(state.slab_dims[1]);
+  walk.four.flip = FlipOf(args.blend);
+  for (int a = 0; a < 3; ++a) walk.four.inner[a] = uint32_t(state.slab_dims[a]) - 1;
   walk.fragments = args.cover.fragments;
   const uint64_t each = uint64_t(walk.walk.rounds) * kFourThreads;
   const bool normals = ShadesByFours(state, target);

@@ -59,13 +59,21 @@ __device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_
 // The kShader of kernels that make geometric normals; as others have it, that of triangle ids is a shader's number, and -1 says that values stand ready.
 inline constexpr int kNormalShader = -2;
 
-// The keys of a triangle's unit normal, and of what shaders leave the fourth component at, of which the largest is sought.
+// Of keys of which the largest is sought; all bits set where that is the least of what they are made of.
+VOXELPIPE_HD uint32_t FlipOf(const InPlaceArgs& args) {
+  return args.blend == InPlace::kMaxOfComplement ? ~0u : 0;
+}
+// The keys of a unit normal, and of what shaders leave the fourth component at, of which the largest is sought.
+__device__ inline uint4 KeysOfUnit(const Vec3f& n, uint32_t flip) {
+  const auto key = [flip](float v) {  // KeyOf, and turned round
+    const uint32_t bits = BitsOf(v);
+    return bits ^ ((uint32_t(int32_t(bits) >> 31) | 0x80000000u) ^ flip);
+  };
+  return {key(n.x), key(n.y), key(n.z), key(FragmentOutput().f[3])};
+}
+// Of a triangle.
 __device__ inline uint4 KeysOfNormal(const InPlaceArgs& args, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-  Vec3f n{};
-  if (!IsDegenerate(args.degenerate, a, b, c)) n = QuickNormal(a, b, c);
-  const uint32_t flip = args.blend == InPlace::kMaxOfComplement ? ~0u : 0;
-  return {KeyOf(BitsOf(n.x)) ^ flip, KeyOf(BitsOf(n.y)) ^ flip, KeyOf(BitsOf(n.z)) ^ flip,
-          KeyOf(BitsOf(FragmentOutput().f[3])) ^ flip};
+  return KeysOfUnit(IsDegenerate(args.degenerate, a, b, c) ? Vec3f{} : QuickNormal(a, b, c), FlipOf(args));
 }
 
 // What triangle t brings, as the target keeps it. kShader: that of triangle ids, which is cheaper than to read what was made before; -1, of any

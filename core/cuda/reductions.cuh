@@ -36,6 +36,27 @@ __device__ inline uint32_t SharedAdd(uint32_t* to, uint32_t value) {
 #endif
 }
 
+// Where something lies in shared memory, in bytes.
+#if defined(__CUDA_ARCH__)
+using SharedPlace = uint32_t;
+__device__ inline SharedPlace PlaceOf(const void* p) {
+  return uint32_t(__cvta_generic_to_shared(p));
+}
+#else  // on the host
+using SharedPlace = uintptr_t;
+__device__ inline SharedPlace PlaceOf(const void* p) {
+  return reinterpret_cast<uintptr_t>(p);
+}
+#endif
+// Sets bits of the word there.
+__device__ inline void SharedOr(SharedPlace to, uint32_t bits) {
+#if defined(__CUDA_ARCH__)
+  asm volatile("red.shared.or.b32 [%0], %1;" ::"r"(to), "r"(bits) : "memory");
+#else  // on the host
+  atomicOr(reinterpret_cast<uint32_t*>(to), bits);
+#endif
+}
+
 // Sets all bits of a word by a plain store: behind it and whatever ReduceOr sets at the same time they are all set, in either order.
 __device__ inline void SetAllBits(uint32_t* to) {
 #if defined(__CUDA_ARCH__)

@@ -37,6 +37,17 @@ __device__ inline uint32_t WarpLargest(uint32_t value) {
 #endif
 }
 
+// The bits of the lanes before this one.
+__device__ inline uint32_t LanesBefore() {
+#if defined(__CUDA_ARCH__)
+  uint32_t lanes;
+  asm volatile("mov.u32 %0, %%lanemask_lt;" : "=r"(lanes));
+  return lanes;
+#else
+  return (1u << threadIdx.x % 32) - 1;
+#endif
+}
+
 // The box of what the lanes with `has` bring, `from` to `last` along each axis, none below 0: its first place, ~0 where no lane has any, and its size;
 // likewise.
 __device__ inline void WarpBox(bool has, const uint32_t (&from)[3], const uint32_t (&last)[3], uint32_t (&least)[3],

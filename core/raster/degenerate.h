@@ -2,6 +2,8 @@
 // No host-only includes.
 #pragma once
 
+#include <limits>
+
 #include "grid/index_space.h"
 #include "raster/triangle_plane.h"
 
@@ -13,6 +15,9 @@ struct DegenerateTest {
   // Of the square of an edge, in voxels: from there on what rounding does to vertices in index space is small. Where floats might not hold what
   // edges are made of, more than any is taken for.
   float least = kMost;
+  // Of the square of a normal (a cross product of edges) in world space: a triangle within two voxels along each axis whose normal is that long is not
+  // degenerate, and that square lies within 2^-120 and 2^100. Infinite where nothing is certain.
+  double least_small = std::numeric_limits<double>::infinity();
 
   static constexpr float kMost = 0x1p100f;
 };
@@ -29,8 +34,18 @@ inline DegenerateTest MakeDegenerateTest(const Vec3d& origin, const Vec3d& voxel
     test.inverse_size[a] = float(1 / voxel_size[a]);
   }
   if (!usual) return test;
-  const auto edge = float(Max(MaxAbs(least), MaxAbs(most)) * 0x1p-30);
+  const double reach = Max(MaxAbs(least), MaxAbs(most));
+  const auto edge = float(reach * 0x1p-30);
   test.least = Max(edge * edge, 0x1p-100f);
+  // The longest edge of such a triangle has a square of less than 13 voxels, and roundings of its corners in index space move its normal there by less
+  // than 2^-30 of a square voxel: with a component of kSmall that is far from kDegenerateRatio.
+  constexpr double kSmall = 0x1p-26;
+  static_assert(13 * kDegenerateRatio + 0x1p-30 < kSmall / 2);
+  const double face = Max(voxel_size.x * voxel_size.y, Max(voxel_size.y * voxel_size.z, voxel_size.z * voxel_size.x));
+  const double squared = face * face;
+  if (reach < 0x1p16 && squared >= 0x1p-100 && squared <= 0x1p90) {
+    test.least_small = Max(3 * kSmall * kSmall * squared, 0x1p-120);
+  }
   return test;
 }
 

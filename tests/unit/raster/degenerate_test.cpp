@@ -37,6 +37,15 @@ class Triangles {
     ++(expected ? degenerate_ : plain_);
   }
 
+  // Of a triangle within two voxels along each axis: whether its normal alone says that it is not degenerate.
+  void CheckSmall(const Triangle& t) {
+    const auto index = [&](int i) { return WorldToIndex(grid_.origin, grid_.size, t[size_t(i)]); };
+    const Vec3d n = Cross(t[1] - t[0], t[2] - t[0]);
+    const bool sure = std::fma(n.z, n.z, std::fma(n.y, n.y, n.x * n.x)) >= test_.least_small;
+    if (sure) ASSERT_FALSE(SetUpPlane(index(0), index(1), index(2)).degenerate);
+    ++(sure ? plain_ : degenerate_);
+  }
+
   int degenerate() const { return degenerate_; }
   int plain() const { return plain_; }
 
@@ -96,6 +105,39 @@ TEST(DegenerateTest, PointsAndLinesAreDegenerate) {
   EXPECT_TRUE(IsDegenerate(test, a, b, a));
   EXPECT_TRUE(IsDegenerate(test, a, b, c));
   EXPECT_FALSE(IsDegenerate(test, a, b, d));
+}
+
+TEST(DegenerateTest, SmallTrianglesOfLongNormalsAreNot) {
+  const Grid grids[] = {
+      {{0, 0, 0}, {1.0 / 512, 1.0 / 512, 1.0 / 512}, 512},
+      {{-3, 1e3, 0.1}, {0.01, 1e-5, 7}, 1000},
+      {{0, 0, 0}, {1e-7, 1e-7, 1e-7}, 1000},
+      {{0, 0, 0}, {1e-5, 1e-5, 1e-5}, 60000},
+      {{0, 0, 0}, {1e3, 1e3, 1e3}, 60000},
+  };
+  int in_doubt = 0, sure = 0;
+  for (const Grid& grid : grids) {
+    Triangles thin(grid), usual(grid);
+    for (const double edge : {1e-4, 1e-2, 0.3, 0.5}) {
+      for (const double width : {0.0, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6}) {
+        for (int i = 0; i < 200; ++i) thin.CheckSmall(thin.Make(edge, width));
+      }
+    }
+    in_doubt += thin.degenerate();
+    sure += thin.plain();
+    for (int i = 0; i < 1000; ++i) usual.CheckSmall(usual.Make(0.3, 1));
+    EXPECT_GT(usual.plain(), 900);
+  }
+  EXPECT_GT(in_doubt, 1000);
+  EXPECT_GT(sure, 1000);
+  // Nothing is certain far from the origin, nor of voxels so small that squares of normals are lost.
+  const Grid uncertain[] = {
+      {{0, 0, 0}, {1, 1, 1}, 1e6}, {{0, 0, 0}, {1e-9, 1e-9, 1e-9}, 100}, {{0, 0, 0}, {1e46, 1, 1}, 100}};
+  for (const Grid& grid : uncertain) {
+    Triangles triangles(grid);
+    for (int i = 0; i < 100; ++i) triangles.CheckSmall(triangles.Make(0.5, 1));
+    EXPECT_EQ(triangles.plain(), 0);
+  }
 }
 
 }  // namespace
