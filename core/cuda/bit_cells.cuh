@@ -96,6 +96,17 @@ VOXELPIPE_HD float RoughSqrt(float v) {
 #endif
 }
 
+// 1 / v to 2^-22, of a number that is not close to 0, as all are whose inverse is used here; what that is off by is part of bands.
+VOXELPIPE_HD float Reciprocal(float v) {
+#if defined(__CUDA_ARCH__)
+  float inverse;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(v));
+  return inverse;
+#else
+  return 1.0f / v;
+#endif
+}
+
 // How far from a voxel's centre a plane may pass for the voxel to be touched under thin coverage, and within what of that is doubt; times
 // the normal. Units of the vertices turn the plane: that shows at a centre two voxels away.
 struct ThinBand {

@@ -19,17 +19,6 @@ struct CellSpan {
   float first_outer, first_inner, last_outer, last_inner;
 };
 
-// Of a number that is not close to 0, as all are whose inverse is used here; what that is off by is part of the band.
-VOXELPIPE_HD float Reciprocal(float v) {
-#if defined(__CUDA_ARCH__)
-  float inverse;
-  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(v));
-  return inverse;
-#else
-  return 1.0f / v;
-#endif
-}
-
 // Whole numbers of less than 22 bits as floats with this on top, in which their bits stand as those of an integer. Others stay as large as they are
 // or nearly so. Roundings to such are additions on a device.
 inline constexpr float kWhole = 0x1.8p23f;

@@ -64,8 +64,8 @@ struct WalkAhead {
   __device__ void AskPositions(uint32_t t) const {
     if (t >= end) return;
     const uint32_t(&numbers)[3] = corners.of[threadIdx.x % 32];
-    const uint32_t v[3] = {numbers[0], numbers[1],
-                           numbers[2]};  // all before anything is asked for, which takes longer in between
+    // All before anything is asked for: in between it takes longer.
+    const uint32_t v[3] = {numbers[0], numbers[1], numbers[2]};
     for (int c = 0; c < 3; ++c) {
       const double* const from = &walk.positions[v[c]].x;
       for (int a = 0; a < 3; ++a) CopyLater(&positions.of[3 * c + a][threadIdx.x % 32], from + a);

@@ -50,7 +50,7 @@ __device__ __noinline__ inline void BlendOctantsApart(const FourArgs& args, uint
 
 // What divides numbers below 256 by n, of up to 256: number * InverseOf(n) >> 20.
 __device__ inline uint32_t InverseOf(uint32_t n) {
-  return uint32_t(fmaf(RoughInverse(float(n)), 0x1p20f, 1.5f));
+  return uint32_t(fmaf(Reciprocal(float(n)), 0x1p20f, 1.5f));
 }
 
 // A pointer that the compiler does not make again of what it was made of, which takes longer than to keep it.

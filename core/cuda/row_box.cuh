@@ -60,17 +60,6 @@ __device__ inline RowPlace FitRows(RowBoxOf<kRows>& box, bool has, const int (&b
   return place;
 }
 
-// 1 / v to 2^-22, of a number that is neither close to 0 nor very large.
-__device__ inline float RoughInverse(float v) {
-#if defined(__CUDA_ARCH__)
-  float inverse;
-  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(v));
-  return inverse;
-#else
-  return 1.0f / v;
-#endif
-}
-
 // i / n of numbers of up to a thousand; `inverse`: 1 / n, to 2^-22.
 __device__ inline uint32_t DivideSmall(uint32_t i, float inverse) {
   return uint32_t((float(i) + 0.5f) * inverse);
@@ -81,7 +70,7 @@ __device__ inline uint32_t DivideSmall(uint32_t i, float inverse) {
 template <uint32_t kRows>
 __device__ inline void StoreRows(const BitArgs& args, RowBoxOf<kRows>& box) {
   const uint32_t count = box.count, size_y = box.size_y;
-  const float inverse = RoughInverse(float(size_y));
+  const float inverse = Reciprocal(float(size_y));
   const int shift = box.first[0] & 31;
   uint32_t* const grid = args.bits + (box.first[0] >> 5);
   for (uint32_t i = threadIdx.x % 32; i < count; i += 32) {
