@@ -42,7 +42,7 @@ class Triangles {
     const auto index = [&](int i) { return WorldToIndex(grid_.origin, grid_.size, t[size_t(i)]); };
     const Vec3d n = Cross(t[1] - t[0], t[2] - t[0]);
     const bool sure = std::fma(n.z, n.z, std::fma(n.y, n.y, n.x * n.x)) >= test_.least_small;
-    if (sure) ASSERT_FALSE(SetUpPlane(index(0), index(1), index(2)).degenerate);
+    ASSERT_FALSE(sure && SetUpPlane(index(0), index(1), index(2)).degenerate);
     ++(sure ? plain_ : degenerate_);
   }
 
