@@ -1,7 +1,6 @@
 #include "cuda/four_cells.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "cuda/bit_args.h"
 #include "cuda/blend_store.h"
@@ -33,7 +32,7 @@ bool ShadesByFours(RunState& state, const CudaTarget& target) {
   // Of a triangle without normals of its vertices both are the same.
   const bool normals =
       target.shader == FragmentShaderId::kNormal || target.shader == FragmentShaderId::kGeometricNormal;
-  return normals && GoesByFours(state, target) && std::isfinite(DegenerateTestOf(state).least_small);
+  return normals && GoesByFours(state, target) && DegenerateTestOf(state).least_small < DegenerateTest::kNever;
 }
 
 absl::Status BlendByFours(RunState& state, const CudaTarget& target, const BlendWriterArgs& args) {

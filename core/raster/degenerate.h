@@ -2,8 +2,6 @@
 // No host-only includes.
 #pragma once
 
-#include <limits>
-
 #include "grid/index_space.h"
 #include "raster/triangle_plane.h"
 
@@ -16,10 +14,11 @@ struct DegenerateTest {
   // edges are made of, more than any is taken for.
   float least = kMost;
   // Of the square of a normal (a cross product of edges) in world space: a triangle within two voxels along each axis whose normal is that long is not
-  // degenerate, and that square lies within 2^-120 and 2^100. Infinite where nothing is certain.
-  double least_small = std::numeric_limits<double>::infinity();
+  // degenerate, and that square lies within 2^-120 and 2^100. kNever where nothing is certain.
+  double least_small = kNever;
 
   static constexpr float kMost = 0x1p100f;
+  static constexpr double kNever = 0x1p1000;
 };
 
 // In: a grid's origin and voxel size, two corners in index space of a box that holds all vertices.
