@@ -1,4 +1,5 @@
-// The part of BitArgs that every walk over a run's triangles has in common, and what else is told from the run's grid and the mesh's box. Included by .cu files only.
+// The part of BitArgs that every walk over a run's triangles has in common, and what else is told from the run's grid and the mesh's
+// box. Included by .cu files only.
 #pragma once
 
 #include "cuda/bit_grid.cuh"

@@ -22,8 +22,9 @@ struct LaneBox {
   static constexpr uint32_t kVoxels = 256;
   // Of voxel x + size[0] * (y + size[1] * z); zero between uses. Behind them a word of each lane for what it does not touch.
   alignas(16) uint32_t lanes[kVoxels + 32];
-  uint4 largest[32];        // what is brought to voxels of the slab
-  uint32_t at[32];          // and to which
+  uint4 largest[32];  // what is brought to voxels of the slab
+  uint32_t at[32];    // and to which
+  static_assert(kVoxels <= 1 << 8);
   uint8_t voxels[kVoxels];  // those that are touched
 
   // Before the first use. All lanes call it, and __syncwarp.

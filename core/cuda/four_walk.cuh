@@ -41,6 +41,8 @@ struct FourRoom {
   };
   static constexpr uint32_t kParts = kMostFourRounds * kWarps;  // each a warp's of a round
   uint32_t lanes[2][kParts];                                    // the same before that, by their lanes
+  static_assert(kParts <= uint32_t(kFourThreads) &&
+                kTriangles <= 1 << 16);  // a thread clears each; numbers have 16 bits
   uint32_t row_count, waiting_count;
   uint32_t turn;  // that the next warp takes
   unsigned long long first;

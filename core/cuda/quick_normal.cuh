@@ -8,23 +8,31 @@
 
 namespace voxelpipe::cuda {
 
+// Of what a double's low word holds beyond a float: at most 2 * kDoubt where it is about half. Half of kDoubt would do.
+inline constexpr uint32_t kDoubt = 64;
+__device__ inline uint32_t BehindHalf(double v) {
+  constexpr uint32_t kHalf = 1u << 28;
+  return (uint32_t(__double2loint(v)) & (2 * kHalf - 1)) - (kHalf - kDoubt);
+}
+// The high word without the sign. Numbers below kFewBits have fewer bits as floats.
+inline constexpr uint32_t kFewBits = (1023u - 120) << 20;
+__device__ inline uint32_t HighOf(double v) {
+  return uint32_t(__double2hiint(v)) & 0x7fffffff;
+}
+
 // Whether every number within 2^-47 of v, relative to v, rounds to the same float.
 __device__ inline bool RoundsSurely(double v) {
-  constexpr uint32_t kHalf = 1u << 28, kDoubt = 64;  // of what a float leaves away; 32 would do
-  constexpr uint32_t kLeast = (1023u - 120) << 20;   // smaller ones, as floats, have fewer bits
-  const auto low = uint32_t(__double2loint(v)), high = uint32_t(__double2hiint(v)) & 0x7fffffff;
-  const bool near_half = (low & (2 * kHalf - 1)) - (kHalf - kDoubt) <= 2 * kDoubt;
-  return !near_half && (high >= kLeast || (high | low) == 0);
+  const auto low = uint32_t(__double2loint(v)), high = HighOf(v);
+  const bool near_half = BehindHalf(v) <= 2 * kDoubt;
+  return !near_half && (high >= kFewBits || (high | low) == 0);
 }
 
 // 0 where all components do; few steps where none is close to 0.
 __device__ inline uint32_t InDoubt(double x, double y, double z) {
-  constexpr uint32_t kHalf = 1u << 28, kDoubt = 64;
-  const auto behind = [](double v) { return (uint32_t(__double2loint(v)) & (2 * kHalf - 1)) - (kHalf - kDoubt); };
-  const auto high = [](double v) { return uint32_t(__double2hiint(v)) & 0x7fffffff; };
-  const uint32_t nearest = min(behind(x), min(behind(y), behind(z))), least = min(high(x), min(high(y), high(z)));
+  const uint32_t nearest = min(BehindHalf(x), min(BehindHalf(y), BehindHalf(z)));
+  const uint32_t least = min(HighOf(x), min(HighOf(y), HighOf(z)));
   uint32_t doubt = nearest <= 2 * kDoubt ? 1 : 0;
-  if (least < (1023u - 120) << 20) doubt = RoundsSurely(x) && RoundsSurely(y) && RoundsSurely(z) ? 0 : 1;
+  if (least < kFewBits) doubt = RoundsSurely(x) && RoundsSurely(y) && RoundsSurely(z) ? 0 : 1;
   return doubt;
 }
 

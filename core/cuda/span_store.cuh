@@ -82,9 +82,9 @@ __device__ inline uint32_t ValueOfCell(const KeyArgs& args, bool plain, uint32_t
   const uint32_t key = args.complement ? ~cell : cell;
   return args.is_float && !plain ? BitsOfKey(key) : key;
 }
+// Words are fewer than 2^32: each stands for 32 cells.
 __device__ inline uint64_t VoxelOf(const KeyArgs& args, uint64_t word, uint32_t x) {
-  const auto w = uint32_t(word), per_row = uint32_t(args.words_per_row),
-             row = w / per_row;  // cells of 32 words each are fewer
+  const auto w = uint32_t(word), per_row = uint32_t(args.words_per_row), row = w / per_row;
   return uint64_t{row} * uint64_t(args.nx) + (w - row * per_row) * 32 + x;
 }
 
