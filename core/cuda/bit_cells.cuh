@@ -6,6 +6,10 @@
 //   corner outside by more than w takes out the two octants that it points to, the triangle's own plane the one behind it. The narrow
 //   class answers as for a voxel grown by w give or take its roundings. So where no test comes closer to w than those and the fixed
 //   point's error together (the band), the triangle touches the same octants grown by anything within it, and the answers agree.
+//   Under conservative coverage three of the tests do where the box is two voxels along two axes and one along the third: the triangle
+//   lies within that one, and so touches what it touches seen along the third axis, which the sides of the box and three edges tell. Where
+//   all of these are farther from being decided otherwise than the widest band, the triangle touches each voxel that is left even if grown by
+//   so much less than w: then none of the other tests takes one out, however it is rounded.
 // * Larger boxes go by rows: cell_rows.cuh.
 // What is not certain, and triangles that may be of the wide class, go to the code that all schedules share.
 #pragma once
@@ -61,25 +65,22 @@ VOXELPIPE_HD uint32_t PushSign(uint32_t bits, float v) {
 #endif
 }
 
-// An edge and the signs of its components.
-struct CellEdge {
-  Vec3f e;
-  uint32_t sign[3];
-};
-
 // One edge seen along an axis: in the plane of the other two, u and t, from p by the edge. Takes out what lies beyond it, on the side where the
-// triangle is not; what the axis' other end, at the opposite vertex, takes out the other edges and the box do as well. `side` has the sign of the
-// triangle's area in that plane, `rounding` is what roundings may make of it. `sure` becomes at most the corner's distance from being decided
-// otherwise, less what is uncertain of it, times the edge.
-template <int kU, int kT>
-VOXELPIPE_HD void TestEdge(const CellEdge& edge, const Vec3f& p, uint32_t side, float rounding, const FixedPlace& place,
-                           uint32_t& touched, float& sure) {
-  const float eu = edge.e[kU], et = edge.e[kT];
-  const float norm = fabsf(eu) + fabsf(et);
-  const float beyond = fmaf(-place.widening, norm, TurnSign(fmaf(eu, p[kT], -(et * p[kU])), side));
-  sure = fminf(sure, fabsf(beyond) - fmaf(place.band, norm, rounding));
-  TakeOutIf(beyond, side ^ edge.sign[kT] ^ HalfOf(kU), side ^ edge.sign[kU] ^ ~HalfOf(kT), touched);
-}
+// triangle is not; what the axis' other end, at the opposite vertex, takes out the other edges and the box do as well.
+struct EdgeTest {
+  uint32_t half_u, half_t;  // the octants on the greater side along u and t
+  uint32_t side;            // all bits set where the triangle's area in that plane is negative
+  float widening, band;
+  float rounding;  // what roundings may make of it
+
+  // `sure` becomes at most the corner's distance from being decided otherwise, less what is uncertain of it, times the edge.
+  VOXELPIPE_HD void TakeOut(float eu, float et, float pu, float pt, uint32_t& touched, float& sure) const {
+    const float norm = fabsf(eu) + fabsf(et);
+    const float beyond = fmaf(-widening, norm, TurnSign(fmaf(eu, pt, -(et * pu)), side));
+    sure = fminf(sure, fabsf(beyond) - fmaf(band, norm, rounding));
+    TakeOutIf(beyond, side ^ SignMask(et) ^ half_u, side ^ SignMask(eu) ^ ~half_t, touched);
+  }
+};
 
 VOXELPIPE_HD float LengthSquared(const Vec3f& e) {
   return fmaf(e.x, e.x, fmaf(e.y, e.y, e.z * e.z));
@@ -117,42 +118,59 @@ VOXELPIPE_HD ThinBand ThinBandOf(float most, float norm, float longest, float ro
   return {fmaf(place.widening, norm, 0.5f * place.voxel * most), fmaf(place.plane_band, norm, rounding + turned)};
 }
 
-// The octants about `corner`, of those in question, that a triangle touches whose box reaches at most one voxel to each side of it.
-template <bool kThin>
-VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const int (&corner)[3], uint32_t in_question,
-                                    const FixedPlace& place) {
-  Vec3f q[3];
-  for (int i = 0; i < 3; ++i) {
-    q[i] = {float(v[i][0] - corner[0]), float(v[i][1] - corner[1]), float(v[i][2] - corner[2])};
+// A triangle's corners along an axis, from a corner of voxels on, and its edges: exact.
+struct AlongAxis {
+  float p[3], e[3];
+
+  VOXELPIPE_HD AlongAxis(const int (&v)[3], int corner) {
+    for (int i = 0; i < 3; ++i) p[i] = float(v[i] - corner);
+    for (int i = 0; i < 3; ++i) e[i] = p[(i + 1) % 3] - p[i];
   }
-  const Vec3f e[3] = {q[1] - q[0], q[2] - q[1], q[0] - q[2]};  // exact, and so is what follows but for products
-  Vec3f n;
-  n.x = fmaf(e[0].z, e[2].y, -(e[0].y * e[2].z));  // cross(e0, -e2)
-  n.y = fmaf(e[0].x, e[2].z, -(e[0].z * e[2].x));
-  n.z = fmaf(e[0].y, e[2].x, -(e[0].x * e[2].y));
+};
+// Of the triangle in the plane of two axes, twice.
+VOXELPIPE_HD float AreaOf(const AlongAxis& u, const AlongAxis& t) {
+  return fmaf(t.e[0], u.e[2], -(u.e[0] * t.e[2]));
+}
+VOXELPIPE_HD void TestEdges(const EdgeTest& test, const AlongAxis& u, const AlongAxis& t, uint32_t& touched,
+                            float& sure) {
+  for (int i = 0; i < 3; ++i) test.TakeOut(u.e[i], t.e[i], u.p[i], t.p[i], touched, sure);
+}
+
+// From which greatest component of its normal on a triangle is narrow for sure, `longest` being the square of its longest edge: kNarrowRatio, a little
+// more, and what moving vertices by units does to the normal.
+VOXELPIPE_HD float NarrowFrom(float longest, const FixedPlace& place) {
+  return fmaf(0.0042f, longest, place.noise);
+}
+
+// The octants, of those in question, about the inner corner of a triangle's box of at most two voxels along each axis that it touches.
+template <bool kThin>
+VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const FixedBox& box, uint32_t in_question,
+                                    const FixedPlace& place) {
+  const auto along = [&](int a) { return AlongAxis({v[0][a], v[1][a], v[2][a]}, (box.first[a] + 1) << place.bits); };
+  const AlongAxis x = along(0), y = along(1), z = along(2);
+  const Vec3f n{AreaOf(y, z), AreaOf(z, x), AreaOf(x, y)};
   float longest = 0;  // squared
-  for (int i = 0; i < 3; ++i) longest = fmaxf(longest, LengthSquared(e[i]));
+  for (int i = 0; i < 3; ++i) longest = fmaxf(longest, LengthSquared({x.e[i], y.e[i], z.e[i]}));
   const float rounding = 0x1p-22f * longest;
   uint32_t touched = in_question;
-  const uint32_t sides[3] = {SignMask(n.x), SignMask(n.y), SignMask(n.z)};
   const float ax = fabsf(n.x), ay = fabsf(n.y), az = fabsf(n.z);
   const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
-  // What is certain stays above 0. Narrow for sure: kNarrowRatio, a little more, and what moving vertices by units does to the normal.
-  float sure = most - fmaf(0.0042f, longest, place.noise);
-  for (int i = 0; i < 3; ++i) {
-    const CellEdge edge{e[i], {SignMask(e[i].x), SignMask(e[i].y), SignMask(e[i].z)}};
-    TestEdge<0, 1>(edge, q[i], sides[2], rounding, place, touched, sure);
-    TestEdge<1, 2>(edge, q[i], sides[0], rounding, place, touched, sure);
-    TestEdge<2, 0>(edge, q[i], sides[1], rounding, place, touched, sure);
-  }
+  // What is certain stays above 0.
+  float sure = most - NarrowFrom(longest, place);
+  const auto test = [&](int u, int t, float area) {
+    return EdgeTest{HalfOf(u), HalfOf(t), SignMask(area), place.widening, place.band, rounding};
+  };
+  TestEdges(test(0, 1, n.z), x, y, touched, sure);
+  TestEdges(test(1, 2, n.x), y, z, touched, sure);
+  TestEdges(test(2, 0, n.y), z, x, touched, sure);
+  const float at = -fmaf(n.x, x.p[0], fmaf(n.y, y.p[0], n.z * z.p[0]));  // of the corner
   const float plane_rounding = 0x1p-20f * longest * place.voxel;
-  const float at = -fmaf(n.x, q[0].x, fmaf(n.y, q[0].y, n.z * q[0].z));  // of the corner
   if constexpr (!kThin) {
     const float beyond = fmaf(-place.widening, norm, fabsf(at));
     sure = fminf(sure, fabsf(beyond) - fmaf(place.plane_band, norm, plane_rounding));
     const uint32_t side = ~SignMask(at);
-    const uint32_t x = side ^ sides[0] ^ ~HalfOf(0), y = side ^ sides[1] ^ ~HalfOf(1), z = side ^ sides[2] ^ ~HalfOf(2);
-    TakeOutIf(beyond, x & y, z, touched);
+    const uint32_t behind_x = side ^ SignMask(n.x) ^ ~HalfOf(0), behind_y = side ^ SignMask(n.y) ^ ~HalfOf(1);
+    TakeOutIf(beyond, behind_x & behind_y, side ^ SignMask(n.z) ^ ~HalfOf(2), touched);
     return {touched, !(sure > 0)};
   } else {
     // The plane against each voxel's centre.
@@ -168,6 +186,47 @@ VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const int (&corner)[3]
     // Only octants that the other tests leave can be in doubt.
     return {touched & ~out, !(sure > 0) || (touched & ~certain) != 0};
   }
+}
+
+// The same under conservative coverage, of a box of two voxels along two axes or three: in fewer steps where few of a warp's are three, in more where
+// many are. Of slim triangles more are in doubt.
+VOXELPIPE_HD Octants TouchedQuickly(const int (&v)[3][3], const FixedBox& box, uint32_t in_question,
+                                    const FixedPlace& place) {
+  const auto along = [&](auto&& of) {
+    return AlongAxis({of(v[0]), of(v[1]), of(v[2])}, (of(box.first) + 1) << place.bits);
+  };
+  // Two axes along which it is two voxels.
+  const bool along_x = box.first[0] != box.last[0], along_z = box.first[2] != box.last[2];
+  const AlongAxis u = along([&](const int(&a)[3]) { return along_x ? a[0] : a[1]; });
+  const AlongAxis t = along([&](const int(&a)[3]) { return along_z ? a[2] : a[1]; });
+  const uint32_t half_u = along_x ? HalfOf(0) : HalfOf(1), half_t = along_z ? HalfOf(2) : HalfOf(1);
+  const auto extent = float(box.extent);
+  const float longest = 3 * extent * extent, rounding = 0x1p-22f * longest;  // squared, of an edge, at most
+  const float area = AreaOf(u, t);
+  const uint32_t side = SignMask(area);
+  uint32_t touched = in_question;
+  float sure = 0x1p100f;
+  TestEdges({half_u, half_t, side, place.widening, place.plane_band, rounding}, u, t, touched, sure);
+  const float narrow = NarrowFrom(longest, place);
+  const bool is_cube = in_question == 0xff;
+  float greatest = fabsf(area);
+  if (is_cube || !(greatest > narrow)) {
+    const AlongAxis k = along([&](const int(&a)[3]) { return along_x ? along_z ? a[1] : a[2] : a[0]; });
+    const uint32_t half_k = half_u ^ half_t ^ (HalfOf(0) ^ HalfOf(1) ^ HalfOf(2));
+    const float area_tk = AreaOf(t, k), area_ku = AreaOf(k, u);  // with the other one the normal, or its opposite
+    const uint32_t side_tk = SignMask(area_tk), side_ku = SignMask(area_ku);
+    TestEdges({half_t, half_k, side_tk, place.widening, place.band, rounding}, t, k, touched, sure);
+    TestEdges({half_k, half_u, side_ku, place.widening, place.band, rounding}, k, u, touched, sure);
+    const float norm = (fabsf(area_tk) + fabsf(area_ku)) + greatest;
+    greatest = fmaxf(greatest, fmaxf(fabsf(area_tk), fabsf(area_ku)));
+    const float at = -fmaf(area_tk, u.p[0], fmaf(area_ku, t.p[0], area * k.p[0]));  // of the corner
+    const float beyond = fmaf(-place.widening, norm, fabsf(at));
+    sure = fminf(sure, fabsf(beyond) - fmaf(place.plane_band, norm, 0x1p-20f * longest * place.voxel));
+    const uint32_t behind = ~SignMask(at);
+    TakeOutIf(beyond, (behind ^ side_tk ^ ~half_u) & (behind ^ side_ku ^ ~half_t), behind ^ side ^ ~half_k, touched);
+  }
+  const bool clear = is_cube || box.beyond >= place.clear;
+  return {touched, !(fminf(sure, greatest - narrow) > 0) || !clear};
 }
 
 // Under thin coverage, of a triangle whose box is one voxel or two side by side along one axis: the octants about its inner corner. Edges
@@ -186,7 +245,7 @@ VOXELPIPE_HD Octants TouchedThinRun(const int (&v)[3][3], const FixedBox& box, c
   const float longest = fmaxf(LengthSquared(e0), fmaxf(LengthSquared(e1), LengthSquared(e2)));
   const float ax = fabsf(n.x), ay = fabsf(n.y), az = fabsf(n.z);
   const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
-  float sure = most - fmaf(0.0042f, longest, place.noise);
+  float sure = most - NarrowFrom(longest, place);
   uint32_t touched = 0;
   // A vertex is farther from the first centre than it would be from the corner: up to one and a half voxels.
   const ThinBand thin = ThinBandOf(most, norm, longest, 0x1p-19f * longest * place.voxel, place);

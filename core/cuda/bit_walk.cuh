@@ -122,10 +122,7 @@ __device__ inline void DecideRuns(const BitArgs& args, const FixedTriangle& t, C
 // A triangle whose fate is kOctants; false if some voxel is in doubt.
 template <bool kThin>
 __device__ inline bool FindOctants(const BitArgs& args, const FixedTriangle& t, uint32_t& octants) {
-  const FixedBox& box = t.box;
-  int corner[3];
-  for (int a = 0; a < 3; ++a) corner[a] = (box.first[a] + 1) << args.fixed.bits;
-  const Octants o = TouchedOctants<kThin>(t.v.at, corner, OctantsOf(box), args.fixed);
+  const Octants o = TouchedOctants<kThin>(t.v.at, t.box, OctantsOf(t.box), args.fixed);
   if (o.doubtful) return false;
   octants = o.touched;
   return true;

@@ -17,6 +17,7 @@ struct FixedPlace {
   float band = 0, plane_band = 0;  // likewise, of the tests of edges and of the plane
   float voxel = 0, noise = 0;      // a voxel; what moving vertices by units does to a normal, at most, and some more
   float voxels = 0;                // a unit, in voxels
+  int clear = 0;                   // plane_band in whole units, and some for the fixed point (FixedBox::beyond)
 };
 
 inline constexpr double kFixedMagic = 0x1.8p52;
@@ -45,6 +46,7 @@ inline FixedPlace MakeFixedPlace(const Vec3d& origin, const Vec3d& voxel_size, c
   place.voxel = unit;
   place.noise = 0x1p-19f * unit * unit;
   place.voxels = 1 / unit;
+  place.clear = int(place.plane_band) + 5;
   return place;
 }
 
@@ -105,20 +107,28 @@ VOXELPIPE_HD int PackedToFixed(uint32_t parts, double scale, double offset) {
 struct FixedBox {
   int first[3], last[3];
   bool doubtful;  // one voxel more or less on some side
+  int extent;     // of its longest side, or some units more
+  int beyond;     // how far its sides lie beyond the last borders of voxels that they pass, at least, or two units more
 };
 
 VOXELPIPE_HD FixedBox BoxOf(const int (&v)[3][3], const FixedPlace& place) {
   FixedBox box;
   const int below_voxel = (1 << place.bits) - 1;
-  int least = below_voxel;  // of how far the box's sides, moved up by two units, lie behind a voxel's border
+  // How far the box's sides, moved up by two units, lie behind a voxel's border.
+  int from_least = below_voxel, from_most = 0, upto_least = below_voxel;
+  box.extent = 0;
   for (int i = 0; i < 3; ++i) {
     const int from = Min(v[0][i], Min(v[1][i], v[2][i])) - (place.margin - 2);
     const int upto = Max(v[0][i], Max(v[1][i], v[2][i])) + (place.margin + 2);
-    least = Min(least, Min(from & below_voxel, upto & below_voxel));
+    from_least = Min(from_least, from & below_voxel);
+    from_most = Max(from_most, from & below_voxel);
+    upto_least = Min(upto_least, upto & below_voxel);
+    box.extent = Max(box.extent, upto - from);
     box.first[i] = from >> place.bits;
     box.last[i] = upto >> place.bits;
   }
-  box.doubtful = least < 4;
+  box.doubtful = Min(from_least, upto_least) < 4;
+  box.beyond = Min(upto_least, below_voxel - from_most);
   return box;
 }
 

@@ -14,6 +14,7 @@ struct FourArgs {
   uint32_t flip = 0;  // FlipOf(blend)
   // Octants about a corner whose first voxel is below these, of the slab, lie within it.
   uint32_t inner[3] = {};
+  bool all_within = false;  // as all voxels of the mesh do
 };
 
 // The voxels that a warp's triangles touch, and by which lanes each is touched, in shared memory: neighbours in a mesh touch the same voxels, and then

@@ -15,6 +15,19 @@ auto KernelFor(bool normals) {
   return normals ? BlendFours<kThin, kNormalShader> : BlendFours<kThin, -1>;
 }
 
+// Whether all voxels that the mesh touches are of the slab.
+bool LiesWithin(const RunState& state, const GridView& grid) {
+  constexpr double kClear = 0x1p-10;  // voxels: more than the widening of narrow triangles and what is rounded
+  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
+  const Vec3d least = WorldToIndex(origin, size, state.box.min), most = WorldToIndex(origin, size, state.box.max);
+  const int64_t begin[3] = {0, 0, grid.slab_begin}, end[3] = {grid.dims[0], grid.dims[1], grid.slab_end};
+  bool within = true;
+  for (int a = 0; a < 3; ++a) {
+    within = within && least[a] - kClear > double(begin[a]) && most[a] + kClear < double(end[a]);
+  }
+  return within;
+}
+
 }  // namespace
 
 bool GoesByFours(RunState& state, const CudaTarget& target) {
@@ -48,6 +61,7 @@ absl::Status BlendByFours(RunState& state, const CudaTarget& target, const Blend
   walk.four.ny = uint32_t(state.slab_dims[1]);
   walk.four.flip = FlipOf(args.blend);
   for (int a = 0; a < 3; ++a) walk.four.inner[a] = uint32_t(state.slab_dims[a]) - 1;
+  walk.four.all_within = LiesWithin(state, walk.walk.grid);
   walk.fragments = args.cover.fragments;
   const uint64_t each = uint64_t(walk.walk.rounds) * kFourThreads;
   const bool normals = ShadesByFours(state, target);

@@ -115,13 +115,18 @@ __global__ void __launch_bounds__(kFourThreads, kFourBlocks) BlendFours(const __
     __syncwarp();
     DecideRuns<kThin>(walk, triangle, fate, octants);
     if (fate == CellFate::kOctants) {
-      fate = FindOctants<kThin>(walk, triangle, octants) ? CellFate::kDone : CellFate::kLayers;
+      const FixedBox& box = triangle.box;
+      const Octants o = kThin ? TouchedOctants<true>(triangle.v.at, box, octants, walk.fixed)
+                              : TouchedQuickly(triangle.v.at, box, octants, walk.fixed);
+      octants = o.touched;
+      fate = o.doubtful ? CellFate::kLayers : CellFate::kDone;
     }
     if (fate != CellFate::kDone) octants = 0;
     __syncwarp();
     FixedBox& box = triangle.box;
     const auto inside = [&](int a) { return uint32_t(box.first[a]) - (a == 2 ? slab_begin : 0) < args.four.inner[a]; };
-    if (octants != 0 && !(inside(0) & inside(1) & inside(2))) KeepInside(walk.grid, box.first, octants);
+    if (!args.four.all_within && octants != 0 && !(inside(0) & inside(1) & inside(2)))
+      KeepInside(walk.grid, box.first, octants);
     if (__any_sync(~0u, octants != 0) != 0) {
       fragments += uint32_t(__popc(int(octants)));
       const uint32_t first[3] = {uint32_t(box.first[0]), uint32_t(box.first[1]), uint32_t(box.first[2]) - slab_begin};
