@@ -44,7 +44,7 @@ class PoolRows {
 
   __device__ uint32_t* WordsOf(uint32_t brick) const {
     uint32_t place = __ldca(args_.pool.places + brick);
-    if (!IsPlace(place)) place = __ldcg(args_.pool.places + brick);  // given since this multiprocessor read it
+    if (!IsPlace(place)) place = LoadAcquire(args_.pool.places + brick);  // given since this multiprocessor read it
     if (!IsPlace(place)) place = TakePlace(args_.pool, brick);
     return args_.pool.WordsOf(place - kFirstPlace);
   }

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 
+#include "cuda/ordered_access.cuh"
 #include "cuda/reductions.cuh"
 
 namespace voxelpipe::cuda {
@@ -14,6 +15,8 @@ inline constexpr uint32_t kNoPlace = 0;       // none was asked for
 inline constexpr uint32_t kPlaceToCome = 1;   // a warp is about to give one
 inline constexpr uint32_t kNoMorePlaces = 2;  // there was none left
 inline constexpr uint32_t kFirstPlace = 3;
+// A place that was not there before is read by an acquire, behind the clearing of who gave it. One that the L1 cache has, or brings, is not: what is done
+// to a place are atomics of the L2 cache, which has it cleared before anyone can see it.
 __device__ inline bool IsPlace(uint32_t place) {
   return place >= kFirstPlace;
 }
@@ -26,11 +29,11 @@ __device__ __noinline__ inline uint32_t GivePlace(const Pool& pool, uint32_t bri
   uint32_t place = 0;
   if (lane == 0) place = atomicCAS(pool.places + brick, kNoPlace, kPlaceToCome);
   place = __shfl_sync(~0u, place, 0);
-  while (place == kPlaceToCome) {
-    if (lane == 0) place = *static_cast<volatile uint32_t*>(pool.places + brick);
-    place = __shfl_sync(~0u, place, 0);
-  }
   if (place != kNoPlace) {
+    do {
+      if (lane == 0) place = LoadAcquire(pool.places + brick);
+      place = __shfl_sync(~0u, place, 0);
+    } while (place == kPlaceToCome);
     __syncwarp();  // behind what lane 0 saw
     return place;
   }
@@ -48,7 +51,7 @@ __device__ __noinline__ inline uint32_t GivePlace(const Pool& pool, uint32_t bri
   __syncwarp();
   if (lane == 0) {
     __threadfence();  // whoever sees the place finds it empty
-    *static_cast<volatile uint32_t*>(pool.places + brick) = place;
+    StoreRelaxed(pool.places + brick, place);
   }
   return place;
 }
@@ -59,7 +62,7 @@ __device__ inline uint32_t PlaceOf(const Pool& pool, bool wants, uint32_t brick)
   uint32_t place = kNoMorePlaces;
   if (wants) {
     place = __ldca(pool.places + brick);
-    if (place < kNoMorePlaces) place = __ldcg(pool.places + brick);  // another multiprocessor may have given it since
+    if (place < kNoMorePlaces) place = LoadAcquire(pool.places + brick);  // given by another multiprocessor since
   }
   uint32_t waiting = __ballot_sync(~0u, place < kNoMorePlaces);
   while (waiting != 0) {
@@ -83,10 +86,13 @@ __device__ __noinline__ inline uint32_t TakePlace(const Pool& pool, uint32_t bri
     pool.Name(number, brick);
     place = kFirstPlace + uint32_t(number);
     __threadfence();  // whoever sees the place finds it empty
-    *static_cast<volatile uint32_t*>(pool.places + brick) = place;
+    StoreRelaxed(pool.places + brick, place);
+    return place;
   }
   // Lanes that wait do so behind what another of their warp does to give it.
-  while (place == kPlaceToCome) place = *static_cast<volatile uint32_t*>(pool.places + brick);
+  do {
+    place = LoadAcquire(pool.places + brick);
+  } while (place == kPlaceToCome);
   return place;
 }
 
