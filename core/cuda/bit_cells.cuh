@@ -205,7 +205,7 @@ VOXELPIPE_HD Octants TouchedQuickly(const int (&v)[3][3], const FixedBox& box, u
   const float area = AreaOf(u, t);
   const uint32_t side = SignMask(area);
   uint32_t touched = in_question;
-  float sure = 0x1p100f;
+  float sure = 0x1p100f;  // beyond what any test is sure of
   TestEdges({half_u, half_t, side, place.widening, place.plane_band, rounding}, u, t, touched, sure);
   const float narrow = NarrowFrom(longest, place);
   const bool is_cube = in_question == 0xff;

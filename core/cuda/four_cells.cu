@@ -18,12 +18,11 @@ auto KernelFor(bool normals) {
 // Whether all voxels that the mesh touches are of the slab.
 bool LiesWithin(const RunState& state, const GridView& grid) {
   constexpr double kClear = 0x1p-10;  // voxels: more than the widening of narrow triangles and what is rounded
-  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
-  const Vec3d least = WorldToIndex(origin, size, state.box.min), most = WorldToIndex(origin, size, state.box.max);
+  const Box3d box = BoxInGrid(state);
   const int64_t begin[3] = {0, 0, grid.slab_begin}, end[3] = {grid.dims[0], grid.dims[1], grid.slab_end};
   bool within = true;
   for (int a = 0; a < 3; ++a) {
-    within = within && least[a] - kClear > double(begin[a]) && most[a] + kClear < double(end[a]);
+    within = within && box.min[a] - kClear > double(begin[a]) && box.max[a] + kClear < double(end[a]);
   }
   return within;
 }

@@ -1,6 +1,9 @@
 // Places of a pool that are given to bricks of a grid while triangles are drawn: whoever touches one first takes one for it (C. Crassin et al.,
 // "GigaVoxels", I3D 2009, has such a pool for rendering). A `Pool` has `places`, an element a brick, `asked`, `capacity`, kWordsOfPlace, and
-// what WordsOf and Name do. No host-only includes.
+// what WordsOf and Name do.
+//
+// A place that was not there before is read by an acquire, behind the clearing of who gave it. One that the L1 cache has, or brings, is not: what is done
+// to a place are atomics of the L2 cache, which has it cleared before anyone can see it. No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -15,8 +18,6 @@ inline constexpr uint32_t kNoPlace = 0;       // none was asked for
 inline constexpr uint32_t kPlaceToCome = 1;   // a warp is about to give one
 inline constexpr uint32_t kNoMorePlaces = 2;  // there was none left
 inline constexpr uint32_t kFirstPlace = 3;
-// A place that was not there before is read by an acquire, behind the clearing of who gave it. One that the L1 cache has, or brings, is not: what is done
-// to a place are atomics of the L2 cache, which has it cleared before anyone can see it.
 __device__ inline bool IsPlace(uint32_t place) {
   return place >= kFirstPlace;
 }
