@@ -1,4 +1,4 @@
-// What a running job shares with whoever started it: a cancel flag, a deadline, and progress.
+// What a running job shares with its caller: a cancel flag, a deadline, progress, and the memory that it may take.
 #pragma once
 
 #include <atomic>
@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "absl/status/status.h"
+#include "base/memory_budget.h"
 
 namespace voxelpipe {
 
@@ -34,6 +35,10 @@ class JobContext {
     return absl::OkStatus();
   }
 
+  // What the job may take, or null: then nothing is charged. Set before the job starts; must outlive it.
+  void set_memory(MemoryBudget* memory) { memory_ = memory; }
+  MemoryBudget* memory() const { return memory_; }
+
   void Report(std::string_view stage, double fraction) const {
     if (progress_) progress_(stage, fraction);
   }
@@ -42,6 +47,7 @@ class JobContext {
   std::atomic<bool> cancelled_{false};
   std::optional<Clock::time_point> deadline_;
   Progress progress_;
+  MemoryBudget* memory_ = nullptr;
 };
 
 }  // namespace voxelpipe

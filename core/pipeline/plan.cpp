@@ -7,7 +7,7 @@
 #include "pipeline/backend.h"
 #include "pipeline/bind.h"
 #include "pipeline/footprint.h"
-#include "pipeline/limit_error.h"
+#include "base/limit_error.h"
 #include "pipeline/result.h"
 #include "shaders/catalog.h"
 

@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
-#include "pipeline/limit_error.h"
+#include "base/limit_error.h"
 #include "wire/text.h"
 
 namespace voxelpipe {

@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "pipeline/limit_error.h"
+#include "base/limit_error.h"
 #include "wire/status.h"
 
 namespace voxelpipe {

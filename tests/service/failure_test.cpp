@@ -13,7 +13,7 @@
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
 #include "gtest/gtest.h"
-#include "pipeline/limit_error.h"
+#include "base/limit_error.h"
 #include "service/background_call.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"

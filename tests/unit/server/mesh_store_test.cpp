@@ -8,7 +8,7 @@
 #include "gtest/gtest.h"
 #include "mesh/content_id.h"
 #include "meshes/prepare_kept.h"
-#include "pipeline/limit_error.h"
+#include "base/limit_error.h"
 #include "wire/status.h"
 
 namespace voxelpipe {

@@ -5,7 +5,7 @@
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
 #include "gtest/gtest.h"
-#include "pipeline/limit_error.h"
+#include "base/limit_error.h"
 
 namespace voxelpipe {
 namespace {

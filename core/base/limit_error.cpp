@@ -1,4 +1,4 @@
-#include "pipeline/limit_error.h"
+#include "base/limit_error.h"
 
 #include <charconv>
 #include <string>
