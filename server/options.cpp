@@ -2,12 +2,11 @@
 
 #include <algorithm>
 #include <map>
-#include <thread>
 #include <type_traits>
 
 #include <CLI/CLI.hpp>
 
-#include "base/machine_memory.h"
+#include "base/machine.h"
 
 namespace voxelpipe {
 namespace {
@@ -223,7 +222,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
 }
 
 ServerOptions Resolve(ServerOptions options) {
-  const int cores = std::max(1, int(std::thread::hardware_concurrency()));
+  const int cores = CpuCount();
   if (options.workers == 0) options.workers = std::min(4, cores);
   if (options.cpu_workers == 0) options.cpu_workers = options.workers;
   if (options.threads == 0) options.threads = cores;

@@ -5,6 +5,7 @@
 #include <new>
 
 #include "absl/synchronization/mutex.h"
+#include "base/threads.h"
 #include "commands/commands.h"
 #include "interrupt.h"
 #include "report.h"
@@ -31,6 +32,7 @@ int main(int argc, char** argv) {
     // gRPC's locks are Abseil's, which where they were built for debugging keep a graph of all locks behind one lock.
     absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
     HandleInterrupts();
+    voxelpipe::LimitThreadsToCpus();
     try {
       app.parse(argc, argv);
     } catch (const CLI::ParseError& error) {

@@ -5,13 +5,10 @@
 #include <bit>
 #include <span>
 
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
+#include "base/threads.h"
 #include "cpu/a_buffer.h"
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
-#include "cpu/thread_arena.h"
 
 namespace voxelpipe::cpu {
 namespace {
@@ -72,14 +69,9 @@ class Cpu final : public Backend {
     if (!kernels.ok()) return kernels.status();
     return std::make_unique<CpuStages>(mesh, request, job, **kernels);
   }
-  void Run(int threads, const std::function<void()>& body) const override { ThreadArena(threads).execute(body); }
+  void Run(int threads, const std::function<void()>& body) const override { RunOnThreads(threads, body); }
   void RunEach(int threads, size_t count, const std::function<void(size_t)>& body) const override {
-    Run(threads, [&] {
-      tbb::parallel_for(size_t{0}, count, [&](size_t i) {
-        // A run that waits for its own loops must not begin another one meanwhile: its times would be wrong.
-        tbb::this_task_arena::isolate([&] { body(i); });
-      });
-    });
+    RunEachOnThreads(threads, count, body);
   }
 };
 

@@ -1,6 +1,5 @@
 #include "cuda/backend.h"
 
-#include <tbb/info.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
@@ -9,6 +8,7 @@
 #include <optional>
 
 #include "absl/strings/str_cat.h"
+#include "base/machine.h"
 #include "cpu/row_kernels.h"
 #include "cuda/batch.h"
 #include "cuda/run_state.h"
@@ -139,7 +139,7 @@ class Cuda final : public Backend {
     return std::make_unique<CudaStages>(mesh, request, job, device_, **kernels, *std::move(use));
   }
   void Run(int threads, const std::function<void()>& body) const override {
-    const int cores = tbb::info::default_concurrency();  // results are put together on the host
+    const int cores = CpuCount();  // results are put together on the host
     tbb::task_arena arena(threads > 0 ? std::min(threads, cores) : cores);
     arena.execute(body);
   }

@@ -12,7 +12,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "base/machine_memory.h"
+#include "base/machine.h"
 #include "cuda/check.h"
 #include "grid/page_pool.h"
 

@@ -10,7 +10,7 @@
 #include <optional>
 #include <vector>
 
-#include "base/machine_memory.h"
+#include "base/machine.h"
 #include "grid/idle_pages.h"
 
 namespace voxelpipe {
@@ -116,7 +116,8 @@ class Pool {
   std::mutex mutex_;
   std::deque<Block> idle_;  // oldest first
   uint64_t idle_bytes_ = 0;
-  const uint64_t most_idle_ = std::max(kMostIdleBytes, MemoryBytes() / kIdleShare);
+  // In a small container no more than its share, either.
+  const uint64_t most_idle_ = std::min(std::max(kMostIdleBytes, MemoryBytes() / kIdleShare), MemoryBytes() / 4);
 };
 
 Pool& ThePool() {

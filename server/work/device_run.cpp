@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <exception>
 #include <new>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
-#include "cpu/backend.h"
+#include "base/machine.h"
+#include "base/threads.h"
 #include "work/answer_burst.h"
 
 namespace voxelpipe {
@@ -24,11 +24,6 @@ constexpr double kShortMs = 100;
 // Answers of jobs that are predicted to take less wait for the next ones of their batch, so long.
 constexpr double kTinyMs = 0.1;
 constexpr std::chrono::milliseconds kLongestBurst{1};
-
-int Cores() {
-  static const int cores = std::max(1, int(std::thread::hardware_concurrency()));  // asking opens a file
-  return cores;
-}
 
 bool IsOutOfMemory(const absl::Status& status) {
   return DeviceFailureOf(status) == DeviceFailureKind::kOutOfMemory;
@@ -135,7 +130,7 @@ DeviceRun::DeviceRun(const Backend& backend, std::vector<std::shared_ptr<Task>> 
   }
   tiny_jobs_ = run_ms < kTinyMs * double(members_.size());
   predicted_ = std::chrono::milliseconds(int64_t(std::min(run_ms, 1e9)));
-  options_.threads = ThreadsFor(run_ms, options_.threads, options_.sharers, Cores());
+  options_.threads = ThreadsFor(run_ms, options_.threads, options_.sharers, CpuCount());
   // Jobs of a watched run are copied with it.
   for (const auto& member : members_) member->LimitThreads(options_.threads);
 }
@@ -176,7 +171,7 @@ void DeviceRun::Prepare() {
   if (members_.size() == 1 || at_once) {
     for (size_t i = 0; i < members_.size(); ++i) prepare(i);
   } else {
-    cpu::CpuBackend().RunEach(options_.threads, members_.size(), prepare);
+    RunEachOnThreads(options_.threads, members_.size(), prepare);
   }
 }
 

@@ -1,9 +1,8 @@
 #include <algorithm>
 #include <filesystem>
 
-#include <thread>
-
 #include "absl/strings/str_cat.h"
+#include "base/machine.h"
 #include "batch/batch_report.h"
 #include "batch/batch_run.h"
 #include "batch/leftovers.h"
@@ -56,7 +55,7 @@ absl::Status Prepare(BatchArguments& arguments) {
   for (size_t i = 0; i < manifest->items.size(); ++i) {
     if (plan.shard.Holds(i)) plan.items.push_back(std::move(manifest->items[i]));
   }
-  const int cores = std::max(1, int(std::thread::hardware_concurrency()));
+  const int cores = CpuCount();
   plan.jobs = arguments.jobs.value_or(plan.servers.empty() ? std::min(4, cores) : 4 * int(plan.servers.size()));
   plan.busy_timeout = std::chrono::seconds(arguments.busy_timeout_s);
   if (arguments.deadline_ms) plan.deadline = std::chrono::milliseconds(*arguments.deadline_ms);

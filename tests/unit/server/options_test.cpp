@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "base/machine_memory.h"
+#include "base/machine.h"
 #include "gtest/gtest.h"
 
 namespace voxelpipe {

@@ -1,0 +1,21 @@
+// Threads for parallel work (oneTBB's), one for each CPU that this process may use.
+#pragma once
+
+#include <cstddef>
+#include <functional>
+
+namespace voxelpipe {
+
+// Calls `body` on the calling thread; parallel loops in it use at most `threads` threads, this one included. 0, or more than CpuCount():
+// one for each CPU.
+void RunOnThreads(int threads, const std::function<void()>& body);
+
+// Calls body(0) to body(count - 1), each once, in no order, on so many threads at the same time. A body that waits for a parallel loop of
+// its own is not given another one meanwhile.
+void RunEachOnThreads(int threads, size_t count, const std::function<void(size_t)>& body);
+
+// Bounds the threads of all parallel loops of the process by CpuCount(): oneTBB itself knows of a quota of CPUs nothing. Call it when the
+// process starts, and after RefreshMachine. Thread-safe.
+void LimitThreadsToCpus();
+
+}  // namespace voxelpipe
