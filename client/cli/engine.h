@@ -32,6 +32,7 @@ struct EngineRun {
     uint64_t sent_bytes = 0;  // of the result as they came, compressed or not
   };
   std::optional<Served> served;
+  WarningList warnings;                       // of packing the file, and of the last run
   std::optional<uint64_t> server_peak_bytes;  // the server's peak for the request; absent in-process
 };
 
@@ -39,6 +40,7 @@ struct EngineRun {
 struct MeshInput {
   FileBytes bytes;
   double read_ms = 0;
+  WarningList warnings{};  // what packing had to pass over
 };
 
 // Errors: those of ReadAndPackMeshFile.

@@ -49,6 +49,24 @@ void PrintError(std::string_view where, const absl::Status& status) {
   PrintError(where, message.empty() ? absl::StatusCodeToString(status.code()) : message);
 }
 
+void PrintWarnings(std::string_view where, const WarningList& warnings) {
+  constexpr size_t kMaxLines = 5;
+  const std::string prefix = where.empty() ? "warning" : absl::StrCat(std::string(where), ": warning");
+  const std::vector<Warning>& kept = warnings.kept();
+  for (size_t i = 0; i < std::min(kMaxLines, kept.size()); ++i) PrintError(prefix, kept[i].Line());
+  if (kept.size() <= kMaxLines) return;
+  PrintError(prefix, absl::StrCat("and ", WithCommas(kept.size() - kMaxLines + warnings.left_out()), " more"));
+}
+
+void AddWarnings(const WarningList& warnings, nlohmann::ordered_json& json) {
+  json["warnings"] = nlohmann::ordered_json::array();
+  for (const Warning& warning : warnings.kept()) {
+    json["warnings"].push_back(
+        {{"code", std::string(Name(warning.code))}, {"place", warning.place}, {"text", warning.text}});
+  }
+  if (warnings.left_out() > 0) json["warnings_left_out"] = warnings.left_out();
+}
+
 absl::Status PrintLine(const std::string& text) {
   std::cout << text << '\n' << std::flush;
   return std::cout.good() ? absl::OkStatus() : absl::DataLossError("cannot write to standard output");
@@ -116,6 +134,7 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
     json["sent_bytes"] = run.served->sent_bytes;
   }
   json["files"] = report.files;
+  AddWarnings(run.warnings, json);
   return json;
 }
 

@@ -18,6 +18,12 @@ namespace voxelpipe::cli {
 void PrintError(std::string_view where, const absl::Status& status);
 void PrintError(std::string_view where, std::string_view message);
 
+// Each warning as `voxelpipe: WHERE: warning: PLACE: TEXT` on stderr, at most five, then how many more there are.
+void PrintWarnings(std::string_view where, const WarningList& warnings);
+
+// json["warnings"], an array of {code, place, text}, and json["warnings_left_out"] where there are more than are kept.
+void AddWarnings(const WarningList& warnings, nlohmann::ordered_json& json);
+
 // Writes `text` and a newline to stdout. DATA_LOSS if stdout does not take it.
 absl::Status PrintLine(const std::string& text);
 

@@ -76,6 +76,7 @@ void AddExecutionOptions(CLI::App& command, RequestOptions& request) {
   add("--backend", request.backend, "auto|cpu|cuda", "What does the work (default auto)");
   add("--threads", request.threads, "N", "Threads of the CPU backend in this process (default 0: all cores)");
   add("--simd", request.simd, "auto|avx512|avx2|scalar", "Instruction set of the CPU backend (default auto)");
+  command.add_flag("--strict", request.strict, "Fail at the first warning")->group(kExecutionGroup);
 }
 
 }  // namespace

@@ -91,6 +91,7 @@ absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& options) {
   if (absl::Status s = Choose("--backend", options.backend, kBackends, request.backend); !s.ok()) return s;
   if (options.threads < 0) return absl::InvalidArgumentError("--threads: at least 0 (all cores)");
   request.threads = options.threads;
+  request.strict = options.strict;
 
   if (options.vertex_shader) {
     absl::StatusOr<ShaderCall> call = ParseShaderCall(*options.vertex_shader);

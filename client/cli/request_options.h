@@ -27,6 +27,7 @@ struct RequestOptions {
   std::string backend = "auto";
   std::string simd = "auto";
   int threads = 0;
+  bool strict = false;
 };
 
 // INVALID_ARGUMENT naming the option at fault: a text that cannot be read, options that exclude one another, a shader,

@@ -6,6 +6,7 @@
 #include "encode/encode.h"
 #include "encode/result_file.h"
 #include "hash.h"
+#include "pipeline/warnings.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -70,8 +71,12 @@ absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const Voxel
   TimedSink timed(file.get());
   HashingSink sink(&timed);
   VoxelizeResult whole;
+  WarningList warnings = std::move(mesh.warnings);
+  if (absl::Status s = CheckStrict(request, warnings); !s.ok()) return s;
   absl::StatusOr<EngineRun> run = engine.Run(std::move(mesh), request, repeat, job, sink, picture ? &whole : nullptr);
   if (!run.ok()) return run.status();
+  warnings.Append(run->runs.back().warnings);
+  run->warnings = std::move(warnings);
   report.header = sink.header();
   report.bytes = sink.bytes();
   absl::StatusOr<std::string> hash = sink.Digest();

@@ -21,7 +21,7 @@ namespace voxelpipe::cli {
 struct MeshFacts {
   MeshReport report;
   MeshContents contents;
-  std::vector<std::string> warnings;
+  WarningList warnings;                                // all of its textures included
   std::vector<std::pair<std::string, double>> stages;  // load and flatten, milliseconds
 };
 

@@ -51,7 +51,7 @@ struct ServedBy {
 // What a server says about a run besides its result.
 struct RemoteRun {
   ServedBy served;
-  VoxelizeStats stats;  // the server's figures
+  VoxelizeStats stats;  // the server's figures, and its warnings
   // The server's "load" and "flatten", wall milliseconds; the stages of the pipeline are in stats.stages.
   std::vector<std::pair<std::string, double>> mesh_stages;
   MeshReport report;
@@ -73,11 +73,11 @@ struct StoredMesh {
   std::string mesh_id;                    // SHA-256 of the file's bytes, 64 hexadecimal digits
   MeshFormat format = MeshFormat::kAuto;  // of the file
   uint64_t file_bytes = 0;
-  uint64_t memory_bytes = 0;          // that it takes on the server
-  MeshReport report;                  // degenerate triangles and open edges are 0 until a job with a fill used the mesh
-  std::vector<std::string> warnings;  // of the loader
-  uint64_t uses = 0;                  // jobs that took it
-  bool already_stored = false;        // UploadMesh: it was there
+  uint64_t memory_bytes = 0;    // that it takes on the server
+  MeshReport report;            // degenerate triangles and open edges are 0 until a job with a fill used the mesh
+  WarningList warnings;         // all of its textures included
+  uint64_t uses = 0;            // jobs that took it
+  bool already_stored = false;  // UploadMesh: it was there
 };
 
 struct ServerBackend {

@@ -32,7 +32,7 @@ absl::StatusOr<MeshInspection> InspectMesh(const std::string& target, const Conn
   const grpc::Status status = service->EstimateVoxelization(&context, request, &response);
   if (!status.ok()) return CallStatus(status, job, target);
   MeshInspection seen{FromMessage(response.mesh()), FromMessage(response.contents()), {}, {}};
-  seen.warnings.assign(response.mesh().warnings().begin(), response.mesh().warnings().end());
+  seen.warnings = ReadWarnings(response);
   for (const v1::StageTime& time : response.contents().stages()) {
     seen.stages.emplace_back(time.stage(), time.milliseconds());
   }

@@ -18,7 +18,7 @@ namespace voxelpipe {
 struct MeshInspection {
   MeshReport report;  // degenerate triangles and open edges counted
   MeshContents contents;
-  std::vector<std::string> warnings;                   // of the loader
+  WarningList warnings;                                // all of its textures included
   std::vector<std::pair<std::string, double>> stages;  // load and flatten, milliseconds on the server
 };
 

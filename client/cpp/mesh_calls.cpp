@@ -39,7 +39,7 @@ absl::StatusOr<StoredMesh> FromMessage(const v1::StoredMesh& message) {
   mesh.file_bytes = message.file_bytes();
   mesh.memory_bytes = message.memory_bytes();
   mesh.report = FromMessage(message.mesh());
-  mesh.warnings.assign(message.mesh().warnings().begin(), message.mesh().warnings().end());
+  mesh.warnings = ReadWarnings(message);
   mesh.uses = message.uses();
   return mesh;
 }

@@ -157,6 +157,7 @@ absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
     if (is_mesh_stage(stage)) out_.mesh_stages.push_back(stage);
   }
   stats.stages.erase(std::remove_if(stats.stages.begin(), stats.stages.end(), is_mesh_stage), stats.stages.end());
+  stats.warnings = ReadWarnings(summary);
   out_.stats = std::move(stats);
   has_summary_ = true;
   return absl::OkStatus();

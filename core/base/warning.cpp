@@ -32,7 +32,16 @@ std::string_view Name(WarningCode code) {
   return "nonconforming_file";
 }
 
-std::string Warning::Line() const { return place.empty() ? text : place + ": " + text; }
+std::optional<WarningCode> WarningCodeOf(std::string_view name) {
+  for (int i = 0; i <= int(WarningCode::kNonconformingFile); ++i) {
+    if (Name(WarningCode(i)) == name) return WarningCode(i);
+  }
+  return std::nullopt;
+}
+
+std::string Warning::Line() const {
+  return place.empty() ? text : place + ": " + text;
+}
 
 void WarningList::Add(WarningCode code, std::string_view place, std::string_view text) {
   Warning warning{code, Cut(place), Cut(text)};

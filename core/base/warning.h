@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -22,6 +23,8 @@ enum class WarningCode : uint8_t {
 
 // The name on the wire and in JSON: "texture_missing", ...
 std::string_view Name(WarningCode code);
+// The code of that name, or nothing.
+std::optional<WarningCode> WarningCodeOf(std::string_view name);
 
 struct Warning {
   WarningCode code = WarningCode::kNonconformingFile;

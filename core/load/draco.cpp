@@ -257,7 +257,7 @@ absl::StatusOr<Scene> LoadDraco(const JobContext& job, std::span<const uint8_t> 
   scene.nodes.emplace_back();
   scene.roots = {0};
   if (mesh->triangles.empty()) {
-    scene.warnings.push_back("the Draco stream is a point cloud: there is nothing to voxelize");
+    scene.warnings.Add(WarningCode::kNoTriangles, "", "the Draco stream has no faces: there is nothing to voxelize");
     return scene;
   }
   Primitive primitive = ToPrimitive(*mesh);

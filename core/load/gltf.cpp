@@ -39,14 +39,6 @@ absl::StatusOr<Scene> LoadGltf(const JobContext& job, std::string_view json,
   if (absl::Status bad = gltf::ReadMaterials(*model, *document, *buffers, budget, scene); !bad.ok()) return bad;
   // Last, so that what they take of the budget is missing nowhere else.
   gltf::ReadAnimations(*document, accessors, limits, scene);
-
-  // A broken file can earn a warning for every primitive; a few of them tell the story.
-  constexpr size_t kMostWarnings = 100;
-  if (scene.warnings.size() > kMostWarnings) {
-    const size_t more = scene.warnings.size() - kMostWarnings;
-    scene.warnings.resize(kMostWarnings);
-    scene.warnings.push_back("and " + std::to_string(more) + " more warnings");
-  }
   return scene;
 }
 

@@ -90,8 +90,8 @@ void CheckRange(Fields& fields, uint64_t offset, uint64_t length, uint32_t buffe
 // glTF 2.0 forbids other strides (bufferView.byteStride). They are read all the same; what is amiss may be an offset that looks right.
 void WarnOfStride(uint64_t stride, size_t view, Document& document) {
   if (stride == 0 || (stride >= 4 && stride <= 252 && stride % 4 == 0)) return;
-  document.warnings.push_back(
-      absl::StrCat("bufferView ", view, ": byteStride ", stride, " is no multiple of 4 from 4 to 252"));
+  document.warnings.Add(WarningCode::kNonconformingFile, absl::StrCat("bufferView ", view),
+                        absl::StrCat("byteStride ", stride, " is no multiple of 4 from 4 to 252"));
 }
 
 void ReadViews(const Json& array, Document& document, absl::Status& status) {
@@ -197,7 +197,7 @@ void ReadImages(Json& array, Document& document, absl::Status& status) {
         status = absl::InvalidArgumentError(absl::StrCat("glTF: image ", i, ": ", Quoted(*image.uri), " is not a URI"));
       }
     }
-    if (!ignored.ok()) document.warnings.push_back(std::string(ignored.message()));
+    AddIgnored(ignored, absl::StrCat("image ", i), document.warnings);
     document.images.push_back(std::move(image));
   }
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/warning.h"
 #include "load/limits.h"
 
 namespace voxelpipe::gltf {
@@ -62,7 +63,7 @@ struct Document {
   std::vector<ImageDecl> images;
   std::string graph;  // JSON of the rest (scenes, nodes, meshes, skins, materials), checked and stripped, for tinygltf
   std::string animations;  // JSON of the array of animations as the file has it, unchecked; empty without
-  std::vector<std::string> warnings;
+  WarningList warnings;
 };
 
 // In: the JSON text, already past GuardJson. Out: declarations with every index proved to be in range of its array, and

@@ -10,6 +10,8 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+#include "base/warning.h"
 
 namespace voxelpipe::gltf {
 
@@ -115,6 +117,13 @@ class Fields {
   std::string where_;
   absl::Status& status_;
 };
+
+// An error of Fields that is passed over, as a warning; `where` is that of the Fields.
+inline void AddIgnored(const absl::Status& ignored, const std::string& where, WarningList& warnings) {
+  if (ignored.ok()) return;
+  const absl::string_view what = absl::StripPrefix(ignored.message(), absl::StrCat("glTF: ", where, ": "));
+  warnings.Add(WarningCode::kNonconformingFile, where, absl::StrCat(what, "; it is ignored"));
+}
 
 // The elements of root[key], 0 if it is no array.
 inline uint64_t ArraySize(const Json& root, const char* key) {

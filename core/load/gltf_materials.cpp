@@ -39,10 +39,9 @@ void ReadTransform(const tinygltf::Value& extension, TextureRef& out) {
 
 class MaterialReader {
  public:
-  MaterialReader(const tinygltf::Model& model, Scene& scene) : model_(model), scene_(scene) {}
+  explicit MaterialReader(const tinygltf::Model& model) : model_(model) {}
 
-  Material Read(const tinygltf::Material& from, size_t index) {
-    where_ = absl::StrCat("material ", index);
+  Material Read(const tinygltf::Material& from) {
     Material out;
     out.name = from.name;
     const tinygltf::PbrMetallicRoughness& pbr = from.pbrMetallicRoughness;
@@ -78,7 +77,7 @@ class MaterialReader {
     TextureRef out;
     if (texture == -1) return out;
     if (texture < 0 || static_cast<size_t>(texture) >= model_.textures.size()) {
-      scene_.warnings.push_back(absl::StrCat(where_, ": texture ", texture, " does not exist and is ignored"));
+      out.fault = absl::StrCat("texture ", texture, " does not exist");
       return out;
     }
     out.texture = texture;
@@ -86,9 +85,9 @@ class MaterialReader {
     const auto transform = extensions.find("KHR_texture_transform");
     if (transform != extensions.end()) ReadTransform(transform->second, out);
     if (out.uv_set < 0 || out.uv_set > 1) {
-      scene_.warnings.push_back(
-          absl::StrCat(where_, ": TEXCOORD_", out.uv_set, " is not read; its texture is ignored"));
-      return TextureRef{};
+      TextureRef unread;
+      unread.fault = absl::StrCat("TEXCOORD_", out.uv_set, " is not read");
+      return unread;
     }
     return out;
   }
@@ -109,8 +108,6 @@ class MaterialReader {
   }
 
   const tinygltf::Model& model_;
-  Scene& scene_;
-  std::string where_;
 };
 
 WrapMode ToWrap(int wrap) {
@@ -125,10 +122,7 @@ bool IsNearest(int filter) {
 
 Texture ReadTexture(const tinygltf::Model& model, const tinygltf::Texture& from, const Scene& scene) {
   Texture out;
-  if (from.source >= 0 && static_cast<size_t>(from.source) < scene.images.size() &&
-      !scene.images[from.source]->encoded.empty()) {
-    out.image = from.source;
-  }
+  if (from.source >= 0 && static_cast<size_t>(from.source) < scene.images.size()) out.image = from.source;
   if (from.sampler >= 0 && static_cast<size_t>(from.sampler) < model.samplers.size()) {
     const tinygltf::Sampler& sampler = model.samplers[from.sampler];
     out.wrap_s = ToWrap(sampler.wrapS);
@@ -144,28 +138,29 @@ Texture ReadTexture(const tinygltf::Model& model, const tinygltf::Texture& from,
   return out;
 }
 
-// The encoded bytes of an image, empty with a warning if they are not inside the document.
-absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Budget& budget, Scene& scene,
-                       Image& out) {
+// The encoded bytes of an image; none and Image::fault if they are not inside the document.
+absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Budget& budget, Image& out) {
   out.name = decl.name.empty() ? absl::StrCat("image ", index) : decl.name;
   out.mime_type = decl.mime_type;
-  const auto warn = [&](const std::string& what) {
-    scene.warnings.push_back(absl::StrCat("image ", index, ": ", what, "; it is ignored"));
+  const std::string where = absl::StrCat("image ", index);
+  const auto missing = [&](const std::string& what) {
+    out.fault = Warning{WarningCode::kTextureMissing, where, absl::StrCat(what, "; the material's factor is used")};
     return absl::OkStatus();
   };
-  const std::string where = absl::StrCat("image ", index);
   if (decl.uri) {
-    if (!absl::StartsWith(*decl.uri, "data:")) return warn(absl::StrCat("the URI ", Quoted(*decl.uri), " is not read"));
+    if (!absl::StartsWith(*decl.uri, "data:")) {
+      return missing(absl::StrCat("the URI ", Quoted(*decl.uri), " leads to no file that could be read"));
+    }
     if (absl::Status full = budget.Take(decl.uri->size(), 1, where); !full.ok()) return full;
     absl::StatusOr<DataUri> data = DecodeDataUri(*decl.uri);
-    if (!data.ok()) return warn(std::string(data.status().message()));
+    if (!data.ok()) return missing(std::string(data.status().message()));
     if (out.mime_type.empty()) out.mime_type = data->media_type;
     out.encoded = std::move(data->bytes);
     return absl::OkStatus();
   }
-  if (decl.view < 0) return warn("neither uri nor bufferView");
+  if (decl.view < 0) return missing("neither uri nor bufferView");
   absl::StatusOr<std::span<const uint8_t>> bytes = buffers.View(static_cast<uint32_t>(decl.view), budget);
-  if (!bytes.ok()) return warn(std::string(bytes.status().message()));
+  if (!bytes.ok()) return missing(std::string(bytes.status().message()));
   if (absl::Status full = budget.Take(bytes->size(), 1, where); !full.ok()) return full;
   out.encoded.assign(bytes->begin(), bytes->end());
   return absl::OkStatus();
@@ -177,12 +172,12 @@ absl::Status ReadMaterials(const tinygltf::Model& model, const Document& documen
                            Scene& scene) {
   for (size_t i = 0; i < document.images.size(); ++i) {
     auto image = std::make_shared<Image>();
-    if (absl::Status bad = ReadImage(document.images[i], i, buffers, budget, scene, *image); !bad.ok()) return bad;
+    if (absl::Status bad = ReadImage(document.images[i], i, buffers, budget, *image); !bad.ok()) return bad;
     scene.images.push_back(std::move(image));
   }
   for (const tinygltf::Texture& texture : model.textures) scene.textures.push_back(ReadTexture(model, texture, scene));
-  MaterialReader reader(model, scene);
-  for (size_t i = 0; i < model.materials.size(); ++i) scene.materials.push_back(reader.Read(model.materials[i], i));
+  MaterialReader reader(model);
+  for (const tinygltf::Material& material : model.materials) scene.materials.push_back(reader.Read(material));
   return absl::OkStatus();
 }
 

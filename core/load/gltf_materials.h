@@ -13,7 +13,7 @@ class Model;
 namespace voxelpipe::gltf {
 
 // In: the model and the image declarations. Out: scene.materials, scene.textures, scene.images (still encoded).
-// Appearance never makes a file fail: what cannot be used is left at its default with a warning.
+// Appearance never makes a file fail: what cannot be used is left at its default, and image or reference say why (their `fault`).
 // Errors: RESOURCE_EXHAUSTED only.
 absl::Status ReadMaterials(const tinygltf::Model& model, const Document& document, Buffers& buffers, Budget& budget,
                            Scene& scene);

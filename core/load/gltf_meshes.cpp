@@ -65,7 +65,7 @@ absl::Status CheckJoints(const Scene& scene) {
 }
 
 // What a shader will find where primitives differ in the file's own attributes.
-void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, std::vector<std::string>& warnings) {
+void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, WarningList& warnings) {
   struct Use {
     size_t primitives = 0;
     int least = 4, most = 1;  // components
@@ -85,12 +85,13 @@ void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, std::vector<std::st
   }
   for (const auto& [name, use] : uses) {
     if (use.primitives < drawn) {
-      warnings.push_back(absl::StrCat("attribute ", name, " is missing in ", drawn - use.primitives, " of ", drawn,
-                                      " primitives; it counts as 0 there"));
+      warnings.Add(
+          WarningCode::kCountMismatch, absl::StrCat("attribute ", name),
+          absl::StrCat("is missing in ", drawn - use.primitives, " of ", drawn, " primitives; it counts as 0 there"));
     }
     if (use.least < use.most) {
-      warnings.push_back(absl::StrCat("attribute ", name, " has ", use.least, " to ", use.most,
-                                      " components; it counts as ", use.most));
+      warnings.Add(WarningCode::kCountMismatch, absl::StrCat("attribute ", name),
+                   absl::StrCat("has ", use.least, " to ", use.most, " components; it counts as ", use.most));
     }
   }
 }

@@ -166,7 +166,7 @@ absl::Status ReadSkins(const tinygltf::Model& model, const AccessorReader& acces
 
 absl::Status ReadRoots(const tinygltf::Model& model, Scene& scene) {
   if (model.scenes.empty()) {
-    if (!scene.nodes.empty()) scene.warnings.push_back("the file has no scenes: nothing is drawn");
+    if (!scene.nodes.empty()) scene.warnings.Add(WarningCode::kNoScene, "", "the file has no scenes: nothing is drawn");
     return absl::OkStatus();
   }
   const int index = model.defaultScene < 0 ? 0 : model.defaultScene;

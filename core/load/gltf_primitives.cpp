@@ -81,7 +81,7 @@ class Filler {
   void WarnCleaned(const std::string& name, const std::string& origin) {
     Warn(absl::StrCat(name, " (", origin, ") has values that are not finite; they count as 0"));
   }
-  void Warn(const std::string& what) { context_.warnings.push_back(absl::StrCat(where_, ": ", what)); }
+  void Warn(const std::string& what) { context_.warnings.Add(WarningCode::kNonconformingFile, where_, what); }
 
   // As Values, of vectors of exactly V's components.
   template <typename V>
@@ -300,7 +300,8 @@ absl::Status ReadTriangles(const tinygltf::Primitive& primitive, const std::stri
   if (absl::Status full = context.budget.Take(triangles->size(), 12, where); !full.ok()) return full;
   out.triangles = *std::move(triangles);
   if (incomplete) {
-    context.warnings.push_back(absl::StrCat(where, ": indices left over that complete no triangle are dropped"));
+    context.warnings.Add(WarningCode::kIndicesLeftOver, where,
+                         "indices left over that complete no triangle are dropped");
   }
   return absl::OkStatus();
 }
@@ -325,7 +326,11 @@ absl::StatusOr<std::optional<std::span<const uint8_t>>> DracoStream(const tinygl
 absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive& primitive,
                                                        const std::vector<double>& weights, const std::string& where,
                                                        PrimitiveContext& context) {
-  if (primitive.mode < kTriangles) return std::nullopt;
+  if (primitive.mode < kTriangles) {
+    Primitive empty;
+    empty.points_or_lines = true;
+    return std::optional<Primitive>(std::move(empty));
+  }
   absl::StatusOr<DracoPart> draco = ReadDraco(primitive, where, context);
   if (!draco.ok()) return draco.status();
   AttributeSource source(primitive.attributes, std::move(draco->ids), std::move(draco->mesh), context);
@@ -335,7 +340,7 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
   absl::StatusOr<std::optional<AttributeVectors<Vec3f>>> positions = source.FindVectors<Vec3f>("POSITION");
   if (!positions.ok()) return At(where, positions.status());
   if (!*positions) {
-    context.warnings.push_back(absl::StrCat(where, ": no POSITION, nothing to draw"));
+    context.warnings.Add(WarningCode::kNoTriangles, where, "no POSITION, nothing to draw");
     return std::nullopt;
   }
   if ((*positions)->components != 3) {

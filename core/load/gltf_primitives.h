@@ -25,7 +25,7 @@ struct PrimitiveContext {
   Buffers& buffers;
   Budget& budget;
   const AccessorReader& accessors;
-  std::vector<std::string>& warnings;
+  WarningList& warnings;
   DracoAhead* draco = nullptr;  // set while meshes are read
 };
 

@@ -62,7 +62,7 @@ bool IsPresentable(const std::string& name) {
 // A map from attribute names to accessors: those that glTF defines, and the file's own (_NAME) where `own`, which takes
 // the warnings, is not null.
 Json CopyAttributes(const Json& object, const std::string& where, const Sizes& sizes, absl::Status& status,
-                    std::vector<std::string>* own = nullptr) {
+                    WarningList* own = nullptr) {
   Fields fields(object, where, status);
   Json copy = Json::object();
   if (!status.ok()) return copy;
@@ -71,7 +71,8 @@ Json CopyAttributes(const Json& object, const std::string& where, const Sizes& s
     if (name[0] == '_') {
       if (own == nullptr) continue;
       if (!IsPresentable(name)) {
-        own->push_back(absl::StrCat(where, ": ", Quoted(name), " is no printable name and is ignored"));
+        own->Add(WarningCode::kNonconformingFile, where,
+                 absl::StrCat(Quoted(name), " is no printable name and is ignored"));
         continue;
       }
     }
@@ -82,7 +83,7 @@ Json CopyAttributes(const Json& object, const std::string& where, const Sizes& s
 }
 
 Json CopyPrimitive(const Json& object, const std::string& where, const Sizes& sizes, absl::Status& status,
-                   std::vector<std::string>& warnings) {
+                   WarningList& warnings) {
   Fields fields(object, where, status);
   Json copy = Json::object();
   copy["mode"] = fields.Unsigned("mode", 4);
@@ -97,7 +98,7 @@ Json CopyPrimitive(const Json& object, const std::string& where, const Sizes& si
   Fields material_fields(object, where, material_status);
   const int64_t material = material_fields.Index("material", sizes.materials, "materials");
   if (material >= 0) copy["material"] = material;
-  if (!material_status.ok()) warnings.push_back(std::string(material_status.message()));
+  AddIgnored(material_status, where, warnings);
 
   if (const Json* targets = fields.Array("targets", kMostElements)) {
     copy["targets"] = Json::array();
@@ -134,7 +135,7 @@ Json CopyPrimitive(const Json& object, const std::string& where, const Sizes& si
 }
 
 Json CopyMesh(const Json& object, size_t index, const Sizes& sizes, absl::Status& status, uint64_t& primitive_count,
-              std::vector<std::string>& warnings) {
+              WarningList& warnings) {
   Fields fields(object, absl::StrCat("mesh ", index), status);
   Json copy = Json::object();
   if (!status.ok()) return copy;
@@ -274,7 +275,7 @@ void CopyScenes(Fields& fields, const Sizes& sizes, Json& graph, absl::Status& s
 
 }  // namespace
 
-absl::StatusOr<Json> SanitizeGraph(const Json& root, const LoadLimits& limits, std::vector<std::string>& warnings) {
+absl::StatusOr<Json> SanitizeGraph(const Json& root, const LoadLimits& limits, WarningList& warnings) {
   absl::Status status;
   Fields fields(root, "document", status);
   const Sizes sizes{ArraySize(root, "accessors"), ArraySize(root, "nodes"), ArraySize(root, "meshes"),

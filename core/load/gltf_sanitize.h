@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/warning.h"
 #include "load/limits.h"
 
 namespace voxelpipe::gltf {
@@ -15,6 +16,6 @@ namespace voxelpipe::gltf {
 // understand. Faults of materials are dropped with a line in `warnings`; faults of geometry are errors.
 // Errors: INVALID_ARGUMENT naming the object.
 absl::StatusOr<nlohmann::json> SanitizeGraph(const nlohmann::json& root, const LoadLimits& limits,
-                                             std::vector<std::string>& warnings);
+                                             WarningList& warnings);
 
 }  // namespace voxelpipe::gltf

@@ -14,7 +14,9 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "load/json_guard.h"
 #include "load/mips.h"
+#include "mesh/texture_faults.h"
 #include "shaders/mips.h"
 
 namespace voxelpipe {
@@ -191,17 +193,50 @@ absl::Status DecodeJpeg(Image& image, const LoadLimits& limits) {
 
 }  // namespace
 
-absl::Status DecodeImage(Image& image, const LoadLimits& limits) {
-  if (!image.rgba.empty()) return absl::OkStatus();
-  // The first bytes decide, not the type that the file claims.
+namespace {
+
+enum class Format { kNone, kPng, kJpeg };
+
+// The first bytes decide, not the type that the file claims.
+Format FormatOf(const Image& image) {
   static constexpr uint8_t kPng[] = {0x89, 'P', 'N', 'G'}, kJpeg[] = {0xff, 0xd8, 0xff};
   const auto begins = [&](std::span<const uint8_t> magic) {
     return image.encoded.size() >= magic.size() && std::memcmp(image.encoded.data(), magic.data(), magic.size()) == 0;
   };
-  if (begins(kPng)) return DecodePng(image, limits);
-  if (begins(kJpeg)) return DecodeJpeg(image, limits);
+  if (begins(kPng)) return Format::kPng;
+  return begins(kJpeg) ? Format::kJpeg : Format::kNone;
+}
+
+// The fault of an image that has no bytes or is of a format that is not decoded.
+std::optional<Warning> FaultOf(const Image& image, size_t index) {
+  if (image.fault || !image.rgba.empty()) return image.fault;
+  const std::string where = absl::StrCat("image ", index);
+  if (image.encoded.empty()) {
+    return Warning{WarningCode::kTextureMissing, where, "it has no bytes; the material's factor is used"};
+  }
+  if (FormatOf(image) != Format::kNone) return std::nullopt;
+  return Warning{WarningCode::kTextureUndecodable, where,
+                 absl::StrCat("its format (", image.mime_type.empty() ? "no type given" : Quoted(image.mime_type),
+                              ") is not decoded; the material's factor is used")};
+}
+
+}  // namespace
+
+absl::Status DecodeImage(Image& image, const LoadLimits& limits) {
+  if (!image.rgba.empty()) return absl::OkStatus();
+  switch (FormatOf(image)) {
+    case Format::kPng: return DecodePng(image, limits);
+    case Format::kJpeg: return DecodeJpeg(image, limits);
+    case Format::kNone: break;
+  }
   return absl::UnimplementedError(
       absl::StrCat("image '", image.name, "': type '", image.mime_type, "' is neither PNG nor JPEG"));
+}
+
+void CheckImages(const TriangleMesh& mesh) {
+  for (size_t i = 0; i < mesh.images.size(); ++i) {
+    if (mesh.images[i] != nullptr) mesh.images[i]->fault = FaultOf(*mesh.images[i], i);
+  }
 }
 
 namespace {
@@ -211,16 +246,19 @@ struct Sampled {
   std::set<int32_t> linear, srgb;
 };
 
-Sampled TexturesOf(const TriangleMesh& mesh, const TextureUse& use) {
+Sampled TexturesSampled(const TriangleMesh& mesh, const TextureUse& use) {
   Sampled sampled;
   const auto add = [&](const TextureRef& ref, std::set<int32_t>& to) {
     if (ref.texture >= 0 && size_t(ref.texture) < mesh.textures.size()) to.insert(ref.texture);
   };
-  for (const Material& material : mesh.materials) {
-    if (use.base_color || (use.any() && material.alpha_mode == AlphaMode::kMask))
-      add(material.base_color, sampled.srgb);
-    if (use.emissive) add(material.emissive, sampled.srgb);
-    if (use.metallic_roughness) add(material.metallic_roughness, sampled.linear);
+  const std::vector<bool> used = MaterialsInUse(mesh);
+  for (size_t i = 0; i < used.size(); ++i) {
+    if (!used[i]) continue;
+    const Material& material = mesh.materials[i];
+    const TextureUse read = TexturesOf(material, use);
+    if (read.base_color) add(material.base_color, sampled.srgb);
+    if (read.emissive) add(material.emissive, sampled.srgb);
+    if (read.metallic_roughness) add(material.metallic_roughness, sampled.linear);
   }
   return sampled;
 }
@@ -262,15 +300,13 @@ class ImageBudget {
   uint64_t pixels_ = 0, bytes_ = 0;
 };
 
-absl::Status PrepareTexture(const TriangleMesh& mesh, Texture& texture, bool srgb, ImageBudget& budget,
+absl::Status PrepareTexture(const TriangleMesh& mesh, const Texture& texture, bool srgb, ImageBudget& budget,
                             const LoadLimits& limits) {
   Image* image = ImageOf(mesh, texture);
   if (image == nullptr) return absl::OkStatus();
+  image->fault = FaultOf(*image, size_t(texture.image));
+  if (image->fault) return absl::OkStatus();  // the factor alone is used
   absl::Status s = DecodeImage(*image, limits);
-  if (absl::IsUnimplemented(s)) {
-    texture.image = -1;  // the factor alone is used
-    return absl::OkStatus();
-  }
   if (!s.ok()) return s;
   if (s = budget.TakeTexels(*image); !s.ok()) return s;
   std::vector<Vec4f>& mips = srgb ? image->srgb_mips : image->linear_mips;
@@ -288,7 +324,7 @@ absl::Status PrepareTexture(const TriangleMesh& mesh, Texture& texture, bool srg
 }  // namespace
 
 absl::Status PrepareTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use) {
-  const Sampled sampled = TexturesOf(mesh, use);
+  const Sampled sampled = TexturesSampled(mesh, use);
   ImageBudget budget(limits);
   for (const bool srgb : {true, false}) {
     for (const int32_t t : srgb ? sampled.srgb : sampled.linear) {

@@ -338,6 +338,27 @@ std::vector<uint32_t> UnusedVertices(const JobContext& job, const TriangleMesh& 
   return unused;
 }
 
+// Says why there is nothing to voxelize, where nothing said so before.
+void WarnOfNoTriangles(const Scene& scene, const std::vector<uint32_t>& order, TriangleMesh& mesh) {
+  if (!mesh.triangles.empty()) return;
+  for (const Warning& warning : mesh.warnings.kept()) {
+    if (warning.code == WarningCode::kNoTriangles && warning.place.empty()) return;
+  }
+  bool any_mesh = false, any_other = false;
+  for (const uint32_t n : order) {
+    if (scene.nodes[n].mesh < 0) continue;
+    any_mesh = true;
+    for (const Primitive& primitive : scene.meshes[size_t(scene.nodes[n].mesh)].primitives) {
+      any_other = any_other || primitive.points_or_lines;
+    }
+  }
+  const char* const why = scene.roots.empty() ? "the scene is empty"
+                          : !any_mesh         ? "no node of the scene has a mesh, or all of them are hidden"
+                          : any_other         ? "the scene has only points or lines"
+                                              : "the meshes of the scene have no triangles";
+  mesh.warnings.Add(WarningCode::kNoTriangles, "", absl::StrCat("there is nothing to voxelize: ", why));
+}
+
 }  // namespace
 
 uint64_t CountTriangles(const Scene& scene) {
@@ -374,6 +395,8 @@ absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scen
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory while flattening the scene");
   }
+  mesh.warnings = scene.warnings;
+  WarnOfNoTriangles(scene, order, mesh);
   mesh.materials = scene.materials;
   mesh.textures = scene.textures;
   mesh.images = scene.images;

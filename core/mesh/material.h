@@ -2,10 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/vec.h"
+#include "base/warning.h"
 
 namespace voxelpipe {
 
@@ -25,6 +27,8 @@ struct TextureRef {
   float offset[2] = {0, 0};
   float scale[2] = {1, 1};
   float rotation = 0;  // radians, counter-clockwise as the extension defines it
+  std::string
+      fault{};  // why the file's reference is not followed (then texture is -1); empty where it is, or there is none
 };
 
 struct Material {
@@ -42,7 +46,7 @@ struct Material {
 };
 
 struct Texture {
-  int32_t image = -1;  // index into images, -1 = an image this build cannot read (the factor alone is used)
+  int32_t image = -1;  // index into images, -1 = the file names none (the factor alone is used)
   WrapMode wrap_s = WrapMode::kRepeat, wrap_t = WrapMode::kRepeat;
   // Filters within a level, nearest or bilinear: up to one texel a voxel, and beyond.
   bool nearest = false, min_nearest = false;
@@ -58,6 +62,8 @@ struct Image {
   std::vector<uint8_t> rgba;       // 4 bytes a texel, rows from the top; empty until decoded
   // Smaller levels (load/mips.h), of the texels as linear values and as sRGB colours; empty until something samples them.
   std::vector<Vec4f> linear_mips, srgb_mips;
+  // Why it has no texels: it has no bytes, or they are of a format that is not decoded. Materials then count as if they had no texture.
+  std::optional<Warning> fault{};
 };
 
 // Which textures of the materials shaders sample.

@@ -9,6 +9,7 @@
 
 #include "absl/status/status.h"
 #include "base/vec.h"
+#include "base/warning.h"
 #include "mesh/animation.h"
 #include "mesh/material.h"
 #include "mesh/trs.h"
@@ -43,7 +44,8 @@ struct Primitive {
   std::vector<VertexAttribute> attributes;         // the file's own, each name once
   std::shared_ptr<const MorphData> morph;          // null without morph targets
   std::vector<std::array<uint32_t, 3>> triangles;
-  int32_t material = -1;  // index into Scene::materials, -1 = glTF's default material
+  int32_t material = -1;         // index into Scene::materials, -1 = glTF's default material
+  bool points_or_lines = false;  // the file draws it without triangles: it has none here
 };
 
 struct Mesh {
@@ -79,9 +81,9 @@ struct Scene {
   std::vector<Material> materials;
   std::vector<Texture> textures;
   std::vector<std::shared_ptr<Image>> images;
-  std::vector<uint32_t> roots;        // root nodes of the scene to be flattened, in file order
-  std::vector<std::string> warnings;  // what was accepted although the file is not quite right, for the mesh report
-  std::string format;                 // "glb", "gltf" or "drc"
+  std::vector<uint32_t> roots;  // root nodes of the scene to be flattened, in file order
+  WarningList warnings;         // of the loader; those of images and texture references stand with them (material.h)
+  std::string format;           // "glb", "gltf" or "drc"
 };
 
 }  // namespace voxelpipe

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/vec.h"
+#include "base/warning.h"
 #include "mesh/material.h"
 #include "mesh/rig.h"
 #include "mesh/vertex_attribute.h"
@@ -51,6 +52,8 @@ struct TriangleMesh {
   // Names the contents, for who keeps meshes: two meshes with the same id have the same arrays, so what a device was given of the one
   // serves the other. Empty: not known to be like any other. Change an array and the id must change or go.
   std::string content_id{};
+  // Of loading and flattening: every use of the mesh reports them again. Those of textures stand with images and materials.
+  WarningList warnings{};
 };
 
 }  // namespace voxelpipe

@@ -63,6 +63,7 @@ struct VoxelizeRequest {
   BackendChoice backend = BackendChoice::kAuto;
   int threads = 0;  // CPU backend; 0 = all cores
   SimdChoice simd = SimdChoice::kAuto;
+  bool strict = false;  // the first warning is an error: INVALID_ARGUMENT with its text
 };
 
 inline constexpr int kMaxTargets = 8;

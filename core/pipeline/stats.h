@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/warning.h"
+
 namespace voxelpipe {
 
 struct VoxelizeStats {
@@ -23,6 +25,7 @@ struct VoxelizeStats {
   std::vector<std::pair<std::string, double>> stages;
   double voxelize_ms = 0;      // mesh in memory to result in memory, clearing included
   double voxelize_cpu_ms = 0;  // CPU time of the process over the same span
+  WarningList warnings;        // of the mesh, of the textures that the request's shaders read, and of the run
 };
 
 }  // namespace voxelpipe

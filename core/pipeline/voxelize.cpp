@@ -22,6 +22,7 @@
 #include "pipeline/footprint.h"
 #include "pipeline/resuming_sink.h"
 #include "pipeline/stages.h"
+#include "pipeline/warnings.h"
 
 namespace voxelpipe {
 namespace {
@@ -262,7 +263,12 @@ absl::Status RunInside(const Backend& backend, const TriangleMesh& mesh, const V
   try {
     const absl::StatusOr<BoundRequest> bound = BindRequest(mesh, request);
     if (!bound.ok()) return bound.status();
-    return RunStages(backend, mesh, *bound, job, limits, delivery, on_plan, assembler, stats);
+    stats.warnings = WarningsOf(mesh, request);
+    absl::Status s = CheckStrict(request, stats.warnings);
+    if (s.ok()) s = RunStages(backend, mesh, *bound, job, limits, delivery, on_plan, assembler, stats);
+    if (!s.ok()) return s;
+    AddRunWarnings(mesh, request, stats);
+    return CheckStrict(request, stats.warnings);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory while voxelizing");
   }

@@ -198,6 +198,7 @@ absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
   if (s.ok()) s = ReadEnum(kSimds, config.simd(), "simd", request.simd);
   if (s.ok()) s = ReadSettings(config, parsed.settings);
   if (s.ok() && config.new_positions() && config.mesh_id().empty()) s = Invalid("new_positions", "of which mesh_id?");
+  request.strict = config.strict();
   parsed.mesh_id = config.mesh_id();
   parsed.new_positions = config.new_positions();
   if (s.ok() && config.has_vertex_shader())
@@ -248,6 +249,7 @@ v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_fo
     target->set_clear(spec.clear);
     target->set_fill_value(spec.fill_value);
   }
+  config.set_strict(request.strict);
   WriteSettings(settings, config);
   return config;
 }

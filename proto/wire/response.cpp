@@ -10,9 +10,6 @@
 namespace voxelpipe {
 namespace {
 
-constexpr size_t kMaxWarnings = 32;
-constexpr size_t kMaxWarningBytes = 300;
-
 void WriteVec(const Vec3d& v, v1::Vec3* out) {
   out->set_x(v.x);
   out->set_y(v.y);
@@ -206,7 +203,7 @@ VoxelizeStats FromMessage(const v1::VoxelizeStats& message) {
   return stats;
 }
 
-void WriteTo(const MeshReport& report, bool examined, std::span<const std::string> warnings, v1::MeshReport& message) {
+void WriteTo(const MeshReport& report, bool examined, v1::MeshReport& message) {
   message.set_triangles(report.triangles);
   message.set_vertices(report.vertices);
   if (examined) {
@@ -215,19 +212,25 @@ void WriteTo(const MeshReport& report, bool examined, std::span<const std::strin
   }
   WriteVec(report.min, message.mutable_min());
   WriteVec(report.max, message.mutable_max());
-  for (const std::string& warning : warnings.first(std::min(kMaxWarnings, warnings.size()))) {
-    message.add_warnings(CleanText(warning, kMaxWarningBytes));
-  }
 }
 
 v1::MeshReport ToMessage(const MeshReport& report, bool examined) {
-  return ToMessage(report, examined, {});
+  v1::MeshReport message;
+  WriteTo(report, examined, message);
+  return message;
 }
 
-v1::MeshReport ToMessage(const MeshReport& report, bool examined, std::span<const std::string> warnings) {
-  v1::MeshReport message;
-  WriteTo(report, examined, warnings, message);
-  return message;
+void WriteTo(const Warning& warning, v1::Warning& message) {
+  // The numbers are the enum's, one up: 0 is UNSPECIFIED.
+  message.set_code(v1::WarningCode(int(warning.code) + 1));
+  message.set_place(CleanText(warning.place, WarningList::kMaxTextBytes));
+  message.set_text(CleanText(warning.text, WarningList::kMaxTextBytes));
+}
+
+Warning FromMessage(const v1::Warning& message) {
+  const bool known = message.code() > v1::WARNING_CODE_UNSPECIFIED && v1::WarningCode_IsValid(int(message.code()));
+  return {known ? WarningCode(int(message.code()) - 1) : WarningCode::kNonconformingFile, message.place(),
+          message.text()};
 }
 
 MeshReport FromMessage(const v1::MeshReport& message) {

@@ -2,10 +2,10 @@
 // already, on an arena, say.
 #pragma once
 
-#include <span>
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "base/warning.h"
 #include "grid/grid_spec.h"
 #include "mesh/report.h"
 #include "pipeline/plan.h"
@@ -33,10 +33,28 @@ VoxelizeStats FromMessage(const v1::VoxelizeStats& message);
 
 // `examined`: whether degenerate_triangles and open_edges were counted.
 v1::MeshReport ToMessage(const MeshReport& report, bool examined);
-// The same with the loader's warnings, at most 32 of them, each cut to a line's length.
-v1::MeshReport ToMessage(const MeshReport& report, bool examined, std::span<const std::string> warnings);
-void WriteTo(const MeshReport& report, bool examined, std::span<const std::string> warnings, v1::MeshReport& message);
+void WriteTo(const MeshReport& report, bool examined, v1::MeshReport& message);
 MeshReport FromMessage(const v1::MeshReport& message);
+
+// The warnings of a Summary, a StoredMesh or an EstimateVoxelizationResponse: its fields `warnings` and `warnings_left_out`.
+void WriteTo(const Warning& warning, v1::Warning& message);
+Warning FromMessage(const v1::Warning& message);
+template <typename Message>
+void WriteWarnings(const WarningList& warnings, Message& message) {
+  for (const Warning& warning : warnings.kept()) WriteTo(warning, *message.add_warnings());
+  if (warnings.left_out() > 0) message.set_warnings_left_out(warnings.left_out());
+}
+// A code that is not known counts as nonconforming_file; more than WarningList keeps count as left out.
+template <typename Message>
+WarningList ReadWarnings(const Message& message) {
+  WarningList warnings;
+  for (const v1::Warning& warning : message.warnings()) {
+    const Warning read = FromMessage(warning);
+    warnings.Add(read.code, read.place, read.text);
+  }
+  warnings.set_left_out(warnings.left_out() + message.warnings_left_out());
+  return warnings;
+}
 
 v1::ShaderInfo ToMessage(const ShaderInfo& info);
 ShaderInfo FromMessage(const v1::ShaderInfo& message);

@@ -7,9 +7,11 @@
 #include "absl/strings/str_cat.h"
 #include "calls/call_setup.h"
 #include "calls/raw_message.h"
+#include "load/image.h"
 #include "meshes/prepare_kept.h"
 #include "pipeline/backend.h"
 #include "pipeline/plan.h"
+#include "pipeline/warnings.h"
 #include "wire/mesh_contents.h"
 #include "wire/request.h"
 #include "wire/response.h"
@@ -133,7 +135,9 @@ absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   const absl::StatusOr<Estimate> estimate = EstimateJob(**mesh, config, state_.limits, job_);
   if (!estimate.ok()) return estimate.status();
   *response_.mutable_plan() = ToMessage(estimate->plan);
-  *response_.mutable_mesh() = ToMessage(estimate->report, (*mesh)->examined, (*mesh)->warnings);
+  *response_.mutable_mesh() = ToMessage(estimate->report, (*mesh)->examined);
+  if (!kept_) CheckImages(*(*mesh)->mesh);  // nobody else has it
+  WriteWarnings(kept_ ? kept_->Report(false).warnings : AllWarningsOf(*(*mesh)->mesh), response_);
   if (!kept_) *response_.mutable_contents() = ToMessage((*mesh)->contents, (*mesh)->stages);
   return absl::OkStatus();
 }

@@ -74,7 +74,8 @@ v1::StoredMesh ToMessage(KeptMesh& mesh) {
   message.set_file_bytes(mesh.file_bytes());
   message.set_memory_bytes(mesh.memory_bytes());
   const KeptMesh::Facts facts = mesh.Report(false);
-  *message.mutable_mesh() = ToMessage(facts.report, facts.examined, mesh.warnings());
+  *message.mutable_mesh() = ToMessage(facts.report, facts.examined);
+  WriteWarnings(facts.warnings, message);
   message.set_uses(mesh.uses());
   return message;
 }

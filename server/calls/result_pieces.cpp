@@ -79,7 +79,8 @@ void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) 
   stats.set_batch_jobs(outcome.batch_jobs);
   if (outcome.batch_launches) stats.set_batch_launches(*outcome.batch_launches);
   stats.set_attempts(outcome.attempts);
-  WriteTo(outcome.report, outcome.examined, outcome.warnings, *summary.mutable_mesh());
+  WriteTo(outcome.report, outcome.examined, *summary.mutable_mesh());
+  WriteWarnings(outcome.result.stats.warnings, summary);
   summary.set_peak_bytes(outcome.peak_bytes);
   if (hashed_ && !known_hash_.empty()) {
     summary.set_content_sha256(known_hash_);

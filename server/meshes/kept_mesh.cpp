@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "load/image.h"
+#include "pipeline/warnings.h"
 #include "work/mesh_bytes.h"
 
 namespace voxelpipe {
@@ -13,15 +14,26 @@ namespace {
 // What the entry itself takes, and all that is not worth counting; so that many tiny meshes do not pass for nothing.
 constexpr uint64_t kOverheadBytes = 4096;
 
+uint64_t BytesOf(const Warning& warning) {
+  return sizeof warning + warning.place.size() + warning.text.size();
+}
+
 // MeshBytes and the small parts, which strangers can make large: names come from the file.
-uint64_t KeptBytes(const TriangleMesh& mesh, const std::vector<std::string>& warnings) {
+uint64_t KeptBytes(const TriangleMesh& mesh) {
   uint64_t bytes = kOverheadBytes + MeshBytes(mesh);
   bytes += mesh.parts.size() * sizeof(MeshPart) + mesh.textures.size() * sizeof(Texture);
   if (mesh.unused_vertices) bytes += mesh.unused_vertices->size() * sizeof(uint32_t);
-  for (const Material& material : mesh.materials) bytes += sizeof material + material.name.size();
+  for (const Material& material : mesh.materials) {
+    bytes += sizeof material + material.name.size();
+    for (const TextureRef* ref : {&material.base_color, &material.emissive, &material.metallic_roughness}) {
+      bytes += ref->fault.size();
+    }
+  }
   for (const VertexAttribute& attribute : mesh.attributes) bytes += sizeof attribute + attribute.name.size();
-  for (const auto& image : mesh.images) bytes += sizeof *image + image->name.size() + image->mime_type.size();
-  for (const std::string& warning : warnings) bytes += sizeof(std::string) + warning.size();
+  for (const auto& image : mesh.images) {
+    bytes += sizeof *image + image->name.size() + image->mime_type.size() + (image->fault ? BytesOf(*image->fault) : 0);
+  }
+  for (const Warning& warning : mesh.warnings.kept()) bytes += BytesOf(warning);
   return bytes;
 }
 
@@ -56,13 +68,14 @@ KeptMesh::KeptMesh(std::string id, MeshFormat format, uint64_t file_bytes, Loade
     : id_(std::move(id)),
       format_(format),
       file_bytes_(file_bytes),
-      warnings_(std::move(loaded.warnings)),
       triangles_(loaded.mesh.triangles.size()),
       vertices_(loaded.mesh.positions.size()) {
   loaded.mesh.content_id = id_;
   facts_.report = BoxReport(loaded.mesh);
+  CheckImages(loaded.mesh);
+  facts_.warnings = AllWarningsOf(loaded.mesh);
   mesh_ = std::make_shared<const TriangleMesh>(std::move(loaded.mesh));
-  memory_bytes_ = KeptBytes(*mesh_, warnings_);
+  memory_bytes_ = KeptBytes(*mesh_);
 }
 
 absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const TextureUse& use, const LoadLimits& limits) {
@@ -79,7 +92,7 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const Texture
     if (absl::Status s = PrepareTextures(*copy, limits, use); !s.ok()) return s;
     const TextureUse prepared = Both(prepared_, use);
     copy->content_id = ContentId(id_, prepared);
-    const uint64_t bytes = KeptBytes(*copy, warnings_);
+    const uint64_t bytes = KeptBytes(*copy);
     std::shared_ptr<const TriangleMesh> old = copy;
     {
       const std::lock_guard lock(mutex_);
@@ -122,8 +135,9 @@ KeptMesh::Facts KeptMesh::Report(bool examine) {
   if (const Facts facts = now(); facts.examined || !examine) return facts;
   const std::lock_guard preparing(preparing_);
   if (const Facts facts = now(); facts.examined) return facts;
-  const Facts facts{ReportMesh(*mesh_), true};
+  const MeshReport report = ReportMesh(*mesh_);
   const std::lock_guard lock(mutex_);
+  const Facts facts{report, true, facts_.warnings};
   return facts_ = facts;
 }
 

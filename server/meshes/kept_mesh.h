@@ -29,8 +29,7 @@ class KeptMesh {
   const std::string& id() const { return id_; }
   MeshFormat format() const { return format_; }
   uint64_t file_bytes() const { return file_bytes_; }
-  const std::vector<std::string>& warnings() const { return warnings_; }  // of the loader
-  uint64_t triangles() const { return triangles_; }                       // of the flattened mesh
+  uint64_t triangles() const { return triangles_; }  // of the flattened mesh
   uint64_t vertices() const { return vertices_; }
   // What it takes now: arrays, names, images as far as they are decoded; and as much for the copy of which jobs move the vertices, once one did.
   uint64_t memory_bytes() const { return memory_bytes_.load() * (keeps_moved_ ? 2 : 1); }
@@ -55,11 +54,12 @@ class KeptMesh {
   // Whether Mesh gives those textures without decoding any.
   bool ready(const TextureUse& use) const;
 
-  // Facts about the mesh. `examine`: also the degenerate triangles and open edges, which the first call counts. Out: `examined` whether
+  // Facts about the mesh, its warnings among them. `examine`: also the degenerate triangles and open edges, which the first call counts. Out: `examined` whether
   // they are counted. May throw bad_alloc.
   struct Facts {
     MeshReport report;
     bool examined = false;
+    WarningList warnings{};  // all of its textures included
   };
   Facts Report(bool examine);
 
@@ -67,7 +67,6 @@ class KeptMesh {
   const std::string id_;
   const MeshFormat format_;
   const uint64_t file_bytes_;
-  const std::vector<std::string> warnings_;
   const uint64_t triangles_, vertices_;
   std::atomic<uint64_t> memory_bytes_{0}, uses_{0};
   std::atomic<bool> keeps_moved_{false};

@@ -44,7 +44,6 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   if (!mesh.ok()) return mesh.status();
   auto prepared = std::make_shared<PreparedMesh>();
   prepared->mesh = *std::move(mesh);
-  prepared->warnings = kept.warnings();
   prepared->examined = config.request.fill != Fill::kNone;
   if (!config.new_positions) {
     prepared->report = kept.Report(prepared->examined).report;

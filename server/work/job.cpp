@@ -94,7 +94,6 @@ absl::Status VoxelizeInto(JobOutcome& outcome, const Backend& backend, const Tri
 void AddMesh(const PreparedMesh& mesh, uint64_t pipeline_bytes, JobOutcome& outcome) {
   outcome.report = mesh.report;
   outcome.examined = mesh.examined;
-  outcome.warnings = mesh.warnings;
   outcome.peak_bytes = std::max(mesh.peak_bytes, MeshBytes(*mesh.mesh) + pipeline_bytes);
   auto& stages = outcome.result.stats.stages;
   stages.insert(stages.begin(), mesh.stages.begin(), mesh.stages.end());
@@ -116,7 +115,6 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint
     }
     prepared->mesh = std::make_shared<const TriangleMesh>(std::move(loaded->mesh));
     prepared->contents = std::move(loaded->contents);
-    prepared->warnings = std::move(loaded->warnings);
     prepared->stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
     prepared->peak_bytes = loaded->peak_bytes;
     return prepared;

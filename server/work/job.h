@@ -31,7 +31,6 @@ struct JobLimits {
 struct PreparedMesh {
   std::shared_ptr<const TriangleMesh> mesh;  // never null; other jobs may share it
   MeshContents contents;                     // of the file; empty where the mesh is a kept one
-  std::vector<std::string> warnings;         // of the loader
   std::vector<std::pair<std::string, double>>
       stages;               // that it took to prepare it: "load", "flatten", wall milliseconds
   uint64_t peak_bytes = 0;  // of the preparation, computed from sizes
@@ -43,9 +42,8 @@ struct JobOutcome {
   VoxelizeResult result;  // stats.stages begin with those of the mesh; no arrays where they were streamed
   bool streamed = false;  // the arrays went to the sink
   MeshReport report;
-  bool examined = false;              // see PreparedMesh
-  std::vector<std::string> warnings;  // of the loader
-  std::shared_ptr<ResultSums> sums;   // where several read the result; null: it is sent once
+  bool examined = false;             // see PreparedMesh
+  std::shared_ptr<ResultSums> sums;  // where several read the result; null: it is sent once
   uint64_t peak_bytes = 0;  // estimate of this request's peak: the largest of loading, flattening and the pipeline
   // How it was served.
   std::string worker;  // "cpu/0"

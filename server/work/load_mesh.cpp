@@ -48,7 +48,6 @@ absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format
   if (!mesh.ok()) return OfMesh(mesh.status());
   loaded.peak_bytes = std::max(loaded.peak_bytes, SceneBytes(*scene) + MeshBytes(*mesh));
   loaded.contents = ContentsOf(*scene, *mesh, file_bytes);
-  loaded.warnings = std::move(scene->warnings);
   loaded.mesh = *std::move(mesh);
   loaded.flatten_ms = MsSince(begin);
   job.Report("flatten", 1);

@@ -18,7 +18,6 @@ namespace voxelpipe {
 struct LoadedMesh {
   TriangleMesh mesh;
   MeshContents contents;
-  std::vector<std::string> warnings;  // of the loader
   double load_ms = 0, flatten_ms = 0;
   uint64_t peak_bytes = 0;  // the largest of file and scene, scene and flattened mesh, computed from sizes
 };

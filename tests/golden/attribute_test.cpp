@@ -28,7 +28,7 @@ TriangleMesh Squares() {
   builder.Scene({builder.Node({{"mesh", mesh}})});
   const auto scene = LoadScene(builder.Glb());
   EXPECT_TRUE(scene.ok()) << scene.status();
-  EXPECT_EQ(scene->warnings.size(), 2u);  // one a name
+  EXPECT_EQ(scene->warnings.kept().size(), 2u);  // one a name
   auto flat = Flatten(*scene);
   EXPECT_TRUE(flat.ok()) << flat.status();
   return *std::move(flat);

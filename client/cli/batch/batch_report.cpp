@@ -36,6 +36,7 @@ nlohmann::ordered_json ItemJson(const BatchItem& item, const ItemReport& report)
   json["hash"] = report.hash;
   json["bytes"] = report.bytes;
   json["files"] = report.files;
+  AddWarnings(report.warnings, json);
   return json;
 }
 
@@ -45,6 +46,7 @@ BatchTotals TotalsOf(const BatchResult& result) {
   BatchTotals totals;
   totals.items = result.items.size();
   for (const ItemReport& item : result.items) {
+    if (!item.warnings.empty()) ++totals.warned;
     switch (item.status) {
       case ItemStatus::kLeft: ++totals.left; break;
       case ItemStatus::kDone:
@@ -60,8 +62,8 @@ BatchTotals TotalsOf(const BatchResult& result) {
 
 nlohmann::ordered_json TotalsJson(const BatchResult& result) {
   const BatchTotals totals = TotalsOf(result);
-  return {{"items", totals.items}, {"done", totals.done},   {"skipped", totals.skipped}, {"failed", totals.failed},
-          {"left", totals.left},   {"bytes", totals.bytes}, {"seconds", result.seconds}};
+  return {{"items", totals.items}, {"done", totals.done},     {"skipped", totals.skipped}, {"failed", totals.failed},
+          {"left", totals.left},   {"warned", totals.warned}, {"bytes", totals.bytes},     {"seconds", result.seconds}};
 }
 
 nlohmann::ordered_json ReportJson(const BatchPlan& plan, const BatchResult& result) {
@@ -76,10 +78,24 @@ nlohmann::ordered_json ReportJson(const BatchPlan& plan, const BatchResult& resu
   return json;
 }
 
+WarningList WarningsOf(const BatchPlan& plan, const BatchResult& result) {
+  WarningList all;
+  for (size_t i = 0; i < result.items.size(); ++i) {
+    const WarningList& warnings = result.items[i].warnings;
+    for (const Warning& warning : warnings.kept()) {
+      all.Add(warning.code, absl::StrCat(plan.items[i].id, warning.place.empty() ? "" : ": ", warning.place),
+              warning.text);
+    }
+    all.set_left_out(all.left_out() + warnings.left_out());
+  }
+  return all;
+}
+
 std::string TotalsLine(const BatchResult& result) {
   const BatchTotals totals = TotalsOf(result);
   std::string line = absl::StrCat(WithCommas(totals.items), " items: ", WithCommas(totals.done), " done, ",
                                   WithCommas(totals.skipped), " done before, ", WithCommas(totals.failed), " failed");
+  if (totals.warned > 0) absl::StrAppend(&line, ", ", WithCommas(totals.warned), " with warnings");
   if (totals.left > 0) absl::StrAppend(&line, ", ", WithCommas(totals.left), " left");
   return absl::StrCat(line, absl::StrFormat("; %.1f s, ", result.seconds), HumanBytes(totals.bytes), " of results");
 }

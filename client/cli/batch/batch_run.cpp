@@ -233,6 +233,7 @@ class Run {
     for (const std::string& path : made.files) {
       record.files.push_back({fs::path(path).lexically_relative(plan_.output_dir).string(), 0});
     }
+    record.warnings = run->warnings;
     if (absl::Status s = WriteRecord(plan_.output_dir, item, record); !s.ok()) return {s, false};
     report.status = ItemStatus::kDone;
     if (run->served) report.worker = run->served->worker;
@@ -243,6 +244,7 @@ class Run {
   static void Tell(const DoneRecord& record, ItemReport& report) {
     report.hash = record.hash;
     report.bytes = record.bytes;
+    report.warnings = record.warnings;
     for (const DoneRecord::File& file : record.files) report.files.push_back(file.name);
   }
 

@@ -43,6 +43,7 @@ struct ItemReport {
   std::string hash;                // of the result
   uint64_t bytes = 0;              // of the result
   std::vector<std::string> files;  // relative to the output directory
+  WarningList warnings;
 };
 
 struct BatchResult {

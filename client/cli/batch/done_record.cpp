@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "encode/atomic_file.h"
 #include "hash.h"
+#include "report.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -26,6 +27,14 @@ absl::StatusOr<DoneRecord> Parse(std::istream& in) {
     record.bytes = json.at("bytes").get<uint64_t>();
     for (const ordered_json& file : json.at("files")) {
       record.files.push_back({file.at("name").get<std::string>(), file.at("bytes").get<uint64_t>()});
+    }
+    if (const auto warnings = json.find("warnings"); warnings != json.end()) {
+      for (const ordered_json& warning : *warnings) {
+        const std::optional<WarningCode> code = WarningCodeOf(warning.at("code").get<std::string>());
+        record.warnings.Add(code.value_or(WarningCode::kNonconformingFile), warning.at("place").get<std::string>(),
+                            warning.at("text").get<std::string>());
+      }
+      record.warnings.set_left_out(json.value("warnings_left_out", uint64_t{0}));
     }
   } catch (const nlohmann::json::exception& error) {
     return absl::NotFoundError(error.what());  // not ours, or of another version
@@ -76,7 +85,8 @@ absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, D
     if (error) return absl::ErrnoToStatus(error.value(), absl::StrCat("'", path.string(), "'"));
     files.push_back({{"name", file.name}, {"bytes", file.bytes}});
   }
-  const ordered_json json = {{"key", record.key}, {"hash", record.hash}, {"bytes", record.bytes}, {"files", files}};
+  ordered_json json = {{"key", record.key}, {"hash", record.hash}, {"bytes", record.bytes}, {"files", files}};
+  if (!record.warnings.empty()) AddWarnings(record.warnings, json);
   const std::string text = json.dump(-1, ' ', true, ordered_json::error_handler_t::replace) + "\n";
   const std::string path = RecordPath(output_dir, item);
   std::error_code ignored;  // creating the file says what is wrong

@@ -7,6 +7,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "base/warning.h"
 #include "batch/manifest.h"
 
 namespace voxelpipe::cli {
@@ -23,6 +24,7 @@ struct DoneRecord {
     uint64_t bytes = 0;
   };
   std::vector<File> files;
+  WarningList warnings{};
 };
 
 // In: an item and the SHA-256 of its input, siblings included. Out: 64 hexadecimal digits that are others as soon as the item would

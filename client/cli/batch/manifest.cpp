@@ -86,6 +86,11 @@ absl::StatusOr<bool> SetOption(const std::string& key, const json& value, Reques
   if (key == "resolution") return set_whole(options.resolution);
   if (key == "padding") return set_whole(options.padding);
   if (key == "threads") return set_whole(options.threads);
+  if (key == "strict") {
+    if (!value.is_boolean()) return Wrong("'strict': true or false is expected");
+    options.strict = value.get<bool>();
+    return true;
+  }
   const std::map<std::string, std::optional<std::string>*> optional = {
       {"voxel_size", &options.voxel_size}, {"dims", &options.dims},
       {"origin", &options.origin},         {"fit", &options.fit},
@@ -166,20 +171,21 @@ std::string FindInput(const fs::path& directory, const std::string& input) {
 // Of a request: as typed, in one fixed order. Equal texts are equal requests; the contrary need not be so.
 std::string Canonical(const RequestOptions& options) {
   const auto text = [](const auto& value) { return value ? json(*value) : json(nullptr); };
-  return json{{"resolution", text(options.resolution)},
-              {"voxel_size", text(options.voxel_size)},
-              {"dims", text(options.dims)},
-              {"origin", text(options.origin)},
-              {"fit", text(options.fit)},
-              {"padding", options.padding},
-              {"coverage", options.coverage},
-              {"fill", options.fill},
-              {"shader", text(options.shader)},
-              {"vertex_shader", text(options.vertex_shader)},
-              {"targets", options.targets},
-              {"layout", options.layout},
-              {"result", options.result}}
-      .dump(-1, ' ', true, json::error_handler_t::replace);
+  json canonical{{"resolution", text(options.resolution)},
+                 {"voxel_size", text(options.voxel_size)},
+                 {"dims", text(options.dims)},
+                 {"origin", text(options.origin)},
+                 {"fit", text(options.fit)},
+                 {"padding", options.padding},
+                 {"coverage", options.coverage},
+                 {"fill", options.fill},
+                 {"shader", text(options.shader)},
+                 {"vertex_shader", text(options.vertex_shader)},
+                 {"targets", options.targets},
+                 {"layout", options.layout},
+                 {"result", options.result}};
+  if (options.strict) canonical["strict"] = true;  // only then, so that records of before stay true
+  return canonical.dump(-1, ' ', true, json::error_handler_t::replace);
 }
 
 class Reader {

@@ -108,6 +108,7 @@ int Batch(BatchArguments& arguments) {
   if (!arguments.report.empty()) {
     told = WriteReport(arguments.report, ReportJson(plan, *result).dump(1, ' ', false, kReplace) + "\n");
   }
+  PrintWarnings(plan.manifest, WarningsOf(plan, *result));
   if (told.ok()) told = PrintLine(arguments.json ? TotalsJson(*result).dump() : TotalsLine(*result));
   if (!told.ok()) PrintError("batch", told);
   if (const int signal = InterruptSignal(); signal != 0) {

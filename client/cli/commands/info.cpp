@@ -7,9 +7,11 @@
 #include "absl/strings/str_format.h"
 #include "commands/commands.h"
 #include "interrupt.h"
+#include "load/image.h"
 #include "mesh/contents.h"
 #include "mesh/report.h"
 #include "mesh_file.h"
+#include "pipeline/warnings.h"
 #include "report.h"
 #include "server_option.h"
 
@@ -44,7 +46,7 @@ nlohmann::ordered_json InfoJson(const std::string& path, const MeshFacts& facts)
   for (const MeshContents::Attribute& attribute : contents.attributes) {
     json["attributes"].push_back({{"name", attribute.name}, {"components", attribute.components}});
   }
-  json["warnings"] = facts.warnings;
+  AddWarnings(facts.warnings, json);
   json["stages"] = nlohmann::ordered_json::object();
   for (const auto& [stage, ms] : facts.stages) json["stages"][stage] = ms;
   json["peak_bytes"] = ProcessPeakBytes();
@@ -73,7 +75,9 @@ std::string InfoTable(const std::string& path, const MeshFacts& facts) {
     row(i == 0 ? "attributes" : "",
         absl::StrCat(own[i].name, ", ", own[i].components, own[i].components == 1 ? " component" : " components"));
   }
-  for (size_t i = 0; i < facts.warnings.size(); ++i) row(i == 0 ? "warnings" : "", facts.warnings[i]);
+  const std::vector<Warning>& warnings = facts.warnings.kept();
+  for (size_t i = 0; i < warnings.size(); ++i) row(i == 0 ? "warnings" : "", warnings[i].Line());
+  if (facts.warnings.left_out() > 0) row("", absl::StrCat("and ", facts.warnings.left_out(), " more"));
   return table;
 }
 
@@ -87,11 +91,14 @@ absl::Status Print(const InfoArguments& arguments, const MeshFacts& facts) {
 absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const JobContext& job) {
   absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, job);
   if (!mesh.ok()) return mesh.status();
+  WarningList warnings = std::move(mesh->warnings);
   absl::StatusOr<LoadedMesh> loaded = LoadMesh(*std::move(mesh), job);
   if (!loaded.ok()) return loaded.status();
+  CheckImages(loaded->mesh);
+  warnings.Append(AllWarningsOf(loaded->mesh));
   return MeshFacts{ReportMesh(loaded->mesh),
                    ContentsOf(loaded->scene, loaded->mesh, loaded->packed_bytes),
-                   std::move(loaded->scene.warnings),
+                   std::move(warnings),
                    {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}}};
 }
 

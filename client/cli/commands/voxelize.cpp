@@ -40,6 +40,7 @@ absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputP
         RunToFiles(engine, *std::move(mesh), request, arguments.repeat, plan, job, report);
     if (!run.ok()) return run.status();
     bar.Clear();
+    PrintWarnings(input, run->warnings);
     return PrintLine(arguments.json
                          ? VoxelizeJson(*run, report).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
                          : VoxelizeTable(*run, report));

@@ -14,6 +14,7 @@
 #include "load/load_job.h"
 #include "load/loader.h"
 #include "support/glb_builder.h"
+#include "support/warnings.h"
 
 namespace voxelpipe {
 namespace {
@@ -168,7 +169,7 @@ Primitive Load(const GlbBuilder& glb) {
   absl::StatusOr<Scene> scene = LoadScene(glb.Glb());
   EXPECT_TRUE(scene.ok()) << scene.status();
   if (!scene.ok()) return {};
-  EXPECT_THAT(scene->warnings, ::testing::IsEmpty());
+  EXPECT_THAT(testing::Lines(scene->warnings), ::testing::IsEmpty());
   return std::move(scene->meshes.at(0).primitives.at(0));
 }
 

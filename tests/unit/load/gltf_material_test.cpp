@@ -124,9 +124,14 @@ TEST(GltfMaterial, ImagesInDataUrisAndOutsideTheDocument) {
   EXPECT_EQ(scene->images[0]->encoded, (ByteVector{1, 2, 3}));
   EXPECT_EQ(scene->images[0]->mime_type, "image/png");
   EXPECT_EQ(scene->textures[0].image, 0);
-  EXPECT_EQ(scene->textures[1].image, -1);
-  EXPECT_EQ(scene->textures[2].image, -1);
-  EXPECT_THAT(scene->warnings, Contains(HasSubstr("'wood.png' is not read")));
+  EXPECT_EQ(scene->images[0]->fault, std::nullopt);
+  for (const int i : {1, 2}) {
+    EXPECT_EQ(scene->textures[size_t(i)].image, i);
+    ASSERT_TRUE(scene->images[size_t(i)]->fault.has_value());
+    EXPECT_EQ(scene->images[size_t(i)]->fault->code, WarningCode::kTextureMissing);
+  }
+  EXPECT_THAT(scene->images[1]->fault->Line(), HasSubstr("image 1: the URI 'wood.png' leads to no file"));
+  EXPECT_TRUE(scene->warnings.empty()) << "a texture matters only to who reads it";
 }
 
 TEST(GltfMaterial, DiffuseOfSpecularGlossinessServesAsBaseColour) {

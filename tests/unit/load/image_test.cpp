@@ -177,6 +177,16 @@ TEST(ImageTest, PixelsAreCountedBeforeDecoding) {
   EXPECT_EQ(DecodeImage(jpeg, limits).code(), absl::StatusCode::kResourceExhausted);
 }
 
+// A part of one triangle for each material.
+void UseMaterials(TriangleMesh& mesh) {
+  for (size_t i = 0; i < mesh.materials.size(); ++i) {
+    MeshPart& part = mesh.parts.emplace_back();
+    part.triangle_count = 1;
+    part.material = int32_t(i);
+    part.has_uv[0] = true;
+  }
+}
+
 TEST(PrepareTexturesTest, DecodesWhatBaseColourUsesAndSwitchesOffTheUnreadable) {
   TriangleMesh mesh;
   mesh.images = {std::make_shared<Image>(Of(Png(PNG_COLOR_TYPE_GRAY, 8, {1, 2, 3, 4}))),
@@ -187,10 +197,13 @@ TEST(PrepareTexturesTest, DecodesWhatBaseColourUsesAndSwitchesOffTheUnreadable) 
   mesh.materials[0].base_color.texture = 0;
   mesh.materials[1].base_color.texture = 1;
   mesh.materials[1].emissive.texture = 2;  // not in use
+  UseMaterials(mesh);
   ASSERT_TRUE(PrepareTextures(mesh, {}, {.base_color = true}).ok());
   EXPECT_EQ(mesh.images[0]->rgba.size(), 16u);
-  EXPECT_EQ(mesh.textures[1].image, -1);
-  EXPECT_EQ(mesh.textures[2].image, 2);
+  ASSERT_TRUE(mesh.images[1]->fault.has_value());
+  EXPECT_EQ(mesh.images[1]->fault->code, WarningCode::kTextureUndecodable);
+  EXPECT_EQ(mesh.images[1]->fault->place, "image 1");
+  EXPECT_EQ(mesh.images[2]->fault, std::nullopt) << "nobody reads it";
   LoadLimits limits;
   limits.max_total_image_pixels = 3;
   EXPECT_EQ(PrepareTextures(mesh, limits, {.base_color = true}).code(), absl::StatusCode::kResourceExhausted);
@@ -206,6 +219,7 @@ TEST(PrepareTexturesTest, BuildsTheLevelsThatAreSampledInTheirColourSpace) {
   mesh.materials[0].base_color.texture = 0;
   mesh.materials[0].emissive.texture = 1;
   mesh.materials[0].metallic_roughness.texture = 2;
+  UseMaterials(mesh);
   const TextureUse metal{false, false, true};
   ASSERT_TRUE(PrepareTextures(mesh, {}, metal).ok());
   EXPECT_TRUE(mesh.images[0]->rgba.empty() && mesh.images[1]->rgba.empty());

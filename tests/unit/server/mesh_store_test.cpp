@@ -10,6 +10,7 @@
 #include "meshes/prepare_kept.h"
 #include "base/limit_error.h"
 #include "wire/status.h"
+#include "support/warnings.h"
 
 namespace voxelpipe {
 namespace {
@@ -33,6 +34,7 @@ LoadedMesh Triangle(std::vector<uint8_t> base = kPixel, std::vector<uint8_t> emi
   mesh.triangles = {{0, 1, 2}};
   mesh.parts.resize(1);
   mesh.parts[0].triangle_count = 1;
+  mesh.parts[0].material = 0;
   mesh.parts[0].vertex_count = 3;
   mesh.materials.resize(1);
   mesh.materials[0].base_color.texture = 0;
@@ -44,7 +46,7 @@ LoadedMesh Triangle(std::vector<uint8_t> base = kPixel, std::vector<uint8_t> emi
     mesh.images.push_back(std::make_shared<Image>());
     mesh.images.back()->encoded = i == 0 ? base : emissive;
   }
-  loaded.warnings = {"a warning"};
+  loaded.mesh.warnings.Add(WarningCode::kNoScene, "", "a warning");
   return loaded;
 }
 
@@ -197,7 +199,7 @@ TEST_F(PrepareKeptTest, JobsShareTheMesh) {
   ASSERT_TRUE(a.ok()) << a.status();
   ASSERT_TRUE(b.ok()) << b.status();
   EXPECT_EQ((*a)->mesh, (*b)->mesh);
-  EXPECT_EQ((*a)->warnings, std::vector<std::string>{"a warning"});
+  EXPECT_EQ(testing::Lines((*a)->mesh->warnings), std::vector<std::string>{"a warning"});
   EXPECT_FALSE((*a)->examined);
   config_.request.fill = Fill::kParity;
   const auto filled = Prepare();

@@ -276,7 +276,9 @@ TEST(ResultStreamTest, TheSummaryTellsWhatIsKnown) {
   outcome.report.open_edges = 4;
   outcome.examined = true;
   outcome.peak_bytes = 99;
-  outcome.warnings.assign(1000, "node '\xff' is odd");
+  for (int i = 0; i < 1000; ++i) {
+    outcome.result.stats.warnings.Add(WarningCode::kCountMismatch, "node " + std::to_string(i), "'\xff' is odd");
+  }
   ResultStream stream(Shared(std::move(outcome)), {}, {});
   const v1::Summary summary = ReadAll(stream, 1).summary;
   EXPECT_EQ(summary.stats().occupied(), 17u);
@@ -284,8 +286,11 @@ TEST(ResultStreamTest, TheSummaryTellsWhatIsKnown) {
   EXPECT_EQ(summary.stats().stages(1).stage(), "flatten");
   EXPECT_EQ(summary.mesh().open_edges(), 4u);
   EXPECT_EQ(summary.peak_bytes(), 99u);
-  EXPECT_EQ(summary.mesh().warnings_size(), 32) << "a stranger's file must not make the summary large";
-  EXPECT_EQ(summary.mesh().warnings(0), "node '?' is odd");
+  EXPECT_EQ(summary.warnings_size(), 100) << "a stranger's file must not make the summary large";
+  EXPECT_EQ(summary.warnings_left_out(), 900u);
+  EXPECT_EQ(summary.warnings(1).code(), v1::WARNING_CODE_COUNT_MISMATCH);
+  EXPECT_EQ(summary.warnings(1).place(), "node 1");
+  EXPECT_EQ(summary.warnings(1).text(), "'?' is odd");
 }
 
 }  // namespace
