@@ -12,6 +12,7 @@ find_package(OpenSSL REQUIRED)
 find_package(CLI11 REQUIRED)
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(ISAL REQUIRED IMPORTED_TARGET libisal) # CRC-32C
+pkg_check_modules(WEBP REQUIRED IMPORTED_TARGET libwebp)
 find_package(spdlog REQUIRED)
 if(VOXELPIPE_SERVICE)
   find_package(Protobuf REQUIRED)

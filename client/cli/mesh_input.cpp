@@ -1,3 +1,5 @@
+#include <utility>
+
 #include "clock.h"
 #include "engine.h"
 #include "load/pack.h"
@@ -7,9 +9,10 @@ namespace voxelpipe::cli {
 absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const JobContext& job) {
   const Stopwatch read;
   job.Report("load", 0);
-  absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
+  WarningList warnings;
+  absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path, {}, &warnings);
   if (!bytes.ok()) return bytes.status();
-  return MeshInput{*std::move(bytes), read.Milliseconds()};
+  return MeshInput{*std::move(bytes), read.Milliseconds(), std::move(warnings)};
 }
 
 }  // namespace voxelpipe::cli

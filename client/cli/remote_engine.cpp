@@ -144,13 +144,15 @@ std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target) {
 }
 
 absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::string& path, const JobContext& job) {
-  const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
+  WarningList warnings;
+  const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path, {}, &warnings);
   if (!bytes.ok()) return bytes.status();
   const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
   if (!options.ok()) return options.status();
   absl::StatusOr<MeshInspection> seen = InspectMesh(target, *options, *bytes, MeshFormat::kAuto, job);
   if (!seen.ok()) return seen.status();
-  return MeshFacts{seen->report, std::move(seen->contents), std::move(seen->warnings), std::move(seen->stages)};
+  warnings.Append(seen->warnings);
+  return MeshFacts{seen->report, std::move(seen->contents), std::move(warnings), std::move(seen->stages)};
 }
 
 std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status) {

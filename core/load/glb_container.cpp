@@ -26,6 +26,13 @@ absl::Status Broken(const Parts&... parts) {
 
 }  // namespace
 
+void AddLeftOverBytes(const GlbChunks& chunks, WarningList& warnings) {
+  if (chunks.left_over_bytes == 0) return;
+  warnings.Add(
+      WarningCode::kNonconformingFile, "",
+      absl::StrCat(chunks.left_over_bytes, " bytes behind the length that the GLB header declares are ignored"));
+}
+
 absl::StatusOr<GlbChunks> SplitGlb(std::span<const uint8_t> bytes) {
   if (bytes.size() < 4 || ReadU32(bytes, 0) != kMagic) return Broken("byte 0: the magic 'glTF' is missing");
   if (bytes.size() < kHeaderBytes) {
@@ -35,11 +42,12 @@ absl::StatusOr<GlbChunks> SplitGlb(std::span<const uint8_t> bytes) {
   if (version == 1) return Broken("byte 4: glTF 1.0 is not supported, only 2.0");
   if (version != 2) return Broken("byte 4: container version ", version, " is not supported (glTF 2.0 has version 2)");
   const uint64_t length = ReadU32(bytes, 8);
-  if (length != bytes.size()) {
+  if (length > bytes.size() || length < kHeaderBytes) {
     return Broken("byte 8: the length field says ", length, " bytes, the file has ", bytes.size());
   }
 
   GlbChunks chunks;
+  chunks.left_over_bytes = bytes.size() - length;
   bool have_json = false;
   for (uint64_t at = kHeaderBytes; at < length;) {
     if (length - at < kChunkHeaderBytes) return Broken("byte ", at, ": a chunk header is cut off");

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "absl/status/statusor.h"
+#include "base/warning.h"
 
 namespace voxelpipe {
 
@@ -14,7 +15,11 @@ namespace voxelpipe {
 struct GlbChunks {
   std::string_view json;
   std::optional<std::span<const uint8_t>> binary;
+  uint64_t left_over_bytes = 0;  // behind the length that the header declares
 };
+
+// The warning of such bytes, if there are any.
+void AddLeftOverBytes(const GlbChunks& chunks, WarningList& warnings);
 
 // In: a file that begins with the GLB magic. Errors: INVALID_ARGUMENT naming the byte offset: wrong version (glTF 1.0), a
 // length field or chunk that overruns the file, a first chunk that is not JSON.

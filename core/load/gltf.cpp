@@ -16,9 +16,11 @@ namespace voxelpipe {
 // The order of the steps is the safety of the loader: guard the text, check every declaration, resolve the bytes, and
 // only then read typed data, each range checked before it is read.
 absl::StatusOr<Scene> LoadGltf(const JobContext& job, std::string_view json,
-                               std::optional<std::span<const uint8_t>> binary_chunk, const LoadLimits& limits) {
+                               std::optional<std::span<const uint8_t>> binary_chunk, const LoadLimits& limits,
+                               WarningList warnings) {
   gltf::Budget budget(job, limits);
   if (absl::Status over = job.Check(); !over.ok()) return over;
+  json = WithoutByteOrderMark(json, warnings);
   if (absl::Status bad = GuardJson(json, limits); !bad.ok()) return bad;
   if (absl::Status over = job.Check(); !over.ok()) return over;
   absl::StatusOr<gltf::Document> document = gltf::ParseDocument(json, limits);
@@ -32,13 +34,15 @@ absl::StatusOr<Scene> LoadGltf(const JobContext& job, std::string_view json,
   const gltf::AccessorReader accessors(*document, *buffers, budget);
 
   Scene scene;
-  scene.warnings = std::move(document->warnings);
+  scene.warnings = std::move(warnings);
+  scene.warnings.Append(document->warnings);
   if (absl::Status bad = gltf::ReadNodes(*model, accessors, limits, scene); !bad.ok()) return bad;
   gltf::PrimitiveContext context{*document, *buffers, budget, accessors, scene.warnings};
   if (absl::Status bad = gltf::ReadMeshes(*model, context, scene); !bad.ok()) return bad;
   if (absl::Status bad = gltf::ReadMaterials(*model, *document, *buffers, budget, scene); !bad.ok()) return bad;
   // Last, so that what they take of the budget is missing nowhere else.
   gltf::ReadAnimations(*document, accessors, limits, scene);
+  if (absl::Status bad = gltf::AddMissingNodes(*document, limits, scene); !bad.ok()) return bad;
   return scene;
 }
 

@@ -1,11 +1,14 @@
 #include "load/gltf_buffers.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "absl/status/status.h"
+#include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 #include "base/checked.h"
 #include "load/json_guard.h"
@@ -37,6 +40,33 @@ absl::StatusOr<std::string> PercentDecode(std::string_view text) {
     i += 2;
   }
   return out;
+}
+
+constexpr std::string_view kDataScheme = "data:";
+
+// What stands between "data:" and the comma.
+struct DataHead {
+  std::string media_type;  // lower case
+  bool base64 = false;
+};
+
+// Source: RFC 2397. Scheme, media type and the names of parameters are the same in any case. A parameter is name=value; a bare name is an
+// encoding, and base64 the only one that there is.
+absl::StatusOr<DataHead> ReadHead(std::string_view text) {
+  DataHead head;
+  bool first = true;
+  for (absl::string_view part : absl::StrSplit(absl::string_view(text.data(), text.size()), ';')) {
+    part = absl::StripAsciiWhitespace(part);
+    if (std::exchange(first, false)) {
+      head.media_type = absl::AsciiStrToLower(part);
+    } else if (absl::EqualsIgnoreCase(part, "base64")) {
+      head.base64 = true;
+    } else if (!part.empty() && !absl::StrContains(part, '=')) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("a data: URI of the encoding ", Quoted({part.data(), part.size()}), ", which is not known"));
+    }
+  }
+  return head;
 }
 
 // Abseil's decoder passes over white space and is lenient about padding, so the alphabet is checked here.
@@ -80,14 +110,20 @@ absl::Status Budget::Take(uint64_t elements, uint64_t bytes_each, const std::str
   return absl::OkStatus();
 }
 
+bool IsDataUri(std::string_view uri) {
+  return absl::StartsWithIgnoreCase(absl::string_view(uri.data(), uri.size()),
+                                    {kDataScheme.data(), kDataScheme.size()});
+}
+
 absl::StatusOr<DataUri> DecodeDataUri(std::string_view uri) {
   const size_t comma = uri.find(',');
   if (comma == std::string_view::npos) return absl::InvalidArgumentError("a data: URI without a comma");
-  std::string_view head = uri.substr(5, comma - 5), data = uri.substr(comma + 1);
-  constexpr std::string_view kBase64 = ";base64";
-  const bool base64 = head.size() >= kBase64.size() && head.substr(head.size() - kBase64.size()) == kBase64;
+  std::string_view data = uri.substr(comma + 1);
+  const absl::StatusOr<DataHead> head = ReadHead(uri.substr(kDataScheme.size(), comma - kDataScheme.size()));
+  if (!head.ok()) return head.status();
+  const bool base64 = head->base64;
   DataUri out;
-  out.media_type = std::string(head.substr(0, head.find(';')));
+  out.media_type = head->media_type;
 
   std::string unescaped;
   if (!base64 || data.find('%') != std::string_view::npos) {
@@ -128,7 +164,7 @@ absl::StatusOr<Buffers> Buffers::Resolve(Document& document, std::optional<std::
       } else {
         return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": no uri, and no GLB chunk holds its data"));
       }
-    } else if (absl::StartsWith(*decl.uri, "data:")) {
+    } else if (IsDataUri(*decl.uri)) {
       if (absl::Status full = budget.Take(decl.uri->size(), 1, where); !full.ok()) return full;
       absl::StatusOr<DataUri> data = DecodeDataUri(*decl.uri);
       if (!data.ok()) {
@@ -154,14 +190,15 @@ absl::StatusOr<Buffers> Buffers::Resolve(Document& document, std::optional<std::
 absl::StatusOr<std::vector<uint8_t>> Buffers::Decode(const MeshoptDecl& decl, Budget& budget) const {
   const std::span<const uint8_t> buffer = bytes_[decl.buffer];
   if (buffer.size() < decl.offset + decl.length) {
-    return absl::InvalidArgumentError(absl::StrCat("EXT_meshopt_compression: buffer ", decl.buffer, " has no data"));
+    return absl::InvalidArgumentError(absl::StrCat("meshopt compression: buffer ", decl.buffer, " has no data"));
   }
-  if (absl::Status full = budget.Take(decl.count, decl.stride, "EXT_meshopt_compression"); !full.ok()) return full;
+  if (absl::Status full = budget.Take(decl.count, decl.stride, "meshopt compression"); !full.ok()) return full;
   MeshoptView view;
   view.count = decl.count;
   view.byte_stride = decl.stride;
   view.mode = decl.mode;
   view.filter = decl.filter;
+  view.khr = decl.khr;
   return DecodeMeshopt(buffer.subspan(decl.offset, decl.length), view, budget.limits());
 }
 

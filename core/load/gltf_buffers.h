@@ -32,8 +32,11 @@ class Budget {
   uint64_t used_ = 0;
 };
 
+// Whether a URI holds its data, whatever the case of its scheme.
+bool IsDataUri(std::string_view uri);
+
 // In: a data: URI. Out: its media type and bytes. Errors: INVALID_ARGUMENT saying what is not valid (base64, percent
-// escapes, a missing comma), without naming the owner of the URI.
+// escapes, a missing comma, an encoding that is not known), without naming the owner of the URI.
 struct DataUri {
   std::string media_type;
   std::vector<uint8_t> bytes;

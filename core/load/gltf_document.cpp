@@ -1,10 +1,10 @@
 #include "load/gltf_document.h"
 
 #include <algorithm>
-#include <array>
 
 #include "absl/strings/match.h"
 #include "base/checked.h"
+#include "load/gltf_extensions.h"
 #include "load/gltf_fields.h"
 #include "load/gltf_sanitize.h"
 #include "load/json_guard.h"
@@ -12,12 +12,6 @@
 namespace voxelpipe::gltf {
 namespace {
 
-// What may stand in extensionsRequired: geometry extensions that the loader implements, and those that do not touch
-// geometry (all of KHR_materials_* too).
-constexpr std::array<std::string_view, 12> kKnownExtensions = {
-    "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization", "EXT_mesh_gpu_instancing",
-    "KHR_texture_transform",      "KHR_lights_punctual",     "KHR_texture_basisu",    "EXT_texture_webp",
-    "KHR_node_visibility",        "KHR_xmp_json_ld",         "KHR_animation_pointer", "EXT_texture_avif"};
 constexpr uint64_t kMostElements = 1'000'000;  // of any one array; nodes have their own limit
 
 absl::Status CheckVersion(const Fields& root) {
@@ -41,7 +35,7 @@ absl::Status CheckVersion(const Fields& root) {
   return absl::OkStatus();
 }
 
-absl::Status CheckExtensions(const Fields& root) {
+absl::Status CheckExtensions(const Fields& root, WarningList& warnings) {
   const Json* required = root.Find("extensionsRequired");
   if (required == nullptr) return absl::OkStatus();
   if (!required->is_array()) return absl::InvalidArgumentError("glTF: extensionsRequired is not an array");
@@ -49,11 +43,15 @@ absl::Status CheckExtensions(const Fields& root) {
     if (!entry.is_string())
       return absl::InvalidArgumentError("glTF: extensionsRequired has an entry that is no string");
     const std::string& name = entry.get_ref<const std::string&>();
-    const bool known = absl::StartsWith(name, "KHR_materials_") ||
-                       std::find(kKnownExtensions.begin(), kKnownExtensions.end(), name) != kKnownExtensions.end();
-    if (!known) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("glTF: extensionsRequired names ", Quoted(name), ", which is not supported"));
+    switch (SupportOf(name)) {
+      case ExtensionSupport::kRead: break;
+      case ExtensionSupport::kIgnored:
+        warnings.Add(WarningCode::kExtensionIgnored, "extensionsRequired",
+                     absl::StrCat(Quoted(name), " is not read: it cannot change what is asked for here"));
+        break;
+      case ExtensionSupport::kRefused:
+        return absl::InvalidArgumentError(
+            absl::StrCat("glTF: extensionsRequired names ", Quoted(name), ", which is not supported"));
     }
   }
   return absl::OkStatus();
@@ -66,13 +64,21 @@ const Json* Extension(const Fields& fields, const char* name) {
   return it == extensions->end() ? nullptr : &*it;
 }
 
+// Of either name of meshopt's compression; `khr`: which.
+const Json* MeshoptExtension(const Fields& fields, bool& khr) {
+  const Json* object = Extension(fields, "KHR_meshopt_compression");
+  khr = object != nullptr;
+  return khr ? object : Extension(fields, "EXT_meshopt_compression");
+}
+
 void ReadBuffers(const Json& array, Document& document, absl::Status& status) {
   for (size_t i = 0; i < array.size() && status.ok(); ++i) {
     Fields fields(array[i], absl::StrCat("buffer ", i), status);
     BufferDecl buffer;
     buffer.byte_length = fields.RequiredUnsigned("byteLength");
     if (fields.Find("uri") != nullptr) buffer.uri = fields.String("uri");
-    if (const Json* meshopt = Extension(fields, "EXT_meshopt_compression")) {
+    bool khr = false;
+    if (const Json* meshopt = MeshoptExtension(fields, khr)) {
       buffer.fallback = Fields(*meshopt, fields.where(), status).Bool("fallback", false);
     }
     document.buffers.push_back(std::move(buffer));
@@ -104,9 +110,10 @@ void ReadViews(const Json& array, Document& document, absl::Status& status) {
     view.stride = fields.Unsigned("byteStride", 0);
     WarnOfStride(view.stride, i, document);
     CheckRange(fields, view.offset, view.length, view.buffer, document);
-    if (const Json* object = Extension(fields, "EXT_meshopt_compression")) {
-      Fields extension(*object, absl::StrCat("bufferView ", i, ", EXT_meshopt_compression"), status);
-      MeshoptDecl meshopt;
+    MeshoptDecl meshopt;
+    if (const Json* object = MeshoptExtension(fields, meshopt.khr)) {
+      const char* const name = meshopt.khr ? "KHR_meshopt_compression" : "EXT_meshopt_compression";
+      Fields extension(*object, absl::StrCat("bufferView ", i, ", ", name), status);
       meshopt.buffer = extension.RequiredIndex("buffer", document.buffers.size(), "buffers");
       meshopt.offset = extension.Unsigned("byteOffset", 0);
       meshopt.length = extension.RequiredUnsigned("byteLength");
@@ -202,14 +209,32 @@ void ReadImages(Json& array, Document& document, absl::Status& status) {
   }
 }
 
+// CESIUM_RTC: the place that positions are relative to. Only a whole centre is applied; another one is an error, as the mesh would lie elsewhere.
+void ReadRtcCenter(const Fields& root, Document& document, absl::Status& status) {
+  const Json* const object = Extension(root, "CESIUM_RTC");
+  if (object == nullptr) return;
+  Fields fields(*object, "CESIUM_RTC", status);
+  const Json* const center = fields.Array("center");
+  if (center == nullptr || center->size() != 3) return fields.Fail("center is not 3 numbers");
+  Vec3d at;
+  for (int a = 0; a < 3; ++a) {
+    const Json& number = (*center)[size_t(a)];
+    if (!number.is_number()) return fields.Fail("center is not 3 numbers");
+    at[a] = number.get<double>();
+    if (!std::isfinite(at[a])) return fields.Fail("center is not finite");
+  }
+  document.rtc_center = at;
+}
+
 absl::StatusOr<Document> ReadDocument(Json& root, const LoadLimits& limits) {
   absl::Status status;
   Fields fields(root, "document", status);
   if (!status.ok()) return absl::InvalidArgumentError("glTF: the JSON is not an object");
   if (absl::Status bad = CheckVersion(fields); !bad.ok()) return bad;
-  if (absl::Status bad = CheckExtensions(fields); !bad.ok()) return bad;
-
   Document document;
+  if (absl::Status bad = CheckExtensions(fields, document.warnings); !bad.ok()) return bad;
+  document.has_scenes = ArraySize(root, "scenes") > 0;
+  ReadRtcCenter(fields, document, status);
   if (const Json* array = fields.Array("buffers", kMostElements)) ReadBuffers(*array, document, status);
   if (const Json* array = fields.Array("bufferViews", kMostElements)) ReadViews(*array, document, status);
   if (const Json* array = fields.Array("accessors", kMostElements)) ReadAccessors(*array, document, status);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/vec.h"
 #include "base/warning.h"
 #include "load/limits.h"
 
@@ -16,11 +17,12 @@ namespace voxelpipe::gltf {
 struct BufferDecl {
   std::optional<std::string> uri;
   uint64_t byte_length = 0;
-  bool fallback = false;  // EXT_meshopt_compression: a placeholder without data
+  bool fallback = false;  // meshopt compression: a placeholder without data
 };
 
-// The EXT_meshopt_compression object of a buffer view.
+// The EXT_meshopt_compression or KHR_meshopt_compression object of a buffer view.
 struct MeshoptDecl {
+  bool khr = false;
   uint32_t buffer = 0;
   uint64_t offset = 0, length = 0, stride = 0, count = 0;
   std::string mode, filter = "NONE";
@@ -62,7 +64,9 @@ struct Document {
   std::vector<AccessorDecl> accessors;
   std::vector<ImageDecl> images;
   std::string graph;  // JSON of the rest (scenes, nodes, meshes, skins, materials), checked and stripped, for tinygltf
-  std::string animations;  // JSON of the array of animations as the file has it, unchecked; empty without
+  std::string animations;           // JSON of the array of animations as the file has it, unchecked; empty without
+  bool has_scenes = false;          // at least one
+  std::optional<Vec3d> rtc_center;  // CESIUM_RTC: a translation of all that is drawn
   WarningList warnings;
 };
 

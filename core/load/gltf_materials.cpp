@@ -120,9 +120,22 @@ bool IsNearest(int filter) {
   return filter == kNearest || filter == kNearestMipmapNearest || filter == kNearestMipmapLinear;
 }
 
+// The image of a texture: what every reader can use, else what extensions name, formats that are decoded first.
+int SourceOf(const tinygltf::Texture& texture) {
+  if (texture.source >= 0) return texture.source;
+  for (const char* name : {"EXT_texture_webp", "KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"}) {
+    const auto extension = texture.extensions.find(name);
+    if (extension == texture.extensions.end()) continue;
+    const tinygltf::Value& source = extension->second.Get("source");
+    if (source.IsInt()) return source.GetNumberAsInt();
+  }
+  return -1;
+}
+
 Texture ReadTexture(const tinygltf::Model& model, const tinygltf::Texture& from, const Scene& scene) {
   Texture out;
-  if (from.source >= 0 && static_cast<size_t>(from.source) < scene.images.size()) out.image = from.source;
+  const int source = SourceOf(from);
+  if (source >= 0 && static_cast<size_t>(source) < scene.images.size()) out.image = source;
   if (from.sampler >= 0 && static_cast<size_t>(from.sampler) < model.samplers.size()) {
     const tinygltf::Sampler& sampler = model.samplers[from.sampler];
     out.wrap_s = ToWrap(sampler.wrapS);
@@ -148,7 +161,7 @@ absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Bu
     return absl::OkStatus();
   };
   if (decl.uri) {
-    if (!absl::StartsWith(*decl.uri, "data:")) {
+    if (!IsDataUri(*decl.uri)) {
       return missing(absl::StrCat("the URI ", Quoted(*decl.uri), " leads to no file that could be read"));
     }
     if (absl::Status full = budget.Take(decl.uri->size(), 1, where); !full.ok()) return full;

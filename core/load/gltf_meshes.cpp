@@ -25,6 +25,13 @@ absl::StatusOr<Mesh> ReadMesh(const tinygltf::Mesh& mesh, const std::vector<doub
     // A primitive that draws no triangles keeps its place: primitives are numbered as in the file.
     out.primitives.push_back(*primitive ? **std::move(primitive) : Primitive{});
   }
+  const auto others = std::count_if(out.primitives.begin(), out.primitives.end(),
+                                    [](const Primitive& primitive) { return primitive.points_or_lines; });
+  if (others > 0) {
+    context.warnings.Add(
+        WarningCode::kNoTriangles, absl::StrCat("mesh ", index),
+        absl::StrCat(others, " of ", out.primitives.size(), " primitives are points or lines and have no triangles"));
+  }
   return out;
 }
 

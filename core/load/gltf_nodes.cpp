@@ -166,7 +166,15 @@ absl::Status ReadSkins(const tinygltf::Model& model, const AccessorReader& acces
 
 absl::Status ReadRoots(const tinygltf::Model& model, Scene& scene) {
   if (model.scenes.empty()) {
-    if (!scene.nodes.empty()) scene.warnings.Add(WarningCode::kNoScene, "", "the file has no scenes: nothing is drawn");
+    if (scene.nodes.empty()) return absl::OkStatus();  // see AddMissingNodes
+    scene.warnings.Add(WarningCode::kNoScene, "", "the file has no scenes: all nodes without a parent are taken");
+    std::vector<bool> child(scene.nodes.size());
+    for (const Node& node : scene.nodes) {
+      for (const uint32_t c : node.children) child[c] = true;
+    }
+    for (size_t i = 0; i < child.size(); ++i) {
+      if (!child[i]) scene.roots.push_back(static_cast<uint32_t>(i));
+    }
     return absl::OkStatus();
   }
   const int index = model.defaultScene < 0 ? 0 : model.defaultScene;
@@ -210,6 +218,29 @@ absl::Status ReadNodes(const tinygltf::Model& model, const AccessorReader& acces
   if (absl::Status bad = CheckHierarchy(model, limits, scene); !bad.ok()) return bad;
   if (absl::Status bad = ReadSkins(model, accessors, scene); !bad.ok()) return bad;
   return ReadRoots(model, scene);
+}
+
+absl::Status AddMissingNodes(const Document& document, const LoadLimits& limits, Scene& scene) {
+  if (!document.has_scenes && scene.nodes.empty() && !scene.meshes.empty()) {
+    if (scene.meshes.size() > limits.max_nodes) {
+      return absl::ResourceExhaustedError(absl::StrCat(
+          "glTF: ", scene.meshes.size(), " meshes without a node; the limit max_nodes is ", limits.max_nodes));
+    }
+    scene.warnings.Add(WarningCode::kNoScene, "", "the file has neither scenes nor nodes: each mesh is taken once");
+    for (size_t i = 0; i < scene.meshes.size(); ++i) {
+      scene.roots.push_back(static_cast<uint32_t>(i));
+      scene.nodes.emplace_back().mesh = static_cast<int32_t>(i);
+    }
+  }
+  if (!document.rtc_center || scene.roots.empty()) return absl::OkStatus();
+  Node above;
+  above.name = "CESIUM_RTC";
+  above.trs.translation = *document.rtc_center;
+  above.local = FromTrs(above.trs);
+  above.children = std::move(scene.roots);
+  scene.roots = {static_cast<uint32_t>(scene.nodes.size())};
+  scene.nodes.push_back(std::move(above));
+  return absl::OkStatus();
 }
 
 }  // namespace voxelpipe::gltf

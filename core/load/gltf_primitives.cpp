@@ -131,6 +131,10 @@ class Filler {
     if (!joints.ok()) return joints.status();
     absl::StatusOr<std::optional<AttributeValues>> weights = Values(absl::StrCat("WEIGHTS_", set), 4, 4);
     if (!weights.ok()) return weights.status();
+    if (joints->has_value() != weights->has_value()) {
+      Warn(absl::StrCat(*joints ? "JOINTS_" : "WEIGHTS_", set, " has no ", *joints ? "WEIGHTS_" : "JOINTS_", set,
+                        " and is ignored"));
+    }
     if (!*joints || !*weights) return absl::OkStatus();
     out_.joints[set].resize(out_.positions.size());
     out_.weights[set].resize(out_.positions.size());
@@ -254,19 +258,21 @@ absl::StatusOr<DracoPart> ReadDraco(const tinygltf::Primitive& primitive, const 
   return part;
 }
 
-// Draco has no checksum: counts other than the accessors' are the one sign of a stream that is not the file's.
-absl::Status CompareCounts(const tinygltf::Primitive& primitive, const DracoMesh& mesh, const std::string& where,
-                           const PrimitiveContext& context) {
+// Draco has no checksum: counts other than the accessors' are the one sign of a stream that is not the file's. Old exporters write such
+// files, though, and every viewer shows them: the stream's counts hold.
+void CompareCounts(const tinygltf::Primitive& primitive, const DracoMesh& mesh, const std::string& where,
+                   const PrimitiveContext& context) {
   const auto compare = [&](int accessor, uint64_t decoded, const char* what) {
-    if (accessor < 0) return absl::OkStatus();
+    if (accessor < 0) return;
     const uint64_t declared = context.accessors.decl(static_cast<uint32_t>(accessor)).count;
-    if (declared == decoded) return absl::OkStatus();
-    return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": accessor ", accessor, " declares ", declared,
-                                                   " ", what, ", the Draco stream has ", decoded));
+    if (declared == decoded) return;
+    context.warnings.Add(WarningCode::kCountMismatch, where,
+                         absl::StrCat("accessor ", accessor, " declares ", declared, " ", what,
+                                      ", the Draco stream has ", decoded, "; the stream's count holds"));
   };
-  if (absl::Status bad = compare(primitive.indices, 3 * mesh.triangles.size(), "indices"); !bad.ok()) return bad;
+  compare(primitive.indices, 3 * mesh.triangles.size(), "indices");
   const auto position = primitive.attributes.find("POSITION");
-  return position == primitive.attributes.end() ? absl::OkStatus() : compare(position->second, mesh.points, "vertices");
+  if (position != primitive.attributes.end()) compare(position->second, mesh.points, "vertices");
 }
 
 // The indices, or the positions one after the other, as triangles.
@@ -357,7 +363,7 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
   if (absl::Status bad = CheckFinite(out, origin, where); !bad.ok()) return bad;
 
   if (source.draco()) {
-    if (absl::Status bad = CompareCounts(primitive, *source.draco(), where, context); !bad.ok()) return bad;
+    CompareCounts(primitive, *source.draco(), where, context);
     out.triangles = source.draco()->triangles;
   } else if (absl::Status bad = ReadTriangles(primitive, where, out, context); !bad.ok()) {
     return bad;

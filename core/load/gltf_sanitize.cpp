@@ -194,8 +194,13 @@ Json CopyNode(const Json& object, size_t index, const Sizes& sizes, absl::Status
 // Materials, textures and samplers: what is no object becomes an empty one; tinygltf skips members of wrong types.
 // Only the extensions that the material reader uses are kept, and no extras.
 Json CopyAppearance(const Json& value) {
-  constexpr const char* kKept[] = {"KHR_texture_transform", "KHR_materials_emissive_strength",
-                                   "KHR_materials_pbrSpecularGlossiness"};
+  constexpr const char* kKept[] = {"KHR_texture_transform",
+                                   "KHR_materials_emissive_strength",
+                                   "KHR_materials_pbrSpecularGlossiness",
+                                   "KHR_texture_basisu",
+                                   "EXT_texture_webp",
+                                   "EXT_texture_avif",
+                                   "MSFT_texture_dds"};
   if (value.is_array()) {
     Json copy = Json::array();
     for (const Json& entry : value) copy.push_back(CopyAppearance(entry));
@@ -219,28 +224,44 @@ Json CopyAppearance(const Json& value) {
 }
 
 // An array of the right number of numbers, or no member at all: tinygltf gives up a whole material otherwise.
-void DropUnlessNumbers(Json& object, const char* key, size_t length) {
+void DropUnlessNumbers(Json& object, const char* key, size_t length, const std::string& where, WarningList& warnings) {
   const auto it = object.find(key);
   if (it == object.end()) return;
   bool good = it->is_array() && it->size() == length;
   if (good) {
     for (const Json& entry : *it) good = good && entry.is_number();
   }
-  if (!good) object.erase(it);
+  if (good) return;
+  object.erase(it);
+  warnings.Add(WarningCode::kNonconformingFile, where,
+               absl::StrCat(key, " is not ", length, " numbers and is ignored"));
 }
 
-Json CopyAppearances(Fields& fields, const char* key) {
+void WarnOfAlphaMode(const Json& material, const std::string& where, WarningList& warnings) {
+  const auto mode = material.find("alphaMode");
+  if (mode == material.end() || *mode == "OPAQUE" || *mode == "MASK" || *mode == "BLEND") return;
+  warnings.Add(WarningCode::kNonconformingFile, where, "alphaMode is none of glTF's and counts as OPAQUE");
+}
+
+// `one`: what an element is called in warnings.
+Json CopyAppearances(Fields& fields, const char* key, const char* one, WarningList& warnings) {
   Json copy = Json::array();
   const Json* array = fields.Array(key, kMostMaterials);
   if (array == nullptr) return copy;
   for (const Json& entry : *array) {
+    const std::string where = absl::StrCat(one, " ", copy.size());
+    if (!entry.is_object()) {
+      warnings.Add(WarningCode::kNonconformingFile, where, "is not an object and counts as an empty one");
+    }
     Json element = entry.is_object() ? CopyAppearance(entry) : Json::object();
-    DropUnlessNumbers(element, "emissiveFactor", 3);
+    DropUnlessNumbers(element, "emissiveFactor", 3, where, warnings);
+    WarnOfAlphaMode(element, where, warnings);
     if (const auto pbr = element.find("pbrMetallicRoughness"); pbr != element.end()) {
       if (pbr->is_object()) {
-        DropUnlessNumbers(*pbr, "baseColorFactor", 4);
+        DropUnlessNumbers(*pbr, "baseColorFactor", 4, where, warnings);
       } else {
         element.erase(pbr);
+        warnings.Add(WarningCode::kNonconformingFile, where, "pbrMetallicRoughness is not an object and is ignored");
       }
     }
     copy.push_back(std::move(element));
@@ -304,7 +325,9 @@ absl::StatusOr<Json> SanitizeGraph(const Json& root, const LoadLimits& limits, W
   }
   CopySkins(fields, sizes, graph, status);
   CopyScenes(fields, sizes, graph, status);
-  for (const char* key : {"materials", "textures", "samplers"}) graph[key] = CopyAppearances(fields, key);
+  graph["materials"] = CopyAppearances(fields, "materials", "material", warnings);
+  graph["textures"] = CopyAppearances(fields, "textures", "texture", warnings);
+  graph["samplers"] = CopyAppearances(fields, "samplers", "sampler", warnings);
   if (!status.ok()) return status;
   return graph;
 }

@@ -14,7 +14,8 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "load/json_guard.h"
+#include "load/image_format.h"
+#include "load/image_webp.h"
 #include "load/mips.h"
 #include "mesh/texture_faults.h"
 #include "shaders/mips.h"
@@ -191,21 +192,24 @@ absl::Status DecodeJpeg(Image& image, const LoadLimits& limits) {
   return done ? status : Invalid(image, absl::StrCat("broken JPEG: ", error.message));
 }
 
+absl::Status DecodeWebp(Image& image, const LoadLimits& limits) {
+  const std::optional<WebpSize> size = ReadWebpSize(image.encoded);
+  if (!size) return Invalid(image, "broken WebP: its header");
+  if (absl::Status s = CheckPixels(image, size->width, size->height, limits); !s.ok()) return s;
+  std::vector<uint8_t> rgba(uint64_t{4} * size->width * size->height);
+  const JobContext endless;
+  if (absl::Status s = DecodeWebp(endless, image.encoded, *size, rgba); !s.ok()) {
+    return absl::Status(s.code(), absl::StrCat("image '", image.name, "': ", s.message()));
+  }
+  image.width = size->width;
+  image.height = size->height;
+  image.rgba = std::move(rgba);
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 namespace {
-
-enum class Format { kNone, kPng, kJpeg };
-
-// The first bytes decide, not the type that the file claims.
-Format FormatOf(const Image& image) {
-  static constexpr uint8_t kPng[] = {0x89, 'P', 'N', 'G'}, kJpeg[] = {0xff, 0xd8, 0xff};
-  const auto begins = [&](std::span<const uint8_t> magic) {
-    return image.encoded.size() >= magic.size() && std::memcmp(image.encoded.data(), magic.data(), magic.size()) == 0;
-  };
-  if (begins(kPng)) return Format::kPng;
-  return begins(kJpeg) ? Format::kJpeg : Format::kNone;
-}
 
 // The fault of an image that has no bytes or is of a format that is not decoded.
 std::optional<Warning> FaultOf(const Image& image, size_t index) {
@@ -214,23 +218,24 @@ std::optional<Warning> FaultOf(const Image& image, size_t index) {
   if (image.encoded.empty()) {
     return Warning{WarningCode::kTextureMissing, where, "it has no bytes; the material's factor is used"};
   }
-  if (FormatOf(image) != Format::kNone) return std::nullopt;
+  const ImageKind kind = KindOfImage(image.encoded);
+  if (kind.format != ImageFormat::kNone) return std::nullopt;
   return Warning{WarningCode::kTextureUndecodable, where,
-                 absl::StrCat("its format (", image.mime_type.empty() ? "no type given" : Quoted(image.mime_type),
-                              ") is not decoded; the material's factor is used")};
+                 absl::StrCat(kind.name, " is not decoded; the material's factor is used")};
 }
 
 }  // namespace
 
 absl::Status DecodeImage(Image& image, const LoadLimits& limits) {
   if (!image.rgba.empty()) return absl::OkStatus();
-  switch (FormatOf(image)) {
-    case Format::kPng: return DecodePng(image, limits);
-    case Format::kJpeg: return DecodeJpeg(image, limits);
-    case Format::kNone: break;
+  const ImageKind kind = KindOfImage(image.encoded);
+  switch (kind.format) {
+    case ImageFormat::kPng: return DecodePng(image, limits);
+    case ImageFormat::kJpeg: return DecodeJpeg(image, limits);
+    case ImageFormat::kWebp: return DecodeWebp(image, limits);
+    case ImageFormat::kNone: break;
   }
-  return absl::UnimplementedError(
-      absl::StrCat("image '", image.name, "': type '", image.mime_type, "' is neither PNG nor JPEG"));
+  return absl::UnimplementedError(absl::StrCat("image '", image.name, "': ", kind.name, " is not decoded"));
 }
 
 void CheckImages(const TriangleMesh& mesh) {

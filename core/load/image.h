@@ -1,4 +1,4 @@
-// Decoding of PNG and JPEG images, lazily and only after the pixel count was checked.
+// Decoding of PNG, JPEG and WebP images, lazily and only after the pixel count was checked.
 #pragma once
 
 #include "absl/status/status.h"

@@ -10,9 +10,6 @@ absl::Status GuardJson(std::string_view json, const LoadLimits& limits) {
     return absl::ResourceExhaustedError(
         absl::StrCat("the JSON has ", json.size(), " bytes; the limit max_json_bytes is ", limits.max_json_bytes));
   }
-  if (json.substr(0, 3) == "\xEF\xBB\xBF") {
-    return absl::InvalidArgumentError("JSON byte 0: a byte order mark, which glTF does not allow");
-  }
   uint32_t depth = 0;
   bool in_string = false;
   for (size_t i = 0; i < json.size(); ++i) {
@@ -37,6 +34,13 @@ absl::Status GuardJson(std::string_view json, const LoadLimits& limits) {
     }
   }
   return absl::OkStatus();
+}
+
+std::string_view WithoutByteOrderMark(std::string_view json, WarningList& warnings) {
+  constexpr std::string_view kMark = "\xEF\xBB\xBF";
+  if (json.substr(0, kMark.size()) != kMark) return json;
+  warnings.Add(WarningCode::kNonconformingFile, "", "the JSON begins with a byte order mark, which glTF forbids");
+  return json.substr(kMark.size());
 }
 
 std::string Quoted(std::string_view text) {

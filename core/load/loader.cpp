@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 #include <new>
+#include <utility>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
@@ -19,8 +20,7 @@ bool StartsWith(std::span<const uint8_t> bytes, std::string_view magic) {
 }
 
 bool LooksLikeJson(std::span<const uint8_t> bytes) {
-  // A byte order mark is let through here so that the glTF loader can name it.
-  if (StartsWith(bytes, "\xEF\xBB\xBF")) return true;
+  if (StartsWith(bytes, "\xEF\xBB\xBF")) return true;  // a byte order mark
   for (const uint8_t byte : bytes) {
     if (byte == ' ' || byte == '\t' || byte == '\n' || byte == '\r') continue;
     return byte == '{';
@@ -34,13 +34,15 @@ absl::StatusOr<Scene> Dispatch(const JobContext& job, std::span<const uint8_t> b
     case MeshFormat::kGlb: {
       absl::StatusOr<GlbChunks> chunks = SplitGlb(bytes);
       if (!chunks.ok()) return chunks.status();
-      absl::StatusOr<Scene> scene = LoadGltf(job, chunks->json, chunks->binary, limits);
+      WarningList warnings;
+      AddLeftOverBytes(*chunks, warnings);
+      absl::StatusOr<Scene> scene = LoadGltf(job, chunks->json, chunks->binary, limits, std::move(warnings));
       if (scene.ok()) scene->format = "glb";
       return scene;
     }
     case MeshFormat::kGltf: {
       const std::string_view json(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-      absl::StatusOr<Scene> scene = LoadGltf(job, json, std::nullopt, limits);
+      absl::StatusOr<Scene> scene = LoadGltf(job, json, std::nullopt, limits, {});
       if (scene.ok()) scene->format = "gltf";
       return scene;
     }

@@ -1,4 +1,4 @@
-// EXT_meshopt_compression: decoding of one compressed buffer view.
+// EXT_meshopt_compression and KHR_meshopt_compression: decoding of one compressed buffer view.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,8 @@ namespace voxelpipe {
 struct MeshoptView {
   uint64_t count = 0, byte_stride = 0;  // elements, bytes an element
   std::string mode;                     // ATTRIBUTES, TRIANGLES, INDICES
-  std::string filter = "NONE";          // NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL
+  std::string filter = "NONE";          // NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL; KHR also COLOR
+  bool khr = false;                     // KHR_meshopt_compression: also version 1 of the vertex codec
 };
 
 // In: the compressed bytes and what the extension object says of them. Out: count * byte_stride decoded bytes.

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "load/glb_container.h"
+#include "load/gltf_buffers.h"
 #include "load/json_guard.h"
 #include "load/loader.h"
 #include "load/local_file.h"
@@ -30,6 +31,7 @@ struct BufferPlace {
 struct Source {
   Json json;
   std::optional<std::span<const uint8_t>> binary;
+  WarningList warnings;  // that the loader would give for the file as it is
 };
 
 bool IsObjectArray(const Json& json, const char* key) {
@@ -50,7 +52,7 @@ std::optional<std::string> FileUri(const Json& object) {
   const auto it = object.find("uri");
   if (it == object.end() || !it->is_string()) return std::nullopt;
   const auto& uri = it->get_ref<const std::string&>();
-  if (uri.rfind("data:", 0) == 0) return std::nullopt;
+  if (gltf::IsDataUri(uri)) return std::nullopt;
   return uri;
 }
 
@@ -74,9 +76,11 @@ std::optional<Source> Parse(std::span<const uint8_t> bytes, const LoadLimits& li
     if (!chunks.ok()) return std::nullopt;
     text = chunks->json;
     source.binary = chunks->binary;
+    AddLeftOverBytes(*chunks, source.warnings);
   } else if (format != MeshFormat::kGltf) {
     return std::nullopt;
   }
+  text = WithoutByteOrderMark(text, source.warnings);
   if (!GuardJson(text, limits).ok()) return std::nullopt;
   source.json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
   if (!source.json.is_object() || !AnyFileUri(source.json)) return std::nullopt;
@@ -153,7 +157,7 @@ class Packer {
     return absl::Status(why.code(), absl::StrCat("buffer ", buffer, ": ", why.message()));
   }
 
-  // Rewrites buffer and byteOffset of a buffer view or of its EXT_meshopt_compression. A view that overruns its buffer would
+  // Rewrites buffer and byteOffset of a buffer view or of its meshopt compression. A view that overruns its buffer would
   // read its neighbour after merging, so it is refused here.
   absl::Status Move(Json& view, size_t index) {
     const std::string name = absl::StrCat("bufferView ", index);
@@ -179,9 +183,11 @@ class Packer {
       if (absl::Status s = Move(views[i], i); !s.ok()) return s;
       const auto extensions = views[i].find("extensions");
       if (extensions == views[i].end() || !extensions->is_object()) continue;
-      const auto meshopt = extensions->find("EXT_meshopt_compression");
-      if (meshopt == extensions->end() || !meshopt->is_object()) continue;
-      if (absl::Status s = Move(*meshopt, i); !s.ok()) return s;
+      for (const char* name : {"EXT_meshopt_compression", "KHR_meshopt_compression"}) {
+        const auto meshopt = extensions->find(name);
+        if (meshopt == extensions->end() || !meshopt->is_object()) continue;
+        if (absl::Status s = Move(*meshopt, i); !s.ok()) return s;
+      }
     }
     return absl::OkStatus();
   }
@@ -256,12 +262,14 @@ class Packer {
 
 }  // namespace
 
-absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits) {
+absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits,
+                                              WarningList* warnings) {
   auto bytes = ReadLocalFile(path, limits.max_file_bytes);
   if (!bytes.ok()) return bytes.status();
   try {
     std::optional<Source> source = Parse(*bytes, limits);
     if (!source) return bytes;
+    if (warnings != nullptr) warnings->Append(source->warnings);
     return Packer(*std::move(source), fs::path(path).parent_path(), limits).Pack();
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError(absl::StrCat(path, ": out of memory while packing"));

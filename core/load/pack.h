@@ -5,6 +5,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "base/warning.h"
 #include "load/file_bytes.h"
 #include "load/limits.h"
 
@@ -13,8 +14,10 @@ namespace voxelpipe {
 // In: path of a .glb, .gltf or .drc. Out: bytes that LoadScene accepts without any file access. A .gltf (or .glb) that
 // refers to sibling files gets them packed into one GLB; only files inside the file's own directory (after resolving
 // symbolic links) are read, percent-encoding is decoded, absolute paths, schemes and ".." that leave it are refused.
-// A missing image is dropped (geometry does not need it); a missing buffer is an error.
+// A missing image stays a URI, which the loader warns of where a shader reads it (geometry does not need it); a missing buffer is an error.
 // Errors: NOT_FOUND or INVALID_ARGUMENT naming the URI, RESOURCE_EXHAUSTED past max_file_bytes.
-absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {});
+// `warnings`, if given: what the packed bytes no longer show, a byte order mark and bytes behind a GLB's end.
+absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {},
+                                              WarningList* warnings = nullptr);
 
 }  // namespace voxelpipe

@@ -119,7 +119,8 @@ TEST(GltfOwnAttributes, WhatIsNotFiniteCountsAsZeroWithAWarning) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const auto scene = LoadWith(builder, {{"_T", builder.Vectors({1, nan, 3}, "SCALAR")}});
   EXPECT_THAT(Attributes(scene).at(0).values, ElementsAre(1, 0, 3));
-  EXPECT_THAT(testing::Lines(scene->warnings), ElementsAre(HasSubstr("_T (accessor 0) has values that are not finite")));
+  EXPECT_THAT(testing::Lines(scene->warnings),
+              ElementsAre(HasSubstr("_T (accessor 0) has values that are not finite")));
 }
 
 TEST(GltfOwnAttributes, MatricesAndUnprintableNamesAreIgnoredWithAWarning) {
@@ -128,8 +129,9 @@ TEST(GltfOwnAttributes, MatricesAndUnprintableNamesAreIgnoredWithAWarning) {
   const int good = builder.Vectors({1, 2, 3}, "SCALAR");
   const auto scene = LoadWith(builder, {{"_M", matrices}, {"_new\nline", good}, {"_" + std::string(128, 'x'), good}});
   EXPECT_THAT(Attributes(scene), IsEmpty());
-  EXPECT_THAT(testing::Lines(scene->warnings), ::testing::UnorderedElementsAre(HasSubstr("_M (accessor 0)"), HasSubstr("printable"),
-                                                               HasSubstr("printable")));
+  EXPECT_THAT(
+      testing::Lines(scene->warnings),
+      ::testing::UnorderedElementsAre(HasSubstr("_M (accessor 0)"), HasSubstr("printable"), HasSubstr("printable")));
 }
 
 TEST(GltfOwnAttributes, PrimitivesThatDifferAreNamedInWarnings) {
@@ -145,8 +147,9 @@ TEST(GltfOwnAttributes, PrimitivesThatDifferAreNamedInWarnings) {
   builder.Scene({builder.Node({{"mesh", mesh}})});
   const auto scene = LoadScene(builder.Glb());
   ASSERT_TRUE(scene.ok()) << scene.status();
-  EXPECT_THAT(testing::Lines(scene->warnings), ElementsAre(HasSubstr("attribute _T: is missing in 1 of 3 primitives; it counts as 0 there"),
-                                           HasSubstr("attribute _T: has 1 to 3 components")));
+  EXPECT_THAT(testing::Lines(scene->warnings),
+              ElementsAre(HasSubstr("attribute _T: is missing in 1 of 3 primitives; it counts as 0 there"),
+                          HasSubstr("attribute _T: has 1 to 3 components")));
 }
 
 // Instances carry attributes too (EXT_mesh_gpu_instancing), which are no vertex attributes.

@@ -218,7 +218,7 @@ TEST(Gltf, MatrixAndTrsAgree) {
   EXPECT_EQ(scene.nodes[1].local.m[1][0], 2);
 }
 
-TEST(Gltf, TheDefaultSceneElseTheFirstElseNone) {
+TEST(Gltf, TheDefaultSceneElseTheFirstElseAllRoots) {
   GlbBuilder builder;
   for (int i = 0; i < 3; ++i) builder.Node(json::object());
   builder.Scene({0});
@@ -229,7 +229,7 @@ TEST(Gltf, TheDefaultSceneElseTheFirstElseNone) {
   EXPECT_THAT(Load(builder).roots, ElementsAre(0));
   builder.doc.erase("scenes");
   const Scene none = Load(builder);
-  EXPECT_THAT(none.roots, IsEmpty());
+  EXPECT_THAT(none.roots, ElementsAre(0, 1, 2));
   EXPECT_THAT(testing::Codes(none.warnings), ElementsAre("no_scene"));
 }
 

@@ -1,0 +1,136 @@
+#include "pipeline/warnings.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "pipeline/backend.h"
+#include "pipeline/batch.h"
+#include "pipeline/memory_sink.h"
+#include "pipeline/voxelize.h"
+#include "support/meshes.h"
+#include "support/run.h"
+#include "support/warnings.h"
+
+namespace voxelpipe {
+namespace {
+
+using testing::Codes;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using testing::Lines;
+
+// A cube whose material has a base colour that no build decodes.
+TriangleMesh Cube() {
+  TriangleMesh mesh = testing::Cube(4);
+  mesh.materials.resize(1);
+  mesh.materials[0].base_color.texture = 0;
+  mesh.parts[0].material = 0;
+  mesh.parts[0].has_uv[0] = true;
+  mesh.uv[0].resize(mesh.positions.size());
+  mesh.textures.resize(1);
+  mesh.textures[0].image = 0;
+  mesh.images = {std::make_shared<Image>()};
+  mesh.images[0]->fault = Warning{WarningCode::kTextureUndecodable, "image 0", "KTX2 is not decoded"};
+  return mesh;
+}
+
+VoxelizeRequest Request(const char* shader) {
+  VoxelizeRequest request;
+  request.grid.resolution = 8;
+  request.targets = {testing::FloatTarget(4, Blend::kReplace, {shader, {}})};
+  return request;
+}
+
+// Each way to voxelize in this process.
+std::vector<absl::StatusOr<VoxelizeStats>> RunAll(const TriangleMesh& mesh, const VoxelizeRequest& request) {
+  std::vector<absl::StatusOr<VoxelizeStats>> all;
+  const JobContext job;
+  const auto stats_of = [](absl::StatusOr<VoxelizeResult> result) -> absl::StatusOr<VoxelizeStats> {
+    if (!result.ok()) return result.status();
+    return std::move(result->stats);
+  };
+  all.push_back(stats_of(Voxelize(mesh, request, job)));
+  class Nowhere final : public ResultSink {
+   public:
+    absl::Status Begin(const ResultHeader&) override { return absl::OkStatus(); }
+    absl::Status Write(size_t, std::span<const uint8_t>) override { return absl::OkStatus(); }
+  } sink;
+  all.push_back(VoxelizeTo(mesh, request, job, {}, sink));
+  for (const Backend* device : Devices()) {
+    const BatchItem item{&mesh, &request, &job, {}, [&](absl::StatusOr<VoxelizeResult> result) {
+                           all.push_back(stats_of(std::move(result)));
+                         }};
+    VoxelizeBatch(*device, std::vector<BatchItem>(1, item), 1);
+  }
+  return all;
+}
+
+TEST(Warnings, TexturesAreSaidToWhoReadsThem) {
+  const TriangleMesh mesh = Cube();
+  for (const auto& stats : RunAll(mesh, Request("base_color"))) {
+    ASSERT_TRUE(stats.ok()) << stats.status();
+    EXPECT_THAT(Lines(stats->warnings), ElementsAre("image 0: KTX2 is not decoded"));
+  }
+  for (const char* shader : {"normal", "emissive"}) {
+    for (const auto& stats : RunAll(mesh, Request(shader))) {
+      ASSERT_TRUE(stats.ok()) << stats.status();
+      EXPECT_THAT(Codes(stats->warnings), IsEmpty()) << shader;
+    }
+  }
+  EXPECT_THAT(Codes(AllWarningsOf(mesh)), ElementsAre("texture_undecodable"));
+}
+
+TEST(Warnings, ThoseOfTheMeshComeWithEachUse) {
+  TriangleMesh mesh = testing::Cube(4);
+  mesh.warnings.Add(WarningCode::kNoScene, "", "the file has no scenes");
+  for (int use = 0; use < 2; ++use) {
+    for (const auto& stats : RunAll(mesh, Request("normal"))) {
+      ASSERT_TRUE(stats.ok()) << stats.status();
+      EXPECT_THAT(Codes(stats->warnings), ElementsAre("no_scene"));
+    }
+  }
+}
+
+TEST(Warnings, StrictMakesTheFirstOneTheError) {
+  VoxelizeRequest request = Request("base_color");
+  request.strict = true;
+  for (const auto& stats : RunAll(Cube(), request)) {
+    EXPECT_EQ(stats.status(), absl::InvalidArgumentError("image 0: KTX2 is not decoded"));
+  }
+  VoxelizeRequest other = Request("normal");
+  other.strict = true;
+  for (const auto& stats : RunAll(Cube(), other)) EXPECT_TRUE(stats.ok()) << stats.status();
+}
+
+TEST(Warnings, MasksThatDiscardEverythingAreSaid) {
+  TriangleMesh mesh = Cube();
+  mesh.images[0]->fault.reset();
+  mesh.materials[0].alpha_mode = AlphaMode::kMask;
+  mesh.materials[0].base_color_factor.w = 0.25f;
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    VoxelizeRequest request = Request("base_color");
+    request.result = kind;
+    for (const auto& stats : RunAll(mesh, request)) {
+      ASSERT_TRUE(stats.ok()) << stats.status();
+      EXPECT_EQ(stats->occupied, 0u);
+      EXPECT_THAT(Codes(stats->warnings), ElementsAre("all_discarded"));
+    }
+    request.strict = true;
+    for (const auto& stats : RunAll(mesh, request)) {
+      EXPECT_THAT(std::string(stats.status().message()), HasSubstr("alpha masks discarded every fragment"));
+    }
+  }
+  // Not where a target reads no material, nor where nothing lay in the grid.
+  VoxelizeRequest both = Request("base_color");
+  both.targets.push_back(TargetSpec{});
+  for (const auto& stats : RunAll(mesh, both)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
+  VoxelizeRequest beside = Request("base_color");
+  beside.grid.dims = {4, 4, 4};
+  beside.grid.origin = Vec3d{100, 0, 0};
+  beside.grid.voxel_size = Vec3d{1, 1, 1};
+  for (const auto& stats : RunAll(mesh, beside)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
+}
+
+}  // namespace
+}  // namespace voxelpipe
