@@ -114,7 +114,8 @@ absl::Status SetParameter(ShaderCall& call, const KeyValue& pair) {
   return absl::OkStatus();
 }
 
-absl::Status ParseFormat(std::string_view text, TargetSpec& target) {
+// `components` stays absent where the text gives no number.
+absl::Status ParseFormat(std::string_view text, TargetSpec& target, std::optional<int>& components) {
   const size_t cross = text.find('x');
   const std::string_view name = text.substr(0, cross);
   const std::optional<VoxelFormat> format = ParseVoxelFormat(name);
@@ -127,7 +128,7 @@ absl::Status ParseFormat(std::string_view text, TargetSpec& target) {
   if (count.size() != 1 || count[0] < '1' || count[0] > '4') {
     return absl::InvalidArgumentError(absl::StrCat("components ", Quoted(count), ": a target has 1 to 4"));
   }
-  target.components = count[0] - '0';
+  components = count[0] - '0';
   return absl::OkStatus();
 }
 
@@ -141,10 +142,23 @@ absl::Status SetTargetOption(const KeyValue& pair, TargetSpec& target, ShaderCal
     target.scale = *scale;
     return absl::OkStatus();
   }
-  double* number = pair.key == "quantum" ? &target.quantum
-                   : pair.key == "clear" ? &target.clear
-                   : pair.key == "fill"  ? &target.fill_value
-                                         : nullptr;
+  if (pair.key == "fill") {
+    absl::StatusOr<std::vector<double>> numbers = ParseNumbers(pair.value, '/');
+    if (!numbers.ok()) {
+      return absl::InvalidArgumentError(absl::StrCat("fill: ", std::string(numbers.status().message())));
+    }
+    target.fill_values = *std::move(numbers);
+    return absl::OkStatus();
+  }
+  if (pair.key == "encoding") {
+    if (pair.value != "linear" && pair.value != "srgb") {
+      return absl::InvalidArgumentError(
+          absl::StrCat("encoding: ", Quoted(pair.value), " is not known; known are linear and srgb"));
+    }
+    target.encoding = pair.value == "srgb" ? Encoding::kSrgb : Encoding::kLinear;
+    return absl::OkStatus();
+  }
+  double* number = pair.key == "quantum" ? &target.quantum : pair.key == "clear" ? &target.clear : nullptr;
   if (number == nullptr) return SetParameter(own, pair);
   const absl::StatusOr<double> value = ParseNumber(pair.value);
   if (!value.ok())
@@ -157,7 +171,8 @@ absl::Status ParseTargetInto(std::string_view text, const ShaderCall& default_sh
   const size_t first = text.find(':');
   if (first == std::string_view::npos)
     return absl::InvalidArgumentError("a target is FORMAT[xC]:BLEND[:name=value,...]");
-  if (absl::Status status = ParseFormat(text.substr(0, first), target); !status.ok()) return status;
+  std::optional<int> components;
+  if (absl::Status status = ParseFormat(text.substr(0, first), target, components); !status.ok()) return status;
   std::string_view rest = text.substr(first + 1);
   const size_t second = rest.find(':');
   const std::string_view blend_name = rest.substr(0, second);
@@ -182,6 +197,7 @@ absl::Status ParseTargetInto(std::string_view text, const ShaderCall& default_sh
   } else {
     target.shader = own;
   }
+  target.components = components.value_or(OwnComponents(target));
   return absl::OkStatus();
 }
 

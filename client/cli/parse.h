@@ -31,8 +31,9 @@ absl::StatusOr<std::array<int64_t, 3>> ParseDims(std::string_view text);
 // the parameters are checked against the catalog.
 absl::StatusOr<ShaderCall> ParseShaderCall(std::string_view text);
 
-// "FORMAT[xC]:BLEND[:k=v,...]" where k is shader, quantum, clear, fill, scale (integer formats only), or a
-// parameter of the target's shader. A target without shader= takes `default_shader`, its own parameters laid over it.
+// "FORMAT[xC]:BLEND[:k=v,...]" where k is shader, quantum, clear, fill ("V" or "A/B/C"), encoding (linear or srgb),
+// scale (integer formats only), or a parameter of the target's shader. A target without shader= takes `default_shader`,
+// its own parameters laid over it; one without xC has the components of its shader (OwnComponents).
 absl::StatusOr<TargetSpec> ParseTarget(std::string_view text, const ShaderCall& default_shader);
 
 // The targets that --target and --shader ask for. Without --target: `bit:or` for occupancy (also where no shader is

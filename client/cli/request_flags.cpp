@@ -46,21 +46,24 @@ void AddShadingOptions(CLI::App& command, RequestOptions& request) {
   const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
     return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
   };
-  add("--coverage", request.coverage, "conservative|thin|center",
-      "Which voxels a triangle covers (default conservative: all it touches)");
-  add("--fill", request.fill, "none|parity|flood",
-      "Whether the inside is filled (default none): parity by crossings along x, flood by what a walk from outside "
-      "does "
-      "not reach");
+  add("--coverage", request.coverage, "conservative|thin|center|none",
+      "Which voxels a triangle covers (default conservative: all it touches; none: with --fill parity or nonzero, "
+      "which then gives the voxels whose centre is inside)");
+  add("--fill", request.fill, "none|parity|nonzero|flood",
+      "Whether the inside is filled (default none): parity by crossings along x, nonzero by their signs, so that parts "
+      "may overlap, flood by what a walk from outside does not reach");
   add("--shader", request.shader, "NAME[:k=v,...]",
       "The fragment shader of every target that names none. A vector's numbers are separated by '/', as in "
       "constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them");
   add("--vertex-shader", request.vertex_shader, "NAME[:k=v,...]", "The vertex shader (default identity)");
   add("--target", request.targets, "FORMAT[xC]:BLEND[:k=v,...]",
-      "A render target; may be given several times. FORMAT bit, u8, u16, u32, f16 or f32, C = 1 to 4 components. BLEND "
+      "A render target; may be given several times. FORMAT bit, u8, u16, u32, f16 or f32, C = 1 to 4 components, by "
+      "default as many as the shader gives (1 for bit and count). BLEND "
       "or, and, replace, first, count for bit; also min, max, add, average for integers; all but or, and for floats. k "
-      "is "
-      "shader, scale (integers), quantum (add and average of floats), clear, fill, or a parameter of the shader. "
+      "is shader, scale (integers), quantum (add and average of floats), clear, fill (V or one a component, A/B/C; "
+      "default: what the shader gives without a triangle, else clear), encoding (linear or srgb, for colours in u8), "
+      "or a "
+      "parameter of the shader. "
       "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C as many as the shader gives")
       ->allow_extra_args(false)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);

@@ -69,11 +69,13 @@ absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& options) {
   VoxelizeRequest request;
   if (absl::Status s = BuildGrid(options, request.grid); !s.ok()) return s;
 
-  constexpr std::array<std::pair<const char*, Coverage>, 3> kCoverages = {
-      {{"conservative", Coverage::kConservative}, {"thin", Coverage::kThin}, {"center", Coverage::kCenter}}};
+  constexpr std::array<std::pair<const char*, Coverage>, 4> kCoverages = {{{"conservative", Coverage::kConservative},
+                                                                           {"thin", Coverage::kThin},
+                                                                           {"center", Coverage::kCenter},
+                                                                           {"none", Coverage::kNone}}};
   if (absl::Status s = Choose("--coverage", options.coverage, kCoverages, request.coverage); !s.ok()) return s;
-  constexpr std::array<std::pair<const char*, Fill>, 3> kFills = {
-      {{"none", Fill::kNone}, {"parity", Fill::kParity}, {"flood", Fill::kFlood}}};
+  constexpr std::array<std::pair<const char*, Fill>, 4> kFills = {
+      {{"none", Fill::kNone}, {"parity", Fill::kParity}, {"nonzero", Fill::kNonzero}, {"flood", Fill::kFlood}}};
   if (absl::Status s = Choose("--fill", options.fill, kFills, request.fill); !s.ok()) return s;
   constexpr std::array<std::pair<const char*, Layout>, 2> kLayouts = {
       {{"interleaved", Layout::kInterleaved}, {"planar", Layout::kPlanar}}};

@@ -172,7 +172,7 @@ class TileResolver {
       if (!out.discard && format == VoxelFormat::kBit) {
         stored = ToBit(out, target.u32_output);
       } else if (!out.discard) {
-        stored = StoredBits(ToCell(out, target.u32_output, c, format, target.scale), format);
+        stored = StoredBits(ToCell(out, target.u32_output, c, target.kept_format, target.scale), target.kept_format);
       }
       const bool planar = state_.request.request.layout == Layout::kPlanar;
       const uint64_t element = planar ? uint64_t(c) * out_.fragments + at : at * uint64_t(components) + uint64_t(c);

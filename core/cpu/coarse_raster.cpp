@@ -42,10 +42,11 @@ absl::Status PlaceVertices(RunState& state, HostArray<VertexCode>& codes) {
   state.index_positions = state.placed_positions.data();
   state.view.index_positions = state.index_positions;
   codes = HostArray<VertexCode>(view.vertex_count);
+  const IndexSpace space = state.grid.index_space();
   std::atomic<bool> near{true};
   absl::Status s = ParallelChunks(int64_t(view.vertex_count), kVertexGrain, state.job, [&](int64_t begin, int64_t end) {
-    const Placed placed = state.kernels->place(view.positions, begin, end, state.grid.origin, state.grid.voxel_size,
-                                               state.placed_positions.data(), codes.data());
+    const Placed placed =
+        state.kernels->place(view.positions, begin, end, space, state.placed_positions.data(), codes.data());
     if (!placed.near) near.store(false, std::memory_order_relaxed);
   });
   if (!s.ok() || near) return s;
@@ -94,12 +95,13 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   state.tile_kernels = fit ? state.kernels : *SelectRowKernels(SimdChoice::kScalar);
   if (PlainBits(state, grid)) {
     state.row_bits = std::make_unique<RowBits>(*state.kernels, state.view, grid, state.request.request.coverage);
-    absl::Status s = state.row_bits->Place(state.request.request.fill == Fill::kParity, state.job);
+    absl::Status s = state.row_bits->Place(CastsLines(state.request.request.fill), state.job);
     state.index_positions = state.row_bits->index_positions();
     if (!absl::IsOutOfRange(s)) return s;  // otherwise the tiles' way below names the vertex
   }
   HostArray<VertexCode> codes;
   if (absl::Status s = PlaceVertices(state, codes); !s.ok()) return s;
+  if (state.request.request.coverage == Coverage::kNone) return absl::OkStatus();
   const VertexCode* const fitting = RowBitsFit(grid, state.view.triangle_count) ? codes.data() : nullptr;
   const auto triangles = int64_t(state.view.triangle_count);
   const int64_t per_chunk = std::max(kTrianglesPerChunk, triangles / kMostChunks);

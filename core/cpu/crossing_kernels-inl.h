@@ -64,12 +64,13 @@ HWY_INLINE LinesD LinesOfD(VD ay, VD by, VD cy, VD az, VD bz, VD cz, const LineB
 // An edge with its ends in lexicographic (y, z) order.
 struct EdgeD {
   VD py, pz, qy, dy, dz;
+  MD falls;  // where the edge is crossed: its y falls along it
 };
 HWY_INLINE EdgeD OrderedEdge(const VecD& a, const VecD& b) {
   const MD a_first = hn::Or(hn::Lt(a.y, b.y), hn::And(hn::Eq(a.y, b.y), hn::Le(a.z, b.z)));
   const VD py = hn::IfThenElse(a_first, a.y, b.y), qy = hn::IfThenElse(a_first, b.y, a.y);
   const VD pz = hn::IfThenElse(a_first, a.z, b.z), qz = hn::IfThenElse(a_first, b.z, a.z);
-  return {py, pz, qy, hn::Sub(qy, py), hn::Sub(qz, pz)};
+  return {py, pz, qy, hn::Sub(qy, py), hn::Sub(qz, pz), hn::Not(a_first)};
 }
 
 // TrianglePlane, and the triangle's x range.
@@ -165,7 +166,14 @@ HWY_INLINE void CrossBatch(const RowMesh& mesh, const uint64_t* v01, const uint6
       if (lanes == 0) continue;
       const VU before = ToUnsigned(BeforeD(plane, ny_dy, pz, double(lines.nx)));
       const VU row = ToUnsigned(hn::Add(hn::Mul(hn::Sub(z, SetD(double(lines.z_begin))), SetD(double(lines.ny))), y));
-      const VU block = hn::ShiftLeft<1>(hn::ShiftRightSame(row, lines.block_shift)), local = hn::And(row, in_block);
+      const VU local = hn::And(row, in_block);
+      VU block = hn::ShiftLeft<1>(hn::ShiftRightSame(row, lines.block_shift));
+      if (lines.with_signs) {
+        const MD falls = hn::Or(hn::And(above[0], edges[0].falls),
+                                hn::Or(hn::And(above[1], edges[1].falls), hn::And(above[2], edges[2].falls)));
+        const VU two = hn::Set(du, uint64_t{2});
+        block = hn::Add(hn::ShiftLeft<1>(block), hn::IfThenElseZero(hn::RebindMask(du, falls), two));
+      }
       const VU bit = hn::Sub(hn::Add(hn::MulEven(hn::BitCast(du32, local), row_bits), before), one);
       const auto outside = hn::Eq(before, hn::Zero(du));
       const VU crossing = hn::IfThenElse(outside, hn::Or(hn::ShiftLeft<32>(hn::Or(block, one)), local),
@@ -179,7 +187,7 @@ HWY_INLINE void CrossBatch(const RowMesh& mesh, const uint64_t* v01, const uint6
     const int k = std::countr_zero(left);
     const Vec3d &a = mesh.positions[uint32_t(v01[k])], &b = mesh.positions[v01[k] >> 32], &c = mesh.positions[v2[k]];
     ForEachCrossing(a, b, c, LinesOf(a, b, c, lines), lines.nx,
-                    [&](int64_t y, int64_t z, int64_t before) { out.Add(lines, y, z, before); });
+                    [&](int64_t y, int64_t z, int64_t before, bool falls) { out.Add(lines, y, z, before, falls); });
   }
 }
 
@@ -231,10 +239,12 @@ HWY_ATTR void CrossSmall(const RowMesh& mesh, int64_t begin, int64_t end, const 
 // An edge of a large triangle, and where the line of a layer's centres meets it.
 struct TallEdge {
   double py, pz, qy, dy, dz, z_lo, z_hi, by_z;  // by_z: 1 / dz, 0 where the edge is all but level
+  bool falls;                                   // where it is crossed: its y falls along it
 
   TallEdge(const Vec3d& a, const Vec3d& b) {
     const bool a_first = a.y < b.y || (a.y == b.y && a.z <= b.z);
     const Vec3d &p = a_first ? a : b, &q = a_first ? b : a;
+    falls = !a_first;
     py = p.y, pz = p.z, qy = q.y, dy = q.y - p.y, dz = q.z - p.z;
     z_lo = voxelpipe::Min(p.z, q.z), z_hi = voxelpipe::Max(p.z, q.z);
     by_z = Abs(dz) > 0x1p-20 ? 1 / dz : 0;
@@ -283,11 +293,13 @@ HWY_ATTR void CrossLarge(const RowMesh& mesh, uint32_t id, const LineBlocks& lin
       const MD here = hn::FirstN(d, size_t(std::min<int64_t>(kHalf, end - y0)));
       const uint64_t crossed = Bits(d, hn::And(here, hn::Xor(hn::Xor(above[0], above[1]), above[2])));
       if (crossed == 0) continue;
+      uint64_t falls = 0;
+      for (int e = 0; e < 3; ++e) falls |= edges[e].falls ? Bits(d, above[e]) : 0;
       const VD ny_dy = hn::Mul(plane.normal.y, hn::Sub(hn::Sub(py, plane.base.y), plane.v0.y));
       hn::Store(BeforeD(plane, ny_dy, SetD(pz), double(lines.nx)), d, before_out);
       for (uint64_t lanes = crossed; lanes != 0; lanes &= lanes - 1) {
         const int k = std::countr_zero(lanes);
-        ToggleRow(lines, out, row + y0 + k, int64_t(before_out[k]));
+        ToggleRow(lines, out, row + y0 + k, int64_t(before_out[k]), (falls >> k & 1) != 0);
       }
     }
   };

@@ -1,5 +1,5 @@
 // Crossings of triangles with the lines along x through the voxel centres, gathered by blocks of rows: what the parity
-// fill toggles.
+// fill toggles, and the nonzero fill sums.
 #pragma once
 
 #include <cmath>
@@ -15,13 +15,18 @@ struct LineBlocks {
   int64_t nx, ny, z_begin, z_end;
   int64_t row_bits;  // nx, up to a whole word
   int block_shift;
+  bool with_signs;  // of a nonzero fill
 
+  // Kinds of crossings of a block: those that toggle voxels or none (`outside`), and with signs the same of those that
+  // fall.
+  int kinds() const { return with_signs ? 4 : 2; }
   int64_t rows() const { return ny * (z_end - z_begin); }
   int64_t blocks() const { return ((rows() - 1) >> block_shift) + 1; }
 };
 
-// A crossing: block << 33 | outside << 32 | bit. The bit is that of the last voxel that it toggles; under `outside` it
-// toggles none, and the bit is the row's number in its block.
+// A crossing: (block * kinds + falls * 2 + outside) << 32 | bit. The bit is that of the last voxel that it toggles;
+// under `outside` it toggles none, and the bit is the row's number in its block. `falls`: CrossingFalls, 0 without
+// signs.
 struct Crossings {
   static constexpr int64_t kMost = 256;  // triangles at once
   static constexpr int kSmallRows = 8;   // and layers: those of more lines are left to CrossLarge
@@ -31,19 +36,29 @@ struct Crossings {
   uint32_t large[kMost];
 
   void Clear() { count = larges = 0; }
-  void Add(const LineBlocks& lines, int64_t y, int64_t z, int64_t before) {
+  void Add(const LineBlocks& lines, int64_t y, int64_t z, int64_t before, bool falls) {
     const int64_t row = y + lines.ny * (z - lines.z_begin), block = row >> lines.block_shift;
     const auto in_block = uint64_t(row - (block << lines.block_shift));
     const uint64_t bit = before > 0 ? in_block * uint64_t(lines.row_bits) + uint64_t(before - 1) : in_block;
-    crossing[count++] = (uint64_t(block) * 2 + (before > 0 ? 0 : 1)) << 32 | bit;
+    const uint64_t kind = uint64_t(before > 0 ? 0 : 1) + uint64_t(falls && lines.with_signs ? 2 : 0);
+    crossing[count++] = (uint64_t(block) * uint64_t(lines.kinds()) + kind) << 32 | bit;
   }
 };
 
-// The toggles of one block.
+// The toggles of one block; of a nonzero fill, its sums.
 struct BlockToggles {
-  uint32_t* words;    // bit grid of the block's rows
-  uint32_t* outside;  // one bit a row: an odd number of crossings toggled nothing
+  uint32_t* words;    // bit grid of the block's rows; of a nonzero fill, of the bits that have a sum
+  uint32_t* outside;  // one bit a row: an odd number of crossings toggled nothing; or null
+  // Of a nonzero fill, modulo 2^32, +1 for a crossing that rises and -1 for one that falls: by the bit of the last
+  // voxel before it, and by row those before all voxels.
+  uint32_t *sums = nullptr, *outside_sums = nullptr;
+
+  void Sum(uint64_t bit, uint32_t sign) const {
+    words[bit / 32] |= 1u << (bit % 32);
+    sums[bit] += sign;
+  }
 };
+inline constexpr uint32_t kRises = 1, kFalls = ~0u;
 
 // Lines beyond a triangle's y and z ranges by this much, in voxels, cross it under no rounding of vertices within 2^40
 // voxels.
@@ -64,7 +79,8 @@ inline LineRange LinesOf(const Vec3d& a, const Vec3d& b, const Vec3d& c, const L
           clamped(floor(z_hi - (0.5 - kLineSlack)) + 1, lines.z_begin, lines.z_end)};
 }
 
-// Calls visit(y, z, before) for each line of `range` that crosses the triangle; `before` as CentresBefore says.
+// Calls visit(y, z, before, falls) for each line of `range` that crosses the triangle; `before` as CentresBefore says,
+// `falls` as CrossingFalls.
 template <typename Visit>
 void ForEachCrossing(const Vec3d& a, const Vec3d& b, const Vec3d& c, const LineRange& range, int64_t nx,
                      const Visit& visit) {
@@ -74,14 +90,21 @@ void ForEachCrossing(const Vec3d& a, const Vec3d& b, const Vec3d& c, const LineR
     for (int64_t y = range.y_begin; y < range.y_end; ++y) {
       const double py = double(y) + 0.5, pz = double(z) + 0.5;
       if (!LineCrosses(a, b, c, py, pz)) continue;
-      visit(y, z, CentresBefore(CrossingX(plane, a, b, c, py, pz), nx));
+      visit(y, z, CentresBefore(CrossingX(plane, a, b, c, py, pz), nx), CrossingFalls(a, b, c, py, pz));
     }
   }
 }
 
-// Toggles what a crossing of row `row`, counted in its block, toggles.
-inline void ToggleRow(const LineBlocks& lines, const BlockToggles& out, int64_t row, int64_t before) {
-  if (before == 0) {
+// Toggles what a crossing of row `row`, counted in its block, toggles, or adds it to the sums.
+inline void ToggleRow(const LineBlocks& lines, const BlockToggles& out, int64_t row, int64_t before, bool falls) {
+  if (out.sums != nullptr) {
+    const uint32_t sign = falls ? kFalls : kRises;
+    if (before == 0) {
+      out.outside_sums[row] += sign;
+    } else {
+      out.Sum(uint64_t(row * lines.row_bits + before - 1), sign);
+    }
+  } else if (before == 0) {
     out.outside[row / 32] ^= 1u << (row % 32);
   } else {
     out.words[(row * lines.row_bits + before - 1) / 32] ^= 1u << ((before - 1) % 32);
@@ -108,8 +131,9 @@ inline void CrossLargePlain(const Vec3d& a, const Vec3d& b, const Vec3d& c, cons
                             const BlockToggles& out) {
   ForEachLayerOfBlock(
       lines, block, LinesOf(a, b, c, lines), [&](int64_t z, int64_t y_begin, int64_t y_end, int64_t row) {
-        ForEachCrossing(a, b, c, {y_begin, y_end, z, z + 1}, lines.nx,
-                        [&](int64_t y, int64_t, int64_t before) { ToggleRow(lines, out, row + y, before); });
+        ForEachCrossing(
+            a, b, c, {y_begin, y_end, z, z + 1}, lines.nx,
+            [&](int64_t y, int64_t, int64_t before, bool falls) { ToggleRow(lines, out, row + y, before, falls); });
       });
 }
 

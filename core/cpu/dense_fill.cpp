@@ -14,12 +14,14 @@ void FillElements(RunState& state, CpuTarget& target, int64_t row, std::span<con
   auto* const out = reinterpret_cast<Element*>(target.dense.data());
   const bool planar = state.request.request.layout == Layout::kPlanar;
   const uint64_t components = uint64_t(target.spec.components), voxels = state.slab_voxels();
+  const int64_t y = row % state.dims[1], z = row / state.dims[1] + state.slab.begin;
   for (size_t w = 0; w < inside.size(); ++w) {
     const uint32_t present = target.own_presence ? target.presence.row(row)[w] : state.coverage.row(row)[w];
     for (uint32_t left = inside[w] & ~present; left != 0; left &= left - 1) {
-      const uint64_t n = uint64_t(row) * uint64_t(state.dims[0]) + w * 32 + uint64_t(std::countr_zero(left));
+      const auto x = int64_t(w) * 32 + std::countr_zero(left);
+      const uint64_t n = uint64_t(row) * uint64_t(state.dims[0]) + uint64_t(x);
       for (uint64_t c = 0; c < components; ++c) {
-        out[planar ? c * voxels + n : n * components + c] = Element(target.fill_stored);
+        out[planar ? c * voxels + n : n * components + c] = Element(FillStored(target.fill, x, y, z, int(c)));
       }
     }
   }

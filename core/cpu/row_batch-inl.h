@@ -141,10 +141,18 @@ struct Batch {
 };
 
 // WorldToIndex of one coordinate of kLanes vertices.
-HWY_INLINE WideVector ToIndexSpace(const RowMesh& mesh, VD lo, VD hi, double origin, const Divisor& divisor) {
-  const VD a = hn::Sub(lo, SetD(origin)), b = hn::Sub(hi, SetD(origin));
-  if (HWY_LIKELY(mesh.regular)) return {QuotientOfRegular(a, divisor), QuotientOfRegular(b, divisor)};
-  return {hn::Div(a, SetD(divisor.h)), hn::Div(b, SetD(divisor.h))};
+HWY_INLINE WideVector ToIndexSpace(const RowMesh& mesh, bool walls, VD lo, VD hi, int axis, const Divisor& divisor) {
+  const VD origin = SetD(mesh.space.origin[axis]);
+  VD a = hn::Sub(lo, origin), b = hn::Sub(hi, origin);
+  if (HWY_LIKELY(mesh.regular)) {
+    a = QuotientOfRegular(a, divisor);
+    b = QuotientOfRegular(b, divisor);
+  } else {
+    a = hn::Div(a, SetD(divisor.h));
+    b = hn::Div(b, SetD(divisor.h));
+  }
+  if (HWY_LIKELY(!walls)) return {a, b};
+  return {ToWallD(mesh.space, axis, a), ToWallD(mesh.space, axis, b)};
 }
 
 // SetUpTriangle for kLanes triangles, those that are not SpanClass::kRun.
@@ -166,11 +174,12 @@ HWY_INLINE void SetUpBatch(const RowMesh& mesh, const Divisor (&divisors)[3], co
                               hn::ShiftRight<32>(second)};
     for (int i = 0; i < 3; ++i) at[half][i] = hn::BitCast(dl, hn::Add(v[i], hn::ShiftLeft<1>(v[i])));
   }
+  const bool walls = mesh.space.has_walls();
   WideVector p[3][3];  // vertex, axis
   for (int i = 0; i < 3; ++i) {
     for (int a = 0; a < 3; ++a) {
-      p[i][a] = ToIndexSpace(mesh, hn::GatherIndex(DD(), positions + a, at[0][i]),
-                             hn::GatherIndex(DD(), positions + a, at[1][i]), mesh.origin[a], divisors[a]);
+      p[i][a] = ToIndexSpace(mesh, walls, hn::GatherIndex(DD(), positions + a, at[0][i]),
+                             hn::GatherIndex(DD(), positions + a, at[1][i]), a, divisors[a]);
     }
   }
   WideVector least[3], most[3], base[3], e1[3], e2[3];

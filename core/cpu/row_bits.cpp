@@ -51,6 +51,7 @@ struct RowBits::Impl {
   const RowKernels& kernels;
   const MeshView& mesh;
   const GridSpec grid;
+  const IndexSpace space;
   const Coverage coverage;
   const int64_t layers;  // a slab
   HostArray<Vec3d> positions;
@@ -58,9 +59,9 @@ struct RowBits::Impl {
   bool regular = true;
 
   Impl(const RowKernels& k, const MeshView& m, const GridSpec& g, Coverage c)
-      : kernels(k), mesh(m), grid(g), coverage(c), layers(LayersPerSlab(g)) {}
+      : kernels(k), mesh(m), grid(g), space(g.index_space()), coverage(c), layers(LayersPerSlab(g)) {}
 
-  RowMesh Rows() const { return {mesh.positions, codes.data(), mesh.triangles, grid.origin, grid.voxel_size, regular}; }
+  RowMesh Rows() const { return {mesh.positions, codes.data(), mesh.triangles, space, regular}; }
 
   absl::Status Place(bool keep_positions, const JobContext& job) {
     if (keep_positions) positions = HostArray<Vec3d>(mesh.vertex_count);
@@ -68,8 +69,7 @@ struct RowBits::Impl {
     Vec3d* const index = keep_positions ? positions.data() : nullptr;
     std::atomic<bool> all_near{true}, all_regular{true};
     absl::Status s = ParallelChunks(int64_t(mesh.vertex_count), kVertexGrain, job, [&](int64_t begin, int64_t end) {
-      const Placed placed =
-          kernels.place(mesh.positions, begin, end, grid.origin, grid.voxel_size, index, codes.data());
+      const Placed placed = kernels.place(mesh.positions, begin, end, space, index, codes.data());
       if (!placed.near) all_near.store(false, std::memory_order_relaxed);
       if (!placed.regular) all_regular.store(false, std::memory_order_relaxed);
     });
@@ -77,7 +77,7 @@ struct RowBits::Impl {
     if (!s.ok() || all_near) return s;
     for (uint64_t t = 0; t < mesh.triangle_count; ++t) {
       for (const uint32_t v : mesh.triangles[t]) {
-        const Vec3d p = WorldToIndex(grid.origin, grid.voxel_size, mesh.positions[v]);
+        const Vec3d p = WorldToIndex(space, mesh.positions[v]);
         if (Abs(p.x) <= 0x1p40 && Abs(p.y) <= 0x1p40 && Abs(p.z) <= 0x1p40) continue;
         return absl::OutOfRangeError("a vertex is farther than 2^40 voxels from the grid's origin");
       }
@@ -146,6 +146,7 @@ struct RowBits::Impl {
   }
 
   absl::Status Raster(const RowSlab& target, const JobContext& job) const {
+    if (coverage == Coverage::kNone) return Clear(target, job);
     const RowMesh rows = Rows();
     const int64_t layer_words = target.ny * target.words_per_row;
     const int64_t words = layer_words * (target.end - target.begin);

@@ -114,7 +114,7 @@ HWY_INLINE void RasterTall(const SpanBounds<Real>& s, const Vec3d& base, const V
 HWY_ATTR void RasterLarge(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage,
                           const RowSlab& slab) {
   const VoxelRange all{{0, 0, slab.begin}, {slab.nx, slab.ny, slab.end}};
-  const auto at = [&](uint32_t v) { return WorldToIndex(mesh.origin, mesh.voxel_size, mesh.positions[v]); };
+  const auto at = [&](uint32_t v) { return WorldToIndex(mesh.space, mesh.positions[v]); };
   for (int64_t i = 0; i < count; ++i) {
     const uint32_t* v = mesh.triangles[ids[i]];
     const TriangleSetup setup = SetUpTriangle(at(v[0]), at(v[1]), at(v[2]), coverage);
@@ -133,7 +133,8 @@ HWY_ATTR void RasterLarge(const RowMesh& mesh, const uint32_t* ids, int64_t coun
 
 template <Coverage kCoverage>
 HWY_ATTR void RasterSmallAs(const RowMesh& mesh, const uint32_t* ids, int64_t count, const RowSlab& slab) {
-  const Divisor divisors[3] = {Divisor(mesh.voxel_size.x), Divisor(mesh.voxel_size.y), Divisor(mesh.voxel_size.z)};
+  const Divisor divisors[3] = {Divisor(mesh.space.voxel_size.x), Divisor(mesh.space.voxel_size.y),
+                               Divisor(mesh.space.voxel_size.z)};
   HWY_ALIGN uint32_t padded[kLanes];
   WordList list;
   for (int64_t i = 0; i < count; i += kLanes) {
@@ -162,6 +163,7 @@ HWY_ATTR void RasterSmall(const RowMesh& mesh, const uint32_t* ids, int64_t coun
     case Coverage::kConservative: return RasterSmallAs<Coverage::kConservative>(mesh, ids, count, slab);
     case Coverage::kThin: return RasterSmallAs<Coverage::kThin>(mesh, ids, count, slab);
     case Coverage::kCenter: return RasterSmallAs<Coverage::kCenter>(mesh, ids, count, slab);
+    case Coverage::kNone: return;
   }
 }
 

@@ -9,6 +9,7 @@
 #include "base/vec.h"
 #include "cpu/crossings.h"
 #include "cpu/tile_spans.h"
+#include "grid/index_space.h"
 #include "pipeline/request.h"
 
 namespace voxelpipe::cpu {
@@ -38,13 +39,13 @@ struct RowMesh {
   const Vec3d* positions;
   const VertexCode* codes;
   const uint32_t (*triangles)[3];
-  Vec3d origin, voxel_size;
+  IndexSpace space;
   bool regular;  // Placed::regular of all vertices
 };
 
 // A mesh whose vertices are in index space already.
 inline RowMesh IndexSpaceMesh(const Vec3d* positions, const uint32_t (*triangles)[3]) {
-  return {positions, nullptr, triangles, {0, 0, 0}, {1, 1, 1}, true};
+  return {positions, nullptr, triangles, IndexSpace{}, true};
 }
 
 // Triangles that a scan has left.
@@ -81,8 +82,8 @@ struct RowKernels {
   // The box of vertices [begin, end), at least one. False if one is not finite; the box is then of no use.
   bool (*bounds)(const Vec3d* world, int64_t begin, int64_t end, Vec3d& least, Vec3d& most);
   // The codes of vertices [begin, end), and WorldToIndex of them where `index` is not null.
-  Placed (*place)(const Vec3d* world, int64_t begin, int64_t end, const Vec3d& origin, const Vec3d& voxel_size,
-                  Vec3d* index, VertexCode* codes);
+  Placed (*place)(const Vec3d* world, int64_t begin, int64_t end, const IndexSpace& space, Vec3d* index,
+                  VertexCode* codes);
   // Triangles [begin, end), at most RowLists::kMost: drops those outside the slab; where it has words, sets the bits of
   // runs, and drops triangles whose boxes are set already; and adds the others to `lists`.
   void (*scan)(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
@@ -97,10 +98,10 @@ struct RowKernels {
   // is one of IndexSpaceMesh.
   void (*spans_in_tile)(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Coverage coverage,
                         const VoxelRange& tile, TileSpans& out);
-  // Parity fill, over a mesh of IndexSpaceMesh. Triangles [begin, end), at most Crossings::kMost: adds the crossings of
-  // those with few lines, and the ids of the others.
+  // Parity and nonzero fill, over a mesh of IndexSpaceMesh. Triangles [begin, end), at most Crossings::kMost: adds the
+  // crossings of those with few lines, and the ids of the others.
   void (*cross_small)(const RowMesh& mesh, int64_t begin, int64_t end, const LineBlocks& lines, Crossings& out);
-  // Toggles the crossings of any triangle with the lines of one block.
+  // Toggles, or sums, the crossings of any triangle with the lines of one block.
   void (*cross_large)(const RowMesh& mesh, uint32_t id, const LineBlocks& lines, int64_t block,
                       const BlockToggles& out);
   // Bit i of each row becomes the parity of the row's toggles at i and beyond; with `add` it is or-ed to the bits in

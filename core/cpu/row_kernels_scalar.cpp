@@ -40,11 +40,10 @@ bool Bounds(const Vec3d* world, int64_t begin, int64_t end, Vec3d& least, Vec3d&
   return finite;
 }
 
-Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Vec3d& origin, const Vec3d& voxel_size, Vec3d* index,
-             VertexCode* codes) {
+Placed Place(const Vec3d* world, int64_t begin, int64_t end, const IndexSpace& space, Vec3d* index, VertexCode* codes) {
   bool near = true;
   for (int64_t i = begin; i < end; ++i) {
-    const Vec3d p = WorldToIndex(origin, voxel_size, world[i]);
+    const Vec3d p = WorldToIndex(space, world[i]);
     if (index != nullptr) index[i] = p;
     near = near && Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
     codes[i] = {{Code(p.x), Code(p.y), Code(p.z), 0}};
@@ -85,7 +84,7 @@ void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, co
 
 void Raster(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage, const RowSlab& slab) {
   const VoxelRange range{{0, 0, slab.begin}, {slab.nx, slab.ny, slab.end}};
-  const auto at = [&](uint32_t v) { return WorldToIndex(mesh.origin, mesh.voxel_size, mesh.positions[v]); };
+  const auto at = [&](uint32_t v) { return WorldToIndex(mesh.space, mesh.positions[v]); };
   for (int64_t i = 0; i < count; ++i) {
     const uint32_t* v = mesh.triangles[ids[i]];
     const TriangleSetup setup = SetUpTriangle(at(v[0]), at(v[1]), at(v[2]), coverage);
@@ -134,7 +133,7 @@ void CrossSmall(const RowMesh& mesh, int64_t begin, int64_t end, const LineBlock
       continue;
     }
     ForEachCrossing(a, b, c, range, lines.nx,
-                    [&](int64_t y, int64_t z, int64_t before) { out.Add(lines, y, z, before); });
+                    [&](int64_t y, int64_t z, int64_t before, bool falls) { out.Add(lines, y, z, before, falls); });
   }
 }
 

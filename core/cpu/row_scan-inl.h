@@ -82,14 +82,21 @@ HWY_INLINE VD QuotientOfRegular(VD a, const Divisor& d) {
   return hn::MulAdd(hn::NegMulAdd(closer, h, a), inverse, closer);
 }
 
-HWY_ATTR Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Vec3d& origin, const Vec3d& voxel_size,
-                      Vec3d* index, VertexCode* codes) {
+// ToWalls along one axis.
+HWY_INLINE VD ToWallD(const IndexSpace& space, int axis, VD at) {
+  const VD wall = SetD(space.wall[axis]);
+  const auto beyond = hn::And(hn::Gt(at, wall), hn::Le(at, SetD(space.wall_end[axis])));
+  return hn::IfThenElse(beyond, wall, at);
+}
+
+HWY_ATTR Placed Place(const Vec3d* world, int64_t begin, int64_t end, const IndexSpace& space, Vec3d* index,
+                      VertexCode* codes) {
   const DD d;
   const DU du;
   const double* in = &world[0].x;
-  const Divisor divisors[3] = {Divisor(voxel_size.x), Divisor(voxel_size.y), Divisor(voxel_size.z)};
+  const Divisor divisors[3] = {Divisor(space.voxel_size.x), Divisor(space.voxel_size.y), Divisor(space.voxel_size.z)};
   Placed placed{true, divisors[0].regular && divisors[1].regular && divisors[2].regular};
-  const bool quick = placed.regular;
+  const bool quick = placed.regular, walls = space.has_walls();
   VD far = SetD(0);
   for (int64_t i = begin; i < end; i += kHalf) {
     VD p[3];
@@ -103,7 +110,7 @@ HWY_ATTR Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Vec3
     }
     VD q[3], least = SetD(kMostDividend), most = SetD(0);
     for (int a = 0; a < 3; ++a) {
-      p[a] = hn::Sub(p[a], SetD(origin[a]));
+      p[a] = hn::Sub(p[a], SetD(space.origin[a]));
       const VD size = hn::Abs(p[a]);
       least = hn::Min(least, size);
       most = hn::Max(most, size);
@@ -119,6 +126,9 @@ HWY_ATTR Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Vec3
                          hn::AllTrue(d, hn::Or(hn::Eq(size, hn::Zero(d)), hn::And(hn::Ge(size, SetD(kLeastDividend)),
                                                                                   hn::Le(size, SetD(kMostDividend)))));
       }
+    }
+    if (HWY_UNLIKELY(walls)) {
+      for (int a = 0; a < 3; ++a) q[a] = ToWallD(space, a, q[a]);
     }
     for (int a = 0; a < 3; ++a) far = hn::Max(far, hn::Abs(q[a]));
     const auto code = hn::Or(CodeOf(q[0]), hn::Or(hn::ShiftLeft<16>(CodeOf(q[1])), hn::ShiftLeft<32>(CodeOf(q[2]))));

@@ -15,6 +15,7 @@
 #include "mesh/triangle_mesh.h"
 #include "pipeline/stages.h"
 #include "raster/tiles.h"
+#include "shaders/fill_value.h"
 #include "shaders/mesh_view.h"
 #include "shaders/shader_list.h"
 
@@ -31,8 +32,10 @@ struct CpuTarget {
   FragmentShaderId shader{};
   ShaderParams params;
   bool u32_output = false;
-  double scale = 1;                            // of f32 outputs into integers
-  uint32_t clear_stored = 0, fill_stored = 0;  // as stored in the format
+  VoxelFormat kept_format{};  // KeptFormat of `spec`
+  double scale = 1;           // of f32 outputs into integers
+  uint32_t clear_stored = 0;  // as stored in the format
+  FillValue fill;
   // A bit target of the occupancy shader: its value is the coverage itself whatever the blend, nothing else is kept.
   bool is_occupancy = false;
   // The shader can discard, so that which voxels it wrote is its own.

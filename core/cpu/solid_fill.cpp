@@ -1,4 +1,5 @@
-// Parity fill: one toggled bit a crossing, then a suffix exclusive-or along each row.
+// Parity fill: one toggled bit a crossing, then a suffix exclusive-or along each row. Nonzero fill: a sum of signs a
+// crossing, then suffix sums.
 //
 // Source: the fill of M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010, section 5.
 // Changed: crossings are counted per edge as DESIGN section 3 defines, so that closed meshes leave no streaks; a single bit is
@@ -10,6 +11,8 @@
 #include <atomic>
 #include <bit>
 #include <cstring>
+#include <utility>
+#include <vector>
 
 #include "cpu/crossings.h"
 #include "cpu/dense_fill.h"
@@ -17,6 +20,7 @@
 #include "cpu/parallel.h"
 #include "cpu/row_bins.h"
 #include "cpu/run_state.h"
+#include "pipeline/target_rules.h"
 
 namespace voxelpipe::cpu {
 namespace {
@@ -24,21 +28,27 @@ namespace {
 constexpr int64_t kTriangleGrain = 1 << 12;
 constexpr int64_t kBlockBytes = 256 << 10;  // of toggles: stay in the second-level cache beside what they are spread to
 constexpr int64_t kMostBlocks = 1 << 11;
+constexpr int64_t kSumBlockBytes = 32 << 10;  // of a nonzero fill, whose sums take 32 times as much
 
 LineBlocks BlocksOf(const RunState& state) {
-  LineBlocks lines{state.dims[0], state.dims[1], state.slab.begin, state.slab.end, (state.dims[0] + 31) / 32 * 32, 0};
-  const auto wanted = std::max(kBlockBytes / (lines.row_bits / 8), lines.rows() / kMostBlocks);
+  const bool signs = state.request.request.fill == Fill::kNonzero;
+  LineBlocks lines{state.dims[0], state.dims[1], state.slab.begin, state.slab.end, (state.dims[0] + 31) / 32 * 32, 0,
+                   signs};
+  const int64_t bytes = signs ? kSumBlockBytes : kBlockBytes;
+  const auto wanted = std::max(bytes / (lines.row_bits / 8), lines.rows() / kMostBlocks);
   lines.block_shift = std::bit_width(uint64_t(std::max<int64_t>(1, wanted))) - 1;
   return lines;
 }
 
 // What one thread gathers.
 struct ThreadWork {
-  explicit ThreadWork(size_t blocks) : toggles(2 * blocks), large(blocks) {}
+  ThreadWork(size_t blocks, size_t kinds) : toggles(kinds * blocks), large(blocks) {}
   Crossings found;
-  Bins<uint32_t> toggles;  // bits of a block; those of Crossings' `outside` follow each block's others
+  Bins<uint32_t> toggles;  // bits of a block, kind by kind
   Bins<uint32_t> large;    // triangle ids
 };
+
+using WorkOfThreads = tbb::enumerable_thread_specific<ThreadWork>;
 
 // Finds the crossings of triangles [begin, end), but those of large triangles.
 void GatherCrossings(const RowKernels& kernels, const RowMesh& mesh, int64_t begin, int64_t end,
@@ -62,22 +72,78 @@ void GatherCrossings(const RowKernels& kernels, const RowMesh& mesh, int64_t beg
   }
 }
 
-// The filled voxels, to `out` over the slab's rows: alone, or or-ed to its bits.
-absl::Status Parity(RunState& state, BitGrid& out, bool add) {
-  const LineBlocks lines = BlocksOf(state);
-  const RowMesh mesh = IndexSpaceMesh(state.index_positions, state.view.triangles);
+// Sums of one block, all 0 between blocks.
+struct BlockSums {
+  explicit BlockSums(uint64_t words, uint64_t rows) : touched(words), sums(words * 32), outside(rows) {}
+  std::vector<uint32_t> touched, sums, outside;
+};
+
+// Bit i of each row becomes whether the row's sums at i and beyond do not sum to 0; with `add` it is or-ed to the bits
+// in `out`. Sets the sums to 0. Returns how many rows' signs do not sum to 0.
+int64_t SpreadSums(BlockSums& in, int64_t rows, int64_t words_per_row, uint32_t* out, bool add) {
+  int64_t odd = 0;
+  for (int64_t r = 0; r < rows; ++r) {
+    uint32_t sum = 0;
+    for (int64_t w = (r + 1) * words_per_row; w-- > r * words_per_row;) {
+      uint32_t inside = sum != 0 ? ~0u : 0;
+      for (uint32_t left = std::exchange(in.touched[size_t(w)], 0); left != 0;) {
+        const int bit = 31 - std::countl_zero(left);
+        left &= ~(1u << bit);
+        sum += std::exchange(in.sums[size_t(w * 32 + bit)], 0);
+        const uint32_t upto = ~0u >> (31 - bit);
+        inside = sum != 0 ? inside | upto : inside & ~upto;
+      }
+      out[w] = add ? out[w] | inside : inside;
+    }
+    odd += sum + std::exchange(in.outside[size_t(r)], 0) != 0;
+  }
+  return odd;
+}
+
+// The filled voxels by the signs of crossings, as Cast says.
+absl::Status SumBlocks(RunState& state, const LineBlocks& lines, const RowMesh& mesh, WorkOfThreads& work, BitGrid& out,
+                       bool add) {
   const RowKernels& kernels = *state.kernels;
-  tbb::enumerable_thread_specific<ThreadWork> work([&] { return ThreadWork(size_t(lines.blocks())); });
-  absl::Status s = ParallelChunks(
-      int64_t(state.view.triangle_count), kTriangleGrain, state.job,
-      [&](int64_t begin, int64_t end) { GatherCrossings(kernels, mesh, begin, end, lines, work.local()); });
-  if (!s.ok()) return s;
+  const int64_t block_rows = std::min(lines.rows(), int64_t{1} << lines.block_shift);
+  const int64_t words_per_row = lines.row_bits / 32;
+  tbb::enumerable_thread_specific<BlockSums> scratch(
+      [&] { return BlockSums(uint64_t(block_rows * words_per_row), uint64_t(block_rows)); });
+  std::atomic<int64_t> odd{0};
+  absl::Status s = ParallelChunks(lines.blocks(), 1, state.job, [&](int64_t begin, int64_t end) {
+    BlockSums& memory = scratch.local();
+    const BlockToggles sums{memory.touched.data(), nullptr, memory.sums.data(), memory.outside.data()};
+    for (int64_t block = begin; block < end; ++block) {
+      for (const ThreadWork& thread : work) {  // sums commute: the order of threads does not matter
+        for (const size_t kind : {0, 1, 2, 3}) {
+          const uint32_t sign = kind < 2 ? kRises : kFalls;
+          thread.toggles.ForEachBlock(size_t(4 * block) + kind, [&](const uint32_t* bits, int64_t n) {
+            for (int64_t i = 0; i < n; ++i) {
+              kind % 2 == 0 ? sums.Sum(bits[i], sign) : void(sums.outside_sums[bits[i]] += sign);
+            }
+          });
+        }
+        thread.large.ForEachBlock(size_t(block), [&](const uint32_t* ids, int64_t n) {
+          for (int64_t i = 0; i < n; ++i) kernels.cross_large(mesh, ids[i], lines, block, sums);
+        });
+      }
+      const int64_t first = block << lines.block_shift, rows = std::min(block_rows, lines.rows() - first);
+      odd += SpreadSums(memory, rows, words_per_row, out.row(first).data(), add);
+    }
+  });
+  state.counts.odd_columns = uint64_t(odd.load());
+  return s;
+}
+
+// The filled voxels by the parity of crossings, as Cast says.
+absl::Status ToggleBlocks(RunState& state, const LineBlocks& lines, const RowMesh& mesh, WorkOfThreads& work,
+                          BitGrid& out, bool add) {
+  const RowKernels& kernels = *state.kernels;
   const int64_t block_rows = std::min(lines.rows(), int64_t{1} << lines.block_shift);
   const int64_t words_per_row = lines.row_bits / 32, words = block_rows * words_per_row;
   tbb::enumerable_thread_specific<HostArray<uint32_t>> scratch(
       [&] { return HostArray<uint32_t>(uint64_t(words + (block_rows + 31) / 32)); });
   std::atomic<int64_t> odd{0};
-  s = ParallelChunks(lines.blocks(), 1, state.job, [&](int64_t begin, int64_t end) {
+  absl::Status s = ParallelChunks(lines.blocks(), 1, state.job, [&](int64_t begin, int64_t end) {
     HostArray<uint32_t>& memory = scratch.local();
     const BlockToggles toggles{memory.data(), memory.data() + words};
     for (int64_t block = begin; block < end; ++block) {
@@ -101,16 +167,29 @@ absl::Status Parity(RunState& state, BitGrid& out, bool add) {
   return s;
 }
 
+// The filled voxels by the crossings of lines along x, to `out` over the slab's rows: alone, or or-ed to its bits.
+absl::Status Cast(RunState& state, BitGrid& out, bool add) {
+  const LineBlocks lines = BlocksOf(state);
+  const RowMesh mesh = IndexSpaceMesh(state.index_positions, state.view.triangles);
+  WorkOfThreads work([&] { return ThreadWork(size_t(lines.blocks()), size_t(lines.kinds())); });
+  absl::Status s = ParallelChunks(
+      int64_t(state.view.triangle_count), kTriangleGrain, state.job,
+      [&](int64_t begin, int64_t end) { GatherCrossings(*state.kernels, mesh, begin, end, lines, work.local()); });
+  if (!s.ok()) return s;
+  return lines.with_signs ? SumBlocks(state, lines, mesh, work, out, add)
+                          : ToggleBlocks(state, lines, mesh, work, out, add);
+}
+
 // Whether the filled voxels are the result's like the covered ones, so that one grid holds both.
 bool JoinsCoverage(const RunState& state) {
   return state.request.request.result == ResultKind::kDense &&
          std::all_of(state.targets.begin(), state.targets.end(), [](const CpuTarget& target) {
-           return target.is_occupancy && target.spec.clear == 0 && target.spec.fill_value != 0;
+           return target.is_occupancy && target.spec.clear == 0 && FillBit(target.spec);
          });
 }
 
 absl::Status Inside(RunState& state, BitGrid& out, bool add) {
-  return state.request.request.fill == Fill::kFlood ? FloodInside(state, out, add) : Parity(state, out, add);
+  return state.request.request.fill == Fill::kFlood ? FloodInside(state, out, add) : Cast(state, out, add);
 }
 
 }  // namespace

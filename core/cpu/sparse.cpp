@@ -171,14 +171,21 @@ class BrickMaker {
         const bool here = (covered >> bit & 1) != 0;
         const uint64_t index = rank + uint64_t(std::popcount(covered & ((1u << bit) - 1)));
         for (int c = 0; c < components; ++c) {
-          uint32_t stored = here && target.is_occupancy ? 1 : target.fill_stored;
-          if (here && kept > 0) stored = Kept(target, values + index * kept, c, r, bx, row, bit);
+          const uint32_t stored = !here      ? Filled(target, c, r, bx, row, bit)
+                                  : kept > 0 ? Kept(target, values + index * kept, c, r, bx, row, bit)
+                                             : 1;
           const uint64_t at = planar ? uint64_t(c) * all_voxels + n : n * uint64_t(components) + uint64_t(c);
           PutElement(out_.targets[t].data(), bits, at, stored);
         }
       }
       rank += uint64_t(std::popcount(covered));
     }
+  }
+
+  // What a filled voxel holds that has no fragment of the target.
+  uint32_t Filled(const CpuTarget& target, int c, int64_t r, int64_t bx, int row, int bit) const {
+    const int64_t y = r % ny_ * kBrick + row % 8, z = state_.slab.begin + r / ny_ * kBrick + row / 8;
+    return FillStored(target.fill, bx / 4 * 32 + bit, y, z, c);
   }
 
   // A kept value; where another target's fragment covers the voxel and this one's were discarded, what a dense target holds.
@@ -188,7 +195,7 @@ class BrickMaker {
       const size_t w = size_t(bx / 4);
       if ((target.presence.row(slab_row)[w] >> bit & 1) == 0) {
         const bool inside = !state_.inside.empty() && (state_.inside.row(slab_row)[w] >> bit & 1) != 0;
-        return inside ? target.fill_stored : target.clear_stored;
+        return inside ? Filled(target, c, r, bx, row, bit) : target.clear_stored;
       }
     }
     const int bytes = target.spec.format == VoxelFormat::kBit ? 1 : BitsPerComponent(target.spec.format) / 8;

@@ -6,16 +6,11 @@
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
 #include "pipeline/plan.h"
+#include "pipeline/target_rules.h"
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe::cpu {
 namespace {
-
-// The scale of a request that gives none: colours fill the range of 8 and 16 bits.
-double DefaultScale(VoxelFormat format, FragmentShaderId shader) {
-  if (!TraitsOf(shader).is_color) return 1;
-  return format == VoxelFormat::kU8 ? 255 : format == VoxelFormat::kU16 ? 65535 : 1;
-}
 
 absl::Status Allocate(CpuTarget& target, const RunState& state) {
   const auto bits = [&](BitGrid& grid) -> absl::Status {
@@ -40,7 +35,7 @@ constexpr int64_t kPackBytes = 256 << 10;  // between two looks at whether the j
 absl::Status PackBitTarget(const RunState& state, const CpuTarget& target, HostBuffer& out) {
   const BitGrid& present = target.own_presence ? target.presence : state.coverage;
   const BitGrid& value = target.is_occupancy ? present : target.bits;
-  const uint32_t clear = target.spec.clear != 0 ? ~0u : 0, fill = target.spec.fill_value != 0 ? ~0u : 0;
+  const uint32_t clear = target.spec.clear != 0 ? ~0u : 0, fill = FillBit(target.spec) ? ~0u : 0;
   const int64_t words = state.coverage.words_per_row(), last_word = words - 1;
   const uint32_t last_mask = state.coverage.last_word_mask();
   // Eight rows end with a byte whatever their length, so parts of the grid are packed like small grids.
@@ -100,9 +95,10 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     target.params = shader.params;
     target.u32_output = shader.info->output_type == "u32";
     const VoxelFormat format = target.spec.format;
-    target.scale = target.spec.scale.value_or(DefaultScale(format, target.shader));
+    target.kept_format = KeptFormat(target.spec);
+    target.scale = ScaleOf(target.spec, shader);
     target.clear_stored = StoredBits(NumberToCell(target.spec.clear, format), format);
-    target.fill_stored = StoredBits(NumberToCell(target.spec.fill_value, format), format);
+    target.fill = FillValueOf(state.request, i, state.grid);
     target.is_occupancy = target.spec.format == VoxelFormat::kBit && target.shader == FragmentShaderId::kOccupancy;
     target.own_presence = TraitsOf(target.shader).can_discard;
     if (!buckets) {

@@ -28,7 +28,7 @@ void ForEachRun(uint32_t mask, const Visit& visit) {
 }  // namespace
 
 TileBuffer::TileBuffer(const CpuTarget& target)
-    : spec_(target.spec), u32_output_(target.u32_output), scale_(target.scale) {
+    : spec_(target.spec), format_(target.kept_format), u32_output_(target.u32_output), scale_(target.scale) {
   const size_t count = size_t{kTileVoxels} * size_t(spec_.components);
   if (spec_.format == VoxelFormat::kBit) {
     kept_ = Kept::kBits;
@@ -62,14 +62,14 @@ BlendValue TileBuffer::Convert(const FragmentOutput& out) const {
     case Kept::kBits: value.bit = spec_.blend == Blend::kCount || ToBit(out, u32_output_); break;
     case Kept::kCells:
       for (int c = 0; c < spec_.components; ++c) {
-        const uint32_t cell = ToCell(out, u32_output_, c, spec_.format, scale_);
+        const uint32_t cell = ToCell(out, u32_output_, c, format_, scale_);
         value.cell[c] = int32_t(cell ^ (int32_t(cell) < 0 ? flip_negative_ : flip_positive_));
       }
       break;
     case Kept::kSums:
     case Kept::kAverages:
       for (int c = 0; c < spec_.components; ++c) {
-        value.term[c] = ToTerm(out, u32_output_, c, spec_.format, scale_, spec_.quantum);
+        value.term[c] = ToTerm(out, u32_output_, c, format_, scale_, spec_.quantum);
       }
       break;
     case Kept::kCounts: break;
@@ -163,14 +163,14 @@ void TileBuffer::StoredRow(int row, int c, uint32_t mask, uint32_t* out) const {
     }
     case Kept::kSums:
       return ForEachBit(mask,
-                        [&](int bit) { out[bit] = StoreSum(sums_[size_t(at + bit)], spec_.format, spec_.quantum); });
+                        [&](int bit) { out[bit] = StoreSum(sums_[size_t(at + bit)], format_, spec_.quantum, c); });
     case Kept::kCounts:
       return ForEachBit(mask,
                         [&](int bit) { out[bit] = StoreCount(counts_[size_t(first) + size_t(bit)], spec_.format); });
     case Kept::kAverages:
       return ForEachBit(mask, [&](int bit) {
         out[bit] =
-            StoreAverage(sums_[size_t(at + bit)], counts_[size_t(first) + size_t(bit)], spec_.format, spec_.quantum);
+            StoreAverage(sums_[size_t(at + bit)], counts_[size_t(first) + size_t(bit)], format_, spec_.quantum, c);
       });
   }
 }

@@ -53,6 +53,7 @@ class TileBuffer {
                   const std::array<uint32_t, kTileRows>& words) const;
 
   TargetSpec spec_;
+  VoxelFormat format_;  // KeptFormat of it
   bool u32_output_;
   double scale_;
   Kept kept_;

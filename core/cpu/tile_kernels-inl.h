@@ -199,7 +199,8 @@ HWY_INLINE void AddWideRows(const TriangleSetup& setup, const VoxelRange& tile, 
 template <Coverage kCoverage>
 HWY_ATTR void SpansInTileAs(const RowMesh& mesh, const uint64_t* pairs, int64_t count, const VoxelRange& tile,
                             TileSpans& out) {
-  const Divisor divisors[3] = {Divisor(mesh.voxel_size.x), Divisor(mesh.voxel_size.y), Divisor(mesh.voxel_size.z)};
+  const Divisor divisors[3] = {Divisor(mesh.space.voxel_size.x), Divisor(mesh.space.voxel_size.y),
+                               Divisor(mesh.space.voxel_size.z)};
   uint32_t ids[kLanes];
   std::fill_n(out.count, TileSpans::kTriangles, 0);
   for (int64_t i = 0; i < count; i += kLanes) {
@@ -236,6 +237,7 @@ HWY_ATTR void SpansInTile(const RowMesh& mesh, const uint64_t* pairs, int64_t co
     case Coverage::kConservative: return SpansInTileAs<Coverage::kConservative>(mesh, pairs, count, tile, out);
     case Coverage::kThin: return SpansInTileAs<Coverage::kThin>(mesh, pairs, count, tile, out);
     case Coverage::kCenter: return SpansInTileAs<Coverage::kCenter>(mesh, pairs, count, tile, out);
+    case Coverage::kNone: std::fill_n(out.count, TileSpans::kTriangles, 0);
   }
 }
 

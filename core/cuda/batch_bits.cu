@@ -21,7 +21,7 @@ __global__ void __launch_bounds__(kThreads) PrepareBatch(const __grid_constant__
   for (uint64_t i = me; i < batch.zero_quads; i += threads) static_cast<uint4*>(batch.zero)[i] = uint4{0, 0, 0, 0};
   for (uint64_t i = me; i < batch.vertex_count; i += threads) {
     const BatchItemView& item = batch.items[ItemAt(batch, &BatchItemView::first_vertex, i)];
-    const Vec3d p = WorldToIndex(item.grid.origin, item.grid.voxel_size, item.positions[i - item.first_vertex]);
+    const Vec3d p = WorldToIndex(item.grid.space, item.positions[i - item.first_vertex]);
     batch.placed[i] = p;
     batch.codes[i] = EncodeVertex(p);
   }

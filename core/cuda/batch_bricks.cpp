@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "pipeline/plan.h"
+#include "pipeline/target_rules.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -111,7 +112,7 @@ absl::Status BricksOfBits(const uint8_t* occupied, const uint8_t* covered, Voxel
     HostBuffer values;
     if (absl::Status s = Allocate((*voxels + 7) / 8, values); !s.ok()) return s;
     BitWriter writer(values);
-    for (uint64_t i = 0; i < *voxels; ++i) writer.Append(covered == nullptr || has_fragment[i] || spec.fill_value != 0);
+    for (uint64_t i = 0; i < *voxels; ++i) writer.Append(covered == nullptr || has_fragment[i] || FillBit(spec));
     result.targets.push_back(std::move(values));
   }
   return absl::OkStatus();

@@ -29,7 +29,7 @@ constexpr uint64_t kMostVoxelsOfSparse = 1 << 21;
 bool InReach(const MeshExtent& extent, const GridSpec& grid) {
   constexpr double kFarthest = 0x1p40;  // as CoarseRaster says, which names the vertex
   for (const Vec3d& corner : {extent.box.min, extent.box.max}) {
-    const Vec3d p = WorldToIndex(grid.origin, grid.voxel_size, corner);
+    const Vec3d p = WorldToIndex(grid.index_space(), corner);
     if (!(Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest)) return false;
   }
   return true;
@@ -118,6 +118,7 @@ std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimi
   const VoxelizeRequest& request = *item.request;
   if (item.mesh->triangles.size() > kMostTriangles || item.mesh->positions.size() > kMostVertices) return nullptr;
   if (!item.job->Check().ok()) return nullptr;
+  if (request.coverage == Coverage::kNone || request.fill == Fill::kNonzero) return nullptr;  // passes know neither
   absl::StatusOr<BoundRequest> bound = BindRequest(*item.mesh, request);
   const absl::StatusOr<const cpu::RowKernels*> kernels = cpu::SelectRowKernels(request.simd);
   if (!bound.ok() || !kernels.ok()) return nullptr;

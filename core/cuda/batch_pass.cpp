@@ -7,6 +7,7 @@
 #include "cuda/batch_bricks.h"
 #include "cuda/block_layout.h"
 #include "cuda/run_state.h"
+#include "pipeline/target_rules.h"
 
 namespace voxelpipe::cuda {
 
@@ -122,8 +123,7 @@ void BatchPass::DescribeItem(const BatchMember& member) {
   item.grid.slab_end = item.grid.dims[2];
   item.grid.tiles = TilesOf(item.grid.dims);
   item.grid.words_per_row = (item.grid.dims[0] + 31) / 32;
-  item.grid.origin = grid.origin;
-  item.grid.voxel_size = grid.voxel_size;
+  item.grid.space = grid.index_space();
   item.coverage = member.request().coverage;
   item.parity = member.parity();
   item.flood = member.flood();
@@ -167,7 +167,7 @@ void BatchPass::DescribeTargets(const BatchMember& member) {
   if (member.path == BatchPath::kTiles) {
     AddTiled(member);
   } else if (!member.sparse()) {
-    for (const TargetSpec& spec : member.request().targets) AddPacked(member, spec.clear != 0, spec.fill_value != 0);
+    for (const TargetSpec& spec : member.request().targets) AddPacked(member, spec.clear != 0, FillBit(spec));
   } else if (member.filled()) {
     AddPacked(member, false, false);  // what has a fragment
   }
@@ -201,7 +201,7 @@ void BatchPass::AddTiled(const BatchMember& member) {
     if (target.own_presence) tiled.presence[t] = take_grid();
     if (target.format == VoxelFormat::kBit) {
       if (!target.is_occupancy) tiled.bits[t] = take_grid();
-      AddPacked(member, specs[t].clear != 0, specs[t].fill_value != 0);
+      AddPacked(member, specs[t].clear != 0, FillBit(specs[t]));
       continue;
     }
     BatchValueView values;
@@ -210,7 +210,7 @@ void BatchPass::AddTiled(const BatchMember& member) {
     values.element_bytes = BitsPerComponent(target.format) / 8;
     values.planar = tiled.targets.planar;
     values.clear_stored = target.clear_stored;
-    values.fill_stored = target.fill_stored;
+    values.fill = FillValueOf(*member.bound, t, member.plan.grid);
     values.voxels = member.plan.grid.voxels();
     values.words = (TargetBytes(specs[t], values.voxels) + 15) / 16 * 4;  // all that is copied is cleared
     values_.push_back(values);

@@ -7,6 +7,7 @@
 #include "cuda/fine_args.cuh"
 #include "cuda/vertex_code.cuh"
 #include "cuda/views.h"
+#include "shaders/fill_value.h"
 
 namespace voxelpipe::cuda {
 
@@ -56,7 +57,8 @@ struct BatchValueView {
   uint32_t item = 0;
   int components = 1, element_bytes = 4;
   bool planar = false;
-  uint32_t clear_stored = 0, fill_stored = 0;
+  uint32_t clear_stored = 0;
+  FillValue fill;
   const uint32_t* present = nullptr;  // bit grid; null: the coverage
   uint8_t* at = nullptr;
   uint64_t words = 0;  // of 32 bits, up to a whole unit of 16 bytes

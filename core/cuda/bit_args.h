@@ -11,17 +11,17 @@ namespace voxelpipe::cuda {
 
 // The box of the run's mesh in index space.
 inline Box3d BoxInGrid(const RunState& state) {
-  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
-  return {WorldToIndex(origin, size, state.box.min), WorldToIndex(origin, size, state.box.max), state.box.empty};
+  const IndexSpace space = state.grid.index_space();
+  return {WorldToIndex(space, state.box.min), WorldToIndex(space, state.box.max), state.box.empty};
 }
 
 // Names all triangles of the run's mesh, and how they lie in its grid.
 inline void SetTriangles(const RunState& state, BitArgs& args) {
   const MeshView& mesh = state.mesh.host_view;
-  const Vec3d &origin = state.grid.origin, &size = state.grid.voxel_size;
+  const Vec3d& size = state.grid.voxel_size;
   if (mesh.triangle_count > 0) {
     const Box3d box = BoxInGrid(state);
-    args.fixed = MakeFixedPlace(origin, size, box.min, box.max);
+    args.fixed = MakeFixedPlace(state.grid.index_space(), box.min, box.max);
   }
   args.inverse_size = {1 / size.x, 1 / size.y, 1 / size.z};
   args.triangles = state.mesh.triangle_list();
@@ -32,7 +32,7 @@ inline void SetTriangles(const RunState& state, BitArgs& args) {
 // The test of the run's triangles.
 inline DegenerateTest DegenerateTestOf(const RunState& state) {
   const Box3d box = BoxInGrid(state);
-  return MakeDegenerateTest(state.grid.origin, state.grid.voxel_size, box.min, box.max);
+  return MakeDegenerateTest(state.grid.index_space(), box.min, box.max);
 }
 
 // Has the walk read packed vertices, where there are such (scattered.h). `placed`: triangles are then numbered by place.

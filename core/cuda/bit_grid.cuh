@@ -40,7 +40,7 @@ struct BitArgs {
   uint32_t* cleared = nullptr;  // how many of them are done; 0 before and after
   Coverage coverage{};
   FixedPlace fixed;
-  Vec3d inverse_size;  // 1 / grid.voxel_size, rounded
+  Vec3d inverse_size;  // 1 / grid.space.voxel_size, rounded
   const uint32_t* triangles = nullptr;
   const Vec3d* positions = nullptr;      // world space
   const PackedVertex* packed = nullptr;  // of all triangles, their corners, which tell whose they are; or null
@@ -113,13 +113,14 @@ __device__ inline double Divide(double a, double b, double inverse) {
 }
 // WorldToIndex.
 __device__ inline Vec3d PlacePosition(const BitArgs& args, const Vec3d& position) {
-  const Vec3d &origin = args.grid.origin, &size = args.grid.voxel_size;
-  const Vec3d p = position - origin;
+  const IndexSpace& space = args.grid.space;
+  const Vec3d& size = space.voxel_size;
+  const Vec3d p = position - space.origin;
   // Of the least, remainders would be lost.
   const bool tiny = !(Abs(p.x) >= 0x1p-400 && Abs(p.y) >= 0x1p-400 && Abs(p.z) >= 0x1p-400);
-  if (tiny) return DividePlainly(p, size);
-  return {Divide(p.x, size.x, args.inverse_size.x), Divide(p.y, size.y, args.inverse_size.y),
-          Divide(p.z, size.z, args.inverse_size.z)};
+  if (tiny) return ToWalls(space, DividePlainly(p, size));
+  return ToWalls(space, {Divide(p.x, size.x, args.inverse_size.x), Divide(p.y, size.y, args.inverse_size.y),
+                         Divide(p.z, size.z, args.inverse_size.z)});
 }
 
 __device__ inline Vec3d PlaceVertex(const BitArgs& args, uint32_t vertex) {

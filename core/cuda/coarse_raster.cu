@@ -24,10 +24,10 @@ constexpr int kThreads = 256, kLargeThreads = 128;
 constexpr double kFarthest = 0x1p40;  // voxels
 
 __global__ void __launch_bounds__(kThreads)
-    PlaceKernel(const Vec3d* world, uint64_t count, Vec3d origin, Vec3d voxel_size, Vec3d* placed, VertexCode* codes) {
+    PlaceKernel(const Vec3d* world, uint64_t count, IndexSpace space, Vec3d* placed, VertexCode* codes) {
   const uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
   if (i >= count) return;
-  const Vec3d p = WorldToIndex(origin, voxel_size, world[i]);
+  const Vec3d p = WorldToIndex(space, world[i]);
   placed[i] = p;
   codes[i] = EncodeVertex(p);
 }
@@ -152,7 +152,8 @@ bool InReach(const Vec3d& p) {
 // The box of the mesh is monotone in index space, so its corners say whether any vertex is out of reach. Which one is looked
 // for on the host: it ends the run.
 absl::Status CheckReach(RunState& state, const GridSpec& grid) {
-  const auto place = [&](const Vec3d& p) { return WorldToIndex(grid.origin, grid.voxel_size, p); };
+  const IndexSpace space = grid.index_space();
+  const auto place = [&](const Vec3d& p) { return WorldToIndex(space, p); };
   if (state.host.view.triangle_count == 0 || (InReach(place(state.box.min)) && InReach(place(state.box.max)))) {
     return absl::OkStatus();
   }
@@ -224,8 +225,8 @@ absl::Status PlaceVertices(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(state.mesh.index_positions.Resize(vertices, state.stream));
     VOXELPIPE_OK_OR_RETURN(state.mesh.codes.Resize(vertices, state.stream));
     PlaceKernel<<<unsigned((vertices + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(
-        state.mesh.host_view.positions, vertices, state.grid.origin, state.grid.voxel_size,
-        state.mesh.index_positions.data(), state.mesh.codes.data());
+        state.mesh.host_view.positions, vertices, state.grid.index_space(), state.mesh.index_positions.data(),
+        state.mesh.codes.data());
     VOXELPIPE_LAUNCHED_OR_RETURN("PlaceKernel");
   }
   state.placed = true;
@@ -278,8 +279,7 @@ absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
   for (int a = 0; a < 3; ++a) state.view.dims[a] = grid.dims[size_t(a)];
   state.view.tiles = TilesOf(state.view.dims);
   state.view.words_per_row = (state.view.dims[0] + 31) / 32;
-  state.view.origin = grid.origin;
-  state.view.voxel_size = grid.voxel_size;
+  state.view.space = grid.index_space();
   if (state.view.tiles.count() > UINT32_MAX) {
     return TooMuch("the grid has more than 2^32 tiles of 32x8x8 voxels");
   }
@@ -309,7 +309,7 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid, const Slab& lay
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.tile_layers = {layers.begin / TileDim(2), (layers.end + TileDim(2) - 1) / TileDim(2)};
   state.pairs.count = 0;
-  if (triangles == 0 || state.plain_bits || !NeedsTiles(state)) return absl::OkStatus();
+  if (triangles == 0 || state.plain_bits || !NeedsTiles(state) || CoversNothing(state)) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
   const double share = double(layers.depth()) / double(grid.dims[2]);
   const auto likely = uint64_t(share * (1.5 * double(triangles) + (1 << 16)));

@@ -13,7 +13,9 @@ struct WorldCorners {
 __device__ inline FixedCorners FixedOf(const BitArgs& args, const WorldCorners& corners) {
   FixedCorners v;
   for (int i = 0; i < 3; ++i) {
-    for (int a = 0; a < 3; ++a) v.at[i][a] = ToFixed(corners.at[i][a], args.fixed.scale[a], args.fixed.offset[a]);
+    for (int a = 0; a < 3; ++a) {
+      v.at[i][a] = ToFixed(corners.at[i][a], args.fixed.scale[a], args.fixed.offset[a], args.fixed.wall[a]);
+    }
   }
   return v;
 }

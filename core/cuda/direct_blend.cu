@@ -314,7 +314,7 @@ bool ClearsWhileShading(RunState& state, int index, const CudaTarget& target) {
 
 bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
   const VoxelizeRequest& request = state.request.request;
-  if (request.result == ResultKind::kBuckets) return false;
+  if (request.result == ResultKind::kBuckets || CoversNothing(state)) return false;
   if (!CellsReach(state, {grid.dims[0], grid.dims[1], grid.dims[2]})) return false;
   bool any = false;
   for (size_t i = 0; i < request.targets.size(); ++i) {

@@ -94,12 +94,16 @@ __device__ inline FixedCorners LoadFixed(const BitArgs& args, const Fetched<kPac
     const PackedVertex* const from = args.packed + 3 * uint64_t{fetched.triangle};
     const PackedVertex p[3] = {from[0], from[1], from[2]};
     for (int i = 0; i < 3; ++i) {
-      for (int a = 0; a < 3; ++a) v.at[i][a] = PackedToFixed(p[i].at[a], place.scale[a], place.offset[a]);
+      for (int a = 0; a < 3; ++a) {
+        v.at[i][a] = PackedToFixed(p[i].at[a], place.scale[a], place.offset[a], args.fixed.wall[a]);
+      }
     }
   } else {
     for (int i = 0; i < 3; ++i) {
       const Vec3d& p = args.positions[fetched.corners.v[i]];
-      for (int a = 0; a < 3; ++a) v.at[i][a] = ToFixed(p[a], args.fixed.scale[a], args.fixed.offset[a]);
+      for (int a = 0; a < 3; ++a) {
+        v.at[i][a] = ToFixed(p[a], args.fixed.scale[a], args.fixed.offset[a], args.fixed.wall[a]);
+      }
     }
   }
   return v;

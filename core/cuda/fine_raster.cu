@@ -159,6 +159,7 @@ absl::Status FineBatch(BatchState& state) {
 }
 
 absl::Status FineRaster(RunState& state) {
+  if (CoversNothing(state)) return absl::OkStatus();
   if (state.plain_bits) {
     return RasterRows(state, state.request.request.coverage, state.slab.begin, state.slab.end, state.coverage.data(),
                       state.coverage.size());

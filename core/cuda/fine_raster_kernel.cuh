@@ -129,6 +129,7 @@ __device__ inline void StoreTile(const FineArgs& args, const uint32_t* shared, c
       continue;
     }
     switch (t.target.format) {
+      case VoxelFormat::kU8Srgb:
       case VoxelFormat::kU8: StoreElements<uint8_t>(args, t, shared, range, present, slot); break;
       case VoxelFormat::kU16:
       case VoxelFormat::kF16: StoreElements<uint16_t>(args, t, shared, range, present, slot); break;

@@ -18,13 +18,15 @@ struct FixedPlace {
   float voxel = 0, noise = 0;      // a voxel; what moving vertices by units does to a normal, at most, and some more
   float voxels = 0;                // a unit, in voxels
   int clear = 0;                   // plane_band in whole units, and some for the fixed point (FixedBox::beyond)
+  int wall[3] = {INT32_MAX, INT32_MAX, INT32_MAX};  // IndexSpace's
 };
 
 inline constexpr double kFixedMagic = 0x1.8p52;
 inline constexpr float kCellBand = 1e-5f, kCellPlaneBand = 4e-5f;  // voxels
 
-// In: a grid's origin and voxel size, the mesh's box in its index space.
-inline FixedPlace MakeFixedPlace(const Vec3d& origin, const Vec3d& voxel_size, const Vec3d& least, const Vec3d& most) {
+// In: where the grid lies, the mesh's box in its index space.
+inline FixedPlace MakeFixedPlace(const IndexSpace& space, const Vec3d& least, const Vec3d& most) {
+  const Vec3d &origin = space.origin, &voxel_size = space.voxel_size;
   FixedPlace place;
   const double reach = Max(MaxAbs(least), MaxAbs(most));
   const int bits = reach < 2000 ? 20 : reach < 4000 ? 19 : reach < 32000 ? 16 : 0;
@@ -34,6 +36,10 @@ inline FixedPlace MakeFixedPlace(const Vec3d& origin, const Vec3d& voxel_size, c
     place.offset[i] = kFixedMagic - origin[i] * unit;
     // The offset loses what lies below a unit, and no more.
     if (!(Abs(origin[i] * unit) < 0x1p50 && unit < 0x1p900)) return place;
+    if (!(space.wall[i] < IndexSpace::kNoWall)) continue;
+    // The whole mesh lies before the end of the wall, or all of it that is beyond the wall would have to be told apart.
+    if (most[i] > space.wall[i] || bits == 0) return place;
+    place.wall[i] = int(space.wall[i] * double(1 << bits));
   }
   const auto unit = float(1 << bits);
   place.bits = bits;
@@ -50,11 +56,13 @@ inline FixedPlace MakeFixedPlace(const Vec3d& origin, const Vec3d& voxel_size, c
   return place;
 }
 
-VOXELPIPE_HD int ToFixed(double world, double scale, double offset) {
+// `wall`: as in FixedPlace. What lies less than two units before it may come to lie on it, which is as much nearer to
+// where it belongs.
+VOXELPIPE_HD int ToFixed(double world, double scale, double offset, int wall) {
   const double sum = fma(world, scale, offset);
   uint64_t bits;
   memcpy(&bits, &sum, sizeof bits);
-  return int(uint32_t(bits));
+  return Min(int(uint32_t(bits)), wall);
 }
 
 // A vertex as parts of its mesh's box, counted from the least corner: two thirds of the bytes, in one access of memory.
@@ -96,11 +104,11 @@ inline PackedPlace MakePackedPlace(const FixedPlace& place, const Vec3d& origin,
   return packed;
 }
 
-VOXELPIPE_HD int PackedToFixed(uint32_t parts, double scale, double offset) {
+VOXELPIPE_HD int PackedToFixed(uint32_t parts, double scale, double offset, int wall) {
   const uint64_t bits = uint64_t{0x43300000} << 32 | parts;  // 2^52 and the parts
   double value;
   memcpy(&value, &bits, sizeof value);
-  return ToFixed(value, scale, offset);
+  return ToFixed(value, scale, offset, wall);
 }
 
 // Of a triangle: its box of voxels, inclusive.

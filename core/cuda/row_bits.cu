@@ -74,7 +74,7 @@ void CutIntoPieces(const BitArgs& args, Bins& bins) {
 // Leaves out pieces along z that the mesh's box does not reach, with some voxels to spare; one stays.
 void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
   const auto layer = [&](const Vec3d& p) {
-    return WorldToIndex(state.grid.origin, state.grid.voxel_size, p).z - double(args.grid.slab_begin);
+    return WorldToIndex(state.grid.index_space(), p).z - double(args.grid.slab_begin);
   };
   const double most = double(bins.dims[2]);
   bins.z_begin = uint32_t(Clamp(std::floor((layer(state.box.min) - 3) / kPieceEdge), 0.0, most - 1));

@@ -213,6 +213,11 @@ struct RunState {
   uint64_t slab_voxels() const { return slab_rows() * uint64_t(slab_dims[0]); }
 };
 
+// Whether no voxel is covered, so that there are no fragments.
+inline bool CoversNothing(const RunState& state) {
+  return state.request.request.coverage == Coverage::kNone;
+}
+
 // A tile's number in the grid: the first one of a layer of tiles, or of those that are sorted.
 inline uint64_t FirstTile(const RunState& state, int64_t layer) {
   return state.view.tiles.Index(0, 0, layer);
@@ -321,6 +326,7 @@ absl::Status BlendIntoBricks(RunState& state, uint64_t counted);
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
                         uint64_t words);
 absl::Status ParityInside(RunState& state);
+absl::Status NonzeroInside(RunState& state);
 absl::Status FloodInside(RunState& state);
 // Adds the set bits of `a`, or of `a` and `b` together, to a counter. `b` may be null.
 absl::Status CountBits(RunState& state, const uint32_t* a, const uint32_t* b, uint64_t words, Counter counter);

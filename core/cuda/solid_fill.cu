@@ -1,4 +1,5 @@
-// Parity fill: one toggled bit a crossing, then a suffix exclusive-or along each row; and the filled voxels' values.
+// Parity fill: one toggled bit a crossing, then a suffix exclusive-or along each row. Nonzero fill: a sum of signs a
+// crossing, then suffix sums. And the filled voxels' values.
 //
 // Source: the fill of M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010, section 5.
 // Changed: crossings are counted per edge (raster/crossing.h), so that closed meshes leave no streaks; a single bit is
@@ -10,6 +11,7 @@
 #include "cuda/launch.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
+#include "pipeline/target_rules.h"
 #include "raster/crossing.h"
 
 namespace voxelpipe::cuda {
@@ -17,6 +19,8 @@ namespace {
 
 constexpr int kThreads = 256;
 constexpr uint32_t kLinesOfThread = 32;
+constexpr uint64_t kMostSumBytes =
+    256 << 20;  // of a nonzero fill: grids of more sums take turns (pipeline/footprint.cpp)
 
 // Where the crossings of a triangle go.
 struct ToggleView {
@@ -27,16 +31,32 @@ struct ToggleView {
   int64_t column_words = 0;
 };
 
-struct ToggleArgs {
-  ToggleView view;
+// Where the signs of a triangle's crossings go: those with some of the slab's rows, which are numbered as in bit grids.
+struct SumView {
+  GridView grid;
+  uint64_t first_row = 0, end_row = 0;
+  uint32_t* inside = nullptr;  // bit grid of the slab: the last voxel before a crossing, where there is one
+  // Of these rows, modulo 2^32, +1 for a crossing that rises and -1 for one that falls: by that voxel's bit, and by row
+  // those before all voxels.
+  uint32_t *sums = nullptr, *outside = nullptr;
+};
+
+// A run's triangles, and the view that all of them have.
+template <typename ViewType>
+struct CrossingArgs {
+  using View = ViewType;
+  View view;
   const uint32_t* triangles;
   const Vec3d* positions;  // index space
   uint64_t triangle_count;
   uint32_t* queue;
   uint64_t* queued;
 };
+using ToggleArgs = CrossingArgs<ToggleView>;
+using SumArgs = CrossingArgs<SumView>;
 // The same for the triangles of a batch.
 struct BatchToggleArgs {
+  using View = ToggleView;
   BatchView batch;
   const uint32_t* triangles;
   const Vec3d* positions;
@@ -46,7 +66,8 @@ struct BatchToggleArgs {
 };
 
 // Whether the triangle's mesh is filled, and where its crossings go.
-__device__ inline bool ViewOf(const ToggleArgs& args, uint64_t, ToggleView& view) {
+template <typename View>
+__device__ inline bool ViewOf(const CrossingArgs<View>& args, uint64_t, View& view) {
   view = args.view;
   return true;
 }
@@ -92,6 +113,35 @@ __device__ inline Lines LinesOf(const ToggleView& args, const Corners& t) {
   return lines;
 }
 
+__device__ inline Lines LinesOf(const SumView& args, const Corners& t) {
+  const auto ny = uint64_t(args.grid.dims[1]);
+  const int64_t first = args.grid.slab_begin + int64_t(args.first_row / ny);
+  const int64_t last = args.grid.slab_begin + int64_t((args.end_row - 1) / ny);
+  Lines lines;
+  CentreRange(Min(t.a.y, Min(t.b.y, t.c.y)), Max(t.a.y, Max(t.b.y, t.c.y)), 0, args.grid.dims[1], lines.y_begin,
+              lines.y_end);
+  CentreRange(Min(t.a.z, Min(t.b.z, t.c.z)), Max(t.a.z, Max(t.b.z, t.c.z)), first, last + 1, lines.z_begin,
+              lines.z_end);
+  return lines;
+}
+
+__device__ inline void ToggleLine(const SumView& args, const Corners& t, int64_t y, int64_t z) {
+  const uint64_t row = uint64_t(y + args.grid.dims[1] * (z - args.grid.slab_begin));
+  if (row < args.first_row || row >= args.end_row) return;
+  const double py = double(y) + 0.5, pz = double(z) + 0.5;
+  if (!LineCrosses(t.a, t.b, t.c, py, pz)) return;
+  const uint32_t sign = CrossingFalls(t.a, t.b, t.c, py, pz) ? ~0u : 1u;
+  const TrianglePlane plane = SetUpPlane(t.a, t.b, t.c);
+  const int64_t before = CentresBefore(CrossingX(plane, t.a, t.b, t.c, py, pz), args.grid.dims[0]);
+  const uint64_t here = row - args.first_row;
+  if (before == 0) {
+    atomicAdd(args.outside + here, sign);
+    return;
+  }
+  atomicOr(args.inside + args.grid.Word(before - 1, y, z), 1u << ((before - 1) % 32));
+  atomicAdd(args.sums + here * uint64_t(args.grid.words_per_row) * 32 + uint64_t(before - 1), sign);
+}
+
 __device__ inline void ToggleLine(const ToggleView& args, const Corners& t, int64_t y, int64_t z) {
   const double py = double(y) + 0.5, pz = double(z) + 0.5;
   if (!LineCrosses(t.a, t.b, t.c, py, pz)) return;
@@ -107,7 +157,7 @@ __global__ void __launch_bounds__(kThreads) ToggleSmall(const __grid_constant__ 
   __shared__ unsigned long long room[kThreads / 32 + 1];
   const uint64_t t = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
   bool queue = false;
-  ToggleView view;
+  typename Args::View view;
   if (t < args.triangle_count && ViewOf(args, t, view)) {
     const Corners corners = Load(args, t);
     const Lines lines = LinesOf(view, corners);
@@ -129,7 +179,7 @@ template <typename Args>
 __global__ void __launch_bounds__(kThreads) ToggleLarge(const __grid_constant__ Args args) {
   const uint64_t queued = *args.queued;
   for (uint64_t i = blockIdx.y; i < queued; i += gridDim.y) {
-    ToggleView view;
+    typename Args::View view;
     ViewOf(args, args.queue[i], view);
     const Corners corners = Load(args, args.queue[i]);
     const Lines lines = LinesOf(view, corners);
@@ -175,13 +225,50 @@ __global__ void __launch_bounds__(kThreads) SuffixXorBatch(const __grid_constant
   }
 }
 
+// Bit i of a row becomes whether the sums at i and beyond do not sum to 0; rows whose signs do not are counted. A warp
+// a row, from its end.
+__global__ void __launch_bounds__(kThreads) SpreadSums(const __grid_constant__ SumView view, uint64_t* odd_columns) {
+  const int lane = int(threadIdx.x % 32);
+  const int64_t words = view.grid.words_per_row;
+  const uint64_t warps = uint64_t(gridDim.x) * (kThreads / 32);
+  for (uint64_t row = view.first_row + uint64_t(blockIdx.x) * (kThreads / 32) + threadIdx.x / 32; row < view.end_row;
+       row += warps) {
+    uint32_t* const at = view.inside + row * uint64_t(words);
+    const uint32_t* const sums = view.sums + (row - view.first_row) * uint64_t(words) * 32;
+    uint32_t beyond = 0;
+    for (int64_t end = words; end > 0; end -= 32) {
+      const int64_t first = end - 32;
+      uint32_t word = first + lane >= 0 ? at[first + lane] : 0;
+      const uint32_t some = __ballot_sync(~0u, word != 0);
+      for (int k = 31; k >= 0; --k) {  // words, from the last
+        const uint32_t marked = __shfl_sync(~0u, word, k);
+        uint32_t inside = beyond != 0 ? ~0u : 0;
+        if ((some >> k & 1) != 0) {
+          uint32_t sum = (marked >> lane & 1) != 0 ? sums[(first + k) * 32 + lane] : 0;
+          for (int by = 1; by < 32; by *= 2) {
+            const uint32_t other = __shfl_down_sync(~0u, sum, by);
+            if (lane + by < 32) sum += other;
+          }
+          inside = __ballot_sync(~0u, sum + beyond != 0);
+          beyond += __shfl_sync(~0u, sum, 0);
+        }
+        if (lane == k) word = inside;
+      }
+      if (first + lane >= 0) at[first + lane] = word;
+    }
+    if (lane == 0 && beyond + view.outside[row - view.first_row] != 0) {
+      atomicAdd(reinterpret_cast<unsigned long long*>(odd_columns), 1ull);
+    }
+  }
+}
+
 struct FillArgs {
   uint8_t* dense;
   int components;
-  uint32_t fill_stored;
+  FillValue fill;
   const uint32_t *inside, *present;  // bit grids of the slab
   uint64_t words, voxels;
-  int64_t nx, words_per_row;
+  int64_t nx, ny, first_layer, words_per_row;
   bool planar;
 };
 
@@ -195,8 +282,14 @@ __device__ inline void FillWords(const FillArgs& args, uint64_t begin, uint64_t 
     if (((args.inside[word] & ~args.present[word]) >> lane & 1) == 0) continue;
     const uint64_t row = word / uint64_t(args.words_per_row), w = word % uint64_t(args.words_per_row);
     const uint64_t n = row * uint64_t(args.nx) + w * 32 + lane;
+    int64_t y = 0, z = 0;
+    if (args.fill.kind != FillValue::Kind::kStored) {
+      y = int64_t(row % uint64_t(args.ny));
+      z = int64_t(row / uint64_t(args.ny)) + args.first_layer;
+    }
     for (uint64_t c = 0; c < components; ++c) {
-      out[args.planar ? c * args.voxels + n : n * components + c] = Element(args.fill_stored);
+      const uint32_t stored = FillStored(args.fill, int64_t(w * 32 + lane), y, z, int(c));
+      out[args.planar ? c * args.voxels + n : n * components + c] = Element(stored);
     }
   }
 }
@@ -218,12 +311,14 @@ __global__ void __launch_bounds__(kThreads) FillBatchValues(const __grid_constan
     FillArgs args;
     args.dense = values.at;
     args.components = values.components;
-    args.fill_stored = values.fill_stored;
+    args.fill = values.fill;
     args.inside = batch.inside + item.first_word;
     args.present = values.present == nullptr ? batch.bits + item.first_word : values.present;
     args.words = item.words;
     args.voxels = values.voxels;
     args.nx = item.grid.dims[0];
+    args.ny = item.grid.dims[1];
+    args.first_layer = 0;
     args.words_per_row = item.grid.words_per_row;
     args.planar = values.planar;
     switch (values.element_bytes) {
@@ -234,21 +329,25 @@ __global__ void __launch_bounds__(kThreads) FillBatchValues(const __grid_constan
   }
 }
 
-absl::Status FillTarget(RunState& state, const CudaTarget& target) {
+absl::Status FillTarget(RunState& state, int index) {
+  const CudaTarget& target = state.targets.at[index];
   FillArgs args;
   args.dense = target.dense;
   args.components = target.components;
-  args.fill_stored = target.fill_stored;
+  args.fill = FillValueOf(state.request, size_t(index), state.grid);
   args.inside = state.inside.data();
   args.present = target.own_presence ? target.presence : state.coverage.data();
   args.words = state.slab_words();
   args.voxels = state.slab_voxels();
   args.nx = state.view.dims[0];
+  args.ny = state.view.dims[1];
+  args.first_layer = state.view.slab_begin;
   args.words_per_row = state.view.words_per_row;
   args.planar = state.targets.planar;
   const unsigned blocks = BlocksFor(args.words, kThreads / 32);
   switch (target.format) {
-    case VoxelFormat::kU8: FillValues<uint8_t><<<blocks, kThreads, 0, state.stream>>>(args); break;
+    case VoxelFormat::kU8:
+    case VoxelFormat::kU8Srgb: FillValues<uint8_t><<<blocks, kThreads, 0, state.stream>>>(args); break;
     case VoxelFormat::kU16:
     case VoxelFormat::kF16: FillValues<uint16_t><<<blocks, kThreads, 0, state.stream>>>(args); break;
     default: FillValues<uint32_t><<<blocks, kThreads, 0, state.stream>>>(args); break;
@@ -323,14 +422,50 @@ absl::Status ParityInside(RunState& state) {
   return absl::OkStatus();
 }
 
+absl::Status NonzeroInside(RunState& state) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count, rows = state.slab_rows();
+  VOXELPIPE_OK_OR_RETURN(state.inside.Fill(0, state.stream));
+  if (triangles == 0) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
+  VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
+  const uint64_t of_row = uint64_t(state.view.words_per_row) * 32;
+  const uint64_t at_once = std::clamp<uint64_t>(kMostSumBytes / (of_row * sizeof(uint32_t)), 1, rows);
+  DeviceArray<uint32_t> sums, outside;
+  VOXELPIPE_OK_OR_RETURN(sums.Resize(at_once * of_row, state.stream));
+  VOXELPIPE_OK_OR_RETURN(outside.Resize(at_once, state.stream));
+  SumArgs args;
+  args.view.grid = state.view;
+  args.view.inside = state.inside.data();
+  args.view.sums = sums.data();
+  args.view.outside = outside.data();
+  args.triangles = state.mesh.triangle_list();
+  args.positions = state.mesh.index_positions.data();
+  args.triangle_count = triangles;
+  args.queue = state.queue[0].data();
+  for (uint64_t row = 0; row < rows; row += at_once) {
+    VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0}));
+    VOXELPIPE_OK_OR_RETURN(sums.Fill(0, state.stream));
+    VOXELPIPE_OK_OR_RETURN(outside.Fill(0, state.stream));
+    args.queued = state.counters.data() + kQueued0;
+    args.view.first_row = row;
+    args.view.end_row = std::min(rows, row + at_once);
+    VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, 8, state.stream));
+    SpreadSums<<<BlocksFor(args.view.end_row - row, kThreads / 32), kThreads, 0, state.stream>>>(
+        args.view, state.counters.data() + kOddColumns);
+    VOXELPIPE_LAUNCHED_OR_RETURN("SpreadSums");
+  }
+  return absl::OkStatus();
+}
+
 absl::Status SolidFill(RunState& state) {
   const VoxelizeRequest& request = state.request.request;
   VOXELPIPE_OK_OR_RETURN(state.inside.Resize(state.slab_words(), state.stream));
-  VOXELPIPE_OK_OR_RETURN(request.fill == Fill::kFlood ? FloodInside(state) : ParityInside(state));
+  VOXELPIPE_OK_OR_RETURN(request.fill == Fill::kFlood     ? FloodInside(state)
+                         : request.fill == Fill::kNonzero ? NonzeroInside(state)
+                                                          : ParityInside(state));
   if (request.result == ResultKind::kSparse) return absl::OkStatus();  // the bricks are filled as they are made
   for (int t = 0; t < state.targets.count; ++t) {
-    const CudaTarget& target = state.targets.at[t];
-    if (target.format != VoxelFormat::kBit) VOXELPIPE_OK_OR_RETURN(FillTarget(state, target));
+    if (state.targets.at[t].format != VoxelFormat::kBit) VOXELPIPE_OK_OR_RETURN(FillTarget(state, t));
   }
   return absl::OkStatus();
 }

@@ -184,9 +184,9 @@ __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_c
       const uint64_t at = rank * uint64_t(from.components) + c;
       uint32_t stored;
       switch (from.kept) {
-        case Kept::kSum: stored = StoreSum(int64_t(from.sums[at]), args.format, args.quantum); break;
+        case Kept::kSum: stored = StoreSum(int64_t(from.sums[at]), args.format, args.quantum, int(c)); break;
         case Kept::kAverage:
-          stored = StoreAverage(int64_t(from.sums[at]), from.counts[rank], args.format, args.quantum);
+          stored = StoreAverage(int64_t(from.sums[at]), from.counts[rank], args.format, args.quantum, int(c));
           break;
         case Kept::kCount: stored = StoreCount(from.counts[rank], args.format); break;
         case Kept::kMin:
@@ -197,6 +197,7 @@ __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_c
       }
       const uint64_t to = args.planar ? c * args.voxels + n : n * uint64_t(from.components) + c;
       switch (args.format) {
+        case VoxelFormat::kU8Srgb:
         case VoxelFormat::kU8: args.out[to] = uint8_t(stored); break;
         case VoxelFormat::kU16:
         case VoxelFormat::kF16: reinterpret_cast<uint16_t*>(args.out)[to] = uint16_t(stored); break;

@@ -9,6 +9,7 @@
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
 #include "pipeline/plan.h"
+#include "pipeline/target_rules.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -29,6 +30,7 @@ struct BrickArgs {
   uint64_t value_stride;
   uint64_t value_offset[kMostTargets];
   TargetViews targets;
+  FillValue fill[kMostTargets];  // of filled results
   uint64_t all_voxels;
   uint64_t* bricks;
   uint8_t* masks;
@@ -84,6 +86,7 @@ __global__ void CopyTotals(const uint64_t* bricks, const uint64_t* voxels, uint6
 
 __device__ inline uint32_t LoadElement(const uint8_t* from, VoxelFormat format, uint64_t at) {
   switch (format) {
+    case VoxelFormat::kU8Srgb:
     case VoxelFormat::kU8: return from[at];
     case VoxelFormat::kU16:
     case VoxelFormat::kF16: return reinterpret_cast<const uint16_t*>(from)[at];
@@ -96,6 +99,7 @@ __device__ inline void StoreElement(uint8_t* to, VoxelFormat format, uint64_t at
     case VoxelFormat::kBit:
       if (stored != 0) atomicOr(reinterpret_cast<uint32_t*>(to) + at / 32, 1u << (at % 32));
       break;
+    case VoxelFormat::kU8Srgb:
     case VoxelFormat::kU8: to[at] = uint8_t(stored); break;
     case VoxelFormat::kU16:
     case VoxelFormat::kF16: reinterpret_cast<uint16_t*>(to)[at] = uint16_t(stored); break;
@@ -104,7 +108,8 @@ __device__ inline void StoreElement(uint8_t* to, VoxelFormat format, uint64_t at
 }
 
 // What voxel `x` of a tile's row holds, occupied voxel number n of the result.
-__device__ inline void EmitVoxel(const BrickArgs& args, uint32_t slot, int row, int x, uint64_t word, uint64_t n) {
+__device__ inline void EmitVoxel(const BrickArgs& args, const TileAt& tile, uint32_t slot, int row, int x,
+                                 uint64_t word, uint64_t n) {
   const bool here = (args.coverage[word] >> x & 1) != 0;
   for (int t = 0; t < args.targets.count; ++t) {
     const CudaTarget& target = args.targets.at[t];
@@ -113,7 +118,10 @@ __device__ inline void EmitVoxel(const BrickArgs& args, uint32_t slot, int row, 
     if (kept && args.rows != nullptr && target.format != VoxelFormat::kBit) continue;
     const bool filled = !here || (args.inside != nullptr && (args.inside[word] >> x & 1) != 0);
     for (int c = 0; c < target.components; ++c) {
-      uint32_t stored = filled ? target.fill_stored : target.clear_stored;
+      uint32_t stored = target.clear_stored;
+      if (!kept && filled) {
+        stored = FillStored(args.fill[t], tile.x * 32 + x, tile.y * 8 + row % 8, tile.z * 8 + row / 8, c);
+      }
       if (kept && target.format == VoxelFormat::kBit) {
         stored = target.is_occupancy || (target.bits[word] >> x & 1) != 0;
       } else if (kept) {
@@ -163,7 +171,7 @@ __device__ inline void EmitTile(const BrickArgs& args, uint64_t tile) {
       for (uint32_t left = byte; left != 0; left &= left - 1, ++number) {
         if (args.places != nullptr) args.places[ranks[half]++] = uint32_t(number);
         if (!args.emits) continue;
-        EmitVoxel(args, slot, lane + 32 * half, 8 * part + __ffs(int(left)) - 1, words[half], number);
+        EmitVoxel(args, at, slot, lane + 32 * half, 8 * part + __ffs(int(left)) - 1, words[half], number);
       }
       n += total;
     }
@@ -225,6 +233,7 @@ absl::Status MakeBricks(RunState& state) {
     if (state.targets.at[t].format == VoxelFormat::kBit) VOXELPIPE_OK_OR_RETURN(values.Fill(0, state.stream));
     args.out[t] = values.data();
     args.value_offset[t] = state.value_offset[size_t(t)];
+    args.fill[t] = FillValueOf(state.request, size_t(t), state.grid);
   }
   if (out.listed_bricks == 0) return absl::OkStatus();
   args.first_brick = state.first_brick.data();

@@ -11,6 +11,7 @@
 #include "cuda/slab_copies.h"
 #include "cuda/touched_blocks.h"
 #include "pipeline/plan.h"
+#include "pipeline/target_rules.h"
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe::cuda {
@@ -132,11 +133,6 @@ __global__ void __launch_bounds__(kThreads) CountBatchKernel(const __grid_consta
   }
 }
 
-double DefaultScale(VoxelFormat format, FragmentShaderId shader) {
-  if (!TraitsOf(shader).is_color) return 1;
-  return format == VoxelFormat::kU8 ? 255 : format == VoxelFormat::kU16 ? 65535 : 1;
-}
-
 absl::Status ClearedBits(RunState& state, DeviceArray<uint32_t>& grid) {
   VOXELPIPE_OK_OR_RETURN(grid.Resize(state.slab_words(), state.stream));
   return grid.Fill(0, state.stream);
@@ -205,7 +201,7 @@ absl::Status PackBitTarget(RunState& state, const CudaTarget& target, const Targ
   args.value = target.is_occupancy ? args.present : target.bits;
   args.inside = state.inside.empty() ? nullptr : state.inside.data();
   args.clear = spec.clear != 0 ? ~0u : 0;
-  args.fill = spec.fill_value != 0 ? ~0u : 0;
+  args.fill = FillBit(spec) ? ~0u : 0;
   args.nx = state.view.dims[0];
   args.words_per_row = state.view.words_per_row;
   args.voxels = state.slab_voxels();
@@ -252,16 +248,15 @@ uint32_t PatternOf(const CudaTarget& target) {
 
 CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader) {
   CudaTarget t;
-  t.format = spec.format;
+  t.format = KeptFormat(spec);
   t.blend = spec.blend;
   t.components = spec.components;
   t.shader = FragmentShaderId(shader.id);
   t.params = shader.params;
   t.u32_output = shader.info->output_type == "u32";
   t.quantum = spec.quantum;
-  t.scale = spec.scale.value_or(DefaultScale(spec.format, t.shader));
+  t.scale = ScaleOf(spec, shader);
   t.clear_stored = StoredBits(NumberToCell(spec.clear, spec.format), spec.format);
-  t.fill_stored = StoredBits(NumberToCell(spec.fill_value, spec.format), spec.format);
   t.is_occupancy = spec.format == VoxelFormat::kBit && t.shader == FragmentShaderId::kOccupancy;
   t.own_presence = TraitsOf(t.shader).can_discard;
   return t;
@@ -364,7 +359,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   }
   if (state.pools_bricks) {
     state.coverage.Free();
-  } else if (state.plain_bits || state.fills_rows) {  // what draws there writes all of it
+  } else if (!CoversNothing(state) && (state.plain_bits || state.fills_rows)) {  // what draws there writes all of it
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
   } else {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));

@@ -176,10 +176,10 @@ __device__ inline uint32_t StoredAt(const TileTarget& t, const uint32_t* shared,
   const int at = voxel * target.components + c;
   switch (t.kept) {
     case Kept::kSum:
-      return StoreSum(reinterpret_cast<const int64_t*>(shared + t.sums)[at], target.format, target.quantum);
+      return StoreSum(reinterpret_cast<const int64_t*>(shared + t.sums)[at], target.format, target.quantum, c);
     case Kept::kAverage:
       return StoreAverage(reinterpret_cast<const int64_t*>(shared + t.sums)[at], shared[t.counts + voxel],
-                          target.format, target.quantum);
+                          target.format, target.quantum, c);
     case Kept::kCount: return StoreCount(shared[t.counts + voxel], target.format);
     case Kept::kMin:
     case Kept::kMax: {

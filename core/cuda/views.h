@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "grid/formats.h"
+#include "grid/index_space.h"
 #include "raster/tiles.h"
 #include "shaders/mesh_view.h"
 #include "shaders/shader_list.h"
@@ -16,7 +17,7 @@ struct GridView {
   int64_t slab_begin = 0, slab_end = 1;
   TileGrid tiles{};
   int64_t words_per_row = 1;
-  Vec3d origin, voxel_size;
+  IndexSpace space;
 
   VOXELPIPE_HD uint64_t Word(int64_t x, int64_t y, int64_t z) const {
     // 32-bit factors: one instruction a product on a device.
@@ -45,7 +46,7 @@ struct CudaTarget {
   bool is_occupancy = false;  // a bit target of the occupancy shader: its value is the coverage itself
   bool own_presence = false;  // the shader can discard
   double scale = 1, quantum = 1;
-  uint32_t clear_stored = 0, fill_stored = 0;
+  uint32_t clear_stored = 0;
   ShaderParams params;
   uint32_t* bits = nullptr;      // bit grid: values of a bit target, unless is_occupancy
   uint32_t* presence = nullptr;  // bit grid: if own_presence

@@ -11,6 +11,7 @@
 
 #include "encode/preview_canvas.h"
 #include "shaders/packed_normal.h"
+#include "shaders/srgb.h"
 
 namespace voxelpipe {
 namespace {
@@ -67,6 +68,7 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
   const TargetSpec& spec = result.specs[size_t(chosen)];
   values_ = TargetValues(result, size_t(chosen), items_.count());
   unit_ = UnitOf(spec);
+  srgb_ = spec.encoding == Encoding::kSrgb;
   if (spec.components < 3 || !(unit_ > 0)) {
     FindRange(result, volume);
     if (low_ < high_) kind_ = Kind::kScalar;
@@ -128,6 +130,7 @@ Vec3f PreviewColours::At(uint64_t n) const {
   Vec3f colour;
   for (int c = 0; c < 3; ++c) {
     float value = values_.At(item, c) / unit_;
+    if (srgb_) value = SrgbToLinear(static_cast<unsigned char>(values_.At(item, c)));
     if (kind_ == Kind::kUnitVector) {
       value = 0.5f + 0.5f * value;
       value *= value;  // the mapped normal is meant to be looked at as it is: near enough to undo the display's curve

@@ -33,6 +33,7 @@ class PreviewColours {
   TargetValues values_, normals_;
   bool has_normals_ = false;
   float unit_ = 1;            // what counts as 1 of a colour
+  bool srgb_ = false;         // the values are codes of Encoding::kSrgb
   float low_ = 0, high_ = 0;  // range of a scalar over the solid voxels
 };
 

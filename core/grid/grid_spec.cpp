@@ -10,8 +10,14 @@
 namespace voxelpipe {
 namespace {
 
-// A hair under one voxel: an extent that is a whole number of voxels but for rounding gets no extra layer.
-constexpr double kCeilSlack = 1e-9;
+// An extent that is a whole number of voxels but for roundings gets no extra layer: those of the division, and of
+// corners that are float32. Voxels.
+double SlackOf(const Box3d& box, int axis, double voxel_size) {
+  constexpr double kLeast = 1e-9, kMost = 4e-4, kOfFloat = 0x1p-22;
+  return std::max(kLeast,
+                  std::min(kMost, kOfFloat * std::max(std::abs(box.min[axis]), std::abs(box.max[axis])) / voxel_size));
+}
+
 constexpr uint64_t kMaxVoxels = uint64_t{1} << 53;
 
 bool FinitePositive(double v) {
@@ -51,8 +57,8 @@ absl::Status CheckRequest(const GridRequest& request) {
 }
 
 // Number of voxels as an integer, saturated far above every limit so that the check below refuses it.
-int64_t CeilToDim(double voxels) {
-  return static_cast<int64_t>(std::clamp(std::ceil(voxels - kCeilSlack), 1.0, 1e15));
+int64_t CeilToDim(double voxels, double slack) {
+  return static_cast<int64_t>(std::clamp(std::ceil(voxels - slack), 1.0, 1e15));
 }
 
 absl::StatusOr<GridSpec> Finish(GridSpec grid, int64_t padding) {
@@ -72,6 +78,20 @@ absl::StatusOr<GridSpec> Finish(GridSpec grid, int64_t padding) {
           absl::StrCat("grid: ", grid.dims[0], " x ", grid.dims[1], " x ", grid.dims[2], " is beyond 2^53 voxels"));
     }
     voxels = *product;
+  }
+  return grid;
+}
+
+// Finish of a grid that was fitted to the box, and the walls that the box lies beyond.
+absl::StatusOr<GridSpec> FinishFitted(const GridSpec& fitted, int64_t padding, const Box3d& box) {
+  absl::StatusOr<GridSpec> grid = Finish(fitted, padding);
+  if (!grid.ok()) return grid;
+  const Vec3d farthest = WorldToIndex(grid->origin, grid->voxel_size, box.max);
+  for (int a = 0; a < 3; ++a) {
+    const double wall = double(fitted.dims[size_t(a)] + padding);
+    if (!(farthest[a] > wall)) continue;
+    grid->wall[a] = wall;
+    grid->wall_end[a] = std::min(farthest[a], wall + SlackOf(box, a, grid->voxel_size[a]));
   }
   return grid;
 }
@@ -107,8 +127,10 @@ absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box) {
   if (request.voxel_size) {
     grid.voxel_size = *request.voxel_size;
     grid.origin = box.min;
-    for (int a = 0; a < 3; ++a) grid.dims[a] = CeilToDim(extent[a] / grid.voxel_size[a]);
-    return Finish(grid, request.padding);
+    for (int a = 0; a < 3; ++a) {
+      grid.dims[a] = CeilToDim(extent[a] / grid.voxel_size[a], SlackOf(box, a, grid.voxel_size[a]));
+    }
+    return FinishFitted(grid, request.padding, box);
   }
   if (longest == 0) {
     grid.origin = {box.min.x - 0.5, box.min.y - 0.5, box.min.z - 0.5};
@@ -122,11 +144,11 @@ absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box) {
       grid.dims[a] = n;
       grid.origin[a] = box.min[a] - (longest - extent[a]) / 2;
     } else {
-      grid.dims[a] = extent[a] == longest ? n : CeilToDim(extent[a] / longest * double(n));
+      grid.dims[a] = extent[a] == longest ? n : CeilToDim(extent[a] / longest * double(n), SlackOf(box, a, h));
       grid.origin[a] = box.min[a];
     }
   }
-  return Finish(grid, request.padding);
+  return FinishFitted(grid, request.padding, box);
 }
 
 }  // namespace voxelpipe

@@ -55,7 +55,8 @@ std::optional<Blend> ParseBlend(std::string_view name) {
 int BitsPerComponent(VoxelFormat format) {
   switch (format) {
     case VoxelFormat::kBit: return 1;
-    case VoxelFormat::kU8: return 8;
+    case VoxelFormat::kU8:
+    case VoxelFormat::kU8Srgb: return 8;
     case VoxelFormat::kU16:
     case VoxelFormat::kF16: return 16;
     case VoxelFormat::kU32:

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <thread>
 
 #include "grid/bit_grid.h"
 #include "pipeline/result.h"
@@ -100,12 +101,14 @@ Counts Count(const VoxelizeRequest& request, const GridSpec& grid, const MeshSiz
   const Vec3d tile{double(TileDim(0)), double(TileDim(1)), double(TileDim(2))};
   const Touched tiles = Touch(surface, n, tile, all / kTileVoxels + 1);
   const double share = request.coverage == Coverage::kConservative ? 1 : surface.thin;
+  const bool covers = request.coverage != Coverage::kNone;
   Counts out;
   out.fragments = voxels.each * share;
   out.voxels = std::min(voxels.once * share, out.fragments);
   out.tiles = tiles.once;
   out.pairs = tiles.each;
   out.bricks = bricks.once;
+  if (!covers) out = Counts();
   out.listed = out.voxels;
   if (request.fill != Fill::kNone) {
     const Vec3d& h = grid.voxel_size;
@@ -162,6 +165,18 @@ uint64_t BitGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int6
   return grids * BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers});
 }
 
+// The signed counters of a nonzero fill over `layers` layers: on a device those of as many rows as take turns
+// (cuda/solid_fill.cu), on the host those of a block of rows for each thread (cpu/solid_fill.cpp).
+uint64_t SumBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers, bool cuda) {
+  if (request.fill != Fill::kNonzero) return 0;
+  constexpr uint64_t kMostOnDevice = 256 << 20, kLeastBlock = 1 << 20, kMostThreads = 64, kBlocks = 2048;
+  const uint64_t all = 32 * BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers});
+  const uint64_t row = 32 * BitGrid::BytesFor({grid.dims[0], 1, 1});
+  if (cuda) return std::min(all, std::max(kMostOnDevice, row));
+  const uint64_t threads = request.threads > 0 ? uint64_t(request.threads) : std::thread::hardware_concurrency();
+  return std::min(all, std::clamp<uint64_t>(threads, 1, kMostThreads) * std::max({kLeastBlock, row, all / kBlocks}));
+}
+
 // Bytes of dense targets over `layers` layers.
 uint64_t DenseBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
   const uint64_t voxels = uint64_t(grid.dims[0]) * uint64_t(grid.dims[1]) * uint64_t(layers);
@@ -178,7 +193,7 @@ uint64_t MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, con
   }
   if (PlainBits(request)) {
     constexpr uint64_t kCode = 8, kBinned = 4;  // a vertex's voxel; a triangle's id in the slabs' lists
-    const uint64_t vertex = kCode + (request.fill == Fill::kParity ? sizeof(Vec3d) : 0);
+    const uint64_t vertex = kCode + (CastsLines(request.fill) ? sizeof(Vec3d) : 0);
     return shaded + mesh.vertices * vertex + mesh.triangles * kBinned;
   }
   // Pairs are held twice while they are gathered.
@@ -294,6 +309,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
     const double earlier = 1 - double(out.slab_depth) / double(grid.dims[2]);
     out.peak_bytes += uint64_t((1 + earlier) * double(out.result_bytes));
   }
+  out.peak_bytes += SumBytes(request, grid, out.slab_depth, cuda);
   if (request.fill == Fill::kFlood) {
     // The shell and what is reached from outside; one slab's inside takes the place of the shell.
     out.peak_bytes += (one_slab ? 1 : 2) * BitGrid::BytesFor(grid.dims);
@@ -311,6 +327,7 @@ uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, 
   uint64_t bytes = BitGridBytes(request, grid, layers) + DeviceListBytes(request, grid, mesh, counts, layers);
   if (request.result == ResultKind::kDense) bytes += DenseBytes(request, grid, layers);
   if (request.fill == Fill::kFlood) bytes += 2 * BitGrid::BytesFor(grid.dims);
+  bytes += SumBytes(request, grid, layers, true);
   return bytes + uint64_t(listed + kept);
 }
 

@@ -4,10 +4,10 @@
 #include <cmath>
 
 #include "absl/strings/str_cat.h"
+#include "base/limit_error.h"
 #include "pipeline/backend.h"
 #include "pipeline/bind.h"
 #include "pipeline/footprint.h"
-#include "base/limit_error.h"
 #include "pipeline/result.h"
 #include "shaders/catalog.h"
 
@@ -25,6 +25,20 @@ absl::Status Invalid(const std::string& field, const std::string& why) {
 bool IsPowerOfTwo(double v) {
   int exponent;
   return std::isfinite(v) && v > 0 && std::frexp(v, &exponent) == 0.5;
+}
+
+absl::Status ValidateEncoding(const TargetSpec& target, const std::string& field) {
+  if (target.encoding == Encoding::kLinear) return absl::OkStatus();
+  if (target.format != VoxelFormat::kU8) return Invalid(field, "srgb is for u8");
+  constexpr std::string_view kColours[] = {"base_color", "emissive", "color", "constant"};
+  if (std::find(std::begin(kColours), std::end(kColours), target.shader.name) == std::end(kColours)) {
+    return Invalid(field, "srgb is for the shaders base_color, emissive, color and constant");
+  }
+  if (target.scale) return Invalid(field, "srgb and scale exclude one another");
+  for (const Blend blend : {Blend::kCount, Blend::kAnd, Blend::kOr}) {
+    if (target.blend == blend) return Invalid(field, absl::StrCat("srgb does not go with ", std::string(Name(blend))));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status ValidateTarget(const TargetSpec& target, const std::string& field) {
@@ -46,8 +60,26 @@ absl::Status ValidateTarget(const TargetSpec& target, const std::string& field) 
     return Invalid(field + ".quantum", "must be a power of two from 2^-126 to 2^80");
   }
   if (!std::isfinite(target.clear)) return Invalid(field + ".clear", "must be finite");
-  if (!std::isfinite(target.fill_value)) return Invalid(field + ".fill_value", "must be finite");
-  return absl::OkStatus();
+  if (target.fill_values.size() > 1 && target.fill_values.size() != size_t(target.components)) {
+    return Invalid(field + ".fill_values", absl::StrCat("one number, or one for each of ", target.components,
+                                                        " components; ", target.fill_values.size(), " given"));
+  }
+  for (const double value : target.fill_values) {
+    if (!std::isfinite(value)) return Invalid(field + ".fill_values", "must be finite");
+  }
+  return ValidateEncoding(target, field + ".encoding");
+}
+
+absl::Status ValidateCoverage(const VoxelizeRequest& request) {
+  const bool buckets = request.result == ResultKind::kBuckets;
+  if (buckets && request.fill != Fill::kNone) {
+    return Invalid("fill", "buckets list fragments; there is nothing to fill");
+  }
+  if (buckets && request.coverage == Coverage::kCenter) return Invalid("coverage", "buckets take conservative or thin");
+  if (request.coverage != Coverage::kNone) return absl::OkStatus();
+  if (buckets) return Invalid("coverage", "none: buckets list fragments, and no voxel has any");
+  if (CastsLines(request.fill)) return absl::OkStatus();
+  return Invalid("coverage", absl::StrCat("none takes fill parity or nonzero, not ", std::string(Name(request.fill))));
 }
 
 bool Fits(const Footprint& need, const PlanLimits& limits) {
@@ -87,6 +119,7 @@ std::string_view Name(Coverage coverage) {
     case Coverage::kConservative: return "conservative";
     case Coverage::kThin: return "thin";
     case Coverage::kCenter: return "center";
+    case Coverage::kNone: return "none";
   }
   return "unknown";
 }
@@ -96,6 +129,7 @@ std::string_view Name(Fill fill) {
     case Fill::kNone: return "none";
     case Fill::kParity: return "parity";
     case Fill::kFlood: return "flood";
+    case Fill::kNonzero: return "nonzero";
   }
   return "unknown";
 }
@@ -135,10 +169,7 @@ absl::Status ValidateRequest(const VoxelizeRequest& request) {
   for (size_t i = 0; i < request.targets.size(); ++i) {
     if (absl::Status s = ValidateTarget(request.targets[i], absl::StrCat("targets[", i, "]")); !s.ok()) return s;
   }
-  if (request.result == ResultKind::kBuckets) {
-    if (request.fill != Fill::kNone) return Invalid("fill", "buckets list fragments; there is nothing to fill");
-    if (request.coverage == Coverage::kCenter) return Invalid("coverage", "buckets take conservative or thin");
-  }
+  if (absl::Status s = ValidateCoverage(request); !s.ok()) return s;
   if (request.threads < 0) return Invalid("threads", "must not be negative");
   return absl::OkStatus();
 }

@@ -15,8 +15,19 @@ namespace voxelpipe {
 
 enum class Fill : uint8_t {
   kNone,
-  kParity,  // even-odd crossings along x through (j+.5, k+.5), on top of the coverage
-  kFlood,   // what a 6-connected walk from outside cannot reach without entering the conservative shell
+  kParity,   // even-odd crossings along x through (j+.5, k+.5), on top of the coverage
+  kFlood,    // what a 6-connected walk from outside cannot reach without entering the conservative shell
+  kNonzero,  // the same crossings, each +1 or -1: inside where those beyond a voxel's centre do not sum to 0
+};
+// Whether the fill casts lines along x: it has odd columns.
+inline bool CastsLines(Fill fill) {
+  return fill == Fill::kParity || fill == Fill::kNonzero;
+}
+
+// How the values of a u8 target are written.
+enum class Encoding : uint8_t {
+  kLinear,
+  kSrgb,  // components 0 to 2 by the sRGB transfer function (shaders/srgb.h), the fourth times 255
 };
 
 enum class ResultKind : uint8_t {
@@ -41,15 +52,18 @@ struct ShaderCall {
 
 struct TargetSpec {
   VoxelFormat format = VoxelFormat::kBit;
-  int components = 1;  // 1-4; kBit takes 1
+  int components = 1;  // 1-4; kBit takes 1. Where users give none: OwnComponents (shaders/catalog.h)
   Blend blend = Blend::kOr;
   ShaderCall shader{"occupancy", {}};
   double quantum = 1.0 / (1 << 20);  // kAdd and kAverage on floats: a power of two
   // f32 shader output into integers: value * scale, nearest even, saturated. Absent: 1; 255 for colour shaders into u8, 65535 into
   // u16. Not for bit and float formats.
   std::optional<double> scale = std::nullopt;
-  double clear = 0;       // value of voxels with neither fragment nor fill, every component
-  double fill_value = 1;  // value of voxels that are filled and not covered, every component
+  double clear = 0;  // value of voxels with neither fragment nor fill, every component
+  // Value of voxels that are filled and not covered: one number for every component, or one a component. None: what
+  // the shader gives without a triangle (shaders/fill_value.h).
+  std::vector<double> fill_values{};
+  Encoding encoding = Encoding::kLinear;
 };
 
 struct VoxelizeRequest {

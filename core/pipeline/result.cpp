@@ -47,7 +47,8 @@ std::string_view Name(ElementType type) {
 ElementType ElementOf(VoxelFormat format) {
   switch (format) {
     case VoxelFormat::kBit: return ElementType::kBit;
-    case VoxelFormat::kU8: return ElementType::kU8;
+    case VoxelFormat::kU8:
+    case VoxelFormat::kU8Srgb: return ElementType::kU8;
     case VoxelFormat::kU16: return ElementType::kU16;
     case VoxelFormat::kU32: return ElementType::kU32;
     case VoxelFormat::kF16: return ElementType::kF16;

@@ -79,7 +79,8 @@ void AddCounts(const Stages& stages, const VoxelizeRequest& request, VoxelizeSta
   const SlabCounts counts = stages.counts();
   stats.occupied += stages.CountOccupied();
   if (counts.fragments) stats.fragments = stats.fragments.value_or(0) + *counts.fragments;
-  if (request.fill == Fill::kParity) stats.odd_columns = stats.odd_columns.value_or(0) + counts.odd_columns;
+  if (request.coverage == Coverage::kNone) stats.fragments = 0;
+  if (CastsLines(request.fill)) stats.odd_columns = stats.odd_columns.value_or(0) + counts.odd_columns;
 }
 
 // The stages of one slab, in the paper's order. Adds its counts to `stats`, if given.

@@ -40,6 +40,7 @@ WarningList AllWarningsOf(const TriangleMesh& mesh) {
 }
 
 void AddRunWarnings(const TriangleMesh& mesh, const VoxelizeRequest& request, VoxelizeStats& stats) {
+  if (request.coverage == Coverage::kNone) return;  // there are no fragments to discard
   if (stats.occupied > 0 || mesh.triangles.empty() || !EveryShaderDiscards(request) || !HasMask(mesh)) return;
   // A grid that was given may lie beside the mesh. Fragments that are counted before shaders see them tell; those of buckets are counted
   // after, so there the text leaves it open.

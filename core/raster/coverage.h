@@ -1,6 +1,6 @@
 // What "a triangle touches a voxel" means, as half sizes of the box that stands for the voxel.
 //
-// All three coverages are one separating-axis test of the triangle against an axis-aligned box around the voxel's
+// The first three coverages are one separating-axis test of the triangle against an axis-aligned box around the voxel's
 // centre, the box being chosen per triangle:
 //   conservative  the voxel itself, half sizes (1/2, 1/2, 1/2)
 //   thin          the voxel itself, and the plane within max|n_i| / 2 of the centre
@@ -16,6 +16,7 @@ enum class Coverage : unsigned char {
   kConservative,  // the closed voxel and the closed triangle share a point (26-separating)
   kThin,    // conservative, and the plane passes the centre inside the voxel along the dominant axis (6-separating)
   kCenter,  // the one-voxel segment through the centre along the dominant axis meets the triangle
+  kNone,    // no voxel is covered: a fill alone says what is inside
 };
 
 // max|n_i| at or below this times the square of the longest edge makes a triangle degenerate.

@@ -1,4 +1,4 @@
-// Crossings of a triangle with the lines along x through the voxel centres, for the parity fill.
+// Crossings of a triangle with the lines along x through the voxel centres, for the parity and nonzero fills.
 //
 // Source: the even-odd rule (M. Shimrat, "Algorithm 112: Position of point relative to polygon", 1962), evaluated per edge
 // so that two triangles that share an edge agree on it whatever the rounding: a mesh whose edges are all shared by an even
@@ -27,6 +27,18 @@ VOXELPIPE_HD bool EdgeCrossesAbove(const Vec3d& a, const Vec3d& b, double py, do
 // Whether the line along x through (py, pz) crosses the triangle (index space).
 VOXELPIPE_HD bool LineCrosses(const Vec3d& a, const Vec3d& b, const Vec3d& c, double py, double pz) {
   return (EdgeCrossesAbove(a, b, py, pz) != EdgeCrossesAbove(b, c, py, pz)) != EdgeCrossesAbove(c, a, py, pz);
+}
+
+// Whether the y of the one edge by which that line crosses the triangle falls along a-b-c-a. In: a triangle that
+// LineCrosses.
+//
+// Of the three edges one alone is crossed: two ends of an edge lie on different sides of py, which is so of two edges
+// or none, and LineCrosses says that an odd number of them passes above pz. Closed meshes whose triangles face the same
+// way have as many crossings that rise as fall in every column (the winding number of M. Shimrat's point, counted with
+// signs).
+VOXELPIPE_HD bool CrossingFalls(const Vec3d& a, const Vec3d& b, const Vec3d& c, double py, double pz) {
+  if (EdgeCrossesAbove(a, b, py, pz)) return a.y > b.y;
+  return EdgeCrossesAbove(b, c, py, pz) ? b.y > c.y : c.y > a.y;
 }
 
 // The x (index space) at which that line crosses the triangle, clamped to the triangle's x range.

@@ -8,7 +8,7 @@
 namespace voxelpipe {
 
 struct DegenerateTest {
-  Vec3d origin, voxel_size;
+  IndexSpace space;
   Vec3f inverse_size;
   // Of the square of an edge, in voxels: from there on what rounding does to vertices in index space is small. Where floats might not hold what
   // edges are made of, more than any is taken for.
@@ -21,12 +21,11 @@ struct DegenerateTest {
   static constexpr double kNever = 0x1p1000;
 };
 
-// In: a grid's origin and voxel size, two corners in index space of a box that holds all vertices.
-inline DegenerateTest MakeDegenerateTest(const Vec3d& origin, const Vec3d& voxel_size, const Vec3d& least,
-                                         const Vec3d& most) {
+// In: where the grid lies, two corners in index space of a box that holds all vertices.
+inline DegenerateTest MakeDegenerateTest(const IndexSpace& space, const Vec3d& least, const Vec3d& most) {
+  const Vec3d& voxel_size = space.voxel_size;
   DegenerateTest test;
-  test.origin = origin;
-  test.voxel_size = voxel_size;
+  test.space = space;
   bool usual = true;
   for (int a = 0; a < 3; ++a) {
     usual = usual && voxel_size[a] >= 0x1p-60 && voxel_size[a] <= 0x1p60;
@@ -34,23 +33,25 @@ inline DegenerateTest MakeDegenerateTest(const Vec3d& origin, const Vec3d& voxel
   }
   if (!usual) return test;
   const double reach = Max(MaxAbs(least), MaxAbs(most));
-  const auto edge = float(reach * 0x1p-30);
+  // Vertices beyond a wall move by so much. Of an edge that is 2^14 times as long that moves a normal by less than a
+  // thousandth of the square's quarter.
+  const double moved = FarthestToWall(space);
+  const auto edge = float(Max(reach * 0x1p-30, moved * 0x1p14));
   test.least = Max(edge * edge, 0x1p-100f);
   // The longest edge of such a triangle has a square of less than 13 voxels, and roundings of its corners in index space move its normal there by less
-  // than 2^-30 of a square voxel: with a component of kSmall that is far from kDegenerateRatio.
+  // than 2^-30 of a square voxel, and so do walls: with a component of kSmall that is far from kDegenerateRatio.
   constexpr double kSmall = 0x1p-26;
   static_assert(13 * kDegenerateRatio + 0x1p-30 < kSmall / 2);
   const double face = Max(voxel_size.x * voxel_size.y, Max(voxel_size.y * voxel_size.z, voxel_size.z * voxel_size.x));
   const double squared = face * face;
-  if (reach < 0x1p16 && squared >= 0x1p-100 && squared <= 0x1p90) {
+  if (reach < 0x1p16 && moved <= 0x1p-36 && squared >= 0x1p-100 && squared <= 0x1p90) {
     test.least_small = Max(3 * kSmall * kSmall * squared, 0x1p-120);
   }
   return test;
 }
 
 VOXELPIPE_HD_CALL bool IsPlacedDegenerate(const DegenerateTest& test, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-  const Vec3d p[3] = {WorldToIndex(test.origin, test.voxel_size, a), WorldToIndex(test.origin, test.voxel_size, b),
-                      WorldToIndex(test.origin, test.voxel_size, c)};
+  const Vec3d p[3] = {WorldToIndex(test.space, a), WorldToIndex(test.space, b), WorldToIndex(test.space, c)};
   return SetUpPlane(p[0], p[1], p[2]).degenerate;
 }
 

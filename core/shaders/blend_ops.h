@@ -18,6 +18,7 @@
 #include "base/vec.h"
 #include "grid/formats.h"
 #include "shaders/fragment.h"
+#include "shaders/srgb.h"
 
 namespace voxelpipe {
 
@@ -70,12 +71,21 @@ VOXELPIPE_HD uint32_t ToUnsigned(double v, uint32_t most) {
 
 // Largest value of an integer format, 0 for others.
 VOXELPIPE_HD uint32_t LargestInteger(VoxelFormat format) {
-  if (format == VoxelFormat::kU8) return 0xff;
+  if (format == VoxelFormat::kU8 || format == VoxelFormat::kU8Srgb) return 0xff;
   if (format == VoxelFormat::kU16) return 0xffff;
   return format == VoxelFormat::kU32 ? 0xffffffffu : 0;
 }
 VOXELPIPE_HD bool IsInteger(VoxelFormat format) {
-  return format == VoxelFormat::kU8 || format == VoxelFormat::kU16 || format == VoxelFormat::kU32;
+  return LargestInteger(format) != 0;
+}
+// Whether sums are of multiples of the quantum: of floats, and of what is encoded once they are whole.
+VOXELPIPE_HD bool SumsFloats(VoxelFormat format) {
+  return !IsInteger(format) || format == VoxelFormat::kU8Srgb;
+}
+
+// Component i of kU8Srgb: colours by the transfer function, the fourth component times 255.
+VOXELPIPE_HD uint32_t EncodeSrgb(double v, int i) {
+  return i < 3 ? LinearToSrgb(v) : ToUnsigned(v * 255, 255);
 }
 
 // Component i as f32: u32 outputs are rounded to nearest even; NaN becomes 0.
@@ -98,6 +108,7 @@ VOXELPIPE_HD bool ToBit(const FragmentOutput& out, bool is_u32) {
 
 // Component i as a cell of a format other than bit.
 VOXELPIPE_HD uint32_t ToCell(const FragmentOutput& out, bool is_u32, int i, VoxelFormat format, double scale) {
+  if (format == VoxelFormat::kU8Srgb) return EncodeSrgb(double(ToF32(out, is_u32, i)), i);
   if (IsInteger(format)) return ToInteger(out, is_u32, i, scale, LargestInteger(format));
   if (format == VoxelFormat::kF32) return BitsOf(ToF32(out, is_u32, i));
   // From the u32 itself: by way of f32 it would be rounded twice.
@@ -163,10 +174,11 @@ VOXELPIPE_HD int64_t Quantize(float v, double quantum) {
   return int64_t((scaled + 0x1.8p52) - 0x1.8p52);  // the magic number rounds to nearest even
 }
 
-// What a fragment adds to its voxel's sum: the integer, or multiples of the quantum of the f32 value (whatever the float format).
+// What a fragment adds to its voxel's sum: the integer, or multiples of the quantum of the f32 value (whatever the
+// float format, and where the sum is encoded).
 VOXELPIPE_HD int64_t ToTerm(const FragmentOutput& out, bool is_u32, int i, VoxelFormat format, double scale,
                             double quantum) {
-  if (IsInteger(format)) return int64_t(ToInteger(out, is_u32, i, scale, LargestInteger(format)));
+  if (!SumsFloats(format)) return int64_t(ToInteger(out, is_u32, i, scale, LargestInteger(format)));
   return Quantize(ToF32(out, is_u32, i), quantum);
 }
 
@@ -188,8 +200,9 @@ VOXELPIPE_HD double RoundToOdd(int64_t sum) {
   return negative ? -v : v;
 }
 
-// A sum as stored: integers saturate, floats are converted once.
-VOXELPIPE_HD uint32_t StoreSum(int64_t sum, VoxelFormat format, double quantum) {
+// A sum of component i as stored: integers saturate, floats are converted once.
+VOXELPIPE_HD uint32_t StoreSum(int64_t sum, VoxelFormat format, double quantum, int i = 0) {
+  if (format == VoxelFormat::kU8Srgb) return EncodeSrgb(RoundToOdd(sum) * quantum, i);
   if (IsInteger(format)) {
     const uint64_t total = uint64_t(sum), most = LargestInteger(format);
     return uint32_t(total < most ? total : most);
@@ -198,10 +211,11 @@ VOXELPIPE_HD uint32_t StoreSum(int64_t sum, VoxelFormat format, double quantum) 
   return HalfBits(RoundToOdd(sum) * quantum);
 }
 
-// The average as stored: the sum over the count in double, converted once.
-VOXELPIPE_HD uint32_t StoreAverage(int64_t sum, uint32_t count, VoxelFormat format, double quantum) {
-  if (IsInteger(format)) return ToUnsigned(double(uint64_t(sum)) / double(count), LargestInteger(format));
+// The average of component i as stored: the sum over the count in double, converted once.
+VOXELPIPE_HD uint32_t StoreAverage(int64_t sum, uint32_t count, VoxelFormat format, double quantum, int i = 0) {
+  if (!SumsFloats(format)) return ToUnsigned(double(uint64_t(sum)) / double(count), LargestInteger(format));
   const double average = double(sum) * quantum / double(count);
+  if (format == VoxelFormat::kU8Srgb) return EncodeSrgb(average, i);
   return format == VoxelFormat::kF32 ? BitsOf(float(average)) : HalfBits(average);
 }
 

@@ -61,9 +61,12 @@ std::vector<ShaderInfo> Rows() {
        .description = "The file's animated pose at a time: nodes, morph targets and skins.",
        .output_type = "position",
        .parameters = PoseParameters({})},
-      {.name = "occupancy", .description = "1 for every fragment.", .output_type = "f32", .output_components = 1},
+      {.name = "occupancy",
+       .description = "1 for every fragment, and inside of what is filled.",
+       .output_type = "f32",
+       .output_components = 1},
       {.name = "constant",
-       .description = "The same value for every fragment.",
+       .description = "The same value for every fragment, and inside of what is filled.",
        .output_type = "f32",
        .output_components = 4,
        .parameters = {{"value", "vec4", {1, 0, 0, 1}, "1 to 4 numbers; those not given are 0, the fourth 1"}}},
@@ -123,11 +126,14 @@ std::vector<ShaderInfo> Rows() {
        .output_components = 4,
        .parameters = {{"name", "string", {}, "the attribute's name, such as _TEMPERATURE"}}},
       {.name = "velocity",
-       .description = "Velocity that the vertex shader gives, world units a second; 0 where it gives none.",
+       .description =
+           "Velocity that the vertex shader gives, world units a second; 0 where it gives none. Filled voxels have "
+           "that of the rigid motion at their centre.",
        .output_type = "f32",
        .output_components = 3},
       {.name = "position",
-       .description = "The triangle's point at the voxel's barycentric coordinates, world units.",
+       .description =
+           "The triangle's point at the voxel's barycentric coordinates, world units; the centre of filled voxels.",
        .output_type = "f32",
        .output_components = 3},
       {.name = "coverage_fraction",
@@ -135,7 +141,7 @@ std::vector<ShaderInfo> Rows() {
        .output_type = "f32",
        .output_components = 1},
       {.name = "checker",
-       .description = "A checkerboard of cubes of voxels, beginning with an even one at voxel 0, 0, 0.",
+       .description = "A checkerboard of cubes of voxels, beginning with an even one at voxel 0, 0, 0; inside too.",
        .output_type = "f32",
        .output_components = 1,
        .parameters = {{"size", "uint", {8}, "voxels along the edge of a cube", 1, 4294967295.0},
@@ -280,6 +286,12 @@ absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call
   }
   if (absl::Status s = TakeText(call, bound); !s.ok()) return s;
   return bound;
+}
+
+int OwnComponents(const TargetSpec& target) {
+  if (target.format == VoxelFormat::kBit || target.blend == Blend::kCount) return 1;
+  const ShaderInfo* info = FindShader(ShaderStage::kFragment, target.shader.name);
+  return info == nullptr ? 1 : info->output_components;
 }
 
 TextureUse TexturesRead(const VoxelizeRequest& request) {

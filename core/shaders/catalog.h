@@ -59,6 +59,10 @@ struct BoundShader {
 // numbers, a value that is not finite, or a text parameter that is missing or given as numbers.
 absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call);
 
+// How many components a target has whose user gives no number: those of the shader; 1 for bit, for count, and of a
+// shader that is not known.
+int OwnComponents(const TargetSpec& target);
+
 // Which textures the targets' shaders sample (then call PrepareTextures first).
 TextureUse TexturesRead(const VoxelizeRequest& request);
 // Whether there is any.

@@ -1,7 +1,7 @@
-// sRGB to linear by table (IEC 61966-2-1), correctly rounded to float: pow differs between C libraries and devices.
+// sRGB to linear and back by tables (IEC 61966-2-1), exactly rounded: pow differs between C libraries and devices.
 #pragma once
 
-#include "base/host_device.h"
+#include "shaders/srgb_thresholds.h"
 
 namespace voxelpipe {
 
@@ -53,6 +53,15 @@ VOXELPIPE_HD float SrgbToLinear(unsigned char code) {
       0x1.f2676cp-1f,  0x1.f6e98cp-1f,  0x1.fb71bcp-1f,  0x1.000000p+0f,
   };
   return kTable[code];
+}
+
+// The 8-bit code of a linear value: how many thresholds are at most v. 0 for NaN.
+VOXELPIPE_HD unsigned LinearToSrgb(double v) {
+  int below = 0;  // thresholds that are at most v
+  for (int step = 128; step > 0; step /= 2) {
+    if (v >= double(SrgbThreshold(below + step - 1))) below += step;
+  }
+  return unsigned(below);
 }
 
 }  // namespace voxelpipe

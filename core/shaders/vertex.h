@@ -19,11 +19,15 @@ struct VertexInput {
 // v = linear_velocity + angular_velocity x (p - center). World units a second, radians a second, p the shaded position.
 struct RigidMotion {
   static constexpr int kParameters = 9;  // linear_velocity, angular_velocity, center
-  VOXELPIPE_HD static void Add(const double* parameters, ShadedVertex& vertex) {
+  // The velocity at p.
+  VOXELPIPE_HD static Vec3d At(const double* parameters, const Vec3d& p) {
     const Vec3d linear{parameters[0], parameters[1], parameters[2]};
     const Vec3d angular{parameters[3], parameters[4], parameters[5]};
     const Vec3d center{parameters[6], parameters[7], parameters[8]};
-    vertex.velocity = vertex.velocity + (linear + Cross(angular, vertex.position - center));
+    return linear + Cross(angular, p - center);
+  }
+  VOXELPIPE_HD static void Add(const double* parameters, ShadedVertex& vertex) {
+    vertex.velocity = vertex.velocity + At(parameters, vertex.position);
   }
 };
 

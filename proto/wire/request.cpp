@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "shaders/catalog.h"
 
 namespace voxelpipe {
 namespace {
@@ -28,9 +29,14 @@ constexpr Pair<v1::GridFit, GridFit> kFits[] = {{v1::GRID_FIT_TIGHT, GridFit::kT
                                                 {v1::GRID_FIT_CUBE, GridFit::kCube}};
 constexpr Pair<v1::Coverage, Coverage> kCoverages[] = {{v1::COVERAGE_CONSERVATIVE, Coverage::kConservative},
                                                        {v1::COVERAGE_THIN, Coverage::kThin},
-                                                       {v1::COVERAGE_CENTER, Coverage::kCenter}};
-constexpr Pair<v1::Fill, Fill> kFills[] = {
-    {v1::FILL_NONE, Fill::kNone}, {v1::FILL_PARITY, Fill::kParity}, {v1::FILL_FLOOD, Fill::kFlood}};
+                                                       {v1::COVERAGE_CENTER, Coverage::kCenter},
+                                                       {v1::COVERAGE_NONE, Coverage::kNone}};
+constexpr Pair<v1::Fill, Fill> kFills[] = {{v1::FILL_NONE, Fill::kNone},
+                                           {v1::FILL_PARITY, Fill::kParity},
+                                           {v1::FILL_FLOOD, Fill::kFlood},
+                                           {v1::FILL_NONZERO, Fill::kNonzero}};
+constexpr Pair<v1::Encoding, Encoding> kEncodings[] = {{v1::ENCODING_LINEAR, Encoding::kLinear},
+                                                       {v1::ENCODING_SRGB, Encoding::kSrgb}};
 constexpr Pair<v1::ResultKind, ResultKind> kResults[] = {{v1::RESULT_KIND_DENSE, ResultKind::kDense},
                                                          {v1::RESULT_KIND_SPARSE, ResultKind::kSparse},
                                                          {v1::RESULT_KIND_BUCKETS, ResultKind::kBuckets}};
@@ -134,7 +140,6 @@ void WriteShader(const ShaderCall& in, v1::ShaderCall* out) {
 
 absl::Status ReadTarget(const v1::RenderTarget& in, const std::string& field, TargetSpec& out) {
   if (absl::Status s = ReadEnum(kFormats, in.format(), field + ".format", out.format); !s.ok()) return s;
-  if (in.has_components()) out.components = in.components();
   if (in.blend() == v1::BLEND_UNSPECIFIED) {
     out.blend = out.format == VoxelFormat::kBit ? Blend::kOr : Blend::kReplace;
   } else if (absl::Status s = ReadEnum(kBlends, in.blend(), field + ".blend", out.blend); !s.ok()) {
@@ -143,11 +148,16 @@ absl::Status ReadTarget(const v1::RenderTarget& in, const std::string& field, Ta
   if (in.has_shader()) {
     if (absl::Status s = ReadShader(in.shader(), field + ".shader", out.shader); !s.ok()) return s;
   }
+  out.components = in.has_components() ? in.components() : OwnComponents(out);
   if (in.has_quantum()) out.quantum = in.quantum();
   if (in.has_scale()) out.scale = in.scale();
   out.clear = in.clear();
-  if (in.has_fill_value()) out.fill_value = in.fill_value();
-  return absl::OkStatus();
+  if (in.has_fill_value() && in.fill_values_size() > 0) {
+    return Invalid(field + ".fill_values", "cannot be given together with fill_value");
+  }
+  if (in.has_fill_value()) out.fill_values = {in.fill_value()};
+  if (in.fill_values_size() > 0) out.fill_values = {in.fill_values().begin(), in.fill_values().end()};
+  return ReadEnum(kEncodings, in.encoding(), field + ".encoding", out.encoding);
 }
 
 absl::Status ReadSettings(const v1::VoxelizeConfig& in, CallSettings& out) {
@@ -247,7 +257,12 @@ v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_fo
     target->set_quantum(spec.quantum);
     if (spec.scale) target->set_scale(*spec.scale);
     target->set_clear(spec.clear);
-    target->set_fill_value(spec.fill_value);
+    if (spec.fill_values.size() == 1) {
+      target->set_fill_value(spec.fill_values[0]);
+    } else {
+      target->mutable_fill_values()->Add(spec.fill_values.begin(), spec.fill_values.end());
+    }
+    if (spec.encoding != Encoding::kLinear) target->set_encoding(WriteEnum(kEncodings, spec.encoding));
   }
   config.set_strict(request.strict);
   WriteSettings(settings, config);

@@ -80,7 +80,7 @@ JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
     }
     ns += output_bytes * kByteNs;
   }
-  if (request.fill == Fill::kParity) ns += voxels * kParityNs;
+  if (CastsLines(request.fill)) ns += voxels * kParityNs;
   if (request.fill == Fill::kFlood) ns += voxels * kFloodNs;
 
   cost.file_bytes = mesh.file_bytes;

@@ -19,7 +19,7 @@ class Adapter {
   Adapter(const TriangleMesh& mesh, const GridSpec& grid) : triangles_(mesh.triangles) {
     points_.reserve(mesh.positions.size());
     for (const Vec3d& position : mesh.positions) {
-      const Vec3d p = WorldToIndex(grid.origin, grid.voxel_size, position);
+      const Vec3d p = WorldToIndex(grid.index_space(), position);
       points_.emplace_back(p.x - 0.5, p.y - 0.5, p.z - 0.5);
     }
   }

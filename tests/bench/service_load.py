@@ -21,7 +21,7 @@ JOBS = (
     ("21 ms", 188, 188, ["--resolution", "128", *SPARSE]),
 )
 # Twenty thousand triangles across the whole grid: most of a minute of one core.
-SLOW = ["--resolution", "256", "--target", "f32:max:shader=barycentric"]
+SLOW = ["--resolution", "256", "--target", "f32x1:max:shader=barycentric"]
 
 
 class LoadRows:

@@ -36,7 +36,7 @@ std::vector<uint8_t> PlainLoop(const TriangleMesh& mesh, const GridSpec& grid) {
   std::vector<uint8_t> bits((grid.voxels() + 7) / 8);
   for (const auto& ids : mesh.triangles) {
     Vec3d p[3];
-    for (int i = 0; i < 3; ++i) p[i] = WorldToIndex(grid.origin, grid.voxel_size, mesh.positions[ids[size_t(i)]]);
+    for (int i = 0; i < 3; ++i) p[i] = WorldToIndex(grid.index_space(), mesh.positions[ids[size_t(i)]]);
     int64_t first[3], last[3];
     for (int a = 0; a < 3; ++a) {
       first[a] = std::max<int64_t>(0, int64_t(std::floor(std::min(p[0][a], std::min(p[1][a], p[2][a])))));

@@ -59,8 +59,9 @@ def check_dense(tool):
 
 
 def check_sparse(tool):
-    for fill in ("none", "parity", "flood"):
-        for target in ("f32x2:min:shader=uv,fill=3", "bit:or", "u16:max:shader=packed_normal", "f16x3:add:shader=normal"):
+    for fill in ("none", "parity", "nonzero", "flood"):
+        for target in ("f32x2:min:shader=uv,fill=3", "bit:or", "u16:max:shader=packed_normal", "f16x3:add:shader=normal",
+                       "f32:average:shader=position", "u8:max:shader=base_color,encoding=srgb,fill=1/2/3/4"):
             options = ["--fill", fill, "--target", target, "--target", "bit:or"]
             sparse = np.load(tool.run("s.npz", "--result", "sparse", *options)[0])
             dense = np.load(tool.run("d.npz", *options)[0])

@@ -18,8 +18,19 @@ bool PassesAbove(Vec3d p, Vec3d q, double py, double pz) {
   return (q.y - p.y) * (pz - p.z) < (q.z - p.z) * (py - p.y);
 }
 
+// The sum over a triangle's edges that are crossed, +1 where y rises along the edge.
+int SignOf(const IndexTriangle& t, double py, double pz) {
+  int sum = 0;
+  for (int i = 0; i < 3; ++i) {
+    const Vec3d &p = t.v[i], &q = t.v[(i + 1) % 3];
+    if (PassesAbove(p, q, py, pz)) sum += p.y < q.y ? 1 : -1;
+  }
+  return sum;
+}
+
 struct Crossing {
   Real least, most;  // x lies within; rounding decides where
+  int sign = 0;
 };
 
 Crossing CrossingOf(const IndexTriangle& t, double py, double pz) {
@@ -30,15 +41,19 @@ Crossing CrossingOf(const IndexTriangle& t, double py, double pz) {
   Real extent = 1e-300L;
   for (int a = 0; a < 3; ++a) extent = std::max({extent, std::fabs(e1[a]), std::fabs(e2[a])});
   const Real unsure = 1e-9L + std::fabs(v[0].x) * 0x1p-50L + extent * extent * extent * 0x1p-44L / std::fabs(n.x);
-  if (!(unsure < hi - lo + 1)) return {lo - 1e-9L, hi + 1e-9L};
+  const int sign = SignOf(t, py, pz);
+  if (!(unsure < hi - lo + 1)) return {lo - 1e-9L, hi + 1e-9L, sign};
   const Real x = v[0].x - (n.y * (py - v[0].y) + n.z * (pz - v[0].z)) / n.x;
-  return {std::clamp(x - unsure, lo, hi) - 1e-9L, std::clamp(x + unsure, lo, hi) + 1e-9L};
+  return {std::clamp(x - unsure, lo, hi) - 1e-9L, std::clamp(x + unsure, lo, hi) + 1e-9L, sign};
 }
 
 }  // namespace
 
-std::string CheckParity(const std::vector<IndexTriangle>& triangles, const GridSpec& grid, const VoxelFlags& covered,
-                        const VoxelFlags& filled, uint64_t odd_columns) {
+std::string CheckCrossings(Fill fill, const std::vector<IndexTriangle>& triangles, const GridSpec& grid,
+                           const VoxelFlags& covered, const VoxelFlags& filled, uint64_t odd_columns) {
+  const std::string what(Name(fill));
+  // Of crossings beyond a voxel, or of all: whether they leave it inside.
+  const auto is_inside = [&](int64_t count, int64_t sum) { return fill == Fill::kNonzero ? sum != 0 : count % 2 != 0; };
   uint64_t odd = 0;
   for (int64_t k = 0; k < grid.dims[2]; ++k) {
     for (int64_t j = 0; j < grid.dims[1]; ++j) {
@@ -49,24 +64,30 @@ std::string CheckParity(const std::vector<IndexTriangle>& triangles, const GridS
         for (int i = 0; i < 3; ++i) above += PassesAbove(t.v[i], t.v[(i + 1) % 3], py, pz);
         if (above % 2 == 1) crossings.push_back(CrossingOf(t, py, pz));
       }
-      odd += crossings.size() % 2;
+      int64_t total = 0;
+      for (const Crossing& c : crossings) total += c.sign;
+      odd += is_inside(int64_t(crossings.size()), total);
       for (int64_t i = 0; i < grid.dims[0]; ++i) {
         const auto n = size_t(i + grid.dims[0] * (j + grid.dims[1] * k));
         const Real centre = Real(i) + 0.5L;
-        bool inside = false, unsure = false;
+        bool unsure = false;
+        int64_t count = 0, sum = 0;
         for (const Crossing& c : crossings) {
           unsure = unsure || (c.least <= centre && centre <= c.most);
-          inside = inside != (c.least > centre);
+          if (c.least <= centre) continue;
+          ++count;
+          sum += c.sign;
         }
+        const bool inside = is_inside(count, sum);
         if (!unsure && bool(filled[n]) != (inside || covered[n] != 0)) {
-          return absl::StrCat("parity: voxel (", i, ",", j, ",", k, ") is ", int(filled[n]), "\n");
+          return absl::StrCat(what, ": voxel (", i, ",", j, ",", k, ") is ", int(filled[n]), "\n");
         }
-        if (unsure && covered[n] > filled[n]) return absl::StrCat("parity: voxel ", n, " is covered and not set\n");
+        if (unsure && covered[n] > filled[n]) return absl::StrCat(what, ": voxel ", n, " is covered and not set\n");
       }
     }
   }
   if (odd == odd_columns) return "";
-  return absl::StrCat("parity: odd_columns is ", odd_columns, ", reference says ", odd, "\n");
+  return absl::StrCat(what, ": odd_columns is ", odd_columns, ", reference says ", odd, "\n");
 }
 
 std::string CheckFlood(const GridSpec& grid, const VoxelFlags& shell, const VoxelFlags& covered,

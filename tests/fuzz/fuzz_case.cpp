@@ -240,7 +240,18 @@ TargetSpec MakeTarget(ByteSource& in) {
       target.format == VoxelFormat::kU8 || target.format == VoxelFormat::kU16 || target.format == VoxelFormat::kU32;
   if (integer && in.Chance(2)) target.scale = Number(in);
   if (in.Chance(2)) target.clear = Number(in);
-  if (in.Chance(2)) target.fill_value = Number(in);
+  if (in.Chance(2)) {
+    target.fill_values = {Number(in)};
+    if (in.Chance(2)) {
+      while (target.fill_values.size() < size_t(target.components)) target.fill_values.push_back(Number(in));
+    }
+  }
+  const bool linear = target.blend == Blend::kCount || target.blend == Blend::kAnd || target.blend == Blend::kOr;
+  const bool colour = target.shader.name == "constant" || target.shader.name == "base_color" ||
+                      target.shader.name == "color" || target.shader.name == "emissive";
+  if (target.format == VoxelFormat::kU8 && colour && !linear && !target.scale) {
+    target.encoding = Encoding(in.Below(2));
+  }
   return target;
 }
 
@@ -250,11 +261,12 @@ FuzzCase MakeCase(std::span<const uint8_t> bytes) {
   ByteSource in(bytes);
   FuzzCase made;
   VoxelizeRequest& request = made.request;
-  request.coverage = Coverage(in.Below(3));
+  request.coverage = Coverage(in.Below(4));
   request.result = ResultKind(in.Below(3));
   if (request.result != ResultKind::kBuckets) {
-    request.fill = Fill(in.Below(3));
-  } else if (request.coverage == Coverage::kCenter) {  // has none
+    request.fill = Fill(in.Below(4));
+    if (request.coverage == Coverage::kNone && !CastsLines(request.fill)) request.fill = Fill::kNonzero;
+  } else if (request.coverage == Coverage::kCenter || request.coverage == Coverage::kNone) {  // have none
     request.coverage = Coverage::kThin;
   }
   request.layout = Layout(in.Below(2));

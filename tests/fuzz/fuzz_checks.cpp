@@ -126,6 +126,10 @@ class Checker {
   void CheckMeaning(const VoxelizeResult& base) {
     const std::vector<IndexTriangle> triangles = IndexTriangles(mesh_, base.grid);
     const uint64_t voxels = base.grid.voxels();
+    if (request_.coverage == Coverage::kNone) {
+      CheckKinds(triangles, nullptr, Filled(triangles, base.grid, VoxelFlags(voxels, 0)));
+      return;
+    }
     const VoxelizeResult plain = Run(Plain(request_.coverage, Fill::kNone), "plain bits");
     const VoxelizeResult counts = Run(Counts(), "counts");
     if (!error_.empty()) return;
@@ -139,12 +143,14 @@ class Checker {
         error_ += absl::StrCat("voxel ", n, ": plain bits and tiles differ\n");
       }
     }
-    CheckKinds(triangles, counts, filled);
+    CheckKinds(triangles, &counts, filled);
   }
 
   // Dense, sparse and bucketed results of the same targets. What shaders discard is compared between dense and sparse alone.
-  void CheckKinds(const std::vector<IndexTriangle>& triangles, const VoxelizeResult& counts, const VoxelFlags& filled) {
-    const bool discards = CanDiscard(request_);
+  // `counts`: of fragments; null where no voxel is covered.
+  void CheckKinds(const std::vector<IndexTriangle>& triangles, const VoxelizeResult* counts, const VoxelFlags& filled) {
+    if (!error_.empty()) return;
+    const bool discards = counts != nullptr && CanDiscard(request_);
     VoxelizeRequest other = request_;
     other.result = ResultKind::kDense;
     const VoxelizeResult dense = Run(other, "dense");
@@ -158,14 +164,20 @@ class Checker {
       error_ += absl::StrCat("occupied: dense ", dense.stats.occupied, ", sparse ", sparse.stats.occupied, ", counted ",
                              occupied, "\n");
     }
+    if (counts == nullptr) {
+      error_ += CheckValues(request_, dense, nullptr, filled);
+      if (dense.stats.fragments != 0 || sparse.stats.fragments != 0) error_ += "fragments without coverage\n";
+      return;
+    }
     if (request_.coverage == Coverage::kCenter) return;  // has no buckets
     other.result = ResultKind::kBuckets;
     other.fill = Fill::kNone;
     const VoxelizeResult buckets = Run(other, "buckets");
     if (!error_.empty()) return;
-    error_ += CheckBuckets(buckets, counts, triangles, request_.coverage);
-    if (error_.empty()) error_ += CheckValues(dense, buckets, filled);
-    if (buckets.stats.fragments != buckets.listed_fragments() || counts.stats.fragments != buckets.listed_fragments()) {
+    error_ += CheckBuckets(buckets, *counts, triangles, request_.coverage);
+    if (error_.empty()) error_ += CheckValues(request_, dense, &buckets, filled);
+    if (buckets.stats.fragments != buckets.listed_fragments() ||
+        counts->stats.fragments != buckets.listed_fragments()) {
       error_ += "fragments: the statistics do not agree with the lists\n";
     }
   }
@@ -183,8 +195,9 @@ class Checker {
     const VoxelizeResult solid = Run(Plain(request_.coverage, request_.fill), "solid bits");
     if (!error_.empty()) return covered;
     VoxelFlags filled = Flags(solid.targets[0], grid.voxels());
-    if (request_.fill == Fill::kParity) {
-      error_ += CheckParity(triangles, grid, covered, filled, solid.stats.odd_columns.value_or(~uint64_t{0}));
+    if (CastsLines(request_.fill)) {
+      const uint64_t odd_columns = solid.stats.odd_columns.value_or(~uint64_t{0});
+      error_ += CheckCrossings(request_.fill, triangles, grid, covered, filled, odd_columns);
     } else {
       const VoxelizeResult shell = Run(Plain(Coverage::kConservative, Fill::kNone), "shell");
       if (error_.empty()) error_ += CheckFlood(grid, Flags(shell.targets[0], grid.voxels()), covered, filled);
@@ -203,7 +216,7 @@ std::vector<IndexTriangle> IndexTriangles(const TriangleMesh& mesh, const GridSp
   std::vector<IndexTriangle> triangles;
   for (const auto& t : mesh.triangles) {
     IndexTriangle& out = triangles.emplace_back();
-    for (size_t i = 0; i < 3; ++i) out.v[i] = WorldToIndex(grid.origin, grid.voxel_size, mesh.positions[t[i]]);
+    for (size_t i = 0; i < 3; ++i) out.v[i] = WorldToIndex(grid.index_space(), mesh.positions[t[i]]);
   }
   return triangles;
 }

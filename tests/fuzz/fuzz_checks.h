@@ -10,7 +10,8 @@
 namespace voxelpipe::fuzz {
 
 // Runs a case in every way that the pipeline knows and compares:
-//   the coverage with polygon clipping in long double, the fills with plain loops (parity) and a queue (flood);
+//    the coverage with polygon clipping in long double, the fills with plain loops (parity, nonzero) and a queue
+// (flood);
 //   dense values with clear, fill and the blends of the bucket's fragments; sparse and buckets with dense;
 //   the bytes of every instruction set, of 1 and 2 threads, of slabs and of one piece, streamed and in memory, and of
 //   the triangles the other way round where order must not matter.
@@ -32,8 +33,8 @@ VoxelFlags Flags(const HostBuffer& bits, uint64_t voxels);
 std::string CheckCoverage(const std::vector<IndexTriangle>& triangles, const GridSpec& grid, Coverage coverage,
                           const VoxelFlags& covered);
 // `filled` is the result with the fill; `shell` the conservative coverage.
-std::string CheckParity(const std::vector<IndexTriangle>& triangles, const GridSpec& grid, const VoxelFlags& covered,
-                        const VoxelFlags& filled, uint64_t odd_columns);
+std::string CheckCrossings(Fill fill, const std::vector<IndexTriangle>& triangles, const GridSpec& grid,
+                           const VoxelFlags& covered, const VoxelFlags& filled, uint64_t odd_columns);
 std::string CheckFlood(const GridSpec& grid, const VoxelFlags& shell, const VoxelFlags& covered,
                        const VoxelFlags& filled);
 
@@ -42,7 +43,9 @@ std::string CheckSparse(const VoxelizeResult& sparse, const VoxelizeResult& dens
 // The lists are in order and hold the fragments that `counts` says, of triangles that touch their voxels.
 std::string CheckBuckets(const VoxelizeResult& buckets, const VoxelizeResult& counts,
                          const std::vector<IndexTriangle>& triangles, Coverage coverage);
-// `dense` holds the blends of the fragments of `buckets`, fill values where only `filled`, else clear.
-std::string CheckValues(const VoxelizeResult& dense, const VoxelizeResult& buckets, const VoxelFlags& filled);
+// `dense` holds the blends of the fragments of `buckets` (null: there are no fragments), what `request` fills with
+// where only `filled`, else clear.
+std::string CheckValues(const VoxelizeRequest& request, const VoxelizeResult& dense, const VoxelizeResult* buckets,
+                        const VoxelFlags& filled);
 
 }  // namespace voxelpipe::fuzz

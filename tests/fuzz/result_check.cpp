@@ -5,6 +5,7 @@
 #include "fuzz/elements.h"
 #include "fuzz/fuzz_checks.h"
 #include "shaders/blend_ops.h"
+#include "support/fill_reference.h"
 #include "support/reference.h"
 
 namespace voxelpipe::fuzz {
@@ -24,6 +25,7 @@ uint32_t OrderKey(uint32_t bits, VoxelFormat format) {
 // The blend of a voxel's values in order of triangle ids; false where it is not told from the stored values.
 bool BlendOf(const std::vector<uint32_t>& values, const TargetSpec& spec, uint32_t& blended) {
   const bool integer = IsInteger(spec.format), bit = spec.format == VoxelFormat::kBit;
+  const bool linear = spec.encoding == Encoding::kLinear;
   const auto less = [&](uint32_t a, uint32_t b) { return OrderKey(a, spec.format) < OrderKey(b, spec.format); };
   uint64_t sum = 0;
   uint32_t any = 0, all = ~0u;
@@ -40,8 +42,10 @@ bool BlendOf(const std::vector<uint32_t>& values, const TargetSpec& spec, uint32
     case Blend::kMax: blended = *std::max_element(values.begin(), values.end(), less); return true;
     case Blend::kOr: blended = any; return true;
     case Blend::kAnd: blended = all; return true;
-    case Blend::kAdd: blended = uint32_t(std::min(sum, most)); return integer;
-    case Blend::kAverage: blended = uint32_t(std::nearbyint(double(sum) / double(values.size()))); return integer;
+    case Blend::kAdd: blended = uint32_t(std::min(sum, most)); return integer && linear;
+    case Blend::kAverage:
+      blended = uint32_t(std::nearbyint(double(sum) / double(values.size())));
+      return integer && linear;
     case Blend::kCount: blended = bit ? 1 : uint32_t(std::min<uint64_t>(values.size(), most)); return bit || integer;
   }
   return false;
@@ -140,20 +144,26 @@ std::string CheckBuckets(const VoxelizeResult& buckets, const VoxelizeResult& co
   return "";
 }
 
-std::string CheckValues(const VoxelizeResult& dense, const VoxelizeResult& buckets, const VoxelFlags& filled) {
-  const uint64_t voxels = dense.grid.voxels(), fragments = buckets.listed_fragments();
+std::string CheckValues(const VoxelizeRequest& request, const VoxelizeResult& dense, const VoxelizeResult* buckets,
+                        const VoxelFlags& filled) {
+  const uint64_t voxels = dense.grid.voxels(), listed = buckets == nullptr ? 0 : buckets->listed_voxels();
+  const int64_t nx = dense.grid.dims[0], ny = dense.grid.dims[1];
   for (size_t t = 0; t < dense.specs.size(); ++t) {
     const TargetSpec& spec = dense.specs[t];
-    const uint32_t clear = Stored(spec.clear, spec.format), fill = Stored(spec.fill_value, spec.format);
+    const uint32_t clear = Stored(spec.clear, spec.format);
     uint64_t bucket = 0;
     for (uint64_t n = 0; n < voxels; ++n) {
-      const bool covered = bucket < buckets.listed_voxels() && U64At(buckets.voxels, bucket) == n;
+      const bool covered = bucket < listed && U64At(buckets->voxels, bucket) == n;
+      const auto at = int64_t(n);
       for (int c = 0; c < spec.components; ++c) {
-        uint32_t expected = filled[n] != 0 ? fill : clear;
+        uint32_t expected = clear;
+        if (filled[n] != 0) {
+          expected = testing::ReferenceFill(request, t, dense.grid, at % nx, at / nx % ny, at / nx / ny, c);
+        }
         if (covered) {
           std::vector<uint32_t> values;
-          for (uint64_t f = U64At(buckets.offsets, bucket); f < U64At(buckets.offsets, bucket + 1); ++f) {
-            values.push_back(ElementAt(buckets, t, c, f, fragments));
+          for (uint64_t f = U64At(buckets->offsets, bucket); f < U64At(buckets->offsets, bucket + 1); ++f) {
+            values.push_back(ElementAt(*buckets, t, c, f, buckets->listed_fragments()));
           }
           if (!BlendOf(values, spec, expected)) continue;
         }

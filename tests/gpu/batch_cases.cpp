@@ -101,7 +101,7 @@ std::vector<ParityCase> FloodCases() {
         request.layout = Layout(number / 2 % 2);
         request.targets = targets;
         for (TargetSpec& target : request.targets) {
-          if (number % 3 == 1) target.fill_value = target.format == VoxelFormat::kBit ? 0 : 9;
+          if (number % 3 == 1) target.fill_values = {target.format == VoxelFormat::kBit ? 0.0 : 9.0};
           if (number % 5 == 2) target.clear = target.format == VoxelFormat::kBit ? 1 : 3;
         }
         const Grid& grid = grids[number % std::size(grids)];

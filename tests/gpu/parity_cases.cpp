@@ -40,11 +40,12 @@ class Dice {
   std::mt19937 random_;
 };
 
-constexpr Coverage kCoverages[] = {Coverage::kConservative, Coverage::kThin, Coverage::kCenter};
-constexpr Fill kFills[] = {Fill::kNone, Fill::kParity, Fill::kFlood};
+constexpr Coverage kCoverages[] = {Coverage::kConservative, Coverage::kThin, Coverage::kCenter, Coverage::kNone};
+constexpr Fill kFills[] = {Fill::kNone, Fill::kParity, Fill::kFlood, Fill::kNonzero};
 constexpr ResultKind kKinds[] = {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets};
 
 bool Valid(ResultKind kind, Coverage coverage, Fill fill) {
+  if (coverage == Coverage::kNone) return kind != ResultKind::kBuckets && CastsLines(fill);
   return kind != ResultKind::kBuckets || (coverage != Coverage::kCenter && fill == Fill::kNone);
 }
 
@@ -155,10 +156,14 @@ TargetSpec RandomTarget(Dice& dice, const std::vector<ShaderCall>& shaders) {
   target.components = target.format == VoxelFormat::kBit ? 1 : 1 + int(dice.Below(4));
   target.shader = RandomFragmentShader(dice, shaders);
   if (dice.OneIn(3)) target.clear = dice.Real(-3, 70'000);
-  if (dice.OneIn(3)) target.fill_value = dice.Real(-3, 300);
+  if (dice.OneIn(3)) target.fill_values = {dice.Real(-3, 300)};
   if (dice.OneIn(4)) target.quantum = dice.OneIn(2) ? 0x1p-8 : 0x1p-40;
   const bool integer = target.format != VoxelFormat::kBit && target.format < VoxelFormat::kF16;
   if (integer && dice.OneIn(3)) target.scale = dice.Real(-10, 1000);
+  const bool bitwise = target.blend == Blend::kCount || target.blend == Blend::kAnd || target.blend == Blend::kOr;
+  const std::string& name = target.shader.name;
+  const bool colour = name == "base_color" || name == "emissive" || name == "color" || name == "constant";
+  if (target.format == VoxelFormat::kU8 && colour && !target.scale && !bitwise) target.encoding = Encoding::kSrgb;
   return target;
 }
 
@@ -232,10 +237,10 @@ void AddAllTargets(const std::vector<GridRequest>& grids, const std::vector<Shad
     c.request.result = kind;
     c.request.targets = targets;
     do {
-      c.request.coverage = kCoverages[cases.size() % 3];
+      c.request.coverage = kCoverages[cases.size() % 4];
       c.request.fill = dice.Of(kFills);
       if (kind == ResultKind::kBuckets) c.request.fill = Fill::kNone;
-      if (kind == ResultKind::kBuckets && c.request.coverage == Coverage::kCenter) c.request.coverage = Coverage::kThin;
+      if (kind == ResultKind::kBuckets && c.request.coverage >= Coverage::kCenter) c.request.coverage = Coverage::kThin;
     } while (!Valid(kind, c.request.coverage, c.request.fill));
     c.request.layout = Layout(cases.size() / 3 % 2);
     cases.push_back(c);
@@ -287,7 +292,8 @@ std::string Describe(const ParityCase& c) {
     absl::StrAppend(&out, " | ", Word(Name(t.format)), "x", t.components, " ", Word(Name(t.blend)), " ",
                     Describe(t.shader));
     if (t.clear != 0) absl::StrAppend(&out, " clear=", t.clear);
-    if (t.fill_value != 1) absl::StrAppend(&out, " fill_value=", t.fill_value);
+    if (!t.fill_values.empty()) absl::StrAppend(&out, " fill=", absl::StrJoin(t.fill_values, "/"));
+    if (t.encoding == Encoding::kSrgb) absl::StrAppend(&out, " srgb");
     if (t.quantum != 0x1p-20) absl::StrAppend(&out, " quantum=", t.quantum);
     if (t.scale) absl::StrAppend(&out, " scale=", *t.scale);
   }

@@ -15,7 +15,7 @@ void ExpectBracketed(const TriangleMesh& mesh, const VoxelizeRequest& request, c
   const VoxelizeResult result = RunPipeline(mesh, request);
   const GridSpec& grid = result.grid;
   std::vector<Vec3d> p;
-  for (const Vec3d& v : mesh.positions) p.push_back(WorldToIndex(grid.origin, grid.voxel_size, v));
+  for (const Vec3d& v : mesh.positions) p.push_back(WorldToIndex(grid.index_space(), v));
   uint64_t wrong = 0, set = 0, n = 0;
   for (int64_t z = 0; z < grid.dims[2]; ++z) {
     for (int64_t y = 0; y < grid.dims[1]; ++y) {

@@ -2,6 +2,7 @@
 // delivery and, where the definition allows, the order of the triangles. Over all shaders, formats, blends and kinds of
 // result.
 #include <algorithm>
+#include <array>
 #include <random>
 
 #include "cpu/row_kernels.h"
@@ -88,6 +89,7 @@ std::vector<VoxelizeRequest> AllRequests(const std::vector<ShaderCall>& shaders)
     request.grid = UnitGrid(35, 12, 19);
     request.coverage = Coverage(requests.size() % 3);
     request.layout = Layout(requests.size() % 2);
+    request.fill = std::array{Fill::kNone, Fill::kParity, Fill::kNonzero}[requests.size() / 2 % 3];
     request.targets.assign(targets.begin() + ptrdiff_t(i),
                            targets.begin() + ptrdiff_t(std::min(i + kMaxTargets, targets.size())));
     requests.push_back(request);
@@ -116,6 +118,7 @@ TEST_P(SameBytes, OfEveryShaderFormatAndBlendInEveryWayOfRunning) {
   ASSERT_GE(shaders.size(), 19u);
   for (VoxelizeRequest& request : AllRequests(shaders)) {
     request.result = GetParam();
+    if (GetParam() == ResultKind::kBuckets) request.fill = Fill::kNone;
     if (GetParam() == ResultKind::kBuckets && request.coverage == Coverage::kCenter) request.coverage = Coverage::kThin;
     const Arrays plain = BytesOf(soup, request, kPlain);
     ASSERT_FALSE(plain.empty());
@@ -130,7 +133,7 @@ TEST_P(SameBytes, OfEveryShaderFormatAndBlendInEveryWayOfRunning) {
 TEST_P(SameBytes, OfPlainBitsWithEveryFill) {
   TriangleMesh mesh = BumpySphere(24, 9);
   for (Vec3d& p : mesh.positions) p = p * 17.0 + Vec3d{20, 20, 20};
-  for (const Fill fill : {Fill::kNone, Fill::kParity, Fill::kFlood}) {
+  for (const Fill fill : {Fill::kNone, Fill::kParity, Fill::kFlood, Fill::kNonzero}) {
     if (GetParam() == ResultKind::kBuckets && fill != Fill::kNone) continue;
     for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
       VoxelizeRequest request;

@@ -227,8 +227,9 @@ TEST_F(BenchTest, AnOpenLoopSendsWhatIsDueAndNoMore) {
 TEST_F(BenchTest, LatencyCountsFromWhenARequestWasDue) {
   // Far more than one thread can do: whoever is answered last has waited for the whole of the drain at least.
   const std::string server = Start({"--threads", "1", "--workers", "1"});
-  const json run = BenchJson("triangles.glb", {"--server", server, "--rate", "100", "--duration", "0.3", "--resolution",
-                                               "64", "--target", "f32:max:shader=barycentric", "--max-in-flight", "2"});
+  const json run =
+      BenchJson("triangles.glb", {"--server", server, "--rate", "100", "--duration", "0.3", "--resolution", "64",
+                                  "--target", "f32x1:max:shader=barycentric", "--max-in-flight", "2"});
   ASSERT_FALSE(run.is_null());
   EXPECT_GT(run["requests"], 10);
   EXPECT_GE(run["latency_ms"]["max"].get<double>(), run["drain_seconds"].get<double>() * 1000);
@@ -242,7 +243,7 @@ TEST_F(BenchTest, ErrorsAreCountedByTheirCode) {
   const std::string server = Start({"--threads", "1"});
   const CliOutcome outcome =
       Bench("triangles.glb", {"--server", server, "--concurrency", "4", "--duration", "0.3", "--deadline-ms", "1",
-                              "--resolution", "256", "--target", "f32:max:shader=barycentric"});
+                              "--resolution", "256", "--target", "f32x1:max:shader=barycentric"});
   EXPECT_EQ(outcome.exit_code, 1);  // nothing was answered
   const json run = json::parse(outcome.out);
   EXPECT_EQ(run["ok"], 0);

@@ -190,7 +190,7 @@ TEST_F(MetricsPathTest, MeshesAndResultsThatMakeRoom) {
   for (const double fill : {1, 2, 3, 4, 5, 6, 7, 8, 1}) {  // the last one's result has gone for others
     request.targets[0].format = VoxelFormat::kF32;
     request.targets[0].blend = Blend::kMax;
-    request.targets[0].fill_value = fill;
+    request.targets[0].fill_values = {fill};
     request.fill = Fill::kParity;
     const absl::Status status = client_->VoxelizeStored(id, request, job_).status();
     ASSERT_TRUE(status.ok()) << status;

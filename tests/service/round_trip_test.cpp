@@ -134,7 +134,7 @@ TEST_F(RoundTripTest, EveryCoverageFillAndLayout) {
         request.fill = fill;
         request.layout = layout;
         request.targets = {Target(VoxelFormat::kF32, 3, Blend::kReplace, CallOf("normal"))};
-        request.targets[0].fill_value = 7;
+        request.targets[0].fill_values = {7};
         ExpectSameBytes(request);
         EXPECT_EQ(std::count(hashes.begin(), hashes.end(), last_), 0) << "the choice made no difference";
         hashes.push_back(last_);

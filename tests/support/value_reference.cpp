@@ -11,6 +11,7 @@
 #include "shaders/fragment_input.h"
 #include "shaders/material_views.h"
 #include "shaders/shader_list.h"
+#include "support/fill_reference.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -89,8 +90,17 @@ double Given(const TargetSpec& spec, const FragmentOutput& out, int c) {
   return std::isnan(v) ? 0 : v;
 }
 
+// The nearest 8-bit sRGB code, by the transfer function itself; alpha is linear.
+uint32_t SrgbCode(long double v, int c) {
+  if (c == 3) return NearestInteger(double(v * 255), 255);
+  if (!(v > 0)) return 0;
+  const long double encoded = v <= 0.0031308L ? 12.92L * v : 1.055L * std::pow(v, 1 / 2.4L) - 0.055L;
+  return uint32_t(std::min(255.0L, std::floor(encoded * 255 + 0.5L)));
+}
+
 uint32_t ConvertedInteger(const TargetSpec& spec, const FragmentOutput& out, int c) {
   const uint32_t most = Most(spec.format);
+  if (spec.encoding == Encoding::kSrgb) return SrgbCode(Given(spec, out, c), c);
   if (OutputsU32(spec)) return std::min(out.u[c], most);
   return NearestInteger(Given(spec, out, c) * Scale(spec), most);
 }
@@ -150,8 +160,10 @@ uint32_t BlendSums(const TargetSpec& spec, const std::vector<FragmentOutput>& fr
     const double multiple = double(float(Given(spec, out, c))) / spec.quantum;
     sum += Wide(std::nearbyint(std::clamp(multiple, -0x1p40, 0x1p40)));
   }
-  if (spec.blend == Blend::kAdd) return FloatStored(static_cast<long double>(sum) * spec.quantum, spec.format);
-  return FloatStored(double(sum) * spec.quantum / double(fragments.size()), spec.format);
+  const long double total = static_cast<long double>(sum) * spec.quantum;
+  const double average = double(sum) * spec.quantum / double(fragments.size());
+  if (spec.encoding == Encoding::kSrgb) return SrgbCode(spec.blend == Blend::kAdd ? total : average, c);
+  return FloatStored(spec.blend == Blend::kAdd ? total : static_cast<long double>(average), spec.format);
 }
 
 // Elements of an array, written in any order.
@@ -275,6 +287,8 @@ std::vector<uint8_t> VoxelValues(const VoxelizeRequest& request, const Fragments
                                  const std::vector<bool>& inside, const std::vector<uint64_t>& listed) {
   const TargetSpec& spec = request.targets[t];
   Elements elements(spec.format, listed.size() * uint64_t(spec.components));
+  GridSpec grid;
+  grid.dims = *request.grid.dims;
   for (uint64_t i = 0; i < listed.size(); ++i) {
     const auto [begin, end] = std::equal_range(all.voxel.begin(), all.voxel.end(), listed[i]);
     std::vector<FragmentOutput> fragments;
@@ -283,10 +297,12 @@ std::vector<uint8_t> VoxelValues(const VoxelizeRequest& request, const Fragments
       if (!out.discard) fragments.push_back(out);
     }
     const bool filled = !inside.empty() && inside[listed[i]];
+    const auto n = int64_t(listed[i]), nx = grid.dims[0], ny = grid.dims[1];
     for (int c = 0; c < spec.components; ++c) {
       elements.Put(ElementAt(request, spec, listed.size(), i, c),
                    !fragments.empty() ? ReferenceBlend(spec, fragments, c)
-                                      : ReferenceNumber(filled ? spec.fill_value : spec.clear, spec.format));
+                   : filled           ? ReferenceFill(request, t, grid, n % nx, n / nx % ny, n / nx / ny, c)
+                                      : ReferenceNumber(spec.clear, spec.format));
     }
   }
   return elements.Take();
@@ -375,13 +391,14 @@ uint32_t ReferenceBlend(const TargetSpec& spec, const std::vector<FragmentOutput
     for (const FragmentOutput& out : fragments) bits.push_back(Given(spec, out, 0) != 0);
     return BlendBits(spec.blend, bits);
   }
-  if (!IsFloat(spec.format)) {
+  const bool sums = spec.blend == Blend::kAdd || spec.blend == Blend::kAverage;
+  if (!IsFloat(spec.format) && !(sums && spec.encoding == Encoding::kSrgb)) {
     std::vector<uint32_t> integers;
     for (const FragmentOutput& out : fragments) integers.push_back(ConvertedInteger(spec, out, c));
     return BlendIntegers(spec.blend, integers, Most(spec.format));
   }
   if (spec.blend == Blend::kCount) return FloatStored(fragments.size(), spec.format);
-  if (spec.blend == Blend::kAdd || spec.blend == Blend::kAverage) return BlendSums(spec, fragments, c);
+  if (sums) return BlendSums(spec, fragments, c);
   std::vector<double> floats;
   for (const FragmentOutput& out : fragments) floats.push_back(ConvertedFloat(spec, out, c));
   return BlendOrdered(spec, floats);

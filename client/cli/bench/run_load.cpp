@@ -109,7 +109,10 @@ std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeCon
   if (plan.same_request || plan.request.fill != Fill::kNone) count = 1;
   std::vector<LoadRun::Variant> variants(count);
   for (size_t i = 0; i < count; ++i) {
-    if (count > 1) config.mutable_targets(0)->set_fill_value(1 + double(i));
+    if (count > 1) {
+      config.mutable_targets(0)->clear_fill_values();
+      config.mutable_targets(0)->set_fill_value(1 + double(i));
+    }
     if (plan.many) {
       v1::VoxelizeManyRequest job;
       *job.mutable_config() = config;

@@ -205,7 +205,7 @@ TEST_F(CliVoxelize, AFilesOwnAttributesAreListedAndVoxelized) {
   EXPECT_THAT(RunCli({"info", mesh}).out, HasSubstr("_HEAT, 1 component"));
   const std::string file = directory_ / "heat.raw";
   const CliOutcome run =
-      RunCli({"voxelize", mesh, "--resolution", "4", "--target", "f32:max:shader=attribute(_HEAT)", "-o", file});
+      RunCli({"voxelize", mesh, "--resolution", "4", "--target", "f32x1:max:shader=attribute(_HEAT)", "-o", file});
   ASSERT_EQ(run.exit_code, 0) << run.err;
   const std::vector<uint8_t> bytes = ReadFile(file);
   ASSERT_GE(bytes.size(), 4u);

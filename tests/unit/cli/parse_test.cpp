@@ -81,7 +81,7 @@ TEST(ParseTarget, ReadsFormatComponentsAndBlend) {
   EXPECT_EQ(bit.shader, shader);
   EXPECT_EQ(bit.quantum, TargetSpec{}.quantum);
   EXPECT_EQ(bit.clear, 0);
-  EXPECT_EQ(bit.fill_value, 1);
+  EXPECT_TRUE(bit.fill_values.empty());
   for (int components = 1; components <= 4; ++components) {
     const TargetSpec target = ParseTarget("f32x" + std::to_string(components) + ":max", shader).value();
     EXPECT_EQ(target.format, VoxelFormat::kF32);
@@ -91,13 +91,36 @@ TEST(ParseTarget, ReadsFormatComponentsAndBlend) {
   EXPECT_EQ(ParseTarget("f32:add", shader).value().components, 1);
 }
 
+TEST(ParseTarget, HasItsShadersOwnComponentsWhereNoneAreGiven) {
+  const ShaderCall shader{"normal", {}};
+  EXPECT_EQ(ParseTarget("f32:add", shader).value().components, 3);
+  EXPECT_EQ(ParseTarget("u8:max:shader=base_color", shader).value().components, 4);
+  EXPECT_EQ(ParseTarget("f16:replace:shader=attribute(_HEAT)", shader).value().components, 4);
+  EXPECT_EQ(ParseTarget("f32:replace:shader=uv", shader).value().components, 2);
+  EXPECT_EQ(ParseTarget("u32:max:shader=triangle_id", shader).value().components, 1);
+  EXPECT_EQ(ParseTarget("bit:or", shader).value().components, 1);
+  EXPECT_EQ(ParseTarget("u32:count", shader).value().components, 1);
+  EXPECT_EQ(ParseTarget("f32x1:add", shader).value().components, 1);
+  EXPECT_EQ(ParseTarget("f32:add:shader=no_such_shader", shader).value().components, 1);
+}
+
+TEST(ParseTarget, ReadsEncodingAndFillNumbers) {
+  const ShaderCall shader{"base_color", {}};
+  const TargetSpec target = ParseTarget("u8:average:encoding=srgb,fill=1/20/255/0.5", shader).value();
+  EXPECT_EQ(target.encoding, Encoding::kSrgb);
+  EXPECT_THAT(target.fill_values, ElementsAre(1, 20, 255, 0.5));
+  EXPECT_EQ(ParseTarget("u8:max:encoding=linear", shader).value().encoding, Encoding::kLinear);
+  EXPECT_THAT(Error(ParseTarget("u8:max:encoding=sRGB", shader).status()), HasSubstr("encoding: 'sRGB'"));
+  EXPECT_THAT(Error(ParseTarget("u8:max:fill=1/x", shader).status()), HasSubstr("fill: 'x'"));
+}
+
 TEST(ParseTarget, ReadsItsOptionsAndItsShadersParameters) {
   const TargetSpec target =
       ParseTarget("f32x3:add:shader=constant,quantum=0.25,clear=-1,fill=7,value=1/2/3", {"occupancy", {}}).value();
   EXPECT_EQ(target.shader, (ShaderCall{"constant", {{"value", {1, 2, 3}}}}));
   EXPECT_EQ(target.quantum, 0.25);
   EXPECT_EQ(target.clear, -1);
-  EXPECT_EQ(target.fill_value, 7);
+  EXPECT_EQ(target.fill_values, std::vector<double>{7});
   EXPECT_EQ(ParseTarget("f32:max:clear=-inf", {"occupancy", {}}).value().clear,
             -std::numeric_limits<double>::infinity());
 }

@@ -20,24 +20,28 @@ std::vector<const RowKernels*> Available() {
   return kernels;
 }
 
-void ExpectRoundedQuotients(const std::vector<Vec3d>& world, const Vec3d& origin, const Vec3d& voxel_size) {
+void ExpectPlaces(const std::vector<Vec3d>& world, const IndexSpace& space) {
   const RowKernels& plain = **SelectRowKernels(SimdChoice::kScalar);
   std::vector<VertexCode> codes(world.size()), expected_codes(world.size());
   std::vector<Vec3d> index(world.size());
   const auto count = int64_t(world.size());
-  plain.place(world.data(), 0, count, origin, voxel_size, nullptr, expected_codes.data());
+  plain.place(world.data(), 0, count, space, nullptr, expected_codes.data());
   for (const RowKernels* kernels : Available()) {
-    kernels->place(world.data(), 0, count, origin, voxel_size, index.data(), codes.data());
+    kernels->place(world.data(), 0, count, space, index.data(), codes.data());
     for (size_t i = 0; i < world.size(); ++i) {
-      const Vec3d expected = WorldToIndex(origin, voxel_size, world[i]);
+      const Vec3d expected = WorldToIndex(space, world[i]);
       for (int a = 0; a < 3; ++a) {
         ASSERT_EQ(std::bit_cast<uint64_t>(index[i][a]), std::bit_cast<uint64_t>(expected[a]))
-            << kernels->name << ": (" << world[i][a] << " - " << origin[a] << ") / " << voxel_size[a];
+            << kernels->name << ": (" << world[i][a] << " - " << space.origin[a] << ") / " << space.voxel_size[a];
         ASSERT_EQ(codes[i].axis[a], expected_codes[i].axis[a]) << kernels->name << ", index " << expected[a];
       }
       ASSERT_EQ(codes[i].axis[3], 0);
     }
   }
+}
+
+void ExpectRoundedQuotients(const std::vector<Vec3d>& world, const Vec3d& origin, const Vec3d& voxel_size) {
+  ExpectPlaces(world, {origin, voxel_size});
 }
 
 std::vector<Vec3d> RandomPoints(std::mt19937_64& random, size_t count, double reach) {
@@ -55,6 +59,25 @@ TEST(RowKernels, PlaceDividesAsTheProcessorDoes) {
                      std::ldexp(mantissa(random), i % 5)};
     ExpectRoundedQuotients(RandomPoints(random, 1003, std::ldexp(100.0, i % 40 - 20)), {0.1 * i, -7, 1e-9}, size);
   }
+}
+
+TEST(RowKernels, PlaceTakesWhatLiesBeyondWallsToThem) {
+  std::mt19937_64 random(8);
+  std::uniform_real_distribution<double> share(-1, 1);
+  IndexSpace space{{0.125, -2, 1e3}, {0.1, 0.25, 3}};
+  space.wall = {10, IndexSpace::kNoWall, 7};
+  space.wall_end = {10 + 4e-4, IndexSpace::kNoWall, 7 + 1e-9};
+  std::vector<Vec3d> world;
+  for (int i = 0; i < 3001; ++i) {
+    const double near = i % 3 == 0 ? 1e-3 : i % 3 == 1 ? 2e-9 : 4;
+    const Vec3d at{10 + near * share(random), 10 + share(random), 7 + near * share(random)};
+    world.push_back({space.origin.x + at.x * space.voxel_size.x, space.origin.y + at.y * space.voxel_size.y,
+                     space.origin.z + at.z * space.voxel_size.z});
+  }
+  ExpectPlaces(world, space);
+  int moved = 0;
+  for (const Vec3d& p : world) moved += WorldToIndex(space, p).x == 10 || WorldToIndex(space, p).z == 7;
+  EXPECT_GT(moved, 300);
 }
 
 // Whole and half quotients, where a last place decides.
@@ -86,7 +109,7 @@ TEST(RowKernels, PlaceSaysWhatIsTooFarOrIrregular) {
   const auto place = [](const RowKernels& kernels, double v, double h) {
     const std::vector<Vec3d> world(19, Vec3d{1, v, 1});
     std::vector<VertexCode> codes(world.size());
-    return kernels.place(world.data(), 0, 19, {0, 0, 0}, {1, h, 1}, nullptr, codes.data());
+    return kernels.place(world.data(), 0, 19, IndexSpace{{0, 0, 0}, {1, h, 1}}, nullptr, codes.data());
   };
   for (const RowKernels* kernels : Available()) {
     EXPECT_TRUE(place(*kernels, 0x1p40, 1).near);

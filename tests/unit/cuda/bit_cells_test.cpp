@@ -48,9 +48,9 @@ Answer ByCells(const Triangle& world, const FixedPlace& place, const Packing* pa
   for (int i = 0; i < 3; ++i) {
     for (int a = 0; a < 3; ++a) {
       const double p = world[size_t(i)][a];
-      v[i][a] = packing == nullptr ? ToFixed(p, place.scale[a], place.offset[a])
+      v[i][a] = packing == nullptr ? ToFixed(p, place.scale[a], place.offset[a], place.wall[a])
                                    : PackedToFixed(PackCoordinate(p, packing->least[a], PartOf(packing->extent[a])),
-                                                   packing->place.scale[a], packing->place.offset[a]);
+                                                   packing->place.scale[a], packing->place.offset[a], place.wall[a]);
     }
   }
   const FixedBox box = BoxOf(v, place);
@@ -103,7 +103,7 @@ class CellsTest : public ::testing::TestWithParam<Kind> {
   void Compare(bool packed = false, bool quickly = false) {
     const Kind& kind = GetParam();
     const Vec3d origin{-3.7, 0.2, 11.3}, size{0.013, 0.0171, 0.02};
-    const FixedPlace place = MakeFixedPlace(origin, size, Vec3d{-8, -8, -8}, Vec3d{kDims + 8, kDims + 8, kDims + 8});
+    const FixedPlace place = MakeFixedPlace({origin, size}, Vec3d{-8, -8, -8}, Vec3d{kDims + 8, kDims + 8, kDims + 8});
     ASSERT_GT(place.bits, 0);
     Packing packing;
     for (int a = 0; a < 3; ++a) {
@@ -191,28 +191,29 @@ TEST(PackedPlaceTest, VerticesAreOffByLessThanTwoUnits) {
       least[a] = origin[a] + first[a] * size[a];
       extent[a] = n % 7 == a ? 0 : (last[a] - first[a]) * size[a];
     }
-    const FixedPlace place = MakeFixedPlace(origin, size, first, last);
+    const FixedPlace place = MakeFixedPlace({origin, size}, first, last);
     ASSERT_GT(place.bits, 0);
     const PackedPlace packed = MakePackedPlace(place, origin, size, least, extent);
     for (int a = 0; a < 3; ++a) {
       const double p = least[a] + share(random) * extent[a];
       const long double exact = (static_cast<long double>(p) - origin[a]) / size[a] * (1 << place.bits);
-      const int found =
-          PackedToFixed(PackCoordinate(p, least[a], PartOf(extent[a])), packed.scale[a], packed.offset[a]);
+      const int found = PackedToFixed(PackCoordinate(p, least[a], PartOf(extent[a])), packed.scale[a], packed.offset[a],
+                                      place.wall[a]);
       ASSERT_LT(std::fabs(double(exact - found)), 2) << n << " " << a;
     }
   }
 }
 
 TEST(VisitCellsTest, ATriangleThatIsSaidToTouchAllOfItsBoxHasAllRowsOfItThatAreInTheGrid) {
-  const FixedPlace place = MakeFixedPlace({}, {1, 1, 1}, {}, {kDims, kDims, kDims});
+  const FixedPlace place = MakeFixedPlace({}, {}, {kDims, kDims, kDims});
   for (int axis = 0; axis < 3; ++axis) {
     // Four voxels along the axis, the first of them outside of the grid, and two along the next, of which a line from corner to corner leaves some out.
     const int next = (axis + 1) % 3;
     int v[3][3], begin[3], end[3];
     for (int a = 0; a < 3; ++a) {
       const double from = a == axis ? -0.5 : 7.25, upto = a == axis ? 2.5 : a == next ? 8.75 : 7.75;
-      for (int i = 0; i < 3; ++i) v[i][a] = ToFixed(i == 1 ? upto : from, place.scale[a], place.offset[a]);
+      for (int i = 0; i < 3; ++i)
+        v[i][a] = ToFixed(i == 1 ? upto : from, place.scale[a], place.offset[a], place.wall[a]);
       begin[a] = a == axis ? 0 : 7;
       end[a] = a == axis ? 3 : a == next ? 9 : 8;
     }
@@ -258,9 +259,9 @@ TEST(BitsFromTest, AreSoManyFromOneOn) {
 
 TEST(FixedPlaceTest, MeshesThatReachTooFarHaveNone) {
   const Vec3d origin{}, size{1, 1, 1}, least{-1, -1, -1};
-  EXPECT_EQ(MakeFixedPlace(origin, size, least, Vec3d{40'000, 1, 1}).bits, 0);
-  EXPECT_EQ(MakeFixedPlace(Vec3d{1e18, 0, 0}, size, least, Vec3d{5, 1, 1}).bits, 0);
-  EXPECT_GT(MakeFixedPlace(origin, size, least, Vec3d{30'000, 1, 1}).bits, 0);
+  EXPECT_EQ(MakeFixedPlace({origin, size}, least, Vec3d{40'000, 1, 1}).bits, 0);
+  EXPECT_EQ(MakeFixedPlace({Vec3d{1e18, 0, 0}, size}, least, Vec3d{5, 1, 1}).bits, 0);
+  EXPECT_GT(MakeFixedPlace({origin, size}, least, Vec3d{30'000, 1, 1}).bits, 0);
 }
 
 }  // namespace

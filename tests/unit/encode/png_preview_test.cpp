@@ -276,6 +276,20 @@ TEST(PreviewItems, FindExactlyTheListedVoxelsInTheirOrder) {
   EXPECT_EQ(in_sparse.Find(0), 0u);
 }
 
+TEST(RenderPreview, DrawsSrgbCodesAsTheColoursThatTheyStandFor) {
+  const std::array<int64_t, 3> d{29, 30, 31};
+  const auto linear = [](uint64_t, int c) { return c == 0 ? 0.5 : 0.03; };
+  VoxelizeResult floats = EmptyResult(d), codes = EmptyResult(d);
+  for (VoxelizeResult* result : {&floats, &codes}) AddBits(*result, Ball(15, 12));
+  AddTarget(floats, Spec(VoxelFormat::kF32, 3, "base_color"), floats.grid.voxels(), linear);
+  TargetSpec encoded = Spec(VoxelFormat::kU8, 3, "base_color");
+  encoded.encoding = Encoding::kSrgb;
+  AddTarget(codes, encoded, codes.grid.voxels(),
+            [&](uint64_t item, int c) { return double(LinearToSrgb(linear(item, c))); });
+  const Picture expected = RenderPreview(floats, kSmall).value(), drawn = RenderPreview(codes, kSmall).value();
+  for (int c = 0; c < 3; ++c) EXPECT_NEAR(MiddleMean(drawn, c), MiddleMean(expected, c), 2) << c;
+}
+
 TEST(RenderPreview, DrawsSparseAndBucketsAsTheDenseResultOfTheSameVoxels) {
   const std::array<int64_t, 3> d{29, 30, 31};
   const BitFormula ball = Ball(15, 12);

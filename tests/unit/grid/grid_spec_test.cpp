@@ -1,5 +1,6 @@
 #include "grid/grid_spec.h"
 
+#include <cmath>
 #include <limits>
 
 #include "gtest/gtest.h"
@@ -48,6 +49,55 @@ TEST(GridSpecTest, VoxelSize) {
   const GridSpec grid = Fit(request, BoxOf({1, 1, 1}, {1.3, 2.01, 2}));
   EXPECT_EQ(grid.dims, (std::array<int64_t, 3>{3, 5, 1}));  // 0.3/0.1 is 3 but for rounding
   EXPECT_EQ(grid.origin, (Vec3d{1, 1, 1}));
+}
+
+// The slack that the definition gives an axis, in voxels.
+double SlackByDefinition(double min, double max, double h) {
+  return std::max(1e-9, std::min(4e-4, std::ldexp(std::max(std::abs(min), std::abs(max)), -22) / h));
+}
+
+TEST(GridSpecTest, TheSlackIsInTheUnitOfFloat32) {
+  GridRequest request;
+  request.voxel_size = Vec3d{0.1, 0.1, 0.1};
+  const double wide = double(0.2f);  // 3e-9 more than two voxels
+  EXPECT_EQ(Fit(request, BoxOf({0, 0, 0}, {wide, wide, wide})).dims, (std::array<int64_t, 3>{2, 2, 2}));
+  for (const double max : {1.0, 50.0, 3000.0}) {
+    const double slack = SlackByDefinition(max - 1, max, 0.1);
+    for (const double share : {0.5, 0.99, 1.01}) {
+      const double min = max - 1 - share * slack * 0.1;
+      EXPECT_EQ(Fit(request, BoxOf({min, min, min}, {max, max, max})).dims[1], share > 1 ? 11 : 10)
+          << max << " " << share;
+    }
+  }
+  request.voxel_size.reset();
+  request.resolution = 20;
+  for (const double share : {0.9, 1.1}) {  // the longest axis is exact, the others have slack
+    const double y = 5 + share * SlackByDefinition(0, 5, 0.5) * 0.5;
+    EXPECT_EQ(Fit(request, BoxOf({0, 0, 0}, {10, y, 5})).dims, (std::array<int64_t, 3>{20, share > 1 ? 11 : 10, 10}));
+  }
+}
+
+// Of a box that goes beyond its last voxel by less than the slack: what lies there comes to lie on the far side.
+TEST(GridSpecTest, WallsTakeWhatLiesWithinTheSlackBeyondThem) {
+  GridRequest request;
+  request.voxel_size = Vec3d{0.1, 0.1, 0.1};
+  request.padding = 3;
+  const double beyond = 1 + 0.8 * SlackByDefinition(0, 1, 0.1) * 0.1;
+  const GridSpec grid = Fit(request, BoxOf({0, 0, 0}, {beyond, 0.95, 1}));
+  EXPECT_EQ(grid.dims, (std::array<int64_t, 3>{16, 16, 16}));
+  const IndexSpace space = grid.index_space();
+  EXPECT_EQ(WorldToIndex(space, Vec3d{beyond, 0, 0}).x, 13);
+  EXPECT_EQ(WorldToIndex(space, Vec3d{(beyond + 1) / 2, 0, 0}).x, 13);
+  EXPECT_LT(WorldToIndex(space, Vec3d{0.9999999, 0, 0}).x, 13);
+  EXPECT_GT(WorldToIndex(space, Vec3d{1.1, 0, 0}).x, 13.5) << "what is not within the slack stays";
+  EXPECT_EQ(space.wall.y, IndexSpace::kNoWall);
+  EXPECT_GT(FarthestToWall(space), 0);
+  EXPECT_LE(FarthestToWall(space), 4e-4);
+
+  request.padding = 0;
+  request.dims = {10, 10, 10};
+  request.origin = Vec3d{0, 0, 0};
+  EXPECT_FALSE(Fit(request, BoxOf({0, 0, 0}, {beyond, 0.95, 1})).index_space().has_walls()) << "a given grid has none";
 }
 
 TEST(GridSpecTest, Padding) {

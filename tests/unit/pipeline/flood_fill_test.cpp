@@ -99,7 +99,7 @@ TEST(FloodFill, GivesFilledVoxelsTheirValueAndCoveredOnesTheirs) {
   VoxelizeRequest request = Request({32, 32, 32}, Coverage::kThin, Fill::kFlood);
   request.targets = {FloatTarget(1, Blend::kMax, {"constant", {{"value", {3}}}})};
   request.targets[0].clear = -1;
-  request.targets[0].fill_value = 7;
+  request.targets[0].fill_values = {7};
   const VoxelizeResult result = RunPipeline(mesh, request);
   EXPECT_EQ(FloatAt(result.targets[0], 16 + 32 * (16 + 32 * 16)), 7);
   EXPECT_EQ(FloatAt(result.targets[0], 0), -1);

@@ -80,6 +80,7 @@ std::vector<Case> Cases() {
       {"bits_of_a_fine_mesh", true, 700},
       {"bits_moved", true, 640, bits, dense, Fill::kNone, false, Coverage::kThin, "transform"},
       {"bits_parity", false, 900, bits, dense, Fill::kParity},
+      {"bits_nonzero", false, 900, bits, dense, Fill::kNonzero},
       {"bits_flood", false, 900, bits, dense, Fill::kFlood},
       {"shaded_bits", false, 900, {checker}},
       {"f32", false, 320, {f32}},

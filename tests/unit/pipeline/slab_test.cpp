@@ -53,7 +53,7 @@ VoxelizeRequest TwoTargets(Fill fill, Layout layout, const std::array<int64_t, 3
 TEST(Slabs, GiveTheSameBytesWhateverTheirDepth) {
   const TriangleMesh mesh = Soup(300, 50, 11);
   for (const std::array<int64_t, 3>& dims : {std::array<int64_t, 3>{45, 39, 51}, {32, 8, 64}, {3, 3, 9}}) {
-    for (const Fill fill : {Fill::kNone, Fill::kParity, Fill::kFlood}) {
+    for (const Fill fill : {Fill::kNone, Fill::kParity, Fill::kFlood, Fill::kNonzero}) {
       for (const Layout layout : {Layout::kInterleaved, Layout::kPlanar}) {
         const VoxelizeRequest request = TwoTargets(fill, layout, dims);
         const VoxelizeResult whole = RunPipeline(mesh, request);

@@ -1,4 +1,4 @@
-// The parity fill against the definition: every triangle against every line.
+// The parity and nonzero fills against the definition: every triangle against every line.
 #include <algorithm>
 #include <cmath>
 
@@ -18,11 +18,21 @@ struct Filled {
   uint64_t odd_columns = 0;
 };
 
+// The sum over the edges that the line crosses, +1 where y rises along the edge.
+int SignByDefinition(const Vec3d& a, const Vec3d& b, const Vec3d& c, double py, double pz) {
+  int sum = 0;
+  if (EdgeCrossesAbove(a, b, py, pz)) sum += b.y > a.y ? 1 : -1;
+  if (EdgeCrossesAbove(b, c, py, pz)) sum += c.y > b.y ? 1 : -1;
+  if (EdgeCrossesAbove(c, a, py, pz)) sum += a.y > c.y ? 1 : -1;
+  return sum;
+}
+
 // Positions are in index space.
-Filled FillByDefinition(const TriangleMesh& mesh, const std::array<int64_t, 3>& dims) {
+Filled FillByDefinition(const TriangleMesh& mesh, const std::array<int64_t, 3>& dims, Fill fill) {
   Filled filled;
-  filled.inside.resize(size_t(dims[0] * dims[1] * dims[2]));
-  std::vector<bool> odd(size_t(dims[1] * dims[2]));
+  std::vector<int> sums(size_t(dims[0] * dims[1] * dims[2]));  // of what is crossed beyond each voxel
+  std::vector<int> totals(size_t(dims[1] * dims[2]));
+  const auto is_inside = [fill](int sum) { return fill == Fill::kNonzero ? sum != 0 : sum % 2 != 0; };
   for (const auto& t : mesh.triangles) {
     const Vec3d &a = mesh.positions[t[0]], &b = mesh.positions[t[1]], &c = mesh.positions[t[2]];
     const TrianglePlane plane = SetUpPlane(a, b, c);
@@ -32,26 +42,27 @@ Filled FillByDefinition(const TriangleMesh& mesh, const std::array<int64_t, 3>& 
         const double py = double(y) + 0.5, pz = double(z) + 0.5;
         if (!LineCrosses(a, b, c, py, pz)) continue;
         const size_t line = size_t(y + dims[1] * z);
-        odd[line] = !odd[line];
+        const int sign = fill == Fill::kNonzero ? SignByDefinition(a, b, c, py, pz) : 1;
+        EXPECT_EQ(std::abs(sign), 1);
+        totals[line] += sign;
         const int64_t before = CentresBefore(CrossingX(plane, a, b, c, py, pz), dims[0]);
-        for (int64_t x = 0; x < before; ++x) {
-          const size_t n = line * size_t(dims[0]) + size_t(x);
-          filled.inside[n] = !filled.inside[n];
-        }
+        for (int64_t x = 0; x < before; ++x) sums[line * size_t(dims[0]) + size_t(x)] += sign;
       }
     }
   }
-  filled.odd_columns = uint64_t(std::count(odd.begin(), odd.end(), true));
+  for (const int sum : sums) filled.inside.push_back(is_inside(sum));
+  filled.odd_columns = uint64_t(std::count_if(totals.begin(), totals.end(), is_inside));
   return filled;
 }
 
-void ExpectTheDefinition(const TriangleMesh& mesh, const std::array<int64_t, 3>& dims) {
-  const Filled expected = FillByDefinition(mesh, dims);
+void ExpectTheDefinition(const TriangleMesh& mesh, const std::array<int64_t, 3>& dims, Fill fill, Coverage coverage) {
+  const Filled expected = FillByDefinition(mesh, dims, fill);
   VoxelizeRequest request;
   request.grid = UnitGrid(dims[0], dims[1], dims[2]);
-  const VoxelizeResult surface = RunPipeline(mesh, request);
-  const auto covered = Bytes(surface.targets[0]);
-  request.fill = Fill::kParity;
+  std::vector<uint8_t> covered((expected.inside.size() + 7) / 8);
+  if (coverage != Coverage::kNone) covered = Bytes(RunPipeline(mesh, request).targets[0]);
+  request.coverage = coverage;
+  request.fill = fill;
   for (const SimdChoice simd : {SimdChoice::kScalar, SimdChoice::kAvx2, SimdChoice::kAvx512}) {
     if (!cpu::SelectRowKernels(simd).ok()) continue;
     request.simd = simd;
@@ -59,7 +70,7 @@ void ExpectTheDefinition(const TriangleMesh& mesh, const std::array<int64_t, 3>&
     // second.
     for (const size_t targets : {size_t{1}, size_t{2}}) {
       request.targets.assign(targets, TargetSpec{});
-      if (targets == 2) request.targets[1].clear = 1, request.targets[1].fill_value = 0;
+      if (targets == 2) request.targets[1].clear = 1, request.targets[1].fill_values = {0};
       const VoxelizeResult result = RunPipeline(mesh, request);
       EXPECT_EQ(result.stats.odd_columns, expected.odd_columns);
       std::vector<std::vector<uint8_t>> bytes;
@@ -71,6 +82,18 @@ void ExpectTheDefinition(const TriangleMesh& mesh, const std::array<int64_t, 3>&
         if (targets == 2) wrong += ((bytes[1][n / 8] >> (n % 8) & 1) != 0) != (here || !inside);
       }
       EXPECT_EQ(wrong, 0u) << Name(simd) << ", " << targets << " targets";
+      if (coverage == Coverage::kNone) {
+        EXPECT_EQ(result.stats.fragments, 0u);
+      }
+    }
+  }
+}
+
+void ExpectTheDefinition(const TriangleMesh& mesh, const std::array<int64_t, 3>& dims) {
+  for (const Fill fill : {Fill::kParity, Fill::kNonzero}) {
+    for (const Coverage coverage : {Coverage::kConservative, Coverage::kNone}) {
+      SCOPED_TRACE(std::string(Name(fill)) + " " + std::string(Name(coverage)));
+      ExpectTheDefinition(mesh, dims, fill, coverage);
     }
   }
 }

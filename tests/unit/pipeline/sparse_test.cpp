@@ -93,14 +93,14 @@ VoxelizeRequest Mixed(const std::array<int64_t, 3>& dims, Fill fill, Layout layo
                      Target(VoxelFormat::kF16, 4, Blend::kAdd, {"barycentric", {}}),
                      Target(VoxelFormat::kU8, 2, Blend::kCount, {"triangle_id", {}})};
   request.targets[1].clear = -3;
-  request.targets[1].fill_value = 0.25;
+  request.targets[1].fill_values = {0.25};
   return request;
 }
 
 TEST(Sparse, HoldsTheDenseValuesOfTheOccupiedVoxels) {
   const TriangleMesh soup = Soup(250, 45, 17);
   for (const std::array<int64_t, 3>& dims : {std::array<int64_t, 3>{40, 37, 33}, {65, 8, 9}, {5, 3, 1}}) {
-    for (const Fill fill : {Fill::kNone, Fill::kParity, Fill::kFlood}) {
+    for (const Fill fill : {Fill::kNone, Fill::kParity, Fill::kFlood, Fill::kNonzero}) {
       for (const Layout layout : {Layout::kInterleaved, Layout::kPlanar}) {
         ExpectDenseValues(soup, Mixed(dims, fill, layout));
       }

@@ -133,10 +133,10 @@ TEST(TargetsTest, ClearFillAndBlendMeetInTheRightVoxels) {
     request.layout = layout;
     TargetSpec value = FloatTarget(2, Blend::kMax, {"constant", {{"value", {-3, -4}}}});
     value.clear = 9;  // never takes part in blending
-    value.fill_value = 5;
+    value.fill_values = {5};
     TargetSpec bit;
     bit.clear = 1;
-    bit.fill_value = 0;
+    bit.fill_values = {0};
     bit.shader = {"constant", {{"value", {0}}}};
     request.targets = {value, bit, TargetSpec{}};
     TriangleMesh cube = Cube(4);

@@ -98,6 +98,7 @@ TEST(TileBuffer, BlendsEveryFormatAsTheOperationsDoFragmentByFragment) {
         target.spec.format = VoxelFormat(format);
         target.spec.blend = Blend(blend);
         target.spec.components = format == int(VoxelFormat::kBit) ? 1 : 1 + int(seed % 4);
+        target.kept_format = target.spec.format;
         target.scale = u32_output ? 1 : 255;
         target.u32_output = u32_output;
         ExpectTheReference(target, seed++);

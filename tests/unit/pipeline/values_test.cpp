@@ -37,7 +37,8 @@ std::vector<TargetSpec> EveryTarget(const std::vector<ShaderCall>& shaders) {
       for (int components = 1; components <= (format == VoxelFormat::kBit ? 1 : 4); ++components) {
         TargetSpec target = Target(format, components, blend, shaders[targets.size() % shaders.size()]);
         target.clear = double(targets.size() % 5) * 77.5 - 60;
-        target.fill_value = double(targets.size() % 7) * 40.5;
+        if (targets.size() % 5 < 3) target.fill_values = {double(targets.size() % 7) * 40.5};
+        if (targets.size() % 5 == 3) target.fill_values.assign(size_t(components), 2.5);
         targets.push_back(target);
       }
     }
@@ -154,7 +155,7 @@ TEST(Values, OfFillsAndClears) {
         request.targets.push_back(
             Target(format, format == VoxelFormat::kBit ? 1 : 2, Blend::kReplace, {"triangle_id", {}}));
         request.targets.back().clear = numbers[at++ % std::size(numbers)];
-        request.targets.back().fill_value = numbers[at++ % std::size(numbers)];
+        request.targets.back().fill_values = {numbers[at++ % std::size(numbers)]};
         if (at % std::size(numbers) == 0) ++at;
       }
       for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse}) {
@@ -245,10 +246,10 @@ TEST(Values, NanIsZeroInEveryFormat) {
 
 TEST(Values, RefuseNumbersThatNoFormatHolds) {
   for (const double bad : {double(INFINITY), -double(INFINITY), double(NAN)}) {
-    for (double TargetSpec::*const field : {&TargetSpec::clear, &TargetSpec::fill_value}) {
+    for (const bool clear : {true, false}) {
       VoxelizeRequest request = Request(ResultKind::kDense, Coverage::kThin, Layout::kInterleaved);
       request.targets = {TargetSpec{}, Target(VoxelFormat::kF32, 1, Blend::kMax, {"constant", {}})};
-      request.targets[1].*field = bad;
+      clear ? void(request.targets[1].clear = bad) : void(request.targets[1].fill_values = {bad});
       const absl::Status s = RunError(Cube(4), request);
       EXPECT_EQ(s.code(), absl::StatusCode::kInvalidArgument);
       EXPECT_NE(std::string(s.message()).find("targets[1]."), std::string::npos) << s;

@@ -21,7 +21,7 @@ class Triangles {
  public:
   explicit Triangles(const Grid& grid) : grid_(grid) {
     const auto corner = [&](double at) { return Vec3d{at, at, at}; };
-    test_ = MakeDegenerateTest(grid.origin, grid.size, corner(-grid.extent), corner(grid.extent));
+    test_ = MakeDegenerateTest({grid.origin, grid.size}, corner(-grid.extent), corner(grid.extent));
   }
 
   // Edges of up to `edge` voxels; the third corner leaves the line through the others by about `width` of them.
@@ -89,9 +89,43 @@ TEST(DegenerateTest, AnswersAsThePlaneInIndexSpaceDoes) {
   EXPECT_GT(plain, 1000);
 }
 
+// Triangles that lie beyond walls in whole or in part: flattened there, some are degenerate that were not.
+TEST(DegenerateTest, KnowsWhatWallsMove) {
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> share(-1, 1);
+  int flattened = 0, plain = 0;
+  for (const double taken : {4e-4, 1e-6, 1e-13}) {
+    IndexSpace space{{0.5, -3, 7}, {0.25, 0.125, 1}};
+    space.wall = {40, 40, IndexSpace::kNoWall};
+    space.wall_end = {40 + taken, 40 + taken, IndexSpace::kNoWall};
+    const DegenerateTest test = MakeDegenerateTest(space, {0, 0, 0}, {40, 40, 40});
+    for (const double edge : {1e-4, 1e-2, 1.0, 12.0}) {
+      for (int i = 0; i < 2000; ++i) {
+        Vec3d world[3], index[3];
+        for (int v = 0; v < 3; ++v) {
+          Vec3d at{40 + taken * (0.5 + 0.45 * share(random)), 20 + edge * share(random), 20 + edge * share(random)};
+          if (i % 3 == 1) at.y = 40 + taken * (0.5 + 0.45 * share(random));
+          if (i % 3 == 2) at.x -= edge * (1 + share(random));
+          for (int a = 0; a < 3; ++a) world[v][a] = space.origin[a] + at[a] * space.voxel_size[a];
+          index[v] = WorldToIndex(space, world[v]);
+        }
+        const bool expected = SetUpPlane(index[0], index[1], index[2]).degenerate;
+        ASSERT_EQ(IsDegenerate(test, world[0], world[1], world[2]), expected) << taken << " " << edge << " " << i;
+        const Vec3d n = Cross(world[1] - world[0], world[2] - world[0]);
+        if (edge <= 1) {
+          ASSERT_FALSE(Dot(n, n) >= test.least_small && expected);
+        }
+        ++(expected ? flattened : plain);
+      }
+    }
+  }
+  EXPECT_GT(flattened, 1000);
+  EXPECT_GT(plain, 1000);
+}
+
 TEST(DegenerateTest, NumbersThatFloatsDoNotHoldGoThePlainWay) {
   const auto check = [](const Vec3d& size, const Vec3d& b, const Vec3d& c) {
-    const DegenerateTest test = MakeDegenerateTest({0, 0, 0}, size, {-100, -100, -100}, {100, 100, 100});
+    const DegenerateTest test = MakeDegenerateTest({{0, 0, 0}, size}, {-100, -100, -100}, {100, 100, 100});
     EXPECT_TRUE(IsDegenerate(test, {0, 0, 0}, b, c));
   };
   check({1e-38, 1e-38, 1e-38}, {1e-44, 2e-44, 3e-44}, {1.5e-44, 3e-44, 4.5e-44});  // edges of few bits
@@ -99,7 +133,7 @@ TEST(DegenerateTest, NumbersThatFloatsDoNotHoldGoThePlainWay) {
 }
 
 TEST(DegenerateTest, PointsAndLinesAreDegenerate) {
-  const DegenerateTest test = MakeDegenerateTest({0, 0, 0}, {1, 1, 1}, {-10, -10, -10}, {10, 10, 10});
+  const DegenerateTest test = MakeDegenerateTest({}, {-10, -10, -10}, {10, 10, 10});
   const Vec3d a{1, 2, 3}, b{4, 2, 3}, c{7, 2, 3}, d{1, 2.5, 3};
   EXPECT_TRUE(IsDegenerate(test, a, a, a));
   EXPECT_TRUE(IsDegenerate(test, a, b, a));

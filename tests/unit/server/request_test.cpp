@@ -1,6 +1,7 @@
 #include "wire/request.h"
 
 #include <string>
+#include <vector>
 
 #include "gtest/gtest.h"
 #include "pipeline/plan.h"
@@ -38,7 +39,8 @@ void ExpectEqual(const VoxelizeRequest& a, const VoxelizeRequest& b) {
     EXPECT_EQ(a.targets[i].quantum, b.targets[i].quantum);
     EXPECT_EQ(a.targets[i].scale, b.targets[i].scale);
     EXPECT_EQ(a.targets[i].clear, b.targets[i].clear);
-    EXPECT_EQ(a.targets[i].fill_value, b.targets[i].fill_value);
+    EXPECT_EQ(a.targets[i].fill_values, b.targets[i].fill_values);
+    EXPECT_EQ(a.targets[i].encoding, b.targets[i].encoding);
   }
 }
 
@@ -69,7 +71,7 @@ TEST(RequestTest, EverythingOfARequestSurvives) {
   second.shader = {"constant", {{"value", {0.1, -0.0, 1e300}}}, {{"name", "_HEAT"}, {"empty", ""}}};
   second.quantum = 0.25;
   second.clear = -1.5;
-  second.fill_value = 0;
+  second.fill_values = {0, 0.5, 7};
   second.scale = 0;  // 0 and absent differ
   request.targets = {first, second};
   const auto parsed = RoundTrip(request, MeshFormat::kDraco);
@@ -83,7 +85,7 @@ TEST(RequestTest, EveryEnumeratorSurvives) {
     EXPECT_EQ(RoundTrip(VoxelizeRequest(), format)->mesh_format, format);
   }
   VoxelizeRequest request;
-  for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin, Coverage::kCenter}) {
+  for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin, Coverage::kCenter, Coverage::kNone}) {
     request.coverage = coverage;
     EXPECT_EQ(RoundTrip(request)->request.coverage, coverage);
   }
@@ -91,7 +93,7 @@ TEST(RequestTest, EveryEnumeratorSurvives) {
     request.backend = backend;
     EXPECT_EQ(RoundTrip(request)->request.backend, backend);
   }
-  for (const Fill fill : {Fill::kNone, Fill::kParity, Fill::kFlood}) {
+  for (const Fill fill : {Fill::kNone, Fill::kParity, Fill::kFlood, Fill::kNonzero}) {
     request.fill = fill;
     EXPECT_EQ(RoundTrip(request)->request.fill, fill);
   }
@@ -154,6 +156,46 @@ TEST(RequestTest, WhatIsNotAllowedReachesTheCheckThatRefusesIt) {
   const auto parsed = RoundTrip(request);
   ASSERT_TRUE(parsed.ok());
   EXPECT_EQ(parsed->request.targets[0].components, 0);
+}
+
+TEST(RequestTest, TheComponentsDefaultFollowsTheShader) {
+  v1::VoxelizeConfig config;
+  for (const char* shader : {"base_color", "normal", "uv", "attribute", "triangle_id"}) {
+    v1::RenderTarget* target = config.add_targets();
+    target->set_format(v1::VOXEL_FORMAT_U8);
+    target->mutable_shader()->set_name(shader);
+  }
+  config.mutable_targets(2)->set_blend(v1::BLEND_COUNT);
+  config.add_targets()->mutable_shader()->set_name("normal");  // bit
+  config.add_targets()->set_format(v1::VOXEL_FORMAT_F32);      // occupancy
+  const auto parsed = ParseConfig(config);
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  std::vector<int> components;
+  for (const TargetSpec& target : parsed->request.targets) components.push_back(target.components);
+  EXPECT_EQ(components, (std::vector<int>{4, 3, 1, 4, 1, 1, 1}));
+}
+
+TEST(RequestTest, FillNumbersAndEncodingSurvive) {
+  VoxelizeRequest request;
+  request.coverage = Coverage::kNone;
+  request.fill = Fill::kNonzero;
+  TargetSpec target;
+  target.format = VoxelFormat::kU8;
+  target.components = 4;
+  target.blend = Blend::kAverage;
+  target.shader.name = "base_color";
+  target.encoding = Encoding::kSrgb;
+  request.targets.clear();
+  for (const std::vector<double>& fill : {std::vector<double>{}, {0}, {7.5}, {1, 2, 3, 4}}) {
+    target.fill_values = fill;
+    request.targets.push_back(target);
+  }
+  ExpectEqual(RoundTrip(request)->request, request);
+  v1::VoxelizeConfig config;
+  config.add_targets()->set_fill_value(1);
+  config.mutable_targets(0)->add_fill_values(1);
+  const std::string message(ParseConfig(config).status().message());
+  EXPECT_NE(message.find("targets[0].fill_values"), std::string::npos) << message;
 }
 
 TEST(RequestTest, TheBlendsDefaultFollowsTheFormat) {

@@ -1,5 +1,6 @@
 #include "calls/result_sharing.h"
 
+#include <algorithm>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -169,6 +170,23 @@ TEST_F(ResultSharingTest, WhatDoesNotChangeTheBytesDoesNotTellJobsApart) {
   c->config.request.fill = Fill::kParity;
   EXPECT_EQ(RequestKey(*a), RequestKey(*b));
   EXPECT_NE(RequestKey(*a), RequestKey(*c));
+}
+
+TEST_F(ResultSharingTest, WhatTargetsAreFilledAndEncodedWithTellsJobsApart) {
+  std::vector<std::string> keys;
+  for (int i = 0; i < 7; ++i) {
+    const auto job = Job();
+    VoxelizeRequest& request = job->config.request;
+    request.fill = i == 1 ? Fill::kNonzero : Fill::kParity;
+    if (i == 2) request.coverage = Coverage::kNone;
+    if (i == 3) request.targets[0].fill_values = {1};
+    if (i == 4) request.targets[0].fill_values = {1, 1};
+    if (i == 5) request.targets[0].encoding = Encoding::kSrgb;
+    if (i == 6) request.targets[0].fill_values = {0};
+    const std::string key = RequestKey(*job);
+    EXPECT_EQ(std::count(keys.begin(), keys.end(), key), 0) << i;
+    keys.push_back(key);
+  }
 }
 
 TEST_F(ResultSharingTest, WhoWithdrawsDoesNotDisturbTheOthers) {

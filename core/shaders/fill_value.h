@@ -1,0 +1,62 @@
+// What a filled voxel holds where the target has no fragment: one definition for both devices.
+//
+// By default that is what the shader gives at the voxel's centre, where it needs no triangle for it, converted as
+// `replace` converts the output of one fragment.
+#pragma once
+
+#include "shaders/blend_ops.h"
+#include "shaders/checker.h"
+#include "shaders/vertex.h"
+
+namespace voxelpipe {
+
+// Made by FillValueOf (pipeline/target_rules.h).
+struct FillValue {
+  enum class Kind : uint8_t {
+    kStored,    // the same in all voxels
+    kPosition,  // the voxel's centre, world units
+    kVelocity,  // of the rigid motion there
+    kChecker,
+  };
+  Kind kind = Kind::kStored;
+  VoxelFormat format = VoxelFormat::kBit;  // as KeptFormat gives it
+  double scale = 1;
+  uint32_t stored[4] = {};  // kStored: a component, as stored in the format
+  // Of the others.
+  Vec3d origin{}, voxel_size{1, 1, 1};
+  double parameters[RigidMotion::kParameters] = {};  // of RigidMotion, or of CheckerShader
+};
+
+// The centre of a voxel, in world units.
+VOXELPIPE_HD Vec3d VoxelCentre(const Vec3d& origin, const Vec3d& voxel_size, int64_t x, int64_t y, int64_t z) {
+  return {origin.x + (double(x) + 0.5) * voxel_size.x, origin.y + (double(y) + 0.5) * voxel_size.y,
+          origin.z + (double(z) + 0.5) * voxel_size.z};
+}
+
+// The shader's output at the centre of a voxel, given in grid coordinates. Not for kStored.
+VOXELPIPE_HD FragmentOutput FillOutput(const FillValue& fill, int64_t x, int64_t y, int64_t z) {
+  FragmentOutput out;
+  if (fill.kind == FillValue::Kind::kChecker) {
+    FragmentInput in;
+    in.voxel[0] = x;
+    in.voxel[1] = y;
+    in.voxel[2] = z;
+    ShaderParams params;
+    for (int i = 0; i < 3; ++i) params.value[i] = fill.parameters[i];
+    CheckerShader::Shade(in, params, out);
+    return out;
+  }
+  Vec3d v = VoxelCentre(fill.origin, fill.voxel_size, x, y, z);
+  if (fill.kind == FillValue::Kind::kVelocity) v = RigidMotion::At(fill.parameters, v);
+  for (int i = 0; i < 3; ++i) out.f[i] = float(v[i]);
+  return out;
+}
+
+// Component c of a filled voxel, given in grid coordinates, as stored in the format.
+VOXELPIPE_HD uint32_t FillStored(const FillValue& fill, int64_t x, int64_t y, int64_t z, int c) {
+  if (fill.kind == FillValue::Kind::kStored) return fill.stored[c];
+  const FragmentOutput out = FillOutput(fill, x, y, z);
+  return StoredBits(ToCell(out, false, c, fill.format, fill.scale), fill.format);
+}
+
+}  // namespace voxelpipe
