@@ -86,6 +86,8 @@ TEST(ParityCases, HoldEveryCoverageFillKindFormatBlendAndShader) {
                            "fill=none",
                            "fill=parity",
                            "fill=flood",
+                           "none",
+                           "fill=nonzero",
                            "planar",
                            "slabs",
                            "streamed",

@@ -2,6 +2,7 @@
 
 #include "gpu/fine_mesh_cases.h"
 #include "gpu/scattered_cases.h"
+#include "gpu/solid_cases.h"
 
 namespace voxelpipe::gpu {
 
@@ -31,6 +32,7 @@ std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, con
   if (named.name == "scattered") AppendTo(subject.cases, ScatteredCases());
   if (named.extent > 0) AppendTo(subject.cases, PooledCases(named));
   if (named.extent > 0 && !options.quick) AppendTo(subject.cases, LargestIdCases(named));
+  if (!named.refusable) AppendTo(subject.cases, SolidCases(*subject.mesh, options.quick || !first));
   return subject;
 }
 
