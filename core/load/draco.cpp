@@ -175,7 +175,7 @@ absl::StatusOr<DracoMesh> Decode(std::span<const uint8_t> bytes, bool is_mesh, c
   }
   for (int32_t i = 0; i < mesh->num_attributes(); ++i) {
     draco::PointAttribute& attribute = *mesh->attribute(i);
-    // Custom data that no shader reads. Draco's conversion of DT_BOOL loads a stranger's byte as a bool, which is undefined.
+    // Custom data of too many components, which no shader could read. Draco's conversion of DT_BOOL loads a stranger's byte as a bool, which is undefined.
     if (attribute.num_components() > 4 || attribute.data_type() == draco::DT_BOOL) continue;
     auto read = ReadAttribute(attribute, out.points);
     if (!read.ok()) return read.status();
@@ -199,7 +199,8 @@ std::vector<Vector> Take(const DracoAttribute& attribute, uint32_t points) {
   return out;
 }
 
-Primitive ToPrimitive(DracoMesh& mesh) {
+// What does not fit is left out with a warning.
+Primitive ToPrimitive(DracoMesh& mesh, WarningList& warnings) {
   Primitive primitive;
   primitive.triangles = mesh.triangles;
   for (DracoAttribute& attribute : mesh.attributes) {
@@ -219,6 +220,9 @@ Primitive ToPrimitive(DracoMesh& mesh) {
                std::none_of(primitive.attributes.begin(), primitive.attributes.end(),
                             [&](const VertexAttribute& known) { return known.name == attribute.name; })) {
       primitive.attributes.push_back({attribute.name, attribute.components, std::move(attribute.values)});
+    } else if (attribute.kind != DracoAttribute::Kind::kOther || !attribute.name.empty()) {
+      warnings.Add(WarningCode::kNonconformingFile, absl::StrCat("attribute ", attribute.unique_id),
+                   absl::StrCat("has ", attribute.components, " components or comes a second time; it is ignored"));
     }
   }
   return primitive;
@@ -260,7 +264,7 @@ absl::StatusOr<Scene> LoadDraco(const JobContext& job, std::span<const uint8_t> 
     scene.warnings.Add(WarningCode::kNoTriangles, "", "the Draco stream has no faces: there is nothing to voxelize");
     return scene;
   }
-  Primitive primitive = ToPrimitive(*mesh);
+  Primitive primitive = ToPrimitive(*mesh, scene.warnings);
   if (primitive.positions.empty()) return Invalid("the mesh has no attribute POSITION of 3 components");
   scene.nodes[0].mesh = 0;
   scene.meshes.push_back(Mesh{"", {std::move(primitive)}});

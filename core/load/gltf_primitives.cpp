@@ -4,11 +4,13 @@
 #include <cstring>
 
 #include "absl/status/status.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 #include "load/gltf_attributes.h"
 #include "load/gltf_model.h"
 #include "load/gltf_topology.h"
+#include "load/json_guard.h"
 
 namespace voxelpipe::gltf {
 namespace {
@@ -275,6 +277,15 @@ void CompareCounts(const tinygltf::Primitive& primitive, const DracoMesh& mesh, 
   if (position != primitive.attributes.end()) compare(position->second, mesh.points, "vertices");
 }
 
+// Joints beyond the first eight of a vertex are not read, so that the rest would weigh too much.
+void WarnOfJointSets(const tinygltf::Primitive& primitive, const std::string& where, PrimitiveContext& context) {
+  for (const auto& [name, accessor] : primitive.attributes) {
+    if (!absl::StartsWith(name, "JOINTS_") || name == "JOINTS_0" || name == "JOINTS_1") continue;
+    context.warnings.Add(WarningCode::kNonconformingFile, where,
+                         absl::StrCat(Quoted(name), " is not read: vertices follow their first eight joints"));
+  }
+}
+
 // The indices, or the positions one after the other, as triangles.
 absl::Status ReadTriangles(const tinygltf::Primitive& primitive, const std::string& where, Primitive& out,
                            PrimitiveContext& context) {
@@ -369,6 +380,7 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
     return bad;
   }
   if (absl::Status bad = Filler(source, out, where, context).Fill(); !bad.ok()) return bad;
+  WarnOfJointSets(primitive, where, context);
   if (absl::Status bad = Morph(primitive, weights, where, out, context); !bad.ok()) return bad;
   if (out.morph) {
     if (absl::Status bad = CheckFinite(out, origin + ", morphed", where); !bad.ok()) return bad;
