@@ -116,7 +116,7 @@ bool DecodeBlock(Reader& in, uint64_t count, uint64_t stride, const uint8_t* las
       case 0: AddUp<uint8_t, false>(lanes.data(), count, stride, 0, before, to); break;
       case 1: AddUp<uint16_t, false>(lanes.data(), count, stride, 0, before, to); break;
       case 2:
-        // Kept as rotated to the right by the upper four bits.
+        // Kept rotated to the left by the upper four bits.
         AddUp<uint32_t, true>(lanes.data(), count, stride, (32 - (channels[c] >> 4)) & 31, before, to);
         break;
       default: return false;

@@ -16,7 +16,7 @@ using Bytes = std::vector<uint8_t>;
 // How a channel (4 bytes of the stride) is kept.
 struct Channel {
   int mode = 0;      // 0: bytes, 1: shorts, 2: words by XOR
-  int rotation = 0;  // of mode 2, to the right
+  int rotation = 0;  // of mode 2, to the left
 };
 
 uint32_t Read(const Bytes& bytes, size_t at, size_t size) {
@@ -41,7 +41,7 @@ std::vector<Bytes> Lanes(const Bytes& vertices, size_t stride, size_t channel, c
       const uint32_t value = Read(vertices, v * stride + 4 * channel + first, size);
       const uint32_t before = Read(last, first, size);
       const uint32_t delta =
-          how.mode == 2 ? std::rotr(value ^ before, how.rotation) : Zigzag(value - before, int(8 * size));
+          how.mode == 2 ? std::rotl(value ^ before, how.rotation) : Zigzag(value - before, int(8 * size));
       for (size_t b = 0; b < size; ++b) lanes[first + b].push_back(uint8_t(delta >> (8 * b)));
     }
     for (size_t b = 0; b < 4; ++b) last[b] = vertices[v * stride + 4 * channel + b];
