@@ -12,6 +12,8 @@ namespace voxelpipe {
 namespace {
 
 constexpr uint64_t kMostBytes = uint64_t{1} << 60;
+// What loading one mesh may well take.
+constexpr uint64_t kLoaderBytes = 64 << 20;
 
 const std::map<std::string, BackendChoice> kBackends = {
     {"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}};
@@ -103,15 +105,17 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--backend", backend, "Kind of worker")->check(CLI::IsMember(kBackends));
   add("--simd", simd, "Instruction set of the CPU backend where the request leaves it open")
       ->check(CLI::IsMember(kSimds));
-  add("--threads", o.threads, "Threads of the CPU backend, shared by the jobs of a batch, 0 for all cores")
+  add("--threads", o.threads, "Threads of the CPU backend, shared by the jobs of a batch, 0 for one a CPU")
       ->check(CLI::Range(0, 1024));
-  add("--io-threads", o.io_threads, "Threads that serve connections, 0 for one for each four cores")
+  add("--io-threads", o.io_threads, "Threads that serve connections, 0 for one for each four CPUs")
       ->check(CLI::Range(0, 16));
-  add("--workers", o.workers,
-      "Meshes that are loaded at the same time, and batches on the CPU unless --cpu-workers says otherwise; 0 to "
-      "choose: one a core, at most 4")
+  add("--loaders", o.loaders,
+      "Meshes that are loaded at the same time, 0 to choose: one a CPU, fewer where there is less than 64 MiB of "
+      "--max-working-bytes for each")
       ->check(CLI::Range(0, 1024));
-  add("--cpu-workers", o.cpu_workers, "Batches on the CPU at the same time, 0 for as many as --workers")
+  add("--workers", o.workers, "Batches on the CPU at the same time, 0 to choose: one a CPU, at most 4")
+      ->check(CLI::Range(0, 1024));
+  add("--cpu-workers", o.cpu_workers, "The same as --workers, and stronger, 0 for what --workers says")
       ->check(CLI::Range(0, 1024));
   add("--gpus", o.gpus, "GPUs to use: all, none, or their numbers with commas between them")
       ->check(CLI::Validator(CheckGpus, "all|none|N,N..."));
@@ -132,7 +136,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
       ->check(CLI::Range(1u, 1'000'000u));
   add("--max-connection-calls", o.max_connection_calls, "Calls at the same time on one connection")
       ->check(CLI::Range(1u, 1'000'000u));
-  add_bytes("--max-queue-bytes", o.max_queue_bytes, "Meshes that waiting jobs hold");
+  add_bytes("--max-queue-bytes", o.max_queue_bytes, "Meshes that waiting jobs hold, 0 to choose");
   add("--max-queue-ms", o.max_queue_ms, "Predicted work of the jobs that wait, on one worker")
       ->check(CLI::Range(uint64_t{0}, uint64_t{1'000'000'000'000}));
   add("--queue-timeout-ms", o.queue_timeout_ms,
@@ -147,7 +151,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
       "Predicted; of the workers of a device all but one run such jobs or larger ones at the same time")
       ->check(CLI::Range(1u, 1'000'000'000u));
   add_bytes("--max-file-bytes", o.max_file_bytes, "Largest mesh file");
-  add_bytes("--max-upload-bytes", o.max_upload_bytes, "All mesh files in hand together");
+  add_bytes("--max-upload-bytes", o.max_upload_bytes, "All mesh files in hand together, 0 to choose");
   add_bytes("--max-device-mesh-bytes", o.max_device_mesh_bytes, "Meshes that each GPU keeps, 0 to choose");
   add_bytes("--max-mesh-store-bytes", o.max_mesh_store_bytes, "Memory of all meshes that are kept, 0 to choose");
   add("--share-equal-jobs", o.share_equal_jobs, "Whether equal jobs on kept meshes at the same time are run once");
@@ -222,14 +226,21 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
 }
 
 ServerOptions Resolve(ServerOptions options) {
-  const int cores = CpuCount();
-  if (options.workers == 0) options.workers = std::min(4, cores);
-  if (options.cpu_workers == 0) options.cpu_workers = options.workers;
-  if (options.threads == 0) options.threads = cores;
-  if (options.io_threads == 0) options.io_threads = std::max(1, cores / 4);
+  const int cpus = CpuCount();
+  if (options.cpu_workers == 0) options.cpu_workers = options.workers > 0 ? options.workers : std::min(4, cpus);
+  options.workers = options.cpu_workers;
+  if (options.io_threads == 0) options.io_threads = std::max(1, cpus / 4);
   if (options.max_working_bytes == 0) options.max_working_bytes = std::min<uint64_t>(20ull << 30, MemoryBytes() / 2);
+  const auto part = [](uint64_t most, uint64_t of) {
+    return std::max<uint64_t>(1, std::min(most, MemoryBytes() / of));
+  };
+  if (options.max_upload_bytes == 0) options.max_upload_bytes = part(4ull << 30, 8);
+  if (options.max_queue_bytes == 0) options.max_queue_bytes = part(2ull << 30, 8);
   if (options.max_mesh_store_bytes == 0) {
     options.max_mesh_store_bytes = std::min<uint64_t>(2ull << 30, MemoryBytes() / 16);
+  }
+  if (options.loaders == 0) {
+    options.loaders = int(std::clamp<uint64_t>(options.max_working_bytes / kLoaderBytes, 1, uint64_t(cpus)));
   }
   return options;
 }

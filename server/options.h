@@ -15,10 +15,11 @@ struct ServerOptions {
   std::string listen = "127.0.0.1:50051";  // HOST:PORT (port 0 picks one) or unix:PATH
   BackendChoice backend = BackendChoice::kAuto;
   SimdChoice simd = SimdChoice::kAuto;      // where the request leaves it open
-  int threads = 0;                          // of the CPU backend in one job; 0 = all cores
-  int workers = 0;                          // jobs at the same time; 0 = one a core, at most 4
-  int io_threads = 0;                       // of gRPC's, that read and write; 0 = one for each four cores
-  int cpu_workers = 0;                      // jobs or batches on the CPU at the same time; 0 = as many as workers
+  int threads = 0;                          // of the CPU backend in one job; 0 = one a CPU
+  int loaders = 0;                          // meshes that are loaded at the same time; 0 = one a CPU, as memory allows
+  int workers = 0;                          // batches on the CPU at the same time; 0 = one a CPU, at most 4
+  int cpu_workers = 0;                      // the same, and stronger; 0 = not given
+  int io_threads = 0;                       // of gRPC's, that read and write; 0 = one for each four CPUs
   std::string gpus = "all";                 // or "none", or their numbers: "0,2"
   int gpu_streams = 2;                      // jobs or batches on one GPU at the same time
   bool fallback = true;                     // another kind of worker may do what the chosen kind cannot
@@ -27,7 +28,7 @@ struct ServerOptions {
   uint32_t max_probe_interval_ms = 60'000;  // between probes that fail, at most
   uint32_t device_stall_ms = 30'000;        // a GPU without a sign of life for so long is lost; 0 = never
   uint32_t max_queue = 1024;                // jobs that wait
-  uint64_t max_queue_bytes = 2ull << 30;    // meshes that these hold
+  uint64_t max_queue_bytes = 0;             // meshes that these hold; 0 = an eighth of memory, at most 2 GiB
   uint64_t max_queue_ms = 600'000;          // predicted work of these, on one worker
   uint32_t queue_timeout_ms = 0;            // a job waits at most so long, if its request does not say; 0 = no limit
   uint32_t queue_aging_ms = 10'000;         // a job that has waited so long rises by one priority; 0 = never
@@ -39,7 +40,8 @@ struct ServerOptions {
   uint32_t max_calls = 4096;                // calls at the same time, those included that send, wait or receive
   uint32_t max_connection_calls = 1000;     // of them on one connection; a client's library holds back more
   uint64_t max_file_bytes = 2ull << 30;     // one mesh file
-  uint64_t max_upload_bytes = 4ull << 30;   // all mesh files that are being received or wait
+  uint64_t max_upload_bytes =
+      0;  // all mesh files that are being received or wait; 0 = an eighth of memory, at most 4 GiB
   uint64_t max_device_mesh_bytes = 0;       // meshes that each GPU keeps; 0 = a quarter of its memory
   uint64_t max_mesh_store_bytes = 0;        // all meshes that are kept; 0 = a sixteenth of memory, at most 2 GiB
   bool share_equal_jobs = true;             // equal jobs on kept meshes at the same time are run once
@@ -86,7 +88,8 @@ struct ParseOutcome {
 };
 ParseOutcome ParseCommandLine(int argc, const char* const* argv);
 
-// The same options with every 0 that means "choose" replaced by this machine's figure.
+// The same options with every 0 that means "choose" replaced by what suits the CPUs and the memory of this process now (base/machine.h),
+// but for `threads`, where 0 means the CPUs at any time.
 ServerOptions Resolve(ServerOptions options);
 
 }  // namespace voxelpipe

@@ -1,5 +1,6 @@
 #include "server.h"
 
+#include <algorithm>
 #include <thread>
 
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
@@ -12,6 +13,8 @@
 #include "access/grpc_log.h"
 #include "access/periodic.h"
 #include "access/tls.h"
+#include "base/machine.h"
+#include "base/threads.h"
 #include "check_files.h"
 #include "io_threads.h"
 #include "observe/health_service.h"
@@ -25,8 +28,11 @@
 namespace voxelpipe {
 namespace {
 
-// Bounds what gRPC itself buffers; room for a few messages of the largest size.
-constexpr size_t kTransportBytes = size_t{512} << 20;
+// Bounds what gRPC itself buffers: room for a few messages of the largest size, and in a small container an eighth of its memory, but for
+// what two of these take.
+constexpr uint64_t kTransportBytes = 512 << 20, kLeastTransportBytes = 128 << 20, kTransportShare = 8;
+// How often the limits of the container are read again.
+constexpr std::chrono::milliseconds kMachineInterval{30'000};
 // Of a stream, beyond what the client has made room for, where the next message is known to follow (WriteOptions::set_buffer_hint): so
 // that pieces smaller than this leave several at a time.
 constexpr int kWriteAheadBytes = 1 << 20;
@@ -56,6 +62,14 @@ absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& 
         .Write(spdlog::level::info);
   }
   return status;
+}
+
+// One line about what the process has of the machine, and what was made of it.
+void LogSizes(const MachineLimits& machine, const ServerOptions& resolved) {
+  const auto mib = [](uint64_t bytes) { return absl::StrCat(bytes >> 20, " MiB"); };
+  spdlog::info("{}; loaders {}, CPU workers {}, I/O threads {}; jobs {}, uploads {}, kept meshes {}", ToString(machine),
+               resolved.loaders, resolved.cpu_workers, resolved.io_threads, mib(resolved.max_working_bytes),
+               mib(resolved.max_upload_bytes), mib(resolved.max_mesh_store_bytes));
 }
 
 // For totals that somebody else counts.
@@ -103,16 +117,21 @@ void WarnOfCertificate(const std::string& path, const TlsFacts& facts) {
 
 }  // namespace
 
-VoxelServer::VoxelServer(const ServerOptions& resolved)
-    : state_(std::make_unique<ServiceState>(resolved)),
+VoxelServer::VoxelServer(const ServerOptions& asked, const MachineLimits& machine)
+    : asked_(asked),
+      machine_(machine),
+      state_(std::make_unique<ServiceState>(Resolve(asked))),
       service_(std::make_unique<VoxelizationServiceImpl>(*state_)),
       health_(std::make_unique<HealthService>([&state = *state_](const grpc::CallbackServerContext& context, Rpc rpc) {
         return HealthDoor(state, context, rpc);
       })) {}
 
 absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOptions& options) {
+  const MachineLimits machine = RefreshMachine();
+  LimitThreadsToCpus();
   if (absl::Status s = CheckDevices(Resolve(options)); !s.ok()) return s;
-  std::unique_ptr<VoxelServer> server(new VoxelServer(Resolve(options)));
+  std::unique_ptr<VoxelServer> server(new VoxelServer(options, machine));
+  LogSizes(machine, server->state_->options);
   auto access = AccessControl::Create(options.token_file, options.open_health, server->state_->metrics);
   if (!access.ok())
     return absl::Status(access.status().code(), absl::StrCat("--token-file: ", access.status().message()));
@@ -145,7 +164,9 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   for (const auto algorithm : {GRPC_COMPRESS_DEFLATE, GRPC_COMPRESS_GZIP}) {
     builder.SetCompressionAlgorithmSupportStatus(algorithm, false);
   }
-  builder.SetResourceQuota(grpc::ResourceQuota("voxelpiped").Resize(kTransportBytes));
+  builder.SetResourceQuota(
+      grpc::ResourceQuota("voxelpiped")
+          .Resize(std::clamp(MemoryBytes() / kTransportShare, kLeastTransportBytes, kTransportBytes)));
   builder.AddChannelArgument(GRPC_ARG_HTTP2_WRITE_BUFFER_SIZE, kWriteAheadBytes);
   // Two servers must not share a port unnoticed.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
@@ -173,6 +194,7 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
     server->memory_looker_ = std::make_unique<Periodic>(
         unused, [unused, memory = std::make_shared<IdleMemory>(MemoryOfThisProcess())] { memory->Look(unused); });
   }
+  server->machine_looker_ = std::make_unique<Periodic>(kMachineInterval, [it = server.get()] { it->FollowMachine(); });
   server->state_->pool.SetListener(
       [it = server.get()](const std::string& device, bool serving) { it->DeviceChanged(device, serving); });
   return server;
@@ -190,6 +212,7 @@ void VoxelServer::DeviceChanged(const std::string& device, bool serving) {
 }
 
 void VoxelServer::Drain() {
+  machine_looker_.reset();  // it calls the server
   {
     const std::lock_guard lock(health_mutex_);
     drained_ = true;
@@ -215,11 +238,27 @@ void VoxelServer::Drain() {
   spdlog::info("drained");
 }
 
+void VoxelServer::FollowMachine() {
+  const std::lock_guard lock(machine_mutex_);
+  const MachineLimits machine = RefreshMachine();
+  if (machine == machine_) return;
+  machine_ = machine;
+  LimitThreadsToCpus();
+  const ServerOptions resolved = Resolve(asked_);
+  state_->Resize(resolved);
+  io_threads_.reset();
+  io_threads_ =
+      std::make_unique<IoThreads>(size_t(resolved.io_threads), server_->InProcessChannel(grpc::ChannelArguments()));
+  LogSizes(machine, resolved);
+}
+
 void VoxelServer::Reload() {
+  FollowMachine();
   state_->access->Reload().IgnoreError();  // it is logged
 }
 
 VoxelServer::~VoxelServer() {
+  machine_looker_.reset();  // it replaces the next one
   io_threads_.reset();
   StopTakingGrpcLog();
   if (state_) {

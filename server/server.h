@@ -8,6 +8,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "base/machine.h"
 #include "observe/metrics.h"
 #include "options.h"
 
@@ -37,7 +38,8 @@ class VoxelServer {
   // Of /metrics, /livez and /readyz; empty where there is none.
   const std::string& http_address() const { return http_address_; }
 
-  // Reads tokens again, whether they have changed or not. Changed certificates are read by themselves.
+  // Reads tokens again, whether they have changed or not, and what the process has of the machine. Changed certificates are read by
+  // themselves.
   void Reload();
 
   // Graceful end: says NOT_SERVING, takes calls for another options.lame_duck_ms so that those on their way arrive, then takes
@@ -45,9 +47,14 @@ class VoxelServer {
   void Drain();
 
  private:
-  explicit VoxelServer(const ServerOptions& resolved);
+  VoxelServer(const ServerOptions& asked, const MachineLimits& machine);
+  // Reads the machine's limits, and where they have changed, makes all follow that has no size of its own in the options.
+  void FollowMachine();
   void DeviceChanged(const std::string& device, bool serving);
 
+  const ServerOptions asked_;  // with zeros that mean "choose"
+  std::mutex machine_mutex_;
+  MachineLimits machine_;  // that all was made for
   std::string address_, http_address_;
   std::unique_ptr<ServiceState> state_;
   std::unique_ptr<VoxelizationServiceImpl> service_;
@@ -57,6 +64,7 @@ class VoxelServer {
   std::unique_ptr<HttpEndpoint> http_;
   std::unique_ptr<Periodic> reloader_;
   std::unique_ptr<Periodic> memory_looker_;
+  std::unique_ptr<Periodic> machine_looker_;
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<IoThreads> io_threads_;
   std::mutex health_mutex_;

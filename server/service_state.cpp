@@ -25,6 +25,12 @@ std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved) {
 
 namespace {
 
+// So many clients find a loader though all are busy.
+int SpareLoaders(int loaders) {
+  constexpr int kLeast = 4, kMost = 64;
+  return std::clamp(loaders, kLeast, kMost);
+}
+
 // "0,2" -> "cuda:0", "cuda:2".
 std::vector<std::string> ChosenGpus(const std::string& gpus) {
   std::vector<std::string> names;
@@ -38,7 +44,8 @@ std::vector<std::string> ChosenGpus(const std::string& gpus) {
 WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics* metrics) {
   if (resolved.max_device_mesh_bytes > 0) SetDeviceMeshBytes(resolved.max_device_mesh_bytes);  // the process's devices
   WorkerPoolOptions pool;
-  pool.loaders = resolved.workers;
+  pool.loaders = resolved.loaders;
+  pool.spare_loaders = SpareLoaders(resolved.loaders);
   pool.threads = resolved.threads;
   pool.max_attempts = resolved.max_attempts;
   pool.health.probe_interval = std::chrono::milliseconds(resolved.probe_interval_ms);
@@ -61,6 +68,14 @@ WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics* metrics) {
   return pool;
 }
 
+void ServiceState::Resize(const ServerOptions& resolved) {
+  uploads.set_limit(resolved.max_upload_bytes);
+  working.set_limit(resolved.max_working_bytes);
+  meshes.set_max_bytes(resolved.max_mesh_store_bytes);
+  loaders = resolved.loaders;
+  pool.Resize(resolved.loaders, resolved.cpu_workers);
+}
+
 SchedulerOptions SchedulingOf(const ServerOptions& resolved, Metrics& metrics) {
   SchedulerOptions scheduling;
   scheduling.max_queue = resolved.max_queue;
@@ -74,7 +89,8 @@ SchedulerOptions SchedulingOf(const ServerOptions& resolved, Metrics& metrics) {
   scheduling.aging = std::chrono::milliseconds(resolved.queue_aging_ms);
   scheduling.giant_ms = double(resolved.giant_job_ms);
   scheduling.medium_ms = std::min(scheduling.medium_ms, scheduling.giant_ms);
-  scheduling.loaders = size_t(resolved.workers);
+  scheduling.loaders = size_t(resolved.loaders);
+  scheduling.max_ready_bytes = resolved.max_queue_bytes;
   scheduling.metrics = &metrics;
   return scheduling;
 }

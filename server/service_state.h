@@ -1,6 +1,7 @@
 // What all calls of one server share.
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -56,6 +57,7 @@ struct ServiceState {
         scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),
         full_queue(scheduler, metrics),
         queue_sampler(SampleQueue(scheduler, metrics)),
+        loaders(resolved.loaders),
         pool(scheduler, WorkersOf(resolved, &metrics), limits.plan) {}
 
   const ServerOptions options;
@@ -72,7 +74,11 @@ struct ServiceState {
   Scheduler scheduler;
   FullQueue full_queue;
   const std::unique_ptr<Metrics::Sampler> queue_sampler;
-  WorkerPool pool;  // last, so that its jobs end before the budgets go
+  std::atomic<int> loaders;  // meshes that are loaded at the same time, now
+  WorkerPool pool;           // last, so that its jobs end before the budgets go
+
+  // Gives budgets, stores and the pool the sizes that these options have.
+  void Resize(const ServerOptions& resolved);
 };
 
 }  // namespace voxelpipe

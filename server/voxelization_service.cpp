@@ -1,5 +1,6 @@
 #include "voxelization_service.h"
 
+#include "base/machine.h"
 #include "calls/call_record.h"
 #include "calls/estimate_call.h"
 #include "calls/many_call.h"
@@ -35,10 +36,10 @@ void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& respon
   limits->set_max_working_bytes(state.limits.plan.max_working_bytes);
   limits->set_max_triangles(state.limits.load.max_triangles);
   limits->set_max_message_bytes(kMaxMessageBytes);
-  limits->set_workers(uint32_t(state.options.workers));
+  limits->set_workers(uint32_t(state.loaders));
   limits->set_max_queue(state.options.max_queue);
   limits->set_max_mesh_store_bytes(state.meshes.max_bytes());
-  response.set_threads(uint32_t(state.options.threads));
+  response.set_threads(uint32_t(state.options.threads > 0 ? state.options.threads : CpuCount()));
   for (const DeviceReport& report : state.pool.Devices()) {
     v1::Device* device = response.add_devices();
     device->set_name(std::string(report.backend->device()));

@@ -95,7 +95,8 @@ nlohmann::ordered_json ServerJson(const ServerDescription& server) {
   return {{"version", server.version},
           {"backends", backends},
           {"devices", devices},
-          {"workers", server.workers},
+          {"loaders", server.workers},
+          {"workers", server.workers},  // its former name
           {"threads", server.threads},
           {"limits",
            {{"max_queue", server.max_queue},

@@ -100,7 +100,17 @@ class ByteLru {
     const std::lock_guard lock(mutex_);
     return {order_.size(), bytes_, hits_, misses_, evictions_};
   }
-  uint64_t limit_bytes() const { return limit_; }
+  // Puts out what does not fit any more.
+  void set_limit_bytes(uint64_t limit) {
+    std::vector<std::shared_ptr<Value>> out;
+    const std::lock_guard lock(mutex_);  // released before `out` goes
+    limit_ = limit;
+    MakeRoom(out);
+  }
+  uint64_t limit_bytes() const {
+    const std::lock_guard lock(mutex_);
+    return limit_;
+  }
 
  private:
   struct Entry {
@@ -124,7 +134,7 @@ class ByteLru {
     }
   }
 
-  const uint64_t limit_;
+  uint64_t limit_;
   mutable std::mutex mutex_;
   Entries order_;
   std::unordered_map<std::string, typename Entries::iterator> index_;

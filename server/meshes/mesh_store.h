@@ -44,6 +44,8 @@ class MeshStore {
 
   LruStats stats() const { return meshes_.stats(); }
   uint64_t max_bytes() const { return meshes_.limit_bytes(); }
+  // Puts out meshes that do not fit any more.
+  void set_max_bytes(uint64_t bytes) { meshes_.set_limit_bytes(bytes); }
 
  private:
   ByteLru<KeptMesh> meshes_;

@@ -19,7 +19,7 @@ class ByteBudget {
   // Takes `bytes` if they are there now.
   bool TryTake(uint64_t bytes) {
     const std::lock_guard lock(mutex_);
-    if (bytes > limit_ - used_) return false;
+    if (!Fits(bytes)) return false;
     used_ += bytes;
     return true;
   }
@@ -28,7 +28,7 @@ class ByteBudget {
   bool Take(uint64_t bytes, const JobContext& job, std::chrono::milliseconds timeout) {
     const auto end = std::chrono::steady_clock::now() + timeout;
     std::unique_lock lock(mutex_);
-    while (bytes > limit_ - used_) {
+    while (!Fits(bytes)) {
       if (!job.Check().ok() || std::chrono::steady_clock::now() >= end) return false;
       freed_.wait_for(lock, std::chrono::milliseconds(20));  // a cancelled job is not notified
     }
@@ -44,15 +44,28 @@ class ByteBudget {
     freed_.notify_all();
   }
 
-  uint64_t limit() const { return limit_; }
+  // What is taken stays taken, though it be more than the new limit.
+  void set_limit(uint64_t limit) {
+    {
+      const std::lock_guard lock(mutex_);
+      limit_ = limit;
+    }
+    freed_.notify_all();
+  }
+  uint64_t limit() const {
+    const std::lock_guard lock(mutex_);
+    return limit_;
+  }
   uint64_t used() const {
     const std::lock_guard lock(mutex_);
     return used_;
   }
 
  private:
-  const uint64_t limit_;
+  bool Fits(uint64_t bytes) const { return used_ <= limit_ && bytes <= limit_ - used_; }
+
   mutable std::mutex mutex_;
+  uint64_t limit_;
   std::condition_variable freed_;
   uint64_t used_ = 0;
 };

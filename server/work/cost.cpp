@@ -49,7 +49,7 @@ uint64_t Whole(double value) {
 
 JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
   JobCost cost;
-  const bool draco = mesh.format == MeshFormat::kDraco;
+  const bool draco = mesh.compressed || mesh.format == MeshFormat::kDraco;
   const double file_bytes = double(mesh.file_bytes);
   const double triangles =
       mesh.triangles ? double(*mesh.triangles) : file_bytes / (draco ? kDracoBytesATriangle : kPlainBytesATriangle);

@@ -15,6 +15,7 @@ namespace voxelpipe {
 // What is known of the mesh of a job.
 struct MeshFacts {
   MeshFormat format = MeshFormat::kAuto;
+  bool compressed = false;            // the file's geometry, whatever its format
   uint64_t file_bytes = 0;            // 0 once it is loaded
   uint64_t memory_bytes = 0;          // of the mesh, once it is loaded
   std::optional<uint64_t> triangles;  // absent: guessed from the file's size

@@ -55,7 +55,7 @@ FairQueue::Flow& FairQueue::Wake(Level& level, const std::string& client) {
   return flow;
 }
 
-std::pair<FairQueue::Flow*, size_t> FairQueue::Next(Lanes lanes) const {
+std::pair<FairQueue::Flow*, size_t> FairQueue::Next(Lanes lanes, const Skip& skip) const {
   lanes &= lanes_;
   const Level* best_level = nullptr;
   const Turn* best = nullptr;
@@ -65,8 +65,12 @@ std::pair<FairQueue::Flow*, size_t> FairQueue::Next(Lanes lanes) const {
     const Turn* found = nullptr;
     size_t found_lane = 0;
     for (size_t lane = 0; lane < kLanes; ++lane) {
-      if ((lanes >> lane & 1) == 0 || level.turns[lane].empty()) continue;
-      const Turn& turn = *level.turns[lane].begin();
+      if ((lanes >> lane & 1) == 0) continue;
+      const std::set<Turn>& turns = level.turns[lane];
+      auto first = turns.begin();
+      while (first != turns.end() && skip && skip(first->flow->client)) ++first;
+      if (first == turns.end()) continue;
+      const Turn& turn = *first;
       const auto number = [](const Turn& t, size_t l) { return t.flow->lanes[l].front().number; };
       if (found == nullptr || turn < *found ||
           (turn.flow == found->flow && number(turn, lane) < number(*found, found_lane))) {
@@ -82,15 +86,15 @@ std::pair<FairQueue::Flow*, size_t> FairQueue::Next(Lanes lanes) const {
   return {best == nullptr ? nullptr : best->flow, best_lane};
 }
 
-const Task* FairQueue::Front(Lanes lanes, size_t* lane) const {
-  const auto [flow, found] = Next(lanes);
+const Task* FairQueue::Front(Lanes lanes, size_t* lane, const Skip& skip) const {
+  const auto [flow, found] = Next(lanes, skip);
   if (flow == nullptr) return nullptr;
   if (lane != nullptr) *lane = found;
   return flow->lanes[found].front().task.get();
 }
 
-std::shared_ptr<Task> FairQueue::Pop(Lanes lanes) {
-  const auto [flow, lane] = Next(lanes);
+std::shared_ptr<Task> FairQueue::Pop(Lanes lanes, const Skip& skip) {
+  const auto [flow, lane] = Next(lanes, skip);
   if (flow == nullptr) return nullptr;
   Level& level = *flow->level;
   const Item item = TakeOut({flow, lane, flow->lanes[lane].begin()});

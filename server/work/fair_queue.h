@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <list>
 #include <map>
 #include <memory>
@@ -33,9 +34,12 @@ class FairQueue {
   // `cost_ms`: the work that the client pays for. The task must not be here yet. Of one client, priority and lane it comes after those
   // that are.
   void Push(std::shared_ptr<Task> task, size_t lane, Priority priority, const std::string& client, double cost_ms);
+  // Whether a client's tasks are passed over.
+  using Skip = std::function<bool(const std::string& client)>;
   // Whose turn it is among these lanes, and in which it stands; null where none waits. Pop takes it out and makes its client pay.
-  const Task* Front(Lanes lanes, size_t* lane = nullptr) const;
-  std::shared_ptr<Task> Pop(Lanes lanes);
+  // Clients that `skip`, if given, is true for are passed over.
+  const Task* Front(Lanes lanes, size_t* lane = nullptr, const Skip& skip = {}) const;
+  std::shared_ptr<Task> Pop(Lanes lanes, const Skip& skip = {});
   // Takes one out of turn; null where it is not here.
   std::shared_ptr<Task> Remove(const Task& task);
   // Puts it one priority higher. False where it is not here or cannot rise.
@@ -103,7 +107,7 @@ class FairQueue {
   };
 
   // The lane and flow whose turn it is; null where none.
-  std::pair<Flow*, size_t> Next(Lanes lanes) const;
+  std::pair<Flow*, size_t> Next(Lanes lanes, const Skip& skip) const;
   Flow& Wake(Level& level, const std::string& client);
   Item TakeOut(const Place& place);
   void Pay(Flow& flow, double cost_ms);

@@ -22,7 +22,11 @@ void Relax() {
 }  // namespace
 
 Scheduler::Scheduler(const SchedulerOptions& options, size_t workers)
-    : options_(options), workers_(std::max<size_t>(1, workers)), to_load_(options.weights), to_run_(options.weights) {
+    : options_(options),
+      workers_(std::max<size_t>(1, workers)),
+      to_load_(options.weights),
+      to_run_(options.weights),
+      loaders_(std::max<size_t>(1, options.loaders)) {
   if (options.timer_thread) timer_ = std::thread([this] { LookAfterTimers(); });
 }
 
@@ -199,6 +203,7 @@ void Scheduler::Enqueue(std::shared_ptr<Task> task, Time now) {
     return;
   }
   if (to_run_.size() == 0) ready_since_ = now;
+  ready_bytes_ += traits.cost.held_bytes;
   to_run_.Push(std::move(task), LaneOf(traits), traits.priority, traits.client, RunMs(traits));
 }
 
@@ -211,6 +216,7 @@ void Scheduler::Forget(const Task& task) {
 
 std::shared_ptr<Task> Scheduler::Dequeue(const Task& task) {
   std::shared_ptr<Task> found = to_run_.Remove(task);
+  if (found) ready_bytes_ -= std::min(ready_bytes_, task.traits.cost.held_bytes);
   if (!found) found = to_load_.Remove(task);
   if (!found) {
     const auto it = std::find_if(again_.begin(), again_.end(), [&](const auto& t) { return t.get() == &task; });

@@ -46,7 +46,8 @@ struct SchedulerOptions {
   std::chrono::milliseconds aging{10'000};     // a task that has waited so long rises by one priority; 0 = never
   std::array<double, kPriorities> weights{16, 4, 1};
   double medium_ms = 20, giant_ms = 1000;  // predicted, from where on a task counts as such
-  size_t loaders = 1;                      // threads that call TakeLoad
+  size_t loaders = 1;                      // tasks that are loaded at the same time, but see TakeLoad
+  uint64_t max_ready_bytes = 2ull << 30;   // of tasks that wait for a device worker: beyond it none is loaded
   Metrics* metrics = nullptr;              // must outlive the scheduler
   // For tests: the time, and whether a thread looks after the timers.
   std::function<JobContext::Clock::time_point()> now{};
@@ -64,6 +65,9 @@ struct QueueState {
 //
 // Giants: of the workers of a device, all but one may run them at the same time, so that a small task never waits for giants to end, unless
 // the device has a single worker: then at most one is before it. The same holds for loaders.
+//
+// Loaders: a client of which nothing is being loaded, and nothing waits that was, does not wait for those of others. While there are threads
+// for it, it gets one beyond SchedulerOptions::loaders.
 class Scheduler {
  public:
   using Time = JobContext::Clock::time_point;
@@ -91,6 +95,10 @@ class Scheduler {
   bool Withdraw(const Task& task);
   // For loaders: a task that is not loaded. Blocks; null when the scheduler was stopped.
   std::shared_ptr<Task> TakeLoad();
+  // The same without waiting: null, too, where nothing may be loaded now.
+  std::shared_ptr<Task> TryTakeLoad();
+  // In place of SchedulerOptions::loaders from now on.
+  void SetLoaders(size_t loaders);
   // For device workers: tasks to run together, at least one, all loaded. Blocks; empty when the scheduler was stopped, or while the
   // device does not serve.
   std::vector<std::shared_ptr<Task>> TakeBatch(const WorkerTraits& worker);
@@ -175,7 +183,15 @@ class Scheduler {
   // Whether the worker leaves such a task, of which `waiting` wait, to another kind.
   bool Leaves(const TaskTraits& task, const WorkerTraits& worker, size_t waiting, Time now,
               std::optional<Time>* look_again) const;
-  FairQueue::Lanes LoadLanes() const;
+  // What may be loaded now.
+  struct LoadChoice {
+    FairQueue::Lanes lanes = 0;
+    FairQueue::Skip skip;  // clients of which nothing may
+    size_t lane = 0;       // of its first
+    const Task* first = nullptr;
+  };
+  LoadChoice NextLoad() const;
+  std::shared_ptr<Task> TakeLoadLocked();
 
   std::vector<std::shared_ptr<Task>> FormBatch(const WorkerTraits& worker, bool may_delay, Time now,
                                                std::optional<Time>& come_again, std::optional<Time>& look_again);
@@ -203,15 +219,15 @@ class Scheduler {
   FairQueue to_load_, to_run_;
   std::list<std::shared_ptr<Task>> again_;  // whose worker failed
   std::unordered_map<const Task*, std::shared_ptr<Batch>> taken_;
-  std::vector<Loading> loading_;                 // of taken_, at most one for each loader
-  std::vector<std::shared_ptr<Batch>> running_;  // of device workers
-  uint64_t waiting_bytes_ = 0;
-  std::optional<Time> ready_since_;  // to_run_ is not empty
+  std::vector<Loading> loading_;                  // of taken_, at most one for each loader
+  std::vector<std::shared_ptr<Batch>> running_;   // of device workers
+  uint64_t waiting_bytes_ = 0, ready_bytes_ = 0;  // the latter of to_run_ alone
+  std::optional<Time> ready_since_;               // to_run_ is not empty
   MeasuredCost measured_;
   std::vector<ServingDevice> serving_;
   std::atomic<uint32_t> serving_kinds_{0};  // of these, a bit each; read without the lock
   std::map<std::string, size_t> giants_;    // that run, of each device
-  size_t giants_loading_ = 0;
+  size_t loaders_, giants_loading_ = 0;
   size_t refusing_ = 0;
   bool draining_ = false, stopped_ = false;
   std::condition_variable drained_;

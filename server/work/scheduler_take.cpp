@@ -149,9 +149,22 @@ FairQueue::Lanes Scheduler::RunLanes(const WorkerTraits& worker, std::optional<T
   return lanes;
 }
 
-FairQueue::Lanes Scheduler::LoadLanes() const {
-  const bool full = giants_loading_ >= std::max<size_t>(1, options_.loaders - 1);
-  return full ? FairQueue::kAllLanes & ~LanesOfSize(SizeClass::kGiant) : FairQueue::kAllLanes;
+Scheduler::LoadChoice Scheduler::NextLoad() const {
+  LoadChoice choice;
+  if (to_load_.size() == 0) return choice;
+  if (loading_.size() < loaders_ && (ready_bytes_ < options_.max_ready_bytes || to_run_.size() == 0)) {
+    const bool full = giants_loading_ >= std::max<size_t>(2, loaders_) - 1;
+    choice.lanes = full ? FairQueue::kAllLanes & ~LanesOfSize(SizeClass::kGiant) : FairQueue::kAllLanes;
+    choice.first = to_load_.Front(choice.lanes, &choice.lane);
+    if (choice.first != nullptr) return choice;
+  }
+  choice.lanes = FairQueue::kAllLanes;
+  choice.skip = [this](const std::string& client) {
+    const auto its = [&](const Loading& loading) { return loading.client == client; };
+    return std::any_of(loading_.begin(), loading_.end(), its) || to_run_.WaitingOf(client) > 0;
+  };
+  choice.first = to_load_.Front(choice.lanes, &choice.lane, choice.skip);
+  return choice;
 }
 
 // ---- out
@@ -218,6 +231,7 @@ std::vector<std::shared_ptr<Task>> Scheduler::FormBatch(const WorkerTraits& work
     batch->expected_ms += ms;
     batch->predicted_ms += next->traits.cost.run_ms + next->traits.cost.load_ms;
     tasks.push_back(to_run_.Pop(lanes));
+    ready_bytes_ -= std::min(ready_bytes_, tasks.back()->traits.cost.held_bytes);
     Forget(*tasks.back());
     Take(tasks.back(), batch);
     if (size == SizeClass::kGiant) break;
@@ -283,37 +297,60 @@ std::vector<std::shared_ptr<Task>> Scheduler::TryTakeBatch(const WorkerTraits& w
   return batch;
 }
 
+std::shared_ptr<Task> Scheduler::TakeLoadLocked() {
+  const LoadChoice choice = NextLoad();
+  if (choice.first == nullptr) return nullptr;
+  std::shared_ptr<Task> task = to_load_.Pop(choice.lanes, choice.skip);
+  auto batch = std::make_shared<Batch>();
+  batch->kind = WorkKind::kLoad;
+  batch->size = SizeOfLane(choice.lane);
+  batch->predicted_ms = task->traits.cost.load_ms;
+  batch->began = Now();
+  if (batch->size == SizeClass::kGiant) ++giants_loading_;
+  Forget(*task);
+  Take(task, batch);
+  const TaskTraits& traits = task->traits;
+  loading_.push_back({task.get(), traits.client, traits.cost.held_bytes, RunMs(traits)});
+  return task;
+}
+
 std::shared_ptr<Task> Scheduler::TakeLoad() {
+  // What waits for workers, and holds up those that load, also leaves the queue where nobody is called for it: withdrawn, or too late.
+  constexpr std::chrono::milliseconds kLookAgain{20};
   std::shared_ptr<Task> task;
   Sleeper* next = nullptr;
   {
     std::unique_lock lock(mutex_);
-    while (true) {
-      size_t lane = 0;
-      const FairQueue::Lanes lanes = LoadLanes();
-      if (to_load_.Front(lanes, &lane) != nullptr) {
-        task = to_load_.Pop(lanes);
-        auto batch = std::make_shared<Batch>();
-        batch->kind = WorkKind::kLoad;
-        batch->size = SizeOfLane(lane);
-        batch->predicted_ms = task->traits.cost.load_ms;
-        batch->began = Now();
-        if (batch->size == SizeClass::kGiant) ++giants_loading_;
-        Forget(*task);
-        Take(task, batch);
-        const TaskTraits& traits = task->traits;
-        loading_.push_back({task.get(), traits.client, traits.cost.held_bytes, RunMs(traits)});
-        break;
-      }
+    while ((task = TakeLoadLocked()) == nullptr) {
       if (stopped_) return nullptr;
       Sleeper& sleeper = Sleep(nullptr, 1);
-      sleeper.wake.wait(lock, [&] { return sleeper.called || stopped_; });
+      const auto woken = [&] { return sleeper.called || stopped_; };
+      if (to_load_.size() > 0 && ready_bytes_ >= options_.max_ready_bytes) {
+        sleeper.wake.wait_for(lock, kLookAgain, woken);
+      } else {
+        sleeper.wake.wait(lock, woken);
+      }
       WokeUp(sleeper);
     }
     next = CallOne();
   }
   Notify(next);
   return task;
+}
+
+std::shared_ptr<Task> Scheduler::TryTakeLoad() {
+  const std::lock_guard lock(mutex_);
+  return TakeLoadLocked();
+}
+
+void Scheduler::SetLoaders(size_t loaders) {
+  std::vector<Sleeper*> called;
+  {
+    const std::lock_guard lock(mutex_);
+    loaders_ = std::max<size_t>(1, loaders);
+    called = CallAll();
+  }
+  for (Sleeper* sleeper : called) Notify(sleeper);
 }
 
 // ---- who sleeps
@@ -353,10 +390,12 @@ std::vector<Scheduler::Sleeper*> Scheduler::CallAll() {
 Scheduler::Sleeper* Scheduler::CallOne() {
   if (asleep_.empty()) return nullptr;
   Sleeper* best = nullptr;
+  std::optional<bool> loads;  // whether there is something to load
   for (auto it = asleep_.rbegin(); it != asleep_.rend(); ++it) {
     Sleeper& sleeper = **it;
     if (sleeper.worker == nullptr) {
-      if ((to_load_.lanes() & LoadLanes()) == 0) continue;
+      if (!loads) loads = NextLoad().first != nullptr;
+      if (!*loads) continue;
     } else if ((to_run_.lanes() & RunLanes(*sleeper.worker)) == 0 || to_run_.size() < sleeper.enough) {
       continue;
     }

@@ -26,7 +26,8 @@ bool VoxelizeJob::loaded() const {
   if (mesh) return true;
   if (file_bytes() > kLoadedByWorker) return false;
   // Decoding textures of a mesh that is kept takes as long as loading it did.
-  return !kept || !RequestReadsTextures(config.request) || kept->ready(TexturesRead(config.request));
+  if (kept) return !RequestReadsTextures(config.request) || kept->ready(TexturesRead(config.request));
+  return !costly_.compressed && !costly_.instanced && !(costly_.images && RequestReadsTextures(config.request));
 }
 
 absl::Status VoxelizeJob::Prepare() {
@@ -55,6 +56,11 @@ void VoxelizeJob::Weigh() {
     if (!kept) facts.memory_bytes = MeshBytes(*mesh->mesh);  // a kept one is the store's
   } else {
     facts.file_bytes = file_bytes();
+    if (!kept && !pieces.empty()) {
+      const std::string& first = pieces.front();
+      costly_ = FindCostlyParts({reinterpret_cast<const uint8_t*>(first.data()), first.size()}, config.mesh_format);
+      facts.compressed = costly_.compressed;
+    }
     if (kept) facts.triangles = kept->triangles();
   }
   traits.cost = PredictCost(config.request, facts);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "load/costly_parts.h"
 #include "meshes/mesh_store.h"
 #include "pipeline/result.h"
 #include "pipeline/voxelize.h"
@@ -58,10 +59,13 @@ class VoxelizeJob : public Task {
   }
 
  private:
-  // Smaller files are loaded by the device worker itself: handing them over twice would take longer.
+  // Smaller files are loaded by the device worker itself, several at once: handing them over twice would take longer. Not those that may
+  // take long all the same, and hold up the other jobs of a batch.
   static constexpr uint64_t kLoadedByWorker = 256 << 10;
 
   uint64_t file_bytes() const;
+
+  CostlyParts costly_;  // of the file; Weigh finds them
 };
 
 }  // namespace voxelpipe

@@ -11,6 +11,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "base/device_failure.h"
+#include "base/machine.h"
+#include "base/threads.h"
 #include "observe/metrics.h"
 #include "pipeline/backend.h"
 #include "wire/status.h"
@@ -22,6 +24,7 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kLeastRetryDelay{100};
+constexpr double kShortLoadMs = 100;
 // Part of a device's memory that one batch may be predicted to take: its other workers and cached meshes need theirs.
 constexpr uint64_t kBatchShare = 4;
 
@@ -73,7 +76,7 @@ WorkerPool::WorkerPool(Scheduler& scheduler, const WorkerPoolOptions& options, c
     devices_.push_back(std::make_shared<Device>(workers, options_));
     scheduler_.SetDevice(devices_.back()->traits, size_t(devices_.back()->workers));
   }
-  for (int i = 0; i < std::max(1, options.loaders); ++i) loaders_.emplace_back([this] { LoadTasks(); });
+  StartLoaders(std::max(1, options.loaders) + options.spare_loaders);
   for (const auto& device : devices_) {
     const std::lock_guard lock(device->mutex);
     for (int i = 0; i < device->workers; ++i) StartWorker(device);
@@ -110,9 +113,39 @@ WorkerPool::~WorkerPool() {
   watch_.join();
 }
 
+void WorkerPool::StartLoaders(int count) {
+  while (int(loaders_.size()) < count) loaders_.emplace_back([this] { LoadTasks(); });
+}
+
+void WorkerPool::Resize(int loaders, int cpu_workers) {
+  const std::lock_guard resize(resize_mutex_);
+  StartLoaders(std::max(1, loaders) + options_.spare_loaders);
+  scheduler_.SetLoaders(size_t(std::max(1, loaders)));
+  const std::lock_guard change(change_mutex_);
+  for (const auto& device : devices_) {
+    if (device->watched || device->workers == cpu_workers) continue;
+    {
+      const std::lock_guard lock(device->mutex);
+      if (device->stopping) return;
+      device->workers = std::max(1, cpu_workers);
+      while (device->crew.size() < size_t(device->workers)) StartWorker(device);
+      device->changed.notify_all();
+    }
+    if (device->metrics != nullptr) device->metrics->workers.Set(device->workers);
+    if (device->told_serving) scheduler_.SetDevice(device->traits, size_t(device->workers));
+  }
+}
+
 void WorkerPool::LoadTasks() {
   while (std::shared_ptr<Task> task = scheduler_.TakeLoad()) {
-    if (task->Load()) {
+    // Where others load or run, too, threads beyond this one's part of the CPUs would only wait for theirs. What is predicted to take long
+    // has them all: it will outlast who shares them now.
+    const int sharers = ++loads_ + cpu_runs_;
+    const bool shares = task->traits.cost.load_ms < kShortLoadMs;
+    bool ready = false;
+    RunOnThreads(shares ? std::max(1, CpuCount() / sharers) : 0, [&] { ready = task->Load(); });
+    --loads_;
+    if (ready) {
       scheduler_.Resubmit(std::move(task));
       continue;
     }
@@ -122,7 +155,8 @@ void WorkerPool::LoadTasks() {
 }
 
 void WorkerPool::StartWorker(const std::shared_ptr<Device>& device) {
-  auto worker = std::make_shared<Worker>(device, absl::StrCat(device->traits.device, "/", device->next_number++));
+  const int number = device->next_number++;
+  auto worker = std::make_shared<Worker>(device, number, absl::StrCat(device->traits.device, "/", number));
   device->crew.push_back(worker);
   worker->thread = std::thread(Work, this, worker);
 }
@@ -148,7 +182,7 @@ bool WorkerPool::RunBatch(Worker& self, std::vector<std::shared_ptr<Task>> batch
   Device& device = *self.device;
   const Clock::time_point begin = Clock::now();
   if (device.metrics != nullptr) device.metrics->workers_busy.Increment();
-  const int sharers = device.watched ? 1 : ++cpu_runs_;
+  const int sharers = device.watched ? 1 : ++cpu_runs_ + loads_;
   const auto run =
       std::make_shared<DeviceRun>(device.backend, std::move(batch),
                                   DeviceRunOptions{self.name, options_.threads, sharers, limits_, device.watched});
@@ -183,7 +217,13 @@ bool WorkerPool::RunBatch(Worker& self, std::vector<std::shared_ptr<Task>> batch
 bool WorkerPool::WaitUntilServing(Worker& self) {
   Device& device = *self.device;
   std::unique_lock lock(device.mutex);
-  while (!device.stopping && !device.health.serving()) {
+  // Of the CPU there may be more threads than it is to have workers now.
+  const auto spare = [&] { return !device.watched && self.number >= device.workers; };
+  while (!device.stopping && (spare() || !device.health.serving())) {
+    if (spare()) {
+      device.changed.wait(lock);
+      continue;
+    }
     if (!device.health.BeginProbe(Clock::now())) {
       if (const auto due = device.health.next_probe()) {
         device.changed.wait_until(lock, *due);

@@ -37,6 +37,7 @@ struct WorkerPoolOptions {
   // A GPU that gives no sign of life for so long, and ten times the predicted time of its batch, is taken for lost; 0 = never.
   std::chrono::milliseconds stall{30'000};
   Metrics* metrics = nullptr;  // must outlive the pool
+  int spare_loaders = 0;       // threads for clients that would have to wait for those of others (Scheduler::TakeLoad)
 };
 
 // A device as the pool sees it.
@@ -71,6 +72,9 @@ class WorkerPool {
   // must not call back here.
   void SetListener(std::function<void(const std::string& device, bool serving)> listener);
 
+  // How many meshes are loaded, and how many batches run on the CPU at the same time, from now on. What is under way goes on.
+  void Resize(int loaders, int cpu_workers);
+
   // From now on a device has only a moment to react to cancelled jobs: the process wants to end.
   void Hasten();
 
@@ -83,6 +87,7 @@ class WorkerPool {
   using Clock = DeviceRun::Clock;
 
   void LoadTasks();
+  void StartLoaders(int count);
   // With the device's lock.
   void StartWorker(const std::shared_ptr<Device>& device);
   // A worker's thread. Touches the pool only while the worker was not left behind.
@@ -114,8 +119,9 @@ class WorkerPool {
   const WorkerPoolOptions options_;
   const PlanLimits limits_;
   std::vector<std::shared_ptr<Device>> devices_;
-  std::vector<std::thread> loaders_;
-  std::atomic<int> cpu_runs_{0};  // under way now
+  std::mutex resize_mutex_;
+  std::vector<std::thread> loaders_;         // with its lock, until the pool ends
+  std::atomic<int> cpu_runs_{0}, loads_{0};  // under way now
 
   std::mutex change_mutex_;  // one change at a time; taken before a device's lock
   std::function<void(const std::string&, bool)> listener_;

@@ -1,6 +1,7 @@
 // What the pool keeps of each device and of each thread. For the pool's own files.
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <memory>
@@ -21,7 +22,7 @@ struct WorkerPool::Device {
 
   const Backend& backend;
   const WorkerTraits traits;
-  const int workers;
+  std::atomic<int> workers;  // changed with the pool's change_mutex_ and this mutex
   const bool watched;
   DeviceMetrics* const metrics;  // null: nobody asks; not for threads left behind
   bool told_serving = true;      // with the pool's change_mutex_
@@ -37,9 +38,11 @@ struct WorkerPool::Device {
 
 // What it does now is guarded by its device's lock.
 struct WorkerPool::Worker {
-  Worker(std::shared_ptr<Device> of, std::string called) : device(std::move(of)), name(std::move(called)) {}
+  Worker(std::shared_ptr<Device> of, int its_number, std::string called)
+      : device(std::move(of)), number(its_number), name(std::move(called)) {}
 
   const std::shared_ptr<Device> device;
+  const int number;
   const std::string name;  // "cuda:0/1"
   std::shared_ptr<DeviceRun> run;
   std::optional<Clock::time_point> probing_since;

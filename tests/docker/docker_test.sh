@@ -86,4 +86,21 @@ PYTHON
 code="$("${DOCKER[@]}" inspect -f '{{.State.ExitCode}}' "$container")"
 [[ "$code" == 0 ]] || { "${DOCKER[@]}" logs "$container"; fail "the service ended with exit code $code after SIGTERM"; }
 echo "stopped with exit code 0"
+
+# What the container has of the machine is what the service takes: 1.5 CPUs are 2 threads, 512 MiB give the mesh store 28.8.
+"${DOCKER[@]}" rm -f "$container" >/dev/null
+"${DOCKER[@]}" run -d --name "$container" --network host -e "VOXELPIPE_LISTEN=0.0.0.0:$port" --read-only --cap-drop ALL \
+  --security-opt no-new-privileges --cpus 1.5 --memory 512m "$image" >/dev/null
+for _ in $(seq 120); do
+  "$voxelpipe" server-info --server "$address" --json >"$work/bounded.json" 2>/dev/null && break
+  sleep 0.5
+done
+bash tests/support/python.sh - "$work/bounded.json" <<'PYTHON' || { "${DOCKER[@]}" logs "$container"; fail "not the container's CPUs and memory"; }
+import json, os, sys
+info = json.load(open(sys.argv[1]))
+found = {"threads": info["threads"], "max_mesh_store_bytes": info["limits"]["max_mesh_store_bytes"]}
+print("bounded container:", found)
+sys.exit(found != {"threads": min(2, len(os.sched_getaffinity(0))), "max_mesh_store_bytes": (512 << 20) // 10 * 9 // 16})
+PYTHON
+"${DOCKER[@]}" stop -t 30 "$container" >/dev/null
 echo "PASSED"

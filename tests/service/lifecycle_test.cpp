@@ -245,7 +245,7 @@ TEST_F(LifecycleTest, APortThatIsTaken) {
 
 TEST_F(LifecycleTest, ServerInfo) {
   ASSERT_NO_FATAL_FAILURE(
-      Start({"--workers", "3", "--max-queue", "17", "--max-file-bytes", "1234567", "--threads", "2"}));
+      Start({"--loaders", "3", "--max-queue", "17", "--max-file-bytes", "1234567", "--threads", "2"}));
   const absl::StatusOr<ServerDescription> info = client_->ServerInfo();
   ASSERT_TRUE(info.ok()) << info.status();
   EXPECT_THAT(info->version, MatchesRegex("[0-9]+\\.[0-9]+\\.[0-9]+"));

@@ -20,6 +20,20 @@ TEST(ByteBudgetTest, GivesOutNoMoreThanItHas) {
   EXPECT_EQ(budget.used(), 0u);
 }
 
+TEST(ByteBudgetTest, ALimitThatShrinksAndGrows) {
+  ByteBudget budget(100);
+  EXPECT_TRUE(budget.TryTake(60));
+  budget.set_limit(50);
+  EXPECT_FALSE(budget.TryTake(0)) << "more is taken than there is";
+  EXPECT_FALSE(budget.TryTake(1));
+  budget.Give(20);
+  EXPECT_TRUE(budget.TryTake(10));
+  EXPECT_FALSE(budget.TryTake(1));
+  budget.set_limit(60);
+  EXPECT_TRUE(budget.TryTake(10));
+  EXPECT_EQ(budget.limit(), 60u);
+}
+
 TEST(ByteBudgetTest, ASharesBytesComeBackWhenItGoes) {
   ByteBudget budget(100);
   {

@@ -41,6 +41,19 @@ TEST(ByteLruTest, NeverHoldsMoreThanItsBytes) {
   EXPECT_GT(lru.stats().entries, 0u) << "what is too large puts nothing out";
 }
 
+TEST(ByteLruTest, ASmallerLimitPutsOutWhatDoesNotFit) {
+  ByteLru<int> lru(30);
+  for (const char* key : {"a", "b", "c"}) ASSERT_NE(lru.Insert(key, Int(1), 10), nullptr);
+  lru.set_limit_bytes(15);
+  EXPECT_EQ(lru.Peek("a"), nullptr);
+  EXPECT_EQ(lru.Peek("b"), nullptr);
+  EXPECT_NE(lru.Peek("c"), nullptr);
+  EXPECT_EQ(lru.Insert("d", Int(1), 20), nullptr);
+  lru.set_limit_bytes(30);
+  EXPECT_NE(lru.Insert("d", Int(1), 20), nullptr);
+  EXPECT_NE(lru.Peek("c"), nullptr);
+}
+
 TEST(ByteLruTest, AnEqualKeyKeepsTheFirstValue) {
   ByteLru<int> lru(100);
   const auto first = lru.Insert("a", Int(1), 10);

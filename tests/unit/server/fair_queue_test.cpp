@@ -47,6 +47,20 @@ TEST(FairQueueTest, OnlyTheLanesThatAreNamedAreTakenFrom) {
   EXPECT_EQ(queue.Pop(kAll), first);
 }
 
+TEST(FairQueueTest, ClientsArePassedOver) {
+  Queue queue;
+  const auto a = queue.Add("a", Priority::kHigh, 1, 1);
+  const auto b = queue.Add("b", Priority::kNormal, 1, 2);
+  const auto c = queue.Add("c", Priority::kNormal, 1, 2);
+  size_t lane = 0;
+  EXPECT_EQ(queue.Front(kAll, &lane, [](const std::string& client) { return client == "a"; }), b.get());
+  EXPECT_EQ(lane, 2u);
+  EXPECT_EQ(queue.Front(kAll, &lane, [](const std::string&) { return true; }), nullptr);
+  EXPECT_EQ(queue.Pop(kAll, [](const std::string& client) { return client != "c"; }), c);
+  EXPECT_EQ(queue.Pop(kAll), a);
+  EXPECT_EQ(queue.Pop(kAll), b);
+}
+
 TEST(FairQueueTest, AThousandTasksOfOneClientDoNotHoldUpAnothersOne) {
   Queue queue;
   for (int i = 0; i < 1000; ++i) queue.Add("greedy", Priority::kNormal, 1);

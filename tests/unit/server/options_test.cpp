@@ -1,5 +1,6 @@
 #include "options.h"
 
+#include <algorithm>
 #include <cstdlib>
 #include <fstream>
 #include <map>
@@ -170,15 +171,44 @@ TEST(OptionsTest, HelpIsNoFailure) {
 
 TEST(OptionsTest, ResolvingLeavesNothingToChoose) {
   const ServerOptions options = Resolve(ServerOptions());
-  EXPECT_GE(options.workers, 1);
-  EXPECT_GE(options.threads, 1);
+  EXPECT_EQ(options.workers, std::min(4, CpuCount()));
+  EXPECT_EQ(options.cpu_workers, options.workers);
+  EXPECT_GE(options.loaders, 1);
+  EXPECT_LE(options.loaders, CpuCount());
+  EXPECT_EQ(options.threads, 0) << "the CPUs at any time";
+  EXPECT_GT(options.max_queue_bytes, 0u);
+  // Sizing in OPERATIONS.md: all of these, what gRPC has and the process itself stay below the container's bound.
+  EXPECT_GT(options.max_upload_bytes, 0u);
   EXPECT_GT(options.max_working_bytes, 0u);
-  EXPECT_LE(options.max_working_bytes, MemoryBytes());
+  EXPECT_LE(options.max_working_bytes + options.max_upload_bytes + options.max_mesh_store_bytes,
+            MemoryBytes() / 16 * 11 + 16);
   ServerOptions given;
+  given.loaders = 9;
   given.workers = 7;
   given.max_working_bytes = 1;
+  EXPECT_EQ(Resolve(given).loaders, 9);
   EXPECT_EQ(Resolve(given).workers, 7);
   EXPECT_EQ(Resolve(given).max_working_bytes, 1u);
+}
+
+// Both say the same; a config that has both keeps what ran on the CPU.
+TEST(OptionsTest, WorkersAreBatchesOnTheCpuAndNothingElse) {
+  const auto resolved = [](const std::vector<const char*>& arguments) {
+    return Resolve(Parse(arguments).command.value().options);
+  };
+  EXPECT_EQ(resolved({"--workers", "3"}).cpu_workers, 3);
+  EXPECT_EQ(resolved({"--cpu-workers", "5"}).workers, 5);
+  EXPECT_EQ(resolved({"--workers", "3", "--cpu-workers", "5"}).cpu_workers, 5);
+  EXPECT_EQ(resolved({"--workers", "3"}).loaders, resolved({}).loaders);
+  EXPECT_EQ(resolved({"--loaders", "3"}).cpu_workers, resolved({}).cpu_workers);
+}
+
+TEST(OptionsTest, LoadersHaveMemoryEach) {
+  ServerOptions options;
+  options.max_working_bytes = 1 << 20;
+  EXPECT_EQ(Resolve(options).loaders, 1);
+  options.max_working_bytes = uint64_t{1} << 50;
+  EXPECT_EQ(Resolve(options).loaders, CpuCount());
 }
 
 }  // namespace

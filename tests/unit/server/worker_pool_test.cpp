@@ -33,7 +33,7 @@ class Function final : public Task {
 class Pool {
  public:
   Pool(int workers, size_t max_queue)
-      : scheduler_({.max_queue = max_queue, .max_batch_jobs = 1}, size_t(workers)),
+      : scheduler_({.max_queue = max_queue, .max_batch_jobs = 1, .loaders = size_t(workers)}, size_t(workers)),
         pool_(scheduler_, {workers, {}, 0}, {}) {}
 
   std::shared_ptr<Task> Submit(std::function<void()> run, absl::Status* refused = nullptr) {
@@ -43,6 +43,7 @@ class Pool {
     return s.ok() ? task : nullptr;
   }
   Scheduler& scheduler() { return scheduler_; }
+  void Resize(int loaders) { pool_.Resize(loaders, 1); }
   void Drain() { scheduler_.Drain(); }
 
  private:
@@ -75,6 +76,32 @@ TEST(WorkerPoolTest, RunsJobsInTheOrderTheyCame) {
   }
   ASSERT_EQ(order.size(), 20u);
   for (int i = 0; i < 20; ++i) EXPECT_EQ(order[size_t(i)], i);
+}
+
+TEST(WorkerPoolTest, MoreLoadersComeAndSomeGo) {
+  Pool pool(1, 100);
+  pool.Resize(2);
+  {
+    std::latch both(2);  // opens only where two are loaded at the same time
+    for (int i = 0; i < 2; ++i) ASSERT_TRUE(pool.Submit([&both] { both.arrive_and_wait(); }));
+    pool.Drain();
+  }
+}
+
+TEST(WorkerPoolTest, FewerLoadersThanThreads) {
+  Pool pool(3, 100);
+  pool.Resize(1);
+  std::atomic<int> now{0}, most{0};
+  for (int i = 0; i < 30; ++i) {
+    ASSERT_TRUE(pool.Submit([&] {
+      const int others = ++now;
+      for (int known = most; known < others && !most.compare_exchange_weak(known, others);) {}
+      std::this_thread::yield();
+      --now;
+    }));
+  }
+  pool.Drain();
+  EXPECT_EQ(most, 1);
 }
 
 TEST(WorkerPoolTest, AFullQueueIsAResourceThatComesBack) {

@@ -1,0 +1,45 @@
+#include "load/costly_parts.h"
+
+#include <cstring>
+#include <optional>
+#include <string_view>
+
+namespace voxelpipe {
+namespace {
+
+constexpr CostlyParts kAll{true, true, true};
+constexpr size_t kGlbHeaderBytes = 20;  // of the file and of its first chunk, the text
+constexpr size_t kTextBytesAt = 12;
+
+bool Contains(std::string_view text, std::string_view part) {
+  return memmem(text.data(), text.size(), part.data(), part.size()) !=
+         nullptr;  // std's looks at one byte after the other
+}
+
+}  // namespace
+
+CostlyParts FindCostlyParts(std::span<const uint8_t> beginning, MeshFormat format) {
+  if (format == MeshFormat::kDraco) return {.compressed = true};
+  if (beginning.size() < kGlbHeaderBytes) return kAll;
+  if (format == MeshFormat::kAuto) {
+    const std::optional<MeshFormat> shown = SniffMeshFormat(beginning);
+    if (!shown) return {};  // loading it ends at once
+    if (*shown == MeshFormat::kDraco) return {.compressed = true};
+    format = *shown;
+  }
+  std::string_view text(reinterpret_cast<const char*>(beginning.data()), beginning.size());
+  if (format == MeshFormat::kGlb) {
+    uint32_t text_bytes = 0;
+    std::memcpy(&text_bytes, text.data() + kTextBytesAt, sizeof text_bytes);
+    text.remove_prefix(kGlbHeaderBytes);
+    if (text_bytes > text.size()) return kAll;
+    text = text.substr(0, text_bytes);
+  } else if (text.find_last_not_of(" \t\r\n") == std::string_view::npos ||
+             text[text.find_last_not_of(" \t\r\n")] != '}') {
+    return kAll;
+  }
+  if (Contains(text, "\\u")) return kAll;
+  return {Contains(text, "_compression"), Contains(text, "_instancing"), Contains(text, "\"images\"")};
+}
+
+}  // namespace voxelpipe
