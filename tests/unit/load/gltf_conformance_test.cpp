@@ -74,7 +74,9 @@ TEST(GltfConformance, AByteOrderMarkLoadsWithAWarning) {
   EXPECT_EQ(marked.triangles, plain.triangles);
   EXPECT_THAT(Codes(plain.warnings), IsEmpty());
   EXPECT_THAT(Lines(marked.warnings), ElementsAre(HasSubstr("byte order mark")));
-  const TriangleMesh glb = Flat(testing::PackGlb(mark + Box().doc.dump(), Box().bin));
+  GlbBuilder builder = Box();
+  builder.doc["buffers"] = {{{"byteLength", builder.bin.size()}}};
+  const TriangleMesh glb = Flat(testing::PackGlb(mark + builder.doc.dump(), builder.bin));
   EXPECT_THAT(Codes(glb.warnings), ElementsAre("nonconforming_file"));
 }
 

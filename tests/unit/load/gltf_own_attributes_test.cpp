@@ -148,7 +148,8 @@ TEST(GltfOwnAttributes, PrimitivesThatDifferAreNamedInWarnings) {
   const auto scene = LoadScene(builder.Glb());
   ASSERT_TRUE(scene.ok()) << scene.status();
   EXPECT_THAT(testing::Lines(scene->warnings),
-              ElementsAre(HasSubstr("attribute _T: is missing in 1 of 3 primitives; it counts as 0 there"),
+              ElementsAre(HasSubstr("mesh 0: 1 of 4 primitives are points or lines"),
+                          HasSubstr("attribute _T: is missing in 1 of 3 primitives; it counts as 0 there"),
                           HasSubstr("attribute _T: has 1 to 3 components")));
 }
 
