@@ -1,5 +1,8 @@
 #include "mesh/texture_faults.h"
 
+#include <set>
+#include <utility>
+
 #include "absl/strings/str_cat.h"
 
 namespace voxelpipe {
@@ -32,10 +35,14 @@ void AddReferenceWarnings(const TriangleMesh& mesh, size_t index, const TextureU
   });
 }
 
-// Parts whose materials have textures that nothing places on their triangles.
+// Parts whose materials have textures that nothing places on their triangles. Instances of a primitive are spoken of once: there may be
+// ten million of them.
 void AddCoordinateWarnings(const TriangleMesh& mesh, const TextureUse& use, WarningList& warnings) {
+  std::set<std::pair<uint32_t, uint32_t>> seen;
   for (const MeshPart& part : mesh.parts) {
     if (part.triangle_count == 0 || part.material < 0 || size_t(part.material) >= mesh.materials.size()) continue;
+    if (part.has_uv[0] && part.has_uv[1]) continue;
+    if (!seen.emplace(part.mesh, part.primitive).second) continue;
     const Material& material = mesh.materials[size_t(part.material)];
     ForEachTexture(material, TexturesOf(material, use), [&](const char* name, const TextureRef& ref) {
       if (ref.texture < 0 || part.has_uv[ref.uv_set == 1 ? 1 : 0]) return;

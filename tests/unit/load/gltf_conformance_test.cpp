@@ -211,6 +211,27 @@ TEST(GltfConformance, TexturesSayWhatIsWrongToWhoReadsThem) {
                                       HasSubstr("no TEXCOORD_0")));
 }
 
+// A few hundred bytes of instances make millions of parts: each primitive is spoken of once, and that takes no time.
+TEST(GltfConformance, InstancesWithoutCoordinatesAreOneWarning) {
+  TriangleMesh mesh;
+  mesh.materials.resize(1);
+  mesh.materials[0].base_color.texture = 0;
+  mesh.textures.resize(1);
+  mesh.textures[0].image = 0;
+  mesh.images = {std::make_shared<Image>()};
+  mesh.images[0]->rgba.resize(4);
+  MeshPart part;
+  part.triangle_count = 1;
+  part.material = 0;
+  mesh.parts.assign(200'000, part);
+  mesh.parts.back().primitive = 1;
+  WarningList warnings;
+  AddTextureWarnings(mesh, {.base_color = true}, warnings);
+  EXPECT_THAT(Lines(warnings), ElementsAre(HasSubstr("mesh 0, primitive 0: no TEXCOORD_0"),
+                                           HasSubstr("mesh 0, primitive 1: no TEXCOORD_0")));
+  EXPECT_EQ(warnings.left_out(), 0u);
+}
+
 TEST(GltfConformance, FaultsOfMaterialsAreWarnings) {
   GlbBuilder builder = Box();
   builder.doc["materials"] = {{{"emissiveFactor", {1, 2}}, {"alphaMode", "GLASS"}},
