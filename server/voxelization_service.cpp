@@ -13,7 +13,7 @@
 #include "shaders/catalog.h"
 #include "wire/response.h"
 #include "wire/status.h"
-#include "wire/text.h"
+#include "base/text.h"
 
 namespace voxelpipe {
 

@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "base/text.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -37,7 +38,7 @@ std::vector<std::pair<std::string, double>> AllStages(const EngineRun& run, cons
 void PrintError(std::string_view where, std::string_view message) {
   std::string line = where.empty() ? absl::StrCat("voxelpipe: ", std::string(message))
                                    : absl::StrCat("voxelpipe: ", std::string(where), ": ", std::string(message));
-  // A message may quote a stranger's file: control characters would break the line or drive the terminal.
+  // What is not a status may hold anything, too: control characters would break the line or drive the terminal.
   for (char& c : line) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
   }
@@ -45,7 +46,7 @@ void PrintError(std::string_view where, std::string_view message) {
 }
 
 void PrintError(std::string_view where, const absl::Status& status) {
-  const std::string message(status.message());
+  const std::string message = ErrorText(status);  // as a server would say it
   PrintError(where, message.empty() ? absl::StatusCodeToString(status.code()) : message);
 }
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "wire/text.h"
+#include "base/text.h"
 
 namespace voxelpipe {
 namespace {

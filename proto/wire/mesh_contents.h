@@ -10,7 +10,7 @@
 
 namespace voxelpipe {
 
-// `stages`: wall milliseconds of "load" and "flatten". Names of attributes come from strangers' files: they are cleaned (wire/text.h), and
+// `stages`: wall milliseconds of "load" and "flatten". Names of attributes come from strangers' files: they are cleaned (base/text.h), and
 // no more than 256 are told.
 v1::MeshContents ToMessage(const MeshContents& contents, const std::vector<std::pair<std::string, double>>& stages);
 MeshContents FromMessage(const v1::MeshContents& message);

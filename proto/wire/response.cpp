@@ -5,7 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "wire/text.h"
+#include "base/text.h"
 
 namespace voxelpipe {
 namespace {

@@ -5,10 +5,10 @@
 
 #include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
+#include "base/limit_error.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
-#include "base/limit_error.h"
-#include "wire/text.h"
+#include "base/text.h"
 
 namespace voxelpipe {
 namespace {
@@ -17,6 +17,7 @@ constexpr char kRetryDelayUrl[] = "voxelpipe/retry_delay_ms";
 constexpr char kQuotaSubjectUrl[] = "voxelpipe/quota_subject";
 constexpr char kMissingMeshUrl[] = "voxelpipe/missing_mesh";
 constexpr char kNeedsStreamUrl[] = "voxelpipe/needs_stream";  // its value: need_bytes limit_bytes
+constexpr char kFieldUrl[] = "voxelpipe/field";
 constexpr char kMeshType[] = "voxelpipe.v1.StoredMesh";
 constexpr char kDomain[] = "voxelpipe";
 // Keys of an ErrorInfo's metadata.
@@ -25,7 +26,7 @@ constexpr char kNeedBytes[] = "need_bytes", kLimitBytes[] = "limit_bytes", kLarg
 constexpr char kNotAvailable[] = "NOT_AVAILABLE", kResultNeedsStream[] = "RESULT_NEEDS_STREAM";
 constexpr char kStreamRpc[] = "voxelpipe.v1.VoxelizationService/Voxelize";
 // Trailers are bounded to 8 KiB together by default; the message goes there twice, percent-encoded once.
-constexpr size_t kMaxMessageBytes = 1000;
+static_assert(kMaxErrorBytes <= 1000);
 constexpr size_t kMaxIdBytes = 80;
 
 google::rpc::ErrorInfo MakeErrorInfo(const char* reason) {
@@ -112,17 +113,23 @@ bool NeedsStream(const absl::Status& status) {
   return status.GetPayload(kNeedsStreamUrl).has_value();
 }
 
+absl::Status WithField(absl::Status status, std::string_view field) {
+  status.SetPayload(kFieldUrl, absl::Cord(absl::string_view(field.data(), field.size())));
+  return status;
+}
+
 grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.ok()) return grpc::Status::OK;
-  const std::string message = CleanText({status.message().data(), status.message().size()}, kMaxMessageBytes);
+  const std::string message = ErrorText(status);
   google::rpc::Status details;
   details.set_code(int(status.code()));  // absl and gRPC number the canonical codes alike
   details.set_message(message);
   if (status.code() == absl::StatusCode::kInvalidArgument) {
     google::rpc::BadRequest bad;
     auto* violation = bad.add_field_violations();
-    const size_t colon = EndOfPlace(message);
-    violation->set_field(colon == std::string::npos ? "" : message.substr(0, colon));
+    const auto field = status.GetPayload(kFieldUrl);
+    const size_t colon = field ? std::string::npos : EndOfPlace(message);
+    violation->set_field(field ? std::string(*field) : colon == std::string::npos ? "" : message.substr(0, colon));
     violation->set_description(colon == std::string::npos ? message : message.substr(colon + 2));
     details.add_details()->PackFrom(bad);
   } else if (status.code() == absl::StatusCode::kResourceExhausted) {

@@ -32,8 +32,12 @@ absl::Status NeedsStreamError(uint64_t need_bytes, uint64_t limit_bytes);
 // Whether it is one, on either side of the wire.
 bool NeedsStream(const absl::Status& status);
 
-// The one place where a job's status becomes a call's. Code and message stay; the details are
-//   INVALID_ARGUMENT      BadRequest: field = the message's text before the first ": ", description = the rest
+// The same status, INVALID_ARGUMENT, as one about this part of the request ("mesh"), which the message need not name.
+absl::Status WithField(absl::Status status, std::string_view field);
+
+// The one place where a job's status becomes a call's. The code stays, the message is ErrorText; the details are
+//   INVALID_ARGUMENT      BadRequest: field = that of WithField, description = the message; else field = the message's text before the first ": ",
+//                         description = the rest
 //   RESOURCE_EXHAUSTED    RetryInfo for a BusyError, with QuotaFailure for a QuotaError; otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as need_and_limit, and
 //                         need_bytes, limit_bytes and largest_resolution as numbers where they are known (LimitErrorOf)
 //   NOT_FOUND             ResourceInfo for a MissingMeshError: type "voxelpipe.v1.StoredMesh", name the mesh's id

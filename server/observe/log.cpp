@@ -13,7 +13,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "wire/text.h"
+#include "base/text.h"
 
 namespace voxelpipe {
 namespace {

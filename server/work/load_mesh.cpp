@@ -7,6 +7,7 @@
 
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
+#include "wire/status.h"
 #include "work/mesh_bytes.h"
 
 namespace voxelpipe {
@@ -20,9 +21,8 @@ double MsSince(Clock::time_point begin) {
 
 // What is wrong with the file as a whole names no part of it; the request's part is the mesh then.
 absl::Status OfMesh(const absl::Status& status) {
-  const std::string message(status.message());
-  if (!absl::IsInvalidArgument(status) || message.find(": ") != std::string::npos) return status;
-  return absl::InvalidArgumentError("mesh: " + message);
+  if (!absl::IsInvalidArgument(status) || status.message().find(": ") != absl::string_view::npos) return status;
+  return WithField(status, "mesh");
 }
 
 }  // namespace

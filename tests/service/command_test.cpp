@@ -132,6 +132,31 @@ TEST_F(BenchTest, TheServersShareIsTold) {
   EXPECT_GT(run["server"]["voxelize_ms"]["max"], 0.0);
 }
 
+// Whoever makes the mesh chooses the names in it.
+TEST_F(CommandTest, AMeshsErrorsReadTheSameInProcessAndServed) {
+  const std::string name(1 << 20, 'n');
+  const std::string begin = R"({"asset": {"version": "2.0"}, )";
+  const std::map<std::string, std::string> files = {
+      {"empty", ""},
+      {"nothing", "no mesh at all"},
+      {"extension.gltf", begin + R"("extensionsRequired": [")" + name + "\"]}"},
+      {"control.gltf", begin + R"("extensionsRequired": ["a\u0007b\nc"]})"},
+      {"attribute.gltf", begin + R"("scenes": [{"nodes": [0]}], "scene": 0, "nodes": [{"mesh": 0}],
+        "meshes": [{"name": ")" +
+                             name + R"(", "primitives": [{"attributes": {"POSITION": 7, "_)" + name + R"(": 8}}]}]})"},
+      {"short.glb", std::string("glTF\2\0\0\0\0\1\0\0", 12)}};
+  const std::string server = Start();
+  for (const auto& [file, text] : files) {
+    Write(file, {text.begin(), text.end()});
+    const CliOutcome here = RunCli({"voxelize", directory_ / file}),
+                     there = RunCli({"voxelize", directory_ / file, "--server", server});
+    EXPECT_EQ(here.exit_code, 1) << file;
+    EXPECT_EQ(there.exit_code, 1) << file;
+    EXPECT_EQ(here.err, there.err) << file;
+    EXPECT_LT(here.err.size(), 1500u) << file;
+  }
+}
+
 TEST_F(CommandTest, AServedRunTellsItsWorkerAndServersTheirDevices) {
   const std::string server = Start({"--backend", "cpu"});
   const CliOutcome voxelize = RunCli({"voxelize", directory_ / "torus.glb", "--server", server, "--json"});

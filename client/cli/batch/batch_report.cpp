@@ -3,6 +3,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "report.h"
+#include "base/text.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -26,7 +27,7 @@ nlohmann::ordered_json ItemJson(const BatchItem& item, const ItemReport& report)
   json["status"] = Name(report.status);
   if (!report.error.ok()) {
     json["error"] = {{"code", absl::StatusCodeToString(report.error.code())},
-                     {"message", std::string(report.error.message())}};
+                     {"message", ErrorText(report.error)}};
   }
   json["ms"] = report.milliseconds;
   json["attempts"] = report.attempts;

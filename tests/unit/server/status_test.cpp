@@ -2,10 +2,11 @@
 
 #include <string>
 
+#include "base/limit_error.h"
+#include "base/text.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
 #include "gtest/gtest.h"
-#include "base/limit_error.h"
 
 namespace voxelpipe {
 namespace {
@@ -39,6 +40,24 @@ TEST(StatusTest, AnInvalidArgumentNamesTheField) {
   ASSERT_EQ(bad.field_violations_size(), 1);
   EXPECT_EQ(bad.field_violations(0).field(), "targets[1].blend");
   EXPECT_EQ(bad.field_violations(0).description(), "blend 'or': not for f32");
+}
+
+TEST(StatusTest, AFieldThatTheMessageDoesNotNameLeavesTheMessageAsItIs) {
+  const grpc::Status sent =
+      ToGrpcStatus(WithField(absl::InvalidArgumentError("no mesh: neither this nor that"), "mesh"));
+  EXPECT_EQ(sent.error_message(), "no mesh: neither this nor that");
+  const auto bad = Detail<google::rpc::BadRequest>(sent);
+  EXPECT_EQ(bad.field_violations(0).field(), "mesh");
+  EXPECT_EQ(bad.field_violations(0).description(), "no mesh: neither this nor that");
+}
+
+TEST(StatusTest, TheTextOfAnErrorIsWhatTheWireCarries) {
+  for (const std::string& text : {std::string("plain"), std::string(1 << 20, 'n'), std::string("a\nb\x01\xff c")}) {
+    const absl::Status status = absl::InternalError(text);
+    EXPECT_EQ(ErrorText(status), ToGrpcStatus(status).error_message());
+    EXPECT_LE(ErrorText(status).size(), 1000u);
+    EXPECT_EQ(ErrorText(absl::InternalError(ErrorText(status))), ErrorText(status)) << "once is enough";
+  }
 }
 
 TEST(StatusTest, AnInvalidArgumentNamesThePartOfTheMesh) {

@@ -5,10 +5,16 @@
 #include <string>
 #include <string_view>
 
+#include "absl/status/status.h"
+
 namespace voxelpipe {
 
 // `text` as protobuf strings need it: every byte that is not part of valid UTF-8, and every control character, becomes '?'; what
 // is longer than `max_bytes` is cut at a character's start and ends in "...". Names in strangers' files end up in messages.
 std::string CleanText(std::string_view text, size_t max_bytes);
+
+inline constexpr size_t kMaxErrorBytes = 1000;
+// The clean text of an error's message, at most kMaxErrorBytes: the one that users see, whether a wire is between or not.
+std::string ErrorText(const absl::Status& status);
 
 }  // namespace voxelpipe

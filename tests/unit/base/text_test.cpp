@@ -1,4 +1,4 @@
-#include "wire/text.h"
+#include "base/text.h"
 
 #include "gtest/gtest.h"
 

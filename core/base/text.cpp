@@ -1,4 +1,4 @@
-#include "wire/text.h"
+#include "base/text.h"
 
 #include <cstdint>
 
@@ -48,6 +48,10 @@ std::string CleanText(std::string_view text, size_t max_bytes) {
     }
   }
   return clean;
+}
+
+std::string ErrorText(const absl::Status& status) {
+  return CleanText({status.message().data(), status.message().size()}, kMaxErrorBytes);
 }
 
 }  // namespace voxelpipe
