@@ -165,7 +165,8 @@ class Client {
 
   // What the server knows of a mesh. NOT_FOUND where it does not keep it.
   absl::StatusOr<StoredMesh> GetMesh(const std::string& mesh_id);
-  // Makes the server forget a mesh; jobs that use it go on. Out: the bytes that this frees. NOT_FOUND where it does not keep it.
+  // Takes this client's claim on a mesh back, and makes the server forget the mesh where no other client has one; jobs that use it go on. Out:
+  // the bytes that this frees, 0 where it stays for others. NOT_FOUND where the server does not keep it, PERMISSION_DENIED without a claim.
   absl::StatusOr<uint64_t> DeleteMesh(const std::string& mesh_id);
 
   // Opens a stream for many small jobs (many_stream.h). At most `window` of them are unanswered at a time. `job`: Cancel() ends the stream,

@@ -210,9 +210,11 @@ void UploadMeshCall::Work() {
       return Answer(absl::DataLossError(absl::StrCat("the mesh's SHA-256 is ", id, ", not the mesh_id ", expected_id_)),
                     false);
     }
-    if (std::shared_ptr<KeptMesh> mesh = state_.meshes.Touch(id)) return Answer(std::move(mesh), true);
+    if (std::shared_ptr<KeptMesh> mesh = state_.meshes.Claim(id, record_.client)) {
+      return Answer(std::move(mesh), true);
+    }
     const auto load_job = std::make_shared<JobContext>();  // goes on while anybody waits for the mesh
-    const auto done = [self = shared_from_this()](const Loads::Answer& mesh) { self->Answer(mesh, false); };
+    const auto done = [self = shared_from_this()](const Loads::Answer& mesh) { self->Keep(mesh); };
     const Loads::Seat seat = state_.loads.Join(absl::StrCat(id, "/", int(format_)), {.done = done, .news = {}});
     if (seat.first) state_.loads.WhenEmpty(seat.flight, [load_job] { load_job->Cancel(); });
     {
@@ -221,7 +223,7 @@ void UploadMeshCall::Work() {
     }
     if (!job_.Check().ok()) LeaveFlight();
     if (seat.first) {
-      state_.loads.Land(seat.flight, LoadAndKeep(std::move(file), id, *load_job));
+      state_.loads.Land(seat.flight, Load(std::move(file), id, *load_job));
     } else {
       uploads_.ShrinkTo(0);  // the other one has the same bytes
     }
@@ -230,19 +232,23 @@ void UploadMeshCall::Work() {
   }
 }
 
-absl::StatusOr<std::shared_ptr<KeptMesh>> UploadMeshCall::LoadAndKeep(std::vector<uint8_t> file, const std::string& id,
-                                                                      const JobContext& job) {
+absl::StatusOr<std::shared_ptr<KeptMesh>> UploadMeshCall::Load(std::vector<uint8_t> file, const std::string& id,
+                                                               const JobContext& job) {
   try {
     const uint64_t file_bytes = file.size();
     const MeshFormat format = format_ == MeshFormat::kAuto ? SniffMeshFormat(file).value_or(format_) : format_;
     absl::StatusOr<LoadedMesh> loaded = LoadMesh(std::move(file), format, state_.limits.load, job);
     if (!loaded.ok()) return loaded.status();
-    return state_.meshes.Insert(std::make_shared<KeptMesh>(id, format, file_bytes, *std::move(loaded)));
+    return std::make_shared<KeptMesh>(id, format, file_bytes, *std::move(loaded));
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory for the mesh");
   } catch (const std::exception& error) {
     return absl::InternalError(absl::StrCat("unexpected: ", error.what()));
   }
+}
+
+void UploadMeshCall::Keep(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mesh) {
+  Answer(mesh.ok() ? state_.meshes.Insert(*mesh, record_.client) : mesh, false);
 }
 
 void UploadMeshCall::Answer(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mesh, bool already_stored) {
@@ -253,7 +259,6 @@ void UploadMeshCall::Answer(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mes
     if (mesh.ok()) record_.facts = {{"mesh", (*mesh)->id()}, {"already_stored", uint64_t{already_stored}}};
   }
   if (mesh.ok()) {
-    if (record_.role() == Role::kUser) (*mesh)->AddOwner(record_.client);
     v1::UploadMeshResponse response;
     *response.mutable_mesh() = ToMessage(**mesh);
     response.set_already_stored(already_stored);
@@ -316,17 +321,14 @@ absl::Status GetMesh(ServiceState& state, const v1::GetMeshRequest& request, v1:
 absl::Status DeleteMesh(ServiceState& state, const CallRecord& caller, const v1::DeleteMeshRequest& request,
                         v1::DeleteMeshResponse& response) {
   if (absl::Status s = CheckMeshId(request.mesh_id(), "mesh_id"); !s.ok()) return s;
-  absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state.meshes.Get(request.mesh_id());
+  absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = caller.role() == Role::kAdmin
+                                                       ? state.meshes.Delete(request.mesh_id())
+                                                       : state.meshes.Release(request.mesh_id(), caller.client);
   if (!mesh.ok()) return mesh.status();
-  if (caller.role() != Role::kAdmin) {
-    switch ((*mesh)->RemoveOwner(caller.client)) {
-      case KeptMesh::Ownership::kNone: return absl::PermissionDeniedError("the mesh was uploaded by others");
-      case KeptMesh::Ownership::kShared: return absl::OkStatus();  // the others keep it
-      case KeptMesh::Ownership::kSole: break;
-    }
+  if (*mesh == nullptr) {
+    response.set_kept_for_others(true);
+    return absl::OkStatus();
   }
-  mesh = state.meshes.Delete(request.mesh_id());
-  if (!mesh.ok()) return mesh.status();
   response.set_freed_bytes((*mesh)->memory_bytes());
   // Giving gigabytes back takes a while: not on gRPC's thread, unless all loaders have too much to do.
   state.scheduler.Submit(std::make_shared<FreeTask>(*std::move(mesh))).IgnoreError();

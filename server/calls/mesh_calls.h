@@ -27,7 +27,8 @@ namespace voxelpipe {
 v1::StoredMesh ToMessage(KeptMesh& mesh);
 
 // One UploadMesh call: gathers the file; a loader takes its hash, loads it unless an equal one is there or being loaded, and keeps it. Where
-// the client named the mesh and it is here already, the call ends before the file has come. Lives until gRPC is done with the call and
+// the client named the mesh and it is here already, the call ends before the file has come: the client may use the mesh then, but has no claim
+// on it. Lives until gRPC is done with the call and
 // the loader with the file, whichever comes last.
 class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
                              public std::enable_shared_from_this<UploadMeshCall> {
@@ -55,8 +56,11 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
 
   // On a loader's thread.
   void Work();
-  absl::StatusOr<std::shared_ptr<KeptMesh>> LoadAndKeep(std::vector<uint8_t> file, const std::string& id,
-                                                        const JobContext& job);
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Load(std::vector<uint8_t> file, const std::string& id,
+                                                 const JobContext& job);
+
+  // Puts what was loaded into the store, as this client's, and ends the call.
+  void Keep(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mesh);
 
   // Ends the call; only the first one counts.
   void Answer(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mesh, bool already_stored);
@@ -89,8 +93,8 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
 
 // In: the call's request. Out: its answer, or NOT_FOUND with ResourceInfo; INVALID_ARGUMENT for what is no mesh's id.
 absl::Status GetMesh(ServiceState& state, const v1::GetMeshRequest& request, v1::GetMeshResponse& response);
-// A caller that is no administrator gives up its own claim, and the mesh is forgotten when no claim is left; PERMISSION_DENIED where it
-// has none.
+// A caller that is no administrator gives up its own claim, and the mesh is forgotten when no claim is left, else kept_for_others is set;
+// PERMISSION_DENIED where it has none. An administrator's call forgets the mesh, whoever has a claim.
 absl::Status DeleteMesh(ServiceState& state, const CallRecord& caller, const v1::DeleteMeshRequest& request,
                         v1::DeleteMeshResponse& response);
 

@@ -111,17 +111,6 @@ std::shared_ptr<TriangleMesh> KeptMesh::Moved(const std::shared_ptr<const Triang
   return moved_->Copy(mesh, keep_one);
 }
 
-void KeptMesh::AddOwner(const std::string& client) {
-  const std::lock_guard lock(mutex_);
-  owners_.insert(client);
-}
-
-KeptMesh::Ownership KeptMesh::RemoveOwner(const std::string& client) {
-  const std::lock_guard lock(mutex_);
-  if (owners_.erase(client) == 0) return Ownership::kNone;
-  return owners_.empty() ? Ownership::kSole : Ownership::kShared;
-}
-
 bool KeptMesh::ready(const TextureUse& use) const {
   const std::lock_guard lock(mutex_);
   return Covers(prepared_, use);

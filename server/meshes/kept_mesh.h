@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -35,12 +34,6 @@ class KeptMesh {
   uint64_t memory_bytes() const { return memory_bytes_.load() * (keeps_moved_ ? 2 : 1); }
   uint64_t uses() const { return uses_.load(); }
   void CountUse() { ++uses_; }
-
-  // The clients that uploaded it, where the server tells clients apart.
-  enum class Ownership { kNone, kShared, kSole };
-  void AddOwner(const std::string& client);
-  // Out: what the client's share in it was.
-  Ownership RemoveOwner(const std::string& client);
 
   // The mesh, with the textures decoded that `use` samples; at least those. The first call for a texture decodes it, others for textures
   // wait meanwhile. A mesh with textures has another content_id than the one without.
@@ -77,7 +70,6 @@ class KeptMesh {
   std::shared_ptr<const TriangleMesh> mesh_;
   TextureUse prepared_;
   Facts facts_;
-  std::set<std::string> owners_;
 };
 
 }  // namespace voxelpipe

@@ -9,11 +9,17 @@
 
 namespace voxelpipe {
 
-absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Insert(std::shared_ptr<KeptMesh> mesh) {
+absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Insert(std::shared_ptr<KeptMesh> mesh, const std::string& client) {
   const uint64_t bytes = mesh->memory_bytes();
   const std::string id = mesh->id();
-  std::shared_ptr<KeptMesh> kept = meshes_.Insert(id, std::move(mesh), bytes);
+  auto [kept, room] = meshes_.Insert(id, std::move(mesh), bytes, client);
   if (kept) return kept;
+  if (room < max_bytes()) {
+    return MakeLimitError(
+        absl::StrCat("the mesh takes ", bytes, " bytes of memory; of the ", max_bytes(),
+                     " bytes of all meshes that are kept, others have their shares and ", room, " bytes are left"),
+        {bytes, room, 0});
+  }
   return MakeLimitError(
       absl::StrCat("the mesh takes ", bytes, " bytes of memory, the limit of all meshes that are kept is ", max_bytes(),
                    " bytes"),
@@ -47,6 +53,18 @@ absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Get(const std::string& id) 
   std::shared_ptr<KeptMesh> mesh = meshes_.Peek(id);
   if (!mesh) return MissingMeshError(id);
   return mesh;
+}
+
+absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Release(const std::string& id, const std::string& client) {
+  std::shared_ptr<KeptMesh> gone;
+  switch (meshes_.Release(id, client, gone)) {
+    case ClaimedLru<KeptMesh>::Released::kNoClaim:
+      if (!meshes_.Peek(id)) return MissingMeshError(id);
+      return absl::PermissionDeniedError("the mesh was uploaded by others");
+    case ClaimedLru<KeptMesh>::Released::kStays: return nullptr;
+    case ClaimedLru<KeptMesh>::Released::kGone: break;
+  }
+  return gone;
 }
 
 absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Delete(const std::string& id) {

@@ -1,6 +1,7 @@
 // The meshes that the server keeps, by the SHA-256 of their files' bytes.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -8,20 +9,29 @@
 
 #include "absl/status/statusor.h"
 #include "load/limits.h"
-#include "meshes/byte_lru.h"
+#include "meshes/claimed_lru.h"
 #include "meshes/kept_mesh.h"
 
 namespace voxelpipe {
 
-// Keeps what was used last, up to so many bytes of memory. Jobs hold what they use, deleted or put out or not. Thread-safe; only Mesh
+// Keeps what was used last, up to so many bytes of memory, of each client what fits into its share (ClaimedLru). A client has a claim on what
+// it uploaded, and no other client takes that away; to use a mesh its id is enough. Jobs hold what they use, deleted or put out or not. Thread-safe; only Mesh
 // makes a caller wait for other callers' work (textures being decoded).
 class MeshStore {
  public:
-  explicit MeshStore(uint64_t max_bytes) : meshes_(max_bytes) {}
+  // What nobody used for so long is nobody's share any more.
+  static constexpr std::chrono::minutes kShareHolds{10};
 
-  // Keeps a mesh, as the one that was used last. Out: the one that is kept, which may be an equal one that came before.
-  // RESOURCE_EXHAUSTED with need and limit (LimitErrorOf) where it is larger than all that the store may hold.
-  absl::StatusOr<std::shared_ptr<KeptMesh>> Insert(std::shared_ptr<KeptMesh> mesh);
+  explicit MeshStore(uint64_t max_bytes) : meshes_(max_bytes, kShareHolds) {}
+
+  // Keeps a mesh that `client` uploaded, as the one that was used last. Out: the one that is kept, which may be an equal one that came before.
+  // RESOURCE_EXHAUSTED with need and limit (LimitErrorOf) where it is larger than all that the store may hold, or than what others' shares leave.
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Insert(std::shared_ptr<KeptMesh> mesh, const std::string& client);
+
+  // The mesh that `client` uploaded as well, from now on the one that was used last: null where there is none.
+  std::shared_ptr<KeptMesh> Claim(const std::string& id, const std::string& client) {
+    return meshes_.Claim(id, client);
+  }
 
   // The mesh for one more job, from now on the one that was used last: NOT_FOUND (MissingMeshError).
   absl::StatusOr<std::shared_ptr<KeptMesh>> Take(const std::string& id);
@@ -39,7 +49,11 @@ class MeshStore {
   // Looks without using: NOT_FOUND (MissingMeshError).
   absl::StatusOr<std::shared_ptr<KeptMesh>> Get(const std::string& id) const;
 
-  // Forgets the mesh and hands it out, so that the caller chooses the thread that frees it. NOT_FOUND (MissingMeshError).
+  // Takes the client's claim on the mesh back, and forgets the mesh where nobody else has one. Out: the mesh, so that the caller chooses the
+  // thread that frees it; null where it stays, for the others. NOT_FOUND (MissingMeshError); PERMISSION_DENIED without a claim.
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Release(const std::string& id, const std::string& client);
+
+  // Forgets the mesh, whoever has a claim on it, and hands it out. NOT_FOUND (MissingMeshError).
   absl::StatusOr<std::shared_ptr<KeptMesh>> Delete(const std::string& id);
 
   LruStats stats() const { return meshes_.stats(); }
@@ -48,7 +62,7 @@ class MeshStore {
   void set_max_bytes(uint64_t bytes) { meshes_.set_limit_bytes(bytes); }
 
  private:
-  ByteLru<KeptMesh> meshes_;
+  ClaimedLru<KeptMesh> meshes_;
 };
 
 // Whether the text can name a mesh: 64 hexadecimal digits, lower case. INVALID_ARGUMENT naming the field otherwise.

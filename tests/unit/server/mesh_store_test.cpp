@@ -5,10 +5,10 @@
 #include <thread>
 #include <vector>
 
+#include "base/limit_error.h"
 #include "gtest/gtest.h"
 #include "mesh/content_id.h"
 #include "meshes/prepare_kept.h"
-#include "base/limit_error.h"
 #include "wire/status.h"
 #include "support/warnings.h"
 
@@ -66,7 +66,7 @@ TEST(MeshStoreTest, WhatIsNotThereIsNotFoundByName) {
 
 TEST(MeshStoreTest, TakingCountsAndLookingDoesNot) {
   MeshStore store(1 << 20);
-  ASSERT_TRUE(store.Insert(Kept('a')).ok());
+  ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
   ASSERT_TRUE(store.Get(Id('a')).ok());
   EXPECT_EQ((*store.Get(Id('a')))->uses(), 0u);
   ASSERT_TRUE(store.Take(Id('a')).ok());
@@ -77,7 +77,7 @@ TEST(MeshStoreTest, TakingCountsAndLookingDoesNot) {
 TEST(MeshStoreTest, AMeshLargerThanTheStoreSaysNeedAndLimit) {
   MeshStore store(100);
   const auto mesh = Kept('a');
-  const absl::Status status = store.Insert(mesh).status();
+  const absl::Status status = store.Insert(mesh, "x").status();
   EXPECT_TRUE(absl::IsResourceExhausted(status));
   const auto numbers = LimitErrorOf(status);
   ASSERT_TRUE(numbers.has_value());
@@ -87,7 +87,7 @@ TEST(MeshStoreTest, AMeshLargerThanTheStoreSaysNeedAndLimit) {
 
 TEST(MeshStoreTest, ADeletedMeshServesWhoHasIt) {
   MeshStore store(1 << 20);
-  ASSERT_TRUE(store.Insert(Kept('a')).ok());
+  ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
   const auto held = store.Take(Id('a'));
   ASSERT_TRUE(held.ok());
   ASSERT_TRUE(store.Delete(Id('a')).ok());
@@ -133,7 +133,7 @@ TEST(MeshStoreTest, DecodedTexturesCount) {
   const LoadLimits limits;
   const auto kept = Kept('a');
   MeshStore store(kept->memory_bytes() + 2);  // one pixel takes four bytes
-  ASSERT_TRUE(store.Insert(kept).ok());
+  ASSERT_TRUE(store.Insert(kept, "x").ok());
   ASSERT_TRUE(store.Mesh(*kept, kNone, limits).ok());
   EXPECT_TRUE(store.Get(Id('a')).ok());
   ASSERT_TRUE(store.Mesh(*kept, kBase, limits).ok()) << "who has it may use it";
@@ -169,15 +169,42 @@ TEST(KeptMeshTest, NamesCountAsMemory) {
   EXPECT_GT(Kept('a', std::move(named))->memory_bytes(), uint64_t{1} << 20);
 }
 
-TEST(KeptMeshTest, TheLastOwnerIsTheSoleOne) {
-  const auto kept = Kept('a');
-  EXPECT_EQ(kept->RemoveOwner("x"), KeptMesh::Ownership::kNone);
-  kept->AddOwner("x");
-  kept->AddOwner("y");
-  kept->AddOwner("x");
-  EXPECT_EQ(kept->RemoveOwner("x"), KeptMesh::Ownership::kShared);
-  EXPECT_EQ(kept->RemoveOwner("x"), KeptMesh::Ownership::kNone);
-  EXPECT_EQ(kept->RemoveOwner("y"), KeptMesh::Ownership::kSole);
+TEST(MeshStoreTest, AClaimGoesWithItsClientAndTheMeshWithTheLastClaim) {
+  MeshStore store(1 << 20);
+  EXPECT_TRUE(absl::IsNotFound(store.Release(Id('a'), "x").status()));
+  ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
+  ASSERT_TRUE(store.Insert(Kept('a'), "y").ok()) << "an equal one";
+  ASSERT_NE(store.Claim(Id('a'), "x"), nullptr);
+  ASSERT_NE(store.Touch(Id('a')), nullptr);
+  EXPECT_TRUE(absl::IsPermissionDenied(store.Release(Id('a'), "z").status())) << "who names a mesh has no claim";
+  const auto first = store.Release(Id('a'), "x");
+  ASSERT_TRUE(first.ok()) << first.status();
+  EXPECT_EQ(*first, nullptr) << "it stays for the other";
+  EXPECT_TRUE(absl::IsPermissionDenied(store.Release(Id('a'), "x").status()));
+  EXPECT_TRUE(store.Get(Id('a')).ok());
+  const auto last = store.Release(Id('a'), "y");
+  ASSERT_TRUE(last.ok()) << last.status();
+  EXPECT_NE(*last, nullptr);
+  EXPECT_TRUE(absl::IsNotFound(store.Get(Id('a')).status()));
+  EXPECT_EQ(store.stats().evictions, 0u);
+}
+
+TEST(MeshStoreTest, AMeshThatOthersSharesLeaveNoRoomForSaysNeedAndLimit) {
+  const uint64_t each = Kept('a')->memory_bytes();
+  MeshStore store(each * 2 + each / 2);
+  ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
+  LoadedMesh large = Triangle();
+  large.mesh.positions.resize(3 + each / 24);
+  const auto mesh = Kept('b', std::move(large));
+  ASSERT_GT(mesh->memory_bytes(), each + each / 2);
+  ASSERT_LT(mesh->memory_bytes(), store.max_bytes());
+  const absl::Status status = store.Insert(mesh, "y").status();
+  ASSERT_TRUE(absl::IsResourceExhausted(status)) << status;
+  const auto numbers = LimitErrorOf(status);
+  ASSERT_TRUE(numbers);
+  EXPECT_EQ(numbers->need_bytes, mesh->memory_bytes());
+  EXPECT_EQ(numbers->limit_bytes, store.max_bytes() - each);
+  EXPECT_TRUE(store.Get(Id('a')).ok()) << "what does not fit puts nothing out";
 }
 
 class PrepareKeptTest : public ::testing::Test {
@@ -245,7 +272,7 @@ TEST_F(PrepareKeptTest, ACopyServesOneMoveAfterTheOther) {
 
 TEST_F(PrepareKeptTest, TheCopyCountsAsMemoryAndOutlivesItsMesh) {
   config_.new_positions = true;
-  ASSERT_TRUE(store_.Insert(kept_).ok());
+  ASSERT_TRUE(store_.Insert(kept_, "x").ok());
   const uint64_t before = store_.stats().bytes;
   auto moved = Prepare({0, 0, 1, 1, 0, 1, 0, 1, 1});
   ASSERT_TRUE(moved.ok()) << moved.status();

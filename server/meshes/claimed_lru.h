@@ -1,0 +1,285 @@
+// What was used lately stays, up to so many bytes, of each client as far as its share goes.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <iterator>
+#include <list>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "meshes/byte_lru.h"
+
+namespace voxelpipe {
+
+// Values by name, each with the clients that have a claim on it: at least one, of whom the first pays for its bytes. Any client's use keeps a value.
+//
+// Every client that pays for something has a share: the limit by the number of these clients. Room is made by what was used longest ago of
+// clients that hold more than their share, so what a client used last, as far as it fits into its share, stays whatever others insert. Only
+// what nobody used for `idle` goes before that, whoever has it: clients that have gone for good do not narrow those that are here.
+// What is put out for want of its payer's room is the next claimant's, if there is one. What leaves lives on as long as others hold it;
+// values that nobody holds are destroyed by the thread whose call put them out, without the lock. Thread-safe.
+template <typename Value>
+class ClaimedLru {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  // `now`: for tests; else the clock's.
+  ClaimedLru(uint64_t limit_bytes, Clock::duration idle, std::function<Clock::time_point()> now = {})
+      : limit_(limit_bytes), idle_(idle), now_(std::move(now)) {}
+
+  struct Inserted {
+    std::shared_ptr<Value>
+        value;  // what is kept under the key: the new value, or what was there already; null where there is no room
+    uint64_t room = 0;  // in bytes, for this client and value, where there is too little
+  };
+  // Keeps `value`, which takes `bytes`, as the one that was used last, with a claim of `client`. Where there is no room for it, nothing changes.
+  Inserted Insert(const std::string& key, std::shared_ptr<Value> value, uint64_t bytes, const std::string& client) {
+    std::vector<Step> steps;
+    const std::lock_guard lock(mutex_);  // released before the values in `steps` go
+    if (const auto found = entries_.find(key); found != entries_.end()) {
+      AddClaim(found->second, client);
+      ToFront(found->second);
+      return {found->second.value, 0};
+    }
+    if (bytes > limit_) return {nullptr, limit_};
+    Entry& entry = entries_[key];
+    entry.key = key;
+    entry.value = std::move(value);
+    entry.bytes = bytes;
+    entry.claims = {client};
+    Stamp(entry);
+    Attach(entry);
+    bytes_ += bytes;
+    if (MakeRoom(&entry, steps)) {
+      CountEvictions(steps);
+      return {entry.value, 0};
+    }
+    const uint64_t room = limit_ - (bytes_ - bytes);
+    Undo(steps);
+    steps.push_back(PutOut(entry));
+    return {nullptr, room};
+  }
+
+  // The value with a claim of `client` on it, from now on the one that was used last; null where there is none.
+  std::shared_ptr<Value> Claim(const std::string& key, const std::string& client) {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    if (found == entries_.end()) return nullptr;
+    AddClaim(found->second, client);
+    ToFront(found->second);
+    return found->second.value;
+  }
+
+  // The value, from now on the one that was used last; null where there is none.
+  std::shared_ptr<Value> Use(const std::string& key) {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    ++(found == entries_.end() ? misses_ : hits_);
+    return found == entries_.end() ? nullptr : ToFront(found->second);
+  }
+
+  // The same, but not counted.
+  std::shared_ptr<Value> Touch(const std::string& key) {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    return found == entries_.end() ? nullptr : ToFront(found->second);
+  }
+
+  // The value as Use gives it, but nothing is counted or put into another order.
+  std::shared_ptr<Value> Peek(const std::string& key) const {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    return found == entries_.end() ? nullptr : found->second.value;
+  }
+
+  // Says that a value now takes `bytes`. Others go to make room for it as in Insert, and it goes itself where that is not enough.
+  // Nothing happens where the key does not keep `value`.
+  void Resize(const std::string& key, const Value* value, uint64_t bytes) {
+    std::vector<Step> steps;
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    if (found == entries_.end() || found->second.value.get() != value) return;
+    Entry& entry = found->second;
+    Detach(entry);
+    bytes_ = bytes_ - entry.bytes + bytes;
+    entry.bytes = bytes;
+    Stamp(entry);
+    Attach(entry);
+    if (!MakeRoom(&entry, steps)) {
+      Undo(steps);
+      while (!entry.claims.empty()) steps.push_back(PutOut(entry));
+    }
+    CountEvictions(steps);
+  }
+
+  enum class Released { kNoClaim, kStays, kGone };
+  // Takes the client's claim back; without any other claim the value goes, to `gone`, so that the caller chooses the thread that frees it.
+  Released Release(const std::string& key, const std::string& client, std::shared_ptr<Value>& gone) {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    if (found == entries_.end()) return Released::kNoClaim;
+    Entry& entry = found->second;
+    const auto claim = std::find(entry.claims.begin(), entry.claims.end(), client);
+    if (claim == entry.claims.end()) return Released::kNoClaim;
+    if (entry.claims.size() > 1) {
+      Detach(entry);
+      entry.claims.erase(claim);
+      Attach(entry);
+      return Released::kStays;
+    }
+    gone = PutOut(entry).node.mapped().value;
+    return Released::kGone;
+  }
+
+  // Takes a value out, whoever has claims on it: null where there is none.
+  std::shared_ptr<Value> Erase(const std::string& key) {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    if (found == entries_.end()) return nullptr;
+    std::shared_ptr<Value> value = std::move(found->second.value);
+    found->second.claims.resize(1);
+    PutOut(found->second);
+    return value;
+  }
+
+  LruStats stats() const {
+    const std::lock_guard lock(mutex_);
+    return {entries_.size(), bytes_, hits_, misses_, evictions_};
+  }
+  // Puts out what does not fit any more, as Insert makes room.
+  void set_limit_bytes(uint64_t limit) {
+    std::vector<Step> steps;
+    const std::lock_guard lock(mutex_);
+    limit_ = limit;
+    MakeRoom(nullptr, steps);
+    CountEvictions(steps);
+  }
+  uint64_t limit_bytes() const {
+    const std::lock_guard lock(mutex_);
+    return limit_;
+  }
+
+ private:
+  struct Entry {
+    std::string key;
+    std::shared_ptr<Value> value;
+    uint64_t bytes = 0;
+    std::vector<std::string> claims;  // the first one pays
+    uint64_t turn = 0;                // of its last use
+    Clock::time_point used;
+    typename std::list<Entry*>::iterator place;  // with its payer
+  };
+  using Entries = std::unordered_map<std::string, Entry>;
+  struct Payer {
+    std::list<Entry*> order;  // what was used last in front
+    uint64_t bytes = 0;
+  };
+  // What PutOut did.
+  struct Step {
+    typename Entries::node_type node;  // empty where another claimant has it now
+    Entry* entry = nullptr;
+    std::string claim;
+  };
+
+  void Stamp(Entry& entry) {
+    entry.turn = next_turn_++;
+    entry.used = now_ ? now_() : Clock::now();
+  }
+  std::shared_ptr<Value> ToFront(Entry& entry) {
+    Stamp(entry);
+    std::list<Entry*>& order = payers_[entry.claims.front()].order;
+    order.splice(order.begin(), order, entry.place);
+    return entry.value;
+  }
+  void AddClaim(Entry& entry, const std::string& client) {
+    if (std::find(entry.claims.begin(), entry.claims.end(), client) == entry.claims.end()) {
+      entry.claims.push_back(client);
+    }
+  }
+  void Attach(Entry& entry) {
+    Payer& payer = payers_[entry.claims.front()];
+    auto at = payer.order.begin();
+    if (!payer.order.empty() && payer.order.front()->turn > entry.turn) {  // it is old: its place is near the end
+      for (at = payer.order.end(); (*std::prev(at))->turn < entry.turn;) --at;
+    }
+    entry.place = payer.order.insert(at, &entry);
+    payer.bytes += entry.bytes;
+  }
+  void Detach(Entry& entry) {
+    const auto payer = payers_.find(entry.claims.front());
+    payer->second.order.erase(entry.place);
+    payer->second.bytes -= entry.bytes;
+    if (payer->second.order.empty()) payers_.erase(payer);
+  }
+  // Takes the payer's claim, and where there is no other one the entry.
+  Step PutOut(Entry& entry) {
+    Step step;
+    step.entry = &entry;
+    Detach(entry);
+    step.claim = std::move(entry.claims.front());
+    entry.claims.erase(entry.claims.begin());
+    if (!entry.claims.empty()) {
+      Attach(entry);
+    } else {
+      bytes_ -= entry.bytes;
+      step.node = entries_.extract(entry.key);
+    }
+    return step;
+  }
+  void Undo(std::vector<Step>& steps) {
+    for (; !steps.empty(); steps.pop_back()) {
+      Step& step = steps.back();
+      Entry& entry = *step.entry;
+      if (step.node.empty()) {
+        Detach(entry);
+      } else {
+        bytes_ += entry.bytes;
+        entries_.insert(std::move(step.node));
+      }
+      entry.claims.insert(entry.claims.begin(), std::move(step.claim));
+      Attach(entry);
+    }
+  }
+  // False where all fits only without `fresh`, if given, which was used last.
+  bool MakeRoom(const Entry* fresh, std::vector<Step>& steps) {
+    while (bytes_ > limit_) {
+      Entry* const next = NextToGo(fresh);
+      if (next == nullptr) return false;
+      steps.push_back(PutOut(*next));
+    }
+    return true;
+  }
+  Entry* NextToGo(const Entry* fresh) {
+    const uint64_t share = limit_ / std::max<size_t>(1, payers_.size());
+    Entry *oldest = nullptr, *beyond = nullptr;
+    for (auto& [client, payer] : payers_) {
+      Entry* const last = payer.order.back();
+      if (last == fresh) continue;
+      if (oldest == nullptr || last->turn < oldest->turn) oldest = last;
+      if (payer.bytes > share && (beyond == nullptr || last->turn < beyond->turn)) beyond = last;
+    }
+    if (oldest != nullptr && (now_ ? now_() : Clock::now()) - oldest->used >= idle_) return oldest;
+    return beyond;
+  }
+  void CountEvictions(const std::vector<Step>& steps) {
+    for (const Step& step : steps) evictions_ += step.node.empty() ? 0 : 1;
+  }
+
+  uint64_t limit_;
+  const Clock::duration idle_;
+  const std::function<Clock::time_point()> now_;
+  mutable std::mutex mutex_;
+  Entries entries_;
+  std::map<std::string, Payer> payers_;  // with at least one entry each
+  uint64_t bytes_ = 0, next_turn_ = 0, hits_ = 0, misses_ = 0, evictions_ = 0;
+};
+
+}  // namespace voxelpipe
