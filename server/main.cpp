@@ -45,8 +45,7 @@ int Serve(const ServerOptions& options) {
   const sigset_t signals = StopSignals();
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
-  StartLog(spdlog::level::from_str(options.log_level == "error" ? "err" : options.log_level),
-           options.log_format == "json" ? LogFormat::kJson : LogFormat::kText);
+  StartLog(LevelOf(options.log_level), options.log_format == "json" ? LogFormat::kJson : LogFormat::kText);
 
   absl::StatusOr<std::unique_ptr<VoxelServer>> server = VoxelServer::Start(options);
   if (!server.ok()) {

@@ -52,14 +52,16 @@ absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& 
   const auto found = context.client_metadata().find("authorization");
   std::optional<std::string_view> authorization;
   if (found != context.client_metadata().end()) authorization.emplace(found->second.data(), found->second.size());
-  absl::Status status = state.access->Admit(authorization, rpc, CertificateOf(state, context)).status();
+  std::string who;
+  absl::Status status =
+      state.access->Admit(authorization, rpc, CertificateOf(state, context), QuotaClock::now(), &who).status();
   state.metrics.CallBegan(rpc);
   state.metrics.CallEnded(rpc, status.code(), 0);
   if (!status.ok()) {
-    LogLine("health_refused")
-        .Add("peer", context.peer())
-        .Add("error", std::string_view(status.message().data(), status.message().size()))
-        .Write(spdlog::level::info);
+    LogLine line("health_refused");
+    line.Add("peer", context.peer());
+    if (!who.empty()) line.Add("client", who);
+    line.Add("error", std::string_view(status.message().data(), status.message().size())).Write(spdlog::level::info);
   }
   return status;
 }

@@ -47,6 +47,12 @@ absl::Status Admitted::TakeBytes(uint64_t bytes, QuotaClock::time_point now) {
   return refusal ? Refuse(*refusal, name_, *metrics_) : absl::OkStatus();
 }
 
+absl::Status Admitted::TakeCall(QuotaClock::time_point now) {
+  if (!quota_) return absl::OkStatus();
+  const std::optional<QuotaRefusal> refusal = quota_->TakeCall(now);
+  return refusal ? Refuse(*refusal, name_, *metrics_) : absl::OkStatus();
+}
+
 AccessControl::AccessControl(std::string token_file, bool open_health, Metrics& metrics)
     : token_file_(std::move(token_file)), open_health_(open_health), metrics_(metrics) {}
 
@@ -79,13 +85,15 @@ void AccessControl::Install(TokenTable table) {
 }
 
 absl::StatusOr<Admitted> AccessControl::Admit(std::optional<std::string_view> authorization, Rpc rpc,
-                                              const std::string& certificate, QuotaClock::time_point now) {
+                                              const std::string& certificate, QuotaClock::time_point now,
+                                              std::string* who) {
   const bool health = rpc == Rpc::kHealthCheck || rpc == Rpc::kHealthWatch;
   if (health && open_health_) return Admitted();
   if (token_file_.empty()) {
     Admitted admitted;
     if (!certificate.empty()) {
       admitted.name_ = certificate;
+      if (who != nullptr) *who = certificate;
       admitted.role_ = Role::kUser;
     }
     return admitted;
@@ -112,6 +120,7 @@ absl::StatusOr<Admitted> AccessControl::Admit(std::optional<std::string_view> au
     metrics_.Refused(Refusal::kBadToken).Increment();
     return absl::UnauthenticatedError("the token is not known here");
   }
+  if (who != nullptr) *who = client->name;
   if (!MayCall(client->role, rpc)) {
     metrics_.Refused(Refusal::kRole).Increment();
     return absl::PermissionDeniedError(

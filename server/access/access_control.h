@@ -32,6 +32,8 @@ class Admitted {
   Role role() const { return role_; }
   // `bytes` of a mesh came. Errors: RESOURCE_EXHAUSTED with RetryInfo and QuotaFailure.
   absl::Status TakeBytes(uint64_t bytes, QuotaClock::time_point now = QuotaClock::now());
+  // A job came that would be a call of its own if it were not one of many on a stream. Errors as those of TakeBytes.
+  absl::Status TakeCall(QuotaClock::time_point now = QuotaClock::now());
   // The call is answered, though it has not ended. Once.
   void Answered() {
     if (quota_ && !std::exchange(answered_, true)) quota_->Answered();
@@ -58,9 +60,10 @@ class AccessControl {
   // count. A token goes before a certificate. Without a token file everybody is admitted, one with a certificate as a
   // user of that name. Errors, counted: UNAUTHENTICATED without a token or with one that is not known,
   // PERMISSION_DENIED where the role may not make this call, RESOURCE_EXHAUSTED (RetryInfo, QuotaFailure) beyond the
-  // quota.
+  // quota. `who`, if given: becomes the caller's name as far as it is known, also of one that is refused.
   absl::StatusOr<Admitted> Admit(std::optional<std::string_view> authorization, Rpc rpc,
-                                 const std::string& certificate = "", QuotaClock::time_point now = QuotaClock::now());
+                                 const std::string& certificate = "", QuotaClock::time_point now = QuotaClock::now(),
+                                 std::string* who = nullptr);
 
   // Reads the token file again. Clients keep what they have used; calls in progress go on. Errors: those of
   // TokenTable::Read, and then the old table stays.

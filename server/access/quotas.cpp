@@ -75,6 +75,13 @@ std::optional<QuotaRefusal> Quota::Begin(QuotaClock::time_point now) {
   return std::nullopt;
 }
 
+std::optional<QuotaRefusal> Quota::TakeCall(QuotaClock::time_point now) {
+  const std::lock_guard lock(mutex_);
+  if (!calls_) return std::nullopt;
+  if (const auto wait = calls_->Take(1, now); wait.count() > 0) return QuotaRefusal{Refusal::kQuotaRate, wait};
+  return std::nullopt;
+}
+
 void Quota::Answered() {
   const std::lock_guard lock(mutex_);
   ++answered_now_;

@@ -45,6 +45,8 @@ class Quota {
   void SetLimits(const QuotaLimits& limits, QuotaClock::time_point now);
   // One call begins, or why not. Each that began must End.
   std::optional<QuotaRefusal> Begin(QuotaClock::time_point now);
+  // One more piece of work within a call that began, which counts for calls a second alone; or why not.
+  std::optional<QuotaRefusal> TakeCall(QuotaClock::time_point now);
   // One that began is answered: its client may begin the next one before this one has ended. Of such calls kMostAnswered more than
   // may be at once do not count, so that clients that take no answer do not pile up.
   void Answered();

@@ -33,8 +33,9 @@ CallRecord::CallRecord(ServiceState& state, grpc::CallbackServerContext& context
       peer(context.peer()),
       trace(TraceOf(context)),
       metrics_(state.metrics),
-      admitted_(state.access->Admit(Metadata(context, "authorization"), called, CertificateOf(state, context))) {
-  client = admitted_.ok() && !admitted_->name().empty() ? admitted_->name() : HostOfPeer(peer);
+      admitted_(state.access->Admit(Metadata(context, "authorization"), called, CertificateOf(state, context),
+                                    QuotaClock::now(), &name_)) {
+  client = name_.empty() ? HostOfPeer(peer) : name_;
   metrics_.CallBegan(rpc);
   context.AddInitialMetadata("x-request-id", request_id);
 }
@@ -68,7 +69,7 @@ void CallRecord::Log(const absl::Status& status) {
   if (!LogLine::IsWanted(spdlog::level::info)) return;
   LogLine line("call");
   line.Add("request", request_id).Add("method", RpcName(rpc)).Add("peer", peer);
-  if (admitted_.ok() && !admitted_->name().empty()) line.Add("client", admitted_->name());
+  if (!name_.empty()) line.Add("client", name_);
   if (trace) line.Add("trace_id", trace->trace_id).Add("span_id", trace->span_id);
   const auto code = absl::StatusCodeToString(status.code());
   line.Add("code", std::string_view(code)).Add("ms", seconds * 1000).Add("in", bytes_in).Add("out", bytes_out);

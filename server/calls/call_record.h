@@ -37,6 +37,8 @@ class CallRecord {
   Role role() const { return admitted_.ok() ? admitted_->role() : Role::kMonitor; }
   // `bytes` of a mesh came: counts them. Errors: RESOURCE_EXHAUSTED beyond the client's quota.
   absl::Status TakeBytes(uint64_t bytes);
+  // A job of a stream came. Errors: the same.
+  absl::Status TakeCall() { return admitted_.ok() ? admitted_->TakeCall() : admitted_.status(); }
   // Before the last word is given to gRPC: from then on the client may begin another call in place of this one.
   void Answered() {
     if (admitted_.ok()) admitted_->Answered();
@@ -67,6 +69,7 @@ class CallRecord {
   double CountEnd(const absl::Status& status);
 
   Metrics& metrics_;
+  std::string name_;  // of the token or the certificate, also where the caller is refused; empty: not known
   absl::StatusOr<Admitted> admitted_;
   bool logged_ = false;
 };

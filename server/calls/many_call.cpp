@@ -206,6 +206,12 @@ absl::Status ManyCall::Take(v1::VoxelizeManyRequest& request) {
 }
 
 absl::Status ManyCall::Prepare(v1::VoxelizeManyRequest& request, Job& job) {
+  {
+    const std::lock_guard lock(mutex_);
+    // The stream's own beginning was counted already: it is the first job's.
+    const bool counted = std::exchange(next_is_counted_, false);
+    if (absl::Status s = counted ? absl::OkStatus() : record_.TakeCall(); !s.ok()) return s;
+  }
   if (deadline_.deadline()) job.context.set_deadline(*deadline_.deadline());
   if (absl::Status s = ConfigureJob(state_, request.config(), record_.client, job); !s.ok()) return s;
   std::string& mesh = *request.mutable_mesh();

@@ -90,6 +90,7 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   std::unordered_map<const Job*, std::shared_ptr<Job>> jobs_;  // in hand: read, and not yet answered as a whole
   std::unordered_set<uint64_t> ids_;                           // of those whose answer did not go out yet
   uint64_t bytes_ = 0;                                         // that they hold: meshes and results
+  bool next_is_counted_ = true;                                // the next job was counted as a call
   uint64_t jobs_taken_ = 0, jobs_failed_ = 0;
   std::deque<Answer> ready_;
   std::vector<Answer> current_;  // being written: one that is a stream, or those of one message

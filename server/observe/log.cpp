@@ -31,15 +31,36 @@ std::string Quoted(std::string_view text) {
   return nlohmann::json(std::string(text)).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
+// As --log-level names it.
+std::string_view LevelName(spdlog::level::level_enum level) {
+  switch (level) {
+    case spdlog::level::trace:
+    case spdlog::level::debug: return "debug";
+    case spdlog::level::info: return "info";
+    case spdlog::level::warn: return "warn";
+    case spdlog::level::err:
+    case spdlog::level::critical: return "error";
+    default: return "off";
+  }
+}
+
+class LevelFlag final : public spdlog::custom_flag_formatter {
+ public:
+  void format(const spdlog::details::log_msg& msg, const std::tm&, spdlog::memory_buf_t& out) override {
+    const std::string_view name = LevelName(msg.level);
+    out.append(name.data(), name.data() + name.size());
+  }
+  std::unique_ptr<spdlog::custom_flag_formatter> clone() const override { return std::make_unique<LevelFlag>(); }
+};
+
 class JsonFormatter final : public spdlog::formatter {
  public:
   void format(const spdlog::details::log_msg& msg, spdlog::memory_buf_t& out) override {
     const std::string_view payload(msg.payload.data(), msg.payload.size());
     spdlog::memory_buf_t time;
     time_.format(msg, time);
-    const auto level = spdlog::level::to_string_view(msg.level);
     std::string line = absl::StrCat("{\"time\":\"", std::string(time.data(), time.size()), "\",\"level\":\"",
-                                    std::string(level.data(), level.size()), "\",");
+                                    std::string(LevelName(msg.level)), "\",");
     if (std::string_view(msg.logger_name.data(), msg.logger_name.size()) == kFields) {
       line += payload;
     } else {
@@ -67,6 +88,13 @@ std::string ThreeDigits(double value) {
 
 LogField::LogField(const char* name, double number) : key(name), value(ThreeDigits(number)) {}
 
+spdlog::level::level_enum LevelOf(std::string_view name) {
+  for (const auto level : {spdlog::level::debug, spdlog::level::info, spdlog::level::warn, spdlog::level::err}) {
+    if (LevelName(level) == name) return level;
+  }
+  return spdlog::level::off;
+}
+
 void StartLog(spdlog::level::level_enum level, LogFormat format) {
   json_lines = format == LogFormat::kJson;
   wanted_level = level;
@@ -76,7 +104,9 @@ void StartLog(spdlog::level::level_enum level, LogFormat format) {
     sink->set_formatter(std::make_unique<JsonFormatter>());
   } else {
     sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>();
-    sink->set_pattern(absl::StrCat(kTime, " %l %v"));
+    auto formatter = std::make_unique<spdlog::pattern_formatter>();
+    formatter->add_flag<LevelFlag>('*').set_pattern(absl::StrCat(kTime, " %* %v"));
+    sink->set_formatter(std::move(formatter));
   }
   spdlog::init_thread_pool(kLinesInMemory, 1);
   const auto make = [&](const char* name) {

@@ -13,6 +13,9 @@ namespace voxelpipe {
 
 enum class LogFormat { kText, kJson };
 
+// The level that --log-level and the lines themselves call "debug", "info", "warn", "error" or "off".
+spdlog::level::level_enum LevelOf(std::string_view name);
+
 // Makes spdlog's default logger write to stderr from a thread of its own: a reader that stalls never holds up a call, it loses the
 // oldest of some thousand lines. Plain spdlog calls become lines with a message. Call once, before other threads log.
 void StartLog(spdlog::level::level_enum level, LogFormat format);

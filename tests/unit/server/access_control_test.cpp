@@ -67,6 +67,22 @@ TEST_F(AccessControlTest, ARefusalIsCountedUnderItsReason) {
   EXPECT_EQ(metrics_.Refused(Refusal::kRole).Value(), 1);
 }
 
+TEST_F(AccessControlTest, WhoIsRefusedIsNamedWhereItsTokenIsKnown) {
+  Write(std::string(kUser) + "," + kMonitor);
+  const auto control = Make();
+  const auto who = [&](std::optional<std::string_view> authorization) {
+    std::string name;
+    control->Admit(authorization, Rpc::kVoxelize, "", QuotaClock::now(), &name).status().IgnoreError();
+    return name;
+  };
+  EXPECT_EQ(who("Bearer token-of-the-eye"), "eye") << "its role may not";
+  const auto first = control->Admit("Bearer token-of-the-farm", Rpc::kVoxelize);
+  ASSERT_TRUE(first.ok());
+  EXPECT_EQ(who("Bearer token-of-the-farm"), "farm") << "beyond its quota";
+  EXPECT_EQ(who("Bearer token-of-a-stranger"), "");
+  EXPECT_EQ(who(std::nullopt), "");
+}
+
 TEST_F(AccessControlTest, HealthIsOpenUnlessToldOtherwise) {
   Write(kUser);
   EXPECT_EQ(CodeFor(*Make(true), std::nullopt, Rpc::kHealthCheck), absl::StatusCode::kOk);

@@ -46,6 +46,20 @@ TEST(QuotasTest, CallsAtOnceAreCountedAndGivenBack) {
   EXPECT_FALSE(quota.Begin(kStart));
 }
 
+TEST(QuotasTest, AJobOfAStreamCountsForTheRateAndNotForCallsAtOnce) {
+  Quota quota({.calls_per_second = 1, .burst_calls = 3, .calls_at_once = 1, .bytes_per_second = 0, .burst_bytes = 0});
+  EXPECT_FALSE(quota.Begin(kStart));
+  EXPECT_FALSE(quota.TakeCall(kStart));
+  EXPECT_FALSE(quota.TakeCall(kStart));
+  const auto refusal = quota.TakeCall(kStart);
+  ASSERT_TRUE(refusal);
+  EXPECT_EQ(refusal->reason, Refusal::kQuotaRate);
+  EXPECT_EQ(refusal->retry_after, seconds(1));
+  quota.End(false);
+  EXPECT_TRUE(quota.Begin(kStart)) << "single calls have the same quota";
+  EXPECT_FALSE(quota.Begin(kStart + seconds(1)));
+}
+
 TEST(QuotasTest, AnAnsweredCallGivesItsPlaceBeforeItEnds) {
   Quota quota({.calls_per_second = 0, .burst_calls = 0, .calls_at_once = 1, .bytes_per_second = 0, .burst_bytes = 0});
   EXPECT_FALSE(quota.Begin(kStart));
