@@ -22,11 +22,12 @@ std::map<std::string, std::string> ReadConfigFile(const CLI::App& app, const std
   std::map<std::string, std::string> values;
   for (const CLI::ConfigItem& item : CLI::ConfigTOML().from_config(file)) {
     if (item.name == "++" || item.name == "--") continue;  // begin and end of a section
-    const std::string key = item.fullname();
+    std::string key = item.fullname();
     const CLI::Option* option = item.parents.empty() ? app.get_option_no_throw("--" + key) : nullptr;
     if (option == nullptr || !option->get_configurable()) {
       throw CLI::ConfigError(path + ": " + key + " is not an option of the config file");
     }
+    key = option->get_lnames()[0];  // an option may have a second name
     if (item.inputs.size() != 1) throw CLI::ConfigError(path + ": " + key + " needs one value, once");
     if (!values.emplace(key, item.inputs[0]).second) throw CLI::ConfigError(path + ": " + key + " stands there twice");
   }
@@ -69,6 +70,19 @@ std::string VariableOf(const std::string& flag) {
   return variable;
 }
 
+namespace {
+
+// The variable that sets the option, under any of its names; empty where none does.
+std::string SetVariableOf(const CLI::Option& option) {
+  for (const std::string& name : option.get_lnames()) {
+    std::string variable = VariableOf(name);
+    if (const char* value = std::getenv(variable.c_str()); value != nullptr && *value != '\0') return variable;
+  }
+  return "";
+}
+
+}  // namespace
+
 std::vector<OptionValue> ParseFromAllSources(CLI::App& app, int argc, const char* const* argv) {
   app.parse(argc, argv);
   std::vector<std::string> given(argv + 1, argv + argc);
@@ -88,11 +102,11 @@ std::vector<OptionValue> ParseFromAllSources(CLI::App& app, int argc, const char
                 [](CLI::Option* o) { return o->get_lnames()[0] == "help" || o->get_lnames()[0] == "version"; });
   for (const CLI::Option* option : options) {
     const std::string& key = option->get_lnames()[0];
-    const std::string variable = VariableOf(key);
+    const std::string variable = SetVariableOf(*option);
     if (option->count() > 0) {
       sources[key] = "flag";
-    } else if (const char* value = std::getenv(variable.c_str()); value != nullptr && *value != '\0') {
-      found[key] = {value, sources[key] = "environment " + variable};
+    } else if (!variable.empty()) {
+      found[key] = {std::getenv(variable.c_str()), sources[key] = "environment " + variable};
     } else if (const auto it = in_file.find(key); it != in_file.end() && !it->second.empty()) {
       found[key] = {it->second, sources[key] = "file " + config};
     } else {

@@ -14,6 +14,11 @@ namespace {
 constexpr uint64_t kMostBytes = uint64_t{1} << 60;
 // What loading one mesh may well take.
 constexpr uint64_t kLoaderBytes = 64 << 20;
+constexpr uint32_t kDayMs = 86'400'000;
+// Load balancers look at health every few seconds.
+constexpr uint32_t kLameDuckBeyondLoopbackMs = 5'000;
+
+const std::map<std::string, uint64_t> kTimeUnits = {{"ms", 1}, {"s", 1000}, {"m", 60'000}, {"h", 3'600'000}};
 
 const std::map<std::string, BackendChoice> kBackends = {
     {"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}};
@@ -73,6 +78,27 @@ std::string CheckNotNegative(std::string& text) {
   return text.find('-') == std::string::npos ? "" : "must not be negative: " + text;
 }
 
+// What no option of its own can tell: one that was set and does not go together with another one. Throws ValidationError.
+void CheckTogether(const ServerOptions& options, const std::vector<OptionValue>& values) {
+  for (const OptionValue& value : values) {
+    if (value.key != "max-file-bytes" || value.source == "default") continue;
+    if (options.max_upload_bytes == 0 || options.max_file_bytes <= options.max_upload_bytes) continue;
+    const std::string flag = "--" + value.key;
+    throw CLI::ValidationError(
+        value.source == "flag" ? flag : value.source + ": " + flag,
+        value.value + " is more than --max-upload-bytes, " + std::to_string(options.max_upload_bytes));
+  }
+}
+
+// The defaults that depend on other options.
+void ChooseDefaults(ServerOptions& options, std::vector<OptionValue>& values) {
+  for (OptionValue& value : values) {
+    if (value.key != "lame-duck-ms" || value.source != "default") continue;
+    if (ListensBeyondLoopback(options.listen)) options.lame_duck_ms = kLameDuckBeyondLoopbackMs;
+    value.value = std::to_string(options.lame_duck_ms);
+  }
+}
+
 }  // namespace
 
 ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
@@ -99,6 +125,10 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
         ->transform(CLI::AsSizeValue(false))
         ->transform(CLI::Validator(CheckNotNegative, ""))
         ->check(CLI::Range(uint64_t{0}, kMostBytes));
+  };
+  // A size without which nothing would ever be served.
+  const auto add_size = [&](const std::string& flag, uint64_t& value, const std::string& help) {
+    return add_bytes(flag, value, help)->check(CLI::Range(uint64_t{1}, kMostBytes));
   };
   add("--listen", o.listen, "Address to serve on; port 0 picks one; unix:/PATH for a socket")
       ->check(CLI::Validator(CheckListen, "HOST:PORT"));
@@ -129,7 +159,8 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
       ->check(CLI::Range(1u, 86'400'000u));
   add("--device-stall-ms", o.device_stall_ms,
       "Take a GPU for lost that gives no sign of life for so long and ten times its batch's predicted time, 0 for "
-      "never");
+      "never")
+      ->check(CLI::Range(0u, kDayMs));
   add("--max-queue", o.max_queue, "Jobs that wait, those included whose mesh is being loaded")
       ->check(CLI::Range(0u, 1'000'000u));
   add("--max-calls", o.max_calls, "Calls at the same time, those included that send, wait or receive")
@@ -140,34 +171,36 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--max-queue-ms", o.max_queue_ms, "Predicted work of the jobs that wait, on one worker")
       ->check(CLI::Range(uint64_t{0}, uint64_t{1'000'000'000'000}));
   add("--queue-timeout-ms", o.queue_timeout_ms,
-      "A job waits at most so long for a worker, if its request does not say; 0: no limit");
-  add("--queue-aging-ms", o.queue_aging_ms, "A job that has waited so long rises by one priority; 0: never");
+      "A job waits at most so long for a worker, if its request does not say; 0: no limit")
+      ->check(CLI::Range(0u, kDayMs));
+  add("--queue-aging-ms", o.queue_aging_ms, "A job that has waited so long rises by one priority; 0: never")
+      ->check(CLI::Range(0u, kDayMs));
   add("--max-batch-jobs", o.max_batch_jobs, "Jobs that a worker takes together")->check(CLI::Range(1u, 65'536u));
-  add("--max-batch-ms", o.max_batch_ms, "Predicted work of a batch");
+  add("--max-batch-ms", o.max_batch_ms, "Predicted work of a batch")->check(CLI::Range(0u, kDayMs));
   add_bytes("--max-batch-bytes", o.max_batch_bytes, "Results of a batch");
   add("--batch-delay-us", o.batch_delay_us, "A worker that has ended a batch waits so long for a fuller one")
       ->check(CLI::Range(0u, 1'000'000u));
   add("--giant-job-ms", o.giant_job_ms,
       "Predicted; of the workers of a device all but one run such jobs or larger ones at the same time")
       ->check(CLI::Range(1u, 1'000'000'000u));
-  add_bytes("--max-file-bytes", o.max_file_bytes, "Largest mesh file");
+  add_size("--max-file-bytes", o.max_file_bytes, "Largest mesh file");
   add_bytes("--max-upload-bytes", o.max_upload_bytes, "All mesh files in hand together, 0 to choose");
   add_bytes("--max-device-mesh-bytes", o.max_device_mesh_bytes, "Meshes that each GPU keeps, 0 to choose");
   add_bytes("--max-mesh-store-bytes", o.max_mesh_store_bytes, "Memory of all meshes that are kept, 0 to choose");
   add("--share-equal-jobs", o.share_equal_jobs, "Whether equal jobs on kept meshes at the same time are run once");
   add_bytes("--result-cache-bytes", o.result_cache_bytes,
             "Results that are kept for equal requests on kept meshes, 0 for none");
-  add_bytes("--max-result-bytes", o.max_result_bytes, "Largest result");
+  add_size("--max-result-bytes", o.max_result_bytes, "Largest result");
   add_bytes("--max-working-bytes", o.max_working_bytes, "Memory of all jobs together, 0 to choose");
   add("--stream-above-mb", o.stream_above_mb,
       "MiB: larger dense results leave slab by slab while they are made, and bound no memory by their size")
       ->check(CLI::Range(uint64_t{0}, uint64_t{1} << 30));
   add("--many-in-flight", o.many_in_flight, "Jobs of one VoxelizeMany stream in hand; it is not read beyond")
       ->check(CLI::Range(1u, 1'000'000u));
-  add_bytes("--many-bytes", o.many_bytes,
-            "Meshes and results of one VoxelizeMany stream in hand; it is not read beyond");
+  add_size("--many-bytes", o.many_bytes,
+           "Meshes and results of one VoxelizeMany stream in hand; it is not read beyond");
   add_bytes("--piece-bytes", o.piece_bytes, "Bytes of a result in one message")
-      ->check(CLI::Range(uint64_t{64} << 10, uint64_t{4} << 20));
+      ->check(CLI::Range(uint64_t{64} << 10, kMaxPieceBytes));
   add_bytes("--stream-buffer-bytes", o.stream_buffer_bytes,
             "Pieces of one result that leaves slab by slab and wait for their client; its worker waits beyond that");
   add("--zstd-level", o.zstd_level, "Compression of results whose request asks for it: 1 is fast, 19 small")
@@ -180,8 +213,19 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--idle-memory-ms", o.idle_memory_ms,
       "Memory that is kept for the next jobs goes back to the system when it was not used for so long, 0: never")
       ->check(CLI::Range(0u, 1'000'000'000u));
-  add("--lame-duck-ms", o.lame_duck_ms, "On SIGTERM: time in which calls are still taken");
-  add("--drain-grace-ms", o.drain_grace_ms, "Then: time in which running calls may end");
+  add("--max-connection-age-ms,--max-connection-age", o.max_connection_age_ms,
+      "A connection is told to end after about so long, so that its client opens a new one (30m, 90s, 1500ms); 0: "
+      "never")
+      ->transform(CLI::AsNumberWithUnit(kTimeUnits))
+      ->check(CLI::Range(0u, kDayMs));
+  add("--max-connection-age-grace-ms,--max-connection-age-grace", o.max_connection_age_grace_ms,
+      "Then: time in which its calls may end; 0: as long as they take")
+      ->transform(CLI::AsNumberWithUnit(kTimeUnits))
+      ->check(CLI::Range(0u, kDayMs));
+  add("--lame-duck-ms", o.lame_duck_ms,
+      "On SIGTERM: time in which calls are still taken; if not set, 5000 where it listens beyond loopback")
+      ->check(CLI::Range(0u, kDayMs));
+  add("--drain-grace-ms", o.drain_grace_ms, "Then: time in which running calls may end")->check(CLI::Range(0u, kDayMs));
   add("--log-level", o.log_level, "Least severe level that is logged")
       ->check(CLI::IsMember({"debug", "info", "warn", "error", "off"}));
   add("--log-format", o.log_format, "Lines for people or for programs")->check(CLI::IsMember({"text", "json"}));
@@ -215,14 +259,23 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   std::vector<OptionValue> values;
   try {
     values = ParseFromAllSources(app, argc, argv);
+    CheckTogether(o, values);
   } catch (const CLI::ParseError& error) {
     return {std::nullopt, app.exit(error) == 0 ? 0 : 2};
   }
   o.backend = kBackends.at(backend);
   o.simd = kSimds.at(simd);
+  ChooseDefaults(o, values);
   CommandLine command{o, std::nullopt, check_config, std::move(values)};
   if (probe_option->count() > 0) command.probe = probe.empty() ? ProbeAddress(o) : probe;
   return {command, 0};
+}
+
+bool ListensBeyondLoopback(const std::string& listen) {
+  for (const char* start : {"127.", "localhost:", "[::1]:", "unix:"}) {
+    if (listen.starts_with(start)) return false;
+  }
+  return true;
 }
 
 ServerOptions Resolve(ServerOptions options) {

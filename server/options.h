@@ -11,6 +11,9 @@
 
 namespace voxelpipe {
 
+// A message with a full piece stays below the 4 MiB that clients of gRPC take by default: the rest is its header's.
+inline constexpr uint64_t kMaxPieceBytes = (uint64_t{4} << 20) - 4096;
+
 struct ServerOptions {
   std::string listen = "127.0.0.1:50051";  // HOST:PORT (port 0 picks one) or unix:PATH
   BackendChoice backend = BackendChoice::kAuto;
@@ -49,11 +52,14 @@ struct ServerOptions {
   uint64_t max_result_bytes = 16ull << 30;  // one result
   uint64_t stream_above_mb = 512;           // MiB: larger dense results leave slab by slab while they are made
   uint64_t max_working_bytes = 0;  // predicted memory of all jobs together; 0 = half of this machine's, at most 20 GiB
-  uint32_t lame_duck_ms = 500;     // after SIGTERM: health says NOT_SERVING, calls are still taken
+  uint32_t lame_duck_ms = 500;     // after SIGTERM: health says NOT_SERVING, calls are still taken. If it is not set,
+                                   // ParseCommandLine makes it 5000 where the server listens beyond loopback
   uint32_t drain_grace_ms = 30'000;          // then: calls that run may still end
   uint32_t many_in_flight = 256;             // jobs of one VoxelizeMany stream in hand; it is not read beyond
   uint64_t many_bytes = 64 << 20;            // meshes and results of these
-  uint64_t piece_bytes = 1 << 20;            // of a result in one message
+  uint32_t max_connection_age_ms = 0;        // a connection is told to end after about so long; 0: never
+  uint32_t max_connection_age_grace_ms = 0;  // its calls may go on for so long then; 0: until they end by themselves
+  uint64_t piece_bytes = 1 << 20;            // of a result in one message; at most kMaxPieceBytes
   uint64_t stream_buffer_bytes = 4 << 20;    // pieces of a result that leaves slab by slab, waiting for one client
   int zstd_level = 1;                        // where a request asks for compression
   uint32_t stall_timeout_ms = 60'000;        // a client that takes no message of its answer for so long is let go
@@ -87,6 +93,9 @@ struct ParseOutcome {
   int exit_code = 0;
 };
 ParseOutcome ParseCommandLine(int argc, const char* const* argv);
+
+// Whether other machines may reach a server at this address (of --listen).
+bool ListensBeyondLoopback(const std::string& listen);
 
 // The same options with every 0 that means "choose" replaced by what suits the CPUs and the memory of this process now (base/machine.h),
 // but for `threads`, where 0 means the CPUs at any time.

@@ -39,14 +39,6 @@ constexpr int kWriteAheadBytes = 1 << 20;
 constexpr int kKeepaliveMs = 60'000;       // finds clients that vanished, so that their jobs end
 constexpr int kMinPingIntervalMs = 5'000;  // what clients may do to find a server that vanished
 
-// Whether only this machine can reach the address.
-bool IsLocal(const std::string& address) {
-  for (const char* start : {"127.", "localhost:", "[::1]:", "unix:"}) {
-    if (address.starts_with(start)) return true;
-  }
-  return false;
-}
-
 // Health calls have no line in the access log, they come too often; those that are refused do. They count as ended when they come.
 absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& context, Rpc rpc) {
   const auto found = context.client_metadata().find("authorization");
@@ -181,10 +173,16 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   server->io_threads_ = std::make_unique<IoThreads>(size_t(server->state_->options.io_threads),
                                                     server->server_->InProcessChannel(grpc::ChannelArguments()));
   server->address_ = options.listen;
+  if (options.max_connection_age_ms > 0) {
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, int(options.max_connection_age_ms));
+  }
+  if (options.max_connection_age_grace_ms > 0) {
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_GRACE_MS, int(options.max_connection_age_grace_ms));
+  }
   if (!options.listen.starts_with("unix:")) {
     server->address_ = absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
   }
-  if (!IsLocal(options.listen) && options.tls_cert.empty()) {
+  if (ListensBeyondLoopback(options.listen) && options.tls_cert.empty()) {
     spdlog::warn("{} may be reached from other machines, without encryption: TLS is off", server->address_);
   }
   server->reloader_ = std::make_unique<Periodic>(std::chrono::milliseconds(options.reload_interval_ms),

@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <fstream>
 #include <map>
+#include <regex>
 #include <string>
 #include <vector>
 
@@ -152,6 +153,78 @@ TEST(OptionsTest, WhatCannotBeIsRefusedWithExitCodeTwo) {
     EXPECT_FALSE(outcome.command) << arguments[0];
     EXPECT_EQ(outcome.exit_code, 2) << arguments[0];
   }
+}
+
+// Each row of the table that names a range "A to B": what lies outside is refused, by a flag and by --check-config alike.
+TEST(OptionsTest, WhatTheTableForbidsIsRefused) {
+  std::ifstream table(VOXELPIPE_OPERATIONS_MD);
+  const std::regex row(R"(\| `(--[a-z-]+)` \| `VOXELPIPE_.*[ (]([0-9]+) to ([0-9]+)[^0-9].*)");
+  int options = 0;
+  for (std::string line; std::getline(table, line);) {
+    std::smatch match;
+    if (!std::regex_match(line, match, row)) continue;
+    ++options;
+    const std::string flag = match[1];
+    const uint64_t least = std::stoull(match[2]), most = std::stoull(match[3]);
+    const auto taken = [&](const std::string& value, bool check) {
+      const std::string argument = flag + "=" + value;
+      std::vector<const char*> arguments = {argument.c_str()};
+      if (check) arguments.push_back("--check-config");
+      return Parse(arguments).command.has_value();
+    };
+    for (const bool check : {false, true}) {
+      EXPECT_TRUE(taken(std::to_string(least), check)) << line;
+      EXPECT_TRUE(taken(std::to_string(most), check)) << line;
+      EXPECT_FALSE(taken(std::to_string(most + 1), check)) << line;
+      EXPECT_FALSE(taken(least == 0 ? "-1" : std::to_string(least - 1), check)) << line;
+    }
+  }
+  EXPECT_GT(options, 25);
+}
+
+TEST(OptionsTest, AFileLargerThanAllUploadsIsRefusedWhereItWasAskedFor) {
+  EXPECT_FALSE(Parse({"--max-file-bytes", "2MiB", "--max-upload-bytes", "1MiB"}).command);
+  EXPECT_TRUE(Parse({"--max-file-bytes", "1MiB", "--max-upload-bytes", "1MiB"}).command);
+  EXPECT_TRUE(Parse({"--max-upload-bytes", "1MiB"}).command) << "the default gives way";
+}
+
+TEST(OptionsTest, AFullPieceLeavesRoomForItsHeader) {
+  EXPECT_FALSE(Parse({"--piece-bytes", "4MiB"}).command);
+  EXPECT_TRUE(Parse({"--piece-bytes", std::to_string(kMaxPieceBytes).c_str()}).command);
+}
+
+TEST(OptionsTest, TheLameDuckIsLongWhereOthersReachTheServer) {
+  const auto lame_duck_ms = [](std::vector<const char*> arguments) {
+    const ParseOutcome outcome = Parse(std::move(arguments));
+    EXPECT_TRUE(outcome.command);
+    if (!outcome.command) return uint32_t{0};
+    for (const OptionValue& value : outcome.command->values) {
+      if (value.key != "lame-duck-ms") continue;
+      EXPECT_EQ(value.value, std::to_string(outcome.command->options.lame_duck_ms));
+    }
+    return outcome.command->options.lame_duck_ms;
+  };
+  for (const char* local : {"127.0.0.1:0", "localhost:1", "[::1]:1", "unix:/run/x"}) {
+    EXPECT_EQ(lame_duck_ms({"--listen", local}), 500u) << local;
+  }
+  for (const char* open : {"0.0.0.0:0", "[::]:1", "10.0.0.1:1", "voxels.example.com:1"}) {
+    EXPECT_EQ(lame_duck_ms({"--listen", open}), 5000u) << open;
+  }
+  EXPECT_EQ(lame_duck_ms({"--listen", "0.0.0.0:0", "--lame-duck-ms", "7"}), 7u);
+}
+
+TEST(OptionsTest, AConnectionsAgeHasTwoNamesAndAUnit) {
+  const auto age_ms = [](std::vector<const char*> arguments) {
+    const ParseOutcome outcome = Parse(std::move(arguments));
+    return outcome.command ? outcome.command->options.max_connection_age_ms : 1u;
+  };
+  EXPECT_EQ(age_ms({}), 0u);
+  EXPECT_EQ(age_ms({"--max-connection-age-ms", "1500"}), 1500u);
+  EXPECT_EQ(age_ms({"--max-connection-age", "1500"}), 1500u);
+  EXPECT_EQ(age_ms({"--max-connection-age", "30m"}), 1'800'000u);
+  EXPECT_EQ(age_ms({"--config", ConfigFile("max-connection-age = \"90s\"\n").c_str()}), 90'000u);
+  const Variable age("VOXELPIPE_MAX_CONNECTION_AGE", "2s");
+  EXPECT_EQ(age_ms({}), 2'000u);
 }
 
 TEST(OptionsTest, EveryWayToNameAnAddressIsTaken) {
