@@ -1,7 +1,9 @@
 // voxelpiped: the service.
 #include <pthread.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -38,7 +40,17 @@ int WaitForSignal(const sigset_t& signals) {
   return signal;
 }
 
+// Each connection takes a descriptor, and systems start programs with few of the many that they may have.
+void RaiseDescriptorLimit() {
+  constexpr rlim_t kPlenty = 65'536;
+  rlimit files{};
+  if (getrlimit(RLIMIT_NOFILE, &files) != 0 || files.rlim_cur >= kPlenty) return;
+  files.rlim_cur = std::min(kPlenty, files.rlim_max);
+  setrlimit(RLIMIT_NOFILE, &files);
+}
+
 int Serve(const ServerOptions& options) {
+  RaiseDescriptorLimit();
   // gRPC's locks are Abseil's, which where they were built for debugging keep a graph of all locks behind one lock.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   // Blocked in every thread that starts from here on; taken by sigwait below, where everything may be called.

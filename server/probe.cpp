@@ -8,7 +8,7 @@
 #include <grpcpp/security/tls_credentials_options.h>
 
 #include "grpc/health/v1/health.grpc.pb.h"
-#include "observe/http_endpoint.h"
+#include "observe/http_status.h"
 
 namespace voxelpipe {
 

@@ -21,6 +21,7 @@
 #include "observe/http_endpoint.h"
 #include "observe/idle_memory.h"
 #include "observe/log.h"
+#include "observe/reflection_service.h"
 #include "pipeline/backend.h"
 #include "service_state.h"
 #include "voxelization_service.h"
@@ -148,11 +149,17 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   if (const std::optional<TlsFacts> facts = server->tls_->facts()) WarnOfCertificate(options.tls_cert, *facts);
   // Once for the process, before any builder; a repetition does nothing.
   if (options.reflection) grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+  if (options.reflection) {
+    server->reflection_ = std::make_unique<ReflectionService>(std::vector<std::string>{
+        v1::VoxelizationService::service_full_name(), grpc::health::v1::Health::service_full_name(),
+        grpc::reflection::v1::ServerReflection::service_full_name(), "grpc.reflection.v1alpha.ServerReflection"});
+  }
   grpc::ServerBuilder builder;
   int port = 0;
   builder.AddListeningPort(options.listen, server->tls_->Credentials(), &port);
   builder.RegisterService(server->service_.get());
   builder.RegisterService(server->health_.get());
+  if (server->reflection_) builder.RegisterService(server->reflection_.get());
   builder.SetMaxReceiveMessageSize(kMaxMessageBytes);
   // gRPC would unpack a message to whatever size it has, before it looks at any limit.
   for (const auto algorithm : {GRPC_COMPRESS_DEFLATE, GRPC_COMPRESS_GZIP}) {
@@ -166,6 +173,12 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
   builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, int(options.max_connection_calls));
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveMs);
+  if (options.max_connection_age_ms > 0) {
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, int(options.max_connection_age_ms));
+  }
+  if (options.max_connection_age_grace_ms > 0) {
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_GRACE_MS, int(options.max_connection_age_grace_ms));
+  }
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
   server->server_ = builder.BuildAndStart();
   if (!server->server_ || port == 0) return absl::UnavailableError(absl::StrCat("cannot listen on ", options.listen));
@@ -173,12 +186,6 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   server->io_threads_ = std::make_unique<IoThreads>(size_t(server->state_->options.io_threads),
                                                     server->server_->InProcessChannel(grpc::ChannelArguments()));
   server->address_ = options.listen;
-  if (options.max_connection_age_ms > 0) {
-    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, int(options.max_connection_age_ms));
-  }
-  if (options.max_connection_age_grace_ms > 0) {
-    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_GRACE_MS, int(options.max_connection_age_grace_ms));
-  }
   if (!options.listen.starts_with("unix:")) {
     server->address_ = absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
   }

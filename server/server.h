@@ -19,6 +19,7 @@ class Server;
 namespace voxelpipe {
 
 class HealthService;
+class ReflectionService;
 class HttpEndpoint;
 class IoThreads;
 class Periodic;
@@ -59,6 +60,7 @@ class VoxelServer {
   std::unique_ptr<ServiceState> state_;
   std::unique_ptr<VoxelizationServiceImpl> service_;
   std::unique_ptr<HealthService> health_;
+  std::unique_ptr<ReflectionService> reflection_;  // null where the operator wants none
   std::unique_ptr<ServerTls> tls_;
   std::unique_ptr<Metrics::Sampler> sampler_;
   std::unique_ptr<HttpEndpoint> http_;

@@ -1,151 +1,158 @@
 #include "observe/http_endpoint.h"
 
+#include <netdb.h>
+#include <netinet/in.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
 #include <array>
-#include <atomic>
-#include <chrono>
+#include <cerrno>
+#include <cstdarg>
+#include <cstdio>
+#include <cstring>
+#include <memory>
+#include <new>
 #include <string_view>
-#include <thread>
 #include <utility>
 
-#include <civetweb.h>
+#include <microhttpd.h>
 #include <spdlog/spdlog.h>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "observe/http_status.h"
 #include "observe/metrics.h"
 
 namespace voxelpipe {
 namespace {
 
-// Of the end's calls.
-constexpr std::chrono::milliseconds kBetweenCalls{5};
+constexpr unsigned kSilentSeconds = 2;
+constexpr size_t kRequestBytes = 8 << 10;  // of one connection: the request's head, and the head of the answer
+constexpr int kBacklog = 1024;
 constexpr char kText[] = "text/plain; charset=utf-8";
 constexpr char kPrometheusText[] = "text/plain; version=0.0.4; charset=utf-8";
 
-void Send(mg_connection* connection, const char* status, const char* type, const std::string& body, bool with_body) {
-  mg_printf(connection,
-            "HTTP/1.1 %s\r\nContent-Type: %s\r\nContent-Length: %zu\r\nCache-Control: no-store\r\n"
-            "Connection: close\r\n\r\n",
-            status, type, body.size());
-  if (with_body) mg_write(connection, body.data(), body.size());
+void LogMessage(void* /*self*/, const char* format, va_list arguments) {
+  std::array<char, 300> text{};
+  std::vsnprintf(text.data(), text.size(), format, arguments);
+  spdlog::debug("http: {}", std::string_view(text.data()).substr(0, std::string_view(text.data()).find('\n')));
 }
 
-int LogMessage(const mg_connection*, const char* message) {
-  spdlog::debug("http: {}", message);
-  return 1;  // it was logged
+MHD_Result Send(MHD_Connection* connection, unsigned status, const char* type, std::string_view body) {
+  MHD_Response* const response = MHD_create_response_from_buffer(
+      body.size(), const_cast<char*>(body.data()), MHD_RESPMEM_MUST_COPY);  // it takes no const, and copies
+  if (response == nullptr) return MHD_NO;
+  MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE, type);
+  MHD_add_response_header(response, MHD_HTTP_HEADER_CACHE_CONTROL, "no-store");
+  MHD_add_response_header(response, MHD_HTTP_HEADER_CONNECTION, "close");
+  const MHD_Result queued = MHD_queue_response(connection, status, response);
+  MHD_destroy_response(response);
+  return queued;
 }
 
-// "HOST" and "PORT" of an address; no host for a port alone. False if there is no port of digits.
-bool Split(const std::string& address, std::string& host, int& port) {
-  const size_t colon = address.rfind(':');
-  host = colon == std::string::npos ? "" : address.substr(0, colon);
-  const std::string digits = colon == std::string::npos ? address : address.substr(colon + 1);
-  return !digits.empty() && digits.find_first_not_of("0123456789") == std::string::npos &&
-         absl::SimpleAtoi(digits, &port) && port <= 65535 && host.find_first_of(",+ ") == std::string::npos;
+// A socket that listens there, or -1 with errno.
+int Listen(const std::string& host, int port) {
+  addrinfo hints{};
+  hints.ai_flags = AI_PASSIVE;
+  hints.ai_socktype = SOCK_STREAM;
+  hints.ai_family = host.empty() ? AF_INET : AF_UNSPEC;
+  addrinfo* found = nullptr;
+  if (getaddrinfo(host.empty() ? nullptr : host.c_str(), std::to_string(port).c_str(), &hints, &found) != 0) {
+    errno = EADDRNOTAVAIL;
+    return -1;
+  }
+  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> addresses(found, &freeaddrinfo);
+  int wrong = EADDRNOTAVAIL;
+  for (const addrinfo* at = addresses.get(); at != nullptr; at = at->ai_next) {
+    const int fd = socket(at->ai_family, at->ai_socktype | SOCK_CLOEXEC | SOCK_NONBLOCK, at->ai_protocol);
+    if (fd < 0) {
+      wrong = errno;
+      continue;
+    }
+    const int on = 1;  // a server that starts again finds its port free
+    setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
+    if (at->ai_family == AF_INET6) setsockopt(fd, IPPROTO_IPV6, IPV6_V6ONLY, &on, sizeof on);
+    if (bind(fd, at->ai_addr, at->ai_addrlen) == 0 && listen(fd, kBacklog) == 0) return fd;
+    wrong = errno;
+    close(fd);
+  }
+  errno = wrong;
+  return -1;
 }
 
-// The same to call it at.
-bool SplitForCall(const std::string& address, std::string& host, int& port) {
-  if (!Split(address, host, port)) return false;
-  if (host.size() > 2 && host.front() == '[') host = host.substr(1, host.size() - 2);
-  if (host.empty() || host == "0.0.0.0") host = "127.0.0.1";
-  return true;
+int PortOf(int fd) {
+  sockaddr_storage bound{};
+  socklen_t size = sizeof bound;
+  if (getsockname(fd, reinterpret_cast<sockaddr*>(&bound), &size) != 0) return 0;
+  return ntohs(bound.ss_family == AF_INET6 ? reinterpret_cast<const sockaddr_in6&>(bound).sin6_port
+                                           : reinterpret_cast<const sockaddr_in&>(bound).sin_port);
+}
+
+// Most of the process's descriptors are the service's.
+unsigned MostConnections() {
+  rlimit files{};
+  if (getrlimit(RLIMIT_NOFILE, &files) != 0) return 256;
+  return unsigned(std::clamp<rlim_t>(files.rlim_cur * 3 / 4, 64, HttpEndpoint::kMaxConnections));
 }
 
 }  // namespace
+
+// What the library calls.
+struct HttpAnswers {
+  static MHD_Result Answer(void* self, MHD_Connection* connection, const char* url, const char* method_name,
+                           const char* /*version*/, const char* /*body*/, size_t* body_bytes, void** /*request*/) {
+    *body_bytes = 0;  // whatever comes is not wanted
+    try {
+      return Answer(*static_cast<HttpEndpoint*>(self), connection, url, method_name);
+    } catch (const std::bad_alloc&) {
+      return MHD_NO;  // closes the connection
+    }
+  }
+
+  static MHD_Result Answer(HttpEndpoint& endpoint, MHD_Connection* connection, std::string_view path,
+                           std::string_view method) {
+    if (method != "GET" && method != "HEAD")
+      return Send(connection, MHD_HTTP_METHOD_NOT_ALLOWED, kText, "GET or HEAD\n");
+    if (path == "/livez") return Send(connection, MHD_HTTP_OK, kText, "ok\n");
+    if (path == "/readyz") {
+      const bool ready = endpoint.ready_();
+      return Send(connection, ready ? MHD_HTTP_OK : MHD_HTTP_SERVICE_UNAVAILABLE, kText,
+                  ready ? "ok\n" : "not serving\n");
+    }
+    if (path == "/metrics") return Send(connection, MHD_HTTP_OK, kPrometheusText, endpoint.metrics_.Text());
+    return Send(connection, MHD_HTTP_NOT_FOUND, kText, "/metrics, /livez and /readyz\n");
+  }
+};
 
 absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(const std::string& listen, Metrics& metrics,
                                                                   std::function<bool()> ready) {
   std::string host;
   int port = 0;
-  if (!Split(listen, host, port)) return absl::InvalidArgumentError(absl::StrCat("no HOST:PORT: ", listen));
-  mg_init_library(0);  // counted; nothing of TLS or files is wanted
+  if (!SplitHostPort(listen, host, port)) return absl::InvalidArgumentError(absl::StrCat("no HOST:PORT: ", listen));
+  const int fd = Listen(host, port);
+  if (fd < 0) return absl::UnavailableError(absl::StrCat("cannot listen on ", listen, ": ", std::strerror(errno)));
   std::unique_ptr<HttpEndpoint> endpoint(new HttpEndpoint(metrics, std::move(ready)));
-  const std::array<const char*, 11> options = {
-      "listening_ports",   listen.c_str(), "num_threads", "8", "connection_queue", "16", "request_timeout_ms", "2000",
-      "enable_keep_alive", "no",           nullptr};
-  mg_callbacks callbacks{};
-  callbacks.log_message = &LogMessage;
-  endpoint->context_ = mg_start(&callbacks, nullptr, const_cast<const char**>(options.data()));
-  if (endpoint->context_ == nullptr) return absl::UnavailableError(absl::StrCat("cannot listen on ", listen));
-  mg_set_request_handler(endpoint->context_, "/", &HttpEndpoint::Answer, endpoint.get());
-  mg_server_port bound{};
-  if (mg_get_server_ports(endpoint->context_, 1, &bound) == 1) port = bound.port;
-  endpoint->address_ = absl::StrCat(host.empty() ? "0.0.0.0" : host, ":", port);
+  port = PortOf(fd);
+  endpoint->daemon_ = MHD_start_daemon(
+      MHD_USE_EPOLL_INTERNAL_THREAD | MHD_USE_ITC | MHD_USE_ERROR_LOG, 0, nullptr, nullptr,
+      static_cast<MHD_AccessHandlerCallback>(&HttpAnswers::Answer), endpoint.get(), MHD_OPTION_EXTERNAL_LOGGER,
+      &LogMessage, nullptr, MHD_OPTION_LISTEN_SOCKET, fd, MHD_OPTION_CONNECTION_LIMIT, MostConnections(),
+      MHD_OPTION_CONNECTION_TIMEOUT, kSilentSeconds, MHD_OPTION_CONNECTION_MEMORY_LIMIT, kRequestBytes, MHD_OPTION_END);
+  if (endpoint->daemon_ == nullptr) {
+    close(fd);
+    return absl::UnavailableError(absl::StrCat("cannot serve on ", listen));
+  }
+  const bool brackets = host.find(':') != std::string::npos;
+  endpoint->address_ = absl::StrCat(host.empty() ? "0.0.0.0"
+                                    : brackets   ? absl::StrCat("[", host, "]")
+                                                 : host,
+                                    ":", port);
   return endpoint;
 }
 
 HttpEndpoint::~HttpEndpoint() {
-  if (context_ != nullptr) {
-    // mg_stop waits for a thread that looks up every two seconds, or when somebody connects.
-    std::atomic<bool> stopped = false;
-    std::thread caller([&] {
-      std::string host;
-      int port = 0;
-      if (!SplitForCall(address_, host, port)) return;
-      while (!stopped) {
-        std::array<char, 200> error{};
-        mg_connection* const connection = mg_connect_client(host.c_str(), port, 0, error.data(), error.size());
-        if (connection != nullptr) mg_close_connection(connection);
-        std::this_thread::sleep_for(kBetweenCalls);
-      }
-    });
-    mg_stop(context_);
-    stopped = true;
-    caller.join();
-  }
-  mg_exit_library();
-}
-
-int HttpEndpoint::Answer(mg_connection* connection, void* self) {
-  return static_cast<HttpEndpoint*>(self)->Answer(connection);
-}
-
-int HttpEndpoint::Answer(mg_connection* connection) {
-  const mg_request_info* request = mg_get_request_info(connection);
-  const std::string_view method = request->request_method, path = request->local_uri;
-  const bool head = method == "HEAD";
-  if (!head && method != "GET") {
-    Send(connection, "405 Method Not Allowed", kText, "GET or HEAD\n", true);
-    return 405;
-  }
-  if (path == "/livez") {
-    Send(connection, "200 OK", kText, "ok\n", !head);
-    return 200;
-  }
-  if (path == "/readyz") {
-    const bool ready = ready_();
-    Send(connection, ready ? "200 OK" : "503 Service Unavailable", kText, ready ? "ok\n" : "not serving\n", !head);
-    return ready ? 200 : 503;
-  }
-  if (path == "/metrics") {
-    Send(connection, "200 OK", kPrometheusText, metrics_.Text(), !head);
-    return 200;
-  }
-  Send(connection, "404 Not Found", kText, "/metrics, /livez and /readyz\n", !head);
-  return 404;
-}
-
-int HttpStatusOf(const std::string& address, const std::string& path, int timeout_ms, std::string& error) {
-  std::string host;
-  int port = 0;
-  if (!SplitForCall(address, host, port)) {
-    error = "no HOST:PORT";
-    return 0;
-  }
-  mg_init_library(0);
-  std::array<char, 200> what{};
-  int status = 0;
-  if (mg_connection* connection = mg_connect_client(host.c_str(), port, 0, what.data(), what.size())) {
-    mg_printf(connection, "GET %s HTTP/1.1\r\nHost: %s\r\nConnection: close\r\n\r\n", path.c_str(), host.c_str());
-    if (mg_get_response(connection, what.data(), what.size(), timeout_ms) >= 0) {
-      status = mg_get_response_info(connection)->status_code;
-    }
-    mg_close_connection(connection);
-  }
-  if (status == 0) error = what.front() != '\0' ? what.data() : "no answer";
-  mg_exit_library();
-  return status;
+  if (daemon_ != nullptr) MHD_stop_daemon(daemon_);  // and closes the socket
 }
 
 }  // namespace voxelpipe

@@ -13,11 +13,13 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "observe/http_status.h"
 #include "observe/metrics.h"
 
 namespace voxelpipe {
 namespace {
 
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
@@ -36,10 +38,13 @@ class Connection {
   Connection& operator=(const Connection&) = delete;
 
   bool open() const { return open_; }
+  bool Say(const std::string& text) {
+    return send(fd_, text.data(), text.size(), MSG_NOSIGNAL) == ssize_t(text.size());
+  }
   // All that it answers to these bytes.
   std::string Talk(const std::string& request) {
     std::string answer;
-    if (open_ && send(fd_, request.data(), request.size(), MSG_NOSIGNAL) == ssize_t(request.size())) {
+    if (open_ && Say(request)) {
       std::array<char, 4096> buffer{};
       for (ssize_t n; (n = recv(fd_, buffer.data(), buffer.size(), 0)) > 0;) answer.append(buffer.data(), size_t(n));
     }
@@ -108,15 +113,21 @@ TEST_F(HttpEndpointTest, AnAddressThatIsTakenOrNoneIsRefused) {
   }
 }
 
-// The limit tells "behind those that are silent until they are let go" from "beside them".
-TEST_F(HttpEndpointTest, SilentConnectionsKeepNobodyFromBeingAnswered) {
-  std::vector<std::unique_ptr<Connection>> silent;
-  for (int i = 0; i < 5; ++i) {
-    silent.push_back(std::make_unique<Connection>(endpoint_->address()));
-    ASSERT_TRUE(silent.back()->open());
+// The limit tells "behind those that are slow until they are let go" from "beside them".
+TEST_F(HttpEndpointTest, SlowConnectionsKeepNobodyFromBeingAnswered) {
+  std::vector<std::unique_ptr<Connection>> slow;
+  for (int i = 0; i < 500; ++i) {
+    slow.push_back(std::make_unique<Connection>(endpoint_->address()));
+    ASSERT_TRUE(slow.back()->open());
+    ASSERT_TRUE(i % 2 == 1 || slow.back()->Say("GET /livez HTT"));  // every other one says nothing
   }
   std::string error;
   EXPECT_EQ(HttpStatusOf(endpoint_->address(), "/livez", 1500, error), 200) << error;
+}
+
+TEST_F(HttpEndpointTest, AnAnswerHasABodyWhereItWasAskedFor) {
+  EXPECT_THAT(Get(endpoint_->address(), "/livez"), EndsWith("\r\n\r\nok\n"));
+  EXPECT_THAT(Talk(endpoint_->address(), "HEAD /livez HTTP/1.1\r\nHost: here\r\n\r\n"), EndsWith("\r\n\r\n"));
 }
 
 TEST_F(HttpEndpointTest, NobodyThereIsSaid) {
