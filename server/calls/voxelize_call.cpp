@@ -170,7 +170,13 @@ void VoxelizeCall::PlanShared(const Plan& plan) {
     *response.mutable_accepted() = ToMessage(plan);
     Post(response);
     whole_ = false;
+    for (const v1::Progress& progress : early_) {
+      v1::VoxelizeResponse news;
+      *news.mutable_progress() = progress;
+      Post(news);
+    }
   }
+  early_.clear();
 }
 
 void VoxelizeCall::DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) {
@@ -303,6 +309,11 @@ void VoxelizeCall::HangUp() {
 
 void VoxelizeCall::OnProgress(std::string_view stage, double fraction) {
   if (whole_) return;  // told in one message, or not before the plan
+  if (!planned_) {     // the plan is the first word: of what came before it, the last one of each stage follows it
+    if (early_.empty() || early_.back().stage() != stage) early_.emplace_back().set_stage(std::string(stage));
+    early_.back().set_fraction(fraction);
+    return;
+  }
   const auto now = std::chrono::steady_clock::now();
   if (fraction > 0 && now - last_progress_ < kProgressInterval) return;
   last_progress_ = now;

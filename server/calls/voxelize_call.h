@@ -8,6 +8,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include <grpcpp/grpcpp.h>
 
@@ -97,6 +98,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   bool whole_ = false;              // everything came in one message, and a small result goes back in one
   BudgetShare uploads_, working_;
   bool planned_ = false;
+  std::vector<v1::Progress> early_;  // before the plan: the last one of each stage
   std::chrono::steady_clock::time_point last_progress_;
   std::optional<Plan> plan_;  // not told yet: it goes with the whole result
 
