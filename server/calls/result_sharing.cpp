@@ -1,5 +1,6 @@
 #include "calls/result_sharing.h"
 
+#include <algorithm>
 #include <utility>
 
 #include <google/protobuf/io/coded_stream.h>
@@ -33,6 +34,11 @@ std::string HashOf(const VoxelizeResult& result) {
 // Whether the error is about the run, and not about the request: then each may try for itself.
 bool IsOfTheRun(const absl::Status& status) {
   return absl::IsAborted(status) || absl::IsCancelled(status) || absl::IsDeadlineExceeded(status);
+}
+
+// Whether a time is before another; none is after all.
+bool Earlier(const std::optional<Scheduler::Time>& a, const std::optional<Scheduler::Time>& b) {
+  return a && (!b || *a < *b);
 }
 
 }  // namespace
@@ -106,6 +112,13 @@ ResultSharing::ResultSharing(Scheduler& scheduler, ByteBudget& working, Metrics&
 
 ResultSharing::~ResultSharing() = default;
 
+absl::Status ResultSharing::Admit(const VoxelizeJob& job) const {
+  absl::Status status = scheduler_.Admit(job.traits);
+  if (status.ok() || !on_ || job.traits.cost.run_ms < least_ms_) return status;
+  const std::string key = RequestKey(job);
+  return !key.empty() && flights_.IsFlying(key) ? absl::OkStatus() : status;
+}
+
 absl::Status ResultSharing::Submit(std::shared_ptr<VoxelizeJob> job) {
   const bool may_share = on_ && job->traits.cost.run_ms >= least_ms_;
   const std::string key = may_share ? RequestKey(*job) : std::string();
@@ -131,7 +144,20 @@ absl::Status ResultSharing::Submit(std::shared_ptr<VoxelizeJob> job) {
                                      }
                                    }});
     seats_[job.get()] = seat;
-    if (seat.first) run = std::make_shared<Run>(*this, seat.flight, *job);
+    Crowd& crowd = crowds_[seat.flight.get()];
+    Waiter waiter{
+        job.get(), {job->traits.client, job->traits.priority}, job->traits.deadline, scheduler_.QueueDeadline()};
+    const bool covered = std::any_of(crowd.waiters.rbegin(), crowd.waiters.rend(), [&](const Waiter& other) {
+      return other.stand == waiter.stand && !Earlier(other.deadline, waiter.deadline) &&
+             !Earlier(other.queue_deadline, waiter.queue_deadline);
+    });
+    crowd.waiters.push_back(std::move(waiter));
+    if (seat.first) {
+      run = std::make_shared<Run>(*this, seat.flight, *job);
+      crowd.run = run;
+    } else if (!covered) {
+      TellWaiters(*seat.flight);
+    }
   }
   if (!seat.first) return absl::OkStatus();
   flights_.WhenEmpty(seat.flight, [this, weak = std::weak_ptr<Run>(run)] {
@@ -140,24 +166,73 @@ absl::Status ResultSharing::Submit(std::shared_ptr<VoxelizeJob> job) {
       scheduler_.Withdraw(*alive);
     }
   });
-  // Others may have joined by now: they hear of a full queue, too.
-  if (absl::Status s = scheduler_.Submit(run); !s.ok()) flights_.Land(seat.flight, s);
-  return absl::OkStatus();
+  const absl::Status submitted = scheduler_.Submit(run);
+  if (submitted.ok()) {
+    const std::lock_guard lock(mutex_);
+    const auto crowd = crowds_.find(seat.flight.get());
+    // Others may have joined before the scheduler knew the run.
+    if (crowd != crowds_.end() && crowd->second.waiters.size() > 1) TellWaiters(*seat.flight);
+    return absl::OkStatus();
+  }
+  // It is this client's share, or this job's deadline, that the queue has no place for. Others who joined by now try for themselves.
+  const bool left = flights_.Leave(seat);
+  if (left) {
+    const std::lock_guard lock(mutex_);
+    seats_.erase(job.get());
+    LeaveCrowd(*seat.flight, *job);
+  }
+  flights_.Land(seat.flight, absl::AbortedError("the first one was refused"));
+  return left ? submitted : absl::OkStatus();  // else it was withdrawn meanwhile
+}
+
+bool ResultSharing::Waiter::IsOver() const {
+  const Time now = JobContext::Clock::now();
+  return (deadline && *deadline <= now) || (queue_deadline && *queue_deadline <= now);
+}
+
+ResultSharing::Waiter ResultSharing::LeaveCrowd(const Flights::Flight& flight, const VoxelizeJob& job) {
+  const auto crowd = crowds_.find(&flight);
+  std::vector<Waiter>& waiters = crowd->second.waiters;
+  const auto found = std::find_if(waiters.begin(), waiters.end(), [&](const Waiter& w) { return w.job == &job; });
+  Waiter waiter = std::move(*found);
+  waiters.erase(found);
+  if (waiters.empty()) crowds_.erase(crowd);
+  return waiter;
+}
+
+void ResultSharing::TellWaiters(const Flights::Flight& flight) {
+  const auto crowd = crowds_.find(&flight);
+  if (crowd == crowds_.end()) return;
+  const std::shared_ptr<Run> run = crowd->second.run.lock();
+  if (!run) return;
+  const std::vector<Waiter>& waiters = crowd->second.waiters;
+  Scheduler::Waiters all{{}, waiters.front().deadline, waiters.front().queue_deadline};
+  for (const Waiter& waiter : waiters) {
+    if (Earlier(all.deadline, waiter.deadline)) all.deadline = waiter.deadline;
+    if (Earlier(all.queue_deadline, waiter.queue_deadline)) all.queue_deadline = waiter.queue_deadline;
+    if (std::find(all.stands.begin(), all.stands.end(), waiter.stand) == all.stands.end()) {
+      all.stands.push_back(waiter.stand);
+    }
+  }
+  std::stable_sort(all.stands.begin(), all.stands.end(),
+                   [](const FairQueue::Stand& a, const FairQueue::Stand& b) { return a.priority < b.priority; });
+  scheduler_.SetWaiters(*run, std::move(all));
 }
 
 void ResultSharing::Answer(const std::shared_ptr<VoxelizeJob>& job, const Flights::Answer& result) {
-  bool first;
+  bool first, over;
   {
     const std::lock_guard lock(mutex_);
     const auto seat = seats_.find(job.get());
     first = seat->second.first;
+    over = LeaveCrowd(*seat->second.flight, *job).IsOver();
     seats_.erase(seat);
   }
   if (result.ok()) {
     if (!first) metrics_.jobs_shared.Increment();
     // The outcome, and with it what it holds of the server's memory.
     job->DoneShared({*result, (*result)->outcome.get()}, (*result)->plan, !first);
-  } else if (!IsOfTheRun(result.status())) {
+  } else if (!IsOfTheRun(result.status()) || (over && absl::IsDeadlineExceeded(result.status()))) {
     job->Done(result.status());
   } else if (absl::Status s = scheduler_.Submit(job); !s.ok()) {
     job->Done(s);
@@ -175,6 +250,8 @@ bool ResultSharing::Withdraw(VoxelizeJob& job) {
   if (!flights_.Leave(seat)) return false;  // it is being answered
   const std::lock_guard lock(mutex_);
   seats_.erase(&job);
+  LeaveCrowd(*seat.flight, job);
+  TellWaiters(*seat.flight);
   return true;
 }
 
@@ -184,6 +261,7 @@ std::string RequestKey(const VoxelizeJob& job) {
   CallSettings settings = config.settings;
   settings.compression = Compression::kNone;  // of the pieces, which each makes for itself
   settings.content_hash = true;
+  settings.priority = Priority::kNormal;  // the run has the best one of all who wait
   std::string key = job.kept->id();
   {
     google::protobuf::io::StringOutputStream out(&key);  // appends

@@ -112,7 +112,7 @@ absl::Status VoxelizeCall::TakeConfig(const v1::VoxelizeConfig& message) {
   if (configured_) return absl::InvalidArgumentError("config: only the first message may be one");
   configured_ = true;
   if (absl::Status s = ConfigureJob(state_, message, record_.client, *this); !s.ok()) return s;
-  return state_.scheduler.Admit(traits);  // before the mesh is uploaded for nothing
+  return state_.results.Admit(*this);  // before the mesh is uploaded for nothing
 }
 
 absl::Status VoxelizeCall::TakePiece(std::string piece) {

@@ -132,6 +132,11 @@ class SingleFlight {
     const std::lock_guard lock(mutex_);
     return shared_;
   }
+  // Whether who joins now joins others.
+  bool IsFlying(const std::string& key) const {
+    const std::lock_guard lock(mutex_);
+    return flights_.contains(key);
+  }
   // Flights that have not landed yet.
   size_t flying() const {
     const std::lock_guard lock(mutex_);

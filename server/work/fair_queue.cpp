@@ -20,20 +20,35 @@ FairQueue::FairQueue(const std::array<double, kPriorities>& weights) {
 
 void FairQueue::Push(std::shared_ptr<Task> task, size_t lane, Priority priority, const std::string& client,
                      double cost_ms) {
+  const Task* key = task.get();
+  places_[key] = Put(std::move(task), lane, priority, client, cost_ms, false);
+}
+
+FairQueue::Place FairQueue::Put(std::shared_ptr<Task> task, size_t lane, Priority priority, const std::string& client,
+                                double cost_ms, bool further) {
   Level& level = levels_[size_t(priority)];
   Flow& flow = Wake(level, client);
-  const Task* key = task.get();
   std::list<Item>& items = flow.lanes[lane];
-  items.push_back({std::move(task), cost_ms, next_number_++});
+  items.push_back({std::move(task), cost_ms, next_number_++, true});
   if (items.size() == 1) level.turns[lane].insert({flow.paid, flow.turn, &flow});
-  places_[key] = {&flow, lane, std::prev(items.end())};
   if (lane_sizes_[lane]++ == 0) lanes_ |= 1u << lane;
-  lane_ms_[lane] += cost_ms;
   if (flow.waiting++ == 0) ++level.clients;
   if (level.waiting++ == 0) level.paid = std::max(level.paid, now_);
-  flow.waiting_ms += cost_ms;
-  level.waiting_ms += cost_ms;
-  waiting_ms_ += cost_ms;
+  ++level.further;
+  const Place place{&flow, lane, std::prev(items.end()), priority};
+  if (!further) Count(place);
+  return place;
+}
+
+void FairQueue::Count(const Place& place) {
+  place.item->further = false;
+  const double ms = place.item->cost_ms;
+  Level& level = *place.flow->level;
+  --level.further;
+  lane_ms_[place.lane] += ms;
+  place.flow->waiting_ms += ms;
+  level.waiting_ms += ms;
+  waiting_ms_ += ms;
 }
 
 double FairQueue::waiting_ms(Lanes lanes) const {
@@ -96,10 +111,23 @@ const Task* FairQueue::Front(Lanes lanes, size_t* lane, const Skip& skip) const 
 std::shared_ptr<Task> FairQueue::Pop(Lanes lanes, const Skip& skip) {
   const auto [flow, lane] = Next(lanes, skip);
   if (flow == nullptr) return nullptr;
+  const auto served = flow->lanes[lane].begin();
+  const Task* key = served->task.get();
+  std::vector<Level*> left;
+  if (further_.contains(key)) {
+    for (const Place& other : PlacesOf(*key)) {
+      if (&*other.item == &*served) continue;
+      left.push_back(other.flow->level);
+      TakeOut(other);
+    }
+    further_.erase(key);
+  }
+  places_.erase(key);
   Level& level = *flow->level;
-  const Item item = TakeOut({flow, lane, flow->lanes[lane].begin()});
+  const Item item = TakeOut({flow, lane, served, level.priority});
   Pay(*flow, std::max(item.cost_ms, kLeastMs));
   Settle(level);
+  for (Level* other : left) Settle(*other);
   return item.task;
 }
 
@@ -148,17 +176,18 @@ FairQueue::Item FairQueue::TakeOut(const Place& place) {
   Level& level = *flow.level;
   std::list<Item>& items = flow.lanes[place.lane];
   Item item = std::move(*place.item);
-  places_.erase(item.task.get());
   items.erase(place.item);
   if (items.empty()) level.turns[place.lane].erase({flow.paid, flow.turn, &flow});
-  lane_ms_[place.lane] -= item.cost_ms;
+  const double ms = item.further ? 0 : item.cost_ms;
+  level.further -= item.further ? 1 : 0;
+  lane_ms_[place.lane] -= ms;
   if (--lane_sizes_[place.lane] == 0) {
     lanes_ &= ~(1u << place.lane);
     lane_ms_[place.lane] = 0;  // sums of doubles drift
   }
-  flow.waiting_ms -= item.cost_ms;
-  level.waiting_ms -= item.cost_ms;
-  waiting_ms_ -= item.cost_ms;
+  flow.waiting_ms -= ms;
+  level.waiting_ms -= ms;
+  waiting_ms_ -= ms;
   --level.waiting;
   if (--flow.waiting == 0) {
     flow.waiting_ms = 0;
@@ -168,34 +197,100 @@ FairQueue::Item FairQueue::TakeOut(const Place& place) {
   return item;
 }
 
-std::shared_ptr<Task> FairQueue::Remove(const Task& task) {
-  const auto it = places_.find(&task);
-  if (it == places_.end()) return nullptr;
-  Level& level = *it->second.flow->level;
-  Item item = TakeOut(Place(it->second));
-  Settle(level);
-  return std::move(item.task);
+FairQueue::Places FairQueue::PlacesOf(const Task& task) const {
+  Places places{places_.at(&task)};
+  if (const auto more = further_.find(&task); more != further_.end()) {
+    places.insert(places.end(), more->second.begin(), more->second.end());
+  }
+  return places;
 }
 
-bool FairQueue::Raise(const Task& task) {
-  const auto it = places_.find(&task);
-  if (it == places_.end()) return false;
-  const Place place = it->second;
-  Level& level = *place.flow->level;
-  if (level.priority == Priority::kHigh) return false;
-  const std::string client = place.flow->client;
-  Item item = TakeOut(place);
-  Settle(level);
-  Push(std::move(item.task), place.lane, Priority(size_t(level.priority) - 1), client, item.cost_ms);
+void FairQueue::SetPlaces(const Task& task, Places places) {
+  places_[&task] = places.front();
+  places.erase(places.begin());
+  if (places.empty()) {
+    further_.erase(&task);
+  } else {
+    further_[&task] = std::move(places);
+  }
+}
+
+bool FairQueue::SetStands(const Task& task, std::span<const Stand> stands) {
+  if (!places_.contains(&task)) return false;
+  Places have = PlacesOf(task), places;
+  const Place first = have.front();
+  const std::shared_ptr<Task> owner = first.item->task;
+  for (const Stand& stand : stands) {
+    const auto there = std::find_if(have.begin(), have.end(), [&](const Place& place) {
+      return place.asked == stand.priority && place.flow->client == stand.client;
+    });
+    if (there == have.end()) {
+      places.push_back(Put(owner, first.lane, stand.priority, stand.client, first.item->cost_ms, true));
+    } else {
+      places.push_back(*there);
+      have.erase(there);
+    }
+  }
+  for (const Place& gone : have) {
+    Level& level = *gone.flow->level;
+    TakeOut(gone);
+    Settle(level);
+  }
+  const auto counted =
+      std::find_if(places.begin(), places.end(), [](const Place& place) { return !place.item->further; });
+  if (counted == places.end()) {
+    Count(places.front());
+  } else {
+    std::iter_swap(places.begin(), counted);
+  }
+  SetPlaces(task, std::move(places));
   return true;
 }
 
+std::shared_ptr<Task> FairQueue::Remove(const Task& task) {
+  if (!places_.contains(&task)) return nullptr;
+  const Places places = PlacesOf(task);
+  std::shared_ptr<Task> owner = places.front().item->task;
+  places_.erase(&task);
+  further_.erase(&task);
+  for (const Place& place : places) {
+    Level& level = *place.flow->level;
+    TakeOut(place);
+    Settle(level);
+  }
+  return owner;
+}
+
+bool FairQueue::Raise(const Task& task) {
+  if (!places_.contains(&task)) return false;
+  Places places = PlacesOf(task);
+  bool raised = false;
+  for (Place& place : places) {
+    Level& level = *place.flow->level;
+    if (level.priority == Priority::kHigh) continue;
+    const std::string client = place.flow->client;
+    const Priority asked = place.asked;
+    Item item = TakeOut(place);
+    Settle(level);
+    place =
+        Put(std::move(item.task), place.lane, Priority(size_t(level.priority) - 1), client, item.cost_ms, item.further);
+    place.asked = asked;
+    raised = true;
+  }
+  if (raised) SetPlaces(task, std::move(places));
+  return raised;
+}
+
 void FairQueue::Move(const Task& task, size_t lane) {
-  const Place place = places_.at(&task);
-  const Priority priority = place.flow->level->priority;
-  const std::string client = place.flow->client;
-  Item item = TakeOut(place);
-  Push(std::move(item.task), lane, priority, client, item.cost_ms);
+  Places places = PlacesOf(task);
+  for (Place& place : places) {
+    const Priority asked = place.asked, priority = place.flow->level->priority;
+    const std::string client = place.flow->client;
+    Item item = TakeOut(place);
+    place = Put(std::move(item.task), lane, priority, client, item.cost_ms, item.further);
+    place.asked = asked;
+  }
+  SetPlaces(task, std::move(places));
 }
 
 size_t FairQueue::WaitingOf(const std::string& client) const {

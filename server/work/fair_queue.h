@@ -2,7 +2,8 @@
 //
 // Source: P. Goyal, H. Vin, H. Cheng, "Start-time Fair Queueing", SIGCOMM 1996: who was served pays with virtual time, in proportion to the
 // work and against its weight, and whoever has paid least is next. Nobody saves up: who comes, or was held back, starts at the present.
-// Changed: tasks stand in lanes, and who asks names the lanes that it can take from; the order is one for all lanes together.
+// Changed: tasks stand in lanes, and who asks names the lanes that it can take from; the order is one for all lanes together. A task that several
+// clients wait for stands in a place of each.
 #pragma once
 
 #include <array>
@@ -12,8 +13,10 @@
 #include <map>
 #include <memory>
 #include <set>
+#include <span>
 #include <string>
 #include <unordered_map>
+#include <vector>
 
 #include "work/task.h"
 
@@ -40,6 +43,16 @@ class FairQueue {
   // Clients that `skip`, if given, is true for are passed over.
   const Task* Front(Lanes lanes, size_t* lane = nullptr, const Skip& skip = {}) const;
   std::shared_ptr<Task> Pop(Lanes lanes, const Skip& skip = {});
+  // Whose turn a task waits for.
+  struct Stand {
+    std::string client;
+    Priority priority = Priority::kNormal;
+    bool operator==(const Stand&) const = default;
+  };
+  // Makes a task that is here stand in these places, at least one and no two of them equal, and in no others: it is taken when the first of them
+  // has its turn, and the client of that one pays. Places that it has already stay where they are in the queue, those that were raised, too.
+  // False where the task is not here.
+  bool SetStands(const Task& task, std::span<const Stand> stands);
   // Takes one out of turn; null where it is not here.
   std::shared_ptr<Task> Remove(const Task& task);
   // Puts it one priority higher. False where it is not here or cannot rise.
@@ -55,7 +68,7 @@ class FairQueue {
 
   size_t size() const { return places_.size(); }
   size_t size(size_t lane) const { return lane_sizes_[lane]; }
-  size_t size(Priority priority) const { return levels_[size_t(priority)].waiting; }
+  size_t size(Priority priority) const { return levels_[size_t(priority)].waiting - levels_[size_t(priority)].further; }
   // Lanes where tasks wait.
   Lanes lanes() const { return lanes_; }
   double waiting_ms() const { return waiting_ms_; }
@@ -72,6 +85,7 @@ class FairQueue {
     std::shared_ptr<Task> task;
     double cost_ms;
     uint64_t number;
+    bool further;  // beside another place of the task, which is the one that counts as waiting work
   };
   // What one client waits for within a priority.
   struct Flow {
@@ -98,23 +112,34 @@ class FairQueue {
     std::array<std::set<Turn>, kLanes> turns;  // flows with tasks in the lane
     std::set<Turn> resting;                    // without tasks, but ahead of the present: their debt is remembered
     size_t waiting = 0, clients = 0;           // flows that wait
+    size_t further = 0;                        // of `waiting`
     double waiting_ms = 0;
   };
   struct Place {
     Flow* flow;
     size_t lane;
     std::list<Item>::iterator item;
+    Priority asked;  // the flow's may have risen
   };
+  using Places = std::vector<Place>;
 
   // The lane and flow whose turn it is; null where none.
   std::pair<Flow*, size_t> Next(Lanes lanes, const Skip& skip) const;
   Flow& Wake(Level& level, const std::string& client);
+  Place Put(std::shared_ptr<Task> task, size_t lane, Priority priority, const std::string& client, double cost_ms,
+            bool further);
+  // All places of a task that is here, the one that counts in front.
+  Places PlacesOf(const Task& task) const;
+  void SetPlaces(const Task& task, Places places);
+  // Makes one that was further the one that counts.
+  void Count(const Place& place);
   Item TakeOut(const Place& place);
   void Pay(Flow& flow, double cost_ms);
   void Settle(Level& level);
 
   std::array<Level, kPriorities> levels_;
   std::unordered_map<const Task*, Place> places_;
+  std::unordered_map<const Task*, Places> further_;  // of tasks that stand in several places
   std::array<size_t, kLanes> lane_sizes_{};
   std::array<double, kLanes> lane_ms_{};
   Lanes lanes_ = 0;

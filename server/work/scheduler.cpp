@@ -149,18 +149,61 @@ absl::Status Scheduler::Submit(std::shared_ptr<Task> task) {
   return std::move(answer.status);
 }
 
+std::optional<Scheduler::Time> Scheduler::QueueDeadline() const {
+  if (options_.queue_timeout.count() <= 0) return std::nullopt;
+  return Now() + options_.queue_timeout;
+}
+
+void Scheduler::SetWaiters(Task& task, Waiters waiters) {
+  const std::lock_guard lock(mutex_);
+  const auto taken = taken_.find(&task);
+  if (taken != taken_.end()) {  // its traits are its loader's
+    if (taken->second->kind == WorkKind::kLoad) waiters_[&task] = std::move(waiters);
+    return;
+  }
+  const bool queued = to_run_.SetStands(task, waiters.stands) || to_load_.SetStands(task, waiters.stands);
+  const bool again = std::any_of(again_.begin(), again_.end(), [&](const auto& t) { return t.get() == &task; });
+  if (!queued && !again) return;
+  TaskTraits& traits = task.traits;
+  const bool aged = traits.priority != Priority::kHigh;
+  traits.client = waiters.stands.front().client;
+  traits.priority = waiters.stands.front().priority;
+  traits.deadline = waiters.deadline;
+  if (queued) traits.queue_deadline = waiters.queue_deadline;  // that of one whose worker failed is over
+  const Time now = Now();
+  SetTimesLocked(task);
+  if (!aged && queued && options_.aging.count() > 0 && traits.priority != Priority::kHigh) {
+    ages_.Set(task, now + options_.aging);
+    ArmTimer(now + options_.aging);
+  }
+  waiters_[&task] = std::move(waiters);
+}
+
 void Scheduler::Resubmit(std::shared_ptr<Task> task) {
   task->Weigh();
   const Time now = Now();
   std::vector<Sleeper*> called;
   {
     const std::lock_guard lock(mutex_);
+    auto joined = waiters_.extract(task.get());  // it has not ended
     const auto it = taken_.find(task.get());
     const bool was_loading = it != taken_.end() && it->second->kind == WorkKind::kLoad;
+    if (was_loading && !joined.empty()) {
+      const Waiters& waiters = joined.mapped();
+      task->traits.client = waiters.stands.front().client;
+      task->traits.priority = waiters.stands.front().priority;
+      task->traits.deadline = waiters.deadline;
+      task->traits.queue_deadline = waiters.queue_deadline;
+    }
     if (was_loading && task->traits.queue_deadline) *task->traits.queue_deadline += now - it->second->began;
     EndLocked(*task, now);
     if (was_loading) {
+      const Task& waiting = *task;
       Enqueue(std::move(task), now);
+      if (!joined.empty()) {
+        if (!to_run_.SetStands(waiting, joined.mapped().stands)) to_load_.SetStands(waiting, joined.mapped().stands);
+        waiters_.insert(std::move(joined));
+      }
       called.push_back(CallOne());
     } else {
       // Its time in the queue is over, its deadline is not.
@@ -183,16 +226,24 @@ size_t Scheduler::LaneOf(const TaskTraits& traits) const {
   return LaneFor(free ? BackendChoice::kAuto : traits.backend, ClassOf(ms, traits.cost.output_bytes));
 }
 
+// When the task is refused if no worker has it by then.
+void Scheduler::SetTimesLocked(const Task& task) {
+  const TaskTraits& traits = task.traits;
+  std::optional<Time> by = traits.deadline;
+  if (traits.queue_deadline) by = by ? std::min(*by, *traits.queue_deadline) : *traits.queue_deadline;
+  if (by) {
+    deadlines_.Set(task, *by);
+    ArmTimer(*by);
+  } else {
+    deadlines_.Clear(task);
+  }
+}
+
 void Scheduler::Enqueue(std::shared_ptr<Task> task, Time now) {
   const TaskTraits& traits = task->traits;
   const Task& waiting = *task;
   waiting_bytes_ += traits.cost.held_bytes;
-  std::optional<Time> by = traits.deadline;
-  if (traits.queue_deadline) by = by ? std::min(*by, *traits.queue_deadline) : *traits.queue_deadline;
-  if (by) {
-    deadlines_.Set(waiting, *by);
-    ArmTimer(*by);
-  }
+  SetTimesLocked(waiting);
   if (options_.aging.count() > 0 && traits.priority != Priority::kHigh) {
     ages_.Set(waiting, now + options_.aging);
     ArmTimer(now + options_.aging);
@@ -225,6 +276,7 @@ std::shared_ptr<Task> Scheduler::Dequeue(const Task& task) {
     again_.erase(it);
   }
   Forget(task);
+  if (!waiters_.empty()) waiters_.erase(&task);
   return found;
 }
 

@@ -88,6 +88,17 @@ class Scheduler {
   // Takes a task in. From here on it ends by Task::Refuse with DEADLINE_EXCEEDED if its deadline, or its time in the queue, is over before a
   // worker has it. Errors: see AdmitTask; UNAVAILABLE after Drain began.
   absl::Status Submit(std::shared_ptr<Task> task);
+  // Who waits for a task that several wait for, and until when the last of them does.
+  struct Waiters {
+    std::vector<FairQueue::Stand> stands;  // at least one, no two equal; the best priority first
+    std::optional<Time> deadline;          // the latest; none: one waits without
+    std::optional<Time> queue_deadline;    // the same of their times in the queue
+  };
+  // Gives a task that was submitted and has not ended the best place, priority and deadline of all who wait for it. Nothing happens to one
+  // that a device worker has.
+  void SetWaiters(Task& task, Waiters waiters);
+  // Until when a task that is submitted now may wait in the queue, if it does not say; none: as long as it takes.
+  std::optional<Time> QueueDeadline() const;
   // Gives back a task that came from Take..., to be taken again: loaded meanwhile, or because its worker failed; the latter goes before all
   // others. Never refused.
   void Resubmit(std::shared_ptr<Task> task);
@@ -170,6 +181,7 @@ class Scheduler {
   void CountRefused(const AdmissionAnswer& answer) const;
 
   void Enqueue(std::shared_ptr<Task> task, Time now);
+  void SetTimesLocked(const Task& task);
   std::shared_ptr<Task> Dequeue(const Task& task);
   void Forget(const Task& task);
   size_t LaneOf(const TaskTraits& traits) const;
@@ -217,7 +229,8 @@ class Scheduler {
 
   mutable std::mutex mutex_;
   FairQueue to_load_, to_run_;
-  std::list<std::shared_ptr<Task>> again_;  // whose worker failed
+  std::list<std::shared_ptr<Task>> again_;            // whose worker failed
+  std::unordered_map<const Task*, Waiters> waiters_;  // of tasks that SetWaiters was called for
   std::unordered_map<const Task*, std::shared_ptr<Batch>> taken_;
   std::vector<Loading> loading_;                  // of taken_, at most one for each loader
   std::vector<std::shared_ptr<Batch>> running_;   // of device workers

@@ -416,6 +416,7 @@ void Scheduler::EndLocked(const Task& task, Time now) {
   if (it == taken_.end()) return;
   const std::shared_ptr<Batch> batch = std::move(it->second);
   taken_.erase(it);
+  if (!waiters_.empty()) waiters_.erase(&task);
   if (batch->kind == WorkKind::kLoad) std::erase_if(loading_, [&](const Loading& l) { return l.task == &task; });
   if (--batch->left > 0) return;
   std::erase(running_, batch);

@@ -1,5 +1,6 @@
 #include "work/fair_queue.h"
 
+#include <algorithm>
 #include <map>
 #include <random>
 #include <set>
@@ -185,6 +186,103 @@ TEST(FairQueueTest, WhatIsAheadIsTheClientsOwnAndItsShareOfOthers) {
   EXPECT_NEAR(queue.AheadMs(Priority::kHigh, "modest", 16), 4, 1e-9)
       << "a quarter of its own time goes to the normal ones";
   EXPECT_NEAR(queue.AheadMs(Priority::kLow, "modest", 10), 40, 1e-9);
+}
+
+TEST(FairQueueTest, ATaskOfSeveralClientsIsTakenWhenTheFirstOfThemHasItsTurn) {
+  Queue queue;
+  std::vector<std::shared_ptr<Task>> before;
+  for (int i = 0; i < 10; ++i) before.push_back(queue.Add("busy", Priority::kNormal, 1));
+  const auto task = queue.Add("busy", Priority::kNormal, 1);
+  const std::vector<FairQueue::Stand> both = {{"busy", Priority::kNormal}, {"idle", Priority::kNormal}};
+  ASSERT_TRUE(queue.SetStands(*task, both));
+  EXPECT_EQ(queue.size(), 11u);
+  EXPECT_EQ(queue.size(Priority::kNormal), 11u);
+  EXPECT_EQ(queue.waiting_ms(), 11);
+  int turns = 1;
+  while (queue.Pop(kAll) != task) ++turns;
+  EXPECT_LE(turns, 2);
+  EXPECT_EQ(queue.WaitingOf("idle"), 0u);
+  for (; queue.size() > 0; ++turns) EXPECT_NE(queue.Pop(kAll), task) << "once";
+  EXPECT_EQ(turns, 11);
+  EXPECT_EQ(queue.lanes(), 0u);
+}
+
+TEST(FairQueueTest, WhoIsServedFirstPaysForATaskOfSeveral) {
+  Queue queue;
+  const auto task = queue.Add("a", Priority::kNormal, 100);
+  const auto of_a = queue.Add("a", Priority::kNormal, 1);
+  const std::vector<FairQueue::Stand> stands = {{"a", Priority::kNormal}, {"b", Priority::kHigh}};
+  ASSERT_TRUE(queue.SetStands(*task, stands));
+  const auto of_b = queue.Add("b", Priority::kNormal, 1);
+  EXPECT_EQ(queue.Pop(kAll), task) << "as b's, of high priority";
+  EXPECT_EQ(queue.Pop(kAll), of_a) << "a has paid nothing";
+  EXPECT_EQ(queue.Pop(kAll), of_b);
+}
+
+TEST(FairQueueTest, PlacesThatStayKeepTheirTurnAndOthersGo) {
+  Queue queue;
+  const auto task = queue.Add("a", Priority::kLow, 5);
+  const auto other = queue.Add("c", Priority::kLow, 1);
+  using Stands = std::vector<FairQueue::Stand>;
+  ASSERT_TRUE(queue.SetStands(*task, Stands{{"a", Priority::kLow}, {"b", Priority::kHigh}}));
+  ASSERT_TRUE(queue.SetStands(*task, Stands{{"b", Priority::kHigh}}));
+  EXPECT_EQ(queue.WaitingOf("a"), 0u);
+  EXPECT_EQ(queue.size(Priority::kLow), 1u);
+  EXPECT_EQ(queue.size(Priority::kHigh), 1u) << "the place that is left counts";
+  EXPECT_EQ(queue.waiting_ms(), 6);
+  ASSERT_TRUE(queue.SetStands(*task, Stands{{"b", Priority::kHigh}, {"a", Priority::kLow}}));
+  ASSERT_TRUE(queue.Raise(*task)) << "its low place";
+  ASSERT_TRUE(queue.SetStands(*task, Stands{{"a", Priority::kLow}}));
+  EXPECT_EQ(queue.size(Priority::kNormal), 1u) << "which stays raised";
+  queue.Move(*task, 3);
+  EXPECT_EQ(queue.size(3), 1u);
+  EXPECT_EQ(queue.Remove(*task), task);
+  EXPECT_FALSE(queue.SetStands(*task, Stands{{"a", Priority::kLow}}));
+  EXPECT_EQ(queue.Pop(kAll), other);
+  EXPECT_EQ(queue.waiting_ms(), 0);
+}
+
+TEST(FairQueueTest, WhateverPlacesTasksHaveEachLeavesOnce) {
+  std::mt19937 random(3);
+  Queue queue;
+  std::set<std::shared_ptr<Task>> there;
+  const auto pick = [&] { return *std::next(there.begin(), ptrdiff_t(random() % there.size())); };
+  const auto some_stands = [&] {
+    std::vector<FairQueue::Stand> stands;
+    for (size_t wanted = 1 + random() % 4; stands.size() < wanted;) {
+      const FairQueue::Stand stand{std::string(1, char('a' + random() % 3)), Priority(random() % kPriorities)};
+      if (std::find(stands.begin(), stands.end(), stand) == stands.end()) stands.push_back(stand);
+    }
+    return stands;
+  };
+  for (int i = 0; i < 20'000; ++i) {
+    const auto choice = random() % 8;
+    if (there.empty() || choice < 2) {
+      there.insert(
+          queue.Add("a", Priority(random() % kPriorities), double(1 + random() % 5), random() % FairQueue::kLanes));
+    } else if (choice < 4) {
+      EXPECT_TRUE(queue.SetStands(*pick(), some_stands()));
+    } else if (choice == 4) {
+      queue.Raise(*pick());
+    } else if (choice == 5) {
+      queue.Move(*pick(), random() % FairQueue::kLanes);
+    } else if (choice == 6) {
+      const auto task = pick();
+      EXPECT_EQ(queue.Remove(*task), task);
+      there.erase(task);
+    } else {
+      const auto task = queue.Pop(kAll);
+      EXPECT_EQ(there.erase(task), 1u);
+    }
+    ASSERT_EQ(queue.size(), there.size());
+    size_t of_priorities = 0;
+    for (size_t p = 0; p < kPriorities; ++p) of_priorities += queue.size(Priority(p));
+    ASSERT_EQ(of_priorities, there.size());
+  }
+  while (const auto task = queue.Pop(kAll)) EXPECT_EQ(there.erase(task), 1u);
+  EXPECT_TRUE(there.empty());
+  EXPECT_EQ(queue.lanes(), 0u);
+  EXPECT_EQ(queue.waiting_ms(), 0);
 }
 
 }  // namespace

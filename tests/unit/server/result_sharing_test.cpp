@@ -4,6 +4,7 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -255,15 +256,84 @@ TEST_F(ResultSharingTest, AResultOfSeveralSlabsIsMadeByEachAlone) {
   EXPECT_EQ(working.used(), 0u);
 }
 
-TEST_F(ResultSharingTest, AFullQueueRefusesAllWhoJoined) {
+TEST_F(ResultSharingTest, AFullQueueRefusesWhoCame) {
   for (int i = 0; i < 8; ++i) {
-    const auto job = Submitted(i + 1);
-    if (!job->done.empty()) {
-      EXPECT_TRUE(absl::IsResourceExhausted(job->done[0]));
-      return;
-    }
+    const auto job = Job(i + 1);
+    const absl::Status status = sharing.Submit(job);
+    if (status.ok()) continue;
+    EXPECT_TRUE(absl::IsResourceExhausted(status)) << status;
+    EXPECT_TRUE(job->done.empty()) << "the caller ends it";
+    EXPECT_FALSE(sharing.Withdraw(*job));
+    return;
   }
   FAIL() << "the queue takes all";
+}
+
+// Of those who wait for the same, whoever has the best place gets it for all.
+TEST_F(ResultSharingTest, AnEqualJobGetsTheBestPlaceOfAllWhoWait) {
+  for (int i = 0; i < 3; ++i) Submitted(100 + i);
+  const auto a = Submitted(8), b = Job(8);
+  b->traits.client = "another";
+  ASSERT_TRUE(sharing.Submit(b).ok());
+  EXPECT_EQ(scheduler.queued(), 4u);
+  Take();  // of either client
+  End(Outcome());
+  if (a->results.empty()) {
+    Take();
+    End(Outcome());
+  }
+  EXPECT_EQ(a->results.size(), 1u) << "the other client had nothing before it";
+  EXPECT_EQ(b->results.size(), 1u);
+}
+
+TEST_F(ResultSharingTest, AnEqualJobGetsTheBestPriorityOfAllWhoWait) {
+  for (int i = 0; i < 3; ++i) Submitted(100 + i);
+  const auto low = Job(8), high = Job(8);
+  low->config.settings.priority = low->traits.priority = Priority::kLow;
+  high->config.settings.priority = high->traits.priority = Priority::kHigh;
+  ASSERT_TRUE(sharing.Submit(low).ok());
+  ASSERT_TRUE(sharing.Submit(high).ok());
+  EXPECT_EQ(scheduler.queued(), 4u) << "priorities do not tell jobs apart";
+  Take();
+  End(Outcome());
+  EXPECT_EQ(low->results.size(), 1u);
+  EXPECT_EQ(high->results.size(), 1u);
+}
+
+TEST_F(ResultSharingTest, APlaceGoesWithWhoHadIt) {
+  for (int i = 0; i < 3; ++i) Submitted(100 + i);
+  const auto low = Job(8), high = Job(8);
+  low->traits.priority = Priority::kLow;
+  high->traits.priority = Priority::kHigh;
+  ASSERT_TRUE(sharing.Submit(low).ok());
+  ASSERT_TRUE(sharing.Submit(high).ok());
+  EXPECT_TRUE(sharing.Withdraw(*high));
+  EXPECT_EQ(scheduler.state().jobs[size_t(Priority::kHigh)], 0u);
+  EXPECT_EQ(scheduler.state().jobs[size_t(Priority::kLow)], 1u);
+  Take();
+  End(Outcome());
+  EXPECT_TRUE(low->results.empty());
+}
+
+TEST_F(ResultSharingTest, TheLatestDeadlineOfAllWhoWaitCounts) {
+  const auto a = Job(8), b = Job(8);
+  a->traits.deadline = JobContext::Clock::now() + std::chrono::milliseconds(30);
+  ASSERT_TRUE(sharing.Submit(a).ok());
+  ASSERT_TRUE(sharing.Submit(b).ok()) << "without a deadline";
+  std::this_thread::sleep_for(std::chrono::milliseconds(40));
+  scheduler.RunTimers();
+  EXPECT_EQ(scheduler.queued(), 1u) << "somebody still waits";
+  Take();
+  End(Outcome());
+  EXPECT_EQ(b->results.size(), 1u);
+
+  const auto c = Job(9);
+  c->traits.deadline = JobContext::Clock::now() + std::chrono::milliseconds(10);
+  ASSERT_TRUE(sharing.Submit(c).ok());
+  std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  scheduler.RunTimers();
+  ASSERT_EQ(c->done.size(), 1u) << "nobody waits any more, and it is not tried again";
+  EXPECT_TRUE(absl::IsDeadlineExceeded(c->done[0]));
 }
 
 TEST_F(ResultSharingTest, TheMemoryIsHeldWhileSomebodyReads) {

@@ -546,5 +546,22 @@ TEST_F(SchedulerTest, EverythingEndsOnceUnderLoad) {
   EXPECT_EQ(scheduler->waiting_bytes(), 0u);
 }
 
+// While a loader has the task, its traits are the loader's; who joined then counts from when it waits again.
+TEST_F(SchedulerTest, WhoJoinsWhileATaskIsLoadedHasItsPlaceAfterwards) {
+  options.max_batch_jobs = 1;
+  Start(1);
+  const auto task = MakeTask("a", Priority::kLow);
+  task->is_loaded = false;
+  ASSERT_TRUE(scheduler->Submit(task).ok());
+  ASSERT_EQ(scheduler->TakeLoad(), task);
+  scheduler->SetWaiters(*task, {{{"b", Priority::kHigh}, {"a", Priority::kLow}}, {}, {}});
+  EXPECT_EQ(task->traits.priority, Priority::kLow) << "not yet";
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(scheduler->Submit(MakeTask("c")).ok());
+  task->is_loaded = true;
+  scheduler->Resubmit(task);
+  EXPECT_EQ(scheduler->state().jobs[size_t(Priority::kHigh)], 1u);
+  EXPECT_EQ(RunOne(), task);
+}
+
 }  // namespace
 }  // namespace voxelpipe
