@@ -20,6 +20,7 @@ if(VOXELPIPE_SERVICE)
   pkg_check_modules(MICROHTTPD REQUIRED IMPORTED_TARGET libmicrohttpd)
   find_package(prometheus-cpp CONFIG REQUIRED)
   find_package(zstd CONFIG REQUIRED)
+  pkg_check_modules(SECCOMP REQUIRED IMPORTED_TARGET libseccomp) # processes that load strangers' meshes
 endif()
 if(VOXELPIPE_TESTS)
   find_package(GTest REQUIRED)

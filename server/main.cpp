@@ -7,6 +7,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <exception>
 #include <string>
 #include <thread>
@@ -16,6 +17,7 @@
 
 #include "absl/synchronization/mutex.h"
 #include "check_files.h"
+#include "isolate/load_worker.h"
 #include "observe/log.h"
 #include "options.h"
 #include "probe.h"
@@ -88,7 +90,14 @@ int Serve(const ServerOptions& options) {
   return 0;
 }
 
+// The server's own processes are started with this, the number of their threads and the bytes that they may keep (isolate/worker_process.h).
+bool IsLoadWorker(int argc, char** argv) {
+  return argc == 4 && std::strcmp(argv[1], kLoadWorkerArgument) == 0;
+}
+
 int Main(int argc, char** argv) {
+  if (IsLoadWorker(argc, argv))
+    _exit(RunLoadWorker(std::atoi(argv[2]), std::atoi(argv[3])));  // nothing of the server was begun
   const ParseOutcome parsed = ParseCommandLine(argc, argv);
   if (!parsed.command) return parsed.exit_code;
   if (parsed.command->check_config) {

@@ -238,6 +238,11 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   add("--open-health", o.open_health, "Whether health is told without a token");
   add("--reload-interval-ms", o.reload_interval_ms, "How often changed tokens and certificates are looked for")
       ->check(CLI::Range(100u, 86'400'000u));
+  add("--isolate-loading", o.isolate_loading,
+      "Whether decoders that others wrote (Draco, meshopt, PNG, JPEG, WebP) run in processes of their own, which may "
+      "do nothing else; auto: "
+      "where other machines can reach the server")
+      ->check(CLI::IsMember({"auto", "on", "off"}));
   add("--tls-cert", o.tls_cert, "The server's certificate chain (PEM); empty: plain text")->type_name("FILE");
   add("--tls-key", o.tls_key, "The key of that certificate (PEM)")->type_name("FILE");
   add("--tls-client-ca", o.tls_client_ca,
@@ -279,6 +284,7 @@ bool ListensBeyondLoopback(const std::string& listen) {
 }
 
 ServerOptions Resolve(ServerOptions options) {
+  if (options.isolate_loading == "auto") options.isolate_loading = ListensBeyondLoopback(options.listen) ? "on" : "off";
   const int cpus = CpuCount();
   if (options.cpu_workers == 0) options.cpu_workers = options.workers > 0 ? options.workers : std::min(4, cpus);
   options.workers = options.cpu_workers;

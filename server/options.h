@@ -71,11 +71,12 @@ struct ServerOptions {
   std::string http_listen;          // HOST:PORT of /metrics, /livez and /readyz; empty: none
   std::string token_file;           // clients, roles and quotas (access/tokens.h); empty: everybody may do everything
   bool open_health = true;          // health is told without a token
-  uint32_t reload_interval_ms = 5000;  // how often changed tokens and certificates are looked for
-  std::string tls_cert, tls_key;       // PEM files of the server's certificate chain and its key; empty: plain text
-  std::string tls_client_ca;           // PEM file of those who sign clients' certificates; empty: clients need none
-  bool tls_client_names = false;       // a call without a token is the client's that its certificate names
-  bool reflection = true;              // clients may ask for the descriptions of the services
+  uint32_t reload_interval_ms = 5000;    // how often changed tokens and certificates are looked for
+  std::string tls_cert, tls_key;         // PEM files of the server's certificate chain and its key; empty: plain text
+  std::string tls_client_ca;             // PEM file of those who sign clients' certificates; empty: clients need none
+  bool tls_client_names = false;         // a call without a token is the client's that its certificate names
+  std::string isolate_loading = "auto";  // "on", "off": decoders that others wrote run in processes of their own
+  bool reflection = true;                // clients may ask for the descriptions of the services
 };
 
 // What the command line asks for.

@@ -17,6 +17,7 @@
 #include "base/threads.h"
 #include "check_files.h"
 #include "io_threads.h"
+#include "load/foreign_decoders.h"
 #include "observe/health_service.h"
 #include "observe/http_endpoint.h"
 #include "observe/idle_memory.h"
@@ -92,6 +93,13 @@ void SampleState(ServiceState& state, const ServerTls& tls) {
   RaiseTo(metrics.result_cache_hits, results.hits);
   RaiseTo(metrics.result_cache_misses, results.misses);
   RaiseTo(metrics.result_cache_evictions, results.evictions);
+  if (state.load_workers) {
+    const LoadWorkers::Stats loading = state.load_workers->stats();
+    metrics.load_workers.Set(double(loading.processes));
+    metrics.load_workers_busy.Set(double(loading.busy));
+    RaiseTo(metrics.isolated_loads, loading.questions);
+    for (const auto& [reason, count] : loading.ended) RaiseTo(metrics.LoadWorkersEnded(reason), count);
+  }
   if (const std::optional<TlsFacts> facts = tls.facts()) {
     metrics.certificate_expiry.Set(std::chrono::duration<double>(facts->valid_until.time_since_epoch()).count());
   }
@@ -112,10 +120,11 @@ void WarnOfCertificate(const std::string& path, const TlsFacts& facts) {
 
 }  // namespace
 
-VoxelServer::VoxelServer(const ServerOptions& asked, const MachineLimits& machine)
+VoxelServer::VoxelServer(const ServerOptions& asked, const MachineLimits& machine,
+                         std::unique_ptr<LoadWorkers> load_workers)
     : asked_(asked),
       machine_(machine),
-      state_(std::make_unique<ServiceState>(Resolve(asked))),
+      state_(std::make_unique<ServiceState>(Resolve(asked), std::move(load_workers))),
       service_(std::make_unique<VoxelizationServiceImpl>(*state_)),
       health_(std::make_unique<HealthService>([&state = *state_](const grpc::CallbackServerContext& context, Rpc rpc) {
         return HealthDoor(state, context, rpc);
@@ -125,7 +134,13 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   const MachineLimits machine = RefreshMachine();
   LimitThreadsToCpus();
   if (absl::Status s = CheckDevices(Resolve(options)); !s.ok()) return s;
-  std::unique_ptr<VoxelServer> server(new VoxelServer(options, machine));
+  auto load_workers = StartLoadWorkers(Resolve(options));
+  if (!load_workers.ok()) {
+    return absl::Status(load_workers.status().code(),
+                        absl::StrCat("--isolate-loading: ", load_workers.status().message()));
+  }
+  if (*load_workers != nullptr) ForbidForeignDecoders();  // from here on it is theirs to run them
+  std::unique_ptr<VoxelServer> server(new VoxelServer(options, machine, *std::move(load_workers)));
   LogSizes(machine, server->state_->options);
   auto access = AccessControl::Create(options.token_file, options.open_health, server->state_->metrics);
   if (!access.ok())

@@ -25,6 +25,7 @@ class IoThreads;
 class Periodic;
 class ServerTls;
 class VoxelizationServiceImpl;
+class LoadWorkers;
 struct ServiceState;
 
 class VoxelServer {
@@ -48,7 +49,7 @@ class VoxelServer {
   void Drain();
 
  private:
-  VoxelServer(const ServerOptions& asked, const MachineLimits& machine);
+  VoxelServer(const ServerOptions& asked, const MachineLimits& machine, std::unique_ptr<LoadWorkers> load_workers);
   // Reads the machine's limits, and where they have changed, makes all follow that has no size of its own in the options.
   void FollowMachine();
   void DeviceChanged(const std::string& device, bool serving);

@@ -4,18 +4,34 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "base/machine.h"
 #include "pipeline/backend.h"
 
 namespace voxelpipe {
 
-JobLimits LimitsOf(const ServerOptions& resolved) {
+JobLimits LimitsOf(const ServerOptions& resolved, LoadWorkers* load_workers) {
   JobLimits limits;
+  limits.load_workers = load_workers;
   // Else a file could be told to wait for room that never comes.
   limits.load.max_file_bytes = std::min(resolved.max_file_bytes, resolved.max_upload_bytes);
   limits.plan.max_result_bytes = resolved.max_result_bytes;
   limits.plan.max_working_bytes = resolved.max_working_bytes;
   limits.plan.slab_bytes = resolved.stream_above_mb << 20;
   return limits;
+}
+
+absl::StatusOr<std::unique_ptr<LoadWorkers>> StartLoadWorkers(const ServerOptions& resolved) {
+  if (resolved.isolate_loading != "on") return nullptr;
+  LoadWorkersOptions options;
+  options.workers = std::max(1, resolved.loaders);
+  options.threads = options.process.threads = resolved.threads > 0 ? resolved.threads : CpuCount();
+  options.memory_bytes = resolved.max_working_bytes;
+  // All of them together keep a fraction of what the jobs may have.
+  constexpr uint64_t kShare = 8, kMostKept = 64 << 20, kLeastKept = 2 << 20;
+  options.process.kept_bytes =
+      std::clamp(resolved.max_working_bytes / kShare / uint64_t(options.workers), kLeastKept, kMostKept);
+  options.unused = std::chrono::milliseconds(resolved.idle_memory_ms);
+  return LoadWorkers::Start(options);
 }
 
 std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved) {

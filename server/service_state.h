@@ -5,12 +5,14 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <utility>
 
 #include "access/access_control.h"
 #include "calls/call_gate.h"
 #include "calls/full_queue.h"
 #include "calls/idle_watch.h"
 #include "calls/result_sharing.h"
+#include "isolate/load_workers.h"
 #include "meshes/mesh_store.h"
 #include "meshes/single_flight.h"
 #include "observe/metrics.h"
@@ -30,7 +32,9 @@ inline constexpr uint64_t kLeastUploadBytes = 64 << 10;
 // Jobs predicted to take less are not compared with others: that takes both sides a tenth of it, and seldom finds one.
 inline constexpr double kLeastSharedMs = 0.1;
 
-JobLimits LimitsOf(const ServerOptions& resolved);
+JobLimits LimitsOf(const ServerOptions& resolved, LoadWorkers* load_workers = nullptr);
+// Null where --isolate-loading is off. UNAVAILABLE where it is on and cannot be.
+absl::StatusOr<std::unique_ptr<LoadWorkers>> StartLoadWorkers(const ServerOptions& resolved);
 SchedulerOptions SchedulingOf(const ServerOptions& resolved, Metrics& metrics);
 // Sets the gauges of the queue before they are read.
 std::unique_ptr<Metrics::Sampler> SampleQueue(const Scheduler& scheduler, Metrics& metrics);
@@ -43,15 +47,16 @@ std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved);
 
 // Thread-safe. Must outlive every call.
 struct ServiceState {
-  // `resolved`: options without zeros that mean "choose" (Resolve).
-  explicit ServiceState(const ServerOptions& resolved)
+  // `resolved`: options without zeros that mean "choose" (Resolve). `load`: null where this process loads all meshes.
+  explicit ServiceState(const ServerOptions& resolved, std::unique_ptr<LoadWorkers> load = nullptr)
       : options(resolved),
+        load_workers(std::move(load)),
         uploads(resolved.max_upload_bytes),
         working(resolved.max_working_bytes),
         meshes(resolved.max_mesh_store_bytes),
         gate(resolved.max_calls),
         idle_watch(IdleIntervalOf(resolved)),
-        limits(LimitsOf(resolved)),
+        limits(LimitsOf(resolved, load_workers.get())),
         results(scheduler, working, metrics,
                 {resolved.share_equal_jobs, resolved.result_cache_bytes, resolved.piece_bytes, kLeastSharedMs}),
         scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),
@@ -61,6 +66,7 @@ struct ServiceState {
         pool(scheduler, WorkersOf(resolved, &metrics), limits.plan) {}
 
   const ServerOptions options;
+  const std::unique_ptr<LoadWorkers> load_workers;
   Metrics metrics;
   std::unique_ptr<AccessControl> access;  // set before the first call
   ByteBudget uploads;                     // mesh files that are being received or wait

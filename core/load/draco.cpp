@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "load/foreign_decoders.h"
 
 namespace voxelpipe {
 namespace {
@@ -239,6 +240,7 @@ void Normalize(DracoAttribute& attribute) {
 }
 
 absl::StatusOr<DracoMesh> DecodeDraco(std::span<const uint8_t> bytes, const LoadLimits& limits) {
+  if (absl::Status s = CheckForeignDecoders(); !s.ok()) return s;
   try {
     const auto counts = ReadDeclaredCounts(bytes);
     if (!counts.ok()) return counts.status();

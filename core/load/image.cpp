@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "load/foreign_decoders.h"
 #include "load/image_format.h"
 #include "load/image_webp.h"
 #include "load/mips.h"
@@ -229,6 +230,9 @@ std::optional<Warning> FaultOf(const Image& image, size_t index) {
 absl::Status DecodeImage(Image& image, const LoadLimits& limits) {
   if (!image.rgba.empty()) return absl::OkStatus();
   const ImageKind kind = KindOfImage(image.encoded);
+  if (kind.format != ImageFormat::kNone) {
+    if (absl::Status s = CheckForeignDecoders(); !s.ok()) return s;
+  }
   switch (kind.format) {
     case ImageFormat::kPng: return DecodePng(image, limits);
     case ImageFormat::kJpeg: return DecodeJpeg(image, limits);

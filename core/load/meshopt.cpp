@@ -11,6 +11,7 @@
 #include <new>
 
 #include "absl/strings/str_cat.h"
+#include "load/foreign_decoders.h"
 #include "base/checked.h"
 #include "load/meshopt_vertex_v1.h"
 
@@ -92,6 +93,7 @@ void DecodeColors(std::vector<uint8_t>& bytes) {
 
 absl::StatusOr<std::vector<uint8_t>> DecodeMeshopt(std::span<const uint8_t> compressed, const MeshoptView& view,
                                                    const LoadLimits& limits) {
+  if (absl::Status s = CheckForeignDecoders(); !s.ok()) return s;
   if (absl::Status s = CheckStride(view); !s.ok()) return s;
   const auto bytes = CheckedMul(view.count, view.byte_stride);
   const bool v1 = view.khr && view.mode == "ATTRIBUTES" && MeshoptVertexVersion(compressed) == 1;

@@ -9,6 +9,7 @@
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/raw_message.h"
+#include "isolate/loading.h"
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
@@ -237,7 +238,8 @@ absl::StatusOr<std::shared_ptr<KeptMesh>> UploadMeshCall::Load(std::vector<uint8
   try {
     const uint64_t file_bytes = file.size();
     const MeshFormat format = format_ == MeshFormat::kAuto ? SniffMeshFormat(file).value_or(format_) : format_;
-    absl::StatusOr<LoadedMesh> loaded = LoadMesh(std::move(file), format, state_.limits.load, job);
+    absl::StatusOr<LoadedMesh> loaded =
+        LoadMesh(std::move(file), {format, {}, state_.limits.load}, state_.limits.load_workers, job);
     if (!loaded.ok()) return loaded.status();
     return std::make_shared<KeptMesh>(id, format, file_bytes, *std::move(loaded));
   } catch (const std::bad_alloc&) {

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "isolate/loading.h"
 #include "load/image.h"
 #include "pipeline/warnings.h"
 #include "work/mesh_bytes.h"
@@ -78,7 +79,8 @@ KeptMesh::KeptMesh(std::string id, MeshFormat format, uint64_t file_bytes, Loade
   memory_bytes_ = KeptBytes(*mesh_);
 }
 
-absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const TextureUse& use, const LoadLimits& limits) {
+absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const TextureUse& use, const LoadLimits& limits,
+                                                                   LoadWorkers* workers, const JobContext& job) {
   const auto ready = [&]() -> std::shared_ptr<const TriangleMesh> {
     const std::lock_guard lock(mutex_);
     return Covers(prepared_, use) ? mesh_ : nullptr;
@@ -89,7 +91,7 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const Texture
   // Only this thread replaces mesh_ and prepared_ now.
   try {
     const std::shared_ptr<TriangleMesh> copy = CopyWithImages(*mesh_);
-    if (absl::Status s = PrepareTextures(*copy, limits, use); !s.ok()) return s;
+    if (absl::Status s = DecodeTextures(*copy, limits, use, workers, job); !s.ok()) return s;
     const TextureUse prepared = Both(prepared_, use);
     copy->content_id = ContentId(id_, prepared);
     const uint64_t bytes = KeptBytes(*copy);

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "load/limits.h"
 #include "load/loader.h"
 #include "mesh/material.h"
@@ -18,6 +19,8 @@
 #include "work/load_mesh.h"
 
 namespace voxelpipe {
+
+class LoadWorkers;
 
 // Thread-safe. No mesh that was handed out ever changes: textures are decoded into a copy, which takes the mesh's place.
 class KeptMesh {
@@ -37,8 +40,10 @@ class KeptMesh {
 
   // The mesh, with the textures decoded that `use` samples; at least those. The first call for a texture decodes it, others for textures
   // wait meanwhile. A mesh with textures has another content_id than the one without.
-  // Errors: those of PrepareTextures, each time anew; RESOURCE_EXHAUSTED out of memory.
-  absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const TextureUse& use, const LoadLimits& limits);
+  // `workers`: that decode them (isolate/loading.h), on behalf of `job`.
+  // Errors: those of DecodeTextures, each time anew; RESOURCE_EXHAUSTED out of memory.
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const TextureUse& use, const LoadLimits& limits,
+                                                           LoadWorkers* workers = nullptr, const JobContext& job = {});
 
   // A copy of `mesh`, which came from here, whose positions are the caller's to set (MovedMeshes). `keep_one`: from now on.
   std::shared_ptr<TriangleMesh> Moved(const std::shared_ptr<const TriangleMesh>& mesh, bool keep_one);

@@ -34,9 +34,10 @@ absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Take(const std::string& id)
 }
 
 absl::StatusOr<std::shared_ptr<const TriangleMesh>> MeshStore::Mesh(KeptMesh& mesh, const TextureUse& use,
-                                                                    const LoadLimits& limits) {
+                                                                    const LoadLimits& limits, LoadWorkers* workers,
+                                                                    const JobContext& job) {
   if (mesh.ready(use)) return mesh.Mesh(use, limits);
-  absl::StatusOr<std::shared_ptr<const TriangleMesh>> textured = mesh.Mesh(use, limits);
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> textured = mesh.Mesh(use, limits, workers, job);
   if (textured.ok()) meshes_.Resize(mesh.id(), &mesh, mesh.memory_bytes());
   return textured;
 }

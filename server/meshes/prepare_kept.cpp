@@ -40,7 +40,8 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   if (absl::Status s = job.Check(); !s.ok()) return s;
   if (absl::Status s = CheckMeshBytes(kept, config, positions.size(), true); !s.ok()) return s;
   const TextureUse textures = RequestReadsTextures(config.request) ? TexturesRead(config.request) : TextureUse{};
-  absl::StatusOr<std::shared_ptr<const TriangleMesh>> mesh = store.Mesh(kept, textures, limits.load);
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> mesh =
+      store.Mesh(kept, textures, limits.load, limits.load_workers, job);
   if (!mesh.ok()) return mesh.status();
   auto prepared = std::make_shared<PreparedMesh>();
   prepared->mesh = *std::move(mesh);

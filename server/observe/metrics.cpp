@@ -97,6 +97,10 @@ struct Metrics::Families {
                           .Name("voxelpipe_device_probes_failed_total")
                           .Help("Probes of a quarantined device that failed")
                           .Register(registry)),
+        load_workers_ended(BuildCounter()
+                               .Name("voxelpipe_load_workers_ended_total")
+                               .Help("Processes that load meshes and died or were killed, by reason")
+                               .Register(registry)),
         busy_seconds(BuildCounter()
                          .Name("voxelpipe_device_busy_seconds_total")
                          .Help("Time in which its workers ran batches, summed over workers")
@@ -104,7 +108,8 @@ struct Metrics::Families {
 
   Family<Counter>& calls;
   Family<Gauge>&serving, &workers, &workers_busy;
-  Family<Counter>&batches, &jobs, &launches, &failures, &quarantines, &probes_failed, &busy_seconds;
+  Family<Counter>&batches, &jobs, &launches, &failures, &quarantines, &probes_failed, &load_workers_ended,
+      &busy_seconds;
   const std::unique_ptr<prometheus::Collectable> process = MakeProcessMetrics();
 };
 
@@ -130,6 +135,9 @@ Metrics::Metrics(std::unique_ptr<Registry> registry, std::unique_ptr<Families>)
       upload_limit_bytes(Budget(*registry, "voxelpipe_memory_limit_bytes", "Bytes that a budget has", "uploads")),
       working_bytes(Budget(*registry, "voxelpipe_memory_bytes", "Bytes in use, by budget", "working")),
       working_limit_bytes(Budget(*registry, "voxelpipe_memory_limit_bytes", "Bytes that a budget has", "working")),
+      load_workers(OneGauge(*registry, "voxelpipe_load_workers", "Processes that load meshes")),
+      load_workers_busy(OneGauge(*registry, "voxelpipe_load_workers_busy", "Of these, those that load one")),
+      isolated_loads(One(*registry, "voxelpipe_isolated_loads_total", "Meshes and textures that they were given")),
       mesh_store_bytes(OneGauge(*registry, "voxelpipe_mesh_store_bytes", "Memory of the meshes that are kept")),
       mesh_store_limit_bytes(OneGauge(*registry, "voxelpipe_mesh_store_limit_bytes", "Memory that they may take")),
       mesh_store_meshes(OneGauge(*registry, "voxelpipe_mesh_store_meshes", "Meshes that are kept")),
@@ -248,6 +256,10 @@ Counter& Metrics::Turned(Admission why) {
 
 Gauge& Metrics::QueueJobs(size_t priority) {
   return *queue_jobs_[std::min(priority, kPriorityClasses - 1)];
+}
+
+Counter& Metrics::LoadWorkersEnded(const std::string& reason) {
+  return families_->load_workers_ended.Add({{"reason", reason}});
 }
 
 DeviceMetrics& Metrics::Device(const std::string& name) {

@@ -133,6 +133,12 @@ class Metrics {
   prometheus::Gauge& working_bytes;  // budget of jobs and results: used, and its limit
   prometheus::Gauge& working_limit_bytes;
 
+  // ---- processes that load meshes (server/isolate/)
+  prometheus::Gauge& load_workers;
+  prometheus::Gauge& load_workers_busy;
+  prometheus::Counter& isolated_loads;  // questions to them that ended
+  prometheus::Counter& LoadWorkersEnded(const std::string& reason);
+
   // ---- the mesh store and the result cache
   prometheus::Gauge& mesh_store_bytes;
   prometheus::Gauge& mesh_store_limit_bytes;

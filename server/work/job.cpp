@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "load/image.h"
+#include "isolate/loading.h"
 #include "pipeline/backend.h"
 #include "shaders/catalog.h"
 #include "work/load_mesh.h"
@@ -105,14 +105,12 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint
                                                                 const JobLimits& limits, const JobContext& job) {
   using Prepared = std::shared_ptr<const PreparedMesh>;
   return Guarded<Prepared>([&]() -> absl::StatusOr<Prepared> {
-    absl::StatusOr<LoadedMesh> loaded = LoadMesh(std::move(file), config.mesh_format, limits.load, job);
+    absl::StatusOr<LoadedMesh> loaded = LoadMesh(
+        std::move(file), {config.mesh_format, TexturesRead(config.request), limits.load}, limits.load_workers, job);
     if (!loaded.ok()) return loaded.status();
     auto prepared = std::make_shared<PreparedMesh>();
     prepared->examined = config.request.fill != Fill::kNone;
     prepared->report = prepared->examined ? ReportMesh(loaded->mesh) : BoxReport(loaded->mesh);
-    if (RequestReadsTextures(config.request)) {
-      if (absl::Status s = PrepareTextures(loaded->mesh, limits.load, TexturesRead(config.request)); !s.ok()) return s;
-    }
     prepared->mesh = std::make_shared<const TriangleMesh>(std::move(loaded->mesh));
     prepared->contents = std::move(loaded->contents);
     prepared->stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};

@@ -20,11 +20,14 @@
 
 namespace voxelpipe {
 
+class LoadWorkers;
 class ResultSums;
 
 struct JobLimits {
   LoadLimits load;
   PlanLimits plan;
+  LoadWorkers* load_workers =
+      nullptr;  // that load what needs decoders of others (isolate/loading.h); null: this process does
 };
 
 // A mesh that is ready for the pipeline: textures that the request reads are decoded.

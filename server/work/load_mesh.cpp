@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "load/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
 #include "wire/status.h"
@@ -27,24 +28,24 @@ absl::Status OfMesh(const absl::Status& status) {
 
 }  // namespace
 
-absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format, const LoadLimits& limits,
-                                    const JobContext& job) {
+absl::StatusOr<LoadedMesh> LoadMeshHere(std::span<const uint8_t> file, const LoadRequest& request,
+                                        const JobContext& job, const std::function<void()>& file_used) {
   LoadedMesh loaded;
   if (absl::Status s = job.Check(); !s.ok()) return s;
   job.Report("load", 0);
   Clock::time_point begin = Clock::now();
-  absl::StatusOr<Scene> scene = LoadSceneFor(job, file, format, limits);
+  absl::StatusOr<Scene> scene = LoadSceneFor(job, file, request.format, request.limits);
   if (!scene.ok()) return OfMesh(scene.status());
   const uint64_t file_bytes = file.size();
   loaded.peak_bytes = file_bytes + SceneBytes(*scene);
-  file = {};
+  if (file_used) file_used();
   loaded.load_ms = MsSince(begin);
   job.Report("load", 1);
 
   if (absl::Status s = job.Check(); !s.ok()) return s;
   job.Report("flatten", 0);
   begin = Clock::now();
-  absl::StatusOr<TriangleMesh> mesh = FlattenFor(job, *scene, limits);
+  absl::StatusOr<TriangleMesh> mesh = FlattenFor(job, *scene, request.limits);
   if (!mesh.ok()) return OfMesh(mesh.status());
   loaded.peak_bytes = std::max(loaded.peak_bytes, SceneBytes(*scene) + MeshBytes(*mesh));
   loaded.contents = ContentsOf(*scene, *mesh, file_bytes);
@@ -52,6 +53,10 @@ absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format
   loaded.flatten_ms = MsSince(begin);
   job.Report("flatten", 1);
   if (absl::Status s = job.Check(); !s.ok()) return s;
+  scene = Scene();
+  if (request.textures.any()) {
+    if (absl::Status s = PrepareTextures(loaded.mesh, request.limits, request.textures); !s.ok()) return s;
+  }
   return loaded;
 }
 

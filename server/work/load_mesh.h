@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -15,6 +17,13 @@
 
 namespace voxelpipe {
 
+// How a mesh file is to be read.
+struct LoadRequest {
+  MeshFormat format = MeshFormat::kAuto;
+  TextureUse textures;  // those that are decoded at once
+  LoadLimits limits;
+};
+
 struct LoadedMesh {
   TriangleMesh mesh;
   MeshContents contents;
@@ -22,11 +31,12 @@ struct LoadedMesh {
   uint64_t peak_bytes = 0;  // the largest of file and scene, scene and flattened mesh, computed from sizes
 };
 
-// In: the whole file. It is freed as soon as it is loaded, the scene as soon as it is flat. `job` is looked at within the steps, and
-// told of "load" and "flatten".
-// Errors: those of LoadScene and Flatten; the job's. May throw bad_alloc.
-absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, MeshFormat format, const LoadLimits& limits,
-                                    const JobContext& job);
+// In: the whole file; `file_used` is called as soon as its bytes are not needed any more. Out: its mesh, with the textures decoded that the
+// request names, made in this process. The scene is freed as soon as it is flat. `job` is looked at within the steps, and told of "load" and
+// "flatten".
+// Errors: those of LoadScene, Flatten and PrepareTextures; the job's. May throw bad_alloc.
+absl::StatusOr<LoadedMesh> LoadMeshHere(std::span<const uint8_t> file, const LoadRequest& request,
+                                        const JobContext& job, const std::function<void()>& file_used = {});
 
 // The cheap part of ReportMesh: no welding, no sort; degenerate triangles and open edges stay 0. O(triangles).
 MeshReport BoxReport(const TriangleMesh& mesh);

@@ -40,6 +40,27 @@ ProcessFacts ReadProcessFacts(pid_t pid) {
   return facts;
 }
 
+std::vector<pid_t> ChildrenOf(pid_t pid) {
+  std::vector<pid_t> children;
+  std::error_code error;
+  for (auto it = std::filesystem::directory_iterator("/proc", error);
+       !error && it != std::filesystem::directory_iterator(); it.increment(error)) {
+    const std::string name = it->path().filename();
+    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
+    std::ifstream file(it->path() / "stat");
+    std::string line;
+    std::getline(file, line);
+    // "PID (NAME) STATE PARENT ..."
+    const size_t end = line.rfind(')');
+    if (end == std::string::npos) continue;
+    std::istringstream rest(line.substr(end + 1));
+    char state = 0;
+    pid_t parent = 0;
+    if (rest >> state >> parent && parent == pid && state != 'Z') children.push_back(pid_t(std::stol(name)));
+  }
+  return children;
+}
+
 ProcessFacts SettledProcessFacts(pid_t pid) {
   constexpr std::chrono::milliseconds kUnchanged{500 * kSlowdown};
   using Clock = std::chrono::steady_clock;

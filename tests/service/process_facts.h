@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 namespace voxelpipe::testing {
 
@@ -19,6 +20,9 @@ struct ProcessFacts {
 
 // Of a process of this user; zeros where there is none.
 ProcessFacts ReadProcessFacts(pid_t pid);
+
+// The processes that it has started and that have not ended.
+std::vector<pid_t> ChildrenOf(pid_t pid);
 
 // Asks again until descriptors, threads and memory (but for a MiB) have not changed for half a second, or for kPatience: what a peer left behind goes a little
 // after it.

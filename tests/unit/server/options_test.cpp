@@ -242,6 +242,23 @@ TEST(OptionsTest, HelpIsNoFailure) {
   EXPECT_EQ(outcome.exit_code, 0);
 }
 
+TEST(OptionsTest, LoadingIsIsolatedWhereOtherMachinesReachTheServer) {
+  const auto isolated = [](const std::string& listen, const std::string& wish) {
+    ServerOptions options;
+    options.listen = listen;
+    options.isolate_loading = wish;
+    return Resolve(options).isolate_loading;
+  };
+  for (const char* local : {"127.0.0.1:0", "localhost:1", "[::1]:1", "unix:/run/v"}) {
+    EXPECT_EQ(isolated(local, "auto"), "off") << local;
+    EXPECT_EQ(isolated(local, "on"), "on") << local;
+  }
+  for (const char* open : {"0.0.0.0:0", "[::]:1", "10.0.0.7:1", "voxels.example:1"}) {
+    EXPECT_EQ(isolated(open, "auto"), "on") << open;
+    EXPECT_EQ(isolated(open, "off"), "off") << open;
+  }
+}
+
 TEST(OptionsTest, ResolvingLeavesNothingToChoose) {
   const ServerOptions options = Resolve(ServerOptions());
   EXPECT_EQ(options.workers, std::min(4, CpuCount()));

@@ -1,0 +1,58 @@
+// Messages between the server and a process that loads meshes: an archive each, over a socket, and where it is large through shared memory.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "isolate/archive.h"
+#include "isolate/shared_region.h"
+
+namespace voxelpipe {
+
+enum class MessageKind : uint32_t {
+  kReady,     // worker: nothing of a stranger's was touched yet, and from now on it may
+  kLoad,      // server: a file -> a LoadedMesh
+  kTextures,  // server: textures -> the same, decoded
+  kTrim,      // server: give back memory that is not in use; no answer
+  kAnswer,    // worker: a status, and what was asked for where it is OK
+};
+
+// What came. `bulk` is in shared memory, which the other side may change, or in the channel's buffer; valid until the next message.
+struct Message {
+  MessageKind kind = MessageKind::kReady;
+  uint64_t number = 0;  // of the question
+  std::vector<uint8_t> text;
+  std::span<const uint8_t> bulk;
+};
+
+// One end. Not thread-safe.
+class Channel {
+ public:
+  // Takes the descriptor of a socket of type SOCK_SEQPACKET, and the regions that this end writes and reads. `trusts`: the other end takes
+  // the memory for what it says that it sends.
+  Channel(int socket, SharedRegion out, SharedRegion in, bool trusts);
+  Channel(Channel&&) = delete;
+  ~Channel();
+
+  int socket() const { return socket_; }
+  SharedRegion& out() { return out_; }
+  SharedRegion& in() { return in_; }
+
+  // RESOURCE_EXHAUSTED where the archive does not fit into memory; UNAVAILABLE where the other end is gone.
+  absl::Status Send(MessageKind kind, uint64_t number, const ArchiveWriter& archive);
+  // Waits for a message at most so long; a negative time: for ever. DEADLINE_EXCEEDED: none came; UNAVAILABLE: the other end is gone; INTERNAL: it is none of ours;
+  // RESOURCE_EXHAUSTED: it has more than `most_bytes`, or there is no memory for it. May throw bad_alloc.
+  absl::StatusOr<Message> Receive(std::chrono::milliseconds patience, uint64_t most_bytes = SharedRegion::kBytes / 2);
+
+ private:
+  const int socket_;
+  SharedRegion out_, in_;
+  const bool trusts_;
+  std::vector<uint64_t> buffer_;  // aligned for what lies in it
+};
+
+}  // namespace voxelpipe

@@ -1,0 +1,44 @@
+// The process that decodes strangers' meshes: the server's own binary, started anew with a hidden argument.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "isolate/archive.h"
+#include "work/load_mesh.h"
+
+namespace voxelpipe {
+
+// The argument, and the descriptors that the process finds open: a socket, the region that it reads and the one that it writes.
+inline constexpr const char* kLoadWorkerArgument = "--load-worker";
+inline constexpr int kWorkerSocket = 3, kWorkerIn = 4, kWorkerOut = 5;
+// Beside the signal comes the number of the question that is to end (its low 31 bits).
+inline constexpr int kCancelSignal = 10;  // SIGUSR1
+
+// What a question says beside the file or the textures. Both processes are of one build.
+struct LoadQuestion {
+  MeshFormat format = MeshFormat::kAuto;
+  TextureUse textures;
+  LoadLimits limits;
+  int64_t deadline_ns = 0;    // of the steady clock; 0: none
+  uint64_t memory_bytes = 0;  // that loading may take; 0: no limit
+  uint32_t threads = 1;
+};
+
+template <typename A, typename Q>
+void QuestionFields(A& archive, Q& question) {
+  archive.Enum(question.format, MeshFormat::kDraco);
+  archive.Flag(question.textures.base_color);
+  archive.Flag(question.textures.emissive);
+  archive.Flag(question.textures.metallic_roughness);
+  archive.Value(question.limits);
+  archive.Value(question.deadline_ns);
+  archive.Value(question.memory_bytes);
+  archive.Value(question.threads);
+}
+
+// Answers questions until the server ends. `threads`: of this process, at most. `kept_bytes`: of free memory at the end of its heap, at most;
+// fresh pages cost more than copying. Out: the exit code.
+int RunLoadWorker(int threads, int kept_bytes);
+
+}  // namespace voxelpipe

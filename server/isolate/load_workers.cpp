@@ -1,0 +1,269 @@
+#include "isolate/load_workers.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <spdlog/spdlog.h>
+
+#include "isolate/load_worker.h"
+#include "isolate/mesh_check.h"
+#include "isolate/mesh_fields.h"
+
+namespace voxelpipe {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+// How often who waits for a process looks at its job.
+constexpr milliseconds kLookInterval{10};
+constexpr milliseconds kRetryInterval{200};  // after a start that failed
+
+LoadQuestion QuestionOf(const LoadRequest& request, const JobContext& job, uint64_t memory_bytes, uint32_t threads) {
+  LoadQuestion question;
+  question.format = request.format;
+  question.textures = request.textures;
+  question.limits = request.limits;
+  question.memory_bytes = memory_bytes;
+  question.threads = threads;
+  if (job.deadline()) {
+    const auto since_epoch = std::chrono::duration_cast<std::chrono::nanoseconds>(job.deadline()->time_since_epoch());
+    question.deadline_ns = std::max<int64_t>(1, since_epoch.count());
+  }
+  return question;
+}
+
+// A time that a process says it took, within what it can have taken.
+double Plausible(double ms, double most_ms) {
+  return std::isfinite(ms) ? std::clamp(ms, 0.0, most_ms) : 0.0;
+}
+
+absl::Status TakeTextures(TriangleMesh from, TriangleMesh& mesh) {
+  const absl::Status broken = absl::InternalError("the process that decoded textures gave back others");
+  if (from.textures.size() != mesh.textures.size() || from.images.size() != mesh.images.size()) return broken;
+  for (size_t i = 0; i < mesh.images.size(); ++i) {
+    if ((from.images[i] == nullptr) != (mesh.images[i] == nullptr)) return broken;
+  }
+  for (size_t i = 0; i < mesh.images.size(); ++i) {
+    if (mesh.images[i] == nullptr) continue;
+    Image& image = *from.images[i];
+    image.name = std::move(mesh.images[i]->name);
+    image.mime_type = std::move(mesh.images[i]->mime_type);
+    image.encoded = std::move(mesh.images[i]->encoded);
+    *mesh.images[i] = std::move(image);
+  }
+  for (size_t i = 0; i < mesh.textures.size(); ++i) mesh.textures[i].image = from.textures[i].image;
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+// A process for one question.
+class LoadWorkers::Lease {
+ public:
+  Lease(LoadWorkers& workers, std::unique_ptr<WorkerProcess> process)
+      : workers_(workers), process_(std::move(process)) {}
+  ~Lease() { workers_.GiveBack(std::move(process_)); }
+  Lease(const Lease&) = delete;
+
+  WorkerProcess* operator->() const { return process_.get(); }
+
+ private:
+  LoadWorkers& workers_;
+  std::unique_ptr<WorkerProcess> process_;
+};
+
+absl::StatusOr<std::unique_ptr<LoadWorkers>> LoadWorkers::Start(const LoadWorkersOptions& options) {
+  std::unique_ptr<LoadWorkers> workers(new LoadWorkers(options));
+  workers->thread_ = std::thread([it = workers.get()] { it->Maintain(); });
+  const JobContext job;
+  auto first = workers->Take(job);
+  if (!first.ok()) return first.status();
+  const Lease lease(*workers, *std::move(first));
+  if (absl::Status s = lease->WaitUntilReady(job); !s.ok()) return s;
+  return workers;
+}
+
+LoadWorkers::~LoadWorkers() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  work_.notify_all();
+  thread_.join();
+}
+
+uint64_t LoadWorkers::MemoryFor(const JobContext& job) const {
+  uint64_t bytes = options_.memory_bytes;
+  if (const MemoryBudget* const memory = job.memory(); memory != nullptr) {
+    const uint64_t left = memory->limit_bytes() - std::min(memory->limit_bytes(), memory->used_bytes());
+    bytes = bytes == 0 ? left : std::min(bytes, left);
+    bytes = std::max<uint64_t>(bytes, 1);  // 0 would be no bound
+  }
+  return bytes;
+}
+
+uint32_t LoadWorkers::CountQuestion() {
+  const std::lock_guard lock(mutex_);
+  ++stats_.questions;
+  return uint32_t(std::max<size_t>(1, size_t(std::max(1, options_.threads)) / std::max<size_t>(1, busy_)));
+}
+
+absl::StatusOr<LoadedMesh> LoadWorkers::Load(std::vector<uint8_t> file, const LoadRequest& request,
+                                             const JobContext& job) {
+  if (absl::Status s = job.Check(); !s.ok()) return s;
+  job.Report("load", 0);
+  auto process = Take(job);
+  if (!process.ok()) return process.status();
+  const Lease lease(*this, *std::move(process));
+  const uint64_t memory_bytes = MemoryFor(job);
+  const Clock::time_point begin = Clock::now();
+  ArchiveWriter question;
+  const LoadQuestion asked = QuestionOf(request, job, memory_bytes, CountQuestion());
+  QuestionFields(question, asked);
+  question.Bytes(file);
+  LoadedMesh loaded;
+  const auto read = [&](ArchiveReader& answer) {
+    file = {};
+    Fields(answer, loaded);
+    absl::Status status = answer.Finish();
+    return status.ok() ? CheckMesh(loaded.mesh) : status;
+  };
+  if (absl::Status s = lease->Ask(MessageKind::kLoad, memory_bytes, question, job, read); !s.ok()) return s;
+  const double ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
+  // Getting the mesh here belongs to loading it.
+  loaded.flatten_ms = Plausible(loaded.flatten_ms, ms);
+  loaded.load_ms = ms - loaded.flatten_ms;
+  job.Report("load", 1);
+  job.Report("flatten", 0);
+  job.Report("flatten", 1);
+  return loaded;
+}
+
+absl::Status LoadWorkers::DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use,
+                                         const JobContext& job) {
+  auto process = Take(job);
+  if (!process.ok()) return process.status();
+  const Lease lease(*this, *std::move(process));
+  const uint64_t memory_bytes = MemoryFor(job);
+  ArchiveWriter question;
+  const LoadQuestion asked = QuestionOf({MeshFormat::kAuto, use, limits}, job, memory_bytes, CountQuestion());
+  QuestionFields(question, asked);
+  TextureFields(question, mesh);
+  return lease->Ask(MessageKind::kTextures, memory_bytes, question, job, [&mesh](ArchiveReader& answer) {
+    TriangleMesh decoded;
+    TextureFields(answer, decoded);
+    absl::Status status = answer.Finish();
+    if (status.ok()) status = CheckTextures(decoded);
+    return status.ok() ? TakeTextures(std::move(decoded), mesh) : status;
+  });
+}
+
+absl::StatusOr<std::unique_ptr<WorkerProcess>> LoadWorkers::Take(const JobContext& job) {
+  std::unique_lock lock(mutex_);
+  const uint64_t failed_before = starts_failed_;
+  ++waiting_;
+  absl::Status over;
+  while (idle_.empty() && over.ok()) {
+    work_.notify_one();
+    freed_.wait_for(lock, kLookInterval);
+    over = job.Check();
+    if (over.ok() && idle_.empty() && starts_failed_ > failed_before && busy_ == 0) over = start_failure_;
+  }
+  --waiting_;
+  if (!over.ok()) return over;
+  std::unique_ptr<WorkerProcess> process = std::move(idle_.back().process);
+  idle_.pop_back();
+  ++busy_;
+  if (Wanted() > 0) work_.notify_one();
+  return process;
+}
+
+void LoadWorkers::GiveBack(std::unique_ptr<WorkerProcess> process) {
+  {
+    const std::lock_guard lock(mutex_);
+    --busy_;
+    if (process->usable()) {
+      idle_.push_back({std::move(process), Clock::now(), false});
+    } else {
+      ++stats_.ended[process->end_reason()];
+      ended_.push_back(std::move(process));
+      work_.notify_one();
+    }
+  }
+  freed_.notify_one();
+}
+
+size_t LoadWorkers::Wanted() const {
+  const size_t alive = busy_ + idle_.size(), most = size_t(std::max(1, options_.workers));
+  const size_t wanted = waiting_ + 1;  // one more than wait for one
+  if (idle_.size() >= wanted || alive >= most) return 0;
+  return std::min(wanted - idle_.size(), most - alive);
+}
+
+void LoadWorkers::LookForIdle(Clock::time_point now) {
+  if (options_.unused.count() <= 0) return;
+  // Those at the front were not used for longest.
+  while (idle_.size() > 1 && now - idle_.front().since >= options_.unused) {
+    ended_.push_back(std::move(idle_.front().process));
+    idle_.erase(idle_.begin());
+  }
+  for (Idle& idle : idle_) {
+    if (idle.trimmed || now - idle.since < options_.unused) continue;
+    idle.trimmed = true;
+    idle.process->Trim();
+  }
+}
+
+void LoadWorkers::Maintain() {
+  std::unique_lock lock(mutex_);
+  Clock::time_point next_start{};
+  const milliseconds look =
+      options_.unused.count() > 0 ? std::min(options_.unused, milliseconds(1000)) : milliseconds(1000);
+  while (!stopping_) {
+    LookForIdle(Clock::now());
+    if (!ended_.empty()) {
+      std::vector<std::unique_ptr<WorkerProcess>> ended;
+      ended.swap(ended_);
+      lock.unlock();
+      for (const auto& process : ended) {
+        if (!process->usable()) spdlog::info("a process that loads meshes was ended: {}", process->end_reason());
+      }
+      ended.clear();
+      lock.lock();
+      continue;
+    }
+    if (Wanted() > 0 && Clock::now() >= next_start) {
+      lock.unlock();
+      auto process = WorkerProcess::Start(options_.process);
+      lock.lock();
+      if (process.ok()) {
+        idle_.insert(idle_.begin(), Idle{*std::move(process), Clock::now(), false});  // those that are ready come first
+      } else {
+        spdlog::error("{}", std::string(process.status().message()));
+        start_failure_ = process.status();
+        ++starts_failed_;
+        next_start = Clock::now() + kRetryInterval;
+      }
+      freed_.notify_all();
+      continue;
+    }
+    work_.wait_for(lock, Wanted() > 0 ? kRetryInterval : look);
+  }
+  std::vector<Idle> idle;
+  idle.swap(idle_);
+  lock.unlock();
+  idle.clear();
+  ended_.clear();
+}
+
+LoadWorkers::Stats LoadWorkers::stats() const {
+  const std::lock_guard lock(mutex_);
+  Stats stats = stats_;
+  stats.busy = int(busy_);
+  stats.processes = int(busy_ + idle_.size());
+  return stats;
+}
+
+}  // namespace voxelpipe

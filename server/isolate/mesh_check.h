@@ -1,0 +1,16 @@
+// Whether a mesh that another process made is one: what the pipeline takes for granted, so that nothing reads or writes out of bounds.
+#pragma once
+
+#include "absl/status/status.h"
+#include "mesh/triangle_mesh.h"
+
+namespace voxelpipe {
+
+// In: any values. OK where all that triangle_mesh.h, material.h and rig.h promise of counts, indices and coordinates holds; else INTERNAL
+// saying what does not. O(size of the mesh), on several threads.
+absl::Status CheckMesh(const TriangleMesh& mesh);
+
+// Of materials, textures and images alone.
+absl::Status CheckTextures(const TriangleMesh& mesh);
+
+}  // namespace voxelpipe

@@ -1,0 +1,33 @@
+// What belongs to a mesh and to what is loaded with it, for archives (archive.h).
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "isolate/archive.h"
+#include "load/limits.h"
+#include "mesh/triangle_mesh.h"
+#include "work/load_mesh.h"
+
+namespace voxelpipe {
+
+// Code, text and payloads.
+void Fields(ArchiveWriter& archive, const absl::Status& status);
+void Fields(ArchiveReader& archive, absl::Status& status);
+
+// All of a mesh but its content_id. Null images stay null; primitives and morph data that several parts share are sent once.
+void Fields(ArchiveWriter& archive, const TriangleMesh& mesh);
+// What is read has to pass CheckMesh (mesh_check.h) after Finish.
+void Fields(ArchiveReader& archive, TriangleMesh& mesh);
+
+// Parts, materials, textures and images alone: what PrepareTextures looks at and changes.
+void TextureFields(ArchiveWriter& archive, const TriangleMesh& mesh);
+void TextureFields(ArchiveReader& archive, TriangleMesh& mesh);
+
+void Fields(ArchiveWriter& archive, const LoadedMesh& loaded);
+void Fields(ArchiveReader& archive, LoadedMesh& loaded);
+
+}  // namespace voxelpipe

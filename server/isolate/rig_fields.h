@@ -1,0 +1,16 @@
+// What belongs to a rig, for archives (archive.h).
+#pragma once
+
+#include <memory>
+
+#include "isolate/archive.h"
+#include "mesh/rig.h"
+
+namespace voxelpipe {
+
+// A rig or null. Primitives and morph data that several parts share are sent once.
+void RigFields(ArchiveWriter& archive, const std::shared_ptr<const Rig>& rig);
+// What is read has to pass CheckMesh (mesh_check.h) after Finish.
+void RigFields(ArchiveReader& archive, std::shared_ptr<const Rig>& rig);
+
+}  // namespace voxelpipe
