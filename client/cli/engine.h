@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "load/file_bytes.h"
+#include "load/pack.h"
 #include "pipeline/voxelize.h"
 #include "shaders/catalog.h"
 
@@ -44,7 +45,7 @@ struct MeshInput {
 };
 
 // Errors: those of ReadAndPackMeshFile.
-absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const JobContext& job);
+absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const OutsideFiles& outside, const JobContext& job);
 
 class Engine {
  public:

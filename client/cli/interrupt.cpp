@@ -41,10 +41,22 @@ void HandleInterrupts() {
   sigemptyset(&action.sa_mask);
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
+  struct sigaction hangup {};
+  if (sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, nullptr);
+  std::signal(SIGXFSZ, SIG_IGN);
+  std::signal(SIGPIPE, SIG_IGN);
 }
 
 int InterruptSignal() {
   return received;
+}
+
+int StoppedExitCode(int signal) {
+  return signal == SIGHUP ? 1 : 128 + signal;
+}
+
+std::string StoppedReason(int signal) {
+  return signal == SIGHUP ? "stopped: the terminal or session was closed (SIGHUP)" : "stopped";
 }
 
 CancelOnInterrupt::CancelOnInterrupt(JobContext& job) {

@@ -11,6 +11,19 @@
 #include "report.h"
 #include "server_access.h"
 
+namespace {
+
+// An empty value comes from a variable of a script that is not set: no option means something by it.
+void RefuseEmptyValues(CLI::App& app) {
+  for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; })) {
+    for (CLI::Option* option : command->get_options()) {
+      if (option->get_expected_max() > 0) option->check(voxelpipe::cli::RefuseEmpty);
+    }
+  }
+}
+
+}  // namespace
+
 int main(int argc, char** argv) {
   using namespace voxelpipe::cli;
   int exit_code = 0;
@@ -19,7 +32,9 @@ int main(int argc, char** argv) {
     app.name("voxelpipe");
     app.require_subcommand(1);
     app.set_version_flag("--version", VOXELPIPE_VERSION);
-    app.footer("Exit status: 0 done, 1 a job failed (one line on stderr says why), 2 an option is wrong.");
+    app.footer(
+        "Exit status: 0 done, 1 a job failed (one line on stderr says why), 2 an option is wrong, "
+        "3 all that failed of a batch fails again if it is tried again.");
     AddVoxelizeCommand(app, exit_code);
     AddInfoCommand(app, exit_code);
     AddShadersCommand(app, exit_code);
@@ -27,6 +42,7 @@ int main(int argc, char** argv) {
     AddBatchCommand(app, exit_code);
     AddBenchCommand(app, exit_code);
     AddServerAccessFlags(app);
+    RefuseEmptyValues(app);
     // gRPC's own lines say in C structures what our one error line says; whoever wants them sets the variable.
     setenv("GRPC_VERBOSITY", "NONE", 0);
     // gRPC's locks are Abseil's, which where they were built for debugging keep a graph of all locks behind one lock.

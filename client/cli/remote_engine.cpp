@@ -144,9 +144,10 @@ std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target) {
   return std::make_unique<RemoteEngine>(target);
 }
 
-absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::string& path, const JobContext& job) {
+absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::string& path, const OutsideFiles& outside,
+                                      const JobContext& job) {
   WarningList warnings;
-  const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path, {}, &warnings);
+  const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path, {}, &warnings, outside);
   if (!bytes.ok()) return bytes.status();
   const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
   if (!options.ok()) return options.status();
@@ -158,6 +159,10 @@ absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::stri
 
 std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status) {
   return RetryDelay(status);
+}
+
+bool CouldNotConnect(const absl::Status& status) {
+  return IsConnectError(status);
 }
 
 absl::StatusOr<std::string> DescribeServer(const std::string& target, bool json) {

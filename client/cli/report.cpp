@@ -3,8 +3,10 @@
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <fstream>
 #include <iostream>
 
@@ -36,8 +38,9 @@ std::vector<std::pair<std::string, double>> AllStages(const EngineRun& run, cons
 }  // namespace
 
 void PrintError(std::string_view where, std::string_view message) {
-  std::string line = where.empty() ? absl::StrCat("voxelpipe: ", std::string(message))
-                                   : absl::StrCat("voxelpipe: ", std::string(where), ": ", std::string(message));
+  constexpr size_t kMaxLineBytes = 8192;  // a path is up to 4,096 bytes, and twice in it at most
+  std::string line = absl::StrCat("voxelpipe: ", std::string(where), where.empty() ? "" : ": ", std::string(message));
+  if (line.size() > kMaxLineBytes) line = line.substr(0, kMaxLineBytes) + "...";
   // What is not a status may hold anything, too: control characters would break the line or drive the terminal.
   for (char& c : line) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
@@ -69,8 +72,11 @@ void AddWarnings(const WarningList& warnings, nlohmann::ordered_json& json) {
 }
 
 absl::Status PrintLine(const std::string& text) {
+  errno = 0;
   std::cout << text << '\n' << std::flush;
-  return std::cout.good() ? absl::OkStatus() : absl::DataLossError("cannot write to standard output");
+  if (std::cout.good()) return absl::OkStatus();
+  return absl::DataLossError(
+      absl::StrCat("cannot write to standard output", errno == 0 ? "" : absl::StrCat(": ", std::strerror(errno))));
 }
 
 MedianTimes Medians(const std::vector<VoxelizeStats>& runs) {
@@ -153,6 +159,7 @@ std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
   row("grid", absl::StrCat(dims[0], " x ", dims[1], " x ", dims[2], " voxels of ",
                            h.x == h.y && h.y == h.z ? absl::StrFormat("%.6g", h.x)
                                                     : absl::StrFormat("%.6g x %.6g x %.6g", h.x, h.y, h.z)));
+  row("origin", absl::StrFormat("%.6g %.6g %.6g", result.grid.origin.x, result.grid.origin.y, result.grid.origin.z));
   row("occupied",
       absl::StrCat(
           WithCommas(stats.occupied),

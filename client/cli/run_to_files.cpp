@@ -84,8 +84,9 @@ absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const Voxel
   report.hash = *std::move(hash);
   const Stopwatch encode;
   if (file != nullptr) {
+    file->set_sha256(report.hash);
     if (absl::Status status = file->Commit(); !status.ok()) return status;
-    report.files = OutputPaths(plan.result, request.targets.size());
+    report.files = WrittenPaths(plan.result, request.targets.size());
   }
   if (absl::Status status = WritePictures(whole, plan, job, report); !status.ok()) return status;
   report.encode_ms = timed.milliseconds() + encode.Milliseconds();

@@ -1,11 +1,12 @@
 #include "server_access.h"
 
 #include <cstdlib>
-#include <fstream>
+#include <sstream>
 
 #include <CLI/CLI.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "load/local_file.h"
 #ifdef VOXELPIPE_HAVE_SERVICE
 #include "client.h"
 #endif
@@ -58,8 +59,14 @@ absl::StatusOr<ConnectOptions> MakeConnectOptions() {
     options.tls = ClientTls{flags.ca, flags.cert, flags.key, flags.server_name};
   }
   if (!flags.token_file.empty()) {
-    std::ifstream file(flags.token_file);
-    if (!(file >> options.token)) {
+    constexpr uint64_t kMaxTokenFileBytes = 1 << 20;
+    const absl::StatusOr<FileBytes> bytes = ReadLocalFile(flags.token_file, kMaxTokenFileBytes);
+    if (!bytes.ok()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("--token-file: ", flags.token_file, ": ", std::string(bytes.status().message())));
+    }
+    std::istringstream text(std::string(bytes->begin(), bytes->end()));
+    if (!(text >> options.token)) {
       return absl::InvalidArgumentError(absl::StrCat("--token-file: ", flags.token_file, " holds no token"));
     }
   } else if (const char* token = std::getenv("VOXELPIPE_TOKEN")) {

@@ -18,7 +18,8 @@ absl::Status CheckServerOption(const std::string& server) {
   return absl::UnimplementedError("--server: this build was made without the service");
 }
 
-absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string&, const JobContext&) {
+absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string&, const OutsideFiles&,
+                                      const JobContext&) {
   return CheckServerOption(server);
 }
 
@@ -32,6 +33,10 @@ std::unique_ptr<Engine> MakeRemoteEngine(const std::string&) {
 
 std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status&) {
   return std::nullopt;
+}
+
+bool CouldNotConnect(const absl::Status&) {
+  return false;
 }
 
 absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan) {

@@ -32,13 +32,17 @@ absl::Status CheckServerOption(const std::string& server);
 absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server);
 
 // What the server sees in the mesh file at `path`.
-absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string& path, const JobContext& job);
+absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string& path, const OutsideFiles& outside,
+                                      const JobContext& job);
 
 // The text of `server-info`: a short table, or one JSON object.
 absl::StatusOr<std::string> DescribeServer(const std::string& server, bool json);
 
 // After how long a server that has too much to do wants to be asked again; nothing where the error is not one of load.
 std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status);
+
+// Whether an error says that no connection to a server came about.
+bool CouldNotConnect(const absl::Status& status);
 
 // For server_option.cpp: the engine that calls a server. Connects when it is first used.
 std::unique_ptr<Engine> MakeRemoteEngine(const std::string& server);

@@ -4,17 +4,23 @@
 #include <grpcpp/security/credentials.h>
 #include <grpcpp/support/client_interceptor.h>
 
+#include <cstring>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
+#include <string_view>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/ascii.h"
+#include "absl/strings/cord.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "grpc/health/v1/health.grpc.pb.h"
+#include "load/local_file.h"
 
 namespace voxelpipe {
 namespace {
+
+constexpr char kConnectUrl[] = "voxelpipe/connect_error";
 
 bool IsLoopback(const std::string& target) {
   for (const char* host : {"localhost:", "127.", "[::1]"}) {
@@ -30,6 +36,10 @@ grpc::ChannelArguments MakeArguments(const std::string& target) {
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_FRAME_SIZE, 16777215);  // a quarter faster on gigabytes
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL,
                    1);  // clients of one process share no connection and no back-off
+  // A server whose machine is gone says nothing: calls under way end after 25 s then. Servers take pings at these intervals.
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 10000);
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 15000);
+  arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
   // A proxy of the environment does not lead to this very machine.
   if (IsLoopback(target)) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   return arguments;
@@ -48,12 +58,59 @@ grpc_connectivity_state StateAfterAttempt(grpc::Channel& channel, std::chrono::s
   }
 }
 
+// Why a channel's attempts to connect failed, as gRPC says it.
+std::string LastError(const std::shared_ptr<grpc::Channel>& channel) {
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(1));
+  grpc::health::v1::HealthCheckResponse response;
+  const grpc::Status status =
+      grpc::health::v1::Health::NewStub(channel)->Check(&context, grpc::health::v1::HealthCheckRequest(), &response);
+  std::string message = status.error_message();
+  constexpr std::string_view kLast = "last error: ";
+  if (const size_t at = message.find(kLast); at != std::string::npos) message.erase(0, at + kLast.size());
+  for (const char* code : {"UNKNOWN: ", "UNAVAILABLE: "}) {
+    if (absl::StartsWith(message, code)) message.erase(0, std::strlen(code));
+  }
+  for (const char* scheme : {"ipv4:", "ipv6:", "unix:"}) {  // and an address: the target is named already
+    const size_t end = message.find(": ");
+    if (absl::StartsWith(message, scheme) && end != std::string::npos) message.erase(0, end + 2);
+  }
+  return message;
+}
+
+absl::Status ConnectError(const std::string& target, const std::string& why) {
+  absl::Status status = absl::UnavailableError(absl::StrCat("cannot connect to ", target, ": ", why));
+  status.SetPayload(kConnectUrl, absl::Cord());
+  return status;
+}
+
+// In: gRPC's words. Out: what they mean for whoever gave the options.
+std::string Explained(const std::string& error, bool tls) {
+  if (error.empty()) return "refused, not reachable or unknown, or TLS on one side only";
+  const std::string lower = absl::AsciiStrToLower(error);
+  if (!tls)
+    return absl::StrContains(lower, "socket closed") ? absl::StrCat(error, " (is it a server with TLS?)") : error;
+  for (const char* sign : {"certificate verify failed", "certificate_verify_failed", "peer name", "peer cert"}) {
+    if (absl::StrContains(lower, sign)) {
+      return absl::StrCat(
+          "certificate verification failed; --tls-ca names whom to believe, --tls-server-name whom the "
+          "certificate is for: ",
+          error);
+    }
+  }
+  return error;
+}
+
 absl::StatusOr<std::string> ReadPem(const std::string& path) {
   if (path.empty()) return std::string();
-  std::ifstream file(path, std::ios::binary);
-  std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-  if (!file.good() || text.find("-----BEGIN") == std::string::npos) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": cannot be read, or holds nothing in PEM"));
+  constexpr uint64_t kMaxPemBytes = 16 << 20;
+  const absl::StatusOr<FileBytes> bytes = ReadLocalFile(path, kMaxPemBytes);
+  if (!bytes.ok()) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": ", std::string(bytes.status().message())));
+  }
+  std::string text(bytes->begin(), bytes->end());
+  if (!absl::StrContains(text, "-----BEGIN")) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": holds nothing in PEM"));
   }
   return text;
 }
@@ -133,12 +190,15 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& ta
     const grpc_connectivity_state state = StateAfterAttempt(*channel, deadline);
     if (state == GRPC_CHANNEL_READY) return channel;
     if (state == GRPC_CHANNEL_IDLE || state == GRPC_CHANNEL_CONNECTING) {
-      return absl::UnavailableError(
-          absl::StrCat("cannot connect to ", target, ": no answer within ", options.timeout.count(), " ms"));
+      return ConnectError(target, absl::StrCat("no answer within ", options.timeout.count(), " ms"));
     }
+    if (attempt == kAttempts) return ConnectError(target, Explained(LastError(channel), options.tls.has_value()));
   }
-  return absl::UnavailableError(
-      absl::StrCat("cannot connect to ", target, ": refused, not reachable or unknown, or TLS on one side only"));
+  return absl::InternalError("no attempt to connect was made");
+}
+
+bool IsConnectError(const absl::Status& status) {
+  return status.GetPayload(kConnectUrl).has_value();
 }
 
 }  // namespace voxelpipe

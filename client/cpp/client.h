@@ -111,6 +111,9 @@ struct ServerDescription {
   uint64_t max_mesh_store_bytes = 0;  // memory of all meshes that are kept
 };
 
+// Whether an error says that no connection to the server came about, so that nothing was sent.
+bool IsConnectError(const absl::Status& status);
+
 class ManyStream;  // many_stream.h
 
 // Thread-safe. Errors of all calls carry the server's code and message; a lost or refused connection is UNAVAILABLE

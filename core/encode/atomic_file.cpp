@@ -1,38 +1,108 @@
 #include "encode/atomic_file.h"
 
 #include <fcntl.h>
+#include <poll.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <chrono>
 #include <cstdio>
+#include <thread>
 #include <utility>
 
+#include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
+#include "encode/output_path.h"
 
 namespace voxelpipe {
 namespace {
 
-constexpr char kMark[] = ".part-";  // then the process and a number: PID-N
+constexpr char kMark[] = ".part-";       // then the process and a number: PID-N
+constexpr size_t kMostSuffixBytes = 32;  // of mark and numbers
+constexpr char kOutputUrl[] = "voxelpipe/output_error";
+constexpr std::chrono::milliseconds kLookEvery{50};  // at the job, while a reader is awaited
+
+absl::Status AsOutputError(absl::Status status) {
+  status.SetPayload(kOutputUrl, absl::Cord());
+  return status;
+}
 
 absl::Status SystemError(int error, const std::string& what) {
-  return absl::ErrnoToStatus(error, what);
+  return AsOutputError(absl::ErrnoToStatus(error, what));
+}
+
+// Whether the file is written in place: it is no regular one, or no path leads to it (an open file's link in /proc).
+bool IsWrittenThrough(const struct stat& status, const std::string& final_path) {
+  if (!S_ISREG(status.st_mode)) return true;
+  struct stat named {};
+  return stat(final_path.c_str(), &named) != 0 || named.st_ino != status.st_ino || named.st_dev != status.st_dev;
+}
+
+// Opens for writing; a FIFO only opens once it has a reader.
+absl::StatusOr<int> OpenThrough(const std::string& path, const JobContext* job) {
+  for (;;) {
+    // Not blocking: a wait for the other side must see the job's end.
+    const int descriptor = open(path.c_str(), O_WRONLY | O_TRUNC | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+    if (descriptor >= 0) return descriptor;
+    struct stat status {};
+    const bool no_reader = errno == ENXIO && stat(path.c_str(), &status) == 0 && S_ISFIFO(status.st_mode);
+    if (!no_reader && errno != EINTR) return SystemError(errno, absl::StrCat("cannot write '", path, "'"));
+    if (job != nullptr) {
+      if (absl::Status over = job->Check(); !over.ok()) return over;
+    }
+    std::this_thread::sleep_for(kLookEvery);
+  }
+}
+
+// As much like the file that was there as the system lets it be.
+void TakeOver(int descriptor, const struct stat& was) {
+  struct stat is {};
+  if (fstat(descriptor, &is) != 0) return;
+  mode_t kept = 07777;
+  if ((was.st_uid != is.st_uid || was.st_gid != is.st_gid) && fchown(descriptor, was.st_uid, was.st_gid) != 0) {
+    kept = 0777;  // no set-user-id for somebody else
+  }
+  static_cast<void>(fchmod(descriptor, was.st_mode & kept));
 }
 
 }  // namespace
 
-absl::StatusOr<AtomicFile> AtomicFile::Create(const std::string& path) {
+bool IsOutputError(const absl::Status& status) {
+  return status.GetPayload(kOutputUrl).has_value();
+}
+
+absl::StatusOr<AtomicFile> AtomicFile::Create(const std::string& path, const JobContext* job) {
   static std::atomic<uint64_t> counter{0};
   AtomicFile file;
   file.path_ = path;
-  file.temporary_ = absl::StrCat(path, kMark, getpid(), "-", counter.fetch_add(1));
-  file.descriptor_ = open(file.temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  absl::StatusOr<std::string> final_path = FollowLinks(path);
+  if (!final_path.ok()) return AsOutputError(final_path.status());
+  file.final_path_ = *std::move(final_path);
+  struct stat status {};
+  const bool exists = stat(path.c_str(), &status) == 0;
+  if (exists && S_ISDIR(status.st_mode)) return SystemError(EISDIR, absl::StrCat("cannot create '", path, "'"));
+  if (exists && IsWrittenThrough(status, file.final_path_)) {
+    const absl::StatusOr<int> descriptor = OpenThrough(path, job);
+    if (!descriptor.ok()) return descriptor.status();
+    file.descriptor_ = *descriptor;
+    return file;
+  }
+  std::string temporary = absl::StrCat(TemporaryStem(file.final_path_), kMark, getpid(), "-", counter.fetch_add(1));
+  file.descriptor_ = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (file.descriptor_ < 0) return SystemError(errno, absl::StrCat("cannot create '", path, "'"));
+  file.temporary_ = std::move(temporary);
+  if (exists) TakeOver(file.descriptor_, status);
   return file;
 }
 
-std::string AtomicFile::FinalPath(const std::string& temporary) {
+std::string AtomicFile::TemporaryStem(const std::string& path) {
+  return FitFileName(path, kMostSuffixBytes);
+}
+
+std::string AtomicFile::StemOf(const std::string& temporary) {
   const size_t mark = temporary.rfind(kMark);
   if (mark == std::string::npos || mark == 0) return "";
   const std::string tail = temporary.substr(mark + sizeof(kMark) - 1);
@@ -46,6 +116,7 @@ std::string AtomicFile::FinalPath(const std::string& temporary) {
 
 AtomicFile::AtomicFile(AtomicFile&& other) noexcept
     : path_(std::move(other.path_)),
+      final_path_(std::move(other.final_path_)),
       temporary_(std::move(other.temporary_)),
       descriptor_(std::exchange(other.descriptor_, -1)) {
   other.temporary_.clear();
@@ -65,6 +136,11 @@ absl::Status AtomicFile::Write(std::span<const uint8_t> bytes, const JobContext*
     const ssize_t written = write(descriptor_, bytes.data(), std::min(bytes.size(), kPiece));
     if (written < 0) {
       if (errno == EINTR) continue;
+      if (errno == EAGAIN) {  // the reader of a FIFO is slow
+        pollfd ready{descriptor_, POLLOUT, 0};
+        poll(&ready, 1, int(kLookEvery.count()));
+        continue;
+      }
       return SystemError(errno, absl::StrCat("cannot write '", path_, "'"));
     }
     bytes = bytes.subspan(static_cast<size_t>(written));
@@ -75,7 +151,8 @@ absl::Status AtomicFile::Write(std::span<const uint8_t> bytes, const JobContext*
 absl::Status AtomicFile::Commit() {
   // Some file systems (quotas, network) report a failed write only here.
   if (close(std::exchange(descriptor_, -1)) != 0) return SystemError(errno, absl::StrCat("cannot write '", path_, "'"));
-  if (std::rename(temporary_.c_str(), path_.c_str()) != 0) {
+  if (temporary_.empty()) return absl::OkStatus();
+  if (std::rename(temporary_.c_str(), final_path_.c_str()) != 0) {
     return SystemError(errno, absl::StrCat("cannot create '", path_, "'"));
   }
   temporary_.clear();

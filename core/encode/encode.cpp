@@ -5,6 +5,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "encode/png_preview.h"
+#include "encode/raw_description.h"
 #include "encode/result_file.h"
 
 namespace voxelpipe {
@@ -28,6 +29,12 @@ std::vector<std::string> OutputPaths(const std::string& path, size_t target_coun
   const std::string written_extension = path.substr(stem.size());  // keeps the caller's upper or lower case
   std::vector<std::string> paths;
   for (size_t i = 0; i < target_count; ++i) paths.push_back(absl::StrCat(stem, ".", i, written_extension));
+  return paths;
+}
+
+std::vector<std::string> WrittenPaths(const std::string& path, size_t target_count) {
+  std::vector<std::string> paths = OutputPaths(path, target_count);
+  if (FileExtension(path) == ".raw") paths.push_back(RawDescriptionPath(path));
   return paths;
 }
 

@@ -19,6 +19,8 @@ bool IsKnownExtension(std::string_view extension);
 
 // The files that a result goes into: one, or OUT.<index>.ext for each target where there are several (.npy, .raw).
 std::vector<std::string> OutputPaths(const std::string& path, size_t target_count);
+// Those, and the description of a .raw output: every file that writing a result to `path` makes.
+std::vector<std::string> WrittenPaths(const std::string& path, size_t target_count);
 
 // Writes `result` to `path` in the format of its extension, each file under a temporary name and then renamed. `job`,
 // if given, is asked between pieces; a job that stops leaves no file. Errors: INVALID_ARGUMENT for an unknown

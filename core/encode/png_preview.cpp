@@ -60,7 +60,7 @@ absl::StatusOr<Picture> RenderPreview(const VoxelizeResult& result, const Previe
 absl::Status WritePreview(const VoxelizeResult& result, const std::string& path, const PreviewOptions& options,
                           const JobContext* job) {
   // The file first: an unwritable path should not cost a rendering.
-  absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
+  absl::StatusOr<AtomicFile> file = AtomicFile::Create(path, job);
   if (!file.ok()) return file.status();
   const absl::StatusOr<Picture> picture = RenderPreview(result, options, job);
   if (!picture.ok()) return picture.status();

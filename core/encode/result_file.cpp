@@ -9,11 +9,12 @@
 #include "encode/encode.h"
 #include "encode/npy.h"
 #include "encode/npz_file.h"
+#include "encode/raw_description.h"
 
 namespace voxelpipe {
 namespace {
 
-// .raw and .npy: one file a target.
+// .raw and .npy: one file a target; .raw with a description.
 class TargetFiles final : public ResultFile {
  public:
   TargetFiles(std::string path, bool npy, const JobContext* job) : path_(std::move(path)), npy_(npy), job_(job) {}
@@ -23,20 +24,25 @@ class TargetFiles final : public ResultFile {
       return absl::InvalidArgumentError(
           absl::StrCat("'", path_, "': a ", std::string(Name(header.kind)), " result goes into an .npz"));
     }
-    arrays_ = header.arrays;
-    paths_ = OutputPaths(path_, arrays_.size());
-    for (size_t i = 0; i < arrays_.size(); ++i) {
-      absl::StatusOr<AtomicFile> file = AtomicFile::Create(paths_[i]);
+    header_ = header;
+    const std::vector<ArraySpec>& arrays = header_.arrays;
+    paths_ = OutputPaths(path_, arrays.size());
+    for (size_t i = 0; i < arrays.size(); ++i) {
+      absl::StatusOr<AtomicFile> file = AtomicFile::Create(paths_[i], job_);
       if (!file.ok()) return file.status();
       files_.push_back(*std::move(file));
       uint64_t count = 1;
-      for (const uint64_t n : arrays_[i].shape) count *= n;
-      elements_.emplace_back(arrays_[i].type, count);
+      for (const uint64_t n : arrays[i].shape) count *= n;
+      elements_.emplace_back(arrays[i].type, count);
       if (!npy_) continue;
-      const std::string head = NpyHeader(NpyDescr(arrays_[i].type), arrays_[i].shape);
+      const std::string head = NpyHeader(NpyDescr(arrays[i].type), arrays[i].shape);
       absl::Status s = files_.back().Write({reinterpret_cast<const uint8_t*>(head.data()), head.size()}, job_);
       if (!s.ok()) return s;
     }
+    if (npy_) return absl::OkStatus();
+    absl::StatusOr<AtomicFile> file = AtomicFile::Create(RawDescriptionPath(path_), job_);
+    if (!file.ok()) return file.status();
+    description_.emplace(*std::move(file));
     return absl::OkStatus();
   }
 
@@ -49,17 +55,21 @@ class TargetFiles final : public ResultFile {
     for (AtomicFile& file : files_) {
       if (absl::Status s = file.Commit(); !s.ok()) return s;
     }
-    return absl::OkStatus();
+    if (!description_) return absl::OkStatus();
+    const std::string text = DescribeRaw(header_, paths_, sha256());
+    absl::Status s = description_->Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, job_);
+    return s.ok() ? description_->Commit() : s;
   }
 
  private:
   std::string path_;
   bool npy_;
   const JobContext* job_;
-  std::vector<ArraySpec> arrays_;
+  ResultHeader header_;
   std::vector<std::string> paths_;
   std::vector<AtomicFile> files_;
   std::vector<NpyElements> elements_;
+  std::optional<AtomicFile> description_;
 };
 
 }  // namespace

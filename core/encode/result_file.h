@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -15,11 +16,19 @@ namespace voxelpipe {
 // Commit(), nothing is left behind. Needs memory for a piece, for sparse results also for their bricks.
 class ResultFile : public ResultSink {
  public:
+  // The SHA-256 of all bytes in stream order, for formats that keep it. Before Commit().
+  void set_sha256(std::string digits) { sha256_ = std::move(digits); }
   virtual absl::Status Commit() = 0;
+
+ protected:
+  const std::string& sha256() const { return sha256_; }
+
+ private:
+  std::string sha256_;
 };
 
 // By the extension of `path`:
-//   .raw   dense: each array's bytes as they are, one file a target (OutputPaths)
+//   .raw   dense: each array's bytes as they are, one file a target (OutputPaths), and PATH.json, which describes them all
 //   .npy   dense: one file a target; bits as uint8 0/1
 //   .npz   any kind: target0, target1, ...; sparse: ijk int32 (n, 3) in x, y, z; buckets: ijk, offsets int64 (n + 1),
 //          triangle uint32 (m); always dims int64 (3), origin and voxel_size float64 (3), index_to_world float64 (4, 4)

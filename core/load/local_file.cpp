@@ -1,10 +1,15 @@
 #include "load/local_file.h"
 
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <cctype>
-#include <fstream>
+#include <cerrno>
 #include <new>
 #include <optional>
+#include <span>
 #include <system_error>
 
 #include "absl/strings/str_cat.h"
@@ -45,44 +50,68 @@ bool IsInside(const fs::path& directory, const fs::path& file) {
   return std::mismatch(directory.begin(), directory.end(), file.begin(), file.end()).first == directory.end();
 }
 
-std::string Shown(const std::string& uri) {
-  std::string shown = uri.substr(0, 120);
-  std::replace_if(
-      shown.begin(), shown.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, '?');
-  return shown;
+// The first link on the way from `root` to a file.
+std::optional<fs::path> FirstLink(const fs::path& root, const fs::path& relative) {
+  fs::path at = root;
+  for (const fs::path& part : relative) {
+    at /= part;
+    std::error_code ignored;
+    if (fs::is_symlink(at, ignored)) return at.lexically_normal();
+  }
+  return std::nullopt;
+}
+
+absl::Status ReadError(int error) {
+  if (error == ENOENT || error == ENOTDIR) return absl::NotFoundError("no such file");
+  return absl::ErrnoToStatus(error, "cannot be read");
+}
+
+absl::Status ReadAll(int descriptor, std::span<uint8_t> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t got = read(descriptor, bytes.data(), bytes.size());
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return ReadError(errno);
+    if (got == 0) return absl::DataLossError("cannot be read to its end: it became shorter meanwhile");
+    bytes = bytes.subspan(size_t(got));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace
 
 absl::StatusOr<FileBytes> ReadLocalFile(const fs::path& path, uint64_t max_bytes) {
-  std::error_code error;
-  const fs::file_status status = fs::status(path, error);
-  if (!fs::exists(status)) return absl::NotFoundError(absl::StrCat(path.string(), ": no such file"));
-  if (!fs::is_regular_file(status))
-    return absl::InvalidArgumentError(absl::StrCat(path.string(), ": not a regular file"));
-  const uint64_t size = fs::file_size(path, error);
-  if (error) return absl::InvalidArgumentError(absl::StrCat(path.string(), ": ", error.message()));
+  struct stat status {};
+  if (stat(path.c_str(), &status) != 0) return ReadError(errno);
+  if (!S_ISREG(status.st_mode)) return absl::InvalidArgumentError("not a regular file");
+  const auto size = uint64_t(status.st_size);
   if (size > max_bytes) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat(path.string(), ": ", size, " bytes, the limit is ", max_bytes, " bytes"));
+    return absl::ResourceExhaustedError(absl::StrCat(size, " bytes, the limit is ", max_bytes, " bytes"));
   }
   FileBytes bytes;
   try {
     bytes.resize(size);
   } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError(absl::StrCat(path.string(), ": no memory for ", size, " bytes"));
+    return absl::ResourceExhaustedError(absl::StrCat("no memory for ", size, " bytes"));
   }
-  std::ifstream file(path, std::ios::binary);
-  file.read(reinterpret_cast<char*>(bytes.data()), std::streamsize(size));
-  if (!file || uint64_t(file.gcount()) != size) {
-    return absl::InvalidArgumentError(absl::StrCat(path.string(), ": cannot be read"));
-  }
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return ReadError(errno);
+  absl::Status read = ReadAll(descriptor, bytes);
+  close(descriptor);
+  if (!read.ok()) return read;
   return bytes;
 }
 
-absl::StatusOr<fs::path> ResolveSibling(const fs::path& directory, const std::string& uri) {
+std::string UriName(const std::string& uri) {
+  constexpr size_t kMostBytes = 120;
+  std::string shown = uri.substr(0, kMostBytes);
+  std::replace_if(
+      shown.begin(), shown.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, '?');
+  return absl::StrCat("URI '", shown, uri.size() > kMostBytes ? "..." : "", "'");
+}
+
+absl::StatusOr<SiblingFile> ResolveSibling(const fs::path& directory, const std::string& uri) {
   const auto invalid = [&](const char* why) {
-    return absl::InvalidArgumentError(absl::StrCat("URI '", Shown(uri), "': ", why));
+    return absl::InvalidArgumentError(absl::StrCat(UriName(uri), ": ", why));
   };
   if (HasScheme(uri)) return invalid("only data: URIs and files beside the glTF file are read");
   const std::optional<std::string> decoded = PercentDecode(uri);
@@ -95,10 +124,15 @@ absl::StatusOr<fs::path> ResolveSibling(const fs::path& directory, const std::st
   std::error_code error;
   const fs::path root = fs::weakly_canonical(directory.empty() ? "." : directory, error);
   if (error) return invalid("its directory cannot be resolved");
-  const fs::path file = fs::weakly_canonical(root / *decoded, error);
+  SiblingFile file{fs::weakly_canonical(root / *decoded, error), ""};
   if (error) return invalid("cannot be resolved");
-  if (!IsInside(root, file)) return invalid("leaves the directory of the glTF file");
-  if (!fs::exists(file, error)) return absl::NotFoundError(absl::StrCat("URI '", Shown(uri), "': no such file"));
+  if (IsInside(root, file.path)) return file;
+  if (const std::optional<fs::path> link = FirstLink(root, *decoded)) {
+    file.outside = absl::StrCat("the link '", link->string(), "' leads out of the directory of the glTF file");
+  } else {
+    file.outside = "leaves the directory of the glTF file";
+  }
+  absl::StrAppend(&file.outside, ", to '", file.path.string(), "'");
   return file;
 }
 

@@ -89,8 +89,12 @@ std::optional<Source> Parse(std::span<const uint8_t> bytes, const LoadLimits& li
 
 class Packer {
  public:
-  Packer(Source source, fs::path directory, const LoadLimits& limits)
-      : json_(std::move(source.json)), binary_(source.binary), directory_(std::move(directory)), limits_(limits) {}
+  Packer(Source source, fs::path directory, const LoadLimits& limits, const OutsideFiles& outside)
+      : json_(std::move(source.json)),
+        binary_(source.binary),
+        directory_(std::move(directory)),
+        limits_(limits),
+        outside_(outside) {}
 
   absl::StatusOr<FileBytes> Pack() {
     if (absl::Status s = MergeBuffers(); !s.ok()) return s;
@@ -123,10 +127,11 @@ class Packer {
       FileBytes file;
       std::span<const uint8_t> data;
       if (const auto uri = FileUri(buffers[i])) {
-        const auto path = ResolveSibling(directory_, *uri);
-        if (!path.ok()) return At(i, path.status());
-        auto read = ReadLocalFile(*path, limits_.max_file_bytes);
-        if (!read.ok()) return At(i, read.status());
+        const auto sibling = ResolveSibling(directory_, *uri);
+        if (!sibling.ok()) return At("buffer", i, sibling.status());
+        if (absl::Status s = CheckPlace("buffer", i, *uri, *sibling); !s.ok()) return s;
+        auto read = ReadLocalFile(sibling->path, limits_.max_file_bytes);
+        if (!read.ok()) return At("buffer", i, Named(*uri, read.status()));
         file = *std::move(read);
         data = file;
         place.merged = true;
@@ -136,10 +141,11 @@ class Packer {
       }
       if (place.merged) {
         const auto length = Unsigned(buffers[i], "byteLength", data.size());
-        if (!length) return At(i, absl::InvalidArgumentError("byteLength is not a whole number"));
+        if (!length) return At("buffer", i, absl::InvalidArgumentError("byteLength is not a whole number"));
         if (*length > data.size()) {
-          return At(i, absl::InvalidArgumentError(
-                           absl::StrCat("byteLength ", *length, ", but its data has ", data.size(), " bytes")));
+          return At("buffer", i,
+                    absl::InvalidArgumentError(
+                        absl::StrCat("byteLength ", *length, ", but its data has ", data.size(), " bytes")));
         }
         place.length = *length;
         if (absl::Status s = Append(data.first(*length), place.base); !s.ok()) return s;
@@ -153,8 +159,49 @@ class Packer {
     return absl::OkStatus();
   }
 
-  static absl::Status At(size_t buffer, const absl::Status& why) {
-    return absl::Status(why.code(), absl::StrCat("buffer ", buffer, ": ", why.message()));
+  static absl::Status At(const char* what, size_t index, const absl::Status& why) {
+    return absl::Status(why.code(), absl::StrCat(what, " ", index, ": ", why.message()));
+  }
+  static absl::Status Named(const std::string& uri, const absl::Status& why) {
+    return absl::Status(why.code(), absl::StrCat(UriName(uri), ": ", why.message()));
+  }
+
+  // INVALID_ARGUMENT for a file outside, unless those are allowed.
+  absl::Status CheckPlace(const char* what, size_t index, const std::string& uri, const SiblingFile& sibling) const {
+    if (outside_.allowed || sibling.outside.empty()) return absl::OkStatus();
+    return At(what, index,
+              Named(uri, absl::InvalidArgumentError(absl::StrCat(
+                             sibling.outside, ", and is read only where that is allowed (--allow-outside)"))));
+  }
+
+  // Which images the textures that are wanted take. Whatever the file has wrong there the loader tells.
+  std::vector<bool> WantedImages() const {
+    std::vector<bool> wanted(json_["images"].size());
+    if (!IsObjectArray(json_, "textures") || !IsObjectArray(json_, "materials")) return wanted;
+    const Json& textures = json_["textures"];
+    const auto want_image = [&](const Json& object) {
+      const auto image = Unsigned(object, "source", UINT64_MAX);
+      if (image && *image < wanted.size()) wanted[*image] = true;
+    };
+    const auto want = [&](const Json& material, const char* path) {
+      const Json::json_pointer index(path);
+      if (!material.contains(index) || !material[index].is_number_unsigned()) return;
+      const auto texture = material[index].get<uint64_t>();
+      if (texture >= textures.size()) return;
+      want_image(textures[texture]);
+      const auto extensions = textures[texture].find("extensions");
+      if (extensions == textures[texture].end() || !extensions->is_object()) return;
+      for (const Json& extension : *extensions) want_image(extension);
+    };
+    for (const Json& material : json_["materials"]) {
+      if (outside_.wanted.base_color) {
+        want(material, "/pbrMetallicRoughness/baseColorTexture/index");
+        want(material, "/extensions/KHR_materials_pbrSpecularGlossiness/diffuseTexture/index");
+      }
+      if (outside_.wanted.emissive) want(material, "/emissiveTexture/index");
+      if (outside_.wanted.metallic_roughness) want(material, "/pbrMetallicRoughness/metallicRoughnessTexture/index");
+    }
+    return wanted;
   }
 
   // Rewrites buffer and byteOffset of a buffer view or of its meshopt compression. A view that overruns its buffer would
@@ -196,12 +243,18 @@ class Packer {
   // drops: geometry does not fail for want of a texture.
   absl::Status EmbedImages() {
     if (!IsObjectArray(json_, "images")) return absl::OkStatus();
-    for (Json& image : json_["images"]) {
+    const std::vector<bool> wanted = WantedImages();
+    for (size_t i = 0; i < wanted.size(); ++i) {
+      Json& image = json_["images"][i];
       const auto uri = FileUri(image);
       if (!uri) continue;
-      const auto path = ResolveSibling(directory_, *uri);
-      if (!path.ok()) continue;
-      const auto bytes = ReadLocalFile(*path, limits_.max_file_bytes);
+      const auto sibling = ResolveSibling(directory_, *uri);
+      if (!sibling.ok()) continue;
+      if (absl::Status s = CheckPlace("image", i, *uri, *sibling); !s.ok()) {
+        if (wanted[i]) return s;
+        continue;
+      }
+      const auto bytes = ReadLocalFile(sibling->path, limits_.max_file_bytes);
       if (!bytes.ok()) continue;
       Json view{{"buffer", 0}, {"byteLength", bytes->size()}};
       uint64_t base = 0;
@@ -211,7 +264,7 @@ class Packer {
       if (views.is_null()) views = Json::array();
       image.erase("uri");
       image["bufferView"] = views.size();
-      if (!image.contains("mimeType")) image["mimeType"] = MimeType(*path);
+      if (!image.contains("mimeType")) image["mimeType"] = MimeType(sibling->path);
       views.push_back(std::move(view));
     }
     return absl::OkStatus();
@@ -256,25 +309,26 @@ class Packer {
   std::optional<std::span<const uint8_t>> binary_;
   fs::path directory_;
   const LoadLimits& limits_;
+  const OutsideFiles& outside_;
   std::vector<BufferPlace> places_;
   std::vector<uint8_t> bin_;
 };
 
 }  // namespace
 
-absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits,
-                                              WarningList* warnings) {
+absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits, WarningList* warnings,
+                                              const OutsideFiles& outside) {
   auto bytes = ReadLocalFile(path, limits.max_file_bytes);
   if (!bytes.ok()) return bytes.status();
   try {
     std::optional<Source> source = Parse(*bytes, limits);
     if (!source) return bytes;
     if (warnings != nullptr) warnings->Append(source->warnings);
-    return Packer(*std::move(source), fs::path(path).parent_path(), limits).Pack();
+    return Packer(*std::move(source), fs::path(path).parent_path(), limits, outside).Pack();
   } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError(absl::StrCat(path, ": out of memory while packing"));
+    return absl::ResourceExhaustedError("out of memory while packing");
   } catch (const std::exception& e) {  // nlohmann-json
-    return absl::InvalidArgumentError(absl::StrCat(path, ": ", e.what()));
+    return absl::InvalidArgumentError(e.what());
   }
 }
 

@@ -134,6 +134,23 @@ TEST_F(AccessTest, APlaintextClientOnATlsPortIsRefusedLoggedAndCounted) {
   EXPECT_TRUE(Work(Believing()).ok()) << "others are served as before";
 }
 
+TEST_F(AccessTest, AClientSaysThatTheCertificateDoesNotVerify) {
+  ASSERT_NO_FATAL_FAILURE(StartWithTls());
+  const auto others = CertificateAuthority::Make();
+  ASSERT_TRUE(others.ok());
+  ClientTls foreign;
+  foreign.ca_file = others->ca();
+  ClientTls misnamed;
+  misnamed.ca_file = authority_->ca();
+  misnamed.server_name = "another.test";
+  for (const ClientTls& tls : {foreign, misnamed}) {
+    const absl::Status status = Work(tls);
+    EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable) << status;
+    EXPECT_THAT(std::string(status.message()), ::testing::HasSubstr("certificate verification failed")) << status;
+    EXPECT_TRUE(IsConnectError(status));
+  }
+}
+
 TEST_F(AccessTest, MutualTlsServesThoseWithACertificateThatIsValid) {
   const auto good = authority_->Sign("client"), expired = authority_->Sign("late", /*days=*/0);
   ASSERT_TRUE(good.ok()) << good.status();

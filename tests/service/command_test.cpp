@@ -71,6 +71,30 @@ class CommandTest : public ::testing::Test {
 };
 
 class BenchTest : public CommandTest {};
+class SameTextTest : public CommandTest {};
+
+TEST_F(SameTextTest, AnErrorReadsTheSameHereAndServedAndANameOfMegabytesIsCut) {
+  const std::string server = Start();
+  const std::string name(3 << 20, 'n');
+  const std::map<std::string, std::string> files = {
+      {"extension", R"({"asset":{"version":"2.0"},"extensionsRequired":[")" + name + R"("]})"},
+      {"uri", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":4,"uri":"data:)" + name + R"("}]})"},
+      {"version", R"({"asset":{"version":")" + name + R"("}})"},
+      {"type", R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":")" + name + R"("}]})"},
+      {"nothing", "no mesh at all"},
+      {"glb", std::string("glTF\2\0\0\0", 8) + "xxxx"},
+      {"empty", ""}};
+  for (const auto& [file, text] : files) {
+    std::ofstream(directory_ / file, std::ios::binary) << text;
+    const CliOutcome here = RunCli({"voxelize", directory_ / file});
+    const CliOutcome served = RunCli({"voxelize", directory_ / file, "--server", server});
+    EXPECT_EQ(here.exit_code, 1) << file;
+    EXPECT_EQ(served.exit_code, 1) << file;
+    EXPECT_EQ(here.err, served.err);
+    EXPECT_LT(here.err.size(), 1500u);
+    EXPECT_EQ(LineCount(here.err), 1u);
+  }
+}
 
 TEST_F(BenchTest, AClosedLoopIsAnsweredWithTheRightBytes) {
   const std::string server = Start();
@@ -374,15 +398,57 @@ TEST_F(BatchTest, ABusyServerIsWaitedFor) {
   EXPECT_EQ(json::parse(outcome.out)["done"], 12);
 }
 
-TEST_F(BatchTest, ServersThatAreNotThereFailTheirItemsAfterTheRetries) {
-  WriteList(1, 16);
+TEST_F(BatchTest, ServersThatAreNotThereEndTheRunAndAreNamed) {
+  WriteList(50, 16);
   std::vector<std::string> arguments = Command("out", "127.0.0.1:1");
-  arguments.insert(arguments.end(), {"--retries", "1"});
+  arguments.insert(arguments.end(), {"--lost-timeout", "1"});
   const CliOutcome outcome = RunCli(arguments);
   EXPECT_EQ(outcome.exit_code, 1);
-  const json item = json::parse(ReadFile(directory_ / "out.json"))["items"][0];
-  EXPECT_EQ(item["error"]["code"], "UNAVAILABLE");
-  EXPECT_EQ(item["attempts"], 2);
+  EXPECT_EQ(LineCount(outcome.err), 2u) << outcome.err;  // at once, and at the end
+  EXPECT_THAT(outcome.err, HasSubstr("127.0.0.1:1"));
+  EXPECT_THAT(outcome.err, HasSubstr("Connection refused"));
+  EXPECT_THAT(outcome.err, HasSubstr("50 items are left"));
+  const json report = json::parse(ReadFile(directory_ / "out.json"));
+  EXPECT_EQ(report["totals"]["left"], 50);
+  EXPECT_THAT(std::string(report["error"]), HasSubstr("127.0.0.1:1"));
+}
+
+TEST_F(BatchTest, AServerThatDiesForGoodEndsTheRun) {
+  WriteList(30, 48);
+  const std::string server = Start({"--threads", "1"});
+  std::vector<std::string> arguments = Command("out", server);
+  arguments.insert(arguments.end(), {"--lost-timeout", "1"});
+  std::future<CliOutcome> run = std::async(std::launch::async, [&] { return RunCli(arguments); });
+  const auto patience = std::chrono::steady_clock::now() + kPatience;
+  while (!fs::exists(directory_ / "out/m2.npy") && std::chrono::steady_clock::now() < patience)
+    std::this_thread::yield();
+  servers_[0]->Signal(SIGKILL);
+  const CliOutcome outcome = run.get();
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("items are left"));
+  EXPECT_GT(json::parse(outcome.out)["left"], 0);
+  EXPECT_EQ(json::parse(outcome.out)["failed"], 0);
+}
+
+TEST_F(BenchTest, TooManyErrorsExitWith1AndRetriesCanBeHonoured) {
+  // One worker and hardly a queue: most of what comes at once is refused, with a delay.
+  const std::string server = Start({"--threads", "1", "--workers", "1", "--max-queue", "1"});
+  for (const std::vector<std::string>& way : {std::vector<std::string>{}, {"--stream"}, {"--many"}}) {
+    std::vector<std::string> options = {"--server",   server, "--concurrency", "8",
+                                        "--duration", "1",    "--resolution",  "48"};
+    options.insert(options.end(), way.begin(), way.end());
+    const CliOutcome refused = Bench("triangles.glb", options);
+    EXPECT_EQ(refused.exit_code, 1) << refused.out;
+    EXPECT_THAT(refused.err, HasSubstr("requests failed: more than --max-error-rate"));
+    options.insert(options.end(), {"--max-error-rate", "1"});
+    EXPECT_EQ(Bench("triangles.glb", options).exit_code, 0);
+    options.push_back("--honour-retry");
+    const json honoured = json::parse(Bench("triangles.glb", options).out);
+    const json plain = json::parse(refused.out);
+    EXPECT_GT(honoured["resends"], 0);
+    EXPECT_LT(double(honoured["requests"]) - double(honoured["ok"]),
+              (double(plain["requests"]) - double(plain["ok"])) / 2);
+  }
 }
 
 }  // namespace

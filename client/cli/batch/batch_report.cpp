@@ -27,7 +27,8 @@ nlohmann::ordered_json ItemJson(const BatchItem& item, const ItemReport& report)
   json["status"] = Name(report.status);
   if (!report.error.ok()) {
     json["error"] = {{"code", absl::StatusCodeToString(report.error.code())},
-                     {"message", ErrorText(report.error)}};
+                     {"message", ErrorText(report.error)},
+                     {"permanent", report.permanent}};
   }
   json["ms"] = report.milliseconds;
   json["attempts"] = report.attempts;
@@ -55,7 +56,10 @@ BatchTotals TotalsOf(const BatchResult& result) {
         totals.bytes += item.bytes;
         break;
       case ItemStatus::kSkipped: ++totals.skipped; break;
-      case ItemStatus::kFailed: ++totals.failed; break;
+      case ItemStatus::kFailed:
+        ++totals.failed;
+        totals.permanent += item.permanent ? 1 : 0;
+        break;
     }
   }
   return totals;
@@ -74,6 +78,7 @@ nlohmann::ordered_json ReportJson(const BatchPlan& plan, const BatchResult& resu
   json["shard"] = absl::StrCat(plan.shard.index, "/", plan.shard.count);
   if (!plan.servers.empty()) json["servers"] = plan.servers;
   json["totals"] = TotalsJson(result);
+  if (!result.gone.ok()) json["error"] = ErrorText(result.gone);
   json["items"] = nlohmann::ordered_json::array();
   for (size_t i = 0; i < plan.items.size(); ++i) json["items"].push_back(ItemJson(plan.items[i], result.items[i]));
   return json;

@@ -10,8 +10,9 @@ namespace voxelpipe::cli {
 
 struct BatchTotals {
   size_t items = 0, done = 0, skipped = 0, failed = 0, left = 0;
-  size_t warned = 0;   // of those done, now or before, with warnings
-  uint64_t bytes = 0;  // of the results that this run made
+  size_t permanent = 0;  // of those that failed
+  size_t warned = 0;     // of those done, now or before, with warnings
+  uint64_t bytes = 0;    // of the results that this run made
 };
 BatchTotals TotalsOf(const BatchResult& result);
 

@@ -7,11 +7,15 @@
 #include <mutex>
 #include <new>
 #include <thread>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "batch/done_record.h"
+#include "batch/inside.h"
 #include "batch/server_pool.h"
 #include "clock.h"
+#include "encode/atomic_file.h"
+#include "encode/encode.h"
 #include "hash.h"
 #include "run_to_files.h"
 
@@ -22,6 +26,21 @@ namespace fs = std::filesystem;
 using Clock = ServerPool::Clock;
 
 constexpr std::chrono::milliseconds kLookEvery{50};  // for a signal
+
+// Errors that come again whoever tries, because they are the item's own.
+bool IsPermanent(const absl::Status& status, bool by_server) {
+  if (IsOutputError(status)) return false;  // a full disk is not
+  switch (status.code()) {
+    case absl::StatusCode::kInvalidArgument:
+    case absl::StatusCode::kNotFound:
+    case absl::StatusCode::kFailedPrecondition:
+    case absl::StatusCode::kOutOfRange:
+    case absl::StatusCode::kUnimplemented:
+    case absl::StatusCode::kResourceExhausted: return true;       // a limit: a server that is only busy has said so
+    case absl::StatusCode::kPermissionDenied: return !by_server;  // a file's, not the client's rights
+    default: return false;
+  }
+}
 
 // Errors that another server, or the same one later, may not give.
 bool IsWorthAnotherTry(const absl::Status& status) {
@@ -53,7 +72,7 @@ class Run {
     Watch();
     for (std::thread& thread : threads) thread.join();
     if (hooks_.on_progress) hooks_.on_progress(ended_, failed_);
-    return {std::move(reports_), clock.Milliseconds() / 1000};
+    return {std::move(reports_), clock.Milliseconds() / 1000, gone_};
   }
 
  private:
@@ -107,9 +126,13 @@ class Run {
     }
     report.status = ItemStatus::kFailed;
     report.error = status;
+    report.permanent = report.permanent || IsPermanent(status, !plan_.servers.empty() && report.attempts > 0);
+    if (IsBusy(status)) report.permanent = false;
     ++failed_;
     if (hooks_.on_failure) hooks_.on_failure(item, status);
   }
+
+  bool IsBusy(const absl::Status& status) const { return hooks_.retry_delay && hooks_.retry_delay(status).has_value(); }
 
   bool Stopping() {
     const std::lock_guard lock(mutex_);
@@ -129,8 +152,11 @@ class Run {
   };
 
   absl::StatusOr<Prepared> Prepare(const BatchItem& item, const JobContext& job) const {
-    absl::StatusOr<MeshInput> mesh = ReadMeshInput(item.input, job);
-    if (!mesh.ok()) return mesh.status();
+    absl::StatusOr<MeshInput> mesh =
+        ReadMeshInput(item.input, {plan_.allow_outside, TexturesRead(item.request->request)}, job);
+    if (!mesh.ok()) {
+      return absl::Status(mesh.status().code(), absl::StrCat(item.input, ": ", std::string(mesh.status().message())));
+    }
     const absl::StatusOr<std::string> input_sha256 = Sha256Hex(mesh->bytes);
     if (!input_sha256.ok()) return input_sha256.status();
     absl::StatusOr<std::string> key = ItemKey(item, *input_sha256);
@@ -138,9 +164,22 @@ class Run {
     return Prepared{*std::move(mesh), *std::move(key)};
   }
 
+  // Whether all that the item writes stays in the output directory.
+  absl::Status CheckOutputs(const BatchItem& item) const {
+    std::vector<std::string> paths = {RecordPath(plan_.output_dir, item)};
+    const auto add = [&](const std::string& name) { paths.push_back((fs::path(plan_.output_dir) / name).string()); };
+    for (const std::string& name : WrittenPaths(item.output, item.request->request.targets.size())) add(name);
+    if (!item.preview.empty()) add(item.preview);
+    for (const std::string& path : paths) {
+      if (absl::Status s = CheckInside(plan_.output_dir, path); !s.ok()) return s;
+    }
+    return absl::OkStatus();
+  }
+
   absl::Status DoItem(const BatchItem& item, size_t worker, std::vector<std::unique_ptr<Engine>>& engines,
                       ItemReport& report) {
     try {
+      if (absl::Status s = CheckOutputs(item); !s.ok()) return s;
       const JobContext reading;
       absl::StatusOr<Prepared> prepared = Prepare(item, reading);
       if (!prepared.ok()) return prepared.status();
@@ -191,6 +230,11 @@ class Run {
         servers_.Answered(server);
         return status;
       }
+      if (hooks_.could_not_connect && hooks_.could_not_connect(status)) {
+        engines[server] = nullptr;
+        Unreachable(server, now, status);  // the item has not even been tried
+        continue;
+      }
       // A late answer may be the job's fault as well as the server's: others need not suffer for it.
       if (!absl::IsDeadlineExceeded(status)) {
         servers_.Lost(server, now);
@@ -200,13 +244,41 @@ class Run {
     }
   }
 
-  // Waits while all servers rest. CANCELLED if the run was stopped.
+  // Waits while all servers rest. CANCELLED if the run was stopped; ends it if no server can be reached for too long.
   absl::StatusOr<size_t> TakeServer() {
     for (;;) {
       if (Stopping()) return absl::CancelledError("stopped");
-      if (const std::optional<size_t> server = servers_.Take(Clock::now())) return *server;
-      if (!WaitUntil(servers_.NextFree())) return absl::CancelledError("stopped");
+      const Clock::time_point now = Clock::now();
+      const std::optional<Clock::time_point> gone_since = servers_.GoneSince();
+      if (gone_since && now - *gone_since >= plan_.lost_timeout) {
+        GiveUp(now - *gone_since);
+        continue;
+      }
+      if (const std::optional<size_t> server = servers_.Take(now)) return *server;
+      Clock::time_point until = servers_.NextFree();
+      if (gone_since) until = std::min(until, *gone_since + plan_.lost_timeout);
+      if (!WaitUntil(until)) return absl::CancelledError("stopped");
     }
+  }
+
+  void Unreachable(size_t server, Clock::time_point now, const absl::Status& status) {
+    servers_.Unreachable(server, now);
+    const bool all = servers_.GoneSince().has_value();
+    const std::lock_guard lock(mutex_);
+    last_unreachable_ = status;
+    if (!std::exchange(told_gone_, all) && all && hooks_.on_gone) hooks_.on_gone(status);
+  }
+
+  void GiveUp(Clock::duration waited) {
+    const std::lock_guard lock(mutex_);
+    if (stopping_) return;
+    gone_ = absl::UnavailableError(absl::StrCat(
+        plan_.servers.size() == 1 ? "the server" : absl::StrCat("none of ", plan_.servers.size(), " servers"),
+        plan_.servers.size() == 1 ? " could not be reached for " : " could be reached for ",
+        std::chrono::duration_cast<std::chrono::seconds>(waited).count(),
+        " s: ", std::string(last_unreachable_.message())));
+    stopping_ = true;
+    changed_.notify_all();
   }
 
   struct Attempted {
@@ -289,7 +361,8 @@ class Run {
   std::condition_variable changed_;
   std::vector<JobContext*> running_;  // of each worker
   size_t workers_ = 0, next_ = 0, ended_ = 0, failed_ = 0;
-  bool stopping_ = false;
+  bool stopping_ = false, told_gone_ = false;
+  absl::Status last_unreachable_ = absl::OkStatus(), gone_ = absl::OkStatus();
 };
 
 }  // namespace

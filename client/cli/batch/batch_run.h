@@ -23,8 +23,10 @@ struct BatchPlan {
   int jobs = 1;                            // items under way at the same time
   int retries = 5;                         // of an item whose server was lost or failed, besides the first attempt
   std::chrono::seconds busy_timeout{600};  // how long an item may wait for servers that have too much to do
+  std::chrono::milliseconds lost_timeout{30000};  // how long to wait for any server at all, once none can be reached
   std::optional<std::chrono::milliseconds> deadline;  // of an attempt
   bool fail_fast = false;
+  bool allow_outside = false;  // inputs may name files outside of their directory
 };
 
 enum class ItemStatus {
@@ -37,6 +39,7 @@ enum class ItemStatus {
 struct ItemReport {
   ItemStatus status = ItemStatus::kLeft;
   absl::Status error = absl::OkStatus();
+  bool permanent = false;   // of an error: trying again gives it again, it is the item's own
   double milliseconds = 0;  // reading, waiting for servers and writing included
   int attempts = 0;
   std::string server, worker;      // of the last attempt; empty where none
@@ -49,6 +52,7 @@ struct ItemReport {
 struct BatchResult {
   std::vector<ItemReport> items;  // in order
   double seconds = 0;
+  absl::Status gone = absl::OkStatus();  // UNAVAILABLE where the run ended because no server could be reached any more
 };
 
 struct BatchHooks {
@@ -57,6 +61,10 @@ struct BatchHooks {
   std::function<int()> stop_signal;  // not 0: stop
   // After how long a server that has too much to do wants to be asked again; nothing where the error is not one of load.
   std::function<std::optional<std::chrono::milliseconds>(const absl::Status&)> retry_delay;
+  // Whether an error says that a server could not be reached at all. Absent: none does.
+  std::function<bool(const absl::Status&)> could_not_connect;
+  // No server can be reached, with the last one's error: the run waits for one. From several threads, one at a time.
+  std::function<void(const absl::Status&)> on_gone;
   // From the calling thread, every now and then, and once at the end.
   std::function<void(size_t ended, size_t failed)> on_progress;
   std::function<void(const BatchItem&, const absl::Status&)> on_failure;  // from several threads, one at a time
@@ -64,7 +72,8 @@ struct BatchHooks {
 
 // Each item is read, skipped if its record says that it is done, otherwise run and written: its files appear under their names when
 // they are complete, its record after them. An item's error is its own. A lost or failing server is left alone for a while, its
-// items go to the others; a server that is busy is asked again when it said so. A signal cancels what is under way.
+// items go to the others; a server that is busy is asked again when it said so. Where no server can be reached for `lost_timeout` the run
+// ends, and the items that are left stay so. A signal cancels what is under way.
 BatchResult RunBatch(const BatchPlan& plan, const BatchHooks& hooks);
 
 }  // namespace voxelpipe::cli

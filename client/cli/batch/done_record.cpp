@@ -6,6 +6,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "encode/atomic_file.h"
+#include "encode/encode.h"
+#include "encode/output_path.h"
 #include "hash.h"
 #include "report.h"
 
@@ -45,13 +47,15 @@ absl::StatusOr<DoneRecord> Parse(std::istream& in) {
 }  // namespace
 
 absl::StatusOr<std::string> ItemKey(const BatchItem& item, const std::string& input_sha256) {
-  const std::string text = absl::StrCat("voxelpipe batch ", kFormatVersion, "\n", item.request->digest, "\n",
-                                        input_sha256, "\n", item.output, "\n", item.preview, "\n");
+  const std::string text =
+      absl::StrCat("voxelpipe batch ", kFormatVersion, "\n", item.request->digest, "\n", input_sha256, "\n",
+                   item.output, "\n", item.preview, "\n", FileExtension(item.output) == ".raw" ? "described\n" : "");
   return Sha256Hex({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
 }
 
 std::string RecordPath(const std::string& output_dir, const BatchItem& item) {
-  return (fs::path(output_dir) / kRecordDirectory / (item.output + ".json")).string();
+  const std::string path = (fs::path(output_dir) / kRecordDirectory / item.output).string();
+  return FitFileName(path, std::string(".json").size()) + ".json";
 }
 
 absl::StatusOr<DoneRecord> FindRecord(const std::string& output_dir, const BatchItem& item, const std::string& key) {

@@ -13,8 +13,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "batch/done_record.h"
+#include "batch/inside.h"
 #include "encode/atomic_file.h"
 #include "encode/encode.h"
+#include "encode/output_path.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -35,22 +37,26 @@ void RemoveLeftovers(const std::string& output_dir, const std::vector<BatchItem>
   std::unordered_set<std::string> ours;
   std::set<fs::path> directories;
   const auto add = [&](const fs::path& path) {
-    ours.insert(path.string());
-    directories.insert(path.parent_path());
+    const absl::StatusOr<std::string> file = FollowLinks(path.string());
+    if (!file.ok()) return;
+    ours.insert(AtomicFile::TemporaryStem(*file));
+    directories.insert(fs::path(*file).parent_path());
   };
   for (const BatchItem& item : items) {
-    for (const std::string& name : OutputPaths(item.output, item.request->request.targets.size())) {
+    for (const std::string& name : WrittenPaths(item.output, item.request->request.targets.size())) {
       add(fs::path(output_dir) / name);
     }
     if (!item.preview.empty()) add(fs::path(output_dir) / item.preview);
     add(RecordPath(output_dir, item));
   }
   for (const fs::path& directory : directories) {
+    // What a link leads to elsewhere is not written through it, so nothing of ours lies there.
+    if (!CheckInside(output_dir, (directory / "file").string()).ok()) continue;
     std::error_code ignored;  // a directory that is not there has nothing in it
     for (fs::directory_iterator at(directory, ignored), end; !ignored && at != end; at.increment(ignored)) {
       const std::string path = at->path().string();
-      const std::string final_path = AtomicFile::FinalPath(path);
-      if (final_path.empty() || !ours.contains(final_path)) continue;
+      const std::string stem = AtomicFile::StemOf(path);
+      if (stem.empty() || !ours.contains(stem)) continue;
       std::error_code gone;
       fs::remove(path, gone);
     }
@@ -62,6 +68,7 @@ absl::StatusOr<RunLock> RunLock::Take(const std::string& output_dir, const Shard
   std::error_code error;
   fs::create_directories(directory, error);
   if (error) return absl::ErrnoToStatus(error.value(), absl::StrCat("cannot create '", directory.string(), "'"));
+  if (absl::Status s = CheckInside(output_dir, (directory / "record").string()); !s.ok()) return s;
   const std::string path = (directory / absl::StrCat("lock-", shard.index % shard.count, "-of-", shard.count)).string();
   for (;;) {
     const int descriptor = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);

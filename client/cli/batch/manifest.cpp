@@ -1,6 +1,8 @@
 #include "batch/manifest.h"
 
+#include <cerrno>
 #include <charconv>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -281,8 +283,9 @@ class Reader {
       const auto [at, fresh] = ids_.emplace(item.id, item.line);
       if (!fresh) return Wrong("the id '", item.id, "' is that of line ", at->second, " already");
     }
-    std::vector<std::string> files = OutputPaths(item.output, item.request->request.targets.size());
-    if (files.size() > 1) files.push_back(item.output);  // names the record of what is done
+    const size_t targets = item.request->request.targets.size();
+    std::vector<std::string> files = WrittenPaths(item.output, targets);
+    if (files.front() != item.output) files.push_back(item.output);  // names the record of what is done
     if (!item.preview.empty()) files.push_back(item.preview);
     for (const std::string& file : files) {
       const auto [at, fresh] = files_.emplace(file, item.line);
@@ -314,9 +317,12 @@ absl::StatusOr<Shard> ParseShard(const std::string& text) {
 }
 
 absl::StatusOr<Manifest> ReadManifest(const std::string& path, const ManifestDefaults& defaults) {
-  if (std::error_code error; !fs::exists(path, error)) return absl::NotFoundError(absl::StrCat(path, ": no such file"));
+  std::error_code error;
+  if (!fs::exists(path, error)) return absl::NotFoundError(absl::StrCat(path, ": no such file"));
+  if (fs::is_directory(path, error)) return Wrong(path, ": is a directory");
+  errno = 0;
   std::ifstream file(path, std::ios::binary);
-  if (!file || fs::is_directory(path)) return Wrong(path, ": cannot be read");
+  if (!file) return Wrong(path, ": cannot be read: ", std::strerror(errno));
   Reader reader(fs::path(path).parent_path(), defaults);
   std::string text;
   for (size_t line = 1; std::getline(file, text); ++line) {

@@ -32,9 +32,20 @@ ServerPool::TimePoint ServerPool::NextFree() const {
   return first;
 }
 
+std::optional<ServerPool::TimePoint> ServerPool::GoneSince() const {
+  const std::lock_guard lock(mutex_);
+  TimePoint since = TimePoint::min();
+  for (const Server& server : servers_) {
+    if (!server.gone_since) return std::nullopt;
+    since = std::max(since, *server.gone_since);
+  }
+  return since;
+}
+
 void ServerPool::Answered(size_t server) {
   const std::lock_guard lock(mutex_);
   servers_[server].losses = 0;
+  servers_[server].gone_since.reset();
 }
 
 void ServerPool::Return(size_t server) {
@@ -44,6 +55,17 @@ void ServerPool::Return(size_t server) {
 
 void ServerPool::Lost(size_t server, TimePoint now) {
   const std::lock_guard lock(mutex_);
+  servers_[server].gone_since.reset();
+  Rest(server, now);
+}
+
+void ServerPool::Unreachable(size_t server, TimePoint now) {
+  const std::lock_guard lock(mutex_);
+  if (!servers_[server].gone_since) servers_[server].gone_since = now;
+  Rest(server, now);
+}
+
+void ServerPool::Rest(size_t server, TimePoint now) {
   Server& lost = servers_[server];
   if (lost.rests_until > now) return;
   const auto rest = kFirstRest * (1 << std::min(lost.losses, 10));
@@ -55,6 +77,7 @@ void ServerPool::Busy(size_t server, TimePoint now, std::chrono::milliseconds de
   const std::lock_guard lock(mutex_);
   Server& busy = servers_[server];
   busy.losses = 0;
+  busy.gone_since.reset();
   busy.rests_until = std::max(busy.rests_until, now + std::clamp(delay, kShortestDelay, kLongestRest));
 }
 

@@ -22,6 +22,9 @@ class ServerPool {
   // When the first of them ends its rest.
   TimePoint NextFree() const;
 
+  // Since when all servers are gone; nothing while one is not.
+  std::optional<TimePoint> GoneSince() const;
+
   // Gives a place back, once for each Take.
   void Return(size_t server);
 
@@ -30,14 +33,19 @@ class ServerPool {
   // It could not be reached or went away: it rests for a quarter of a second, each time in a row twice as long, up to half a minute.
   // Jobs that fail while it rests already do not count: they were under way together.
   void Lost(size_t server, TimePoint now);
+  // No connection could be made: as Lost, and it counts as gone until something else is shown of it.
+  void Unreachable(size_t server, TimePoint now);
   // It has too much to do and says for how long.
   void Busy(size_t server, TimePoint now, std::chrono::milliseconds delay);
 
  private:
+  void Rest(size_t server, TimePoint now);  // under the lock
+
   struct Server {
     size_t jobs = 0;
     int losses = 0;  // in a row
     TimePoint rests_until{};
+    std::optional<TimePoint> gone_since{};
   };
   mutable std::mutex mutex_;
   std::vector<Server> servers_;

@@ -84,6 +84,7 @@ nlohmann::ordered_json BenchJson(const LoadPlan& plan, const LoadResult& result)
     json["error_latency_ms"][code] = TimesJson(failures.latency_ns);
     json["errors_with_retry_info"][code] = failures.with_retry_info;
   }
+  if (plan.honour_retry) json["resends"] = tally.resends;
   json["bytes_per_second"] = PerSecond(double(tally.result_bytes), result);
   json["received_bytes_per_second"] = PerSecond(double(tally.received_bytes), result);
   json["issue_seconds"] = result.issue_seconds;
@@ -129,6 +130,7 @@ std::string BenchTable(const LoadPlan& plan, const LoadResult& result) {
     row("errors", absl::StrCat(WithCommas(failures.count), " ", code));
     row("  after, ms", TimesText(failures.latency_ns));
   }
+  if (plan.honour_retry) row("sent again", absl::StrCat(WithCommas(tally.resends), " times, when the server said"));
   row("throughput", absl::StrFormat("%.1f a second, %s/s of results", PerSecond(double(tally.ok), result),
                                     HumanBytes(uint64_t(PerSecond(double(tally.result_bytes), result)))));
   if (tally.ok > 0) {

@@ -56,6 +56,8 @@ class CallLane final : public SingleCalls<Stream> {
     }
   }
 
+  void* PauseTag(Stream& call) override { return &call.paused; }
+
   void Handle(void* tag, bool ok) override {
     Stream& call = *static_cast<Tag*>(tag)->call;
     switch (static_cast<Tag*>(tag)->event) {
@@ -84,7 +86,7 @@ class CallLane final : public SingleCalls<Stream> {
     outcome.code = !call.broken.ok() ? call.broken.code() : absl::StatusCode(int(call.status.error_code()));
     if (outcome.code == absl::StatusCode::kOk) call.answer.Fill(run_.expected_hash, outcome);
     call.stream.reset();  // lies in the call, which the next context lets go
-    Complete(call, outcome, &call.paused);
+    Complete(call, outcome);
   }
 };
 

@@ -1,10 +1,12 @@
 // One connection of a load, served by one thread.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,6 +16,7 @@
 #include <grpcpp/support/status.h>
 
 #include "bench/load.h"
+#include "wire/status.h"
 
 namespace voxelpipe::cli {
 
@@ -25,6 +28,7 @@ struct LoadRun {
   LoadClock::time_point begin, end;  // of the window that counts
   std::optional<std::chrono::milliseconds> deadline;
   std::string expected_hash;
+  bool honour_retry = false;
   // The messages of one call, in order, serialized once. Of VoxelizeMany: one message, without its id.
   using Variant = std::vector<grpc::ByteBuffer>;
   std::vector<Variant> variants;  // taken in turn
@@ -59,6 +63,15 @@ std::unique_ptr<Lane> MakeUnaryLane(std::shared_ptr<grpc::Channel> channel, Load
 // Whether an error has a RetryInfo. Looks for its name: thousands a second are not parsed.
 inline bool SaysWhenToRetry(const grpc::Status& status) {
   return status.error_details().find("/google.rpc.RetryInfo") != std::string::npos;
+}
+
+// When a request that failed so is to be sent again, where retries are honoured and the window is not over by then.
+inline std::optional<LoadClock::time_point> ResendAt(const LoadRun& run, const absl::Status& failure) {
+  if (!run.honour_retry) return std::nullopt;
+  const std::optional<std::chrono::milliseconds> delay = RetryDelay(failure);
+  if (!delay) return std::nullopt;
+  const LoadClock::time_point at = LoadClock::now() + std::max(*delay, std::chrono::milliseconds(1));
+  return at < run.end ? std::optional(at) : std::nullopt;
 }
 
 // The lane's count of one outcome: only requests that were due within the window count.

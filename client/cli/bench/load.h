@@ -35,6 +35,7 @@ struct LoadPlan {
   bool same_request =
       false;  // each time; otherwise they differ where it does not matter, so that a server cannot answer several by one
   bool send_mesh = false;      // the bytes each time instead of the id of an uploaded mesh
+  bool honour_retry = false;   // a request that is refused with a delay is sent again after it
   int connections = 0;         // 0: one a server
   int concurrency = 1;         // closed loop: clients that send their next request when the last is answered
   std::optional<double> rate;  // open loop: requests a second, all servers together
@@ -61,6 +62,7 @@ struct Outcome {
   std::optional<uint64_t> batch_launches;
   uint32_t attempts = 0;
   bool cached = false;
+  uint32_t resends = 0;  // after the server said when to come again
   // Of a failure: whether the server said when to come again.
   bool retry_info = false;
 };
@@ -87,6 +89,7 @@ struct Tally {
   double launches = 0;  // each job has its share of its pass
   uint64_t launch_answers = 0;
   uint64_t retried = 0, cached = 0;
+  uint64_t resends = 0;
   // Of all:
   Histogram lag_ns;
 };

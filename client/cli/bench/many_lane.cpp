@@ -1,6 +1,8 @@
 // Jobs of one VoxelizeMany stream. A stream that breaks fails its jobs and is opened anew.
+#include <algorithm>
 #include <deque>
 #include <iterator>
+#include <map>
 #include <optional>
 #include <thread>
 #include <utility>
@@ -99,6 +101,7 @@ class ManyLane final : public Lane {
     LoadClock::time_point due, sent;
     Answer answer;
     bool active = false;
+    uint32_t resends = 0;
   };
 
   void* TagOf(Event event) { return &tags_[size_t(event)]; }
@@ -150,9 +153,10 @@ class ManyLane final : public Lane {
     for (;;) {
       void* tag = nullptr;
       bool ok = false;
-      const auto next = queue_.AsyncNext(&tag, &ok, std::chrono::system_clock::now() + kLookEvery);
+      const auto next = queue_.AsyncNext(&tag, &ok, NextLook());
       if (next == grpc::CompletionQueue::SHUTDOWN) return;
       if (next == grpc::CompletionQueue::GOT_EVENT) Handle(*static_cast<const Event*>(tag), ok);
+      SendDelayed();
       LookAtFlags();
     }
   }
@@ -245,6 +249,7 @@ class ManyLane final : public Lane {
         for (const auto& detail : message.error().details()) {
           outcome.retry_info |= detail.type_url().ends_with("/google.rpc.RetryInfo");
         }
+        if (outcome.retry_info && Delay(slot, message.error())) return true;
         break;
       case v1::VoxelizeManyResponse::kWhole:
         if (!job.answer.Take(*message.mutable_whole()).ok()) return false;
@@ -257,11 +262,49 @@ class ManyLane final : public Lane {
     }
     if (outcome.code == absl::StatusCode::kOk) job.answer.Fill(run_.expected_hash, outcome);
     Complete(slot, outcome);
-    if (!NextAtOnce(slot)) Release(slot);
+    const bool told_to_wait = run_.honour_retry && outcome.retry_info;  // beyond the window
+    if (told_to_wait || !NextAtOnce(slot)) Release(slot);
     return true;
   }
 
+  // Sends the job again when the server said, if that is wanted. Under the lock.
+  bool Delay(size_t slot, const google::rpc::Status& error) {
+    const grpc::Status status(grpc::StatusCode(error.code()), error.message(), error.SerializeAsString());
+    const auto at = ResendAt(run_, FromGrpcStatus(status));
+    if (!at) return false;
+    jobs_[slot].active = false;
+    ++jobs_[slot].resends;
+    delayed_.emplace(*at, slot);
+    return true;
+  }
+
+  void SendDelayed() {
+    const std::lock_guard lock(mutex_);
+    const LoadClock::time_point now = LoadClock::now();
+    const bool cancelled = run_.cancel.load(std::memory_order_relaxed);
+    while (!delayed_.empty() && (cancelled || delayed_.begin()->first <= now)) {
+      const size_t slot = delayed_.begin()->second;
+      delayed_.erase(delayed_.begin());
+      if (cancelled) {
+        Release(slot);
+        continue;
+      }
+      jobs_[slot].answer.Reset();
+      jobs_[slot].active = true;
+      unsent_.push_back(slot);
+    }
+    Pump();
+  }
+
+  std::chrono::system_clock::time_point NextLook() {
+    const std::lock_guard lock(mutex_);
+    LoadClock::duration wait = kLookEvery;
+    if (!delayed_.empty()) wait = std::clamp(delayed_.begin()->first - LoadClock::now(), LoadClock::duration(), wait);
+    return std::chrono::system_clock::now() + std::chrono::duration_cast<std::chrono::microseconds>(wait);
+  }
+
   void Complete(size_t slot, Outcome& outcome) {
+    outcome.resends = std::exchange(jobs_[slot].resends, 0);
     tally_.Add(jobs_[slot].due, jobs_[slot].sent, outcome);
     jobs_[slot].active = false;
   }
@@ -315,6 +358,7 @@ class ManyLane final : public Lane {
   std::deque<Job> jobs_;  // by id - 1
   std::vector<size_t> free_;
   std::deque<size_t> unsent_;
+  std::multimap<LoadClock::time_point, size_t> delayed_;  // slots of jobs that were refused, by when they go again
   bool open_ = false, writing_ = false, half_closed_ = false, finished_ = false;
   int pending_ = 0;  // events that are still to come of this stream
   std::optional<LoadClock::time_point> ending_;

@@ -335,6 +335,7 @@ absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan) {
   if (absl::Status status = servers.Prepare(plan, run, result); !status.ok()) return status;
 
   run.closed_loop = !plan.rate;
+  run.honour_retry = plan.honour_retry;
   run.deadline = plan.deadline;
   const auto seconds = [](double value) {
     return std::chrono::duration_cast<LoadClock::duration>(std::chrono::duration<double>(value));

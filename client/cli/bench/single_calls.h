@@ -25,6 +25,8 @@ struct SingleCall {
   grpc::Status status;
   grpc::Alarm alarm;
   bool active = false;
+  bool resending = false;  // waits to be sent again
+  uint32_t resends = 0;
 };
 
 // `Call` is a SingleCall that can be made without arguments and stays where it is. Whoever derives calls Serve last in the constructor
@@ -68,17 +70,32 @@ class SingleCalls : public Lane {
   virtual void Launch(Call& call) = 0;
   virtual void Handle(void* tag, bool ok) = 0;
 
-  // The call is over. `pause`: the tag for Handle, which calls Again, where the next one has to wait.
-  void Complete(Call& call, Outcome& outcome, void* pause) {
+  // The tag for Handle, which calls Again, at the end of a pause of this call.
+  virtual void* PauseTag(Call& call) = 0;
+
+  // The call is over.
+  void Complete(Call& call, Outcome& outcome) {
     // A closed loop whose server is gone would spin: a refused call comes back at once.
     constexpr std::chrono::milliseconds kPauseUnavailable{10};
     if (outcome.code != absl::StatusCode::kOk) outcome.retry_info = SaysWhenToRetry(call.status);
+    if (outcome.retry_info) {
+      if (const auto at = ResendAt(run_, FromGrpcStatus(call.status))) {
+        ++call.resends;
+        call.resending = true;
+        call.active = false;
+        const auto wait = std::chrono::duration_cast<std::chrono::microseconds>(*at - LoadClock::now());
+        call.alarm.Set(&queue_, std::chrono::system_clock::now() + wait, PauseTag(call));
+        return;
+      }
+    }
+    outcome.resends = std::exchange(call.resends, 0);
     tally_.Add(call.due, call.sent, outcome);
     call.active = false;
-    if (!run_.closed_loop) {
+    const bool told_to_wait = run_.honour_retry && outcome.retry_info;  // beyond the window
+    if (!run_.closed_loop || told_to_wait) {
       Release(call);
     } else if (outcome.code == absl::StatusCode::kUnavailable) {
-      call.alarm.Set(&queue_, std::chrono::system_clock::now() + kPauseUnavailable, pause);
+      call.alarm.Set(&queue_, std::chrono::system_clock::now() + kPauseUnavailable, PauseTag(call));
     } else {
       Again(call);
     }
@@ -86,7 +103,9 @@ class SingleCalls : public Lane {
 
   void Again(Call& call) {
     const LoadClock::time_point now = LoadClock::now();
-    if (run_.stop.load(std::memory_order_relaxed) || now >= run_.end) {
+    if (std::exchange(call.resending, false) && !run_.cancel.load(std::memory_order_relaxed)) {
+      Send(call);
+    } else if (run_.stop.load(std::memory_order_relaxed) || now >= run_.end) {
       Release(call);
     } else {
       LaunchAt(call, now);
@@ -101,6 +120,10 @@ class SingleCalls : public Lane {
   void LaunchAt(Call& call, LoadClock::time_point due) {
     call.due = due;
     call.sent = LoadClock::now();
+    Send(call);
+  }
+
+  void Send(Call& call) {
     call.context.emplace();
     if (run_.deadline) call.context->set_deadline(std::chrono::system_clock::now() + *run_.deadline);
     call.active = true;

@@ -7,6 +7,7 @@ namespace voxelpipe::cli {
 void Tally::Add(const Outcome& outcome) {
   ++requests;
   lag_ns.Add(outcome.lag_ns);
+  resends += outcome.resends;
   if (outcome.code != absl::StatusCode::kOk) {
     Failures& failures = errors[absl::StatusCodeToString(outcome.code)];
     ++failures.count;
@@ -59,6 +60,7 @@ void Tally::Merge(const Tally& other) {
   retried += other.retried;
   cached += other.cached;
   lag_ns.Merge(other.lag_ns);
+  resends += other.resends;
 }
 
 }  // namespace voxelpipe::cli

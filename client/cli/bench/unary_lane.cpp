@@ -37,9 +37,13 @@ class UnaryLane final : public SingleCalls<Unary> {
       outcome.code = TakeAnswer(call, answer).code();
       if (outcome.code == absl::StatusCode::kOk) answer.Fill(run_.expected_hash, outcome);
     }
-    call.paused = run_.closed_loop && outcome.code == absl::StatusCode::kUnavailable;
     call.reader.reset();  // lies in the call, which the next context lets go
-    Complete(call, outcome, &call);
+    Complete(call, outcome);
+  }
+
+  void* PauseTag(Unary& call) override {
+    call.paused = true;
+    return &call;
   }
 
   absl::Status TakeAnswer(Unary& call, Answer& answer) {

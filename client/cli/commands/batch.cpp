@@ -2,6 +2,7 @@
 #include <filesystem>
 
 #include "absl/strings/str_cat.h"
+#include "base/text.h"
 #include "base/machine.h"
 #include "batch/batch_report.h"
 #include "batch/batch_run.h"
@@ -24,10 +25,13 @@ struct BatchArguments {
   std::optional<std::string> shard;
   std::optional<int> jobs;
   std::optional<int64_t> deadline_ms;
-  int64_t busy_timeout_s = 600;
+  int64_t busy_timeout_s = 600, lost_timeout_s = 30;
   std::string report;
   bool json = false;
 };
+
+// All was done that can be: no other run will do the rest.
+constexpr int kOnlyPermanentErrors = 3;
 
 // Reads the options and the manifest. Every error is one of usage.
 absl::Status Prepare(BatchArguments& arguments) {
@@ -38,6 +42,7 @@ absl::Status Prepare(BatchArguments& arguments) {
   }
   if (plan.retries < 0) return absl::InvalidArgumentError("--retries: at least 0");
   if (arguments.busy_timeout_s < 0) return absl::InvalidArgumentError("--busy-timeout: at least 0 seconds");
+  if (arguments.lost_timeout_s < 0) return absl::InvalidArgumentError("--lost-timeout: at least 0 seconds");
   if (arguments.deadline_ms && *arguments.deadline_ms < 1)
     return absl::InvalidArgumentError("--deadline-ms: at least 1");
   if (!plan.servers.empty()) {
@@ -58,6 +63,7 @@ absl::Status Prepare(BatchArguments& arguments) {
   const int cores = CpuCount();
   plan.jobs = arguments.jobs.value_or(plan.servers.empty() ? std::min(4, cores) : 4 * int(plan.servers.size()));
   plan.busy_timeout = std::chrono::seconds(arguments.busy_timeout_s);
+  plan.lost_timeout = std::chrono::seconds(arguments.lost_timeout_s);
   if (arguments.deadline_ms) plan.deadline = std::chrono::milliseconds(*arguments.deadline_ms);
   return absl::OkStatus();
 }
@@ -82,6 +88,11 @@ absl::StatusOr<BatchResult> Run(const BatchPlan& plan) {
   hooks.make_engine = [](const std::string& server) { return *MakeEngine(server); };
   hooks.stop_signal = &InterruptSignal;
   hooks.retry_delay = &RetryDelayOf;
+  hooks.could_not_connect = &CouldNotConnect;
+  hooks.on_gone = [&](const absl::Status& status) {
+    PrintError("batch", absl::StrCat("no server can be reached, waiting up to ", plan.lost_timeout.count() / 1000,
+                                     " s for one: ", ErrorText(status)));
+  };
   hooks.on_progress = [&](size_t ended, size_t failed) {
     bar.Show(absl::StrCat(ended, " of ", plan.items.size(), failed > 0 ? absl::StrCat(", ", failed, " failed") : ""),
              double(ended) / double(std::max<size_t>(1, plan.items.size())));
@@ -112,11 +123,16 @@ int Batch(BatchArguments& arguments) {
   if (told.ok()) told = PrintLine(arguments.json ? TotalsJson(*result).dump() : TotalsLine(*result));
   if (!told.ok()) PrintError("batch", told);
   if (const int signal = InterruptSignal(); signal != 0) {
-    PrintError("batch", absl::StrCat("stopped, ", TotalsOf(*result).left, " items are left"));
-    return 128 + signal;
+    PrintError("batch", absl::StrCat(StoppedReason(signal), ", ", TotalsOf(*result).left, " items are left"));
+    return StoppedExitCode(signal);
   }
   const BatchTotals totals = TotalsOf(*result);
-  return told.ok() && totals.failed == 0 && totals.left == 0 ? 0 : 1;
+  if (!result->gone.ok()) {
+    PrintError("batch", absl::StrCat(ErrorText(result->gone), "; ", totals.left, " items are left"));
+    return 1;
+  }
+  if (!told.ok() || totals.left > 0 || totals.failed > totals.permanent) return 1;
+  return totals.failed == 0 ? 0 : kOnlyPermanentErrors;
 }
 
 }  // namespace
@@ -157,10 +173,13 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
   add("--retries", plan.retries, "R", "Further attempts for a mesh whose server was lost or late (default 5)");
   add("--busy-timeout", arguments->busy_timeout_s, "S",
       "Seconds to wait for servers that have too much to do (default 600)");
+  add("--lost-timeout", arguments->lost_timeout_s, "S",
+      "Seconds to wait for any server once none can be reached; then the run ends (default 30)");
   add("--deadline-ms", arguments->deadline_ms, "T", "Longest time of an attempt (default: none)");
   command->add_flag("--fail-fast", plan.fail_fast, "Begin no mesh after one has failed")->group(group);
   add("--report", arguments->report, "FILE", "Write what became of each mesh, as JSON")->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the totals as one JSON object")->group(group);
+  AddAllowOutside(*command, plan.allow_outside);
   AddRequestFlags(*command, arguments->defaults.request);
   command->callback([arguments, &exit_code] { exit_code = Batch(*arguments); });
 }

@@ -11,6 +11,7 @@
 #include "report.h"
 #include "request_flags.h"
 #include "server_option.h"
+#include "shaders/catalog.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -21,7 +22,8 @@ struct BenchArguments {
   LoadPlan plan;
   std::optional<int64_t> deadline_ms;
   std::string arrivals = "poisson", fallback;
-  bool json = false;
+  double max_error_rate = 0.01;
+  bool json = false, allow_outside = false;
 };
 
 absl::Status CheckOptions(const BenchArguments& arguments) {
@@ -34,6 +36,9 @@ absl::Status CheckOptions(const BenchArguments& arguments) {
   if (plan.rate && !(*plan.rate > 0)) return absl::InvalidArgumentError("--rate: more than 0 requests a second");
   if (arguments.deadline_ms && *arguments.deadline_ms < 1)
     return absl::InvalidArgumentError("--deadline-ms: at least 1");
+  if (!(arguments.max_error_rate >= 0 && arguments.max_error_rate <= 1)) {
+    return absl::InvalidArgumentError("--max-error-rate: 0 to 1");
+  }
   if (arguments.deadline_ms && plan.many) {
     return absl::InvalidArgumentError("--deadline-ms goes with single calls; jobs of a stream take --queue-timeout-ms");
   }
@@ -45,7 +50,8 @@ absl::Status CheckOptions(const BenchArguments& arguments) {
 
 absl::StatusOr<LoadResult> Run(BenchArguments& arguments) {
   try {
-    absl::StatusOr<FileBytes> mesh = ReadAndPackMeshFile(arguments.mesh);
+    absl::StatusOr<FileBytes> mesh = ReadAndPackMeshFile(
+        arguments.mesh, {}, nullptr, {arguments.allow_outside, TexturesRead(arguments.plan.request)});
     if (!mesh.ok()) {
       return absl::Status(mesh.status().code(),
                           absl::StrCat(arguments.mesh, ": ", std::string(mesh.status().message())));
@@ -83,7 +89,13 @@ int Bench(BenchArguments& arguments) {
       PrintLine(arguments.json ? BenchJson(plan, *result).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
                                : BenchTable(plan, *result));
   if (!status.ok()) PrintError("", status);
-  if (const int signal = InterruptSignal(); signal != 0) return 128 + signal;
+  if (const int signal = InterruptSignal(); signal != 0) return StoppedExitCode(signal);
+  const uint64_t requests = result->tally.requests, errors = requests - result->tally.ok;
+  if (double(errors) > arguments.max_error_rate * double(requests)) {
+    PrintError("bench", absl::StrCat(errors, " of ", requests, " requests failed: more than --max-error-rate, ",
+                                     arguments.max_error_rate));
+    return 1;
+  }
   return status.ok() && result->tally.ok > 0 ? 0 : 1;
 }
 
@@ -113,6 +125,11 @@ void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments
   add("--max-in-flight", plan.max_in_flight, "N",
       "Most unanswered requests of an open loop (default 4096); beyond, those that are due wait, and their latency "
       "counts");
+  flag("--honour-retry", plan.honour_retry,
+       "Send a request that was refused again when the server said (RetryInfo), as good clients do; its latency counts "
+       "on");
+  add("--max-error-rate", arguments.max_error_rate, "R",
+      "Exit 1 where a larger part of the requests failed (default 0.01)");
   flag("--many", plan.many, "Send jobs on VoxelizeMany streams, one a connection, instead of single calls");
   flag("--stream", plan.stream, "Never call VoxelizeWhole, which takes one message and gives one");
   flag("--pieces", plan.pieces, "Never send or ask for all in one message");
@@ -146,6 +163,7 @@ void AddBenchCommand(CLI::App& app, int& exit_code) {
         if (server.empty()) throw CLI::ValidationError("--server", "must not be empty");
       });
   command->add_flag("--json", arguments->json, "Print one JSON object");
+  AddAllowOutside(*command, arguments->allow_outside);
   AddLoadOptions(*command, arguments->plan, *arguments);
   AddRequestFlags(*command, arguments->request);
   command->callback([arguments, &exit_code] { exit_code = Bench(*arguments); });

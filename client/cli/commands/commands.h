@@ -1,5 +1,5 @@
 // The subcommands. Each adds itself to the app; its callback sets `exit_code`: 0 done, 1 a job failed, 2 an option is
-// wrong, 128 + signal where the user stopped it.
+// wrong, StoppedExitCode where the user stopped it.
 #pragma once
 
 #include <CLI/CLI.hpp>

@@ -13,6 +13,7 @@
 #include "mesh_file.h"
 #include "pipeline/warnings.h"
 #include "report.h"
+#include "request_flags.h"
 #include "server_option.h"
 
 namespace voxelpipe::cli {
@@ -20,7 +21,7 @@ namespace {
 
 struct InfoArguments {
   std::string path, server;
-  bool json = false;
+  bool json = false, allow_outside = false;
 };
 
 nlohmann::ordered_json InfoJson(const std::string& path, const MeshFacts& facts) {
@@ -88,8 +89,8 @@ absl::Status Print(const InfoArguments& arguments, const MeshFacts& facts) {
   return PrintLine(InfoJson(arguments.path, facts).dump(-1, ' ', false, kReplace));
 }
 
-absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const JobContext& job) {
-  absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, job);
+absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const OutsideFiles& outside, const JobContext& job) {
+  absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, outside, job);
   if (!mesh.ok()) return mesh.status();
   WarningList warnings = std::move(mesh->warnings);
   absl::StatusOr<LoadedMesh> loaded = LoadMesh(*std::move(mesh), job);
@@ -106,8 +107,10 @@ absl::Status Info(const InfoArguments& arguments) {
   JobContext job;
   const CancelOnInterrupt cancel(job);
   try {
-    const absl::StatusOr<MeshFacts> facts =
-        arguments.server.empty() ? LocalFacts(arguments.path, job) : RemoteFacts(arguments.server, arguments.path, job);
+    const OutsideFiles outside{arguments.allow_outside, TextureUse{}};  // what is not read it says as well
+    const absl::StatusOr<MeshFacts> facts = arguments.server.empty()
+                                                ? LocalFacts(arguments.path, outside, job)
+                                                : RemoteFacts(arguments.server, arguments.path, outside, job);
     return facts.ok() ? Print(arguments, *facts) : facts.status();
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");
@@ -126,6 +129,7 @@ void AddInfoCommand(CLI::App& app, int& exit_code) {
       ->type_name("HOST:PORT")
       ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print one JSON object");
+  AddAllowOutside(*command, arguments->allow_outside);
   command->callback([arguments, &exit_code] {
     if (const absl::Status status = CheckServerOption(arguments->server); !status.ok()) {
       PrintError("", status);
@@ -135,8 +139,8 @@ void AddInfoCommand(CLI::App& app, int& exit_code) {
     const absl::Status status = Info(*arguments);
     if (status.ok()) return;
     const int signal = InterruptSignal();
-    PrintError(arguments->path, signal != 0 ? absl::CancelledError("stopped") : status);
-    exit_code = signal != 0 ? 128 + signal : 1;
+    PrintError(arguments->path, signal != 0 ? absl::CancelledError(StoppedReason(signal)) : status);
+    exit_code = signal != 0 ? StoppedExitCode(signal) : 1;
   });
 }
 

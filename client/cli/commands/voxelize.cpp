@@ -23,7 +23,7 @@ struct VoxelizeArguments {
   std::string output, preview, server;
   RequestOptions request;
   int repeat = 1;
-  bool json = false;
+  bool json = false, allow_outside = false;
 };
 
 absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputPlan& plan,
@@ -32,7 +32,7 @@ absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputP
   JobContext job([&bar](std::string_view stage, double fraction) { bar.Show(stage, fraction); });
   const CancelOnInterrupt cancel(job);
   try {
-    absl::StatusOr<MeshInput> mesh = ReadMeshInput(input, job);
+    absl::StatusOr<MeshInput> mesh = ReadMeshInput(input, {arguments.allow_outside, TexturesRead(request)}, job);
     if (!mesh.ok()) return mesh.status();
     VoxelizeReport report;
     report.input = input;
@@ -75,8 +75,8 @@ int Voxelize(const VoxelizeArguments& arguments) {
   for (size_t i = 0; i < arguments.inputs.size(); ++i) {
     const absl::Status status = VoxelizeOne(**engine, arguments.inputs[i], (*plans)[i], *request, arguments);
     if (const int signal = InterruptSignal(); signal != 0) {
-      PrintError(arguments.inputs[i], "stopped");
-      return 128 + signal;
+      PrintError(arguments.inputs[i], StoppedReason(signal));
+      return StoppedExitCode(signal);
     }
     if (status.ok()) continue;
     PrintError(arguments.inputs[i], status);
@@ -102,6 +102,7 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
       ->type_name("PNG")
       ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");
+  AddAllowOutside(*command, arguments->allow_outside);
   AddRequestFlags(*command, arguments->request);
   command->add_option("--server", arguments->server, "Voxelize on this server instead of in this process")
       ->group(kExecutionGroup)

@@ -88,6 +88,8 @@ class BatchRunTest : public ::testing::Test {
       if (!absl::IsResourceExhausted(status) || status.message() != "busy") return std::nullopt;
       return std::chrono::milliseconds(1);
     };
+    hooks.could_not_connect = [](const absl::Status& status) { return status.message() == "cannot connect"; };
+    hooks.on_gone = [this](const absl::Status&) { ++gone_; };
     hooks.on_failure = [this](const BatchItem& item, const absl::Status&) { failures_.push_back(item.id); };
     return RunBatch(plan_, hooks);
   }
@@ -102,6 +104,7 @@ class BatchRunTest : public ::testing::Test {
   Script script_;
   std::atomic<int> signal_{0};
   std::vector<std::string> failures_;
+  int gone_ = 0;
 };
 
 TEST_F(BatchRunTest, WhatIsDoneIsNotDoneAgain) {
@@ -289,6 +292,56 @@ TEST_F(BatchRunTest, OneRunAtATimeHasAShard) {
   }
   EXPECT_TRUE(RunLock::Take(out, {0, 2}).ok());
   EXPECT_TRUE(std::filesystem::is_empty(out + "/.voxelpipe"));
+}
+
+TEST_F(BatchRunTest, TheRunEndsAndSaysSoWhereNoServerCanBeReached) {
+  Items(200);
+  plan_.servers = {"a", "b"};
+  plan_.jobs = 4;
+  plan_.retries = 0;  // of items: none was ever tried
+  plan_.lost_timeout = std::chrono::milliseconds(600);
+  script_.before = [](const std::string&, JobContext&) { return absl::UnavailableError("cannot connect"); };
+  const auto begin = std::chrono::steady_clock::now();
+  const BatchResult result = Run();
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(20));
+  EXPECT_TRUE(absl::IsUnavailable(result.gone)) << result.gone;
+  EXPECT_THAT(std::string(result.gone.message()), ::testing::HasSubstr("cannot connect"));
+  EXPECT_THAT(Statuses(result), Each(ItemStatus::kLeft));
+  EXPECT_EQ(gone_, 1);
+  EXPECT_TRUE(failures_.empty());
+}
+
+TEST_F(BatchRunTest, AServerThatCannotBeReachedCostsNoItemAnAttemptAndIsWaitedFor) {
+  Items(6);
+  plan_.servers = {"a"};
+  plan_.retries = 0;
+  script_.before = [this](const std::string&, JobContext&) {
+    return script_.calls < 3 ? absl::UnavailableError("cannot connect") : absl::OkStatus();
+  };
+  const BatchResult result = Run();
+  EXPECT_TRUE(result.gone.ok());
+  EXPECT_THAT(Statuses(result), Each(ItemStatus::kDone));
+  EXPECT_EQ(gone_, 1);
+}
+
+TEST_F(BatchRunTest, ErrorsThatWouldComeAgainArePermanent) {
+  Items(4);
+  plan_.servers = {"a"};
+  plan_.retries = 0;
+  script_.before = [this](const std::string&, JobContext&) -> absl::Status {
+    switch (script_.calls) {
+      case 1: return absl::InvalidArgumentError("broken");
+      case 2: return absl::UnavailableError("gone");
+      case 3: return absl::PermissionDeniedError("not yours");
+      default: return absl::OkStatus();
+    }
+  };
+  const BatchResult result = Run();
+  EXPECT_TRUE(result.items[0].permanent);
+  EXPECT_FALSE(result.items[1].permanent);
+  EXPECT_FALSE(result.items[2].permanent);
+  EXPECT_EQ(TotalsOf(result).failed, 3u);
+  EXPECT_EQ(TotalsOf(result).permanent, 1u);
 }
 
 }  // namespace

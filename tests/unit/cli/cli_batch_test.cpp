@@ -231,5 +231,76 @@ TEST_F(CliBatch, AnEmptyListIsDone) {
   EXPECT_EQ(Batch("out").exit_code, 0);
 }
 
+TEST_F(CliBatch, NothingIsWrittenThroughALinkOutOfItsDirectory) {
+  fs::create_directories(directory_ / "out");
+  fs::create_directories(directory_ / "elsewhere");
+  std::ofstream(directory_ / "elsewhere/file.npy") << "theirs";
+  fs::create_directory_symlink(directory_ / "elsewhere", directory_ / "out/sub");
+  fs::create_symlink(directory_ / "elsewhere/file.npy", directory_ / "out/file.npy");
+  fs::create_symlink(directory_ / "elsewhere/new.npy", directory_ / "out/new.npy");
+  fs::create_symlink("real.npy", directory_ / "out/inside.npy");
+  WriteList({R"({"input":"a.glb","id":"sub/x"})", R"({"input":"a.glb","id":"sub/deeper/x"})",
+             R"({"input":"a.glb","id":"file"})", R"({"input":"a.glb","id":"new"})",
+             R"({"input":"a.glb","id":"inside"})", R"({"input":"a.glb","id":"y","preview":"sub/y.png"})"});
+  const CliOutcome outcome = Batch("out", {"--resolution", "8", "--report", directory_ / "report.json"});
+  EXPECT_EQ(outcome.exit_code, 3) << outcome.err;
+  EXPECT_EQ(LineCount(outcome.err), 5u) << outcome.err;
+  const json report = json::parse(ReadFile(directory_ / "report.json"));
+  for (const json& item : report["items"]) {
+    if (item["id"] == "inside") {
+      EXPECT_EQ(item["status"], "done");
+      continue;
+    }
+    EXPECT_EQ(item["error"]["code"], "PERMISSION_DENIED") << item;
+    EXPECT_THAT(std::string(item["error"]["message"]), HasSubstr("is a link that leads out of")) << item;
+  }
+  EXPECT_EQ(FilesBelow(directory_ / "elsewhere").size(), 1u);
+  EXPECT_EQ(ReadFile(directory_ / "elsewhere/file.npy").size(), 6u);
+  EXPECT_TRUE(fs::is_symlink(directory_ / "out/inside.npy"));
+  EXPECT_TRUE(fs::is_regular_file(directory_ / "out/real.npy"));
+}
+
+TEST_F(CliBatch, TheOutputDirectoryItselfMayBeALink) {
+  fs::create_directories(directory_ / "real");
+  fs::create_directory_symlink("real", directory_ / "out");
+  WriteList({R"({"input":"a.glb","id":"x"})"});
+  EXPECT_EQ(Batch("out", {"--resolution", "8"}).exit_code, 0);
+  EXPECT_TRUE(fs::exists(directory_ / "real/x.npy"));
+}
+
+TEST_F(CliBatch, OnlyPermanentErrorsOfItemsExitWith3) {
+  std::ofstream(directory_ / "bad.glb") << "glTF but not really";
+  WriteList({R"({"input":"a.glb","id":"good"})", R"({"input":"bad.glb"})", R"({"input":"missing.glb"})"});
+  const CliOutcome outcome = Batch("out", {"--resolution", "8", "--report", directory_ / "report.json"});
+  EXPECT_EQ(outcome.exit_code, 3) << outcome.err;
+  for (const char* name : {"bad.glb", "missing.glb"}) {  // named once
+    const size_t at = outcome.err.find(directory_ / name);
+    ASSERT_NE(at, std::string::npos) << outcome.err;
+    EXPECT_EQ(outcome.err.find(directory_ / name, at + 1), std::string::npos) << outcome.err;
+  }
+  const json report = json::parse(ReadFile(directory_ / "report.json"));
+  EXPECT_EQ(report["items"][1]["error"]["permanent"], true);
+  // A disk that takes nothing is nobody's fault among the items.
+  WriteList({R"({"input":"bad.glb"})", R"({"input":"a.glb","id":"x"})"});
+  EXPECT_EQ(RunCli(Command("small", {"--resolution", "128"}), "ulimit -f 8;").exit_code, 1);
+}
+
+TEST_F(CliBatch, ANameOfTheLongestLengthIsDoneOnce) {
+  const std::string id(251, 'n');
+  WriteList({"{\"input\":\"a.glb\",\"id\":\"" + id + "\"}"});
+  EXPECT_EQ(Batch("out", {"--resolution", "8"}).exit_code, 0);
+  EXPECT_TRUE(fs::exists(directory_ / ("out/" + id + ".npy")));
+  EXPECT_EQ(json::parse(Batch("out", {"--resolution", "8", "--json"}).out)["skipped"], 1);
+}
+
+TEST_F(CliBatch, ARawItemIsDescribedAndItsDescriptionBelongsToIt) {
+  WriteList({R"({"input":"a.glb","id":"x","format":"raw"})"});
+  ASSERT_EQ(Batch("out", {"--resolution", "8"}).exit_code, 0);
+  EXPECT_TRUE(fs::exists(directory_ / "out/x.raw.json"));
+  EXPECT_EQ(json::parse(Batch("out", {"--resolution", "8", "--json"}).out)["skipped"], 1);
+  fs::remove(directory_ / "out/x.raw.json");
+  EXPECT_EQ(json::parse(Batch("out", {"--resolution", "8", "--json"}).out)["done"], 1);
+}
+
 }  // namespace
 }  // namespace voxelpipe

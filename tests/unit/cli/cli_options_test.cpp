@@ -2,6 +2,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <map>
+#include <regex>
+#include <sstream>
+
 #include "cli_runner.h"
 
 namespace voxelpipe {
@@ -96,6 +100,43 @@ TEST_F(CliOptions, WrongOptionsExitWith2AndOneLine) {
   EXPECT_EQ(directory_.FileCount(), 1u);
 }
 
+// The options of a command that take a value, from its help.
+std::vector<std::string> OptionsWithValues(const std::string& command) {
+  std::istringstream help(RunCli({command, "--help"}).out);
+  std::vector<std::string> options;
+  for (std::string line; std::getline(help, line);) {
+    std::smatch match;
+    if (std::regex_search(line, match, std::regex("^  (?:-[a-z],)?(--[a-z-]+) [^ ]"))) options.push_back(match[1]);
+  }
+  return options;
+}
+
+TEST_F(CliOptions, AnEmptyValueExitsWith2ForEveryOption) {
+  const std::map<std::string, std::vector<std::string>> commands = {{"voxelize", {box_}}, {"info", {box_}},
+                                                                    {"shaders", {}},      {"server-info", {}},
+                                                                    {"batch", {"list"}},  {"bench", {box_}}};
+  size_t tried = 0;
+  for (const auto& [command, more] : commands) {
+    for (const std::string& option : OptionsWithValues(command)) {
+      std::vector<std::string> arguments = {command};
+      arguments.insert(arguments.end(), more.begin(), more.end());
+      arguments.insert(arguments.end(), {option, ""});
+      const CliOutcome outcome = RunCli(arguments);
+      EXPECT_EQ(outcome.exit_code, 2) << command << " " << option << outcome.err;
+      EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+      EXPECT_THAT(outcome.err, HasSubstr(option)) << command;
+      ++tried;
+    }
+    EXPECT_EQ(RunCli({command, ""}).exit_code, 2) << command;
+  }
+  EXPECT_GT(tried, 60u);
+}
+
+TEST_F(CliOptions, TheSummarySaysWhereTheGridLies) {
+  const CliOutcome outcome = Voxelize({"--dims", "4,4,4", "--voxel-size", "1", "--origin", "-1,-0.25,3"});
+  EXPECT_THAT(outcome.out, HasSubstr("origin      -1 -0.25 3"));
+}
+
 TEST_F(CliOptions, WrongLoadsExitWith2AndOneLine) {
   const std::vector<std::vector<std::string>> wrong = {
       {},  // for how long?
@@ -109,6 +150,8 @@ TEST_F(CliOptions, WrongLoadsExitWith2AndOneLine) {
       {"--duration", "1", "--connections", "1", "--server", "127.0.0.1:2"},
       {"--duration", "1", "--server", ""},
       {"--duration", "1", "--priority", "urgent"},
+      {"--duration", "1", "--max-error-rate", "1.5"},
+      {"--duration", "1", "--max-error-rate", "-1"},
       {"--duration", "1", "--resolution", "0"},
   };
   for (const std::vector<std::string>& options : wrong) {

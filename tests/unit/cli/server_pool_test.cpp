@@ -70,5 +70,21 @@ TEST_F(ServerPoolTest, ABusyServerIsAskedAgainWhenItSaid) {
   EXPECT_GT(pool.NextFree(), now_);
 }
 
+TEST_F(ServerPoolTest, AllAreGoneOnceNoneCanBeReached) {
+  ServerPool pool(2);
+  pool.Unreachable(0, now_);
+  EXPECT_FALSE(pool.GoneSince().has_value());
+  pool.Unreachable(1, now_ + milliseconds(5));
+  EXPECT_EQ(pool.GoneSince(), now_ + milliseconds(5));
+  pool.Unreachable(0, now_ + milliseconds(900));
+  EXPECT_EQ(pool.GoneSince(), now_ + milliseconds(5));  // still since then
+  pool.Lost(0, now_ + milliseconds(1000));              // it was there
+  EXPECT_FALSE(pool.GoneSince().has_value());
+  pool.Unreachable(0, now_ + milliseconds(2000));
+  EXPECT_EQ(pool.GoneSince(), now_ + milliseconds(2000));
+  pool.Busy(1, now_, milliseconds(1));
+  EXPECT_FALSE(pool.GoneSince().has_value());
+}
+
 }  // namespace
 }  // namespace voxelpipe::cli

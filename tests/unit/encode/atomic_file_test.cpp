@@ -2,6 +2,9 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <thread>
 
 #include "sample_results.h"
 
@@ -49,12 +52,105 @@ TEST(AtomicFile, NamesThePathThatCannotBeCreated) {
 TEST(AtomicFile, CannotReplaceADirectory) {
   const TemporaryDirectory directory;
   std::filesystem::create_directory(directory / "a.raw");
-  std::ofstream(directory / "a.raw/inside") << "x";
-  {
-    AtomicFile file = AtomicFile::Create(directory / "a.raw").value();
-    EXPECT_FALSE(file.Commit().ok());
-  }
+  EXPECT_FALSE(AtomicFile::Create(directory / "a.raw").ok());
   EXPECT_EQ(directory.FileCount(), 1u);
+}
+
+void WriteTo(const std::string& path, const std::string& text) {
+  absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
+  ASSERT_TRUE(file.ok()) << file.status();
+  ASSERT_TRUE(file->Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}).ok());
+  ASSERT_TRUE(file->Commit().ok());
+}
+
+std::string TextOf(const std::string& path) {
+  const std::vector<uint8_t> bytes = ReadFile(path);
+  return {bytes.begin(), bytes.end()};
+}
+
+TEST(AtomicFile, FollowsALinkAndLeavesItALink) {
+  const TemporaryDirectory directory;
+  std::filesystem::create_directory(directory / "real");
+  std::ofstream(directory / "real/a.raw") << "old";
+  std::filesystem::create_symlink("real/a.raw", directory / "one");
+  std::filesystem::create_symlink("one", directory / "two");
+  WriteTo(directory / "two", "new");
+  EXPECT_TRUE(std::filesystem::is_symlink(directory / "two"));
+  EXPECT_EQ(TextOf(directory / "real/a.raw"), "new");
+
+  std::filesystem::create_symlink("real/b.raw", directory / "to_nothing");
+  WriteTo(directory / "to_nothing", "b");
+  EXPECT_EQ(TextOf(directory / "real/b.raw"), "b");
+
+  std::filesystem::create_symlink("circle", directory / "circle");
+  EXPECT_FALSE(AtomicFile::Create(directory / "circle").ok());
+  EXPECT_EQ(directory.FileCount(), 5u);
+}
+
+TEST(AtomicFile, AFileThatWasThereKeepsItsMode) {
+  namespace fs = std::filesystem;
+  const TemporaryDirectory directory;
+  for (const fs::perms mode : {fs::perms(0600), fs::perms(0664), fs::perms(0755)}) {
+    std::ofstream(directory / "a.raw") << "old";
+    fs::permissions(directory / "a.raw", mode);
+    WriteTo(directory / "a.raw", "new");
+    EXPECT_EQ(fs::status(directory / "a.raw").permissions(), mode);
+    EXPECT_EQ(TextOf(directory / "a.raw"), "new");
+  }
+}
+
+TEST(AtomicFile, WritesThroughAFifo) {
+  const TemporaryDirectory directory;
+  const std::string path = directory / "a.raw";
+  ASSERT_EQ(mkfifo(path.c_str(), 0600), 0);
+  std::string text(300'000, 'x');  // more than a pipe holds
+  text.back() = 'y';
+  std::thread writer([&] { WriteTo(path, text); });
+  EXPECT_EQ(TextOf(path), text);
+  writer.join();
+  EXPECT_TRUE(std::filesystem::is_fifo(path));
+  EXPECT_EQ(directory.FileCount(), 1u);
+}
+
+TEST(AtomicFile, AFifoWithoutAReaderIsWaitedForUntilTheJobEnds) {
+  const TemporaryDirectory directory;
+  ASSERT_EQ(mkfifo((directory / "a.raw").c_str(), 0600), 0);
+  JobContext job;
+  job.set_deadline(JobContext::Clock::now() + std::chrono::milliseconds(100));
+  EXPECT_EQ(AtomicFile::Create(directory / "a.raw", &job).status().code(), absl::StatusCode::kDeadlineExceeded);
+  EXPECT_TRUE(std::filesystem::is_fifo(directory / "a.raw"));
+}
+
+TEST(AtomicFile, WritesThroughADeviceAlsoBehindALink) {
+  const TemporaryDirectory directory;
+  std::filesystem::create_symlink("/dev/null", directory / "a.raw");
+  WriteTo(directory / "a.raw", "gone");
+  EXPECT_TRUE(std::filesystem::is_character_file("/dev/null"));
+  EXPECT_EQ(directory.FileCount(), 1u);
+}
+
+TEST(AtomicFile, TakesTheLongestNameThatThereIs) {
+  const TemporaryDirectory directory;
+  // Two long names that differ at their ends only, of letters of one and of two bytes.
+  for (const std::string& letter : {std::string("n"), std::string("\xc3\xa4")}) {
+    std::string name;
+    while (name.size() + letter.size() <= 250) name += letter;
+    name.resize(250, 'x');
+    const absl::StatusOr<AtomicFile> one = AtomicFile::Create(directory / (name + "1.npy"));
+    const absl::StatusOr<AtomicFile> two = AtomicFile::Create(directory / (name + "2.npy"));
+    ASSERT_TRUE(one.ok()) << one.status();
+    ASSERT_TRUE(two.ok()) << two.status();
+    EXPECT_NE(AtomicFile::TemporaryStem(name + "1.npy"), AtomicFile::TemporaryStem(name + "2.npy"));
+    WriteTo(directory / (name + "3.npy"), letter);
+    EXPECT_EQ(TextOf(directory / (name + "3.npy")), letter);
+  }
+  EXPECT_EQ(directory.FileCount(), 2u);
+}
+
+TEST(AtomicFile, AnErrorOfWritingIsKnownAsOne) {
+  const TemporaryDirectory directory;
+  EXPECT_TRUE(IsOutputError(AtomicFile::Create(directory / "missing/a.raw").status()));
+  EXPECT_FALSE(IsOutputError(absl::InvalidArgumentError("other")));
 }
 
 TEST(AtomicFile, StopsWithTheJob) {
@@ -69,22 +165,24 @@ TEST(AtomicFile, StopsWithTheJob) {
 }
 
 TEST(AtomicFile, KnowsTheTemporaryNamesOfKilledProcesses) {
-  EXPECT_EQ(AtomicFile::FinalPath("d/a.npy.part-123-0"), "d/a.npy");
-  EXPECT_EQ(AtomicFile::FinalPath("a.part-1-2.part-3-4"), "a.part-1-2");
+  EXPECT_EQ(AtomicFile::StemOf("d/a.npy.part-123-0"), "d/a.npy");
+  EXPECT_EQ(AtomicFile::StemOf("a.part-1-2.part-3-4"), "a.part-1-2");
   for (const char* other : {"a.npy", "a.part-", "a.part-1", "a.part-1-", "a.part--1", "a.part-1-2x", ".part-1-2", ""}) {
-    EXPECT_EQ(AtomicFile::FinalPath(other), "") << other;
+    EXPECT_EQ(AtomicFile::StemOf(other), "") << other;
   }
 }
 
 TEST(AtomicFile, ItsOwnTemporaryIsOneOfThem) {
   const testing::TemporaryDirectory directory;
-  const std::string path = directory / "a.npy";
-  const absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
-  ASSERT_TRUE(file.ok());
-  for (const auto& entry : std::filesystem::directory_iterator(directory.path())) {
-    EXPECT_EQ(AtomicFile::FinalPath(entry.path().string()), path);
+  for (const std::string& name : {std::string("a.npy"), std::string(251, 'n') + ".npy"}) {
+    const std::string path = directory / name;
+    const absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
+    ASSERT_TRUE(file.ok());
+    for (const auto& entry : std::filesystem::directory_iterator(directory.path())) {
+      EXPECT_EQ(AtomicFile::StemOf(entry.path().string()), AtomicFile::TemporaryStem(path));
+    }
+    EXPECT_EQ(directory.FileCount(), 1u);
   }
-  EXPECT_EQ(directory.FileCount(), 1u);
 }
 
 }  // namespace

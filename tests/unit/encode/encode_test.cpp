@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
+
 #include "encode/npy.h"
 #include "sample_results.h"
 
@@ -27,6 +29,41 @@ TEST(FileExtension, IsLowerCaseWithItsDot) {
   EXPECT_EQ(FileExtension("a"), "");
   EXPECT_EQ(FileExtension(""), "");
   EXPECT_EQ(FileExtension("a."), ".");
+}
+
+TEST(WriteResult, DescribesRawFiles) {
+  const TemporaryDirectory directory;
+  VoxelizeResult result = EmptyResult({3, 4, 5}, Layout::kPlanar);
+  result.grid.origin = {-1, 0.1, 2};
+  result.grid.voxel_size = {0.5, 0.25, 2};
+  AddBits(result, SampleBit);
+  AddFloats(result, 2, SampleValue);
+  ASSERT_TRUE(WriteResult(result, directory / "out.raw").ok());
+  EXPECT_EQ(directory.FileCount(), 3u);
+  EXPECT_THAT(WrittenPaths("out.raw", 2), ElementsAre("out.0.raw", "out.1.raw", "out.raw.json"));
+  EXPECT_THAT(WrittenPaths("out.npy", 2), ElementsAre("out.0.npy", "out.1.npy"));
+
+  using nlohmann::json;
+  const json about = json::parse(ReadFile(directory / "out.raw.json"));
+  EXPECT_EQ(about["dims"], json({3, 4, 5}));
+  EXPECT_EQ(about["origin"], json({-1.0, 0.1, 2.0}));
+  EXPECT_EQ(about["voxel_size"], json({0.5, 0.25, 2.0}));
+  EXPECT_EQ(about["index_to_world"],
+            json({{0.5, 0.0, 0.0, -0.75}, {0.0, 0.25, 0.0, 0.225}, {0.0, 0.0, 2.0, 3.0}, {0.0, 0.0, 0.0, 1.0}}));
+  EXPECT_EQ(about["layout"], "planar");
+  EXPECT_EQ(about["hash"], json());
+  ASSERT_EQ(about["targets"].size(), 2u);
+  const json& bits = about["targets"][0];
+  EXPECT_EQ(bits["file"], "out.0.raw");
+  EXPECT_EQ(bits["dtype"], "bit");
+  EXPECT_EQ(bits["shape"], json({5, 4, 3}));
+  const json& floats = about["targets"][1];
+  EXPECT_EQ(floats["file"], "out.1.raw");
+  EXPECT_EQ(floats["format"], "f32");
+  EXPECT_EQ(floats["components"], 2);
+  EXPECT_EQ(floats["dtype"], "<f4");
+  EXPECT_EQ(floats["shape"], json({2, 5, 4, 3}));
+  EXPECT_EQ(floats["bytes"], std::filesystem::file_size(directory / "out.1.raw"));
 }
 
 TEST(OutputPaths, NumberSeveralTargetsButNotPictures) {

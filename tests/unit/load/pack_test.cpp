@@ -93,6 +93,53 @@ TEST_F(PackTest, NothingOutsideTheDirectoryIsRead) {
   }
 }
 
+TEST_F(PackTest, FilesOutsideAreReadWhereTheyAreAllowed) {
+  Write("outside.bin", triangle_);
+  fs::create_symlink(root_ / "outside.bin", root_ / "model" / "link.bin");
+  for (const char* uri : {"../outside.bin", "link.bin"}) {
+    Write("model/m.gltf", Gltf(uri));
+    const std::string path = (root_ / "model" / "m.gltf").string();
+    const absl::Status refused = ReadAndPackMeshFile(path).status();
+    EXPECT_THAT(std::string(refused.message()), HasSubstr((fs::canonical(root_) / "outside.bin").string())) << refused;
+    const auto packed = ReadAndPackMeshFile(path, {}, nullptr, {true, {}});
+    ASSERT_TRUE(packed.ok()) << packed.status();
+    EXPECT_EQ(Triangles(*packed), 1u);
+  }
+}
+
+TEST_F(PackTest, AnImageOutsideIsRefusedByNameIfItIsWantedAndNeverWhite) {
+  Write("picture.png", "\x89PNG and so on");
+  fs::create_symlink(root_ / "picture.png", root_ / "model" / "link.png");
+  for (const char* uri : {"../picture.png", "link.png"}) {
+    Write("model/m.gltf", Gltf("tri.bin", std::string(R"(,"images":[{"uri":")") + uri +
+                                              R"("}],"textures":[{"source":0}],)"
+                                              R"("materials":[{"emissiveTexture":{"index":0}}])"));
+    const std::string path = (root_ / "model" / "m.gltf").string();
+    OutsideFiles outside;
+    outside.wanted = {true, true, false};  // base colour, emissive
+    const absl::Status refused = ReadAndPackMeshFile(path, {}, nullptr, outside).status();
+    EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument);
+    EXPECT_THAT(std::string(refused.message()), HasSubstr("image 0: URI '")) << refused;
+    EXPECT_THAT(std::string(refused.message()), HasSubstr((fs::canonical(root_) / "picture.png").string())) << refused;
+    if (std::string(uri) == "link.png") {
+      EXPECT_THAT(std::string(refused.message()), HasSubstr("the link '")) << refused;
+    }
+    outside.wanted = {true, false, true};  // no shader reads it
+    EXPECT_TRUE(ReadAndPackMeshFile(path, {}, nullptr, outside).ok());
+    outside.allowed = true;
+    const auto scene = LoadScene(*ReadAndPackMeshFile(path, {}, nullptr, outside));
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    EXPECT_EQ(scene->images[0]->encoded.size(), 14u);
+  }
+}
+
+TEST_F(PackTest, AFileThatCannotBeReadSaysWhyAndNamesItsUriOnce) {
+  if (::geteuid() == 0) GTEST_SKIP() << "root reads everything";
+  fs::permissions(root_ / "model" / "tri.bin", fs::perms::none);
+  EXPECT_EQ(std::string(Pack(Gltf("tri.bin")).status().message()),
+            "buffer 0: URI 'tri.bin': cannot be read: Permission denied");
+}
+
 TEST_F(PackTest, OnlyRegularFilesAreRead) {
   EXPECT_THAT(std::string(Pack(Gltf("sub")).status().message()), HasSubstr("not a regular file"));
   ASSERT_EQ(::mkfifo((root_ / "model" / "pipe").c_str(), 0600), 0);
