@@ -80,6 +80,22 @@ class RightsTest : public ::testing::Test {
     EXPECT_TRUE(mesh.ok()) << mesh.status();
     return mesh.ok() ? mesh->mesh_id : "";
   }
+  // UploadMesh of all bytes, whatever the server has: the client library names the mesh first, and sends nothing of one that is there.
+  std::string Send(const std::string& client, const std::vector<uint8_t>& bytes) {
+    grpc::ClientContext context;
+    Set(context, client);
+    v1::UploadMeshResponse response;
+    const auto stream = stub_->UploadMesh(&context, &response);
+    v1::UploadMeshRequest message;
+    message.mutable_upload();
+    stream->Write(message);
+    message.set_piece(bytes.data(), bytes.size());
+    stream->Write(message);
+    stream->WritesDone();
+    const absl::Status status = FromGrpcStatus(stream->Finish());
+    EXPECT_TRUE(status.ok()) << status;
+    return response.mesh().mesh_id();
+  }
   // UploadMesh of an id alone.
   absl::Status Name(const std::string& client, const std::string& id, v1::UploadMeshResponse& response) {
     grpc::ClientContext context;
@@ -125,10 +141,10 @@ TEST_F(RightsTest, NamingAMeshGivesItsUseAndNoClaim) {
 
 TEST_F(RightsTest, AnAdministratorsMeshOutlivesAUsersClaim) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  const auto boss = As("boss"), mill = As("mill");
-  ASSERT_TRUE(boss && mill);
+  const auto boss = As("boss");
+  ASSERT_TRUE(boss);
   const std::string id = Upload(*boss, TorusGlb(6));
-  ASSERT_EQ(Upload(*mill, TorusGlb(6)), id) << "with all of its bytes";
+  ASSERT_EQ(Send("mill", TorusGlb(6)), id);
   v1::DeleteMeshResponse deleted;
   ASSERT_TRUE(Delete("mill", id, deleted).ok());
   EXPECT_TRUE(deleted.kept_for_others());
@@ -140,7 +156,7 @@ TEST_F(RightsTest, ADeleteThatLeavesTheMeshToOthersSaysSo) {
   const auto farm = As("farm"), mill = As("mill");
   ASSERT_TRUE(farm && mill);
   const std::string id = Upload(*farm, TorusGlb(6));
-  ASSERT_EQ(Upload(*mill, TorusGlb(6)), id);
+  ASSERT_EQ(Send("mill", TorusGlb(6)), id);
   v1::DeleteMeshResponse first, again, last;
   ASSERT_TRUE(Delete("farm", id, first).ok());
   EXPECT_TRUE(first.kept_for_others());

@@ -31,6 +31,14 @@ TEST(LogTest, WhatAStrangerSendsStaysWithinItsField) {
   EXPECT_EQ(text.text().find('\n'), std::string::npos);
 }
 
+TEST(LogTest, LevelsHaveTheNamesOfTheOption) {
+  EXPECT_EQ(LevelOf("debug"), spdlog::level::debug);
+  EXPECT_EQ(LevelOf("info"), spdlog::level::info);
+  EXPECT_EQ(LevelOf("warn"), spdlog::level::warn);
+  EXPECT_EQ(LevelOf("error"), spdlog::level::err);
+  EXPECT_EQ(LevelOf("off"), spdlog::level::off);
+}
+
 TEST(LogTest, ALongValueIsCut) {
   LogLine line("call", LogFormat::kText);
   line.Add("error", std::string(10'000, 'x'));
