@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "load/draco_orientations.h"
 #include "load/foreign_decoders.h"
 
 namespace voxelpipe {
@@ -242,6 +243,7 @@ void Normalize(DracoAttribute& attribute) {
 absl::StatusOr<DracoMesh> DecodeDraco(std::span<const uint8_t> bytes, const LoadLimits& limits) {
   if (absl::Status s = CheckForeignDecoders(); !s.ok()) return s;
   try {
+    UseBoundedOrientations();
     const auto counts = ReadDeclaredCounts(bytes);
     if (!counts.ok()) return counts.status();
     if (absl::Status s = CheckCounts(*counts, bytes.size(), limits); !s.ok()) return s;

@@ -39,8 +39,6 @@ struct DracoMesh {
 
 // In: a whole Draco bitstream. Out: its mesh; a point cloud gives no triangles. Declared counts are capped against the
 // byte size and the limits before anything is allocated.
-// Known cost: Draco 1.5 believes the orientation count of its texture coordinate prediction, which lies too deep in the
-// stream to be checked here; a hostile stream of 224 bytes can so take about 10 s and 250 MB before the answer comes.
 // Errors: INVALID_ARGUMENT saying what is broken; RESOURCE_EXHAUSTED naming the limit.
 absl::StatusOr<DracoMesh> DecodeDraco(std::span<const uint8_t> bytes, const LoadLimits& limits);
 

@@ -6,6 +6,7 @@
 #include <draco/mesh/triangle_soup_mesh_builder.h>
 
 #include <algorithm>
+#include <chrono>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -118,6 +119,54 @@ TEST(DracoBombTest, DeclaredCountsBeyondTheBytesAreRefusedBeforeDecoding) {
   EXPECT_THAT(std::string(mesh.status().message()), HasSubstr("4294967295 faces"));
   bomb[5] = 9;
   EXPECT_THAT(std::string(DecodeDraco(bomb, {}).status().message()), HasSubstr("version 9.2"));
+}
+
+// A fan of triangles with texture coordinates, whose prediction stores how many orientations follow.
+std::vector<uint8_t> EncodeTextured() {
+  constexpr int kFaces = 60;
+  draco::TriangleSoupMeshBuilder builder;
+  builder.Start(kFaces);
+  const int position = builder.AddAttribute(draco::GeometryAttribute::POSITION, 3, draco::DT_FLOAT32);
+  const int uv = builder.AddAttribute(draco::GeometryAttribute::TEX_COORD, 2, draco::DT_FLOAT32);
+  for (int f = 0; f < kFaces; ++f) {
+    float p[3][3], t[3][2];
+    for (int i = 0; i < 3; ++i) {
+      const int k = f % 2 == 0 || i == 0 ? i : 3 - i;
+      const float x = float((f + k) / 2), y = float((f + k) % 2);
+      p[i][0] = x + 0.1f * y;
+      p[i][1] = y * (1 + 0.3f * float((f + k) % 5));
+      p[i][2] = 0.01f * x * x;
+      t[i][0] = 0.013f * x + 0.3f * y;
+      t[i][1] = 0.7f * y + 0.002f * x * x;
+    }
+    builder.SetAttributeValuesForFace(position, draco::FaceIndex(f), p[0], p[1], p[2]);
+    builder.SetAttributeValuesForFace(uv, draco::FaceIndex(f), t[0], t[1], t[2]);
+  }
+  const std::unique_ptr<draco::Mesh> mesh = builder.Finalize();
+  draco::ExpertEncoder encoder(*mesh);
+  encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
+  encoder.SetSpeedOptions(0, 0);
+  encoder.SetAttributeQuantization(position, 14);
+  encoder.SetAttributeQuantization(uv, 12);
+  EXPECT_TRUE(encoder.SetAttributePredictionScheme(uv, draco::MESH_PREDICTION_TEX_COORDS_PORTABLE).ok());
+  draco::EncoderBuffer buffer;
+  EXPECT_TRUE(encoder.EncodeToBuffer(&buffer).ok());
+  return {buffer.data(), buffer.data() + buffer.size()};
+}
+
+// The count lies somewhere in the stream: at one of the places it is, and a library that believes it takes 10 s there.
+TEST(DracoBombTest, TheCountOfOrientationsIsNotBelieved) {
+  const std::vector<uint8_t> good = EncodeTextured();
+  ASSERT_TRUE(DecodeDraco(good, {}).ok());
+  for (size_t at = 11; at + 4 <= good.size(); ++at) {
+    if (good[at + 1] != 0 || good[at + 2] != 0 || good[at + 3] != 0) continue;  // of the small count's four bytes
+    std::vector<uint8_t> bomb = good;
+    bomb[at] = bomb[at + 1] = bomb[at + 2] = 0xff;
+    bomb[at + 3] = 0x7f;
+    const auto begin = std::chrono::steady_clock::now();
+    (void)DecodeDraco(bomb, {});
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(2)) << "byte " << at;
+  }
 }
 
 TEST(DracoHeaderTest, AnUnknownGeometryTypeIsNoPointCloud) {
