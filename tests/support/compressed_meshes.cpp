@@ -9,7 +9,6 @@
 #include <meshoptimizer.h>
 
 #include <algorithm>
-#include <iterator>
 #include <stdexcept>
 
 namespace voxelpipe::testing {
@@ -128,47 +127,6 @@ ByteVector MeshoptGlb(const Shape& shape) {
                    {{"byteLength", placeholder}, {"extensions", {{"EXT_meshopt_compression", {{"fallback", true}}}}}}});
   glb.doc["extensionsUsed"] = glb.doc["extensionsRequired"] = json::array({"EXT_meshopt_compression"});
   return glb.Glb();
-}
-
-ByteVector EndlessDracoFile() {
-  constexpr int kSide = 4;  // quads along an edge of a patch
-  draco::Mesh mesh;
-  mesh.set_num_points((kSide + 1) * (kSide + 1));
-  mesh.SetNumFaces(2 * kSide * kSide);
-  const auto point = [](int x, int y) { return draco::PointIndex(uint32_t(y * (kSide + 1) + x)); };
-  uint32_t face = 0;
-  for (int y = 0; y < kSide; ++y) {
-    for (int x = 0; x < kSide; ++x) {
-      mesh.SetFace(draco::FaceIndex(face++), {point(x, y), point(x + 1, y), point(x, y + 1)});
-      mesh.SetFace(draco::FaceIndex(face++), {point(x + 1, y), point(x + 1, y + 1), point(x, y + 1)});
-    }
-  }
-  draco::GeometryAttribute position, uv;
-  position.Init(draco::GeometryAttribute::POSITION, nullptr, 3, draco::DT_FLOAT32, false, 3 * sizeof(float), 0);
-  uv.Init(draco::GeometryAttribute::TEX_COORD, nullptr, 2, draco::DT_FLOAT32, false, 2 * sizeof(float), 0);
-  const int position_id = mesh.AddAttribute(position, true, mesh.num_points());
-  const int uv_id = mesh.AddAttribute(uv, true, mesh.num_points());
-  for (int y = 0; y <= kSide; ++y) {
-    for (int x = 0; x <= kSide; ++x) {
-      const draco::AttributeValueIndex at(point(x, y).value());
-      const float p[3] = {float(x), float(y), 0}, t[2] = {float(x) / kSide, float(y) / kSide};
-      mesh.attribute(position_id)->SetAttributeValue(at, p);
-      mesh.attribute(uv_id)->SetAttributeValue(at, t);
-    }
-  }
-  draco::Encoder encoder;
-  encoder.SetAttributeQuantization(draco::GeometryAttribute::POSITION, 8);
-  encoder.SetAttributeQuantization(draco::GeometryAttribute::TEX_COORD, 8);
-  encoder.SetSpeedOptions(3, 3);
-  draco::EncoderBuffer buffer;
-  if (!encoder.EncodeMeshToBuffer(mesh, &buffer).ok()) throw std::runtime_error("Draco does not encode");
-  ByteVector bytes(buffer.data(), buffer.data() + buffer.size());
-  // The patch has 23 orientations; they are the last number of four bytes in the stream.
-  const uint8_t count[4] = {23, 0, 0, 0}, most[4] = {0xff, 0xff, 0xff, 0x7f};
-  const auto at = std::find_end(bytes.begin(), bytes.end(), std::begin(count), std::end(count));
-  if (at == bytes.end()) throw std::runtime_error("Draco encodes otherwise than it did");
-  std::copy(std::begin(most), std::end(most), at);
-  return bytes;
 }
 
 ByteVector JpegQuadGlb(int width, int height) {

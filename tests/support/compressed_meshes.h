@@ -12,10 +12,6 @@ ByteVector DracoFile(const Shape& shape, bool normals = false);
 ByteVector DracoGlb(const Shape& shape);    // KHR_draco_mesh_compression
 ByteVector MeshoptGlb(const Shape& shape);  // EXT_meshopt_compression
 
-// A Draco stream of some 200 bytes that keeps libdraco busy for half a minute: the number of orientations of its texture coordinates, which
-// libdraco believes, is 2^31 - 1.
-ByteVector EndlessDracoFile();
-
 // The square of TexturedQuadGlb with a JPEG of width x height texels, a gradient, as its base colour texture.
 ByteVector JpegQuadGlb(int width, int height);
 
