@@ -75,7 +75,7 @@ TEST_F(CliVoxelize, WritesPackedBitsAsRaw) {
   for (const uint8_t byte : bytes) set += size_t(__builtin_popcount(byte));
   EXPECT_EQ(summary["occupied"], set);
   EXPECT_TRUE(summary["stages"].contains("encode"));
-  EXPECT_THAT(summary["files"], ElementsAre(directory_ / "out.raw"));
+  EXPECT_THAT(summary["files"], ElementsAre(directory_ / "out.raw", directory_ / "out.raw.json"));
 }
 
 TEST_F(CliVoxelize, TheHashIsThatOfTheWrittenBytes) {

@@ -59,7 +59,7 @@ TEST(VoxelizeJson, HasTheNamesThatUsersRelyOn) {
 TEST(PrintError, IsOneLineWhateverTheMessageHolds) {
   ::testing::internal::CaptureStderr();
   PrintError("a\nb.glb", absl::InvalidArgumentError("one\ntwo\x1b[31m\tthree"));
-  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "voxelpipe: a b.glb: one two [31m three\n");
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "voxelpipe: a b.glb: one?two?[31m?three\n");
 }
 
 TEST(HumanNumbers, AreShort) {
