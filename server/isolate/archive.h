@@ -83,8 +83,10 @@ class ArchiveWriter {
   }
   void Append(const void* data, uint64_t bytes) {
     if (bytes == 0) return;
-    const auto* const first = static_cast<const uint8_t*>(data);
-    text_.insert(text_.end(), first, first + bytes);
+    // Not insert(): GCC 12 takes what it inlines of it for an overflow.
+    const size_t end = text_.size();
+    text_.resize(end + bytes);
+    std::memcpy(text_.data() + end, data, bytes);
   }
 
   std::vector<uint8_t> text_;

@@ -258,7 +258,8 @@ TEST_F(BatchRunTest, AReportNamesEveryItem) {
   EXPECT_EQ(json["items"][0]["status"], "done");
   EXPECT_EQ(json["items"][0]["files"], nlohmann::ordered_json({"0.npy"}));
   EXPECT_EQ(json["items"][1]["status"], "failed");
-  EXPECT_EQ(json["items"][1]["error"], (nlohmann::ordered_json{{"code", "NOT_FOUND"}, {"message", "hm"}, {"permanent", true}}));
+  const nlohmann::ordered_json error{{"code", "NOT_FOUND"}, {"message", "hm"}, {"permanent", true}};
+  EXPECT_EQ(json["items"][1]["error"], error);
   EXPECT_EQ(json["items"][1]["line"], 2);
 }
 
