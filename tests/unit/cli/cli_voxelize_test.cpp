@@ -101,14 +101,15 @@ TEST_F(CliVoxelize, SeveralTargetsGetNumberedFiles) {
                                      "--preview", directory_ / "look.png"});
   EXPECT_EQ(summary["bytes"], 16 + 128 * 12);
   EXPECT_THAT(summary["files"],
-              ElementsAre(directory_ / "out.0.raw", directory_ / "out.1.raw", directory_ / "look.png"));
+              ElementsAre(directory_ / "out.0.raw", directory_ / "out.1.raw", directory_ / "out.raw.json",
+                          directory_ / "look.png"));
   EXPECT_EQ(ReadFile(directory_ / "out.0.raw").size(), 16u);
   const std::vector<uint8_t> floats = ReadFile(directory_ / "out.1.raw");
   ASSERT_EQ(floats.size(), 128u * 12);
   float first[3];
   std::memcpy(first, floats.data(), 12);
   EXPECT_THAT(first, ElementsAre(0.5f, 0.25f, 2.0f));
-  EXPECT_EQ(directory_.FileCount(), 4u);
+  EXPECT_EQ(directory_.FileCount(), 5u);
 }
 
 TEST_F(CliVoxelize, PicturesAreWrittenByEitherOption) {

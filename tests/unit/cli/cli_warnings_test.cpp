@@ -136,7 +136,7 @@ TEST_F(CliWarnings, OfABatchStandWithTheirItems) {
   }
   std::ofstream(directory_ / "list.jsonl") << R"({"input":"textured.glb","shader":"base_color","strict":true})" << '\n';
   const CliOutcome strict = RunCli(command);
-  EXPECT_EQ(strict.exit_code, 1) << "what was done for a lenient item is not what a strict one asks for";
+  EXPECT_EQ(strict.exit_code, 3) << "what was done for a lenient item is not what a strict one asks for";
   EXPECT_THAT(strict.err, HasSubstr("image 0: the URI 'gone.png'"));
 }
 

@@ -222,8 +222,8 @@ void ExpectRefused(const std::string& field, Change change) {
 TEST(RequestTest, ValuesOfNewerClientsAreRefusedByField) {
   ExpectRefused("mesh_format", [](auto& c) { c.set_mesh_format(v1::MeshFormat(99)); });
   ExpectRefused("grid.fit", [](auto& c) { c.mutable_grid()->set_fit(v1::GridFit(3)); });
-  ExpectRefused("coverage", [](auto& c) { c.set_coverage(v1::Coverage(4)); });
-  ExpectRefused("fill", [](auto& c) { c.set_fill(v1::Fill(4)); });
+  ExpectRefused("coverage", [](auto& c) { c.set_coverage(v1::Coverage(5)); });
+  ExpectRefused("fill", [](auto& c) { c.set_fill(v1::Fill(5)); });
   ExpectRefused("layout", [](auto& c) { c.set_layout(v1::Layout(-1)); });
   ExpectRefused("backend", [](auto& c) { c.set_backend(v1::Backend(4)); });
   ExpectRefused("result", [](auto& c) { c.set_result(v1::ResultKind(4)); });
