@@ -442,7 +442,9 @@ int Main(int argc, char** argv) {
     std::printf("SKIPPED: no CUDA device (%s)\n", std::string(cuda.status().message()).c_str());
     return 77;
   }
+#ifdef VOXELPIPE_HAVE_CUDA
   cuda::AssumeCache(options.cache);
+#endif
   Parity parity(options);
   BatchParity batches(options.self ? *Devices().back() : **cuda, options.quick ? 64 : 512);
   if (options.batches) {
