@@ -14,6 +14,8 @@ namespace {
 constexpr uint64_t kMostBytes = uint64_t{1} << 60;
 // What loading one mesh may well take.
 constexpr uint64_t kLoaderBytes = 64 << 20;
+// Two of the largest messages (service_state.h).
+constexpr uint64_t kLeastTransportBytes = 128 << 20;
 constexpr uint32_t kDayMs = 86'400'000;
 // Load balancers look at health every few seconds.
 constexpr uint32_t kLameDuckBeyondLoopbackMs = 5'000;
@@ -185,13 +187,27 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
       ->check(CLI::Range(1u, 1'000'000'000u));
   add_size("--max-file-bytes", o.max_file_bytes, "Largest mesh file");
   add_bytes("--max-upload-bytes", o.max_upload_bytes, "All mesh files in hand together, 0 to choose");
+  // What indices of 32 bits can name.
+  const auto add_count = [&](const std::string& flag, auto& value, const std::string& help) {
+    using Value = std::remove_reference_t<decltype(value)>;
+    add(flag, value, help)->check(CLI::Range(Value{1}, Value{UINT32_MAX}));
+  };
+  add_count("--max-triangles", o.max_triangles, "Triangles of one mesh, after instancing");
+  add_count("--max-vertices", o.max_vertices, "Vertices of one mesh, after instancing");
+  add_count("--max-instances", o.max_instances, "Instances in one mesh file");
+  add_count("--max-nodes", o.max_nodes, "Nodes in one mesh file");
+  add_size("--max-json-bytes", o.max_json_bytes, "JSON of one mesh file");
+  add("--max-image-pixels", o.max_image_pixels, "Texels of one image; all of a request: four times as many")
+      ->check(CLI::Range(uint64_t{1}, uint64_t{65'535} * 65'535));
   add_bytes("--max-device-mesh-bytes", o.max_device_mesh_bytes, "Meshes that each GPU keeps, 0 to choose");
   add_bytes("--max-mesh-store-bytes", o.max_mesh_store_bytes, "Memory of all meshes that are kept, 0 to choose");
   add("--share-equal-jobs", o.share_equal_jobs, "Whether equal jobs on kept meshes at the same time are run once");
   add_bytes("--result-cache-bytes", o.result_cache_bytes,
             "Results that are kept for equal requests on kept meshes, 0 for none");
   add_size("--max-result-bytes", o.max_result_bytes, "Largest result");
-  add_bytes("--max-working-bytes", o.max_working_bytes, "Memory of all jobs together, 0 to choose");
+  add_bytes("--max-working-bytes", o.max_working_bytes,
+            "Memory of all jobs together, meshes and results included, 0 to choose");
+  add_bytes("--max-transport-bytes", o.max_transport_bytes, "Messages in gRPC's hands, 0 to choose");
   add("--stream-above-mb", o.stream_above_mb,
       "MiB: larger dense results leave slab by slab while they are made, and bound no memory by their size")
       ->check(CLI::Range(uint64_t{0}, uint64_t{1} << 30));
@@ -289,15 +305,16 @@ ServerOptions Resolve(ServerOptions options) {
   if (options.cpu_workers == 0) options.cpu_workers = options.workers > 0 ? options.workers : std::min(4, cpus);
   options.workers = options.cpu_workers;
   if (options.io_threads == 0) options.io_threads = std::max(1, cpus / 4);
-  if (options.max_working_bytes == 0) options.max_working_bytes = std::min<uint64_t>(20ull << 30, MemoryBytes() / 2);
-  const auto part = [](uint64_t most, uint64_t of) {
-    return std::max<uint64_t>(1, std::min(most, MemoryBytes() / of));
+  // Three quarters of the memory together; the rest is the process's own.
+  const uint64_t sixteenth = MemoryBytes() / 16;
+  const auto choose = [](uint64_t& bytes, uint64_t chosen, uint64_t most, uint64_t least = 1) {
+    if (bytes == 0) bytes = std::clamp(chosen, least, most);
   };
-  if (options.max_upload_bytes == 0) options.max_upload_bytes = part(4ull << 30, 8);
-  if (options.max_queue_bytes == 0) options.max_queue_bytes = part(2ull << 30, 8);
-  if (options.max_mesh_store_bytes == 0) {
-    options.max_mesh_store_bytes = std::min<uint64_t>(2ull << 30, MemoryBytes() / 16);
-  }
+  choose(options.max_working_bytes, 6 * sixteenth, 20ull << 30);
+  choose(options.max_upload_bytes, 3 * sixteenth, 4ull << 30);
+  choose(options.max_transport_bytes, 2 * sixteenth, 512ull << 20, kLeastTransportBytes);
+  choose(options.max_mesh_store_bytes, sixteenth, 2ull << 30);
+  choose(options.max_queue_bytes, 2 * sixteenth, 2ull << 30);  // a part of what uploads and jobs have
   if (options.loaders == 0) {
     options.loaders = int(std::clamp<uint64_t>(options.max_working_bytes / kLoaderBytes, 1, uint64_t(cpus)));
   }

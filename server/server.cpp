@@ -30,9 +30,6 @@
 namespace voxelpipe {
 namespace {
 
-// Bounds what gRPC itself buffers: room for a few messages of the largest size, and in a small container an eighth of its memory, but for
-// what two of these take.
-constexpr uint64_t kTransportBytes = 512 << 20, kLeastTransportBytes = 128 << 20, kTransportShare = 8;
 // How often the limits of the container are read again.
 constexpr std::chrono::milliseconds kMachineInterval{30'000};
 // Of a stream, beyond what the client has made room for, where the next message is known to follow (WriteOptions::set_buffer_hint): so
@@ -180,9 +177,8 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   for (const auto algorithm : {GRPC_COMPRESS_DEFLATE, GRPC_COMPRESS_GZIP}) {
     builder.SetCompressionAlgorithmSupportStatus(algorithm, false);
   }
-  builder.SetResourceQuota(
-      grpc::ResourceQuota("voxelpiped")
-          .Resize(std::clamp(MemoryBytes() / kTransportShare, kLeastTransportBytes, kTransportBytes)));
+  // What gRPC itself buffers.
+  builder.SetResourceQuota(grpc::ResourceQuota("voxelpiped").Resize(size_t(server->state_->options.max_transport_bytes)));
   builder.AddChannelArgument(GRPC_ARG_HTTP2_WRITE_BUFFER_SIZE, kWriteAheadBytes);
   // Two servers must not share a port unnoticed.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);

@@ -14,6 +14,13 @@ JobLimits LimitsOf(const ServerOptions& resolved, LoadWorkers* load_workers) {
   limits.load_workers = load_workers;
   // Else a file could be told to wait for room that never comes.
   limits.load.max_file_bytes = std::min(resolved.max_file_bytes, resolved.max_upload_bytes);
+  limits.load.max_triangles = resolved.max_triangles;
+  limits.load.max_vertices = resolved.max_vertices;
+  limits.load.max_instances = resolved.max_instances;
+  limits.load.max_nodes = resolved.max_nodes;
+  limits.load.max_json_bytes = resolved.max_json_bytes;
+  limits.load.max_image_pixels = resolved.max_image_pixels;
+  limits.load.max_total_image_pixels = 4 * resolved.max_image_pixels;
   limits.plan.max_result_bytes = resolved.max_result_bytes;
   limits.plan.max_working_bytes = resolved.max_working_bytes;
   limits.plan.slab_bytes = resolved.stream_above_mb << 20;

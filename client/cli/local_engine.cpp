@@ -1,9 +1,11 @@
 // The core in this process.
+#include <algorithm>
+
 #include "clock.h"
 #include "engine.h"
 #include "load/image.h"
-#include "load/loader.h"
-#include "mesh/flatten.h"
+#include "load/load_job.h"
+#include "mesh/flatten_job.h"
 #include "mesh/report.h"
 #include "mesh_file.h"
 
@@ -13,7 +15,7 @@ absl::StatusOr<LoadedMesh> LoadMesh(MeshInput mesh, const JobContext& job) {
   LoadedMesh loaded;
   const Stopwatch load;
   loaded.packed_bytes = mesh.bytes.size();
-  absl::StatusOr<Scene> scene = LoadScene(mesh.bytes);
+  absl::StatusOr<Scene> scene = LoadSceneFor(job, mesh.bytes);
   if (!scene.ok()) return scene.status();
   loaded.scene = *std::move(scene);
   loaded.load_ms = mesh.read_ms + load.Milliseconds();
@@ -22,7 +24,7 @@ absl::StatusOr<LoadedMesh> LoadMesh(MeshInput mesh, const JobContext& job) {
 
   const Stopwatch flatten;
   job.Report("flatten", 0);
-  absl::StatusOr<TriangleMesh> flat = Flatten(loaded.scene);
+  absl::StatusOr<TriangleMesh> flat = FlattenFor(job, loaded.scene, LoadLimits());
   if (!flat.ok()) return flat.status();
   loaded.mesh = *std::move(flat);
   loaded.flatten_ms = flatten.Milliseconds();
@@ -41,21 +43,27 @@ class LocalEngine : public Engine {
     loaded->scene = Scene();  // the flat mesh is all that is needed from here on
     if (RequestReadsTextures(request)) {
       const Stopwatch decode;
-      if (absl::Status status = PrepareTextures(loaded->mesh, LoadLimits{}, TexturesRead(request)); !status.ok())
+      if (absl::Status status = PrepareTexturesFor(job, loaded->mesh, LoadLimits{}, TexturesRead(request));
+          !status.ok()) {
         return status;
+      }
       loaded->load_ms += decode.Milliseconds();
     }
+    PlanLimits limits;  // what the mesh leaves
+    const MemoryBudget& memory = MemoryOf(job);
+    limits.max_working_bytes =
+        std::min(limits.max_working_bytes, memory.limit_bytes() - std::min(memory.limit_bytes(), memory.used_bytes()));
     EngineRun run;
     run.mesh_stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
     if (repeat == 1 && whole == nullptr) {
-      absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(loaded->mesh, request, job, {}, sink);
+      absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(loaded->mesh, request, job, limits, sink);
       if (!stats.ok()) return stats.status();
       run.runs.push_back(*std::move(stats));
     } else {
       VoxelizeResult last;
       for (int i = 0; i < repeat; ++i) {
         last = VoxelizeResult();  // before the next one is made: one result in memory at a time
-        absl::StatusOr<VoxelizeResult> result = Voxelize(loaded->mesh, request, job);
+        absl::StatusOr<VoxelizeResult> result = Voxelize(loaded->mesh, request, job, limits);
         if (!result.ok()) return result.status();
         last = *std::move(result);
         run.runs.push_back(last.stats);

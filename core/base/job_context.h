@@ -35,7 +35,8 @@ class JobContext {
     return absl::OkStatus();
   }
 
-  // What the job may take, or null: then nothing is charged. Set before the job starts; must outlive it.
+  // What the job may take, or null: then nothing is charged but by loading, which takes of DefaultMemory(). Set before the job starts;
+  // must outlive it and the scenes and meshes that it made.
   void set_memory(MemoryBudget* memory) { memory_ = memory; }
   MemoryBudget* memory() const { return memory_; }
 
@@ -49,5 +50,10 @@ class JobContext {
   Progress progress_;
   MemoryBudget* memory_ = nullptr;
 };
+
+// What loading on behalf of the job takes of.
+inline MemoryBudget& MemoryOf(const JobContext& job) {
+  return job.memory() != nullptr ? *job.memory() : DefaultMemory();
+}
 
 }  // namespace voxelpipe

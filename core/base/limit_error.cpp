@@ -10,6 +10,7 @@ namespace voxelpipe {
 namespace {
 
 constexpr char kUrl[] = "voxelpipe/limit_error";
+constexpr char kInUseUrl[] = "voxelpipe/in_use_by_others";
 
 // Takes one decimal number and the blank behind it.
 template <typename Number>
@@ -41,6 +42,21 @@ std::optional<LimitError> LimitErrorOf(const absl::Status& status) {
     return std::nullopt;
   }
   return numbers;
+}
+
+absl::Status MarkInUseByOthers(absl::Status status) {
+  status.SetPayload(kInUseUrl, absl::Cord());
+  return status;
+}
+
+bool IsInUseByOthers(const absl::Status& status) {
+  return status.GetPayload(kInUseUrl).has_value();
+}
+
+absl::Status WithText(const absl::Status& status, std::string_view text) {
+  absl::Status out(status.code(), absl::string_view(text.data(), text.size()));
+  status.ForEachPayload([&out](absl::string_view url, const absl::Cord& value) { out.SetPayload(url, value); });
+  return out;
 }
 
 }  // namespace voxelpipe

@@ -21,4 +21,11 @@ absl::Status MakeLimitError(std::string_view message, const LimitError& numbers)
 // The numbers of a MakeLimitError, in this process or come from a server; nothing for all other statuses.
 std::optional<LimitError> LimitErrorOf(const absl::Status& status);
 
+// The same error of a request that would fit alone: others use what it needs now, so that it may come again.
+absl::Status MarkInUseByOthers(absl::Status status);
+bool IsInUseByOthers(const absl::Status& status);
+
+// The same error, with all that it knows, and another text.
+absl::Status WithText(const absl::Status& status, std::string_view text);
+
 }  // namespace voxelpipe

@@ -1,44 +1,65 @@
 #include "base/memory_budget.h"
 
+#include <algorithm>
 #include <cassert>
 #include <limits>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "base/checked.h"
 #include "base/limit_error.h"
+#include "base/machine.h"
 
 namespace voxelpipe {
 namespace {
 
-absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
+absl::string_view View(std::string_view text) {
+  return {text.data(), text.size()};
+}
 
 }  // namespace
 
-MemoryBudget::~MemoryBudget() { assert(used_bytes() == 0); }
+MemoryBudget::~MemoryBudget() {
+  assert(used_bytes() == 0);
+}
 
-absl::Status MemoryBudget::Take(uint64_t bytes, std::string_view what) {
+absl::Status MemoryBudget::Take(uint64_t bytes, std::string_view what, bool may_wait) {
+  const uint64_t limit = limit_bytes();
   uint64_t used = used_.load(std::memory_order_relaxed);
   uint64_t sum = 0;
   do {
     const std::optional<uint64_t> checked = CheckedAdd(used, bytes);
-    if (!checked || *checked > limit_) {
+    if (!checked || *checked > limit) {
       const uint64_t need = checked.value_or(std::numeric_limits<uint64_t>::max());
       return MakeLimitError(absl::StrCat(View(what), " needs ", bytes, " bytes of memory beside ", used,
-                                         " in use; the limit is ", limit_, " bytes"),
-                            {need, limit_, 0});
+                                         " in use; the limit is ", limit, " bytes"),
+                            {need, limit, 0});
     }
     sum = *checked;
   } while (!used_.compare_exchange_weak(used, sum, std::memory_order_relaxed));
   if (parent_ != nullptr) {
-    if (absl::Status full = parent_->Take(bytes, what); !full.ok()) {
+    absl::Status full = TakeOfParent(bytes, used, what);
+    while (!full.ok() && may_wait && wait_ && wait_(bytes)) full = TakeOfParent(bytes, used, what);
+    if (!full.ok()) {
       used_.fetch_sub(bytes, std::memory_order_relaxed);
-      return full;
+      return MarkInUseByOthers(std::move(full));
     }
   }
   uint64_t peak = peak_bytes();
-  while (peak < sum && !peak_.compare_exchange_weak(peak, sum, std::memory_order_relaxed)) {
-  }
+  while (peak < sum && !peak_.compare_exchange_weak(peak, sum, std::memory_order_relaxed)) {}
   return absl::OkStatus();
+}
+
+// `own` is what this had before.
+absl::Status MemoryBudget::TakeOfParent(uint64_t bytes, uint64_t own, std::string_view what) {
+  const uint64_t leave = leave_.load(std::memory_order_relaxed), used = parent_->used_bytes();
+  const uint64_t all = parent_->limit_bytes(), limit = all - std::min(leave, all);
+  if (leave > 0 && used > own && bytes > limit - std::min(used, limit)) {
+    return MakeLimitError(absl::StrCat(View(what), " needs ", bytes, " bytes of memory beside ", used,
+                                       " in use; the limit is ", limit, " bytes"),
+                          {used + bytes, limit, 0});
+  }
+  return parent_->Take(bytes, what);
 }
 
 void MemoryBudget::Give(uint64_t bytes) {
@@ -46,9 +67,22 @@ void MemoryBudget::Give(uint64_t bytes) {
   if (parent_ != nullptr) parent_->Give(bytes);
 }
 
+MemoryBudget& DefaultMemory() {
+  static MemoryBudget& memory =
+      *new MemoryBudget(MemoryBytes() / 2);  // never destroyed: static objects may still hold charges
+  return memory;
+}
+
 absl::Status MemoryCharge::Grow(uint64_t bytes, std::string_view what) {
   if (budget_ == nullptr) return absl::OkStatus();
   if (absl::Status full = budget_->Take(bytes, what); !full.ok()) return full;
+  bytes_ += bytes;
+  return absl::OkStatus();
+}
+
+absl::Status MemoryCharge::GrowNow(uint64_t bytes, std::string_view what) {
+  if (budget_ == nullptr) return absl::OkStatus();
+  if (absl::Status full = budget_->TakeNow(bytes, what); !full.ok()) return full;
   bytes_ += bytes;
   return absl::OkStatus();
 }

@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <string_view>
 #include <utility>
 
@@ -20,20 +21,42 @@ class MemoryBudget {
   MemoryBudget(const MemoryBudget&) = delete;
   MemoryBudget& operator=(const MemoryBudget&) = delete;
 
-  // Takes `bytes`, or nothing. RESOURCE_EXHAUSTED naming `what` with need and limit, as numbers too (base/limit_error.h).
-  absl::Status Take(uint64_t bytes, std::string_view what);
+  // Takes `bytes`, or nothing. RESOURCE_EXHAUSTED naming `what` with need and limit, as numbers too (base/limit_error.h); marked
+  // (IsInUseByOthers) where it is the parent that has not so much left.
+  absl::Status Take(uint64_t bytes, std::string_view what) { return Take(bytes, what, true); }
+  // The same without waiting.
+  absl::Status TakeNow(uint64_t bytes, std::string_view what) { return Take(bytes, what, false); }
+  // Asked where the parent has not so much left: waits, and says whether to try again. Set before the first Take; only who takes is made to
+  // wait. Without it nobody waits.
+  using Wait = std::function<bool(uint64_t bytes)>;
+  void set_wait(Wait wait) { wait_ = std::move(wait); }
+
+  // Bytes of the parent that this leaves to others while others use any: what is held long must not take the last from what would end soon.
+  void set_leave(uint64_t bytes) { leave_.store(bytes, std::memory_order_relaxed); }
+
   // Gives back what Take took.
   void Give(uint64_t bytes);
 
-  uint64_t limit_bytes() const { return limit_; }
+  // What is taken stays taken, though it be more than the new limit.
+  void set_limit_bytes(uint64_t bytes) { limit_.store(bytes, std::memory_order_relaxed); }
+  uint64_t limit_bytes() const { return limit_.load(std::memory_order_relaxed); }
   uint64_t used_bytes() const { return used_.load(std::memory_order_relaxed); }
   uint64_t peak_bytes() const { return peak_.load(std::memory_order_relaxed); }
 
  private:
-  const uint64_t limit_;
+  absl::Status Take(uint64_t bytes, std::string_view what, bool may_wait);
+  absl::Status TakeOfParent(uint64_t bytes, uint64_t own, std::string_view what);
+
+  std::atomic<uint64_t> limit_;
   MemoryBudget* const parent_;
+  std::atomic<uint64_t> leave_{0};
   std::atomic<uint64_t> used_{0}, peak_{0};
+  Wait wait_;
 };
+
+// What this process may take for requests that bring no budget of their own: half of the memory of the machine or container
+// (base/machine.h).
+MemoryBudget& DefaultMemory();
 
 // Bytes of a budget that are given back when this goes. Without a budget nothing is charged and nothing refused. Not thread-safe.
 class MemoryCharge {
@@ -56,7 +79,11 @@ class MemoryCharge {
   absl::Status Grow(uint64_t bytes, std::string_view what);
   // Takes elements * bytes_each more, without wrapping.
   absl::Status Grow(uint64_t elements, uint64_t bytes_each, std::string_view what);
+  // As the first one, but by MemoryBudget::TakeNow.
+  absl::Status GrowNow(uint64_t bytes, std::string_view what);
   void ShrinkTo(uint64_t bytes);
+  // Takes over what another one has taken, which must be of the same budget.
+  void Absorb(MemoryCharge other) { bytes_ += std::exchange(other.bytes_, 0); }
   uint64_t bytes() const { return bytes_; }
 
  private:

@@ -182,7 +182,8 @@ void MakeViews(RunState& state) {
   view.materials = state.materials.data();
   view.textures = state.textures.data();
   for (const VertexAttribute& attribute : mesh.attributes) {
-    state.attributes.push_back({attribute.values.data(), attribute.components});
+    state.attributes.push_back({attribute.values.data(), attribute.components, uint32_t(attribute.runs.size()),
+                                attribute.runs.empty() ? nullptr : attribute.runs.data()});
   }
   view.attributes = state.attributes.data();
   view.attribute_count = uint32_t(state.attributes.size());

@@ -82,10 +82,12 @@ absl::Status BatchMesh::AddShading(const BatchMember& member, KeptArrays& kept, 
   AddToBlock(host.materials, host.material_count, layout, s.materials);
   s.attribute_list = member.host->attributes;
   s.values.resize(s.attribute_list.size());
+  s.runs.resize(s.attribute_list.size());
   for (size_t i = 0; i < s.attribute_list.size(); ++i) {
-    const uint64_t count = n * uint64_t(s.attribute_list[i].components);
+    const uint64_t count = ValueCount(s.attribute_list[i], n);
     VOXELPIPE_OK_OR_RETURN(AddArray(key(absl::StrCat("attribute", i), true), s.attribute_list[i].values, count, kept,
                                     layout, s.values[i]));
+    AddToBlock(s.attribute_list[i].runs, s.attribute_list[i].run_count, layout, s.runs[i]);
   }
   AddToBlock(s.attribute_list.data(), s.attribute_list.size(), layout, s.attributes);
   s.texture_list = member.host->textures;
@@ -135,7 +137,10 @@ void BatchMesh::PlaceShading(const uint8_t* block, const Vec3d* index_positions)
     s.texture_list[i].rgba = s.images[i].On(block);
     s.texture_list[i].mips = s.mips[i].On(block);
   }
-  for (size_t i = 0; i < s.attribute_list.size(); ++i) s.attribute_list[i].values = s.values[i].On(block);
+  for (size_t i = 0; i < s.attribute_list.size(); ++i) {
+    s.attribute_list[i].values = s.values[i].On(block);
+    if (s.attribute_list[i].run_count > 0) s.attribute_list[i].runs = s.runs[i].On(block);
+  }
   view_there_ = reinterpret_cast<const MeshView*>(block + s.view_at);
 }
 

@@ -73,6 +73,7 @@ class BatchMesh {
     std::vector<Array<Vec4f>> mips;
     std::vector<AttributeView> attribute_list;
     std::vector<Array<float>> values;
+    std::vector<Array<AttributeRun>> runs;
   };
 
   Array<Vec3d> positions_;

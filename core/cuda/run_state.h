@@ -44,6 +44,7 @@ struct DeviceMesh {
   DeviceArray<TextureView> textures;
   DeviceArray<AttributeView> attributes;
   std::vector<DeviceArray<float>> attribute_values;
+  std::vector<DeviceArray<AttributeRun>> attribute_runs;
   std::vector<DeviceArray<uint8_t>> images;  // texels of level 0
   std::vector<DeviceArray<Vec4f>> mips;      // further levels
   MeshView host_view;                        // pointers into device memory

@@ -4,6 +4,7 @@
 // which has libm; what they move is there too (pose_upload.cpp). The host shades where something is wrong with the result, to say which
 // vertex, and of small meshes that no shader changes it finds the box sooner.
 #include <optional>
+#include <span>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -68,11 +69,16 @@ absl::Status UploadAttributes(RunState& state) {
   DeviceMesh& mesh = state.mesh;
   std::vector<AttributeView> attributes = state.host.attributes;
   mesh.attribute_values.resize(attributes.size());
+  mesh.attribute_runs.resize(attributes.size());
   for (size_t i = 0; i < attributes.size(); ++i) {
-    const uint64_t count = state.host.view.vertex_count * uint64_t(attributes[i].components);
+    const uint64_t count = ValueCount(attributes[i], state.host.view.vertex_count);
     const std::string part = absl::StrCat("attribute", i);
     VOXELPIPE_OK_OR_RETURN(UploadIf(state, true, true, part.c_str(), attributes[i].values, count,
                                     mesh.attribute_values[i], attributes[i].values));
+    if (attributes[i].run_count == 0) continue;
+    const std::span<const AttributeRun> runs(attributes[i].runs, attributes[i].run_count);
+    VOXELPIPE_OK_OR_RETURN(mesh.attribute_runs[i].Upload(runs, state.stream));
+    attributes[i].runs = mesh.attribute_runs[i].data();
   }
   VOXELPIPE_OK_OR_RETURN(mesh.attributes.Upload(attributes, state.stream));
   mesh.host_view.attributes = mesh.attributes.data();

@@ -2,7 +2,9 @@
 #include "load/draco.h"
 
 #include <draco/attributes/point_attribute.h>
-#include <draco/compression/decode.h>
+#include <draco/compression/config/decoder_options.h>
+#include <draco/compression/mesh/mesh_edgebreaker_decoder.h>
+#include <draco/compression/mesh/mesh_sequential_decoder.h>
 #include <draco/compression/point_cloud/point_cloud_decoder.h>
 #include <draco/core/varint_decoding.h>
 #include <draco/metadata/metadata_decoder.h>
@@ -14,18 +16,28 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "base/limit_error.h"
 #include "load/draco_orientations.h"
 #include "load/foreign_decoders.h"
 
 namespace voxelpipe {
 namespace {
 
-// The densest real streams spend about a tenth of a byte on a triangle or a point; a declared count beyond this is a bomb.
-constexpr uint64_t kMaxElementsPerByte = 64;
+// What the decoder itself keeps: corner tables and traversal of a face (three corners) and a point, and of an attribute's value in a point
+// its place in the table of values.
+constexpr uint64_t kBytesOfFace = 80, kBytesOfPoint = 40, kBytesOfIndex = 4;
+// What each set of attributes with connectivity of its own keeps beside: a vertex and seams of a face's corners, and of a point its value's
+// place, the way back, a corner and seams.
+constexpr uint64_t kSetBytesOfFace = 13, kSetBytesOfPoint = 17;
+constexpr uint32_t kStep = 1 << 18;  // faces or points between two looks at the job
+// Quantized and integer values are decoded as these and stay until all attributes are there.
+constexpr uint64_t kPortableBytes = 4;
 
 struct DeclaredCounts {
   uint64_t faces = 0, points = 0;
+  uint64_t attribute_sets = 0;  // with connectivity of their own
   bool is_mesh = false;
+  bool sequential = false;
 };
 
 absl::Status Invalid(const std::string& why) {
@@ -62,6 +74,7 @@ absl::StatusOr<DeclaredCounts> ReadDeclaredCounts(std::span<const uint8_t> bytes
   bool ok = true;
   if (header.encoder_type == draco::TRIANGULAR_MESH) {
     counts.is_mesh = true;
+    counts.sequential = header.encoder_method == draco::MESH_SEQUENTIAL_ENCODING;
     if (header.encoder_method == draco::MESH_SEQUENTIAL_ENCODING) {
       const bool fixed = version < DRACO_BITSTREAM_VERSION(2, 2);
       ok = ReadCount(buffer, fixed, counts.faces) && ReadCount(buffer, fixed, counts.points);
@@ -71,7 +84,10 @@ absl::StatusOr<DeclaredCounts> ReadDeclaredCounts(std::span<const uint8_t> bytes
       uint64_t new_vertices = 0;
       ok = buffer.Decode(&traversal);
       if (version < DRACO_BITSTREAM_VERSION(2, 2)) ok = ok && ReadCount(buffer, fixed, new_vertices);
-      ok = ok && ReadCount(buffer, fixed, counts.points) && ReadCount(buffer, fixed, counts.faces);
+      uint8_t sets = 0;
+      ok = ok && ReadCount(buffer, fixed, counts.points) && ReadCount(buffer, fixed, counts.faces) &&
+           buffer.Decode(&sets);
+      counts.attribute_sets = sets;
     }
   } else if (header.encoder_type == draco::POINT_CLOUD) {
     ok = ReadCount(buffer, true, counts.points);
@@ -83,7 +99,7 @@ absl::StatusOr<DeclaredCounts> ReadDeclaredCounts(std::span<const uint8_t> bytes
 }
 
 absl::Status CheckCounts(const DeclaredCounts& counts, uint64_t bytes, const LoadLimits& limits) {
-  const uint64_t most = bytes * kMaxElementsPerByte;
+  const uint64_t most = bytes * limits.max_elements_per_byte;
   if (counts.faces > most || counts.points > most) {
     return Invalid(absl::StrCat("the header declares ", counts.faces, " faces and ", counts.points,
                                 " points, more than ", bytes, " bytes can hold"));
@@ -124,7 +140,7 @@ double IntegerMost(draco::DataType type) {
 }
 
 // `attribute` is no longer normalized afterwards: Draco's own conversion would not clamp as glTF wants it.
-absl::StatusOr<DracoAttribute> ReadAttribute(draco::PointAttribute& attribute, uint32_t points) {
+absl::StatusOr<DracoAttribute> ReadAttribute(const JobContext& job, draco::PointAttribute& attribute, uint32_t points) {
   DracoAttribute out;
   out.unique_id = attribute.unique_id();
   out.kind = KindOf(attribute.attribute_type());
@@ -138,6 +154,9 @@ absl::StatusOr<DracoAttribute> ReadAttribute(draco::PointAttribute& attribute, u
   }
   out.values.resize(size_t(points) * size_t(out.components));
   for (uint32_t i = 0; i < points; ++i) {
+    if (i % kStep == 0) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
+    }
     const draco::AttributeValueIndex at = attribute.mapped_index(draco::PointIndex(i));
     float* value = out.values.data() + size_t(i) * size_t(out.components);
     if (at.value() >= attribute.size() || !attribute.ConvertValue<float>(at, int8_t(out.components), value)) {
@@ -151,23 +170,124 @@ absl::StatusOr<DracoAttribute> ReadAttribute(draco::PointAttribute& attribute, u
   return out;
 }
 
-absl::StatusOr<DracoMesh> Decode(std::span<const uint8_t> bytes, bool is_mesh, const LoadLimits& limits) {
-  DracoMesh out;
-  if (!is_mesh) return out;  // a point cloud has nothing to voxelize
+// Bytes that the decoder takes for the values of all attributes, whose declarations are read: both as stored in the stream and as they are
+// in the end. Values of an attribute are no more than points.
+uint64_t AttributeBytes(const draco::PointCloud& cloud) {
+  uint64_t bytes = 0;
+  for (int32_t i = 0; i < cloud.num_attributes(); ++i) {
+    const draco::PointAttribute& attribute = *cloud.attribute(i);
+    const uint64_t size = std::max(0, draco::DataTypeLength(attribute.data_type()));
+    bytes += attribute.num_components() * (size + kPortableBytes) + kBytesOfIndex;
+  }
+  return bytes * cloud.num_points();
+}
+
+// Draco's decoder, which takes of the job's memory before each of its large steps and looks at the job between them.
+template <typename Base>
+class GuardedDecoder final : public Base {
+ public:
+  GuardedDecoder(const JobContext& job, const LoadLimits& limits, const DeclaredCounts& counts, uint64_t stream_bytes)
+      : job_(job), limits_(limits), counts_(counts), stream_bytes_(stream_bytes), charge_(&MemoryOf(job)) {}
+
+  // Why a step did not begin, where that is not the stream's fault.
+  const absl::Status& refusal() const { return refusal_; }
+  // What the decoded mesh takes, which outlives the decoder.
+  MemoryCharge TakeCharge() { return std::move(charge_); }
+
+ protected:
+  bool DecodeConnectivity() override {
+    const uint64_t of_face = kBytesOfFace + counts_.attribute_sets * kSetBytesOfFace;
+    const uint64_t of_point = kBytesOfPoint + counts_.attribute_sets * kSetBytesOfPoint;
+    return Allow(charge_.Grow(counts_.faces * of_face + counts_.points * of_point, "draco: the connectivity")) &&
+           Base::DecodeConnectivity();
+  }
+
+  bool DecodeAllAttributes() override {
+    if (!Allow(CheckValues()) || !Allow(charge_.Grow(AttributeBytes(*this->point_cloud()), "draco: the attributes"))) {
+      return false;
+    }
+    for (int32_t i = 0; i < this->num_attributes_decoders(); ++i) {
+      // As the base class does with its own list, which it shows as constant only.
+      auto* const decoder = const_cast<draco::AttributesDecoderInterface*>(this->attributes_decoder(i));
+      if (!Allow(job_.Check()) || decoder == nullptr || !decoder->DecodeAttributes(this->buffer())) return false;
+    }
+    return Allow(job_.Check());
+  }
+
+ private:
+  bool Allow(absl::Status status) {
+    refusal_ = std::move(status);
+    return refusal_.ok();
+  }
+
+  // Attributes of a constant value take no bytes at all, whatever the number of points.
+  absl::Status CheckValues() const {
+    const draco::PointCloud& cloud = *this->point_cloud();
+    uint64_t components = 0;
+    for (int32_t i = 0; i < cloud.num_attributes(); ++i) components += cloud.attribute(i)->num_components();
+    const uint64_t values = components * cloud.num_points();
+    const uint64_t most = std::max(kLeastValues, stream_bytes_ * limits_.max_draco_values_per_byte);
+    if (values <= most) return absl::OkStatus();
+    return MakeLimitError(absl::StrCat("draco: ", cloud.num_attributes(), " attributes of ", components,
+                                       " components and ", cloud.num_points(), " points make ", values, " values of ",
+                                       stream_bytes_, " bytes; the limit max_draco_values_per_byte allows ", most),
+                          {values * sizeof(float), most * sizeof(float), 0});
+  }
+
+  static constexpr uint64_t kLeastValues = 1 << 20;  // that any stream may hold
+
+  const JobContext& job_;
+  const LoadLimits& limits_;
+  const DeclaredCounts& counts_;
+  const uint64_t stream_bytes_;
+  MemoryCharge charge_;
+  absl::Status refusal_;
+};
+
+struct DecodedStream {
+  std::unique_ptr<draco::Mesh> mesh;
+  MemoryCharge charge;
+};
+
+template <typename Base>
+absl::StatusOr<DecodedStream> DecodeStream(const JobContext& job, std::span<const uint8_t> bytes,
+                                           const LoadLimits& limits, const DeclaredCounts& counts) {
   draco::DecoderBuffer buffer;
   buffer.Init(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-  draco::Decoder decoder;
-  auto decoded = decoder.DecodeMeshFromBuffer(&buffer);
-  if (!decoded.ok()) return Invalid(decoded.status().error_msg_string());
-  const std::unique_ptr<draco::Mesh> mesh = std::move(decoded).value();
+  DecodedStream out{std::make_unique<draco::Mesh>(), {}};
+  GuardedDecoder<Base> decoder(job, limits, counts, bytes.size());
+  const draco::Status decoded = decoder.Decode(draco::DecoderOptions(), &buffer, out.mesh.get());
+  if (!decoder.refusal().ok()) return decoder.refusal();
+  if (!decoded.ok()) return Invalid(decoded.error_msg_string());
+  out.charge = decoder.TakeCharge();
+  return out;
+}
+
+absl::StatusOr<DracoMesh> Decode(const JobContext& job, std::span<const uint8_t> bytes, const DeclaredCounts& counts,
+                                 const LoadLimits& limits) {
+  DracoMesh out;
+  if (!counts.is_mesh) return out;  // a point cloud has nothing to voxelize
+  absl::StatusOr<DecodedStream> decoded = counts.sequential
+                                              ? DecodeStream<draco::MeshSequentialDecoder>(job, bytes, limits, counts)
+                                              : DecodeStream<draco::MeshEdgebreakerDecoder>(job, bytes, limits, counts);
+  if (!decoded.ok()) return decoded.status();
+  const std::unique_ptr<draco::Mesh> mesh = std::move(decoded->mesh);
+  out.memory = MemoryCharge(&MemoryOf(job));
   if (mesh->num_faces() > limits.max_triangles || mesh->num_points() > limits.max_vertices) {
     return absl::ResourceExhaustedError(absl::StrCat("draco: ", mesh->num_faces(), " triangles and ",
                                                      mesh->num_points(), " vertices, the limits are ",
                                                      limits.max_triangles, " and ", limits.max_vertices));
   }
   out.points = mesh->num_points();
+  if (absl::Status full = out.memory.Grow(mesh->num_faces(), sizeof(out.triangles[0]), "draco: the triangles");
+      !full.ok()) {
+    return full;
+  }
   out.triangles.reserve(mesh->num_faces());
   for (draco::FaceIndex f(0); f < mesh->num_faces(); ++f) {
+    if (f.value() % kStep == 0) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
+    }
     const draco::Mesh::Face& face = mesh->face(f);
     const std::array<uint32_t, 3> t{face[0].value(), face[1].value(), face[2].value()};
     for (const uint32_t v : t) {
@@ -179,11 +299,18 @@ absl::StatusOr<DracoMesh> Decode(std::span<const uint8_t> bytes, bool is_mesh, c
     draco::PointAttribute& attribute = *mesh->attribute(i);
     // Custom data of too many components, which no shader could read. Draco's conversion of DT_BOOL loads a stranger's byte as a bool, which is undefined.
     if (attribute.num_components() > 4 || attribute.data_type() == draco::DT_BOOL) continue;
-    auto read = ReadAttribute(attribute, out.points);
-    if (!read.ok()) return read.status();
+    std::string name;
     if (const draco::AttributeMetadata* const metadata = mesh->GetAttributeMetadataByAttributeId(i)) {
-      metadata->GetEntryString("name", &read->name);
+      metadata->GetEntryString("name", &name);
     }
+    if (absl::Status full =
+            out.memory.Grow(uint64_t{out.points} * attribute.num_components(), sizeof(float), "draco: an attribute");
+        !full.ok()) {
+      return full;
+    }
+    auto read = ReadAttribute(job, attribute, out.points);
+    if (!read.ok()) return read.status();
+    read->name = std::move(name);
     out.attributes.push_back(*std::move(read));
   }
   return out;
@@ -204,7 +331,7 @@ std::vector<Vector> Take(const DracoAttribute& attribute, uint32_t points) {
 // What does not fit is left out with a warning.
 Primitive ToPrimitive(DracoMesh& mesh, WarningList& warnings) {
   Primitive primitive;
-  primitive.triangles = mesh.triangles;
+  primitive.triangles = std::move(mesh.triangles);
   for (DracoAttribute& attribute : mesh.attributes) {
     if (attribute.normalized) Normalize(attribute);
     if (attribute.kind == DracoAttribute::Kind::kPosition && attribute.components == 3 && primitive.positions.empty()) {
@@ -240,14 +367,14 @@ void Normalize(DracoAttribute& attribute) {
   }
 }
 
-absl::StatusOr<DracoMesh> DecodeDraco(std::span<const uint8_t> bytes, const LoadLimits& limits) {
+absl::StatusOr<DracoMesh> DecodeDraco(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits) {
   if (absl::Status s = CheckForeignDecoders(); !s.ok()) return s;
   try {
     UseBoundedOrientations();
     const auto counts = ReadDeclaredCounts(bytes);
     if (!counts.ok()) return counts.status();
     if (absl::Status s = CheckCounts(*counts, bytes.size(), limits); !s.ok()) return s;
-    return Decode(bytes, counts->is_mesh, limits);
+    return Decode(job, bytes, *counts, limits);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("draco: out of memory while decoding");
   } catch (const std::exception& e) {
@@ -257,7 +384,7 @@ absl::StatusOr<DracoMesh> DecodeDraco(std::span<const uint8_t> bytes, const Load
 
 absl::StatusOr<Scene> LoadDraco(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits) {
   if (absl::Status over = job.Check(); !over.ok()) return over;
-  auto mesh = DecodeDraco(bytes, limits);
+  auto mesh = DecodeDraco(job, bytes, limits);
   if (!mesh.ok()) return mesh.status();
   if (absl::Status over = job.Check(); !over.ok()) return over;
   Scene scene;
@@ -268,7 +395,15 @@ absl::StatusOr<Scene> LoadDraco(const JobContext& job, std::span<const uint8_t> 
     scene.warnings.Add(WarningCode::kNoTriangles, "", "the Draco stream has no faces: there is nothing to voxelize");
     return scene;
   }
+  // The values of attributes once more, while they are taken over.
+  uint64_t values = 0;
+  for (const DracoAttribute& attribute : mesh->attributes) values += attribute.values.size();
+  if (absl::Status full = mesh->memory.Grow(values, sizeof(float), "draco: the primitive"); !full.ok()) return full;
   Primitive primitive = ToPrimitive(*mesh, scene.warnings);
+  const uint64_t kept = primitive.triangles.size() * sizeof(primitive.triangles[0]) + values * sizeof(float);
+  mesh->attributes.clear();
+  mesh->memory.ShrinkTo(kept);
+  scene.memory = std::make_shared<MemoryCharge>(std::move(mesh->memory));
   if (primitive.positions.empty()) return Invalid("the mesh has no attribute POSITION of 3 components");
   scene.nodes[0].mesh = 0;
   scene.meshes.push_back(Mesh{"", {std::move(primitive)}});

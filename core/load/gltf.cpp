@@ -18,16 +18,18 @@ namespace voxelpipe {
 absl::StatusOr<Scene> LoadGltf(const JobContext& job, std::string_view json,
                                std::optional<std::span<const uint8_t>> binary_chunk, const LoadLimits& limits,
                                WarningList warnings) {
-  gltf::Budget budget(job, limits);
+  gltf::Budget budget(job, limits, json.size() + (binary_chunk ? binary_chunk->size() : 0));
   if (absl::Status over = job.Check(); !over.ok()) return over;
   json = WithoutByteOrderMark(json, warnings);
-  if (absl::Status bad = GuardJson(json, limits); !bad.ok()) return bad;
+  if (absl::Status bad = GuardJson(job, json, limits); !bad.ok()) return bad;
   if (absl::Status over = job.Check(); !over.ok()) return over;
-  absl::StatusOr<gltf::Document> document = gltf::ParseDocument(json, limits);
+  absl::StatusOr<gltf::Document> document = gltf::ParseDocument(job, json, limits);
   if (!document.ok()) return document.status();
   if (absl::Status over = job.Check(); !over.ok()) return over;
-  absl::StatusOr<tinygltf::Model> model = gltf::ParseGraph(document->graph);
+  MemoryCharge model_charge = budget.NewCharge();
+  absl::StatusOr<tinygltf::Model> model = gltf::BuildModel(*document->graph, budget, model_charge);
   if (!model.ok()) return model.status();
+  document->graph.reset();
 
   absl::StatusOr<gltf::Buffers> buffers = gltf::Buffers::Resolve(*document, binary_chunk, budget);
   if (!buffers.ok()) return buffers.status();
@@ -36,13 +38,14 @@ absl::StatusOr<Scene> LoadGltf(const JobContext& job, std::string_view json,
   Scene scene;
   scene.warnings = std::move(warnings);
   scene.warnings.Append(document->warnings);
-  if (absl::Status bad = gltf::ReadNodes(*model, accessors, limits, scene); !bad.ok()) return bad;
+  if (absl::Status bad = gltf::ReadNodes(*model, accessors, budget, scene); !bad.ok()) return bad;
   gltf::PrimitiveContext context{*document, *buffers, budget, accessors, scene.warnings};
   if (absl::Status bad = gltf::ReadMeshes(*model, context, scene); !bad.ok()) return bad;
   if (absl::Status bad = gltf::ReadMaterials(*model, *document, *buffers, budget, scene); !bad.ok()) return bad;
   // Last, so that what they take of the budget is missing nowhere else.
   gltf::ReadAnimations(*document, accessors, limits, scene);
   if (absl::Status bad = gltf::AddMissingNodes(*document, limits, scene); !bad.ok()) return bad;
+  scene.memory = std::make_shared<MemoryCharge>(budget.Release());
   return scene;
 }
 

@@ -15,6 +15,8 @@
 namespace voxelpipe::gltf {
 namespace {
 
+constexpr uint64_t kStep = 1 << 20;  // elements copied between two looks at the job
+
 // A checked run of elements: the last one ends inside `bytes`.
 struct Run {
   std::span<const uint8_t> bytes;
@@ -85,30 +87,38 @@ void CopyElement(const uint8_t* from, const AccessorDecl& decl, uint64_t column_
 }
 
 template <typename T, typename C>
-void CopyRun(const Run& run, const AccessorDecl& decl, uint64_t count, T* out, const std::vector<uint32_t>* places) {
+void CopyRun(const Run& run, const AccessorDecl& decl, uint64_t begin, uint64_t end, T* out,
+             const std::vector<uint32_t>* places) {
   const uint64_t column_bytes = ColumnBytes(decl);
-  if (std::is_same_v<T, C> && places == nullptr && !decl.matrix && run.stride == column_bytes && count > 0) {
-    std::memcpy(out, run.bytes.data() + run.offset, count * column_bytes);
+  if (std::is_same_v<T, C> && places == nullptr && !decl.matrix && run.stride == column_bytes && begin < end) {
+    std::memcpy(out + begin * decl.components, run.bytes.data() + run.offset + begin * column_bytes,
+                (end - begin) * column_bytes);
     return;
   }
-  for (uint64_t i = 0; i < count; ++i) {
+  for (uint64_t i = begin; i < end; ++i) {
     const uint64_t place = places == nullptr ? i : (*places)[i];
     CopyElement<T, C>(run.bytes.data() + run.offset + i * run.stride, decl, column_bytes,
                       out + place * decl.components);
   }
 }
 
-// Element i of the run goes to element places[i] of `out`, or to i without places.
+// Element i of the run goes to element places[i] of `out`, or to i without places. The job's error once it is over.
 template <typename T>
-void CopyTyped(const Run& run, const AccessorDecl& decl, uint64_t count, T* out, const std::vector<uint32_t>* places) {
-  switch (decl.component_type) {
-    case 5120: return CopyRun<T, int8_t>(run, decl, count, out, places);
-    case 5121: return CopyRun<T, uint8_t>(run, decl, count, out, places);
-    case 5122: return CopyRun<T, int16_t>(run, decl, count, out, places);
-    case 5123: return CopyRun<T, uint16_t>(run, decl, count, out, places);
-    case 5125: return CopyRun<T, uint32_t>(run, decl, count, out, places);
-    default: return CopyRun<T, float>(run, decl, count, out, places);
+absl::Status CopyTyped(const JobContext& job, const Run& run, const AccessorDecl& decl, uint64_t count, T* out,
+                       const std::vector<uint32_t>* places) {
+  for (uint64_t begin = 0; begin < count; begin += kStep) {
+    if (absl::Status over = job.Check(); !over.ok()) return over;
+    const uint64_t end = std::min(count, begin + kStep);
+    switch (decl.component_type) {
+      case 5120: CopyRun<T, int8_t>(run, decl, begin, end, out, places); break;
+      case 5121: CopyRun<T, uint8_t>(run, decl, begin, end, out, places); break;
+      case 5122: CopyRun<T, int16_t>(run, decl, begin, end, out, places); break;
+      case 5123: CopyRun<T, uint16_t>(run, decl, begin, end, out, places); break;
+      case 5125: CopyRun<T, uint32_t>(run, decl, begin, end, out, places); break;
+      default: CopyRun<T, float>(run, decl, begin, end, out, places); break;
+    }
   }
+  return absl::OkStatus();
 }
 
 // The elements of a run where they stand in the file as E holds them, null where they must be converted or gathered.
@@ -144,10 +154,9 @@ absl::StatusOr<std::vector<E>> AccessorReader::Read(uint32_t accessor) const {
     if (!checked.ok()) return checked.status();
     run = *checked;
   }
-  if (decl.count > budget_.limits().max_vertices && decl.view < 0) {
-    return absl::ResourceExhaustedError(absl::StrCat("glTF: ", where, ": ", decl.count,
-                                                     " elements without data; the limit max_vertices is ",
-                                                     budget_.limits().max_vertices));
+  if (decl.view < 0) {
+    if (absl::Status many = budget_.CheckDeclared(decl.count, decl.components * sizeof(T), where); !many.ok())
+      return many;
   }
   if (absl::Status full = budget_.Take(decl.count, decl.components * sizeof(T), where); !full.ok()) return full;
   const uint64_t size =
@@ -155,13 +164,21 @@ absl::StatusOr<std::vector<E>> AccessorReader::Read(uint32_t accessor) const {
   const E* const plain = decl.view >= 0 && decl.count > 0 ? InPlace<T, E>(run, decl) : nullptr;
   std::vector<E> out;
   ReserveHuge(out, size);
-  if (plain != nullptr) {
-    out.assign(plain, plain + size);
-  } else {
-    out.resize(size);
+  // In steps: writing fresh pages takes its time.
+  for (uint64_t begin = 0; begin < size; begin += kStep) {
+    if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
+    const uint64_t end = std::min(size, begin + kStep);
+    if (plain != nullptr) {
+      out.insert(out.end(), plain + begin, plain + end);
+    } else {
+      out.resize(end);
+    }
   }
   T* const components = reinterpret_cast<T*>(out.data());
-  if (plain == nullptr && decl.view >= 0) CopyTyped<T>(run, decl, decl.count, components, nullptr);
+  if (plain == nullptr && decl.view >= 0) {
+    if (absl::Status over = CopyTyped<T>(budget_.job(), run, decl, decl.count, components, nullptr); !over.ok())
+      return over;
+  }
   if (!decl.sparse) return out;
 
   const SparseDecl& sparse = *decl.sparse;
@@ -182,15 +199,24 @@ absl::StatusOr<std::vector<E>> AccessorReader::Read(uint32_t accessor) const {
   absl::StatusOr<Run> value_run = CheckRun(*value_bytes, sparse.value_offset, 0, element, sparse.count,
                                            where + ", sparse values", sparse.value_view);
   if (!value_run.ok()) return value_run.status();
+  MemoryCharge places_charge = budget_.NewCharge();
+  if (absl::Status full = budget_.Take(sparse.count, sizeof(uint32_t), where, places_charge); !full.ok()) return full;
   std::vector<uint32_t> places(sparse.count);
-  CopyTyped<uint32_t>(*index_run, index_decl, sparse.count, places.data(), nullptr);
+  if (absl::Status over =
+          CopyTyped<uint32_t>(budget_.job(), *index_run, index_decl, sparse.count, places.data(), nullptr);
+      !over.ok()) {
+    return over;
+  }
   for (size_t i = 0; i < places.size(); ++i) {
     if (places[i] >= decl.count) {
       return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ", sparse indices: entry ", i, " is ", places[i],
                                                      ", the accessor has ", decl.count, " elements"));
     }
   }
-  CopyTyped<T>(*value_run, decl, sparse.count, components, &places);
+  if (absl::Status over = CopyTyped<T>(budget_.job(), *value_run, decl, sparse.count, components, &places);
+      !over.ok()) {
+    return over;
+  }
   return out;
 }
 

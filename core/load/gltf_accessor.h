@@ -17,6 +17,7 @@ class AccessorReader {
   AccessorReader(const Document& document, Buffers& buffers, Budget& budget)
       : document_(document), buffers_(buffers), budget_(budget) {}
 
+  const JobContext& job() const { return budget_.job(); }
   const AccessorDecl& decl(uint32_t accessor) const { return document_.accessors[accessor]; }
 
   // All components as floats, element after element (count * components values; matrices without their padding).

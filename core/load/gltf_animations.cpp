@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
+#include "base/limit_error.h"
 #include "load/gltf_fields.h"
 
 namespace voxelpipe::gltf {
@@ -43,6 +44,7 @@ class Reader {
     status = absl::OkStatus();          // a name is never worth an error
     std::map<uint64_t, uint32_t> read;  // samplers by the file's index; those without a channel are not looked at
     for (size_t i = 0; i < channels->size(); ++i) {
+      if (absl::Status over = accessors_.job().Check(); !over.ok()) return over;
       if (absl::Status bad = ReadChannel((*channels)[i], i, *samplers, read, out); !bad.ok()) return bad;
     }
     return absl::OkStatus();
@@ -149,7 +151,7 @@ class Reader {
   }
 
   static absl::Status At(const std::string& where, const absl::Status& why) {
-    return absl::Status(why.code(), absl::StrCat("glTF: ", where, ": ", absl::StripPrefix(why.message(), "glTF: ")));
+    return WithText(why, absl::StrCat("glTF: ", where, ": ", absl::StripPrefix(why.message(), "glTF: ")));
   }
 
   const AccessorReader& accessors_;
@@ -162,9 +164,8 @@ class Reader {
 }  // namespace
 
 void ReadAnimations(const Document& document, const AccessorReader& accessors, const LoadLimits& limits, Scene& scene) {
-  if (document.animations.empty()) return;
-  const Json root = Json::parse(document.animations, nullptr, false);
-  if (!root.is_array()) return;
+  if (document.animations == nullptr) return;
+  const Json& root = *document.animations;
   uint64_t total = 0;
   for (size_t i = 0; i < root.size(); ++i) {
     Animation& out = scene.animations.emplace_back();

@@ -40,6 +40,8 @@ absl::StatusOr<std::optional<AttributeValues>> AttributeSource::Find(const std::
   const absl::StatusOr<const DracoAttribute*> draco = InDraco(name);
   if (!draco.ok()) return draco.status();
   if (const DracoAttribute* const attribute = *draco) {
+    const uint64_t values = attribute->values.size();
+    if (absl::Status full = context_.budget.Take(values, sizeof(float), name); !full.ok()) return full;
     return AttributeValues{attribute->components, attribute->values,
                            absl::StrCat("Draco attribute ", attribute->unique_id)};
   }
@@ -73,6 +75,7 @@ absl::StatusOr<std::optional<AttributeVectors<V>>> AttributeSource::FindVectors(
   const AttributeValues& data = **found;
   AttributeVectors<V> out{data.components, {}, data.origin};
   if (data.components == kComponents) {
+    if (absl::Status full = context_.budget.Take(data.values.size(), sizeof(float), name); !full.ok()) return full;
     out.values.resize(data.values.size() / kComponents);
     std::copy(data.values.begin(), data.values.end(), reinterpret_cast<float*>(out.values.data()));
   }

@@ -11,11 +11,14 @@
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 #include "base/checked.h"
+#include "base/limit_error.h"
 #include "load/json_guard.h"
 #include "load/meshopt.h"
 
 namespace voxelpipe::gltf {
 namespace {
+
+constexpr uint64_t kLeastElements = 65'536;  // that any file may declare
 
 int HexDigit(char c) {
   if (c >= '0' && c <= '9') return c - '0';
@@ -97,17 +100,18 @@ std::vector<bool> Placeholders(const Document& document) {
 
 }  // namespace
 
-absl::Status Budget::Take(uint64_t elements, uint64_t bytes_each, const std::string& what) {
+absl::Status Budget::Take(uint64_t elements, uint64_t bytes_each, const std::string& what, MemoryCharge& charge) const {
   if (absl::Status over = job_.Check(); !over.ok()) return over;
-  const std::optional<uint64_t> bytes = CheckedMul(elements, bytes_each);
-  const std::optional<uint64_t> sum = bytes ? CheckedAdd(used_, *bytes) : std::nullopt;
-  if (!sum || *sum > limits_.max_decoded_bytes) {
-    return absl::ResourceExhaustedError(absl::StrCat("glTF: ", what, ": ", elements, " elements of ", bytes_each,
-                                                     " bytes exceed the limit max_decoded_bytes, ",
-                                                     limits_.max_decoded_bytes));
-  }
-  used_ = *sum;
-  return absl::OkStatus();
+  return charge.Grow(elements, bytes_each, "glTF: " + what + ":");
+}
+
+absl::Status Budget::CheckDeclared(uint64_t elements, uint64_t bytes_each, const std::string& what) const {
+  const uint64_t most =
+      std::max(kLeastElements, file_bytes_ * limits_.max_elements_per_byte);  // a file's size is small
+  if (elements <= most) return absl::OkStatus();
+  return MakeLimitError(absl::StrCat("glTF: ", what, ": ", elements, " elements without data in a file of ",
+                                     file_bytes_, " bytes; the limit max_elements_per_byte allows ", most),
+                        {CheckedMul(elements, bytes_each).value_or(UINT64_MAX), most * bytes_each, 0});
 }
 
 bool IsDataUri(std::string_view uri) {
@@ -149,6 +153,7 @@ absl::StatusOr<Buffers> Buffers::Resolve(Document& document, std::optional<std::
                                          Budget& budget) {
   Buffers buffers;
   buffers.document_ = &document;
+  buffers.charge_ = budget.NewCharge();
   buffers.owned_.resize(document.buffers.size());
   buffers.bytes_.resize(document.buffers.size());
   buffers.decoded_views_.resize(document.views.size());
@@ -165,7 +170,9 @@ absl::StatusOr<Buffers> Buffers::Resolve(Document& document, std::optional<std::
         return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": no uri, and no GLB chunk holds its data"));
       }
     } else if (IsDataUri(*decl.uri)) {
-      if (absl::Status full = budget.Take(decl.uri->size(), 1, where); !full.ok()) return full;
+      // The bytes, and a copy while they are decoded.
+      const uint64_t before = buffers.charge_.bytes();
+      if (absl::Status full = budget.Take(decl.uri->size(), 2, where, buffers.charge_); !full.ok()) return full;
       absl::StatusOr<DataUri> data = DecodeDataUri(*decl.uri);
       if (!data.ok()) {
         return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": ", data.status().message()));
@@ -173,6 +180,7 @@ absl::StatusOr<Buffers> Buffers::Resolve(Document& document, std::optional<std::
       decl.uri->clear();
       decl.uri->shrink_to_fit();
       buffers.owned_[i] = std::move(data->bytes);
+      buffers.charge_.ShrinkTo(before + buffers.owned_[i].size());
       buffers.bytes_[i] = buffers.owned_[i];
     } else {
       return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": the URI ", Quoted(*decl.uri),
@@ -187,19 +195,21 @@ absl::StatusOr<Buffers> Buffers::Resolve(Document& document, std::optional<std::
   return buffers;
 }
 
-absl::StatusOr<std::vector<uint8_t>> Buffers::Decode(const MeshoptDecl& decl, Budget& budget) const {
+absl::StatusOr<std::vector<uint8_t>> Buffers::Decode(const MeshoptDecl& decl, Budget& budget) {
   const std::span<const uint8_t> buffer = bytes_[decl.buffer];
   if (buffer.size() < decl.offset + decl.length) {
     return absl::InvalidArgumentError(absl::StrCat("meshopt compression: buffer ", decl.buffer, " has no data"));
   }
-  if (absl::Status full = budget.Take(decl.count, decl.stride, "meshopt compression"); !full.ok()) return full;
+  if (absl::Status full = budget.Take(decl.count, decl.stride, "meshopt compression", charge_); !full.ok()) {
+    return full;
+  }
   MeshoptView view;
   view.count = decl.count;
   view.byte_stride = decl.stride;
   view.mode = decl.mode;
   view.filter = decl.filter;
   view.khr = decl.khr;
-  return DecodeMeshopt(buffer.subspan(decl.offset, decl.length), view, budget.limits());
+  return DecodeMeshopt(buffer.subspan(decl.offset, decl.length), view);
 }
 
 absl::StatusOr<std::span<const uint8_t>> Buffers::View(uint32_t index, Budget& budget) {
@@ -216,8 +226,8 @@ absl::StatusOr<std::span<const uint8_t>> Buffers::View(uint32_t index, Budget& b
   if (decoded.empty()) {
     absl::StatusOr<std::vector<uint8_t>> bytes = Decode(*view.meshopt, budget);
     if (!bytes.ok()) {
-      return absl::Status(bytes.status().code(), absl::StrCat("glTF: bufferView ", index, ": ",
-                                                              absl::StripPrefix(bytes.status().message(), "glTF: ")));
+      return WithText(bytes.status(), absl::StrCat("glTF: bufferView ", index, ": ",
+                                                   absl::StripPrefix(bytes.status().message(), "glTF: ")));
     }
     decoded = *std::move(bytes);
   }

@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -15,21 +16,38 @@
 
 namespace voxelpipe::gltf {
 
-// A running sum of decoded bytes against max_decoded_bytes: one declared count can stand for gigabytes. As everything that takes long
-// takes of it first, it is also where the job is looked at. Not thread-safe, but for job().
+// What the scene takes of the job's memory: one declared count can stand for gigabytes. As everything that takes long takes of it first, it
+// is also where the job is looked at. Not thread-safe, but for job().
 class Budget {
  public:
-  // Both must outlive this.
-  Budget(const JobContext& job, const LoadLimits& limits) : job_(job), limits_(limits) {}
+  // `job` and `limits` must outlive this. `file_bytes`: of all that was given to load.
+  Budget(const JobContext& job, const LoadLimits& limits, uint64_t file_bytes)
+      : job_(job), limits_(limits), file_bytes_(file_bytes), charge_(&MemoryOf(job)) {}
   // Takes elements * bytes_each, before they are allocated. RESOURCE_EXHAUSTED naming `what`; the job's error once it is over.
-  absl::Status Take(uint64_t elements, uint64_t bytes_each, const std::string& what);
+  absl::Status Take(uint64_t elements, uint64_t bytes_each, const std::string& what) {
+    return Take(elements, bytes_each, what, charge_);
+  }
+  // The same for what does not live as long as the scene: `charge` gives it back (NewCharge).
+  absl::Status Take(uint64_t elements, uint64_t bytes_each, const std::string& what, MemoryCharge& charge) const;
+  MemoryCharge NewCharge() const { return MemoryCharge(&MemoryOf(job_)); }
+
+  // Whether so many elements without bytes of their own are no more than a file of this size may declare: RESOURCE_EXHAUSTED.
+  absl::Status CheckDeclared(uint64_t elements, uint64_t bytes_each, const std::string& what) const;
+
+  // What the scene has taken so far, and a way to give back what of it is gone again.
+  uint64_t bytes() const { return charge_.bytes(); }
+  void ShrinkTo(uint64_t bytes) { charge_.ShrinkTo(bytes); }
+  // Hands over what was taken; this has taken nothing then.
+  MemoryCharge Release() { return std::exchange(charge_, NewCharge()); }
+
   const LoadLimits& limits() const { return limits_; }
   const JobContext& job() const { return job_; }
 
  private:
   const JobContext& job_;
   const LoadLimits& limits_;
-  uint64_t used_ = 0;
+  const uint64_t file_bytes_;
+  MemoryCharge charge_;
 };
 
 // Whether a URI holds its data, whatever the case of its scheme.
@@ -59,9 +77,10 @@ class Buffers {
   uint64_t Stride(uint32_t index) const;
 
  private:
-  absl::StatusOr<std::vector<uint8_t>> Decode(const MeshoptDecl& decl, Budget& budget) const;
+  absl::StatusOr<std::vector<uint8_t>> Decode(const MeshoptDecl& decl, Budget& budget);
 
   const Document* document_ = nullptr;
+  MemoryCharge charge_;                              // of the two below
   std::vector<std::vector<uint8_t>> owned_;          // data: URIs, by buffer
   std::vector<std::span<const uint8_t>> bytes_;      // by buffer; empty for a placeholder
   std::vector<std::vector<uint8_t>> decoded_views_;  // by view

@@ -6,6 +6,7 @@
 #include "base/checked.h"
 #include "load/gltf_extensions.h"
 #include "load/gltf_fields.h"
+#include "load/gltf_json.h"
 #include "load/gltf_sanitize.h"
 #include "load/json_guard.h"
 
@@ -71,8 +72,15 @@ const Json* MeshoptExtension(const Fields& fields, bool& khr) {
   return khr ? object : Extension(fields, "EXT_meshopt_compression");
 }
 
-void ReadBuffers(const Json& array, Document& document, absl::Status& status) {
-  for (size_t i = 0; i < array.size() && status.ok(); ++i) {
+// Whether element `i` of an array is to be read; looks at the job now and then.
+bool GoOn(const JobContext& job, size_t i, absl::Status& status) {
+  constexpr size_t kElementsAStep = 1024;
+  if (i % kElementsAStep == 0 && status.ok()) status = job.Check();
+  return status.ok();
+}
+
+void ReadBuffers(const JobContext& job, const Json& array, Document& document, absl::Status& status) {
+  for (size_t i = 0; i < array.size() && GoOn(job, i, status); ++i) {
     Fields fields(array[i], absl::StrCat("buffer ", i), status);
     BufferDecl buffer;
     buffer.byte_length = fields.RequiredUnsigned("byteLength");
@@ -100,8 +108,8 @@ void WarnOfStride(uint64_t stride, size_t view, Document& document) {
                         absl::StrCat("byteStride ", stride, " is no multiple of 4 from 4 to 252"));
 }
 
-void ReadViews(const Json& array, Document& document, absl::Status& status) {
-  for (size_t i = 0; i < array.size() && status.ok(); ++i) {
+void ReadViews(const JobContext& job, const Json& array, Document& document, absl::Status& status) {
+  for (size_t i = 0; i < array.size() && GoOn(job, i, status); ++i) {
     Fields fields(array[i], absl::StrCat("bufferView ", i), status);
     ViewDecl view;
     view.buffer = fields.RequiredIndex("buffer", document.buffers.size(), "buffers");
@@ -174,8 +182,8 @@ void ReadSparse(const Json& object, size_t index, const Document& document, Acce
   accessor.sparse = sparse;
 }
 
-void ReadAccessors(const Json& array, Document& document, absl::Status& status) {
-  for (size_t i = 0; i < array.size() && status.ok(); ++i) {
+void ReadAccessors(const JobContext& job, const Json& array, Document& document, absl::Status& status) {
+  for (size_t i = 0; i < array.size() && GoOn(job, i, status); ++i) {
     Fields fields(array[i], absl::StrCat("accessor ", i), status);
     AccessorDecl accessor;
     accessor.view = fields.Index("bufferView", document.views.size(), "bufferViews");
@@ -226,7 +234,9 @@ void ReadRtcCenter(const Fields& root, Document& document, absl::Status& status)
   document.rtc_center = at;
 }
 
-absl::StatusOr<Document> ReadDocument(Json& root, const LoadLimits& limits) {
+// `memory` is what `root` takes.
+absl::StatusOr<Document> ReadDocument(const JobContext& job, Json& root, const LoadLimits& limits,
+                                      MemoryCharge memory) {
   absl::Status status;
   Fields fields(root, "document", status);
   if (!status.ok()) return absl::InvalidArgumentError("glTF: the JSON is not an object");
@@ -235,20 +245,22 @@ absl::StatusOr<Document> ReadDocument(Json& root, const LoadLimits& limits) {
   if (absl::Status bad = CheckExtensions(fields, document.warnings); !bad.ok()) return bad;
   document.has_scenes = ArraySize(root, "scenes") > 0;
   ReadRtcCenter(fields, document, status);
-  if (const Json* array = fields.Array("buffers", kMostElements)) ReadBuffers(*array, document, status);
-  if (const Json* array = fields.Array("bufferViews", kMostElements)) ReadViews(*array, document, status);
-  if (const Json* array = fields.Array("accessors", kMostElements)) ReadAccessors(*array, document, status);
+  if (const Json* array = fields.Array("buffers", kMostElements)) ReadBuffers(job, *array, document, status);
+  if (const Json* array = fields.Array("bufferViews", kMostElements)) ReadViews(job, *array, document, status);
+  if (const Json* array = fields.Array("accessors", kMostElements)) ReadAccessors(job, *array, document, status);
   if (fields.Array("images", kMostElements) != nullptr) ReadImages(root["images"], document, status);
   if (!status.ok()) return status;
 
-  absl::StatusOr<Json> graph = SanitizeGraph(root, limits, document.warnings);
-  if (!graph.ok()) return graph.status();
   // Unchecked: what is wrong with an animation matters only to a request that asks for it.
   if (const auto it = root.find("animations"); it != root.end() && it->is_array() && !it->empty()) {
-    document.animations = it->dump(-1, ' ', false, Json::error_handler_t::replace);
+    document.animations = std::make_shared<Json>(std::move(*it));
   }
-  root = Json();  // a large document need not exist twice while the graph is written
-  document.graph = graph->dump(-1, ' ', false, Json::error_handler_t::replace);
+  // A part of the tree once more.
+  if (absl::Status full = memory.Grow(memory.bytes(), "glTF: the JSON:"); !full.ok()) return full;
+  absl::StatusOr<Json> graph = SanitizeGraph(job, root, limits, document.warnings);
+  if (!graph.ok()) return graph.status();
+  document.graph = std::make_shared<Json>(*std::move(graph));
+  document.memory = std::move(memory);
   return document;
 }
 
@@ -266,12 +278,12 @@ uint32_t ComponentBytes(int component_type) {
   }
 }
 
-absl::StatusOr<Document> ParseDocument(std::string_view json, const LoadLimits& limits) {
+absl::StatusOr<Document> ParseDocument(const JobContext& job, std::string_view json, const LoadLimits& limits) {
   try {
-    Json root = Json::parse(json.begin(), json.end());
-    return ReadDocument(root, limits);
-  } catch (const Json::parse_error& error) {
-    return absl::InvalidArgumentError(absl::StrCat("glTF: the JSON is broken at its byte ", error.byte));
+    MemoryCharge memory(&MemoryOf(job));
+    absl::StatusOr<Json> root = ParseJson(job, json, limits, memory);
+    if (!root.ok()) return root.status();
+    return ReadDocument(job, *root, limits, std::move(memory));
   } catch (const Json::exception& error) {
     return absl::InvalidArgumentError(absl::StrCat("glTF: ", Quoted(error.what())));
   }

@@ -2,12 +2,15 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "base/vec.h"
 #include "base/warning.h"
 #include "load/limits.h"
@@ -63,10 +66,11 @@ struct Document {
   std::vector<ViewDecl> views;
   std::vector<AccessorDecl> accessors;
   std::vector<ImageDecl> images;
-  std::string graph;  // JSON of the rest (scenes, nodes, meshes, skins, materials), checked and stripped, for tinygltf
-  std::string animations;           // JSON of the array of animations as the file has it, unchecked; empty without
-  bool has_scenes = false;          // at least one
-  std::optional<Vec3d> rtc_center;  // CESIUM_RTC: a translation of all that is drawn
+  std::shared_ptr<nlohmann::json> graph;  // the rest (scenes, nodes, meshes, skins, materials), checked and stripped
+  std::shared_ptr<nlohmann::json> animations;  // the array of animations as the file has it, unchecked; null without
+  MemoryCharge memory;                         // what all this takes of the job's
+  bool has_scenes = false;                     // at least one
+  std::optional<Vec3d> rtc_center;             // CESIUM_RTC: a translation of all that is drawn
   WarningList warnings;
 };
 
@@ -74,7 +78,7 @@ struct Document {
 // every buffer view in range of its buffer's declared length.
 // Errors: INVALID_ARGUMENT naming the object: broken JSON, a version other than 2.x, an unknown required extension, a
 // wrong type, a dangling index. RESOURCE_EXHAUSTED naming the limit.
-absl::StatusOr<Document> ParseDocument(std::string_view json, const LoadLimits& limits);
+absl::StatusOr<Document> ParseDocument(const JobContext& job, std::string_view json, const LoadLimits& limits);
 
 // Bytes of one component, 0 for an unknown type.
 uint32_t ComponentBytes(int component_type);

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 
+#include "base/limit_error.h"
+
 namespace voxelpipe::gltf {
 namespace {
 
@@ -17,11 +19,13 @@ absl::StatusOr<DracoMesh> DracoAhead::Take(std::span<const uint8_t> bytes) {
   const bool next =
       taken_ < streams_.size() && streams_[taken_].data() == bytes.data() && streams_[taken_].size() == bytes.size();
   if (absl::Status over = job_.Check(); !over.ok()) return over;
-  if (!next) return DecodeDraco(bytes, limits_);
+  if (!next) return DecodeDraco(job_, bytes, limits_);
   if (ready_.empty()) DecodeSome();
   Decoded decoded = std::move(ready_.front());
   ready_.pop_front();
   ++taken_;
+  // Alone it may fit where several at once did not.
+  if (LimitErrorOf(decoded.status)) return DecodeDraco(job_, bytes, limits_);
   if (!decoded.status.ok()) return decoded.status;
   return std::move(decoded.mesh);
 }
@@ -36,7 +40,7 @@ void DracoAhead::DecodeSome() {
   ready_.resize(count);
   tbb::parallel_for(size_t{0}, count, [&](size_t i) {
     if (ready_[i].status = job_.Check(); !ready_[i].status.ok()) return;
-    absl::StatusOr<DracoMesh> mesh = DecodeDraco(streams_[taken_ + i], limits_);
+    absl::StatusOr<DracoMesh> mesh = DecodeDraco(job_, streams_[taken_ + i], limits_);
     if (mesh.ok()) {
       ready_[i].mesh = *std::move(mesh);
     } else {

@@ -1,9 +1,10 @@
-// The one place where tinygltf runs.
+// The graph part of a document in tinygltf's structures.
 #pragma once
 
-#include <string>
+#include <nlohmann/json_fwd.hpp>
 
 #include "absl/status/statusor.h"
+#include "load/gltf_buffers.h"
 
 namespace tinygltf {
 class Model;
@@ -11,8 +12,9 @@ class Model;
 
 namespace voxelpipe::gltf {
 
-// In: Document::graph. Out: its scenes, nodes, meshes, skins, materials, textures and samplers; the other arrays are
-// placeholders. Never opens a file. Errors: INVALID_ARGUMENT with tinygltf's first line.
-absl::StatusOr<tinygltf::Model> ParseGraph(const std::string& graph);
+// In: Document::graph. Out: its scenes, nodes, meshes, skins, materials, textures and samplers; the other arrays are empty. What the model
+// takes is taken of `charge`, and the job is looked at meanwhile.
+// Errors: RESOURCE_EXHAUSTED; the job's. May throw bad_alloc and nlohmann's exceptions, which a checked graph never does.
+absl::StatusOr<tinygltf::Model> BuildModel(const nlohmann::json& graph, const Budget& budget, MemoryCharge& charge);
 
 }  // namespace voxelpipe::gltf

@@ -1,6 +1,7 @@
 #include "load/gltf_materials.h"
 
 #include <cmath>
+#include <map>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -164,18 +165,23 @@ absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Bu
     if (!IsDataUri(*decl.uri)) {
       return missing(absl::StrCat("the URI ", Quoted(*decl.uri), " leads to no file that could be read"));
     }
-    if (absl::Status full = budget.Take(decl.uri->size(), 1, where); !full.ok()) return full;
+    MemoryCharge charge = budget.NewCharge();
+    if (absl::Status full = budget.Take(decl.uri->size(), 2, where, charge); !full.ok()) return full;
     absl::StatusOr<DataUri> data = DecodeDataUri(*decl.uri);
     if (!data.ok()) return missing(std::string(data.status().message()));
     if (out.mime_type.empty()) out.mime_type = data->media_type;
     out.encoded = std::move(data->bytes);
+    charge.ShrinkTo(out.encoded.size());
+    out.memory = std::make_shared<MemoryCharge>(std::move(charge));
     return absl::OkStatus();
   }
   if (decl.view < 0) return missing("neither uri nor bufferView");
   absl::StatusOr<std::span<const uint8_t>> bytes = buffers.View(static_cast<uint32_t>(decl.view), budget);
   if (!bytes.ok()) return missing(std::string(bytes.status().message()));
-  if (absl::Status full = budget.Take(bytes->size(), 1, where); !full.ok()) return full;
+  MemoryCharge charge = budget.NewCharge();
+  if (absl::Status full = budget.Take(bytes->size(), 1, where, charge); !full.ok()) return full;
   out.encoded.assign(bytes->begin(), bytes->end());
+  out.memory = std::make_shared<MemoryCharge>(std::move(charge));
   return absl::OkStatus();
 }
 
@@ -183,12 +189,27 @@ absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Bu
 
 absl::Status ReadMaterials(const tinygltf::Model& model, const Document& document, Buffers& buffers, Budget& budget,
                            Scene& scene) {
+  std::map<int64_t, size_t> first;  // image of a buffer view: others with the same bytes are the same, and decoded once
   for (size_t i = 0; i < document.images.size(); ++i) {
+    const ImageDecl& decl = document.images[i];
+    if (!decl.uri && decl.view >= 0) {
+      const auto [known, fresh] = first.try_emplace(decl.view, i);
+      if (!fresh) {
+        scene.images.push_back(scene.images[known->second]);
+        continue;
+      }
+    }
+    if (absl::Status full = budget.Take(sizeof(Image) + decl.name.size() + decl.mime_type.size(), 1, "images");
+        !full.ok()) {
+      return full;
+    }
     auto image = std::make_shared<Image>();
-    if (absl::Status bad = ReadImage(document.images[i], i, buffers, budget, *image); !bad.ok()) return bad;
+    if (absl::Status bad = ReadImage(decl, i, buffers, budget, *image); !bad.ok()) return bad;
     scene.images.push_back(std::move(image));
   }
   for (const tinygltf::Texture& texture : model.textures) scene.textures.push_back(ReadTexture(model, texture, scene));
+  const uint64_t bytes = model.materials.size() * sizeof(Material) + model.textures.size() * sizeof(Texture);
+  if (absl::Status full = budget.Take(bytes, 1, "materials"); !full.ok()) return full;
   MaterialReader reader(model);
   for (const tinygltf::Material& material : model.materials) scene.materials.push_back(reader.Read(material));
   return absl::OkStatus();

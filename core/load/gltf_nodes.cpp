@@ -9,6 +9,8 @@
 namespace voxelpipe::gltf {
 namespace {
 
+constexpr size_t kNodesAStep = 4096;  // nodes or instances between two looks at the job
+
 template <typename... Parts>
 absl::Status Broken(const Parts&... parts) {
   return absl::InvalidArgumentError(absl::StrCat("glTF: ", parts...));
@@ -63,12 +65,14 @@ absl::StatusOr<std::vector<float>> InstanceValues(const tinygltf::Value& attribu
   return accessors.Floats(accessor);
 }
 
-absl::Status ReadInstances(const tinygltf::Node& node, const AccessorReader& accessors, const LoadLimits& limits,
+absl::Status ReadInstances(const tinygltf::Node& node, const AccessorReader& accessors, Budget& budget,
                            const std::string& where, uint64_t& total, Node& out) {
+  const LoadLimits& limits = budget.limits();
   const auto extension = node.extensions.find("EXT_mesh_gpu_instancing");
   if (extension == node.extensions.end()) return absl::OkStatus();
   const tinygltf::Value& attributes = extension->second.Get("attributes");
   std::optional<uint64_t> count;
+  const uint64_t before = budget.bytes();
   absl::StatusOr<std::vector<float>> t = InstanceValues(attributes, "TRANSLATION", 3, accessors, where, count);
   if (!t.ok()) return t.status();
   absl::StatusOr<std::vector<float>> r = InstanceValues(attributes, "ROTATION", 4, accessors, where, count);
@@ -81,8 +85,12 @@ absl::Status ReadInstances(const tinygltf::Node& node, const AccessorReader& acc
     return absl::ResourceExhaustedError(
         absl::StrCat("glTF: ", where, ": ", total, " instances; the limit max_instances is ", limits.max_instances));
   }
+  if (absl::Status full = budget.Take(*count, sizeof(Mat4d), where + ", instances"); !full.ok()) return full;
   out.instances.reserve(*count);
   for (uint64_t i = 0; i < *count; ++i) {
+    if (i % kNodesAStep == 0) {
+      if (absl::Status over = budget.job().Check(); !over.ok()) return over;
+    }
     Trs trs;
     if (!t->empty()) trs.translation = {(*t)[3 * i], (*t)[3 * i + 1], (*t)[3 * i + 2]};
     if (!s->empty()) trs.scale = {(*s)[3 * i], (*s)[3 * i + 1], (*s)[3 * i + 2]};
@@ -90,6 +98,7 @@ absl::Status ReadInstances(const tinygltf::Node& node, const AccessorReader& acc
     out.instances.push_back(FromTrs(trs));
     if (!IsFinite(out.instances.back())) return Broken(where, ": instance ", i, " is not finite");
   }
+  budget.ShrinkTo(before + *count * sizeof(Mat4d));  // what the accessors gave is gone
   // No instances at all draw nothing; an empty list would mean one.
   if (out.instances.empty()) out.mesh = -1;
   return absl::OkStatus();
@@ -136,9 +145,12 @@ absl::Status CheckHierarchy(const tinygltf::Model& model, const LoadLimits& limi
   return absl::OkStatus();
 }
 
-absl::Status ReadSkins(const tinygltf::Model& model, const AccessorReader& accessors, Scene& scene) {
+absl::Status ReadSkins(const tinygltf::Model& model, const AccessorReader& accessors, Budget& budget, Scene& scene) {
   for (size_t i = 0; i < model.skins.size(); ++i) {
     const tinygltf::Skin& skin = model.skins[i];
+    const uint64_t before = budget.bytes(),
+                   bytes = sizeof(Skin) + skin.joints.size() * (sizeof(uint32_t) + sizeof(Mat4d));
+    if (absl::Status full = budget.Take(bytes, 1, absl::StrCat("skin ", i)); !full.ok()) return full;
     Skin out;
     out.joints.assign(skin.joints.begin(), skin.joints.end());
     out.inverse_bind_matrices.resize(out.joints.size());
@@ -159,6 +171,7 @@ absl::Status ReadSkins(const tinygltf::Model& model, const AccessorReader& acces
           return Broken("skin ", i, ": inverse bind matrix ", j, " is not finite");
       }
     }
+    budget.ShrinkTo(before + bytes);
     scene.skins.push_back(std::move(out));
   }
   return absl::OkStatus();
@@ -195,10 +208,14 @@ absl::Status ReadRoots(const tinygltf::Model& model, Scene& scene) {
 
 }  // namespace
 
-absl::Status ReadNodes(const tinygltf::Model& model, const AccessorReader& accessors, const LoadLimits& limits,
-                       Scene& scene) {
+absl::Status ReadNodes(const tinygltf::Model& model, const AccessorReader& accessors, Budget& budget, Scene& scene) {
   uint64_t instances = 0;
+  if (absl::Status full = budget.Take(model.nodes.size(), sizeof(Node), "nodes"); !full.ok()) return full;
+  scene.nodes.reserve(model.nodes.size());
   for (size_t i = 0; i < model.nodes.size(); ++i) {
+    if (i % kNodesAStep == 0) {
+      if (absl::Status over = budget.job().Check(); !over.ok()) return over;
+    }
     const tinygltf::Node& node = model.nodes[i];
     Node out;
     out.name = node.name;
@@ -209,14 +226,14 @@ absl::Status ReadNodes(const tinygltf::Model& model, const AccessorReader& acces
     out.has_matrix = node.matrix.size() == 16;
     if (!IsFinite(out.local)) return Broken("node ", i, ": its transform is not finite");
     out.children.assign(node.children.begin(), node.children.end());
-    if (absl::Status bad = ReadInstances(node, accessors, limits, absl::StrCat("node ", i), instances, out);
+    if (absl::Status bad = ReadInstances(node, accessors, budget, absl::StrCat("node ", i), instances, out);
         !bad.ok()) {
       return bad;
     }
     scene.nodes.push_back(std::move(out));
   }
-  if (absl::Status bad = CheckHierarchy(model, limits, scene); !bad.ok()) return bad;
-  if (absl::Status bad = ReadSkins(model, accessors, scene); !bad.ok()) return bad;
+  if (absl::Status bad = CheckHierarchy(model, budget.limits(), scene); !bad.ok()) return bad;
+  if (absl::Status bad = ReadSkins(model, accessors, budget, scene); !bad.ok()) return bad;
   return ReadRoots(model, scene);
 }
 

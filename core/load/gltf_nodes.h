@@ -6,7 +6,6 @@
 
 #include "absl/status/status.h"
 #include "load/gltf_accessor.h"
-#include "load/limits.h"
 #include "mesh/scene.h"
 
 namespace tinygltf {
@@ -20,8 +19,7 @@ namespace voxelpipe::gltf {
 // Roots are those of the default scene, of scene 0 where none is the default; none (with a warning) without scenes.
 // A node that KHR_node_visibility hides loses its mesh, and so do the nodes below it.
 // Errors: INVALID_ARGUMENT naming the node; RESOURCE_EXHAUSTED naming the limit.
-absl::Status ReadNodes(const tinygltf::Model& model, const AccessorReader& accessors, const LoadLimits& limits,
-                       Scene& scene);
+absl::Status ReadNodes(const tinygltf::Model& model, const AccessorReader& accessors, Budget& budget, Scene& scene);
 
 // Once all else is read, what the file has no nodes for: a node for each mesh where there is neither a scene nor a node (with a warning), and
 // one above all roots that holds CESIUM_RTC's centre. RESOURCE_EXHAUSTED past max_nodes.

@@ -7,6 +7,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
+#include "base/limit_error.h"
 #include "load/gltf_attributes.h"
 #include "load/gltf_model.h"
 #include "load/gltf_topology.h"
@@ -17,8 +18,7 @@ namespace {
 
 // Says where an error of an inner part happened.
 absl::Status At(const std::string& where, const absl::Status& status) {
-  return absl::Status(status.code(),
-                      absl::StrCat("glTF: ", where, ": ", absl::StripPrefix(status.message(), "glTF: ")));
+  return WithText(status, absl::StrCat("glTF: ", where, ": ", absl::StripPrefix(status.message(), "glTF: ")));
 }
 
 // By their exponents, without a branch each: there are many, and hardly ever one that is not.
@@ -110,6 +110,7 @@ class Filler {
     if (!*data) return absl::OkStatus();
     const int n = (*data)->components;
     const std::vector<float>& values = (*data)->values;
+    if (absl::Status full = context_.budget.Take(values.size() / n, sizeof(Vec4f), where_); !full.ok()) return full;
     out_.colors.resize(values.size() / n);
     for (size_t i = 0; i < out_.colors.size(); ++i) {
       out_.colors[i] = {values[i * n], values[i * n + 1], values[i * n + 2], n == 4 ? values[i * n + 3] : 1.0f};
@@ -138,6 +139,8 @@ class Filler {
                         " and is ignored"));
     }
     if (!*joints || !*weights) return absl::OkStatus();
+    constexpr uint64_t kBytes = sizeof(out_.joints[0][0]) + sizeof(out_.weights[0][0]);
+    if (absl::Status full = context_.budget.Take(out_.positions.size(), kBytes, where_); !full.ok()) return full;
     out_.joints[set].resize(out_.positions.size());
     out_.weights[set].resize(out_.positions.size());
     for (size_t i = 0; i < out_.positions.size(); ++i) {
@@ -190,6 +193,7 @@ absl::Status ReadTarget(const std::map<std::string, int>& attributes, const std:
     if (!delta.ok()) return delta.status();
     if (!*delta) return absl::OkStatus();
     const std::vector<float>& values = (*delta)->values;
+    if (absl::Status full = context.budget.Take(values.size(), sizeof(float), where); !full.ok()) return full;
     to.resize(values.size() / 3);
     for (size_t i = 0; i < to.size(); ++i) to[i] = {values[3 * i], values[3 * i + 1], values[3 * i + 2]};
     return absl::OkStatus();
@@ -250,11 +254,6 @@ absl::StatusOr<DracoPart> ReadDraco(const tinygltf::Primitive& primitive, const 
   absl::StatusOr<DracoMesh> mesh = context.draco->Take(**bytes);
   if (!mesh.ok()) {
     return At(absl::StrCat(where, ", bufferView ", extension.Get("bufferView").GetNumberAsInt()), mesh.status());
-  }
-  const std::string what = where + ", KHR_draco_mesh_compression";
-  if (absl::Status full = context.budget.Take(mesh->triangles.size(), 12, what); !full.ok()) return full;
-  for (const DracoAttribute& attribute : mesh->attributes) {
-    if (absl::Status full = context.budget.Take(attribute.values.size(), 4, what); !full.ok()) return full;
   }
   part.mesh = *std::move(mesh);
   return part;
@@ -348,6 +347,7 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
     empty.points_or_lines = true;
     return std::optional<Primitive>(std::move(empty));
   }
+  const uint64_t before = context.budget.bytes();
   absl::StatusOr<DracoPart> draco = ReadDraco(primitive, where, context);
   if (!draco.ok()) return draco.status();
   AttributeSource source(primitive.attributes, std::move(draco->ids), std::move(draco->mesh), context);
@@ -375,6 +375,10 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
 
   if (source.draco()) {
     CompareCounts(primitive, *source.draco(), where, context);
+    if (absl::Status full = context.budget.Take(source.draco()->triangles.size(), sizeof(out.triangles[0]), where);
+        !full.ok()) {
+      return full;
+    }
     out.triangles = source.draco()->triangles;
   } else if (absl::Status bad = ReadTriangles(primitive, where, out, context); !bad.ok()) {
     return bad;
@@ -385,6 +389,7 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
   if (out.morph) {
     if (absl::Status bad = CheckFinite(out, origin + ", morphed", where); !bad.ok()) return bad;
   }
+  context.budget.ShrinkTo(before + PrimitiveBytes(out));  // what it was made of is gone
   return std::optional<Primitive>(std::move(out));
 }
 

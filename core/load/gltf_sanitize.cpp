@@ -9,7 +9,7 @@ namespace voxelpipe::gltf {
 namespace {
 
 constexpr uint64_t kMostElements = 1'000'000;  // of any one array; nodes have their own limit
-constexpr uint64_t kMostMaterials = 100'000;   // each costs tinygltf about 3 KiB
+constexpr uint64_t kMostMaterials = 100'000;   // each costs tinygltf's structures about 3 KiB
 
 // Sizes of the arrays that indices point into.
 struct Sizes {
@@ -296,7 +296,8 @@ void CopyScenes(Fields& fields, const Sizes& sizes, Json& graph, absl::Status& s
 
 }  // namespace
 
-absl::StatusOr<Json> SanitizeGraph(const Json& root, const LoadLimits& limits, WarningList& warnings) {
+absl::StatusOr<Json> SanitizeGraph(const JobContext& job, const Json& root, const LoadLimits& limits,
+                                   WarningList& warnings) {
   absl::Status status;
   Fields fields(root, "document", status);
   const Sizes sizes{ArraySize(root, "accessors"), ArraySize(root, "nodes"), ArraySize(root, "meshes"),
@@ -307,19 +308,16 @@ absl::StatusOr<Json> SanitizeGraph(const Json& root, const LoadLimits& limits, W
   }
 
   Json graph = Json::object();
-  graph["asset"]["version"] = "2.0";
-  // tinygltf wants every index accessor to lie in some buffer view.
-  graph["bufferViews"] = Json::array({{{"buffer", 0}, {"byteLength", 1}}});
-  graph["accessors"] =
-      Json(sizes.accessors, Json{{"bufferView", 0}, {"componentType", 5121}, {"count", 1}, {"type", "SCALAR"}});
   uint64_t primitive_count = 0;
   if (const Json* meshes = fields.Array("meshes", kMostElements)) {
     for (size_t i = 0; i < meshes->size() && status.ok(); ++i) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
       graph["meshes"].push_back(CopyMesh((*meshes)[i], i, sizes, status, primitive_count, warnings));
     }
   }
   if (const Json* nodes = fields.Array("nodes")) {
     for (size_t i = 0; i < nodes->size() && status.ok(); ++i) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
       graph["nodes"].push_back(CopyNode((*nodes)[i], i, sizes, status));
     }
   }

@@ -5,14 +5,20 @@
 
 namespace voxelpipe {
 
-absl::Status GuardJson(std::string_view json, const LoadLimits& limits) {
+absl::Status GuardJson(const JobContext& job, std::string_view json, const LoadLimits& limits) {
   if (json.size() > limits.max_json_bytes) {
     return absl::ResourceExhaustedError(
         absl::StrCat("the JSON has ", json.size(), " bytes; the limit max_json_bytes is ", limits.max_json_bytes));
   }
   uint32_t depth = 0;
   bool in_string = false;
+  constexpr size_t kStep = 1 << 20;  // characters between two looks at the job
+  size_t look = kStep;
   for (size_t i = 0; i < json.size(); ++i) {
+    if (i >= look) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
+      look = i + kStep;
+    }
     const char c = json[i];
     if (in_string) {
       if (c == '\\') {

@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "absl/status/status.h"
+#include "base/job_context.h"
 #include "base/warning.h"
 #include "load/limits.h"
 
@@ -12,8 +13,8 @@ namespace voxelpipe {
 
 // In: JSON text of a stranger. Refuses text above max_json_bytes, and nesting above max_json_depth
 // (parsers recurse). It does not prove that the text is JSON.
-// Errors: RESOURCE_EXHAUSTED naming the limit.
-absl::Status GuardJson(std::string_view json, const LoadLimits& limits);
+// Errors: RESOURCE_EXHAUSTED naming the limit; the job's.
+absl::Status GuardJson(const JobContext& job, std::string_view json, const LoadLimits& limits);
 
 // `json` without a byte order mark, which glTF forbids and some editors write; then a warning.
 std::string_view WithoutByteOrderMark(std::string_view json, WarningList& warnings);

@@ -6,8 +6,9 @@
 
 namespace voxelpipe {
 
-// LoadScene (loader.h) that ends soon after the job: then CANCELLED or DEADLINE_EXCEEDED. The job is looked at between the steps of the
-// document, its buffers, accessors, images and Draco streams; a single one of these is not interrupted.
+// LoadScene (loader.h) that ends soon after the job: then CANCELLED or DEADLINE_EXCEEDED. The job is looked at within each step, but for the
+// connectivity and a group of attributes of a Draco stream, and a compressed buffer view, which are decoded in one go. What the scene takes is
+// taken of MemoryOf(job), which must outlive it.
 absl::StatusOr<Scene> LoadSceneFor(const JobContext& job, std::span<const uint8_t> bytes,
                                    MeshFormat format = MeshFormat::kAuto, const LoadLimits& limits = {});
 

@@ -91,18 +91,13 @@ void DecodeColors(std::vector<uint8_t>& bytes) {
 
 }  // namespace
 
-absl::StatusOr<std::vector<uint8_t>> DecodeMeshopt(std::span<const uint8_t> compressed, const MeshoptView& view,
-                                                   const LoadLimits& limits) {
+absl::StatusOr<std::vector<uint8_t>> DecodeMeshopt(std::span<const uint8_t> compressed, const MeshoptView& view) {
   if (absl::Status s = CheckForeignDecoders(); !s.ok()) return s;
   if (absl::Status s = CheckStride(view); !s.ok()) return s;
   const auto bytes = CheckedMul(view.count, view.byte_stride);
   const bool v1 = view.khr && view.mode == "ATTRIBUTES" && MeshoptVertexVersion(compressed) == 1;
   if (!bytes || *bytes / (v1 ? kMaxDecodedPerByteV1 : kMaxDecodedPerByte) > compressed.size()) {
     return Invalid(view, absl::StrCat("count ", view.count, " is more than ", compressed.size(), " bytes can hold"));
-  }
-  if (*bytes > limits.max_decoded_bytes) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat(NameOf(view), ": ", *bytes, " decoded bytes, the limit is ", limits.max_decoded_bytes));
   }
   std::vector<uint8_t> out;
   try {

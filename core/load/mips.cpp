@@ -3,6 +3,8 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
+
 #include "shaders/mips.h"
 #include "shaders/texture.h"
 
@@ -28,10 +30,11 @@ Taps TapsOf(uint32_t i, uint32_t edge) {
 
 // `fetch(x, y)` reads the finer level.
 template <typename FetchTexel>
-void Halve(uint32_t width, uint32_t height, const FetchTexel& fetch, Vec4f* out) {
+void Halve(const JobContext& job, uint32_t width, uint32_t height, const FetchTexel& fetch, Vec4f* out) {
   const uint32_t w = LevelEdge(width, 1), h = LevelEdge(height, 1);
   tbb::parallel_for(tbb::blocked_range<uint32_t>(0, h, kRows), [&](const tbb::blocked_range<uint32_t>& rows) {
     for (uint32_t y = rows.begin(); y < rows.end(); ++y) {
+      if (!job.Check().ok()) return;
       const Taps down = TapsOf(y, height);
       for (uint32_t x = 0; x < w; ++x) {
         const Taps across = TapsOf(x, width);
@@ -51,21 +54,31 @@ void Halve(uint32_t width, uint32_t height, const FetchTexel& fetch, Vec4f* out)
 
 }  // namespace
 
-std::vector<Vec4f> BuildMips(const uint8_t* rgba, uint32_t width, uint32_t height, bool srgb) {
+absl::StatusOr<std::vector<Vec4f>> BuildMips(const JobContext& job, const uint8_t* rgba, uint32_t width,
+                                             uint32_t height, bool srgb) {
   const uint32_t levels = CountLevels(width, height);
-  std::vector<Vec4f> mips(LevelOffset(width, height, levels));
+  const uint64_t size = LevelOffset(width, height, levels);
+  std::vector<Vec4f> mips;
+  mips.reserve(size);
+  constexpr uint64_t kStep = 1 << 16;  // writing fresh pages takes its time
+  while (mips.size() < size) {
+    if (absl::Status over = job.Check(); !over.ok()) return over;
+    mips.resize(std::min(size, mips.size() + kStep));
+  }
   for (uint32_t level = 1; level < levels; ++level) {
+    if (absl::Status over = job.Check(); !over.ok()) return over;
     const uint32_t w = LevelEdge(width, level - 1), h = LevelEdge(height, level - 1);
     Vec4f* out = mips.data() + LevelOffset(width, height, level);
     if (level == 1) {
       Halve(
-          w, h, [&](uint32_t x, uint32_t y) { return DecodeTexel(rgba + (uint64_t{y} * w + x) * 4, srgb); }, out);
+          job, w, h, [&](uint32_t x, uint32_t y) { return DecodeTexel(rgba + (uint64_t{y} * w + x) * 4, srgb); }, out);
     } else {
       const Vec4f* in = mips.data() + LevelOffset(width, height, level - 1);
       Halve(
-          w, h, [&](uint32_t x, uint32_t y) { return in[uint64_t{y} * w + x]; }, out);
+          job, w, h, [&](uint32_t x, uint32_t y) { return in[uint64_t{y} * w + x]; }, out);
     }
   }
+  if (absl::Status over = job.Check(); !over.ok()) return over;
   return mips;
 }
 

@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "base/vec.h"
 
 namespace voxelpipe {
@@ -12,6 +14,8 @@ namespace voxelpipe {
 // texel, one after the other as shaders/mips.h says, linear RGBA; nothing for a single texel. A box filter: each texel
 // is the mean of the area that it covers, alpha not weighted in; odd edges take three texels by their shares, so that
 // every level has the image's mean. Summed in double in a fixed order, rounded to float a level.
-std::vector<Vec4f> BuildMips(const uint8_t* rgba, uint32_t width, uint32_t height, bool srgb);
+// The job's error once it is over. Who calls has taken the bytes of the job's memory. May throw bad_alloc.
+absl::StatusOr<std::vector<Vec4f>> BuildMips(const JobContext& job, const uint8_t* rgba, uint32_t width,
+                                             uint32_t height, bool srgb);
 
 }  // namespace voxelpipe

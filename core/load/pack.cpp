@@ -7,8 +7,10 @@
 #include <string_view>
 
 #include "absl/strings/str_cat.h"
+#include "base/memory_budget.h"
 #include "load/glb_container.h"
 #include "load/gltf_buffers.h"
+#include "load/gltf_json.h"
 #include "load/json_guard.h"
 #include "load/loader.h"
 #include "load/local_file.h"
@@ -29,7 +31,8 @@ struct BufferPlace {
 
 // The JSON of a GLB or glTF file and the GLB's BIN chunk.
 struct Source {
-  Json json;
+  Json json;                              // without what the loader does not read
+  MemoryCharge memory{&DefaultMemory()};  // of the JSON
   std::optional<std::span<const uint8_t>> binary;
   WarningList warnings;  // that the loader would give for the file as it is
 };
@@ -81,9 +84,11 @@ std::optional<Source> Parse(std::span<const uint8_t> bytes, const LoadLimits& li
     return std::nullopt;
   }
   text = WithoutByteOrderMark(text, source.warnings);
-  if (!GuardJson(text, limits).ok()) return std::nullopt;
-  source.json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
-  if (!source.json.is_object() || !AnyFileUri(source.json)) return std::nullopt;
+  const JobContext job;
+  if (!GuardJson(job, text, limits).ok()) return std::nullopt;
+  auto json = gltf::ParseJson(job, text, limits, source.memory);
+  if (!json.ok() || !json->is_object() || !AnyFileUri(*json)) return std::nullopt;
+  source.json = *std::move(json);
   return source;
 }
 
@@ -91,6 +96,7 @@ class Packer {
  public:
   Packer(Source source, fs::path directory, const LoadLimits& limits, const OutsideFiles& outside)
       : json_(std::move(source.json)),
+        memory_(std::move(source.memory)),
         binary_(source.binary),
         directory_(std::move(directory)),
         limits_(limits),
@@ -306,6 +312,7 @@ class Packer {
   }
 
   Json json_;
+  MemoryCharge memory_;
   std::optional<std::span<const uint8_t>> binary_;
   fs::path directory_;
   const LoadLimits& limits_;

@@ -9,11 +9,15 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <map>
+#include <iterator>
+#include <memory>
 #include <new>
+#include <string>
+#include <unordered_map>
 
 #include "absl/strings/str_cat.h"
 #include "base/checked.h"
+#include "mesh/placement.h"
 #include "mesh/pose.h"
 
 namespace voxelpipe {
@@ -21,16 +25,8 @@ namespace {
 
 constexpr size_t kVertexGrain = 1 << 13;
 
-// One primitive of one node instance, and where it goes.
-struct Placement {
-  const Primitive* primitive = nullptr;
-  const std::vector<Mat4d>* joints = nullptr;  // skinning matrices, or null
-  Mat4d instance;                              // of EXT_mesh_gpu_instancing
-  Mat4d world;                                 // node and instance transform, unless skinned
-  bool mirrored = false;
-  MeshPart part;
-  std::vector<uint32_t> attributes;  // of the primitive's own attributes, their indices in TriangleMesh::attributes
-};
+// Of the own attributes of each primitive, their indices in TriangleMesh::attributes.
+using AttributeIds = std::unordered_map<const Primitive*, std::vector<uint32_t>>;
 
 uint64_t SaturatingAdd(uint64_t a, uint64_t b) {
   return CheckedAdd(a, b).value_or(UINT64_MAX);
@@ -75,6 +71,11 @@ std::vector<Mat4d> WorldTransforms(const Scene& scene) {
   return world;
 }
 
+// Whether a primitive puts anything into the mesh.
+bool IsDrawn(const Primitive& primitive) {
+  return !primitive.positions.empty() || !primitive.triangles.empty();
+}
+
 std::vector<std::vector<Mat4d>> SkinningMatrices(const Scene& scene, const std::vector<Mat4d>& world) {
   std::vector<std::vector<Mat4d>> skins;
   for (const Skin& skin : scene.skins) {
@@ -113,21 +114,44 @@ absl::Status CheckLimits(const Scene& scene, const std::vector<uint32_t>& order,
   return absl::OkStatus();
 }
 
-std::vector<Placement> Place(const Scene& scene, const std::vector<uint32_t>& order, const std::vector<Mat4d>& world,
-                             const std::vector<std::vector<Mat4d>>& skins) {
-  std::vector<Placement> placements;
-  uint64_t triangle = 0, vertex = 0;
+// Fills mesh.parts, and `placements` with as many. Both are taken of the job's memory: the parts of mesh.memory.
+absl::Status Place(const JobContext& job, const Scene& scene, const std::vector<uint32_t>& order,
+                   const std::vector<Mat4d>& world, const std::vector<std::vector<Mat4d>>& skins, MemoryCharge& charge,
+                   std::vector<Placement>& placements, TriangleMesh& mesh) {
+  std::vector<std::vector<uint32_t>> drawn(scene.meshes.size());  // primitives of each mesh
+  for (size_t m = 0; m < drawn.size(); ++m) {
+    const std::vector<Primitive>& primitives = scene.meshes[m].primitives;
+    for (uint32_t i = 0; i < primitives.size(); ++i) {
+      if (IsDrawn(primitives[i])) drawn[m].push_back(i);
+    }
+  }
+  uint64_t count = 0;
   for (const uint32_t n : order) {
     const Node& node = scene.nodes[n];
     if (node.mesh < 0) continue;
+    const uint64_t copies = std::max<uint64_t>(1, node.instances.size());
+    count = SaturatingAdd(count, SaturatingMul(copies, drawn[size_t(node.mesh)].size()));
+  }
+  if (absl::Status full = charge.Grow(count, sizeof(Placement), "placing the scene's primitives"); !full.ok())
+    return full;
+  if (absl::Status full = mesh.memory->Grow(count, sizeof(MeshPart), "the mesh's parts"); !full.ok()) return full;
+  placements.reserve(count);
+  mesh.parts.reserve(count);
+  uint64_t triangle = 0, vertex = 0;
+  for (const uint32_t n : order) {
+    const Node& node = scene.nodes[n];
+    if (node.mesh < 0 || drawn[size_t(node.mesh)].empty()) continue;
     const std::vector<Primitive>& primitives = scene.meshes[node.mesh].primitives;
     for (size_t copy = 0; copy < std::max<size_t>(1, node.instances.size()); ++copy) {
       const Mat4d instance = node.instances.empty() ? world[n] : Multiply(world[n], node.instances[copy]);
-      for (size_t i = 0; i < primitives.size(); ++i) {
+      for (const uint32_t i : drawn[size_t(node.mesh)]) {
+        if (placements.size() % kPlacementsAStep == 0) {
+          if (absl::Status over = job.Check(); !over.ok()) return over;
+        }
         const Primitive& primitive = primitives[i];
         Placement p;
         p.primitive = &primitive;
-        if (!node.instances.empty()) p.instance = node.instances[copy];
+        if (!node.instances.empty()) p.instance = &node.instances[copy];
         if (IsSkinned(node, primitive, skins)) {  // the node's own transform is ignored
           p.joints = &skins[node.skin];
           p.mirrored = Determinant3(p.joints->front()) < 0;
@@ -135,25 +159,27 @@ std::vector<Placement> Place(const Scene& scene, const std::vector<uint32_t>& or
           p.world = instance;
           p.mirrored = Determinant3(instance) < 0;
         }
-        p.part.first_triangle = triangle;
-        p.part.triangle_count = primitive.triangles.size();
-        p.part.first_vertex = vertex;
-        p.part.vertex_count = primitive.positions.size();
-        p.part.material = primitive.material;
-        p.part.mesh = uint32_t(node.mesh);
-        p.part.node = n;
-        p.part.primitive = uint32_t(i);
-        p.part.has_normals = !primitive.normals.empty();
-        p.part.has_tangents = !primitive.tangents.empty();
-        p.part.has_colors = !primitive.colors.empty();
-        for (int s = 0; s < 2; ++s) p.part.has_uv[s] = !primitive.uv[s].empty();
-        triangle += p.part.triangle_count;
-        vertex += p.part.vertex_count;
-        placements.push_back(std::move(p));
+        MeshPart part;
+        part.first_triangle = triangle;
+        part.triangle_count = primitive.triangles.size();
+        part.first_vertex = vertex;
+        part.vertex_count = primitive.positions.size();
+        part.material = primitive.material;
+        part.mesh = uint32_t(node.mesh);
+        part.node = n;
+        part.primitive = i;
+        part.has_normals = !primitive.normals.empty();
+        part.has_tangents = !primitive.tangents.empty();
+        part.has_colors = !primitive.colors.empty();
+        for (int s = 0; s < 2; ++s) part.has_uv[s] = !primitive.uv[s].empty();
+        triangle += part.triangle_count;
+        vertex += part.vertex_count;
+        mesh.parts.push_back(part);
+        placements.push_back(p);
       }
     }
   }
-  return placements;
+  return absl::OkStatus();
 }
 
 bool Finite(const Vec3d& p) {
@@ -161,41 +187,54 @@ bool Finite(const Vec3d& p) {
 }
 
 // Writes the vertices [begin, end) of one placement. Out: the first bad vertex, or SIZE_MAX.
-size_t WriteVertices(const Placement& p, size_t begin, size_t end, TriangleMesh& mesh) {
+size_t WriteVertices(const Placement& p, const MeshPart& part, size_t begin, size_t end, TriangleMesh& mesh) {
   const Primitive& primitive = *p.primitive;
   std::vector<MorphTargetView> none;
   const RestPrimitiveView rest = RestView(primitive, none);  // for the joints; the arrays here are morphed already
   for (size_t v = begin; v < end; ++v) {
     Mat4d m = p.world;
     if (p.joints != nullptr && !BlendJoints(rest, p.joints->data(), uint32_t(p.joints->size()), v, m)) return v;
-    const size_t at = p.part.first_vertex + v;
+    const size_t at = part.first_vertex + v;
     const Vec3f& position = primitive.positions[v];
     mesh.positions[at] = TransformPoint(m, {position.x, position.y, position.z});
     if (!Finite(mesh.positions[at])) return v;
-    if (p.part.has_normals) {
+    if (part.has_normals) {
       const Vec3f& n = primitive.normals[v];
       mesh.normals[at] = UnitOrZero(TransformNormal(m, {n.x, n.y, n.z}));
     }
-    if (p.part.has_tangents) {
+    if (part.has_tangents) {
       const Vec4f& t = primitive.tangents[v];
       const Vec3f unit = UnitOrZero(TransformVector(m, {t.x, t.y, t.z}));
       mesh.tangents[at] = {unit.x, unit.y, unit.z, p.mirrored ? -t.w : t.w};
     }
     for (int s = 0; s < 2; ++s) {
-      if (p.part.has_uv[s]) mesh.uv[s][at] = primitive.uv[s][v];
+      if (part.has_uv[s]) mesh.uv[s][at] = primitive.uv[s][v];
     }
-    if (p.part.has_colors) mesh.colors[at] = primitive.colors[v];
+    if (part.has_colors) mesh.colors[at] = primitive.colors[v];
   }
   return SIZE_MAX;
 }
 
+// Where the values of a vertex begin that has some.
+uint64_t FirstValue(const VertexAttribute& attribute, uint64_t vertex) {
+  const uint64_t wide = uint64_t(attribute.components);
+  if (attribute.runs.empty()) return vertex * wide;
+  const auto behind = std::upper_bound(attribute.runs.begin(), attribute.runs.end(), vertex,
+                                       [](uint64_t v, const AttributeRun& run) { return v < run.first_vertex; });
+  const AttributeRun& run = *std::prev(behind);
+  return run.first_value + (vertex - run.first_vertex) * wide;
+}
+
 // The file's own attributes of the vertices [begin, end) of one placement.
-void WriteAttributes(const Placement& p, size_t begin, size_t end, TriangleMesh& mesh) {
-  for (size_t i = 0; i < p.attributes.size(); ++i) {
+void WriteAttributes(const Placement& p, const MeshPart& part, const AttributeIds& ids, size_t begin, size_t end,
+                     TriangleMesh& mesh) {
+  if (p.primitive->attributes.empty()) return;
+  const std::vector<uint32_t>& own = ids.at(p.primitive);
+  for (size_t i = 0; i < own.size(); ++i) {
     const VertexAttribute& from = p.primitive->attributes[i];
-    VertexAttribute& to = mesh.attributes[p.attributes[i]];
+    VertexAttribute& to = mesh.attributes[own[i]];
     const size_t narrow = size_t(from.components), wide = size_t(to.components);
-    float* const first = to.values.data() + p.part.first_vertex * wide;
+    float* const first = to.values.data() + FirstValue(to, part.first_vertex);
     if (narrow == wide) {
       std::copy(from.values.begin() + ptrdiff_t(begin * wide), from.values.begin() + ptrdiff_t(end * wide),
                 first + begin * wide);
@@ -208,86 +247,13 @@ void WriteAttributes(const Placement& p, size_t begin, size_t end, TriangleMesh&
   }
 }
 
-void WriteTriangles(const Placement& p, size_t begin, size_t end, TriangleMesh& mesh) {
-  const uint32_t base = uint32_t(p.part.first_vertex);
+void WriteTriangles(const Placement& p, const MeshPart& part, size_t begin, size_t end, TriangleMesh& mesh) {
+  const uint32_t base = uint32_t(part.first_vertex);
   for (size_t t = begin; t < end; ++t) {
     std::array<uint32_t, 3> v = p.primitive->triangles[t];
     if (p.mirrored) std::swap(v[1], v[2]);
-    mesh.triangles[p.part.first_triangle + t] = {base + v[0], base + v[1], base + v[2]};
+    mesh.triangles[part.first_triangle + t] = {base + v[0], base + v[1], base + v[2]};
   }
-}
-
-// The rig of the placed parts, null where nothing in the scene can take another pose. Copies each primitive once.
-std::shared_ptr<const Rig> MakeRig(const Scene& scene, const std::vector<Placement>& placements) {
-  const bool morphs = std::any_of(placements.begin(), placements.end(),
-                                  [](const Placement& p) { return p.primitive->morph != nullptr; });
-  if (scene.animations.empty() && !morphs) return nullptr;
-  auto rig = std::make_shared<Rig>();
-  rig->skins = scene.skins;
-  rig->animations = scene.animations;
-  rig->nodes.resize(scene.nodes.size());
-  std::vector<uint32_t> stack;
-  for (size_t n = 0; n < scene.nodes.size(); ++n) {
-    const Node& node = scene.nodes[n];
-    rig->nodes[n].local = node.local;
-    rig->nodes[n].trs = node.trs;
-    if (node.mesh >= 0) rig->nodes[n].weights = scene.meshes[size_t(node.mesh)].weights;
-    for (const uint32_t child : node.children) rig->nodes[child].parent = int64_t(n);
-  }
-  for (size_t n = 0; n < scene.nodes.size(); ++n) {
-    if (rig->nodes[n].parent < 0) stack.push_back(uint32_t(n));
-  }
-  while (!stack.empty()) {
-    const uint32_t n = stack.back();
-    stack.pop_back();
-    rig->order.push_back(n);
-    stack.insert(stack.end(), scene.nodes[n].children.begin(), scene.nodes[n].children.end());
-  }
-  std::map<const Primitive*, std::shared_ptr<const Primitive>> copies;
-  for (const Placement& p : placements) {
-    std::shared_ptr<const Primitive>& copy = copies[p.primitive];
-    if (copy == nullptr) {
-      auto fresh = std::make_shared<Primitive>();
-      if (p.primitive->morph == nullptr) {  // the morph data holds the unposed attributes
-        fresh->positions = p.primitive->positions;
-        fresh->normals = p.primitive->normals;
-        fresh->tangents = p.primitive->tangents;
-      }
-      for (int set = 0; set < 2; ++set) {
-        fresh->joints[set] = p.primitive->joints[set];
-        fresh->weights[set] = p.primitive->weights[set];
-      }
-      fresh->morph = p.primitive->morph;
-      copy = std::move(fresh);
-    }
-    rig->parts.push_back({copy, p.part.node, p.joints != nullptr ? scene.nodes[p.part.node].skin : -1, p.instance});
-  }
-  return rig;
-}
-
-// Names the attributes of all placements in the mesh, and tells each placement which of them are its own.
-absl::Status NameAttributes(std::vector<Placement>& placements, const LoadLimits& limits, TriangleMesh& mesh) {
-  std::map<std::string, uint32_t> ids;
-  uint64_t vertices = 0, components = 0;
-  for (Placement& p : placements) {
-    vertices += p.part.vertex_count;
-    for (const VertexAttribute& attribute : p.primitive->attributes) {
-      const auto [id, fresh] = ids.try_emplace(attribute.name, uint32_t(mesh.attributes.size()));
-      if (fresh) mesh.attributes.push_back({attribute.name, attribute.components, {}});
-      int& widest = mesh.attributes[id->second].components;
-      widest = std::max(widest, attribute.components);
-      p.attributes.push_back(id->second);
-    }
-  }
-  for (const VertexAttribute& attribute : mesh.attributes) components += uint64_t(attribute.components);
-  const uint64_t bytes = SaturatingMul(SaturatingMul(vertices, components), sizeof(float));
-  if (bytes > limits.max_decoded_bytes) {
-    return absl::ResourceExhaustedError(absl::StrCat("the file's own vertex attributes take ", bytes,
-                                                     " bytes after instancing; the limit max_decoded_bytes is ",
-                                                     limits.max_decoded_bytes));
-  }
-  for (VertexAttribute& attribute : mesh.attributes) attribute.values.resize(vertices * uint64_t(attribute.components));
-  return absl::OkStatus();
 }
 
 // The same as resize, but that it may end with the job: writing fresh pages takes its time.
@@ -300,18 +266,26 @@ void Resize(const JobContext& job, std::vector<T>& values, size_t count, const T
   }
 }
 
-// What a job that ends leaves short must not be used.
-void AllocateArrays(const JobContext& job, const std::vector<Placement>& placements, TriangleMesh& mesh) {
+// Of the mesh's parts; taken of mesh.memory. What a job that ends leaves short must not be used.
+absl::Status AllocateArrays(const JobContext& job, TriangleMesh& mesh) {
   uint64_t vertices = 0, triangles = 0;
   bool normals = false, tangents = false, colors = false, uv[2] = {false, false};
-  for (const Placement& p : placements) {
-    vertices += p.part.vertex_count;
-    triangles += p.part.triangle_count;
-    normals = normals || p.part.has_normals;
-    tangents = tangents || p.part.has_tangents;
-    colors = colors || p.part.has_colors;
-    for (int s = 0; s < 2; ++s) uv[s] = uv[s] || p.part.has_uv[s];
-    mesh.parts.push_back(p.part);
+  for (const MeshPart& part : mesh.parts) {
+    vertices += part.vertex_count;
+    triangles += part.triangle_count;
+    normals = normals || part.has_normals;
+    tangents = tangents || part.has_tangents;
+    colors = colors || part.has_colors;
+    for (int s = 0; s < 2; ++s) uv[s] = uv[s] || part.has_uv[s];
+  }
+  uint64_t vertex_bytes = sizeof(Vec3d) + sizeof(uint8_t);  // with UnusedVertices' mark
+  if (normals) vertex_bytes += sizeof(Vec3f);
+  if (tangents) vertex_bytes += sizeof(Vec4f);
+  if (colors) vertex_bytes += sizeof(Vec4f);
+  for (int s = 0; s < 2; ++s) vertex_bytes += uv[s] ? sizeof(Vec2f) : 0;
+  if (absl::Status full = mesh.memory->Grow(vertices, vertex_bytes, "the mesh's vertices"); !full.ok()) return full;
+  if (absl::Status full = mesh.memory->Grow(triangles, sizeof(mesh.triangles[0]), "the mesh's triangles"); !full.ok()) {
+    return full;
   }
   Resize(job, mesh.positions, vertices);
   Resize(job, mesh.triangles, triangles);
@@ -321,9 +295,84 @@ void AllocateArrays(const JobContext& job, const std::vector<Placement>& placeme
   for (int s = 0; s < 2; ++s) {
     if (uv[s]) Resize(job, mesh.uv[s], vertices);
   }
+  return job.Check();
 }
 
-std::vector<uint32_t> UnusedVertices(const JobContext& job, const TriangleMesh& mesh) {
+// Names the attributes of all primitives in the mesh, and says which are whose.
+absl::Status NameAttributes(const JobContext& job, const std::vector<Placement>& placements, TriangleMesh& mesh,
+                            AttributeIds& own) {
+  std::unordered_map<std::string, uint32_t> ids;
+  for (size_t i = 0; i < placements.size(); ++i) {
+    if (i % kPlacementsAStep == 0) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
+    }
+    const Primitive& primitive = *placements[i].primitive;
+    if (primitive.attributes.empty()) continue;
+    const auto [place, first_time] = own.try_emplace(&primitive);
+    if (!first_time) continue;
+    for (const VertexAttribute& attribute : primitive.attributes) {
+      const auto [id, fresh] = ids.try_emplace(attribute.name, uint32_t(mesh.attributes.size()));
+      if (fresh) mesh.attributes.push_back({attribute.name, attribute.components, {}});
+      int& widest = mesh.attributes[id->second].components;
+      widest = std::max(widest, attribute.components);
+      place->second.push_back(id->second);
+    }
+  }
+  return absl::OkStatus();
+}
+
+// Adds the vertices of a part, which come after all that have the attribute so far.
+void AddRun(const MeshPart& part, VertexAttribute& attribute) {
+  const uint64_t end = part.first_vertex + part.vertex_count;
+  if (!attribute.runs.empty() && attribute.runs.back().end_vertex == part.first_vertex) {
+    attribute.runs.back().end_vertex = end;
+    return;
+  }
+  uint64_t values = 0;
+  if (!attribute.runs.empty()) {
+    const AttributeRun& last = attribute.runs.back();
+    values = last.first_value + (last.end_vertex - last.first_vertex) * uint64_t(attribute.components);
+  }
+  attribute.runs.push_back({part.first_vertex, end, values});
+}
+
+// Makes room for the values of the vertices that have each attribute, taken of mesh.memory: it is linear in what the primitives hold.
+absl::Status AllocateAttributes(const JobContext& job, const std::vector<Placement>& placements,
+                                const AttributeIds& own, TriangleMesh& mesh) {
+  constexpr char kWhat[] = "merging the file's own vertex attributes";
+  if (mesh.attributes.empty()) return absl::OkStatus();
+  uint64_t values = 0, runs = 0;
+  for (size_t i = 0; i < placements.size(); ++i) {
+    const Primitive& primitive = *placements[i].primitive;
+    if (primitive.attributes.empty()) continue;
+    uint64_t components = 0;
+    for (const uint32_t id : own.at(&primitive)) components += uint64_t(mesh.attributes[id].components);
+    values = SaturatingAdd(values, SaturatingMul(components, mesh.parts[i].vertex_count));
+    runs = SaturatingAdd(runs, primitive.attributes.size());
+    if (absl::Status over = job.Check(); !over.ok()) return over;
+  }
+  if (absl::Status full = mesh.memory->Grow(values, sizeof(float), kWhat); !full.ok()) return full;
+  // Twice: the lists grow by doubling.
+  if (absl::Status full = mesh.memory->Grow(runs, 2 * sizeof(AttributeRun), kWhat); !full.ok()) return full;
+  for (size_t i = 0; i < placements.size(); ++i) {
+    if (absl::Status over = job.Check(); !over.ok()) return over;
+    const Primitive& primitive = *placements[i].primitive;
+    if (primitive.attributes.empty() || mesh.parts[i].vertex_count == 0) continue;
+    for (const uint32_t id : own.at(&primitive)) AddRun(mesh.parts[i], mesh.attributes[id]);
+  }
+  const uint64_t vertices = mesh.positions.size();
+  for (VertexAttribute& attribute : mesh.attributes) {
+    uint64_t size = 0;
+    for (const AttributeRun& run : attribute.runs) size += (run.end_vertex - run.first_vertex);
+    Resize(job, attribute.values, size * uint64_t(attribute.components));
+    if (size == vertices) attribute.runs.clear();             // all have it
+    if (size == 0) attribute.runs = {AttributeRun{0, 0, 0}};  // none has
+  }
+  return job.Check();
+}
+
+// Taken of mesh.memory, but for the marks, which are counted with the vertices.
+absl::StatusOr<std::vector<uint32_t>> UnusedVertices(const JobContext& job, const TriangleMesh& mesh) {
   std::vector<uint8_t> used(mesh.positions.size());
   tbb::parallel_for(tbb::blocked_range<size_t>(0, mesh.triangles.size(), kVertexGrain), [&](const auto& range) {
     if (!job.Check().ok()) return;
@@ -331,7 +380,13 @@ std::vector<uint32_t> UnusedVertices(const JobContext& job, const TriangleMesh& 
       for (const uint32_t v : mesh.triangles[t]) std::atomic_ref<uint8_t>(used[v]).store(1, std::memory_order_relaxed);
     }
   });
+  const auto count = std::count(used.begin(), used.end(), 0);
+  if (absl::Status full = mesh.memory->Grow(uint64_t(count), sizeof(uint32_t), "the mesh's unused vertices");
+      !full.ok()) {
+    return full;
+  }
   std::vector<uint32_t> unused;
+  unused.reserve(size_t(count));
   for (auto v = std::find(used.begin(), used.end(), 0); v != used.end(); v = std::find(v + 1, used.end(), 0)) {
     unused.push_back(uint32_t(v - used.begin()));
   }
@@ -384,14 +439,18 @@ absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scen
   if (absl::Status s = CheckLimits(scene, order, limits); !s.ok()) return s;
   const std::vector<Mat4d> world = WorldTransforms(scene);
   const std::vector<std::vector<Mat4d>> skins = SkinningMatrices(scene, world);
-  std::vector<Placement> placements = Place(scene, order, world, skins);
 
   TriangleMesh mesh;
+  mesh.memory = std::make_shared<MemoryCharge>(&MemoryOf(job));
+  MemoryCharge placing(&MemoryOf(job));
+  std::vector<Placement> placements;
+  AttributeIds attributes;
   try {
-    AllocateArrays(job, placements, mesh);
-    if (absl::Status s = job.Check(); !s.ok()) return s;
-    if (absl::Status s = NameAttributes(placements, limits, mesh); !s.ok()) return s;
-    mesh.rig = MakeRig(scene, placements);
+    if (absl::Status s = Place(job, scene, order, world, skins, placing, placements, mesh); !s.ok()) return s;
+    if (absl::Status s = AllocateArrays(job, mesh); !s.ok()) return s;
+    if (absl::Status s = NameAttributes(job, placements, mesh, attributes); !s.ok()) return s;
+    if (absl::Status s = AllocateAttributes(job, placements, attributes, mesh); !s.ok()) return s;
+    if (absl::Status s = MakeRig(job, scene, placements, mesh); !s.ok()) return s;
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory while flattening the scene");
   }
@@ -405,15 +464,16 @@ absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scen
   std::atomic<uint64_t> bad{UINT64_MAX};
   tbb::parallel_for(size_t{0}, placements.size(), [&](size_t i) {
     const Placement& p = placements[i];
-    tbb::parallel_for(tbb::blocked_range<size_t>(0, p.part.triangle_count, kVertexGrain), [&](const auto& range) {
-      if (job.Check().ok()) WriteTriangles(p, range.begin(), range.end(), mesh);
+    const MeshPart& part = mesh.parts[i];
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, part.triangle_count, kVertexGrain), [&](const auto& range) {
+      if (job.Check().ok()) WriteTriangles(p, part, range.begin(), range.end(), mesh);
     });
-    tbb::parallel_for(tbb::blocked_range<size_t>(0, p.part.vertex_count, kVertexGrain), [&](const auto& range) {
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, part.vertex_count, kVertexGrain), [&](const auto& range) {
       if (!job.Check().ok()) return;
-      WriteAttributes(p, range.begin(), range.end(), mesh);
-      const size_t v = WriteVertices(p, range.begin(), range.end(), mesh);
+      WriteAttributes(p, part, attributes, range.begin(), range.end(), mesh);
+      const size_t v = WriteVertices(p, part, range.begin(), range.end(), mesh);
       if (v == SIZE_MAX) return;
-      const uint64_t id = p.part.first_vertex + v;
+      const uint64_t id = part.first_vertex + v;
       uint64_t seen = bad.load();
       while (id < seen && !bad.compare_exchange_weak(seen, id)) {}
     });
@@ -426,8 +486,11 @@ absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scen
         absl::StrCat("node ", part->node, ", mesh ", part->mesh, ", primitive ", part->primitive, ", vertex ",
                      id - part->first_vertex, ": the transformed position is not finite, or a joint does not exist"));
   }
-  mesh.unused_vertices = UnusedVertices(job, mesh);
+  absl::StatusOr<std::vector<uint32_t>> unused = UnusedVertices(job, mesh);
   if (absl::Status s = job.Check(); !s.ok()) return s;
+  if (!unused.ok()) return unused.status();
+  mesh.unused_vertices = *std::move(unused);
+  mesh.memory->ShrinkTo(mesh.memory->bytes() - mesh.positions.size());  // the marks are gone
   return mesh;
 }
 

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "base/memory_budget.h"
 #include "base/vec.h"
 #include "base/warning.h"
 
@@ -64,6 +66,8 @@ struct Image {
   std::vector<Vec4f> linear_mips, srgb_mips;
   // Why it has no texels: it has no bytes, or they are of a format that is not decoded. Materials then count as if they had no texture.
   std::optional<Warning> fault{};
+  // What its bytes take of the budget of the request that loaded it; null: not charged.
+  std::shared_ptr<MemoryCharge> memory{};
 };
 
 // Which textures of the materials shaders sample.

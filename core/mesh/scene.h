@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "base/memory_budget.h"
 #include "base/vec.h"
 #include "base/warning.h"
 #include "mesh/animation.h"
@@ -48,6 +49,10 @@ struct Primitive {
   bool points_or_lines = false;  // the file draws it without triangles: it has none here
 };
 
+// Bytes of the arrays of morph data; of the arrays of a primitive, its morph data included.
+uint64_t MorphBytes(const MorphData& morph);
+uint64_t PrimitiveBytes(const Primitive& primitive);
+
 struct Mesh {
   std::string name;
   std::vector<Primitive> primitives;
@@ -84,6 +89,7 @@ struct Scene {
   std::vector<uint32_t> roots;  // root nodes of the scene to be flattened, in file order
   WarningList warnings;         // of the loader; those of images and texture references stand with them (material.h)
   std::string format;           // "glb", "gltf" or "drc"
+  std::shared_ptr<MemoryCharge> memory{};  // what all but the images takes of the request's budget; null: not charged
 };
 
 }  // namespace voxelpipe

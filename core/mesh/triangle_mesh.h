@@ -39,7 +39,7 @@ struct TriangleMesh {
   std::vector<Vec2f> uv[2];
   std::vector<Vec4f> colors;  // linear
   // Each name once, in the order of the parts. The widest part rules: in narrower ones missing components are 0, the
-  // fourth 1; in parts without the attribute all are 0.
+  // fourth 1; in parts without the attribute, which have no values then (VertexAttribute::runs), all are 0.
   std::vector<VertexAttribute> attributes;
   std::vector<std::array<uint32_t, 3>> triangles;
   // Ids of the vertices that no triangle uses, ascending. Absent where that is not known; the box is then found by triangles.
@@ -54,6 +54,11 @@ struct TriangleMesh {
   std::string content_id{};
   // Of loading and flattening: every use of the mesh reports them again. Those of textures stand with images and materials.
   WarningList warnings{};
+  // What all but the images takes of the budget of the request that made it; null: not charged. Copies share it.
+  std::shared_ptr<MemoryCharge> memory{};
 };
+
+// Gives back what the mesh and its images take of a request's budget, for who keeps the mesh longer than the request and counts it himself.
+void ReleaseCharges(TriangleMesh& mesh);
 
 }  // namespace voxelpipe

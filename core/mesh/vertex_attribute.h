@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "mesh/attribute_run.h"
+
 namespace voxelpipe {
 
 // glTF: its name begins with an underscore. Values as floats: normalized integers divided by their maximum, other
@@ -12,6 +14,9 @@ struct VertexAttribute {
   std::string name;
   int components = 1;         // 1-4
   std::vector<float> values;  // `components` a vertex
+  // Which vertices have values, ascending and apart, so that many attributes of a few vertices each take no more than these; in all others
+  // it is 0. Empty: all have. A primitive's attributes never have runs.
+  std::vector<AttributeRun> runs{};
 };
 
 }  // namespace voxelpipe

@@ -18,11 +18,11 @@ struct AttributeShader : FragmentShaderTraits {
     const uint32_t index = uint32_t(params.value[0]);
     if (index == 0 || index > in.mesh->attribute_count) return;
     const AttributeView& attribute = in.mesh->attributes[index - 1];
+    // A triangle's vertices are of one part: all have values, or none has.
+    const float* const values[3] = {ValuesOf(attribute, in.vertex[0]), ValuesOf(attribute, in.vertex[1]),
+                                    ValuesOf(attribute, in.vertex[2])};
     for (int c = 0; c < attribute.components; ++c) {
-      const auto at = [&](int corner) {
-        return attribute.values[uint64_t{in.vertex[corner]} * uint64_t(attribute.components) + uint64_t(c)];
-      };
-      out.f[c] = Interpolate(in.barycentric, at(0), at(1), at(2));
+      out.f[c] = values[0] == nullptr ? 0.0f : Interpolate(in.barycentric, values[0][c], values[1][c], values[2][c]);
     }
   }
 };

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "base/vec.h"
+#include "mesh/attribute_run.h"
 
 namespace voxelpipe {
 
@@ -50,7 +51,33 @@ struct PartView {
 struct AttributeView {
   const float* values = nullptr;
   int32_t components = 1;  // 1-4
+  uint32_t run_count = 0;  // 0: all vertices have values
+  const AttributeRun* runs = nullptr;
 };
+
+// The values of a vertex, null where it has none; by bisection.
+VOXELPIPE_HD const float* ValuesOf(const AttributeView& attribute, uint64_t vertex) {
+  if (attribute.run_count == 0) return attribute.values + vertex * uint64_t(attribute.components);
+  uint32_t lo = 0, hi = attribute.run_count;
+  while (hi - lo > 1) {
+    const uint32_t mid = lo + (hi - lo) / 2;
+    if (attribute.runs[mid].first_vertex <= vertex) {
+      lo = mid;
+    } else {
+      hi = mid;
+    }
+  }
+  const AttributeRun& run = attribute.runs[lo];
+  if (vertex < run.first_vertex || vertex >= run.end_vertex) return nullptr;
+  return attribute.values + run.first_value + (vertex - run.first_vertex) * uint64_t(attribute.components);
+}
+
+// How many values it has in a mesh of so many vertices. On the host.
+inline uint64_t ValueCount(const AttributeView& attribute, uint64_t vertices) {
+  if (attribute.run_count == 0) return vertices * uint64_t(attribute.components);
+  const AttributeRun& last = attribute.runs[attribute.run_count - 1];
+  return last.first_value + (last.end_vertex - last.first_vertex) * uint64_t(attribute.components);
+}
 
 // Arrays are owned by the backend and live as long as the run. An attribute pointer is null if no part has it.
 struct MeshView {

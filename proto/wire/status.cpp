@@ -28,6 +28,7 @@ constexpr char kStreamRpc[] = "voxelpipe.v1.VoxelizationService/Voxelize";
 // Trailers are bounded to 8 KiB together by default; the message goes there twice, percent-encoded once.
 static_assert(kMaxErrorBytes <= 1000);
 constexpr size_t kMaxIdBytes = 80;
+constexpr std::chrono::milliseconds kInUseDelay{1000};
 
 google::rpc::ErrorInfo MakeErrorInfo(const char* reason) {
   google::rpc::ErrorInfo info;
@@ -120,6 +121,9 @@ absl::Status WithField(absl::Status status, std::string_view field) {
 
 grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.ok()) return grpc::Status::OK;
+  if (IsInUseByOthers(status) && !RetryDelay(status)) {
+    return ToGrpcStatus(BusyError({status.message().data(), status.message().size()}, kInUseDelay));
+  }
   const std::string message = ErrorText(status);
   google::rpc::Status details;
   details.set_code(int(status.code()));  // absl and gRPC number the canonical codes alike

@@ -16,6 +16,7 @@
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
+#include "work/request_memory.h"
 
 namespace voxelpipe {
 namespace {
@@ -65,6 +66,7 @@ EstimateCall::EstimateCall(ServiceState& state, grpc::CallbackServerContext& con
       record_(state, context, Rpc::kEstimateVoxelization),
       uploads_(state.uploads) {
   SetDeadline(context, job_);
+  memory_ = MakeRequestMemory(state.working, job_);
 }
 
 void EstimateCall::Start(grpc::ByteBuffer& request) {

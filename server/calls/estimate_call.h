@@ -48,6 +48,7 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   CallRecord record_;
   BudgetShare uploads_;
   JobContext job_;
+  std::shared_ptr<MemoryBudget> memory_;
   std::mutex mutex_;
   std::shared_ptr<MeshTask> task_;
   absl::Status status_;

@@ -1,16 +1,17 @@
 #include "calls/job_setup.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "base/limit_error.h"
 #include "calls/call_setup.h"
 #include "wire/status.h"
+#include "work/request_memory.h"
 
 namespace voxelpipe {
 namespace {
 
-// How long a job waits for other jobs to free memory before its client is asked to come again.
-constexpr std::chrono::milliseconds kMemoryPatience{20'000};
 constexpr std::chrono::milliseconds kRetryDelay{1000};
 
 absl::Status FindKeptMesh(ServiceState& state, VoxelizeJob& job) {
@@ -32,6 +33,7 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message
   job.config = *std::move(parsed);
   const CallSettings& settings = job.config.settings;
   job.limits = &state.limits;
+  job.memory = MakeRequestMemory(state.working, job.context);
   job.traits.client = client;
   job.traits.deadline = job.context.deadline();
   // The server's choice is not the client's: another kind of worker may do it then.
@@ -50,11 +52,22 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message
 }
 
 absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working) {
+  if (job.memory() != nullptr) {
+    job.memory()->set_leave(0);  // it runs now, and ends soon
+    job.memory()->set_wait({});  // a device that does not answer may still take when the job is gone
+  }
+  const uint64_t held = job.memory() == nullptr ? 0 : job.memory()->used_bytes();  // the mesh
+  const uint64_t limit = working.budget().limit();
+  if (plan.peak_bytes > limit - std::min(limit, held)) {
+    return MakeLimitError(absl::StrCat("the job needs ", plan.peak_bytes, " bytes of memory beside the ", held,
+                                       " of its mesh; the limit is ", limit, " bytes"),
+                          {plan.peak_bytes + held, limit, 0});
+  }
   if (!may_wait) {
     if (!working.TryGrow(plan.peak_bytes)) return absl::AbortedError("the memory that this job needs is in use");
     return absl::OkStatus();
   }
-  if (working.Grow(plan.peak_bytes, job, kMemoryPatience)) return absl::OkStatus();
+  if (working.Grow(plan.peak_bytes, job, kMemoryPatience, held)) return absl::OkStatus();
   if (absl::Status s = job.Check(); !s.ok()) return s;
   return BusyError("the memory that this job needs is in use by others", kRetryDelay);
 }

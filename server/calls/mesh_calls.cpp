@@ -14,6 +14,7 @@
 #include "wire/response.h"
 #include "wire/status.h"
 #include "work/load_mesh.h"
+#include "work/request_memory.h"
 #include "work/sha256.h"
 
 namespace voxelpipe {
@@ -215,6 +216,7 @@ void UploadMeshCall::Work() {
       return Answer(std::move(mesh), true);
     }
     const auto load_job = std::make_shared<JobContext>();  // goes on while anybody waits for the mesh
+    const std::shared_ptr<MemoryBudget> memory = MakeRequestMemory(state_.working, *load_job);
     const auto done = [self = shared_from_this()](const Loads::Answer& mesh) { self->Keep(mesh); };
     const Loads::Seat seat = state_.loads.Join(absl::StrCat(id, "/", int(format_)), {.done = done, .news = {}});
     if (seat.first) state_.loads.WhenEmpty(seat.flight, [load_job] { load_job->Cancel(); });

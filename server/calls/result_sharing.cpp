@@ -10,6 +10,7 @@
 #include "calls/job_setup.h"
 #include "pipeline/result.h"
 #include "wire/request.h"
+#include "work/request_memory.h"
 #include "work/result_sums.h"
 #include "work/sha256.h"
 
@@ -53,6 +54,7 @@ class ResultSharing::Run final : public VoxelizeJob {
         sharing_(sharing),
         flight_(std::move(flight)),
         memory_(std::make_shared<BudgetShare>(sharing.working_)) {
+    memory = MakeRequestMemory(sharing.working_, context);
     config = like.config;
     limits = like.limits;
     store = like.store;

@@ -111,6 +111,7 @@ void WholeCall::Done(absl::StatusOr<JobOutcome> outcome) {
     outcome = NeedsStreamError(ResultBytes(outcome->result), kWholeBytes);
   }
   CountJob(state_.metrics, outcome);
+  mesh.reset();
   if (!outcome.ok()) {
     End(outcome.status());
     return;

@@ -49,8 +49,10 @@ class CurrentJob {
   ~CurrentJob() { current_job = nullptr; }
 };
 
-// All that is made once, so that the first file does not pay for it and nothing of it meets the sandbox: threads, and what a small file needs.
+// All that is made once, so that the first file does not pay for it and nothing of it meets the sandbox: threads, what a small file needs, and
+// the process's own budget, which reads files of the system.
 void WarmUp(int threads) {
+  DefaultMemory();
   std::atomic<int> started{0};
   const auto patience = std::chrono::steady_clock::now() + std::chrono::milliseconds(20);
   tbb::parallel_for(0, threads, [&](int) {
@@ -114,7 +116,7 @@ class Worker {
     tbb::task_arena arena(std::clamp(int(question.threads), 1, threads_));
     return arena.execute([&] {
       return message.kind == MessageKind::kLoad ? Load(message, reader, question, job)
-                                                : Textures(message, reader, question);
+                                                : Textures(message, reader, question, job);
     });
   }
 
@@ -132,11 +134,12 @@ class Worker {
     return channel_.Send(MessageKind::kAnswer, message.number, answer);
   }
 
-  absl::Status Textures(const Message& message, ArchiveReader& reader, const LoadQuestion& question) {
+  absl::Status Textures(const Message& message, ArchiveReader& reader, const LoadQuestion& question,
+                        const JobContext& job) {
     TriangleMesh mesh;
     TextureFields(reader, mesh);
     if (absl::Status s = reader.Finish(); !s.ok()) return s;
-    if (absl::Status s = PrepareTextures(mesh, question.limits, question.textures); !s.ok()) return s;
+    if (absl::Status s = PrepareTexturesFor(job, mesh, question.limits, question.textures); !s.ok()) return s;
     mesh.parts.clear();
     for (const auto& image : mesh.images) {
       if (image != nullptr) image->encoded = {};  // the server has it

@@ -2,13 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <memory>
 #include <utility>
+#include <vector>
 
 #include <spdlog/spdlog.h>
 
 #include "isolate/load_worker.h"
 #include "isolate/mesh_check.h"
 #include "isolate/mesh_fields.h"
+#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {
@@ -39,22 +43,42 @@ double Plausible(double ms, double most_ms) {
   return std::isfinite(ms) ? std::clamp(ms, 0.0, most_ms) : 0.0;
 }
 
+// For each image the first one that is the same.
+std::vector<size_t> FirstOfSame(const std::vector<std::shared_ptr<Image>>& images) {
+  std::map<const Image*, size_t> first;
+  std::vector<size_t> same;
+  for (size_t i = 0; i < images.size(); ++i) same.push_back(first.try_emplace(images[i].get(), i).first->second);
+  return same;
+}
+
 absl::Status TakeTextures(TriangleMesh from, TriangleMesh& mesh) {
   const absl::Status broken = absl::InternalError("the process that decoded textures gave back others");
-  if (from.textures.size() != mesh.textures.size() || from.images.size() != mesh.images.size()) return broken;
+  const std::vector<size_t> first = FirstOfSame(mesh.images);
+  if (from.textures.size() != mesh.textures.size() || FirstOfSame(from.images) != first) return broken;
   for (size_t i = 0; i < mesh.images.size(); ++i) {
     if ((from.images[i] == nullptr) != (mesh.images[i] == nullptr)) return broken;
   }
   for (size_t i = 0; i < mesh.images.size(); ++i) {
-    if (mesh.images[i] == nullptr) continue;
+    if (mesh.images[i] == nullptr || first[i] != i) continue;
     Image& image = *from.images[i];
     image.name = std::move(mesh.images[i]->name);
     image.mime_type = std::move(mesh.images[i]->mime_type);
     image.encoded = std::move(mesh.images[i]->encoded);
+    image.memory = std::move(mesh.images[i]->memory);  // of what was encoded
     *mesh.images[i] = std::move(image);
   }
   for (size_t i = 0; i < mesh.textures.size(); ++i) mesh.textures[i].image = from.textures[i].image;
   return absl::OkStatus();
+}
+
+// What the images take of the job from now on, until the last of them goes.
+void KeepCharge(MemoryCharge charge, const TriangleMesh& mesh) {
+  const auto shared = std::make_shared<MemoryCharge>(std::move(charge));
+  for (const std::shared_ptr<Image>& image : mesh.images) {
+    if (image == nullptr) continue;
+    if (image->memory != nullptr && image->memory != shared) shared->Absorb(std::move(*image->memory));
+    image->memory = shared;
+  }
 }
 
 }  // namespace
@@ -130,7 +154,10 @@ absl::StatusOr<LoadedMesh> LoadWorkers::Load(std::vector<uint8_t> file, const Lo
     absl::Status status = answer.Finish();
     return status.ok() ? CheckMesh(loaded.mesh) : status;
   };
-  if (absl::Status s = lease->Ask(MessageKind::kLoad, memory_bytes, question, job, read); !s.ok()) return s;
+  MemoryCharge kept;
+  if (absl::Status s = lease->Ask(MessageKind::kLoad, memory_bytes, question, job, read, kept); !s.ok()) return s;
+  kept.ShrinkTo(MeshBytes(loaded.mesh));  // without what small parts take
+  loaded.mesh.memory = std::make_shared<MemoryCharge>(std::move(kept));
   const double ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
   // Getting the mesh here belongs to loading it.
   loaded.flatten_ms = Plausible(loaded.flatten_ms, ms);
@@ -151,13 +178,17 @@ absl::Status LoadWorkers::DecodeTextures(TriangleMesh& mesh, const LoadLimits& l
   const LoadQuestion asked = QuestionOf({MeshFormat::kAuto, use, limits}, job, memory_bytes, CountQuestion());
   QuestionFields(question, asked);
   TextureFields(question, mesh);
-  return lease->Ask(MessageKind::kTextures, memory_bytes, question, job, [&mesh](ArchiveReader& answer) {
+  const auto read = [&mesh](ArchiveReader& answer) {
     TriangleMesh decoded;
     TextureFields(answer, decoded);
     absl::Status status = answer.Finish();
     if (status.ok()) status = CheckTextures(decoded);
     return status.ok() ? TakeTextures(std::move(decoded), mesh) : status;
-  });
+  };
+  MemoryCharge kept;
+  if (absl::Status s = lease->Ask(MessageKind::kTextures, memory_bytes, question, job, read, kept); !s.ok()) return s;
+  KeepCharge(std::move(kept), mesh);
+  return absl::OkStatus();
 }
 
 absl::StatusOr<std::unique_ptr<WorkerProcess>> LoadWorkers::Take(const JobContext& job) {

@@ -43,7 +43,7 @@ class LoadWorkers {
   // INTERNAL where it dies or gives what cannot be a mesh; UNAVAILABLE where none can be started. May throw bad_alloc.
   absl::StatusOr<LoadedMesh> Load(std::vector<uint8_t> file, const LoadRequest& request, const JobContext& job);
 
-  // PrepareTextures (load/image.h) likewise.
+  // PrepareTexturesFor (load/image.h) likewise.
   absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use,
                               const JobContext& job);
 

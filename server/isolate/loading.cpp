@@ -23,7 +23,7 @@ absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const 
     return image != nullptr && image->rgba.empty() && !image->encoded.empty();
   });
   if (workers != nullptr && images && use.any()) return workers->DecodeTextures(mesh, limits, use, job);
-  return PrepareTextures(mesh, limits, use);
+  return PrepareTexturesFor(job, mesh, limits, use);
 }
 
 }  // namespace voxelpipe

@@ -20,7 +20,7 @@ class LoadWorkers;
 absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, const LoadRequest& request, LoadWorkers* workers,
                                     const JobContext& job);
 
-// PrepareTextures (load/image.h) of a mesh whose images may be encoded, likewise.
+// PrepareTexturesFor (load/image.h) of a mesh whose images may be encoded, likewise.
 absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use, LoadWorkers* workers,
                             const JobContext& job);
 

@@ -90,6 +90,35 @@ bool AreUnused(const std::vector<uint32_t>& unused, uint64_t vertices) {
   return true;
 }
 
+// Values of all vertices, or of those of the runs. `vertices` are 32 bits.
+bool IsOwnAttribute(const VertexAttribute& attribute, uint64_t vertices) {
+  if (attribute.components < 1 || attribute.components > 4) return false;
+  const uint64_t components = uint64_t(attribute.components);
+  if (attribute.runs.empty()) return attribute.values.size() == vertices * components;
+  uint64_t end = 0, values = 0;
+  for (const AttributeRun& run : attribute.runs) {
+    if (run.first_vertex < end || run.end_vertex < run.first_vertex || run.end_vertex > vertices) return false;
+    if (run.first_value != values) return false;
+    end = run.end_vertex;
+    values += (run.end_vertex - run.first_vertex) * components;
+  }
+  return attribute.values.size() == values;
+}
+
+// Shaders take it that all vertices of a triangle have values, or none. Of parts that cover the mesh.
+bool StayInParts(const TriangleMesh& mesh) {
+  std::atomic<bool> all{true};
+  tbb::parallel_for(size_t{0}, mesh.parts.size(), [&](size_t p) {
+    const MeshPart& part = mesh.parts[p];
+    for (uint64_t t = part.first_triangle; t < part.first_triangle + part.triangle_count; ++t) {
+      for (const uint32_t v : mesh.triangles[t]) {
+        if (v < part.first_vertex || v - part.first_vertex >= part.vertex_count) all = false;
+      }
+    }
+  });
+  return all;
+}
+
 absl::Status CheckArrays(const TriangleMesh& mesh) {
   const uint64_t vertices = mesh.positions.size();
   if (vertices > UINT32_MAX) return Broken("more vertices than indices can name");
@@ -97,16 +126,16 @@ absl::Status CheckArrays(const TriangleMesh& mesh) {
       !NoneOr(mesh.uv[0], vertices) || !NoneOr(mesh.uv[1], vertices)) {
     return Broken("an array of another length than the positions");
   }
+  bool runs = false;
   for (const VertexAttribute& attribute : mesh.attributes) {
-    if (attribute.components < 1 || attribute.components > 4 ||
-        attribute.values.size() != vertices * uint64_t(attribute.components)) {
-      return Broken("an own attribute of another length than the positions");
-    }
+    if (!IsOwnAttribute(attribute, vertices)) return Broken("an own attribute of other vertices");
+    runs = runs || !attribute.runs.empty();
   }
   if (!IndicesBelow(mesh.triangles, vertices)) return Broken("an index beyond the vertices");
   if (!Finite(mesh.positions)) return Broken("a position that is not finite");
   if (mesh.unused_vertices && !AreUnused(*mesh.unused_vertices, vertices)) return Broken("unused vertices");
   if (!Covers(mesh)) return Broken("parts that are not the whole");
+  if (runs && !StayInParts(mesh)) return Broken("a triangle of several parts");
   return absl::OkStatus();
 }
 

@@ -1,6 +1,7 @@
 #include "isolate/mesh_fields.h"
 
 #include <cstdint>
+#include <map>
 #include <utility>
 
 #include "absl/strings/cord.h"
@@ -58,6 +59,7 @@ void OwnAttribute(A& archive, V& attribute) {
   archive.Text(attribute.name);
   archive.Value(attribute.components);
   archive.Array(attribute.values);
+  archive.Array(attribute.runs);
 }
 
 template <typename A, typename R>
@@ -140,17 +142,35 @@ void ImageFields(A& archive, I& image) {
   OptionalWarning(archive, image.fault);
 }
 
-// A pointer to one's own image, or null.
-void ImageField(ArchiveWriter& archive, const std::shared_ptr<Image>& image) {
-  archive.Flag(image != nullptr);
-  if (image != nullptr) ImageFields(archive, std::as_const(*image));
+constexpr uint32_t kNoImage = UINT32_MAX;
+
+// Several may be one, which is sent once: each says which one it is, and if it is the first one, what it has.
+void Images(ArchiveWriter& archive, const std::vector<std::shared_ptr<Image>>& images) {
+  std::map<const Image*, uint32_t> first;
+  uint32_t next = 0;
+  archive.Each(images, sizeof next, [&](ArchiveWriter& a, const std::shared_ptr<Image>& image) {
+    const uint32_t own = next++;
+    if (image == nullptr) return a.Value(kNoImage);
+    const uint32_t number = first.try_emplace(image.get(), own).first->second;
+    a.Value(number);
+    if (number == own) ImageFields(a, std::as_const(*image));
+  });
 }
-void ImageField(ArchiveReader& archive, std::shared_ptr<Image>& image) {
-  bool there = false;
-  archive.Flag(there);
-  if (!there || !archive.ok()) return;
-  image = std::make_shared<Image>();
-  ImageFields(archive, *image);
+void Images(ArchiveReader& archive, std::vector<std::shared_ptr<Image>>& images) {
+  uint32_t next = 0;
+  archive.Each(images, sizeof next, [&](ArchiveReader& a, std::shared_ptr<Image>& image) {
+    const uint32_t own = next++;
+    uint32_t number = kNoImage;
+    a.Value(number);
+    if (number == kNoImage || !a.ok()) return;
+    if (number > own) return a.Refuse("an image that is not there yet");
+    if (number < own) {
+      image = images[number];
+      return;
+    }
+    image = std::make_shared<Image>();
+    ImageFields(a, *image);
+  });
 }
 
 void Parts(ArchiveWriter& archive, const std::vector<MeshPart>& parts) {
@@ -169,7 +189,7 @@ void TexturesOf(A& archive, M& mesh) {
   Parts(archive, mesh.parts);
   archive.Each(mesh.materials, 100, [](A& a, auto& material) { MaterialFields(a, material); });
   archive.Each(mesh.textures, 9, [](A& a, auto& texture) { TextureField(a, texture); });
-  archive.Each(mesh.images, 1, [](A& a, auto& image) { ImageField(a, image); });
+  Images(archive, mesh.images);
 }
 
 template <typename A, typename M>
@@ -180,7 +200,7 @@ void ArraysOf(A& archive, M& mesh) {
   for (auto& uv : mesh.uv) archive.Array(uv);
   archive.Array(mesh.colors);
   archive.Array(mesh.triangles);
-  archive.Each(mesh.attributes, 20, [](A& a, auto& attribute) { OwnAttribute(a, attribute); });
+  archive.Each(mesh.attributes, 28, [](A& a, auto& attribute) { OwnAttribute(a, attribute); });
 }
 
 template <typename A, typename C>

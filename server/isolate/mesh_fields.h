@@ -18,12 +18,13 @@ namespace voxelpipe {
 void Fields(ArchiveWriter& archive, const absl::Status& status);
 void Fields(ArchiveReader& archive, absl::Status& status);
 
-// All of a mesh but its content_id. Null images stay null; primitives and morph data that several parts share are sent once.
+// All of a mesh but its content_id and what it takes of a budget. Null images stay null; images, primitives and morph data that are shared
+// are sent once.
 void Fields(ArchiveWriter& archive, const TriangleMesh& mesh);
 // What is read has to pass CheckMesh (mesh_check.h) after Finish.
 void Fields(ArchiveReader& archive, TriangleMesh& mesh);
 
-// Parts, materials, textures and images alone: what PrepareTextures looks at and changes.
+// Parts, materials, textures and images alone: what PrepareTexturesFor looks at and changes.
 void TextureFields(ArchiveWriter& archive, const TriangleMesh& mesh);
 void TextureFields(ArchiveReader& archive, TriangleMesh& mesh);
 

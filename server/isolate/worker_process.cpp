@@ -200,6 +200,16 @@ uint64_t WorkerProcess::TakenBytes() const {
   return resident - std::min(resident, base_resident_);
 }
 
+absl::Status WorkerProcess::ChargeMore(uint64_t bytes, MemoryCharge& charge) {
+  constexpr std::string_view kWhat = "loading the mesh";
+  absl::Status full = charge.GrowNow(bytes, kWhat);
+  if (full.ok() || !IsInUseByOthers(full)) return full;
+  kill(pid_, SIGSTOP);
+  full = charge.Grow(bytes, kWhat);
+  kill(pid_, SIGCONT);
+  return full;
+}
+
 absl::Status WorkerProcess::WaitForAnswer(uint64_t memory_bytes, const JobContext& job, MemoryCharge& charge,
                                           Message& answer) {
   const uint64_t most_bytes = memory_bytes == 0 ? SharedRegion::kBytes / 2 : memory_bytes + kSlackBytes;
@@ -239,20 +249,23 @@ absl::Status WorkerProcess::WaitForAnswer(uint64_t memory_bytes, const JobContex
     // In the server's budget from here on, and bounded by it.
     const uint64_t taken = TakenBytes();
     absl::Status full;
-    if (taken > charge.bytes()) full = charge.Grow(taken - charge.bytes(), "loading the mesh");
+    if (taken > charge.bytes()) full = ChargeMore(taken - charge.bytes(), charge);
     if (full.ok() && memory_bytes > 0 && taken > memory_bytes + kSlackBytes) {
       full = MakeLimitError(absl::StrCat("loading the mesh takes more than ", memory_bytes, " bytes of memory"),
                             {taken, memory_bytes, 0});
     }
     if (!full.ok()) {
-      Kill("memory");
-      return full;
+      if (over.ok()) over = job.Check();  // it may have ended while this waited
+      if (over.ok()) over = full;
+      Kill(absl::IsCancelled(over) ? "cancelled" : absl::IsDeadlineExceeded(over) ? "deadline" : "memory");
+      return over;
     }
   }
 }
 
 absl::Status WorkerProcess::Ask(MessageKind kind, uint64_t memory_bytes, const ArchiveWriter& question,
-                                const JobContext& job, const std::function<absl::Status(ArchiveReader&)>& read) {
+                                const JobContext& job, const std::function<absl::Status(ArchiveReader&)>& read,
+                                MemoryCharge& kept) {
   if (absl::Status s = WaitUntilReady(job); !s.ok()) return s;
   BoundProcess(pid_,
                memory_bytes == 0 ? 0 : base_space_ + memory_bytes + options_.kept_bytes + 2 * question.bulk_bytes(),
@@ -262,18 +275,22 @@ absl::Status WorkerProcess::Ask(MessageKind kind, uint64_t memory_bytes, const A
   }
   Message answer;
   const Clock::time_point begin = Clock::now();
-  MemoryCharge charge(job.memory());  // of what the process takes, then of what came back
+  MemoryCharge charge(&MemoryOf(job));  // of what the process takes, then of what came back
   const absl::Status waited = WaitForAnswer(memory_bytes, job, charge, answer);
   if (usable() && Clock::now() - begin >= kLookInterval) base_resident_ = ResidentBytes();
   if (!waited.ok()) return waited;
-  charge.ShrinkTo(0);
-  if (absl::Status s = charge.Grow(answer.text.size() + answer.bulk.size(), "the loaded mesh"); !s.ok()) return s;
+  const uint64_t came_bytes = answer.text.size() + answer.bulk.size();
+  charge.ShrinkTo(came_bytes);
+  if (absl::Status s = charge.Grow(came_bytes - charge.bytes(), "the loaded mesh, as it came"); !s.ok()) return s;
+  MemoryCharge read_charge(&MemoryOf(job));
+  if (absl::Status s = read_charge.Grow(came_bytes, "the loaded mesh"); !s.ok()) return s;
   ArchiveReader reader(answer.text, answer.bulk);
   absl::Status status;
   Fields(reader, status);
   const absl::Status taken = status.ok() ? read(reader) : reader.Finish();
   if (absl::IsInternal(taken)) Kill("protocol");
   if (!taken.ok()) status = taken;
+  if (status.ok()) kept = std::move(read_charge);
   // Large ones leave much behind.
   if (usable() && (channel_->in().resident_bytes() > options_.kept_bytes ||
                    channel_->out().resident_bytes() > options_.kept_bytes)) {

@@ -45,10 +45,11 @@ class WorkerProcess {
 
   // Asks, and waits for the answer. `read` reads what stands behind the status; it is called where the status is OK.
   // The process is killed, and is not usable any more, when it has not ended its work kPatience after the job was over, when it takes
-  // more than `memory_bytes` (0: no bound), and when it does not keep to the protocol.
+  // more than `memory_bytes` (0: no bound), and when it does not keep to the protocol. What it takes is charged to the job while it works; it
+  // stands still while that has to wait for others' memory. `kept`: what was read takes of it, at most, once `read` has read it.
   // Errors: the answer's status; the job's; RESOURCE_EXHAUSTED for memory and processor time; INTERNAL where the process dies or is broken.
   absl::Status Ask(MessageKind kind, uint64_t memory_bytes, const ArchiveWriter& question, const JobContext& job,
-                   const std::function<absl::Status(ArchiveReader&)>& read);
+                   const std::function<absl::Status(ArchiveReader&)>& read, MemoryCharge& kept);
 
   // Gives back memory that is not in use. Only between questions.
   void Trim();
@@ -57,6 +58,8 @@ class WorkerProcess {
   explicit WorkerProcess(const Options& options) : options_(options) {}
 
   absl::Status WaitForAnswer(uint64_t memory_bytes, const JobContext& job, MemoryCharge& charge, Message& answer);
+  // Takes `bytes` more for the process, which does not run while that waits.
+  absl::Status ChargeMore(uint64_t bytes, MemoryCharge& charge);
   // What the process takes beyond what it took when it was asked.
   uint64_t TakenBytes() const;
   // What it takes now, its answers included.

@@ -1,5 +1,6 @@
 #include "meshes/kept_mesh.h"
 
+#include <map>
 #include <new>
 #include <utility>
 
@@ -57,8 +58,12 @@ std::string ContentId(const std::string& id, const TextureUse& prepared) {
 // A mesh whose images are its own, so that decoding them is seen by no one else.
 std::shared_ptr<TriangleMesh> CopyWithImages(const TriangleMesh& mesh) {
   auto copy = std::make_shared<TriangleMesh>(mesh);
+  std::map<const Image*, std::shared_ptr<Image>> copies;  // several may be one
   for (std::shared_ptr<Image>& image : copy->images) {
-    if (image) image = std::make_shared<Image>(*image);
+    if (!image) continue;
+    std::shared_ptr<Image>& of = copies[image.get()];
+    if (!of) of = std::make_shared<Image>(*image);
+    image = of;
   }
   return copy;
 }
@@ -72,6 +77,7 @@ KeptMesh::KeptMesh(std::string id, MeshFormat format, uint64_t file_bytes, Loade
       triangles_(loaded.mesh.triangles.size()),
       vertices_(loaded.mesh.positions.size()) {
   loaded.mesh.content_id = id_;
+  ReleaseCharges(loaded.mesh);  // from now on it is counted here
   facts_.report = BoxReport(loaded.mesh);
   CheckImages(loaded.mesh);
   facts_.warnings = AllWarningsOf(loaded.mesh);
@@ -79,8 +85,8 @@ KeptMesh::KeptMesh(std::string id, MeshFormat format, uint64_t file_bytes, Loade
   memory_bytes_ = KeptBytes(*mesh_);
 }
 
-absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const TextureUse& use, const LoadLimits& limits,
-                                                                   LoadWorkers* workers, const JobContext& job) {
+absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const JobContext& job, const TextureUse& use,
+                                                                   const LoadLimits& limits, LoadWorkers* workers) {
   const auto ready = [&]() -> std::shared_ptr<const TriangleMesh> {
     const std::lock_guard lock(mutex_);
     return Covers(prepared_, use) ? mesh_ : nullptr;
@@ -90,8 +96,11 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const Texture
   if (auto mesh = ready()) return mesh;
   // Only this thread replaces mesh_ and prepared_ now.
   try {
+    MemoryCharge charge(&MemoryOf(job));
+    if (absl::Status s = charge.Grow(MeshBytes(*mesh_), "a copy of the mesh with its textures"); !s.ok()) return s;
     const std::shared_ptr<TriangleMesh> copy = CopyWithImages(*mesh_);
     if (absl::Status s = DecodeTextures(*copy, limits, use, workers, job); !s.ok()) return s;
+    ReleaseCharges(*copy);
     const TextureUse prepared = Both(prepared_, use);
     copy->content_id = ContentId(id_, prepared);
     const uint64_t bytes = KeptBytes(*copy);

@@ -40,10 +40,10 @@ class KeptMesh {
 
   // The mesh, with the textures decoded that `use` samples; at least those. The first call for a texture decodes it, others for textures
   // wait meanwhile. A mesh with textures has another content_id than the one without.
-  // `workers`: that decode them (isolate/loading.h), on behalf of `job`.
+  // `workers`: that decode them (isolate/loading.h). What decoding takes is the job's until it is done.
   // Errors: those of DecodeTextures, each time anew; RESOURCE_EXHAUSTED out of memory.
-  absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const TextureUse& use, const LoadLimits& limits,
-                                                           LoadWorkers* workers = nullptr, const JobContext& job = {});
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const JobContext& job, const TextureUse& use,
+                                                           const LoadLimits& limits, LoadWorkers* workers = nullptr);
 
   // A copy of `mesh`, which came from here, whose positions are the caller's to set (MovedMeshes). `keep_one`: from now on.
   std::shared_ptr<TriangleMesh> Moved(const std::shared_ptr<const TriangleMesh>& mesh, bool keep_one);

@@ -33,11 +33,11 @@ absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Take(const std::string& id)
   return mesh;
 }
 
-absl::StatusOr<std::shared_ptr<const TriangleMesh>> MeshStore::Mesh(KeptMesh& mesh, const TextureUse& use,
-                                                                    const LoadLimits& limits, LoadWorkers* workers,
-                                                                    const JobContext& job) {
-  if (mesh.ready(use)) return mesh.Mesh(use, limits);
-  absl::StatusOr<std::shared_ptr<const TriangleMesh>> textured = mesh.Mesh(use, limits, workers, job);
+absl::StatusOr<std::shared_ptr<const TriangleMesh>> MeshStore::Mesh(const JobContext& job, KeptMesh& mesh,
+                                                                    const TextureUse& use, const LoadLimits& limits,
+                                                                    LoadWorkers* workers) {
+  if (mesh.ready(use)) return mesh.Mesh(job, use, limits);
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> textured = mesh.Mesh(job, use, limits, workers);
   if (textured.ok()) meshes_.Resize(mesh.id(), &mesh, mesh.memory_bytes());
   return textured;
 }

@@ -37,9 +37,8 @@ class MeshStore {
   absl::StatusOr<std::shared_ptr<KeptMesh>> Take(const std::string& id);
 
   // KeptMesh::Mesh of a mesh from here, with what its textures take counted.
-  absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(KeptMesh& mesh, const TextureUse& use,
-                                                           const LoadLimits& limits, LoadWorkers* workers = nullptr,
-                                                           const JobContext& job = {});
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const JobContext& job, KeptMesh& mesh, const TextureUse& use,
+                                                           const LoadLimits& limits, LoadWorkers* workers = nullptr);
 
   // KeptMesh::Moved of a mesh from here, with what the copy takes counted. One is kept where both take an eighth of the store at most.
   std::shared_ptr<TriangleMesh> Moved(KeptMesh& mesh, const std::shared_ptr<const TriangleMesh>& of);

@@ -41,7 +41,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   if (absl::Status s = CheckMeshBytes(kept, config, positions.size(), true); !s.ok()) return s;
   const TextureUse textures = RequestReadsTextures(config.request) ? TexturesRead(config.request) : TextureUse{};
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> mesh =
-      store.Mesh(kept, textures, limits.load, limits.load_workers, job);
+      store.Mesh(job, kept, textures, limits.load, limits.load_workers);
   if (!mesh.ok()) return mesh.status();
   auto prepared = std::make_shared<PreparedMesh>();
   prepared->mesh = *std::move(mesh);
@@ -52,6 +52,10 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   }
   job.Report("load", 0);
   const auto begin = std::chrono::steady_clock::now();
+  prepared->memory = MemoryCharge(&MemoryOf(job));
+  if (absl::Status s = prepared->memory.Grow(MeshBytes(*prepared->mesh), "the mesh with its new positions"); !s.ok()) {
+    return s;
+  }
   mesh = WithPositions(store, kept, prepared->mesh, positions);
   if (!mesh.ok()) return mesh.status();
   prepared->mesh = *std::move(mesh);

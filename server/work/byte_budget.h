@@ -1,73 +1,80 @@
 // Bytes that all requests of the server share: uploads that wait, and memory that jobs work in.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
+#include <memory>
 #include <mutex>
 #include <utility>
 
 #include "base/job_context.h"
+#include "base/memory_budget.h"
 
 namespace voxelpipe {
 
-// Thread-safe.
+// A MemoryBudget that can be waited for. Thread-safe.
 class ByteBudget {
  public:
-  explicit ByteBudget(uint64_t limit) : limit_(limit) {}
+  explicit ByteBudget(uint64_t limit) : memory_(std::make_shared<MemoryBudget>(limit)) {}
 
   // Takes `bytes` if they are there now.
-  bool TryTake(uint64_t bytes) {
-    const std::lock_guard lock(mutex_);
-    if (!Fits(bytes)) return false;
-    used_ += bytes;
-    return true;
-  }
+  bool TryTake(uint64_t bytes) { return memory_->Take(bytes, "the job").ok(); }
 
-  // Waits for `bytes` to be there. False when the job ended first or `timeout` passed.
-  bool Take(uint64_t bytes, const JobContext& job, std::chrono::milliseconds timeout) {
-    const auto end = std::chrono::steady_clock::now() + timeout;
-    std::unique_lock lock(mutex_);
-    while (!Fits(bytes)) {
-      if (!job.Check().ok() || std::chrono::steady_clock::now() >= end) return false;
-      freed_.wait_for(lock, std::chrono::milliseconds(20));  // a cancelled job is not notified
-    }
-    used_ += bytes;
-    return true;
+  // Waits for `bytes` to be there. False when the job ended first or `timeout` passed, or where nobody is left who could give back: all that
+  // is used is held by those who wait. `held`: what the caller holds of it.
+  bool Take(uint64_t bytes, const JobContext& job, std::chrono::milliseconds timeout, uint64_t held = 0) {
+    if (TryTake(bytes)) return true;
+    return WaitUntil([&] { return TryTake(bytes); }, job, timeout, held);
+  }
+  // The same without taking: whether `bytes` were there, beside `leave` for others unless the caller alone holds anything.
+  bool WaitFor(uint64_t bytes, uint64_t leave, const JobContext& job, std::chrono::milliseconds timeout,
+               uint64_t held) {
+    const auto there = [&] {
+      const uint64_t now = used(), most = limit(), free = most - std::min(most, now);
+      return bytes <= (now <= held ? free : free - std::min(free, leave));
+    };
+    return WaitUntil(there, job, timeout, held);
   }
 
   void Give(uint64_t bytes) {
-    {
-      const std::lock_guard lock(mutex_);
-      used_ -= bytes;
-    }
+    memory_->Give(bytes);
     freed_.notify_all();
   }
 
   // What is taken stays taken, though it be more than the new limit.
   void set_limit(uint64_t limit) {
-    {
-      const std::lock_guard lock(mutex_);
-      limit_ = limit;
-    }
+    memory_->set_limit_bytes(limit);
     freed_.notify_all();
   }
-  uint64_t limit() const {
-    const std::lock_guard lock(mutex_);
-    return limit_;
-  }
-  uint64_t used() const {
-    const std::lock_guard lock(mutex_);
-    return used_;
-  }
+  uint64_t limit() const { return memory_->limit_bytes(); }
+  uint64_t used() const { return memory_->used_bytes(); }
+
+  // What budgets of requests take of. It lives as long as they do.
+  const std::shared_ptr<MemoryBudget>& memory() const { return memory_; }
 
  private:
-  bool Fits(uint64_t bytes) const { return used_ <= limit_ && bytes <= limit_ - used_; }
+  template <typename Done>
+  bool WaitUntil(const Done& done, const JobContext& job, std::chrono::milliseconds timeout, uint64_t held) {
+    const auto end = std::chrono::steady_clock::now() + timeout;
+    std::unique_lock lock(mutex_);
+    waiting_held_ += held;
+    bool good = done();
+    while (!good && job.Check().ok() && std::chrono::steady_clock::now() < end &&
+           (held == 0 || waiting_held_ < used())) {
+      // Neither a cancelled job nor memory that a request's own budget gave back is notified.
+      freed_.wait_for(lock, std::chrono::milliseconds(20));
+      good = done();
+    }
+    waiting_held_ -= held;
+    return good;
+  }
 
-  mutable std::mutex mutex_;
-  uint64_t limit_;
+  const std::shared_ptr<MemoryBudget> memory_;
+  std::mutex mutex_;
   std::condition_variable freed_;
-  uint64_t used_ = 0;
+  uint64_t waiting_held_ = 0;  // by those who wait
 };
 
 // A share of a budget, given back when it goes. The budget must outlive it. Not thread-safe.
@@ -84,8 +91,9 @@ class BudgetShare {
     return true;
   }
 
-  bool Grow(uint64_t bytes, const JobContext& job, std::chrono::milliseconds timeout) {
-    if (!budget_.Take(bytes, job, timeout)) return false;
+  // `held`: what the caller holds besides, see ByteBudget::Take.
+  bool Grow(uint64_t bytes, const JobContext& job, std::chrono::milliseconds timeout, uint64_t held = 0) {
+    if (!budget_.Take(bytes, job, timeout, held + bytes_)) return false;
     bytes_ += bytes;
     return true;
   }

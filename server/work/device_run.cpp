@@ -75,6 +75,7 @@ struct DeviceRun::Member {
     own_context = std::make_unique<JobContext>([this, &run](std::string_view stage, double fraction) {
       if (const Inside inside(run); inside) job->context.Report(stage, fraction);
     });
+    own_context->set_memory(job->context.memory());
     if (job->context.deadline()) own_context->set_deadline(*job->context.deadline());
     config = own_config.get();
     context = own_context.get();

@@ -39,6 +39,7 @@ struct PreparedMesh {
   uint64_t peak_bytes = 0;  // of the preparation, computed from sizes
   MeshReport report;
   bool examined = false;  // degenerate triangles and open edges were counted
+  MemoryCharge memory;    // what of the request's budget the mesh takes, where it does not say so itself
 };
 
 struct JobOutcome {

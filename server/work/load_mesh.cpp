@@ -55,7 +55,7 @@ absl::StatusOr<LoadedMesh> LoadMeshHere(std::span<const uint8_t> file, const Loa
   if (absl::Status s = job.Check(); !s.ok()) return s;
   scene = Scene();
   if (request.textures.any()) {
-    if (absl::Status s = PrepareTextures(loaded.mesh, request.limits, request.textures); !s.ok()) return s;
+    if (absl::Status s = PrepareTexturesFor(job, loaded.mesh, request.limits, request.textures); !s.ok()) return s;
   }
   return loaded;
 }

@@ -34,7 +34,7 @@ struct LoadedMesh {
 // In: the whole file; `file_used` is called as soon as its bytes are not needed any more. Out: its mesh, with the textures decoded that the
 // request names, made in this process. The scene is freed as soon as it is flat. `job` is looked at within the steps, and told of "load" and
 // "flatten".
-// Errors: those of LoadScene, Flatten and PrepareTextures; the job's. May throw bad_alloc.
+// Errors: those of LoadSceneFor, FlattenFor and PrepareTexturesFor; the job's. May throw bad_alloc.
 absl::StatusOr<LoadedMesh> LoadMeshHere(std::span<const uint8_t> file, const LoadRequest& request,
                                         const JobContext& job, const std::function<void()>& file_used = {});
 

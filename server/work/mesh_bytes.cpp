@@ -12,23 +12,6 @@ uint64_t Bytes(const std::vector<T>& values) {
   return values.size() * sizeof(T);
 }
 
-uint64_t MorphBytes(const MorphData& morph) {
-  uint64_t bytes = Bytes(morph.positions) + Bytes(morph.normals) + Bytes(morph.tangents);
-  for (const MorphTarget& target : morph.targets) {
-    bytes += Bytes(target.positions) + Bytes(target.normals) + Bytes(target.tangents);
-  }
-  return bytes;
-}
-
-// Without the morph data, which copies share.
-uint64_t PrimitiveBytes(const Primitive& p) {
-  uint64_t bytes =
-      Bytes(p.positions) + Bytes(p.normals) + Bytes(p.tangents) + Bytes(p.uv[0]) + Bytes(p.uv[1]) + Bytes(p.colors);
-  for (int set = 0; set < 2; ++set) bytes += Bytes(p.joints[set]) + Bytes(p.weights[set]);
-  for (const VertexAttribute& attribute : p.attributes) bytes += Bytes(attribute.values);
-  return bytes + Bytes(p.triangles);
-}
-
 uint64_t AnimationBytes(const std::vector<Animation>& animations) {
   uint64_t bytes = 0;
   for (const Animation& animation : animations) {
@@ -44,8 +27,9 @@ uint64_t RigBytes(const Rig& rig, std::set<const MorphData*>& morphs) {
   std::set<const Primitive*> primitives;  // instances share them
   for (const RigPart& part : rig.parts) {
     if (!primitives.insert(part.primitive.get()).second) continue;
-    bytes += PrimitiveBytes(*part.primitive);
-    if (part.primitive->morph != nullptr) morphs.insert(part.primitive->morph.get());
+    const MorphData* const morph = part.primitive->morph.get();
+    bytes += PrimitiveBytes(*part.primitive) - (morph == nullptr ? 0 : MorphBytes(*morph));
+    if (morph != nullptr) morphs.insert(morph);
   }
   return bytes;
 }
@@ -55,24 +39,27 @@ uint64_t RigBytes(const Rig& rig, std::set<const MorphData*>& morphs) {
 uint64_t SceneBytes(const Scene& scene) {
   uint64_t bytes = AnimationBytes(scene.animations);
   for (const Mesh& mesh : scene.meshes) {
-    for (const Primitive& p : mesh.primitives) {
-      bytes += PrimitiveBytes(p) + (p.morph == nullptr ? 0 : MorphBytes(*p.morph));
-    }
+    for (const Primitive& p : mesh.primitives) bytes += PrimitiveBytes(p);
   }
-  for (const auto& image : scene.images) bytes += Bytes(image->encoded) + Bytes(image->rgba);
+  std::set<const Image*> images;  // several may be one
+  for (const auto& image : scene.images) {
+    if (images.insert(image.get()).second) bytes += Bytes(image->encoded) + Bytes(image->rgba);
+  }
   return bytes;
 }
 
 uint64_t MeshBytes(const TriangleMesh& mesh) {
   uint64_t bytes = Bytes(mesh.positions) + Bytes(mesh.normals) + Bytes(mesh.tangents) + Bytes(mesh.uv[0]) +
                    Bytes(mesh.uv[1]) + Bytes(mesh.colors) + Bytes(mesh.triangles);
-  for (const auto& attribute : mesh.attributes) bytes += Bytes(attribute.values);
+  for (const auto& attribute : mesh.attributes) bytes += Bytes(attribute.values) + Bytes(attribute.runs);
   if (mesh.rig != nullptr) {
     std::set<const MorphData*> morphs;
     bytes += RigBytes(*mesh.rig, morphs);
     for (const MorphData* morph : morphs) bytes += MorphBytes(*morph);
   }
+  std::set<const Image*> images;  // several may be one
   for (const auto& image : mesh.images) {
+    if (!images.insert(image.get()).second) continue;
     bytes += Bytes(image->encoded) + Bytes(image->rgba) + Bytes(image->linear_mips) + Bytes(image->srgb_mips);
   }
   return bytes;

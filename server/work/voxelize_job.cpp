@@ -43,7 +43,10 @@ absl::Status VoxelizeJob::Prepare() {
     return absl::ResourceExhaustedError("out of memory for the mesh file");
   }
   if (!prepared.ok()) return prepared.status();
-  mesh = *std::move(prepared);
+  // What it was charged to lives as long as it does.
+  const PreparedMesh* const made = prepared->get();
+  mesh = std::shared_ptr<const PreparedMesh>(
+      made, [owner = *std::move(prepared), budget = memory](const PreparedMesh*) mutable { owner.reset(); });
   return absl::OkStatus();
 }
 

@@ -203,7 +203,7 @@ struct Assets {
     material.alpha_cutoff = 0.5f;
     materials = {material};
     for (int i = 0; i < 7 * 5 * 4; ++i) texels.push_back(uint8_t(i * 37));
-    mips = BuildMips(texels.data(), 7, 5, true);
+    mips = *BuildMips({}, texels.data(), 7, 5, true);
   }
 
   static TextureView Texture(const uint8_t* rgba, const Vec4f* mips, bool srgb) {

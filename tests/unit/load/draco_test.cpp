@@ -7,7 +7,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <span>
 
+#include "base/limit_error.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "load/loader.h"
@@ -53,7 +55,7 @@ class DracoTest : public ::testing::TestWithParam<bool> {};
 
 TEST_P(DracoTest, DecodesWhatWasEncoded) {
   const std::vector<uint8_t> bytes = Encode(20, GetParam());
-  auto mesh = DecodeDraco(bytes, {});
+  auto mesh = DecodeDraco({}, bytes, {});
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   EXPECT_EQ(mesh->triangles.size(), 20u);
   EXPECT_EQ(mesh->points, 22u);
@@ -79,7 +81,7 @@ TEST_P(DracoTest, LoadsAsASceneOfOneNode) {
 TEST_P(DracoTest, TruncatedAtEveryLengthIsRefused) {
   const std::vector<uint8_t> bytes = Encode(12, GetParam());
   for (size_t n = 0; n < bytes.size(); ++n) {
-    EXPECT_FALSE(DecodeDraco(std::span(bytes).first(n), {}).ok()) << n;
+    EXPECT_FALSE(DecodeDraco({}, std::span(bytes).first(n), {}).ok()) << n;
   }
 }
 
@@ -89,7 +91,7 @@ TEST_P(DracoTest, FlippedBitsNeverCrash) {
   for (size_t bit = 0; bit < bytes.size() * 8; ++bit) {
     std::vector<uint8_t> flipped = bytes;
     flipped[bit / 8] ^= uint8_t(1 << (bit % 8));
-    const auto mesh = DecodeDraco(flipped, {});
+    const auto mesh = DecodeDraco({}, flipped, {});
     if (!mesh.ok()) {
       ++refused;
       continue;
@@ -104,7 +106,7 @@ TEST_P(DracoTest, FlippedBitsNeverCrash) {
 TEST_P(DracoTest, LimitsAreNamed) {
   LoadLimits limits;
   limits.max_triangles = 11;
-  EXPECT_EQ(DecodeDraco(Encode(12, GetParam()), limits).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(DecodeDraco({}, Encode(12, GetParam()), limits).status().code(), absl::StatusCode::kResourceExhausted);
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, DracoTest, ::testing::Values(false, true),
@@ -114,11 +116,11 @@ INSTANTIATE_TEST_SUITE_P(Methods, DracoTest, ::testing::Values(false, true),
 TEST(DracoBombTest, DeclaredCountsBeyondTheBytesAreRefusedBeforeDecoding) {
   std::vector<uint8_t> bomb = {'D',  'R',  'A',  'C',  'O',  2,    2,    1,    0,    0,   0,
                                0xff, 0xff, 0xff, 0xff, 0x0f, 0xff, 0xff, 0xff, 0xff, 0x0f};
-  const auto mesh = DecodeDraco(bomb, {});
+  const auto mesh = DecodeDraco({}, bomb, {});
   EXPECT_EQ(mesh.status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(mesh.status().message()), HasSubstr("4294967295 faces"));
   bomb[5] = 9;
-  EXPECT_THAT(std::string(DecodeDraco(bomb, {}).status().message()), HasSubstr("version 9.2"));
+  EXPECT_THAT(std::string(DecodeDraco({}, bomb, {}).status().message()), HasSubstr("version 9.2"));
 }
 
 // A fan of triangles with texture coordinates, whose prediction stores how many orientations follow.
@@ -157,16 +159,60 @@ std::vector<uint8_t> EncodeTextured() {
 // The count lies somewhere in the stream: at one of the places it is, and a library that believes it takes 10 s there.
 TEST(DracoBombTest, TheCountOfOrientationsIsNotBelieved) {
   const std::vector<uint8_t> good = EncodeTextured();
-  ASSERT_TRUE(DecodeDraco(good, {}).ok());
+  ASSERT_TRUE(DecodeDraco({}, good, {}).ok());
   for (size_t at = 11; at + 4 <= good.size(); ++at) {
     if (good[at + 1] != 0 || good[at + 2] != 0 || good[at + 3] != 0) continue;  // of the small count's four bytes
     std::vector<uint8_t> bomb = good;
     bomb[at] = bomb[at + 1] = bomb[at + 2] = 0xff;
     bomb[at + 3] = 0x7f;
     const auto begin = std::chrono::steady_clock::now();
-    (void)DecodeDraco(bomb, {});
+    (void)DecodeDraco({}, bomb, {});
     EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(2)) << "byte " << at;
   }
+}
+
+// Attributes of a constant value take hardly any bytes, whatever the number of points.
+TEST(DracoBombTest, PointsTimesAttributesAreBoundedBeforeTheyAreDecoded) {
+  constexpr int kFaces = 40'000, kAttributes = 30;
+  draco::TriangleSoupMeshBuilder builder;
+  builder.Start(kFaces);
+  const int position = builder.AddAttribute(draco::GeometryAttribute::POSITION, 3, draco::DT_FLOAT32);
+  std::vector<int> constant;
+  for (int i = 0; i < kAttributes; ++i) {
+    constant.push_back(builder.AddAttribute(draco::GeometryAttribute::GENERIC, 4, draco::DT_UINT8));
+  }
+  const uint8_t same[4] = {1, 2, 3, 4};
+  for (int f = 0; f < kFaces; ++f) {
+    float p[3][3];
+    for (int i = 0; i < 3; ++i) {
+      const int k = f % 2 == 0 || i == 0 ? i : 3 - i;
+      p[i][0] = float((f + k) / 2);
+      p[i][1] = float((f + k) % 2);
+      p[i][2] = 0;
+    }
+    builder.SetAttributeValuesForFace(position, draco::FaceIndex(f), p[0], p[1], p[2]);
+    for (const int id : constant) builder.SetAttributeValuesForFace(id, draco::FaceIndex(f), same, same, same);
+  }
+  const std::unique_ptr<draco::Mesh> mesh = builder.Finalize();
+  draco::ExpertEncoder encoder(*mesh);
+  encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
+  encoder.SetAttributeQuantization(position, 8);
+  draco::EncoderBuffer buffer;
+  ASSERT_TRUE(encoder.EncodeToBuffer(&buffer).ok());
+  const std::span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(buffer.data()), buffer.size());
+  const uint64_t values = uint64_t{mesh->num_points()} * (3 + 4 * kAttributes);
+  ASSERT_GT(values, bytes.size() * LoadLimits().max_draco_values_per_byte) << bytes.size();
+  const absl::Status status = DecodeDraco({}, bytes, {}).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+  EXPECT_TRUE(LimitErrorOf(status).has_value());
+  MemoryBudget little(8 << 20);
+  JobContext job;
+  job.set_memory(&little);
+  LoadLimits ample;
+  ample.max_draco_values_per_byte = 1 << 20;
+  EXPECT_EQ(DecodeDraco(job, bytes, ample).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(little.used_bytes(), 0u);
+  EXPECT_TRUE(DecodeDraco({}, bytes, ample).ok());
 }
 
 TEST(DracoHeaderTest, AnUnknownGeometryTypeIsNoPointCloud) {
@@ -192,7 +238,7 @@ TEST(DracoBoolTest, AttributesOfBoolsAreLeftOut) {
   encoder.SetEncodingMethod(draco::MESH_SEQUENTIAL_ENCODING);
   draco::EncoderBuffer out;
   ASSERT_TRUE(encoder.EncodeMeshToBuffer(*mesh, &out).ok());
-  const auto decoded = DecodeDraco({reinterpret_cast<const uint8_t*>(out.data()), out.size()}, {});
+  const auto decoded = DecodeDraco({}, {reinterpret_cast<const uint8_t*>(out.data()), out.size()}, {});
   ASSERT_TRUE(decoded.ok()) << decoded.status();
   EXPECT_EQ(decoded->triangles.size(), 1u);
   ASSERT_EQ(decoded->attributes.size(), 1u);

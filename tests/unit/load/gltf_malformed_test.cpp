@@ -6,7 +6,8 @@
 #include <functional>
 #include <limits>
 
-#include "load/loader.h"
+#include "base/limit_error.h"
+#include "load/load_job.h"
 #include "support/glb_builder.h"
 
 namespace voxelpipe {
@@ -266,12 +267,17 @@ TEST(GltfMalformed, ZerosThatStandForGigabytes) {
 TEST(GltfMalformed, ManyMeshesOfOneAccessorMeetTheBudget) {
   GlbBuilder builder = Square();
   for (int i = 0; i < 1000; ++i) builder.Mesh(builder.doc["meshes"][0]["primitives"][0]);
-  LoadLimits limits;
-  EXPECT_TRUE(LoadScene(builder.Glb(), MeshFormat::kAuto, limits).ok());
-  limits.max_decoded_bytes = 50'000;
-  const absl::Status status = LoadScene(builder.Glb(), MeshFormat::kAuto, limits).status();
+  JobContext job;
+  MemoryBudget ample(64 << 20), small(1 << 20);
+  job.set_memory(&ample);
+  EXPECT_TRUE(LoadSceneFor(job, builder.Glb()).ok());
+  job.set_memory(&small);
+  const absl::Status status = LoadSceneFor(job, builder.Glb()).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_THAT(std::string(status.message()), HasSubstr("max_decoded_bytes"));
+  ASSERT_TRUE(LimitErrorOf(status).has_value()) << status;
+  EXPECT_GT(LimitErrorOf(status)->need_bytes, small.limit_bytes());
+  EXPECT_EQ(LimitErrorOf(status)->limit_bytes, small.limit_bytes());
+  EXPECT_EQ(small.used_bytes(), 0u);
 }
 
 TEST(GltfMalformed, LimitsAreNamed) {

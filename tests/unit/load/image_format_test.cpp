@@ -113,7 +113,7 @@ TEST(ImageFormat, NoPrefixIsReadPastItsEnd) {
 TEST(ImageFormat, WebpLosslessAndLossy) {
   for (const bool lossless : {true, false}) {
     Image image = Of(Webp(33, 17, lossless));
-    ASSERT_TRUE(DecodeImage(image, {}).ok());
+    ASSERT_TRUE(DecodeImage({}, image, {}).ok());
     EXPECT_EQ(image.width, 33u);
     EXPECT_EQ(image.height, 17u);
     ASSERT_EQ(image.rgba.size(), 4u * 33 * 17);
@@ -131,7 +131,7 @@ TEST(ImageFormat, BrokenWebpIsNamedAndLeavesNothing) {
   const std::vector<uint8_t> whole = Webp(16, 16, true);
   for (const size_t n : {size_t{12}, size_t{20}, whole.size() / 2, whole.size() - 2}) {
     Image image = Of({whole.begin(), whole.begin() + long(n)});
-    const absl::Status status = DecodeImage(image, {});
+    const absl::Status status = DecodeImage({}, image, {});
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << n;
     EXPECT_THAT(std::string(status.message()), HasSubstr("image 'picture': broken WebP"));
     EXPECT_TRUE(image.rgba.empty());
@@ -139,7 +139,7 @@ TEST(ImageFormat, BrokenWebpIsNamedAndLeavesNothing) {
   LoadLimits limits;
   limits.max_image_pixels = 255;
   Image image = Of(whole);
-  EXPECT_EQ(DecodeImage(image, limits).code(), absl::StatusCode::kResourceExhausted) << "before it is decoded";
+  EXPECT_EQ(DecodeImage({}, image, limits).code(), absl::StatusCode::kResourceExhausted) << "before it is decoded";
 }
 
 TEST(ImageFormat, WebpEndsWithItsJob) {

@@ -45,9 +45,9 @@ TEST(LoadJobTest, ACancelledJobReadsNoFurtherAccessor) {
   JobContext job;
   const LoadLimits limits;
   builder.doc["buffers"] = {{{"byteLength", builder.bin.size()}}};
-  absl::StatusOr<gltf::Document> document = gltf::ParseDocument(builder.doc.dump(), limits);
+  absl::StatusOr<gltf::Document> document = gltf::ParseDocument(job, builder.doc.dump(), limits);
   ASSERT_TRUE(document.ok()) << document.status();
-  gltf::Budget budget(job, limits);
+  gltf::Budget budget(job, limits, builder.bin.size());
   absl::StatusOr<gltf::Buffers> buffers = gltf::Buffers::Resolve(*document, builder.bin, budget);
   ASSERT_TRUE(buffers.ok()) << buffers.status();
   const gltf::AccessorReader accessors(*document, *buffers, budget);

@@ -34,7 +34,7 @@ MeshoptView View(uint64_t count, uint64_t stride, const char* mode, const char* 
 
 TEST(MeshoptTest, Attributes) {
   const std::vector<float> p = Positions(100);
-  const auto decoded = DecodeMeshopt(EncodeVertices(p), View(100, 12, "ATTRIBUTES"), {});
+  const auto decoded = DecodeMeshopt(EncodeVertices(p), View(100, 12, "ATTRIBUTES"));
   ASSERT_TRUE(decoded.ok()) << decoded.status();
   ASSERT_EQ(decoded->size(), p.size() * 4);
   EXPECT_EQ(std::memcmp(decoded->data(), p.data(), decoded->size()), 0);
@@ -45,20 +45,20 @@ TEST(MeshoptTest, TrianglesAndIndices) {
   for (uint32_t i = 0; i < 60; ++i) indices.insert(indices.end(), {i, i + 1, i + 2});
   std::vector<uint8_t> triangles(meshopt_encodeIndexBufferBound(indices.size(), 62));
   triangles.resize(meshopt_encodeIndexBuffer(triangles.data(), triangles.size(), indices.data(), indices.size()));
-  const auto decoded = DecodeMeshopt(triangles, View(180, 2, "TRIANGLES"), {});
+  const auto decoded = DecodeMeshopt(triangles, View(180, 2, "TRIANGLES"));
   ASSERT_TRUE(decoded.ok()) << decoded.status();
   EXPECT_EQ(decoded->size(), 360u);
 
   std::vector<uint8_t> sequence(meshopt_encodeIndexSequenceBound(indices.size(), 62));
   sequence.resize(meshopt_encodeIndexSequence(sequence.data(), sequence.size(), indices.data(), indices.size()));
-  const auto list = DecodeMeshopt(sequence, View(180, 4, "INDICES"), {});
+  const auto list = DecodeMeshopt(sequence, View(180, 4, "INDICES"));
   ASSERT_TRUE(list.ok()) << list.status();
   EXPECT_EQ(std::memcmp(list->data(), indices.data(), list->size()), 0);
 }
 
 TEST(MeshoptTest, RefusesWhatTheExtensionForbids) {
   const std::vector<uint8_t> stream = EncodeVertices(Positions(16));
-  const auto code = [&](const MeshoptView& view) { return DecodeMeshopt(stream, view, {}).status().code(); };
+  const auto code = [&](const MeshoptView& view) { return DecodeMeshopt(stream, view).status().code(); };
   using enum absl::StatusCode;
   EXPECT_EQ(code(View(16, 12, "POINTS")), kInvalidArgument);
   EXPECT_EQ(code(View(16, 10, "ATTRIBUTES")), kInvalidArgument);
@@ -70,9 +70,6 @@ TEST(MeshoptTest, RefusesWhatTheExtensionForbids) {
   EXPECT_EQ(code(View(16, 12, "ATTRIBUTES", "SQUARE")), kInvalidArgument);
   EXPECT_EQ(code(View(uint64_t{1} << 62, 12, "ATTRIBUTES")), kInvalidArgument);  // wraps in 64 bits
   EXPECT_EQ(code(View(3'000'000'000, 12, "ATTRIBUTES")), kInvalidArgument);
-  LoadLimits limits;
-  limits.max_decoded_bytes = 100;
-  EXPECT_EQ(DecodeMeshopt(stream, View(16, 12, "ATTRIBUTES"), limits).status().code(), kResourceExhausted);
 }
 
 // Nothing packs better than equal vertices: that must pass, and a count just beyond what the codec can do must not.
@@ -81,10 +78,10 @@ TEST(MeshoptTest, TheBoundIsTheCodecsBestCase) {
   std::vector<uint8_t> stream(meshopt_encodeVertexBufferBound(count, 16));
   const std::vector<uint8_t> equal(count * 16, 0);
   stream.resize(meshopt_encodeVertexBuffer(stream.data(), stream.size(), equal.data(), count, 16));
-  const auto decoded = DecodeMeshopt(stream, View(count, 16, "ATTRIBUTES"), {});
+  const auto decoded = DecodeMeshopt(stream, View(count, 16, "ATTRIBUTES"));
   ASSERT_TRUE(decoded.ok()) << decoded.status();
   EXPECT_EQ(*decoded, equal);
-  const absl::Status s = DecodeMeshopt(stream, View(2 * count, 16, "ATTRIBUTES"), {}).status();
+  const absl::Status s = DecodeMeshopt(stream, View(2 * count, 16, "ATTRIBUTES")).status();
   EXPECT_EQ(s.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_NE(std::string(s.message()).find("bytes can hold"), std::string::npos);
 }
@@ -92,10 +89,10 @@ TEST(MeshoptTest, TheBoundIsTheCodecsBestCase) {
 TEST(MeshoptTest, BrokenStreamsAreRefused) {
   std::vector<uint8_t> stream = EncodeVertices(Positions(16));
   for (size_t n = 0; n < stream.size(); ++n) {
-    EXPECT_FALSE(DecodeMeshopt(std::span(stream).first(n), View(16, 12, "ATTRIBUTES"), {}).ok()) << n;
+    EXPECT_FALSE(DecodeMeshopt(std::span(stream).first(n), View(16, 12, "ATTRIBUTES")).ok()) << n;
   }
   stream[0] ^= 0xff;
-  EXPECT_FALSE(DecodeMeshopt(stream, View(16, 12, "ATTRIBUTES"), {}).ok());
+  EXPECT_FALSE(DecodeMeshopt(stream, View(16, 12, "ATTRIBUTES")).ok());
 }
 
 }  // namespace

@@ -164,9 +164,9 @@ TEST(MeshoptVertexV1, IsPartOfKhrAlone) {
   view.byte_stride = 12;
   view.mode = "ATTRIBUTES";
   const Bytes stream = Encode(vertices, 12, Channels(12, 1));
-  EXPECT_FALSE(DecodeMeshopt(stream, view, {}).ok());
+  EXPECT_FALSE(DecodeMeshopt(stream, view).ok());
   view.khr = true;
-  const auto decoded = DecodeMeshopt(stream, view, {});
+  const auto decoded = DecodeMeshopt(stream, view);
   ASSERT_TRUE(decoded.ok()) << decoded.status();
   EXPECT_EQ(*decoded, vertices);
 }
@@ -180,7 +180,7 @@ TEST(MeshoptVertexV1, ConstantVerticesTakeHardlyAByte) {
   view.byte_stride = 8;
   view.mode = "ATTRIBUTES";
   view.khr = true;
-  const auto decoded = DecodeMeshopt(stream, view, {});
+  const auto decoded = DecodeMeshopt(stream, view);
   ASSERT_TRUE(decoded.ok()) << decoded.status();
   EXPECT_EQ(*decoded, vertices);
 }
@@ -210,7 +210,7 @@ TEST(MeshoptVertexV1, ColoursComeFromLumaAndChroma) {
     view.mode = "ATTRIBUTES";
     view.filter = "COLOR";
     view.khr = true;
-    const auto decoded = DecodeMeshopt(Encode(in, 4, {{0, 0}}), view, {});
+    const auto decoded = DecodeMeshopt(Encode(in, 4, {{0, 0}}), view);
     EXPECT_TRUE(decoded.ok()) << decoded.status();
     return decoded.value_or(Bytes());
   };

@@ -1,10 +1,15 @@
 #include "mesh/flatten.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <string>
+#include <vector>
 
+#include "base/limit_error.h"
 #include "gtest/gtest.h"
 #include "mesh/flatten_job.h"
+#include "shaders/mesh_view.h"
 
 namespace voxelpipe {
 namespace {
@@ -168,6 +173,18 @@ TEST(FlattenTest, OverflowingTransformsAreNamed) {
   EXPECT_NE(std::string(mesh.status().message()).find("node 0, mesh 0, primitive 0, vertex 1"), std::string::npos);
 }
 
+// The values of all vertices, 0 where there are none.
+std::vector<float> Dense(const VertexAttribute& attribute, size_t vertices) {
+  const AttributeView view{attribute.values.data(), attribute.components, uint32_t(attribute.runs.size()),
+                           attribute.runs.data()};
+  std::vector<float> out;
+  for (size_t v = 0; v < vertices; ++v) {
+    const float* const values = ValuesOf(view, v);
+    for (int c = 0; c < attribute.components; ++c) out.push_back(values == nullptr ? 0 : values[c]);
+  }
+  return out;
+}
+
 TEST(FlattenTest, OwnAttributesAreZeroWhereMissingAndRepeatWithInstances) {
   Primitive heat = OneTriangle(), bare = OneTriangle(), flow = OneTriangle();
   heat.attributes = {{"_HEAT", 1, {1, 2, 3}}};
@@ -181,10 +198,11 @@ TEST(FlattenTest, OwnAttributesAreZeroWhereMissingAndRepeatWithInstances) {
   EXPECT_EQ(mesh->attributes[0].name, "_HEAT");
   EXPECT_EQ(mesh->attributes[1].name, "_FLOW");
   const std::vector<float> heats = {0, 0, 0, 1, 2, 3, 7, 8, 9, 0, 0, 0, 1, 2, 3, 7, 8, 9};
-  EXPECT_EQ(mesh->attributes[0].values, heats);
+  EXPECT_EQ(Dense(mesh->attributes[0], 18), heats);
+  EXPECT_EQ(mesh->attributes[0].values.size(), 12u) << "vertices without it take nothing";
   std::vector<float> flows(36, 0.0f);
   for (const size_t first : {12, 30}) std::copy_n(flow.attributes[0].values.data(), 6, flows.data() + first);
-  EXPECT_EQ(mesh->attributes[1].values, flows);
+  EXPECT_EQ(Dense(mesh->attributes[1], 18), flows);
 }
 
 TEST(FlattenTest, TheWidestOwnAttributeRules) {
@@ -199,22 +217,95 @@ TEST(FlattenTest, TheWidestOwnAttributeRules) {
   EXPECT_EQ(mesh->attributes[0].components, 4);
   const std::vector<float> want = {1, 2, 0, 1,  3,  4,  0, 1, 5, 6, 0, 1, 1, 2, 3, 4, 5, 6,
                                    7, 8, 9, 10, 11, 12, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
-  EXPECT_EQ(mesh->attributes[0].values, want);
+  EXPECT_EQ(Dense(mesh->attributes[0], 9), want);
 }
 
-TEST(FlattenTest, OwnAttributesCountAgainstTheLimitAfterInstancing) {
+TEST(FlattenTest, OwnAttributesThatAllVerticesHaveLieOneAfterTheOther) {
+  Primitive heat = OneTriangle();
+  heat.attributes = {{"_HEAT", 1, {1, 2, 3}}};
+  Scene scene = SceneOf({NodeAt(Mat4d{}, 0)}, {0});
+  scene.meshes[0].primitives = {heat, heat};
+  const auto mesh = Flatten(scene);
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_TRUE(mesh->attributes[0].runs.empty());
+  EXPECT_EQ(mesh->attributes[0].values, (std::vector<float>{1, 2, 3, 1, 2, 3}));
+}
+
+TEST(FlattenTest, AnAttributeOfPrimitivesWithoutVerticesHasNoValues) {
+  Primitive none, bare = OneTriangle();
+  none.attributes = {{"_HEAT", 2, {}}};
+  none.triangles.clear();
+  Scene scene = SceneOf({NodeAt(Mat4d{}, 0)}, {0});
+  scene.meshes[0].primitives = {bare, none};
+  const auto mesh = Flatten(scene);
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  for (const VertexAttribute& attribute : mesh->attributes) {
+    EXPECT_EQ(Dense(attribute, 3), std::vector<float>(6, 0.0f));
+  }
+}
+
+// Thousands of attributes of a few vertices each must not take vertices x attributes.
+TEST(FlattenTest, ManyOwnAttributesTakeMemoryOfTheirValuesAlone) {
+  constexpr int kPrimitives = 500;
+  Scene scene = SceneOf({NodeAt(Mat4d{}, 0)}, {0});
+  scene.meshes[0].primitives.clear();
+  for (int i = 0; i < kPrimitives; ++i) {
+    Primitive& primitive = scene.meshes[0].primitives.emplace_back(OneTriangle());
+    primitive.attributes = {{"_A" + std::to_string(i), 4, std::vector<float>(12, float(i))}};
+  }
+  MemoryBudget memory(1 << 20);  // all vertices with all attributes: 12 MB
+  JobContext job;
+  job.set_memory(&memory);
+  const auto mesh = FlattenFor(job, scene, {});
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  ASSERT_EQ(mesh->attributes.size(), size_t{kPrimitives});
+  for (int i = 0; i < kPrimitives; ++i) {
+    const VertexAttribute& attribute = mesh->attributes[size_t(i)];
+    EXPECT_EQ(attribute.values, std::vector<float>(12, float(i)));
+    const AttributeView view{attribute.values.data(), 4, uint32_t(attribute.runs.size()), attribute.runs.data()};
+    EXPECT_EQ(ValuesOf(view, uint64_t(3 * i)), attribute.values.data());
+    EXPECT_EQ(ValuesOf(view, uint64_t(3 * i + 2)), attribute.values.data() + 8);
+    EXPECT_EQ(ValuesOf(view, uint64_t(3 * i + 3)), nullptr);
+    if (i > 0) {
+      EXPECT_EQ(ValuesOf(view, uint64_t(3 * i - 1)), nullptr);
+    }
+  }
+}
+
+TEST(FlattenTest, WhatItMakesIsTakenOfTheJobsMemoryAndGivenBackWithTheMesh) {
   Primitive heat = OneTriangle();
   heat.attributes = {{"_HEAT", 1, {1, 2, 3}}};
   Scene scene = SceneOf({NodeAt(Mat4d{}, 0)}, {0});
   scene.meshes[0].primitives = {heat};
   scene.nodes[0].instances.resize(100);
-  LoadLimits limits;
-  limits.max_decoded_bytes = 1199;
-  const absl::Status status = Flatten(scene, limits).status();
+  JobContext job;
+  MemoryBudget memory(1 << 20), little(20'000);
+  job.set_memory(&memory);
+  {
+    const auto mesh = FlattenFor(job, scene, {});
+    ASSERT_TRUE(mesh.ok()) << mesh.status();
+    EXPECT_GE(memory.used_bytes(), 300 * sizeof(Vec3d) + 100 * (sizeof(MeshPart) + 12) + 300 * sizeof(float));
+  }
+  EXPECT_EQ(memory.used_bytes(), 0u);
+  job.set_memory(&little);
+  const absl::Status status = FlattenFor(job, scene, {}).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_NE(std::string(status.message()).find("1200 bytes after instancing"), std::string::npos) << status;
-  limits.max_decoded_bytes = 1200;
-  EXPECT_TRUE(Flatten(scene, limits).ok());
+  ASSERT_TRUE(LimitErrorOf(status).has_value()) << status;
+  EXPECT_EQ(LimitErrorOf(status)->limit_bytes, 20'000u);
+  EXPECT_EQ(little.used_bytes(), 0u);
+}
+
+// A mesh of primitives that draw nothing costs nothing, however often it stands in the scene.
+TEST(FlattenTest, EmptyPrimitivesAreNotPlaced) {
+  Scene scene = SceneOf({NodeAt(Mat4d{}, 0)}, {0});
+  scene.meshes[0].primitives.assign(50, Primitive{});
+  scene.nodes[0].instances.resize(20'000);
+  JobContext job;
+  MemoryBudget memory(1 << 16);
+  job.set_memory(&memory);
+  const auto mesh = FlattenFor(job, scene, {});
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_TRUE(mesh->parts.empty());
 }
 
 }  // namespace

@@ -1,8 +1,12 @@
 #include "work/byte_budget.h"
 
+#include <atomic>
+#include <memory>
 #include <thread>
 
+#include "base/limit_error.h"
 #include "gtest/gtest.h"
+#include "work/request_memory.h"
 
 namespace voxelpipe {
 namespace {
@@ -32,6 +36,7 @@ TEST(ByteBudgetTest, ALimitThatShrinksAndGrows) {
   budget.set_limit(60);
   EXPECT_TRUE(budget.TryTake(10));
   EXPECT_EQ(budget.limit(), 60u);
+  budget.Give(60);
 }
 
 TEST(ByteBudgetTest, ASharesBytesComeBackWhenItGoes) {
@@ -70,6 +75,73 @@ TEST(ByteBudgetTest, ACancelledJobAndAnImpatientOneGoWithout) {
   job.Cancel();
   EXPECT_FALSE(second.Grow(50, job, milliseconds(60'000)));
   EXPECT_EQ(budget.used(), 80u);
+}
+
+// Each waits for what the other holds: one must give up, at once.
+TEST(ByteBudgetTest, RequestsThatHoldAllOfItDoNotWaitForEachOther) {
+  ByteBudget budget(100);
+  const JobContext job;
+  std::atomic<int> gave_up{0};
+  const auto grow = [&](uint64_t holds) {
+    BudgetShare share(budget);
+    ASSERT_TRUE(share.TryGrow(holds));
+    while (budget.used() < 100 && gave_up == 0) std::this_thread::yield();
+    if (!share.Grow(40, job, milliseconds(60'000))) ++gave_up;
+  };
+  const auto begin = std::chrono::steady_clock::now();
+  std::thread first([&] { grow(50); }), second([&] { grow(50); });
+  first.join();
+  second.join();
+  EXPECT_EQ(gave_up, 1);
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(30));
+  EXPECT_EQ(budget.used(), 0u);
+}
+
+TEST(RequestMemoryTest, BeyondTheLimitAloneIsTheLimitAndBesideOthersIsLoad) {
+  ByteBudget working(1000);
+  JobContext first_job, second_job;
+  second_job.set_deadline(JobContext::Clock::now() + milliseconds(50));  // does not wait long
+  const auto first = MakeRequestMemory(working, first_job), second = MakeRequestMemory(working, second_job);
+  ASSERT_TRUE(first->Take(600, "a mesh").ok());
+  const absl::Status alone = first->Take(401, "its rig");
+  EXPECT_TRUE(LimitErrorOf(alone).has_value()) << alone;
+  EXPECT_FALSE(IsInUseByOthers(alone));
+  const absl::Status load = second->Take(500, "a mesh");
+  EXPECT_TRUE(absl::IsResourceExhausted(load)) << load;
+  EXPECT_TRUE(IsInUseByOthers(load));
+  EXPECT_TRUE(second->Take(100, "a mesh").ok());
+  EXPECT_TRUE(IsInUseByOthers(second->Take(100, "a mesh"))) << "the last quarter is for those that run";
+  second->set_leave(0);
+  EXPECT_TRUE(second->Take(100, "a mesh").ok());
+  first->Give(600);
+  second->Give(200);
+  EXPECT_EQ(working.used(), 0u);
+}
+
+TEST(RequestMemoryTest, ALoadWaitsForOthers) {
+  ByteBudget working(1000);
+  JobContext first_job, second_job;
+  const auto first = MakeRequestMemory(working, first_job), second = MakeRequestMemory(working, second_job);
+  ASSERT_TRUE(first->Take(700, "a mesh").ok());
+  std::thread giver([&] {
+    std::this_thread::sleep_for(milliseconds(100));
+    first->Give(700);
+  });
+  EXPECT_TRUE(second->Take(700, "a mesh").ok());
+  giver.join();
+  second->Give(700);
+}
+
+// The mesh of a job that was left behind on a device may outlive the server's budget.
+TEST(RequestMemoryTest, ABudgetOutlivesWhatItTakesOf) {
+  auto working = std::make_unique<ByteBudget>(1000);
+  JobContext job;
+  auto memory = MakeRequestMemory(*working, job);
+  MemoryCharge charge(memory.get());
+  ASSERT_TRUE(charge.Grow(100, "a mesh").ok());
+  working.reset();
+  charge.ShrinkTo(0);
+  memory.reset();
 }
 
 }  // namespace

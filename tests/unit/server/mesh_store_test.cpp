@@ -91,7 +91,7 @@ TEST(MeshStoreTest, ADeletedMeshServesWhoHasIt) {
   const auto held = store.Take(Id('a'));
   ASSERT_TRUE(held.ok());
   ASSERT_TRUE(store.Delete(Id('a')).ok());
-  const auto mesh = store.Mesh(**held, kBase, {});
+  const auto mesh = store.Mesh({}, **held, kBase, {});
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   EXPECT_EQ((*mesh)->triangles.size(), 1u);
   EXPECT_EQ(store.stats().bytes, 0u);
@@ -99,21 +99,21 @@ TEST(MeshStoreTest, ADeletedMeshServesWhoHasIt) {
 
 TEST(KeptMeshTest, TexturesAreDecodedOnceIntoAMeshOfItsOwn) {
   const auto kept = Kept('a');
-  const auto plain = *kept->Mesh(kNone, {});
+  const auto plain = *kept->Mesh({}, kNone, {});
   EXPECT_EQ(plain->content_id, Id('a'));
   EXPECT_TRUE(kept->ready(kNone));
   EXPECT_FALSE(kept->ready(kBase));
   const uint64_t before = kept->memory_bytes();
-  const auto based = kept->Mesh(kBase, {});
+  const auto based = kept->Mesh({}, kBase, {});
   ASSERT_TRUE(based.ok()) << based.status();
   EXPECT_TRUE(plain->images[0]->rgba.empty()) << "who has the mesh already sees nothing of it";
   EXPECT_EQ((*based)->images[0]->rgba.size(), 4u);
   EXPECT_TRUE((*based)->images[1]->rgba.empty()) << "nobody reads it";
   EXPECT_NE((*based)->content_id, plain->content_id);
   EXPECT_GT(kept->memory_bytes(), before);
-  EXPECT_EQ(*kept->Mesh(kBase, {}), *based) << "the same object";
-  EXPECT_EQ(*kept->Mesh(kNone, {}), *based) << "which serves who reads no textures, too";
-  const auto both = kept->Mesh(kEmissive, {});
+  EXPECT_EQ(*kept->Mesh({}, kBase, {}), *based) << "the same object";
+  EXPECT_EQ(*kept->Mesh({}, kNone, {}), *based) << "which serves who reads no textures, too";
+  const auto both = kept->Mesh({}, kEmissive, {});
   ASSERT_TRUE(both.ok()) << both.status();
   EXPECT_EQ((*both)->images[0]->rgba.size(), 4u) << "what was decoded stays";
   EXPECT_EQ((*both)->images[1]->rgba.size(), 4u);
@@ -124,9 +124,9 @@ TEST(KeptMeshTest, ABrokenTextureFailsThoseWhoReadIt) {
   std::vector<uint8_t> broken = kPixel;
   broken.resize(40);
   const auto kept = Kept('a', Triangle(kPixel, broken));
-  EXPECT_TRUE(absl::IsInvalidArgument(kept->Mesh(kEmissive, {}).status()));
-  EXPECT_TRUE(kept->Mesh(kBase, {}).ok());
-  EXPECT_TRUE(absl::IsInvalidArgument(kept->Mesh(kEmissive, {}).status())) << "the next time too";
+  EXPECT_TRUE(absl::IsInvalidArgument(kept->Mesh({}, kEmissive, {}).status()));
+  EXPECT_TRUE(kept->Mesh({}, kBase, {}).ok());
+  EXPECT_TRUE(absl::IsInvalidArgument(kept->Mesh({}, kEmissive, {}).status())) << "the next time too";
 }
 
 TEST(MeshStoreTest, DecodedTexturesCount) {
@@ -134,9 +134,9 @@ TEST(MeshStoreTest, DecodedTexturesCount) {
   const auto kept = Kept('a');
   MeshStore store(kept->memory_bytes() + 2);  // one pixel takes four bytes
   ASSERT_TRUE(store.Insert(kept, "x").ok());
-  ASSERT_TRUE(store.Mesh(*kept, kNone, limits).ok());
+  ASSERT_TRUE(store.Mesh({}, *kept, kNone, limits).ok());
   EXPECT_TRUE(store.Get(Id('a')).ok());
-  ASSERT_TRUE(store.Mesh(*kept, kBase, limits).ok()) << "who has it may use it";
+  ASSERT_TRUE(store.Mesh({}, *kept, kBase, limits).ok()) << "who has it may use it";
   EXPECT_TRUE(absl::IsNotFound(store.Get(Id('a')).status())) << "but there is no room to keep it";
   EXPECT_EQ(store.stats().bytes, 0u);
 }
@@ -146,7 +146,7 @@ TEST(KeptMeshTest, ManyThreadsGetTheSameTextures) {
   std::vector<std::thread> threads;
   std::vector<std::shared_ptr<const TriangleMesh>> meshes(16);
   for (size_t i = 0; i < meshes.size(); ++i) {
-    threads.emplace_back([&, i] { meshes[i] = *kept->Mesh(i % 4 == 0 ? kNone : kBase, {}); });
+    threads.emplace_back([&, i] { meshes[i] = *kept->Mesh({}, i % 4 == 0 ? kNone : kBase, {}); });
   }
   for (std::thread& thread : threads) thread.join();
   for (size_t i = 0; i < meshes.size(); ++i) {
@@ -246,7 +246,7 @@ TEST_F(PrepareKeptTest, NewPositionsAreAMeshOfTheirOwn) {
   EXPECT_EQ(SharedArraysOf(mesh.content_id).id, Id('a')) << "but for its positions";
   EXPECT_FALSE(SharedArraysOf(mesh.content_id).positions);
   EXPECT_EQ((*moved)->report.max, (Vec3d{2, 2, 5}));
-  EXPECT_EQ((*kept_->Mesh({}, {}))->positions[1], (Vec3d{1, 0, 0}));
+  EXPECT_EQ((*kept_->Mesh({}, {}, {}))->positions[1], (Vec3d{1, 0, 0}));
 }
 
 // Frame after frame nothing but positions is written; frames at the same time do not disturb each other.

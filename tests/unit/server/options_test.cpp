@@ -301,5 +301,14 @@ TEST(OptionsTest, LoadersHaveMemoryEach) {
   EXPECT_EQ(Resolve(options).loaders, CpuCount());
 }
 
+// The sum of OPERATIONS.md, with the process's own 200 MiB, stays below the memory that there is, from 1 GiB on.
+TEST(OptionsTest, TheDefaultsFitIntoTheMemory) {
+  if (MemoryBytes() < uint64_t{1} << 30) GTEST_SKIP() << "gRPC's least is more than its part";
+  const ServerOptions options = Resolve(ServerOptions());
+  const uint64_t sum = options.max_working_bytes + options.max_upload_bytes + options.max_mesh_store_bytes +
+                       options.max_transport_bytes + options.result_cache_bytes;
+  EXPECT_LE(sum, MemoryBytes() / 4 * 3);
+}
+
 }  // namespace
 }  // namespace voxelpipe

@@ -7,6 +7,7 @@
 #include "gtest/gtest.h"
 #include "isolate/mesh_check.h"
 #include "support/glb_builder.h"
+#include "support/hostile_meshes.h"
 #include "support/meshes.h"
 
 namespace voxelpipe {
@@ -78,7 +79,7 @@ ByteVector RiggedGlb() {
 
 TEST(MeshFieldsTest, AMeshComesBackAsItWas) {
   const TextureUse textures{true, true, true};
-  for (const ByteVector& file : {RiggedGlb(), TexturedQuadGlb(), TorusGlb(200, 200), CubeGlb()}) {
+  for (const ByteVector& file : {RiggedGlb(), TexturedQuadGlb(), TorusGlb(200, 200), CubeGlb(), ManyOwnAttributes(9)}) {
     const LoadedMesh loaded = Load(file, textures);
     const Bytes bytes = Write(loaded);
     LoadedMesh read;
@@ -98,6 +99,21 @@ TEST(MeshFieldsTest, AMeshComesBackAsItWas) {
   }
   ASSERT_NE(Load(RiggedGlb()).mesh.rig, nullptr) << "or the test is about nothing";
   ASSERT_FALSE(Load(TexturedQuadGlb(), textures).mesh.images.at(0)->rgba.empty());
+  ASSERT_FALSE(Load(ManyOwnAttributes(9)).mesh.attributes.at(0).runs.empty());
+}
+
+// What is decoded once must not take memory several times on its way.
+TEST(MeshFieldsTest, ImagesThatAreOneStayOne) {
+  const LoadedMesh loaded = Load(LargePngs(64, 4), {true, true, true});
+  ASSERT_EQ(loaded.mesh.images.at(3), loaded.mesh.images.at(0));
+  const Bytes bytes = Write(loaded);
+  LoadedMesh read;
+  const absl::Status status = Read(bytes, read);
+  ASSERT_TRUE(status.ok()) << status;
+  ASSERT_EQ(read.mesh.images.size(), 4u);
+  for (const auto& image : read.mesh.images) EXPECT_EQ(image, read.mesh.images[0]);
+  EXPECT_EQ(read.mesh.images[0]->rgba, loaded.mesh.images[0]->rgba);
+  EXPECT_EQ(Write(read).text, bytes.text);
 }
 
 TEST(MeshFieldsTest, AStatusComesBackWithItsNumbers) {
@@ -117,7 +133,7 @@ TEST(MeshFieldsTest, AStatusComesBackWithItsNumbers) {
 TEST(MeshFieldsTest, ChangedBytesAreRefusedOrHarmless) {
   std::mt19937 random(7);
   int refused = 0;
-  for (const ByteVector& file : {RiggedGlb(), TexturedQuadGlb()}) {
+  for (const ByteVector& file : {RiggedGlb(), TexturedQuadGlb(), ManyOwnAttributes(9)}) {
     const Bytes bytes = Write(Load(file, {true, true, true}));
     for (int round = 0; round < 4000; ++round) {
       Bytes changed = bytes;
@@ -167,6 +183,16 @@ TEST(MeshCheckTest, EachBrokenPromiseIsFound) {
   expect_broken(quad, "width", [](TriangleMesh& m) { m.images[0]->width = 1u << 31, m.images[0]->height = 1u << 31; });
   expect_broken(quad, "mips", [](TriangleMesh& m) { m.images[0]->srgb_mips.resize(9); });
   expect_broken(quad, "attribute", [](TriangleMesh& m) { m.attributes.push_back({"_A", 5, std::vector<float>(20)}); });
+  const ByteVector own = ManyOwnAttributes(3);
+  expect_broken(own, "run's end", [](TriangleMesh& m) { ++m.attributes[2].runs[0].end_vertex; });
+  expect_broken(own, "run's begin", [](TriangleMesh& m) { --m.attributes[2].runs[0].first_vertex; });
+  expect_broken(own, "run's values", [](TriangleMesh& m) { ++m.attributes[1].runs[0].first_value; });
+  expect_broken(own, "runs out of order", [](TriangleMesh& m) {
+    m.attributes[1].runs.push_back({0, 3, 12});
+    m.attributes[1].values.resize(24);
+  });
+  expect_broken(own, "no runs", [](TriangleMesh& m) { m.attributes[1].runs.clear(); });
+  expect_broken(own, "a triangle of two parts", [](TriangleMesh& m) { m.triangles[0][1] = 3; });
   const auto expect_broken_rig = [&](const char* what, auto change) {
     expect_broken(rigged, what, [&](TriangleMesh& m) {
       auto rig = std::make_shared<Rig>(*m.rig);

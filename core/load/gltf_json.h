@@ -1,0 +1,20 @@
+// JSON text of a stranger -> the parts of it that the loader looks at.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "load/limits.h"
+
+namespace voxelpipe::gltf {
+
+// In: the JSON text of a glTF document, already past GuardJson. Out: its tree without what nobody here reads: `extras` everywhere, and
+// members of the document that are none of the loader's. What the tree takes is taken of `charge` while it grows, and the job is looked at
+// meanwhile.
+// Errors: INVALID_ARGUMENT naming the byte where the text is no JSON; RESOURCE_EXHAUSTED; the job's. May throw bad_alloc.
+absl::StatusOr<nlohmann::json> ParseJson(const JobContext& job, std::string_view text, const LoadLimits& limits,
+                                         MemoryCharge& charge);
+
+}  // namespace voxelpipe::gltf

@@ -1,0 +1,126 @@
+// Whatever a few bytes can cost is taken of the job's memory before, and a job that ends is let go soon.
+#include <algorithm>
+#include <chrono>
+#include <functional>
+#include <iostream>
+#include <string>
+#include <thread>
+
+#include "base/limit_error.h"
+#include "gtest/gtest.h"
+#include "load/image.h"
+#include "load/load_job.h"
+#include "mesh/flatten_job.h"
+#include "support/hostile_meshes.h"
+#include "support/slowdown.h"
+
+namespace voxelpipe {
+namespace {
+
+using namespace testing;
+using std::chrono::milliseconds;
+
+constexpr uint64_t kMiB = 1 << 20;
+
+// File to flat mesh with all of its textures.
+absl::Status LoadAll(const JobContext& job, const ByteVector& file) {
+  const absl::StatusOr<Scene> scene = LoadSceneFor(job, file);
+  if (!scene.ok()) return scene.status();
+  absl::StatusOr<TriangleMesh> mesh = FlattenFor(job, *scene, {});
+  if (!mesh.ok()) return mesh.status();
+  return PrepareTexturesFor(job, *mesh, {}, {true, true, true});
+}
+
+struct Outcome {
+  absl::Status status;
+  uint64_t peak_bytes = 0;
+};
+
+Outcome LoadWithin(uint64_t limit_bytes, const ByteVector& file) {
+  MemoryBudget memory(limit_bytes);
+  JobContext job;
+  job.set_memory(&memory);
+  Outcome outcome{LoadAll(job, file), 0};
+  outcome.peak_bytes = memory.peak_bytes();
+  EXPECT_EQ(memory.used_bytes(), 0u) << "all is given back";
+  return outcome;
+}
+
+void ExpectLimit(const absl::Status& status) {
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+  const auto numbers = LimitErrorOf(status);
+  ASSERT_TRUE(numbers.has_value()) << status;
+  EXPECT_GT(numbers->need_bytes, numbers->limit_bytes) << status;
+}
+
+TEST(HostileTest, InstancesWithoutDataCostNothing) {
+  for (const ByteVector& file : {InstancesWithoutData(10'000'000), EmptyPrimitivesWithoutData(50, 10'000'000)}) {
+    const Outcome outcome = LoadWithin(1024 * kMiB, file);
+    ExpectLimit(outcome.status);
+    EXPECT_LT(outcome.peak_bytes, kMiB);
+  }
+  EXPECT_TRUE(LoadWithin(256 * kMiB, InstancesWithoutData(1000)).status.ok()) << "what is small is good";
+}
+
+TEST(HostileTest, ManyOwnAttributesTakeMemoryOfTheirValues) {
+  const Outcome outcome = LoadWithin(64 * kMiB, ManyOwnAttributes(3000));  // all vertices with all of them: 432 MB
+  EXPECT_TRUE(outcome.status.ok()) << outcome.status;
+}
+
+TEST(HostileTest, TexelsAndLevelsAreChargedBeforeTheyAreMade) {
+  // Texels and two kinds of levels of 4 Mi texels take 58 MiB, once, although four images show them.
+  EXPECT_TRUE(LoadWithin(64 * kMiB, LargePngs(2048, 4)).status.ok());
+  ExpectLimit(LoadWithin(32 * kMiB, LargePngs(2048, 4)).status);
+}
+
+TEST(HostileTest, JsonIsReadWithoutWhatNobodyAsksFor) {
+  EXPECT_LT(LoadWithin(64 * kMiB, EmptyObjects(4 * kMiB, "extras")).peak_bytes, kMiB);
+  EXPECT_LT(LoadWithin(64 * kMiB, EmptyObjects(4 * kMiB, "unknown")).peak_bytes, kMiB);
+  ExpectLimit(LoadWithin(64 * kMiB, EmptyObjects(4 * kMiB, "nodes")).status);
+}
+
+// The longest time from a cancel to the end of `work`, which takes longer than that by itself.
+void ExpectPromptCancel(const ByteVector& file) {
+  MemoryBudget memory(uint64_t{4} << 30);
+  double longest = 0;
+  for (const milliseconds after : {milliseconds(1), milliseconds(20), milliseconds(80), milliseconds(200)}) {
+    JobContext job;
+    job.set_memory(&memory);
+    std::chrono::steady_clock::time_point cancelled;
+    std::thread canceller([&] {
+      std::this_thread::sleep_for(after);
+      cancelled = std::chrono::steady_clock::now();
+      job.Cancel();
+    });
+    const absl::Status status = LoadAll(job, file);
+    const auto end = std::chrono::steady_clock::now();
+    canceller.join();
+    if (status.code() != absl::StatusCode::kCancelled) continue;  // it was done before
+    longest = std::max(longest, std::chrono::duration<double, std::milli>(end - cancelled).count());
+    EXPECT_LT(end - cancelled, milliseconds(500 * kSlowdown)) << after.count();
+  }
+  std::cout << file.size() << " bytes: ended at most " << longest << " ms after the cancel" << std::endl;
+  EXPECT_EQ(memory.used_bytes(), 0u);
+}
+
+TEST(HostileTest, CancelReachesJson) {
+  ExpectPromptCancel(EmptyObjects(32 * kMiB, "extras"));
+  ExpectPromptCancel(EmptyObjects(2 * kMiB, "nodes"));
+}
+
+TEST(HostileTest, CancelReachesImagesAndLevels) {
+  ExpectPromptCancel(LargePngs(4096, 1));
+}
+
+TEST(HostileTest, CancelReachesPlacementsAndAttributes) {
+  ExpectPromptCancel(ManyOwnAttributes(20'000));
+  GlbBuilder builder;
+  builder.Mesh(builder.Primitive({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}));
+  const int places = builder.Vectors(std::vector<float>(3'000'000, 1.0f), "VEC3");
+  builder.Scene({builder.Node(
+      {{"mesh", 0}, {"extensions", {{"EXT_mesh_gpu_instancing", {{"attributes", {{"TRANSLATION", places}}}}}}}})});
+  ExpectPromptCancel(builder.Glb());
+}
+
+}  // namespace
+}  // namespace voxelpipe
