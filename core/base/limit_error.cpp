@@ -24,10 +24,17 @@ bool TakeNumber(std::string_view& text, Number& out) {
 
 }  // namespace
 
+std::string ExactText(double number) {
+  char text[32];
+  return {text, std::to_chars(text, text + sizeof text, number).ptr};
+}
+
 absl::Status MakeLimitError(std::string_view message, const LimitError& numbers) {
   absl::Status status = absl::ResourceExhaustedError(absl::string_view(message.data(), message.size()));
-  status.SetPayload(
-      kUrl, absl::Cord(absl::StrCat(numbers.need_bytes, " ", numbers.limit_bytes, " ", numbers.largest_resolution)));
+  status.SetPayload(kUrl, absl::Cord(absl::StrCat(
+                              numbers.need_bytes, " ", numbers.limit_bytes, " ", numbers.largest_resolution, " ",
+                              ExactText(numbers.smallest_voxel_size.x), " ", ExactText(numbers.smallest_voxel_size.y),
+                              " ", ExactText(numbers.smallest_voxel_size.z))));
   return status;
 }
 
@@ -38,7 +45,8 @@ std::optional<LimitError> LimitErrorOf(const absl::Status& status) {
   std::string_view text = all;
   LimitError numbers;
   if (!TakeNumber(text, numbers.need_bytes) || !TakeNumber(text, numbers.limit_bytes) ||
-      !TakeNumber(text, numbers.largest_resolution)) {
+      !TakeNumber(text, numbers.largest_resolution) || !TakeNumber(text, numbers.smallest_voxel_size.x) ||
+      !TakeNumber(text, numbers.smallest_voxel_size.y) || !TakeNumber(text, numbers.smallest_voxel_size.z)) {
     return std::nullopt;
   }
   return numbers;

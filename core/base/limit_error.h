@@ -3,17 +3,24 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
 
 #include "absl/status/status.h"
+#include "base/vec.h"
 
 namespace voxelpipe {
 
 struct LimitError {
-  uint64_t need_bytes = 0;
+  uint64_t need_bytes = 0;  // 0 where it is more than can be counted
   uint64_t limit_bytes = 0;
-  int64_t largest_resolution = 0;  // of the same request: what would fit; 0 if none does
+  // What would fit of the same request, in the terms in which it asked for its grid; 0 where it asked in others, or nothing would fit.
+  int64_t largest_resolution = 0;
+  Vec3d smallest_voxel_size{};  // of requests with a voxel size, dims given or not
 };
+
+// A number with as many digits as give it back exactly, and no more.
+std::string ExactText(double number);
 
 // RESOURCE_EXHAUSTED with this text, from which LimitErrorOf gets the numbers back. They are lost where somebody makes a new
 // status out of code and message.

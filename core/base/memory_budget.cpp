@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <limits>
+#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -30,10 +31,12 @@ absl::Status MemoryBudget::Take(uint64_t bytes, std::string_view what, bool may_
   do {
     const std::optional<uint64_t> checked = CheckedAdd(used, bytes);
     if (!checked || *checked > limit) {
-      const uint64_t need = checked.value_or(std::numeric_limits<uint64_t>::max());
-      return MakeLimitError(absl::StrCat(View(what), " needs ", bytes, " bytes of memory beside ", used,
+      // A product that wrapped comes as the largest number there is: it is no fact to print.
+      const bool counted = checked && bytes < std::numeric_limits<uint64_t>::max();
+      const std::string need = counted ? absl::StrCat(bytes) : "more than 2^63";
+      return MakeLimitError(absl::StrCat(View(what), " needs ", need, " bytes of memory beside ", used,
                                          " in use; the limit is ", limit, " bytes"),
-                            {need, limit, 0});
+                            {.need_bytes = counted ? *checked : 0, .limit_bytes = limit});
     }
     sum = *checked;
   } while (!used_.compare_exchange_weak(used, sum, std::memory_order_relaxed));

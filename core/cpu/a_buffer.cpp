@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <span>
 
 #include "cpu/element_store.h"
 #include "cpu/parallel.h"
 #include "cpu/tile_runs.h"
+#include "pipeline/list_memory.h"
 #include "raster/spans.h"
 #include "shaders/blend_ops.h"
 #include "shaders/fragment_input.h"
@@ -74,11 +76,39 @@ bool MayGoOn(const RunState& state, uint64_t item) {
   return item % kItemsBetweenChecks != 0 || state.job.Check().ok();
 }
 
+// A thread's records on their way into its arena.
+class RecordWriter {
+ public:
+  RecordWriter(ValueArena& arena, ListCount& count) : arena_(arena), count_(count) {}
+
+  bool MayGoOn() const { return !count_.stopped(); }
+  void Add(const RowFragments& record, TileFragments& tile) {
+    if (records_.size() == kMost) Flush(tile);
+    records_.push_back(record);
+  }
+  // The tile's last.
+  void Flush(TileFragments& tile) {
+    const uint64_t bytes = records_.size() * sizeof(RowFragments);
+    if (bytes > 0 && count_.Add(bytes)) {
+      uint8_t* const kept = arena_.Take(bytes);
+      std::memcpy(kept, records_.data(), bytes);
+      tile.records.emplace_back(reinterpret_cast<const RowFragments*>(kept), records_.size());
+    }
+    records_.clear();
+  }
+
+ private:
+  static constexpr size_t kMost = 4096;
+
+  ValueArena& arena_;
+  ListCount& count_;
+  std::vector<RowFragments> records_;
+};
+
 void EmitTile(const RunState& state, const TileRun& run, const ShaderTraits& traits, bool may_drop,
-              std::vector<RowFragments>& records, TileFragments& tile) {
+              RecordWriter& records, TileFragments& tile) {
   const VoxelRange range = TileVoxels(state.tiles, state.pairs[run.begin] >> 32, state.dims);
-  records.clear();
-  for (uint64_t i = run.begin; i < run.end && MayGoOn(state, i - run.begin); ++i) {
+  for (uint64_t i = run.begin; i < run.end && records.MayGoOn() && MayGoOn(state, i - run.begin); ++i) {
     const uint32_t triangle = uint32_t(state.pairs[i]);
     const uint32_t* v = state.view.triangles[triangle];
     const TriangleSetup setup = SetUpTriangle(state.index_positions[v[0]], state.index_positions[v[1]],
@@ -92,11 +122,12 @@ void EmitTile(const RunState& state, const TileRun& run, const ShaderTraits& tra
         mask = NotDiscarded(state, *shader, range, row, mask);
         if (mask == 0) return;
       }
-      records.push_back({triangle, mask, row});
+      records.Add({triangle, mask, row}, tile);
       tile.row_voxels[row] |= mask;
       tile.row_fragments[row] += uint64_t(std::popcount(mask));
     });
   }
+  records.Flush(tile);
 }
 
 // Writes a tile's voxels, offsets and triangles, and what the shaders make of its fragments.
@@ -112,31 +143,34 @@ class TileResolver {
     ListVoxels(tile, range);
     std::optional<TriangleShader> shader;
     uint32_t shaded = UINT32_MAX;
-    for (uint64_t r = 0; r < tile.record_count && MayGoOn(state_, r); ++r) {
-      const RowFragments& record = tile.records[r];
-      if (shades_ && (!shader || record.triangle != shaded)) {
-        shader.emplace(state_, traits_, record.triangle);
-        shaded = record.triangle;
+    uint64_t r = 0;
+    for (const std::span<const RowFragments> records : tile.records)
+      for (const RowFragments& record : records) {
+        if (!MayGoOn(state_, r++)) return;
+        if (shades_ && (!shader || record.triangle != shaded)) {
+          shader.emplace(state_, traits_, record.triangle);
+          shaded = record.triangle;
+        }
+        for (uint32_t left = record.mask; left != 0; left &= left - 1) {
+          const int bit = std::countr_zero(left);
+          const uint64_t at = next_[record.row * 32 + uint32_t(bit)]++;
+          PutElement(out_.arrays.triangles.data(), 32, at, record.triangle);
+          if (shader)
+            shader->MoveTo(range.begin[0] + bit, range.begin[1] + record.row % 8, range.begin[2] + record.row / 8);
+          for (size_t t = 0; t < state_.targets.size(); ++t) PutOutput(t, shader, at);
+        }
       }
-      for (uint32_t left = record.mask; left != 0; left &= left - 1) {
-        const int bit = std::countr_zero(left);
-        const uint64_t at = next_[record.row * 32 + uint32_t(bit)]++;
-        PutElement(out_.arrays.triangles.data(), 32, at, record.triangle);
-        if (shader)
-          shader->MoveTo(range.begin[0] + bit, range.begin[1] + record.row % 8, range.begin[2] + record.row / 8);
-        for (size_t t = 0; t < state_.targets.size(); ++t) PutOutput(t, shader, at);
-      }
-    }
   }
 
  private:
   // Counts the fragments of each voxel; next_ becomes where each voxel's go.
   void ListVoxels(const TileFragments& tile, const VoxelRange& range) {
     next_.fill(0);
-    for (uint64_t r = 0; r < tile.record_count; ++r) {
-      const RowFragments& record = tile.records[r];
-      for (uint32_t left = record.mask; left != 0; left &= left - 1) {
-        ++next_[record.row * 32 + uint32_t(std::countr_zero(left))];
+    for (const std::span<const RowFragments> records : tile.records) {
+      for (const RowFragments& record : records) {
+        for (uint32_t left = record.mask; left != 0; left &= left - 1) {
+          ++next_[record.row * 32 + uint32_t(std::countr_zero(left))];
+        }
       }
     }
     for (uint32_t row = 0; row < kTileRows; ++row) {
@@ -196,18 +230,16 @@ absl::Status EmitFragments(RunState& state) {
   out.tiles.resize(runs.size());
   const ShaderTraits traits = AllTraits(state);
   const bool may_drop = EveryTargetCanDiscard(state);
-  tbb::enumerable_thread_specific<std::vector<RowFragments>> scratch;
+  ListCount count(state.lists, runs.size() * sizeof(TileFragments));
+  tbb::enumerable_thread_specific<RecordWriter> writers([&] { return RecordWriter(out.arenas.local(), count); });
   const absl::Status s = ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
-    std::vector<RowFragments>& records = scratch.local();
-    for (int64_t i = begin; i < end; ++i) {
-      TileFragments& tile = out.tiles[size_t(i)];
-      EmitTile(state, runs[size_t(i)], traits, may_drop, records, tile);
-      uint8_t* const kept = out.arenas.local().Take(records.size() * sizeof(RowFragments));
-      if (!records.empty()) std::memcpy(kept, records.data(), records.size() * sizeof(RowFragments));
-      tile.records = reinterpret_cast<const RowFragments*>(kept);
-      tile.record_count = records.size();
+    RecordWriter& records = writers.local();
+    for (int64_t i = begin; i < end && !count.stopped(); ++i) {
+      EmitTile(state, runs[size_t(i)], traits, may_drop, records, out.tiles[size_t(i)]);
     }
   });
+  out.list_bytes = count.bytes();
+  if (absl::Status full = count.status(); !full.ok()) return full;
   return s.ok() ? state.job.Check() : s;
 }
 
@@ -245,8 +277,11 @@ absl::Status SortFragments(RunState& state) {
 
 absl::Status Resolve(RunState& state) {
   ABuffer& out = *state.a_buffer;
-  absl::StatusOr<VoxelizeResult> arrays =
-      AllocateResult(MakeResultHeader(state.request.request, state.grid, 0, out.voxels, out.fragments));
+  const ResultHeader header = MakeResultHeader(state.request.request, state.grid, 0, out.voxels, out.fragments);
+  if (state.lists != nullptr) {
+    if (absl::Status full = state.lists->Need(out.list_bytes + BytesOf(header)); !full.ok()) return full;
+  }
+  absl::StatusOr<VoxelizeResult> arrays = AllocateResult(header);
   if (!arrays.ok()) return arrays.status();
   out.arrays = std::move(static_cast<ResultArrays&>(*arrays));
   for (size_t t = 0; t < state.targets.size(); ++t) {

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <array>
+#include <span>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -23,8 +24,7 @@ struct RowFragments {
 
 // What a tile emitted, by ascending triangle id, and where its rows go.
 struct TileFragments {
-  const RowFragments* records = nullptr;
-  uint64_t record_count = 0;
+  std::vector<std::span<const RowFragments>> records;
   std::array<uint32_t, kTileRows> row_voxels{};  // with a fragment, as bits
   std::array<uint64_t, kTileRows>
       row_fragments{};  // their number; after SortFragments the first one's index in the slab
@@ -35,6 +35,7 @@ struct TileFragments {
 struct ABuffer {
   std::vector<TileFragments> tiles;  // one a tile run of the slab
   tbb::enumerable_thread_specific<ValueArena> arenas;
+  uint64_t list_bytes = 0;             // of `tiles` and their records
   uint64_t fragments = 0, voxels = 0;  // of the slab
   ResultArrays arrays;                 // Resolve
 };

@@ -7,6 +7,7 @@
 
 #include "base/threads.h"
 #include "cpu/a_buffer.h"
+#include "cpu/measure.h"
 #include "cpu/parallel.h"
 #include "cpu/run_state.h"
 
@@ -38,6 +39,12 @@ class CpuStages final : public Stages {
   }
 
   absl::StatusOr<MeshExtent> VertexShade() override { return cpu::VertexShade(state_); }
+  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh) const override {
+    const VoxelizeRequest& request = state_.request.request;
+    if (state_.view.triangle_count == 0) return EstimateSurface(request, grid, mesh);
+    return MeasureSurface(state_.view, request, grid, state_.job);
+  }
+  void SetListMemory(ListMemory* memory) override { state_.lists = memory; }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab&) override { return cpu::CoarseRaster(state_, grid); }
   absl::Status TileSort() override { return cpu::TileSort(state_); }
   absl::Status BeginSlab(const Slab& slab) override { return cpu::BeginSlab(state_, slab); }

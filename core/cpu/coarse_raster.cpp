@@ -55,7 +55,7 @@ absl::Status PlaceVertices(RunState& state, HostArray<VertexCode>& codes) {
 
 // Appends the pairs of triangles [begin, end).
 void EmitPairs(const RunState& state, const VertexCode* codes, int64_t begin, int64_t end,
-               std::vector<uint64_t>& pairs) {
+               PairBlocks& pairs) {
   TileBox boxes[kBoxesAtOnce];
   for (int64_t first = begin; first < end; first += kBoxesAtOnce) {
     const int64_t last = std::min(end, first + kBoxesAtOnce);
@@ -110,8 +110,8 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   return ParallelChunks(chunks, 1, state.job, [&](int64_t first, int64_t last) {
     for (int64_t chunk = first; chunk < last; ++chunk) {
       const int64_t begin = chunk * per_chunk, end = std::min(triangles, begin + per_chunk);
-      std::vector<uint64_t>& pairs = state.emitted[size_t(chunk)];
-      pairs.reserve(size_t(end - begin) * 5 / 4);
+      PairBlocks& pairs = state.emitted[size_t(chunk)];
+      pairs.reserve(size_t(end - begin) * 9 / 8);
       EmitPairs(state, fitting, begin, end, pairs);
     }
   });

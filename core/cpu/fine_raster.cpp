@@ -14,6 +14,7 @@
 #include "cpu/tile_buffer.h"
 #include "cpu/tile_runs.h"
 #include "cpu/tile_spans.h"
+#include "pipeline/list_memory.h"
 #include "shaders/fragment_input.h"
 
 namespace voxelpipe::cpu {
@@ -151,7 +152,8 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run, const Voxel
 }
 
 // Hands a rasterized tile on: to the dense targets, or to the values that bricks are made of. `number` counts the slab's runs.
-void StoreTile(RunState& state, const Worker& worker, uint64_t tile, const VoxelRange& range, size_t number) {
+void StoreTile(RunState& state, const Worker& worker, uint64_t tile, const VoxelRange& range, size_t number,
+               ListCount& kept) {
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   for (size_t t = 0; t < state.targets.size(); ++t) {
     if (state.targets[t].is_occupancy) continue;
@@ -162,6 +164,7 @@ void StoreTile(RunState& state, const Worker& worker, uint64_t tile, const Voxel
     }
   }
   if (!sparse) return;
+  if (!kept.Add(KeptTileBytes(state, worker.coverage))) return;
   state.tile_values[number] = KeepTile(state, worker.buffers, worker.coverage, state.value_arenas.local());
   state.slab_tiles[tile - state.tiles.Index(0, 0, state.slab.begin / TileDim(2))] = uint32_t(number);
 }
@@ -170,7 +173,7 @@ void StoreTile(RunState& state, const Worker& worker, uint64_t tile, const Voxel
 // that every line of the targets is written once.
 class TileRows {
  public:
-  explicit TileRows(RunState& state) : state_(state), runs_(SlabRuns(state)) {
+  TileRows(RunState& state, ListCount& kept) : state_(state), kept_(kept), runs_(SlabRuns(state)) {
     layers_ = (state.slab.end + TileDim(2) - 1) / TileDim(2) - state.slab.begin / TileDim(2);
     first_run_.resize(size_t(count()) + 1);
     size_t run = 0;
@@ -195,7 +198,7 @@ class TileRows {
       const VoxelRange range = TileVoxels(state_.tiles, Tile(i), state_.dims);
       ClearValues(all, x, range.begin[0]);
       RasterTile(state_, worker, runs_[i], range);
-      StoreTile(state_, worker, Tile(i), range, i);
+      StoreTile(state_, worker, Tile(i), range, i, kept_);
       x = range.end[0];
     }
     ClearValues(all, x, state_.dims[0]);
@@ -229,6 +232,7 @@ class TileRows {
   }
 
   RunState& state_;
+  ListCount& kept_;  // sparse
   const std::span<const TileRun> runs_;
   int64_t layers_;
   std::vector<size_t> first_run_;  // of each row of tiles
@@ -238,16 +242,20 @@ class TileRows {
 
 absl::Status FineRaster(RunState& state) {
   if (state.row_bits) return state.row_bits->Raster(state.slab.begin, state.slab.end, state.coverage, state.job);
-  TileRows rows(state);
-  if (state.request.request.result == ResultKind::kSparse) {
+  const bool sparse = state.request.request.result == ResultKind::kSparse;
+  ListCount kept(sparse ? state.lists : nullptr, sparse ? SlabRuns(state).size() * sizeof(TileValues) : 0);
+  TileRows rows(state, kept);
+  if (sparse) {
     state.tile_values.resize(rows.runs());
     state.slab_tiles.assign(size_t(rows.tiles()), UINT32_MAX);
   }
   tbb::enumerable_thread_specific<Worker> workers([&] { return Worker(state); });
   absl::Status s = ParallelChunks(rows.count(), 1, state.job, [&](int64_t begin, int64_t end) {
     Worker& worker = workers.local();
-    for (int64_t row = begin; row < end; ++row) rows.Raster(row, worker);
+    for (int64_t row = begin; row < end && !kept.stopped(); ++row) rows.Raster(row, worker);
   });
+  state.kept_bytes = kept.bytes();
+  if (absl::Status full = kept.status(); !full.ok()) return full;
   uint64_t fragments = 0;
   for (const Worker& worker : workers) fragments += worker.fragments;
   state.counts.fragments = fragments;

@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include "cpu/pair_blocks.h"
 #include "cpu/row_bits.h"
 #include "cpu/stream.h"
 #include "cpu/tile_values.h"
@@ -57,6 +58,7 @@ struct RunState {
   const TriangleMesh& mesh;
   const BoundRequest& request;
   const JobContext& job;
+  ListMemory* lists = nullptr;  // asked before lists take more than the plan has for them; may be null
 
   // VertexShade
   std::vector<Vec3d> shaded_positions;  // empty under the identity shader: the mesh's own are used
@@ -79,7 +81,7 @@ struct RunState {
   std::unique_ptr<RowBits> row_bits;
   HostArray<Vec3d> placed_positions;           // under tiles: what index_positions shows
   const Vec3d* index_positions = nullptr;      // per vertex, index space
-  std::vector<std::vector<uint64_t>> emitted;  // pairs by ascending triangle, before TileSort
+  std::vector<PairBlocks> emitted;             // pairs by ascending triangle, before TileSort
   HostArray<uint64_t> pairs;                   // (tile << 32) | triangle, after it
   std::vector<TileRun> runs;                   // by ascending tile
   BitGrid outside;                             // flood: what the walk from outside reached, made by the first slab
@@ -93,6 +95,7 @@ struct RunState {
   std::vector<TileValues> tile_values;
   std::vector<uint32_t> slab_tiles;  // UINT32_MAX: no fragment
   tbb::enumerable_thread_specific<ValueArena> value_arenas;
+  uint64_t kept_bytes = 0;  // of tile_values
   std::shared_ptr<ABuffer> a_buffer;  // buckets
 
   // FineRaster, SolidFill

@@ -6,11 +6,12 @@
 
 #include "cpu/element_store.h"
 #include "cpu/parallel.h"
+#include "pipeline/list_memory.h"
 
 namespace voxelpipe::cpu {
 namespace {
 
-constexpr uint64_t kChunkBytes = 4 << 20;
+constexpr uint64_t kLeastChunkBytes = 256 << 10, kMostChunkBytes = 4 << 20;
 constexpr int64_t kBrick = 8;  // voxels along each axis
 constexpr uint64_t kMaskBytes = kBrick * kBrick * kBrick / 8;
 
@@ -109,6 +110,9 @@ class BrickMaker {
   absl::Status Allocate(const BrickRow& total) {
     VoxelizeRequest request = state_.request.request;
     const ResultHeader header = MakeResultHeader(request, state_.grid, total.bricks, total.voxels, 0);
+    if (state_.lists != nullptr) {
+      if (absl::Status full = state_.lists->Need(state_.kept_bytes + BytesOf(header)); !full.ok()) return full;
+    }
     absl::StatusOr<VoxelizeResult> arrays = AllocateResult(header);
     if (!arrays.ok()) return arrays.status();
     out_ = std::move(static_cast<ResultArrays&>(*arrays));
@@ -230,8 +234,12 @@ class BrickMaker {
 
 uint8_t* ValueArena::Take(uint64_t bytes) {
   if (chunks_.empty() || chunks_.back().size() - used_ < bytes) {
-    absl::StatusOr<HostBuffer> chunk = HostBuffer::Allocate(std::max(bytes, kChunkBytes));
+    // Larger ones as there are more, so that little is left over; of two megabytes at least where it comes from the pool.
+    uint64_t size = std::clamp(total_ / 4, kLeastChunkBytes, kMostChunkBytes);
+    if (size >= kPooledBytes) size = std::max(kPooledUnit, size);
+    absl::StatusOr<HostBuffer> chunk = HostBuffer::Allocate(std::max(bytes, size));
     if (!chunk.ok()) throw std::bad_alloc();
+    total_ += chunk->size();
     chunks_.push_back(*std::move(chunk));
     used_ = 0;
   }
@@ -257,14 +265,18 @@ uint8_t* ListRow(uint32_t covered, int components, const uint32_t (&stored)[4][3
 
 }  // namespace
 
-TileValues KeepTile(const RunState& state, const std::vector<TileBuffer>& buffers,
-                    const std::array<uint32_t, kTileRows>& covered, ValueArena& arena) {
+uint64_t KeptTileBytes(const RunState& state, const std::array<uint32_t, kTileRows>& covered) {
   uint64_t listed = 0, bytes = 0;
   for (const uint32_t word : covered) listed += uint64_t(std::popcount(word));
   for (const CpuTarget& target : state.targets) bytes += listed * KeptBytes(target);
+  return bytes;
+}
+
+TileValues KeepTile(const RunState& state, const std::vector<TileBuffer>& buffers,
+                    const std::array<uint32_t, kTileRows>& covered, ValueArena& arena) {
   TileValues values;
   values.covered = covered;
-  uint8_t* out = arena.Take(bytes);
+  uint8_t* out = arena.Take(KeptTileBytes(state, covered));
   values.data = out;
   for (size_t t = 0; t < state.targets.size(); ++t) {
     const CpuTarget& target = state.targets[t];

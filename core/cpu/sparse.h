@@ -14,6 +14,9 @@ namespace voxelpipe::cpu {
 TileValues KeepTile(const RunState& state, const std::vector<TileBuffer>& buffers,
                     const std::array<uint32_t, kTileRows>& covered, ValueArena& arena);
 
+// Bytes that KeepTile takes for the values of these voxels.
+uint64_t KeptTileBytes(const RunState& state, const std::array<uint32_t, kTileRows>& covered);
+
 // The slab's brick, mask and target arrays, from its bits and the tiles' values.
 absl::StatusOr<ResultArrays> MakeBricks(const RunState& state);
 

@@ -80,6 +80,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.tile_values.clear();
   state.slab_tiles.clear();
   state.value_arenas.clear();
+  state.kept_bytes = 0;
   state.a_buffer.reset();
   const bool buckets = state.request.request.result == ResultKind::kBuckets;
   if (!buckets) {
@@ -110,8 +111,19 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
 }
 
 absl::StatusOr<ResultArrays> Finish(RunState& state) {
-  if (state.request.request.result == ResultKind::kSparse) return MakeBricks(state);
-  if (state.request.request.result == ResultKind::kBuckets) return std::move(state.a_buffer->arrays);
+  // What lists were made of goes before whoever puts slabs together takes memory for all.
+  if (state.request.request.result == ResultKind::kSparse) {
+    absl::StatusOr<ResultArrays> bricks = MakeBricks(state);
+    state.tile_values = {};
+    state.value_arenas.clear();
+    return bricks;
+  }
+  if (state.request.request.result == ResultKind::kBuckets) {
+    ResultArrays arrays = std::move(state.a_buffer->arrays);
+    state.a_buffer->tiles = {};
+    state.a_buffer->arenas.clear();
+    return arrays;
+  }
   ResultArrays results;
   for (CpuTarget& target : state.targets) {
     if (target.spec.format != VoxelFormat::kBit) {

@@ -33,12 +33,12 @@ class BucketSort {
 };
 
 // offset[chunk][bucket]: where the chunk's pairs of the bucket go. Then a row of the buckets' ends.
-std::vector<uint64_t> BucketOffsets(const std::vector<std::vector<uint64_t>>& emitted, uint64_t buckets, int shift) {
+std::vector<uint64_t> BucketOffsets(const std::vector<PairBlocks>& emitted, uint64_t buckets, int shift) {
   const size_t chunks = emitted.size();
   std::vector<uint64_t> offset((chunks + 1) * buckets);
   tbb::parallel_for(size_t{0}, chunks, [&](size_t chunk) {
     uint64_t* const count = &offset[chunk * buckets];
-    for (const uint64_t pair : emitted[chunk]) ++count[pair >> 32 >> shift];
+    emitted[chunk].ForEach([&](uint64_t pair) { ++count[pair >> 32 >> shift]; });
   });
   uint64_t total = 0;
   for (uint64_t bucket = 0; bucket < buckets; ++bucket) {
@@ -78,8 +78,8 @@ absl::Status TileSort(RunState& state) {
   absl::Status s = ParallelChunks(int64_t(chunks), 1, state.job, [&](int64_t first, int64_t last) {
     for (int64_t chunk = first; chunk < last; ++chunk) {
       uint64_t* const next = &offset[size_t(chunk) * buckets];
-      for (const uint64_t pair : state.emitted[size_t(chunk)]) pairs[next[pair >> 32 >> shift]++] = pair;
-      std::vector<uint64_t>().swap(state.emitted[size_t(chunk)]);
+      state.emitted[size_t(chunk)].ForEach([&](uint64_t pair) { pairs[next[pair >> 32 >> shift]++] = pair; });
+      state.emitted[size_t(chunk)].clear();
     }
   });
   if (!s.ok()) return s;
@@ -96,6 +96,9 @@ absl::Status TileSort(RunState& state) {
     }
   });
   if (!s.ok()) return s;
+  size_t count = 0;
+  for (const std::vector<TileRun>& some : runs) count += some.size();
+  state.runs.reserve(count);
   for (const std::vector<TileRun>& some : runs) state.runs.insert(state.runs.end(), some.begin(), some.end());
   return absl::OkStatus();
 }

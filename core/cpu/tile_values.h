@@ -25,7 +25,7 @@ class ValueArena {
 
  private:
   std::vector<HostBuffer> chunks_;
-  uint64_t used_ = 0;
+  uint64_t used_ = 0, total_ = 0;  // of the last chunk; of all
 };
 
 }  // namespace voxelpipe::cpu

@@ -106,39 +106,6 @@ absl::StatusOr<Box3d> BoundsOfUsed(const RunState& state) {
   return box;
 }
 
-// The sums of MeshExtent. Reduced in a fixed order, so that the plan does not depend on the schedule.
-void MeasureSurface(const MeshView& view, MeshExtent& extent) {
-  struct Sums {
-    Vec3d area{}, dominant{}, width{};
-    double volume = 0;
-  };
-  const Vec3d centre = (extent.box.min + extent.box.max) * 0.5;
-  const Sums sums = tbb::parallel_deterministic_reduce(
-      tbb::blocked_range<uint64_t>(0, view.triangle_count, kGrain), Sums{},
-      [&](const tbb::blocked_range<uint64_t>& range, Sums s) {
-        for (uint64_t t = range.begin(); t < range.end(); ++t) {
-          const uint32_t* v = view.triangles[t];
-          const Vec3d &a = view.positions[v[0]], &b = view.positions[v[1]], &c = view.positions[v[2]];
-          const Vec3d n = Cross(b - a, c - a);
-          const int axis = Abs(n.x) >= Abs(n.y) ? (Abs(n.x) >= Abs(n.z) ? 0 : 2) : (Abs(n.y) >= Abs(n.z) ? 1 : 2);
-          s.dominant[axis] += 0.5 * Abs(n[axis]);
-          s.volume += Dot(a - centre, n) / 6;
-          for (int i = 0; i < 3; ++i) {
-            s.area[i] += 0.5 * Abs(n[i]);
-            s.width[i] += Max(a[i], Max(b[i], c[i])) - Min(a[i], Min(b[i], c[i]));
-          }
-        }
-        return s;
-      },
-      [](const Sums& a, const Sums& b) {
-        return Sums{a.area + b.area, a.dominant + b.dominant, a.width + b.width, a.volume + b.volume};
-      });
-  extent.projected_area = sums.area;
-  extent.dominant_area = sums.dominant;
-  extent.width = sums.width;
-  extent.volume = sums.volume;
-}
-
 }  // namespace
 
 std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex) {
@@ -293,7 +260,6 @@ absl::Status ShadeVertices(RunState& state) {
 }
 
 absl::StatusOr<MeshExtent> MeasureMesh(const RunState& state) {
-  const MeshView& view = state.view;
   MeshExtent extent;
   if (!FewUnused(state.mesh) || !BoundsByVertices(state, extent.box)) {
     absl::StatusOr<Box3d> box = BoundsOfUsed(state);
@@ -306,7 +272,6 @@ absl::StatusOr<MeshExtent> MeasureMesh(const RunState& state) {
   }
   extent.shaded_bytes = state.shaded_positions.size() * sizeof(Vec3d) + state.shaded_normals.size() * sizeof(Vec3f) +
                         state.shaded_tangents.size() * sizeof(Vec4f) + state.velocities.size() * sizeof(Vec3f);
-  if (state.request.request.result != ResultKind::kDense) MeasureSurface(view, extent);
   return extent;
 }
 

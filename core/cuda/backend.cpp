@@ -34,6 +34,9 @@ class CudaStages final : public Stages {
   }
 
   absl::StatusOr<MeshExtent> VertexShade() override { return cuda::VertexShade(state_); }
+  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh) const override {
+    return EstimateSurface(state_.request.request, grid, mesh);  // from the sums that the device made
+  }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
     state_.plain_bits = cpu::PlainBits(state_.host, grid);
     state_.direct = !state_.plain_bits && BlendsDirectly(state_, grid);
@@ -128,6 +131,10 @@ class Cuda final : public Backend {
   std::string device() const override { return absl::StrCat("cuda:", device_.ordinal); }
   std::string model() const override { return device_.name; }
   uint64_t memory_bytes() const override { return std::min(device_.memory_bytes, MemoryLimit()); }
+  Footprint Predict(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
+                    const PlanLimits& limits, Delivery delivery) const override {
+    return PredictDeviceFootprint(request, grid, mesh, surface, limits, delivery);
+  }
   absl::Status Probe() const override { return ProbeDevice(device_.ordinal); }
   std::string_view simd() const override { return "cuda"; }
   absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,

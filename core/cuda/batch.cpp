@@ -112,7 +112,7 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
   tbb::parallel_for(size_t{0}, items.size(), [&](size_t i) {
     tbb::this_task_arena::isolate([&] {
       try {
-        members[i] = PrepareMember(items[i], limits);
+        members[i] = PrepareMember(backend, items[i], limits);
       } catch (const std::bad_alloc&) {
         members[i].reset();
       }

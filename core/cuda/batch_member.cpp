@@ -114,7 +114,8 @@ uint64_t BatchMember::fragment_words() const {
   return box_voxels * of_each;
 }
 
-std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimits& limits) {
+std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchItem& item,
+                                           const PlanLimits& limits) {
   const VoxelizeRequest& request = *item.request;
   if (item.mesh->triangles.size() > kMostTriangles || item.mesh->positions.size() > kMostVertices) return nullptr;
   if (!item.job->Check().ok()) return nullptr;
@@ -132,10 +133,13 @@ std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimi
   const absl::StatusOr<MeshExtent> extent = cpu::VertexShade(*member->host);
   if (!extent.ok()) return nullptr;
   member->stats.stages.emplace_back("vertex_shade", WallMs() - begin);
-  absl::StatusOr<Plan> plan =
-      PlanVoxelization(member->request(), item.mesh->triangles.size(), item.mesh->positions.size(), *extent, limits);
-  if (!plan.ok()) return nullptr;
-  member->plan = *std::move(plan);
+  const MeshSize size{item.mesh->triangles.size(), item.mesh->positions.size(), *extent};
+  const auto measure = [&](const GridSpec& grid) -> absl::StatusOr<Surface> {
+    return EstimateSurface(member->request(), grid, size);
+  };
+  absl::StatusOr<PlannedRun> planned = PlanOn(backend, member->request(), size, measure, limits, Delivery::kMemory);
+  if (!planned.ok()) return nullptr;
+  member->plan = std::move(planned->plan);
   const GridSpec& grid = member->plan.grid;
   if (member->plan.slab_depth < grid.dims[2]) return nullptr;
   if (member->words() > kMostWords || grid.voxels() > 32 * kMostWords) return nullptr;

@@ -6,6 +6,7 @@
 #include "cpu/run_state.h"
 #include "pipeline/batch.h"
 #include "pipeline/bind.h"
+#include "pipeline/planner.h"
 
 namespace voxelpipe::cuda {
 
@@ -54,6 +55,6 @@ struct BatchMember {
 
 // Shades the item's vertices and plans. Null where it cannot share a pass, being large, of another kind, or wrong in some way: alone it
 // says what. In the calling thread's arena.
-std::unique_ptr<BatchMember> PrepareMember(const BatchItem& item, const PlanLimits& limits);
+std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchItem& item, const PlanLimits& limits);
 
 }  // namespace voxelpipe::cuda

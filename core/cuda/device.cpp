@@ -151,7 +151,7 @@ std::string MemoryAtHand() {
                       memory->idle, " of them in the pool");
 }
 
-std::atomic<uint64_t> limit_bytes{UINT64_MAX}, taken_bytes{0};  // see LimitMemory
+std::atomic<uint64_t> limit_bytes{UINT64_MAX}, taken_bytes{0}, peak_bytes{0};  // see LimitMemory
 std::atomic<uint64_t> assumed_cache{0};
 
 // A lost device begins anew: all that was allocated on it is gone. No run holds it.
@@ -296,10 +296,23 @@ uint64_t MemoryTaken() {
   return taken_bytes;
 }
 
+uint64_t MemoryPeak() {
+  return peak_bytes;
+}
+
+void ResetMemoryPeak() {
+  peak_bytes = taken_bytes.load();
+}
+
 bool TakeMemory(uint64_t bytes) {
   const uint64_t before = taken_bytes.fetch_add(bytes, std::memory_order_relaxed);
   const uint64_t limit = limit_bytes.load(std::memory_order_relaxed);
-  if (bytes <= limit && before <= limit - bytes) return true;
+  if (bytes <= limit && before <= limit - bytes) {
+    uint64_t most = peak_bytes.load(std::memory_order_relaxed);
+    while (most < before + bytes && !peak_bytes.compare_exchange_weak(most, before + bytes)) {
+    }
+    return true;
+  }
   ReturnMemory(bytes);
   return false;
 }

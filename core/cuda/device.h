@@ -77,6 +77,9 @@ void TrimMemory(int ordinal);
 void LimitMemory(uint64_t bytes);
 uint64_t MemoryLimit();
 uint64_t MemoryTaken();  // by arrays
+// The most that arrays ever took since the last reset: for comparing runs with their plans.
+uint64_t MemoryPeak();
+void ResetMemoryPeak();
 // From now on L2 caches are taken for ones of so many bytes, and meshes go the ways of those that keep the device busy: for tests of what happens
 // in larger grids and with larger meshes. 0: caches and meshes are taken for what they are.
 void AssumeCache(uint64_t bytes);

@@ -18,6 +18,7 @@ double SlackOf(const Box3d& box, int axis, double voxel_size) {
                   std::min(kMost, kOfFloat * std::max(std::abs(box.min[axis]), std::abs(box.max[axis])) / voxel_size));
 }
 
+constexpr int64_t kManyVoxels = 1'000'000'000'000'000;  // along an axis; more are not counted
 constexpr uint64_t kMaxVoxels = uint64_t{1} << 53;
 
 bool FinitePositive(double v) {
@@ -58,7 +59,7 @@ absl::Status CheckRequest(const GridRequest& request) {
 
 // Number of voxels as an integer, saturated far above every limit so that the check below refuses it.
 int64_t CeilToDim(double voxels, double slack) {
-  return static_cast<int64_t>(std::clamp(std::ceil(voxels - slack), 1.0, 1e15));
+  return static_cast<int64_t>(std::clamp(std::ceil(voxels - slack), 1.0, double(kManyVoxels)));
 }
 
 absl::StatusOr<GridSpec> Finish(GridSpec grid, int64_t padding) {
@@ -70,7 +71,8 @@ absl::StatusOr<GridSpec> Finish(GridSpec grid, int64_t padding) {
     if (!std::isfinite(grid.origin[a])) return Invalid("origin", "the grid's origin is not finite");
     if (grid.dims[a] > kMaxGridDim) {
       return absl::ResourceExhaustedError(
-          absl::StrCat("grid: ", grid.dims[a], " voxels along axis ", a, ", at most ", kMaxGridDim, " are possible"));
+          absl::StrCat("grid: ", grid.dims[a] < kManyVoxels ? absl::StrCat(grid.dims[a]) : "more than 10^15",
+                       " voxels along axis ", a, ", at most ", kMaxGridDim, " are possible"));
     }
     const auto product = CheckedMul(voxels, uint64_t(grid.dims[a]));
     if (!product || *product > kMaxVoxels) {

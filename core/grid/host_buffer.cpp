@@ -15,6 +15,13 @@ absl::StatusOr<HostBuffer> HostBuffer::Allocate(uint64_t bytes) {
   return buffer;
 }
 
+void HostBuffer::Discard() {
+  if (data_ != nullptr && data_.get_deleter().give_back == &ReturnPages) data_.get_deleter().give_back = &DiscardPages;
+  data_.reset();
+  data_.get_deleter().give_back = &ReturnPages;
+  size_ = 0;
+}
+
 HostBuffer HostBuffer::Adopt(void* block, uint64_t bytes, void (*give_back)(void* block, uint64_t bytes)) {
   HostBuffer buffer;
   buffer.data_ = decltype(buffer.data_)(static_cast<uint8_t*>(block), {bytes, give_back});

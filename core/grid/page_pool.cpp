@@ -17,7 +17,7 @@ namespace voxelpipe {
 namespace {
 
 constexpr uint64_t kLine = 64;
-constexpr uint64_t kHugePage = 2 << 20;
+constexpr uint64_t kHugePage = kPooledUnit;
 constexpr uint64_t kMostIdleBytes = 1ull << 30;
 constexpr uint64_t kIdleShare = 8;  // of the machine's memory
 
@@ -71,7 +71,7 @@ class Pool {
       idle_.erase(std::next(block).base());
       return address;
     }
-    return nullptr;
+    return TakePartOfLarger(size);
   }
 
   void Return(void* address, uint64_t size) {
@@ -88,6 +88,22 @@ class Pool {
   }
 
  private:
+  // Slabs and lists follow each other with sizes that differ a little: rather than a fresh block beside an idle one, a part of the smallest that
+  // is not much larger; the rest goes to the system. nullptr where there is none.
+  void* TakePartOfLarger(uint64_t size) {
+    auto best = idle_.end();
+    for (auto block = idle_.begin(); block != idle_.end(); ++block) {
+      const bool fits = block->size > size && block->size - size <= size / 2;
+      if (fits && (best == idle_.end() || block->size < best->size)) best = block;
+    }
+    if (best == idle_.end()) return nullptr;
+    auto* const address = static_cast<uint8_t*>(best->address);
+    Unmap(address + size, best->size - size);
+    idle_bytes_ -= best->size;
+    idle_.erase(best);
+    return address;
+  }
+
   struct Block {
     void* address;
     uint64_t size;
@@ -145,6 +161,13 @@ void ReturnPages(void* block, uint64_t bytes) {
   const uint64_t size = BlockBytes(bytes);
   if (size < kPooledBytes || !kPool) return std::free(block);
   ThePool().Return(block, size);
+}
+
+void DiscardPages(void* block, uint64_t bytes) {
+  if (block == nullptr) return;
+  const uint64_t size = BlockBytes(bytes);
+  if (size < kPooledBytes || !kPool) return std::free(block);
+  Unmap(block, size);
 }
 
 void ReleaseIdlePages() {

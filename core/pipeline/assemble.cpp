@@ -70,7 +70,7 @@ absl::Status JoinIndex(std::vector<ResultArrays>& slabs, HostBuffer ResultArrays
   for (ResultArrays& slab : slabs) {
     if ((slab.*array).size() > 0) std::memcpy(joined->data() + at, (slab.*array).data(), (slab.*array).size());
     at += (slab.*array).size();
-    if (array != &ResultArrays::masks && array != &ResultArrays::triangles) slab.*array = HostBuffer();
+    (slab.*array).Discard();
   }
   out = *std::move(joined);
   return absl::OkStatus();
@@ -89,7 +89,7 @@ absl::Status JoinOffsets(std::vector<ResultArrays>& slabs, HostBuffer& out) {
     const uint64_t count = slab.offsets.size() / sizeof(uint64_t) - 1;
     for (uint64_t i = 0; i < count; ++i) *to++ = before + from[i];
     before += from[count];
-    slab.offsets = HostBuffer();
+    slab.offsets.Discard();
   }
   *to = before;
   out = *std::move(joined);
@@ -113,7 +113,7 @@ absl::Status JoinTarget(std::vector<ResultArrays>& slabs, const std::vector<uint
       joiner.Append(slabs[i].targets[target].data() + ArrayBytes(type, plane * count), count);
     }
   }
-  for (ResultArrays& slab : slabs) slab.targets[target] = HostBuffer();
+  for (ResultArrays& slab : slabs) slab.targets[target].Discard();
   out = *std::move(joined);
   return absl::OkStatus();
 }

@@ -12,8 +12,4 @@ namespace voxelpipe {
 // Errors: those of ValidateRequest; INVALID_ARGUMENT naming the target whose shader asks for an attribute that the mesh does not have.
 absl::StatusOr<BoundRequest> BindRequest(const TriangleMesh& mesh, const VoxelizeRequest& request);
 
-// PlanVoxelization (plan.h) of a request that BindRequest has checked.
-absl::StatusOr<Plan> PlanChecked(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
-                                 const MeshExtent& extent, const PlanLimits& limits, Delivery delivery);
-
 }  // namespace voxelpipe

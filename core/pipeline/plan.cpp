@@ -2,12 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "base/limit_error.h"
 #include "pipeline/backend.h"
-#include "pipeline/bind.h"
-#include "pipeline/footprint.h"
+#include "pipeline/planner.h"
 #include "pipeline/result.h"
 #include "shaders/catalog.h"
 
@@ -82,36 +81,6 @@ absl::Status ValidateCoverage(const VoxelizeRequest& request) {
   return Invalid("coverage", absl::StrCat("none takes fill parity or nonzero, not ", std::string(Name(request.fill))));
 }
 
-bool Fits(const Footprint& need, const PlanLimits& limits) {
-  return need.result_bytes <= limits.max_result_bytes && need.peak_bytes <= limits.max_working_bytes;
-}
-
-// The largest resolution whose grid fits the limits, 0 if none does.
-int64_t LargestResolution(VoxelizeRequest request, const MeshSize& mesh, const PlanLimits& limits, Delivery delivery,
-                          bool cuda) {
-  request.grid.dims.reset();
-  request.grid.origin.reset();
-  request.grid.voxel_size.reset();
-  int64_t lo = 0, hi = kMaxGridDim;
-  while (lo < hi) {
-    const int64_t mid = lo + (hi - lo + 1) / 2;
-    request.grid.resolution = mid;
-    const auto grid = FitGrid(request.grid, mesh.extent.box);
-    if (grid.ok() && Fits(PredictFootprint(request, *grid, mesh, limits, delivery, cuda), limits)) {
-      lo = mid;
-    } else {
-      hi = mid - 1;
-    }
-  }
-  return lo;
-}
-
-TimeClass GuessTime(const Plan& plan, uint64_t triangles) {
-  // Microseconds on two cores, measured: about half a microsecond a triangle, a byte touched about a nanosecond.
-  const double us = 0.5 * double(triangles) + 1e-3 * double(plan.peak_bytes);
-  return us < 1e5 ? TimeClass::kInstant : us < 2e6 ? TimeClass::kShort : TimeClass::kLong;
-}
-
 }  // namespace
 
 std::string_view Name(Coverage coverage) {
@@ -177,37 +146,15 @@ absl::Status ValidateRequest(const VoxelizeRequest& request) {
 absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
                                       const MeshExtent& extent, const PlanLimits& limits, Delivery delivery) {
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
-  return PlanChecked(request, triangles, vertices, extent, limits, delivery);
-}
-
-absl::StatusOr<Plan> PlanChecked(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
-                                 const MeshExtent& extent, const PlanLimits& limits, Delivery delivery) {
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
-  const absl::StatusOr<GridSpec> grid = FitGrid(request.grid, extent.box);
-  if (!grid.ok()) return grid.status();
-  Plan plan;
-  plan.grid = *grid;
-  plan.backend = std::string((*backend)->name());
   const MeshSize mesh{triangles, vertices, extent};
-  const bool cuda = plan.backend == "cuda";
-  const Footprint need = PredictFootprint(request, *grid, mesh, limits, delivery, cuda);
-  plan.result_bytes = need.result_bytes;
-  plan.peak_bytes = need.peak_bytes;
-  plan.slab_depth = need.slab_depth;
-  plan.time_class = GuessTime(plan, triangles);
-  if (!Fits(need, limits)) {
-    const bool result = plan.result_bytes > limits.max_result_bytes;
-    const LimitError error{result ? plan.result_bytes : plan.peak_bytes,
-                           result ? limits.max_result_bytes : limits.max_working_bytes,
-                           LargestResolution(request, mesh, limits, delivery, cuda)};
-    return MakeLimitError(
-        absl::StrCat("grid ", grid->dims[0], "x", grid->dims[1], "x", grid->dims[2], " needs ", error.need_bytes,
-                     result ? " bytes of results" : " bytes of memory", ", the limit is ", error.limit_bytes,
-                     "; the largest resolution that fits is ", error.largest_resolution),
-        error);
-  }
-  return plan;
+  const auto measure = [&](const GridSpec& grid) -> absl::StatusOr<Surface> {
+    return EstimateSurface(request, grid, mesh);
+  };
+  absl::StatusOr<PlannedRun> run = PlanOn(**backend, request, mesh, measure, limits, delivery);
+  if (!run.ok()) return run.status();
+  return std::move(run->plan);
 }
 
 }  // namespace voxelpipe

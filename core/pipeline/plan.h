@@ -8,6 +8,7 @@
 #include "absl/status/statusor.h"
 #include "grid/grid_spec.h"
 #include "pipeline/request.h"
+#include "pipeline/surface.h"
 
 namespace voxelpipe {
 
@@ -28,19 +29,6 @@ enum class Delivery : uint8_t {
   kStream,  // dense: slab after slab, each forgotten when it is handed on; other kinds are gathered in memory first
 };
 
-// Where a shaded mesh lies and how large it is, in world units.
-struct MeshExtent {
-  Box3d box;                  // of the vertices that triangles use
-  uint64_t shaded_bytes = 0;  // what the vertex shader made of the vertices; 0 where it left them alone, or did not run
-  // Summed over the triangles; 0 where not measured (dense results do not need them). How many voxels the mesh touches
-  // follows from these (footprint.cpp).
-  Vec3d projected_area{};  // onto the planes orthogonal to x, y, z
-  Vec3d dominant_area{};   // the same, of each triangle only the largest of the three
-  Vec3d width{};           // extents of each triangle's box along x, y, z
-  double volume =
-      0;  // signed, between the triangles and the centre of `box`: the enclosed one where the mesh is closed
-};
-
 enum class TimeClass : uint8_t { kInstant, kShort, kLong };  // < 0.1 s, < 2 s, longer, on two cores: a rough guide
 
 struct Plan {
@@ -52,6 +40,7 @@ struct Plan {
   TimeClass time_class = TimeClass::kInstant;
   int64_t slab_depth =
       1;  // layers of z worked on at a time; at least dims[2] where one slab does. A run may come to take fewer
+  uint64_t list_bytes = 0;  // the part of peak_bytes whose lists a run counts as it makes them (list_memory.h)
 };
 
 // Bytes of one dense target over `voxels` voxels.
@@ -61,9 +50,10 @@ uint64_t TargetBytes(const TargetSpec& target, uint64_t voxels);
 // parameters, coverage, fill. INVALID_ARGUMENT naming the field, e.g. "targets[1].blend: ...".
 absl::Status ValidateRequest(const VoxelizeRequest& request);
 
-// In: a request, the mesh's size and the extent of the shaded mesh. Out: the plan.
-// Errors: those of ValidateRequest and FitGrid; RESOURCE_EXHAUSTED with need, limit and the largest resolution that
-// would fit in its message, and as numbers (limit_error.h).
+// In: a request, the mesh's size and the extent of the shaded mesh, no look at its triangles. Out: the plan of the backend that the request
+// chooses.
+// Errors: those of ValidateRequest and FitGrid; RESOURCE_EXHAUSTED with need, limit and the largest grid of the same mesh that would fit, in
+// its message in the terms in which the grid was asked for (resolution, voxel size or dims), and as numbers (limit_error.h).
 absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
                                       const MeshExtent& extent, const PlanLimits& limits = {},
                                       Delivery delivery = Delivery::kMemory);

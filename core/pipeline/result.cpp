@@ -120,6 +120,12 @@ ResultHeader DenseHeader(const VoxelizeRequest& request, const GridSpec& grid) {
   return MakeResultHeader(request, grid, 0, 0, 0);
 }
 
+uint64_t BytesOf(const ResultHeader& header) {
+  uint64_t bytes = 0;
+  for (const ArraySpec& array : header.arrays) bytes += array.bytes();
+  return bytes;
+}
+
 ResultHeader HeaderOf(const VoxelizeResult& result) {
   VoxelizeRequest request;
   request.result = result.kind;

@@ -58,6 +58,12 @@ struct ResultArrays {
   // Index arrays, empty where the kind has none.
   HostBuffer bricks, masks;               // sparse
   HostBuffer voxels, offsets, triangles;  // buckets
+
+  uint64_t bytes() const {
+    uint64_t sum = bricks.size() + masks.size() + voxels.size() + offsets.size() + triangles.size();
+    for (const HostBuffer& target : targets) sum += target.size();
+    return sum;
+  }
 };
 
 struct VoxelizeResult : ResultArrays {
@@ -79,6 +85,8 @@ ResultHeader DenseHeader(const VoxelizeRequest& request, const GridSpec& grid);
 ResultHeader MakeResultHeader(const VoxelizeRequest& request, const GridSpec& grid, uint64_t bricks, uint64_t voxels,
                               uint64_t fragments);
 ResultHeader HeaderOf(const VoxelizeResult& result);
+// Of all arrays together.
+uint64_t BytesOf(const ResultHeader& header);
 
 // The bytes of the arrays in stream order, one span an array of HeaderOf(result). Owned by `result`.
 std::vector<std::span<const uint8_t>> ArraysOf(const VoxelizeResult& result);

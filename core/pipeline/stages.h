@@ -22,6 +22,8 @@
 #include "grid/grid_spec.h"
 #include "grid/host_buffer.h"
 #include "mesh/triangle_mesh.h"
+#include "pipeline/footprint.h"
+#include "pipeline/list_memory.h"
 #include "pipeline/plan.h"
 #include "pipeline/request.h"
 #include "pipeline/result.h"
@@ -90,6 +92,13 @@ class Stages {
   // INVALID_ARGUMENT naming node, primitive and vertex where one that a triangle uses is not finite.
   virtual absl::StatusOr<MeshExtent> VertexShade() = 0;
 
+  // What the shaded mesh touches of a grid, the triangles clipped to it: as often as is asked after VertexShade, before CoarseRaster. `mesh`
+  // has the extent that VertexShade gave. Errors: the job's.
+  virtual absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh) const = 0;
+
+  // Whom stages ask before lists take more than the plan has for them. Before CoarseRaster; outlives them.
+  virtual void SetListMemory(ListMemory* /*memory*/) {}
+
   // Takes the vertices to index space, where `layers` begin at 0, and finds the tiles of these layers of the grid that each triangle may touch.
   // INVALID_ARGUMENT naming node, primitive and vertex for one beyond 2^40 voxels of the grid's origin.
   virtual absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) = 0;
@@ -157,6 +166,11 @@ class Backend {
   virtual std::string device() const { return std::string(name()); }
   virtual std::string model() const { return {}; }     // as its maker calls it; empty where that is not known
   virtual uint64_t memory_bytes() const { return 0; }  // of the device; 0 where it works in the host's
+  // What a run on it takes.
+  virtual Footprint Predict(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                            const Surface& surface, const PlanLimits& limits, Delivery delivery) const {
+    return PredictHostFootprint(request, grid, mesh, surface, limits, delivery);
+  }
   // Whether the device can work now: allocates a little, runs something and reads it back. Errors say why not.
   virtual absl::Status Probe() const { return absl::OkStatus(); }
   virtual std::string_view simd() const = 0;  // best instruction set of the row kernels here, "scalar" where plain C++

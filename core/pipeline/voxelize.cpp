@@ -20,6 +20,8 @@
 #include "pipeline/backend.h"
 #include "pipeline/bind.h"
 #include "pipeline/footprint.h"
+#include "pipeline/list_memory.h"
+#include "pipeline/planner.h"
 #include "pipeline/resuming_sink.h"
 #include "pipeline/stages.h"
 #include "pipeline/warnings.h"
@@ -130,16 +132,18 @@ absl::StatusOr<SlabArrays> RunSlab(Stages& stages, const VoxelizeRequest& reques
 
 // The plan's slabs made as thin as the device has room for. Asked only where that is in doubt.
 void FitToDevice(const Backend& backend, const Stages& stages, const VoxelizeRequest& request, const MeshSize& mesh,
-                 PlanLimits limits, Delivery delivery, Plan& plan) {
+                 PlanLimits limits, Delivery delivery, PlannedRun& run) {
+  Plan& plan = run.plan;
   constexpr uint64_t kShareInDoubt = 8;
   const uint64_t all = backend.memory_bytes();
-  if (all == 0 || PredictSlabBytes(request, plan.grid, mesh, plan.slab_depth) < all / kShareInDoubt) return;
+  if (all == 0 || PredictSlabBytes(request, plan.grid, mesh, run.surface, plan.slab_depth) < all / kShareInDoubt)
+    return;
   const std::optional<uint64_t> room = stages.FreeBytes();
   if (!room) return;
-  limits.slab_depth = FittingSlabDepth(request, plan.grid, mesh, plan.slab_depth, *room);
+  limits.slab_depth = FittingSlabDepth(request, plan.grid, mesh, run.surface, plan.slab_depth, *room);
   if (limits.slab_depth == plan.slab_depth) return;
   plan.slab_depth = limits.slab_depth;
-  plan.peak_bytes = PredictFootprint(request, plan.grid, mesh, limits, delivery, true).peak_bytes;
+  plan.peak_bytes = backend.Predict(request, plan.grid, mesh, run.surface, limits, delivery).peak_bytes;
 }
 
 // Layers of a slab to try in place of one that found no room on the device; 0 where it was as thin as can be, or something else was wrong.
@@ -163,15 +167,27 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
 
   absl::StatusOr<MeshExtent> extent = run("vertex_shade", [&] { return stages.VertexShade(); });
   if (!extent.ok()) return extent.status();
-  absl::StatusOr<Plan> plan =
-      PlanChecked(request, mesh.triangles.size(), mesh.positions.size(), *extent, limits, delivery);
-  if (!plan.ok()) return plan.status();
-  FitToDevice(backend, stages, request, {mesh.triangles.size(), mesh.positions.size(), *extent}, limits, delivery,
-              *plan);
+  const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *std::move(extent)};
+  const MeasureGrid measure = [&](const GridSpec& grid) { return stages.Measure(grid, size); };
+  absl::StatusOr<PlannedRun> planned =
+      run("vertex_shade", [&] { return PlanOn(backend, request, size, measure, limits, delivery); });
+  if (!planned.ok()) return planned.status();
+  Plan* const plan = &planned->plan;
+  FitToDevice(backend, stages, request, size, limits, delivery, *planned);
   if (on_plan) {
     run.Pause();
     if (absl::Status refused = on_plan(*plan); !refused.ok()) return refused;
   }
+  ListMemory lists(job.memory(), plan->list_bytes,
+                   limits.max_working_bytes - std::min(limits.max_working_bytes, plan->peak_bytes));
+  stages.SetListMemory(&lists);
+  // Says of a stage that came to need more than the plan's limits what would fit.
+  const auto explained = [&](const absl::Status& why) {
+    if (lists.refused_bytes() == 0 || !absl::IsResourceExhausted(why)) return why;
+    const uint64_t need = plan->peak_bytes + lists.refused_bytes();
+    return GridTooLarge(backend, request, size, measure, limits, delivery, plan->grid, false, need,
+                        double(need) / double(plan->peak_bytes));
+  };
   const int64_t depth = plan->grid.dims[2];
   const bool buckets = request.result == ResultKind::kBuckets;
   const char* last = buckets ? "resolve" : request.fill == Fill::kNone ? "fine_raster" : "fill";
@@ -210,6 +226,7 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
     const auto wait_and_add = [&]() -> absl::Status {
       absl::StatusOr<ResultArrays> arrays = std::move(coming->arrays).Take();
       if (!arrays.ok()) return arrays.status();
+      if (request.result != ResultKind::kDense) lists.Hold(arrays->bytes());
       return assembler.Add(coming->pass, coming->slab, *std::move(arrays));
     };
     if (!timed) run.Pause();
@@ -231,7 +248,7 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
       absl::StatusOr<SlabArrays> arrays = make();
       if (!arrays.ok()) {  // where the device has no room: thinner slabs from here on
         const int64_t half = HalfOf(slab, arrays.status());
-        if (half == 0) return arrays.status();
+        if (half == 0) return explained(arrays.status());
         if (s = add(); !s.ok()) return s;
         if (!stages.AbandonSlab()) return arrays.status();
         std::tie(stats.occupied, stats.fragments, stats.odd_columns) = before;

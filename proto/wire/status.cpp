@@ -22,7 +22,7 @@ constexpr char kMeshType[] = "voxelpipe.v1.StoredMesh";
 constexpr char kDomain[] = "voxelpipe";
 // Keys of an ErrorInfo's metadata.
 constexpr char kNeedBytes[] = "need_bytes", kLimitBytes[] = "limit_bytes", kLargestResolution[] = "largest_resolution",
-               kUseRpc[] = "use_rpc";
+               kSmallestVoxelSize[] = "smallest_voxel_size", kUseRpc[] = "use_rpc";
 constexpr char kNotAvailable[] = "NOT_AVAILABLE", kResultNeedsStream[] = "RESULT_NEEDS_STREAM";
 constexpr char kStreamRpc[] = "voxelpipe.v1.VoxelizationService/Voxelize";
 // Trailers are bounded to 8 KiB together by default; the message goes there twice, percent-encoded once.
@@ -59,6 +59,21 @@ bool ReadNumber(const google::rpc::ErrorInfo& info, const char* key, Number& out
   if (found == info.metadata().end()) return false;
   const std::string& text = found->second;
   return std::from_chars(text.data(), text.data() + text.size(), out).ec == std::errc();
+}
+
+// Three numbers with commas between them; `out` stays as it is where they are not there.
+void ReadThree(const google::rpc::ErrorInfo& info, const char* key, Vec3d& out) {
+  const auto found = info.metadata().find(key);
+  if (found == info.metadata().end()) return;
+  const char* at = found->second.data();
+  const char* const end = at + found->second.size();
+  Vec3d read;
+  for (int i = 0; i < 3; ++i) {
+    const auto number = std::from_chars(at, end, read[i]);
+    if (number.ec != std::errc() || (i < 2 && (number.ptr == end || *number.ptr != ','))) return;
+    at = number.ptr + 1;
+  }
+  out = read;
 }
 
 }  // namespace
@@ -150,9 +165,11 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
       auto& metadata = *info.mutable_metadata();
       metadata["need_and_limit"] = message;
       if (const auto numbers = LimitErrorOf(status)) {
-        metadata[kNeedBytes] = absl::StrCat(numbers->need_bytes);
+        const Vec3d& size = numbers->smallest_voxel_size;
+        if (numbers->need_bytes > 0) metadata[kNeedBytes] = absl::StrCat(numbers->need_bytes);
         metadata[kLimitBytes] = absl::StrCat(numbers->limit_bytes);
-        metadata[kLargestResolution] = absl::StrCat(numbers->largest_resolution);
+        if (numbers->largest_resolution > 0) metadata[kLargestResolution] = absl::StrCat(numbers->largest_resolution);
+        if (size.x > 0) metadata[kSmallestVoxelSize] = absl::StrCat(ExactText(size.x), ",", ExactText(size.y), ",", ExactText(size.z));
       }
       details.add_details()->PackFrom(info);
     }
@@ -189,8 +206,11 @@ absl::Status FromGrpcStatus(const grpc::Status& status) {
     google::rpc::ErrorInfo info;
     LimitError numbers;
     if (absl::IsResourceExhausted(result) && detail.Is<google::rpc::ErrorInfo>() && detail.UnpackTo(&info) &&
-        ReadNumber(info, kNeedBytes, numbers.need_bytes) && ReadNumber(info, kLimitBytes, numbers.limit_bytes) &&
-        ReadNumber(info, kLargestResolution, numbers.largest_resolution)) {
+        ReadNumber(info, kLimitBytes, numbers.limit_bytes)) {
+      // Those that do not apply are not there.
+      ReadNumber(info, kNeedBytes, numbers.need_bytes);
+      ReadNumber(info, kLargestResolution, numbers.largest_resolution);
+      ReadThree(info, kSmallestVoxelSize, numbers.smallest_voxel_size);
       result = MakeLimitError(status.error_message(), numbers);
     }
     if (absl::IsFailedPrecondition(result) && detail.Is<google::rpc::ErrorInfo>() && detail.UnpackTo(&info) &&

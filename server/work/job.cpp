@@ -7,8 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "isolate/loading.h"
-#include "pipeline/backend.h"
-#include "shaders/catalog.h"
+#include "pipeline/estimate.h"
 #include "work/load_mesh.h"
 #include "work/mesh_bytes.h"
 
@@ -25,29 +24,6 @@ absl::StatusOr<Result> Guarded(Body body) {
   } catch (const std::exception& error) {
     return absl::InternalError(absl::StrCat("unexpected: ", error.what()));
   }
-}
-
-absl::StatusOr<MeshExtent> ShadedExtent(const TriangleMesh& mesh, const VoxelizeRequest& request,
-                                        const JobContext& job) {
-  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
-  if (!backend.ok()) return backend.status();
-  absl::StatusOr<BoundShader> vertex_shader = BindShader(ShaderStage::kVertex, request.vertex_shader);
-  if (!vertex_shader.ok()) return vertex_shader.status();
-  BoundRequest bound{request, *std::move(vertex_shader), {}};
-  for (const TargetSpec& target : request.targets) {
-    absl::StatusOr<BoundShader> shader = BindShader(ShaderStage::kFragment, target.shader);
-    if (!shader.ok()) return shader.status();
-    bound.fragment_shaders.push_back(*std::move(shader));
-  }
-  absl::StatusOr<MeshExtent> extent = absl::UnknownError("the run did not start");
-  (*backend)->Run(request.threads, [&] {
-    extent = Guarded<MeshExtent>([&]() -> absl::StatusOr<MeshExtent> {
-      auto stages = (*backend)->Start(mesh, bound, job);
-      if (!stages.ok()) return stages.status();
-      return (*stages)->VertexShade();
-    });
-  });
-  return extent;
 }
 
 // Keeps what stands in memory as a whole and hands on all else.
@@ -148,10 +124,8 @@ JobOutcome OutcomeOf(const PreparedMesh& mesh, VoxelizeResult result, const Plan
 absl::StatusOr<Estimate> EstimateJob(const PreparedMesh& mesh, const ParsedConfig& config, const JobLimits& limits,
                                      const JobContext& job) {
   return Guarded<Estimate>([&]() -> absl::StatusOr<Estimate> {
-    const absl::StatusOr<MeshExtent> extent = ShadedExtent(*mesh.mesh, config.request, job);
-    if (!extent.ok()) return extent.status();
-    absl::StatusOr<Plan> plan = PlanVoxelization(config.request, mesh.mesh->triangles.size(),
-                                                 mesh.mesh->positions.size(), *extent, limits.plan, Delivery::kStream);
+    absl::StatusOr<Plan> plan =
+        EstimateVoxelization(*mesh.mesh, config.request, job, limits.plan, Delivery::kStream);
     if (!plan.ok()) return plan.status();
     return Estimate{*std::move(plan), mesh.report};
   });

@@ -11,6 +11,7 @@
 #   server    voxelpiped on the GPU, its results' hash
 #   service   load on voxelpiped: small jobs with and without batches, on the GPU and on the CPU
 #   bench     the table, stage times, whole calls
+#   plans     what runs take of host and device against their plans
 #   meshes    parity on the benchmark's meshes at 512^3 and 1024^3
 #   profile   Nsight Compute on the largest rows
 # Without sections: all; parity, device, cli and server side by side, the others alone.
@@ -221,6 +222,10 @@ bench() {
   timeout "$((seconds + 30))" "$bin/cuda_bench" --budget "$seconds" "${options[@]}"
 }
 
+plans() {
+  timeout "$(limit 300)" "$bin/plan_bounds" --backend cuda --jobs "${PLAN_JOBS:-600}"
+}
+
 meshes() {
   timeout "$(limit 120)" "$bin/cuda_parity" --bench-meshes "${mesh_options[@]}"
 }
@@ -247,13 +252,13 @@ run_section() {
 }
 
 sections=("$@")
-if ((${#sections[@]} == 0)); then sections=(parity sanitize sanitize_large device cli server devices service bench meshes profile); fi
+if ((${#sections[@]} == 0)); then sections=(parity sanitize sanitize_large device cli server devices service bench plans meshes profile); fi
 together=()
 alone=()
 for section in "${sections[@]}"; do
   case "$section" in
     parity | device | cli | server) together+=("$section") ;;
-    bench | devices | meshes | profile | sanitize | sanitize_large | service) alone+=("$section") ;;
+    bench | devices | meshes | plans | profile | sanitize | sanitize_large | service) alone+=("$section") ;;
     *) echo "run.sh: no section '$section'" >&2; exit 2 ;;
   esac
 done
@@ -276,7 +281,7 @@ for section in "${sections[@]}"; do
   echo
   echo "--- $section"
   case "$section" in
-    bench | profile | service) head -c 14000 "$logs/$section.log" ;;
+    bench | plans | profile | service) head -c 14000 "$logs/$section.log" ;;
     parity | meshes) grep -Ev ' triangles +[0-9]+ cases' "$logs/$section.log" | head -c 9000 ;;
     sanitize) sed -n '/=== in short/,$p' "$logs/$section.log" ;;
     *) tail -12 "$logs/$section.log" ;;
@@ -293,7 +298,7 @@ for section in "${sections[@]}"; do
     *) word="FAILED (exit ${code[$section]})" ;;
   esac
   if [[ "$word" != passed ]]; then failed=1; fi
-  line="$(grep -E '^(cuda_parity|cuda_bench|cuda_devices|cli|server|service):' "$logs/$section.log" | tail -1)"
+  line="$(grep -E '^(cuda_parity|cuda_bench|cuda_devices|cli|server|service|plan_bounds):' "$logs/$section.log" | tail -1)"
   printf '%-14s %4s s  %s  %s\n' "$section" "${seconds[$section]}" "$word" "$line"
 done
 exit "$failed"

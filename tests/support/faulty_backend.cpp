@@ -57,6 +57,10 @@ class FaultyBackend::FaultyStages final : public Stages {
     if (absl::Status s = Reach("vertex_shade"); !s.ok()) return s;
     return inner_->VertexShade();
   }
+  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh) const override {
+    return inner_->Measure(grid, mesh);
+  }
+  void SetListMemory(ListMemory* memory) override { inner_->SetListMemory(memory); }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
     if (absl::Status s = Reach("coarse_raster"); !s.ok()) return s;
     return inner_->CoarseRaster(grid, layers);

@@ -24,6 +24,26 @@ TEST(PagePoolTest, ABlockThatRoundingBringsIntoThePoolHasWholePages) {
   ReturnPages(second, kPooledBytes);
 }
 
+TEST(PagePoolTest, ABlockThatIsNotMuchLargerGivesAPart) {
+#if defined(__SANITIZE_ADDRESS__)
+  GTEST_SKIP() << "no pool with AddressSanitizer";
+#endif
+  ReleaseIdlePages();
+  auto* const larger = static_cast<uint8_t*>(TakePages(12 * kPooledUnit));
+  ASSERT_NE(larger, nullptr);
+  ReturnPages(larger, 12 * kPooledUnit);
+  auto* const part = static_cast<uint8_t*>(TakePages(10 * kPooledUnit));
+  EXPECT_EQ(part, larger);
+  unsigned char resident;
+  EXPECT_EQ(mincore(part + 9 * kPooledUnit, 1, &resident), 0);
+  EXPECT_NE(mincore(part + 10 * kPooledUnit, 1, &resident), 0) << "the rest is the system's";
+  ReturnPages(part, 10 * kPooledUnit);
+  void* const small = TakePages(kPooledUnit);
+  EXPECT_NE(small, part) << "too much would be lost";
+  ReturnPages(small, kPooledUnit);
+  ReleaseIdlePages();
+}
+
 TEST(PagePoolTest, BlocksUnusedSinceAMomentGoToTheSystemAndYoungerOnesStay) {
 #if defined(__SANITIZE_ADDRESS__)
   GTEST_SKIP() << "no pool with AddressSanitizer";

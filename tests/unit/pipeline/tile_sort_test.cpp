@@ -28,9 +28,13 @@ void ExpectSorted(const std::array<int64_t, 3>& dims, uint64_t triangles, size_t
   const JobContext job;
   RunState state(mesh, request, job);
   for (int a = 0; a < 3; ++a) state.tiles.dims[a] = dims[size_t(a)];
-  state.emitted = RandomPairs(state.tiles.count(), triangles, chunks, uint32_t(triangles));
+  const auto emitted = RandomPairs(state.tiles.count(), triangles, chunks, uint32_t(triangles));
+  state.emitted.resize(emitted.size());
   std::vector<uint64_t> expected;
-  for (const auto& chunk : state.emitted) expected.insert(expected.end(), chunk.begin(), chunk.end());
+  for (size_t i = 0; i < emitted.size(); ++i) {
+    for (const uint64_t pair : emitted[i]) state.emitted[i].push_back(pair);
+    expected.insert(expected.end(), emitted[i].begin(), emitted[i].end());
+  }
   std::stable_sort(expected.begin(), expected.end(), [](uint64_t a, uint64_t b) { return a >> 32 < b >> 32; });
   ASSERT_TRUE(TileSort(state).ok());
   ASSERT_EQ(std::vector<uint64_t>(state.pairs.data(), state.pairs.data() + state.pairs.size()), expected);

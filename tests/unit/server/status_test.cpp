@@ -116,6 +116,21 @@ TEST(StatusTest, ALimitsNumbersAreFieldsOnBothSides) {
   EXPECT_EQ(numbers->need_bytes, uint64_t{1} << 63);
   EXPECT_EQ(numbers->limit_bytes, 9u);
   EXPECT_EQ(numbers->largest_resolution, 4);
+  EXPECT_FALSE(info.metadata().contains("smallest_voxel_size"));
+  // What does not apply, or cannot be counted, is not there.
+  LimitError voxels;
+  voxels.limit_bytes = 7;
+  voxels.smallest_voxel_size = {0.25, 1.0 / 3, 1e-200};
+  const grpc::Status in_voxels = ToGrpcStatus(MakeLimitError("too fine", voxels));
+  const auto of_voxels = Detail<google::rpc::ErrorInfo>(in_voxels);
+  EXPECT_FALSE(of_voxels.metadata().contains("need_bytes"));
+  EXPECT_FALSE(of_voxels.metadata().contains("largest_resolution"));
+  const auto voxels_back = LimitErrorOf(FromGrpcStatus(in_voxels));
+  ASSERT_TRUE(voxels_back.has_value());
+  EXPECT_EQ(voxels_back->limit_bytes, 7u);
+  EXPECT_EQ(voxels_back->smallest_voxel_size.y, 1.0 / 3);
+  EXPECT_EQ(voxels_back->smallest_voxel_size.x, 0.25);
+  EXPECT_EQ(voxels_back->smallest_voxel_size.z, 1e-200);
   EXPECT_FALSE(LimitErrorOf(FromGrpcStatus(ToGrpcStatus(absl::ResourceExhaustedError("other")))).has_value());
 }
 

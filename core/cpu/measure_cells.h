@@ -1,0 +1,163 @@
+// Parts of measure.cpp: a triangle's part in the grid, and the bits of the grid's bricks.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <utility>
+
+#include "base/vec.h"
+#include "grid/grid_spec.h"
+#include "raster/spans.h"
+
+namespace voxelpipe::cpu {
+
+inline constexpr double kTie = 1e-6;            // voxels: coverage is widened by so much at least
+inline constexpr int64_t kMostCells = 1 << 24;  // 2 MiB of bits
+
+using Box = std::array<std::pair<int64_t, int64_t>, 3>;  // first and last, inclusive
+
+struct Triangle {
+  Vec3d a, b, c;  // index space
+};
+
+// The voxels that the closed box touches, clipped to the grid; false if none.
+inline bool VoxelsOf(const Vec3d& lo, const Vec3d& hi, const GridSpec& grid, Box& out) {
+  for (size_t i = 0; i < 3; ++i) {
+    const double dim = double(grid.dims[i]);
+    const double first = std::max(0.0, std::ceil(lo[int(i)] - kTie) - 1);
+    const double last = std::min(dim - 1, std::floor(hi[int(i)] + kTie));
+    if (!(first <= last)) return false;
+    out[i] = {int64_t(first), int64_t(last)};
+  }
+  return true;
+}
+
+inline double Count(const Box& box) {
+  double count = 1;
+  for (const auto& [first, last] : box) count *= double(last - first + 1);
+  return count;
+}
+
+inline VoxelRange RangeOf(const Box& box) {
+  VoxelRange range;
+  for (size_t i = 0; i < 3; ++i) {
+    range.begin[i] = box[i].first;
+    range.end[i] = box[i].second + 1;
+  }
+  return range;
+}
+
+// Extents and projected areas of the part of a triangle that lies in the grid.
+struct Part {
+  Vec3d width{}, area{};
+};
+
+// A triangle clipped by the six planes of a box.
+class Polygon {
+ public:
+  explicit Polygon(const Triangle& t) : points_{t.a, t.b, t.c}, count_(3) {}
+
+  void Clip(int axis, double plane, double side) {
+    Vec3d out[kMost];
+    int count = 0;
+    for (int i = 0; i < count_ && count + 2 <= kMost; ++i) {
+      const Vec3d &p = points_[i], &q = points_[(i + 1) % count_];
+      const double dp = side * (p[axis] - plane), dq = side * (q[axis] - plane);
+      if (dp >= 0) out[count++] = p;
+      if ((dp < 0) != (dq < 0)) out[count++] = p + (q - p) * (dp / (dp - dq));
+    }
+    std::copy(out, out + count, points_);
+    count_ = count;
+  }
+  Part Measure() const {
+    Part part;
+    if (count_ == 0) return part;
+    Vec3d lo = points_[0], hi = points_[0], normal{};
+    for (int i = 1; i < count_; ++i) {
+      for (int a = 0; a < 3; ++a) {
+        lo[a] = std::min(lo[a], points_[i][a]);
+        hi[a] = std::max(hi[a], points_[i][a]);
+      }
+      if (i + 1 < count_) normal = normal + Cross(points_[i] - points_[0], points_[i + 1] - points_[0]);
+    }
+    part.width = hi - lo;
+    for (int a = 0; a < 3; ++a) part.area[a] = 0.5 * std::abs(normal[a]);
+    return part;
+  }
+
+ private:
+  static constexpr int kMost = 12;
+  Vec3d points_[kMost];
+  int count_;
+};
+
+// Bits of the cells of the grid: bricks, or larger ones in grids of very many bricks.
+class Cells {
+ public:
+  explicit Cells(const GridSpec& grid) : grid_(grid) {
+    const auto count = [&] {
+      int64_t cells = 1;
+      for (size_t i = 0; i < 3; ++i) cells *= dims_[i] = (grid.dims[i] + edge_ - 1) / edge_;
+      return cells;
+    };
+    while ((count_ = count()) > kMostCells) edge_ *= 2;
+    bits_ = std::make_unique<std::atomic<uint64_t>[]>(size_t((count_ + 63) / 64));
+  }
+
+  int64_t edge() const { return edge_; }
+  int64_t count() const { return count_; }
+  int64_t dim(int axis) const { return dims_[axis]; }
+  bool at(int64_t cell) const { return bits_[size_t(cell / 64)].load(std::memory_order_relaxed) >> (cell % 64) & 1; }
+  uint64_t word(int64_t i) const { return bits_[size_t(i)].load(std::memory_order_relaxed); }
+  int64_t words() const { return (count_ + 63) / 64; }
+
+  void Mark(int64_t x, int64_t y, int64_t z) {
+    const int64_t cell = x + dims_[0] * (y + dims_[1] * z);
+    const uint64_t bit = uint64_t{1} << (cell % 64);
+    std::atomic<uint64_t>& word = bits_[size_t(cell / 64)];
+    if ((word.load(std::memory_order_relaxed) & bit) == 0) word.fetch_or(bit, std::memory_order_relaxed);
+  }
+
+  Box CellsOf(const Box& voxels) const {
+    Box out;
+    for (size_t i = 0; i < 3; ++i) out[i] = {voxels[i].first / edge_, voxels[i].second / edge_};
+    return out;
+  }
+  // Calls visit(x, y, z) for each cell that the triangle may touch.
+  template <typename Visit>
+  void ForEach(const Triangle& t, const Box& voxels, const Visit& visit) const {
+    const Box box = CellsOf(voxels);
+    if (Count(box) <= 8) {
+      for (int64_t z = box[2].first; z <= box[2].second; ++z) {
+        for (int64_t y = box[1].first; y <= box[1].second; ++y) {
+          for (int64_t x = box[0].first; x <= box[0].second; ++x) visit(x, y, z);
+        }
+      }
+      return;
+    }
+    const double shrink = 1.0 / double(edge_);
+    const auto setup = SetUpTriangle(t.a * shrink, t.b * shrink, t.c * shrink, Coverage::kConservative);
+    ForEachRowSpan(setup, RangeOf(box), [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
+      for (int64_t x = x_begin; x < x_end; ++x) visit(x, y, z);
+    });
+  }
+  // The voxels of a cell, clipped to the grid.
+  Box VoxelsOfCell(int64_t cell) const {
+    const int64_t at[3] = {cell % dims_[0], cell / dims_[0] % dims_[1], cell / dims_[0] / dims_[1]};
+    Box out;
+    for (size_t i = 0; i < 3; ++i) out[i] = {at[i] * edge_, std::min(grid_.dims[i], (at[i] + 1) * edge_) - 1};
+    return out;
+  }
+
+ private:
+  const GridSpec& grid_;
+  int64_t edge_ = 8, count_ = 0;
+  int64_t dims_[3] = {1, 1, 1};
+  std::unique_ptr<std::atomic<uint64_t>[]> bits_;
+};
+
+}  // namespace voxelpipe::cpu

@@ -1,0 +1,47 @@
+#include "pipeline/estimate.h"
+
+#include <memory>
+#include <new>
+#include <utility>
+
+#include "pipeline/backend.h"
+#include "pipeline/bind.h"
+#include "pipeline/planner.h"
+#include "pipeline/stages.h"
+
+namespace voxelpipe {
+namespace {
+
+absl::StatusOr<Plan> PlanInside(const Backend& backend, const TriangleMesh& mesh, const BoundRequest& bound,
+                                const JobContext& job, const PlanLimits& limits, Delivery delivery) {
+  absl::StatusOr<std::unique_ptr<Stages>> stages = backend.Start(mesh, bound, job);
+  if (!stages.ok()) return stages.status();
+  absl::StatusOr<MeshExtent> extent = (*stages)->VertexShade();
+  if (!extent.ok()) return extent.status();
+  const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *std::move(extent)};
+  const auto measure = [&](const GridSpec& grid) { return (*stages)->Measure(grid, size); };
+  absl::StatusOr<PlannedRun> run = PlanOn(backend, bound.request, size, measure, limits, delivery);
+  if (!run.ok()) return run.status();
+  return std::move(run->plan);
+}
+
+}  // namespace
+
+absl::StatusOr<Plan> EstimateVoxelization(const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                          const JobContext& job, const PlanLimits& limits, Delivery delivery) {
+  const absl::StatusOr<BoundRequest> bound = BindRequest(mesh, request);
+  if (!bound.ok()) return bound.status();
+  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
+  if (!backend.ok()) return backend.status();
+  absl::StatusOr<Plan> plan = absl::UnknownError("the run did not start");
+  (*backend)->Run(request.threads, [&] {
+    try {
+      plan = PlanInside(**backend, mesh, *bound, job, limits, delivery);
+    } catch (const std::bad_alloc&) {
+      plan = absl::ResourceExhaustedError("out of memory while planning");
+    }
+  });
+  return plan;
+}
+
+}  // namespace voxelpipe

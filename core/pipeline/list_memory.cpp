@@ -1,0 +1,31 @@
+#include "pipeline/list_memory.h"
+
+#include <algorithm>
+
+namespace voxelpipe {
+
+absl::Status ListMemory::Need(uint64_t bytes) {
+  const std::lock_guard lock(mutex_);
+  const uint64_t all = held_ + bytes, granted = std::max(granted_, planned_);
+  if (all <= granted) return absl::OkStatus();
+  if (all - planned_ > room_) {
+    refused_ = std::max(refused_, all - planned_);
+    return absl::ResourceExhaustedError("lists of fragments need more memory than the limit allows");
+  }
+  if (absl::Status full = charge_.Grow(all - granted, "what the mesh's fragments are listed in"); !full.ok())
+    return full;
+  granted_ = all;
+  return absl::OkStatus();
+}
+
+void ListMemory::Hold(uint64_t bytes) {
+  const std::lock_guard lock(mutex_);
+  held_ += bytes;
+}
+
+uint64_t ListMemory::refused_bytes() const {
+  const std::lock_guard lock(mutex_);
+  return refused_;
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,162 @@
+#include "pipeline/planner.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "base/limit_error.h"
+#include "pipeline/footprint.h"
+
+namespace voxelpipe {
+namespace {
+
+// Numbers from here on stand for more than can be counted.
+constexpr uint64_t kBeyondCount = uint64_t{1} << 63;
+constexpr double kCoarsest = 0x1p20;  // times the voxel size that was asked for
+
+// Finds what would fit in place of a request that does not.
+class FittingGrid {
+ public:
+  FittingGrid(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh, const MeasureGrid& measure,
+              const PlanLimits& limits, Delivery delivery, double scale)
+      : backend_(backend),
+        request_(request),
+        mesh_(mesh),
+        measure_(measure),
+        limits_(limits),
+        delivery_(delivery),
+        scale_(scale) {}
+
+  // The largest resolution below the one that was asked for, 0 if none fits.
+  int64_t LargestResolution() const {
+    VoxelizeRequest request = request_;
+    int64_t lo = 0, hi = std::min(request_.grid.resolution, kMaxGridDim);
+    // Lists are looked at anew for each grid: there the answer is exact to a hundredth.
+    const auto near = [&] { return request.result == ResultKind::kDense ? 1 : std::max<int64_t>(1, lo / 100); };
+    while (hi - lo > near()) {
+      const int64_t middle = lo + (hi - lo) / 2;
+      request.grid.resolution = middle;
+      (Fits(request.grid) ? lo : hi) = middle;
+    }
+    return lo;
+  }
+
+  // The grid request with the finest voxels of at least the size that was asked for, within a hundredth; none where no size fits.
+  std::optional<GridRequest> FinestVoxels() const {
+    double lo = 1, hi = 2;
+    for (; !Fits(Coarser(hi)); hi *= 2) {
+      if (hi >= kCoarsest) return std::nullopt;
+      lo = hi;
+    }
+    while (hi / lo > 1.01) {
+      const double middle = std::sqrt(lo * hi);
+      (Fits(Coarser(middle)) ? hi : lo) = middle;
+    }
+    return Coarser(hi);
+  }
+
+ private:
+  // The same place in voxels that are so many times larger; of a grid that is given, as many of them as fill it exactly.
+  GridRequest Coarser(double factor) const {
+    GridRequest grid = request_.grid;
+    for (int a = 0; a < 3; ++a) {
+      double times = factor;
+      if (grid.dims) {
+        const int64_t dim = (*grid.dims)[size_t(a)];
+        const auto fewer = std::max<int64_t>(1, int64_t(double(dim) / factor));
+        times = double(dim) / double(fewer);
+        (*grid.dims)[size_t(a)] = fewer;
+      }
+      (*grid.voxel_size)[a] *= times;
+    }
+    return grid;
+  }
+
+  bool Fits(const GridRequest& request) const {
+    const absl::StatusOr<GridSpec> grid = FitGrid(request, mesh_.extent.box);
+    if (!grid.ok()) return false;
+    const absl::StatusOr<Surface> surface = measure_(*grid);
+    if (!surface.ok()) return false;
+    const Footprint need = backend_.Predict(request_, *grid, mesh_, *surface, limits_, delivery_);
+    return double(need.result_bytes) * scale_ <= double(limits_.max_result_bytes) &&
+           double(need.peak_bytes) * scale_ <= double(limits_.max_working_bytes);
+  }
+
+  const Backend& backend_;
+  const VoxelizeRequest& request_;
+  const MeshSize& mesh_;
+  const MeasureGrid& measure_;
+  const PlanLimits& limits_;
+  const Delivery delivery_;
+  const double scale_;
+};
+
+std::string Three(const Vec3d& v) {
+  if (v.x == v.y && v.y == v.z) return ExactText(v.x);
+  return absl::StrCat(ExactText(v.x), ",", ExactText(v.y), ",", ExactText(v.z));
+}
+
+TimeClass GuessTime(const Plan& plan, uint64_t triangles) {
+  // Microseconds on two cores, measured: about half a microsecond a triangle, a byte touched about a nanosecond.
+  const double us = 0.5 * double(triangles) + 1e-3 * double(plan.peak_bytes);
+  return us < 1e5 ? TimeClass::kInstant : us < 2e6 ? TimeClass::kShort : TimeClass::kLong;
+}
+
+}  // namespace
+
+absl::Status GridTooLarge(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
+                          const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery, const GridSpec& grid,
+                          bool of_results, uint64_t need_bytes, double scale) {
+  const FittingGrid fitting(backend, request, mesh, measure, limits, delivery, scale);
+  LimitError error;
+  error.need_bytes = need_bytes < kBeyondCount ? need_bytes : 0;
+  error.limit_bytes = of_results ? limits.max_result_bytes : limits.max_working_bytes;
+  std::string hint;
+  if (!request.grid.voxel_size) {
+    error.largest_resolution = fitting.LargestResolution();
+    hint = error.largest_resolution > 0 ? absl::StrCat("the largest resolution that fits is ", error.largest_resolution)
+                                        : "no resolution fits";
+  } else if (const std::optional<GridRequest> finest = fitting.FinestVoxels()) {
+    error.smallest_voxel_size = *finest->voxel_size;
+    hint = absl::StrCat("the smallest voxel size that fits is ", Three(*finest->voxel_size));
+    if (finest->dims) {
+      const auto& dims = *finest->dims;
+      absl::StrAppend(&hint, ", with dims ", dims[0], ",", dims[1], ",", dims[2]);
+    }
+  } else {
+    hint = "no voxel size fits";
+  }
+  const std::string need =
+      need_bytes < kBeyondCount ? absl::StrCat(need_bytes, " bytes of ") : "more than 2^63 bytes of ";
+  return MakeLimitError(
+      absl::StrCat("grid ", grid.dims[0], "x", grid.dims[1], "x", grid.dims[2], " needs ", need,
+                   of_results ? "results" : "memory", ", the limit is ", error.limit_bytes, "; ", hint),
+      error);
+}
+
+absl::StatusOr<PlannedRun> PlanOn(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
+                                  const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery) {
+  const absl::StatusOr<GridSpec> grid = FitGrid(request.grid, mesh.extent.box);
+  if (!grid.ok()) return grid.status();
+  absl::StatusOr<Surface> surface = measure(*grid);
+  if (!surface.ok()) return surface.status();
+  const Footprint need = backend.Predict(request, *grid, mesh, *surface, limits, delivery);
+  PlannedRun run;
+  run.surface = *std::move(surface);
+  Plan& plan = run.plan;
+  plan.grid = *grid;
+  plan.backend = std::string(backend.name());
+  plan.result_bytes = need.result_bytes;
+  plan.peak_bytes = need.peak_bytes;
+  plan.list_bytes = need.list_bytes;
+  plan.slab_depth = need.slab_depth;
+  plan.time_class = GuessTime(plan, mesh.triangles);
+  const bool result = plan.result_bytes > limits.max_result_bytes;
+  if (!result && plan.peak_bytes <= limits.max_working_bytes) return run;
+  return GridTooLarge(backend, request, mesh, measure, limits, delivery, *grid, result,
+                      result ? plan.result_bytes : plan.peak_bytes, 1);
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,32 @@
+// Plans of requests that are checked already, on a backend that is chosen already.
+#pragma once
+
+#include <functional>
+
+#include "absl/status/statusor.h"
+#include "pipeline/plan.h"
+#include "pipeline/request.h"
+#include "pipeline/stages.h"
+#include "pipeline/surface.h"
+
+namespace voxelpipe {
+
+// What the mesh touches of a grid.
+using MeasureGrid = std::function<absl::StatusOr<Surface>(const GridSpec&)>;
+
+struct PlannedRun {
+  Plan plan;
+  Surface surface;
+};
+
+// PlanVoxelization (plan.h) of a request that BindRequest has checked, for the backend that will run it.
+absl::StatusOr<PlannedRun> PlanOn(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
+                                  const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery);
+
+// RESOURCE_EXHAUSTED for a run that needs, or comes to need, `need_bytes` of results or memory. In the message and as numbers: the largest
+// grid of the request's kind that would fit. `scale`: what is really needed of what is predicted, at least 1.
+absl::Status GridTooLarge(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
+                          const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery, const GridSpec& grid,
+                          bool of_results, uint64_t need_bytes, double scale);
+
+}  // namespace voxelpipe

@@ -1,0 +1,153 @@
+// What the look at the triangles says of a mesh, against a count of what it really touches.
+#include "pipeline/surface.h"
+
+#include <array>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "gtest/gtest.h"
+#include "pipeline/backend.h"
+#include "pipeline/bind.h"
+#include "pipeline/stages.h"
+#include "support/meshes.h"
+#include "support/run.h"
+
+namespace voxelpipe {
+namespace {
+
+using testing::MakeMesh;
+using testing::RunPipeline;
+using testing::UnitGrid;
+
+Surface Measure(const TriangleMesh& mesh, const VoxelizeRequest& request) {
+  const Backend& cpu = **SelectBackend(BackendChoice::kCpu);
+  const BoundRequest bound = *BindRequest(mesh, request);
+  const JobContext job;
+  absl::StatusOr<Surface> surface = absl::UnknownError("not run");
+  cpu.Run(request.threads, [&] {
+    auto stages = cpu.Start(mesh, bound, job);
+    const absl::StatusOr<MeshExtent> extent = (*stages)->VertexShade();
+    const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *extent};
+    surface = (*stages)->Measure(*FitGrid(request.grid, extent->box), size);
+  });
+  EXPECT_TRUE(surface.ok()) << surface.status();
+  return *surface;
+}
+
+VoxelizeRequest Buckets(GridRequest grid, Coverage coverage = Coverage::kConservative) {
+  VoxelizeRequest request;
+  request.grid = std::move(grid);
+  request.result = ResultKind::kBuckets;
+  request.coverage = coverage;
+  request.targets = {testing::FloatTarget(4, Blend::kReplace, {"position", {}})};
+  return request;
+}
+
+// Measured fragments and voxels within `share` of those of the run.
+void ExpectNear(const TriangleMesh& mesh, const VoxelizeRequest& request, double share, const std::string& what) {
+  const Surface surface = Measure(mesh, request);
+  const VoxelizeResult result = RunPipeline(mesh, request);
+  const double fragments = double(result.listed_fragments()), voxels = double(result.listed_voxels());
+  EXPECT_NEAR(surface.fragments, fragments, share * fragments) << what;
+  EXPECT_GE(surface.voxels, (1 - share) * voxels) << what;
+  // Few are not counted, but bounded.
+  constexpr double kBytesOfVoxel = 32, kFewBytes = 4 << 20;
+  if (surface.voxels * kBytesOfVoxel > kFewBytes) {
+    EXPECT_LE(surface.voxels, (1 + share) * voxels) << what;
+  }
+  EXPECT_GE(surface.rows * 1.01, fragments / 32) << what;
+}
+
+TEST(SurfaceTest, APointOnAVoxelCornerIsEightFragments) {
+  std::vector<Vec3d> positions;
+  std::vector<std::array<uint32_t, 3>> triangles;
+  for (uint32_t i = 0; i < 20000; ++i) {
+    for (int k = 0; k < 3; ++k) positions.push_back({5, 9, 7});
+    triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
+  }
+  const Surface surface = Measure(MakeMesh(std::move(positions), std::move(triangles)), Buckets(UnitGrid(20, 20, 20)));
+  EXPECT_DOUBLE_EQ(surface.fragments, 160000);
+  EXPECT_LE(surface.voxels, 512 * surface.bricks);
+}
+
+TEST(SurfaceTest, FacesBetweenVoxelsCountForBothSides) {
+  std::vector<Vec3d> positions;
+  std::vector<std::array<uint32_t, 3>> triangles;
+  for (uint32_t i = 0; i < 2000; ++i) {
+    const Vec3d p{double(1 + i % 37), double(1 + i * 7 % 41), double(1 + i * 11 % 43)};
+    const auto v = uint32_t(positions.size());
+    for (const Vec3d& d : {Vec3d{0, 0, 0}, Vec3d{1, 0, 0}, Vec3d{0, 1, 0}}) positions.push_back(p + d);
+    triangles.push_back({v, v + 1, v + 2});
+  }
+  const TriangleMesh mesh = MakeMesh(std::move(positions), std::move(triangles));
+  ExpectNear(mesh, Buckets(UnitGrid(48, 48, 48)), 0.15, "faces on the lattice's planes");
+}
+
+TEST(SurfaceTest, SmoothAndRoughMeshesUnderBothCoverages) {
+  for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
+    GridRequest grid;
+    grid.resolution = 150;
+    ExpectNear(testing::Torus(120), Buckets(grid, coverage), 0.15, "torus");
+    ExpectNear(testing::BumpySphere(40, 3), Buckets(grid, coverage), 0.15, "bumpy sphere");
+    ExpectNear(testing::Soup(4000, 60, 5), Buckets(UnitGrid(60, 60, 60), coverage), 0.25, "soup");
+  }
+}
+
+TEST(SurfaceTest, ASurfaceThatLiesInItselfCoversItsVoxelsOnce) {
+  TriangleMesh mesh = testing::Torus(60);
+  const auto once = mesh.triangles;
+  for (int i = 0; i < 9; ++i) mesh.triangles.insert(mesh.triangles.end(), once.begin(), once.end());
+  mesh.parts[0].triangle_count = mesh.triangles.size();
+  GridRequest grid;
+  grid.resolution = 200;
+  ExpectNear(mesh, Buckets(grid), 0.15, "ten in one");
+}
+
+TEST(SurfaceTest, TrianglesAreClippedToTheGrid) {
+  // Giants, and small ones outside.
+  std::vector<Vec3d> positions{{-1e4, -1e4, 10.3}, {1e4, -1e4, 10.3}, {0, 1e4, 10.3}};
+  std::vector<std::array<uint32_t, 3>> triangles{{0, 1, 2}};
+  for (uint32_t i = 0; i < 3000; ++i) {
+    const auto v = uint32_t(positions.size());
+    const double x = 100 + double(i);
+    for (const Vec3d& d : {Vec3d{0, 0, 0}, Vec3d{3, 0, 1}, Vec3d{0, 3, 2}}) positions.push_back(Vec3d{x, 5, 5} + d);
+    triangles.push_back({v, v + 1, v + 2});
+  }
+  const VoxelizeRequest request = Buckets(UnitGrid(64, 64, 64));
+  const Surface surface = Measure(MakeMesh(std::move(positions), std::move(triangles)), request);
+  EXPECT_NEAR(surface.fragments, 64 * 64, 0.1 * 64 * 64);
+}
+
+TEST(SurfaceTest, LayersThatHaveMostDecideWhatASlabTakes) {
+  std::vector<Vec3d> positions;
+  std::vector<std::array<uint32_t, 3>> triangles;
+  for (uint32_t i = 0; i < 5000; ++i) {
+    const Vec3d p{0.5 + double(i % 60), 0.5 + double(i / 60 % 60), 100.2};
+    const auto v = uint32_t(positions.size());
+    for (const Vec3d& d : {Vec3d{0, 0, 0}, Vec3d{1, 0, 0}, Vec3d{0, 1, 0}}) positions.push_back(p + d);
+    triangles.push_back({v, v + 1, v + 2});
+  }
+  const VoxelizeRequest request = Buckets(UnitGrid(64, 64, 400));
+  const GridSpec grid = *FitGrid(request.grid, {});
+  const Surface surface = Measure(MakeMesh(std::move(positions), std::move(triangles)), request);
+  EXPECT_GT(MostOfSlab(surface, grid, 8).fragments, 0.9 * surface.fragments);
+  EXPECT_EQ(MostOfSlab(surface, grid, 400).fragments, surface.fragments);
+}
+
+TEST(SurfaceTest, AFillCountsWhatItEncloses) {
+  for (const Fill fill : {Fill::kParity, Fill::kFlood}) {
+    VoxelizeRequest request;
+    request.grid.resolution = 100;
+    request.result = ResultKind::kSparse;
+    request.fill = fill;
+    request.targets = {testing::FloatTarget(4, Blend::kReplace, {"position", {}})};
+    const TriangleMesh mesh = testing::Torus(50);
+    const Surface surface = Measure(mesh, request);
+    const double listed = double(RunPipeline(mesh, request).listed_voxels());
+    EXPECT_NEAR(surface.voxels + surface.inside, listed, 0.2 * listed) << Name(fill);
+  }
+}
+
+}  // namespace
+}  // namespace voxelpipe
