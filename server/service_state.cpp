@@ -27,10 +27,25 @@ JobLimits LimitsOf(const ServerOptions& resolved, LoadWorkers* load_workers) {
   return limits;
 }
 
+namespace {
+
+// So many clients find a loader though all are busy.
+int SpareLoaders(int loaders) {
+  constexpr int kLeast = 4, kMost = 64;
+  return std::clamp(loaders, kLeast, kMost);
+}
+
+// As many as load at the same time.
+int ProcessesThatLoad(const ServerOptions& resolved) {
+  return resolved.loaders + SpareLoaders(resolved.loaders);
+}
+
+}  // namespace
+
 absl::StatusOr<std::unique_ptr<LoadWorkers>> StartLoadWorkers(const ServerOptions& resolved) {
   if (resolved.isolate_loading != "on") return nullptr;
   LoadWorkersOptions options;
-  options.workers = std::max(1, resolved.loaders);
+  options.workers = ProcessesThatLoad(resolved);
   options.threads = options.process.threads = resolved.threads > 0 ? resolved.threads : CpuCount();
   options.memory_bytes = resolved.max_working_bytes;
   // All of them together keep a fraction of what the jobs may have.
@@ -47,12 +62,6 @@ std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved) {
 }
 
 namespace {
-
-// So many clients find a loader though all are busy.
-int SpareLoaders(int loaders) {
-  constexpr int kLeast = 4, kMost = 64;
-  return std::clamp(loaders, kLeast, kMost);
-}
 
 // "0,2" -> "cuda:0", "cuda:2".
 std::vector<std::string> ChosenGpus(const std::string& gpus) {
@@ -97,6 +106,7 @@ void ServiceState::Resize(const ServerOptions& resolved) {
   meshes.set_max_bytes(resolved.max_mesh_store_bytes);
   loaders = resolved.loaders;
   pool.Resize(resolved.loaders, resolved.cpu_workers);
+  if (load_workers != nullptr) load_workers->SetWorkers(ProcessesThatLoad(resolved));
 }
 
 SchedulerOptions SchedulingOf(const ServerOptions& resolved, Metrics& metrics) {

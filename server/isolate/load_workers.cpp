@@ -211,6 +211,14 @@ absl::StatusOr<std::unique_ptr<WorkerProcess>> LoadWorkers::Take(const JobContex
   return process;
 }
 
+void LoadWorkers::SetWorkers(int workers) {
+  {
+    const std::lock_guard lock(mutex_);
+    most_ = MostOf(workers);
+  }
+  work_.notify_one();
+}
+
 void LoadWorkers::GiveBack(std::unique_ptr<WorkerProcess> process) {
   {
     const std::lock_guard lock(mutex_);
@@ -227,13 +235,17 @@ void LoadWorkers::GiveBack(std::unique_ptr<WorkerProcess> process) {
 }
 
 size_t LoadWorkers::Wanted() const {
-  const size_t alive = busy_ + idle_.size(), most = size_t(std::max(1, options_.workers));
+  const size_t alive = busy_ + idle_.size();
   const size_t wanted = waiting_ + 1;  // one more than wait for one
-  if (idle_.size() >= wanted || alive >= most) return 0;
-  return std::min(wanted - idle_.size(), most - alive);
+  if (idle_.size() >= wanted || alive >= most_) return 0;
+  return std::min(wanted - idle_.size(), most_ - alive);
 }
 
 void LoadWorkers::LookForIdle(Clock::time_point now) {
+  while (!idle_.empty() && busy_ + idle_.size() > most_) {
+    ended_.push_back(std::move(idle_.front().process));
+    idle_.erase(idle_.begin());
+  }
   if (options_.unused.count() <= 0) return;
   // Those at the front were not used for longest.
   while (idle_.size() > 1 && now - idle_.front().since >= options_.unused) {

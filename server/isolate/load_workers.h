@@ -21,7 +21,7 @@
 namespace voxelpipe {
 
 struct LoadWorkersOptions {
-  int workers = 1;            // processes, at most
+  int workers = 1;            // processes, at most, until SetWorkers
   int threads = 1;            // of one that works alone; several share them
   uint64_t memory_bytes = 0;  // that loading one mesh may take where the job has no smaller budget; 0: no bound
   std::chrono::milliseconds unused{
@@ -47,6 +47,9 @@ class LoadWorkers {
   absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use,
                               const JobContext& job);
 
+  // From now on so many processes at most. Those beyond end once they are not needed.
+  void SetWorkers(int workers);
+
   struct Stats {
     int processes = 0, busy = 0;
     uint64_t questions = 0;  // that were asked
@@ -63,7 +66,8 @@ class LoadWorkers {
     bool trimmed = false;
   };
 
-  explicit LoadWorkers(const LoadWorkersOptions& options) : options_(options) {}
+  explicit LoadWorkers(const LoadWorkersOptions& options) : options_(options), most_(MostOf(options.workers)) {}
+  static size_t MostOf(int workers) { return size_t(workers < 1 ? 1 : workers); }
   // How much one load may take.
   uint64_t MemoryFor(const JobContext& job) const;
   // Out: the threads that it may use now.
@@ -77,6 +81,7 @@ class LoadWorkers {
 
   const LoadWorkersOptions options_;
   mutable std::mutex mutex_;
+  size_t most_;
   std::condition_variable freed_, work_;  // for those who wait for a process; for the thread
   std::vector<Idle> idle_;                // used last at the back
   std::vector<std::unique_ptr<WorkerProcess>> ended_;
