@@ -3,7 +3,7 @@ PRESET ?= dev
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 TEST_JOBS ?= 2
 
-GPU_BUNDLE_TARGETS := cuda_parity cuda_bench cuda_devices device_parity plan_bounds voxelpipe voxelpiped
+GPU_BUNDLE_TARGETS := cuda_parity cuda_bench cuda_devices device_parity plan_bounds voxelpipe voxelpiped mesh_fuzz parser_fuzz
 
 # By label, which is the name of the test's program.
 SERVICE_TESTS := ^(library_order|server|service_.*)_test$$

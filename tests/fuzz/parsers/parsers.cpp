@@ -1,0 +1,221 @@
+#include "fuzz/parsers/parsers.h"
+
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "base/memory_budget.h"
+#include "batch/manifest.h"
+#include "fuzz/mesh/seeds.h"
+#include "load/image.h"
+#include "load/load_job.h"
+#include "mesh/flatten_job.h"
+#include "parse.h"
+
+namespace voxelpipe::fuzz {
+namespace {
+
+using Bytes = std::span<const uint8_t>;
+using Files = std::vector<std::vector<uint8_t>>;
+using nlohmann::json;
+using testing::GlbBuilder;
+
+// What a few bytes may ask for stays small, so that a process under a sanitizer keeps within its memory.
+constexpr uint64_t kMostBytes = 64 << 20;
+
+LoadLimits SmallLimits() {
+  LoadLimits limits;
+  limits.max_triangles = limits.max_vertices = 1 << 20;
+  limits.max_instances = limits.max_nodes = 1 << 14;
+  limits.max_image_pixels = limits.max_total_image_pixels = 1 << 20;
+  return limits;
+}
+
+std::string Text(Bytes bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+std::vector<uint8_t> BytesOf(std::string_view text) {
+  return {text.begin(), text.end()};
+}
+
+// The whole way of a mesh but for the pipeline.
+void Load(Bytes bytes, MeshFormat format) {
+  const LoadLimits limits = SmallLimits();
+  MemoryBudget memory(kMostBytes);  // whose end finds what was not given back
+  JobContext job;
+  job.set_memory(&memory);
+  const absl::StatusOr<Scene> scene = LoadSceneFor(job, bytes, format, limits);
+  if (!scene.ok()) return;
+  absl::StatusOr<TriangleMesh> mesh = FlattenFor(job, *scene, limits);
+  if (mesh.ok()) static_cast<void>(PrepareTexturesFor(job, *mesh, limits, {true, true, true}));
+}
+
+void RunGltf(Bytes bytes) {
+  Load(bytes, MeshFormat::kGltf);
+}
+void RunGlb(Bytes bytes) {
+  Load(bytes, MeshFormat::kGlb);
+}
+void RunDraco(Bytes bytes) {
+  Load(bytes, MeshFormat::kDraco);
+}
+
+// A quad whose base colour is the image. The first byte says what type it claims to be.
+void RunImage(Bytes bytes) {
+  if (bytes.empty()) return;
+  constexpr const char* kTypes[] = {"image/png", "image/jpeg", "image/webp", ""};
+  GlbBuilder b;
+  json primitive = b.Primitive({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}});
+  primitive["attributes"]["TEXCOORD_0"] = b.Vectors({0, 0, 1, 0, 0, 1}, "VEC2");
+  primitive["material"] = 0;
+  const int view = b.View({bytes.begin() + 1, bytes.end()});
+  b.doc["images"] = {{{"bufferView", view}, {"mimeType", kTypes[bytes[0] % 4]}}};
+  b.doc["textures"] = {{{"source", 0}}};
+  b.doc["materials"] = {{{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}}}};
+  b.Mesh(primitive);
+  b.Node({{"mesh", 0}});
+  b.Scene({0});
+  Load(b.Glb(), MeshFormat::kGlb);
+}
+
+// Positions in a compressed view; four bytes before it say mode, filter, stride and count.
+void RunMeshopt(Bytes bytes) {
+  if (bytes.size() < 5) return;
+  constexpr const char* kModes[] = {"ATTRIBUTES", "TRIANGLES", "INDICES"};
+  constexpr const char* kFilters[] = {"NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL"};
+  const int stride = bytes[2] % 65, count = bytes[3];
+  GlbBuilder b;
+  const int compressed = b.View({bytes.begin() + 4, bytes.end()});
+  json object = b.doc["bufferViews"][size_t(compressed)];
+  object.update(
+      {{"byteStride", stride}, {"count", count}, {"mode", kModes[bytes[0] % 3]}, {"filter", kFilters[bytes[1] % 4]}});
+  const int view = b.View(testing::ByteVector(size_t(stride * count), 0));
+  b.doc["bufferViews"][size_t(view)]["extensions"]["EXT_meshopt_compression"] = object;
+  b.doc["extensionsRequired"] = b.doc["extensionsUsed"] = {"EXT_meshopt_compression"};
+  if (bytes[0] % 3 == 0) {
+    const int accessor = b.Accessor(view, testing::kF32, "VEC3", uint64_t(count));
+    b.Mesh({{"attributes", {{"POSITION", accessor}}}});
+  } else {
+    json primitive = b.Primitive({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}});
+    primitive["indices"] = b.Accessor(view, stride == 2 ? testing::kU16 : testing::kU32, "SCALAR", uint64_t(count));
+    b.Mesh(primitive);
+  }
+  b.Node({{"mesh", 0}});
+  b.Scene({0});
+  Load(b.Glb(), MeshFormat::kGlb);
+}
+
+// A buffer whose URI is "data:" and the bytes.
+void RunDataUri(Bytes bytes) {
+  GlbBuilder b;
+  b.doc["buffers"] = {{{"byteLength", 36}, {"uri", "data:" + Text(bytes)}}};
+  b.doc["bufferViews"] = {{{"buffer", 0}, {"byteLength", 36}}};
+  b.doc["accessors"] = {{{"bufferView", 0}, {"componentType", testing::kF32}, {"count", 3}, {"type", "VEC3"}}};
+  b.Mesh({{"attributes", {{"POSITION", 0}}}});
+  b.Node({{"mesh", 0}});
+  b.Scene({0});
+  Load(BytesOf(b.doc.dump(-1, ' ', false, json::error_handler_t::replace)), MeshFormat::kGltf);
+}
+
+void RunManifest(Bytes bytes) {
+  const int file = memfd_create("manifest", MFD_CLOEXEC);
+  if (file < 0) return;
+  if (write(file, bytes.data(), bytes.size()) == ssize_t(bytes.size())) {
+    static_cast<void>(cli::ReadManifest(absl::StrCat("/proc/self/fd/", file), {}));
+  }
+  close(file);
+}
+
+// The small languages of the command line.
+void RunOptions(Bytes bytes) {
+  const std::string text = Text(bytes);
+  static_cast<void>(cli::ParseVoxelSize(text));
+  static_cast<void>(cli::ParsePoint(text));
+  static_cast<void>(cli::ParseDims(text));
+  static_cast<void>(cli::ParseShaderCall(text));
+  static_cast<void>(cli::ParseTarget(text, {"occupancy", {}}));
+  static_cast<void>(cli::ParseShard(text));
+}
+
+Files SeedFiles(bool text) {
+  Files files;
+  for (const Seed& seed : Seeds()) {
+    if (seed.drc.empty()) files.push_back(text ? seed.gltf.Gltf() : seed.gltf.Glb());
+  }
+  return files;
+}
+Files GltfSeeds() {
+  return SeedFiles(true);
+}
+Files GlbSeeds() {
+  return SeedFiles(false);
+}
+Files DracoSeeds() {
+  return {DracoStream(false), DracoStream(true)};
+}
+Files ImageSeeds() {
+  std::vector<uint8_t> png = testing::MakePng(3, 2, testing::ByteVector(24, 90));
+  png.insert(png.begin(), 0);
+  return {png};
+}
+Files MeshoptSeeds() {
+  Files files;
+  for (const Seed& seed : Seeds()) {
+    if (seed.name != "meshopt") continue;
+    for (const json& view : seed.gltf.doc["bufferViews"]) {
+      const auto extension = view.find("extensions");
+      if (extension == view.end()) continue;
+      const json& object = (*extension)["EXT_meshopt_compression"];
+      const auto offset = object.value("byteOffset", size_t{0}), length = object.at("byteLength").get<size_t>();
+      std::vector<uint8_t> bytes = {uint8_t(object["mode"] == "TRIANGLES"), 0, object["byteStride"].get<uint8_t>(),
+                                    object["count"].get<uint8_t>()};
+      const auto begin = seed.gltf.bin.begin() + int64_t(offset);
+      bytes.insert(bytes.end(), begin, begin + int64_t(length));
+      files.push_back(std::move(bytes));
+    }
+  }
+  return files;
+}
+Files DataUriSeeds() {
+  const std::string zeros(48, 'A');
+  return {BytesOf("application/octet-stream;base64," + zeros), BytesOf(",%00%01%02"),
+          BytesOf("text/plain;charset=x,abc")};
+}
+Files ManifestSeeds() {
+  return {BytesOf(R"({"input":"a.glb","id":"x","resolution":9,"target":["bit:or","f32x3:replace:shader=normal"]})"
+                  "\n"
+                  R"({"input":"b.glb","voxel-size":[1,2,3],"fill":"parity","format":"raw","preview":"p.png"})")};
+}
+Files OptionSeeds() {
+  return {BytesOf("1,2.5,-3"), BytesOf("constant:value=0.5/0.2/1"),
+          BytesOf("u8x4:replace:shader=base_color,scale=2,clear=1"), BytesOf("3/8"),
+          BytesOf("f32:add:shader=attribute(_HEAT),quantum=0.5")};
+}
+
+constexpr Parser kParsers[] = {
+    {"gltf", &RunGltf, &GltfSeeds},
+    {"glb", &RunGlb, &GlbSeeds},
+    {"draco", &RunDraco, &DracoSeeds},
+    {"image", &RunImage, &ImageSeeds},
+    {"meshopt", &RunMeshopt, &MeshoptSeeds},
+    {"data_uri", &RunDataUri, &DataUriSeeds},
+    {"manifest", &RunManifest, &ManifestSeeds},
+    {"options", &RunOptions, &OptionSeeds},
+};
+
+}  // namespace
+
+std::span<const Parser> Parsers() {
+  return kParsers;
+}
+
+const Parser* FindParser(std::string_view name) {
+  for (const Parser& parser : kParsers) {
+    if (name == parser.name) return &parser;
+  }
+  return nullptr;
+}
+
+}  // namespace voxelpipe::fuzz

@@ -1,0 +1,23 @@
+// Every parser of strangers' bytes, behind one entry that takes any bytes.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace voxelpipe::fuzz {
+
+struct Parser {
+  const char* name;
+  void (*run)(std::span<const uint8_t> bytes);
+  std::vector<std::vector<uint8_t>> (*seeds)();  // what it accepts, to begin with
+};
+
+// gltf, glb, draco, image, meshopt, data_uri, manifest, options.
+std::span<const Parser> Parsers();
+// Null where there is none of this name.
+const Parser* FindParser(std::string_view name);
+
+}  // namespace voxelpipe::fuzz
