@@ -30,10 +30,12 @@ absl::Status Invalid(const std::string& field, const std::string& why) {
 }
 
 absl::Status CheckRequest(const GridRequest& request) {
-  if (request.resolution < 1) return Invalid("resolution", "must be at least 1");
-  if (request.resolution > kMaxGridDim) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("grid.resolution: ", request.resolution, " is beyond ", kMaxGridDim, " voxels an axis"));
+  if (!request.voxel_size) {
+    if (request.resolution < 1) return Invalid("resolution", "must be at least 1");
+    if (request.resolution > kMaxGridDim) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("grid.resolution: ", request.resolution, " is beyond ", kMaxGridDim, " voxels an axis"));
+    }
   }
   if (request.padding < 0) return Invalid("padding", "must not be negative");
   if (request.padding > kMaxGridDim) return Invalid("padding", absl::StrCat("must be at most ", kMaxGridDim));

@@ -145,6 +145,7 @@ TEST(GridSpecTest, RefusesWhatIsNoGrid) {
   EXPECT_EQ(code([](auto& r) { r.resolution = -5; }), kInvalidArgument);
   EXPECT_EQ(code([](auto& r) { r.resolution = kMaxGridDim + 1; }), kResourceExhausted);
   EXPECT_EQ(code([](auto& r) { r.resolution = kMaxGridDim; }), kResourceExhausted);  // 2^60 voxels
+  EXPECT_EQ(code([](auto& r) { r.resolution = 0, r.voxel_size = Vec3d{1, 1, 1}; }), kOk) << "it is not used";
   EXPECT_EQ(code([](auto& r) { r.padding = -1; }), kInvalidArgument);
   EXPECT_EQ(code([&](auto& r) { r.voxel_size = Vec3d{nan, 1, 1}; }), kInvalidArgument);
   EXPECT_EQ(code([](auto& r) { r.voxel_size = Vec3d{1, 0, 1}; }), kInvalidArgument);
