@@ -29,6 +29,7 @@ constexpr double kFlat = 1e-3;         // voxels: a triangle as thin as this alo
 constexpr double kSmallVoxels = 4096;  // boxes of more are of large triangles, for which averages are exact enough
 constexpr uint64_t kSampledTriangles = 512;
 constexpr uint64_t kSampledBricks = 192;
+constexpr int64_t kLargestSample = 32;        // voxels along an axis; cells of larger ones are left to averages
 constexpr int64_t kTrianglesOfSample = 2048;  // a brick with so many is as good as full
 constexpr int64_t kMostShares = 256;
 constexpr int64_t kLinesAnAxis = 24;
@@ -149,7 +150,8 @@ class Measurer {
     }
     if (lists_ && covers) CountCells(sums, out);
     double shell = std::min(double(grid_.voxels()), sums.small + sums.large);
-    if (lists_ && covers && MostListedBytes(SeparateShell() ? shell : out.voxels) > kListedBytesThatMatter) {
+    if (lists_ && covers && cells_->edge() <= kLargestSample &&
+        MostListedBytes(SeparateShell() ? shell : out.voxels) > kListedBytesThatMatter) {
       CountVoxels(out, shell);
     }
     if (!SeparateShell()) shell = out.voxels;
@@ -266,6 +268,8 @@ class Measurer {
       for (int64_t row = 0; row < cells_->dim(1); ++row) {
         const int64_t first = z * a_layer + row * cells_->dim(0);
         for (int64_t x = 0; x < cells_->dim(0); x += a_tile) {
+          while ((first + x) % 64 == 0 && x + 64 <= cells_->dim(0) && cells_->word((first + x) / 64) == 0) x += 64;
+          if (x >= cells_->dim(0)) break;
           int64_t touched = 0;
           for (int64_t i = x; i < std::min(cells_->dim(0), x + a_tile); ++i) touched += cells_->at(first + i);
           here += double(touched);

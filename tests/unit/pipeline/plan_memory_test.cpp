@@ -153,5 +153,28 @@ TEST_P(PlanMemory, PredictsThePeakWithinAFactorOfOneAndAHalf) {
 INSTANTIATE_TEST_SUITE_P(Kinds, PlanMemory, ::testing::ValuesIn(Cases()),
                          [](const auto& test) { return test.param.name; });
 
+// What is refused costs little: looking at a grid takes memory by its mesh, not by its voxels.
+TEST(PlanMemoryOfRefusals, GridsOfAnySizeAreLookedAtInLittleMemory) {
+  if (kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
+  VoxelizeRequest request;
+  request.grid.resolution = 8;
+  request.result = ResultKind::kSparse;
+  const JobContext job;
+  ASSERT_TRUE(Voxelize(testing::Cube(1), request, job).ok());  // threads, code and tables
+  if (!ResetPeak()) GTEST_SKIP() << "the peak of this process cannot be reset here";
+  const uint64_t before = StatusBytes("VmRSS");
+  for (const Fill fill : {Fill::kNone, Fill::kFlood}) {
+    for (const int64_t resolution : {3000, 20'000, 100'000}) {
+      request.grid.resolution = resolution;
+      request.coverage = Coverage::kThin;
+      request.fill = fill;
+      PlanLimits limits;
+      limits.max_result_bytes = 8 << 20;
+      EXPECT_EQ(Voxelize(testing::Cube(1), request, job, limits).status().code(), absl::StatusCode::kResourceExhausted);
+    }
+  }
+  EXPECT_LT(StatusBytes("VmHWM") - before, uint64_t{32} << 20);
+}
+
 }  // namespace
 }  // namespace voxelpipe
