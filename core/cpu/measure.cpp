@@ -12,7 +12,6 @@
 #include <cmath>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -134,7 +133,7 @@ class Measurer {
     while ((grid.dims[2] + share_layers_ - 1) / share_layers_ > kMostShares) share_layers_ *= 2;
     lists_ = request.result != ResultKind::kDense;
     step_ = lists_ || mesh.triangle_count < kLookedAt ? 1 : kStepOfDense;
-    if (lists_) cells_.emplace(grid);
+    if (lists_) cells_ = std::make_unique<Cells>(grid);
   }
 
   absl::StatusOr<Surface> Run() {
@@ -456,7 +455,7 @@ class Measurer {
   const GridSpec& grid_;
   const JobContext& job_;
   const IndexSpace space_;
-  std::optional<Cells> cells_;  // of lists
+  std::unique_ptr<Cells> cells_;  // of lists
   int64_t share_layers_;
   uint64_t step_;  // one triangle of so many is looked at
   bool lists_;
