@@ -28,4 +28,12 @@ uint64_t ListMemory::refused_bytes() const {
   return refused_;
 }
 
+void ListCount::Ask(uint64_t bytes) {
+  absl::Status refused = memory_->Need(bytes);
+  if (refused.ok()) return;
+  const std::lock_guard lock(mutex_);
+  if (status_.ok()) status_ = std::move(refused);
+  stop_.store(true, std::memory_order_relaxed);
+}
+
 }  // namespace voxelpipe

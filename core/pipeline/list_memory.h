@@ -43,13 +43,7 @@ class ListCount {
   // False once something was refused: whoever counts is to stop, and status() says why.
   bool Add(uint64_t bytes) {
     const uint64_t before = bytes_.fetch_add(bytes, std::memory_order_relaxed), now = before + bytes;
-    if (memory_ != nullptr && before / kStep != now / kStep) {
-      if (absl::Status refused = memory_->Need((now / kStep + 1) * kStep); !refused.ok()) {
-        const std::lock_guard lock(mutex_);
-        if (status_.ok()) status_ = std::move(refused);
-        stop_.store(true, std::memory_order_relaxed);
-      }
-    }
+    if (memory_ != nullptr && before / kStep != now / kStep) Ask((now / kStep + 1) * kStep);
     return !stop_.load(std::memory_order_relaxed);
   }
   bool stopped() const { return stop_.load(std::memory_order_relaxed); }
@@ -60,6 +54,8 @@ class ListCount {
   }
 
  private:
+  void Ask(uint64_t bytes);
+
   static constexpr uint64_t kStep = 1 << 20;  // bytes between two questions
 
   ListMemory* const memory_;
