@@ -35,8 +35,8 @@ class JobContext {
     return absl::OkStatus();
   }
 
-  // What the job may take, or null: then nothing is charged but by loading, which takes of DefaultMemory(). Set before the job starts;
-  // must outlive it and the scenes and meshes that it made.
+  // What the job is charged to, or null: then only loading is charged, to DefaultMemory(). Set before the job starts; must outlive it and
+  // the scenes and meshes that it made.
   void set_memory(MemoryBudget* memory) { memory_ = memory; }
   MemoryBudget* memory() const { return memory_; }
 
@@ -51,7 +51,7 @@ class JobContext {
   MemoryBudget* memory_ = nullptr;
 };
 
-// What loading on behalf of the job takes of.
+// What loading on behalf of the job is charged to.
 inline MemoryBudget& MemoryOf(const JobContext& job) {
   return job.memory() != nullptr ? *job.memory() : DefaultMemory();
 }

@@ -24,8 +24,7 @@ MemoryBudget::~MemoryBudget() {
   assert(used_bytes() == 0);
 }
 
-absl::Status MemoryBudget::Take(uint64_t bytes, std::string_view what, bool may_wait) {
-  const uint64_t limit = limit_bytes();
+absl::Status MemoryBudget::TakeBelow(uint64_t limit, uint64_t bytes, std::string_view what, bool may_wait) {
   uint64_t used = used_.load(std::memory_order_relaxed);
   uint64_t sum = 0;
   do {
@@ -41,31 +40,34 @@ absl::Status MemoryBudget::Take(uint64_t bytes, std::string_view what, bool may_
     sum = *checked;
   } while (!used_.compare_exchange_weak(used, sum, std::memory_order_relaxed));
   if (parent_ != nullptr) {
-    absl::Status full = TakeOfParent(bytes, used, what);
-    while (!full.ok() && may_wait && wait_ && wait_(bytes)) full = TakeOfParent(bytes, used, what);
+    const auto take = [&] { return parent_->TakeBelow(parent_limit_bytes(), bytes, what, true); };
+    absl::Status full = take();
+    while (!full.ok() && may_wait && wait_ && wait_(bytes)) full = take();
     if (!full.ok()) {
       used_.fetch_sub(bytes, std::memory_order_relaxed);
       return MarkInUseByOthers(std::move(full));
     }
   }
+  held_.fetch_add(bytes, std::memory_order_relaxed);
   uint64_t peak = peak_bytes();
   while (peak < sum && !peak_.compare_exchange_weak(peak, sum, std::memory_order_relaxed)) {}
   return absl::OkStatus();
 }
 
-// `own` is what this had before.
-absl::Status MemoryBudget::TakeOfParent(uint64_t bytes, uint64_t own, std::string_view what) {
-  const uint64_t leave = leave_.load(std::memory_order_relaxed), used = parent_->used_bytes();
-  const uint64_t all = parent_->limit_bytes(), limit = all - std::min(leave, all);
-  if (leave > 0 && used > own && bytes > limit - std::min(used, limit)) {
-    return MakeLimitError(absl::StrCat(View(what), " needs ", bytes, " bytes of memory beside ", used,
-                                       " in use; the limit is ", limit, " bytes"),
-                          {used + bytes, limit, 0});
-  }
-  return parent_->Take(bytes, what);
+uint64_t MemoryBudget::parent_limit_bytes() const {
+  const uint64_t limit = parent_->limit_bytes();
+  // Not by used_: what another thread of this request waits for is not the request's yet.
+  const bool alone = parent_->used_bytes() <= held_bytes();
+  return alone ? limit : limit - std::min(limit, leave_.load(std::memory_order_relaxed));
+}
+
+uint64_t MemoryBudget::available_bytes() const {
+  const uint64_t limit = parent_limit_bytes();
+  return limit - std::min(limit, parent_->used_bytes());
 }
 
 void MemoryBudget::Give(uint64_t bytes) {
+  held_.fetch_sub(bytes, std::memory_order_relaxed);
   used_.fetch_sub(bytes, std::memory_order_relaxed);
   if (parent_ != nullptr) parent_->Give(bytes);
 }

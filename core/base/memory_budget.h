@@ -11,8 +11,8 @@
 
 namespace voxelpipe {
 
-// A number of bytes that many may take from. A budget with a parent takes from the parent as well, so that the budgets of all requests
-// together stay below the server's. Thread-safe.
+// A number of bytes that many may take from. What is taken from a budget with a parent is taken from the parent as well,
+// so that the budgets of all requests together stay below the server's. Thread-safe.
 class MemoryBudget {
  public:
   // `parent` may be null; otherwise it must outlive this.
@@ -26,13 +26,15 @@ class MemoryBudget {
   absl::Status Take(uint64_t bytes, std::string_view what) { return Take(bytes, what, true); }
   // The same without waiting.
   absl::Status TakeNow(uint64_t bytes, std::string_view what) { return Take(bytes, what, false); }
-  // Asked where the parent has not so much left: waits, and says whether to try again. Set before the first Take; only who takes is made to
-  // wait. Without it nobody waits.
+  // Asked where the parent has not so much left: waits, and says whether to try again. Set before the first Take.
+  // Only the thread that calls Take waits, and several threads may wait at the same time. Without it no thread waits.
   using Wait = std::function<bool(uint64_t bytes)>;
   void set_wait(Wait wait) { wait_ = std::move(wait); }
 
   // Bytes of the parent that this leaves to others while others use any: what is held long must not take the last from what would end soon.
   void set_leave(uint64_t bytes) { leave_.store(bytes, std::memory_order_relaxed); }
+  // What can be taken from the parent now. Only for a budget with a parent.
+  uint64_t available_bytes() const;
 
   // Gives back what Take took.
   void Give(uint64_t bytes);
@@ -41,16 +43,22 @@ class MemoryBudget {
   void set_limit_bytes(uint64_t bytes) { limit_.store(bytes, std::memory_order_relaxed); }
   uint64_t limit_bytes() const { return limit_.load(std::memory_order_relaxed); }
   uint64_t used_bytes() const { return used_.load(std::memory_order_relaxed); }
+  // The same without what threads wait for.
+  uint64_t held_bytes() const { return held_.load(std::memory_order_relaxed); }
   uint64_t peak_bytes() const { return peak_.load(std::memory_order_relaxed); }
 
  private:
-  absl::Status Take(uint64_t bytes, std::string_view what, bool may_wait);
-  absl::Status TakeOfParent(uint64_t bytes, uint64_t own, std::string_view what);
+  absl::Status Take(uint64_t bytes, std::string_view what, bool may_wait) {
+    return TakeBelow(limit_bytes(), bytes, what, may_wait);
+  }
+  absl::Status TakeBelow(uint64_t limit, uint64_t bytes, std::string_view what, bool may_wait);
+  // The parent's limit, less what this leaves to others.
+  uint64_t parent_limit_bytes() const;
 
   std::atomic<uint64_t> limit_;
   MemoryBudget* const parent_;
   std::atomic<uint64_t> leave_{0};
-  std::atomic<uint64_t> used_{0}, peak_{0};
+  std::atomic<uint64_t> used_{0}, held_{0}, peak_{0};
   Wait wait_;
 };
 
@@ -82,7 +90,7 @@ class MemoryCharge {
   // As the first one, but by MemoryBudget::TakeNow.
   absl::Status GrowNow(uint64_t bytes, std::string_view what);
   void ShrinkTo(uint64_t bytes);
-  // Takes over what another one has taken, which must be of the same budget.
+  // Takes over what another one has taken, which must be from the same budget.
   void Absorb(MemoryCharge other) { bytes_ += std::exchange(other.bytes_, 0); }
   uint64_t bytes() const { return bytes_; }
 

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <utility>
@@ -26,16 +27,14 @@ class ByteBudget {
   // is used is held by those who wait. `held`: what the caller holds of it.
   bool Take(uint64_t bytes, const JobContext& job, std::chrono::milliseconds timeout, uint64_t held = 0) {
     if (TryTake(bytes)) return true;
-    return WaitUntil([&] { return TryTake(bytes); }, job, timeout, held);
+    const auto end = std::chrono::steady_clock::now() + timeout;
+    return WaitUntil([&] { return TryTake(bytes); }, job, end, [held] { return held; });
   }
-  // The same without taking: whether `bytes` were there, beside `leave` for others unless the caller alone holds anything.
-  bool WaitFor(uint64_t bytes, uint64_t leave, const JobContext& job, std::chrono::milliseconds timeout,
-               uint64_t held) {
-    const auto there = [&] {
-      const uint64_t now = used(), most = limit(), free = most - std::min(most, now);
-      return bytes <= (now <= held ? free : free - std::min(free, leave));
-    };
-    return WaitUntil(there, job, timeout, held);
+  // Waits, at most until `end`, until `own` could take `bytes`, and takes nothing. The parent of `own` is memory().
+  // Several threads of a job may wait at the same time.
+  bool WaitFor(uint64_t bytes, const MemoryBudget& own, const JobContext& job,
+               std::chrono::steady_clock::time_point end) {
+    return WaitUntil([&] { return bytes <= own.available_bytes(); }, job, end, [&] { return own.held_bytes(); });
   }
 
   void Give(uint64_t bytes) {
@@ -51,30 +50,45 @@ class ByteBudget {
   uint64_t limit() const { return memory_->limit_bytes(); }
   uint64_t used() const { return memory_->used_bytes(); }
 
-  // What budgets of requests take of. It lives as long as they do.
+  // The parent of the budgets of requests. It lives as long as they do.
   const std::shared_ptr<MemoryBudget>& memory() const { return memory_; }
 
  private:
-  template <typename Done>
-  bool WaitUntil(const Done& done, const JobContext& job, std::chrono::milliseconds timeout, uint64_t held) {
-    const auto end = std::chrono::steady_clock::now() + timeout;
+  struct Waiting {
+    int threads = 0;
+    uint64_t held = 0;
+  };
+
+  // `held`: gives what the job holds now.
+  template <typename Done, typename Held>
+  bool WaitUntil(const Done& done, const JobContext& job, std::chrono::steady_clock::time_point end, const Held& held) {
     std::unique_lock lock(mutex_);
-    waiting_held_ += held;
-    bool good = done();
-    while (!good && job.Check().ok() && std::chrono::steady_clock::now() < end &&
-           (held == 0 || waiting_held_ < used())) {
+    Waiting& own = waiting_[&job];  // all threads of a job wait with what the job holds once
+    ++own.threads;
+    bool good = false;
+    // The job first: whoever tries again and fails must not miss its end.
+    while (job.Check().ok()) {
+      good = done();
+      if (good || std::chrono::steady_clock::now() >= end) break;
+      waiting_held_ -= own.held;
+      own.held = held();
+      waiting_held_ += own.held;
+      if (own.held > 0 && waiting_held_ >= used()) break;
       // Neither a cancelled job nor memory that a request's own budget gave back is notified.
       freed_.wait_for(lock, std::chrono::milliseconds(20));
-      good = done();
     }
-    waiting_held_ -= held;
+    if (--own.threads == 0) {
+      waiting_held_ -= own.held;
+      waiting_.erase(&job);
+    }
     return good;
   }
 
   const std::shared_ptr<MemoryBudget> memory_;
   std::mutex mutex_;
   std::condition_variable freed_;
-  uint64_t waiting_held_ = 0;  // by those who wait
+  std::map<const JobContext*, Waiting> waiting_;
+  uint64_t waiting_held_ = 0;  // by all of them together
 };
 
 // A share of a budget, given back when it goes. The budget must outlive it. Not thread-safe.
