@@ -62,16 +62,11 @@ using Clock = std::chrono::steady_clock;
 class Pool {
  public:
   void* Take(uint64_t size) {
-    const std::lock_guard lock(mutex_);
-    // The newest block of that size is the one most likely in cache.
-    for (auto block = idle_.rbegin(); block != idle_.rend(); ++block) {
-      if (block->size != size) continue;
-      void* const address = block->address;
-      idle_bytes_ -= size;
-      idle_.erase(std::next(block).base());
-      return address;
-    }
-    return TakePartOfLarger(size);
+    Block rest{nullptr, 0, {}};
+    void* const address = TakeBlock(size, rest);
+    // Without the lock, as in FreeOldest.
+    if (rest.size > 0) Unmap(rest.address, rest.size);
+    return address;
   }
 
   void Return(void* address, uint64_t size) {
@@ -88,9 +83,25 @@ class Pool {
   }
 
  private:
-  // Slabs and lists follow each other with sizes that differ a little: rather than a fresh block beside an idle one, a part of the smallest that
-  // is not much larger; the rest goes to the system. nullptr where there is none.
-  void* TakePartOfLarger(uint64_t size) {
+  struct Block {
+    void* address;
+    uint64_t size;
+    Clock::time_point since;  // when it came back
+  };
+
+  // An idle block, or a part of one, of which `rest` is for the system. nullptr where there is none.
+  void* TakeBlock(uint64_t size, Block& rest) {
+    const std::lock_guard lock(mutex_);
+    // The newest block of that size is the one most likely in cache.
+    for (auto block = idle_.rbegin(); block != idle_.rend(); ++block) {
+      if (block->size != size) continue;
+      void* const address = block->address;
+      idle_bytes_ -= size;
+      idle_.erase(std::next(block).base());
+      return address;
+    }
+    // Slabs and lists follow each other with sizes that differ a little: rather than a fresh block beside an idle one, a part of the smallest
+    // that is not much larger.
     auto best = idle_.end();
     for (auto block = idle_.begin(); block != idle_.end(); ++block) {
       const bool fits = block->size > size && block->size - size <= size / 2;
@@ -98,17 +109,11 @@ class Pool {
     }
     if (best == idle_.end()) return nullptr;
     auto* const address = static_cast<uint8_t*>(best->address);
-    Unmap(address + size, best->size - size);
+    rest = {address + size, best->size - size, {}};
     idle_bytes_ -= best->size;
     idle_.erase(best);
     return address;
   }
-
-  struct Block {
-    void* address;
-    uint64_t size;
-    Clock::time_point since;  // when it came back
-  };
 
   // Takes `returned` in, then frees the oldest blocks while `too_much(block)`. Without the lock: the system takes milliseconds for a
   // large block, in which others want theirs.
