@@ -1,6 +1,7 @@
 // Binning of triangles to tiles.
 #include <algorithm>
 #include <atomic>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "cpu/parallel.h"
@@ -12,7 +13,8 @@ namespace {
 constexpr int64_t kVertexGrain = 1 << 13;
 constexpr int64_t kTrianglesPerChunk = 1 << 12;
 constexpr int64_t kMostChunks = 1 << 10;
-constexpr int64_t kBoxesAtOnce = 1 << 9;  // stay in the first-level cache
+constexpr int64_t kBoxesAtOnce = 1 << 9;            // stay in the first-level cache
+constexpr size_t kPairsBetweenQuestions = 1 << 16;  // of triangles that touch many tiles
 constexpr int64_t kFewTiles = 4;      // so few that the box is cheaper than the test; a tile too many costs only time
 constexpr double kFarthest = 0x1p40;  // voxels
 
@@ -53,10 +55,15 @@ absl::Status PlaceVertices(RunState& state, HostArray<VertexCode>& codes) {
   return CheckReach(state);
 }
 
-// Appends the pairs of triangles [begin, end).
-void EmitPairs(const RunState& state, const VertexCode* codes, int64_t begin, int64_t end,
-               PairBlocks& pairs) {
+// Appends the pairs of triangles [begin, end), until their memory is refused.
+void EmitPairs(const RunState& state, const VertexCode* codes, int64_t begin, int64_t end, PairBlocks& pairs,
+               ListCount& count) {
   TileBox boxes[kBoxesAtOnce];
+  size_t counted = 0;
+  const auto granted = [&] {
+    const size_t more = pairs.size() - std::exchange(counted, pairs.size());
+    return count.Add(more * sizeof(uint64_t));
+  };
   for (int64_t first = begin; first < end; first += kBoxesAtOnce) {
     const int64_t last = std::min(end, first + kBoxesAtOnce);
     if (codes != nullptr) state.kernels->tile_boxes(state.view.triangles, codes, first, last, state.dims, boxes);
@@ -78,7 +85,9 @@ void EmitPairs(const RunState& state, const VertexCode* codes, int64_t begin, in
       const uint32_t* v = state.view.triangles[t];
       ForEachTile(state.tiles, state.index_positions[v[0]], state.index_positions[v[1]], state.index_positions[v[2]],
                   [&](uint64_t tile) { pairs.push_back(tile << 32 | uint64_t(t)); });
+      if (pairs.size() - counted > kPairsBetweenQuestions && !granted()) return;
     }
+    if (!granted()) return;
   }
 }
 
@@ -107,14 +116,16 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   const int64_t per_chunk = std::max(kTrianglesPerChunk, triangles / kMostChunks);
   const int64_t chunks = (triangles + per_chunk - 1) / per_chunk;
   state.emitted.resize(size_t(chunks));
-  return ParallelChunks(chunks, 1, state.job, [&](int64_t first, int64_t last) {
+  ListCount count(state.lists, 0);
+  absl::Status s = ParallelChunks(chunks, 1, state.job, [&](int64_t first, int64_t last) {
     for (int64_t chunk = first; chunk < last; ++chunk) {
       const int64_t begin = chunk * per_chunk, end = std::min(triangles, begin + per_chunk);
       PairBlocks& pairs = state.emitted[size_t(chunk)];
       pairs.reserve(size_t(end - begin) * 9 / 8);
-      EmitPairs(state, fitting, begin, end, pairs);
+      EmitPairs(state, fitting, begin, end, pairs, count);
     }
   });
+  return count.stopped() ? count.status() : s;
 }
 
 }  // namespace voxelpipe::cpu

@@ -19,6 +19,8 @@ class PairBlocks {
     *next_++ = pair;
   }
 
+  size_t size() const { return total_ - size_t(end_ - next_); }
+
   // Calls visit(pair) in the order in which they came.
   template <typename Visit>
   void ForEach(const Visit& visit) const {

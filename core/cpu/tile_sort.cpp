@@ -73,6 +73,11 @@ absl::Status TileSort(RunState& state) {
   const size_t chunks = state.emitted.size();
   std::vector<uint64_t> offset = BucketOffsets(state.emitted, buckets, shift);
   const uint64_t* const ends = &offset[chunks * buckets];
+  const uint64_t pair_bytes = ends[buckets - 1] * sizeof(uint64_t);
+  if (state.lists != nullptr) {  // those that were emitted are there until they are sorted
+    if (absl::Status full = state.lists->Need(2 * pair_bytes); !full.ok()) return full;
+    state.lists->Hold(pair_bytes);
+  }
   state.pairs = HostArray<uint64_t>(ends[buckets - 1]);
   uint64_t* const pairs = state.pairs.data();
   absl::Status s = ParallelChunks(int64_t(chunks), 1, state.job, [&](int64_t first, int64_t last) {

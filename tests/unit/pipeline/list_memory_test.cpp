@@ -138,6 +138,24 @@ TEST_P(ListsOfAJob, EndItBeyondThePlansLimitsWithWhatWouldFit) {
   EXPECT_LT(LimitErrorOf(full)->largest_resolution, 150);
 }
 
+// Dense results have no other lists: large triangles touch many tiles.
+TEST(PairsOfTrianglesAndTiles, AreTakenFromTheBudgetAsTheyAreCounted) {
+  VoxelizeRequest request;
+  request.grid.resolution = 300;
+  request.targets = {testing::FloatTarget(1, Blend::kMax, {"position", {}})};
+  const TriangleMesh mesh = testing::Soup(4000, 10, 1);
+  const Optimist backend;
+  for (const uint64_t budget_bytes : {uint64_t{1} << 20, uint64_t{1} << 30}) {
+    MemoryBudget budget(budget_bytes);
+    JobContext job;
+    job.set_memory(&budget);
+    const auto result = VoxelizeOn(backend, mesh, request, job, {}, {});
+    EXPECT_EQ(absl::IsResourceExhausted(result.status()), budget_bytes == 1 << 20) << result.status();
+    EXPECT_EQ(result.ok(), budget_bytes > 1 << 20);
+    EXPECT_EQ(budget.used_bytes(), 0u);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Kinds, ListsOfAJob, ::testing::Values(ResultKind::kSparse, ResultKind::kBuckets),
                          [](const auto& test) { return std::string(Name(test.param)); });
 
