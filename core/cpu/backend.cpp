@@ -39,7 +39,7 @@ class CpuStages final : public Stages {
   }
 
   absl::StatusOr<MeshExtent> VertexShade() override { return cpu::VertexShade(state_); }
-  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh) const override {
+  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool /*closely*/) const override {
     const VoxelizeRequest& request = state_.request.request;
     if (state_.view.triangle_count == 0) return EstimateSurface(request, grid, mesh);
     return MeasureSurface(state_.view, request, grid, state_.job);

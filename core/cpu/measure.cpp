@@ -28,14 +28,24 @@ constexpr double kFlat = 1e-3;         // voxels: a triangle as thin as this alo
 constexpr double kSmallVoxels = 4096;  // boxes of more are of large triangles, for which averages are exact enough
 constexpr uint64_t kSampledTriangles = 512;
 constexpr uint64_t kSampledBricks = 192;
-constexpr int64_t kLargestSample = 32;        // voxels along an axis; cells of larger ones are left to averages
+constexpr int64_t kLargestSample = 32;        // voxels along an axis; grids with larger cells are left to averages
 constexpr int64_t kTrianglesOfSample = 2048;  // a brick with so many is as good as full
+// Cells that are marked at most, but for a few of each triangle: a hundred thousand triangles that each go through the whole of a large grid
+// would take seconds.
+constexpr uint64_t kMostMarks = 1 << 24, kLeastMarks = 16;
 constexpr int64_t kMostShares = 256;
 constexpr int64_t kLinesAnAxis = 24;
-constexpr double kOpenLines = 0.2;  // closed surfaces have none but for roundings
+constexpr uint64_t kMostCrossings = 1024;  // of a line, that are kept
+constexpr double kOpenLines = 0.2;         // closed surfaces have none but for roundings
 // Dense results have no lists but the pairs of tiles and triangles: every so many triangles of larger meshes tell enough of them.
 constexpr uint64_t kLookedAt = 1 << 16, kStepOfDense = 8;
 constexpr double kListedBytesThatMatter = 4 << 20;
+
+// A number from a sequence that no mesh follows, as the regular ones of grids do.
+uint64_t Scatter(uint64_t i) {
+  i *= 0x9E3779B97F4A7C15ull;
+  return (i ^ i >> 29) * 0xBF58476D1CE4E5B9ull >> 20;
+}
 
 // What one triangle touches, on average.
 struct Touch {
@@ -80,14 +90,17 @@ bool TouchOf(const Triangle& t, const Vec3d& lo, const Vec3d& hi, const GridSpec
 }
 
 double PairsOf(const Touch& touch) {
-  double tiles = 1, average = 1;
+  double tiles = 1, average = 1, planes = 1;
   for (size_t i = 0; i < 3; ++i) {
     const int64_t dim = TileDim(int(i));
-    tiles *= double(touch.box[i].second / dim - touch.box[i].first / dim + 1);
+    const double along = double(touch.box[i].second / dim - touch.box[i].first / dim + 1);
+    tiles *= along;
+    // What lies in one plane between tiles touches those on both sides.
+    if (touch.part.width[int(i)] < kFlat) planes *= along;
     average += touch.part.width[int(i)] / double(dim) +
                touch.part.area[int(i)] / double(TileDim((int(i) + 1) % 3) * TileDim((int(i) + 2) % 3));
   }
-  return tiles <= 4 ? tiles : std::min(tiles, 1.1 * average);
+  return tiles <= 8 ? tiles : std::min(tiles, 1.1 * average * planes);
 }
 
 // Sums over triangles; joined always in the same order.
@@ -95,6 +108,8 @@ struct Sums {
   double small = 0, small_rows = 0;                      // fragments of small triangles, conservative
   double large = 0, large_rows = 0, area = 0, main = 0;  // of large ones; their areas, and those of the dominant axis
   double pairs = 0, crossings = 0, layers = 0;
+  bool unmarked = false;  // the cells of some triangles were too many to mark
+  double box_cells = 0;   // of the boxes of all triangles
   std::vector<double> shares;
 
   void Scale(double factor) {
@@ -113,6 +128,8 @@ struct Sums {
     pairs += other.pairs;
     crossings += other.crossings;
     layers += other.layers;
+    unmarked = unmarked || other.unmarked;
+    box_cells += other.box_cells;
     for (size_t i = 0; i < shares.size(); ++i) shares[i] += other.shares[i];
   }
 };
@@ -121,7 +138,7 @@ struct Sums {
 struct Sample {
   Box box;  // voxels
   std::mutex mutex;
-  int64_t triangles = 0;
+  std::atomic<int64_t> triangles = 0;
   std::vector<uint64_t> covered, shell;  // a bit a voxel; `shell`: under conservative coverage, where a flood wants it
 };
 
@@ -132,24 +149,30 @@ class Measurer {
     share_layers_ = 8;
     while ((grid.dims[2] + share_layers_ - 1) / share_layers_ > kMostShares) share_layers_ *= 2;
     lists_ = request.result != ResultKind::kDense;
+    marks_ = lists_ && request.coverage != Coverage::kNone;
     step_ = lists_ || mesh.triangle_count < kLookedAt ? 1 : kStepOfDense;
     if (lists_) cells_ = std::make_unique<Cells>(grid);
+    marks_a_triangle_ = std::max(kLeastMarks, kMostMarks / std::max<uint64_t>(1, mesh.triangle_count));
   }
 
   absl::StatusOr<Surface> Run() {
     const Sums sums = Sum();
     if (absl::Status s = job_.Check(); !s.ok()) return s;
     Surface out;
-    const bool covers = request_.coverage != Coverage::kNone;
-    if (covers) {
+    if (request_.coverage != Coverage::kNone) {
       Correct(sums, out);
     } else {
       out.crossings = sums.crossings;
       out.layers = sums.layers;
     }
-    if (lists_ && covers) CountCells(sums, out);
+    const bool marked = marks_ && !sums.unmarked;
+    if (marked) {
+      CountCells(out);
+    } else {
+      SpreadBricks(out);
+    }
     double shell = std::min(double(grid_.voxels()), sums.small + sums.large);
-    if (lists_ && covers && cells_->edge() <= kLargestSample &&
+    if (marked && cells_->edge() <= kLargestSample && sums.box_cells < double(kMostMarks) &&
         MostListedBytes(SeparateShell() ? shell : out.voxels) > kListedBytesThatMatter) {
       CountVoxels(out, shell);
     }
@@ -175,7 +198,8 @@ class Measurer {
     return {lo, hi};
   }
 
-  void Add(const Triangle& t, Sums& sums) {
+  // `marks`: cells that were marked in this chunk of triangles, of `most_marks`.
+  void Add(const Triangle& t, uint64_t most_marks, uint64_t& marks, Sums& sums) {
     const auto [lo, hi] = Bounds(t);
     Touch touch;
     if (!TouchOf(t, lo, hi, grid_, touch)) return;
@@ -195,7 +219,16 @@ class Measurer {
     const int64_t first = touch.box[2].first / share_layers_, last = touch.box[2].second / share_layers_;
     const double each = touch.fragments / double(last - first + 1);
     for (int64_t i = first; i <= last; ++i) sums.shares[size_t(i)] += each;
-    if (lists_) cells_->ForEach(t, touch.box, [&](int64_t x, int64_t y, int64_t z) { cells_->Mark(x, y, z); });
+    if (!marks_ || sums.unmarked) return;
+    sums.box_cells += Count(cells_->CellsOf(touch.box));
+    if (marks > most_marks) {
+      sums.unmarked = true;
+      return;
+    }
+    cells_->ForEach(t, touch.box, [&](int64_t x, int64_t y, int64_t z) {
+      cells_->Mark(x, y, z);
+      ++marks;
+    });
   }
 
   Sums Sum() {
@@ -205,7 +238,11 @@ class Measurer {
         tbb::blocked_range<uint64_t>(0, mesh_.triangle_count / step_, kGrain), none,
         [&](const tbb::blocked_range<uint64_t>& range, Sums part) {
           if (!job_.Check().ok()) return part;
-          for (uint64_t i = range.begin(); i < range.end(); ++i) Add(At(i * step_ + i % step_), part);
+          uint64_t marks = 0;
+          const uint64_t most = marks_a_triangle_ * range.size();
+          for (uint64_t i = range.begin(); i < range.end(); ++i) {
+            Add(At(i * step_ + Scatter(i) % step_), most, marks, part);
+          }
           return part;
         },
         [](Sums a, const Sums& b) {
@@ -225,8 +262,8 @@ class Measurer {
   void Correct(const Sums& sums, Surface& out) const {
     double found = 0, rows = 0, expected = 0, expected_rows = 0;
     const uint64_t count = mesh_.triangle_count, step = std::max<uint64_t>(1, count / kSampledTriangles);
-    for (uint64_t first = 0, i = 0; first < count && sums.small > 0; first += step, ++i) {
-      const uint64_t scattered = first + i * 2654435761u % step;  // not always the same half of a square
+    for (uint64_t first = 0, i = 0; lists_ && first < count && sums.small > 0; first += step, ++i) {
+      const uint64_t scattered = first + Scatter(i) % step;
       if (scattered >= count) break;
       const Triangle t = At(scattered);
       const auto [lo, hi] = Bounds(t);
@@ -256,7 +293,14 @@ class Measurer {
     for (const double share : sums.shares) out.shares.push_back({share * scale, 0});
   }
 
-  void CountCells(const Sums&, Surface& out) const {
+  // Where no cells were marked: by the fragments.
+  void SpreadBricks(Surface& out) const {
+    for (Surface::Share& share : out.shares) {
+      share.bricks = out.fragments > 0 ? out.bricks * share.fragments / out.fragments : 0;
+    }
+  }
+
+  void CountCells(Surface& out) const {
     const double layers_of_cell = double(cells_->edge());
     // Larger cells hold bricks by the square of their edge: a surface goes through them.
     const double bricks_of_cell = std::pow(double(cells_->edge()) / 8, 2) * (cells_->edge() > 8 ? 1.3 : 1);
@@ -267,8 +311,12 @@ class Measurer {
       for (int64_t row = 0; row < cells_->dim(1); ++row) {
         const int64_t first = z * a_layer + row * cells_->dim(0);
         for (int64_t x = 0; x < cells_->dim(0); x += a_tile) {
-          while ((first + x) % 64 == 0 && x + 64 <= cells_->dim(0) && cells_->word((first + x) / 64) == 0) x += 64;
-          if (x >= cells_->dim(0)) break;
+          // Past the empty rest of a word.
+          const int64_t bit = (first + x) % 64, rest = (64 - bit) / a_tile * a_tile;
+          if (rest > 0 && x + rest <= cells_->dim(0) && cells_->word((first + x) / 64) >> bit == 0) {
+            x += rest - a_tile;
+            continue;
+          }
           int64_t touched = 0;
           for (int64_t i = x; i < std::min(cells_->dim(0), x + a_tile); ++i) touched += cells_->at(first + i);
           here += double(touched);
@@ -355,8 +403,8 @@ class Measurer {
     for (size_t i = 0; i < 3; ++i) {
       if (voxels[i].first > sample.box[i].second || voxels[i].second < sample.box[i].first) return;
     }
-    const std::lock_guard lock(sample.mutex);
     if (++sample.triangles > kTrianglesOfSample) return;
+    const std::lock_guard lock(sample.mutex);
     const int64_t nx = sample.box[0].second - sample.box[0].first + 1,
                   ny = sample.box[1].second - sample.box[1].first + 1;
     const auto set = [&](Coverage coverage, std::vector<uint64_t>& bits) {
@@ -392,6 +440,7 @@ class Measurer {
   double FilledShare(double& open) const {
     const int64_t ny = std::min(kLinesAnAxis, grid_.dims[1]), nz = std::min(kLinesAnAxis, grid_.dims[2]);
     std::vector<std::vector<std::pair<double, int>>> lines(size_t(ny * nz));  // where, and from which side
+    std::vector<std::atomic<uint64_t>> crossings(lines.size());
     std::vector<std::mutex> locks(lines.size());
     // Between voxel centres, but for the same number on average.
     const auto place = [](int64_t i, int64_t count, int64_t dim) {
@@ -404,13 +453,16 @@ class Measurer {
       for (int64_t i = begin; i < end; ++i) {
         const Triangle t = At(uint64_t(i));
         const auto [lo, hi] = Bounds(t);
+        if (!IsWithinReach(lo, hi)) continue;
         const auto y_end = int64_t(from(hi.y, ny, grid_.dims[1])), z_end = int64_t(from(hi.z, nz, grid_.dims[2]));
         for (auto z = int64_t(from(lo.z, nz, grid_.dims[2])); z < z_end; ++z) {
           for (auto y = int64_t(from(lo.y, ny, grid_.dims[1])); y < y_end; ++y) {
+            const auto at = size_t(y + ny * z);
+            if (crossings[at].load(std::memory_order_relaxed) > kMostCrossings) continue;
             std::pair<double, int> x;
             if (!CrossLine(t, place(y, ny, grid_.dims[1]), place(z, nz, grid_.dims[2]), x)) continue;
-            const std::lock_guard lock(locks[size_t(y + ny * z)]);
-            lines[size_t(y + ny * z)].push_back(x);
+            const std::lock_guard lock(locks[at]);
+            if (++crossings[at] <= kMostCrossings) lines[at].push_back(x);
           }
         }
       }
@@ -419,7 +471,13 @@ class Measurer {
     const bool flood = request_.fill == Fill::kFlood;
     const double nx = double(grid_.dims[0]);
     double length = 0, odd = 0, crossed = 0;
-    for (auto& line : lines) {
+    for (size_t at = 0; at < lines.size(); ++at) {
+      auto& line = lines[at];
+      if (crossings[at] > kMostCrossings) {  // as if all of it were inside
+        length += nx;
+        ++crossed;
+        continue;
+      }
       std::sort(line.begin(), line.end());
       crossed += line.empty() ? 0 : 1;
       int winding = 0;
@@ -458,7 +516,8 @@ class Measurer {
   std::unique_ptr<Cells> cells_;  // of lists
   int64_t share_layers_;
   uint64_t step_;  // one triangle of so many is looked at
-  bool lists_;
+  bool lists_, marks_;
+  uint64_t marks_a_triangle_;  // cells, on average
 };
 
 }  // namespace

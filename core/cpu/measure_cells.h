@@ -12,11 +12,13 @@
 #include "base/vec.h"
 #include "grid/grid_spec.h"
 #include "raster/spans.h"
+#include "raster/triangle_setup.h"
 
 namespace voxelpipe::cpu {
 
-inline constexpr double kTie = 1e-6;            // voxels: coverage is widened by so much at least
-inline constexpr int64_t kMostCells = 1 << 24;  // 2 MiB of bits
+inline constexpr double kTie = kNarrowWidening;  // voxels: coverage is widened by so much at most
+inline constexpr double kReach = 0x1p40;         // voxels: a run refuses vertices beyond
+inline constexpr int64_t kMostCells = 1 << 24;   // 2 MiB of bits
 
 using Box = std::array<std::pair<int64_t, int64_t>, 3>;  // first and last, inclusive
 
@@ -24,8 +26,15 @@ struct Triangle {
   Vec3d a, b, c;  // index space
 };
 
-// The voxels that the closed box touches, clipped to the grid; false if none.
+inline bool IsWithinReach(const Vec3d& lo, const Vec3d& hi) {
+  bool within = true;
+  for (int i = 0; i < 3; ++i) within = within && lo[i] >= -kReach && hi[i] <= kReach;  // not where one is NaN
+  return within;
+}
+
+// The voxels that the closed box touches, clipped to the grid; false if none, or if the box is beyond what a run takes.
 inline bool VoxelsOf(const Vec3d& lo, const Vec3d& hi, const GridSpec& grid, Box& out) {
+  if (!IsWithinReach(lo, hi)) return false;
   for (size_t i = 0; i < 3; ++i) {
     const double dim = double(grid.dims[i]);
     const double first = std::max(0.0, std::ceil(lo[int(i)] - kTie) - 1);

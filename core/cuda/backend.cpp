@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/machine.h"
+#include "cpu/measure.h"
 #include "cpu/row_kernels.h"
 #include "cuda/batch.h"
 #include "cuda/run_state.h"
@@ -34,8 +35,13 @@ class CudaStages final : public Stages {
   }
 
   absl::StatusOr<MeshExtent> VertexShade() override { return cuda::VertexShade(state_); }
-  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh) const override {
-    return EstimateSurface(state_.request.request, grid, mesh);  // from the sums that the device made
+  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
+    const VoxelizeRequest& request = state_.request.request;
+    // The sums that the device made are those of the whole mesh. Where the vertices are the file's, the host has them too.
+    if (closely && request.vertex_shader.name == "identity") {
+      return cpu::MeasureSurface(state_.host.view, request, grid, state_.job);
+    }
+    return EstimateSurface(request, grid, mesh);
   }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
     state_.plain_bits = cpu::PlainBits(state_.host, grid);

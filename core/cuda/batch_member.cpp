@@ -134,7 +134,7 @@ std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchIt
   if (!extent.ok()) return nullptr;
   member->stats.stages.emplace_back("vertex_shade", WallMs() - begin);
   const MeshSize size{item.mesh->triangles.size(), item.mesh->positions.size(), *extent};
-  const auto measure = [&](const GridSpec& grid) -> absl::StatusOr<Surface> {
+  const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {
     return EstimateSurface(member->request(), grid, size);
   };
   absl::StatusOr<PlannedRun> planned = PlanOn(backend, member->request(), size, measure, limits, Delivery::kMemory);

@@ -19,7 +19,7 @@ absl::StatusOr<Plan> PlanInside(const Backend& backend, const TriangleMesh& mesh
   absl::StatusOr<MeshExtent> extent = (*stages)->VertexShade();
   if (!extent.ok()) return extent.status();
   const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *std::move(extent)};
-  const auto measure = [&](const GridSpec& grid) { return (*stages)->Measure(grid, size); };
+  const auto measure = [&](const GridSpec& grid, bool closely) { return (*stages)->Measure(grid, size, closely); };
   absl::StatusOr<PlannedRun> run = PlanOn(backend, bound.request, size, measure, limits, delivery);
   if (!run.ok()) return run.status();
   return std::move(run->plan);

@@ -174,7 +174,8 @@ MeshWork MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, con
     return work;
   }
   work.kept += Pooled(vertices * sizeof(Vec3d)) + Pooled(8 * surface.pairs) + kRunBytes * surface.tiles;
-  work.sorting = kBlocks * 8 * surface.pairs;
+  // Each thread begins with room for a little more than one pair of a triangle.
+  work.sorting = 8 * std::max(kBlocks * surface.pairs, 1.125 * double(mesh.triangles));
   if (request.fill == Fill::kFlood) work.kept += Pooled(vertices * kCode);  // of the shell's rows
   return work;
 }
@@ -203,19 +204,21 @@ double BinBytes(const VoxelizeRequest& request, const GridSpec& grid, const Mesh
 
 }  // namespace
 
+uint64_t DenseResultBytes(const VoxelizeRequest& request, const GridSpec& grid) {
+  if (request.result != ResultKind::kDense) return 0;
+  Sum bytes;
+  for (const TargetSpec& t : request.targets) {
+    bytes += std::ceil(double(grid.voxels()) * double(t.components) * double(BitsPerComponent(t.format)) / 8);
+  }
+  return bytes;
+}
+
 Footprint PredictHostFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                                const Surface& surface, const PlanLimits& limits, Delivery delivery) {
   const bool dense = request.result == ResultKind::kDense;
   Footprint out;
   Sum result;
-  if (dense) {
-    const double voxels = double(grid.voxels());
-    for (const TargetSpec& t : request.targets) {
-      result += std::ceil(voxels * double(t.components) * double(BitsPerComponent(t.format)) / 8);
-    }
-  } else {
-    result += ListBytes(request, surface, false);
-  }
+  result += dense ? double(DenseResultBytes(request, grid)) : ListBytes(request, surface, false);
   out.result_bytes = result;
   // What lists of a slab take; and all that a slab takes.
   const auto lists = [&](int64_t layers) {
@@ -257,6 +260,7 @@ Footprint PredictHostFootprint(const VoxelizeRequest& request, const GridSpec& g
   peak += std::max(work.sorting, slab);
   out.peak_bytes = peak;
   Sum listed;
+  if (!PlainBits(request)) list = std::max(list, work.sorting) + Pooled(8 * surface.pairs);
   listed += list;
   out.list_bytes = listed;
   return out;

@@ -19,6 +19,9 @@ struct Footprint {
   uint64_t list_bytes = 0;
 };
 
+// Bytes of a dense result, which follow from the grid alone; 0 of other results.
+uint64_t DenseResultBytes(const VoxelizeRequest& request, const GridSpec& grid);
+
 // In: a valid request, the grid it is fitted to, the mesh after its vertex shader and what it touches of the grid. Out: what the run takes
 // of the host's memory on the CPU backend. tests/property/plan_bounds.cpp compares it with what allocators count.
 Footprint PredictHostFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,

@@ -149,7 +149,7 @@ absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t t
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
   const MeshSize mesh{triangles, vertices, extent};
-  const auto measure = [&](const GridSpec& grid) -> absl::StatusOr<Surface> {
+  const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {
     return EstimateSurface(request, grid, mesh);
   };
   absl::StatusOr<PlannedRun> run = PlanOn(**backend, request, mesh, measure, limits, delivery);

@@ -35,7 +35,7 @@ class FittingGrid {
     int64_t lo = 0, hi = std::min(request_.grid.resolution, kMaxGridDim);
     // Lists are looked at anew for each grid: there the answer is exact to a hundredth.
     const auto near = [&] { return request.result == ResultKind::kDense ? 1 : std::max<int64_t>(1, lo / 100); };
-    while (hi - lo > near()) {
+    while (hi - lo > near() && stopped_.ok()) {
       const int64_t middle = lo + (hi - lo) / 2;
       request.grid.resolution = middle;
       (Fits(request.grid) ? lo : hi) = middle;
@@ -47,15 +47,18 @@ class FittingGrid {
   std::optional<GridRequest> FinestVoxels() const {
     double lo = 1, hi = 2;
     for (; !Fits(Coarser(hi)); hi *= 2) {
-      if (hi >= kCoarsest) return std::nullopt;
+      if (hi >= kCoarsest || !stopped_.ok()) return std::nullopt;
       lo = hi;
     }
-    while (hi / lo > 1.01) {
+    while (hi / lo > 1.01 && stopped_.ok()) {
       const double middle = std::sqrt(lo * hi);
       (Fits(Coarser(middle)) ? hi : lo) = middle;
     }
     return Coarser(hi);
   }
+
+  // Why the search ended early; OK where it did not.
+  const absl::Status& stopped() const { return stopped_; }
 
  private:
   // The same place in voxels that are so many times larger; of a grid that is given, as many of them as fill it exactly.
@@ -77,8 +80,12 @@ class FittingGrid {
   bool Fits(const GridRequest& request) const {
     const absl::StatusOr<GridSpec> grid = FitGrid(request, mesh_.extent.box);
     if (!grid.ok()) return false;
-    const absl::StatusOr<Surface> surface = measure_(*grid);
-    if (!surface.ok()) return false;
+    if (double(DenseResultBytes(request_, *grid)) * scale_ > double(limits_.max_result_bytes)) return false;
+    const absl::StatusOr<Surface> surface = measure_(*grid, /*closely=*/true);
+    if (!surface.ok()) {
+      stopped_ = surface.status();
+      return false;
+    }
     const Footprint need = backend_.Predict(request_, *grid, mesh_, *surface, limits_, delivery_);
     return double(need.result_bytes) * scale_ <= double(limits_.max_result_bytes) &&
            double(need.peak_bytes) * scale_ <= double(limits_.max_working_bytes);
@@ -91,6 +98,7 @@ class FittingGrid {
   const PlanLimits& limits_;
   const Delivery delivery_;
   const double scale_;
+  mutable absl::Status stopped_;
 };
 
 std::string Three(const Vec3d& v) {
@@ -128,8 +136,10 @@ absl::Status GridTooLarge(const Backend& backend, const VoxelizeRequest& request
   } else {
     hint = "no voxel size fits";
   }
-  const std::string need =
-      need_bytes < kBeyondCount ? absl::StrCat(need_bytes, " bytes of ") : "more than 2^63 bytes of ";
+  if (!fitting.stopped().ok()) return fitting.stopped();
+  const std::string need = need_bytes < kBeyondCount
+                               ? absl::StrCat(scale > 1 ? "at least " : "", need_bytes, " bytes of ")
+                               : "more than 2^63 bytes of ";
   return MakeLimitError(
       absl::StrCat("grid ", grid.dims[0], "x", grid.dims[1], "x", grid.dims[2], " needs ", need,
                    of_results ? "results" : "memory", ", the limit is ", error.limit_bytes, "; ", hint),
@@ -140,9 +150,20 @@ absl::StatusOr<PlannedRun> PlanOn(const Backend& backend, const VoxelizeRequest&
                                   const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery) {
   const absl::StatusOr<GridSpec> grid = FitGrid(request.grid, mesh.extent.box);
   if (!grid.ok()) return grid.status();
-  absl::StatusOr<Surface> surface = measure(*grid);
+  if (const uint64_t result = DenseResultBytes(request, *grid); result > limits.max_result_bytes) {
+    return GridTooLarge(backend, request, mesh, measure, limits, delivery, *grid, true, result, 1);
+  }
+  absl::StatusOr<Surface> surface = measure(*grid, /*closely=*/false);
   if (!surface.ok()) return surface.status();
-  const Footprint need = backend.Predict(request, *grid, mesh, *surface, limits, delivery);
+  Footprint need = backend.Predict(request, *grid, mesh, *surface, limits, delivery);
+  const auto fits = [&] {
+    return need.result_bytes <= limits.max_result_bytes && need.peak_bytes <= limits.max_working_bytes;
+  };
+  if (!fits()) {
+    surface = measure(*grid, /*closely=*/true);
+    if (!surface.ok()) return surface.status();
+    need = backend.Predict(request, *grid, mesh, *surface, limits, delivery);
+  }
   PlannedRun run;
   run.surface = *std::move(surface);
   Plan& plan = run.plan;
@@ -153,8 +174,8 @@ absl::StatusOr<PlannedRun> PlanOn(const Backend& backend, const VoxelizeRequest&
   plan.list_bytes = need.list_bytes;
   plan.slab_depth = need.slab_depth;
   plan.time_class = GuessTime(plan, mesh.triangles);
+  if (fits()) return run;
   const bool result = plan.result_bytes > limits.max_result_bytes;
-  if (!result && plan.peak_bytes <= limits.max_working_bytes) return run;
   return GridTooLarge(backend, request, mesh, measure, limits, delivery, *grid, result,
                       result ? plan.result_bytes : plan.peak_bytes, 1);
 }

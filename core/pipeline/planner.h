@@ -11,8 +11,8 @@
 
 namespace voxelpipe {
 
-// What the mesh touches of a grid.
-using MeasureGrid = std::function<absl::StatusOr<Surface>(const GridSpec&)>;
+// What the mesh touches of a grid: Stages::Measure.
+using MeasureGrid = std::function<absl::StatusOr<Surface>(const GridSpec&, bool closely)>;
 
 struct PlannedRun {
   Plan plan;
@@ -23,8 +23,9 @@ struct PlannedRun {
 absl::StatusOr<PlannedRun> PlanOn(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
                                   const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery);
 
-// RESOURCE_EXHAUSTED for a run that needs, or comes to need, `need_bytes` of results or memory. In the message and as numbers: the largest
-// grid of the request's kind that would fit. `scale`: what is really needed of what is predicted, at least 1.
+// RESOURCE_EXHAUSTED for a run that needs, or comes to need, at least `need_bytes` of results or memory. In the message and as numbers: the
+// largest grid of the request's kind that would fit. `scale`: what is really needed of what is predicted, at least 1; above 1 a run came to
+// need more than predicted. The error of `measure` instead where it gave one: the job may end meanwhile.
 absl::Status GridTooLarge(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
                           const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery, const GridSpec& grid,
                           bool of_results, uint64_t need_bytes, double scale);

@@ -168,7 +168,7 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
   absl::StatusOr<MeshExtent> extent = run("vertex_shade", [&] { return stages.VertexShade(); });
   if (!extent.ok()) return extent.status();
   const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *std::move(extent)};
-  const MeasureGrid measure = [&](const GridSpec& grid) { return stages.Measure(grid, size); };
+  const MeasureGrid measure = [&](const GridSpec& grid, bool closely) { return stages.Measure(grid, size, closely); };
   absl::StatusOr<PlannedRun> planned =
       run("vertex_shade", [&] { return PlanOn(backend, request, size, measure, limits, delivery); });
   if (!planned.ok()) return planned.status();
@@ -212,7 +212,7 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
     plan->slab_depth = half;
     s = sort(slab_from(0));
   }
-  if (!s.ok()) return s;
+  if (!s.ok()) return explained(s);
   if (s = assembler.Begin(request, *plan); !s.ok()) return s;
   // While a slab's arrays come from the device and are added, the next slab is worked on.
   struct Coming {

@@ -150,13 +150,19 @@ void MakeShape(Dice& dice, PlanJob& job) {
         corners.push_back(
             {double(dice.Whole(0, dims[0])), double(dice.Whole(0, dims[1])), double(dice.Whole(0, dims[2]))});
       }
+      // Some on the corners of tiles of 32x8x8 voxels; some as far beside them as rounding puts them.
+      const bool tiles = dice.Whole(0, 2) == 0;
+      const double beside = dice.Whole(0, 2) == 0 ? dice.Real(1e-6, 2e-4) : 0;
       Loose out;
       for (int64_t i = 0; i < n; ++i) {
-        const Vec3d& p = corners[size_t(dice.Whole(0, places - 1))];
+        Vec3d p = corners[size_t(dice.Whole(0, places - 1))];
+        if (tiles) p = {32 * std::floor(p.x / 32), 8 * std::floor(p.y / 8), 8 * std::floor(p.z / 8)};
+        p = p + Vec3d{beside, -beside, beside};
         out.Add(p, p, p);
       }
       job.mesh = out.Take();
-      job.text = absl::StrCat(n, " points on ", places, " voxel corners");
+      job.text = absl::StrCat(n, " points on ", places, tiles ? " tile" : " voxel", " corners",
+                              beside > 0 ? absl::StrCat(" but for ", beside) : "");
       break;
     }
     case 7: {

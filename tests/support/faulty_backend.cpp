@@ -57,8 +57,8 @@ class FaultyBackend::FaultyStages final : public Stages {
     if (absl::Status s = Reach("vertex_shade"); !s.ok()) return s;
     return inner_->VertexShade();
   }
-  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh) const override {
-    return inner_->Measure(grid, mesh);
+  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
+    return inner_->Measure(grid, mesh, closely);
   }
   void SetListMemory(ListMemory* memory) override { inner_->SetListMemory(memory); }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {

@@ -176,5 +176,25 @@ TEST(PlanMemoryOfRefusals, GridsOfAnySizeAreLookedAtInLittleMemory) {
   EXPECT_LT(StatusBytes("VmHWM") - before, uint64_t{32} << 20);
 }
 
+// Nor do lines that meet the same triangle thousands of times, or triangles that each go through the whole grid.
+TEST(PlanMemoryOfRefusals, TrianglesThatRepeatAreLookedAtInLittleMemory) {
+  if (kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
+  VoxelizeRequest request;
+  request.grid.resolution = 8;
+  request.result = ResultKind::kSparse;
+  request.fill = Fill::kParity;
+  const JobContext job;
+  ASSERT_TRUE(Voxelize(testing::Cube(1), request, job).ok());  // threads, code and tables
+  const TriangleMesh mesh =
+      testing::MakeMesh({{0, 0, 0}, {0.5, 1, 0}, {1, 0, 1}}, std::vector<std::array<uint32_t, 3>>(30'000, {0, 1, 2}));
+  if (!ResetPeak()) GTEST_SKIP() << "the peak of this process cannot be reset here";
+  const uint64_t before = StatusBytes("VmRSS");
+  request.grid.resolution = 1500;
+  PlanLimits limits;
+  limits.max_result_bytes = 1 << 20;
+  EXPECT_EQ(Voxelize(mesh, request, job, limits).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_LT(StatusBytes("VmHWM") - before, uint64_t{64} << 20);
+}
+
 }  // namespace
 }  // namespace voxelpipe

@@ -9,7 +9,9 @@
 #include "base/limit_error.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "pipeline/backend.h"
 #include "pipeline/estimate.h"
+#include "pipeline/planner.h"
 #include "pipeline/voxelize.h"
 #include "support/meshes.h"
 #include "support/run.h"
@@ -152,6 +154,49 @@ TEST(PlanTest, WhatCannotBeCountedIsNotPrintedAsANumber) {
   GridRequest tiny;
   tiny.voxel_size = Vec3d{1e-30, 1e-30, 1e-30};
   EXPECT_THAT(std::string(FitGrid(tiny, extent.box).status().message()), HasSubstr("more than 10^15 voxels"));
+}
+
+// What would fit is looked for among many grids, each of which is measured: the job may end meanwhile.
+TEST(PlanTest, AJobThatEndsWhileAHintIsLookedForIsCancelledNotRefused) {
+  const auto cpu = SelectBackend(BackendChoice::kCpu);
+  ASSERT_TRUE(cpu.ok());
+  VoxelizeRequest request;
+  request.grid.resolution = 500;
+  request.result = ResultKind::kSparse;
+  MeshSize mesh{1'000'000, 500'000, {}};
+  mesh.extent.box = {{0, 0, 0}, {1, 1, 1}, false};
+  PlanLimits limits;
+  limits.max_working_bytes = 1 << 20;
+  for (const int last : {1, 2, 5}) {
+    int measured = 0;
+    const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {
+      if (++measured > last) return absl::CancelledError("the job was cancelled");
+      return EstimateSurface(request, grid, mesh);
+    };
+    EXPECT_TRUE(absl::IsCancelled(PlanOn(**cpu, request, mesh, measure, limits, Delivery::kMemory).status())) << last;
+    EXPECT_EQ(measured, last + 1);
+  }
+}
+
+// The size of a dense result follows from its grid.
+TEST(PlanTest, ADenseResultThatIsTooLargeIsRefusedWithoutALookAtTheMesh) {
+  const auto cpu = SelectBackend(BackendChoice::kCpu);
+  ASSERT_TRUE(cpu.ok());
+  VoxelizeRequest request;
+  request.grid.resolution = 4000;
+  MeshSize mesh{1'000'000, 500'000, {}};
+  mesh.extent.box = {{0, 0, 0}, {1, 1, 1}, false};
+  PlanLimits limits;
+  limits.max_result_bytes = 1 << 20;
+  std::vector<int64_t> dims;
+  const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {
+    dims.push_back(grid.dims[0]);
+    return EstimateSurface(request, grid, mesh);
+  };
+  const absl::Status refused = PlanOn(**cpu, request, mesh, measure, limits, Delivery::kMemory).status();
+  ASSERT_TRUE(LimitErrorOf(refused).has_value()) << refused;
+  EXPECT_EQ(LimitErrorOf(refused)->largest_resolution, 203);
+  for (const int64_t dim : dims) EXPECT_LE(dim, 203);
 }
 
 TEST(PlanTest, AnEstimateIsThePlanOfTheRun) {

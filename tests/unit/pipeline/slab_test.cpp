@@ -131,8 +131,8 @@ class ShortOfMemory final : public Backend {
    public:
     ShortStages(std::unique_ptr<Stages> stages, const ShortOfMemory& of) : of_(of), cpu_(std::move(stages)) {}
     absl::StatusOr<MeshExtent> VertexShade() override { return cpu_->VertexShade(); }
-    absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh) const override {
-      return cpu_->Measure(grid, mesh);
+    absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
+      return cpu_->Measure(grid, mesh, closely);
     }
     absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
       EXPECT_FALSE(failed_) << "the slab was not abandoned";

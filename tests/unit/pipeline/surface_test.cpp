@@ -29,7 +29,7 @@ Surface Measure(const TriangleMesh& mesh, const VoxelizeRequest& request) {
     auto stages = cpu.Start(mesh, bound, job);
     const absl::StatusOr<MeshExtent> extent = (*stages)->VertexShade();
     const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *extent};
-    surface = (*stages)->Measure(*FitGrid(request.grid, extent->box), size);
+    surface = (*stages)->Measure(*FitGrid(request.grid, extent->box), size, true);
   });
   EXPECT_TRUE(surface.ok()) << surface.status();
   return *surface;
