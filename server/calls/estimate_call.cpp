@@ -139,7 +139,7 @@ absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   *response_.mutable_plan() = ToMessage(estimate->plan);
   *response_.mutable_mesh() = ToMessage(estimate->report, (*mesh)->examined);
   if (!kept_) CheckImages(*(*mesh)->mesh);  // nobody else has it
-  WriteWarnings(kept_ ? kept_->Report(false).warnings : AllWarningsOf(*(*mesh)->mesh), response_);
+  WriteWarnings(kept_ ? kept_->Report().warnings : AllWarningsOf(*(*mesh)->mesh), response_);
   if (!kept_) *response_.mutable_contents() = ToMessage((*mesh)->contents, (*mesh)->stages);
   return absl::OkStatus();
 }

@@ -75,7 +75,7 @@ v1::StoredMesh ToMessage(KeptMesh& mesh) {
   message.set_mesh_format(ToMessage(mesh.format()));
   message.set_file_bytes(mesh.file_bytes());
   message.set_memory_bytes(mesh.memory_bytes());
-  const KeptMesh::Facts facts = mesh.Report(false);
+  const KeptMesh::Facts facts = mesh.Report();
   *message.mutable_mesh() = ToMessage(facts.report, facts.examined);
   WriteWarnings(facts.warnings, message);
   message.set_uses(mesh.uses());

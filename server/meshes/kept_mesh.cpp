@@ -1,5 +1,6 @@
 #include "meshes/kept_mesh.h"
 
+#include <chrono>
 #include <map>
 #include <new>
 #include <utility>
@@ -92,7 +93,8 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const JobCont
     return Covers(prepared_, use) ? mesh_ : nullptr;
   };
   if (auto mesh = ready()) return mesh;
-  const std::lock_guard preparing(preparing_);
+  std::unique_lock preparing(preparing_, std::defer_lock);
+  if (absl::Status s = Lock(preparing, job); !s.ok()) return s;
   if (auto mesh = ready()) return mesh;
   // Only this thread replaces mesh_ and prepared_ now.
   try {
@@ -127,14 +129,24 @@ bool KeptMesh::ready(const TextureUse& use) const {
   return Covers(prepared_, use);
 }
 
-KeptMesh::Facts KeptMesh::Report(bool examine) {
-  const auto now = [&] {
-    const std::lock_guard lock(mutex_);
-    return facts_;
-  };
-  if (const Facts facts = now(); facts.examined || !examine) return facts;
-  const std::lock_guard preparing(preparing_);
-  if (const Facts facts = now(); facts.examined) return facts;
+absl::Status KeptMesh::Lock(std::unique_lock<std::timed_mutex>& preparing, const JobContext& job) {
+  constexpr std::chrono::milliseconds kLookInterval{20};
+  while (!preparing.try_lock_for(kLookInterval)) {
+    if (absl::Status s = job.Check(); !s.ok()) return s;
+  }
+  return absl::OkStatus();
+}
+
+KeptMesh::Facts KeptMesh::Report() const {
+  const std::lock_guard lock(mutex_);
+  return facts_;
+}
+
+absl::StatusOr<KeptMesh::Facts> KeptMesh::Examine(const JobContext& job) {
+  if (Facts facts = Report(); facts.examined) return facts;
+  std::unique_lock preparing(preparing_, std::defer_lock);
+  if (absl::Status s = Lock(preparing, job); !s.ok()) return s;
+  if (Facts facts = Report(); facts.examined) return facts;
   const MeshReport report = ReportMesh(*mesh_);
   const std::lock_guard lock(mutex_);
   const Facts facts{report, true, facts_.warnings};

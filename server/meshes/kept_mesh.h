@@ -41,7 +41,7 @@ class KeptMesh {
   // The mesh, with the textures decoded that `use` samples; at least those. The first call for a texture decodes it, others for textures
   // wait meanwhile. A mesh with textures has another content_id than the one without.
   // `workers`: that decode them (isolate/loading.h). What decoding takes is the job's until it is done.
-  // Errors: those of DecodeTextures, each time anew; RESOURCE_EXHAUSTED out of memory.
+  // Errors: those of DecodeTextures, each time anew; the job's; RESOURCE_EXHAUSTED out of memory.
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const JobContext& job, const TextureUse& use,
                                                            const LoadLimits& limits, LoadWorkers* workers = nullptr);
 
@@ -52,16 +52,22 @@ class KeptMesh {
   // Whether Mesh gives those textures without decoding any.
   bool ready(const TextureUse& use) const;
 
-  // Facts about the mesh, its warnings among them. `examine`: also the degenerate triangles and open edges, which the first call counts. Out: `examined` whether
-  // they are counted. May throw bad_alloc.
+  // Facts about the mesh, its warnings among them. Degenerate triangles and open edges are only among them once a call of Examine has
+  // counted them.
   struct Facts {
     MeshReport report;
-    bool examined = false;
+    bool examined = false;   // whether they are counted
     WarningList warnings{};  // all of its textures included
   };
-  Facts Report(bool examine);
+  Facts Report() const;
+  // The same with degenerate triangles and open edges, which the first call counts; others wait meanwhile. Errors: the job's.
+  // May throw bad_alloc.
+  absl::StatusOr<Facts> Examine(const JobContext& job);
 
  private:
+  // Locks `preparing`, which is of preparing_, or gives the job's error: who holds it may wait for memory.
+  static absl::Status Lock(std::unique_lock<std::timed_mutex>& preparing, const JobContext& job);
+
   const std::string id_;
   const MeshFormat format_;
   const uint64_t file_bytes_;
@@ -70,8 +76,8 @@ class KeptMesh {
   std::atomic<bool> keeps_moved_{false};
   const std::shared_ptr<MovedMeshes> moved_ = std::make_shared<MovedMeshes>();
 
-  std::mutex preparing_;      // held while textures are decoded or edges counted; taken before mutex_
-  mutable std::mutex mutex_;  // held for moments only
+  std::timed_mutex preparing_;  // held while textures are decoded or edges counted; taken before mutex_
+  mutable std::mutex mutex_;    // held for moments only
   std::shared_ptr<const TriangleMesh> mesh_;
   TextureUse prepared_;
   Facts facts_;

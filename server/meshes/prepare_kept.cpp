@@ -47,7 +47,11 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   prepared->mesh = *std::move(mesh);
   prepared->examined = config.request.fill != Fill::kNone;
   if (!config.new_positions) {
-    prepared->report = kept.Report(prepared->examined).report;
+    prepared->report = kept.Report().report;
+    if (!prepared->examined) return prepared;
+    const absl::StatusOr<KeptMesh::Facts> facts = kept.Examine(job);
+    if (!facts.ok()) return facts.status();
+    prepared->report = facts->report;
     return prepared;
   }
   job.Report("load", 0);

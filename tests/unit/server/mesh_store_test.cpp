@@ -9,8 +9,9 @@
 #include "gtest/gtest.h"
 #include "mesh/content_id.h"
 #include "meshes/prepare_kept.h"
-#include "wire/status.h"
 #include "support/warnings.h"
+#include "wire/status.h"
+#include "work/request_memory.h"
 
 namespace voxelpipe {
 namespace {
@@ -155,12 +156,33 @@ TEST(KeptMeshTest, ManyThreadsGetTheSameTextures) {
   }
 }
 
+// Who prepares it may wait for memory for as long as its own patience lasts.
+TEST(KeptMeshTest, AJobEndsInTimeThoughAnotherPreparesTheSameMesh) {
+  const auto kept = Kept('a');
+  ByteBudget working(1 << 20);
+  JobContext other_job, slow_job, late_job, cancelled_job;
+  const auto other = MakeRequestMemory(working, other_job), slow = MakeRequestMemory(working, slow_job);
+  ASSERT_TRUE(other->Take(1 << 20, "all there is").ok());
+  absl::Status prepared;
+  std::thread thread([&] { prepared = kept->Mesh(slow_job, kBase, {}).status(); });
+  while (slow->used_bytes() == 0) std::this_thread::yield();  // it waits now
+  late_job.set_deadline(JobContext::Clock::now() + std::chrono::milliseconds(50));
+  EXPECT_TRUE(absl::IsDeadlineExceeded(kept->Mesh(late_job, kEmissive, {}).status()));
+  EXPECT_TRUE(absl::IsDeadlineExceeded(kept->Examine(late_job).status()));
+  cancelled_job.Cancel();
+  EXPECT_TRUE(absl::IsCancelled(kept->Mesh(cancelled_job, kEmissive, {}).status()));
+  other->Give(1 << 20);
+  thread.join();
+  EXPECT_TRUE(prepared.ok()) << prepared;
+  EXPECT_TRUE(kept->Mesh({}, kEmissive, {}).ok());
+}
+
 TEST(KeptMeshTest, EdgesAreCountedWhenSomebodyAsks) {
   const auto kept = Kept('a');
-  EXPECT_FALSE(kept->Report(false).examined);
-  EXPECT_EQ(kept->Report(true).report.open_edges, 3u);
-  EXPECT_TRUE(kept->Report(false).examined) << "known from then on";
-  EXPECT_EQ(kept->Report(false).report.open_edges, 3u);
+  EXPECT_FALSE(kept->Report().examined);
+  EXPECT_EQ(kept->Examine({})->report.open_edges, 3u);
+  EXPECT_TRUE(kept->Report().examined) << "known from then on";
+  EXPECT_EQ(kept->Report().report.open_edges, 3u);
 }
 
 TEST(KeptMeshTest, NamesCountAsMemory) {
