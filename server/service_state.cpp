@@ -40,6 +40,12 @@ int ProcessesThatLoad(const ServerOptions& resolved) {
   return resolved.loaders + SpareLoaders(resolved.loaders);
 }
 
+// All of them together keep a fraction of what the jobs may have.
+uint64_t KeptByProcesses(const ServerOptions& resolved) {
+  constexpr uint64_t kShare = 8;
+  return resolved.max_working_bytes / kShare;
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<LoadWorkers>> StartLoadWorkers(const ServerOptions& resolved) {
@@ -48,10 +54,7 @@ absl::StatusOr<std::unique_ptr<LoadWorkers>> StartLoadWorkers(const ServerOption
   options.workers = ProcessesThatLoad(resolved);
   options.threads = options.process.threads = resolved.threads > 0 ? resolved.threads : CpuCount();
   options.memory_bytes = resolved.max_working_bytes;
-  // All of them together keep a fraction of what the jobs may have.
-  constexpr uint64_t kShare = 8, kMostKept = 64 << 20, kLeastKept = 2 << 20;
-  options.process.kept_bytes =
-      std::clamp(resolved.max_working_bytes / kShare / uint64_t(options.workers), kLeastKept, kMostKept);
+  options.kept_bytes = KeptByProcesses(resolved);
   options.unused = std::chrono::milliseconds(resolved.idle_memory_ms);
   return LoadWorkers::Start(options);
 }
@@ -106,7 +109,7 @@ void ServiceState::Resize(const ServerOptions& resolved) {
   meshes.set_max_bytes(resolved.max_mesh_store_bytes);
   loaders = resolved.loaders;
   pool.Resize(resolved.loaders, resolved.cpu_workers);
-  if (load_workers != nullptr) load_workers->SetWorkers(ProcessesThatLoad(resolved));
+  if (load_workers != nullptr) load_workers->SetWorkers(ProcessesThatLoad(resolved), KeptByProcesses(resolved));
 }
 
 SchedulerOptions SchedulingOf(const ServerOptions& resolved, Metrics& metrics) {

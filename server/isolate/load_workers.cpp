@@ -12,7 +12,6 @@
 #include "isolate/load_worker.h"
 #include "isolate/mesh_check.h"
 #include "isolate/mesh_fields.h"
-#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {
@@ -156,7 +155,6 @@ absl::StatusOr<LoadedMesh> LoadWorkers::Load(std::vector<uint8_t> file, const Lo
   };
   MemoryCharge kept;
   if (absl::Status s = lease->Ask(MessageKind::kLoad, memory_bytes, question, job, read, kept); !s.ok()) return s;
-  kept.ShrinkTo(MeshBytes(loaded.mesh));  // without what small parts take
   loaded.mesh.memory = std::make_shared<MemoryCharge>(std::move(kept));
   const double ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
   // Getting the mesh here belongs to loading it.
@@ -211,9 +209,10 @@ absl::StatusOr<std::unique_ptr<WorkerProcess>> LoadWorkers::Take(const JobContex
   return process;
 }
 
-void LoadWorkers::SetWorkers(int workers) {
+void LoadWorkers::SetWorkers(int workers, uint64_t kept_bytes) {
   {
     const std::lock_guard lock(mutex_);
+    kept_bytes_ = kept_bytes;
     most_ = MostOf(workers);
   }
   work_.notify_one();
@@ -241,7 +240,16 @@ size_t LoadWorkers::Wanted() const {
   return std::min(wanted - idle_.size(), most_ - alive);
 }
 
+uint64_t LoadWorkers::KeptShare() const {
+  constexpr uint64_t kLeastKept = 2 << 20, kMostKept = 64 << 20;
+  return std::clamp(kept_bytes_ / most_, kLeastKept, kMostKept);
+}
+
 void LoadWorkers::LookForIdle(Clock::time_point now) {
+  for (Idle& idle : idle_) {
+    if (idle.process->kept_bytes() > KeptShare()) ended_.push_back(std::move(idle.process));
+  }
+  std::erase_if(idle_, [](const Idle& idle) { return idle.process == nullptr; });
   while (!idle_.empty() && busy_ + idle_.size() > most_) {
     ended_.push_back(std::move(idle_.front().process));
     idle_.erase(idle_.begin());
@@ -278,8 +286,10 @@ void LoadWorkers::Maintain() {
       continue;
     }
     if (Wanted() > 0 && Clock::now() >= next_start) {
+      WorkerProcess::Options options = options_.process;
+      options.kept_bytes = KeptShare();
       lock.unlock();
-      auto process = WorkerProcess::Start(options_.process);
+      auto process = WorkerProcess::Start(options);
       lock.lock();
       if (process.ok()) {
         idle_.insert(idle_.begin(), Idle{*std::move(process), Clock::now(), false});  // those that are ready come first
@@ -306,6 +316,7 @@ LoadWorkers::Stats LoadWorkers::stats() const {
   Stats stats = stats_;
   stats.busy = int(busy_);
   stats.processes = int(busy_ + idle_.size());
+  for (const Idle& idle : idle_) stats.kept_bytes += idle.process->kept_bytes();
   return stats;
 }
 

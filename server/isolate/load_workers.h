@@ -26,7 +26,10 @@ struct LoadWorkersOptions {
   uint64_t memory_bytes = 0;  // that loading one mesh may take where the job has no smaller budget; 0: no bound
   std::chrono::milliseconds unused{
       10'000};  // then all but one end, and that one gives back what it does not use; 0: never
-  WorkerProcess::Options process;
+  // That all processes together keep from question to question, of each kind (WorkerProcess::Options), until
+  // SetWorkers. One keeps its share, but at least 2 MiB and at most 64 MiB.
+  uint64_t kept_bytes = 64 << 20;
+  WorkerProcess::Options process;  // but for kept_bytes
 };
 
 // Thread-safe. No call of one job is touched by what happens to the process of another. There is always one process that waits, unless all
@@ -47,12 +50,14 @@ class LoadWorkers {
   absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use,
                               const JobContext& job);
 
-  // From now on so many processes at most. Those beyond end once they are not needed.
-  void SetWorkers(int workers);
+  // From now on so many processes at most, which together keep so much (LoadWorkersOptions). Those beyond end once they
+  // are not needed, and those that keep more than their new share end.
+  void SetWorkers(int workers, uint64_t kept_bytes);
 
   struct Stats {
     int processes = 0, busy = 0;
-    uint64_t questions = 0;  // that were asked
+    uint64_t questions = 0;   // that were asked
+    uint64_t kept_bytes = 0;  // that the processes which are not busy may keep together, of each kind
     std::map<std::string, uint64_t>
         ended;  // processes that did not end in order, by reason (WorkerProcess::end_reason)
   };
@@ -66,7 +71,8 @@ class LoadWorkers {
     bool trimmed = false;
   };
 
-  explicit LoadWorkers(const LoadWorkersOptions& options) : options_(options), most_(MostOf(options.workers)) {}
+  explicit LoadWorkers(const LoadWorkersOptions& options)
+      : options_(options), most_(MostOf(options.workers)), kept_bytes_(options.kept_bytes) {}
   static size_t MostOf(int workers) { return size_t(workers < 1 ? 1 : workers); }
   // How much one load may take.
   uint64_t MemoryFor(const JobContext& job) const;
@@ -78,10 +84,13 @@ class LoadWorkers {
   void Maintain();
   void LookForIdle(std::chrono::steady_clock::time_point now);
   size_t Wanted() const;
+  // What one process may keep.
+  uint64_t KeptShare() const;
 
   const LoadWorkersOptions options_;
   mutable std::mutex mutex_;
   size_t most_;
+  uint64_t kept_bytes_;
   std::condition_variable freed_, work_;  // for those who wait for a process; for the thread
   std::vector<Idle> idle_;                // used last at the back
   std::vector<std::unique_ptr<WorkerProcess>> ended_;

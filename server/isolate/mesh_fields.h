@@ -18,7 +18,7 @@ namespace voxelpipe {
 void Fields(ArchiveWriter& archive, const absl::Status& status);
 void Fields(ArchiveReader& archive, absl::Status& status);
 
-// All of a mesh but its content_id and what it takes of a budget. Null images stay null; images, primitives and morph data that are shared
+// All of a mesh but its content_id and its charges. Null images stay null; images, primitives and morph data that are shared
 // are sent once.
 void Fields(ArchiveWriter& archive, const TriangleMesh& mesh);
 // What is read has to pass CheckMesh (mesh_check.h) after Finish.

@@ -195,9 +195,10 @@ uint64_t WorkerProcess::ResidentBytes() const {
   return OwnResidentBytes(pid_) + channel_->in().resident_bytes();
 }
 
-uint64_t WorkerProcess::TakenBytes() const {
+uint64_t WorkerProcess::TakenBytes() {
   const uint64_t resident = ResidentBytes();
-  return resident - std::min(resident, base_resident_);
+  base_resident_ = std::min(base_resident_, resident);  // it may still have been freeing its last mesh
+  return resident - base_resident_;
 }
 
 absl::Status WorkerProcess::ChargeMore(uint64_t bytes, MemoryCharge& charge) {
@@ -267,6 +268,23 @@ absl::Status WorkerProcess::Ask(MessageKind kind, uint64_t memory_bytes, const A
                                 const JobContext& job, const std::function<absl::Status(ArchiveReader&)>& read,
                                 MemoryCharge& kept) {
   if (absl::Status s = WaitUntilReady(job); !s.ok()) return s;
+  // Only now: while the last answer was read, its mesh was still in the process, too.
+  if (std::exchange(measure_, false)) base_resident_ = ResidentBytes();
+  const Clock::time_point begin = Clock::now();
+  absl::Status status = Exchange(kind, memory_bytes, question, job, read, kept);
+  measure_ = Clock::now() - begin >= kLookInterval;
+  // Large ones leave much behind.
+  if (usable() && (channel_->in().resident_bytes() > options_.kept_bytes ||
+                   channel_->out().resident_bytes() > options_.kept_bytes)) {
+    channel_->in().ShrinkTo(options_.kept_bytes);
+    channel_->out().ShrinkTo(options_.kept_bytes);
+  }
+  return status;
+}
+
+absl::Status WorkerProcess::Exchange(MessageKind kind, uint64_t memory_bytes, const ArchiveWriter& question,
+                                     const JobContext& job, const std::function<absl::Status(ArchiveReader&)>& read,
+                                     MemoryCharge& kept) {
   BoundProcess(pid_,
                memory_bytes == 0 ? 0 : base_space_ + memory_bytes + options_.kept_bytes + 2 * question.bulk_bytes(),
                kMaxCpuSeconds);
@@ -274,11 +292,8 @@ absl::Status WorkerProcess::Ask(MessageKind kind, uint64_t memory_bytes, const A
     return absl::IsUnavailable(s) ? Died() : s;
   }
   Message answer;
-  const Clock::time_point begin = Clock::now();
   MemoryCharge charge(&MemoryOf(job));  // of what the process takes, then of what came back
-  const absl::Status waited = WaitForAnswer(memory_bytes, job, charge, answer);
-  if (usable() && Clock::now() - begin >= kLookInterval) base_resident_ = ResidentBytes();
-  if (!waited.ok()) return waited;
+  if (absl::Status s = WaitForAnswer(memory_bytes, job, charge, answer); !s.ok()) return s;
   const uint64_t came_bytes = answer.text.size() + answer.bulk.size();
   charge.ShrinkTo(came_bytes);
   if (absl::Status s = charge.Grow(came_bytes - charge.bytes(), "the loaded mesh, as it came"); !s.ok()) return s;
@@ -291,12 +306,6 @@ absl::Status WorkerProcess::Ask(MessageKind kind, uint64_t memory_bytes, const A
   if (absl::IsInternal(taken)) Kill("protocol");
   if (!taken.ok()) status = taken;
   if (status.ok()) kept = std::move(read_charge);
-  // Large ones leave much behind.
-  if (usable() && (channel_->in().resident_bytes() > options_.kept_bytes ||
-                   channel_->out().resident_bytes() > options_.kept_bytes)) {
-    channel_->in().ShrinkTo(options_.kept_bytes);
-    channel_->out().ShrinkTo(options_.kept_bytes);
-  }
   return status;
 }
 

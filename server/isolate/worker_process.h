@@ -35,6 +35,7 @@ class WorkerProcess {
   WorkerProcess& operator=(const WorkerProcess&) = delete;
 
   pid_t pid() const { return pid_; }
+  uint64_t kept_bytes() const { return options_.kept_bytes; }
   // Whether it may be asked again.
   bool usable() const { return end_reason_[0] == '\0'; }
   // Why it is not: "cancelled", "deadline", "memory", "cpu", "protocol", "died", "start".
@@ -46,7 +47,7 @@ class WorkerProcess {
   // Asks, and waits for the answer. `read` reads what stands behind the status; it is called where the status is OK.
   // The process is killed, and is not usable any more, when it has not ended its work kPatience after the job was over, when it takes
   // more than `memory_bytes` (0: no bound), and when it does not keep to the protocol. What it takes is charged to the job while it works; it
-  // stands still while that has to wait for others' memory. `kept`: what was read takes of it, at most, once `read` has read it.
+  // stands still while that has to wait for others' memory. `kept`: what was read is charged to it once `read` has read it.
   // Errors: the answer's status; the job's; RESOURCE_EXHAUSTED for memory and processor time; INTERNAL where the process dies or is broken.
   absl::Status Ask(MessageKind kind, uint64_t memory_bytes, const ArchiveWriter& question, const JobContext& job,
                    const std::function<absl::Status(ArchiveReader&)>& read, MemoryCharge& kept);
@@ -57,11 +58,14 @@ class WorkerProcess {
  private:
   explicit WorkerProcess(const Options& options) : options_(options) {}
 
+  // Ask, of a process that is ready; the memory of the messages is not given back.
+  absl::Status Exchange(MessageKind kind, uint64_t memory_bytes, const ArchiveWriter& question, const JobContext& job,
+                        const std::function<absl::Status(ArchiveReader&)>& read, MemoryCharge& kept);
   absl::Status WaitForAnswer(uint64_t memory_bytes, const JobContext& job, MemoryCharge& charge, Message& answer);
   // Takes `bytes` more for the process, which does not run while that waits.
   absl::Status ChargeMore(uint64_t bytes, MemoryCharge& charge);
   // What the process takes beyond what it took when it was asked.
-  uint64_t TakenBytes() const;
+  uint64_t TakenBytes();
   // What it takes now, its answers included.
   uint64_t ResidentBytes() const;
   // Ends the process, without waiting for its end.
@@ -77,7 +81,8 @@ class WorkerProcess {
   const char* end_reason_ = "";
   uint64_t number_ = 0;
   uint64_t base_space_ = 0;     // when it became ready
-  uint64_t base_resident_ = 0;  // then, and after each long question
+  uint64_t base_resident_ = 0;  // then, and before a question that follows a long one
+  bool measure_ = false;        // whether that is to be measured
 };
 
 }  // namespace voxelpipe
