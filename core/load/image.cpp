@@ -128,6 +128,7 @@ absl::Status DecodePng(Image& image, Decoding& decoding, std::vector<uint8_t>& r
   }
   png_set_read_fn(png, &reader, ReadPngBytes);
   png_set_user_limits(png, 0x7fffffff, 0x7fffffff);  // the pixel limit is ours, below
+  png_set_chunk_cache_max(png, 1);  // none: compressed text costs a thousand times its bytes, and is of no use here
   bool done = false;
   try {
     done = ReadPng(png, info, image, decoding, rgba);
