@@ -15,6 +15,7 @@ namespace voxelpipe::cpu {
 namespace {
 
 constexpr int64_t kGrain = 1 << 14;
+constexpr char kWhat[] = "the mesh's posed parts";
 
 // The numbers of a parameter that the host reads by itself, null where it is not given.
 const std::vector<double>* Given(const ShaderCall& call, const char* name) {
@@ -186,19 +187,33 @@ absl::StatusOr<PosedMesh> MakePose(const RunState& state) {
   if (!query.animation && !query.weights) return posed;
   const Rig empty;
   const Rig& rig = state.mesh.rig == nullptr ? empty : *state.mesh.rig;
-  auto pose = EvaluatePose(rig, query);
+  auto pose = EvaluatePoseFor(state.job, rig, query);
   if (!pose.ok()) return error(pose.status());
   posed.pose = *std::move(pose);
   if (dt > 0) {
     query.time += dt;
-    auto later = EvaluatePose(rig, query);
+    auto later = EvaluatePoseFor(state.job, rig, query);
     if (!later.ok()) return error(later.status());
     posed.later = *std::move(later);
   }
+  constexpr size_t kPartsAStep = 4096;  // between two looks at the job
+  constexpr uint64_t kPartBytes = sizeof(PosedPartView) + sizeof(std::vector<MorphTargetView>);
+  posed.memory = MemoryCharge(&MemoryOf(state.job));
+  if (absl::Status s = posed.memory.Grow(rig.parts.size(), 2 * kPartBytes, kWhat); !s.ok()) return s;
   posed.targets.resize(rig.parts.size());
+  posed.parts.reserve(rig.parts.size());
   for (size_t i = 0; i < rig.parts.size(); ++i) {
+    if (i % kPartsAStep == 0) {
+      if (absl::Status s = state.job.Check(); !s.ok()) return s;
+    }
+    const Primitive& primitive = *rig.parts[i].primitive;
+    if (primitive.morph != nullptr) {
+      if (absl::Status s = state.job.Check(); !s.ok()) return s;
+      absl::Status s = posed.memory.Grow(primitive.morph->targets.size(), 2 * sizeof(MorphTargetView), kWhat);
+      if (!s.ok()) return s;
+    }
     PosedPartView view;
-    view.rest = RestView(*rig.parts[i].primitive, posed.targets[i]);
+    view.rest = RestView(primitive, posed.targets[i]);
     view.pose = posed.pose->parts[i];
     view.later = posed.later == nullptr ? view.pose : posed.later->parts[i];
     posed.parts.push_back(view);

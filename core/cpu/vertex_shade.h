@@ -16,10 +16,11 @@ void MakeViews(RunState& state);
 // The parts of the mesh in the pose that `morph` or `skin` asks for; views point into the members and the mesh.
 struct PosedMesh {
   std::unique_ptr<Pose> pose, later;
-  std::vector<std::vector<MorphTargetView>> targets;
-  std::vector<PosedPartView> parts;  // empty: the file's own pose; otherwise one a part of the mesh
+  std::vector<std::vector<MorphTargetView>> targets;  // of each part
+  std::vector<PosedPartView> parts;                   // empty: the file's own pose; otherwise one a part of the mesh
+  MemoryCharge memory;                                // of targets and parts, and of a copy for a device
 };
-// INVALID_ARGUMENT naming the shader for a pose that the file cannot take.
+// INVALID_ARGUMENT naming the shader for a pose that the file cannot take; RESOURCE_EXHAUSTED; the job's errors.
 absl::StatusOr<PosedMesh> MakePose(const RunState& state);
 
 // What the vertex shader makes anew.

@@ -2,11 +2,16 @@
 #include "mesh/pose.h"
 
 #include <algorithm>
+#include <unordered_map>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 
 namespace voxelpipe {
 namespace {
+
+constexpr char kWhat[] = "the mesh's pose";
+constexpr size_t kPartsAStep = 4096;  // nodes or parts between two looks at the job
 
 // Locals and morph weights of the nodes in the pose.
 struct NodeState {
@@ -14,7 +19,24 @@ struct NodeState {
   std::vector<std::vector<double>> weights;
 };
 
-absl::Status Animate(const Rig& rig, const PoseQuery& query, NodeState& state) {
+uint64_t TargetsOf(const RigPart& part) {
+  return part.primitive->morph == nullptr ? 0 : part.primitive->morph->targets.size();
+}
+
+// What the state of the nodes takes, weights as the file has them, and all that a pose has but morph weights.
+uint64_t StateBytes(const Rig& rig) {
+  uint64_t bytes = rig.nodes.size() * (3 * sizeof(Mat4d) + sizeof(std::vector<double>));
+  for (const RigNode& node : rig.nodes) bytes += node.weights.size() * sizeof(double);
+  return bytes;
+}
+uint64_t PoseBytes(const Rig& rig) {
+  uint64_t bytes = rig.parts.size() * sizeof(PoseView);
+  for (const Skin& skin : rig.skins) bytes += sizeof(std::vector<Mat4d>) + skin.joints.size() * sizeof(Mat4d);
+  return bytes;
+}
+
+absl::Status Animate(const JobContext& job, const Rig& rig, const PoseQuery& query, MemoryCharge& charge,
+                     NodeState& state) {
   if (*query.animation >= rig.animations.size()) {
     return absl::InvalidArgumentError(absl::StrCat("animation ", *query.animation, " does not exist: the file has ",
                                                    rig.animations.size(), " animations"));
@@ -25,8 +47,10 @@ absl::Status Animate(const Rig& rig, const PoseQuery& query, NodeState& state) {
   for (size_t n = 0; n < trs.size(); ++n) trs[n] = rig.nodes[n].trs;
   std::vector<bool> moved(rig.nodes.size());
   for (const AnimationChannel& channel : animation.channels) {
+    if (absl::Status over = job.Check(); !over.ok()) return over;
     const AnimationSampler& sampler = animation.samplers[channel.sampler];
     if (channel.path == AnimationPath::kWeights) {
+      if (absl::Status full = charge.Grow(sampler.width, sizeof(double), kWhat); !full.ok()) return full;
       state.weights[channel.node].resize(sampler.width);
       SampleAnimation(sampler, false, query.time, state.weights[channel.node].data());
       continue;
@@ -45,32 +69,59 @@ absl::Status Animate(const Rig& rig, const PoseQuery& query, NodeState& state) {
   return absl::OkStatus();
 }
 
-absl::Status SetWeights(const Rig& rig, const std::vector<double>& weights, NodeState& state) {
-  size_t most = 0;
-  for (const RigPart& part : rig.parts) {
-    if (part.primitive->morph != nullptr) most = std::max(most, part.primitive->morph->targets.size());
-  }
+absl::Status SetWeights(const Rig& rig, const std::vector<double>& weights, MemoryCharge& charge, NodeState& state) {
+  uint64_t most = 0;
+  for (const RigPart& part : rig.parts) most = std::max(most, TargetsOf(part));
   if (weights.size() > most) {
     return absl::InvalidArgumentError(absl::StrCat("weights: ", weights.size(), " given, the mesh has ", most,
                                                    most == 1 ? " morph target" : " morph targets"));
+  }
+  if (absl::Status full = charge.Grow(state.weights.size(), weights.size() * sizeof(double), kWhat); !full.ok()) {
+    return full;
   }
   for (std::vector<double>& w : state.weights) w = weights;
   return absl::OkStatus();
 }
 
+// Adds a list of weights, one a target, of those that are given. Out: where it stands, as long as the pose lives.
+absl::StatusOr<const double*> AddWeights(const JobContext& job, const std::vector<MorphTarget>& targets,
+                                         const std::vector<double>& given, Pose& pose) {
+  if (absl::Status over = job.Check(); !over.ok()) return over;
+  const uint64_t bytes = targets.size() * sizeof(double) + 2 * sizeof(std::vector<double>);  // lists grow by doubling
+  if (absl::Status full = pose.memory.Grow(bytes, kWhat); !full.ok()) return full;
+  std::vector<double> weights(targets.size());
+  std::copy_n(given.begin(), std::min(given.size(), weights.size()), weights.begin());
+  for (size_t t = 0; t < weights.size(); ++t) {
+    if (weights[t] != 0 && !targets[t].fault.ok()) return targets[t].fault;
+  }
+  return pose.target_weights.emplace_back(std::move(weights)).data();
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Pose>> EvaluatePose(const Rig& rig, const PoseQuery& query) {
+  const JobContext endless;
+  return EvaluatePoseFor(endless, rig, query);
+}
+
+absl::StatusOr<std::unique_ptr<Pose>> EvaluatePoseFor(const JobContext& job, const Rig& rig, const PoseQuery& query) {
+  MemoryCharge working(&MemoryOf(job));
+  if (absl::Status full = working.Grow(StateBytes(rig), kWhat); !full.ok()) return full;
   NodeState state;
+  state.local.reserve(rig.nodes.size());
+  state.weights.reserve(rig.nodes.size());
   for (const RigNode& node : rig.nodes) {
+    if (state.local.size() % kPartsAStep == 0) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
+    }
     state.local.push_back(node.local);
     state.weights.push_back(node.weights);
   }
   if (query.animation) {
-    if (absl::Status s = Animate(rig, query, state); !s.ok()) return s;
+    if (absl::Status s = Animate(job, rig, query, working, state); !s.ok()) return s;
   }
   if (query.weights) {
-    if (absl::Status s = SetWeights(rig, *query.weights, state); !s.ok()) return s;
+    if (absl::Status s = SetWeights(rig, *query.weights, working, state); !s.ok()) return s;
   }
   std::vector<Mat4d> world(rig.nodes.size());
   for (const uint32_t n : rig.order) {
@@ -78,24 +129,36 @@ absl::StatusOr<std::unique_ptr<Pose>> EvaluatePose(const Rig& rig, const PoseQue
     world[n] = parent < 0 ? state.local[n] : Multiply(world[size_t(parent)], state.local[n]);
   }
   auto pose = std::make_unique<Pose>();
+  pose->memory = MemoryCharge(&MemoryOf(job));
+  if (absl::Status full = pose->memory.Grow(PoseBytes(rig), kWhat); !full.ok()) return full;
   for (const Skin& skin : rig.skins) {
+    if (absl::Status over = job.Check(); !over.ok()) return over;
     std::vector<Mat4d>& matrices = pose->skins.emplace_back();
+    matrices.reserve(skin.joints.size());
     for (size_t j = 0; j < skin.joints.size(); ++j) {
       matrices.push_back(Multiply(world[skin.joints[j]], skin.inverse_bind_matrices[j]));
     }
   }
+  // Of each primitive with morph targets: the last node that shows it, and the weights there. A node's parts stand together.
+  std::unordered_map<const Primitive*, std::pair<uint32_t, const double*>> last;
+  pose->parts.reserve(rig.parts.size());
   for (size_t i = 0; i < rig.parts.size(); ++i) {
-    const RigPart& part = rig.parts[i];
-    const size_t targets = part.primitive->morph == nullptr ? 0 : part.primitive->morph->targets.size();
-    std::vector<double>& weights = pose->target_weights.emplace_back(targets);
-    const std::vector<double>& given = state.weights[part.node];
-    std::copy_n(given.begin(), std::min(given.size(), targets), weights.begin());
-    for (size_t t = 0; t < targets; ++t) {
-      const absl::Status& fault = part.primitive->morph->targets[t].fault;
-      if (weights[t] != 0 && !fault.ok()) return fault;
+    if (i % kPartsAStep == 0) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
     }
+    const RigPart& part = rig.parts[i];
     PoseView view;
-    view.target_weights = weights.data();  // moving the outer vector keeps the inner ones where they are
+    if (const uint64_t targets = TargetsOf(part); targets > 0) {
+      auto& [node, shared] = last[part.primitive.get()];
+      if (shared == nullptr || node != part.node) {
+        const absl::StatusOr<const double*> weights =
+            AddWeights(job, part.primitive->morph->targets, state.weights[part.node], *pose);
+        if (!weights.ok()) return weights.status();
+        node = part.node;
+        shared = *weights;
+      }
+      view.target_weights = shared;
+    }
     if (part.skin >= 0) {
       view.joints = pose->skins[size_t(part.skin)].data();
       view.joint_count = uint32_t(pose->skins[size_t(part.skin)].size());
@@ -125,6 +188,7 @@ RestPrimitiveView RestView(const Primitive& primitive, std::vector<MorphTargetVi
   }
   targets.clear();
   if (morph == nullptr) return view;
+  targets.reserve(morph->targets.size());
   for (const MorphTarget& target : morph->targets) {
     targets.push_back({target.positions.empty() ? nullptr : target.positions.data(),
                        target.normals.empty() ? nullptr : target.normals.data(),

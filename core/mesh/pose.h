@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "mesh/rig.h"
 #include "shaders/vertex_pose.h"
 
@@ -24,13 +25,16 @@ struct Pose {
   Pose(const Pose&) = delete;
   Pose& operator=(const Pose&) = delete;
   std::vector<std::vector<Mat4d>> skins;            // skinning matrices
-  std::vector<std::vector<double>> target_weights;  // per part, one a morph target
+  std::vector<std::vector<double>> target_weights;  // one a morph target; instances of a node share them
   std::vector<PoseView> parts;                      // one a part of the rig
+  MemoryCharge memory;                              // of all this
 };
 
 // Errors: INVALID_ARGUMENT for an animation that does not exist or cannot be played, a morph target that is not usable, more
 // weights than any primitive has targets, weights without any targets.
 absl::StatusOr<std::unique_ptr<Pose>> EvaluatePose(const Rig& rig, const PoseQuery& query);
+// The same on behalf of a job that may end; the pose is charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED and the job's, too.
+absl::StatusOr<std::unique_ptr<Pose>> EvaluatePoseFor(const JobContext& job, const Rig& rig, const PoseQuery& query);
 
 // The unposed primitive of a part; `targets` receives what the view points to and must live as long.
 RestPrimitiveView RestView(const Primitive& primitive, std::vector<MorphTargetView>& targets);
