@@ -6,6 +6,8 @@
 #include <numeric>
 #include <vector>
 
+#include "base/memory_budget.h"
+
 namespace voxelpipe {
 namespace {
 
@@ -35,10 +37,14 @@ bool IsDegenerate(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   return n.x == 0 && n.y == 0 && n.z == 0;
 }
 
-}  // namespace
-
-uint64_t CountOpenEdges(const TriangleMesh& mesh) {
+// `memory` may be null.
+absl::StatusOr<uint64_t> CountOpenEdgesFor(const JobContext& job, MemoryBudget* memory, const TriangleMesh& mesh) {
+  MemoryCharge charge(memory);
+  const uint64_t bytes = mesh.positions.size() * 2 * sizeof(uint32_t) + mesh.triangles.size() * 3 * sizeof(uint64_t);
+  if (absl::Status full = charge.Grow(bytes, "looking for open edges"); !full.ok()) return full;
+  if (absl::Status over = job.Check(); !over.ok()) return over;
   const std::vector<uint32_t> id = Weld(mesh.positions);
+  if (absl::Status over = job.Check(); !over.ok()) return over;
   constexpr uint64_t kNoEdge = UINT64_MAX;
   std::vector<uint64_t> edges(mesh.triangles.size() * 3);
   tbb::parallel_for(size_t{0}, mesh.triangles.size(), [&](size_t t) {
@@ -47,7 +53,9 @@ uint64_t CountOpenEdges(const TriangleMesh& mesh) {
       edges[t * 3 + i] = a == b ? kNoEdge : a < b ? a << 32 | b : b << 32 | a;
     }
   });
+  if (absl::Status over = job.Check(); !over.ok()) return over;
   tbb::parallel_sort(edges.begin(), edges.end());
+  if (absl::Status over = job.Check(); !over.ok()) return over;
   uint64_t open = 0;
   for (size_t begin = 0; begin < edges.size() && edges[begin] != kNoEdge;) {
     size_t end = begin + 1;
@@ -58,11 +66,13 @@ uint64_t CountOpenEdges(const TriangleMesh& mesh) {
   return open;
 }
 
-MeshReport ReportMesh(const TriangleMesh& mesh) {
+absl::StatusOr<MeshReport> Report(const JobContext& job, MemoryBudget* memory, const TriangleMesh& mesh) {
+  const absl::StatusOr<uint64_t> open_edges = CountOpenEdgesFor(job, memory, mesh);
+  if (!open_edges.ok()) return open_edges.status();
   MeshReport report;
   report.triangles = mesh.triangles.size();
   report.vertices = mesh.positions.size();
-  report.open_edges = CountOpenEdges(mesh);
+  report.open_edges = *open_edges;
   bool first = true;
   for (const auto& t : mesh.triangles) {
     const Vec3d &a = mesh.positions[t[0]], &b = mesh.positions[t[1]], &c = mesh.positions[t[2]];
@@ -76,6 +86,22 @@ MeshReport ReportMesh(const TriangleMesh& mesh) {
     }
   }
   return report;
+}
+
+}  // namespace
+
+uint64_t CountOpenEdges(const TriangleMesh& mesh) {
+  const JobContext endless;
+  return *CountOpenEdgesFor(endless, nullptr, mesh);
+}
+
+MeshReport ReportMesh(const TriangleMesh& mesh) {
+  const JobContext endless;
+  return *Report(endless, nullptr, mesh);
+}
+
+absl::StatusOr<MeshReport> ReportMeshFor(const JobContext& job, const TriangleMesh& mesh) {
+  return Report(job, &MemoryOf(job), mesh);
 }
 
 }  // namespace voxelpipe

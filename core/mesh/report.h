@@ -3,6 +3,8 @@
 
 #include <cstdint>
 
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "base/vec.h"
 #include "mesh/triangle_mesh.h"
 
@@ -20,5 +22,8 @@ struct MeshReport {
 uint64_t CountOpenEdges(const TriangleMesh& mesh);
 
 MeshReport ReportMesh(const TriangleMesh& mesh);
+// The same on behalf of a job that may end; what it takes meanwhile is charged to MemoryOf(job).
+// Errors: RESOURCE_EXHAUSTED; the job's, within one sort after its end.
+absl::StatusOr<MeshReport> ReportMeshFor(const JobContext& job, const TriangleMesh& mesh);
 
 }  // namespace voxelpipe

@@ -86,7 +86,13 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint
     if (!loaded.ok()) return loaded.status();
     auto prepared = std::make_shared<PreparedMesh>();
     prepared->examined = config.request.fill != Fill::kNone;
-    prepared->report = prepared->examined ? ReportMesh(loaded->mesh) : BoxReport(loaded->mesh);
+    if (prepared->examined) {
+      absl::StatusOr<MeshReport> report = ReportMeshFor(job, loaded->mesh);
+      if (!report.ok()) return report.status();
+      prepared->report = *report;
+    } else {
+      prepared->report = BoxReport(loaded->mesh);
+    }
     prepared->mesh = std::make_shared<const TriangleMesh>(std::move(loaded->mesh));
     prepared->contents = std::move(loaded->contents);
     prepared->stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
@@ -124,8 +130,7 @@ JobOutcome OutcomeOf(const PreparedMesh& mesh, VoxelizeResult result, const Plan
 absl::StatusOr<Estimate> EstimateJob(const PreparedMesh& mesh, const ParsedConfig& config, const JobLimits& limits,
                                      const JobContext& job) {
   return Guarded<Estimate>([&]() -> absl::StatusOr<Estimate> {
-    absl::StatusOr<Plan> plan =
-        EstimateVoxelization(*mesh.mesh, config.request, job, limits.plan, Delivery::kStream);
+    absl::StatusOr<Plan> plan = EstimateVoxelization(*mesh.mesh, config.request, job, limits.plan, Delivery::kStream);
     if (!plan.ok()) return plan.status();
     return Estimate{*std::move(plan), mesh.report};
   });
