@@ -42,8 +42,8 @@ absl::StatusOr<Scene> LoadGltf(const JobContext& job, std::string_view json,
   gltf::PrimitiveContext context{*document, *buffers, budget, accessors, scene.warnings};
   if (absl::Status bad = gltf::ReadMeshes(*model, context, scene); !bad.ok()) return bad;
   if (absl::Status bad = gltf::ReadMaterials(*model, *document, *buffers, budget, scene); !bad.ok()) return bad;
-  // Last, so that what they take of the budget is missing nowhere else.
-  gltf::ReadAnimations(*document, accessors, limits, scene);
+  // Last, so that what they take from the budget is missing nowhere else.
+  if (absl::Status bad = gltf::ReadAnimations(*document, accessors, budget, scene); !bad.ok()) return bad;
   if (absl::Status bad = gltf::AddMissingNodes(*document, limits, scene); !bad.ok()) return bad;
   scene.memory = std::make_shared<MemoryCharge>(budget.Release());
   return scene;

@@ -12,26 +12,36 @@
 #include "absl/strings/strip.h"
 #include "base/limit_error.h"
 #include "load/gltf_fields.h"
+#include "mesh/scene_bytes.h"
 
 namespace voxelpipe::gltf {
 namespace {
 
 constexpr const char* kPaths[] = {"translation", "rotation", "scale", "weights"};
 
-// Morph targets of a node's mesh: those of the primitive that has most.
-uint64_t TargetsOf(const Scene& scene, uint32_t node) {
-  uint64_t most = 0;
-  if (scene.nodes[node].mesh < 0) return 0;
-  for (const Primitive& primitive : scene.meshes[size_t(scene.nodes[node].mesh)].primitives) {
-    if (primitive.morph != nullptr) most = std::max<uint64_t>(most, primitive.morph->targets.size());
+// Morph targets of each mesh: those of the primitive that has most.
+std::vector<uint64_t> TargetsOf(const std::vector<Mesh>& meshes) {
+  std::vector<uint64_t> targets;
+  for (const Mesh& mesh : meshes) {
+    uint64_t most = 0;
+    for (const Primitive& primitive : mesh.primitives) {
+      if (primitive.morph != nullptr) most = std::max<uint64_t>(most, primitive.morph->targets.size());
+    }
+    targets.push_back(most);
   }
-  return most;
+  return targets;
 }
 
 class Reader {
  public:
-  Reader(const AccessorReader& accessors, uint64_t accessor_count, const Scene& scene, std::string where)
-      : accessors_(accessors), accessor_count_(accessor_count), scene_(scene), where_(std::move(where)) {}
+  // `targets`: of each mesh. All but `where` must outlive this.
+  Reader(const AccessorReader& accessors, uint64_t accessor_count, const Scene& scene,
+         const std::vector<uint64_t>& targets, std::string where)
+      : accessors_(accessors),
+        accessor_count_(accessor_count),
+        scene_(scene),
+        mesh_targets_(targets),
+        where_(std::move(where)) {}
 
   absl::Status Read(const Json& object, Animation& out) {
     absl::Status status;
@@ -76,10 +86,13 @@ class Reader {
       fields.Fail(absl::StrCat("node ", node, " has a matrix and cannot be animated"));
       return status;
     }
-    const uint64_t width = weights ? TargetsOf(scene_, channel.node) : channel.path == AnimationPath::kRotation ? 4 : 3;
+    const int32_t mesh = scene_.nodes[channel.node].mesh;
+    const uint64_t width = weights                                    ? (mesh < 0 ? 0 : mesh_targets_[size_t(mesh)])
+                           : channel.path == AnimationPath::kRotation ? 4
+                                                                      : 3;
     if (width == 0) {
       // Hidden nodes lose their mesh: nothing to morph is no fault.
-      if (scene_.nodes[channel.node].mesh < 0) return absl::OkStatus();
+      if (mesh < 0) return absl::OkStatus();
       fields.Fail(absl::StrCat("node ", node, " has no morph targets"));
       return status;
     }
@@ -157,37 +170,62 @@ class Reader {
   const AccessorReader& accessors_;
   uint64_t accessor_count_;
   const Scene& scene_;
+  const std::vector<uint64_t>& mesh_targets_;
   std::string where_;
   std::set<std::pair<uint32_t, AnimationPath>> targets_;  // of the channels read so far
 };
 
 }  // namespace
 
-void ReadAnimations(const Document& document, const AccessorReader& accessors, const LoadLimits& limits, Scene& scene) {
-  if (document.animations == nullptr) return;
+absl::Status ReadAnimations(const Document& document, const AccessorReader& accessors, Budget& budget, Scene& scene) {
+  if (document.animations == nullptr) return absl::OkStatus();
   const Json& root = *document.animations;
-  uint64_t total = 0;
+  const uint64_t most = budget.limits().max_nodes;
+  if (root.size() > most) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("glTF: ", root.size(), " animations; the limit max_nodes is ", most));
+  }
+  if (absl::Status full = budget.Take(root.size(), sizeof(Animation), "animations"); !full.ok()) return full;
+  scene.animations.reserve(root.size());
+  const std::vector<uint64_t> targets = TargetsOf(scene.meshes);
+  uint64_t total = root.size();
   for (size_t i = 0; i < root.size(); ++i) {
     Animation& out = scene.animations.emplace_back();
     const std::string where = absl::StrCat("animation ", i);
+    const uint64_t before = budget.bytes();
+    uint64_t parts = 0;
     for (const char* key : {"samplers", "channels"}) {
-      if (root[i].is_object()) total += ArraySize(root[i], key);
+      if (root[i].is_object()) parts += ArraySize(root[i], key);
     }
-    if (total > limits.max_nodes) {
+    total += parts;
+    // With the trees that tell which have been read.
+    constexpr uint64_t kPartBytes = sizeof(AnimationSampler) + sizeof(AnimationChannel) + 128;
+    if (total > most) {
       out.fault = absl::ResourceExhaustedError(
-          absl::StrCat("glTF: ", where, ": more channels and samplers than the limit max_nodes, ", limits.max_nodes));
-      continue;
-    }
-    try {
-      out.fault = Reader(accessors, document.accessors.size(), scene, where).Read(root[i], out);
-    } catch (const Json::exception& error) {
-      out.fault = absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": ", error.what()));
+          absl::StrCat("glTF: ", where, ": more animations, channels and samplers than the limit max_nodes, ", most));
+    } else if (absl::Status full = budget.Take(parts, kPartBytes, where); !full.ok()) {
+      out.fault = std::move(full);
+    } else {
+      try {
+        out.fault = Reader(accessors, document.accessors.size(), scene, targets, where).Read(root[i], out);
+      } catch (const Json::exception& error) {
+        out.fault = absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": ", error.what()));
+      }
     }
     if (!out.fault.ok()) {
-      out.samplers.clear();
-      out.channels.clear();
+      if (!IsOfFile(out.fault)) return out.fault;
+      out.samplers = {};
+      out.channels = {};
+      budget.ShrinkTo(before);
+    }
+    const uint64_t kept = AnimationBytes(out) - sizeof out, taken = budget.bytes() - before;
+    if (kept > taken) {
+      if (absl::Status full = budget.Take(kept - taken, 1, where); !full.ok()) return full;
+    } else {
+      budget.ShrinkTo(before + kept);  // what it was made of is gone
     }
   }
+  return absl::OkStatus();
 }
 
 }  // namespace voxelpipe::gltf

@@ -3,6 +3,7 @@
 
 #include "absl/status/status.h"
 #include "load/gltf_accessor.h"
+#include "load/gltf_buffers.h"
 #include "mesh/scene.h"
 
 namespace voxelpipe::gltf {
@@ -11,7 +12,8 @@ namespace voxelpipe::gltf {
 // node, or whose path is none of glTF 2.0's four, are left out, as the specification wants. What is wrong with an animation
 // (times not finite or not ascending, no keys, a count that does not fit, a node with a matrix, an accessor out of range) stays in
 // its `fault`, INVALID_ARGUMENT or RESOURCE_EXHAUSTED naming animation, sampler or channel, and accessor: most requests ask for
-// no animation. No more than max_nodes channels and samplers in all.
-void ReadAnimations(const Document& document, const AccessorReader& accessors, const LoadLimits& limits, Scene& scene);
+// no animation. No more than max_nodes animations, channels and samplers in all.
+// Errors: RESOURCE_EXHAUSTED for more animations than max_nodes, or for memory that they take; the job's.
+absl::Status ReadAnimations(const Document& document, const AccessorReader& accessors, Budget& budget, Scene& scene);
 
 }  // namespace voxelpipe::gltf

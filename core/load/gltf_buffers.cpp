@@ -114,6 +114,10 @@ absl::Status Budget::CheckDeclared(uint64_t elements, uint64_t bytes_each, const
                         {CheckedMul(elements, bytes_each).value_or(UINT64_MAX), most * bytes_each, 0});
 }
 
+bool IsOfFile(const absl::Status& error) {
+  return absl::IsInvalidArgument(error) || (absl::IsResourceExhausted(error) && !IsInUseByOthers(error));
+}
+
 bool IsDataUri(std::string_view uri) {
   return absl::StartsWithIgnoreCase(absl::string_view(uri.data(), uri.size()),
                                     {kDataScheme.data(), kDataScheme.size()});
@@ -200,16 +204,17 @@ absl::StatusOr<std::vector<uint8_t>> Buffers::Decode(const MeshoptDecl& decl, Bu
   if (buffer.size() < decl.offset + decl.length) {
     return absl::InvalidArgumentError(absl::StrCat("meshopt compression: buffer ", decl.buffer, " has no data"));
   }
-  if (absl::Status full = budget.Take(decl.count, decl.stride, "meshopt compression", charge_); !full.ok()) {
-    return full;
-  }
+  MemoryCharge charge = budget.NewCharge();
+  if (absl::Status full = budget.Take(decl.count, decl.stride, "meshopt compression", charge); !full.ok()) return full;
   MeshoptView view;
   view.count = decl.count;
   view.byte_stride = decl.stride;
   view.mode = decl.mode;
   view.filter = decl.filter;
   view.khr = decl.khr;
-  return DecodeMeshopt(buffer.subspan(decl.offset, decl.length), view);
+  absl::StatusOr<std::vector<uint8_t>> bytes = DecodeMeshopt(buffer.subspan(decl.offset, decl.length), view);
+  if (bytes.ok()) charge_.Absorb(std::move(charge));
+  return bytes;
 }
 
 absl::StatusOr<std::span<const uint8_t>> Buffers::View(uint32_t index, Budget& budget) {

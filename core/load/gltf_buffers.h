@@ -16,8 +16,8 @@
 
 namespace voxelpipe::gltf {
 
-// What the scene takes of the job's memory: one declared count can stand for gigabytes. As everything that takes long takes of it first, it
-// is also where the job is looked at. Not thread-safe, but for job().
+// What the scene takes from the job's memory: one declared count can stand for gigabytes. As everything that takes long takes from it first,
+// it is also where the job is looked at. Not thread-safe, but for job().
 class Budget {
  public:
   // `job` and `limits` must outlive this. `file_bytes`: of all that was given to load.
@@ -50,6 +50,9 @@ class Budget {
   MemoryCharge charge_;
 };
 
+// Whether an error is the file's own, so that it may stay with the part that it is of: not the end of the job, nor memory that others use now.
+bool IsOfFile(const absl::Status& error);
+
 // Whether a URI holds its data, whatever the case of its scheme.
 bool IsDataUri(std::string_view uri);
 
@@ -70,7 +73,7 @@ class Buffers {
                                          Budget& budget);
 
   // The bytes of a buffer view; a meshopt-compressed one is decoded at first use.
-  // Errors: INVALID_ARGUMENT naming the view.
+  // Errors: INVALID_ARGUMENT naming the view; of one that is decoded, RESOURCE_EXHAUSTED and the job's, too.
   absl::StatusOr<std::span<const uint8_t>> View(uint32_t index, Budget& budget);
 
   // Bytes from one element to the next in a view's data, 0 if it is tightly packed.

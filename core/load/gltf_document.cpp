@@ -13,8 +13,6 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr uint64_t kMostElements = 1'000'000;  // of any one array; nodes have their own limit
-
 absl::Status CheckVersion(const Fields& root) {
   absl::Status status;
   const Json* asset = root.Find("asset");
@@ -40,6 +38,11 @@ absl::Status CheckExtensions(const Fields& root, WarningList& warnings) {
   const Json* required = root.Find("extensionsRequired");
   if (required == nullptr) return absl::OkStatus();
   if (!required->is_array()) return absl::InvalidArgumentError("glTF: extensionsRequired is not an array");
+  constexpr size_t kMostNames = 1000;  // there are not so many extensions
+  if (required->size() > kMostNames) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("glTF: extensionsRequired has ", required->size(), " entries; the most is ", kMostNames));
+  }
   for (const Json& entry : *required) {
     if (!entry.is_string())
       return absl::InvalidArgumentError("glTF: extensionsRequired has an entry that is no string");
@@ -70,13 +73,6 @@ const Json* MeshoptExtension(const Fields& fields, bool& khr) {
   const Json* object = Extension(fields, "KHR_meshopt_compression");
   khr = object != nullptr;
   return khr ? object : Extension(fields, "EXT_meshopt_compression");
-}
-
-// Whether element `i` of an array is to be read; looks at the job now and then.
-bool GoOn(const JobContext& job, size_t i, absl::Status& status) {
-  constexpr size_t kElementsAStep = 1024;
-  if (i % kElementsAStep == 0 && status.ok()) status = job.Check();
-  return status.ok();
 }
 
 void ReadBuffers(const JobContext& job, const Json& array, Document& document, absl::Status& status) {
@@ -198,8 +194,8 @@ void ReadAccessors(const JobContext& job, const Json& array, Document& document,
 }
 
 // Images never make a document fail, unless a URI is not even one.
-void ReadImages(Json& array, Document& document, absl::Status& status) {
-  for (size_t i = 0; i < array.size() && status.ok(); ++i) {
+void ReadImages(const JobContext& job, Json& array, Document& document, absl::Status& status) {
+  for (size_t i = 0; i < array.size() && GoOn(job, i, status); ++i) {
     absl::Status ignored;
     Fields fields(array[i], absl::StrCat("image ", i), ignored);
     ImageDecl image;
@@ -248,7 +244,7 @@ absl::StatusOr<Document> ReadDocument(const JobContext& job, Json& root, const L
   if (const Json* array = fields.Array("buffers", kMostElements)) ReadBuffers(job, *array, document, status);
   if (const Json* array = fields.Array("bufferViews", kMostElements)) ReadViews(job, *array, document, status);
   if (const Json* array = fields.Array("accessors", kMostElements)) ReadAccessors(job, *array, document, status);
-  if (fields.Array("images", kMostElements) != nullptr) ReadImages(root["images"], document, status);
+  if (fields.Array("images", kMostElements) != nullptr) ReadImages(job, root["images"], document, status);
   if (!status.ok()) return status;
 
   // Unchecked: what is wrong with an animation matters only to a request that asks for it.

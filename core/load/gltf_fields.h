@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
+#include "base/job_context.h"
 #include "base/warning.h"
 
 namespace voxelpipe::gltf {
@@ -123,6 +124,13 @@ inline void AddIgnored(const absl::Status& ignored, const std::string& where, Wa
   if (ignored.ok()) return;
   const absl::string_view what = absl::StripPrefix(ignored.message(), absl::StrCat("glTF: ", where, ": "));
   warnings.Add(WarningCode::kNonconformingFile, where, absl::StrCat(what, "; it is ignored"));
+}
+
+// Whether element `i` of an array is to be read; looks at the job now and then. The first error sticks.
+inline bool GoOn(const JobContext& job, size_t i, absl::Status& status) {
+  constexpr size_t kElementsAStep = 1024;
+  if (i % kElementsAStep == 0 && status.ok()) status = job.Check();
+  return status.ok();
 }
 
 // The elements of root[key], 0 if it is no array.

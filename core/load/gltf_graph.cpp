@@ -58,8 +58,11 @@ std::vector<int> IndicesOf(const Json& object, const char* key) {
   return out;
 }
 
-std::map<std::string, int> AttributesOf(const Json& object) {
+// A map from names to accessors; none where `json` is null.
+std::map<std::string, int> AttributesOf(const Json* json) {
   std::map<std::string, int> out;
+  if (json == nullptr) return out;
+  const Json& object = *json;
   for (const auto& [name, accessor] : object.items()) out[name] = static_cast<int>(accessor.get<int64_t>());
   return out;
 }
@@ -89,6 +92,26 @@ tinygltf::Value ToValue(const Json& json) {
   }
 }
 
+// What a value takes; much more than in the JSON.
+uint64_t ValueBytes(const Json& json) {
+  constexpr uint64_t kMemberBytes = sizeof(tinygltf::Value) + 80;  // with its key in a tree
+  uint64_t bytes = sizeof(tinygltf::Value);
+  if (json.is_string()) bytes += json.get_ref<const std::string&>().size();
+  if (!json.is_structured()) return bytes;
+  for (const auto& [key, entry] : json.items()) bytes += kMemberBytes + key.size() + ValueBytes(entry);
+  return bytes;
+}
+
+// What the extensions of an element and of the objects in it take.
+uint64_t ExtensionBytes(const Json& element) {
+  uint64_t bytes = 0;
+  if (!element.is_object()) return bytes;
+  for (const auto& [key, entry] : element.items()) {
+    bytes += key == "extensions" ? ValueBytes(entry) : ExtensionBytes(entry);
+  }
+  return bytes;
+}
+
 tinygltf::ExtensionMap ExtensionsOf(const Json& object) {
   tinygltf::ExtensionMap out;
   const Json* const extensions = Find(object, "extensions");
@@ -104,19 +127,19 @@ tinygltf::Primitive ToPrimitive(const Json& json) {
   out.mode = IntOf(json, "mode", 4);
   out.indices = IntOf(json, "indices", -1);
   out.material = IntOf(json, "material", -1);
-  out.attributes = AttributesOf(json.at("attributes"));
+  out.attributes = AttributesOf(Find(json, "attributes"));
   if (const Json* const targets = Find(json, "targets")) {
-    for (const Json& target : *targets) out.targets.push_back(AttributesOf(target));
+    for (const Json& target : *targets) out.targets.push_back(AttributesOf(&target));
   }
   out.extensions = ExtensionsOf(json);
   return out;
 }
 
+// Without its primitives.
 tinygltf::Mesh ToMesh(const Json& json) {
   tinygltf::Mesh out;
   out.name = StringOf(json, "name");
   out.weights = NumbersOf(json, "weights");
-  for (const Json& primitive : json.at("primitives")) out.primitives.push_back(ToPrimitive(primitive));
   return out;
 }
 
@@ -199,7 +222,8 @@ tinygltf::Sampler ToSampler(const Json& json) {
   return out;
 }
 
-// The array graph[key], each element through `convert`.
+// The array graph[key], each element through `convert`. What an element holds beside its extensions takes less than it did in the JSON, which
+// the document has charged.
 template <typename Element>
 absl::Status Convert(const Json& graph, const char* key, Element (*convert)(const Json&), const Budget& budget,
                      MemoryCharge& charge, std::vector<Element>& out) {
@@ -212,7 +236,11 @@ absl::Status Convert(const Json& graph, const char* key, Element (*convert)(cons
     if (i % kStep == 0) {
       if (absl::Status over = budget.job().Check(); !over.ok()) return over;
     }
-    out.push_back(convert((*array)[i]));
+    const Json& element = (*array)[i];
+    if (const uint64_t more = ExtensionBytes(element); more > 0) {
+      if (absl::Status full = budget.Take(more, 1, key, charge); !full.ok()) return full;
+    }
+    out.push_back(convert(element));
   }
   return absl::OkStatus();
 }
@@ -228,6 +256,11 @@ absl::StatusOr<tinygltf::Model> BuildModel(const Json& graph, const Budget& budg
   if (absl::Status s = convert("scenes", ToScene, model.scenes); !s.ok()) return s;
   if (absl::Status s = convert("nodes", ToNode, model.nodes); !s.ok()) return s;
   if (absl::Status s = convert("meshes", ToMesh, model.meshes); !s.ok()) return s;
+  for (size_t i = 0; i < model.meshes.size(); ++i) {
+    const Json& mesh = graph.at("meshes")[i];
+    absl::Status s = Convert(mesh, "primitives", ToPrimitive, budget, charge, model.meshes[i].primitives);
+    if (!s.ok()) return s;
+  }
   if (absl::Status s = convert("skins", ToSkin, model.skins); !s.ok()) return s;
   if (absl::Status s = convert("materials", ToMaterial, model.materials); !s.ok()) return s;
   if (absl::Status s = convert("textures", ToTexture, model.textures); !s.ok()) return s;

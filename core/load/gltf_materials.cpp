@@ -177,7 +177,8 @@ absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Bu
   }
   if (decl.view < 0) return missing("neither uri nor bufferView");
   absl::StatusOr<std::span<const uint8_t>> bytes = buffers.View(static_cast<uint32_t>(decl.view), budget);
-  if (!bytes.ok()) return missing(std::string(bytes.status().message()));
+  if (absl::IsInvalidArgument(bytes.status())) return missing(std::string(bytes.status().message()));
+  if (!bytes.ok()) return bytes.status();
   MemoryCharge charge = budget.NewCharge();
   if (absl::Status full = budget.Take(bytes->size(), 1, where, charge); !full.ok()) return full;
   out.encoded.assign(bytes->begin(), bytes->end());

@@ -9,18 +9,30 @@
 
 #include "absl/strings/str_cat.h"
 #include "load/gltf_model.h"
+#include "load/gltf_sanitize.h"
 
 namespace voxelpipe::gltf {
 namespace {
+
+constexpr size_t kPrimitivesAStep = 1024;   // between two looks at the job
+constexpr size_t kVerticesAStep = 1 << 16;  // the same
 
 absl::StatusOr<Mesh> ReadMesh(const tinygltf::Mesh& mesh, const std::vector<double>& weights, size_t index,
                               PrimitiveContext& context) {
   Mesh out;
   out.name = mesh.name;
+  const std::string where = absl::StrCat("mesh ", index);
+  Budget& budget = context.budget;
+  if (absl::Status full = budget.Take(weights.size(), sizeof(double), where); !full.ok()) return full;
+  if (absl::Status full = budget.Take(mesh.primitives.size(), sizeof(Primitive), where); !full.ok()) return full;
   out.weights = weights;
+  out.primitives.reserve(mesh.primitives.size());
   for (size_t i = 0; i < mesh.primitives.size(); ++i) {
+    if (i % kPrimitivesAStep == 0) {
+      if (absl::Status over = budget.job().Check(); !over.ok()) return over;
+    }
     absl::StatusOr<std::optional<Primitive>> primitive =
-        ReadPrimitive(mesh.primitives[i], weights, absl::StrCat("mesh ", index, ", primitive ", i), context);
+        ReadPrimitive(mesh.primitives[i], weights, absl::StrCat(where, ", primitive ", i), context);
     if (!primitive.ok()) return primitive.status();
     // A primitive that draws no triangles keeps its place: primitives are numbered as in the file.
     out.primitives.push_back(*primitive ? **std::move(primitive) : Primitive{});
@@ -29,7 +41,7 @@ absl::StatusOr<Mesh> ReadMesh(const tinygltf::Mesh& mesh, const std::vector<doub
                                     [](const Primitive& primitive) { return primitive.points_or_lines; });
   if (others > 0) {
     context.warnings.Add(
-        WarningCode::kNoTriangles, absl::StrCat("mesh ", index),
+        WarningCode::kNoTriangles, where,
         absl::StrCat(others, " of ", out.primitives.size(), " primitives are points or lines and have no triangles"));
   }
   return out;
@@ -41,11 +53,14 @@ bool HasTargets(const tinygltf::Mesh& mesh) {
 }
 
 // The largest joint index that has a weight, -1 if there is none.
-int LargestJoint(const Mesh& mesh) {
+absl::StatusOr<int> LargestJoint(const JobContext& job, const Mesh& mesh) {
   int largest = -1;
   for (const Primitive& primitive : mesh.primitives) {
     for (int set = 0; set < 2; ++set) {
       for (size_t i = 0; i < primitive.joints[set].size(); ++i) {
+        if (i % kVerticesAStep == 0) {
+          if (absl::Status over = job.Check(); !over.ok()) return over;
+        }
         for (int c = 0; c < 4; ++c) {
           if (primitive.weights[set][i][c] != 0) largest = std::max<int>(largest, primitive.joints[set][i][c]);
         }
@@ -55,9 +70,13 @@ int LargestJoint(const Mesh& mesh) {
   return largest;
 }
 
-absl::Status CheckJoints(const Scene& scene) {
-  std::vector<int> largest(scene.meshes.size());
-  for (size_t i = 0; i < scene.meshes.size(); ++i) largest[i] = LargestJoint(scene.meshes[i]);
+absl::Status CheckJoints(const JobContext& job, const Scene& scene) {
+  std::vector<int> largest;
+  for (const Mesh& mesh : scene.meshes) {
+    const absl::StatusOr<int> joint = LargestJoint(job, mesh);
+    if (!joint.ok()) return joint.status();
+    largest.push_back(*joint);
+  }
   for (size_t i = 0; i < scene.nodes.size(); ++i) {
     const Node& node = scene.nodes[i];
     if (node.mesh < 0 || node.skin < 0) continue;
@@ -104,7 +123,7 @@ void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, WarningList& warnin
 }
 
 // The Draco streams of the meshes in reading order, up to the first that is at fault (reading it says so) or that must be
-// decompressed itself (which takes of the budget in its turn).
+// decompressed itself (which takes from the budget in its turn).
 std::vector<std::span<const uint8_t>> DracoStreams(const tinygltf::Model& model, PrimitiveContext& context) {
   std::vector<std::span<const uint8_t>> streams;
   for (const tinygltf::Mesh& mesh : model.meshes) {
@@ -132,14 +151,27 @@ absl::Status ReadMeshes(const tinygltf::Model& model, PrimitiveContext& context,
     scene.meshes.push_back(*std::move(mesh));
   }
   WarnOfUnevenAttributes(scene.meshes, scene.warnings);
+  std::vector<bool> has_targets;
+  uint64_t primitives = 0;
+  for (const tinygltf::Mesh& mesh : model.meshes) {
+    has_targets.push_back(HasTargets(mesh));
+    primitives += mesh.primitives.size();
+  }
   std::map<std::pair<int, std::vector<double>>, int> copies;
   for (size_t i = 0; i < scene.nodes.size(); ++i) {
+    if (i % kPrimitivesAStep == 0) {
+      if (absl::Status over = context.budget.job().Check(); !over.ok()) return over;
+    }
     const std::vector<double>& weights = model.nodes[i].weights;
     const int index = scene.nodes[i].mesh;
-    if (index < 0 || weights.empty() || weights == model.meshes[index].weights || !HasTargets(model.meshes[index]))
-      continue;
+    if (index < 0 || weights.empty() || !has_targets[size_t(index)] || weights == model.meshes[index].weights) continue;
     const auto [place, fresh] = copies.try_emplace({index, weights}, static_cast<int>(scene.meshes.size()));
     if (fresh) {
+      primitives += model.meshes[index].primitives.size();
+      if (primitives > kMostElements) {
+        return absl::ResourceExhaustedError(absl::StrCat(
+            "glTF: node ", i, ": meshes with weights of their nodes make more than ", kMostElements, " primitives"));
+      }
       absl::StatusOr<Mesh> mesh = ReadMesh(model.meshes[index], weights, static_cast<size_t>(index), context);
       if (!mesh.ok()) return mesh.status();
       scene.meshes.push_back(*std::move(mesh));
@@ -147,7 +179,7 @@ absl::Status ReadMeshes(const tinygltf::Model& model, PrimitiveContext& context,
     scene.nodes[i].mesh = place->second;
   }
   context.draco = nullptr;
-  return CheckJoints(scene);
+  return CheckJoints(context.budget.job(), scene);
 }
 
 }  // namespace voxelpipe::gltf

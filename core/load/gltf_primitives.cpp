@@ -1,5 +1,6 @@
 #include "load/gltf_primitives.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -12,6 +13,7 @@
 #include "load/gltf_model.h"
 #include "load/gltf_topology.h"
 #include "load/json_guard.h"
+#include "mesh/scene_bytes.h"
 
 namespace voxelpipe::gltf {
 namespace {
@@ -30,6 +32,17 @@ bool AllFinite(const float* values, size_t count) {
     odd |= (bits & 0x7f800000u) == 0x7f800000u ? 1u : 0u;
   }
   return odd == 0;
+}
+
+// Calls step(begin, end) for the parts of [0, count), until one fails or the job is over.
+template <typename Step>
+absl::Status InSteps(const JobContext& job, size_t count, Step step) {
+  constexpr size_t kElementsAStep = 1 << 16;
+  for (size_t begin = 0; begin < count; begin += kElementsAStep) {
+    if (absl::Status over = job.Check(); !over.ok()) return over;
+    if (absl::Status bad = step(begin, std::min(count, begin + kElementsAStep)); !bad.ok()) return bad;
+  }
+  return absl::OkStatus();
 }
 
 // Reads the optional attributes of one primitive; the positions' count rules.
@@ -51,7 +64,7 @@ class Filler {
     }
     const uint64_t count = data.values.size() / data.components;
     if (count != out_.positions.size()) return WrongCount(name, data.origin, count);
-    if (Clean(data.values.data(), data.values.size())) WarnCleaned(name, data.origin);
+    if (absl::Status over = Clean(data.values.data(), data.values.size(), name, data.origin); !over.ok()) return over;
     return found;
   }
 
@@ -67,21 +80,26 @@ class Filler {
   }
 
  private:
-  // Sets what is not finite to 0; whether there was any.
-  static bool Clean(float* values, size_t count) {
-    if (AllFinite(values, count)) return false;
-    for (size_t i = 0; i < count; ++i) {
-      if (!std::isfinite(values[i])) values[i] = 0;
-    }
-    return true;
+  const JobContext& job() const { return context_.budget.job(); }
+
+  // Sets what is not finite to 0, with a warning where there was any.
+  absl::Status Clean(float* values, size_t count, const std::string& name, const std::string& origin) {
+    bool any = false;
+    absl::Status over = InSteps(job(), count, [&](size_t begin, size_t end) {
+      if (AllFinite(values + begin, end - begin)) return absl::OkStatus();
+      any = true;
+      for (size_t i = begin; i < end; ++i) {
+        if (!std::isfinite(values[i])) values[i] = 0;
+      }
+      return absl::OkStatus();
+    });
+    if (any) Warn(absl::StrCat(name, " (", origin, ") has values that are not finite; they count as 0"));
+    return over;
   }
 
   absl::Status WrongCount(const std::string& name, const std::string& origin, uint64_t count) const {
     return absl::InvalidArgumentError(absl::StrCat("glTF: ", where_, ": ", name, " (", origin, ") has ", count,
                                                    " elements, POSITION has ", out_.positions.size()));
-  }
-  void WarnCleaned(const std::string& name, const std::string& origin) {
-    Warn(absl::StrCat(name, " (", origin, ") has values that are not finite; they count as 0"));
   }
   void Warn(const std::string& what) { context_.warnings.Add(WarningCode::kNonconformingFile, where_, what); }
 
@@ -97,11 +115,8 @@ class Filler {
       return absl::OkStatus();
     }
     if (data.values.size() != out_.positions.size()) return WrongCount(name, data.origin, data.values.size());
-    if (Clean(reinterpret_cast<float*>(data.values.data()), data.values.size() * (sizeof(V) / sizeof(float)))) {
-      WarnCleaned(name, data.origin);
-    }
     out = std::move(data.values);
-    return absl::OkStatus();
+    return Clean(reinterpret_cast<float*>(out.data()), out.size() * (sizeof(V) / sizeof(float)), name, data.origin);
   }
 
   absl::Status Colors() {
@@ -110,12 +125,15 @@ class Filler {
     if (!*data) return absl::OkStatus();
     const int n = (*data)->components;
     const std::vector<float>& values = (*data)->values;
-    if (absl::Status full = context_.budget.Take(values.size() / n, sizeof(Vec4f), where_); !full.ok()) return full;
-    out_.colors.resize(values.size() / n);
-    for (size_t i = 0; i < out_.colors.size(); ++i) {
-      out_.colors[i] = {values[i * n], values[i * n + 1], values[i * n + 2], n == 4 ? values[i * n + 3] : 1.0f};
-    }
-    return absl::OkStatus();
+    const size_t count = values.size() / size_t(n);
+    if (absl::Status full = context_.budget.Take(count, sizeof(Vec4f), where_); !full.ok()) return full;
+    out_.colors.reserve(count);
+    return InSteps(job(), count, [&](size_t begin, size_t end) {
+      for (size_t i = begin; i < end; ++i) {
+        out_.colors.push_back({values[i * n], values[i * n + 1], values[i * n + 2], n == 4 ? values[i * n + 3] : 1.0f});
+      }
+      return absl::OkStatus();
+    });
   }
 
   // The file's own attributes.
@@ -141,20 +159,24 @@ class Filler {
     if (!*joints || !*weights) return absl::OkStatus();
     constexpr uint64_t kBytes = sizeof(out_.joints[0][0]) + sizeof(out_.weights[0][0]);
     if (absl::Status full = context_.budget.Take(out_.positions.size(), kBytes, where_); !full.ok()) return full;
-    out_.joints[set].resize(out_.positions.size());
-    out_.weights[set].resize(out_.positions.size());
-    for (size_t i = 0; i < out_.positions.size(); ++i) {
-      for (int c = 0; c < 4; ++c) {
-        const float joint = (*joints)->values[4 * i + c], weight = (*weights)->values[4 * i + c];
-        if (joint < 0 || joint > 65535) {
-          return absl::InvalidArgumentError(absl::StrCat("glTF: ", where_, ": JOINTS_", set, " (", (*joints)->origin,
-                                                         "), vertex ", i, ": no joint index"));
+    out_.joints[set].reserve(out_.positions.size());
+    out_.weights[set].reserve(out_.positions.size());
+    return InSteps(job(), out_.positions.size(), [&](size_t begin, size_t end) {
+      out_.joints[set].resize(end);
+      out_.weights[set].resize(end);
+      for (size_t i = begin; i < end; ++i) {
+        for (size_t c = 0; c < 4; ++c) {
+          const float joint = (*joints)->values[4 * i + c], weight = (*weights)->values[4 * i + c];
+          if (joint < 0 || joint > 65535) {
+            return absl::InvalidArgumentError(absl::StrCat("glTF: ", where_, ": JOINTS_", set, " (", (*joints)->origin,
+                                                           "), vertex ", i, ": no joint index"));
+          }
+          out_.joints[set][i][c] = weight == 0 ? uint16_t{0} : static_cast<uint16_t>(joint);
+          out_.weights[set][i][c] = weight;
         }
-        out_.joints[set][i][c] = weight == 0 ? uint16_t{0} : static_cast<uint16_t>(joint);
-        out_.weights[set][i][c] = weight;
       }
-    }
-    return absl::OkStatus();
+      return absl::OkStatus();
+    });
   }
 
   AttributeSource& source_;
@@ -163,24 +185,28 @@ class Filler {
   PrimitiveContext& context_;
 };
 
-absl::Status CheckFinite(const Primitive& out, const std::string& origin, const std::string& where) {
-  if (out.positions.empty() || AllFinite(&out.positions.front().x, 3 * out.positions.size())) return absl::OkStatus();
-  for (size_t i = 0; i < out.positions.size(); ++i) {
-    const Vec3f& p = out.positions[i];
-    if (std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)) continue;
+absl::Status CheckFinite(const JobContext& job, const Primitive& out, const std::string& origin,
+                         const std::string& where) {
+  return InSteps(job, out.positions.size(), [&](size_t begin, size_t end) {
+    if (AllFinite(&out.positions[begin].x, 3 * (end - begin))) return absl::OkStatus();
+    while (std::isfinite(out.positions[begin].x) && std::isfinite(out.positions[begin].y) &&
+           std::isfinite(out.positions[begin].z)) {
+      ++begin;
+    }
     return absl::InvalidArgumentError(
-        absl::StrCat("glTF: ", where, ": POSITION (", origin, "), vertex ", i, " is not finite"));
-  }
-  return absl::OkStatus();
+        absl::StrCat("glTF: ", where, ": POSITION (", origin, "), vertex ", begin, " is not finite"));
+  });
 }
 
 // Adds weight * displacement, each sum rounded to float (as shaders/vertex_pose.h does).
 template <typename V>
-void AddScaled(std::vector<V>& to, const std::vector<Vec3f>& delta, double weight) {
-  if (delta.empty()) return;
-  for (size_t i = 0; i < to.size(); ++i) {
-    for (int c = 0; c < 3; ++c) to[i][c] = static_cast<float>(to[i][c] + weight * delta[i][c]);
-  }
+absl::Status AddScaled(const JobContext& job, std::vector<V>& to, const std::vector<Vec3f>& delta, double weight) {
+  return InSteps(job, delta.size(), [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      for (int c = 0; c < 3; ++c) to[i][c] = static_cast<float>(to[i][c] + weight * delta[i][c]);
+    }
+    return absl::OkStatus();
+  });
 }
 
 // Displacements of one target.
@@ -194,9 +220,11 @@ absl::Status ReadTarget(const std::map<std::string, int>& attributes, const std:
     if (!*delta) return absl::OkStatus();
     const std::vector<float>& values = (*delta)->values;
     if (absl::Status full = context.budget.Take(values.size(), sizeof(float), where); !full.ok()) return full;
-    to.resize(values.size() / 3);
-    for (size_t i = 0; i < to.size(); ++i) to[i] = {values[3 * i], values[3 * i + 1], values[3 * i + 2]};
-    return absl::OkStatus();
+    to.reserve(values.size() / 3);
+    return InSteps(context.budget.job(), values.size() / 3, [&](size_t begin, size_t end) {
+      for (size_t i = begin; i < end; ++i) to.push_back({values[3 * i], values[3 * i + 1], values[3 * i + 2]});
+      return absl::OkStatus();
+    });
   };
   if (absl::Status bad = read("POSITION", target.positions); !bad.ok()) return bad;
   if (!out.normals.empty()) {
@@ -211,24 +239,33 @@ absl::Status Morph(const tinygltf::Primitive& primitive, const std::vector<doubl
                    Primitive& out, PrimitiveContext& context) {
   if (primitive.targets.empty()) return absl::OkStatus();
   auto morph = std::make_shared<MorphData>();
-  if (absl::Status full = context.budget.Take(out.positions.size(), 40, where); !full.ok()) return full;
+  Budget& budget = context.budget;
+  if (absl::Status full = budget.Take(out.positions.size(), 40, where); !full.ok()) return full;
+  if (absl::Status full = budget.Take(primitive.targets.size(), sizeof(MorphTarget), where); !full.ok()) return full;
+  morph->targets.reserve(primitive.targets.size());
   morph->positions = out.positions;
   morph->normals = out.normals;
   morph->tangents = out.tangents;
   for (size_t i = 0; i < primitive.targets.size(); ++i) {
+    if (absl::Status over = budget.job().Check(); !over.ok()) return over;
     const double weight = i < weights.size() ? weights[i] : 0.0;
+    const uint64_t before = budget.bytes();
     MorphTarget& target = morph->targets.emplace_back();
-    absl::Status bad =
+    absl::Status fault =
         ReadTarget(primitive.targets[i], absl::StrCat(where, ", morph target ", i), out, context, target);
-    if (!bad.ok() && weight != 0) return bad;
-    if (!bad.ok()) {
+    if (!fault.ok() && (weight != 0 || !IsOfFile(fault))) return fault;
+    if (!fault.ok()) {
       target = MorphTarget{};
-      target.fault = bad;
+      budget.ShrinkTo(before);
+      if (absl::Status full = budget.Take(FaultBytes(fault), 1, where); !full.ok()) return full;
+      target.fault = std::move(fault);
     }
+    const uint64_t moved = target.positions.size() + target.normals.size() + target.tangents.size();
+    budget.ShrinkTo(before + FaultBytes(target.fault) + moved * sizeof(Vec3f));  // what it was made of is gone
     if (weight == 0) continue;
-    AddScaled(out.positions, target.positions, weight);
-    AddScaled(out.normals, target.normals, weight);
-    AddScaled(out.tangents, target.tangents, weight);
+    if (absl::Status bad = AddScaled(budget.job(), out.positions, target.positions, weight); !bad.ok()) return bad;
+    if (absl::Status bad = AddScaled(budget.job(), out.normals, target.normals, weight); !bad.ok()) return bad;
+    if (absl::Status bad = AddScaled(budget.job(), out.tangents, target.tangents, weight); !bad.ok()) return bad;
   }
   out.morph = std::move(morph);
   return absl::OkStatus();
@@ -288,7 +325,6 @@ void WarnOfJointSets(const tinygltf::Primitive& primitive, const std::string& wh
 // The indices, or the positions one after the other, as triangles.
 absl::Status ReadTriangles(const tinygltf::Primitive& primitive, const std::string& where, Primitive& out,
                            PrimitiveContext& context) {
-  const LoadLimits& limits = context.budget.limits();
   std::optional<std::vector<uint32_t>> indices;
   std::string index_name = where;
   if (primitive.indices >= 0) {
@@ -299,7 +335,7 @@ absl::Status ReadTriangles(const tinygltf::Primitive& primitive, const std::stri
       absl::StatusOr<std::vector<std::array<uint32_t, 3>>> triangles = context.accessors.Triples(accessor);
       if (!triangles.ok()) return At(where, triangles.status());
       out.triangles = *std::move(triangles);
-      return CheckTriangles(out.triangles, out.positions.size(), index_name, limits);
+      return CheckTriangles(out.triangles, out.positions.size(), index_name, context.budget);
     }
     absl::StatusOr<std::vector<uint32_t>> values = context.accessors.Unsigned(accessor);
     if (!values.ok()) return At(where, values.status());
@@ -311,9 +347,8 @@ absl::Status ReadTriangles(const tinygltf::Primitive& primitive, const std::stri
   }
   bool incomplete = false;
   absl::StatusOr<std::vector<std::array<uint32_t, 3>>> triangles =
-      ExpandTriangles(primitive.mode, indices, out.positions.size(), index_name, limits, incomplete);
+      ExpandTriangles(primitive.mode, indices, out.positions.size(), index_name, context.budget, incomplete);
   if (!triangles.ok()) return triangles.status();
-  if (absl::Status full = context.budget.Take(triangles->size(), 12, where); !full.ok()) return full;
   out.triangles = *std::move(triangles);
   if (incomplete) {
     context.warnings.Add(WarningCode::kIndicesLeftOver, where,
@@ -371,7 +406,8 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
                                                      context.budget.limits().max_vertices));
   }
   const std::string origin = (*positions)->origin;
-  if (absl::Status bad = CheckFinite(out, origin, where); !bad.ok()) return bad;
+  const JobContext& job = context.budget.job();
+  if (absl::Status bad = CheckFinite(job, out, origin, where); !bad.ok()) return bad;
 
   if (source.draco()) {
     CompareCounts(primitive, *source.draco(), where, context);
@@ -387,7 +423,7 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
   WarnOfJointSets(primitive, where, context);
   if (absl::Status bad = Morph(primitive, weights, where, out, context); !bad.ok()) return bad;
   if (out.morph) {
-    if (absl::Status bad = CheckFinite(out, origin + ", morphed", where); !bad.ok()) return bad;
+    if (absl::Status bad = CheckFinite(job, out, origin + ", morphed", where); !bad.ok()) return bad;
   }
   context.budget.ShrinkTo(before + PrimitiveBytes(out));  // what it was made of is gone
   return std::optional<Primitive>(std::move(out));

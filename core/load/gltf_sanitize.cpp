@@ -8,12 +8,14 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr uint64_t kMostElements = 1'000'000;  // of any one array; nodes have their own limit
-constexpr uint64_t kMostMaterials = 100'000;   // each costs tinygltf's structures about 3 KiB
+constexpr uint64_t kMostMaterials = 100'000;  // each costs tinygltf's structures about 3 KiB
 
-// Sizes of the arrays that indices point into.
+// A copy has no members that the document lacks, so that it takes no more memory.
+
+// Sizes of the arrays that indices point into, and the job that all is copied for.
 struct Sizes {
   uint64_t accessors, nodes, meshes, skins, materials;
+  const JobContext& job;
 };
 
 // Copies a name if it is a string. Names are never worth an error.
@@ -65,8 +67,9 @@ Json CopyAttributes(const Json& object, const std::string& where, const Sizes& s
                     WarningList* own = nullptr) {
   Fields fields(object, where, status);
   Json copy = Json::object();
-  if (!status.ok()) return copy;
+  size_t count = 0;
   for (const auto& [name, value] : object.items()) {
+    if (!GoOn(sizes.job, count++, status)) break;
     if (name.empty()) continue;
     if (name[0] == '_') {
       if (own == nullptr) continue;
@@ -86,11 +89,11 @@ Json CopyPrimitive(const Json& object, const std::string& where, const Sizes& si
                    WarningList& warnings) {
   Fields fields(object, where, status);
   Json copy = Json::object();
-  copy["mode"] = fields.Unsigned("mode", 4);
+  const uint64_t mode = fields.Unsigned("mode", 4);
+  if (mode > 6) fields.Fail(absl::StrCat("mode ", mode, " is none of glTF's (0 to 6)"));
+  if (fields.Find("mode") != nullptr) copy["mode"] = mode;
   if (const int64_t index = fields.Index("indices", sizes.accessors, "accessors"); index >= 0) copy["indices"] = index;
-  const Json* attributes = fields.Find("attributes");
-  copy["attributes"] = Json::object();
-  if (attributes != nullptr) {
+  if (const Json* attributes = fields.Find("attributes")) {
     copy["attributes"] = CopyAttributes(*attributes, where + ", attributes", sizes, status, &warnings);
   }
 
@@ -102,7 +105,7 @@ Json CopyPrimitive(const Json& object, const std::string& where, const Sizes& si
 
   if (const Json* targets = fields.Array("targets", kMostElements)) {
     copy["targets"] = Json::array();
-    for (size_t i = 0; i < targets->size() && status.ok(); ++i) {
+    for (size_t i = 0; i < targets->size() && GoOn(sizes.job, i, status); ++i) {
       copy["targets"].push_back(CopyAttributes((*targets)[i], absl::StrCat(where, ", target ", i), sizes, status));
     }
   }
@@ -118,7 +121,9 @@ Json CopyPrimitive(const Json& object, const std::string& where, const Sizes& si
         draco_fields.Fail("attributes is not an object");
       } else {
         Fields id_fields(*ids, draco_fields.where() + ", attributes", status);
+        size_t count = 0;
         for (const auto& [name, value] : ids->items()) {
+          if (!GoOn(sizes.job, count++, status)) break;
           if (name.empty()) continue;
           const uint64_t id = id_fields.Unsigned(name.c_str(), 0);
           if (id > INT32_MAX) id_fields.Fail(absl::StrCat("the id ", id, " is out of range"));
@@ -129,8 +134,6 @@ Json CopyPrimitive(const Json& object, const std::string& where, const Sizes& si
       copy["extensions"]["KHR_draco_mesh_compression"] = std::move(checked);
     }
   }
-  const uint64_t mode = copy["mode"].get<uint64_t>();
-  if (mode > 6) fields.Fail(absl::StrCat("mode ", mode, " is none of glTF's (0 to 6)"));
   return copy;
 }
 
@@ -150,7 +153,7 @@ Json CopyMesh(const Json& object, size_t index, const Sizes& sizes, absl::Status
   primitive_count += primitives->size();
   if (primitive_count > kMostElements)
     fields.Fail(absl::StrCat("the document has more than ", kMostElements, " primitives"));
-  for (size_t i = 0; i < primitives->size() && status.ok(); ++i) {
+  for (size_t i = 0; i < primitives->size() && GoOn(sizes.job, i, status); ++i) {
     copy["primitives"].push_back(
         CopyPrimitive((*primitives)[i], absl::StrCat("mesh ", index, ", primitive ", i), sizes, status, warnings));
   }
@@ -170,6 +173,7 @@ void CopyNodeExtensions(const Fields& fields, const Sizes& sizes, Json& copy, ab
   }
   if (const auto it = extensions->find("KHR_node_visibility"); it != extensions->end() && it->is_object()) {
     Fields visibility(*it, fields.where() + ", KHR_node_visibility", status);
+    if (visibility.Find("visible") == nullptr) return;
     copy["extensions"]["KHR_node_visibility"]["visible"] = visibility.Bool("visible", true);
   }
 }
@@ -191,34 +195,32 @@ Json CopyNode(const Json& object, size_t index, const Sizes& sizes, absl::Status
   return copy;
 }
 
-// Materials, textures and samplers: what is no object becomes an empty one; tinygltf skips members of wrong types.
-// Only the extensions that the material reader uses are kept, and no extras.
+// Materials, textures, samplers and what is in them: only the members that the material reader uses, whatever their types.
 Json CopyAppearance(const Json& value) {
-  constexpr const char* kKept[] = {"KHR_texture_transform",
-                                   "KHR_materials_emissive_strength",
-                                   "KHR_materials_pbrSpecularGlossiness",
-                                   "KHR_texture_basisu",
-                                   "EXT_texture_webp",
-                                   "EXT_texture_avif",
-                                   "MSFT_texture_dds"};
+  constexpr const char* kRead[] = {"name", "extensions",
+                                   // textures and samplers
+                                   "source", "sampler", "minFilter", "magFilter", "wrapS", "wrapT",
+                                   "KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds",
+                                   // references to textures
+                                   "index", "texCoord", "KHR_texture_transform", "offset", "scale", "rotation",
+                                   // materials
+                                   "emissiveFactor", "emissiveTexture", "alphaMode", "alphaCutoff", "doubleSided",
+                                   "pbrMetallicRoughness", "baseColorFactor", "baseColorTexture", "metallicFactor",
+                                   "roughnessFactor", "metallicRoughnessTexture", "KHR_materials_emissive_strength",
+                                   "emissiveStrength", "KHR_materials_pbrSpecularGlossiness", "diffuseFactor",
+                                   "diffuseTexture"};
+  constexpr size_t kMostEntries = 5;  // no array that is read has more than four; a longer one stays too long
   if (value.is_array()) {
     Json copy = Json::array();
-    for (const Json& entry : value) copy.push_back(CopyAppearance(entry));
+    for (size_t i = 0; i < std::min(value.size(), kMostEntries); ++i) {
+      copy.push_back(value[i].is_structured() ? Json() : value[i]);
+    }
     return copy;
   }
   if (!value.is_object()) return value;
   Json copy = Json::object();
-  for (const auto& [key, entry] : value.items()) {
-    if (key == "extras") continue;
-    if (key == "extensions") {
-      if (!entry.is_object()) continue;
-      for (const char* name : kKept) {
-        const auto it = entry.find(name);
-        if (it != entry.end() && it->is_object()) copy["extensions"][name] = CopyAppearance(*it);
-      }
-      continue;
-    }
-    copy[key] = CopyAppearance(entry);
+  for (const char* key : kRead) {
+    if (const auto it = value.find(key); it != value.end()) copy[key] = CopyAppearance(*it);
   }
   return copy;
 }
@@ -243,12 +245,14 @@ void WarnOfAlphaMode(const Json& material, const std::string& where, WarningList
   warnings.Add(WarningCode::kNonconformingFile, where, "alphaMode is none of glTF's and counts as OPAQUE");
 }
 
-// `one`: what an element is called in warnings.
-Json CopyAppearances(Fields& fields, const char* key, const char* one, WarningList& warnings) {
+// `one`: what an element is called in warnings. What is no object becomes an empty one.
+Json CopyAppearances(Fields& fields, const char* key, const char* one, const JobContext& job, absl::Status& status,
+                     WarningList& warnings) {
   Json copy = Json::array();
   const Json* array = fields.Array(key, kMostMaterials);
   if (array == nullptr) return copy;
   for (const Json& entry : *array) {
+    if (!GoOn(job, copy.size(), status)) return copy;
     const std::string where = absl::StrCat(one, " ", copy.size());
     if (!entry.is_object()) {
       warnings.Add(WarningCode::kNonconformingFile, where, "is not an object and counts as an empty one");
@@ -272,10 +276,10 @@ Json CopyAppearances(Fields& fields, const char* key, const char* one, WarningLi
 void CopySkins(Fields& fields, const Sizes& sizes, Json& graph, absl::Status& status) {
   const Json* skins = fields.Array("skins", kMostElements);
   if (skins == nullptr) return;
-  for (size_t i = 0; i < skins->size() && status.ok(); ++i) {
+  for (size_t i = 0; i < skins->size() && GoOn(sizes.job, i, status); ++i) {
     Fields skin((*skins)[i], absl::StrCat("skin ", i), status);
     Json copy = Json::object();
-    copy["joints"] = CopyIndices(skin, "joints", sizes.nodes, "nodes");
+    if (skin.Find("joints") != nullptr) copy["joints"] = CopyIndices(skin, "joints", sizes.nodes, "nodes");
     const int64_t matrices = skin.Index("inverseBindMatrices", sizes.accessors, "accessors");
     if (matrices >= 0) copy["inverseBindMatrices"] = matrices;
     graph["skins"].push_back(std::move(copy));
@@ -285,10 +289,10 @@ void CopySkins(Fields& fields, const Sizes& sizes, Json& graph, absl::Status& st
 void CopyScenes(Fields& fields, const Sizes& sizes, Json& graph, absl::Status& status) {
   const Json* scenes = fields.Array("scenes", kMostElements);
   const uint64_t count = scenes == nullptr ? 0 : scenes->size();
-  for (uint64_t i = 0; i < count && status.ok(); ++i) {
+  for (uint64_t i = 0; i < count && GoOn(sizes.job, i, status); ++i) {
     Fields scene((*scenes)[i], absl::StrCat("scene ", i), status);
     Json copy = Json::object();
-    copy["nodes"] = CopyIndices(scene, "nodes", sizes.nodes, "nodes");
+    if (scene.Find("nodes") != nullptr) copy["nodes"] = CopyIndices(scene, "nodes", sizes.nodes, "nodes");
     graph["scenes"].push_back(std::move(copy));
   }
   if (const int64_t scene = fields.Index("scene", count, "scenes"); scene >= 0) graph["scene"] = scene;
@@ -300,8 +304,8 @@ absl::StatusOr<Json> SanitizeGraph(const JobContext& job, const Json& root, cons
                                    WarningList& warnings) {
   absl::Status status;
   Fields fields(root, "document", status);
-  const Sizes sizes{ArraySize(root, "accessors"), ArraySize(root, "nodes"), ArraySize(root, "meshes"),
-                    ArraySize(root, "skins"), ArraySize(root, "materials")};
+  const Sizes sizes{ArraySize(root, "accessors"), ArraySize(root, "nodes"),     ArraySize(root, "meshes"),
+                    ArraySize(root, "skins"),     ArraySize(root, "materials"), job};
   if (sizes.nodes > limits.max_nodes) {
     return absl::ResourceExhaustedError(
         absl::StrCat("glTF: ", sizes.nodes, " nodes; the limit max_nodes is ", limits.max_nodes));
@@ -323,9 +327,9 @@ absl::StatusOr<Json> SanitizeGraph(const JobContext& job, const Json& root, cons
   }
   CopySkins(fields, sizes, graph, status);
   CopyScenes(fields, sizes, graph, status);
-  graph["materials"] = CopyAppearances(fields, "materials", "material", warnings);
-  graph["textures"] = CopyAppearances(fields, "textures", "texture", warnings);
-  graph["samplers"] = CopyAppearances(fields, "samplers", "sampler", warnings);
+  graph["materials"] = CopyAppearances(fields, "materials", "material", job, status, warnings);
+  graph["textures"] = CopyAppearances(fields, "textures", "texture", job, status, warnings);
+  graph["samplers"] = CopyAppearances(fields, "samplers", "sampler", job, status, warnings);
   if (!status.ok()) return status;
   return graph;
 }

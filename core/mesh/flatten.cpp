@@ -76,10 +76,14 @@ bool IsDrawn(const Primitive& primitive) {
   return !primitive.positions.empty() || !primitive.triangles.empty();
 }
 
-std::vector<std::vector<Mat4d>> SkinningMatrices(const Scene& scene, const std::vector<Mat4d>& world) {
-  std::vector<std::vector<Mat4d>> skins;
-  for (const Skin& skin : scene.skins) {
-    std::vector<Mat4d>& matrices = skins.emplace_back();
+// One list a skin; what a job that ends leaves short must not be used.
+std::vector<std::vector<Mat4d>> SkinningMatrices(const JobContext& job, const Scene& scene,
+                                                 const std::vector<Mat4d>& world) {
+  std::vector<std::vector<Mat4d>> skins(scene.skins.size());
+  for (size_t s = 0; s < skins.size() && job.Check().ok(); ++s) {
+    const Skin& skin = scene.skins[s];
+    std::vector<Mat4d>& matrices = skins[s];
+    matrices.reserve(skin.joints.size());
     for (size_t j = 0; j < skin.joints.size(); ++j) {
       matrices.push_back(Multiply(world[skin.joints[j]], skin.inverse_bind_matrices[j]));
     }
@@ -91,17 +95,41 @@ bool IsSkinned(const Node& node, const Primitive& primitive, const std::vector<s
   return node.skin >= 0 && !primitive.joints[0].empty() && !primitive.weights[0].empty() && !skins[node.skin].empty();
 }
 
+// What the primitives of one mesh have together.
+struct MeshCounts {
+  uint64_t triangles = 0, vertices = 0;
+};
+
+// Of each mesh, so that nodes need not look at the primitives again.
+std::vector<MeshCounts> CountMeshes(const Scene& scene) {
+  std::vector<MeshCounts> counts(scene.meshes.size());
+  for (size_t m = 0; m < counts.size(); ++m) {
+    for (const Primitive& primitive : scene.meshes[m].primitives) {
+      counts[m].triangles += primitive.triangles.size();
+      counts[m].vertices += primitive.positions.size();
+    }
+  }
+  return counts;
+}
+
+// What the transforms of nodes and joints take while a scene is flattened.
+uint64_t TransformBytes(const Scene& scene) {
+  uint64_t bytes = scene.nodes.size() * (sizeof(Mat4d) + 4 * sizeof(uint32_t));
+  for (const Skin& skin : scene.skins) bytes += sizeof(std::vector<Mat4d>) + skin.joints.size() * sizeof(Mat4d);
+  return bytes + scene.meshes.size() * (sizeof(MeshCounts) + sizeof(std::vector<uint32_t>));
+}
+
 absl::Status CheckLimits(const Scene& scene, const std::vector<uint32_t>& order, const LoadLimits& limits) {
+  const std::vector<MeshCounts> counts = CountMeshes(scene);
   uint64_t triangles = 0, vertices = 0, instances = 0;
   for (const uint32_t n : order) {
     const Node& node = scene.nodes[n];
     if (node.mesh < 0) continue;
     const uint64_t copies = std::max<uint64_t>(1, node.instances.size());
     instances = SaturatingAdd(instances, copies);
-    for (const Primitive& primitive : scene.meshes[node.mesh].primitives) {
-      triangles = SaturatingAdd(triangles, SaturatingMul(copies, primitive.triangles.size()));
-      vertices = SaturatingAdd(vertices, SaturatingMul(copies, primitive.positions.size()));
-    }
+    const MeshCounts& mesh = counts[size_t(node.mesh)];
+    triangles = SaturatingAdd(triangles, SaturatingMul(copies, mesh.triangles));
+    vertices = SaturatingAdd(vertices, SaturatingMul(copies, mesh.vertices));
   }
   const auto exhausted = [](const char* what, uint64_t need, uint64_t limit) {
     return absl::ResourceExhaustedError(absl::StrCat("the scene has ", need, " ", what, ", the limit is ", limit));
@@ -387,8 +415,11 @@ absl::StatusOr<std::vector<uint32_t>> UnusedVertices(const JobContext& job, cons
   }
   std::vector<uint32_t> unused;
   unused.reserve(size_t(count));
-  for (auto v = std::find(used.begin(), used.end(), 0); v != used.end(); v = std::find(v + 1, used.end(), 0)) {
-    unused.push_back(uint32_t(v - used.begin()));
+  for (size_t begin = 0; begin < used.size() && job.Check().ok(); begin += kVertexGrain) {
+    const size_t end = std::min(used.size(), begin + kVertexGrain);
+    for (size_t v = begin; v < end; ++v) {
+      if (used[v] == 0) unused.push_back(uint32_t(v));
+    }
   }
   return unused;
 }
@@ -400,12 +431,14 @@ void WarnOfNoTriangles(const Scene& scene, const std::vector<uint32_t>& order, T
     if (warning.code == WarningCode::kNoTriangles && warning.place.empty()) return;
   }
   bool any_mesh = false, any_other = false;
+  std::vector<bool> seen(scene.meshes.size());
   for (const uint32_t n : order) {
     if (scene.nodes[n].mesh < 0) continue;
     any_mesh = true;
-    for (const Primitive& primitive : scene.meshes[size_t(scene.nodes[n].mesh)].primitives) {
-      any_other = any_other || primitive.points_or_lines;
-    }
+    const size_t m = size_t(scene.nodes[n].mesh);
+    if (seen[m]) continue;
+    seen[m] = true;
+    for (const Primitive& primitive : scene.meshes[m].primitives) any_other = any_other || primitive.points_or_lines;
   }
   const char* const why = scene.roots.empty() ? "the scene is empty"
                           : !any_mesh         ? "no node of the scene has a mesh, or all of them are hidden"
@@ -417,14 +450,13 @@ void WarnOfNoTriangles(const Scene& scene, const std::vector<uint32_t>& order, T
 }  // namespace
 
 uint64_t CountTriangles(const Scene& scene) {
+  const std::vector<MeshCounts> counts = CountMeshes(scene);
   uint64_t triangles = 0;
   for (const uint32_t n : DepthFirst(scene)) {
     const Node& node = scene.nodes[n];
     if (node.mesh < 0) continue;
-    for (const Primitive& primitive : scene.meshes[node.mesh].primitives) {
-      const uint64_t copies = std::max<uint64_t>(1, node.instances.size());
-      triangles = SaturatingAdd(triangles, SaturatingMul(copies, primitive.triangles.size()));
-    }
+    const uint64_t copies = std::max<uint64_t>(1, node.instances.size());
+    triangles = SaturatingAdd(triangles, SaturatingMul(copies, counts[size_t(node.mesh)].triangles));
   }
   return triangles;
 }
@@ -435,14 +467,16 @@ absl::StatusOr<TriangleMesh> Flatten(const Scene& scene, const LoadLimits& limit
 }
 
 absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scene, const LoadLimits& limits) {
+  MemoryCharge placing(&MemoryOf(job));
+  if (absl::Status s = placing.Grow(TransformBytes(scene), "the scene's transforms"); !s.ok()) return s;
   const std::vector<uint32_t> order = DepthFirst(scene);
   if (absl::Status s = CheckLimits(scene, order, limits); !s.ok()) return s;
   const std::vector<Mat4d> world = WorldTransforms(scene);
-  const std::vector<std::vector<Mat4d>> skins = SkinningMatrices(scene, world);
+  const std::vector<std::vector<Mat4d>> skins = SkinningMatrices(job, scene, world);
+  if (absl::Status s = job.Check(); !s.ok()) return s;
 
   TriangleMesh mesh;
   mesh.memory = std::make_shared<MemoryCharge>(&MemoryOf(job));
-  MemoryCharge placing(&MemoryOf(job));
   std::vector<Placement> placements;
   AttributeIds attributes;
   try {

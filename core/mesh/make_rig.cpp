@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "mesh/placement.h"
+#include "mesh/scene_bytes.h"
 
 namespace voxelpipe {
 namespace {
@@ -12,10 +13,9 @@ namespace {
 uint64_t RigBytes(const Scene& scene, uint64_t placements) {
   uint64_t bytes = placements * sizeof(RigPart) + scene.nodes.size() * (sizeof(RigNode) + sizeof(uint32_t));
   for (const Skin& skin : scene.skins) bytes += skin.joints.size() * (sizeof(uint32_t) + sizeof(Mat4d));
-  for (const Animation& animation : scene.animations) {
-    for (const AnimationSampler& sampler : animation.samplers) {
-      bytes += (sampler.times.size() + sampler.values.size()) * sizeof(float);
-    }
+  for (const Animation& animation : scene.animations) bytes += AnimationBytes(animation);
+  for (const Node& node : scene.nodes) {
+    if (node.mesh >= 0) bytes += scene.meshes[size_t(node.mesh)].weights.size() * sizeof(double);
   }
   return bytes;
 }
@@ -47,10 +47,17 @@ absl::Status MakeRig(const JobContext& job, const Scene& scene, const std::vecto
   if (absl::Status full = mesh.memory->Grow(RigBytes(scene, placements.size()), kWhat); !full.ok()) return full;
   auto rig = std::make_shared<Rig>();
   rig->skins = scene.skins;
-  rig->animations = scene.animations;
+  rig->animations.reserve(scene.animations.size());
+  for (const Animation& animation : scene.animations) {
+    if (absl::Status over = job.Check(); !over.ok()) return over;
+    rig->animations.push_back(animation);
+  }
   rig->nodes.resize(scene.nodes.size());
   std::vector<uint32_t> stack;
   for (size_t n = 0; n < scene.nodes.size(); ++n) {
+    if (n % kPlacementsAStep == 0) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
+    }
     const Node& node = scene.nodes[n];
     rig->nodes[n].local = node.local;
     rig->nodes[n].trs = node.trs;
@@ -77,7 +84,8 @@ absl::Status MakeRig(const JobContext& job, const Scene& scene, const std::vecto
     if (copy == nullptr) {
       if (absl::Status over = job.Check(); !over.ok()) return over;
       // What it shares with the scene stays when the scene goes.
-      if (absl::Status full = mesh.memory->Grow(PrimitiveBytes(*p.primitive), kWhat); !full.ok()) return full;
+      if (absl::Status full = mesh.memory->Grow(sizeof(Primitive) + PrimitiveBytes(*p.primitive), kWhat); !full.ok())
+        return full;
       copy = RigCopy(*p.primitive);
     }
     const uint32_t node = mesh.parts[i].node;

@@ -1,5 +1,7 @@
 #include "mesh/scene.h"
 
+#include "mesh/scene_bytes.h"
+
 namespace voxelpipe {
 namespace {
 
@@ -10,9 +12,22 @@ uint64_t Bytes(const std::vector<T>& values) {
 
 }  // namespace
 
+uint64_t FaultBytes(const absl::Status& fault) {
+  constexpr uint64_t kStatusBytes = 128;  // beside the text
+  return fault.ok() ? 0 : kStatusBytes + fault.message().size();
+}
+
+uint64_t AnimationBytes(const Animation& animation) {
+  uint64_t bytes = sizeof animation + animation.name.size() + FaultBytes(animation.fault);
+  bytes += Bytes(animation.samplers) + Bytes(animation.channels);
+  for (const AnimationSampler& sampler : animation.samplers) bytes += Bytes(sampler.times) + Bytes(sampler.values);
+  return bytes;
+}
+
 uint64_t MorphBytes(const MorphData& morph) {
   uint64_t bytes = Bytes(morph.positions) + Bytes(morph.normals) + Bytes(morph.tangents);
   for (const MorphTarget& target : morph.targets) {
+    bytes += sizeof target + FaultBytes(target.fault);
     bytes += Bytes(target.positions) + Bytes(target.normals) + Bytes(target.tangents);
   }
   return bytes;

@@ -4,6 +4,8 @@
 #include <set>
 #include <vector>
 
+#include "mesh/scene_bytes.h"
+
 namespace voxelpipe {
 namespace {
 
@@ -12,23 +14,22 @@ uint64_t Bytes(const std::vector<T>& values) {
   return values.size() * sizeof(T);
 }
 
-uint64_t AnimationBytes(const std::vector<Animation>& animations) {
+uint64_t AnimationsBytes(const std::vector<Animation>& animations) {
   uint64_t bytes = 0;
-  for (const Animation& animation : animations) {
-    for (const AnimationSampler& sampler : animation.samplers) bytes += Bytes(sampler.times) + Bytes(sampler.values);
-  }
+  for (const Animation& animation : animations) bytes += AnimationBytes(animation);
   return bytes;
 }
 
 // What a rig holds for itself; `morphs` gathers the morph data that it shares with the scene.
 uint64_t RigBytes(const Rig& rig, std::set<const MorphData*>& morphs) {
-  uint64_t bytes = Bytes(rig.nodes) + Bytes(rig.order) + Bytes(rig.parts) + AnimationBytes(rig.animations);
-  for (const Skin& skin : rig.skins) bytes += Bytes(skin.joints) + Bytes(skin.inverse_bind_matrices);
+  uint64_t bytes = Bytes(rig.nodes) + Bytes(rig.order) + Bytes(rig.parts) + AnimationsBytes(rig.animations);
+  for (const RigNode& node : rig.nodes) bytes += Bytes(node.weights);
+  for (const Skin& skin : rig.skins) bytes += sizeof skin + Bytes(skin.joints) + Bytes(skin.inverse_bind_matrices);
   std::set<const Primitive*> primitives;  // instances share them
   for (const RigPart& part : rig.parts) {
     if (!primitives.insert(part.primitive.get()).second) continue;
     const MorphData* const morph = part.primitive->morph.get();
-    bytes += PrimitiveBytes(*part.primitive) - (morph == nullptr ? 0 : MorphBytes(*morph));
+    bytes += sizeof(Primitive) + PrimitiveBytes(*part.primitive) - (morph == nullptr ? 0 : MorphBytes(*morph));
     if (morph != nullptr) morphs.insert(morph);
   }
   return bytes;
@@ -37,8 +38,9 @@ uint64_t RigBytes(const Rig& rig, std::set<const MorphData*>& morphs) {
 }  // namespace
 
 uint64_t SceneBytes(const Scene& scene) {
-  uint64_t bytes = AnimationBytes(scene.animations);
+  uint64_t bytes = AnimationsBytes(scene.animations);
   for (const Mesh& mesh : scene.meshes) {
+    bytes += Bytes(mesh.weights) + Bytes(mesh.primitives);
     for (const Primitive& p : mesh.primitives) bytes += PrimitiveBytes(p);
   }
   std::set<const Image*> images;  // several may be one

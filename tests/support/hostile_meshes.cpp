@@ -37,13 +37,21 @@ void AppendBytes(png_structp png, png_bytep bytes, size_t count) {
 }
 
 // Black, one bit a texel.
-ByteVector BlackPng(uint32_t edge) {
+ByteVector BlackPng(uint32_t edge, int texts = 0) {
+  std::string spaces(texts > 0 ? 7'000'000 : 0, ' ');
+  char key[] = "Comment";
+  png_text text = {};
+  text.compression = PNG_TEXT_COMPRESSION_zTXt;
+  text.key = key;
+  text.text = spaces.data();
+  text.text_length = spaces.size();
   ByteVector out;
   png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
   png_infop info = png_create_info_struct(png);
   png_set_write_fn(png, &out, AppendBytes, nullptr);
   png_set_IHDR(png, info, edge, edge, 1, PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
                PNG_FILTER_TYPE_DEFAULT);
+  for (int i = 0; i < texts; ++i) png_set_text(png, info, &text, 1);
   png_write_info(png, info);
   const ByteVector row((edge + 7) / 8, 0);
   for (uint32_t y = 0; y < edge; ++y) png_write_row(png, row.data());
@@ -80,11 +88,14 @@ ByteVector ManyOwnAttributes(int count) {
   return Text(doc);
 }
 
-ByteVector LargePngs(uint32_t edge, int images) {
+namespace {
+
+// As many triangles as images, which are all the same.
+ByteVector Textured(const ByteVector& png, int images) {
   GlbBuilder builder;
   json primitive = builder.Primitive({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}});
   primitive["attributes"]["TEXCOORD_0"] = builder.Vectors({0, 0, 1, 0, 0, 1}, "VEC2");
-  const int view = builder.View(BlackPng(edge));
+  const int view = builder.View(png);
   json mesh = {{"primitives", json::array()}};
   for (int i = 0; i < images; ++i) {
     builder.doc["images"].push_back({{"bufferView", view}, {"mimeType", "image/png"}});
@@ -99,6 +110,59 @@ ByteVector LargePngs(uint32_t edge, int images) {
   builder.doc["meshes"] = json::array({std::move(mesh)});
   builder.Scene({builder.Node({{"mesh", 0}})});
   return builder.Glb();
+}
+
+}  // namespace
+
+ByteVector LargePngs(uint32_t edge, int images) {
+  return Textured(BlackPng(edge), images);
+}
+
+ByteVector PngWithTexts(int texts) {
+  return Textured(BlackPng(1, texts), 1);
+}
+
+ByteVector PrimitivesWithoutData(int primitives, int nodes) {
+  json doc = OneNode({{"mesh", 0}});
+  json list = json::array();
+  for (int i = 0; i < primitives; ++i) list.push_back(json::object());
+  list.push_back({{"targets", {json::object()}}});
+  doc["meshes"] = json::array({{{"primitives", std::move(list)}}});
+  for (int i = 0; i < nodes; ++i) doc["nodes"].push_back({{"mesh", 0}, {"weights", {0.001 * (i + 1)}}});
+  return Text(doc);
+}
+
+ByteVector WeightsOfManyNodes(int weights, int nodes) {
+  json doc = OneNode({{"mesh", 0}});
+  doc["animations"] = json::array({json::object()});
+  doc["meshes"] =
+      json::array({{{"primitives", json::array({json::object()})}, {"weights", std::vector<int>(size_t(weights), 0)}}});
+  for (int i = 1; i < nodes; ++i) doc["nodes"].push_back({{"mesh", 0}});
+  return Text(doc);
+}
+
+ByteVector TargetsWithoutData(int targets, uint64_t instances) {
+  json doc = Instanced(instances);
+  doc["meshes"] = json::array({{{"primitives", {{{"attributes", {{"POSITION", 0}}}, {"targets", json::array()}}}}}});
+  for (int i = 0; i < targets; ++i) doc["meshes"][0]["primitives"][0]["targets"].push_back(json::object());
+  return Text(doc);
+}
+
+ByteVector NumbersOfMaterials(int materials, int numbers, const std::string& member) {
+  json doc = OneNode({{"mesh", 0}});
+  doc["meshes"] = {{{"primitives", {{{"attributes", {{"POSITION", 0}}}}}}}};
+  json extension = {{member, std::vector<int>(size_t(numbers), 1)}};
+  for (int i = 0; i < materials; ++i) {
+    doc["materials"].push_back({{"extensions", {{"KHR_materials_pbrSpecularGlossiness", extension}}}});
+  }
+  return Text(doc);
+}
+
+ByteVector JointsWithoutData(int skins, int joints) {
+  json doc = OneNode({{"mesh", 0}});
+  doc["meshes"] = {{{"primitives", {{{"attributes", {{"POSITION", 0}}}}}}}};
+  for (int i = 0; i < skins; ++i) doc["skins"].push_back({{"joints", std::vector<int>(size_t(joints), 0)}});
+  return Text(doc);
 }
 
 ByteVector EmptyObjects(uint64_t bytes, const std::string& member) {

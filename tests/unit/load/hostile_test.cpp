@@ -1,4 +1,4 @@
-// Whatever a few bytes can cost is taken of the job's memory before, and a job that ends is let go soon.
+// Whatever a few bytes can cost is taken from the job's memory before, and a job that ends is let go soon.
 #include <algorithm>
 #include <chrono>
 #include <functional>
@@ -106,6 +106,12 @@ void ExpectPromptCancel(const ByteVector& file) {
 TEST(HostileTest, CancelReachesJson) {
   ExpectPromptCancel(EmptyObjects(32 * kMiB, "extras"));
   ExpectPromptCancel(EmptyObjects(2 * kMiB, "nodes"));
+}
+
+TEST(HostileTest, CancelReachesPrimitivesAndTargets) {
+  ExpectPromptCancel(PrimitivesWithoutData(5000, 60));
+  ExpectPromptCancel(TargetsWithoutData(200'000, 1));
+  ExpectPromptCancel(EmptyObjects(kMiB, "animations"));
 }
 
 TEST(HostileTest, CancelReachesImagesAndLevels) {
