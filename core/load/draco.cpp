@@ -182,7 +182,7 @@ uint64_t AttributeBytes(const draco::PointCloud& cloud) {
   return bytes * cloud.num_points();
 }
 
-// Draco's decoder, which takes of the job's memory before each of its large steps and looks at the job between them.
+// Draco's decoder, which takes from the job's memory before each of its large steps and looks at the job between them.
 template <typename Base>
 class GuardedDecoder final : public Base {
  public:

@@ -11,7 +11,7 @@
 namespace voxelpipe::gltf {
 
 // In: the JSON text of a glTF document, already past GuardJson. Out: its tree without what nobody here reads: `extras` everywhere, and
-// members of the document that are none of the loader's. What the tree takes is taken of `charge` while it grows, and the job is looked at
+// members of the document that are none of the loader's. What the tree takes is added to `charge` while it grows, and the job is looked at
 // meanwhile.
 // Errors: INVALID_ARGUMENT naming the byte where the text is no JSON; RESOURCE_EXHAUSTED; the job's. May throw bad_alloc.
 absl::StatusOr<nlohmann::json> ParseJson(const JobContext& job, std::string_view text, const LoadLimits& limits,

@@ -9,7 +9,7 @@
 namespace voxelpipe {
 
 // Decodes image.encoded into image.rgba (8-bit RGBA, rows from the top; 16-bit PNG is rounded to 8). No-op if decoded. What it allocates is
-// taken of the job's memory before; the job is looked at between rows and scans.
+// charged to the job's memory before; the job is looked at between rows and scans.
 // Errors: INVALID_ARGUMENT naming the image for broken data, RESOURCE_EXHAUSTED past the pixel limits,
 // UNIMPLEMENTED saying why for an image without bytes and for formats that are not decoded; the job's.
 absl::Status DecodeImage(const JobContext& job, Image& image, const LoadLimits& limits);
@@ -23,7 +23,7 @@ absl::Status DecodeImage(const JobContext& job, Image& image, const LoadLimits& 
 absl::Status PrepareTexturesFor(const JobContext& job, TriangleMesh& mesh, const LoadLimits& limits,
                                 const TextureUse& use);
 
-// The same for who has no job.
+// The same for callers without a job.
 absl::Status PrepareTextures(TriangleMesh& mesh, const LoadLimits& limits = {},
                              const TextureUse& use = {true, true, true});
 
