@@ -18,7 +18,8 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr uint64_t kLeastElements = 65'536;  // that any file may declare
+constexpr uint64_t kLeastElements = 65'536;   // that any file may declare
+constexpr size_t kCharactersAStep = 1 << 18;  // of a URI, between two looks at the job; a multiple of 4
 
 int HexDigit(char c) {
   if (c >= '0' && c <= '9') return c - '0';
@@ -27,10 +28,13 @@ int HexDigit(char c) {
   return -1;
 }
 
-absl::StatusOr<std::string> PercentDecode(std::string_view text) {
+absl::StatusOr<std::string> PercentDecode(const JobContext& job, std::string_view text) {
   std::string out;
   out.reserve(text.size());
   for (size_t i = 0; i < text.size(); ++i) {
+    if (out.size() % kCharactersAStep == 0) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
+    }
     if (text[i] != '%') {
       out.push_back(text[i]);
       continue;
@@ -73,10 +77,13 @@ absl::StatusOr<DataHead> ReadHead(std::string_view text) {
 }
 
 // Abseil's decoder passes over white space and is lenient about padding, so the alphabet is checked here.
-absl::Status CheckBase64(std::string_view text) {
+absl::Status CheckBase64(const JobContext& job, std::string_view text) {
   size_t end = text.size();
   while (end > 0 && text.size() - end < 2 && text[end - 1] == '=') --end;
   for (size_t i = 0; i < end; ++i) {
+    if (i % kCharactersAStep == 0) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
+    }
     const char c = text[i];
     const bool good =
         (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '+' || c == '/';
@@ -123,7 +130,7 @@ bool IsDataUri(std::string_view uri) {
                                     {kDataScheme.data(), kDataScheme.size()});
 }
 
-absl::StatusOr<DataUri> DecodeDataUri(std::string_view uri) {
+absl::StatusOr<DataUri> DecodeDataUri(const JobContext& job, std::string_view uri) {
   const size_t comma = uri.find(',');
   if (comma == std::string_view::npos) return absl::InvalidArgumentError("a data: URI without a comma");
   std::string_view data = uri.substr(comma + 1);
@@ -135,7 +142,7 @@ absl::StatusOr<DataUri> DecodeDataUri(std::string_view uri) {
 
   std::string unescaped;
   if (!base64 || data.find('%') != std::string_view::npos) {
-    absl::StatusOr<std::string> text = PercentDecode(data);
+    absl::StatusOr<std::string> text = PercentDecode(job, data);
     if (!text.ok()) return text.status();
     unescaped = *std::move(text);
     data = unescaped;
@@ -144,12 +151,17 @@ absl::StatusOr<DataUri> DecodeDataUri(std::string_view uri) {
     out.bytes.assign(data.begin(), data.end());
     return out;
   }
-  if (absl::Status bad = CheckBase64(data); !bad.ok()) return bad;
-  std::string binary;
-  if (!absl::Base64Unescape(absl::string_view(data.data(), data.size()), &binary)) {
-    return absl::InvalidArgumentError("broken base64");
+  if (absl::Status bad = CheckBase64(job, data); !bad.ok()) return bad;
+  out.bytes.reserve(data.size() / 4 * 3 + 3);
+  for (size_t begin = 0; begin < data.size(); begin += kCharactersAStep) {
+    if (absl::Status over = job.Check(); !over.ok()) return over;
+    const std::string_view step = data.substr(begin, kCharactersAStep);
+    std::string binary;
+    if (!absl::Base64Unescape(absl::string_view(step.data(), step.size()), &binary)) {
+      return absl::InvalidArgumentError("broken base64");
+    }
+    out.bytes.insert(out.bytes.end(), binary.begin(), binary.end());
   }
-  out.bytes.assign(binary.begin(), binary.end());
   return out;
 }
 
@@ -177,10 +189,8 @@ absl::StatusOr<Buffers> Buffers::Resolve(Document& document, std::optional<std::
       // The bytes, and a copy while they are decoded.
       const uint64_t before = buffers.charge_.bytes();
       if (absl::Status full = budget.Take(decl.uri->size(), 2, where, buffers.charge_); !full.ok()) return full;
-      absl::StatusOr<DataUri> data = DecodeDataUri(*decl.uri);
-      if (!data.ok()) {
-        return absl::InvalidArgumentError(absl::StrCat("glTF: ", where, ": ", data.status().message()));
-      }
+      absl::StatusOr<DataUri> data = DecodeDataUri(budget.job(), *decl.uri);
+      if (!data.ok()) return WithText(data.status(), absl::StrCat("glTF: ", where, ": ", data.status().message()));
       decl.uri->clear();
       decl.uri->shrink_to_fit();
       buffers.owned_[i] = std::move(data->bytes);

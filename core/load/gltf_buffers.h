@@ -57,12 +57,12 @@ bool IsOfFile(const absl::Status& error);
 bool IsDataUri(std::string_view uri);
 
 // In: a data: URI. Out: its media type and bytes. Errors: INVALID_ARGUMENT saying what is not valid (base64, percent
-// escapes, a missing comma, an encoding that is not known), without naming the owner of the URI.
+// escapes, a missing comma, an encoding that is not known), without naming the owner of the URI; the job's.
 struct DataUri {
   std::string media_type;
   std::vector<uint8_t> bytes;
 };
-absl::StatusOr<DataUri> DecodeDataUri(std::string_view uri);
+absl::StatusOr<DataUri> DecodeDataUri(const JobContext& job, std::string_view uri);
 
 // Resolved once per document. Views that it hands out live as long as it does (and the GLB chunk).
 class Buffers {

@@ -167,8 +167,9 @@ absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Bu
     }
     MemoryCharge charge = budget.NewCharge();
     if (absl::Status full = budget.Take(decl.uri->size(), 2, where, charge); !full.ok()) return full;
-    absl::StatusOr<DataUri> data = DecodeDataUri(*decl.uri);
-    if (!data.ok()) return missing(std::string(data.status().message()));
+    absl::StatusOr<DataUri> data = DecodeDataUri(budget.job(), *decl.uri);
+    if (absl::IsInvalidArgument(data.status())) return missing(std::string(data.status().message()));
+    if (!data.ok()) return data.status();
     if (out.mime_type.empty()) out.mime_type = data->media_type;
     out.encoded = std::move(data->bytes);
     charge.ShrinkTo(out.encoded.size());

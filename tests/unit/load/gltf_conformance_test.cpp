@@ -43,6 +43,11 @@ TriangleMesh Flat(const ByteVector& file) {
   return *std::move(mesh);
 }
 
+absl::StatusOr<gltf::DataUri> Decode(const std::string& uri) {
+  const JobContext endless;
+  return gltf::DecodeDataUri(endless, uri);
+}
+
 ByteVector Text(const std::string& text) {
   return {text.begin(), text.end()};
 }
@@ -50,20 +55,32 @@ ByteVector Text(const std::string& text) {
 TEST(GltfConformance, DataUrisAreTheSameInAnyCase) {
   for (const char* head : {"data:application/octet-stream;base64,", "DATA:;BASE64,", "Data:; base64 ,",
                            "data:Application/Octet-Stream;charset=x;Base64,"}) {
-    const absl::StatusOr<gltf::DataUri> data = gltf::DecodeDataUri(std::string(head) + "AQID");
+    const absl::StatusOr<gltf::DataUri> data = Decode(std::string(head) + "AQID");
     ASSERT_TRUE(data.ok()) << head << data.status();
     EXPECT_THAT(data->bytes, ElementsAre(1, 2, 3)) << head;
     EXPECT_TRUE(gltf::IsDataUri(head));
   }
-  EXPECT_EQ(gltf::DecodeDataUri("data:IMAGE/Png;base64,AQID")->media_type, "image/png");
-  EXPECT_THAT(gltf::DecodeDataUri("data:text/plain;charset=utf-8,a%62")->bytes, ElementsAre('a', 'b'));
+  EXPECT_EQ(Decode("data:IMAGE/Png;base64,AQID")->media_type, "image/png");
+  EXPECT_THAT(Decode("data:text/plain;charset=utf-8,a%62")->bytes, ElementsAre('a', 'b'));
   EXPECT_FALSE(gltf::IsDataUri("datax:,"));
   EXPECT_FALSE(gltf::IsDataUri("dat"));
   for (const char* unknown : {"data:;base32,AQID", "data:application/gzip;gzip,AQID"}) {
-    const absl::Status status = gltf::DecodeDataUri(unknown).status();
+    const absl::Status status = Decode(unknown).status();
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
     EXPECT_THAT(std::string(status.message()), HasSubstr("which is not known"));
   }
+}
+
+TEST(GltfConformance, LongDataUrisAreDecodedInSteps) {
+  ByteVector bytes(1'000'001);
+  for (size_t i = 0; i < bytes.size(); ++i) bytes[i] = uint8_t(i * 7 + i / 251);
+  const std::string text = testing::Base64(bytes);
+  const absl::StatusOr<gltf::DataUri> data = Decode("data:;base64," + text);
+  ASSERT_TRUE(data.ok()) << data.status();
+  EXPECT_EQ(data->bytes, bytes);
+  JobContext over;
+  over.Cancel();
+  EXPECT_EQ(gltf::DecodeDataUri(over, "data:;base64," + text).status().code(), absl::StatusCode::kCancelled);
 }
 
 TEST(GltfConformance, AByteOrderMarkLoadsWithAWarning) {
