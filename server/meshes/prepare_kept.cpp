@@ -67,7 +67,13 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   const std::chrono::duration<double, std::milli> load_time = std::chrono::steady_clock::now() - begin;
   prepared->stages.emplace_back("load", load_time.count());
   job.Report("load", 1);
-  prepared->report = prepared->examined ? ReportMesh(*prepared->mesh) : BoxReport(*prepared->mesh);
+  if (!prepared->examined) {
+    prepared->report = BoxReport(*prepared->mesh);
+    return prepared;
+  }
+  const absl::StatusOr<MeshReport> report = ReportMeshFor(job, *prepared->mesh);
+  if (!report.ok()) return report.status();
+  prepared->report = *report;
   return prepared;
 }
 

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 #include "pipeline/backend.h"
+#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {
@@ -149,6 +150,25 @@ TEST(JobTest, AnEstimateIsThePlanOfTheJob) {
   EXPECT_EQ(estimate->plan.result_bytes, planned.result_bytes);
   EXPECT_EQ(estimate->plan.peak_bytes, planned.peak_bytes);
   EXPECT_EQ(estimate->report.triangles, 12u);
+}
+
+TEST(JobTest, MeshesCountWhatFewBytesOfAFileMakeManyOf) {
+  TriangleMesh mesh;
+  const uint64_t before = MeshBytes(mesh);
+  auto primitive = std::make_shared<Primitive>();
+  auto morph = std::make_shared<MorphData>();
+  morph->targets.resize(1000);
+  primitive->morph = morph;
+  auto rig = std::make_shared<Rig>();
+  rig->parts.push_back({primitive, 0, -1, {}});
+  rig->animations.resize(1000);
+  rig->animations[0].fault = absl::InvalidArgumentError(std::string(5000, 'x'));
+  rig->animations[1].channels.resize(1000);
+  rig->nodes.resize(1);
+  rig->nodes[0].weights.resize(1000);
+  mesh.rig = rig;
+  EXPECT_GE(MeshBytes(mesh) - before,
+            1000 * (sizeof(MorphTarget) + sizeof(Animation) + sizeof(AnimationChannel) + sizeof(double)) + 5000);
 }
 
 }  // namespace
