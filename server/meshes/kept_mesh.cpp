@@ -147,9 +147,10 @@ absl::StatusOr<KeptMesh::Facts> KeptMesh::Examine(const JobContext& job) {
   std::unique_lock preparing(preparing_, std::defer_lock);
   if (absl::Status s = Lock(preparing, job); !s.ok()) return s;
   if (Facts facts = Report(); facts.examined) return facts;
-  const MeshReport report = ReportMesh(*mesh_);
+  const absl::StatusOr<MeshReport> report = ReportMeshFor(job, *mesh_);
+  if (!report.ok()) return report.status();
   const std::lock_guard lock(mutex_);
-  const Facts facts{report, true, facts_.warnings};
+  const Facts facts{*report, true, facts_.warnings};
   return facts_ = facts;
 }
 

@@ -60,7 +60,8 @@ class KeptMesh {
     WarningList warnings{};  // all of its textures included
   };
   Facts Report() const;
-  // The same with degenerate triangles and open edges, which the first call counts; others wait meanwhile. Errors: the job's.
+  // The same with degenerate triangles and open edges, which the first call counts; others wait meanwhile. Errors: those of
+  // ReportMeshFor, the job's.
   // May throw bad_alloc.
   absl::StatusOr<Facts> Examine(const JobContext& job);
 
