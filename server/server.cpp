@@ -178,7 +178,8 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
     builder.SetCompressionAlgorithmSupportStatus(algorithm, false);
   }
   // What gRPC itself buffers.
-  builder.SetResourceQuota(grpc::ResourceQuota("voxelpiped").Resize(size_t(server->state_->options.max_transport_bytes)));
+  builder.SetResourceQuota(
+      grpc::ResourceQuota("voxelpiped").Resize(size_t(server->state_->options.max_transport_bytes)));
   builder.AddChannelArgument(GRPC_ARG_HTTP2_WRITE_BUFFER_SIZE, kWriteAheadBytes);
   // Two servers must not share a port unnoticed.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);

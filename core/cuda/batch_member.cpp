@@ -114,8 +114,7 @@ uint64_t BatchMember::fragment_words() const {
   return box_voxels * of_each;
 }
 
-std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchItem& item,
-                                           const PlanLimits& limits) {
+std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchItem& item, const PlanLimits& limits) {
   const VoxelizeRequest& request = *item.request;
   if (item.mesh->triangles.size() > kMostTriangles || item.mesh->positions.size() > kMostVertices) return nullptr;
   if (!item.job->Check().ok()) return nullptr;

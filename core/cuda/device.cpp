@@ -309,8 +309,7 @@ bool TakeMemory(uint64_t bytes) {
   const uint64_t limit = limit_bytes.load(std::memory_order_relaxed);
   if (bytes <= limit && before <= limit - bytes) {
     uint64_t most = peak_bytes.load(std::memory_order_relaxed);
-    while (most < before + bytes && !peak_bytes.compare_exchange_weak(most, before + bytes)) {
-    }
+    while (most < before + bytes && !peak_bytes.compare_exchange_weak(most, before + bytes)) {}
     return true;
   }
   ReturnMemory(bytes);

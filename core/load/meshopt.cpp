@@ -11,8 +11,8 @@
 #include <new>
 
 #include "absl/strings/str_cat.h"
-#include "load/foreign_decoders.h"
 #include "base/checked.h"
+#include "load/foreign_decoders.h"
 #include "load/meshopt_vertex_v1.h"
 
 namespace voxelpipe {

@@ -6,9 +6,9 @@
 #include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
 #include "base/limit_error.h"
+#include "base/text.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
-#include "base/text.h"
 
 namespace voxelpipe {
 namespace {
@@ -169,7 +169,9 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
         if (numbers->need_bytes > 0) metadata[kNeedBytes] = absl::StrCat(numbers->need_bytes);
         metadata[kLimitBytes] = absl::StrCat(numbers->limit_bytes);
         if (numbers->largest_resolution > 0) metadata[kLargestResolution] = absl::StrCat(numbers->largest_resolution);
-        if (size.x > 0) metadata[kSmallestVoxelSize] = absl::StrCat(ExactText(size.x), ",", ExactText(size.y), ",", ExactText(size.z));
+        if (size.x > 0)
+          metadata[kSmallestVoxelSize] =
+              absl::StrCat(ExactText(size.x), ",", ExactText(size.y), ",", ExactText(size.z));
       }
       details.add_details()->PackFrom(info);
     }
