@@ -11,11 +11,11 @@
 namespace voxelpipe {
 namespace {
 
-constexpr uint64_t kMostBytes = uint64_t{1} << 60;
+constexpr uint64_t kMaxBytes = uint64_t{1} << 60;
 // What loading one mesh may well take.
 constexpr uint64_t kLoaderBytes = 64 << 20;
 // Two of the largest messages (service_state.h).
-constexpr uint64_t kLeastTransportBytes = 128 << 20;
+constexpr uint64_t kMinTransportBytes = 128 << 20;
 constexpr uint32_t kDayMs = 86'400'000;
 // Load balancers look at health every few seconds.
 constexpr uint32_t kLameDuckBeyondLoopbackMs = 5'000;
@@ -126,11 +126,11 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
     return app.add_option(flag, value, help)
         ->transform(CLI::AsSizeValue(false))
         ->transform(CLI::Validator(CheckNotNegative, ""))
-        ->check(CLI::Range(uint64_t{0}, kMostBytes));
+        ->check(CLI::Range(uint64_t{0}, kMaxBytes));
   };
   // A size without which nothing would ever be served.
   const auto add_size = [&](const std::string& flag, uint64_t& value, const std::string& help) {
-    return add_bytes(flag, value, help)->check(CLI::Range(uint64_t{1}, kMostBytes));
+    return add_bytes(flag, value, help)->check(CLI::Range(uint64_t{1}, kMaxBytes));
   };
   add("--listen", o.listen, "Address to serve on; port 0 picks one; unix:/PATH for a socket")
       ->check(CLI::Validator(CheckListen, "HOST:PORT"));
@@ -312,7 +312,7 @@ ServerOptions Resolve(ServerOptions options) {
   };
   choose(options.max_working_bytes, 6 * sixteenth, 20ull << 30);
   choose(options.max_upload_bytes, 3 * sixteenth, 4ull << 30);
-  choose(options.max_transport_bytes, 2 * sixteenth, 512ull << 20, kLeastTransportBytes);
+  choose(options.max_transport_bytes, 2 * sixteenth, 512ull << 20, kMinTransportBytes);
   choose(options.max_mesh_store_bytes, sixteenth, 2ull << 30);
   choose(options.max_queue_bytes, 2 * sixteenth, 2ull << 30);  // a part of what uploads and jobs have
   if (options.loaders == 0) {

@@ -43,7 +43,7 @@ struct ServerOptions {
   uint32_t max_calls = 4096;                // calls at the same time, those included that send, wait or receive
   uint32_t max_connection_calls = 1000;     // of them on one connection; a client's library holds back more
   uint64_t max_file_bytes = 2ull << 30;     // one mesh file
-  uint64_t max_upload_bytes = 0;            // all mesh files that are being received or wait; 0 = 3/16 of memory, at most 4 GiB
+  uint64_t max_upload_bytes = 0;            // mesh files received or waiting; 0 = 3/16 of memory, at most 4 GiB
   uint64_t max_triangles = 50'000'000;      // of one mesh, after instancing
   uint64_t max_vertices = 150'000'000;      // likewise
   uint64_t max_instances = 10'000'000;      // likewise
@@ -56,13 +56,13 @@ struct ServerOptions {
   uint64_t result_cache_bytes = 0;          // results that are kept for equal requests; 0 = none
   uint64_t max_result_bytes = 16ull << 30;  // one result
   uint64_t stream_above_mb = 512;           // MiB: larger dense results leave slab by slab while they are made
-  uint64_t max_working_bytes = 0;  // meshes, predicted memory and results of all jobs; 0 = 3/8 of memory, at most 20 GiB
-  uint64_t max_transport_bytes = 0;  // messages in gRPC's hands; 0 = an eighth of memory, 128 to 512 MiB
+  uint64_t max_working_bytes = 0;           // meshes, plans and results of all jobs; 0 = 3/8 of memory, at most 20 GiB
+  uint64_t max_transport_bytes = 0;         // messages in gRPC's hands; 0 = an eighth of memory, 128 to 512 MiB
   uint32_t lame_duck_ms = 500;       // after SIGTERM: health says NOT_SERVING, calls are still taken. If it is not set,
                                      // ParseCommandLine makes it 5000 where the server listens beyond loopback
-  uint32_t drain_grace_ms = 30'000;          // then: calls that run may still end
-  uint32_t many_in_flight = 256;             // jobs of one VoxelizeMany stream in hand; it is not read beyond
-  uint64_t many_bytes = 64 << 20;            // meshes and results of these
+  uint32_t drain_grace_ms = 30'000;  // then: calls that run may still end
+  uint32_t many_in_flight = 256;     // jobs of one VoxelizeMany stream in hand; it is not read beyond
+  uint64_t many_bytes = 64 << 20;    // meshes and results of these
   uint32_t max_connection_age_ms = 0;        // a connection is told to end after about so long; 0: never
   uint32_t max_connection_age_grace_ms = 0;  // its calls may go on for so long then; 0: until they end by themselves
   uint64_t piece_bytes = 1 << 20;            // of a result in one message; at most kMaxPieceBytes

@@ -35,8 +35,8 @@ class JobContext {
     return absl::OkStatus();
   }
 
-  // What the job is charged to, or null: then only loading is charged, to DefaultMemory(). Set before the job starts; must outlive it and
-  // the scenes and meshes that it made.
+  // What the job is charged to, or null: then only loading is charged, to DefaultMemory(). Set before the job starts;
+  // must outlive it and the scenes and meshes that it made.
   void set_memory(MemoryBudget* memory) { memory_ = memory; }
   MemoryBudget* memory() const { return memory_; }
 

@@ -14,7 +14,8 @@ namespace voxelpipe {
 struct LimitError {
   uint64_t need_bytes = 0;  // 0 where it is more than can be counted
   uint64_t limit_bytes = 0;
-  // What would fit of the same request, in the terms in which it asked for its grid; 0 where it asked in others, or nothing would fit.
+  // What would fit of the same request, in the terms in which it asked for its grid; 0 where it asked in others, or
+  // nothing would fit.
   int64_t largest_resolution = 0;
   Vec3d smallest_voxel_size{};  // of requests with a voxel size, dims given or not
 };

@@ -11,8 +11,8 @@
 
 namespace voxelpipe {
 
-// A number of bytes that many may take from. What is taken from a budget with a parent is taken from the parent as well,
-// so that the budgets of all requests together stay below the server's. Thread-safe.
+// A number of bytes that many may take from. What is taken from a budget with a parent is taken from the parent as
+// well, so that the budgets of all requests together stay below the server's. Thread-safe.
 class MemoryBudget {
  public:
   // `parent` may be null; otherwise it must outlive this.
@@ -21,8 +21,8 @@ class MemoryBudget {
   MemoryBudget(const MemoryBudget&) = delete;
   MemoryBudget& operator=(const MemoryBudget&) = delete;
 
-  // Takes `bytes`, or nothing. RESOURCE_EXHAUSTED naming `what` with need and limit, as numbers too (base/limit_error.h); marked
-  // (IsInUseByOthers) where it is the parent that has not so much left.
+  // Takes `bytes`, or nothing. RESOURCE_EXHAUSTED naming `what` with need and limit, as numbers too
+  // (base/limit_error.h); marked (IsInUseByOthers) where it is the parent that has not so much left.
   absl::Status Take(uint64_t bytes, std::string_view what) { return Take(bytes, what, true); }
   // The same without waiting.
   absl::Status TakeNow(uint64_t bytes, std::string_view what) { return Take(bytes, what, false); }
@@ -31,7 +31,8 @@ class MemoryBudget {
   using Wait = std::function<bool(uint64_t bytes)>;
   void set_wait(Wait wait) { wait_ = std::move(wait); }
 
-  // Bytes of the parent that this leaves to others while others use any: what is held long must not take the last from what would end soon.
+  // Bytes of the parent that this leaves to others while others use any: what is held long must not take the last from
+  // what would end soon.
   void set_leave(uint64_t bytes) { leave_.store(bytes, std::memory_order_relaxed); }
   // What can be taken from the parent now. Only for a budget with a parent.
   uint64_t available_bytes() const;
@@ -62,8 +63,8 @@ class MemoryBudget {
   Wait wait_;
 };
 
-// What this process may take for requests that bring no budget of their own: half of the memory of the machine or container
-// (base/machine.h).
+// What this process may take for requests that bring no budget of their own: half of the memory of the machine or
+// container (base/machine.h).
 MemoryBudget& DefaultMemory();
 
 // Bytes of a budget that are given back when this goes. Without a budget nothing is charged and nothing refused. Not thread-safe.

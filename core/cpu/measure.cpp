@@ -1,6 +1,7 @@
-// Sources: the Minkowski sum of a triangle and a box (pipeline/surface.cpp) for what a triangle touches on average; I. Sutherland and
-// G. Hodgman, "Reentrant Polygon Clipping", 1974, for its part in the grid. What no average knows - vertices on voxel corners, faces on the
-// lattice's planes, thin coverage, surfaces that lie in each other - is counted exactly in samples.
+// Sources: the Minkowski sum of a triangle and a box (pipeline/surface.cpp) for what a triangle touches on average; I.
+// Sutherland and G. Hodgman, "Reentrant Polygon Clipping", 1974, for its part in the grid. What no average knows -
+// vertices on voxel corners, faces on the lattice's planes, thin coverage, surfaces that lie in each other - is counted
+// exactly in samples.
 #include "cpu/measure.h"
 
 #include <tbb/parallel_for.h>
@@ -30,14 +31,15 @@ constexpr uint64_t kSampledTriangles = 512;
 constexpr uint64_t kSampledBricks = 192;
 constexpr int64_t kLargestSample = 32;        // voxels along an axis; grids with larger cells are left to averages
 constexpr int64_t kTrianglesOfSample = 2048;  // a brick with so many is as good as full
-// Cells that are marked at most, but for a few of each triangle: a hundred thousand triangles that each go through the whole of a large grid
-// would take seconds.
-constexpr uint64_t kMostMarks = 1 << 24, kLeastMarks = 16;
-constexpr int64_t kMostShares = 256;
+// Cells that are marked at most, but for a few of each triangle: a hundred thousand triangles that each go through the
+// whole of a large grid would take seconds.
+constexpr uint64_t kMaxMarks = 1 << 24, kMinMarks = 16;
+constexpr int64_t kMaxShares = 256;
 constexpr int64_t kLinesAnAxis = 24;
-constexpr uint64_t kMostCrossings = 1024;  // of a line, that are kept
-constexpr double kOpenLines = 0.2;         // closed surfaces have none but for roundings
-// Dense results have no lists but the pairs of tiles and triangles: every so many triangles of larger meshes tell enough of them.
+constexpr uint64_t kMaxCrossings = 1024;  // of a line, that are kept
+constexpr double kOpenLines = 0.2;        // closed surfaces have none but for roundings
+// Dense results have no lists but the pairs of tiles and triangles: every so many triangles of larger meshes tell
+// enough of them.
 constexpr uint64_t kLookedAt = 1 << 16, kStepOfDense = 8;
 constexpr double kListedBytesThatMatter = 4 << 20;
 
@@ -91,12 +93,12 @@ class Measurer {
   Measurer(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid, const JobContext& job)
       : mesh_(mesh), request_(request), grid_(grid), job_(job), space_(grid.index_space()) {
     share_layers_ = 8;
-    while ((grid.dims[2] + share_layers_ - 1) / share_layers_ > kMostShares) share_layers_ *= 2;
+    while ((grid.dims[2] + share_layers_ - 1) / share_layers_ > kMaxShares) share_layers_ *= 2;
     lists_ = request.result != ResultKind::kDense;
     marks_ = lists_ && request.coverage != Coverage::kNone;
     step_ = lists_ || mesh.triangle_count < kLookedAt ? 1 : kStepOfDense;
     if (lists_) cells_ = std::make_unique<Cells>(grid);
-    marks_a_triangle_ = std::max(kLeastMarks, kMostMarks / std::max<uint64_t>(1, mesh.triangle_count));
+    marks_a_triangle_ = std::max(kMinMarks, kMaxMarks / std::max<uint64_t>(1, mesh.triangle_count));
   }
 
   absl::StatusOr<Surface> Run() {
@@ -116,7 +118,7 @@ class Measurer {
       SpreadBricks(out);
     }
     double shell = std::min(double(grid_.voxels()), sums.small + sums.large);
-    if (marked && cells_->edge() <= kLargestSample && sums.box_cells < double(kMostMarks) &&
+    if (marked && cells_->edge() <= kLargestSample && sums.box_cells < double(kMaxMarks) &&
         MostListedBytes(SeparateShell() ? shell : out.voxels) > kListedBytesThatMatter) {
       CountVoxels(out, shell);
     }
@@ -370,8 +372,8 @@ class Measurer {
     // Half of a surface's voxels have their centre inside.
     out.inside = std::max(0.0, filled - 0.5 * out.voxels);
     if (request_.fill == Fill::kFlood) {
-      // What is not reached from outside: the conservative shell, whatever the coverage, and what it closes in. A surface with holes closes in
-      // nothing, but where little is left open.
+      // What is not reached from outside: the conservative shell, whatever the coverage, and what it closes in. A
+      // surface with holes closes in nothing, but where little is left open.
       const double closed = open > kOpenLines ? 0 : std::max(0.0, filled - 0.5 * shell);
       out.inside = shell > 0.4 * all ? all : shell - out.voxels + closed;
     }
@@ -380,7 +382,8 @@ class Measurer {
     out.filled_bricks = std::min(bricks, out.bricks + 1.5 * out.inside / 512);
   }
 
-  // The share of the grid that is inside; `open`: of the lines that cross anything, those that do so an odd number of times.
+  // The share of the grid that is inside; `open`: of the lines that cross anything, those that do so an odd number of
+  // times.
   double FilledShare(double& open) const {
     const int64_t ny = std::min(kLinesAnAxis, grid_.dims[1]), nz = std::min(kLinesAnAxis, grid_.dims[2]);
     std::vector<std::vector<std::pair<double, int>>> lines(size_t(ny * nz));  // where, and from which side
@@ -402,11 +405,11 @@ class Measurer {
         for (auto z = int64_t(from(lo.z, nz, grid_.dims[2])); z < z_end; ++z) {
           for (auto y = int64_t(from(lo.y, ny, grid_.dims[1])); y < y_end; ++y) {
             const auto at = size_t(y + ny * z);
-            if (crossings[at].load(std::memory_order_relaxed) > kMostCrossings) continue;
+            if (crossings[at].load(std::memory_order_relaxed) > kMaxCrossings) continue;
             std::pair<double, int> x;
             if (!CrossLine(t, place(y, ny, grid_.dims[1]), place(z, nz, grid_.dims[2]), x)) continue;
             const std::lock_guard lock(locks[at]);
-            if (++crossings[at] <= kMostCrossings) lines[at].push_back(x);
+            if (++crossings[at] <= kMaxCrossings) lines[at].push_back(x);
           }
         }
       }
@@ -417,7 +420,7 @@ class Measurer {
     double length = 0, odd = 0, crossed = 0;
     for (size_t at = 0; at < lines.size(); ++at) {
       auto& line = lines[at];
-      if (crossings[at] > kMostCrossings) {  // as if all of it were inside
+      if (crossings[at] > kMaxCrossings) {  // as if all of it were inside
         length += nx;
         ++crossed;
         continue;

@@ -11,7 +11,7 @@
 namespace voxelpipe::cpu {
 namespace {
 
-constexpr uint64_t kLeastChunkBytes = 256 << 10, kMostChunkBytes = 4 << 20;
+constexpr uint64_t kMinChunkBytes = 256 << 10, kMaxChunkBytes = 4 << 20;
 constexpr int64_t kBrick = 8;  // voxels along each axis
 constexpr uint64_t kMaskBytes = kBrick * kBrick * kBrick / 8;
 
@@ -234,8 +234,9 @@ class BrickMaker {
 
 uint8_t* ValueArena::Take(uint64_t bytes) {
   if (chunks_.empty() || chunks_.back().size() - used_ < bytes) {
-    // Larger ones as there are more, so that little is left over; of two megabytes at least where it comes from the pool.
-    uint64_t size = std::clamp(total_ / 4, kLeastChunkBytes, kMostChunkBytes);
+    // Larger ones as there are more, so that little is left over; of two megabytes at least where it comes from the
+    // pool.
+    uint64_t size = std::clamp(total_ / 4, kMinChunkBytes, kMaxChunkBytes);
     if (size >= kPooledBytes) size = std::max(kPooledUnit, size);
     absl::StatusOr<HostBuffer> chunk = HostBuffer::Allocate(std::max(bytes, size));
     if (!chunk.ok()) throw std::bad_alloc();

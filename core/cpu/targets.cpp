@@ -111,7 +111,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
 }
 
 absl::StatusOr<ResultArrays> Finish(RunState& state) {
-  // What lists were made of goes before whoever puts slabs together takes memory for all.
+  // What lists were made of is freed before the slabs are joined, which takes memory for all of them.
   if (state.request.request.result == ResultKind::kSparse) {
     absl::StatusOr<ResultArrays> bricks = MakeBricks(state);
     state.tile_values = {};

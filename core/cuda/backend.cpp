@@ -37,7 +37,8 @@ class CudaStages final : public Stages {
   absl::StatusOr<MeshExtent> VertexShade() override { return cuda::VertexShade(state_); }
   absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
     const VoxelizeRequest& request = state_.request.request;
-    // The sums that the device made are those of the whole mesh. Where the vertices are the file's, the host has them too.
+    // The sums that the device made are those of the whole mesh. Where the vertices are the file's, the host has them
+    // too.
     if (closely && request.vertex_shader.name == "identity") {
       return cpu::MeasureSurface(state_.host.view, request, grid, state_.job);
     }

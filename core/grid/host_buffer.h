@@ -37,7 +37,8 @@ class HostBuffer {
   // A block of somebody else's, who takes it back: give_back(block, bytes), from any thread.
   static HostBuffer Adopt(void* block, uint64_t bytes, void (*give_back)(void* block, uint64_t bytes));
 
-  // Frees the bytes for the system rather than for the pool: what takes their place is of another size. size() is 0 then.
+  // Frees the bytes for the system rather than for the pool: what takes their place is of another size. size() is 0
+  // then.
   void Discard();
 
   uint8_t* data() { return data_.get(); }

@@ -100,8 +100,8 @@ class Pool {
       idle_.erase(std::next(block).base());
       return address;
     }
-    // Slabs and lists follow each other with sizes that differ a little: rather than a fresh block beside an idle one, a part of the smallest
-    // that is not much larger.
+    // Slabs and lists follow each other with sizes that differ a little: rather than a fresh block beside an idle one,
+    // a part of the smallest that is not much larger.
     auto best = idle_.end();
     for (auto block = idle_.begin(); block != idle_.end(); ++block) {
       const bool fits = block->size > size && block->size - size <= size / 2;

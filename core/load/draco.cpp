@@ -23,11 +23,11 @@
 namespace voxelpipe {
 namespace {
 
-// What the decoder itself keeps: corner tables and traversal of a face (three corners) and a point, and of an attribute's value in a point
-// its place in the table of values.
+// What the decoder itself keeps: corner tables and traversal of a face (three corners) and a point, and of an
+// attribute's value in a point its place in the table of values.
 constexpr uint64_t kBytesOfFace = 80, kBytesOfPoint = 40, kBytesOfIndex = 4;
-// What each set of attributes with connectivity of its own keeps beside: a vertex and seams of a face's corners, and of a point its value's
-// place, the way back, a corner and seams.
+// What each set of attributes with connectivity of its own keeps beside: a vertex and seams of a face's corners, and of
+// a point its value's place, the way back, a corner and seams.
 constexpr uint64_t kSetBytesOfFace = 13, kSetBytesOfPoint = 17;
 constexpr uint32_t kStep = 1 << 18;  // faces or points between two looks at the job
 // Quantized and integer values are decoded as these and stay until all attributes are there.
@@ -170,8 +170,8 @@ absl::StatusOr<DracoAttribute> ReadAttribute(const JobContext& job, draco::Point
   return out;
 }
 
-// Bytes that the decoder takes for the values of all attributes, whose declarations are read: both as stored in the stream and as they are
-// in the end. Values of an attribute are no more than points.
+// Bytes that the decoder takes for the values of all attributes, whose declarations are read: both as stored in the
+// stream and as they are in the end. Values of an attribute are no more than points.
 uint64_t AttributeBytes(const draco::PointCloud& cloud) {
   uint64_t bytes = 0;
   for (int32_t i = 0; i < cloud.num_attributes(); ++i) {
@@ -226,7 +226,7 @@ class GuardedDecoder final : public Base {
     uint64_t components = 0;
     for (int32_t i = 0; i < cloud.num_attributes(); ++i) components += cloud.attribute(i)->num_components();
     const uint64_t values = components * cloud.num_points();
-    const uint64_t most = std::max(kLeastValues, stream_bytes_ * limits_.max_draco_values_per_byte);
+    const uint64_t most = std::max(kMinValues, stream_bytes_ * limits_.max_draco_values_per_byte);
     if (values <= most) return absl::OkStatus();
     return MakeLimitError(absl::StrCat("draco: ", cloud.num_attributes(), " attributes of ", components,
                                        " components and ", cloud.num_points(), " points make ", values, " values of ",
@@ -234,7 +234,7 @@ class GuardedDecoder final : public Base {
                           {values * sizeof(float), most * sizeof(float), 0});
   }
 
-  static constexpr uint64_t kLeastValues = 1 << 20;  // that any stream may hold
+  static constexpr uint64_t kMinValues = 1 << 20;  // that any stream may hold
 
   const JobContext& job_;
   const LoadLimits& limits_;

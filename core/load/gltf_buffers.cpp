@@ -18,7 +18,7 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr uint64_t kLeastElements = 65'536;   // that any file may declare
+constexpr uint64_t kMinElements = 65'536;     // that any file may declare
 constexpr size_t kCharactersAStep = 1 << 18;  // of a URI, between two looks at the job; a multiple of 4
 
 int HexDigit(char c) {
@@ -113,8 +113,7 @@ absl::Status Budget::Take(uint64_t elements, uint64_t bytes_each, const std::str
 }
 
 absl::Status Budget::CheckDeclared(uint64_t elements, uint64_t bytes_each, const std::string& what) const {
-  const uint64_t most =
-      std::max(kLeastElements, file_bytes_ * limits_.max_elements_per_byte);  // a file's size is small
+  const uint64_t most = std::max(kMinElements, file_bytes_ * limits_.max_elements_per_byte);  // a file's size is small
   if (elements <= most) return absl::OkStatus();
   return MakeLimitError(absl::StrCat("glTF: ", what, ": ", elements, " elements without data in a file of ",
                                      file_bytes_, " bytes; the limit max_elements_per_byte allows ", most),

@@ -16,8 +16,8 @@
 
 namespace voxelpipe::gltf {
 
-// What the scene takes from the job's memory: one declared count can stand for gigabytes. As everything that takes long takes from it first,
-// it is also where the job is looked at. Not thread-safe, but for job().
+// What the scene takes from the job's memory: one declared count can stand for gigabytes. As everything that takes long
+// takes from it first, it is also where the job is looked at. Not thread-safe, but for job().
 class Budget {
  public:
   // `job` and `limits` must outlive this. `file_bytes`: of all that was given to load.
@@ -31,7 +31,8 @@ class Budget {
   absl::Status Take(uint64_t elements, uint64_t bytes_each, const std::string& what, MemoryCharge& charge) const;
   MemoryCharge NewCharge() const { return MemoryCharge(&MemoryOf(job_)); }
 
-  // Whether so many elements without bytes of their own are no more than a file of this size may declare: RESOURCE_EXHAUSTED.
+  // Whether so many elements without bytes of their own are no more than a file of this size may declare:
+  // RESOURCE_EXHAUSTED.
   absl::Status CheckDeclared(uint64_t elements, uint64_t bytes_each, const std::string& what) const;
 
   // What the scene has taken so far, and a way to give back what of it is gone again.
@@ -50,7 +51,8 @@ class Budget {
   MemoryCharge charge_;
 };
 
-// Whether an error is the file's own, so that it may stay with the part that it is of: not the end of the job, nor memory that others use now.
+// Whether an error is the file's own, so that it may stay with the part that it is of: not the end of the job, nor
+// memory that others use now.
 bool IsOfFile(const absl::Status& error);
 
 // Whether a URI holds its data, whatever the case of its scheme.

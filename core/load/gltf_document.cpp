@@ -38,10 +38,10 @@ absl::Status CheckExtensions(const Fields& root, WarningList& warnings) {
   const Json* required = root.Find("extensionsRequired");
   if (required == nullptr) return absl::OkStatus();
   if (!required->is_array()) return absl::InvalidArgumentError("glTF: extensionsRequired is not an array");
-  constexpr size_t kMostNames = 1000;  // there are not so many extensions
-  if (required->size() > kMostNames) {
+  constexpr size_t kMaxNames = 1000;  // there are not so many extensions
+  if (required->size() > kMaxNames) {
     return absl::InvalidArgumentError(
-        absl::StrCat("glTF: extensionsRequired has ", required->size(), " entries; the most is ", kMostNames));
+        absl::StrCat("glTF: extensionsRequired has ", required->size(), " entries; the most is ", kMaxNames));
   }
   for (const Json& entry : *required) {
     if (!entry.is_string())
@@ -241,10 +241,10 @@ absl::StatusOr<Document> ReadDocument(const JobContext& job, Json& root, const L
   if (absl::Status bad = CheckExtensions(fields, document.warnings); !bad.ok()) return bad;
   document.has_scenes = ArraySize(root, "scenes") > 0;
   ReadRtcCenter(fields, document, status);
-  if (const Json* array = fields.Array("buffers", kMostElements)) ReadBuffers(job, *array, document, status);
-  if (const Json* array = fields.Array("bufferViews", kMostElements)) ReadViews(job, *array, document, status);
-  if (const Json* array = fields.Array("accessors", kMostElements)) ReadAccessors(job, *array, document, status);
-  if (fields.Array("images", kMostElements) != nullptr) ReadImages(job, root["images"], document, status);
+  if (const Json* array = fields.Array("buffers", kMaxElements)) ReadBuffers(job, *array, document, status);
+  if (const Json* array = fields.Array("bufferViews", kMaxElements)) ReadViews(job, *array, document, status);
+  if (const Json* array = fields.Array("accessors", kMaxElements)) ReadAccessors(job, *array, document, status);
+  if (fields.Array("images", kMaxElements) != nullptr) ReadImages(job, root["images"], document, status);
   if (!status.ok()) return status;
 
   // Unchecked: what is wrong with an animation matters only to a request that asks for it.

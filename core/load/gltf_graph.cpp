@@ -1,5 +1,5 @@
-// Source: Khronos Group, "glTF 2.0 Specification" (2021), the defaults of its properties. tinygltf's own parser is not used: it would need
-// the whole text once more, tell nobody how far it is, and take no notice of any limit.
+// Source: Khronos Group, "glTF 2.0 Specification" (2021), the defaults of its properties. tinygltf's own parser is not
+// used: it would need the whole text once more, report no progress, and check no limit.
 #include "load/gltf_graph.h"
 
 #include <map>
@@ -222,8 +222,8 @@ tinygltf::Sampler ToSampler(const Json& json) {
   return out;
 }
 
-// The array graph[key], each element through `convert`. What an element holds beside its extensions takes less than it did in the JSON, which
-// the document has charged.
+// The array graph[key], each element through `convert`. What an element holds beside its extensions takes less than it
+// did in the JSON, which the document has charged.
 template <typename Element>
 absl::Status Convert(const Json& graph, const char* key, Element (*convert)(const Json&), const Budget& budget,
                      MemoryCharge& charge, std::vector<Element>& out) {

@@ -168,9 +168,9 @@ absl::Status ReadMeshes(const tinygltf::Model& model, PrimitiveContext& context,
     const auto [place, fresh] = copies.try_emplace({index, weights}, static_cast<int>(scene.meshes.size()));
     if (fresh) {
       primitives += model.meshes[index].primitives.size();
-      if (primitives > kMostElements) {
+      if (primitives > kMaxElements) {
         return absl::ResourceExhaustedError(absl::StrCat(
-            "glTF: node ", i, ": meshes with weights of their nodes make more than ", kMostElements, " primitives"));
+            "glTF: node ", i, ": meshes with weights of their nodes make more than ", kMaxElements, " primitives"));
       }
       absl::StatusOr<Mesh> mesh = ReadMesh(model.meshes[index], weights, static_cast<size_t>(index), context);
       if (!mesh.ok()) return mesh.status();

@@ -8,7 +8,7 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr uint64_t kMostMaterials = 100'000;  // each costs tinygltf's structures about 3 KiB
+constexpr uint64_t kMaxMaterials = 100'000;  // each costs tinygltf's structures about 3 KiB
 
 // A copy has no members that the document lacks, so that it takes no more memory.
 
@@ -27,7 +27,7 @@ void CopyName(const Json& from, Json& to) {
 // An array of indices below `size`.
 Json CopyIndices(Fields& fields, const char* key, uint64_t size, const char* target) {
   Json copy = Json::array();
-  const Json* array = fields.Array(key, kMostElements);
+  const Json* array = fields.Array(key, kMaxElements);
   if (array == nullptr) return copy;
   for (const Json& entry : *array) {
     const std::optional<uint64_t> index = AsUnsigned(entry);
@@ -42,7 +42,7 @@ Json CopyIndices(Fields& fields, const char* key, uint64_t size, const char* tar
 
 // An array of `length` numbers (any number of them if 0).
 void CopyNumbers(Fields& fields, const char* key, size_t length, Json& to) {
-  const Json* array = fields.Array(key, kMostElements);
+  const Json* array = fields.Array(key, kMaxElements);
   if (array == nullptr) return;
   for (const Json& entry : *array) {
     if (!entry.is_number()) return fields.Fail(absl::StrCat(key, " has an entry that is no number"));
@@ -103,7 +103,7 @@ Json CopyPrimitive(const Json& object, const std::string& where, const Sizes& si
   if (material >= 0) copy["material"] = material;
   AddIgnored(material_status, where, warnings);
 
-  if (const Json* targets = fields.Array("targets", kMostElements)) {
+  if (const Json* targets = fields.Array("targets", kMaxElements)) {
     copy["targets"] = Json::array();
     for (size_t i = 0; i < targets->size() && GoOn(sizes.job, i, status); ++i) {
       copy["targets"].push_back(CopyAttributes((*targets)[i], absl::StrCat(where, ", target ", i), sizes, status));
@@ -145,14 +145,14 @@ Json CopyMesh(const Json& object, size_t index, const Sizes& sizes, absl::Status
   CopyName(object, copy);
   CopyNumbers(fields, "weights", 0, copy);
   copy["primitives"] = Json::array();
-  const Json* primitives = fields.Array("primitives", kMostElements);
+  const Json* primitives = fields.Array("primitives", kMaxElements);
   if (primitives == nullptr) {
     fields.Fail("primitives is missing");
     return copy;
   }
   primitive_count += primitives->size();
-  if (primitive_count > kMostElements)
-    fields.Fail(absl::StrCat("the document has more than ", kMostElements, " primitives"));
+  if (primitive_count > kMaxElements)
+    fields.Fail(absl::StrCat("the document has more than ", kMaxElements, " primitives"));
   for (size_t i = 0; i < primitives->size() && GoOn(sizes.job, i, status); ++i) {
     copy["primitives"].push_back(
         CopyPrimitive((*primitives)[i], absl::StrCat("mesh ", index, ", primitive ", i), sizes, status, warnings));
@@ -195,7 +195,8 @@ Json CopyNode(const Json& object, size_t index, const Sizes& sizes, absl::Status
   return copy;
 }
 
-// Materials, textures, samplers and what is in them: only the members that the material reader uses, whatever their types.
+// Materials, textures, samplers and what is in them: only the members that the material reader uses, whatever their
+// types.
 Json CopyAppearance(const Json& value) {
   constexpr const char* kRead[] = {"name", "extensions",
                                    // textures and samplers
@@ -209,10 +210,10 @@ Json CopyAppearance(const Json& value) {
                                    "roughnessFactor", "metallicRoughnessTexture", "KHR_materials_emissive_strength",
                                    "emissiveStrength", "KHR_materials_pbrSpecularGlossiness", "diffuseFactor",
                                    "diffuseTexture"};
-  constexpr size_t kMostEntries = 5;  // no array that is read has more than four; a longer one stays too long
+  constexpr size_t kMaxEntries = 5;  // no array that is read has more than four; a longer one stays too long
   if (value.is_array()) {
     Json copy = Json::array();
-    for (size_t i = 0; i < std::min(value.size(), kMostEntries); ++i) {
+    for (size_t i = 0; i < std::min(value.size(), kMaxEntries); ++i) {
       copy.push_back(value[i].is_structured() ? Json() : value[i]);
     }
     return copy;
@@ -249,7 +250,7 @@ void WarnOfAlphaMode(const Json& material, const std::string& where, WarningList
 Json CopyAppearances(Fields& fields, const char* key, const char* one, const JobContext& job, absl::Status& status,
                      WarningList& warnings) {
   Json copy = Json::array();
-  const Json* array = fields.Array(key, kMostMaterials);
+  const Json* array = fields.Array(key, kMaxMaterials);
   if (array == nullptr) return copy;
   for (const Json& entry : *array) {
     if (!GoOn(job, copy.size(), status)) return copy;
@@ -274,7 +275,7 @@ Json CopyAppearances(Fields& fields, const char* key, const char* one, const Job
 }
 
 void CopySkins(Fields& fields, const Sizes& sizes, Json& graph, absl::Status& status) {
-  const Json* skins = fields.Array("skins", kMostElements);
+  const Json* skins = fields.Array("skins", kMaxElements);
   if (skins == nullptr) return;
   for (size_t i = 0; i < skins->size() && GoOn(sizes.job, i, status); ++i) {
     Fields skin((*skins)[i], absl::StrCat("skin ", i), status);
@@ -287,7 +288,7 @@ void CopySkins(Fields& fields, const Sizes& sizes, Json& graph, absl::Status& st
 }
 
 void CopyScenes(Fields& fields, const Sizes& sizes, Json& graph, absl::Status& status) {
-  const Json* scenes = fields.Array("scenes", kMostElements);
+  const Json* scenes = fields.Array("scenes", kMaxElements);
   const uint64_t count = scenes == nullptr ? 0 : scenes->size();
   for (uint64_t i = 0; i < count && GoOn(sizes.job, i, status); ++i) {
     Fields scene((*scenes)[i], absl::StrCat("scene ", i), status);
@@ -313,7 +314,7 @@ absl::StatusOr<Json> SanitizeGraph(const JobContext& job, const Json& root, cons
 
   Json graph = Json::object();
   uint64_t primitive_count = 0;
-  if (const Json* meshes = fields.Array("meshes", kMostElements)) {
+  if (const Json* meshes = fields.Array("meshes", kMaxElements)) {
     for (size_t i = 0; i < meshes->size() && status.ok(); ++i) {
       if (absl::Status over = job.Check(); !over.ok()) return over;
       graph["meshes"].push_back(CopyMesh((*meshes)[i], i, sizes, status, primitive_count, warnings));

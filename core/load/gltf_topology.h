@@ -18,7 +18,8 @@ constexpr int kTriangles = 4, kTriangleStrip = 5, kTriangleFan = 6;  // glTF's p
 // `vertices`. Out: triangles in the order and winding of the glTF 2.0 specification, section 3.7.2.1: in a strip every
 // second triangle swaps its last two corners; a fan's triangle i is (i + 1, i + 2, 0). Indices that do not
 // complete a triangle are dropped and `incomplete` is set. The triangles are charged to `budget`.
-// Errors: INVALID_ARGUMENT saying `where`, the position and the value; RESOURCE_EXHAUSTED past max_triangles; the job's.
+// Errors: INVALID_ARGUMENT saying `where`, the position and the value; RESOURCE_EXHAUSTED past max_triangles; the
+// job's.
 absl::StatusOr<std::vector<std::array<uint32_t, 3>>> ExpandTriangles(
     int mode, const std::optional<std::vector<uint32_t>>& indices, uint64_t vertices, const std::string& where,
     Budget& budget, bool& incomplete);

@@ -165,7 +165,8 @@ void OnJpegWarning(j_common_ptr info, int) {
   if (info->err->msg_code == JWRN_HIT_MARKER) OnJpegError(info);
 }
 
-// Called for each row of blocks of each scan. A progressive file may repeat tiny scans, each of which costs a pass over all texels.
+// Called for each row of blocks of each scan. A progressive file may repeat tiny scans, each of which costs a pass over
+// all texels.
 void OnJpegProgress(j_common_ptr info) {
   constexpr int kMaxScans = 500;                      // encoders write about 10
   constexpr uint64_t kMaxScannedTexels = 1ull << 30;  // of all scans together: 16 of the largest image

@@ -13,8 +13,8 @@ namespace voxelpipe {
 
 struct WebpSize {
   uint32_t width = 0, height = 0;
-  // What its decoder takes beside the texels, but for the prefix codes of a lossless image: at most 65,536 sets of about 6 KB, which the
-  // header does not tell.
+  // What its decoder takes beside the texels, but for the prefix codes of a lossless image: at most 65,536 sets of
+  // about 6 KB, which the header does not tell.
   uint64_t working_bytes = 0;
 };
 

@@ -365,7 +365,8 @@ void AddRun(const MeshPart& part, VertexAttribute& attribute) {
   attribute.runs.push_back({part.first_vertex, end, values});
 }
 
-// Makes room for the values of the vertices that have each attribute, taken of mesh.memory: it is linear in what the primitives hold.
+// Makes room for the values of the vertices that have each attribute, taken of mesh.memory: it is linear in what the
+// primitives hold.
 absl::Status AllocateAttributes(const JobContext& job, const std::vector<Placement>& placements,
                                 const AttributeIds& own, TriangleMesh& mesh) {
   constexpr char kWhat[] = "merging the file's own vertex attributes";

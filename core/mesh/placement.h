@@ -23,8 +23,8 @@ struct Placement {
   bool mirrored = false;
 };
 
-// The rig of the placed parts into mesh.rig, null where nothing in the scene can take another pose. Copies each primitive once. Taken of
-// mesh.memory. Errors: RESOURCE_EXHAUSTED, the job's. May throw bad_alloc.
+// The rig of the placed parts into mesh.rig, null where nothing in the scene can take another pose. Copies each
+// primitive once. Taken of mesh.memory. Errors: RESOURCE_EXHAUSTED, the job's. May throw bad_alloc.
 absl::Status MakeRig(const JobContext& job, const Scene& scene, const std::vector<Placement>& placements,
                      TriangleMesh& mesh);
 

@@ -139,7 +139,8 @@ absl::StatusOr<std::unique_ptr<Pose>> EvaluatePoseFor(const JobContext& job, con
       matrices.push_back(Multiply(world[skin.joints[j]], skin.inverse_bind_matrices[j]));
     }
   }
-  // Of each primitive with morph targets: the last node that shows it, and the weights there. A node's parts stand together.
+  // Of each primitive with morph targets: the last node that shows it, and the weights there. A node's parts stand
+  // together.
   std::unordered_map<const Primitive*, std::pair<uint32_t, const double*>> last;
   pose->parts.reserve(rig.parts.size());
   for (size_t i = 0; i < rig.parts.size(); ++i) {

@@ -33,7 +33,8 @@ struct Pose {
 // Errors: INVALID_ARGUMENT for an animation that does not exist or cannot be played, a morph target that is not usable, more
 // weights than any primitive has targets, weights without any targets.
 absl::StatusOr<std::unique_ptr<Pose>> EvaluatePose(const Rig& rig, const PoseQuery& query);
-// The same on behalf of a job that may end; the pose is charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED and the job's, too.
+// The same on behalf of a job that may end; the pose is charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED and the
+// job's, too.
 absl::StatusOr<std::unique_ptr<Pose>> EvaluatePoseFor(const JobContext& job, const Rig& rig, const PoseQuery& query);
 
 // The unposed primitive of a part; `targets` receives what the view points to and must live as long.

@@ -58,7 +58,8 @@ struct TriangleMesh {
   std::shared_ptr<MemoryCharge> memory{};
 };
 
-// Gives back what the mesh and its images take of a request's budget, for who keeps the mesh longer than the request and counts it himself.
+// Gives back what the mesh and its images take of a request's budget, for a caller that keeps the mesh longer than the
+// request and counts it itself.
 void ReleaseCharges(TriangleMesh& mesh);
 
 }  // namespace voxelpipe

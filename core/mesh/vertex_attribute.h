@@ -14,8 +14,8 @@ struct VertexAttribute {
   std::string name;
   int components = 1;         // 1-4
   std::vector<float> values;  // `components` a vertex
-  // Which vertices have values, ascending and apart, so that many attributes of a few vertices each take no more than these; in all others
-  // it is 0. Empty: all have. A primitive's attributes never have runs.
+  // Which vertices have values, ascending and apart, so that many attributes of a few vertices each take no more than
+  // these; in all others it is 0. Empty: all have. A primitive's attributes never have runs.
   std::vector<AttributeRun> runs{};
 };
 

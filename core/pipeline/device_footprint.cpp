@@ -1,4 +1,5 @@
-// What a run on a CUDA device takes: the device's lists (core/cuda) beside the targets, and what the host holds of the result.
+// What a run on a CUDA device takes: the device's lists (core/cuda) beside the targets, and what the host holds of the
+// result.
 #include <algorithm>
 #include <cmath>
 
@@ -19,11 +20,11 @@ constexpr double kTileFragmentBytes = 1350, kTileListBytes = 280;
 
 // What is left of the parts of tiles that the CUDA backend splits (cuda/fine_args.cuh), until they are joined.
 double PartBytes(const VoxelizeRequest& request, const Surface& surface) {
-  constexpr double kLeastPairs = 1024, kMostParts = 1024,
+  constexpr double kMinPairs = 1024, kMostParts = 1024,
                    kPairsOfSplitTile = 2;  // of a part; parts; parts' pairs, more than
   constexpr double kGroup = 100 << 10;     // targets are blended in groups of so many bytes, or alone
-  if (surface.pairs <= kPairsOfSplitTile * kLeastPairs) return 0;
-  const double parts = surface.pairs / std::max(kLeastPairs, surface.pairs / kMostParts);
+  if (surface.pairs <= kPairsOfSplitTile * kMinPairs) return 0;
+  const double parts = surface.pairs / std::max(kMinPairs, surface.pairs / kMostParts);
   double together = 0, largest = 0;
   for (const TargetSpec& target : request.targets) {
     const double component = target.blend == Blend::kAdd || target.blend == Blend::kAverage ? 8 : 4;
@@ -34,8 +35,8 @@ double PartBytes(const VoxelizeRequest& request, const Surface& surface) {
   return parts * (1 + 1 / kPairsOfSplitTile) * std::min(together, std::max(kGroup, largest));
 }
 
-// The pool of bricks from which the CUDA backend gives out those of a sparse result while triangles are drawn (cuda/brick_pool.h), of `layers` layers;
-// 0 where it does not.
+// The pool of bricks from which the CUDA backend gives out those of a sparse result while triangles are drawn
+// (cuda/brick_pool.h), of `layers` layers; 0 where it does not.
 uint64_t PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
   if (request.result != ResultKind::kSparse || request.fill != Fill::kNone || request.targets.size() != 1) return 0;
   const TargetSpec& target = request.targets[0];
@@ -49,15 +50,17 @@ uint64_t PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t
 
 }  // namespace
 
-// What the CUDA backend lists on the device. That is the same whether a target's value is uniform over a triangle, which is not known
-// before the vertex shader ran, or not: pairs of tiles and triangles then take the place of records and spans.
+// What the CUDA backend lists on the device. That is the same whether a target's value is uniform over a triangle,
+// which is not known before the vertex shader ran, or not: pairs of tiles and triangles then take the place of records
+// and spans.
 double footprint::DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                                   const Surface& surface, int64_t layers) {
   constexpr double kQueues = 2 * sizeof(uint32_t), kRecord = 2 * sizeof(uint64_t), kSpan = sizeof(uint64_t);
   constexpr double kOrder = sizeof(uint32_t);
   const double triangles = double(mesh.triangles);
   if (PlainBits(request)) return triangles * (kQueues + kOrder);
-  // A triangle that touches many voxels has a span for each of its rows, others are records; there is room for a span for every second.
+  // A triangle that touches many voxels has a span for each of its rows, others are records; there is room for a span
+  // for every second.
   constexpr double kManyVoxels = 16, kVoxelsOfSpan = 2;
   const double rows = surface.fragments > kManyVoxels * triangles ? surface.fragments / kVoxelsOfSpan : 0;
   double bytes = triangles * (kQueues + kRecord) + std::max(triangles / 2 + double(1 << 18), rows) * kSpan;

@@ -9,8 +9,8 @@
 
 namespace voxelpipe {
 
-// In: what VoxelizeOn takes. Out: the plan that it would tell on the backend of the request's choice: vertices are shaded and triangles
-// looked at, nothing is rasterized. Errors: those of VoxelizeOn until then.
+// In: what VoxelizeOn takes. Out: the plan that it would tell on the backend of the request's choice: vertices are
+// shaded and triangles looked at, nothing is rasterized. Errors: those of VoxelizeOn until then.
 absl::StatusOr<Plan> EstimateVoxelization(const TriangleMesh& mesh, const VoxelizeRequest& request,
                                           const JobContext& job, const PlanLimits& limits, Delivery delivery);
 

@@ -157,7 +157,8 @@ double ShadedBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
   return double(mesh.vertices) * (sizeof(Vec3d) + sizeof(Vec3f));  // not known yet: positions and normals
 }
 
-// Vertices and triangles as the stages keep them for the whole run, and the most beside them while triangles are sorted.
+// Vertices and triangles as the stages keep them for the whole run, and the most beside them while triangles are
+// sorted.
 struct MeshWork {
   double kept = 0, sorting = 0;
 };
@@ -180,7 +181,8 @@ MeshWork MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, con
   return work;
 }
 
-// Lists of triangles by slab and of crossings by block, which threads gather while they rasterize and fill, each in chunks of its own.
+// Lists of triangles by slab and of crossings by block, which threads gather while they rasterize and fill, each in
+// chunks of its own.
 double BinBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
                 int64_t layers) {
   constexpr double kChunk = 2 << 20, kTrianglesOfTask = 1 << 12;
@@ -237,11 +239,13 @@ Footprint PredictHostFootprint(const VoxelizeRequest& request, const GridSpec& g
   double slab = slab_bytes(out.slab_depth) + BinBytes(request, grid, mesh, surface, out.slab_depth);
   double list = lists(out.slab_depth);
   if (!one_slab && dense && delivery == Delivery::kMemory) slab += DenseBytes(request, grid, grid.dims[2]);
-  // A stream of several targets goes over the slabs again: the pool has blocks of a last one that is thinner then, and those of the others.
+  // A stream of several targets goes over the slabs again: the pool has blocks of a last one that is thinner then, and
+  // those of the others.
   if (!one_slab && dense && delivery == Delivery::kStream)
     slab += DenseBytes(request, grid, grid.dims[2] % out.slab_depth);
   if (!one_slab && !dense) {
-    // The lists of all slabs, and what the last one's are made of or, in the end, the array to which those of one kind are joined.
+    // The lists of all slabs, and what the last one's are made of or, in the end, the array to which those of one kind
+    // are joined.
     const Surface here = MostOfSlab(surface, grid, out.slab_depth);
     const double slabs = std::ceil(double(grid.dims[2]) / double(out.slab_depth));
     const double last = ListBytes(request, here, true);

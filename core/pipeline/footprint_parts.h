@@ -34,8 +34,8 @@ double Pooled(double bytes);
 
 // Dense targets over `layers` layers.
 double DenseBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers);
-// The bit grids over `layers` layers that the stages hold besides the targets: coverage, inside bits of a fill, bits and
-// presence of targets that are not the coverage itself.
+// The bit grids over `layers` layers that the stages hold besides the targets: coverage, inside bits of a fill, bits
+// and presence of targets that are not the coverage itself.
 double BitGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers);
 // Arrays of a sparse or bucketed result; `pooled`: with what blocks are rounded up to.
 double ListBytes(const VoxelizeRequest& request, const Surface& surface, bool pooled);

@@ -1,5 +1,5 @@
-// Memory of lists whose lengths a plan only estimates: what they come to take beyond the plan is taken from the job's budget before it is
-// allocated.
+// Memory of lists whose lengths a plan only estimates: what they come to take beyond the plan is taken from the job's
+// budget before it is allocated.
 #pragma once
 
 #include <atomic>
@@ -14,12 +14,12 @@ namespace voxelpipe {
 
 class ListMemory {
  public:
-  // In: the job's budget, from which the plan's bytes are taken already, or null; the lists' part of the plan's bytes; how many bytes more
-  // the plan's limits allow.
+  // In: the job's budget, from which the plan's bytes are taken already, or null; the lists' part of the plan's bytes;
+  // how many bytes more the plan's limits allow.
   ListMemory(MemoryBudget* budget, uint64_t planned, uint64_t room) : charge_(budget), planned_(planned), room_(room) {}
 
-  // Asks for `bytes` of lists of the slab in work, all of them, beside those that are held. Once granted they stay so. Thread-safe.
-  // RESOURCE_EXHAUSTED: the budget's, or beyond the plan's limits; then refused_bytes() says how much.
+  // Asks for `bytes` of lists of the slab in work, all of them, beside those that are held. Once granted they stay so.
+  // Thread-safe. RESOURCE_EXHAUSTED: the budget's, or beyond the plan's limits; then refused_bytes() says how much.
   absl::Status Need(uint64_t bytes);
   // The slab is done: so many bytes of its lists are held until the end of the run.
   void Hold(uint64_t bytes);
@@ -40,7 +40,7 @@ class ListCount {
   // `memory` may be null: then everything is granted. `already`: bytes that are in the lists from the beginning.
   ListCount(ListMemory* memory, uint64_t already) : memory_(memory), bytes_(already) {}
 
-  // False once something was refused: whoever counts is to stop, and status() says why.
+  // False once something was refused: the caller stops, and status() returns the reason.
   bool Add(uint64_t bytes) {
     const uint64_t before = bytes_.fetch_add(bytes, std::memory_order_relaxed), now = before + bytes;
     if (memory_ != nullptr && before / kStep != now / kStep) Ask((now / kStep + 1) * kStep);

@@ -43,7 +43,8 @@ class FittingGrid {
     return lo;
   }
 
-  // The grid request with the finest voxels of at least the size that was asked for, within a hundredth; none where no size fits.
+  // The grid request with the finest voxels of at least the size that was asked for, within a hundredth; none where no
+  // size fits.
   std::optional<GridRequest> FinestVoxels() const {
     double lo = 1, hi = 2;
     for (; !Fits(Coarser(hi)); hi *= 2) {
@@ -61,7 +62,8 @@ class FittingGrid {
   const absl::Status& stopped() const { return stopped_; }
 
  private:
-  // The same place in voxels that are so many times larger; of a grid that is given, as many of them as fill it exactly.
+  // The same place in voxels that are so many times larger; of a grid that is given, as many of them as fill it
+  // exactly.
   GridRequest Coarser(double factor) const {
     GridRequest grid = request_.grid;
     for (int a = 0; a < 3; ++a) {

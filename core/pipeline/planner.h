@@ -23,9 +23,10 @@ struct PlannedRun {
 absl::StatusOr<PlannedRun> PlanOn(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
                                   const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery);
 
-// RESOURCE_EXHAUSTED for a run that needs, or comes to need, at least `need_bytes` of results or memory. In the message and as numbers: the
-// largest grid of the request's kind that would fit. `scale`: what is really needed of what is predicted, at least 1; above 1 a run came to
-// need more than predicted. The error of `measure` instead where it gave one: the job may end meanwhile.
+// RESOURCE_EXHAUSTED for a run that needs, or comes to need, at least `need_bytes` of results or memory. In the message
+// and as numbers: the largest grid of the request's kind that would fit. `scale`: what is really needed of what is
+// predicted, at least 1; above 1 a run came to need more than predicted. The error of `measure` instead where it gave
+// one: the job may end meanwhile.
 absl::Status GridTooLarge(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
                           const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery, const GridSpec& grid,
                           bool of_results, uint64_t need_bytes, double scale);

@@ -92,9 +92,10 @@ class Stages {
   // INVALID_ARGUMENT naming node, primitive and vertex where one that a triangle uses is not finite.
   virtual absl::StatusOr<MeshExtent> VertexShade() = 0;
 
-  // What the shaded mesh touches of a grid: as often as is asked after VertexShade. `mesh` has the extent that VertexShade gave. `closely`:
-  // the triangles clipped to the grid wherever that can be had, whatever it costs, for a run that does not fit by what was said before; where
-  // it is false, a backend that has sums over the whole mesh may use these. Errors: the job's.
+  // What the shaded mesh touches of a grid: as often as is asked after VertexShade. `mesh` has the extent that
+  // VertexShade gave. `closely`: the triangles clipped to the grid wherever that can be had, whatever it costs, for a
+  // run that does not fit by what was said before; where it is false, a backend that has sums over the whole mesh may
+  // use these. Errors: the job's.
   virtual absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const = 0;
 
   // Whom stages ask before lists take more than the plan has for them. Before CoarseRaster; outlives them.

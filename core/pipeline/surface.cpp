@@ -1,7 +1,7 @@
-// How many voxels, bricks and tiles a surface touches follows from the Minkowski sum of a triangle T and a box B of edges e:
-// averaged over all placements of a lattice of such boxes, T touches vol(T + B) / vol(B) of them, which is 1, plus its three
-// widths over e, plus its three projected areas over the products of the other two edges. (R. Schneider and W. Weil,
-// "Stochastic and Integral Geometry", 2008, section 5.1.) Constants were measured.
+// How many voxels, bricks and tiles a surface touches follows from the Minkowski sum of a triangle T and a box B of
+// edges e: averaged over all placements of a lattice of such boxes, T touches vol(T + B) / vol(B) of them, which is 1,
+// plus its three widths over e, plus its three projected areas over the products of the other two edges. (R. Schneider
+// and W. Weil, "Stochastic and Integral Geometry", 2008, section 5.1.) Constants were measured.
 #include "pipeline/surface.h"
 
 #include <algorithm>
@@ -49,8 +49,8 @@ Sums InVoxels(const GridSpec& grid, const MeshSize& mesh) {
   return out;
 }
 
-// Boxes of a lattice that the surface touches: `each` counts once a triangle, `once` those of a surface whose triangles are
-// larger than the boxes or hang together.
+// Boxes of a lattice that the surface touches: `each` counts once a triangle, `once` those of a surface whose triangles
+// are larger than the boxes or hang together.
 struct Touched {
   double each, once;
 };

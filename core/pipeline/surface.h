@@ -13,8 +13,8 @@ namespace voxelpipe {
 struct MeshExtent {
   Box3d box;                  // of the vertices that triangles use
   uint64_t shaded_bytes = 0;  // what the vertex shader made of the vertices; 0 where it left them alone, or did not run
-  // Sums over the triangles, 0 where they were not made. Stages that look at the triangles again once the grid is known (Stages::Measure)
-  // leave them out.
+  // Sums over the triangles, 0 where they were not made. Stages that look at the triangles again once the grid is known
+  // (Stages::Measure) leave them out.
   Vec3d projected_area{};  // onto the planes orthogonal to x, y, z
   Vec3d dominant_area{};   // the same, of each triangle only the largest of the three
   Vec3d width{};           // extents of each triangle's box along x, y, z
@@ -27,7 +27,8 @@ struct MeshSize {
   MeshExtent extent;
 };
 
-// Estimates, of the part of the mesh that lies in the grid. A pair of a triangle and a voxel that it covers is a fragment.
+// Estimates, of the part of the mesh that lies in the grid. A pair of a triangle and a voxel that it covers is a
+// fragment.
 struct Surface {
   double fragments = 0;      // under the request's coverage
   double rows = 0;           // runs of a triangle's fragments along x within a tile
@@ -47,8 +48,8 @@ struct Surface {
   std::vector<Share> shares;
 };
 
-// From the sums of mesh.extent or, where there are none, from its box: what is said without a look at the triangles. No triangle counts for
-// more than the grid's own sections; those beyond the grid count as if they lay in it.
+// From the sums of mesh.extent or, where there are none, from its box: what is said without a look at the triangles. No
+// triangle counts for more than the grid's own sections; those beyond the grid count as if they lay in it.
 Surface EstimateSurface(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh);
 
 // The most that any slab of `layers` layers has of the surface.

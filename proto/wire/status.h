@@ -38,10 +38,10 @@ absl::Status WithField(absl::Status status, std::string_view field);
 // The one place where a job's status becomes a call's. The code stays, the message is ErrorText; the details are
 //   INVALID_ARGUMENT      BadRequest: field = that of WithField, description = the message; else field = the message's text before the first ": ",
 //                         description = the rest
-//   RESOURCE_EXHAUSTED    RetryInfo for a BusyError and where others use what is needed (IsInUseByOthers), with QuotaFailure for a
-//                         QuotaError; otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as need_and_limit, and need_bytes,
-//                         limit_bytes, largest_resolution and smallest_voxel_size as numbers where they are known and apply
-//                         (LimitErrorOf)
+//   RESOURCE_EXHAUSTED    RetryInfo for a BusyError and where others use what is needed (IsInUseByOthers), with
+//                         QuotaFailure for a QuotaError; otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as
+//                         need_and_limit, and need_bytes, limit_bytes, largest_resolution and smallest_voxel_size as
+//                         numbers where they are known and apply (LimitErrorOf)
 //   NOT_FOUND             ResourceInfo for a MissingMeshError: type "voxelpipe.v1.StoredMesh", name the mesh's id
 //   FAILED_PRECONDITION   ErrorInfo "RESULT_NEEDS_STREAM" with need_bytes, limit_bytes and use_rpc for a NeedsStreamError; otherwise "NOT_AVAILABLE"
 //   UNAVAILABLE           RetryInfo for a NotServingError

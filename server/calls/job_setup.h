@@ -18,7 +18,8 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message
                           VoxelizeJob& job);
 
 // Charges a plan to `working`, what all jobs of the server work in. `may_wait` as in VoxelizeJob::Planned.
-// Errors: RESOURCE_EXHAUSTED where plan and mesh are more than all jobs may take, ABORTED where it may not wait, BusyError where waiting did not help, the job's own.
+// Errors: RESOURCE_EXHAUSTED where plan and mesh are more than all jobs may take, ABORTED where it may not wait,
+// BusyError where waiting did not help, the job's own.
 absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working);
 
 // How the operator wants results cut.

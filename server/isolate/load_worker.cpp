@@ -49,8 +49,8 @@ class CurrentJob {
   ~CurrentJob() { current_job = nullptr; }
 };
 
-// All that is made once, so that the first file does not pay for it and nothing of it meets the sandbox: threads, what a small file needs, and
-// the process's own budget, which reads files of the system.
+// All that is made once, so that the first file does not pay for it and nothing of it meets the sandbox: threads, what
+// a small file needs, and the process's own budget, which reads files of the system.
 void WarmUp(int threads) {
   DefaultMemory();
   std::atomic<int> started{0};

@@ -241,8 +241,8 @@ size_t LoadWorkers::Wanted() const {
 }
 
 uint64_t LoadWorkers::KeptShare() const {
-  constexpr uint64_t kLeastKept = 2 << 20, kMostKept = 64 << 20;
-  return std::clamp(kept_bytes_ / most_, kLeastKept, kMostKept);
+  constexpr uint64_t kMinKept = 2 << 20, kMaxKept = 64 << 20;
+  return std::clamp(kept_bytes_ / most_, kMinKept, kMaxKept);
 }
 
 void LoadWorkers::LookForIdle(Clock::time_point now) {

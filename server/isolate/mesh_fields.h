@@ -18,8 +18,8 @@ namespace voxelpipe {
 void Fields(ArchiveWriter& archive, const absl::Status& status);
 void Fields(ArchiveReader& archive, absl::Status& status);
 
-// All of a mesh but its content_id and its charges. Null images stay null; images, primitives and morph data that are shared
-// are sent once.
+// All of a mesh but its content_id and its charges. Null images stay null; images, primitives and morph data that are
+// shared are sent once.
 void Fields(ArchiveWriter& archive, const TriangleMesh& mesh);
 // What is read has to pass CheckMesh (mesh_check.h) after Finish.
 void Fields(ArchiveReader& archive, TriangleMesh& mesh);

@@ -87,9 +87,9 @@ int Spawn(const WorkerProcess::Options& options, const std::array<int, 3>& descr
   posix_spawnattr_setsigmask(&settings.attributes, &none);
   posix_spawnattr_setsigdefault(&settings.attributes, &all);
   posix_spawnattr_setflags(&settings.attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
-  constexpr uint64_t kMostKept = uint64_t{1} << 30;
+  constexpr uint64_t kMaxKept = uint64_t{1} << 30;
   std::string name = "voxelpiped", mode = kLoadWorkerArgument, threads = std::to_string(options.threads),
-              kept = std::to_string(std::min(options.kept_bytes, kMostKept));
+              kept = std::to_string(std::min(options.kept_bytes, kMaxKept));
   char* const arguments[] = {name.data(), mode.data(), threads.data(), kept.data(), nullptr};
   return posix_spawn(&pid, options.program.c_str(), &settings.actions, &settings.attributes, arguments,
                      Environment().data());

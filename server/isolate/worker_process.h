@@ -46,9 +46,10 @@ class WorkerProcess {
 
   // Asks, and waits for the answer. `read` reads what stands behind the status; it is called where the status is OK.
   // The process is killed, and is not usable any more, when it has not ended its work kPatience after the job was over, when it takes
-  // more than `memory_bytes` (0: no bound), and when it does not keep to the protocol. What it takes is charged to the job while it works; it
-  // stands still while that has to wait for others' memory. `kept`: what was read is charged to it once `read` has read it.
-  // Errors: the answer's status; the job's; RESOURCE_EXHAUSTED for memory and processor time; INTERNAL where the process dies or is broken.
+  // more than `memory_bytes` (0: no bound), and when it does not keep to the protocol. What it takes is charged to the
+  // job while it works; it stands still while that has to wait for others' memory. `kept`: what was read is charged to
+  // it once `read` has read it. Errors: the answer's status; the job's; RESOURCE_EXHAUSTED for memory and processor
+  // time; INTERNAL where the process dies or is broken.
   absl::Status Ask(MessageKind kind, uint64_t memory_bytes, const ArchiveWriter& question, const JobContext& job,
                    const std::function<absl::Status(ArchiveReader&)>& read, MemoryCharge& kept);
 

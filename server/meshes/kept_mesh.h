@@ -52,17 +52,16 @@ class KeptMesh {
   // Whether Mesh gives those textures without decoding any.
   bool ready(const TextureUse& use) const;
 
-  // Facts about the mesh, its warnings among them. Degenerate triangles and open edges are only among them once a call of Examine has
-  // counted them.
+  // Facts about the mesh, its warnings among them. Degenerate triangles and open edges are only among them once a call
+  // of Examine has counted them.
   struct Facts {
     MeshReport report;
     bool examined = false;   // whether they are counted
     WarningList warnings{};  // all of its textures included
   };
   Facts Report() const;
-  // The same with degenerate triangles and open edges, which the first call counts; others wait meanwhile. Errors: those of
-  // ReportMeshFor, the job's.
-  // May throw bad_alloc.
+  // The same with degenerate triangles and open edges, which the first call counts; others wait meanwhile. Errors:
+  // those of ReportMeshFor, the job's. May throw bad_alloc.
   absl::StatusOr<Facts> Examine(const JobContext& job);
 
  private:

@@ -23,8 +23,8 @@ class ByteBudget {
   // Takes `bytes` if they are there now.
   bool TryTake(uint64_t bytes) { return memory_->Take(bytes, "the job").ok(); }
 
-  // Waits for `bytes` to be there. False when the job ended first or `timeout` passed, or where nobody is left who could give back: all that
-  // is used is held by those who wait. `held`: what the caller holds of it.
+  // Waits for `bytes` to be there. False when the job ended first or `timeout` passed, or where nobody is left who
+  // could give back: all that is used is held by those who wait. `held`: what the caller holds of it.
   bool Take(uint64_t bytes, const JobContext& job, std::chrono::milliseconds timeout, uint64_t held = 0) {
     if (TryTake(bytes)) return true;
     const auto end = std::chrono::steady_clock::now() + timeout;
@@ -66,7 +66,7 @@ class ByteBudget {
     Waiting& own = waiting_[&job];  // all threads of a job wait with what the job holds once
     ++own.threads;
     bool good = false;
-    // The job first: whoever tries again and fails must not miss its end.
+    // The job first: a caller that fails again must see its end.
     while (job.Check().ok()) {
       good = done();
       if (good || std::chrono::steady_clock::now() >= end) break;

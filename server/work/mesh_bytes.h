@@ -8,8 +8,8 @@
 
 namespace voxelpipe {
 
-// Bytes of the arrays, images included; small parts (names, nodes, materials) are left out, unless a file can make many of them out of few
-// bytes: primitives, animations, morph targets and their weights.
+// Bytes of the arrays, images included; small parts (names, nodes, materials) are left out, unless a file can make many
+// of them out of few bytes: primitives, animations, morph targets and their weights.
 uint64_t SceneBytes(const Scene& scene);
 // The same; the rig counts with the mesh, though what it shares with the scene stays in memory once.
 uint64_t MeshBytes(const TriangleMesh& mesh);

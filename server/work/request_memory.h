@@ -12,7 +12,8 @@
 
 namespace voxelpipe {
 
-// How long a request waits for others to free memory before its client is asked to come again: its loading in all, and then its plan.
+// How long a request waits for others to free memory before its client is asked to come again: its loading in all, and
+// then its plan.
 inline constexpr std::chrono::milliseconds kMemoryPatience{20'000};
 
 // The part that meshes of waiting jobs leave free: the jobs that run must get what they need to end.
@@ -44,9 +45,10 @@ class Patience {
   Clock::time_point end_;
 };
 
-// In: what all requests share, and the context of the request's job, which must outlive its loading. Out: its budget, whose limit is that of
-// all: beyond it alone, a request gets the limit's error; where others use what is left, it waits (ByteBudget::Take), and then gets one that is
-// marked (IsInUseByOthers). The context is charged to it from now on. `working` need not outlive it.
+// In: what all requests share, and the context of the request's job, which must outlive its loading. Out: its budget,
+// whose limit is that of all: beyond it alone, a request gets the limit's error; where others use what is left, it
+// waits (ByteBudget::Take), and then gets one that is marked (IsInUseByOthers). The context is charged to it from now
+// on. `working` need not outlive it.
 inline std::shared_ptr<MemoryBudget> MakeRequestMemory(ByteBudget& working, JobContext& context,
                                                        std::chrono::milliseconds patience = kMemoryPatience) {
   const std::shared_ptr<MemoryBudget> all = working.memory();

@@ -38,7 +38,7 @@ class VoxelizeJob : public Task {
   std::shared_ptr<KeptMesh> kept;  // the mesh that config.mesh_id names; null where a file is given
   std::deque<std::string> pieces;  // of the mesh file, or of the kept mesh's new positions; freed once they are loaded
   std::shared_ptr<MemoryBudget> memory;      // of the request (MakeRequestMemory); null: the process's
-  std::shared_ptr<const PreparedMesh> mesh;  // made of these; keeps `memory`, whoever holds it
+  std::shared_ptr<const PreparedMesh> mesh;  // made of these; keeps `memory` alive
   uint32_t attempts = 0;                     // device workers that had it
   bool planned = false;                      // Planned was OK
   ResumedSink resumed;                       // before large_results(): what went there already

@@ -1,8 +1,10 @@
-// Plans against what runs take: the peak of counting allocators over many random jobs, honest and hostile (property/plan_jobs.h).
+// Plans against what runs take: the peak of counting allocators over many random jobs, honest and hostile
+// (property/plan_jobs.h).
 //
 // usage: plan_bounds [--jobs N] [--seed S] [--backend cpu|cuda] [--only SEED] [--verbose]
-// Prints the distribution of measured / planned over the jobs that take 16 MiB or more, and the worst ones. Exit 1 if a job takes more than
-// 1.25 times its plan, or more than 5 % of them less than a third of it; 77 where there is no CUDA device or nothing can be counted.
+// Prints the distribution of measured / planned over the jobs that take 16 MiB or more, and the worst ones. Exit 1 if a
+// job takes more than 1.25 times its plan, or more than 5 % of them less than a third of it; 77 where there is no CUDA
+// device or nothing can be counted.
 #include <malloc.h>
 
 #include <algorithm>
@@ -27,8 +29,8 @@
 namespace voxelpipe::testing {
 namespace {
 
-constexpr double kMostMeasured = 1.25, kMostPlanned = 3, kShareWithin = 0.95;
-constexpr uint64_t kLeastBytes = 16 << 20;
+constexpr double kMaxMeasured = 1.25, kMaxPlanned = 3, kShareWithin = 0.95;
+constexpr uint64_t kMinBytes = 16 << 20;
 
 struct Options {
   int64_t jobs = 60;
@@ -132,16 +134,15 @@ int Judge(std::vector<Outcome> jobs, int64_t drawn, int64_t failed) {
   for (size_t i = 0; i < shown; ++i) Print(jobs[i]);
   std::printf("     ...\n");
   for (size_t i = jobs.size() - std::min(shown, jobs.size() - shown); i < jobs.size(); ++i) Print(jobs[i]);
-  const auto over =
-      std::count_if(jobs.begin(), jobs.end(), [](const auto& job) { return job.taken() > kMostMeasured; });
+  const auto over = std::count_if(jobs.begin(), jobs.end(), [](const auto& job) { return job.taken() > kMaxMeasured; });
   const auto under =
-      std::count_if(jobs.begin(), jobs.end(), [](const auto& job) { return job.taken() * kMostPlanned < 1; });
+      std::count_if(jobs.begin(), jobs.end(), [](const auto& job) { return job.taken() * kMaxPlanned < 1; });
   const double within = jobs.empty() ? 1 : 1 - double(under) / double(jobs.size());
   std::printf(
       "plan_bounds: %lld jobs, %zu of 16 MiB or more, %lld failed; %lld take more than %.2f of their plan; "
       "%.1f %% at least a third of it\n",
       static_cast<long long>(drawn), jobs.size(), static_cast<long long>(failed), static_cast<long long>(over),
-      kMostMeasured, 100 * within);
+      kMaxMeasured, 100 * within);
   return over > 0 || failed > 0 || within < kShareWithin || jobs.empty() ? 1 : 0;
 }
 
@@ -172,7 +173,7 @@ int Main(const Options& options) {
       Print(*job);
       return 0;
     }
-    if (std::max(job->measured(), job->planned) >= kLeastBytes) jobs.push_back(*job);
+    if (std::max(job->measured(), job->planned) >= kMinBytes) jobs.push_back(*job);
   }
   return Judge(std::move(jobs), options.jobs, failed);
 }

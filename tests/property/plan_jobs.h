@@ -19,9 +19,9 @@ struct PlanJob {
   bool streamed = false;
 };
 
-// The same job for the same seed, everywhere. Honest ones: smooth and rough surfaces, soups of small triangles, terrain, blocks on the
-// lattice. Hostile ones: points on voxel corners, slivers, giants, a window into a much larger scene, surfaces that lie in each other, all
-// triangles in one layer.
+// The same job for the same seed, everywhere. Honest ones: smooth and rough surfaces, soups of small triangles,
+// terrain, blocks on the lattice. Hostile ones: points on voxel corners, slivers, giants, a window into a much larger
+// scene, surfaces that lie in each other, all triangles in one layer.
 PlanJob MakePlanJob(uint64_t seed);
 
 }  // namespace voxelpipe::testing

@@ -1,4 +1,5 @@
-// A server with little memory for its jobs, files of a few bytes that ask for much, and clients that do not wait for the answer.
+// A server with little memory for its jobs, files of a few bytes that ask for much, and clients that do not wait for
+// the answer.
 #include <chrono>
 #include <iostream>
 #include <memory>

@@ -29,7 +29,8 @@ constexpr bool kCounts = true;
 
 }  // namespace
 
-// The page pool's mappings; the linker sends it here (--wrap). Others' mappings are none of its: a driver reserves addresses by the gigabyte.
+// The page pool's mappings; the linker sends it here (--wrap). Others' mappings are none of its: a driver reserves
+// addresses by the gigabyte.
 extern "C" {
 void* __real_mmap(void* address, size_t bytes, int protection, int flags, int file, off_t offset);
 int __real_munmap(void* address, size_t bytes);

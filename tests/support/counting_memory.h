@@ -1,5 +1,5 @@
-// Host memory that this process has allocated, counted by the allocators themselves: malloc and what stands on it, and the mappings of
-// the page pool. Linked with -Wl,--wrap=mmap,--wrap=munmap.
+// Host memory that this process has allocated, counted by the allocators themselves: malloc and what stands on it, and
+// the mappings of the page pool. Linked with -Wl,--wrap=mmap,--wrap=munmap.
 #pragma once
 
 #include <cstdint>

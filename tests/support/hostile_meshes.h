@@ -13,13 +13,16 @@ ByteVector InstancesWithoutData(uint64_t count);
 ByteVector EmptyPrimitivesWithoutData(int primitives, uint64_t count);
 // `count` primitives of one triangle, each with an attribute of its own name.
 ByteVector ManyOwnAttributes(int count);
-// `images` textures that are one PNG of edge x edge texels in one buffer view, of which the materials of as many triangles use all.
+// `images` textures that are one PNG of edge x edge texels in one buffer view, of which the materials of as many
+// triangles use all.
 ByteVector LargePngs(uint32_t edge, int images);
 // A triangle with a texture, a PNG of one texel with `texts` compressed texts of 7 MB each.
 ByteVector PngWithTexts(int texts);
-// One mesh of `primitives` without attributes and one with a morph target without data, shown by `nodes` nodes with weights of their own.
+// One mesh of `primitives` without attributes and one with a morph target without data, shown by `nodes` nodes with
+// weights of their own.
 ByteVector PrimitivesWithoutData(int primitives, int nodes);
-// A mesh of `weights` morph weights, shown by `nodes` nodes, and an animation without anything, which gives the scene a rig.
+// A mesh of `weights` morph weights, shown by `nodes` nodes, and an animation without anything, which gives the scene a
+// rig.
 ByteVector WeightsOfManyNodes(int weights, int nodes);
 // `instances` of a triangle with `targets` morph targets, all without data.
 ByteVector TargetsWithoutData(int targets, uint64_t instances);

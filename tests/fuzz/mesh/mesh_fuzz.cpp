@@ -1,9 +1,10 @@
-// Sends spoilt meshes and requests to one server process and watches what they cost; and runs them here as well, where both must say the
-// same. What is looked for: the server's end, an answer that takes more than 2 s, memory that grows by more than 1 GiB, and answers that
-// differ.
-//   mesh_fuzz [--server voxelpiped] [--seconds N | --cases N] [--seed S] [--first N] [--jobs N] [--differential K] [--save DIR]
-// --differential K runs every K-th case here too (0: none). A case is its seed and number: --first N --cases 1 runs it again. --save keeps
-// the file of each case that was found at fault in DIR, and of the one that runs here.
+// Sends spoilt meshes and requests to one server process and watches what they cost; and runs them here as well, where
+// both must say the same. What is looked for: the server's end, an answer that takes more than 2 s, memory that grows
+// by more than 1 GiB, and answers that differ.
+//   mesh_fuzz [--server voxelpiped] [--seconds N | --cases N] [--seed S] [--first N] [--jobs N] [--differential K]
+//             [--save DIR]
+// --differential K runs every K-th case here too (0: none). A case is its seed and number: --first N --cases 1 runs it
+// again. --save keeps the file of each case that was found at fault in DIR, and of the one that runs here.
 
 #include <algorithm>
 #include <atomic>
@@ -31,11 +32,11 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr double kMostSeconds = 2;
-constexpr uint64_t kMostBytes = uint64_t{1} << 30;
+constexpr double kMaxSeconds = 2;
+constexpr uint64_t kMaxBytes = uint64_t{1} << 30;
 constexpr std::chrono::seconds kDeadline{20};  // of a call; a hang is seen long before
 // Of a call: what is larger takes its time with good reason.
-constexpr char kMostResult[] = "8MiB", kMostWorking[] = "256MiB";
+constexpr char kMaxResult[] = "8MiB", kMaxWorking[] = "256MiB";
 
 struct Options {
   std::string server = "voxelpiped", save;
@@ -121,8 +122,7 @@ class Fuzzer {
  private:
   bool StartServer() {
     absl::StatusOr<std::unique_ptr<ServerWatch>> server = ServerWatch::Start(
-        options_.server,
-        {"--log-level", "error", "--max-result-bytes", kMostResult, "--max-working-bytes", kMostWorking},
+        options_.server, {"--log-level", "error", "--max-result-bytes", kMaxResult, "--max-working-bytes", kMaxWorking},
         InFolder("server.log"));
     if (!server.ok()) {
       std::fprintf(stderr, "mesh_fuzz: %s\n", std::string(server.status().message()).c_str());
@@ -177,7 +177,7 @@ class Fuzzer {
         ++cases_;
         results_ += served.status.ok() ? 1 : 0;
         longest_ = std::max(longest_, served.seconds);
-        if (served.seconds > kMostSeconds || absl::IsUnavailable(served.status)) suspects_.push_back(number);
+        if (served.seconds > kMaxSeconds || absl::IsUnavailable(served.status)) suspects_.push_back(number);
       }
       if (absl::IsUnavailable(served.status)) {
         client = nullptr;
@@ -218,18 +218,18 @@ class Fuzzer {
       {
         const std::lock_guard lock(mutex_);
         peak_ = std::max(peak_, bytes);
-        if (bytes > before_ + kMostBytes && !over_) {
+        if (bytes > before_ + kMaxBytes && !over_) {
           over_ = true;
           suspects_.insert(suspects_.end(), running_.begin(), running_.end());
         }
-        if (bytes < before_ + kMostBytes) over_ = false;
+        if (bytes < before_ + kMaxBytes) over_ = false;
       }
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
     }
   }
 
-  // On a busy machine an answer may be late for no fault of its own, and cases that run together add up: each that is suspected runs
-  // alone, on a fresh server.
+  // On a busy machine an answer may be late for no fault of its own, and cases that run together add up: each that is
+  // suspected runs alone, on a fresh server.
   void Confirm() {
     constexpr size_t kMost = 50;
     std::sort(suspects_.begin(), suspects_.end());
@@ -257,10 +257,10 @@ class Fuzzer {
       watch.join();
       const std::lock_guard lock(mutex_);
       if (const std::string how = server_->Ended(); !how.empty()) Fault(number, made, "the server ended: " + how);
-      if (answer.seconds > kMostSeconds) {
+      if (answer.seconds > kMaxSeconds) {
         Fault(number, made, absl::StrCat("took ", answer.seconds, " s: ", Shown(answer)));
       }
-      if (most > before_ + kMostBytes) {
+      if (most > before_ + kMaxBytes) {
         Fault(number, made, absl::StrCat("memory grew by ", (most - before_) >> 20, " MiB: ", Shown(answer)));
       }
     }

@@ -28,7 +28,8 @@ const auto& Pick(const List& list, Random& random) {
 // Numbers at the edges of what a loader computes with.
 json InterestingNumber(Random& random, const json& was) {
   static const json kNumbers = json::parse(R"([
-      0, 1, -1, 2, 3, 4, 7, 8, 255, 256, 65535, 65536, 16777216, 2147483647, 2147483648, 4294967295, 4294967296, 1e7, 1e9, 1e15,
+      0, 1, -1, 2, 3, 4, 7, 8, 255, 256, 65535, 65536, 16777216, 2147483647, 2147483648, 4294967295, 4294967296,
+      1e7, 1e9, 1e15,
       -2147483648.0, 0.5, -0.0, 1e-30, 1e30, 1e38, 1e39, 1e300, 1e-300, 9007199254740993, 9223372036854775807,
       18446744073709551615, 5120, 5121, 5123, 5125, 5126])");
   if (was.is_number_integer() && OneIn(random, 2)) return int64_t(was.get<uint64_t>() + Below(random, 5) - 2);
@@ -39,7 +40,8 @@ json InterestingNumber(Random& random, const json& was) {
 json InterestingValue(Random& random, const json& was) {
   static const json kValues = [] {
     json values = json::parse(R"([null, true, false, "", [], {}, [0], [{"index": 0}],
-        "POSITION", "VEC3", "SCALAR", "MAT4", "TRIANGLES", "ATTRIBUTES", "INDICES", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL",
+        "POSITION", "VEC3", "SCALAR", "MAT4", "TRIANGLES", "ATTRIBUTES", "INDICES", "OCTAHEDRAL", "QUATERNION",
+        "EXPONENTIAL",
         "data:application/octet-stream;base64,AAAA", "data:,", "data:image/png;base64,", "../x"])");
     values.push_back("\xff\xfe");
     values.push_back(std::string(3000, 'x'));

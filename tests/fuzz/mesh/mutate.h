@@ -1,4 +1,5 @@
-// Spoils mesh files and requests where a loader looks: in the JSON's values, in the counts and offsets, in the compressed streams.
+// Spoils mesh files and requests where a loader looks: in the JSON's values, in the counts and offsets, in the
+// compressed streams.
 #pragma once
 
 #include <cstdint>

@@ -16,7 +16,8 @@ namespace voxelpipe::fuzz {
 // Thread-safe, but for Start and the destructor.
 class ServerWatch {
  public:
-  // Starts `program`, a voxelpiped, on a free port of the loopback, and waits until it serves. Its log goes to `log_path`.
+  // Starts `program`, a voxelpiped, on a free port of the loopback, and waits until it serves. Its log goes to
+  // `log_path`.
   static absl::StatusOr<std::unique_ptr<ServerWatch>> Start(const std::string& program,
                                                             std::vector<std::string> arguments,
                                                             const std::string& log_path);

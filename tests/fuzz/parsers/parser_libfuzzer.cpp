@@ -1,5 +1,5 @@
-// libFuzzer's entry for the parser of this program: VOXELPIPE_PARSER. Without a corpus it begins with the parser's own seeds, which
-// LLVMFuzzerCustomMutator draws where it is given nothing yet.
+// libFuzzer's entry for the parser of this program: VOXELPIPE_PARSER. Without a corpus it begins with the parser's own
+// seeds, which LLVMFuzzerCustomMutator draws where it is given nothing yet.
 #include <algorithm>
 #include <cstring>
 #include <random>

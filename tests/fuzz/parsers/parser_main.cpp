@@ -83,10 +83,10 @@ int Main(int argc, char** argv) {
       longest_of = parsers[at].name;
     }
   }
-  constexpr double kMostSeconds = 2;
+  constexpr double kMaxSeconds = 2;
   std::printf("%llu cases in %.1f s, longest %.3f s (%s)\n", static_cast<unsigned long long>(done), since(begin),
               longest, longest_of.c_str());
-  return longest > kMostSeconds ? 1 : 0;
+  return longest > kMaxSeconds ? 1 : 0;
 }
 
 }  // namespace

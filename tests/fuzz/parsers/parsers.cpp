@@ -23,7 +23,7 @@ using nlohmann::json;
 using testing::GlbBuilder;
 
 // What a few bytes may ask for stays small, so that a process under a sanitizer keeps within its memory.
-constexpr uint64_t kMostBytes = 64 << 20;
+constexpr uint64_t kMaxBytes = 64 << 20;
 
 LoadLimits SmallLimits() {
   LoadLimits limits;
@@ -43,7 +43,7 @@ std::vector<uint8_t> BytesOf(std::string_view text) {
 // The whole way of a mesh but for the pipeline.
 void Load(Bytes bytes, MeshFormat format) {
   const LoadLimits limits = SmallLimits();
-  MemoryBudget memory(kMostBytes);  // whose end finds what was not given back
+  MemoryBudget memory(kMaxBytes);  // whose end finds what was not given back
   JobContext job;
   job.set_memory(&memory);
   const absl::StatusOr<Scene> scene = LoadSceneFor(job, bytes, format, limits);

@@ -1,4 +1,5 @@
-// What files of a few bytes make the program allocate is charged to the job's memory, and refused where that has not so much.
+// What files of a few bytes make the program allocate is charged to the job's memory, and refused where that has not so
+// much.
 #include <iostream>
 #include <string>
 #include <vector>

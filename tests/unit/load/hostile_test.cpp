@@ -73,7 +73,7 @@ TEST(HostileTest, TexelsAndLevelsAreChargedBeforeTheyAreMade) {
   ExpectLimit(LoadWithin(32 * kMiB, LargePngs(2048, 4)).status);
 }
 
-TEST(HostileTest, JsonIsReadWithoutWhatNobodyAsksFor) {
+TEST(HostileTest, JsonIsReadWithoutWhatTheLoaderDoesNotUse) {
   EXPECT_LT(LoadWithin(64 * kMiB, EmptyObjects(4 * kMiB, "extras")).peak_bytes, kMiB);
   EXPECT_LT(LoadWithin(64 * kMiB, EmptyObjects(4 * kMiB, "unknown")).peak_bytes, kMiB);
   ExpectLimit(LoadWithin(64 * kMiB, EmptyObjects(4 * kMiB, "nodes")).status);
