@@ -96,7 +96,7 @@ std::vector<uint8_t> Write(const Seed& seed, testing::GlbBuilder gltf, Random& r
   if (!gltf.bin.empty() && OneIn(random, 3)) SpoilBytes(gltf.bin, random);
   json buffer = {{"byteLength", gltf.bin.size()}};
   if (seed.text) buffer["uri"] = "data:application/octet-stream;base64," + testing::Base64(gltf.bin);
-  gltf.doc["buffers"] = {buffer};
+  gltf.doc["buffers"] = json::array({buffer});
   if (!OneIn(random, 5)) SpoilJson(gltf.doc, random);
   const std::string text = gltf.doc.dump(-1, ' ', false, json::error_handler_t::replace);
   std::vector<uint8_t> bytes =

@@ -44,7 +44,7 @@ TEST(GltfMaterial, FiltersFollowTheSampler) {
     json sampler = json::object();
     if (c.mag != 0) sampler["magFilter"] = c.mag;
     if (c.min != 0) sampler["minFilter"] = c.min;
-    builder.doc["samplers"] = {sampler};
+    builder.doc["samplers"] = json::array({sampler});
     builder.doc["textures"] = {{{"source", 0}, {"sampler", 0}}};
     const absl::StatusOr<Scene> scene = Load(builder);
     ASSERT_TRUE(scene.ok()) << scene.status();
@@ -141,7 +141,7 @@ TEST(GltfMaterial, DiffuseOfSpecularGlossinessServesAsBaseColour) {
   json material = json::object();
   material["extensions"]["KHR_materials_pbrSpecularGlossiness"] = {{"diffuseFactor", {0.5, 0.5, 0.25, 1}},
                                                                    {"diffuseTexture", {{"index", 0}, {"texCoord", 1}}}};
-  builder.doc["materials"] = {material};
+  builder.doc["materials"] = json::array({material});
   const absl::StatusOr<Scene> scene = Load(builder);
   ASSERT_TRUE(scene.ok()) << scene.status();
   EXPECT_EQ(scene->materials[0].base_color_factor, (Vec4f{0.5f, 0.5f, 0.25f, 1}));
@@ -189,7 +189,7 @@ TEST(GltfMaterial, WrongTypesNeverCostTheGeometry) {
     for (const json& value : wrong) {
       GlbBuilder builder = Triangle();
       builder.doc["images"] = {{{"bufferView", 0}}};
-      builder.doc["samplers"] = {json::object()};
+      builder.doc["samplers"] = json::array({json::object()});
       builder.doc["textures"] = {{{"source", 0}, {"sampler", 0}}};
       json base_color = {{"index", 0}};
       base_color["extensions"]["KHR_texture_transform"] = {{"offset", {0, 0}}};
