@@ -44,7 +44,7 @@ class CpuStages final : public Stages {
     if (state_.view.triangle_count == 0) return EstimateSurface(request, grid, mesh);
     return MeasureSurface(state_.view, request, grid, state_.job);
   }
-  void SetListMemory(ListMemory* memory) override { state_.lists = memory; }
+  void SetLists(const Surface& /*expected*/, ListMemory* memory) override { state_.lists = memory; }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab&) override { return cpu::CoarseRaster(state_, grid); }
   absl::Status TileSort() override { return cpu::TileSort(state_); }
   absl::Status BeginSlab(const Slab& slab) override { return cpu::BeginSlab(state_, slab); }

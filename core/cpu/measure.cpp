@@ -1,5 +1,5 @@
-// Sources: the Minkowski sum of a triangle and a box (pipeline/surface.cpp) for what a triangle touches on average; I.
-// Sutherland and G. Hodgman, "Reentrant Polygon Clipping", 1974, for its part in the grid. What no average knows -
+// Sources: the Minkowski sum of a triangle and a box (pipeline/surface.cpp) for what a triangle touches on average,
+// raster/clipped_triangle.h for its part in the grid. What no average knows -
 // vertices on voxel corners, faces on the lattice's planes, thin coverage, surfaces that lie in each other - is counted
 // exactly in samples.
 #include "cpu/measure.h"
@@ -467,7 +467,39 @@ class Measurer {
   uint64_t marks_a_triangle_;  // cells, on average
 };
 
+void AddTriangle(const GridWindow& window, const Vec3d& centre, const Vec3d& a, const Vec3d& b, const Vec3d& c,
+                 SurfaceSums& sums) {
+  const WeighedTriangle part = window.known() ? WeighInWindow(window, a, b, c) : WeighWhole(a, b, c);
+  const Vec3d& area = part.size.area;
+  const int axis = area.x >= area.y ? (area.x >= area.z ? 0 : 2) : (area.y >= area.z ? 1 : 2);
+  sums.triangles += part.weight;
+  sums.area = sums.area + area;
+  sums.dominant[axis] += area[axis];
+  sums.width = sums.width + part.size.width;
+  sums.volume += Dot(a - centre, Cross(b - a, c - a)) / 6;
+}
+
 }  // namespace
+
+SurfaceSums SumSurface(const MeshView& mesh, const GridWindow& window, const Vec3d& centre) {
+  return tbb::parallel_deterministic_reduce(
+      tbb::blocked_range<uint64_t>(0, mesh.triangle_count, kGrain), SurfaceSums(),
+      [&](const tbb::blocked_range<uint64_t>& range, SurfaceSums part) {
+        for (uint64_t t = range.begin(); t < range.end(); ++t) {
+          const uint32_t* const v = mesh.triangles[t];
+          AddTriangle(window, centre, mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], part);
+        }
+        return part;
+      },
+      [](SurfaceSums a, const SurfaceSums& b) {
+        a.triangles += b.triangles;
+        a.area = a.area + b.area;
+        a.dominant = a.dominant + b.dominant;
+        a.width = a.width + b.width;
+        a.volume += b.volume;
+        return a;
+      });
+}
 
 absl::StatusOr<Surface> MeasureSurface(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid,
                                        const JobContext& job) {

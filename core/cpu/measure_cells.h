@@ -1,4 +1,4 @@
-// Parts of measure.cpp: a triangle's part in the grid, and the bits of the grid's bricks.
+// Parts of measure.cpp: the voxels of a triangle's box, and the bits of the grid's bricks.
 #pragma once
 
 #include <algorithm>
@@ -59,50 +59,6 @@ inline VoxelRange RangeOf(const Box& box) {
   }
   return range;
 }
-
-// Extents and projected areas of the part of a triangle that lies in the grid.
-struct Part {
-  Vec3d width{}, area{};
-};
-
-// A triangle clipped by the six planes of a box.
-class Polygon {
- public:
-  explicit Polygon(const Triangle& t) : points_{t.a, t.b, t.c}, count_(3) {}
-
-  void Clip(int axis, double plane, double side) {
-    Vec3d out[kMost];
-    int count = 0;
-    for (int i = 0; i < count_ && count + 2 <= kMost; ++i) {
-      const Vec3d &p = points_[i], &q = points_[(i + 1) % count_];
-      const double dp = side * (p[axis] - plane), dq = side * (q[axis] - plane);
-      if (dp >= 0) out[count++] = p;
-      if ((dp < 0) != (dq < 0)) out[count++] = p + (q - p) * (dp / (dp - dq));
-    }
-    std::copy(out, out + count, points_);
-    count_ = count;
-  }
-  Part Measure() const {
-    Part part;
-    if (count_ == 0) return part;
-    Vec3d lo = points_[0], hi = points_[0], normal{};
-    for (int i = 1; i < count_; ++i) {
-      for (int a = 0; a < 3; ++a) {
-        lo[a] = std::min(lo[a], points_[i][a]);
-        hi[a] = std::max(hi[a], points_[i][a]);
-      }
-      if (i + 1 < count_) normal = normal + Cross(points_[i] - points_[0], points_[i + 1] - points_[0]);
-    }
-    part.width = hi - lo;
-    for (int a = 0; a < 3; ++a) part.area[a] = 0.5 * std::abs(normal[a]);
-    return part;
-  }
-
- private:
-  static constexpr int kMost = 12;
-  Vec3d points_[kMost];
-  int count_;
-};
 
 // Bits of the cells of the grid: bricks, or larger ones in grids of very many bricks.
 class Cells {

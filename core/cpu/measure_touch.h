@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "cpu/measure_cells.h"
+#include "raster/clipped_triangle.h"
 #include "raster/tiles.h"
 
 namespace voxelpipe::cpu {
@@ -13,7 +14,7 @@ inline constexpr double kFlat = 1e-3;  // voxels: a triangle as thin as this alo
 // What one triangle touches, on average.
 struct Touch {
   Box box;  // voxels
-  Part part;
+  PolygonSize part;
   double voxels = 0;     // of the box
   double fragments = 0;  // of conservative coverage
   double rows = 0;
@@ -31,12 +32,12 @@ inline bool TouchOf(const Triangle& t, const Vec3d& lo, const Vec3d& hi, const G
     out.part.width = hi - lo;
     for (int i = 0; i < 3; ++i) out.part.area[i] = 0.5 * std::abs(normal[i]);
   } else {
-    Polygon polygon(t);
+    ClippedTriangle clipped(t.a, t.b, t.c);
     for (int i = 0; i < 3; ++i) {
-      polygon.Clip(i, 0, 1);
-      polygon.Clip(i, double(grid.dims[size_t(i)]), -1);
+      clipped.Clip(i, 0, 1);
+      clipped.Clip(i, double(grid.dims[size_t(i)]), -1);
     }
-    out.part = polygon.Measure();
+    out.part = clipped.Size();
   }
   const Vec3d &w = out.part.width, &a = out.part.area;
   double planes[3];  // two where it lies between voxels

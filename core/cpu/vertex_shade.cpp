@@ -285,8 +285,8 @@ absl::StatusOr<MeshExtent> MeasureMesh(const RunState& state) {
     extent.box.min[a] += 0.0;
     extent.box.max[a] += 0.0;
   }
-  extent.shaded_bytes = state.shaded_positions.size() * sizeof(Vec3d) + state.shaded_normals.size() * sizeof(Vec3f) +
-                        state.shaded_tangents.size() * sizeof(Vec4f) + state.velocities.size() * sizeof(Vec3f);
+  extent.held_bytes = state.shaded_positions.size() * sizeof(Vec3d) + state.shaded_normals.size() * sizeof(Vec3f) +
+                      state.shaded_tangents.size() * sizeof(Vec4f) + state.velocities.size() * sizeof(Vec3f);
   return extent;
 }
 

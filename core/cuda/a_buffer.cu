@@ -245,14 +245,13 @@ absl::Status EmitRecords(RunState& state, const FragmentArgs& args, std::optiona
   return absl::OkStatus();
 }
 
-// Room for as many fragments as fine meshes have, before they are counted; false where that might be memory that is needed elsewhere.
+// Room for the fragments that the plan expects, before they are counted; false where that might be memory that is
+// needed elsewhere.
 bool GuessRoom(RunState& state) {
-  constexpr uint64_t kOfTriangle = 4, kOfVoxel = 4, kAnyway = 1 << 25, kPartOfMemory = 64;
+  constexpr uint64_t kPartOfMemory = 64;
   const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (2 * sizeof(uint32_t));
-  const uint64_t wanted = kOfTriangle * state.mesh.host_view.triangle_count;
-  if (wanted > most) return false;
-  const uint64_t guess = std::max(wanted, std::min({kAnyway, most, kOfVoxel * state.slab_voxels()}));
-  return state.fragments.MakeRoom(0, guess, sizeof(uint32_t), state.stream).ok();
+  const uint64_t guess = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()));
+  return guess <= most && state.fragments.MakeRoom(0, guess, sizeof(uint32_t), state.stream).ok();
 }
 
 // Whether the largest triangles' fragments are listed apart: where that pays and there is memory for it.

@@ -27,7 +27,8 @@ uint64_t GuessApart(const RunState& state) {
   if (AssumedCache() > 0) return 1 << 10;
   constexpr uint64_t kMost = 1 << 24, kPartOfMemory = 64;
   const uint64_t memory = std::min(state.device.memory_bytes, MemoryLimit());
-  return std::min({kMost, state.slab_voxels(), memory / kPartOfMemory / (2 * sizeof(uint32_t))});
+  const uint64_t expected = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()));
+  return std::min({kMost, state.slab_voxels(), expected, memory / kPartOfMemory / (2 * sizeof(uint32_t))});
 }
 
 }  // namespace

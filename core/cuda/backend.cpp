@@ -44,6 +44,10 @@ class CudaStages final : public Stages {
     }
     return EstimateSurface(request, grid, mesh);
   }
+  void SetLists(const Surface& expected, ListMemory* memory) override {
+    state_.expected = expected;
+    state_.memory.AskFrom(memory);
+  }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
     state_.plain_bits = cpu::PlainBits(state_.host, grid);
     state_.direct = !state_.plain_bits && BlendsDirectly(state_, grid);
@@ -52,6 +56,7 @@ class CudaStages final : public Stages {
   absl::Status TileSort() override { return NeedsTiles(state_) ? cuda::TileSort(state_) : absl::OkStatus(); }
   absl::Status BeginSlab(const Slab& slab) override {
     counted_ = false;
+    if (absl::Status s = state_.memory.TakeOnHost(0); !s.ok()) return s;
     return cuda::BeginSlab(state_, slab);
   }
   absl::Status FineRaster() override { return cuda::FineRaster(state_); }

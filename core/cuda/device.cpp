@@ -16,6 +16,7 @@
 #include "cuda/launch_graphs.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
+#include "cuda/run_memory.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -305,6 +306,8 @@ void ResetMemoryPeak() {
 }
 
 bool TakeMemory(uint64_t bytes) {
+  RunMemory* const run = RunMemory::OfThread();
+  if (run != nullptr && !run->Take(bytes)) return false;
   const uint64_t before = taken_bytes.fetch_add(bytes, std::memory_order_relaxed);
   const uint64_t limit = limit_bytes.load(std::memory_order_relaxed);
   if (bytes <= limit && before <= limit - bytes) {
@@ -317,10 +320,12 @@ bool TakeMemory(uint64_t bytes) {
 }
 
 void ReturnMemory(uint64_t bytes) {
+  if (RunMemory* const run = RunMemory::OfThread(); run != nullptr) run->Return(bytes);
   taken_bytes.fetch_sub(bytes, std::memory_order_relaxed);
 }
 
 absl::Status LimitStatus(uint64_t bytes) {
+  if (const RunMemory* const run = RunMemory::OfThread(); run != nullptr && !run->refusal().ok()) return run->refusal();
   const uint64_t limit = limit_bytes, taken = taken_bytes;
   return MarkDeviceFailure(absl::ResourceExhaustedError(absl::StrCat(
                                bytes, " bytes of device memory needed: ", limit > taken ? limit - taken : 0, " of ",

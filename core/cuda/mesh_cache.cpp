@@ -110,7 +110,10 @@ absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const
     return found;
   }
   auto made = std::make_shared<CachedArray>();
-  VOXELPIPE_OK_OR_RETURN(made->array_.Resize(bytes, stream));
+  {
+    const ApartFromRuns apart;
+    VOXELPIPE_OK_OR_RETURN(made->array_.Resize(bytes, stream));
+  }
   VOXELPIPE_OK_OR_RETURN(make(made->array_.data()));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventCreateWithFlags(&made->ready_, cudaEventDisableTiming));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventRecord(made->ready_, stream));

@@ -15,6 +15,7 @@
 #include "absl/status/statusor.h"
 #include "cuda/buffer.h"
 #include "cuda/pinned.h"
+#include "cuda/run_memory.h"
 
 namespace voxelpipe::cuda {
 
@@ -30,6 +31,8 @@ class CachedArray {
   CachedArray(const CachedArray&) = delete;
   CachedArray& operator=(const CachedArray&) = delete;
   ~CachedArray() {
+    const ApartFromRuns apart;
+    array_.Free();
     if (ready_ != nullptr) (void)cudaEventDestroy(ready_);
   }
   const uint8_t* data() const { return array_.data(); }

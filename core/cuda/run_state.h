@@ -22,6 +22,7 @@
 #include "cuda/launch_graphs.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
+#include "cuda/run_memory.h"
 #include "cuda/span_views.h"
 #include "cuda/tile_pairs.h"
 #include "cuda/vertex_code.cuh"
@@ -123,6 +124,7 @@ struct DeviceResult {
 struct RunState {
   RunState(const TriangleMesh& m, const BoundRequest& r, const JobContext& j) : request(r), job(j), host(m, r, j) {}
 
+  RunMemory memory;  // before all arrays, which it counts
   const BoundRequest& request;
   const JobContext& job;
   DeviceInfo device;
@@ -137,6 +139,9 @@ struct RunState {
   DeviceMesh mesh;
   Box3d box;                  // of the vertices that triangles use, world space
   bool shaded_there = false;  // the shader placed vertices, and the host does not know where
+
+  // What the plan expects the mesh to touch of the whole grid: lists are made room for by it before they are counted.
+  Surface expected;
 
   // CoarseRaster, TileSort: of the whole grid, but for tiles with pairs, which are those of the slab and numbered from its first one on
   GridSpec grid;

@@ -463,9 +463,25 @@ absl::Status CopyDense(const std::vector<DenseSource>& sources, cudaStream_t str
   return absl::OkStatus();
 }
 
+namespace {
+
+// What the lists of a sparse or bucketed result take on the host.
+uint64_t ListedBytes(const RunState& state) {
+  const VoxelizeRequest& request = state.request.request;
+  const DeviceResult& lists = state.result;
+  const bool buckets = request.result == ResultKind::kBuckets;
+  const uint64_t values = buckets ? lists.listed_fragments : lists.listed_voxels;
+  uint64_t bytes = buckets ? 8 * (2 * lists.listed_voxels + 1) + 4 * values : (8 + 64) * lists.listed_bricks;
+  for (const TargetSpec& target : request.targets) bytes += TargetBytes(target, values);
+  return bytes;
+}
+
+}  // namespace
+
 absl::StatusOr<ResultArrays> Finish(RunState& state) {
   const ResultKind kind = state.request.request.result;
   if (kind == ResultKind::kSparse) VOXELPIPE_OK_OR_RETURN(MakeBricks(state));
+  if (kind != ResultKind::kDense) VOXELPIPE_OK_OR_RETURN(state.memory.TakeOnHost(ListedBytes(state)));
   ResultArrays out;
   std::vector<DeviceArray<uint32_t>> packed;
   const auto copy_dense = [&]() -> absl::Status {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "cuda/vertex_args.h"
+#include "raster/surface_sums.h"
 #include "shaders/mesh_view.h"
 #include "shaders/shader_list.h"
 
@@ -41,23 +42,24 @@ __global__ void __launch_bounds__(kVertexThreads) ShadeVertices(const __grid_con
   }
 }
 
-// Sums over triangles that MeshExtent is made of, and the box of their vertices.
+// What MeshExtent is made of: the box of the vertices that triangles use, and SurfaceSums.
 struct Surface {
-  static constexpr int kLeast = 0, kMost = 3, kArea = 6, kDominant = 9, kWidth = 12, kNormal = 15, kVolume = 18,
-                       kBad = 19, kNumbers = 20;
-  double number
-      [kNumbers];  // three each; kVolume, from the mesh's first used vertex, and kBad, vertices that are not finite, one
+  // Three numbers each, but for the last three: the signed volume, from the mesh's first used vertex; triangles by
+  // their weights; those with a vertex that is not finite.
+  static constexpr int kMin = 0, kMax = 3, kArea = 6, kDominant = 9, kWidth = 12, kNormal = 15, kVolume = 18,
+                       kTriangles = 19, kBad = 20, kNumbers = 21;
+  double number[kNumbers];
 };
 
 __device__ inline double Joined(int number, double a, double b) {
-  return number < Surface::kMost ? Min(a, b) : number < Surface::kArea ? Max(a, b) : a + b;
+  return number < Surface::kMax ? Min(a, b) : number < Surface::kArea ? Max(a, b) : a + b;
 }
 
 __device__ inline Surface NoSurface() {
   Surface s{};
   for (int i = 0; i < 3; ++i) {
-    s.number[Surface::kLeast + i] = 1.7976931348623157e308;
-    s.number[Surface::kMost + i] = -1.7976931348623157e308;
+    s.number[Surface::kMin + i] = 1.7976931348623157e308;
+    s.number[Surface::kMax + i] = -1.7976931348623157e308;
   }
   return s;
 }
@@ -85,11 +87,13 @@ struct MeasureArgs {
   const Vec3d* positions = nullptr;
   const uint32_t* triangles = nullptr;  // three each
   uint64_t count = 0;
+  GridWindow window;  // of Sums::kInWindow
   Surface* of_blocks = nullptr;
 };
 
-// `kSums`: the box alone is wanted otherwise.
-template <bool kSums>
+enum class Sums { kNone, kWhole, kInWindow };
+
+template <Sums kSums>
 __global__ void __launch_bounds__(kMeasureThreads) MeasureTriangles(const MeasureArgs args) {
   Surface s = NoSurface();
   const Vec3d reference = args.positions[args.triangles[0]];
@@ -97,24 +101,29 @@ __global__ void __launch_bounds__(kMeasureThreads) MeasureTriangles(const Measur
   for (uint64_t t = uint64_t(blockIdx.x) * kMeasureThreads + threadIdx.x; t < args.count; t += step) {
     const uint32_t* const v = args.triangles + 3 * t;
     const Vec3d a = args.positions[v[0]], b = args.positions[v[1]], c = args.positions[v[2]];
-    const Vec3d n = kSums ? Cross(b - a, c - a) : Vec3d{};
-    const int axis = Abs(n.x) >= Abs(n.y) ? (Abs(n.x) >= Abs(n.z) ? 0 : 2) : (Abs(n.y) >= Abs(n.z) ? 1 : 2);
     bool finite = true;
 #pragma unroll
     for (int i = 0; i < 3; ++i) {
-      const double least = Min(a[i], Min(b[i], c[i])), most = Max(a[i], Max(b[i], c[i]));
       finite = finite && a[i] - a[i] == 0 && b[i] - b[i] == 0 && c[i] - c[i] == 0;
-      s.number[Surface::kLeast + i] = Min(s.number[Surface::kLeast + i], least);
-      s.number[Surface::kMost + i] = Max(s.number[Surface::kMost + i], most);
-      if constexpr (kSums) {
-        s.number[Surface::kArea + i] += 0.5 * Abs(n[i]);
-        s.number[Surface::kDominant + i] += i == axis ? 0.5 * Abs(n[i]) : 0.0;
-        s.number[Surface::kWidth + i] += most - least;
-        s.number[Surface::kNormal + i] += n[i];
-      }
+      s.number[Surface::kMin + i] = Min(s.number[Surface::kMin + i], Min(a[i], Min(b[i], c[i])));
+      s.number[Surface::kMax + i] = Max(s.number[Surface::kMax + i], Max(a[i], Max(b[i], c[i])));
     }
     if (!finite) s.number[Surface::kBad] += 1;
-    if constexpr (kSums) s.number[Surface::kVolume] += Dot(a - reference, n) / 6;
+    if constexpr (kSums != Sums::kNone) {
+      const WeighedTriangle part = kSums == Sums::kInWindow ? WeighInWindow(args.window, a, b, c) : WeighWhole(a, b, c);
+      const Vec3d n = Cross(b - a, c - a);
+      const Vec3d& area = part.size.area;
+      const int axis = area.x >= area.y ? (area.x >= area.z ? 0 : 2) : (area.y >= area.z ? 1 : 2);
+#pragma unroll
+      for (int i = 0; i < 3; ++i) {
+        s.number[Surface::kArea + i] += area[i];
+        s.number[Surface::kDominant + i] += i == axis ? area[i] : 0.0;
+        s.number[Surface::kWidth + i] += part.size.width[i];
+        s.number[Surface::kNormal + i] += n[i];
+      }
+      s.number[Surface::kTriangles] += part.weight;
+      s.number[Surface::kVolume] += Dot(a - reference, n) / 6;
+    }
   }
   WriteJoined<kMeasureThreads>(s, args.of_blocks + blockIdx.x);
 }

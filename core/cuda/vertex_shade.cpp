@@ -8,10 +8,12 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "cpu/measure.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/mesh_uploads.h"
 #include "cuda/vertex_shade.h"
 #include "mesh/content_id.h"
+#include "pipeline/footprint_parts.h"
 #include "shaders/mips.h"
 
 namespace voxelpipe::cuda {
@@ -145,8 +147,8 @@ absl::Status MakeRoom(const RunState& state, DeviceArray<T>& to, T*& shaded) {
   return absl::OkStatus();
 }
 
-// Uploads the mesh, if it is not there, and runs the vertex shader on it. Out: bytes that the shader made.
-absl::StatusOr<uint64_t> ShadeOnDevice(RunState& state, const cpu::PosedMesh& posed, const cpu::VertexWork& work) {
+// Uploads the mesh, if it is not there, and runs the vertex shader on it.
+absl::Status ShadeOnDevice(RunState& state, const cpu::PosedMesh& posed, const cpu::VertexWork& work) {
   const MeshView& host = state.host.view;
   const auto shader = VertexShaderId(state.request.vertex_shader.id);
   const bool shading = AnyShading(state.request), poses = !posed.parts.empty();
@@ -157,7 +159,7 @@ absl::StatusOr<uint64_t> ShadeOnDevice(RunState& state, const cpu::PosedMesh& po
   DeviceMesh& mesh = state.mesh;
   MeshView& there = mesh.host_view;
   const bool moves = work.moves && shading;
-  if (!work.places && !moves) return 0;
+  if (!work.places && !moves) return absl::OkStatus();
   VertexArgs args;
   args.params = state.request.vertex_shader.params;
   args.count = host.vertex_count;
@@ -186,8 +188,13 @@ absl::StatusOr<uint64_t> ShadeOnDevice(RunState& state, const cpu::PosedMesh& po
     mesh.normals.Free();
     mesh.tangents.Free();
   }
-  return (work.places ? mesh.positions.bytes() + mesh.normals.bytes() + mesh.tangents.bytes() : 0) +
-         mesh.velocities.bytes();
+  return absl::OkStatus();
+}
+
+// Of the mesh: what the run has on the device, and what stays in pinned memory from where it went there. Once a run.
+uint64_t HeldBytes(RunState& state) {
+  for (const PinnedBuffer& buffer : state.staged) state.memory.KeepOnHost(buffer.size());
+  return state.memory.taken_bytes();
 }
 
 // Below so many triangles the host finds the box sooner than the device answers.
@@ -202,6 +209,10 @@ bool AnyShading(const BoundRequest& request) {
   return false;
 }
 
+bool WantsSums(const VoxelizeRequest& request) {
+  return request.result != ResultKind::kDense || !footprint::PlainBits(request);
+}
+
 absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
   cpu::RunState& host = state.host;
   cpu::MakeViews(host);
@@ -214,19 +225,21 @@ absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
     absl::StatusOr<MeshExtent> extent = cpu::MeasureMesh(host);
     if (!extent.ok()) return extent.status();
     state.box = extent->box;
-    const absl::StatusOr<uint64_t> made = ShadeOnDevice(state, *posed, work);
-    if (!made.ok()) return made.status();
-    extent->shaded_bytes = *made;
+    VOXELPIPE_OK_OR_RETURN(ShadeOnDevice(state, *posed, work));
+    extent->held_bytes = HeldBytes(state);
+    if (WantsSums(state.request.request)) {
+      const Vec3d centre = (extent->box.min + extent->box.max) * 0.5;
+      extent->sums = cpu::SumSurface(host.view, WindowOf(state.request.request.grid), centre);
+    }
     return extent;
   }
-  const absl::StatusOr<uint64_t> made = ShadeOnDevice(state, *posed, work);
-  if (!made.ok()) return made.status();
+  VOXELPIPE_OK_OR_RETURN(ShadeOnDevice(state, *posed, work));
   state.shaded_there = work.places;
   const absl::StatusOr<std::optional<MeshExtent>> extent = MeasureOnDevice(state);
   if (!extent.ok()) return extent.status();
   if (*extent) {
     MeshExtent measured = **extent;
-    measured.shaded_bytes = *made;
+    measured.held_bytes = HeldBytes(state);
     state.box = measured.box;
     return measured;
   }

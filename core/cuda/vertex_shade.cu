@@ -43,8 +43,11 @@ absl::StatusOr<std::optional<MeshExtent>> MeasureOnDevice(RunState& state) {
   DeviceArray<Surface> surfaces;
   VOXELPIPE_OK_OR_RETURN(surfaces.Resize(kMostMeasureBlocks + 1, state.stream));
   args.of_blocks = surfaces.data();
-  const bool sums = state.request.request.result != ResultKind::kDense;
-  const auto kernel = sums ? MeasureTriangles<true> : MeasureTriangles<false>;
+  args.window = WindowOf(state.request.request.grid);
+  const bool sums = WantsSums(state.request.request);
+  const auto kernel = !sums                 ? MeasureTriangles<Sums::kNone>
+                      : args.window.known() ? MeasureTriangles<Sums::kInWindow>
+                                            : MeasureTriangles<Sums::kWhole>;
   kernel<<<blocks, kMeasureThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("MeasureTriangles");
   Surface* const all = surfaces.data() + kMostMeasureBlocks;
@@ -59,18 +62,21 @@ absl::StatusOr<std::optional<MeshExtent>> MeasureOnDevice(RunState& state) {
   VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
   if (s.number[Surface::kBad] != 0) return std::optional<MeshExtent>();
   MeshExtent extent;
-  extent.box = {Three(s, Surface::kLeast), Three(s, Surface::kMost), false};
+  extent.box = {Three(s, Surface::kMin), Three(s, Surface::kMax), false};
   for (int a = 0; a < 3; ++a) {  // -0 and +0 are one corner
     extent.box.min[a] += 0.0;
     extent.box.max[a] += 0.0;
   }
   if (!sums) return std::optional(extent);
-  extent.projected_area = Three(s, Surface::kArea);
-  extent.dominant_area = Three(s, Surface::kDominant);
-  extent.width = Three(s, Surface::kWidth);
+  SurfaceSums made;
+  made.triangles = s.number[Surface::kTriangles];
+  made.area = Three(s, Surface::kArea);
+  made.dominant = Three(s, Surface::kDominant);
+  made.width = Three(s, Surface::kWidth);
   // From the reference to the box's centre, which was not known before.
   const Vec3d centre = (extent.box.min + extent.box.max) * 0.5;
-  extent.volume = s.number[Surface::kVolume] - Dot(centre - reference, Three(s, Surface::kNormal)) / 6;
+  made.volume = s.number[Surface::kVolume] - Dot(centre - reference, Three(s, Surface::kNormal)) / 6;
+  extent.sums = made;
   return std::optional(extent);
 }
 

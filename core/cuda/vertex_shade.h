@@ -21,8 +21,11 @@ absl::Status UploadPose(RunState& state, const cpu::PosedMesh& posed, DevicePose
 // Launches the shader over all vertices.
 absl::Status RunVertexShader(const RunState& state, VertexShaderId shader, const VertexArgs& args);
 
-// The extent of the mesh as state.mesh.host_view shows it, which has triangles; `shaded_bytes` stays 0. The sums only where the plan
-// needs them. Absent where a vertex of a triangle is not finite. Synchronizes.
+// True if the plan follows from more than the grid: the sums of MeshExtent are wanted.
+bool WantsSums(const VoxelizeRequest& request);
+
+// The extent of the mesh as state.mesh.host_view shows it, which has triangles; `held_bytes` stays 0. The sums only
+// where the plan needs them. Absent where a vertex of a triangle is not finite. Synchronizes.
 absl::StatusOr<std::optional<MeshExtent>> MeasureOnDevice(RunState& state);
 
 }  // namespace voxelpipe::cuda

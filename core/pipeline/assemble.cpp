@@ -159,6 +159,26 @@ absl::Status MemoryAssembler::Add(int, const Slab& slab, ResultArrays arrays) {
   return absl::OkStatus();
 }
 
+uint64_t MemoryAssembler::bytes_to_join() const {
+  if (one_slab_ || result_.kind == ResultKind::kDense) return 0;
+  // Arrays of one kind are joined and go before the next ones are.
+  uint64_t largest = 0;
+  const auto look = [&](const auto& bytes_of) {
+    uint64_t bytes = 0;
+    for (const ResultArrays& slab : slabs_) bytes += bytes_of(slab);
+    largest = std::max(largest, bytes);
+  };
+  look([](const ResultArrays& slab) { return slab.bricks.size(); });
+  look([](const ResultArrays& slab) { return slab.masks.size(); });
+  look([](const ResultArrays& slab) { return slab.voxels.size(); });
+  look([](const ResultArrays& slab) { return slab.offsets.size(); });
+  look([](const ResultArrays& slab) { return slab.triangles.size(); });
+  for (size_t t = 0; t < result_.specs.size(); ++t) {
+    look([&](const ResultArrays& slab) { return slab.targets[t].size(); });
+  }
+  return largest;
+}
+
 absl::Status MemoryAssembler::End() {
   if (one_slab_ || result_.kind == ResultKind::kDense) return absl::OkStatus();
   std::vector<uint64_t> items;

@@ -19,6 +19,8 @@ class Assembler {
   // How often all slabs are to be made. Known after Begin.
   virtual int passes() const { return 1; }
   virtual absl::Status Add(int pass, const Slab& slab, ResultArrays arrays) = 0;
+  // The most that End takes beside what was added.
+  virtual uint64_t bytes_to_join() const { return 0; }
   virtual absl::Status End() { return absl::OkStatus(); }
 };
 
@@ -28,6 +30,7 @@ class MemoryAssembler final : public Assembler {
  public:
   absl::Status Begin(const VoxelizeRequest& request, const Plan& plan) override;
   absl::Status Add(int pass, const Slab& slab, ResultArrays arrays) override;
+  uint64_t bytes_to_join() const override;
   absl::Status End() override;
   VoxelizeResult Take() { return std::move(result_); }
 

@@ -15,8 +15,6 @@ namespace {
 using namespace footprint;
 
 constexpr double kBaseBytes = 4 << 20;
-constexpr double kRecordBytes = 8;  // buckets: a run of voxels in a row takes 12, and holds about 1.5
-constexpr double kTileFragmentBytes = 1350, kTileListBytes = 280;
 
 // What is left of the parts of tiles that the CUDA backend splits (cuda/fine_args.cuh), until they are joined.
 double PartBytes(const VoxelizeRequest& request, const Surface& surface) {
@@ -48,72 +46,146 @@ uint64_t PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t
   return bricks * sizeof(uint32_t) + std::min(bricks, kLeast + kOfFaces * (x * y + y * z + z * x)) * kPlace;
 }
 
-}  // namespace
+double BitsOf(const GridSpec& grid, int64_t layers) {
+  return double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers}));
+}
 
-// What the CUDA backend lists on the device. That is the same whether a target's value is uniform over a triangle,
-// which is not known before the vertex shader ran, or not: pairs of tiles and triangles then take the place of records
-// and spans.
-double footprint::DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
-                                  const Surface& surface, int64_t layers) {
-  constexpr double kQueues = 2 * sizeof(uint32_t), kRecord = 2 * sizeof(uint64_t), kSpan = sizeof(uint64_t);
-  constexpr double kOrder = sizeof(uint32_t);
-  const double triangles = double(mesh.triangles);
-  if (PlainBits(request)) return triangles * (kQueues + kOrder);
-  // A triangle that touches many voxels has a span for each of its rows, others are records; there is room for a span
-  // for every second.
-  constexpr double kManyVoxels = 16, kVoxelsOfSpan = 2;
-  const double rows = surface.fragments > kManyVoxels * triangles ? surface.fragments / kVoxelsOfSpan : 0;
-  double bytes = triangles * (kQueues + kRecord) + std::max(triangles / 2 + double(1 << 18), rows) * kSpan;
-  if (request.result == ResultKind::kBuckets) {
-    constexpr double kFragment = 2 * (sizeof(uint32_t) + sizeof(uint32_t));  // voxel and triangle, to sort from and to
-    constexpr double kBucket = 2 * sizeof(uint64_t);                         // room for as many as fragments
-    return bytes + surface.fragments * (kFragment + kBucket);
+double TilesOf(const GridSpec& grid, int64_t layers) {
+  return std::ceil(double(grid.dims[0]) / 32) * std::ceil(double(grid.dims[1]) / 8) * std::ceil(double(layers) / 8);
+}
+
+// The grids over a slab: dense targets, coverage, a fill's inside, bits and presence of targets that have their own,
+// and bits as the result packs them.
+double DeviceGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
+  if (request.result == ResultKind::kBuckets) return 0;
+  const bool dense = request.result == ResultKind::kDense, filled = request.fill != Fill::kNone;
+  const double bits = BitsOf(grid, layers), voxels = double(grid.dims[0] * grid.dims[1]) * double(layers);
+  double bytes = filled ? 2 * bits : bits;
+  for (const TargetSpec& target : request.targets) {
+    if (OwnPresence(target)) bytes += bits;
+    if (target.format == VoxelFormat::kBit) {
+      const bool coverage = IsOccupancyBit(target);
+      if (!coverage) bytes += bits;
+      const bool as_it_is = coverage && !filled && target.clear == 0 && grid.dims[0] % 32 == 0;
+      if (dense && !as_it_is) bytes += voxels / 8;
+    } else if (dense) {
+      bytes += voxels * double(target.components) * double(BitsPerComponent(target.format)) / 8;
+    }
   }
-  bytes += triangles * kOrder;
-  bytes = std::max(bytes, triangles * kQueues + PartBytes(request, surface));  // either the one way or the other
+  return bytes;
+}
+
+// Of lists of triangles: what waits for another kernel (two queues), records and the blocks that they lie in, spans.
+// Triangles that touch many voxels have a span for each of their rows.
+double RecordBytes(const MeshSize& mesh, const Surface& surface) {
+  constexpr double kQueues = 2 * sizeof(uint32_t), kRecord = 2 * sizeof(uint64_t), kSpan = sizeof(uint64_t);
+  constexpr double kManyVoxels = 16, kAnyway = 1 << 18, kMore = 17.0 / 16;
+  const double triangles = double(mesh.triangles);
+  const double rows = surface.fragments > kManyVoxels * triangles ? kMore * surface.rows : 0;
+  return triangles * (kQueues + kRecord) + std::max(triangles / 2 + kAnyway, rows) * kSpan;
+}
+
+double BucketListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                       const Surface& surface, int64_t layers) {
+  const double cells = double(grid.dims[0] * grid.dims[1]) * double(layers);
+  const double key = cells > 0x1p32 ? sizeof(uint64_t) : sizeof(uint32_t);
+  const double pair = key + sizeof(uint32_t), of_sort = 1;
+  const bool may_drop = std::all_of(request.targets.begin(), request.targets.end(), OwnPresence);
+  const double places = std::min(surface.fragments, cells);  // where buckets may begin
+  return RecordBytes(mesh, surface) + double(FragmentRoom(surface)) * pair +
+         surface.fragments * (pair + of_sort + (may_drop ? 1 : 0)) + places * 2 * sizeof(uint64_t);
+}
+
+// Values that targets blend without tiles: of all triangles, and what they are blended in where that is not the target.
+double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                       const Surface& surface, int64_t layers) {
+  constexpr double kRowRanks = 512;  // a brick
   const bool sparse = request.result == ResultKind::kSparse;
   const double kept = surface.voxels + (sparse ? surface.inside : 0);
-  if (sparse) {
-    constexpr double kRowRanks = 512;  // a brick
-    bytes += kRowRanks * surface.filled_bricks + sizeof(uint32_t) * kept;
-    bytes = std::max(bytes, triangles * kQueues + double(PoolBytes(request, grid, layers)));  // likewise
-  }
+  double bytes = RecordBytes(mesh, surface) + double(mesh.triangles) * sizeof(uint32_t);  // their order
+  bytes += sparse ? kRowRanks * surface.filled_bricks + sizeof(uint32_t) * kept : BitsOf(grid, layers);
   for (const TargetSpec& target : request.targets) {
     if (target.format == VoxelFormat::kBit) continue;
     const bool sums = target.blend == Blend::kAdd || target.blend == Blend::kAverage;
     const double cell = double(target.components) * (sums ? sizeof(int64_t) : sizeof(uint32_t));
-    bytes += (triangles + kept) * cell;  // values, and what they are blended in
+    const double count = target.blend == Blend::kAverage ? sizeof(uint32_t) : 0;
+    bytes += double(mesh.triangles) * cell + kept * (cell + count);
   }
+  return bytes;
+}
+
+// Pairs of tiles and triangles, from and to which they are sorted, and of sparse results the values of whole tiles.
+double TileListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
+                     int64_t layers) {
+  constexpr double kQueue = sizeof(uint32_t), kPair = 4 * sizeof(uint32_t) + 1, kTile = 3 * sizeof(uint32_t);
+  const double share = double(layers) / double(grid.dims[2]), triangles = double(mesh.triangles);
+  const double room = share * (1.5 * triangles + double(1 << 16));
+  const double tiles = TilesOf(grid, layers);
+  double bytes = triangles * kQueue + std::max(room, surface.pairs) * kPair + kTile * tiles;
+  bytes += PartBytes(request, surface);
+  if (request.result != ResultKind::kSparse) return bytes;
+  double value = 0;
+  for (const TargetSpec& target : request.targets) {
+    if (target.format == VoxelFormat::kBit) continue;
+    value += double(target.components) * double(BitsPerComponent(target.format)) / 8;
+  }
+  return bytes + std::min(tiles, surface.tiles) * value * kTileVoxels;
+}
+
+// Whether all targets may be blended without tiles, which takes values that are the same all over a triangle.
+bool MayBlendDirectly(const VoxelizeRequest& request) {
+  return std::all_of(request.targets.begin(), request.targets.end(), [](const TargetSpec& target) {
+    return IsOccupancyBit(target) || (target.format != VoxelFormat::kBit && !OwnPresence(target));
+  });
+}
+
+}  // namespace
+
+// What the CUDA backend lists on the device. Whether a target's value is uniform over a triangle is not known before
+// the vertex shader ran: of the ways that may be gone, the one that takes most counts.
+double footprint::DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                                  const Surface& surface, int64_t layers) {
+  if (PlainBits(request)) return double(mesh.triangles) * 3 * sizeof(uint32_t);  // two queues and their order
+  if (request.result == ResultKind::kBuckets) return BucketListBytes(request, grid, mesh, surface, layers);
+  double bytes = TileListBytes(request, grid, mesh, surface, layers);
+  if (MayBlendDirectly(request)) {
+    bytes = std::max(
+        {bytes, DirectListBytes(request, grid, mesh, surface, layers), double(PoolBytes(request, grid, layers))});
+  }
+  if (request.result == ResultKind::kSparse) bytes += 24 * TilesOf(grid, layers);  // bricks and voxels before each
   return bytes;
 }
 
 namespace {
 
-// Vertices and triangles as the stages keep them for the whole run, and the pairs of a slab, which are held twice.
-double MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Surface& slab) {
-  double shaded = double(mesh.extent.shaded_bytes);
-  const double vertices = double(mesh.vertices), triangles = double(mesh.triangles);
-  if (shaded == 0 && request.vertex_shader.name != "identity") shaded = vertices * (sizeof(Vec3d) + sizeof(Vec3f));
-  if (PlainBits(request)) {
-    constexpr double kCode = 8, kBinned = 4;  // a vertex's voxel; a triangle's id in the slabs' lists
-    return shaded + vertices * (kCode + (CastsLines(request.fill) ? sizeof(Vec3d) : 0)) + triangles * kBinned;
+// Vertices in index space and triangles as the stages keep them for the whole run.
+double MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
+  constexpr double kCode = 8;  // a vertex's voxel
+  const double vertices = double(mesh.vertices);
+  double held = double(mesh.extent.held_bytes);
+  if (held == 0) {  // not there yet: positions and triangles, here and in pinned memory, and what a shader makes
+    const double shaded = request.vertex_shader.name != "identity" ? sizeof(Vec3d) + sizeof(Vec3f) : 0;
+    held = vertices * (2 * sizeof(Vec3d) + shaded) + double(mesh.triangles) * 2 * 3 * sizeof(uint32_t);
   }
-  return shaded + vertices * sizeof(Vec3d) + 2 * sizeof(uint64_t) * slab.pairs;
+  const bool places = !PlainBits(request) || CastsLines(request.fill);
+  return held + vertices * (kCode + (places ? sizeof(Vec3d) : 0));
 }
 
 // The signed counters of a nonzero fill over `layers` layers: those of as many rows as take turns (cuda/solid_fill.cu).
 double SumBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
   if (request.fill != Fill::kNonzero) return 0;
   constexpr double kMost = 256 << 20;
-  const double all = 32 * double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers}));
-  return std::min(all, std::max(kMost, 32 * double(BitGrid::BytesFor({grid.dims[0], 1, 1}))));
+  return std::min(32 * BitsOf(grid, layers), std::max(kMost, 32 * BitsOf(grid, 1)));
 }
 
-// What is kept of a slab's tiles or fragments until a list is made of them.
-double KeptBytes(const VoxelizeRequest& request, const Surface& slab) {
-  if (request.result == ResultKind::kDense || PlainBits(request)) return 0;
-  if (request.result == ResultKind::kBuckets) return kRecordBytes * slab.fragments + kTileFragmentBytes * slab.tiles;
-  return ValueBytes(request) * slab.voxels + kTileListBytes * slab.tiles;
+// All that a slab takes on the device besides the mesh. `surface`: of the slab.
+double DeviceSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                       const Surface& surface, int64_t layers) {
+  double bytes = DeviceGridBytes(request, grid, layers) + DeviceListBytes(request, grid, mesh, surface, layers);
+  if (request.result != ResultKind::kDense) bytes += ListBytes(request, surface, false);
+  // The shell, and what is reached from outside.
+  if (request.fill == Fill::kFlood) bytes += BitsOf(grid, layers) + BitsOf(grid, grid.dims[2]);
+  return bytes + SumBytes(request, grid, layers);
 }
 
 }  // namespace
@@ -123,45 +195,38 @@ Footprint PredictDeviceFootprint(const VoxelizeRequest& request, const GridSpec&
   const bool dense = request.result == ResultKind::kDense;
   Footprint out;
   Sum result;
-  result += dense ? DenseBytes(request, grid, grid.dims[2]) : ListBytes(request, surface, false);
+  result += dense ? double(DenseResultBytes(request, grid)) : ListBytes(request, surface, false);
   out.result_bytes = result;
   const auto slab_bytes = [&](int64_t layers) {
-    const Surface here = MostOfSlab(surface, grid, layers);
-    const double made =
-        dense ? DenseBytes(request, grid, layers) : ListBytes(request, here, false) + KeptBytes(request, here);
-    return made + BitGridBytes(request, grid, layers);
+    return DeviceSlabBytes(request, grid, mesh, MostOfSlab(surface, grid, layers), layers);
   };
   out.slab_depth = SlabDepth(grid, limits, !dense || delivery == Delivery::kStream, slab_bytes);
   const bool one_slab = out.slab_depth >= grid.dims[2];
-  const Surface slab = MostOfSlab(surface, grid, out.slab_depth);  // tiles are sorted slab by slab
-  Sum peak;
-  peak += kBaseBytes + slab_bytes(out.slab_depth) + MeshWorkBytes(request, mesh, slab);
-  peak += DeviceListBytes(request, grid, mesh, surface, out.slab_depth);
-  if (dense && !one_slab) peak += slab_bytes(out.slab_depth);  // one is copied while another is made
-  if (!one_slab && dense && delivery == Delivery::kMemory) peak += double(out.result_bytes);
-  // The lists of all slabs, the last one's counted already, and what they are joined to.
+  const Surface slab = MostOfSlab(surface, grid, out.slab_depth);
+  // While a dense slab is copied to the host another one is made.
+  const double at_once = dense && !one_slab ? 2 : 1;
+  double device = MeshWorkBytes(request, mesh) + slab_bytes(out.slab_depth);
+  if (dense && !one_slab) device += DeviceGridBytes(request, grid, out.slab_depth);
+  double host = at_once * (dense ? DenseBytes(request, grid, out.slab_depth) : ListBytes(request, slab, false));
+  if (!one_slab && dense && delivery == Delivery::kMemory) host += double(out.result_bytes);
+  // The lists of all slabs, the last one's counted already, and what they are joined to: pinned memory goes back to its
+  // pool, which keeps it.
   if (!one_slab && !dense) {
     const double earlier = 1 - double(out.slab_depth) / double(grid.dims[2]);
-    peak += earlier * double(out.result_bytes) + LargestListBytes(request, surface);
+    host += (1 + earlier) * double(out.result_bytes);
   }
-  // The shell and what is reached from outside; one slab's inside takes the place of the shell.
-  if (request.fill == Fill::kFlood) peak += (one_slab ? 1 : 2) * double(BitGrid::BytesFor(grid.dims));
-  peak += SumBytes(request, grid, out.slab_depth);
+  Sum peak, listed;
+  peak += kBaseBytes + device + host;
+  listed += device + (dense ? 0 : host);
   out.peak_bytes = peak;
+  out.list_bytes = listed;
   return out;
 }
 
 uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                           const Surface& surface, int64_t layers) {
-  const bool dense = request.result == ResultKind::kDense;
-  const Surface slab = MostOfSlab(surface, grid, layers);
   Sum bytes;
-  bytes += BitGridBytes(request, grid, layers);
-  bytes += DeviceListBytes(request, grid, mesh, slab, layers);
-  bytes += dense ? DenseBytes(request, grid, layers) : ListBytes(request, slab, false);
-  if (request.result == ResultKind::kSparse) bytes += KeptBytes(request, slab);
-  if (request.fill == Fill::kFlood) bytes += 2 * double(BitGrid::BytesFor(grid.dims));
-  bytes += SumBytes(request, grid, layers);
+  bytes += DeviceSlabBytes(request, grid, mesh, MostOfSlab(surface, grid, layers), layers);
   return bytes;
 }
 

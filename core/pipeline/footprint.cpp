@@ -152,8 +152,7 @@ double TilesOfGrid(const GridSpec& grid, int64_t layers) {
 }
 
 double ShadedBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
-  if (mesh.extent.shaded_bytes != 0 || request.vertex_shader.name == "identity")
-    return double(mesh.extent.shaded_bytes);
+  if (mesh.extent.held_bytes != 0 || request.vertex_shader.name == "identity") return double(mesh.extent.held_bytes);
   return double(mesh.vertices) * (sizeof(Vec3d) + sizeof(Vec3f));  // not known yet: positions and normals
 }
 

@@ -1,6 +1,7 @@
 // The memory that a run takes, predicted.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "grid/grid_spec.h"
@@ -36,6 +37,14 @@ Footprint PredictDeviceFootprint(const VoxelizeRequest& request, const GridSpec&
 // Bytes of device memory that a slab of so many layers takes on the CUDA backend besides the mesh: a prediction, as above.
 uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                           const Surface& surface, int64_t layers);
+
+// Fragments that the CUDA backend makes room for before it has counted those of a slab: more than are expected, so that
+// it seldom has to list them again.
+inline uint64_t FragmentRoom(const Surface& slab) {
+  constexpr double kMore = 1.25;
+  constexpr uint64_t kAnyway = 1 << 16;
+  return uint64_t(std::min(kMore * slab.fragments, 0x1p62)) + kAnyway;
+}
 
 // In: the layers a slab that the plan has, and the bytes of device memory there are. Out: no more layers, a multiple of
 // the granularity unless they are all, for which the prediction leaves room, but at least one slab's granularity. Where

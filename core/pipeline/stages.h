@@ -98,8 +98,9 @@ class Stages {
   // use these. Errors: the job's.
   virtual absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const = 0;
 
-  // Whom stages ask before lists take more than the plan has for them. Before CoarseRaster; outlives them.
-  virtual void SetListMemory(ListMemory* /*memory*/) {}
+  // What lists are expected to hold, and whom stages ask before these take more than the plan has for them. Before
+  // CoarseRaster; `memory` outlives the stages.
+  virtual void SetLists(const Surface& /*expected*/, ListMemory* /*memory*/) {}
 
   // Takes the vertices to index space, where `layers` begin at 0, and finds the tiles of these layers of the grid that each triangle may touch.
   // INVALID_ARGUMENT naming node, primitive and vertex for one beyond 2^40 voxels of the grid's origin.

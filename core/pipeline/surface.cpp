@@ -16,36 +16,42 @@ constexpr double kBrickVoxels = 512;
 
 // Sums over the triangles, in voxels.
 struct Sums {
-  Vec3d area, width;
+  double triangles = 0;
+  Vec3d area{}, width{};
   double thin = 1;  // share of the conservative fragments that thin coverage keeps
 };
 
 Sums InVoxels(const GridSpec& grid, const MeshSize& mesh) {
   const Vec3d& h = grid.voxel_size;
   const MeshExtent& extent = mesh.extent;
-  const double n = double(mesh.triangles);
   const Vec3d dims{double(grid.dims[0]), double(grid.dims[1]), double(grid.dims[2])};
+  constexpr double kRandomDirections = 0.555;  // E max|n| / E (|nx| + |ny| + |nz|) of a unit vector n
+  Sums out;
+  out.triangles = double(mesh.triangles);
+  out.thin = kRandomDirections;
   Vec3d area{}, width{};
-  for (int a = 0; a < 3; ++a) {  // one division at a time: the square of a small voxel's edge may be 0
-    area[a] = extent.projected_area[a] / h[(a + 1) % 3] / h[(a + 2) % 3];
-    width[a] = extent.width[a] / h[a];
-  }
-  if (!(area.x + area.y + area.z > 0) && !extent.box.empty) {  // not measured, or too small: those of the box
+  if (extent.sums) {
+    const SurfaceSums& sums = *extent.sums;
+    out.triangles = sums.triangles;
+    for (int a = 0; a < 3; ++a) {  // one division at a time: the square of a small voxel's edge may be 0
+      area[a] = sums.area[a] / h[(a + 1) % 3] / h[(a + 2) % 3];
+      width[a] = sums.width[a] / h[a];
+    }
+    const Vec3d &all = sums.area, &main = sums.dominant;
+    const double sum = all.x + all.y + all.z, largest = main.x + main.y + main.z;
+    if (sum > 0 && largest > 0) out.thin = largest / sum;
+  } else if (!extent.box.empty) {
     Vec3d d;
     for (int a = 0; a < 3; ++a) d[a] = (extent.box.max[a] - extent.box.min[a]) / h[a];
     area = {2 * d.y * d.z, 2 * d.z * d.x, 2 * d.x * d.y};
-    width = Vec3d{1, 1, 1} * std::sqrt((area.x + area.y + area.z) * std::max(1.0, n));
+    width = Vec3d{1, 1, 1} * std::sqrt((area.x + area.y + area.z) * std::max(1.0, out.triangles));
   }
   // No triangle covers more than the grid's own sections, however far it reaches beyond it.
-  Sums out{};
+  const double n = std::max(out.triangles, double(mesh.triangles));
   for (int a = 0; a < 3; ++a) {
     out.area[a] = std::min(area[a], n * dims[(a + 1) % 3] * dims[(a + 2) % 3]);
     out.width[a] = std::min(width[a], n * dims[a]);
   }
-  const Vec3d &all = extent.projected_area, &main = extent.dominant_area;
-  const double sum = all.x + all.y + all.z, largest = main.x + main.y + main.z;
-  constexpr double kRandomDirections = 0.555;  // E max|n| / E (|nx| + |ny| + |nz|) of a unit vector n
-  out.thin = sum > 0 && largest > 0 ? largest / sum : kRandomDirections;
   return out;
 }
 
@@ -66,9 +72,20 @@ Touched Touch(const Sums& surface, double triangles, const Vec3d& edges, double 
 
 }  // namespace
 
+GridWindow WindowOf(const GridRequest& request) {
+  GridWindow window;
+  if (!request.dims) return window;
+  const absl::StatusOr<GridSpec> grid = FitGrid(request, {});
+  if (!grid.ok()) return window;  // who plans says why
+  window.origin = grid->origin;
+  window.voxel_size = grid->voxel_size;
+  for (int a = 0; a < 3; ++a) window.dims[a] = double(grid->dims[size_t(a)]);
+  return window;
+}
+
 Surface EstimateSurface(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh) {
   const Sums sums = InVoxels(grid, mesh);
-  const double n = double(mesh.triangles), all = double(grid.voxels());
+  const double n = sums.triangles, all = double(grid.voxels());
   const Vec3d tile{double(TileDim(0)), double(TileDim(1)), double(TileDim(2))};
   const Touched voxels = Touch(sums, n, {1, 1, 1}, all);
   const Touched bricks = Touch(sums, n, {8, 8, 8}, all / kBrickVoxels + 1);
@@ -89,7 +106,7 @@ Surface EstimateSurface(const VoxelizeRequest& request, const GridSpec& grid, co
   out.filled_bricks = out.bricks;
   if (request.fill != Fill::kNone) {
     const Vec3d& h = grid.voxel_size;
-    const double volume = std::abs(mesh.extent.volume) / h.x / h.y / h.z;
+    const double volume = mesh.extent.sums ? std::abs(mesh.extent.sums->volume) / h.x / h.y / h.z : 0;
     out.inside = volume > 0 ? std::max(0.0, std::min(all, volume + 0.5 * out.voxels) - out.voxels) : all - out.voxels;
     out.filled_bricks = std::min(all / kBrickVoxels + 1, (out.inside + out.voxels) / kBrickVoxels + out.bricks);
   }

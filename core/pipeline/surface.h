@@ -2,25 +2,28 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "grid/grid_spec.h"
 #include "pipeline/request.h"
+#include "raster/surface_sums.h"
 
 namespace voxelpipe {
 
 // Where a shaded mesh lies and how large its surface is, in world units.
 struct MeshExtent {
-  Box3d box;                  // of the vertices that triangles use
-  uint64_t shaded_bytes = 0;  // what the vertex shader made of the vertices; 0 where it left them alone, or did not run
-  // Sums over the triangles, 0 where they were not made. Stages that look at the triangles again once the grid is known
-  // (Stages::Measure) leave them out.
-  Vec3d projected_area{};  // onto the planes orthogonal to x, y, z
-  Vec3d dominant_area{};   // the same, of each triangle only the largest of the three
-  Vec3d width{};           // extents of each triangle's box along x, y, z
-  double volume =
-      0;  // signed, between the triangles and the centre of `box`: the enclosed one where the mesh is closed
+  Box3d box;  // of the vertices that triangles use
+  // What the stages hold of the mesh besides the caller's: what the vertex shader made of the vertices, and copies on
+  // their way to a device and there. 0 where the shader left the vertices alone, or did not run.
+  uint64_t held_bytes = 0;
+  // Absent where they were not made: stages that look at the triangles again once the grid is known (Stages::Measure)
+  // leave them out.
+  std::optional<SurfaceSums> sums;
 };
+
+// The grid of a request that says it whole, and so before the mesh's box is known.
+GridWindow WindowOf(const GridRequest& request);
 
 struct MeshSize {
   uint64_t triangles = 0, vertices = 0;
@@ -49,7 +52,8 @@ struct Surface {
 };
 
 // From the sums of mesh.extent or, where there are none, from its box: what is said without a look at the triangles. No
-// triangle counts for more than the grid's own sections; those beyond the grid count as if they lay in it.
+// triangle counts for more than the grid's own sections. Sums made without a window, and boxes, count as if all of the
+// mesh lay in the grid.
 Surface EstimateSurface(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh);
 
 // The most that any slab of `layers` layers has of the surface.

@@ -143,7 +143,9 @@ void FitToDevice(const Backend& backend, const Stages& stages, const VoxelizeReq
   limits.slab_depth = FittingSlabDepth(request, plan.grid, mesh, run.surface, plan.slab_depth, *room);
   if (limits.slab_depth == plan.slab_depth) return;
   plan.slab_depth = limits.slab_depth;
-  plan.peak_bytes = backend.Predict(request, plan.grid, mesh, run.surface, limits, delivery).peak_bytes;
+  const Footprint need = backend.Predict(request, plan.grid, mesh, run.surface, limits, delivery);
+  plan.peak_bytes = need.peak_bytes;
+  plan.list_bytes = need.list_bytes;
 }
 
 // Layers of a slab to try in place of one that found no room on the device; 0 where it was as thin as can be, or something else was wrong.
@@ -180,7 +182,7 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
   }
   ListMemory lists(job.memory(), plan->list_bytes,
                    limits.max_working_bytes - std::min(limits.max_working_bytes, plan->peak_bytes));
-  stages.SetListMemory(&lists);
+  stages.SetLists(planned->surface, &lists);
   // Says of a stage that came to need more than the plan's limits what would fit.
   const auto explained = [&](const absl::Status& why) {
     if (lists.refused_bytes() == 0 || !absl::IsResourceExhausted(why)) return why;
@@ -269,6 +271,7 @@ absl::Status RunStages(const Backend& backend, const TriangleMesh& mesh, const B
     }
   }
   if (s = add(); !s.ok()) return s;
+  if (s = lists.Need(assembler.bytes_to_join()); !s.ok()) return explained(s);
   s = timed ? run(last, [&] { return assembler.End(); }) : assembler.End();
   run.Pause();
   return s;

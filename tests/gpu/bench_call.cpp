@@ -45,6 +45,10 @@ absl::StatusOr<std::unique_ptr<Call>> Call::Make(const Backend& backend, const T
   const absl::StatusOr<GridSpec> grid = FitGrid(request.grid, extent->box);
   if (!grid.ok()) return grid.status();
   call->grid_ = *grid;
+  const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *extent};
+  const absl::StatusOr<Surface> surface = call->stages_->Measure(*grid, size, false);
+  if (!surface.ok()) return surface.status();
+  call->stages_->SetLists(*surface, nullptr);
   call->MakeSteps();
   return call;
 }

@@ -26,6 +26,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
+#include "base/memory_budget.h"
 #include "gpu/batch_cases.h"
 #include "gpu/batch_parity.h"
 #include "gpu/bench_mesh_cases.h"
@@ -235,6 +236,44 @@ class Parity {
     ++refused_["out of memory: " + Message(status)];
   }
 
+  // All fragments in one of 64 slabs, where the plan spreads them: what lists come to need more is taken from the job's
+  // budget, or refused before the device has it, and given back.
+  void RunBeyondThePlan() {
+    const std::string line = "beyond_plan#0 bucketed bits of a soup in one slab of 64";
+    if (options_.list || !absl::StrContains(line, options_.filter)) return;
+    ++cases_;
+    ParityCase c;
+    c.request.backend = BackendChoice::kCuda;
+    c.request.result = ResultKind::kBuckets;
+    c.request.grid = Placed({64, 64, 512}, {0, 0, 0}, {1, 1, 1});
+    c.slab_depth = 8;
+    TriangleMesh mesh = testing::Soup(60000, 64, 11);
+    for (Vec3d& p : mesh.positions) p.z = 256 + p.z / 16;
+    const auto run = [&](uint64_t limit, uint64_t& peak, uint64_t& used) {
+      MemoryBudget budget(limit);
+      JobContext job;
+      job.set_memory(&budget);
+      absl::StatusOr<Delivered> got = Run(mesh, c, job);
+      peak = budget.peak_bytes();
+      used = budget.used_bytes();
+      return got;
+    };
+    uint64_t peak = 0, used = 0;
+    const absl::StatusOr<Delivered> got = run(UINT64_MAX, peak, used);
+    c.request.backend = BackendChoice::kCpu;
+    const absl::StatusOr<Delivered> expected = Run(mesh, c);
+    c.request.backend = BackendChoice::kCuda;
+    if (!got.ok() || !expected.ok()) return Differ(c, line, Message(got.ok() ? expected.status() : got.status()));
+    if (const auto difference = FirstDifference(*expected, *got)) return Differ(c, line, *difference);
+    if (peak == 0 || used != 0) return Differ(c, line, absl::StrCat(peak, " bytes were taken, ", used, " are left"));
+    for (const uint64_t limit : {uint64_t{0}, peak / 2, peak - 1}) {
+      const absl::Status status = run(limit, peak, used).status();
+      if (!absl::IsResourceExhausted(status) || DeviceFailureOf(status) || used != 0) {
+        return Differ(c, line, absl::StrCat("a budget of ", limit, " bytes: ", Message(status)));
+      }
+    }
+  }
+
   int Report() const {
     for (const auto& [why, count] : unimplemented_)
       std::printf("unimplemented %llu times: %s\n", static_cast<unsigned long long>(count), why.c_str());
@@ -421,6 +460,7 @@ void RunAll(Parity& parity, BatchParity& batches, const ParityOptions& options) 
   if (in_batches) batches.Finish();
   if (options.quick) return;
   if (!options.self) parity.RunOutOfMemory();
+  if (!options.self) parity.RunBeyondThePlan();
   if (!RunBeyond32Bits(parity, options)) return;
   for (const std::string& path : options.files) {
     const auto slash = path.rfind('/');

@@ -60,7 +60,7 @@ class FaultyBackend::FaultyStages final : public Stages {
   absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
     return inner_->Measure(grid, mesh, closely);
   }
-  void SetListMemory(ListMemory* memory) override { inner_->SetListMemory(memory); }
+  void SetLists(const Surface& expected, ListMemory* memory) override { inner_->SetLists(expected, memory); }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
     if (absl::Status s = Reach("coarse_raster"); !s.ok()) return s;
     return inner_->CoarseRaster(grid, layers);

@@ -1,11 +1,13 @@
 // What the look at the triangles says of a mesh, against a count of what it really touches.
 #include "pipeline/surface.h"
 
+#include <algorithm>
 #include <array>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "cpu/measure.h"
 #include "gtest/gtest.h"
 #include "pipeline/backend.h"
 #include "pipeline/bind.h"
@@ -146,6 +148,71 @@ TEST(SurfaceTest, AFillCountsWhatItEncloses) {
     const Surface surface = Measure(mesh, request);
     const double listed = double(RunPipeline(mesh, request).listed_voxels());
     EXPECT_NEAR(surface.voxels + surface.inside, listed, 0.2 * listed) << Name(fill);
+  }
+}
+
+// What EstimateSurface says of the sums of a mesh whose grid is given, and so a window.
+Surface Estimate(const TriangleMesh& mesh, const VoxelizeRequest& request) {
+  MeshView view;
+  view.positions = mesh.positions.data();
+  view.triangles = reinterpret_cast<const uint32_t(*)[3]>(mesh.triangles.data());
+  view.vertex_count = mesh.positions.size();
+  view.triangle_count = mesh.triangles.size();
+  MeshSize size{mesh.triangles.size(), mesh.positions.size(), {}};
+  for (const Vec3d& p : mesh.positions) {
+    Box3d& box = size.extent.box;
+    for (int a = 0; a < 3; ++a) {
+      box.min[a] = box.empty ? p[a] : std::min(box.min[a], p[a]);
+      box.max[a] = box.empty ? p[a] : std::max(box.max[a], p[a]);
+    }
+    box.empty = false;
+  }
+  size.extent.sums = cpu::SumSurface(view, WindowOf(request.grid), {});
+  return EstimateSurface(request, *FitGrid(request.grid, size.extent.box), size);
+}
+
+TEST(SurfaceSumsTest, APointOnAVoxelCornerIsEightFragments) {
+  std::vector<Vec3d> positions;
+  std::vector<std::array<uint32_t, 3>> triangles;
+  for (uint32_t i = 0; i < 2000; ++i) {
+    for (int k = 0; k < 3; ++k) positions.push_back({5, 9, 7});
+    triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
+  }
+  const Surface surface = Estimate(MakeMesh(std::move(positions), std::move(triangles)), Buckets(UnitGrid(20, 20, 20)));
+  EXPECT_DOUBLE_EQ(surface.fragments, 16000);
+}
+
+TEST(SurfaceSumsTest, WhatLiesBeyondTheWindowDoesNotCount) {
+  std::vector<Vec3d> positions;
+  std::vector<std::array<uint32_t, 3>> triangles;
+  const auto add = [&](const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    const auto v = uint32_t(positions.size());
+    positions.insert(positions.end(), {a, b, c});
+    triangles.push_back({v, v + 1, v + 2});
+  };
+  for (uint32_t i = 0; i < 500; ++i) {
+    const double at = 100 + double(i);
+    add({at, 3, 3}, {at + 9, 3, 4}, {at, 12, 5});
+  }
+  const VoxelizeRequest request = Buckets(UnitGrid(64, 64, 64));
+  const Surface none = Estimate(MakeMesh(positions, triangles), request);
+  EXPECT_EQ(none.fragments, 0);
+  EXPECT_EQ(none.voxels, 0);
+  for (double z = 1.3; z < 63; z += 4) add({-1e4, -1e4, z}, {1e4, -1e4, z + 0.2}, {0, 1e4, z + 0.1});
+  const TriangleMesh mesh = MakeMesh(positions, triangles);
+  const double fragments = double(RunPipeline(mesh, request).listed_fragments());
+  EXPECT_NEAR(Estimate(mesh, request).fragments, fragments, 0.15 * fragments);
+}
+
+TEST(SurfaceSumsTest, WholeMeshesAreNearWhatTheyTouch) {
+  for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
+    GridRequest grid;
+    grid.resolution = 150;
+    for (const TriangleMesh& mesh : {testing::Torus(60), testing::BumpySphere(40, 3)}) {
+      const VoxelizeRequest request = Buckets(grid, coverage);
+      const double fragments = double(RunPipeline(mesh, request).listed_fragments());
+      EXPECT_NEAR(Estimate(mesh, request).fragments, fragments, 0.2 * fragments) << Name(coverage);
+    }
   }
 }
 
