@@ -6,7 +6,7 @@
 
 #include "pipeline/backend.h"
 #include "pipeline/bind.h"
-#include "pipeline/planner.h"
+#include "pipeline/run_plan.h"
 #include "pipeline/stages.h"
 
 namespace voxelpipe {
@@ -19,8 +19,7 @@ absl::StatusOr<Plan> PlanInside(const Backend& backend, const TriangleMesh& mesh
   absl::StatusOr<MeshExtent> extent = (*stages)->VertexShade();
   if (!extent.ok()) return extent.status();
   const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *std::move(extent)};
-  const auto measure = [&](const GridSpec& grid, bool closely) { return (*stages)->Measure(grid, size, closely); };
-  absl::StatusOr<PlannedRun> run = PlanOn(backend, bound.request, size, measure, limits, delivery);
+  absl::StatusOr<PlannedRun> run = RunPlanner(backend, **stages, bound.request, size, limits, delivery).Plan();
   if (!run.ok()) return run.status();
   return std::move(run->plan);
 }

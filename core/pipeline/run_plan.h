@@ -1,0 +1,45 @@
+// The plan of one run, whose vertices are shaded.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "pipeline/plan.h"
+#include "pipeline/planner.h"
+#include "pipeline/stages.h"
+
+namespace voxelpipe {
+
+class RunPlanner {
+ public:
+  // `stages` have shaded the mesh's vertices; `mesh` has the extent that they gave. All that is given outlives this.
+  RunPlanner(const Backend& backend, const Stages& stages, const VoxelizeRequest& request, const MeshSize& mesh,
+             const PlanLimits& limits, Delivery delivery)
+      : backend_(backend), stages_(stages), request_(request), mesh_(mesh), limits_(limits), delivery_(delivery) {}
+
+  // PlanOn (planner.h), its slabs as thin as the device has room for.
+  absl::StatusOr<PlannedRun> Plan() const;
+  // Bytes that the limits allow beyond the plan.
+  uint64_t RoomBeyond(const voxelpipe::Plan& plan) const {
+    return limits_.max_working_bytes - std::min(limits_.max_working_bytes, plan.peak_bytes);
+  }
+  // RESOURCE_EXHAUSTED for a run that came to need `refused_bytes` more than its plan: says what would fit.
+  absl::Status Explain(const voxelpipe::Plan& plan, uint64_t refused_bytes) const;
+
+ private:
+  MeasureGrid Measure() const {
+    return [this](const GridSpec& grid, bool closely) { return stages_.Measure(grid, mesh_, closely); };
+  }
+  void FitToDevice(PlannedRun& run) const;
+
+  const Backend& backend_;
+  const Stages& stages_;
+  const VoxelizeRequest& request_;
+  const MeshSize& mesh_;
+  const PlanLimits& limits_;
+  const Delivery delivery_;
+};
+
+}  // namespace voxelpipe
