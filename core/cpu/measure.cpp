@@ -21,6 +21,7 @@
 #include "cpu/parallel.h"
 #include "raster/spans.h"
 #include "raster/tiles.h"
+#include "raster/weighed_triangle.h"
 
 namespace voxelpipe::cpu {
 namespace {

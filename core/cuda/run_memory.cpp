@@ -27,6 +27,7 @@ bool RunMemory::Take(uint64_t bytes) {
 
 absl::Status RunMemory::TakeOnHost(uint64_t bytes) {
   on_host_ = bytes;
+  granted_ = 0;  // more may be held since: another slab is done
   return Ask();
 }
 

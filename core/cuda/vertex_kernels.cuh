@@ -2,7 +2,7 @@
 #pragma once
 
 #include "cuda/vertex_args.h"
-#include "raster/surface_sums.h"
+#include "raster/weighed_triangle.h"
 #include "shaders/mesh_view.h"
 #include "shaders/shader_list.h"
 

@@ -209,11 +209,11 @@ Footprint PredictDeviceFootprint(const VoxelizeRequest& request, const GridSpec&
   if (dense && !one_slab) device += DeviceGridBytes(request, grid, out.slab_depth);
   double host = at_once * (dense ? DenseBytes(request, grid, out.slab_depth) : ListBytes(request, slab, false));
   if (!one_slab && dense && delivery == Delivery::kMemory) host += double(out.result_bytes);
-  // The lists of all slabs, the last one's counted already, and what they are joined to: pinned memory goes back to its
-  // pool, which keeps it.
+  // The lists of all slabs, and what they are joined to: pinned memory goes back to its pool, which keeps it.
   if (!one_slab && !dense) {
-    const double earlier = 1 - double(out.slab_depth) / double(grid.dims[2]);
-    host += (1 + earlier) * double(out.result_bytes);
+    constexpr double kPinnedBlocks = 1.125;  // come in four sizes an octave (cuda/pinned.cpp)
+    const double slabs = std::ceil(double(grid.dims[2]) / double(out.slab_depth));
+    host = kPinnedBlocks * HeldListBytes(request, surface, slab, slabs) + ListBytes(request, surface, true);
   }
   Sum peak, listed;
   peak += kBaseBytes + device + host;

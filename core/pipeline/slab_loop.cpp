@@ -60,12 +60,17 @@ absl::Status SlabLoop::GoOnThinner(const Slab& slab, const absl::Status& why, As
   return whole ? assembler.Begin(run_.request, plan_) : absl::OkStatus();
 }
 
+uint64_t SlabLoop::HeldBytes(const ResultArrays& lists, const Slab& slab) const {
+  const bool joined = slab.depth() < plan_.grid.dims[2];
+  return joined && OnDevice() ? 2 * lists.bytes() : lists.bytes();
+}
+
 absl::Status SlabLoop::AddComing(Assembler& assembler) {
   if (!coming_) return absl::OkStatus();
   const auto wait_and_add = [&]() -> absl::Status {
     absl::StatusOr<ResultArrays> arrays = std::move(coming_->arrays).Take();
     if (!arrays.ok()) return arrays.status();
-    if (run_.request.result != ResultKind::kDense) lists_.Hold(arrays->bytes());
+    if (run_.request.result != ResultKind::kDense) lists_.Hold(HeldBytes(*arrays, coming_->slab));
     return assembler.Add(coming_->pass, coming_->slab, *std::move(arrays));
   };
   const bool timed = run_.delivery == Delivery::kMemory;  // a sink's time is not the pipeline's
@@ -106,7 +111,9 @@ absl::Status SlabLoop::Run(const Steps& steps, Assembler& assembler) {
     if (absl::Status s = RunPass(steps, pass, assembler); !s.ok()) return s;
   }
   if (absl::Status s = AddComing(assembler); !s.ok()) return s;
-  if (absl::Status s = lists_.Need(assembler.bytes_to_join()); !s.ok()) return s;
+  if (!OnDevice()) {
+    if (absl::Status s = lists_.Need(assembler.bytes_to_join()); !s.ok()) return s;
+  }
   const auto end = [&] { return assembler.End(); };
   const absl::Status s = run_.delivery == Delivery::kMemory ? clock_(LastStage(run_.request), end) : end();
   clock_.Pause();

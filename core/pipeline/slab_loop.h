@@ -52,6 +52,9 @@ class SlabLoop {
   absl::Status GoOnThinner(const Slab& slab, const absl::Status& why, Assembler& assembler);
   // Adds what is on its way, if anything is.
   absl::Status AddComing(Assembler& assembler);
+  bool OnDevice() const { return run_.backend.memory_bytes() > 0; }
+  // Of a slab's lists until the end of the run. Those of a device are pinned: their pool keeps them while they are joined.
+  uint64_t HeldBytes(const ResultArrays& lists, const Slab& slab) const;
   absl::Status RunPass(const Steps& steps, int pass, Assembler& assembler);
 
   const RunInput& run_;

@@ -14,21 +14,22 @@ namespace {
 
 constexpr double kBrickVoxels = 512;
 
+constexpr double kRandomDirections = 0.555;  // E max|n| / E (|nx| + |ny| + |nz|) of a unit vector n
+
 // Sums over the triangles, in voxels.
 struct Sums {
   double triangles = 0;
   Vec3d area{}, width{};
-  double thin = 1;  // share of the conservative fragments that thin coverage keeps
+  double main = 1;  // share of the areas that is the triangles' largest projection each
 };
 
 Sums InVoxels(const GridSpec& grid, const MeshSize& mesh) {
   const Vec3d& h = grid.voxel_size;
   const MeshExtent& extent = mesh.extent;
   const Vec3d dims{double(grid.dims[0]), double(grid.dims[1]), double(grid.dims[2])};
-  constexpr double kRandomDirections = 0.555;  // E max|n| / E (|nx| + |ny| + |nz|) of a unit vector n
   Sums out;
   out.triangles = double(mesh.triangles);
-  out.thin = kRandomDirections;
+  out.main = kRandomDirections;
   Vec3d area{}, width{};
   if (extent.sums) {
     const SurfaceSums& sums = *extent.sums;
@@ -39,7 +40,7 @@ Sums InVoxels(const GridSpec& grid, const MeshSize& mesh) {
     }
     const Vec3d &all = sums.area, &main = sums.dominant;
     const double sum = all.x + all.y + all.z, largest = main.x + main.y + main.z;
-    if (sum > 0 && largest > 0) out.thin = largest / sum;
+    out.main = sum > 0 && largest > 0 ? largest / sum : 1;  // without areas triangles are degenerate, and conservative
   } else if (!extent.box.empty) {
     Vec3d d;
     for (int a = 0; a < 3; ++a) d[a] = (extent.box.max[a] - extent.box.min[a]) / h[a];
@@ -70,6 +71,17 @@ Touched Touch(const Sums& surface, double triangles, const Vec3d& edges, double 
   return {each, std::min({each, 1.12 * areas + 64, all})};
 }
 
+// Of triangles that touch `touched` voxels. Every coverage keeps all of the largest projection, and only that of a large
+// triangle's inside; thin coverage keeps of a point's voxels and of those along an edge the more, the nearer normals are
+// to the axes. The two shares were measured: 0.8 and 0.67 of triangles in random directions.
+double Fragments(const Sums& sums, Coverage coverage, double touched) {
+  const double areas = sums.area.x + sums.area.y + sums.area.z, widths = sums.width.x + sums.width.y + sums.width.z;
+  if (coverage == Coverage::kConservative || !(areas > 0)) return touched;
+  if (coverage == Coverage::kCenter) return sums.main * areas;
+  const double of_points = 1 - 0.45 * (1 - sums.main), of_edges = 1 - 0.74 * (1 - sums.main);
+  return of_points * sums.triangles + of_edges * widths + sums.main * areas;
+}
+
 }  // namespace
 
 GridWindow WindowOf(const GridRequest& request) {
@@ -90,9 +102,9 @@ Surface EstimateSurface(const VoxelizeRequest& request, const GridSpec& grid, co
   const Touched voxels = Touch(sums, n, {1, 1, 1}, all);
   const Touched bricks = Touch(sums, n, {8, 8, 8}, all / kBrickVoxels + 1);
   const Touched tiles = Touch(sums, n, tile, all / kTileVoxels + 1);
-  const double share = request.coverage == Coverage::kConservative ? 1 : sums.thin;
+  const double share = request.coverage == Coverage::kConservative ? 1 : sums.main;
   Surface out;
-  out.fragments = voxels.each * share;
+  out.fragments = Fragments(sums, request.coverage, voxels.each);
   out.rows = std::min(out.fragments, (n + sums.width.y + sums.width.z + sums.area.x) * share + out.fragments / 32);
   out.pairs = tiles.each;
   out.voxels = std::min(voxels.once * share, out.fragments);

@@ -123,7 +123,7 @@ absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
   if (!box.ok()) return box.status();
   const absl::StatusOr<Plan> plan =
       PlanVoxelization(config.request, request_.summary().triangles(), request_.summary().vertices(),
-                       MeshExtent{.box = *box}, state_.limits.plan, Delivery::kStream);
+                       MeshExtent{.box = *box, .held_bytes = 0, .sums = {}}, state_.limits.plan, Delivery::kStream);
   if (!plan.ok()) return plan.status();
   *response_.mutable_plan() = ToMessage(*plan);
   return absl::OkStatus();
