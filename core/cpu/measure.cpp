@@ -468,14 +468,12 @@ class Measurer {
   uint64_t marks_a_triangle_;  // cells, on average
 };
 
-void AddTriangle(const GridWindow& window, const Vec3d& centre, const Vec3d& a, const Vec3d& b, const Vec3d& c,
+void AddTriangle(const TriangleScale& scale, const Vec3d& centre, const Vec3d& a, const Vec3d& b, const Vec3d& c,
                  SurfaceSums& sums) {
-  const WeighedTriangle part = window.known() ? WeighInWindow(window, a, b, c) : WeighWhole(a, b, c);
-  const Vec3d& area = part.size.area;
-  const int axis = area.x >= area.y ? (area.x >= area.z ? 0 : 2) : (area.y >= area.z ? 1 : 2);
+  const WeighedTriangle part = scale.Weigh(a, b, c);
   sums.triangles += part.weight;
-  sums.area = sums.area + area;
-  sums.dominant[axis] += area[axis];
+  sums.area = sums.area + part.size.area;
+  sums.dominant[part.axis] += part.size.area[part.axis];
   sums.width = sums.width + part.size.width;
   sums.volume += Dot(a - centre, Cross(b - a, c - a)) / 6;
 }
@@ -483,12 +481,14 @@ void AddTriangle(const GridWindow& window, const Vec3d& centre, const Vec3d& a, 
 }  // namespace
 
 SurfaceSums SumSurface(const MeshView& mesh, const GridWindow& window, const Vec3d& centre) {
+  constexpr int64_t kGrainOfSums = 1 << 10;
+  const TriangleScale scale(window);
   return tbb::parallel_deterministic_reduce(
-      tbb::blocked_range<uint64_t>(0, mesh.triangle_count, kGrain), SurfaceSums(),
+      tbb::blocked_range<uint64_t>(0, mesh.triangle_count, kGrainOfSums), SurfaceSums(),
       [&](const tbb::blocked_range<uint64_t>& range, SurfaceSums part) {
         for (uint64_t t = range.begin(); t < range.end(); ++t) {
           const uint32_t* const v = mesh.triangles[t];
-          AddTriangle(window, centre, mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], part);
+          AddTriangle(scale, centre, mesh.positions[v[0]], mesh.positions[v[1]], mesh.positions[v[2]], part);
         }
         return part;
       },

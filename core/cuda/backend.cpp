@@ -49,6 +49,7 @@ class CudaStages final : public Stages {
     state_.memory.AskFrom(memory);
   }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
+    if (absl::Status s = state_.memory.TakeOnHost(0); !s.ok()) return s;  // likewise
     state_.plain_bits = cpu::PlainBits(state_.host, grid);
     state_.direct = !state_.plain_bits && BlendsDirectly(state_, grid);
     return cuda::CoarseRaster(state_, grid, layers);
@@ -56,7 +57,7 @@ class CudaStages final : public Stages {
   absl::Status TileSort() override { return NeedsTiles(state_) ? cuda::TileSort(state_) : absl::OkStatus(); }
   absl::Status BeginSlab(const Slab& slab) override {
     counted_ = false;
-    if (absl::Status s = state_.memory.TakeOnHost(0); !s.ok()) return s;
+    if (absl::Status s = state_.memory.TakeOnHost(0); !s.ok()) return s;  // the lists before are held by the run now
     return cuda::BeginSlab(state_, slab);
   }
   absl::Status FineRaster() override { return cuda::FineRaster(state_); }

@@ -97,6 +97,9 @@ template <Sums kSums>
 __global__ void __launch_bounds__(kMeasureThreads) MeasureTriangles(const MeasureArgs args) {
   Surface s = NoSurface();
   const Vec3d reference = args.positions[args.triangles[0]];
+  GridWindow window = args.window;
+  if (kSums != Sums::kInWindow) window.dims = {};  // known to the compiler, which leaves the clipping out
+  const TriangleScale scale(window);
   const uint64_t step = uint64_t(gridDim.x) * kMeasureThreads;
   for (uint64_t t = uint64_t(blockIdx.x) * kMeasureThreads + threadIdx.x; t < args.count; t += step) {
     const uint32_t* const v = args.triangles + 3 * t;
@@ -110,14 +113,13 @@ __global__ void __launch_bounds__(kMeasureThreads) MeasureTriangles(const Measur
     }
     if (!finite) s.number[Surface::kBad] += 1;
     if constexpr (kSums != Sums::kNone) {
-      const WeighedTriangle part = kSums == Sums::kInWindow ? WeighInWindow(args.window, a, b, c) : WeighWhole(a, b, c);
+      const WeighedTriangle part = scale.Weigh(a, b, c);
       const Vec3d n = Cross(b - a, c - a);
       const Vec3d& area = part.size.area;
-      const int axis = area.x >= area.y ? (area.x >= area.z ? 0 : 2) : (area.y >= area.z ? 1 : 2);
 #pragma unroll
       for (int i = 0; i < 3; ++i) {
         s.number[Surface::kArea + i] += area[i];
-        s.number[Surface::kDominant + i] += i == axis ? area[i] : 0.0;
+        s.number[Surface::kDominant + i] += i == part.axis ? area[i] : 0.0;
         s.number[Surface::kWidth + i] += part.size.width[i];
         s.number[Surface::kNormal + i] += n[i];
       }

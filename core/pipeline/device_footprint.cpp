@@ -132,6 +132,15 @@ double TileListBytes(const VoxelizeRequest& request, const GridSpec& grid, const
   return bytes + std::min(tiles, surface.tiles) * value * kTileVoxels;
 }
 
+// The bricks in which bits of few triangles are drawn where the grid is much larger than the cache (cuda/bit_pool.cu): as
+// many bits once more.
+double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t layers) {
+  constexpr double kLargeGrid = 160 << 20;  // four times the L2 cache of a large GPU
+  const double x = double(grid.dims[0]), y = double(grid.dims[1]), z = double(layers), bits = BitsOf(grid, layers);
+  const bool few = 2 * double(mesh.triangles) <= std::max({x * y, y * z, z * x});
+  return request.coverage != Coverage::kCenter && few && bits > kLargeGrid ? bits : 0;
+}
+
 // Whether all targets may be blended without tiles, which takes values that are the same all over a triangle.
 bool MayBlendDirectly(const VoxelizeRequest& request) {
   return std::all_of(request.targets.begin(), request.targets.end(), [](const TargetSpec& target) {
@@ -145,7 +154,10 @@ bool MayBlendDirectly(const VoxelizeRequest& request) {
 // the vertex shader ran: of the ways that may be gone, the one that takes most counts.
 double footprint::DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                                   const Surface& surface, int64_t layers) {
-  if (PlainBits(request)) return double(mesh.triangles) * 3 * sizeof(uint32_t);  // two queues and their order
+  if (PlainBits(request)) {
+    const double queues_and_order = double(mesh.triangles) * 3 * sizeof(uint32_t);
+    return queues_and_order + BitPoolBytes(request, grid, mesh, layers);
+  }
   if (request.result == ResultKind::kBuckets) return BucketListBytes(request, grid, mesh, surface, layers);
   double bytes = TileListBytes(request, grid, mesh, surface, layers);
   if (MayBlendDirectly(request)) {
@@ -168,7 +180,7 @@ double MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
     held = vertices * (2 * sizeof(Vec3d) + shaded) + double(mesh.triangles) * 2 * 3 * sizeof(uint32_t);
   }
   const bool places = !PlainBits(request) || CastsLines(request.fill);
-  return held + vertices * (kCode + (places ? sizeof(Vec3d) : 0));
+  return held + (places ? vertices * (kCode + sizeof(Vec3d)) : 0);
 }
 
 // The signed counters of a nonzero fill over `layers` layers: those of as many rows as take turns (cuda/solid_fill.cu).
@@ -217,7 +229,7 @@ Footprint PredictDeviceFootprint(const VoxelizeRequest& request, const GridSpec&
   }
   Sum peak, listed;
   peak += kBaseBytes + device + host;
-  listed += device + (dense ? 0 : host);
+  listed += kBaseBytes + device + (dense ? 0 : host);  // every array of the device asks
   out.peak_bytes = peak;
   out.list_bytes = listed;
   return out;

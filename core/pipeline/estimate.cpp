@@ -19,7 +19,7 @@ absl::StatusOr<Plan> PlanInside(const Backend& backend, const TriangleMesh& mesh
   absl::StatusOr<MeshExtent> extent = (*stages)->VertexShade();
   if (!extent.ok()) return extent.status();
   const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *std::move(extent)};
-  absl::StatusOr<PlannedRun> run = RunPlanner(backend, **stages, bound.request, size, limits, delivery).Plan();
+  absl::StatusOr<PlannedRun> run = RunPlanner(backend, **stages, bound.request, size, limits, delivery).Make();
   if (!run.ok()) return run.status();
   return std::move(run->plan);
 }

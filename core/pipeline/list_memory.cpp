@@ -2,7 +2,24 @@
 
 #include <algorithm>
 
+#include "pipeline/list_refusal.h"
+
 namespace voxelpipe {
+namespace {
+
+constexpr char kBeyondPlan[] = "voxelpipe/beyond-plan";  // a status payload's type
+
+}  // namespace
+
+absl::Status RefuseBeyondPlan() {
+  absl::Status status = absl::ResourceExhaustedError("the run needs more memory than the limit allows");
+  status.SetPayload(kBeyondPlan, absl::Cord());
+  return status;
+}
+
+bool IsRefusedBeyondPlan(const absl::Status& status) {
+  return status.GetPayload(kBeyondPlan).has_value();
+}
 
 absl::Status ListMemory::Need(uint64_t bytes) {
   const std::lock_guard lock(mutex_);
@@ -10,10 +27,9 @@ absl::Status ListMemory::Need(uint64_t bytes) {
   if (all <= granted) return absl::OkStatus();
   if (all - planned_ > room_) {
     refused_ = std::max(refused_, all - planned_);
-    return absl::ResourceExhaustedError("lists of fragments need more memory than the limit allows");
+    return RefuseBeyondPlan();
   }
-  if (absl::Status full = charge_.Grow(all - granted, "what the mesh's fragments are listed in"); !full.ok())
-    return full;
+  if (absl::Status full = charge_.Grow(all - granted, "what the mesh touches of the grid"); !full.ok()) return full;
   granted_ = all;
   return absl::OkStatus();
 }

@@ -7,7 +7,7 @@
 
 namespace voxelpipe {
 
-absl::StatusOr<PlannedRun> RunPlanner::Plan() const {
+absl::StatusOr<PlannedRun> RunPlanner::Make() const {
   absl::StatusOr<PlannedRun> run = PlanOn(backend_, request_, mesh_, Measure(), limits_, delivery_);
   if (run.ok()) FitToDevice(*run);
   return run;
@@ -15,7 +15,7 @@ absl::StatusOr<PlannedRun> RunPlanner::Plan() const {
 
 // The device is asked only where its room is in doubt.
 void RunPlanner::FitToDevice(PlannedRun& run) const {
-  voxelpipe::Plan& plan = run.plan;
+  Plan& plan = run.plan;
   constexpr uint64_t kShareInDoubt = 8;
   const uint64_t all = backend_.memory_bytes();
   if (all == 0) return;
@@ -31,7 +31,7 @@ void RunPlanner::FitToDevice(PlannedRun& run) const {
   plan.list_bytes = need.list_bytes;
 }
 
-absl::Status RunPlanner::Explain(const voxelpipe::Plan& plan, uint64_t refused_bytes) const {
+absl::Status RunPlanner::Explain(const Plan& plan, uint64_t refused_bytes) const {
   const uint64_t need = plan.peak_bytes + refused_bytes;
   return GridTooLarge(backend_, request_, mesh_, Measure(), limits_, delivery_, plan.grid, false, need,
                       double(need) / double(plan.peak_bytes));

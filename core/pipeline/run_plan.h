@@ -19,14 +19,14 @@ class RunPlanner {
              const PlanLimits& limits, Delivery delivery)
       : backend_(backend), stages_(stages), request_(request), mesh_(mesh), limits_(limits), delivery_(delivery) {}
 
-  // PlanOn (planner.h), its slabs as thin as the device has room for.
-  absl::StatusOr<PlannedRun> Plan() const;
+  // PlanOn (planner.h), its slabs thinned until they fit the device.
+  absl::StatusOr<PlannedRun> Make() const;
   // Bytes that the limits allow beyond the plan.
-  uint64_t RoomBeyond(const voxelpipe::Plan& plan) const {
+  uint64_t RoomBeyond(const Plan& plan) const {
     return limits_.max_working_bytes - std::min(limits_.max_working_bytes, plan.peak_bytes);
   }
   // RESOURCE_EXHAUSTED for a run that came to need `refused_bytes` more than its plan: says what would fit.
-  absl::Status Explain(const voxelpipe::Plan& plan, uint64_t refused_bytes) const;
+  absl::Status Explain(const Plan& plan, uint64_t refused_bytes) const;
 
  private:
   MeasureGrid Measure() const {

@@ -23,6 +23,14 @@ struct Sums {
   double main = 1;  // share of the areas that is the triangles' largest projection each
 };
 
+// True if areas in the box's units are neither too small nor too large for a double.
+bool HasSquares(const Box3d& box) {
+  constexpr double kMin = 1e-130, kMax = 1e130;  // voxels are smaller than the box by 2^40 at most
+  double longest = 0;
+  for (int a = 0; a < 3; ++a) longest = std::max(longest, box.max[a] - box.min[a]);
+  return longest == 0 || (longest > kMin && longest < kMax);
+}
+
 Sums InVoxels(const GridSpec& grid, const MeshSize& mesh) {
   const Vec3d& h = grid.voxel_size;
   const MeshExtent& extent = mesh.extent;
@@ -30,17 +38,18 @@ Sums InVoxels(const GridSpec& grid, const MeshSize& mesh) {
   Sums out;
   out.triangles = double(mesh.triangles);
   out.main = kRandomDirections;
-  Vec3d area{}, width{};
+  Vec3d area{}, width{}, main{};
   if (extent.sums) {
-    const SurfaceSums& sums = *extent.sums;
-    out.triangles = sums.triangles;
     for (int a = 0; a < 3; ++a) {  // one division at a time: the square of a small voxel's edge may be 0
-      area[a] = sums.area[a] / h[(a + 1) % 3] / h[(a + 2) % 3];
-      width[a] = sums.width[a] / h[a];
+      area[a] = extent.sums->area[a] / h[(a + 1) % 3] / h[(a + 2) % 3];
+      main[a] = extent.sums->dominant[a] / h[(a + 1) % 3] / h[(a + 2) % 3];
+      width[a] = extent.sums->width[a] / h[a];
     }
-    const Vec3d &all = sums.area, &main = sums.dominant;
-    const double sum = all.x + all.y + all.z, largest = main.x + main.y + main.z;
-    out.main = sum > 0 && largest > 0 ? largest / sum : 1;  // without areas triangles are degenerate, and conservative
+  }
+  const double areas = area.x + area.y + area.z, widths = width.x + width.y + width.z, mains = main.x + main.y + main.z;
+  if (extent.sums && HasSquares(extent.box) && std::isfinite(areas) && std::isfinite(widths)) {
+    out.triangles = extent.sums->triangles;
+    out.main = areas > 0 ? mains / areas : 1;
   } else if (!extent.box.empty) {
     Vec3d d;
     for (int a = 0; a < 3; ++a) d[a] = (extent.box.max[a] - extent.box.min[a]) / h[a];
@@ -86,6 +95,7 @@ double Fragments(const Sums& sums, Coverage coverage, double touched) {
 
 GridWindow WindowOf(const GridRequest& request) {
   GridWindow window;
+  if (request.voxel_size) window.voxel_size = *request.voxel_size;
   if (!request.dims) return window;
   const absl::StatusOr<GridSpec> grid = FitGrid(request, {});
   if (!grid.ok()) return window;  // who plans says why

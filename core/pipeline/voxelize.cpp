@@ -5,11 +5,13 @@
 #include "pipeline/voxelize.h"
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "pipeline/bind.h"
 #include "pipeline/list_memory.h"
+#include "pipeline/list_refusal.h"
 #include "pipeline/run.h"
 #include "pipeline/run_plan.h"
 #include "pipeline/slab_loop.h"
@@ -20,10 +22,11 @@
 namespace voxelpipe {
 namespace {
 
-// Sort-middle: which triangles may touch which tiles. Where no tiles are sorted, this bins triangles for FineRaster.
-absl::Status SortTriangles(Stages& stages, const GridSpec& grid, const Slab& layers, StageClock& clock) {
+// Sort-middle: which triangles may touch which tiles. Where no tiles are sorted, this prepares the next stage.
+absl::Status SortTriangles(Stages& stages, const GridSpec& grid, const Slab& layers, bool buckets, StageClock& clock) {
   const bool tiles = stages.SortsTiles(grid);
-  absl::Status s = clock(tiles ? "coarse_raster" : "fine_raster", [&] { return stages.CoarseRaster(grid, layers); });
+  const char* const next = buckets ? "emit" : "fine_raster";
+  absl::Status s = clock(tiles ? "coarse_raster" : next, [&] { return stages.CoarseRaster(grid, layers); });
   if (s.ok() && tiles) s = clock("tile_sort", [&] { return stages.TileSort(); });
   return s;
 }
@@ -80,6 +83,7 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
   if (!bound.ok()) return bound.status();
   stats.warnings = WarningsOf(run.mesh, request);
   if (absl::Status s = CheckStrict(request, stats.warnings); !s.ok()) return s;
+  std::optional<ListMemory> lists;  // before the stages, which ask it to their end
   absl::StatusOr<std::unique_ptr<Stages>> started = run.backend.Start(run.mesh, *bound, run.job);
   if (!started.ok()) return started.status();
   Stages& stages = **started;
@@ -92,7 +96,7 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
   if (!extent.ok()) return extent.status();
   const MeshSize size{run.mesh.triangles.size(), run.mesh.positions.size(), *std::move(extent)};
   const RunPlanner planner(run.backend, stages, request, size, run.limits, run.delivery);
-  absl::StatusOr<PlannedRun> planned = clock("vertex_shade", [&] { return planner.Plan(); });
+  absl::StatusOr<PlannedRun> planned = clock("vertex_shade", [&] { return planner.Make(); });
   if (!planned.ok()) return planned.status();
   if (run.on_plan) {
     clock.Pause();
@@ -100,20 +104,20 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
   }
 
   Plan& plan = planned->plan;
-  ListMemory lists(run.job.memory(), plan.list_bytes, planner.RoomBeyond(plan));
-  stages.SetLists(planned->surface, &lists);
-  SlabLoop slabs(run, stages, plan, lists, clock, stats);
+  lists.emplace(run.job.memory(), plan.list_bytes, planner.RoomBeyond(plan));
+  stages.SetLists(planned->surface, &*lists);
+  const bool buckets = request.result == ResultKind::kBuckets;
+  SlabLoop slabs(run, stages, plan, *lists, clock, stats);
   const SlabLoop::Steps steps{
-      .sort = [&](const Slab& layers) { return SortTriangles(stages, plan.grid, layers, clock); },
+      .sort = [&](const Slab& layers) { return SortTriangles(stages, plan.grid, layers, buckets, clock); },
       .make = [&](const Slab& slab, bool whole, bool counts) -> absl::StatusOr<SlabArrays> {
-        const bool buckets = request.result == ResultKind::kBuckets;
         absl::Status s = buckets ? BucketSlab(stages, slab, clock) : RasterizeSlab(stages, request, slab, clock);
         if (s.ok() && counts) s = CountSlab(stages, request, clock, stats);
         if (!s.ok()) return s;
         return clock(LastStage(request), [&] { return FinishSlab(stages, whole); });
       }};
   const absl::Status s = slabs.Run(steps, assembler);
-  return absl::IsResourceExhausted(s) && lists.refused_bytes() > 0 ? planner.Explain(plan, lists.refused_bytes()) : s;
+  return IsRefusedBeyondPlan(s) ? planner.Explain(plan, lists->refused_bytes()) : s;
 }
 
 }  // namespace voxelpipe

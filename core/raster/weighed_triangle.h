@@ -3,7 +3,6 @@
 
 #include "base/host_device.h"
 #include "base/vec.h"
-#include "grid/index_space.h"
 #include "raster/clipped_triangle.h"
 #include "raster/exact_math.h"
 #include "raster/surface_sums.h"
@@ -15,65 +14,88 @@ namespace voxelpipe {
 struct WeighedTriangle {
   double weight = 0;  // of the triangle itself; the sizes are multiplied by it
   PolygonSize size;
+  int axis = 0;  // onto the plane orthogonal to it the triangle's projection is largest, in voxels
 };
 
-// A triangle as it is, where the grid is not known.
-VOXELPIPE_HD WeighedTriangle WeighWhole(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-  WeighedTriangle out;
-  const Vec3d normal = Cross(b - a, c - a);
-  for (int i = 0; i < 3; ++i) {
-    out.size.width[i] = Max(a[i], Max(b[i], c[i])) - Min(a[i], Min(b[i], c[i]));
-    out.size.area[i] = 0.5 * Abs(normal[i]);
-  }
-  out.weight = 1;
-  return out;
-}
+// How triangles are weighed: where the grid is known, by its window. Made once for all triangles of a mesh.
+class TriangleScale {
+ public:
+  VOXELPIPE_HD explicit TriangleScale(const GridWindow& window)
+      : window_(window), inverse_{1 / window.voxel_size.x, 1 / window.voxel_size.y, 1 / window.voxel_size.z} {}
 
-// A triangle's part in the window. It touches as many voxels as its weight says times 1 + its widths + its areas. Widths
-// are the planes between voxels that its box meets, which are on average, over all placements of the lattice, as many as
-// the box is long; the areas grow with them. So a triangle on the lattice's own planes and corners counts as what it
-// touches there, and one that lies between two layers of voxels touches both. None touches more than its box has. Zeros
-// beyond the window.
-VOXELPIPE_HD WeighedTriangle WeighInWindow(const GridWindow& window, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-  constexpr double kTie = kNarrowWidening;  // voxels: coverage is widened by so much at most
-  constexpr double kFlat = 1e-3;            // voxels: as thin as this along an axis is to lie in one plane of it
-  WeighedTriangle out;
-  const Vec3d p = WorldToIndex(window.origin, window.voxel_size, a);
-  const Vec3d q = WorldToIndex(window.origin, window.voxel_size, b);
-  const Vec3d r = WorldToIndex(window.origin, window.voxel_size, c);
-  double box = 1, layers = 1;
-  Vec3d planes{}, more{1, 1, 1};  // that the box meets, and how many times its width that is
-  bool inside = true;
-  for (int i = 0; i < 3; ++i) {
-    const double lo = Min(p[i], Min(q[i], r[i])), hi = Max(p[i], Max(q[i], r[i]));
-    const double first = Max(0.0, Ceil(lo - kTie) - 1), last = Min(window.dims[i] - 1, Floor(hi + kTie));
-    if (!(first <= last)) return out;
-    box *= last - first + 1;
-    inside = inside && lo >= 0 && hi <= window.dims[i];
-    if (hi - lo < kFlat) {
-      layers *= last - first + 1;
-    } else {
-      planes[i] = last - first;
-      more[i] = planes[i] / (hi - lo);
-    }
+  VOXELPIPE_HD WeighedTriangle Weigh(const Vec3d& a, const Vec3d& b, const Vec3d& c) const {
+    WeighedTriangle out = window_.known() ? InWindow(ToIndex(a), ToIndex(b), ToIndex(c)) : Whole(a, b, c);
+    const Vec3d &s = out.size.area, &h = window_.voxel_size;
+    const double x = s.x * h.x, y = s.y * h.y, z = s.z * h.z;  // as many times those in voxels for each of the three
+    out.axis = x >= y ? (x >= z ? 0 : 2) : (y >= z ? 1 : 2);
+    return out;
   }
-  if (inside) {
-    out.size = WeighWhole(p, q, r).size;
-    const Vec3d& s = out.size.area;
-    out.size = {planes, {s.x * more.y * more.z, s.y * more.z * more.x, s.z * more.x * more.y}};
-  } else {
-    ClippedTriangle part(p, q, r);
+
+ private:
+  VOXELPIPE_HD Vec3d ToIndex(const Vec3d& p) const {
+    const Vec3d& o = window_.origin;
+    return {(p.x - o.x) * inverse_.x, (p.y - o.y) * inverse_.y, (p.z - o.z) * inverse_.z};
+  }
+
+  // A triangle as it is, where the grid is not known.
+  VOXELPIPE_HD static WeighedTriangle Whole(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    WeighedTriangle out;
+    const Vec3d normal = Cross(b - a, c - a);
     for (int i = 0; i < 3; ++i) {
-      part.Clip(i, 0, 1);
-      part.Clip(i, window.dims[i], -1);
+      out.size.width[i] = Max(a[i], Max(b[i], c[i])) - Min(a[i], Min(b[i], c[i]));
+      out.size.area[i] = 0.5 * Abs(normal[i]);
     }
-    out.size = part.Size();
+    out.weight = 1;
+    return out;
   }
-  const Vec3d &w = out.size.width, &s = out.size.area, &h = window.voxel_size;
-  out.weight = Min(layers, box / (1 + w.x + w.y + w.z + s.x + s.y + s.z));
-  out.size.width = Vec3d{w.x * h.x, w.y * h.y, w.z * h.z} * out.weight;
-  out.size.area = Vec3d{s.x * h.y * h.z, s.y * h.z * h.x, s.z * h.x * h.y} * out.weight;
-  return out;
-}
+
+  // A triangle's part in the window. It touches as many voxels as its weight says times 1 + its widths + its areas. Widths
+  // are the planes between voxels that its box meets, which are on average, over all placements of the lattice, as many as
+  // the box is long; the areas grow with them. So a triangle on the lattice's own planes and corners counts as what it
+  // touches there, and one that lies between two layers of voxels touches both. None touches more than its box has. Zeros
+  // beyond the window.
+  // In: corners in voxels from the grid's first corner.
+  VOXELPIPE_HD WeighedTriangle InWindow(const Vec3d& p, const Vec3d& q, const Vec3d& r) const {
+    constexpr double kTie = kNarrowWidening;  // voxels: coverage is widened by so much at most
+    constexpr double kFlat = 1e-3;            // voxels: as thin as this along an axis is to lie in one plane of it
+    WeighedTriangle out;
+    double box = 1, layers = 1;
+    Vec3d planes{}, more{1, 1, 1};  // that the box meets, and how many times its width that is
+    bool inside = true;
+    for (int i = 0; i < 3; ++i) {
+      const double lo = Min(p[i], Min(q[i], r[i])), hi = Max(p[i], Max(q[i], r[i]));
+      const double first = Max(0.0, Ceil(lo - kTie) - 1), last = Min(window_.dims[i] - 1, Floor(hi + kTie));
+      if (!(first <= last)) return out;
+      box *= last - first + 1;
+      inside = inside && lo >= 0 && hi <= window_.dims[i];
+      if (hi - lo < kFlat) {
+        layers *= last - first + 1;
+      } else {
+        planes[i] = last - first;
+        more[i] = planes[i] / (hi - lo);
+      }
+    }
+    if (inside) {
+      out.size = Whole(p, q, r).size;
+      const Vec3d& s = out.size.area;
+      out.size = {planes, {s.x * more.y * more.z, s.y * more.z * more.x, s.z * more.x * more.y}};
+    } else {
+      ClippedTriangle part(p, q, r);
+      for (int i = 0; i < 3; ++i) {
+        part.Clip(i, 0, 1);
+        part.Clip(i, window_.dims[i], -1);
+      }
+      out.size = part.Size();
+    }
+    const Vec3d &w = out.size.width, &s = out.size.area, &h = window_.voxel_size;
+    out.weight = Min(layers, box / (1 + w.x + w.y + w.z + s.x + s.y + s.z));
+    out.size.width = Vec3d{w.x * h.x, w.y * h.y, w.z * h.z} * out.weight;
+    out.size.area = Vec3d{s.x * h.y * h.z, s.y * h.z * h.x, s.z * h.x * h.y} * out.weight;
+    return out;
+  }
+
+  GridWindow window_;
+  Vec3d inverse_;
+};
 
 }  // namespace voxelpipe

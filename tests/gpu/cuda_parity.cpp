@@ -458,9 +458,9 @@ void RunAll(Parity& parity, BatchParity& batches, const ParityOptions& options) 
     if (in_batches) AddTo(batches, *subject, options);
   }
   if (in_batches) batches.Finish();
+  if (!options.self) parity.RunBeyondThePlan();
   if (options.quick) return;
   if (!options.self) parity.RunOutOfMemory();
-  if (!options.self) parity.RunBeyondThePlan();
   if (!RunBeyond32Bits(parity, options)) return;
   for (const std::string& path : options.files) {
     const auto slash = path.rfind('/');

@@ -9,7 +9,7 @@ namespace {
 
 using namespace testing;
 
-constexpr double kTolerance = 1e-3;  // voxels, DESIGN's bracket
+constexpr double kTolerance = 1e-3;  // voxels: what lies nearer to a border may go either way
 
 void ExpectBracketed(const TriangleMesh& mesh, const VoxelizeRequest& request, const char* what) {
   const VoxelizeResult result = RunPipeline(mesh, request);

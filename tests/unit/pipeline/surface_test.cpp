@@ -216,5 +216,43 @@ TEST(SurfaceSumsTest, WholeMeshesAreNearWhatTheyTouch) {
   }
 }
 
+// Voxels ten times as flat as wide: the projections that count are those in voxels.
+TEST(SurfaceSumsTest, FlatVoxelsCountProjectionsInVoxels) {
+  std::vector<Vec3d> positions;
+  std::vector<std::array<uint32_t, 3>> triangles;
+  for (uint32_t i = 0; i < 400; ++i) {
+    const Vec3d p{double(i % 20) * 2, double(i / 20) * 2, double(i % 20) * 2};  // a slope of 45 degrees
+    const auto v = uint32_t(positions.size());
+    for (const Vec3d& d : {Vec3d{0, 0, 0}, Vec3d{2, 0, 2}, Vec3d{0, 2, 0}})
+      positions.push_back(p + d + Vec3d{.3, .4, .1});
+    triangles.push_back({v, v + 1, v + 2});
+  }
+  const TriangleMesh mesh = MakeMesh(std::move(positions), std::move(triangles));
+  for (const Coverage coverage : {Coverage::kThin, Coverage::kConservative}) {
+    GridRequest grid;
+    grid.dims = {42, 42, 420};
+    grid.origin = Vec3d{0, 0, 0};
+    grid.voxel_size = Vec3d{1, 1, 0.1};
+    const VoxelizeRequest request = Buckets(grid, coverage);
+    const double fragments = double(RunPipeline(mesh, request).listed_fragments());
+    EXPECT_NEAR(Estimate(mesh, request).fragments, fragments, 0.25 * fragments) << Name(coverage);
+  }
+}
+
+// Squares of such units are no numbers: the mesh's box has to do.
+TEST(SurfaceSumsTest, ExtremeUnitsGiveNumbers) {
+  for (const double unit : {1e-200, 1e-150, 1e150, 1e200}) {
+    TriangleMesh mesh = testing::Torus(30);
+    for (Vec3d& p : mesh.positions) p = p * unit;
+    GridRequest grid;
+    grid.resolution = 64;
+    for (const Coverage coverage : {Coverage::kThin, Coverage::kConservative}) {
+      const Surface surface = Estimate(mesh, Buckets(grid, coverage));
+      EXPECT_GE(surface.fragments, double(mesh.triangles.size())) << unit;
+      EXPECT_LT(surface.fragments, 64.0 * 64 * 64 * double(mesh.triangles.size())) << unit;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace voxelpipe
