@@ -1,5 +1,7 @@
 #include "cuda/run_memory.h"
 
+#include "grid/page_pool.h"
+
 namespace voxelpipe::cuda {
 
 thread_local RunMemory* RunMemory::of_thread_ = nullptr;
@@ -26,7 +28,8 @@ bool RunMemory::Take(uint64_t bytes) {
 }
 
 absl::Status RunMemory::TakeOnHost(uint64_t bytes) {
-  on_host_ = bytes;
+  constexpr uint64_t kHalfAPage = kPooledUnit / 2;                           // of a block's last page
+  on_host_ = bytes > kPooledBytes ? bytes + bytes / 8 + kHalfAPage : bytes;  // pinned blocks: four sizes an octave
   granted_ = 0;  // more may be held since: another slab is done
   return Ask();
 }

@@ -219,13 +219,12 @@ Footprint PredictDeviceFootprint(const VoxelizeRequest& request, const GridSpec&
   const double at_once = dense && !one_slab ? 2 : 1;
   double device = MeshWorkBytes(request, mesh) + slab_bytes(out.slab_depth);
   if (dense && !one_slab) device += DeviceGridBytes(request, grid, out.slab_depth);
-  double host = at_once * (dense ? DenseBytes(request, grid, out.slab_depth) : ListBytes(request, slab, false));
+  double host = at_once * (dense ? DenseBytes(request, grid, out.slab_depth) : ListBytes(request, slab, true));
   if (!one_slab && dense && delivery == Delivery::kMemory) host += double(out.result_bytes);
   // The lists of all slabs, and what they are joined to: pinned memory goes back to its pool, which keeps it.
   if (!one_slab && !dense) {
-    constexpr double kPinnedBlocks = 1.125;  // come in four sizes an octave (cuda/pinned.cpp)
     const double slabs = std::ceil(double(grid.dims[2]) / double(out.slab_depth));
-    host = kPinnedBlocks * HeldListBytes(request, surface, slab, slabs) + ListBytes(request, surface, true);
+    host = PooledPinned(HeldListBytes(request, surface, slab, slabs)) + ListBytes(request, surface, true);
   }
   Sum peak, listed;
   peak += kBaseBytes + device + host;

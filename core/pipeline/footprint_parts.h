@@ -31,6 +31,10 @@ double ValueBytes(const VoxelizeRequest& request);
 
 // What a block of the page pool of so many bytes takes.
 double Pooled(double bytes);
+// The same of a pinned block (cuda/pinned.cpp), which has one of four sizes an octave.
+inline double PooledPinned(double bytes) {
+  return Pooled(1.125 * bytes);
+}
 
 // Dense targets over `layers` layers.
 double DenseBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers);

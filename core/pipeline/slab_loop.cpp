@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "base/device_failure.h"
+#include "pipeline/footprint_parts.h"
 
 namespace voxelpipe {
 namespace {
@@ -62,7 +63,13 @@ absl::Status SlabLoop::GoOnThinner(const Slab& slab, const absl::Status& why, As
 
 uint64_t SlabLoop::HeldBytes(const ResultArrays& lists, const Slab& slab) const {
   const bool joined = slab.depth() < plan_.grid.dims[2];
-  return joined && OnDevice() ? 2 * lists.bytes() : lists.bytes();
+  if (!joined || !OnDevice()) return lists.bytes();
+  double pinned = 0;
+  const auto add = [&](const HostBuffer& list) { pinned += footprint::PooledPinned(double(list.size())); };
+  for (const HostBuffer& target : lists.targets) add(target);
+  for (const HostBuffer* list : {&lists.bricks, &lists.masks, &lists.voxels, &lists.offsets, &lists.triangles})
+    add(*list);
+  return uint64_t(pinned) + lists.bytes();
 }
 
 absl::Status SlabLoop::AddComing(Assembler& assembler) {
