@@ -27,7 +27,7 @@ inline bool TouchOf(const Triangle& t, const Vec3d& lo, const Vec3d& hi, const G
   for (size_t i = 0; i < 3; ++i) {
     inside = inside && lo[int(i)] >= 0 && hi[int(i)] <= double(grid.dims[i]);
   }
-  if (inside || out.voxels <= 8) {
+  if (inside) {
     const Vec3d normal = Cross(t.b - t.a, t.c - t.a);
     out.part.width = hi - lo;
     for (int i = 0; i < 3; ++i) out.part.area[i] = 0.5 * std::abs(normal[i]);

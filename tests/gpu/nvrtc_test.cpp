@@ -212,9 +212,10 @@ TEST(NvrtcTest, CompilesTheKernelsOfAPoolOfBricks) {
 }
 
 TEST(NvrtcTest, CompilesTheVertexShadersAndTheMeasureOfTheSurface) {
-  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/vertex_kernels.cuh\"\n",
-                                    {"voxelpipe::cuda::ShadeVertices<1>", "voxelpipe::cuda::ShadeVertices<4>",
-                                     "voxelpipe::cuda::MeasureTriangles<true>", "voxelpipe::cuda::JoinSurfaces"});
+  const Compiled compiled =
+      Compile(std::string(kShader) + "#include \"cuda/vertex_kernels.cuh\"\n",
+              {"voxelpipe::cuda::ShadeVertices<1>", "voxelpipe::cuda::ShadeVertices<4>",
+               "voxelpipe::cuda::MeasureTriangles<voxelpipe::cuda::Sums::kInWindow>", "voxelpipe::cuda::JoinSurfaces"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }

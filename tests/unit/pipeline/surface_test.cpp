@@ -121,6 +121,23 @@ TEST(SurfaceTest, TrianglesAreClippedToTheGrid) {
   EXPECT_NEAR(surface.fragments, 64 * 64, 0.1 * 64 * 64);
 }
 
+// Whose boxes meet a few voxels of the grid alone.
+TEST(SurfaceTest, GiantsInThinGridsAreClippedToThem) {
+  constexpr double kFar = 1e11;
+  const std::vector<Vec3d> positions{{-kFar, -kFar, 0.5}, {kFar, -kFar, 0.4}, {0, kFar, 0.6},
+                                     {0.5, -kFar, -kFar}, {0.4, kFar, -kFar}, {0.6, 0, kFar}};
+  const TriangleMesh mesh = MakeMesh(positions, {{0, 1, 2}, {3, 4, 5}});
+  for (const std::array<int64_t, 3>& dims : {std::array<int64_t, 3>{1, 30, 1}, {1, 1, 30}, {30, 1, 1}, {1, 1, 1}}) {
+    VoxelizeRequest request;
+    request.grid = UnitGrid(dims[0], dims[1], dims[2]);
+    request.fill = Fill::kParity;
+    const Surface surface = Measure(mesh, request);
+    EXPECT_LE(surface.crossings, 2.0 * 30) << dims[0] << "x" << dims[1] << "x" << dims[2];
+    EXPECT_LE(surface.fragments, 2.0 * 30);
+    EXPECT_TRUE(RunPipeline(mesh, request).stats.fragments.value_or(0) <= 60);
+  }
+}
+
 TEST(SurfaceTest, LayersThatHaveMostDecideWhatASlabTakes) {
   std::vector<Vec3d> positions;
   std::vector<std::array<uint32_t, 3>> triangles;
