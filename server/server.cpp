@@ -210,6 +210,8 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
                                                    tls.ReloadIfChanged();
                                                  });
   if (const std::chrono::milliseconds unused(options.idle_memory_ms); unused.count() > 0) {
+    const ServerOptions& resolved = server->state_->options;
+    KeepFreedMemory(KeptBytesOfThread(machine.memory_bytes, resolved.loaders + resolved.cpu_workers));
     server->memory_looker_ = std::make_unique<Periodic>(
         unused, [unused, memory = std::make_shared<IdleMemory>(MemoryOfThisProcess())] { memory->Look(unused); });
   }

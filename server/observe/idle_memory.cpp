@@ -25,6 +25,17 @@ HeldMemory MemoryOfThisProcess() {
           &ReleasePagesIdleSince};
 }
 
+uint64_t KeptBytesOfThread(uint64_t memory_bytes, int threads) {
+  constexpr uint64_t kMin = 1 << 20, kMax = 64 << 20, kShare = 16;
+  return std::clamp(memory_bytes / kShare / uint64_t(std::max(1, threads)), kMin, kMax);
+}
+
+void KeepFreedMemory(uint64_t bytes_of_thread) {
+  // The proportion that the allocator keeps to by itself: arrays above the first are mapped, and go at once.
+  mallopt(M_MMAP_THRESHOLD, int(bytes_of_thread / 2));
+  mallopt(M_TRIM_THRESHOLD, int(bytes_of_thread));
+}
+
 void IdleMemory::Look(std::chrono::milliseconds unused_for, Clock::time_point now) {
   memory_.release_blocks(now - unused_for);
   const uint64_t resident = memory_.resident_bytes(), free = memory_.free_bytes();

@@ -23,6 +23,14 @@ struct HeldMemory {
 // This process's: glibc's allocator, and the pool of pages.
 HeldMemory MemoryOfThisProcess();
 
+// Freed memory that the allocator may keep for each of `threads` threads that load and voxelize: a sixteenth of
+// `memory_bytes` for all of them, and of each no less than 1 MiB and no more than 64.
+uint64_t KeptBytesOfThread(uint64_t memory_bytes, int threads);
+
+// From now on the allocator keeps so much for each thread. What it would give to the system after each mesh comes back
+// page by page with the next one. IdleMemory gives it back when nobody needs it.
+void KeepFreedMemory(uint64_t bytes_of_thread);
+
 // Not thread-safe.
 class IdleMemory {
  public:

@@ -76,5 +76,13 @@ TEST_F(IdleMemoryTest, PooledBlocksGoWhenTheyWereNotUsedForSoLong) {
   EXPECT_EQ(released_until_, now - milliseconds(250));
 }
 
+TEST(KeptMemoryTest, FreedMemoryIsKeptInProportionToWhatThereIs) {
+  constexpr uint64_t kMiB = 1 << 20;
+  EXPECT_EQ(KeptBytesOfThread(1024 * kMiB, 4), 16 * kMiB);
+  EXPECT_EQ(KeptBytesOfThread(uint64_t{1} << 40, 4), 64 * kMiB);
+  EXPECT_EQ(KeptBytesOfThread(64 * kMiB, 64), kMiB);
+  EXPECT_EQ(KeptBytesOfThread(1024 * kMiB, 0), 64 * kMiB);
+}
+
 }  // namespace
 }  // namespace voxelpipe
