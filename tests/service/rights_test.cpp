@@ -313,7 +313,7 @@ TEST_F(RightsTest, AnEqualRequestGetsTheBestPlaceOfAllThatWait) {
 // The first client's share of the queue is full; the other one asks for the same at the same time.
 TEST_F(RightsTest, AnEqualRequestIsNotRefusedForAnothersShare) {
   ASSERT_NO_FATAL_FAILURE(Start(
-      {"--workers", "1", "--threads", "1", "--backend", "cpu", "--max-queue", "10", "--giant-job-ms", "100000000"}));
+      {"--workers", "1", "--threads", "1", "--backend", "cpu", "--max-queue", "20", "--giant-job-ms", "100000000"}));
   const auto farm = As("farm"), mill = As("mill");
   ASSERT_TRUE(farm && mill);
   const std::string id = Upload(*farm, LargeTrianglesGlb(20'000));
@@ -330,12 +330,14 @@ TEST_F(RightsTest, AnEqualRequestIsNotRefusedForAnothersShare) {
   };
   calls.push_back(ask(*farm, 256, [&](const Plan&) { holds.set_value(); }));
   ASSERT_EQ(holds.get_future().wait_for(kPatience), std::future_status::ready);
-  // Its places are eight ninths; more of its jobs are refused.
-  for (int i = 0; i < 9; ++i) calls.push_back(ask(*farm, 200 + i));
+  // Its places are eight ninths; more of its jobs are refused. Of the two that are left the other one needs one: a call
+  // that finds none at all is refused before anything of it is read.
+  constexpr int kShare = 18;
+  for (int i = 0; i < kShare; ++i) calls.push_back(ask(*farm, 200 + i));
   const auto end = std::chrono::steady_clock::now() + kPatience;
   const auto http = server_->http_address();
   ASSERT_TRUE(http.ok());
-  while (SampleOf(HttpGet(*http, "/metrics"), "voxelpipe_queue_jobs{priority=\"normal\"}") < 9 &&
+  while (SampleOf(HttpGet(*http, "/metrics"), "voxelpipe_queue_jobs{priority=\"normal\"}") < kShare &&
          std::chrono::steady_clock::now() < end) {
     std::this_thread::sleep_for(milliseconds(5));
   }
