@@ -18,9 +18,4 @@ namespace voxelpipe::cpu {
 absl::StatusOr<Surface> MeasureSurface(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid,
                                        const JobContext& job);
 
-// In: a mesh as above, and the window that the sums are made in, if one is known. Out: the sums for
-// pipeline/surface.h's EstimateSurface, which take a look at each triangle but none at its voxels. `centre`: of the
-// mesh's box. The same for any number of threads.
-SurfaceSums SumSurface(const MeshView& mesh, const GridWindow& window, const Vec3d& centre);
-
 }  // namespace voxelpipe::cpu

@@ -1,7 +1,7 @@
 // The slabs of one run, one after the other.
 //
-// While the arrays of a slab come from the device and are added to the result, the next one is made. Where the device has
-// no room for a slab, it and those behind it are made thinner.
+// While the arrays of a slab come from the device and are added to the result, the next one is made. Where the device
+// has no room for a slab, it and those behind it are made thinner.
 #pragma once
 
 #include <algorithm>
@@ -24,8 +24,8 @@ class SlabLoop {
   struct Steps {
     // Finds the triangles of these layers' tiles, and sorts them by tile.
     std::function<absl::Status(const Slab& layers)> sort;
-    // The stages of one slab whose triangles are sorted. `whole`: there is no other slab. `counts`: its counts are added
-    // to the run's.
+    // The stages of one slab whose triangles are sorted. `whole`: there is no other slab. `counts`: its counts are
+    // added to the run's.
     std::function<absl::StatusOr<SlabArrays>(const Slab& slab, bool whole, bool counts)> make;
   };
 
@@ -53,7 +53,8 @@ class SlabLoop {
   // Adds what is on its way, if anything is.
   absl::Status AddComing(Assembler& assembler);
   bool OnDevice() const { return run_.backend.memory_bytes() > 0; }
-  // Of a slab's lists until the end of the run. Those of a device are pinned: their pool keeps them while they are joined.
+  // Of a slab's lists until the end of the run. Those of a device are pinned: their pool keeps them while they are
+  // joined.
   uint64_t HeldBytes(const ResultArrays& lists, const Slab& slab) const;
   absl::Status RunPass(const Steps& steps, int pass, Assembler& assembler);
 

@@ -7,8 +7,8 @@
 namespace voxelpipe {
 namespace {
 
-// CPU time of the whole process: with one job at a time, that job's on all its threads. Of this thread where the run has
-// no other: to ask for the process's takes microseconds in a server of many threads.
+// CPU time of the whole process: with one job at a time, that job's on all its threads. Of this thread where the run
+// has no other: to ask for the process's takes microseconds in a server of many threads.
 double CpuMs() {
   timespec t;
   const bool alone = tbb::this_task_arena::max_concurrency() == 1;

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "cpu/measure.h"
+#include "cpu/surface_sums.h"
 #include "gtest/gtest.h"
 #include "pipeline/backend.h"
 #include "pipeline/bind.h"
