@@ -136,7 +136,7 @@ std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchIt
   const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {
     return EstimateSurface(member->request(), grid, size);
   };
-  absl::StatusOr<PlannedRun> planned = PlanOn(backend, member->request(), size, measure, limits, Delivery::kMemory);
+  absl::StatusOr<PlannedRun> planned = PlanOn({backend, member->request(), size, measure, limits, Delivery::kMemory});
   if (!planned.ok()) return nullptr;
   member->plan = std::move(planned->plan);
   const GridSpec& grid = member->plan.grid;

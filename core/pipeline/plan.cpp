@@ -152,7 +152,7 @@ absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t t
   const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {
     return EstimateSurface(request, grid, mesh);
   };
-  absl::StatusOr<PlannedRun> run = PlanOn(**backend, request, mesh, measure, limits, delivery);
+  absl::StatusOr<PlannedRun> run = PlanOn({**backend, request, mesh, measure, limits, delivery});
   if (!run.ok()) return run.status();
   return std::move(run->plan);
 }

@@ -19,20 +19,12 @@ constexpr double kCoarsest = 0x1p20;  // times the voxel size that was asked for
 // Finds what would fit in place of a request that does not.
 class FittingGrid {
  public:
-  FittingGrid(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh, const MeasureGrid& measure,
-              const PlanLimits& limits, Delivery delivery, double scale)
-      : backend_(backend),
-        request_(request),
-        mesh_(mesh),
-        measure_(measure),
-        limits_(limits),
-        delivery_(delivery),
-        scale_(scale) {}
+  FittingGrid(const PlanInput& input, double scale) : input_(input), scale_(scale) {}
 
   // The largest resolution below the one that was asked for, 0 if none fits.
   int64_t LargestResolution() const {
-    VoxelizeRequest request = request_;
-    int64_t lo = 0, hi = std::min(request_.grid.resolution, kMaxGridDim);
+    VoxelizeRequest request = input_.request;
+    int64_t lo = 0, hi = std::min(input_.request.grid.resolution, kMaxGridDim);
     // Lists are looked at anew for each grid: there the answer is exact to a hundredth.
     const auto near = [&] { return request.result == ResultKind::kDense ? 1 : std::max<int64_t>(1, lo / 100); };
     while (hi - lo > near() && stopped_.ok()) {
@@ -65,7 +57,7 @@ class FittingGrid {
   // The same place in voxels that are so many times larger; of a grid that is given, as many of them as fill it
   // exactly.
   GridRequest Coarser(double factor) const {
-    GridRequest grid = request_.grid;
+    GridRequest grid = input_.request.grid;
     for (int a = 0; a < 3; ++a) {
       double times = factor;
       if (grid.dims) {
@@ -80,25 +72,21 @@ class FittingGrid {
   }
 
   bool Fits(const GridRequest& request) const {
-    const absl::StatusOr<GridSpec> grid = FitGrid(request, mesh_.extent.box);
+    const absl::StatusOr<GridSpec> grid = FitGrid(request, input_.mesh.extent.box);
     if (!grid.ok()) return false;
-    if (double(DenseResultBytes(request_, *grid)) * scale_ > double(limits_.max_result_bytes)) return false;
-    const absl::StatusOr<Surface> surface = measure_(*grid, /*closely=*/true);
+    if (double(DenseResultBytes(input_.request, *grid)) * scale_ > double(input_.limits.max_result_bytes)) return false;
+    const absl::StatusOr<Surface> surface = input_.measure(*grid, /*closely=*/true);
     if (!surface.ok()) {
       stopped_ = surface.status();
       return false;
     }
-    const Footprint need = backend_.Predict(request_, *grid, mesh_, *surface, limits_, delivery_);
-    return double(need.result_bytes) * scale_ <= double(limits_.max_result_bytes) &&
-           double(need.peak_bytes) * scale_ <= double(limits_.max_working_bytes);
+    const Footprint need =
+        input_.backend.Predict(input_.request, *grid, input_.mesh, *surface, input_.limits, input_.delivery);
+    return double(need.result_bytes) * scale_ <= double(input_.limits.max_result_bytes) &&
+           double(need.peak_bytes) * scale_ <= double(input_.limits.max_working_bytes);
   }
 
-  const Backend& backend_;
-  const VoxelizeRequest& request_;
-  const MeshSize& mesh_;
-  const MeasureGrid& measure_;
-  const PlanLimits& limits_;
-  const Delivery delivery_;
+  const PlanInput& input_;
   const double scale_;
   mutable absl::Status stopped_;
 };
@@ -116,15 +104,15 @@ TimeClass GuessTime(const Plan& plan, uint64_t triangles) {
 
 }  // namespace
 
-absl::Status GridTooLarge(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
-                          const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery, const GridSpec& grid,
-                          bool of_results, uint64_t need_bytes, double scale) {
-  const FittingGrid fitting(backend, request, mesh, measure, limits, delivery, scale);
+absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, bool of_results, uint64_t need_bytes,
+                          double scale) {
+  const PlanLimits& limits = input.limits;
+  const FittingGrid fitting(input, scale);
   LimitError error;
   error.need_bytes = need_bytes < kBeyondCount ? need_bytes : 0;
   error.limit_bytes = of_results ? limits.max_result_bytes : limits.max_working_bytes;
   std::string hint;
-  if (!request.grid.voxel_size) {
+  if (!input.request.grid.voxel_size) {
     error.largest_resolution = fitting.LargestResolution();
     hint = error.largest_resolution > 0 ? absl::StrCat("the largest resolution that fits is ", error.largest_resolution)
                                         : "no resolution fits";
@@ -148,18 +136,18 @@ absl::Status GridTooLarge(const Backend& backend, const VoxelizeRequest& request
       error);
 }
 
-absl::StatusOr<PlannedRun> PlanOn(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
-                                  const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery) {
+absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input) {
+  const auto& [backend, request, mesh, measure, limits, delivery] = input;
   const absl::StatusOr<GridSpec> grid = FitGrid(request.grid, mesh.extent.box);
   if (!grid.ok()) return grid.status();
   if (const uint64_t result = DenseResultBytes(request, *grid); result > limits.max_result_bytes) {
-    return GridTooLarge(backend, request, mesh, measure, limits, delivery, *grid, true, result, 1);
+    return GridTooLarge(input, *grid, true, result, 1);
   }
   absl::StatusOr<Surface> surface = measure(*grid, /*closely=*/false);
   if (!surface.ok()) return surface.status();
   Footprint need = backend.Predict(request, *grid, mesh, *surface, limits, delivery);
-  const auto fits = [&] {
-    return need.result_bytes <= limits.max_result_bytes && need.peak_bytes <= limits.max_working_bytes;
+  const auto fits = [&need, &bounds = limits] {
+    return need.result_bytes <= bounds.max_result_bytes && need.peak_bytes <= bounds.max_working_bytes;
   };
   if (!fits()) {
     surface = measure(*grid, /*closely=*/true);
@@ -178,8 +166,7 @@ absl::StatusOr<PlannedRun> PlanOn(const Backend& backend, const VoxelizeRequest&
   plan.time_class = GuessTime(plan, mesh.triangles);
   if (fits()) return run;
   const bool result = plan.result_bytes > limits.max_result_bytes;
-  return GridTooLarge(backend, request, mesh, measure, limits, delivery, *grid, result,
-                      result ? plan.result_bytes : plan.peak_bytes, 1);
+  return GridTooLarge(input, *grid, result, result ? plan.result_bytes : plan.peak_bytes, 1);
 }
 
 }  // namespace voxelpipe

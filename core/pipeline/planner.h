@@ -14,21 +14,29 @@ namespace voxelpipe {
 // What the mesh touches of a grid: Stages::Measure.
 using MeasureGrid = std::function<absl::StatusOr<Surface>(const GridSpec&, bool closely)>;
 
+// What plans are made of. All that is given outlives them.
+struct PlanInput {
+  const Backend& backend;  // that will run it
+  const VoxelizeRequest& request;
+  const MeshSize& mesh;
+  MeasureGrid measure;
+  const PlanLimits& limits;
+  Delivery delivery;
+};
+
 struct PlannedRun {
   Plan plan;
   Surface surface;
 };
 
-// PlanVoxelization (plan.h) of a request that BindRequest has checked, for the backend that will run it.
-absl::StatusOr<PlannedRun> PlanOn(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
-                                  const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery);
+// PlanVoxelization (plan.h) of a request that BindRequest has checked.
+absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input);
 
 // RESOURCE_EXHAUSTED for a run that needs, or comes to need, at least `need_bytes` of results or memory. In the message
 // and as numbers: the largest grid of the request's kind that would fit. `scale`: what is really needed of what is
 // predicted, at least 1; above 1 a run came to need more than predicted. The error of `measure` instead where it gave
 // one: the job may end meanwhile.
-absl::Status GridTooLarge(const Backend& backend, const VoxelizeRequest& request, const MeshSize& mesh,
-                          const MeasureGrid& measure, const PlanLimits& limits, Delivery delivery, const GridSpec& grid,
-                          bool of_results, uint64_t need_bytes, double scale);
+absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, bool of_results, uint64_t need_bytes,
+                          double scale);
 
 }  // namespace voxelpipe

@@ -17,29 +17,27 @@ class RunPlanner {
   // `stages` have shaded the mesh's vertices; `mesh` has the extent that they gave. All that is given outlives this.
   RunPlanner(const Backend& backend, const Stages& stages, const VoxelizeRequest& request, const MeshSize& mesh,
              const PlanLimits& limits, Delivery delivery)
-      : backend_(backend), stages_(stages), request_(request), mesh_(mesh), limits_(limits), delivery_(delivery) {}
+      : stages_(stages), input_{backend,
+                                request,
+                                mesh,
+                                [&stages, &mesh](const GridSpec& grid, bool closely) { return stages.Measure(grid, mesh, closely); },
+                                limits,
+                                delivery} {}
 
   // PlanOn (planner.h), its slabs thinned until they fit the device.
   absl::StatusOr<PlannedRun> Make() const;
   // Bytes that the limits allow beyond the plan.
   uint64_t RoomBeyond(const Plan& plan) const {
-    return limits_.max_working_bytes - std::min(limits_.max_working_bytes, plan.peak_bytes);
+    return input_.limits.max_working_bytes - std::min(input_.limits.max_working_bytes, plan.peak_bytes);
   }
   // RESOURCE_EXHAUSTED for a run that came to need `refused_bytes` more than its plan: says what would fit.
   absl::Status Explain(const Plan& plan, uint64_t refused_bytes) const;
 
  private:
-  MeasureGrid Measure() const {
-    return [this](const GridSpec& grid, bool closely) { return stages_.Measure(grid, mesh_, closely); };
-  }
   void FitToDevice(PlannedRun& run) const;
 
-  const Backend& backend_;
   const Stages& stages_;
-  const VoxelizeRequest& request_;
-  const MeshSize& mesh_;
-  const PlanLimits& limits_;
-  const Delivery delivery_;
+  const PlanInput input_;
 };
 
 }  // namespace voxelpipe

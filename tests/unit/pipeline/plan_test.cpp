@@ -173,7 +173,7 @@ TEST(PlanTest, AJobThatEndsWhileAHintIsLookedForIsCancelledNotRefused) {
       if (++measured > last) return absl::CancelledError("the job was cancelled");
       return EstimateSurface(request, grid, mesh);
     };
-    EXPECT_TRUE(absl::IsCancelled(PlanOn(**cpu, request, mesh, measure, limits, Delivery::kMemory).status())) << last;
+    EXPECT_TRUE(absl::IsCancelled(PlanOn({**cpu, request, mesh, measure, limits, Delivery::kMemory}).status())) << last;
     EXPECT_EQ(measured, last + 1);
   }
 }
@@ -193,7 +193,7 @@ TEST(PlanTest, ADenseResultThatIsTooLargeIsRefusedWithoutALookAtTheMesh) {
     dims.push_back(grid.dims[0]);
     return EstimateSurface(request, grid, mesh);
   };
-  const absl::Status refused = PlanOn(**cpu, request, mesh, measure, limits, Delivery::kMemory).status();
+  const absl::Status refused = PlanOn({**cpu, request, mesh, measure, limits, Delivery::kMemory}).status();
   ASSERT_TRUE(LimitErrorOf(refused).has_value()) << refused;
   EXPECT_EQ(LimitErrorOf(refused)->largest_resolution, 203);
   for (const int64_t dim : dims) EXPECT_LE(dim, 203);
