@@ -2,6 +2,7 @@
 // result.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "grid/bit_grid.h"
 #include "pipeline/footprint.h"
@@ -18,11 +19,11 @@ constexpr double kBaseBytes = 4 << 20;
 
 // What is left of the parts of tiles that the CUDA backend splits (cuda/fine_args.cuh), until they are joined.
 double PartBytes(const VoxelizeRequest& request, const Surface& surface) {
-  constexpr double kMinPairs = 1024, kMostParts = 1024,
+  constexpr double kMinPairs = 1024, kMaxParts = 1024,
                    kPairsOfSplitTile = 2;  // of a part; parts; parts' pairs, more than
   constexpr double kGroup = 100 << 10;     // targets are blended in groups of so many bytes, or alone
   if (surface.pairs <= kPairsOfSplitTile * kMinPairs) return 0;
-  const double parts = surface.pairs / std::max(kMinPairs, surface.pairs / kMostParts);
+  const double parts = surface.pairs / std::max(kMinPairs, surface.pairs / kMaxParts);
   double together = 0, largest = 0;
   for (const TargetSpec& target : request.targets) {
     const double component = target.blend == Blend::kAdd || target.blend == Blend::kAverage ? 8 : 4;
@@ -48,10 +49,6 @@ uint64_t PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t
 
 double BitsOf(const GridSpec& grid, int64_t layers) {
   return double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers}));
-}
-
-double TilesOf(const GridSpec& grid, int64_t layers) {
-  return std::ceil(double(grid.dims[0]) / 32) * std::ceil(double(grid.dims[1]) / 8) * std::ceil(double(layers) / 8);
 }
 
 // The grids over a slab: dense targets, coverage, a fill's inside, bits and presence of targets that have their own,
@@ -96,6 +93,14 @@ double BucketListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
          surface.fragments * (pair + of_sort + (may_drop ? 1 : 0)) + places * 2 * sizeof(uint64_t);
 }
 
+// True if a dense target can be blended where it lies (cuda/blend_store.cu): then nothing is kept for it beside.
+bool BlendsInPlace(const TargetSpec& target) {
+  if (target.clear != 0) return false;
+  const bool u32 = target.format == VoxelFormat::kU32, f32 = target.format == VoxelFormat::kF32;
+  if (target.blend == Blend::kMin || target.blend == Blend::kMax) return u32 || f32;
+  return u32 && (target.blend == Blend::kOr || target.blend == Blend::kCount);
+}
+
 // Values that targets blend without tiles: of all triangles, and what they are blended in where that is not the target.
 double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                        const Surface& surface, int64_t layers) {
@@ -103,13 +108,17 @@ double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   const bool sparse = request.result == ResultKind::kSparse;
   const double kept = surface.voxels + (sparse ? surface.inside : 0);
   double bytes = RecordBytes(mesh, surface) + double(mesh.triangles) * sizeof(uint32_t);  // their order
-  bytes += sparse ? kRowRanks * surface.filled_bricks + sizeof(uint32_t) * kept : BitsOf(grid, layers);
+  if (sparse) bytes += kRowRanks * surface.filled_bricks + sizeof(uint32_t) * kept;
+  bool ranked = sparse;
   for (const TargetSpec& target : request.targets) {
     if (target.format == VoxelFormat::kBit) continue;
     const bool sums = target.blend == Blend::kAdd || target.blend == Blend::kAverage;
     const double cell = double(target.components) * (sums ? sizeof(int64_t) : sizeof(uint32_t));
     const double count = target.blend == Blend::kAverage ? sizeof(uint32_t) : 0;
-    bytes += double(mesh.triangles) * cell + kept * (cell + count);
+    bytes += double(mesh.triangles) * cell;
+    if (!sparse && BlendsInPlace(target)) continue;
+    bytes += kept * (cell + count);
+    if (!std::exchange(ranked, true)) bytes += BitsOf(grid, layers);  // the places of covered voxels
   }
   return bytes;
 }
@@ -120,7 +129,7 @@ double TileListBytes(const VoxelizeRequest& request, const GridSpec& grid, const
   constexpr double kQueue = sizeof(uint32_t), kPair = 4 * sizeof(uint32_t) + 1, kTile = 3 * sizeof(uint32_t);
   const double share = double(layers) / double(grid.dims[2]), triangles = double(mesh.triangles);
   const double room = share * (1.5 * triangles + double(1 << 16));
-  const double tiles = TilesOf(grid, layers);
+  const double tiles = TilesOfGrid(grid, layers);
   double bytes = triangles * kQueue + std::max(room, surface.pairs) * kPair + kTile * tiles;
   bytes += PartBytes(request, surface);
   if (request.result != ResultKind::kSparse) return bytes;
@@ -132,8 +141,8 @@ double TileListBytes(const VoxelizeRequest& request, const GridSpec& grid, const
   return bytes + std::min(tiles, surface.tiles) * value * kTileVoxels;
 }
 
-// The bricks in which bits of few triangles are drawn where the grid is much larger than the cache (cuda/bit_pool.cu): as
-// many bits once more.
+// The bricks in which bits of few triangles are drawn where the grid is much larger than the cache (cuda/bit_pool.cu):
+// as many bits once more.
 double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t layers) {
   constexpr double kLargeGrid = 160 << 20;  // four times the L2 cache of a large GPU
   const double x = double(grid.dims[0]), y = double(grid.dims[1]), z = double(layers), bits = BitsOf(grid, layers);
@@ -164,7 +173,7 @@ double footprint::DeviceListBytes(const VoxelizeRequest& request, const GridSpec
     bytes = std::max(
         {bytes, DirectListBytes(request, grid, mesh, surface, layers), double(PoolBytes(request, grid, layers))});
   }
-  if (request.result == ResultKind::kSparse) bytes += 24 * TilesOf(grid, layers);  // bricks and voxels before each
+  if (request.result == ResultKind::kSparse) bytes += 24 * TilesOfGrid(grid, layers);  // bricks and voxels before each
   return bytes;
 }
 
@@ -252,7 +261,7 @@ int64_t FittingSlabDepth(const VoxelizeRequest& request, const GridSpec& grid, c
     Sum bytes;
     bytes += double(PredictSlabBytes(request, grid, mesh, surface, here)) + copied;
     if (dense) bytes += double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], here}));
-    return bytes <= room && copied <= double(kMostSlabBytes);
+    return bytes <= room && copied <= double(kMaxSlabBytes);
   };
   while (layers > 1 && !fits()) layers = (layers + 1) / 2;
   return std::min(depth, layers * kSlabGranularity);

@@ -44,6 +44,10 @@ double Pooled(double bytes) {
   return std::ceil(bytes / double(kPooledUnit)) * double(kPooledUnit);
 }
 
+double TilesOfGrid(const GridSpec& grid, int64_t layers) {
+  return std::ceil(double(grid.dims[0]) / 32) * std::ceil(double(grid.dims[1]) / 8) * std::ceil(double(layers) / 8);
+}
+
 double DenseBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
   const double voxels = double(grid.dims[0]) * double(grid.dims[1]) * double(layers);
   double bytes = 0;
@@ -145,10 +149,6 @@ double KeptBytes(const VoxelizeRequest& request, const Surface& surface) {
     value += target.format == VoxelFormat::kBit ? 1 : double(target.components * BitsPerComponent(target.format)) / 8;
   }
   return kBlocks * value * surface.voxels + kTileListBytes * surface.tiles;
-}
-
-double TilesOfGrid(const GridSpec& grid, int64_t layers) {
-  return std::ceil(double(grid.dims[0]) / 32) * std::ceil(double(grid.dims[1]) / 8) * std::ceil(double(layers) / 8);
 }
 
 double ShadedBytes(const VoxelizeRequest& request, const MeshSize& mesh) {

@@ -36,6 +36,9 @@ inline double PooledPinned(double bytes) {
   return Pooled(1.125 * bytes);
 }
 
+// Tiles of 32x8x8 voxels over `layers` layers.
+double TilesOfGrid(const GridSpec& grid, int64_t layers);
+
 // Dense targets over `layers` layers.
 double DenseBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers);
 // The bit grids over `layers` layers that the stages hold besides the targets: coverage, inside bits of a fill, bits
