@@ -34,6 +34,7 @@
 #include "gpu/first_difference.h"
 #include "gpu/parity_cases.h"
 #include "gpu/parity_options.h"
+#include "gpu/parity_run.h"
 #include "gpu/parity_subjects.h"
 #include "mesh/content_id.h"
 #include "pipeline/backend.h"
@@ -46,37 +47,6 @@
 
 namespace voxelpipe::gpu {
 namespace {
-
-class KeepArrays final : public ResultSink {
- public:
-  absl::Status Begin(const ResultHeader& header) override {
-    delivered.header = header;
-    delivered.arrays.resize(header.arrays.size());
-    return absl::OkStatus();
-  }
-  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
-    delivered.arrays.at(array).insert(delivered.arrays[array].end(), bytes.begin(), bytes.end());
-    return absl::OkStatus();
-  }
-  Delivered delivered;
-};
-
-absl::StatusOr<Delivered> Run(const TriangleMesh& mesh, const ParityCase& c, const JobContext& job = {}) {
-  PlanLimits limits;
-  limits.slab_depth = c.slab_depth;
-  KeepArrays sink;
-  if (c.streamed) {
-    absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh, c.request, job, limits, sink);
-    if (!stats.ok()) return stats.status();
-    sink.delivered.stats = *std::move(stats);
-    return std::move(sink.delivered);
-  }
-  absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, c.request, job, limits);
-  if (!result.ok()) return result.status();
-  if (absl::Status s = WriteTo(*result, sink); !s.ok()) return s;
-  sink.delivered.stats = std::move(result->stats);
-  return std::move(sink.delivered);
-}
 
 std::string Message(const absl::Status& status) {
   return absl::StrCat(absl::StatusCodeToString(status.code()), ": ", std::string(status.message()));
