@@ -33,10 +33,7 @@ inline bool TouchOf(const Triangle& t, const Vec3d& lo, const Vec3d& hi, const G
     for (int i = 0; i < 3; ++i) out.part.area[i] = 0.5 * std::abs(normal[i]);
   } else {
     ClippedTriangle clipped(t.a, t.b, t.c);
-    for (int i = 0; i < 3; ++i) {
-      clipped.Clip(i, 0, 1);
-      clipped.Clip(i, double(grid.dims[size_t(i)]), -1);
-    }
+    clipped.ClipTo({double(grid.dims[0]), double(grid.dims[1]), double(grid.dims[2])});
     out.part = clipped.Size();
   }
   const Vec3d &w = out.part.width, &a = out.part.area;

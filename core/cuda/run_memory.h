@@ -9,8 +9,9 @@
 
 namespace voxelpipe::cuda {
 
-// Counts the arrays (buffer.h) that the calling thread allocates and frees from its beginning to its end, but for arrays
-// that outlive runs (ApartFromRuns). It begins and ends on one thread, as the run does; of several, the youngest counts.
+// Counts the arrays (buffer.h) that the calling thread allocates and frees from its beginning to its end, but for
+// arrays that outlive runs (ApartFromRuns). It begins and ends on one thread, as the run does; of several on a thread
+// the youngest counts.
 class RunMemory {
  public:
   RunMemory() : before_(std::exchange(of_thread_, this)) {}

@@ -1,4 +1,5 @@
-// What the stages of one run on a CUDA device share, in the order in which they make it. The twin of cpu/run_state.h.
+// What the stages of one run on a CUDA device share, in the order in which they make it. It holds a
+// cpu::RunState, whose views show the mesh on the host.
 //
 // Every function that takes a RunState gives its work to state.stream. None synchronizes unless its comment says so.
 #pragma once
@@ -301,7 +302,8 @@ absl::StatusOr<ResultArrays> Finish(RunState& state);  // copies to the host; sy
 bool AnyShading(const BoundRequest& request);
 // Whether an A-buffer's targets show more than which fragments there are; only then do its shaders run.
 bool ShadesFragments(const BoundRequest& request);
-// Whether the request goes by tiles: not plain bits, and not the A-buffer, which emits by triangle.
+// True if the request goes by tiles: not plain bits, not blends without tiles, and not the A-buffer, which emits by
+// triangle.
 bool NeedsTiles(const RunState& state);
 // Bytes of one tile's values in RunState::tile_values; sets value_stride and value_offset.
 void LayOutTileValues(RunState& state);

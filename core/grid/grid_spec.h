@@ -57,7 +57,7 @@ struct Box3d {
 inline constexpr int64_t kMaxGridDim = int64_t{1} << 20;  // voxels an axis
 
 // In: a request and the box of the vertices that triangles use, after the vertex shader, in world units.
-// Out: the grid of DESIGN section 3 ("Fitting a grid to a mesh"): `tight` gives axes of the longest extent L exactly N
+// Out: the grid. `tight` gives axes of the longest extent L exactly N
 // voxels, h = L/N, the others max(1, ceil(extent/L*N - slack)); `cube` centres the shorter axes; an empty box or L = 0
 // gives one voxel of size 1 centred on the point. The slack is what float32 may be off by, in voxels: max(1e-9,
 // min(4e-4, 2^-22 * max(|min|, |max|) / h)) of each axis. What lies beyond the last voxel by no more than that is taken

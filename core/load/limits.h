@@ -1,4 +1,4 @@
-// Bounds on what a stranger's file may make the loader do. One struct, documented defaults. What the loader allocates
+// Bounds on what an untrusted file may make the loader do. One struct, documented defaults. What the loader allocates
 // is bounded by the job's memory (MemoryOf in base/job_context.h), whatever stands here.
 #pragma once
 

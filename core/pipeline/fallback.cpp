@@ -80,7 +80,8 @@ PlanHook TellOnce(const std::function<void(const Plan&)>& on_plan) {
   };
 }
 
-// Where any device may do a request and this one failed by no fault of the request's: the one that does it instead, or null.
+// Where any device may run a request and this one failed by no fault of the request's: the one that runs it instead, or
+// null.
 const Backend* InsteadOf(const Backend& backend, BackendChoice choice, const absl::Status& status) {
   if (choice != BackendChoice::kAuto || status.ok() || !DeviceFailureOf(status)) return nullptr;
   const absl::StatusOr<const Backend*> cpu = SelectBackend(BackendChoice::kCpu);
@@ -98,7 +99,8 @@ VoxelizeStats& StatsOf(VoxelizeStats& stats) {
   return stats;
 }
 
-// run(backend, whether another one was tried before) on what the request chooses, and then, where that may help, on what does it instead.
+// Calls run(backend, whether another one was tried before) on the backend that the request chooses, and then, where that
+// may help, on the one that runs it instead.
 template <typename Run>
 auto RunOnChosen(const VoxelizeRequest& request, Run&& run) -> decltype(run(std::declval<const Backend&>(), false)) {
   // Said first of all that is wrong with a request, whatever this machine has.

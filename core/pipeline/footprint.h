@@ -48,9 +48,9 @@ inline uint64_t FragmentRoom(const Surface& slab) {
 
 // In: the layers a slab that the plan has, and the bytes of device memory there are. Out: no more layers, a multiple of
 // the granularity unless they are all, for which the prediction leaves room, but at least one slab's granularity. Where
-// slabs are cut for want of room, those of dense results take no more than kMostSlabBytes each: so much is copied
+// slabs are cut for want of room, those of dense results take no more than kMaxSlabBytes each: so much is copied
 // through pinned memory at a time.
-inline constexpr uint64_t kMostSlabBytes = 1 << 30;
+inline constexpr uint64_t kMaxSlabBytes = 1 << 30;
 int64_t FittingSlabDepth(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                          const Surface& surface, int64_t depth, uint64_t room);
 

@@ -50,7 +50,7 @@ class SlabLoop {
   absl::StatusOr<SlabArrays> Make(const Steps& steps, const Slab& slab, int pass);
   // The slab found no room: from here on slabs are thinner. The error where that does not help.
   absl::Status GoOnThinner(const Slab& slab, const absl::Status& why, Assembler& assembler);
-  // Adds what is on its way, if anything is.
+  // Adds the slab whose arrays are being copied, if there is one.
   absl::Status AddComing(Assembler& assembler);
   bool OnDevice() const { return run_.backend.memory_bytes() > 0; }
   // Of a slab's lists until the end of the run. Those of a device are pinned: their pool keeps them while they are

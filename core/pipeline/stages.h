@@ -106,10 +106,11 @@ class Stages {
   // INVALID_ARGUMENT naming node, primitive and vertex for one beyond 2^40 voxels of the grid's origin.
   virtual absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) = 0;
 
-  // Sorts (tile, triangle) pairs by tile, then by triangle id.
+  // Sorts (tile, triangle) pairs by tile; the order within a tile is the backend's own.
   virtual absl::Status TileSort() = 0;
 
-  // False where a faster way rasterizes rows without tiles: then CoarseRaster only bins, and TileSort has nothing to do.
+  // False where a faster way rasterizes rows without tiles: then CoarseRaster only prepares for it, and TileSort has
+  // nothing to do.
   virtual bool SortsTiles(const GridSpec& grid) const = 0;
   // Whether tiles are sorted for each slab by itself, so that what pairs take is bounded by the slab; otherwise `layers` are all.
   virtual bool SortsTilesBySlab() const { return false; }

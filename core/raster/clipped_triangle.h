@@ -32,6 +32,14 @@ class ClippedTriangle {
     count_ = count;
   }
 
+  // Keeps what lies between the origin and `far`.
+  VOXELPIPE_HD void ClipTo(const Vec3d& far) {
+    for (int axis = 0; axis < 3; ++axis) {
+      Clip(axis, 0, 1);
+      Clip(axis, far[axis], -1);
+    }
+  }
+
   // Of nothing: zeros.
   VOXELPIPE_HD PolygonSize Size() const {
     PolygonSize size;

@@ -19,7 +19,7 @@
 // then have exact coefficients, and the cross product (Kahan) keeps full relative precision. What is left, in voxels per
 // unit of |n|_1, narrow: vertex rounding 2^-19, products and sums of coordinates up to 34, 12 x 34 x 2^-24, the plane of the
 // rounded triangle one voxel beyond its edge 2^-23 L/h <= 2^-15; together below 6e-5. Wide: a handful of roundings relative
-// to E, below 2^-50 E. Every test is widened by Widening(): 2^-12 narrow, max(1e-6, 2^-44 E) wide. A widened test of all 13
+// to E, below 2^-50 E. Every test is widened: 2^-12 narrow, max(1e-6, 2^-44 E) wide. A widened test of all 13
 // axes is the exact test of a voxel grown by the widening: nothing is missed and what is added lies within it.
 #pragma once
 

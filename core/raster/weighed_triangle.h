@@ -49,12 +49,11 @@ class TriangleScale {
     return out;
   }
 
-  // A triangle's part in the window. It touches as many voxels as its weight says times 1 + its widths + its areas. Widths
-  // are the planes between voxels that its box meets, which are on average, over all placements of the lattice, as many as
-  // the box is long; the areas grow with them. So a triangle on the lattice's own planes and corners counts as what it
-  // touches there, and one that lies between two layers of voxels touches both. None touches more than its box has. Zeros
-  // beyond the window.
-  // In: corners in voxels from the grid's first corner.
+  // A triangle's part in the window. It touches its weight times (1 + its widths + its areas) voxels. Widths are the
+  // planes between voxels that its box meets, on average over all placements of the lattice as many as the box is long;
+  // the areas grow with them. So a triangle on the lattice's own planes and corners counts as what it touches there, and
+  // one that lies between two layers of voxels touches both. No triangle touches more voxels than its box. Zeros beyond
+  // the window. In: corners in voxels from the grid's first corner.
   VOXELPIPE_HD WeighedTriangle InWindow(const Vec3d& p, const Vec3d& q, const Vec3d& r) const {
     constexpr double kTie = kNarrowWidening;  // voxels: coverage is widened by so much at most
     constexpr double kFlat = 1e-3;            // voxels: as thin as this along an axis is to lie in one plane of it
@@ -81,10 +80,7 @@ class TriangleScale {
       out.size = {planes, {s.x * more.y * more.z, s.y * more.z * more.x, s.z * more.x * more.y}};
     } else {
       ClippedTriangle part(p, q, r);
-      for (int i = 0; i < 3; ++i) {
-        part.Clip(i, 0, 1);
-        part.Clip(i, window_.dims[i], -1);
-      }
+      part.ClipTo(window_.dims);
       out.size = part.Size();
     }
     const Vec3d &w = out.size.width, &s = out.size.area, &h = window_.voxel_size;

@@ -28,7 +28,7 @@ HeldMemory MemoryOfThisProcess();
 uint64_t KeptBytesOfThread(uint64_t memory_bytes, int threads);
 
 // From now on the allocator keeps so much for each thread. What it would give to the system after each mesh comes back
-// page by page with the next one. IdleMemory gives it back when nobody needs it.
+// page by page with the next one. IdleMemory gives back what stays unused.
 void KeepFreedMemory(uint64_t bytes_of_thread);
 
 // Not thread-safe.

@@ -23,7 +23,7 @@ class ByteBudget {
   // Takes `bytes` if they are there now.
   bool TryTake(uint64_t bytes) { return memory_->Take(bytes, "the job").ok(); }
 
-  // Waits for `bytes` to be there. False when the job ended first or `timeout` passed, or where nobody is left who
+  // Waits for `bytes` to be there. False when the job ended first or `timeout` passed, or where no job is left that
   // could give back: all that is used is held by those who wait. `held`: what the caller holds of it.
   bool Take(uint64_t bytes, const JobContext& job, std::chrono::milliseconds timeout, uint64_t held = 0) {
     if (TryTake(bytes)) return true;
