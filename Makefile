@@ -13,7 +13,7 @@ BUILD_DIR := $(if $(filter dev ci,$(PRESET)),build,build-$(PRESET))
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup configure build test test-asan test-tsan demo bench format lint docker-test gpu-bundle clean
+.PHONY: help setup configure build test test-asan test-tsan demo bench results format lint docker-test gpu-bundle clean
 
 help: ## List the tasks
 	@echo "usage: make TASK [PRESET=dev|release|cpu-only|asan|tsan|ci] [JOBS=N]"
@@ -52,6 +52,9 @@ bench: configure ## Measure the pipeline; BENCH_ARGS="--mesh=NAME=FILE --threads
 	@cmake --preset $(PRESET) -DVOXELPIPE_BENCH=ON >$(BUILD_DIR)/configure.log
 	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelize_bench
 	@bash tests/bench/bench.sh $(BUILD_DIR) $(BENCH_ARGS)
+
+results: ## Make tests/bench/RESULTS.md and its plot of tests/bench/results/*.json
+	@bash tests/support/python.sh tests/bench/make_results.py
 
 format: ## Format all sources in place (clang-format 14)
 	@bash tests/support/lint.sh format $(BUILD_DIR)

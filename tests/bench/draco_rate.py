@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """How many Draco meshes that are sent each time two servers answer in a second, one after the other, several times.
 
-usage: draco_rate.py OLD_VOXELPIPED NEW_VOXELPIPED --mesh FILE.drc [--cli VOXELPIPE] [--rounds N] [--seconds S] [--concurrency C]
-                     [--old-options "..."] [--new-options "..."]
+usage: draco_rate.py OLD_VOXELPIPED NEW_VOXELPIPED --mesh FILE.drc [--cli VOXELPIPE] [--rounds N] [--seconds S]
+                     [--concurrency C] [--old-options "..."] [--new-options "..."]
 
---mesh: what `draco_mesh FILE.drc` made (a target of the tests). --cli: the load generator for both, by default `voxelpipe` beside the new
-server. The order changes from round to round, so that a machine that becomes slower wrongs neither. Prints a JSON line for each run, and one with
-the ratio of the medians. Needs nothing but Python and the programs.
+--mesh: the output of `draco_mesh FILE.drc` (a target of the tests). --cli: the load generator for both, by default
+`voxelpipe` beside the new server. The order changes from round to round, so that a machine that slows down affects both
+alike. Prints a JSON line for each run, and one with the ratio of the medians. Needs only Python and the programs.
 """
 
 import argparse

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""service.py BIN_DIR SECONDS [load [thorough]|streams]: the service's figures beside those of bare gRPC, as a Markdown table; with "load" or
-"streams" only the rows of service_load.py or service_streams.py; "load thorough": and a minute at ten times the load."""
+"""service.py BIN_DIR SECONDS [load [thorough]|streams]: the service's figures beside those of bare gRPC, as a Markdown
+table, of which import_results.py makes JSON; with "load" or "streams" only the rows of service_load.py or
+service_streams.py; "load thorough": and a minute at ten times the load."""
 import json
 import math
 import os

@@ -39,7 +39,8 @@ for model in "$@"; do
   esac
 done
 chmod -R u+w "$out"
-cp tests/gpu/run.sh tests/gpu/profile_table.py tests/gpu/service_row.py "$out/"
+cp tests/gpu/run.sh tests/gpu/profile_table.py tests/gpu/service_row.py \
+  tests/bench/bench_file.py tests/bench/import_results.py "$out/"
 git describe --always --dirty 2>/dev/null >"$out/COMMIT" || echo unknown >"$out/COMMIT"
 
 bytes="$(du -sb "$out" | cut -f1)"

@@ -17,7 +17,8 @@
 # Without sections: all; parity, device, cli and server side by side, the others alone.
 #   -f FILTER  of cuda_parity (parity) and cuda_bench (bench, profile)
 #   LIMIT=N    environment: seconds a section may take, in place of its own limit
-# Logs go to LOG_DIR (default ./gpu-logs), one a section. The last lines are a summary. Exit 0 if all passed.
+# Logs go to LOG_DIR (default ./gpu-logs), one a section; figures of bench and service to LOG_DIR/results as JSON. The
+# last lines are a summary. Exit 0 if all passed.
 set -uo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 logs="gpu-logs"
@@ -222,6 +223,12 @@ bench() {
   timeout "$((seconds + 30))" "$bin/cuda_bench" --budget "$seconds" "${options[@]}"
 }
 
+# save_results SECTION: the tables of its log as JSON files in LOG_DIR/results (tests/bench/bench_file.py).
+save_results() {
+  python3 "$here/import_results.py" "$logs/$1.log" --out "$logs/results" --commit "$(cat "$here/COMMIT")" \
+    --machine "${gpu:-no GPU}, $(nproc) cores" --method "\`gpu-bundle/run.sh $1\`."
+}
+
 plans() {
   timeout "$(limit 300)" "$bin/plan_bounds" --backend cuda --jobs "${PLAN_JOBS:-600}"
 }
@@ -275,6 +282,9 @@ done
 wait
 for section in "${together[@]}"; do read -r code[$section] seconds[$section] <"$work/$section.code"; done
 for section in "${alone[@]}"; do run_section "$section"; done
+for section in bench service; do
+  if [[ -n "${code[$section]:-}" ]]; then save_results "$section"; fi
+done
 
 failed=0
 for section in "${sections[@]}"; do
