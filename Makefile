@@ -13,7 +13,7 @@ BUILD_DIR := $(if $(filter dev ci,$(PRESET)),build,build-$(PRESET))
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup configure build test test-asan test-tsan demo bench results format lint docker-test gpu-bundle clean
+.PHONY: help setup configure build test test-asan test-tsan demo bench results option-tables format lint docker-test gpu-bundle clean
 
 help: ## List the tasks
 	@echo "usage: make TASK [PRESET=dev|release|cpu-only|asan|tsan|ci] [JOBS=N]"
@@ -55,6 +55,10 @@ bench: configure ## Measure the pipeline; BENCH_ARGS="--mesh=NAME=FILE --threads
 
 results: ## Make tests/bench/RESULTS.md and its plot of tests/bench/results/*.json
 	@bash tests/support/python.sh tests/bench/make_results.py
+
+option-tables: configure ## Put the option tables of voxelpiped into server/OPERATIONS.md
+	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpiped
+	@bash tests/support/python.sh tests/support/option_tables.py $(BUILD_DIR)/bin/voxelpiped server/OPERATIONS.md
 
 format: ## Format all sources in place (clang-format 14)
 	@bash tests/support/lint.sh format $(BUILD_DIR)
