@@ -27,10 +27,10 @@ namespace voxelpipe {
 // Largest request message. Meshes beyond it come in several pieces.
 inline constexpr int kMaxMessageBytes = 64 << 20;
 // What an upload has to bring in each --upload-idle-timeout-ms, or its end: a byte now and then is idle, too.
-inline constexpr uint64_t kLeastUploadBytes = 64 << 10;
+inline constexpr uint64_t kMinUploadBytes = 64 << 10;
 
 // Jobs predicted to take less are not compared with others: that takes both sides a tenth of it, and seldom finds one.
-inline constexpr double kLeastSharedMs = 0.1;
+inline constexpr double kMinSharedMs = 0.1;
 
 JobLimits LimitsOf(const ServerOptions& resolved, LoadWorkers* load_workers = nullptr);
 // Null where --isolate-loading is off. UNAVAILABLE where it is on and cannot be.
@@ -58,7 +58,7 @@ struct ServiceState {
         idle_watch(IdleIntervalOf(resolved)),
         limits(LimitsOf(resolved, load_workers.get())),
         results(scheduler, working, metrics,
-                {resolved.share_equal_jobs, resolved.result_cache_bytes, resolved.piece_bytes, kLeastSharedMs}),
+                {resolved.share_equal_jobs, resolved.result_cache_bytes, resolved.piece_bytes, kMinSharedMs}),
         scheduler(SchedulingOf(resolved, metrics), size_t(resolved.workers)),
         full_queue(scheduler, metrics),
         queue_sampler(SampleQueue(scheduler, metrics)),

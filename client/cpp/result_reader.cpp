@@ -16,7 +16,7 @@ namespace voxelpipe {
 namespace {
 
 // No server compresses more at once.
-constexpr uint64_t kMostRawBytes = 64 << 20;
+constexpr uint64_t kMaxRawBytes = 64 << 20;
 
 // Looked up once: OpenSSL would do so, with locks, for each result.
 const EVP_MD* Sha256Algorithm() {
@@ -98,7 +98,7 @@ absl::Status ResultReader::AddPiece(const PieceView& piece) {
                 offset_);
   }
   const uint64_t raw_bytes = piece.raw_bytes != 0 ? piece.raw_bytes : data_bytes;
-  if (raw_bytes > array_bytes_[array_] - offset_ || (piece.raw_bytes != 0 && raw_bytes > kMostRawBytes)) {
+  if (raw_bytes > array_bytes_[array_] - offset_ || (piece.raw_bytes != 0 && raw_bytes > kMaxRawBytes)) {
     return Lost("a piece of ", raw_bytes, " bytes at offset ", offset_, " of array ", array_, ", which has ",
                 array_bytes_[array_]);
   }

@@ -20,8 +20,8 @@
 namespace voxelpipe {
 namespace {
 
-constexpr char kMark[] = ".part-";       // then the process and a number: PID-N
-constexpr size_t kMostSuffixBytes = 32;  // of mark and numbers
+constexpr char kMark[] = ".part-";      // then the process and a number: PID-N
+constexpr size_t kMaxSuffixBytes = 32;  // of mark and numbers
 constexpr char kOutputUrl[] = "voxelpipe/output_error";
 constexpr std::chrono::milliseconds kLookEvery{50};  // at the job, while a reader is awaited
 
@@ -99,7 +99,7 @@ absl::StatusOr<AtomicFile> AtomicFile::Create(const std::string& path, const Job
 }
 
 std::string AtomicFile::TemporaryStem(const std::string& path) {
-  return FitFileName(path, kMostSuffixBytes);
+  return FitFileName(path, kMaxSuffixBytes);
 }
 
 std::string AtomicFile::StemOf(const std::string& temporary) {

@@ -18,7 +18,7 @@ namespace {
 
 constexpr uint64_t kLine = 64;
 constexpr uint64_t kHugePage = kPooledUnit;
-constexpr uint64_t kMostIdleBytes = 1ull << 30;
+constexpr uint64_t kMaxIdleBytes = 1ull << 30;
 constexpr uint64_t kIdleShare = 8;  // of the machine's memory
 
 // AddressSanitizer should see every block end where it ends.
@@ -138,7 +138,7 @@ class Pool {
   std::deque<Block> idle_;  // oldest first
   uint64_t idle_bytes_ = 0;
   // In a small container no more than its share, either.
-  const uint64_t most_idle_ = std::min(std::max(kMostIdleBytes, MemoryBytes() / kIdleShare), MemoryBytes() / 4);
+  const uint64_t most_idle_ = std::min(std::max(kMaxIdleBytes, MemoryBytes() / kIdleShare), MemoryBytes() / 4);
 };
 
 Pool& ThePool() {

@@ -11,7 +11,7 @@ namespace voxelpipe::gltf {
 namespace {
 
 // Of compressed streams decoded together: bounds the memory of what waits for its turn.
-constexpr uint64_t kMostBytesAhead = 4 << 20;
+constexpr uint64_t kMaxBytesAhead = 4 << 20;
 
 }  // namespace
 
@@ -35,7 +35,7 @@ void DracoAhead::DecodeSome() {
   size_t count = 0;
   for (uint64_t bytes = 0; count < std::min(most, streams_.size() - taken_); ++count) {
     bytes += streams_[taken_ + count].size();
-    if (count > 0 && bytes > kMostBytesAhead) break;
+    if (count > 0 && bytes > kMaxBytesAhead) break;
   }
   ready_.resize(count);
   tbb::parallel_for(size_t{0}, count, [&](size_t i) {

@@ -55,8 +55,8 @@ void CopyNumbers(Fields& fields, const char* key, size_t length, Json& to) {
 
 // Whether messages can show a name of the file's own.
 bool IsPresentable(const std::string& name) {
-  constexpr size_t kMostCharacters = 128;
-  return name.size() <= kMostCharacters && std::none_of(name.begin(), name.end(), [](char c) {
+  constexpr size_t kMaxCharacters = 128;
+  return name.size() <= kMaxCharacters && std::none_of(name.begin(), name.end(), [](char c) {
            return static_cast<unsigned char>(c) < 0x20 || c == 0x7f;
          });
 }

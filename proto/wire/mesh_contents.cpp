@@ -7,7 +7,7 @@
 namespace voxelpipe {
 namespace {
 
-constexpr size_t kMostAttributes = 256, kMostNameBytes = 256;
+constexpr size_t kMaxAttributes = 256, kMaxNameBytes = 256;
 
 }  // namespace
 
@@ -21,9 +21,9 @@ v1::MeshContents ToMessage(const MeshContents& contents, const std::vector<std::
   message.set_materials(contents.materials);
   message.set_textures(contents.textures);
   message.set_images(contents.images);
-  for (size_t i = 0; i < std::min(kMostAttributes, contents.attributes.size()); ++i) {
+  for (size_t i = 0; i < std::min(kMaxAttributes, contents.attributes.size()); ++i) {
     v1::MeshAttribute* attribute = message.add_attributes();
-    attribute->set_name(CleanText(contents.attributes[i].name, kMostNameBytes));
+    attribute->set_name(CleanText(contents.attributes[i].name, kMaxNameBytes));
     attribute->set_components(uint32_t(contents.attributes[i].components));
   }
   for (const auto& [stage, ms] : stages) {

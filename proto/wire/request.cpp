@@ -168,8 +168,8 @@ absl::Status ReadSettings(const v1::VoxelizeConfig& in, CallSettings& out) {
   if (in.has_queue_timeout_ms()) {
     if (in.queue_timeout_ms() < 0) return Invalid("queue_timeout_ms", "must not be negative");
     // A year is as good as for ever, and no sum of times overflows.
-    constexpr int64_t kMostMs = int64_t{365} * 24 * 3600 * 1000;
-    out.queue_timeout = std::chrono::milliseconds(std::min(in.queue_timeout_ms(), kMostMs));
+    constexpr int64_t kMaxMs = int64_t{365} * 24 * 3600 * 1000;
+    out.queue_timeout = std::chrono::milliseconds(std::min(in.queue_timeout_ms(), kMaxMs));
   }
   out.content_hash = !in.without_content_hash();
   return absl::OkStatus();

@@ -7,7 +7,7 @@
 namespace voxelpipe {
 namespace {
 
-constexpr size_t kMostNameBytes = 128;
+constexpr size_t kMaxNameBytes = 128;
 
 bool MayStand(char c) {
   return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
@@ -17,7 +17,7 @@ bool MayStand(char c) {
 }  // namespace
 
 bool IsCertificateName(std::string_view name) {
-  return !name.empty() && name.size() <= kMostNameBytes && std::all_of(name.begin(), name.end(), MayStand);
+  return !name.empty() && name.size() <= kMaxNameBytes && std::all_of(name.begin(), name.end(), MayStand);
 }
 
 std::string ClientNameOf(const CertificateNames& names) {

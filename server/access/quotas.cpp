@@ -64,7 +64,7 @@ void Quota::SetLimits(const QuotaLimits& limits, QuotaClock::time_point now) {
 
 std::optional<QuotaRefusal> Quota::Begin(QuotaClock::time_point now) {
   const std::lock_guard lock(mutex_);
-  const uint32_t counted = std::max(calls_now_ - answered_now_, calls_now_ - std::min(calls_now_, kMostAnswered));
+  const uint32_t counted = std::max(calls_now_ - answered_now_, calls_now_ - std::min(calls_now_, kMaxAnswered));
   if (limits_.calls_at_once != 0 && counted >= limits_.calls_at_once) {
     return QuotaRefusal{Refusal::kQuotaCalls, kCallsAtOnceRetry};
   }

@@ -38,7 +38,7 @@ struct QuotaRefusal {
 // One client's. Thread-safe.
 class Quota {
  public:
-  static constexpr uint32_t kMostAnswered = 64;
+  static constexpr uint32_t kMaxAnswered = 64;
 
   explicit Quota(const QuotaLimits& limits);
 
@@ -47,7 +47,7 @@ class Quota {
   std::optional<QuotaRefusal> Begin(QuotaClock::time_point now);
   // One more piece of work within a call that began, which counts for calls a second alone; or why not.
   std::optional<QuotaRefusal> TakeCall(QuotaClock::time_point now);
-  // One that began is answered: its client may begin the next one before this one has ended. Of such calls kMostAnswered more than
+  // One that began is answered: its client may begin the next one before this one has ended. Of such calls kMaxAnswered more than
   // may be at once do not count, so that clients that take no answer do not pile up.
   void Answered();
   void End(bool answered);

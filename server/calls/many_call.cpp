@@ -22,8 +22,8 @@ namespace voxelpipe {
 namespace {
 
 // In one message.
-constexpr int kMostJobs = 256;
-constexpr size_t kMostAnswers = 256, kMostAnswerBytes = 256 << 10;
+constexpr int kMaxJobs = 256;
+constexpr size_t kMaxAnswers = 256, kMaxAnswerBytes = 256 << 10;
 
 grpc::ByteBuffer ErrorMessage(uint64_t id, const absl::Status& status) {
   v1::VoxelizeManyResponse response;
@@ -160,9 +160,9 @@ void ManyCall::OnReadDone(bool ok) {
 }
 
 absl::Status ManyCall::TakeAll(v1::VoxelizeManyRequest& message) {
-  if (message.more_size() >= kMostJobs) {
+  if (message.more_size() >= kMaxJobs) {
     return absl::InvalidArgumentError(
-        absl::StrCat("more: a message of ", message.more_size() + 1, " jobs; at most ", kMostJobs, " are allowed"));
+        absl::StrCat("more: a message of ", message.more_size() + 1, " jobs; at most ", kMaxJobs, " are allowed"));
   }
   for (const v1::VoxelizeManyRequest& request : message.more()) {
     if (request.more_size() > 0) {
@@ -266,7 +266,7 @@ void ManyCall::ChooseLocked() {
     current_.push_back(std::move(ready_.front()));
     ready_.pop_front();
   } while (takes_more_ && !current_.front().stream && !ready_.empty() && !ready_.front().stream &&
-           current_.size() < kMostAnswers && bytes + ready_.front().message->Length() <= kMostAnswerBytes);
+           current_.size() < kMaxAnswers && bytes + ready_.front().message->Length() <= kMaxAnswerBytes);
 }
 
 std::vector<ManyCall::Answer> ManyCall::WrittenLocked() {

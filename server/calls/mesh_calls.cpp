@@ -138,7 +138,7 @@ void UploadMeshCall::OnReadDone(bool ok) {
       return;
     }
   }
-  if (record_.bytes_in - upload_bytes_seen_ >= kLeastUploadBytes) {
+  if (record_.bytes_in - upload_bytes_seen_ >= kMinUploadBytes) {
     upload_bytes_seen_ = record_.bytes_in;
     upload_wait_->Begin();
   }

@@ -80,7 +80,7 @@ void VoxelizeCall::OnReadDone(bool ok) {
     SubmitJob();
     return;
   }
-  if (record_.bytes_in - upload_bytes_seen_ >= kLeastUploadBytes) {
+  if (record_.bytes_in - upload_bytes_seen_ >= kMinUploadBytes) {
     upload_bytes_seen_ = record_.bytes_in;
     upload_wait_->Begin();
   }

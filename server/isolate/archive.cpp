@@ -11,7 +11,7 @@ namespace voxelpipe {
 namespace {
 
 // Below, waking another thread takes longer than copying.
-constexpr uint64_t kLeastParallelBytes = 2 << 20;
+constexpr uint64_t kMinParallelBytes = 2 << 20;
 constexpr uint64_t kCopyBytes = 1 << 20;
 
 }  // namespace
@@ -26,7 +26,7 @@ void ArchiveWriter::CopyBulk(uint8_t* to) const {
     }
   }
   const auto copy = [&](size_t i) { std::memcpy(to + pieces[i].offset, pieces[i].data, pieces[i].bytes); };
-  if (bulk_bytes_ >= kLeastParallelBytes) {
+  if (bulk_bytes_ >= kMinParallelBytes) {
     tbb::parallel_for(size_t{0}, pieces.size(), copy);
   } else {
     for (size_t i = 0; i < pieces.size(); ++i) copy(i);
@@ -36,7 +36,7 @@ void ArchiveWriter::CopyBulk(uint8_t* to) const {
 absl::Status ArchiveReader::Finish() {
   if (ok() && !text_.empty()) Refuse("bytes are left over");
   if (!ok()) return absl::InternalError(absl::StrCat("the answer of a process that loads meshes is broken: ", fault_));
-  if (bulk_used_ >= kLeastParallelBytes) {
+  if (bulk_used_ >= kMinParallelBytes) {
     tbb::parallel_for(size_t{0}, copies_.size(), [this](size_t i) { copies_[i](); });
   } else {
     for (const auto& copy : copies_) copy();

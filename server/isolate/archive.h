@@ -25,7 +25,7 @@ template <typename T>
 concept PlainValue = std::is_trivially_copyable_v<T> && !std::is_same_v<T, bool> && !std::is_enum_v<T>;
 
 // Arrays of at least so many bytes are not copied into the text of an archive.
-inline constexpr uint64_t kLeastBulkBytes = 4096;
+inline constexpr uint64_t kMinBulkBytes = 4096;
 // Where they begin, so that their elements are aligned.
 inline constexpr uint64_t kBulkAlignment = 64;
 
@@ -76,7 +76,7 @@ class ArchiveWriter {
     uint64_t bytes = 0, offset = 0;
   };
   void AddBulkOrAppend(const void* data, uint64_t bytes) {
-    if (bytes < kLeastBulkBytes) return Append(data, bytes);
+    if (bytes < kMinBulkBytes) return Append(data, bytes);
     bulk_bytes_ = (bulk_bytes_ + kBulkAlignment - 1) / kBulkAlignment * kBulkAlignment;
     bulk_.push_back({static_cast<const uint8_t*>(data), bytes, bulk_bytes_});
     bulk_bytes_ += bytes;
@@ -132,7 +132,7 @@ class ArchiveReader {
   void Array(std::vector<T, A>& values) {
     uint64_t count = 0;
     Value(count);
-    if (count < kLeastBulkBytes / sizeof(T) + 1 && count * sizeof(T) < kLeastBulkBytes) {
+    if (count < kMinBulkBytes / sizeof(T) + 1 && count * sizeof(T) < kMinBulkBytes) {
       const uint64_t bytes = count * sizeof(T);
       if (bytes > text_.size()) return Refuse("an array ends too late");
       values.resize(count);
@@ -146,7 +146,7 @@ class ArchiveReader {
   void View(std::span<const uint8_t>& bytes) {
     uint64_t count = 0;
     Value(count);
-    if (count < kLeastBulkBytes) {
+    if (count < kMinBulkBytes) {
       if (count > text_.size()) return Refuse("an array ends too late");
       bytes = text_.first(count);
       text_ = text_.subspan(count);

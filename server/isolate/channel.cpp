@@ -16,7 +16,7 @@ namespace {
 
 constexpr uint32_t kMagic = 0x76784c31;
 // Below, one message by the socket is faster than shared memory. Unix sockets hold some 200 KiB.
-constexpr uint64_t kMostInline = 48 << 10;
+constexpr uint64_t kMaxInline = 48 << 10;
 
 struct Header {
   uint32_t magic, kind;
@@ -38,7 +38,7 @@ Channel::Channel(int socket, SharedRegion out, SharedRegion in, bool trusts)
       out_(std::move(out)),
       in_(std::move(in)),
       trusts_(trusts),
-      buffer_((sizeof(Header) + kMostInline) / sizeof(uint64_t)) {}
+      buffer_((sizeof(Header) + kMaxInline) / sizeof(uint64_t)) {}
 
 Channel::~Channel() {
   close(socket_);
@@ -47,7 +47,7 @@ Channel::~Channel() {
 absl::Status Channel::Send(MessageKind kind, uint64_t number, const ArchiveWriter& archive) {
   Header header{kMagic, uint32_t(kind), number, archive.text().size(), archive.bulk_bytes(), 0, {}};
   const uint64_t bulk_at = Aligned(header.text_bytes), bytes = bulk_at + header.bulk_bytes;
-  header.in_region = bytes > kMostInline ? 1 : 0;
+  header.in_region = bytes > kMaxInline ? 1 : 0;
   uint8_t* const packet = reinterpret_cast<uint8_t*>(buffer_.data());
   uint8_t* body = packet + sizeof header;
   if (header.in_region != 0) {

@@ -107,7 +107,7 @@ constexpr double kLargestRatio = 64;
 // Weight of one batch against all before it.
 constexpr double kNews = 0.1;
 // Batches shorter than this say more of the clock and the scheduler than of the work.
-constexpr double kLeastMs = 0.001;
+constexpr double kMinMs = 0.001;
 
 }  // namespace
 
@@ -116,7 +116,7 @@ MeasuredCost::MeasuredCost() {
 }
 
 void MeasuredCost::Observe(WorkKind kind, SizeClass size, double predicted_ms, double measured_ms) {
-  const double ratio = std::max(measured_ms, kLeastMs) / std::max(predicted_ms, kLeastMs);
+  const double ratio = std::max(measured_ms, kMinMs) / std::max(predicted_ms, kMinMs);
   double& known = ratios_[size_t(kind)][size_t(size)];
   // In logarithms: half and twice as long cancel each other, and one outlier moves little.
   const double step = std::clamp(std::log(ratio / known), -2.0, 2.0);

@@ -18,7 +18,7 @@ namespace {
 constexpr uint64_t kLargestOfBatchBytes = 64 << 20;
 
 // Waking a thread for less work than this costs more than it brings.
-constexpr double kLeastMsPerThread = 1;
+constexpr double kMinMsPerThread = 1;
 constexpr double kShortMs = 100;
 
 // Answers of jobs that are predicted to take less wait for the next ones of their batch, so long.
@@ -34,7 +34,7 @@ bool IsOutOfMemory(const absl::Status& status) {
 int ThreadsFor(double predicted_ms, int limit, int sharers, int cores) {
   const int share = predicted_ms < kShortMs ? std::max(1, cores / std::max(1, sharers)) : cores;
   const int most = limit > 0 ? std::min(limit, share) : share;
-  return int(std::clamp(predicted_ms / kLeastMsPerThread, 1.0, double(most)));
+  return int(std::clamp(predicted_ms / kMinMsPerThread, 1.0, double(most)));
 }
 
 // While it is true, jobs may be called, and the run cannot be abandoned.

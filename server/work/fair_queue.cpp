@@ -7,7 +7,7 @@ namespace voxelpipe {
 namespace {
 
 // Nothing is free: handing a task over costs about so much.
-constexpr double kLeastMs = 0.02;
+constexpr double kMinMs = 0.02;
 
 }  // namespace
 
@@ -125,7 +125,7 @@ std::shared_ptr<Task> FairQueue::Pop(Lanes lanes, const Skip& skip) {
   places_.erase(key);
   Level& level = *flow->level;
   const Item item = TakeOut({flow, lane, served, level.priority});
-  Pay(*flow, std::max(item.cost_ms, kLeastMs));
+  Pay(*flow, std::max(item.cost_ms, kMinMs));
   Settle(level);
   for (Level* other : left) Settle(*other);
   return item.task;

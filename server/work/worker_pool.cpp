@@ -23,7 +23,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kLeastRetryDelay{100};
+constexpr milliseconds kMinRetryDelay{100};
 constexpr double kShortLoadMs = 100;
 // Part of a device's memory that one batch may be predicted to take: its other workers and cached meshes need theirs.
 constexpr uint64_t kBatchShare = 4;
@@ -300,7 +300,7 @@ void WorkerPool::FailOver(const Device& device, std::shared_ptr<Task> task, cons
   const std::string what = absl::StrCat("the job failed on ", job.attempts, job.attempts == 1 ? " worker" : " workers",
                                         ", last on ", device.traits.device, ": ", Words(failure));
   const auto give_up = [&] {
-    end(out_of_memory ? absl::ResourceExhaustedError(what) : NotServingError(what, kLeastRetryDelay));
+    end(out_of_memory ? absl::ResourceExhaustedError(what) : NotServingError(what, kMinRetryDelay));
   };
   if (job.attempts >= options_.max_attempts) return give_up();
   traits.excluded_devices.push_back(device.traits.device);
@@ -351,7 +351,7 @@ void WorkerPool::RefuseStranded() {
   for (const std::shared_ptr<Task>& task : scheduler_.TakeStranded()) {
     absl::Status why = CheckServed(task->traits);
     // It failed elsewhere before, or a device came back just now.
-    if (why.ok()) why = NotServingError("the devices that could run this failed", kLeastRetryDelay);
+    if (why.ok()) why = NotServingError("the devices that could run this failed", kMinRetryDelay);
     task->Refuse(std::move(why));
   }
 }
@@ -376,7 +376,7 @@ absl::Status WorkerPool::CheckServed(const TaskTraits& task) const {
     delay = std::min(delay, std::chrono::ceil<milliseconds>(due - now));
   }
   return NotServingError(absl::StrCat("no device that may run this serves now: ", absl::StrJoin(reasons, "; ")),
-                         std::max(delay, kLeastRetryDelay));
+                         std::max(delay, kMinRetryDelay));
 }
 
 std::vector<DeviceReport> WorkerPool::Devices() const {

@@ -77,7 +77,7 @@ TEST(QuotasTest, CallsWhoseAnswersNobodyTakesDoNotPileUp) {
   Quota quota({.calls_per_second = 0, .burst_calls = 0, .calls_at_once = 2, .bytes_per_second = 0, .burst_bytes = 0});
   uint32_t begun = 0;
   for (; begun < 1000 && !quota.Begin(kStart); ++begun) quota.Answered();
-  EXPECT_EQ(begun, 2 + Quota::kMostAnswered);
+  EXPECT_EQ(begun, 2 + Quota::kMaxAnswered);
   quota.End(true);
   EXPECT_FALSE(quota.Begin(kStart));
 }

@@ -69,7 +69,7 @@ TEST(ArchiveTest, WhatIsWrittenIsRead) {
 }
 
 TEST(ArchiveTest, ArraysBelowAndAboveTheBoundOfBulk) {
-  for (const size_t bytes : {kLeastBulkBytes - 1, kLeastBulkBytes, kLeastBulkBytes + 1}) {
+  for (const size_t bytes : {kMinBulkBytes - 1, kMinBulkBytes, kMinBulkBytes + 1}) {
     const std::vector<uint8_t> values(bytes, 5);
     ArchiveWriter writer;
     writer.Array(values);
