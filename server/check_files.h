@@ -9,7 +9,7 @@ namespace voxelpipe {
 
 TlsFiles TlsOf(const ServerOptions& options);
 
-// Whether the files of --tls-... and --token-file can be read and mean something. Errors: one line naming the option.
+// Checks that the files of --tls-... and --token-file can be read and are valid. Errors: one line naming the option.
 absl::Status CheckFiles(const ServerOptions& options);
 
 }  // namespace voxelpipe

@@ -78,7 +78,7 @@ IoThreads::IoThreads(size_t keep, const std::shared_ptr<grpc::Channel>& channel)
   for (size_t i = least; i < count; ++i) {
     Call& call = *calls_.emplace_back(std::make_unique<Call>());
     call.context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    // The end of a call is told on one of these threads; that of one that nobody serves comes at once.
+    // The end of a call is reported on one of these threads; that of a call without a handler comes at once.
     stub.UnaryCall(&call.context, "/voxelpipe.internal/Hold", {}, &call.request, &call.response,
                    [hold = hold_](const grpc::Status&) { hold->Wait(); });
   }

@@ -9,7 +9,7 @@
 
 namespace voxelpipe {
 
-// gRPC's callback API has one thread for every two cores, at least 2 and at most 16, which take turns: whoever finds an event wakes the
+// gRPC's callback API has one thread for every two cores, at least 2 and at most 16, which take turns: the one that finds an event wakes the
 // next one to wait for more, and then handles it. With short calls that is a change of threads for every event, and costs more than the
 // event. This keeps the rest of them waiting, so that fewer take turns.
 //

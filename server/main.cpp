@@ -107,7 +107,7 @@ int Main(int argc, char** argv) {
     return status.ok() ? 0 : 2;
   }
   if (parsed.command->probe) return Probe(*parsed.command->probe, TlsOf(parsed.command->options));
-  google::protobuf::SetLogHandler(nullptr);  // else every stranger's broken message is a line on stderr
+  google::protobuf::SetLogHandler(nullptr);  // otherwise each malformed message from a client is a line on stderr
   const int exit_code = Serve(parsed.command->options);
   StopLog();
   return exit_code;

@@ -70,7 +70,7 @@ void RaiseTo(prometheus::Counter& counter, uint64_t total) {
   if (const double missing = double(total) - counter.Value(); missing > 0) counter.Increment(missing);
 }
 
-// What nobody keeps in the metrics.
+// Gauges of the metrics that no other code updates.
 void SampleState(ServiceState& state, const ServerTls& tls) {
   Metrics& metrics = state.metrics;
   metrics.upload_bytes.Set(double(state.uploads.used()));
@@ -102,7 +102,7 @@ void SampleState(ServiceState& state, const ServerTls& tls) {
   }
 }
 
-// A certificate that is about to expire is told at the start; later the metric tells it.
+// Warns of a certificate that is about to expire, at the start only; later the metric shows it.
 void WarnOfCertificate(const std::string& path, const TlsFacts& facts) {
   constexpr std::chrono::hours kSoon(14 * 24);
   const auto now = std::chrono::system_clock::now();

@@ -43,7 +43,7 @@ int main(int argc, char** argv) {
     AddBenchCommand(app, exit_code);
     AddServerAccessFlags(app);
     RefuseEmptyValues(app);
-    // gRPC's own lines say in C structures what our one error line says; whoever wants them sets the variable.
+    // gRPC's own lines say in C structures what our one error line says; set the variable to see them.
     setenv("GRPC_VERBOSITY", "NONE", 0);
     // gRPC's locks are Abseil's, which where they were built for debugging keep a graph of all locks behind one lock.
     absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);

@@ -70,7 +70,7 @@ absl::StatusOr<std::vector<KeyValue>> ParseKeyValues(std::string_view text) {
   return pairs;
 }
 
-// Whether some shader has a text parameter of this name: its value is then not read as numbers.
+// True if some shader has a text parameter of this name: its value is then not read as numbers.
 bool IsTextParameter(const std::string& name) {
   for (const ShaderInfo& shader : ListShaders()) {
     for (const ShaderParameterInfo& parameter : shader.parameters) {

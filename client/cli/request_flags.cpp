@@ -50,7 +50,7 @@ void AddShadingOptions(CLI::App& command, RequestOptions& request) {
       "Which voxels a triangle covers (default conservative: all it touches; none: with --fill parity or nonzero, "
       "which then gives the voxels whose centre is inside)");
   add("--fill", request.fill, "none|parity|nonzero|flood",
-      "Whether the inside is filled (default none): parity by crossings along x, nonzero by their signs, so that parts "
+      "How the inside is filled (default none): parity by crossings along x, nonzero by their signs, so that parts "
       "may overlap, flood by what a walk from outside does not reach");
   add("--shader", request.shader, "NAME[:k=v,...]",
       "The fragment shader of every target that names none. A vector's numbers are separated by '/', as in "

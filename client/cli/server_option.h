@@ -17,7 +17,7 @@
 
 namespace voxelpipe::cli {
 
-// What is said of a mesh file, whoever looked at it.
+// The report on a mesh file, from a server or made here.
 struct MeshFacts {
   MeshReport report;
   MeshContents contents;
@@ -38,10 +38,10 @@ absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::stri
 // The text of `server-info`: a short table, or one JSON object.
 absl::StatusOr<std::string> DescribeServer(const std::string& server, bool json);
 
-// After how long a server that has too much to do wants to be asked again; nothing where the error is not one of load.
+// The retry delay that an overloaded server returned; empty if the error is not one of load.
 std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status);
 
-// Whether an error says that no connection to a server came about.
+// True if an error says that no connection to a server was made.
 bool CouldNotConnect(const absl::Status& status);
 
 // For server_option.cpp: the engine that calls a server. Connects when it is first used.

@@ -84,7 +84,7 @@ absl::Status ConnectError(const std::string& target, const std::string& why) {
   return status;
 }
 
-// In: gRPC's words. Out: what they mean for whoever gave the options.
+// In: gRPC's text. Out: what it means in terms of the options.
 std::string Explained(const std::string& error, bool tls) {
   if (error.empty()) return "refused, not reachable or unknown, or TLS on one side only";
   const std::string lower = absl::AsciiStrToLower(error);

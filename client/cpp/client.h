@@ -41,7 +41,7 @@ struct ConnectOptions {
 
 // How a server came to run a job.
 struct ServedBy {
-  std::string worker;       // "cpu/0", "cuda:1/0"; empty where the server does not say, or nobody ran it (cached)
+  std::string worker;       // "cpu/0", "cuda:1/0"; empty where the server does not report it, or the result was cached
   double queue_ms = 0;      // from admission to the worker
   uint32_t batch_jobs = 0;  // jobs of the worker's pass, this one included
   std::optional<uint64_t> batch_launches;  // kernel launches of that pass; CUDA only
@@ -101,7 +101,7 @@ struct ServerDescription {
   std::string version;
   std::vector<ServerBackend> backends;  // best first
   uint32_t threads = 0;                 // of the CPU backend, shared by the requests that run
-  uint32_t workers = 0;                 // meshes that are loaded at the same time; what runs, the devices tell
+  uint32_t workers = 0;                 // meshes that are loaded at the same time; `devices` has what runs
   uint32_t max_queue = 0;               // requests that wait
   uint64_t max_file_bytes = 0;
   uint64_t max_result_bytes = 0;
@@ -111,7 +111,7 @@ struct ServerDescription {
   uint64_t max_mesh_store_bytes = 0;  // memory of all meshes that are kept
 };
 
-// Whether an error says that no connection to the server came about, so that nothing was sent.
+// True if an error says that no connection to the server was made, so that nothing was sent.
 bool IsConnectError(const absl::Status& status);
 
 class ManyStream;  // many_stream.h
@@ -120,7 +120,7 @@ class ManyStream;  // many_stream.h
 // naming the target.
 class Client {
  public:
-  // In: "HOST:PORT" or any gRPC target ("unix:/path"). UNAVAILABLE naming the target when nobody answers there or TLS does
+  // In: "HOST:PORT" or any gRPC target ("unix:/path"). UNAVAILABLE naming the target when no server answers there or TLS does
   // not come about, at once where the connection is refused time and again, else after `options.timeout`. INVALID_ARGUMENT
   // naming a file of `options.tls` that cannot be read.
   static absl::StatusOr<std::unique_ptr<Client>> Connect(const std::string& target, const ConnectOptions& options = {});
@@ -166,7 +166,7 @@ class Client {
                                              std::span<const float> new_positions = {},
                                              const std::function<void(const Plan&)>& on_plan = {});
 
-  // What the server knows of a mesh. NOT_FOUND where it does not keep it.
+  // The server's record of a mesh. NOT_FOUND where it does not keep it.
   absl::StatusOr<StoredMesh> GetMesh(const std::string& mesh_id);
   // Takes this client's claim on a mesh back, and makes the server forget the mesh where no other client has one; jobs that use it go on. Out:
   // the bytes that this frees, 0 where it stays for others. NOT_FOUND where the server does not keep it, PERMISSION_DENIED without a claim.

@@ -1,4 +1,4 @@
-// Whether the lists of a sparse or bucketed result agree with each other and with the grid.
+// Checks that the lists of a sparse or bucketed result agree with each other and with the grid.
 #pragma once
 
 #include <vector>
@@ -8,7 +8,7 @@
 
 namespace voxelpipe {
 
-// So that nobody who follows an index or an offset of a result that a server sent reads or writes outside of an array.
+// So that code that follows an index or an offset of a server's result stays inside the arrays.
 //   sparse   bricks ascend and lie in the grid, no mask is empty or has a bit outside of the grid, the masks have as many bits as
 //            values are announced
 //   buckets  voxels ascend and lie in the grid, offsets begin with 0, ascend (each voxel has a fragment) and end with the number

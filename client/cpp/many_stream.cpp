@@ -118,7 +118,7 @@ struct ManyStream::Impl {
       answer.result = s.ok() ? one->Take() : absl::StatusOr<RemoteResult>(std::move(s));
     } else {
       absl::Status s = one->Add(message.part());
-      if (!s.ok()) return s;  // more of it may come, and nobody would know what
+      if (!s.ok()) return s;  // more of it may come, and could not be told apart
       if (!message.part().has_summary()) return std::optional<ManyAnswer>();
       answer.result = one->Take();
     }
@@ -130,7 +130,7 @@ struct ManyStream::Impl {
     return std::optional<ManyAnswer>(std::move(answer));
   }
 
-  // Nobody is answered any more.
+  // No further answers.
   void End() {
     {
       const std::lock_guard lock(mutex);

@@ -105,7 +105,7 @@ absl::Status TellPlan(const v1::VoxelizationPlan& message, bool& planned,
   return absl::OkStatus();
 }
 
-// Whether the result can only be small: a dense one of a bounded grid.
+// True if the result can only be small: a dense one of a bounded grid.
 bool IsSmall(const VoxelizeRequest& request) {
   if (request.result != ResultKind::kDense) return false;
   const GridRequest& grid = request.grid;
@@ -205,7 +205,7 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, Se
                                          const CallSettings& settings, const MeshSource& mesh,
                                          const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                          const std::function<void(const Plan&)>& on_plan) {
-  // On the wire no target at all means one of bits; whoever calls this never means that.
+  // On the wire no target at all means one of bits; callers of this never mean that.
   if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
   if (absl::Status status = job.Check(); !status.ok()) return status;
   const bool whole = mesh.bytes.size() <= kWholeBytes && IsSmall(request);

@@ -1,4 +1,4 @@
-// What a status knows of the device that it came from: whether the device failed, and not the request.
+// Marks a status as a failure of the device and not of the request.
 #pragma once
 
 #include <optional>

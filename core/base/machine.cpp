@@ -166,7 +166,7 @@ void AddCpuOfFirstVersion(const path& directory, const path& name, Bounds& bound
 
 void AddMemoryOfFirstVersion(const path& directory, const path& name, Bounds& bounds) {
   bounds.AddMemory(NumberIn<uint64_t>(directory / "memory.limit_in_bytes"), name);
-  // It knows of ancestors that cannot be seen from here.
+  // It includes ancestors that are not visible from here.
   for (const std::string& line : LinesOf(directory / "memory.stat")) {
     std::string_view number = line;
     if (TakePrefix(number, "hierarchical_memory_limit ")) {

@@ -73,7 +73,7 @@ void MemoryBudget::Give(uint64_t bytes) {
 }
 
 MemoryBudget& DefaultMemory() {
-  // 0 where the system does not tell, as in a process that may open nothing any more: then nothing is known to refuse
+  // 0 where the system does not report it, as in a process that may open no files any more: then nothing is known to refuse
   // by.
   const auto half = [] {
     const uint64_t bytes = MemoryBytes();

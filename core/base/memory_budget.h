@@ -26,7 +26,7 @@ class MemoryBudget {
   absl::Status Take(uint64_t bytes, std::string_view what) { return Take(bytes, what, true); }
   // The same without waiting.
   absl::Status TakeNow(uint64_t bytes, std::string_view what) { return Take(bytes, what, false); }
-  // Asked where the parent has not so much left: waits, and says whether to try again. Set before the first Take.
+  // Asked where the parent has not so much left: waits, and returns true to try again. Set before the first Take.
   // Only the thread that calls Take waits, and several threads may wait at the same time. Without it no thread waits.
   using Wait = std::function<bool(uint64_t bytes)>;
   void set_wait(Wait wait) { wait_ = std::move(wait); }

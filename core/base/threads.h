@@ -14,7 +14,7 @@ void RunOnThreads(int threads, const std::function<void()>& body);
 // its own is not given another one meanwhile.
 void RunEachOnThreads(int threads, size_t count, const std::function<void(size_t)>& body);
 
-// Bounds the threads of all parallel loops of the process by CpuCount(): oneTBB itself knows of a quota of CPUs nothing. Call it when the
+// Bounds the threads of all parallel loops of the process by CpuCount(): oneTBB itself ignores CPU quotas. Call it when the
 // process starts, and after RefreshMachine. Thread-safe.
 void LimitThreadsToCpus();
 

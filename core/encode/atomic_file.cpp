@@ -34,7 +34,7 @@ absl::Status SystemError(int error, const std::string& what) {
   return AsOutputError(absl::ErrnoToStatus(error, what));
 }
 
-// Whether the file is written in place: it is no regular one, or no path leads to it (an open file's link in /proc).
+// True if the file is written in place: it is no regular one, or no path leads to it (an open file's link in /proc).
 bool IsWrittenThrough(const struct stat& status, const std::string& final_path) {
   if (!S_ISREG(status.st_mode)) return true;
   struct stat named {};

@@ -48,7 +48,7 @@ class AtomicFile {
   int descriptor_ = -1;
 };
 
-// Whether an error came of writing a file rather than of what was to be written.
+// True if an error came of writing a file rather than of what was to be written.
 bool IsOutputError(const absl::Status& status);
 
 }  // namespace voxelpipe

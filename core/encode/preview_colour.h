@@ -18,7 +18,7 @@ class PreviewColours {
 
   // Linear RGB in [0, 1] of voxel n of the linear order.
   Vec3f At(uint64_t n) const;
-  // Whether the result has normals to light by.
+  // True if the result has normals to light by.
   bool has_normals() const { return has_normals_; }
   // The unit normal stored for voxel n, world axes; nothing where it has none.
   std::optional<Vec3f> NormalAt(uint64_t n) const;

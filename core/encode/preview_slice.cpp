@@ -13,7 +13,7 @@
 namespace voxelpipe {
 namespace {
 
-// Which grid axes run to the right and upwards, and whether against their index.
+// Which grid axes run to the right and upwards, and if against their index.
 struct SliceAxes {
   int across, upwards;
   bool across_reversed, upwards_reversed;

@@ -11,7 +11,7 @@
 
 namespace voxelpipe {
 
-// Whether the arrays of `result` fit each other: sizes as HeaderOf says, bricks, voxels and offsets ascending and in
+// True if the arrays of `result` fit each other: sizes as HeaderOf says, bricks, voxels and offsets ascending and in
 // range. The functions below rely on it. INVALID_ARGUMENT naming the array.
 absl::Status CheckArrays(const VoxelizeResult& result);
 

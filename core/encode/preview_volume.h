@@ -34,7 +34,7 @@ class PreviewVolume {
   const std::array<int64_t, 3>& lo() const { return lo_; }
   const std::array<int64_t, 3>& hi() const { return hi_; }
 
-  // Whether voxel (i,j,k) is solid; outside the grid nothing is.
+  // True if voxel (i,j,k) is solid; outside the grid nothing is.
   bool Solid(int64_t i, int64_t j, int64_t k) const {
     if (i < 0 || j < 0 || k < 0 || i >= dims_[0] || j >= dims_[1] || k >= dims_[2]) return false;
     const uint64_t n = Linear(i, j, k);

@@ -36,7 +36,7 @@ class ResultFile : public ResultSink {
 // Begin for a kind that the format cannot hold; otherwise the system's error with the path.
 absl::StatusOr<std::unique_ptr<ResultFile>> OpenResultFile(const std::string& path, const JobContext* job);
 
-// Whether files of this extension can hold results of this kind.
+// True if files of this extension can hold results of this kind.
 bool CanHold(const std::string& extension, ResultKind kind);
 
 }  // namespace voxelpipe

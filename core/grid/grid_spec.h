@@ -28,7 +28,7 @@ struct GridSpec {
   // How vertices are taken to it.
   IndexSpace index_space() const { return {origin, voxel_size, wall, wall_end}; }
 
-  // Whether they have the same voxels.
+  // True if they have the same voxels.
   friend bool operator==(const GridSpec& a, const GridSpec& b) {
     return a.dims == b.dims && a.origin == b.origin && a.voxel_size == b.voxel_size;
   }

@@ -5,7 +5,7 @@
 
 namespace voxelpipe {
 
-// Gives those blocks of the pool (page_pool.h) to the system that nobody has had since `moment`. Thread-safe.
+// Returns those blocks of the pool (page_pool.h) to the system that were unused since `moment`. Thread-safe.
 void ReleasePagesIdleSince(std::chrono::steady_clock::time_point moment);
 
 }  // namespace voxelpipe

@@ -1,4 +1,4 @@
-// Whether loading a file may take much longer than its size says, by a look at its text.
+// Estimates from a file's text if loading it may take much longer than its size suggests.
 #pragma once
 
 #include <cstdint>

@@ -297,7 +297,7 @@ absl::StatusOr<DracoMesh> Decode(const JobContext& job, std::span<const uint8_t>
   }
   for (int32_t i = 0; i < mesh->num_attributes(); ++i) {
     draco::PointAttribute& attribute = *mesh->attribute(i);
-    // Custom data of too many components, which no shader could read. Draco's conversion of DT_BOOL loads a stranger's byte as a bool, which is undefined.
+    // Custom data of too many components, which no shader could read. Draco's conversion of DT_BOOL loads an untrusted byte as a bool, which is undefined.
     if (attribute.num_components() > 4 || attribute.data_type() == draco::DT_BOOL) continue;
     std::string name;
     if (const draco::AttributeMetadata* const metadata = mesh->GetAttributeMetadataByAttributeId(i)) {

@@ -22,7 +22,7 @@ using Wrap = PredictionSchemeWrapDecodingTransform<int32_t, int32_t>;
 using Data = MeshPredictionSchemeData<CornerTable>;
 using AttributeData = MeshPredictionSchemeData<MeshAttributeCornerTable>;
 
-// `count` orientations, each told by whether it is that of the one before.
+// `count` orientations, each coded as equal to the one before or not.
 template <typename Set>
 bool DecodeOrientations(DecoderBuffer* buffer, uint32_t count, const Set& set) {
   bool last = true;

@@ -10,7 +10,7 @@
 
 namespace voxelpipe {
 
-// Whether loading the file, and decoding those of its textures, may run one of them. Looks at the text alone: "yes" may be wrong, "no" is
+// True if loading the file, and decoding those of its textures, may run one of them. Looks at the text alone: "yes" may be wrong, "no" is
 // not. O(size of the JSON), without parsing it.
 bool MayNeedForeignDecoder(std::span<const uint8_t> file, MeshFormat format, const TextureUse& textures);
 

@@ -198,7 +198,7 @@ absl::Status ReadAnimations(const Document& document, const AccessorReader& acce
       if (root[i].is_object()) parts += ArraySize(root[i], key);
     }
     total += parts;
-    // With the trees that tell which have been read.
+    // With the trees of which ones have been read.
     constexpr uint64_t kPartBytes = sizeof(AnimationSampler) + sizeof(AnimationChannel) + 128;
     if (total > most) {
       out.fault = absl::ResourceExhaustedError(

@@ -16,7 +16,7 @@ std::vector<std::string> AttributeSource::OwnNames() const {
 }
 
 bool AttributeSource::IsNormalized(const std::string& name, const DracoAttribute& attribute) const {
-  // Encoders seldom tell the stream what the accessor knows; glTF has no colours but normalized ones.
+  // Encoders seldom store in the stream what the accessor has; glTF has no colours but normalized ones.
   constexpr int kFloat = 5126;
   const auto accessor = accessors_.find(name);
   if (accessor == accessors_.end() || attribute.kind == DracoAttribute::Kind::kColor) return attribute.normalized;

@@ -31,7 +31,7 @@ class Budget {
   absl::Status Take(uint64_t elements, uint64_t bytes_each, const std::string& what, MemoryCharge& charge) const;
   MemoryCharge NewCharge() const { return MemoryCharge(&MemoryOf(job_)); }
 
-  // Whether so many elements without bytes of their own are no more than a file of this size may declare:
+  // True if so many elements without bytes of their own are no more than a file of this size may declare:
   // RESOURCE_EXHAUSTED.
   absl::Status CheckDeclared(uint64_t elements, uint64_t bytes_each, const std::string& what) const;
 
@@ -51,11 +51,11 @@ class Budget {
   MemoryCharge charge_;
 };
 
-// Whether an error is the file's own, so that it may stay with the part that it is of: not the end of the job, nor
+// True if an error is the file's own, so that it may stay with the part that it is of: not the end of the job, nor
 // memory that others use now.
 bool IsOfFile(const absl::Status& error);
 
-// Whether a URI holds its data, whatever the case of its scheme.
+// True if a URI holds its data, whatever the case of its scheme.
 bool IsDataUri(std::string_view uri);
 
 // In: a data: URI. Out: its media type and bytes. Errors: INVALID_ARGUMENT saying what is not valid (base64, percent

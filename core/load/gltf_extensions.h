@@ -8,7 +8,7 @@ namespace voxelpipe::gltf {
 enum class ExtensionSupport {
   kRead,     // implemented
   kIgnored,  // it cannot change static triangles, nor what shaders read: a warning
-  kRefused,  // it can, or nobody here knows it: an error
+  kRefused,  // it can, or it is unknown here: an error
 };
 
 ExtensionSupport SupportOf(std::string_view extension);

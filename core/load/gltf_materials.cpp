@@ -116,7 +116,7 @@ WrapMode ToWrap(int wrap) {
   return wrap == kMirroredRepeat ? WrapMode::kMirroredRepeat : WrapMode::kRepeat;
 }
 
-// Whether a filter takes the nearest texel within a level.
+// True if a filter takes the nearest texel within a level.
 bool IsNearest(int filter) {
   return filter == kNearest || filter == kNearestMipmapNearest || filter == kNearestMipmapLinear;
 }

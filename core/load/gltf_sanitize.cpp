@@ -53,7 +53,7 @@ void CopyNumbers(Fields& fields, const char* key, size_t length, Json& to) {
   to[key] = *array;
 }
 
-// Whether messages can show a name of the file's own.
+// True if messages can show a name of the file's own.
 bool IsPresentable(const std::string& name) {
   constexpr size_t kMaxCharacters = 128;
   return name.size() <= kMaxCharacters && std::none_of(name.begin(), name.end(), [](char c) {

@@ -14,7 +14,7 @@ namespace voxelpipe {
 struct WebpSize {
   uint32_t width = 0, height = 0;
   // What its decoder takes beside the texels, but for the prefix codes of a lossless image: at most 65,536 sets of
-  // about 6 KB, which the header does not tell.
+  // about 6 KB, which the header does not contain.
   uint64_t working_bytes = 0;
 };
 

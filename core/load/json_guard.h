@@ -19,7 +19,7 @@ absl::Status GuardJson(const JobContext& job, std::string_view json, const LoadL
 // `json` without a byte order mark, which glTF forbids and some editors write; then a warning.
 std::string_view WithoutByteOrderMark(std::string_view json, WarningList& warnings);
 
-// A stranger's text for an error message: one line, printable, at most about 80 characters.
+// Untrusted text for an error message: one line, printable, at most about 80 characters.
 std::string Quoted(std::string_view text);
 
 }  // namespace voxelpipe

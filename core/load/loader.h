@@ -1,4 +1,4 @@
-// The door for strangers' bytes: GLB, glTF 2.0 JSON, Draco.
+// The entry for untrusted input: GLB, glTF 2.0 JSON, Draco.
 #pragma once
 
 #include <cstdint>

@@ -180,7 +180,7 @@ class Packer {
                              sibling.outside, ", and is read only where that is allowed (--allow-outside)"))));
   }
 
-  // Which images the textures that are wanted take. Whatever the file has wrong there the loader tells.
+  // Which images the textures that are wanted take. Faults of the file there are reported by the loader.
   std::vector<bool> WantedImages() const {
     std::vector<bool> wanted(json_["images"].size());
     if (!IsObjectArray(json_, "textures") || !IsObjectArray(json_, "materials")) return wanted;

@@ -27,7 +27,7 @@ struct AnimationChannel {
 
 struct Animation {
   std::string name;
-  // Why the animation cannot be played, naming sampler, channel and accessor; a file loads with one that nobody asks for.
+  // Why the animation cannot be played, naming sampler, channel and accessor; a file loads with one that is not requested.
   absl::Status fault;
   std::vector<AnimationSampler> samplers;
   std::vector<AnimationChannel> channels;

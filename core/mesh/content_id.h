@@ -21,7 +21,7 @@ inline std::string NewMovedId(const std::string& id) {
 // What others may have of a mesh with this id.
 struct SharedArrays {
   std::string id;          // that names them; empty: none
-  bool positions = false;  // whether they are among them
+  bool positions = false;  // true if they are among them
 };
 inline SharedArrays SharedArraysOf(const std::string& content_id) {
   const size_t mark = content_id.find(kMovedMark);

@@ -72,7 +72,7 @@ std::vector<Mat4d> WorldTransforms(const Scene& scene) {
   return world;
 }
 
-// Whether a primitive puts anything into the mesh.
+// True if a primitive puts anything into the mesh.
 bool IsDrawn(const Primitive& primitive) {
   return !primitive.positions.empty() || !primitive.triangles.empty();
 }

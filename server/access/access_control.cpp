@@ -130,7 +130,7 @@ absl::StatusOr<Admitted> AccessControl::Admit(std::optional<std::string_view> au
   admitted.name_ = client->name;
   admitted.role_ = client->role;
   admitted.metrics_ = &metrics_;
-  if (health) return admitted;  // whoever watches takes nothing
+  if (health) return admitted;  // a watch takes no quota
   std::shared_ptr<Quota> quota;
   {
     const std::lock_guard lock(mutex_);

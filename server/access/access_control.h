@@ -1,4 +1,4 @@
-// The door: who calls, whether it may, and whether it takes too much.
+// Access control: authenticates callers, checks their role and their quotas.
 #pragma once
 
 #include <chrono>

@@ -12,7 +12,7 @@ namespace voxelpipe {
 
 using QuotaClock = std::chrono::steady_clock;
 
-// Tokens that fill up steadily; taking one that is not there tells when it will be. Not thread-safe.
+// Tokens that fill up steadily; taking one that is not there returns when it will be. Not thread-safe.
 class TokenBucket {
  public:
   // Full at the start. `per_second` above 0, `size` at least 1.

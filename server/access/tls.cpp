@@ -103,7 +103,7 @@ absl::StatusOr<TlsFacts> CheckContents(const TlsFiles& files, const std::array<s
   return TlsFacts{ToTime(X509_get0_notBefore(certificate->get())), ToTime(X509_get0_notAfter(certificate->get()))};
 }
 
-// Whether there is TLS at all. Errors: options that are useless without others.
+// True if TLS is on. Errors: options that are useless without others.
 absl::StatusOr<bool> HasTls(const TlsFiles& files) {
   if (files.certificate.empty() != files.key.empty()) {
     return absl::InvalidArgumentError("--tls-cert and --tls-key: one is useless without the other");

@@ -19,7 +19,7 @@ enum class Role {
   kAdmin,    // and the meshes of others
 };
 const char* RoleName(Role role);
-// Whether the role may make the call at all.
+// True if the role may make the call at all.
 bool MayCall(Role role, Rpc rpc);
 
 // What one client may take. 0: no limit.

@@ -71,7 +71,7 @@ class CallGate {
     for (const std::function<void()>& closer : closers) closer();
   }
 
-  // Whether all passes were given back by `deadline`.
+  // True if all passes were given back by `deadline`.
   bool WaitUntilEmpty(std::chrono::steady_clock::time_point deadline) {
     std::unique_lock lock(mutex_);
     return left_.wait_until(lock, deadline, [this] { return inside_ == 0; });

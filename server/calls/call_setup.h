@@ -22,7 +22,7 @@ void SetDeadline(const grpc::CallbackServerContext& context, JobContext& job);
 // What a call gets that comes after the gate was closed. UNAVAILABLE: another server, or this one later, may take it.
 absl::Status ShuttingDownError();
 
-// Whether a call may go on: the first thing that each asks. Errors: ShuttingDownError; a BusyError beyond --max-calls; those of CallRecord::admission.
+// Checks that a call may go on: the first check of each. Errors: ShuttingDownError; a BusyError beyond --max-calls; those of CallRecord::admission.
 absl::Status MayBegin(const CallGate::Pass& pass, const CallRecord& record);
 
 // Puts the operator's choices (threads, backend, instruction set) into a client's request and checks all of it that needs no mesh.

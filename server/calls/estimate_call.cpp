@@ -138,7 +138,7 @@ absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   if (!estimate.ok()) return estimate.status();
   *response_.mutable_plan() = ToMessage(estimate->plan);
   *response_.mutable_mesh() = ToMessage(estimate->report, (*mesh)->examined);
-  if (!kept_) CheckImages(*(*mesh)->mesh);  // nobody else has it
+  if (!kept_) CheckImages(*(*mesh)->mesh);  // not shared with other calls
   WriteWarnings(kept_ ? kept_->Report().warnings : AllWarningsOf(*(*mesh)->mesh), response_);
   if (!kept_) *response_.mutable_contents() = ToMessage((*mesh)->contents, (*mesh)->stages);
   return absl::OkStatus();

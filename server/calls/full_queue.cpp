@@ -9,7 +9,7 @@
 namespace voxelpipe {
 namespace {
 
-// Nobody minds numbers that are so old: the delay that they ask for is never shorter.
+// Numbers of this age are good enough: the retry delay is never shorter.
 constexpr std::chrono::milliseconds kFresh{10};
 constexpr std::chrono::seconds kBetweenLines{1};
 

@@ -33,7 +33,7 @@ class FullQueue {
 
   // Null where the queue is not full: a job may still be refused for what it is. Counts the refusal as one of the queue's.
   std::shared_ptr<const Answer> Refusal(Clock::time_point now = Clock::now());
-  // Whether this refusal gets a line of its own, and then how many had none since the last line.
+  // Set if this refusal gets a log line of its own: the number of refusals without one since the last line.
   std::optional<uint64_t> MayLog(Clock::time_point now = Clock::now());
 
  private:

@@ -358,7 +358,7 @@ void ManyCall::OnWriteDone(bool ok) {
     if (last_of_current_) written = WrittenLocked();
   }
   if (!ok) {
-    OnCancel();  // nobody listens
+    OnCancel();  // the client is gone
     return;
   }
   Pump();

@@ -59,7 +59,7 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   absl::Status Prepare(v1::VoxelizeManyRequest& request, Job& job);
   // The job has ended, on any thread. Pump is left to the caller.
   void Ended(Answer answer, bool failed);
-  // The server goes away: what is in hand is answered, nothing else is taken.
+  // The server shuts down: jobs in progress are answered, no further ones are read.
   void StopTaking();
   void GiveUp(std::string_view why);
   void HangUp();

@@ -38,7 +38,7 @@ std::string IdOf(std::span<const uint8_t> file) {
   return hash.HexDigest();
 }
 
-// Frees a mesh that nobody else uses.
+// Frees a mesh without other users.
 class FreeTask final : public Task {
  public:
   explicit FreeTask(std::shared_ptr<KeptMesh> mesh) : mesh_(std::move(mesh)) {}

@@ -23,7 +23,7 @@
 
 namespace voxelpipe {
 
-// What a store knows of a mesh.
+// What the store holds about a mesh.
 v1::StoredMesh ToMessage(KeptMesh& mesh);
 
 // One UploadMesh call: gathers the file; a loader takes its hash, loads it unless an equal one is there or being loaded, and keeps it. Where
@@ -94,7 +94,7 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
 // In: the call's request. Out: its answer, or NOT_FOUND with ResourceInfo; INVALID_ARGUMENT for what is no mesh's id.
 absl::Status GetMesh(ServiceState& state, const v1::GetMeshRequest& request, v1::GetMeshResponse& response);
 // A caller that is no administrator gives up its own claim, and the mesh is forgotten when no claim is left, else kept_for_others is set;
-// PERMISSION_DENIED where it has none. An administrator's call forgets the mesh, whoever has a claim.
+// PERMISSION_DENIED where it has none. An administrator's call removes the mesh whatever claims it has.
 absl::Status DeleteMesh(ServiceState& state, const CallRecord& caller, const v1::DeleteMeshRequest& request,
                         v1::DeleteMeshResponse& response);
 

@@ -1,4 +1,4 @@
-// What our reactors tell gRPC of themselves.
+// What our reactors declare to gRPC.
 #pragma once
 
 namespace voxelpipe {

@@ -32,12 +32,12 @@ std::string HashOf(const VoxelizeResult& result) {
   return hash.HexDigest();
 }
 
-// Whether the error is about the run, and not about the request: then each may try for itself.
+// True if the error is about the run, and not about the request: then each job may run by itself.
 bool IsOfTheRun(const absl::Status& status) {
   return absl::IsAborted(status) || absl::IsCancelled(status) || absl::IsDeadlineExceeded(status);
 }
 
-// Whether a time is before another; none is after all.
+// True if a time is before another; none is after all.
 bool Earlier(const std::optional<Scheduler::Time>& a, const std::optional<Scheduler::Time>& b) {
   return a && (!b || *a < *b);
 }

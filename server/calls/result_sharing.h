@@ -42,7 +42,7 @@ class ResultSharing {
   absl::Status Admit(const VoxelizeJob& job) const;
   // As Scheduler::Submit. The job may be answered before this returns.
   absl::Status Submit(std::shared_ptr<VoxelizeJob> job);
-  // As Scheduler::Withdraw; the work goes on while others wait for it, and stops when nobody does.
+  // As Scheduler::Withdraw; the work goes on while others wait for it, and stops when none does.
   bool Withdraw(VoxelizeJob& job);
 
   const ResultCache& cache() const { return cache_; }

@@ -279,7 +279,7 @@ absl::Status VoxelizeCall::Write(size_t array, std::span<const uint8_t> bytes) {
 
 absl::Status VoxelizeCall::WaitForRoom(size_t bytes) {
   std::unique_lock lock(mutex_);
-  // One piece may always wait. Who takes nothing is let go by Sweep, which ends the call.
+  // One piece may always wait. Sweep ends the call of a client that reads nothing.
   while (!end_ && !pending_.empty() && pending_bytes_ + bytes > state_.options.stream_buffer_bytes) {
     if (absl::Status s = context.Check(); !s.ok()) return s;
     room_.wait_for(lock, kLookEvery);  // a deadline that passes is not notified
@@ -409,7 +409,7 @@ void VoxelizeCall::OnWriteDone(bool ok) {
   room_.notify_all();
   if (!ok) {
     if (context.Check().ok()) context.Cancel();
-    End(context.Check());  // nobody listens
+    End(context.Check());  // the client is gone
     return;
   }
   Pump();

@@ -19,7 +19,7 @@
 
 namespace voxelpipe {
 
-// gRPC's threads begin the call and never wait here; whoever ends the job, a worker as a rule, finishes it from its own thread: no
+// gRPC's threads begin the call and never wait here; the thread that ends the job, as a rule a worker, finishes the call: no
 // other hand-over is between. Every call is ended by Finish exactly once, when its job has ended. The object lives until gRPC and the
 // worker are both done with it.
 class WholeCall final : public grpc::ServerUnaryReactor, private VoxelizeJob {

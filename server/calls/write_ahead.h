@@ -16,7 +16,7 @@ namespace voxelpipe {
 class WriteAhead {
  public:
   // Of the next write. `more_follows`: once it is done, the call writes or finishes at once, whatever happens, and
-  // waits for nobody before.
+  // waits for no write before.
   grpc::WriteOptions Next(bool more_follows) {
     grpc::WriteOptions options;
     if (std::exchange(headers_left_, true) && more_follows) options.set_buffer_hint();

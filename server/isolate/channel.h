@@ -14,7 +14,7 @@
 namespace voxelpipe {
 
 enum class MessageKind : uint32_t {
-  kReady,     // worker: nothing of a stranger's was touched yet, and from now on it may
+  kReady,     // worker: sandboxed before any untrusted input was read, and ready for it
   kLoad,      // server: a file -> a LoadedMesh
   kTextures,  // server: textures -> the same, decoded
   kTrim,      // server: give back memory that is not in use; no answer

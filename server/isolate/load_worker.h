@@ -1,4 +1,4 @@
-// The process that decodes strangers' meshes: the server's own binary, started anew with a hidden argument.
+// The process that decodes untrusted meshes: the server's own binary, started anew with a hidden argument.
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// The server's one door for strangers' bytes: where a mesh is loaded.
+// The server's one entry for untrusted mesh files: decides where a mesh is loaded.
 #pragma once
 
 #include <cstdint>

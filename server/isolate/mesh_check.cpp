@@ -179,7 +179,7 @@ bool IsSampler(const AnimationSampler& sampler) {
 }
 
 bool IsAnimation(const Animation& animation, uint64_t nodes) {
-  if (!animation.fault.ok()) return true;  // nobody plays it
+  if (!animation.fault.ok()) return true;  // a fault of its own: it cannot be played
   if (!std::all_of(animation.samplers.begin(), animation.samplers.end(), IsSampler)) return false;
   return std::all_of(animation.channels.begin(), animation.channels.end(), [&](const AnimationChannel& channel) {
     if (channel.node >= nodes || channel.sampler >= animation.samplers.size()) return false;

@@ -1,4 +1,4 @@
-// Whether a mesh that another process made is one: what the pipeline takes for granted, so that nothing reads or writes out of bounds.
+// Checks that a mesh from another process is valid: what the pipeline relies on not to access memory out of bounds.
 #pragma once
 
 #include "absl/status/status.h"

@@ -1,4 +1,4 @@
-// What a process gives up before it touches a stranger's bytes.
+// The sandbox: what a process gives up before it reads untrusted input.
 #pragma once
 
 #include <cstdint>
@@ -25,7 +25,7 @@ uint64_t OwnResidentBytes(int pid);
 // from now on.
 void BoundProcess(int pid, uint64_t address_space_bytes, uint64_t cpu_seconds);
 
-// Whether this build carries a sanitizer, which needs terabytes of address space.
+// True if this build carries a sanitizer, which needs terabytes of address space.
 bool IsSanitizedBuild();
 
 }  // namespace voxelpipe

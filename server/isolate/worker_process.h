@@ -36,7 +36,7 @@ class WorkerProcess {
 
   pid_t pid() const { return pid_; }
   uint64_t kept_bytes() const { return options_.kept_bytes; }
-  // Whether it may be asked again.
+  // True if it can take another request.
   bool usable() const { return end_reason_[0] == '\0'; }
   // Why it is not: "cancelled", "deadline", "memory", "cpu", "protocol", "died", "start".
   const char* end_reason() const { return end_reason_; }
@@ -83,7 +83,7 @@ class WorkerProcess {
   uint64_t number_ = 0;
   uint64_t base_space_ = 0;     // when it became ready
   uint64_t base_resident_ = 0;  // then, and before a question that follows a long one
-  bool measure_ = false;        // whether that is to be measured
+  bool measure_ = false;        // true if that is to be measured
 };
 
 }  // namespace voxelpipe

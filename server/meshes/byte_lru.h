@@ -20,7 +20,7 @@ struct LruStats {
   uint64_t evictions = 0;           // for want of room; what was removed by name does not count
 };
 
-// Values by name. What leaves the store lives on as long as others hold it; values that nobody holds are destroyed by the thread whose
+// Values by name. What leaves the store lives on as long as others hold it; values without holders are destroyed by the thread whose
 // call put them out, without the lock. Thread-safe.
 template <typename Value>
 class ByteLru {

@@ -23,9 +23,9 @@ namespace voxelpipe {
 //
 // Every client that pays for something has a share: the limit by the number of these clients. Room is made by what was used longest ago of
 // clients that hold more than their share, so what a client used last, as far as it fits into its share, stays whatever others insert. Only
-// what nobody used for `idle` goes before that, whoever has it: clients that have gone for good do not narrow those that are here.
+// values unused for `idle` are evicted before that, whoever claims them: clients that left do not reduce the others' shares.
 // What is put out for want of its payer's room is the next claimant's, if there is one. What leaves lives on as long as others hold it;
-// values that nobody holds are destroyed by the thread whose call put them out, without the lock. Thread-safe.
+// values without holders are destroyed by the thread whose call put them out, without the lock. Thread-safe.
 template <typename Value>
 class ClaimedLru {
  public:
@@ -139,7 +139,7 @@ class ClaimedLru {
     return Released::kGone;
   }
 
-  // Takes a value out, whoever has claims on it: null where there is none.
+  // Removes and returns a value whatever claims it has; null if there is none.
   std::shared_ptr<Value> Erase(const std::string& key) {
     const std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);

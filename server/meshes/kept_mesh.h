@@ -49,14 +49,14 @@ class KeptMesh {
   std::shared_ptr<TriangleMesh> Moved(const std::shared_ptr<const TriangleMesh>& mesh, bool keep_one);
   bool keeps_moved() const { return keeps_moved_; }
 
-  // Whether Mesh gives those textures without decoding any.
+  // True if Mesh gives those textures without decoding any.
   bool ready(const TextureUse& use) const;
 
   // Facts about the mesh, its warnings among them. Degenerate triangles and open edges are only among them once a call
   // of Examine has counted them.
   struct Facts {
     MeshReport report;
-    bool examined = false;   // whether they are counted
+    bool examined = false;   // true if they were counted
     WarningList warnings{};  // all of its textures included
   };
   Facts Report() const;

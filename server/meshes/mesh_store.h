@@ -19,7 +19,7 @@ namespace voxelpipe {
 // makes a caller wait for other callers' work (textures being decoded).
 class MeshStore {
  public:
-  // What nobody used for so long is nobody's share any more.
+  // A mesh unused for so long counts for no client's share.
   static constexpr std::chrono::minutes kShareHolds{10};
 
   explicit MeshStore(uint64_t max_bytes) : meshes_(max_bytes, kShareHolds) {}
@@ -49,11 +49,11 @@ class MeshStore {
   // Looks without using: NOT_FOUND (MissingMeshError).
   absl::StatusOr<std::shared_ptr<KeptMesh>> Get(const std::string& id) const;
 
-  // Takes the client's claim on the mesh back, and forgets the mesh where nobody else has one. Out: the mesh, so that the caller chooses the
+  // Takes the client's claim on the mesh back, and removes the mesh if no other client has one. Out: the mesh, so that the caller chooses the
   // thread that frees it; null where it stays, for the others. NOT_FOUND (MissingMeshError); PERMISSION_DENIED without a claim.
   absl::StatusOr<std::shared_ptr<KeptMesh>> Release(const std::string& id, const std::string& client);
 
-  // Forgets the mesh, whoever has a claim on it, and hands it out. NOT_FOUND (MissingMeshError).
+  // Removes the mesh whatever claims it has, and returns it. NOT_FOUND (MissingMeshError).
   absl::StatusOr<std::shared_ptr<KeptMesh>> Delete(const std::string& id);
 
   LruStats stats() const { return meshes_.stats(); }
@@ -65,7 +65,7 @@ class MeshStore {
   ClaimedLru<KeptMesh> meshes_;
 };
 
-// Whether the text can name a mesh: 64 hexadecimal digits, lower case. INVALID_ARGUMENT naming the field otherwise.
+// Checks that the text can name a mesh: 64 hexadecimal digits, lower case. INVALID_ARGUMENT naming the field otherwise.
 absl::Status CheckMeshId(std::string_view id, std::string_view field);
 
 }  // namespace voxelpipe

@@ -23,7 +23,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareKept(MeshStore& store
                                                                 const ParsedConfig& config, const JobLimits& limits,
                                                                 const JobContext& job);
 
-// Whether `bytes` is what must follow a config with this mesh: nothing, or its new positions. `all`: no more will follow.
+// Checks that `bytes` is what must follow a config with this mesh: nothing, or its new positions. `all`: no more will follow.
 // INVALID_ARGUMENT naming size wanted and got otherwise.
 absl::Status CheckMeshBytes(const KeptMesh& kept, const ParsedConfig& config, uint64_t bytes, bool all);
 

@@ -132,7 +132,7 @@ class SingleFlight {
     const std::lock_guard lock(mutex_);
     return shared_;
   }
-  // Whether who joins now joins others.
+  // True if a newcomer joins others.
   bool IsFlying(const std::string& key) const {
     const std::lock_guard lock(mutex_);
     return flights_.contains(key);

@@ -24,7 +24,7 @@ class HealthService final : public grpc::health::v1::Health::CallbackService {
  public:
   using ServingStatus = grpc::health::v1::HealthCheckResponse::ServingStatus;
 
-  // Whether this caller may hear of the health; asked once a call, on gRPC's thread.
+  // True if this caller may read the health; asked once a call, on gRPC's thread.
   using Door = std::function<absl::Status(const grpc::CallbackServerContext&, Rpc)>;
 
   explicit HealthService(Door door);
@@ -34,7 +34,7 @@ class HealthService final : public grpc::health::v1::Health::CallbackService {
   void SetServing(bool serving);
   // Of the device "cpu", "cuda:0", ...: true while it takes jobs. A device that was never told of is not known.
   void SetDevice(const std::string& device, bool serving);
-  // Whether the server serves: what "" answers.
+  // True if the server serves: what "" answers.
   bool serving() const;
   // Ends every Watch with UNAVAILABLE, so that the server can shut down without waiting for them.
   void EndWatches();

@@ -1,4 +1,4 @@
-// A small HTTP server beside the service, for Prometheus and for whoever asks over HTTP whether the server lives.
+// A small HTTP server beside the service, for Prometheus and for health probes over HTTP.
 #pragma once
 
 #include <functional>
@@ -16,7 +16,7 @@ class Metrics;
 
 // GET /metrics (Prometheus' text format), /livez (200 while the process answers), /readyz (200 while the service takes calls, 503
 // otherwise). Nothing else, and no file. One thread of its own serves all connections, at most kMaxConnections, as their bytes come: slow
-// ones hold up nobody. One that says nothing is let go after two seconds.
+// ones delay no other. An idle one is closed after two seconds.
 class HttpEndpoint {
  public:
   // Each takes up to 8 KiB and a descriptor.

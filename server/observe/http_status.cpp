@@ -34,7 +34,7 @@ class Socket {
   const int fd_;
 };
 
-// Whether the socket can be read or written (`events`) before the time is over.
+// True if the socket can be read or written (`events`) before the time is over.
 bool WaitFor(int fd, short events, Clock::time_point end) {
   while (true) {
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(end - Clock::now()).count();

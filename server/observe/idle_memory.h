@@ -47,7 +47,7 @@ class IdleMemory {
 
  private:
   HeldMemory memory_;
-  // The least of each since the last trim. Both tell of growth: what was in use when it was trimmed shows only in the second when it
+  // The least of each since the last trim. Both show growth: what was in use when it was trimmed shows only in the second when it
   // becomes free, and what came and went between two looks only in the first.
   uint64_t resident_ = 0, free_ = 0;
 };

@@ -75,7 +75,7 @@ class JsonFormatter final : public spdlog::formatter {
   spdlog::pattern_formatter time_{kTime, spdlog::pattern_time_type::local, ""};
 };
 
-// Whether a value can stand in a text line without quotes.
+// True if a value can stand in a text line without quotes.
 bool IsPlain(std::string_view value) {
   return !value.empty() && value.find_first_of(" =\"\\") == std::string_view::npos;
 }

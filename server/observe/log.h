@@ -38,7 +38,7 @@ using LogFields = std::vector<LogField>;
 // Keys and the event are ours and need no escape; values are cleaned, cut at 300 bytes and quoted where they need it.
 class LogLine {
  public:
-  // Whether a line of this level would be written: for those who make many.
+  // True if a line of this level would be written: for callers that make many.
   static bool IsWanted(spdlog::level::level_enum level);
 
   explicit LogLine(std::string_view event);  // in the format of StartLog, text before it

@@ -92,7 +92,7 @@ class Metrics {
   // Everything in Prometheus' text format, version 0.0.4. Runs the samplers first.
   std::string Text();
 
-  // `sample` is called before every Text, on its thread, to set gauges that nobody else keeps (lengths, bytes in hand). It must
+  // `sample` is called before every Text, on its thread, to set gauges that no other code updates (lengths, bytes in hand). It must
   // stay callable until the token that comes back is destroyed, and must not call back here.
   class Sampler;
   [[nodiscard]] std::unique_ptr<Sampler> BeforeText(std::function<void()> sample);

@@ -1,4 +1,4 @@
-// Whether one more task may wait.
+// Admission: decides if one more task may wait.
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-// Whether a device is trusted with work: a state machine without a clock and without threads.
+// Health of a device: a state machine without a clock and without threads.
 #pragma once
 
 #include <chrono>

@@ -23,7 +23,7 @@ struct DeviceRunOptions {
   int threads = 0;     // of the whole batch on the host; 0 = all
   int sharers = 1;     // workers that use the host's cores now, this one included
   PlanLimits limits;
-  bool watched = false;  // whether another thread may Abandon it; costs a copy of each request
+  bool watched = false;  // true if another thread may Abandon it; costs a copy of each request
 };
 
 // Threads of one run: no more than its work is worth, `limit` (0: none) and the cores. A short one takes no more than its share of the cores:
@@ -33,7 +33,7 @@ int ThreadsFor(double predicted_ms, int limit, int sharers, int cores);
 
 // Runs jobs, gives each its answer, and keeps those that the device failed, for another one. A device may also never answer: then another
 // thread abandons the run, and from then on nothing of the jobs is touched, whatever the worker's thread still does. So all that the
-// device works on is the run's own (the mesh is shared), and whoever runs it holds the run.
+// device works on is the run's own (the mesh is shared), and the thread that runs it holds the run.
 class DeviceRun {
  public:
   using Clock = JobContext::Clock;
@@ -56,7 +56,7 @@ class DeviceRun {
   // All tasks, those that have their answer and those that do not.
   const std::vector<std::shared_ptr<Task>>& answered() const { return answered_; }
   const std::vector<Left>& left() const { return left_; }
-  // The same, away from an abandoned run: whoever runs it may hold it for ever, and must not hold tasks with it.
+  // The same, away from an abandoned run: the thread that runs it may hold it for ever, and must not hold tasks with it.
   std::vector<std::shared_ptr<Task>> TakeAnswered() { return std::exchange(answered_, {}); }
   std::vector<Left> TakeLeft() { return std::exchange(left_, {}); }
   bool any_result() const { return any_result_; }  // the device made one
@@ -67,7 +67,7 @@ class DeviceRun {
   void PassOnCancels();
   // How long the device has given no sign of life; zero while a job's own code is waited for (its client, memory, loading).
   Clock::duration Silence(Clock::time_point now) const;
-  // Whether every job that waits for its answer was cancelled or is late.
+  // True if every job that waits for its answer was cancelled or is late.
   bool Unwanted() const;
   // Predicted time of its jobs together.
   std::chrono::milliseconds predicted() const { return predicted_; }

@@ -154,7 +154,7 @@ void FairQueue::Pay(Flow& flow, double cost_ms) {
   flow.turn = after.turn;
 }
 
-// Forgets clients whose debt is paid: all, once nobody is left to pay it to.
+// Forgets clients whose debt is paid: all, once no other client is waiting.
 void FairQueue::Settle(Level& level) {
   if (level.waiting == 0) {
     for (const Turn& turn : level.resting) level.now = std::max(level.now, turn.paid);

@@ -1,7 +1,7 @@
 // Tasks that wait, and whose turn it is: start-time fair queueing, first among priorities, then among the clients of one.
 //
 // Source: P. Goyal, H. Vin, H. Cheng, "Start-time Fair Queueing", SIGCOMM 1996: who was served pays with virtual time, in proportion to the
-// work and against its weight, and whoever has paid least is next. Nobody saves up: who comes, or was held back, starts at the present.
+// work and against its weight, and the client that has paid least is next. No credit accumulates: a client that arrives, or was held back, starts at the present.
 // Changed: tasks stand in lanes, and who asks names the lanes that it can take from; the order is one for all lanes together. A task that several
 // clients wait for stands in a place of each.
 #pragma once
@@ -37,7 +37,7 @@ class FairQueue {
   // `cost_ms`: the work that the client pays for. The task must not be here yet. Of one client, priority and lane it comes after those
   // that are.
   void Push(std::shared_ptr<Task> task, size_t lane, Priority priority, const std::string& client, double cost_ms);
-  // Whether a client's tasks are passed over.
+  // True if a client's tasks are passed over.
   using Skip = std::function<bool(const std::string& client)>;
   // Whose turn it is among these lanes, and in which it stands; null where none waits. Pop takes it out and makes its client pay.
   // Clients that `skip`, if given, is true for are passed over.

@@ -13,7 +13,7 @@
 
 namespace voxelpipe {
 
-// Each is computed by whoever needs it first. Thread-safe.
+// Each is computed by its first user. Thread-safe.
 class ResultSums {
  public:
   // Of a result with arrays as long as those of `result`, in pieces of `piece_bytes`.

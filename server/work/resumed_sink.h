@@ -16,7 +16,7 @@ class ResumedSink final : public ResultSink {
  public:
   // `out` must outlive the runs; it hears of one Begin, and of every byte once.
   void SetOut(ResultSink& out) { out_ = &out; }
-  // Whether anything was handed on: the next run must stream, too.
+  // True if anything was handed on: the next run must stream, too.
   bool begun() const { return header_.has_value(); }
 
   absl::Status Begin(const ResultHeader& header) override;

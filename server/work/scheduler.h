@@ -1,6 +1,6 @@
 // Which task runs next, and which ones together.
 //
-// A task waits for a loader where its mesh must be read first, then for a worker of a device. Whose turn it is, FairQueue knows; whether one
+// A task waits for a loader where its mesh must be read first, then for a worker of a device. FairQueue chooses the next one; whether one
 // more may wait, AdmitTask; what it will take, PredictCost and MeasuredCost.
 #pragma once
 
@@ -79,9 +79,9 @@ class Scheduler {
   Scheduler(const Scheduler&) = delete;
   Scheduler& operator=(const Scheduler&) = delete;
 
-  // Whether a task with these traits would be taken in now: for callers who are about to receive a lot for it. Errors: those of Submit.
+  // Checks that a task with these traits would be admitted now: for callers that are about to receive a lot for it. Errors: those of Submit.
   absl::Status Admit(const TaskTraits& traits) const;
-  // Whether there is no place for any task now, whatever its traits; and then what Admit would say to all. Cheap.
+  // True if there is no place for any task now, whatever its traits; and then what Admit would say to all. Cheap.
   // A task whose mesh is being loaded keeps its place, since it comes back to wait for a worker.
   bool IsFull() const;
   absl::Status FullError() const;
@@ -123,7 +123,7 @@ class Scheduler {
   void SetDevice(const WorkerTraits& device, size_t workers);
   // Takes out all tasks that wait for a device and that none may have that serves now. They are the caller's, and not worked on.
   std::vector<std::shared_ptr<Task>> TakeStranded();
-  // Whether a device serves that may have such a task.
+  // True if a device serves that may have such a task.
   bool IsServed(const TaskTraits& task) const;
 
   // Refuses new tasks and returns when all accepted ones have ended.
@@ -152,7 +152,7 @@ class Scheduler {
     size_t left = 0;
     bool measurable = true;  // its time is the work's alone
   };
-  // A task in a loader's hands: what it held when it was taken, so that nobody takes its place meanwhile. The task itself may change.
+  // A task in a loader's hands: what it held when it was taken, so that no other task takes its place meanwhile. The task itself may change.
   struct Loading {
     const Task* task = nullptr;
     std::string client;
@@ -192,7 +192,7 @@ class Scheduler {
   FairQueue::Lanes RunLanes(const WorkerTraits& worker, std::optional<Time>* look_again = nullptr) const;
   // Of the devices of this kind that may have the task; `waiting_ms` is left to the caller.
   KindOutlook Outlook(const TaskTraits& task, BackendChoice kind, Time now) const;
-  // Whether the worker leaves such a task, of which `waiting` wait, to another kind.
+  // True if the worker leaves such a task, of which `waiting` wait, to another kind.
   bool Leaves(const TaskTraits& task, const WorkerTraits& worker, size_t waiting, Time now,
               std::optional<Time>* look_again) const;
   // What may be loaded now.

@@ -132,7 +132,7 @@ FairQueue::Lanes Scheduler::RunLanes(const WorkerTraits& worker, std::optional<T
     for (const SizeClass size : {SizeClass::kSmall, SizeClass::kMedium, SizeClass::kGiant}) {
       const size_t lane = LaneFor(BackendChoice::kAuto, size);
       const Task* front = to_run_.Front(FairQueue::Lanes{1} << lane);
-      // Nobody waits for a giant's worker.
+      // No other task waits for a giant's worker.
       const bool gpus_giant = size == SizeClass::kGiant && worker.kind == BackendChoice::kCuda;
       const size_t waiting = to_run_.size();
       if (front != nullptr && (gpus_giant || !Leaves(front->traits, worker, waiting, now, look_again))) {
@@ -315,7 +315,7 @@ std::shared_ptr<Task> Scheduler::TakeLoadLocked() {
 }
 
 std::shared_ptr<Task> Scheduler::TakeLoad() {
-  // What waits for workers, and holds up those that load, also leaves the queue where nobody is called for it: withdrawn, or too late.
+  // What waits for workers, and holds up those that load, also leaves the queue where no callback is due: withdrawn, or too late.
   constexpr std::chrono::milliseconds kLookAgain{20};
   std::shared_ptr<Task> task;
   Sleeper* next = nullptr;
@@ -390,7 +390,7 @@ std::vector<Scheduler::Sleeper*> Scheduler::CallAll() {
 Scheduler::Sleeper* Scheduler::CallOne() {
   if (asleep_.empty()) return nullptr;
   Sleeper* best = nullptr;
-  std::optional<bool> loads;  // whether there is something to load
+  std::optional<bool> loads;  // true if there is something to load
   for (auto it = asleep_.rbegin(); it != asleep_.rend(); ++it) {
     Sleeper& sleeper = **it;
     if (sleeper.worker == nullptr) {

@@ -1,4 +1,4 @@
-// A piece of work on its way through the server: what the scheduler knows of it, and what workers call. No gRPC.
+// A piece of work on its way through the server: its traits for the scheduler, and what workers call. No gRPC.
 #pragma once
 
 #include <chrono>
@@ -29,7 +29,7 @@ struct JobCost {
 };
 
 struct TaskTraits {
-  std::string client;  // who asked: the tenant where tokens tell, else the peer's address
+  std::string client;  // the caller: the client of its token, else the peer's address
   Priority priority = Priority::kNormal;
   JobCost cost;
   JobContext::Clock::time_point arrived = JobContext::Clock::now();  // Submit sets it anew
@@ -37,7 +37,7 @@ struct TaskTraits {
   std::optional<std::chrono::milliseconds> queue_timeout;            // absent: the scheduler's
   std::optional<JobContext::Clock::time_point> queue_deadline;  // a worker must have it by then; the scheduler sets it
   BackendChoice backend = BackendChoice::kAuto;
-  bool fallback = true;                       // whether another kind of backend may run it
+  bool fallback = true;                       // true if another kind of backend may run it
   std::vector<std::string> excluded_devices;  // that failed it, by Backend::device(): no worker of these gets it again
 };
 
@@ -50,7 +50,7 @@ class Task {
   // False where a loader must have it before a device worker can. Asked by the scheduler, also from other threads than the one that
   // works on it, but not while it does.
   virtual bool loaded() const = 0;
-  // Brings traits.cost up to date with what is known now. Called by whoever hands the task to the scheduler.
+  // Brings traits.cost up to date with what is known now. Called by the code that submits the task.
   virtual void Weigh() {}
   // On a loader's thread. True where a device worker comes next.
   virtual bool Load() = 0;

@@ -19,7 +19,7 @@
 
 namespace voxelpipe {
 
-// Whoever asks for the result derives from this, and sets the public members before Submit.
+// The receiver of the result derives from this, and sets the public members before Submit.
 class VoxelizeJob : public Task {
  public:
   explicit VoxelizeJob(JobContext::Progress progress = {}) : context(std::move(progress)) {}

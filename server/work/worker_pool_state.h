@@ -24,7 +24,7 @@ struct WorkerPool::Device {
   const WorkerTraits traits;
   std::atomic<int> workers;  // changed with the pool's change_mutex_ and this mutex
   const bool watched;
-  DeviceMetrics* const metrics;  // null: nobody asks; not for threads left behind
+  DeviceMetrics* const metrics;  // null: without metrics; not for abandoned threads
   bool told_serving = true;      // with the pool's change_mutex_
 
   mutable std::mutex mutex;

@@ -1,4 +1,4 @@
-// What `voxelpipe batch` tells of a run.
+// The report of a run of `voxelpipe batch`.
 #pragma once
 
 #include <nlohmann/json.hpp>

@@ -27,7 +27,7 @@ using Clock = ServerPool::Clock;
 
 constexpr std::chrono::milliseconds kLookEvery{50};  // for a signal
 
-// Errors that come again whoever tries, because they are the item's own.
+// Permanent errors: the item's own, so that any server repeats them.
 bool IsPermanent(const absl::Status& status, bool by_server) {
   if (IsOutputError(status)) return false;  // a full disk is not
   switch (status.code()) {
@@ -49,7 +49,7 @@ bool IsWorthAnotherTry(const absl::Status& status) {
     case absl::StatusCode::kAborted:
     case absl::StatusCode::kDataLoss:
     case absl::StatusCode::kDeadlineExceeded:
-    case absl::StatusCode::kCancelled: return true;  // by the server: it goes away
+    case absl::StatusCode::kCancelled: return true;  // by the server: it shuts down
     default: return false;
   }
 }
@@ -164,7 +164,7 @@ class Run {
     return Prepared{*std::move(mesh), *std::move(key)};
   }
 
-  // Whether all that the item writes stays in the output directory.
+  // True if all that the item writes stays in the output directory.
   absl::Status CheckOutputs(const BatchItem& item) const {
     std::vector<std::string> paths = {RecordPath(plan_.output_dir, item)};
     const auto add = [&](const std::string& name) { paths.push_back((fs::path(plan_.output_dir) / name).string()); };

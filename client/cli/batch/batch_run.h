@@ -59,9 +59,9 @@ struct BatchHooks {
   // An engine for one server, or the core in this process (empty). Called from several threads.
   std::function<std::unique_ptr<Engine>(const std::string& server)> make_engine;
   std::function<int()> stop_signal;  // not 0: stop
-  // After how long a server that has too much to do wants to be asked again; nothing where the error is not one of load.
+  // The retry delay that an overloaded server returned; empty if the error is not one of load.
   std::function<std::optional<std::chrono::milliseconds>(const absl::Status&)> retry_delay;
-  // Whether an error says that a server could not be reached at all. Absent: none does.
+  // True if an error says that a server could not be reached at all. Absent: none does.
   std::function<bool(const absl::Status&)> could_not_connect;
   // No server can be reached, with the last one's error: the run waits for one. From several threads, one at a time.
   std::function<void(const absl::Status&)> on_gone;
@@ -72,7 +72,7 @@ struct BatchHooks {
 
 // Each item is read, skipped if its record says that it is done, otherwise run and written: its files appear under their names when
 // they are complete, its record after them. An item's error is its own. A lost or failing server is left alone for a while, its
-// items go to the others; a server that is busy is asked again when it said so. Where no server can be reached for `lost_timeout` the run
+// items go to the others; a busy server is retried after the delay that it returned. Where no server can be reached for `lost_timeout` the run
 // ends, and the items that are left stay so. A signal cancels what is under way.
 BatchResult RunBatch(const BatchPlan& plan, const BatchHooks& hooks);
 

@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Whether the file that is open is the one at this path.
+// True if the file that is open is the one at this path.
 bool IsAt(int descriptor, const std::string& path) {
   struct stat open_one {
   }, named{};

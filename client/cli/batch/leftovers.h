@@ -9,7 +9,7 @@
 
 namespace voxelpipe::cli {
 
-// Removes temporary files of these items' outputs and records. Nobody else may be writing them.
+// Removes temporary files of these items' outputs and records. No other process may be writing them.
 void RemoveLeftovers(const std::string& output_dir, const std::vector<BatchItem>& items);
 
 // Held by the one run that works on a shard in an output directory; given back also when the process is killed.

@@ -6,7 +6,7 @@ namespace voxelpipe::cli {
 namespace {
 
 constexpr std::chrono::milliseconds kFirstRest{250}, kLongestRest{30000};
-constexpr std::chrono::milliseconds kShortestDelay{10};  // a server that says 0 is asked again, but not in a spin
+constexpr std::chrono::milliseconds kShortestDelay{10};  // where a server returns a delay of 0: no busy loop
 
 }  // namespace
 

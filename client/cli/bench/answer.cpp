@@ -52,7 +52,7 @@ void Answer::Take(v1::Summary& summary) {
 }
 
 void Answer::Fill(const std::string& expected_hash, Outcome& outcome) const {
-  // A server that does not tell the size yet leaves 0 there.
+  // A server that does not report the size yet leaves 0 there.
   const bool lost = !complete_ || (summary_.result_bytes() != 0 && summary_.result_bytes() != bytes_) ||
                     (!expected_hash.empty() && summary_.content_sha256() != expected_hash);
   if (lost) {

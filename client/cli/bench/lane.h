@@ -60,7 +60,7 @@ std::unique_ptr<Lane> MakeCallLane(std::shared_ptr<grpc::Channel> channel, LoadR
 std::unique_ptr<Lane> MakeManyLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
 std::unique_ptr<Lane> MakeUnaryLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
 
-// Whether an error has a RetryInfo. Looks for its name: thousands a second are not parsed.
+// True if an error has a RetryInfo. Looks for its name: thousands a second are not parsed.
 inline bool SaysWhenToRetry(const grpc::Status& status) {
   return status.error_details().find("/google.rpc.RetryInfo") != std::string::npos;
 }

@@ -63,7 +63,7 @@ struct Outcome {
   uint32_t attempts = 0;
   bool cached = false;
   uint32_t resends = 0;  // after the server said when to come again
-  // Of a failure: whether the server said when to come again.
+  // Of a failure: true if the server returned a retry delay.
   bool retry_info = false;
 };
 

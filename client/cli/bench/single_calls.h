@@ -29,7 +29,7 @@ struct SingleCall {
   uint32_t resends = 0;
 };
 
-// `Call` is a SingleCall that can be made without arguments and stays where it is. Whoever derives calls Serve last in the constructor
+// `Call` is a SingleCall that can be made without arguments and stays where it is. A derived class calls Serve last in the constructor
 // and Join in the destructor: the thread uses all of the object.
 template <typename Call>
 class SingleCalls : public Lane {
@@ -150,7 +150,7 @@ class SingleCalls : public Lane {
     run_.in_flight.fetch_sub(1, std::memory_order_release);
   }
 
-  // Only once nobody starts calls any more.
+  // Only once no thread starts calls any more.
   void CancelAll() {
     if (std::exchange(cancelled_, true)) return;
     const std::lock_guard lock(mutex_);

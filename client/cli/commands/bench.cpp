@@ -143,7 +143,7 @@ void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments
   add("--compression", plan.compression, "none|zstd", "Of the results")->check(CLI::IsMember({"none", "zstd"}));
   flag("--without-hash", plan.without_hash, "Do without the SHA-256 of results; the CRC-32C of each piece remains");
   add("--queue-timeout-ms", plan.queue_timeout_ms, "T", "How long a request may wait for a worker");
-  add("--fallback", arguments.fallback, "yes|no", "Whether another kind of worker may do the work")
+  add("--fallback", arguments.fallback, "yes|no", "yes: another kind of worker may run the job")
       ->check(CLI::IsMember({"yes", "no"}));
 }
 
