@@ -1,4 +1,4 @@
-// The files that options name, looked at before anything starts.
+// The files that options name, checked before anything starts.
 #pragma once
 
 #include "absl/status/status.h"

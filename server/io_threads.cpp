@@ -27,8 +27,8 @@ size_t g_held = 0;
 // For a call that the server refuses at once.
 constexpr std::chrono::seconds kPatience{5};
 
-// A thread that was started just now has no name yet, and one of an earlier server has its name until it is quite gone: more than gRPC
-// starts do not wait for calls.
+// A thread that was started just now has no name yet, and one of an earlier server has its name until it is quite gone:
+// more than gRPC starts do not wait for calls.
 size_t CountStarted() {
   constexpr int kLooks = 200;
   constexpr std::chrono::milliseconds kBetween{5};
@@ -94,8 +94,8 @@ IoThreads::~IoThreads() {
   hold_->over = true;
   hold_->changed.notify_all();
   hold_->changed.wait(lock, [this] { return hold_->held == 0; });
-  // The calls, and with the last of them perhaps the channel, end here and not on those threads: a channel that is the last to need them
-  // waits for their end.
+  // The calls, and with the last of them perhaps the channel, end here and not on those threads: a channel that is the
+  // last to need them waits for their end.
 }
 
 size_t IoThreads::held() const {

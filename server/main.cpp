@@ -90,7 +90,8 @@ int Serve(const ServerOptions& options) {
   return 0;
 }
 
-// The server's own processes are started with this, the number of their threads and the bytes that they may keep (isolate/worker_process.h).
+// The server's own processes are started with this, the number of their threads and the bytes that they may keep
+// (isolate/worker_process.h).
 bool IsLoadWorker(int argc, char** argv) {
   return argc == 4 && std::strcmp(argv[1], kLoadWorkerArgument) == 0;
 }

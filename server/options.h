@@ -14,8 +14,8 @@ namespace voxelpipe {
 // A message with a full piece stays below the 4 MiB that clients of gRPC take by default: the rest is its header's.
 inline constexpr uint64_t kMaxPieceBytes = (uint64_t{4} << 20) - 4096;
 
-// An option of the same name each, which options.cpp declares with its unit and meaning (OPERATIONS.md, --help). Where 0
-// means "choose", Resolve() does.
+// An option of the same name each, which options.cpp declares with its unit and meaning (OPERATIONS.md, --help). Where
+// 0 means "choose", Resolve() does.
 struct ServerOptions {
   std::string listen = "127.0.0.1:50051";
   BackendChoice backend = BackendChoice::kAuto;
@@ -93,8 +93,8 @@ struct CommandLine {
   std::vector<OptionValue> values;   // every option and where it comes from
 };
 
-// Parses flags, VOXELPIPE_* variables and the config file (option_sources.h: which takes precedence). Out: what to do, or
-// the exit code after --help, --version and --help-markdown (0) or one line on stderr (2).
+// Parses flags, VOXELPIPE_* variables and the config file (option_sources.h: which takes precedence). Out: what to do,
+// or the exit code after --help, --version and --help-markdown (0) or one line on stderr (2).
 struct ParseOutcome {
   std::optional<CommandLine> command;
   int exit_code = 0;

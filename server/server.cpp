@@ -32,13 +32,14 @@ namespace {
 
 // How often the limits of the container are read again.
 constexpr std::chrono::milliseconds kMachineInterval{30'000};
-// Of a stream, beyond what the client has made room for, where the next message is known to follow (WriteOptions::set_buffer_hint): so
-// that pieces smaller than this leave several at a time.
+// Of a stream, beyond what the client has made room for, where the next message is known to follow
+// (WriteOptions::set_buffer_hint): so that pieces smaller than this leave several at a time.
 constexpr int kWriteAheadBytes = 1 << 20;
 constexpr int kKeepaliveMs = 60'000;       // finds clients that vanished, so that their jobs end
 constexpr int kMinPingIntervalMs = 5'000;  // what clients may do to find a server that vanished
 
-// Health calls have no line in the access log, they come too often; those that are refused do. They count as ended when they come.
+// Health calls have no line in the access log, they come too often; those that are refused do. They count as ended when
+// they come.
 absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& context, Rpc rpc) {
   const auto found = context.client_metadata().find("authorization");
   std::optional<std::string_view> authorization;

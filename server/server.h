@@ -30,7 +30,8 @@ struct ServiceState;
 
 class VoxelServer {
  public:
-  // Binds and serves. Errors: FAILED_PRECONDITION for a backend that is not there; UNAVAILABLE when the address cannot be bound.
+  // Binds and serves. Errors: FAILED_PRECONDITION for a backend that is not there; UNAVAILABLE when the address cannot
+  // be bound.
   static absl::StatusOr<std::unique_ptr<VoxelServer>> Start(const ServerOptions& options);
   // Ends at once what still runs.
   ~VoxelServer();
@@ -40,17 +41,18 @@ class VoxelServer {
   // Of /metrics, /livez and /readyz; empty where there is none.
   const std::string& http_address() const { return http_address_; }
 
-  // Reads tokens again, whether they have changed or not, and what the process has of the machine. Changed certificates are read by
-  // themselves.
+  // Reads tokens again, whether they have changed or not, and what the process has of the machine. Changed certificates
+  // are read by themselves.
   void Reload();
 
-  // Graceful end: says NOT_SERVING, takes calls for another options.lame_duck_ms so that those on their way arrive, then takes
-  // no more and gives those that run options.drain_grace_ms. Returns when everything has ended. Call once.
+  // Graceful end: says NOT_SERVING, takes calls for another options.lame_duck_ms so that those on their way arrive,
+  // then takes no more and gives those that run options.drain_grace_ms. Returns when everything has ended. Call once.
   void Drain();
 
  private:
   VoxelServer(const ServerOptions& asked, const MachineLimits& machine, std::unique_ptr<LoadWorkers> load_workers);
-  // Reads the machine's limits, and where they have changed, makes all follow that has no size of its own in the options.
+  // Reads the machine's limits, and where they have changed, makes all follow that has no size of its own in the
+  // options.
   void FollowMachine();
   void DeviceChanged(const std::string& device, bool serving);
 

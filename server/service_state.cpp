@@ -12,7 +12,7 @@ namespace voxelpipe {
 JobLimits LimitsOf(const ServerOptions& resolved, LoadWorkers* load_workers) {
   JobLimits limits;
   limits.load_workers = load_workers;
-  // Else a file could be told to wait for room that never comes.
+  // Otherwise a file could wait for memory that never becomes free.
   limits.load.max_file_bytes = std::min(resolved.max_file_bytes, resolved.max_upload_bytes);
   limits.load.max_triangles = resolved.max_triangles;
   limits.load.max_vertices = resolved.max_vertices;

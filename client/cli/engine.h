@@ -51,8 +51,9 @@ class Engine {
  public:
   virtual ~Engine() = default;
 
-  // Voxelizes the mesh `repeat` times (at least once), and hands the result of the last run to `sink`: all runs give the same bytes.
-  // A single dense run needs memory for a part of its result only, unless it is to be kept whole in `whole`.
+  // Voxelizes the mesh `repeat` times (at least once), and hands the result of the last run to `sink`: all runs give
+  // the same bytes. A single dense run needs memory for a part of its result only, unless it is to be kept whole in
+  // `whole`.
   virtual absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
                                         ResultSink& sink, VoxelizeResult* whole = nullptr) = 0;
   virtual absl::StatusOr<std::vector<ShaderInfo>> Shaders() = 0;

@@ -8,8 +8,8 @@
 
 namespace voxelpipe::cli {
 
-// Installs the handlers of SIGINT, SIGTERM and, unless it is ignored already (nohup), SIGHUP. Ignores SIGXFSZ and SIGPIPE: writing
-// then fails with EFBIG or EPIPE, which can be told and cleaned up after. Once.
+// Installs the handlers of SIGINT, SIGTERM and, unless it is ignored already (nohup), SIGHUP. Ignores SIGXFSZ and
+// SIGPIPE: writing then fails with EFBIG or EPIPE, which can be reported and cleaned up after. Once.
 void HandleInterrupts();
 
 // The signal that came, or 0.

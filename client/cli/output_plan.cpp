@@ -12,7 +12,7 @@ namespace {
 namespace fs = std::filesystem;
 
 bool NamesDirectory(const std::string& path) {
-  std::error_code error;  // what cannot be looked at is no directory; writing will say why
+  std::error_code error;  // what cannot be read is no directory; writing will report why
   return path.back() == '/' || fs::is_directory(path, error);
 }
 

@@ -16,8 +16,9 @@ struct OutputPlan {
 
 // One plan for each input, in order. `output` and `preview` as typed, empty where not given. With several inputs, or
 // where it is an existing directory or ends in '/', each of the two is a directory: files there are named after the
-// input's stem (.npy for dense results, .npz for others, .png for pictures), "-2", "-3", ... appended where a name is taken. Errors:
-// INVALID_ARGUMENT for an extension that cannot hold the result, and for a file's name where a directory is needed.
+// input's stem (.npy for dense results, .npz for others, .png for pictures), "-2", "-3", ... appended where a name is
+// taken. Errors: INVALID_ARGUMENT for an extension that cannot hold the result, and for a file's name where a directory
+// is needed.
 absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::string>& inputs, const std::string& output,
                                                     const std::string& preview, ResultKind kind = ResultKind::kDense);
 

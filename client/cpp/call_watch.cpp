@@ -15,12 +15,13 @@ namespace voxelpipe {
 namespace {
 
 constexpr std::chrono::milliseconds kLookEvery{10};
-// The thread sleeps until it is woken only after this long without calls: waking it costs a short call more than all else here.
+// The thread sleeps until it is woken only after this long without calls: waking it costs a short call more than all
+// else here.
 constexpr int kIdleLooks = 100;
 
 }  // namespace
 
-// The thread that looks, and what it looks at. A call costs a lock and a list entry.
+// The thread that polls, and the calls that it polls. A call costs a lock and a list entry.
 class CallWatcher {
  public:
   static CallWatcher& Get() {

@@ -9,7 +9,7 @@
 namespace voxelpipe {
 
 // Sends the job's deadline with the call, and while the object lives cancels the call as soon as the job should end.
-// Both must outlive it. JobContext is a flag without a bell (signal handlers raise it), so it is looked at every ten
+// Both must outlive it. JobContext is a flag without a bell (signal handlers raise it), so it is polled every ten
 // milliseconds, by one thread for all calls of the process.
 class CallWatch {
  public:

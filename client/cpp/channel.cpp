@@ -36,7 +36,8 @@ grpc::ChannelArguments MakeArguments(const std::string& target) {
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_FRAME_SIZE, 16777215);  // a quarter faster on gigabytes
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL,
                    1);  // clients of one process share no connection and no back-off
-  // A server whose machine is gone says nothing: calls under way end after 25 s then. Servers take pings at these intervals.
+  // A server whose machine is gone says nothing: calls under way end after 25 s then. Servers take pings at these
+  // intervals.
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 10000);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 15000);
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
@@ -45,8 +46,9 @@ grpc::ChannelArguments MakeArguments(const std::string& target) {
   return arguments;
 }
 
-// gRPC 1.51 reads errno of connect() only after calls that may change it (mended later: grpc/grpc#35064), and so takes a connection on
-// its way for one that failed: on a busy machine one in a thousand. Only failures one after another are believed.
+// gRPC 1.51 reads errno of connect() only after calls that may change it (mended later: grpc/grpc#35064), and so takes
+// a connection on its way for one that failed: on a busy machine one in a thousand. Only failures one after another are
+// believed.
 constexpr int kAttempts = 3;
 
 // The state in which the first attempt of a new channel ended, or the last one before the deadline.

@@ -11,7 +11,8 @@
 
 namespace voxelpipe {
 
-// In: as for Client::Connect. Out: a channel with a connection of its own that stands. Errors: those of Client::Connect.
+// In: as for Client::Connect. Out: a channel with a connection of its own that stands. Errors: those of
+// Client::Connect.
 absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& target, const ConnectOptions& options);
 
 }  // namespace voxelpipe

@@ -57,7 +57,8 @@ struct RemoteRun {
   MeshReport report;
   uint64_t peak_bytes = 0;  // the server's peak for this request
   bool cached = false;      // the result was kept from an equal request, or made for one at the same time
-  // Of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival; empty where settings.content_hash is false.
+  // Of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival; empty where settings.content_hash
+  // is false.
   std::string content_sha256;
   uint64_t sent_bytes = 0;  // of the result as they came, compressed or not
 };
@@ -120,9 +121,9 @@ class ManyStream;  // many_stream.h
 // naming the target.
 class Client {
  public:
-  // In: "HOST:PORT" or any gRPC target ("unix:/path"). UNAVAILABLE naming the target when no server answers there or TLS does
-  // not come about, at once where the connection is refused time and again, else after `options.timeout`. INVALID_ARGUMENT
-  // naming a file of `options.tls` that cannot be read.
+  // In: "HOST:PORT" or any gRPC target ("unix:/path"). UNAVAILABLE naming the target when no server answers there or
+  // TLS does not come about, at once where the connection is refused time and again, else after `options.timeout`.
+  // INVALID_ARGUMENT naming a file of `options.tls` that cannot be read.
   static absl::StatusOr<std::unique_ptr<Client>> Connect(const std::string& target, const ConnectOptions& options = {});
   ~Client();
   Client(const Client&) = delete;
@@ -133,31 +134,32 @@ class Client {
   // "upload", the server's stage names and "download", from one thread at a time. `on_plan`, if set, is called once, on
   // the calling thread, before the result comes.
   // Errors: the server's (see Voxelize in pipeline/voxelize.h); CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS where the
-  // result fails its checks (offsets, lengths, CRC32C of every piece, SHA-256 of the whole, sizes against the request; of
-  // sparse and bucketed results also that the lists agree with each other, see list_check.h).
+  // result fails its checks (offsets, lengths, CRC32C of every piece, SHA-256 of the whole, sizes against the request;
+  // of sparse and bucketed results also that the lists agree with each other, see list_check.h).
   absl::StatusOr<RemoteResult> Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                         const VoxelizeRequest& request, const JobContext& job,
                                         const std::function<void(const Plan&)>& on_plan = {});
 
-  // The same for a result that need not fit into this machine's memory: `sink` gets it as it comes, on the calling thread; its
-  // errors end the call and are returned. What DATA_LOSS means is found at the end: the SHA-256 after all bytes were handed
-  // on, so the sink's bytes count only when this returns OK (every piece by itself has passed its CRC32C). Whether the lists of
-  // sparse and bucketed results agree with each other is not looked at. Sink::Keep is not called.
+  // The same for a result that need not fit into this machine's memory: `sink` gets it as it comes, on the calling
+  // thread; its errors end the call and are returned. What DATA_LOSS means is found at the end: the SHA-256 after all
+  // bytes were handed on, so the sink's bytes count only when this returns OK (every piece by itself has passed its
+  // CRC32C). Whether the lists of sparse and bucketed results agree with each other is not checked. Sink::Keep is not
+  // called.
   absl::StatusOr<RemoteRun> VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                        const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                        const std::function<void(const Plan&)>& on_plan = {});
 
-  // Sends a mesh to be kept, unless the server has it already (the bytes' SHA-256 goes first). It stays until it is deleted or others
-  // were used later and need the room. `job`: as of Voxelize; Progress is called with "upload".
-  // Errors: as of Voxelize for a broken file; RESOURCE_EXHAUSTED where it is larger than all that the server keeps; DATA_LOSS where
-  // other bytes arrive than were sent.
+  // Sends a mesh to be kept, unless the server has it already (the bytes' SHA-256 goes first). It stays until it is
+  // deleted or others were used later and need the room. `job`: as of Voxelize; Progress is called with "upload".
+  // Errors: as of Voxelize for a broken file; RESOURCE_EXHAUSTED where it is larger than all that the server keeps;
+  // DATA_LOSS where other bytes arrive than were sent.
   absl::StatusOr<StoredMesh> UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFormat format, const JobContext& job);
 
-  // Voxelize and VoxelizeTo with a mesh that the server keeps: the same bytes as with its file. NOT_FOUND where the server has none of
-  // that id (any more): UploadMesh sends it again.
-  // `new_positions`, if not empty: x, y, z of every vertex of the flattened mesh (report.vertices of them, in the order of the file's
-  // nodes and primitives), in world units, used in place of the mesh's own; everything else stays, normals too. Skeletons and morph
-  // targets do not move such a mesh. INVALID_ARGUMENT for another number, or naming the first vertex that is not finite.
+  // Voxelize and VoxelizeTo with a mesh that the server keeps: the same bytes as with its file. NOT_FOUND where the
+  // server has none of that id (any more): UploadMesh sends it again. `new_positions`, if not empty: x, y, z of every
+  // vertex of the flattened mesh (report.vertices of them, in the order of the file's nodes and primitives), in world
+  // units, used in place of the mesh's own; everything else stays, normals too. Skeletons and morph targets do not move
+  // such a mesh. INVALID_ARGUMENT for another number, or naming the first vertex that is not finite.
   absl::StatusOr<RemoteResult> VoxelizeStored(const std::string& mesh_id, const VoxelizeRequest& request,
                                               const JobContext& job, std::span<const float> new_positions = {},
                                               const std::function<void(const Plan&)>& on_plan = {});
@@ -168,12 +170,13 @@ class Client {
 
   // The server's record of a mesh. NOT_FOUND where it does not keep it.
   absl::StatusOr<StoredMesh> GetMesh(const std::string& mesh_id);
-  // Takes this client's claim on a mesh back, and makes the server forget the mesh where no other client has one; jobs that use it go on. Out:
-  // the bytes that this frees, 0 where it stays for others. NOT_FOUND where the server does not keep it, PERMISSION_DENIED without a claim.
+  // Takes this client's claim on a mesh back, and makes the server forget the mesh where no other client has one; jobs
+  // that use it go on. Out: the bytes that this frees, 0 where it stays for others. NOT_FOUND where the server does not
+  // keep it, PERMISSION_DENIED without a claim.
   absl::StatusOr<uint64_t> DeleteMesh(const std::string& mesh_id);
 
-  // Opens a stream for many small jobs (many_stream.h). At most `window` of them are unanswered at a time. `job`: Cancel() ends the stream,
-  // its deadline is the stream's; it must outlive the stream, as must this client.
+  // Opens a stream for many small jobs (many_stream.h). At most `window` of them are unanswered at a time. `job`:
+  // Cancel() ends the stream, its deadline is the stream's; it must outlive the stream, as must this client.
   std::unique_ptr<ManyStream> OpenMany(const JobContext& job, size_t window = 64);
 
   struct Estimated {

@@ -22,7 +22,8 @@ struct MeshInspection {
   std::vector<std::pair<std::string, double>> stages;  // load and flatten, milliseconds on the server
 };
 
-// In: the bytes of a self-contained mesh file, below the server's max_message_bytes: they go in one message. Connects for this one call.
+// In: the bytes of a self-contained mesh file, below the server's max_message_bytes: they go in one message. Connects
+// for this one call.
 // Errors: those of Client::Connect and Client::Estimate.
 absl::StatusOr<MeshInspection> InspectMesh(const std::string& target, const ConnectOptions& options,
                                            std::span<const uint8_t> mesh_bytes, MeshFormat format,

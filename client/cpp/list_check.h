@@ -13,7 +13,8 @@ namespace voxelpipe {
 //            values are announced
 //   buckets  voxels ascend and lie in the grid, offsets begin with 0, ascend (each voxel has a fragment) and end with the number
 //            of fragments, triangles ascend within a voxel
-// In: a result, and its arrays as the header announced them. DATA_LOSS naming array and entry. Dense results have no lists.
+// In: a result, and its arrays as the header announced them. DATA_LOSS naming array and entry. Dense results have no
+// lists.
 absl::Status CheckLists(const VoxelizeResult& result, const std::vector<ArraySpec>& announced);
 
 }  // namespace voxelpipe

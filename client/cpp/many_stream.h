@@ -18,8 +18,8 @@ struct ManyAnswer {
   absl::StatusOr<RemoteResult> result = absl::UnknownError("not answered");
 };
 
-// Made by Client::OpenMany, whose client and job must outlive it. Thread-safe: jobs may be sent by several threads while others
-// receive.
+// Made by Client::OpenMany, whose client and job must outlive it. Thread-safe: jobs may be sent by several threads
+// while others receive.
 class ManyStream {
  public:
   struct Impl;
@@ -29,8 +29,8 @@ class ManyStream {
   ManyStream(const ManyStream&) = delete;
   ManyStream& operator=(const ManyStream&) = delete;
 
-  // Sends a job under an id of the caller's, which no unanswered job has. Waits while the window is full, until somebody receives: who
-  // sends and receives on one thread keeps at most window() jobs unanswered.
+  // Sends a job under an id of the caller's, which no unanswered job has. Waits while the window is full, until
+  // somebody receives: who sends and receives on one thread keeps at most window() jobs unanswered.
   // Errors: INVALID_ARGUMENT for an id in use; UNAVAILABLE where the stream has ended, and Receive says why.
   absl::Status Send(uint64_t id, std::span<const uint8_t> mesh_bytes, MeshFormat format,
                     const VoxelizeRequest& request);
@@ -40,8 +40,8 @@ class ManyStream {
   // No more jobs come. Call once.
   void FinishSending();
 
-  // Waits for the next answer, in the order in which jobs are done. OUT_OF_RANGE when all jobs are answered and no more come; another
-  // error where the stream ended, and with it all unanswered jobs.
+  // Waits for the next answer, in the order in which jobs are done. OUT_OF_RANGE when all jobs are answered and no more
+  // come; another error where the stream ended, and with it all unanswered jobs.
   absl::StatusOr<ManyAnswer> Receive();
 
   size_t window() const;

@@ -27,12 +27,12 @@ struct PieceView {
   uint32_t DataCrc32c() const;
 };
 
-// Reads messages that are nothing but a piece; of all others, and of what is no message at all, it only says so. Keeps its memory from
-// message to message.
+// Reads messages that are nothing but a piece; of all others, and of what is no message at all, it only says so. Keeps
+// its memory from message to message.
 class PieceViewer {
  public:
-  // In: a VoxelizeResponse. Out: its piece; null where it holds something else. The view is good until the next call or until the message's
-  // bytes go, whichever comes first.
+  // In: a VoxelizeResponse. Out: its piece; null where it holds something else. The view is good until the next call or
+  // until the message's bytes go, whichever comes first.
   const PieceView* View(grpc::ByteBuffer& message);
 
  private:

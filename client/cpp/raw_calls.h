@@ -1,4 +1,5 @@
-// The calls that carry many bytes, with messages as gRPC has them: what generated stubs would parse and copy is read where it lies.
+// The calls that carry many bytes, with messages as gRPC has them: what generated stubs would parse and copy is read
+// where it lies.
 #pragma once
 
 #include <memory>

@@ -18,8 +18,8 @@ namespace voxelpipe {
 
 struct PieceView;
 
-// Fed with header, pieces and summary as they come. Every error is DATA_LOSS saying what does not fit, but for those of the sink.
-// After an error the object is of no more use.
+// Fed with header, pieces and summary as they come. Every error is DATA_LOSS saying what does not fit, but for those of
+// the sink. After an error the object is of no more use.
 class ResultReader {
  public:
   // `request` and `sink` must outlive the object. `hashed`: whether the summary must bring a SHA-256.
@@ -28,8 +28,8 @@ class ResultReader {
 
   // Checks the announced grid and sizes against the request, then begins the sink.
   absl::Status AddHeader(const v1::ResultHeader& message);
-  // Checks array, offset, length and CRC32C, decompresses where that is needed, then hands the bytes to the sink: part by part, where they
-  // lie.
+  // Checks array, offset, length and CRC32C, decompresses where that is needed, then hands the bytes to the sink: part
+  // by part, where they lie.
   absl::Status AddPiece(const PieceView& piece);
   absl::Status AddPiece(const v1::ResultPiece& piece);
   // Checks that everything came and that its SHA-256 is the announced one.
@@ -41,7 +41,7 @@ class ResultReader {
   // In [0, 1] once the header is there.
   double fraction() const { return total_bytes_ == 0 ? 1 : double(received_bytes_) / double(total_bytes_); }
 
-  // What the summary told. DATA_LOSS if it has not come.
+  // The contents of the summary. DATA_LOSS if it has not come.
   absl::StatusOr<RemoteRun> Take();
 
  private:

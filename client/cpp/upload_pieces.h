@@ -17,8 +17,9 @@ inline constexpr size_t kUploadPieceBytes = size_t{1} << 20;
 // A message of another kind.
 grpc::ByteBuffer Serialized(const google::protobuf::MessageLite& message);
 
-// Makes messages of a piece of the mesh and its CRC-32C. The bytes are copied once, since gRPC may hold what it sends beyond the end of a
-// call that breaks off, into memory that is used again when it was sent. Not thread-safe; may go before its messages.
+// Makes messages of a piece of the mesh and its CRC-32C. The bytes are copied once, since gRPC may hold what it sends
+// beyond the end of a call that breaks off, into memory that is used again when it was sent. Not thread-safe; may go
+// before its messages.
 class UploadPieces {
  public:
   // The numbers of the two fields in the message.

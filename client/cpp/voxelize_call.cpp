@@ -31,7 +31,7 @@ constexpr uint64_t kWholeBytes = uint64_t{1} << 20;
 
 using Stream = RawCalls::VoxelizeStream;
 
-// Both threads report; JobContext wants one at a time. A stage is told at most some twenty times.
+// Both threads report; JobContext wants one at a time. A stage is reported at most some twenty times.
 class Reporter {
  public:
   explicit Reporter(const JobContext& job) : job_(job) {}
@@ -51,7 +51,7 @@ class Reporter {
   double fraction_ = 0;
 };
 
-// Ends early, without a word, when the call is over: the status of the call says why.
+// Ends early, without an error, when the call is over: the status of the call says why.
 void Upload(Stream& stream, const v1::VoxelizeConfig& config, std::span<const uint8_t> mesh_bytes, Reporter& reporter) {
   v1::VoxelizeRequest message;
   *message.mutable_config() = config;
@@ -120,7 +120,8 @@ bool IsSmall(const VoxelizeRequest& request) {
   return bytes <= kWholeBytes;
 }
 
-// The result of a call without a stream. An error means that the server does not keep to the contract, or is the sink's.
+// The result of a call without a stream. An error means that the server does not keep to the contract, or is the
+// sink's.
 absl::Status TakeWhole(const v1::WholeResult& whole, ResultReader& reader, bool& planned, Reporter& reporter,
                        const std::function<void(const Plan&)>& on_plan) {
   absl::Status status = TellPlan(whole.accepted(), planned, on_plan);
@@ -172,7 +173,8 @@ v1::VoxelizeConfig ConfigOf(const MeshSource& mesh, const VoxelizeRequest& reque
   return config;
 }
 
-// A small job, one message each way. UNIMPLEMENTED and NeedsStream where the server would have it on a stream; nothing was told then.
+// A small job, one message each way. UNIMPLEMENTED and NeedsStream where the server would have it on a stream; nothing
+// was reported then.
 absl::StatusOr<RemoteRun> CallWhole(v1::VoxelizationService::Stub& stub, const std::string& target,
                                     uint64_t max_result_bytes, const CallSettings& settings, const MeshSource& mesh,
                                     const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,

@@ -23,8 +23,8 @@ struct LimitError {
 // A number with as many digits as give it back exactly, and no more.
 std::string ExactText(double number);
 
-// RESOURCE_EXHAUSTED with this text, from which LimitErrorOf gets the numbers back. They are lost where somebody makes a new
-// status out of code and message.
+// RESOURCE_EXHAUSTED with this text, from which LimitErrorOf gets the numbers back. They are lost where somebody makes
+// a new status out of code and message.
 absl::Status MakeLimitError(std::string_view message, const LimitError& numbers);
 // The numbers of a MakeLimitError, in this process or come from a server; nothing for all other statuses.
 std::optional<LimitError> LimitErrorOf(const absl::Status& status);

@@ -1,5 +1,5 @@
-// Sources: cgroups(7), proc_pid_mountinfo(5); the kernel's Documentation/admin-guide/cgroup-v2.rst (cpu.max, memory.max, memory.high) and
-// cgroup-v1/memory.rst (memory.limit_in_bytes, hierarchical_memory_limit).
+// Sources: cgroups(7), proc_pid_mountinfo(5); the kernel's Documentation/admin-guide/cgroup-v2.rst (cpu.max,
+// memory.max, memory.high) and cgroup-v1/memory.rst (memory.limit_in_bytes, hierarchical_memory_limit).
 #include "base/machine.h"
 
 #include <sched.h>
@@ -114,7 +114,8 @@ std::vector<Mount> MountsOf(const path& root) {
   return mounts;
 }
 
-// This process's group in the hierarchy of version 2 or, of version 1, with this controller. Absent: there is no such hierarchy.
+// This process's group in the hierarchy of version 2 or, of version 1, with this controller. Absent: there is no such
+// hierarchy.
 std::optional<std::string> GroupOf(const std::vector<std::string>& lines, bool second_version,
                                    std::string_view controller) {
   for (const std::string& line : lines) {  // "4:cpu,cpuacct:/a/b" or "0::/a/b"
@@ -129,8 +130,8 @@ std::optional<std::string> GroupOf(const std::vector<std::string>& lines, bool s
   return std::nullopt;
 }
 
-// Calls visit(directory, group's name) for the group and all its ancestors that the mount shows. In a container the group's path may be the
-// host's, which is not there: then the mount point is the container's own group.
+// Calls visit(directory, group's name) for the group and all its ancestors that the mount shows. In a container the
+// group's path may be the host's, which is not there: then the mount point is the container's own group.
 template <typename Visit>
 void ForEachGroup(const path& root, const Mount& mount, std::string_view group, const Visit& visit) {
   std::string_view below = group;

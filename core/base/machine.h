@@ -1,7 +1,8 @@
 // How many CPUs and how much memory this process may use: those of the machine, or of the container that it runs in.
 //
-// Every count of CPUs and every default that follows memory comes from here, and from nowhere else: the standard library, the system's
-// configuration values and oneTBB all report a whole machine to a container that has a small part of it.
+// Every count of CPUs and every default that follows memory comes from here, and from nowhere else: the standard
+// library, the system's configuration values and oneTBB all report a whole machine to a container that has a small part
+// of it.
 #pragma once
 
 #include <cstdint>
@@ -24,9 +25,9 @@ struct MachineLimits {
   friend bool operator==(const MachineLimits&, const MachineLimits&) = default;
 };
 
-// Reads them: /proc/self/status (affinity), /proc/meminfo, and of /proc/self/cgroup and /proc/self/mountinfo the control groups of this
-// process, versions 1 and 2 or both, with all ancestors that can be seen from here. What is missing or cannot be read bounds nothing.
-// `root`: the directory that holds "proc" and "sys"; for tests.
+// Reads them: /proc/self/status (affinity), /proc/meminfo, and of /proc/self/cgroup and /proc/self/mountinfo the
+// control groups of this process, versions 1 and 2 or both, with all ancestors that can be seen from here. What is
+// missing or cannot be read bounds nothing. `root`: the directory that holds "proc" and "sys"; for tests.
 MachineLimits ReadMachineLimits(const std::filesystem::path& root = "/");
 
 // "2 CPUs (affinity 16, quota 1.5 by /sys/fs/cgroup/a), 460.8 MiB of memory (9/10 of 512.0 MiB by /sys/fs/cgroup/a)".

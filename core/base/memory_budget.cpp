@@ -73,8 +73,8 @@ void MemoryBudget::Give(uint64_t bytes) {
 }
 
 MemoryBudget& DefaultMemory() {
-  // 0 where the system does not report it, as in a process that may open no files any more: then nothing is known to refuse
-  // by.
+  // 0 where the system does not report it, as in a process that may open no files any more: then nothing is known to
+  // refuse by.
   const auto half = [] {
     const uint64_t bytes = MemoryBytes();
     return bytes > 0 ? bytes / 2 : std::numeric_limits<uint64_t>::max();

@@ -67,7 +67,8 @@ class MemoryBudget {
 // container (base/machine.h).
 MemoryBudget& DefaultMemory();
 
-// Bytes of a budget that are given back when this goes. Without a budget nothing is charged and nothing refused. Not thread-safe.
+// Bytes of a budget that are given back when this goes. Without a budget nothing is charged and nothing refused. Not
+// thread-safe.
 class MemoryCharge {
  public:
   MemoryCharge() = default;

@@ -9,8 +9,9 @@
 
 namespace voxelpipe {
 
-// `text` as protobuf strings need it: every byte that is not part of valid UTF-8, and every control character, becomes '?'; what
-// is longer than `max_bytes` is cut at a character's start and ends in "...". Names in untrusted files appear in messages.
+// `text` as protobuf strings need it: every byte that is not part of valid UTF-8, and every control character, becomes
+// '?'; what is longer than `max_bytes` is cut at a character's start and ends in "...". Names in untrusted files appear
+// in messages.
 std::string CleanText(std::string_view text, size_t max_bytes);
 
 inline constexpr size_t kMaxErrorBytes = 1000;

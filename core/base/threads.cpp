@@ -14,7 +14,8 @@
 namespace voxelpipe {
 namespace {
 
-// The calling thread's own arena of a size. Kept until the thread ends: making an arena for every run costs as much as a small run.
+// The calling thread's own arena of a size. Kept until the thread ends: making an arena for every run costs as much as
+// a small run.
 tbb::task_arena& ThreadArena(int threads) {
   const int cpus = CpuCount();  // more threads than CPUs only wait for each other
   const int size = threads > 0 ? std::min(threads, cpus) : cpus;

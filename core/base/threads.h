@@ -6,16 +6,16 @@
 
 namespace voxelpipe {
 
-// Calls `body` on the calling thread; parallel loops in it use at most `threads` threads, this one included. 0, or more than CpuCount():
-// one for each CPU.
+// Calls `body` on the calling thread; parallel loops in it use at most `threads` threads, this one included. 0, or more
+// than CpuCount(): one for each CPU.
 void RunOnThreads(int threads, const std::function<void()>& body);
 
-// Calls body(0) to body(count - 1), each once, in no order, on so many threads at the same time. A body that waits for a parallel loop of
-// its own is not given another one meanwhile.
+// Calls body(0) to body(count - 1), each once, in no order, on so many threads at the same time. A body that waits for
+// a parallel loop of its own is not given another one meanwhile.
 void RunEachOnThreads(int threads, size_t count, const std::function<void(size_t)>& body);
 
-// Bounds the threads of all parallel loops of the process by CpuCount(): oneTBB itself ignores CPU quotas. Call it when the
-// process starts, and after RefreshMachine. Thread-safe.
+// Bounds the threads of all parallel loops of the process by CpuCount(): oneTBB itself ignores CPU quotas. Call it when
+// the process starts, and after RefreshMachine. Thread-safe.
 void LimitThreadsToCpus();
 
 }  // namespace voxelpipe

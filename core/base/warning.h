@@ -36,8 +36,8 @@ struct Warning {
   friend bool operator==(const Warning&, const Warning&) = default;
 };
 
-// Keeps the first kMaxWarnings and counts the rest, so that a broken file costs a bounded amount of memory. A warning that equals one
-// that is kept is dropped.
+// Keeps the first kMaxWarnings and counts the rest, so that a broken file costs a bounded amount of memory. A warning
+// that equals one that is kept is dropped.
 class WarningList {
  public:
   static constexpr size_t kMaxWarnings = 100;

@@ -11,29 +11,29 @@
 
 namespace voxelpipe {
 
-// Created beside the file that `path` names, symbolic links followed, under a temporary name; Commit() renames it. Destroyed without
-// Commit(), it leaves nothing behind. A file that was there keeps its mode, and its owner where the system lets it.
-// A FIFO, a device or a file without a name of its own is written through instead: nothing is renamed, and bytes that were written stay
-// written.
+// Created beside the file that `path` names, symbolic links followed, under a temporary name; Commit() renames it.
+// Destroyed without Commit(), it leaves nothing behind. A file that was there keeps its mode, and its owner where the
+// system lets it. A FIFO, a device or a file without a name of its own is written through instead: nothing is renamed,
+// and bytes that were written stay written.
 class AtomicFile {
  public:
-  // The system's error, with the path, if the file cannot be created. For a FIFO it waits for a reader, or until the job is over; `job`
-  // may be null.
+  // The system's error, with the path, if the file cannot be created. For a FIFO it waits for a reader, or until the
+  // job is over; `job` may be null.
   static absl::StatusOr<AtomicFile> Create(const std::string& path, const JobContext* job = nullptr);
 
-  // What the temporary names of a file begin with, before a mark and two numbers: its path, the name cut where it is long. Links are
-  // not followed.
+  // What the temporary names of a file begin with, before a mark and two numbers: its path, the name cut where it is
+  // long. Links are not followed.
   static std::string TemporaryStem(const std::string& path);
-  // In: a path. Out: the stem, if this is the temporary name of such a file, which a process that was killed leaves behind; otherwise
-  // an empty text.
+  // In: a path. Out: the stem, if this is the temporary name of such a file, which a process that was killed leaves
+  // behind; otherwise an empty text.
   static std::string StemOf(const std::string& temporary);
 
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();
 
-  // Appends all of `bytes`, or the system's error with the path. `job` may be null; it is asked every few megabytes. The process must
-  // ignore SIGXFSZ and SIGPIPE to get their errors here.
+  // Appends all of `bytes`, or the system's error with the path. `job` may be null; it is asked every few megabytes.
+  // The process must ignore SIGXFSZ and SIGPIPE to get their errors here.
   absl::Status Write(std::span<const uint8_t> bytes, const JobContext* job = nullptr);
 
   // Closes and renames. After that the object is empty.

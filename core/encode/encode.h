@@ -12,8 +12,8 @@
 
 namespace voxelpipe {
 
-// The extension decides: .raw, .npy, .npz (result_file.h), .png (one preview picture, png_preview.h). Lower case, with the dot;
-// empty if there is none.
+// The extension decides: .raw, .npy, .npz (result_file.h), .png (one preview picture, png_preview.h). Lower case, with
+// the dot; empty if there is none.
 std::string FileExtension(std::string_view path);
 bool IsKnownExtension(std::string_view extension);
 

@@ -12,8 +12,9 @@
 
 namespace voxelpipe {
 
-// Takes a result through ResultSink, in any pieces, and writes it under temporary names; Commit() renames them. Destroyed without
-// Commit(), nothing is left behind. Needs memory for a piece, for sparse results also for their bricks.
+// Takes a result through ResultSink, in any pieces, and writes it under temporary names; Commit() renames them.
+// Destroyed without Commit(), nothing is left behind. Needs memory for a piece, for sparse results also for their
+// bricks.
 class ResultFile : public ResultSink {
  public:
   // The SHA-256 of all bytes in stream order, for formats that keep it. Before Commit().
@@ -32,8 +33,8 @@ class ResultFile : public ResultSink {
 //   .npy   dense: one file a target; bits as uint8 0/1
 //   .npz   any kind: target0, target1, ...; sparse: ijk int32 (n, 3) in x, y, z; buckets: ijk, offsets int64 (n + 1),
 //          triangle uint32 (m); always dims int64 (3), origin and voxel_size float64 (3), index_to_world float64 (4, 4)
-// `job` may be null; it is asked between pieces and must outlive the object. INVALID_ARGUMENT for another extension, and from
-// Begin for a kind that the format cannot hold; otherwise the system's error with the path.
+// `job` may be null; it is asked between pieces and must outlive the object. INVALID_ARGUMENT for another extension,
+// and from Begin for a kind that the format cannot hold; otherwise the system's error with the path.
 absl::StatusOr<std::unique_ptr<ResultFile>> OpenResultFile(const std::string& path, const JobContext* job);
 
 // True if files of this extension can hold results of this kind.

@@ -13,7 +13,7 @@
 
 namespace voxelpipe {
 
-// Entries may be of any size (ZIP64). Sizes are said before an entry's bytes, checksums after them.
+// Entries may be of any size (ZIP64). Sizes are written before an entry's bytes, checksums after them.
 class ZipWriter {
  public:
   // `file` and `job` must outlive the object; `job` may be null.
@@ -21,7 +21,7 @@ class ZipWriter {
 
   absl::Status BeginEntry(const std::string& name, uint64_t bytes);
   absl::Status Write(std::span<const uint8_t> bytes);
-  // INTERNAL if the entry did not get the bytes that were said.
+  // INTERNAL if the entry did not get the announced number of bytes.
   absl::Status EndEntry();
   // The central directory.
   absl::Status Finish();

@@ -25,7 +25,7 @@ enum class Blend : uint8_t {
          // quantum q, summed in int64, converted once
   kFirst,    // the fragment of the smallest triangle id wins
   kAverage,  // the sum of kAdd over the number of fragments, in double, converted once
-  kCount,    // the number of fragments, saturated once; bit: 1 where there is any. The shader's value is not looked at
+  kCount,    // the number of fragments, saturated once; bit: 1 where there is any. The shader's value is ignored
   kAnd,      // bit: 1 if every fragment's value is not 0; integers: bitwise
 };
 

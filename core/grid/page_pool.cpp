@@ -38,8 +38,9 @@ uint64_t BlockBytes(uint64_t bytes) {
   return lines < kPooledBytes || !kPool ? lines : RoundUp(lines, kHugePage);
 }
 
-// A block of its own mapping, on huge pages where the system has them: one fault in place of 512. Not from the allocator: in its arenas, the
-// system would go on making huge pages of what lies between a few small things there. nullptr when there is no memory.
+// A block of its own mapping, on huge pages where the system has them: one fault in place of 512. Not from the
+// allocator: in its arenas, the system would go on making huge pages of what lies between a few small things there.
+// nullptr when there is no memory.
 void* Map(uint64_t size) {
   // A range of this size that begins where a huge page does lies somewhere in one that is larger by a huge page.
   void* const mapped = mmap(nullptr, size + kHugePage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -115,8 +116,8 @@ class Pool {
     return address;
   }
 
-  // Takes `returned` in, then frees the oldest blocks while `too_much(block)`. Without the lock: the system takes milliseconds for a
-  // large block, in which others want theirs.
+  // Takes `returned` in, then frees the oldest blocks while `too_much(block)`. Without the lock: the system takes
+  // milliseconds for a large block, in which others want theirs.
   template <typename TooMuch>
   void FreeOldest(const TooMuch& too_much, std::optional<Block> returned = std::nullopt) {
     std::vector<Block> freed;

@@ -1,7 +1,7 @@
 // A bounded, process-wide pool of large blocks of host memory.
 //
-// Why: a fresh 4 KiB page costs about 2 us, so clearing 128 MiB of fresh memory takes ten times as long as clearing the same
-// memory again. Runs follow each other with the same sizes, so their blocks are kept and handed out again.
+// Why: a fresh 4 KiB page costs about 2 us, so clearing 128 MiB of fresh memory takes ten times as long as clearing the
+// same memory again. Runs follow each other with the same sizes, so their blocks are kept and handed out again.
 #pragma once
 
 #include <cstdint>

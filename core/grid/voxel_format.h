@@ -24,8 +24,8 @@ std::optional<Blend> ParseBlend(std::string_view name);
 // Size of one component in bits: 1 for kBit, else 8, 16 or 32.
 int BitsPerComponent(VoxelFormat format);
 
-// INVALID_ARGUMENT if `blend` is not defined for `format`: bit takes or, and, replace, first, count; integers all; floats all
-// but and, or.
+// INVALID_ARGUMENT if `blend` is not defined for `format`: bit takes or, and, replace, first, count; integers all;
+// floats all but and, or.
 absl::Status CheckBlend(VoxelFormat format, Blend blend);
 
 }  // namespace voxelpipe

@@ -14,8 +14,8 @@ struct CostlyParts {
   bool images = false;      // that a decoder makes, where they are read
 };
 
-// In: the file, or its beginning. Where the text does not end in it, or names may be written with escapes, all are true. A name that only
-// occurs somewhere in the text counts, too. Nothing is checked.
+// In: the file, or its beginning. Where the text does not end in it, or names may be written with escapes, all are
+// true. A name that only occurs somewhere in the text counts, too. Nothing is checked.
 CostlyParts FindCostlyParts(std::span<const uint8_t> beginning, MeshFormat format);
 
 }  // namespace voxelpipe

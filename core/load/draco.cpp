@@ -29,7 +29,7 @@ constexpr uint64_t kBytesOfFace = 80, kBytesOfPoint = 40, kBytesOfIndex = 4;
 // What each set of attributes with connectivity of its own keeps beside: a vertex and seams of a face's corners, and of
 // a point its value's place, the way back, a corner and seams.
 constexpr uint64_t kSetBytesOfFace = 13, kSetBytesOfPoint = 17;
-constexpr uint32_t kStep = 1 << 18;  // faces or points between two looks at the job
+constexpr uint32_t kStep = 1 << 18;  // faces or points between two polls of the job
 // Quantized and integer values are decoded as these and stay until all attributes are there.
 constexpr uint64_t kPortableBytes = 4;
 
@@ -182,7 +182,7 @@ uint64_t AttributeBytes(const draco::PointCloud& cloud) {
   return bytes * cloud.num_points();
 }
 
-// Draco's decoder, which takes from the job's memory before each of its large steps and looks at the job between them.
+// Draco's decoder, which takes from the job's memory before each of its large steps and polls the job between them.
 template <typename Base>
 class GuardedDecoder final : public Base {
  public:
@@ -297,7 +297,8 @@ absl::StatusOr<DracoMesh> Decode(const JobContext& job, std::span<const uint8_t>
   }
   for (int32_t i = 0; i < mesh->num_attributes(); ++i) {
     draco::PointAttribute& attribute = *mesh->attribute(i);
-    // Custom data of too many components, which no shader could read. Draco's conversion of DT_BOOL loads an untrusted byte as a bool, which is undefined.
+    // Custom data of too many components, which no shader could read. Draco's conversion of DT_BOOL loads an untrusted
+    // byte as a bool, which is undefined.
     if (attribute.num_components() > 4 || attribute.data_type() == draco::DT_BOOL) continue;
     std::string name;
     if (const draco::AttributeMetadata* const metadata = mesh->GetAttributeMetadataByAttributeId(i)) {

@@ -40,13 +40,13 @@ struct DracoMesh {
 
 // In: a whole Draco bitstream. Out: its mesh; a point cloud gives no triangles. Declared counts are capped against the
 // byte size and the limits, and taken of the job's memory, before anything is allocated: faces and points, then, once
-// attributes are declared, their values. The job is looked at between connectivity and the groups of attributes; one of
+// attributes are declared, their values. The job is polled between connectivity and the groups of attributes; one of
 // these steps is not interrupted. Errors: INVALID_ARGUMENT saying what is broken; RESOURCE_EXHAUSTED naming the limit;
 // the job's.
 absl::StatusOr<DracoMesh> DecodeDraco(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits);
 
 // A plain .drc file as a scene of one node, one mesh and one primitive (none for a point cloud). Generic attributes
-// that have a name in their metadata are kept by it. The job is looked at before and after the stream is decoded.
+// that have a name in their metadata are kept by it. The job is polled before and after the stream is decoded.
 absl::StatusOr<Scene> LoadDraco(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits);
 
 }  // namespace voxelpipe

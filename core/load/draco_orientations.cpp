@@ -1,7 +1,8 @@
-// Draco 1.5 believes the number of orientations that its prediction of texture coordinates reads from the stream, although there is at
-// most one for a corner of the mesh: 224 bytes keep it busy for 10 s. The count lies behind compressed values, where nothing but the
-// decoder finds it. These members of Draco's templates take the place of the library's own, which it calls through its tables of virtual
-// functions: the same steps, with the count checked first. draco_test.cpp proves that these are the ones that run.
+// Draco 1.5 believes the number of orientations that its prediction of texture coordinates reads from the stream,
+// although there is at most one for a corner of the mesh: 224 bytes keep it busy for 10 s. The count lies behind
+// compressed values, where nothing but the decoder finds it. These members of Draco's templates take the place of the
+// library's own, which it calls through its tables of virtual functions: the same steps, with the count checked first.
+// draco_test.cpp proves that these are the ones that run.
 #include <draco/compression/attributes/prediction_schemes/mesh_prediction_scheme_data.h>
 #include <draco/compression/attributes/prediction_schemes/mesh_prediction_scheme_tex_coords_decoder.h>
 #include <draco/compression/attributes/prediction_schemes/mesh_prediction_scheme_tex_coords_portable_decoder.h>

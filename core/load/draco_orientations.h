@@ -3,8 +3,8 @@
 
 namespace voxelpipe {
 
-// Does nothing itself: a program that calls it is linked with draco_orientations.cpp, whose functions the Draco library then uses in place of
-// its own.
+// Does nothing itself: a program that calls it is linked with draco_orientations.cpp, whose functions the Draco library
+// then uses in place of its own.
 void UseBoundedOrientations();
 
 }  // namespace voxelpipe

@@ -21,8 +21,8 @@ struct GlbChunks {
 // The warning of such bytes, if there are any.
 void AddLeftOverBytes(const GlbChunks& chunks, WarningList& warnings);
 
-// In: a file that begins with the GLB magic. Errors: INVALID_ARGUMENT naming the byte offset: wrong version (glTF 1.0), a
-// length field or chunk that overruns the file, a first chunk that is not JSON.
+// In: a file that begins with the GLB magic. Errors: INVALID_ARGUMENT naming the byte offset: wrong version (glTF 1.0),
+// a length field or chunk that overruns the file, a first chunk that is not JSON.
 absl::StatusOr<GlbChunks> SplitGlb(std::span<const uint8_t> bytes);
 
 }  // namespace voxelpipe

@@ -15,7 +15,7 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr uint64_t kStep = 1 << 20;  // elements copied between two looks at the job
+constexpr uint64_t kStep = 1 << 20;  // elements copied between two polls of the job
 
 // A checked run of elements: the last one ends inside `bytes`.
 struct Run {

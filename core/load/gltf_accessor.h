@@ -26,7 +26,8 @@ class AccessorReader {
   // Errors: INVALID_ARGUMENT naming the accessor, RESOURCE_EXHAUSTED past the limits.
   absl::StatusOr<std::vector<float>> Floats(uint32_t accessor) const;
 
-  // The same as vectors: V is Vec2f, Vec3f or Vec4f, and the accessor's type VEC2, VEC3 or VEC4 (the caller has looked).
+  // The same as vectors: V is Vec2f, Vec3f or Vec4f, and the accessor's type VEC2, VEC3 or VEC4 (the caller has
+  // looked).
   template <typename V>
   absl::StatusOr<std::vector<V>> Vectors(uint32_t accessor) const;
 

@@ -52,7 +52,7 @@ class Reader {
     if (!status.ok()) return status;
     out.name = fields.String("name");
     status = absl::OkStatus();          // a name is never worth an error
-    std::map<uint64_t, uint32_t> read;  // samplers by the file's index; those without a channel are not looked at
+    std::map<uint64_t, uint32_t> read;  // samplers by the file's index; those without a channel are not read
     for (size_t i = 0; i < channels->size(); ++i) {
       if (absl::Status over = accessors_.job().Check(); !over.ok()) return over;
       if (absl::Status bad = ReadChannel((*channels)[i], i, *samplers, read, out); !bad.ok()) return bad;

@@ -19,7 +19,7 @@ namespace voxelpipe::gltf {
 namespace {
 
 constexpr uint64_t kMinElements = 65'536;     // that any file may declare
-constexpr size_t kCharactersAStep = 1 << 18;  // of a URI, between two looks at the job; a multiple of 4
+constexpr size_t kCharactersAStep = 1 << 18;  // of a URI, between two polls of the job; a multiple of 4
 
 int HexDigit(char c) {
   if (c >= '0' && c <= '9') return c - '0';
@@ -57,8 +57,8 @@ struct DataHead {
   bool base64 = false;
 };
 
-// Source: RFC 2397. Scheme, media type and the names of parameters are the same in any case. A parameter is name=value; a bare name is an
-// encoding, and base64 the only one that there is.
+// Source: RFC 2397. Scheme, media type and the names of parameters are the same in any case. A parameter is name=value;
+// a bare name is an encoding, and base64 the only one that there is.
 absl::StatusOr<DataHead> ReadHead(std::string_view text) {
   DataHead head;
   bool first = true;
@@ -93,7 +93,8 @@ absl::Status CheckBase64(const JobContext& job, std::string_view text) {
   return absl::OkStatus();
 }
 
-// Which buffers may lack data: flagged as a fallback, or seen only by views whose bytes are compressed in another buffer.
+// Which buffers may lack data: flagged as a fallback, or seen only by views whose bytes are compressed in another
+// buffer.
 std::vector<bool> Placeholders(const Document& document) {
   const size_t count = document.buffers.size();
   std::vector<bool> read(count), replaced(count), out(count);

@@ -17,13 +17,14 @@
 namespace voxelpipe::gltf {
 
 // What the scene takes from the job's memory: one declared count can stand for gigabytes. As everything that takes long
-// takes from it first, it is also where the job is looked at. Not thread-safe, but for job().
+// takes from it first, it is also where the job is polled. Not thread-safe, but for job().
 class Budget {
  public:
   // `job` and `limits` must outlive this. `file_bytes`: of all that was given to load.
   Budget(const JobContext& job, const LoadLimits& limits, uint64_t file_bytes)
       : job_(job), limits_(limits), file_bytes_(file_bytes), charge_(&MemoryOf(job)) {}
-  // Takes elements * bytes_each, before they are allocated. RESOURCE_EXHAUSTED naming `what`; the job's error once it is over.
+  // Takes elements * bytes_each, before they are allocated. RESOURCE_EXHAUSTED naming `what`; the job's error once it
+  // is over.
   absl::Status Take(uint64_t elements, uint64_t bytes_each, const std::string& what) {
     return Take(elements, bytes_each, what, charge_);
   }

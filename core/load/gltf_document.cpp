@@ -97,7 +97,8 @@ void CheckRange(Fields& fields, uint64_t offset, uint64_t length, uint32_t buffe
   }
 }
 
-// glTF 2.0 forbids other strides (bufferView.byteStride). They are read all the same; what is amiss may be an offset that looks right.
+// glTF 2.0 forbids other strides (bufferView.byteStride). They are read all the same; what is amiss may be an offset
+// that looks right.
 void WarnOfStride(uint64_t stride, size_t view, Document& document) {
   if (stride == 0 || (stride >= 4 && stride <= 252 && stride % 4 == 0)) return;
   document.warnings.Add(WarningCode::kNonconformingFile, absl::StrCat("bufferView ", view),
@@ -213,7 +214,8 @@ void ReadImages(const JobContext& job, Json& array, Document& document, absl::St
   }
 }
 
-// CESIUM_RTC: the place that positions are relative to. Only a whole centre is applied; another one is an error, as the mesh would lie elsewhere.
+// CESIUM_RTC: the place that positions are relative to. Only a whole centre is applied; another one is an error, as the
+// mesh would lie elsewhere.
 void ReadRtcCenter(const Fields& root, Document& document, absl::Status& status) {
   const Json* const object = Extension(root, "CESIUM_RTC");
   if (object == nullptr) return;

@@ -13,8 +13,8 @@
 
 namespace voxelpipe::gltf {
 
-// Decodes a few streams ahead of their use, in parallel; what comes out, and which error comes first, is as if each were
-// decoded when it is taken. Not thread-safe.
+// Decodes a few streams ahead of their use, in parallel; what comes out, and which error comes first, is as if each
+// were decoded when it is taken. Not thread-safe.
 class DracoAhead {
  public:
   // In: the streams in the order in which they will be taken. Views; `job` and `limits` too must outlive this.

@@ -126,7 +126,7 @@ inline void AddIgnored(const absl::Status& ignored, const std::string& where, Wa
   warnings.Add(WarningCode::kNonconformingFile, where, absl::StrCat(what, "; it is ignored"));
 }
 
-// True if element `i` of an array is to be read; looks at the job now and then. The first error sticks.
+// True if element `i` of an array is to be read; polls the job now and then. The first error sticks.
 inline bool GoOn(const JobContext& job, size_t i, absl::Status& status) {
   constexpr size_t kElementsAStep = 1024;
   if (i % kElementsAStep == 0 && status.ok()) status = job.Check();

@@ -227,7 +227,7 @@ tinygltf::Sampler ToSampler(const Json& json) {
 template <typename Element>
 absl::Status Convert(const Json& graph, const char* key, Element (*convert)(const Json&), const Budget& budget,
                      MemoryCharge& charge, std::vector<Element>& out) {
-  constexpr size_t kStep = 1024;  // elements between two looks at the job
+  constexpr size_t kStep = 1024;  // elements between two polls of the job
   const Json* const array = Find(graph, key);
   if (array == nullptr || !array->is_array()) return absl::OkStatus();
   if (absl::Status full = budget.Take(array->size(), sizeof(Element), key, charge); !full.ok()) return full;

@@ -14,7 +14,7 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr size_t kPrimitivesAStep = 1024;   // between two looks at the job
+constexpr size_t kPrimitivesAStep = 1024;   // between two polls of the job
 constexpr size_t kVerticesAStep = 1 << 16;  // the same
 
 absl::StatusOr<Mesh> ReadMesh(const tinygltf::Mesh& mesh, const std::vector<double>& weights, size_t index,
@@ -122,8 +122,8 @@ void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, WarningList& warnin
   }
 }
 
-// The Draco streams of the meshes in reading order, up to the first that is at fault (reading it says so) or that must be
-// decompressed itself (which takes from the budget in its turn).
+// The Draco streams of the meshes in reading order, up to the first that is at fault (reading it says so) or that must
+// be decompressed itself (which takes from the budget in its turn).
 std::vector<std::span<const uint8_t>> DracoStreams(const tinygltf::Model& model, PrimitiveContext& context) {
   std::vector<std::span<const uint8_t>> streams;
   for (const tinygltf::Mesh& mesh : model.meshes) {

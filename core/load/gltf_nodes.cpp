@@ -9,7 +9,7 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr size_t kNodesAStep = 4096;  // nodes or instances between two looks at the job
+constexpr size_t kNodesAStep = 4096;  // nodes or instances between two polls of the job
 
 template <typename... Parts>
 absl::Status Broken(const Parts&... parts) {

@@ -21,8 +21,8 @@ namespace voxelpipe::gltf {
 // Errors: INVALID_ARGUMENT naming the node; RESOURCE_EXHAUSTED naming the limit.
 absl::Status ReadNodes(const tinygltf::Model& model, const AccessorReader& accessors, Budget& budget, Scene& scene);
 
-// Once all else is read, what the file has no nodes for: a node for each mesh where there is neither a scene nor a node (with a warning), and
-// one above all roots that holds CESIUM_RTC's centre. RESOURCE_EXHAUSTED past max_nodes.
+// Once all else is read, what the file has no nodes for: a node for each mesh where there is neither a scene nor a node
+// (with a warning), and one above all roots that holds CESIUM_RTC's centre. RESOURCE_EXHAUSTED past max_nodes.
 absl::Status AddMissingNodes(const Document& document, const LoadLimits& limits, Scene& scene);
 
 }  // namespace voxelpipe::gltf

@@ -233,8 +233,8 @@ absl::Status ReadTarget(const std::map<std::string, int>& attributes, const std:
   return out.tangents.empty() ? absl::OkStatus() : read("TANGENT", target.tangents);
 }
 
-// Reads the morph targets and applies them at their default weights: value + sum of weight * displacement. A fault of a target
-// that the file does not use by itself stays with the target.
+// Reads the morph targets and applies them at their default weights: value + sum of weight * displacement. A fault of a
+// target that the file does not use by itself stays with the target.
 absl::Status Morph(const tinygltf::Primitive& primitive, const std::vector<double>& weights, const std::string& where,
                    Primitive& out, PrimitiveContext& context) {
   if (primitive.targets.empty()) return absl::OkStatus();
@@ -296,8 +296,8 @@ absl::StatusOr<DracoPart> ReadDraco(const tinygltf::Primitive& primitive, const 
   return part;
 }
 
-// Draco has no checksum: counts other than the accessors' are the one sign of a stream that is not the file's. Old exporters write such
-// files, though, and every viewer shows them: the stream's counts hold.
+// Draco has no checksum: counts other than the accessors' are the one sign of a stream that is not the file's. Old
+// exporters write such files, though, and every viewer shows them: the stream's counts hold.
 void CompareCounts(const tinygltf::Primitive& primitive, const DracoMesh& mesh, const std::string& where,
                    const PrimitiveContext& context) {
   const auto compare = [&](int accessor, uint64_t decoded, const char* what) {

@@ -10,7 +10,7 @@ namespace voxelpipe::gltf {
 
 namespace {
 
-constexpr uint64_t kElementsAStep = 1 << 16;  // between two looks at the job
+constexpr uint64_t kElementsAStep = 1 << 16;  // between two polls of the job
 
 absl::Status CheckCount(uint64_t count, const std::string& where, const LoadLimits& limits) {
   if (count <= limits.max_triangles) return absl::OkStatus();

@@ -1,5 +1,5 @@
-// Sources: ITU-T T.81 (JPEG), annex B; Adobe Technical Note 5116 (components of CMYK and YCCK); KTX 2.0 specification, section 3.1; ISO/IEC
-// 14496-12 (ftyp box of AVIF); Google, "WebP Container Specification".
+// Sources: ITU-T T.81 (JPEG), annex B; Adobe Technical Note 5116 (components of CMYK and YCCK); KTX 2.0 specification,
+// section 3.1; ISO/IEC 14496-12 (ftyp box of AVIF); Google, "WebP Container Specification".
 #include "load/image_format.h"
 
 #include <cstring>

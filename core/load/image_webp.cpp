@@ -29,7 +29,8 @@ std::optional<WebpSize> ReadWebpSize(std::span<const uint8_t> encoded) {
   if (WebPGetFeatures(encoded.data(), encoded.size(), &features) != VP8_STATUS_OK) return std::nullopt;
   if (features.width <= 0 || features.height <= 0) return std::nullopt;
   WebpSize size{uint32_t(features.width), uint32_t(features.height), 0};
-  // Lossless: all texels as ARGB and some rows more. Lossy: planes of alpha and a few rows; rows are at most 2^14 texels.
+  // Lossless: all texels as ARGB and some rows more. Lossy: planes of alpha and a few rows; rows are at most 2^14
+  // texels.
   const uint64_t texels = uint64_t{size.width} * size.height;
   size.working_bytes = 4 * texels + 64 * uint64_t{size.width} + (uint64_t{1} << 20);
   return size;

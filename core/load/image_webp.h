@@ -22,8 +22,10 @@ struct WebpSize {
 std::optional<WebpSize> ReadWebpSize(std::span<const uint8_t> encoded);
 
 // Decodes to 8-bit RGBA, rows from the top, into `rgba` of 4 * width * height bytes. Alpha is not multiplied in.
-// The job is looked at between pieces of the encoded bytes: where few of them hold all texels, as of a single colour, not in between.
-// Errors: INVALID_ARGUMENT saying what is broken, without naming the image; RESOURCE_EXHAUSTED out of memory; the job's.
+// The job is polled between pieces of the encoded bytes: where few of them hold all texels, as of a single colour, not
+// in between.
+// Errors: INVALID_ARGUMENT saying what is broken, without naming the image; RESOURCE_EXHAUSTED out of memory; the
+// job's.
 absl::Status DecodeWebp(const JobContext& job, std::span<const uint8_t> encoded, const WebpSize& size,
                         std::span<uint8_t> rgba);
 

@@ -12,7 +12,7 @@ absl::Status GuardJson(const JobContext& job, std::string_view json, const LoadL
   }
   uint32_t depth = 0;
   bool in_string = false;
-  constexpr size_t kStep = 1 << 20;  // characters between two looks at the job
+  constexpr size_t kStep = 1 << 20;  // characters between two polls of the job
   size_t look = kStep;
   for (size_t i = 0; i < json.size(); ++i) {
     if (i >= look) {

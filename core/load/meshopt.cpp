@@ -1,5 +1,5 @@
-// Source: EXT_meshopt_compression (glTF vendor extension, 2020-2022) and KHR_meshopt_compression (2025): modes, filters and their stride
-// rules.
+// Source: EXT_meshopt_compression (glTF vendor extension, 2020-2022) and KHR_meshopt_compression (2025): modes, filters
+// and their stride rules.
 #include "load/meshopt.h"
 
 #include <meshoptimizer.h>
@@ -70,8 +70,8 @@ int DecodeStream(std::span<const uint8_t> compressed, const MeshoptView& view, s
   return meshopt_decodeIndexSequence(out.data(), count, stride, compressed.data(), compressed.size());
 }
 
-// Filter COLOR: Y, Co, Cg and alpha of fewer bits -> R, G, B, A of all bits of T. The highest bit of alpha that is set is no part of it:
-// it says how many bits the four have.
+// Filter COLOR: Y, Co, Cg and alpha of fewer bits -> R, G, B, A of all bits of T. The highest bit of alpha that is set
+// is no part of it: it says how many bits the four have.
 template <typename T, typename Signed>
 void DecodeColors(std::vector<uint8_t>& bytes) {
   constexpr int kBits = 8 * sizeof(T), kMost = (1 << kBits) - 1;

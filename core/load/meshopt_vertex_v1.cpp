@@ -1,9 +1,9 @@
-// Source: A. Kapoulkine, "KHR_meshopt_compression" (glTF extension, 2025), appendix on mode 0 (attributes), bitstream version 1. Debian's
-// libmeshoptimizer 0.18 decodes version 0 alone.
+// Source: A. Kapoulkine, "KHR_meshopt_compression" (glTF extension, 2025), appendix on mode 0 (attributes), bitstream
+// version 1. Debian's libmeshoptimizer 0.18 decodes version 0 alone.
 //
-// A stream is a header byte, blocks of vertices, padding, and a tail: the vertex before the first one and a byte for each channel (4 bytes
-// of the stride) that says how its differences are kept. A block begins with 2 bits for each byte of the stride, its control: how that
-// byte of the block's vertices is stored.
+// A stream is a header byte, blocks of vertices, padding, and a tail: the vertex before the first one and a byte for
+// each channel (4 bytes of the stride) that says how its differences are kept. A block begins with 2 bits for each byte
+// of the stride, its control: how that byte of the block's vertices is stored.
 #include "load/meshopt_vertex_v1.h"
 
 #include <algorithm>
@@ -46,8 +46,8 @@ class Reader {
   bool ok_ = true;
 };
 
-// 16 values of `bits` bits each; the largest value stands for a byte that follows the group's. Single bits lie lowest first, wider values
-// highest first.
+// 16 values of `bits` bits each; the largest value stands for a byte that follows the group's. Single bits lie lowest
+// first, wider values highest first.
 void ReadGroup(Reader& in, int bits, uint8_t* out) {
   if (bits == 0) return void(std::memset(out, 0, kGroup));
   const std::span<const uint8_t> packed = in.Take(kGroup * uint64_t(bits) / 8);
@@ -79,7 +79,8 @@ void ReadLane(Reader& in, int control, uint64_t count, uint8_t* out) {
   }
 }
 
-// A channel's differences of `count` vertices -> its values; `lanes`: its four bytes, kMaxBlockVertices apart. T: what is one value.
+// A channel's differences of `count` vertices -> its values; `lanes`: its four bytes, kMaxBlockVertices apart. T: what
+// is one value.
 template <typename T, bool kXor>
 void AddUp(const uint8_t* lanes, uint64_t count, uint64_t stride, int rotation, const uint8_t* last, uint8_t* out) {
   for (uint64_t first = 0; first < 4; first += sizeof(T)) {

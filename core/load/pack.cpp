@@ -210,8 +210,8 @@ class Packer {
     return wanted;
   }
 
-  // Rewrites buffer and byteOffset of a buffer view or of its meshopt compression. A view that overruns its buffer would
-  // read its neighbour after merging, so it is refused here.
+  // Rewrites buffer and byteOffset of a buffer view or of its meshopt compression. A view that overruns its buffer
+  // would read its neighbour after merging, so it is refused here.
   absl::Status Move(Json& view, size_t index) {
     const std::string name = absl::StrCat("bufferView ", index);
     const auto buffer = Unsigned(view, "buffer", UINT64_MAX);

@@ -8,7 +8,8 @@
 
 namespace voxelpipe {
 
-// "ID/moved/N" has all arrays of "ID" but the positions, which are its own; N makes it another id than all others of this process.
+// "ID/moved/N" has all arrays of "ID" but the positions, which are its own; N makes it another id than all others of
+// this process.
 inline constexpr std::string_view kMovedMark = "/moved/";
 
 // A new id for a mesh whose positions alone differ from those of the mesh `id`; empty where that has none. Thread-safe.

@@ -401,7 +401,7 @@ absl::Status AllocateAttributes(const JobContext& job, const std::vector<Placeme
   return job.Check();
 }
 
-// Says why there is nothing to voxelize, where nothing said so before.
+// Warns why there is nothing to voxelize, unless another warning did.
 void WarnOfNoTriangles(const Scene& scene, const std::vector<uint32_t>& order, TriangleMesh& mesh) {
   if (!mesh.triangles.empty()) return;
   for (const Warning& warning : mesh.warnings.kept()) {

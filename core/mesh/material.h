@@ -62,9 +62,11 @@ struct Image {
   std::vector<uint8_t> encoded;    // owned copy of the file's bytes
   uint32_t width = 0, height = 0;  // texels; 0 until decoded
   std::vector<uint8_t> rgba;       // 4 bytes a texel, rows from the top; empty until decoded
-  // Smaller levels (load/mips.h), of the texels as linear values and as sRGB colours; empty until something samples them.
+  // Smaller levels (load/mips.h), of the texels as linear values and as sRGB colours; empty until something samples
+  // them.
   std::vector<Vec4f> linear_mips, srgb_mips;
-  // Why it has no texels: it has no bytes, or they are of a format that is not decoded. Materials then count as if they had no texture.
+  // Why it has no texels: it has no bytes, or they are of a format that is not decoded. Materials then count as if they
+  // had no texture.
   std::optional<Warning> fault{};
   // What its bytes take of the budget of the request that loaded it; null: not charged.
   std::shared_ptr<MemoryCharge> memory{};

@@ -12,7 +12,7 @@
 
 namespace voxelpipe {
 
-inline constexpr size_t kPlacementsAStep = 4096;  // between two looks at the job
+inline constexpr size_t kPlacementsAStep = 4096;  // between two polls of the job
 
 // One primitive of one node instance. Where it goes says the part of the mesh with the same index.
 struct Placement {

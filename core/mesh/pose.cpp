@@ -11,7 +11,7 @@ namespace voxelpipe {
 namespace {
 
 constexpr char kWhat[] = "the mesh's pose";
-constexpr size_t kPartsAStep = 4096;  // nodes or parts between two looks at the job
+constexpr size_t kPartsAStep = 4096;  // nodes or parts between two polls of the job
 
 // Locals and morph weights of the nodes in the pose.
 struct NodeState {

@@ -30,8 +30,8 @@ struct Pose {
   MemoryCharge memory;                              // of all this
 };
 
-// Errors: INVALID_ARGUMENT for an animation that does not exist or cannot be played, a morph target that is not usable, more
-// weights than any primitive has targets, weights without any targets.
+// Errors: INVALID_ARGUMENT for an animation that does not exist or cannot be played, a morph target that is not usable,
+// more weights than any primitive has targets, weights without any targets.
 absl::StatusOr<std::unique_ptr<Pose>> EvaluatePose(const Rig& rig, const PoseQuery& query);
 // The same on behalf of a job that may end; the pose is charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED and the
 // job's, too.

@@ -42,17 +42,20 @@ struct TriangleMesh {
   // fourth 1; in parts without the attribute, which have no values then (VertexAttribute::runs), all are 0.
   std::vector<VertexAttribute> attributes;
   std::vector<std::array<uint32_t, 3>> triangles;
-  // Ids of the vertices that no triangle uses, ascending. Absent where that is not known; the box is then found by triangles.
+  // Ids of the vertices that no triangle uses, ascending. Absent where that is not known; the box is then found by
+  // triangles.
   std::optional<std::vector<uint32_t>> unused_vertices;
   std::vector<MeshPart> parts;  // ascending, covering all triangles and all vertices exactly once
   std::vector<Material> materials;
   std::vector<Texture> textures;
   std::vector<std::shared_ptr<Image>> images;  // shared with the Scene; decoded by PrepareTextures
   std::shared_ptr<const Rig> rig;              // null where the file has neither animations nor morph targets
-  // Names the contents, for who keeps meshes: two meshes with the same id have the same arrays, so what a device was given of the one
-  // serves the other. Empty: not known to be like any other. Change an array and the id must change or go.
+  // Names the contents, for who keeps meshes: two meshes with the same id have the same arrays, so what a device was
+  // given of the one serves the other. Empty: not known to be like any other. Change an array and the id must change or
+  // go.
   std::string content_id{};
-  // Of loading and flattening: every use of the mesh reports them again. Those of textures stand with images and materials.
+  // Of loading and flattening: every use of the mesh reports them again. Those of textures stand with images and
+  // materials.
   WarningList warnings{};
   // What all but the images takes of the budget of the request that made it; null: not charged. Copies share it.
   std::shared_ptr<MemoryCharge> memory{};

@@ -15,8 +15,8 @@ struct CallSettings {
   Priority priority = Priority::kNormal;
   std::optional<bool> fallback;  // may another kind of backend run it; absent: the server's choice
   std::optional<std::chrono::milliseconds> queue_timeout;  // wait for a worker; absent: the server's default
-  // Whether the summary carries the SHA-256 of the whole result. The CRC-32C of every piece is there in any case, at a tenth of the
-  // cost.
+  // True if the summary carries the SHA-256 of the whole result. The CRC-32C of every piece is there in any case, at a
+  // tenth of the cost.
   bool content_hash = true;
 };
 

@@ -1,5 +1,6 @@
-// Compiled in before all else under ThreadSanitizer: there map_field.h gives its class two members more, which the Protobuf that a
-// distribution compiled without the sanitizer does not have. The first write to a map field would then crash.
+// Compiled in before all else under ThreadSanitizer: there map_field.h gives its class two members more, which the
+// Protobuf that a distribution compiled without the sanitizer does not have. The first write to a map field would then
+// crash.
 #pragma once
 
 #include <atomic>

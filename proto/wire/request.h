@@ -26,8 +26,8 @@ absl::StatusOr<MeshFormat> ParseMeshFormat(v1::MeshFormat format, const std::str
 
 // In: what a client sent. Out: the request with every default filled in; shaders and blends are not checked yet
 // (ValidateRequest does).
-// Errors: INVALID_ARGUMENT "field: why" for enum values that this server does not know, a shader parameter given twice, a
-// grid asked for in two ways, more than kMaxTargets targets, a negative queue time-out, or new positions of no mesh.
+// Errors: INVALID_ARGUMENT "field: why" for enum values that this server does not know, a shader parameter given twice,
+// a grid asked for in two ways, more than kMaxTargets targets, a negative queue time-out, or new positions of no mesh.
 absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config);
 
 // The message that ParseConfig turns back into `request`, except for its threads.

@@ -1,5 +1,5 @@
-// Answers: core types <-> messages. Used by the server (To...) and by the client (From...). WriteTo is ToMessage into a fresh message that stands
-// already, on an arena, say.
+// Answers: core types <-> messages. Used by the server (To...) and by the client (From...). WriteTo is ToMessage into a
+// fresh message that stands already, on an arena, say.
 #pragma once
 
 #include <string>
@@ -31,12 +31,13 @@ v1::VoxelizeStats ToMessage(const VoxelizeStats& stats);
 void WriteTo(const VoxelizeStats& stats, v1::VoxelizeStats& message);
 VoxelizeStats FromMessage(const v1::VoxelizeStats& message);
 
-// `examined`: whether degenerate_triangles and open_edges were counted.
+// `examined`: true if degenerate_triangles and open_edges were counted.
 v1::MeshReport ToMessage(const MeshReport& report, bool examined);
 void WriteTo(const MeshReport& report, bool examined, v1::MeshReport& message);
 MeshReport FromMessage(const v1::MeshReport& message);
 
-// The warnings of a Summary, a StoredMesh or an EstimateVoxelizationResponse: its fields `warnings` and `warnings_left_out`.
+// The warnings of a Summary, a StoredMesh or an EstimateVoxelizationResponse: its fields `warnings` and
+// `warnings_left_out`.
 void WriteTo(const Warning& warning, v1::Warning& message);
 Warning FromMessage(const v1::Warning& message);
 template <typename Message>
@@ -61,10 +62,10 @@ ShaderInfo FromMessage(const v1::ShaderInfo& message);
 
 v1::ResultHeader ToMessage(const ResultHeader& header);
 void WriteTo(const ResultHeader& header, v1::ResultHeader& message);
-// In: what the server announces, and what it was asked for. Out: the same as the core knows it, arrays named, typed and shaped as
-// result.h says for the request's kind, targets and layout. The sizes of sparse and bucketed lists are the server's to say, within
-// what the grid can hold.
-// DATA_LOSS naming what differs: the grid, the kind, the layout, the number of arrays, or an array's name, type or shape.
+// In: what the server announces, and what it was asked for. Out: the same as the core knows it, arrays named, typed and
+// shaped as result.h says for the request's kind, targets and layout. The sizes of sparse and bucketed lists are the
+// server's to say, within what the grid can hold. DATA_LOSS naming what differs: the grid, the kind, the layout, the
+// number of arrays, or an array's name, type or shape.
 absl::StatusOr<ResultHeader> FromMessage(const v1::ResultHeader& message, const VoxelizeRequest& request);
 
 }  // namespace voxelpipe

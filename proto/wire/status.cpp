@@ -44,8 +44,9 @@ google::rpc::RetryInfo MakeRetryInfo(std::chrono::milliseconds delay) {
   return retry;
 }
 
-// Where the place ends that an INVALID_ARGUMENT names before it says what is wrong there: "targets[0].blend: ..." has one word for it, a mesh
-// file's two, "glTF: mesh 0, primitive 0: ...". npos where it names none. Quoted text is a stranger's.
+// Where the place ends that an INVALID_ARGUMENT names before it says what is wrong there: "targets[0].blend: ..." has
+// one word for it, a mesh file's two, "glTF: mesh 0, primitive 0: ...". npos where it names none. Quoted text is
+// untrusted.
 size_t EndOfPlace(std::string_view message) {
   const size_t end = message.find(": ");
   if (end == message.npos || !(message.starts_with("glTF: ") || message.starts_with("GLB: "))) return end;

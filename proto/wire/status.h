@@ -15,7 +15,8 @@ namespace voxelpipe {
 
 // RESOURCE_EXHAUSTED because of load: trying again after `delay` may work. The delay travels as google.rpc.RetryInfo.
 absl::Status BusyError(std::string_view message, std::chrono::milliseconds delay);
-// RESOURCE_EXHAUSTED because `subject` ("client:NAME") has used up what it may: a BusyError that carries google.rpc.QuotaFailure, too.
+// RESOURCE_EXHAUSTED because `subject` ("client:NAME") has used up what it may: a BusyError that carries
+// google.rpc.QuotaFailure, too.
 absl::Status QuotaError(std::string_view message, std::string_view subject, std::chrono::milliseconds delay);
 // UNAVAILABLE for a while: trying again after `delay` may work.
 absl::Status NotServingError(std::string_view message, std::chrono::milliseconds delay);
@@ -29,7 +30,7 @@ std::optional<std::string> MissingMesh(const absl::Status& status);
 
 // FAILED_PRECONDITION because the result takes, or may take, more bytes than a call without a stream carries.
 absl::Status NeedsStreamError(uint64_t need_bytes, uint64_t limit_bytes);
-// Whether it is one, on either side of the wire.
+// True if it is one, on either side of the wire.
 bool NeedsStream(const absl::Status& status);
 
 // The same status, INVALID_ARGUMENT, as one about this part of the request ("mesh"), which the message need not name.
@@ -47,8 +48,8 @@ absl::Status WithField(absl::Status status, std::string_view field);
 //   UNAVAILABLE           RetryInfo for a NotServingError
 grpc::Status ToGrpcStatus(const absl::Status& status);
 
-// The client's half: RetryDelay, LimitErrorOf, MissingMesh and NeedsStream work on what comes out. Messages that are not valid UTF-8 cannot come; all other
-// details stay on the wire.
+// The client's half: RetryDelay, LimitErrorOf, MissingMesh and NeedsStream work on what comes out. Messages that are
+// not valid UTF-8 cannot come; all other details stay on the wire.
 absl::Status FromGrpcStatus(const grpc::Status& status);
 
 }  // namespace voxelpipe

@@ -51,7 +51,7 @@ class Admitted {
 // Thread-safe. Must not be destroyed before those whom it admitted.
 class AccessControl {
  public:
-  // `token_file` empty: everybody may do everything. `open_health`: health is told without a token. Errors: those of
+  // `token_file` empty: every caller may do everything. `open_health`: health checks need no token. Errors: those of
   // TokenTable::Read.
   static absl::StatusOr<std::unique_ptr<AccessControl>> Create(const std::string& token_file, bool open_health,
                                                                Metrics& metrics);

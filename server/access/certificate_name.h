@@ -9,14 +9,14 @@
 
 namespace voxelpipe {
 
-// What a certificate says of its owner.
+// The names in a certificate.
 struct CertificateNames {
   std::vector<std::string> alternative_names;  // DNS, URI, address and mail names, in its order
   std::string common_name;
 };
 
-// In: names of a certificate that was verified. Out: the first alternative name, else the common name, that can name a client: 1 to 128 letters,
-// digits and . _ - : / @. Empty where there is none.
+// In: names of a certificate that was verified. Out: the first alternative name, else the common name, that can name a
+// client: 1 to 128 letters, digits and . _ - : / @. Empty where there is none.
 std::string ClientNameOf(const CertificateNames& names);
 bool IsCertificateName(std::string_view name);
 

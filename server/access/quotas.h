@@ -19,8 +19,8 @@ class TokenBucket {
   TokenBucket(double per_second, double size, QuotaClock::time_point now);
   // Other limits from now on; what is there stays, as far as it fits.
   void SetLimits(double per_second, double size, QuotaClock::time_point now);
-  // Takes `count` and returns 0, or leaves all and returns how long to wait. A count beyond the bucket's size is taken from a full
-  // one, which is then in debt.
+  // Takes `count` and returns 0, or leaves all and returns how long to wait. A count beyond the bucket's size is taken
+  // from a full one, which is then in debt.
   std::chrono::milliseconds Take(double count, QuotaClock::time_point now);
 
  private:
@@ -47,8 +47,8 @@ class Quota {
   std::optional<QuotaRefusal> Begin(QuotaClock::time_point now);
   // One more piece of work within a call that began, which counts for calls a second alone; or why not.
   std::optional<QuotaRefusal> TakeCall(QuotaClock::time_point now);
-  // One that began is answered: its client may begin the next one before this one has ended. Of such calls kMaxAnswered more than
-  // may be at once do not count, so that clients that take no answer do not pile up.
+  // One that began is answered: its client may begin the next one before this one has ended. Of such calls kMaxAnswered
+  // more than may be at once do not count, so that clients that take no answer do not pile up.
   void Answered();
   void End(bool answered);
   // `bytes` of a mesh came, or why they are too many.

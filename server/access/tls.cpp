@@ -127,7 +127,8 @@ int CopyOf(const std::string& text) {
   return copy;
 }
 
-// `fresh` under the number `copy` too, at once. Both are open, so it can only be put off: by a signal, or by another thread's open().
+// `fresh` under the number `copy` too, at once. Both are open, so it can only be put off: by a signal, or by another
+// thread's open().
 bool Replace(int fresh, int copy) {
   int done;
   do {

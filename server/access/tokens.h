@@ -41,10 +41,11 @@ struct TokenClient {
 
 // Immutable. The file is JSON:
 //   {"clients": [{"name": "render-farm", "role": "user", "token_sha256": "<64 hexadecimal digits>", "calls_per_second": 50, ...}]}
-// name: 1 to 64 letters, digits, '.', '_', '-', unique. role: "monitor", "user", "admin". Either token_sha256 (the SHA-256 of the
-// token; what `printf %s TOKEN | sha256sum` prints) or token itself (16 to 512 printable characters), each a string or a list of strings,
-// so that tokens can be changed one after the other; instead of them or beside them `certificate`, names that the client's certificate may
-// have (access/certificate_name.h). The rest are those of QuotaLimits. Anything else in it is an error.
+// name: 1 to 64 letters, digits, '.', '_', '-', unique. role: "monitor", "user", "admin". Either token_sha256 (the
+// SHA-256 of the token; what `printf %s TOKEN | sha256sum` prints) or token itself (16 to 512 printable characters),
+// each a string or a list of strings, so that tokens can be changed one after the other; instead of them or beside them
+// `certificate`, names that the client's certificate may have (access/certificate_name.h). The rest are those of
+// QuotaLimits. Anything else in it is an error.
 class TokenTable {
  public:
   // Errors: INVALID_ARGUMENT naming the client and the key at fault; never a token.

@@ -1,4 +1,5 @@
-// Counts the calls in progress: no more than so many at the same time, and a drain can wait for the last one to be over.
+// Counts the calls in progress: no more than so many at the same time, and a drain can wait for the last one to be
+// over.
 #pragma once
 
 #include <chrono>
@@ -35,8 +36,8 @@ class CallGate {
     CallGate* const gate_;
   };
 
-  // While it lives, its function is called when the gate closes, or at once where it is closed already. Possibly after this object is
-  // gone, too: let it hold a weak pointer.
+  // While it lives, its function is called when the gate closes, or at once where it is closed already. Possibly after
+  // this object is gone, too: let it hold a weak pointer.
   class Closer {
    public:
     Closer(CallGate& gate, const std::function<void()>& on_close) : gate_(gate) {

@@ -1,4 +1,5 @@
-// What every call has from its first moment to its last: an id, a caller, a line in the access log, a place in the metrics.
+// What every call has from its first moment to its last: an id, a caller, a line in the access log, a place in the
+// metrics.
 #pragma once
 
 #include <chrono>
@@ -26,7 +27,8 @@ std::string CertificateOf(const ServiceState& state, const grpc::ServerContextBa
 // Made when a call comes, on gRPC's thread. Members that change are guarded by the call.
 class CallRecord {
  public:
-  // Asks the door (AccessControl) and answers with the metadata `x-request-id`: the caller's own if it sent a valid one, else a new one.
+  // Asks the door (AccessControl) and answers with the metadata `x-request-id`: the caller's own if it sent a valid
+  // one, else a new one.
   CallRecord(ServiceState& state, grpc::CallbackServerContext& context, Rpc called);
   ~CallRecord();
   CallRecord(const CallRecord&) = delete;

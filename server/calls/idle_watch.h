@@ -26,8 +26,9 @@ class IdleWatch {
   // One call's waits for its client, one after the other.
   class Wait {
    public:
-    // `on_idle` is called once for a wait that lasts longer than `limit`, at most an interval late, on the watch's thread, without locks
-    // and possibly after this object is gone: let it hold a weak pointer. `watch` must outlive the object.
+    // `on_idle` is called once for a wait that lasts longer than `limit`, at most an interval late, on the watch's
+    // thread, without locks and possibly after this object is gone: let it hold a weak pointer. `watch` must outlive
+    // the object.
     Wait(IdleWatch& watch, std::chrono::milliseconds limit, std::function<void()> on_idle);
     ~Wait();
     Wait(const Wait&) = delete;

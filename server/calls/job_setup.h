@@ -11,8 +11,9 @@
 
 namespace voxelpipe {
 
-// Fills the job's config, limits and traits from the message; `client` is whom the queue takes it to be from. The job's deadline, if
-// any, is set before. Where the config names a mesh that the server keeps, the job gets that mesh, for its use to be counted.
+// Fills the job's config, limits and traits from the message; `client` is whom the queue takes it to be from. The job's
+// deadline, if any, is set before. Where the config names a mesh that the server keeps, the job gets that mesh, for its
+// use to be counted.
 // Errors: those of ParseConfig, PrepareRequest and WorkerPool::CheckServed; NOT_FOUND (MissingMeshError).
 absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message, const std::string& client,
                           VoxelizeJob& job);
@@ -30,7 +31,7 @@ void CountJob(Metrics& metrics, const absl::StatusOr<JobOutcome>& outcome);
 // Of these, the times that the work took: once a run, however many jobs it served.
 void CountWork(Metrics& metrics, const JobOutcome& outcome);
 
-// What is said of a job in the access log.
+// The fields of a job in the access log.
 LogFields Facts(const JobOutcome& outcome);
 
 }  // namespace voxelpipe

@@ -336,8 +336,8 @@ void ManyCall::Pump() {
       if (last_of_current_) ids_.erase(answer.job->id());
     }
     writing_ = true;
-    // What follows at once leaves with it: the next piece, or the next answer. Not the end of several pieces: their large
-    // result counts as in hand until the client has room for all of it.
+    // What follows at once leaves with it: the next piece, or the next answer. Not the end of several pieces: their
+    // large result counts as in hand until the client has room for all of it.
     const grpc::WriteOptions options = write_ahead_.Next(stream ? stream->next_is_ready() : !ready_.empty());
     lock.unlock();
     write_wait_->Begin();

@@ -25,9 +25,9 @@
 
 namespace voxelpipe {
 
-// gRPC's threads call the On... functions and never wait here; workers end the jobs. No more is read while as many jobs or bytes are
-// in hand as the options allow, so that a client that does not take its answers cannot fill the server. The object lives until gRPC is
-// done with the call and all of its jobs have ended.
+// gRPC's threads call the On... functions and never wait here; workers end the jobs. No more is read while as many jobs
+// or bytes are in hand as the options allow, so that a client that does not take its answers cannot fill the server.
+// The object lives until gRPC is done with the call and all of its jobs have ended.
 class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
  public:
   // The reactor of a new call. `state` must outlive it.
@@ -42,7 +42,7 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
 
  private:
   class Job;
-  // What a job has to say: one message, or those of a stream.
+  // The answer of a job: one message, or those of a stream.
   struct Answer {
     std::shared_ptr<Job> job;
     std::unique_ptr<grpc::ByteBuffer> message;  // a ByteBuffer itself is copied where it is moved

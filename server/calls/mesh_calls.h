@@ -26,10 +26,10 @@ namespace voxelpipe {
 // What the store holds about a mesh.
 v1::StoredMesh ToMessage(KeptMesh& mesh);
 
-// One UploadMesh call: gathers the file; a loader takes its hash, loads it unless an equal one is there or being loaded, and keeps it. Where
-// the client named the mesh and it is here already, the call ends before the file has come: the client may use the mesh then, but has no claim
-// on it. Lives until gRPC is done with the call and
-// the loader with the file, whichever comes last.
+// One UploadMesh call: gathers the file; a loader takes its hash, loads it unless an equal one is there or being
+// loaded, and keeps it. Where the client named the mesh and it is here already, the call ends before the file has come:
+// the client may use the mesh then, but has no claim on it. Lives until gRPC is done with the call and the loader with
+// the file, whichever comes last.
 class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
                              public std::enable_shared_from_this<UploadMeshCall> {
  public:
@@ -80,7 +80,7 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
   uint64_t upload_bytes_seen_ = 0;
   bool begun_ = false;
   MeshFormat format_ = MeshFormat::kAuto;
-  std::string expected_id_;  // empty: not said
+  std::string expected_id_;  // empty: not given
   std::deque<std::string> pieces_;
   BudgetShare uploads_;
 
@@ -93,8 +93,9 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
 
 // In: the call's request. Out: its answer, or NOT_FOUND with ResourceInfo; INVALID_ARGUMENT for what is no mesh's id.
 absl::Status GetMesh(ServiceState& state, const v1::GetMeshRequest& request, v1::GetMeshResponse& response);
-// A caller that is no administrator gives up its own claim, and the mesh is forgotten when no claim is left, else kept_for_others is set;
-// PERMISSION_DENIED where it has none. An administrator's call removes the mesh whatever claims it has.
+// A caller that is no administrator gives up its own claim, and the mesh is forgotten when no claim is left, else
+// kept_for_others is set; PERMISSION_DENIED where it has none. An administrator's call removes the mesh whatever claims
+// it has.
 absl::Status DeleteMesh(ServiceState& state, const CallRecord& caller, const v1::DeleteMeshRequest& request,
                         v1::DeleteMeshResponse& response);
 

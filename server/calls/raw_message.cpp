@@ -13,7 +13,8 @@ using google::protobuf::io::CodedInputStream;
 
 enum class Fields { kPossible, kBroken, kTooMany };
 
-// Counts what is no mesh's, and stops when that is more than may be: fields are skipped one by one, and 64 MiB may hold 32 million.
+// Counts what is no mesh's, and stops when that is more than may be: fields are skipped one by one, and 64 MiB may hold
+// 32 million.
 class SettingsCounter {
  public:
   explicit SettingsCounter(CodedInputStream& in) : in_(in) {}

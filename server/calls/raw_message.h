@@ -14,7 +14,8 @@
 
 namespace voxelpipe {
 
-// Of a request message, all but its mesh bytes. What consists of empty fields takes some sixty times its bytes once it has been read.
+// Of a request message, all but its mesh bytes. What consists of empty fields takes some sixty times its bytes once it
+// has been read.
 inline constexpr size_t kMaxSettingsBytes = 1 << 20;
 
 // Which fields of a message are mesh bytes: one of its own, and one of each message in its field `inner`. 0: none.
@@ -39,11 +40,12 @@ inline constexpr MeshFields kMeshFields<v1::EstimateVoxelizationRequest>{
 template <>
 inline constexpr MeshFields kMeshFields<v1::UploadMeshRequest>{v1::UploadMeshRequest::kPieceFieldNumber, 0, 0};
 
-// INVALID_ARGUMENT where a message has more than kMaxSettingsBytes beside its mesh bytes, or breaks on the way there. Takes nothing
-// off `bytes`, allocates nothing.
+// INVALID_ARGUMENT where a message has more than kMaxSettingsBytes beside its mesh bytes, or breaks on the way there.
+// Takes nothing off `bytes`, allocates nothing.
 absl::Status CheckSettingsBytes(grpc::ByteBuffer& bytes, const MeshFields& fields);
 
-// In: `bytes`, of which nothing is left. Out: `message`. INVALID_ARGUMENT where they are none, or hold more than is possible.
+// In: `bytes`, of which nothing is left. Out: `message`. INVALID_ARGUMENT where they are none, or hold more than is
+// possible.
 template <typename Message>
 absl::Status ReadMessage(grpc::ByteBuffer& bytes, Message& message) {
   absl::Status status = CheckSettingsBytes(bytes, kMeshFields<Message>);

@@ -3,7 +3,8 @@
 
 namespace voxelpipe {
 
-// The answer to gRPC's InternalInlineable: OnCancel and OnDone never wait, so they need not be handed to one more thread.
+// The answer to gRPC's InternalInlineable: OnCancel and OnDone never wait, so they need not be handed to one more
+// thread.
 inline constexpr bool kReactAtOnce = true;
 
 }  // namespace voxelpipe

@@ -21,7 +21,7 @@ namespace voxelpipe {
 template <typename Reactor>
 class RefusedCall final : public Reactor {
  public:
-  // The call's reactor, or null where the queue has room and the call is to be looked at. `state` must outlive it.
+  // The call's reactor, or null where the queue has room and the call is to be handled. `state` must outlive it.
   static Reactor* CreateIfFull(ServiceState& state, grpc::CallbackServerContext& context, Rpc rpc) {
     std::shared_ptr<const FullQueue::Answer> answer = state.full_queue.Refusal();
     return answer ? new RefusedCall(state, context, rpc, *answer) : nullptr;
@@ -48,7 +48,7 @@ class RefusedCall final : public Reactor {
     this->Finish(strange ? ToGrpcStatus(status_) : answer.grpc_status);
   }
 
-  const CallGate::Pass pass_;  // a drain waits until the client was told
+  const CallGate::Pass pass_;  // a drain waits until the answer was sent
   CallRecord record_;
   absl::Status status_;
   std::optional<uint64_t> log_;

@@ -1,5 +1,5 @@
-// The wire format by hand: a field is its key (number and type) as a varint, then its value; submessages and bytes carry their length
-// first; fields may come in any order.
+// The wire format by hand: a field is its key (number and type) as a varint, then its value; submessages and bytes
+// carry their length first; fields may come in any order.
 #include "calls/response_coder.h"
 
 #include <iterator>

@@ -46,7 +46,8 @@ class ResponseCoder {
   bool whole_call_ = false;
 };
 
-// Answers of a VoxelizeMany call, at least one, as one message: the first one with the others under `more`. Their bytes are shared.
+// Answers of a VoxelizeMany call, at least one, as one message: the first one with the others under `more`. Their bytes
+// are shared.
 grpc::ByteBuffer AnswersInOne(std::span<const grpc::ByteBuffer* const> answers);
 
 }  // namespace voxelpipe

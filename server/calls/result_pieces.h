@@ -37,9 +37,11 @@ class ResultPieces {
   grpc::ByteBuffer Header(const ResultHeader& header) const;
   // `bytes` follow those of the piece before, or begin the next array. `owner` keeps them; null: they are copied.
   grpc::ByteBuffer Piece(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner);
-  // Every piece's bytes in order, apart from Piece so that hashing goes on while they are sent. Not needed where the hash is known.
+  // Every piece's bytes in order, apart from Piece so that hashing goes on while they are sent. Not needed where the
+  // hash is known.
   void Hash(std::span<const uint8_t> bytes);
-  // Of a result that others read, too: its checksums are taken from `sums`, and left there. null: they are of this stream alone.
+  // Of a result that others read, too: its checksums are taken from `sums`, and left there. null: they are of this
+  // stream alone.
   void SetShared(bool cached, std::shared_ptr<ResultSums> sums);
   // After the last piece. Call once.
   grpc::ByteBuffer Summary(const JobOutcome& outcome);

@@ -176,7 +176,8 @@ absl::Status ResultSharing::Submit(std::shared_ptr<VoxelizeJob> job) {
     if (crowd != crowds_.end() && crowd->second.waiters.size() > 1) TellWaiters(*seat.flight);
     return absl::OkStatus();
   }
-  // It is this client's share, or this job's deadline, that the queue has no place for. Others who joined by now try for themselves.
+  // It is this client's share, or this job's deadline, that the queue has no place for. Others who joined by now try
+  // for themselves.
   const bool left = flights_.Leave(seat);
   if (left) {
     const std::lock_guard lock(mutex_);

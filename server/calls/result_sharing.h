@@ -20,10 +20,11 @@
 
 namespace voxelpipe {
 
-// Stands between the calls and the scheduler. Jobs are equal that ask for the same of the same kept mesh (RequestKey); they are answered by
-// DoneShared, with the same object. A run that waits has the best place, priority and deadline of all who wait for it; where the queue takes no job of
-// the one who came first, only that one is refused. All others go through: those with a file or with positions of their own, those with a queue time-out
-// of their own, and those whose result does not stand in memory as a whole. Thread-safe; calls the jobs without locks.
+// Stands between the calls and the scheduler. Jobs are equal that ask for the same of the same kept mesh (RequestKey);
+// they are answered by DoneShared, with the same object. A run that waits has the best place, priority and deadline of
+// all who wait for it; where the queue takes no job of the one who came first, only that one is refused. All others go
+// through: those with a file or with positions of their own, those with a queue time-out of their own, and those whose
+// result does not stand in memory as a whole. Thread-safe; calls the jobs without locks.
 class ResultSharing {
  public:
   struct Options {
@@ -89,8 +90,8 @@ class ResultSharing {
   std::unordered_map<const Flights::Flight*, Crowd> crowds_;
 };
 
-// What jobs have in common that may share a result: the mesh, everything that the result's bytes depend on, and who may run it. Empty
-// where the job cannot share.
+// What jobs have in common that may share a result: the mesh, everything that the result's bytes depend on, and who may
+// run it. Empty where the job cannot share.
 std::string RequestKey(const VoxelizeJob& job);
 
 }  // namespace voxelpipe

@@ -15,7 +15,7 @@ namespace voxelpipe {
 // Not thread-safe. What was handed out keeps the outcome until gRPC has sent it, also after the stream is gone.
 class ResultStream {
  public:
-  // `cached`: said in the summary.
+  // `cached`: goes into the summary.
   ResultStream(std::shared_ptr<const JobOutcome> outcome, const CallSettings& settings, const PieceOptions& options,
                ResponseCoder coder = {}, bool cached = false);
 

@@ -15,9 +15,9 @@
 namespace voxelpipe {
 namespace {
 
-// A waiting worker looks at its deadline so often.
+// How often a waiting worker checks its deadline.
 constexpr std::chrono::milliseconds kLookEvery{20};
-// Progress within a stage is not told more often.
+// The shortest interval between progress messages within a stage.
 constexpr std::chrono::milliseconds kProgressInterval{100};
 
 }  // namespace
@@ -308,7 +308,7 @@ void VoxelizeCall::HangUp() {
 }
 
 void VoxelizeCall::OnProgress(std::string_view stage, double fraction) {
-  if (whole_) return;  // told in one message, or not before the plan
+  if (whole_) return;  // sent in one message, or not before the plan
   if (!planned_) {     // the plan is the first word: of what came before it, the last one of each stage follows it
     if (early_.empty() || early_.back().stage() != stage) early_.emplace_back().set_stage(std::string(stage));
     early_.back().set_fraction(fraction);

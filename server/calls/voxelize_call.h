@@ -27,10 +27,10 @@
 
 namespace voxelpipe {
 
-// gRPC's threads call the On... functions and never wait here; workers call those of VoxelizeJob and ResultSink. A result that
-// stands in memory is sent without the worker, from where it stands; one that leaves slab by slab is sent by the worker, which waits
-// for the client to take it. The object lives until gRPC is done with the call and the worker is done with the job, whichever comes
-// last.
+// gRPC's threads call the On... functions and never wait here; workers call those of VoxelizeJob and ResultSink. A
+// result that stands in memory is sent without the worker, from where it stands; one that leaves slab by slab is sent
+// by the worker, which waits for the client to take it. The object lives until gRPC is done with the call and the
+// worker is done with the job, whichever comes last.
 class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>,
                            private VoxelizeJob,
                            private ResultSink {
@@ -100,7 +100,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   bool planned_ = false;
   std::vector<v1::Progress> early_;  // before the plan: the last one of each stage
   std::chrono::steady_clock::time_point last_progress_;
-  std::optional<Plan> plan_;  // not told yet: it goes with the whole result
+  std::optional<Plan> plan_;  // not sent yet: it goes with the whole result
 
   // A streamed result: touched by the worker only.
   std::optional<ResultPieces> pieces_made_;
@@ -121,7 +121,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   WriteAhead write_ahead_;
   std::optional<absl::Status> end_;
   bool submitted_ = false;  // a worker has the job or will have it
-  // A thread makes a message of result_; a write is in flight; gRPC has been told how the call ends.
+  // A thread makes a message of result_; a write is in flight; the call was finished in gRPC.
   bool making_ = false, writing_ = false, finished_ = false;
 };
 

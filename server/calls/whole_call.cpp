@@ -90,7 +90,8 @@ void WholeCall::PlanShared(const Plan& plan) {
 void WholeCall::DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) {
   plan_ = plan;
   const uint64_t bytes = ResultBytes(outcome->result);
-  // A plan that was too large is refused also where the result is there: the answer does not depend on what others asked for.
+  // A plan that was too large is refused also where the result is there: the answer does not depend on what others
+  // asked for.
   if (std::max(bytes, plan.result_bytes) > kWholeBytes) {
     Done(NeedsStreamError(std::max(bytes, plan.result_bytes), kWholeBytes));
     return;

@@ -19,12 +19,13 @@
 
 namespace voxelpipe {
 
-// gRPC's threads begin the call and never wait here; the thread that ends the job, as a rule a worker, finishes the call: no
-// other hand-over is between. Every call is ended by Finish exactly once, when its job has ended. The object lives until gRPC and the
-// worker are both done with it.
+// gRPC's threads begin the call and never wait here; the thread that ends the job, as a rule a worker, finishes the
+// call: no other hand-over is between. Every call is ended by Finish exactly once, when its job has ended. The object
+// lives until gRPC and the worker are both done with it.
 class WholeCall final : public grpc::ServerUnaryReactor, private VoxelizeJob {
  public:
-  // The reactor of a new call. `state` must outlive it; `request` is used up at once, `response` must live until the call is done.
+  // The reactor of a new call. `state` must outlive it; `request` is used up at once, `response` must live until the
+  // call is done.
   static WholeCall* Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& request,
                            grpc::ByteBuffer& response);
 
@@ -43,8 +44,8 @@ class WholeCall final : public grpc::ServerUnaryReactor, private VoxelizeJob {
   void PlanShared(const Plan& plan) override;
   void DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) override;
   void Done(absl::StatusOr<JobOutcome> outcome) override;
-  // A small result comes in slabs only where the operator wants slabs that small. Not null, so that a plan is the same as for Voxelize, and
-  // its errors with it.
+  // A small result comes in slabs only where the operator wants slabs that small. Not null, so that a plan is the same
+  // as for Voxelize, and its errors with it.
   ResultSink* large_results() override { return &slabs_; }
 
   // Ends the call with a result in memory, or because it is too large.

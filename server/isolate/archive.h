@@ -1,8 +1,9 @@
-// Plain values to bytes and back, for two processes of the same build on one machine. What is read may come from a process that a
-// hostile file has taken over: no count is believed, nothing is allocated beyond what the bytes can hold.
+// Plain values to bytes and back, for two processes of the same build on one machine. What is read may come from a
+// process that a hostile file has taken over: no count is believed, nothing is allocated beyond what the bytes can
+// hold.
 //
-// One function template a type says what belongs to it, for both directions: `fields(archive, value)` with an ArchiveWriter and a
-// const value, or an ArchiveReader and a value to fill.
+// One function template a type says what belongs to it, for both directions: `fields(archive, value)` with an
+// ArchiveWriter and a const value, or an ArchiveReader and a value to fill.
 #pragma once
 
 #include <concepts>
@@ -29,8 +30,8 @@ inline constexpr uint64_t kMinBulkBytes = 4096;
 // Where they begin, so that their elements are aligned.
 inline constexpr uint64_t kBulkAlignment = 64;
 
-// Collects a text (all small values, one after the other) and the places of large arrays, which stay where they are. Bulk is these
-// arrays, each from the next multiple of kBulkAlignment on.
+// Collects a text (all small values, one after the other) and the places of large arrays, which stay where they are.
+// Bulk is these arrays, each from the next multiple of kBulkAlignment on.
 class ArchiveWriter {
  public:
   static constexpr bool kReads = false;
@@ -94,9 +95,9 @@ class ArchiveWriter {
   uint64_t bulk_bytes_ = 0;
 };
 
-// Reads in the same order. After the first fault all values are zeros and all lists empty. Arrays of the bulk are filled by Finish; what
-// is read from `text` must be the reader's own memory, `bulk` may change under its hands: it is copied once, and what was copied is what is
-// checked.
+// Reads in the same order. After the first fault all values are zeros and all lists empty. Arrays of the bulk are
+// filled by Finish; what is read from `text` must be the reader's own memory, `bulk` may change under its hands: it is
+// copied once, and what was copied is what is checked.
 class ArchiveReader {
  public:
   static constexpr bool kReads = true;
@@ -167,7 +168,8 @@ class ArchiveReader {
   }
   bool ok() const { return fault_ == nullptr; }
 
-  // Fills the arrays of the bulk, on several threads. INTERNAL where the bytes were not what a writer writes. May throw bad_alloc.
+  // Fills the arrays of the bulk, on several threads. INTERNAL where the bytes were not what a writer writes. May throw
+  // bad_alloc.
   absl::Status Finish();
 
  private:

@@ -1,4 +1,5 @@
-// Messages between the server and a process that loads meshes: an archive each, over a socket, and where it is large through shared memory.
+// Messages between the server and a process that loads meshes: an archive each, over a socket, and where it is large
+// through shared memory.
 #pragma once
 
 #include <chrono>
@@ -21,7 +22,8 @@ enum class MessageKind : uint32_t {
   kAnswer,    // worker: a status, and what was asked for where it is OK
 };
 
-// What came. `bulk` is in shared memory, which the other side may change, or in the channel's buffer; valid until the next message.
+// What came. `bulk` is in shared memory, which the other side may change, or in the channel's buffer; valid until the
+// next message.
 struct Message {
   MessageKind kind = MessageKind::kReady;
   uint64_t number = 0;  // of the question
@@ -32,8 +34,8 @@ struct Message {
 // One end. Not thread-safe.
 class Channel {
  public:
-  // Takes the descriptor of a socket of type SOCK_SEQPACKET, and the regions that this end writes and reads. `trusts`: the other end takes
-  // the memory for what it says that it sends.
+  // Takes the descriptor of a socket of type SOCK_SEQPACKET, and the regions that this end writes and reads. `trusts`:
+  // the other end takes the memory for what it says that it sends.
   Channel(int socket, SharedRegion out, SharedRegion in, bool trusts);
   Channel(Channel&&) = delete;
   ~Channel();
@@ -44,8 +46,9 @@ class Channel {
 
   // RESOURCE_EXHAUSTED where the archive does not fit into memory; UNAVAILABLE where the other end is gone.
   absl::Status Send(MessageKind kind, uint64_t number, const ArchiveWriter& archive);
-  // Waits for a message at most so long; a negative time: for ever. DEADLINE_EXCEEDED: none came; UNAVAILABLE: the other end is gone; INTERNAL: it is none of ours;
-  // RESOURCE_EXHAUSTED: it has more than `most_bytes`, or there is no memory for it. May throw bad_alloc.
+  // Waits for a message at most so long; a negative time: for ever. DEADLINE_EXCEEDED: none came; UNAVAILABLE: the
+  // other end is gone; INTERNAL: it is none of ours; RESOURCE_EXHAUSTED: it has more than `most_bytes`, or there is no
+  // memory for it. May throw bad_alloc.
   absl::StatusOr<Message> Receive(std::chrono::milliseconds patience, uint64_t most_bytes = SharedRegion::kBytes / 2);
 
  private:

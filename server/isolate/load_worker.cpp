@@ -28,8 +28,8 @@ namespace {
 
 static_assert(kCancelSignal == SIGUSR1);
 
-// The question in hand, for the signal's handler: a call that comes late must not end the next one. The handler runs on the main thread
-// alone, whose stack has the job: other threads block the signal.
+// The question in hand, for the signal's handler: a call that comes late must not end the next one. The handler runs on
+// the main thread alone, whose stack has the job: other threads block the signal.
 std::atomic<JobContext*> current_job{nullptr};
 std::atomic<int> current_number{0};
 pthread_t main_thread;

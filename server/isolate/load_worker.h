@@ -9,13 +9,14 @@
 
 namespace voxelpipe {
 
-// The argument, and the descriptors that the process finds open: a socket, the region that it reads and the one that it writes.
+// The argument, and the descriptors that the process finds open: a socket, the region that it reads and the one that it
+// writes.
 inline constexpr const char* kLoadWorkerArgument = "--load-worker";
 inline constexpr int kWorkerSocket = 3, kWorkerIn = 4, kWorkerOut = 5;
 // Beside the signal comes the number of the question that is to end (its low 31 bits).
 inline constexpr int kCancelSignal = 10;  // SIGUSR1
 
-// What a question says beside the file or the textures. Both processes are of one build.
+// The fields of a request beside the file or the textures. Both processes are of one build.
 struct LoadQuestion {
   MeshFormat format = MeshFormat::kAuto;
   TextureUse textures;
@@ -37,8 +38,8 @@ void QuestionFields(A& archive, Q& question) {
   archive.Value(question.threads);
 }
 
-// Answers questions until the server ends. `threads`: of this process, at most. `kept_bytes`: of free memory at the end of its heap, at most;
-// fresh pages cost more than copying. Out: the exit code.
+// Answers questions until the server ends. `threads`: of this process, at most. `kept_bytes`: of free memory at the end
+// of its heap, at most; fresh pages cost more than copying. Out: the exit code.
 int RunLoadWorker(int threads, int kept_bytes);
 
 }  // namespace voxelpipe

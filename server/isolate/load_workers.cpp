@@ -19,7 +19,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-// How often who waits for a process looks at its job.
+// How often a call that waits for a process polls its job.
 constexpr milliseconds kLookInterval{10};
 constexpr milliseconds kRetryInterval{200};  // after a start that failed
 
@@ -37,7 +37,7 @@ LoadQuestion QuestionOf(const LoadRequest& request, const JobContext& job, uint6
   return question;
 }
 
-// A time that a process says it took, within what it can have taken.
+// A time that a process reports, limited to what is possible.
 double Plausible(double ms, double most_ms) {
   return std::isfinite(ms) ? std::clamp(ms, 0.0, most_ms) : 0.0;
 }

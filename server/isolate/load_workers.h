@@ -32,8 +32,8 @@ struct LoadWorkersOptions {
   WorkerProcess::Options process;  // but for kept_bytes
 };
 
-// Thread-safe. No call of one job is touched by what happens to the process of another. There is always one process that waits, unless all
-// are at work.
+// Thread-safe. No call of one job is touched by what happens to the process of another. There is always one process
+// that waits, unless all are at work.
 class LoadWorkers {
  public:
   // Out: when the first process has said that it is ready. UNAVAILABLE saying why none can be.
@@ -41,9 +41,11 @@ class LoadWorkers {
   // No call may run any more.
   ~LoadWorkers();
 
-  // What LoadMeshHere (work/load_mesh.h) gives, made in one of the processes and checked here; the file is freed then. Waits for one where all are at work.
-  // Errors: those of LoadMeshHere; the job's, within 100 ms; RESOURCE_EXHAUSTED where the process takes more memory or time than it may;
-  // INTERNAL where it dies or gives what cannot be a mesh; UNAVAILABLE where none can be started. May throw bad_alloc.
+  // What LoadMeshHere (work/load_mesh.h) gives, made in one of the processes and checked here; the file is freed then.
+  // Waits for one where all are at work.
+  // Errors: those of LoadMeshHere; the job's, within 100 ms; RESOURCE_EXHAUSTED where the process takes more memory or
+  // time than it may; INTERNAL where it dies or gives what cannot be a mesh; UNAVAILABLE where none can be started. May
+  // throw bad_alloc.
   absl::StatusOr<LoadedMesh> Load(std::vector<uint8_t> file, const LoadRequest& request, const JobContext& job);
 
   // PrepareTexturesFor (load/image.h) likewise.

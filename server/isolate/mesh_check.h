@@ -6,8 +6,8 @@
 
 namespace voxelpipe {
 
-// In: any values. OK where all that triangle_mesh.h, material.h and rig.h promise of counts, indices and coordinates holds; else INTERNAL
-// saying what does not. O(size of the mesh), on several threads.
+// In: any values. OK where all that triangle_mesh.h, material.h and rig.h promise of counts, indices and coordinates
+// holds; else INTERNAL saying what does not. O(size of the mesh), on several threads.
 absl::Status CheckMesh(const TriangleMesh& mesh);
 
 // Of materials, textures and images alone.

@@ -9,8 +9,8 @@
 
 namespace voxelpipe {
 
-// A memory file that can neither shrink nor grow, so that reading what is mapped never faults. It is as large as anything could need, and
-// takes memory only where it was written. Not thread-safe.
+// A memory file that can neither shrink nor grow, so that reading what is mapped never faults. It is as large as
+// anything could need, and takes memory only where it was written. Not thread-safe.
 class SharedRegion {
  public:
   static constexpr uint64_t kBytes = uint64_t{256} << 30;

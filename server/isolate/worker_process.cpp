@@ -30,7 +30,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-// How often job and memory are looked at while the process works.
+// How often job and memory are polled while the process works.
 constexpr milliseconds kLookInterval{10};
 // From the job's end to the process's, where that does not see it by itself.
 constexpr milliseconds kPatience{50};
@@ -74,7 +74,7 @@ int Spawn(const WorkerProcess::Options& options, const std::array<int, 3>& descr
   SpawnSettings settings;
   posix_spawn_file_actions_addopen(&settings.actions, 0, "/dev/null", O_RDONLY, 0);
   posix_spawn_file_actions_addopen(&settings.actions, 1, "/dev/null", O_WRONLY, 0);
-  // What it has to say is a report of a sanitizer; strangers must not write our log.
+  // Its output is at most a report of a sanitizer; untrusted input must not write to our log.
   if (!IsSanitizedBuild()) posix_spawn_file_actions_addopen(&settings.actions, 2, "/dev/null", O_WRONLY, 0);
   // First out of the way of one another.
   const int free = std::max(kWorkerOut, *std::max_element(descriptors.begin(), descriptors.end())) + 1;

@@ -27,7 +27,8 @@ class WorkerProcess {
     uint64_t kept_bytes = 64 << 20;
   };
 
-  // Starts the program; it is not ready yet. UNAVAILABLE where the system gives no process, no memory or no descriptors.
+  // Starts the program; it is not ready yet. UNAVAILABLE where the system gives no process, no memory or no
+  // descriptors.
   static absl::StatusOr<std::unique_ptr<WorkerProcess>> Start(const Options& options);
   // Kills it, if it lives, and waits for its end: that of one with gigabytes takes its time.
   ~WorkerProcess();
@@ -41,15 +42,16 @@ class WorkerProcess {
   // Why it is not: "cancelled", "deadline", "memory", "cpu", "protocol", "died", "start".
   const char* end_reason() const { return end_reason_; }
 
-  // Waits until it has said that it is ready. UNAVAILABLE where it ends instead, as where the kernel has no seccomp; the job's.
+  // Waits until it has said that it is ready. UNAVAILABLE where it ends instead, as where the kernel has no seccomp;
+  // the job's.
   absl::Status WaitUntilReady(const JobContext& job);
 
   // Asks, and waits for the answer. `read` reads what stands behind the status; it is called where the status is OK.
-  // The process is killed, and is not usable any more, when it has not ended its work kPatience after the job was over, when it takes
-  // more than `memory_bytes` (0: no bound), and when it does not keep to the protocol. What it takes is charged to the
-  // job while it works; it stands still while that has to wait for others' memory. `kept`: what was read is charged to
-  // it once `read` has read it. Errors: the answer's status; the job's; RESOURCE_EXHAUSTED for memory and processor
-  // time; INTERNAL where the process dies or is broken.
+  // The process is killed, and is not usable any more, when it has not ended its work kPatience after the job was over,
+  // when it takes more than `memory_bytes` (0: no bound), and when it does not keep to the protocol. What it takes is
+  // charged to the job while it works; it stands still while that has to wait for others' memory. `kept`: what was read
+  // is charged to it once `read` has read it. Errors: the answer's status; the job's; RESOURCE_EXHAUSTED for memory and
+  // processor time; INTERNAL where the process dies or is broken.
   absl::Status Ask(MessageKind kind, uint64_t memory_bytes, const ArchiveWriter& question, const JobContext& job,
                    const std::function<absl::Status(ArchiveReader&)>& read, MemoryCharge& kept);
 

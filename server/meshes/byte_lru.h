@@ -20,15 +20,17 @@ struct LruStats {
   uint64_t evictions = 0;           // for want of room; what was removed by name does not count
 };
 
-// Values by name. What leaves the store lives on as long as others hold it; values without holders are destroyed by the thread whose
-// call put them out, without the lock. Thread-safe.
+// Values by name. What leaves the store lives on as long as others hold it; values without holders are destroyed by the
+// thread whose call put them out, without the lock. Thread-safe.
 template <typename Value>
 class ByteLru {
  public:
   explicit ByteLru(uint64_t limit_bytes) : limit_(limit_bytes) {}
 
-  // Keeps `value`, which takes `bytes`, as the one that was used last, and puts out the longest unused ones until all fit.
-  // Out: what is kept under `key`: `value`, or what was there already; null where `bytes` alone are more than the limit.
+  // Keeps `value`, which takes `bytes`, as the one that was used last, and puts out the longest unused ones until all
+  // fit.
+  // Out: what is kept under `key`: `value`, or what was there already; null where `bytes` alone are more than the
+  // limit.
   std::shared_ptr<Value> Insert(const std::string& key, std::shared_ptr<Value> value, uint64_t bytes) {
     std::vector<std::shared_ptr<Value>> out;
     const std::lock_guard lock(mutex_);  // released before `out` goes
@@ -73,8 +75,8 @@ class ByteLru {
     return found == index_.end() ? nullptr : found->second->value;
   }
 
-  // Says that a value now takes `bytes`. Others go to make room for it, and it goes itself where it is larger than the limit.
-  // Nothing happens where the key does not keep `value`.
+  // Says that a value now takes `bytes`. Others go to make room for it, and it goes itself where it is larger than the
+  // limit. Nothing happens where the key does not keep `value`.
   void Resize(const std::string& key, const Value* value, uint64_t bytes) {
     std::vector<std::shared_ptr<Value>> out;
     const std::lock_guard lock(mutex_);

@@ -19,13 +19,15 @@
 
 namespace voxelpipe {
 
-// Values by name, each with the clients that have a claim on it: at least one, of whom the first pays for its bytes. Any client's use keeps a value.
+// Values by name, each with the clients that have a claim on it: at least one, of whom the first pays for its bytes.
+// Any client's use keeps a value.
 //
-// Every client that pays for something has a share: the limit by the number of these clients. Room is made by what was used longest ago of
-// clients that hold more than their share, so what a client used last, as far as it fits into its share, stays whatever others insert. Only
-// values unused for `idle` are evicted before that, whoever claims them: clients that left do not reduce the others' shares.
-// What is put out for want of its payer's room is the next claimant's, if there is one. What leaves lives on as long as others hold it;
-// values without holders are destroyed by the thread whose call put them out, without the lock. Thread-safe.
+// Every client that pays for something has a share: the limit by the number of these clients. Room is made by what was
+// used longest ago of clients that hold more than their share, so what a client used last, as far as it fits into its
+// share, stays whatever others insert. Only values unused for `idle` are evicted before that, whoever claims them:
+// clients that left do not reduce the others' shares. What is put out for want of its payer's room is the next
+// claimant's, if there is one. What leaves lives on as long as others hold it; values without holders are destroyed by
+// the thread whose call put them out, without the lock. Thread-safe.
 template <typename Value>
 class ClaimedLru {
  public:
@@ -40,7 +42,8 @@ class ClaimedLru {
         value;  // what is kept under the key: the new value, or what was there already; null where there is no room
     uint64_t room = 0;  // in bytes, for this client and value, where there is too little
   };
-  // Keeps `value`, which takes `bytes`, as the one that was used last, with a claim of `client`. Where there is no room for it, nothing changes.
+  // Keeps `value`, which takes `bytes`, as the one that was used last, with a claim of `client`. Where there is no room
+  // for it, nothing changes.
   Inserted Insert(const std::string& key, std::shared_ptr<Value> value, uint64_t bytes, const std::string& client) {
     std::vector<Step> steps;
     const std::lock_guard lock(mutex_);  // released before the values in `steps` go
@@ -100,8 +103,8 @@ class ClaimedLru {
     return found == entries_.end() ? nullptr : found->second.value;
   }
 
-  // Says that a value now takes `bytes`. Others go to make room for it as in Insert, and it goes itself where that is not enough.
-  // Nothing happens where the key does not keep `value`.
+  // Says that a value now takes `bytes`. Others go to make room for it as in Insert, and it goes itself where that is
+  // not enough. Nothing happens where the key does not keep `value`.
   void Resize(const std::string& key, const Value* value, uint64_t bytes) {
     std::vector<Step> steps;
     const std::lock_guard lock(mutex_);
@@ -121,7 +124,8 @@ class ClaimedLru {
   }
 
   enum class Released { kNoClaim, kStays, kGone };
-  // Takes the client's claim back; without any other claim the value goes, to `gone`, so that the caller chooses the thread that frees it.
+  // Takes the client's claim back; without any other claim the value goes, to `gone`, so that the caller chooses the
+  // thread that frees it.
   Released Release(const std::string& key, const std::string& client, std::shared_ptr<Value>& gone) {
     const std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);

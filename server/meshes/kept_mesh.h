@@ -22,7 +22,8 @@ namespace voxelpipe {
 
 class LoadWorkers;
 
-// Thread-safe. No mesh that was handed out ever changes: textures are decoded into a copy, which takes the mesh's place.
+// Thread-safe. No mesh that was handed out ever changes: textures are decoded into a copy, which takes the mesh's
+// place.
 class KeptMesh {
  public:
   // `id`: SHA-256 of the file's bytes, 64 lower-case hexadecimal digits. `format`: of the file, not kAuto.
@@ -33,19 +34,21 @@ class KeptMesh {
   uint64_t file_bytes() const { return file_bytes_; }
   uint64_t triangles() const { return triangles_; }  // of the flattened mesh
   uint64_t vertices() const { return vertices_; }
-  // What it takes now: arrays, names, images as far as they are decoded; and as much for the copy of which jobs move the vertices, once one did.
+  // What it takes now: arrays, names, images as far as they are decoded; and as much for the copy of which jobs move
+  // the vertices, once one did.
   uint64_t memory_bytes() const { return memory_bytes_.load() * (keeps_moved_ ? 2 : 1); }
   uint64_t uses() const { return uses_.load(); }
   void CountUse() { ++uses_; }
 
-  // The mesh, with the textures decoded that `use` samples; at least those. The first call for a texture decodes it, others for textures
-  // wait meanwhile. A mesh with textures has another content_id than the one without.
-  // `workers`: that decode them (isolate/loading.h). What decoding takes is the job's until it is done.
+  // The mesh, with the textures decoded that `use` samples; at least those. The first call for a texture decodes it,
+  // others for textures wait meanwhile. A mesh with textures has another content_id than the one without. `workers`:
+  // that decode them (isolate/loading.h). What decoding takes is the job's until it is done.
   // Errors: those of DecodeTextures, each time anew; the job's; RESOURCE_EXHAUSTED out of memory.
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const JobContext& job, const TextureUse& use,
                                                            const LoadLimits& limits, LoadWorkers* workers = nullptr);
 
-  // A copy of `mesh`, which came from here, whose positions are the caller's to set (MovedMeshes). `keep_one`: from now on.
+  // A copy of `mesh`, which came from here, whose positions are the caller's to set (MovedMeshes). `keep_one`: from now
+  // on.
   std::shared_ptr<TriangleMesh> Moved(const std::shared_ptr<const TriangleMesh>& mesh, bool keep_one);
   bool keeps_moved() const { return keeps_moved_; }
 

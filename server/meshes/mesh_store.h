@@ -14,9 +14,10 @@
 
 namespace voxelpipe {
 
-// Keeps what was used last, up to so many bytes of memory, of each client what fits into its share (ClaimedLru). A client has a claim on what
-// it uploaded, and no other client takes that away; to use a mesh its id is enough. Jobs hold what they use, deleted or put out or not. Thread-safe; only Mesh
-// makes a caller wait for other callers' work (textures being decoded).
+// Keeps what was used last, up to so many bytes of memory, of each client what fits into its share (ClaimedLru). A
+// client has a claim on what it uploaded, and no other client takes that away; to use a mesh its id is enough. Jobs
+// hold what they use, deleted or put out or not. Thread-safe; only Mesh makes a caller wait for other callers' work
+// (textures being decoded).
 class MeshStore {
  public:
   // A mesh unused for so long counts for no client's share.
@@ -24,8 +25,9 @@ class MeshStore {
 
   explicit MeshStore(uint64_t max_bytes) : meshes_(max_bytes, kShareHolds) {}
 
-  // Keeps a mesh that `client` uploaded, as the one that was used last. Out: the one that is kept, which may be an equal one that came before.
-  // RESOURCE_EXHAUSTED with need and limit (LimitErrorOf) where it is larger than all that the store may hold, or than what others' shares leave.
+  // Keeps a mesh that `client` uploaded, as the one that was used last. Out: the one that is kept, which may be an
+  // equal one that came before. RESOURCE_EXHAUSTED with need and limit (LimitErrorOf) where it is larger than all that
+  // the store may hold, or than what others' shares leave.
   absl::StatusOr<std::shared_ptr<KeptMesh>> Insert(std::shared_ptr<KeptMesh> mesh, const std::string& client);
 
   // The mesh that `client` uploaded as well, from now on the one that was used last: null where there is none.
@@ -40,7 +42,8 @@ class MeshStore {
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const JobContext& job, KeptMesh& mesh, const TextureUse& use,
                                                            const LoadLimits& limits, LoadWorkers* workers = nullptr);
 
-  // KeptMesh::Moved of a mesh from here, with what the copy takes counted. One is kept where both take an eighth of the store at most.
+  // KeptMesh::Moved of a mesh from here, with what the copy takes counted. One is kept where both take an eighth of the
+  // store at most.
   std::shared_ptr<TriangleMesh> Moved(KeptMesh& mesh, const std::shared_ptr<const TriangleMesh>& of);
 
   // Makes the mesh the one that was used last, without a job: null where there is none.
@@ -49,8 +52,9 @@ class MeshStore {
   // Looks without using: NOT_FOUND (MissingMeshError).
   absl::StatusOr<std::shared_ptr<KeptMesh>> Get(const std::string& id) const;
 
-  // Takes the client's claim on the mesh back, and removes the mesh if no other client has one. Out: the mesh, so that the caller chooses the
-  // thread that frees it; null where it stays, for the others. NOT_FOUND (MissingMeshError); PERMISSION_DENIED without a claim.
+  // Takes the client's claim on the mesh back, and removes the mesh if no other client has one. Out: the mesh, so that
+  // the caller chooses the thread that frees it; null where it stays, for the others. NOT_FOUND (MissingMeshError);
+  // PERMISSION_DENIED without a claim.
   absl::StatusOr<std::shared_ptr<KeptMesh>> Release(const std::string& id, const std::string& client);
 
   // Removes the mesh whatever claims it has, and returns it. NOT_FOUND (MissingMeshError).

@@ -18,7 +18,8 @@ struct SharedResult {
   std::shared_ptr<const void> memory;  // the share of the server's memory that the result holds while somebody reads it
 };
 
-// Off where `max_bytes` is 0. Results by their request (RequestKey), up to so many bytes; the longest unused go first. Thread-safe.
+// Off where `max_bytes` is 0. Results by their request (RequestKey), up to so many bytes; the longest unused go first.
+// Thread-safe.
 class ResultCache {
  public:
   explicit ResultCache(uint64_t max_bytes) : results_(max_bytes) {}
@@ -26,7 +27,8 @@ class ResultCache {
   bool enabled() const { return results_.limit_bytes() > 0; }
   // Null where there is none.
   std::shared_ptr<const SharedResult> Use(const std::string& key) { return results_.Use(key); }
-  // Keeps the outcome, unless it is larger than the cache; its share of the server's memory is not kept with it: the cache has its own.
+  // Keeps the outcome, unless it is larger than the cache; its share of the server's memory is not kept with it: the
+  // cache has its own.
   void Put(const std::string& key, const SharedResult& result);
 
   LruStats stats() const { return results_.stats(); }

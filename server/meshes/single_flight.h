@@ -15,9 +15,9 @@
 
 namespace voxelpipe {
 
-// The first to join a flight does the work (or hands it to a worker) and lands the flight with what came of it; all who joined get the
-// same answer. Who leaves does not disturb the others; when the last one has left, the work is told to stop. Thread-safe; all functions
-// of others are called without a lock. Must outlive its flights.
+// The first to join a flight does the work (or hands it to a worker) and lands the flight with what came of it; all who
+// joined get the same answer. Who leaves does not disturb the others; when the last one has left, the work is
+// cancelled. Thread-safe; all functions of others are called without a lock. Must outlive its flights.
 template <typename Result, typename News = std::monostate>
 class SingleFlight {
  public:
@@ -63,8 +63,8 @@ class SingleFlight {
     return {flight, ticket, first};
   }
 
-  // For the first one: `stop` is called when everybody has left before the flight landed, at once if that is so already; by whoever
-  // leaves last.
+  // For the first one: `stop` is called when everybody has left before the flight landed, at once if that is so
+  // already; by whoever leaves last.
   void WhenEmpty(const std::shared_ptr<Flight>& flight, std::function<void()>&& stop) {
     {
       const std::lock_guard lock(mutex_);

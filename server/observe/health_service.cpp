@@ -17,7 +17,7 @@ constexpr char kDevice[] = "device/";
 
 }  // namespace
 
-// One Watch call. Writes one status at a time; of several changes in between only the last is told.
+// One Watch call. Writes one status at a time; of several changes in between only the last is sent.
 class HealthService::Watcher final : public grpc::ServerWriteReactor<HealthCheckResponse> {
  public:
   static std::shared_ptr<Watcher> Create() {
@@ -129,7 +129,7 @@ void HealthService::TellAll() {
     }
   }
   for (const auto& [name, watcher] : alive) {
-    // Read again for each, so that of two changes at the same time the later one is told last.
+    // Read again for each, so that of two changes at the same time the later one is sent last.
     const std::lock_guard lock(telling_mutex_);
     std::optional<ServingStatus> status;
     {

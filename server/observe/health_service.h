@@ -18,8 +18,8 @@
 
 namespace voxelpipe {
 
-// Knows "" (the server), "voxelpipe.v1.VoxelizationService", which have the same health, and "device/NAME" of each device that it was
-// told of. Thread-safe.
+// Knows "" (the server), "voxelpipe.v1.VoxelizationService", which have the same health, and "device/NAME" of each
+// device that it was told of. Thread-safe.
 class HealthService final : public grpc::health::v1::Health::CallbackService {
  public:
   using ServingStatus = grpc::health::v1::HealthCheckResponse::ServingStatus;
@@ -30,9 +30,9 @@ class HealthService final : public grpc::health::v1::Health::CallbackService {
   explicit HealthService(Door door);
   ~HealthService() override;
 
-  // NOT_SERVING until told otherwise; while it is, the devices are NOT_SERVING, too. Watchers hear of every change.
+  // NOT_SERVING until set; while it is, the devices are NOT_SERVING, too. Watchers are notified of every change.
   void SetServing(bool serving);
-  // Of the device "cpu", "cuda:0", ...: true while it takes jobs. A device that was never told of is not known.
+  // Of the device "cpu", "cuda:0", ...: true while it takes jobs. A device that was never set is unknown.
   void SetDevice(const std::string& device, bool serving);
   // True if the server serves: what "" answers.
   bool serving() const;

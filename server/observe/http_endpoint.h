@@ -14,15 +14,16 @@ namespace voxelpipe {
 
 class Metrics;
 
-// GET /metrics (Prometheus' text format), /livez (200 while the process answers), /readyz (200 while the service takes calls, 503
-// otherwise). Nothing else, and no file. One thread of its own serves all connections, at most kMaxConnections, as their bytes come: slow
-// ones delay no other. An idle one is closed after two seconds.
+// GET /metrics (Prometheus' text format), /livez (200 while the process answers), /readyz (200 while the service takes
+// calls, 503 otherwise). Nothing else, and no file. One thread of its own serves all connections, at most
+// kMaxConnections, as their bytes come: slow ones delay no other. An idle one is closed after two seconds.
 class HttpEndpoint {
  public:
   // Each takes up to 8 KiB and a descriptor.
   static constexpr unsigned kMaxConnections = 4096;
 
-  // In: "HOST:PORT", or "PORT" for every address; port 0 picks one. `ready` is called on the endpoint's thread; it and `metrics` must outlive it.
+  // In: "HOST:PORT", or "PORT" for every address; port 0 picks one. `ready` is called on the endpoint's thread; it and
+  // `metrics` must outlive it.
   // Errors: INVALID_ARGUMENT for an address that is none, UNAVAILABLE where it cannot be bound.
   static absl::StatusOr<std::unique_ptr<HttpEndpoint>> Start(const std::string& listen, Metrics& metrics,
                                                              std::function<bool()> ready);

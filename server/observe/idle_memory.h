@@ -1,7 +1,8 @@
 // Memory that the server holds without using it goes back to the system.
 //
-// Why: the allocator gives back only what lies free at the end of its arenas, so what a flood of connections, or one large job, took for a
-// moment would stay with the process for good; and pooled blocks of results stay for the next job, which may never come.
+// Why: the allocator gives back only what lies free at the end of its arenas, so what a flood of connections, or one
+// large job, took for a moment would stay with the process for good; and pooled blocks of results stay for the next
+// job, which may never come.
 #pragma once
 
 #include <chrono>
@@ -36,19 +37,19 @@ class IdleMemory {
  public:
   using Clock = std::chrono::steady_clock;
 
-  // Less than this is not worth a trim, which holds up those who allocate for a millisecond or so.
+  // Less than this is not worth a trim, which delays allocations for a millisecond or so.
   static constexpr uint64_t kWorthwhileBytes = 4 << 20;
 
   explicit IdleMemory(HeldMemory memory) : memory_(std::move(memory)) {}
 
-  // Call now and then: gives back blocks that have not been used for `unused_for`, and trims the allocator if the process or what is free
-  // has grown since the last time.
+  // Call now and then: gives back blocks that have not been used for `unused_for`, and trims the allocator if the
+  // process or what is free has grown since the last time.
   void Look(std::chrono::milliseconds unused_for, Clock::time_point now = Clock::now());
 
  private:
   HeldMemory memory_;
-  // The least of each since the last trim. Both show growth: what was in use when it was trimmed shows only in the second when it
-  // becomes free, and what came and went between two looks only in the first.
+  // The least of each since the last trim. Both show growth: what was in use when it was trimmed shows only in the
+  // second when it becomes free, and what came and went between two looks only in the first.
   uint64_t resident_ = 0, free_ = 0;
 };
 

@@ -16,8 +16,9 @@ enum class LogFormat { kText, kJson };
 // The level that --log-level and the lines themselves call "debug", "info", "warn", "error" or "off".
 spdlog::level::level_enum LevelOf(std::string_view name);
 
-// Makes spdlog's default logger write to stderr from a thread of its own: a reader that stalls never holds up a call, it loses the
-// oldest of some thousand lines. Plain spdlog calls become lines with a message. Call once, before other threads log.
+// Makes spdlog's default logger write to stderr from a thread of its own: a reader that stalls never delays a call, it
+// loses the oldest of some thousand lines. Plain spdlog calls become lines with a message. Call once, before other
+// threads log.
 void StartLog(spdlog::level::level_enum level, LogFormat format);
 // Writes what is still in memory. Logging does nothing after it.
 void StopLog();
@@ -34,8 +35,9 @@ struct LogField {
 };
 using LogFields = std::vector<LogField>;
 
-// A line with fields. text: `EVENT key=value key="a text"`; json: {"time": ..., "level": ..., "event": EVENT, "key": value, ...}.
-// Keys and the event are ours and need no escape; values are cleaned, cut at 300 bytes and quoted where they need it.
+// A line with fields. text: `EVENT key=value key="a text"`; json: {"time": ..., "level": ..., "event": EVENT, "key":
+// value, ...}. Keys and the event are ours and need no escape; values are cleaned, cut at 300 bytes and quoted where
+// they need it.
 class LogLine {
  public:
   // True if a line of this level would be written: for callers that make many.

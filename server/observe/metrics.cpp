@@ -178,7 +178,7 @@ Metrics::Metrics(std::unique_ptr<Registry> registry, std::unique_ptr<Families>)
   for (size_t code = 0; code < kCodeNames.size(); ++code) jobs_[code] = &jobs.Add({{"code", kCodeNames[code]}});
   auto& refused = BuildCounter()
                       .Name("voxelpipe_refused_total")
-                      .Help("Callers turned away before their request was looked at")
+                      .Help("Callers refused before their request was read")
                       .Register(all);
   for (size_t i = 0; i < kRefusals; ++i) refused_[i] = &refused.Add({{"reason", kRefusalNames[i]}});
   auto& turned = BuildCounter()

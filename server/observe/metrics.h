@@ -1,5 +1,5 @@
-// What the server counts and measures, in Prometheus' terms: base units (seconds, bytes), names with the prefix voxelpipe_.
-// server/OPERATIONS.md lists every metric.
+// What the server counts and measures, in Prometheus' terms: base units (seconds, bytes), names with the prefix
+// voxelpipe_. server/OPERATIONS.md lists every metric.
 #pragma once
 
 #include <array>
@@ -41,7 +41,7 @@ inline constexpr size_t kRpcs = 11;
 // "Voxelize", ... as the protos name them; of the health service "HealthCheck", "HealthWatch".
 const char* RpcName(Rpc rpc);
 
-// Why a caller was turned away before its request was looked at.
+// Why a caller was refused before its request was read.
 enum class Refusal {
   kNoToken,       // none came, and one is needed
   kBadToken,      // not known
@@ -92,8 +92,8 @@ class Metrics {
   // Everything in Prometheus' text format, version 0.0.4. Runs the samplers first.
   std::string Text();
 
-  // `sample` is called before every Text, on its thread, to set gauges that no other code updates (lengths, bytes in hand). It must
-  // stay callable until the token that comes back is destroyed, and must not call back here.
+  // `sample` is called before every Text, on its thread, to set gauges that no other code updates (lengths, bytes in
+  // hand). It must stay callable until the token that comes back is destroyed, and must not call back here.
   class Sampler;
   [[nodiscard]] std::unique_ptr<Sampler> BeforeText(std::function<void()> sample);
 
@@ -110,7 +110,8 @@ class Metrics {
   void JobEnded(absl::StatusCode code);
   Seconds& QueueWait(size_t priority);  // below kPriorityClasses; from admission to a worker's hand
   Seconds& job_seconds;                 // from the worker's hand to the result in memory, loading included
-  // A stage of the pipeline by the name that VoxelizeStats gives it, or "load", "flatten", "encode". Others go to "other".
+  // A stage of the pipeline by the name that VoxelizeStats gives it, or "load", "flatten", "encode". Others go to
+  // "other".
   Seconds& Stage(std::string_view name);
   prometheus::Histogram& batch_jobs;           // jobs in a batch when a worker takes it
   prometheus::Counter& job_retries;            // jobs run again elsewhere after their device failed

@@ -13,8 +13,8 @@ struct TraceContext {
   bool sampled = false;
 };
 
-// In: the value of `traceparent`, e.g. "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01". Nothing where it is not valid; of a
-// version that is not known the parts that every version has.
+// In: the value of `traceparent`, e.g. "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01". Nothing where it is
+// not valid; of a version that is not known the parts that every version has.
 std::optional<TraceContext> ParseTraceparent(std::string_view value);
 
 // A request id that a caller may choose: 1 to 64 letters, digits, '.', '_' and '-'.

@@ -36,10 +36,10 @@ struct AdmissionAnswer {
 
 // Tasks that may wait: beyond `max_jobs`, those that an idle worker is about to take do not count.
 size_t PlacesFor(size_t max_jobs, size_t running, size_t workers);
-// What every task is told that comes where there is no place. RESOURCE_EXHAUSTED (BusyError).
+// The error of every task that comes while the queue is full. RESOURCE_EXHAUSTED (BusyError).
 absl::Status QueueFullError(const Backlog& backlog);
 
-// In: what waits, the task's traits and predicted milliseconds, the time. Refuses with a BusyError that says when to come again
+// In: what waits, the task's traits and predicted milliseconds, the time. Refuses with a BusyError with the retry delay
 //   - beyond a limit; a task that an idle worker is about to take does not count, and where nothing waits any task may;
 //   - a client's task where that client has eight ninths of the free places, so that others find one (queues of ten and more);
 //   - where half of what is predicted to come before it does not fit before its deadline;

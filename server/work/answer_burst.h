@@ -9,8 +9,9 @@
 
 namespace voxelpipe {
 
-// While one lives on a thread, what sends that thread's answers may wait for those that follow, so that they leave together: a message
-// costs as much as a small job. Not longer than `longest`, if jobs end that often: the time is looked at when something is put off.
+// While one lives on a thread, what sends that thread's answers may wait for those that follow, so that they leave
+// together: a message costs as much as a small job. Not longer than `longest`, if jobs end that often: the time is read
+// when an answer is deferred.
 class AnswerBurst {
  public:
   using Clock = std::chrono::steady_clock;
@@ -24,7 +25,8 @@ class AnswerBurst {
   AnswerBurst(const AnswerBurst&) = delete;
   AnswerBurst& operator=(const AnswerBurst&) = delete;
 
-  // Puts `send` off, once for each `sender`. False where nothing may be put off on this thread: `send` is the caller's then.
+  // Puts `send` off, once for each `sender`. False where nothing may be put off on this thread: `send` is the caller's
+  // then.
   template <typename Send>
   static bool Later(const void* sender, Send&& send) {
     return here_ != nullptr && here_->Put(sender, std::forward<Send>(send));

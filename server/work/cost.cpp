@@ -8,8 +8,8 @@
 namespace voxelpipe {
 namespace {
 
-// Constants measured on one core of a Xeon with AVX-512, bunny and dragon at 32 to 1024. They need not be better than within a factor of
-// three: MeasuredCost learns the rest.
+// Constants measured on one core of a Xeon with AVX-512, bunny and dragon at 32 to 1024. They need not be better than
+// within a factor of three: MeasuredCost learns the rest.
 constexpr double kNs = 1e-6;             // in ms
 constexpr double kJobMs = 0.03;          // whatever the job: binding, planning, small allocations
 constexpr double kTriangleNs = 9;        // plain bits: gather, set-up, a row or two
@@ -106,7 +106,7 @@ namespace {
 constexpr double kLargestRatio = 64;
 // Weight of one batch against all before it.
 constexpr double kNews = 0.1;
-// Batches shorter than this say more of the clock and the scheduler than of the work.
+// Batches shorter than this measure the clock and the scheduler rather than the work.
 constexpr double kMinMs = 0.001;
 
 }  // namespace

@@ -22,8 +22,8 @@ struct MeshFacts {
   std::optional<Box3d> box;           // absent: taken for a cube
 };
 
-// The cost of `request` on this mesh. Milliseconds are those of one thread of a server's processor; MeasuredCost corrects them. Nothing is
-// checked: a request that cannot be run costs something, too.
+// The cost of `request` on this mesh. Milliseconds are those of one thread of a server's processor; MeasuredCost
+// corrects them. Nothing is checked: a request that cannot be run costs something, too.
 JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh);
 
 // Jobs of a size are served together.

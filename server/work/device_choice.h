@@ -24,19 +24,20 @@ struct ServingDevice {
   size_t workers = 1;
 };
 
-// True if a worker may have the task while these devices serve. Not where it failed before; where a kind of backend is named, on that kind;
-// on another only where fallback is allowed and no device of the named kind is left that serves and has not failed it.
+// True if a worker may have the task while these devices serve. Not where it failed before; where a kind of backend is
+// named, on that kind; on another only where fallback is allowed and no device of the named kind is left that serves
+// and has not failed it.
 bool MayHave(const TaskTraits& task, const WorkerTraits& worker, std::span<const ServingDevice> serving);
 
-// True if the worker that has the task is of another kind than the one it was meant for: the one that it names or, where it leaves that
-// open, that of a device that failed it.
+// True if the worker that has the task is of another kind than the one it was meant for: the one that it names or,
+// where it leaves that open, that of a device that failed it.
 bool IsFallback(const TaskTraits& task, const WorkerTraits& worker);
 
 // True if any of the devices may have it.
 bool AnyMayHave(const TaskTraits& task, std::span<const ServingDevice> serving);
 
-// What is thought of the workers of one kind that may have a task which leaves the device open. Milliseconds are predicted, as corrected
-// by what that kind of device took for jobs of this size.
+// What is thought of the workers of one kind that may have a task which leaves the device open. Milliseconds are
+// predicted, as corrected by what that kind of device took for jobs of this size.
 struct KindOutlook {
   size_t workers = 0;     // that serve
   size_t idle = 0;        // of these
@@ -48,9 +49,10 @@ struct KindOutlook {
 // When the GPUs would be done with all that waits for them.
 double GpusDoneInMs(const KindOutlook& gpu);
 
-// True if a worker that may have the task and has nothing else to do had better leave it to the other kind, because it ends earlier there.
-// A CPU worker leaves what it would not end before the GPUs have ended all that waits; a GPU leaves to idle CPU workers what these do sooner,
-// if there is one for each of the `waiting` tasks. Where all are idle, one of them does not leave it.
+// True if a worker that may have the task and has nothing else to do had better leave it to the other kind, because it
+// ends earlier there. A CPU worker leaves what it would not end before the GPUs have ended all that waits; a GPU leaves
+// to idle CPU workers what these do sooner, if there is one for each of the `waiting` tasks. Where all are idle, one of
+// them does not leave it.
 bool LeavesToOtherKind(BackendChoice kind, const KindOutlook& cpu, const KindOutlook& gpu, size_t waiting);
 
 }  // namespace voxelpipe

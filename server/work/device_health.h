@@ -39,8 +39,8 @@ class DeviceHealth {
 
   // A run ended well.
   void Succeeded() { errors_ = 0; }
-  // A run failed because of the device: kLost quarantines at once, kError where the run before failed, too; kOutOfMemory never does. True
-  // where the device was serving and is not any more.
+  // A run failed because of the device: kLost quarantines at once, kError where the run before failed, too;
+  // kOutOfMemory never does. True where the device was serving and is not any more.
   bool Failed(DeviceFailureKind kind, std::string_view reason, Time now);
   // True where a probe is due: the caller makes it and calls Probed.
   bool BeginProbe(Time now);

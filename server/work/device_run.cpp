@@ -14,7 +14,7 @@
 namespace voxelpipe {
 namespace {
 
-// A result larger than this is made alone: it would hold up the others of a batch.
+// A result larger than this is made alone: it would delay the others of a batch.
 constexpr uint64_t kLargestOfBatchBytes = 64 << 20;
 
 // Waking a thread for less work than this costs more than it brings.

@@ -26,14 +26,15 @@ struct DeviceRunOptions {
   bool watched = false;  // true if another thread may Abandon it; costs a copy of each request
 };
 
-// Threads of one run: no more than its work is worth, `limit` (0: none) and the cores. A short one takes no more than its share of the cores:
-// where all are busy, threads beyond them only wait for each other and for those that answer clients. A long one takes them all, since it
-// will outlast who shares them now.
+// Threads of one run: no more than its work is worth, `limit` (0: none) and the cores. A short one takes no more than
+// its share of the cores: where all are busy, threads beyond them only wait for each other and for those that answer
+// clients. A long one takes them all, since it will outlast who shares them now.
 int ThreadsFor(double predicted_ms, int limit, int sharers, int cores);
 
-// Runs jobs, gives each its answer, and keeps those that the device failed, for another one. A device may also never answer: then another
-// thread abandons the run, and from then on nothing of the jobs is touched, whatever the worker's thread still does. So all that the
-// device works on is the run's own (the mesh is shared), and the thread that runs it holds the run.
+// Runs jobs, gives each its answer, and keeps those that the device failed, for another one. A device may also never
+// answer: then another thread abandons the run, and from then on nothing of the jobs is touched, whatever the worker's
+// thread still does. So all that the device works on is the run's own (the mesh is shared), and the thread that runs it
+// holds the run.
 class DeviceRun {
  public:
   using Clock = JobContext::Clock;
@@ -44,8 +45,8 @@ class DeviceRun {
   DeviceRun(const DeviceRun&) = delete;
   DeviceRun& operator=(const DeviceRun&) = delete;
 
-  // On the worker's thread, once. Every job gets its Done but those that the device failed. Out of device memory, a batch is run in halves,
-  // then one by one. Never throws.
+  // On the worker's thread, once. Every job gets its Done but those that the device failed. Out of device memory, a
+  // batch is run in halves, then one by one. Never throws.
   void Go();
 
   // ---- After Go or Abandon.
@@ -56,7 +57,8 @@ class DeviceRun {
   // All tasks, those that have their answer and those that do not.
   const std::vector<std::shared_ptr<Task>>& answered() const { return answered_; }
   const std::vector<Left>& left() const { return left_; }
-  // The same, away from an abandoned run: the thread that runs it may hold it for ever, and must not hold tasks with it.
+  // The same, away from an abandoned run: the thread that runs it may hold it for ever, and must not hold tasks with
+  // it.
   std::vector<std::shared_ptr<Task>> TakeAnswered() { return std::exchange(answered_, {}); }
   std::vector<Left> TakeLeft() { return std::exchange(left_, {}); }
   bool any_result() const { return any_result_; }  // the device made one
@@ -65,13 +67,15 @@ class DeviceRun {
   // ---- From another thread while Go runs; only where it is watched.
   // Tells the device's copies of the jobs' contexts what their callers cancelled.
   void PassOnCancels();
-  // How long the device has given no sign of life; zero while a job's own code is waited for (its client, memory, loading).
+  // How long the device has given no sign of life; zero while a job's own code is waited for (its client, memory,
+  // loading).
   Clock::duration Silence(Clock::time_point now) const;
   // True if every job that waits for its answer was cancelled or is late.
   bool Unwanted() const;
   // Predicted time of its jobs together.
   std::chrono::milliseconds predicted() const { return predicted_; }
-  // Takes the jobs away from the run, if Silence is still at least `silence`: true, and left() has those without an answer.
+  // Takes the jobs away from the run, if Silence is still at least `silence`: true, and left() has those without an
+  // answer.
   bool Abandon(Clock::time_point now, Clock::duration silence);
 
  private:
@@ -88,7 +92,7 @@ class DeviceRun {
   void TakeOfBatch(Member& member, absl::StatusOr<VoxelizeResult> result, uint32_t jobs);
   // Gives a job its end. Inside.
   void Answer(Member& member, absl::StatusOr<JobOutcome> outcome);
-  // Fills answered_ and left_; `without_answer` is what those get that the device said nothing of.
+  // Fills answered_ and left_; `without_answer` is what those get that the device returned nothing for.
   void Sort(const absl::Status& without_answer);
 
   const Backend& backend_;

@@ -1,9 +1,11 @@
-// Tasks that wait, and whose turn it is: start-time fair queueing, first among priorities, then among the clients of one.
+// Tasks that wait, and whose turn it is: start-time fair queueing, first among priorities, then among the clients of
+// one.
 //
-// Source: P. Goyal, H. Vin, H. Cheng, "Start-time Fair Queueing", SIGCOMM 1996: who was served pays with virtual time, in proportion to the
-// work and against its weight, and the client that has paid least is next. No credit accumulates: a client that arrives, or was held back, starts at the present.
-// Changed: tasks stand in lanes, and who asks names the lanes that it can take from; the order is one for all lanes together. A task that several
-// clients wait for stands in a place of each.
+// Source: P. Goyal, H. Vin, H. Cheng, "Start-time Fair Queueing", SIGCOMM 1996: who was served pays with virtual time,
+// in proportion to the work and against its weight, and the client that has paid least is next. No credit accumulates:
+// a client that arrives, or was held back, starts at the present. Changed: tasks stand in lanes, and who asks names the
+// lanes that it can take from; the order is one for all lanes together. A task that several clients wait for stands in
+// a place of each.
 #pragma once
 
 #include <array>
@@ -34,13 +36,13 @@ class FairQueue {
   FairQueue(const FairQueue&) = delete;
   FairQueue& operator=(const FairQueue&) = delete;
 
-  // `cost_ms`: the work that the client pays for. The task must not be here yet. Of one client, priority and lane it comes after those
-  // that are.
+  // `cost_ms`: the work that the client pays for. The task must not be here yet. Of one client, priority and lane it
+  // comes after those that are.
   void Push(std::shared_ptr<Task> task, size_t lane, Priority priority, const std::string& client, double cost_ms);
   // True if a client's tasks are passed over.
   using Skip = std::function<bool(const std::string& client)>;
-  // Whose turn it is among these lanes, and in which it stands; null where none waits. Pop takes it out and makes its client pay.
-  // Clients that `skip`, if given, is true for are passed over.
+  // Whose turn it is among these lanes, and in which it stands; null where none waits. Pop takes it out and makes its
+  // client pay. Clients that `skip`, if given, is true for are passed over.
   const Task* Front(Lanes lanes, size_t* lane = nullptr, const Skip& skip = {}) const;
   std::shared_ptr<Task> Pop(Lanes lanes, const Skip& skip = {});
   // Whose turn a task waits for.
@@ -49,9 +51,9 @@ class FairQueue {
     Priority priority = Priority::kNormal;
     bool operator==(const Stand&) const = default;
   };
-  // Makes a task that is here stand in these places, at least one and no two of them equal, and in no others: it is taken when the first of them
-  // has its turn, and the client of that one pays. Places that it has already stay where they are in the queue, those that were raised, too.
-  // False where the task is not here.
+  // Makes a task that is here stand in these places, at least one and no two of them equal, and in no others: it is
+  // taken when the first of them has its turn, and the client of that one pays. Places that it has already stay where
+  // they are in the queue, those that were raised, too. False where the task is not here.
   bool SetStands(const Task& task, std::span<const Stand> stands);
   // Takes one out of turn; null where it is not here.
   std::shared_ptr<Task> Remove(const Task& task);

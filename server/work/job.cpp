@@ -66,7 +66,7 @@ absl::Status VoxelizeInto(JobOutcome& outcome, const Backend& backend, const Tri
   return absl::OkStatus();
 }
 
-// Says of an outcome what the mesh's preparation had to say.
+// Adds the warnings and times of the mesh's preparation to an outcome.
 void AddMesh(const PreparedMesh& mesh, uint64_t pipeline_bytes, JobOutcome& outcome) {
   outcome.report = mesh.report;
   outcome.examined = mesh.examined;

@@ -57,14 +57,15 @@ struct JobOutcome {
   uint32_t attempts = 1;
 };
 
-// In: a mesh file and a config. Out: its mesh. The file is freed as soon as it is loaded, the scene as soon as it is flat.
+// In: a mesh file and a config. Out: its mesh. The file is freed as soon as it is loaded, the scene as soon as it is
+// flat.
 // Errors: those of LoadScene, Flatten and PrepareTextures; RESOURCE_EXHAUSTED out of memory. Never throws.
 absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint8_t> file, const ParsedConfig& config,
                                                                 const JobLimits& limits, const JobContext& job);
 
 // In: a prepared mesh and a config. Out: its voxels, made on `backend`.
-// A dense result that takes more than one slab of limits.plan.slab_bytes goes to `large` slab after slab; all others, and all
-// where `large` is null, are in the outcome.
+// A dense result that takes more than one slab of limits.plan.slab_bytes goes to `large` slab after slab; all others,
+// and all where `large` is null, are in the outcome.
 // Errors: those of VoxelizeOn and the sink; RESOURCE_EXHAUSTED out of memory. Never throws.
 absl::StatusOr<JobOutcome> RunPrepared(const Backend& backend, const PreparedMesh& mesh, const ParsedConfig& config,
                                        const JobLimits& limits, const JobContext& job, const PlanHook& on_plan,
@@ -78,7 +79,8 @@ struct Estimate {
   MeshReport report;
 };
 
-// In: a prepared mesh and a config. Out: the plan of RunPrepared with a sink, without rasterizing. Errors as for RunPrepared.
+// In: a prepared mesh and a config. Out: the plan of RunPrepared with a sink, without rasterizing. Errors as for
+// RunPrepared.
 absl::StatusOr<Estimate> EstimateJob(const PreparedMesh& mesh, const ParsedConfig& config, const JobLimits& limits,
                                      const JobContext& job);
 

@@ -31,9 +31,9 @@ struct LoadedMesh {
   uint64_t peak_bytes = 0;  // the largest of file and scene, scene and flattened mesh, computed from sizes
 };
 
-// In: the whole file; `file_used` is called as soon as its bytes are not needed any more. Out: its mesh, with the textures decoded that the
-// request names, made in this process. The scene is freed as soon as it is flat. `job` is looked at within the steps, and told of "load" and
-// "flatten".
+// In: the whole file; `file_used` is called as soon as its bytes are not needed any more. Out: its mesh, with the
+// textures decoded that the request names, made in this process. The scene is freed as soon as it is flat. `job` is
+// polled within the steps, and receives the stages "load" and "flatten".
 // Errors: those of LoadSceneFor, FlattenFor and PrepareTexturesFor; the job's. May throw bad_alloc.
 absl::StatusOr<LoadedMesh> LoadMeshHere(std::span<const uint8_t> file, const LoadRequest& request,
                                         const JobContext& job, const std::function<void()>& file_used = {});

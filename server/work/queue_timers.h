@@ -1,4 +1,4 @@
-// When tasks that wait must be looked at again.
+// When waiting tasks must be checked again.
 #pragma once
 
 #include <optional>

@@ -19,10 +19,11 @@ class ResultSums {
   // Of a result with arrays as long as those of `result`, in pieces of `piece_bytes`.
   ResultSums(const VoxelizeResult& result, uint64_t piece_bytes);
 
-  // CRC-32C of `bytes`, which are those of the array from `offset` on. Kept where they are a whole piece, or an array's last one.
+  // CRC-32C of `bytes`, which are those of the array from `offset` on. Kept where they are a whole piece, or an array's
+  // last one.
   uint32_t Crc32cOf(size_t array, uint64_t offset, std::span<const uint8_t> bytes);
 
-  // SHA-256 of the arrays in stream order, 64 hexadecimal digits. Empty until somebody has told it.
+  // SHA-256 of the arrays in stream order, 64 hexadecimal digits. Empty until it was set.
   std::string sha256() const;
   void SetSha256(const std::string& digits);
 

@@ -25,7 +25,8 @@ absl::Status ResumedSink::Write(size_t array, std::span<const uint8_t> bytes) {
     bytes = bytes.subspan(std::min<uint64_t>(known, bytes.size()));
     if (bytes.empty()) return absl::OkStatus();
   }
-  // Counted before: what the call may have taken of a write that failed is not to be sent again, and such a failure ends the job.
+  // Counted before: what the call may have taken of a write that failed is not to be sent again, and such a failure
+  // ends the job.
   delivered_ = made_;
   return out_->Write(array, bytes);
 }

@@ -9,12 +9,13 @@
 
 namespace voxelpipe {
 
-// Between a job's runs and where its streamed result goes. A run that fails in the middle has handed bytes on that cannot be taken back; the
-// next run makes the same bytes again, whatever the device (results are deterministic), so those that went out already are dropped and
-// the rest follows. The header must be the same, or the run ends with INTERNAL. One run at a time.
+// Between a job's runs and where its streamed result goes. A run that fails in the middle has handed bytes on that
+// cannot be taken back; the next run makes the same bytes again, whatever the device (results are deterministic), so
+// those that went out already are dropped and the rest follows. The header must be the same, or the run ends with
+// INTERNAL. One run at a time.
 class ResumedSink final : public ResultSink {
  public:
-  // `out` must outlive the runs; it hears of one Begin, and of every byte once.
+  // `out` must outlive the runs; it receives one Begin, and every byte once.
   void SetOut(ResultSink& out) { out_ = &out; }
   // True if anything was handed on: the next run must stream, too.
   bool begun() const { return header_.has_value(); }

@@ -10,7 +10,8 @@
 namespace voxelpipe {
 namespace {
 
-// A result larger than this is a giant's, however fast it is made: it leaves slab by slab, while its worker waits for the client.
+// A result larger than this is a giant's, however fast it is made: it leaves slab by slab, while its worker waits for
+// the client.
 constexpr uint64_t kGiantBytes = 512ull << 20;
 
 void Relax() {

@@ -1,7 +1,7 @@
 // Which task runs next, and which ones together.
 //
-// A task waits for a loader where its mesh must be read first, then for a worker of a device. FairQueue chooses the next one; whether one
-// more may wait, AdmitTask; what it will take, PredictCost and MeasuredCost.
+// A task waits for a loader where its mesh must be read first, then for a worker of a device. FairQueue chooses the
+// next one; whether one more may wait, AdmitTask; what it will take, PredictCost and MeasuredCost.
 #pragma once
 
 #include <array>
@@ -42,7 +42,7 @@ struct SchedulerOptions {
   uint64_t max_batch_bytes = 64ull << 20;  // of their results
   // How long a worker that has just ended a batch waits for a fuller one. An idle worker takes a task at once.
   std::chrono::microseconds batch_delay{0};
-  std::chrono::milliseconds queue_timeout{0};  // of tasks that do not say; 0 = none
+  std::chrono::milliseconds queue_timeout{0};  // of tasks that set none; 0 = none
   std::chrono::milliseconds aging{10'000};     // a task that has waited so long rises by one priority; 0 = never
   std::array<double, kPriorities> weights{16, 4, 1};
   double medium_ms = 20, giant_ms = 1000;  // predicted, from where on a task counts as such
@@ -63,11 +63,11 @@ struct QueueState {
 
 // Tasks from their submission to the end of their work. Thread-safe.
 //
-// Giants: of the workers of a device, all but one may run them at the same time, so that a small task never waits for giants to end, unless
-// the device has a single worker: then at most one is before it. The same holds for loaders.
+// Giants: of the workers of a device, all but one may run them at the same time, so that a small task never waits for
+// giants to end, unless the device has a single worker: then at most one is before it. The same holds for loaders.
 //
-// Loaders: a client of which nothing is being loaded, and nothing waits that was, does not wait for those of others. While there are threads
-// for it, it gets one beyond SchedulerOptions::loaders.
+// Loaders: a client of which nothing is being loaded, and nothing waits that was, does not wait for those of others.
+// While there are threads for it, it gets one beyond SchedulerOptions::loaders.
 class Scheduler {
  public:
   using Time = JobContext::Clock::time_point;
@@ -79,14 +79,15 @@ class Scheduler {
   Scheduler(const Scheduler&) = delete;
   Scheduler& operator=(const Scheduler&) = delete;
 
-  // Checks that a task with these traits would be admitted now: for callers that are about to receive a lot for it. Errors: those of Submit.
+  // Checks that a task with these traits would be admitted now: for callers that are about to receive a lot for it.
+  // Errors: those of Submit.
   absl::Status Admit(const TaskTraits& traits) const;
   // True if there is no place for any task now, whatever its traits; and then what Admit would say to all. Cheap.
   // A task whose mesh is being loaded keeps its place, since it comes back to wait for a worker.
   bool IsFull() const;
   absl::Status FullError() const;
-  // Takes a task in. From here on it ends by Task::Refuse with DEADLINE_EXCEEDED if its deadline, or its time in the queue, is over before a
-  // worker has it. Errors: see AdmitTask; UNAVAILABLE after Drain began.
+  // Takes a task in. From here on it ends by Task::Refuse with DEADLINE_EXCEEDED if its deadline, or its time in the
+  // queue, is over before a worker has it. Errors: see AdmitTask; UNAVAILABLE after Drain began.
   absl::Status Submit(std::shared_ptr<Task> task);
   // Who waits for a task that several wait for, and until when the last of them does.
   struct Waiters {
@@ -94,13 +95,13 @@ class Scheduler {
     std::optional<Time> deadline;          // the latest; none: one waits without
     std::optional<Time> queue_deadline;    // the same of their times in the queue
   };
-  // Gives a task that was submitted and has not ended the best place, priority and deadline of all who wait for it. Nothing happens to one
-  // that a device worker has.
+  // Gives a task that was submitted and has not ended the best place, priority and deadline of all who wait for it.
+  // Nothing happens to one that a device worker has.
   void SetWaiters(Task& task, Waiters waiters);
-  // Until when a task that is submitted now may wait in the queue, if it does not say; none: as long as it takes.
+  // Until when a task that is submitted now may wait in the queue, if it sets none; none: as long as it takes.
   std::optional<Time> QueueDeadline() const;
-  // Gives back a task that came from Take..., to be taken again: loaded meanwhile, or because its worker failed; the latter goes before all
-  // others. Never refused.
+  // Gives back a task that came from Take..., to be taken again: loaded meanwhile, or because its worker failed; the
+  // latter goes before all others. Never refused.
   void Resubmit(std::shared_ptr<Task> task);
   // Takes a task that still waits out: true if it was there, and then nothing of it is called any more.
   bool Withdraw(const Task& task);
@@ -110,8 +111,8 @@ class Scheduler {
   std::shared_ptr<Task> TryTakeLoad();
   // In place of SchedulerOptions::loaders from now on.
   void SetLoaders(size_t loaders);
-  // For device workers: tasks to run together, at least one, all loaded. Blocks; empty when the scheduler was stopped, or while the
-  // device does not serve.
+  // For device workers: tasks to run together, at least one, all loaded. Blocks; empty when the scheduler was stopped,
+  // or while the device does not serve.
   std::vector<std::shared_ptr<Task>> TakeBatch(const WorkerTraits& worker);
   // The same without waiting: empty, too, where there is nothing for this worker now.
   std::vector<std::shared_ptr<Task>> TryTakeBatch(const WorkerTraits& worker);
@@ -119,9 +120,11 @@ class Scheduler {
   void Ended(const Task& task);
   void Ended(std::span<const std::shared_ptr<Task>> tasks);
 
-  // Which devices serve: before their first TakeBatch, and at every change. `workers` 0: it takes nothing until it is said otherwise.
+  // Which devices serve: before their first TakeBatch, and at every change. `workers` 0: it takes nothing until set
+  // otherwise.
   void SetDevice(const WorkerTraits& device, size_t workers);
-  // Takes out all tasks that wait for a device and that none may have that serves now. They are the caller's, and not worked on.
+  // Takes out all tasks that wait for a device and that none may have that serves now. They are the caller's, and not
+  // worked on.
   std::vector<std::shared_ptr<Task>> TakeStranded();
   // True if a device serves that may have such a task.
   bool IsServed(const TaskTraits& task) const;
@@ -152,7 +155,8 @@ class Scheduler {
     size_t left = 0;
     bool measurable = true;  // its time is the work's alone
   };
-  // A task in a loader's hands: what it held when it was taken, so that no other task takes its place meanwhile. The task itself may change.
+  // A task in a loader's hands: what it held when it was taken, so that no other task takes its place meanwhile. The
+  // task itself may change.
   struct Loading {
     const Task* task = nullptr;
     std::string client;
@@ -188,7 +192,8 @@ class Scheduler {
   bool KindServes(BackendChoice kind) const;
   const ServingDevice* Serving(const std::string& device) const;
   std::vector<Sleeper*> CallAll();
-  // Lanes from which the worker may take now. `look_again`, if given: when that may be different though nothing happens until then.
+  // Lanes from which the worker may take now. `look_again`, if given: when that may be different though nothing happens
+  // until then.
   FairQueue::Lanes RunLanes(const WorkerTraits& worker, std::optional<Time>* look_again = nullptr) const;
   // Of the devices of this kind that may have the task; `waiting_ms` is left to the caller.
   KindOutlook Outlook(const TaskTraits& task, BackendChoice kind, Time now) const;

@@ -315,7 +315,8 @@ std::shared_ptr<Task> Scheduler::TakeLoadLocked() {
 }
 
 std::shared_ptr<Task> Scheduler::TakeLoad() {
-  // What waits for workers, and holds up those that load, also leaves the queue where no callback is due: withdrawn, or too late.
+  // What waits for workers, and delays those that load, also leaves the queue where no callback is due: withdrawn, or
+  // too late.
   constexpr std::chrono::milliseconds kLookAgain{20};
   std::shared_ptr<Task> task;
   Sleeper* next = nullptr;

@@ -1,4 +1,5 @@
-// What the scheduler does because of the time: tasks that have waited too long, and those that rise because they have waited long.
+// What the scheduler does because of the time: tasks that have waited too long, and those that rise because they have
+// waited long.
 #include <utility>
 
 #include "absl/strings/str_cat.h"

@@ -41,20 +41,22 @@ struct TaskTraits {
   std::vector<std::string> excluded_devices;  // that failed it, by Backend::device(): no worker of these gets it again
 };
 
-// Between Submit and the end of its work, a task belongs to the scheduler or to one worker. Either ends it exactly once: by Load that
-// returns false, by the device worker that finished it, or by Refuse. Withdrawn tasks are the caller's again.
+// Between Submit and the end of its work, a task belongs to the scheduler or to one worker. Either ends it exactly
+// once: by Load that returns false, by the device worker that finished it, or by Refuse. Withdrawn tasks are the
+// caller's again.
 class Task {
  public:
   virtual ~Task() = default;
 
-  // False where a loader must have it before a device worker can. Asked by the scheduler, also from other threads than the one that
-  // works on it, but not while it does.
+  // False where a loader must have it before a device worker can. Asked by the scheduler, also from other threads than
+  // the one that works on it, but not while it does.
   virtual bool loaded() const = 0;
   // Brings traits.cost up to date with what is known now. Called by the code that submits the task.
   virtual void Weigh() {}
   // On a loader's thread. True where a device worker comes next.
   virtual bool Load() = 0;
-  // Ends a task that no worker will have: its time in the queue is over, or nothing here can run it. Called without locks.
+  // Ends a task that no worker will have: its time in the queue is over, or nothing here can run it. Called without
+  // locks.
   virtual void Refuse(absl::Status why) = 0;
 
   TaskTraits traits;  // set before Submit; cost also by Load

@@ -68,8 +68,8 @@ void VoxelizeJob::Weigh() {
   }
   traits.cost = PredictCost(config.request, facts);
   if (kept) traits.cost.load_ms = 0;
-  // Beyond the limits it is refused as soon as its grid is known. Until then it counts as a giant, but not as more work than all others
-  // together, and is told of the limit and not of a time it would take.
+  // Beyond the limits it is refused as soon as its grid is known. Until then it counts as a giant, but not as more work
+  // than all others together, and gets the error of the limit, not of the time it would take.
   if (limits != nullptr && traits.cost.output_bytes > limits->plan.max_result_bytes) {
     traits.cost.run_ms = std::min(traits.cost.run_ms, kBeyondLimitsMs);
   }

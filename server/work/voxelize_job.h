@@ -43,25 +43,28 @@ class VoxelizeJob : public Task {
   bool planned = false;                      // Planned was OK
   ResumedSink resumed;                       // before large_results(): what went there already
 
-  // Called by the worker that runs the job, before rasterization. A status other than OK ends the job with it. Where what the job
-  // needs is not there now, waits for it, or, told not to, gives ABORTED: the job then runs alone later, and this is called again. Not
-  // called any more after an OK: where a device failed and the job is run again, what it needs is there.
+  // Called by the worker that runs the job, before rasterization. A status other than OK ends the job with it. Where
+  // what the job needs is not there now, waits for it, or, if it must not wait, returns ABORTED: the job then runs
+  // alone later, and this is called again. Not called any more after an OK: where a device failed and the job is run
+  // again, what it needs is there.
   virtual absl::Status Planned(const Plan& plan, bool may_wait) = 0;
-  // Where dense results of more than one slab go, slab after slab; null: they are refused with RESOURCE_EXHAUSTED beyond the memory limit.
+  // Where dense results of more than one slab go, slab after slab; null: they are refused with RESOURCE_EXHAUSTED
+  // beyond the memory limit.
   virtual ResultSink* large_results() = 0;
   // The end, exactly once, from any thread, unless the job was withdrawn.
   virtual void Done(absl::StatusOr<JobOutcome> outcome) = 0;
 
-  // Where one run serves several equal jobs (ResultSharing), these are called in place of Planned, and of Done with a result. PlanShared
-  // may be left out, and may come after DoneShared to those that join late. `cached`: this job was not the one that made the run start.
+  // Where one run serves several equal jobs (ResultSharing), these are called in place of Planned, and of Done with a
+  // result. PlanShared may be left out, and may come after DoneShared to those that join late. `cached`: this job was
+  // not the one that made the run start.
   virtual void PlanShared(const Plan& /*plan*/) {}
   virtual void DoneShared(const std::shared_ptr<const JobOutcome>& /*outcome*/, const Plan& /*plan*/, bool /*cached*/) {
     Done(absl::InternalError("a shared result for a job that shares none"));
   }
 
  private:
-  // Smaller files are loaded by the device worker itself, several at once: handing them over twice would take longer. Not those that may
-  // take long all the same, and hold up the other jobs of a batch.
+  // Smaller files are loaded by the device worker itself, several at once: handing them over twice would take longer.
+  // Not those that may take long all the same, and delay the other jobs of a batch.
   static constexpr uint64_t kLoadedByWorker = 256 << 10;
 
   uint64_t file_bytes() const;

@@ -138,8 +138,8 @@ void WorkerPool::Resize(int loaders, int cpu_workers) {
 
 void WorkerPool::LoadTasks() {
   while (std::shared_ptr<Task> task = scheduler_.TakeLoad()) {
-    // Where others load or run, too, threads beyond this one's part of the CPUs would only wait for theirs. What is predicted to take long
-    // has them all: it will outlast who shares them now.
+    // Where others load or run, too, threads beyond this one's part of the CPUs would only wait for theirs. What is
+    // predicted to take long has them all: it will outlast who shares them now.
     const int sharers = ++loads_ + cpu_runs_;
     const bool shares = task->traits.cost.load_ms < kShortLoadMs;
     bool ready = false;

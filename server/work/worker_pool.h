@@ -34,7 +34,8 @@ struct WorkerPoolOptions {
   int threads = 0;            // of one batch on the CPU; 0 = all
   uint32_t max_attempts = 3;  // workers that are given a job before its device failure is its answer
   DeviceHealthOptions health = {};
-  // A GPU that gives no sign of life for so long, and ten times the predicted time of its batch, is taken for lost; 0 = never.
+  // A GPU that gives no sign of life for so long, and ten times the predicted time of its batch, is taken for lost; 0 =
+  // never.
   std::chrono::milliseconds stall{30'000};
   Metrics* metrics = nullptr;  // must outlive the pool
   int spare_loaders = 0;       // threads for clients that would have to wait for those of others (Scheduler::TakeLoad)
@@ -48,10 +49,11 @@ struct DeviceReport {
   std::string reason;  // why it does not
 };
 
-// Takes tasks from a scheduler until it is stopped. A job whose device fails is run again elsewhere (work/device_choice.h says where); a
-// device that fails is quarantined (work/device_health.h) and probed by its own workers, which have nothing else to do then. A device that
-// never answers keeps its thread: that is left behind, its jobs and its place go to others. A thread left behind touches nothing of the pool
-// any more; it ends by itself if the device ever answers, and otherwise with the process (ThreadsLeftBehind).
+// Takes tasks from a scheduler until it is stopped. A job whose device fails is run again elsewhere
+// (work/device_choice.h says where); a device that fails is quarantined (work/device_health.h) and probed by its own
+// workers, which have nothing else to do then. A device that never answers keeps its thread: that is left behind, its
+// jobs and its place go to others. A thread left behind touches nothing of the pool any more; it ends by itself if the
+// device ever answers, and otherwise with the process (ThreadsLeftBehind).
 class WorkerPool {
  public:
   // `scheduler` must outlive the pool.
@@ -61,24 +63,26 @@ class WorkerPool {
   WorkerPool(const WorkerPool&) = delete;
   WorkerPool& operator=(const WorkerPool&) = delete;
 
-  // OK where a device serves that may have such a task. FAILED_PRECONDITION where the server has none of that kind; UNAVAILABLE with the time
-  // to the next probe where none serves now.
+  // OK where a device serves that may have such a task. FAILED_PRECONDITION where the server has none of that kind;
+  // UNAVAILABLE with the time to the next probe where none serves now.
   absl::Status CheckServed(const TaskTraits& task) const;
 
   std::vector<DeviceReport> Devices() const;
   // Of the first of its devices.
   BackendChoice best_kind() const;
-  // `listener` hears of every device now, and of every change, one call at a time, from any thread, until another one takes its place. It
-  // must not call back here.
+  // `listener` is called for every device now, and for every change, one call at a time, from any thread, until another
+  // one takes its place. It must not call back here.
   void SetListener(std::function<void(const std::string& device, bool serving)> listener);
 
-  // How many meshes are loaded, and how many batches run on the CPU at the same time, from now on. What is under way goes on.
+  // How many meshes are loaded, and how many batches run on the CPU at the same time, from now on. What is under way
+  // goes on.
   void Resize(int loaders, int cpu_workers);
 
   // From now on a device has only a moment to react to cancelled jobs: the process wants to end.
   void Hasten();
 
-  // Of all pools of this process, those that have not ended. While there are any, static objects must not be destroyed: _exit.
+  // Of all pools of this process, those that have not ended. While there are any, static objects must not be destroyed:
+  // _exit.
   static size_t ThreadsLeftBehind();
 
  private:
@@ -102,7 +106,7 @@ class WorkerPool {
   bool Settle(Device& device, const DeviceRun& run);
   // Finds another place for a task that its device failed, or ends it.
   void FailOver(const Device& device, std::shared_ptr<Task> task, const absl::Status& failure);
-  // The device failed; where that ends its service, says so everywhere.
+  // The device failed; where that ends its service, notifies scheduler and listener.
   void Failed(Device& device, DeviceFailureKind kind, const std::string& reason);
   void Changed(Device& device);
   void RefuseStranded();

@@ -1,4 +1,5 @@
-// The pool's watch: passes cancellations on to runs on GPUs, and leaves threads behind that do not come back from a device.
+// The pool's watch: passes cancellations on to runs on GPUs, and leaves threads behind that do not come back from a
+// device.
 #include <algorithm>
 #include <utility>
 
@@ -14,7 +15,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// How often the watch looks while there is something to see. Cancelled jobs of a GPU hear of it within this time.
+// The interval of the watch while there is work. Cancelled jobs of a GPU are stopped within this time.
 constexpr milliseconds kLookEvery{10};
 // How long a GPU may take to react when all its jobs are cancelled or late, ...
 constexpr milliseconds kCancelPatience{5'000};

@@ -1,4 +1,5 @@
-// What benchmarks compare must be comparable: closed meshes of the size they say, and a yardstick that marks the same voxels.
+// What benchmarks compare must be comparable: closed meshes of the size they say, and a yardstick that marks the same
+// voxels.
 #include <bit>
 
 #include "bench/meshes.h"

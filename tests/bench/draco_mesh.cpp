@@ -1,5 +1,5 @@
-// draco_mesh FILE.drc [TRIANGLES]: a closed, bumpy torus of about so many triangles (default 100,000), as Draco's encoder writes it by
-// default: edgebreaker, positions of 14 bits.
+// draco_mesh FILE.drc [TRIANGLES]: a closed, bumpy torus of about so many triangles (default 100,000), as Draco's
+// encoder writes it by default: edgebreaker, positions of 14 bits.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

@@ -11,9 +11,9 @@ TriangleMesh BumpySphere(int64_t triangles);
 TriangleMesh BumpyTorus(int64_t triangles);
 // Every triangle in four, `times` times over, new vertices moved by a tenth of the edge.
 TriangleMesh Subdivided(const TriangleMesh& mesh, int times);
-// At most `triangles` triangles, nearly as many: the vertices of each cell of a lattice become their mean, and triangles that
-// keep three corners stay. Source: J. Rossignac, P. Borrel, "Multi-resolution 3D approximations for rendering complex
-// scenes", 1993.
+// At most `triangles` triangles, nearly as many: the vertices of each cell of a lattice become their mean, and
+// triangles that keep three corners stay. Source: J. Rossignac, P. Borrel, "Multi-resolution 3D approximations for
+// rendering complex scenes", 1993.
 TriangleMesh Decimated(const TriangleMesh& mesh, int64_t triangles);
 // 92 triangles that span the whole mesh, and 120,000 tiny ones in 40 clusters, in random order.
 TriangleMesh Mixed();

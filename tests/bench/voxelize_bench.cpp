@@ -1,10 +1,10 @@
 // The pipeline's speed, on generated meshes and any given ones, beside the plain loop and the machine's own limits.
 // usage: voxelize_bench [--mesh=NAME=FILE]... [--threads=N] [Google Benchmark's options]
 //
-// Rows are MESH/CASE/RESOLUTION. The grid is a cube of RESOLUTION voxels. Counters, in milliseconds but for counts: wall, cpu and their
-// spread are the pipeline's own (mesh in memory to result in memory, clearing included), warm: medians, and the least. `floor` is what the
-// machine itself needs: the result's bytes at the measured rate of clearing (for bricks those of the mesh too, which is read once), or
-// fragments at the measured rate of sorting 64-bit keys.
+// Rows are MESH/CASE/RESOLUTION. The grid is a cube of RESOLUTION voxels. Counters, in milliseconds but for counts:
+// wall, cpu and their spread are the pipeline's own (mesh in memory to result in memory, clearing included), warm:
+// medians, and the least. `floor` is what the machine itself needs: the result's bytes at the measured rate of clearing
+// (for bricks those of the mesh too, which is read once), or fragments at the measured rate of sorting 64-bit keys.
 #include <benchmark/benchmark.h>
 #include <tbb/parallel_sort.h>
 #include <tbb/task_arena.h>

@@ -9,8 +9,8 @@
 
 namespace voxelpipe::fuzz {
 
-// Every case is valid: the pipeline has no reason to refuse it. At most some 70 triangles and 22,000 voxels, so that slow
-// references are affordable.
+// Every case is valid: the pipeline has no reason to refuse it. At most some 70 triangles and 22,000 voxels, so that
+// slow references are affordable.
 struct FuzzCase {
   TriangleMesh mesh;
   VoxelizeRequest request;

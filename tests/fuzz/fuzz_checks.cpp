@@ -146,8 +146,8 @@ class Checker {
     CheckKinds(triangles, &counts, filled);
   }
 
-  // Dense, sparse and bucketed results of the same targets. What shaders discard is compared between dense and sparse alone.
-  // `counts`: of fragments; null where no voxel is covered.
+  // Dense, sparse and bucketed results of the same targets. What shaders discard is compared between dense and sparse
+  // alone. `counts`: of fragments; null where no voxel is covered.
   void CheckKinds(const std::vector<IndexTriangle>& triangles, const VoxelizeResult* counts, const VoxelFlags& filled) {
     if (!error_.empty()) return;
     const bool discards = counts != nullptr && CanDiscard(request_);

@@ -1,5 +1,5 @@
-// A mesh gives the same bytes alone, as one of several inputs, beside others that run at the same time, after others in the
-// same process, and as one scene of a file that has several.
+// A mesh gives the same bytes alone, as one of several inputs, beside others that run at the same time, after others in
+// the same process, and as one scene of a file that has several.
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <sstream>

@@ -2,10 +2,10 @@
 // (property/plan_jobs.h).
 //
 // usage: plan_bounds [--jobs N] [--seed S] [--backend cpu|cuda] [--only SEED] [--verbose]
-// Prints the distribution of measured / planned over the jobs that take 16 MiB or more, and the worst ones; and how many
-// take more than their plan and what they took from their budget while they counted their lists. Exit 1 if a job takes
-// more than 1.25 times its plan, or more than 5 % of them less than a third of it; 77 where there is no CUDA device or
-// nothing can be counted.
+// Prints the distribution of measured / planned over the jobs that take 16 MiB or more, and the worst ones; and how
+// many take more than their plan and what they took from their budget while they counted their lists. Exit 1 if a job
+// takes more than 1.25 times its plan, or more than 5 % of them less than a third of it; 77 where there is no CUDA
+// device or nothing can be counted.
 #include <malloc.h>
 
 #include <algorithm>

@@ -24,7 +24,8 @@ class CertificateAuthority {
   // Its own certificate, which others believe.
   std::string ca() const { return folder_ + "/ca.pem"; }
   const std::string& folder() const { return folder_; }
-  // One that it signed, for the DNS name NAME.test and 127.0.0.1, valid from now for `days`; with 0 it has expired a day ago.
+  // One that it signed, for the DNS name NAME.test and 127.0.0.1, valid from now for `days`; with 0 it has expired a
+  // day ago.
   absl::StatusOr<CertificateFiles> Sign(const std::string& name, int days = 2) const;
 
  private:

@@ -80,7 +80,8 @@ TEST_F(SameTextTest, AnErrorReadsTheSameHereAndServedAndANameOfMegabytesIsCut) {
       {"extension", R"({"asset":{"version":"2.0"},"extensionsRequired":[")" + name + R"("]})"},
       {"uri", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":4,"uri":"data:)" + name + R"("}]})"},
       {"version", R"({"asset":{"version":")" + name + R"("}})"},
-      {"type", R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":")" + name + R"("}]})"},
+      {"type",
+       R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":")" + name + R"("}]})"},
       {"nothing", "no mesh at all"},
       {"glb", std::string("glTF\2\0\0\0", 8) + "xxxx"},
       {"empty", ""}};
@@ -225,7 +226,8 @@ TEST_F(CommandTest, CompressedResultsAreTheSameInFewerBytes) {
   EXPECT_THAT(nowhere.err, HasSubstr("--server"));
 }
 
-// The same of a mesh, whoever looks at it: a closed surface, an open one, and one with attributes and a warning of its own.
+// The same of a mesh, whoever looks at it: a closed surface, an open one, and one with attributes and a warning of its
+// own.
 TEST_F(CommandTest, AServerSaysOfAMeshWhatThisProcessSays) {
   const std::string server = Start({"--backend", "cpu"});
   const std::string own = kOwnAttributes;
@@ -287,8 +289,8 @@ TEST_F(BenchTest, LatencyCountsFromWhenARequestWasDue) {
 }
 
 TEST_F(BenchTest, ErrorsAreCountedByTheirCode) {
-  // Each job is predicted to take many times what its deadline leaves. One that fits it alone is refused as RESOURCE_EXHAUSTED where
-  // those before it do not leave the time.
+  // Each job is predicted to take many times what its deadline leaves. One that fits it alone is refused as
+  // RESOURCE_EXHAUSTED where those before it do not leave the time.
   const std::string server = Start({"--threads", "1"});
   const CliOutcome outcome =
       Bench("triangles.glb", {"--server", server, "--concurrency", "4", "--duration", "0.3", "--deadline-ms", "1",

@@ -1,5 +1,5 @@
-// A server process whose GPU breaks: in the middle of a batch, for good, for a while, out of memory, without a sign of life. "cuda:0" is a device
-// that does the CPU's work and breaks as a file says (support/faulty_backend.h).
+// A server process whose GPU breaks: in the middle of a batch, for good, for a while, out of memory, without a sign of
+// life. "cuda:0" is a device that does the CPU's work and breaks as a file says (support/faulty_backend.h).
 #include <signal.h>
 
 #include <atomic>

@@ -13,8 +13,8 @@ inline int Effort(int usual, int thorough) {
   return std::getenv("VOXELPIPE_THOROUGH_TESTS") == nullptr ? usual : thorough;
 }
 
-// Of something to do (rounds, triangles of LargeTrianglesGlb) as much as takes a build with a sanitizer about as long as `plain` takes
-// one without.
+// Of something to do (rounds, triangles of LargeTrianglesGlb) as much as takes a build with a sanitizer about as long
+// as `plain` takes one without.
 inline int LessIfSlow(int plain) {
   return std::max(1, plain / kSlowdown);
 }

@@ -9,11 +9,11 @@
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
 
+#include "base/limit_error.h"
 #include "gmock/gmock.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
 #include "gtest/gtest.h"
-#include "base/limit_error.h"
 #include "service/background_call.h"
 #include "service/requests.h"
 #include "service/sample_mesh.h"
@@ -324,8 +324,8 @@ TEST_F(FailureTest, CancelWhileWaitingInTheQueue) {
   BackgroundCall running(*client_, EndlessMesh(), SlowRequest());
   ASSERT_TRUE(running.WaitUntilPlanned());
   const std::unique_ptr<Client> other = ConnectTo(*server_);
-  // The server learns of a cancellation a little after its client does, so the queue's one place may still be taken when
-  // the next call comes: that one is refused, and asks again.
+  // The server learns of a cancellation a little after its client does, so the queue's one place may still be taken
+  // when the next call comes: that one is refused, and asks again.
   const auto give_up = std::chrono::steady_clock::now() + kPatience;
   for (int cancelled = 0; cancelled < 10;) {
     BackgroundCall waiting(*other, glb_, SmallRequest());

@@ -1,5 +1,5 @@
-// voxelpiped with one more device: "cuda:0", which does the CPU's work and breaks as the file named by VOXELPIPE_TEST_FAULTS says. Built with
-// the server's own main, before which the device is there.
+// voxelpiped with one more device: "cuda:0", which does the CPU's work and breaks as the file named by
+// VOXELPIPE_TEST_FAULTS says. Built with the server's own main, before which the device is there.
 #include <cstdlib>
 
 #include "pipeline/backend.h"

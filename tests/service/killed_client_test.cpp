@@ -88,8 +88,8 @@ class KilledClientTest : public ::testing::Test {
     }
   }
 
-  // All in their uploads at the same time. gRPC keeps a record of every descriptor, which it uses again and never frees: each may hold a page
-  // of what else was allocated in such a burst. So this goes before what is measured.
+  // All in their uploads at the same time. gRPC keeps a record of every descriptor, which it uses again and never
+  // frees: each may hold a page of what else was allocated in such a burst. So this goes before what is measured.
   void KillAtOnce(int times) {
     const std::string all = CallBytes(small_, SmallRequest());
     const int others = SettledProcessFacts(server_->pid()).descriptors;
@@ -106,7 +106,8 @@ class KilledClientTest : public ::testing::Test {
     }
   }
 
-  // The same with meshes to be kept, and some of them come to their end: different ones, so that the store always throws some out.
+  // The same with meshes to be kept, and some of them come to their end: different ones, so that the store always
+  // throws some out.
   void KillInMeshUpload(int times) {
     for (int i = 0; i < times; ++i) {
       const std::string all = UploadBytes(LargeTrianglesGlb(int(1 + random_() % 1000)));
@@ -159,7 +160,8 @@ class KilledClientTest : public ::testing::Test {
     }
   }
 
-  // The one worker, the queue, the uploads and the memory are free again: more calls at once than leaks would leave room for.
+  // The one worker, the queue, the uploads and the memory are free again: more calls at once than leaks would leave
+  // room for.
   void ExpectAllFree() {
     const auto give_up = JobContext::Clock::now() + kPatience;
     const std::unique_ptr<Client> client = ConnectTo(*server_);
@@ -210,15 +212,17 @@ TEST_F(KilledClientTest, AThousandDeathsLeaveNothingBehind) {
     EXPECT_EQ(after.descriptors, before.descriptors);
     // One thread a death would be a thousand; gRPC's pollers come and go by one or two.
     EXPECT_LE(after.threads, before.threads + 2);
-    // What lies free goes back to the system (--idle-memory-ms). So small a server wanders by some 5 MiB all the same, with the pages that
-    // something small still keeps. A thousand leaked results would be 64 GiB, leaked uploads are found by the tight limits above.
+    // What lies free goes back to the system (--idle-memory-ms). So small a server wanders by some 5 MiB all the same,
+    // with the pages that something small still keeps. A thousand leaked results would be 64 GiB, leaked uploads are
+    // found by the tight limits above.
     if (!IsSanitized(server_->pid())) {
       EXPECT_LE(after.resident_bytes, before.resident_bytes + (16 << 20));
     }
   }
 }
 
-// What a full store keeps, and the holes between its meshes, are not told from what the dead left, so memory is not looked at here.
+// What a full store keeps, and the holes between its meshes, are not told from what the dead left, so memory is not
+// looked at here.
 TEST_F(KilledClientTest, DeathsInMeshUploadsLeaveNothingOpen) {
   // As many as a round has: the threads on which gRPC runs closures that contend come one by one, and stay.
   ASSERT_NO_FATAL_FAILURE(KillInMeshUpload(LessIfSlow(250)));

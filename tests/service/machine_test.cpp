@@ -79,7 +79,8 @@ TEST(MachineTest, AServerOnTheWholeMachine) {
   EXPECT_EQ(CpuWorkersOf(*info), uint32_t(std::min(4, CpuCount())));
 }
 
-// A control group of the kernel with half a CPU and 512 MiB, in the version that this machine has; removed with the object.
+// A control group of the kernel with half a CPU and 512 MiB, in the version that this machine has; removed with the
+// object.
 class ControlGroup {
  public:
   // Empty: none can be made here.

@@ -78,7 +78,8 @@ class ManySharingTest : public ::testing::Test {
   std::unique_ptr<Client> client_;
 };
 
-// Another job holds the one worker until all of them are there. One result fits into a message, the other leaves in pieces.
+// Another job holds the one worker until all of them are there. One result fits into a message, the other leaves in
+// pieces.
 TEST_F(ManySharingTest, EqualJobsOfAStreamAreComputedOnce) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   const std::vector<uint8_t> slow = LargeTrianglesGlb(LessIfSlow(300));

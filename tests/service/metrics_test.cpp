@@ -1,5 +1,5 @@
-// Every metric moves when what it counts happens. Those of single calls stand in observe_test, of certificates and tokens in access_test,
-// of sharing in many_sharing_test.
+// Every metric moves when what it counts happens. Those of single calls stand in observe_test, of certificates and
+// tokens in access_test, of sharing in many_sharing_test.
 #include <cstdio>
 #include <filesystem>
 #include <fstream>

@@ -24,11 +24,12 @@ ProcessFacts ReadProcessFacts(pid_t pid);
 // The processes that it has started and that have not ended.
 std::vector<pid_t> ChildrenOf(pid_t pid);
 
-// Asks again until descriptors, threads and memory (but for a MiB) have not changed for half a second, or for kPatience: what a peer left behind goes a little
-// after it.
+// Asks again until descriptors, threads and memory (but for a MiB) have not changed for half a second, or for
+// kPatience: what a peer left behind goes a little after it.
 ProcessFacts SettledProcessFacts(pid_t pid);
 
-// Whether a process carries a sanitizer, whose shadow and quarantine grow the resident memory. It need not be of this build.
+// Whether a process carries a sanitizer, whose shadow and quarantine grow the resident memory. It need not be of this
+// build.
 bool IsSanitized(pid_t pid);
 
 }  // namespace voxelpipe::testing

@@ -44,7 +44,8 @@ class RawClient {
 
   // False when the server has hung up or takes nothing more in the patience.
   bool Send(std::string_view bytes);
-  // Reads until `bytes` more have come (any bytes: frames, settings), the server has hung up or the time is over. Out: how many came.
+  // Reads until `bytes` more have come (any bytes: frames, settings), the server has hung up or the time is over. Out:
+  // how many came.
   size_t Read(size_t bytes, std::chrono::milliseconds patience);
   // Reads and answers pings and settings until a DATA frame has come. False if the call or the connection ends before.
   bool ReadUntilData();

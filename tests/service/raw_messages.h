@@ -10,8 +10,8 @@
 
 namespace voxelpipe::testing {
 
-// Sends these bytes, one message each, to a method ("/package.Service/Method"), half-closes and reads to the end. Out: the call's
-// status, after kPatience DEADLINE_EXCEEDED.
+// Sends these bytes, one message each, to a method ("/package.Service/Method"), half-closes and reads to the end. Out:
+// the call's status, after kPatience DEADLINE_EXCEEDED.
 grpc::Status SendRawMessages(const std::shared_ptr<grpc::Channel>& channel, const std::string& method,
                              const std::vector<std::string>& messages);
 

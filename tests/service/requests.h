@@ -11,8 +11,8 @@ inline VoxelizeRequest SmallRequest() {
   return request;
 }
 
-// A few milliseconds of one core for each triangle of LargeTrianglesGlb (servers that get it have --threads 1), in a small
-// result: 20,000 of them take a minute or more.
+// A few milliseconds of one core for each triangle of LargeTrianglesGlb (servers that get it have --threads 1), in a
+// small result: 20,000 of them take a minute or more.
 inline VoxelizeRequest SlowRequest() {
   VoxelizeRequest request;
   request.grid.resolution = 256;

@@ -80,7 +80,8 @@ class RightsTest : public ::testing::Test {
     EXPECT_TRUE(mesh.ok()) << mesh.status();
     return mesh.ok() ? mesh->mesh_id : "";
   }
-  // UploadMesh of all bytes, whatever the server has: the client library names the mesh first, and sends nothing of one that is there.
+  // UploadMesh of all bytes, whatever the server has: the client library names the mesh first, and sends nothing of one
+  // that is there.
   std::string Send(const std::string& client, const std::vector<uint8_t>& bytes) {
     grpc::ClientContext context;
     Set(context, client);
@@ -245,7 +246,8 @@ TEST_F(RightsTest, OthersUploadsLeaveAClientItsShareOfTheStore) {
   EXPECT_TRUE(absl::IsNotFound(mill->GetMesh(ids.front()).status()));
 }
 
-// One worker, a job that holds it, more of the first client's that wait, and the same request of both clients behind all of them.
+// One worker, a job that holds it, more of the first client's that wait, and the same request of both clients behind
+// all of them.
 TEST_F(RightsTest, AnEqualRequestGetsTheBestPlaceOfAllThatWait) {
   ASSERT_NO_FATAL_FAILURE(
       Start({"--workers", "1", "--threads", "1", "--backend", "cpu", "--giant-job-ms", "100000000"}));

@@ -1,5 +1,5 @@
-// A real voxelpiped for a test: its own process, its own port. VOXELPIPE_TEST_SERVER in the environment names another binary than that of
-// this build: one with a sanitizer, say, which leaves the tests themselves fast.
+// A real voxelpiped for a test: its own process, its own port. VOXELPIPE_TEST_SERVER in the environment names another
+// binary than that of this build: one with a sanitizer, say, which leaves the tests themselves fast.
 #pragma once
 
 #include <sys/types.h>
@@ -35,7 +35,8 @@ class ServerProcess {
   // Its log goes to the file `log_path`, or where this process's stderr goes.
   static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(const std::vector<std::string>& arguments = {},
                                                               const std::string& log_path = "");
-  // The same with a device "cuda:0" that breaks as `fault_file` says (support/faulty_backend.h), read anew before every run.
+  // The same with a device "cuda:0" that breaks as `fault_file` says (support/faulty_backend.h), read anew before every
+  // run.
   static absl::StatusOr<std::unique_ptr<ServerProcess>> StartFaulty(const std::string& fault_file,
                                                                     const std::vector<std::string>& arguments);
   // Ends the process the hard way if it still runs.

@@ -67,8 +67,8 @@ class HealthWatcher {
   std::thread thread_;
 };
 
-// Eight clients that ask without a pause while the server says that it serves. Some jobs are large, some leave slab by slab. Every
-// call that began before the client learned of the end has its answer.
+// Eight clients that ask without a pause while the server says that it serves. Some jobs are large, some leave slab by
+// slab. Every call that began before the client learned of the end has its answer.
 TEST(ShutdownTest, SigtermUnderLoadLosesNothing) {
   const std::vector<uint8_t> small = TorusGlb(8), slow = LargeTrianglesGlb(LessIfSlow(20));
   constexpr int kClients = 8;
@@ -122,8 +122,8 @@ TEST(ShutdownTest, SigtermUnderLoadLosesNothing) {
   }
 }
 
-// Connections on which nothing goes on, or on which nobody speaks, do not hold up the end beyond the grace. (Without it, gRPC gives
-// a peer that does not answer its farewell 20 s.)
+// Connections on which nothing goes on, or on which nobody speaks, do not hold up the end beyond the grace. (Without
+// it, gRPC gives a peer that does not answer its farewell 20 s.)
 TEST(ShutdownTest, SilentConnectionsDoNotHoldItUp) {
   const std::unique_ptr<ServerProcess> server =
       StartServer({"--log-level", "error", "--lame-duck-ms", "0", "--drain-grace-ms", "500"});
@@ -161,7 +161,8 @@ TEST(ShutdownTest, AnUnfinishedUploadDoesNotHoldItUp) {
   EXPECT_FALSE(stream->Finish().ok());
 }
 
-// Ten times over: calls in the upload, in the queue, in work and in the download all end with UNAVAILABLE, and so does a health watch.
+// Ten times over: calls in the upload, in the queue, in work and in the download all end with UNAVAILABLE, and so does
+// a health watch.
 TEST(ShutdownTest, AKilledServerLeavesNobodyWaiting) {
   const std::vector<uint8_t> small = TorusGlb(8);
   VoxelizeRequest large = SmallRequest();

@@ -207,7 +207,8 @@ TEST_F(StreamTest, AClientThatStopsReadingAResultInMemoryIsLetGo) {
   client_ = ConnectTo(*server_);
   ASSERT_NE(client_, nullptr);
   NonReader reader(server_->address(), glb_, kPatience);
-  // More than one job needs, less than two results: 64 MiB are held for the one that does not read, so this one waits until they are given back.
+  // More than one job needs, less than two results: 64 MiB are held for the one that does not read, so this one waits
+  // until they are given back.
   JobContext job;
   job.set_deadline(JobContext::Clock::now() + kPatience);
   CountingSink sink;

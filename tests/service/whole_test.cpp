@@ -379,8 +379,8 @@ TEST_F(WholeTest, CancelAndDeadlineEndTheCallAndFreeTheWorker) {
   EXPECT_EQ(Sample("voxelpipe_memory_bytes{budget=\"uploads\"}"), 0);
 }
 
-// Equal requests are one run: one who is gone takes nothing from the others, and the answer that does not fit into one message is told
-// to each.
+// Equal requests are one run: one who is gone takes nothing from the others, and the answer that does not fit into one
+// message is told to each.
 TEST_F(WholeTest, EqualRequestsShareOneRun) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   const JobContext job;

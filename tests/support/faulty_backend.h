@@ -28,7 +28,8 @@ Fault ParseFault(const std::string& text);
 // Does the CPU's work under the name of a GPU. Thread-safe. A stalled run or probe goes on when the fault is set anew.
 class FaultyBackend final : public Backend {
  public:
-  // `control_file`: read before every run and probe; what it says becomes the fault whenever it says something else than before. Empty: none.
+  // `control_file`: read before every run and probe; what it says becomes the fault whenever it says something else
+  // than before. Empty: none.
   explicit FaultyBackend(std::string device = "cuda:0", std::string control_file = "");
 
   void Set(const Fault& fault);

@@ -23,8 +23,8 @@ std::vector<std::vector<uint32_t>> FragmentLists(const TriangleMesh& mesh, const
 // A number (clear, fill value) as stored in a format: the low 1, 8, 16 or 32 bits.
 uint32_t ReferenceNumber(double v, VoxelFormat format);
 
-// Component c of a voxel of a target, as stored: `fragments` are its shader's outputs by ascending triangle id, at least
-// one.
+// Component c of a voxel of a target, as stored: `fragments` are its shader's outputs by ascending triangle id, at
+// least one.
 uint32_t ReferenceBlend(const TargetSpec& spec, const std::vector<FragmentOutput>& fragments, int c);
 
 // The arrays of the whole result in stream order (pipeline/result.h). `inside` says of each voxel whether it is filled

@@ -70,10 +70,11 @@ struct BatchHooks {
   std::function<void(const BatchItem&, const absl::Status&)> on_failure;  // from several threads, one at a time
 };
 
-// Each item is read, skipped if its record says that it is done, otherwise run and written: its files appear under their names when
-// they are complete, its record after them. An item's error is its own. A lost or failing server is left alone for a while, its
-// items go to the others; a busy server is retried after the delay that it returned. Where no server can be reached for `lost_timeout` the run
-// ends, and the items that are left stay so. A signal cancels what is under way.
+// Each item is read, skipped if its record says that it is done, otherwise run and written: its files appear under
+// their names when they are complete, its record after them. An item's error is its own. A lost or failing server is
+// left alone for a while, its items go to the others; a busy server is retried after the delay that it returned. Where
+// no server can be reached for `lost_timeout` the run ends, and the items that are left stay so. A signal cancels what
+// is under way.
 BatchResult RunBatch(const BatchPlan& plan, const BatchHooks& hooks);
 
 }  // namespace voxelpipe::cli

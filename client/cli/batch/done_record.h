@@ -27,8 +27,8 @@ struct DoneRecord {
   WarningList warnings{};
 };
 
-// In: an item and the SHA-256 of its input, siblings included. Out: 64 hexadecimal digits that are others as soon as the item would
-// give other bytes or other files.
+// In: an item and the SHA-256 of its input, siblings included. Out: 64 hexadecimal digits that are others as soon as
+// the item would give other bytes or other files.
 absl::StatusOr<std::string> ItemKey(const BatchItem& item, const std::string& input_sha256);
 
 // The path of an item's record.

@@ -26,8 +26,8 @@ absl::StatusOr<Shard> ParseShard(const std::string& text);
 // What the items of one kind share.
 struct BatchRequest {
   VoxelizeRequest request;
-  // Two requests with equal digests give the same bytes for the same mesh. What does not change them is not in it: backend, threads and
-  // instruction set. 64 hexadecimal digits.
+  // Two requests with equal digests give the same bytes for the same mesh. What does not change them is not in it:
+  // backend, threads and instruction set. 64 hexadecimal digits.
   std::string digest;
 };
 
@@ -55,12 +55,12 @@ struct ManifestDefaults {
 //   output   the result's file below the output directory, default: the id, else the input's stem, with the format's extension
 //   format   npy, npz, raw or png
 //   preview  file of a picture below the output directory
-// and any option of `voxelpipe voxelize` about the grid, the voxels and the execution, without its dashes ("voxel_size" or
-// "voxel-size"): numbers, texts, or lists of them; "target" is a text or a list. An item that gives a resolution, or a voxel size,
-// is not bound by the other one of the defaults.
-// Errors: INVALID_ARGUMENT "FILE:LINE: what is wrong" for the first line at fault: no JSON, an unknown key, a wrong option, an
-// extension that cannot hold the result, a file outside the output directory, or two items with one id or one file. NOT_FOUND and
-// the system's errors where the manifest cannot be read.
+// and any option of `voxelpipe voxelize` about the grid, the voxels and the execution, without its dashes ("voxel_size"
+// or "voxel-size"): numbers, texts, or lists of them; "target" is a text or a list. An item that gives a resolution, or
+// a voxel size, is not bound by the other one of the defaults.
+// Errors: INVALID_ARGUMENT "FILE:LINE: what is wrong" for the first line at fault: no JSON, an unknown key, a wrong
+// option, an extension that cannot hold the result, a file outside the output directory, or two items with one id or
+// one file. NOT_FOUND and the system's errors where the manifest cannot be read.
 absl::StatusOr<Manifest> ReadManifest(const std::string& path, const ManifestDefaults& defaults);
 
 }  // namespace voxelpipe::cli

@@ -17,7 +17,8 @@ class ServerPool {
 
   explicit ServerPool(size_t servers) : servers_(servers) {}
 
-  // The server with the fewest jobs under way of those that do not rest; it has one more from now on. Nothing where all rest.
+  // The server with the fewest jobs under way of those that do not rest; it has one more from now on. Nothing where all
+  // rest.
   std::optional<size_t> Take(TimePoint now);
   // When the first of them ends its rest.
   TimePoint NextFree() const;
@@ -30,12 +31,12 @@ class ServerPool {
 
   // What a job has shown of its server:
   void Answered(size_t server);  // it gave a result, or an error that is the job's own
-  // It could not be reached or went away: it rests for a quarter of a second, each time in a row twice as long, up to half a minute.
-  // Jobs that fail while it rests already do not count: they were under way together.
+  // It could not be reached or went away: it rests for a quarter of a second, each time in a row twice as long, up to
+  // half a minute. Jobs that fail while it rests already do not count: they were under way together.
   void Lost(size_t server, TimePoint now);
   // No connection could be made: as Lost, and it counts as gone until something else is shown of it.
   void Unreachable(size_t server, TimePoint now);
-  // It has too much to do and says for how long.
+  // It is overloaded and returned a retry delay.
   void Busy(size_t server, TimePoint now, std::chrono::milliseconds delay);
 
  private:

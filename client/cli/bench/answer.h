@@ -1,4 +1,5 @@
-// One answer of a Voxelize or VoxelizeMany call, read for its figures: result bytes are checked and counted where they lie, and not copied.
+// One answer of a Voxelize or VoxelizeMany call, read for its figures: result bytes are checked and counted where they
+// lie, and not copied.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +18,8 @@ class Answer {
  public:
   void Reset() { *this = Answer(); }
 
-  // The next message of the call. DATA_LOSS where it cannot be read, or a piece is not what its CRC-32C says. The buffer is used up.
+  // The next message of the call. DATA_LOSS where it cannot be read, or a piece is not what its CRC-32C says. The
+  // buffer is used up.
   absl::Status Take(grpc::ByteBuffer& buffer);
   absl::Status Take(v1::VoxelizeResponse& message);
   // Takes the summary out of it.
@@ -30,8 +32,9 @@ class Answer {
   uint64_t bytes() const { return bytes_; }    // of the result, uncompressed
   const v1::Summary& summary() const { return summary_; }
 
-  // Writes what the answer says into `outcome`: its code is DATA_LOSS unless it is complete, as long as announced and, unless
-  // `expected_hash` is empty, of that hash. (The server's hash is compared, not computed: that would cost more than the load.)
+  // Writes what the answer says into `outcome`: its code is DATA_LOSS unless it is complete, as long as announced and,
+  // unless `expected_hash` is empty, of that hash. (The server's hash is compared, not computed: that would cost more
+  // than the load.)
   void Fill(const std::string& expected_hash, Outcome& outcome) const;
 
  private:

@@ -12,8 +12,8 @@ enum class Arrivals {
   kFixed,    // equal gaps
 };
 
-// The times are laid down before the first request leaves and do not wait for answers: a server that is late gets its requests all
-// the same, and their latency counts from here.
+// The times are laid down before the first request leaves and do not wait for answers: a server that is late gets its
+// requests all the same, and their latency counts from here.
 class ArrivalSchedule {
  public:
   // `per_second` > 0. The same seed gives the same times.

@@ -130,7 +130,7 @@ std::string BenchTable(const LoadPlan& plan, const LoadResult& result) {
     row("errors", absl::StrCat(WithCommas(failures.count), " ", code));
     row("  after, ms", TimesText(failures.latency_ns));
   }
-  if (plan.honour_retry) row("sent again", absl::StrCat(WithCommas(tally.resends), " times, when the server said"));
+  if (plan.honour_retry) row("sent again", absl::StrCat(WithCommas(tally.resends), " times, after the server's delay"));
   row("throughput", absl::StrFormat("%.1f a second, %s/s of results", PerSecond(double(tally.ok), result),
                                     HumanBytes(uint64_t(PerSecond(double(tally.result_bytes), result)))));
   if (tally.ok > 0) {

@@ -8,8 +8,8 @@
 
 namespace voxelpipe::cli {
 
-// The object of `bench --json`. Times are milliseconds, percentiles those of Histogram: over answers without error, and over the failures
-// of each code.
+// The object of `bench --json`. Times are milliseconds, percentiles those of Histogram: over answers without error, and
+// over the failures of each code.
 nlohmann::ordered_json BenchJson(const LoadPlan& plan, const LoadResult& result);
 // The same for people: a short table.
 std::string BenchTable(const LoadPlan& plan, const LoadResult& result);

@@ -1,5 +1,5 @@
-// Single Voxelize calls over one connection. The messages are bytes that were made once, answers are looked at where they lie: what
-// is left is gRPC's own cost of a call.
+// Single Voxelize calls over one connection. The messages are bytes that were made once, answers are parsed in place:
+// what is left is gRPC's own cost of a call.
 #include "bench/answer.h"
 #include "bench/single_calls.h"
 

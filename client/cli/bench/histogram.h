@@ -1,4 +1,5 @@
-// Counts of values over buckets of equal relative width, after G. Tene's HdrHistogram: constant memory however long a run is.
+// Counts of values over buckets of equal relative width, after G. Tene's HdrHistogram: constant memory however long a
+// run is.
 #pragma once
 
 #include <cstdint>
@@ -18,8 +19,8 @@ class Histogram {
   uint64_t count() const { return count_; }
   uint64_t max() const { return max_; }  // exact; 0 where nothing was added
   double Mean() const;                   // exact up to rounding; 0 where nothing was added
-  // In: p in [0, 1]. Out: a value that at least p of all values do not exceed, too large by 0.4 % at most and never too small; 0
-  // where nothing was added.
+  // In: p in [0, 1]. Out: a value that at least p of all values do not exceed, too large by 0.4 % at most and never too
+  // small; 0 where nothing was added.
   uint64_t Percentile(double p) const;
 
  private:

@@ -40,14 +40,15 @@ struct LoadRun {
   const Variant& NextVariant() { return variants[turn.fetch_add(1, std::memory_order_relaxed) % variants.size()]; }
 };
 
-// Lanes know no pause of their own: Start() sends at once. In a closed loop a request that is answered is followed by the next
-// until the window ends.
+// Lanes know no pause of their own: Start() sends at once. In a closed loop a request that is answered is followed by
+// the next until the window ends.
 class Lane {
  public:
   virtual ~Lane() = default;
   // Sends a request that was due at `due`. From one thread at a time, which need not be the lane's own.
   virtual void Start(LoadClock::time_point due) = 0;
-  // Call once nothing is under way any more: ends the lane's thread. Out: what it counted, and when its last answer came.
+  // Call once nothing is under way any more: ends the lane's thread. Out: what it counted, and when its last answer
+  // came.
   struct Ended {
     Tally tally;
     LoadClock::time_point last_answer{};

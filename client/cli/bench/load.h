@@ -62,7 +62,7 @@ struct Outcome {
   std::optional<uint64_t> batch_launches;
   uint32_t attempts = 0;
   bool cached = false;
-  uint32_t resends = 0;  // after the server said when to come again
+  uint32_t resends = 0;  // after the delay that the server returned
   // Of a failure: true if the server returned a retry delay.
   bool retry_info = false;
 };
@@ -107,9 +107,9 @@ struct LoadResult {
   bool interrupted = false;
 };
 
-// Uploads the mesh, makes one request of each server outside the measurement, which all answers are compared with, then runs the
-// load. Errors: those of the connections, the upload and the first requests; after that every error is counted and nothing else. A
-// signal (InterruptSignal) ends the run early and cancels what is under way.
+// Uploads the mesh, makes one request of each server outside the measurement, which all answers are compared with, then
+// runs the load. Errors: those of the connections, the upload and the first requests; after that every error is counted
+// and nothing else. A signal (InterruptSignal) ends the run early and cancels what is under way.
 absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan);
 
 }  // namespace voxelpipe::cli

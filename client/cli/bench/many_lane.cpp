@@ -28,8 +28,8 @@ constexpr std::chrono::seconds kPatienceAtEnd{2};  // for a server that does not
 // Jobs of one message, at most.
 constexpr size_t kMaxJobs = 64, kMostBytes = 256 << 10;
 
-// A request message made of jobs whose bytes, but for the id, stand ready: the first with the others behind it. Fields may come in any
-// order.
+// A request message made of jobs whose bytes, but for the id, stand ready: the first with the others behind it. Fields
+// may come in any order.
 class Requests {
  public:
   void Add(const grpc::ByteBuffer& job, uint64_t id) {
@@ -267,7 +267,7 @@ class ManyLane final : public Lane {
     return true;
   }
 
-  // Sends the job again when the server said, if that is wanted. Under the lock.
+  // Retries the job after the server's delay, if that is wanted. Under the lock.
   bool Delay(size_t slot, const google::rpc::Status& error) {
     const grpc::Status status(grpc::StatusCode(error.code()), error.message(), error.SerializeAsString());
     const auto at = ResendAt(run_, FromGrpcStatus(status));

@@ -99,8 +99,9 @@ v1::VoxelizeWholeRequest UnaryMessage(const v1::VoxelizeConfig& config, const Fi
   return message;
 }
 
-// Requests that a server cannot take for one another, although they give the same bytes: otherwise it may compute one for many, and
-// the load would measure that. What is filled has a value of its own, which has no effect where nothing is filled.
+// Requests that a server cannot take for one another, although they give the same bytes: otherwise it may compute one
+// for many, and the load would measure that. What is filled has a value of its own, which has no effect where nothing
+// is filled.
 std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeConfig config, const FileBytes& mesh,
                                            const std::string& call) {
   constexpr size_t kWithMesh = 64, kMost = 4096;

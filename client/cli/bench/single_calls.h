@@ -1,4 +1,5 @@
-// What lanes of single calls share: calls that are used again and again, the thread that serves their events, and what follows an answer.
+// What lanes of single calls share: calls that are used again and again, the thread that serves their events, and what
+// follows an answer.
 #pragma once
 
 #include <chrono>
@@ -29,8 +30,8 @@ struct SingleCall {
   uint32_t resends = 0;
 };
 
-// `Call` is a SingleCall that can be made without arguments and stays where it is. A derived class calls Serve last in the constructor
-// and Join in the destructor: the thread uses all of the object.
+// `Call` is a SingleCall that can be made without arguments and stays where it is. A derived class calls Serve last in
+// the constructor and Join in the destructor: the thread uses all of the object.
 template <typename Call>
 class SingleCalls : public Lane {
  public:

@@ -126,7 +126,8 @@ void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments
       "Most unanswered requests of an open loop (default 4096); beyond, those that are due wait, and their latency "
       "counts");
   flag("--honour-retry", plan.honour_retry,
-       "Send a request that was refused again when the server said (RetryInfo), as good clients do; its latency counts "
+       "Retry a refused request after the delay that the server returned (RetryInfo), as good clients do; its latency "
+       "counts "
        "on");
   add("--max-error-rate", arguments.max_error_rate, "R",
       "Exit 1 where a larger part of the requests failed (default 0.01)");

@@ -123,7 +123,7 @@ absl::Status Info(const InfoArguments& arguments) {
 
 void AddInfoCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<InfoArguments>();
-  CLI::App* command = app.add_subcommand("info", "Say what a mesh file holds");
+  CLI::App* command = app.add_subcommand("info", "Describe a mesh file");
   command->add_option("FILE", arguments->path, "Mesh file: .glb, .gltf, .drc")->required()->type_name("");
   command->add_option("--server", arguments->server, "Let this server look at it")
       ->type_name("HOST:PORT")

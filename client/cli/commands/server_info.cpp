@@ -25,7 +25,7 @@ int ServerInfo(const ServerInfoArguments& arguments) {
 
 void AddServerInfoCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<ServerInfoArguments>();
-  CLI::App* command = app.add_subcommand("server-info", "Say what a server is and what it allows");
+  CLI::App* command = app.add_subcommand("server-info", "Describe a server: version, devices, limits");
   command->add_option("--server", arguments->server, "The server")
       ->required()
       ->type_name("HOST:PORT")

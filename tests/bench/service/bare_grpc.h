@@ -30,8 +30,8 @@ class BareGrpc {
  public:
   BareGrpc(pid_t server, int port, const BareTls& tls);
 
-  // A stream of `total` bytes in messages of `piece`: ready slices sent as they are, read as they come. The same slice again and again, or,
-  // if `wide`, one after the other of 128 MiB, as those of a large result are.
+  // A stream of `total` bytes in messages of `piece`: ready slices sent as they are, read as they come. The same slice
+  // again and again, or, if `wide`, one after the other of 128 MiB, as those of a large result are.
   Measured RawStream(size_t piece, size_t total, bool wide = false);
   // The same through a message with a bytes field, as generated code has it.
   Measured BytesStream(size_t piece, size_t total);

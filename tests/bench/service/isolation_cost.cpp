@@ -1,5 +1,5 @@
-// What loading in processes of its own costs: the same calls to a server with --isolate-loading on and to one with off, in turns, and the
-// medians of both. The machine should be quiet.
+// What loading in processes of its own costs: the same calls to a server with --isolate-loading on and to one with off,
+// in turns, and the medians of both. The machine should be quiet.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>

@@ -1,5 +1,5 @@
-// service_yardstick: the bare gRPC figures of this machine, one line a case: name, CPU us a request (both processes), requests/s,
-// GB/s, CPU-s/GB.
+// service_yardstick: the bare gRPC figures of this machine, one line a case: name, CPU us a request (both processes),
+// requests/s, GB/s, CPU-s/GB.
 //   service_yardstick [--seconds S] [--megabytes N] [--streams] [--tls-cert FILE --tls-key FILE]
 //     --streams: only the streams of bytes, N MiB each
 //   service_yardstick --rate R [--seconds S]: unary calls at random, R a second, 20 KB up and 5 KB down; latency from when they were due

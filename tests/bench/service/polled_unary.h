@@ -12,8 +12,8 @@
 
 namespace voxelpipe::bench {
 
-// Calls `method` of the process `server` with `request`, `in_flight` calls at a time, for so long. Calls that fail do not count. `response`: bytes
-// of an answer, for the rate.
+// Calls `method` of the process `server` with `request`, `in_flight` calls at a time, for so long. Calls that fail do
+// not count. `response`: bytes of an answer, for the rate.
 Measured PolledUnary(const std::shared_ptr<grpc::Channel>& channel, const char* method, const grpc::ByteBuffer& request,
                      size_t response, int in_flight, double seconds, pid_t server);
 

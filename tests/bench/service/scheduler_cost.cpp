@@ -1,5 +1,5 @@
-// What the queue costs: processor time of Submit, TryTakeBatch and Ended together, a task, with so many tasks waiting meanwhile. One thread, so
-// that no time is another's; argv[1]: rounds (default 5), the least of which is printed.
+// What the queue costs: processor time of Submit, TryTakeBatch and Ended together, a task, with so many tasks waiting
+// meanwhile. One thread, so that no time is another's; argv[1]: rounds (default 5), the least of which is printed.
 #include <ctime>
 
 #include <algorithm>

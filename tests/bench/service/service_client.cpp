@@ -1,4 +1,5 @@
-// service_client SERVER SERVER_PID MESH SECONDS [CA_FILE]: what the C++ client makes of a server's bytes, one JSON object.
+// service_client SERVER SERVER_PID MESH SECONDS [CA_FILE]: what the C++ client makes of a server's bytes, one JSON
+// object.
 //   "result": dense 512^3 u8 that the server keeps (--result-cache-bytes), into memory, checked by CRC-32C; "hashed": by SHA-256, too.
 //   "upload": the mesh's bytes from the first to the last of them on their way, by UploadMesh; the mesh is deleted in between.
 #include <chrono>
@@ -71,7 +72,8 @@ int Main(int argc, char** argv) {
   Print("result", Repeat(server, seconds, [&] { return voxelize(**plain); }), ", ");
   Print("hashed", Repeat(server, seconds, [&] { return voxelize(**hashed); }), ", ");
 
-  // The time of the bytes' way alone: what comes before and after it, their SHA-256 and the mesh's loading, is not the stream's.
+  // The time of the bytes' way alone: what comes before and after it, their SHA-256 and the mesh's loading, is not the
+  // stream's.
   Measured way;
   const auto end = Clock::now() + std::chrono::duration<double>(seconds);
   do {

@@ -1,6 +1,7 @@
-// What gRPC and Abseil order between threads, told to ThreadSanitizer. Debian compiles them without it, so that it sees none of their
-// locks and queues: they wait by futex and hand work on by atomic operations. Only what these functions really order is told, so a race
-// of ours is still found, also within reactions and callbacks. Nothing of this is in a build without ThreadSanitizer.
+// What gRPC and Abseil order between threads, told to ThreadSanitizer. Debian compiles them without it, so that it sees
+// none of their locks and queues: they wait by futex and hand work on by atomic operations. Only what these functions
+// really order is told, so a race of ours is still found, also within reactions and callbacks. Nothing of this is in a
+// build without ThreadSanitizer.
 #include <atomic>
 
 #include <grpcpp/support/server_callback.h>
@@ -12,8 +13,8 @@ namespace {
 using voxelpipe::tsan::Acquire;
 using voxelpipe::tsan::Release;
 
-// Arguments and results of all functions here are integers and pointers, six words at most, or a class that the calling convention
-// passes as such.
+// Arguments and results of all functions here are integers and pointers, six words at most, or a class that the calling
+// convention passes as such.
 using Word = long;
 using Function = Word(Word, Word, Word, Word, Word, Word);
 
@@ -60,7 +61,8 @@ PASS_THROUGH(CORE "32MultiProducerSingleConsumerQueue4PushEPNS0_4NodeE", Acquire
 PASS_THROUGH(CORE "32MultiProducerSingleConsumerQueue3PopEv", , if (r) Acquire(r))
 PASS_THROUGH(CORE "32MultiProducerSingleConsumerQueue14PopAndCheckEndEPb", , if (r) Acquire(r))
 
-// The counters that decide which thread does the work of a call or of a connection, and which step ends a batch of operations.
+// The counters that decide which thread does the work of a call or of a connection, and which step ends a batch of
+// operations.
 PASS_THROUGH(CORE "12CallCombiner5StartEP12grpc_closureN4absl7debian36StatusEPKciS7_", AcquireAndRelease(a), )
 PASS_THROUGH(CORE "12CallCombiner4StopEPKciS2_", AcquireAndRelease(a), )
 PASS_THROUGH(CORE "12CallCombiner6CancelEN4absl7debian36StatusE", AcquireAndRelease(a), )
@@ -69,7 +71,8 @@ PASS_THROUGH(CORE "8Combiner3RunEP12grpc_closureN4absl7debian36StatusE", Acquire
 PASS_THROUGH(CORE "8Combiner10FinallyRunEP12grpc_closureN4absl7debian36StatusE", AcquireAndRelease(a), )
 PASS_THROUGH(CORE "15FilterStackCall12BatchControl10FinishStepEv", AcquireAndRelease(a), )
 
-// Of a call's references some are dropped in the library, the others in code of ours; after the last comes the end of the call.
+// Of a call's references some are dropped in the library, the others in code of ours; after the last comes the end of
+// the call.
 constexpr Word kReferencesAt = sizeof(void*) + sizeof(int);
 static_assert(sizeof(grpc::internal::ServerCallbackCall) == kReferencesAt + sizeof(int), "the references come last");
 PASS_THROUGH("_ZN4grpc8internal18ServerCallbackCall14ScheduleOnDoneEb", Acquire(a + kReferencesAt), )

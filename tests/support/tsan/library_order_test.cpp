@@ -1,5 +1,5 @@
-// That ThreadSanitizer knows the libraries' order between threads (a report fails the process), and that it still finds races where
-// there is none.
+// That ThreadSanitizer knows the libraries' order between threads (a report fails the process), and that it still finds
+// races where there is none.
 #include <grpcpp/alarm.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
@@ -23,8 +23,8 @@ using Clock = std::chrono::steady_clock;
 
 constexpr int kReported = 66;  // how a process ends that ThreadSanitizer has found a race in
 
-// Waits, without ordering anything, until `count` threads are here, so that no two of them take turns; not for ever, since there may be
-// fewer.
+// Waits, without ordering anything, until `count` threads are here, so that no two of them take turns; not for ever,
+// since there may be fewer.
 void Meet(std::atomic<int>& here, int count) {
   here.fetch_add(1, std::memory_order_relaxed);
   const auto deadline = Clock::now() + std::chrono::seconds(10);

@@ -1,5 +1,5 @@
-// A function of a library with a word to ThreadSanitizer before or after it: the dynamic linker finds the one defined here first, and
-// this one calls the library's.
+// A function of a library with a word to ThreadSanitizer before or after it: the dynamic linker finds the one defined
+// here first, and this one calls the library's.
 #pragma once
 
 #include <dlfcn.h>

@@ -1,6 +1,6 @@
-// What oneTBB orders between threads, told to ThreadSanitizer, which cannot see it: its queues of tasks are in a library that Debian
-// compiles without it. A task sees what was done before it was spawned, who waits sees what the tasks did, and memory for tasks changes
-// hands in order. Nothing of this is in a build without ThreadSanitizer.
+// What oneTBB orders between threads, told to ThreadSanitizer, which cannot see it: its queues of tasks are in a
+// library that Debian compiles without it. A task sees what was done before it was spawned, who waits sees what the
+// tasks did, and memory for tasks changes hands in order. Nothing of this is in a build without ThreadSanitizer.
 #include <oneapi/tbb/detail/_task.h>
 #include <oneapi/tbb/task_arena.h>
 
