@@ -102,11 +102,11 @@ absl::StatusOr<FileBytes> ReadLocalFile(const fs::path& path, uint64_t max_bytes
 }
 
 std::string UriName(const std::string& uri) {
-  constexpr size_t kMostBytes = 120;
-  std::string shown = uri.substr(0, kMostBytes);
+  constexpr size_t kMaxBytes = 120;
+  std::string shown = uri.substr(0, kMaxBytes);
   std::replace_if(
       shown.begin(), shown.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, '?');
-  return absl::StrCat("URI '", shown, uri.size() > kMostBytes ? "..." : "", "'");
+  return absl::StrCat("URI '", shown, uri.size() > kMaxBytes ? "..." : "", "'");
 }
 
 absl::StatusOr<SiblingFile> ResolveSibling(const fs::path& directory, const std::string& uri) {

@@ -26,7 +26,7 @@ constexpr std::chrono::milliseconds kPauseBroken{10};
 constexpr std::chrono::seconds kPatienceAtEnd{2};  // for a server that does not end the stream after us
 
 // Jobs of one message, at most.
-constexpr size_t kMaxJobs = 64, kMostBytes = 256 << 10;
+constexpr size_t kMaxJobs = 64, kMaxBytes = 256 << 10;
 
 // A request message made of jobs whose bytes, but for the id, stand ready: the first with the others behind it. Fields
 // may come in any order.
@@ -52,7 +52,7 @@ class Requests {
     ++jobs_;
     bytes_ += job.Length();
   }
-  bool full() const { return jobs_ >= kMaxJobs || bytes_ >= kMostBytes; }
+  bool full() const { return jobs_ >= kMaxJobs || bytes_ >= kMaxBytes; }
   grpc::ByteBuffer Message() const { return {slices_.data(), slices_.size()}; }
 
  private:
