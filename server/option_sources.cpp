@@ -29,7 +29,7 @@ std::map<std::string, std::string> ReadConfigFile(const CLI::App& app, const std
     }
     key = option->get_lnames()[0];  // an option may have a second name
     if (item.inputs.size() != 1) throw CLI::ConfigError(path + ": " + key + " needs one value, once");
-    if (!values.emplace(key, item.inputs[0]).second) throw CLI::ConfigError(path + ": " + key + " stands there twice");
+    if (!values.emplace(key, item.inputs[0]).second) throw CLI::ConfigError(path + ": " + key + " is given twice");
   }
   return values;
 }

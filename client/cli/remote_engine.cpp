@@ -124,10 +124,11 @@ std::string ServerTable(const std::string& target, const ServerDescription& serv
         absl::StrCat(device.name, device.model.empty() ? "" : ", ", device.model, device.memory_bytes == 0 ? "" : ", ",
                      device.memory_bytes == 0 ? "" : HumanBytes(device.memory_bytes), ", ", device.workers,
                      device.workers == 1 ? " worker" : " workers",
-                     device.serving ? "" : absl::StrCat(", put aside: ", device.reason)));
+                     device.serving ? "" : absl::StrCat(", quarantined: ", device.reason)));
   }
-  row("at once", absl::StrCat("a batch of requests a worker, ", server.workers,
-                              server.workers == 1 ? " mesh" : " meshes", " loaded; ", server.threads, " CPU threads"));
+  row("concurrency",
+      absl::StrCat("a batch of requests a worker, ", server.workers, server.workers == 1 ? " mesh" : " meshes",
+                   " loaded; ", server.threads, " CPU threads"));
   row("waiting", limit(server.max_queue, absl::StrCat("up to ", server.max_queue, " requests")));
   row("largest file", limit(server.max_file_bytes, HumanBytes(server.max_file_bytes)));
   row("most triangles", limit(server.max_triangles, WithCommas(server.max_triangles)));

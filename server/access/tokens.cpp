@@ -177,14 +177,14 @@ absl::StatusOr<TokenTable> TokenTable::Parse(std::string_view json) {
     std::vector<Digest> digests;
     std::vector<std::string> certificates;
     if (absl::Status status = ReadClient(place, object, client, digests, certificates); !status.ok()) return status;
-    if (!names.insert(client.name).second) return Wrong(place + ".name", "stands there twice: " + client.name);
+    if (!names.insert(client.name).second) return Wrong(place + ".name", "is given twice: " + client.name);
     for (const Digest& digest : digests) {
-      if (!known.insert(digest).second) return Wrong(place, "has a token that stands there twice");
+      if (!known.insert(digest).second) return Wrong(place, "has a token that is given twice");
       table.entries_.push_back({digest, table.clients_.size()});
     }
     for (const std::string& name : certificates) {
       if (!table.certificates_.emplace(name, table.clients_.size()).second) {
-        return Wrong(place, "has a certificate that stands there twice");
+        return Wrong(place, "has a certificate that is given twice");
       }
     }
     table.clients_.push_back(std::move(client));

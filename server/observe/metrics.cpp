@@ -119,43 +119,42 @@ Metrics::Metrics(std::unique_ptr<Registry> registry, std::unique_ptr<Families>)
     : received_bytes(One(*registry, "voxelpipe_received_bytes_total", "Mesh bytes in requests")),
       sent_bytes(One(*registry, "voxelpipe_sent_bytes_total", "Result bytes in responses, after compression")),
       result_bytes(One(*registry, "voxelpipe_result_bytes_total", "The same result bytes before compression")),
-      job_seconds(OneHistogram(*registry, "voxelpipe_job_seconds", "From a worker's hand to the result in memory",
+      job_seconds(OneHistogram(*registry, "voxelpipe_job_seconds", "From the start of a run to the result in memory",
                                kSecondsBuckets)),
       batch_jobs(OneHistogram(*registry, "voxelpipe_batch_jobs", "Jobs in a batch", kJobsBuckets)),
       job_retries(One(*registry, "voxelpipe_job_retries_total", "Jobs run again after their device failed")),
       job_fallbacks(One(*registry, "voxelpipe_job_fallbacks_total",
                         "Jobs that ran on another kind of device than the one chosen")),
-      queue_timeouts(One(*registry, "voxelpipe_queue_timeouts_total", "Jobs whose time was over while they waited")),
+      queue_timeouts(One(*registry, "voxelpipe_queue_timeouts_total", "Jobs whose time-out passed while they waited")),
       jobs_shared(
           One(*registry, "voxelpipe_jobs_shared_total", "Jobs answered by an equal one that ran at the same time")),
       queue_bytes(OneGauge(*registry, "voxelpipe_queue_bytes", "Bytes that waiting jobs hold")),
       queue_seconds(OneGauge(*registry, "voxelpipe_queue_predicted_seconds", "Predicted work of the waiting jobs")),
-      running_jobs(OneGauge(*registry, "voxelpipe_running_jobs", "Jobs that run")),
+      running_jobs(OneGauge(*registry, "voxelpipe_running_jobs", "Running jobs")),
       upload_bytes(Budget(*registry, "voxelpipe_memory_bytes", "Bytes in use, by budget", "uploads")),
-      upload_limit_bytes(Budget(*registry, "voxelpipe_memory_limit_bytes", "Bytes that a budget has", "uploads")),
+      upload_limit_bytes(Budget(*registry, "voxelpipe_memory_limit_bytes", "Size of a budget", "uploads")),
       working_bytes(Budget(*registry, "voxelpipe_memory_bytes", "Bytes in use, by budget", "working")),
-      working_limit_bytes(Budget(*registry, "voxelpipe_memory_limit_bytes", "Bytes that a budget has", "working")),
+      working_limit_bytes(Budget(*registry, "voxelpipe_memory_limit_bytes", "Size of a budget", "working")),
       load_workers(OneGauge(*registry, "voxelpipe_load_workers", "Processes that load meshes")),
       load_workers_busy(OneGauge(*registry, "voxelpipe_load_workers_busy", "Of these, those that load one")),
-      isolated_loads(One(*registry, "voxelpipe_isolated_loads_total", "Meshes and textures that they were given")),
-      mesh_store_bytes(OneGauge(*registry, "voxelpipe_mesh_store_bytes", "Memory of the meshes that are kept")),
+      isolated_loads(One(*registry, "voxelpipe_isolated_loads_total", "Meshes and textures loaded by them")),
+      mesh_store_bytes(OneGauge(*registry, "voxelpipe_mesh_store_bytes", "Memory of the stored meshes")),
       mesh_store_limit_bytes(OneGauge(*registry, "voxelpipe_mesh_store_limit_bytes", "Memory that they may take")),
-      mesh_store_meshes(OneGauge(*registry, "voxelpipe_mesh_store_meshes", "Meshes that are kept")),
-      mesh_store_hits(One(*registry, "voxelpipe_mesh_store_hits_total", "Mesh ids that were found")),
-      mesh_store_misses(One(*registry, "voxelpipe_mesh_store_misses_total", "Mesh ids that were not")),
-      mesh_store_evictions(One(*registry, "voxelpipe_mesh_store_evictions_total", "Meshes that made room for others")),
-      result_cache_bytes(OneGauge(*registry, "voxelpipe_result_cache_bytes", "Memory of the results that are kept")),
+      mesh_store_meshes(OneGauge(*registry, "voxelpipe_mesh_store_meshes", "Stored meshes")),
+      mesh_store_hits(One(*registry, "voxelpipe_mesh_store_hits_total", "Mesh ids found in the store")),
+      mesh_store_misses(One(*registry, "voxelpipe_mesh_store_misses_total", "Mesh ids not found in the store")),
+      mesh_store_evictions(One(*registry, "voxelpipe_mesh_store_evictions_total", "Meshes evicted from the store")),
+      result_cache_bytes(OneGauge(*registry, "voxelpipe_result_cache_bytes", "Memory of the cached results")),
       result_cache_limit_bytes(OneGauge(*registry, "voxelpipe_result_cache_limit_bytes", "Memory that they may take")),
-      result_cache_hits(One(*registry, "voxelpipe_result_cache_hits_total", "Jobs answered by a kept result")),
+      result_cache_hits(One(*registry, "voxelpipe_result_cache_hits_total", "Jobs answered from the result cache")),
       result_cache_misses(
-          One(*registry, "voxelpipe_result_cache_misses_total", "Jobs that looked for a kept result in vain")),
+          One(*registry, "voxelpipe_result_cache_misses_total", "Jobs whose result was not in the cache")),
       result_cache_evictions(
-          One(*registry, "voxelpipe_result_cache_evictions_total", "Results that made room for others")),
+          One(*registry, "voxelpipe_result_cache_evictions_total", "Results evicted from the cache")),
       certificate_expiry(OneGauge(*registry, "voxelpipe_certificate_expiry_timestamp_seconds",
                                   "When the server's certificate expires, seconds since 1970; 0 without TLS")),
-      reloads(One(*registry, "voxelpipe_reloads_total", "Reloads of certificates and tokens that took")),
-      reload_failures(
-          One(*registry, "voxelpipe_reload_failures_total", "Reloads that did not: the last good ones stay")),
+      reloads(One(*registry, "voxelpipe_reloads_total", "Successful reloads of certificates and tokens")),
+      reload_failures(One(*registry, "voxelpipe_reload_failures_total", "Failed reloads: the last valid files stay")),
       registry_(std::move(registry)),
       families_(std::make_unique<Families>(*registry_)) {
   Registry& all = *registry_;
@@ -181,14 +180,14 @@ Metrics::Metrics(std::unique_ptr<Registry> registry, std::unique_ptr<Families>)
                       .Help("Callers refused before their request was read")
                       .Register(all);
   for (size_t i = 0; i < kRefusals; ++i) refused_[i] = &refused.Add({{"reason", kRefusalNames[i]}});
-  auto& turned = BuildCounter()
-                     .Name("voxelpipe_queue_refusals_total")
-                     .Help("Jobs that the queue did not take, by the limit")
-                     .Register(all);
+  auto& turned =
+      BuildCounter().Name("voxelpipe_queue_refusals_total").Help("Jobs that the queue refused, by limit").Register(all);
   for (size_t i = 0; i < kAdmissions; ++i) turned_[i] = &turned.Add({{"reason", kAdmissionNames[i]}});
-  auto& waits =
-      BuildHistogram().Name("voxelpipe_queue_wait_seconds").Help("From admission to a worker's hand").Register(all);
-  auto& waiting = BuildGauge().Name("voxelpipe_queue_jobs").Help("Jobs that wait").Register(all);
+  auto& waits = BuildHistogram()
+                    .Name("voxelpipe_queue_wait_seconds")
+                    .Help("From admission to the start of the run")
+                    .Register(all);
+  auto& waiting = BuildGauge().Name("voxelpipe_queue_jobs").Help("Waiting jobs").Register(all);
   for (size_t i = 0; i < kPriorityClasses; ++i) {
     queue_wait_[i] = &waits.Add({{"priority", kPriorityNames[i]}}, kSecondsBuckets);
     queue_jobs_[i] = &waiting.Add({{"priority", kPriorityNames[i]}});

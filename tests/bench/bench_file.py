@@ -78,7 +78,7 @@ def check(results, where):
         if "theirs" in row and not of(results, row, "peer"):
             raise BadResults(f"{place}: theirs without a peer")
         if key(row) in seen:
-            raise BadResults(f"{place}: {name(row)} stands there twice")
+            raise BadResults(f"{place}: {name(row)} is given twice")
         seen.add(key(row))
     return results
 

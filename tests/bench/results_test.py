@@ -91,7 +91,7 @@ class Files(unittest.TestCase):
         self.assertIsNone(bench_file.ratio(results([]), ROW))
 
     def test_faults_are_named(self):
-        for bad, what in ((results([]), "no rows"), (results([ROW, ROW]), "bits cow 128 stands there twice"),
+        for bad, what in ((results([]), "no rows"), (results([ROW, ROW]), "bits cow 128 is given twice"),
                           (results([{**ROW, "ours": "2"}]), "ours is no number"),
                           (results([ROW], commit=""), "commit"), (results([ROW], better="more"), "better"),
                           (results([{**ROW, "theirs": 1}]), "without a peer")):

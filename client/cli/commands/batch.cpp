@@ -172,7 +172,7 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
       });
   add("--retries", plan.retries, "R", "Further attempts for a mesh whose server was lost or late (default 5)");
   add("--busy-timeout", arguments->busy_timeout_s, "S",
-      "Seconds to wait for servers that have too much to do (default 600)");
+      "Seconds to wait for overloaded servers (default 600)");
   add("--lost-timeout", arguments->lost_timeout_s, "S",
       "Seconds to wait for any server once none can be reached; then the run ends (default 30)");
   add("--deadline-ms", arguments->deadline_ms, "T", "Longest time of an attempt (default: none)");

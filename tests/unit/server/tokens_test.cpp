@@ -67,10 +67,10 @@ TEST(TokensTest, WhatIsWrongIsNamedAndNoTokenIsTold) {
        "clients[0].calls_at_once"},
       {R"({"clients": [{"name": "a", "role": "user", "token": "secret-secret-secret"},
                        {"name": "a", "role": "user", "token": "secret-secret-secre2"}]})",
-       "clients[1].name: stands there twice"},
+       "clients[1].name: is given twice"},
       {R"({"clients": [{"name": "a", "role": "user", "token": "secret-secret-secret"},
                        {"name": "b", "role": "user", "token": "secret-secret-secret"}]})",
-       "clients[1]: has a token that stands there twice"},
+       "clients[1]: has a token that is given twice"},
   };
   for (const Case& c : cases) {
     const auto table = TokenTable::Parse(c.text);
