@@ -4,9 +4,9 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "grid/grid_spec.h"
+#include "mesh/views/mesh_view.h"
 #include "pipeline/request.h"
 #include "pipeline/surface.h"
-#include "shaders/mesh_view.h"
 
 namespace voxelpipe::cpu {
 

@@ -12,7 +12,7 @@
 #include "cpu/row_kernels.h"
 #include "grid/bit_grid.h"
 #include "grid/grid_spec.h"
-#include "shaders/mesh_view.h"
+#include "mesh/views/mesh_view.h"
 
 namespace voxelpipe::cpu {
 

@@ -14,10 +14,10 @@
 #include "cpu/tile_values.h"
 #include "grid/bit_grid.h"
 #include "mesh/triangle_mesh.h"
+#include "mesh/views/mesh_view.h"
 #include "pipeline/stages.h"
 #include "raster/tiles.h"
 #include "shaders/fill_value.h"
-#include "shaders/mesh_view.h"
 #include "shaders/shader_list.h"
 
 namespace voxelpipe::cpu {
@@ -79,12 +79,12 @@ struct RunState {
   const RowKernels* kernels = nullptr;
   const RowKernels* tile_kernels = nullptr;  // those of tiles: the scalar ones where coordinates do not fit the lanes
   std::unique_ptr<RowBits> row_bits;
-  HostArray<Vec3d> placed_positions;           // under tiles: what index_positions shows
-  const Vec3d* index_positions = nullptr;      // per vertex, index space
-  std::vector<PairBlocks> emitted;             // pairs by ascending triangle, before TileSort
-  HostArray<uint64_t> pairs;                   // (tile << 32) | triangle, after it
-  std::vector<TileRun> runs;                   // by ascending tile
-  BitGrid outside;                             // flood: what the walk from outside reached, made by the first slab
+  HostArray<Vec3d> placed_positions;       // under tiles: what index_positions shows
+  const Vec3d* index_positions = nullptr;  // per vertex, index space
+  std::vector<PairBlocks> emitted;         // pairs by ascending triangle, before TileSort
+  HostArray<uint64_t> pairs;               // (tile << 32) | triangle, after it
+  std::vector<TileRun> runs;               // by ascending tile
+  BitGrid outside;                         // flood: what the walk from outside reached, made by the first slab
 
   // BeginSlab: what follows holds the slab's layers only; its rows are numbered by SlabRow
   Slab slab;
@@ -95,7 +95,7 @@ struct RunState {
   std::vector<TileValues> tile_values;
   std::vector<uint32_t> slab_tiles;  // UINT32_MAX: no fragment
   tbb::enumerable_thread_specific<ValueArena> value_arenas;
-  uint64_t kept_bytes = 0;  // of tile_values
+  uint64_t kept_bytes = 0;            // of tile_values
   std::shared_ptr<ABuffer> a_buffer;  // buckets
 
   // FineRaster, SolidFill

@@ -1,8 +1,8 @@
 // The sums that say how large a surface is, by a look at each triangle but none at its voxels.
 #pragma once
 
+#include "mesh/views/mesh_view.h"
 #include "raster/surface_sums.h"
-#include "shaders/mesh_view.h"
 
 namespace voxelpipe::cpu {
 

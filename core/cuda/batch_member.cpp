@@ -7,7 +7,7 @@
 #include "cpu/row_kernels.h"
 #include "cuda/run_state.h"
 #include "grid/index_space.h"
-#include "shaders/mips.h"
+#include "mesh/views/mips.h"
 
 namespace voxelpipe::cuda {
 namespace {

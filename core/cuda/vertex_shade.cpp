@@ -13,8 +13,8 @@
 #include "cuda/mesh_uploads.h"
 #include "cuda/vertex_shade.h"
 #include "mesh/content_id.h"
+#include "mesh/views/mips.h"
 #include "pipeline/footprint_parts.h"
-#include "shaders/mips.h"
 
 namespace voxelpipe::cuda {
 namespace {

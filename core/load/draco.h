@@ -9,8 +9,8 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
-#include "load/limits.h"
-#include "mesh/scene.h"
+#include "mesh/scene/load_limits.h"
+#include "mesh/scene/scene.h"
 
 namespace voxelpipe {
 

@@ -6,7 +6,7 @@
 
 #include "absl/status/status.h"
 #include "load/loader.h"
-#include "mesh/material.h"
+#include "mesh/scene/material.h"
 
 namespace voxelpipe {
 

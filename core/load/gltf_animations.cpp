@@ -12,7 +12,7 @@
 #include "absl/strings/strip.h"
 #include "base/limit_error.h"
 #include "load/gltf_fields.h"
-#include "mesh/scene_bytes.h"
+#include "mesh/scene/scene_bytes.h"
 
 namespace voxelpipe::gltf {
 namespace {

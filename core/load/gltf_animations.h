@@ -4,7 +4,7 @@
 #include "absl/status/status.h"
 #include "load/gltf_accessor.h"
 #include "load/gltf_buffers.h"
-#include "mesh/scene.h"
+#include "mesh/scene/scene.h"
 
 namespace voxelpipe::gltf {
 

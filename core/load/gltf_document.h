@@ -13,7 +13,7 @@
 #include "base/job_context.h"
 #include "base/vec.h"
 #include "base/warning.h"
-#include "load/limits.h"
+#include "mesh/scene/load_limits.h"
 
 namespace voxelpipe::gltf {
 

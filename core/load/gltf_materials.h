@@ -4,7 +4,7 @@
 #include "absl/status/status.h"
 #include "load/gltf_buffers.h"
 #include "load/gltf_document.h"
-#include "mesh/scene.h"
+#include "mesh/scene/scene.h"
 
 namespace tinygltf {
 class Model;

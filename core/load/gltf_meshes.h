@@ -3,7 +3,7 @@
 
 #include "absl/status/status.h"
 #include "load/gltf_primitives.h"
-#include "mesh/scene.h"
+#include "mesh/scene/scene.h"
 
 namespace tinygltf {
 class Model;

@@ -6,7 +6,7 @@
 
 #include "absl/status/status.h"
 #include "load/gltf_accessor.h"
-#include "mesh/scene.h"
+#include "mesh/scene/scene.h"
 
 namespace tinygltf {
 class Model;

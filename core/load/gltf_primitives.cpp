@@ -13,7 +13,7 @@
 #include "load/gltf_model.h"
 #include "load/gltf_topology.h"
 #include "load/json_guard.h"
-#include "mesh/scene_bytes.h"
+#include "mesh/scene/scene_bytes.h"
 
 namespace voxelpipe::gltf {
 namespace {
@@ -198,7 +198,7 @@ absl::Status CheckFinite(const JobContext& job, const Primitive& out, const std:
   });
 }
 
-// Adds weight * displacement, each sum rounded to float (as shaders/vertex_pose.h does).
+// Adds weight * displacement, each sum rounded to float (as mesh/scene/vertex_pose.h does).
 template <typename V>
 absl::Status AddScaled(const JobContext& job, std::vector<V>& to, const std::vector<Vec3f>& delta, double weight) {
   return InSteps(job, delta.size(), [&](size_t begin, size_t end) {

@@ -11,7 +11,7 @@
 #include "load/gltf_accessor.h"
 #include "load/gltf_buffers.h"
 #include "load/gltf_draco.h"
-#include "mesh/scene.h"
+#include "mesh/scene/scene.h"
 
 namespace tinygltf {
 struct Primitive;

@@ -9,7 +9,7 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "base/warning.h"
-#include "load/limits.h"
+#include "mesh/scene/load_limits.h"
 
 namespace voxelpipe::gltf {
 

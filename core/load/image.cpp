@@ -22,7 +22,7 @@
 #include "load/image_webp.h"
 #include "load/mips.h"
 #include "mesh/texture_faults.h"
-#include "shaders/mips.h"
+#include "mesh/views/mips.h"
 
 namespace voxelpipe {
 namespace {

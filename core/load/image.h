@@ -3,7 +3,7 @@
 
 #include "absl/status/status.h"
 #include "base/job_context.h"
-#include "load/limits.h"
+#include "mesh/scene/load_limits.h"
 #include "mesh/triangle_mesh.h"
 
 namespace voxelpipe {

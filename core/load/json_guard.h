@@ -7,7 +7,7 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "base/warning.h"
-#include "load/limits.h"
+#include "mesh/scene/load_limits.h"
 
 namespace voxelpipe {
 

@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-#include "shaders/mips.h"
+#include "mesh/views/mips.h"
 #include "shaders/texture.h"
 
 namespace voxelpipe {

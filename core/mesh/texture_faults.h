@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "base/warning.h"
-#include "mesh/material.h"
+#include "mesh/scene/material.h"
 #include "mesh/triangle_mesh.h"
 
 namespace voxelpipe {

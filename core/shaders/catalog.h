@@ -10,7 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "mesh/material.h"
+#include "mesh/scene/material.h"
 #include "pipeline/request.h"
 #include "shaders/shader_params.h"
 

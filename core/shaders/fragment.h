@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "base/vec.h"
-#include "shaders/mesh_view.h"
+#include "mesh/views/mesh_view.h"
 #include "shaders/shader_params.h"
 
 namespace voxelpipe {

@@ -6,8 +6,8 @@
 
 #include <cmath>
 
-#include "shaders/mesh_view.h"
-#include "shaders/mips.h"
+#include "mesh/views/mesh_view.h"
+#include "mesh/views/mips.h"
 #include "shaders/srgb.h"
 
 namespace voxelpipe {

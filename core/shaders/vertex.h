@@ -2,9 +2,9 @@
 #pragma once
 
 #include "base/vec.h"
+#include "mesh/scene/vertex_pose.h"
 #include "shaders/fragment.h"
 #include "shaders/shader_params.h"
-#include "shaders/vertex_pose.h"
 
 namespace voxelpipe {
 

@@ -8,7 +8,7 @@
 
 #include "absl/status/status.h"
 #include "isolate/archive.h"
-#include "load/limits.h"
+#include "mesh/scene/load_limits.h"
 #include "mesh/triangle_mesh.h"
 #include "work/load_mesh.h"
 

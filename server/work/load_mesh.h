@@ -9,10 +9,10 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
-#include "load/limits.h"
 #include "load/loader.h"
 #include "mesh/contents.h"
 #include "mesh/report.h"
+#include "mesh/scene/load_limits.h"
 #include "mesh/triangle_mesh.h"
 
 namespace voxelpipe {

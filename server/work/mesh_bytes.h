@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "mesh/scene.h"
+#include "mesh/scene/scene.h"
 #include "mesh/triangle_mesh.h"
 
 namespace voxelpipe {

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "mesh/flatten.h"
-#include "shaders/vertex_pose.h"
+#include "mesh/scene/vertex_pose.h"
 #include "support/meshes.h"
 
 namespace voxelpipe::gpu {

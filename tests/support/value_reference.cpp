@@ -6,10 +6,10 @@
 #include <limits>
 #include <set>
 
+#include "mesh/views/material_views.h"
 #include "raster/spans.h"
 #include "shaders/catalog.h"
 #include "shaders/fragment_input.h"
-#include "shaders/material_views.h"
 #include "shaders/shader_list.h"
 #include "support/fill_reference.h"
 

@@ -1,7 +1,7 @@
 #include "load/mips.h"
 
 #include "gtest/gtest.h"
-#include "shaders/mips.h"
+#include "mesh/views/mips.h"
 #include "shaders/srgb.h"
 
 namespace voxelpipe {

@@ -1,5 +1,5 @@
 // Poses of generated GLB files, against positions worked out by hand.
-#include "mesh/pose.h"
+#include "mesh/scene/pose.h"
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"

@@ -5,7 +5,7 @@
 #include "gtest/gtest.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
-#include "mesh/pose.h"
+#include "mesh/scene/pose.h"
 #include "support/glb_builder.h"
 #include "support/run.h"
 

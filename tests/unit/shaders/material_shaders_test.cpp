@@ -3,7 +3,7 @@
 
 #include "gtest/gtest.h"
 #include "load/image.h"
-#include "shaders/material_views.h"
+#include "mesh/views/material_views.h"
 #include "support/meshes.h"
 #include "support/run.h"
 #include "support/shading.h"

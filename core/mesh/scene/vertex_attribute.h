@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "mesh/attribute_run.h"
+#include "mesh/scene/attribute_run.h"
 
 namespace voxelpipe {
 

@@ -4,7 +4,7 @@
 #include <cstdint>
 
 #include "absl/status/status.h"
-#include "mesh/animation.h"
+#include "mesh/scene/animation.h"
 
 namespace voxelpipe {
 

@@ -11,10 +11,10 @@
 #include "base/memory_budget.h"
 #include "base/vec.h"
 #include "base/warning.h"
-#include "mesh/animation.h"
-#include "mesh/material.h"
-#include "mesh/trs.h"
-#include "mesh/vertex_attribute.h"
+#include "mesh/scene/animation.h"
+#include "mesh/scene/material.h"
+#include "mesh/scene/trs.h"
+#include "mesh/scene/vertex_attribute.h"
 
 namespace voxelpipe {
 

@@ -4,14 +4,14 @@
 #include <cstdint>
 
 #include "base/vec.h"
-#include "mesh/attribute_run.h"
+#include "mesh/scene/attribute_run.h"
 
 namespace voxelpipe {
 
 // 8-bit RGBA texels, rows from the top. width == 0: no image, every sample is white.
 struct TextureView {
   const uint8_t* rgba = nullptr;  // level 0
-  const Vec4f* mips = nullptr;    // levels 1 and on, one after the other, linear; null: level 0 alone (shaders/mips.h)
+  const Vec4f* mips = nullptr;  // levels 1 and on, one after the other, linear; null: level 0 alone (mesh/views/mips.h)
   uint32_t width = 0, height = 0;
   uint32_t levels = 1;             // level 0 counted
   uint8_t wrap_s = 0, wrap_t = 0;  // enumerators of WrapMode

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "mesh/animation.h"
-#include "mesh/scene.h"
+#include "mesh/scene/animation.h"
+#include "mesh/scene/scene.h"
 
 namespace voxelpipe {
 

@@ -1,9 +1,9 @@
 // Source: KHR_texture_transform.
-#include "shaders/material_views.h"
+#include "mesh/views/material_views.h"
 
 #include <cmath>
 
-#include "shaders/mips.h"
+#include "mesh/views/mips.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,6 +1,6 @@
-#include "mesh/scene.h"
+#include "mesh/scene/scene.h"
 
-#include "mesh/scene_bytes.h"
+#include "mesh/scene/scene_bytes.h"
 
 namespace voxelpipe {
 namespace {

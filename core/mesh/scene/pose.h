@@ -7,8 +7,8 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
-#include "mesh/rig.h"
-#include "shaders/vertex_pose.h"
+#include "mesh/scene/rig.h"
+#include "mesh/scene/vertex_pose.h"
 
 namespace voxelpipe {
 

@@ -1,5 +1,5 @@
 // Source: glTF 2.0 specification, sections 3.5.2 (transformations), 3.7.3 (skins), 3.11 (animations).
-#include "mesh/pose.h"
+#include "mesh/scene/pose.h"
 
 #include <algorithm>
 #include <unordered_map>

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "mesh/triangle_mesh.h"
-#include "shaders/mesh_view.h"
+#include "mesh/views/mesh_view.h"
 
 namespace voxelpipe {
 
