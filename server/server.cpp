@@ -17,7 +17,7 @@
 #include "base/threads.h"
 #include "check_files.h"
 #include "io_threads.h"
-#include "load/foreign_decoders.h"
+#include "load/decode/foreign_decoders.h"
 #include "observe/health_service.h"
 #include "observe/http_endpoint.h"
 #include "observe/idle_memory.h"

@@ -3,7 +3,7 @@
 
 #include "clock.h"
 #include "engine.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
 #include "mesh/report.h"

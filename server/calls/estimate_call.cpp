@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "calls/call_setup.h"
 #include "calls/raw_message.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "meshes/prepare_kept.h"
 #include "pipeline/backend.h"
 #include "pipeline/plan.h"

@@ -20,7 +20,7 @@
 #include "isolate/channel.h"
 #include "isolate/mesh_fields.h"
 #include "isolate/sandbox.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "work/load_mesh.h"
 
 namespace voxelpipe {

@@ -46,7 +46,7 @@ class LoadWorkers {
   // INTERNAL where it dies or gives what cannot be a mesh; UNAVAILABLE where none can be started. May throw bad_alloc.
   absl::StatusOr<LoadedMesh> Load(std::vector<uint8_t> file, const LoadRequest& request, const JobContext& job);
 
-  // PrepareTexturesFor (load/image.h) likewise.
+  // PrepareTexturesFor (load/decode/image.h) likewise.
   absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use,
                               const JobContext& job);
 

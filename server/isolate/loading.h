@@ -14,13 +14,13 @@ namespace voxelpipe {
 
 class LoadWorkers;
 
-// LoadMeshHere (work/load_mesh.h), by `workers` where the file may need a decoder that others wrote (load/foreign_decoders.h). Without
+// LoadMeshHere (work/load_mesh.h), by `workers` where the file may need a decoder that others wrote (load/decode/foreign_decoders.h). Without
 // `workers` (null) always in this process. The file is freed as soon as it is loaded.
 // Errors: those of LoadMeshHere and of LoadWorkers::Load. May throw bad_alloc.
 absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, const LoadRequest& request, LoadWorkers* workers,
                                     const JobContext& job);
 
-// PrepareTexturesFor (load/image.h) of a mesh whose images may be encoded, likewise.
+// PrepareTexturesFor (load/decode/image.h) of a mesh whose images may be encoded, likewise.
 absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use, LoadWorkers* workers,
                             const JobContext& job);
 

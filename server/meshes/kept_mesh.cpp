@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "isolate/loading.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "pipeline/warnings.h"
 #include "work/mesh_bytes.h"
 

@@ -1,6 +1,6 @@
 // A textured glTF file through loader, flattening, textures and pipeline: every value worked out by hand.
 #include "gtest/gtest.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
 #include "shaders/catalog.h"

@@ -5,7 +5,7 @@
 #include <cstdlib>
 
 #include "bench/meshes.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "load/loader.h"
 #include "load/pack.h"
 #include "mesh/flatten.h"

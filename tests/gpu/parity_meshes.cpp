@@ -7,7 +7,7 @@
 
 #include "bench/meshes.h"
 #include "gpu/rigged_mesh.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "support/meshes.h"
 
 namespace voxelpipe::gpu {

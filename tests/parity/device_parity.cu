@@ -7,7 +7,7 @@
 
 #include "cuda/quick_normal.cuh"
 #include "grid/index_space.h"
-#include "load/mips.h"
+#include "load/decode/mips.h"
 #include "raster/crossing.h"
 #include "raster/spans.h"
 #include "raster/tiles.h"

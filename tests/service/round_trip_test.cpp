@@ -5,7 +5,7 @@
 
 #include "cpu/row_kernels.h"
 #include "gtest/gtest.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
 #include "pipeline/voxelize.h"

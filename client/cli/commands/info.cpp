@@ -7,7 +7,7 @@
 #include "absl/strings/str_format.h"
 #include "commands/commands.h"
 #include "interrupt.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "mesh/contents.h"
 #include "mesh/report.h"
 #include "mesh_file.h"

@@ -55,14 +55,14 @@ struct Texture {
   MipFilter mip_filter = MipFilter::kLinear;
 };
 
-// An image keeps its encoded bytes until a shader needs its texels (load/image.h decodes).
+// An image keeps its encoded bytes until a shader needs its texels (load/decode/image.h decodes).
 struct Image {
   std::string name;
   std::string mime_type;           // "image/png", "image/jpeg", or what the file says
   std::vector<uint8_t> encoded;    // owned copy of the file's bytes
   uint32_t width = 0, height = 0;  // texels; 0 until decoded
   std::vector<uint8_t> rgba;       // 4 bytes a texel, rows from the top; empty until decoded
-  // Smaller levels (load/mips.h), of the texels as linear values and as sRGB colours; empty until something samples them.
+  // Smaller levels (load/decode/mips.h), of the texels as linear values and as sRGB colours; empty until something samples them.
   std::vector<Vec4f> linear_mips, srgb_mips;
   // Why it has no texels: it has no bytes, or they are of a format that is not decoded. Materials then count as if they had no texture.
   std::optional<Warning> fault{};

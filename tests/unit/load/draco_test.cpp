@@ -1,5 +1,5 @@
 // Streams are made with Draco's own encoder.
-#include "load/draco.h"
+#include "load/decode/draco.h"
 
 #include <draco/compression/encode.h>
 #include <draco/compression/expert_encode.h>

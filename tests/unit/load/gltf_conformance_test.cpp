@@ -4,8 +4,8 @@
 
 #include <string>
 
-#include "load/gltf_buffers.h"
-#include "load/gltf_extensions.h"
+#include "load/gltf/document/gltf_buffers.h"
+#include "load/gltf/document/gltf_extensions.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
 #include "mesh/texture_faults.h"

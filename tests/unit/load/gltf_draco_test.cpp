@@ -9,8 +9,8 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include "load/draco.h"
-#include "load/gltf_draco.h"
+#include "load/decode/draco.h"
+#include "load/gltf/geometry/gltf_draco.h"
 #include "load/load_job.h"
 #include "load/loader.h"
 #include "support/glb_builder.h"

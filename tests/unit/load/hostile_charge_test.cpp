@@ -6,7 +6,7 @@
 
 #include "base/limit_error.h"
 #include "gtest/gtest.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
 #include "mesh/report.h"

@@ -1,5 +1,5 @@
 // Which images are decoded, and WebP. Images are written with libwebp and libjpeg.
-#include "load/image_format.h"
+#include "load/decode/image_format.h"
 
 #include <cstdio>
 
@@ -11,8 +11,8 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include "load/image.h"
-#include "load/image_webp.h"
+#include "load/decode/image.h"
+#include "load/decode/image_webp.h"
 
 namespace voxelpipe {
 namespace {

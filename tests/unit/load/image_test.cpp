@@ -1,5 +1,5 @@
 // Images are written with libpng and libjpeg.
-#include "load/image.h"
+#include "load/decode/image.h"
 
 #include <cstdio>
 

@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include "load/gltf_accessor.h"
-#include "load/gltf_buffers.h"
-#include "load/gltf_document.h"
+#include "load/gltf/document/gltf_buffers.h"
+#include "load/gltf/document/gltf_document.h"
+#include "load/gltf/geometry/gltf_accessor.h"
 #include "support/glb_builder.h"
 
 namespace voxelpipe {

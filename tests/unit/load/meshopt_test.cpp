@@ -1,5 +1,5 @@
 // Streams are made with meshoptimizer's own encoder.
-#include "load/meshopt.h"
+#include "load/decode/meshopt.h"
 
 #include <meshoptimizer.h>
 

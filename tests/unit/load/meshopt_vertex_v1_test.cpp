@@ -1,12 +1,12 @@
 // Version 1 of the vertex codec, against an encoder that is written here from the specification, apart from the decoder.
-#include "load/meshopt_vertex_v1.h"
+#include "load/decode/meshopt_vertex_v1.h"
 
 #include <algorithm>
 #include <bit>
 #include <random>
 
 #include "gtest/gtest.h"
-#include "load/meshopt.h"
+#include "load/decode/meshopt.h"
 
 namespace voxelpipe {
 namespace {

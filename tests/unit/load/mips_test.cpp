@@ -1,4 +1,4 @@
-#include "load/mips.h"
+#include "load/decode/mips.h"
 
 #include "gtest/gtest.h"
 #include "mesh/views/mips.h"

@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include "gtest/gtest.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "mesh/views/material_views.h"
 #include "support/meshes.h"
 #include "support/run.h"
