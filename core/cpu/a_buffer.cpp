@@ -11,7 +11,7 @@
 #include "pipeline/list_memory.h"
 #include "raster/spans.h"
 #include "shaders/blend_ops.h"
-#include "shaders/fragment_input.h"
+#include "shaders/interface/fragment_input.h"
 
 namespace voxelpipe::cpu {
 namespace {

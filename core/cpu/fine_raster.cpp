@@ -15,7 +15,7 @@
 #include "cpu/tile_runs.h"
 #include "cpu/tile_spans.h"
 #include "pipeline/list_memory.h"
-#include "shaders/fragment_input.h"
+#include "shaders/interface/fragment_input.h"
 
 namespace voxelpipe::cpu {
 namespace {

@@ -10,8 +10,8 @@
 #include <utility>
 
 #include "encode/preview_canvas.h"
-#include "shaders/packed_normal.h"
-#include "shaders/srgb.h"
+#include "shaders/fragment/packed_normal.h"
+#include "shaders/texture/srgb.h"
 
 namespace voxelpipe {
 namespace {

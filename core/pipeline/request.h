@@ -27,7 +27,7 @@ inline bool CastsLines(Fill fill) {
 // How the values of a u8 target are written.
 enum class Encoding : uint8_t {
   kLinear,
-  kSrgb,  // components 0 to 2 by the sRGB transfer function (shaders/srgb.h), the fourth times 255
+  kSrgb,  // components 0 to 2 by the sRGB transfer function (shaders/texture/srgb.h), the fourth times 255
 };
 
 enum class ResultKind : uint8_t {

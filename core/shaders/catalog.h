@@ -12,7 +12,7 @@
 #include "absl/status/statusor.h"
 #include "mesh/scene/material.h"
 #include "pipeline/request.h"
-#include "shaders/shader_params.h"
+#include "shaders/interface/shader_params.h"
 
 namespace voxelpipe {
 

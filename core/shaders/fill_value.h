@@ -5,8 +5,8 @@
 #pragma once
 
 #include "shaders/blend_ops.h"
-#include "shaders/checker.h"
-#include "shaders/vertex.h"
+#include "shaders/fragment/checker.h"
+#include "shaders/interface/vertex.h"
 
 namespace voxelpipe {
 

@@ -12,7 +12,7 @@
 #include "raster/spans.h"
 #include "raster/tiles.h"
 #include "shaders/blend_ops.h"
-#include "shaders/fragment_input.h"
+#include "shaders/interface/fragment_input.h"
 #include "shaders/shader_list.h"
 #include "support/meshes.h"
 

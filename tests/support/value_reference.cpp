@@ -9,7 +9,7 @@
 #include "mesh/views/material_views.h"
 #include "raster/spans.h"
 #include "shaders/catalog.h"
-#include "shaders/fragment_input.h"
+#include "shaders/interface/fragment_input.h"
 #include "shaders/shader_list.h"
 #include "support/fill_reference.h"
 

@@ -11,7 +11,7 @@
 
 #include "mesh/triangle_mesh.h"
 #include "pipeline/request.h"
-#include "shaders/fragment.h"
+#include "shaders/interface/fragment.h"
 
 namespace voxelpipe::testing {
 

@@ -6,7 +6,7 @@
 #include <algorithm>
 
 #include "mesh/views/mips.h"
-#include "shaders/texture.h"
+#include "shaders/texture/texture.h"
 
 namespace voxelpipe {
 namespace {

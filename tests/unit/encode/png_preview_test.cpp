@@ -12,7 +12,7 @@
 #include "encode/preview_values.h"
 #include "encode/preview_volume.h"
 #include "sample_results.h"
-#include "shaders/packed_normal.h"
+#include "shaders/fragment/packed_normal.h"
 
 namespace voxelpipe {
 namespace {

@@ -2,7 +2,7 @@
 
 #include "gtest/gtest.h"
 #include "mesh/views/mips.h"
-#include "shaders/srgb.h"
+#include "shaders/texture/srgb.h"
 
 namespace voxelpipe {
 namespace {
