@@ -23,7 +23,7 @@
 #include "observe/idle_memory.h"
 #include "observe/log.h"
 #include "observe/reflection_service.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "service_state.h"
 #include "voxelization_service.h"
 

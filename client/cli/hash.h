@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe::cli {
 

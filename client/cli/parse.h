@@ -10,7 +10,7 @@
 
 #include "absl/status/statusor.h"
 #include "base/vec.h"
-#include "pipeline/request.h"
+#include "job/request.h"
 
 namespace voxelpipe::cli {
 

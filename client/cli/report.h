@@ -10,7 +10,7 @@
 
 #include "absl/status/status.h"
 #include "engine.h"
-#include "pipeline/stats.h"
+#include "job/stats.h"
 
 namespace voxelpipe::cli {
 

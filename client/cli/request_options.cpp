@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "parse.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe::cli {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "pipeline/request.h"
+#include "job/request.h"
 
 namespace voxelpipe::cli {
 

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

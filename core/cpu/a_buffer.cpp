@@ -8,7 +8,7 @@
 #include "cpu/element_store.h"
 #include "cpu/parallel.h"
 #include "cpu/tile_runs.h"
-#include "pipeline/list_memory.h"
+#include "pipeline/plan/list_memory.h"
 #include "raster/spans.h"
 #include "shaders/blend_ops.h"
 #include "shaders/interface/fragment_input.h"

@@ -14,7 +14,7 @@
 #include "cpu/tile_buffer.h"
 #include "cpu/tile_runs.h"
 #include "cpu/tile_spans.h"
-#include "pipeline/list_memory.h"
+#include "pipeline/plan/list_memory.h"
 #include "shaders/interface/fragment_input.h"
 
 namespace voxelpipe::cpu {

@@ -10,7 +10,7 @@
 #include "cpu/crossings.h"
 #include "cpu/tile_spans.h"
 #include "grid/index_space.h"
-#include "pipeline/request.h"
+#include "job/request.h"
 
 namespace voxelpipe::cpu {
 

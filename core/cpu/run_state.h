@@ -15,7 +15,7 @@
 #include "grid/bit_grid.h"
 #include "mesh/triangle_mesh.h"
 #include "mesh/views/mesh_view.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/stages.h"
 #include "raster/tiles.h"
 #include "shaders/fill_value.h"
 #include "shaders/shader_list.h"
@@ -112,7 +112,7 @@ std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex);
 // Whether every target is the coverage itself, so that rows need no tiles.
 bool PlainBits(const RunState& state, const GridSpec& grid);
 
-// The stages; see pipeline/stages.h for what each does.
+// The stages; see pipeline/stages/stages.h for what each does.
 absl::StatusOr<MeshExtent> VertexShade(RunState& state);
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid);
 absl::Status TileSort(RunState& state);

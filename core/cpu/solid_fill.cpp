@@ -20,7 +20,7 @@
 #include "cpu/parallel.h"
 #include "cpu/row_bins.h"
 #include "cpu/run_state.h"
-#include "pipeline/target_rules.h"
+#include "pipeline/stages/target_rules.h"
 
 namespace voxelpipe::cpu {
 namespace {

@@ -6,7 +6,7 @@
 
 #include "cpu/element_store.h"
 #include "cpu/parallel.h"
-#include "pipeline/list_memory.h"
+#include "pipeline/plan/list_memory.h"
 
 namespace voxelpipe::cpu {
 namespace {

@@ -14,7 +14,7 @@
 #include "cuda/vertex_shade.h"
 #include "mesh/content_id.h"
 #include "mesh/views/mips.h"
-#include "pipeline/footprint_parts.h"
+#include "pipeline/plan/footprint_parts.h"
 
 namespace voxelpipe::cuda {
 namespace {

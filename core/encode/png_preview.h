@@ -7,7 +7,7 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "encode/png_writer.h"
-#include "pipeline/voxelize.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

@@ -7,7 +7,7 @@
 #include "base/vec.h"
 #include "encode/preview_values.h"
 #include "encode/preview_volume.h"
-#include "pipeline/voxelize.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

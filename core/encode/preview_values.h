@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "pipeline/result.h"
+#include "job/result.h"
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe {

@@ -11,7 +11,7 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "base/vec.h"
-#include "pipeline/voxelize.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

@@ -3,9 +3,9 @@
 
 #include "absl/status/status.h"
 #include "base/warning.h"
+#include "job/request.h"
+#include "job/stats.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/request.h"
-#include "pipeline/stats.h"
 
 namespace voxelpipe {
 

@@ -10,8 +10,8 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "job/request.h"
 #include "mesh/scene/material.h"
-#include "pipeline/request.h"
 #include "shaders/interface/shader_params.h"
 
 namespace voxelpipe {

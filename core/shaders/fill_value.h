@@ -10,7 +10,7 @@
 
 namespace voxelpipe {
 
-// Made by FillValueOf (pipeline/target_rules.h).
+// Made by FillValueOf (pipeline/stages/target_rules.h).
 struct FillValue {
   enum class Kind : uint8_t {
     kStored,    // the same in all voxels

@@ -10,7 +10,7 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "calls/call_record.h"
-#include "pipeline/request.h"
+#include "job/request.h"
 #include "service_state.h"
 #include "work/byte_budget.h"
 

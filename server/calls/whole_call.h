@@ -11,7 +11,7 @@
 #include "calls/call_record.h"
 #include "calls/idle_watch.h"
 #include "calls/react_at_once.h"
-#include "pipeline/memory_sink.h"
+#include "job/memory_sink.h"
 #include "service_state.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "work/byte_budget.h"

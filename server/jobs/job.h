@@ -14,7 +14,7 @@
 #include "mesh/report.h"
 #include "mesh/scene/load_limits.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 #include "pipeline/voxelize.h"
 #include "wire/request.h"
 

@@ -5,7 +5,7 @@
 #include <optional>
 #include <span>
 
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "job/result.h"
 #include "load/costly_parts.h"
 #include "meshes/mesh_store.h"
-#include "pipeline/result.h"
 #include "pipeline/voxelize.h"
 #include "wire/request.h"
 #include "work/job.h"

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "job/request.h"
 #include "option_sources.h"
-#include "pipeline/request.h"
 
 namespace voxelpipe {
 

@@ -11,8 +11,8 @@
 
 #include "calls/response_coder.h"
 #include "calls/zstd_piece.h"
-#include "pipeline/plan.h"
-#include "pipeline/result.h"
+#include "job/result.h"
+#include "pipeline/plan/plan.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "wire/call_settings.h"
 #include "work/job.h"

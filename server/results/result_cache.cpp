@@ -1,6 +1,6 @@
 #include "meshes/result_cache.h"
 
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "meshes/byte_lru.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 #include "work/job.h"
 
 namespace voxelpipe {

@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "calls/job_setup.h"
-#include "pipeline/result.h"
+#include "job/result.h"
 #include "wire/request.h"
 #include "work/request_memory.h"
 #include "work/result_sums.h"

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

@@ -13,7 +13,7 @@
 
 #include "absl/status/statusor.h"
 #include "pipeline/batch.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/stages.h"
 #include "work/voxelize_job.h"
 
 namespace voxelpipe {

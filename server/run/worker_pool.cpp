@@ -14,7 +14,7 @@
 #include "base/machine.h"
 #include "base/threads.h"
 #include "observe/metrics.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "wire/status.h"
 #include "work/worker_pool_state.h"
 

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/stages.h"
 #include "work/device_health.h"
 #include "work/device_run.h"
 #include "work/scheduler.h"
@@ -24,7 +24,7 @@ namespace voxelpipe {
 class Metrics;
 
 struct DeviceWorkers {
-  const Backend* backend = nullptr;  // see Devices() in pipeline/backend.h
+  const Backend* backend = nullptr;  // see Devices() in pipeline/stages/backend.h
   int workers = 1;                   // batches that run on it at the same time
 };
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe {
 namespace {

@@ -6,8 +6,8 @@
 #include <optional>
 
 #include "grid/grid_spec.h"
+#include "job/request.h"
 #include "load/loader.h"
-#include "pipeline/request.h"
 #include "work/task.h"
 
 namespace voxelpipe {

@@ -6,7 +6,7 @@
 #include <span>
 #include <string>
 
-#include "pipeline/request.h"
+#include "job/request.h"
 #include "work/task.h"
 
 namespace voxelpipe {

@@ -21,7 +21,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "pipeline/request.h"
+#include "job/request.h"
 #include "work/admission.h"
 #include "work/cost.h"
 #include "work/device_choice.h"

@@ -3,7 +3,7 @@
 
 #include <cstddef>
 
-#include "pipeline/request.h"
+#include "job/request.h"
 #include "work/cost.h"
 #include "work/fair_queue.h"
 

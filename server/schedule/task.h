@@ -11,7 +11,7 @@
 
 #include "absl/status/status.h"
 #include "base/job_context.h"
-#include "pipeline/request.h"
+#include "job/request.h"
 #include "wire/call_settings.h"
 
 namespace voxelpipe {

@@ -5,7 +5,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "base/machine.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 
 namespace voxelpipe {
 

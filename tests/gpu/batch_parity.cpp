@@ -8,7 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "gpu/batch_cases.h"
 #include "gpu/first_difference.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "support/meshes.h"
 
 namespace voxelpipe::gpu {

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "pipeline/backend.h"
-#include "pipeline/bind.h"
+#include "pipeline/stages/backend.h"
+#include "pipeline/stages/bind.h"
 
 namespace voxelpipe::gpu {
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "pipeline/request.h"
+#include "job/request.h"
 
 namespace voxelpipe::gpu {
 

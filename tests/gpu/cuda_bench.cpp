@@ -36,9 +36,9 @@
 #include "gpu/bench_meshes.h"
 #include "gpu/bench_rows.h"
 #include "mesh/content_id.h"
-#include "pipeline/backend.h"
 #include "pipeline/batch.h"
-#include "pipeline/bind.h"
+#include "pipeline/stages/backend.h"
+#include "pipeline/stages/bind.h"
 #include "pipeline/voxelize.h"
 #include "support/meshes.h"
 

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "base/device_failure.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
 #include "support/meshes.h"
 

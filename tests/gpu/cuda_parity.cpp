@@ -37,7 +37,7 @@
 #include "gpu/parity_run.h"
 #include "gpu/parity_subjects.h"
 #include "mesh/content_id.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
 #include "support/meshes.h"
 #ifdef VOXELPIPE_HAVE_CUDA

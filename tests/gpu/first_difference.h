@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe::gpu {
 

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "gpu/parity_meshes.h"
-#include "pipeline/plan.h"
-#include "pipeline/request.h"
+#include "job/request.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe::gpu {
 

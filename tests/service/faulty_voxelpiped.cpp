@@ -2,7 +2,7 @@
 // the server's own main, before which the device is there.
 #include <cstdlib>
 
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "support/faulty_backend.h"
 
 namespace {

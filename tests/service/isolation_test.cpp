@@ -10,7 +10,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include "pipeline/result.h"
+#include "job/result.h"
 #include "service/http_get.h"
 #include "service/process_facts.h"
 #include "service/requests.h"

@@ -1,7 +1,7 @@
 // Requests that several tests of the service make.
 #pragma once
 
-#include "pipeline/request.h"
+#include "job/request.h"
 
 namespace voxelpipe::testing {
 

@@ -9,8 +9,8 @@
 #include "base/crc32c.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "job/memory_sink.h"
 #include "piece_view.h"
-#include "pipeline/memory_sink.h"
 #include "wire/response.h"
 
 namespace voxelpipe {

@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "grid/grid_spec.h"
-#include "pipeline/request.h"
+#include "job/request.h"
 
 namespace voxelpipe::testing {
 

@@ -9,8 +9,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "job/request.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/request.h"
 #include "shaders/interface/fragment.h"
 
 namespace voxelpipe::testing {
@@ -27,7 +27,7 @@ uint32_t ReferenceNumber(double v, VoxelFormat format);
 // one.
 uint32_t ReferenceBlend(const TargetSpec& spec, const std::vector<FragmentOutput>& fragments, int c);
 
-// The arrays of the whole result in stream order (pipeline/result.h). `inside` says of each voxel whether it is filled
+// The arrays of the whole result in stream order (job/result.h). `inside` says of each voxel whether it is filled
 // and without a fragment, or is empty. The grid is UnitGrid(dims); vertex shader identity.
 std::vector<std::vector<uint8_t>> ReferenceArrays(const TriangleMesh& mesh, const VoxelizeRequest& request,
                                                   const std::vector<bool>& inside = {});

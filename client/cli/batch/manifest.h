@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "pipeline/request.h"
+#include "job/request.h"
 #include "request_options.h"
 
 namespace voxelpipe::cli {

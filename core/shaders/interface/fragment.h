@@ -20,8 +20,8 @@ struct FragmentInput {
   Vec3f geometric_normal;   // unit length, right-handed winding of the shaded vertices; 0 if degenerate
   int64_t voxel[3] = {};    // grid coordinates
   Vec3f barycentric;        // of the voxel's centre; only if the shader's traits ask for them
-  float uv_density[2] =
-      {};  // per texture coordinate set: uv along a voxel (shaders/interface/fragment_input.h); if asked for
+  // Per texture coordinate set: uv along a voxel (fragment_input.h); only if asked for.
+  float uv_density[2] = {};
 
   VOXELPIPE_HD const MaterialView& material() const { return mesh->materials[part->material]; }
 };

@@ -25,7 +25,7 @@
 #include "fuzz/mesh/mutate.h"
 #include "fuzz/mesh/server_watch.h"
 #include "hash.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe::fuzz {
 namespace {

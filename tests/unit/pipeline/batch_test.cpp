@@ -1,7 +1,7 @@
 #include "pipeline/batch.h"
 
 #include "gtest/gtest.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "support/meshes.h"
 #include "support/run.h"
 

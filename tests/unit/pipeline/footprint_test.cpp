@@ -1,10 +1,10 @@
 // What a plan counts for the CUDA backend's lists.
-#include "pipeline/footprint.h"
+#include "pipeline/plan/footprint.h"
 
 #include <cmath>
 
 #include "gtest/gtest.h"
-#include "pipeline/footprint_parts.h"
+#include "pipeline/plan/footprint_parts.h"
 #include "support/run.h"
 
 namespace voxelpipe {

@@ -1,12 +1,12 @@
 // Lists that come to need more than the plan has for them.
-#include "pipeline/list_memory.h"
+#include "pipeline/plan/list_memory.h"
 
 #include <memory>
 #include <utility>
 
 #include "base/limit_error.h"
 #include "gtest/gtest.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
 #include "support/meshes.h"
 #include "support/run.h"

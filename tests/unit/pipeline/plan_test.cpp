@@ -1,5 +1,5 @@
 // Plans: what is refused, and what is said then.
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 
 #include <cmath>
 #include <string>
@@ -9,9 +9,9 @@
 #include "base/limit_error.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include "pipeline/backend.h"
 #include "pipeline/estimate.h"
 #include "pipeline/planner.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
 #include "support/meshes.h"
 #include "support/run.h"

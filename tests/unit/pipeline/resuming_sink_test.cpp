@@ -1,5 +1,5 @@
 // What the caller's sink hears of runs that begin anew.
-#include "pipeline/resuming_sink.h"
+#include "job/resuming_sink.h"
 
 #include <gtest/gtest.h>
 

@@ -6,7 +6,7 @@
 
 #include "base/device_failure.h"
 #include "gtest/gtest.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "support/meshes.h"
 #include "support/run.h"
 

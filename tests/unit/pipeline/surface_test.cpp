@@ -1,5 +1,5 @@
 // What the look at the triangles says of a mesh, against a count of what it really touches.
-#include "pipeline/surface.h"
+#include "pipeline/plan/surface.h"
 
 #include <algorithm>
 #include <array>
@@ -9,9 +9,9 @@
 
 #include "cpu/surface_sums.h"
 #include "gtest/gtest.h"
-#include "pipeline/backend.h"
-#include "pipeline/bind.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/backend.h"
+#include "pipeline/stages/bind.h"
+#include "pipeline/stages/stages.h"
 #include "support/meshes.h"
 #include "support/run.h"
 

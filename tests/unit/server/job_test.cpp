@@ -7,7 +7,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "work/mesh_bytes.h"
 
 namespace voxelpipe {

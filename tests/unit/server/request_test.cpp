@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "gtest/gtest.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe {
 namespace {

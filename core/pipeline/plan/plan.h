@@ -7,8 +7,8 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "grid/grid_spec.h"
-#include "pipeline/request.h"
-#include "pipeline/surface.h"
+#include "job/request.h"
+#include "pipeline/plan/surface.h"
 
 namespace voxelpipe {
 
@@ -49,13 +49,5 @@ uint64_t TargetBytes(const TargetSpec& target, uint64_t voxels);
 // Checks everything in `request` that does not depend on a mesh: targets, blends, components, shaders and their
 // parameters, coverage, fill. INVALID_ARGUMENT naming the field, e.g. "targets[1].blend: ...".
 absl::Status ValidateRequest(const VoxelizeRequest& request);
-
-// In: a request, the mesh's size and the extent of the shaded mesh, no look at its triangles. Out: the plan of the
-// backend that the request chooses. Errors: those of ValidateRequest and FitGrid; RESOURCE_EXHAUSTED with need, limit
-// and the largest grid of the same mesh that would fit, in its message in the terms in which the grid was asked for
-// (resolution, voxel size or dims), and as numbers (limit_error.h).
-absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
-                                      const MeshExtent& extent, const PlanLimits& limits = {},
-                                      Delivery delivery = Delivery::kMemory);
 
 }  // namespace voxelpipe

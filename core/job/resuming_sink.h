@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

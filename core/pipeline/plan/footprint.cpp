@@ -1,4 +1,4 @@
-#include "pipeline/footprint.h"
+#include "pipeline/plan/footprint.h"
 
 #include <tbb/info.h>
 
@@ -8,9 +8,9 @@
 
 #include "grid/bit_grid.h"
 #include "grid/page_pool.h"
-#include "pipeline/footprint_parts.h"
-#include "pipeline/result.h"
-#include "pipeline/target_rules.h"
+#include "job/result.h"
+#include "pipeline/plan/footprint_parts.h"
+#include "pipeline/stages/target_rules.h"
 #include "raster/tiles.h"
 #include "shaders/catalog.h"
 

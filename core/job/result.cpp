@@ -1,4 +1,4 @@
-#include "pipeline/result.h"
+#include "job/result.h"
 
 #include <bit>
 #include <cstring>

@@ -1,7 +1,7 @@
-#include "pipeline/bind.h"
+#include "pipeline/stages/bind.h"
 
 #include "absl/strings/str_cat.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 #include "shaders/resolve.h"
 
 namespace voxelpipe {

@@ -1,4 +1,4 @@
-#include "pipeline/memory_sink.h"
+#include "job/memory_sink.h"
 
 #include <algorithm>
 #include <utility>

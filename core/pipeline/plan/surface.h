@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "grid/grid_spec.h"
-#include "pipeline/request.h"
+#include "job/request.h"
 #include "raster/surface_sums.h"
 
 namespace voxelpipe {

@@ -21,12 +21,12 @@
 #include "base/job_context.h"
 #include "grid/grid_spec.h"
 #include "grid/host_buffer.h"
+#include "job/request.h"
+#include "job/result.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/footprint.h"
-#include "pipeline/list_memory.h"
-#include "pipeline/plan.h"
-#include "pipeline/request.h"
-#include "pipeline/result.h"
+#include "pipeline/plan/footprint.h"
+#include "pipeline/plan/list_memory.h"
+#include "pipeline/plan/plan.h"
 #include "shaders/catalog.h"
 
 namespace voxelpipe {

@@ -1,13 +1,11 @@
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "pipeline/backend.h"
-#include "pipeline/planner.h"
-#include "pipeline/result.h"
+#include "job/result.h"
 #include "shaders/catalog.h"
 
 namespace voxelpipe {
@@ -141,20 +139,6 @@ absl::Status ValidateRequest(const VoxelizeRequest& request) {
   if (absl::Status s = ValidateCoverage(request); !s.ok()) return s;
   if (request.threads < 0) return Invalid("threads", "must not be negative");
   return absl::OkStatus();
-}
-
-absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
-                                      const MeshExtent& extent, const PlanLimits& limits, Delivery delivery) {
-  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
-  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
-  if (!backend.ok()) return backend.status();
-  const MeshSize mesh{triangles, vertices, extent};
-  const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {
-    return EstimateSurface(request, grid, mesh);
-  };
-  absl::StatusOr<PlannedRun> run = PlanOn({**backend, request, mesh, measure, limits, delivery});
-  if (!run.ok()) return run.status();
-  return std::move(run->plan);
 }
 
 }  // namespace voxelpipe

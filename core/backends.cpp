@@ -1,4 +1,4 @@
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 
 #include "cpu/backend.h"
 #if defined(VOXELPIPE_HAVE_CUDA)

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "grid/grid_spec.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/stages.h"
 #include "shaders/fill_value.h"
 
 namespace voxelpipe {

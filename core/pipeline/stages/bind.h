@@ -2,10 +2,10 @@
 #pragma once
 
 #include "absl/status/statusor.h"
+#include "job/request.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/plan.h"
-#include "pipeline/request.h"
-#include "pipeline/stages.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe {
 

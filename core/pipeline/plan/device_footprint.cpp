@@ -5,9 +5,9 @@
 #include <utility>
 
 #include "grid/bit_grid.h"
-#include "pipeline/footprint.h"
-#include "pipeline/footprint_parts.h"
-#include "pipeline/result.h"
+#include "job/result.h"
+#include "pipeline/plan/footprint.h"
+#include "pipeline/plan/footprint_parts.h"
 #include "raster/tiles.h"
 
 namespace voxelpipe {

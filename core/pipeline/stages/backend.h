@@ -1,4 +1,4 @@
-// The registry of backends of this build and machine.
+// The registry of backends of this build and machine. It is defined above the backends, in core/backends.cpp.
 #pragma once
 
 #include <cstdint>
@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "pipeline/request.h"
-#include "pipeline/stages.h"
+#include "job/request.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe {
 

@@ -1,4 +1,4 @@
-#include "pipeline/target_rules.h"
+#include "pipeline/stages/target_rules.h"
 
 #include <algorithm>
 

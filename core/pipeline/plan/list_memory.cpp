@@ -1,8 +1,8 @@
-#include "pipeline/list_memory.h"
+#include "pipeline/plan/list_memory.h"
 
 #include <algorithm>
 
-#include "pipeline/list_refusal.h"
+#include "pipeline/plan/list_refusal.h"
 
 namespace voxelpipe {
 namespace {

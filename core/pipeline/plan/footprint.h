@@ -5,9 +5,9 @@
 #include <cstdint>
 
 #include "grid/grid_spec.h"
-#include "pipeline/plan.h"
-#include "pipeline/request.h"
-#include "pipeline/surface.h"
+#include "job/request.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/plan/surface.h"
 
 namespace voxelpipe {
 
@@ -16,7 +16,7 @@ struct Footprint {
   uint64_t peak_bytes = 0;    // working set, what is held of the result included, the mesh excluded
   int64_t slab_depth = 1;     // layers worked on at a time
   // The part of peak_bytes that lists take whose lengths are estimates: a run that comes to need more takes it from the
-  // job's budget as it counts (pipeline/list_memory.h).
+  // job's budget as it counts (pipeline/plan/list_memory.h).
   uint64_t list_bytes = 0;
 };
 

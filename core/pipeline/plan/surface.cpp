@@ -2,7 +2,7 @@
 // edges e: averaged over all placements of a lattice of such boxes, T touches vol(T + B) / vol(B) of them, which is 1,
 // plus its three widths over e, plus its three projected areas over the products of the other two edges. (R. Schneider
 // and W. Weil, "Stochastic and Integral Geometry", 2008, section 5.1.) Constants were measured.
-#include "pipeline/surface.h"
+#include "pipeline/plan/surface.h"
 
 #include <algorithm>
 #include <cmath>

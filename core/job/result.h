@@ -11,8 +11,8 @@
 #include "grid/grid_spec.h"
 #include "grid/host_buffer.h"
 #include "grid/voxel_format.h"
-#include "pipeline/request.h"
-#include "pipeline/stats.h"
+#include "job/request.h"
+#include "job/stats.h"
 
 namespace voxelpipe {
 

@@ -1,4 +1,4 @@
-#include "pipeline/resuming_sink.h"
+#include "job/resuming_sink.h"
 
 #include <algorithm>
 #include <utility>

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cstdint>
 
-#include "pipeline/footprint.h"
+#include "pipeline/plan/footprint.h"
 
 namespace voxelpipe::footprint {
 
