@@ -8,10 +8,10 @@
 #include <optional>
 #include <vector>
 
-#include "cpu/pair_blocks.h"
-#include "cpu/row_bits.h"
-#include "cpu/stream.h"
-#include "cpu/tile_values.h"
+#include "cpu/base/pair_blocks.h"
+#include "cpu/base/stream.h"
+#include "cpu/base/tile_values.h"
+#include "cpu/rows/row_bits.h"
 #include "grid/bit_grid.h"
 #include "mesh/triangle_mesh.h"
 #include "mesh/views/mesh_view.h"

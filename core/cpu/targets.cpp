@@ -2,7 +2,7 @@
 #include <algorithm>
 
 #include "cpu/a_buffer.h"
-#include "cpu/parallel.h"
+#include "cpu/base/parallel.h"
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
 #include "pipeline/plan/plan.h"

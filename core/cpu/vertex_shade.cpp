@@ -7,7 +7,7 @@
 #include <memory>
 
 #include "absl/strings/str_cat.h"
-#include "cpu/parallel.h"
+#include "cpu/base/parallel.h"
 #include "cpu/vertex_shade.h"
 #include "mesh/views/material_views.h"
 

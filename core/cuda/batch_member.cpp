@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "base/wall_clock.h"
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 #include "cuda/run_state.h"
 #include "grid/index_space.h"
 #include "mesh/views/mips.h"

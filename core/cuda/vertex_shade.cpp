@@ -8,7 +8,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "cpu/surface_sums.h"
+#include "cpu/measure/surface_sums.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/mesh_uploads.h"
 #include "cuda/vertex_shade.h"

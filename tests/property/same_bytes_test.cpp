@@ -5,7 +5,7 @@
 #include <array>
 #include <random>
 
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 #include "gtest/gtest.h"
 #include "shaders/catalog.h"
 #include "support/meshes.h"

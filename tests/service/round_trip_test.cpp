@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 #include "gtest/gtest.h"
 #include "load/decode/image.h"
 #include "load/loader.h"

@@ -1,5 +1,5 @@
 // The vector kernels against the plain ones, where they take other steps to the same result.
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 
 #include <bit>
 #include <cmath>

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "cpu/surface_sums.h"
+#include "cpu/measure/surface_sums.h"
 #include "gtest/gtest.h"
 #include "pipeline/stages/backend.h"
 #include "pipeline/stages/bind.h"

@@ -7,8 +7,8 @@
 #define VOXELPIPE_TILE_KERNELS_INL_H_
 #endif
 
-#include "cpu/row_kernels-inl.h"
-#include "cpu/tile_spans.h"
+#include "cpu/rows/row_kernels-inl.h"
+#include "cpu/rows/tile_spans.h"
 
 #if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
 

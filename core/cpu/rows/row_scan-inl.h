@@ -12,8 +12,8 @@
 #include <algorithm>
 #include <bit>
 
-#include "cpu/row_kernels.h"
-#include "cpu/row_lanes-inl.h"
+#include "cpu/rows/row_kernels.h"
+#include "cpu/rows/row_lanes-inl.h"
 #include "grid/index_space.h"
 
 #if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3

@@ -4,8 +4,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "cpu/row_kernels_simd.h"
-#include "cpu/tile_spans.h"
+#include "cpu/rows/row_kernels_simd.h"
+#include "cpu/rows/tile_spans.h"
 #include "grid/index_space.h"
 
 namespace voxelpipe::cpu {

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "cpu/measure_cells.h"
+#include "cpu/measure/measure_cells.h"
 #include "raster/clipped_triangle.h"
 #include "raster/tiles.h"
 

@@ -1,4 +1,4 @@
-#include "cpu/row_bits.h"
+#include "cpu/rows/row_bits.h"
 
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/task_arena.h>
@@ -8,8 +8,8 @@
 #include <bit>
 #include <cstring>
 
-#include "cpu/parallel.h"
-#include "cpu/row_bins.h"
+#include "cpu/base/parallel.h"
+#include "cpu/rows/row_bins.h"
 #include "grid/index_space.h"
 
 namespace voxelpipe::cpu {

@@ -12,9 +12,9 @@
 #include <algorithm>
 #include <bit>
 
-#include "cpu/row_kernels.h"
-#include "cpu/row_lanes-inl.h"
-#include "cpu/row_scan-inl.h"
+#include "cpu/rows/row_kernels.h"
+#include "cpu/rows/row_lanes-inl.h"
+#include "cpu/rows/row_scan-inl.h"
 #include "grid/index_space.h"
 
 #if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3

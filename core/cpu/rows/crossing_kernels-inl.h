@@ -7,8 +7,8 @@
 #define VOXELPIPE_CROSSING_KERNELS_INL_H_
 #endif
 
-#include "cpu/crossings.h"
-#include "cpu/row_kernels-inl.h"
+#include "cpu/rows/crossings.h"
+#include "cpu/rows/row_kernels-inl.h"
 
 #if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
 

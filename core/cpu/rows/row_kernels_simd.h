@@ -1,7 +1,7 @@
 // The vector kernels. Null where the compiler cannot make them.
 #pragma once
 
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 
 namespace voxelpipe::cpu {
 

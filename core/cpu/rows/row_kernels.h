@@ -7,8 +7,8 @@
 
 #include "absl/status/statusor.h"
 #include "base/vec.h"
-#include "cpu/crossings.h"
-#include "cpu/tile_spans.h"
+#include "cpu/rows/crossings.h"
+#include "cpu/rows/tile_spans.h"
 #include "grid/index_space.h"
 #include "job/request.h"
 

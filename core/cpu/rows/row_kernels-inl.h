@@ -14,10 +14,10 @@
 
 #include <algorithm>
 
-#include "cpu/row_batch-inl.h"
-#include "cpu/row_kernels.h"
-#include "cpu/row_lanes-inl.h"
-#include "cpu/row_scan-inl.h"
+#include "cpu/rows/row_batch-inl.h"
+#include "cpu/rows/row_kernels.h"
+#include "cpu/rows/row_lanes-inl.h"
+#include "cpu/rows/row_scan-inl.h"
 
 #if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3
 

@@ -1,7 +1,7 @@
 // Sources: the Minkowski sum of a triangle and a box (pipeline/plan/surface.cpp) for what a triangle touches on average,
 // raster/clipped_triangle.h for its part in the grid. What no average knows - vertices on voxel corners, faces on the
 // lattice's planes, thin coverage, surfaces that lie in each other - is counted exactly in samples.
-#include "cpu/measure.h"
+#include "cpu/measure/measure.h"
 
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_reduce.h>
@@ -15,9 +15,9 @@
 #include <utility>
 #include <vector>
 
-#include "cpu/measure_cells.h"
-#include "cpu/measure_touch.h"
-#include "cpu/parallel.h"
+#include "cpu/base/parallel.h"
+#include "cpu/measure/measure_cells.h"
+#include "cpu/measure/measure_touch.h"
 #include "raster/spans.h"
 #include "raster/tiles.h"
 

@@ -9,7 +9,7 @@
 
 #include "absl/status/status.h"
 #include "base/job_context.h"
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 #include "grid/bit_grid.h"
 #include "grid/grid_spec.h"
 #include "mesh/views/mesh_view.h"

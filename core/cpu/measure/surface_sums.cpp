@@ -1,4 +1,4 @@
-#include "cpu/surface_sums.h"
+#include "cpu/measure/surface_sums.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>
