@@ -1,4 +1,4 @@
-#include "encode/png_writer.h"
+#include "encode/preview/png_writer.h"
 
 #include <png.h>
 

@@ -1,4 +1,4 @@
-#include "encode/preview_values.h"
+#include "encode/preview/preview_values.h"
 
 #include <algorithm>
 #include <bit>

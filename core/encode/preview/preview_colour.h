@@ -5,8 +5,8 @@
 #include <optional>
 
 #include "base/vec.h"
-#include "encode/preview_values.h"
-#include "encode/preview_volume.h"
+#include "encode/preview/preview_values.h"
+#include "encode/preview/preview_volume.h"
 #include "job/result.h"
 
 namespace voxelpipe {

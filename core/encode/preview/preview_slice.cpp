@@ -1,4 +1,4 @@
-#include "encode/preview_slice.h"
+#include "encode/preview/preview_slice.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>

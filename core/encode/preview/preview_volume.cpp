@@ -1,7 +1,7 @@
 // Ray traversal after J. Amanatides and A. Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987,
 // inside cells that hold something; empty cells are leapt over by their Chebyshev distance (D. Cohen and Z. Sheffer,
 // "Proximity clouds", The Visual Computer 1994).
-#include "encode/preview_volume.h"
+#include "encode/preview/preview_volume.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
@@ -15,7 +15,7 @@
 #include <mutex>
 
 #include "absl/strings/str_cat.h"
-#include "encode/preview_values.h"
+#include "encode/preview/preview_values.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,4 +1,4 @@
-#include "encode/preview_canvas.h"
+#include "encode/preview/preview_canvas.h"
 
 #include <algorithm>
 #include <array>

@@ -1,10 +1,10 @@
 // The slices of the preview.
 #pragma once
 
-#include "encode/preview_canvas.h"
-#include "encode/preview_colour.h"
-#include "encode/preview_shade.h"
-#include "encode/preview_volume.h"
+#include "encode/preview/preview_canvas.h"
+#include "encode/preview/preview_colour.h"
+#include "encode/preview/preview_shade.h"
+#include "encode/preview/preview_volume.h"
 #include "grid/grid_spec.h"
 
 namespace voxelpipe {

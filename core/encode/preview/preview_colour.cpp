@@ -1,4 +1,4 @@
-#include "encode/preview_colour.h"
+#include "encode/preview/preview_colour.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>
@@ -9,7 +9,7 @@
 #include <limits>
 #include <utility>
 
-#include "encode/preview_canvas.h"
+#include "encode/preview/preview_canvas.h"
 #include "shaders/fragment/packed_normal.h"
 #include "shaders/texture/srgb.h"
 

@@ -2,7 +2,7 @@
 // al., "Interactive Indirect Illumination Using Voxel Cone Tracing", Pacific Graphics 2011, reduced to occlusion),
 // corner darkening of voxel faces (M. Lysenko, "Ambient occlusion for Minecraft-like worlds", 2013), and one shadow
 // ray.
-#include "encode/preview_shade.h"
+#include "encode/preview/preview_shade.h"
 
 #include <tbb/blocked_range2d.h>
 #include <tbb/parallel_for.h>

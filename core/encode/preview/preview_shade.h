@@ -3,9 +3,9 @@
 
 #include "absl/status/status.h"
 #include "base/job_context.h"
-#include "encode/preview_canvas.h"
-#include "encode/preview_colour.h"
-#include "encode/preview_volume.h"
+#include "encode/preview/preview_canvas.h"
+#include "encode/preview/preview_colour.h"
+#include "encode/preview/preview_volume.h"
 #include "grid/grid_spec.h"
 
 namespace voxelpipe {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/vec.h"
-#include "encode/png_writer.h"
+#include "encode/preview/png_writer.h"
 
 namespace voxelpipe {
 
