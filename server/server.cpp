@@ -24,7 +24,7 @@
 #include "observe/log.h"
 #include "observe/reflection_service.h"
 #include "pipeline/stages/backend.h"
-#include "service_state.h"
+#include "state/service_state.h"
 #include "voxelization_service.h"
 
 namespace voxelpipe {

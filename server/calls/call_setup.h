@@ -11,8 +11,8 @@
 #include "base/job_context.h"
 #include "calls/call_record.h"
 #include "job/request.h"
-#include "service_state.h"
-#include "work/byte_budget.h"
+#include "schedule/byte_budget.h"
+#include "state/service_state.h"
 
 namespace voxelpipe {
 

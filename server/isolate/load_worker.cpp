@@ -21,7 +21,7 @@
 #include "isolate/mesh_fields.h"
 #include "isolate/sandbox.h"
 #include "load/decode/image.h"
-#include "work/load_mesh.h"
+#include "loading/load_mesh.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,4 +1,4 @@
-#include "work/job.h"
+#include "jobs/job.h"
 
 #include <algorithm>
 #include <exception>
@@ -7,9 +7,9 @@
 
 #include "absl/strings/str_cat.h"
 #include "isolate/loading.h"
+#include "loading/load_mesh.h"
+#include "loading/mesh_bytes.h"
 #include "pipeline/estimate.h"
-#include "work/load_mesh.h"
-#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,4 +1,4 @@
-#include "meshes/prepare_kept.h"
+#include "jobs/prepare_kept.h"
 
 #include <chrono>
 #include <cmath>
@@ -8,9 +8,9 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "loading/mesh_bytes.h"
 #include "mesh/report.h"
 #include "shaders/catalog.h"
-#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {

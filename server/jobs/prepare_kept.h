@@ -7,9 +7,9 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
+#include "jobs/job.h"
 #include "meshes/mesh_store.h"
 #include "wire/request.h"
-#include "work/job.h"
 
 namespace voxelpipe {
 

@@ -8,7 +8,7 @@
 
 #include "base/job_context.h"
 #include "base/memory_budget.h"
-#include "work/byte_budget.h"
+#include "schedule/byte_budget.h"
 
 namespace voxelpipe {
 

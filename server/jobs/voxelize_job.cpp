@@ -1,13 +1,13 @@
-#include "work/voxelize_job.h"
+#include "jobs/voxelize_job.h"
 
 #include <algorithm>
 #include <new>
 #include <utility>
 
-#include "meshes/prepare_kept.h"
+#include "jobs/prepare_kept.h"
+#include "loading/mesh_bytes.h"
+#include "schedule/cost.h"
 #include "shaders/catalog.h"
-#include "work/cost.h"
-#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {

@@ -9,13 +9,13 @@
 
 #include "absl/status/statusor.h"
 #include "job/result.h"
+#include "jobs/job.h"
+#include "jobs/resumed_sink.h"
 #include "load/costly_parts.h"
 #include "meshes/mesh_store.h"
 #include "pipeline/voxelize.h"
+#include "schedule/task.h"
 #include "wire/request.h"
-#include "work/job.h"
-#include "work/resumed_sink.h"
-#include "work/task.h"
 
 namespace voxelpipe {
 

@@ -1,4 +1,4 @@
-#include "work/load_mesh.h"
+#include "loading/load_mesh.h"
 
 #include <algorithm>
 #include <chrono>
@@ -7,9 +7,9 @@
 
 #include "load/decode/image.h"
 #include "load/load_job.h"
+#include "loading/mesh_bytes.h"
 #include "mesh/flatten_job.h"
 #include "wire/status.h"
-#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,4 +1,4 @@
-#include "work/mesh_bytes.h"
+#include "loading/mesh_bytes.h"
 
 #include <memory>
 #include <set>

@@ -8,8 +8,8 @@
 #include "absl/strings/str_cat.h"
 #include "isolate/loading.h"
 #include "load/decode/image.h"
+#include "loading/mesh_bytes.h"
 #include "pipeline/warnings.h"
-#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,4 +1,4 @@
-#include "option_sources.h"
+#include "options/option_sources.h"
 
 #include <algorithm>
 #include <cstdlib>

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "job/request.h"
-#include "option_sources.h"
+#include "options/option_sources.h"
 
 namespace voxelpipe {
 

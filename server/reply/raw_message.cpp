@@ -1,4 +1,4 @@
-#include "calls/raw_message.h"
+#include "reply/raw_message.h"
 
 #include <cstdint>
 

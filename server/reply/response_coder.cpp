@@ -1,6 +1,6 @@
 // The wire format by hand: a field is its key (number and type) as a varint, then its value; submessages and bytes carry their length
 // first; fields may come in any order.
-#include "calls/response_coder.h"
+#include "reply/response_coder.h"
 
 #include <iterator>
 #include <utility>

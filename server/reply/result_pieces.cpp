@@ -1,4 +1,4 @@
-#include "calls/result_pieces.h"
+#include "reply/result_pieces.h"
 
 #include <algorithm>
 #include <cstddef>

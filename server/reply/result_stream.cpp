@@ -1,4 +1,4 @@
-#include "calls/result_stream.h"
+#include "reply/result_stream.h"
 
 #include <algorithm>
 #include <utility>

@@ -7,8 +7,8 @@
 
 #include <grpcpp/support/byte_buffer.h>
 
-#include "calls/result_pieces.h"
-#include "work/job.h"
+#include "jobs/job.h"
+#include "reply/result_pieces.h"
 
 namespace voxelpipe {
 

@@ -1,4 +1,4 @@
-#include "calls/zstd_piece.h"
+#include "reply/zstd_piece.h"
 
 #include <zstd.h>
 

@@ -1,4 +1,4 @@
-#include "meshes/result_cache.h"
+#include "results/result_cache.h"
 
 #include "job/result.h"
 

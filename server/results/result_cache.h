@@ -5,9 +5,9 @@
 #include <memory>
 #include <string>
 
+#include "jobs/job.h"
 #include "meshes/byte_lru.h"
 #include "pipeline/plan/plan.h"
-#include "work/job.h"
 
 namespace voxelpipe {
 

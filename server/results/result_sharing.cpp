@@ -1,4 +1,4 @@
-#include "calls/result_sharing.h"
+#include "results/result_sharing.h"
 
 #include <algorithm>
 #include <utility>
@@ -7,12 +7,13 @@
 #include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 
 #include "absl/strings/str_cat.h"
-#include "calls/job_setup.h"
 #include "job/result.h"
+#include "jobs/job_counts.h"
+#include "jobs/job_memory.h"
+#include "jobs/request_memory.h"
+#include "results/result_sums.h"
+#include "results/sha256.h"
 #include "wire/request.h"
-#include "work/request_memory.h"
-#include "work/result_sums.h"
-#include "work/sha256.h"
 
 namespace voxelpipe {
 namespace {

@@ -11,12 +11,12 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "meshes/result_cache.h"
-#include "meshes/single_flight.h"
+#include "jobs/voxelize_job.h"
 #include "observe/metrics.h"
-#include "work/byte_budget.h"
-#include "work/scheduler.h"
-#include "work/voxelize_job.h"
+#include "results/result_cache.h"
+#include "results/single_flight.h"
+#include "schedule/byte_budget.h"
+#include "schedule/scheduler.h"
 
 namespace voxelpipe {
 

@@ -1,4 +1,4 @@
-#include "work/result_sums.h"
+#include "results/result_sums.h"
 
 #include <algorithm>
 

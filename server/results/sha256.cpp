@@ -1,4 +1,4 @@
-#include "work/sha256.h"
+#include "results/sha256.h"
 
 #include <openssl/evp.h>
 

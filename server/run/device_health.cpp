@@ -1,4 +1,4 @@
-#include "work/device_health.h"
+#include "run/device_health.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "work/device_run.h"
+#include "run/device_run.h"
 
 #include <algorithm>
 #include <exception>
@@ -9,7 +9,7 @@
 #include "base/device_failure.h"
 #include "base/machine.h"
 #include "base/threads.h"
-#include "work/answer_burst.h"
+#include "run/answer_burst.h"
 
 namespace voxelpipe {
 namespace {

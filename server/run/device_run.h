@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "jobs/voxelize_job.h"
 #include "pipeline/batch.h"
 #include "pipeline/stages/stages.h"
-#include "work/voxelize_job.h"
 
 namespace voxelpipe {
 

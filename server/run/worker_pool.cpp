@@ -1,4 +1,4 @@
-#include "work/worker_pool.h"
+#include "run/worker_pool.h"
 
 #include <algorithm>
 #include <atomic>
@@ -15,8 +15,8 @@
 #include "base/threads.h"
 #include "observe/metrics.h"
 #include "pipeline/stages/backend.h"
+#include "run/worker_pool_state.h"
 #include "wire/status.h"
-#include "work/worker_pool_state.h"
 
 namespace voxelpipe {
 namespace {

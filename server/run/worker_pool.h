@@ -15,9 +15,9 @@
 
 #include "absl/status/status.h"
 #include "pipeline/stages/stages.h"
-#include "work/device_health.h"
-#include "work/device_run.h"
-#include "work/scheduler.h"
+#include "run/device_health.h"
+#include "run/device_run.h"
+#include "schedule/scheduler.h"
 
 namespace voxelpipe {
 
@@ -48,8 +48,8 @@ struct DeviceReport {
   std::string reason;  // why it does not
 };
 
-// Takes tasks from a scheduler until it is stopped. A job whose device fails is run again elsewhere (work/device_choice.h says where); a
-// device that fails is quarantined (work/device_health.h) and probed by its own workers, which have nothing else to do then. A device that
+// Takes tasks from a scheduler until it is stopped. A job whose device fails is run again elsewhere (schedule/device_choice.h says where); a
+// device that fails is quarantined (run/device_health.h) and probed by its own workers, which have nothing else to do then. A device that
 // never answers keeps its thread: that is left behind, its jobs and its place go to others. A thread left behind touches nothing of the pool
 // any more; it ends by itself if the device ever answers, and otherwise with the process (ThreadsLeftBehind).
 class WorkerPool {

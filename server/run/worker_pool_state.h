@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "observe/metrics.h"
-#include "work/worker_pool.h"
+#include "run/worker_pool.h"
 
 namespace voxelpipe {
 

@@ -6,8 +6,8 @@
 
 #include "base/device_failure.h"
 #include "observe/metrics.h"
-#include "work/worker_pool.h"
-#include "work/worker_pool_state.h"
+#include "run/worker_pool.h"
+#include "run/worker_pool_state.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,4 +1,4 @@
-#include "work/admission.h"
+#include "schedule/admission.h"
 
 #include <algorithm>
 #include <chrono>

@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "absl/status/status.h"
-#include "work/task.h"
+#include "schedule/task.h"
 
 namespace voxelpipe {
 

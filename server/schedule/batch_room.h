@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "work/task.h"
+#include "schedule/task.h"
 
 namespace voxelpipe {
 

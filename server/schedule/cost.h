@@ -8,7 +8,7 @@
 #include "grid/grid_spec.h"
 #include "job/request.h"
 #include "load/loader.h"
-#include "work/task.h"
+#include "schedule/task.h"
 
 namespace voxelpipe {
 

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "job/request.h"
-#include "work/task.h"
+#include "schedule/task.h"
 
 namespace voxelpipe {
 

@@ -1,4 +1,4 @@
-#include "work/fair_queue.h"
+#include "schedule/fair_queue.h"
 
 #include <algorithm>
 #include <utility>

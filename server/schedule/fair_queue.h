@@ -18,7 +18,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "work/task.h"
+#include "schedule/task.h"
 
 namespace voxelpipe {
 

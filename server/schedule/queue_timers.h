@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "work/task.h"
+#include "schedule/task.h"
 
 namespace voxelpipe {
 

@@ -1,11 +1,11 @@
-#include "work/scheduler.h"
+#include "schedule/scheduler.h"
 
 #include <algorithm>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "observe/metrics.h"
-#include "work/scheduler_lanes.h"
+#include "schedule/scheduler_lanes.h"
 
 namespace voxelpipe {
 namespace {

@@ -22,12 +22,12 @@
 
 #include "absl/status/status.h"
 #include "job/request.h"
-#include "work/admission.h"
-#include "work/cost.h"
-#include "work/device_choice.h"
-#include "work/fair_queue.h"
-#include "work/queue_timers.h"
-#include "work/task.h"
+#include "schedule/admission.h"
+#include "schedule/cost.h"
+#include "schedule/device_choice.h"
+#include "schedule/fair_queue.h"
+#include "schedule/queue_timers.h"
+#include "schedule/task.h"
 
 namespace voxelpipe {
 

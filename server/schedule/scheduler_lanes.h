@@ -4,8 +4,8 @@
 #include <cstddef>
 
 #include "job/request.h"
-#include "work/cost.h"
-#include "work/fair_queue.h"
+#include "schedule/cost.h"
+#include "schedule/fair_queue.h"
 
 namespace voxelpipe {
 

@@ -5,9 +5,9 @@
 #include <utility>
 
 #include "observe/metrics.h"
-#include "work/batch_room.h"
-#include "work/scheduler.h"
-#include "work/scheduler_lanes.h"
+#include "schedule/batch_room.h"
+#include "schedule/scheduler.h"
+#include "schedule/scheduler_lanes.h"
 
 namespace voxelpipe {
 namespace {

@@ -3,7 +3,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "observe/metrics.h"
-#include "work/scheduler.h"
+#include "schedule/scheduler.h"
 
 namespace voxelpipe {
 namespace {

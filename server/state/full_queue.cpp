@@ -1,10 +1,10 @@
-#include "calls/full_queue.h"
+#include "state/full_queue.h"
 
 #include <utility>
 
 #include "observe/metrics.h"
+#include "schedule/scheduler.h"
 #include "wire/status.h"
-#include "work/scheduler.h"
 
 namespace voxelpipe {
 namespace {

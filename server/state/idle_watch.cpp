@@ -1,4 +1,4 @@
-#include "calls/idle_watch.h"
+#include "state/idle_watch.h"
 
 #include <utility>
 #include <vector>

@@ -1,4 +1,4 @@
-#include "service_state.h"
+#include "state/service_state.h"
 
 #include <algorithm>
 

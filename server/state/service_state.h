@@ -8,19 +8,19 @@
 #include <utility>
 
 #include "access/access_control.h"
-#include "calls/call_gate.h"
-#include "calls/full_queue.h"
-#include "calls/idle_watch.h"
-#include "calls/result_sharing.h"
 #include "isolate/load_workers.h"
+#include "jobs/job.h"
 #include "meshes/mesh_store.h"
-#include "meshes/single_flight.h"
 #include "observe/metrics.h"
-#include "options.h"
-#include "work/byte_budget.h"
-#include "work/job.h"
-#include "work/scheduler.h"
-#include "work/worker_pool.h"
+#include "options/options.h"
+#include "results/result_sharing.h"
+#include "results/single_flight.h"
+#include "run/worker_pool.h"
+#include "schedule/byte_budget.h"
+#include "schedule/scheduler.h"
+#include "state/call_gate.h"
+#include "state/full_queue.h"
+#include "state/idle_watch.h"
 
 namespace voxelpipe {
 

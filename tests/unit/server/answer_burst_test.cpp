@@ -1,4 +1,4 @@
-#include "work/answer_burst.h"
+#include "run/answer_burst.h"
 
 #include <string>
 #include <thread>

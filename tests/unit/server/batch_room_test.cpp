@@ -1,4 +1,4 @@
-#include "work/batch_room.h"
+#include "schedule/batch_room.h"
 
 #include "gtest/gtest.h"
 

@@ -1,4 +1,4 @@
-#include "work/byte_budget.h"
+#include "schedule/byte_budget.h"
 
 #include <atomic>
 #include <memory>
@@ -6,7 +6,7 @@
 
 #include "base/limit_error.h"
 #include "gtest/gtest.h"
-#include "work/request_memory.h"
+#include "jobs/request_memory.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,4 +1,4 @@
-#include "work/cost.h"
+#include "schedule/cost.h"
 
 #include "gtest/gtest.h"
 

@@ -1,4 +1,4 @@
-#include "work/device_choice.h"
+#include "schedule/device_choice.h"
 
 #include <algorithm>
 #include <utility>

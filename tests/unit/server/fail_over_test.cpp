@@ -14,10 +14,10 @@
 #include "cpu/backend.h"
 #include "gtest/gtest.h"
 #include "observe/metrics.h"
+#include "run/worker_pool.h"
 #include "support/faulty_backend.h"
 #include "support/meshes.h"
 #include "wire/status.h"
-#include "work/worker_pool.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,10 +1,10 @@
-#include "calls/full_queue.h"
+#include "state/full_queue.h"
 
 #include "gtest/gtest.h"
 #include "observe/metrics.h"
+#include "schedule/scheduler.h"
 #include "waiting_task.h"
 #include "wire/status.h"
-#include "work/scheduler.h"
 
 namespace voxelpipe {
 namespace {

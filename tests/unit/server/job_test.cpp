@@ -1,4 +1,4 @@
-#include "work/job.h"
+#include "jobs/job.h"
 
 #include <cstring>
 #include <set>
@@ -7,8 +7,8 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
+#include "loading/mesh_bytes.h"
 #include "pipeline/stages/backend.h"
-#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {

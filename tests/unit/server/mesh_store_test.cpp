@@ -7,11 +7,11 @@
 
 #include "base/limit_error.h"
 #include "gtest/gtest.h"
+#include "jobs/prepare_kept.h"
+#include "jobs/request_memory.h"
 #include "mesh/content_id.h"
-#include "meshes/prepare_kept.h"
 #include "support/warnings.h"
 #include "wire/status.h"
-#include "work/request_memory.h"
 
 namespace voxelpipe {
 namespace {

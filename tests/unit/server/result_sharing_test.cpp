@@ -1,4 +1,4 @@
-#include "calls/result_sharing.h"
+#include "results/result_sharing.h"
 
 #include <algorithm>
 #include <memory>
@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "gtest/gtest.h"
-#include "work/result_sums.h"
+#include "results/result_sums.h"
 
 namespace voxelpipe {
 namespace {

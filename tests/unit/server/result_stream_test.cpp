@@ -1,4 +1,4 @@
-#include "calls/result_stream.h"
+#include "reply/result_stream.h"
 
 #include <zstd.h>
 
@@ -9,7 +9,7 @@
 
 #include "base/crc32c.h"
 #include "gtest/gtest.h"
-#include "service_state.h"
+#include "state/service_state.h"
 
 namespace voxelpipe {
 namespace {

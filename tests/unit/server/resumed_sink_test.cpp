@@ -1,4 +1,4 @@
-#include "work/resumed_sink.h"
+#include "jobs/resumed_sink.h"
 
 #include <string>
 #include <vector>

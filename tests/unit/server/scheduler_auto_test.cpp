@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "gtest/gtest.h"
+#include "schedule/scheduler.h"
 #include "scheduler_fixture.h"
 #include "waiting_task.h"
-#include "work/scheduler.h"
 
 namespace voxelpipe {
 namespace {

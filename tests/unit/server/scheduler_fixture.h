@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "gtest/gtest.h"
+#include "schedule/scheduler.h"
 #include "waiting_task.h"
-#include "work/scheduler.h"
 
 namespace voxelpipe::testing {
 

@@ -1,5 +1,5 @@
 // Which tasks loaders take, and what keeps them from it.
-#include "work/scheduler.h"
+#include "schedule/scheduler.h"
 
 #include <memory>
 #include <string>

@@ -1,4 +1,4 @@
-#include "work/scheduler.h"
+#include "schedule/scheduler.h"
 
 #include <atomic>
 #include <chrono>

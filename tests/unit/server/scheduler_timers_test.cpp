@@ -5,9 +5,9 @@
 #include <string>
 
 #include "gtest/gtest.h"
+#include "schedule/scheduler.h"
 #include "scheduler_fixture.h"
 #include "waiting_task.h"
-#include "work/scheduler.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,4 +1,4 @@
-#include "meshes/single_flight.h"
+#include "results/single_flight.h"
 
 #include <atomic>
 #include <latch>

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "work/task.h"
+#include "schedule/task.h"
 
 namespace voxelpipe::testing {
 

@@ -1,4 +1,4 @@
-#include "work/worker_pool.h"
+#include "run/worker_pool.h"
 
 #include <atomic>
 #include <functional>

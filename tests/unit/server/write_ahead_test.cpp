@@ -1,4 +1,4 @@
-#include "calls/write_ahead.h"
+#include "reply/write_ahead.h"
 
 #include "gtest/gtest.h"
 
