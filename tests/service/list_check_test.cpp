@@ -1,5 +1,5 @@
 // Lists that do not agree with each other are not believed.
-#include "list_check.h"
+#include "reply/list_check.h"
 
 #include <cstring>
 #include <utility>

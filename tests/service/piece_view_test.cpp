@@ -1,5 +1,5 @@
 // Pieces read by hand are what protobuf reads.
-#include "piece_view.h"
+#include "reply/piece_view.h"
 
 #include <random>
 #include <string>

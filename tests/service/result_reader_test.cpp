@@ -10,7 +10,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "job/memory_sink.h"
-#include "piece_view.h"
+#include "reply/piece_view.h"
 #include "wire/response.h"
 
 namespace voxelpipe {

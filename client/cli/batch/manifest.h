@@ -10,7 +10,7 @@
 
 #include "absl/status/statusor.h"
 #include "job/request.h"
-#include "request_options.h"
+#include "options/request_options.h"
 
 namespace voxelpipe::cli {
 

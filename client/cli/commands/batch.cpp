@@ -2,19 +2,19 @@
 #include <filesystem>
 
 #include "absl/strings/str_cat.h"
-#include "base/text.h"
 #include "base/machine.h"
+#include "base/text.h"
 #include "batch/batch_report.h"
 #include "batch/batch_run.h"
 #include "batch/leftovers.h"
 #include "batch/manifest.h"
 #include "commands/commands.h"
+#include "commands/progress_bar.h"
 #include "encode/atomic_file.h"
-#include "interrupt.h"
-#include "progress_bar.h"
-#include "report.h"
-#include "request_flags.h"
-#include "server_option.h"
+#include "engine/interrupt.h"
+#include "engine/report.h"
+#include "engine/server_option.h"
+#include "options/request_flags.h"
 
 namespace voxelpipe::cli {
 namespace {

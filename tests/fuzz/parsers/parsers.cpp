@@ -12,7 +12,7 @@
 #include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
-#include "parse.h"
+#include "options/parse.h"
 
 namespace voxelpipe::fuzz {
 namespace {

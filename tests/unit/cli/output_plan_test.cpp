@@ -1,4 +1,4 @@
-#include "output_plan.h"
+#include "options/output_plan.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

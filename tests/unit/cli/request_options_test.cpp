@@ -1,4 +1,4 @@
-#include "request_options.h"
+#include "options/request_options.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -77,7 +77,8 @@ TEST(BuildRequest, NamesTheOptionAtFault) {
   EXPECT_THAT(Error({.fit = "loose"}), HasSubstr("--fit: unknown choice 'loose'; known are tight, cube"));
   EXPECT_THAT(Error({.padding = -1}), HasSubstr("--padding"));
   EXPECT_THAT(Error({.coverage = "fat"}), HasSubstr("--coverage: unknown choice 'fat'"));
-  EXPECT_THAT(Error({.fill = "mud"}), HasSubstr("--fill: unknown choice 'mud'; known are none, parity, nonzero, flood"));
+  EXPECT_THAT(Error({.fill = "mud"}),
+              HasSubstr("--fill: unknown choice 'mud'; known are none, parity, nonzero, flood"));
   EXPECT_THAT(Error({.result = "octree"}),
               HasSubstr("--result: unknown choice 'octree'; known are dense, sparse, buckets"));
   EXPECT_THAT(Error({.simd = "mmx"}), HasSubstr("--simd: unknown choice 'mmx'; known are auto, avx512, avx2, scalar"));

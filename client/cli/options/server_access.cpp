@@ -1,4 +1,4 @@
-#include "server_access.h"
+#include "options/server_access.h"
 
 #include <cstdlib>
 #include <sstream>

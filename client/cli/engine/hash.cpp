@@ -1,4 +1,4 @@
-#include "hash.h"
+#include "engine/hash.h"
 
 #include <openssl/evp.h>
 

@@ -6,7 +6,7 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
-#include "engine.h"
+#include "engine/engine.h"
 #include "mesh/scene/scene.h"
 #include "mesh/triangle_mesh.h"
 

@@ -1,7 +1,7 @@
 #include <utility>
 
-#include "clock.h"
-#include "engine.h"
+#include "engine/clock.h"
+#include "engine/engine.h"
 
 namespace voxelpipe::cli {
 

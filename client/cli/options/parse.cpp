@@ -1,4 +1,4 @@
-#include "parse.h"
+#include "options/parse.h"
 
 #include <algorithm>
 #include <charconv>

@@ -1,13 +1,13 @@
 // The core in this process.
 #include <algorithm>
 
-#include "clock.h"
-#include "engine.h"
+#include "engine/clock.h"
+#include "engine/engine.h"
+#include "engine/mesh_file.h"
 #include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
 #include "mesh/report.h"
-#include "mesh_file.h"
 
 namespace voxelpipe::cli {
 

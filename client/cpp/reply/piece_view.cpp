@@ -1,4 +1,4 @@
-#include "piece_view.h"
+#include "reply/piece_view.h"
 
 #include <algorithm>
 

@@ -1,6 +1,4 @@
-#include "server_option.h"
-
-#include "bench/load.h"
+#include "engine/server_option.h"
 
 namespace voxelpipe::cli {
 
@@ -37,10 +35,6 @@ std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status&) {
 
 bool CouldNotConnect(const absl::Status&) {
   return false;
-}
-
-absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan) {
-  return CheckServerOption(plan.servers.front());
 }
 
 #endif

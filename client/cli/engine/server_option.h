@@ -11,7 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
-#include "engine.h"
+#include "engine/engine.h"
 #include "mesh/contents.h"
 #include "mesh/report.h"
 

@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/status/status.h"
-#include "engine.h"
+#include "engine/engine.h"
 #include "job/stats.h"
 
 namespace voxelpipe::cli {

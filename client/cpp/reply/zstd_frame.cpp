@@ -1,4 +1,4 @@
-#include "zstd_frame.h"
+#include "reply/zstd_frame.h"
 
 #include <zstd.h>
 

@@ -1,4 +1,4 @@
-#include "list_check.h"
+#include "reply/list_check.h"
 
 #include <array>
 #include <cstring>

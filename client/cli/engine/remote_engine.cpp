@@ -6,11 +6,11 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client.h"
+#include "engine/report.h"
+#include "engine/server_option.h"
 #include "inspect.h"
 #include "load/pack.h"
-#include "report.h"
-#include "server_access.h"
-#include "server_option.h"
+#include "options/server_access.h"
 #include "wire/status.h"
 
 namespace voxelpipe::cli {

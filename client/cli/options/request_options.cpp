@@ -1,11 +1,11 @@
-#include "request_options.h"
+#include "options/request_options.h"
 
 #include <array>
 #include <string_view>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "parse.h"
+#include "options/parse.h"
 #include "pipeline/plan/plan.h"
 
 namespace voxelpipe::cli {

@@ -1,4 +1,4 @@
-#include "interrupt.h"
+#include "engine/interrupt.h"
 
 #include <time.h>
 #include <unistd.h>

@@ -1,4 +1,4 @@
-#include "request_flags.h"
+#include "options/request_flags.h"
 
 #include <vector>
 

@@ -1,11 +1,11 @@
-#include "run_to_files.h"
+#include "engine/run_to_files.h"
 
 #include <filesystem>
 
-#include "clock.h"
 #include "encode/encode.h"
 #include "encode/result_file.h"
-#include "hash.h"
+#include "engine/clock.h"
+#include "engine/hash.h"
 #include "pipeline/warnings.h"
 
 namespace voxelpipe::cli {

@@ -4,7 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <string>
 
-#include "request_options.h"
+#include "options/request_options.h"
 
 namespace voxelpipe::cli {
 

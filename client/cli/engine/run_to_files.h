@@ -2,9 +2,9 @@
 #pragma once
 
 #include "absl/status/statusor.h"
-#include "engine.h"
-#include "output_plan.h"
-#include "report.h"
+#include "engine/engine.h"
+#include "engine/report.h"
+#include "options/output_plan.h"
 
 namespace voxelpipe::cli {
 
