@@ -4,7 +4,7 @@
 #include "load/loader.h"
 #include "mesh/flatten.h"
 #include "shaders/catalog.h"
-#include "support/glb_builder.h"
+#include "support/meshes/glb_builder.h"
 #include "support/run.h"
 
 namespace voxelpipe {

@@ -14,7 +14,7 @@
 #include "base/device_failure.h"
 #include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 
 namespace voxelpipe::gpu {
 namespace {

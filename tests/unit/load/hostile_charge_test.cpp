@@ -13,7 +13,7 @@
 #include "mesh/scene/pose.h"
 #include "pipeline/voxelize.h"
 #include "support/counting_memory.h"
-#include "support/hostile_meshes.h"
+#include "support/meshes/hostile_meshes.h"
 
 namespace voxelpipe {
 namespace {

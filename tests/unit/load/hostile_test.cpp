@@ -11,7 +11,7 @@
 #include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
-#include "support/hostile_meshes.h"
+#include "support/meshes/hostile_meshes.h"
 #include "support/slowdown.h"
 
 namespace voxelpipe {

@@ -6,7 +6,7 @@
 #include "load/gltf/document/gltf_buffers.h"
 #include "load/gltf/document/gltf_document.h"
 #include "load/gltf/geometry/gltf_accessor.h"
-#include "support/glb_builder.h"
+#include "support/meshes/glb_builder.h"
 
 namespace voxelpipe {
 namespace {

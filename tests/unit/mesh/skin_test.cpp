@@ -6,7 +6,7 @@
 #include "load/loader.h"
 #include "mesh/flatten.h"
 #include "mesh/scene/pose.h"
-#include "support/glb_builder.h"
+#include "support/meshes/glb_builder.h"
 #include "support/run.h"
 
 namespace voxelpipe {

@@ -2,7 +2,7 @@
 
 #include "gtest/gtest.h"
 #include "pipeline/stages/backend.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

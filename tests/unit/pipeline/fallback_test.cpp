@@ -9,7 +9,7 @@
 #include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
 #include "support/faulty_backend.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe::testing {

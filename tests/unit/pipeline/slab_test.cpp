@@ -7,7 +7,7 @@
 #include "base/device_failure.h"
 #include "gtest/gtest.h"
 #include "pipeline/stages/backend.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

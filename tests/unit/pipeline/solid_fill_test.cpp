@@ -5,7 +5,7 @@
 #include "cpu/rows/row_kernels.h"
 #include "gtest/gtest.h"
 #include "raster/crossing.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

@@ -6,7 +6,7 @@
 
 #include "cpu/rows/row_kernels.h"
 #include "gtest/gtest.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 
 namespace voxelpipe::cpu {
 namespace {

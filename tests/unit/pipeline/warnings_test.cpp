@@ -7,7 +7,7 @@
 #include "pipeline/batch.h"
 #include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 #include "support/warnings.h"
 

@@ -4,7 +4,7 @@
 #include "gtest/gtest.h"
 #include "load/decode/image.h"
 #include "mesh/views/material_views.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 #include "support/shading.h"
 

@@ -9,7 +9,7 @@
 #include "gtest/gtest.h"
 #include "isolate/sandbox.h"
 #include "loading/mesh_bytes.h"
-#include "support/compressed_meshes.h"
+#include "support/meshes/compressed_meshes.h"
 
 namespace voxelpipe {
 namespace {
