@@ -1,4 +1,4 @@
-// Sources: the Minkowski sum of a triangle and a box (pipeline/plan/surface.cpp) for what a triangle touches on average,
+// Sources: the Minkowski sum of a triangle and a box (surface.cpp) for what a triangle touches on average,
 // raster/clipped_triangle.h for its part in the grid. What no average knows - vertices on voxel corners, faces on the
 // lattice's planes, thin coverage, surfaces that lie in each other - is counted exactly in samples.
 #include "cpu/measure/measure.h"

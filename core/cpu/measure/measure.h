@@ -11,7 +11,7 @@
 namespace voxelpipe::cpu {
 
 // In: a mesh with finite positions, whose triangles lie in world space; the grid. Out: the estimate of
-// pipeline/plan/surface.h, each triangle clipped to the grid. What triangles touch on average over all placements in the
+// surface.h, each triangle clipped to the grid. What triangles touch on average over all placements in the
 // lattice is corrected by an exact count of some triangles, and of some bricks, so that surfaces which lie in each
 // other, in one voxel or on the lattice's own planes are seen as what they are. The same for any number of threads, but
 // where thousands of triangles touch one of those bricks. Errors: the job's.

@@ -11,7 +11,7 @@
 namespace voxelpipe {
 
 // In: 8-bit RGBA rows from the top, width * height texels; whether their colours are sRGB. Out: levels 1 to the single
-// texel, one after the other as mesh/views/mips.h says, linear RGBA; nothing for a single texel. A box filter: each texel
+// texel, one after the other as mips.h says, linear RGBA; nothing for a single texel. A box filter: each texel
 // is the mean of the area that it covers, alpha not weighted in; odd edges take three texels by their shares, so that
 // every level has the image's mean. Summed in double in a fixed order, rounded to float a level.
 // The job's error once it is over. Who calls has taken the bytes of the job's memory. May throw bad_alloc.

@@ -13,7 +13,7 @@ struct MaterialViews {
   std::vector<TextureView> textures;    // two for each of the mesh: as linear values, as sRGB colours
 };
 
-// In: a mesh; images that are not decoded (load/decode/image.h: PrepareTextures) count as absent. Out: views that point into
+// In: a mesh; images that are not decoded (image.h: PrepareTextures) count as absent. Out: views that point into
 // its images.
 MaterialViews MakeMaterialViews(const TriangleMesh& mesh);
 
