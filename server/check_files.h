@@ -3,7 +3,7 @@
 
 #include "absl/status/status.h"
 #include "access/tls.h"
-#include "options.h"
+#include "options/options.h"
 
 namespace voxelpipe {
 

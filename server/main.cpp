@@ -19,10 +19,10 @@
 #include "check_files.h"
 #include "isolate/load_worker.h"
 #include "observe/log.h"
-#include "options.h"
+#include "options/options.h"
 #include "probe.h"
+#include "run/worker_pool.h"
 #include "server.h"
-#include "work/worker_pool.h"
 
 namespace voxelpipe {
 namespace {

@@ -17,14 +17,14 @@
 #include "base/threads.h"
 #include "check_files.h"
 #include "io_threads.h"
-#include "load/foreign_decoders.h"
+#include "load/decode/foreign_decoders.h"
 #include "observe/health_service.h"
 #include "observe/http_endpoint.h"
 #include "observe/idle_memory.h"
 #include "observe/log.h"
 #include "observe/reflection_service.h"
-#include "pipeline/backend.h"
-#include "service_state.h"
+#include "pipeline/stages/backend.h"
+#include "state/service_state.h"
 #include "voxelization_service.h"
 
 namespace voxelpipe {

@@ -10,7 +10,7 @@
 #include "absl/status/statusor.h"
 #include "base/machine.h"
 #include "observe/metrics.h"
-#include "options.h"
+#include "options/options.h"
 
 namespace grpc {
 class Server;

@@ -1,19 +1,19 @@
 #include "voxelization_service.h"
 
 #include "base/machine.h"
+#include "base/text.h"
 #include "calls/call_record.h"
 #include "calls/estimate_call.h"
 #include "calls/many_call.h"
 #include "calls/mesh_calls.h"
-#include "calls/raw_message.h"
 #include "calls/refused_call.h"
 #include "calls/voxelize_call.h"
 #include "calls/whole_call.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
+#include "reply/raw_message.h"
 #include "shaders/catalog.h"
 #include "wire/response.h"
 #include "wire/status.h"
-#include "base/text.h"
 
 namespace voxelpipe {
 

@@ -4,7 +4,7 @@
 #include <grpcpp/grpcpp.h>
 
 #include "calls/call_record.h"
-#include "service_state.h"
+#include "state/service_state.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 
 namespace voxelpipe {

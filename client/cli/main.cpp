@@ -7,9 +7,9 @@
 #include "absl/synchronization/mutex.h"
 #include "base/threads.h"
 #include "commands/commands.h"
-#include "interrupt.h"
-#include "report.h"
-#include "server_access.h"
+#include "engine/interrupt.h"
+#include "engine/report.h"
+#include "options/server_access.h"
 
 namespace {
 

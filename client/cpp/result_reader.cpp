@@ -8,9 +8,9 @@
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
-#include "piece_view.h"
+#include "reply/piece_view.h"
+#include "reply/zstd_frame.h"
 #include "wire/response.h"
-#include "zstd_frame.h"
 
 namespace voxelpipe {
 namespace {

@@ -14,9 +14,9 @@
 
 #include "base/crc32c.h"
 #include "call_watch.h"
-#include "list_check.h"
-#include "piece_view.h"
-#include "pipeline/memory_sink.h"
+#include "job/memory_sink.h"
+#include "reply/list_check.h"
+#include "reply/piece_view.h"
 #include "result_reader.h"
 #include "upload_pieces.h"
 #include "wire/request.h"

@@ -17,7 +17,7 @@ class JobContext {
  public:
   using Clock = std::chrono::steady_clock;
   // Called from whichever thread runs the stage, at most a few times a stage, never concurrently.
-  // `stage` is one of the stage names of pipeline/stats.h, `fraction` is in [0, 1] within that stage.
+  // `stage` is one of the stage names of job/stats.h, `fraction` is in [0, 1] within that stage.
   using Progress = std::function<void(std::string_view stage, double fraction)>;
 
   JobContext() = default;

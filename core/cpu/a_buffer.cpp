@@ -5,13 +5,13 @@
 #include <cstring>
 #include <span>
 
-#include "cpu/element_store.h"
-#include "cpu/parallel.h"
+#include "cpu/base/element_store.h"
+#include "cpu/base/parallel.h"
 #include "cpu/tile_runs.h"
-#include "pipeline/list_memory.h"
+#include "pipeline/plan/list_memory.h"
 #include "raster/spans.h"
 #include "shaders/blend_ops.h"
-#include "shaders/fragment_input.h"
+#include "shaders/interface/fragment_input.h"
 
 namespace voxelpipe::cpu {
 namespace {

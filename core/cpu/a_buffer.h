@@ -40,7 +40,7 @@ struct ABuffer {
   ResultArrays arrays;                 // Resolve
 };
 
-// The stages; see pipeline/stages.h. A fragment is dropped where the shaders of all targets discard it; where only some do, their
+// The stages; see pipeline/stages/stages.h. A fragment is dropped where the shaders of all targets discard it; where only some do, their
 // targets hold their clear value.
 absl::Status EmitFragments(RunState& state);
 absl::Status SortFragments(RunState& state);

@@ -7,8 +7,8 @@
 
 #include "base/threads.h"
 #include "cpu/a_buffer.h"
-#include "cpu/measure.h"
-#include "cpu/parallel.h"
+#include "cpu/base/parallel.h"
+#include "cpu/measure/measure.h"
 #include "cpu/run_state.h"
 
 namespace voxelpipe::cpu {

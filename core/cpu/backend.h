@@ -1,7 +1,7 @@
 // The CPU backend: the pipeline's stages on oneTBB.
 #pragma once
 
-#include "pipeline/stages.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe::cpu {
 

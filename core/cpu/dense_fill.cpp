@@ -2,7 +2,7 @@
 
 #include <bit>
 
-#include "cpu/stream.h"
+#include "cpu/base/stream.h"
 
 namespace voxelpipe::cpu {
 namespace {

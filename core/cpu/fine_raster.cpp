@@ -6,16 +6,16 @@
 #include <cstring>
 #include <span>
 
+#include "cpu/base/parallel.h"
+#include "cpu/base/stream.h"
 #include "cpu/dense_fill.h"
-#include "cpu/parallel.h"
+#include "cpu/rows/tile_spans.h"
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
-#include "cpu/stream.h"
 #include "cpu/tile_buffer.h"
 #include "cpu/tile_runs.h"
-#include "cpu/tile_spans.h"
-#include "pipeline/list_memory.h"
-#include "shaders/fragment_input.h"
+#include "pipeline/plan/list_memory.h"
+#include "shaders/interface/fragment_input.h"
 
 namespace voxelpipe::cpu {
 namespace {

@@ -8,7 +8,7 @@
 #include <bit>
 #include <vector>
 
-#include "cpu/parallel.h"
+#include "cpu/base/parallel.h"
 #include "grid/word_spread.h"
 #include "raster/spans.h"
 

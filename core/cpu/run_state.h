@@ -8,16 +8,16 @@
 #include <optional>
 #include <vector>
 
-#include "cpu/pair_blocks.h"
-#include "cpu/row_bits.h"
-#include "cpu/stream.h"
-#include "cpu/tile_values.h"
+#include "cpu/base/pair_blocks.h"
+#include "cpu/base/stream.h"
+#include "cpu/base/tile_values.h"
+#include "cpu/rows/row_bits.h"
 #include "grid/bit_grid.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/stages.h"
+#include "mesh/views/mesh_view.h"
+#include "pipeline/stages/stages.h"
 #include "raster/tiles.h"
 #include "shaders/fill_value.h"
-#include "shaders/mesh_view.h"
 #include "shaders/shader_list.h"
 
 namespace voxelpipe::cpu {
@@ -79,12 +79,12 @@ struct RunState {
   const RowKernels* kernels = nullptr;
   const RowKernels* tile_kernels = nullptr;  // those of tiles: the scalar ones where coordinates do not fit the lanes
   std::unique_ptr<RowBits> row_bits;
-  HostArray<Vec3d> placed_positions;           // under tiles: what index_positions shows
-  const Vec3d* index_positions = nullptr;      // per vertex, index space
-  std::vector<PairBlocks> emitted;             // pairs by ascending triangle, before TileSort
-  HostArray<uint64_t> pairs;                   // (tile << 32) | triangle, after it
-  std::vector<TileRun> runs;                   // by ascending tile
-  BitGrid outside;                             // flood: what the walk from outside reached, made by the first slab
+  HostArray<Vec3d> placed_positions;       // under tiles: what index_positions shows
+  const Vec3d* index_positions = nullptr;  // per vertex, index space
+  std::vector<PairBlocks> emitted;         // pairs by ascending triangle, before TileSort
+  HostArray<uint64_t> pairs;               // (tile << 32) | triangle, after it
+  std::vector<TileRun> runs;               // by ascending tile
+  BitGrid outside;                         // flood: what the walk from outside reached, made by the first slab
 
   // BeginSlab: what follows holds the slab's layers only; its rows are numbered by SlabRow
   Slab slab;
@@ -95,7 +95,7 @@ struct RunState {
   std::vector<TileValues> tile_values;
   std::vector<uint32_t> slab_tiles;  // UINT32_MAX: no fragment
   tbb::enumerable_thread_specific<ValueArena> value_arenas;
-  uint64_t kept_bytes = 0;  // of tile_values
+  uint64_t kept_bytes = 0;            // of tile_values
   std::shared_ptr<ABuffer> a_buffer;  // buckets
 
   // FineRaster, SolidFill
@@ -112,7 +112,7 @@ std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex);
 // Whether every target is the coverage itself, so that rows need no tiles.
 bool PlainBits(const RunState& state, const GridSpec& grid);
 
-// The stages; see pipeline/stages.h for what each does.
+// The stages; see pipeline/stages/stages.h for what each does.
 absl::StatusOr<MeshExtent> VertexShade(RunState& state);
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid);
 absl::Status TileSort(RunState& state);

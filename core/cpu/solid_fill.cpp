@@ -14,13 +14,13 @@
 #include <utility>
 #include <vector>
 
-#include "cpu/crossings.h"
+#include "cpu/base/parallel.h"
 #include "cpu/dense_fill.h"
 #include "cpu/flood_fill.h"
-#include "cpu/parallel.h"
-#include "cpu/row_bins.h"
+#include "cpu/rows/crossings.h"
+#include "cpu/rows/row_bins.h"
 #include "cpu/run_state.h"
-#include "pipeline/target_rules.h"
+#include "pipeline/stages/target_rules.h"
 
 namespace voxelpipe::cpu {
 namespace {

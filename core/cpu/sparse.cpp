@@ -4,9 +4,9 @@
 #include <bit>
 #include <cstring>
 
-#include "cpu/element_store.h"
-#include "cpu/parallel.h"
-#include "pipeline/list_memory.h"
+#include "cpu/base/element_store.h"
+#include "cpu/base/parallel.h"
+#include "pipeline/plan/list_memory.h"
 
 namespace voxelpipe::cpu {
 namespace {

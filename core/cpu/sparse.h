@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "cpu/base/tile_values.h"
 #include "cpu/tile_buffer.h"
-#include "cpu/tile_values.h"
 
 namespace voxelpipe::cpu {
 

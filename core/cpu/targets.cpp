@@ -2,11 +2,11 @@
 #include <algorithm>
 
 #include "cpu/a_buffer.h"
-#include "cpu/parallel.h"
+#include "cpu/base/parallel.h"
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
-#include "pipeline/plan.h"
-#include "pipeline/target_rules.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/stages/target_rules.h"
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe::cpu {

@@ -4,7 +4,7 @@
 #include <bit>
 #include <climits>
 
-#include "cpu/stream.h"
+#include "cpu/base/stream.h"
 
 namespace voxelpipe::cpu {
 namespace {

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "cpu/rows/tile_spans.h"
 #include "cpu/run_state.h"
-#include "cpu/tile_spans.h"
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe::cpu {

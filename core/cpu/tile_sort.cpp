@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <bit>
 
-#include "cpu/parallel.h"
+#include "cpu/base/parallel.h"
 #include "cpu/run_state.h"
 
 namespace voxelpipe::cpu {

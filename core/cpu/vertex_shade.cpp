@@ -7,9 +7,9 @@
 #include <memory>
 
 #include "absl/strings/str_cat.h"
-#include "cpu/parallel.h"
+#include "cpu/base/parallel.h"
 #include "cpu/vertex_shade.h"
-#include "shaders/material_views.h"
+#include "mesh/views/material_views.h"
 
 namespace voxelpipe::cpu {
 namespace {

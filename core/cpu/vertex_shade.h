@@ -6,7 +6,7 @@
 
 #include "absl/status/statusor.h"
 #include "cpu/run_state.h"
-#include "mesh/pose.h"
+#include "mesh/scene/pose.h"
 
 namespace voxelpipe::cpu {
 

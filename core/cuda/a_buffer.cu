@@ -29,7 +29,7 @@
 #include "cuda/scan.h"
 #include "cuda/scattered.h"
 #include "cuda/walk.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe::cuda {
 namespace {

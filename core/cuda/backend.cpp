@@ -9,8 +9,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/machine.h"
-#include "cpu/measure.h"
-#include "cpu/row_kernels.h"
+#include "cpu/measure/measure.h"
+#include "cpu/rows/row_kernels.h"
 #include "cuda/batch.h"
 #include "cuda/run_state.h"
 #include "cuda/slab_copies.h"

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe::cuda {
 

@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "pipeline/plan.h"
-#include "pipeline/target_rules.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/stages/target_rules.h"
 
 namespace voxelpipe::cuda {
 namespace {

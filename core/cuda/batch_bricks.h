@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe::cuda {
 

@@ -5,7 +5,7 @@
 
 #include "cuda/block_layout.h"
 #include "cuda/run_state.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe::cuda {
 namespace {

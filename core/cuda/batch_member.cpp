@@ -4,10 +4,10 @@
 #include <utility>
 
 #include "base/wall_clock.h"
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 #include "cuda/run_state.h"
 #include "grid/index_space.h"
-#include "shaders/mips.h"
+#include "mesh/views/mips.h"
 
 namespace voxelpipe::cuda {
 namespace {

@@ -5,8 +5,8 @@
 
 #include "cpu/run_state.h"
 #include "pipeline/batch.h"
-#include "pipeline/bind.h"
 #include "pipeline/planner.h"
+#include "pipeline/stages/bind.h"
 
 namespace voxelpipe::cuda {
 

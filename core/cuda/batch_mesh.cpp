@@ -6,7 +6,7 @@
 #include "cuda/mesh_uploads.h"
 #include "cuda/run_state.h"
 #include "mesh/content_id.h"
-#include "shaders/mips.h"
+#include "mesh/views/mips.h"
 
 namespace voxelpipe::cuda {
 

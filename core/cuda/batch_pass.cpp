@@ -7,7 +7,7 @@
 #include "cuda/batch_bricks.h"
 #include "cuda/block_layout.h"
 #include "cuda/run_state.h"
-#include "pipeline/target_rules.h"
+#include "pipeline/stages/target_rules.h"
 
 namespace voxelpipe::cuda {
 

@@ -7,7 +7,7 @@
 #include "cuda/cells.h"
 #include "cuda/launch.h"
 #include "cuda/scan.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe::cuda {
 namespace {

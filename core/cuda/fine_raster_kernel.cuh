@@ -10,7 +10,7 @@
 #include "cuda/tile_blend.cuh"
 #include "cuda/tile_parts.cuh"
 #include "cuda/vertex_code.cuh"
-#include "shaders/fragment_input.h"
+#include "shaders/interface/fragment_input.h"
 
 namespace voxelpipe::cuda {
 

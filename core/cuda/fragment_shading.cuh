@@ -3,7 +3,7 @@
 
 #include "cuda/views.h"
 #include "shaders/blend_ops.h"
-#include "shaders/fragment_input.h"
+#include "shaders/interface/fragment_input.h"
 
 namespace voxelpipe::cuda {
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "shaders/fragment.h"
+#include "shaders/interface/fragment.h"
 
 namespace voxelpipe::cuda {
 

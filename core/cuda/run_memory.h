@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "absl/status/status.h"
-#include "pipeline/list_memory.h"
+#include "pipeline/plan/list_memory.h"
 
 namespace voxelpipe::cuda {
 

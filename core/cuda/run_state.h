@@ -28,7 +28,7 @@
 #include "cuda/tile_pairs.h"
 #include "cuda/vertex_code.cuh"
 #include "cuda/views.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/stages.h"
 #include "raster/degenerate.h"
 
 namespace voxelpipe::cuda {
@@ -283,7 +283,7 @@ absl::Status ClearQueues(RunState& state, int end);
 // Copies all counters to the host. Synchronizes with the stream.
 absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state);
 
-// The stages; see pipeline/stages.h for what each does.
+// The stages; see pipeline/stages/stages.h for what each does.
 absl::StatusOr<MeshExtent> VertexShade(RunState& state);
 absl::Status PlaceVertices(RunState& state);                                           // unless they are placed
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid, const Slab& layers);  // synchronizes under tiles

@@ -9,7 +9,7 @@
 #include "absl/status/statusor.h"
 #include "cuda/device.h"
 #include "cuda/run_state.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe::cuda {
 

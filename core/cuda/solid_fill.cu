@@ -11,7 +11,7 @@
 #include "cuda/launch.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
-#include "pipeline/target_rules.h"
+#include "pipeline/stages/target_rules.h"
 #include "raster/crossing.h"
 
 namespace voxelpipe::cuda {
@@ -20,7 +20,7 @@ namespace {
 constexpr int kThreads = 256;
 constexpr uint32_t kLinesOfThread = 32;
 constexpr uint64_t kMostSumBytes =
-    256 << 20;  // of a nonzero fill: grids of more sums take turns (pipeline/footprint.cpp)
+    256 << 20;  // of a nonzero fill: grids of more sums take turns (pipeline/plan/footprint.cpp)
 
 // Where the crossings of a triangle go.
 struct ToggleView {

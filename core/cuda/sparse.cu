@@ -8,8 +8,8 @@
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
-#include "pipeline/plan.h"
-#include "pipeline/target_rules.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/stages/target_rules.h"
 
 namespace voxelpipe::cuda {
 namespace {

@@ -10,8 +10,8 @@
 #include "cuda/run_state.h"
 #include "cuda/slab_copies.h"
 #include "cuda/touched_blocks.h"
-#include "pipeline/plan.h"
-#include "pipeline/target_rules.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/stages/target_rules.h"
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe::cuda {

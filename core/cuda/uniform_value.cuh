@@ -3,7 +3,7 @@
 
 #include "cuda/fine_args.cuh"
 #include "raster/triangle_plane.h"
-#include "shaders/fragment_input.h"
+#include "shaders/interface/fragment_input.h"
 
 namespace voxelpipe::cuda {
 

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "shaders/vertex.h"
+#include "shaders/interface/vertex.h"
 
 namespace voxelpipe::cuda {
 

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "cuda/vertex_args.h"
+#include "mesh/views/mesh_view.h"
 #include "raster/weighed_triangle.h"
-#include "shaders/mesh_view.h"
 #include "shaders/shader_list.h"
 
 namespace voxelpipe::cuda {

@@ -8,13 +8,13 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "cpu/surface_sums.h"
+#include "cpu/measure/surface_sums.h"
 #include "cuda/mesh_cache.h"
 #include "cuda/mesh_uploads.h"
 #include "cuda/vertex_shade.h"
 #include "mesh/content_id.h"
-#include "pipeline/footprint_parts.h"
-#include "shaders/mips.h"
+#include "mesh/views/mips.h"
+#include "pipeline/plan/footprint_parts.h"
 
 namespace voxelpipe::cuda {
 namespace {

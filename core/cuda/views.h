@@ -5,8 +5,8 @@
 
 #include "grid/formats.h"
 #include "grid/index_space.h"
+#include "mesh/views/mesh_view.h"
 #include "raster/tiles.h"
-#include "shaders/mesh_view.h"
 #include "shaders/shader_list.h"
 
 namespace voxelpipe::cuda {

@@ -8,7 +8,7 @@
 
 #include "absl/status/status.h"
 #include "base/job_context.h"
-#include "pipeline/voxelize.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

@@ -6,11 +6,11 @@
 
 #include "absl/strings/str_cat.h"
 #include "encode/atomic_file.h"
-#include "encode/preview_canvas.h"
-#include "encode/preview_colour.h"
-#include "encode/preview_shade.h"
-#include "encode/preview_slice.h"
-#include "encode/preview_volume.h"
+#include "encode/preview/preview_canvas.h"
+#include "encode/preview/preview_colour.h"
+#include "encode/preview/preview_shade.h"
+#include "encode/preview/preview_slice.h"
+#include "encode/preview/preview_volume.h"
 
 namespace voxelpipe {
 namespace {

@@ -6,8 +6,8 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
-#include "encode/png_writer.h"
-#include "pipeline/voxelize.h"
+#include "encode/preview/png_writer.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

@@ -5,7 +5,7 @@
 #include <string_view>
 #include <vector>
 
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

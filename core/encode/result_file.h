@@ -8,7 +8,7 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe {
 

@@ -12,7 +12,7 @@ enum class VoxelFormat : uint8_t {
   kU32,
   kF16,
   kF32,
-  kU8Srgb,  // how stages hold a u8 target of Encoding::kSrgb (pipeline/target_rules.h); no request names it
+  kU8Srgb,  // how stages hold a u8 target of Encoding::kSrgb (pipeline/stages/target_rules.h); no request names it
 };
 
 // All blends are independent of the order in which triangles arrive. Component by component.

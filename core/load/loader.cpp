@@ -1,32 +1,17 @@
 #include "load/loader.h"
 
-#include <algorithm>
-#include <cstring>
 #include <new>
 #include <utility>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "load/draco.h"
-#include "load/glb_container.h"
-#include "load/gltf.h"
+#include "load/decode/draco.h"
+#include "load/decode/glb_container.h"
+#include "load/gltf/gltf.h"
 #include "load/load_job.h"
 
 namespace voxelpipe {
 namespace {
-
-bool StartsWith(std::span<const uint8_t> bytes, std::string_view magic) {
-  return bytes.size() >= magic.size() && std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
-}
-
-bool LooksLikeJson(std::span<const uint8_t> bytes) {
-  if (StartsWith(bytes, "\xEF\xBB\xBF")) return true;  // a byte order mark
-  for (const uint8_t byte : bytes) {
-    if (byte == ' ' || byte == '\t' || byte == '\n' || byte == '\r') continue;
-    return byte == '{';
-  }
-  return false;
-}
 
 absl::StatusOr<Scene> Dispatch(const JobContext& job, std::span<const uint8_t> bytes, MeshFormat format,
                                const LoadLimits& limits) {
@@ -57,13 +42,6 @@ absl::StatusOr<Scene> Dispatch(const JobContext& job, std::span<const uint8_t> b
 }
 
 }  // namespace
-
-std::optional<MeshFormat> SniffMeshFormat(std::span<const uint8_t> bytes) {
-  if (StartsWith(bytes, "glTF")) return MeshFormat::kGlb;
-  if (StartsWith(bytes, "DRACO")) return MeshFormat::kDraco;
-  if (LooksLikeJson(bytes)) return MeshFormat::kGltf;
-  return std::nullopt;
-}
 
 absl::StatusOr<Scene> LoadScene(std::span<const uint8_t> bytes, MeshFormat format, const LoadLimits& limits) {
   const JobContext endless;

@@ -2,22 +2,17 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "load/limits.h"
-#include "mesh/scene.h"
+#include "load/decode/mesh_format.h"
+#include "mesh/scene/load_limits.h"
+#include "mesh/scene/scene.h"
 
 namespace voxelpipe {
-
-enum class MeshFormat { kAuto, kGlb, kGltf, kDraco };
-
-// The format that the bytes' first bytes show, or nothing. Never reads past the end.
-std::optional<MeshFormat> SniffMeshFormat(std::span<const uint8_t> bytes);
 
 // In: the whole file. `format` kAuto sniffs. Out: a validated Scene that owns its data.
 // Never touches the file system or the network: buffers and images are the GLB chunk or data: URIs only.

@@ -8,10 +8,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/memory_budget.h"
-#include "load/glb_container.h"
-#include "load/gltf_buffers.h"
-#include "load/gltf_json.h"
-#include "load/json_guard.h"
+#include "load/decode/glb_container.h"
+#include "load/gltf/document/gltf_buffers.h"
+#include "load/gltf/document/gltf_json.h"
+#include "load/gltf/document/json_guard.h"
 #include "load/loader.h"
 #include "load/local_file.h"
 

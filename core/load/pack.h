@@ -7,8 +7,8 @@
 #include "absl/status/statusor.h"
 #include "base/warning.h"
 #include "load/file_bytes.h"
-#include "load/limits.h"
-#include "mesh/material.h"
+#include "mesh/scene/load_limits.h"
+#include "mesh/scene/material.h"
 
 namespace voxelpipe {
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "mesh/scene.h"
+#include "mesh/scene/scene.h"
 #include "mesh/triangle_mesh.h"
 
 namespace voxelpipe {

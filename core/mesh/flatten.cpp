@@ -18,7 +18,7 @@
 #include "absl/strings/str_cat.h"
 #include "base/checked.h"
 #include "mesh/placement.h"
-#include "mesh/pose.h"
+#include "mesh/scene/pose.h"
 #include "mesh/unused_vertices.h"
 
 namespace voxelpipe {

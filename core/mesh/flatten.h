@@ -2,8 +2,8 @@
 #pragma once
 
 #include "absl/status/statusor.h"
-#include "load/limits.h"
-#include "mesh/scene.h"
+#include "mesh/scene/load_limits.h"
+#include "mesh/scene/scene.h"
 #include "mesh/triangle_mesh.h"
 
 namespace voxelpipe {

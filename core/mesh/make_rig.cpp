@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "mesh/placement.h"
-#include "mesh/scene_bytes.h"
+#include "mesh/scene/scene_bytes.h"
 
 namespace voxelpipe {
 namespace {

@@ -7,7 +7,7 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "base/vec.h"
-#include "mesh/scene.h"
+#include "mesh/scene/scene.h"
 #include "mesh/triangle_mesh.h"
 
 namespace voxelpipe {

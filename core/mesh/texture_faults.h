@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "base/warning.h"
-#include "mesh/material.h"
+#include "mesh/scene/material.h"
 #include "mesh/triangle_mesh.h"
 
 namespace voxelpipe {
@@ -16,8 +16,8 @@ std::vector<bool> MaterialsInUse(const TriangleMesh& mesh);
 TextureUse TexturesOf(const Material& material, const TextureUse& use);
 
 // A warning for each texture of a material in use that shaders which sample `use` miss: its image has no texels
-// (Image::fault: known once PrepareTextures or CheckImages of load/image.h has looked), the reference leads nowhere, or
-// a part has no coordinates for it.
+// (Image::fault: known once PrepareTextures or CheckImages of load/decode/image.h has looked), the reference leads
+// nowhere, or a part has no coordinates for it.
 void AddTextureWarnings(const TriangleMesh& mesh, const TextureUse& use, WarningList& warnings);
 
 // The same of all materials, in use or not, and of all images, whether a material leads to them or not.

@@ -10,9 +10,9 @@
 
 #include "base/vec.h"
 #include "base/warning.h"
-#include "mesh/material.h"
-#include "mesh/rig.h"
-#include "mesh/vertex_attribute.h"
+#include "mesh/scene/material.h"
+#include "mesh/scene/rig.h"
+#include "mesh/scene/vertex_attribute.h"
 
 namespace voxelpipe {
 

@@ -4,10 +4,10 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "pipeline/plan.h"
-#include "pipeline/request.h"
-#include "pipeline/result.h"
-#include "pipeline/stages.h"
+#include "job/request.h"
+#include "job/result.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe {
 

@@ -8,11 +8,11 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
+#include "job/request.h"
+#include "job/result.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/plan.h"
-#include "pipeline/request.h"
-#include "pipeline/result.h"
-#include "pipeline/stages.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/stages/stages.h"
 #include "pipeline/voxelize.h"
 
 namespace voxelpipe {

@@ -4,10 +4,10 @@
 #include <new>
 #include <utility>
 
-#include "pipeline/backend.h"
-#include "pipeline/bind.h"
 #include "pipeline/run_plan.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/backend.h"
+#include "pipeline/stages/bind.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe {
 namespace {

@@ -3,9 +3,9 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
+#include "job/request.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/plan.h"
-#include "pipeline/request.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe {
 

@@ -6,10 +6,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
+#include "job/resuming_sink.h"
 #include "pipeline/assemble.h"
-#include "pipeline/backend.h"
-#include "pipeline/resuming_sink.h"
 #include "pipeline/run.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/warnings.h"
 
 namespace voxelpipe {

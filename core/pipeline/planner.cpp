@@ -7,7 +7,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/limit_error.h"
-#include "pipeline/footprint.h"
+#include "pipeline/plan/footprint.h"
+#include "pipeline/stages/backend.h"
 
 namespace voxelpipe {
 namespace {
@@ -167,6 +168,20 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input) {
   if (fits()) return run;
   const bool result = plan.result_bytes > limits.max_result_bytes;
   return GridTooLarge(input, *grid, result, result ? plan.result_bytes : plan.peak_bytes, 1);
+}
+
+absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
+                                      const MeshExtent& extent, const PlanLimits& limits, Delivery delivery) {
+  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
+  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
+  if (!backend.ok()) return backend.status();
+  const MeshSize mesh{triangles, vertices, extent};
+  const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {
+    return EstimateSurface(request, grid, mesh);
+  };
+  absl::StatusOr<PlannedRun> run = PlanOn({**backend, request, mesh, measure, limits, delivery});
+  if (!run.ok()) return run.status();
+  return std::move(run->plan);
 }
 
 }  // namespace voxelpipe

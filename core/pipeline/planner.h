@@ -1,13 +1,13 @@
-// Plans of requests that are checked already, on a backend that is chosen already.
+// Plans of requests.
 #pragma once
 
 #include <functional>
 
 #include "absl/status/statusor.h"
-#include "pipeline/plan.h"
-#include "pipeline/request.h"
-#include "pipeline/stages.h"
-#include "pipeline/surface.h"
+#include "job/request.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/plan/surface.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe {
 
@@ -29,7 +29,7 @@ struct PlannedRun {
   Surface surface;
 };
 
-// PlanVoxelization (plan.h) of a request that BindRequest has checked.
+// PlanVoxelization of a request that BindRequest has checked.
 absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input);
 
 // RESOURCE_EXHAUSTED for a run that needs, or comes to need, at least `need_bytes` of results or memory. In the message
@@ -38,5 +38,13 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input);
 // one: the job may end meanwhile.
 absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, bool of_results, uint64_t need_bytes,
                           double scale);
+
+// In: a request, the mesh's size and the extent of the shaded mesh, no look at its triangles. Out: the plan of the
+// backend that the request chooses. Errors: those of ValidateRequest and FitGrid; RESOURCE_EXHAUSTED with need, limit
+// and the largest grid of the same mesh that would fit, in its message in the terms in which the grid was asked for
+// (resolution, voxel size or dims), and as numbers (limit_error.h).
+absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
+                                      const MeshExtent& extent, const PlanLimits& limits = {},
+                                      Delivery delivery = Delivery::kMemory);
 
 }  // namespace voxelpipe

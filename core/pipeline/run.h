@@ -3,10 +3,10 @@
 
 #include "absl/status/status.h"
 #include "base/job_context.h"
+#include "job/stats.h"
 #include "mesh/triangle_mesh.h"
 #include "pipeline/assemble.h"
-#include "pipeline/stages.h"
-#include "pipeline/stats.h"
+#include "pipeline/stages/stages.h"
 #include "pipeline/voxelize.h"
 
 namespace voxelpipe {

@@ -3,7 +3,7 @@
 #include <optional>
 #include <utility>
 
-#include "pipeline/footprint.h"
+#include "pipeline/plan/footprint.h"
 
 namespace voxelpipe {
 

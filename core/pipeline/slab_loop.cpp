@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "base/device_failure.h"
-#include "pipeline/footprint_parts.h"
+#include "pipeline/plan/footprint_parts.h"
 
 namespace voxelpipe {
 namespace {

@@ -10,11 +10,11 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "pipeline/list_memory.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/list_memory.h"
+#include "pipeline/plan/plan.h"
 #include "pipeline/run.h"
 #include "pipeline/stage_clock.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe {
 

@@ -4,7 +4,7 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "base/wall_clock.h"
-#include "pipeline/stats.h"
+#include "job/stats.h"
 
 namespace voxelpipe {
 

@@ -9,14 +9,14 @@
 #include <string>
 #include <utility>
 
-#include "pipeline/bind.h"
-#include "pipeline/list_memory.h"
-#include "pipeline/list_refusal.h"
+#include "pipeline/plan/list_memory.h"
+#include "pipeline/plan/list_refusal.h"
 #include "pipeline/run.h"
 #include "pipeline/run_plan.h"
 #include "pipeline/slab_loop.h"
 #include "pipeline/stage_clock.h"
-#include "pipeline/stages.h"
+#include "pipeline/stages/bind.h"
+#include "pipeline/stages/stages.h"
 #include "pipeline/warnings.h"
 
 namespace voxelpipe {

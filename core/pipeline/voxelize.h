@@ -5,11 +5,11 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
+#include "job/request.h"
+#include "job/result.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/plan.h"
-#include "pipeline/request.h"
-#include "pipeline/result.h"
-#include "pipeline/stages.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe {
 
@@ -38,7 +38,7 @@ absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const Voxeliz
 // Called once, before rasterization; what it returns other than OK ends the run.
 using PlanHook = std::function<absl::Status(const Plan&)>;
 
-// Both on a device of the caller's choice (pipeline/backend.h); request.backend is not looked at.
+// Both on a device of the caller's choice (pipeline/stages/backend.h); request.backend is not looked at.
 absl::StatusOr<VoxelizeResult> VoxelizeOn(const Backend& backend, const TriangleMesh& mesh,
                                           const VoxelizeRequest& request, const JobContext& job,
                                           const PlanLimits& limits = {}, const PlanHook& on_plan = {});

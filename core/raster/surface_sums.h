@@ -1,4 +1,4 @@
-// What is summed over a mesh's triangles to estimate what they touch of a grid (pipeline/surface.h).
+// What is summed over a mesh's triangles to estimate what they touch of a grid (pipeline/plan/surface.h).
 #pragma once
 
 #include "base/host_device.h"

@@ -17,8 +17,8 @@
 
 #include "base/vec.h"
 #include "grid/formats.h"
-#include "shaders/fragment.h"
-#include "shaders/srgb.h"
+#include "shaders/interface/fragment.h"
+#include "shaders/texture/srgb.h"
 
 namespace voxelpipe {
 

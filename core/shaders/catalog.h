@@ -10,9 +10,9 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "mesh/material.h"
-#include "pipeline/request.h"
-#include "shaders/shader_params.h"
+#include "job/request.h"
+#include "mesh/scene/material.h"
+#include "shaders/interface/shader_params.h"
 
 namespace voxelpipe {
 

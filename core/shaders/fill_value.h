@@ -5,12 +5,12 @@
 #pragma once
 
 #include "shaders/blend_ops.h"
-#include "shaders/checker.h"
-#include "shaders/vertex.h"
+#include "shaders/fragment/checker.h"
+#include "shaders/interface/vertex.h"
 
 namespace voxelpipe {
 
-// Made by FillValueOf (pipeline/target_rules.h).
+// Made by FillValueOf (pipeline/stages/target_rules.h).
 struct FillValue {
   enum class Kind : uint8_t {
     kStored,    // the same in all voxels

@@ -4,8 +4,8 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "job/request.h"
 #include "load/loader.h"
-#include "pipeline/request.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "wire/call_settings.h"
 

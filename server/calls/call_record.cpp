@@ -3,7 +3,7 @@
 #include <utility>
 
 #include "access/certificate_name.h"
-#include "service_state.h"
+#include "state/service_state.h"
 
 namespace voxelpipe {
 

@@ -4,8 +4,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "pipeline/backend.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/stages/backend.h"
 #include "wire/status.h"
 
 namespace voxelpipe {

@@ -10,9 +10,9 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "calls/call_record.h"
-#include "pipeline/request.h"
-#include "service_state.h"
-#include "work/byte_budget.h"
+#include "job/request.h"
+#include "schedule/byte_budget.h"
+#include "state/service_state.h"
 
 namespace voxelpipe {
 

@@ -6,17 +6,17 @@
 
 #include "absl/strings/str_cat.h"
 #include "calls/call_setup.h"
-#include "calls/raw_message.h"
-#include "load/image.h"
-#include "meshes/prepare_kept.h"
-#include "pipeline/backend.h"
-#include "pipeline/plan.h"
+#include "jobs/prepare_kept.h"
+#include "jobs/request_memory.h"
+#include "load/decode/image.h"
+#include "pipeline/planner.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/warnings.h"
+#include "reply/raw_message.h"
 #include "wire/mesh_contents.h"
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
-#include "work/request_memory.h"
 
 namespace voxelpipe {
 namespace {

@@ -10,9 +10,9 @@
 #include "base/job_context.h"
 #include "calls/call_record.h"
 #include "calls/react_at_once.h"
-#include "service_state.h"
+#include "schedule/byte_budget.h"
+#include "state/service_state.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
-#include "work/byte_budget.h"
 
 namespace voxelpipe {
 

@@ -16,11 +16,11 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "calls/call_record.h"
-#include "calls/idle_watch.h"
 #include "calls/react_at_once.h"
-#include "calls/result_stream.h"
-#include "calls/write_ahead.h"
-#include "service_state.h"
+#include "reply/result_stream.h"
+#include "reply/write_ahead.h"
+#include "state/idle_watch.h"
+#include "state/service_state.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 
 namespace voxelpipe {

@@ -8,14 +8,14 @@
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
-#include "calls/raw_message.h"
 #include "isolate/loading.h"
+#include "jobs/request_memory.h"
+#include "loading/load_mesh.h"
+#include "reply/raw_message.h"
+#include "results/sha256.h"
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
-#include "work/load_mesh.h"
-#include "work/request_memory.h"
-#include "work/sha256.h"
 
 namespace voxelpipe {
 namespace {

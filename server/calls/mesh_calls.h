@@ -16,10 +16,10 @@
 #include "calls/call_record.h"
 #include "load/loader.h"
 #include "meshes/mesh_store.h"
-#include "meshes/single_flight.h"
-#include "service_state.h"
+#include "results/single_flight.h"
+#include "schedule/byte_budget.h"
+#include "state/service_state.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
-#include "work/byte_budget.h"
 
 namespace voxelpipe {
 

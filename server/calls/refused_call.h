@@ -10,9 +10,9 @@
 #include "absl/status/status.h"
 #include "calls/call_record.h"
 #include "calls/call_setup.h"
-#include "calls/full_queue.h"
 #include "calls/react_at_once.h"
-#include "service_state.h"
+#include "state/full_queue.h"
+#include "state/service_state.h"
 #include "wire/status.h"
 
 namespace voxelpipe {

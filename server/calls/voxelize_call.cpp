@@ -7,8 +7,10 @@
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
-#include "calls/raw_message.h"
-#include "meshes/prepare_kept.h"
+#include "jobs/job_counts.h"
+#include "jobs/job_memory.h"
+#include "jobs/prepare_kept.h"
+#include "reply/raw_message.h"
 #include "wire/response.h"
 #include "wire/status.h"
 

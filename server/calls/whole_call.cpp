@@ -10,12 +10,14 @@
 #include "base/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
-#include "calls/raw_message.h"
-#include "calls/result_pieces.h"
-#include "meshes/prepare_kept.h"
+#include "jobs/job_counts.h"
+#include "jobs/job_memory.h"
+#include "jobs/prepare_kept.h"
+#include "reply/raw_message.h"
+#include "reply/result_pieces.h"
+#include "run/answer_burst.h"
 #include "wire/response.h"
 #include "wire/status.h"
-#include "work/answer_burst.h"
 
 namespace voxelpipe {
 WholeCall* WholeCall::Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& request,

@@ -9,13 +9,13 @@
 
 #include "absl/status/status.h"
 #include "calls/call_record.h"
-#include "calls/idle_watch.h"
 #include "calls/react_at_once.h"
-#include "pipeline/memory_sink.h"
-#include "service_state.h"
+#include "job/memory_sink.h"
+#include "jobs/voxelize_job.h"
+#include "schedule/byte_budget.h"
+#include "state/idle_watch.h"
+#include "state/service_state.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
-#include "work/byte_budget.h"
-#include "work/voxelize_job.h"
 
 namespace voxelpipe {
 

@@ -20,8 +20,8 @@
 #include "isolate/channel.h"
 #include "isolate/mesh_fields.h"
 #include "isolate/sandbox.h"
-#include "load/image.h"
-#include "work/load_mesh.h"
+#include "load/decode/image.h"
+#include "loading/load_mesh.h"
 
 namespace voxelpipe {
 namespace {

@@ -5,7 +5,7 @@
 #include <span>
 
 #include "isolate/archive.h"
-#include "work/load_mesh.h"
+#include "loading/load_mesh.h"
 
 namespace voxelpipe {
 

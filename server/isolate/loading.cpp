@@ -4,8 +4,8 @@
 #include <utility>
 
 #include "isolate/load_workers.h"
-#include "load/foreign_decoders.h"
-#include "load/image.h"
+#include "load/decode/foreign_decoders.h"
+#include "load/decode/image.h"
 
 namespace voxelpipe {
 

@@ -11,7 +11,7 @@
 #include <cstdint>
 
 #include "absl/strings/str_cat.h"
-#include "shaders/mips.h"
+#include "mesh/views/mips.h"
 
 namespace voxelpipe {
 namespace {

@@ -8,9 +8,9 @@
 
 #include "absl/status/status.h"
 #include "isolate/archive.h"
-#include "load/limits.h"
+#include "loading/load_mesh.h"
+#include "mesh/scene/load_limits.h"
 #include "mesh/triangle_mesh.h"
-#include "work/load_mesh.h"
 
 namespace voxelpipe {
 

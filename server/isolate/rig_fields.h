@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "isolate/archive.h"
-#include "mesh/rig.h"
+#include "mesh/scene/rig.h"
 
 namespace voxelpipe {
 

@@ -7,9 +7,9 @@
 
 #include "absl/strings/str_cat.h"
 #include "isolate/loading.h"
-#include "load/image.h"
+#include "load/decode/image.h"
+#include "loading/mesh_bytes.h"
 #include "pipeline/warnings.h"
-#include "work/mesh_bytes.h"
 
 namespace voxelpipe {
 namespace {

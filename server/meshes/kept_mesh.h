@@ -10,13 +10,13 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
-#include "load/limits.h"
 #include "load/loader.h"
-#include "mesh/material.h"
+#include "loading/load_mesh.h"
 #include "mesh/report.h"
+#include "mesh/scene/load_limits.h"
+#include "mesh/scene/material.h"
 #include "mesh/triangle_mesh.h"
 #include "meshes/moved_meshes.h"
-#include "work/load_mesh.h"
 
 namespace voxelpipe {
 

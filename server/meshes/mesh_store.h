@@ -8,7 +8,7 @@
 #include <string_view>
 
 #include "absl/status/statusor.h"
-#include "load/limits.h"
+#include "mesh/scene/load_limits.h"
 #include "meshes/claimed_lru.h"
 #include "meshes/kept_mesh.h"
 

@@ -3,7 +3,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "fuzz/fuzz_checks.h"
-#include "support/reference.h"
+#include "support/reference/reference.h"
 
 namespace voxelpipe::fuzz {
 namespace {

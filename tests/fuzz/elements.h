@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <cstring>
 
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe::fuzz {
 

@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <span>
 
+#include "job/request.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/request.h"
 
 namespace voxelpipe::fuzz {
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 #include "grid/index_space.h"
 #include "pipeline/voxelize.h"
 #include "shaders/catalog.h"

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "fuzz/fuzz_case.h"
-#include "pipeline/result.h"
+#include "job/result.h"
 
 namespace voxelpipe::fuzz {
 

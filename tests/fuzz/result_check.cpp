@@ -5,8 +5,8 @@
 #include "fuzz/elements.h"
 #include "fuzz/fuzz_checks.h"
 #include "shaders/blend_ops.h"
-#include "support/fill_reference.h"
-#include "support/reference.h"
+#include "support/reference/fill_reference.h"
+#include "support/reference/reference.h"
 
 namespace voxelpipe::fuzz {
 namespace {

@@ -2,7 +2,7 @@
 #include "gtest/gtest.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
-#include "support/glb_builder.h"
+#include "support/meshes/glb_builder.h"
 #include "support/run.h"
 
 namespace voxelpipe {

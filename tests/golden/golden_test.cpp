@@ -1,5 +1,5 @@
 // Results that can be counted by hand.
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

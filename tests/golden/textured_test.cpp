@@ -1,10 +1,10 @@
 // A textured glTF file through loader, flattening, textures and pipeline: every value worked out by hand.
 #include "gtest/gtest.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
 #include "shaders/catalog.h"
-#include "support/glb_builder.h"
+#include "support/meshes/glb_builder.h"
 #include "support/run.h"
 
 namespace voxelpipe {

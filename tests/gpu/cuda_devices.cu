@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "base/device_failure.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 
 namespace voxelpipe::gpu {
 namespace {

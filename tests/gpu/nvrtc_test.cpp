@@ -48,7 +48,7 @@ struct array {
 // A fragment shader as an operator might write it.
 constexpr const char* kShader = R"(
 #define VOXELPIPE_FRAGMENT_SHADERS(X) X(Height)
-#include "shaders/fragment.h"
+#include "shaders/interface/fragment.h"
 namespace voxelpipe {
 struct HeightShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;

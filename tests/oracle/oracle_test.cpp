@@ -1,7 +1,7 @@
 // The pipeline against the brute-force reference: every voxel that the reference must have is there, and nothing that it
 // may not have.
-#include "support/meshes.h"
-#include "support/reference.h"
+#include "support/meshes/meshes.h"
+#include "support/reference/reference.h"
 #include "support/run.h"
 
 namespace voxelpipe {

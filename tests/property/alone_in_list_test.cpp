@@ -8,11 +8,11 @@
 #include "gtest/gtest.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
-#include "support/glb_builder.h"
+#include "support/meshes/glb_builder.h"
 #include "support/run.h"
 #include "unit/cli/cli_runner.h"
 #ifdef VOXELPIPE_HAVE_SERVICE
-#include "service/server_process.h"
+#include "service/support/server_process.h"
 #endif
 
 namespace voxelpipe {

@@ -20,7 +20,7 @@
 
 #include "base/memory_budget.h"
 #include "grid/page_pool.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
 #include "property/plan_jobs.h"
 #include "support/counting_memory.h"

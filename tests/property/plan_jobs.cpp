@@ -9,7 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "pipeline/voxelize.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 
 namespace voxelpipe::testing {
 namespace {

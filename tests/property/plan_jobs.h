@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <string>
 
+#include "job/request.h"
 #include "mesh/triangle_mesh.h"
-#include "pipeline/plan.h"
-#include "pipeline/request.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe::testing {
 

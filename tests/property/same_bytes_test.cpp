@@ -5,10 +5,10 @@
 #include <array>
 #include <random>
 
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 #include "gtest/gtest.h"
 #include "shaders/catalog.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

@@ -2,7 +2,7 @@
 // conservative shell, 6-neighbours cannot pass the thin one.
 #include <deque>
 
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <random>
 
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

@@ -6,7 +6,7 @@
 #include <mutex>
 #include <string>
 
-#include "pipeline/stages.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe::testing {
 

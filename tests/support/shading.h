@@ -5,7 +5,7 @@
 
 #include "gtest/gtest.h"
 #include "shaders/catalog.h"
-#include "shaders/fragment_input.h"
+#include "shaders/interface/fragment_input.h"
 #include "shaders/shader_list.h"
 
 namespace voxelpipe::testing {

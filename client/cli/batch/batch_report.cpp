@@ -2,8 +2,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "report.h"
 #include "base/text.h"
+#include "engine/report.h"
 
 namespace voxelpipe::cli {
 namespace {

@@ -13,11 +13,11 @@
 #include "batch/done_record.h"
 #include "batch/inside.h"
 #include "batch/server_pool.h"
-#include "clock.h"
 #include "encode/atomic_file.h"
 #include "encode/encode.h"
-#include "hash.h"
-#include "run_to_files.h"
+#include "engine/clock.h"
+#include "engine/hash.h"
+#include "engine/run_to_files.h"
 
 namespace voxelpipe::cli {
 namespace {

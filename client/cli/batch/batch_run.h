@@ -11,7 +11,7 @@
 
 #include "absl/status/status.h"
 #include "batch/manifest.h"
-#include "engine.h"
+#include "engine/engine.h"
 
 namespace voxelpipe::cli {
 

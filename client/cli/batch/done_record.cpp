@@ -8,8 +8,8 @@
 #include "encode/atomic_file.h"
 #include "encode/encode.h"
 #include "encode/output_path.h"
-#include "hash.h"
-#include "report.h"
+#include "engine/hash.h"
+#include "engine/report.h"
 
 namespace voxelpipe::cli {
 namespace {

@@ -14,7 +14,7 @@
 #include "batch/done_record.h"
 #include "encode/encode.h"
 #include "encode/result_file.h"
-#include "hash.h"
+#include "engine/hash.h"
 
 namespace voxelpipe::cli {
 namespace {

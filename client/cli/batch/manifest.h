@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "pipeline/request.h"
-#include "request_options.h"
+#include "job/request.h"
+#include "options/request_options.h"
 
 namespace voxelpipe::cli {
 

@@ -9,7 +9,7 @@
 
 #include "absl/status/status.h"
 #include "bench/load.h"
-#include "piece_view.h"
+#include "reply/piece_view.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 
 namespace voxelpipe::cli {

@@ -4,7 +4,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "report.h"
+#include "engine/report.h"
 
 namespace voxelpipe::cli {
 namespace {

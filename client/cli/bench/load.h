@@ -12,8 +12,8 @@
 #include "absl/status/statusor.h"
 #include "bench/arrivals.h"
 #include "bench/histogram.h"
+#include "job/request.h"
 #include "load/file_bytes.h"
-#include "pipeline/request.h"
 
 namespace voxelpipe::cli {
 

@@ -2,19 +2,19 @@
 #include <filesystem>
 
 #include "absl/strings/str_cat.h"
-#include "base/text.h"
 #include "base/machine.h"
+#include "base/text.h"
 #include "batch/batch_report.h"
 #include "batch/batch_run.h"
 #include "batch/leftovers.h"
 #include "batch/manifest.h"
 #include "commands/commands.h"
+#include "commands/progress_bar.h"
 #include "encode/atomic_file.h"
-#include "interrupt.h"
-#include "progress_bar.h"
-#include "report.h"
-#include "request_flags.h"
-#include "server_option.h"
+#include "engine/interrupt.h"
+#include "engine/report.h"
+#include "engine/server_option.h"
+#include "options/request_flags.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -171,8 +171,7 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
         if (server.empty()) throw CLI::ValidationError("--server", "must not be empty");
       });
   add("--retries", plan.retries, "R", "Further attempts for a mesh whose server was lost or late (default 5)");
-  add("--busy-timeout", arguments->busy_timeout_s, "S",
-      "Seconds to wait for overloaded servers (default 600)");
+  add("--busy-timeout", arguments->busy_timeout_s, "S", "Seconds to wait for overloaded servers (default 600)");
   add("--lost-timeout", arguments->lost_timeout_s, "S",
       "Seconds to wait for any server once none can be reached; then the run ends (default 30)");
   add("--deadline-ms", arguments->deadline_ms, "T", "Longest time of an attempt (default: none)");

@@ -6,11 +6,11 @@
 #include "bench/bench_report.h"
 #include "bench/load.h"
 #include "commands/commands.h"
-#include "interrupt.h"
+#include "engine/interrupt.h"
+#include "engine/report.h"
+#include "engine/server_option.h"
 #include "load/pack.h"
-#include "report.h"
-#include "request_flags.h"
-#include "server_option.h"
+#include "options/request_flags.h"
 #include "shaders/catalog.h"
 
 namespace voxelpipe::cli {

@@ -6,15 +6,15 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "commands/commands.h"
-#include "interrupt.h"
-#include "load/image.h"
+#include "engine/interrupt.h"
+#include "engine/mesh_file.h"
+#include "engine/report.h"
+#include "engine/server_option.h"
+#include "load/decode/image.h"
 #include "mesh/contents.h"
 #include "mesh/report.h"
-#include "mesh_file.h"
+#include "options/request_flags.h"
 #include "pipeline/warnings.h"
-#include "report.h"
-#include "request_flags.h"
-#include "server_option.h"
 
 namespace voxelpipe::cli {
 namespace {

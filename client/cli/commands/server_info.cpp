@@ -1,6 +1,6 @@
 #include "commands/commands.h"
-#include "report.h"
-#include "server_option.h"
+#include "engine/report.h"
+#include "engine/server_option.h"
 
 namespace voxelpipe::cli {
 namespace {

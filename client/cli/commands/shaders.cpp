@@ -3,9 +3,9 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "commands/commands.h"
-#include "engine.h"
-#include "report.h"
-#include "server_option.h"
+#include "engine/engine.h"
+#include "engine/report.h"
+#include "engine/server_option.h"
 
 namespace voxelpipe::cli {
 namespace {

@@ -3,17 +3,17 @@
 
 #include "absl/strings/str_cat.h"
 #include "commands/commands.h"
+#include "commands/progress_bar.h"
 #include "encode/encode.h"
 #include "encode/result_file.h"
-#include "engine.h"
-#include "interrupt.h"
-#include "output_plan.h"
-#include "progress_bar.h"
-#include "report.h"
-#include "request_flags.h"
-#include "request_options.h"
-#include "run_to_files.h"
-#include "server_option.h"
+#include "engine/engine.h"
+#include "engine/interrupt.h"
+#include "engine/report.h"
+#include "engine/run_to_files.h"
+#include "engine/server_option.h"
+#include "options/output_plan.h"
+#include "options/request_flags.h"
+#include "options/request_options.h"
 
 namespace voxelpipe::cli {
 namespace {

@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "service/requests.h"
-#include "service/sample_mesh.h"
-#include "service/server_process.h"
-#include "support/compressed_meshes.h"
+#include "service/support/requests.h"
+#include "service/support/sample_mesh.h"
+#include "service/support/server_process.h"
+#include "support/meshes/compressed_meshes.h"
 
 namespace voxelpipe::testing {
 namespace {

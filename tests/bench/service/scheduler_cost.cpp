@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "observe/metrics.h"
-#include "work/scheduler.h"
+#include "schedule/scheduler.h"
 
 namespace voxelpipe::bench {
 namespace {

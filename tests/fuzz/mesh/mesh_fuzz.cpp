@@ -21,11 +21,11 @@
 #include "absl/strings/str_cat.h"
 #include "base/text.h"
 #include "client.h"
-#include "engine.h"
+#include "engine/engine.h"
+#include "engine/hash.h"
 #include "fuzz/mesh/mutate.h"
 #include "fuzz/mesh/server_watch.h"
-#include "hash.h"
-#include "pipeline/plan.h"
+#include "pipeline/plan/plan.h"
 
 namespace voxelpipe::fuzz {
 namespace {

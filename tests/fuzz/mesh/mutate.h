@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "fuzz/mesh/seeds.h"
-#include "pipeline/request.h"
+#include "job/request.h"
 
 namespace voxelpipe::fuzz {
 

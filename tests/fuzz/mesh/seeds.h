@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "support/glb_builder.h"
+#include "support/meshes/glb_builder.h"
 
 namespace voxelpipe::fuzz {
 

@@ -9,10 +9,10 @@
 #include "base/memory_budget.h"
 #include "batch/manifest.h"
 #include "fuzz/mesh/seeds.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
-#include "parse.h"
+#include "options/parse.h"
 
 namespace voxelpipe::fuzz {
 namespace {

@@ -5,7 +5,7 @@
 #include <fstream>
 
 #include "cli_runner.h"
-#include "support/glb_builder.h"
+#include "support/meshes/glb_builder.h"
 
 namespace voxelpipe {
 namespace {

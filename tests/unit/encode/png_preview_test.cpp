@@ -8,11 +8,11 @@
 #include <functional>
 #include <tuple>
 
-#include "encode/preview_colour.h"
-#include "encode/preview_values.h"
-#include "encode/preview_volume.h"
+#include "encode/preview/preview_colour.h"
+#include "encode/preview/preview_values.h"
+#include "encode/preview/preview_volume.h"
 #include "sample_results.h"
-#include "shaders/packed_normal.h"
+#include "shaders/fragment/packed_normal.h"
 
 namespace voxelpipe {
 namespace {

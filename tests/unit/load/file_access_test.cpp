@@ -14,7 +14,7 @@
 
 #include "base/memory_budget.h"
 #include "load/loader.h"
-#include "support/glb_builder.h"
+#include "support/meshes/glb_builder.h"
 
 namespace voxelpipe {
 namespace {

@@ -6,14 +6,14 @@
 
 #include "base/limit_error.h"
 #include "gtest/gtest.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
-#include "mesh/pose.h"
 #include "mesh/report.h"
+#include "mesh/scene/pose.h"
 #include "pipeline/voxelize.h"
 #include "support/counting_memory.h"
-#include "support/hostile_meshes.h"
+#include "support/meshes/hostile_meshes.h"
 
 namespace voxelpipe {
 namespace {

@@ -8,10 +8,10 @@
 
 #include "base/limit_error.h"
 #include "gtest/gtest.h"
-#include "load/image.h"
+#include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
-#include "support/hostile_meshes.h"
+#include "support/meshes/hostile_meshes.h"
 #include "support/slowdown.h"
 
 namespace voxelpipe {

@@ -3,10 +3,10 @@
 
 #include <gtest/gtest.h>
 
-#include "load/gltf_accessor.h"
-#include "load/gltf_buffers.h"
-#include "load/gltf_document.h"
-#include "support/glb_builder.h"
+#include "load/gltf/document/gltf_buffers.h"
+#include "load/gltf/document/gltf_document.h"
+#include "load/gltf/geometry/gltf_accessor.h"
+#include "support/meshes/glb_builder.h"
 
 namespace voxelpipe {
 namespace {

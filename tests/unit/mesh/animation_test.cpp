@@ -1,4 +1,4 @@
-#include "mesh/animation.h"
+#include "mesh/scene/animation.h"
 
 #include <cmath>
 

@@ -9,7 +9,7 @@
 #include "base/limit_error.h"
 #include "gtest/gtest.h"
 #include "mesh/flatten_job.h"
-#include "shaders/mesh_view.h"
+#include "mesh/views/mesh_view.h"
 
 namespace voxelpipe {
 namespace {

@@ -1,11 +1,11 @@
 // Poses of generated GLB files, against positions worked out by hand.
-#include "mesh/pose.h"
+#include "mesh/scene/pose.h"
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
-#include "support/glb_builder.h"
+#include "support/meshes/glb_builder.h"
 
 namespace voxelpipe {
 namespace {

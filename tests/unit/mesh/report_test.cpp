@@ -1,7 +1,7 @@
 #include "mesh/report.h"
 
 #include "gtest/gtest.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 
 namespace voxelpipe {
 namespace {

@@ -5,8 +5,8 @@
 #include "gtest/gtest.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
-#include "mesh/pose.h"
-#include "support/glb_builder.h"
+#include "mesh/scene/pose.h"
+#include "support/meshes/glb_builder.h"
 #include "support/run.h"
 
 namespace voxelpipe {

@@ -1,8 +1,8 @@
 #include "pipeline/batch.h"
 
 #include "gtest/gtest.h"
-#include "pipeline/backend.h"
-#include "support/meshes.h"
+#include "pipeline/stages/backend.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

@@ -4,7 +4,7 @@
 
 #include "gtest/gtest.h"
 #include "raster/spans.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

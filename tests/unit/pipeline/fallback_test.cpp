@@ -6,10 +6,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
-#include "pipeline/backend.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
 #include "support/faulty_backend.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe::testing {

@@ -3,7 +3,7 @@
 #include <deque>
 
 #include "gtest/gtest.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

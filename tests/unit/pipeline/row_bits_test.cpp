@@ -1,7 +1,7 @@
 // The row-span rasterizer of plain bits against the tile pipeline, on every instruction set that this machine has.
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 #include "gtest/gtest.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

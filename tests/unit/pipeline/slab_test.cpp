@@ -6,8 +6,8 @@
 
 #include "base/device_failure.h"
 #include "gtest/gtest.h"
-#include "pipeline/backend.h"
-#include "support/meshes.h"
+#include "pipeline/stages/backend.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

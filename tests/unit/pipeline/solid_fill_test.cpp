@@ -2,10 +2,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 #include "gtest/gtest.h"
 #include "raster/crossing.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

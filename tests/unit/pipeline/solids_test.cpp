@@ -4,10 +4,10 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include "support/fill_reference.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
+#include "support/reference/fill_reference.h"
+#include "support/reference/value_reference.h"
 #include "support/run.h"
-#include "support/value_reference.h"
 
 namespace voxelpipe {
 namespace {

@@ -4,7 +4,7 @@
 #include <map>
 
 #include "grid/grid_spec.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

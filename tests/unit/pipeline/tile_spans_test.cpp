@@ -1,12 +1,12 @@
 // Boxes of triangles among tiles and their rows in a tile, on every instruction set, against the one definition of coverage.
-#include "cpu/tile_spans.h"
+#include "cpu/rows/tile_spans.h"
 
 #include <algorithm>
 #include <random>
 
-#include "cpu/row_kernels.h"
+#include "cpu/rows/row_kernels.h"
 #include "gtest/gtest.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 
 namespace voxelpipe::cpu {
 namespace {

@@ -6,9 +6,9 @@
 #include <limits>
 
 #include "gtest/gtest.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
+#include "support/reference/value_reference.h"
 #include "support/run.h"
-#include "support/value_reference.h"
 
 namespace voxelpipe {
 namespace {

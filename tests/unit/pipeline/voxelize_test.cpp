@@ -4,7 +4,7 @@
 #include <limits>
 
 #include "gmock/gmock.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 
 namespace voxelpipe {

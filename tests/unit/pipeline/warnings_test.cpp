@@ -3,11 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "pipeline/backend.h"
+#include "job/memory_sink.h"
 #include "pipeline/batch.h"
-#include "pipeline/memory_sink.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 #include "support/warnings.h"
 

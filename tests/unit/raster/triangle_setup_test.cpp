@@ -7,7 +7,7 @@
 #include "raster/crossing.h"
 #include "raster/spans.h"
 #include "raster/tiles.h"
-#include "support/meshes.h"
+#include "support/meshes/meshes.h"
 
 namespace voxelpipe {
 namespace {

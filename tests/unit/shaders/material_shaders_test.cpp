@@ -2,9 +2,9 @@
 #include <cmath>
 
 #include "gtest/gtest.h"
-#include "load/image.h"
-#include "shaders/material_views.h"
-#include "support/meshes.h"
+#include "load/decode/image.h"
+#include "mesh/views/material_views.h"
+#include "support/meshes/meshes.h"
 #include "support/run.h"
 #include "support/shading.h"
 

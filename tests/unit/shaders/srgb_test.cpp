@@ -1,5 +1,5 @@
 // The tables of srgb.h against exact arithmetic.
-#include "shaders/srgb.h"
+#include "shaders/texture/srgb.h"
 
 #include <cmath>
 #include <cstdint>

@@ -1,10 +1,10 @@
-#include "shaders/texture.h"
+#include "shaders/texture/texture.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "gtest/gtest.h"
-#include "shaders/packed_normal.h"
+#include "shaders/fragment/packed_normal.h"
 
 namespace voxelpipe {
 namespace {

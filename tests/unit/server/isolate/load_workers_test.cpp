@@ -8,8 +8,8 @@
 
 #include "gtest/gtest.h"
 #include "isolate/sandbox.h"
-#include "support/compressed_meshes.h"
-#include "work/mesh_bytes.h"
+#include "loading/mesh_bytes.h"
+#include "support/meshes/compressed_meshes.h"
 
 namespace voxelpipe {
 namespace {

@@ -6,9 +6,9 @@
 #include "base/limit_error.h"
 #include "gtest/gtest.h"
 #include "isolate/mesh_check.h"
-#include "support/glb_builder.h"
-#include "support/hostile_meshes.h"
-#include "support/meshes.h"
+#include "support/meshes/glb_builder.h"
+#include "support/meshes/hostile_meshes.h"
+#include "support/meshes/meshes.h"
 
 namespace voxelpipe {
 namespace {

@@ -18,7 +18,7 @@
 
 #include "gtest/gtest.h"
 #include "isolate/mesh_fields.h"
-#include "support/compressed_meshes.h"
+#include "support/meshes/compressed_meshes.h"
 
 namespace voxelpipe {
 namespace {

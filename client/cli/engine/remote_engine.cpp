@@ -1,0 +1,177 @@
+// A server's work through the client library.
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client.h"
+#include "engine/report.h"
+#include "engine/server_option.h"
+#include "inspect.h"
+#include "load/pack.h"
+#include "options/server_access.h"
+#include "wire/status.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+absl::StatusOr<std::unique_ptr<Client>> ConnectTo(const std::string& target) {
+  const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
+  if (!options.ok()) return options.status();
+  return Client::Connect(target, *options);
+}
+
+class RemoteEngine : public Engine {
+ public:
+  explicit RemoteEngine(std::string target) : target_(std::move(target)) {}
+
+  absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
+                                ResultSink& sink, VoxelizeResult* whole) override {
+    // Sibling files are packed in: the server has no business on this machine's disk.
+    if (absl::Status status = Connect(); !status.ok()) return status;
+    EngineRun run;
+    run.server_peak_bytes = 0;
+    const auto add = [&](RemoteRun& remote) {
+      run.mesh_stages = std::move(remote.mesh_stages);
+      run.runs.push_back(std::move(remote.stats));
+      run.served = {remote.served.worker,   remote.served.queue_ms, remote.served.batch_jobs,
+                    remote.served.attempts, remote.cached,          remote.sent_bytes};
+      run.server_peak_bytes = std::max(*run.server_peak_bytes, remote.peak_bytes);
+      if (request.fill != Fill::kNone) run.open_edges = remote.report.open_edges;
+    };
+    if (repeat == 1 && whole == nullptr) {
+      absl::StatusOr<RemoteRun> remote = client_->VoxelizeTo(mesh.bytes, MeshFormat::kAuto, request, job, sink);
+      if (!remote.ok()) return remote.status();
+      add(*remote);
+      return run;
+    }
+    VoxelizeResult last;
+    for (int i = 0; i < repeat; ++i) {
+      last = VoxelizeResult();  // before the next one arrives: one result in memory at a time
+      absl::StatusOr<RemoteResult> remote = client_->Voxelize(mesh.bytes, MeshFormat::kAuto, request, job);
+      if (!remote.ok()) return remote.status();
+      last = std::move(remote->result);
+      add(*remote);
+    }
+    if (absl::Status status = WriteTo(last, sink); !status.ok()) return status;
+    if (whole != nullptr) *whole = std::move(last);
+    return run;
+  }
+
+  absl::StatusOr<std::vector<ShaderInfo>> Shaders() override {
+    if (absl::Status status = Connect(); !status.ok()) return status;
+    return client_->ListShaders();
+  }
+
+ private:
+  absl::Status Connect() {
+    if (client_ != nullptr) return absl::OkStatus();
+    absl::StatusOr<std::unique_ptr<Client>> client = ConnectTo(target_);
+    if (!client.ok()) return client.status();
+    client_ = *std::move(client);
+    return absl::OkStatus();
+  }
+
+  std::string target_;
+  std::unique_ptr<Client> client_;
+};
+
+nlohmann::ordered_json ServerJson(const ServerDescription& server) {
+  nlohmann::ordered_json backends = nlohmann::ordered_json::array();
+  for (const ServerBackend& backend : server.backends) {
+    backends.push_back({{"name", backend.name}, {"simd", backend.simd}});
+  }
+  nlohmann::ordered_json devices = nlohmann::ordered_json::array();
+  for (const ServerDevice& device : server.devices) {
+    devices.push_back({{"name", device.name},
+                       {"backend", device.backend},
+                       {"model", device.model},
+                       {"memory_bytes", device.memory_bytes},
+                       {"workers", device.workers},
+                       {"state", device.serving ? "serving" : "quarantined"},
+                       {"reason", device.reason}});
+  }
+  return {{"version", server.version},
+          {"backends", backends},
+          {"devices", devices},
+          {"loaders", server.workers},
+          {"workers", server.workers},  // its former name
+          {"threads", server.threads},
+          {"limits",
+           {{"max_queue", server.max_queue},
+            {"max_file_bytes", server.max_file_bytes},
+            {"max_triangles", server.max_triangles},
+            {"max_result_bytes", server.max_result_bytes},
+            {"max_working_bytes", server.max_working_bytes},
+            {"max_message_bytes", server.max_message_bytes},
+            {"max_mesh_store_bytes", server.max_mesh_store_bytes}}}};
+}
+
+std::string ServerTable(const std::string& target, const ServerDescription& server) {
+  std::string table = absl::StrCat(target, ": voxelpiped ", server.version);
+  const auto row = [&](const char* name, const std::string& text) {
+    absl::StrAppend(&table, absl::StrFormat("\n  %-16s", name), text);
+  };
+  const auto limit = [](uint64_t value, const std::string& text) { return value == 0 ? std::string("none") : text; };
+  std::string backends;
+  for (const ServerBackend& backend : server.backends) {
+    absl::StrAppend(&backends, backends.empty() ? "" : ", ", backend.name, " (", backend.simd, ")");
+  }
+  row("backends", backends);
+  for (const ServerDevice& device : server.devices) {
+    row("device",
+        absl::StrCat(device.name, device.model.empty() ? "" : ", ", device.model, device.memory_bytes == 0 ? "" : ", ",
+                     device.memory_bytes == 0 ? "" : HumanBytes(device.memory_bytes), ", ", device.workers,
+                     device.workers == 1 ? " worker" : " workers",
+                     device.serving ? "" : absl::StrCat(", quarantined: ", device.reason)));
+  }
+  row("concurrency",
+      absl::StrCat("a batch of requests a worker, ", server.workers, server.workers == 1 ? " mesh" : " meshes",
+                   " loaded; ", server.threads, " CPU threads"));
+  row("waiting", limit(server.max_queue, absl::StrCat("up to ", server.max_queue, " requests")));
+  row("largest file", limit(server.max_file_bytes, HumanBytes(server.max_file_bytes)));
+  row("most triangles", limit(server.max_triangles, WithCommas(server.max_triangles)));
+  row("largest result", limit(server.max_result_bytes, HumanBytes(server.max_result_bytes)));
+  row("working memory", limit(server.max_working_bytes, HumanBytes(server.max_working_bytes)));
+  row("largest message", limit(server.max_message_bytes, HumanBytes(server.max_message_bytes)));
+  row("kept meshes", limit(server.max_mesh_store_bytes, HumanBytes(server.max_mesh_store_bytes)));
+  return table;
+}
+
+}  // namespace
+
+std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target) {
+  return std::make_unique<RemoteEngine>(target);
+}
+
+absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::string& path, const OutsideFiles& outside,
+                                      const JobContext& job) {
+  WarningList warnings;
+  const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path, {}, &warnings, outside);
+  if (!bytes.ok()) return bytes.status();
+  const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
+  if (!options.ok()) return options.status();
+  absl::StatusOr<MeshInspection> seen = InspectMesh(target, *options, *bytes, MeshFormat::kAuto, job);
+  if (!seen.ok()) return seen.status();
+  warnings.Append(seen->warnings);
+  return MeshFacts{seen->report, std::move(seen->contents), std::move(warnings), std::move(seen->stages)};
+}
+
+std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status) {
+  return RetryDelay(status);
+}
+
+bool CouldNotConnect(const absl::Status& status) {
+  return IsConnectError(status);
+}
+
+absl::StatusOr<std::string> DescribeServer(const std::string& target, bool json) {
+  const absl::StatusOr<std::unique_ptr<Client>> client = ConnectTo(target);
+  if (!client.ok()) return client.status();
+  const absl::StatusOr<ServerDescription> server = (*client)->ServerInfo();
+  if (!server.ok()) return server.status();
+  return json ? ServerJson(*server).dump() : ServerTable(target, *server);
+}
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,98 @@
+#include "engine/run_to_files.h"
+
+#include <filesystem>
+
+#include "encode/encode.h"
+#include "encode/result_file.h"
+#include "engine/clock.h"
+#include "engine/hash.h"
+#include "pipeline/warnings.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+// The directories above a file. WriteResult and OpenResultFile name the path if it still cannot be made.
+void MakeDirectories(const std::string& path) {
+  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
+  std::error_code ignored;
+  if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
+}
+
+absl::Status WritePictures(const VoxelizeResult& result, const OutputPlan& plan, JobContext& job,
+                           VoxelizeReport& report) {
+  for (const std::string& path : {plan.result, plan.preview}) {
+    if (path.empty() || FileExtension(path) != ".png") continue;
+    job.Report("encode", 0.5);
+    MakeDirectories(path);
+    if (absl::Status status = WriteResult(result, path, &job); !status.ok()) return status;
+    report.files.push_back(path);
+  }
+  return absl::OkStatus();
+}
+
+// Keeps the time that a file takes.
+class TimedSink final : public ResultSink {
+ public:
+  explicit TimedSink(ResultSink* next) : next_(next) {}
+  absl::Status Begin(const ResultHeader& header) override {
+    return Timed([&] { return next_->Begin(header); });
+  }
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    return Timed([&] { return next_->Write(array, bytes); });
+  }
+  double milliseconds() const { return milliseconds_; }
+
+ private:
+  template <typename Call>
+  absl::Status Timed(const Call& call) {
+    if (next_ == nullptr) return absl::OkStatus();
+    const Stopwatch clock;
+    absl::Status status = call();
+    milliseconds_ += clock.Milliseconds();
+    return status;
+  }
+
+  ResultSink* next_;
+  double milliseconds_ = 0;
+};
+
+}  // namespace
+
+absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const VoxelizeRequest& request, int repeat,
+                                     const OutputPlan& plan, JobContext& job, VoxelizeReport& report) {
+  std::unique_ptr<ResultFile> file;
+  if (!plan.result.empty() && FileExtension(plan.result) != ".png") {
+    MakeDirectories(plan.result);
+    absl::StatusOr<std::unique_ptr<ResultFile>> opened = OpenResultFile(plan.result, &job);
+    if (!opened.ok()) return opened.status();
+    file = *std::move(opened);
+  }
+  const bool picture = !plan.preview.empty() || (!plan.result.empty() && file == nullptr);
+  TimedSink timed(file.get());
+  HashingSink sink(&timed);
+  VoxelizeResult whole;
+  WarningList warnings = std::move(mesh.warnings);
+  if (absl::Status s = CheckStrict(request, warnings); !s.ok()) return s;
+  absl::StatusOr<EngineRun> run = engine.Run(std::move(mesh), request, repeat, job, sink, picture ? &whole : nullptr);
+  if (!run.ok()) return run.status();
+  warnings.Append(run->runs.back().warnings);
+  run->warnings = std::move(warnings);
+  report.header = sink.header();
+  report.bytes = sink.bytes();
+  absl::StatusOr<std::string> hash = sink.Digest();
+  if (!hash.ok()) return hash.status();
+  report.hash = *std::move(hash);
+  const Stopwatch encode;
+  if (file != nullptr) {
+    file->set_sha256(report.hash);
+    if (absl::Status status = file->Commit(); !status.ok()) return status;
+    report.files = WrittenPaths(plan.result, request.targets.size());
+  }
+  if (absl::Status status = WritePictures(whole, plan, job, report); !status.ok()) return status;
+  report.encode_ms = timed.milliseconds() + encode.Milliseconds();
+  report.encoded = file != nullptr || picture;
+  report.peak_bytes = run->server_peak_bytes.value_or(ProcessPeakBytes());
+  return run;
+}
+
+}  // namespace voxelpipe::cli

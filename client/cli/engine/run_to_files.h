@@ -1,0 +1,18 @@
+// One mesh, from its bytes to its files.
+#pragma once
+
+#include "absl/status/statusor.h"
+#include "engine/engine.h"
+#include "engine/report.h"
+#include "options/output_plan.h"
+
+namespace voxelpipe::cli {
+
+// Runs the request and writes what `plan` names, each file under a temporary name and then renamed; directories are
+// made. Out: the run; of `report` all but its input. Arrays go to their file as they are made, only a picture needs the
+// whole result in memory.
+// Errors: those of Engine::Run, and the system's with the path.
+absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const VoxelizeRequest& request, int repeat,
+                                     const OutputPlan& plan, JobContext& job, VoxelizeReport& report);
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,99 @@
+#include "options/request_flags.h"
+
+#include <vector>
+
+#include "absl/strings/str_split.h"
+
+namespace voxelpipe::cli {
+
+// Breaks a description so that it fits beside the option names on a terminal.
+std::string Wrapped(const std::string& text) {
+  constexpr size_t kColumns = 78;
+  std::string wrapped;
+  size_t column = 0;
+  for (const std::string& word : std::vector<std::string>(absl::StrSplit(text, ' '))) {
+    if (column > 0 && column + 1 + word.size() > kColumns) {
+      wrapped += '\n';
+      column = 0;
+    } else if (column > 0) {
+      wrapped += ' ';
+      ++column;
+    }
+    wrapped += word;
+    column += word.size();
+  }
+  return wrapped;
+}
+
+namespace {
+
+void AddGridOptions(CLI::App& command, RequestOptions& request) {
+  const std::string group = "Grid";
+  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
+    command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  };
+  add("--resolution", request.resolution, "N", "Voxels along the longest extent (default 128)");
+  add("--voxel-size", request.voxel_size, "H[,HY,HZ]", "Voxel size, one for all axes or three, in the mesh's units");
+  add("--dims", request.dims, "X,Y,Z", "Dims of a grid that --dims, --origin and --voxel-size give together");
+  add("--origin", request.origin, "X,Y,Z", "Origin of that grid: the corner of its first voxel");
+  add("--fit", request.fit, "tight|cube",
+      "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N, shorter axes centred");
+  add("--padding", request.padding, "P", "Empty voxels on every side (default 0)");
+}
+
+void AddShadingOptions(CLI::App& command, RequestOptions& request) {
+  const std::string group = "Voxels and values";
+  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
+    return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  };
+  add("--coverage", request.coverage, "conservative|thin|center|none",
+      "Which voxels a triangle covers (default conservative: all it touches; none: with --fill parity or nonzero, "
+      "which then gives the voxels whose centre is inside)");
+  add("--fill", request.fill, "none|parity|nonzero|flood",
+      "How the inside is filled (default none): parity by crossings along x, nonzero by their signs, so that parts "
+      "may overlap, flood by what a walk from outside does not reach");
+  add("--shader", request.shader, "NAME[:k=v,...]",
+      "The fragment shader of every target that names none. A vector's numbers are separated by '/', as in "
+      "constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them");
+  add("--vertex-shader", request.vertex_shader, "NAME[:k=v,...]", "The vertex shader (default identity)");
+  add("--target", request.targets, "FORMAT[xC]:BLEND[:k=v,...]",
+      "A render target; may be given several times. FORMAT bit, u8, u16, u32, f16 or f32, C = 1 to 4 components, by "
+      "default as many as the shader gives (1 for bit and count). BLEND "
+      "or, and, replace, first, count for bit; also min, max, add, average for integers; all but or, and for floats. k "
+      "is shader, scale (integers), quantum (add and average of floats), clear, fill (V or one a component, A/B/C; "
+      "default: what the shader gives without a triangle, else clear), encoding (linear or srgb, for colours in u8), "
+      "or a "
+      "parameter of the shader. "
+      "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C as many as the shader gives")
+      ->allow_extra_args(false)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  add("--layout", request.layout, "interleaved|planar", "Order of components (default interleaved)");
+}
+
+void AddExecutionOptions(CLI::App& command, RequestOptions& request) {
+  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
+    command.add_option(name, value, Wrapped(text))->group(kExecutionGroup)->type_name(type);
+  };
+  add("--result", request.result, "dense|sparse|buckets",
+      "Kind of result (default dense): every voxel; the occupied bricks; or all fragments of each voxel");
+  add("--backend", request.backend, "auto|cpu|cuda", "What does the work (default auto)");
+  add("--threads", request.threads, "N", "Threads of the CPU backend in this process (default 0: all cores)");
+  add("--simd", request.simd, "auto|avx512|avx2|scalar", "Instruction set of the CPU backend (default auto)");
+  command.add_flag("--strict", request.strict, "Fail at the first warning")->group(kExecutionGroup);
+}
+
+}  // namespace
+
+void AddAllowOutside(CLI::App& command, bool& allowed) {
+  command.add_flag("--allow-outside", allowed,
+                   Wrapped("Also read files that a glTF file names outside of its directory, by .. or through a link; "
+                           "otherwise they are refused"));
+}
+
+void AddRequestFlags(CLI::App& command, RequestOptions& request) {
+  AddGridOptions(command, request);
+  AddShadingOptions(command, request);
+  AddExecutionOptions(command, request);
+}
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,110 @@
+#include "options/request_options.h"
+
+#include <array>
+#include <string_view>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "options/parse.h"
+#include "pipeline/plan/plan.h"
+
+namespace voxelpipe::cli {
+namespace {
+
+absl::Status AtOption(const char* option, const absl::Status& status) {
+  return absl::InvalidArgumentError(absl::StrCat(option, ": ", std::string(status.message())));
+}
+
+template <typename T>
+absl::Status Read(const char* option, const std::optional<std::string>& text,
+                  absl::StatusOr<T> (*parse)(std::string_view), std::optional<T>& value) {
+  if (!text) return absl::OkStatus();
+  absl::StatusOr<T> parsed = parse(*text);
+  if (!parsed.ok()) return AtOption(option, parsed.status());
+  value = *std::move(parsed);
+  return absl::OkStatus();
+}
+
+template <typename T, size_t N>
+absl::Status Choose(const char* option, const std::string& text,
+                    const std::array<std::pair<const char*, T>, N>& choices, T& value) {
+  std::string known;
+  for (const auto& [name, choice] : choices) {
+    if (text == name) {
+      value = choice;
+      return absl::OkStatus();
+    }
+    absl::StrAppend(&known, known.empty() ? "" : ", ", name);
+  }
+  return absl::InvalidArgumentError(absl::StrCat(option, ": unknown choice '", text, "'; known are ", known));
+}
+
+absl::Status BuildGrid(const RequestOptions& options, GridRequest& grid) {
+  if (absl::Status s = Read("--voxel-size", options.voxel_size, &ParseVoxelSize, grid.voxel_size); !s.ok()) return s;
+  if (absl::Status s = Read("--dims", options.dims, &ParseDims, grid.dims); !s.ok()) return s;
+  if (absl::Status s = Read("--origin", options.origin, &ParsePoint, grid.origin); !s.ok()) return s;
+  if (options.resolution && options.voxel_size) {
+    return absl::InvalidArgumentError("--resolution and --voxel-size exclude one another");
+  }
+  if (grid.dims.has_value() != grid.origin.has_value() || (grid.dims && !grid.voxel_size)) {
+    return absl::InvalidArgumentError("--dims, --origin and --voxel-size belong together: give all three");
+  }
+  if (options.fit && options.voxel_size) {
+    return absl::InvalidArgumentError("--fit goes with --resolution, not with --voxel-size");
+  }
+  if (options.resolution) {
+    if (*options.resolution < 1) return absl::InvalidArgumentError("--resolution: at least 1 voxel");
+    grid.resolution = *options.resolution;
+  }
+  if (options.padding < 0) return absl::InvalidArgumentError("--padding: at least 0 voxels");
+  grid.padding = options.padding;
+  constexpr std::array<std::pair<const char*, GridFit>, 2> kFits = {
+      {{"tight", GridFit::kTight}, {"cube", GridFit::kCube}}};
+  return options.fit ? Choose("--fit", *options.fit, kFits, grid.fit) : absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& options) {
+  VoxelizeRequest request;
+  if (absl::Status s = BuildGrid(options, request.grid); !s.ok()) return s;
+
+  constexpr std::array<std::pair<const char*, Coverage>, 4> kCoverages = {{{"conservative", Coverage::kConservative},
+                                                                           {"thin", Coverage::kThin},
+                                                                           {"center", Coverage::kCenter},
+                                                                           {"none", Coverage::kNone}}};
+  if (absl::Status s = Choose("--coverage", options.coverage, kCoverages, request.coverage); !s.ok()) return s;
+  constexpr std::array<std::pair<const char*, Fill>, 4> kFills = {
+      {{"none", Fill::kNone}, {"parity", Fill::kParity}, {"nonzero", Fill::kNonzero}, {"flood", Fill::kFlood}}};
+  if (absl::Status s = Choose("--fill", options.fill, kFills, request.fill); !s.ok()) return s;
+  constexpr std::array<std::pair<const char*, Layout>, 2> kLayouts = {
+      {{"interleaved", Layout::kInterleaved}, {"planar", Layout::kPlanar}}};
+  if (absl::Status s = Choose("--layout", options.layout, kLayouts, request.layout); !s.ok()) return s;
+  constexpr std::array<std::pair<const char*, ResultKind>, 3> kKinds = {
+      {{"dense", ResultKind::kDense}, {"sparse", ResultKind::kSparse}, {"buckets", ResultKind::kBuckets}}};
+  if (absl::Status s = Choose("--result", options.result, kKinds, request.result); !s.ok()) return s;
+  constexpr std::array<std::pair<const char*, SimdChoice>, 4> kSimds = {{{"auto", SimdChoice::kAuto},
+                                                                         {"avx512", SimdChoice::kAvx512},
+                                                                         {"avx2", SimdChoice::kAvx2},
+                                                                         {"scalar", SimdChoice::kScalar}}};
+  if (absl::Status s = Choose("--simd", options.simd, kSimds, request.simd); !s.ok()) return s;
+  constexpr std::array<std::pair<const char*, BackendChoice>, 3> kBackends = {
+      {{"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}}};
+  if (absl::Status s = Choose("--backend", options.backend, kBackends, request.backend); !s.ok()) return s;
+  if (options.threads < 0) return absl::InvalidArgumentError("--threads: at least 0 (all cores)");
+  request.threads = options.threads;
+  request.strict = options.strict;
+
+  if (options.vertex_shader) {
+    absl::StatusOr<ShaderCall> call = ParseShaderCall(*options.vertex_shader);
+    if (!call.ok()) return AtOption("--vertex-shader", call.status());
+    request.vertex_shader = *std::move(call);
+  }
+  absl::StatusOr<std::vector<TargetSpec>> targets = ResolveTargets(options.targets, options.shader);
+  if (!targets.ok()) return AtOption(options.targets.empty() ? "--shader" : "--target", targets.status());
+  request.targets = *std::move(targets);
+  if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
+  return request;
+}
+
+}  // namespace voxelpipe::cli

@@ -1,0 +1,37 @@
+// From the options of `voxelpipe voxelize` to a request.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "job/request.h"
+
+namespace voxelpipe::cli {
+
+// As typed; absent where the option was not given.
+struct RequestOptions {
+  std::optional<int64_t> resolution{};
+  std::optional<std::string> voxel_size{}, dims{}, origin{};
+  std::optional<std::string> fit{};
+  int64_t padding = 0;
+  std::string coverage = "conservative";
+  std::string fill = "none";
+  std::optional<std::string> shader{};
+  std::optional<std::string> vertex_shader{};
+  std::vector<std::string> targets{};
+  std::string layout = "interleaved";
+  std::string result = "dense";
+  std::string backend = "auto";
+  std::string simd = "auto";
+  int threads = 0;
+  bool strict = false;
+};
+
+// INVALID_ARGUMENT naming the option at fault: a text that cannot be read, options that exclude one another, a shader,
+// blend or parameter that does not exist.
+absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& options);
+
+}  // namespace voxelpipe::cli

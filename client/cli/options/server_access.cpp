@@ -1,0 +1,79 @@
+#include "options/server_access.h"
+
+#include <cstdlib>
+#include <sstream>
+
+#include <CLI/CLI.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "load/local_file.h"
+#ifdef VOXELPIPE_HAVE_SERVICE
+#include "client.h"
+#endif
+
+namespace voxelpipe::cli {
+namespace {
+
+struct Flags {
+  bool tls = false;
+  std::string ca, cert, key, server_name, token_file, compress;
+};
+
+// One command runs in a process, so one set is enough for the flags of all of them.
+Flags& TheFlags() {
+  static Flags flags;
+  return flags;
+}
+
+}  // namespace
+
+void AddServerAccessFlags(CLI::App& app) {
+  Flags& flags = TheFlags();
+  for (CLI::App* command :
+       app.get_subcommands([](CLI::App* c) { return c->get_option_no_throw("--server") != nullptr; })) {
+    const auto add = [&](const char* name, std::string& value, const char* type, const char* help) {
+      command->add_option(name, value, help)->type_name(type)->group("The server");
+    };
+    command->add_flag("--tls", flags.tls, "Encrypt, and believe whom this machine believes")->group("The server");
+    add("--tls-ca", flags.ca, "FILE", "Encrypt, and believe whom these certificates signed (PEM)");
+    add("--tls-cert", flags.cert, "FILE", "Encrypt, and show this certificate (PEM), with --tls-key");
+    add("--tls-key", flags.key, "FILE", "The key of --tls-cert (PEM)");
+    add("--tls-server-name", flags.server_name, "NAME", "Encrypt; the server's certificate is for this name");
+    add("--token-file", flags.token_file, "FILE", "Send the token in this file (else that of VOXELPIPE_TOKEN, if set)");
+    // Of those that take results home; bench has an option of its own.
+    if (command->get_name() != "voxelize" && command->get_name() != "batch") continue;
+    command->add_option("--compress", flags.compress, "Of results on their way here (default none)")
+        ->type_name("none|zstd")
+        ->group("The server")
+        ->check(CLI::IsMember({"none", "zstd"}))
+        ->needs(command->get_option("--server"));
+  }
+}
+
+#ifdef VOXELPIPE_HAVE_SERVICE
+absl::StatusOr<ConnectOptions> MakeConnectOptions() {
+  const Flags& flags = TheFlags();
+  ConnectOptions options;
+  if (flags.compress == "zstd") options.settings.compression = Compression::kZstd;
+  if (flags.tls || !(flags.ca + flags.cert + flags.key + flags.server_name).empty()) {
+    options.tls = ClientTls{flags.ca, flags.cert, flags.key, flags.server_name};
+  }
+  if (!flags.token_file.empty()) {
+    constexpr uint64_t kMaxTokenFileBytes = 1 << 20;
+    const absl::StatusOr<FileBytes> bytes = ReadLocalFile(flags.token_file, kMaxTokenFileBytes);
+    if (!bytes.ok()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("--token-file: ", flags.token_file, ": ", std::string(bytes.status().message())));
+    }
+    std::istringstream text(std::string(bytes->begin(), bytes->end()));
+    if (!(text >> options.token)) {
+      return absl::InvalidArgumentError(absl::StrCat("--token-file: ", flags.token_file, " holds no token"));
+    }
+  } else if (const char* token = std::getenv("VOXELPIPE_TOKEN")) {
+    options.token = token;
+  }
+  return options;
+}
+#endif
+
+}  // namespace voxelpipe::cli

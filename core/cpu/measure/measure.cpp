@@ -1,0 +1,476 @@
+// Sources: the Minkowski sum of a triangle and a box (surface.cpp) for what a triangle touches on average,
+// raster/clipped_triangle.h for its part in the grid. What no average knows - vertices on voxel corners, faces on the
+// lattice's planes, thin coverage, surfaces that lie in each other - is counted exactly in samples.
+#include "cpu/measure/measure.h"
+
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_reduce.h>
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cmath>
+#include <memory>
+#include <mutex>
+#include <utility>
+#include <vector>
+
+#include "cpu/base/parallel.h"
+#include "cpu/measure/measure_cells.h"
+#include "cpu/measure/measure_touch.h"
+#include "raster/spans.h"
+#include "raster/tiles.h"
+
+namespace voxelpipe::cpu {
+namespace {
+
+constexpr int64_t kGrain = 1 << 12;
+constexpr double kSmallVoxels = 4096;  // boxes of more are of large triangles, for which averages are exact enough
+constexpr uint64_t kSampledTriangles = 512;
+constexpr uint64_t kSampledBricks = 192;
+constexpr int64_t kLargestSample = 32;        // voxels along an axis; grids with larger cells are left to averages
+constexpr int64_t kTrianglesOfSample = 2048;  // a brick with so many is as good as full
+// Cells that are marked at most, but for a few of each triangle: a hundred thousand triangles that each go through the
+// whole of a large grid would take seconds.
+constexpr uint64_t kMaxMarks = 1 << 24, kMinMarks = 16;
+constexpr int64_t kMaxShares = 256;
+constexpr int64_t kLinesAnAxis = 24;
+constexpr uint64_t kMaxCrossings = 1024;  // of a line, that are kept
+constexpr double kOpenLines = 0.2;        // closed surfaces have none but for roundings
+// Dense results have no lists but the pairs of tiles and triangles: every so many triangles of larger meshes tell
+// enough of them.
+constexpr uint64_t kLookedAt = 1 << 16, kStepOfDense = 8;
+constexpr double kListedBytesThatMatter = 4 << 20;
+
+// A number from a sequence that no mesh follows, as the regular ones of grids do.
+uint64_t Scatter(uint64_t i) {
+  i *= 0x9E3779B97F4A7C15ull;
+  return (i ^ i >> 29) * 0xBF58476D1CE4E5B9ull >> 20;
+}
+
+// Sums over triangles; joined always in the same order.
+struct Sums {
+  double small = 0, small_rows = 0;                      // fragments of small triangles, conservative
+  double large = 0, large_rows = 0, area = 0, main = 0;  // of large ones; their areas, and those of the dominant axis
+  double pairs = 0, crossings = 0, layers = 0;
+  bool unmarked = false;  // the cells of some triangles were too many to mark
+  double box_cells = 0;   // of the boxes of all triangles
+  std::vector<double> shares;
+
+  void Scale(double factor) {
+    for (double* sum : {&small, &small_rows, &large, &large_rows, &area, &main, &pairs, &crossings, &layers}) {
+      *sum *= factor;
+    }
+    for (double& share : shares) share *= factor;
+  }
+  void Add(const Sums& other) {
+    small += other.small;
+    small_rows += other.small_rows;
+    large += other.large;
+    large_rows += other.large_rows;
+    area += other.area;
+    main += other.main;
+    pairs += other.pairs;
+    crossings += other.crossings;
+    layers += other.layers;
+    unmarked = unmarked || other.unmarked;
+    box_cells += other.box_cells;
+    for (size_t i = 0; i < shares.size(); ++i) shares[i] += other.shares[i];
+  }
+};
+
+// One touched cell in which voxels are counted.
+struct Sample {
+  Box box;  // voxels
+  std::mutex mutex;
+  std::atomic<int64_t> triangles = 0;
+  std::vector<uint64_t> covered, shell;  // a bit a voxel; `shell`: under conservative coverage, where a flood wants it
+};
+
+class Measurer {
+ public:
+  Measurer(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid, const JobContext& job)
+      : mesh_(mesh), request_(request), grid_(grid), job_(job), space_(grid.index_space()) {
+    share_layers_ = 8;
+    while ((grid.dims[2] + share_layers_ - 1) / share_layers_ > kMaxShares) share_layers_ *= 2;
+    lists_ = request.result != ResultKind::kDense;
+    marks_ = lists_ && request.coverage != Coverage::kNone;
+    step_ = lists_ || mesh.triangle_count < kLookedAt ? 1 : kStepOfDense;
+    if (lists_) cells_ = std::make_unique<Cells>(grid);
+    marks_a_triangle_ = std::max(kMinMarks, kMaxMarks / std::max<uint64_t>(1, mesh.triangle_count));
+  }
+
+  absl::StatusOr<Surface> Run() {
+    const Sums sums = Sum();
+    if (absl::Status s = job_.Check(); !s.ok()) return s;
+    Surface out;
+    if (request_.coverage != Coverage::kNone) {
+      Correct(sums, out);
+    } else {
+      out.crossings = sums.crossings;
+      out.layers = sums.layers;
+    }
+    const bool marked = marks_ && !sums.unmarked;
+    if (marked) {
+      CountCells(out);
+    } else {
+      SpreadBricks(out);
+    }
+    double shell = std::min(double(grid_.voxels()), sums.small + sums.large);
+    if (marked && cells_->edge() <= kLargestSample && sums.box_cells < double(kMaxMarks) &&
+        MostListedBytes(SeparateShell() ? shell : out.voxels) > kListedBytesThatMatter) {
+      CountVoxels(out, shell);
+    }
+    if (!SeparateShell()) shell = out.voxels;
+    if (lists_ && request_.fill != Fill::kNone) CountFilled(shell, out);
+    if (absl::Status s = job_.Check(); !s.ok()) return s;
+    out.share_layers = share_layers_;
+    return out;
+  }
+
+ private:
+  Triangle At(uint64_t t) const {
+    const uint32_t* const v = mesh_.triangles[t];
+    const auto place = [&](uint32_t i) { return WorldToIndex(space_, mesh_.positions[i]); };
+    return {place(v[0]), place(v[1]), place(v[2])};
+  }
+  static std::pair<Vec3d, Vec3d> Bounds(const Triangle& t) {
+    Vec3d lo, hi;
+    for (int i = 0; i < 3; ++i) {
+      lo[i] = Min(t.a[i], Min(t.b[i], t.c[i]));
+      hi[i] = Max(t.a[i], Max(t.b[i], t.c[i]));
+    }
+    return {lo, hi};
+  }
+
+  // `marks`: cells that were marked in this chunk of triangles, of `most_marks`.
+  void Add(const Triangle& t, uint64_t most_marks, uint64_t& marks, Sums& sums) {
+    const auto [lo, hi] = Bounds(t);
+    Touch touch;
+    if (!TouchOf(t, lo, hi, grid_, touch)) return;
+    const Vec3d& area = touch.part.area;
+    if (touch.voxels <= kSmallVoxels) {
+      sums.small += touch.fragments;
+      sums.small_rows += touch.rows;
+    } else {
+      sums.large += touch.fragments;
+      sums.large_rows += touch.rows;
+      sums.area += area.x + area.y + area.z;
+      sums.main += std::max({area.x, area.y, area.z});
+    }
+    sums.pairs += PairsOf(touch);
+    sums.crossings += area.x;
+    sums.layers += double(touch.box[2].second - touch.box[2].first + 1);
+    const int64_t first = touch.box[2].first / share_layers_, last = touch.box[2].second / share_layers_;
+    const double each = touch.fragments / double(last - first + 1);
+    for (int64_t i = first; i <= last; ++i) sums.shares[size_t(i)] += each;
+    if (!marks_ || sums.unmarked) return;
+    sums.box_cells += Count(cells_->CellsOf(touch.box));
+    if (marks > most_marks) {
+      sums.unmarked = true;
+      return;
+    }
+    cells_->ForEach(t, touch.box, [&](int64_t x, int64_t y, int64_t z) {
+      cells_->Mark(x, y, z);
+      ++marks;
+    });
+  }
+
+  Sums Sum() {
+    Sums none;
+    none.shares.resize(size_t((grid_.dims[2] + share_layers_ - 1) / share_layers_));
+    Sums sums = tbb::parallel_deterministic_reduce(
+        tbb::blocked_range<uint64_t>(0, mesh_.triangle_count / step_, kGrain), none,
+        [&](const tbb::blocked_range<uint64_t>& range, Sums part) {
+          if (!job_.Check().ok()) return part;
+          uint64_t marks = 0;
+          const uint64_t most = marks_a_triangle_ * range.size();
+          for (uint64_t i = range.begin(); i < range.end(); ++i) {
+            Add(At(i * step_ + Scatter(i) % step_), most, marks, part);
+          }
+          return part;
+        },
+        [](Sums a, const Sums& b) {
+          a.Add(b);
+          return a;
+        });
+    sums.Scale(double(step_));
+    return sums;
+  }
+
+  // Counts fragments and rows of a triangle within some voxels, exactly.
+  template <typename Visit>
+  void Rows(const Triangle& t, const VoxelRange& range, const Visit& visit) const {
+    ForEachRowSpan(SetUpTriangle(t.a, t.b, t.c, request_.coverage), range, visit);
+  }
+
+  void Correct(const Sums& sums, Surface& out) const {
+    double found = 0, rows = 0, expected = 0, expected_rows = 0;
+    const uint64_t count = mesh_.triangle_count, step = std::max<uint64_t>(1, count / kSampledTriangles);
+    for (uint64_t first = 0, i = 0; lists_ && first < count && sums.small > 0; first += step, ++i) {
+      const uint64_t scattered = first + Scatter(i) % step;
+      if (scattered >= count) break;
+      const Triangle t = At(scattered);
+      const auto [lo, hi] = Bounds(t);
+      Touch touch;
+      if (!TouchOf(t, lo, hi, grid_, touch) || touch.voxels > kSmallVoxels) continue;
+      expected += touch.fragments;
+      expected_rows += touch.rows;
+      Rows(t, RangeOf(touch.box), [&](int64_t, int64_t, int64_t begin, int64_t end) {
+        found += double(end - begin);
+        rows += double((end - 1) / TileDim(0) - begin / TileDim(0) + 1);
+      });
+    }
+    const double ratio = expected > 0 ? found / expected : 1;
+    const double row_ratio = expected_rows > 0 ? rows / expected_rows : 1;
+    const double large = request_.coverage == Coverage::kConservative || !(sums.area > 0) ? 1 : sums.main / sums.area;
+    out.fragments = sums.small * ratio + sums.large * large;
+    out.rows = std::min(out.fragments, sums.small_rows * row_ratio + sums.large_rows);
+    out.pairs = sums.pairs;
+    out.crossings = sums.crossings;
+    out.layers = sums.layers;
+    const double all = double(grid_.voxels());
+    out.voxels = std::min(out.fragments, all);
+    out.tiles = std::min(out.pairs, all / kTileVoxels + double(grid_.dims[1] * grid_.dims[2]) / 64 + 1);
+    out.bricks = std::min(4 * out.pairs, all / 512 + 1);
+    out.filled_bricks = out.bricks;
+    const double scale = sums.small + sums.large > 0 ? out.fragments / (sums.small + sums.large) : 0;
+    for (const double share : sums.shares) out.shares.push_back({share * scale, 0});
+  }
+
+  // Where no cells were marked: by the fragments.
+  void SpreadBricks(Surface& out) const {
+    for (Surface::Share& share : out.shares) {
+      share.bricks = out.fragments > 0 ? out.bricks * share.fragments / out.fragments : 0;
+    }
+  }
+
+  void CountCells(Surface& out) const {
+    const double layers_of_cell = double(cells_->edge());
+    // Larger cells hold bricks by the square of their edge: a surface goes through them.
+    const double bricks_of_cell = std::pow(double(cells_->edge()) / 8, 2) * (cells_->edge() > 8 ? 1.3 : 1);
+    double bricks = 0, tiles = 0;
+    const int64_t a_layer = cells_->dim(0) * cells_->dim(1), a_tile = std::max<int64_t>(1, TileDim(0) / cells_->edge());
+    for (int64_t z = 0; z < cells_->dim(2); ++z) {
+      double here = 0;
+      for (int64_t row = 0; row < cells_->dim(1); ++row) {
+        const int64_t first = z * a_layer + row * cells_->dim(0);
+        for (int64_t x = 0; x < cells_->dim(0); x += a_tile) {
+          // Past the empty rest of a word.
+          const int64_t bit = (first + x) % 64, rest = (64 - bit) / a_tile * a_tile;
+          if (rest > 0 && x + rest <= cells_->dim(0) && cells_->word((first + x) / 64) >> bit == 0) {
+            x += rest - a_tile;
+            continue;
+          }
+          int64_t touched = 0;
+          for (int64_t i = x; i < std::min(cells_->dim(0), x + a_tile); ++i) touched += cells_->at(first + i);
+          here += double(touched);
+          tiles += touched > 0 ? 1 : 0;
+        }
+      }
+      here *= bricks_of_cell;
+      bricks += here;
+      out.shares[size_t(double(z) * layers_of_cell) / size_t(share_layers_)].bricks += here;
+    }
+    const double most = out.bricks;
+    out.bricks = cells_->edge() > 8 ? std::min(bricks, most) : bricks;
+    out.tiles = std::min(out.tiles, tiles * bricks_of_cell);
+    out.voxels = std::min(out.voxels, 512 * out.bricks);
+    out.filled_bricks = out.bricks;
+  }
+
+  // Whether a flood's shell is not what is covered.
+  bool SeparateShell() const { return request_.fill == Fill::kFlood && request_.coverage != Coverage::kConservative; }
+
+  double MostListedBytes(double voxels) const {
+    double value = 16;
+    for (const TargetSpec& target : request_.targets) {
+      value += double(target.components * BitsPerComponent(target.format)) / 8;
+    }
+    return value * voxels;
+  }
+
+  // Counts the covered voxels of some touched cells exactly.
+  void CountVoxels(Surface& out, double& shell) const {
+    uint64_t touched = 0;
+    for (int64_t w = 0; w < cells_->words(); ++w) touched += uint64_t(std::popcount(cells_->word(w)));
+    if (touched == 0) return;
+    const auto count = size_t(std::min(touched, kSampledBricks));
+    std::vector<Sample> samples(count);
+    std::vector<std::pair<int64_t, size_t>> number;  // by cell
+    uint64_t rank = 0;
+    for (int64_t w = 0; w < cells_->words() && number.size() < count; ++w) {
+      for (uint64_t left = cells_->word(w); left != 0 && number.size() < count; left &= left - 1, ++rank) {
+        const size_t i = number.size();
+        if (rank != i * touched / count) continue;  // evenly among those that are touched
+        const int64_t cell = w * 64 + std::countr_zero(left);
+        samples[i].box = cells_->VoxelsOfCell(cell);
+        samples[i].covered.resize(size_t(Count(samples[i].box)) / 64 + 1);
+        if (SeparateShell()) samples[i].shell.resize(samples[i].covered.size());
+        number.emplace_back(cell, i);
+      }
+    }
+    std::vector<uint64_t> sampled(size_t(cells_->words()));
+    for (const auto& [cell, i] : number) sampled[size_t(cell / 64)] |= uint64_t{1} << (cell % 64);
+    ParallelChunks(int64_t(mesh_.triangle_count), kGrain, job_, [&](int64_t begin, int64_t end) {
+      for (int64_t i = begin; i < end; ++i) {
+        const Triangle t = At(uint64_t(i));
+        const auto [lo, hi] = Bounds(t);
+        Box box;
+        if (!VoxelsOf(lo, hi, grid_, box)) continue;
+        const Box within = cells_->CellsOf(box);
+        if (Count(within) > double(4 * count)) {
+          for (Sample& sample : samples) Cover(t, box, sample);
+          continue;
+        }
+        for (int64_t z = within[2].first; z <= within[2].second; ++z) {
+          for (int64_t y = within[1].first; y <= within[1].second; ++y) {
+            for (int64_t x = within[0].first; x <= within[0].second; ++x) {
+              const int64_t cell = x + cells_->dim(0) * (y + cells_->dim(1) * z);
+              if ((sampled[size_t(cell / 64)] >> (cell % 64) & 1) == 0) continue;
+              const auto at = std::lower_bound(number.begin(), number.end(), std::pair<int64_t, size_t>(cell, 0));
+              Cover(t, box, samples[at->second]);
+            }
+          }
+        }
+      }
+    }).IgnoreError();  // the caller asks the job
+    double voxels = 0, touching = 0;
+    for (const Sample& sample : samples) {
+      for (const uint64_t word : sample.covered) voxels += double(std::popcount(word));
+      for (const uint64_t word : sample.shell) touching += double(std::popcount(word));
+    }
+    out.voxels = std::min(out.voxels, voxels * double(touched) / double(count));
+    shell = std::min(shell, touching * double(touched) / double(count));
+  }
+
+  void Cover(const Triangle& t, const Box& voxels, Sample& sample) const {
+    for (size_t i = 0; i < 3; ++i) {
+      if (voxels[i].first > sample.box[i].second || voxels[i].second < sample.box[i].first) return;
+    }
+    if (++sample.triangles > kTrianglesOfSample) return;
+    const std::lock_guard lock(sample.mutex);
+    const int64_t nx = sample.box[0].second - sample.box[0].first + 1,
+                  ny = sample.box[1].second - sample.box[1].first + 1;
+    const auto set = [&](Coverage coverage, std::vector<uint64_t>& bits) {
+      const auto setup = SetUpTriangle(t.a, t.b, t.c, coverage);
+      ForEachRowSpan(setup, RangeOf(sample.box), [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
+        const int64_t row = nx * ((y - sample.box[1].first) + ny * (z - sample.box[2].first)) - sample.box[0].first;
+        for (int64_t x = x_begin; x < x_end; ++x) bits[size_t((row + x) / 64)] |= uint64_t{1} << ((row + x) % 64);
+      });
+    };
+    set(request_.coverage, sample.covered);
+    if (!sample.shell.empty()) set(Coverage::kConservative, sample.shell);
+  }
+
+  // A fill's voxels, by some lines along x.
+  void CountFilled(double shell, Surface& out) const {
+    const double all = double(grid_.voxels());
+    double open = 0;
+    const double filled = FilledShare(open) * all;
+    // Half of a surface's voxels have their centre inside.
+    out.inside = std::max(0.0, filled - 0.5 * out.voxels);
+    if (request_.fill == Fill::kFlood) {
+      // What is not reached from outside: the conservative shell, whatever the coverage, and what it closes in. A
+      // surface with holes closes in nothing, but where little is left open.
+      const double closed = open > kOpenLines ? 0 : std::max(0.0, filled - 0.5 * shell);
+      out.inside = shell > 0.4 * all ? all : shell - out.voxels + closed;
+    }
+    out.inside = std::min(out.inside, all - out.voxels);
+    const double bricks = std::max(all / 512, double(cells_->count()));
+    out.filled_bricks = std::min(bricks, out.bricks + 1.5 * out.inside / 512);
+  }
+
+  // The share of the grid that is inside; `open`: of the lines that cross anything, those that do so an odd number of
+  // times.
+  double FilledShare(double& open) const {
+    const int64_t ny = std::min(kLinesAnAxis, grid_.dims[1]), nz = std::min(kLinesAnAxis, grid_.dims[2]);
+    std::vector<std::vector<std::pair<double, int>>> lines(size_t(ny * nz));  // where, and from which side
+    std::vector<std::atomic<uint64_t>> crossings(lines.size());
+    std::vector<std::mutex> locks(lines.size());
+    // Between voxel centres, but for the same number on average.
+    const auto place = [](int64_t i, int64_t count, int64_t dim) {
+      return (double(i) + 0.5) * double(dim) / double(count) + 1e-4;
+    };
+    const auto from = [](double p, int64_t count, int64_t dim) {  // the first line at or behind p
+      return std::clamp(std::ceil((p - 1e-4) * double(count) / double(dim) - 0.5), 0.0, double(count));
+    };
+    ParallelChunks(int64_t(mesh_.triangle_count), kGrain, job_, [&](int64_t begin, int64_t end) {
+      for (int64_t i = begin; i < end; ++i) {
+        const Triangle t = At(uint64_t(i));
+        const auto [lo, hi] = Bounds(t);
+        if (!IsWithinReach(lo, hi)) continue;
+        const auto y_end = int64_t(from(hi.y, ny, grid_.dims[1])), z_end = int64_t(from(hi.z, nz, grid_.dims[2]));
+        for (auto z = int64_t(from(lo.z, nz, grid_.dims[2])); z < z_end; ++z) {
+          for (auto y = int64_t(from(lo.y, ny, grid_.dims[1])); y < y_end; ++y) {
+            const auto at = size_t(y + ny * z);
+            if (crossings[at].load(std::memory_order_relaxed) > kMaxCrossings) continue;
+            std::pair<double, int> x;
+            if (!CrossLine(t, place(y, ny, grid_.dims[1]), place(z, nz, grid_.dims[2]), x)) continue;
+            const std::lock_guard lock(locks[at]);
+            if (++crossings[at] <= kMaxCrossings) lines[at].push_back(x);
+          }
+        }
+      }
+    }).IgnoreError();
+    constexpr double kOneSurface = 1e-6;  // voxels between crossings of the same surface, repeated
+    const bool flood = request_.fill == Fill::kFlood;
+    const double nx = double(grid_.dims[0]);
+    double length = 0, odd = 0, crossed = 0;
+    for (size_t at = 0; at < lines.size(); ++at) {
+      auto& line = lines[at];
+      if (crossings[at] > kMaxCrossings) {  // as if all of it were inside
+        length += nx;
+        ++crossed;
+        continue;
+      }
+      std::sort(line.begin(), line.end());
+      crossed += line.empty() ? 0 : 1;
+      int winding = 0;
+      size_t surfaces = 0;  // crossed so far
+      for (size_t i = 0; i < line.size(); ++i) {
+        winding += line[i].second;
+        const double end = i + 1 < line.size() ? line[i + 1].first : nx;
+        // A flood does not see how many surfaces lie on top of each other, and fills what overlaps.
+        if (flood && i + 1 < line.size() && end - line[i].first < kOneSurface) continue;
+        ++surfaces;
+        bool inside = surfaces % 2 == 1;
+        if (request_.fill == Fill::kNonzero) inside = winding != 0;
+        if (flood) inside = inside || winding != 0;
+        if (inside) length += std::clamp(end, 0.0, nx) - std::clamp(line[i].first, 0.0, nx);
+      }
+      odd += double(surfaces % 2);
+    }
+    open = crossed > 0 ? odd / crossed : 0;
+    return length / (nx * double(lines.size()));
+  }
+
+  // Where the line (y, z) along x crosses the triangle.
+  static bool CrossLine(const Triangle& t, double y, double z, std::pair<double, int>& out) {
+    const auto side = [&](const Vec3d& p, const Vec3d& q) { return (q.y - p.y) * (z - p.z) - (q.z - p.z) * (y - p.y); };
+    const double ab = side(t.a, t.b), bc = side(t.b, t.c), ca = side(t.c, t.a), sum = ab + bc + ca;
+    if (!((ab >= 0 && bc >= 0 && ca >= 0) || (ab <= 0 && bc <= 0 && ca <= 0)) || sum == 0) return false;
+    out = {(bc * t.a.x + ca * t.b.x + ab * t.c.x) / sum, sum > 0 ? 1 : -1};
+    return true;
+  }
+
+  const MeshView& mesh_;
+  const VoxelizeRequest& request_;
+  const GridSpec& grid_;
+  const JobContext& job_;
+  const IndexSpace space_;
+  std::unique_ptr<Cells> cells_;  // of lists
+  int64_t share_layers_;
+  uint64_t step_;  // one triangle of so many is looked at
+  bool lists_, marks_;
+  uint64_t marks_a_triangle_;  // cells, on average
+};
+
+}  // namespace
+
+absl::StatusOr<Surface> MeasureSurface(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid,
+                                       const JobContext& job) {
+  return Measurer(mesh, request, grid, job).Run();
+}
+
+}  // namespace voxelpipe::cpu

@@ -1,0 +1,11 @@
+// The vector kernels. Null where the compiler cannot make them.
+#pragma once
+
+#include "cpu/rows/row_kernels.h"
+
+namespace voxelpipe::cpu {
+
+const RowKernels* Avx2RowKernels();
+const RowKernels* Avx512RowKernels();
+
+}  // namespace voxelpipe::cpu

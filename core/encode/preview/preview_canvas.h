@@ -1,0 +1,43 @@
+// A small drawing surface in linear light, for the preview.
+#pragma once
+
+#include <string_view>
+#include <vector>
+
+#include "base/vec.h"
+#include "encode/preview/png_writer.h"
+
+namespace voxelpipe {
+
+// Linear red, green, blue of an sRGB colour written as 0xRRGGBB.
+Vec3f FromSrgb(unsigned rgb);
+
+class Canvas {
+ public:
+  Canvas(int width, int height, Vec3f colour) : width_(width), height_(height) {
+    pixels_.resize(size_t(width) * size_t(height), colour);
+  }
+
+  int width() const { return width_; }
+  int height() const { return height_; }
+  Vec3f& At(int x, int y) { return pixels_[size_t(y) * size_t(width_) + size_t(x)]; }
+
+  // Lays `colour` over the pixel; nothing outside the canvas.
+  void Blend(int x, int y, Vec3f colour, float opacity);
+  // A line of the given width in pixels, antialiased.
+  void Line(double x0, double y0, double x1, double y1, double width, Vec3f colour);
+  // Text of the characters 0-9, x, y, z, '=', '/' and space, 5x7 dots of `dot` pixels a glyph; (x, y) is the top left
+  // corner.
+  void Text(int x, int y, int dot, std::string_view text, Vec3f colour);
+  static int TextWidth(int dot, std::string_view text) { return int(text.size()) * 6 * dot - dot; }
+  static int TextHeight(int dot) { return 7 * dot; }
+
+  // To 8-bit sRGB, with an ordered dither below one step so that smooth backgrounds show no bands.
+  Picture ToPicture() const;
+
+ private:
+  int width_, height_;
+  std::vector<Vec3f> pixels_;
+};
+
+}  // namespace voxelpipe

@@ -1,0 +1,152 @@
+#include "encode/preview/preview_colour.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_reduce.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "encode/preview/preview_canvas.h"
+#include "shaders/fragment/packed_normal.h"
+#include "shaders/texture/srgb.h"
+
+namespace voxelpipe {
+namespace {
+
+// Nine even samples of matplotlib's viridis (N. Smith, S. van der Walt, 2015), which keeps its order in grey too.
+Vec3f Viridis(float t) {
+  static const std::array<Vec3f, 9> stops = {FromSrgb(0x440154), FromSrgb(0x472d7b), FromSrgb(0x3b528b),
+                                             FromSrgb(0x2c728e), FromSrgb(0x21918c), FromSrgb(0x28ae80),
+                                             FromSrgb(0x5ec962), FromSrgb(0xaddc30), FromSrgb(0xfde725)};
+  const float position = std::clamp(t, 0.0f, 1.0f) * 8;
+  const int index = std::min(7, int(position));
+  return stops[size_t(index)] + (stops[size_t(index) + 1] - stops[size_t(index)]) * (position - float(index));
+}
+
+// What 1 of a colour is stored as; 0 where integers hold no colour.
+float UnitOf(const TargetSpec& spec) {
+  switch (spec.format) {
+    case VoxelFormat::kU8: return float(spec.scale.value_or(255));
+    case VoxelFormat::kU16: return float(spec.scale.value_or(65535));
+    case VoxelFormat::kU32: return float(spec.scale.value_or(0));
+    default: return 1;
+  }
+}
+
+// Sums, counts and bitwise blends of packed normals are none.
+bool HoldsPackedNormals(const TargetSpec& spec, ResultKind kind) {
+  if (spec.shader.name != "packed_normal" || spec.components != 1) return false;
+  if (spec.format != VoxelFormat::kU16 && spec.format != VoxelFormat::kU32 && spec.format != VoxelFormat::kF32) {
+    return false;
+  }
+  return kind == ResultKind::kBuckets || spec.blend == Blend::kReplace || spec.blend == Blend::kFirst ||
+         spec.blend == Blend::kMin || spec.blend == Blend::kMax;
+}
+
+}  // namespace
+
+PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume) : items_(result) {
+  int chosen = -1;
+  for (size_t i = 0; i < result.specs.size(); ++i) {
+    const TargetSpec& spec = result.specs[i];
+    if (spec.format == VoxelFormat::kBit) continue;
+    if (HoldsPackedNormals(spec, result.kind)) {
+      if (!has_normals_) normals_ = TargetValues(result, i, items_.count());
+      has_normals_ = true;
+      continue;
+    }
+    if (spec.components >= 3 && UnitOf(spec) > 0) {
+      chosen = int(i);
+      break;
+    }
+    if (chosen < 0) chosen = int(i);
+  }
+  if (chosen < 0) return;
+  const TargetSpec& spec = result.specs[size_t(chosen)];
+  values_ = TargetValues(result, size_t(chosen), items_.count());
+  unit_ = UnitOf(spec);
+  srgb_ = spec.encoding == Encoding::kSrgb;
+  if (spec.components < 3 || !(unit_ > 0)) {
+    FindRange(result, volume);
+    if (low_ < high_) kind_ = Kind::kScalar;
+  } else if (spec.shader.name == "normal" || spec.shader.name == "geometric_normal") {
+    kind_ = Kind::kUnitVector;
+  } else {
+    kind_ = Kind::kLinearRgb;
+  }
+}
+
+void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume& volume) {
+  using Range = std::pair<float, float>;
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const auto include = [this](Range& found, uint64_t item) {
+    const float value = values_.At(item, 0);
+    if (std::isfinite(value)) found = {std::min(found.first, value), std::max(found.second, value)};
+  };
+  const auto join = [](const Range& a, const Range& b) {
+    return Range{std::min(a.first, b.first), std::max(a.second, b.second)};
+  };
+  Range range{kInfinity, -kInfinity};
+  if (result.kind == ResultKind::kDense) {
+    const auto& dims = volume.dims();
+    range = tbb::parallel_reduce(
+        tbb::blocked_range<int64_t>(volume.lo()[2], std::max(volume.lo()[2], volume.hi()[2])), range,
+        [&](const auto& slab, Range found) {
+          for (int64_t k = slab.begin(); k < slab.end(); ++k) {
+            for (int64_t j = 0; j < dims[1]; ++j) {
+              for (int64_t i = 0; i < dims[0]; i += 32) {
+                for (uint32_t word = volume.Row(i, j, k, 32); word != 0; word &= word - 1) {
+                  include(found, volume.Linear(i + __builtin_ctz(word), j, k));
+                }
+              }
+            }
+          }
+          return found;
+        },
+        join);
+  } else {  // what is listed is what is drawn
+    range = tbb::parallel_reduce(
+        tbb::blocked_range<uint64_t>(0, items_.count(), 1 << 14), range,
+        [&](const auto& part, Range found) {
+          for (uint64_t item = part.begin(); item < part.end(); ++item) include(found, item);
+          return found;
+        },
+        join);
+  }
+  low_ = range.first;
+  high_ = range.second;
+}
+
+Vec3f PreviewColours::At(uint64_t n) const {
+  static const Vec3f clay = FromSrgb(0x5f95c4), pale = FromSrgb(0xc9c3b8);
+  // Normals are read from light and shade: a pale surface shows them best.
+  if (kind_ == Kind::kPlain) return has_normals_ ? pale : clay;
+  const uint64_t item = items_.Find(n);
+  if (item == PreviewItems::kNone) return clay;
+  if (kind_ == Kind::kScalar) return Viridis((values_.At(item, 0) - low_) / (high_ - low_));
+  Vec3f colour;
+  for (int c = 0; c < 3; ++c) {
+    float value = values_.At(item, c) / unit_;
+    if (srgb_) value = SrgbToLinear(static_cast<unsigned char>(values_.At(item, c)));
+    if (kind_ == Kind::kUnitVector) {
+      value = 0.5f + 0.5f * value;
+      value *= value;  // the mapped normal is meant to be looked at as it is: near enough to undo the display's curve
+    }
+    colour[c] = value >= 0 ? std::min(value, 1.0f) : 0.0f;
+  }
+  return colour;
+}
+
+std::optional<Vec3f> PreviewColours::NormalAt(uint64_t n) const {
+  if (!has_normals_) return std::nullopt;
+  const uint64_t item = items_.Find(n);
+  if (item == PreviewItems::kNone) return std::nullopt;
+  const float packed = normals_.At(item, 0);
+  if (!(packed >= 0 && packed <= 65535)) return std::nullopt;
+  return UnpackNormal(uint32_t(packed));
+}
+
+}  // namespace voxelpipe

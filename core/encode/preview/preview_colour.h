@@ -1,0 +1,40 @@
+// The colour of a voxel in the preview, and the normal it is lit with.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "base/vec.h"
+#include "encode/preview/preview_values.h"
+#include "encode/preview/preview_volume.h"
+#include "job/result.h"
+
+namespace voxelpipe {
+
+// The rules are at RenderPreview. Borrows the result, which must outlive it.
+class PreviewColours {
+ public:
+  PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume);
+
+  // Linear RGB in [0, 1] of voxel n of the linear order.
+  Vec3f At(uint64_t n) const;
+  // True if the result has normals to light by.
+  bool has_normals() const { return has_normals_; }
+  // The unit normal stored for voxel n, world axes; nothing where it has none.
+  std::optional<Vec3f> NormalAt(uint64_t n) const;
+
+ private:
+  enum class Kind { kPlain, kLinearRgb, kUnitVector, kScalar };
+
+  void FindRange(const VoxelizeResult& result, const PreviewVolume& volume);
+
+  PreviewItems items_;
+  Kind kind_ = Kind::kPlain;
+  TargetValues values_, normals_;
+  bool has_normals_ = false;
+  float unit_ = 1;            // what counts as 1 of a colour
+  bool srgb_ = false;         // the values are codes of Encoding::kSrgb
+  float low_ = 0, high_ = 0;  // range of a scalar over the solid voxels
+};
+
+}  // namespace voxelpipe

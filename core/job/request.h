@@ -1,0 +1,91 @@
+// What a voxelization request asks for, as the core understands it (no protobuf here).
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "grid/grid_spec.h"
+#include "grid/voxel_format.h"
+#include "raster/coverage.h"
+
+namespace voxelpipe {
+
+enum class Fill : uint8_t {
+  kNone,
+  kParity,   // even-odd crossings along x through (j+.5, k+.5), on top of the coverage
+  kFlood,    // what a 6-connected walk from outside cannot reach without entering the conservative shell
+  kNonzero,  // the same crossings, each +1 or -1: inside where those beyond a voxel's centre do not sum to 0
+};
+// Whether the fill casts lines along x: it has odd columns.
+inline bool CastsLines(Fill fill) {
+  return fill == Fill::kParity || fill == Fill::kNonzero;
+}
+
+// How the values of a u8 target are written.
+enum class Encoding : uint8_t {
+  kLinear,
+  kSrgb,  // components 0 to 2 by the sRGB transfer function (shaders/texture/srgb.h), the fourth times 255
+};
+
+enum class ResultKind : uint8_t {
+  kDense,    // every voxel of the grid
+  kSparse,   // the occupied 8x8x8 bricks: masks and the values of their occupied voxels
+  kBuckets,  // the A-buffer: all fragments of each voxel, by triangle id; blends are ignored, no fill
+};
+
+// Instruction set of the CPU backend. All give the same bytes.
+enum class SimdChoice : uint8_t { kAuto, kScalar, kAvx2, kAvx512 };
+
+enum class BackendChoice : uint8_t { kAuto, kCpu, kCuda };
+
+// A shader by name with its parameters; each value is a list of numbers (one for a scalar, 16 row-major for a matrix).
+// shaders/catalog.h knows names, types, defaults and checks them.
+struct ShaderCall {
+  std::string name;
+  std::map<std::string, std::vector<double>> parameters;
+  std::map<std::string, std::string> text{};  // parameters of type "string"
+  friend bool operator==(const ShaderCall&, const ShaderCall&) = default;
+};
+
+struct TargetSpec {
+  VoxelFormat format = VoxelFormat::kBit;
+  int components = 1;  // 1-4; kBit takes 1. Where users give none: OwnComponents (shaders/catalog.h)
+  Blend blend = Blend::kOr;
+  ShaderCall shader{"occupancy", {}};
+  double quantum = 1.0 / (1 << 20);  // kAdd and kAverage on floats: a power of two
+  // f32 shader output into integers: value * scale, nearest even, saturated. Absent: 1; 255 for colour shaders into u8, 65535 into
+  // u16. Not for bit and float formats.
+  std::optional<double> scale = std::nullopt;
+  double clear = 0;  // value of voxels with neither fragment nor fill, every component
+  // Value of voxels that are filled and not covered: one number for every component, or one a component. None: what
+  // the shader gives without a triangle (shaders/fill_value.h).
+  std::vector<double> fill_values{};
+  Encoding encoding = Encoding::kLinear;
+};
+
+struct VoxelizeRequest {
+  GridRequest grid;
+  Coverage coverage = Coverage::kConservative;
+  Fill fill = Fill::kNone;
+  ShaderCall vertex_shader{"identity", {}};
+  std::vector<TargetSpec> targets{TargetSpec{}};  // 1 to kMaxTargets
+  Layout layout = Layout::kInterleaved;
+  ResultKind result = ResultKind::kDense;
+  BackendChoice backend = BackendChoice::kAuto;
+  int threads = 0;  // CPU backend; 0 = all cores
+  SimdChoice simd = SimdChoice::kAuto;
+  bool strict = false;  // the first warning is an error: INVALID_ARGUMENT with its text
+};
+
+inline constexpr int kMaxTargets = 8;
+
+std::string_view Name(Coverage coverage);
+std::string_view Name(Fill fill);
+std::string_view Name(ResultKind kind);
+std::string_view Name(SimdChoice simd);
+std::string_view Name(BackendChoice backend);
+
+}  // namespace voxelpipe

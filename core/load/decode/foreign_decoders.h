@@ -1,0 +1,23 @@
+// Which files reach decoders that others wrote: libdraco, libmeshoptimizer, libpng, libjpeg, libwebp.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "absl/status/status.h"
+#include "load/decode/mesh_format.h"
+#include "mesh/scene/material.h"
+
+namespace voxelpipe {
+
+// True if loading the file, and decoding those of its textures, may run one of them. Looks at the text alone: "yes" may
+// be wrong, "no" is not. O(size of the JSON), without parsing it.
+bool MayNeedForeignDecoder(std::span<const uint8_t> file, MeshFormat format, const TextureUse& textures);
+
+// From here on no such decoder runs in this process: what would call one is INTERNAL instead. Cannot be undone.
+// Thread-safe.
+void ForbidForeignDecoders();
+// OK, or the error after ForbidForeignDecoders.
+absl::Status CheckForeignDecoders();
+
+}  // namespace voxelpipe

@@ -1,0 +1,20 @@
+// Untrusted JSON text -> the parts of it that the loader reads.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "mesh/scene/load_limits.h"
+
+namespace voxelpipe::gltf {
+
+// In: the JSON text of a glTF document, already past GuardJson. Out: its tree without what the loader does not read:
+// `extras` everywhere, and members of the document that are none of the loader's. What the tree takes is added to
+// `charge` while it grows, and the job is polled meanwhile. Errors: INVALID_ARGUMENT naming the byte where the text
+// is no JSON; RESOURCE_EXHAUSTED; the job's. May throw bad_alloc.
+absl::StatusOr<nlohmann::json> ParseJson(const JobContext& job, std::string_view text, const LoadLimits& limits,
+                                         MemoryCharge& charge);
+
+}  // namespace voxelpipe::gltf

@@ -1,0 +1,206 @@
+// One run of the pipeline on one backend. pipeline/voxelize.cpp calls the stages in the paper's order; each backend
+// decides who runs them when.
+//
+// Source: J. Pantaleoni, "VoxelPipe: A Programmable Pipeline for 3D Voxelization", HPG 2011, section 3 (the sort-middle
+// blending pipeline) and section 4 (the sort-last A-buffer). Changed: tiles are 32x8x8 voxels, coverage is taken as row
+// spans, and the grid is worked on in slabs along z, so that memory is bounded whatever the grid.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <numeric>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "grid/grid_spec.h"
+#include "grid/host_buffer.h"
+#include "job/request.h"
+#include "job/result.h"
+#include "mesh/triangle_mesh.h"
+#include "pipeline/plan/footprint.h"
+#include "pipeline/plan/list_memory.h"
+#include "pipeline/plan/plan.h"
+#include "shaders/catalog.h"
+
+namespace voxelpipe {
+
+// A request whose shaders are bound.
+struct BoundRequest {
+  VoxelizeRequest request;
+  BoundShader vertex_shader;
+  std::vector<BoundShader> fragment_shaders;  // one a target
+};
+
+// Layers begin <= z < end of the grid; both multiples of kSlabGranularity, but for the last slab's end.
+struct Slab {
+  int64_t begin = 0, end = 0;
+  int64_t depth() const { return end - begin; }
+  bool operator==(const Slab&) const = default;
+};
+
+// What the stages of one slab leave besides its arrays.
+struct SlabCounts {
+  std::optional<uint64_t> fragments;  // absent where a fast path does not count them
+  uint64_t odd_columns = 0;
+};
+
+// The arrays of a slab that may still be on their way from the device. At its end it waits for them.
+class SlabArrays {
+ public:
+  SlabArrays(ResultArrays arrays) : arrays_(std::move(arrays)) {}  // that are there
+  SlabArrays(ResultArrays arrays, std::function<absl::Status()> wait)
+      : arrays_(std::move(arrays)), wait_(std::move(wait)) {}
+  SlabArrays(SlabArrays&& other) noexcept
+      : arrays_(std::move(other.arrays_)), wait_(std::exchange(other.wait_, nullptr)) {}
+  SlabArrays& operator=(SlabArrays&&) = delete;
+  ~SlabArrays() { (void)Wait(); }
+
+  bool there() const { return wait_ == nullptr; }
+  absl::StatusOr<ResultArrays> Take() && {
+    if (absl::Status s = Wait(); !s.ok()) return s;
+    return std::move(arrays_);
+  }
+
+ private:
+  absl::Status Wait() {
+    const auto wait = std::exchange(wait_, nullptr);
+    return wait ? wait() : absl::OkStatus();
+  }
+
+  ResultArrays arrays_;
+  std::function<absl::Status()> wait_;
+};
+
+// Once a run, in this order: VertexShade, CoarseRaster, TileSort. Then slab after slab, by ascending z (where tiles are sorted by slab,
+// CoarseRaster and TileSort of each go before its BeginSlab instead):
+//   dense, sparse   BeginSlab, FineRaster, SolidFill (only with a fill), Finish
+//   buckets         BeginSlab, EmitFragments, SortFragments, Resolve, Finish
+// Every stage returns CANCELLED or DEADLINE_EXCEEDED as soon as it sees that the job should end, and RESOURCE_EXHAUSTED
+// when memory is short.
+class Stages {
+ public:
+  virtual ~Stages() = default;
+
+  // Runs the vertex shader over every vertex. Out: where the shaded mesh lies and how large its surface is.
+  // INVALID_ARGUMENT naming node, primitive and vertex where one that a triangle uses is not finite.
+  virtual absl::StatusOr<MeshExtent> VertexShade() = 0;
+
+  // What the shaded mesh touches of a grid: as often as is asked after VertexShade. `mesh` has the extent that
+  // VertexShade gave. `closely`: the triangles clipped to the grid wherever that can be had, whatever it costs, for a
+  // run that does not fit by what was said before; where it is false, a backend that has sums over the whole mesh may
+  // use these. Errors: the job's.
+  virtual absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const = 0;
+
+  // What lists are expected to hold, and whom stages ask before these take more than the plan has for them. Before
+  // CoarseRaster; `memory` outlives the stages.
+  virtual void SetLists(const Surface& /*expected*/, ListMemory* /*memory*/) {}
+
+  // Takes the vertices to index space, where `layers` begin at 0, and finds the tiles of these layers of the grid that each triangle may touch.
+  // INVALID_ARGUMENT naming node, primitive and vertex for one beyond 2^40 voxels of the grid's origin.
+  virtual absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) = 0;
+
+  // Sorts (tile, triangle) pairs by tile; the order within a tile is the backend's own.
+  virtual absl::Status TileSort() = 0;
+
+  // False where a faster way rasterizes rows without tiles: then CoarseRaster only prepares for it, and TileSort has
+  // nothing to do.
+  virtual bool SortsTiles(const GridSpec& grid) const = 0;
+  // Whether tiles are sorted for each slab by itself, so that what pairs take is bounded by the slab; otherwise `layers` are all.
+  virtual bool SortsTilesBySlab() const { return false; }
+
+  // Allocates the targets of these layers and sets every voxel to its clear value.
+  virtual absl::Status BeginSlab(const Slab& slab) = 0;
+
+  // For each occupied tile: row spans, fragment shading and blending in fast memory, store.
+  virtual absl::Status FineRaster() = 0;
+
+  // Fills the inside of the mesh where no fragment is.
+  virtual absl::Status SolidFill() = 0;
+
+  // A-buffer: a record for each (triangle, voxel) pair; ...
+  virtual absl::Status EmitFragments() = 0;
+  // ... by voxel, then by triangle id; ...
+  virtual absl::Status SortFragments() = 0;
+  // ... runs of equal voxels become buckets, fragments are shaded.
+  virtual absl::Status Resolve() = 0;
+
+  // The slab's arrays in their result format. `offsets` count from the slab's own first fragment; bricks and voxels carry
+  // the numbers of the whole grid.
+  virtual absl::StatusOr<ResultArrays> Finish() = 0;
+
+  // The same of a slab that is not all, where stages can go on with the next one before the arrays are there. What is returned must end
+  // before AbandonSlab, and before the FinishLater after the next.
+  virtual absl::StatusOr<SlabArrays> FinishLater() {
+    absl::StatusOr<ResultArrays> arrays = Finish();
+    if (!arrays.ok()) return arrays.status();
+    return SlabArrays(*std::move(arrays));
+  }
+
+  // Bytes of the device's memory that a slab can have now; absent where stages work in the host's. Takes as long as a small job.
+  virtual std::optional<uint64_t> FreeBytes() const { return std::nullopt; }
+  // After a stage of the slab returned RESOURCE_EXHAUSTED with the mark kOutOfMemory (base/device_failure.h): gives back what it took. The
+  // next call is the first one of a slab with fewer layers. False: these stages cannot.
+  virtual bool AbandonSlab() { return false; }
+
+  // Number of voxels of the slab with a fragment or filled. Outside the measured time, unless counts_wait().
+  virtual uint64_t CountOccupied() const = 0;
+  virtual SlabCounts counts() const = 0;
+  // Whether counting waits for what stages have only begun: then it belongs to their time.
+  virtual bool counts_wait() const { return false; }
+  // Instruction set of the row kernels of this run.
+  virtual std::string_view simd() const = 0;
+};
+
+struct BatchItem;   // pipeline/batch.h
+struct BatchStats;  // likewise
+
+// One device that can run the pipeline: the machine's processors, or one GPU. Thread-safe.
+class Backend {
+ public:
+  virtual ~Backend() = default;
+  virtual std::string_view name() const = 0;  // "cpu", "cuda"
+  // Which of its kind: "cpu", "cuda:0", "cuda:1".
+  virtual std::string device() const { return std::string(name()); }
+  virtual std::string model() const { return {}; }     // as its maker calls it; empty where that is not known
+  virtual uint64_t memory_bytes() const { return 0; }  // of the device; 0 where it works in the host's
+  // What a run on it takes.
+  virtual Footprint Predict(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                            const Surface& surface, const PlanLimits& limits, Delivery delivery) const {
+    return PredictHostFootprint(request, grid, mesh, surface, limits, delivery);
+  }
+  // Whether the device can work now: allocates a little, runs something and reads it back. Errors say why not.
+  virtual absl::Status Probe() const { return absl::OkStatus(); }
+  virtual std::string_view simd() const = 0;  // best instruction set of the row kernels here, "scalar" where plain C++
+
+  // `mesh`, `request` and `job` must outlive the returned object, and all calls to it come from inside Run.
+  virtual absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,
+                                                        const JobContext& job) const = 0;
+
+  // Calls `body` where this backend wants its stages called (inside its thread arena).
+  virtual void Run(int threads, const std::function<void()>& body) const = 0;
+
+  // The same for `count` independent runs: calls body(0) ... body(count - 1), several at a time where the backend can.
+  virtual void RunEach(int threads, size_t count, const std::function<void(size_t)>& body) const {
+    Run(threads, [&] {
+      for (size_t i = 0; i < count; ++i) body(i);
+    });
+  }
+
+  // Runs together those of a batch's items that can share a pass of the device, gives them their results and adds to `stats`. Out:
+  // the numbers of the others, which are to run alone.
+  virtual std::vector<size_t> RunShared(int /*threads*/, std::span<const BatchItem> items, const PlanLimits& /*limits*/,
+                                        BatchStats& /*stats*/) const {
+    std::vector<size_t> alone(items.size());
+    std::iota(alone.begin(), alone.end(), size_t{0});
+    return alone;
+  }
+};
+
+}  // namespace voxelpipe

@@ -1,0 +1,100 @@
+#include "pipeline/stages/target_rules.h"
+
+#include <algorithm>
+
+#include "shaders/shader_list.h"
+
+namespace voxelpipe {
+namespace {
+
+// Slots of the vertex shader's own numbers, before those of RigidMotion.
+int OwnParameters(VertexShaderId id) {
+  switch (id) {
+#define VOXELPIPE_CASE(name) \
+  case VertexShaderId::k##name: return name##VertexShader::kParameters;
+    VOXELPIPE_VERTEX_SHADERS(VOXELPIPE_CASE)
+#undef VOXELPIPE_CASE
+  }
+  return 0;
+}
+
+// Whether the vertex shader itself gives velocities, besides those of the rigid motion.
+bool GivesVelocities(const ShaderCall& vertex_shader) {
+  const auto dt = vertex_shader.parameters.find("dt");
+  return dt != vertex_shader.parameters.end() && dt->second.at(0) > 0;
+}
+
+void StoreNumber(double number, const TargetSpec& spec, uint32_t& stored) {
+  stored = StoredBits(NumberToCell(number, spec.format), spec.format);
+}
+
+// The same output in all voxels.
+void StoreOutput(const FragmentOutput& out, FillValue& fill) {
+  for (int c = 0; c < 4; ++c) {
+    fill.stored[c] = StoredBits(ToCell(out, false, c, fill.format, fill.scale), fill.format);
+  }
+}
+
+}  // namespace
+
+VoxelFormat KeptFormat(const TargetSpec& spec) {
+  return spec.encoding == Encoding::kSrgb ? VoxelFormat::kU8Srgb : spec.format;
+}
+
+double ScaleOf(const TargetSpec& spec, const BoundShader& shader) {
+  if (spec.scale) return *spec.scale;
+  if (!shader.info->is_color) return 1;
+  return spec.format == VoxelFormat::kU8 ? 255 : spec.format == VoxelFormat::kU16 ? 65535 : 1;
+}
+
+bool FillBit(const TargetSpec& spec) {
+  return spec.fill_values.empty() || spec.fill_values[0] != 0;
+}
+
+FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec& grid) {
+  const TargetSpec& spec = request.request.targets[index];
+  const BoundShader& shader = request.fragment_shaders[index];
+  FillValue fill;
+  fill.format = KeptFormat(spec);
+  fill.scale = ScaleOf(spec, shader);
+  fill.origin = grid.origin;
+  fill.voxel_size = grid.voxel_size;
+  if (spec.format == VoxelFormat::kBit) {
+    fill.stored[0] = FillBit(spec);
+    return fill;
+  }
+  if (!spec.fill_values.empty()) {
+    for (size_t c = 0; c < 4; ++c) {
+      StoreNumber(spec.fill_values[std::min(c, spec.fill_values.size() - 1)], spec, fill.stored[c]);
+    }
+    return fill;
+  }
+  if (spec.blend == Blend::kCount) return fill;
+  FragmentOutput out;
+  switch (FragmentShaderId(shader.id)) {
+    case FragmentShaderId::kOccupancy:
+      OccupancyShader::Shade(FragmentInput(), shader.params, out);
+      StoreOutput(out, fill);
+      return fill;
+    case FragmentShaderId::kConstant:
+      ConstantShader::Shade(FragmentInput(), shader.params, out);
+      StoreOutput(out, fill);
+      return fill;
+    case FragmentShaderId::kPosition: fill.kind = FillValue::Kind::kPosition; return fill;
+    case FragmentShaderId::kChecker:
+      fill.kind = FillValue::Kind::kChecker;
+      std::copy_n(shader.params.value, 3, fill.parameters);
+      return fill;
+    case FragmentShaderId::kVelocity:
+      if (GivesVelocities(request.request.vertex_shader)) break;
+      fill.kind = FillValue::Kind::kVelocity;
+      std::copy_n(request.vertex_shader.params.value + OwnParameters(VertexShaderId(request.vertex_shader.id)),
+                  RigidMotion::kParameters, fill.parameters);
+      return fill;
+    default: break;
+  }
+  for (uint32_t& stored : fill.stored) StoreNumber(spec.clear, spec, stored);
+  return fill;
+}
+
+}  // namespace voxelpipe

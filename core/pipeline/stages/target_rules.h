@@ -1,0 +1,22 @@
+// What a target's specification means to the stages of every backend.
+#pragma once
+
+#include "grid/grid_spec.h"
+#include "pipeline/stages/stages.h"
+#include "shaders/fill_value.h"
+
+namespace voxelpipe {
+
+// The format that values are converted to and blended in: kU8Srgb where u8 is encoded so, otherwise the target's own.
+VoxelFormat KeptFormat(const TargetSpec& spec);
+
+// The factor of f32 outputs into integers: that of the request; without one colours fill the range of 8 and 16 bits.
+double ScaleOf(const TargetSpec& spec, const BoundShader& shader);
+
+// Of a bit target: what its filled voxels without a fragment hold.
+bool FillBit(const TargetSpec& spec);
+
+// What filled voxels without a fragment hold of the request's target number `index`.
+FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec& grid);
+
+}  // namespace voxelpipe

@@ -1,0 +1,24 @@
+// position: the point of the triangle that stands for the voxel.
+#pragma once
+
+#include "shaders/interface/fragment.h"
+
+namespace voxelpipe {
+
+// Output: f32, 3 components, world units: the shaded vertices interpolated with the barycentrics, in double, rounded
+// once. It lies on the triangle, near the voxel's centre, and may lie outside the voxel. Degenerate triangles: their
+// centroid.
+struct PositionShader : FragmentShaderTraits {
+  static constexpr bool kNeedsBarycentrics = true;
+  VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
+    const Vec3d* p = in.mesh->positions;
+    const Vec3d v0 = p[in.vertex[0]], e1 = p[in.vertex[1]] - v0, e2 = p[in.vertex[2]] - v0;
+    // From a corner: weights that sum to 1 but for rounding must not move a mesh that lies far from the origin.
+    const Vec3d at = v0 + (e1 * double(in.barycentric.y) + e2 * double(in.barycentric.z));
+    out.f[0] = float(at.x);
+    out.f[1] = float(at.y);
+    out.f[2] = float(at.z);
+  }
+};
+
+}  // namespace voxelpipe

@@ -1,0 +1,139 @@
+#include "jobs/job.h"
+
+#include <algorithm>
+#include <exception>
+#include <new>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "isolate/loading.h"
+#include "loading/load_mesh.h"
+#include "loading/mesh_bytes.h"
+#include "pipeline/estimate.h"
+
+namespace voxelpipe {
+namespace {
+
+// Calls `body` and turns what must not leave a worker into a status.
+template <typename Result, typename Body>
+absl::StatusOr<Result> Guarded(Body body) {
+  try {
+    return body();
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory");
+  } catch (const std::exception& error) {
+    return absl::InternalError(absl::StrCat("unexpected: ", error.what()));
+  }
+}
+
+// Keeps what stands in memory as a whole and hands on all else.
+class KeepOrHandOn final : public ResultSink {
+ public:
+  KeepOrHandOn(JobOutcome& outcome, ResultSink& large) : outcome_(outcome), large_(large) {}
+
+  bool Keep(VoxelizeResult&& whole) override {
+    outcome_.result = std::move(whole);
+    return true;
+  }
+  absl::Status Begin(const ResultHeader& header) override {
+    outcome_.streamed = true;
+    outcome_.result.grid = header.grid;
+    outcome_.result.layout = header.layout;
+    outcome_.result.specs = header.specs;
+    return large_.Begin(header);
+  }
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override { return large_.Write(array, bytes); }
+
+ private:
+  JobOutcome& outcome_;
+  ResultSink& large_;
+};
+
+// Voxelizes into the outcome's result, or into `large` (see RunPrepared).
+absl::Status VoxelizeInto(JobOutcome& outcome, const Backend& backend, const TriangleMesh& mesh,
+                          const VoxelizeRequest& request, const PlanLimits& limits, const JobContext& job,
+                          const PlanHook& on_plan, ResultSink* large) {
+  if (large == nullptr) {
+    absl::StatusOr<VoxelizeResult> result = VoxelizeOn(backend, mesh, request, job, limits, on_plan);
+    if (!result.ok()) return result.status();
+    outcome.result = *std::move(result);
+    return absl::OkStatus();
+  }
+  KeepOrHandOn sink(outcome, *large);
+  absl::StatusOr<VoxelizeStats> stats = VoxelizeOnTo(backend, mesh, request, job, limits, sink, on_plan);
+  if (!stats.ok()) return stats.status();
+  outcome.result.stats = *std::move(stats);
+  return absl::OkStatus();
+}
+
+// Adds the warnings and times of the mesh's preparation to an outcome.
+void AddMesh(const PreparedMesh& mesh, uint64_t pipeline_bytes, JobOutcome& outcome) {
+  outcome.report = mesh.report;
+  outcome.examined = mesh.examined;
+  outcome.peak_bytes = std::max(mesh.peak_bytes, MeshBytes(*mesh.mesh) + pipeline_bytes);
+  auto& stages = outcome.result.stats.stages;
+  stages.insert(stages.begin(), mesh.stages.begin(), mesh.stages.end());
+}
+
+}  // namespace
+
+absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint8_t> file, const ParsedConfig& config,
+                                                                const JobLimits& limits, const JobContext& job) {
+  using Prepared = std::shared_ptr<const PreparedMesh>;
+  return Guarded<Prepared>([&]() -> absl::StatusOr<Prepared> {
+    absl::StatusOr<LoadedMesh> loaded = LoadMesh(
+        std::move(file), {config.mesh_format, TexturesRead(config.request), limits.load}, limits.load_workers, job);
+    if (!loaded.ok()) return loaded.status();
+    auto prepared = std::make_shared<PreparedMesh>();
+    prepared->examined = config.request.fill != Fill::kNone;
+    if (prepared->examined) {
+      absl::StatusOr<MeshReport> report = ReportMeshFor(job, loaded->mesh);
+      if (!report.ok()) return report.status();
+      prepared->report = *report;
+    } else {
+      prepared->report = BoxReport(loaded->mesh);
+    }
+    prepared->mesh = std::make_shared<const TriangleMesh>(std::move(loaded->mesh));
+    prepared->contents = std::move(loaded->contents);
+    prepared->stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
+    prepared->peak_bytes = loaded->peak_bytes;
+    return prepared;
+  });
+}
+
+absl::StatusOr<JobOutcome> RunPrepared(const Backend& backend, const PreparedMesh& mesh, const ParsedConfig& config,
+                                       const JobLimits& limits, const JobContext& job, const PlanHook& on_plan,
+                                       ResultSink* large) {
+  return Guarded<JobOutcome>([&]() -> absl::StatusOr<JobOutcome> {
+    JobOutcome outcome;
+    uint64_t pipeline_bytes = 0;
+    const auto planned = [&](const Plan& plan) {
+      pipeline_bytes = plan.peak_bytes;
+      return on_plan ? on_plan(plan) : absl::OkStatus();
+    };
+    if (absl::Status s = VoxelizeInto(outcome, backend, *mesh.mesh, config.request, limits.plan, job, planned, large);
+        !s.ok()) {
+      return s;
+    }
+    AddMesh(mesh, pipeline_bytes, outcome);
+    return outcome;
+  });
+}
+
+JobOutcome OutcomeOf(const PreparedMesh& mesh, VoxelizeResult result, const Plan& plan) {
+  JobOutcome outcome;
+  outcome.result = std::move(result);
+  AddMesh(mesh, plan.peak_bytes, outcome);
+  return outcome;
+}
+
+absl::StatusOr<Estimate> EstimateJob(const PreparedMesh& mesh, const ParsedConfig& config, const JobLimits& limits,
+                                     const JobContext& job) {
+  return Guarded<Estimate>([&]() -> absl::StatusOr<Estimate> {
+    absl::StatusOr<Plan> plan = EstimateVoxelization(*mesh.mesh, config.request, job, limits.plan, Delivery::kStream);
+    if (!plan.ok()) return plan.status();
+    return Estimate{*std::move(plan), mesh.report};
+  });
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,87 @@
+// What workers do for one request, without any gRPC and without a queue.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "mesh/contents.h"
+#include "mesh/report.h"
+#include "mesh/scene/load_limits.h"
+#include "mesh/triangle_mesh.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/voxelize.h"
+#include "wire/request.h"
+
+namespace voxelpipe {
+
+class LoadWorkers;
+class ResultSums;
+
+struct JobLimits {
+  LoadLimits load;
+  PlanLimits plan;
+  LoadWorkers* load_workers =
+      nullptr;  // that load what needs decoders of others (isolate/loading.h); null: this process does
+};
+
+// A mesh that is ready for the pipeline: textures that the request reads are decoded.
+struct PreparedMesh {
+  std::shared_ptr<const TriangleMesh> mesh;  // never null; other jobs may share it
+  MeshContents contents;                     // of the file; empty where the mesh is a kept one
+  std::vector<std::pair<std::string, double>>
+      stages;               // that it took to prepare it: "load", "flatten", wall milliseconds
+  uint64_t peak_bytes = 0;  // of the preparation, computed from sizes
+  MeshReport report;
+  bool examined = false;  // degenerate triangles and open edges were counted
+  MemoryCharge memory;    // what of the request's budget the mesh takes, where it does not say so itself
+};
+
+struct JobOutcome {
+  VoxelizeResult result;  // stats.stages begin with those of the mesh; no arrays where they were streamed
+  bool streamed = false;  // the arrays went to the sink
+  MeshReport report;
+  bool examined = false;             // see PreparedMesh
+  std::shared_ptr<ResultSums> sums;  // where several read the result; null: it is sent once
+  uint64_t peak_bytes = 0;  // estimate of this request's peak: the largest of loading, flattening and the pipeline
+  // How it was served.
+  std::string worker;  // "cpu/0"
+  double queue_ms = 0;
+  uint32_t batch_jobs = 1;
+  std::optional<uint64_t> batch_launches;
+  uint32_t attempts = 1;
+};
+
+// In: a mesh file and a config. Out: its mesh. The file is freed as soon as it is loaded, the scene as soon as it is
+// flat.
+// Errors: those of LoadScene, Flatten and PrepareTextures; RESOURCE_EXHAUSTED out of memory. Never throws.
+absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint8_t> file, const ParsedConfig& config,
+                                                                const JobLimits& limits, const JobContext& job);
+
+// In: a prepared mesh and a config. Out: its voxels, made on `backend`.
+// A dense result that takes more than one slab of limits.plan.slab_bytes goes to `large` slab after slab; all others,
+// and all where `large` is null, are in the outcome.
+// Errors: those of VoxelizeOn and the sink; RESOURCE_EXHAUSTED out of memory. Never throws.
+absl::StatusOr<JobOutcome> RunPrepared(const Backend& backend, const PreparedMesh& mesh, const ParsedConfig& config,
+                                       const JobLimits& limits, const JobContext& job, const PlanHook& on_plan,
+                                       ResultSink* large = nullptr);
+
+// The outcome of a result that a batch made; `plan` is that of its run.
+JobOutcome OutcomeOf(const PreparedMesh& mesh, VoxelizeResult result, const Plan& plan);
+
+struct Estimate {
+  Plan plan;
+  MeshReport report;
+};
+
+// In: a prepared mesh and a config. Out: the plan of RunPrepared with a sink, without rasterizing. Errors as for
+// RunPrepared.
+absl::StatusOr<Estimate> EstimateJob(const PreparedMesh& mesh, const ParsedConfig& config, const JobLimits& limits,
+                                     const JobContext& job);
+
+}  // namespace voxelpipe

@@ -1,0 +1,107 @@
+#include "jobs/prepare_kept.h"
+
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <exception>
+#include <new>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "loading/mesh_bytes.h"
+#include "mesh/report.h"
+#include "shaders/catalog.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr uint64_t kPositionBytes = 3 * sizeof(float);
+
+// The mesh, but for its positions.
+absl::StatusOr<std::shared_ptr<const TriangleMesh>> WithPositions(MeshStore& store, KeptMesh& kept,
+                                                                  const std::shared_ptr<const TriangleMesh>& mesh,
+                                                                  std::span<const uint8_t> positions) {
+  std::shared_ptr<TriangleMesh> moved = store.Moved(kept, mesh);
+  for (size_t i = 0; i < moved->positions.size(); ++i) {
+    float xyz[3];
+    std::memcpy(xyz, positions.data() + i * kPositionBytes, sizeof xyz);
+    if (!std::isfinite(xyz[0]) || !std::isfinite(xyz[1]) || !std::isfinite(xyz[2])) {
+      return absl::InvalidArgumentError(absl::StrCat("new_positions: vertex ", i, " is not finite"));
+    }
+    moved->positions[i] = {xyz[0], xyz[1], xyz[2]};
+  }
+  return moved;
+}
+
+absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, KeptMesh& kept,
+                                                            std::span<const uint8_t> positions,
+                                                            const ParsedConfig& config, const JobLimits& limits,
+                                                            const JobContext& job) {
+  if (absl::Status s = job.Check(); !s.ok()) return s;
+  if (absl::Status s = CheckMeshBytes(kept, config, positions.size(), true); !s.ok()) return s;
+  const TextureUse textures = RequestReadsTextures(config.request) ? TexturesRead(config.request) : TextureUse{};
+  absl::StatusOr<std::shared_ptr<const TriangleMesh>> mesh =
+      store.Mesh(job, kept, textures, limits.load, limits.load_workers);
+  if (!mesh.ok()) return mesh.status();
+  auto prepared = std::make_shared<PreparedMesh>();
+  prepared->mesh = *std::move(mesh);
+  prepared->examined = config.request.fill != Fill::kNone;
+  if (!config.new_positions) {
+    prepared->report = kept.Report().report;
+    if (!prepared->examined) return prepared;
+    const absl::StatusOr<KeptMesh::Facts> facts = kept.Examine(job);
+    if (!facts.ok()) return facts.status();
+    prepared->report = facts->report;
+    return prepared;
+  }
+  job.Report("load", 0);
+  const auto begin = std::chrono::steady_clock::now();
+  prepared->memory = MemoryCharge(&MemoryOf(job));
+  if (absl::Status s = prepared->memory.Grow(MeshBytes(*prepared->mesh), "the mesh with its new positions"); !s.ok()) {
+    return s;
+  }
+  mesh = WithPositions(store, kept, prepared->mesh, positions);
+  if (!mesh.ok()) return mesh.status();
+  prepared->mesh = *std::move(mesh);
+  prepared->peak_bytes = MeshBytes(*prepared->mesh) + positions.size();
+  const std::chrono::duration<double, std::milli> load_time = std::chrono::steady_clock::now() - begin;
+  prepared->stages.emplace_back("load", load_time.count());
+  job.Report("load", 1);
+  if (!prepared->examined) {
+    prepared->report = BoxReport(*prepared->mesh);
+    return prepared;
+  }
+  const absl::StatusOr<MeshReport> report = ReportMeshFor(job, *prepared->mesh);
+  if (!report.ok()) return report.status();
+  prepared->report = *report;
+  return prepared;
+}
+
+}  // namespace
+
+absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareKept(MeshStore& store, KeptMesh& kept,
+                                                                std::span<const uint8_t> positions,
+                                                                const ParsedConfig& config, const JobLimits& limits,
+                                                                const JobContext& job) {
+  try {
+    return Prepare(store, kept, positions, config, limits, job);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory for the mesh");
+  } catch (const std::exception& error) {
+    return absl::InternalError(absl::StrCat("unexpected: ", error.what()));
+  }
+}
+
+absl::Status CheckMeshBytes(const KeptMesh& kept, const ParsedConfig& config, uint64_t bytes, bool all) {
+  if (!config.new_positions) {
+    if (bytes == 0) return absl::OkStatus();
+    return absl::InvalidArgumentError("mesh_id: no mesh bytes may follow, unless new_positions says so");
+  }
+  const uint64_t vertices = kept.vertices();
+  const uint64_t wanted = vertices * kPositionBytes;
+  if (bytes == wanted || (bytes < wanted && !all)) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat("new_positions: ", wanted, " bytes are wanted, x, y, z of ", vertices,
+                                                 " vertices; ", all ? "" : "at least ", bytes, " came"));
+}
+
+}  // namespace voxelpipe

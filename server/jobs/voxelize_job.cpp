@@ -1,0 +1,86 @@
+#include "jobs/voxelize_job.h"
+
+#include <algorithm>
+#include <new>
+#include <utility>
+
+#include "jobs/prepare_kept.h"
+#include "loading/mesh_bytes.h"
+#include "schedule/cost.h"
+#include "shaders/catalog.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr double kBeyondLimitsMs = 10'000;
+
+}  // namespace
+
+uint64_t VoxelizeJob::file_bytes() const {
+  uint64_t bytes = 0;
+  for (const std::string& piece : pieces) bytes += piece.size();
+  return bytes;
+}
+
+bool VoxelizeJob::loaded() const {
+  if (mesh) return true;
+  if (file_bytes() > kLoadedByWorker) return false;
+  // Decoding textures of a mesh that is kept takes as long as loading it did.
+  if (kept) return !RequestReadsTextures(config.request) || kept->ready(TexturesRead(config.request));
+  return !costly_.compressed && !costly_.instanced && !(costly_.images && RequestReadsTextures(config.request));
+}
+
+absl::Status VoxelizeJob::Prepare() {
+  if (mesh) return context.Check();
+  absl::StatusOr<std::shared_ptr<const PreparedMesh>> prepared = absl::ResourceExhaustedError("out of memory");
+  try {
+    std::vector<uint8_t> file;
+    file.reserve(file_bytes());
+    for (; !pieces.empty(); pieces.pop_front()) file.insert(file.end(), pieces.front().begin(), pieces.front().end());
+    prepared = kept ? PrepareKept(*store, *kept, file, config, *limits, context)
+                    : PrepareMesh(std::move(file), config, *limits, context);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory for the mesh file");
+  }
+  if (!prepared.ok()) return prepared.status();
+  // What it was charged to lives as long as it does.
+  const PreparedMesh* const made = prepared->get();
+  mesh = std::shared_ptr<const PreparedMesh>(
+      made, [owner = *std::move(prepared), budget = memory](const PreparedMesh*) mutable { owner.reset(); });
+  return absl::OkStatus();
+}
+
+void VoxelizeJob::Weigh() {
+  MeshFacts facts;
+  facts.format = config.mesh_format;
+  if (mesh) {
+    facts.triangles = mesh->mesh->triangles.size();
+    facts.box = Box3d{mesh->report.min, mesh->report.max, mesh->report.triangles == 0};
+    if (!kept) facts.memory_bytes = MeshBytes(*mesh->mesh);  // a kept one is the store's
+  } else {
+    facts.file_bytes = file_bytes();
+    if (!kept && !pieces.empty()) {
+      const std::string& first = pieces.front();
+      costly_ = FindCostlyParts({reinterpret_cast<const uint8_t*>(first.data()), first.size()}, config.mesh_format);
+      facts.compressed = costly_.compressed;
+    }
+    if (kept) facts.triangles = kept->triangles();
+  }
+  traits.cost = PredictCost(config.request, facts);
+  if (kept) traits.cost.load_ms = 0;
+  // Beyond the limits it is refused as soon as its grid is known. Until then it counts as a giant, but not as more work
+  // than all others together, and gets the error of the limit, not of the time it would take.
+  if (limits != nullptr && traits.cost.output_bytes > limits->plan.max_result_bytes) {
+    traits.cost.run_ms = std::min(traits.cost.run_ms, kBeyondLimitsMs);
+  }
+}
+
+bool VoxelizeJob::Load() {
+  if (absl::Status s = Prepare(); !s.ok()) {
+    Done(std::move(s));
+    return false;
+  }
+  return true;
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,135 @@
+// The pool's watch: passes cancellations on to runs on GPUs, and leaves threads behind that do not come back from a
+// device.
+#include <algorithm>
+#include <utility>
+
+#include <spdlog/spdlog.h>
+
+#include "base/device_failure.h"
+#include "observe/metrics.h"
+#include "run/worker_pool.h"
+#include "run/worker_pool_state.h"
+
+namespace voxelpipe {
+namespace {
+
+using std::chrono::milliseconds;
+
+// The interval of the watch while there is work. Cancelled jobs of a GPU are stopped within this time.
+constexpr milliseconds kLookEvery{10};
+// How long a GPU may take to react when all its jobs are cancelled or late, ...
+constexpr milliseconds kCancelPatience{5'000};
+// ... and how long where the process wants to end.
+constexpr milliseconds kHastyPatience{300};
+// How long a probe may take. The first use of a device makes its context, which takes a while.
+constexpr milliseconds kProbePatience{20'000};
+// Threads that a device may keep: beyond that it gets no new worker, and with none left no probe.
+constexpr size_t kMaxLeftBehind = 8;
+// Times of a batch's predicted time that it may take in silence beyond the stall limit.
+constexpr int kPredictionSlack = 10;
+constexpr milliseconds kNever = std::chrono::hours(24 * 365);
+
+}  // namespace
+
+void WorkerPool::Hasten() {
+  {
+    const std::lock_guard lock(watch_mutex_);
+    hasty_ = true;
+  }
+  WakeWatch();
+}
+
+void WorkerPool::Watch() {
+  std::unique_lock lock(watch_mutex_);
+  while (!stopping_) {
+    watch_woken_ = false;
+    lock.unlock();
+    const bool busy = LookAround();
+    lock.lock();
+    const auto woken = [this] { return stopping_ || watch_woken_; };
+    if (busy) {
+      watch_changed_.wait_for(lock, kLookEvery, [this] { return stopping_; });
+    } else {
+      watch_idle_ = true;
+      watch_changed_.wait(lock, woken);
+      watch_idle_ = false;
+    }
+  }
+}
+
+void WorkerPool::WakeWatch() {
+  {
+    const std::lock_guard lock(watch_mutex_);
+    watch_woken_ = true;
+    if (!watch_idle_) return;
+  }
+  watch_changed_.notify_one();
+}
+
+milliseconds WorkerPool::PatienceWith(const DeviceRun& run) const {
+  const milliseconds slow = options_.stall.count() == 0 ? kNever : options_.stall + kPredictionSlack * run.predicted();
+  if (!run.Unwanted()) return slow;
+  const std::lock_guard lock(watch_mutex_);
+  return std::min(slow, hasty_ ? kHastyPatience : kCancelPatience);
+}
+
+bool WorkerPool::LookAround() {
+  const Clock::time_point now = Clock::now();
+  milliseconds probe_patience;
+  {
+    const std::lock_guard lock(watch_mutex_);
+    probe_patience = hasty_ ? kHastyPatience : kProbePatience;
+  }
+  bool busy = false, all_serve = true;
+  for (const auto& device : devices_) {
+    std::vector<std::shared_ptr<DeviceRun>> abandoned;
+    bool probe_stuck = false;
+    {
+      const std::lock_guard lock(device->mutex);
+      const auto crew = device->crew;
+      for (const auto& worker : crew) {
+        const bool probing = worker->probing_since.has_value();
+        if (worker->run && device->watched) {
+          busy = true;
+          worker->run->PassOnCancels();
+          const milliseconds patience = PatienceWith(*worker->run);
+          if (worker->run->Silence(now) < patience || !worker->run->Abandon(now, patience)) continue;
+          abandoned.push_back(worker->run);
+          if (device->metrics != nullptr) device->metrics->workers_busy.Decrement();
+        } else if (probing) {
+          busy = true;
+          if (now - *worker->probing_since < probe_patience) continue;
+          probe_stuck = true;
+          if (device->health.state() == DeviceState::kProbing) {
+            device->health.Probed(absl::DeadlineExceededError("the probe does not end"), now);
+          }
+        } else {
+          continue;
+        }
+        worker->is_left_behind = true;
+        worker->thread.detach();
+        ++left_behind_;
+        ++device->away;
+        std::erase(device->crew, worker);
+        if (!device->stopping && device->away < kMaxLeftBehind) StartWorker(device);
+        spdlog::error("device {}: worker {} does not come back; its thread is left behind", device->traits.device,
+                      worker->name);
+      }
+      all_serve &= device->health.serving();
+      if (!abandoned.empty() || probe_stuck) device->changed.notify_all();
+    }
+    for (const auto& run : abandoned) {
+      const std::string reason = "it gave no sign of life for so long that it is taken for lost";
+      const absl::Status failure = MarkDeviceFailure(absl::UnavailableError(reason), DeviceFailureKind::kLost);
+      scheduler_.Ended(run->TakeAnswered());
+      Failed(*device, DeviceFailureKind::kLost, reason);
+      for (DeviceRun::Left& left : run->TakeLeft()) FailOver(*device, std::move(left.task), failure);
+      all_serve = false;
+    }
+    if (probe_stuck) Failed(*device, DeviceFailureKind::kLost, "the probe does not end");
+  }
+  if (!all_serve) RefuseStranded();
+  return busy || !all_serve;
+}
+
+}  // namespace voxelpipe

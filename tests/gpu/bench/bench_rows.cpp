@@ -1,0 +1,133 @@
+#include "gpu/bench/bench_rows.h"
+
+#include <utility>
+
+#include "gpu/cases/bench_meshes.h"
+
+namespace voxelpipe::gpu {
+namespace {
+
+VoxelizeRequest Bits(Coverage coverage) {
+  VoxelizeRequest request;
+  request.coverage = coverage;
+  return request;
+}
+
+// `components` floats a voxel: the triangle's id where one does, its normal where there are four.
+VoxelizeRequest Floats(int components, Blend blend, ResultKind kind) {
+  VoxelizeRequest request;
+  TargetSpec& target = request.targets[0];
+  target.format = VoxelFormat::kF32;
+  target.components = components;
+  target.blend = blend;
+  target.shader = {components == 1 ? "triangle_id" : "normal", {}};
+  request.result = kind;
+  return request;
+}
+
+VoxelizeRequest ABuffer(Coverage coverage) {
+  VoxelizeRequest request = Bits(coverage);
+  request.result = ResultKind::kBuckets;
+  return request;
+}
+
+class Rows {
+ public:
+  void Add(const char* mesh, const char* name, int64_t n, double pass_ms, double stretch_ms, VoxelizeRequest request) {
+    request.grid = UnitCube(n);
+    request.backend = BackendChoice::kCuda;
+    rows_.push_back({mesh, name, n, pass_ms, stretch_ms, std::move(request)});
+  }
+  std::vector<BenchRow> Take() { return std::move(rows_); }
+
+ private:
+  std::vector<BenchRow> rows_;
+};
+
+struct Times {
+  const char* mesh;
+  double pass_ms[4], stretch_ms[4];  // at 128, 512, 1024, 2048
+};
+constexpr Times kConservativeBits[] = {
+    {"cow", {.025, .040, .085, .37}, {.012, .020, .055, .28}},
+    {"bunny", {.017, .040, .13, .62}, {.012, .022, .075, .38}},
+    {"bunny1M", {.050, .065, .16, .68}, {.025, .040, .10, .45}},
+    {"sphere10M", {.25, .34, .46, 1.0}, {.12, .20, .30, .75}},
+    {"nasty", {.085, .12, .42, 1.8}, {.05, .075, .22, 1.0}},
+};
+
+}  // namespace
+
+std::vector<BenchRow> BenchRows() {
+  constexpr int64_t kResolutions[] = {128, 512, 1024, 2048};
+  const auto dense = ResultKind::kDense, sparse = ResultKind::kSparse;
+  Rows rows;
+  for (const Times& times : kConservativeBits) {
+    for (int i = 0; i < 4; ++i) {
+      rows.Add(times.mesh, "bit conservative", kResolutions[i], times.pass_ms[i], times.stretch_ms[i],
+               Bits(Coverage::kConservative));
+    }
+    const std::string mesh = times.mesh;
+    if (mesh == "sphere10M") {
+      rows.Add("sphere10M", "bit thin", 512, .30, .17, Bits(Coverage::kThin));
+      rows.Add("sphere10M", "bit thin", 1024, .37, .25, Bits(Coverage::kThin));
+      rows.Add("sphere10M", "f32 max dense", 512, .45, .30, Floats(1, Blend::kMax, dense));
+      rows.Add("sphere10M", "f32 max dense", 1024, 1.5, 1.15, Floats(1, Blend::kMax, dense));
+      rows.Add("sphere10M", "f32 add dense", 512, .9, .45, Floats(1, Blend::kAdd, dense));
+      rows.Add("sphere10M", "f32 add dense", 1024, 3.0, 1.5, Floats(1, Blend::kAdd, dense));
+      rows.Add("sphere10M", "f32 max sparse", 1024, .9, .5, Floats(1, Blend::kMax, sparse));
+      rows.Add("sphere10M", "4 x f32 max dense", 512, .85, .65, Floats(4, Blend::kMax, dense));
+      rows.Add("sphere10M", "4 x f32 add dense", 512, 1.9, .9, Floats(4, Blend::kAdd, dense));
+      rows.Add("sphere10M", "A-buffer conservative", 512, 1.1, .7, ABuffer(Coverage::kConservative));
+      rows.Add("sphere10M", "A-buffer conservative", 1024, 1.6, 1.0, ABuffer(Coverage::kConservative));
+      rows.Add("sphere10M", "A-buffer thin", 512, .85, .55, ABuffer(Coverage::kThin));
+      rows.Add("sphere10M", "A-buffer thin", 1024, 1.15, .75, ABuffer(Coverage::kThin));
+    }
+    if (mesh == "nasty") {
+      rows.Add("nasty", "f32 max dense", 512, .50, .30, Floats(1, Blend::kMax, dense));
+      rows.Add("nasty", "f32 max dense", 1024, 1.9, 1.3, Floats(1, Blend::kMax, dense));
+      rows.Add("nasty", "f32 add dense", 512, 1.0, .5, Floats(1, Blend::kAdd, dense));
+      rows.Add("nasty", "f32 add dense", 1024, 3.4, 1.9, Floats(1, Blend::kAdd, dense));
+      rows.Add("nasty", "A-buffer thin", 1024, .9, .55, ABuffer(Coverage::kThin));
+    }
+  }
+  return rows.Take();
+}
+
+std::vector<BenchRow> WholeCallRows() {
+  Rows rows;
+  for (const char* mesh : {"bunny", "sphere10M"}) {
+    for (const int64_t n : {512, 1024}) rows.Add(mesh, "bit dense", n, 0, 0, Bits(Coverage::kConservative));
+    for (const int64_t n : {512, 1024}) {
+      rows.Add(mesh, "f32 max dense", n, 0, 0, Floats(1, Blend::kMax, ResultKind::kDense));
+    }
+    VoxelizeRequest bricks = Bits(Coverage::kConservative);
+    bricks.result = ResultKind::kSparse;
+    rows.Add(mesh, "bit sparse", 1024, 0, 0, bricks);
+    rows.Add(mesh, "f32 max sparse", 1024, 0, 0, Floats(1, Blend::kMax, ResultKind::kSparse));
+    VoxelizeRequest displaced = Bits(Coverage::kConservative);
+    displaced.vertex_shader = {"displace_along_normal", {{"distance", {-0.01}}}};
+    rows.Add(mesh, "bit dense, displaced", 512, 0, 0, displaced);
+    displaced.result = ResultKind::kSparse;
+    rows.Add(mesh, "bit sparse, displaced", 512, 0, 0, displaced);
+  }
+  return rows.Take();
+}
+
+std::vector<BenchRow> StageRows() {
+  Rows rows;
+  for (const char* mesh : {"sphere10M", "nasty"}) {
+    rows.Add(mesh, "bit conservative", 1024, 0, 0, Bits(Coverage::kConservative));
+    rows.Add(mesh, "f32 max dense", 1024, 0, 0, Floats(1, Blend::kMax, ResultKind::kDense));
+    rows.Add(mesh, "f32 add dense", 1024, 0, 0, Floats(1, Blend::kAdd, ResultKind::kDense));
+    rows.Add(mesh, "f32 max sparse", 1024, 0, 0, Floats(1, Blend::kMax, ResultKind::kSparse));
+    rows.Add(mesh, "A-buffer thin", 1024, 0, 0, ABuffer(Coverage::kThin));
+  }
+  // By tiles: all triangles in one, in a few, in many.
+  for (const int64_t n : {8, 64, 512}) {
+    rows.Add("sphere10M", "f32 replace dense", n, 0, 0, Floats(1, Blend::kReplace, ResultKind::kDense));
+  }
+  return rows.Take();
+}
+
+}  // namespace voxelpipe::gpu

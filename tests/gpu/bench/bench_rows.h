@@ -1,0 +1,27 @@
+// The GPU table: which cases are measured on which mesh and grid, and what times are asked for.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "job/request.h"
+
+namespace voxelpipe::gpu {
+
+struct BenchRow {
+  std::string mesh;  // of BenchMeshes
+  std::string name;  // of the case
+  int64_t n = 0;     // the grid is [0, 1]^3 in n^3 voxels
+  double pass_ms = 0, stretch_ms = 0;
+  VoxelizeRequest request;  // grid included
+};
+
+// In the order of BenchMeshes.
+std::vector<BenchRow> BenchRows();
+
+// Requests of whole calls, from a mesh on the host to a result on the host, and of the times of single stages; no times
+// are asked for.
+std::vector<BenchRow> WholeCallRows();
+std::vector<BenchRow> StageRows();
+
+}  // namespace voxelpipe::gpu

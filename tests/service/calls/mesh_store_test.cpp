@@ -1,0 +1,446 @@
+// Meshes that the server keeps: uploaded once, used many times.
+#include <openssl/sha.h>
+
+#include <cstring>
+#include <future>
+#include <limits>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <grpcpp/create_channel.h>
+#include <grpcpp/security/credentials.h>
+
+#include "absl/strings/escaping.h"
+#include "base/crc32c.h"
+#include "gtest/gtest.h"
+#include "load/loader.h"
+#include "mesh/flatten.h"
+#include "service/support/background_call.h"
+#include "service/support/effort.h"
+#include "service/support/requests.h"
+#include "service/support/sample_mesh.h"
+#include "service/support/server_process.h"
+#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/status.h"
+
+namespace voxelpipe::testing {
+namespace {
+
+std::string Sha256Hex(const std::vector<uint8_t>& bytes) {
+  unsigned char digest[SHA256_DIGEST_LENGTH];
+  SHA256(bytes.data(), bytes.size(), digest);
+  return absl::BytesToHexString({reinterpret_cast<const char*>(digest), sizeof digest});
+}
+
+class MeshStoreTest : public ::testing::Test {
+ protected:
+  void Start(std::vector<std::string> arguments = {}) {
+    arguments.insert(arguments.end(), {"--log-level", "warn"});
+    server_ = StartServer(arguments);
+    ASSERT_NE(server_, nullptr);
+    client_ = ConnectTo(*server_);
+    ASSERT_NE(client_, nullptr);
+    stub_ =
+        v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+  }
+
+  StoredMesh Upload(const std::vector<uint8_t>& bytes) {
+    const JobContext job;
+    const absl::StatusOr<StoredMesh> mesh = client_->UploadMesh(bytes, MeshFormat::kAuto, job);
+    EXPECT_TRUE(mesh.ok()) << mesh.status();
+    return mesh.value_or(StoredMesh{});
+  }
+
+  // What the server says to an upload of these messages.
+  absl::Status UploadRaw(const std::vector<v1::UploadMeshRequest>& messages,
+                         v1::UploadMeshResponse* response = nullptr) {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + kPatience);
+    v1::UploadMeshResponse answer;
+    const auto stream = stub_->UploadMesh(&context, response == nullptr ? &answer : response);
+    for (const v1::UploadMeshRequest& message : messages) {
+      if (!stream->Write(message)) break;
+    }
+    stream->WritesDone();
+    return FromGrpcStatus(stream->Finish());
+  }
+
+  std::string HashOfFile(const std::vector<uint8_t>& bytes, const VoxelizeRequest& request) {
+    const JobContext job;
+    const auto result = client_->Voxelize(bytes, MeshFormat::kAuto, request, job);
+    EXPECT_TRUE(result.ok()) << result.status();
+    return result.ok() ? result->content_sha256 : "";
+  }
+  std::string HashOfStored(const std::string& id, const VoxelizeRequest& request,
+                           std::span<const float> positions = {}) {
+    const JobContext job;
+    const auto result = client_->VoxelizeStored(id, request, job, positions);
+    EXPECT_TRUE(result.ok()) << result.status();
+    return result.ok() ? result->content_sha256 : "";
+  }
+
+  const std::vector<uint8_t> glb_ = TorusGlb(12);
+  const JobContext job_;
+  std::unique_ptr<ServerProcess> server_;
+  std::unique_ptr<Client> client_;
+  std::unique_ptr<v1::VoxelizationService::Stub> stub_;
+};
+
+v1::UploadMeshRequest Begin(const std::string& mesh_id = "") {
+  v1::UploadMeshRequest message;
+  message.mutable_upload()->set_mesh_id(mesh_id);
+  return message;
+}
+
+v1::UploadMeshRequest Piece(const std::vector<uint8_t>& bytes) {
+  v1::UploadMeshRequest message;
+  message.set_piece(bytes.data(), bytes.size());
+  return message;
+}
+
+// Shaders that read nothing, textures of one kind, and textures of another; with a fill, and as buckets.
+std::vector<VoxelizeRequest> Requests() {
+  std::vector<VoxelizeRequest> requests(4, SmallRequest());
+  for (size_t i = 1; i < requests.size(); ++i) {
+    TargetSpec& target = requests[i].targets[0];
+    target.format = VoxelFormat::kF32;
+    target.components = 3;
+    target.blend = Blend::kReplace;
+    target.shader = {i == 2 ? "emissive" : "base_color", {}};
+  }
+  requests[0].fill = Fill::kParity;
+  requests[3].result = ResultKind::kBuckets;
+  return requests;
+}
+
+TEST_F(MeshStoreTest, AMeshIsKeptUnderTheHashOfItsBytes) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const StoredMesh first = Upload(glb_);
+  EXPECT_EQ(first.mesh_id, Sha256Hex(glb_));
+  EXPECT_EQ(first.format, MeshFormat::kGlb);
+  EXPECT_EQ(first.file_bytes, glb_.size());
+  EXPECT_GT(first.memory_bytes, 0u);
+  EXPECT_EQ(first.report.triangles, 288u);
+  EXPECT_EQ(first.uses, 0u);
+  EXPECT_FALSE(first.already_stored);
+
+  const StoredMesh again = Upload(glb_);
+  EXPECT_TRUE(again.already_stored);
+  EXPECT_EQ(again.mesh_id, first.mesh_id);
+
+  HashOfStored(first.mesh_id, SmallRequest());
+  const absl::StatusOr<StoredMesh> known = client_->GetMesh(first.mesh_id);
+  ASSERT_TRUE(known.ok()) << known.status();
+  EXPECT_EQ(known->uses, 1u);
+  EXPECT_EQ(known->report.triangles, 288u);
+}
+
+TEST_F(MeshStoreTest, AStoredMeshGivesTheBytesOfItsFile) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const std::string id = Upload(glb_).mesh_id;
+  for (const VoxelizeRequest& request : Requests()) {
+    const std::string file = HashOfFile(glb_, request);
+    EXPECT_EQ(HashOfStored(id, request), file);
+    EXPECT_EQ(HashOfStored(id, request), file) << "the second time too";
+  }
+}
+
+TEST_F(MeshStoreTest, ManyJobsUseOneMeshAtTheSameTime) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "4"}));
+  const std::string id = Upload(glb_).mesh_id;
+  const std::vector<VoxelizeRequest> requests = Requests();
+  std::vector<std::string> expected;
+  for (const VoxelizeRequest& request : requests) expected.push_back(HashOfFile(glb_, request));
+  std::vector<std::future<std::string>> hashes;
+  for (size_t i = 0; i < 24; ++i) {
+    VoxelizeRequest request = requests[i % requests.size()];
+    hashes.push_back(std::async(std::launch::async, [=, this] { return HashOfStored(id, request); }));
+  }
+  for (size_t i = 0; i < hashes.size(); ++i) EXPECT_EQ(hashes[i].get(), expected[i % expected.size()]) << i;
+}
+
+TEST_F(MeshStoreTest, AnEstimateKnowsStoredMeshes) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const auto of_file = client_->Estimate(glb_, MeshFormat::kAuto, SmallRequest(), job_);
+  ASSERT_TRUE(of_file.ok()) << of_file.status();
+  const std::string id = Upload(glb_).mesh_id;
+  const auto of_stored = client_->EstimateStored(id, SmallRequest(), job_);
+  ASSERT_TRUE(of_stored.ok()) << of_stored.status();
+  EXPECT_EQ(of_stored->plan.grid, of_file->plan.grid);
+  EXPECT_EQ(of_stored->plan.peak_bytes, of_file->plan.peak_bytes);
+  EXPECT_EQ(of_stored->report.vertices, of_file->report.vertices);
+  EXPECT_TRUE(absl::IsNotFound(client_->EstimateStored(std::string(64, '0'), SmallRequest(), job_).status()));
+}
+
+TEST_F(MeshStoreTest, WhatIsNotKeptIsNamed) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const std::string id(64, 'a');
+  EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(id).status()));
+  EXPECT_TRUE(absl::IsNotFound(client_->DeleteMesh(id).status()));
+  const absl::Status status = client_->VoxelizeStored(id, SmallRequest(), job_).status();
+  EXPECT_TRUE(absl::IsNotFound(status)) << status;
+  EXPECT_EQ(MissingMesh(status), id) << "ResourceInfo came along";
+  for (const std::string& wrong : {std::string(63, 'a'), std::string(64, 'A'), std::string("../etc/passwd")}) {
+    EXPECT_TRUE(absl::IsInvalidArgument(client_->GetMesh(wrong).status())) << wrong;
+    EXPECT_TRUE(absl::IsInvalidArgument(client_->VoxelizeStored(wrong, SmallRequest(), job_).status())) << wrong;
+  }
+  EXPECT_TRUE(absl::IsInvalidArgument(client_->VoxelizeStored("", SmallRequest(), job_).status()));
+}
+
+TEST_F(MeshStoreTest, AMeshThatIsDeletedInUseServesItsJobsToTheEnd) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "2"}));
+  const std::vector<uint8_t> slow = LargeTrianglesGlb(LessIfSlow(2000));
+  const std::string id = Upload(slow).mesh_id;
+  VoxelizeRequest request = SlowRequest();
+  request.grid.resolution = 128;
+  const std::string expected = HashOfFile(slow, request);
+  std::promise<void> planned;
+  auto running = std::async(std::launch::async, [&] {
+    return client_->VoxelizeStored(id, request, job_, {}, [&](const Plan&) { planned.set_value(); });
+  });
+  ASSERT_EQ(planned.get_future().wait_for(kPatience), std::future_status::ready);
+  const absl::StatusOr<uint64_t> freed = client_->DeleteMesh(id);
+  ASSERT_TRUE(freed.ok()) << freed.status();
+  EXPECT_GT(*freed, 0u);
+  EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(id).status()));
+  const auto result = running.get();
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->content_sha256, expected);
+}
+
+TEST_F(MeshStoreTest, OtherBytesThanAnnouncedAreRefused) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const std::string id = Sha256Hex(glb_);
+  std::vector<uint8_t> other = glb_;
+  other.back() ^= 1;
+  EXPECT_TRUE(absl::IsDataLoss(UploadRaw({Begin(id), Piece(other)})));
+  v1::UploadMeshRequest piece = Piece(glb_);
+  piece.set_crc32c(Crc32c(glb_) ^ 1);
+  EXPECT_TRUE(absl::IsDataLoss(UploadRaw({Begin(), piece})));
+  EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(id).status())) << "nothing of it was kept";
+  piece.set_crc32c(Crc32c(glb_));
+  v1::UploadMeshResponse response;
+  const absl::Status status = UploadRaw({Begin(id), piece}, &response);
+  EXPECT_TRUE(status.ok()) << status;
+  EXPECT_EQ(response.mesh().mesh_id(), id);
+}
+
+TEST_F(MeshStoreTest, AnUploadOfAKnownMeshIsAnsweredBeforeItsBytes) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const std::string id = Upload(glb_).mesh_id;
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + kPatience);
+  v1::UploadMeshResponse response;
+  const auto stream = stub_->UploadMesh(&context, &response);
+  ASSERT_TRUE(stream->Write(Begin(id)));
+  const absl::Status status = FromGrpcStatus(stream->Finish());  // the stream is still open on our side
+  EXPECT_TRUE(status.ok()) << status;
+  EXPECT_TRUE(response.already_stored());
+  EXPECT_EQ(response.mesh().mesh_id(), id);
+}
+
+TEST_F(MeshStoreTest, UploadsThatAreNotOneAreRefused) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({})));
+  EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Piece(glb_)})));
+  EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Begin(), Begin()})));
+  EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Begin("not an id")})));
+  EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Begin(), Piece({1, 2, 3, 4, 5})}))) << "no mesh";
+  EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Begin()}))) << "no bytes";
+  v1::UploadMeshRequest wrong = Begin();
+  wrong.mutable_upload()->set_mesh_format(v1::MESH_FORMAT_DRACO);
+  EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({wrong, Piece(glb_)})));
+}
+
+TEST_F(MeshStoreTest, TheLongestUnusedMeshGoesWhenThereIsNoRoom) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const uint64_t each = Upload(glb_).memory_bytes;
+  ASSERT_NO_FATAL_FAILURE(Start({"--max-mesh-store-bytes", std::to_string(each * 2 + each / 2)}));
+  // Three meshes of one size.
+  std::vector<std::vector<uint8_t>> files(3, glb_);
+  for (size_t i = 0; i < files.size(); ++i) files[i].back() = uint8_t('a' + i);  // of the PNG's last bytes
+  const std::string a = Upload(files[0]).mesh_id, b = Upload(files[1]).mesh_id;
+  ASSERT_NE(a, b);
+  HashOfStored(a, SmallRequest());
+  const std::string c = Upload(files[2]).mesh_id;
+  EXPECT_TRUE(client_->GetMesh(a).ok());
+  EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(b).status()));
+  EXPECT_TRUE(client_->GetMesh(c).ok());
+
+  const absl::Status large = client_->UploadMesh(TorusGlb(100), MeshFormat::kAuto, job_).status();
+  EXPECT_TRUE(absl::IsResourceExhausted(large)) << large;
+  EXPECT_NE(std::string(large.message()).find(std::to_string(each * 2 + each / 2)), std::string::npos) << large;
+  EXPECT_TRUE(client_->GetMesh(c).ok()) << "what does not fit puts nothing out";
+}
+
+// A body that moves: the positions go to the server, everything else stays there.
+TEST_F(MeshStoreTest, NewPositionsEqualAMeshThatWasMoved) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const std::string id = Upload(glb_).mesh_id;
+  const absl::StatusOr<Scene> scene = LoadScene(glb_);
+  ASSERT_TRUE(scene.ok());
+  const absl::StatusOr<TriangleMesh> mesh = Flatten(*scene);
+  ASSERT_TRUE(mesh.ok());
+  for (int frame = 0; frame < 3; ++frame) {
+    TriangleMesh moved = *mesh;
+    std::vector<float> positions;
+    for (const Vec3d& p : mesh->positions) {
+      positions.insert(positions.end(), {float(p.x * (1 + 0.1 * frame)), float(p.y + 0.2 * frame), float(p.z)});
+    }
+    for (size_t i = 0; i < moved.positions.size(); ++i) {
+      moved.positions[i] = {positions[3 * i], positions[3 * i + 1], positions[3 * i + 2]};
+    }
+    for (const Fill fill : {Fill::kNone, Fill::kParity}) {
+      VoxelizeRequest request;
+      request.grid.resolution = 24;
+      request.fill = fill;
+      request.targets[0].format = VoxelFormat::kF32;
+      request.targets[0].components = 3;
+      request.targets[0].blend = Blend::kReplace;
+      request.targets[0].shader = {"normal", {}};
+      const auto expected = Voxelize(moved, request, job_);
+      ASSERT_TRUE(expected.ok()) << expected.status();
+      const auto result = client_->VoxelizeStored(id, request, job_, positions);
+      ASSERT_TRUE(result.ok()) << result.status();
+      const auto want = ArraysOf(*expected), got = ArraysOf(result->result);
+      ASSERT_EQ(want.size(), got.size());
+      for (size_t i = 0; i < want.size(); ++i) {
+        ASSERT_EQ(want[i].size(), got[i].size());
+        EXPECT_EQ(std::memcmp(want[i].data(), got[i].data(), want[i].size()), 0) << "frame " << frame;
+      }
+      EXPECT_EQ(result->result.grid, expected->grid);
+    }
+  }
+}
+
+TEST_F(MeshStoreTest, NewPositionsThatDoNotFitAreRefused) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const StoredMesh mesh = Upload(glb_);
+  std::vector<float> positions(mesh.report.vertices * 3, 0.5f);
+  const auto refusal = [&](std::span<const float> given) {
+    const absl::Status status = client_->VoxelizeStored(mesh.mesh_id, SmallRequest(), job_, given).status();
+    EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
+    return std::string(status.message());
+  };
+  const std::span<const float> all(positions);
+  EXPECT_NE(refusal(all.first(all.size() - 1)).find(std::to_string(all.size_bytes())), std::string::npos);
+  std::vector<float> more = positions;
+  more.push_back(0);
+  EXPECT_NE(refusal(more).find(std::to_string(all.size_bytes())), std::string::npos);
+  positions[7 * 3 + 1] = std::numeric_limits<float>::infinity();
+  positions[9 * 3 + 1] = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_NE(refusal(positions).find("vertex 7 "), std::string::npos);
+}
+
+TEST_F(MeshStoreTest, MeshBytesAfterAMeshIdAreRefused) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const std::string id = Upload(glb_).mesh_id;
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + kPatience);
+  const auto stream = stub_->Voxelize(&context);
+  v1::VoxelizeRequest message;
+  message.mutable_config()->set_mesh_id(id);
+  ASSERT_TRUE(stream->Write(message));
+  message.set_mesh_piece("glTF");
+  stream->Write(message);
+  stream->WritesDone();
+  v1::VoxelizeResponse response;
+  while (stream->Read(&response)) {}
+  EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+}
+
+TEST_F(MeshStoreTest, EqualUploadsAtTheSameTimeBecomeOneMesh) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  std::vector<std::future<StoredMesh>> uploads;
+  const std::vector<uint8_t> large = TorusGlb(150);
+  for (int i = 0; i < 8; ++i) uploads.push_back(std::async(std::launch::async, [&] { return Upload(large); }));
+  for (auto& upload : uploads) EXPECT_EQ(upload.get().mesh_id, Sha256Hex(large));
+}
+
+// Sixteen clients want the same of a mesh that takes a while: one run, sixteen equal answers.
+TEST_F(MeshStoreTest, EqualRequestsAtTheSameTimeAreComputedOnce) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "2"}));
+  const std::vector<uint8_t> slow = LargeTrianglesGlb(LessIfSlow(3000));
+  const std::string id = Upload(slow).mesh_id;
+  VoxelizeRequest request = SlowRequest();
+  request.grid.resolution = 128;
+  std::vector<std::future<absl::StatusOr<RemoteResult>>> calls;
+  for (int i = 0; i < 16; ++i) {
+    calls.push_back(std::async(std::launch::async, [&] { return client_->VoxelizeStored(id, request, job_); }));
+  }
+  int computed = 0;
+  std::string hash;
+  for (auto& call : calls) {
+    const auto result = call.get();
+    ASSERT_TRUE(result.ok()) << result.status();
+    if (!result->cached) ++computed;
+    if (hash.empty()) hash = result->content_sha256;
+    EXPECT_EQ(result->content_sha256, hash);
+  }
+  EXPECT_EQ(computed, 1);
+  EXPECT_EQ(HashOfFile(slow, request), hash);
+}
+
+TEST_F(MeshStoreTest, WhoCancelsDoesNotDisturbWhoWantsTheSame) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1"}));
+  const std::string id = Upload(LargeTrianglesGlb(LessIfSlow(3000))).mesh_id;
+  VoxelizeRequest request = SlowRequest();
+  request.grid.resolution = 128;
+  JobContext first_job;
+  std::promise<void> planned;
+  auto first = std::async(std::launch::async, [&] {
+    return client_->VoxelizeStored(id, request, first_job, {}, [&](const Plan&) { planned.set_value(); }).status();
+  });
+  ASSERT_EQ(planned.get_future().wait_for(kPatience), std::future_status::ready);
+  auto second = std::async(std::launch::async, [&] { return client_->VoxelizeStored(id, request, job_); });
+  while (client_->GetMesh(id).value_or(StoredMesh{}).uses < 2) std::this_thread::yield();  // it has asked
+  first_job.Cancel();
+  EXPECT_TRUE(absl::IsCancelled(first.get()));
+  const auto result = second.get();
+  EXPECT_TRUE(result.ok()) << result.status();
+
+  // And where nobody wants it any more, the one worker is free at once.
+  JobContext slow_job;
+  std::promise<void> began;
+  request.grid.resolution = 512;
+  auto slow = std::async(std::launch::async, [&] {
+    return client_->VoxelizeStored(id, request, slow_job, {}, [&](const Plan&) { began.set_value(); }).status();
+  });
+  ASSERT_EQ(began.get_future().wait_for(kPatience), std::future_status::ready);
+  slow_job.Cancel();
+  EXPECT_TRUE(absl::IsCancelled(slow.get()));
+  HashOfStored(id, SmallRequest());
+}
+
+TEST_F(MeshStoreTest, AKeptResultIsTheSameBytes) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--result-cache-bytes", "16MiB"}));
+  const std::string id = Upload(glb_).mesh_id;
+  for (const VoxelizeRequest& request : Requests()) {
+    const auto first = client_->VoxelizeStored(id, request, job_), again = client_->VoxelizeStored(id, request, job_);
+    ASSERT_TRUE(first.ok()) << first.status();
+    ASSERT_TRUE(again.ok()) << again.status();
+    EXPECT_FALSE(first->cached);
+    EXPECT_TRUE(again->cached);
+    EXPECT_EQ(first->content_sha256, again->content_sha256);
+    EXPECT_EQ(first->result.grid, again->result.grid);
+    EXPECT_EQ(first->report.triangles, again->report.triangles);
+  }
+}
+
+// Results of several slabs leave while they are made, each for its own client.
+TEST_F(MeshStoreTest, LargeResultsAreStreamedToEachWhoAsks) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--stream-above-mb", "0", "--workers", "2"}));
+  const std::string id = Upload(glb_).mesh_id;
+  VoxelizeRequest request = SmallRequest();
+  request.grid.resolution = 96;
+  const std::string expected = HashOfFile(glb_, request);
+  std::vector<std::future<std::string>> hashes;
+  for (int i = 0; i < 4; ++i) {
+    hashes.push_back(std::async(std::launch::async, [&] { return HashOfStored(id, request); }));
+  }
+  for (auto& hash : hashes) EXPECT_EQ(hash.get(), expected);
+}
+
+}  // namespace
+}  // namespace voxelpipe::testing

@@ -1,0 +1,134 @@
+// Warnings reach the client, whatever the call.
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "inspect.h"
+#include "many_stream.h"
+#include "service/support/many_fixture.h"
+#include "support/meshes/glb_builder.h"
+#include "support/warnings.h"
+#include "wire/response.h"
+
+namespace voxelpipe::testing {
+namespace {
+
+using nlohmann::json;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+// A cube without scenes, whose texture is a file that nobody sent.
+std::vector<uint8_t> FaultyGlb() {
+  GlbBuilder builder;
+  const Shape cube = CubeShape();
+  json primitive = builder.Primitive(cube.positions, cube.indices);
+  primitive["attributes"]["TEXCOORD_0"] = builder.Vectors(std::vector<float>(16, 0.5f), "VEC2");
+  primitive["material"] = 0;
+  builder.Node({{"mesh", builder.Mesh(primitive)}});
+  builder.doc["images"] = {{{"uri", "gone.png"}}};
+  builder.doc["textures"] = {{{"source", 0}}};
+  builder.doc["materials"] = {{{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}}}};
+  return builder.Glb();
+}
+
+VoxelizeRequest Colours() {
+  VoxelizeRequest request = SmallRequest();
+  request.targets[0].format = VoxelFormat::kU8;
+  request.targets[0].components = 4;
+  request.targets[0].blend = Blend::kReplace;
+  request.targets[0].shader = {"base_color", {}};
+  return request;
+}
+
+const std::vector<std::string> kBoth = {"no_scene", "texture_missing"};
+
+class WarningsTest : public ManyTest {
+ protected:
+  const std::vector<uint8_t> faulty_ = FaultyGlb();
+  const JobContext job_;
+};
+
+TEST_F(WarningsTest, OfEachWayToCall) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const auto small = client_->Voxelize(faulty_, MeshFormat::kAuto, Colours(), job_);
+  ASSERT_TRUE(small.ok()) << small.status();
+  EXPECT_EQ(Codes(small->stats.warnings), kBoth);
+  EXPECT_THAT(Lines(small->stats.warnings)[1], HasSubstr("image 0: the URI 'gone.png'"));
+
+  VoxelizeRequest large = Colours();
+  large.grid.resolution = 96;  // more than one message holds
+  const auto streamed = client_->Voxelize(faulty_, MeshFormat::kAuto, large, job_);
+  ASSERT_TRUE(streamed.ok()) << streamed.status();
+  EXPECT_EQ(Codes(streamed->stats.warnings), kBoth);
+
+  v1::VoxelizeWholeRequest whole;
+  *whole.mutable_config() = MakeConfig(Colours(), MeshFormat::kGlb);
+  whole.set_mesh(faulty_.data(), faulty_.size());
+  grpc::ClientContext context;
+  v1::VoxelizeWholeResponse response;
+  ASSERT_TRUE(stub_->VoxelizeWhole(&context, whole, &response).ok());
+  EXPECT_EQ(Codes(ReadWarnings(response.result().summary())), kBoth);
+
+  v1::VoxelizeManyRequest item = Item(1, Colours());
+  item.set_mesh(faulty_.data(), faulty_.size());
+  item.clear_crc32c();
+  ASSERT_TRUE(stream_->Write(item));
+  stream_->WritesDone();
+  v1::VoxelizeManyResponse answer;
+  ASSERT_TRUE(stream_->Read(&answer));
+  EXPECT_EQ(Codes(ReadWarnings(answer.whole().summary())), kBoth);
+}
+
+TEST_F(WarningsTest, OfTexturesOnlyWhereTheyAreRead) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const auto plain = client_->Voxelize(faulty_, MeshFormat::kAuto, SmallRequest(), job_);
+  ASSERT_TRUE(plain.ok()) << plain.status();
+  EXPECT_THAT(Codes(plain->stats.warnings), ElementsAre("no_scene"));
+  const auto fine = client_->Voxelize(glb_, MeshFormat::kAuto, Colours(), job_);
+  ASSERT_TRUE(fine.ok()) << fine.status();
+  EXPECT_THAT(Codes(fine->stats.warnings), IsEmpty());
+  const auto seen = InspectMesh(server_->address(), {}, faulty_, MeshFormat::kAuto, job_);
+  ASSERT_TRUE(seen.ok()) << seen.status();
+  EXPECT_EQ(Codes(seen->warnings), kBoth) << "who asks about the mesh is told of all";
+}
+
+TEST_F(WarningsTest, OfKeptMeshesWithEachUseAndOfKeptResults) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--result-cache-bytes", "16MiB"}));
+  const auto stored = client_->UploadMesh(faulty_, MeshFormat::kAuto, job_);
+  ASSERT_TRUE(stored.ok()) << stored.status();
+  EXPECT_EQ(Codes(stored->warnings), kBoth);
+  const auto known = client_->GetMesh(stored->mesh_id);
+  ASSERT_TRUE(known.ok()) << known.status();
+  EXPECT_EQ(known->warnings, stored->warnings);
+  for (int use = 0; use < 3; ++use) {
+    const auto result = client_->VoxelizeStored(stored->mesh_id, Colours(), job_);
+    ASSERT_TRUE(result.ok()) << result.status();
+    EXPECT_EQ(Codes(result->stats.warnings), kBoth) << "use " << use;
+    EXPECT_EQ(result->cached, use > 0);
+    const auto plain = client_->VoxelizeStored(stored->mesh_id, SmallRequest(), job_);
+    ASSERT_TRUE(plain.ok()) << plain.status();
+    EXPECT_THAT(Codes(plain->stats.warnings), ElementsAre("no_scene"));
+  }
+  // A result that was kept for a lenient request is none for a strict one.
+  VoxelizeRequest strict = Colours();
+  strict.strict = true;
+  EXPECT_EQ(client_->VoxelizeStored(stored->mesh_id, strict, job_).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST_F(WarningsTest, StrictSaysWhatTheSameRequestSaysInThisProcess) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  VoxelizeRequest strict = Colours();
+  strict.strict = true;
+  const absl::Status status = client_->Voxelize(faulty_, MeshFormat::kAuto, strict, job_).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(status.message(), "the file has no scenes: all nodes without a parent are taken");
+  const auto fine = client_->Voxelize(glb_, MeshFormat::kAuto, strict, job_);
+  EXPECT_TRUE(fine.ok()) << fine.status();
+}
+
+}  // namespace
+}  // namespace voxelpipe::testing

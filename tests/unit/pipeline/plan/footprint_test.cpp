@@ -1,0 +1,111 @@
+// What a plan counts for the CUDA backend's lists.
+#include "pipeline/plan/footprint.h"
+
+#include <cmath>
+
+#include "gtest/gtest.h"
+#include "pipeline/plan/footprint_parts.h"
+#include "support/run.h"
+
+namespace voxelpipe {
+namespace {
+
+// A sphere-like surface in the unit cube: `triangles` of equal size.
+MeshSize Sphere(uint64_t triangles) {
+  MeshSize mesh;
+  mesh.triangles = triangles;
+  mesh.vertices = triangles / 2;
+  mesh.extent.box = {{0, 0, 0}, {1, 1, 1}, false};
+  const double each = std::sqrt(3.0 / double(triangles));
+  SurfaceSums sums;
+  sums.triangles = double(triangles);
+  sums.area = Vec3d{1, 1, 1} * 1.5;
+  sums.dominant = Vec3d{1, 1, 1} * 0.8;
+  sums.width = Vec3d{1, 1, 1} * (each * double(triangles));
+  mesh.extent.sums = sums;
+  return mesh;
+}
+
+GridSpec Cube(int64_t n) {
+  GridSpec grid;
+  grid.dims = {n, n, n};
+  grid.voxel_size = Vec3d{1, 1, 1} * (1 / double(n));
+  return grid;
+}
+
+VoxelizeRequest Floats(Blend blend, ResultKind result) {
+  VoxelizeRequest request;
+  request.targets = {testing::FloatTarget(1, blend, {"triangle_id", {}})};
+  request.result = result;
+  return request;
+}
+
+// What the device lists.
+uint64_t Lists(const VoxelizeRequest& request, int64_t resolution, const MeshSize& mesh) {
+  const GridSpec grid = Cube(resolution);
+  return uint64_t(footprint::DeviceListBytes(request, grid, mesh, EstimateSurface(request, grid, mesh), resolution));
+}
+
+TEST(FootprintTest, PlainBitsListNothingButTrianglesThatWaitAndTheirOrder) {
+  EXPECT_EQ(Lists(VoxelizeRequest(), 256, Sphere(1'000'000)), 12'000'000u);
+}
+
+TEST(FootprintTest, RecordsAndSpansOfBlendedTargetsCount) {
+  constexpr uint64_t kTriangles = 1'000'000;
+  const uint64_t lists = Lists(Floats(Blend::kMax, ResultKind::kDense), 256, Sphere(kTriangles));
+  constexpr uint64_t kRecords = 24 * kTriangles, kSpans = 8 * (kTriangles / 2 + (1 << 18));
+  EXPECT_GE(lists, kRecords + kSpans + 4 * kTriangles);
+  EXPECT_LT(lists, 2 * (kRecords + kSpans));
+  EXPECT_GT(Lists(Floats(Blend::kAdd, ResultKind::kDense), 256, Sphere(kTriangles)), lists);  // sums take 8 bytes
+}
+
+TEST(FootprintTest, PartsOfSplitTilesCountWhereTheyAreMoreThanRecords) {
+  constexpr uint64_t kTriangles = 100'000;
+  VoxelizeRequest request = Floats(Blend::kAverage, ResultKind::kDense);
+  const uint64_t one = Lists(request, 32, Sphere(kTriangles));
+  request.targets[0].components = 4;
+  constexpr uint64_t kTile = 2048 * (4 * 8 + 4);  // sums and a count
+  constexpr uint64_t kParts = kTriangles / 1024;
+  const uint64_t four = Lists(request, 32, Sphere(kTriangles));
+  EXPECT_GT(four, one);
+  EXPECT_GE(four, kParts * kTile);
+  EXPECT_LT(four, 4 * kParts * kTile);
+}
+
+TEST(FootprintTest, SlabsAreCutToTheRoomThatTheDeviceHas) {
+  const VoxelizeRequest request = Floats(Blend::kMax, ResultKind::kDense);
+  const GridSpec grid = Cube(1024);  // 4 GiB of floats
+  const MeshSize mesh = Sphere(100'000);
+  const auto depth = [&](uint64_t room) {
+    return FittingSlabDepth(request, grid, mesh, EstimateSurface(request, grid, mesh), 1024, room);
+  };
+  EXPECT_EQ(depth(uint64_t{8} << 30), 1024);
+  EXPECT_EQ(depth(uint64_t{4} << 30), 256);  // slabs of a GiB, one of which is copied
+  EXPECT_EQ(depth(uint64_t{1} << 30), 64);
+  EXPECT_EQ(depth(0), 8);
+  uint64_t before = UINT64_MAX;
+  for (int64_t layers = 1024; layers >= 8; layers /= 2) {
+    const uint64_t bytes = PredictSlabBytes(request, grid, mesh, EstimateSurface(request, grid, mesh), layers);
+    EXPECT_LT(bytes, before);
+    EXPECT_GE(bytes, uint64_t(layers) * 1024 * 1024 * 4);
+    before = bytes;
+  }
+}
+
+TEST(FootprintTest, SpansOfLargeTrianglesGrowWithTheSurface) {
+  const VoxelizeRequest request = Floats(Blend::kMax, ResultKind::kDense);
+  const uint64_t less = Lists(request, 512, Sphere(2000)), more = Lists(request, 1024, Sphere(2000));
+  EXPECT_GT(more, 3 * less);
+  EXPECT_LT(more, 5 * less);
+}
+
+TEST(FootprintTest, FragmentsOfBucketsCountTwiceForTheirSort) {
+  VoxelizeRequest request;
+  request.result = ResultKind::kBuckets;
+  const uint64_t less = Lists(request, 256, Sphere(2000)), more = Lists(request, 512, Sphere(2000));
+  EXPECT_GT(more, less + less);
+  EXPECT_GT(less, 32u * 256 * 256 * 3);  // the surface has so many voxels at least
+}
+
+}  // namespace
+}  // namespace voxelpipe

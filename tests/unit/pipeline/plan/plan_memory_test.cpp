@@ -1,0 +1,200 @@
+// The predicted peak of a run against what the run's pages take, for all kinds of results. Each case is a process of its
+// own under ctest.
+#include <malloc.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <string>
+
+#include "gtest/gtest.h"
+#include "support/meshes/meshes.h"
+#include "support/run.h"
+
+namespace voxelpipe {
+namespace {
+
+using testing::FloatTarget;
+
+// A line of /proc/self/status in bytes.
+uint64_t StatusBytes(const std::string& key) {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.rfind(key + ":", 0) == 0) return std::strtoull(line.c_str() + key.size() + 1, nullptr, 10) * 1024;
+  }
+  return 0;
+}
+
+// Lets VmHWM begin anew at what is resident now; false where the system does not allow it.
+bool ResetPeak() {
+  std::ofstream refs("/proc/self/clear_refs");
+  refs << 5;
+  refs.flush();
+  return refs.good() && StatusBytes("VmHWM") < StatusBytes("VmRSS") + (1 << 20);
+}
+
+class Swallow final : public ResultSink {
+ public:
+  absl::Status Begin(const ResultHeader&) override { return absl::OkStatus(); }
+  absl::Status Write(size_t, std::span<const uint8_t> bytes) override {
+    bytes_ += bytes.size();
+    return absl::OkStatus();
+  }
+  uint64_t bytes() const { return bytes_; }
+
+ private:
+  uint64_t bytes_ = 0;
+};
+
+struct Case {
+  std::string name;
+  bool fine;  // a smooth mesh of a million triangles, otherwise a rough one of 14 thousand
+  int64_t resolution;
+  std::vector<TargetSpec> targets = VoxelizeRequest().targets;
+  ResultKind result = ResultKind::kDense;
+  Fill fill = Fill::kNone;
+  bool streamed = false;
+  Coverage coverage = Coverage::kConservative;
+  std::string vertex_shader = "identity";
+  int64_t slab_depth = 0;  // 0: the plan's choice
+};
+
+void PrintTo(const Case& c, std::ostream* out) {
+  *out << c.name;
+}
+
+std::vector<Case> Cases() {
+  const TargetSpec f32 = FloatTarget(1, Blend::kMax, {"occupancy", {}});
+  const TargetSpec normal = FloatTarget(4, Blend::kAdd, {"normal", {}});
+  const TargetSpec position = FloatTarget(3, Blend::kMax, {"position", {}});
+  TargetSpec id = f32;
+  id.format = VoxelFormat::kU32;
+  id.shader = {"triangle_id", {}};
+  TargetSpec checker;
+  checker.shader = {"checker", {}};
+  const std::vector<TargetSpec> bits = VoxelizeRequest().targets;
+  const auto dense = ResultKind::kDense, sparse = ResultKind::kSparse, buckets = ResultKind::kBuckets;
+  return {
+      {"bits", false, 900},
+      {"bits_streamed", false, 1536, bits, dense, Fill::kNone, true},
+      {"bits_in_whole_words", false, 896},
+      {"bits_of_a_fine_mesh", true, 700},
+      {"bits_moved", true, 640, bits, dense, Fill::kNone, false, Coverage::kThin, "transform"},
+      {"bits_parity", false, 900, bits, dense, Fill::kParity},
+      {"bits_nonzero", false, 900, bits, dense, Fill::kNonzero},
+      {"bits_flood", false, 900, bits, dense, Fill::kFlood},
+      {"shaded_bits", false, 900, {checker}},
+      {"f32", false, 320, {f32}},
+      {"f32_of_a_fine_mesh", true, 256, {f32}},
+      {"f32_streamed", false, 640, {f32}, dense, Fill::kNone, true},
+      {"f32_flood", false, 320, {f32}, dense, Fill::kFlood},
+      {"four_floats", false, 200, {normal}},
+      {"several_targets", false, 200, {normal, f32, checker}, dense, Fill::kParity},
+      {"sparse_bits", false, 1200, bits, sparse},
+      {"sparse_f32", false, 700, {f32}, sparse},
+      {"sparse_four_floats", false, 700, {normal}, sparse},
+      {"sparse_in_slabs", false, 700, {normal}, sparse, Fill::kNone, false, Coverage::kConservative, "identity", 64},
+      {"sparse_flood", false, 400, {f32}, sparse, Fill::kFlood},
+      {"sparse_of_a_fine_mesh", true, 500, {position}, sparse},
+      {"buckets", false, 600, {id}, buckets},
+      {"buckets_of_positions", false, 600, {position}, buckets},
+      {"buckets_thin", false, 600, {normal}, buckets, Fill::kNone, false, Coverage::kThin},
+      {"buckets_in_slabs", false, 600, {id}, buckets, Fill::kNone, false, Coverage::kConservative, "identity", 64},
+      {"buckets_of_a_fine_mesh", true, 300, {id}, buckets},
+  };
+}
+
+class PlanMemory : public ::testing::TestWithParam<Case> {};
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kSanitized = true;  // shadow memory counts as resident too
+#else
+constexpr bool kSanitized = false;
+#endif
+
+TEST_P(PlanMemory, PredictsThePeakWithinAFactorOfOneAndAHalf) {
+  if (kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
+  const Case& c = GetParam();
+  const TriangleMesh mesh = c.fine ? testing::Torus(707) : testing::BumpySphere(60, 3);
+  VoxelizeRequest request;
+  request.grid.resolution = 8;
+  request.targets = c.targets;
+  request.result = c.result;
+  request.fill = c.fill;
+  request.coverage = c.coverage;
+  request.vertex_shader.name = c.vertex_shader;
+  const JobContext job;
+  ASSERT_TRUE(Voxelize(testing::Cube(1), request, job).ok());  // threads, code and tables are no part of the prediction
+  request.grid.resolution = c.resolution;
+  ReleaseIdlePages();
+  malloc_trim(0);
+  if (!ResetPeak()) GTEST_SKIP() << "the peak of this process cannot be reset here";
+  const uint64_t before = StatusBytes("VmRSS");
+  PlanLimits limits;
+  limits.slab_depth = c.slab_depth;
+  if (c.streamed) limits.slab_bytes = 64 << 20;
+  uint64_t predicted = 0;
+  const auto on_plan = [&](const Plan& plan) { predicted = plan.peak_bytes; };
+  if (c.streamed) {
+    Swallow sink;
+    const auto stats = VoxelizeTo(mesh, request, job, limits, sink, on_plan);
+    ASSERT_TRUE(stats.ok()) << stats.status();
+    EXPECT_GT(sink.bytes(), 0u);
+  } else {
+    const auto result = Voxelize(mesh, request, job, limits, on_plan);
+    ASSERT_TRUE(result.ok()) << result.status();
+  }
+  const uint64_t measured = StatusBytes("VmHWM") - before;
+  RecordProperty("predicted_bytes", std::to_string(predicted));
+  RecordProperty("measured_bytes", std::to_string(measured));
+  EXPECT_LT(double(predicted), 1.5 * double(measured)) << predicted << " predicted, " << measured << " measured";
+  EXPECT_LT(double(measured), 1.5 * double(predicted)) << predicted << " predicted, " << measured << " measured";
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, PlanMemory, ::testing::ValuesIn(Cases()),
+                         [](const auto& test) { return test.param.name; });
+
+// What is refused costs little: looking at a grid takes memory by its mesh, not by its voxels.
+TEST(PlanMemoryOfRefusals, GridsOfAnySizeAreLookedAtInLittleMemory) {
+  if (kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
+  VoxelizeRequest request;
+  request.grid.resolution = 8;
+  request.result = ResultKind::kSparse;
+  const JobContext job;
+  ASSERT_TRUE(Voxelize(testing::Cube(1), request, job).ok());  // threads, code and tables
+  if (!ResetPeak()) GTEST_SKIP() << "the peak of this process cannot be reset here";
+  const uint64_t before = StatusBytes("VmRSS");
+  for (const Fill fill : {Fill::kNone, Fill::kFlood}) {
+    for (const int64_t resolution : {3000, 20'000, 100'000}) {
+      request.grid.resolution = resolution;
+      request.coverage = Coverage::kThin;
+      request.fill = fill;
+      PlanLimits limits;
+      limits.max_result_bytes = 8 << 20;
+      EXPECT_EQ(Voxelize(testing::Cube(1), request, job, limits).status().code(), absl::StatusCode::kResourceExhausted);
+    }
+  }
+  EXPECT_LT(StatusBytes("VmHWM") - before, uint64_t{32} << 20);
+}
+
+// Nor do lines that meet the same triangle thousands of times, or triangles that each go through the whole grid.
+TEST(PlanMemoryOfRefusals, TrianglesThatRepeatAreLookedAtInLittleMemory) {
+  if (kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
+  VoxelizeRequest request;
+  request.grid.resolution = 8;
+  request.result = ResultKind::kSparse;
+  request.fill = Fill::kParity;
+  const JobContext job;
+  ASSERT_TRUE(Voxelize(testing::Cube(1), request, job).ok());  // threads, code and tables
+  const TriangleMesh mesh =
+      testing::MakeMesh({{0, 0, 0}, {0.5, 1, 0}, {1, 0, 1}}, std::vector<std::array<uint32_t, 3>>(30'000, {0, 1, 2}));
+  if (!ResetPeak()) GTEST_SKIP() << "the peak of this process cannot be reset here";
+  const uint64_t before = StatusBytes("VmRSS");
+  request.grid.resolution = 1500;
+  PlanLimits limits;
+  limits.max_result_bytes = 1 << 20;
+  EXPECT_EQ(Voxelize(mesh, request, job, limits).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_LT(StatusBytes("VmHWM") - before, uint64_t{64} << 20);
+}
+
+}  // namespace
+}  // namespace voxelpipe

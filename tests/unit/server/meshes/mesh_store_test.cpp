@@ -1,0 +1,336 @@
+#include "meshes/mesh_store.h"
+
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "base/limit_error.h"
+#include "gtest/gtest.h"
+#include "jobs/prepare_kept.h"
+#include "jobs/request_memory.h"
+#include "mesh/content_id.h"
+#include "support/warnings.h"
+#include "wire/status.h"
+
+namespace voxelpipe {
+namespace {
+
+// A PNG of one pixel, as small encoders write it.
+const std::vector<uint8_t> kPixel = {0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48,
+                                     0x44, 0x52, 0x00, 0x00, 0x00, 0x01, 0x00, 0x00, 0x00, 0x01, 0x08, 0x00, 0x00, 0x00,
+                                     0x00, 0x3a, 0x7e, 0x9b, 0x55, 0x00, 0x00, 0x00, 0x0a, 0x49, 0x44, 0x41, 0x54, 0x78,
+                                     0x9c, 0x63, 0x68, 0x00, 0x00, 0x00, 0x82, 0x00, 0x81, 0x77, 0xcd, 0x72, 0xb6, 0x00,
+                                     0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82};
+
+std::string Id(char digit) {
+  return std::string(64, digit);
+}
+
+// One triangle with a base colour and an emissive texture.
+LoadedMesh Triangle(std::vector<uint8_t> base = kPixel, std::vector<uint8_t> emissive = kPixel) {
+  LoadedMesh loaded;
+  TriangleMesh& mesh = loaded.mesh;
+  mesh.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  mesh.triangles = {{0, 1, 2}};
+  mesh.parts.resize(1);
+  mesh.parts[0].triangle_count = 1;
+  mesh.parts[0].material = 0;
+  mesh.parts[0].vertex_count = 3;
+  mesh.materials.resize(1);
+  mesh.materials[0].base_color.texture = 0;
+  mesh.materials[0].emissive.texture = 1;
+  mesh.textures.resize(2);
+  for (int i = 0; i < 2; ++i) {
+    mesh.textures[size_t(i)].image = i;
+    mesh.textures[size_t(i)].mip_filter = MipFilter::kNone;
+    mesh.images.push_back(std::make_shared<Image>());
+    mesh.images.back()->encoded = i == 0 ? base : emissive;
+  }
+  loaded.mesh.warnings.Add(WarningCode::kNoScene, "", "a warning");
+  return loaded;
+}
+
+std::shared_ptr<KeptMesh> Kept(char digit, LoadedMesh loaded = Triangle()) {
+  return std::make_shared<KeptMesh>(Id(digit), MeshFormat::kGlb, 100, std::move(loaded));
+}
+
+constexpr TextureUse kBase{true, false, false}, kEmissive{false, true, false}, kNone{};
+
+TEST(MeshStoreTest, WhatIsNotThereIsNotFoundByName) {
+  MeshStore store(1 << 20);
+  EXPECT_EQ(MissingMesh(store.Get(Id('a')).status()), Id('a'));
+  EXPECT_EQ(MissingMesh(store.Take(Id('a')).status()), Id('a'));
+  EXPECT_EQ(MissingMesh(store.Delete(Id('a')).status()), Id('a'));
+  EXPECT_TRUE(absl::IsNotFound(store.Get(Id('a')).status()));
+}
+
+TEST(MeshStoreTest, TakingCountsAndLookingDoesNot) {
+  MeshStore store(1 << 20);
+  ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
+  ASSERT_TRUE(store.Get(Id('a')).ok());
+  EXPECT_EQ((*store.Get(Id('a')))->uses(), 0u);
+  ASSERT_TRUE(store.Take(Id('a')).ok());
+  EXPECT_EQ((*store.Get(Id('a')))->uses(), 1u);
+  EXPECT_EQ(store.stats().hits, 1u);
+}
+
+TEST(MeshStoreTest, AMeshLargerThanTheStoreSaysNeedAndLimit) {
+  MeshStore store(100);
+  const auto mesh = Kept('a');
+  const absl::Status status = store.Insert(mesh, "x").status();
+  EXPECT_TRUE(absl::IsResourceExhausted(status));
+  const auto numbers = LimitErrorOf(status);
+  ASSERT_TRUE(numbers.has_value());
+  EXPECT_EQ(numbers->need_bytes, mesh->memory_bytes());
+  EXPECT_EQ(numbers->limit_bytes, 100u);
+}
+
+TEST(MeshStoreTest, ADeletedMeshServesWhoHasIt) {
+  MeshStore store(1 << 20);
+  ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
+  const auto held = store.Take(Id('a'));
+  ASSERT_TRUE(held.ok());
+  ASSERT_TRUE(store.Delete(Id('a')).ok());
+  const auto mesh = store.Mesh({}, **held, kBase, {});
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_EQ((*mesh)->triangles.size(), 1u);
+  EXPECT_EQ(store.stats().bytes, 0u);
+}
+
+TEST(KeptMeshTest, TexturesAreDecodedOnceIntoAMeshOfItsOwn) {
+  const auto kept = Kept('a');
+  const auto plain = *kept->Mesh({}, kNone, {});
+  EXPECT_EQ(plain->content_id, Id('a'));
+  EXPECT_TRUE(kept->ready(kNone));
+  EXPECT_FALSE(kept->ready(kBase));
+  const uint64_t before = kept->memory_bytes();
+  const auto based = kept->Mesh({}, kBase, {});
+  ASSERT_TRUE(based.ok()) << based.status();
+  EXPECT_TRUE(plain->images[0]->rgba.empty()) << "who has the mesh already sees nothing of it";
+  EXPECT_EQ((*based)->images[0]->rgba.size(), 4u);
+  EXPECT_TRUE((*based)->images[1]->rgba.empty()) << "nobody reads it";
+  EXPECT_NE((*based)->content_id, plain->content_id);
+  EXPECT_GT(kept->memory_bytes(), before);
+  EXPECT_EQ(*kept->Mesh({}, kBase, {}), *based) << "the same object";
+  EXPECT_EQ(*kept->Mesh({}, kNone, {}), *based) << "which serves who reads no textures, too";
+  const auto both = kept->Mesh({}, kEmissive, {});
+  ASSERT_TRUE(both.ok()) << both.status();
+  EXPECT_EQ((*both)->images[0]->rgba.size(), 4u) << "what was decoded stays";
+  EXPECT_EQ((*both)->images[1]->rgba.size(), 4u);
+  EXPECT_TRUE((*based)->images[1]->rgba.empty());
+}
+
+TEST(KeptMeshTest, ABrokenTextureFailsThoseWhoReadIt) {
+  std::vector<uint8_t> broken = kPixel;
+  broken.resize(40);
+  const auto kept = Kept('a', Triangle(kPixel, broken));
+  EXPECT_TRUE(absl::IsInvalidArgument(kept->Mesh({}, kEmissive, {}).status()));
+  EXPECT_TRUE(kept->Mesh({}, kBase, {}).ok());
+  EXPECT_TRUE(absl::IsInvalidArgument(kept->Mesh({}, kEmissive, {}).status())) << "the next time too";
+}
+
+TEST(MeshStoreTest, DecodedTexturesCount) {
+  const LoadLimits limits;
+  const auto kept = Kept('a');
+  MeshStore store(kept->memory_bytes() + 2);  // one pixel takes four bytes
+  ASSERT_TRUE(store.Insert(kept, "x").ok());
+  ASSERT_TRUE(store.Mesh({}, *kept, kNone, limits).ok());
+  EXPECT_TRUE(store.Get(Id('a')).ok());
+  ASSERT_TRUE(store.Mesh({}, *kept, kBase, limits).ok()) << "who has it may use it";
+  EXPECT_TRUE(absl::IsNotFound(store.Get(Id('a')).status())) << "but there is no room to keep it";
+  EXPECT_EQ(store.stats().bytes, 0u);
+}
+
+TEST(KeptMeshTest, ManyThreadsGetTheSameTextures) {
+  const auto kept = Kept('a');
+  std::vector<std::thread> threads;
+  std::vector<std::shared_ptr<const TriangleMesh>> meshes(16);
+  for (size_t i = 0; i < meshes.size(); ++i) {
+    threads.emplace_back([&, i] { meshes[i] = *kept->Mesh({}, i % 4 == 0 ? kNone : kBase, {}); });
+  }
+  for (std::thread& thread : threads) thread.join();
+  for (size_t i = 0; i < meshes.size(); ++i) {
+    if (i % 4 == 0) continue;
+    EXPECT_EQ(meshes[i], meshes[1]) << "decoded once";
+  }
+}
+
+// Who prepares it may wait for memory for as long as its own patience lasts.
+TEST(KeptMeshTest, AJobEndsInTimeThoughAnotherPreparesTheSameMesh) {
+  const auto kept = Kept('a');
+  ByteBudget working(1 << 20);
+  JobContext other_job, slow_job, late_job, cancelled_job;
+  const auto other = MakeRequestMemory(working, other_job), slow = MakeRequestMemory(working, slow_job);
+  ASSERT_TRUE(other->Take(1 << 20, "all there is").ok());
+  absl::Status prepared;
+  std::thread thread([&] { prepared = kept->Mesh(slow_job, kBase, {}).status(); });
+  while (slow->used_bytes() == 0) std::this_thread::yield();  // it waits now
+  late_job.set_deadline(JobContext::Clock::now() + std::chrono::milliseconds(50));
+  EXPECT_TRUE(absl::IsDeadlineExceeded(kept->Mesh(late_job, kEmissive, {}).status()));
+  EXPECT_TRUE(absl::IsDeadlineExceeded(kept->Examine(late_job).status()));
+  cancelled_job.Cancel();
+  EXPECT_TRUE(absl::IsCancelled(kept->Mesh(cancelled_job, kEmissive, {}).status()));
+  other->Give(1 << 20);
+  thread.join();
+  EXPECT_TRUE(prepared.ok()) << prepared;
+  EXPECT_TRUE(kept->Mesh({}, kEmissive, {}).ok());
+}
+
+TEST(KeptMeshTest, EdgesAreCountedWhenSomebodyAsks) {
+  const auto kept = Kept('a');
+  EXPECT_FALSE(kept->Report().examined);
+  EXPECT_EQ(kept->Examine({})->report.open_edges, 3u);
+  EXPECT_TRUE(kept->Report().examined) << "known from then on";
+  EXPECT_EQ(kept->Report().report.open_edges, 3u);
+}
+
+TEST(KeptMeshTest, NamesCountAsMemory) {
+  LoadedMesh named = Triangle();
+  named.mesh.materials[0].name = std::string(1 << 20, 'n');
+  EXPECT_GT(Kept('a', std::move(named))->memory_bytes(), uint64_t{1} << 20);
+}
+
+TEST(MeshStoreTest, AClaimGoesWithItsClientAndTheMeshWithTheLastClaim) {
+  MeshStore store(1 << 20);
+  EXPECT_TRUE(absl::IsNotFound(store.Release(Id('a'), "x").status()));
+  ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
+  ASSERT_TRUE(store.Insert(Kept('a'), "y").ok()) << "an equal one";
+  ASSERT_NE(store.Claim(Id('a'), "x"), nullptr);
+  ASSERT_NE(store.Touch(Id('a')), nullptr);
+  EXPECT_TRUE(absl::IsPermissionDenied(store.Release(Id('a'), "z").status())) << "who names a mesh has no claim";
+  const auto first = store.Release(Id('a'), "x");
+  ASSERT_TRUE(first.ok()) << first.status();
+  EXPECT_EQ(*first, nullptr) << "it stays for the other";
+  EXPECT_TRUE(absl::IsPermissionDenied(store.Release(Id('a'), "x").status()));
+  EXPECT_TRUE(store.Get(Id('a')).ok());
+  const auto last = store.Release(Id('a'), "y");
+  ASSERT_TRUE(last.ok()) << last.status();
+  EXPECT_NE(*last, nullptr);
+  EXPECT_TRUE(absl::IsNotFound(store.Get(Id('a')).status()));
+  EXPECT_EQ(store.stats().evictions, 0u);
+}
+
+TEST(MeshStoreTest, AMeshThatOthersSharesLeaveNoRoomForSaysNeedAndLimit) {
+  const uint64_t each = Kept('a')->memory_bytes();
+  MeshStore store(each * 2 + each / 2);
+  ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
+  LoadedMesh large = Triangle();
+  large.mesh.positions.resize(3 + each / 24);
+  const auto mesh = Kept('b', std::move(large));
+  ASSERT_GT(mesh->memory_bytes(), each + each / 2);
+  ASSERT_LT(mesh->memory_bytes(), store.max_bytes());
+  const absl::Status status = store.Insert(mesh, "y").status();
+  ASSERT_TRUE(absl::IsResourceExhausted(status)) << status;
+  const auto numbers = LimitErrorOf(status);
+  ASSERT_TRUE(numbers);
+  EXPECT_EQ(numbers->need_bytes, mesh->memory_bytes());
+  EXPECT_EQ(numbers->limit_bytes, store.max_bytes() - each);
+  EXPECT_TRUE(store.Get(Id('a')).ok()) << "what does not fit puts nothing out";
+}
+
+class PrepareKeptTest : public ::testing::Test {
+ protected:
+  absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(const std::vector<float>& positions = {}) {
+    return PrepareKept(store_, *kept_,
+                       {reinterpret_cast<const uint8_t*>(positions.data()), positions.size() * sizeof(float)}, config_,
+                       {}, job_);
+  }
+
+  MeshStore store_{1 << 20};
+  const std::shared_ptr<KeptMesh> kept_ = Kept('a');
+  ParsedConfig config_;
+  JobContext job_;
+};
+
+TEST_F(PrepareKeptTest, JobsShareTheMesh) {
+  const auto a = Prepare(), b = Prepare();
+  ASSERT_TRUE(a.ok()) << a.status();
+  ASSERT_TRUE(b.ok()) << b.status();
+  EXPECT_EQ((*a)->mesh, (*b)->mesh);
+  EXPECT_EQ(testing::Lines((*a)->mesh->warnings), std::vector<std::string>{"a warning"});
+  EXPECT_FALSE((*a)->examined);
+  config_.request.fill = Fill::kParity;
+  const auto filled = Prepare();
+  ASSERT_TRUE(filled.ok()) << filled.status();
+  EXPECT_TRUE((*filled)->examined);
+  EXPECT_EQ((*filled)->report.open_edges, 3u);
+}
+
+TEST_F(PrepareKeptTest, NewPositionsAreAMeshOfTheirOwn) {
+  config_.new_positions = true;
+  const auto moved = Prepare({0, 0, 5, 2, 0, 5, 0, 2, 5});
+  ASSERT_TRUE(moved.ok()) << moved.status();
+  const TriangleMesh& mesh = *(*moved)->mesh;
+  EXPECT_EQ(mesh.positions[1], (Vec3d{2, 0, 5}));
+  EXPECT_EQ(mesh.triangles.size(), 1u);
+  EXPECT_NE(mesh.content_id, Id('a')) << "a device must not take it for the mesh that it has";
+  EXPECT_EQ(SharedArraysOf(mesh.content_id).id, Id('a')) << "but for its positions";
+  EXPECT_FALSE(SharedArraysOf(mesh.content_id).positions);
+  EXPECT_EQ((*moved)->report.max, (Vec3d{2, 2, 5}));
+  EXPECT_EQ((*kept_->Mesh({}, {}, {}))->positions[1], (Vec3d{1, 0, 0}));
+}
+
+// Frame after frame nothing but positions is written; frames at the same time do not disturb each other.
+TEST_F(PrepareKeptTest, ACopyServesOneMoveAfterTheOther) {
+  config_.new_positions = true;
+  auto first = Prepare({0, 0, 1, 1, 0, 1, 0, 1, 1});
+  ASSERT_TRUE(first.ok()) << first.status();
+  const auto second = Prepare({0, 0, 2, 1, 0, 2, 0, 1, 2});
+  ASSERT_TRUE(second.ok()) << second.status();
+  const auto* indices = (*first)->mesh->triangles.data();
+  const std::string id = (*first)->mesh->content_id;
+  EXPECT_NE((*second)->mesh->triangles.data(), indices) << "the first is in use";
+  EXPECT_NE((*second)->mesh->content_id, id);
+  EXPECT_EQ((*first)->mesh->positions[0], (Vec3d{0, 0, 1}));
+  first = absl::CancelledError();
+  const auto third = Prepare({0, 0, 3, 1, 0, 3, 0, 1, 3});
+  ASSERT_TRUE(third.ok()) << third.status();
+  EXPECT_EQ((*third)->mesh->triangles.data(), indices) << "the same arrays";
+  EXPECT_NE((*third)->mesh->content_id, id) << "with other positions";
+  EXPECT_EQ((*third)->mesh->positions[0], (Vec3d{0, 0, 3}));
+  EXPECT_EQ((*second)->mesh->positions[0], (Vec3d{0, 0, 2}));
+}
+
+TEST_F(PrepareKeptTest, TheCopyCountsAsMemoryAndOutlivesItsMesh) {
+  config_.new_positions = true;
+  ASSERT_TRUE(store_.Insert(kept_, "x").ok());
+  const uint64_t before = store_.stats().bytes;
+  auto moved = Prepare({0, 0, 1, 1, 0, 1, 0, 1, 1});
+  ASSERT_TRUE(moved.ok()) << moved.status();
+  EXPECT_EQ(store_.stats().bytes, 2 * before);
+  EXPECT_TRUE(Prepare({0, 0, 1, 1, 0, 1, 0, 1, 1}).ok());
+  EXPECT_EQ(store_.stats().bytes, 2 * before) << "one copy is kept";
+  const std::shared_ptr<const TriangleMesh> mesh = (*moved)->mesh;
+  moved = absl::CancelledError();
+  ASSERT_TRUE(store_.Delete(Id('a')).ok());
+  EXPECT_EQ(mesh->triangles.size(), 1u);
+}
+
+TEST_F(PrepareKeptTest, WrongPositionsAreNamed) {
+  EXPECT_TRUE(absl::IsInvalidArgument(Prepare({1}).status())) << "nobody asked for them";
+  config_.new_positions = true;
+  EXPECT_TRUE(absl::IsInvalidArgument(Prepare().status()));
+  const absl::Status few = Prepare({0, 0, 0, 1, 1, 1, 2, 2}).status();
+  EXPECT_EQ(few, absl::InvalidArgumentError("new_positions: 36 bytes are wanted, x, y, z of 3 vertices; 32 came"));
+  const absl::Status infinite = Prepare({0, 0, 0, 1, 1, 1e30f * 1e30f, 0, 0, 0}).status();
+  EXPECT_EQ(infinite, absl::InvalidArgumentError("new_positions: vertex 1 is not finite"));
+}
+
+TEST_F(PrepareKeptTest, ACancelledJobStops) {
+  job_.Cancel();
+  EXPECT_TRUE(absl::IsCancelled(Prepare().status()));
+}
+
+TEST(MeshIdTest, IsTheHexOfAHash) {
+  EXPECT_TRUE(CheckMeshId(Id('0'), "mesh_id").ok());
+  EXPECT_TRUE(CheckMeshId(Id('f'), "mesh_id").ok());
+  for (const std::string& wrong : {Id('g'), Id('A'), Id('0') + "0", std::string(63, '0'), std::string()}) {
+    const absl::Status status = CheckMeshId(wrong, "upload.mesh_id");
+    EXPECT_TRUE(absl::IsInvalidArgument(status));
+    EXPECT_TRUE(std::string(status.message()).starts_with("upload.mesh_id: ")) << status;
+  }
+}
+
+}  // namespace
+}  // namespace voxelpipe
