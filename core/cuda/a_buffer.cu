@@ -23,11 +23,11 @@
 #include "cuda/device.h"
 #include "cuda/device_abilities.h"
 #include "cuda/fragment_bundles.cuh"
-#include "cuda/fragment_shading.cuh"
 #include "cuda/launch.h"
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
 #include "cuda/scattered.h"
+#include "cuda/shade_list.h"
 #include "cuda/walk.h"
 #include "pipeline/plan.h"
 
@@ -39,36 +39,6 @@ bool WideKeys(const RunState& state) {
 }
 uint64_t KeyBytes(const RunState& state) {
   return WideKeys(state) ? 8 : 4;
-}
-
-struct ShadeArgs {
-  GridView grid;
-  TargetViews targets;
-  FragmentShading shading;  // but for pointers to what stands here
-  uint8_t* out[kMostTargets];
-};
-
-__device__ inline FragmentShading ShadingOf(const ShadeArgs& args) {
-  FragmentShading shading = args.shading;
-  shading.grid = &args.grid;
-  shading.targets = args.targets.at;
-  shading.out = args.out;
-  return shading;
-}
-
-// A thread a fragment.
-__global__ void __launch_bounds__(256) ShadeFragments(const __grid_constant__ ShadeArgs args) {
-  const uint64_t rounded = (args.shading.count + 31) / 32 * 32;
-  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < rounded; i += uint64_t(gridDim.x) * 256) {
-    WriteValues(ShadingOf(args), i);
-  }
-}
-
-// A byte a fragment, 1 where some target keeps it.
-__global__ void __launch_bounds__(256) FindKept(const __grid_constant__ ShadeArgs args, uint8_t* kept) {
-  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < args.shading.count; i += uint64_t(gridDim.x) * 256) {
-    kept[i] = IsKept(ShadingOf(args), i);
-  }
 }
 
 // Voxel ids of the buckets that begin at offsets[0 .. voxels), and the end of the last one.
@@ -99,20 +69,14 @@ __global__ void __launch_bounds__(256) FillOnes(uint32_t* words, uint64_t bits) 
   }
 }
 
-ShadeArgs MakeShadeArgs(RunState& state) {
-  ShadeArgs args{};
-  args.grid = state.view;
-  args.targets = state.targets;
-  FragmentShading& shading = args.shading;
-  shading.mesh = state.mesh.view.data();
-  shading.target_count = state.targets.count;
-  for (int t = 0; t < state.targets.count; ++t) shading.traits |= TraitsOf(state.targets.at[t].shader);
-  shading.planar = state.targets.planar;
-  shading.wide_keys = WideKeys(state);
-  shading.keys = state.fragments.keys[state.fragments.current].data();
-  shading.triangles = state.fragments.triangles[state.fragments.current].data();
-  shading.count = state.fragments.count;
-  return args;
+FragmentList ListOfFragments(const RunState& state) {
+  const Fragments& fragments = state.fragments;
+  FragmentList list;
+  list.wide_keys = WideKeys(state);
+  list.keys = fragments.keys[fragments.current].data();
+  list.triangles = fragments.triangles[fragments.current].data();
+  list.count = fragments.count;
+  return list;
 }
 
 template <typename Key>
@@ -145,8 +109,7 @@ absl::Status Compact(RunState& state, const T* from, const uint8_t* flags, T* to
 absl::Status DropDiscarded(RunState& state) {
   DeviceArray<uint8_t> kept;
   VOXELPIPE_OK_OR_RETURN(kept.Resize(state.fragments.count, state.stream));
-  FindKept<<<BlocksFor(state.fragments.count, 256), 256, 0, state.stream>>>(MakeShadeArgs(state), kept.data());
-  VOXELPIPE_LAUNCHED_OR_RETURN("FindKept");
+  VOXELPIPE_OK_OR_RETURN(FindKept(state, ListOfFragments(state), kept.data()));
   Fragments& fragments = state.fragments;
   const int from = fragments.current, to = 1 - from;
   uint64_t* const count = state.counters.data() + kScratch0;
@@ -412,19 +375,19 @@ absl::Status Resolve(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(out.offsets.Resize(most_voxels + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(out.voxels.Resize(most_voxels, state.stream));
   const uint64_t first_voxel = uint64_t(state.slab.begin) * uint64_t(state.view.dims[0]) * uint64_t(state.view.dims[1]);
-  ShadeArgs args = MakeShadeArgs(state);
+  uint8_t* values_of[kMostTargets] = {};
   out.listed_fragments = fragments;
   out.targets.resize(size_t(state.targets.count));
   for (int t = 0; t < state.targets.count; ++t) {
     DeviceArray<uint8_t>& values = out.targets[size_t(t)];
     const uint64_t bytes = TargetBytes(state.request.request.targets[size_t(t)], fragments);
     VOXELPIPE_OK_OR_RETURN(values.Resize((bytes + 3) / 4 * 4, state.stream));
-    args.out[t] = values.data();
+    values_of[t] = values.data();
   }
   const bool shades = ShadesFragments(state.request), narrow = fragments > 0 && !WideKeys(state);
   if (narrow) {
     const auto targets = size_t(state.targets.count);
-    VOXELPIPE_OK_OR_RETURN(WriteNarrowBuckets(state, first_voxel, std::span(args.out, shades ? 0 : targets)));
+    VOXELPIPE_OK_OR_RETURN(WriteNarrowBuckets(state, first_voxel, std::span(values_of, shades ? 0 : targets)));
   } else {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kBuckets}));
     uint64_t* const voxels = state.counters.data() + kBuckets;
@@ -439,14 +402,12 @@ absl::Status Resolve(RunState& state) {
     if (narrow) return absl::OkStatus();  // written with the buckets
     for (int t = 0; t < state.targets.count; ++t) {
       FillOnes<<<BlocksFor((fragments + 31) / 32, 256), 256, 0, state.stream>>>(
-          reinterpret_cast<uint32_t*>(args.out[t]), fragments);
+          reinterpret_cast<uint32_t*>(values_of[t]), fragments);
       VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");
     }
     return absl::OkStatus();
   }
-  ShadeFragments<<<BlocksFor(fragments, 256), 256, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ShadeFragments");
-  return absl::OkStatus();
+  return ShadeList(state, ListOfFragments(state), values_of);
 }
 
 }  // namespace voxelpipe::cuda

@@ -7,6 +7,7 @@
 #include "cuda/cells.h"
 #include "cuda/launch.h"
 #include "cuda/scan.h"
+#include "cuda/shade_list.h"
 #include "pipeline/plan.h"
 
 namespace voxelpipe::cuda {
@@ -109,13 +110,15 @@ absl::Status Number(RunState& state) {
 
 bool PoolsBricks(RunState& state) {
   const VoxelizeRequest& request = state.request.request;
-  if (!state.direct || request.result != ResultKind::kSparse || request.fill != Fill::kNone) return false;
-  if (state.pool.too_small) return false;
+  if (!state.direct || state.pool.too_small || request.fill != Fill::kNone || NeedsOrder(state)) return false;
   if (request.targets.size() != 1 || state.mesh.host_view.triangle_count == 0) return false;
   const CudaTarget target = DescribeTarget(request.targets[0], state.request.fragment_shaders[0]);
+  const ValueSource source = state.span_targets[0].source;
+  if (source == ValueSource::kOwners) return target.format != VoxelFormat::kBit;
+  if (request.result != ResultKind::kSparse || source != ValueSource::kTriangles) return false;
   const bool is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
   const bool sought = target.blend == Blend::kMax || target.blend == Blend::kMin;
-  return is_float && sought && target.components == 1 && !NeedsOrder(state);
+  return is_float && sought && target.components == 1;
 }
 
 absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id) {
@@ -144,12 +147,17 @@ absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id
 }
 
 absl::Status EmitPool(RunState& state) {
+  const CudaTarget& target = state.targets.at[0];
+  const bool sparse = state.request.request.result == ResultKind::kSparse;
+  const bool owners = state.span_targets[0].source == ValueSource::kOwners;
   DeviceResult& out = state.result;
-  VOXELPIPE_OK_OR_RETURN(out.bricks.Resize(out.listed_bricks, state.stream));
-  VOXELPIPE_OK_OR_RETURN(out.masks.Resize(out.listed_bricks * 64, state.stream));
-  out.targets.resize(1);
-  const uint64_t bytes = TargetBytes(state.request.request.targets[0], out.listed_voxels);
-  VOXELPIPE_OK_OR_RETURN(out.targets[0].Resize((bytes + 3) / 4 * 4, state.stream));
+  if (sparse) {
+    VOXELPIPE_OK_OR_RETURN(out.bricks.Resize(out.listed_bricks, state.stream));
+    VOXELPIPE_OK_OR_RETURN(out.masks.Resize(out.listed_bricks * 64, state.stream));
+    out.targets.resize(1);
+    const uint64_t bytes = TargetBytes(state.request.request.targets[0], out.listed_voxels);
+    VOXELPIPE_OK_OR_RETURN(out.targets[0].Resize((bytes + 3) / 4 * 4, state.stream));
+  }
   if (out.listed_bricks == 0) return absl::OkStatus();
   PoolResultArgs args = ResultOf(state);
   args.bricks_x = uint64_t(state.view.dims[0] + 7) / 8;
@@ -157,12 +165,27 @@ absl::Status EmitPool(RunState& state) {
   args.first_layer = uint64_t(state.slab.begin) / 8;
   args.bricks = out.bricks.data();
   args.out_masks = reinterpret_cast<uint32_t*>(out.masks.data());
-  args.out = out.targets[0].data();
-  args.format = state.targets.at[0].format;
-  args.complement = state.targets.at[0].blend == Blend::kMin;
+  args.format = target.format;
+  args.complement = target.blend == Blend::kMin || target.blend == Blend::kFirst;
+  if (sparse) args.out = out.targets[0].data();
+  if (owners) {
+    VOXELPIPE_OK_OR_RETURN(state.owners.keys.Resize(out.listed_voxels, state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.owners.triangles.Resize(out.listed_voxels, state.stream));
+    args.voxel_keys = state.owners.keys.data();
+    args.owners = state.owners.triangles.data();
+    args.nx = uint32_t(state.view.dims[0]);
+    args.ny = uint32_t(state.view.dims[1]);
+  }
   EmitPlaces<<<BlocksOfPlaces(state), kPoolThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitPlaces");
-  return absl::OkStatus();
+  if (!owners) return absl::OkStatus();
+  FragmentList list;
+  list.keys = args.voxel_keys;
+  list.triangles = args.owners;
+  list.count = out.listed_voxels;
+  list.to = sparse ? nullptr : args.voxel_keys;
+  list.plane = sparse ? 0 : state.slab_voxels();
+  return ShadeList(state, 0, list, sparse ? args.out : target.dense);
 }
 
 }  // namespace voxelpipe::cuda

@@ -74,7 +74,7 @@ __device__ inline void BlendRecords(const BlendCellsArgs& args, CellRunRoom<T, k
 }
 
 // In a dense target itself, or in accumulators.
-enum class BlendTo { kTarget, kRanksOfWords, kRanksOfRows };
+enum class BlendTo { kTarget, kAccumulators };
 
 // Triangles are taken from the last on, as spans are.
 template <int kComponents, int kShader, BlendTo kTo>
@@ -97,8 +97,7 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
     if constexpr (kTo == BlendTo::kTarget) {
       return VoxelOfBit(bit, place.nx, place.words_per_row);
     } else {
-      constexpr RankedBy kBy = kTo == BlendTo::kRanksOfRows ? RankedBy::kRows : RankedBy::kWords;
-      return uint64_t{accumulate.ranks.Of<kBy>(bit / 32, bit % 32)};
+      return uint64_t{accumulate.ranks.Of(bit / 32, bit % 32)};
     }
   };
   const auto place_of_octant = [&](const auto& of) { return place_of(BitOfOctant(args.grid, of.first, of.octant)); };

@@ -14,7 +14,7 @@ namespace {
 BitArgs MakeCellWalk(const RunState& state) {
   BitArgs args;
   args.grid = state.view;
-  args.bits = const_cast<uint32_t*>(state.coverage.data());
+  args.bits = TouchedBits(const_cast<RunState&>(state));
   args.coverage = state.request.request.coverage;
   SetTriangles(state, args);
   UsePacked(state, args);

@@ -177,7 +177,15 @@ bool NeedsPlaces(const RunState& state) {
   if (state.request.request.result == ResultKind::kBuckets) {
     return !CellsReach(state, state.view.dims) || ShadesFragments(state.request);
   }
-  return !state.direct;
+  if (!state.direct) return true;
+  const BoundRequest& request = state.request;
+  for (size_t i = 0; i < request.request.targets.size(); ++i) {
+    const CudaTarget target = DescribeTarget(request.request.targets[i], request.fragment_shaders[i]);
+    const ValueSource source = SourceOf(state, target);
+    const bool shades_fragments = source == ValueSource::kOwners || source == ValueSource::kFragments;
+    if (shades_fragments && TraitsOf(target.shader).needs_plane) return true;
+  }
+  return false;
 }
 
 // The counters are to be 0.

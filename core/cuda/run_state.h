@@ -87,8 +87,17 @@ struct TargetMemory {
   DeviceArray<uint8_t> dense;
 };
 
-// What a target that is blended by spans has besides (span_blend.cuh).
+// How a target gets its values where no tiles are sorted.
+enum class ValueSource : uint8_t {
+  kCoverage,   // the occupancy bit: the coverage itself
+  kTriangles,  // one value a triangle, shaded once
+  kOwners,     // replace and first, of shaders that keep every fragment: the owner of each voxel is found, then shaded
+  kFragments,  // every fragment is shaded
+};
+
+// What a target that is blended without tiles has besides (span_blend.cuh).
 struct SpanTarget {
+  ValueSource source = ValueSource::kCoverage;
   DeviceArray<uint32_t> values, negative;  // of all triangles
   DeviceArray<int64_t> terms;
   DeviceArray<uint32_t> cells, counts;  // by rank
@@ -100,6 +109,15 @@ struct SpanTarget {
   DegenerateTest degenerate;  // of the run's triangles
   bool in_place = false;      // blended in the dense target
   bool by_rows = false;       // its sums are stored by rows (sum_rows.cuh)
+};
+
+// A list of owners: voxels within the slab, triangles, and where their values go.
+struct OwnerList {
+  DeviceArray<uint32_t> keys, triangles, to;
+
+  void Free() {
+    for (auto* array : {&keys, &triangles, &to}) array->Free();
+  }
 };
 
 // A pool of bricks (brick_pool.cuh): per brick of the slab, and per place.
@@ -204,9 +222,11 @@ struct RunState {
   bool ordered_cells = false;           // they stand in the order of places that `order` has
   DeviceArray<uint64_t> spans;          // of the slab (span_views.h), in no order, kNoSpan among them
   uint64_t span_count = 0;              // of all triangles, also where there was no room for them
-  DeviceArray<uint32_t> word_ranks;     // per word of a bit grid, where it is not empty (Ranks)
-  DeviceArray<RowRank> row_ranks;       // of a sparse result: 64 a tile, from its first brick's place on (Ranks)
-  DeviceArray<uint32_t> listed_places;  // likewise: by rank, a voxel's number in the result
+  DeviceArray<uint32_t> touched_bits;   // bit grid: voxels of discarded fragments too; empty: none are, the coverage has all
+  DeviceArray<uint32_t> word_ranks;     // per word of it, or of the coverage, where that is not empty (Ranks)
+  DeviceArray<uint32_t> listed_bits;    // of a sparse result: the bit of each voxel
+  uint64_t ranked_voxels = 0;           // that have accumulators
+  OwnerList owners;
   std::array<SpanTarget, kMaxTargets> span_targets;
   bool fills_rows = false;     // targets are written with the largest triangles in them, not cleared (fill_rows.cuh)
   bool draws_largest = false;  // the largest triangles are drawn by rows, of all targets, or listed apart
@@ -223,6 +243,11 @@ struct RunState {
 // Whether no voxel is covered, so that there are no fragments.
 inline bool CoversNothing(const RunState& state) {
   return state.request.request.coverage == Coverage::kNone;
+}
+
+// The bit grid of voxels that some triangle touches; the coverage, unless all targets can discard.
+inline uint32_t* TouchedBits(RunState& state) {
+  return state.touched_bits.empty() ? state.coverage.data() : state.touched_bits.data();
 }
 
 // A tile's number in the grid: the first one of a layer of tiles, or of those that are sorted.
@@ -316,20 +341,22 @@ CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader);
 bool IsUniform(const RunState& state, const CudaTarget& target);
 // Whether a grid's voxels and the mesh's triangles have numbers that records of triangles and spans can hold.
 bool CellsReach(const RunState& state, const int64_t (&dims)[3]);
-// Whether all targets of a grid are blended without tiles; after VertexShade.
+// True if the targets of a grid are blended without tiles; after VertexShade.
 bool BlendsDirectly(const RunState& state, const GridSpec& grid);
+// How a target gets its values then.
+ValueSource SourceOf(const RunState& state, const CudaTarget& target);
 
 // Parts of stages
 absl::Status BlendDirectly(RunState& state);  // synchronizes, but for a sparse result
 // Whether that can store a dense target's sums by rows, and so write every cell: then nothing clears it before. After the slab is known.
-bool StoresByRows(RunState& state, const CudaTarget& target);
+bool StoresByRows(RunState& state, int index, const CudaTarget& target);
 // Whether that can write all dense targets of values, and the coverage, with the largest triangles in them, for all others to be blended
 // over: then nothing clears them before. Likewise.
 bool FillsByRows(const RunState& state);
 // Whether that clears target `index`, dense, while it makes the values of all triangles: then BeginSlab does not. Likewise.
 bool ClearsWhileShading(RunState& state, int index, const CudaTarget& target);
-// The values of a sparse result, whose bricks stand. `counted`: what state.counters[kSpans] was. May synchronize.
-absl::Status BlendIntoBricks(RunState& state, uint64_t counted);
+// What was blended becomes the values of a sparse result, whose voxels are listed.
+absl::Status StoreListed(RunState& state);
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
                         uint64_t words);

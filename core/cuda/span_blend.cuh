@@ -2,8 +2,7 @@
 //
 // Where a blend is one 32-bit atomic that begins from the stored clear value 0, or from what fill_rows.cuh leaves there, it is done in the dense target itself:
 // min and max as keys (tile_blend.cuh), which become values at the end, or as they are where no value of a max is
-// negative. Other blends go to accumulators, numbered by rank: of a dense result those of covered voxels, a word of coverage after the other, of a
-// sparse one those of all listed voxels, by rows of tiles. What becomes of both: span_store.cuh.
+// negative. Other blends go to accumulators of covered voxels, numbered by rank. What becomes of both: span_store.cuh.
 #pragma once
 
 #include "cuda/divisor.h"
@@ -140,29 +139,14 @@ __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_const
 
 // ---- in accumulators ----
 
-// Whether ranks are kept for words of coverage, those of a dense result, or for rows of tiles.
-enum class RankedBy { kWords, kRows };
-
-// Where a covered voxel's accumulators are: its rank. In a sparse result filled voxels have ranks too, those of a tile follow each other row by
-// row, and what tells them lies together, so that the cache holds it.
+// Where a covered voxel's accumulators are: its rank, the number of covered voxels before it.
 struct Ranks {
-  const uint32_t* bits = nullptr;   // coverage
+  const uint32_t* bits = nullptr;   // bit grid: voxels that some triangle touches
   const uint32_t* first = nullptr;  // rank of the first voxel of a word
-  // Sparse results:
-  const RowRank* rows = nullptr;          // 64 a tile, from the place of its first brick on; null: a dense result
-  const uint64_t* first_brick = nullptr;  // of each of the slab's tiles
-  Divisor by_words_per_row, by_ny;
-  uint32_t tiles_x = 1, tiles_y = 1;
 
   // Of a voxel, x of a word.
-  template <RankedBy kBy>
   __device__ uint32_t Of(uint32_t word, uint32_t x) const {
-    const uint32_t below = (1u << x) - 1;
-    if constexpr (kBy == RankedBy::kWords) return first[word] + uint32_t(__popc(bits[word] & below));
-    const uint32_t row = Quotient(word, by_words_per_row), z = Quotient(row, by_ny), y = row - z * by_ny.divisor;
-    const uint64_t tile = (word - row * by_words_per_row.divisor) + tiles_x * (y / 8 + uint64_t{tiles_y} * (z / 8));
-    const RowRank of_row = rows[first_brick[tile] * kTileRows + (y % 8 + 8 * (z % 8))];
-    return of_row.first + uint32_t(__popc(of_row.voxels & below));
+    return first[word] + uint32_t(__popc(bits[word] & ((1u << x) - 1)));
   }
 };
 
@@ -240,7 +224,7 @@ __device__ inline void AddAt(const Accumulators& to, uint64_t rank, const uint32
   }
 }
 
-template <int kComponents, int kShader, RankedBy kBy>
+template <int kComponents, int kShader>
 __global__ void __launch_bounds__(kBlendThreads) Accumulate(const __grid_constant__ AccumulateArgs args) {
   const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
   const Kept kept = args.to.kept;
@@ -273,7 +257,7 @@ __global__ void __launch_bounds__(kBlendThreads) Accumulate(const __grid_constan
         T of[kComponents];
 #pragma unroll
         for (int c = 0; c < kComponents; ++c) of[c] = __shfl_sync(~0u, of_lane[c], owner);
-        if (there) AddAt<kComponents>(args.to, args.ranks.Of<kBy>(at / 32, at % 32), of, count);
+        if (there) AddAt<kComponents>(args.to, args.ranks.Of(at / 32, at % 32), of, count);
       };
       if (sums) {
         add(term);

@@ -339,11 +339,17 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.targets.count = int(request.targets.size());
   state.targets.planar = request.layout == Layout::kPlanar;
   state.targets.any_always_present = false;
+  if (state.direct) {
+    for (size_t i = 0; i < request.targets.size(); ++i) {
+      state.span_targets[i].source =
+          SourceOf(state, DescribeTarget(request.targets[i], state.request.fragment_shaders[i]));
+    }
+  }
   state.fills_rows = FillsByRows(state);
   for (size_t i = 0; i < request.targets.size(); ++i) {
     CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
     state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
-    const bool by_rows = state.span_targets[i].by_rows = StoresByRows(state, target);
+    const bool by_rows = state.span_targets[i].by_rows = StoresByRows(state, int(i), target);
     const bool by_others = by_rows || state.fills_rows;
     const bool clears_later = !by_others && ClearsWhileShading(state, int(i), target);
     state.span_targets[i].clears_later = clears_later;
@@ -393,8 +399,9 @@ void AbandonSlab(RunState& state) {
   state.fragments.Free();
   for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
   state.word_ranks.Free();
-  state.row_ranks.Free();
-  state.listed_places.Free();
+  state.touched_bits.Free();
+  state.listed_bits.Free();
+  state.owners.Free();
   state.pool.Free();
   state.bit_pool.Free();
   state.order.Free();
