@@ -353,7 +353,7 @@ absl::Status SortFragments(RunState& state) {
   } else {
     const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
     // Beside the sort, which waits for memory. FindCells would lose as much as is gained beside it.
-    const KeySort sort{WideKeys(state), bits, IsScattered(state), list_apart};
+    const KeySort sort{WideKeys(state), bits, list_apart};
     VOXELPIPE_OK_OR_RETURN(SortByKey(state.fragments, sort, state.device, state.scratch, state.stream));
   }
   if (state.apart) {

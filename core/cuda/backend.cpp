@@ -50,6 +50,7 @@ class CudaStages final : public Stages {
   }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
     if (absl::Status s = state_.memory.TakeOnHost(0); !s.ok()) return s;  // likewise
+    DescribeTargets(state_);
     state_.plain_bits = cpu::PlainBits(state_.host, grid);
     state_.direct = !state_.plain_bits && BlendsDirectly(state_, grid);
     return cuda::CoarseRaster(state_, grid, layers);

@@ -258,7 +258,7 @@ bool FillsByRows(const RunState& state) {
   if (state.scattered_mesh.largest == nullptr) return false;
   if (!ExceedsCache(state.device, state.slab_voxels() * sizeof(uint32_t))) return false;
   for (size_t i = 0; i < request.targets.size(); ++i) {
-    const CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
+    const CudaTarget& target = state.targets.at[i];
     if (target.is_occupancy) continue;
     if (state.span_targets[i].source != ValueSource::kTriangles) return false;
     const bool sought = target.blend == Blend::kMax || target.blend == Blend::kMin;
@@ -270,7 +270,8 @@ bool FillsByRows(const RunState& state) {
 bool StoresByRows(RunState& state, int index, const CudaTarget& target) {
   if (!state.direct || state.span_targets[size_t(index)].source != ValueSource::kTriangles || state.request.request.result != ResultKind::kDense || KeptBy(target) != Kept::kSum) return false;
   // Of triangles that are not scattered it takes longer than to clear the target and to store what is covered.
-  return state.mesh.host_view.triangle_count > 0 && HasWholeRows(state, target) && NeedsOrder(state);
+  return state.mesh.host_view.triangle_count > 0 && HasWholeRows(state, target) && state.scattered_mesh.largest != nullptr &&
+         ExceedsCache(state.device, state.slab_words() * sizeof(uint32_t));
 }
 
 }  // namespace voxelpipe::cuda

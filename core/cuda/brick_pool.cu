@@ -110,9 +110,9 @@ absl::Status Number(RunState& state) {
 
 bool PoolsBricks(RunState& state) {
   const VoxelizeRequest& request = state.request.request;
-  if (!state.direct || state.pool.too_small || request.fill != Fill::kNone || NeedsOrder(state)) return false;
+  if (!state.direct || state.pool.too_small || request.fill != Fill::kNone) return false;
   if (request.targets.size() != 1 || state.mesh.host_view.triangle_count == 0) return false;
-  const CudaTarget target = DescribeTarget(request.targets[0], state.request.fragment_shaders[0]);
+  const CudaTarget& target = state.targets.at[0];
   const ValueSource source = state.span_targets[0].source;
   if (source == ValueSource::kOwners) return target.format != VoxelFormat::kBit;
   if (request.result != ResultKind::kSparse || source != ValueSource::kTriangles) return false;

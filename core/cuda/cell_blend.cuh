@@ -10,8 +10,6 @@ namespace voxelpipe::cuda {
 struct BlendCellsArgs {
   const uint64_t *records = nullptr, *blocks = nullptr;
   uint64_t triangles = 0;
-  const uint32_t *order = nullptr,
-                 *ordered = nullptr;  // of records, and how many there are; null: triangle i has record i
   GridView grid;
   // By BlendTo one of both is set; without spans.
   InPlaceArgs place;
@@ -92,7 +90,7 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
   const AccumulateArgs& accumulate = args.accumulate;
   const Kept kept = accumulate.to.kept;
   const bool plain = kTo == BlendTo::kTarget && place.negative != nullptr && *place.negative == 0;
-  const uint64_t records = args.ordered == nullptr ? args.triangles : *args.ordered;
+  const uint64_t records = args.triangles;
   const auto place_of = [&](uint32_t bit) {
     if constexpr (kTo == BlendTo::kTarget) {
       return VoxelOfBit(bit, place.nx, place.words_per_row);
@@ -122,7 +120,7 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
        begin += uint64_t(gridDim.x) * kBlendThreads) {
     const bool takes = begin + lane < records;
     const uint64_t number = takes ? records - 1 - begin - lane : 0;
-    const uint32_t t = args.ordered == nullptr || !takes ? uint32_t(number) : args.order[number];
+    const auto t = uint32_t(number);
     const uint64_t record = takes ? args.records[number] : 0;
     if constexpr (kTo == BlendTo::kTarget) {
       BlendRecords<uint32_t, kComponents>(

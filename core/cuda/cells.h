@@ -12,10 +12,6 @@ namespace voxelpipe::cuda {
 // Whether walks over the run's triangles go by fixed point; where not, all triangles wait for what comes behind the walk.
 bool GoesByFixed(const RunState& state);
 
-// Whether triangles are better taken by place (triangle_order.h): they lie scattered, and the cache does not hold the slab. FindAllCells does so
-// where it leaves records and bits, and there is room for the order.
-bool NeedsOrder(RunState& state);
-
 // Gives every triangle of the slab to a sink, and what is not small to the queues; state.counters has how many wait.
 // kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: FragmentSlots, which are cleared before unless
 // state.fills_rows, for then what is written by rows is counted there already; or null.

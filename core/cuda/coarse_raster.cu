@@ -178,12 +178,10 @@ bool NeedsPlaces(const RunState& state) {
     return !CellsReach(state, state.view.dims) || ShadesFragments(state.request);
   }
   if (!state.direct) return true;
-  const BoundRequest& request = state.request;
-  for (size_t i = 0; i < request.request.targets.size(); ++i) {
-    const CudaTarget target = DescribeTarget(request.request.targets[i], request.fragment_shaders[i]);
-    const ValueSource source = SourceOf(state, target);
+  for (int i = 0; i < state.targets.count; ++i) {
+    const ValueSource source = state.span_targets[size_t(i)].source;
     const bool shades_fragments = source == ValueSource::kOwners || source == ValueSource::kFragments;
-    if (shades_fragments && TraitsOf(target.shader).needs_plane) return true;
+    if (shades_fragments && TraitsOf(state.targets.at[i].shader).needs_plane) return true;
   }
   return false;
 }

@@ -1,8 +1,9 @@
 // Shading of the fragments that coverage records (cell_views.h) and spans (span_views.h) stand for, and their blending
 // into accumulators. No host-only includes.
 //
-// A block takes as many records as it has threads and numbers their fragments by a scan; then every thread shades one
-// fragment at a time, whatever triangle it is of, so that all lanes of a warp are busy. Blends are atomics whose result
+// A block takes as many records as it has threads, makes what their triangles' fragments share, and numbers the fragments
+// by a scan; then every thread shades one fragment at a time, whatever triangle it is of, so that all lanes of a warp are
+// busy. Blends are atomics whose result
 // no order changes.
 #pragma once
 
@@ -13,7 +14,7 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr int kShadeThreads = 256;
+inline constexpr int kShadeThreads = 128;
 
 // A target, and where its fragments are blended: in the owner's number plus one where a fragment replaces others.
 struct ShadedTarget {
@@ -26,7 +27,6 @@ struct CoverageShadingArgs {
   // Records of triangles, and the masks of those that are blocks; or, if `spans` is set, spans.
   const uint64_t *records = nullptr, *blocks = nullptr, *spans = nullptr;
   uint64_t count = 0;
-  const uint32_t *order = nullptr, *ordered = nullptr;  // the triangles of records, and their number; null: record i is triangle i's
   GridView grid;
   Divisor by_words_per_row, by_ny;
   const MeshView* mesh = nullptr;
@@ -60,7 +60,7 @@ __device__ inline CoverageEntry LoadEntry(const CoverageShadingArgs& args, uint6
   if (entry.kind == CellKind::kOther) return entry;  // its spans are listed
   entry.mask = entry.kind == CellKind::kBlock ? args.blocks[i] : OctantsOfCell(record);
   entry.first = FirstOfCell(record);
-  entry.triangle = args.ordered == nullptr ? uint32_t(i) : args.order[i];
+  entry.triangle = uint32_t(i);
   return entry;
 }
 
@@ -132,13 +132,12 @@ __device__ inline void BlendShaded(const ShadedTarget& shaded, const FragmentOut
 }
 
 // The fragment of a triangle at the voxel of a bit.
-__device__ inline void ShadeAndBlend(const CoverageShadingArgs& args, uint32_t triangle, uint32_t bit) {
+__device__ inline void ShadeAndBlend(const CoverageShadingArgs& args, const TriangleInput& triangle, uint32_t bit) {
   const uint32_t word = bit / 32, x = bit % 32;
   const uint32_t row = Quotient(word, args.by_words_per_row), z = Quotient(row, args.by_ny);
   const int64_t voxel[3] = {int64_t((word - row * args.by_words_per_row.divisor) * 32 + x),
                             int64_t(row - z * args.by_ny.divisor), int64_t(z) + args.grid.slab_begin};
-  FragmentInput in;
-  MakeInput(*args.mesh, args.traits, triangle, voxel, in);
+  const FragmentInput in = InputAt(triangle, args.traits, voxel);
   const uint32_t rank = args.ranks.Of(word, x);
   bool kept = false;
   for (int t = 0; t < args.target_count; ++t) {
@@ -148,15 +147,17 @@ __device__ inline void ShadeAndBlend(const CoverageShadingArgs& args, uint32_t t
     if (out.discard) continue;
     kept = true;
     if (shaded.target.own_presence) atomicOr(shaded.target.presence + word, 1u << x);
-    BlendShaded(shaded, out, triangle, rank);
+    BlendShaded(shaded, out, in.triangle, rank);
   }
   if (kept && args.coverage != nullptr) atomicOr(args.coverage + word, 1u << x);
 }
 
 __global__ void __launch_bounds__(kShadeThreads) ShadeCoverage(const __grid_constant__ CoverageShadingArgs args) {
+  extern __shared__ double of_triangles[];
+  auto* const triangles = reinterpret_cast<TriangleInput*>(of_triangles);
   __shared__ CoverageEntry entries[kShadeThreads];
   __shared__ uint32_t before[kShadeThreads], sums[kShadeThreads / 32];
-  const uint64_t count = args.ordered == nullptr ? args.count : uint64_t{*args.ordered};
+  const uint64_t count = args.count;
   for (uint64_t begin = uint64_t(blockIdx.x) * kShadeThreads; begin < count;
        begin += uint64_t(gridDim.x) * kShadeThreads) {
     const uint64_t mine = begin + threadIdx.x;
@@ -165,6 +166,7 @@ __global__ void __launch_bounds__(kShadeThreads) ShadeCoverage(const __grid_cons
     uint32_t of_warp;
     const uint32_t in_warp = WarpExclusiveSum(uint32_t(__popcll(entry.mask)), of_warp);
     if (threadIdx.x % 32 == 0) sums[threadIdx.x / 32] = of_warp;
+    if (entry.mask != 0) MakeTriangleInput(*args.mesh, args.traits, entry.triangle, triangles[threadIdx.x]);
     __syncthreads();
     uint32_t total = 0, earlier = 0;
 #pragma unroll
@@ -180,7 +182,7 @@ __global__ void __launch_bounds__(kShadeThreads) ShadeCoverage(const __grid_cons
       for (uint32_t step = kShadeThreads / 2; step > 0; step /= 2) {
         if (before[i + step] <= f) i += step;
       }
-      ShadeAndBlend(args, entries[i].triangle, BitOfFragment(args, entries[i], f - before[i]));
+      ShadeAndBlend(args, triangles[i], BitOfFragment(args, entries[i], f - before[i]));
     }
     __syncthreads();  // the shared arrays are free again
   }

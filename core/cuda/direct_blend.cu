@@ -19,8 +19,6 @@
 #include "cuda/run_state.h"
 #include "cuda/scattered.h"
 #include "cuda/shade_list.h"
-#include "cuda/touched_blocks.h"
-#include "cuda/triangle_order.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -77,14 +75,6 @@ absl::Status MakeValues(RunState& state, int index) {
     args.negative = memory.negative.data();
   }
   const auto blocks = unsigned((args.triangles + kBlendThreads - 1) / kBlendThreads);
-  if (memory.clears_later) {
-    DeviceArray<uint8_t>& dense = state.target_memory[size_t(index)].dense;
-    constexpr uint64_t kUnit = ClearBeside::kUnit;
-    const uint64_t quads = (dense.size() + 15) / 16, units = (quads + kUnit - 1) / kUnit;
-    args.clear = {reinterpret_cast<uint4*>(dense.data()), quads, uint32_t((units + blocks - 1) / blocks * kUnit),
-                  PatternOf(target)};
-    memory.clears_later = false;
-  }
   const auto kernel = ShadeKernel(target.shader);
   kernel<<<blocks, kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ShadeTriangles");
@@ -198,11 +188,6 @@ absl::Status TakeCells(RunState& state, int index) {
   args.records = state.cells.data();
   args.blocks = state.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
-  if (state.ordered_cells) {
-    const TriangleOrder order = OrderOf(state);
-    args.order = order.order;
-    args.ordered = order.count;
-  }
   args.grid = state.view;
   if (memory.in_place) {
     args.place = PlaceOf(state, index);
@@ -233,7 +218,6 @@ absl::Status BlendWhatIsFound(RunState& state, int index) {
   args.cover.fragments = FragmentSlots(state);
   args.blend = PlaceOf(state, index);
   if (by_fours) return BlendByFours(state, target, args);
-  args.blend.touched = TouchedOf(state);
   VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kBlend, args.cover.fragments, &args.blend, by_id));
   const auto emit_waiting = by_id ? EmitWaiting<BlendWriter<kById>> : EmitWaiting<BlendWriter<-1>>;
   return emit_waiting(state, MakeRestArgs(state, 0, triangles, false), args);
@@ -316,13 +300,6 @@ absl::Status FillAll(RunState& state, int last) {
 
 }  // namespace
 
-bool ClearsWhileShading(RunState& state, int index, const CudaTarget& target) {
-  if (!state.direct || IsSparse(state) || state.span_targets[size_t(index)].shaded) return false;
-  if (state.span_targets[size_t(index)].source != ValueSource::kTriangles) return false;
-  if (IsById(target) || target.blend == Blend::kCount) return false;
-  return IsFine(state) && !ShadesByFours(state, target);  // few blocks would clear slowly
-}
-
 ValueSource SourceOf(const RunState& state, const CudaTarget& target) {
   if (target.is_occupancy) return ValueSource::kCoverage;
   if (target.own_presence) return ValueSource::kFragments;
@@ -376,8 +353,6 @@ absl::Status BlendDirectly(RunState& state) {
     if (memory.source == ValueSource::kCoverage) continue;
     const bool of_triangles = memory.source == ValueSource::kTriangles;
     if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(MakeValues(state, i));
-    if (memory.clears_later)
-      return absl::InternalError("a target was to be cleared with shading, and nothing is shaded");
     memory.in_place = of_triangles && !sparse && !memory.by_rows && IsInPlace(state.targets.at[i]);
     ranked = ranked || !memory.in_place;
     all_by_rows = all_by_rows && memory.by_rows;
@@ -393,12 +368,10 @@ absl::Status BlendDirectly(RunState& state) {
   state.draws_largest = all_by_rows || state.fills_rows;
   if (state.fills_rows) VOXELPIPE_OK_OR_RETURN(FillAll(state, last));
   const bool of_triangles = state.span_targets[size_t(last)].source == ValueSource::kTriangles;
-  if (blended == 1 && of_triangles && !sparse && BlendsInWalk(state, state.targets.at[last]) && !NeedsOrder(state)) {
+  if (blended == 1 && of_triangles && !sparse && BlendsInWalk(state, state.targets.at[last])) {
     VOXELPIPE_OK_OR_RETURN(BlendWhatIsFound(state, last));
     return StoreDense(state, last, true);
   }
-  // There is no coverage then.
-  if (state.keeps_touched) return absl::InternalError("blocks are touched of a target that is not blended as found");
   VOXELPIPE_OK_OR_RETURN(BlendByRecords(state, ranked));
   for (int i = 0; i < state.targets.count; ++i) {
     if (state.span_targets[size_t(i)].source == ValueSource::kCoverage) continue;

@@ -48,7 +48,6 @@ struct FineArgs {
   uint32_t* coverage_bits = nullptr;
   bool any_always_present = false;  // of all launches together
   bool shades = false, planar = false, has_owners = false;
-  bool uniform = false;            // one target, whose value is the same for all fragments of a triangle
   ShaderTraits traits;             // of the launch's targets together
   uint8_t* tile_values = nullptr;  // sparse results, null for dense ones
   uint64_t value_stride = 0;

@@ -2,24 +2,37 @@
 #pragma once
 
 #include "cuda/views.h"
+#include "raster/triangle_plane.h"
 #include "shaders/blend_ops.h"
 #include "shaders/fragment_input.h"
 
 namespace voxelpipe::cuda {
 
-// What a shader receives of triangle `t`'s fragment at a voxel of the grid.
-__device__ inline void MakeInput(const MeshView& mesh, const ShaderTraits& traits, uint32_t t,
-                                 const int64_t (&voxel)[3], FragmentInput& in) {
+// What all fragments of a triangle share.
+struct TriangleInput {
+  FragmentInput in;      // but for the voxel and barycentrics
+  TrianglePlane plane;   // if the shaders need barycentrics
+};
+
+__device__ inline void MakeTriangleInput(const MeshView& mesh, const ShaderTraits& traits, uint32_t t,
+                                         TriangleInput& out) {
   if (!traits.needs_plane) {
-    in = MakePlainInput(mesh, t);
-  } else {
-    const uint32_t* v = mesh.triangles[t];
-    const Vec3d* p = mesh.index_positions;
-    const TrianglePlane plane = SetUpPlane(p[v[0]], p[v[1]], p[v[2]]);
-    in = MakeFragmentInput(mesh, t, plane.degenerate, traits.reads_textures());
-    if (traits.needs_barycentrics) in.barycentric = Barycentrics(plane, voxel[0], voxel[1], voxel[2]);
+    out.in = MakePlainInput(mesh, t);
+    return;
   }
+  const uint32_t* v = mesh.triangles[t];
+  const Vec3d* p = mesh.index_positions;
+  out.plane = SetUpPlane(p[v[0]], p[v[1]], p[v[2]]);
+  out.in = MakeFragmentInput(mesh, t, out.plane.degenerate, traits.reads_textures());
+}
+
+// The triangle's fragment at a voxel of the grid.
+__device__ inline FragmentInput InputAt(const TriangleInput& triangle, const ShaderTraits& traits,
+                                        const int64_t (&voxel)[3]) {
+  FragmentInput in = triangle.in;
   for (int a = 0; a < 3; ++a) in.voxel[a] = voxel[a];
+  if (traits.needs_barycentrics) in.barycentric = Barycentrics(triangle.plane, voxel[0], voxel[1], voxel[2]);
+  return in;
 }
 
 inline constexpr uint32_t kNoTriangleListed = ~0u;  // an element of a list that is no fragment
@@ -43,12 +56,21 @@ struct FragmentShading {
 };
 
 __device__ inline void PlaceFragment(const FragmentShading& s, uint64_t i, FragmentInput& in) {
-  const uint64_t key = s.wide_keys ? static_cast<const uint64_t*>(s.keys)[i] : static_cast<const uint32_t*>(s.keys)[i];
-  const uint64_t index = key - s.first_key;
-  const auto nx = uint64_t(s.grid->dims[0]), ny = uint64_t(s.grid->dims[1]);
-  const int64_t voxel[3] = {int64_t(index % nx), int64_t(index / nx % ny),
-                            int64_t(index / nx / ny) + s.grid->slab_begin};
-  MakeInput(*s.mesh, s.traits, s.triangles[i], voxel, in);
+  int64_t voxel[3];
+  if (s.wide_keys) {
+    const uint64_t index = static_cast<const uint64_t*>(s.keys)[i] - s.first_key;
+    const auto nx = uint64_t(s.grid->dims[0]), ny = uint64_t(s.grid->dims[1]), row = index / nx;
+    voxel[0] = int64_t(index - row * nx), voxel[2] = int64_t(row / ny);
+    voxel[1] = int64_t(row - uint64_t(voxel[2]) * ny);
+  } else {  // half of the instructions
+    const uint32_t index = static_cast<const uint32_t*>(s.keys)[i] - uint32_t(s.first_key);
+    const auto nx = uint32_t(s.grid->dims[0]), ny = uint32_t(s.grid->dims[1]), row = index / nx, z = row / ny;
+    voxel[0] = index - row * nx, voxel[1] = row - z * ny, voxel[2] = z;
+  }
+  voxel[2] += s.grid->slab_begin;
+  TriangleInput triangle;
+  MakeTriangleInput(*s.mesh, s.traits, s.triangles[i], triangle);
+  in = InputAt(triangle, s.traits, voxel);
 }
 
 // True if some target keeps the fragment.

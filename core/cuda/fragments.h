@@ -51,7 +51,6 @@ struct Fragments {
 struct KeySort {
   bool wide_keys = false;  // 64 bits, not 32
   int bits = 0;            // the lowest that keys have
-  bool scattered = false;  // whether keys of neighbours have little in common: a matter of speed alone
   // Called once, where what another stream begins after what this one has got so far runs beside the sort.
   std::function<absl::Status()> beside = {};
 };

@@ -2,7 +2,6 @@
 #pragma once
 
 #include "cuda/quick_normal.cuh"
-#include "cuda/touched_blocks.cuh"
 #include "cuda/uniform_value.cuh"
 #include "raster/degenerate.h"
 
@@ -22,7 +21,6 @@ struct InPlaceArgs {
   bool planar = false;
   uint64_t voxels = 0;  // of the slab
   uint32_t nx = 0, words_per_row = 0;
-  TouchedBlocks touched;  // marked in place of the coverage, where the values are triangle ids; or none
 };
 
 // The voxel of a bit of a grid whose rows are padded to whole words.

@@ -14,7 +14,6 @@
 
 #include "cpu/run_state.h"
 #include "cuda/apart_fragments.h"
-#include "cuda/bit_mail.h"
 #include "cuda/buffer.h"
 #include "cuda/check.h"
 #include "cuda/device.h"
@@ -103,7 +102,6 @@ struct SpanTarget {
   DeviceArray<uint32_t> cells, counts;  // by rank
   DeviceArray<unsigned long long> sums;
   bool shaded = false;        // whether values or terms are made
-  bool clears_later = false;  // the kernel that makes them clears the dense target
   bool by_id = false;         // there are none: the value is the triangle's id
   FineArgs shading;           // of the target alone
   DegenerateTest degenerate;  // of the run's triangles
@@ -180,7 +178,6 @@ struct RunState {
   std::optional<bool> scattered;   // see IsScattered
   std::optional<bool> by_rows;     // see ManyGoByRows
   ScatteredMesh scattered_mesh;
-  DeviceArray<uint32_t> order;  // of triangles by place, and what belongs to it (triangle_order.h)
 
   // BeginSlab: what follows holds the slab's layers only
   Slab slab;
@@ -189,8 +186,6 @@ struct RunState {
   std::array<TargetMemory, kMaxTargets> target_memory;
   DeviceArray<uint32_t> bit_pool;  // of plain bits (bit_pool.h)
   DeviceArray<uint32_t> coverage;  // bit grid: voxels that a fragment of any target wrote
-  DeviceArray<uint8_t> touched;    // blocks of such voxels (touched_blocks.h)
-  bool keeps_touched = false;      // instead of the coverage
   // Sparse results: `value_stride` bytes for each occupied tile, in the order of pairs.occupied (a tile's number among them
   // is tile_slot[tile]). Target t that is no bit target has element (voxel * components + c) in its format from byte
   // value_offset[t] on, voxel = x + 32*(y + 8*z) of the tile; values of voxels without a fragment are undefined. Bit targets have
@@ -219,7 +214,6 @@ struct RunState {
 
   // Blending without tiles, and the A-buffer: per triangle, as they are taken (cell_views.h)
   DeviceArray<uint64_t> cells, blocks;
-  bool ordered_cells = false;           // they stand in the order of places that `order` has
   DeviceArray<uint64_t> spans;          // of the slab (span_views.h), in no order, kNoSpan among them
   uint64_t span_count = 0;              // of all triangles, also where there was no room for them
   DeviceArray<uint32_t> touched_bits;   // bit grid: voxels of discarded fragments too; empty: none are, the coverage has all
@@ -287,19 +281,7 @@ enum Counter : int {
 };
 inline constexpr int kAllCounters = kCounters + kFragmentSlots + kChunkGroups;
 
-// Boxes of mail (bit_mail.cuh) stand behind all counters, each in a sector of its own.
-inline constexpr int kMailBegins = (kAllCounters + 3) / 4 * 4;
-inline uint32_t MostMailBoxes(const RunState& state) {
-  return uint32_t(state.device.multiprocessors) * kMailBoxes;
-}
-inline uint64_t MailBytes(const RunState& state) {
-  return uint64_t{MostMailBoxes(state)} * kMailWords * sizeof(uint32_t);
-}
-inline uint32_t* MailOf(RunState& state) {
-  return reinterpret_cast<uint32_t*>(state.counters.data() + kMailBegins);
-}
-
-// Allocates the counters and the mail, all 0, before their first use.
+// Allocates the counters, all 0, before their first use.
 absl::Status EnsureCounters(RunState& state);
 // Sets counters to 0.
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
@@ -345,6 +327,8 @@ bool CellsReach(const RunState& state, const int64_t (&dims)[3]);
 bool BlendsDirectly(const RunState& state, const GridSpec& grid);
 // How a target gets its values then.
 ValueSource SourceOf(const RunState& state, const CudaTarget& target);
+// Makes state.targets, without memory, and the sources of their values; after VertexShade.
+void DescribeTargets(RunState& state);
 
 // Parts of stages
 absl::Status BlendDirectly(RunState& state);  // synchronizes, but for a sparse result
@@ -353,8 +337,6 @@ bool StoresByRows(RunState& state, int index, const CudaTarget& target);
 // Whether that can write all dense targets of values, and the coverage, with the largest triangles in them, for all others to be blended
 // over: then nothing clears them before. Likewise.
 bool FillsByRows(const RunState& state);
-// Whether that clears target `index`, dense, while it makes the values of all triangles: then BeginSlab does not. Likewise.
-bool ClearsWhileShading(RunState& state, int index, const CudaTarget& target);
 // What was blended becomes the values of a sparse result, whose voxels are listed.
 absl::Status StoreListed(RunState& state);
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.

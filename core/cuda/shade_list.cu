@@ -3,7 +3,6 @@
 #include "cuda/blend_store.h"
 #include "cuda/coverage_shading.cuh"
 #include "cuda/launch.h"
-#include "cuda/triangle_order.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -90,7 +89,9 @@ CoverageShadingArgs MakeCoverageArgs(RunState& state) {
 absl::Status Launch(RunState& state, const CoverageShadingArgs& args) {
   if (args.target_count == 0 || args.count == 0) return absl::OkStatus();
   const unsigned blocks = BlocksFor(args.count, kShadeThreads, uint64_t(state.device.multiprocessors) * 32);
-  ShadeCoverage<<<blocks, kShadeThreads, 0, state.stream>>>(args);
+  constexpr size_t kShared = kShadeThreads * sizeof(TriangleInput);
+  static_assert(kShared <= 46 << 10);  // more must be asked for
+  ShadeCoverage<<<blocks, kShadeThreads, kShared, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ShadeCoverage");
   return absl::OkStatus();
 }
@@ -121,11 +122,6 @@ absl::Status ShadeRecords(RunState& state) {
   args.records = state.cells.data();
   args.blocks = state.blocks.data();
   args.count = state.mesh.host_view.triangle_count;
-  if (state.ordered_cells) {
-    const TriangleOrder order = OrderOf(state);
-    args.order = order.order;
-    args.ordered = order.count;
-  }
   return Launch(state, args);
 }
 

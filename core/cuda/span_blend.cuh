@@ -18,29 +18,9 @@ inline constexpr int kBlendThreads = 256;
 
 // ---- values of triangles ----
 
-// Memory that a kernel sets to a repeated word beside its own work: `quads` units of 16 bytes.
-struct ClearBeside {
-  uint4* to = nullptr;
-  uint64_t quads = 0;
-  uint32_t each = 0;  // of a block, a multiple of kUnit
-  uint32_t pattern = 0;
-  static constexpr uint32_t kUnit = 64;  // parts of cache lines would be written twice
-
-  // All blocks of the grid call it, all threads of each.
-  __device__ void Clear() const {
-    const uint64_t begin = uint64_t{blockIdx.x} * each;
-    if (begin >= quads) return;
-    const auto count = uint32_t(min(quads - begin, uint64_t{each}));
-    uint4* const first = to + begin;
-#pragma unroll 4
-    for (uint32_t i = threadIdx.x; i < count; i += blockDim.x) first[i] = {pattern, pattern, pattern, pattern};
-  }
-};
-
 struct ShadeTrianglesArgs {
   FineArgs shading;  // of one target
   DegenerateTest degenerate;
-  ClearBeside clear;
   uint64_t triangles = 0;
   uint32_t* values = nullptr;    // `components` a triangle, as the target keeps them; or
   int64_t* terms = nullptr;      // those of sums
@@ -82,7 +62,6 @@ __global__ void __launch_bounds__(kBlendThreads) ShadeTriangles(const __grid_con
       for (int i = 0; i < 3; ++i) corners[i] = mesh.positions[in.vertex[i]];
     }
   }
-  args.clear.Clear();  // while corners are on their way
   bool negative = false;
   if (has) {
     if (needs_plane) {

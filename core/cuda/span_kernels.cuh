@@ -37,7 +37,7 @@ struct SpanList {
 struct SpanArgs {
   GridView grid;
   SpanList list;
-  uint32_t* bits = nullptr;       // bit grid: becomes the coverage; null where blocks are touched (touched_blocks.cuh)
+  uint32_t* bits = nullptr;       // bit grid: becomes the coverage
   bool look_first = false;        // where many triangles share a voxel: reading a word is cheaper than an atomic
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: they are counted already
 };

@@ -9,7 +9,6 @@
 #include "cuda/pinned.h"
 #include "cuda/run_state.h"
 #include "cuda/slab_copies.h"
-#include "cuda/touched_blocks.h"
 #include "pipeline/plan.h"
 #include "pipeline/target_rules.h"
 #include "shaders/blend_ops.h"
@@ -262,6 +261,24 @@ CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader) {
   return t;
 }
 
+void DescribeTargets(RunState& state) {
+  const VoxelizeRequest& request = state.request.request;
+  const MeshView& mesh = state.host.view;
+  state.targets = {};
+  state.targets.count = int(request.targets.size());
+  state.targets.planar = request.layout == Layout::kPlanar;
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    CudaTarget& target = state.targets.at[i];
+    target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
+    // A shader that discards nothing of this mesh is as one that never does.
+    target.own_presence = std::any_of(mesh.parts, mesh.parts + mesh.part_count, [&](const PartView& part) {
+      return MayDiscard(target.shader, mesh.materials[part.material]);
+    });
+    state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
+    state.span_targets[i].source = SourceOf(state, target);
+  }
+}
+
 bool ShadesFragments(const BoundRequest& request) {
   for (size_t i = 0; i < request.request.targets.size(); ++i) {
     if (!DescribeTarget(request.request.targets[i], request.fragment_shaders[i]).is_occupancy) return true;
@@ -271,7 +288,7 @@ bool ShadesFragments(const BoundRequest& request) {
 
 absl::Status EnsureCounters(RunState& state) {
   if (!state.counters.empty()) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kMailBegins + MailBytes(state) / sizeof(uint64_t), state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kAllCounters, state.stream));
   return state.counters.Fill(0, state.stream);
 }
 
@@ -336,33 +353,15 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   if (!buckets && (!state.plain_bits || request.fill != Fill::kNone)) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kFragments, kOddColumns, kVoxels}));
   }
-  state.targets.count = int(request.targets.size());
-  state.targets.planar = request.layout == Layout::kPlanar;
-  state.targets.any_always_present = false;
-  if (state.direct) {
-    for (size_t i = 0; i < request.targets.size(); ++i) {
-      state.span_targets[i].source =
-          SourceOf(state, DescribeTarget(request.targets[i], state.request.fragment_shaders[i]));
-    }
-  }
   state.fills_rows = FillsByRows(state);
   for (size_t i = 0; i < request.targets.size(); ++i) {
-    CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
-    state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
+    CudaTarget& target = state.targets.at[i];
     const bool by_rows = state.span_targets[i].by_rows = StoresByRows(state, int(i), target);
     const bool by_others = by_rows || state.fills_rows;
-    const bool clears_later = !by_others && ClearsWhileShading(state, int(i), target);
-    state.span_targets[i].clears_later = clears_later;
-    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i], by_others || clears_later));
-    state.targets.at[i] = target;
+    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i], by_others));
   }
   if (buckets) return absl::OkStatus();
   state.pools_bricks = PoolsBricks(state);
-  state.keeps_touched = KeepsTouched(state);
-  if (state.keeps_touched) {
-    state.coverage.Free();
-    return ClearTouched(state);
-  }
   if (state.pools_bricks) {
     state.coverage.Free();
   } else if (!CoversNothing(state) && (state.plain_bits || state.fills_rows)) {  // what draws there writes all of it
@@ -384,7 +383,6 @@ void AbandonSlab(RunState& state) {
   state.parts_done.Free();
   state.target_memory = {};
   state.coverage.Free();
-  state.touched.Free();
   state.inside.Free();
   state.tile_values.Free();
   state.part_results.Free();
@@ -404,9 +402,11 @@ void AbandonSlab(RunState& state) {
   state.owners.Free();
   state.pool.Free();
   state.bit_pool.Free();
-  state.order.Free();
-  state.ordered_cells = false;
-  state.span_targets = {};  // with the values of all triangles, which are made anew
+  for (SpanTarget& target : state.span_targets) {  // the values of all triangles are made anew
+    const ValueSource source = target.source;
+    target = {};
+    target.source = source;
+  }
   state.scratch.Free();
   if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so
   // Walks do without.
@@ -442,7 +442,6 @@ absl::Status CountBits(RunState& state, const uint32_t* a, const uint32_t* b, ui
 absl::Status CountSlab(RunState& state) {
   if (state.request.request.result != ResultKind::kBuckets && !state.pools_bricks) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kVoxels}));
-    if (state.keeps_touched) return CountTouched(state);
     return CountBits(state, state.coverage.data(), state.inside.empty() ? nullptr : state.inside.data(),
                      state.slab_words(), kVoxels);
   }
