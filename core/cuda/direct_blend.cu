@@ -300,6 +300,25 @@ absl::Status FillAll(RunState& state, int last) {
 
 }  // namespace
 
+namespace {
+
+// True if every triangle of the shaded mesh gives all its fragments one value, and what is kept of a voxel is blended
+// from values alone.
+bool IsUniform(const RunState& state, const CudaTarget& target) {
+  if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
+  MeshView mesh = state.host.view;
+  mesh.velocities = state.mesh.host_view.velocities;  // shaders ask only whether there are any
+  for (uint32_t i = 0; i < mesh.part_count; ++i) {
+    FragmentInput in;
+    in.mesh = &mesh;
+    in.part = mesh.parts + i;
+    if (!SameForTriangle(target.shader, in)) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
 ValueSource SourceOf(const RunState& state, const CudaTarget& target) {
   if (target.is_occupancy) return ValueSource::kCoverage;
   if (target.own_presence) return ValueSource::kFragments;

@@ -105,19 +105,6 @@ absl::Status Launch(RunState& state, FineArgs& args) {
 
 }  // namespace
 
-bool IsUniform(const RunState& state, const CudaTarget& target) {
-  if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
-  MeshView mesh = state.host.view;
-  mesh.velocities = state.mesh.host_view.velocities;  // shaders ask only whether there are any
-  for (uint32_t i = 0; i < mesh.part_count; ++i) {
-    FragmentInput in;
-    in.mesh = &mesh;
-    in.part = mesh.parts + i;
-    if (!SameForTriangle(target.shader, in)) return false;
-  }
-  return true;
-}
-
 TargetGroups GroupForBatch(const TargetViews& targets) {
   TargetGroups found;
   found.groups = GroupTargets(targets);

@@ -319,8 +319,6 @@ void LayOutTileValues(RunState& state);
 uint32_t PatternOf(const CudaTarget& target);
 // The target of a request, without memory.
 CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader);
-// Whether every triangle of the shaded mesh gives all its fragments one value, and blending it needs no owner.
-bool IsUniform(const RunState& state, const CudaTarget& target);
 // Whether a grid's voxels and the mesh's triangles have numbers that records of triangles and spans can hold.
 bool CellsReach(const RunState& state, const int64_t (&dims)[3]);
 // True if the targets of a grid are blended without tiles; after VertexShade.
