@@ -24,6 +24,7 @@
 #include "cuda/device_abilities.h"
 #include "cuda/fragment_bundles.cuh"
 #include "cuda/launch.h"
+#include "cuda/list_sizes.h"
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
 #include "cuda/scattered.h"
@@ -213,7 +214,7 @@ absl::Status EmitRecords(RunState& state, const FragmentArgs& args, std::optiona
 bool GuessRoom(RunState& state) {
   constexpr uint64_t kPartOfMemory = 64;
   const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (2 * sizeof(uint32_t));
-  const uint64_t guess = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()));
+  const uint64_t guess = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()).fragments);
   return guess <= most && state.fragments.MakeRoom(0, guess, sizeof(uint32_t), state.stream).ok();
 }
 
@@ -236,7 +237,7 @@ absl::Status EmitByCells(RunState& state) {
   FragmentCounts counts;
   VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, counts));
   BeginApart(state);  // while cells are found: it takes the host some time
-  const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, triangles / 2 + (uint64_t{1} << 18));
+  const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, SpanRoom(triangles));
   if (state.spans.size() < least) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(least, state.stream));
   const RestArgs waiting = MakeRestArgs(state, 0, triangles, false);
   VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentCounter>(state, waiting, MakeFragmentArgs(state, counts)));

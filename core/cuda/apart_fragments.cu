@@ -6,6 +6,7 @@
 #include "cuda/bit_args.h"
 #include "cuda/device_abilities.h"
 #include "cuda/launch.h"
+#include "cuda/list_sizes.h"
 #include "cuda/merge_fragments.cuh"
 #include "cuda/run_state.h"
 
@@ -27,7 +28,7 @@ uint64_t GuessApart(const RunState& state) {
   if (AssumedCache() > 0) return 1 << 10;
   constexpr uint64_t kMost = 1 << 24, kPartOfMemory = 64;
   const uint64_t memory = std::min(state.device.memory_bytes, MemoryLimit());
-  const uint64_t expected = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()));
+  const uint64_t expected = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()).fragments);
   return std::min({kMost, state.slab_voxels(), expected, memory / kPartOfMemory / (2 * sizeof(uint32_t))});
 }
 

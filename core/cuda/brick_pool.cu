@@ -6,6 +6,7 @@
 #include "cuda/brick_pool_kernels.cuh"
 #include "cuda/cells.h"
 #include "cuda/launch.h"
+#include "cuda/list_sizes.h"
 #include "cuda/scan.h"
 #include "cuda/shade_list.h"
 #include "pipeline/plan.h"
@@ -13,13 +14,11 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// Places for twice and a half as many bricks as a sphere touches that fills the slab's box, and of the memory no more than its share.
+// Places of bricks: of the memory no more than its share.
 uint64_t CapacityOf(const RunState& state) {
-  constexpr uint64_t kOfFaces = 4, kLeast = 1 << 10, kPartOfMemory = 32;
-  const uint64_t x = uint64_t(state.view.dims[0] + 7) / 8, y = uint64_t(state.view.dims[1] + 7) / 8;
-  const uint64_t z = uint64_t(state.slab.depth() + 7) / 8;
+  constexpr uint64_t kPartOfMemory = 32;
   const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (kBrickCells * 4);
-  return std::min({x * y * z, kLeast + kOfFaces * (x * y + y * z + z * x), most});
+  return std::min(BrickPoolRoom(state.view.dims[0], state.view.dims[1], state.slab.depth()), most);
 }
 
 uint64_t TilesOf(const RunState& state) {
@@ -33,7 +32,7 @@ absl::Status MakeRoom(RunState& state) {
   if (capacity == 0) return absl::ResourceExhaustedError("no share of the memory is large enough for a brick");
   VOXELPIPE_OK_OR_RETURN(memory.places.Resize(TilesOf(state) * 4, state.stream));
   VOXELPIPE_OK_OR_RETURN(memory.cells.Resize(capacity * kBrickCells, state.stream));
-  VOXELPIPE_OK_OR_RETURN(memory.masks.Resize(capacity * 16, state.stream));
+  VOXELPIPE_OK_OR_RETURN(memory.masks.Resize(capacity * kMaskWordsOfBrick, state.stream));
   VOXELPIPE_OK_OR_RETURN(memory.bricks.Resize(capacity, state.stream));
   return memory.voxels.Resize(capacity, state.stream);
 }

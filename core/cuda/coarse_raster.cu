@@ -11,6 +11,7 @@
 #include "base/device_failure.h"
 #include "cpu/vertex_shade.h"
 #include "cuda/batch.h"
+#include "cuda/list_sizes.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
 #include "cuda/scattered.h"
@@ -318,8 +319,7 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid, const Slab& lay
   if (triangles == 0 || state.plain_bits || !NeedsTiles(state) || CoversNothing(state)) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
   const double share = double(layers.depth()) / double(grid.dims[2]);
-  const auto likely = uint64_t(share * (1.5 * double(triangles) + (1 << 16)));
-  const uint64_t guess = std::max(state.pairs.tiles[0].size(), likely);
+  const uint64_t guess = std::max(state.pairs.tiles[0].size(), PairRoom(triangles, share));
   VOXELPIPE_OK_OR_RETURN(Bin(state, guess));
   if (state.pairs.count > kMostPairs) {
     return TooMuch(absl::StrCat("triangles meet tiles of ", layers.depth(), " layers ", state.pairs.count,

@@ -16,6 +16,7 @@
 #include "cuda/cells.h"
 #include "cuda/four_cells.h"
 #include "cuda/launch.h"
+#include "cuda/list_sizes.h"
 #include "cuda/run_state.h"
 #include "cuda/scattered.h"
 #include "cuda/shade_list.h"
@@ -228,9 +229,7 @@ absl::Status BlendWhatIsFound(RunState& state, int index) {
 absl::Status FindAndList(RunState& state, bool ranked) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));
-  constexpr uint64_t kMore = 1 << 18, kOfFewTriangles = 64;  // rows
-  const uint64_t wanted = std::min(triangles / 2 + kMore, kOfFewTriangles * triangles + (1 << 10));
-  const uint64_t guess = std::min(MostSpans(state), wanted);
+  const uint64_t guess = std::min(MostSpans(state), SpanRoom(triangles));
   if (state.spans.size() < guess) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(guess, state.stream));
   VOXELPIPE_OK_OR_RETURN(ListSpans(state, 0, triangles, false));
   return ranked ? RankCovered(state) : absl::OkStatus();

@@ -8,13 +8,14 @@
 #include "cuda/batch.h"
 #include "cuda/fine_batch_kernel.cuh"
 #include "cuda/fine_raster_kernel.cuh"
+#include "cuda/list_sizes.h"
 #include "cuda/run_state.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
 // Two blocks a multiprocessor fit with this much shared memory each.
-constexpr int kGroupWords = 100 * 1024 / 4;
+constexpr int kGroupWords = kTargetGroupBytes / 4;
 
 // Targets in groups whose tiles fit into shared memory together; each group is a launch, and rasterizes anew.
 std::vector<FineArgs> GroupTargets(const TargetViews& targets) {
