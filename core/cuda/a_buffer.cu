@@ -14,7 +14,6 @@
 #include <span>
 
 #include "cuda/a_buffer_kernel.cuh"
-#include "cuda/apart_fragments.h"
 #include "cuda/bucket_views.h"
 #include "cuda/bundle_plan.h"
 #include "cuda/cell_fragments.cuh"
@@ -218,15 +217,6 @@ bool GuessRoom(RunState& state) {
   return guess <= most && state.fragments.MakeRoom(0, guess, sizeof(uint32_t), state.stream).ok();
 }
 
-// Whether the largest triangles' fragments are listed apart: where that pays and there is memory for it.
-void BeginApart(RunState& state) {
-  if (!state.fragments.plan && ApartFragments::Pays(state)) {
-    absl::StatusOr<ApartFragments> apart = ApartFragments::Make(state);
-    if (apart.ok()) state.apart.emplace(*std::move(apart));
-  }
-  state.draws_largest = state.apart.has_value();
-}
-
 // Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list has room
 // for, the others are walked again. Where there is room for what is guessed the host learns how many fragments there are while
 // they are emitted, and nothing waits for it, but where they are bundled: how many bundles are sorted is known when they are emitted.
@@ -236,7 +226,6 @@ absl::Status EmitByCells(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(BeginBundles(state));
   FragmentCounts counts;
   VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, counts));
-  BeginApart(state);  // while cells are found: it takes the host some time
   const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, SpanRoom(triangles));
   if (state.spans.size() < least) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(least, state.stream));
   const RestArgs waiting = MakeRestArgs(state, 0, triangles, false);
@@ -276,11 +265,6 @@ absl::Status EmitByCells(RunState& state) {
   return absl::OkStatus();
 }
 
-// Whether fragments that are listed apart are merged as buckets are written: where nobody asks for keys afterwards.
-bool MergesIntoBuckets(const RunState& state) {
-  return state.targets.any_always_present && !ShadesFragments(state.request);
-}
-
 // Buckets of fragments whose keys have 32 bits, or of bundles, and the ones of the targets that `ones` has.
 absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel, std::span<uint8_t* const> ones) {
   Fragments& fragments = state.fragments;
@@ -293,7 +277,6 @@ absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel, std::span
   args.voxels = state.result.voxels.data();
   args.listed = state.counters.data() + kBuckets;
   for (uint8_t* const words : ones) args.ones[args.ones_count++] = reinterpret_cast<uint32_t*>(words);
-  if (state.apart) return MergeApartIntoBuckets(state, args);
   if (!fragments.plan) return CountAndListBuckets(args, state.stream);
   args.code = fragments.plan->code;
   args.bundles = fragments.bundles;
@@ -322,7 +305,6 @@ absl::Status FindBuckets(RunState& state) {
 absl::Status EmitFragments(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.fragments.Clear();
-  state.apart.reset();
   if (triangles == 0) return absl::OkStatus();
   if (CellsReach(state, state.view.dims)) return EmitByCells(state);
   VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Resize(triangles + 1, state.stream));
@@ -348,30 +330,15 @@ absl::Status EmitFragments(RunState& state) {
 }
 
 absl::Status SortFragments(RunState& state) {
-  const auto list_apart = [&state] { return state.apart ? state.apart->Start(state) : absl::OkStatus(); };
-  if (state.fragments.count == 0) {
-    VOXELPIPE_OK_OR_RETURN(list_apart());
-  } else {
-    const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
-    // Beside the sort, which waits for memory. FindCells would lose as much as is gained beside it.
-    const KeySort sort{WideKeys(state), bits, list_apart};
-    VOXELPIPE_OK_OR_RETURN(SortByKey(state.fragments, sort, state.device, state.scratch, state.stream));
-  }
-  if (state.apart) {
-    VOXELPIPE_OK_OR_RETURN(state.apart->Wait(state));
-    if (state.apart->sorted().count == 0) {
-      state.apart.reset();
-    } else if (!MergesIntoBuckets(state)) {
-      VOXELPIPE_OK_OR_RETURN(MergeApart(state));
-    }
-  }
   if (state.fragments.count == 0) return absl::OkStatus();
+  const KeySort sort{WideKeys(state), std::max(1, int(std::bit_width(state.slab_voxels() - 1)))};
+  VOXELPIPE_OK_OR_RETURN(SortByKey(state.fragments, sort, state.scratch, state.stream));
   return state.targets.any_always_present ? absl::OkStatus() : DropDiscarded(state);
 }
 
 absl::Status Resolve(RunState& state) {
   DeviceResult& out = state.result;
-  const uint64_t fragments = state.fragments.count + (state.apart ? state.apart->sorted().count : 0);
+  const uint64_t fragments = state.fragments.count;
   const uint64_t most_voxels = std::min(fragments, state.slab_voxels());
   VOXELPIPE_OK_OR_RETURN(out.offsets.Resize(most_voxels + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(out.voxels.Resize(most_voxels, state.stream));

@@ -3,11 +3,8 @@
 
 #include "cuda/cells.h"
 #include "cuda/device_abilities.h"
-#include "cuda/fill_rows.cuh"
-#include "cuda/scattered.h"
 #include "cuda/shade_list.h"
 #include "cuda/span_store.cuh"
-#include "cuda/sum_rows.cuh"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -50,14 +47,6 @@ Accumulators AccumulatorsOf(RunState& state, int index) {
 }
 
 namespace {
-
-// Whether a dense target's rows are whole units of 16 bytes that hold whole voxels, 32 in a word of coverage: then its sums can be
-// stored by rows (sum_rows.cuh).
-bool HasWholeRows(const RunState& state, const CudaTarget& target) {
-  const bool wide = target.format == VoxelFormat::kU32 || target.format == VoxelFormat::kF32;
-  const bool whole = target.components == 1 || (!state.targets.planar && target.components != 3);
-  return wide && whole && state.view.dims[0] % 32 == 0;
-}
 
 absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& memory) {
   const bool is_float = target.format == VoxelFormat::kF32;
@@ -138,29 +127,6 @@ absl::Status Store(RunState& state, int index, const StoreArgs& args) {
   return absl::OkStatus();
 }
 
-absl::Status StoreByRows(RunState& state, int index, bool covers) {
-  const CudaTarget& target = state.targets.at[index];
-  const SpanTarget& memory = state.span_targets[size_t(index)];
-  SumRowArgs args;
-  args.store = MakeStoreArgs(state, index, target.dense, state.slab_voxels());
-  args.brings = SumsOf(state, index);
-  args.by_id = memory.by_id;
-  args.clear_stored = target.clear_stored;
-  args.walk = MakeRestArgs(state, 0, 0, false).walk;
-  if (covers) {
-    args.coverage = state.coverage.data();
-    args.fragments = FragmentSlots(state);
-  }
-  constexpr int kById = int(FragmentShaderId::kTriangleId);
-  const auto kernel = target.components == 1   ? StoreSumRows<1, kById>
-                      : target.components == 2 ? StoreSumRows<2, kById>
-                                               : StoreSumRows<4, kById>;
-  const auto blocks = unsigned(state.device.multiprocessors) * kRowBlocks;
-  kernel<<<blocks, kRowThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("StoreSumRows");
-  return absl::OkStatus();
-}
-
 }  // namespace
 
 bool IsInPlace(const CudaTarget& target) {
@@ -215,29 +181,11 @@ AccumulateArgs SumsOf(RunState& state, int index) {
   return args;
 }
 
-absl::Status StoreDense(RunState& state, int index, bool covers) {
+absl::Status StoreDense(RunState& state, int index) {
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
-  if (memory.by_rows) return StoreByRows(state, index, covers);
   if (memory.in_place) return StoreKeys(state, target, memory);
   return Store(state, index, MakeStoreArgs(state, index, target.dense, state.slab_voxels()));
-}
-
-absl::Status FillDense(RunState& state, int index, const InPlaceArgs& place, bool covers) {
-  FillRowArgs args;
-  args.place = place;
-  args.by_id = state.span_targets[size_t(index)].by_id;
-  args.walk = MakeRestArgs(state, 0, 0, false).walk;
-  if (covers) {
-    args.coverage = state.coverage.data();
-    args.fragments = FragmentSlots(state);
-  }
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kNextRows}));
-  args.taken = reinterpret_cast<uint32_t*>(state.counters.data() + kNextRows);
-  const auto blocks = unsigned(state.device.multiprocessors) * kFillBlocks;
-  FillRows<int(FragmentShaderId::kTriangleId)><<<blocks, kFillThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("FillRows");
-  return absl::OkStatus();
 }
 
 absl::Status StoreListed(RunState& state) {
@@ -250,28 +198,6 @@ absl::Status StoreListed(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(Store(state, i, args));
   }
   return absl::OkStatus();
-}
-
-bool FillsByRows(const RunState& state) {
-  const VoxelizeRequest& request = state.request.request;
-  if (!state.direct || request.result != ResultKind::kDense || state.mesh.host_view.triangle_count == 0) return false;
-  if (state.scattered_mesh.largest == nullptr) return false;
-  if (!ExceedsCache(state.device, state.slab_voxels() * sizeof(uint32_t))) return false;
-  for (size_t i = 0; i < request.targets.size(); ++i) {
-    const CudaTarget& target = state.targets.at[i];
-    if (target.is_occupancy) continue;
-    if (state.span_targets[i].source != ValueSource::kTriangles) return false;
-    const bool sought = target.blend == Blend::kMax || target.blend == Blend::kMin;
-    if (!sought || target.components != 1 || !IsInPlace(target) || !HasWholeRows(state, target)) return false;
-  }
-  return true;
-}
-
-bool StoresByRows(RunState& state, int index, const CudaTarget& target) {
-  if (!state.direct || state.span_targets[size_t(index)].source != ValueSource::kTriangles || state.request.request.result != ResultKind::kDense || KeptBy(target) != Kept::kSum) return false;
-  // Of triangles that are not scattered it takes longer than to clear the target and to store what is covered.
-  return state.mesh.host_view.triangle_count > 0 && HasWholeRows(state, target) && state.scattered_mesh.largest != nullptr &&
-         ExceedsCache(state.device, state.slab_words() * sizeof(uint32_t));
 }
 
 }  // namespace voxelpipe::cuda

@@ -46,11 +46,7 @@ absl::Status BeginAccumulators(RunState& state, int index, uint64_t voxels);
 // Those, and what triangles bring to them; without spans.
 AccumulateArgs SumsOf(RunState& state, int index);
 
-// Writes a dense target that FillsByRows, where `place` says. `covers`: of all targets this one writes the coverage and counts what the
-// largest triangles touch.
-absl::Status FillDense(RunState& state, int index, const InPlaceArgs& place, bool covers);
-// What was blended becomes the values of a dense target. `covers`: where rows are stored, of all targets this one covers and counts what the
-// largest triangles touch.
-absl::Status StoreDense(RunState& state, int index, bool covers);
+// What was blended becomes the values of a dense target, or the bits of a bit target.
+absl::Status StoreDense(RunState& state, int index);
 
 }  // namespace voxelpipe::cuda

@@ -102,8 +102,7 @@ absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, c
 }
 
 absl::Status PrepareQueues(RunState& state, const uint64_t* fragments) {
-  const bool slots = fragments != nullptr && !state.fills_rows;
-  VOXELPIPE_OK_OR_RETURN(ClearQueues(state, slots ? kCounters + kFragmentSlots : kCounters));
+  VOXELPIPE_OK_OR_RETURN(ClearQueues(state, fragments != nullptr ? kCounters + kFragmentSlots : kCounters));
   return MakeRoomForQueues(state);
 }
 
@@ -123,7 +122,6 @@ absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts) {
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats) {
   RestArgs args;
   args.walk = MakeCellWalk(state);
-  if (state.draws_largest) args.walk.largest = state.scattered_mesh.largest;
   args.first_triangle = begin;
   args.end_triangle = end;
   args.repeats = repeats;

@@ -13,8 +13,7 @@ namespace voxelpipe::cuda {
 bool GoesByFixed(const RunState& state);
 
 // Gives every triangle of the slab to a sink, and what is not small to the queues; state.counters has how many wait.
-// kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: FragmentSlots, which are cleared before unless
-// state.fills_rows, for then what is written by rows is counted there already; or null.
+// kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: FragmentSlots, which are cleared before; or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
                           bool by_id = false, const BrickPool* pool = nullptr);
 // The same, for the A-buffer: records, and how many fragments they have, in state.fragment_first and behind the counters, as `counts` then says.
@@ -23,7 +22,7 @@ absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts);
 // Clears the queues, and `fragments` as FindAllCells does, and makes room for all triangles to wait.
 absl::Status PrepareQueues(RunState& state, const uint64_t* fragments);
 
-// What waits after FindAllCells, of triangles [begin, end); where state.draws_largest, without those that are drawn apart.
+// What waits after FindAllCells, of triangles [begin, end).
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats);
 
 // Blocks of EmitRest.

@@ -288,15 +288,6 @@ absl::Status TakeAll(RunState& state) {
   });
 }
 
-// Writes all targets of values, and the coverage, with the largest triangles in them.
-absl::Status FillAll(RunState& state, int last) {
-  for (int i = 0; i < state.targets.count; ++i) {
-    if (state.span_targets[size_t(i)].source == ValueSource::kCoverage) continue;
-    VOXELPIPE_OK_OR_RETURN(FillDense(state, i, PlaceOf(state, i), i == last));
-  }
-  return absl::OkStatus();
-}
-
 }  // namespace
 
 namespace {
@@ -363,17 +354,15 @@ absl::Status BlendDirectly(RunState& state) {
   const bool sparse = IsSparse(state);
   state.span_count = 0;
   if (state.mesh.host_view.triangle_count == 0) return ClearFragmentSlots(state);
-  if (state.fills_rows) VOXELPIPE_OK_OR_RETURN(ClearFragmentSlots(state));  // else with the queues
-  bool ranked = false, all_by_rows = !sparse;
+  bool ranked = false;
   int blended = 0, last = 0;  // targets
   for (int i = 0; i < state.targets.count; ++i) {
     SpanTarget& memory = state.span_targets[size_t(i)];
     if (memory.source == ValueSource::kCoverage) continue;
     const bool of_triangles = memory.source == ValueSource::kTriangles;
     if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(MakeValues(state, i));
-    memory.in_place = of_triangles && !sparse && !memory.by_rows && IsInPlace(state.targets.at[i]);
+    memory.in_place = of_triangles && !sparse && IsInPlace(state.targets.at[i]);
     ranked = ranked || !memory.in_place;
-    all_by_rows = all_by_rows && memory.by_rows;
     ++blended;
     last = i;
   }
@@ -383,18 +372,16 @@ absl::Status BlendDirectly(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
     VOXELPIPE_OK_OR_RETURN(state.coverage.Fill(0, state.stream));
   }
-  state.draws_largest = all_by_rows || state.fills_rows;
-  if (state.fills_rows) VOXELPIPE_OK_OR_RETURN(FillAll(state, last));
   const bool of_triangles = state.span_targets[size_t(last)].source == ValueSource::kTriangles;
   if (blended == 1 && of_triangles && !sparse && BlendsInWalk(state, state.targets.at[last])) {
     VOXELPIPE_OK_OR_RETURN(BlendWhatIsFound(state, last));
-    return StoreDense(state, last, true);
+    return StoreDense(state, last);
   }
   VOXELPIPE_OK_OR_RETURN(BlendByRecords(state, ranked));
   for (int i = 0; i < state.targets.count; ++i) {
     if (state.span_targets[size_t(i)].source == ValueSource::kCoverage) continue;
     const bool later = sparse && state.targets.at[i].format != VoxelFormat::kBit;  // once voxels are listed
-    if (!later) VOXELPIPE_OK_OR_RETURN(StoreDense(state, i, i == last));
+    if (!later) VOXELPIPE_OK_OR_RETURN(StoreDense(state, i));
   }
   return absl::OkStatus();
 }

@@ -12,8 +12,6 @@ namespace {
 struct Work {
   uint64_t count;
   int bits;
-  const std::function<absl::Status()>& beside;
-  const DeviceInfo& device;
   DeviceArray<uint8_t>& scratch;
   cudaStream_t stream;
 };
@@ -36,7 +34,6 @@ absl::Status WithScratch(const Work& work, const Sort& sort) {
 
 template <typename Key>
 absl::Status Sort(const Work& work, Buffers<Key>& buffers) {
-  if (work.beside) VOXELPIPE_OK_OR_RETURN(work.beside());
   CountLaunch();
   return WithScratch(work, [&](void* scratch, size_t& bytes) {
     return cub::DeviceRadixSort::SortPairs(scratch, bytes, buffers.keys, buffers.values, work.count, 0, work.bits,
@@ -52,9 +49,9 @@ Buffers<Key> BuffersOf(Fragments& fragments) {
 
 }  // namespace
 
-absl::Status SortByKey(Fragments& fragments, const KeySort& sort, const DeviceInfo& device,
-                       DeviceArray<uint8_t>& scratch, cudaStream_t stream) {
-  const Work work{fragments.elements(), sort.bits, sort.beside, device, scratch, stream};
+absl::Status SortByKey(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch,
+                       cudaStream_t stream) {
+  const Work work{fragments.elements(), sort.bits, scratch, stream};
   uint32_t* sorted = nullptr;
   if (sort.wide_keys) {
     Buffers<uint64_t> buffers = BuffersOf<uint64_t>(fragments);

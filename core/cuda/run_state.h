@@ -13,7 +13,6 @@
 #include <vector>
 
 #include "cpu/run_state.h"
-#include "cuda/apart_fragments.h"
 #include "cuda/buffer.h"
 #include "cuda/check.h"
 #include "cuda/device.h"
@@ -106,7 +105,6 @@ struct SpanTarget {
   FineArgs shading;           // of the target alone
   DegenerateTest degenerate;  // of the run's triangles
   bool in_place = false;      // blended in the dense target
-  bool by_rows = false;       // its sums are stored by rows (sum_rows.cuh)
 };
 
 // A list of owners: voxels within the slab, triangles, and where their values go.
@@ -207,8 +205,7 @@ struct RunState {
   // Per triangle: where its fragments begin before they are sorted. Or, of records, how many each chunk has (FragmentCounts).
   DeviceArray<uint64_t> fragment_first;
   Fragments fragments;                  // their keys are voxel indices within the slab
-  std::optional<ApartFragments> apart;  // those of the largest triangles, which are not among them; or none
-  // For CountAndListBuckets and UnpackIntoBuckets (fragments.h): 0 once fragments are emitted. Merging has its own use for it (apart_fragments.h).
+  // For CountAndListBuckets and UnpackIntoBuckets (fragments.h): 0 once fragments are emitted.
   DeviceArray<uint64_t> bucket_chunks;
   DeviceArray<uint64_t> bundles_before;  // for EmitBundles: per block of it
 
@@ -222,8 +219,6 @@ struct RunState {
   uint64_t ranked_voxels = 0;           // that have accumulators
   OwnerList owners;
   std::array<SpanTarget, kMaxTargets> span_targets;
-  bool fills_rows = false;     // targets are written with the largest triangles in them, not cleared (fill_rows.cuh)
-  bool draws_largest = false;  // the largest triangles are drawn by rows, of all targets, or listed apart
 
   // FineRaster, SolidFill
   DeviceArray<uint32_t> inside, outside;  // bit grids; outside is of the whole grid
@@ -264,7 +259,6 @@ enum Counter : int {
   kChanged,       // flood: rows changed
   kRanks,         // voxels with a rank
   kParts,         // of tiles that are split
-  kNextRows,      // the next rows for a block that fills them
   kBuckets,       // of the slab
   kBundles,       // of the slab's fragments
   kPooled,        // bricks that wanted a place in the pool
@@ -330,11 +324,6 @@ void DescribeTargets(RunState& state);
 
 // Parts of stages
 absl::Status BlendDirectly(RunState& state);  // synchronizes, but for a sparse result
-// Whether that can store a dense target's sums by rows, and so write every cell: then nothing clears it before. After the slab is known.
-bool StoresByRows(RunState& state, int index, const CudaTarget& target);
-// Whether that can write all dense targets of values, and the coverage, with the largest triangles in them, for all others to be blended
-// over: then nothing clears them before. Likewise.
-bool FillsByRows(const RunState& state);
 // What was blended becomes the values of a sparse result, whose voxels are listed.
 absl::Status StoreListed(RunState& state);
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.

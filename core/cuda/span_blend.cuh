@@ -1,6 +1,6 @@
 // Blending by spans (span_views.h): a thread a span, in any order. No host-only includes.
 //
-// Where a blend is one 32-bit atomic that begins from the stored clear value 0, or from what fill_rows.cuh leaves there, it is done in the dense target itself:
+// Where a blend is one 32-bit atomic that begins from the stored clear value 0, it is done in the dense target itself:
 // min and max as keys (tile_blend.cuh), which become values at the end, or as they are where no value of a max is
 // negative. Other blends go to accumulators of covered voxels, numbered by rank. What becomes of both: span_store.cuh.
 #pragma once

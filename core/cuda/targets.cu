@@ -146,8 +146,7 @@ absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_
   return absl::OkStatus();
 }
 
-// `later`: all of its cells are written later.
-absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory, bool later) {
+absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory) {
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   if (target.own_presence) {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, memory.presence));
@@ -164,7 +163,7 @@ absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory,
   const uint64_t bytes = state.slab_voxels() * uint64_t(target.components) * uint64_t(bits / 8);
   VOXELPIPE_OK_OR_RETURN(memory.dense.Resize(bytes, state.stream));
   target.dense = memory.dense.data();
-  return later ? absl::OkStatus() : ClearElements(state, memory.dense, PatternOf(target));
+  return ClearElements(state, memory.dense, PatternOf(target));
 }
 
 // Small results wait for the driver's staging no longer than for a pinned block.
@@ -353,18 +352,14 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   if (!buckets && (!state.plain_bits || request.fill != Fill::kNone)) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kFragments, kOddColumns, kVoxels}));
   }
-  state.fills_rows = FillsByRows(state);
-  for (size_t i = 0; i < request.targets.size(); ++i) {
-    CudaTarget& target = state.targets.at[i];
-    const bool by_rows = state.span_targets[i].by_rows = StoresByRows(state, int(i), target);
-    const bool by_others = by_rows || state.fills_rows;
-    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i], by_others));
-  }
   if (buckets) return absl::OkStatus();
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    VOXELPIPE_OK_OR_RETURN(Allocate(state, state.targets.at[i], state.target_memory[i]));
+  }
   state.pools_bricks = PoolsBricks(state);
   if (state.pools_bricks) {
     state.coverage.Free();
-  } else if (!CoversNothing(state) && (state.plain_bits || state.fills_rows)) {  // what draws there writes all of it
+  } else if (!CoversNothing(state) && state.plain_bits) {  // what draws there writes all of it
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
   } else {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
@@ -393,7 +388,6 @@ void AbandonSlab(RunState& state) {
   state.fragment_first.Free();
   state.bucket_chunks.Free();
   state.bundles_before.Free();
-  state.apart.reset();
   state.fragments.Free();
   for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
   state.word_ranks.Free();
