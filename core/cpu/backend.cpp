@@ -8,6 +8,7 @@
 #include "base/threads.h"
 #include "cpu/a_buffer.h"
 #include "cpu/base/parallel.h"
+#include "cpu/footprint.h"
 #include "cpu/measure/measure.h"
 #include "cpu/run_state.h"
 
@@ -75,6 +76,10 @@ class Cpu final : public Backend {
     const absl::StatusOr<const RowKernels*> kernels = SelectRowKernels(request.request.simd);
     if (!kernels.ok()) return kernels.status();
     return std::make_unique<CpuStages>(mesh, request, job, **kernels);
+  }
+  Footprint Predict(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
+                    const PlanLimits& limits, Delivery delivery) const override {
+    return PredictFootprint(request, grid, mesh, surface, limits, delivery);
   }
   void Run(int threads, const std::function<void()>& body) const override { RunOnThreads(threads, body); }
   void RunEach(int threads, size_t count, const std::function<void(size_t)>& body) const override {

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "cpu/base/parallel.h"
+#include "cpu/base/task_sizes.h"
 #include "cpu/dense_fill.h"
 #include "cpu/flood_fill.h"
 #include "cpu/rows/crossings.h"
@@ -25,17 +26,14 @@
 namespace voxelpipe::cpu {
 namespace {
 
-constexpr int64_t kTriangleGrain = 1 << 12;
 constexpr int64_t kBlockBytes = 256 << 10;  // of toggles: stay in the second-level cache beside what they are spread to
-constexpr int64_t kMostBlocks = 1 << 11;
-constexpr int64_t kSumBlockBytes = 32 << 10;  // of a nonzero fill, whose sums take 32 times as much
 
 LineBlocks BlocksOf(const RunState& state) {
   const bool signs = state.request.request.fill == Fill::kNonzero;
   LineBlocks lines{state.dims[0], state.dims[1], state.slab.begin, state.slab.end, (state.dims[0] + 31) / 32 * 32, 0,
                    signs};
   const int64_t bytes = signs ? kSumBlockBytes : kBlockBytes;
-  const auto wanted = std::max(bytes / (lines.row_bits / 8), lines.rows() / kMostBlocks);
+  const auto wanted = std::max(bytes / (lines.row_bits / 8), lines.rows() / kMaxLineBlocks);
   lines.block_shift = std::bit_width(uint64_t(std::max<int64_t>(1, wanted))) - 1;
   return lines;
 }

@@ -14,7 +14,6 @@
 #include <span>
 
 #include "cuda/a_buffer_kernel.cuh"
-#include "cuda/apart_fragments.h"
 #include "cuda/bucket_views.h"
 #include "cuda/bundle_plan.h"
 #include "cuda/cell_fragments.cuh"
@@ -23,11 +22,12 @@
 #include "cuda/device.h"
 #include "cuda/device_abilities.h"
 #include "cuda/fragment_bundles.cuh"
-#include "cuda/fragment_shading.cuh"
 #include "cuda/launch.h"
+#include "cuda/list_sizes.h"
 #include "cuda/run_state.h"
 #include "cuda/scan.h"
 #include "cuda/scattered.h"
+#include "cuda/shade_list.h"
 #include "cuda/walk.h"
 #include "pipeline/plan/plan.h"
 
@@ -39,36 +39,6 @@ bool WideKeys(const RunState& state) {
 }
 uint64_t KeyBytes(const RunState& state) {
   return WideKeys(state) ? 8 : 4;
-}
-
-struct ShadeArgs {
-  GridView grid;
-  TargetViews targets;
-  FragmentShading shading;  // but for pointers to what stands here
-  uint8_t* out[kMostTargets];
-};
-
-__device__ inline FragmentShading ShadingOf(const ShadeArgs& args) {
-  FragmentShading shading = args.shading;
-  shading.grid = &args.grid;
-  shading.targets = args.targets.at;
-  shading.out = args.out;
-  return shading;
-}
-
-// A thread a fragment.
-__global__ void __launch_bounds__(256) ShadeFragments(const __grid_constant__ ShadeArgs args) {
-  const uint64_t rounded = (args.shading.count + 31) / 32 * 32;
-  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < rounded; i += uint64_t(gridDim.x) * 256) {
-    WriteValues(ShadingOf(args), i);
-  }
-}
-
-// A byte a fragment, 1 where some target keeps it.
-__global__ void __launch_bounds__(256) FindKept(const __grid_constant__ ShadeArgs args, uint8_t* kept) {
-  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < args.shading.count; i += uint64_t(gridDim.x) * 256) {
-    kept[i] = IsKept(ShadingOf(args), i);
-  }
 }
 
 // Voxel ids of the buckets that begin at offsets[0 .. voxels), and the end of the last one.
@@ -99,20 +69,14 @@ __global__ void __launch_bounds__(256) FillOnes(uint32_t* words, uint64_t bits) 
   }
 }
 
-ShadeArgs MakeShadeArgs(RunState& state) {
-  ShadeArgs args{};
-  args.grid = state.view;
-  args.targets = state.targets;
-  FragmentShading& shading = args.shading;
-  shading.mesh = state.mesh.view.data();
-  shading.target_count = state.targets.count;
-  for (int t = 0; t < state.targets.count; ++t) shading.traits |= TraitsOf(state.targets.at[t].shader);
-  shading.planar = state.targets.planar;
-  shading.wide_keys = WideKeys(state);
-  shading.keys = state.fragments.keys[state.fragments.current].data();
-  shading.triangles = state.fragments.triangles[state.fragments.current].data();
-  shading.count = state.fragments.count;
-  return args;
+FragmentList ListOfFragments(const RunState& state) {
+  const Fragments& fragments = state.fragments;
+  FragmentList list;
+  list.wide_keys = WideKeys(state);
+  list.keys = fragments.keys[fragments.current].data();
+  list.triangles = fragments.triangles[fragments.current].data();
+  list.count = fragments.count;
+  return list;
 }
 
 template <typename Key>
@@ -145,8 +109,7 @@ absl::Status Compact(RunState& state, const T* from, const uint8_t* flags, T* to
 absl::Status DropDiscarded(RunState& state) {
   DeviceArray<uint8_t> kept;
   VOXELPIPE_OK_OR_RETURN(kept.Resize(state.fragments.count, state.stream));
-  FindKept<<<BlocksFor(state.fragments.count, 256), 256, 0, state.stream>>>(MakeShadeArgs(state), kept.data());
-  VOXELPIPE_LAUNCHED_OR_RETURN("FindKept");
+  VOXELPIPE_OK_OR_RETURN(FindKept(state, ListOfFragments(state), kept.data()));
   Fragments& fragments = state.fragments;
   const int from = fragments.current, to = 1 - from;
   uint64_t* const count = state.counters.data() + kScratch0;
@@ -250,17 +213,8 @@ absl::Status EmitRecords(RunState& state, const FragmentArgs& args, std::optiona
 bool GuessRoom(RunState& state) {
   constexpr uint64_t kPartOfMemory = 64;
   const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (2 * sizeof(uint32_t));
-  const uint64_t guess = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()));
+  const uint64_t guess = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()).fragments);
   return guess <= most && state.fragments.MakeRoom(0, guess, sizeof(uint32_t), state.stream).ok();
-}
-
-// Whether the largest triangles' fragments are listed apart: where that pays and there is memory for it.
-void BeginApart(RunState& state) {
-  if (!state.fragments.plan && ApartFragments::Pays(state)) {
-    absl::StatusOr<ApartFragments> apart = ApartFragments::Make(state);
-    if (apart.ok()) state.apart.emplace(*std::move(apart));
-  }
-  state.draws_largest = state.apart.has_value();
 }
 
 // Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list has room
@@ -272,8 +226,7 @@ absl::Status EmitByCells(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(BeginBundles(state));
   FragmentCounts counts;
   VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, counts));
-  BeginApart(state);  // while cells are found: it takes the host some time
-  const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, triangles / 2 + (uint64_t{1} << 18));
+  const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, SpanRoom(triangles));
   if (state.spans.size() < least) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(least, state.stream));
   const RestArgs waiting = MakeRestArgs(state, 0, triangles, false);
   VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentCounter>(state, waiting, MakeFragmentArgs(state, counts)));
@@ -312,11 +265,6 @@ absl::Status EmitByCells(RunState& state) {
   return absl::OkStatus();
 }
 
-// Whether fragments that are listed apart are merged as buckets are written: where nobody asks for keys afterwards.
-bool MergesIntoBuckets(const RunState& state) {
-  return state.targets.any_always_present && !ShadesFragments(state.request);
-}
-
 // Buckets of fragments whose keys have 32 bits, or of bundles, and the ones of the targets that `ones` has.
 absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel, std::span<uint8_t* const> ones) {
   Fragments& fragments = state.fragments;
@@ -329,7 +277,6 @@ absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel, std::span
   args.voxels = state.result.voxels.data();
   args.listed = state.counters.data() + kBuckets;
   for (uint8_t* const words : ones) args.ones[args.ones_count++] = reinterpret_cast<uint32_t*>(words);
-  if (state.apart) return MergeApartIntoBuckets(state, args);
   if (!fragments.plan) return CountAndListBuckets(args, state.stream);
   args.code = fragments.plan->code;
   args.bundles = fragments.bundles;
@@ -358,7 +305,6 @@ absl::Status FindBuckets(RunState& state) {
 absl::Status EmitFragments(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.fragments.Clear();
-  state.apart.reset();
   if (triangles == 0) return absl::OkStatus();
   if (CellsReach(state, state.view.dims)) return EmitByCells(state);
   VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Resize(triangles + 1, state.stream));
@@ -384,47 +330,32 @@ absl::Status EmitFragments(RunState& state) {
 }
 
 absl::Status SortFragments(RunState& state) {
-  const auto list_apart = [&state] { return state.apart ? state.apart->Start(state) : absl::OkStatus(); };
-  if (state.fragments.count == 0) {
-    VOXELPIPE_OK_OR_RETURN(list_apart());
-  } else {
-    const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
-    // Beside the sort, which waits for memory. FindCells would lose as much as is gained beside it.
-    const KeySort sort{WideKeys(state), bits, IsScattered(state), list_apart};
-    VOXELPIPE_OK_OR_RETURN(SortByKey(state.fragments, sort, state.device, state.scratch, state.stream));
-  }
-  if (state.apart) {
-    VOXELPIPE_OK_OR_RETURN(state.apart->Wait(state));
-    if (state.apart->sorted().count == 0) {
-      state.apart.reset();
-    } else if (!MergesIntoBuckets(state)) {
-      VOXELPIPE_OK_OR_RETURN(MergeApart(state));
-    }
-  }
   if (state.fragments.count == 0) return absl::OkStatus();
+  const KeySort sort{WideKeys(state), std::max(1, int(std::bit_width(state.slab_voxels() - 1)))};
+  VOXELPIPE_OK_OR_RETURN(SortByKey(state.fragments, sort, state.scratch, state.stream));
   return state.targets.any_always_present ? absl::OkStatus() : DropDiscarded(state);
 }
 
 absl::Status Resolve(RunState& state) {
   DeviceResult& out = state.result;
-  const uint64_t fragments = state.fragments.count + (state.apart ? state.apart->sorted().count : 0);
+  const uint64_t fragments = state.fragments.count;
   const uint64_t most_voxels = std::min(fragments, state.slab_voxels());
   VOXELPIPE_OK_OR_RETURN(out.offsets.Resize(most_voxels + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(out.voxels.Resize(most_voxels, state.stream));
   const uint64_t first_voxel = uint64_t(state.slab.begin) * uint64_t(state.view.dims[0]) * uint64_t(state.view.dims[1]);
-  ShadeArgs args = MakeShadeArgs(state);
+  uint8_t* values_of[kMostTargets] = {};
   out.listed_fragments = fragments;
   out.targets.resize(size_t(state.targets.count));
   for (int t = 0; t < state.targets.count; ++t) {
     DeviceArray<uint8_t>& values = out.targets[size_t(t)];
     const uint64_t bytes = TargetBytes(state.request.request.targets[size_t(t)], fragments);
     VOXELPIPE_OK_OR_RETURN(values.Resize((bytes + 3) / 4 * 4, state.stream));
-    args.out[t] = values.data();
+    values_of[t] = values.data();
   }
   const bool shades = ShadesFragments(state.request), narrow = fragments > 0 && !WideKeys(state);
   if (narrow) {
     const auto targets = size_t(state.targets.count);
-    VOXELPIPE_OK_OR_RETURN(WriteNarrowBuckets(state, first_voxel, std::span(args.out, shades ? 0 : targets)));
+    VOXELPIPE_OK_OR_RETURN(WriteNarrowBuckets(state, first_voxel, std::span(values_of, shades ? 0 : targets)));
   } else {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kBuckets}));
     uint64_t* const voxels = state.counters.data() + kBuckets;
@@ -439,14 +370,12 @@ absl::Status Resolve(RunState& state) {
     if (narrow) return absl::OkStatus();  // written with the buckets
     for (int t = 0; t < state.targets.count; ++t) {
       FillOnes<<<BlocksFor((fragments + 31) / 32, 256), 256, 0, state.stream>>>(
-          reinterpret_cast<uint32_t*>(args.out[t]), fragments);
+          reinterpret_cast<uint32_t*>(values_of[t]), fragments);
       VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");
     }
     return absl::OkStatus();
   }
-  ShadeFragments<<<BlocksFor(fragments, 256), 256, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ShadeFragments");
-  return absl::OkStatus();
+  return ShadeList(state, ListOfFragments(state), values_of);
 }
 
 }  // namespace voxelpipe::cuda

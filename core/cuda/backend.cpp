@@ -12,6 +12,7 @@
 #include "cpu/measure/measure.h"
 #include "cpu/rows/row_kernels.h"
 #include "cuda/batch.h"
+#include "cuda/footprint.h"
 #include "cuda/run_state.h"
 #include "cuda/slab_copies.h"
 
@@ -44,12 +45,21 @@ class CudaStages final : public Stages {
     }
     return EstimateSurface(request, grid, mesh);
   }
+  int64_t FittingSlabDepth(const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
+                           int64_t depth) const override {
+    constexpr uint64_t kShareInDoubt = 8;  // of the device's memory: a slab that takes less has room
+    const VoxelizeRequest& request = state_.request.request;
+    const uint64_t all = std::min(state_.device.memory_bytes, MemoryLimit());
+    if (PredictSlabBytes(request, grid, mesh, surface, depth) < all / kShareInDoubt) return depth;
+    return cuda::FittingSlabDepth(request, grid, mesh, surface, depth, FreeMemory(state_.device.ordinal));
+  }
   void SetLists(const Surface& expected, ListMemory* memory) override {
     state_.expected = expected;
     state_.memory.AskFrom(memory);
   }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
     if (absl::Status s = state_.memory.TakeOnHost(0); !s.ok()) return s;  // likewise
+    DescribeTargets(state_);
     state_.plain_bits = cpu::PlainBits(state_.host, grid);
     state_.direct = !state_.plain_bits && BlendsDirectly(state_, grid);
     return cuda::CoarseRaster(state_, grid, layers);
@@ -96,7 +106,6 @@ class CudaStages final : public Stages {
   }
   bool SortsTilesBySlab() const override { return true; }
   std::string_view simd() const override { return "cuda"; }
-  std::optional<uint64_t> FreeBytes() const override { return FreeMemory(state_.device.ordinal); }
   bool AbandonSlab() override {
     if (copies_) copies_->Forget();
     cuda::AbandonSlab(state_);
@@ -146,7 +155,7 @@ class Cuda final : public Backend {
   uint64_t memory_bytes() const override { return std::min(device_.memory_bytes, MemoryLimit()); }
   Footprint Predict(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
                     const PlanLimits& limits, Delivery delivery) const override {
-    return PredictDeviceFootprint(request, grid, mesh, surface, limits, delivery);
+    return PredictFootprint(request, grid, mesh, surface, limits, delivery);
   }
   absl::Status Probe() const override { return ProbeDevice(device_.ordinal); }
   std::string_view simd() const override { return "cuda"; }

@@ -71,9 +71,8 @@ absl::StatusOr<std::vector<uint64_t>> SortBatch(BatchState& state) {
   }
   const uint64_t last_key = state.drops ? batch.voxel_count : batch.voxel_count - 1;
   const int bits = std::max(1, int(std::bit_width(last_key)));
-  // Fragments of many small meshes were not measured otherwise.
-  const KeySort sort{.bits = bits, .scattered = true};
-  VOXELPIPE_OK_OR_RETURN(SortByKey(fragments, sort, state.device, state.scratch, state.stream));
+  const KeySort sort{.bits = bits};
+  VOXELPIPE_OK_OR_RETURN(SortByKey(fragments, sort, state.scratch, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.chunks.Resize(KeysOf(state).chunks() + 1, state.stream));
   const SortedKeys keys = KeysOf(state);
   VOXELPIPE_OK_OR_RETURN(CountBuckets(keys, state.stream));

@@ -29,6 +29,11 @@ inline void SetTriangles(const RunState& state, BitArgs& args) {
   args.triangle_count = mesh.triangle_count;
 }
 
+// True if fixed point decides what most triangles touch (fixed_place.cuh).
+inline bool HasFixed(const BitArgs& args) {
+  return args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
+}
+
 // The test of the run's triangles.
 inline DegenerateTest DegenerateTestOf(const RunState& state) {
   const Box3d box = BoxInGrid(state);

@@ -1,8 +1,7 @@
 // Plain bits of so few triangles that all blocks run at once, a triangle or half of one a thread: the steps of bit_walk.cuh, where time goes by waiting. So
-// corners are kept in shared memory for the second step, and what is left goes by mail (bit_mail.cuh) in grids that are cleared here. No host-only includes.
+// corners are kept in shared memory for the second step. No host-only includes.
 #pragma once
 
-#include "cuda/bit_mail.cuh"
 #include "cuda/bit_walk.cuh"
 
 namespace voxelpipe::cuda {
@@ -12,7 +11,6 @@ template <int kRowLanes>
 struct FewRoom : CellLists<kCellThreads / kRowLanes> {
   CellSpan table[kMostCells][kCellThreads];
   int corners[9][FewRoom::kRoom];  // of those that wait in cells
-  uint32_t doubt_count;            // of those that are not in `later` but went by mail, and some more
 
   __device__ void Keep(uint32_t number, const FixedCorners& v) {
     for (int i = 0; i < 9; ++i) corners[i][number] = v.at[i / 3][i % 3];
@@ -22,6 +20,10 @@ struct FewRoom : CellLists<kCellThreads / kRowLanes> {
     for (int i = 0; i < 9; ++i) t.v.at[i / 3][i % 3] = corners[i][number];
     t.box = BoxOf(t.v.at, place);
     return t;
+  }
+  // Passes a triangle that is in doubt on to the next kernel.
+  __device__ void PassOn(uint32_t number) {
+    this->later[SharedAdd(&this->layer_count, 1)] = uint16_t(number);
   }
 };
 
@@ -61,24 +63,13 @@ __device__ inline bool TurnOfOctants(const BitArgs& args, uint32_t turn, const F
   return doubtful;
 }
 
-// Passes a triangle that is in doubt on to the next kernel: by mail, which is for those of few rows, while there is room.
-template <int kRowLanes>
-__device__ inline void PassOn(const BitArgs& args, uint32_t chunk, uint32_t number, FewRoom<kRowLanes>& room) {
-  const uint32_t place = args.mail != nullptr ? SharedAdd(&room.doubt_count, 1) : kMostMailed;
-  if (place < kMostMailed) {
-    PostTriangle(args, chunk, place, chunk * FewRoom<kRowLanes>::kRoom + number);
-  } else {
-    room.later[SharedAdd(&room.layer_count, 1)] = uint16_t(number);
-  }
-}
-
 // Whether the box has as few rows as a thread walks.
 __device__ inline bool HasFewRows(const FixedBox& box) {
   const int width = box.last[1] - box.first[1] + 1, layers = box.last[2] - box.first[2] + 1;
   return max(width, layers) <= kMostCellRows && width * layers <= kMostCellRows;
 }
 
-// As WalkCells does, the triangles of block `chunk` of as many as there are in a room; box `chunk` of the mail, where there is mail, is the block's.
+// As WalkCells does, the triangles of block `chunk` of as many as there are in a room.
 template <bool kThin, int kRowLanes>
 __device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRowLanes>& room) {
   constexpr uint32_t kEach = FewRoom<kRowLanes>::kRoom;
@@ -88,7 +79,6 @@ __device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRow
   if (has) fetched = FetchNow<false>(args, begin + mine);
   if (threadIdx.x == 0) {
     room.Clear();
-    room.doubt_count = 0;
   }
   __syncthreads();
   FixedTriangle triangle{};
@@ -104,7 +94,7 @@ __device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRow
   room.Append(fate, mine);
   AwaitCleared(args);                           // until here nothing is written but what is the block's
   if (args.clear_blocks == 0) __syncthreads();  // which is no barrier then, and lists are read
-  if (in_doubt) PassOn(args, chunk, mine, room);
+  if (in_doubt) room.PassOn(mine);
   if (octants != 0) SetOctants(args, triangle.box.first, octants);
   __syncwarp();
   // Warps take what is left as they come to it: rows first, which take longest.
@@ -113,11 +103,10 @@ __device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRow
     uint32_t number = 0;
     const bool doubtful = turn < row_turns ? TurnOfRows<kThin>(args, turn, room, number)
                                            : TurnOfOctants<kThin>(args, turn - row_turns, room, number);
-    if (doubtful) PassOn(args, chunk, number, room);
+    if (doubtful) room.PassOn(number);
     __syncwarp();
   }
   __syncthreads();
-  if (args.mail != nullptr && threadIdx.x == 64) EndMail(args, chunk, min(room.doubt_count, kMostMailed));
   if (room.layer_count + room.large_count == 0) return;
   QueueLater<false>(args, room, [begin](uint32_t number) { return begin + number; });
 }

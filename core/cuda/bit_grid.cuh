@@ -1,5 +1,5 @@
 // The bit grid that triangles are drawn in straight from world space: what its kernels share (bit_walk.cuh, bit_setups.cuh,
-// bit_layers.cuh, bit_bins.cuh, bit_pieces.cuh, bit_order.cuh), how rows of voxels are set, and vertices in index space. No host-only includes.
+// bit_layers.cuh, bit_bins.cuh, bit_pieces.cuh), how rows of voxels are set, and vertices in index space. No host-only includes.
 #pragma once
 
 #include "cuda/bit_cells.cuh"
@@ -48,16 +48,11 @@ struct BitArgs {
   // Drawn apart from the others, and of plain bits in no large queue; or null.
   const LargestTriangles* largest = nullptr;
   uint64_t triangle_count = 0;
-  const uint32_t *order = nullptr, *ordered = nullptr;  // of triangles by place, and how many there are; or null
-  int rounds = 1;                                       // of WalkCells and FindCells
-  BitPool pool;                                         // where triangles are drawn first; or none
-  uint32_t drawn_large = 0;  // of the large queue, those at its begin, which other kernels draw
+  int rounds = 1;  // of WalkCells and FindCells
+  BitPool pool;    // where triangles are drawn first; or none
   // Room for all triangles each.
   uint32_t *layer_queue = nullptr, *large_queue = nullptr;
   uint64_t* queued = nullptr;  // how many wait in each
-  // Boxes of bit_mail.cuh, and how many; or none.
-  uint32_t* mail = nullptr;
-  uint32_t mail_boxes = 0;
 };
 
 // Whether triangle t is among those that are drawn apart.

@@ -5,8 +5,6 @@
 #include "cuda/bit_bins.cuh"
 #include "cuda/bit_few.cuh"
 #include "cuda/bit_layers.cuh"
-#include "cuda/bit_mail.cuh"
-#include "cuda/bit_order.cuh"
 #include "cuda/bit_pieces.cuh"
 #include "cuda/bit_walk.cuh"
 #include "cuda/early_launch.cuh"
@@ -56,12 +54,12 @@ __device__ inline bool ClearsFirst(const BitArgs& args) {
   return true;
 }
 
-template <bool kThin, bool kOrdered, bool kPacked, BitSink kSink>
+template <bool kThin, bool kPacked, BitSink kSink>
 __global__ void __launch_bounds__(kCellThreads, kCellBlocks) CellKernel(const __grid_constant__ BitArgs args) {
   __shared__ CellRoomFor<kSink> room;
   AllowNext();
   if (ClearsFirst(args)) return;
-  WalkCells<kThin, kOrdered, kPacked, kSink>(args, blockIdx.x - args.clear_blocks, room);
+  WalkCells<kThin, kPacked, kSink>(args, blockIdx.x - args.clear_blocks, room);
 }
 
 template <bool kThin, int kRowLanes>
@@ -83,11 +81,6 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const
   __shared__ alignas(16) char memory[sizeof(LayerRoom)];
   auto& room = *reinterpret_cast<LayerRoom*>(memory);
   const uint32_t warp = threadIdx.x / 32, warps = kLayerThreads / 32;
-  // By a block of each multiprocessor: for more there is no room beside the kernel before.
-  if (const uint32_t blocks = gridDim.x / kLayerBlocks; args.mail != nullptr && blockIdx.x < blocks) {
-    WalkMail<kLayerSetups>(args, warp * blocks + blockIdx.x, blocks * warps, room.of_warps[warp]);
-    __syncthreads();
-  }
   AwaitEarlier();
   if (args.clear_blocks > 0 && blockIdx.x == 0 && threadIdx.x == 0) StoreRelaxed(args.cleared, 0);
   // Both at once: often there is nothing in either, and to ask takes long beside a small mesh.
@@ -155,15 +148,6 @@ union AtOnceRoom {
   SharedSetup of_warps[kAtOnceThreads / 32][kAtOnceSetups];
   LargeRoom large;
 };
-
-// Begins when OrderKeys (triangle_order.cu) has ended and runs beside OrderPlaces, which lets it begin behind its own wait and writes nothing
-// that it reads: it waits last.
-__global__ void __launch_bounds__(32)
-    SetUpKernel(const __grid_constant__ BitArgs args, const __grid_constant__ OrderArgs order) {
-  AllowNext();
-  SetUpLarge(args, order, uint64_t(threadIdx.x) * gridDim.x + blockIdx.x);
-  AwaitEarlier();
-}
 
 // All steps in one launch, for meshes of so few triangles that each warp has at most kAtOnceSetups: what takes longest there is to wait.
 // Triangles are set up while the bits are cleared.

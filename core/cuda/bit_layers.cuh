@@ -91,9 +91,9 @@ inline constexpr int kLargeThreads = kLargeSetups * kBoundsParts;  // of a block
 // more, several share one.
 __device__ inline void WalkLarge(const BitArgs& args, uint64_t queued, uint32_t block, uint32_t blocks,
                                  LargeRoom& room) {
-  if (queued <= args.drawn_large) return;
-  const uint32_t* const queue = args.large_queue + args.drawn_large;
-  const uint64_t count = queued - args.drawn_large;
+  if (queued == 0) return;
+  const uint32_t* const queue = args.large_queue;
+  const uint64_t count = queued;
   const uint64_t batches = (count + kLargeSetups - 1) / kLargeSetups, each = (count + batches - 1) / batches;
   const auto warps = uint32_t(blockDim.x / 32), warp = uint32_t(threadIdx.x / 32), lane = uint32_t(threadIdx.x % 32);
   for (uint64_t batch = block % batches; batch < batches; batch += blocks) {

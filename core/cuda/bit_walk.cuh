@@ -373,26 +373,17 @@ __device__ inline void QueueLater(const BitArgs& args, CellLists<kRoom>& lists, 
 
 // Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first pass finds is kept
 // until the grid is cleared, so that it runs beside the clearing of the grid. Waits for whoever clears the grid.
-template <bool kThin, bool kOrdered, bool kPacked, BitSink kSink>
+template <bool kThin, bool kPacked, BitSink kSink>
 __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFor<kSink>& room) {
   if (threadIdx.x == 0) room.Clear();
   if constexpr (kSink == BitSink::kTogether) ClearRows(room.boxes[threadIdx.x / 32]);
   __syncthreads();
   const uint64_t each = uint64_t(args.rounds) * kCellThreads, begin = chunk * each;
-  uint64_t count = args.triangle_count;
-  if constexpr (kOrdered) {  // earlier kernels make the order
-    AwaitEarlier();
-    count = __ldcg(args.ordered);
-    if (begin >= count) return;
-  }
-  // Where it stands among corners, or its number; and for those who do not read packed corners its number.
-  const auto triangle_at = [&args](uint64_t i) {
-    if constexpr (kOrdered) return __ldcg(args.order + i);
-    return uint32_t(i);
-  };
+  const uint64_t count = args.triangle_count;
+  // The number of the triangle that stands at i among packed corners.
   const auto number_at = [&](uint64_t i) {
-    if constexpr (kPacked) return args.packed[3 * uint64_t{triangle_at(i)}].triangle;
-    return triangle_at(i);
+    if constexpr (kPacked) return args.packed[3 * i].triangle;
+    return uint32_t(i);
   };
   // Of the block's triangles; in 32 bits, as registers are few.
   const uint32_t here = begin < count ? uint32_t(min(count - begin, each)) : 0;
@@ -400,7 +391,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
   uint2* const found = room.first_pass.found[warp];
   StagedCorners& staged = room.first_pass.staged[warp];
   // Where each thread has one round there is nothing to ask for ahead.
-  constexpr bool kAhead = !kOrdered && kSink != BitSink::kBricks;
+  constexpr bool kAhead = kSink != BitSink::kBricks;
   uint32_t kept = 0;
   if (kAhead && threadIdx.x < here) StageCorners<kPacked>(args, uint32_t(begin) + threadIdx.x, staged);
   for (int round = 0; round < args.rounds; ++round) {
@@ -410,12 +401,12 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
       fetched = TakeStaged<kPacked>(uint32_t(begin) + number, staged);
       if (then < here) StageCorners<kPacked>(args, uint32_t(begin) + then, staged);
     } else if (number < here) {
-      fetched = FetchNow<kPacked>(args, triangle_at(begin + number));
+      fetched = FetchNow<kPacked>(args, uint32_t(begin + number));
     }
     FixedTriangle triangle{};
     uint32_t octants = 0;
     CellFate fate = FindFirst<kThin>(
-        args, number < here, fetched, [&] { return triangle_at(begin + number); }, triangle, octants);
+        args, number < here, fetched, [&] { return uint32_t(begin + number); }, triangle, octants);
     kept = KeepFound<kSink>(triangle.box.first, octants, found, kept);
     if (fate == CellFate::kLarge && IsAmongLargest(args, number_at(begin + number))) fate = CellFate::kDone;
     room.Append(fate, number);
@@ -437,7 +428,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
       const uint32_t i = turn * 32 + threadIdx.x % 32;
       if (i < row_count) {
         number = room.RowNumber(i);
-        const Fetched<kPacked> of_rows = FetchNow<kPacked>(args, triangle_at(begin + number));
+        const Fetched<kPacked> of_rows = FetchNow<kPacked>(args, uint32_t(begin + number));
         doubtful = !WalkCellRows<kThin, kPacked, kSink>(args, of_rows, &room.table[0][threadIdx.x]);
       }
       __syncwarp();
@@ -447,7 +438,7 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
       FixedTriangle triangle{};
       if (i < octant_count) {
         number = room.cells[i];
-        triangle.v = LoadFixed(args, FetchNow<kPacked>(args, triangle_at(begin + number)));
+        triangle.v = LoadFixed(args, FetchNow<kPacked>(args, uint32_t(begin + number)));
         triangle.box = BoxOf(triangle.v.at, args.fixed);
         doubtful = !FindOctants<kThin>(args, triangle, octants);
       }

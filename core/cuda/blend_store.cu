@@ -3,45 +3,50 @@
 
 #include "cuda/cells.h"
 #include "cuda/device_abilities.h"
-#include "cuda/fill_rows.cuh"
-#include "cuda/scattered.h"
+#include "cuda/shade_list.h"
 #include "cuda/span_store.cuh"
-#include "cuda/sum_rows.cuh"
 
 namespace voxelpipe::cuda {
 namespace {
 
+// What is kept of a voxel in accumulators: of owners the numbers, of bits cells that are 0 or 1.
+Kept AccumulatedBy(const CudaTarget& target) {
+  const Kept kept = KeptBy(target);
+  switch (kept) {
+    case Kept::kBitOr: return Kept::kOr;
+    case Kept::kBitAnd: return Kept::kAnd;
+    case Kept::kOwner:
+    case Kept::kBitOfOwner: return target.blend == Blend::kFirst ? Kept::kMin : Kept::kMax;
+    default: return kept;
+  }
+}
+int AccumulatedComponents(const CudaTarget& target) {
+  const bool owner = target.blend == Blend::kReplace || target.blend == Blend::kFirst;
+  return owner || target.format == VoxelFormat::kBit ? 1 : target.components;
+}
+
+}  // namespace
+
 Ranks RanksOf(RunState& state) {
   Ranks ranks;
-  ranks.bits = state.coverage.data();
+  ranks.bits = TouchedBits(state);
   ranks.first = state.word_ranks.data();
-  if (state.request.request.result != ResultKind::kSparse) return ranks;
-  ranks.rows = state.row_ranks.data();
-  ranks.first_brick = state.first_brick.data();
-  ranks.by_words_per_row = MakeDivisor(uint32_t(state.view.words_per_row));
-  ranks.by_ny = MakeDivisor(uint32_t(state.view.dims[1]));
-  ranks.tiles_x = uint32_t(state.view.tiles.dims[0]);
-  ranks.tiles_y = uint32_t(state.view.tiles.dims[1]);
   return ranks;
 }
 
-Accumulators AccumulatorsOf(const CudaTarget& target, SpanTarget& memory) {
+Accumulators AccumulatorsOf(RunState& state, int index) {
+  const CudaTarget& target = state.targets.at[index];
+  SpanTarget& memory = state.span_targets[size_t(index)];
   Accumulators to;
-  to.kept = KeptBy(target);
-  to.components = target.components;
+  to.kept = AccumulatedBy(target);
+  to.components = AccumulatedComponents(target);
   to.cells = memory.cells.data();
   to.sums = memory.sums.data();
   to.counts = memory.counts.data();
   return to;
 }
 
-// Whether a dense target's rows are whole units of 16 bytes that hold whole voxels, 32 in a word of coverage: then its sums can be
-// stored by rows (sum_rows.cuh).
-bool HasWholeRows(const RunState& state, const CudaTarget& target) {
-  const bool wide = target.format == VoxelFormat::kU32 || target.format == VoxelFormat::kF32;
-  const bool whole = target.components == 1 || (!state.targets.planar && target.components != 3);
-  return wide && whole && state.view.dims[0] % 32 == 0;
-}
+namespace {
 
 absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& memory) {
   const bool is_float = target.format == VoxelFormat::kF32;
@@ -66,12 +71,13 @@ absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& me
   return absl::OkStatus();
 }
 
-StoreArgs MakeStoreArgs(RunState& state, const CudaTarget& target, SpanTarget& memory, uint8_t* out, uint64_t voxels) {
+StoreArgs MakeStoreArgs(RunState& state, int index, uint8_t* out, uint64_t voxels) {
+  const CudaTarget& target = state.targets.at[index];
   StoreArgs args;
   args.ranks = RanksOf(state);
-  args.from = AccumulatorsOf(target, memory);
+  args.from = AccumulatorsOf(state, index);
   args.format = target.format;
-  args.is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
+  args.is_float = IsFloat(target.format);
   args.planar = state.targets.planar;
   args.quantum = target.quantum;
   args.words = state.slab_words();
@@ -79,39 +85,45 @@ StoreArgs MakeStoreArgs(RunState& state, const CudaTarget& target, SpanTarget& m
   args.nx = uint32_t(state.view.dims[0]);
   args.words_per_row = uint32_t(state.view.words_per_row);
   args.out = out;
-  const bool sparse = args.ranks.rows != nullptr;
-  args.places = sparse ? state.listed_places.data() : nullptr;
-  args.all = sparse && state.inside.empty();
+  args.present = target.own_presence ? target.presence : state.coverage.data();
+  args.bits = target.bits;
   return args;
 }
 
-absl::Status Store(RunState& state, const CudaTarget& target, SpanTarget& memory, uint8_t* out, uint64_t voxels) {
-  const StoreArgs args = MakeStoreArgs(state, target, memory, out, voxels);
-  StoreAccumulated<<<BlendBlocks(state, args.words), kBlendThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("StoreAccumulated");
-  return absl::OkStatus();
+// Shades the owners of a target's voxels.
+absl::Status StoreOwners(RunState& state, int index, const StoreArgs& from, bool listed) {
+  OwnerList& owners = state.owners;
+  const uint64_t most = listed ? from.voxels : state.ranked_voxels;
+  if (most == 0) return absl::OkStatus();
+  for (auto* array : {&owners.keys, &owners.triangles, &owners.to}) {
+    VOXELPIPE_OK_OR_RETURN(array->Resize(most, state.stream));
+  }
+  VOXELPIPE_OK_OR_RETURN(owners.triangles.Fill(0xff, state.stream));  // kNoTriangleListed, where the target has no fragment
+  OwnerListArgs args;
+  args.from = from;
+  args.keys = owners.keys.data();
+  args.triangles = owners.triangles.data();
+  args.to = owners.to.data();
+  ListOwners<<<BlendBlocks(state, from.words), kBlendThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ListOwners");
+  FragmentList list;
+  list.keys = args.keys;
+  list.triangles = args.triangles;
+  list.count = most;
+  list.to = args.to;
+  list.plane = from.voxels;
+  uint8_t* const out = from.bits != nullptr ? reinterpret_cast<uint8_t*>(from.bits) : from.out;
+  return ShadeList(state, index, list, out);
 }
 
-absl::Status StoreByRows(RunState& state, int index, bool covers) {
+absl::Status Store(RunState& state, int index, const StoreArgs& args) {
   const CudaTarget& target = state.targets.at[index];
-  SpanTarget& memory = state.span_targets[size_t(index)];
-  SumRowArgs args;
-  args.store = MakeStoreArgs(state, target, memory, target.dense, state.slab_voxels());
-  args.brings = SumsOf(state, index);
-  args.by_id = memory.by_id;
-  args.clear_stored = target.clear_stored;
-  args.walk = MakeRestArgs(state, 0, 0, false).walk;
-  if (covers) {
-    args.coverage = state.coverage.data();
-    args.fragments = FragmentSlots(state);
+  if (target.blend == Blend::kReplace || target.blend == Blend::kFirst) {
+    return StoreOwners(state, index, args, args.listed != nullptr);
   }
-  constexpr int kById = int(FragmentShaderId::kTriangleId);
-  const auto kernel = target.components == 1   ? StoreSumRows<1, kById>
-                      : target.components == 2 ? StoreSumRows<2, kById>
-                                               : StoreSumRows<4, kById>;
-  const auto blocks = unsigned(state.device.multiprocessors) * kRowBlocks;
-  kernel<<<blocks, kRowThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("StoreSumRows");
+  const uint64_t work = args.listed != nullptr ? args.voxels : args.words;
+  StoreAccumulated<<<BlendBlocks(state, work), kBlendThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("StoreAccumulated");
   return absl::OkStatus();
 }
 
@@ -135,7 +147,7 @@ absl::Status RankCovered(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kRanks}));
   VOXELPIPE_OK_OR_RETURN(state.word_ranks.Resize(words, state.stream));
   RankWords<<<BlocksFor(words, kBlendThreads * kRankedOfThread, UINT32_MAX), kBlendThreads, 0, state.stream>>>(
-      state.coverage.data(), words, state.word_ranks.data(), state.counters.data() + kRanks);
+      TouchedBits(state), words, state.word_ranks.data(), state.counters.data() + kRanks);
   VOXELPIPE_LAUNCHED_OR_RETURN("RankWords");
   return absl::OkStatus();
 }
@@ -143,8 +155,8 @@ absl::Status RankCovered(RunState& state) {
 absl::Status BeginAccumulators(RunState& state, int index, uint64_t voxels) {
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
-  const Kept kept = KeptBy(target);
-  const uint64_t cells = voxels * uint64_t(target.components);
+  const Kept kept = AccumulatedBy(target);
+  const uint64_t cells = voxels * uint64_t(AccumulatedComponents(target));
   if (kept == Kept::kCount || kept == Kept::kAverage) {
     VOXELPIPE_OK_OR_RETURN(memory.counts.Resize(voxels, state.stream));
     VOXELPIPE_OK_OR_RETURN(memory.counts.Fill(0, state.stream));
@@ -165,57 +177,27 @@ AccumulateArgs SumsOf(RunState& state, int index) {
   args.terms = memory.terms.data();
   args.shading = memory.shading;
   args.ranks = RanksOf(state);
-  args.to = AccumulatorsOf(state.targets.at[index], memory);
+  args.to = AccumulatorsOf(state, index);
   return args;
 }
 
-absl::Status StoreDense(RunState& state, int index, bool covers) {
+absl::Status StoreDense(RunState& state, int index) {
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
-  if (memory.by_rows) return StoreByRows(state, index, covers);
   if (memory.in_place) return StoreKeys(state, target, memory);
-  return Store(state, target, memory, target.dense, state.slab_voxels());
+  return Store(state, index, MakeStoreArgs(state, index, target.dense, state.slab_voxels()));
 }
 
-absl::Status FillDense(RunState& state, int index, const InPlaceArgs& place, bool covers) {
-  FillRowArgs args;
-  args.place = place;
-  args.by_id = state.span_targets[size_t(index)].by_id;
-  args.walk = MakeRestArgs(state, 0, 0, false).walk;
-  if (covers) {
-    args.coverage = state.coverage.data();
-    args.fragments = FragmentSlots(state);
+absl::Status StoreListed(RunState& state) {
+  if (state.mesh.host_view.triangle_count == 0) return absl::OkStatus();
+  for (int i = 0; i < state.targets.count; ++i) {
+    const CudaTarget& target = state.targets.at[i];
+    if (target.format == VoxelFormat::kBit) continue;  // stored before the bricks were made
+    StoreArgs args = MakeStoreArgs(state, i, state.result.targets[size_t(i)].data(), state.result.listed_voxels);
+    args.listed = state.listed_bits.data();
+    VOXELPIPE_OK_OR_RETURN(Store(state, i, args));
   }
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kNextRows}));
-  args.taken = reinterpret_cast<uint32_t*>(state.counters.data() + kNextRows);
-  const auto blocks = unsigned(state.device.multiprocessors) * kFillBlocks;
-  FillRows<int(FragmentShaderId::kTriangleId)><<<blocks, kFillThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("FillRows");
   return absl::OkStatus();
-}
-
-absl::Status StoreListed(RunState& state, int index, uint8_t* out, uint64_t voxels) {
-  return Store(state, state.targets.at[index], state.span_targets[size_t(index)], out, voxels);
-}
-
-bool FillsByRows(const RunState& state) {
-  const VoxelizeRequest& request = state.request.request;
-  if (!state.direct || request.result != ResultKind::kDense || state.mesh.host_view.triangle_count == 0) return false;
-  if (state.scattered_mesh.largest == nullptr) return false;
-  if (!ExceedsCache(state.device, state.slab_voxels() * sizeof(uint32_t))) return false;
-  for (size_t i = 0; i < request.targets.size(); ++i) {
-    const CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
-    if (target.is_occupancy) continue;
-    const bool sought = target.blend == Blend::kMax || target.blend == Blend::kMin;
-    if (!sought || target.components != 1 || !IsInPlace(target) || !HasWholeRows(state, target)) return false;
-  }
-  return true;
-}
-
-bool StoresByRows(RunState& state, const CudaTarget& target) {
-  if (!state.direct || state.request.request.result != ResultKind::kDense || KeptBy(target) != Kept::kSum) return false;
-  // Of triangles that are not scattered it takes longer than to clear the target and to store what is covered.
-  return state.mesh.host_view.triangle_count > 0 && HasWholeRows(state, target) && NeedsOrder(state);
 }
 
 }  // namespace voxelpipe::cuda

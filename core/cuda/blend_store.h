@@ -8,10 +8,10 @@
 
 namespace voxelpipe::cuda {
 
-inline bool BySpans(const CudaTarget& target) {
-  return target.format != VoxelFormat::kBit;
+inline bool IsFloat(VoxelFormat format) {
+  return format == VoxelFormat::kF16 || format == VoxelFormat::kF32;
 }
-// Whether its values are the ids of triangles, which no kernel has to read.
+// True if its values are the ids of triangles, which no kernel has to read.
 inline bool IsById(const CudaTarget& target) {
   return target.shader == FragmentShaderId::kTriangleId && target.components == 1;
 }
@@ -36,20 +36,17 @@ inline uint64_t* FragmentSlots(RunState& state) {
   return state.counters.data() + kCounters;
 }
 
-// Ranks of the covered voxels of a dense result, numbered by state.counters[kRanks].
+// Numbers the voxels that some triangle touches; state.counters[kRanks] is how many there are.
 absl::Status RankCovered(RunState& state);
+// These numbers, and a target's accumulators.
+Ranks RanksOf(RunState& state);
+Accumulators AccumulatorsOf(RunState& state, int index);
 // Accumulators of a target for `voxels` voxels, set to where blending starts.
 absl::Status BeginAccumulators(RunState& state, int index, uint64_t voxels);
 // Those, and what triangles bring to them; without spans.
 AccumulateArgs SumsOf(RunState& state, int index);
 
-// Writes a dense target that FillsByRows, where `place` says. `covers`: of all targets this one writes the coverage and counts what the
-// largest triangles touch.
-absl::Status FillDense(RunState& state, int index, const InPlaceArgs& place, bool covers);
-// What was blended becomes the values of a dense target. `covers`: where rows are stored, of all targets this one covers and counts what the
-// largest triangles touch.
-absl::Status StoreDense(RunState& state, int index, bool covers);
-// The same of a sparse result's `voxels` voxels.
-absl::Status StoreListed(RunState& state, int index, uint8_t* out, uint64_t voxels);
+// What was blended becomes the values of a dense target, or the bits of a bit target.
+absl::Status StoreDense(RunState& state, int index);
 
 }  // namespace voxelpipe::cuda

@@ -26,16 +26,9 @@ class BlendWriter {
     const uint32_t length = x_begin < x_end ? uint32_t(x_end - x_begin) : 0;
     if (length > 0) KeysOf<kShader, kComponents>(args_.blend, plain_, t, key);
     fragments_ += length;
-    bool touches = false;  // ids alone do
-    if constexpr (kShader >= 0) touches = args_.blend.touched.marks != nullptr;
-    if (touches) {
-      const auto ny = uint32_t(args_.cover.grid.dims[1]);
-      if (length > 0) args_.blend.touched.TouchRow(x_begin, x_end, int(row % ny), int(row / ny));
-    } else {
-      ForEachSpan(args_.cover.grid, t, row, x_begin, x_end, [&](uint32_t lanes, uint64_t span) {
-        if ((lanes >> threadIdx.x % 32 & 1) != 0) CoverSpan(args_.cover, span);
-      });
-    }
+    ForEachSpan(args_.cover.grid, t, row, x_begin, x_end, [&](uint32_t lanes, uint64_t span) {
+      if ((lanes >> threadIdx.x % 32 & 1) != 0) CoverSpan(args_.cover, span);
+    });
     const uint64_t first = uint64_t{row} * args_.blend.nx + uint32_t(x_begin);
     ForEachVoxel(length, [&](int owner, uint32_t x, bool there) {
       const uint64_t n = __shfl_sync(~0u, first, owner) + x;

@@ -6,19 +6,19 @@
 #include "cuda/brick_pool_kernels.cuh"
 #include "cuda/cells.h"
 #include "cuda/launch.h"
+#include "cuda/list_sizes.h"
 #include "cuda/scan.h"
+#include "cuda/shade_list.h"
 #include "pipeline/plan/plan.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
-// Places for twice and a half as many bricks as a sphere touches that fills the slab's box, and of the memory no more than its share.
+// Places of bricks: of the memory no more than its share.
 uint64_t CapacityOf(const RunState& state) {
-  constexpr uint64_t kOfFaces = 4, kLeast = 1 << 10, kPartOfMemory = 32;
-  const uint64_t x = uint64_t(state.view.dims[0] + 7) / 8, y = uint64_t(state.view.dims[1] + 7) / 8;
-  const uint64_t z = uint64_t(state.slab.depth() + 7) / 8;
+  constexpr uint64_t kPartOfMemory = 32;
   const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (kBrickCells * 4);
-  return std::min({x * y * z, kLeast + kOfFaces * (x * y + y * z + z * x), most});
+  return std::min(BrickPoolRoom(state.view.dims[0], state.view.dims[1], state.slab.depth()), most);
 }
 
 uint64_t TilesOf(const RunState& state) {
@@ -32,7 +32,7 @@ absl::Status MakeRoom(RunState& state) {
   if (capacity == 0) return absl::ResourceExhaustedError("no share of the memory is large enough for a brick");
   VOXELPIPE_OK_OR_RETURN(memory.places.Resize(TilesOf(state) * 4, state.stream));
   VOXELPIPE_OK_OR_RETURN(memory.cells.Resize(capacity * kBrickCells, state.stream));
-  VOXELPIPE_OK_OR_RETURN(memory.masks.Resize(capacity * 16, state.stream));
+  VOXELPIPE_OK_OR_RETURN(memory.masks.Resize(capacity * kMaskWordsOfBrick, state.stream));
   VOXELPIPE_OK_OR_RETURN(memory.bricks.Resize(capacity, state.stream));
   return memory.voxels.Resize(capacity, state.stream);
 }
@@ -109,13 +109,15 @@ absl::Status Number(RunState& state) {
 
 bool PoolsBricks(RunState& state) {
   const VoxelizeRequest& request = state.request.request;
-  if (!state.direct || request.result != ResultKind::kSparse || request.fill != Fill::kNone) return false;
-  if (state.pool.too_small) return false;
+  if (!state.direct || state.pool.too_small || request.fill != Fill::kNone) return false;
   if (request.targets.size() != 1 || state.mesh.host_view.triangle_count == 0) return false;
-  const CudaTarget target = DescribeTarget(request.targets[0], state.request.fragment_shaders[0]);
+  const CudaTarget& target = state.targets.at[0];
+  const ValueSource source = state.span_targets[0].source;
+  if (source == ValueSource::kOwners) return target.format != VoxelFormat::kBit;
+  if (request.result != ResultKind::kSparse || source != ValueSource::kTriangles) return false;
   const bool is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
   const bool sought = target.blend == Blend::kMax || target.blend == Blend::kMin;
-  return is_float && sought && target.components == 1 && !NeedsOrder(state);
+  return is_float && sought && target.components == 1;
 }
 
 absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id) {
@@ -144,12 +146,17 @@ absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id
 }
 
 absl::Status EmitPool(RunState& state) {
+  const CudaTarget& target = state.targets.at[0];
+  const bool sparse = state.request.request.result == ResultKind::kSparse;
+  const bool owners = state.span_targets[0].source == ValueSource::kOwners;
   DeviceResult& out = state.result;
-  VOXELPIPE_OK_OR_RETURN(out.bricks.Resize(out.listed_bricks, state.stream));
-  VOXELPIPE_OK_OR_RETURN(out.masks.Resize(out.listed_bricks * 64, state.stream));
-  out.targets.resize(1);
-  const uint64_t bytes = TargetBytes(state.request.request.targets[0], out.listed_voxels);
-  VOXELPIPE_OK_OR_RETURN(out.targets[0].Resize((bytes + 3) / 4 * 4, state.stream));
+  if (sparse) {
+    VOXELPIPE_OK_OR_RETURN(out.bricks.Resize(out.listed_bricks, state.stream));
+    VOXELPIPE_OK_OR_RETURN(out.masks.Resize(out.listed_bricks * 64, state.stream));
+    out.targets.resize(1);
+    const uint64_t bytes = TargetBytes(state.request.request.targets[0], out.listed_voxels);
+    VOXELPIPE_OK_OR_RETURN(out.targets[0].Resize((bytes + 3) / 4 * 4, state.stream));
+  }
   if (out.listed_bricks == 0) return absl::OkStatus();
   PoolResultArgs args = ResultOf(state);
   args.bricks_x = uint64_t(state.view.dims[0] + 7) / 8;
@@ -157,12 +164,27 @@ absl::Status EmitPool(RunState& state) {
   args.first_layer = uint64_t(state.slab.begin) / 8;
   args.bricks = out.bricks.data();
   args.out_masks = reinterpret_cast<uint32_t*>(out.masks.data());
-  args.out = out.targets[0].data();
-  args.format = state.targets.at[0].format;
-  args.complement = state.targets.at[0].blend == Blend::kMin;
+  args.format = target.format;
+  args.complement = target.blend == Blend::kMin || target.blend == Blend::kFirst;
+  if (sparse) args.out = out.targets[0].data();
+  if (owners) {
+    VOXELPIPE_OK_OR_RETURN(state.owners.keys.Resize(out.listed_voxels, state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.owners.triangles.Resize(out.listed_voxels, state.stream));
+    args.voxel_keys = state.owners.keys.data();
+    args.owners = state.owners.triangles.data();
+    args.nx = uint32_t(state.view.dims[0]);
+    args.ny = uint32_t(state.view.dims[1]);
+  }
   EmitPlaces<<<BlocksOfPlaces(state), kPoolThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitPlaces");
-  return absl::OkStatus();
+  if (!owners) return absl::OkStatus();
+  FragmentList list;
+  list.keys = args.voxel_keys;
+  list.triangles = args.owners;
+  list.count = out.listed_voxels;
+  list.to = sparse ? nullptr : args.voxel_keys;
+  list.plane = sparse ? 0 : state.slab_voxels();
+  return ShadeList(state, 0, list, sparse ? args.out : target.dense);
 }
 
 }  // namespace voxelpipe::cuda

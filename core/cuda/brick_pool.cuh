@@ -6,13 +6,12 @@
 // they hold is lost, and the number of those given out tells. No host-only includes.
 #pragma once
 
+#include "cuda/list_sizes.h"
 #include "cuda/place_pool.cuh"
 #include "cuda/reductions.cuh"
 #include "cuda/views.h"
 
 namespace voxelpipe::cuda {
-
-inline constexpr uint32_t kBrickCells = 512;  // x + 8*(y + 8*z)
 
 struct BrickPool {
   static constexpr uint32_t kWordsOfPlace = kBrickCells;

@@ -72,6 +72,9 @@ struct PoolResultArgs {
   uint8_t* out = nullptr;
   VoxelFormat format{};  // of floats
   bool complement = false;
+  // Not null: keys are of owners (OwnerOf), and these become lists of voxels, their indices within the slab, and owners.
+  uint32_t *voxel_keys = nullptr, *owners = nullptr;
+  uint32_t nx = 1, ny = 1;
 };
 
 // A cell's index in its brick is 128 * i + 4 * lane + k, for the four cells k of each of a lane's four units i of 16 bytes.
@@ -123,7 +126,20 @@ __global__ void __launch_bounds__(kPoolThreads) CountTiles(const __grid_constant
   args.voxel_counts[tile] = voxels;
 }
 
-__device__ inline void StoreFloatKey(const PoolResultArgs& args, uint64_t n, uint32_t key) {
+// The voxel of a cell of a brick, which is element `element` of the pool's places.
+__device__ inline uint32_t VoxelOfCell(const PoolResultArgs& args, uint32_t element, uint32_t cell) {
+  const uint32_t tile = element / 4, tiles_x = args.pool.tiles_x, tiles_y = args.pool.tiles_y;
+  const uint32_t x = (tile % tiles_x * 4 + element % 4) * 8 + cell % 8, y = tile / tiles_x % tiles_y * 8 + cell / 8 % 8;
+  return x + args.nx * (y + args.ny * (tile / tiles_x / tiles_y * 8 + cell / 64));
+}
+
+// The value of a cell, voxel n of the result.
+__device__ inline void StoreKey(const PoolResultArgs& args, uint32_t element, uint32_t cell, uint64_t n, uint32_t key) {
+  if (args.owners != nullptr) {
+    args.owners[n] = (args.complement ? ~key : key) - 1;
+    args.voxel_keys[n] = VoxelOfCell(args, element, cell);
+    return;
+  }
   const uint32_t stored = StoredBits(BitsOfKey(args.complement ? ~key : key), args.format);
   if (args.format == VoxelFormat::kF16) {
     reinterpret_cast<uint16_t*>(args.out)[n] = uint16_t(stored);
@@ -132,7 +148,7 @@ __device__ inline void StoreFloatKey(const PoolResultArgs& args, uint64_t n, uin
   }
 }
 
-// Bricks in the order of their ids, and the values of their voxels. A warp a place.
+// Bricks in the order of their ids, and the values or owners of their voxels. A warp a place.
 __global__ void __launch_bounds__(kPoolThreads) EmitPlaces(const __grid_constant__ PoolResultArgs args) {
   const uint32_t given = GivenPlaces(args.pool), lane = threadIdx.x % 32;
   for (uint32_t place = (blockIdx.x * kPoolThreads + threadIdx.x) / 32; place < given;
@@ -145,13 +161,13 @@ __global__ void __launch_bounds__(kPoolThreads) EmitPlaces(const __grid_constant
       ++brick;
       n += args.voxels[earlier - kFirstPlace];
     }
-    if (lane == 0) {
+    if (lane == 0 && args.bricks != nullptr) {
       const uint64_t tiles_x = args.pool.tiles_x, tiles_y = args.pool.tiles_y;
       const uint64_t x = tile % tiles_x * 4 + part, y = tile / tiles_x % tiles_y, z = tile / tiles_x / tiles_y;
       args.bricks[brick] = x + args.bricks_x * (y + args.bricks_y * (z + args.first_layer));
     }
     const uint32_t word = lane < 16 ? args.masks[place * 16 + lane] : 0;
-    if (lane < 16) args.out_masks[brick * 16 + lane] = word;
+    if (lane < 16 && args.out_masks != nullptr) args.out_masks[brick * 16 + lane] = word;
     uint32_t total;
     const uint32_t before = WarpExclusiveSum(uint32_t(__popc(word)), total);
     const auto* const units = reinterpret_cast<const uint4*>(args.pool.cells + uint64_t{place} * kBrickCells);
@@ -163,10 +179,11 @@ __global__ void __launch_bounds__(kPoolThreads) EmitPlaces(const __grid_constant
       if (mine == 0) continue;
       const uint4 four = units[uint32_t(i) * 32 + lane];
       uint64_t to = n + first + uint32_t(__popc(bits & ((1u << shift) - 1)));
-      if ((mine & 1) != 0) StoreFloatKey(args, to++, four.x);
-      if ((mine & 2) != 0) StoreFloatKey(args, to++, four.y);
-      if ((mine & 4) != 0) StoreFloatKey(args, to++, four.z);
-      if ((mine & 8) != 0) StoreFloatKey(args, to++, four.w);
+      const uint32_t cell = 128 * uint32_t(i) + 4 * lane;
+      if ((mine & 1) != 0) StoreKey(args, element, cell, to++, four.x);
+      if ((mine & 2) != 0) StoreKey(args, element, cell + 1, to++, four.y);
+      if ((mine & 4) != 0) StoreKey(args, element, cell + 2, to++, four.z);
+      if ((mine & 8) != 0) StoreKey(args, element, cell + 3, to++, four.w);
     }
   }
 }

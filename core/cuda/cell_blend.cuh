@@ -10,8 +10,6 @@ namespace voxelpipe::cuda {
 struct BlendCellsArgs {
   const uint64_t *records = nullptr, *blocks = nullptr;
   uint64_t triangles = 0;
-  const uint32_t *order = nullptr,
-                 *ordered = nullptr;  // of records, and how many there are; null: triangle i has record i
   GridView grid;
   // By BlendTo one of both is set; without spans.
   InPlaceArgs place;
@@ -74,7 +72,7 @@ __device__ inline void BlendRecords(const BlendCellsArgs& args, CellRunRoom<T, k
 }
 
 // In a dense target itself, or in accumulators.
-enum class BlendTo { kTarget, kRanksOfWords, kRanksOfRows };
+enum class BlendTo { kTarget, kAccumulators };
 
 // Triangles are taken from the last on, as spans are.
 template <int kComponents, int kShader, BlendTo kTo>
@@ -92,13 +90,12 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
   const AccumulateArgs& accumulate = args.accumulate;
   const Kept kept = accumulate.to.kept;
   const bool plain = kTo == BlendTo::kTarget && place.negative != nullptr && *place.negative == 0;
-  const uint64_t records = args.ordered == nullptr ? args.triangles : *args.ordered;
+  const uint64_t records = args.triangles;
   const auto place_of = [&](uint32_t bit) {
     if constexpr (kTo == BlendTo::kTarget) {
       return VoxelOfBit(bit, place.nx, place.words_per_row);
     } else {
-      constexpr RankedBy kBy = kTo == BlendTo::kRanksOfRows ? RankedBy::kRows : RankedBy::kWords;
-      return uint64_t{accumulate.ranks.Of<kBy>(bit / 32, bit % 32)};
+      return uint64_t{accumulate.ranks.Of(bit / 32, bit % 32)};
     }
   };
   const auto place_of_octant = [&](const auto& of) { return place_of(BitOfOctant(args.grid, of.first, of.octant)); };
@@ -123,7 +120,7 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
        begin += uint64_t(gridDim.x) * kBlendThreads) {
     const bool takes = begin + lane < records;
     const uint64_t number = takes ? records - 1 - begin - lane : 0;
-    const uint32_t t = args.ordered == nullptr || !takes ? uint32_t(number) : args.order[number];
+    const auto t = uint32_t(number);
     const uint64_t record = takes ? args.records[number] : 0;
     if constexpr (kTo == BlendTo::kTarget) {
       BlendRecords<uint32_t, kComponents>(

@@ -23,13 +23,12 @@ inline constexpr int kFindBlocks = 4;  // of FindCells on a multiprocessor at on
 enum class CellSink {
   kRecords,         // records alone
   kRecordsAndBits,  // and the coverage
-  kBlend,           // blended in place, by maximum, and the coverage or the touched blocks
+  kBlend,           // blended in place, by maximum, and the coverage
   kPool,            // blended in a pool of bricks, by maximum
 };
 
 struct CellArgs {
-  BitArgs
-      walk;  // `bits` is the coverage, null where blocks are touched; layer_queue takes all that waits; in large_queue are those that have no place in an order
+  BitArgs walk;                   // `bits` is the coverage; layer_queue takes all that waits
   uint64_t* records = nullptr;    // of all triangles, in the order in which they are taken
   uint64_t* blocks = nullptr;     // likewise, masks of those that are blocks
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: not counted
@@ -120,32 +119,9 @@ __device__ inline void ForEachBlockRow(const GridView& grid, uint32_t first, uin
   }
 }
 
-// A voxel of the slab's dense target of one component; z is counted from the slab's first layer. It has less than 2^32.
-__device__ inline uint32_t* CellOf(const CellArgs& args, int x, int y, int z) {
-  const uint32_t row = uint32_t(args.walk.grid.dims[1]) * uint32_t(z) + uint32_t(y);
-  return args.blend.out + (uint32_t(x) + args.blend.nx * row);
-}
-
-// Blends the octants about a corner whose first voxel is `voxel` of the grid and has the bit `first`, and covers them or touches their blocks.
-template <int kShader>
-__device__ inline void BlendOctants(const CellArgs& args, const int (&voxel)[3], uint32_t first, uint32_t octants,
-                                    uint32_t key) {
+// Blends the octants about a corner whose first voxel has the bit `first`, and covers them.
+__device__ inline void BlendOctants(const CellArgs& args, uint32_t first, uint32_t octants, uint32_t key) {
   const GridView& grid = args.walk.grid;
-  if constexpr (kShader >= 0) {
-    if (args.blend.touched.marks != nullptr) {
-      if (octants == 0) return;
-      const int z = voxel[2] - int(grid.slab_begin);
-      args.blend.touched.Touch(voxel[0], voxel[1], z);
-      uint32_t* const out = CellOf(args, voxel[0], voxel[1], z);
-      const uint32_t row = args.blend.nx, layer = row * uint32_t(grid.dims[1]);
-#pragma unroll
-      for (uint32_t i = 0; i < 8; ++i) {
-        uint32_t* const cell = out + ((i & 2) != 0 ? row : 0) + ((i & 4) != 0 ? layer : 0) + (i & 1);
-        if ((octants >> i & 1) != 0) atomicMax(cell, key);
-      }
-      return;
-    }
-  }
   const auto row = uint32_t(grid.words_per_row) * 32, layer = row * uint32_t(grid.dims[1]);
 #pragma unroll
   for (uint32_t pair = 0; pair < 4; ++pair) {
@@ -218,14 +194,14 @@ __device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& ro
     if (octants != 0) KeysOf<kShader, 1>(args.blend, /*plain=*/false, t, key);
     const bool is_float = args.blend.negative != nullptr;  // its keys are never 0
     if (is_float && LargestAmongLanes(room.keys, first, octants, key[0])) {
-      BlendOctants<kShader>(args, first, bit, octants, plain ? key[0] ^ 0x80000000u : key[0]);
+      BlendOctants(args, bit, octants, plain ? key[0] ^ 0x80000000u : key[0]);
       return;
     }
     if (plain) key[0] ^= 0x80000000u;
     if constexpr (kShader >= 0) {
       // Triangle ids (see FindCells) grow from lane to lane: one of a run has the largest key of an octant, and nothing is to be combined.
       if (in_order) octants = OctantsAlone(bit, octants, args.blend.blend == InPlace::kMax);
-      BlendOctants<kShader>(args, first, bit, octants, key[0]);
+      BlendOctants(args, bit, octants, key[0]);
     } else {
       CombineRuns<uint32_t, 1>(
           room.runs, bit, octants, key, [](uint32_t a, uint32_t b) { return max(a, b); },
@@ -248,15 +224,10 @@ struct FoundBlock {
   uint32_t key[1] = {};  // not plain
 };
 
-// The same of the rows of a block, whose first voxel is `voxel` of the slab.
-template <int kShader>
-__device__ inline void BlendBlock(const CellArgs& args, const int (&voxel)[3], uint32_t first, uint64_t mask,
-                                  uint32_t key) {
-  bool touches = false;
-  if constexpr (kShader >= 0) touches = args.blend.touched.marks != nullptr;
-  if (touches) args.blend.touched.TouchBox(voxel[0], voxel[1], voxel[2], mask);
+// The same of the rows of a block.
+__device__ inline void BlendBlock(const CellArgs& args, uint32_t first, uint64_t mask, uint32_t key) {
   ForEachBlockRow(args.walk.grid, first, mask, [&](uint32_t at, uint32_t four) {
-    if (!touches) CoverBits(args.walk.bits, at, four);
+    CoverBits(args.walk.bits, at, four);
     const uint64_t n = VoxelOfBit(at, args.blend.nx, args.blend.words_per_row);
 #pragma unroll
     for (uint32_t x = 0; x < uint32_t(kBlockSide); ++x) {
@@ -328,9 +299,8 @@ __device__ inline void QueueWaiting(const BitArgs& walk, const uint16_t* waiting
   for (uint32_t i = threadIdx.x; i < count; i += blockDim.x) walk.layer_queue[first + i] = triangle_at(waiting[i]);
 }
 
-// kShader: that of triangle ids, whose numbers grow with the triangles, or -1 for any. kOrdered: triangles are taken in the order of the
-// walk, those alone that it names; records then stand in that order. kPacked: the walk has packed corners.
-template <bool kThin, CellSink kSink, int kShader, bool kOrdered, bool kPacked>
+// kShader: that of triangle ids, whose numbers grow with the triangles, or -1 for any. kPacked: the walk has packed corners.
+template <bool kThin, CellSink kSink, int kShader, bool kPacked>
 __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __grid_constant__ CellArgs args) {
   __shared__ FindRoom<kSink> room;
   AllowNext();
@@ -343,29 +313,16 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       kSink == CellSink::kBlend && args.blend.negative != nullptr && (kShader >= 0 || *args.blend.negative == 0);
   FindWarpRoom<kSink>& own = room.of_warps[threadIdx.x / 32];
   const uint64_t chunk = uint64_t(blockIdx.x) * uint64_t(walk.rounds) * kFindThreads;
-  uint64_t fragments = 0, count = walk.triangle_count;
-  if constexpr (kOrdered) {
-    count = *walk.ordered;
-    if (chunk >= count) return;
-  }
-  const auto triangle_at = [&walk](uint64_t i) {
-    if constexpr (kOrdered) return __ldg(walk.order + i);
-    return uint32_t(i);
-  };
+  const uint64_t count = walk.triangle_count;
+  uint64_t fragments = 0;
   StagedCorners& staged = own.staged;
-  const auto ahead = [&](uint64_t number) {
-    if (kOrdered && number >= count) return 0u;
-    return triangle_at(number);
-  };
-  uint32_t next_t = ahead(chunk + threadIdx.x);
-  if (chunk + threadIdx.x < count) StageCorners<kPacked>(walk, next_t, staged);
+  if (chunk + threadIdx.x < count) StageCorners<kPacked>(walk, uint32_t(chunk + threadIdx.x), staged);
   for (int round = 0; round < walk.rounds; ++round) {
     const uint32_t local = uint32_t(round) * kFindThreads + threadIdx.x;
     const uint64_t number = chunk + local, then = number + kFindThreads;
-    const uint32_t t = next_t;
+    const auto t = uint32_t(number);
     const Fetched<kPacked> fetched = TakeStaged<kPacked>(t, staged);
-    next_t = ahead(then);
-    if (round + 1 < walk.rounds && then < count) StageCorners<kPacked>(walk, next_t, staged);
+    if (round + 1 < walk.rounds && then < count) StageCorners<kPacked>(walk, uint32_t(then), staged);
     CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
@@ -381,7 +338,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       }
       __syncwarp();
     }
-    TakeOctants<kSink, kShader>(args, own, plain, !kOrdered, fate == CellFate::kDone && number < count, t, number,
+    TakeOctants<kSink, kShader>(args, own, plain, true, fate == CellFate::kDone && number < count, t, number,
                                 triangle.box.first, octants, fragments);
     AppendInBlock(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
     if (__any_sync(~0u, WaitsForRows(fate)) == 0) continue;
@@ -401,7 +358,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       __syncwarp();  // what the table lies over is read
       if (i < row_count) {
         local = room.cells[FindRoom<kSink>::kTriangles - 1 - int(i)];
-        doubtful = !TakeBlock<kThin, kSink, kShader, kPacked>(args, triangle_at(chunk + local), chunk + local,
+        doubtful = !TakeBlock<kThin, kSink, kShader, kPacked>(args, uint32_t(chunk + local), chunk + local,
                                                               &own.table[0][threadIdx.x % 32], fragments, found);
       }
       __syncwarp();
@@ -410,7 +367,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
         const GridView& grid = walk.grid;
         if (found.mask != 0) {
           const uint32_t bit = BitOfVoxel(grid, found.first[0], found.first[1], found.first[2] + int(grid.slab_begin));
-          BlendBlock<kShader>(args, found.first, bit, found.mask, found.key[0] ^ (plain ? 0x80000000u : 0));
+          BlendBlock(args, bit, found.mask, found.key[0] ^ (plain ? 0x80000000u : 0));
         }
       }
     } else {
@@ -419,7 +376,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       FixedTriangle triangle{};
       if (i < octant_count) {
         local = room.cells[i];
-        t = triangle_at(chunk + local);
+        t = uint32_t(chunk + local);
         triangle.v = LoadFixed<kPacked>(walk, t);
         triangle.box = BoxOf(triangle.v.at, walk.fixed);
         doubtful = !FindOctants<kThin>(walk, triangle, octants);
@@ -436,7 +393,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     if constexpr (kSink == CellSink::kRecords || kSink == CellSink::kRecordsAndBits) {
       args.records[number] = PackCell(CellKind::kOther, 0, 0);
     }
-    return triangle_at(number);
+    return uint32_t(number);
   });
   __syncthreads();
   if (args.fragments == nullptr && args.chunks.of_block == nullptr) return;

@@ -6,7 +6,6 @@
 #include "cuda/device_abilities.h"
 #include "cuda/launch.h"
 #include "cuda/scattered.h"
-#include "cuda/triangle_order.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -14,7 +13,7 @@ namespace {
 BitArgs MakeCellWalk(const RunState& state) {
   BitArgs args;
   args.grid = state.view;
-  args.bits = const_cast<uint32_t*>(state.coverage.data());
+  args.bits = TouchedBits(const_cast<RunState&>(state));
   args.coverage = state.request.request.coverage;
   SetTriangles(state, args);
   UsePacked(state, args);
@@ -25,24 +24,21 @@ BitArgs MakeCellWalk(const RunState& state) {
 }
 
 template <bool kThin, bool kPacked>
-auto KernelFor(CellSink sink, bool by_id, bool ordered) {
+auto KernelFor(CellSink sink, bool by_id) {
+  constexpr int kById = int(FragmentShaderId::kTriangleId);
   switch (sink) {
-    case CellSink::kRecords: return FindCells<kThin, CellSink::kRecords, -1, false, kPacked>;
-    case CellSink::kRecordsAndBits:
-      return ordered ? FindCells<kThin, CellSink::kRecordsAndBits, -1, true, kPacked>
-                     : FindCells<kThin, CellSink::kRecordsAndBits, -1, false, kPacked>;
+    case CellSink::kRecords: return FindCells<kThin, CellSink::kRecords, -1, kPacked>;
+    case CellSink::kRecordsAndBits: return FindCells<kThin, CellSink::kRecordsAndBits, -1, kPacked>;
     case CellSink::kPool:
-      return by_id ? FindCells<kThin, CellSink::kPool, int(FragmentShaderId::kTriangleId), false, kPacked>
-                   : FindCells<kThin, CellSink::kPool, -1, false, kPacked>;
+      return by_id ? FindCells<kThin, CellSink::kPool, kById, kPacked> : FindCells<kThin, CellSink::kPool, -1, kPacked>;
     default:
-      return by_id ? FindCells<kThin, CellSink::kBlend, int(FragmentShaderId::kTriangleId), false, kPacked>
-                   : FindCells<kThin, CellSink::kBlend, -1, false, kPacked>;
+      return by_id ? FindCells<kThin, CellSink::kBlend, kById, kPacked>
+                   : FindCells<kThin, CellSink::kBlend, -1, kPacked>;
   }
 }
 template <bool kThin>
-auto KernelFor(const BitArgs& walk, CellSink sink, bool by_id, bool ordered) {
-  return walk.packed != nullptr ? KernelFor<kThin, true>(sink, by_id, ordered)
-                                : KernelFor<kThin, false>(sink, by_id, ordered);
+auto KernelFor(const BitArgs& walk, CellSink sink, bool by_id) {
+  return walk.packed != nullptr ? KernelFor<kThin, true>(sink, by_id) : KernelFor<kThin, false>(sink, by_id);
 }
 
 }  // namespace
@@ -54,12 +50,7 @@ bool CellsReach(const RunState& state, const int64_t (&dims)[3]) {
 }
 
 bool GoesByFixed(const RunState& state) {
-  return CanOrder(MakeCellWalk(state));
-}
-
-// Plain bits begin to be ordered in larger grids; blends in smaller ones were not measured.
-bool NeedsOrder(RunState& state) {
-  return ExceedsCache(state.device, state.slab_words() * sizeof(uint32_t)) && GoesByFixed(state) && IsScattered(state);
+  return HasFixed(MakeCellWalk(state));
 }
 
 namespace {
@@ -91,21 +82,9 @@ absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
   }
   args.walk = MakeCellWalk(state);
   args.walk.rounds = RoundsOf(state);
-  state.ordered_cells = false;
-  OrderArgs order;
-  order.blends = true;
-  if (sink == CellSink::kRecordsAndBits && NeedsOrder(state) && MakeRoomForOrder(state, args.walk, order)) {
-    VOXELPIPE_OK_OR_RETURN(OrderTriangles(state, args.walk, order));
-    const TriangleOrder made = OrderOf(state);
-    args.walk.order = made.order;
-    args.walk.ordered = made.count;
-    state.ordered_cells = true;
-  }
   const uint64_t each = uint64_t(args.walk.rounds) * kFindThreads;
   const bool thin = args.walk.coverage == Coverage::kThin;
-  const bool ordered = state.ordered_cells;
-  const auto kernel =
-      thin ? KernelFor<true>(args.walk, sink, by_id, ordered) : KernelFor<false>(args.walk, sink, by_id, ordered);
+  const auto kernel = thin ? KernelFor<true>(args.walk, sink, by_id) : KernelFor<false>(args.walk, sink, by_id);
   kernel<<<unsigned((triangles + each - 1) / each), kFindThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("FindCells");
   return absl::OkStatus();
@@ -123,8 +102,7 @@ absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, c
 }
 
 absl::Status PrepareQueues(RunState& state, const uint64_t* fragments) {
-  const bool slots = fragments != nullptr && !state.fills_rows;
-  VOXELPIPE_OK_OR_RETURN(ClearQueues(state, slots ? kCounters + kFragmentSlots : kCounters));
+  VOXELPIPE_OK_OR_RETURN(ClearQueues(state, fragments != nullptr ? kCounters + kFragmentSlots : kCounters));
   return MakeRoomForQueues(state);
 }
 
@@ -144,7 +122,6 @@ absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts) {
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats) {
   RestArgs args;
   args.walk = MakeCellWalk(state);
-  if (state.draws_largest) args.walk.largest = state.scattered_mesh.largest;
   args.first_triangle = begin;
   args.end_triangle = end;
   args.repeats = repeats;

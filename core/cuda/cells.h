@@ -12,13 +12,8 @@ namespace voxelpipe::cuda {
 // Whether walks over the run's triangles go by fixed point; where not, all triangles wait for what comes behind the walk.
 bool GoesByFixed(const RunState& state);
 
-// Whether triangles are better taken by place (triangle_order.h): they lie scattered, and the cache does not hold the slab. FindAllCells does so
-// where it leaves records and bits, and there is room for the order.
-bool NeedsOrder(RunState& state);
-
 // Gives every triangle of the slab to a sink, and what is not small to the queues; state.counters has how many wait.
-// kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: FragmentSlots, which are cleared before unless
-// state.fills_rows, for then what is written by rows is counted there already; or null.
+// kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: FragmentSlots, which are cleared before; or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
                           bool by_id = false, const BrickPool* pool = nullptr);
 // The same, for the A-buffer: records, and how many fragments they have, in state.fragment_first and behind the counters, as `counts` then says.
@@ -27,7 +22,7 @@ absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts);
 // Clears the queues, and `fragments` as FindAllCells does, and makes room for all triangles to wait.
 absl::Status PrepareQueues(RunState& state, const uint64_t* fragments);
 
-// What waits after FindAllCells, of triangles [begin, end); where state.draws_largest, without those that are drawn apart.
+// What waits after FindAllCells, of triangles [begin, end).
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats);
 
 // Blocks of EmitRest.

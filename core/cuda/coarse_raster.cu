@@ -11,6 +11,7 @@
 #include "base/device_failure.h"
 #include "cpu/vertex_shade.h"
 #include "cuda/batch.h"
+#include "cuda/list_sizes.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
 #include "cuda/scattered.h"
@@ -177,7 +178,13 @@ bool NeedsPlaces(const RunState& state) {
   if (state.request.request.result == ResultKind::kBuckets) {
     return !CellsReach(state, state.view.dims) || ShadesFragments(state.request);
   }
-  return !state.direct;
+  if (!state.direct) return true;
+  for (int i = 0; i < state.targets.count; ++i) {
+    const ValueSource source = state.span_targets[size_t(i)].source;
+    const bool shades_fragments = source == ValueSource::kOwners || source == ValueSource::kFragments;
+    if (shades_fragments && TraitsOf(state.targets.at[i].shader).needs_plane) return true;
+  }
+  return false;
 }
 
 // The counters are to be 0.
@@ -312,8 +319,7 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid, const Slab& lay
   if (triangles == 0 || state.plain_bits || !NeedsTiles(state) || CoversNothing(state)) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
   const double share = double(layers.depth()) / double(grid.dims[2]);
-  const auto likely = uint64_t(share * (1.5 * double(triangles) + (1 << 16)));
-  const uint64_t guess = std::max(state.pairs.tiles[0].size(), likely);
+  const uint64_t guess = std::max(state.pairs.tiles[0].size(), PairRoom(triangles, share));
   VOXELPIPE_OK_OR_RETURN(Bin(state, guess));
   if (state.pairs.count > kMostPairs) {
     return TooMuch(absl::StrCat("triangles meet tiles of ", layers.depth(), " layers ", state.pairs.count,

@@ -16,10 +16,10 @@
 #include "cuda/cells.h"
 #include "cuda/four_cells.h"
 #include "cuda/launch.h"
+#include "cuda/list_sizes.h"
 #include "cuda/run_state.h"
 #include "cuda/scattered.h"
-#include "cuda/touched_blocks.h"
-#include "cuda/triangle_order.h"
+#include "cuda/shade_list.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -58,7 +58,7 @@ absl::Status MakeValues(RunState& state, int index) {
   args.triangles = state.mesh.host_view.triangle_count;
   args.degenerate = DegenerateTestOf(state);
   memory.shading = args.shading;
-  memory.by_id = IsById(target);
+  memory.by_id = IsById(target) || memory.source == ValueSource::kOwners;
   memory.degenerate = args.degenerate;
   if (ShadesByFours(state, target)) return absl::OkStatus();
   memory.shaded = true;
@@ -76,14 +76,6 @@ absl::Status MakeValues(RunState& state, int index) {
     args.negative = memory.negative.data();
   }
   const auto blocks = unsigned((args.triangles + kBlendThreads - 1) / kBlendThreads);
-  if (memory.clears_later) {
-    DeviceArray<uint8_t>& dense = state.target_memory[size_t(index)].dense;
-    constexpr uint64_t kUnit = ClearBeside::kUnit;
-    const uint64_t quads = (dense.size() + 15) / 16, units = (quads + kUnit - 1) / kUnit;
-    args.clear = {reinterpret_cast<uint4*>(dense.data()), quads, uint32_t((units + blocks - 1) / blocks * kUnit),
-                  PatternOf(target)};
-    memory.clears_later = false;
-  }
   const auto kernel = ShadeKernel(target.shader);
   kernel<<<blocks, kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ShadeTriangles");
@@ -99,7 +91,7 @@ uint64_t MostSpans(const RunState& state) {
 SpanArgs CoverArgs(RunState& state, uint64_t triangles) {
   SpanArgs args;
   args.grid = state.view;
-  args.bits = state.coverage.data();
+  args.bits = TouchedBits(state);
   const int64_t* const d = state.view.dims;
   const double surface = double(d[0]) * double(d[1]) + double(d[1]) * double(d[2]) + double(d[2]) * double(d[0]);
   // What waits of a fine mesh in order lies beside what covers the same voxels, and much of it in few of them.
@@ -130,6 +122,9 @@ InPlaceArgs PlaceOf(RunState& state, int index) {
                : target.blend == Blend::kMax   ? InPlace::kMax
                : target.blend == Blend::kCount ? InPlace::kCount
                                                : InPlace::kOr;
+  if (memory.source == ValueSource::kOwners) {
+    args.blend = target.blend == Blend::kFirst ? InPlace::kMaxOfComplement : InPlace::kMax;
+  }
   args.planar = state.targets.planar;
   args.voxels = state.slab_voxels();
   args.nx = uint32_t(state.view.dims[0]);
@@ -143,13 +138,12 @@ bool IsSparse(const RunState& state) {
   return state.request.request.result == ResultKind::kSparse;
 }
 
-template <RankedBy kBy>
-auto AccumulateBy(bool by_id, int components) {
-  return by_id             ? Accumulate<1, kById, kBy>
-         : components == 1 ? Accumulate<1, -1, kBy>
-         : components == 2 ? Accumulate<2, -1, kBy>
-         : components == 3 ? Accumulate<3, -1, kBy>
-                           : Accumulate<4, -1, kBy>;
+auto AccumulateFor(bool by_id, int components) {
+  return by_id             ? Accumulate<1, kById>
+         : components == 1 ? Accumulate<1, -1>
+         : components == 2 ? Accumulate<2, -1>
+         : components == 3 ? Accumulate<3, -1>
+                           : Accumulate<4, -1>;
 }
 template <BlendTo kTo>
 auto BlendCellsTo(bool by_id, int components) {
@@ -181,8 +175,7 @@ absl::Status TakeSpans(RunState& state, int index, uint64_t count) {
   AccumulateArgs args = SumsOf(state, index);
   args.spans = state.spans.data();
   args.count = count;
-  const auto kernel = IsSparse(state) ? AccumulateBy<RankedBy::kRows>(memory.by_id, components)
-                                      : AccumulateBy<RankedBy::kWords>(memory.by_id, components);
+  const auto kernel = AccumulateFor(memory.by_id, components);
   kernel<<<BlendBlocks(state, count), kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("Accumulate");
   return absl::OkStatus();
@@ -196,20 +189,14 @@ absl::Status TakeCells(RunState& state, int index) {
   args.records = state.cells.data();
   args.blocks = state.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
-  if (state.ordered_cells) {
-    const TriangleOrder order = OrderOf(state);
-    args.order = order.order;
-    args.ordered = order.count;
-  }
   args.grid = state.view;
   if (memory.in_place) {
     args.place = PlaceOf(state, index);
   } else {
     args.accumulate = SumsOf(state, index);
   }
-  const auto kernel = memory.in_place   ? BlendCellsTo<BlendTo::kTarget>(memory.by_id, components)
-                      : IsSparse(state) ? BlendCellsTo<BlendTo::kRanksOfRows>(memory.by_id, components)
-                                        : BlendCellsTo<BlendTo::kRanksOfWords>(memory.by_id, components);
+  const auto kernel = memory.in_place ? BlendCellsTo<BlendTo::kTarget>(memory.by_id, components)
+                                      : BlendCellsTo<BlendTo::kAccumulators>(memory.by_id, components);
   kernel<<<BlendBlocks(state, args.triangles), kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("BlendCells");
   return absl::OkStatus();
@@ -232,7 +219,6 @@ absl::Status BlendWhatIsFound(RunState& state, int index) {
   args.cover.fragments = FragmentSlots(state);
   args.blend = PlaceOf(state, index);
   if (by_fours) return BlendByFours(state, target, args);
-  args.blend.touched = TouchedOf(state);
   VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kBlend, args.cover.fragments, &args.blend, by_id));
   const auto emit_waiting = by_id ? EmitWaiting<BlendWriter<kById>> : EmitWaiting<BlendWriter<-1>>;
   return emit_waiting(state, MakeRestArgs(state, 0, triangles, false), args);
@@ -243,7 +229,7 @@ absl::Status BlendWhatIsFound(RunState& state, int index) {
 absl::Status FindAndList(RunState& state, bool ranked) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));
-  const uint64_t guess = std::min(MostSpans(state), triangles / 2 + (uint64_t{1} << 18));
+  const uint64_t guess = std::min(MostSpans(state), SpanRoom(triangles));
   if (state.spans.size() < guess) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(guess, state.stream));
   VOXELPIPE_OK_OR_RETURN(ListSpans(state, 0, triangles, false));
   return ranked ? RankCovered(state) : absl::OkStatus();
@@ -282,114 +268,120 @@ absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t
   return absl::OkStatus();
 }
 
-// Takes all triangles to all targets.
-absl::Status TakeAll(RunState& state) {
-  for (int i = 0; i < state.targets.count; ++i) {
-    if (BySpans(state.targets.at[i])) VOXELPIPE_OK_OR_RETURN(TakeCells(state, i));
-  }
-  return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.span_count, [&](uint64_t count) {
-    for (int i = 0; i < state.targets.count; ++i) {
-      if (BySpans(state.targets.at[i])) VOXELPIPE_OK_OR_RETURN(TakeSpans(state, i, count));
-    }
-    return absl::OkStatus();
-  });
+// True if a target is blended by what its triangles have, and not by its fragments.
+bool ByTriangles(const RunState& state, int index) {
+  const ValueSource source = state.span_targets[size_t(index)].source;
+  return source == ValueSource::kTriangles || source == ValueSource::kOwners;
 }
 
-// Writes all targets of values, and the coverage, with the largest triangles in them.
-absl::Status FillAll(RunState& state, int last) {
+// Takes the records of all triangles to all targets, then lists of their spans.
+absl::Status TakeAll(RunState& state) {
   for (int i = 0; i < state.targets.count; ++i) {
-    if (!BySpans(state.targets.at[i])) continue;
-    VOXELPIPE_OK_OR_RETURN(FillDense(state, i, PlaceOf(state, i), i == last));
+    if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeCells(state, i));
   }
-  return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(ShadeRecords(state));
+  return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.span_count, [&](uint64_t count) {
+    for (int i = 0; i < state.targets.count; ++i) {
+      if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeSpans(state, i, count));
+    }
+    return ShadeSpans(state, count);
+  });
 }
 
 }  // namespace
 
-bool ClearsWhileShading(RunState& state, int index, const CudaTarget& target) {
-  if (!state.direct || IsSparse(state) || state.span_targets[size_t(index)].shaded) return false;
-  if (!BySpans(target) || IsById(target) || target.blend == Blend::kCount) return false;
-  return IsFine(state) && !ShadesByFours(state, target);  // few blocks would clear slowly
+namespace {
+
+// True if every triangle of the shaded mesh gives all its fragments one value, and what is kept of a voxel is blended
+// from values alone.
+bool IsUniform(const RunState& state, const CudaTarget& target) {
+  if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
+  MeshView mesh = state.host.view;
+  mesh.velocities = state.mesh.host_view.velocities;  // shaders ask only whether there are any
+  for (uint32_t i = 0; i < mesh.part_count; ++i) {
+    FragmentInput in;
+    in.mesh = &mesh;
+    in.part = mesh.parts + i;
+    if (!SameForTriangle(target.shader, in)) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+ValueSource SourceOf(const RunState& state, const CudaTarget& target) {
+  if (target.is_occupancy) return ValueSource::kCoverage;
+  if (target.own_presence) return ValueSource::kFragments;
+  if (target.blend == Blend::kReplace || target.blend == Blend::kFirst) return ValueSource::kOwners;
+  const bool uniform = target.format != VoxelFormat::kBit && IsUniform(state, target);
+  return uniform ? ValueSource::kTriangles : ValueSource::kFragments;
 }
 
 bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
   const VoxelizeRequest& request = state.request.request;
   if (request.result == ResultKind::kBuckets || CoversNothing(state)) return false;
-  if (!CellsReach(state, {grid.dims[0], grid.dims[1], grid.dims[2]})) return false;
-  bool any = false;
-  for (size_t i = 0; i < request.targets.size(); ++i) {
-    const CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
-    if (target.is_occupancy) continue;
-    if (target.format == VoxelFormat::kBit || !IsUniform(state, target)) return false;
-    any = true;
-  }
-  return any;
+  return CellsReach(state, {grid.dims[0], grid.dims[1], grid.dims[2]});
 }
+
+namespace {
+
+// Where fragments of all targets may be discarded, what triangles touch is not the coverage.
+absl::Status BeginTouched(RunState& state) {
+  if (state.targets.any_always_present) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(state.touched_bits.Resize(state.slab_words(), state.stream));
+  return state.touched_bits.Fill(0, state.stream);
+}
+
+// Blends all triangles in accumulators, or in dense targets themselves. Synchronizes.
+absl::Status BlendByRecords(RunState& state, bool ranked) {
+  VOXELPIPE_OK_OR_RETURN(BeginTouched(state));
+  VOXELPIPE_OK_OR_RETURN(FindAndList(state, ranked));
+  const auto counters = ReadCounters(state);
+  if (!counters.ok()) return counters.status();
+  state.span_count = ListedSpans(state, (*counters)[kSpans]);
+  state.ranked_voxels = ranked ? (*counters)[kRanks] : 0;
+  for (int i = 0; i < state.targets.count; ++i) {
+    const SpanTarget& memory = state.span_targets[size_t(i)];
+    if (memory.source == ValueSource::kCoverage || memory.in_place) continue;
+    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, state.ranked_voxels));
+  }
+  return TakeAll(state);
+}
+
+}  // namespace
 
 absl::Status BlendDirectly(RunState& state) {
   const bool sparse = IsSparse(state);
   state.span_count = 0;
   if (state.mesh.host_view.triangle_count == 0) return ClearFragmentSlots(state);
-  if (state.fills_rows) VOXELPIPE_OK_OR_RETURN(ClearFragmentSlots(state));  // else with the queues
-  bool ranked = false, all_by_rows = !sparse;
+  bool ranked = false;
   int blended = 0, last = 0;  // targets
   for (int i = 0; i < state.targets.count; ++i) {
-    const CudaTarget& target = state.targets.at[i];
     SpanTarget& memory = state.span_targets[size_t(i)];
-    if (!BySpans(target)) continue;
-    VOXELPIPE_OK_OR_RETURN(MakeValues(state, i));
-    if (memory.clears_later)
-      return absl::InternalError("a target was to be cleared with shading, and nothing is shaded");
-    memory.in_place = !sparse && !memory.by_rows && IsInPlace(target);
-    ranked = ranked || (!sparse && !memory.in_place);
-    all_by_rows = all_by_rows && memory.by_rows;
+    if (memory.source == ValueSource::kCoverage) continue;
+    const bool of_triangles = memory.source == ValueSource::kTriangles;
+    if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(MakeValues(state, i));
+    memory.in_place = of_triangles && !sparse && IsInPlace(state.targets.at[i]);
+    ranked = ranked || !memory.in_place;
     ++blended;
     last = i;
   }
   if (state.pools_bricks) {
     VOXELPIPE_OK_OR_RETURN(BlendIntoPool(state, PlaceOf(state, last), state.span_targets[size_t(last)].by_id));
-    if (state.pools_bricks) return absl::OkStatus();
+    if (state.pools_bricks) return sparse ? absl::OkStatus() : EmitPool(state);
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
     VOXELPIPE_OK_OR_RETURN(state.coverage.Fill(0, state.stream));
   }
-  state.draws_largest = all_by_rows || state.fills_rows;
-  if (state.fills_rows) VOXELPIPE_OK_OR_RETURN(FillAll(state, last));
-  if (blended == 1 && !sparse && BlendsInWalk(state, state.targets.at[last]) && !NeedsOrder(state)) {
+  const bool of_triangles = state.span_targets[size_t(last)].source == ValueSource::kTriangles;
+  if (blended == 1 && of_triangles && !sparse && BlendsInWalk(state, state.targets.at[last])) {
     VOXELPIPE_OK_OR_RETURN(BlendWhatIsFound(state, last));
-    return StoreDense(state, last, true);
+    return StoreDense(state, last);
   }
-  // There is no coverage then.
-  if (state.keeps_touched) return absl::InternalError("blocks are touched of a target that is not blended as found");
-  VOXELPIPE_OK_OR_RETURN(FindAndList(state, ranked));
-  if (sparse) return absl::OkStatus();  // the bricks come first
-  const auto counters = ReadCounters(state);
-  if (!counters.ok()) return counters.status();
-  state.span_count = ListedSpans(state, (*counters)[kSpans]);
+  VOXELPIPE_OK_OR_RETURN(BlendByRecords(state, ranked));
   for (int i = 0; i < state.targets.count; ++i) {
-    SpanTarget& memory = state.span_targets[size_t(i)];
-    if (!BySpans(state.targets.at[i]) || memory.in_place) continue;
-    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, (*counters)[kRanks]));
-  }
-  VOXELPIPE_OK_OR_RETURN(TakeAll(state));
-  for (int i = 0; i < state.targets.count; ++i) {
-    if (!BySpans(state.targets.at[i])) continue;
-    VOXELPIPE_OK_OR_RETURN(StoreDense(state, i, i == last));
-  }
-  return absl::OkStatus();
-}
-
-absl::Status BlendIntoBricks(RunState& state, uint64_t counted) {
-  const uint64_t voxels = state.result.listed_voxels;
-  if (state.mesh.host_view.triangle_count == 0) return absl::OkStatus();
-  state.span_count = ListedSpans(state, counted);
-  for (int i = 0; i < state.targets.count; ++i) {
-    if (!BySpans(state.targets.at[i])) continue;
-    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, voxels));
-  }
-  VOXELPIPE_OK_OR_RETURN(TakeAll(state));
-  for (int i = 0; i < state.targets.count; ++i) {
-    if (!BySpans(state.targets.at[i])) continue;
-    VOXELPIPE_OK_OR_RETURN(StoreListed(state, i, state.result.targets[size_t(i)].data(), voxels));
+    if (state.span_targets[size_t(i)].source == ValueSource::kCoverage) continue;
+    const bool later = sparse && state.targets.at[i].format != VoxelFormat::kBit;  // once voxels are listed
+    if (!later) VOXELPIPE_OK_OR_RETURN(StoreDense(state, i));
   }
   return absl::OkStatus();
 }

@@ -1,6 +1,7 @@
 // What a launch of the fine raster gets. No host-only includes.
 #pragma once
 
+#include "cuda/list_sizes.h"
 #include "cuda/tile_blend.cuh"
 #include "cuda/vertex_code.cuh"
 #include "cuda/views.h"
@@ -9,9 +10,7 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kFineThreads = 256;
 
-// A tile with very many pairs is split into parts of `pairs` each (tile_parts.cuh); one of fewer than kPartsSplit parts is not.
-inline constexpr uint32_t kPartsSplit = 3, kPartsJoined = 8;
-inline constexpr uint32_t kLeastPartPairs = 1024, kMostParts = 1024;  // of a grid; the last ones of tiles come on top
+inline constexpr uint32_t kPartsJoined = 8;  // of a split tile (list_sizes.h)
 
 // As long as no tile has more parts than this many levels of kPartsJoined can join.
 inline constexpr uint32_t kPartLevels = 4;
@@ -48,7 +47,6 @@ struct FineArgs {
   uint32_t* coverage_bits = nullptr;
   bool any_always_present = false;  // of all launches together
   bool shades = false, planar = false, has_owners = false;
-  bool uniform = false;            // one target, whose value is the same for all fragments of a triangle
   ShaderTraits traits;             // of the launch's targets together
   uint8_t* tile_values = nullptr;  // sparse results, null for dense ones
   uint64_t value_stride = 0;

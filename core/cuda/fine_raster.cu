@@ -8,18 +8,17 @@
 #include "cuda/batch.h"
 #include "cuda/fine_batch_kernel.cuh"
 #include "cuda/fine_raster_kernel.cuh"
-#include "cuda/fine_uniform_kernel.cuh"
+#include "cuda/list_sizes.h"
 #include "cuda/run_state.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
 // Two blocks a multiprocessor fit with this much shared memory each.
-constexpr int kGroupWords = 100 * 1024 / 4;
+constexpr int kGroupWords = kTargetGroupBytes / 4;
 
 // Targets in groups whose tiles fit into shared memory together; each group is a launch, and rasterizes anew.
-template <typename Uniform>
-std::vector<FineArgs> GroupTargets(const TargetViews& targets, const Uniform& is_uniform) {
+std::vector<FineArgs> GroupTargets(const TargetViews& targets) {
   std::vector<FineArgs> groups;
   int words = 0;
   for (int i = 0; i < targets.count; ++i) {
@@ -27,8 +26,7 @@ std::vector<FineArgs> GroupTargets(const TargetViews& targets, const Uniform& is
     t.target = targets.at[i];
     t.index = i;
     const int end = PlaceTileTarget(t, words);
-    const bool uniform = is_uniform(t.target);
-    if (groups.empty() || uniform || groups.back().uniform || (end > kGroupWords && words > 0)) {
+    if (groups.empty() || (end > kGroupWords && words > 0)) {
       groups.emplace_back();
       words = PlaceTileTarget(t, 0);
     } else {
@@ -37,7 +35,6 @@ std::vector<FineArgs> GroupTargets(const TargetViews& targets, const Uniform& is
     FineArgs& group = groups.back();
     group.any_always_present = targets.any_always_present;
     group.planar = targets.planar;
-    group.uniform = uniform;
     group.targets[group.target_count++] = t;
     group.has_owners = group.has_owners || t.has_owner();
     if (t.kept == Kept::kNothing) continue;
@@ -54,15 +51,6 @@ int SharedBytes(const FineArgs& group) {
     words = PlaceTileTarget(t, words);
   }
   return words * 4;
-}
-
-// Threads for a tile: many where a surface through the grid leaves many pairs to each tile it meets.
-int UniformThreads(const RunState& state) {
-  const int64_t* const t = state.view.tiles.dims;
-  const double surface = double(t[0]) * double(t[1]) + double(t[1]) * double(t[2]) + double(t[2]) * double(t[0]);
-  const double share = double(state.slab.depth()) / double(state.view.dims[2]);  // pairs are those of the slab
-  const double pairs = double(state.pairs.count) / (share * surface);
-  return pairs > 250 ? kMostUniformThreads : 64;
 }
 
 // Lets the kernel have so much shared memory on the device. The bound is the kernel's and not the launch's: other threads launch it at the
@@ -105,37 +93,22 @@ absl::StatusOr<unsigned> ResidentBlocks(const DeviceInfo& device, Kernel kernel,
 }
 
 absl::Status Launch(RunState& state, FineArgs& args) {
-  const auto kernel = args.uniform ? FineUniformKernel : args.shades ? FineRasterKernel<true> : FineRasterKernel<false>;
-  const int threads = args.uniform ? UniformThreads(state) : kFineThreads;
-  int shared = (SharedBytes(args) + 15) / 16 * 16;
+  const auto kernel = args.shades ? FineRasterKernel<true> : FineRasterKernel<false>;
+  const int shared = (SharedBytes(args) + 15) / 16 * 16;
   args.shared_words = shared / 4;
   VOXELPIPE_OK_OR_RETURN(PlaceParts(state, args));
-  if (args.uniform) shared += threads / 32 * kUniformWarpBytes;
-  const absl::StatusOr<unsigned> blocks = ResidentBlocks(state.device, kernel, threads, shared);
+  const absl::StatusOr<unsigned> blocks = ResidentBlocks(state.device, kernel, kFineThreads, shared);
   if (!blocks.ok()) return blocks.status();
-  kernel<<<*blocks, unsigned(threads), size_t(shared), state.stream>>>(args);
+  kernel<<<*blocks, kFineThreads, size_t(shared), state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("FineRasterKernel");
   return absl::OkStatus();
 }
 
 }  // namespace
 
-bool IsUniform(const RunState& state, const CudaTarget& target) {
-  if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
-  MeshView mesh = state.host.view;
-  mesh.velocities = state.mesh.host_view.velocities;  // shaders ask only whether there are any
-  for (uint32_t i = 0; i < mesh.part_count; ++i) {
-    FragmentInput in;
-    in.mesh = &mesh;
-    in.part = mesh.parts + i;
-    if (!SameForTriangle(target.shader, in)) return false;
-  }
-  return true;
-}
-
 TargetGroups GroupForBatch(const TargetViews& targets) {
   TargetGroups found;
-  found.groups = GroupTargets(targets, [](const CudaTarget&) { return false; });
+  found.groups = GroupTargets(targets);
   for (const FineArgs& group : found.groups) found.shared_bytes = std::max(found.shared_bytes, SharedBytes(group));
   return found;
 }
@@ -166,8 +139,7 @@ absl::Status FineRaster(RunState& state) {
   }
   if (state.direct) return BlendDirectly(state);
   if (state.pairs.count == 0) return absl::OkStatus();
-  std::vector<FineArgs> groups =
-      GroupTargets(state.targets, [&](const CudaTarget& target) { return IsUniform(state, target); });
+  std::vector<FineArgs> groups = GroupTargets(state.targets);
   for (size_t g = 0; g < groups.size(); ++g) {
     FineArgs& args = groups[g];
     args.grid = state.view;

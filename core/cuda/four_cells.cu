@@ -37,7 +37,7 @@ bool GoesByFours(RunState& state, const CudaTarget& target) {
   if (std::count_if(request.targets.begin(), request.targets.end(), has_values) != 1) return false;
   // Numbers of triangles that are asked for ahead fit as well.
   const bool numbers_fit = state.mesh.host_view.triangle_count < uint64_t{1} << 31;
-  return numbers_fit && IsFine(state) && !NeedsOrder(state) && GoesByFixed(state);
+  return numbers_fit && IsFine(state) && GoesByFixed(state);
 }
 
 bool ShadesByFours(RunState& state, const CudaTarget& target) {

@@ -51,15 +51,12 @@ struct Fragments {
 struct KeySort {
   bool wide_keys = false;  // 64 bits, not 32
   int bits = 0;            // the lowest that keys have
-  bool scattered = false;  // whether keys of neighbours have little in common: a matter of speed alone
-  // Called once, where what another stream begins after what this one has got so far runs beside the sort.
-  std::function<absl::Status()> beside = {};
 };
 
 // Sorts the first copy by its keys; fragments of one key keep their order. What `scratch` had is lost. In fragment_sort.cu: CUB compiles slowly, so its
 // instances stand in one place.
-absl::Status SortByKey(Fragments& fragments, const KeySort& sort, const DeviceInfo& device,
-                       DeviceArray<uint8_t>& scratch, cudaStream_t stream);
+absl::Status SortByKey(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch,
+                       cudaStream_t stream);
 
 // In buckets.cu. Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room. There are fragments.
 absl::Status CountBuckets(const SortedKeys& keys, cudaStream_t stream);

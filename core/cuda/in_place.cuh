@@ -2,7 +2,6 @@
 #pragma once
 
 #include "cuda/quick_normal.cuh"
-#include "cuda/touched_blocks.cuh"
 #include "cuda/uniform_value.cuh"
 #include "raster/degenerate.h"
 
@@ -22,7 +21,6 @@ struct InPlaceArgs {
   bool planar = false;
   uint64_t voxels = 0;  // of the slab
   uint32_t nx = 0, words_per_row = 0;
-  TouchedBlocks touched;  // marked in place of the coverage, where the values are triangle ids; or none
 };
 
 // The voxel of a bit of a grid whose rows are padded to whole words.
@@ -76,6 +74,11 @@ __device__ inline uint4 KeysOfNormal(const InPlaceArgs& args, const Vec3d& a, co
   return KeysOfUnit(IsDegenerate(args.degenerate, a, b, c) ? Vec3f{} : QuickNormal(a, b, c), FlipOf(args));
 }
 
+// A triangle as the owner of a voxel: the largest wins under replace, the least under first. Never 0.
+VOXELPIPE_HD uint32_t OwnerOf(uint32_t triangle) {
+  return triangle + 1;
+}
+
 // What triangle t brings, as the target keeps it. kShader: that of triangle ids, which is cheaper than to read what was made before; -1, of any
 // other: values stand ready.
 template <int kShader, int kComponents>
@@ -83,6 +86,10 @@ __device__ inline void ValuesOf(const uint32_t* values, const FineArgs& shading,
                                 uint32_t (&to)[kComponents]) {
   if constexpr (kShader >= 0 && kComponents == 1) {  // largest and least ids without what other formats and blends need
     const TileTarget& target = shading.targets[0];
+    if (target.has_owner()) {
+      to[0] = OwnerOf(t);
+      return;
+    }
     const bool ordered = target.kept == Kept::kMax || target.kept == Kept::kMin;
     if (ordered && target.target.format == VoxelFormat::kF32) {
       to[0] = KeyOf(BitsOf(float(t)));

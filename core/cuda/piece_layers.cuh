@@ -1,5 +1,5 @@
-// What a set-up triangle touches of eight layers of eight rows, a piece's edge: its layers there, and their rows of voxels. For whoever writes a
-// grid piece by piece (bit_pieces.cuh) or rows by rows (row_parts.cuh). No host-only includes.
+// What a set-up triangle touches of eight layers of eight rows, a piece's edge: its layers there, and their rows of voxels. For what writes a grid piece by
+// piece (bit_pieces.cuh). No host-only includes.
 #pragma once
 
 #include "cuda/walk_kernels.cuh"

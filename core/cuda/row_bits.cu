@@ -13,7 +13,6 @@
 #include "cuda/launch.h"
 #include "cuda/launch_list.h"
 #include "cuda/scattered.h"
-#include "cuda/triangle_order.h"
 #include "grid/index_space.h"
 
 namespace voxelpipe::cuda {
@@ -81,23 +80,13 @@ void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
   bins.z_end = uint32_t(Clamp(std::ceil((layer(state.box.max) + 3) / kPieceEdge), double(bins.z_begin) + 1, most));
 }
 
-// Scattered triangles are ordered in grids so many times larger than what GoesAroundCache asks for, and their largest drawn with the clearing in
-// grids down to so many times smaller.
+// Unordered triangles are taken in Morton order in grids that exceed the cache so many times, and the largest of them
+// are drawn with the clearing in grids down to so many times smaller.
 constexpr uint64_t kCacheTimes = 8;
 
 // Whether a grid is so large that what is drawn at a time should lie together.
 bool KeepsToPlaces(const RunState& state, const BitArgs& args) {
   return ExceedsCache(state.device, args.quads * 16 / kCacheTimes);
-}
-
-// Of scattered triangles whose corners are not kept in the order of places, whether they are ordered first, and the room for that. In a grid that the
-// cache holds a quarter of they keep to little of it as they are: 1024^3 takes a fifth longer with an order.
-bool MakeOrder(RunState& state, const BitArgs& args, OrderArgs& order) {
-  if (!KeepsToPlaces(state, args)) return false;
-  if (!MakeRoomForOrder(state, args, order)) return false;
-  if (!state.scratch.Resize(kMostLarge * sizeof(SharedSetup), state.stream).ok()) return false;
-  order.large = reinterpret_cast<SharedSetup*>(state.scratch.data());
-  return true;
 }
 
 // Whether the largest of scattered triangles are drawn while the grid is cleared: in small ones it takes longer to set them up than it saves.
@@ -215,7 +204,7 @@ uint64_t FewBlocksAtOnce(const DeviceInfo& device) {
 // How many lanes of FewKernel share the rows of a triangle, where triangles are so few that all its blocks run at once; 0 where they are not. More than
 // one for triangles of many rows (of more than a voxel of the grid's largest face each). More lanes, and other numbers of triangles a block, are slower.
 int RowLanes(const RunState& state, const BitArgs& args) {
-  if (args.packed != nullptr || args.order != nullptr || args.pool.places != nullptr) return 0;
+  if (args.packed != nullptr || args.pool.places != nullptr) return 0;
   const int64_t nx = args.grid.dims[0], ny = args.grid.dims[1], nz = args.grid.slab_end - args.grid.slab_begin;
   const uint64_t at_once = FewBlocksAtOnce(state.device) * kCellThreads;
   const auto face = uint64_t(std::max({nx * ny, ny * nz, nz * nx}));
@@ -225,15 +214,14 @@ int RowLanes(const RunState& state, const BitArgs& args) {
 
 // Whether all triangles go by rows at once. Small grids are left to CellKernel and FewKernel, which clear them too.
 bool GoesByRows(RunState& state, const BitArgs& args) {
-  return CanOrder(args) && !ClearedByWalk(args) && RowLanes(state, args) != kSharedRows && ManyGoByRows(state);
+  return HasFixed(args) && !ClearedByWalk(args) && RowLanes(state, args) != kSharedRows && ManyGoByRows(state);
 }
 
 template <bool kThin>
 auto* CellKernelFor(const BitArgs& args) {
-  if (args.order != nullptr) return CellKernel<kThin, true, false, BitSink::kWords>;
-  if (args.pool.places != nullptr) return CellKernel<kThin, false, false, BitSink::kBricks>;
-  if (args.packed == nullptr) return CellKernel<kThin, false, false, BitSink::kWords>;
-  return CellKernel<kThin, false, true, BitSink::kTogether>;
+  if (args.pool.places != nullptr) return CellKernel<kThin, false, BitSink::kBricks>;
+  if (args.packed == nullptr) return CellKernel<kThin, false, BitSink::kWords>;
+  return CellKernel<kThin, true, BitSink::kTogether>;
 }
 void AddCells(RunState& state, BitArgs& args, LaunchList& list) {
   const int row_lanes = RowLanes(state, args);
@@ -242,10 +230,6 @@ void AddCells(RunState& state, BitArgs& args, LaunchList& list) {
   const auto blocks = unsigned((args.triangle_count + each - 1) / each);
   const Begins begins = args.clear_blocks == 0 ? EarlyIfAble(state.device) : Begins::kBehind;
   if (few) {
-    if (args.clear_blocks > 0 && blocks <= MostMailBoxes(state)) {
-      args.mail = MailOf(state);
-      args.mail_boxes = blocks;
-    }
     list.Add("FewKernel", begins, args.clear_blocks + blocks, kCellThreads,
              thin ? FewKernelFor<true>(row_lanes) : FewKernelFor<false>(row_lanes), args);
   } else {
@@ -254,23 +238,6 @@ void AddCells(RunState& state, BitArgs& args, LaunchList& list) {
   }
   if (args.pool.places != nullptr) AddStorePool(state, args, list);
   AddLayers(state, args, list);
-}
-
-// Triangles by place; the grid cleared with the largest drawn in it.
-absl::Status AddOrdered(RunState& state, BitArgs& args, const OrderArgs& order, LaunchList& list) {
-  VOXELPIPE_OK_OR_RETURN(OrderTriangles(state, args, order));
-  list.Add("SetUpKernel", EarlyIfAble(state.device), kMostLarge / 32, 32, SetUpKernel, args, order);
-  Bins bins;
-  CutIntoPieces(args, bins);
-  bins.set_up = order.large;
-  AddStores(state, args, bins, list);
-  const TriangleOrder made = OrderOf(state);
-  args.order = made.order;
-  args.ordered = made.count;
-  args.drawn_large = kMostLarge;
-  args.rounds = kOrderedRounds;
-  AddCells(state, args, list);
-  return absl::OkStatus();
 }
 
 // All kernels of a call. `args` is whole but for what depends on how the triangles are drawn.
@@ -287,8 +254,6 @@ absl::Status AddAll(RunState& state, BitArgs& args, LaunchList& list) {
                           kMostCellRounds);
   PrepareScattered(state);
   UsePacked(state, args, /*placed=*/true);
-  const bool scattered = args.packed == nullptr && GoesAroundCache(state, args) && IsScattered(state);
-  if (OrderArgs order; scattered && MakeOrder(state, args, order)) return AddOrdered(state, args, order, list);
   if (args.packed != nullptr && KeepsToPlaces(state, args)) args.rounds = kOrderedRounds;
   if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;
   if (args.triangle_count == 0) {
@@ -337,7 +302,6 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   absl::Status launched = state.graphs.Launch(list, state.device.ordinal, state.stream);
   if (!launched.ok()) {  // the last kernels did not leave behind what they should have
     (void)ClearCounters(state, {kCleared, kQueued3});
-    (void)cudaMemsetAsync(MailOf(state), 0, MailBytes(state), state.stream);
   }
   return launched;
 }

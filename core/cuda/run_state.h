@@ -13,8 +13,6 @@
 #include <vector>
 
 #include "cpu/run_state.h"
-#include "cuda/apart_fragments.h"
-#include "cuda/bit_mail.h"
 #include "cuda/buffer.h"
 #include "cuda/check.h"
 #include "cuda/device.h"
@@ -87,19 +85,35 @@ struct TargetMemory {
   DeviceArray<uint8_t> dense;
 };
 
-// What a target that is blended by spans has besides (span_blend.cuh).
+// How a target gets its values where no tiles are sorted.
+enum class ValueSource : uint8_t {
+  kCoverage,   // the occupancy bit: the coverage itself
+  kTriangles,  // one value a triangle, shaded once
+  kOwners,     // replace and first, of shaders that keep every fragment: the owner of each voxel is found, then shaded
+  kFragments,  // every fragment is shaded
+};
+
+// What a target that is blended without tiles has besides (span_blend.cuh).
 struct SpanTarget {
+  ValueSource source = ValueSource::kCoverage;
   DeviceArray<uint32_t> values, negative;  // of all triangles
   DeviceArray<int64_t> terms;
   DeviceArray<uint32_t> cells, counts;  // by rank
   DeviceArray<unsigned long long> sums;
   bool shaded = false;        // whether values or terms are made
-  bool clears_later = false;  // the kernel that makes them clears the dense target
   bool by_id = false;         // there are none: the value is the triangle's id
   FineArgs shading;           // of the target alone
   DegenerateTest degenerate;  // of the run's triangles
   bool in_place = false;      // blended in the dense target
-  bool by_rows = false;       // its sums are stored by rows (sum_rows.cuh)
+};
+
+// A list of owners: voxels within the slab, triangles, and where their values go.
+struct OwnerList {
+  DeviceArray<uint32_t> keys, triangles, to;
+
+  void Free() {
+    for (auto* array : {&keys, &triangles, &to}) array->Free();
+  }
 };
 
 // A pool of bricks (brick_pool.cuh): per brick of the slab, and per place.
@@ -162,7 +176,6 @@ struct RunState {
   std::optional<bool> scattered;   // see IsScattered
   std::optional<bool> by_rows;     // see ManyGoByRows
   ScatteredMesh scattered_mesh;
-  DeviceArray<uint32_t> order;  // of triangles by place, and what belongs to it (triangle_order.h)
 
   // BeginSlab: what follows holds the slab's layers only
   Slab slab;
@@ -171,8 +184,6 @@ struct RunState {
   std::array<TargetMemory, kMaxTargets> target_memory;
   DeviceArray<uint32_t> bit_pool;  // of plain bits (bit_pool.h)
   DeviceArray<uint32_t> coverage;  // bit grid: voxels that a fragment of any target wrote
-  DeviceArray<uint8_t> touched;    // blocks of such voxels (touched_blocks.h)
-  bool keeps_touched = false;      // instead of the coverage
   // Sparse results: `value_stride` bytes for each occupied tile, in the order of pairs.occupied (a tile's number among them
   // is tile_slot[tile]). Target t that is no bit target has element (voxel * components + c) in its format from byte
   // value_offset[t] on, voxel = x + 32*(y + 8*z) of the tile; values of voxels without a fragment are undefined. Bit targets have
@@ -194,22 +205,20 @@ struct RunState {
   // Per triangle: where its fragments begin before they are sorted. Or, of records, how many each chunk has (FragmentCounts).
   DeviceArray<uint64_t> fragment_first;
   Fragments fragments;                  // their keys are voxel indices within the slab
-  std::optional<ApartFragments> apart;  // those of the largest triangles, which are not among them; or none
-  // For CountAndListBuckets and UnpackIntoBuckets (fragments.h): 0 once fragments are emitted. Merging has its own use for it (apart_fragments.h).
+  // For CountAndListBuckets and UnpackIntoBuckets (fragments.h): 0 once fragments are emitted.
   DeviceArray<uint64_t> bucket_chunks;
   DeviceArray<uint64_t> bundles_before;  // for EmitBundles: per block of it
 
   // Blending without tiles, and the A-buffer: per triangle, as they are taken (cell_views.h)
   DeviceArray<uint64_t> cells, blocks;
-  bool ordered_cells = false;           // they stand in the order of places that `order` has
   DeviceArray<uint64_t> spans;          // of the slab (span_views.h), in no order, kNoSpan among them
   uint64_t span_count = 0;              // of all triangles, also where there was no room for them
-  DeviceArray<uint32_t> word_ranks;     // per word of a bit grid, where it is not empty (Ranks)
-  DeviceArray<RowRank> row_ranks;       // of a sparse result: 64 a tile, from its first brick's place on (Ranks)
-  DeviceArray<uint32_t> listed_places;  // likewise: by rank, a voxel's number in the result
+  DeviceArray<uint32_t> touched_bits;   // bit grid: voxels of discarded fragments too; empty: none are, the coverage has all
+  DeviceArray<uint32_t> word_ranks;     // per word of it, or of the coverage, where that is not empty (Ranks)
+  DeviceArray<uint32_t> listed_bits;    // of a sparse result: the bit of each voxel
+  uint64_t ranked_voxels = 0;           // that have accumulators
+  OwnerList owners;
   std::array<SpanTarget, kMaxTargets> span_targets;
-  bool fills_rows = false;     // targets are written with the largest triangles in them, not cleared (fill_rows.cuh)
-  bool draws_largest = false;  // the largest triangles are drawn by rows, of all targets, or listed apart
 
   // FineRaster, SolidFill
   DeviceArray<uint32_t> inside, outside;  // bit grids; outside is of the whole grid
@@ -223,6 +232,11 @@ struct RunState {
 // Whether no voxel is covered, so that there are no fragments.
 inline bool CoversNothing(const RunState& state) {
   return state.request.request.coverage == Coverage::kNone;
+}
+
+// The bit grid of voxels that some triangle touches; the coverage, unless all targets can discard.
+inline uint32_t* TouchedBits(RunState& state) {
+  return state.touched_bits.empty() ? state.coverage.data() : state.touched_bits.data();
 }
 
 // A tile's number in the grid: the first one of a layer of tiles, or of those that are sorted.
@@ -245,7 +259,6 @@ enum Counter : int {
   kChanged,       // flood: rows changed
   kRanks,         // voxels with a rank
   kParts,         // of tiles that are split
-  kNextRows,      // the next rows for a block that fills them
   kBuckets,       // of the slab
   kBundles,       // of the slab's fragments
   kPooled,        // bricks that wanted a place in the pool
@@ -262,19 +275,7 @@ enum Counter : int {
 };
 inline constexpr int kAllCounters = kCounters + kFragmentSlots + kChunkGroups;
 
-// Boxes of mail (bit_mail.cuh) stand behind all counters, each in a sector of its own.
-inline constexpr int kMailBegins = (kAllCounters + 3) / 4 * 4;
-inline uint32_t MostMailBoxes(const RunState& state) {
-  return uint32_t(state.device.multiprocessors) * kMailBoxes;
-}
-inline uint64_t MailBytes(const RunState& state) {
-  return uint64_t{MostMailBoxes(state)} * kMailWords * sizeof(uint32_t);
-}
-inline uint32_t* MailOf(RunState& state) {
-  return reinterpret_cast<uint32_t*>(state.counters.data() + kMailBegins);
-}
-
-// Allocates the counters and the mail, all 0, before their first use.
+// Allocates the counters, all 0, before their first use.
 absl::Status EnsureCounters(RunState& state);
 // Sets counters to 0.
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which);
@@ -312,24 +313,19 @@ void LayOutTileValues(RunState& state);
 uint32_t PatternOf(const CudaTarget& target);
 // The target of a request, without memory.
 CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader);
-// Whether every triangle of the shaded mesh gives all its fragments one value, and blending it needs no owner.
-bool IsUniform(const RunState& state, const CudaTarget& target);
 // Whether a grid's voxels and the mesh's triangles have numbers that records of triangles and spans can hold.
 bool CellsReach(const RunState& state, const int64_t (&dims)[3]);
-// Whether all targets of a grid are blended without tiles; after VertexShade.
+// True if the targets of a grid are blended without tiles; after VertexShade.
 bool BlendsDirectly(const RunState& state, const GridSpec& grid);
+// How a target gets its values then.
+ValueSource SourceOf(const RunState& state, const CudaTarget& target);
+// Makes state.targets, without memory, and the sources of their values; after VertexShade.
+void DescribeTargets(RunState& state);
 
 // Parts of stages
 absl::Status BlendDirectly(RunState& state);  // synchronizes, but for a sparse result
-// Whether that can store a dense target's sums by rows, and so write every cell: then nothing clears it before. After the slab is known.
-bool StoresByRows(RunState& state, const CudaTarget& target);
-// Whether that can write all dense targets of values, and the coverage, with the largest triangles in them, for all others to be blended
-// over: then nothing clears them before. Likewise.
-bool FillsByRows(const RunState& state);
-// Whether that clears target `index`, dense, while it makes the values of all triangles: then BeginSlab does not. Likewise.
-bool ClearsWhileShading(RunState& state, int index, const CudaTarget& target);
-// The values of a sparse result, whose bricks stand. `counted`: what state.counters[kSpans] was. May synchronize.
-absl::Status BlendIntoBricks(RunState& state, uint64_t counted);
+// What was blended becomes the values of a sparse result, whose voxels are listed.
+absl::Status StoreListed(RunState& state);
 // Sets the bits of layers [z_begin, z_end) that triangles touch in a bit grid of `words` words, which it clears first.
 absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
                         uint64_t words);

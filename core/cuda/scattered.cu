@@ -97,8 +97,8 @@ absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
   VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(room, 0, kHead, state.stream));
   PackScattered<<<BlocksFor(args.triangle_count, kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("PackScattered");
-  const KeySort sort{.bits = 3 * kMortonBits, .scattered = true};
-  VOXELPIPE_OK_OR_RETURN(SortByKey(by_place, sort, state.device, state.scratch, state.stream));
+  const KeySort sort{.bits = 3 * kMortonBits};
+  VOXELPIPE_OK_OR_RETURN(SortByKey(by_place, sort, state.scratch, state.stream));
   const uint64_t corners = 3 * args.triangle_count;
   PlaceScattered<<<BlocksFor(corners, kThreads), kThreads, 0, state.stream>>>(
       args.packed, by_place.triangles[by_place.current].data(), corners, args.packed + corners);

@@ -9,6 +9,7 @@
 #include "cuda/batch.h"
 #include "cuda/batch_kernel.cuh"
 #include "cuda/launch.h"
+#include "cuda/list_sizes.h"
 #include "cuda/row_walk.cuh"
 #include "cuda/run_state.h"
 #include "pipeline/stages/target_rules.h"
@@ -19,8 +20,6 @@ namespace {
 
 constexpr int kThreads = 256;
 constexpr uint32_t kLinesOfThread = 32;
-constexpr uint64_t kMostSumBytes =
-    256 << 20;  // of a nonzero fill: grids of more sums take turns (pipeline/plan/footprint.cpp)
 
 // Where the crossings of a triangle go.
 struct ToggleView {

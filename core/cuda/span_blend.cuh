@@ -1,9 +1,8 @@
 // Blending by spans (span_views.h): a thread a span, in any order. No host-only includes.
 //
-// Where a blend is one 32-bit atomic that begins from the stored clear value 0, or from what fill_rows.cuh leaves there, it is done in the dense target itself:
+// Where a blend is one 32-bit atomic that begins from the stored clear value 0, it is done in the dense target itself:
 // min and max as keys (tile_blend.cuh), which become values at the end, or as they are where no value of a max is
-// negative. Other blends go to accumulators, numbered by rank: of a dense result those of covered voxels, a word of coverage after the other, of a
-// sparse one those of all listed voxels, by rows of tiles. What becomes of both: span_store.cuh.
+// negative. Other blends go to accumulators of covered voxels, numbered by rank. What becomes of both: span_store.cuh.
 #pragma once
 
 #include "cuda/divisor.h"
@@ -19,29 +18,9 @@ inline constexpr int kBlendThreads = 256;
 
 // ---- values of triangles ----
 
-// Memory that a kernel sets to a repeated word beside its own work: `quads` units of 16 bytes.
-struct ClearBeside {
-  uint4* to = nullptr;
-  uint64_t quads = 0;
-  uint32_t each = 0;  // of a block, a multiple of kUnit
-  uint32_t pattern = 0;
-  static constexpr uint32_t kUnit = 64;  // parts of cache lines would be written twice
-
-  // All blocks of the grid call it, all threads of each.
-  __device__ void Clear() const {
-    const uint64_t begin = uint64_t{blockIdx.x} * each;
-    if (begin >= quads) return;
-    const auto count = uint32_t(min(quads - begin, uint64_t{each}));
-    uint4* const first = to + begin;
-#pragma unroll 4
-    for (uint32_t i = threadIdx.x; i < count; i += blockDim.x) first[i] = {pattern, pattern, pattern, pattern};
-  }
-};
-
 struct ShadeTrianglesArgs {
   FineArgs shading;  // of one target
   DegenerateTest degenerate;
-  ClearBeside clear;
   uint64_t triangles = 0;
   uint32_t* values = nullptr;    // `components` a triangle, as the target keeps them; or
   int64_t* terms = nullptr;      // those of sums
@@ -83,7 +62,6 @@ __global__ void __launch_bounds__(kBlendThreads) ShadeTriangles(const __grid_con
       for (int i = 0; i < 3; ++i) corners[i] = mesh.positions[in.vertex[i]];
     }
   }
-  args.clear.Clear();  // while corners are on their way
   bool negative = false;
   if (has) {
     if (needs_plane) {
@@ -140,29 +118,14 @@ __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_const
 
 // ---- in accumulators ----
 
-// Whether ranks are kept for words of coverage, those of a dense result, or for rows of tiles.
-enum class RankedBy { kWords, kRows };
-
-// Where a covered voxel's accumulators are: its rank. In a sparse result filled voxels have ranks too, those of a tile follow each other row by
-// row, and what tells them lies together, so that the cache holds it.
+// Where a covered voxel's accumulators are: its rank, the number of covered voxels before it.
 struct Ranks {
-  const uint32_t* bits = nullptr;   // coverage
+  const uint32_t* bits = nullptr;   // bit grid: voxels that some triangle touches
   const uint32_t* first = nullptr;  // rank of the first voxel of a word
-  // Sparse results:
-  const RowRank* rows = nullptr;          // 64 a tile, from the place of its first brick on; null: a dense result
-  const uint64_t* first_brick = nullptr;  // of each of the slab's tiles
-  Divisor by_words_per_row, by_ny;
-  uint32_t tiles_x = 1, tiles_y = 1;
 
   // Of a voxel, x of a word.
-  template <RankedBy kBy>
   __device__ uint32_t Of(uint32_t word, uint32_t x) const {
-    const uint32_t below = (1u << x) - 1;
-    if constexpr (kBy == RankedBy::kWords) return first[word] + uint32_t(__popc(bits[word] & below));
-    const uint32_t row = Quotient(word, by_words_per_row), z = Quotient(row, by_ny), y = row - z * by_ny.divisor;
-    const uint64_t tile = (word - row * by_words_per_row.divisor) + tiles_x * (y / 8 + uint64_t{tiles_y} * (z / 8));
-    const RowRank of_row = rows[first_brick[tile] * kTileRows + (y % 8 + 8 * (z % 8))];
-    return of_row.first + uint32_t(__popc(of_row.voxels & below));
+    return first[word] + uint32_t(__popc(bits[word] & ((1u << x) - 1)));
   }
 };
 
@@ -240,7 +203,7 @@ __device__ inline void AddAt(const Accumulators& to, uint64_t rank, const uint32
   }
 }
 
-template <int kComponents, int kShader, RankedBy kBy>
+template <int kComponents, int kShader>
 __global__ void __launch_bounds__(kBlendThreads) Accumulate(const __grid_constant__ AccumulateArgs args) {
   const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
   const Kept kept = args.to.kept;
@@ -273,7 +236,7 @@ __global__ void __launch_bounds__(kBlendThreads) Accumulate(const __grid_constan
         T of[kComponents];
 #pragma unroll
         for (int c = 0; c < kComponents; ++c) of[c] = __shfl_sync(~0u, of_lane[c], owner);
-        if (there) AddAt<kComponents>(args.to, args.ranks.Of<kBy>(at / 32, at % 32), of, count);
+        if (there) AddAt<kComponents>(args.to, args.ranks.Of(at / 32, at % 32), of, count);
       };
       if (sums) {
         add(term);

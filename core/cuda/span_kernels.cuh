@@ -19,7 +19,7 @@ inline constexpr int kRestBlocks = 4;           // of EmitRest on a multiprocess
 inline constexpr unsigned kOwnSpans = 32;       // what each warp of EmitRest has of it from the start
 inline constexpr uint32_t kNoPiece = ~0u;       // of a warp that has none
 
-// What waits, in layer_queue of `walk`; the largest go on to large_queue, where some may be already, but for those that are drawn apart.
+// What waits, in layer_queue of `walk`; the largest go on to large_queue.
 struct RestArgs {
   BitArgs walk;
   uint64_t first_triangle = 0, end_triangle = 0;  // others are left out
@@ -37,7 +37,7 @@ struct SpanList {
 struct SpanArgs {
   GridView grid;
   SpanList list;
-  uint32_t* bits = nullptr;       // bit grid: becomes the coverage; null where blocks are touched (touched_blocks.cuh)
+  uint32_t* bits = nullptr;       // bit grid: becomes the coverage
   bool look_first = false;        // where many triangles share a voxel: reading a word is cheaper than an atomic
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: they are counted already
 };
@@ -199,7 +199,7 @@ __global__ void __launch_bounds__(kRestThreads, kRestBlocks)
     };
     uint64_t rows = SetUpRowsOfWarp(walk, uint32_t(min(each, count - begin)), number, shared);
     if (rows > kRowsOfWarp) {
-      if (!args.repeats && !IsAmongLargest(walk, shared[lane].triangle)) {
+      if (!args.repeats) {
         walk.large_queue[atomicAdd(reinterpret_cast<unsigned long long*>(walk.queued + 1), 1ull)] =
             shared[lane].triangle;
       }
@@ -241,11 +241,6 @@ __device__ inline void PutLayer(const SpanBounds<Real>& bounds, const SharedSetu
   }
 }
 
-// Whether a set-up triangle of so many rows is drawn apart: then it has no part in what all others go through.
-__device__ inline bool IsDrawnApart(const BitArgs& args, uint32_t t, uint64_t rows) {
-  return rows > kRowsOfWarp && IsAmongLargest(args, t);
-}
-
 // Which of `all` parts warp `warp` of `warps` takes: first, first + step, ...
 struct WarpParts {
   uint32_t first, end, step;
@@ -258,7 +253,7 @@ __device__ inline WarpParts PartsOfWarp(uint32_t all, uint32_t warp, uint32_t wa
   return {first, min(first + of_warp, all), 1};
 }
 
-// As WalkLarge, but by parts of layers, a warp each; without those that are drawn apart. May begin early.
+// As WalkLarge, but by parts of layers, a warp each. May begin early.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, 6)
     EmitLarge(const __grid_constant__ RestArgs args, const __grid_constant__ typename Writer::Args out) {
@@ -282,8 +277,7 @@ __global__ void __launch_bounds__(kRestThreads, 6)
       SharedSetup& s = shared[place];
       const uint64_t rows = SetUpRowsInParts(walk, wanted ? t : kNoTriangle, s);
       if (threadIdx.x % kBoundsParts == 0) {
-        const bool has = rows > 0 && !IsDrawnApart(walk, t, rows);
-        parts_before[place] = has ? parts_of(s) * LayersOf(s) : 0;
+        parts_before[place] = rows > 0 ? parts_of(s) * LayersOf(s) : 0;
       }
     }
     __syncthreads();

@@ -2,6 +2,7 @@
 // includes it: these kernels are no templates. No host-only includes.
 #pragma once
 
+#include "cuda/fragment_shading.cuh"
 #include "cuda/span_blend.cuh"
 
 namespace voxelpipe::cuda {
@@ -168,20 +169,38 @@ struct StoreArgs {
   VoxelFormat format{};
   bool is_float = false, planar = false;
   double quantum = 1;
-  uint64_t words = 0;                // of the bit grid
-  uint64_t voxels = 0;               // of the result
-  const uint32_t* places = nullptr;  // by rank, a voxel's number in a sparse result; null: a dense one
-  bool all = false;                  // every voxel of a sparse result has accumulators
+  const uint32_t* present = nullptr;  // bit grid: the voxels that the target has a fragment in
+  uint64_t words = 0;                 // of it
+  uint64_t voxels = 0;                // of the result
+  const uint32_t* listed = nullptr;   // the bit of each voxel of a sparse result; null: a dense one
   uint32_t nx = 0, words_per_row = 0;
-  uint8_t* out = nullptr;
+  uint8_t* out = nullptr;   // values; or
+  uint32_t* bits = nullptr;  // a bit grid, cleared
 };
+
+// Calls visit(word, x of it, rank, element of the result) for every voxel that a target has a fragment in, each by a lane.
+template <typename Visit>
+__device__ inline void ForEachStored(const StoreArgs& args, Visit&& visit) {
+  if (args.listed == nullptr) {
+    ForEachSetBit(args.present, args.words, [&](uint64_t word, unsigned x) {
+      visit(uint32_t(word), x, args.ranks.Of(uint32_t(word), x),
+            VoxelOfBit(uint32_t(word) * 32 + x, args.nx, args.words_per_row));
+    });
+    return;
+  }
+  const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
+  for (uint64_t i = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x; i < args.voxels; i += threads) {
+    const uint32_t word = args.listed[i] / 32, x = args.listed[i] % 32;
+    if ((args.present[word] >> x & 1) != 0) visit(word, x, args.ranks.Of(word, x), i);
+  }
+}
 
 // What the accumulators of covered voxels hold becomes the result's values.
 __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_constant__ StoreArgs args) {
   const Accumulators& from = args.from;
-  const auto store = [&](uint64_t rank, uint64_t n) {
+  ForEachStored(args, [&](uint32_t word, uint32_t x, uint32_t rank, uint64_t n) {
     for (uint64_t c = 0; c < uint64_t(from.components); ++c) {
-      const uint64_t at = rank * uint64_t(from.components) + c;
+      const uint64_t at = uint64_t{rank} * uint64_t(from.components) + c;
       uint32_t stored;
       switch (from.kept) {
         case Kept::kSum: stored = StoreSum(int64_t(from.sums[at]), args.format, args.quantum, int(c)); break;
@@ -195,30 +214,28 @@ __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_c
           break;
         default: stored = StoredBits(from.cells[at], args.format);
       }
-      const uint64_t to = args.planar ? c * args.voxels + n : n * uint64_t(from.components) + c;
-      switch (args.format) {
-        case VoxelFormat::kU8Srgb:
-        case VoxelFormat::kU8: args.out[to] = uint8_t(stored); break;
-        case VoxelFormat::kU16:
-        case VoxelFormat::kF16: reinterpret_cast<uint16_t*>(args.out)[to] = uint16_t(stored); break;
-        default: reinterpret_cast<uint32_t*>(args.out)[to] = stored; break;
+      if (args.format == VoxelFormat::kBit) {
+        if (stored != 0) atomicOr(args.bits + word, 1u << x);
+        continue;
       }
+      PutElement(args.out, args.format, args.planar ? c * args.voxels + n : n * uint64_t(from.components) + c, stored);
     }
-  };
-  if (args.all) {
-    const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
-    for (uint64_t i = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x; i < args.voxels; i += threads)
-      store(i, args.places[i]);
-    return;
-  }
-  ForEachSetBit(args.ranks.bits, args.words, [&](uint64_t word, unsigned x) {
-    if (args.places != nullptr) {
-      const uint32_t rank = args.ranks.Of<RankedBy::kRows>(uint32_t(word), x);
-      store(rank, args.places[rank]);
-    } else {
-      store(args.ranks.Of<RankedBy::kWords>(uint32_t(word), x),
-            VoxelOfBit(uint32_t(word) * 32 + x, args.nx, args.words_per_row));
-    }
+  });
+}
+
+// The list of a target's owners: their voxels, themselves, and where their values go.
+struct OwnerListArgs {
+  StoreArgs from;  // accumulators that hold owners
+  uint32_t *keys = nullptr, *triangles = nullptr, *to = nullptr;  // elements of a dense result by rank, of a sparse one as it lists them
+};
+
+__global__ void __launch_bounds__(kBlendThreads) ListOwners(const __grid_constant__ OwnerListArgs args) {
+  const StoreArgs& from = args.from;
+  ForEachStored(from, [&](uint32_t word, uint32_t x, uint32_t rank, uint64_t n) {
+    const uint64_t i = from.listed == nullptr ? rank : n;
+    args.keys[i] = uint32_t(VoxelOfBit(word * 32 + x, from.nx, from.words_per_row));
+    args.triangles[i] = from.from.cells[rank] - 1;
+    args.to[i] = from.format == VoxelFormat::kBit ? word * 32 + x : uint32_t(n);
   });
 }
 

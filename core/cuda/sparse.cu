@@ -24,9 +24,8 @@ struct BrickArgs {
   const uint64_t *first_brick, *first_voxel;
   const uint32_t* tile_slot;
   const uint8_t* tile_values;
-  RowRank* rows;     // not null: values come later, by these ranks (span_blend.cuh)
-  uint32_t* places;  // likewise: a voxel's number, by rank
-  bool emits;        // whether any value is stored here
+  uint32_t* listed_bits;  // not null: the bit of each voxel; values of fragments come later
+  bool emits;             // true if any value is stored here
   uint64_t value_stride;
   uint64_t value_offset[kMostTargets];
   TargetViews targets;
@@ -115,7 +114,7 @@ __device__ inline void EmitVoxel(const BrickArgs& args, const TileAt& tile, uint
     const CudaTarget& target = args.targets.at[t];
     // Where another target's fragment covers the voxel and this one's were discarded, what a dense target holds.
     const bool kept = here && (!target.own_presence || (target.presence[word] >> x & 1) != 0);
-    if (kept && args.rows != nullptr && target.format != VoxelFormat::kBit) continue;
+    if (kept && args.listed_bits != nullptr && target.format != VoxelFormat::kBit) continue;
     const bool filled = !here || (args.inside != nullptr && (args.inside[word] >> x & 1) != 0);
     for (int c = 0; c < target.components; ++c) {
       uint32_t stored = target.clear_stored;
@@ -147,14 +146,6 @@ __device__ inline void EmitTile(const BrickArgs& args, uint64_t tile) {
     if (RowWord(args, at, lane + 32 * half, words[half])) bits[half] = OccupiedWord(args, words[half]);
   }
   uint64_t brick = args.first_brick[tile], n = args.first_voxel[tile];
-  uint32_t ranks[2] = {0, 0};
-  if (args.rows != nullptr) {
-    uint32_t before = uint32_t(n), total;
-    for (int half = 0; half < 2; ++half, before += total) {
-      ranks[half] = before + WarpExclusiveSum(uint32_t(__popc(bits[half])), total);
-      args.rows[brick * kTileRows + uint64_t(lane + 32 * half)] = {bits[half], ranks[half]};
-    }
-  }
   for (int part = 0; part < 4; ++part) {
     const uint32_t low = bits[0] >> (8 * part) & 0xff, high = bits[1] >> (8 * part) & 0xff;
     if (__ballot_sync(~0u, (low | high) != 0) == 0) continue;
@@ -169,9 +160,9 @@ __device__ inline void EmitTile(const BrickArgs& args, uint64_t tile) {
       uint32_t total;
       uint64_t number = n + WarpExclusiveSum(uint32_t(__popc(byte)), total);
       for (uint32_t left = byte; left != 0; left &= left - 1, ++number) {
-        if (args.places != nullptr) args.places[ranks[half]++] = uint32_t(number);
-        if (!args.emits) continue;
-        EmitVoxel(args, at, slot, lane + 32 * half, 8 * part + __ffs(int(left)) - 1, words[half], number);
+        const int x = 8 * part + __ffs(int(left)) - 1;
+        if (args.listed_bits != nullptr) args.listed_bits[number] = uint32_t(words[half]) * 32 + uint32_t(x);
+        if (args.emits) EmitVoxel(args, at, slot, lane + 32 * half, x, words[half], number);
       }
       n += total;
     }
@@ -242,13 +233,12 @@ absl::Status MakeBricks(RunState& state) {
   args.tile_values = state.tile_values.data();
   args.emits = true;
   if (state.direct) {
-    VOXELPIPE_OK_OR_RETURN(state.row_ranks.Resize(out.listed_bricks * kTileRows, state.stream));
-    VOXELPIPE_OK_OR_RETURN(state.listed_places.Resize(out.listed_voxels, state.stream));
-    args.rows = state.row_ranks.data();
-    args.places = state.listed_places.data();
+    VOXELPIPE_OK_OR_RETURN(state.listed_bits.Resize(out.listed_voxels, state.stream));
+    args.listed_bits = state.listed_bits.data();
     args.emits = args.inside != nullptr;
     for (int t = 0; t < state.targets.count; ++t) {
-      args.emits = args.emits || state.targets.at[t].format == VoxelFormat::kBit;
+      const CudaTarget& target = state.targets.at[t];
+      args.emits = args.emits || target.format == VoxelFormat::kBit || target.own_presence;
     }
   }
   args.value_stride = state.value_stride;
@@ -259,7 +249,7 @@ absl::Status MakeBricks(RunState& state) {
   const uint64_t blocks = std::min<uint64_t>(uint64_t(state.device.multiprocessors) * 16, (args.tile_count + 7) / 8);
   EmitBricks<<<unsigned(blocks), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitBricks");
-  return state.direct ? BlendIntoBricks(state, (*counters)[kSpans]) : absl::OkStatus();
+  return state.direct ? StoreListed(state) : absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cuda

@@ -9,7 +9,6 @@
 #include "cuda/pinned.h"
 #include "cuda/run_state.h"
 #include "cuda/slab_copies.h"
-#include "cuda/touched_blocks.h"
 #include "pipeline/plan/plan.h"
 #include "pipeline/stages/target_rules.h"
 #include "shaders/blend_ops.h"
@@ -147,8 +146,7 @@ absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_
   return absl::OkStatus();
 }
 
-// `later`: all of its cells are written later.
-absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory, bool later) {
+absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory) {
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   if (target.own_presence) {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, memory.presence));
@@ -165,7 +163,7 @@ absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory,
   const uint64_t bytes = state.slab_voxels() * uint64_t(target.components) * uint64_t(bits / 8);
   VOXELPIPE_OK_OR_RETURN(memory.dense.Resize(bytes, state.stream));
   target.dense = memory.dense.data();
-  return later ? absl::OkStatus() : ClearElements(state, memory.dense, PatternOf(target));
+  return ClearElements(state, memory.dense, PatternOf(target));
 }
 
 // Small results wait for the driver's staging no longer than for a pinned block.
@@ -262,6 +260,24 @@ CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader) {
   return t;
 }
 
+void DescribeTargets(RunState& state) {
+  const VoxelizeRequest& request = state.request.request;
+  const MeshView& mesh = state.host.view;
+  state.targets = {};
+  state.targets.count = int(request.targets.size());
+  state.targets.planar = request.layout == Layout::kPlanar;
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    CudaTarget& target = state.targets.at[i];
+    target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
+    // A shader that discards nothing of this mesh is as one that never does.
+    target.own_presence = std::any_of(mesh.parts, mesh.parts + mesh.part_count, [&](const PartView& part) {
+      return MayDiscard(target.shader, mesh.materials[part.material]);
+    });
+    state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
+    state.span_targets[i].source = SourceOf(state, target);
+  }
+}
+
 bool ShadesFragments(const BoundRequest& request) {
   for (size_t i = 0; i < request.request.targets.size(); ++i) {
     if (!DescribeTarget(request.request.targets[i], request.fragment_shaders[i]).is_occupancy) return true;
@@ -271,7 +287,7 @@ bool ShadesFragments(const BoundRequest& request) {
 
 absl::Status EnsureCounters(RunState& state) {
   if (!state.counters.empty()) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kMailBegins + MailBytes(state) / sizeof(uint64_t), state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kAllCounters, state.stream));
   return state.counters.Fill(0, state.stream);
 }
 
@@ -336,30 +352,14 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   if (!buckets && (!state.plain_bits || request.fill != Fill::kNone)) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kFragments, kOddColumns, kVoxels}));
   }
-  state.targets.count = int(request.targets.size());
-  state.targets.planar = request.layout == Layout::kPlanar;
-  state.targets.any_always_present = false;
-  state.fills_rows = FillsByRows(state);
-  for (size_t i = 0; i < request.targets.size(); ++i) {
-    CudaTarget target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
-    state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
-    const bool by_rows = state.span_targets[i].by_rows = StoresByRows(state, target);
-    const bool by_others = by_rows || state.fills_rows;
-    const bool clears_later = !by_others && ClearsWhileShading(state, int(i), target);
-    state.span_targets[i].clears_later = clears_later;
-    if (!buckets) VOXELPIPE_OK_OR_RETURN(Allocate(state, target, state.target_memory[i], by_others || clears_later));
-    state.targets.at[i] = target;
-  }
   if (buckets) return absl::OkStatus();
-  state.pools_bricks = PoolsBricks(state);
-  state.keeps_touched = KeepsTouched(state);
-  if (state.keeps_touched) {
-    state.coverage.Free();
-    return ClearTouched(state);
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    VOXELPIPE_OK_OR_RETURN(Allocate(state, state.targets.at[i], state.target_memory[i]));
   }
+  state.pools_bricks = PoolsBricks(state);
   if (state.pools_bricks) {
     state.coverage.Free();
-  } else if (!CoversNothing(state) && (state.plain_bits || state.fills_rows)) {  // what draws there writes all of it
+  } else if (!CoversNothing(state) && state.plain_bits) {  // what draws there writes all of it
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
   } else {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
@@ -378,7 +378,6 @@ void AbandonSlab(RunState& state) {
   state.parts_done.Free();
   state.target_memory = {};
   state.coverage.Free();
-  state.touched.Free();
   state.inside.Free();
   state.tile_values.Free();
   state.part_results.Free();
@@ -389,17 +388,19 @@ void AbandonSlab(RunState& state) {
   state.fragment_first.Free();
   state.bucket_chunks.Free();
   state.bundles_before.Free();
-  state.apart.reset();
   state.fragments.Free();
   for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
   state.word_ranks.Free();
-  state.row_ranks.Free();
-  state.listed_places.Free();
+  state.touched_bits.Free();
+  state.listed_bits.Free();
+  state.owners.Free();
   state.pool.Free();
   state.bit_pool.Free();
-  state.order.Free();
-  state.ordered_cells = false;
-  state.span_targets = {};  // with the values of all triangles, which are made anew
+  for (SpanTarget& target : state.span_targets) {  // the values of all triangles are made anew
+    const ValueSource source = target.source;
+    target = {};
+    target.source = source;
+  }
   state.scratch.Free();
   if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so
   // Walks do without.
@@ -435,7 +436,6 @@ absl::Status CountBits(RunState& state, const uint32_t* a, const uint32_t* b, ui
 absl::Status CountSlab(RunState& state) {
   if (state.request.request.result != ResultKind::kBuckets && !state.pools_bricks) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kVoxels}));
-    if (state.keeps_touched) return CountTouched(state);
     return CountBits(state, state.coverage.data(), state.inside.empty() ? nullptr : state.inside.data(),
                      state.slab_words(), kVoxels);
   }

@@ -40,21 +40,7 @@ __device__ __forceinline__ void ShadeUniformAs(const FineArgs& args, FragmentSha
   }
 }
 
-// A call of its own: shading takes many registers, and none of them is needed afterwards. Of meshes that are placed in index space.
-__device__ __noinline__ inline void ShadeUniform(const FineArgs& args, uint32_t triangle, UniformValue& value) {
-  const MeshView& mesh = *args.mesh;
-  FragmentInput in;
-  if (args.traits.needs_plane) {
-    const uint32_t* v = mesh.triangles[triangle];
-    const Vec3d* p = mesh.index_positions;
-    in = MakeFragmentInput(mesh, triangle, SetUpPlane(p[v[0]], p[v[1]], p[v[2]]).degenerate, false);
-  } else {
-    in = MakePlainInput(mesh, triangle);
-  }
-  ShadeUniformAs(args, args.targets[0].target.shader, in, value);
-}
-
-// Whether FineUniformKernel knows how to blend the target, given that its value is uniform.
+// True if what is kept of a voxel is blended from values alone, whichever triangle they are of.
 VOXELPIPE_HD bool IsUniformKept(Kept kept) {
   return kept != Kept::kNothing && kept != Kept::kOwner && kept != Kept::kBitOfOwner;
 }

@@ -60,9 +60,4 @@ struct TargetViews {
   bool any_always_present = false;  // some target keeps every fragment, so a touched voxel is a covered one
 };
 
-// A row of a tile of a sparse result: which of its voxels are listed, and the rank of the first of them.
-struct RowRank {
-  uint32_t voxels, first;
-};
-
 }  // namespace voxelpipe::cuda

@@ -1,6 +1,5 @@
 #include "pipeline/run_plan.h"
 
-#include <optional>
 #include <utility>
 
 #include "pipeline/plan/footprint.h"
@@ -13,21 +12,13 @@ absl::StatusOr<PlannedRun> RunPlanner::Make() const {
   return run;
 }
 
-// The device is asked only where its room is in doubt.
 void RunPlanner::FitToDevice(PlannedRun& run) const {
-  constexpr uint64_t kShareInDoubt = 8;
   const VoxelizeRequest& request = input_.request;
-  const MeshSize& mesh = input_.mesh;
   Plan& plan = run.plan;
-  const uint64_t all = input_.backend.memory_bytes();
-  if (all == 0) return;
-  if (PredictSlabBytes(request, plan.grid, mesh, run.surface, plan.slab_depth) < all / kShareInDoubt) return;
-  const std::optional<uint64_t> room = stages_.FreeBytes();
-  if (!room) return;
   PlanLimits limits = input_.limits;
-  limits.slab_depth = FittingSlabDepth(request, plan.grid, mesh, run.surface, plan.slab_depth, *room);
+  limits.slab_depth = stages_.FittingSlabDepth(plan.grid, input_.mesh, run.surface, plan.slab_depth);
   if (limits.slab_depth == plan.slab_depth) return;
-  const Footprint need = input_.backend.Predict(request, plan.grid, mesh, run.surface, limits, input_.delivery);
+  const Footprint need = input_.backend.Predict(request, plan.grid, input_.mesh, run.surface, limits, input_.delivery);
   plan.slab_depth = limits.slab_depth;
   plan.peak_bytes = need.peak_bytes;
   plan.list_bytes = need.list_bytes;

@@ -89,6 +89,17 @@ VOXELPIPE_HD bool SameForTriangle(FragmentShaderId id, const FragmentInput& in) 
   return false;
 }
 
+// FragmentShaderTraits::MayDiscard of a shader chosen at run time.
+VOXELPIPE_HD bool MayDiscard(FragmentShaderId id, const MaterialView& material) {
+  switch (id) {
+#define VOXELPIPE_CASE(name) \
+  case FragmentShaderId::k##name: return name##Shader::MayDiscard(material);
+    VOXELPIPE_FRAGMENT_SHADERS(VOXELPIPE_CASE)
+#undef VOXELPIPE_CASE
+  }
+  return true;
+}
+
 // FragmentShaderTraits of a shader chosen at run time, or of several together (operator|=).
 struct ShaderTraits {
   bool needs_barycentrics = false, can_discard = false, is_color = false;

@@ -155,6 +155,11 @@ absl::Status FaultyBackend::Probe() const {
   return fails ? absl::InternalError("the probe failed, as was asked for") : absl::OkStatus();
 }
 
+Footprint FaultyBackend::Predict(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                                 const Surface& surface, const PlanLimits& limits, Delivery delivery) const {
+  return cpu::CpuBackend().Predict(request, grid, mesh, surface, limits, delivery);
+}
+
 std::string_view FaultyBackend::simd() const {
   return cpu::CpuBackend().simd();
 }

@@ -40,6 +40,8 @@ class FaultyBackend final : public Backend {
   std::string device() const override { return device_; }
   std::string model() const override { return "a device that breaks on demand"; }
   uint64_t memory_bytes() const override { return uint64_t{1} << 30; }
+  Footprint Predict(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
+                    const PlanLimits& limits, Delivery delivery) const override;
   absl::Status Probe() const override;
   std::string_view simd() const override;
   absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "cpu/base/task_sizes.h"
 #include "grid/host_buffer.h"
 
 namespace voxelpipe::cpu {
@@ -26,7 +27,7 @@ class BlockArena {
   }
 
  private:
-  static constexpr uint64_t kBlocksAtOnce = (2 << 20) / (kBlock * sizeof(T));
+  static constexpr uint64_t kBlocksAtOnce = kBinChunkBytes / (kBlock * sizeof(T));
 
   std::vector<HostArray<T>> chunks_;
   T* next_ = nullptr;

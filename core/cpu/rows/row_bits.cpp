@@ -9,6 +9,7 @@
 #include <cstring>
 
 #include "cpu/base/parallel.h"
+#include "cpu/base/task_sizes.h"
 #include "cpu/rows/row_bins.h"
 #include "grid/index_space.h"
 
@@ -16,10 +17,8 @@ namespace voxelpipe::cpu {
 namespace {
 
 constexpr int64_t kVertexGrain = 1 << 13;
-constexpr int64_t kTriangleGrain = 1 << 12;
 constexpr int64_t kClearBytes = 1 << 20;
 constexpr uint64_t kSlabBytes = 512 << 10;  // of bits: stays in the second-level cache
-constexpr int64_t kMaxSlabLayers = 16;
 // Bits are set where they lie if the target stays in the second-level cache, or if triangles are so many that neighbours find its words
 // there; otherwise triangles go to slabs first. Measured.
 constexpr int64_t kCachedWords = 1 << 18;

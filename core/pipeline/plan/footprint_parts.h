@@ -5,6 +5,8 @@
 #include <cstdint>
 
 #include "pipeline/plan/footprint.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/plan/surface.h"
 
 namespace voxelpipe::footprint {
 
@@ -22,7 +24,7 @@ class Sum {
 };
 
 bool IsOccupancyBit(const TargetSpec& target);
-// Whether the target's shader can drop fragments, so that it keeps a presence bit of its own.
+// True if the target's shader can drop fragments, so that it keeps a presence bit of its own.
 bool OwnPresence(const TargetSpec& target);
 // No targets but coverage itself: rows are set without tiles.
 bool PlainBits(const VoxelizeRequest& request);
@@ -41,18 +43,11 @@ double TilesOfGrid(const GridSpec& grid, int64_t layers);
 
 // Dense targets over `layers` layers.
 double DenseBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers);
-// The bit grids over `layers` layers that the stages hold besides the targets: coverage, inside bits of a fill, bits
-// and presence of targets that are not the coverage itself.
-double BitGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers);
 // Arrays of a sparse or bucketed result; `pooled`: with what blocks are rounded up to.
 double ListBytes(const VoxelizeRequest& request, const Surface& surface, bool pooled);
 // The same of all slabs together, each with arrays of its own, none of which has more than `slab`.
 double HeldListBytes(const VoxelizeRequest& request, const Surface& surface, const Surface& slab, double slabs);
 double LargestListBytes(const VoxelizeRequest& request, const Surface& surface);
-
-// What the CUDA backend lists on the device, of a surface in `layers` layers.
-double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
-                       const Surface& surface, int64_t layers);
 
 // A slab deep enough for the whole grid, or a multiple of the granularity.
 template <typename Bytes>

@@ -98,6 +98,14 @@ class Stages {
   // use these. Errors: the job's.
   virtual absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const = 0;
 
+  // In: the plan's layers of a slab. Out: the layers of a slab for which the device has room now, at most `depth`, a
+  // multiple of kSlabGranularity unless it is `depth`. A device is asked only where its room is in doubt: that takes as
+  // long as a small job.
+  virtual int64_t FittingSlabDepth(const GridSpec& /*grid*/, const MeshSize& /*mesh*/, const Surface& /*surface*/,
+                                   int64_t depth) const {
+    return depth;
+  }
+
   // What lists are expected to hold, and whom stages ask before these take more than the plan has for them. Before
   // CoarseRaster; `memory` outlives the stages.
   virtual void SetLists(const Surface& /*expected*/, ListMemory* /*memory*/) {}
@@ -143,8 +151,6 @@ class Stages {
     return SlabArrays(*std::move(arrays));
   }
 
-  // Bytes of the device's memory that a slab can have now; absent where stages work in the host's. Takes as long as a small job.
-  virtual std::optional<uint64_t> FreeBytes() const { return std::nullopt; }
   // After a stage of the slab returned RESOURCE_EXHAUSTED with the mark kOutOfMemory (base/device_failure.h): gives back what it took. The
   // next call is the first one of a slab with fewer layers. False: these stages cannot.
   virtual bool AbandonSlab() { return false; }
@@ -170,11 +176,10 @@ class Backend {
   virtual std::string device() const { return std::string(name()); }
   virtual std::string model() const { return {}; }     // as its maker calls it; empty where that is not known
   virtual uint64_t memory_bytes() const { return 0; }  // of the device; 0 where it works in the host's
-  // What a run on it takes.
+  // In: a valid request, the grid it is fitted to, the mesh after its vertex shader and what it touches of the grid.
+  // Out: the memory that a run takes, of the host and of the device together.
   virtual Footprint Predict(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
-                            const Surface& surface, const PlanLimits& limits, Delivery delivery) const {
-    return PredictHostFootprint(request, grid, mesh, surface, limits, delivery);
-  }
+                            const Surface& surface, const PlanLimits& limits, Delivery delivery) const = 0;
   // Whether the device can work now: allocates a little, runs something and reads it back. Errors say why not.
   virtual absl::Status Probe() const { return absl::OkStatus(); }
   virtual std::string_view simd() const = 0;  // best instruction set of the row kernels here, "scalar" where plain C++

@@ -11,6 +11,7 @@ struct BaseColorShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   static constexpr bool kCanDiscard = true, kIsColor = true;
   static constexpr bool kReadsBaseColor = true;
+  VOXELPIPE_HD static bool MayDiscard(const MaterialView& material) { return material.alpha_mask; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     const Vec4f color = BaseColor(in);
     for (int i = 0; i < 4; ++i) out.f[i] = color[i];

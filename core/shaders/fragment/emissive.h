@@ -13,6 +13,7 @@ struct EmissiveShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   static constexpr bool kCanDiscard = true, kIsColor = true;
   static constexpr bool kReadsEmissive = true;
+  VOXELPIPE_HD static bool MayDiscard(const MaterialView& material) { return material.alpha_mask; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     const MaterialView& material = in.material();
     const Vec4f texel = SampleMaterial(in, material.emissive);

@@ -30,7 +30,9 @@ struct FragmentInput {
 struct FragmentShaderTraits {
   static constexpr bool kNeedsPlane = true;  // reads `degenerate`, `geometric_normal`, `uv_density` or barycentrics
   static constexpr bool kNeedsBarycentrics = false;
-  static constexpr bool kCanDiscard = false;  // may set FragmentOutput::discard
+  static constexpr bool kCanDiscard = false;  // may set FragmentOutput::discard, ...
+  // ... and whether it may for fragments of a material.
+  VOXELPIPE_HD static bool MayDiscard(const MaterialView&) { return false; }
   static constexpr bool kIsColor = false;     // 0 to 1 a channel: integer targets scale it to their range by default
   // Textures of the material that it samples.
   static constexpr bool kReadsBaseColor = false, kReadsEmissive = false, kReadsMetallicRoughness = false;

@@ -114,6 +114,63 @@ std::vector<BenchRow> WholeCallRows() {
   return rows.Take();
 }
 
+std::vector<BenchRow> ShaderRows() {
+  struct Case {
+    const char *name, *shader;
+    VoxelFormat format;
+    int components;
+    Blend blend;
+  };
+  constexpr auto f32 = VoxelFormat::kF32, u8 = VoxelFormat::kU8;
+  constexpr Case kCases[] = {{"f32 max triangle_id", "triangle_id", f32, 1, Blend::kMax},
+                             {"f32 replace triangle_id", "triangle_id", f32, 1, Blend::kReplace},
+                             {"f32x3 replace normal", "normal", f32, 3, Blend::kReplace},
+                             {"f32x3 first normal", "normal", f32, 3, Blend::kFirst},
+                             {"u8x4 replace base_color", "base_color", u8, 4, Blend::kReplace},
+                             {"f32x3 replace attribute", "attribute", f32, 3, Blend::kReplace},
+                             {"f32x3 max normal", "normal", f32, 3, Blend::kMax},
+                             {"f32x3 average normal", "normal", f32, 3, Blend::kAverage},
+                             {"u8x4 average base_color", "base_color", u8, 4, Blend::kAverage},
+                             {"f32x3 average attribute", "attribute", f32, 3, Blend::kAverage},
+                             {"f32 add triangle_id", "triangle_id", f32, 1, Blend::kAdd},
+                             {"f32x3 average geometric_normal", "geometric_normal", f32, 3, Blend::kAverage}};
+  const auto target_of = [](const Case& row) {
+    TargetSpec target;
+    target.format = row.format;
+    target.components = row.components;
+    target.blend = row.blend;
+    target.shader.name = row.shader;
+    if (target.shader.name == "attribute") target.shader.text["name"] = "_HEAT";
+    return target;
+  };
+  Rows rows;
+  for (const char* mesh : {"shaded2M", "shaded2M masked", "shaded10M"}) {
+    for (const int64_t n : {256, 512, 1024}) {
+      VoxelizeRequest request = Bits(Coverage::kConservative);
+      request.result = ResultKind::kSparse;
+      if (std::string_view(mesh) != "shaded2M masked") rows.Add(mesh, "bit", n, 0, 0, request);
+      for (const Case& row : kCases) {
+        const bool color = std::string_view(row.shader) == "base_color";
+        if (std::string_view(mesh) == "shaded2M masked" && !color) continue;  // other shaders discard nothing
+        request.targets = {target_of(row)};
+        rows.Add(mesh, row.name, n, 0, 0, request);
+      }
+      request.targets.clear();
+      for (const int i : {1, 2, 4, 8}) request.targets.push_back(target_of(kCases[i]));
+      rows.Add(mesh, "four targets", n, 0, 0, request);
+      request = Bits(Coverage::kConservative);
+      request.targets = {target_of(kCases[2])};
+      rows.Add(mesh, "f32x3 replace normal, dense", n, 0, 0, request);
+      request.targets = {target_of(kCases[7])};
+      rows.Add(mesh, "f32x3 average normal, dense", n, 0, 0, request);
+      request.targets[0].blend = Blend::kReplace;
+      request.result = ResultKind::kBuckets;
+      rows.Add(mesh, "buckets of f32x3 normal", n, 0, 0, request);
+    }
+  }
+  return rows.Take();
+}
+
 std::vector<BenchRow> StageRows() {
   Rows rows;
   for (const char* mesh : {"sphere10M", "nasty"}) {
@@ -123,7 +180,7 @@ std::vector<BenchRow> StageRows() {
     rows.Add(mesh, "f32 max sparse", 1024, 0, 0, Floats(1, Blend::kMax, ResultKind::kSparse));
     rows.Add(mesh, "A-buffer thin", 1024, 0, 0, ABuffer(Coverage::kThin));
   }
-  // By tiles: all triangles in one, in a few, in many.
+  // All triangles in one tile, in a few, in many.
   for (const int64_t n : {8, 64, 512}) {
     rows.Add("sphere10M", "f32 replace dense", n, 0, 0, Floats(1, Blend::kReplace, ResultKind::kDense));
   }

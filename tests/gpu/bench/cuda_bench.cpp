@@ -6,7 +6,7 @@
 //   --filter TEXT   only rows whose line "MESH CASE N" holds TEXT; of several, with | between them, one
 //   --budget S      rows that would begin after so many seconds are not run, and say so
 //   --repeats N     at most so many measured runs a row (60)      --warmup N   runs before them (3)
-//   --only PART     one of: table, stages, calls, batch
+//   --only PART     one of: table, shaders, stages, calls, batch
 //   --memory BYTES  so much of the device's memory may be taken: larger grids go by slabs
 //
 // Method of the table: mesh on the device, result left there, CUDA events on the backend's stream around the whole
@@ -75,7 +75,8 @@ class Bench {
 
   int Run() {
     MeasureMachine();
-    if (Wanted("table")) Table();
+    if (Wanted("table")) Table(BenchRows());
+    if (Wanted("shaders")) Table(ShaderRows());
     if (Wanted("stages")) StageTable();
     if (Wanted("calls")) CallTable();
     if (Wanted("batch")) BatchTable();
@@ -142,10 +143,10 @@ class Bench {
     std::fflush(stdout);
   }
 
-  void Table() {
+  void Table(const std::vector<BenchRow>& rows) {
     std::printf("\n| case | mesh | N | ms | p10-p90 | pass | stretch | result | runs | occupied |\n");
     std::printf("|---|---|---|---|---|---|---|---|---|---|\n");
-    for (const BenchRow& row : BenchRows()) {
+    for (const BenchRow& row : rows) {
       if (!Wanted(row)) continue;
       ++rows_;
       const std::string head = absl::StrCat("| ", row.name, " | ", row.mesh, " | ", row.n, " | ");
@@ -177,14 +178,19 @@ class Bench {
     return absl::OkStatus();
   }
 
-  // What the CPU finds, made once a mesh, coverage and resolution.
+  // What the CPU finds, made once a mesh, coverage and resolution, and a shader that discards.
   uint64_t ExpectedOccupied(const BenchRow& row) {
-    const std::string key = absl::StrCat(row.mesh, " ", int(row.request.coverage), " ", row.n);
+    const bool discards = absl::StrContains(row.mesh, "masked") && row.request.targets.size() == 1;
+    const std::string key = absl::StrCat(row.mesh, " ", int(row.request.coverage), " ", row.n, discards ? row.name : "");
     const auto known = occupied_.find(key);
     if (known != occupied_.end()) return known->second;
     VoxelizeRequest bits;
     bits.grid = row.request.grid;
     bits.coverage = row.request.coverage;
+    if (discards) {
+      bits.targets = row.request.targets;
+      bits.result = ResultKind::kSparse;
+    }
     bits.backend = BackendChoice::kCpu;
     const absl::StatusOr<VoxelizeResult> result = Voxelize(MeshOf(row.mesh), bits, JobContext());
     return occupied_[key] = result.ok() ? result->stats.occupied : 0;
@@ -207,9 +213,10 @@ class Bench {
       return Fail(head, absl::DataLossError(absl::StrCat(occupied, " voxels occupied, the CPU has ", expected, ", in ",
                                                          Ms(median), " ms")));
     }
-    passed_ += median <= row.pass_ms;
-    stretched_ += median <= row.stretch_ms;
-    const char* verdict = median <= row.stretch_ms ? "stretch met" : median <= row.pass_ms ? "met" : "MISSED";
+    const bool asked = row.pass_ms > 0;
+    passed_ += !asked || median <= row.pass_ms;
+    stretched_ += asked && median <= row.stretch_ms;
+    const char* verdict = !asked ? "" : median <= row.stretch_ms ? "stretch met" : median <= row.pass_ms ? "met" : "MISSED";
     std::printf("%s%s | %s-%s | %s | %s | %s | %zu | %llu |\n", head.c_str(), Ms(median).c_str(),
                 Ms(Quantile(ms, 0.1)).c_str(), Ms(Quantile(ms, 0.9)).c_str(), Ms(row.pass_ms).c_str(),
                 Ms(row.stretch_ms).c_str(), verdict, ms.size(), static_cast<unsigned long long>(occupied));

@@ -1,8 +1,11 @@
 #include "gpu/cases/bench_meshes.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <memory>
+#include <utility>
 
 #include "bench/meshes.h"
 #include "load/decode/image.h"
@@ -27,6 +30,43 @@ TriangleMesh InUnitCube(TriangleMesh mesh) {
   const double scale = 1 / std::max({size.x, size.y, size.z});
   const Vec3d by = Vec3d{0.5, 0.5, 0.5} - (lo + hi) * (0.5 * scale);
   for (Vec3d& p : mesh.positions) p = p * scale + by;
+  return mesh;
+}
+
+// The bumpy sphere with normals, texture coordinates, a texture and the attribute _HEAT. `masked`: a quarter of the texture's
+// squares is transparent, and alpha mode MASK discards there.
+TriangleMesh ShadedSphere(int64_t triangles, bool masked) {
+  constexpr uint32_t kTexels = 1024, kSquare = 16;
+  TriangleMesh mesh = bench::BumpySphere(triangles);
+  VertexAttribute heat{"_HEAT", 1, {}};
+  for (const Vec3d& p : mesh.positions) {
+    const Vec3d d = p - Vec3d{0.5, 0.5, 0.5};
+    const double length = std::sqrt(Dot(d, d));
+    mesh.normals.push_back({float(d.x / length), float(d.y / length), float(d.z / length)});
+    mesh.uv[0].push_back({float(0.5 + std::atan2(d.z, d.x) / (2 * M_PI)), float(std::acos(d.y / length) / M_PI)});
+    heat.values.push_back(float(273 + 100 * p.y));
+  }
+  mesh.attributes.push_back(std::move(heat));
+  for (MeshPart& part : mesh.parts) part.has_normals = part.has_uv[0] = true, part.material = 0;
+  auto image = std::make_shared<Image>();
+  image->name = "squares";
+  image->width = image->height = kTexels;
+  for (uint32_t y = 0; y < kTexels; ++y) {
+    for (uint32_t x = 0; x < kTexels; ++x) {
+      const bool hole = masked && (x / kSquare) % 2 == 0 && (y / kSquare) % 2 == 0;
+      for (const uint32_t v : {x, y, x ^ y, hole ? 0u : 255u}) image->rgba.push_back(uint8_t(v));
+    }
+  }
+  mesh.images = {image};
+  mesh.textures = {Texture{.image = 0}};
+  Material material;
+  material.base_color.texture = 0;
+  if (masked) material.alpha_mode = AlphaMode::kMask;
+  mesh.materials = {material};
+  if (const absl::Status s = PrepareTextures(mesh); !s.ok()) {
+    std::fprintf(stderr, "the sphere's texture: %s\n", s.ToString().c_str());
+    std::exit(1);
+  }
   return mesh;
 }
 
@@ -57,6 +97,11 @@ std::vector<BenchMesh> BenchMeshes(const std::string& bunny, const std::string& 
           {"bunny", name, full},
           {"bunny1M", name + ", every triangle in 16, jittered", [=] { return bench::Subdivided(full(), 2); }},
           {"sphere10M", "generated sphere with bumps", [] { return bench::BumpySphere(10'000'000); }},
+          {"shaded2M", "generated sphere with normals, texture coordinates, a texture of 1024x1024, an attribute",
+           [] { return ShadedSphere(2'000'000, false); }},
+          {"shaded2M masked", "the same, a quarter of the texture transparent, alpha mode MASK",
+           [] { return ShadedSphere(2'000'000, true); }},
+          {"shaded10M", "the sphere of 10 M triangles likewise", [] { return ShadedSphere(10'000'000, false); }},
           {"nasty", "12 tilted planes through the grid, 2 M tiny triangles in 40 clusters, random order",
            [] { return bench::Nasty(); }}};
 }

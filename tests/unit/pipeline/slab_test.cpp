@@ -116,6 +116,10 @@ class ShortOfMemory final : public Backend {
   explicit ShortOfMemory(int64_t most_layers, bool by_slab = false) : most_layers_(most_layers), by_slab_(by_slab) {}
   std::string_view name() const override { return "short"; }
   std::string_view simd() const override { return cpu().simd(); }
+  Footprint Predict(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
+                    const PlanLimits& limits, Delivery delivery) const override {
+    return cpu().Predict(request, grid, mesh, surface, limits, delivery);
+  }
   void Run(int threads, const std::function<void()>& body) const override { cpu().Run(threads, body); }
   absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,
                                                 const JobContext& job) const override {

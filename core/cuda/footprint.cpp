@@ -1,29 +1,29 @@
-// What a run on a CUDA device takes: the device's lists (core/cuda) beside the targets, and what the host holds of the
-// result.
+#include "cuda/footprint.h"
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
+#include "cuda/list_sizes.h"
+#include "cuda/span_views.h"
+#include "cuda/vertex_code.cuh"
 #include "grid/bit_grid.h"
 #include "job/result.h"
-#include "pipeline/plan/footprint.h"
 #include "pipeline/plan/footprint_parts.h"
 #include "raster/tiles.h"
 
-namespace voxelpipe {
+namespace voxelpipe::cuda {
 namespace {
 
 using namespace footprint;
 
 constexpr double kBaseBytes = 4 << 20;
 
-// What is left of the parts of tiles that the CUDA backend splits (cuda/fine_args.cuh), until they are joined.
+// What is left of the parts of split tiles until they are joined.
 double PartBytes(const VoxelizeRequest& request, const Surface& surface) {
-  constexpr double kMinPairs = 1024, kMaxParts = 1024,
-                   kPairsOfSplitTile = 2;  // of a part; parts; parts' pairs, more than
-  constexpr double kGroup = 100 << 10;     // targets are blended in groups of so many bytes, or alone
-  if (surface.pairs <= kPairsOfSplitTile * kMinPairs) return 0;
-  const double parts = surface.pairs / std::max(kMinPairs, surface.pairs / kMaxParts);
+  constexpr double kPairsOfSplitTile = kPartsSplit - 1;  // in parts' pairs: a split tile has more
+  if (surface.pairs <= kPairsOfSplitTile * kLeastPartPairs) return 0;
+  const double parts = surface.pairs / std::max<double>(kLeastPartPairs, surface.pairs / kMostParts);
   double together = 0, largest = 0;
   for (const TargetSpec& target : request.targets) {
     const double component = target.blend == Blend::kAdd || target.blend == Blend::kAverage ? 8 : 4;
@@ -31,20 +31,28 @@ double PartBytes(const VoxelizeRequest& request, const Surface& surface) {
     together += of_tile;
     largest = std::max(largest, of_tile);
   }
-  return parts * (1 + 1 / kPairsOfSplitTile) * std::min(together, std::max(kGroup, largest));
+  return parts * (1 + 1 / kPairsOfSplitTile) * std::min(together, std::max<double>(kTargetGroupBytes, largest));
 }
 
-// The pool of bricks from which the CUDA backend gives out those of a sparse result while triangles are drawn
-// (cuda/brick_pool.h), of `layers` layers; 0 where it does not.
-uint64_t PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
-  if (request.result != ResultKind::kSparse || request.fill != Fill::kNone || request.targets.size() != 1) return 0;
+bool HasOwners(const TargetSpec& target) {
+  return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
+}
+
+// The pool whose bricks are given out while triangles are drawn (PoolsBricks in brick_pool.cu), over `layers` layers, and
+// the list of owners that may come of it; 0 where there is none.
+double PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const Surface& surface, int64_t layers) {
+  if (request.fill != Fill::kNone || request.targets.size() != 1) return 0;
   const TargetSpec& target = request.targets[0];
-  const bool is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
-  if (!is_float || target.components != 1 || (target.blend != Blend::kMax && target.blend != Blend::kMin)) return 0;
-  constexpr uint64_t kPlace = 512 * sizeof(uint32_t) + 64 + 8, kLeast = 1 << 10, kOfFaces = 4;
+  const bool owners = HasOwners(target) && target.format != VoxelFormat::kBit;
+  if (!owners) {
+    const bool is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
+    const bool ordered = target.blend == Blend::kMax || target.blend == Blend::kMin;
+    if (request.result != ResultKind::kSparse || !is_float || target.components != 1 || !ordered) return 0;
+  }
+  constexpr uint64_t kPlaceBytes = (kBrickCells + kMaskWordsOfBrick + 2) * sizeof(uint32_t);  // and a brick, a count
   const uint64_t x = uint64_t(grid.dims[0] + 7) / 8, y = uint64_t(grid.dims[1] + 7) / 8, z = uint64_t(layers + 7) / 8;
-  const uint64_t bricks = x * y * z;
-  return bricks * sizeof(uint32_t) + std::min(bricks, kLeast + kOfFaces * (x * y + y * z + z * x)) * kPlace;
+  const uint64_t pool = x * y * z * sizeof(uint32_t) + BrickPoolRoom(grid.dims[0], grid.dims[1], layers) * kPlaceBytes;
+  return double(pool) + (owners ? 2 * sizeof(uint32_t) * surface.voxels : 0);
 }
 
 double BitsOf(const GridSpec& grid, int64_t layers) {
@@ -76,10 +84,10 @@ double DeviceGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int
 // Triangles that touch many voxels have a span for each of their rows.
 double RecordBytes(const MeshSize& mesh, const Surface& surface) {
   constexpr double kQueues = 2 * sizeof(uint32_t), kRecord = 2 * sizeof(uint64_t), kSpan = sizeof(uint64_t);
-  constexpr double kManyVoxels = 16, kAnyway = 1 << 18, kMore = 17.0 / 16;
+  constexpr double kManyVoxels = 16, kMore = 17.0 / 16;
   const double triangles = double(mesh.triangles);
   const double rows = surface.fragments > kManyVoxels * triangles ? kMore * surface.rows : 0;
-  return triangles * (kQueues + kRecord) + std::max(triangles / 2 + kAnyway, rows) * kSpan;
+  return triangles * (kQueues + kRecord) + std::max(double(SpanRoom(mesh.triangles)), rows) * kSpan;
 }
 
 double BucketListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
@@ -89,11 +97,11 @@ double BucketListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   const double pair = key + sizeof(uint32_t), of_sort = 1;
   const bool may_drop = std::all_of(request.targets.begin(), request.targets.end(), OwnPresence);
   const double places = std::min(surface.fragments, cells);  // where buckets may begin
-  return RecordBytes(mesh, surface) + double(FragmentRoom(surface)) * pair +
+  return RecordBytes(mesh, surface) + double(FragmentRoom(surface.fragments)) * pair +
          surface.fragments * (pair + of_sort + (may_drop ? 1 : 0)) + places * 2 * sizeof(uint64_t);
 }
 
-// True if a dense target can be blended where it lies (cuda/blend_store.cu): then nothing is kept for it beside.
+// True if a dense target can be blended where it lies (IsInPlace in blend_store.cu): then nothing is kept for it beside.
 bool BlendsInPlace(const TargetSpec& target) {
   if (target.clear != 0) return false;
   const bool u32 = target.format == VoxelFormat::kU32, f32 = target.format == VoxelFormat::kF32;
@@ -101,36 +109,38 @@ bool BlendsInPlace(const TargetSpec& target) {
   return u32 && (target.blend == Blend::kOr || target.blend == Blend::kCount);
 }
 
-// Values that targets blend without tiles: of all triangles, and what they are blended in where that is not the target.
+// What targets blend without tiles: the values of all triangles, and accumulators of covered voxels where the target is
+// not blended in itself.
 double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                        const Surface& surface, int64_t layers) {
-  constexpr double kRowRanks = 512;  // a brick
   const bool sparse = request.result == ResultKind::kSparse;
-  const double kept = surface.voxels + (sparse ? surface.inside : 0);
-  double bytes = RecordBytes(mesh, surface) + double(mesh.triangles) * sizeof(uint32_t);  // their order
-  if (sparse) bytes += kRowRanks * surface.filled_bricks + sizeof(uint32_t) * kept;
-  bool ranked = sparse;
+  double bytes = RecordBytes(mesh, surface), owner_list = 0;
+  if (sparse) bytes += sizeof(uint32_t) * (surface.voxels + surface.inside);  // the bits of listed voxels
+  if (std::all_of(request.targets.begin(), request.targets.end(), OwnPresence)) bytes += BitsOf(grid, layers);
+  bool ranked = false;
   for (const TargetSpec& target : request.targets) {
-    if (target.format == VoxelFormat::kBit) continue;
+    if (IsOccupancyBit(target)) continue;
+    const bool owners = HasOwners(target), bit = target.format == VoxelFormat::kBit;
     const bool sums = target.blend == Blend::kAdd || target.blend == Blend::kAverage;
-    const double cell = double(target.components) * (sums ? sizeof(int64_t) : sizeof(uint32_t));
+    const double components = owners || bit ? 1 : double(target.components);
+    const double cell = components * (sums ? sizeof(int64_t) : sizeof(uint32_t));
     const double count = target.blend == Blend::kAverage ? sizeof(uint32_t) : 0;
-    bytes += double(mesh.triangles) * cell;
+    if (!owners && !bit && !OwnPresence(target)) bytes += double(mesh.triangles) * cell;
+    if (owners) owner_list = 3 * sizeof(uint32_t) * (surface.voxels + (sparse ? surface.inside : 0));
     if (!sparse && BlendsInPlace(target)) continue;
-    bytes += kept * (cell + count);
-    if (!std::exchange(ranked, true)) bytes += BitsOf(grid, layers);  // the places of covered voxels
+    bytes += surface.voxels * (cell + count);
+    if (!std::exchange(ranked, true)) bytes += BitsOf(grid, layers);  // the ranks of words
   }
-  return bytes;
+  return bytes + owner_list;
 }
 
 // Pairs of tiles and triangles, from and to which they are sorted, and of sparse results the values of whole tiles.
 double TileListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
                      int64_t layers) {
   constexpr double kQueue = sizeof(uint32_t), kPair = 4 * sizeof(uint32_t) + 1, kTile = 3 * sizeof(uint32_t);
-  const double share = double(layers) / double(grid.dims[2]), triangles = double(mesh.triangles);
-  const double room = share * (1.5 * triangles + double(1 << 16));
+  const double room = double(PairRoom(mesh.triangles, double(layers) / double(grid.dims[2])));
   const double tiles = TilesOfGrid(grid, layers);
-  double bytes = triangles * kQueue + std::max(room, surface.pairs) * kPair + kTile * tiles;
+  double bytes = double(mesh.triangles) * kQueue + std::max(room, surface.pairs) * kPair + kTile * tiles;
   bytes += PartBytes(request, surface);
   if (request.result != ResultKind::kSparse) return bytes;
   double value = 0;
@@ -141,7 +151,7 @@ double TileListBytes(const VoxelizeRequest& request, const GridSpec& grid, const
   return bytes + std::min(tiles, surface.tiles) * value * kTileVoxels;
 }
 
-// The bricks in which bits of few triangles are drawn where the grid is much larger than the cache (cuda/bit_pool.cu):
+// The bricks in which bits of few triangles are drawn where the grid is much larger than the cache (bit_pool.cu):
 // as many bits once more.
 double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t layers) {
   constexpr double kLargeGrid = 160 << 20;  // four times the L2 cache of a large GPU
@@ -150,28 +160,29 @@ double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const 
   return request.coverage != Coverage::kCenter && few && bits > kLargeGrid ? bits : 0;
 }
 
-// Whether all targets may be blended without tiles, which takes values that are the same all over a triangle.
-bool MayBlendDirectly(const VoxelizeRequest& request) {
-  return std::all_of(request.targets.begin(), request.targets.end(), [](const TargetSpec& target) {
-    return IsOccupancyBit(target) || (target.format != VoxelFormat::kBit && !OwnPresence(target));
-  });
+// True if records and spans reach all voxels and triangles (CellsReach in cells.cu).
+bool RecordsReach(const GridSpec& grid, const MeshSize& mesh) {
+  const double rows = double(grid.dims[1]) * double(grid.dims[2]);
+  return double((grid.dims[0] + 31) / 32 * 32) * rows <= double(kMostSpanBits) && mesh.triangles <= kMostSpanTriangles;
 }
 
 }  // namespace
 
-// What the CUDA backend lists on the device. Whether a target's value is uniform over a triangle is not known before
-// the vertex shader ran: of the ways that may be gone, the one that takes most counts.
-double footprint::DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
-                                  const Surface& surface, int64_t layers) {
+// Whether a target's value is uniform over a triangle is not known before the vertex shader ran: of the paths that may be
+// taken, the one that takes most counts.
+double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                       const Surface& surface, int64_t layers) {
   if (PlainBits(request)) {
-    const double queues_and_order = double(mesh.triangles) * 3 * sizeof(uint32_t);
-    return queues_and_order + BitPoolBytes(request, grid, mesh, layers);
+    const double queues = double(mesh.triangles) * 3 * sizeof(uint32_t);
+    return queues + BitPoolBytes(request, grid, mesh, layers);
   }
   if (request.result == ResultKind::kBuckets) return BucketListBytes(request, grid, mesh, surface, layers);
-  double bytes = TileListBytes(request, grid, mesh, surface, layers);
-  if (MayBlendDirectly(request)) {
-    bytes = std::max(
-        {bytes, DirectListBytes(request, grid, mesh, surface, layers), double(PoolBytes(request, grid, layers))});
+  double bytes = 0;
+  if (RecordsReach(grid, mesh)) {
+    const double pool = PoolBytes(request, grid, surface, layers);
+    bytes = std::max(DirectListBytes(request, grid, mesh, surface, layers), pool);
+  } else {
+    bytes = TileListBytes(request, grid, mesh, surface, layers);
   }
   if (request.result == ResultKind::kSparse) bytes += 24 * TilesOfGrid(grid, layers);  // bricks and voxels before each
   return bytes;
@@ -181,7 +192,6 @@ namespace {
 
 // Vertices in index space and triangles as the stages keep them for the whole run.
 double MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
-  constexpr double kCode = 8;  // a vertex's voxel
   const double vertices = double(mesh.vertices);
   double held = double(mesh.extent.held_bytes);
   if (held == 0) {  // not there yet: positions and triangles, here and in pinned memory, and what a shader makes
@@ -189,14 +199,14 @@ double MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
     held = vertices * (2 * sizeof(Vec3d) + shaded) + double(mesh.triangles) * 2 * 3 * sizeof(uint32_t);
   }
   const bool places = !PlainBits(request) || CastsLines(request.fill);
-  return held + (places ? vertices * (kCode + sizeof(Vec3d)) : 0);
+  return held + (places ? vertices * (sizeof(VertexCode) + sizeof(Vec3d)) : 0);
 }
 
-// The signed counters of a nonzero fill over `layers` layers: those of as many rows as take turns (cuda/solid_fill.cu).
+// The signed counters of a nonzero fill over `layers` layers: those of as many rows as take turns (solid_fill.cu).
 double SumBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
   if (request.fill != Fill::kNonzero) return 0;
-  constexpr double kMost = 256 << 20;
-  return std::min(32 * BitsOf(grid, layers), std::max(kMost, 32 * BitsOf(grid, 1)));
+  constexpr double kOfBit = 32;  // bytes of counters, for a byte of bits
+  return std::min(kOfBit * BitsOf(grid, layers), std::max<double>(kMostSumBytes, kOfBit * BitsOf(grid, 1)));
 }
 
 // All that a slab takes on the device besides the mesh. `surface`: of the slab.
@@ -211,8 +221,8 @@ double DeviceSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, con
 
 }  // namespace
 
-Footprint PredictDeviceFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
-                                 const Surface& surface, const PlanLimits& limits, Delivery delivery) {
+Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                           const Surface& surface, const PlanLimits& limits, Delivery delivery) {
   const bool dense = request.result == ResultKind::kDense;
   Footprint out;
   Sum result;
@@ -251,8 +261,8 @@ uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, 
 }
 
 int64_t FittingSlabDepth(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
-                         const Surface& surface, int64_t depth, uint64_t room) {
-  if (PredictSlabBytes(request, grid, mesh, surface, depth) <= room) return depth;
+                         const Surface& surface, int64_t depth, uint64_t free_bytes) {
+  if (PredictSlabBytes(request, grid, mesh, surface, depth) <= free_bytes) return depth;
   const bool dense = request.result == ResultKind::kDense;
   int64_t layers = (depth + kSlabGranularity - 1) / kSlabGranularity;  // in units of it
   const auto fits = [&] {
@@ -261,10 +271,10 @@ int64_t FittingSlabDepth(const VoxelizeRequest& request, const GridSpec& grid, c
     Sum bytes;
     bytes += double(PredictSlabBytes(request, grid, mesh, surface, here)) + copied;
     if (dense) bytes += double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], here}));
-    return bytes <= room && copied <= double(kMaxSlabBytes);
+    return bytes <= free_bytes && copied <= double(kMaxSlabBytes);
   };
   while (layers > 1 && !fits()) layers = (layers + 1) / 2;
   return std::min(depth, layers * kSlabGranularity);
 }
 
-}  // namespace voxelpipe
+}  // namespace voxelpipe::cuda

@@ -1,13 +1,12 @@
 // What a plan counts for the CUDA backend's lists.
-#include "pipeline/plan/footprint.h"
+#include "cuda/footprint.h"
 
 #include <cmath>
 
 #include "gtest/gtest.h"
-#include "pipeline/plan/footprint_parts.h"
 #include "support/run.h"
 
-namespace voxelpipe {
+namespace voxelpipe::cuda {
 namespace {
 
 // A sphere-like surface in the unit cube: `triangles` of equal size.
@@ -43,7 +42,7 @@ VoxelizeRequest Floats(Blend blend, ResultKind result) {
 // What the device lists.
 uint64_t Lists(const VoxelizeRequest& request, int64_t resolution, const MeshSize& mesh) {
   const GridSpec grid = Cube(resolution);
-  return uint64_t(footprint::DeviceListBytes(request, grid, mesh, EstimateSurface(request, grid, mesh), resolution));
+  return uint64_t(DeviceListBytes(request, grid, mesh, EstimateSurface(request, grid, mesh), resolution));
 }
 
 TEST(FootprintTest, PlainBitsListNothingButTrianglesThatWaitAndTheirOrder) {
@@ -108,4 +107,4 @@ TEST(FootprintTest, FragmentsOfBucketsCountTwiceForTheirSort) {
 }
 
 }  // namespace
-}  // namespace voxelpipe
+}  // namespace voxelpipe::cuda

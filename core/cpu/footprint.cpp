@@ -1,0 +1,172 @@
+#include "cpu/footprint.h"
+
+#include <tbb/info.h>
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+#include "cpu/a_buffer.h"
+#include "cpu/base/task_sizes.h"
+#include "cpu/base/tile_values.h"
+#include "cpu/run_state.h"
+#include "grid/bit_grid.h"
+#include "pipeline/plan/footprint_parts.h"
+#include "pipeline/stages/target_rules.h"
+
+namespace voxelpipe::cpu {
+namespace {
+
+using namespace footprint;
+
+// The bit grids over `layers` layers besides the targets: coverage, inside bits of a fill, bits and presence of targets
+// that are not the coverage itself.
+double BitGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
+  if (request.result == ResultKind::kBuckets) return 0;
+  const bool dense = request.result == ResultKind::kDense;
+  const TargetSpec& last = request.targets.back();
+  const bool handed_over = dense && request.fill == Fill::kNone && IsOccupancyBit(last) && last.clear == 0 &&
+                           grid.dims[0] % 32 == 0;  // rows of whole words: the coverage becomes the result
+  const bool joined = dense && std::all_of(request.targets.begin(), request.targets.end(), [](const TargetSpec& t) {
+                        return IsOccupancyBit(t) && t.clear == 0 && FillBit(t);
+                      });  // a fill's bits are set in the coverage
+  int grids = (handed_over ? 0 : 1) + (request.fill == Fill::kNone || joined ? 0 : 1);
+  for (const TargetSpec& target : request.targets) {
+    const bool in_tiles = request.result == ResultKind::kSparse;  // their bits stay with their tiles
+    if (target.format == VoxelFormat::kBit && !IsOccupancyBit(target) && !in_tiles) ++grids;
+    if (OwnPresence(target)) ++grids;
+  }
+  return grids * Pooled(double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers})));
+}
+
+// Fixed costs of the run besides grids: arenas, tile buffers of each thread, the bits of the measurement.
+constexpr double kBaseBytes = 4 << 20;
+constexpr double kTileListBytes = sizeof(TileValues) + sizeof(uint32_t);  // sparse: of a tile besides its values
+constexpr double kTileFragmentBytes = sizeof(TileFragments) + sizeof(std::span<const RowFragments>);  // buckets
+constexpr double kRunBytes = 2.2 * sizeof(TileRun);  // gathered by bucket and then together
+constexpr double kBlocks = 1.3;                      // lists that grow by blocks, the last of which is not full
+
+// What is kept of all tiles until a list is made of them: of a sparse result the values, of buckets the fragments.
+double KeptBytes(const VoxelizeRequest& request, const Surface& surface) {
+  if (request.result == ResultKind::kDense) return 0;
+  if (request.result == ResultKind::kBuckets) {
+    return kBlocks * sizeof(RowFragments) * surface.rows + kTileFragmentBytes * surface.tiles;
+  }
+  if (footprint::PlainBits(request)) return 0;
+  double value = 0;
+  for (const TargetSpec& target : request.targets) {
+    if (IsOccupancyBit(target)) continue;
+    value += target.format == VoxelFormat::kBit ? 1 : double(target.components * BitsPerComponent(target.format)) / 8;
+  }
+  return kBlocks * value * surface.voxels + kTileListBytes * surface.tiles;
+}
+
+double ShadedBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
+  if (mesh.extent.held_bytes != 0 || request.vertex_shader.name == "identity") return double(mesh.extent.held_bytes);
+  return double(mesh.vertices) * (sizeof(Vec3d) + sizeof(Vec3f));  // not known yet: positions and normals
+}
+
+// Vertices and triangles as the stages keep them for the whole run, and the most beside them while triangles are
+// sorted.
+struct MeshWork {
+  double kept = 0, sorting = 0;
+};
+MeshWork MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Surface& surface) {
+  const double vertices = double(mesh.vertices);
+  constexpr double kCode = 8;  // a vertex's voxel
+  MeshWork work;
+  work.kept = ShadedBytes(request, mesh) + Pooled(vertices * kCode);
+  if (footprint::PlainBits(request)) {
+    if (CastsLines(request.fill)) work.kept += Pooled(vertices * sizeof(Vec3d));
+    // The shell of a flood is conservative.
+    const bool shell = request.fill == Fill::kFlood && request.coverage != Coverage::kConservative;
+    if (shell) work.kept += Pooled(vertices * kCode);
+    return work;
+  }
+  work.kept += Pooled(vertices * sizeof(Vec3d)) + Pooled(8 * surface.pairs) + kRunBytes * surface.tiles;
+  // Each thread begins with room for a little more than one pair of a triangle.
+  work.sorting = 8 * std::max(kBlocks * surface.pairs, 1.125 * double(mesh.triangles));
+  if (request.fill == Fill::kFlood) work.kept += Pooled(vertices * kCode);  // of the shell's rows
+  return work;
+}
+
+// Lists of triangles by slab and of crossings by block, which threads gather while they rasterize and fill, each in
+// chunks of its own.
+double BinBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
+                int64_t layers) {
+  const int cores = tbb::info::default_concurrency();
+  const double threads = std::min(double(request.threads > 0 ? std::min(request.threads, cores) : cores),
+                                  std::ceil(double(mesh.triangles) / kTriangleGrain));
+  double bytes = 0;
+  if (footprint::PlainBits(request) || request.fill == Fill::kFlood) {
+    bytes += 4 * (double(mesh.triangles) + surface.layers / kMaxSlabLayers) + threads * kBinChunkBytes;
+  }
+  if (CastsLines(request.fill)) bytes += 4 * surface.crossings + 2 * threads * kBinChunkBytes;
+  if (request.fill == Fill::kNonzero) {
+    // The signed counters of a block of rows for each thread.
+    const double all = double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers}));
+    const double row = double(BitGrid::BytesFor({grid.dims[0], 1, 1}));
+    const double block = std::max({double(kSumBlockBytes), row, all / kMaxLineBlocks});
+    bytes += kSumsOfBit * std::min(all, std::max(1.0, threads) * block);
+  }
+  return bytes;
+}
+
+}  // namespace
+
+Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                           const Surface& surface, const PlanLimits& limits, Delivery delivery) {
+  const bool dense = request.result == ResultKind::kDense;
+  Footprint out;
+  Sum result;
+  result += dense ? double(DenseResultBytes(request, grid)) : ListBytes(request, surface, false);
+  out.result_bytes = result;
+  // What lists of a slab take; and all that a slab takes.
+  const auto lists = [&](int64_t layers) {
+    if (dense) return 0.0;
+    const Surface here = MostOfSlab(surface, grid, layers);
+    return ListBytes(request, here, true) + KeptBytes(request, here);
+  };
+  const auto slab_bytes = [&](int64_t layers) {
+    double bytes = dense ? DenseBytes(request, grid, layers) : lists(layers);
+    if (request.result == ResultKind::kSparse && !footprint::PlainBits(request)) bytes += 4 * TilesOfGrid(grid, layers);
+    return bytes + BitGridBytes(request, grid, layers);
+  };
+  out.slab_depth = SlabDepth(grid, limits, !dense || delivery == Delivery::kStream, slab_bytes);
+  const bool one_slab = out.slab_depth >= grid.dims[2];
+  const MeshWork work = MeshWorkBytes(request, mesh, surface);
+  double slab = slab_bytes(out.slab_depth) + BinBytes(request, grid, mesh, surface, out.slab_depth);
+  double list = lists(out.slab_depth);
+  if (!one_slab && dense && delivery == Delivery::kMemory) slab += DenseBytes(request, grid, grid.dims[2]);
+  // A stream of several targets goes over the slabs again: the pool has blocks of a last one that is thinner then, and
+  // those of the others.
+  if (!one_slab && dense && delivery == Delivery::kStream)
+    slab += DenseBytes(request, grid, grid.dims[2] % out.slab_depth);
+  if (!one_slab && !dense) {
+    // The lists of all slabs, and what the last one's are made of or, in the end, the array to which those of one kind
+    // are joined.
+    const Surface here = MostOfSlab(surface, grid, out.slab_depth);
+    const double slabs = std::ceil(double(grid.dims[2]) / double(out.slab_depth));
+    const double last = ListBytes(request, here, true);
+    const double all = std::min(slabs * last, HeldListBytes(request, surface, here, slabs));
+    const double held = all - last + std::max(0.0, LargestListBytes(request, surface) - KeptBytes(request, here));
+    slab += held;
+    list += held;
+  }
+  if (request.fill == Fill::kFlood) {
+    // The shell and what is reached from outside; one slab's inside takes the place of the shell.
+    slab += (one_slab ? 1 : 2) * Pooled(double(BitGrid::BytesFor(grid.dims)));
+  }
+  Sum peak;
+  peak += kBaseBytes;
+  peak += work.kept;
+  peak += std::max(work.sorting, slab);
+  out.peak_bytes = peak;
+  Sum listed;
+  if (!footprint::PlainBits(request)) list = std::max(list, work.sorting) + Pooled(8 * surface.pairs);
+  listed += list;
+  out.list_bytes = listed;
+  return out;
+}
+
+}  // namespace voxelpipe::cpu
