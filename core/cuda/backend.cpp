@@ -35,7 +35,11 @@ class CudaStages final : public Stages {
     use_.Wait();
   }
 
-  absl::StatusOr<MeshExtent> VertexShade() override { return cuda::VertexShade(state_); }
+  absl::StatusOr<MeshExtent> VertexShade() override {
+    absl::StatusOr<MeshExtent> extent = cuda::VertexShade(state_);
+    if (extent.ok()) DescribeTargets(state_);
+    return extent;
+  }
   absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
     const VoxelizeRequest& request = state_.request.request;
     // The sums that the device made are those of the whole mesh. Where the vertices are the file's, the host has them
@@ -59,12 +63,9 @@ class CudaStages final : public Stages {
   }
   absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
     if (absl::Status s = state_.memory.TakeOnHost(0); !s.ok()) return s;  // likewise
-    DescribeTargets(state_);
-    state_.plain_bits = cpu::PlainBits(state_.host, grid);
-    state_.direct = !state_.plain_bits && BlendsDirectly(state_, grid);
     return cuda::CoarseRaster(state_, grid, layers);
   }
-  absl::Status TileSort() override { return NeedsTiles(state_) ? cuda::TileSort(state_) : absl::OkStatus(); }
+  absl::Status TileSort() override { return state_.plan.sorts_tiles() ? cuda::TileSort(state_) : absl::OkStatus(); }
   absl::Status BeginSlab(const Slab& slab) override {
     counted_ = false;
     if (absl::Status s = state_.memory.TakeOnHost(0); !s.ok()) return s;  // the lists before are held by the run now
@@ -101,8 +102,7 @@ class CudaStages final : public Stages {
   }
   bool counts_wait() const override { return true; }
   bool SortsTiles(const GridSpec& grid) const override {
-    return state_.request.request.result != ResultKind::kBuckets && !cpu::PlainBits(state_.host, grid) &&
-           !BlendsDirectly(state_, grid);
+    return PlanPath(PathInputsOf(state_, grid)).sorts_tiles();
   }
   bool SortsTilesBySlab() const override { return true; }
   std::string_view simd() const override { return "cuda"; }
@@ -132,7 +132,7 @@ class CudaStages final : public Stages {
     state_.counts.odd_columns = (*counters)[kOddColumns];
     if (buckets) {
       state_.counts.fragments = state_.result.listed_fragments;
-    } else if (!state_.plain_bits) {
+    } else if (state_.plan.path != Path::kOccupancy) {
       state_.counts.fragments = (*counters)[kFragments];
     }
   }

@@ -129,17 +129,13 @@ absl::Status Store(RunState& state, int index, const StoreArgs& args) {
 
 }  // namespace
 
-bool IsInPlace(const CudaTarget& target) {
-  if (target.clear_stored != 0) return false;
-  const bool u32 = target.format == VoxelFormat::kU32, f32 = target.format == VoxelFormat::kF32;
-  if (target.blend == Blend::kMin || target.blend == Blend::kMax) return u32 || f32;
-  return u32 && (target.blend == Blend::kOr || target.blend == Blend::kCount);
+uint64_t FineTriangles(const DeviceInfo& device) {
+  constexpr uint64_t kLeastBlocks = 16;
+  return (AssumedCache() > 0 ? 1 : uint64_t(device.multiprocessors) * kLeastBlocks) * kBlendThreads;
 }
 
 bool IsFine(const RunState& state) {
-  constexpr uint64_t kLeastBlocks = 16;
-  const uint64_t least = AssumedCache() > 0 ? 1 : uint64_t(state.device.multiprocessors) * kLeastBlocks;
-  return state.mesh.host_view.triangle_count >= least * kBlendThreads;
+  return state.mesh.host_view.triangle_count >= FineTriangles(state.device);
 }
 
 absl::Status RankCovered(RunState& state) {
@@ -184,7 +180,7 @@ AccumulateArgs SumsOf(RunState& state, int index) {
 absl::Status StoreDense(RunState& state, int index) {
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
-  if (memory.in_place) return StoreKeys(state, target, memory);
+  if (state.plan.targets[size_t(index)].in_place) return StoreKeys(state, target, memory);
   return Store(state, index, MakeStoreArgs(state, index, target.dense, state.slab_voxels()));
 }
 

@@ -18,10 +18,8 @@ inline bool IsById(const CudaTarget& target) {
 inline bool IsSum(Kept kept) {
   return kept == Kept::kSum || kept == Kept::kAverage;
 }
-// Whether a dense target's blend is one atomic on its stored cells, beginning from the clear value.
-bool IsInPlace(const CudaTarget& target);
-
-// Whether the mesh has so many triangles that some of a thread each keep the device busy for long.
+// A mesh of so many triangles keeps the device busy with some a thread; and whether the run's is such.
+uint64_t FineTriangles(const DeviceInfo& device);
 bool IsFine(const RunState& state);
 
 inline unsigned BlendBlocks(const RunState& state, uint64_t work) {

@@ -64,9 +64,8 @@ PoolResultArgs ResultOf(RunState& state) {
 }
 
 void GoWithout(RunState& state) {
-  state.pools_bricks = false;
+  cuda::GoWithoutBricks(state.path_inputs, state.plan);
   state.pool.Free();
-  state.pool.too_small = true;
 }
 
 unsigned BlocksOfPlaces(const RunState& state) {
@@ -107,19 +106,6 @@ absl::Status Number(RunState& state) {
 
 }  // namespace
 
-bool PoolsBricks(RunState& state) {
-  const VoxelizeRequest& request = state.request.request;
-  if (!state.direct || state.pool.too_small || request.fill != Fill::kNone) return false;
-  if (request.targets.size() != 1 || state.mesh.host_view.triangle_count == 0) return false;
-  const CudaTarget& target = state.targets.at[0];
-  const ValueSource source = state.span_targets[0].source;
-  if (source == ValueSource::kOwners) return target.format != VoxelFormat::kBit;
-  if (request.result != ResultKind::kSparse || source != ValueSource::kTriangles) return false;
-  const bool is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
-  const bool sought = target.blend == Blend::kMax || target.blend == Blend::kMin;
-  return is_float && sought && target.components == 1;
-}
-
 absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id) {
   if (!MakeRoom(state).ok()) {  // the other way needs less
     GoWithout(state);
@@ -148,7 +134,7 @@ absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id
 absl::Status EmitPool(RunState& state) {
   const CudaTarget& target = state.targets.at[0];
   const bool sparse = state.request.request.result == ResultKind::kSparse;
-  const bool owners = state.span_targets[0].source == ValueSource::kOwners;
+  const bool owners = state.plan.targets[0].source == ValueSource::kOwners;
   DeviceResult& out = state.result;
   if (sparse) {
     VOXELPIPE_OK_OR_RETURN(out.bricks.Resize(out.listed_bricks, state.stream));

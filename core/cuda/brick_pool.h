@@ -7,9 +7,8 @@
 
 namespace voxelpipe::cuda {
 
-// Whether the slab's bricks are; once it is known. May synchronize.
-bool PoolsBricks(RunState& state);
-// Draws all triangles. Where there is no room for all bricks state.pools_bricks becomes false, and nothing was done but fragments counted. Synchronizes.
+// Draws all triangles. Where there is no room for all bricks the plan becomes another, for all slabs of the run, and nothing
+// was done but fragments counted. Synchronizes.
 absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id);
 // What was drawn becomes state.result.
 absl::Status EmitPool(RunState& state);

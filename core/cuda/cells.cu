@@ -43,12 +43,6 @@ auto KernelFor(const BitArgs& walk, CellSink sink, bool by_id) {
 
 }  // namespace
 
-bool CellsReach(const RunState& state, const int64_t (&dims)[3]) {
-  const uint64_t rows = uint64_t(dims[1]) * uint64_t(dims[2]);
-  return (uint64_t(dims[0]) + 31) / 32 * 32 <= kMostSpanBits / rows &&
-         state.host.view.triangle_count <= kMostSpanTriangles;
-}
-
 bool GoesByFixed(const RunState& state) {
   return HasFixed(MakeCellWalk(state));
 }

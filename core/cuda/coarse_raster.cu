@@ -176,11 +176,11 @@ absl::Status CheckReach(RunState& state, const GridSpec& grid) {
 // Whether some kernel asks for vertices in index space.
 bool NeedsPlaces(const RunState& state) {
   if (state.request.request.result == ResultKind::kBuckets) {
-    return !CellsReach(state, state.view.dims) || ShadesFragments(state.request);
+    return !RecordsReach(state.path_inputs.dims, state.path_inputs.triangles) || ShadesFragments(state.request);
   }
-  if (!state.direct) return true;
+  if (!state.plan.blends()) return true;
   for (int i = 0; i < state.targets.count; ++i) {
-    const ValueSource source = state.span_targets[size_t(i)].source;
+    const ValueSource source = state.plan.targets[size_t(i)].source;
     const bool shades_fragments = source == ValueSource::kOwners || source == ValueSource::kFragments;
     if (shades_fragments && TraitsOf(state.targets.at[i].shader).needs_plane) return true;
   }
@@ -298,8 +298,11 @@ absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
   }
   VOXELPIPE_OK_OR_RETURN(CheckReach(state, grid));
   state.placed = false;
-  if (!state.plain_bits && !NeedsTiles(state)) PrepareScattered(state);
-  if (state.plain_bits) return absl::OkStatus();  // rows come from world space
+  state.path_inputs = PathInputsOf(state, grid);
+  state.plan = PlanPath(state.path_inputs);
+  const Path path = state.plan.path;
+  if (path == Path::kFragmentList || state.plan.blends()) PrepareScattered(state);
+  if (path == Path::kOccupancy) return absl::OkStatus();  // rows come from world space
   for (SpanTarget& target : state.span_targets) target.shaded = false;
   if (NeedsPlaces(state)) VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
   if (state.mesh.view.empty() || state.mesh.host_view.index_positions != state.mesh.index_positions.data()) {
@@ -316,7 +319,7 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid, const Slab& lay
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.tile_layers = {layers.begin / TileDim(2), (layers.end + TileDim(2) - 1) / TileDim(2)};
   state.pairs.count = 0;
-  if (triangles == 0 || state.plain_bits || !NeedsTiles(state) || CoversNothing(state)) return absl::OkStatus();
+  if (triangles == 0 || !state.plan.sorts_tiles()) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
   const double share = double(layers.depth()) / double(grid.dims[2]);
   const uint64_t guess = std::max(state.pairs.tiles[0].size(), PairRoom(triangles, share));

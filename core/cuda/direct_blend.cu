@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "cpu/rows/row_bits.h"
 #include "cuda/bit_args.h"
 #include "cuda/blend_store.h"
 #include "cuda/blend_writer.cuh"
@@ -26,12 +27,6 @@ namespace {
 
 // Bytes of the device's memory for each span that the list may hold at most.
 constexpr uint64_t kMemoryPerSpan = 64;
-
-// Whether triangles may be blended in a target as they are found: where a largest or least value is sought.
-bool BlendsInWalk(RunState& state, const CudaTarget& target) {
-  if (GoesByFours(state, target)) return true;
-  return target.components == 1 && IsInPlace(target) && (target.blend == Blend::kMax || target.blend == Blend::kMin);
-}
 
 // Shaders that are asked for much have a kernel of their own, which keeps nothing in local memory.
 auto ShadeKernel(FragmentShaderId shader) {
@@ -58,7 +53,7 @@ absl::Status MakeValues(RunState& state, int index) {
   args.triangles = state.mesh.host_view.triangle_count;
   args.degenerate = DegenerateTestOf(state);
   memory.shading = args.shading;
-  memory.by_id = IsById(target) || memory.source == ValueSource::kOwners;
+  memory.by_id = IsById(target) || state.plan.targets[size_t(index)].source == ValueSource::kOwners;
   memory.degenerate = args.degenerate;
   if (ShadesByFours(state, target)) return absl::OkStatus();
   memory.shaded = true;
@@ -122,7 +117,7 @@ InPlaceArgs PlaceOf(RunState& state, int index) {
                : target.blend == Blend::kMax   ? InPlace::kMax
                : target.blend == Blend::kCount ? InPlace::kCount
                                                : InPlace::kOr;
-  if (memory.source == ValueSource::kOwners) {
+  if (state.plan.targets[size_t(index)].source == ValueSource::kOwners) {
     args.blend = target.blend == Blend::kFirst ? InPlace::kMaxOfComplement : InPlace::kMax;
   }
   args.planar = state.targets.planar;
@@ -159,7 +154,7 @@ absl::Status TakeSpans(RunState& state, int index, uint64_t count) {
   if (count == 0) return absl::OkStatus();
   const int components = state.targets.at[index].components;
   const SpanTarget& memory = state.span_targets[size_t(index)];
-  if (memory.in_place) {
+  if (state.plan.targets[size_t(index)].in_place) {
     InPlaceArgs args = PlaceOf(state, index);
     args.spans = state.spans.data();
     args.count = count;
@@ -190,12 +185,13 @@ absl::Status TakeCells(RunState& state, int index) {
   args.blocks = state.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
   args.grid = state.view;
-  if (memory.in_place) {
+  const bool in_place = state.plan.targets[size_t(index)].in_place;
+  if (in_place) {
     args.place = PlaceOf(state, index);
   } else {
     args.accumulate = SumsOf(state, index);
   }
-  const auto kernel = memory.in_place ? BlendCellsTo<BlendTo::kTarget>(memory.by_id, components)
+  const auto kernel = in_place ? BlendCellsTo<BlendTo::kTarget>(memory.by_id, components)
                                       : BlendCellsTo<BlendTo::kAccumulators>(memory.by_id, components);
   kernel<<<BlendBlocks(state, args.triangles), kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("BlendCells");
@@ -212,7 +208,7 @@ absl::Status BlendWhatIsFound(RunState& state, int index) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
-  const bool by_id = memory.by_id, by_fours = GoesByFours(state, target);
+  const bool by_id = memory.by_id, by_fours = state.plan.path == Path::kFloat4;
   if (by_fours) memory.negative.Free();  // keys stay keys, whether some value is negative or not
   BlendWriterArgs args;
   args.cover = CoverArgs(state, triangles);
@@ -270,7 +266,7 @@ absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t
 
 // True if a target is blended by what its triangles have, and not by its fragments.
 bool ByTriangles(const RunState& state, int index) {
-  const ValueSource source = state.span_targets[size_t(index)].source;
+  const ValueSource source = state.plan.targets[size_t(index)].source;
   return source == ValueSource::kTriangles || source == ValueSource::kOwners;
 }
 
@@ -309,18 +305,37 @@ bool IsUniform(const RunState& state, const CudaTarget& target) {
 
 }  // namespace
 
-ValueSource SourceOf(const RunState& state, const CudaTarget& target) {
-  if (target.is_occupancy) return ValueSource::kCoverage;
-  if (target.own_presence) return ValueSource::kFragments;
-  if (target.blend == Blend::kReplace || target.blend == Blend::kFirst) return ValueSource::kOwners;
-  const bool uniform = target.format != VoxelFormat::kBit && IsUniform(state, target);
-  return uniform ? ValueSource::kTriangles : ValueSource::kFragments;
-}
-
-bool BlendsDirectly(const RunState& state, const GridSpec& grid) {
+PathInputs PathInputsOf(const RunState& state, const GridSpec& grid) {
   const VoxelizeRequest& request = state.request.request;
-  if (request.result == ResultKind::kBuckets || CoversNothing(state)) return false;
-  return CellsReach(state, {grid.dims[0], grid.dims[1], grid.dims[2]});
+  PathInputs in;
+  in.result = request.result;
+  in.coverage = request.coverage;
+  in.fill = request.fill;
+  in.planar = request.layout == Layout::kPlanar;
+  in.target_count = state.targets.count;
+  for (int i = 0; i < in.target_count; ++i) {
+    const CudaTarget& target = state.targets.at[i];
+    PathTarget& of = in.targets[size_t(i)];
+    of.format = target.format;
+    of.blend = target.blend;
+    of.components = target.components;
+    of.clears_to_zero = target.clear_stored == 0;
+    of.is_occupancy = target.is_occupancy;
+    of.may_discard = target.own_presence;
+    of.same_for_triangle = IsUniform(state, target);
+  }
+  in.dims = {grid.dims[0], grid.dims[1], grid.dims[2]};
+  in.triangles = state.host.view.triangle_count;
+  in.rows_fit = cpu::RowBitsFit(grid, in.triangles);
+  if (in.triangles > 0 && in.coverage != Coverage::kCenter) {
+    const IndexSpace space = grid.index_space();
+    const Vec3d low = WorldToIndex(space, state.box.min), high = WorldToIndex(space, state.box.max);
+    in.fixed_point = MakeFixedPlace(space, low, high).bits > 0;
+  } else {
+    in.fixed_point = false;
+  }
+  in.fine_triangles = FineTriangles(state.device);
+  return in;
 }
 
 namespace {
@@ -341,8 +356,8 @@ absl::Status BlendByRecords(RunState& state, bool ranked) {
   state.span_count = ListedSpans(state, (*counters)[kSpans]);
   state.ranked_voxels = ranked ? (*counters)[kRanks] : 0;
   for (int i = 0; i < state.targets.count; ++i) {
-    const SpanTarget& memory = state.span_targets[size_t(i)];
-    if (memory.source == ValueSource::kCoverage || memory.in_place) continue;
+    const PathPlan::Target& target = state.plan.targets[size_t(i)];
+    if (target.source == ValueSource::kCoverage || target.in_place) continue;
     VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, state.ranked_voxels));
   }
   return TakeAll(state);
@@ -355,31 +370,27 @@ absl::Status BlendDirectly(RunState& state) {
   state.span_count = 0;
   if (state.mesh.host_view.triangle_count == 0) return ClearFragmentSlots(state);
   bool ranked = false;
-  int blended = 0, last = 0;  // targets
+  int last = 0;  // target with values
   for (int i = 0; i < state.targets.count; ++i) {
-    SpanTarget& memory = state.span_targets[size_t(i)];
-    if (memory.source == ValueSource::kCoverage) continue;
-    const bool of_triangles = memory.source == ValueSource::kTriangles;
+    const PathPlan::Target& target = state.plan.targets[size_t(i)];
+    if (target.source == ValueSource::kCoverage) continue;
     if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(MakeValues(state, i));
-    memory.in_place = of_triangles && !sparse && IsInPlace(state.targets.at[i]);
-    ranked = ranked || !memory.in_place;
-    ++blended;
+    ranked = ranked || !target.in_place;
     last = i;
   }
-  if (state.pools_bricks) {
+  if (state.plan.path == Path::kBricks) {
     VOXELPIPE_OK_OR_RETURN(BlendIntoPool(state, PlaceOf(state, last), state.span_targets[size_t(last)].by_id));
-    if (state.pools_bricks) return sparse ? absl::OkStatus() : EmitPool(state);
+    if (state.plan.path == Path::kBricks) return sparse ? absl::OkStatus() : EmitPool(state);
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
     VOXELPIPE_OK_OR_RETURN(state.coverage.Fill(0, state.stream));
   }
-  const bool of_triangles = state.span_targets[size_t(last)].source == ValueSource::kTriangles;
-  if (blended == 1 && of_triangles && !sparse && BlendsInWalk(state, state.targets.at[last])) {
+  if (state.plan.path == Path::kInPlace || state.plan.path == Path::kFloat4) {
     VOXELPIPE_OK_OR_RETURN(BlendWhatIsFound(state, last));
     return StoreDense(state, last);
   }
   VOXELPIPE_OK_OR_RETURN(BlendByRecords(state, ranked));
   for (int i = 0; i < state.targets.count; ++i) {
-    if (state.span_targets[size_t(i)].source == ValueSource::kCoverage) continue;
+    if (state.plan.targets[size_t(i)].source == ValueSource::kCoverage) continue;
     const bool later = sparse && state.targets.at[i].format != VoxelFormat::kBit;  // once voxels are listed
     if (!later) VOXELPIPE_OK_OR_RETURN(StoreDense(state, i));
   }

@@ -132,12 +132,12 @@ absl::Status FineBatch(BatchState& state) {
 }
 
 absl::Status FineRaster(RunState& state) {
-  if (CoversNothing(state)) return absl::OkStatus();
-  if (state.plain_bits) {
+  if (state.plan.path == Path::kNothing) return absl::OkStatus();
+  if (state.plan.path == Path::kOccupancy) {
     return RasterRows(state, state.request.request.coverage, state.slab.begin, state.slab.end, state.coverage.data(),
                       state.coverage.size());
   }
-  if (state.direct) return BlendDirectly(state);
+  if (state.plan.blends()) return BlendDirectly(state);
   if (state.pairs.count == 0) return absl::OkStatus();
   std::vector<FineArgs> groups = GroupTargets(state.targets);
   for (size_t g = 0; g < groups.size(); ++g) {

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "cuda/list_sizes.h"
-#include "cuda/span_views.h"
+#include "cuda/path_plan.h"
 #include "cuda/vertex_code.cuh"
 #include "grid/bit_grid.h"
 #include "job/result.h"
@@ -38,17 +38,17 @@ bool HasOwners(const TargetSpec& target) {
   return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
 }
 
-// The pool whose bricks are given out while triangles are drawn (PoolsBricks in brick_pool.cu), over `layers` layers, and
-// the list of owners that may come of it; 0 where there is none.
+// What the path depends on. Values are taken to be the same all over a triangle: that is not known before the vertex shader ran.
+PathTarget PathTargetOf(const TargetSpec& spec) {
+  return {spec.format, spec.blend, spec.components, spec.clear == 0, IsOccupancyBit(spec), OwnPresence(spec), true};
+}
+
+// The pool of bricks of Path::kBricks, over `layers` layers, and the list of owners that may come of it; 0 where there is
+// none.
 double PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const Surface& surface, int64_t layers) {
   if (request.fill != Fill::kNone || request.targets.size() != 1) return 0;
-  const TargetSpec& target = request.targets[0];
-  const bool owners = HasOwners(target) && target.format != VoxelFormat::kBit;
-  if (!owners) {
-    const bool is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
-    const bool ordered = target.blend == Blend::kMax || target.blend == Blend::kMin;
-    if (request.result != ResultKind::kSparse || !is_float || target.components != 1 || !ordered) return 0;
-  }
+  if (!FitsBricks(PathTargetOf(request.targets[0]), request.result)) return 0;
+  const bool owners = HasOwners(request.targets[0]);
   constexpr uint64_t kPlaceBytes = (kBrickCells + kMaskWordsOfBrick + 2) * sizeof(uint32_t);  // and a brick, a count
   const uint64_t x = uint64_t(grid.dims[0] + 7) / 8, y = uint64_t(grid.dims[1] + 7) / 8, z = uint64_t(layers + 7) / 8;
   const uint64_t pool = x * y * z * sizeof(uint32_t) + BrickPoolRoom(grid.dims[0], grid.dims[1], layers) * kPlaceBytes;
@@ -101,14 +101,6 @@ double BucketListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
          surface.fragments * (pair + of_sort + (may_drop ? 1 : 0)) + places * 2 * sizeof(uint64_t);
 }
 
-// True if a dense target can be blended where it lies (IsInPlace in blend_store.cu): then nothing is kept for it beside.
-bool BlendsInPlace(const TargetSpec& target) {
-  if (target.clear != 0) return false;
-  const bool u32 = target.format == VoxelFormat::kU32, f32 = target.format == VoxelFormat::kF32;
-  if (target.blend == Blend::kMin || target.blend == Blend::kMax) return u32 || f32;
-  return u32 && (target.blend == Blend::kOr || target.blend == Blend::kCount);
-}
-
 // What targets blend without tiles: the values of all triangles, and accumulators of covered voxels where the target is
 // not blended in itself.
 double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
@@ -127,7 +119,7 @@ double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
     const double count = target.blend == Blend::kAverage ? sizeof(uint32_t) : 0;
     if (!owners && !bit && !OwnPresence(target)) bytes += double(mesh.triangles) * cell;
     if (owners) owner_list = 3 * sizeof(uint32_t) * (surface.voxels + (sparse ? surface.inside : 0));
-    if (!sparse && BlendsInPlace(target)) continue;
+    if (!sparse && BlendsInPlace(PathTargetOf(target))) continue;
     bytes += surface.voxels * (cell + count);
     if (!std::exchange(ranked, true)) bytes += BitsOf(grid, layers);  // the ranks of words
   }
@@ -160,12 +152,6 @@ double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const 
   return request.coverage != Coverage::kCenter && few && bits > kLargeGrid ? bits : 0;
 }
 
-// True if records and spans reach all voxels and triangles (CellsReach in cells.cu).
-bool RecordsReach(const GridSpec& grid, const MeshSize& mesh) {
-  const double rows = double(grid.dims[1]) * double(grid.dims[2]);
-  return double((grid.dims[0] + 31) / 32 * 32) * rows <= double(kMostSpanBits) && mesh.triangles <= kMostSpanTriangles;
-}
-
 }  // namespace
 
 // Whether a target's value is uniform over a triangle is not known before the vertex shader ran: of the paths that may be
@@ -178,7 +164,7 @@ double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   }
   if (request.result == ResultKind::kBuckets) return BucketListBytes(request, grid, mesh, surface, layers);
   double bytes = 0;
-  if (RecordsReach(grid, mesh)) {
+  if (RecordsReach({grid.dims[0], grid.dims[1], grid.dims[2]}, mesh.triangles)) {
     const double pool = PoolBytes(request, grid, surface, layers);
     bytes = std::max(DirectListBytes(request, grid, mesh, surface, layers), pool);
   } else {

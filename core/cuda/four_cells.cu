@@ -29,22 +29,11 @@ bool LiesWithin(const RunState& state, const GridView& grid) {
 
 }  // namespace
 
-bool GoesByFours(RunState& state, const CudaTarget& target) {
-  const VoxelizeRequest& request = state.request.request;
-  if (!state.direct || request.result != ResultKind::kDense || request.layout == Layout::kPlanar) return false;
-  if (target.components != 4 || target.format != VoxelFormat::kF32 || !IsInPlace(target)) return false;
-  const auto has_values = [](const TargetSpec& spec) { return spec.format != VoxelFormat::kBit; };
-  if (std::count_if(request.targets.begin(), request.targets.end(), has_values) != 1) return false;
-  // Numbers of triangles that are asked for ahead fit as well.
-  const bool numbers_fit = state.mesh.host_view.triangle_count < uint64_t{1} << 31;
-  return numbers_fit && IsFine(state) && GoesByFixed(state);
-}
-
 bool ShadesByFours(RunState& state, const CudaTarget& target) {
   // Of a triangle without normals of its vertices both are the same.
   const bool normals =
       target.shader == FragmentShaderId::kNormal || target.shader == FragmentShaderId::kGeometricNormal;
-  return normals && GoesByFours(state, target) && DegenerateTestOf(state).least_small < DegenerateTest::kNever;
+  return normals && state.plan.path == Path::kFloat4 && DegenerateTestOf(state).least_small < DegenerateTest::kNever;
 }
 
 absl::Status BlendByFours(RunState& state, const CudaTarget& target, const BlendWriterArgs& args) {

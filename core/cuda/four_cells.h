@@ -6,9 +6,7 @@
 
 namespace voxelpipe::cuda {
 
-// Whether a target's triangles are blended so, once the slab is known: those of fine meshes that are not scattered, where there is no other target of values.
-bool GoesByFours(RunState& state, const CudaTarget& target);
-// Whether its values are made then, too, and no kernel has to make them before.
+// Under Path::kFloat4: true if the target's values are made meanwhile, and no kernel has to make them before.
 bool ShadesByFours(RunState& state, const CudaTarget& target);
 
 // Blends every triangle of the slab, small ones at once, what is left behind it; counts fragments and sets the coverage.

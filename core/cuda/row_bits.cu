@@ -52,13 +52,13 @@ bool ClearedByWalk(const BitArgs& args) {
 
 // The most triangles that all steps are done for in one launch.
 uint64_t MostAtOnce(const RunState& state) {
-  if (!state.plain_bits || AssumedCache() > 0) return 0;
+  if (state.plan.path != Path::kOccupancy || AssumedCache() > 0) return 0;
   return uint64_t(BlocksAtOnce(state.device)) * (kAtOnceThreads / 32) * kAtOnceSetups;
 }
 
 // Whether the grid is worth ways around the cache: other runs than those of plain bits keep to the plain way.
 bool GoesAroundCache(const RunState& state, const BitArgs& args) {
-  return state.plain_bits && ExceedsCache(state.device, args.quads * 16);
+  return state.plan.path == Path::kOccupancy && ExceedsCache(state.device, args.quads * 16);
 }
 
 void CutIntoPieces(const BitArgs& args, Bins& bins) {
@@ -91,7 +91,7 @@ bool KeepsToPlaces(const RunState& state, const BitArgs& args) {
 
 // Whether the largest of scattered triangles are drawn while the grid is cleared: in small ones it takes longer to set them up than it saves.
 bool DrawsLargest(const RunState& state, const BitArgs& args) {
-  return state.plain_bits && ExceedsCache(state.device, args.quads * 16 * kCacheTimes);
+  return state.plan.path == Path::kOccupancy && ExceedsCache(state.device, args.quads * 16 * kCacheTimes);
 }
 
 // Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where triangles are small: more

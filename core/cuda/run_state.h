@@ -20,6 +20,7 @@
 #include "cuda/fragments.h"
 #include "cuda/launch_graphs.h"
 #include "cuda/mesh_cache.h"
+#include "cuda/path_plan.h"
 #include "cuda/pinned.h"
 #include "cuda/run_memory.h"
 #include "cuda/span_views.h"
@@ -85,17 +86,8 @@ struct TargetMemory {
   DeviceArray<uint8_t> dense;
 };
 
-// How a target gets its values where no tiles are sorted.
-enum class ValueSource : uint8_t {
-  kCoverage,   // the occupancy bit: the coverage itself
-  kTriangles,  // one value a triangle, shaded once
-  kOwners,     // replace and first, of shaders that keep every fragment: the owner of each voxel is found, then shaded
-  kFragments,  // every fragment is shaded
-};
-
 // What a target that is blended without tiles has besides (span_blend.cuh).
 struct SpanTarget {
-  ValueSource source = ValueSource::kCoverage;
   DeviceArray<uint32_t> values, negative;  // of all triangles
   DeviceArray<int64_t> terms;
   DeviceArray<uint32_t> cells, counts;  // by rank
@@ -104,7 +96,6 @@ struct SpanTarget {
   bool by_id = false;         // there are none: the value is the triangle's id
   FineArgs shading;           // of the target alone
   DegenerateTest degenerate;  // of the run's triangles
-  bool in_place = false;      // blended in the dense target
 };
 
 // A list of owners: voxels within the slab, triangles, and where their values go.
@@ -119,7 +110,6 @@ struct OwnerList {
 // A pool of bricks (brick_pool.cuh): per brick of the slab, and per place.
 struct PoolMemory {
   DeviceArray<uint32_t> places, cells, masks, bricks, voxels;
-  bool too_small = false;  // for some slab of the run: then others go without, too
 
   void Free() {
     for (auto* array : {&places, &cells, &masks, &bricks, &voxels}) array->Free();
@@ -162,8 +152,8 @@ struct RunState {
   GridSpec grid;
   GridView view{};          // dims, tiles, slab: what kernels get
   bool placed = false;      // whether index_positions and codes are made
-  bool plain_bits = false;  // every target is the coverage itself: rows without tiles
-  bool direct = false;      // every target blends without tiles
+  PathInputs path_inputs;
+  PathPlan plan;
   Slab tile_layers;         // of these tiles, counted in tiles
   TilePairs pairs;
   DeviceArray<uint64_t> counters;    // see Counter
@@ -198,7 +188,6 @@ struct RunState {
   DeviceArray<uint32_t> brick_counts, voxel_counts;
   DeviceArray<uint64_t> first_brick, first_voxel;
   PoolMemory pool;
-  bool pools_bricks = false;  // bricks are given out while triangles are drawn; there is no coverage then
 
   // Buckets: EmitFragments, SortFragments
   DeviceArray<uint32_t> fragment_counts;  // per triangle
@@ -303,9 +292,6 @@ absl::StatusOr<ResultArrays> Finish(RunState& state);  // copies to the host; sy
 bool AnyShading(const BoundRequest& request);
 // Whether an A-buffer's targets show more than which fragments there are; only then do its shaders run.
 bool ShadesFragments(const BoundRequest& request);
-// True if the request goes by tiles: not plain bits, not blends without tiles, and not the A-buffer, which emits by
-// triangle.
-bool NeedsTiles(const RunState& state);
 // Bytes of one tile's values in RunState::tile_values; sets value_stride and value_offset.
 void LayOutTileValues(RunState& state);
 
@@ -313,14 +299,10 @@ void LayOutTileValues(RunState& state);
 uint32_t PatternOf(const CudaTarget& target);
 // The target of a request, without memory.
 CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader);
-// Whether a grid's voxels and the mesh's triangles have numbers that records of triangles and spans can hold.
-bool CellsReach(const RunState& state, const int64_t (&dims)[3]);
-// True if the targets of a grid are blended without tiles; after VertexShade.
-bool BlendsDirectly(const RunState& state, const GridSpec& grid);
-// How a target gets its values then.
-ValueSource SourceOf(const RunState& state, const CudaTarget& target);
-// Makes state.targets, without memory, and the sources of their values; after VertexShade.
+// Makes state.targets, without memory; after VertexShade.
 void DescribeTargets(RunState& state);
+// What the plan of a grid depends on; after DescribeTargets.
+PathInputs PathInputsOf(const RunState& state, const GridSpec& grid);
 
 // Parts of stages
 absl::Status BlendDirectly(RunState& state);  // synchronizes, but for a sparse result

@@ -69,7 +69,7 @@ absl::Status Launch(RunState& state, const ListArgs& args) {
 CoverageShadingArgs MakeCoverageArgs(RunState& state) {
   CoverageShadingArgs args;
   for (int t = 0; t < state.targets.count; ++t) {
-    if (state.span_targets[size_t(t)].source != ValueSource::kFragments) continue;
+    if (state.plan.targets[size_t(t)].source != ValueSource::kFragments) continue;
     ShadedTarget& shaded = args.targets[args.target_count++];
     shaded.target = state.targets.at[t];
     shaded.to = AccumulatorsOf(state, t);

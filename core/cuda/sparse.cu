@@ -185,7 +185,7 @@ __global__ void __launch_bounds__(kThreads) EmitBricks(const __grid_constant__ B
 }  // namespace
 
 absl::Status MakeBricks(RunState& state) {
-  if (state.pools_bricks) return EmitPool(state);
+  if (state.plan.path == Path::kBricks) return EmitPool(state);
   DeviceResult& out = state.result;
   BrickArgs args{};
   args.grid = state.view;
@@ -229,10 +229,10 @@ absl::Status MakeBricks(RunState& state) {
   if (out.listed_bricks == 0) return absl::OkStatus();
   args.first_brick = state.first_brick.data();
   args.first_voxel = state.first_voxel.data();
-  args.tile_slot = state.plain_bits || state.pairs.count == 0 ? nullptr : state.tile_slot.data();
+  args.tile_slot = state.plan.path == Path::kOccupancy || state.pairs.count == 0 ? nullptr : state.tile_slot.data();
   args.tile_values = state.tile_values.data();
   args.emits = true;
-  if (state.direct) {
+  if (state.plan.blends()) {
     VOXELPIPE_OK_OR_RETURN(state.listed_bits.Resize(out.listed_voxels, state.stream));
     args.listed_bits = state.listed_bits.data();
     args.emits = args.inside != nullptr;
@@ -249,7 +249,7 @@ absl::Status MakeBricks(RunState& state) {
   const uint64_t blocks = std::min<uint64_t>(uint64_t(state.device.multiprocessors) * 16, (args.tile_count + 7) / 8);
   EmitBricks<<<unsigned(blocks), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitBricks");
-  return state.direct ? StoreListed(state) : absl::OkStatus();
+  return state.plan.blends() ? StoreListed(state) : absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cuda

@@ -274,7 +274,6 @@ void DescribeTargets(RunState& state) {
       return MayDiscard(target.shader, mesh.materials[part.material]);
     });
     state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
-    state.span_targets[i].source = SourceOf(state, target);
   }
 }
 
@@ -319,14 +318,10 @@ absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state) {
       cudaMemcpyAsync(all.data(), state.counters.data(), sizeof all, cudaMemcpyDeviceToHost, state.stream));
   VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
   std::copy_n(all.begin(), counters.size(), counters.begin());
-  if (state.direct) {
+  if (state.plan.blends()) {
     for (size_t i = counters.size(); i < all.size(); ++i) counters[kFragments] += all[i];
   }
   return counters;
-}
-
-bool NeedsTiles(const RunState& state) {
-  return !state.plain_bits && !state.direct && state.request.request.result != ResultKind::kBuckets;
 }
 
 void LayOutTileValues(RunState& state) {
@@ -349,17 +344,16 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.view.slab_end = slab.end;
   state.counts = SlabCounts();
   state.inside.Free();
-  if (!buckets && (!state.plain_bits || request.fill != Fill::kNone)) {
+  if (!buckets && (state.plan.path != Path::kOccupancy || request.fill != Fill::kNone)) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kFragments, kOddColumns, kVoxels}));
   }
   if (buckets) return absl::OkStatus();
   for (size_t i = 0; i < request.targets.size(); ++i) {
     VOXELPIPE_OK_OR_RETURN(Allocate(state, state.targets.at[i], state.target_memory[i]));
   }
-  state.pools_bricks = PoolsBricks(state);
-  if (state.pools_bricks) {
+  if (state.plan.path == Path::kBricks) {
     state.coverage.Free();
-  } else if (!CoversNothing(state) && state.plain_bits) {  // what draws there writes all of it
+  } else if (state.plan.path == Path::kOccupancy) {  // what draws there writes all of it
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
   } else {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
@@ -396,11 +390,7 @@ void AbandonSlab(RunState& state) {
   state.owners.Free();
   state.pool.Free();
   state.bit_pool.Free();
-  for (SpanTarget& target : state.span_targets) {  // the values of all triangles are made anew
-    const ValueSource source = target.source;
-    target = {};
-    target.source = source;
-  }
+  state.span_targets = {};  // with the values of all triangles, which are made anew
   state.scratch.Free();
   if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so
   // Walks do without.
@@ -434,7 +424,7 @@ absl::Status CountBits(RunState& state, const uint32_t* a, const uint32_t* b, ui
 }
 
 absl::Status CountSlab(RunState& state) {
-  if (state.request.request.result != ResultKind::kBuckets && !state.pools_bricks) {
+  if (state.request.request.result != ResultKind::kBuckets && state.plan.path != Path::kBricks) {
     VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kVoxels}));
     return CountBits(state, state.coverage.data(), state.inside.empty() ? nullptr : state.inside.data(),
                      state.slab_words(), kVoxels);

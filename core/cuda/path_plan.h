@@ -1,0 +1,86 @@
+// Which path a run takes on a device: decided once, from what is known before the first kernel. A pure function, so that it
+// is tested without a GPU. No host-only includes but the standard library's, no CUDA headers.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+
+#include "grid/formats.h"
+#include "job/request.h"
+
+namespace voxelpipe::cuda {
+
+// How a slab's targets are made; core/cuda/README.md describes each.
+enum class Path : uint8_t {
+  kNothing,       // coverage `none`
+  kOccupancy,     // occupancy bits alone: rows of voxels set in the bit grid
+  kInPlace,       // one target of one value a triangle: blended where it lies, while triangles are found
+  kFloat4,        // the same of four floats a voxel, for fine meshes
+  kBricks,        // one target whose voxels keep one key each: blended in bricks that are given out meanwhile
+  kAccumulators,  // coverage records and spans, blended into accumulators of covered voxels
+  kTiles,         // sort-middle: pairs of tiles and triangles; where records do not reach
+  kFragmentList,  // sort-last: the A-buffer
+};
+
+// How a target gets its values.
+enum class ValueSource : uint8_t {
+  kCoverage,   // the occupancy bit: the coverage itself
+  kTriangles,  // one value a triangle, shaded once
+  kOwners,     // replace and first, of shaders that keep every fragment: the owner of each voxel is found, then shaded
+  kFragments,  // every fragment is shaded
+};
+
+// What the plan asks of a target.
+struct PathTarget {
+  VoxelFormat format = VoxelFormat::kBit;
+  Blend blend = Blend::kOr;
+  int components = 1;
+  bool clears_to_zero = true;
+  bool is_occupancy = false;      // of the occupancy shader, in bits
+  bool may_discard = false;       // the shader, of some fragment of this mesh
+  bool same_for_triangle = false;  // the shader gives all fragments of each triangle one value
+};
+
+struct PathInputs {
+  ResultKind result = ResultKind::kDense;
+  Coverage coverage = Coverage::kConservative;
+  Fill fill = Fill::kNone;
+  bool planar = false;
+  std::array<PathTarget, kMaxTargets> targets{};
+  int target_count = 0;
+  std::array<int64_t, 3> dims{1, 1, 1};
+  uint64_t triangles = 0;
+  bool rows_fit = true;      // occupancy bits may be set by rows (RowBitsFit)
+  bool fixed_point = true;   // fixed point decides what most triangles touch
+  uint64_t fine_triangles = 0;  // a mesh of so many keeps the device busy with some triangles a thread
+};
+
+struct PathPlan {
+  Path path = Path::kNothing;
+  struct Target {
+    ValueSource source = ValueSource::kCoverage;
+    bool in_place = false;  // blended in the dense target itself
+  };
+  std::array<Target, kMaxTargets> targets{};
+
+  bool sorts_tiles() const { return path == Path::kTiles; }
+  // True if small triangles become records, or are blended as they are found.
+  bool blends() const { return path >= Path::kInPlace && path <= Path::kAccumulators; }
+};
+
+PathPlan PlanPath(const PathInputs& in);
+// The same without a pool of bricks, which found no room.
+void GoWithoutBricks(const PathInputs& in, PathPlan& plan);
+
+// True if records of triangles and spans have numbers for all voxels and triangles.
+bool RecordsReach(const std::array<int64_t, 3>& dims, uint64_t triangles);
+// True if a dense target's blend is one 32-bit atomic on its stored cells, beginning from the clear value.
+bool BlendsInPlace(const PathTarget& target);
+// True if a pool of bricks can hold the target: one key a voxel, that is never 0.
+bool FitsBricks(const PathTarget& target, ResultKind result);
+
+// What `--json` shows of a target: "occupancy", "triangles, in place", ...
+std::string PathName(const PathPlan& plan, int target);
+
+}  // namespace voxelpipe::cuda
