@@ -186,7 +186,7 @@ class Bench {
     bits.grid = row.request.grid;
     bits.coverage = row.request.coverage;
     bits.backend = BackendChoice::kCpu;
-    const absl::StatusOr<VoxelizeResult> result = Voxelize(MeshOf(row.mesh), bits, JobContext());
+    const absl::StatusOr<VoxelizeResult> result = Voxelize(MeshOf(row.mesh), bits, {JobContext()});
     return occupied_[key] = result.ok() ? result->stats.occupied : 0;
   }
 
@@ -337,7 +337,7 @@ class Bench {
       const auto begin = Clock::now();
       for (size_t first = 0; first < meshes.size(); first += together) {
         if (together == 1) {
-          failed += !VoxelizeOn(backend, meshes[first], request, job).ok();
+          failed += !Voxelize(meshes[first], request, {.job = job, .backend = &backend}).ok();
           ++passes;
           continue;
         }
@@ -368,7 +368,7 @@ class Bench {
     double result_bytes = 0;
     for (int i = 0; i < 12 && (i < 4 || ms.back() < 500); ++i) {
       const auto begin = Clock::now();
-      const absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, row.request, JobContext());
+      const absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, row.request, {JobContext()});
       ms.push_back(MsSince(begin));
       if (!result.ok()) return Fail(head, result.status());
       result_bytes = 0;

@@ -50,13 +50,13 @@ std::vector<absl::StatusOr<VoxelizeStats>> RunAll(const TriangleMesh& mesh, cons
     if (!result.ok()) return result.status();
     return std::move(result->stats);
   };
-  all.push_back(stats_of(Voxelize(mesh, request, job)));
+  all.push_back(stats_of(Voxelize(mesh, request, {job})));
   class Nowhere final : public ResultSink {
    public:
     absl::Status Begin(const ResultHeader&) override { return absl::OkStatus(); }
     absl::Status Write(size_t, std::span<const uint8_t>) override { return absl::OkStatus(); }
   } sink;
-  all.push_back(VoxelizeTo(mesh, request, job, {}, sink));
+  all.push_back(VoxelizeTo(mesh, request, {job}, sink));
   for (const Backend* device : Devices()) {
     const BatchItem item{&mesh, &request, &job, {}, [&](absl::StatusOr<VoxelizeResult> result) {
                            all.push_back(stats_of(std::move(result)));
