@@ -5,6 +5,7 @@
 
 #include "pipeline/backend.h"
 #include "pipeline/batch.h"
+#include "pipeline/estimate.h"
 #include "pipeline/memory_sink.h"
 #include "pipeline/voxelize.h"
 #include "support/meshes.h"
@@ -98,6 +99,8 @@ TEST(Warnings, StrictMakesTheFirstOneTheError) {
   for (const auto& stats : RunAll(Cube(), request)) {
     EXPECT_EQ(stats.status(), absl::InvalidArgumentError("image 0: KTX2 is not decoded"));
   }
+  EXPECT_EQ(EstimateVoxelization(Cube(), request, JobContext(), {}, Delivery::kMemory).status(),
+            absl::InvalidArgumentError("image 0: KTX2 is not decoded"));
   VoxelizeRequest other = Request("normal");
   other.strict = true;
   for (const auto& stats : RunAll(Cube(), other)) EXPECT_TRUE(stats.ok()) << stats.status();
