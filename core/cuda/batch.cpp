@@ -69,8 +69,8 @@ void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const s
   stats.launches = stats.launches.value_or(0) + LaunchesOfThread() - launches;
   const double wall_ms = WallMs() - wall, cpu_ms = (CpuMs() - cpu) / double(members.size());
   const auto go_alone = [&](const BatchItem& item) {  // its plan is told already
-    tbb::this_task_arena::isolate(
-        [&] { item.done(VoxelizeInside(backend, *item.mesh, *item.request, *item.job, limits, {})); });
+    const RunOptions options{.job = *item.job, .limits = limits, .backend = &backend, .inside = true};
+    tbb::this_task_arena::isolate([&] { item.done(Voxelize(*item.mesh, *item.request, options)); });
   };
   tbb::parallel_for(size_t{0}, members.size(), [&](size_t i) {
     BatchMember& member = *members[i];

@@ -16,6 +16,7 @@ struct VoxelizeStats {
   std::optional<uint64_t> fragments;  // (triangle, voxel) pairs touched; absent where a fast path does not count them
   // Voxels with a fragment or filled; counted after the pipeline, outside its time but where that waits for a device.
   uint64_t occupied = 0;
+  int passes = 1;  // times that all slabs were made: a stream of several targets, or planes, makes them for each
   std::optional<uint64_t> odd_columns;  // with parity fill: columns with an odd number of crossings
   std::string backend;                  // "cpu" or "cuda"
   std::string device_failure;           // why a device that was tried first did not do it; empty where none was

@@ -40,7 +40,9 @@ void VoxelizeBatch(const Backend& backend, std::span<const BatchItem> items, int
   stats.sharing = false;
   backend.RunEach(threads, alone.size(), [&](size_t i) {
     const BatchItem& item = items[alone[i]];
-    item.done(VoxelizeInside(backend, *item.mesh, *item.request, *item.job, limits, item.on_plan));
+    const RunOptions options{
+        .job = *item.job, .limits = limits, .on_plan = item.on_plan, .backend = &backend, .inside = true};
+    item.done(Voxelize(*item.mesh, *item.request, options));
   });
   stats.passes += uint32_t(alone.size());
 }

@@ -22,7 +22,7 @@ struct BatchItem {
   const TriangleMesh* mesh = nullptr;  // as for Voxelize
   const VoxelizeRequest* request = nullptr;
   const JobContext* job = nullptr;
-  PlanHook on_plan;  // as for VoxelizeOn; may be empty
+  PlanHook on_plan;  // as in RunOptions
   // Called once, from any thread, as soon as the result or error is there, which may be long before the batch's end. Items may be
   // done at the same time.
   std::function<void(absl::StatusOr<VoxelizeResult>)> done;

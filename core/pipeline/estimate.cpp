@@ -8,6 +8,7 @@
 #include "pipeline/stages/backend.h"
 #include "pipeline/stages/bind.h"
 #include "pipeline/stages/stages.h"
+#include "pipeline/warnings.h"
 
 namespace voxelpipe {
 namespace {
@@ -30,6 +31,7 @@ absl::StatusOr<Plan> EstimateVoxelization(const TriangleMesh& mesh, const Voxeli
                                           const JobContext& job, const PlanLimits& limits, Delivery delivery) {
   const absl::StatusOr<BoundRequest> bound = BindRequest(mesh, request);
   if (!bound.ok()) return bound.status();
+  if (absl::Status s = CheckStrict(request, WarningsOf(mesh, request)); !s.ok()) return s;
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
   absl::StatusOr<Plan> plan = absl::UnknownError("the run did not start");

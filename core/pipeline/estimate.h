@@ -9,8 +9,9 @@
 
 namespace voxelpipe {
 
-// In: what VoxelizeOn takes. Out: the plan that it would tell on the backend of the request's choice: vertices are
-// shaded and triangles looked at, nothing is rasterized. Errors: those of VoxelizeOn until then.
+// In: what Voxelize (Delivery::kMemory) or VoxelizeTo (kStream) takes. Out: the plan that they would report on the
+// backend of the request's choice: vertices are shaded and triangles measured, nothing is rasterized. Errors: all that
+// they return before they rasterize.
 absl::StatusOr<Plan> EstimateVoxelization(const TriangleMesh& mesh, const VoxelizeRequest& request,
                                           const JobContext& job, const PlanLimits& limits, Delivery delivery);
 

@@ -1,5 +1,4 @@
-// The public functions of voxelize.h: on which device a request runs, and what does it where that device fails.
-#include <memory>
+// The public functions of voxelize.h: the device on which a request runs, and the one that takes over where it fails.
 #include <new>
 #include <string>
 #include <utility>
@@ -15,53 +14,48 @@
 namespace voxelpipe {
 namespace {
 
-// RunPipeline with the warnings that its counts give, and with what a run may throw as a status.
-absl::Status RunInside(const RunInput& run, Assembler& assembler, VoxelizeStats& stats) {
-  try {
-    if (absl::Status s = RunPipeline(run, assembler, stats); !s.ok()) return s;
-    AddRunWarnings(run.mesh, run.request, stats);
-    return CheckStrict(run.request, stats.warnings);
-  } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError("out of memory while voxelizing");
+// RunPipeline in the backend's arena, with the warnings that its counts give, and with what a run may throw as a status.
+absl::Status RunGuarded(const RunInput& run, bool inside, Assembler& assembler, VoxelizeStats& stats) {
+  absl::Status status = absl::UnknownError("the run did not start");
+  const auto body = [&] {
+    try {
+      status = RunPipeline(run, assembler, stats);
+      if (!status.ok()) return;
+      AddRunWarnings(run.mesh, run.request, stats);
+      status = CheckStrict(run.request, stats.warnings);
+    } catch (const std::bad_alloc&) {
+      status = absl::ResourceExhaustedError("out of memory while voxelizing");
+    }
+  };
+  if (inside) {
+    body();
+  } else {
+    run.backend.Run(run.request.threads, body);
   }
+  return status;
 }
 
-}  // namespace
-
-absl::StatusOr<VoxelizeResult> VoxelizeInside(const Backend& backend, const TriangleMesh& mesh,
-                                              const VoxelizeRequest& request, const JobContext& job,
-                                              const PlanLimits& limits, const PlanHook& on_plan) {
+absl::StatusOr<VoxelizeResult> RunToMemory(const Backend& backend, const TriangleMesh& mesh,
+                                           const VoxelizeRequest& request, const RunOptions& options) {
   MemoryAssembler assembler;
   VoxelizeStats stats;
-  const RunInput run{backend, mesh, request, job, limits, Delivery::kMemory, on_plan};
-  const absl::Status s = RunInside(run, assembler, stats);
-  if (!s.ok()) return s;
+  const RunInput run{backend, mesh, request, options.job, options.limits, Delivery::kMemory, options.on_plan};
+  if (absl::Status s = RunGuarded(run, options.inside, assembler, stats); !s.ok()) return s;
   VoxelizeResult result = assembler.Take();
   result.stats = std::move(stats);
   return result;
 }
 
-absl::StatusOr<VoxelizeResult> VoxelizeOn(const Backend& backend, const TriangleMesh& mesh,
-                                          const VoxelizeRequest& request, const JobContext& job,
-                                          const PlanLimits& limits, const PlanHook& on_plan) {
-  absl::StatusOr<VoxelizeResult> result = absl::UnknownError("the run did not start");
-  backend.Run(request.threads, [&] { result = VoxelizeInside(backend, mesh, request, job, limits, on_plan); });
-  return result;
-}
-
-absl::StatusOr<VoxelizeStats> VoxelizeOnTo(const Backend& backend, const TriangleMesh& mesh,
-                                           const VoxelizeRequest& request, const JobContext& job,
-                                           const PlanLimits& limits, ResultSink& sink, const PlanHook& on_plan) {
+absl::StatusOr<VoxelizeStats> RunToSink(const Backend& backend, const TriangleMesh& mesh,
+                                        const VoxelizeRequest& request, const RunOptions& options, ResultSink& sink) {
   VoxelizeStats stats;
   if (request.result == ResultKind::kDense) {
     StreamAssembler assembler(sink);
-    const RunInput run{backend, mesh, request, job, limits, Delivery::kStream, on_plan};
-    absl::Status s = absl::UnknownError("the run did not start");
-    backend.Run(request.threads, [&] { s = RunInside(run, assembler, stats); });
-    if (!s.ok()) return s;
+    const RunInput run{backend, mesh, request, options.job, options.limits, Delivery::kStream, options.on_plan};
+    if (absl::Status s = RunGuarded(run, options.inside, assembler, stats); !s.ok()) return s;
     return stats;
   }
-  absl::StatusOr<VoxelizeResult> result = VoxelizeOn(backend, mesh, request, job, limits, on_plan);
+  absl::StatusOr<VoxelizeResult> result = RunToMemory(backend, mesh, request, options);
   if (!result.ok()) return result.status();
   stats = std::move(result->stats);
   if (sink.Keep(*std::move(result))) return stats;
@@ -69,27 +63,11 @@ absl::StatusOr<VoxelizeStats> VoxelizeOnTo(const Backend& backend, const Triangl
   return stats;
 }
 
-namespace {
-
-// Tells of the first plan alone.
-PlanHook TellOnce(const std::function<void(const Plan&)>& on_plan) {
-  if (!on_plan) return {};
-  return [&on_plan, told = std::make_shared<bool>(false)](const Plan& plan) {
-    if (!std::exchange(*told, true)) on_plan(plan);
-    return absl::OkStatus();
-  };
-}
-
-// Where any device may run a request and this one failed by no fault of the request's: the one that runs it instead, or
-// null.
+// The device that runs a request in place of `backend`, which failed by no fault of the request; null if there is none.
 const Backend* InsteadOf(const Backend& backend, BackendChoice choice, const absl::Status& status) {
   if (choice != BackendChoice::kAuto || status.ok() || !DeviceFailureOf(status)) return nullptr;
   const absl::StatusOr<const Backend*> cpu = SelectBackend(BackendChoice::kCpu);
   return cpu.ok() && *cpu != &backend ? *cpu : nullptr;
-}
-
-std::string Words(const Backend& backend, const absl::Status& failure) {
-  return absl::StrCat(backend.device(), ": ", failure.message());
 }
 
 VoxelizeStats& StatsOf(VoxelizeResult& result) {
@@ -99,19 +77,27 @@ VoxelizeStats& StatsOf(VoxelizeStats& stats) {
   return stats;
 }
 
-// Calls run(backend, whether another one was tried before) on the backend that the request chooses, and then, where that
-// may help, on the one that runs it instead.
+// Calls run(backend, options, true if another backend failed before) on the backend that the request chooses and, where
+// that may help, on the one that takes over. The caller's hook gets the first plan only.
 template <typename Run>
-auto RunOnChosen(const VoxelizeRequest& request, Run&& run) -> decltype(run(std::declval<const Backend&>(), false)) {
+auto RunOnChosen(const VoxelizeRequest& request, const RunOptions& options, const Run& run)
+    -> decltype(run(std::declval<const Backend&>(), options, false)) {
   // Said first of all that is wrong with a request, whatever this machine has.
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
-  auto result = run(**backend, false);
+  bool planned = false;
+  RunOptions once{.job = options.job, .limits = options.limits};
+  if (options.on_plan) {
+    once.on_plan = [&](const Plan& plan) {
+      return std::exchange(planned, true) ? absl::OkStatus() : options.on_plan(plan);
+    };
+  }
+  auto result = run(**backend, once, false);
   const Backend* const other = InsteadOf(**backend, request.backend, result.status());
   if (other == nullptr) return result;
-  const std::string failure = Words(**backend, result.status());
-  result = run(*other, true);
+  const std::string failure = absl::StrCat((*backend)->device(), ": ", result.status().message());
+  result = run(*other, once, true);
   if (result.ok()) {
     StatsOf(*result).device_failure = failure;
     return result;
@@ -122,21 +108,21 @@ auto RunOnChosen(const VoxelizeRequest& request, Run&& run) -> decltype(run(std:
 
 }  // namespace
 
-absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
-                                        const PlanLimits& limits, const std::function<void(const Plan&)>& on_plan) {
-  const PlanHook tell = TellOnce(on_plan);
-  return RunOnChosen(
-      request, [&](const Backend& backend, bool) { return VoxelizeOn(backend, mesh, request, job, limits, tell); });
+absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                        const RunOptions& options) {
+  if (options.backend != nullptr) return RunToMemory(*options.backend, mesh, request, options);
+  return RunOnChosen(request, options, [&](const Backend& backend, const RunOptions& once, bool /*again*/) {
+    return RunToMemory(backend, mesh, request, once);
+  });
 }
 
 absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
-                                         const JobContext& job, const PlanLimits& limits, ResultSink& sink,
-                                         const std::function<void(const Plan&)>& on_plan) {
-  const PlanHook tell = TellOnce(on_plan);
+                                         const RunOptions& options, ResultSink& sink) {
+  if (options.backend != nullptr) return RunToSink(*options.backend, mesh, request, options, sink);
   ResumingSink resuming(sink);
-  return RunOnChosen(request, [&](const Backend& backend, bool again) {
+  return RunOnChosen(request, options, [&](const Backend& backend, const RunOptions& once, bool again) {
     if (again) resuming.Restart();
-    return VoxelizeOnTo(backend, mesh, request, job, limits, resuming, tell);
+    return RunToSink(backend, mesh, request, once, resuming);
   });
 }
 

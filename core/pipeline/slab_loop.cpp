@@ -114,6 +114,7 @@ absl::Status SlabLoop::Run(const Steps& steps, Assembler& assembler) {
   // Before the assembler begins: what is wrong with the mesh shows here.
   if (absl::Status s = SortFirst(steps); !s.ok()) return s;
   if (absl::Status s = assembler.Begin(run_.request, plan_); !s.ok()) return s;
+  stats_.passes = assembler.passes();
   for (int pass = 0; pass < assembler.passes(); ++pass) {
     if (absl::Status s = RunPass(steps, pass, assembler); !s.ok()) return s;
   }

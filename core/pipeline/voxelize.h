@@ -13,42 +13,37 @@
 
 namespace voxelpipe {
 
-// In: a mesh in world space (textures prepared with PrepareTextures when RequestReadsTextures(request)), a request.
-// Out: the result in memory (result.h). Deterministic: the same bytes for any thread count, instruction set, slab depth and
-// backend.
-// `on_plan`, if set, is called once, before rasterization, on the calling thread.
-// Where `auto` takes a GPU that fails or has no room, the CPU does the job: stats.backend and stats.device_failure tell. `on_plan` then has
-// heard of the GPU's plan if it came so far, and progress is told from the start again.
-// Errors: INVALID_ARGUMENT naming the field, or primitive and vertex where a vertex is not finite or beyond 2^40 voxels
-// of the grid; RESOURCE_EXHAUSTED (see PlanVoxelization, or out of memory); CANCELLED; DEADLINE_EXCEEDED;
-// FAILED_PRECONDITION where a backend or an instruction set was asked for that this machine does not have.
-absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request, const JobContext& job,
-                                        const PlanLimits& limits = {},
-                                        const std::function<void(const Plan&)>& on_plan = {});
-
-// The same bytes, handed to `sink` in stream order from the calling thread's arena, and the run's statistics. Dense results are
-// made slab after slab, so that memory is bounded by limits.slab_bytes and not by the grid; where several targets, or
-// several planes of a planar one, follow each other in stream order, the slabs are made anew for each. Sparse and bucketed
-// results are gathered first; what stands in memory as a whole is offered to the sink with Keep. The time that the sink takes
-// is not part of the measured time. Errors also: the sink's.
-absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
-                                         const JobContext& job, const PlanLimits& limits, ResultSink& sink,
-                                         const std::function<void(const Plan&)>& on_plan = {});
-
-// Called once, before rasterization; what it returns other than OK ends the run.
+// Called once, before rasterization, on the calling thread; a status other than OK ends the run with it.
 using PlanHook = std::function<absl::Status(const Plan&)>;
 
-// Both on a device of the caller's choice (pipeline/stages/backend.h); request.backend is not looked at.
-absl::StatusOr<VoxelizeResult> VoxelizeOn(const Backend& backend, const TriangleMesh& mesh,
-                                          const VoxelizeRequest& request, const JobContext& job,
-                                          const PlanLimits& limits = {}, const PlanHook& on_plan = {});
-absl::StatusOr<VoxelizeStats> VoxelizeOnTo(const Backend& backend, const TriangleMesh& mesh,
-                                           const VoxelizeRequest& request, const JobContext& job,
-                                           const PlanLimits& limits, ResultSink& sink, const PlanHook& on_plan = {});
+// How a run is done, as opposed to what it makes (VoxelizeRequest). All that is pointed to outlives the call.
+struct RunOptions {
+  const JobContext& job;
+  PlanLimits limits = {};
+  PlanHook on_plan = {};  // may be empty
+  // The device (pipeline/stages/backend.h); request.backend is ignored then. Null: the device that request.backend chooses.
+  // With `auto` and a GPU that fails or has no room, the CPU runs the job: stats.backend and stats.device_failure report
+  // it, on_plan may have been called with the GPU's plan, and progress starts again.
+  const Backend* backend = nullptr;
+  bool inside = false;  // the caller is in backend->Run or RunEach already; ignored if `backend` is null
+};
 
-// VoxelizeOn for a caller that is inside backend.Run or RunEach already.
-absl::StatusOr<VoxelizeResult> VoxelizeInside(const Backend& backend, const TriangleMesh& mesh,
-                                              const VoxelizeRequest& request, const JobContext& job,
-                                              const PlanLimits& limits = {}, const PlanHook& on_plan = {});
+// In: a mesh in world space (textures prepared with PrepareTextures when RequestReadsTextures(request)), a request.
+// Out: the result in memory (result.h). Deterministic: the same bytes for any thread count, instruction set, slab depth
+// and backend.
+// Errors: INVALID_ARGUMENT naming the field, or primitive and vertex where a vertex is not finite or beyond 2^40 voxels
+// of the grid; RESOURCE_EXHAUSTED (see PlanVoxelization, or out of memory); CANCELLED; DEADLINE_EXCEEDED;
+// FAILED_PRECONDITION where a backend or an instruction set was asked for that this machine does not have; that of
+// options.on_plan.
+absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                        const RunOptions& options);
+
+// The same bytes, handed to `sink` in stream order, and the run's statistics. Dense results are made slab after slab, so
+// that memory is bounded by limits.slab_bytes and not by the grid; where several targets, or several planes of a planar
+// one, follow each other in stream order, the slabs are made anew for each (stats.passes). Sparse and bucketed results
+// are gathered first; a result that is in memory as a whole is offered to the sink with Keep. The sink is called from
+// the backend's threads, one call at a time, and its time is not part of the measured time. Errors also: the sink's.
+absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                         const RunOptions& options, ResultSink& sink);
 
 }  // namespace voxelpipe

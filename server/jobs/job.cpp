@@ -53,14 +53,15 @@ class KeepOrHandOn final : public ResultSink {
 absl::Status VoxelizeInto(JobOutcome& outcome, const Backend& backend, const TriangleMesh& mesh,
                           const VoxelizeRequest& request, const PlanLimits& limits, const JobContext& job,
                           const PlanHook& on_plan, ResultSink* large) {
+  const RunOptions options{.job = job, .limits = limits, .on_plan = on_plan, .backend = &backend};
   if (large == nullptr) {
-    absl::StatusOr<VoxelizeResult> result = VoxelizeOn(backend, mesh, request, job, limits, on_plan);
+    absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, request, options);
     if (!result.ok()) return result.status();
     outcome.result = *std::move(result);
     return absl::OkStatus();
   }
   KeepOrHandOn sink(outcome, *large);
-  absl::StatusOr<VoxelizeStats> stats = VoxelizeOnTo(backend, mesh, request, job, limits, sink, on_plan);
+  absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh, request, options, sink);
   if (!stats.ok()) return stats.status();
   outcome.result.stats = *std::move(stats);
   return absl::OkStatus();

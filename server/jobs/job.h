@@ -66,7 +66,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint
 // In: a prepared mesh and a config. Out: its voxels, made on `backend`.
 // A dense result that takes more than one slab of limits.plan.slab_bytes goes to `large` slab after slab; all others,
 // and all where `large` is null, are in the outcome.
-// Errors: those of VoxelizeOn and the sink; RESOURCE_EXHAUSTED out of memory. Never throws.
+// Errors: those of VoxelizeTo and the sink; RESOURCE_EXHAUSTED out of memory. Never throws.
 absl::StatusOr<JobOutcome> RunPrepared(const Backend& backend, const PreparedMesh& mesh, const ParsedConfig& config,
                                        const JobLimits& limits, const JobContext& job, const PlanHook& on_plan,
                                        ResultSink* large = nullptr);

@@ -32,7 +32,7 @@ TEST(Yardstick, MarksTheVoxelsOfTheConservativeCoverage) {
   for (const TriangleMesh& mesh : {BumpySphere(2'000), BumpyTorus(3'000)}) {
     VoxelizeRequest request;
     request.grid.resolution = 60;
-    const auto ours = Voxelize(mesh, request, JobContext());
+    const auto ours = Voxelize(mesh, request, {JobContext()});
     ASSERT_TRUE(ours.ok());
     const std::vector<uint8_t> plain = PlainLoop(mesh, ours->grid);
     uint64_t missed = 0, extra = 0, marked = 0;

@@ -111,7 +111,7 @@ void Measure(const char* mesh_name, const std::string& name, const Run& run, int
 
 void Measure(const char* mesh_name, const TriangleMesh& mesh, const Case& one, int moments) {
   Measure(
-      mesh_name, one.name, [&](const JobContext& job) { return Voxelize(mesh, one.request, job).status(); }, moments);
+      mesh_name, one.name, [&](const JobContext& job) { return Voxelize(mesh, one.request, {job}).status(); }, moments);
 }
 
 // As a file of one primitive would be loaded.

@@ -28,7 +28,7 @@ TEST(OpenVdb, MarksAboutAsManyVoxelsAsTheConservativeCoverage) {
   VoxelizeRequest request;
   request.grid.resolution = 64;
   const TriangleMesh mesh = BumpySphere(2'000);
-  const auto ours = Voxelize(mesh, request, JobContext());
+  const auto ours = Voxelize(mesh, request, {JobContext()});
   ASSERT_TRUE(ours.ok());
   const std::optional<PeerRun> run = RunOpenVdb(mesh, ours->grid, 1);
   ASSERT_TRUE(run.has_value());

@@ -96,7 +96,7 @@ double ClearRate() {
     request.grid.voxel_size = Vec3d{1, 1, 1};
     request.targets = {Target(VoxelFormat::kF32, 1, Blend::kMax, "occupancy")};
     std::vector<double> ms;
-    for (int i = 0; i < 7; ++i) ms.push_back(Voxelize(nothing, request, JobContext())->stats.voxelize_ms);
+    for (int i = 0; i < 7; ++i) ms.push_back(Voxelize(nothing, request, {JobContext()})->stats.voxelize_ms);
     return 512.0 * 512 * 256 * 4 / Quantile(ms, 0.5);
   }();
   return rate;
@@ -126,7 +126,7 @@ void Measure(benchmark::State& state, const TriangleMesh& mesh, VoxelizeRequest 
   VoxelizeResult result;
   for (auto _ : state) {
     result = VoxelizeResult();
-    absl::StatusOr<VoxelizeResult> made = Voxelize(mesh, request, JobContext());
+    absl::StatusOr<VoxelizeResult> made = Voxelize(mesh, request, {JobContext()});
     if (!made.ok()) return state.SkipWithError(made.status().ToString().c_str());
     result = *std::move(made);
     state.SetIterationTime(result.stats.voxelize_ms / 1e3);
@@ -158,7 +158,7 @@ void MeasureYardstick(benchmark::State& state, const TriangleMesh& mesh) {
   request.grid.resolution = state.range(0);
   request.grid.fit = GridFit::kCube;
   request.threads = 1;
-  const VoxelizeResult ours = *Voxelize(mesh, request, JobContext());
+  const VoxelizeResult ours = *Voxelize(mesh, request, {JobContext()});
   std::vector<double> cpu, own, own_wall, peer_cpu, peer_wall;
   std::vector<uint8_t> plain;
   uint64_t peer_voxels = 0;
@@ -166,7 +166,7 @@ void MeasureYardstick(benchmark::State& state, const TriangleMesh& mesh) {
     const double begin = ThreadCpuMs();
     plain = PlainLoop(mesh, ours.grid);
     cpu.push_back(ThreadCpuMs() - begin);
-    const VoxelizeStats stats = Voxelize(mesh, request, JobContext())->stats;
+    const VoxelizeStats stats = Voxelize(mesh, request, {JobContext()})->stats;
     own.push_back(stats.voxelize_cpu_ms);
     own_wall.push_back(stats.voxelize_ms);
     if (const std::optional<PeerRun> peer = RunOpenVdb(mesh, ours.grid, 1)) {

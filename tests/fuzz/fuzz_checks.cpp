@@ -72,7 +72,7 @@ class Checker {
     const JobContext job;
     PlanLimits limits;
     limits.slab_depth = slab_depth;
-    auto result = Voxelize(mesh, request, job, limits);
+    auto result = Voxelize(mesh, request, {job, limits});
     if (!result.ok()) {
       error_ += absl::StrCat(what, ": ", result.status().ToString(), "\n");
       return {};
@@ -111,7 +111,7 @@ class Checker {
     PlanLimits limits;
     limits.slab_depth = 8;
     GatherSink sink;
-    if (const auto stats = VoxelizeTo(mesh_, request_, job, limits, sink); !stats.ok()) {
+    if (const auto stats = VoxelizeTo(mesh_, request_, {job, limits}, sink); !stats.ok()) {
       error_ += absl::StrCat("streamed: ", stats.status().ToString(), "\n");
     } else {
       // What stands in memory is handed over whole unless the sink wants it streamed, which this one does.

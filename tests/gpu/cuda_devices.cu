@@ -58,7 +58,8 @@ struct Jobs {
   }
 
   absl::StatusOr<std::vector<std::vector<uint8_t>>> Arrays(const Backend& device, size_t i) const {
-    const absl::StatusOr<VoxelizeResult> result = VoxelizeOn(device, meshes[i], requests[i], JobContext());
+    const absl::StatusOr<VoxelizeResult> result =
+        Voxelize(meshes[i], requests[i], {.job = JobContext(), .backend = &device});
     if (!result.ok()) return result.status();
     std::vector<std::vector<uint8_t>> arrays;
     for (const auto& bytes : ArraysOf(*result)) arrays.emplace_back(bytes.begin(), bytes.end());

@@ -95,16 +95,19 @@ absl::StatusOr<Outcome> Run(uint64_t seed, const Options& options) {
   malloc_trim(0);
   ResetPeaks();
   const uint64_t host = AllocatedBytes(), device = DeviceBytes();
-  const auto on_plan = [&](const Plan& plan) { out.planned = plan.peak_bytes; };
+  const auto on_plan = [&](const Plan& plan) {
+    out.planned = plan.peak_bytes;
+    return absl::OkStatus();
+  };
   MemoryBudget budget(UINT64_MAX);
   JobContext context;
   context.set_memory(&budget);
   absl::Status status;
   if (job.streamed) {
     Swallow sink;
-    status = VoxelizeTo(job.mesh, job.request, context, job.limits, sink, on_plan).status();
+    status = VoxelizeTo(job.mesh, job.request, {context, job.limits, on_plan}, sink).status();
   } else {
-    status = Voxelize(job.mesh, job.request, context, job.limits, on_plan).status();
+    status = Voxelize(job.mesh, job.request, {context, job.limits, on_plan}).status();
   }
   if (!status.ok()) return status;
   out.charged_later = budget.peak_bytes();

@@ -47,11 +47,11 @@ Arrays BytesOf(const TriangleMesh& mesh, VoxelizeRequest request, const Way& way
   const JobContext job;
   if (way.streamed) {
     KeepArrays sink;
-    const auto stats = VoxelizeTo(mesh, request, job, limits, sink);
+    const auto stats = VoxelizeTo(mesh, request, {job, limits}, sink);
     EXPECT_TRUE(stats.ok()) << stats.status();
     return sink.arrays;
   }
-  const auto result = Voxelize(mesh, request, job, limits);
+  const auto result = Voxelize(mesh, request, {job, limits});
   EXPECT_TRUE(result.ok()) << result.status();
   Arrays arrays;
   if (!result.ok()) return arrays;

@@ -12,15 +12,31 @@ namespace voxelpipe::testing {
 // Runs on the calling machine's CPU and fails the test on an error.
 inline VoxelizeResult RunPipeline(const TriangleMesh& mesh, const VoxelizeRequest& request) {
   const JobContext job;
-  auto result = Voxelize(mesh, request, job);
+  auto result = Voxelize(mesh, request, {job});
   EXPECT_TRUE(result.ok()) << result.status();
   if (!result.ok()) return {};
   return *std::move(result);
 }
 
+// A hook that keeps the plan of a run.
+inline PlanHook KeepPlan(Plan& to) {
+  return [&to](const Plan& plan) {
+    to = plan;
+    return absl::OkStatus();
+  };
+}
+
+// A hook that counts how often it is called.
+inline PlanHook CountPlans(int& plans) {
+  return [&plans](const Plan&) {
+    ++plans;
+    return absl::OkStatus();
+  };
+}
+
 inline absl::Status RunError(const TriangleMesh& mesh, const VoxelizeRequest& request, const PlanLimits& limits = {}) {
   const JobContext job;
-  return Voxelize(mesh, request, job, limits).status();
+  return Voxelize(mesh, request, {job, limits}).status();
 }
 
 inline bool BitAt(const HostBuffer& bits, uint64_t n) {

@@ -56,14 +56,14 @@ class LocalEngine : public Engine {
     EngineRun run;
     run.mesh_stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
     if (repeat == 1 && whole == nullptr) {
-      absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(loaded->mesh, request, job, limits, sink);
+      absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(loaded->mesh, request, {job, limits}, sink);
       if (!stats.ok()) return stats.status();
       run.runs.push_back(*std::move(stats));
     } else {
       VoxelizeResult last;
       for (int i = 0; i < repeat; ++i) {
         last = VoxelizeResult();  // before the next one is made: one result in memory at a time
-        absl::StatusOr<VoxelizeResult> result = Voxelize(loaded->mesh, request, job, limits);
+        absl::StatusOr<VoxelizeResult> result = Voxelize(loaded->mesh, request, {job, limits});
         if (!result.ok()) return result.status();
         last = *std::move(result);
         run.runs.push_back(last.stats);

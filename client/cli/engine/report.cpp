@@ -118,6 +118,7 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
   json["backend"] = stats.backend;
   json["simd"] = stats.simd;
   if (!stats.device_failure.empty()) json["device_failure"] = stats.device_failure;
+  if (stats.passes > 1) json["passes"] = stats.passes;
   json["result"] = Name(result.kind);
   json["bytes"] = report.bytes;
   json["peak_bytes"] = report.peak_bytes;

@@ -192,7 +192,7 @@ class Bench {
       bits.result = ResultKind::kSparse;
     }
     bits.backend = BackendChoice::kCpu;
-    const absl::StatusOr<VoxelizeResult> result = Voxelize(MeshOf(row.mesh), bits, JobContext());
+    const absl::StatusOr<VoxelizeResult> result = Voxelize(MeshOf(row.mesh), bits, {JobContext()});
     return occupied_[key] = result.ok() ? result->stats.occupied : 0;
   }
 
@@ -344,7 +344,7 @@ class Bench {
       const auto begin = Clock::now();
       for (size_t first = 0; first < meshes.size(); first += together) {
         if (together == 1) {
-          failed += !VoxelizeOn(backend, meshes[first], request, job).ok();
+          failed += !Voxelize(meshes[first], request, {.job = job, .backend = &backend}).ok();
           ++passes;
           continue;
         }
@@ -375,7 +375,7 @@ class Bench {
     double result_bytes = 0;
     for (int i = 0; i < 12 && (i < 4 || ms.back() < 500); ++i) {
       const auto begin = Clock::now();
-      const absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, row.request, JobContext());
+      const absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, row.request, {JobContext()});
       ms.push_back(MsSince(begin));
       if (!result.ok()) return Fail(head, result.status());
       result_bytes = 0;

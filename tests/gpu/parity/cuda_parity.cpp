@@ -192,16 +192,16 @@ class Parity {
     PlanLimits limits;
     limits.max_result_bytes = limits.max_working_bytes = limits.slab_bytes = UINT64_MAX / 4;
     const TriangleMesh mesh = testing::Cube(16);
-    const absl::Status status = Voxelize(mesh, c.request, JobContext(), limits).status();
+    const absl::Status status = Voxelize(mesh, c.request, {JobContext(), limits}).status();
     c.request.grid.dims = {30000, 30000, 8};
     c.request.targets = {TargetSpec()};
-    const absl::Status face = Voxelize(mesh, c.request, JobContext(), limits).status();
+    const absl::Status face = Voxelize(mesh, c.request, {JobContext(), limits}).status();
     for (const absl::Status& s : {status, face}) {
       if (!absl::IsResourceExhausted(s) || DeviceFailureOf(s) != DeviceFailureKind::kOutOfMemory)
         return Differ(c, line, Message(s));
     }
     c.request.grid.dims = {64, 64, 64};
-    const absl::Status after = Voxelize(mesh, c.request, JobContext()).status();
+    const absl::Status after = Voxelize(mesh, c.request, {JobContext()}).status();
     if (!after.ok()) Differ(c, line, "afterwards: " + Message(after));
     ++refused_["out of memory: " + Message(status)];
   }
@@ -282,7 +282,7 @@ class Parity {
     if (options_.self || options_.list || !options_.filter.empty()) return;
     c.request.backend = BackendChoice::kCuda;
     const uint64_t before = cuda::MeshUploadedBytes(0);
-    const auto result = Voxelize(mesh, c.request, JobContext());
+    const auto result = Voxelize(mesh, c.request, {JobContext()});
     const uint64_t uploaded = cuda::MeshUploadedBytes(0) - before;
     const uint64_t small_parts = 64 * (1 + mesh.parts.size()) + 256 * (1 + mesh.materials.size());
     if (!result.ok() || uploaded < bytes || uploaded > bytes + small_parts) {

@@ -23,7 +23,7 @@ Delivered MakeDelivered(Layout layout) {
   values.components = 2;
   values.blend = Blend::kMax;
   request.targets = {TargetSpec{}, values};
-  const absl::StatusOr<VoxelizeResult> result = Voxelize(voxelpipe::testing::Cube(2), request, JobContext());
+  const absl::StatusOr<VoxelizeResult> result = Voxelize(voxelpipe::testing::Cube(2), request, {JobContext()});
   EXPECT_TRUE(result.ok()) << result.status();
   Delivered delivered;
   delivered.header = HeaderOf(*result);

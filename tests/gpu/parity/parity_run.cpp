@@ -28,12 +28,12 @@ absl::StatusOr<Delivered> Run(const TriangleMesh& mesh, const ParityCase& c, con
   limits.slab_depth = c.slab_depth;
   KeepArrays sink;
   if (c.streamed) {
-    absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh, c.request, job, limits, sink);
+    absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh, c.request, {job, limits}, sink);
     if (!stats.ok()) return stats.status();
     sink.delivered.stats = *std::move(stats);
     return std::move(sink.delivered);
   }
-  absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, c.request, job, limits);
+  absl::StatusOr<VoxelizeResult> result = Voxelize(mesh, c.request, {job, limits});
   if (!result.ok()) return result.status();
   if (absl::Status s = WriteTo(*result, sink); !s.ok()) return s;
   sink.delivered.stats = std::move(result->stats);

@@ -299,7 +299,7 @@ TEST_F(MeshStoreTest, NewPositionsEqualAMeshThatWasMoved) {
       request.targets[0].components = 3;
       request.targets[0].blend = Blend::kReplace;
       request.targets[0].shader = {"normal", {}};
-      const auto expected = Voxelize(moved, request, job_);
+      const auto expected = Voxelize(moved, request, {job_});
       ASSERT_TRUE(expected.ok()) << expected.status();
       const auto result = client_->VoxelizeStored(id, request, job_, positions);
       ASSERT_TRUE(result.ok()) << result.status();

@@ -34,7 +34,7 @@ class RoundTripTest : public ::testing::Test {
   // Runs `request` here and there.
   void ExpectSameBytes(const VoxelizeRequest& request) {
     const JobContext job;
-    const absl::StatusOr<VoxelizeResult> here = Voxelize(mesh_, request, job);
+    const absl::StatusOr<VoxelizeResult> here = Voxelize(mesh_, request, {job});
     ASSERT_TRUE(here.ok()) << here.status();
     Plan plan;
     const absl::StatusOr<RemoteResult> there =

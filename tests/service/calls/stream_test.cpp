@@ -93,7 +93,7 @@ TEST_F(StreamTest, SlabsAddUpToTheSameBytes) {
         request.targets[1].blend = Blend::kAverage;
         request.targets[1].shader = {"barycentric", {}};
         request.targets[1].scale = 1000;
-        const absl::StatusOr<VoxelizeResult> here = Voxelize(*mesh, request, job);
+        const absl::StatusOr<VoxelizeResult> here = Voxelize(*mesh, request, {job});
         ASSERT_TRUE(here.ok()) << here.status();
         Plan plan;
         const auto there = client_->Voxelize(glb_, MeshFormat::kGlb, request, job, [&](const Plan& p) { plan = p; });

@@ -121,7 +121,7 @@ TEST(HostileChargeTest, PosedPartsAreRefusedBeforeTheyAreMade) {
     request.backend = BackendChoice::kCpu;
     request.vertex_shader = {"morph", {{"weights", {1}}}};
     ResetAllocatedPeak();
-    return Voxelize(*mesh, request, job).status();
+    return Voxelize(*mesh, request, {job}).status();
   };
   MemoryBudget memory(64 * kMiB);
   const uint64_t before = AllocatedBytes();

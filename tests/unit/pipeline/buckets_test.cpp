@@ -46,7 +46,7 @@ VoxelizeResult RunSlabs(const TriangleMesh& mesh, const VoxelizeRequest& request
   PlanLimits limits;
   limits.slab_depth = slab_depth;
   const JobContext job;
-  auto result = Voxelize(mesh, request, job, limits);
+  auto result = Voxelize(mesh, request, {job, limits});
   EXPECT_TRUE(result.ok()) << result.status();
   return result.ok() ? *std::move(result) : VoxelizeResult{};
 }

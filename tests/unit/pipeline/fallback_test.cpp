@@ -77,14 +77,15 @@ class Fallback : public ::testing::Test {
 TEST_F(Fallback, TheCpuDoesWhatTheDeviceCannot) {
   const VoxelizeRequest request = Request(BackendChoice::kAuto);
   Device().Set({});
-  const absl::StatusOr<VoxelizeResult> whole = Voxelize(mesh_, request, job_);
+  const absl::StatusOr<VoxelizeResult> whole = Voxelize(mesh_, request, {job_});
   ASSERT_TRUE(whole.ok()) << whole.status();
   EXPECT_EQ(whole->stats.backend, "cuda");
   for (const char* kind : {"memory", "error", "lost"}) {
     for (const char* stage : {"start", "vertex_shade", "begin_slab", "fine_raster", "finish"}) {
       Break(kind, stage);
       int plans = 0;
-      const absl::StatusOr<VoxelizeResult> result = Voxelize(mesh_, request, job_, {}, [&](const Plan&) { ++plans; });
+      const absl::StatusOr<VoxelizeResult> result =
+          Voxelize(mesh_, request, {.job = job_, .on_plan = CountPlans(plans)});
       ASSERT_TRUE(result.ok()) << kind << " in " << stage << ": " << result.status();
       EXPECT_EQ(result->stats.backend, "cpu") << kind << " in " << stage;
       EXPECT_EQ(result->stats.device_failure, absl::StrCat("cuda:0: a fault was asked for in ", stage));
@@ -101,7 +102,7 @@ TEST_F(Fallback, AStreamGoesOnWhereItWasCutOff) {
   limits.slab_depth = 8;
   Device().Set({});
   CountingSink whole;
-  ASSERT_TRUE(VoxelizeTo(mesh_, request, job_, limits, whole).ok());
+  ASSERT_TRUE(VoxelizeTo(mesh_, request, {job_, limits}, whole).ok());
   ASSERT_EQ(whole.writes, 10);  // of two targets five slabs each
   for (const char* stage : {"vertex_shade", "begin_slab", "finish"}) {
     for (const int slab : {0, 1, 4, 7}) {
@@ -109,8 +110,7 @@ TEST_F(Fallback, AStreamGoesOnWhereItWasCutOff) {
       Break("error", stage, slab);
       CountingSink sink;
       int plans = 0;
-      const absl::StatusOr<VoxelizeStats> stats =
-          VoxelizeTo(mesh_, request, job_, limits, sink, [&](const Plan&) { ++plans; });
+      const absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh_, request, {job_, limits, CountPlans(plans)}, sink);
       ASSERT_TRUE(stats.ok()) << stage << ", slab " << slab << ": " << stats.status();
       EXPECT_EQ(stats->backend, "cpu");
       EXPECT_EQ(sink.begins, 1) << stage << ", slab " << slab;
@@ -134,12 +134,12 @@ TEST_F(Fallback, EveryKindOfResultIsHandedOnWhole) {
           limits.slab_depth = depth;
           Device().Set({});
           CountingSink whole(keeps);
-          const absl::StatusOr<VoxelizeStats> expected = VoxelizeTo(mesh_, request, job_, limits, whole);
+          const absl::StatusOr<VoxelizeStats> expected = VoxelizeTo(mesh_, request, {job_, limits}, whole);
           ASSERT_TRUE(expected.ok()) << expected.status();
           EXPECT_EQ(expected->device_failure, "");
           Break("memory", "finish", depth == 8 ? 1 : 0);
           CountingSink sink(keeps);
-          const absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh_, request, job_, limits, sink);
+          const absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(mesh_, request, {job_, limits}, sink);
           ASSERT_TRUE(stats.ok()) << stats.status();
           EXPECT_EQ(stats->backend, "cpu");
           EXPECT_EQ(sink.arrays, whole.arrays);
@@ -155,14 +155,14 @@ TEST_F(Fallback, AnErrorOfBothNamesBoth) {
   Break("memory", "vertex_shade");
   CountingSink sink;
   sink.fail_at = 1;
-  const absl::Status status = VoxelizeTo(mesh_, Request(BackendChoice::kAuto), job_, {}, sink).status();
+  const absl::Status status = VoxelizeTo(mesh_, Request(BackendChoice::kAuto), {job_}, sink).status();
   EXPECT_EQ(status,
             absl::DataLossError("the disk is full; tried before, cuda:0: a fault was asked for in vertex_shade"));
 }
 
 TEST_F(Fallback, WhoAsksForTheGpuIsToldOfIt) {
   Break("memory", "vertex_shade");
-  const absl::StatusOr<VoxelizeResult> result = Voxelize(mesh_, Request(BackendChoice::kCuda), job_);
+  const absl::StatusOr<VoxelizeResult> result = Voxelize(mesh_, Request(BackendChoice::kCuda), {job_});
   EXPECT_EQ(result.status().code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(DeviceFailureOf(result.status()), DeviceFailureKind::kOutOfMemory);
 }
@@ -173,11 +173,11 @@ TEST_F(Fallback, WhatIsNotTheDevicesFaultIsNotTriedAgain) {
   request.grid = UnitGrid(100000, 100000, 100000);
   const int runs = Device().runs();
   PlanLimits limits;
-  EXPECT_EQ(Voxelize(mesh_, request, job_, limits).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(Voxelize(mesh_, request, {job_, limits}).status().code(), absl::StatusCode::kResourceExhausted);
   CountingSink sink;
   sink.fail_at = 3;
   limits.slab_depth = 8;
-  const auto stats = VoxelizeTo(mesh_, Request(BackendChoice::kAuto), job_, limits, sink);
+  const auto stats = VoxelizeTo(mesh_, Request(BackendChoice::kAuto), {job_, limits}, sink);
   EXPECT_EQ(stats.status(), absl::DataLossError("the disk is full"));
   EXPECT_EQ(sink.writes, 3);
   EXPECT_LE(Device().runs(), runs + 2);

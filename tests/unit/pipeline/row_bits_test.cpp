@@ -108,7 +108,7 @@ TEST(RowBits, WorkInSlabsAndFarFromTheOrigin) {
   PlanLimits limits;
   limits.slab_depth = 24;
   const JobContext job;
-  const auto slabs = Voxelize(mesh, request, job, limits);
+  const auto slabs = Voxelize(mesh, request, {job, limits});
   ASSERT_TRUE(slabs.ok());
   EXPECT_EQ(Bytes(slabs->targets[0]), Bytes(whole.targets[0]));
 }

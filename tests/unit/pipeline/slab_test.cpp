@@ -61,16 +61,20 @@ TEST(Slabs, GiveTheSameBytesWhateverTheirDepth) {
           PlanLimits limits;
           limits.slab_depth = depth;
           const JobContext job;
-          auto slabs = Voxelize(mesh, request, job, limits);
+          auto slabs = Voxelize(mesh, request, {job, limits});
           ASSERT_TRUE(slabs.ok()) << slabs.status();
           EXPECT_EQ(slabs->stats.occupied, whole.stats.occupied);
           EXPECT_EQ(slabs->stats.fragments, whole.stats.fragments);
           EXPECT_EQ(slabs->stats.odd_columns, whole.stats.odd_columns);
           KeepingSink sink;
-          auto streamed = VoxelizeTo(mesh, request, job, limits, sink);
+          auto streamed = VoxelizeTo(mesh, request, {job, limits}, sink);
           ASSERT_TRUE(streamed.ok()) << streamed.status();
           EXPECT_EQ(streamed->occupied, whole.stats.occupied);
           EXPECT_EQ(streamed->fragments, whole.stats.fragments);
+          // A target after the other, or a plane, unless one slab is all.
+          const int planes = layout == Layout::kPlanar ? 1 + 3 : 2;
+          EXPECT_EQ(streamed->passes, depth < dims[2] ? planes : 1) << depth;
+          EXPECT_EQ(slabs->stats.passes, 1);
           for (size_t t = 0; t < 2; ++t) {
             ASSERT_EQ(Bytes(slabs->targets[t]), Bytes(whole.targets[t])) << depth;
             ASSERT_EQ(sink.arrays[t], Bytes(whole.targets[t])) << depth;
@@ -89,11 +93,11 @@ TEST(Slabs, AreChosenSoThatAStreamStaysWithinItsMemory) {
   limits.slab_bytes = 1 << 18;
   const JobContext job;
   KeepingSink sink;
-  uint64_t predicted = 0;
-  auto stats = VoxelizeTo(mesh, request, job, limits, sink, [&](const Plan& plan) { predicted = plan.peak_bytes; });
+  Plan plan;
+  auto stats = VoxelizeTo(mesh, request, {job, limits, KeepPlan(plan)}, sink);
   ASSERT_TRUE(stats.ok()) << stats.status();
   EXPECT_LE(sink.largest, limits.slab_bytes);
-  EXPECT_LT(predicted, (16 << 20));
+  EXPECT_LT(plan.peak_bytes, (16 << 20));
   EXPECT_EQ(sink.arrays[0], Bytes(RunPipeline(mesh, request).targets[0]));
 }
 
@@ -104,7 +108,7 @@ TEST(Slabs, EndWithTheSinksError) {
   sink.fail_at = 2;
   const JobContext job;
   const auto stats =
-      VoxelizeTo(Soup(50, 40, 1), TwoTargets(Fill::kNone, Layout::kPlanar, {40, 40, 40}), job, limits, sink);
+      VoxelizeTo(Soup(50, 40, 1), TwoTargets(Fill::kNone, Layout::kPlanar, {40, 40, 40}), {job, limits}, sink);
   EXPECT_EQ(stats.status(), absl::DataLossError("the disk is full"));
   EXPECT_EQ(sink.writes, 2);
 }
@@ -222,7 +226,7 @@ TEST(Slabs, GrowThinnerWhereTheDeviceHasNoRoom) {
     const std::map<int64_t, int> slabs_by_room = {{56, 1}, {55, 2}, {31, 4}, {15, 7}, {8, 7}};
     for (const auto& [room, slabs] : slabs_by_room) {
       const ShortOfMemory device(room, by_slab);
-      const auto result = VoxelizeOn(device, mesh, request, JobContext());
+      const auto result = Voxelize(mesh, request, {.job = JobContext(), .backend = &device});
       ASSERT_TRUE(result.ok()) << result.status();
       EXPECT_EQ(device.made, slabs) << room;
       EXPECT_EQ(device.waited, slabs == 1 ? 0 : slabs) << room;
@@ -234,7 +238,7 @@ TEST(Slabs, GrowThinnerWhereTheDeviceHasNoRoom) {
       for (size_t i = 0; i < got.size(); ++i) EXPECT_TRUE(std::ranges::equal(got[i], expected[i])) << room << " " << i;
     }
     const ShortOfMemory none(7, by_slab);
-    EXPECT_EQ(VoxelizeOn(none, mesh, request, JobContext()).status().message(), "no room");
+    EXPECT_EQ(Voxelize(mesh, request, {.job = JobContext(), .backend = &none}).status().message(), "no room");
     EXPECT_EQ(none.abandoned, 3);
   }
 }
@@ -249,7 +253,7 @@ TEST(Slabs, OfAStreamGrowThinnerToo) {
        {Room(56, false), Room(56, true), Room(40, false), Room(40, true), Room(9, false), Room(9, true)}) {
     const ShortOfMemory device(room, by_slab);
     KeepingSink sink;
-    const auto stats = VoxelizeOnTo(device, mesh, request, JobContext(), PlanLimits(), sink);
+    const auto stats = VoxelizeTo(mesh, request, {.job = JobContext(), .backend = &device}, sink);
     ASSERT_TRUE(stats.ok()) << stats.status();
     EXPECT_EQ(stats->occupied, whole.stats.occupied);
     ASSERT_EQ(sink.arrays.size(), whole.targets.size());

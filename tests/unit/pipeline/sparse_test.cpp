@@ -39,7 +39,7 @@ void ExpectDenseValues(const TriangleMesh& mesh, VoxelizeRequest request, const 
   const VoxelizeResult dense = RunPipeline(mesh, request);
   request.result = ResultKind::kSparse;
   const JobContext job;
-  const auto made = Voxelize(mesh, request, job, limits);
+  const auto made = Voxelize(mesh, request, {job, limits});
   ASSERT_TRUE(made.ok()) << made.status();
   const VoxelizeResult& sparse = *made;
   ASSERT_EQ(sparse.listed_voxels(), dense.stats.occupied);
@@ -147,14 +147,13 @@ TEST(Sparse, TakesMemoryByTheSurface) {
   PlanLimits limits;
   limits.max_working_bytes = 2ull << 30;
   const JobContext job;
-  uint64_t predicted = 0;
-  const auto result =
-      Voxelize(Torus(8), request, job, limits, [&](const Plan& plan) { predicted = plan.result_bytes; });
+  Plan plan;
+  const auto result = Voxelize(Torus(8), request, {job, limits, KeepPlan(plan)});
   ASSERT_TRUE(result.ok()) << result.status();
   const uint64_t bytes = result->bricks.size() + result->masks.size() + result->targets[0].size();
   EXPECT_LT(bytes, 200u << 20);
-  EXPECT_LT(double(predicted), 1.5 * double(bytes));
-  EXPECT_GT(double(predicted), double(bytes) / 1.5);
+  EXPECT_LT(double(plan.result_bytes), 1.5 * double(bytes));
+  EXPECT_GT(double(plan.result_bytes), double(bytes) / 1.5);
 }
 
 }  // namespace

@@ -97,10 +97,10 @@ TEST(VoxelizeTest, RefusesWhatDoesNotFitAndSaysWhatWould) {
 TEST(VoxelizeTest, CancelledAndExpiredJobsEnd) {
   JobContext cancelled;
   cancelled.Cancel();
-  EXPECT_EQ(Voxelize(Cube(1), {}, cancelled).status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(Voxelize(Cube(1), {}, {cancelled}).status().code(), absl::StatusCode::kCancelled);
   JobContext expired;
   expired.set_deadline(JobContext::Clock::now() - std::chrono::seconds(1));
-  EXPECT_EQ(Voxelize(Cube(1), {}, expired).status().code(), absl::StatusCode::kDeadlineExceeded);
+  EXPECT_EQ(Voxelize(Cube(1), {}, {expired}).status().code(), absl::StatusCode::kDeadlineExceeded);
 }
 
 TEST(VoxelizeTest, CancelInTheMiddleOfAStage) {
@@ -113,7 +113,7 @@ TEST(VoxelizeTest, CancelInTheMiddleOfAStage) {
     VoxelizeRequest request;
     request.fill = Fill::kParity;
     request.targets = {FloatTarget(1, Blend::kMax, {"occupancy", {}})};
-    EXPECT_EQ(Voxelize(BumpySphere(20, 1), request, job).status().code(), absl::StatusCode::kCancelled) << stage;
+    EXPECT_EQ(Voxelize(BumpySphere(20, 1), request, {job}).status().code(), absl::StatusCode::kCancelled) << stage;
   }
 }
 
@@ -124,10 +124,12 @@ TEST(VoxelizeTest, ThePlanComesFirstAndHolds) {
   request.targets.push_back(FloatTarget(3, Blend::kMax, {"geometric_normal", {}}));
   int plans = 0;
   Plan plan;
-  const auto result = Voxelize(Cube(1), request, job, {}, [&](const Plan& p) {
+  const auto on_plan = [&](const Plan& p) {
     ++plans;
     plan = p;
-  });
+    return absl::OkStatus();
+  };
+  const auto result = Voxelize(Cube(1), request, {.job = job, .on_plan = on_plan});
   ASSERT_TRUE(result.ok());
   EXPECT_EQ(plans, 1);
   EXPECT_EQ(plan.grid, result->grid);

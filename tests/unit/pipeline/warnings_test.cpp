@@ -5,6 +5,7 @@
 
 #include "job/memory_sink.h"
 #include "pipeline/batch.h"
+#include "pipeline/estimate.h"
 #include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
 #include "support/meshes/meshes.h"
@@ -50,13 +51,13 @@ std::vector<absl::StatusOr<VoxelizeStats>> RunAll(const TriangleMesh& mesh, cons
     if (!result.ok()) return result.status();
     return std::move(result->stats);
   };
-  all.push_back(stats_of(Voxelize(mesh, request, job)));
+  all.push_back(stats_of(Voxelize(mesh, request, {job})));
   class Nowhere final : public ResultSink {
    public:
     absl::Status Begin(const ResultHeader&) override { return absl::OkStatus(); }
     absl::Status Write(size_t, std::span<const uint8_t>) override { return absl::OkStatus(); }
   } sink;
-  all.push_back(VoxelizeTo(mesh, request, job, {}, sink));
+  all.push_back(VoxelizeTo(mesh, request, {job}, sink));
   for (const Backend* device : Devices()) {
     const BatchItem item{&mesh, &request, &job, {}, [&](absl::StatusOr<VoxelizeResult> result) {
                            all.push_back(stats_of(std::move(result)));
@@ -98,6 +99,8 @@ TEST(Warnings, StrictMakesTheFirstOneTheError) {
   for (const auto& stats : RunAll(Cube(), request)) {
     EXPECT_EQ(stats.status(), absl::InvalidArgumentError("image 0: KTX2 is not decoded"));
   }
+  EXPECT_EQ(EstimateVoxelization(Cube(), request, JobContext(), {}, Delivery::kMemory).status(),
+            absl::InvalidArgumentError("image 0: KTX2 is not decoded"));
   VoxelizeRequest other = Request("normal");
   other.strict = true;
   for (const auto& stats : RunAll(Cube(), other)) EXPECT_TRUE(stats.ok()) << stats.status();

@@ -95,14 +95,11 @@ TEST_P(ListsOfAJob, AreTakenFromItsBudgetAsTheyAreCounted) {
   JobContext job;
   job.set_memory(&budget);
   Plan plan;
-  const auto keep = [&](const Plan& told) {
-    plan = told;
-    return absl::OkStatus();
-  };
   for (const int64_t slab_depth : {0, 8}) {
     PlanLimits limits;
     limits.slab_depth = slab_depth;
-    const auto result = VoxelizeOn(backend_, mesh_, Request(), job, limits, keep);
+    const auto result = Voxelize(
+        mesh_, Request(), {.job = job, .limits = limits, .on_plan = testing::KeepPlan(plan), .backend = &backend_});
     ASSERT_TRUE(result.ok()) << result.status();
     EXPECT_GE(budget.peak_bytes() + plan.list_bytes, result->bytes());
     EXPECT_EQ(budget.used_bytes(), 0u);
@@ -114,7 +111,7 @@ TEST_P(ListsOfAJob, EndItWhereTheBudgetIsTooSmall) {
   MemoryBudget budget(1 << 20);
   JobContext job;
   job.set_memory(&budget);
-  const absl::Status full = VoxelizeOn(backend_, mesh_, Request(), job, {}, {}).status();
+  const absl::Status full = Voxelize(mesh_, Request(), {.job = job, .backend = &backend_}).status();
   ASSERT_TRUE(LimitErrorOf(full).has_value()) << full;
   EXPECT_EQ(LimitErrorOf(full)->limit_bytes, 1u << 20);
   EXPECT_EQ(budget.used_bytes(), 0u);
@@ -123,15 +120,11 @@ TEST_P(ListsOfAJob, EndItWhereTheBudgetIsTooSmall) {
 TEST_P(ListsOfAJob, EndItBeyondThePlansLimitsWithWhatWouldFit) {
   const JobContext job;
   Plan plan;
-  const auto keep = [&](const Plan& told) {
-    plan = told;
-    return absl::OkStatus();
-  };
   VoxelizeRequest request = Request();
-  ASSERT_TRUE(VoxelizeOn(backend_, mesh_, request, job, {}, keep).ok());
+  ASSERT_TRUE(Voxelize(mesh_, request, {.job = job, .on_plan = testing::KeepPlan(plan), .backend = &backend_}).ok());
   PlanLimits limits;
   limits.max_working_bytes = plan.peak_bytes + (2 << 20);
-  const absl::Status full = VoxelizeOn(backend_, mesh_, request, job, limits, {}).status();
+  const absl::Status full = Voxelize(mesh_, request, {.job = job, .limits = limits, .backend = &backend_}).status();
   ASSERT_TRUE(LimitErrorOf(full).has_value()) << full;
   EXPECT_EQ(LimitErrorOf(full)->limit_bytes, limits.max_working_bytes);
   EXPECT_GT(LimitErrorOf(full)->need_bytes, limits.max_working_bytes);
@@ -149,7 +142,7 @@ TEST(PairsOfTrianglesAndTiles, AreTakenFromTheBudgetAsTheyAreCounted) {
     MemoryBudget budget(budget_bytes);
     JobContext job;
     job.set_memory(&budget);
-    const auto result = VoxelizeOn(backend, mesh, request, job, {}, {});
+    const auto result = Voxelize(mesh, request, {.job = job, .backend = &backend});
     EXPECT_EQ(absl::IsResourceExhausted(result.status()), budget_bytes == 1 << 20) << result.status();
     EXPECT_EQ(result.ok(), budget_bytes > 1 << 20);
     EXPECT_EQ(budget.used_bytes(), 0u);

@@ -123,7 +123,7 @@ TEST_P(PlanMemory, PredictsThePeakWithinAFactorOfOneAndAHalf) {
   request.coverage = c.coverage;
   request.vertex_shader.name = c.vertex_shader;
   const JobContext job;
-  ASSERT_TRUE(Voxelize(testing::Cube(1), request, job).ok());  // threads, code and tables are no part of the prediction
+  ASSERT_TRUE(Voxelize(testing::Cube(1), request, {job}).ok());  // threads, code and tables are no part of the prediction
   request.grid.resolution = c.resolution;
   ReleaseIdlePages();
   malloc_trim(0);
@@ -132,18 +132,18 @@ TEST_P(PlanMemory, PredictsThePeakWithinAFactorOfOneAndAHalf) {
   PlanLimits limits;
   limits.slab_depth = c.slab_depth;
   if (c.streamed) limits.slab_bytes = 64 << 20;
-  uint64_t predicted = 0;
-  const auto on_plan = [&](const Plan& plan) { predicted = plan.peak_bytes; };
+  Plan plan;
+  const PlanHook on_plan = testing::KeepPlan(plan);
   if (c.streamed) {
     Swallow sink;
-    const auto stats = VoxelizeTo(mesh, request, job, limits, sink, on_plan);
+    const auto stats = VoxelizeTo(mesh, request, {job, limits, on_plan}, sink);
     ASSERT_TRUE(stats.ok()) << stats.status();
     EXPECT_GT(sink.bytes(), 0u);
   } else {
-    const auto result = Voxelize(mesh, request, job, limits, on_plan);
+    const auto result = Voxelize(mesh, request, {job, limits, on_plan});
     ASSERT_TRUE(result.ok()) << result.status();
   }
-  const uint64_t measured = StatusBytes("VmHWM") - before;
+  const uint64_t measured = StatusBytes("VmHWM") - before, predicted = plan.peak_bytes;
   RecordProperty("predicted_bytes", std::to_string(predicted));
   RecordProperty("measured_bytes", std::to_string(measured));
   EXPECT_LT(double(predicted), 1.5 * double(measured)) << predicted << " predicted, " << measured << " measured";
@@ -160,7 +160,7 @@ TEST(PlanMemoryOfRefusals, GridsOfAnySizeAreLookedAtInLittleMemory) {
   request.grid.resolution = 8;
   request.result = ResultKind::kSparse;
   const JobContext job;
-  ASSERT_TRUE(Voxelize(testing::Cube(1), request, job).ok());  // threads, code and tables
+  ASSERT_TRUE(Voxelize(testing::Cube(1), request, {job}).ok());  // threads, code and tables
   if (!ResetPeak()) GTEST_SKIP() << "the peak of this process cannot be reset here";
   const uint64_t before = StatusBytes("VmRSS");
   for (const Fill fill : {Fill::kNone, Fill::kFlood}) {
@@ -170,7 +170,7 @@ TEST(PlanMemoryOfRefusals, GridsOfAnySizeAreLookedAtInLittleMemory) {
       request.fill = fill;
       PlanLimits limits;
       limits.max_result_bytes = 8 << 20;
-      EXPECT_EQ(Voxelize(testing::Cube(1), request, job, limits).status().code(), absl::StatusCode::kResourceExhausted);
+      EXPECT_EQ(Voxelize(testing::Cube(1), request, {job, limits}).status().code(), absl::StatusCode::kResourceExhausted);
     }
   }
   EXPECT_LT(StatusBytes("VmHWM") - before, uint64_t{32} << 20);
@@ -184,7 +184,7 @@ TEST(PlanMemoryOfRefusals, TrianglesThatRepeatAreLookedAtInLittleMemory) {
   request.result = ResultKind::kSparse;
   request.fill = Fill::kParity;
   const JobContext job;
-  ASSERT_TRUE(Voxelize(testing::Cube(1), request, job).ok());  // threads, code and tables
+  ASSERT_TRUE(Voxelize(testing::Cube(1), request, {job}).ok());  // threads, code and tables
   const TriangleMesh mesh =
       testing::MakeMesh({{0, 0, 0}, {0.5, 1, 0}, {1, 0, 1}}, std::vector<std::array<uint32_t, 3>>(30'000, {0, 1, 2}));
   if (!ResetPeak()) GTEST_SKIP() << "the peak of this process cannot be reset here";
@@ -192,7 +192,7 @@ TEST(PlanMemoryOfRefusals, TrianglesThatRepeatAreLookedAtInLittleMemory) {
   request.grid.resolution = 1500;
   PlanLimits limits;
   limits.max_result_bytes = 1 << 20;
-  EXPECT_EQ(Voxelize(mesh, request, job, limits).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(Voxelize(mesh, request, {job, limits}).status().code(), absl::StatusCode::kResourceExhausted);
   EXPECT_LT(StatusBytes("VmHWM") - before, uint64_t{64} << 20);
 }
 

@@ -20,6 +20,7 @@ namespace voxelpipe {
 namespace {
 
 using testing::FloatTarget;
+using testing::KeepPlan;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using testing::RunError;
@@ -54,7 +55,7 @@ TEST(PlanTest, ASmallGridInALargeSceneIsPlannedForWhatLiesInIt) {
   PlanLimits limits;
   limits.max_working_bytes = 128 << 20;
   const JobContext job;
-  const auto result = Voxelize(Terrain(150), request, job, limits);
+  const auto result = Voxelize(Terrain(150), request, {job, limits});
   ASSERT_TRUE(result.ok()) << result.status();
 }
 
@@ -209,7 +210,7 @@ TEST(PlanTest, AnEstimateIsThePlanOfTheRun) {
   for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
     request.result = kind;
     Plan told;
-    ASSERT_TRUE(Voxelize(mesh, request, job, {}, [&](const Plan& plan) { told = plan; }).ok());
+    ASSERT_TRUE(Voxelize(mesh, request, {.job = job, .on_plan = KeepPlan(told)}).ok());
     const absl::StatusOr<Plan> estimate = EstimateVoxelization(mesh, request, job, {}, Delivery::kMemory);
     ASSERT_TRUE(estimate.ok()) << estimate.status();
     EXPECT_EQ(estimate->peak_bytes, told.peak_bytes) << Name(kind);

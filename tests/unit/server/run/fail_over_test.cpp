@@ -142,7 +142,7 @@ class FailOverTest : public ::testing::Test {
     const JobContext job;
     VoxelizeRequest request;
     request.grid.resolution = 32;
-    return BytesOf(*VoxelizeOn(cpu::CpuBackend(), *mesh_->mesh, request, job));
+    return BytesOf(*Voxelize(*mesh_->mesh, request, {.job = job, .backend = &cpu::CpuBackend()}));
   }
   // The answer is right, given once, by a worker of this device at this attempt.
   void ExpectServed(TestJob& job, const std::string& device, uint32_t attempts) {
