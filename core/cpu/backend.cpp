@@ -62,6 +62,14 @@ class CpuStages final : public Stages {
   SlabCounts counts() const override { return state_.counts; }
   bool SortsTiles(const GridSpec& grid) const override { return !PlainBits(state_, grid); }
   std::string_view simd() const override { return state_.kernels->name; }
+  std::vector<std::string> Paths() const override {
+    const VoxelizeRequest& request = state_.request.request;
+    const char* const path = request.result == ResultKind::kBuckets ? "fragment list"
+                             : request.coverage == Coverage::kNone  ? "nothing"
+                             : PlainBits(state_, state_.grid)       ? "occupancy"
+                                                                    : "tiles";
+    return std::vector<std::string>(request.targets.size(), path);
+  }
 
  private:
   RunState state_;

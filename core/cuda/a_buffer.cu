@@ -306,7 +306,7 @@ absl::Status EmitFragments(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.fragments.Clear();
   if (triangles == 0) return absl::OkStatus();
-  if (RecordsReach(state.path_inputs.dims, triangles)) return EmitByCells(state);
+  if (RecordsReach(state.path_inputs.dims, triangles, state.path_inputs.record_bits)) return EmitByCells(state);
   VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Resize(triangles + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(triangles + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1, kQueued2, kQueued3}));

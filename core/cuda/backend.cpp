@@ -106,6 +106,11 @@ class CudaStages final : public Stages {
   }
   bool SortsTilesBySlab() const override { return true; }
   std::string_view simd() const override { return "cuda"; }
+  std::vector<std::string> Paths() const override {
+    std::vector<std::string> paths;
+    for (int i = 0; i < state_.targets.count; ++i) paths.push_back(PathName(state_.plan, i));
+    return paths;
+  }
   bool AbandonSlab() override {
     if (copies_) copies_->Forget();
     cuda::AbandonSlab(state_);

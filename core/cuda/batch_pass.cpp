@@ -72,6 +72,10 @@ absl::StatusOr<VoxelizeResult> BatchPass::Cut(size_t number) {
   if (member.parity()) result.stats.odd_columns = counts.odd_columns;
   if (member.path != BatchPath::kRows) result.stats.fragments = counts.fragments;
   result.stats.backend = result.stats.simd = "cuda";
+  const char* const path = member.path == BatchPath::kRows    ? "batch: occupancy"
+                           : member.path == BatchPath::kTiles ? "batch: tiles"
+                                                              : "batch: fragment list";
+  result.stats.path.assign(result.specs.size(), path);
   return result;
 }
 

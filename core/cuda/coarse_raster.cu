@@ -176,7 +176,8 @@ absl::Status CheckReach(RunState& state, const GridSpec& grid) {
 // Whether some kernel asks for vertices in index space.
 bool NeedsPlaces(const RunState& state) {
   if (state.request.request.result == ResultKind::kBuckets) {
-    return !RecordsReach(state.path_inputs.dims, state.path_inputs.triangles) || ShadesFragments(state.request);
+    const PathInputs& in = state.path_inputs;
+    return !RecordsReach(in.dims, in.triangles, in.record_bits) || ShadesFragments(state.request);
   }
   if (!state.plan.blends()) return true;
   for (int i = 0; i < state.targets.count; ++i) {

@@ -17,6 +17,7 @@
 #include "cuda/mesh_cache.h"
 #include "cuda/pinned.h"
 #include "cuda/run_memory.h"
+#include "cuda/span_views.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -152,6 +153,7 @@ std::string MemoryAtHand() {
                       memory->idle, " of them in the pool");
 }
 
+std::atomic<uint64_t> record_bits{kMostSpanBits};  // see LimitRecordBits
 std::atomic<uint64_t> limit_bytes{UINT64_MAX}, taken_bytes{0}, peak_bytes{0};  // see LimitMemory
 std::atomic<uint64_t> assumed_cache{0};
 
@@ -281,6 +283,12 @@ void TrimMemory(int ordinal) {
 
 void LimitMemory(uint64_t bytes) {
   limit_bytes = bytes;
+}
+void LimitRecordBits(uint64_t bits) {
+  record_bits = bits;
+}
+uint64_t RecordBits() {
+  return record_bits;
 }
 uint64_t MemoryLimit() {
   return limit_bytes;

@@ -334,6 +334,7 @@ PathInputs PathInputsOf(const RunState& state, const GridSpec& grid) {
   } else {
     in.fixed_point = false;
   }
+  in.record_bits = RecordBits();
   in.fine_triangles = FineTriangles(state.device);
   return in;
 }

@@ -6,6 +6,7 @@
 
 #include "cuda/list_sizes.h"
 #include "cuda/path_plan.h"
+#include "cuda/span_views.h"
 #include "cuda/vertex_code.cuh"
 #include "grid/bit_grid.h"
 #include "job/result.h"
@@ -164,7 +165,7 @@ double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   }
   if (request.result == ResultKind::kBuckets) return BucketListBytes(request, grid, mesh, surface, layers);
   double bytes = 0;
-  if (RecordsReach({grid.dims[0], grid.dims[1], grid.dims[2]}, mesh.triangles)) {
+  if (RecordsReach({grid.dims[0], grid.dims[1], grid.dims[2]}, mesh.triangles, kMostSpanBits)) {
     const double pool = PoolBytes(request, grid, surface, layers);
     bytes = std::max(DirectListBytes(request, grid, mesh, surface, layers), pool);
   } else {

@@ -56,9 +56,9 @@ Path BlendingPath(const PathInputs& in, const PathPlan& plan, bool bricks) {
 
 }  // namespace
 
-bool RecordsReach(const std::array<int64_t, 3>& dims, uint64_t triangles) {
+bool RecordsReach(const std::array<int64_t, 3>& dims, uint64_t triangles, uint64_t record_bits) {
   const uint64_t rows = uint64_t(dims[1]) * uint64_t(dims[2]);
-  return (uint64_t(dims[0]) + 31) / 32 * 32 <= kMostSpanBits / rows && triangles <= kMostSpanTriangles;
+  return (uint64_t(dims[0]) + 31) / 32 * 32 <= record_bits / rows && triangles <= kMostSpanTriangles;
 }
 
 bool BlendsInPlace(const PathTarget& target) {
@@ -91,7 +91,7 @@ PathPlan PlanPath(const PathInputs& in) {
     plan.path = Path::kNothing;
   } else if (in.rows_fit && TargetsWithValues(in).count == 0) {
     plan.path = Path::kOccupancy;
-  } else if (!RecordsReach(in.dims, in.triangles)) {
+  } else if (!RecordsReach(in.dims, in.triangles, in.record_bits)) {
     plan.path = Path::kTiles;
   } else {
     plan.path = BlendingPath(in, plan, /*bricks=*/true);

@@ -53,6 +53,7 @@ struct PathInputs {
   uint64_t triangles = 0;
   bool rows_fit = true;      // occupancy bits may be set by rows (RowBitsFit)
   bool fixed_point = true;   // fixed point decides what most triangles touch
+  uint64_t record_bits = 0;     // of a slab's bit grid, that records and spans have numbers for: kMostSpanBits
   uint64_t fine_triangles = 0;  // a mesh of so many keeps the device busy with some triangles a thread
 };
 
@@ -74,7 +75,7 @@ PathPlan PlanPath(const PathInputs& in);
 void GoWithoutBricks(const PathInputs& in, PathPlan& plan);
 
 // True if records of triangles and spans have numbers for all voxels and triangles.
-bool RecordsReach(const std::array<int64_t, 3>& dims, uint64_t triangles);
+bool RecordsReach(const std::array<int64_t, 3>& dims, uint64_t triangles, uint64_t record_bits);
 // True if a dense target's blend is one 32-bit atomic on its stored cells, beginning from the clear value.
 bool BlendsInPlace(const PathTarget& target);
 // True if a pool of bricks can hold the target: one key a voxel, that is never 0.

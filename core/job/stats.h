@@ -21,6 +21,7 @@ struct VoxelizeStats {
   std::string backend;                  // "cpu" or "cuda"
   std::string device_failure;           // why a device that was tried first did not do it; empty where none was
   std::string simd = "scalar";
+  std::vector<std::string> path;  // what made each target: "occupancy", "tiles", ... (core/README.md)
   // Stage name -> wall milliseconds, in order of execution, those that ran:
   // vertex_shade coarse_raster tile_sort fine_raster emit sort resolve fill.
   std::vector<std::pair<std::string, double>> stages;

@@ -117,6 +117,7 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
         return clock(LastStage(request), [&] { return FinishSlab(stages, whole); });
       }};
   const absl::Status s = slabs.Run(steps, assembler);
+  stats.path = stages.Paths();
   return IsRefusedBeyondPlan(s) ? planner.Explain(plan, lists->refused_bytes()) : s;
 }
 

@@ -174,6 +174,7 @@ void WriteTo(const VoxelizeStats& stats, v1::VoxelizeStats& message) {
   if (stats.odd_columns) message.set_odd_columns(*stats.odd_columns);
   message.set_backend(stats.backend);
   message.set_simd(stats.simd);
+  for (const std::string& path : stats.path) *message.add_path() = path;
   for (const auto& [stage, ms] : stats.stages) {
     v1::StageTime* time = message.add_stages();
     time->set_stage(stage);
@@ -197,6 +198,7 @@ VoxelizeStats FromMessage(const v1::VoxelizeStats& message) {
   if (message.has_odd_columns()) stats.odd_columns = message.odd_columns();
   stats.backend = message.backend();
   stats.simd = message.simd();
+  stats.path.assign(message.path().begin(), message.path().end());
   for (const v1::StageTime& time : message.stages()) stats.stages.emplace_back(time.stage(), time.milliseconds());
   stats.voxelize_ms = message.voxelize_ms();
   stats.voxelize_cpu_ms = message.voxelize_cpu_ms();

@@ -103,9 +103,8 @@ Compiled Compile(const std::string& source, const std::vector<const char*>& kern
 
 TEST(NvrtcTest, CompilesTheFineRasterWithAShaderSuppliedAtRunTime) {
   const Compiled compiled = Compile(
-      std::string(kShader) + "#include \"cuda/fine_batch_kernel.cuh\"\n#include \"cuda/fine_uniform_kernel.cuh\"\n",
-      {"voxelpipe::cuda::FineRasterKernel<true>", "voxelpipe::cuda::FineUniformKernel",
-       "voxelpipe::cuda::FineBatchKernel"});
+      std::string(kShader) + "#include \"cuda/fine_batch_kernel.cuh\"\n",
+      {"voxelpipe::cuda::FineRasterKernel<true>", "voxelpipe::cuda::FineBatchKernel"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
@@ -141,25 +140,23 @@ TEST(NvrtcTest, CompilesTheKernelsOfABatchsFloodFill) {
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
 
-TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
+TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndBlendAndShadeThem) {
   const std::string in = "voxelpipe::cuda::";
   const std::vector<std::string> kernels = {
-      in + "FindCells<false, " + in + "CellSink::kRecords, -1, false, false>",
-      in + "FindCells<true, " + in + "CellSink::kBlend, -1, false, true>",
-      in + "FindCells<false, " + in + "CellSink::kRecordsAndBits, -1, true, true>",
+      in + "FindCells<false, " + in + "CellSink::kRecords, -1, false>",
+      in + "FindCells<true, " + in + "CellSink::kBlend, -1, true>",
+      in + "FindCells<false, " + in + "CellSink::kRecordsAndBits, -1, true>",
       in + "EmitRest<" + in + "SpanWriter>",
       in + "EmitRest<" + in + "BlendWriter<-1>>",
       in + "EmitLarge<" + in + "SpanWriter>",
       in + "ShadeTriangles<-1>",
       in + "BlendCells<4, -1, " + in + "BlendTo::kTarget>",
-      in + "BlendCells<4, -1, " + in + "BlendTo::kRanksOfRows>",
+      in + "BlendCells<4, -1, " + in + "BlendTo::kAccumulators>",
       in + "BlendInPlace<1, -1>",
-      in + "Accumulate<4, -1, " + in + "RankedBy::kWords>",
-      in + "Accumulate<4, -1, " + in + "RankedBy::kRows>",
+      in + "Accumulate<4, -1>",
       in + "StoreAccumulated",
-      in + "StoreSumRows<1, -1>",
-      in + "StoreSumRows<4, -1>",
-      in + "FillRows<-1>",
+      in + "ListOwners",
+      in + "ShadeCoverage",
       in + "EmitCells",
       in + "EmitRest<" + in + "FragmentWriter>",
       in + "WriteBuckets<false, unsigned>",
@@ -172,7 +169,7 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndListAndBlendSpans) {
   const Compiled compiled = Compile(
       std::string(kShader) +
           "#include \"cuda/blend_writer.cuh\"\n#include \"cuda/bucket_kernels.cuh\"\n#include \"cuda/cell_blend.cuh\"\n"
-          "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/fill_rows.cuh\"\n#include \"cuda/sum_rows.cuh\"\n",
+          "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/coverage_shading.cuh\"\n#include \"cuda/span_store.cuh\"\n",
       names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
@@ -196,7 +193,7 @@ TEST(NvrtcTest, CompilesTheKernelsThatBlendByFours) {
 TEST(NvrtcTest, CompilesTheKernelsOfAPoolOfBricks) {
   const std::string in = "voxelpipe::cuda::";
   const std::vector<std::string> kernels = {
-      in + "FindCells<false, " + in + "CellSink::kPool, -1, false, false>",
+      in + "FindCells<false, " + in + "CellSink::kPool, -1, false>",
       in + "EmitRest<" + in + "PoolWriter<-1>>",
       in + "EmitLarge<" + in + "PoolWriter<-1>>",
       in + "MaskPlaces",

@@ -117,6 +117,7 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
   json["open_edges"] = OrNull(run.open_edges);
   json["backend"] = stats.backend;
   json["simd"] = stats.simd;
+  json["path"] = stats.path;
   if (!stats.device_failure.empty()) json["device_failure"] = stats.device_failure;
   if (stats.passes > 1) json["passes"] = stats.passes;
   json["result"] = Name(result.kind);

@@ -162,6 +162,8 @@ class Stages {
   virtual bool counts_wait() const { return false; }
   // Instruction set of the row kernels of this run.
   virtual std::string_view simd() const = 0;
+  // The path that made each target, by name; at the end of the run.
+  virtual std::vector<std::string> Paths() const { return {}; }
 };
 
 struct BatchItem;   // pipeline/batch.h

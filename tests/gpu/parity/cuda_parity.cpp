@@ -7,13 +7,15 @@
 //   --bench-meshes  the benchmark's meshes at 512^3 and 1024^3 instead
 //   --bunny FILE    of --bench-meshes: a bunny of 69,451 triangles
 //   --cache BYTES   the device is taken for one whose L2 cache is so large: small grids then go the ways of large ones
+//   --tiles         no grid is small enough for records: targets go by tiles
 //   --filter TEXT   only cases whose line holds TEXT; a line begins "MESH#NUMBER "
 //   --seed N        other random meshes and requests
 //   --budget S      stop after so many seconds, which counts as a failure
 //   --list          print the cases' lines alone
 //   --self          the CPU's scalar rows stand in for the device: checks this program where there is none
 //   --files         also these mesh files, to the end of the line
-// Exit: 0 all alike, 1 some differ, 2 none differ but some are not implemented, 77 no CUDA device.
+// Without a filter every path that the options lead to has to have run.
+// Exit: 0 all alike, 1 some differ or a path never ran, 2 none differ but some are not implemented, 77 no CUDA device.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -256,9 +258,10 @@ class Parity {
     std::printf("%s: %llu meshes, %llu device runs, %.1f s on the device's side, %.1f s on the CPU's\n",
                 options_.self ? "itself" : "cuda", static_cast<unsigned long long>(meshes_),
                 static_cast<unsigned long long>(runs_), device_s_, cpu_s_);
+    const bool all_ran = PrintPaths();
     std::printf("cuda_parity: %llu cases, %llu differ, %llu unimplemented\n", static_cast<unsigned long long>(cases_),
                 static_cast<unsigned long long>(differ_), static_cast<unsigned long long>(unimplemented));
-    if (differ_ > 0 || cases_ == 0 || !stopped_.empty()) return options_.list ? 0 : 1;
+    if (differ_ > 0 || cases_ == 0 || !stopped_.empty() || !all_ran) return options_.list ? 0 : 1;
     return unimplemented > 0 ? 2 : 0;
   }
 
@@ -269,6 +272,31 @@ class Parity {
   }
   static double Seconds(Time since) {
     return std::chrono::duration<double>(Now() - since).count();
+  }
+
+  // How often each path made a target. False if one never ran that should have.
+  bool PrintPaths() const {
+    for (const auto& [path, count] : paths_)
+      std::printf("path %s: %llu\n", path.c_str(), static_cast<unsigned long long>(count));
+    if (options_.self || !options_.filter.empty() || options_.bench_meshes) return true;
+    std::vector<std::string> wanted = {"nothing", "occupancy", "fragment list"};
+    if (options_.tiles) {
+      wanted.push_back("tiles");
+    } else {
+      for (const char* path : {"triangles in place", "triangles in place, by records", "triangles in bricks",
+                               "triangles in accumulators", "owners in bricks", "owners in accumulators",
+                               "fragments in accumulators"}) {
+        wanted.push_back(path);
+      }
+      if (options_.cache > 0) wanted.push_back("triangles in place, float4");  // of fine meshes
+    }
+    bool all = true;
+    for (const std::string& path : wanted) {
+      if (paths_.count(path) > 0) continue;
+      all = false;
+      std::printf("path %s: never ran\n", path.c_str());
+    }
+    return all;
   }
 
   bool Stop(const char* why) {
@@ -342,6 +370,7 @@ class Parity {
         ++refused_[a];
         return;
       }
+      for (const std::string& path : got->stats.path) ++paths_[path];
       if (got->stats.backend != (options_.self ? "cpu" : "cuda"))
         return Differ(c, line, "ran on " + got->stats.backend);
       if (const auto difference = FirstDifference(*expected, *got))
@@ -356,6 +385,7 @@ class Parity {
   double device_s_ = 0, cpu_s_ = 0;
   std::string stopped_;
   std::map<std::string, uint64_t> unimplemented_, refused_;
+  std::map<std::string, uint64_t> paths_;  // of targets
   std::map<std::string, std::pair<uint64_t, uint64_t>> tally_;  // word of a request -> cases, those that differ
 };
 
@@ -454,6 +484,7 @@ int Main(int argc, char** argv) {
   }
 #ifdef VOXELPIPE_HAVE_CUDA
   cuda::AssumeCache(options.cache);
+  if (options.tiles) cuda::LimitRecordBits(1);
 #endif
   Parity parity(options);
   BatchParity batches(options.self ? *Devices().back() : **cuda, options.quick ? 64 : 512);

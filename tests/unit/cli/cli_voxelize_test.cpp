@@ -48,6 +48,7 @@ TEST_F(CliVoxelize, PrintsTheSummary) {
   EXPECT_TRUE(summary["open_edges"].is_null());
   EXPECT_EQ(summary["backend"], "cpu");
   EXPECT_TRUE(summary["simd"].is_string());
+  EXPECT_EQ(summary["path"], nlohmann::json::array({"occupancy"}));
   EXPECT_EQ(summary["bytes"], 16);
   EXPECT_GT(summary["peak_bytes"], 1 << 20);
   EXPECT_EQ(summary["hash"].get<std::string>().size(), 64u);

@@ -65,6 +65,7 @@ TEST(ResponseTest, StatisticsSurvive) {
   stats.odd_columns = 0;  // 0 and absent differ
   stats.backend = "cpu";
   stats.simd = "avx2";
+  stats.path = {"occupancy", "owners in bricks"};
   stats.stages = {{"load", 1.5}, {"flatten", 0.25}, {"fine_raster", 3}};
   stats.voxelize_ms = 7.5;
   stats.voxelize_cpu_ms = 15;
@@ -75,6 +76,7 @@ TEST(ResponseTest, StatisticsSurvive) {
   EXPECT_EQ(back.odd_columns, stats.odd_columns);
   EXPECT_EQ(back.backend, stats.backend);
   EXPECT_EQ(back.simd, stats.simd);
+  EXPECT_EQ(back.path, stats.path);
   EXPECT_EQ(back.stages, stats.stages);
   EXPECT_EQ(back.voxelize_ms, stats.voxelize_ms);
   EXPECT_EQ(back.voxelize_cpu_ms, stats.voxelize_cpu_ms);
