@@ -101,9 +101,7 @@ class CudaStages final : public Stages {
     return state_.counts;
   }
   bool counts_wait() const override { return true; }
-  bool SortsTiles(const GridSpec& grid) const override {
-    return PlanPath(PathInputsOf(state_, grid)).sorts_tiles();
-  }
+  bool SortsTiles(const GridSpec& grid) const override { return PlanPath(PathInputsOf(state_, grid)).sorts_tiles(); }
   bool SortsTilesBySlab() const override { return true; }
   std::string_view simd() const override { return "cuda"; }
   std::vector<std::string> Paths() const override {

@@ -22,9 +22,7 @@ struct FewRoom : CellLists<kCellThreads / kRowLanes> {
     return t;
   }
   // Passes a triangle that is in doubt on to the next kernel.
-  __device__ void PassOn(uint32_t number) {
-    this->later[SharedAdd(&this->layer_count, 1)] = uint16_t(number);
-  }
+  __device__ void PassOn(uint32_t number) { this->later[SharedAdd(&this->layer_count, 1)] = uint16_t(number); }
 };
 
 // A turn of a warp's lanes at those that wait for rows, kRowLanes for each; whether the lane's own is in doubt, to one lane of each.

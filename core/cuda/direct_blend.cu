@@ -192,7 +192,7 @@ absl::Status TakeCells(RunState& state, int index) {
     args.accumulate = SumsOf(state, index);
   }
   const auto kernel = in_place ? BlendCellsTo<BlendTo::kTarget>(memory.by_id, components)
-                                      : BlendCellsTo<BlendTo::kAccumulators>(memory.by_id, components);
+                               : BlendCellsTo<BlendTo::kAccumulators>(memory.by_id, components);
   kernel<<<BlendBlocks(state, args.triangles), kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("BlendCells");
   return absl::OkStatus();

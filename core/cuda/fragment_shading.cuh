@@ -10,8 +10,8 @@ namespace voxelpipe::cuda {
 
 // What all fragments of a triangle share.
 struct TriangleInput {
-  FragmentInput in;      // but for the voxel and barycentrics
-  TrianglePlane plane;   // if the shaders need barycentrics
+  FragmentInput in;     // but for the voxel and barycentrics
+  TrianglePlane plane;  // if the shaders need barycentrics
 };
 
 __device__ inline void MakeTriangleInput(const MeshView& mesh, const ShaderTraits& traits, uint32_t t,

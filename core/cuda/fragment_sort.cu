@@ -49,8 +49,7 @@ Buffers<Key> BuffersOf(Fragments& fragments) {
 
 }  // namespace
 
-absl::Status SortByKey(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch,
-                       cudaStream_t stream) {
+absl::Status SortByKey(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch, cudaStream_t stream) {
   const Work work{fragments.elements(), sort.bits, scratch, stream};
   uint32_t* sorted = nullptr;
   if (sort.wide_keys) {

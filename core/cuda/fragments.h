@@ -55,8 +55,7 @@ struct KeySort {
 
 // Sorts the first copy by its keys; fragments of one key keep their order. What `scratch` had is lost. In fragment_sort.cu: CUB compiles slowly, so its
 // instances stand in one place.
-absl::Status SortByKey(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch,
-                       cudaStream_t stream);
+absl::Status SortByKey(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch, cudaStream_t stream);
 
 // In buckets.cu. Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room. There are fragments.
 absl::Status CountBuckets(const SortedKeys& keys, cudaStream_t stream);

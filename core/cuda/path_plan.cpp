@@ -82,8 +82,8 @@ PathPlan PlanPath(const PathInputs& in) {
     const PathTarget& target = in.targets[size_t(i)];
     PathPlan::Target& planned = plan.targets[size_t(i)];
     planned.source = SourceOf(target);
-    planned.in_place = in.result == ResultKind::kDense && planned.source == ValueSource::kTriangles &&
-                       BlendsInPlace(target);
+    planned.in_place =
+        in.result == ResultKind::kDense && planned.source == ValueSource::kTriangles && BlendsInPlace(target);
   }
   if (in.result == ResultKind::kBuckets) {
     plan.path = Path::kFragmentList;

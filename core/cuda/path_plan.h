@@ -37,8 +37,8 @@ struct PathTarget {
   Blend blend = Blend::kOr;
   int components = 1;
   bool clears_to_zero = true;
-  bool is_occupancy = false;      // of the occupancy shader, in bits
-  bool may_discard = false;       // the shader, of some fragment of this mesh
+  bool is_occupancy = false;       // of the occupancy shader, in bits
+  bool may_discard = false;        // the shader, of some fragment of this mesh
   bool same_for_triangle = false;  // the shader gives all fragments of each triangle one value
 };
 
@@ -51,8 +51,8 @@ struct PathInputs {
   int target_count = 0;
   std::array<int64_t, 3> dims{1, 1, 1};
   uint64_t triangles = 0;
-  bool rows_fit = true;      // occupancy bits may be set by rows (RowBitsFit)
-  bool fixed_point = true;   // fixed point decides what most triangles touch
+  bool rows_fit = true;         // occupancy bits may be set by rows (RowBitsFit)
+  bool fixed_point = true;      // fixed point decides what most triangles touch
   uint64_t record_bits = 0;     // of a slab's bit grid, that records and spans have numbers for: kMostSpanBits
   uint64_t fine_triangles = 0;  // a mesh of so many keeps the device busy with some triangles a thread
 };

@@ -150,11 +150,11 @@ struct RunState {
 
   // CoarseRaster, TileSort: of the whole grid, but for tiles with pairs, which are those of the slab and numbered from its first one on
   GridSpec grid;
-  GridView view{};          // dims, tiles, slab: what kernels get
-  bool placed = false;      // whether index_positions and codes are made
+  GridView view{};      // dims, tiles, slab: what kernels get
+  bool placed = false;  // whether index_positions and codes are made
   PathInputs path_inputs;
   PathPlan plan;
-  Slab tile_layers;         // of these tiles, counted in tiles
+  Slab tile_layers;  // of these tiles, counted in tiles
   TilePairs pairs;
   DeviceArray<uint64_t> counters;    // see Counter
   DeviceArray<uint8_t> scratch;      // of CUB
@@ -193,19 +193,20 @@ struct RunState {
   DeviceArray<uint32_t> fragment_counts;  // per triangle
   // Per triangle: where its fragments begin before they are sorted. Or, of records, how many each chunk has (FragmentCounts).
   DeviceArray<uint64_t> fragment_first;
-  Fragments fragments;                  // their keys are voxel indices within the slab
+  Fragments fragments;  // their keys are voxel indices within the slab
   // For CountAndListBuckets and UnpackIntoBuckets (fragments.h): 0 once fragments are emitted.
   DeviceArray<uint64_t> bucket_chunks;
   DeviceArray<uint64_t> bundles_before;  // for EmitBundles: per block of it
 
   // Blending without tiles, and the A-buffer: per triangle, as they are taken (cell_views.h)
   DeviceArray<uint64_t> cells, blocks;
-  DeviceArray<uint64_t> spans;          // of the slab (span_views.h), in no order, kNoSpan among them
-  uint64_t span_count = 0;              // of all triangles, also where there was no room for them
-  DeviceArray<uint32_t> touched_bits;   // bit grid: voxels of discarded fragments too; empty: none are, the coverage has all
-  DeviceArray<uint32_t> word_ranks;     // per word of it, or of the coverage, where that is not empty (Ranks)
-  DeviceArray<uint32_t> listed_bits;    // of a sparse result: the bit of each voxel
-  uint64_t ranked_voxels = 0;           // that have accumulators
+  DeviceArray<uint64_t> spans;  // of the slab (span_views.h), in no order, kNoSpan among them
+  uint64_t span_count = 0;      // of all triangles, also where there was no room for them
+  DeviceArray<uint32_t>
+      touched_bits;  // bit grid: voxels of discarded fragments too; empty: none are, the coverage has all
+  DeviceArray<uint32_t> word_ranks;   // per word of it, or of the coverage, where that is not empty (Ranks)
+  DeviceArray<uint32_t> listed_bits;  // of a sparse result: the bit of each voxel
+  uint64_t ranked_voxels = 0;         // that have accumulators
   OwnerList owners;
   std::array<SpanTarget, kMaxTargets> span_targets;
 

@@ -174,7 +174,7 @@ struct StoreArgs {
   uint64_t voxels = 0;                // of the result
   const uint32_t* listed = nullptr;   // the bit of each voxel of a sparse result; null: a dense one
   uint32_t nx = 0, words_per_row = 0;
-  uint8_t* out = nullptr;   // values; or
+  uint8_t* out = nullptr;    // values; or
   uint32_t* bits = nullptr;  // a bit grid, cleared
 };
 
@@ -226,7 +226,8 @@ __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_c
 // The list of a target's owners: their voxels, themselves, and where their values go.
 struct OwnerListArgs {
   StoreArgs from;  // accumulators that hold owners
-  uint32_t *keys = nullptr, *triangles = nullptr, *to = nullptr;  // elements of a dense result by rank, of a sparse one as it lists them
+  uint32_t *keys = nullptr, *triangles = nullptr,
+           *to = nullptr;  // elements of a dense result by rank, of a sparse one as it lists them
 };
 
 __global__ void __launch_bounds__(kBlendThreads) ListOwners(const __grid_constant__ OwnerListArgs args) {

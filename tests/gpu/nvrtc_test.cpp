@@ -102,9 +102,8 @@ Compiled Compile(const std::string& source, const std::vector<const char*>& kern
 }
 
 TEST(NvrtcTest, CompilesTheFineRasterWithAShaderSuppliedAtRunTime) {
-  const Compiled compiled = Compile(
-      std::string(kShader) + "#include \"cuda/fine_batch_kernel.cuh\"\n",
-      {"voxelpipe::cuda::FineRasterKernel<true>", "voxelpipe::cuda::FineBatchKernel"});
+  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/fine_batch_kernel.cuh\"\n",
+                                    {"voxelpipe::cuda::FineRasterKernel<true>", "voxelpipe::cuda::FineBatchKernel"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
@@ -169,7 +168,8 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndBlendAndShadeThem) {
   const Compiled compiled = Compile(
       std::string(kShader) +
           "#include \"cuda/blend_writer.cuh\"\n#include \"cuda/bucket_kernels.cuh\"\n#include \"cuda/cell_blend.cuh\"\n"
-          "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/coverage_shading.cuh\"\n#include \"cuda/span_store.cuh\"\n",
+          "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/coverage_shading.cuh\"\n#include "
+          "\"cuda/span_store.cuh\"\n",
       names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);

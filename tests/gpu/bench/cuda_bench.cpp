@@ -181,7 +181,8 @@ class Bench {
   // What the CPU finds, made once a mesh, coverage and resolution, and a shader that discards.
   uint64_t ExpectedOccupied(const BenchRow& row) {
     const bool discards = absl::StrContains(row.mesh, "masked") && row.request.targets.size() == 1;
-    const std::string key = absl::StrCat(row.mesh, " ", int(row.request.coverage), " ", row.n, discards ? row.name : "");
+    const std::string key =
+        absl::StrCat(row.mesh, " ", int(row.request.coverage), " ", row.n, discards ? row.name : "");
     const auto known = occupied_.find(key);
     if (known != occupied_.end()) return known->second;
     VoxelizeRequest bits;
@@ -216,7 +217,10 @@ class Bench {
     const bool asked = row.pass_ms > 0;
     passed_ += !asked || median <= row.pass_ms;
     stretched_ += asked && median <= row.stretch_ms;
-    const char* verdict = !asked ? "" : median <= row.stretch_ms ? "stretch met" : median <= row.pass_ms ? "met" : "MISSED";
+    const char* verdict = !asked                     ? ""
+                          : median <= row.stretch_ms ? "stretch met"
+                          : median <= row.pass_ms    ? "met"
+                                                     : "MISSED";
     std::printf("%s%s | %s-%s | %s | %s | %s | %zu | %llu |\n", head.c_str(), Ms(median).c_str(),
                 Ms(Quantile(ms, 0.1)).c_str(), Ms(Quantile(ms, 0.9)).c_str(), Ms(row.pass_ms).c_str(),
                 Ms(row.stretch_ms).c_str(), verdict, ms.size(), static_cast<unsigned long long>(occupied));

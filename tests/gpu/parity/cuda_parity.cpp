@@ -283,9 +283,9 @@ class Parity {
     if (options_.tiles) {
       wanted.push_back("tiles");
     } else {
-      for (const char* path : {"triangles in place", "triangles in place, by records", "triangles in bricks",
-                               "triangles in accumulators", "owners in bricks", "owners in accumulators",
-                               "fragments in accumulators"}) {
+      for (const char* path :
+           {"triangles in place", "triangles in place, by records", "triangles in bricks", "triangles in accumulators",
+            "owners in bricks", "owners in accumulators", "fragments in accumulators"}) {
         wanted.push_back(path);
       }
       if (options_.cache > 0) wanted.push_back("triangles in place, float4");  // of fine meshes
@@ -385,7 +385,7 @@ class Parity {
   double device_s_ = 0, cpu_s_ = 0;
   std::string stopped_;
   std::map<std::string, uint64_t> unimplemented_, refused_;
-  std::map<std::string, uint64_t> paths_;  // of targets
+  std::map<std::string, uint64_t> paths_;                       // of targets
   std::map<std::string, std::pair<uint64_t, uint64_t>> tally_;  // word of a request -> cases, those that differ
 };
 
