@@ -1,8 +1,8 @@
 // Plain bits of one grid: triangles from world space straight to words of the bit grid.
 //
 // Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what bit_cells.cuh is certain of is written at once, the
-// rest waits in two queues, which are walked in bit_layers.cuh. Where triangles come in random order, before both: all are ordered
-// (bit_order.cuh), or the largest of them are drawn by pieces (bit_pieces.cuh) while the grid is cleared. Few and large triangles in large grids:
+// rest waits in two queues, which are walked in bit_layers.cuh. Unordered meshes are taken in Morton order (scattered.h), and the largest of
+// their triangles are drawn by pieces (bit_pieces.cuh) while the grid is cleared. Few and large triangles in large grids:
 // bit_bins.cuh. Fine meshes in such: the first step sets bits in bricks, which become the grid before the second one (bit_pool.cuh). Triangles of
 // some voxels each: bit_rows.cuh is the first step. Few triangles: bit_few.cuh is.
 // No host-only includes.

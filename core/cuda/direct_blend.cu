@@ -1,10 +1,9 @@
-// Blending without tiles: targets whose value is the same for all fragments of a triangle.
+// Blending without tiles (core/cuda/README.md, "Coverage, then shade, then blend").
 //
-// Triangles are walked once. Where there is one target that seeks a largest or least value, of one component or, in fine meshes, of four
-// (four_cells.h), they are blended as they are found; otherwise, and where they have to be ordered first, small ones become records, which each target
-// then takes. Larger ones become spans in a list, which each target takes too, but for the few largest where targets are written by
-// rows (sum_rows.cuh, fill_rows.cuh); those that are too many for the list are made and taken in parts, by halves of the triangles. Largest and least values
-// of a sparse result are blended in bricks that are given out meanwhile (brick_pool.h), and nothing is recorded or listed. Everything else goes by tiles.
+// Triangles are found once. Under Path::kInPlace and kFloat4 they are blended as they are found, under kBricks likewise in
+// bricks that are given out meanwhile (brick_pool.h). Otherwise small ones become records, which each target then takes, and
+// larger ones spans in a list, which each target takes, too; spans that are too many for the list are made and taken in
+// parts, by halves of the triangles.
 #include <algorithm>
 #include <utility>
 

@@ -3,8 +3,7 @@
 //
 // A kernel launched so calls AwaitEarlier() in every thread before it touches what kernels before it on the stream write, or writes what
 // they read; it never leaves that out, since the next one relies on it. It may begin once all blocks of the one before have
-// called AllowNext() or ended; that one was launched plainly, or has the same from its own. What such kernels tell each other while both run is
-// bit_mail.cuh's.
+// called AllowNext() or ended; that one was launched plainly, or has the same from its own.
 #pragma once
 
 namespace voxelpipe::cuda {

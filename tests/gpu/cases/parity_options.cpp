@@ -1,5 +1,6 @@
 #include "gpu/cases/parity_options.h"
 
+#include <algorithm>
 #include <cstdlib>
 
 namespace voxelpipe::gpu {
@@ -31,6 +32,8 @@ bool ParseParityOptions(int argc, char** argv, ParityOptions& options) {
       options.bunny = argv[++i];
     } else if (argument == "--cache") {
       options.cache = std::strtoull(argv[++i], nullptr, 10);
+    } else if (argument == "--every") {
+      options.every = std::max(1u, uint32_t(std::atoi(argv[++i])));
     } else if (argument == "--seed") {
       options.seed = uint32_t(std::atoi(argv[++i]));
     } else if (argument == "--budget") {

@@ -12,6 +12,7 @@ struct ParityOptions {
   std::string filter, bunny;
   std::vector<std::string> files;
   uint64_t cache = 0;  // bytes; 0: as the device says
+  uint32_t every = 1;  // every so many cases of a mesh one is run, and no batches if not all are
   uint32_t seed = 1;
   double budget_s = 1e9;
 };

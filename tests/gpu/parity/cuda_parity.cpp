@@ -8,6 +8,7 @@
 //   --bunny FILE    of --bench-meshes: a bunny of 69,451 triangles
 //   --cache BYTES   the device is taken for one whose L2 cache is so large: small grids then go the ways of large ones
 //   --tiles         no grid is small enough for records: targets go by tiles
+//   --every K       one of K cases of each mesh, and no batches
 //   --filter TEXT   only cases whose line holds TEXT; a line begins "MESH#NUMBER "
 //   --seed N        other random meshes and requests
 //   --budget S      stop after so many seconds, which counts as a failure
@@ -67,6 +68,7 @@ class Parity {
     for (size_t i = 0; i < cases.size(); ++i) {
       const std::string line = absl::StrCat(named.name, "#", i, " ", Describe(cases[i]));
       if (!options_.filter.empty() && !absl::StrContains(line, options_.filter)) continue;
+      if (numbered_++ % options_.every != 0) continue;
       if (options_.list) std::printf("%s\n", line.c_str());
       if (options_.list) continue;
       if (Seconds(started_) > options_.budget_s) return Stop("the time is up");
@@ -95,7 +97,7 @@ class Parity {
       const std::string name = absl::StrCat(named.name, "_moved", frame);
       if (!RunMesh({name, named.extent, {}}, *moved, cases, 1)) return false;
       CheckUpload(name, *moved, {}, moved->positions.size() * sizeof(Vec3d));
-      if (options_.filter.empty() && !options_.list) batches.Add(name, moved, cases, 1);
+      if (options_.filter.empty() && !options_.list && options_.every == 1) batches.Add(name, moved, cases, 1);
     }
     return true;
   }
@@ -386,6 +388,7 @@ class Parity {
   std::string stopped_;
   std::map<std::string, uint64_t> unimplemented_, refused_;
   std::map<std::string, uint64_t> paths_;                       // of targets
+  uint64_t numbered_ = 0;  // cases, run or not
   std::map<std::string, std::pair<uint64_t, uint64_t>> tally_;  // word of a request -> cases, those that differ
 };
 
@@ -423,7 +426,7 @@ bool RunBeyond32Bits(Parity& parity, const ParityOptions& options) {
 }
 
 void AddTo(BatchParity& batches, const Subject& subject, const ParityOptions& options) {
-  if (subject.large) return;
+  if (subject.large || options.every > 1) return;
   batches.Add(subject.named.name, subject.mesh, subject.cases, options.quick ? 1 : 8);
   if (subject.named.extent > 0) batches.AddABuffers(subject.named.name, subject.mesh);
 }
