@@ -9,6 +9,7 @@
 
 #include <grpcpp/support/byte_buffer.h>
 
+#include "base/sha256.h"
 #include "calls/response_coder.h"
 #include "calls/zstd_piece.h"
 #include "pipeline/plan.h"
@@ -17,7 +18,6 @@
 #include "wire/call_settings.h"
 #include "work/job.h"
 #include "work/result_sums.h"
-#include "work/sha256.h"
 
 namespace voxelpipe {
 

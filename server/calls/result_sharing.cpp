@@ -7,12 +7,12 @@
 #include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 
 #include "absl/strings/str_cat.h"
+#include "base/sha256.h"
 #include "calls/job_setup.h"
 #include "pipeline/result.h"
 #include "wire/request.h"
 #include "work/request_memory.h"
 #include "work/result_sums.h"
-#include "work/sha256.h"
 
 namespace voxelpipe {
 namespace {
