@@ -11,10 +11,10 @@
 #include "load/costly_parts.h"
 #include "meshes/mesh_store.h"
 #include "pipeline/result.h"
+#include "pipeline/resuming_sink.h"
 #include "pipeline/voxelize.h"
 #include "wire/request.h"
 #include "work/job.h"
-#include "work/resumed_sink.h"
 #include "work/task.h"
 
 namespace voxelpipe {
@@ -41,7 +41,7 @@ class VoxelizeJob : public Task {
   std::shared_ptr<const PreparedMesh> mesh;  // made of these; keeps `memory` alive
   uint32_t attempts = 0;                     // device workers that had it
   bool planned = false;                      // Planned was OK
-  ResumedSink resumed;                       // before large_results(): what went there already
+  ResumingSink resumed;                      // before large_results(): what went there already
 
   // Called by the worker that runs the job, before rasterization. A status other than OK ends the job with it. Where what the job
   // needs is not there now, waits for it, or, told not to, gives ABORTED: the job then runs alone later, and this is called again. Not
