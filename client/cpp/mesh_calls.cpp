@@ -1,15 +1,12 @@
 #include "mesh_calls.h"
 
-#include <openssl/sha.h>
-
 #include <algorithm>
-#include <array>
 #include <memory>
 
 #include <grpcpp/client_context.h>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "base/sha256.h"
 #include "call_watch.h"
 #include "upload_pieces.h"
 #include "wire/request.h"
@@ -19,12 +16,6 @@ namespace voxelpipe {
 namespace {
 
 constexpr size_t kMeshIdDigits = 64;
-
-std::string MeshIdOf(std::span<const uint8_t> bytes) {
-  std::array<unsigned char, SHA256_DIGEST_LENGTH> digest;
-  SHA256(bytes.data(), bytes.size(), digest.data());
-  return absl::BytesToHexString({reinterpret_cast<const char*>(digest.data()), digest.size()});
-}
 
 }  // namespace
 
@@ -53,7 +44,7 @@ absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::stri
   v1::UploadMeshResponse response;
   const auto stream = calls.UploadMesh(context, response);
   v1::UploadMeshRequest message;
-  const std::string mesh_id = MeshIdOf(mesh_bytes);
+  const std::string mesh_id = Sha256Hex(mesh_bytes);
   message.mutable_upload()->set_mesh_format(ToMessage(format));
   message.mutable_upload()->set_mesh_id(mesh_id);
   bool open = stream->Write(

@@ -1,7 +1,5 @@
 #include "result_reader.h"
 
-#include <openssl/evp.h>
-
 #include <algorithm>
 #include <string>
 #include <utility>
@@ -17,12 +15,6 @@ namespace {
 
 // No server compresses more at once.
 constexpr uint64_t kMaxRawBytes = 64 << 20;
-
-// Looked up once: OpenSSL would do so, with locks, for each result.
-const EVP_MD* Sha256Algorithm() {
-  static const EVP_MD* const algorithm = EVP_MD_fetch(nullptr, "SHA256", nullptr);
-  return algorithm != nullptr ? algorithm : EVP_sha256();
-}
 
 template <typename... Parts>
 absl::Status Lost(const Parts&... parts) {
@@ -51,20 +43,15 @@ absl::Status CheckGrid(const GridSpec& grid, const GridRequest& request) {
 
 }  // namespace
 
-void ResultReader::FreeDigest::operator()(evp_md_ctx_st* context) const {
-  EVP_MD_CTX_free(context);
-}
-
 ResultReader::ResultReader(const VoxelizeRequest& request, uint64_t max_result_bytes, ResultSink& sink, bool hashed)
-    : request_(request), max_result_bytes_(max_result_bytes), sink_(sink), hashed_(hashed), digest_(EVP_MD_CTX_new()) {}
+    : request_(request), max_result_bytes_(max_result_bytes), sink_(sink) {
+  if (hashed) hash_.emplace();
+}
 
 ResultReader::~ResultReader() = default;
 
 absl::Status ResultReader::AddHeader(const v1::ResultHeader& message) {
   if (has_header_) return Lost("a second header");
-  if (!digest_ || EVP_DigestInit_ex(digest_.get(), Sha256Algorithm(), nullptr) != 1) {
-    return absl::InternalError("SHA-256 could not be started");
-  }
   const absl::StatusOr<ResultHeader> header = FromMessage(message, request_);
   if (!header.ok()) return header.status();
   if (absl::Status status = CheckGrid(header->grid, request_.grid); !status.ok()) return status;
@@ -127,9 +114,7 @@ absl::Status ResultReader::AddFrame(const PieceView& piece) {
 }
 
 absl::Status ResultReader::AddBytes(std::span<const uint8_t> bytes) {
-  if (hashed_ && EVP_DigestUpdate(digest_.get(), bytes.data(), bytes.size()) != 1) {
-    return absl::InternalError("SHA-256 failed");
-  }
+  if (hash_) hash_->Update(bytes);
   offset_ += bytes.size();
   received_bytes_ += bytes.size();
   return sink_.Write(array_, bytes);
@@ -139,7 +124,7 @@ absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
   if (!has_header_) return Lost("a summary before the header");
   if (has_summary_) return Lost("a second summary");
   if (received_bytes_ != total_bytes_) return Lost(received_bytes_, " of ", total_bytes_, " bytes came");
-  if (hashed_) {
+  if (hash_) {
     if (absl::Status s = CheckHash(summary.content_sha256()); !s.ok()) return s;
   }
   out_.peak_bytes = summary.peak_bytes();
@@ -164,10 +149,7 @@ absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
 }
 
 absl::Status ResultReader::CheckHash(const std::string& announced) {
-  unsigned char digest[EVP_MAX_MD_SIZE];
-  unsigned int length = 0;
-  if (EVP_DigestFinal_ex(digest_.get(), digest, &length) != 1) return absl::InternalError("SHA-256 failed");
-  const std::string hex = absl::BytesToHexString(absl::string_view(reinterpret_cast<const char*>(digest), length));
+  const std::string hex = hash_->HexDigest();
   if (hex != announced) {
     return Lost("its SHA-256 is ", hex, ", the server announced '", absl::CHexEscape(announced), "'");
   }

@@ -2,17 +2,16 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "base/sha256.h"
 #include "client.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
-
-struct evp_md_ctx_st;
 
 namespace voxelpipe {
 
@@ -49,21 +48,16 @@ class ResultReader {
   absl::Status AddBytes(std::span<const uint8_t> bytes);
   absl::Status CheckHash(const std::string& announced);
 
-  struct FreeDigest {
-    void operator()(evp_md_ctx_st* context) const;
-  };
-
   const VoxelizeRequest& request_;
   const uint64_t max_result_bytes_;
   ResultSink& sink_;
-  const bool hashed_;
   std::vector<uint64_t> array_bytes_;
   std::vector<uint8_t> raw_;  // of a compressed piece; keeps its memory
   bool has_header_ = false, has_summary_ = false;
   size_t array_ = 0;     // the one that the next byte belongs to
   uint64_t offset_ = 0;  // of the next byte in it
   uint64_t received_bytes_ = 0, total_bytes_ = 0;
-  std::unique_ptr<evp_md_ctx_st, FreeDigest> digest_;
+  std::optional<Sha256> hash_;  // of all bytes, where the summary must bring one
   RemoteRun out_;
 };
 

@@ -6,22 +6,33 @@
 namespace voxelpipe {
 
 bool ResumingSink::Keep(VoxelizeResult&& whole) {
-  return !begun_ && to_.Keep(std::move(whole));
+  return !begun() && out_->Keep(std::move(whole));
 }
 
 absl::Status ResumingSink::Begin(const ResultHeader& header) {
-  if (std::exchange(begun_, true)) return absl::OkStatus();
-  return to_.Begin(header);
+  made_ = {};
+  if (!header_) {
+    header_ = header;
+    return out_->Begin(header);
+  }
+  const bool same = header.kind == header_->kind && header.grid == header_->grid && header.layout == header_->layout &&
+                    header.arrays == header_->arrays;
+  return same ? absl::OkStatus() : absl::InternalError("a run that was done again gave another header");
 }
 
 absl::Status ResumingSink::Write(size_t array, std::span<const uint8_t> bytes) {
-  at_.resize(std::max(at_.size(), array + 1));
-  done_.resize(std::max(done_.size(), array + 1));
-  const uint64_t begin = std::exchange(at_[array], at_[array] + bytes.size());
-  const uint64_t known = std::min<uint64_t>(done_[array] - std::min(done_[array], begin), bytes.size());
-  if (known == bytes.size()) return absl::OkStatus();
-  done_[array] = at_[array];
-  return to_.Write(array, bytes.subspan(known));
+  if (array != made_.array) made_ = {array, 0};
+  const uint64_t begin = made_.offset;
+  made_.offset += bytes.size();
+  if (array < delivered_.array) return absl::OkStatus();
+  if (array == delivered_.array) {
+    const uint64_t known = delivered_.offset > begin ? delivered_.offset - begin : 0;
+    bytes = bytes.subspan(std::min<uint64_t>(known, bytes.size()));
+    if (bytes.empty()) return absl::OkStatus();
+  }
+  // Counted before: what a write that failed may have taken is not sent again, and such a failure ends the job.
+  delivered_ = made_;
+  return out_->Write(array, bytes);
 }
 
 }  // namespace voxelpipe

@@ -1,31 +1,43 @@
-// A sink between a run and the caller's, for runs that may end early and be done again by another device.
+// A sink between runs and the caller's sink, for runs that may fail in the middle and be done again.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
-#include <vector>
 
 #include "job/result.h"
 
 namespace voxelpipe {
 
-// Hands on what no earlier run has handed on: all runs of a request give the same bytes in the same order. The caller's sink, which must outlive it,
-// hears of one run.
+// A run that fails in the middle has handed on bytes that cannot be taken back. The next run makes the same bytes in the
+// same order, whatever the device (results are deterministic): those that were handed on already are dropped, and the
+// caller's sink gets one Begin and every byte once. A run begins anew with Begin; its header must be that of the first,
+// or it ends with INTERNAL. One run at a time.
 class ResumingSink final : public ResultSink {
  public:
-  explicit ResumingSink(ResultSink& to) : to_(to) {}
+  ResumingSink() = default;  // SetOut comes before the first run
+  // `out` must outlive the runs.
+  explicit ResumingSink(ResultSink& out) : out_(&out) {}
+  void SetOut(ResultSink& out) { out_ = &out; }
 
-  // What comes next is from the start again.
-  void Restart() { at_.clear(); }
+  // True if anything was handed on: the next run must stream, too.
+  bool begun() const { return header_.has_value(); }
 
   bool Keep(VoxelizeResult&& whole) override;
   absl::Status Begin(const ResultHeader& header) override;
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override;
 
  private:
-  ResultSink& to_;
-  bool begun_ = false;
-  std::vector<uint64_t> at_, done_;  // bytes of each array: of this run, and those that were handed on
+  // A position in the stream.
+  struct Position {
+    size_t array = 0;
+    uint64_t offset = 0;
+  };
+
+  ResultSink* out_ = nullptr;
+  std::optional<ResultHeader> header_;
+  Position delivered_;  // everything before it was handed on
+  Position made_;       // by this run
 };
 
 }  // namespace voxelpipe

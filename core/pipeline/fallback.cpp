@@ -77,11 +77,11 @@ VoxelizeStats& StatsOf(VoxelizeStats& stats) {
   return stats;
 }
 
-// Calls run(backend, options, true if another backend failed before) on the backend that the request chooses and, where
-// that may help, on the one that takes over. The caller's hook gets the first plan only.
+// Calls run(backend, options) on the backend that the request chooses and, where that may help, on the one that takes
+// over. The caller's hook gets the first plan only.
 template <typename Run>
 auto RunOnChosen(const VoxelizeRequest& request, const RunOptions& options, const Run& run)
-    -> decltype(run(std::declval<const Backend&>(), options, false)) {
+    -> decltype(run(std::declval<const Backend&>(), options)) {
   // Said first of all that is wrong with a request, whatever this machine has.
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
@@ -93,11 +93,11 @@ auto RunOnChosen(const VoxelizeRequest& request, const RunOptions& options, cons
       return std::exchange(planned, true) ? absl::OkStatus() : options.on_plan(plan);
     };
   }
-  auto result = run(**backend, once, false);
+  auto result = run(**backend, once);
   const Backend* const other = InsteadOf(**backend, request.backend, result.status());
   if (other == nullptr) return result;
   const std::string failure = absl::StrCat((*backend)->device(), ": ", result.status().message());
-  result = run(*other, once, true);
+  result = run(*other, once);
   if (result.ok()) {
     StatsOf(*result).device_failure = failure;
     return result;
@@ -111,7 +111,7 @@ auto RunOnChosen(const VoxelizeRequest& request, const RunOptions& options, cons
 absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request,
                                         const RunOptions& options) {
   if (options.backend != nullptr) return RunToMemory(*options.backend, mesh, request, options);
-  return RunOnChosen(request, options, [&](const Backend& backend, const RunOptions& once, bool /*again*/) {
+  return RunOnChosen(request, options, [&](const Backend& backend, const RunOptions& once) {
     return RunToMemory(backend, mesh, request, once);
   });
 }
@@ -120,8 +120,7 @@ absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const Voxeliz
                                          const RunOptions& options, ResultSink& sink) {
   if (options.backend != nullptr) return RunToSink(*options.backend, mesh, request, options, sink);
   ResumingSink resuming(sink);
-  return RunOnChosen(request, options, [&](const Backend& backend, const RunOptions& once, bool again) {
-    if (again) resuming.Restart();
+  return RunOnChosen(request, options, [&](const Backend& backend, const RunOptions& once) {
     return RunToSink(backend, mesh, request, once, resuming);
   });
 }

@@ -7,12 +7,12 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/crc32c.h"
+#include "base/sha256.h"
 #include "calls/call_setup.h"
 #include "isolate/loading.h"
 #include "jobs/request_memory.h"
 #include "loading/load_mesh.h"
 #include "reply/raw_message.h"
-#include "results/sha256.h"
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
@@ -30,12 +30,6 @@ std::vector<uint8_t> Join(std::deque<std::string>& pieces, uint64_t bytes) {
   file.reserve(bytes);
   for (; !pieces.empty(); pieces.pop_front()) file.insert(file.end(), pieces.front().begin(), pieces.front().end());
   return file;
-}
-
-std::string IdOf(std::span<const uint8_t> file) {
-  Sha256 hash;
-  hash.Update(file);
-  return hash.HexDigest();
 }
 
 // Frees a mesh without other users.
@@ -207,7 +201,7 @@ void UploadMeshCall::Work() {
   try {
     if (absl::Status s = job_.Check(); !s.ok()) return Answer(s, false);
     std::vector<uint8_t> file = Join(pieces_, record_.bytes_in);
-    const std::string id = IdOf(file);
+    const std::string id = Sha256Hex(file);
     if (!expected_id_.empty() && id != expected_id_) {
       return Answer(absl::DataLossError(absl::StrCat("the mesh's SHA-256 is ", id, ", not the mesh_id ", expected_id_)),
                     false);

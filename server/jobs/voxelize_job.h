@@ -9,8 +9,8 @@
 
 #include "absl/status/statusor.h"
 #include "job/result.h"
+#include "job/resuming_sink.h"
 #include "jobs/job.h"
-#include "jobs/resumed_sink.h"
 #include "load/costly_parts.h"
 #include "meshes/mesh_store.h"
 #include "pipeline/voxelize.h"
@@ -41,7 +41,7 @@ class VoxelizeJob : public Task {
   std::shared_ptr<const PreparedMesh> mesh;  // made of these; keeps `memory` alive
   uint32_t attempts = 0;                     // device workers that had it
   bool planned = false;                      // Planned was OK
-  ResumedSink resumed;                       // before large_results(): what went there already
+  ResumingSink resumed;                      // before large_results(): what went there already
 
   // Called by the worker that runs the job, before rasterization. A status other than OK ends the job with it. Where
   // what the job needs is not there now, waits for it, or, if it must not wait, returns ABORTED: the job then runs

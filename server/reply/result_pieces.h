@@ -9,13 +9,13 @@
 
 #include <grpcpp/support/byte_buffer.h>
 
+#include "base/sha256.h"
 #include "job/result.h"
 #include "jobs/job.h"
 #include "pipeline/plan/plan.h"
 #include "reply/response_coder.h"
 #include "reply/zstd_piece.h"
 #include "results/result_sums.h"
-#include "results/sha256.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "wire/call_settings.h"
 

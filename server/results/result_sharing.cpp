@@ -7,12 +7,12 @@
 #include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 
 #include "absl/strings/str_cat.h"
+#include "base/sha256.h"
 #include "job/result.h"
 #include "jobs/job_counts.h"
 #include "jobs/job_memory.h"
 #include "jobs/request_memory.h"
 #include "results/result_sums.h"
-#include "results/sha256.h"
 #include "wire/request.h"
 
 namespace voxelpipe {

@@ -157,9 +157,7 @@ class Run {
     if (!mesh.ok()) {
       return absl::Status(mesh.status().code(), absl::StrCat(item.input, ": ", std::string(mesh.status().message())));
     }
-    const absl::StatusOr<std::string> input_sha256 = Sha256Hex(mesh->bytes);
-    if (!input_sha256.ok()) return input_sha256.status();
-    absl::StatusOr<std::string> key = ItemKey(item, *input_sha256);
+    absl::StatusOr<std::string> key = ItemKey(item, Sha256Hex(mesh->bytes));
     if (!key.ok()) return key.status();
     return Prepared{*std::move(mesh), *std::move(key)};
   }

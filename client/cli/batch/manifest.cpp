@@ -245,10 +245,8 @@ class Reader {
     if (known != nullptr) return known;
     absl::StatusOr<VoxelizeRequest> request = BuildRequest(options);
     if (!request.ok()) return request.status();
-    absl::StatusOr<std::string> digest =
-        Sha256Hex({reinterpret_cast<const uint8_t*>(canonical.data()), canonical.size()});
-    if (!digest.ok()) return digest.status();
-    known = std::make_shared<const BatchRequest>(BatchRequest{*std::move(request), *std::move(digest)});
+    std::string digest = Sha256Hex({reinterpret_cast<const uint8_t*>(canonical.data()), canonical.size()});
+    known = std::make_shared<const BatchRequest>(BatchRequest{*std::move(request), std::move(digest)});
     return known;
   }
 

@@ -1,26 +1,21 @@
-// SHA-256, of results above all.
+// SHA-256 of results.
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <span>
 #include <string>
-#include <vector>
 
 #include "absl/status/statusor.h"
+#include "base/sha256.h"
 #include "job/result.h"
 
 namespace voxelpipe::cli {
-
-// 64 lower-case hexadecimal digits.
-absl::StatusOr<std::string> Sha256Hex(std::span<const uint8_t> bytes);
 
 // Counts and hashes what passes, and hands it on to `next`, if there is one.
 class HashingSink final : public ResultSink {
  public:
   // `next` may be null and must outlive the object.
-  explicit HashingSink(ResultSink* next);
-  ~HashingSink() override;
+  explicit HashingSink(ResultSink* next) : next_(next) {}
 
   absl::Status Begin(const ResultHeader& header) override;
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override;
@@ -28,11 +23,10 @@ class HashingSink final : public ResultSink {
   const ResultHeader& header() const { return header_; }
   uint64_t bytes() const { return bytes_; }
   // SHA-256 of all bytes in stream order, 64 lower-case hexadecimal digits. Once, at the end.
-  absl::StatusOr<std::string> Digest();
+  std::string Digest() { return hash_.HexDigest(); }
 
  private:
-  struct Context;
-  std::unique_ptr<Context> context_;
+  Sha256 hash_;
   ResultSink* next_;
   ResultHeader header_;
   uint64_t bytes_ = 0;

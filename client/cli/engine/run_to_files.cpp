@@ -79,9 +79,7 @@ absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const Voxel
   run->warnings = std::move(warnings);
   report.header = sink.header();
   report.bytes = sink.bytes();
-  absl::StatusOr<std::string> hash = sink.Digest();
-  if (!hash.ok()) return hash.status();
-  report.hash = *std::move(hash);
+  report.hash = sink.Digest();
   const Stopwatch encode;
   if (file != nullptr) {
     file->set_sha256(report.hash);

@@ -64,7 +64,7 @@ Answer AskServer(Client& client, const Case& asked) {
   Answer answer;
   answer.status = client.VoxelizeTo(asked.mesh, MeshFormat::kAuto, asked.request, job, sink).status();
   answer.seconds = Since(begin);
-  if (answer.status.ok()) answer.hash = sink.Digest().value_or("");
+  if (answer.status.ok()) answer.hash = sink.Digest();
   return answer;
 }
 
@@ -80,7 +80,7 @@ Answer AskHere(cli::Engine& engine, const Case& asked) {
   mesh.bytes.assign(asked.mesh.begin(), asked.mesh.end());
   answer.status = engine.Run(std::move(mesh), asked.request, 1, job, sink).status();
   answer.seconds = Since(begin);
-  if (answer.status.ok()) answer.hash = sink.Digest().value_or("");
+  if (answer.status.ok()) answer.hash = sink.Digest();
   return answer;
 }
 

@@ -1,56 +1,99 @@
 // What the caller's sink hears of runs that begin anew.
 #include "job/resuming_sink.h"
 
-#include <gtest/gtest.h>
-
 #include <string>
+#include <vector>
+
+#include "gtest/gtest.h"
 
 namespace voxelpipe {
 namespace {
 
-class Text final : public ResultSink {
+class Collector final : public ResultSink {
  public:
   absl::Status Begin(const ResultHeader&) override {
-    text += "(";
+    ++begins;
     return absl::OkStatus();
   }
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
-    text += std::to_string(array) + ":" + std::string(bytes.begin(), bytes.end()) + " ";
+    if (arrays.size() <= array) arrays.resize(array + 1);
+    arrays[array].append(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    ++writes;
     return absl::OkStatus();
   }
-  std::string text;
+
+  int begins = 0, writes = 0;
+  std::vector<std::string> arrays;
 };
 
-class ResumingSinkTest : public ::testing::Test {
- protected:
-  void Write(size_t array, std::string_view piece) {
-    const auto* const bytes = reinterpret_cast<const uint8_t*>(piece.data());
-    ASSERT_TRUE(sink_.Write(array, {bytes, piece.size()}).ok());
-  }
-  Text to_;
-  ResumingSink sink_{to_};
-};
+const std::vector<std::string> kArrays{"the first array", "and the second", "third"};
 
-TEST_F(ResumingSinkTest, HandsOnWhatIsNewInWhateverPieces) {
-  ASSERT_TRUE(sink_.Begin({}).ok());
-  Write(0, "abc");
-  Write(0, "de");
-  sink_.Restart();
-  ASSERT_TRUE(sink_.Begin({}).ok());
-  Write(0, "a");
-  Write(0, "bcd");
-  Write(0, "efg");
-  Write(1, "xy");
-  sink_.Restart();
-  Write(0, "abcdefgh");
-  Write(1, "xyz");
-  EXPECT_EQ(to_.text, "(0:abc 0:de 0:fg 1:xy 0:h 1:z ");
+ResultHeader Header(int64_t size = 4) {
+  ResultHeader header;
+  header.grid.dims = {size, size, size};
+  for (const std::string& array : kArrays) header.arrays.push_back({"target", ElementType::kU8, {array.size()}});
+  return header;
 }
 
-TEST_F(ResumingSinkTest, NothingIsKeptOnceBegun) {
-  EXPECT_FALSE(sink_.Keep({}));  // the sink does not
-  ASSERT_TRUE(sink_.Begin({}).ok());
-  EXPECT_FALSE(sink_.Keep({}));
+// Hands on the first `bytes` of the arrays in pieces of this size.
+void MakeUpTo(ResultSink& sink, size_t bytes, size_t piece) {
+  ASSERT_TRUE(sink.Begin(Header()).ok());
+  for (size_t i = 0; i < kArrays.size(); ++i) {
+    const std::string& array = kArrays[i];
+    for (size_t at = 0; at < array.size() && bytes > 0; at += piece) {
+      const size_t n = std::min({piece, bytes, array.size() - at});
+      ASSERT_TRUE(sink.Write(i, {reinterpret_cast<const uint8_t*>(array.data()) + at, n}).ok());
+      bytes -= n;
+    }
+  }
+}
+
+TEST(ResumingSinkTest, ARunInterruptedAnywhereIsDeliveredOnceWhateverThePieces) {
+  const size_t all = kArrays[0].size() + kArrays[1].size() + kArrays[2].size();
+  for (size_t first = 0; first <= all; ++first) {
+    for (const size_t piece : {1, 3, 100}) {
+      Collector out;
+      ResumingSink sink;
+      sink.SetOut(out);
+      MakeUpTo(sink, first, 4);
+      MakeUpTo(sink, first / 2, 5);  // a second one gets less far
+      MakeUpTo(sink, all, piece);
+      EXPECT_EQ(out.arrays, kArrays) << first << " bytes, then pieces of " << piece;
+      EXPECT_EQ(out.begins, 1);
+    }
+  }
+}
+
+TEST(ResumingSinkTest, OneRunPassesThroughAsItIs) {
+  Collector out;
+  ResumingSink sink;
+  sink.SetOut(out);
+  EXPECT_FALSE(sink.begun());
+  MakeUpTo(sink, 1000, 100);
+  EXPECT_TRUE(sink.begun());
+  EXPECT_EQ(out.writes, 3);
+}
+
+TEST(ResumingSinkTest, AnotherHeaderEndsTheRun) {
+  Collector out;
+  ResumingSink sink;
+  sink.SetOut(out);
+  MakeUpTo(sink, 5, 5);
+  EXPECT_EQ(sink.Begin(Header(8)).code(), absl::StatusCode::kInternal);
+}
+
+TEST(ResumingSinkTest, NothingIsKeptOnceBegun) {
+  class Keeper final : public ResultSink {
+   public:
+    bool Keep(VoxelizeResult&&) override { return true; }
+    absl::Status Begin(const ResultHeader&) override { return absl::OkStatus(); }
+    absl::Status Write(size_t, std::span<const uint8_t>) override { return absl::OkStatus(); }
+  };
+  Keeper out;
+  ResumingSink sink(out);
+  EXPECT_TRUE(sink.Keep({}));
+  ASSERT_TRUE(sink.Begin(Header()).ok());
+  EXPECT_FALSE(sink.Keep({}));
 }
 
 }  // namespace

@@ -18,7 +18,7 @@ std::string HashOf(const std::vector<std::string>& pieces, ResultSink* next = nu
     bytes += pieces[i].size();
   }
   EXPECT_EQ(sink.bytes(), bytes);
-  return sink.Digest().value();
+  return sink.Digest();
 }
 
 TEST(HashingSink, IsTheSha256OfAllPiecesInOrder) {

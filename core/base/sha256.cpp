@@ -1,4 +1,4 @@
-#include "results/sha256.h"
+#include "base/sha256.h"
 
 #include <openssl/evp.h>
 
@@ -42,6 +42,12 @@ std::string Sha256::HexDigest() {
     hex.push_back(kDigits[digest[i] & 15]);
   }
   return hex;
+}
+
+std::string Sha256Hex(std::span<const uint8_t> bytes) {
+  Sha256 hash;
+  hash.Update(bytes);
+  return hash.HexDigest();
 }
 
 }  // namespace voxelpipe
