@@ -10,7 +10,7 @@
 #include <grpcpp/support/sync_stream.h>
 
 #include "absl/strings/str_cat.h"
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "call_watch.h"
 #include "job/memory_sink.h"
 #include "many_call.h"

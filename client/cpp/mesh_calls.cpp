@@ -6,7 +6,7 @@
 #include <grpcpp/client_context.h>
 
 #include "absl/strings/str_cat.h"
-#include "base/sha256.h"
+#include "base/checksum/sha256.h"
 #include "call_watch.h"
 #include "upload_pieces.h"
 #include "wire/request.h"

@@ -9,7 +9,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "base/sha256.h"
+#include "base/checksum/sha256.h"
 #include "client.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 

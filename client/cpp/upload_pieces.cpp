@@ -10,7 +10,7 @@
 #include <grpcpp/impl/codegen/proto_utils.h>
 #include <grpcpp/support/slice.h>
 
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 
 namespace voxelpipe {
 namespace {

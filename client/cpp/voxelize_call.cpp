@@ -12,7 +12,7 @@
 #include <google/protobuf/arena.h>
 #include <grpcpp/impl/codegen/proto_utils.h>
 
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "call_watch.h"
 #include "job/memory_sink.h"
 #include "reply/list_check.h"

@@ -1,7 +1,7 @@
 #include "encode/zip_writer.h"
 
 #include "absl/strings/str_cat.h"
-#include "base/crc32.h"
+#include "base/checksum/crc32.h"
 
 namespace voxelpipe {
 namespace {

@@ -8,7 +8,7 @@
 #include <google/protobuf/arena.h>
 
 #include "absl/strings/str_cat.h"
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
 #include "jobs/job_counts.h"

@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "base/crc32c.h"
-#include "base/sha256.h"
+#include "base/checksum/crc32c.h"
+#include "base/checksum/sha256.h"
 #include "calls/call_setup.h"
 #include "isolate/loading.h"
 #include "jobs/request_memory.h"

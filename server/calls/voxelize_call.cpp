@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
 #include "jobs/job_counts.h"

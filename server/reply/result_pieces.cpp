@@ -7,7 +7,7 @@
 
 #include <google/protobuf/arena.h>
 
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "wire/response.h"
 
 namespace voxelpipe {

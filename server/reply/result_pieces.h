@@ -9,7 +9,7 @@
 
 #include <grpcpp/support/byte_buffer.h>
 
-#include "base/sha256.h"
+#include "base/checksum/sha256.h"
 #include "job/result.h"
 #include "jobs/job.h"
 #include "pipeline/plan/plan.h"

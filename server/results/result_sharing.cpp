@@ -7,7 +7,7 @@
 #include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 
 #include "absl/strings/str_cat.h"
-#include "base/sha256.h"
+#include "base/checksum/sha256.h"
 #include "job/result.h"
 #include "jobs/job_counts.h"
 #include "jobs/job_memory.h"

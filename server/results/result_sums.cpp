@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 
 namespace voxelpipe {
 

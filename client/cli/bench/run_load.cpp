@@ -12,7 +12,7 @@
 #include <grpcpp/client_context.h>
 
 #include "absl/strings/str_cat.h"
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "bench/answer.h"
 #include "bench/lane.h"
 #include "bench/load.h"

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "base/sha256.h"
+#include "base/checksum/sha256.h"
 #include "job/result.h"
 
 namespace voxelpipe::cli {

@@ -6,7 +6,7 @@
 #include <google/protobuf/wire_format_lite.h>
 #include <grpcpp/support/proto_buffer_reader.h>
 
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 
 namespace voxelpipe {
 namespace {

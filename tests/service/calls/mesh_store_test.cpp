@@ -12,7 +12,7 @@
 #include <grpcpp/security/credentials.h>
 
 #include "absl/strings/escaping.h"
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "gtest/gtest.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"

@@ -7,7 +7,7 @@
 
 #include <grpcpp/support/slice.h>
 
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "gtest/gtest.h"
 
 namespace voxelpipe {

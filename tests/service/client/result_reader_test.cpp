@@ -6,7 +6,7 @@
 #include <functional>
 #include <string>
 
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "job/memory_sink.h"

@@ -8,7 +8,7 @@
 
 #include <grpcpp/impl/codegen/proto_utils.h>
 
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "gtest/gtest.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 

@@ -8,7 +8,7 @@
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
 
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "gtest/gtest.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"

@@ -7,7 +7,7 @@
 
 #include <grpcpp/impl/codegen/proto_utils.h>
 
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 #include "gtest/gtest.h"
 #include "state/service_state.h"
 

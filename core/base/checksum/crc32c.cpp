@@ -1,5 +1,5 @@
 // ISA-L picks the instruction set at run time. It leaves the inversions at both ends to its caller.
-#include "base/crc32c.h"
+#include "base/checksum/crc32c.h"
 
 #include <isa-l/crc.h>
 

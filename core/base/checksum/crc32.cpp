@@ -1,4 +1,4 @@
-#include "base/crc32.h"
+#include "base/checksum/crc32.h"
 
 #include <isa-l/crc.h>
 
