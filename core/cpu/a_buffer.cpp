@@ -69,7 +69,8 @@ uint32_t NotDiscarded(const RunState& state, TriangleShader& shader, const Voxel
   return kept;
 }
 
-// A tile may hold every triangle of the mesh: within one, too, the job is asked now and then. What is cut short is thrown away.
+// A tile may hold every triangle of the mesh: within one, too, the job is asked now and then. What is cut short is
+// thrown away.
 constexpr uint64_t kItemsBetweenChecks = 512;
 
 bool MayGoOn(const RunState& state, uint64_t item) {

@@ -1,8 +1,8 @@
 // The sort-last pipeline: all fragments of each voxel.
 //
-// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing). Changed: fragments are emitted tile by tile, so that sorting
-// them by voxel is a counting sort within a tile, triangle ids staying in order, and a scan over the tiles' rows; no
-// global sort of fragments is needed.
+// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing). Changed: fragments are emitted tile by tile, so
+// that sorting them by voxel is a counting sort within a tile, triangle ids staying in order, and a scan over the
+// tiles' rows; no global sort of fragments is needed.
 #pragma once
 
 #include <array>
@@ -40,8 +40,8 @@ struct ABuffer {
   ResultArrays arrays;                 // Resolve
 };
 
-// The stages; see pipeline/stages/stages.h. A fragment is dropped where the shaders of all targets discard it; where only some do, their
-// targets hold their clear value.
+// The stages; see pipeline/stages/stages.h. A fragment is dropped where the shaders of all targets discard it; where
+// only some do, their targets hold their clear value.
 absl::Status EmitFragments(RunState& state);
 absl::Status SortFragments(RunState& state);
 absl::Status Resolve(RunState& state);

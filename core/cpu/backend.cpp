@@ -17,7 +17,8 @@ namespace {
 
 constexpr int64_t kCountWords = 1 << 16;  // between two looks at whether the job may go on
 
-// Number of voxels in at least one of two grids of the same dims, the second of which may be empty. Of a job that is to end: any number.
+// Number of voxels in at least one of two grids of the same dims, the second of which may be empty. Of a job that is to
+// end: any number.
 uint64_t CountRows(const BitGrid& a, const BitGrid& b, const JobContext& job) {
   const BitGrid& other = b.empty() ? a : b;
   std::atomic<uint64_t> total{0};

@@ -12,7 +12,7 @@ namespace {
 
 constexpr int64_t kVertexGrain = 1 << 13;
 constexpr int64_t kTrianglesPerChunk = 1 << 12;
-constexpr int64_t kMostChunks = 1 << 10;
+constexpr int64_t kMaxChunks = 1 << 10;
 constexpr int64_t kBoxesAtOnce = 1 << 9;            // stay in the first-level cache
 constexpr size_t kPairsBetweenQuestions = 1 << 16;  // of triangles that touch many tiles
 constexpr int64_t kFewTiles = 4;      // so few that the box is cheaper than the test; a tile too many costs only time
@@ -113,7 +113,7 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   if (state.request.request.coverage == Coverage::kNone) return absl::OkStatus();
   const VertexCode* const fitting = RowBitsFit(grid, state.view.triangle_count) ? codes.data() : nullptr;
   const auto triangles = int64_t(state.view.triangle_count);
-  const int64_t per_chunk = std::max(kTrianglesPerChunk, triangles / kMostChunks);
+  const int64_t per_chunk = std::max(kTrianglesPerChunk, triangles / kMaxChunks);
   const int64_t chunks = (triangles + per_chunk - 1) / per_chunk;
   state.emitted.resize(size_t(chunks));
   ListCount count(state.lists, 0);

@@ -151,7 +151,8 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run, const Voxel
   }
 }
 
-// Hands a rasterized tile on: to the dense targets, or to the values that bricks are made of. `number` counts the slab's runs.
+// Hands a rasterized tile on: to the dense targets, or to the values that bricks are made of. `number` counts the
+// slab's runs.
 void StoreTile(RunState& state, const Worker& worker, uint64_t tile, const VoxelRange& range, size_t number,
                ListCount& kept) {
   const bool sparse = state.request.request.result == ResultKind::kSparse;
@@ -169,8 +170,8 @@ void StoreTile(RunState& state, const Worker& worker, uint64_t tile, const Voxel
   state.slab_tiles[tile - state.tiles.Index(0, 0, state.slab.begin / TileDim(2))] = uint32_t(number);
 }
 
-// The slab's tiles with the same y and z, a row of tiles, are one thread's; what no tile of the row writes is cleared between them, so
-// that every line of the targets is written once.
+// The slab's tiles with the same y and z, a row of tiles, are one thread's; what no tile of the row writes is cleared
+// between them, so that every line of the targets is written once.
 class TileRows {
  public:
   TileRows(RunState& state, ListCount& kept) : state_(state), kept_(kept), runs_(SlabRuns(state)) {

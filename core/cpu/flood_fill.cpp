@@ -1,7 +1,7 @@
 // Flood fill: what a 6-connected walk from outside the grid cannot reach without entering the conservative shell.
 //
-// Source: the scan-line seed fill (A. R. Smith, "Tangent Fill", 1979) on words of 32 voxels. Changed: a row takes all its seeds at
-// once, and rows are visited in alternating sweeps until none has changed.
+// Source: the scan-line seed fill (A. R. Smith, "Tangent Fill", 1979) on words of 32 voxels. Changed: a row takes all
+// its seeds at once, and rows are visited in alternating sweeps until none has changed.
 #include "cpu/flood_fill.h"
 
 #include <algorithm>

@@ -1,10 +1,10 @@
 // Parity fill: one toggled bit a crossing, then a suffix exclusive-or along each row. Nonzero fill: a sum of signs a
 // crossing, then suffix sums.
 //
-// Source: the fill of M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010, section 5.
-// Changed: crossings are counted per edge (raster/crossing.h), so that closed meshes leave no streaks; a single bit is
-// toggled and spread at the end. Crossings are gathered by blocks of rows, each of which is one thread's and stays in
-// its cache.
+// Source: the fill of M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010,
+// section 5. Changed: crossings are counted per edge (raster/crossing.h), so that closed meshes leave no streaks; a
+// single bit is toggled and spread at the end. Crossings are gathered by blocks of rows, each of which is one thread's
+// and stays in its cache.
 #include <tbb/enumerable_thread_specific.h>
 
 #include <algorithm>

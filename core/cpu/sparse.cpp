@@ -69,7 +69,8 @@ class BrickMaker {
     return count;
   }
 
-  // Whether neither a fragment nor the fill is in word w of brick row r, as far as that is known without a look at the bits.
+  // Whether neither a fragment nor the fill is in word w of brick row r, as far as that is known without a look at the
+  // bits.
   bool IsEmptyTile(int64_t r, int64_t w) const {
     if (state_.slab_tiles.empty() || !state_.inside.empty()) return false;
     return state_.slab_tiles[size_t(w + state_.tiles.dims[0] * r)] ==
@@ -192,7 +193,8 @@ class BrickMaker {
     return FillStored(target.fill, bx / 4 * 32 + bit, y, z, c);
   }
 
-  // A kept value; where another target's fragment covers the voxel and this one's were discarded, what a dense target holds.
+  // A kept value; where another target's fragment covers the voxel and this one's were discarded, what a dense target
+  // holds.
   uint32_t Kept(const CpuTarget& target, const uint8_t* value, int c, int64_t r, int64_t bx, int row, int bit) const {
     if (target.own_presence) {
       const int64_t slab_row = SlabRowOf(r, row);

@@ -43,7 +43,8 @@ absl::Status PackBitTarget(const RunState& state, const CpuTarget& target, HostB
   const int64_t part = std::max<int64_t>(8, kPackBytes * 8 / nx / 8 * 8);
   return ParallelChunks((rows + part - 1) / part, 1, state.job, [&](int64_t begin, int64_t end) {
     const int64_t first = begin * part, count = std::min(rows, end * part) - first;
-    // By value: through references, each would be read anew for every word, as the bytes written might be what they refer to.
+    // By value: through references, each would be read anew for every word, as the bytes written might be what they
+    // refer to.
     const uint32_t* const here_words = present.row(first).data();
     const uint32_t* const value_words = value.row(first).data();
     const uint32_t* const inside_words = state.inside.empty() ? nullptr : state.inside.row(first).data();

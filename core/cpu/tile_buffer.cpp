@@ -47,7 +47,8 @@ TileBuffer::TileBuffer(const CpuTarget& target)
     kept_ = Kept::kCells;
     cells_.resize(count);
     if (spec_.blend == Blend::kMin || spec_.blend == Blend::kMax) {
-      // The bits of floats, those of negative ones inverted but for the sign, are ordered as OrderedLess orders the floats.
+      // The bits of floats, those of negative ones inverted but for the sign, are ordered as OrderedLess orders the
+      // floats.
       flip_negative_ = IsInteger(spec_.format) ? 1u << 31 : ~0u >> 1;
       flip_positive_ = IsInteger(spec_.format) ? 1u << 31 : 0;
       begin_cell_ = spec_.blend == Blend::kMin ? INT_MAX : INT_MIN;

@@ -31,13 +31,13 @@ class TileBuffer {
   // Blends one fragment into each voxel of a span. Fragments of a voxel arrive by ascending triangle id.
   void Blend(TileSpan span, const BlendValue& value);
 
-  // Writes the tile to the dense target: values where there is a fragment, the clear value elsewhere; and the bits of bit targets
-  // and presence to their grids. `range` is the tile clipped to the grid. After the last tile, StreamFence.
+  // Writes the tile to the dense target: values where there is a fragment, the clear value elsewhere; and the bits of
+  // bit targets and presence to their grids. `range` is the tile clipped to the grid. After the last tile, StreamFence.
   void Store(const RunState& state, const VoxelRange& range, CpuTarget& target) const;
   void StoreBitGrids(const RunState& state, const VoxelRange& range, CpuTarget& target) const;
 
-  // The stored bits (blend_ops.h) of component c of the voxels of a row that are in `mask`, all of them with a fragment; 0 or 1 for a
-  // bit target. Other elements of `out`, 32 of them, are left as they are.
+  // The stored bits (blend_ops.h) of component c of the voxels of a row that are in `mask`, all of them with a
+  // fragment; 0 or 1 for a bit target. Other elements of `out`, 32 of them, are left as they are.
   void StoredRow(int row, int c, uint32_t mask, uint32_t* out) const;
   uint32_t presence(int row) const { return presence_[size_t(row)]; }
 

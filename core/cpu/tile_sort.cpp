@@ -1,5 +1,6 @@
-// Sorting of (tile, triangle) pairs, and the runs of equal tiles: a stable radix sort by tile, the triangles' order being that in
-// which they were emitted. The high bits of the tile first, from memory to memory; the rest bucket by bucket, in the caches.
+// Sorting of (tile, triangle) pairs, and the runs of equal tiles: a stable radix sort by tile, the triangles' order
+// being that in which they were emitted. The high bits of the tile first, from memory to memory; the rest bucket by
+// bucket, in the caches.
 #include <tbb/enumerable_thread_specific.h>
 
 #include <algorithm>
@@ -11,7 +12,7 @@
 namespace voxelpipe::cpu {
 namespace {
 
-constexpr uint64_t kMostBuckets = 1 << 10;
+constexpr uint64_t kMaxBuckets = 1 << 10;
 // A bucket of fewer pairs than this share of its tiles is sorted by comparison.
 constexpr uint64_t kTilesPerPair = 8;
 
@@ -68,7 +69,7 @@ absl::Status TileSort(RunState& state) {
   if (state.row_bits) return absl::OkStatus();
   const uint64_t tiles = state.tiles.count();
   int shift = 0;
-  while (tiles >> shift > kMostBuckets) ++shift;
+  while (tiles >> shift > kMaxBuckets) ++shift;
   const uint64_t buckets = (tiles >> shift) + 1;
   const size_t chunks = state.emitted.size();
   std::vector<uint64_t> offset = BucketOffsets(state.emitted, buckets, shift);

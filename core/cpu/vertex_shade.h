@@ -34,7 +34,8 @@ VertexWork WorkOf(const RunState& state, const PosedMesh& posed);
 // Runs the vertex shader on the host; state.view then shows what it made.
 absl::Status ShadeVertices(RunState& state);
 
-// The extent of the mesh as state.view shows it. INVALID_ARGUMENT naming the first vertex of a triangle that is not finite.
+// The extent of the mesh as state.view shows it. INVALID_ARGUMENT naming the first vertex of a triangle that is not
+// finite.
 absl::StatusOr<MeshExtent> MeasureMesh(const RunState& state);
 
 }  // namespace voxelpipe::cpu

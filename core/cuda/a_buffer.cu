@@ -1,9 +1,9 @@
 // The sort-last pipeline: all fragments of each voxel.
 //
-// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing): fragments are counted, given room by a scan, emitted, sorted by
-// voxel, and runs of equal voxels become buckets. Changed: they are emitted in the order of triangles and sorted stably by
-// the bits that the slab's voxel numbers have, so that each bucket is in the order of triangle ids; and fragments of a voxel by triangles of near
-// ids may be sorted as one (bundle_views.h).
+// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing): fragments are counted, given room by a scan,
+// emitted, sorted by voxel, and runs of equal voxels become buckets. Changed: they are emitted in the order of
+// triangles and sorted stably by the bits that the slab's voxel numbers have, so that each bucket is in the order of
+// triangle ids; and fragments of a voxel by triangles of near ids may be sorted as one (bundle_views.h).
 #include <thrust/iterator/counting_iterator.h>
 #include <cub/device/device_select.cuh>
 
@@ -191,7 +191,8 @@ absl::Status LaunchEmitBundles(RunState& state, const FragmentArgs& fragments) {
   return absl::OkStatus();
 }
 
-// Fragments, or bundles of them, and listed spans, each as far as there is room. `bundles`: becomes their number on its way to the host.
+// Fragments, or bundles of them, and listed spans, each as far as there is room. `bundles`: becomes their number on its
+// way to the host.
 absl::Status EmitRecords(RunState& state, const FragmentArgs& args, std::optional<CounterCopy>& bundles) {
   if (state.fragments.plan) {
     VOXELPIPE_OK_OR_RETURN(LaunchEmitBundles(state, args));
@@ -217,9 +218,10 @@ bool GuessRoom(RunState& state) {
   return guess <= most && state.fragments.MakeRoom(0, guess, sizeof(uint32_t), state.stream).ok();
 }
 
-// Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list has room
-// for, the others are walked again. Where there is room for what is guessed the host learns how many fragments there are while
-// they are emitted, and nothing waits for it, but where they are bundled: how many bundles are sorted is known when they are emitted.
+// Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list
+// has room for, the others are walked again. Where there is room for what is guessed the host learns how many fragments
+// there are while they are emitted, and nothing waits for it, but where they are bundled: how many bundles are sorted
+// is known when they are emitted.
 absl::Status EmitByCells(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   Fragments& fragments = state.fragments;
@@ -241,7 +243,7 @@ absl::Status EmitByCells(RunState& state) {
   const uint64_t* const groups = *counted + (kCounters - kSpans) + kFragmentSlots;
   fragments.count = std::accumulate(groups, groups + kChunkGroups, uint64_t{0});
   if (fragments.count == 0) return absl::OkStatus();
-  const bool too_many = fragments.plan && fragments.count > kMostBundledFragments;
+  const bool too_many = fragments.plan && fragments.count > kMaxBundledFragments;
   const bool fits = guessed && !too_many && fragments.count <= fragments.triangles[0].size();
   VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(KeyBytes(state), state.stream));
   const FragmentArgs args = MakeFragmentArgs(state, counts);
@@ -343,7 +345,7 @@ absl::Status Resolve(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(out.offsets.Resize(most_voxels + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(out.voxels.Resize(most_voxels, state.stream));
   const uint64_t first_voxel = uint64_t(state.slab.begin) * uint64_t(state.view.dims[0]) * uint64_t(state.view.dims[1]);
-  uint8_t* values_of[kMostTargets] = {};
+  uint8_t* values_of[kMaxTargets] = {};
   out.listed_fragments = fragments;
   out.targets.resize(size_t(state.targets.count));
   for (int t = 0; t < state.targets.count; ++t) {

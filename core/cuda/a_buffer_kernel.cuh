@@ -1,4 +1,5 @@
-// Counting and emitting of the A-buffer's fragments: operations of walk_kernels.cuh. No host-only includes: NVRTC compiles them too.
+// Counting and emitting of the A-buffer's fragments: operations of walk_kernels.cuh. No host-only includes: NVRTC
+// compiles them too.
 #pragma once
 
 #include "cuda/walk_kernels.cuh"
@@ -21,7 +22,8 @@ struct CountFragments {
   }
 };
 
-// What a fragment's voxel and triangle are called: here the voxel's index within the slab. A batch has its own (batch_fragments.cuh).
+// What a fragment's voxel and triangle are called: here the voxel's index within the slab. A batch has its own
+// (batch_fragments.cuh).
 struct SlabNames {
   GridView grid;
 

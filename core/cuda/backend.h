@@ -10,8 +10,8 @@
 
 namespace voxelpipe::cuda {
 
-// One backend a device, lost ones too; they live as long as the process. Safe to run several jobs at once on each, every one on a stream of
-// its own.
+// One backend a device, lost ones too; they live as long as the process. Safe to run several jobs at once on each,
+// every one on a stream of its own.
 const std::vector<const Backend*>& CudaBackends();
 // The first that is not lost; FAILED_PRECONDITION saying why where no device can be used.
 absl::StatusOr<const Backend*> FirstCudaBackend();

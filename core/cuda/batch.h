@@ -1,7 +1,8 @@
 // One pass of the device for many meshes.
 //
-// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, voxelizes one mesh a call; here the grids of many small jobs share one index space, so
-// that a batch costs one upload, one set of launches and one copy back; A-buffers add a few of each, however many they are.
+// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, voxelizes one mesh a call; here the grids of many small jobs share one
+// index space, so that a batch costs one upload, one set of launches and one copy back; A-buffers add a few of each,
+// however many they are.
 #pragma once
 
 #include <span>
@@ -31,8 +32,8 @@ struct BatchState {
   int shared_bytes = 0;  // of the largest group
 };
 
-// Backend::RunShared, inside the backend's arena. Which items can share a pass: dense and small sparse results, whatever their fill, and
-// A-buffers, that are not large (batch_member.cpp).
+// Backend::RunShared, inside the backend's arena. Which items can share a pass: dense and small sparse results,
+// whatever their fill, and A-buffers, that are not large (batch_member.cpp).
 std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, std::span<const BatchItem> items,
                               const PlanLimits& limits, BatchStats& stats);
 
@@ -46,8 +47,8 @@ absl::Status FillBatch(const BatchState& state);    // solid_fill.cu: inside of 
 absl::Status PackBatch(const BatchState& state);    // targets.cu: occupied voxels, packed targets
 // batch_fragments.cu, of A-buffers where there are any:
 absl::Status EmitBatch(BatchState& state);  // fragments; synchronizes
-// Sorts them, where there are any. Out: where each item's begin; where the last one's end, behind which those that are dropped lie; and how
-// many voxels there are, one of dropped fragments among them. Synchronizes.
+// Sorts them, where there are any. Out: where each item's begin; where the last one's end, behind which those that are
+// dropped lie; and how many voxels there are, one of dropped fragments among them. Synchronizes.
 absl::StatusOr<std::vector<uint64_t>> SortBatch(BatchState& state);
 // Numbers of voxels and where their fragments begin; behind the last one's stands where they end.
 absl::Status ListBatch(BatchState& state, uint32_t* voxels, uint32_t* offsets);

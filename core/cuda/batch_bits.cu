@@ -14,8 +14,8 @@ namespace {
 
 constexpr int kThreads = 256;
 
-// A batch's beginning: clears its bit grids and counters, takes its vertices to the index space of their grids, and tells each triangle its
-// item and its vertices among all.
+// A batch's beginning: clears its bit grids and counters, takes its vertices to the index space of their grids, and
+// tells each triangle its item and its vertices among all.
 __global__ void __launch_bounds__(kThreads) PrepareBatch(const __grid_constant__ BatchView batch) {
   const uint64_t me = uint64_t(blockIdx.x) * kThreads + threadIdx.x, threads = uint64_t(gridDim.x) * kThreads;
   for (uint64_t i = me; i < batch.zero_quads; i += threads) static_cast<uint4*>(batch.zero)[i] = uint4{0, 0, 0, 0};

@@ -41,8 +41,8 @@ absl::Status Allocate(uint64_t bytes, HostBuffer& to) {
   return absl::OkStatus();
 }
 
-// Bricks and masks of `result` from the occupied voxels; each calls visit(n), its index in the grid, in the order of the result. Out: how
-// many there are.
+// Bricks and masks of `result` from the occupied voxels; each calls visit(n), its index in the grid, in the order of
+// the result. Out: how many there are.
 template <typename Visit>
 absl::StatusOr<uint64_t> ListBricks(const uint8_t* occupied, VoxelizeResult& result, const Visit& visit) {
   const auto [nx, ny, nz] = result.grid.dims;

@@ -1,4 +1,5 @@
-// The A-buffers of a pass: what the host knows of them between the steps, and how their results are cut out of the pass's.
+// The A-buffers of a pass: what the host knows of them between the steps, and how their results are cut out of the
+// pass's.
 #pragma once
 
 #include <cstdint>
@@ -45,7 +46,8 @@ class BatchBuckets {
   std::vector<BatchFragmentRange> ranges_;
   DeviceArray<BatchFragmentRange> ranges_there_;
   DeviceArray<uint8_t*> values_there_;
-  // Results on the device, voxels, offsets and values of targets; and where they and the triangles come to lie on the host.
+  // Results on the device, voxels, offsets and values of targets; and where they and the triangles come to lie on the
+  // host.
   DeviceArray<uint8_t> results_;
   uint64_t voxels_ = 0;  // listed ones
   uint64_t offsets_at_ = 0, triangles_at_ = 0, result_bytes_ = 0;

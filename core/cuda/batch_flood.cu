@@ -1,4 +1,5 @@
-// The flood fill of a batch: as flood_fill.cu has it, a block an item, so that no item waits for the host or for another's sweeps.
+// The flood fill of a batch: as flood_fill.cu has it, a block an item, so that no item waits for the host or for
+// another's sweeps.
 #include "cuda/batch_flood.cuh"
 
 #include "cuda/batch.h"

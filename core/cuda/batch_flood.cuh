@@ -7,9 +7,9 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kFloodThreads = 512;
-// A few rounds of three axes do for most meshes; each turn of a winding passage can take one more. A kernel cannot be cancelled: what winds
-// on and on is left to a run alone, which looks at its job after every few.
-inline constexpr int kMostSweeps = 3 * 64;
+// A few rounds of three axes do for most meshes; each turn of a winding passage can take one more. A kernel cannot be
+// cancelled: what winds on and on is left to a run alone, which looks at its job after every few.
+inline constexpr int kMaxSweeps = 3 * 64;
 
 // The walk's arguments under the shell's coverage, whatever the items'.
 struct ShellWalkArgs : BatchWalkArgs {};
@@ -25,7 +25,7 @@ __global__ void __launch_bounds__(kFloodThreads) FloodKernel(const __grid_consta
   // Until the end `inside` has what is reached from outside.
   const FloodView flood = FloodViewOf(item.grid, shell, batch.inside + item.first_word);
   int quiet = 0;  // sweeps one after the other that reached nothing new: three are one of each axis
-  for (int sweep = 0; sweep < kMostSweeps && quiet < 3; ++sweep) {
+  for (int sweep = 0; sweep < kMaxSweeps && quiet < 3; ++sweep) {
     const int axis = 2 - sweep % 3;
     const int64_t lines = LinesAlong(flood, axis);
     bool changed = false;

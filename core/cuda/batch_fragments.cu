@@ -1,5 +1,5 @@
-// The A-buffers of a batch: as a_buffer.cu has them, fragments of all items together. One sort puts them in the order of items, and of the
-// voxels of each.
+// The A-buffers of a batch: as a_buffer.cu has them, fragments of all items together. One sort puts them in the order
+// of items, and of the voxels of each.
 #include "cuda/batch_fragments.cuh"
 
 #include <algorithm>

@@ -1,4 +1,5 @@
-// Kernels of a batch's A-buffers: fragments of all items lie in one list, their voxels in one index space. No host-only includes.
+// Kernels of a batch's A-buffers: fragments of all items lie in one list, their voxels in one index space. No host-only
+// includes.
 #pragma once
 
 #include "cuda/a_buffer_kernel.cuh"
@@ -34,7 +35,8 @@ __device__ inline FragmentShading ShadingOf(const BatchView& batch, const BatchI
   return shading;
 }
 
-// Gives fragments that all targets of their item discard the voxel behind the last one: sorted they come last. A thread a fragment.
+// Gives fragments that all targets of their item discard the voxel behind the last one: sorted they come last. A thread
+// a fragment.
 __global__ void __launch_bounds__(256)
     DropFragments(const __grid_constant__ BatchView batch, uint32_t* keys, const uint32_t* triangles, uint64_t count) {
   for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < count; i += uint64_t(gridDim.x) * 256) {
@@ -47,8 +49,8 @@ __global__ void __launch_bounds__(256)
   }
 }
 
-// found[k]: where the sorted fragments of item first_item + k begin; behind the last item's, where those without an item do; and then
-// *voxels, how many begin a voxel.
+// found[k]: where the sorted fragments of item first_item + k begin; behind the last item's, where those without an
+// item do; and then *voxels, how many begin a voxel.
 __global__ void __launch_bounds__(256)
     FindItems(const __grid_constant__ BatchView batch, uint32_t first_item, const uint32_t* keys, uint64_t count,
               const uint64_t* voxels, uint64_t* found) {

@@ -13,18 +13,18 @@ namespace voxelpipe::cuda {
 namespace {
 
 // A grid or mesh above these fills the device by itself.
-constexpr uint64_t kMostWords = 1 << 22;  // 512^3 voxels
-constexpr uint64_t kMostTriangles = 1 << 20, kMostVertices = 1 << 24;
+constexpr uint64_t kMaxWords = 1 << 22;  // 512^3 voxels
+constexpr uint64_t kMaxTriangles = 1 << 20, kMaxVertices = 1 << 24;
 // Likewise of items that are shaded: what shaders read goes up with the pass, and by tiles a block takes a tile whole.
-constexpr uint64_t kMostShadedTriangles = 1 << 15, kMostShadedVertices = 3 * kMostShadedTriangles;
-constexpr uint64_t kMostTargetWords = 1 << 22, kMostTexels = 1 << 20;
+constexpr uint64_t kMaxShadedTriangles = 1 << 15, kMaxShadedVertices = 3 * kMaxShadedTriangles;
+constexpr uint64_t kMaxTargetWords = 1 << 22, kMaxTexels = 1 << 20;
 // Likewise of flood fills: a block takes a grid whole, however many others are idle, and a thread a line of it.
-constexpr uint64_t kMostFloodWords = 1 << 16;  // 128^3 voxels
-constexpr int64_t kMostFloodLine = 256;        // words or rows
+constexpr uint64_t kMaxFloodWords = 1 << 16;  // 128^3 voxels
+constexpr int64_t kMaxFloodLine = 256;        // words or rows
 // Likewise of A-buffers.
-constexpr uint64_t kMostBoxVoxels = 1 << 24;
+constexpr uint64_t kMaxBoxVoxels = 1 << 24;
 // Bricks are made of all voxels on the host; beyond this the device makes them, alone.
-constexpr uint64_t kMostVoxelsOfSparse = 1 << 21;
+constexpr uint64_t kMaxVoxelsOfSparse = 1 << 21;
 
 bool InReach(const MeshExtent& extent, const GridSpec& grid) {
   constexpr double kFarthest = 0x1p40;  // as CoarseRaster says, which names the vertex
@@ -45,12 +45,12 @@ uint64_t Texels(const std::vector<TextureView>& textures) {
 }
 
 bool IsSmallForShaders(const BatchMember& member) {
-  return member.triangles() <= kMostShadedTriangles && member.vertices() <= kMostShadedVertices &&
-         Texels(member.host->textures) <= kMostTexels;
+  return member.triangles() <= kMaxShadedTriangles && member.vertices() <= kMaxShadedVertices &&
+         Texels(member.host->textures) <= kMaxTexels;
 }
 
-// Voxels of the triangles' boxes within the grid, of each at most five layers: a plane meets no more voxels of a column along its normal's
-// largest component. Boxes that end at a border of voxels, or hardly before it, touch those beyond.
+// Voxels of the triangles' boxes within the grid, of each at most five layers: a plane meets no more voxels of a column
+// along its normal's largest component. Boxes that end at a border of voxels, or hardly before it, touch those beyond.
 uint64_t BoxVoxels(const MeshView& mesh, const GridSpec& grid) {
   constexpr double kNear = 1e-3;  // voxels
   double scale[3], last[3];
@@ -116,7 +116,7 @@ uint64_t BatchMember::fragment_words() const {
 
 std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchItem& item, const PlanLimits& limits) {
   const VoxelizeRequest& request = *item.request;
-  if (item.mesh->triangles.size() > kMostTriangles || item.mesh->positions.size() > kMostVertices) return nullptr;
+  if (item.mesh->triangles.size() > kMaxTriangles || item.mesh->positions.size() > kMaxVertices) return nullptr;
   if (!item.job->Check().ok()) return nullptr;
   if (request.coverage == Coverage::kNone || request.fill == Fill::kNonzero) return nullptr;  // passes know neither
   absl::StatusOr<BoundRequest> bound = BindRequest(*item.mesh, request);
@@ -141,22 +141,22 @@ std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchIt
   member->plan = std::move(planned->plan);
   const GridSpec& grid = member->plan.grid;
   if (member->plan.slab_depth < grid.dims[2]) return nullptr;
-  if (member->words() > kMostWords || grid.voxels() > 32 * kMostWords) return nullptr;
+  if (member->words() > kMaxWords || grid.voxels() > 32 * kMaxWords) return nullptr;
   if (member->flood()) {
     const int64_t line = std::max({(grid.dims[0] + 31) / 32, grid.dims[1], grid.dims[2]});
-    if (member->words() > kMostFloodWords || line > kMostFloodLine) return nullptr;
+    if (member->words() > kMaxFloodWords || line > kMaxFloodLine) return nullptr;
   }
-  if (member->sparse() && grid.voxels() > kMostVoxelsOfSparse) return nullptr;
+  if (member->sparse() && grid.voxels() > kMaxVoxelsOfSparse) return nullptr;
   if (member->triangles() > 0 && !InReach(*extent, grid)) return nullptr;
   if (request.result == ResultKind::kBuckets) {
     member->path = BatchPath::kFragments;
     if (ShadesFragments(*member->bound) && !IsSmallForShaders(*member)) return nullptr;
     member->box_voxels = BoxVoxels(member->host->view, grid);
-    return member->box_voxels <= kMostBoxVoxels ? std::move(member) : nullptr;
+    return member->box_voxels <= kMaxBoxVoxels ? std::move(member) : nullptr;
   }
   if (cpu::PlainBits(*member->host, grid)) return member;
   member->path = BatchPath::kTiles;
-  return IsSmallForShaders(*member) && member->target_words() <= kMostTargetWords ? std::move(member) : nullptr;
+  return IsSmallForShaders(*member) && member->target_words() <= kMaxTargetWords ? std::move(member) : nullptr;
 }
 
 }  // namespace voxelpipe::cuda

@@ -38,7 +38,8 @@ struct BatchMember {
   bool filled() const { return request().fill != Fill::kNone; }
   // Whether a flood's conservative shell is rasterized besides the coverage, which is not it.
   bool own_shell() const;
-  // A pass has its members in this order: by path, and those that are flooded, and of them those with a shell of their own, next to each other.
+  // A pass has its members in this order: by path, and those that are flooded, and of them those with a shell of their
+  // own, next to each other.
   int order() const;
   uint64_t column_words() const {  // of all layers
     return parity() ? uint64_t((plan.grid.dims[1] + 31) / 32) * uint64_t(plan.grid.dims[2]) : 0;
@@ -53,8 +54,8 @@ struct BatchMember {
   uint64_t fragment_words() const;
 };
 
-// Shades the item's vertices and plans. Null where it cannot share a pass, being large, of another kind, or wrong in some way: alone it
-// says what. In the calling thread's arena.
+// Shades the item's vertices and plans. Null where it cannot share a pass, being large, of another kind, or wrong in
+// some way: alone it says what. In the calling thread's arena.
 std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchItem& item, const PlanLimits& limits);
 
 }  // namespace voxelpipe::cuda

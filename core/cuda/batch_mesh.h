@@ -28,8 +28,8 @@ class KeptArrays {
 
 class BatchMesh {
  public:
-  // Adds to `layout` what of the mesh the member's stages read and the device does not keep. `member` and this object must live until the
-  // layout was copied.
+  // Adds to `layout` what of the mesh the member's stages read and the device does not keep. `member` and this object
+  // must live until the layout was copied.
   absl::Status Add(const BatchMember& member, KeptArrays& kept, UploadLayout& layout);
   // Once the layout's block has its place. `index_positions`: where the pass puts the vertices in index space.
   void Place(const uint8_t* block, const Vec3d* index_positions);

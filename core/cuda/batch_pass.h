@@ -23,18 +23,19 @@ class BatchPass {
 
   // All stages, up to the results in host memory. Synchronizes.
   absl::Status Run();
-  // Whether there is a result of a member; after Run. There is none of a flood whose walk is a long one: it goes alone, where it can be cancelled.
+  // Whether there is a result of a member; after Run. There is none of a flood whose walk is a long one: it goes alone,
+  // where it can be cancelled.
   bool Finished(size_t number) const { return CountsOf(number).unfinished == 0; }
   // The result of a member that is finished; after Run. Takes its statistics. Members may be cut at the same time.
   absl::StatusOr<VoxelizeResult> Cut(size_t number);
 
  private:
-  // What a member that goes by tiles has besides. Places of bit grids are words from the first one of `own bits`, of values bytes from the
-  // first one.
+  // What a member that goes by tiles has besides. Places of bit grids are words from the first one of `own bits`, of
+  // values bytes from the first one.
   struct Tiled {
     uint32_t first_value = 0;
     TargetViews targets;
-    std::array<uint64_t, kMostTargets> bits{}, presence{}, values{};
+    std::array<uint64_t, kMaxTargets> bits{}, presence{}, values{};
   };
   // Where a member's results are among packed_, and the rest.
   struct Place {

@@ -1,7 +1,8 @@
 // What kernels get of a batch: plain structs, no host-only includes.
 //
-// All grids of a batch lie in one index space of words and rows, one behind the other, those of A-buffers in one of voxels; so do vertices,
-// triangles and the words of the results. What belongs to whom is found by bisection among the items, whose firsts ascend.
+// All grids of a batch lie in one index space of words and rows, one behind the other, those of A-buffers in one of
+// voxels; so do vertices, triangles and the words of the results. What belongs to whom is found by bisection among the
+// items, whose firsts ascend.
 #pragma once
 
 #include "cuda/fine_args.cuh"
@@ -31,8 +32,9 @@ struct BatchItemView {
   // Its mesh, which may lie anywhere on the device.
   const Vec3d* positions = nullptr;  // world space
   const uint32_t* triangles = nullptr;
-  // Where its part begins among all vertices, triangles, rows of bit grids, their words, words of columns, words of shells, tiles, and
-  // voxels of A-buffers. An item of plain bits goes by rows and has no tiles; such items come first. An A-buffer has neither rows nor tiles; they come last.
+  // Where its part begins among all vertices, triangles, rows of bit grids, their words, words of columns, words of
+  // shells, tiles, and voxels of A-buffers. An item of plain bits goes by rows and has no tiles; such items come first.
+  // An A-buffer has neither rows nor tiles; they come last.
   uint64_t first_vertex = 0, first_triangle = 0, first_row = 0, first_word = 0, first_column = 0, first_tile = 0;
   uint64_t first_shell = 0, first_voxel = 0;
   uint32_t first_group = 0, group_count = 0;  // of BatchView::groups: its targets
@@ -76,7 +78,7 @@ enum BatchCounter : int {
   kBatchQueued,
   kBatchOccupied,
   kBatchNextTile,
-  kBatchCounters = kBatchNextTile + kMostTargets
+  kBatchCounters = kBatchNextTile + kMaxTargets
 };
 
 // Elements of BatchView::queued, the first ones of a stage.

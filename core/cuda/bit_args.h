@@ -1,5 +1,5 @@
-// The part of BitArgs that every walk over a run's triangles has in common, and what else is told from the run's grid and the mesh's
-// box. Included by .cu files only.
+// The part of BitArgs that every walk over a run's triangles has in common, and what else is told from the run's grid
+// and the mesh's box. Included by .cu files only.
 #pragma once
 
 #include "cuda/bit_grid.cuh"
@@ -40,7 +40,8 @@ inline DegenerateTest DegenerateTestOf(const RunState& state) {
   return MakeDegenerateTest(state.grid.index_space(), box.min, box.max);
 }
 
-// Has the walk read packed vertices, where there are such (scattered.h). `placed`: triangles are then numbered by place.
+// Has the walk read packed vertices, where there are such (scattered.h). `placed`: triangles are then numbered by
+// place.
 inline void UsePacked(const RunState& state, BitArgs& args, bool placed = false) {
   const ScatteredMesh& scattered = state.scattered_mesh;
   if (scattered.packed == nullptr || args.fixed.bits == 0) return;

@@ -1,9 +1,9 @@
 // Plain bits of grids larger than the L2 cache, where triangles are few and large: lists of those that meet each piece.
 //
-// An atomic on a word outside of the cache brings its sector from memory, though it has just been cleared. Here the grid is cut into
-// pieces, 8x8 rows of so many words, and each triangle is listed with those that its box meets. Then a block takes a piece, draws
-// it and stores it (bit_pieces.cuh). A triangle that finds a full list is drawn afterwards by atomics (bit_layers.cuh).
-// No host-only includes.
+// An atomic on a word outside of the cache brings its sector from memory, though it has just been cleared. Here the
+// grid is cut into pieces, 8x8 rows of so many words, and each triangle is listed with those that its box meets. Then a
+// block takes a piece, draws it and stores it (bit_pieces.cuh). A triangle that finds a full list is drawn afterwards
+// by atomics (bit_layers.cuh). No host-only includes.
 #pragma once
 
 #include "cuda/bit_setups.cuh"
@@ -14,11 +14,11 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kBinThreads = 64;
 inline constexpr int kPieceWords = 32;
-inline constexpr uint32_t kBinRoom = 256;    // triangles of a list
-inline constexpr uint32_t kMostLarge = 256;  // that every piece looks at, where there are no lists
+inline constexpr uint32_t kBinRoom = 256;   // triangles of a list
+inline constexpr uint32_t kMaxLarge = 256;  // that every piece looks at, where there are no lists
 
-// Lists of triangles; or none, and every piece looks at few, which alone are set up: args.largest, or where there are none the first of the large queue,
-// up to kMostLarge.
+// Lists of triangles; or none, and every piece looks at few, which alone are set up: args.largest, or where there are
+// none the first of the large queue, up to kMaxLarge.
 struct Bins {
   uint32_t dims[3] = {0, 0, 0};     // pieces
   uint32_t z_begin = 0, z_end = 0;  // along z, those that are stored: the others lie before or behind the whole mesh
@@ -57,8 +57,8 @@ __device__ inline void AddToBin(const BitArgs& args, const Bins& bins, uint32_t 
   args.layer_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLayerQueue), 1ull)] = t;
 }
 
-// False where none of the eight layers from z on has a row among the eight from y on. Bounds of y are sums and products of z, each rounded
-// once: what lies between two layers has bounds between theirs.
+// False where none of the eight layers from z on has a row among the eight from y on. Bounds of y are sums and products
+// of z, each rounded once: what lies between two layers has bounds between theirs.
 template <typename Real>
 __device__ inline bool MayMeet(const SpanBounds<Real>& bounds, Real y, Real z) {
   const Real z_last = z + Real(kPieceEdge - 1);
@@ -76,8 +76,8 @@ __device__ inline bool MayMeet(const SharedSetup& s, int y, int z) {
   return true;
 }
 
-// Sets up all triangles and lists them, by warp `warp` of `warps`, which has room for 32. `kFew`: no warp has more than kMostInParts. Waits for
-// earlier kernels.
+// Sets up all triangles and lists them, by warp `warp` of `warps`, which has room for 32. `kFew`: no warp has more than
+// kMaxInParts. Waits for earlier kernels.
 template <bool kFew>
 __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t warp, uint64_t warps,
                                 SharedSetup* shared) {

@@ -1,6 +1,8 @@
-// Small triangles and the voxels they touch, by integers and a few float tests: the answer of raster/spans.h where it is certain.
+// Small triangles and the voxels they touch, by integers and a few float tests: the answer of raster/spans.h where it
+// is certain.
 //
-// Vertices are in fixed point, and boxes are known (fixed_place.cuh). With w the widening of narrow triangles (raster/triangle_setup.h):
+// Vertices are in fixed point, and boxes are known (fixed_place.cuh). With w the widening of narrow triangles
+// (raster/triangle_setup.h):
 // * A box of at most two voxels along each axis is eight octants about an inner corner. By the separating-axis theorem
 //   the triangle touches all of them but those that one of ten tests takes out: a plane through an edge along an axis that leaves the
 //   corner outside by more than w takes out the two octants that it points to, the triangle's own plane the one behind it. The narrow
@@ -35,8 +37,8 @@ VOXELPIPE_HD constexpr uint32_t HalfOf(int axis) {
   return axis == 0 ? 0xaa : axis == 1 ? 0xcc : 0xf0;
 }
 
-// Takes the bits that `a` and `b` have both out of `octants` where v > 0: on a device an instruction that is left out otherwise, in place of
-// values to choose from.
+// Takes the bits that `a` and `b` have both out of `octants` where v > 0: on a device an instruction that is left out
+// otherwise, in place of values to choose from.
 VOXELPIPE_HD void TakeOutIf(float v, uint32_t a, uint32_t b, uint32_t& octants) {
 #if defined(__CUDA_ARCH__)
   asm("{ .reg .pred p; setp.gt.f32 p, %1, 0f00000000; @p lop3.b32 %0, %0, %2, %3, 0x70; }"
@@ -65,15 +67,17 @@ VOXELPIPE_HD uint32_t PushSign(uint32_t bits, float v) {
 #endif
 }
 
-// One edge seen along an axis: in the plane of the other two, u and t, from p by the edge. Takes out what lies beyond it, on the side where the
-// triangle is not; what the axis' other end, at the opposite vertex, takes out the other edges and the box do as well.
+// One edge seen along an axis: in the plane of the other two, u and t, from p by the edge. Takes out what lies beyond
+// it, on the side where the triangle is not; what the axis' other end, at the opposite vertex, takes out the other
+// edges and the box do as well.
 struct EdgeTest {
   uint32_t half_u, half_t;  // the octants on the greater side along u and t
   uint32_t side;            // all bits set where the triangle's area in that plane is negative
   float widening, band;
   float rounding;  // what roundings may make of it
 
-  // `sure` becomes at most the corner's distance from being decided otherwise, less what is uncertain of it, times the edge.
+  // `sure` becomes at most the corner's distance from being decided otherwise, less what is uncertain of it, times the
+  // edge.
   VOXELPIPE_HD void TakeOut(float eu, float et, float pu, float pt, uint32_t& touched, float& sure) const {
     const float norm = fabsf(eu) + fabsf(et);
     const float beyond = fmaf(-widening, norm, TurnSign(fmaf(eu, pt, -(et * pu)), side));
@@ -97,7 +101,8 @@ VOXELPIPE_HD float RoughSqrt(float v) {
 #endif
 }
 
-// 1 / v to 2^-22, of a number that is not close to 0, as all are whose inverse is used here; what that is off by is part of bands.
+// 1 / v to 2^-22, of a number that is not close to 0, as all are whose inverse is used here; what that is off by is
+// part of bands.
 VOXELPIPE_HD float Reciprocal(float v) {
 #if defined(__CUDA_ARCH__)
   float inverse;
@@ -108,8 +113,8 @@ VOXELPIPE_HD float Reciprocal(float v) {
 #endif
 }
 
-// How far from a voxel's centre a plane may pass for the voxel to be touched under thin coverage, and within what of that is doubt; times
-// the normal. Units of the vertices turn the plane: that shows at a centre two voxels away.
+// How far from a voxel's centre a plane may pass for the voxel to be touched under thin coverage, and within what of
+// that is doubt; times the normal. Units of the vertices turn the plane: that shows at a centre two voxels away.
 struct ThinBand {
   float reach, band;
 };
@@ -136,13 +141,14 @@ VOXELPIPE_HD void TestEdges(const EdgeTest& test, const AlongAxis& u, const Alon
   for (int i = 0; i < 3; ++i) test.TakeOut(u.e[i], t.e[i], u.p[i], t.p[i], touched, sure);
 }
 
-// From which greatest component of its normal on a triangle is narrow for sure, `longest` being the square of its longest edge: kNarrowRatio, a little
-// more, and what moving vertices by units does to the normal.
+// From which greatest component of its normal on a triangle is narrow for sure, `longest` being the square of its
+// longest edge: kNarrowRatio, a little more, and what moving vertices by units does to the normal.
 VOXELPIPE_HD float NarrowFrom(float longest, const FixedPlace& place) {
   return fmaf(0.0042f, longest, place.noise);
 }
 
-// The octants, of those in question, about the inner corner of a triangle's box of at most two voxels along each axis that it touches.
+// The octants, of those in question, about the inner corner of a triangle's box of at most two voxels along each axis
+// that it touches.
 template <bool kThin>
 VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const FixedBox& box, uint32_t in_question,
                                     const FixedPlace& place) {
@@ -188,8 +194,8 @@ VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const FixedBox& box, u
   }
 }
 
-// The same under conservative coverage, of a box of two voxels along two axes or three: in fewer steps where few of a warp's are three, in more where
-// many are. Of slim triangles more are in doubt.
+// The same under conservative coverage, of a box of two voxels along two axes or three: in fewer steps where few of a
+// warp's are three, in more where many are. Of slim triangles more are in doubt.
 VOXELPIPE_HD Octants TouchedQuickly(const int (&v)[3][3], const FixedBox& box, uint32_t in_question,
                                     const FixedPlace& place) {
   const auto along = [&](auto&& of) {
@@ -229,8 +235,8 @@ VOXELPIPE_HD Octants TouchedQuickly(const int (&v)[3][3], const FixedBox& box, u
   return {touched, !(fminf(sure, greatest - narrow) > 0) || !clear};
 }
 
-// Under thin coverage, of a triangle whose box is one voxel or two side by side along one axis: the octants about its inner corner. Edges
-// take nothing out there, since the triangle touches all of the box.
+// Under thin coverage, of a triangle whose box is one voxel or two side by side along one axis: the octants about its
+// inner corner. Edges take nothing out there, since the triangle touches all of the box.
 VOXELPIPE_HD Octants TouchedThinRun(const int (&v)[3][3], const FixedBox& box, const FixedPlace& place) {
   Vec3f q[3];
   for (int a = 0; a < 3; ++a) {
@@ -258,7 +264,8 @@ VOXELPIPE_HD Octants TouchedThinRun(const int (&v)[3][3], const FixedBox& box, c
   const float second = fabsf(fmaf(place.voxel, along_x ? n.x : along_y ? n.y : n.z, at)) - thin.reach;
   sure = fminf(sure, fabsf(second) - thin.band);
   if (!(second > 0)) touched |= along_x ? 0x02 : along_y ? 0x04 : 0x10;
-  // A voxel that the triangle reaches by its widening alone, and hardly: roundings of the edges' tests may leave it out.
+  // A voxel that the triangle reaches by its widening alone, and hardly: roundings of the edges' tests may leave it
+  // out.
   const int w = int(place.widening), hardly = 1 << (place.bits - 13);
   int least[3], greatest[3];
   for (int i = 0; i < 3; ++i) {

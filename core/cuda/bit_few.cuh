@@ -1,5 +1,6 @@
-// Plain bits of so few triangles that all blocks run at once, a triangle or half of one a thread: the steps of bit_walk.cuh, where time goes by waiting. So
-// corners are kept in shared memory for the second step. No host-only includes.
+// Plain bits of so few triangles that all blocks run at once, a triangle or half of one a thread: the steps of
+// bit_walk.cuh, where time goes by waiting. So corners are kept in shared memory for the second step. No host-only
+// includes.
 #pragma once
 
 #include "cuda/bit_walk.cuh"
@@ -9,7 +10,7 @@ namespace voxelpipe::cuda {
 // What the block's triangles share in WalkFew.
 template <int kRowLanes>
 struct FewRoom : CellLists<kCellThreads / kRowLanes> {
-  CellSpan table[kMostCells][kCellThreads];
+  CellSpan table[kMaxCells][kCellThreads];
   int corners[9][FewRoom::kRoom];  // of those that wait in cells
 
   __device__ void Keep(uint32_t number, const FixedCorners& v) {
@@ -25,7 +26,8 @@ struct FewRoom : CellLists<kCellThreads / kRowLanes> {
   __device__ void PassOn(uint32_t number) { this->later[SharedAdd(&this->layer_count, 1)] = uint16_t(number); }
 };
 
-// A turn of a warp's lanes at those that wait for rows, kRowLanes for each; whether the lane's own is in doubt, to one lane of each.
+// A turn of a warp's lanes at those that wait for rows, kRowLanes for each; whether the lane's own is in doubt, to one
+// lane of each.
 template <bool kThin, int kRowLanes>
 __device__ inline bool TurnOfRows(const BitArgs& args, uint32_t turn, FewRoom<kRowLanes>& room, uint32_t& number) {
   const uint32_t at = turn * 32 + threadIdx.x % 32, i = at / kRowLanes, part = at % kRowLanes;
@@ -64,7 +66,7 @@ __device__ inline bool TurnOfOctants(const BitArgs& args, uint32_t turn, const F
 // Whether the box has as few rows as a thread walks.
 __device__ inline bool HasFewRows(const FixedBox& box) {
   const int width = box.last[1] - box.first[1] + 1, layers = box.last[2] - box.first[2] + 1;
-  return max(width, layers) <= kMostCellRows && width * layers <= kMostCellRows;
+  return max(width, layers) <= kMaxCellRows && width * layers <= kMaxCellRows;
 }
 
 // As WalkCells does, the triangles of block `chunk` of as many as there are in a room.

@@ -1,5 +1,6 @@
-// The bit grid that triangles are drawn in straight from world space: what its kernels share (bit_walk.cuh, bit_setups.cuh,
-// bit_layers.cuh, bit_bins.cuh, bit_pieces.cuh), how rows of voxels are set, and vertices in index space. No host-only includes.
+// The bit grid that triangles are drawn in straight from world space: what its kernels share (bit_walk.cuh,
+// bit_setups.cuh, bit_layers.cuh, bit_bins.cuh, bit_pieces.cuh), how rows of voxels are set, and vertices in index
+// space. No host-only includes.
 #pragma once
 
 #include "cuda/bit_cells.cuh"
@@ -8,15 +9,16 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr uint32_t kMostApart = 30;  // of a warp's lanes, within 48 KiB of shared memory
+inline constexpr uint32_t kMaxApart = 30;  // of a warp's lanes, within 48 KiB of shared memory
 
-// The few largest triangles of a mesh, in no order, with their corners in world space. `count` may be more than are listed.
+// The few largest triangles of a mesh, in no order, with their corners in world space. `count` may be more than are
+// listed.
 struct LargestTriangles {
   uint32_t count;
-  uint32_t triangles[kMostApart];
-  Vec3d corners[kMostApart][3];
+  uint32_t triangles[kMaxApart];
+  Vec3d corners[kMaxApart][3];
 
-  __device__ uint32_t listed() const { return min(count, kMostApart); }
+  __device__ uint32_t listed() const { return min(count, kMaxApart); }
 };
 
 // Bricks of 32x8x8 voxels that are given out while triangles are drawn (bit_pool.cuh).
@@ -76,8 +78,8 @@ __device__ inline void ForEachPair(const int (&first)[3], uint32_t octants, Set&
   }
 }
 
-// Sets voxels [x_begin, x_end) of a row. Where many triangles share a voxel most bits are set already, and reading first (`look`) is
-// cheaper than an atomic.
+// Sets voxels [x_begin, x_end) of a row. Where many triangles share a voxel most bits are set already, and reading
+// first (`look`) is cheaper than an atomic.
 __device__ inline void SetWord(uint32_t* word, uint32_t mask, bool look) {
   if (look && (__ldca(word) & mask) == mask) return;
   ReduceOr(word, mask);
@@ -99,8 +101,9 @@ __device__ __noinline__ inline Vec3d DividePlainly(const Vec3d& a, const Vec3d& 
   return {a.x / b.x, a.y / b.y, a.z / b.z};
 }
 
-// The quotient as the processor divides, in fewer steps: two corrections of a product with the rounded inverse, each with an exact
-// remainder (P. Markstein, "Computation of elementary functions on the IBM RISC System/6000 processor", 1990).
+// The quotient as the processor divides, in fewer steps: two corrections of a product with the rounded inverse, each
+// with an exact remainder (P. Markstein, "Computation of elementary functions on the IBM RISC System/6000 processor",
+// 1990).
 __device__ inline double Divide(double a, double b, double inverse) {
   double q = a * inverse;
   q = fma(fma(-q, b, a), inverse, q);

@@ -1,5 +1,6 @@
-// The kernels of plain bits of one grid: how what bit_walk.cuh, bit_few.cuh, bit_layers.cuh, bit_bins.cuh and bit_pieces.cuh have is shared out to
-// blocks. Which of them a call takes, row_bits.cu says; RowKernel is in bit_rows.cu. No host-only includes.
+// The kernels of plain bits of one grid: how what bit_walk.cuh, bit_few.cuh, bit_layers.cuh, bit_bins.cuh and
+// bit_pieces.cuh have is shared out to blocks. Which of them a call takes, row_bits.cu says; RowKernel is in
+// bit_rows.cu. No host-only includes.
 #pragma once
 
 #include "cuda/bit_bins.cuh"
@@ -32,7 +33,8 @@ __global__ void __launch_bounds__(kClearThreads) ClearKernel(const __grid_consta
   Clear(args, gridDim.x);
 }
 
-// Clears the queues, what the lists count, and the layers of pieces that are not stored: while BinKernel sets triangles up memory is idle.
+// Clears the queues, what the lists count, and the layers of pieces that are not stored: while BinKernel sets triangles
+// up memory is idle.
 __global__ void __launch_bounds__(kClearThreads)
     ClearForBins(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
   AllowNext();
@@ -44,8 +46,9 @@ __global__ void __launch_bounds__(kClearThreads)
   ClearQuads(args.bits, min(bins.z_end * layer, args.quads), args.quads, all);
 }
 
-// The first blocks of a kernel may clear the grid: a launch less to wait for. Blocks begin in the order of their numbers, so those that are waited for
-// are under way; CUDA does not promise that, but CUB's scans rely on it too. Whether the block is one of those.
+// The first blocks of a kernel may clear the grid: a launch less to wait for. Blocks begin in the order of their
+// numbers, so those that are waited for are under way; CUDA does not promise that, but CUB's scans rely on it too.
+// Whether the block is one of those.
 __device__ inline bool ClearsFirst(const BitArgs& args) {
   if (blockIdx.x >= args.clear_blocks) return false;
   Clear(args, args.clear_blocks);
@@ -94,11 +97,11 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const
 __global__ void __launch_bounds__(32) SetUpLargestKernel(const __grid_constant__ BitArgs args, SharedSetup* setups) {
   AllowNext();
   if (blockIdx.x == 0 && threadIdx.x < kBitQueues) args.queued[threadIdx.x] = 0;
-  const uint32_t place = blockIdx.x * kMostInParts + threadIdx.x / kBoundsParts;
+  const uint32_t place = blockIdx.x * kMaxInParts + threadIdx.x / kBoundsParts;
   const uint32_t part = threadIdx.x % kBoundsParts;
   const bool has = place < args.largest->listed();
   Vec3d mine{};
-  if (place < kMostApart && part < 3) mine = PlacePosition(args, args.largest->corners[place][part]);
+  if (place < kMaxApart && part < 3) mine = PlacePosition(args, args.largest->corners[place][part]);
   __syncwarp();
   SharedSetup& s = setups[has ? place : 0];
   const uint64_t rows = SetUpPlacedInParts(args, has, has ? args.largest->triangles[place] : 0, mine, s);
@@ -149,8 +152,8 @@ union AtOnceRoom {
   LargeRoom large;
 };
 
-// All steps in one launch, for meshes of so few triangles that each warp has at most kAtOnceSetups: what takes longest there is to wait.
-// Triangles are set up while the bits are cleared.
+// All steps in one launch, for meshes of so few triangles that each warp has at most kAtOnceSetups: what takes longest
+// there is to wait. Triangles are set up while the bits are cleared.
 __global__ void __launch_bounds__(kAtOnceThreads, kAtOnceBlocks)
     AtOnceKernel(const __grid_constant__ BitArgs args, unsigned* arrived) {
   __shared__ alignas(16) char memory[sizeof(AtOnceRoom)];
@@ -162,7 +165,7 @@ __global__ void __launch_bounds__(kAtOnceThreads, kAtOnceBlocks)
   SharedSetup* const shared = room.of_warps[threadIdx.x / 32];
   Clear(args, gridDim.x);
   const uint64_t begin = min(warp * each, args.triangle_count);
-  static_assert(kAtOnceSetups <= int(kMostInParts));
+  static_assert(kAtOnceSetups <= int(kMaxInParts));
   const uint64_t rows = SetUpFew(
       args, uint32_t(min(each, args.triangle_count - begin)), [begin](uint32_t i) { return uint32_t(begin) + i; },
       shared);

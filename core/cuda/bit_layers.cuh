@@ -1,4 +1,5 @@
-// Plain bits of one grid: triangles that bit_walk.cuh is not certain of, and those that are larger, by set-ups in higher precision.
+// Plain bits of one grid: triangles that bit_walk.cuh is not certain of, and those that are larger, by set-ups in
+// higher precision.
 //
 //   WalkLayers  lanes of a warp set up a triangle each, exactly, then all share their layers
 //   WalkLarge   the largest: warps share their layers, lanes the rows of one
@@ -87,8 +88,8 @@ struct LargeRoom {
 
 inline constexpr int kLargeThreads = kLargeSetups * kBoundsParts;  // of a block that calls WalkLarge
 
-// The large queue, which has `queued` triangles, by block `block` of `blocks`. Batches of triangles are dealt to the blocks; where those are
-// more, several share one.
+// The large queue, which has `queued` triangles, by block `block` of `blocks`. Batches of triangles are dealt to the
+// blocks; where those are more, several share one.
 __device__ inline void WalkLarge(const BitArgs& args, uint64_t queued, uint32_t block, uint32_t blocks,
                                  LargeRoom& room) {
   if (queued == 0) return;

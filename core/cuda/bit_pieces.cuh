@@ -1,5 +1,6 @@
-// Plain bits, piece by piece: a block draws the triangles that meet a piece of the grid in shared memory and stores it, so that every word of the grid is
-// written once. The triangles are listed (bit_bins.cuh), or a few that every piece looks at. No host-only includes.
+// Plain bits, piece by piece: a block draws the triangles that meet a piece of the grid in shared memory and stores it,
+// so that every word of the grid is written once. The triangles are listed (bit_bins.cuh), or a few that every piece
+// looks at. No host-only includes.
 #pragma once
 
 #include "cuda/bit_bins.cuh"
@@ -12,7 +13,7 @@ inline constexpr uint32_t kDrawnAtOnce = 32 / kPieceEdge;  // triangles of a war
 
 struct StoreRoom {
   alignas(16) uint32_t words[kPieceRows * kPiecePitch];
-  uint32_t list[kMostLarge];  // of the piece
+  uint32_t list[kMaxLarge];  // of the piece
   uint32_t count;
 };
 
@@ -34,7 +35,8 @@ struct StoreRoomType<true, kThreads> {
 template <bool kListed, int kThreads>
 using StoreRoomFor = typename StoreRoomType<kListed, kThreads>::Type;
 
-// False where a set-up triangle does not meet the piece whose first row is y of layer z and whose voxels are [x, x + width).
+// False where a set-up triangle does not meet the piece whose first row is y of layer z and whose voxels are [x, x +
+// width).
 __device__ inline bool MeetsPiece(const SharedSetup& s, int x, int y, int z, int width) {
   return s.begin[0] < x + width && s.end[0] > x && s.begin[1] < y + kPieceEdge && s.end[1] > y &&
          s.begin[2] < z + kPieceEdge && s.end[2] > z && MayMeet(s, y, z);
@@ -47,8 +49,9 @@ __device__ inline void ClearPiece(uint32_t* words) {
   for (int i = int(threadIdx.x); i < kPieceRows * kPiecePitch / 4; i += kThreads) quads[i] = uint4{0, 0, 0, 0};
 }
 
-// Lists those of `large` set-up triangles that may meet the piece whose first row is y of layer z and whose voxels are [x, x + width); how
-// many those are. The room's words are cleared then, if there are any. All threads of a block call it.
+// Lists those of `large` set-up triangles that may meet the piece whose first row is y of layer z and whose voxels are
+// [x, x + width); how many those are. The room's words are cleared then, if there are any. All threads of a block call
+// it.
 template <int kThreads>
 __device__ inline uint32_t ListLarge(const Bins& bins, uint32_t large, int x, int y, int z, int width,
                                      StoreRoom& room) {
@@ -82,8 +85,9 @@ __device__ inline void SetSharedRow(uint32_t* row, int x_begin, int x_end) {
   atomicOr(last, mask & ~0u >> (31 - (x_end - 1) % 32));
 }
 
-// Brings set-ups of a warp's next triangles to shared memory, each by the eight lanes whose `t` it is; none of kNoTriangle. All that they need is asked for
-// at once: where it lies it would be waited for field by field. All threads of the warp call it.
+// Brings set-ups of a warp's next triangles to shared memory, each by the eight lanes whose `t` it is; none of
+// kNoTriangle. All that they need is asked for at once: where it lies it would be waited for field by field. All
+// threads of the warp call it.
 __device__ inline void FetchSetups(const Bins& bins, uint32_t t, SharedSetup* setups) {
   static_assert(sizeof(SharedSetup) % sizeof(uint4) == 0);
   constexpr uint32_t kQuads = sizeof(SharedSetup) / sizeof(uint4);
@@ -106,9 +110,9 @@ __device__ inline void FetchSetups(const Bins& bins, uint32_t t, SharedSetup* se
   __syncwarp();
 }
 
-// Draws the first `count` triangles of a list into the room's words, row (y, z) of the piece at kPiecePitch * (y + 8*z). In: the grid's row
-// and layer where the piece begins, its first voxel and how many there are. Warps take four triangles at a time; all threads of
-// the block call it, and a barrier is to follow.
+// Draws the first `count` triangles of a list into the room's words, row (y, z) of the piece at kPiecePitch * (y +
+// 8*z). In: the grid's row and layer where the piece begins, its first voxel and how many there are. Warps take four
+// triangles at a time; all threads of the block call it, and a barrier is to follow.
 template <int kThreads>
 __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, uint32_t count, int x, int y, int z,
                                  int width, ListedRoom<kThreads>& room) {
@@ -152,7 +156,8 @@ __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, ui
   }
 }
 
-// DrawPiece for triangles that fill most of it: a thread takes a layer, into cleared words. Most often no edge is near, and the plane alone tells the rows.
+// DrawPiece for triangles that fill most of it: a thread takes a layer, into cleared words. Most often no edge is near,
+// and the plane alone tells the rows.
 template <int kThreads>
 __device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, uint32_t count, int x, int y, int z,
                                   int width, uint32_t* words) {
@@ -179,8 +184,8 @@ __device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, u
   }
 }
 
-// Writes piece (x, y, z) of the grid. `kQuads`: rows are whole units of 16 bytes; `kListed`: there are lists, or else `large` set-up triangles.
-// All threads of a block call it.
+// Writes piece (x, y, z) of the grid. `kQuads`: rows are whole units of 16 bytes; `kListed`: there are lists, or else
+// `large` set-up triangles. All threads of a block call it.
 template <bool kQuads, bool kListed, int kThreads>
 __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_t large, uint32_t x, uint32_t y,
                                   uint32_t z, StoreRoomFor<kListed, kThreads>& room) {
@@ -244,7 +249,7 @@ __device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreR
   uint32_t large = 0;
   if constexpr (!kListed) {
     large = args.largest != nullptr ? args.largest->listed()
-                                    : uint32_t(min(__ldg(args.queued + kLargeQueue), uint64_t{kMostLarge}));
+                                    : uint32_t(min(__ldg(args.queued + kLargeQueue), uint64_t{kMaxLarge}));
   }
   for (uint32_t z = bins.z_begin + blockIdx.z; z < bins.z_end; z += gridDim.z) {
     if (z != bins.z_begin + blockIdx.z) __syncthreads();  // the room is free again

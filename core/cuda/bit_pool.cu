@@ -27,7 +27,8 @@ __global__ void __launch_bounds__(kThreads) ClearPool(const __grid_constant__ Bi
 
 constexpr int kPartThreads = 256, kPartWarps = kPartThreads / 32;
 
-// A warp a part, in their order: blocks that took one after the other would drift apart, and memory takes what lies together a third faster.
+// A warp a part, in their order: blocks that took one after the other would drift apart, and memory takes what lies
+// together a third faster.
 template <bool kQuads>
 __global__ void __launch_bounds__(kPartThreads, 2048 / kPartThreads) StorePool(const __grid_constant__ BitArgs args) {
   __shared__ PartRoom rooms[kPartWarps];

@@ -1,6 +1,7 @@
-// Plain bits of grids larger than the L2 cache: words are set in bricks of 32x8x8 voxels that are given out while triangles are drawn
-// (place_pool.cuh), and which the cache holds. Then all words of the grid are written once, in order. An atomic on a word outside of the cache brings its
-// sector from memory, though it has just been cleared. No host-only includes.
+// Plain bits of grids larger than the L2 cache: words are set in bricks of 32x8x8 voxels that are given out while
+// triangles are drawn (place_pool.cuh), and which the cache holds. Then all words of the grid are written once, in
+// order. An atomic on a word outside of the cache brings its sector from memory, though it has just been cleared. No
+// host-only includes.
 #pragma once
 
 #include "cuda/bit_grid.cuh"
@@ -28,7 +29,7 @@ class PoolRows {
     }
     if (uint32_t(mask >> 32) != 0) ReduceOr(WordsOf(brick + 1) + row, uint32_t(mask >> 32));
   }
-  // At most kMostCells voxels of a row.
+  // At most kMaxCells voxels of a row.
   __device__ void SetFew(int y, int z, int x_begin, int x_end) {
     SetMask(x_begin >> 5, y, z, uint64_t{(1u << (x_end - x_begin)) - 1} << (x_begin & 31));
   }

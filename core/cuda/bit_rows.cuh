@@ -1,8 +1,10 @@
-// Plain bits of meshes many of whose triangles reach over more than two voxels: a triangle a thread, by rows (cell_rows.cuh), however small its box.
+// Plain bits of meshes many of whose triangles reach over more than two voxels: a triangle a thread, by rows
+// (cell_rows.cuh), however small its box.
 //
-// WalkCells (bit_walk.cuh) sorts a block's triangles first, so that lanes of a warp do the same. Where many of them go by rows, that takes longer
-// than it saves: they are read twice, and warps wait for each other. What is left then is the rate of atomics on the grid, so those of
-// a warp are brought together (row_box.cuh) in grids larger than the cache. No host-only includes.
+// WalkCells (bit_walk.cuh) sorts a block's triangles first, so that lanes of a warp do the same. Where many of them go
+// by rows, that takes longer than it saves: they are read twice, and warps wait for each other. What is left then is
+// the rate of atomics on the grid, so those of a warp are brought together (row_box.cuh) in grids larger than the
+// cache. No host-only includes.
 #pragma once
 
 #include "cuda/bit_walk.cuh"
@@ -13,7 +15,7 @@ namespace voxelpipe::cuda {
 // Of a block. kTogether: with a box for each warp.
 template <bool kTogether>
 struct RowRoom {
-  CellSpan table[kMostCells][kCellThreads];
+  CellSpan table[kMaxCells][kCellThreads];
 };
 template <>
 struct RowRoom<true> : RowRoom<false> {

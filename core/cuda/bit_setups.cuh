@@ -1,7 +1,7 @@
 // Triangles of a walk from world space, set up in shared memory: by a lane each, or, where there are few, by four.
 //
-// A set-up is a chain of some 1,300 instructions, most of which are one vertex's or one edge's. Where few triangles wait, how long one takes is what
-// counts, and other lanes of the warp would only look on. No host-only includes.
+// A set-up is a chain of some 1,300 instructions, most of which are one vertex's or one edge's. Where few triangles
+// wait, how long one takes is what counts, and other lanes of the warp would only look on. No host-only includes.
 #pragma once
 
 #include "cuda/bit_grid.cuh"
@@ -16,8 +16,9 @@ __device__ __noinline__ inline uint64_t SetUpRows(const BitArgs& args, uint32_t 
   return SetUpShared(p.at, args.coverage, args.grid.SlabRange(), t, shared);
 }
 
-// Sets up a triangle, where `has`, by four neighbouring lanes, the first three of which bring its corners in index space; the number of its rows in the
-// slab, or 0, to each of them, when all have written. All threads of a warp call it.
+// Sets up a triangle, where `has`, by four neighbouring lanes, the first three of which bring its corners in index
+// space; the number of its rows in the slab, or 0, to each of them, when all have written. All threads of a warp call
+// it.
 __device__ inline uint64_t SetUpPlacedInParts(const BitArgs& args, bool has, uint32_t t, const Vec3d& mine,
                                               SharedSetup& shared) {
   Vec3d corners[3];
@@ -46,17 +47,18 @@ __device__ inline uint64_t SetUpRowsInParts(const BitArgs& args, uint32_t t, Sha
   return SetUpCornersInParts(args, t, CornerInParts(args, t), shared);
 }
 
-inline constexpr uint32_t kMostInParts = 32 / kBoundsParts;  // of a warp at once
+inline constexpr uint32_t kMaxInParts = 32 / kBoundsParts;  // of a warp at once
 
-// From what each lane has for the triangle that it has a part of to that of the lane's place. All threads of a warp call it.
+// From what each lane has for the triangle that it has a part of to that of the lane's place. All threads of a warp
+// call it.
 __device__ inline uint64_t RowsOfLane(uint64_t rows) {
   const uint32_t lane = threadIdx.x % 32;
   const uint64_t there = __shfl_sync(~0u, rows, int(lane * kBoundsParts % 32));
-  return lane < kMostInParts ? there : 0;
+  return lane < kMaxInParts ? there : 0;
 }
 
-// Sets up a warp's triangles number(0) to number(count - 1), or kNoTriangle among them, in `shared`, at most kMostInParts; how many rows the one of
-// the lane's place has. All threads of the warp call it.
+// Sets up a warp's triangles number(0) to number(count - 1), or kNoTriangle among them, in `shared`, at most
+// kMaxInParts; how many rows the one of the lane's place has. All threads of the warp call it.
 template <typename Number>
 __device__ inline uint64_t SetUpFew(const BitArgs& args, uint32_t count, Number&& number, SharedSetup* shared) {
   const uint32_t lane = threadIdx.x % 32, place = lane / kBoundsParts;
@@ -68,7 +70,7 @@ __device__ inline uint64_t SetUpFew(const BitArgs& args, uint32_t count, Number&
 // The same of up to 32.
 template <typename Number>
 __device__ inline uint64_t SetUpRowsOfWarp(const BitArgs& args, uint32_t count, Number&& number, SharedSetup* shared) {
-  if (count <= kMostInParts) return SetUpFew(args, count, number, shared);
+  if (count <= kMaxInParts) return SetUpFew(args, count, number, shared);
   const uint32_t lane = threadIdx.x % 32, t = lane < count ? number(lane) : kNoTriangle;
   const uint64_t rows = t != kNoTriangle ? SetUpRows(args, t, shared[lane]) : 0;
   __syncwarp();

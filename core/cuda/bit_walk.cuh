@@ -1,11 +1,11 @@
 // Plain bits of one grid: triangles from world space straight to words of the bit grid.
 //
-// Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what bit_cells.cuh is certain of is written at once, the
-// rest waits in two queues, which are walked in bit_layers.cuh. Unordered meshes are taken in Morton order (scattered.h), and the largest of
-// their triangles are drawn by pieces (bit_pieces.cuh) while the grid is cleared. Few and large triangles in large grids:
-// bit_bins.cuh. Fine meshes in such: the first step sets bits in bricks, which become the grid before the second one (bit_pool.cuh). Triangles of
-// some voxels each: bit_rows.cuh is the first step. Few triangles: bit_few.cuh is.
-// No host-only includes.
+// Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what bit_cells.cuh is certain of
+// is written at once, the rest waits in two queues, which are walked in bit_layers.cuh. Unordered meshes are taken in
+// Morton order (scattered.h), and the largest of their triangles are drawn by pieces (bit_pieces.cuh) while the grid is
+// cleared. Few and large triangles in large grids: bit_bins.cuh. Fine meshes in such: the first step sets bits in
+// bricks, which become the grid before the second one (bit_pool.cuh). Triangles of some voxels each: bit_rows.cuh is
+// the first step. Few triangles: bit_few.cuh is. No host-only includes.
 #pragma once
 
 #include "cuda/bit_grid.cuh"
@@ -20,12 +20,13 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kCellThreads = 128;
-inline constexpr int kMostCellRows = 64;                           // of a triangle that a thread walks alone
-inline constexpr int kManyOctants = 14;                            // of a warp's lanes: enough not to wait for others
-inline constexpr int kMostCellRounds = 8;                          // triangles of a thread of WalkCells
-inline constexpr int kMostLayerWidth = 96, kMostLayerRows = 6144;  // along y, and in all, of one that WalkLayers takes
+inline constexpr int kMaxCellRows = 64;                          // of a triangle that a thread walks alone
+inline constexpr int kManyOctants = 14;                          // of a warp's lanes: enough not to wait for others
+inline constexpr int kMaxCellRounds = 8;                         // triangles of a thread of WalkCells
+inline constexpr int kMaxLayerWidth = 96, kMaxLayerRows = 6144;  // along y, and in all, of one that WalkLayers takes
 
-// Where the walk sets bits: in the grid's words, one by one, or, of octants, those of a warp together (row_box.cuh); or in bricks (bit_pool.cuh).
+// Where the walk sets bits: in the grid's words, one by one, or, of octants, those of a warp together (row_box.cuh); or
+// in bricks (bit_pool.cuh).
 enum class BitSink { kWords, kTogether, kBricks };
 
 // What becomes of a triangle. Runs: those of thin coverage whose box is one voxel or two side by side.
@@ -38,7 +39,7 @@ __device__ inline bool WaitsForRows(CellFate fate) {
 
 // Where a triangle of so many rows waits.
 __device__ inline CellFate QueueOf(int64_t width, int64_t layers) {
-  return width > kMostLayerWidth || width * layers > kMostLayerRows ? CellFate::kLarge : CellFate::kLayers;
+  return width > kMaxLayerWidth || width * layers > kMaxLayerRows ? CellFate::kLarge : CellFate::kLayers;
 }
 
 // The box's part in the slab; empty where some end is not behind its begin.
@@ -62,10 +63,11 @@ __device__ inline bool IsOutside(const FixedBox& box, const int (&begin)[3], con
   return end[0] - begin[0] + unsure <= 0 || end[1] - begin[1] + unsure <= 0 || end[2] - begin[2] + unsure <= 0;
 }
 
-// Whether a triangle goes by rows or where it waits. `greatest`: voxels from its box's first to the last along some axis, at most.
+// Whether a triangle goes by rows or where it waits. `greatest`: voxels from its box's first to the last along some
+// axis, at most.
 __device__ inline CellFate FateByRows(const FixedBox& box, int greatest, const int (&begin)[3], const int (&end)[3]) {
   const int width = max(1, end[1] - begin[1]), layers = max(1, end[2] - begin[2]);
-  if (!box.doubtful && greatest < kMostCells && width * layers <= kMostCellRows) return CellFate::kRows;
+  if (!box.doubtful && greatest < kMaxCells && width * layers <= kMaxCellRows) return CellFate::kRows;
   return QueueOf(width, layers);
 }
 
@@ -75,8 +77,8 @@ __device__ inline uint32_t OctantsOf(const FixedBox& box) {
   return far(0, 0x55) & far(1, 0x33) & far(2, 0x0f);
 }
 
-// What is found of a triangle, whose corners stand in `t`, by its box alone, which is put there. Where it is done, `octants` about the inner corner of the
-// box.
+// What is found of a triangle, whose corners stand in `t`, by its box alone, which is put there. Where it is done,
+// `octants` about the inner corner of the box.
 template <bool kThin>
 __device__ inline CellFate FindFate(const BitArgs& args, FixedTriangle& t, uint32_t& octants) {
   t.box = BoxOf(t.v.at, args.fixed);
@@ -103,7 +105,8 @@ __device__ inline CellFate FindFate(const BitArgs& args, const Fetched<kPacked>&
   return FindFate<kThin>(args, t, octants);
 }
 
-// Decides the runs of a warp, or where they are few leaves them to those who go by octants. All threads of a warp call it.
+// Decides the runs of a warp, or where they are few leaves them to those who go by octants. All threads of a warp call
+// it.
 template <bool kThin>
 __device__ inline void DecideRuns(const BitArgs& args, const FixedTriangle& t, CellFate& fate, uint32_t& octants) {
   if constexpr (kThin) {
@@ -128,8 +131,8 @@ __device__ inline bool FindOctants(const BitArgs& args, const FixedTriangle& t, 
   return true;
 }
 
-// A triangle of at most kMostCells voxels along each axis, as VisitCells has it. False if some voxel is in doubt. Of the layers those from number
-// `part` on, `parts` apart.
+// A triangle of at most kMaxCells voxels along each axis, as VisitCells has it. False if some voxel is in doubt. Of
+// the layers those from number `part` on, `parts` apart.
 template <bool kThin, typename Rows>
 __device__ inline bool WalkRows(const BitArgs& args, const FixedTriangle& t, const int (&begin)[3], const int (&end)[3],
                                 CellSpan* table, int part, int parts, Rows&& to) {
@@ -209,13 +212,13 @@ struct CellLists {
 
 // Of each warp of a block.
 struct FirstPass {
-  uint2 found[kCellThreads / 32][kMostCellRounds * 32];  // octants that wait for the bits to be cleared
+  uint2 found[kCellThreads / 32][kMaxCellRounds * 32];  // octants that wait for the bits to be cleared
   StagedCorners staged[kCellThreads / 32];
 };
 // What the block's triangles share in WalkCells.
-struct CellRoom : CellLists<kMostCellRounds * kCellThreads> {
+struct CellRoom : CellLists<kMaxCellRounds * kCellThreads> {
   union {
-    CellSpan table[kMostCells][kCellThreads];
+    CellSpan table[kMaxCells][kCellThreads];
     FirstPass first_pass;
   };
 };
@@ -290,7 +293,8 @@ __device__ inline void SetPackedInPool(const BitArgs& args, const uint2& packed)
   if (octants != 0) PoolRows(args).SetOctants(first, octants);
 }
 
-// Waits until the grid and the queues are cleared. All threads of a block call it; a barrier where blocks of the same kernel clear.
+// Waits until the grid and the queues are cleared. All threads of a block call it; a barrier where blocks of the same
+// kernel clear.
 __device__ inline void AwaitCleared(const BitArgs& args) {
   if (args.clear_blocks == 0) return AwaitEarlier();
   if (threadIdx.x == 0) {
@@ -316,7 +320,8 @@ __device__ inline uint2 PackFound(const int (&first)[3], uint32_t octants) {
   return PackOctants(first, kSink == BitSink::kTogether ? octants : Together(first, octants));
 }
 
-// Puts the octants of a warp's lanes that have some behind those that the warp has `kept`; how many those are then. All threads of a warp call it.
+// Puts the octants of a warp's lanes that have some behind those that the warp has `kept`; how many those are then. All
+// threads of a warp call it.
 template <BitSink kSink>
 __device__ inline uint32_t KeepFound(const int (&first)[3], uint32_t octants, uint2* found, uint32_t kept) {
   const uint2 packed = PackFound<kSink>(first, octants);
@@ -331,8 +336,8 @@ __device__ inline bool GoesByFixed(const BitArgs& args) {
   return args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
 }
 
-// What becomes of a lane's triangle, where it `has` one, by its box, and, where many of its warp go by octants, by those. `number` gives the triangle's
-// number. All threads of a warp call it.
+// What becomes of a lane's triangle, where it `has` one, by its box, and, where many of its warp go by octants, by
+// those. `number` gives the triangle's number. All threads of a warp call it.
 template <bool kThin, bool kPacked, typename Number>
 __device__ inline CellFate FindFirst(const BitArgs& args, bool has, const Fetched<kPacked>& fetched, Number&& number,
                                      FixedTriangle& triangle, uint32_t& octants) {
@@ -349,8 +354,8 @@ __device__ inline CellFate FindFirst(const BitArgs& args, bool has, const Fetche
   return fate;
 }
 
-// Puts what waits for other kernels into the queues. A block's go there at once: an atomic that returns costs some 3 ns where all are on one address.
-// number_at(number of the block's). All threads of a block call it.
+// Puts what waits for other kernels into the queues. A block's go there at once: an atomic that returns costs some 3 ns
+// where all are on one address. number_at(number of the block's). All threads of a block call it.
 template <bool kPrefetch, uint32_t kRoom, typename Number>
 __device__ inline void QueueLater(const BitArgs& args, CellLists<kRoom>& lists, Number&& number_at) {
   auto* const queued = reinterpret_cast<unsigned long long*>(args.queued);
@@ -371,8 +376,9 @@ __device__ inline void QueueLater(const BitArgs& args, CellLists<kRoom>& lists, 
   }
 }
 
-// Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first pass finds is kept
-// until the grid is cleared, so that it runs beside the clearing of the grid. Waits for whoever clears the grid.
+// Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first
+// pass finds is kept until the grid is cleared, so that it runs beside the clearing of the grid. Waits for whoever
+// clears the grid.
 template <bool kThin, bool kPacked, BitSink kSink>
 __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFor<kSink>& room) {
   if (threadIdx.x == 0) room.Clear();

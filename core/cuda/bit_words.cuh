@@ -1,5 +1,5 @@
-// How small triangles set their voxels in the words of a bit grid: those about a corner, a lane's or a warp's together, and rows of a box. No
-// host-only includes.
+// How small triangles set their voxels in the words of a bit grid: those about a corner, a lane's or a warp's together,
+// and rows of a box. No host-only includes.
 #pragma once
 
 #include "cuda/bit_grid.cuh"
@@ -53,7 +53,7 @@ class NearWords {
         shift_((begin[0] & 31) - (begin[0] - first)),
         row_(uint32_t(args.grid.words_per_row)),
         layer_(row_ * uint32_t(args.grid.dims[1])) {}
-  // As VisitCells has it, at most kMostCells voxels.
+  // As VisitCells has it, at most kMaxCells voxels.
   __device__ void Layer(int z) {
     layer_begins_ = first_ + uint64_t{uint32_t(z)} * layer_;
 #if defined(__CUDA_ARCH__)
@@ -75,8 +75,8 @@ class NearWords {
   uint32_t* layer_begins_ = nullptr;
 };
 
-// The octants of all lanes, those together that neighbours in a mesh have about one corner: atomics are what takes longest. Those of a lane
-// whose octants another has come to none. All threads of a warp call it.
+// The octants of all lanes, those together that neighbours in a mesh have about one corner: atomics are what takes
+// longest. Those of a lane whose octants another has come to none. All threads of a warp call it.
 __device__ inline uint32_t Together(const int (&first)[3], uint32_t octants) {
   const unsigned lane = threadIdx.x % 32;
   const uint32_t xy = (uint32_t(first[0]) & 0xffff) | uint32_t(first[1]) << 16;  // fixed-point cells have 16 bits

@@ -131,8 +131,8 @@ absl::Status Store(RunState& state, int index, const StoreArgs& args) {
 }  // namespace
 
 uint64_t FineTriangles(const DeviceInfo& device) {
-  constexpr uint64_t kLeastBlocks = 16;
-  return (AssumedCache() > 0 ? 1 : uint64_t(device.multiprocessors) * kLeastBlocks) * kBlendThreads;
+  constexpr uint64_t kMinBlocks = 16;
+  return (AssumedCache() > 0 ? 1 : uint64_t(device.multiprocessors) * kMinBlocks) * kBlendThreads;
 }
 
 bool IsFine(const RunState& state) {

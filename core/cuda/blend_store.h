@@ -1,5 +1,5 @@
-// Where targets that are blended without tiles (direct_blend.cu) keep what is blended, and how that becomes the result. Included by .cu
-// files only.
+// Where targets that are blended without tiles (direct_blend.cu) keep what is blended, and how that becomes the result.
+// Included by .cu files only.
 #pragma once
 
 #include "cuda/launch.h"

@@ -1,5 +1,5 @@
-// Blends the rows of what FindCells leaves (cell_walk.cuh) in a dense target as they are found, for targets that FindCells blends itself.
-// No host-only includes.
+// Blends the rows of what FindCells leaves (cell_walk.cuh) in a dense target as they are found, for targets that
+// FindCells blends itself. No host-only includes.
 #pragma once
 
 #include "cuda/in_place.cuh"

@@ -1,9 +1,9 @@
-// Bricks of a sparse result that are given out while triangles are drawn: whoever touches one first takes a place for it in a pool, and values
-// are blended there. So triangles are walked once, and nothing is as large as the grid but a table of its bricks (C. Crassin et al.,
-// "GigaVoxels", I3D 2009, has such a pool for rendering).
+// Bricks of a sparse result that are given out while triangles are drawn: whoever touches one first takes a place for
+// it in a pool, and values are blended there. So triangles are walked once, and nothing is as large as the grid but a
+// table of its bricks (C. Crassin et al., "GigaVoxels", I3D 2009, has such a pool for rendering).
 //
-// Blends are by maximum, of keys that are never 0: a cell that is 0 was touched by nobody. Where bricks want more places than there are, what
-// they hold is lost, and the number of those given out tells. No host-only includes.
+// Blends are by maximum, of keys that are never 0: a cell that is 0 was touched by nobody. Where bricks want more
+// places than there are, what they hold is lost, and the number of those given out tells. No host-only includes.
 #pragma once
 
 #include "cuda/list_sizes.h"
@@ -31,8 +31,8 @@ __device__ inline uint32_t BrickAt(const BrickPool& pool, int x, int y, int z) {
   return tile * 4 + uint32_t(x) % 4;
 }
 
-// Where voxels lie in their bricks: the brick of one of them, and where the cell of the first voxel would be if all were in that brick, counted
-// from its begin on.
+// Where voxels lie in their bricks: the brick of one of them, and where the cell of the first voxel would be if all
+// were in that brick, counted from its begin on.
 struct InBrick {
   uint32_t brick;
   int first;

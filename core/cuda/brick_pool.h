@@ -1,5 +1,5 @@
-// Sparse results whose bricks are given out while triangles are drawn (brick_pool.cuh): of one target of floats, whose largest or least value is
-// sought, without a fill. Included by .cu files only.
+// Sparse results whose bricks are given out while triangles are drawn (brick_pool.cuh): of one target of floats, whose
+// largest or least value is sought, without a fill. Included by .cu files only.
 #pragma once
 
 #include "cuda/in_place.cuh"
@@ -7,8 +7,8 @@
 
 namespace voxelpipe::cuda {
 
-// Draws all triangles. Where there is no room for all bricks the plan becomes another, for all slabs of the run, and nothing
-// was done but fragments counted. Synchronizes.
+// Draws all triangles. Where there is no room for all bricks the plan becomes another, for all slabs of the run, and
+// nothing was done but fragments counted. Synchronizes.
 absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id);
 // What was drawn becomes state.result.
 absl::Status EmitPool(RunState& state);

@@ -1,5 +1,5 @@
-// The kernels around a pool of bricks (brick_pool.cuh): rows of larger triangles go there too, and what it holds becomes a sparse result. No
-// host-only includes.
+// The kernels around a pool of bricks (brick_pool.cuh): rows of larger triangles go there too, and what it holds
+// becomes a sparse result. No host-only includes.
 #pragma once
 
 #include "cuda/brick_pool.cuh"
@@ -72,12 +72,14 @@ struct PoolResultArgs {
   uint8_t* out = nullptr;
   VoxelFormat format{};  // of floats
   bool complement = false;
-  // Not null: keys are of owners (OwnerOf), and these become lists of voxels, their indices within the slab, and owners.
+  // Not null: keys are of owners (OwnerOf), and these become lists of voxels, their indices within the slab, and
+  // owners.
   uint32_t *voxel_keys = nullptr, *owners = nullptr;
   uint32_t nx = 1, ny = 1;
 };
 
-// A cell's index in its brick is 128 * i + 4 * lane + k, for the four cells k of each of a lane's four units i of 16 bytes.
+// A cell's index in its brick is 128 * i + 4 * lane + k, for the four cells k of each of a lane's four units i of 16
+// bytes.
 inline constexpr int kUnitsOfLane = 4;
 
 // How many places were given; the same in all threads.

@@ -73,7 +73,8 @@ __global__ void __launch_bounds__(kBucketThreads) CountHeads(const __grid_consta
   args.first[blockIdx.x] = sum;
 }
 
-// Voxels and the offsets of their fragments; after the last voxel stands the number of all fragments. kCounts: nothing is counted before.
+// Voxels and the offsets of their fragments; after the last voxel stands the number of all fragments. kCounts: nothing
+// is counted before.
 template <bool kCounts, typename Index>
 __global__ void __launch_bounds__(kBucketThreads, 4) WriteBuckets(const __grid_constant__ BucketArgs<Index> args) {
   __shared__ uint32_t sums[kBucketThreads / 32];

@@ -31,7 +31,7 @@ struct BucketArgs : SortedKeys {
   // Of CountAndListBuckets.
   uint64_t* listed = nullptr;  // becomes the number of voxels
   // Bit arrays of all fragments, which become 1: targets whose shaders need not run. On whole words.
-  uint32_t* ones[kMostTargets] = {};
+  uint32_t* ones[kMaxTargets] = {};
   int ones_count = 0;
 };
 

@@ -21,8 +21,8 @@ void ReturnMemory(uint64_t bytes);  // device.cpp
 absl::Status LimitStatus(uint64_t bytes);
 
 // Uninitialized elements of a trivially copyable T, in whole units of 16 bytes: stores of uint4 may end behind the last
-// element. Allocation and release are ordered on the stream of the last Resize: all work on the array must have been given
-// to that stream. Never synchronizes.
+// element. Allocation and release are ordered on the stream of the last Resize: all work on the array must have been
+// given to that stream. Never synchronizes.
 template <typename T>
 class DeviceArray {
  public:
@@ -37,7 +37,8 @@ class DeviceArray {
   }
   ~DeviceArray() { Free(); }
 
-  // Afterwards size() == count. Contents are lost unless the array was large enough. RESOURCE_EXHAUSTED naming the need.
+  // Afterwards size() == count. Contents are lost unless the array was large enough. RESOURCE_EXHAUSTED naming the
+  // need.
   absl::Status Resize(uint64_t count, cudaStream_t stream) {
     if (count > capacity_) {
       Free();

@@ -14,8 +14,7 @@ inline constexpr uint32_t kUnpackedOfWarp = 1344;
 // A number of voxels and one of fragments in one word, as many units of the first: of a block, and of all.
 inline constexpr uint32_t kVoxelUnit = 1 << 16;
 inline constexpr uint64_t kWideVoxelUnit = uint64_t{1} << 31;
-static_assert(kBundlesOfChunk * (1 + BundleCode::kMostFollowers) < kVoxelUnit &&
-              kMostBundledFragments < kWideVoxelUnit);
+static_assert(kBundlesOfChunk * (1 + BundleCode::kMaxFollowers) < kVoxelUnit && kMaxBundledFragments < kWideVoxelUnit);
 
 // A thread's bundles: those of a warp follow one another, in groups of 32, a lane each.
 struct BundlesOfThread {
@@ -75,7 +74,8 @@ __device__ inline void CopyFragments(const uint32_t* from, uint32_t count, uint3
   for (uint32_t k = threadIdx.x % 32; k < count; k += 32) to[k] = from[k];
 }
 
-// Voxels, the offsets of their fragments, and the fragments' triangles, all in order; after the last voxel stands the number of all fragments.
+// Voxels, the offsets of their fragments, and the fragments' triangles, all in order; after the last voxel stands the
+// number of all fragments.
 __global__ void __launch_bounds__(kBundleThreads, kUnpackBlocks)
     UnpackBundles(const __grid_constant__ BundleArgs args) {
   constexpr unsigned kWarps = kBundleThreads / 32;
@@ -119,7 +119,7 @@ __global__ void __launch_bounds__(kBundleThreads, kUnpackBlocks)
     args.voxels[v] = args.first_voxel + of.key[i];
   }
   if (!fits) {
-    static_assert(32 * (1 + BundleCode::kMostFollowers) <= kUnpackedOfWarp);
+    static_assert(32 * (1 + BundleCode::kMaxFollowers) <= kUnpackedOfWarp);
     uint32_t group = 0;
 #pragma unroll
     for (int i = 0; i < kBundlesOfThread; ++i) {

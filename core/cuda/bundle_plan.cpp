@@ -10,9 +10,10 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// How many voxels a triangle of the mesh touches under conservative coverage, on the average, by a sample. Wherever it lies, it is as many, on the
-// average, as the volume that a box of a voxel sweeps when its centre goes all over the triangle: 1, and the lengths of the triangle's projections on
-// the axes, and the areas of those on the planes between them.
+// How many voxels a triangle of the mesh touches under conservative coverage, on the average, by a sample. Wherever it
+// lies, it is as many, on the average, as the volume that a box of a voxel sweeps when its centre goes all over the
+// triangle: 1, and the lengths of the triangle's projections on the axes, and the areas of those on the planes between
+// them.
 double VoxelsOfTriangle(const RunState& state) {
   constexpr uint64_t kSamples = 128;
   const TriangleMesh& mesh = state.host.mesh;
@@ -46,20 +47,20 @@ std::optional<BundlePlan> PlanBundles(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   BundlePlan plan;
   plan.code.id_bits = uint32_t(std::max(1, int(std::bit_width(triangles - 1))));
-  static_assert(kMostSpanTriangles <= uint64_t{1} << BundleCode::kMostIdBits);  // of more there are no records
+  static_assert(kMaxSpanTriangles <= uint64_t{1} << BundleCode::kMaxIdBits);  // of more there are no records
   if (ShadesFragments(state.request) || !state.targets.any_always_present || IsScattered(state)) return std::nullopt;
-  plan.code.followers = std::min(32 - plan.code.id_bits, BundleCode::kMostFollowers);
+  plan.code.followers = std::min(32 - plan.code.id_bits, BundleCode::kMaxFollowers);
   // Measured: of spheres of 2 to 8 voxels a triangle some 0.7 bundles for each voxel but for the first 1.6.
-  constexpr double kMostVoxels = 12, kShared = 1.6, kBundles = .7, kLeast = .25;
+  constexpr double kMaxVoxels = 12, kShared = 1.6, kBundles = .7, kLeast = .25;
   const double voxels = VoxelsOfTriangle(state), bundles = std::max(kLeast, kBundles * (voxels - kShared));
   // What fits into the cache is sorted in less time than the host takes to learn how many bundles there are.
-  if (!(voxels <= kMostVoxels) ||
-      !ExceedsCache(state.device, uint64_t(voxels * double(triangles)) * sizeof(uint32_t))) {
+  if (!(voxels <= kMaxVoxels) || !ExceedsCache(state.device, uint64_t(voxels * double(triangles)) * sizeof(uint32_t))) {
     return std::nullopt;
   }
-  // The rest of the room is for fragments that are not yet bundled, and for places with more. More rounds gained nothing.
-  constexpr double kFilled = .65 * kBundleRoom, kMostRounds = 4;
-  plan.rounds = uint32_t(std::clamp(kFilled / (bundles * kBundledTriangles), 1., kMostRounds));
+  // The rest of the room is for fragments that are not yet bundled, and for places with more. More rounds gained
+  // nothing.
+  constexpr double kFilled = .65 * kBundleRoom, kMaxRounds = 4;
+  plan.rounds = uint32_t(std::clamp(kFilled / (bundles * kBundledTriangles), 1., kMaxRounds));
   return plan;
 }
 

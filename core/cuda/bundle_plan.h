@@ -8,8 +8,8 @@
 
 namespace voxelpipe::cuda {
 
-// None where fragments are wanted by themselves before the end, or neighbouring triangles have few voxels in common: in meshes in no order, or of
-// large triangles. Nor where the cache holds the mesh's fragments.
+// None where fragments are wanted by themselves before the end, or neighbouring triangles have few voxels in common: in
+// meshes in no order, or of large triangles. Nor where the cache holds the mesh's fragments.
 std::optional<BundlePlan> PlanBundles(RunState& state);
 
 }  // namespace voxelpipe::cuda

@@ -1,5 +1,6 @@
-// Bundles: fragments of one voxel by triangles whose ids follow one another closely, sorted as one. Neighbours in a mesh in order share voxels,
-// so there are about a third as many bundles as fragments where triangles are small. Plain structs, no host-only includes.
+// Bundles: fragments of one voxel by triangles whose ids follow one another closely, sorted as one. Neighbours in a
+// mesh in order share voxels, so there are about a third as many bundles as fragments where triangles are small. Plain
+// structs, no host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -9,11 +10,12 @@
 
 namespace voxelpipe::cuda {
 
-// In 32 bits: the first triangle's id in the lowest `id_bits`, behind it a bit for each of the `followers` next ids, whether it has a fragment too.
+// In 32 bits: the first triangle's id in the lowest `id_bits`, behind it a bit for each of the `followers` next ids,
+// whether it has a fragment too.
 struct BundleCode {
-  static constexpr uint32_t kMostIdBits = 28, kMostFollowers = 15;
+  static constexpr uint32_t kMaxIdBits = 28, kMaxFollowers = 15;
 
-  uint32_t id_bits = kMostIdBits, followers = 32 - kMostIdBits;
+  uint32_t id_bits = kMaxIdBits, followers = 32 - kMaxIdBits;
 
   VOXELPIPE_HD uint32_t Triangle(uint32_t code) const { return code & ((1u << id_bits) - 1); }
   VOXELPIPE_HD uint32_t Followers(uint32_t code) const { return code >> id_bits; }
@@ -21,10 +23,10 @@ struct BundleCode {
   VOXELPIPE_HD uint32_t Bit(uint32_t after) const { return 1u << (id_bits - 1 + after); }
 };
 
-inline constexpr uint64_t kMostBundledFragments = (uint64_t{1} << 31) - 1;
+inline constexpr uint64_t kMaxBundledFragments = (uint64_t{1} << 31) - 1;
 
-// EmitBundles: what a warp takes in each of its rounds, what it has room for, bundles and fragments that become such, and its blocks on a
-// multiprocessor at once.
+// EmitBundles: what a warp takes in each of its rounds, what it has room for, bundles and fragments that become such,
+// and its blocks on a multiprocessor at once.
 inline constexpr uint32_t kBundledTriangles = 64, kBundleRoom = 640;
 inline constexpr int kBundleBlocks = 5;
 
@@ -41,8 +43,8 @@ inline uint64_t ChunksOfBundles(uint64_t bundles) {
   return (bundles + kBundlesOfChunk - 1) / kBundlesOfChunk;
 }
 
-// Sorted bundles, which become buckets in chunks of kBundlesOfChunk. `keys` and `first` are theirs; of fragments there are kMostBundledFragments
-// or fewer.
+// Sorted bundles, which become buckets in chunks of kBundlesOfChunk. `keys` and `first` are theirs; of fragments there
+// are kMaxBundledFragments or fewer.
 struct BundleArgs : BucketArgs<uint64_t> {
   BundleCode code;
   uint64_t bundles = 0;

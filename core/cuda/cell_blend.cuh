@@ -16,8 +16,8 @@ struct BlendCellsArgs {
   AccumulateArgs accumulate;
 };
 
-// The places of a block's voxels, all of them covered: visit(place). A triangle's lie side by side in each row, and within a word of coverage ranks
-// follow each other, as cells of a target do: one is looked up for all.
+// The places of a block's voxels, all of them covered: visit(place). A triangle's lie side by side in each row, and
+// within a word of coverage ranks follow each other, as cells of a target do: one is looked up for all.
 template <typename PlaceOf, typename Visit>
 __device__ inline void ForEachPlace(const GridView& grid, uint32_t block, uint64_t mask, PlaceOf&& place_of,
                                     Visit&& visit) {
@@ -37,8 +37,9 @@ struct alignas(16) FourSumsRoom {
   __device__ int64_t (&Of(unsigned lane))[4] { return terms[lane + lane / 4]; }
 };
 
-// AddAt of four sums a voxel, `count` 0 where a lane has none: four lanes add those of a voxel together, for they lie in one sector of memory, and what
-// takes longest is that the cache does one atomic operation on a sector at a time. All 32 lanes call it.
+// AddAt of four sums a voxel, `count` 0 where a lane has none: four lanes add those of a voxel together, for they lie
+// in one sector of memory, and what takes longest is that the cache does one atomic operation on a sector at a time.
+// All 32 lanes call it.
 __device__ inline void AddFourSums(FourSumsRoom& room, const Accumulators& to, uint32_t rank, const int64_t (&term)[4],
                                    uint32_t count) {
   const unsigned lane = threadIdx.x % 32, first = lane & ~3u, mine = lane & 3;
@@ -55,8 +56,9 @@ __device__ inline void AddFourSums(FourSumsRoom& room, const Accumulators& to, u
   }
 }
 
-// Takes 32 triangles: one of each lane, t, and its record with the number; `load` makes what it brings, `emit` takes what CombineRuns finds,
-// `place_of` tells where the voxel of a bit is kept, blend(place, value, how many triangles bring it).
+// Takes 32 triangles: one of each lane, t, and its record with the number; `load` makes what it brings, `emit` takes
+// what CombineRuns finds, `place_of` tells where the voxel of a bit is kept, blend(place, value, how many triangles
+// bring it).
 template <typename T, int kComponents, typename Load, typename Combine, typename Emit, typename PlaceOf, typename Blend>
 __device__ inline void BlendRecords(const BlendCellsArgs& args, CellRunRoom<T, kComponents>& room, uint32_t t,
                                     uint64_t number, uint64_t record, Load&& load, Combine&& combine, Emit&& emit,

@@ -1,5 +1,5 @@
-// The A-buffer's fragments from records of triangles (cell_views.h), in the order of triangles. FindCells counts them; where those of a block
-// begin is the sum of what is counted before. No host-only includes.
+// The A-buffer's fragments from records of triangles (cell_views.h), in the order of triangles. FindCells counts them;
+// where those of a block begin is the sum of what is counted before. No host-only includes.
 #pragma once
 
 #include "cuda/cell_walk.cuh"
@@ -66,7 +66,8 @@ __device__ inline void ForEachOfBlock(const BitSteps& steps, uint64_t cell, uint
 
 // A block's room. Sums of warps are written and read between two barriers.
 struct EmitRoom {
-  // The bit, and which of the block's triangles. Of what waits kNotHere, before which the first of a triangle has that, the others the same.
+  // The bit, and which of the block's triangles. Of what waits kNotHere, before which the first of a triangle has that,
+  // the others the same.
   uint2 staged[kStagedFragments];
   uint64_t before[kChunkWarps];
   uint32_t sums[kChunkWarps];
@@ -139,7 +140,8 @@ __device__ inline void EmitCellsAt(const FragmentArgs& args, uint64_t first, con
   }
 }
 
-// The fragments of a block's triangles, the thread's from `first` on, where they are too many to be staged. The number of all.
+// The fragments of a block's triangles, the thread's from `first` on, where they are too many to be staged. The number
+// of all.
 __device__ __noinline__ inline uint64_t EmitPlainly(const FragmentArgs& args, EmitRoom& room, uint64_t first,
                                                     CellsOfThread of, uint64_t out) {
   const uint64_t mine = of.all(), upto = SumUpto(mine);
@@ -222,8 +224,9 @@ __device__ inline LanesOfPut LookAtPut(uint32_t t, int x_begin, int x_end) {
   return put;
 }
 
-// Adds to the records of those that wait, and to their chunks, how many fragments they have, and lists them. What a warp has of a triangle it
-// adds at once, and of one triangle time after time at the end: what takes longest is that many additions go to one address.
+// Adds to the records of those that wait, and to their chunks, how many fragments they have, and lists them. What a
+// warp has of a triangle it adds at once, and of one triangle time after time at the end: what takes longest is that
+// many additions go to one address.
 class FragmentCounter {
  public:
   using Args = FragmentArgs;
@@ -283,7 +286,8 @@ __device__ inline uint64_t AllFragments(const FragmentCounts& counts) {
   return WarpSum(all);
 }
 
-// Reserves room for the fragments of listed spans, `length` of each lane's triangle t, by warps: where they go. All threads of a warp call it.
+// Reserves room for the fragments of listed spans, `length` of each lane's triangle t, by warps: where they go. All
+// threads of a warp call it.
 __device__ inline uint64_t ReserveByWarps(const FragmentArgs& args, uint32_t t, uint32_t length) {
   const auto reserve = [&](uint32_t count) {
     return atomicAdd(reinterpret_cast<unsigned long long*>(args.blocks + t), 0ull + count);
@@ -298,7 +302,8 @@ __device__ inline uint64_t ReserveByWarps(const FragmentArgs& args, uint32_t t, 
   return __shfl_sync(~0u, at, put.leader) + before;
 }
 
-inline constexpr uint32_t kListedOfThread = 2;  // so that a block takes as many as a warp appends at a time, and most often just those
+inline constexpr uint32_t kListedOfThread =
+    2;  // so that a block takes as many as a warp appends at a time, and most often just those
 
 // A block's room.
 struct ListedRoom {
@@ -306,8 +311,8 @@ struct ListedRoom {
   unsigned long long at;
 };
 
-// The listed spans to fragments, where there is room for all of both. Most often all that a block takes are of one triangle: what takes longest is that
-// many additions go to one address, so there it makes one. May begin early.
+// The listed spans to fragments, where there is room for all of both. Most often all that a block takes are of one
+// triangle: what takes longest is that many additions go to one address, so there it makes one. May begin early.
 __global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constant__ FragmentArgs args) {
   constexpr uint32_t kSpans = kChunkThreads * kListedOfThread;
   static_assert(kSpans == kSpansOfPiece);

@@ -1,6 +1,6 @@
-// Small triangles whose boxes are larger than octants tell (bit_cells.cuh), by rows as raster/spans.h has them: each bound once for voxels grown by the
-// widening of narrow triangles and a band, once for the widening less the band. Where both give the same voxels, so does whatever lies between. No
-// host-only includes.
+// Small triangles whose boxes are larger than octants tell (bit_cells.cuh), by rows as raster/spans.h has them: each
+// bound once for voxels grown by the widening of narrow triangles and a band, once for the widening less the band.
+// Where both give the same voxels, so does whatever lies between. No host-only includes.
 #pragma once
 
 #include "cuda/bit_cells.cuh"
@@ -19,8 +19,8 @@ struct CellSpan {
   float first_outer, first_inner, last_outer, last_inner;
 };
 
-// Whole numbers of less than 22 bits as floats with this on top, in which their bits stand as those of an integer. Others stay as large as they are
-// or nearly so. Roundings to such are additions on a device.
+// Whole numbers of less than 22 bits as floats with this on top, in which their bits stand as those of an integer.
+// Others stay as large as they are or nearly so. Roundings to such are additions on a device.
 inline constexpr float kWhole = 0x1.8p23f;
 VOXELPIPE_HD float WholeFrom(float v) {  // the least that is not less
 #if defined(__CUDA_ARCH__)
@@ -59,14 +59,15 @@ VOXELPIPE_HD uint32_t BitsFrom(uint32_t first, int count) {
 #endif
 }
 
-// The bound |nu*u + nt*t - middle| <= half, where half is sure to within `band`. `none`: it bounds nothing; without a branch, as most do.
+// The bound |nu*u + nt*t - middle| <= half, where half is sure to within `band`. `none`: it bounds nothing; without a
+// branch, as most do.
 VOXELPIPE_HD CellBound SolveCell(bool none, float nu, float nt, float middle, float half, float band) {
   const float inverse = none ? 0 : Reciprocal(nu), length = fabsf(inverse), more = none ? 1e30f : 0;
   return {middle * inverse, nt * inverse, fmaf(half + band, length, more), fmaf(half - band, length, more)};
 }
 
-// An edge e through p, seen along an axis; as TestEdge. Where it is parallel to u it says no more than the box; its components are whole units of the
-// fixed point.
+// An edge e through p, seen along an axis; as TestEdge. Where it is parallel to u it says no more than the box; its
+// components are whole units of the fixed point.
 VOXELPIPE_HD CellBound EdgeCells(float eu, float et, float pu, float pt, float area, float band, float rounding) {
   const float norm = fabsf(eu) + fabsf(et);
   const float middle = fmaf(-0.5f, (area + et) - eu, fmaf(et, pu, -(eu * pt)));
@@ -82,7 +83,7 @@ VOXELPIPE_HD void Narrow(const CellBound& b, float t, CellSpan& span) {
   span.last_inner = fminf(span.last_inner, c + b.inner);
 }
 
-inline constexpr int kMostCells = 9;  // of a box along each axis that goes by rows here
+inline constexpr int kMaxCells = 9;  // of a box along each axis that goes by rows here
 
 // Takes rows of VisitCells to visit(y, z, x, count).
 template <typename Visit>
@@ -97,10 +98,11 @@ class EachRow {
   int z_ = 0;
 };
 
-// Rows of a box of at most kMostCells voxels along each axis, within `begin` to `end` of the grid: to.Layer(z) before those of a layer, then
-// to.Row(y, x, count), `count` voxels from x on, or none; y and z are counted from `begin`, x from the box's first voxel. False as soon as some voxel is not
-// certain; rows already visited are right. `table` has room for kMostCells elements, `pitch` apart. Of the layers those from number `part` on, `parts`
-// apart. `whole`: the triangle touches all of the box.
+// Rows of a box of at most kMaxCells voxels along each axis, within `begin` to `end` of the grid: to.Layer(z) before
+// those of a layer, then to.Row(y, x, count), `count` voxels from x on, or none; y and z are counted from `begin`, x
+// from the box's first voxel. False as soon as some voxel is not certain; rows already visited are right. `table` has
+// room for kMaxCells elements, `pitch` apart. Of the layers those from number `part` on, `parts` apart. `whole`: the
+// triangle touches all of the box.
 template <bool kThin, typename Rows>
 VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const int (&begin)[3], const int (&end)[3],
                              const FixedPlace& place, CellSpan* table, int pitch, bool whole, Rows&& to, int part = 0,
@@ -123,12 +125,14 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
   float longest = 0;
   for (int i = 0; i < 3; ++i) longest = fmaxf(longest, LengthSquared(e[i]));
   if (!whole && !(most > fmaf(0.0042f, longest, 0x1p-19f))) return false;  // perhaps not narrow
-  // Rounding errors grow with the box: of products of two lengths, of three, and of the plane that moving vertices by units turns.
+  // Rounding errors grow with the box: of products of two lengths, of three, and of the plane that moving vertices by
+  // units turns.
   const auto size =
       float(2 + Max(box.last[0] - box.first[0], Max(box.last[1] - box.first[1], box.last[2] - box.first[2])));
   const float band = fmaf(place.band, voxels, kMoreOfRows), rounding = 1.5e-6f * size * size;
 
-  // The plane bounds x. Where x says nothing, neither does the plane if it is parallel to a second axis too: the box says it.
+  // The plane bounds x. Where x says nothing, neither does the plane if it is parallel to a second axis too: the box
+  // says it.
   CellBound plane{0, 0, 1e30f, 1e30f};
   float plane_sy = 0;
   if (ax > norm * 0x1p-26f) {

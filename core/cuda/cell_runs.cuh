@@ -23,9 +23,9 @@ struct OctantOfRun {
   T value[kComponents];
 };
 
-// Each lane brings the voxel of a corner, the octants about it that its triangle touches, and a value. Lanes in a row with one corner
-// are a run: combine(kept, value) is done for each of its octants, then emit(OctantOfRun) is called: by eight lanes for the octants of a
-// run, four runs at a time. All 32 lanes call it, and all call emit together.
+// Each lane brings the voxel of a corner, the octants about it that its triangle touches, and a value. Lanes in a row
+// with one corner are a run: combine(kept, value) is done for each of its octants, then emit(OctantOfRun) is called: by
+// eight lanes for the octants of a run, four runs at a time. All 32 lanes call it, and all call emit together.
 template <typename T, int kComponents, typename Combine, typename Emit>
 __device__ inline void CombineRuns(CellRunRoom<T, kComponents>& room, uint32_t first, uint32_t octants,
                                    const T (&value)[kComponents], Combine&& combine, Emit&& emit) {
@@ -73,8 +73,9 @@ __device__ inline void CombineRuns(CellRunRoom<T, kComponents>& room, uint32_t f
   }
 }
 
-// Of the octants that a lane's triangle touches, those that no later lane of its run (`last`), or no earlier one, touches: all that
-// are to be blended where the largest of values that grow, or fall, from lane to lane is sought. All 32 lanes call it.
+// Of the octants that a lane's triangle touches, those that no later lane of its run (`last`), or no earlier one,
+// touches: all that are to be blended where the largest of values that grow, or fall, from lane to lane is sought. All
+// 32 lanes call it.
 __device__ inline uint32_t OctantsAlone(uint32_t first, uint32_t octants, bool last) {
   const unsigned lane = threadIdx.x % 32;
   const uint32_t left = __shfl_up_sync(~0u, first, 1);

@@ -1,4 +1,5 @@
-// What FindCells (cell_walk.cuh) says of a triangle, in 8 bytes each, in the order in which it takes them. No host-only includes.
+// What FindCells (cell_walk.cuh) says of a triangle, in 8 bytes each, in the order in which it takes them. No host-only
+// includes.
 #pragma once
 
 #include <cstdint>
@@ -7,8 +8,8 @@
 
 namespace voxelpipe::cuda {
 
-// From bit 0: the bit of a voxel in the slab's bit grid, the first of a block of voxels (32 bits); which of the 2x2x2 from
-// there the triangle touches, x + 2y + 4z (8); the kind, at the end.
+// From bit 0: the bit of a voxel in the slab's bit grid, the first of a block of voxels (32 bits); which of the 2x2x2
+// from there the triangle touches, x + 2y + 4z (8); the kind, at the end.
 enum class CellKind : uint32_t {
   kOctants,  // as they stand; none where the triangle touches nothing
   kBlock,    // at most 4x4x4 voxels: a mask of 64 bits, x + 4y + 16z, stands in an array beside the records

@@ -16,7 +16,7 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kFindThreads = 256;  // not kCellThreads: with 128 sphere10M takes .07 to .09 ms more
-inline constexpr int kMostFindRounds = 8;
+inline constexpr int kMaxFindRounds = 8;
 inline constexpr int kFindBlocks = 4;  // of FindCells on a multiprocessor at once
 
 // What becomes of what is found.
@@ -56,7 +56,7 @@ struct FindWarpRoom<CellSink::kBlend> {
 };
 template <CellSink kSink>
 struct FindRoom {
-  static constexpr int kTriangles = kMostFindRounds * kFindThreads;
+  static constexpr int kTriangles = kMaxFindRounds * kFindThreads;
   FindWarpRoom<kSink> of_warps[kFindThreads / 32];
   uint16_t cells[kTriangles];    // that wait for octants, from the begin on, and for rows, from the end on
   uint16_t waiting[kTriangles];  // for another kernel
@@ -135,8 +135,8 @@ __device__ inline void BlendOctants(const CellArgs& args, uint32_t first, uint32
   }
 }
 
-// Of the octants about corners that a warp's lanes bring, within the grid, leaves those that no other lane brings a larger key to. False where the
-// warp's box does not hold them: then all are left. All lanes call it.
+// Of the octants about corners that a warp's lanes bring, within the grid, leaves those that no other lane brings a
+// larger key to. False where the warp's box does not hold them: then all are left. All lanes call it.
 __device__ inline bool LargestAmongLanes(KeyBox& box, const int (&first)[3], uint32_t& octants, uint32_t key) {
   uint32_t from[3], last[3];
 #pragma unroll
@@ -167,8 +167,8 @@ __device__ inline bool LargestAmongLanes(KeyBox& box, const int (&first)[3], uin
   return true;
 }
 
-// What a warp does with the octants of its lanes' triangles; `takes`: the lane has a triangle, whose octants these are, and whose record.
-// `in_order`: of two lanes the later one has the later triangle.
+// What a warp does with the octants of its lanes' triangles; `takes`: the lane has a triangle, whose octants these are,
+// and whose record. `in_order`: of two lanes the later one has the later triangle.
 template <CellSink kSink, int kShader>
 __device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& room, bool plain, bool in_order,
                                    bool takes, uint32_t t, uint64_t record, int (&first)[3], uint32_t octants,
@@ -199,7 +199,8 @@ __device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& ro
     }
     if (plain) key[0] ^= 0x80000000u;
     if constexpr (kShader >= 0) {
-      // Triangle ids (see FindCells) grow from lane to lane: one of a run has the largest key of an octant, and nothing is to be combined.
+      // Triangle ids (see FindCells) grow from lane to lane: one of a run has the largest key of an octant, and nothing
+      // is to be combined.
       if (in_order) octants = OctantsAlone(bit, octants, args.blend.blend == InPlace::kMax);
       BlendOctants(args, bit, octants, key[0]);
     } else {
@@ -287,8 +288,8 @@ __device__ inline bool TakeBlock(const CellArgs& args, uint32_t t, uint64_t reco
   return true;
 }
 
-// Puts a block's triangles that wait for another kernel into the layer queue. triangle_at(number of the block's); `first` is in shared memory. All
-// threads of the block call it, after a barrier.
+// Puts a block's triangles that wait for another kernel into the layer queue. triangle_at(number of the block's);
+// `first` is in shared memory. All threads of the block call it, after a barrier.
 template <typename TriangleAt>
 __device__ inline void QueueWaiting(const BitArgs& walk, const uint16_t* waiting, uint32_t count,
                                     unsigned long long& first, TriangleAt&& triangle_at) {
@@ -299,7 +300,8 @@ __device__ inline void QueueWaiting(const BitArgs& walk, const uint16_t* waiting
   for (uint32_t i = threadIdx.x; i < count; i += blockDim.x) walk.layer_queue[first + i] = triangle_at(waiting[i]);
 }
 
-// kShader: that of triangle ids, whose numbers grow with the triangles, or -1 for any. kPacked: the walk has packed corners.
+// kShader: that of triangle ids, whose numbers grow with the triangles, or -1 for any. kPacked: the walk has packed
+// corners.
 template <bool kThin, CellSink kSink, int kShader, bool kPacked>
 __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __grid_constant__ CellArgs args) {
   __shared__ FindRoom<kSink> room;

@@ -52,7 +52,7 @@ namespace {
 // Of a run of FindCells.
 int RoundsOf(const RunState& state) {
   return RoundsFor(state.mesh.host_view.triangle_count, kFindThreads,
-                   uint64_t(state.device.multiprocessors) * kFindBlocks, kMostFindRounds);
+                   uint64_t(state.device.multiprocessors) * kFindBlocks, kMaxFindRounds);
 }
 
 absl::Status MakeRoomForQueues(RunState& state) {

@@ -9,14 +9,17 @@
 
 namespace voxelpipe::cuda {
 
-// Whether walks over the run's triangles go by fixed point; where not, all triangles wait for what comes behind the walk.
+// Whether walks over the run's triangles go by fixed point; where not, all triangles wait for what comes behind the
+// walk.
 bool GoesByFixed(const RunState& state);
 
 // Gives every triangle of the slab to a sink, and what is not small to the queues; state.counters has how many wait.
-// kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: FragmentSlots, which are cleared before; or null.
+// kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: FragmentSlots,
+// which are cleared before; or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
                           bool by_id = false, const BrickPool* pool = nullptr);
-// The same, for the A-buffer: records, and how many fragments they have, in state.fragment_first and behind the counters, as `counts` then says.
+// The same, for the A-buffer: records, and how many fragments they have, in state.fragment_first and behind the
+// counters, as `counts` then says.
 absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts);
 
 // Clears the queues, and `fragments` as FindAllCells does, and makes room for all triangles to wait.

@@ -9,12 +9,13 @@
 
 namespace voxelpipe::cuda {
 
-// OK for cudaSuccess. Out of memory is RESOURCE_EXHAUSTED, everything else INTERNAL. An error after which the context answers
-// every call with the same error ("sticky": an illegal address, a failed launch) marks the device lost (device.h). All carry the mark of
-// base/device_failure.h.
+// OK for cudaSuccess. Out of memory is RESOURCE_EXHAUSTED, everything else INTERNAL. An error after which the context
+// answers every call with the same error ("sticky": an illegal address, a failed launch) marks the device lost
+// (device.h). All carry the mark of base/device_failure.h.
 absl::Status CudaStatus(cudaError_t error, const char* expression, const char* file, int line);
 
-// Kernel launches that the calling thread made so far. Those of a graph count one by one, a call of CUB as one, whatever it launches.
+// Kernel launches that the calling thread made so far. Those of a graph count one by one, a call of CUB as one,
+// whatever it launches.
 uint64_t LaunchesOfThread();
 void CountLaunch();
 

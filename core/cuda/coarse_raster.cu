@@ -1,8 +1,8 @@
 // Vertices to index space; binning of triangles to tiles.
 //
-// Pairs (tile, triangle) are appended in no order: every blend is independent of the order of fragments. A triangle in at most four
-// tiles is one thread's, any other one a block's. Pairs that find no room are counted all the same, and the binning is
-// run again with room for all.
+// Pairs (tile, triangle) are appended in no order: every blend is independent of the order of fragments. A triangle in
+// at most four tiles is one thread's, any other one a block's. Pairs that find no room are counted all the same, and
+// the binning is run again with room for all.
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -150,8 +150,8 @@ bool InReach(const Vec3d& p) {
   return Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
 }
 
-// The box of the mesh is monotone in index space, so its corners say whether any vertex is out of reach. Which one is looked
-// for on the host: it ends the run.
+// The box of the mesh is monotone in index space, so its corners say whether any vertex is out of reach. Which one is
+// looked for on the host: it ends the run.
 absl::Status CheckReach(RunState& state, const GridSpec& grid) {
   const IndexSpace space = grid.index_space();
   const auto place = [&](const Vec3d& p) { return WorldToIndex(space, p); };
@@ -267,7 +267,7 @@ absl::Status BinBatch(BatchState& state) {
     VOXELPIPE_CUDA_OR_RETURN(
         cudaMemcpyAsync(&pairs.count, args.pairs, sizeof pairs.count, cudaMemcpyDeviceToHost, state.stream));
     VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
-    if (pairs.count > kMostPairs) return absl::ResourceExhaustedError("a batch's triangles meet tiles 2^32 times");
+    if (pairs.count > kMaxPairs) return absl::ResourceExhaustedError("a batch's triangles meet tiles 2^32 times");
     if (pairs.count <= capacity) return absl::OkStatus();
     static_assert(kBatchQueued == kBatchPairs + 1);
     VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(args.pairs, 0, 2 * sizeof(uint64_t), state.stream));
@@ -291,8 +291,8 @@ absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
   if (state.view.tiles.count() > UINT32_MAX) {
     return TooMuch("the grid has more than 2^32 tiles of 32x8x8 voxels");
   }
-  // Rows and fragments of one triangle are counted in 32 bits. Along its normal's largest component a plane meets at most five voxels of
-  // a column, so the largest face of the grid bounds both.
+  // Rows and fragments of one triangle are counted in 32 bits. Along its normal's largest component a plane meets at
+  // most five voxels of a column, so the largest face of the grid bounds both.
   const auto nx = double(grid.dims[0]), ny = double(grid.dims[1]), nz = double(grid.dims[2]);
   if (5 * Max(nx * ny, Max(ny * nz, nz * nx)) > double(UINT32_MAX)) {
     return TooMuch("a face of the grid has more voxels than the CUDA backend counts for one triangle");
@@ -325,7 +325,7 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid, const Slab& lay
   const double share = double(layers.depth()) / double(grid.dims[2]);
   const uint64_t guess = std::max(state.pairs.tiles[0].size(), PairRoom(triangles, share));
   VOXELPIPE_OK_OR_RETURN(Bin(state, guess));
-  if (state.pairs.count > kMostPairs) {
+  if (state.pairs.count > kMaxPairs) {
     return TooMuch(absl::StrCat("triangles meet tiles of ", layers.depth(), " layers ", state.pairs.count,
                                 " times; the CUDA backend takes fewer than 2^32"));
   }

@@ -1,5 +1,6 @@
-// Positions of triangles' corners that come to shared memory a round before they are needed: for that the numbers of corners come two rounds before. In a
-// kernel that works long at each triangle and has room for them. No host-only includes.
+// Positions of triangles' corners that come to shared memory a round before they are needed: for that the numbers of
+// corners come two rounds before. In a kernel that works long at each triangle and has room for them. No host-only
+// includes.
 #pragma once
 
 #include "cuda/fetch_corners.cuh"
@@ -20,7 +21,8 @@ __device__ inline FixedCorners FixedOf(const BitArgs& args, const WorldCorners& 
   return v;
 }
 
-// Each lane's, of a warp, on their way: the positions of its next triangle's corners, and the numbers of those and of the triangle's after that.
+// Each lane's, of a warp, on their way: the positions of its next triangle's corners, and the numbers of those and of
+// the triangle's after that.
 struct PositionsAhead {
   double of[9][32];
 };
@@ -28,7 +30,8 @@ struct CornersAhead {
   uint32_t of[32][3];
 };
 
-// What a lane asks for a round ahead, of triangles kStep apart; of those alone that come before `end`, which is below 2^32 by twice as much.
+// What a lane asks for a round ahead, of triangles kStep apart; of those alone that come before `end`, which is below
+// 2^32 by twice as much.
 template <uint32_t kStep>
 struct WalkAhead {
   const BitArgs& walk;

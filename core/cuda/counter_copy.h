@@ -11,8 +11,8 @@
 
 namespace voxelpipe::cuda {
 
-// A copy of counters as they are when the stream's work so far is done, on a stream of its own: a copy amid kernels keeps those behind it
-// waiting for some 10 us. At its end it waits for the copy.
+// A copy of counters as they are when the stream's work so far is done, on a stream of its own: a copy amid kernels
+// keeps those behind it waiting for some 10 us. At its end it waits for the copy.
 class CounterCopy {
  public:
   // Nothing writes the counters until Wait returns.

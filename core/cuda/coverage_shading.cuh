@@ -1,10 +1,9 @@
 // Shading of the fragments that coverage records (cell_views.h) and spans (span_views.h) stand for, and their blending
 // into accumulators. No host-only includes.
 //
-// A block takes as many records as it has threads, makes what their triangles' fragments share, and numbers the fragments
-// by a scan; then every thread shades one fragment at a time, whatever triangle it is of, so that all lanes of a warp are
-// busy. Blends are atomics whose result
-// no order changes.
+// A block takes as many records as it has threads, makes what their triangles' fragments share, and numbers the
+// fragments by a scan; then every thread shades one fragment at a time, whatever triangle it is of, so that all lanes
+// of a warp are busy. Blends are atomics whose result no order changes.
 #pragma once
 
 #include "cuda/cell_views.h"
@@ -33,7 +32,7 @@ struct CoverageShadingArgs {
   ShaderTraits traits;  // of all targets' shaders together
   Ranks ranks;
   uint32_t* coverage = nullptr;  // bit grid: voxels with a fragment that some target keeps; null: all are covered
-  ShadedTarget targets[kMostTargets];
+  ShadedTarget targets[kMaxTargets];
   int target_count = 0;
 };
 

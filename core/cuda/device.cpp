@@ -153,7 +153,7 @@ std::string MemoryAtHand() {
                       memory->idle, " of them in the pool");
 }
 
-std::atomic<uint64_t> record_bits{kMostSpanBits};                              // see LimitRecordBits
+std::atomic<uint64_t> record_bits{kMaxSpanBits};                               // see LimitRecordBits
 std::atomic<uint64_t> limit_bytes{UINT64_MAX}, taken_bytes{0}, peak_bytes{0};  // see LimitMemory
 std::atomic<uint64_t> assumed_cache{0};
 

@@ -18,8 +18,8 @@ int OfDevice(std::array<std::atomic<int>, 64>& known, const DeviceInfo& device, 
   return value;
 }
 
-// Whether kernels can begin before the one before them has ended (early_launch.cuh): only where they were compiled for an architecture that
-// lets them wait. A device that can may run code of an older one.
+// Whether kernels can begin before the one before them has ended (early_launch.cuh): only where they were compiled for
+// an architecture that lets them wait. A device that can may run code of an older one.
 bool BeginsEarly(const DeviceInfo& device);
 // Whether the L2 cache holds less than the most of so many bytes; false where its size is unknown.
 bool ExceedsCache(const DeviceInfo& device, uint64_t bytes);

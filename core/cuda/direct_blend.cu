@@ -1,9 +1,9 @@
 // Blending without tiles (core/cuda/README.md, "Coverage, then shade, then blend").
 //
-// Triangles are found once. Under Path::kInPlace and kFloat4 they are blended as they are found, under kBricks likewise in
-// bricks that are given out meanwhile (brick_pool.h). Otherwise small ones become records, which each target then takes, and
-// larger ones spans in a list, which each target takes, too; spans that are too many for the list are made and taken in
-// parts, by halves of the triangles.
+// Triangles are found once. Under Path::kInPlace and kFloat4 they are blended as they are found, under kBricks likewise
+// in bricks that are given out meanwhile (brick_pool.h). Otherwise small ones become records, which each target then
+// takes, and larger ones spans in a list, which each target takes, too; spans that are too many for the list are made
+// and taken in parts, by halves of the triangles.
 #include <algorithm>
 #include <utility>
 
@@ -93,8 +93,9 @@ SpanArgs CoverArgs(RunState& state, uint64_t triangles) {
   return args;
 }
 
-// Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; ListOf says how many entries they need.
-// Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and fragments are counted.
+// Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; ListOf says how many
+// entries they need. Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and fragments are
+// counted.
 absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again) {
   if (again) VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecords, nullptr));
   SpanArgs args = CoverArgs(state, end - begin);
@@ -219,8 +220,8 @@ absl::Status BlendWhatIsFound(RunState& state, int index) {
   return emit_waiting(state, MakeRestArgs(state, 0, triangles, false), args);
 }
 
-// Walks all triangles: small ones become records, the spans of the others are listed, as far as there is room. Then what is counted stands in
-// state.counters, covered voxels that have a rank among it.
+// Walks all triangles: small ones become records, the spans of the others are listed, as far as there is room. Then
+// what is counted stands in state.counters, covered voxels that have a rank among it.
 absl::Status FindAndList(RunState& state, bool ranked) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));

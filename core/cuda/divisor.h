@@ -1,5 +1,5 @@
-// Division by a number that is known to the host: a product and a shift (T. Granlund and P. L. Montgomery, "Division by Invariant Integers using
-// Multiplication", PLDI 1994). No host-only includes.
+// Division by a number that is known to the host: a product and a shift (T. Granlund and P. L. Montgomery, "Division by
+// Invariant Integers using Multiplication", PLDI 1994). No host-only includes.
 #pragma once
 
 #include <cstdint>

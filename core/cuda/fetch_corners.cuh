@@ -1,7 +1,8 @@
 // Corners of triangles from memory: what is known of them before they are needed, and their places in fixed point.
 //
-// A thread asks for the corners of its next triangle while it works at the one before, and takes them from shared memory: a register that a load fills so
-// early is waited for at once where registers are short and it has to be put away. No host-only includes.
+// A thread asks for the corners of its next triangle while it works at the one before, and takes them from shared
+// memory: a register that a load fills so early is waited for at once where registers are short and it has to be put
+// away. No host-only includes.
 #pragma once
 
 #include "cuda/bit_grid.cuh"
@@ -12,8 +13,8 @@ struct FixedCorners {
   int at[3][3];
 };
 
-// What of a triangle comes from memory first: the numbers of its corners. Packed corners, which would take more room than there is, are only asked
-// to come nearer, by StageCorners.
+// What of a triangle comes from memory first: the numbers of its corners. Packed corners, which would take more room
+// than there is, are only asked to come nearer, by StageCorners.
 template <bool kPacked>
 struct Fetched {
   Corners corners;

@@ -50,10 +50,10 @@ struct FineArgs {
   ShaderTraits traits;             // of the launch's targets together
   uint8_t* tile_values = nullptr;  // sparse results, null for dense ones
   uint64_t value_stride = 0;
-  uint64_t value_offset[kMostTargets] = {};
+  uint64_t value_offset[kMaxTargets] = {};
   uint64_t slab_voxels = 0;
   TileParts parts;
-  TileTarget targets[kMostTargets];
+  TileTarget targets[kMaxTargets];
   int target_count = 0;
   int shared_words = 0;  // of the targets' tiles
 };

@@ -1,4 +1,5 @@
-// The kernel of the fine raster for a batch: every tile has the shaders, targets and mesh of its item. No host-only includes.
+// The kernel of the fine raster for a batch: every tile has the shaders, targets and mesh of its item. No host-only
+// includes.
 #pragma once
 
 #include "cuda/batch_kernel.cuh"

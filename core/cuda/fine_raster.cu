@@ -53,8 +53,8 @@ int SharedBytes(const FineArgs& group) {
   return words * 4;
 }
 
-// Lets the kernel have so much shared memory on the device. The bound is the kernel's and not the launch's: other threads launch it at the
-// same time, so it only grows. Said every time, for a device that was reset has forgotten it.
+// Lets the kernel have so much shared memory on the device. The bound is the kernel's and not the launch's: other
+// threads launch it at the same time, so it only grows. Said every time, for a device that was reset has forgotten it.
 template <typename Kernel>
 absl::Status AllowShared(int ordinal, Kernel kernel, int bytes) {
   static std::mutex mutex;

@@ -1,7 +1,7 @@
 // The kernel of the fine raster. No host-only includes: NVRTC compiles it too.
 //
-// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 3.3 (fine raster in shared memory). Changed: tiles come from a counter that
-// persistent blocks share; coverage is taken as row spans; blends are order-independent atomics.
+// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 3.3 (fine raster in shared memory). Changed: tiles come from a
+// counter that persistent blocks share; coverage is taken as row spans; blends are order-independent atomics.
 #pragma once
 
 #include "cuda/fine_args.cuh"
@@ -24,8 +24,8 @@ class TileShader {
     in_ = MakeFragmentInput(*args.mesh, triangle, plane_.degenerate, args.traits.reads_textures());
   }
 
-  // Blends the fragments of one row of the tile that begins at (x0, y0, z0). `pass` 0 blends and finds owners, 1 writes the owners'
-  // values. Returns the voxels that some target of the launch kept.
+  // Blends the fragments of one row of the tile that begins at (x0, y0, z0). `pass` 0 blends and finds owners, 1 writes
+  // the owners' values. Returns the voxels that some target of the launch kept.
   __device__ uint32_t Row(const FineArgs& args, uint32_t* shared, int pass, int row, uint32_t mask,
                           const int64_t (&begin)[3]) {
     uint32_t kept = 0;
@@ -138,7 +138,8 @@ __device__ inline void StoreTile(const FineArgs& args, const uint32_t* shared, c
   }
 }
 
-// Blends the triangles of a tile's pairs [begin, end) once: pass 0 and, where replace or first have owners, pass 1. All threads of the block.
+// Blends the triangles of a tile's pairs [begin, end) once: pass 0 and, where replace or first have owners, pass 1. All
+// threads of the block.
 template <bool kShades>
 __device__ inline void RasterTile(const FineArgs& args, const uint32_t* triangles, uint32_t* shared, int pass,
                                   const VoxelRange& range, uint32_t begin, uint32_t end, uint32_t* touched,

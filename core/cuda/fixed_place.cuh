@@ -1,6 +1,6 @@
-// Vertices as fixed-point integers of index space, one multiply-add a coordinate, which is off by less than two units; and the box of voxels that a
-// triangle of such reaches: that of raster/triangle_setup.h unless a vertex lies within two units of a voxel's border moved by the widening of narrow
-// triangles. No host-only includes.
+// Vertices as fixed-point integers of index space, one multiply-add a coordinate, which is off by less than two units;
+// and the box of voxels that a triangle of such reaches: that of raster/triangle_setup.h unless a vertex lies within
+// two units of a voxel's border moved by the widening of narrow triangles. No host-only includes.
 #pragma once
 
 #include "cuda/views.h"
@@ -45,8 +45,8 @@ inline FixedPlace MakeFixedPlace(const IndexSpace& space, const Vec3d& least, co
   place.bits = bits;
   place.widening = float(kNarrowWidening) * unit;
   place.margin = int(place.widening);
-  // raster/triangle_setup.h: some 17 x size x 2^-24 + 2^-19 for a size of 3 voxels here; and 2^-15 for the plane of a sliver. Four
-  // units for the fixed point, one of them for products of an edge and a position.
+  // raster/triangle_setup.h: some 17 x size x 2^-24 + 2^-19 for a size of 3 voxels here; and 2^-15 for the plane of a
+  // sliver. Four units for the fixed point, one of them for products of an edge and a position.
   place.band = kCellBand * unit + 4;
   place.plane_band = kCellPlaneBand * unit + 4;
   place.voxel = unit;
@@ -83,8 +83,8 @@ VOXELPIPE_HD uint32_t PackCoordinate(double p, double least, double part) {
   return uint32_t(Clamp((p - least) / part + 0.5, 0.0, kPackedParts));
 }
 
-// Packed vertices to fixed-point index space. The nearest part is off by half a unit at most there, and with what is rounded on the way
-// the result is off by less than two, as that of ToFixed.
+// Packed vertices to fixed-point index space. The nearest part is off by half a unit at most there, and with what is
+// rounded on the way the result is off by less than two, as that of ToFixed.
 struct PackedPlace {
   Vec3d scale, offset;
 };

@@ -1,7 +1,8 @@
 // Flood fill: what a 6-connected walk from outside the grid cannot reach without entering the conservative shell.
 //
-// Sweeps along the three axes, forward and back, on words of 32 voxels: a sweep carries what is reached as far along its axis as it is
-// open. They are repeated until none reaches anything new, which straight passages let happen after a few.
+// Sweeps along the three axes, forward and back, on words of 32 voxels: a sweep carries what is reached as far along
+// its axis as it is open. They are repeated until none reaches anything new, which straight passages let happen after a
+// few.
 #include <iterator>
 
 #include "cuda/flood_sweep.cuh"

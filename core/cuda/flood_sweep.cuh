@@ -33,7 +33,8 @@ __device__ inline uint32_t MaskOf(const FloodView& flood, int64_t w) {
   return w + 1 == flood.words ? flood.last_mask : ~0u;
 }
 
-// Along `length` words, `step` apart, from outside to where they are open; `mask` has their voxels. Whether anything new is reached.
+// Along `length` words, `step` apart, from outside to where they are open; `mask` has their voxels. Whether anything
+// new is reached.
 __device__ inline bool SweepWords(const FloodView& flood, int64_t at, int64_t step, int64_t length, uint32_t mask) {
   constexpr int kAhead = 8;  // words loaded together: one at a time, a line would wait for memory at each
   bool changed = false;
@@ -67,7 +68,8 @@ __device__ inline uint32_t Grow(const FloodView& flood, int64_t at, int64_t w, u
   return flood.reached[at] = SpreadInWord(before | seeds, open);
 }
 
-// One sweep: all lines along an axis, 0 to 2, each from its one end to the other and back. Lines write nothing that others read.
+// One sweep: all lines along an axis, 0 to 2, each from its one end to the other and back. Lines write nothing that
+// others read.
 VOXELPIPE_HD int64_t LinesAlong(const FloodView& flood, int axis) {
   if (axis == 0) return flood.ny * flood.nz;
   return flood.words * (axis == 1 ? flood.nz : flood.ny);

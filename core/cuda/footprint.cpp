@@ -23,8 +23,8 @@ constexpr double kBaseBytes = 4 << 20;
 // What is left of the parts of split tiles until they are joined.
 double PartBytes(const VoxelizeRequest& request, const Surface& surface) {
   constexpr double kPairsOfSplitTile = kPartsSplit - 1;  // in parts' pairs: a split tile has more
-  if (surface.pairs <= kPairsOfSplitTile * kLeastPartPairs) return 0;
-  const double parts = surface.pairs / std::max<double>(kLeastPartPairs, surface.pairs / kMostParts);
+  if (surface.pairs <= kPairsOfSplitTile * kMinPartPairs) return 0;
+  const double parts = surface.pairs / std::max<double>(kMinPartPairs, surface.pairs / kMaxParts);
   double together = 0, largest = 0;
   for (const TargetSpec& target : request.targets) {
     const double component = target.blend == Blend::kAdd || target.blend == Blend::kAverage ? 8 : 4;
@@ -39,13 +39,14 @@ bool HasOwners(const TargetSpec& target) {
   return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
 }
 
-// What the path depends on. Values are taken to be the same all over a triangle: that is not known before the vertex shader ran.
+// What the path depends on. Values are taken to be the same all over a triangle: that is not known before the vertex
+// shader ran.
 PathTarget PathTargetOf(const TargetSpec& spec) {
   return {spec.format, spec.blend, spec.components, spec.clear == 0, IsOccupancyBit(spec), OwnPresence(spec), true};
 }
 
-// The pool of bricks of Path::kBricks, over `layers` layers, and the list of owners that may come of it; 0 where there is
-// none.
+// The pool of bricks of Path::kBricks, over `layers` layers, and the list of owners that may come of it; 0 where there
+// is none.
 double PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const Surface& surface, int64_t layers) {
   if (request.fill != Fill::kNone || request.targets.size() != 1) return 0;
   if (!FitsBricks(PathTargetOf(request.targets[0]), request.result)) return 0;
@@ -155,8 +156,8 @@ double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const 
 
 }  // namespace
 
-// Whether a target's value is uniform over a triangle is not known before the vertex shader ran: of the paths that may be
-// taken, the one that takes most counts.
+// Whether a target's value is uniform over a triangle is not known before the vertex shader ran: of the paths that may
+// be taken, the one that takes most counts.
 double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                        const Surface& surface, int64_t layers) {
   if (PlainBits(request)) {
@@ -165,7 +166,7 @@ double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   }
   if (request.result == ResultKind::kBuckets) return BucketListBytes(request, grid, mesh, surface, layers);
   double bytes = 0;
-  if (RecordsReach({grid.dims[0], grid.dims[1], grid.dims[2]}, mesh.triangles, kMostSpanBits)) {
+  if (RecordsReach({grid.dims[0], grid.dims[1], grid.dims[2]}, mesh.triangles, kMaxSpanBits)) {
     const double pool = PoolBytes(request, grid, surface, layers);
     bytes = std::max(DirectListBytes(request, grid, mesh, surface, layers), pool);
   } else {
@@ -193,7 +194,7 @@ double MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
 double SumBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
   if (request.fill != Fill::kNonzero) return 0;
   constexpr double kOfBit = 32;  // bytes of counters, for a byte of bits
-  return std::min(kOfBit * BitsOf(grid, layers), std::max<double>(kMostSumBytes, kOfBit * BitsOf(grid, 1)));
+  return std::min(kOfBit * BitsOf(grid, layers), std::max<double>(kMaxSumBytes, kOfBit * BitsOf(grid, 1)));
 }
 
 // All that a slab takes on the device besides the mesh. `surface`: of the slab.

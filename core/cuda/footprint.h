@@ -1,5 +1,5 @@
-// The memory that a run takes on a CUDA device and of the host, predicted. No CUDA headers: the prediction is compiled and
-// tested without nvcc.
+// The memory that a run takes on a CUDA device and of the host, predicted. No CUDA headers: the prediction is compiled
+// and tested without nvcc.
 #pragma once
 
 #include <cstdint>

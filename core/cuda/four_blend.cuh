@@ -1,5 +1,5 @@
-// Largest values of four components of floats, blended in a dense target, and the coverage: of small triangles, whose voxels a warp brings together
-// first. No host-only includes.
+// Largest values of four components of floats, blended in a dense target, and the coverage: of small triangles, whose
+// voxels a warp brings together first. No host-only includes.
 #pragma once
 
 #include "cuda/in_place.cuh"
@@ -17,11 +17,12 @@ struct FourArgs {
   bool all_within = false;  // as all voxels of the mesh do
 };
 
-// The voxels that a warp's triangles touch, and by which lanes each is touched, in shared memory: neighbours in a mesh touch the same voxels, and then
-// only the largest of their values goes to the target.
+// The voxels that a warp's triangles touch, and by which lanes each is touched, in shared memory: neighbours in a mesh
+// touch the same voxels, and then only the largest of their values goes to the target.
 struct LaneBox {
   static constexpr uint32_t kVoxels = 256;
-  // Of voxel x + size[0] * (y + size[1] * z); zero between uses. Behind them a word of each lane for what it does not touch.
+  // Of voxel x + size[0] * (y + size[1] * z); zero between uses. Behind them a word of each lane for what it does not
+  // touch.
   alignas(16) uint32_t lanes[kVoxels + 32];
   uint4 largest[32];  // what is brought to voxels of the slab
   uint32_t at[32];    // and to which
@@ -64,8 +65,8 @@ __device__ inline T* Opaque(T* p) {
   return p;
 }
 
-// Brings the voxels of a box of `count` that are touched to the front, in order, their numbers and their lanes: how many they are. All lanes call it, and
-// __syncwarp before and after.
+// Brings the voxels of a box of `count` that are touched to the front, in order, their numbers and their lanes: how
+// many they are. All lanes call it, and __syncwarp before and after.
 __device__ inline uint32_t CollectTouched(LaneBox& box, uint32_t count, uint32_t before) {
   const uint32_t lane = threadIdx.x % 32;
   uint32_t touched = 0;
@@ -81,8 +82,8 @@ __device__ inline uint32_t CollectTouched(LaneBox& box, uint32_t count, uint32_t
   return touched;
 }
 
-// The largest of those lanes' keys that `lanes` names, 0 if none. Two are taken at a time, from both ends. kSameLast: the last component is the same in
-// all, and of no meaning here.
+// The largest of those lanes' keys that `lanes` names, 0 if none. Two are taken at a time, from both ends. kSameLast:
+// the last component is the same in all, and of no meaning here.
 template <bool kSameLast>
 __device__ inline uint4 LargestOf(const uint4 (&keys)[32], uint32_t lanes) {
   uint4 largest = {0, 0, 0, 0};
@@ -98,8 +99,9 @@ __device__ inline uint4 LargestOf(const uint4 (&keys)[32], uint32_t lanes) {
   return largest;
 }
 
-// Blends octants about corners that a warp's lanes bring, within the grid, their first and last voxels counted from the slab's first layer; keys[lane]
-// are a lane's, in shared memory; `before` is LanesBefore(), one less than the lane's own bit. All lanes call it.
+// Blends octants about corners that a warp's lanes bring, within the grid, their first and last voxels counted from the
+// slab's first layer; keys[lane] are a lane's, in shared memory; `before` is LanesBefore(), one less than the lane's
+// own bit. All lanes call it.
 template <bool kSameLast>
 __device__ inline void BlendOctantsOfFours(const FourArgs& args, LaneBox& box, const uint4 (&keys)[32], uint32_t before,
                                            const uint32_t (&first)[3], const uint32_t (&last)[3], uint32_t octants) {
@@ -153,7 +155,8 @@ __device__ inline void BlendOctantsOfFours(const FourArgs& args, LaneBox& box, c
     if (mine < some && (lane & shared) == 0) box.largest[mine] = largest;
     __syncwarp();
     if (has) box.lanes[begin + lane] = 0;
-    // Four lanes blend those of a voxel together, for they lie in one sector of memory, and the cache does one atomic operation on a sector at a time.
+    // Four lanes blend those of a voxel together, for they lie in one sector of memory, and the cache does one atomic
+    // operation on a sector at a time.
     uint32_t* const component = Opaque(args.blend.out + lane % 4);
 #pragma unroll 1
     for (uint32_t i = lane / 4; i < some; i += 8) {

@@ -43,7 +43,7 @@ absl::Status BlendByFours(RunState& state, const CudaTarget& target, const Blend
   FourWalkArgs walk;
   walk.walk = rest.walk;
   walk.walk.rounds =
-      RoundsFor(triangles, kFourThreads, uint64_t(state.device.multiprocessors) * kFourBlocks, kMostFourRounds);
+      RoundsFor(triangles, kFourThreads, uint64_t(state.device.multiprocessors) * kFourBlocks, kMaxFourRounds);
   walk.four.blend = args.blend;
   walk.four.bits = walk.walk.bits;
   walk.four.ny = uint32_t(state.slab_dims[1]);

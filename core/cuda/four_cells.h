@@ -1,4 +1,5 @@
-// Largest and least values of four components of a dense target, blended as triangles are found (four_walk.cuh). Included by .cu files only.
+// Largest and least values of four components of a dense target, blended as triangles are found (four_walk.cuh).
+// Included by .cu files only.
 #pragma once
 
 #include "cuda/blend_writer.cuh"
@@ -9,7 +10,8 @@ namespace voxelpipe::cuda {
 // Under Path::kFloat4: true if the target's values are made meanwhile, and no kernel has to make them before.
 bool ShadesByFours(RunState& state, const CudaTarget& target);
 
-// Blends every triangle of the slab, small ones at once, what is left behind it; counts fragments and sets the coverage.
+// Blends every triangle of the slab, small ones at once, what is left behind it; counts fragments and sets the
+// coverage.
 absl::Status BlendByFours(RunState& state, const CudaTarget& target, const BlendWriterArgs& args);
 
 }  // namespace voxelpipe::cuda

@@ -1,8 +1,8 @@
-// Every triangle a thread, from world space to the voxels that it touches, where values of four components are blended at once (four_blend.cuh); what is
-// larger or in doubt waits for the kernels of span_kernels.cuh.
+// Every triangle a thread, from world space to the voxels that it touches, where values of four components are blended
+// at once (four_blend.cuh); what is larger or in doubt waits for the kernels of span_kernels.cuh.
 //
-// As FindCells (cell_walk.cuh) has it, but that triangles go by octants as they come, and that corners are asked for a round ahead, into shared memory.
-// Included by four_cells.cu alone. No host-only includes.
+// As FindCells (cell_walk.cuh) has it, but that triangles go by octants as they come, and that corners are asked for a
+// round ahead, into shared memory. Included by four_cells.cu alone. No host-only includes.
 #pragma once
 
 #include "cuda/cell_walk.cuh"
@@ -13,7 +13,7 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kFourThreads = 256;
-inline constexpr int kMostFourRounds = 8;
+inline constexpr int kMaxFourRounds = 8;
 inline constexpr int kFourBlocks = 4;  // on a multiprocessor at once
 
 struct FourWalkArgs {
@@ -30,7 +30,7 @@ struct FourWarpRoom {
 };
 // A block's, whose triangles are numbered from its first one on.
 struct FourRoom {
-  static constexpr int kWarps = kFourThreads / 32, kTriangles = kMostFourRounds * kFourThreads;
+  static constexpr int kWarps = kFourThreads / 32, kTriangles = kMaxFourRounds * kFourThreads;
   union {  // of each warp, each lane its own
     CellSpan table[kWarps][kBlockSide][32];
     PositionsAhead positions[kWarps];
@@ -39,8 +39,8 @@ struct FourRoom {
     FourWarpRoom of_warps[kWarps];
     uint16_t waiting[2][kTriangles];  // when all have walked: those that wait for rows, and for another kernel
   };
-  static constexpr uint32_t kParts = kMostFourRounds * kWarps;  // each a warp's of a round
-  uint32_t lanes[2][kParts];                                    // the same before that, by their lanes
+  static constexpr uint32_t kParts = kMaxFourRounds * kWarps;  // each a warp's of a round
+  uint32_t lanes[2][kParts];                                   // the same before that, by their lanes
   static_assert(kParts <= uint32_t(kFourThreads) &&
                 kTriangles <= 1 << 16);  // a thread clears each; numbers have 16 bits
   uint32_t row_count, waiting_count;
@@ -56,7 +56,8 @@ __device__ __noinline__ inline uint4 FourKeysOf(const InPlaceArgs& args, uint32_
   return {key[0], key[1], key[2], key[3]};
 }
 
-// FindFate, but that octants of a small box are not yet looked for within the slab alone, and stand ready where they are still to be decided, too.
+// FindFate, but that octants of a small box are not yet looked for within the slab alone, and stand ready where they
+// are still to be decided, too.
 template <bool kThin>
 __device__ inline CellFate FindFateOfFour(const BitArgs& walk, FixedTriangle& t, uint32_t& octants) {
   t.box = BoxOf(t.v.at, walk.fixed);

@@ -16,15 +16,15 @@ struct EmitBundleArgs : FragmentArgs {  // keys and values become those of bundl
   uint64_t* bundles = nullptr;  // becomes their number
 };
 
-// The fragments at room[from] and behind, `count`, a lane each: those of one voxel become bundles, which are put at room[to] and behind; `to` is not
-// beyond `from`. The number of bundles. What waits, if `waits` says that some may, stays as it is staged, and no bundle holds triangles
-// before it and behind it.
+// The fragments at room[from] and behind, `count`, a lane each: those of one voxel become bundles, which are put at
+// room[to] and behind; `to` is not beyond `from`. The number of bundles. What waits, if `waits` says that some may,
+// stays as it is staged, and no bundle holds triangles before it and behind it.
 __device__ inline uint32_t BundleGroup(const BundleCode& code, bool waits, uint2 (&room)[kBundleRoom], uint32_t from,
                                        uint32_t count, uint32_t to) {
   const unsigned lane = threadIdx.x % 32;
   const uint32_t below = (1u << lane) - 1;
   const bool has = lane < count;
-  static_assert(kMostSpanBits <= uint64_t{~31u});  // so that ~lane is no voxel
+  static_assert(kMaxSpanBits <= uint64_t{~31u});  // so that ~lane is no voxel
   const uint2 fragment = has ? room[from + lane] : uint2{~lane, 0};
   uint32_t voxel = fragment.x, waiting = 0;
   if (waits) {
@@ -43,13 +43,14 @@ __device__ inline uint32_t BundleGroup(const BundleCode& code, bool waits, uint2
   return uint32_t(__popc(heads));
 }
 
-// The triangles of a warp: from the first, which may be beyond the last, as many as it takes, in rounds; counted from the first.
+// The triangles of a warp: from the first, which may be beyond the last, as many as it takes, in rounds; counted from
+// the first.
 struct BundledTriangles {
   uint32_t first, here;
 
   __device__ BundledTriangles(const EmitBundleArgs& args, uint32_t number) {
     const uint32_t each = args.rounds * kBundledTriangles, all = uint32_t(args.triangles);
-    static_assert(2 * kMostSpanTriangles <= uint64_t{1} << 31);
+    static_assert(2 * kMaxSpanTriangles <= uint64_t{1} << 31);
     first = min(number * each, all);
     here = min(all - first, each);
   }
@@ -96,8 +97,8 @@ __device__ __noinline__ inline void WritePlainly(const EmitBundleArgs& args, Bun
   }
 }
 
-// Brings a warp's bundles into its room: the bits of their voxels, and codes of which the triangle counts from the warp's first. Their number;
-// kNotHere where there is no room for them.
+// Brings a warp's bundles into its room: the bits of their voxels, and codes of which the triangle counts from the
+// warp's first. Their number; kNotHere where there is no room for them.
 __device__ inline uint32_t BundleWarp(const EmitBundleArgs& args, const BundledTriangles& triangles,
                                       uint2 (&room)[kBundleRoom]) {
   const unsigned lane = threadIdx.x % 32;
@@ -144,7 +145,8 @@ __device__ inline uint32_t BundleWarp(const EmitBundleArgs& args, const BundledT
   return bundles;
 }
 
-// The bundles of all records, a block kChunkWarps * rounds * kBundledTriangles triangles. What waits has a bundle for each fragment. May begin early.
+// The bundles of all records, a block kChunkWarps * rounds * kBundledTriangles triangles. What waits has a bundle for
+// each fragment. May begin early.
 __global__ void __launch_bounds__(kChunkThreads, kBundleBlocks)
     EmitBundles(const __grid_constant__ EmitBundleArgs args) {
   __shared__ uint2 rooms[kChunkWarps][kBundleRoom];

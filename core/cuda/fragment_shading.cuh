@@ -96,9 +96,9 @@ __device__ inline void PutElement(uint8_t* out, VoxelFormat format, uint64_t at,
   }
 }
 
-// The values of all targets. All threads of a warp call it with 32 fragments from a multiple of 32 on, some of which may
-// lie beyond the last one: the bits that a warp makes for a bit target are one word. With `to` these are set one by one
-// in a grid of cleared bits.
+// The values of all targets. All threads of a warp call it with 32 fragments from a multiple of 32 on, some of which
+// may lie beyond the last one: the bits that a warp makes for a bit target are one word. With `to` these are set one by
+// one in a grid of cleared bits.
 __device__ inline void WriteValues(const FragmentShading& s, uint64_t i) {
   const bool real = i < s.count && s.triangles[i] != kNoTriangleListed;
   FragmentInput in;

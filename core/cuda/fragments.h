@@ -53,11 +53,12 @@ struct KeySort {
   int bits = 0;            // the lowest that keys have
 };
 
-// Sorts the first copy by its keys; fragments of one key keep their order. What `scratch` had is lost. In fragment_sort.cu: CUB compiles slowly, so its
-// instances stand in one place.
+// Sorts the first copy by its keys; fragments of one key keep their order. What `scratch` had is lost. In
+// fragment_sort.cu: CUB compiles slowly, so its instances stand in one place.
 absl::Status SortByKey(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch, cudaStream_t stream);
 
-// In buckets.cu. Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room. There are fragments.
+// In buckets.cu. Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room.
+// There are fragments.
 absl::Status CountBuckets(const SortedKeys& keys, cudaStream_t stream);
 // Both in one, which reads the keys once. keys.first is 0 everywhere, and what it becomes is no other's.
 absl::Status CountAndListBuckets(const BucketArgs<uint64_t>& args, cudaStream_t stream);

@@ -54,7 +54,8 @@ __device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_
   }
 }
 
-// The kShader of kernels that make geometric normals; as others have it, that of triangle ids is a shader's number, and -1 says that values stand ready.
+// The kShader of kernels that make geometric normals; as others have it, that of triangle ids is a shader's number, and
+// -1 says that values stand ready.
 inline constexpr int kNormalShader = -2;
 
 // Of keys of which the largest is sought; all bits set where that is the least of what they are made of.
@@ -79,8 +80,8 @@ VOXELPIPE_HD uint32_t OwnerOf(uint32_t triangle) {
   return triangle + 1;
 }
 
-// What triangle t brings, as the target keeps it. kShader: that of triangle ids, which is cheaper than to read what was made before; -1, of any
-// other: values stand ready.
+// What triangle t brings, as the target keeps it. kShader: that of triangle ids, which is cheaper than to read what was
+// made before; -1, of any other: values stand ready.
 template <int kShader, int kComponents>
 __device__ inline void ValuesOf(const uint32_t* values, const FineArgs& shading, uint32_t t,
                                 uint32_t (&to)[kComponents]) {

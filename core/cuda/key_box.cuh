@@ -1,5 +1,5 @@
-// The largest keys that a warp's triangles bring to voxels, in shared memory: neighbours in a mesh touch the same voxels, and then only the one with
-// the largest goes to the target. No host-only includes.
+// The largest keys that a warp's triangles bring to voxels, in shared memory: neighbours in a mesh touch the same
+// voxels, and then only the one with the largest goes to the target. No host-only includes.
 #pragma once
 
 #include <cstdint>

@@ -14,8 +14,8 @@
 namespace voxelpipe::cuda {
 namespace {
 
-constexpr size_t kMostKept = 64;  // graphs, and lists that came once, of a device
-constexpr size_t kMostHeld = 8;   // of a run
+constexpr size_t kMaxKept = 64;  // graphs, and lists that came once, of a device
+constexpr size_t kMaxHeld = 8;   // of a run
 
 absl::Status LaunchPlainly(const LaunchList& list, cudaStream_t stream) {
   for (const ListedLaunch& launch : list.launches()) {
@@ -164,7 +164,7 @@ bool IsWorthGraph(const LaunchList& list, int ordinal) {
   if (kept.refused) return false;
   auto& once = kept.once;
   if (std::any_of(once.begin(), once.end(), [&](const LaunchList& l) { return l.IsLike(list); })) return true;
-  if (once.size() == kMostKept) once.pop_front();
+  if (once.size() == kMaxKept) once.pop_front();
   once.push_back(list);
   return false;
 }
@@ -184,7 +184,7 @@ LaunchGraphs::~LaunchGraphs() {
   const std::lock_guard lock(kept_mutex);
   auto& graphs = KeptGraphs()[ordinal_].graphs;
   graphs.splice(graphs.end(), mine_);
-  while (graphs.size() > kMostKept) dropped.splice(dropped.end(), graphs, graphs.begin());
+  while (graphs.size() > kMaxKept) dropped.splice(dropped.end(), graphs, graphs.begin());
 }
 
 LaunchGraph* LaunchGraphs::Find(const LaunchList& list, int ordinal) {
@@ -201,7 +201,7 @@ LaunchGraph* LaunchGraphs::Find(const LaunchList& list, int ordinal) {
     }
     mine_.push_front(std::move(made));
   }
-  if (mine_.size() > kMostHeld) mine_.pop_back();  // not for others: it may be under way
+  if (mine_.size() > kMaxHeld) mine_.pop_back();  // not for others: it may be under way
   return mine_.front().get();
 }
 

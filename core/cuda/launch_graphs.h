@@ -1,7 +1,9 @@
-// Lists of kernels that come again go to the device as CUDA graphs: one call of the host's for all of them, in place of some 4 us for each.
+// Lists of kernels that come again go to the device as CUDA graphs: one call of the host's for all of them, in place of
+// some 4 us for each.
 //
-// A list goes kernel by kernel when it comes for the first time. When one like it comes again - the same kernels, of as many blocks - it is made into
-// a graph, which then takes the arguments of each list that is like it. Graphs are kept on their device between runs.
+// A list goes kernel by kernel when it comes for the first time. When one like it comes again - the same kernels, of as
+// many blocks - it is made into a graph, which then takes the arguments of each list that is like it. Graphs are kept
+// on their device between runs.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -24,8 +26,9 @@ class LaunchGraphs {
   LaunchGraphs& operator=(const LaunchGraphs&) = delete;
   ~LaunchGraphs();  // keeps them for others
 
-  // Gives the list to `stream` of the device, which is the current one. A list that begins early goes kernel by kernel, since a graph begins when
-  // all before it has ended; so does one whose graph the device refuses. Errors: what a launch refuses.
+  // Gives the list to `stream` of the device, which is the current one. A list that begins early goes kernel by kernel,
+  // since a graph begins when all before it has ended; so does one whose graph the device refuses. Errors: what a
+  // launch refuses.
   absl::Status Launch(const LaunchList& list, int ordinal, cudaStream_t stream);
 
  private:

@@ -1,5 +1,5 @@
-// Kernels that a stream gets one after the other, with their arguments, written down before any is launched: so that they can go to the device in
-// one (launch_graphs.h). Included by .cu files and by launch_graphs.cpp only.
+// Kernels that a stream gets one after the other, with their arguments, written down before any is launched: so that
+// they can go to the device in one (launch_graphs.h). Included by .cu files and by launch_graphs.cpp only.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -15,7 +15,8 @@
 
 namespace voxelpipe::cuda {
 
-// When a kernel may begin: when the one before it has ended; as early_launch.cuh has it; or the former, all blocks at once (a cooperative launch).
+// When a kernel may begin: when the one before it has ended; as early_launch.cuh has it; or the former, all blocks at
+// once (a cooperative launch).
 enum class Begins { kBehind, kEarly, kAtOnce };
 
 inline Begins EarlyIfAble(const DeviceInfo& device) {
@@ -69,7 +70,8 @@ class LaunchList {
     }
     return true;
   }
-  // Whether launch `i` has the arguments that it has in `other`, a list like this. False also where only bytes differ that no argument uses.
+  // Whether launch `i` has the arguments that it has in `other`, a list like this. False also where only bytes differ
+  // that no argument uses.
   bool HasArgumentsOf(const LaunchList& other, size_t i) const {
     const size_t begin = BytesBefore(i), end = BytesBefore(i + 1);
     return std::memcmp(bytes_.data() + begin, other.bytes_.data() + begin, end - begin) == 0;

@@ -26,9 +26,9 @@ VOXELPIPE_HD uint64_t SpanRoom(uint64_t triangles) {
   return Min(triangles / 2 + kAnyway, kOfFewTriangles * triangles + kLeast);
 }
 
-// A tile with very many pairs is split into parts (tile_parts.cuh) of at least kLeastPartPairs each, so that a grid has
-// at most kMostParts; the last ones of tiles come on top. A tile of fewer than kPartsSplit parts is not split.
-inline constexpr uint32_t kPartsSplit = 3, kLeastPartPairs = 1024, kMostParts = 1024;
+// A tile with very many pairs is split into parts (tile_parts.cuh) of at least kMinPartPairs each, so that a grid has
+// at most kMaxParts; the last ones of tiles come on top. A tile of fewer than kPartsSplit parts is not split.
+inline constexpr uint32_t kPartsSplit = 3, kMinPartPairs = 1024, kMaxParts = 1024;
 
 // Targets are blended together while a tile of them takes at most so much shared memory.
 inline constexpr int kTargetGroupBytes = 100 << 10;
@@ -44,6 +44,6 @@ VOXELPIPE_HD uint64_t BrickPoolRoom(int64_t nx, int64_t ny, int64_t layers) {
 }
 
 // Counters of a nonzero fill: those of more rows take turns, of one row at least.
-inline constexpr uint64_t kMostSumBytes = 256 << 20;
+inline constexpr uint64_t kMaxSumBytes = 256 << 20;
 
 }  // namespace voxelpipe::cuda

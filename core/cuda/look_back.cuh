@@ -9,10 +9,10 @@
 
 namespace voxelpipe::cuda {
 
-// Every block says in its element of `said` what it knows: at first what it has, `here`, and later the sum up to its end, for which it sums backwards
-// until another one says that. Sums have at most 62 bits; `said` is 0 before, and what it becomes is no other's. Blocks begin in the
-// order of their numbers, or take numbers in their order (`block`), and each of them calls both functions, by its first warp: the sooner the first, the
-// less others wait in the second.
+// Every block says in its element of `said` what it knows: at first what it has, `here`, and later the sum up to its
+// end, for which it sums backwards until another one says that. Sums have at most 62 bits; `said` is 0 before, and what
+// it becomes is no other's. Blocks begin in the order of their numbers, or take numbers in their order (`block`), and
+// each of them calls both functions, by its first warp: the sooner the first, the less others wait in the second.
 inline constexpr uint64_t kSaysHere = uint64_t{1} << 62, kSaysUpto = uint64_t{1} << 63;
 
 __device__ inline void SayHere(uint64_t* said, uint64_t here, uint32_t block) {

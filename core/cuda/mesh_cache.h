@@ -1,7 +1,7 @@
 // Arrays of meshes that stay on a device between runs.
 //
-// A mesh that has a content id (mesh/triangle_mesh.h) goes up once: what a run was given of it is kept, the least recently used first to
-// go, and later runs on the same device find it there.
+// A mesh that has a content id (mesh/triangle_mesh.h) goes up once: what a run was given of it is kept, the least
+// recently used first to go, and later runs on the same device find it there.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -46,14 +46,16 @@ class CachedArray {
   cudaEvent_t ready_ = nullptr;  // when the upload is done
 };
 
-// The array that `key` names on the device, which is the current one; where it is not there, `make` gives `stream` the copies from the
-// host, or the kernels, that make it. Work given to `stream` afterwards finds it. The returned pointer must live until that work is done.
+// The array that `key` names on the device, which is the current one; where it is not there, `make` gives `stream` the
+// copies from the host, or the kernels, that make it. Work given to `stream` afterwards finds it. The returned pointer
+// must live until that work is done.
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const std::string& key, uint64_t bytes,
                                                               cudaStream_t stream,
                                                               const std::function<absl::Status(uint8_t*)>& make,
                                                               Keeping keeping = Keeping::kAlways);
 
-// The same for one array of the host. What stands in `staged` must live until the stream's work is done, and so must the returned pointer.
+// The same for one array of the host. What stands in `staged` must live until the stream's work is done, and so must
+// the returned pointer.
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, const std::string& key, const void* from,
                                                                 uint64_t bytes, cudaStream_t stream,
                                                                 std::vector<PinnedBuffer>& staged);

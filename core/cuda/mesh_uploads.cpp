@@ -6,11 +6,11 @@
 namespace voxelpipe::cuda {
 namespace {
 
-constexpr int kMostDevices = 64;  // those beyond share the last place
+constexpr int kMaxDevices = 64;  // those beyond share the last place
 
 std::atomic<uint64_t>& PlaceOf(int ordinal) {
-  static std::array<std::atomic<uint64_t>, kMostDevices> bytes{};
-  return bytes[size_t(ordinal < kMostDevices ? ordinal : kMostDevices - 1)];
+  static std::array<std::atomic<uint64_t>, kMaxDevices> bytes{};
+  return bytes[size_t(ordinal < kMaxDevices ? ordinal : kMaxDevices - 1)];
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
-// Words of global memory by which blocks that run at the same time tell each other what is done: what a thread wrote before a release, and what
-// threads wrote whom it had waited for, whoever reads that word by an acquire finds written. They take less time than fences, which order more.
-// No host-only includes.
+// Words of global memory by which blocks that run at the same time tell each other what is done: what a thread wrote
+// before a release, and what threads wrote whom it had waited for, whoever reads that word by an acquire finds written.
+// They take less time than fences, which order more. No host-only includes.
 #pragma once
 
 #include <cstdint>

@@ -58,7 +58,7 @@ Path BlendingPath(const PathInputs& in, const PathPlan& plan, bool bricks) {
 
 bool RecordsReach(const std::array<int64_t, 3>& dims, uint64_t triangles, uint64_t record_bits) {
   const uint64_t rows = uint64_t(dims[1]) * uint64_t(dims[2]);
-  return (uint64_t(dims[0]) + 31) / 32 * 32 <= record_bits / rows && triangles <= kMostSpanTriangles;
+  return (uint64_t(dims[0]) + 31) / 32 * 32 <= record_bits / rows && triangles <= kMaxSpanTriangles;
 }
 
 bool BlendsInPlace(const PathTarget& target) {

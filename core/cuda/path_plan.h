@@ -1,5 +1,5 @@
-// Which path a run takes on a device: decided once, from what is known before the first kernel. A pure function, so that it
-// is tested without a GPU. No host-only includes but the standard library's, no CUDA headers.
+// Which path a run takes on a device: decided once, from what is known before the first kernel. A pure function, so
+// that it is tested without a GPU. No host-only includes but the standard library's, no CUDA headers.
 #pragma once
 
 #include <array>
@@ -53,7 +53,7 @@ struct PathInputs {
   uint64_t triangles = 0;
   bool rows_fit = true;         // occupancy bits may be set by rows (RowBitsFit)
   bool fixed_point = true;      // fixed point decides what most triangles touch
-  uint64_t record_bits = 0;     // of a slab's bit grid, that records and spans have numbers for: kMostSpanBits
+  uint64_t record_bits = 0;     // of a slab's bit grid, that records and spans have numbers for: kMaxSpanBits
   uint64_t fine_triangles = 0;  // a mesh of so many keeps the device busy with some triangles a thread
 };
 

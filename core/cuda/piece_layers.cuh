@@ -1,5 +1,5 @@
-// What a set-up triangle touches of eight layers of eight rows, a piece's edge: its layers there, and their rows of voxels. For what writes a grid piece by
-// piece (bit_pieces.cuh). No host-only includes.
+// What a set-up triangle touches of eight layers of eight rows, a piece's edge: its layers there, and their rows of
+// voxels. For what writes a grid piece by piece (bit_pieces.cuh). No host-only includes.
 #pragma once
 
 #include "cuda/walk_kernels.cuh"
@@ -24,7 +24,8 @@ __device__ inline Layer<Real> LayerOf(const SpanBounds<Real>& bounds, Real z, Pi
   out.plane_hi = double(layer.plane_hi);
   return layer;
 }
-// In: a layer z of the grid, the piece's first row y. False where the triangle has none of the piece's rows, or of as many others as `rows` says.
+// In: a layer z of the grid, the piece's first row y. False where the triangle has none of the piece's rows, or of as
+// many others as `rows` says.
 __device__ inline bool FindLayer(const SharedSetup& s, int y, int z, PieceLayer& out, int rows = kPieceEdge) {
   if (z < s.begin[2] || z >= s.end[2]) return false;
   int begin = s.begin[1], end = s.end[1];
@@ -83,8 +84,8 @@ __device__ inline SpanBounds<Real> BoundsOfRows(const SpanBounds<Real>& bounds) 
   return rows;
 }
 
-// Whether the plane alone tells the voxels of the layer's rows. Bounds of x are a product and a sum, each rounded once: what lies between two rows
-// has bounds between theirs.
+// Whether the plane alone tells the voxels of the layer's rows. Bounds of x are a product and a sum, each rounded once:
+// what lies between two rows has bounds between theirs.
 __device__ inline bool IsPlaneAlone(const SharedSetup& s, const PieceLayer& layer, int y) {
   if (s.span_class != SpanClass::kWide || double(s.cell[0]) != s.base.x) return false;
   const double first = double(y + int(layer.begin)) - s.base.y, last = double(y + int(layer.end) - 1) - s.base.y;
@@ -125,8 +126,8 @@ struct RowClip {
       : cell(s.cell[0]), least(s.begin[0] - s.cell[0]), most(s.end[0] - s.cell[0]) {}
 };
 
-// A row of a layer of which IsPlaneAlone: `shift` is the plane's slope times how far the row is from the set-up's base. Empty where x_begin is not
-// before x_end.
+// A row of a layer of which IsPlaneAlone: `shift` is the plane's slope times how far the row is from the set-up's base.
+// Empty where x_begin is not before x_end.
 __device__ inline void RowOfPlane(const RowClip& clip, const PieceLayer& layer, double shift, int& x_begin,
                                   int& x_end) {
   const int first = IntAbove(layer.plane_lo - shift), last = IntBelow(layer.plane_hi - shift);

@@ -19,16 +19,16 @@
 namespace voxelpipe::cuda {
 namespace {
 
-constexpr uint64_t kLeastStaged = 256 << 10;           // below, the driver's own staging is as quick
+constexpr uint64_t kMinStaged = 256 << 10;             // below, the driver's own staging is as quick
 constexpr uint64_t kWave = 8 << 20, kGrain = 1 << 20;  // filled by all threads; by one
-constexpr uint64_t kLeastBytes = 64 << 10;
-constexpr uint64_t kMostBytes = 4ull << 30;
+constexpr uint64_t kMinBytes = 64 << 10;
+constexpr uint64_t kMaxBytes = 4ull << 30;
 constexpr uint64_t kShare = 16;  // of the machine's memory
 
 // Four sizes an octave, so that blocks fit again and waste at most a fifth.
 uint64_t BlockBytes(uint64_t bytes) {
-  if (bytes <= kLeastBytes) return kLeastBytes;
-  const uint64_t step = std::max(std::bit_floor(bytes - 1), kLeastBytes) / 4;
+  if (bytes <= kMinBytes) return kMinBytes;
+  const uint64_t step = std::max(std::bit_floor(bytes - 1), kMinBytes) / 4;
   return (bytes + step - 1) / step * step;
 }
 
@@ -111,7 +111,7 @@ class Pool {
   std::deque<Block> idle_;                   // oldest first
   std::unordered_map<void*, uint64_t> out_;  // all pinned blocks: the generation that pinned them
   uint64_t bytes_ = 0, idle_bytes_ = 0, generation_ = 0;
-  const uint64_t most_ = std::min(kMostBytes, MemoryBytes() / kShare);
+  const uint64_t most_ = std::min(kMaxBytes, MemoryBytes() / kShare);
 };
 
 Pool& ThePool() {
@@ -122,7 +122,7 @@ Pool& ThePool() {
 }  // namespace
 
 void* TakePinned(uint64_t bytes) {
-  return bytes > kMostBytes ? nullptr : ThePool().Take(BlockBytes(bytes));
+  return bytes > kMaxBytes ? nullptr : ThePool().Take(BlockBytes(bytes));
 }
 void ReturnPinned(void* block, uint64_t bytes) {
   ThePool().Return(block, BlockBytes(bytes));
@@ -168,7 +168,7 @@ absl::Status StagedCopy(void* to, const void* from, uint64_t bytes, cudaStream_t
   if (bytes == 0) return absl::OkStatus();
   auto* const there = static_cast<uint8_t*>(to);
   const auto* const here = static_cast<const uint8_t*>(from);
-  auto* const between = bytes < kLeastStaged ? nullptr : static_cast<uint8_t*>(TakePinned(bytes));
+  auto* const between = bytes < kMinStaged ? nullptr : static_cast<uint8_t*>(TakePinned(bytes));
   if (between == nullptr) {  // the driver stages it
     VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream));
     return absl::OkStatus();

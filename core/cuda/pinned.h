@@ -11,8 +11,9 @@
 
 namespace voxelpipe::cuda {
 
-// A block of host memory, contents undefined, 64-byte aligned, from a process-wide pool of pinned blocks; ordinary memory where the
-// pool's bound is reached or the system pins no more. Goes back to the pool at the end: the device must be done with it. Movable.
+// A block of host memory, contents undefined, 64-byte aligned, from a process-wide pool of pinned blocks; ordinary
+// memory where the pool's bound is reached or the system pins no more. Goes back to the pool at the end: the device
+// must be done with it. Movable.
 class PinnedBuffer {
  public:
   PinnedBuffer() = default;
@@ -38,8 +39,8 @@ class PinnedBuffer {
   bool pinned_ = false;
 };
 
-// Copies to the device in `stream`'s order, through pinned memory that is added to `staged` and must live until that work is done. The
-// calling thread's arena fills it while the device already reads.
+// Copies to the device in `stream`'s order, through pinned memory that is added to `staged` and must live until that
+// work is done. The calling thread's arena fills it while the device already reads.
 absl::Status StagedCopy(void* to, const void* from, uint64_t bytes, cudaStream_t stream,
                         std::vector<PinnedBuffer>& staged);
 

@@ -1,9 +1,10 @@
-// Places of a pool that are given to bricks of a grid while triangles are drawn: whoever touches one first takes one for it (C. Crassin et al.,
-// "GigaVoxels", I3D 2009, has such a pool for rendering). A `Pool` has `places`, an element a brick, `asked`, `capacity`, kWordsOfPlace, and
-// what WordsOf and Name do.
+// Places of a pool that are given to bricks of a grid while triangles are drawn: whoever touches one first takes one
+// for it (C. Crassin et al., "GigaVoxels", I3D 2009, has such a pool for rendering). A `Pool` has `places`, an element
+// a brick, `asked`, `capacity`, kWordsOfPlace, and what WordsOf and Name do.
 //
-// A place that was not there before is read by an acquire, behind the clearing of who gave it. One that the L1 cache has, or brings, is not: what is done
-// to a place are atomics of the L2 cache, which has it cleared before anyone can see it. No host-only includes.
+// A place that was not there before is read by an acquire, behind the clearing of who gave it. One that the L1 cache
+// has, or brings, is not: what is done to a place are atomics of the L2 cache, which has it cleared before anyone can
+// see it. No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -22,8 +23,8 @@ __device__ inline bool IsPlace(uint32_t place) {
   return place >= kFirstPlace;
 }
 
-// Gives a brick its place, empty, or waits until another warp has done so; every warp that gives one goes on without waiting for others. All lanes
-// of a warp call it, with the same brick.
+// Gives a brick its place, empty, or waits until another warp has done so; every warp that gives one goes on without
+// waiting for others. All lanes of a warp call it, with the same brick.
 template <typename Pool>
 __device__ __noinline__ inline uint32_t GivePlace(const Pool& pool, uint32_t brick) {
   const unsigned lane = threadIdx.x % 32;

@@ -1,5 +1,5 @@
-// A pose's way to the device: the primitives before any pose, which the device keeps with the mesh, and the matrices and weights of
-// the request.
+// A pose's way to the device: the primitives before any pose, which the device keeps with the mesh, and the matrices
+// and weights of the request.
 #include <unordered_map>
 #include <vector>
 

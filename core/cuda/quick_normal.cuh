@@ -52,10 +52,11 @@ __device__ inline float RoughInverseRoot(float v) {
 #endif
 }
 
-// Normalized: that divides and takes a root, each with an error below 2^-53 of its result, 2^-50 in all. Here the inverse of the length is made from one in
-// floats by a step that leaves the cube of its error (A. S. Householder, "The Numerical Treatment of a Single Nonlinear Equation", 1970), and what comes out
-// is off by less than 2^-50, too. So both round to the same floats but where some component lies that close to the middle between two.
-// Not 0 where that is not certain, or the square of the length is less than `least`, which is at least 2^-120. It has to be at most 2^100.
+// Normalized: that divides and takes a root, each with an error below 2^-53 of its result, 2^-50 in all. Here the
+// inverse of the length is made from one in floats by a step that leaves the cube of its error (A. S. Householder, "The
+// Numerical Treatment of a Single Nonlinear Equation", 1970), and what comes out is off by less than 2^-50, too. So
+// both round to the same floats but where some component lies that close to the middle between two. Not 0 where that is
+// not certain, or the square of the length is less than `least`, which is at least 2^-120. It has to be at most 2^100.
 __device__ inline uint32_t NormalizeQuickly(const Vec3d& v, double least, Vec3f& unit) {
   const double square = fma(v.z, v.z, fma(v.y, v.y, v.x * v.x));
   const double y = double(RoughInverseRoot(float(square)));

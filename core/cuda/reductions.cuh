@@ -1,5 +1,5 @@
-// Atomic operations. Those on global memory that give no answer are written out: in a kernel that has a fence somewhere the compiler takes ones
-// that give one, and walks that set bits then take up to a third longer. No host-only includes.
+// Atomic operations. Those on global memory that give no answer are written out: in a kernel that has a fence somewhere
+// the compiler takes ones that give one, and walks that set bits then take up to a third longer. No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +22,8 @@ __device__ inline void ReduceMax(uint32_t* to, uint32_t value) {
 #endif
 }
 
-// Adds to a counter in shared memory: what it was. By one lane of a warp, which the compiler does not know: it would have lanes agree on one.
+// Adds to a counter in shared memory: what it was. By one lane of a warp, which the compiler does not know: it would
+// have lanes agree on one.
 __device__ inline uint32_t SharedAdd(uint32_t* to, uint32_t value) {
 #if defined(__CUDA_ARCH__)
   uint32_t before;
@@ -57,7 +58,8 @@ __device__ inline void SharedOr(SharedPlace to, uint32_t bits) {
 #endif
 }
 
-// Sets all bits of a word by a plain store: behind it and whatever ReduceOr sets at the same time they are all set, in either order.
+// Sets all bits of a word by a plain store: behind it and whatever ReduceOr sets at the same time they are all set, in
+// either order.
 __device__ inline void SetAllBits(uint32_t* to) {
 #if defined(__CUDA_ARCH__)
   *to = ~0u;

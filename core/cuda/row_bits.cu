@@ -1,4 +1,5 @@
-// Plain bits: rows of voxels set straight in the bit grid, without tiles. Atomic ORs set words; full words between them are stored.
+// Plain bits: rows of voxels set straight in the bit grid, without tiles. Atomic ORs set words; full words between them
+// are stored.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -20,7 +21,8 @@ namespace {
 
 constexpr int kOrderedRounds = 1;  // of CellKernel where places count: fewer triangles are under way, in fewer places
 constexpr int kSharedRows = 2;     // lanes of FewKernel for a triangle's rows where they are shared
-// Grids of so many bytes at most are cleared by the first blocks of either; larger ones are cleared sooner by a kernel of their own.
+// Grids of so many bytes at most are cleared by the first blocks of either; larger ones are cleared sooner by a kernel
+// of their own.
 constexpr uint64_t kClearedByWalk = 4 << 20, kAssumedClearedByWalk = 8;  // the latter times an assumed cache
 
 // Blocks of a kernel that a multiprocessor of the current device runs at once; 0 where that cannot be found out.
@@ -89,20 +91,21 @@ bool KeepsToPlaces(const RunState& state, const BitArgs& args) {
   return ExceedsCache(state.device, args.quads * 16 / kCacheTimes);
 }
 
-// Whether the largest of scattered triangles are drawn while the grid is cleared: in small ones it takes longer to set them up than it saves.
+// Whether the largest of scattered triangles are drawn while the grid is cleared: in small ones it takes longer to set
+// them up than it saves.
 bool DrawsLargest(const RunState& state, const BitArgs& args) {
   return state.plan.path == Path::kOccupancy && ExceedsCache(state.device, args.quads * 16 * kCacheTimes);
 }
 
-// Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where triangles are small: more
-// than eight to a piece of the grid's largest face.
+// Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where
+// triangles are small: more than eight to a piece of the grid's largest face.
 bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
-  constexpr uint64_t kMostTriangles = 1 << 18;
+  constexpr uint64_t kMaxTriangles = 1 << 18;
   if (!GoesAroundCache(state, args)) return false;
   const uint64_t nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
   const auto nz = uint64_t(args.grid.slab_end - args.grid.slab_begin);
   const uint64_t count = args.triangle_count, face = std::max({nx * ny, ny * nz, nz * nx});
-  if (count == 0 || count > kMostTriangles || count * 8 > face) return false;
+  if (count == 0 || count > kMaxTriangles || count * 8 > face) return false;
   CutIntoPieces(args, bins);
   LeaveOutEmpty(state, args, bins);
   const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
@@ -158,7 +161,7 @@ void AddPieces(const RunState& state, const BitArgs& args, const Bins& bins, Lau
   // Few blocks: BinKernel runs beside them.
   list.Add("ClearForBins", Begins::kBehind, processors * 4, kClearThreads, ClearForBins, args, bins);
   const unsigned blocks = processors * kBinBlocks;
-  const bool few = args.triangle_count <= uint64_t{blocks} * (kBinThreads / 32) * kMostInParts;
+  const bool few = args.triangle_count <= uint64_t{blocks} * (kBinThreads / 32) * kMaxInParts;
   list.Add("BinKernel", EarlyIfAble(state.device), blocks, kBinThreads, few ? BinKernel<true> : BinKernel<false>, args,
            bins);
   AddStores(state, args, bins, list);
@@ -171,19 +174,19 @@ void AddAtOnce(RunState& state, const BitArgs& args, int blocks, LaunchList& lis
   list.Add("AtOnceKernel", Begins::kAtOnce, unsigned(blocks), kAtOnceThreads, AtOnceKernel, args, arrived);
 }
 
-// Clears the grid, with the largest triangles in it where there are such: so these take no access of memory but the grid's own, where an atomic for
-// each triangle's row takes one each.
+// Clears the grid, with the largest triangles in it where there are such: so these take no access of memory but the
+// grid's own, where an atomic for each triangle's row takes one each.
 absl::Status AddCleared(RunState& state, const BitArgs& args, LaunchList& list) {
   if (args.largest == nullptr) {
     AddClear(state, args, list);
     return absl::OkStatus();
   }
-  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(kMostApart * sizeof(SharedSetup), state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(kMaxApart * sizeof(SharedSetup), state.stream));
   Bins bins;
   CutIntoPieces(args, bins);
   bins.set_up = reinterpret_cast<SharedSetup*>(state.scratch.data());
-  list.Add("SetUpLargestKernel", Begins::kBehind, (kMostApart + kMostInParts - 1) / kMostInParts, 32,
-           SetUpLargestKernel, args, bins.set_up);
+  list.Add("SetUpLargestKernel", Begins::kBehind, (kMaxApart + kMaxInParts - 1) / kMaxInParts, 32, SetUpLargestKernel,
+           args, bins.set_up);
   AddStores(state, args, bins, list);
   return absl::OkStatus();
 }
@@ -201,8 +204,9 @@ uint64_t FewBlocksAtOnce(const DeviceInfo& device) {
   return uint64_t(resident) * uint64_t(AssumedCache() > 0 ? 1 : device.multiprocessors);
 }
 
-// How many lanes of FewKernel share the rows of a triangle, where triangles are so few that all its blocks run at once; 0 where they are not. More than
-// one for triangles of many rows (of more than a voxel of the grid's largest face each). More lanes, and other numbers of triangles a block, are slower.
+// How many lanes of FewKernel share the rows of a triangle, where triangles are so few that all its blocks run at once;
+// 0 where they are not. More than one for triangles of many rows (of more than a voxel of the grid's largest face
+// each). More lanes, and other numbers of triangles a block, are slower.
 int RowLanes(const RunState& state, const BitArgs& args) {
   if (args.packed != nullptr || args.pool.places != nullptr) return 0;
   const int64_t nx = args.grid.dims[0], ny = args.grid.dims[1], nz = args.grid.slab_end - args.grid.slab_begin;
@@ -251,7 +255,7 @@ absl::Status AddAll(RunState& state, BitArgs& args, LaunchList& list) {
     return absl::OkStatus();
   }
   args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,
-                          kMostCellRounds);
+                          kMaxCellRounds);
   PrepareScattered(state);
   UsePacked(state, args, /*placed=*/true);
   if (args.packed != nullptr && KeepsToPlaces(state, args)) args.rounds = kOrderedRounds;

@@ -1,5 +1,6 @@
-// Voxels that a warp's triangles touch, in shared memory: neighbours in a mesh touch the same words of the grid, which then go there once. A box
-// of rows, each of them a word from the box's first voxel on, so that no row of a triangle is cut in two. No host-only includes.
+// Voxels that a warp's triangles touch, in shared memory: neighbours in a mesh touch the same words of the grid, which
+// then go there once. A box of rows, each of them a word from the box's first voxel on, so that no row of a triangle is
+// cut in two. No host-only includes.
 #pragma once
 
 #include "cuda/bit_grid.cuh"
@@ -14,7 +15,8 @@ struct RowBoxOf {
   int first[3];  // voxel
   uint32_t size_y, count;
 };
-// Of RowKernel. So many that its blocks leave the L1 cache what those of CellKernel do; 128 and 512 are some 3 % slower.
+// Of RowKernel. So many that its blocks leave the L1 cache what those of CellKernel do; 128 and 512 are some 3 %
+// slower.
 using RowBox = RowBoxOf<336>;
 // Of octants in CellKernel, whose rows are zero between uses.
 using OctantBox = RowBoxOf<128>;
@@ -37,7 +39,8 @@ struct RowPlace {
   __device__ uint32_t RowOf(const int (&voxel)[3]) const { return uint32_t(offset + voxel[1] + voxel[2] * pitch); }
 };
 
-// The box of what the lanes with `has` reach, voxels [begin, end) of the grid. All lanes call it, when the rows are clear and __syncwarp.
+// The box of what the lanes with `has` reach, voxels [begin, end) of the grid. All lanes call it, when the rows are
+// clear and __syncwarp.
 template <uint32_t kRows>
 __device__ inline RowPlace FitRows(RowBoxOf<kRows>& box, bool has, const int (&begin)[3], const int (&end)[3]) {
   uint32_t least[3], size[3];

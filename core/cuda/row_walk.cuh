@@ -22,8 +22,8 @@ __device__ inline bool IsForOneThread(const TriangleSetup& s, const VoxelRange& 
   return s.span_class != SpanClass::kWide && RowCount(clipped) <= most_rows;
 }
 
-// All rows of a narrow triangle within `range`, by one thread: visit(y, z, x_begin, x_end) in grid coordinates. Such a triangle is
-// at most some 34 voxels long, so 32 bits do.
+// All rows of a narrow triangle within `range`, by one thread: visit(y, z, x_begin, x_end) in grid coordinates. Such a
+// triangle is at most some 34 voxels long, so 32 bits do.
 template <typename Visit>
 __device__ inline void WalkNarrow(const SpanBounds<float>& s, const int (&base)[3], const Box32& range, Visit&& visit) {
   for (int z = range.begin[2]; z < range.end[2]; ++z) {
@@ -101,8 +101,9 @@ __device__ inline uint32_t WarpExclusiveSum(uint32_t value, uint32_t& total) {
   return sum - value;
 }
 
-// The lane that has item number `item`: the last one of the first kLanes, a power of two, with that many before it or fewer. Lanes that have
-// none are never found while there are such items. In: the sum of WarpExclusiveSum. All 32 lanes call it.
+// The lane that has item number `item`: the last one of the first kLanes, a power of two, with that many before it or
+// fewer. Lanes that have none are never found while there are such items. In: the sum of WarpExclusiveSum. All 32 lanes
+// call it.
 template <int kLanes = 32>
 __device__ inline int LaneOfItem(uint32_t before, uint32_t item) {
   int found = 0;
@@ -113,8 +114,8 @@ __device__ inline int LaneOfItem(uint32_t before, uint32_t item) {
   return found;
 }
 
-// Room for `count` elements of each lane in an array whose fill `counter` counts: the lane's first index. One atomic a warp. All 32
-// lanes call it.
+// Room for `count` elements of each lane in an array whose fill `counter` counts: the lane's first index. One atomic a
+// warp. All 32 lanes call it.
 __device__ inline uint64_t WarpAllocate(uint64_t* counter, uint32_t count) {
   uint32_t total;
   const uint32_t before = WarpExclusiveSum(count, total);
@@ -125,9 +126,9 @@ __device__ inline uint64_t WarpAllocate(uint64_t* counter, uint32_t count) {
   return __shfl_sync(~0u, first, 0) + before;
 }
 
-// The same for a whole block of kThreads threads with one atomic a block, which matters where millions of threads append: an atomic
-// that returns costs some 3 ns. All threads call it; `shared` holds kThreads / 32 + 1 words and is free again after the next
-// barrier.
+// The same for a whole block of kThreads threads with one atomic a block, which matters where millions of threads
+// append: an atomic that returns costs some 3 ns. All threads call it; `shared` holds kThreads / 32 + 1 words and is
+// free again after the next barrier.
 template <int kThreads>
 __device__ inline uint64_t BlockAllocate(uint64_t* counter, uint32_t count, unsigned long long* shared) {
   constexpr int kWarps = kThreads / 32;

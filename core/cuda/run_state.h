@@ -61,7 +61,8 @@ struct PackedVertex;
 struct LargestTriangles;
 // What walks over a scattered mesh read besides its arrays (scattered.h); null: they do without.
 struct ScatteredMesh {
-  // Three a triangle, so that nothing is to be looked up: parts of RunState::box, whose extent is kept here (fixed_place.cuh).
+  // Three a triangle, so that nothing is to be looked up: parts of RunState::box, whose extent is kept here
+  // (fixed_place.cuh).
   const PackedVertex* packed = nullptr;
   // The same in the order of places (Morton, 1966), for walks to which triangles are all the same.
   const PackedVertex* placed = nullptr;
@@ -148,7 +149,8 @@ struct RunState {
   // What the plan expects the mesh to touch of the whole grid: lists are made room for by it before they are counted.
   Surface expected;
 
-  // CoarseRaster, TileSort: of the whole grid, but for tiles with pairs, which are those of the slab and numbered from its first one on
+  // CoarseRaster, TileSort: of the whole grid, but for tiles with pairs, which are those of the slab and numbered from
+  // its first one on
   GridSpec grid;
   GridView view{};      // dims, tiles, slab: what kernels get
   bool placed = false;  // whether index_positions and codes are made
@@ -174,10 +176,10 @@ struct RunState {
   std::array<TargetMemory, kMaxTargets> target_memory;
   DeviceArray<uint32_t> bit_pool;  // of plain bits (bit_pool.h)
   DeviceArray<uint32_t> coverage;  // bit grid: voxels that a fragment of any target wrote
-  // Sparse results: `value_stride` bytes for each occupied tile, in the order of pairs.occupied (a tile's number among them
-  // is tile_slot[tile]). Target t that is no bit target has element (voxel * components + c) in its format from byte
-  // value_offset[t] on, voxel = x + 32*(y + 8*z) of the tile; values of voxels without a fragment are undefined. Bit targets have
-  // their values in the bit grids as in dense results.
+  // Sparse results: `value_stride` bytes for each occupied tile, in the order of pairs.occupied (a tile's number among
+  // them is tile_slot[tile]). Target t that is no bit target has element (voxel * components + c) in its format from
+  // byte value_offset[t] on, voxel = x + 32*(y + 8*z) of the tile; values of voxels without a fragment are undefined.
+  // Bit targets have their values in the bit grids as in dense results.
   DeviceArray<uint8_t> tile_values;
   DeviceArray<uint32_t> tile_slot;  // per tile of the slab; UINT32_MAX: no pairs
   uint64_t value_stride = 0;
@@ -191,7 +193,8 @@ struct RunState {
 
   // Buckets: EmitFragments, SortFragments
   DeviceArray<uint32_t> fragment_counts;  // per triangle
-  // Per triangle: where its fragments begin before they are sorted. Or, of records, how many each chunk has (FragmentCounts).
+  // Per triangle: where its fragments begin before they are sorted. Or, of records, how many each chunk has
+  // (FragmentCounts).
   DeviceArray<uint64_t> fragment_first;
   Fragments fragments;  // their keys are voxel indices within the slab
   // For CountAndListBuckets and UnpackIntoBuckets (fragments.h): 0 once fragments are emitted.

@@ -59,9 +59,9 @@ __global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant_
       large = large || Max(p[a], Max(q[a], r[a])) - Min(p[a], Min(q[a], r[a])) >= args.large[a];
     }
     // Nobody asks how many more there are, and answers of one counter take long where they are many.
-    if (!large || __ldcg(&args.largest->count) >= kMostApart) continue;
+    if (!large || __ldcg(&args.largest->count) >= kMaxApart) continue;
     const uint32_t at = atomicAdd(&args.largest->count, 1u);
-    if (at >= kMostApart) continue;
+    if (at >= kMaxApart) continue;
     args.largest->triangles[at] = uint32_t(t);
     for (int i = 0; i < 3; ++i) args.largest->corners[at][i] = corners[i];
   }

@@ -9,9 +9,9 @@ namespace {
 
 struct ListArgs {
   GridView grid;
-  CudaTarget targets[kMostTargets];
+  CudaTarget targets[kMaxTargets];
   FragmentShading shading;  // but for pointers to what stands here
-  uint8_t* out[kMostTargets];
+  uint8_t* out[kMaxTargets];
 };
 
 __device__ inline FragmentShading ShadingOf(const ListArgs& args) {
@@ -104,7 +104,7 @@ absl::Status ShadeList(RunState& state, int index, const FragmentList& list, uin
   return Launch(state, args);
 }
 
-absl::Status ShadeList(RunState& state, const FragmentList& list, uint8_t* const (&out)[kMostTargets]) {
+absl::Status ShadeList(RunState& state, const FragmentList& list, uint8_t* const (&out)[kMaxTargets]) {
   ListArgs args = MakeListArgs(state, list, 0, state.targets.count);
   std::copy(std::begin(out), std::end(out), args.out);
   return Launch(state, args);

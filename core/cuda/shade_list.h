@@ -20,12 +20,12 @@ struct FragmentList {
 // cleared bit grid.
 absl::Status ShadeList(RunState& state, int index, const FragmentList& list, uint8_t* out);
 // Writes the values of all targets' fragments.
-absl::Status ShadeList(RunState& state, const FragmentList& list, uint8_t* const (&out)[kMostTargets]);
+absl::Status ShadeList(RunState& state, const FragmentList& list, uint8_t* const (&out)[kMaxTargets]);
 // A byte a fragment, 1 if some target keeps it.
 absl::Status FindKept(RunState& state, const FragmentList& list, uint8_t* kept);
 
-// Shades the fragments of all records, or of the first `count` spans of the list, for the targets whose values come from
-// fragments, and blends them into accumulators.
+// Shades the fragments of all records, or of the first `count` spans of the list, for the targets whose values come
+// from fragments, and blends them into accumulators.
 absl::Status ShadeRecords(RunState& state);
 absl::Status ShadeSpans(RunState& state, uint64_t count);
 

@@ -19,13 +19,15 @@ struct DenseSource {
   uint64_t bytes;
 };
 
-// The targets of the state's dense slab in their result format. What they read besides the state's own arrays is added to `packed`.
+// The targets of the state's dense slab in their result format. What they read besides the state's own arrays is added
+// to `packed`.
 absl::Status PackDense(RunState& state, std::vector<DeviceArray<uint32_t>>& packed, std::vector<DenseSource>& sources);
-// Starts their copies, into pinned memory where there is some. The buffers take part in the stream's work until that is done, also where this fails.
+// Starts their copies, into pinned memory where there is some. The buffers take part in the stream's work until that is
+// done, also where this fails.
 absl::Status CopyDense(const std::vector<DenseSource>& sources, cudaStream_t stream, ResultArrays& out);
 
-// Copies go on a stream of their own, from one of two sets of the slab's arrays, while the stages fill the other. They overlap where the host's
-// memory is pinned. Of one run; not thread-safe. At its end it waits for the copies.
+// Copies go on a stream of their own, from one of two sets of the slab's arrays, while the stages fill the other. They
+// overlap where the host's memory is pinned. Of one run; not thread-safe. At its end it waits for the copies.
 class SlabCopies {
  public:
   static absl::StatusOr<SlabCopies> Make(int ordinal);

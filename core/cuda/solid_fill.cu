@@ -1,9 +1,9 @@
 // Parity fill: one toggled bit a crossing, then a suffix exclusive-or along each row. Nonzero fill: a sum of signs a
 // crossing, then suffix sums. And the filled voxels' values.
 //
-// Source: the fill of M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010, section 5.
-// Changed: crossings are counted per edge (raster/crossing.h), so that closed meshes leave no streaks; a single bit is
-// toggled and spread at the end.
+// Source: the fill of M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010,
+// section 5. Changed: crossings are counted per edge (raster/crossing.h), so that closed meshes leave no streaks; a
+// single bit is toggled and spread at the end.
 #include <algorithm>
 
 #include "cuda/batch.h"
@@ -271,7 +271,8 @@ struct FillArgs {
   bool planar;
 };
 
-// The fill value, to the filled voxels of words begin, begin + step, ... without a fragment of the target: a warp a word, a lane a voxel.
+// The fill value, to the filled voxels of words begin, begin + step, ... without a fragment of the target: a warp a
+// word, a lane a voxel.
 template <typename Element>
 __device__ inline void FillWords(const FillArgs& args, uint64_t begin, uint64_t step) {
   auto* const out = reinterpret_cast<Element*>(args.dense);
@@ -428,7 +429,7 @@ absl::Status NonzeroInside(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
   const uint64_t of_row = uint64_t(state.view.words_per_row) * 32;
-  const uint64_t at_once = std::clamp<uint64_t>(kMostSumBytes / (of_row * sizeof(uint32_t)), 1, rows);
+  const uint64_t at_once = std::clamp<uint64_t>(kMaxSumBytes / (of_row * sizeof(uint32_t)), 1, rows);
   DeviceArray<uint32_t> sums, outside;
   VOXELPIPE_OK_OR_RETURN(sums.Resize(at_once * of_row, state.stream));
   VOXELPIPE_OK_OR_RETURN(outside.Resize(at_once, state.stream));

@@ -1,10 +1,11 @@
-// The kernels that list the rows of voxels of what FindCells (cell_walk.cuh) leaves: who covers which voxels, as records of
-// 8 bytes that further kernels take in any order. The walk is done once, whatever is blended then, and blending is balanced:
-// a thread a span.
+// The kernels that list the rows of voxels of what FindCells (cell_walk.cuh) leaves: who covers which voxels, as
+// records of 8 bytes that further kernels take in any order. The walk is done once, whatever is blended then, and
+// blending is balanced: a thread a span.
 //
-// Warps append to pieces of the list that they take one after the other, those of EmitRest first to a small one that each has at the list's
-// begin: an atomic that returns takes long where all wait for one address. The lanes of a warp always do so together. What is
-// done with the rows is the writer's: it has Args, kPartsInRow, and Put and Finish as SpanWriter. No host-only includes.
+// Warps append to pieces of the list that they take one after the other, those of EmitRest first to a small one that
+// each has at the list's begin: an atomic that returns takes long where all wait for one address. The lanes of a warp
+// always do so together. What is done with the rows is the writer's: it has Args, kPartsInRow, and Put and Finish as
+// SpanWriter. No host-only includes.
 #pragma once
 
 #include "cuda/bit_setups.cuh"
@@ -72,7 +73,8 @@ __device__ inline void AddFragments(uint64_t* counters, uint64_t count) {
 template <typename T, unsigned kPiece>
 class PieceWriter {
  public:
-  // A list of `capacity` entries, of which `count` counts those from `begin` on; `nothing` fills what is left of a piece.
+  // A list of `capacity` entries, of which `count` counts those from `begin` on; `nothing` fills what is left of a
+  // piece.
   __device__ PieceWriter(T* list, uint64_t capacity, uint64_t begin, uint64_t* count, T nothing)
       : list_(list), capacity_(capacity), begin_(begin), count_(count), nothing_(nothing) {}
 
@@ -133,7 +135,8 @@ class SpanListWriter : public PieceWriter<uint64_t, kSpansOfPiece> {
   }
 };
 
-// The spans of a row of each lane, a word of every row at a time, for most rows have one: visit(lanes that have one, this lane's).
+// The spans of a row of each lane, a word of every row at a time, for most rows have one: visit(lanes that have one,
+// this lane's).
 template <typename Visit>
 __device__ inline void ForEachSpan(const GridView& grid, uint32_t t, uint32_t row, int x_begin, int x_end,
                                    Visit&& visit) {
@@ -224,7 +227,8 @@ __global__ void __launch_bounds__(kRestThreads, kRestBlocks)
 
 inline constexpr int kRowsOfPart = 256;  // of a layer, that a warp takes at once
 
-// Rows [y_begin, y_end) of a layer of a set-up, by a warp: what they share is computed once for all that a lane has of them.
+// Rows [y_begin, y_end) of a layer of a set-up, by a warp: what they share is computed once for all that a lane has of
+// them.
 template <typename Real, typename Writer>
 __device__ inline void PutLayer(const SpanBounds<Real>& bounds, const SharedSetup& s, const GridView& grid, int z,
                                 int y_begin, int y_end, Writer& writer) {
@@ -245,7 +249,8 @@ __device__ inline void PutLayer(const SpanBounds<Real>& bounds, const SharedSetu
 struct WarpParts {
   uint32_t first, end, step;
 };
-// kInRow: parts that follow one another, most often all of one triangle; else every `warps`-th, so that what is drawn at a time lies together.
+// kInRow: parts that follow one another, most often all of one triangle; else every `warps`-th, so that what is drawn
+// at a time lies together.
 template <bool kInRow>
 __device__ inline WarpParts PartsOfWarp(uint32_t all, uint32_t warp, uint32_t warps) {
   if constexpr (!kInRow) return {warp, all, warps};

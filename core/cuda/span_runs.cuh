@@ -34,8 +34,9 @@ __device__ inline T CombineRun(const LaneRun& run, T value, Combine&& combine) {
   return value;
 }
 
-// The voxels of a span of each lane, side by side in the lanes: neighbours of a row meet in one access of memory. visit(lane of the span,
-// how many voxels of it lie before this one, whether there is one). All 32 lanes call it, and all call visit together.
+// The voxels of a span of each lane, side by side in the lanes: neighbours of a row meet in one access of memory.
+// visit(lane of the span, how many voxels of it lie before this one, whether there is one). All 32 lanes call it, and
+// all call visit together.
 template <typename Visit>
 __device__ inline void ForEachVoxel(uint32_t length, Visit&& visit) {
   uint32_t total;

@@ -1,5 +1,5 @@
-// What was blended by spans (span_blend.cuh) as values of the result; and ranks of covered voxels. Included by blend_store.cu only, as what
-// includes it: these kernels are no templates. No host-only includes.
+// What was blended by spans (span_blend.cuh) as values of the result; and ranks of covered voxels. Included by
+// blend_store.cu only, as what includes it: these kernels are no templates. No host-only includes.
 #pragma once
 
 #include "cuda/fragment_shading.cuh"
@@ -178,7 +178,8 @@ struct StoreArgs {
   uint32_t* bits = nullptr;  // a bit grid, cleared
 };
 
-// Calls visit(word, x of it, rank, element of the result) for every voxel that a target has a fragment in, each by a lane.
+// Calls visit(word, x of it, rank, element of the result) for every voxel that a target has a fragment in, each by a
+// lane.
 template <typename Visit>
 __device__ inline void ForEachStored(const StoreArgs& args, Visit&& visit) {
   if (args.listed == nullptr) {

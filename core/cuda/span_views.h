@@ -9,8 +9,8 @@ namespace voxelpipe::cuda {
 
 // From bit 0: the first voxel's bit in the slab's bit grid (32 bits), the length less one (5), the triangle (27).
 inline constexpr uint64_t kNoSpan = ~uint64_t{0};
-inline constexpr uint64_t kMostSpanBits = UINT32_MAX - 31;  // of a bit grid: the last words are no span's
-inline constexpr uint64_t kMostSpanTriangles = uint64_t{1} << 27;
+inline constexpr uint64_t kMaxSpanBits = UINT32_MAX - 31;  // of a bit grid: the last words are no span's
+inline constexpr uint64_t kMaxSpanTriangles = uint64_t{1} << 27;
 // Behind the counters: fragments of the slab counted without tiles, in parts, so that not all wait for one address.
 inline constexpr int kFragmentSlots = 64;
 // Behind those: fragments of the A-buffer, by groups of FindCells' blocks.

@@ -1,7 +1,7 @@
 // Bricks of a sparse result, made of the slab's coverage and the values of its tiles.
 //
-// A tile is four bricks along x, and tiles are as high and as deep as bricks, so bricks in the order of tiles are in the order of
-// brick ids.
+// A tile is four bricks along x, and tiles are as high and as deep as bricks, so bricks in the order of tiles are in
+// the order of brick ids.
 #include <algorithm>
 
 #include "cuda/brick_pool.h"
@@ -27,13 +27,13 @@ struct BrickArgs {
   uint32_t* listed_bits;  // not null: the bit of each voxel; values of fragments come later
   bool emits;             // true if any value is stored here
   uint64_t value_stride;
-  uint64_t value_offset[kMostTargets];
+  uint64_t value_offset[kMaxTargets];
   TargetViews targets;
-  FillValue fill[kMostTargets];  // of filled results
+  FillValue fill[kMaxTargets];  // of filled results
   uint64_t all_voxels;
   uint64_t* bricks;
   uint8_t* masks;
-  uint8_t* out[kMostTargets];
+  uint8_t* out[kMaxTargets];
 };
 
 // The slab's tile: its coordinates among the grid's tiles.
@@ -57,7 +57,8 @@ __device__ inline uint32_t OccupiedWord(const BrickArgs& args, uint64_t word) {
   return args.inside == nullptr ? args.coverage[word] : args.coverage[word] | args.inside[word];
 }
 
-// A thread a tile: neighbours along x read neighbouring words. Behind the last stands a 0, so that its scan is the total.
+// A thread a tile: neighbours along x read neighbouring words. Behind the last stands a 0, so that its scan is the
+// total.
 __global__ void __launch_bounds__(kThreads) CountBricks(const __grid_constant__ BrickArgs args) {
   const uint64_t tile = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
   if (tile == args.tile_count) args.brick_counts[tile] = args.voxel_counts[tile] = 0;

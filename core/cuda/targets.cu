@@ -104,7 +104,8 @@ __global__ void __launch_bounds__(kThreads) ClearBatchKernel(const __grid_consta
   }
 }
 
-// Adds the set bits of a, or of a and b together, of words begin, begin + step, ... to a counter. All threads of a warp call it.
+// Adds the set bits of a, or of a and b together, of words begin, begin + step, ... to a counter. All threads of a warp
+// call it.
 __device__ inline void AddBits(const uint32_t* a, const uint32_t* b, uint64_t words, uint64_t begin, uint64_t step,
                                uint64_t* counter) {
   uint64_t sum = 0;
@@ -167,11 +168,11 @@ absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory)
 }
 
 // Small results wait for the driver's staging no longer than for a pinned block.
-constexpr uint64_t kLeastPinned = 64 << 10;
+constexpr uint64_t kMinPinned = 64 << 10;
 
 // The buffer takes part in the stream's work until that is done, also where this fails.
 absl::Status CopyToHost(const void* from, uint64_t bytes, cudaStream_t stream, HostBuffer& to) {
-  void* const block = bytes < kLeastPinned ? nullptr : TakePinned(bytes);
+  void* const block = bytes < kMinPinned ? nullptr : TakePinned(bytes);
   if (block != nullptr) {
     to = HostBuffer::Adopt(block, bytes, &ReturnPinned);
   } else {

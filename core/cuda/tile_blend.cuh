@@ -1,7 +1,8 @@
 // One tile of one render target in shared memory while it is blended: the device's twin of cpu/tile_buffer.h.
 //
-// Fragments arrive in any order, so every blend is an atomic whose result no order changes. Floats are kept as keys whose unsigned
-// order is theirs; replace and first find the winning triangle of each voxel in one pass and write its value in a second.
+// Fragments arrive in any order, so every blend is an atomic whose result no order changes. Floats are kept as keys
+// whose unsigned order is theirs; replace and first find the winning triangle of each voxel in one pass and write its
+// value in a second.
 #pragma once
 
 #include "cuda/views.h"
@@ -25,7 +26,8 @@ enum class Kept : uint8_t {
   kCount,    // the number of fragments
 };
 
-// A target in a tile. Offsets into the block's shared memory in 32-bit words, even; only those that `kept` needs are used.
+// A target in a tile. Offsets into the block's shared memory in 32-bit words, even; only those that `kept` needs are
+// used.
 struct TileTarget {
   CudaTarget target;
   int index = 0;  // of the request's targets

@@ -8,7 +8,7 @@
 namespace voxelpipe::cuda {
 
 // Pairs are numbered in 32 bits, and blocks step some beyond the last one.
-inline constexpr uint64_t kMostPairs = UINT32_MAX - 4096;
+inline constexpr uint64_t kMaxPairs = UINT32_MAX - 4096;
 
 struct TilePairs {
   DeviceArray<uint32_t> tiles[2], triangles[2];  // unsorted and sorted by tile
@@ -25,8 +25,8 @@ struct TilePairs {
   }
 };
 
-// Sorts the pairs by tile, and lists the occupied tiles of `tile_count`: their number is added to *occupied_count. `slot`, if not null, gets
-// each occupied tile's number in the list. `scratch` is CUB's.
+// Sorts the pairs by tile, and lists the occupied tiles of `tile_count`: their number is added to *occupied_count.
+// `slot`, if not null, gets each occupied tile's number in the list. `scratch` is CUB's.
 absl::Status SortPairs(TilePairs& pairs, uint64_t tile_count, uint32_t* slot, uint64_t* occupied_count,
                        DeviceArray<uint8_t>& scratch, cudaStream_t stream);  // tile_sort.cu
 

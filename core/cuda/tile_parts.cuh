@@ -1,8 +1,9 @@
-// Tiles with very many triangles are split: a part of its pairs is one block's, and blocks join what they blended. No host-only includes.
+// Tiles with very many triangles are split: a part of its pairs is one block's, and blocks join what they blended. No
+// host-only includes.
 //
-// Every blend is independent of order, so joined parts hold what one block would have blended. A block that is done with a part
-// leaves it in global memory; of the blocks whose parts belong together the last one that is done joins them, and goes on so up
-// a tree until one has the whole tile.
+// Every blend is independent of order, so joined parts hold what one block would have blended. A block that is done
+// with a part leaves it in global memory; of the blocks whose parts belong together the last one that is done joins
+// them, and goes on so up a tree until one has the whole tile.
 #pragma once
 
 #include "cuda/fine_args.cuh"
@@ -19,7 +20,8 @@ struct TileWork {
   uint32_t first_part = 0;  // place of the tile's parts among all
 };
 
-// The work of a number from the counter: first the parts, then the tiles that are not split. False: there is none for that number.
+// The work of a number from the counter: first the parts, then the tiles that are not split. False: there is none for
+// that number.
 __device__ inline bool TakeWork(const FineArgs& args, uint64_t number, TileWork& work) {
   const uint64_t listed = args.parts.list == nullptr ? 0 : *args.parts.count;
   if (number < listed) {
@@ -89,8 +91,8 @@ __device__ inline void JoinTarget(const TileTarget& t, uint32_t* shared, const u
   }
 }
 
-// Leaves a part's result, or joins it with those of others. True where the block then has the whole tile in `shared`, `touched` and
-// `covered`. All threads call it, with blending done and a barrier behind it.
+// Leaves a part's result, or joins it with those of others. True where the block then has the whole tile in `shared`,
+// `touched` and `covered`. All threads call it, with blending done and a barrier behind it.
 __device__ inline bool JoinParts(const FineArgs& args, const TileWork& work, uint32_t* shared, uint32_t* touched,
                                  uint32_t* covered) {
   __shared__ uint32_t joins;

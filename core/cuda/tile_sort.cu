@@ -51,7 +51,7 @@ __global__ void __launch_bounds__(kThreads)
 // Lists parts, where some tile may have so many.
 absl::Status SplitTiles(RunState& state, uint64_t most_tiles) {
   const uint64_t pairs = state.pairs.count;
-  state.part_pairs = uint32_t(std::max<uint64_t>(kLeastPartPairs, pairs / kMostParts));
+  state.part_pairs = uint32_t(std::max<uint64_t>(kMinPartPairs, pairs / kMaxParts));
   if (pairs <= uint64_t{kPartsSplit - 1} * state.part_pairs) return absl::OkStatus();
   // Whole parts, and of each split tile one that is not.
   const uint64_t most = pairs / state.part_pairs + pairs / (uint64_t{kPartsSplit - 1} * state.part_pairs);

@@ -12,7 +12,8 @@ struct UniformValue {
   int64_t component[4];
 };
 
-// The target's shader is given apart, and so is what it receives: where they are constants little is left of the shading.
+// The target's shader is given apart, and so is what it receives: where they are constants little is left of the
+// shading.
 __device__ __forceinline__ void ShadeUniformAs(const FineArgs& args, FragmentShaderId shader, const FragmentInput& in,
                                                UniformValue& value) {
   const TileTarget& t = args.targets[0];

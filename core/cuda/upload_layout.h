@@ -11,8 +11,8 @@ namespace voxelpipe::cuda {
 
 class UploadLayout {
  public:
-  // Adds an array, which must not move until CopyTo; what stands in it may change until then. Out: where it begins in the block, at a
-  // multiple of 16 bytes.
+  // Adds an array, which must not move until CopyTo; what stands in it may change until then. Out: where it begins in
+  // the block, at a multiple of 16 bytes.
   template <typename T>
   uint64_t Add(const T* from, uint64_t count) {
     const uint64_t at = bytes_;

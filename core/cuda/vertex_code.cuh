@@ -1,8 +1,9 @@
 // The voxels about a vertex in 8 bytes: enough to find a triangle's box of voxels by integer operations alone.
 //
-// FirstVoxel and LastVoxel (raster/triangle_setup.h) grow with their coordinate, so the box of a triangle is the least first and the
-// greatest last of its vertices. Per axis a code is 4 * floor(v) + s, where s is 0 if the vertex touches the voxel before
-// too, 2 if it touches the one behind, 1 if neither: codes grow with v, so the least and the largest code of the vertices tell both.
+// FirstVoxel and LastVoxel (raster/triangle_setup.h) grow with their coordinate, so the box of a triangle is the least
+// first and the greatest last of its vertices. Per axis a code is 4 * floor(v) + s, where s is 0 if the vertex touches
+// the voxel before too, 2 if it touches the one behind, 1 if neither: codes grow with v, so the least and the largest
+// code of the vertices tell both.
 #pragma once
 
 #include "raster/triangle_setup.h"
@@ -14,14 +15,14 @@ struct alignas(8) VertexCode {
   int16_t far;  // not 0: farther out than codes reach, which are not set
 };
 
-inline constexpr int kLeastCell = -8, kMostCell = 8180;  // floor(v) of vertices that have codes
+inline constexpr int kMinCell = -8, kMaxCell = 8180;  // floor(v) of vertices that have codes
 
 // In: index space. Conservative and thin; the box of center coverage is smaller.
 VOXELPIPE_HD VertexCode EncodeVertex(const Vec3d& v) {
   VertexCode code{};
   for (int i = 0; i < 3; ++i) {
     const double cell = floor(v[i]);
-    if (!(cell >= double(kLeastCell) && cell <= double(kMostCell))) {
+    if (!(cell >= double(kMinCell) && cell <= double(kMaxCell))) {
       code.far = 1;
       continue;
     }
@@ -32,7 +33,8 @@ VOXELPIPE_HD VertexCode EncodeVertex(const Vec3d& v) {
   return code;
 }
 
-// A triangle's box of voxels, inclusive, as SetUpTriangle has it under conservative and thin, and the floor of its least corner.
+// A triangle's box of voxels, inclusive, as SetUpTriangle has it under conservative and thin, and the floor of its
+// least corner.
 struct CodedBox {
   int first[3], last[3], base[3];
   bool far;  // some vertex has no code: the rest is undefined

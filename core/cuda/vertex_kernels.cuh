@@ -1,4 +1,5 @@
-// The kernels of vertex shading, a vertex a thread, and of the extent of what they leave, a triangle a thread. No host-only includes.
+// The kernels of vertex shading, a vertex a thread, and of the extent of what they leave, a triangle a thread. No
+// host-only includes.
 #pragma once
 
 #include "cuda/vertex_args.h"
@@ -9,7 +10,7 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kVertexThreads = 256, kMeasureThreads = 256;
-inline constexpr int kMostMeasureBlocks = 512;
+inline constexpr int kMaxMeasureBlocks = 512;
 
 template <int kShader>
 __global__ void __launch_bounds__(kVertexThreads) ShadeVertices(const __grid_constant__ VertexArgs args) {
@@ -64,7 +65,8 @@ __device__ inline Surface NoSurface() {
   return s;
 }
 
-// Joins what the threads of a block have, always in the same order, and writes it. All threads call it; kThreads a multiple of 32.
+// Joins what the threads of a block have, always in the same order, and writes it. All threads call it; kThreads a
+// multiple of 32.
 template <int kThreads>
 __device__ inline void WriteJoined(Surface& s, Surface* to) {
   __shared__ double of_warps[Surface::kNumbers][kThreads / 32];
@@ -131,9 +133,9 @@ __global__ void __launch_bounds__(kMeasureThreads) MeasureTriangles(const Measur
 }
 
 // One block.
-__global__ void __launch_bounds__(kMostMeasureBlocks) JoinSurfaces(const Surface* of_blocks, int blocks, Surface* to) {
+__global__ void __launch_bounds__(kMaxMeasureBlocks) JoinSurfaces(const Surface* of_blocks, int blocks, Surface* to) {
   Surface s = int(threadIdx.x) < blocks ? of_blocks[threadIdx.x] : NoSurface();
-  WriteJoined<kMostMeasureBlocks>(s, to);
+  WriteJoined<kMaxMeasureBlocks>(s, to);
 }
 
 }  // namespace voxelpipe::cuda

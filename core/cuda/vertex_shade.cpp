@@ -1,8 +1,8 @@
 // Vertex shading and the mesh's way to the device.
 //
-// The device shades: it gets the arrays as Flatten left them, or keeps them, and the shader's parameters. Poses are evaluated on the host,
-// which has libm; what they move is there too (pose_upload.cpp). The host shades where something is wrong with the result, to say which
-// vertex, and of small meshes that no shader changes it finds the box sooner.
+// The device shades: it gets the arrays as Flatten left them, or keeps them, and the shader's parameters. Poses are
+// evaluated on the host, which has libm; what they move is there too (pose_upload.cpp). The host shades where something
+// is wrong with the result, to say which vertex, and of small meshes that no shader changes it finds the box sooner.
 #include <optional>
 #include <span>
 #include <string>
@@ -19,8 +19,8 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// Uploads an array where it is wanted; `view` becomes its address on the device. `kept`: it is the mesh's own, as it was loaded, and
-// `part` says which of its arrays: where the mesh has an id the device may have it already.
+// Uploads an array where it is wanted; `view` becomes its address on the device. `kept`: it is the mesh's own, as it
+// was loaded, and `part` says which of its arrays: where the mesh has an id the device may have it already.
 template <typename T>
 absl::Status UploadIf(RunState& state, bool wanted, bool kept, const char* part, const T* from, uint64_t count,
                       DeviceArray<T>& to, const T*& view) {
@@ -198,7 +198,7 @@ uint64_t HeldBytes(RunState& state) {
 }
 
 // Below so many triangles the host finds the box sooner than the device answers.
-constexpr uint64_t kLeastMeasured = 1 << 16;
+constexpr uint64_t kMinMeasured = 1 << 16;
 
 }  // namespace
 
@@ -220,7 +220,7 @@ absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
   if (!posed.ok()) return posed.status();
   const cpu::VertexWork work = cpu::WorkOf(host, *posed);
   const bool empty = host.view.triangle_count == 0;
-  if (empty || (!work.places && host.view.triangle_count < kLeastMeasured)) {
+  if (empty || (!work.places && host.view.triangle_count < kMinMeasured)) {
     // Nothing is placed anew, so the box is that of the mesh as it is.
     absl::StatusOr<MeshExtent> extent = cpu::MeasureMesh(host);
     if (!extent.ok()) return extent.status();

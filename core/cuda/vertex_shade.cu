@@ -39,9 +39,9 @@ absl::StatusOr<std::optional<MeshExtent>> MeasureOnDevice(RunState& state) {
   args.positions = state.mesh.host_view.positions;
   args.triangles = state.mesh.triangle_list();
   args.count = state.mesh.host_view.triangle_count;
-  const unsigned blocks = BlocksFor(args.count, kMeasureThreads, kMostMeasureBlocks);
+  const unsigned blocks = BlocksFor(args.count, kMeasureThreads, kMaxMeasureBlocks);
   DeviceArray<Surface> surfaces;
-  VOXELPIPE_OK_OR_RETURN(surfaces.Resize(kMostMeasureBlocks + 1, state.stream));
+  VOXELPIPE_OK_OR_RETURN(surfaces.Resize(kMaxMeasureBlocks + 1, state.stream));
   args.of_blocks = surfaces.data();
   args.window = WindowOf(state.request.request.grid);
   const bool sums = WantsSums(state.request.request);
@@ -50,8 +50,8 @@ absl::StatusOr<std::optional<MeshExtent>> MeasureOnDevice(RunState& state) {
                                             : MeasureTriangles<Sums::kWhole>;
   kernel<<<blocks, kMeasureThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("MeasureTriangles");
-  Surface* const all = surfaces.data() + kMostMeasureBlocks;
-  JoinSurfaces<<<1, kMostMeasureBlocks, 0, state.stream>>>(surfaces.data(), int(blocks), all);
+  Surface* const all = surfaces.data() + kMaxMeasureBlocks;
+  JoinSurfaces<<<1, kMaxMeasureBlocks, 0, state.stream>>>(surfaces.data(), int(blocks), all);
   VOXELPIPE_LAUNCHED_OR_RETURN("JoinSurfaces");
   Surface s;
   Vec3d reference;  // of the volume

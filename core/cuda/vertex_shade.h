@@ -10,12 +10,14 @@
 
 namespace voxelpipe::cuda {
 
-// Device memory that a pose takes besides what the device keeps of the mesh; must live until the kernels that read it are launched.
+// Device memory that a pose takes besides what the device keeps of the mesh; must live until the kernels that read it
+// are launched.
 struct DevicePose {
   DeviceArray<uint8_t> rest, pose;
 };
 
-// Uploads the mesh's primitives, unless the device keeps them, and the pose; sets what `args` has of a pose. `posed` must have parts.
+// Uploads the mesh's primitives, unless the device keeps them, and the pose; sets what `args` has of a pose. `posed`
+// must have parts.
 absl::Status UploadPose(RunState& state, const cpu::PosedMesh& posed, DevicePose& memory, VertexArgs& args);
 
 // Launches the shader over all vertices.

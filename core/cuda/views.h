@@ -34,7 +34,7 @@ struct GridView {
   }
 };
 
-inline constexpr int kMostTargets = 8;
+inline constexpr int kMaxTargets = 8;
 
 // A render target of the slab; the counterpart of cpu/run_state.h's CpuTarget.
 struct CudaTarget {
@@ -54,7 +54,7 @@ struct CudaTarget {
 };
 
 struct TargetViews {
-  CudaTarget at[kMostTargets];
+  CudaTarget at[kMaxTargets];
   int count = 0;
   bool planar = false;
   bool any_always_present = false;  // some target keeps every fragment, so a touched voxel is a covered one

@@ -1,9 +1,9 @@
 // The kernels that take every triangle's rows of voxels to an operation: sets bits, counts or emits fragments.
 //
-// Three classes share the work. The first kernel looks at boxes alone: a triangle whose box is a row of voxels is done at once (the run
-// class of raster/triangle_setup.h), others go to one of two queues. The second gives each small triangle a thread. The third takes the
-// rest: lanes of a warp set up a triangle each, in shared memory, and then all share the rows of each. The largest are
-// shared by all warps.
+// Three classes share the work. The first kernel looks at boxes alone: a triangle whose box is a row of voxels is done
+// at once (the run class of raster/triangle_setup.h), others go to one of two queues. The second gives each small
+// triangle a thread. The third takes the rest: lanes of a warp set up a triangle each, in shared memory, and then all
+// share the rows of each. The largest are shared by all warps.
 //
 // An operation has
 //   Begin(t), Row(y, z, x_begin, x_end), End(t)     rows of one triangle in the hands of one thread
@@ -31,15 +31,15 @@ struct WalkArgs {
   const Vec3d* positions = nullptr;  // index space
   const VertexCode* codes = nullptr;
   uint64_t triangle_count = 0;
-  // Triangles that wait, room for all of them in each. Small ones with at most two rows along y and along z stand in the first queue from
-  // its begin on, the others from its end on: a warp whose triangles are alike wastes less.
+  // Triangles that wait, room for all of them in each. Small ones with at most two rows along y and along z stand in
+  // the first queue from its begin on, the others from its end on: a warp whose triangles are alike wastes less.
   uint32_t *small_queue = nullptr, *rest_queue = nullptr, *large_queue = nullptr;
   uint64_t* queued =
       nullptr;  // how many wait: in the rest's, the large's, the least small, the other small; 0 before the first kernel
 };
 
-// Of a triangle: the grid that it is walked in, whose slab clips it, and its coverage. Here the same for all; a batch has its own
-// (batch_views.h).
+// Of a triangle: the grid that it is walked in, whose slab clips it, and its coverage. Here the same for all; a batch
+// has its own (batch_views.h).
 __device__ inline const GridView& GridOf(const WalkArgs& args, uint32_t) {
   return args.grid;
 }
@@ -79,7 +79,8 @@ __device__ inline bool IsRun(const CodedBox& box, Coverage coverage) {
   return coverage == Coverage::kConservative && single >= 2;
 }
 
-// SetUpTriangle of a narrow triangle under conservative or thin coverage, whose box is known; false if it is not narrow.
+// SetUpTriangle of a narrow triangle under conservative or thin coverage, whose box is known; false if it is not
+// narrow.
 __device__ inline bool SetUpNarrow(const Vec3d* positions, Coverage coverage, const Corners& c, const CodedBox& box,
                                    SpanBounds<float>& bounds) {
   using namespace setup_internal;
@@ -167,7 +168,8 @@ __device__ inline uint64_t SetUpShared(const Vec3d* positions, const uint32_t* t
   const Vec3d corners[3] = {positions[c.v[0]], positions[c.v[1]], positions[c.v[2]]};
   return SetUpShared(corners, coverage, within, t, shared);
 }
-// The same by kBoundsParts neighbouring lanes of a block, the first of which has a number that they divide; to each of them.
+// The same by kBoundsParts neighbouring lanes of a block, the first of which has a number that they divide; to each of
+// them.
 __device__ inline uint64_t SetUpSharedInParts(const Vec3d (&corners)[3], Coverage coverage, const VoxelRange& within,
                                               uint32_t t, SharedSetup& shared) {
   const int part = int(threadIdx.x) % kBoundsParts;
@@ -186,7 +188,8 @@ __device__ inline Layer<float> SharedLayer(const SpanBounds<float>& bounds, cons
   return ComputeLayer(bounds, float(z - s.cell[2]));
 }
 
-// One row of a layer, neither of whose intervals is empty, within the set-up's box: false if the triangle does not touch it.
+// One row of a layer, neither of whose intervals is empty, within the set-up's box: false if the triangle does not
+// touch it.
 template <typename Real>
 __device__ inline bool RowOfLayer(const SpanBounds<Real>& bounds, const Layer<Real>& layer, const SharedSetup& s, int y,
                                   int& x_begin, int& x_end) {
@@ -322,7 +325,8 @@ __global__ void __launch_bounds__(kSmallThreads, 6) WalkSmall(const __grid_const
   op.Finish();
 }
 
-// The rest: half a warp's lanes set up a triangle each, then all share the rows of each. The largest wait for WalkLarge.
+// The rest: half a warp's lanes set up a triangle each, then all share the rows of each. The largest wait for
+// WalkLarge.
 template <typename Op, typename Args = WalkArgs>
 __global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constant__ Args args, Op op) {
   extern __shared__ double setups[];

@@ -48,8 +48,8 @@ __device__ inline uint32_t LanesBefore() {
 #endif
 }
 
-// The box of what the lanes with `has` bring, `from` to `last` along each axis, none below 0: its first place, ~0 where no lane has any, and its size;
-// likewise.
+// The box of what the lanes with `has` bring, `from` to `last` along each axis, none below 0: its first place, ~0 where
+// no lane has any, and its size; likewise.
 __device__ inline void WarpBox(bool has, const uint32_t (&from)[3], const uint32_t (&last)[3], uint32_t (&least)[3],
                                uint32_t (&size)[3]) {
 #pragma unroll
@@ -70,7 +70,8 @@ __device__ inline T SumUpto(T value) {
   return value;
 }
 
-// Of what the warps of a block have brought to shared memory, the sum over those before this one, and over all. A barrier lies between.
+// Of what the warps of a block have brought to shared memory, the sum over those before this one, and over all. A
+// barrier lies between.
 template <typename T, int kWarps>
 __device__ inline T SumOfWarps(const T (&sums)[kWarps], T& all) {
   T before = all = 0;

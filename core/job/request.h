@@ -56,8 +56,8 @@ struct TargetSpec {
   Blend blend = Blend::kOr;
   ShaderCall shader{"occupancy", {}};
   double quantum = 1.0 / (1 << 20);  // kAdd and kAverage on floats: a power of two
-  // f32 shader output into integers: value * scale, nearest even, saturated. Absent: 1; 255 for colour shaders into u8, 65535 into
-  // u16. Not for bit and float formats.
+  // f32 shader output into integers: value * scale, nearest even, saturated. Absent: 1; 255 for colour shaders into u8,
+  // 65535 into u16. Not for bit and float formats.
   std::optional<double> scale = std::nullopt;
   double clear = 0;  // value of voxels with neither fragment nor fill, every component
   // Value of voxels that are filled and not covered: one number for every component, or one a component. None: what

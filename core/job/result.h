@@ -81,7 +81,8 @@ struct VoxelizeResult : ResultArrays {
 
 // The header of dense results is known before the work.
 ResultHeader DenseHeader(const VoxelizeRequest& request, const GridSpec& grid);
-// In: counts of what is listed (see VoxelizeResult). Out: the header of a sparse or bucketed result; dense ignores them.
+// In: counts of what is listed (see VoxelizeResult). Out: the header of a sparse or bucketed result; dense ignores
+// them.
 ResultHeader MakeResultHeader(const VoxelizeRequest& request, const GridSpec& grid, uint64_t bricks, uint64_t voxels,
                               uint64_t fragments);
 ResultHeader HeaderOf(const VoxelizeResult& result);
@@ -95,13 +96,13 @@ std::vector<HostBuffer*> MutableArraysOf(VoxelizeResult& result);
 // An empty result with the header's kind, grid and specs, every array allocated, contents undefined.
 absl::StatusOr<VoxelizeResult> AllocateResult(const ResultHeader& header);
 
-// Takes a result as it is made. Calls come one at a time: Begin once, then Write for consecutive pieces in stream order.
-// A status other than OK ends the run with it.
+// Takes a result as it is made. Calls come one at a time: Begin once, then Write for consecutive pieces in stream
+// order. A status other than OK ends the run with it.
 class ResultSink {
  public:
   virtual ~ResultSink() = default;
-  // Asked first where a result stands in memory as a whole: true if the sink keeps it (its statistics are not in it yet), and then
-  // neither Begin nor Write is called.
+  // Asked first where a result stands in memory as a whole: true if the sink keeps it (its statistics are not in it
+  // yet), and then neither Begin nor Write is called.
   virtual bool Keep(VoxelizeResult&& /*whole*/) { return false; }
   virtual absl::Status Begin(const ResultHeader& header) = 0;
   // `bytes` follow directly those written before of header.arrays[array]; valid during the call only.

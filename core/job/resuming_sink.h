@@ -9,10 +9,10 @@
 
 namespace voxelpipe {
 
-// A run that fails in the middle has handed on bytes that cannot be taken back. The next run makes the same bytes in the
-// same order, whatever the device (results are deterministic): those that were handed on already are dropped, and the
-// caller's sink gets one Begin and every byte once. A run begins anew with Begin; its header must be that of the first,
-// or it ends with INTERNAL. One run at a time.
+// A run that fails in the middle has handed on bytes that cannot be taken back. The next run makes the same bytes in
+// the same order, whatever the device (results are deterministic): those that were handed on already are dropped, and
+// the caller's sink gets one Begin and every byte once. A run begins anew with Begin; its header must be that of the
+// first, or it ends with INTERNAL. One run at a time.
 class ResumingSink final : public ResultSink {
  public:
   ResumingSink() = default;  // SetOut comes before the first run

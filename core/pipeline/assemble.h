@@ -11,7 +11,8 @@
 
 namespace voxelpipe {
 
-// Begin, once more with thinner slabs where the first one could not be made; then, for each pass, Add once a slab by ascending z; then End.
+// Begin, once more with thinner slabs where the first one could not be made; then, for each pass, Add once a slab by
+// ascending z; then End.
 class Assembler {
  public:
   virtual ~Assembler() = default;
@@ -40,7 +41,8 @@ class MemoryAssembler final : public Assembler {
   std::vector<ResultArrays> slabs_;  // sparse and buckets
 };
 
-// Dense slabs into a sink. One pass a target; one a plane of a planar target, whose planes follow each other in stream order.
+// Dense slabs into a sink. One pass a target; one a plane of a planar target, whose planes follow each other in stream
+// order.
 class StreamAssembler final : public Assembler {
  public:
   explicit StreamAssembler(ResultSink& sink) : sink_(sink) {}

@@ -23,8 +23,8 @@ struct BatchItem {
   const VoxelizeRequest* request = nullptr;
   const JobContext* job = nullptr;
   PlanHook on_plan;  // as in RunOptions
-  // Called once, from any thread, as soon as the result or error is there, which may be long before the batch's end. Items may be
-  // done at the same time.
+  // Called once, from any thread, as soon as the result or error is there, which may be long before the batch's end.
+  // Items may be done at the same time.
   std::function<void(absl::StatusOr<VoxelizeResult>)> done;
 };
 
@@ -35,8 +35,9 @@ struct BatchStats {
   bool sharing = false;              // while shared passes run: an item that is done now was in one
 };
 
-// Gives each item its result or error: the same bytes as Voxelize of each alone. Returns when all are done. An item's error, cancellation or
-// deadline is its own. An item that shared a pass has the pass's time as its own. `threads` is that of the whole batch (0 = all); the items' own are not looked at.
+// Gives each item its result or error: the same bytes as Voxelize of each alone. Returns when all are done. An item's
+// error, cancellation or deadline is its own. An item that shared a pass has the pass's time as its own. `threads` is
+// that of the whole batch (0 = all); the items' own are not looked at.
 BatchStats VoxelizeBatch(const Backend& backend, std::span<const BatchItem> items, int threads,
                          const PlanLimits& limits = {});
 // The same; `stats` may be read by an item's `done`.

@@ -14,7 +14,8 @@
 namespace voxelpipe {
 namespace {
 
-// RunPipeline in the backend's arena, with the warnings that its counts give, and with what a run may throw as a status.
+// RunPipeline in the backend's arena, with the warnings that its counts give, and with what a run may throw as a
+// status.
 absl::Status RunGuarded(const RunInput& run, bool inside, Assembler& assembler, VoxelizeStats& stats) {
   absl::Status status = absl::UnknownError("the run did not start");
   const auto body = [&] {

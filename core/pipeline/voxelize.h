@@ -21,9 +21,9 @@ struct RunOptions {
   const JobContext& job;
   PlanLimits limits = {};
   PlanHook on_plan = {};  // may be empty
-  // The device (pipeline/stages/backend.h); request.backend is ignored then. Null: the device that request.backend chooses.
-  // With `auto` and a GPU that fails or has no room, the CPU runs the job: stats.backend and stats.device_failure report
-  // it, on_plan may have been called with the GPU's plan, and progress starts again.
+  // The device (pipeline/stages/backend.h); request.backend is ignored then. Null: the device that request.backend
+  // chooses. With `auto` and a GPU that fails or has no room, the CPU runs the job: stats.backend and
+  // stats.device_failure report it, on_plan may have been called with the GPU's plan, and progress starts again.
   const Backend* backend = nullptr;
   bool inside = false;  // the caller is in backend->Run or RunEach already; ignored if `backend` is null
 };
@@ -38,11 +38,12 @@ struct RunOptions {
 absl::StatusOr<VoxelizeResult> Voxelize(const TriangleMesh& mesh, const VoxelizeRequest& request,
                                         const RunOptions& options);
 
-// The same bytes, handed to `sink` in stream order, and the run's statistics. Dense results are made slab after slab, so
-// that memory is bounded by limits.slab_bytes and not by the grid; where several targets, or several planes of a planar
-// one, follow each other in stream order, the slabs are made anew for each (stats.passes). Sparse and bucketed results
-// are gathered first; a result that is in memory as a whole is offered to the sink with Keep. The sink is called from
-// the backend's threads, one call at a time, and its time is not part of the measured time. Errors also: the sink's.
+// The same bytes, handed to `sink` in stream order, and the run's statistics. Dense results are made slab after slab,
+// so that memory is bounded by limits.slab_bytes and not by the grid; where several targets, or several planes of a
+// planar one, follow each other in stream order, the slabs are made anew for each (stats.passes). Sparse and bucketed
+// results are gathered first; a result that is in memory as a whole is offered to the sink with Keep. The sink is
+// called from the backend's threads, one call at a time, and its time is not part of the measured time. Errors also:
+// the sink's.
 absl::StatusOr<VoxelizeStats> VoxelizeTo(const TriangleMesh& mesh, const VoxelizeRequest& request,
                                          const RunOptions& options, ResultSink& sink);
 

@@ -42,8 +42,8 @@ WarningList AllWarningsOf(const TriangleMesh& mesh) {
 void AddRunWarnings(const TriangleMesh& mesh, const VoxelizeRequest& request, VoxelizeStats& stats) {
   if (request.coverage == Coverage::kNone) return;  // there are no fragments to discard
   if (stats.occupied > 0 || mesh.triangles.empty() || !EveryShaderDiscards(request) || !HasMask(mesh)) return;
-  // A grid that was given may lie beside the mesh. Fragments that are counted before shaders see them tell; those of buckets are counted
-  // after, so there the text leaves it open.
+  // A grid that was given may lie beside the mesh. Fragments that are counted before shaders see them tell; those of
+  // buckets are counted after, so there the text leaves it open.
   const bool given = request.grid.dims.has_value();
   if (given && request.result != ResultKind::kBuckets && stats.fragments == uint64_t{0}) return;
   stats.warnings.Add(WarningCode::kAllDiscarded, "",

@@ -9,11 +9,12 @@
 
 namespace voxelpipe {
 
-// In: a mesh whose textures are prepared (load/decode/image.h). Out: the warnings of the mesh, and of the textures that the request's shaders
-// read. What is known before the run.
+// In: a mesh whose textures are prepared (load/decode/image.h). Out: the warnings of the mesh, and of the textures that
+// the request's shaders read. What is known before the run.
 WarningList WarningsOf(const TriangleMesh& mesh, const VoxelizeRequest& request);
 
-// What anybody who looks at the mesh is told, whatever is asked of it: all of its textures (CheckImages of load/decode/image.h has looked at them).
+// What anybody who looks at the mesh is told, whatever is asked of it: all of its textures (CheckImages of
+// load/decode/image.h has looked at them).
 WarningList AllWarningsOf(const TriangleMesh& mesh);
 
 // Adds what only the run shows: that alpha masks left nothing of a mesh that has triangles.

@@ -1,8 +1,8 @@
 // Crossings of a triangle with the lines along x through the voxel centres, for the parity and nonzero fills.
 //
-// Source: the even-odd rule (M. Shimrat, "Algorithm 112: Position of point relative to polygon", 1962), evaluated per edge
-// so that two triangles that share an edge agree on it whatever the rounding: a mesh whose edges are all shared by an even
-// number of triangles has an even number of crossings in every column.
+// Source: the even-odd rule (M. Shimrat, "Algorithm 112: Position of point relative to polygon", 1962), evaluated per
+// edge so that two triangles that share an edge agree on it whatever the rounding: a mesh whose edges are all shared by
+// an even number of triangles has an even number of crossings in every column.
 #pragma once
 
 #include <cmath>
@@ -13,8 +13,8 @@
 
 namespace voxelpipe {
 
-// Whether the edge a-b, seen along x, is crossed by the half line from (py, pz) towards +z: exactly one end has y <= py,
-// and the edge passes above pz there. Evaluated in double with the ends in lexicographic (y, z) order, never in a
+// Whether the edge a-b, seen along x, is crossed by the half line from (py, pz) towards +z: exactly one end has y <=
+// py, and the edge passes above pz there. Evaluated in double with the ends in lexicographic (y, z) order, never in a
 // triangle's local frame, so that neighbours agree.
 VOXELPIPE_HD bool EdgeCrossesAbove(const Vec3d& a, const Vec3d& b, double py, double pz) {
   const bool a_first = a.y < b.y || (a.y == b.y && a.z <= b.z);

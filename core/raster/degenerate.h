@@ -1,5 +1,5 @@
-// Which triangles are degenerate in index space, told from world space: most are so far from it that none of their vertices need be placed for it.
-// No host-only includes.
+// Which triangles are degenerate in index space, told from world space: most are so far from it that none of their
+// vertices need be placed for it. No host-only includes.
 #pragma once
 
 #include "grid/index_space.h"
@@ -10,11 +10,12 @@ namespace voxelpipe {
 struct DegenerateTest {
   IndexSpace space;
   Vec3f inverse_size;
-  // Of the square of an edge, in voxels: from there on what rounding does to vertices in index space is small. Where floats might not hold what
-  // edges are made of, more than any is taken for.
+  // Of the square of an edge, in voxels: from there on what rounding does to vertices in index space is small. Where
+  // floats might not hold what edges are made of, more than any is taken for.
   float least = kMost;
-  // Of the square of a normal (a cross product of edges) in world space: a triangle within two voxels along each axis whose normal is that long is not
-  // degenerate, and that square lies within 2^-120 and 2^100. kNever where nothing is certain.
+  // Of the square of a normal (a cross product of edges) in world space: a triangle within two voxels along each axis
+  // whose normal is that long is not degenerate, and that square lies within 2^-120 and 2^100. kNever where nothing is
+  // certain.
   double least_small = kNever;
 
   static constexpr float kMost = 0x1p100f;
@@ -38,8 +39,9 @@ inline DegenerateTest MakeDegenerateTest(const IndexSpace& space, const Vec3d& l
   const double moved = FarthestToWall(space);
   const auto edge = float(Max(reach * 0x1p-30, moved * 0x1p14));
   test.least = Max(edge * edge, 0x1p-100f);
-  // The longest edge of such a triangle has a square of less than 13 voxels, and roundings of its corners in index space move its normal there by less
-  // than 2^-30 of a square voxel, and so do walls: with a component of kSmall that is far from kDegenerateRatio.
+  // The longest edge of such a triangle has a square of less than 13 voxels, and roundings of its corners in index
+  // space move its normal there by less than 2^-30 of a square voxel, and so do walls: with a component of kSmall that
+  // is far from kDegenerateRatio.
   constexpr double kSmall = 0x1p-26;
   static_assert(13 * kDegenerateRatio + 0x1p-30 < kSmall / 2);
   const double face = Max(voxel_size.x * voxel_size.y, Max(voxel_size.y * voxel_size.z, voxel_size.z * voxel_size.x));
@@ -55,9 +57,10 @@ VOXELPIPE_HD_CALL bool IsPlacedDegenerate(const DegenerateTest& test, const Vec3
   return SetUpPlane(p[0], p[1], p[2]).degenerate;
 }
 
-// Of a triangle in world space; the same answer as SetUpPlane gives of the vertices in index space. Edges here are off from those by a few parts in
-// 2^23 for roundings to float, and by 2^-21 of the longest for those of the vertices, so that the normal is off by less than 2^-16 of the
-// longest's square. What has a normal of a thousandth of that is far from kDegenerateRatio.
+// Of a triangle in world space; the same answer as SetUpPlane gives of the vertices in index space. Edges here are off
+// from those by a few parts in 2^23 for roundings to float, and by 2^-21 of the longest for those of the vertices, so
+// that the normal is off by less than 2^-16 of the longest's square. What has a normal of a thousandth of that is far
+// from kDegenerateRatio.
 VOXELPIPE_HD bool IsDegenerate(const DegenerateTest& test, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   static_assert(kDegenerateRatio < 1e-6);
   const Vec3d d1 = b - a, d2 = c - a;

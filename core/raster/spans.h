@@ -1,8 +1,8 @@
 // The one definition of coverage: which voxels of a row a triangle touches.
 //
-// For a fixed layer z the tests of triangle_setup.h bound the rows y, and for a fixed row (y, z) they bound x from both sides, so
-// the touched voxels of a row form one interval. Every schedule (tiles, plain rows, SIMD lanes, CUDA) takes coverage from
-// here or repeats these operations one by one, so all agree by construction.
+// For a fixed layer z the tests of triangle_setup.h bound the rows y, and for a fixed row (y, z) they bound x from both
+// sides, so the touched voxels of a row form one interval. Every schedule (tiles, plain rows, SIMD lanes, CUDA) takes
+// coverage from here or repeats these operations one by one, so all agree by construction.
 #pragma once
 
 #include "raster/triangle_setup.h"

@@ -72,8 +72,8 @@ VOXELPIPE_HD TileBounds BoundTiles(const TileGrid& tiles, const Vec3d& a, const 
   return bounds;
 }
 
-// The triangle set up among tiles in place of voxels: its coordinates divided by the tile's dims, which are powers of two, so
-// that the division is exact.
+// The triangle set up among tiles in place of voxels: its coordinates divided by the tile's dims, which are powers of
+// two, so that the division is exact.
 VOXELPIPE_HD TriangleSetup SetUpAmongTiles(const Vec3d& a, const Vec3d& b, const Vec3d& c, double widening) {
   const Vec3d shrink{1.0 / TileDim(0), 1.0 / TileDim(1), 1.0 / TileDim(2)};
   const auto scaled = [&](const Vec3d& p) { return Vec3d{p.x * shrink.x, p.y * shrink.y, p.z * shrink.z}; };
@@ -86,8 +86,8 @@ VOXELPIPE_HD VoxelRange AllTiles(const TileGrid& tiles) {
   return all;
 }
 
-// Calls visit(tile) for each tile that a triangle (index space) may touch: a superset of the tiles of its voxels, found by the
-// row spans of its set-up among tiles.
+// Calls visit(tile) for each tile that a triangle (index space) may touch: a superset of the tiles of its voxels, found
+// by the row spans of its set-up among tiles.
 template <typename Visit>
 VOXELPIPE_HD void ForEachTile(const TileGrid& tiles, const Vec3d& a, const Vec3d& b, const Vec3d& c, Visit&& visit) {
   const TileBounds bounds = BoundTiles(tiles, a, b, c);

@@ -15,9 +15,9 @@ struct TrianglePlane {
   bool degenerate = false;  // max|n_i| <= kDegenerateRatio * (longest edge)^2
 };
 
-// In: the three vertices in index space (double, finite, within 2^40 voxels). The two edges that leave v0 are rounded to a common
-// power-of-two grid, so that the third edge is exact and the rounded triangle is a true triangle within 2^-51 of its
-// extent of the given one; the normal then keeps full relative precision even for slivers.
+// In: the three vertices in index space (double, finite, within 2^40 voxels). The two edges that leave v0 are rounded
+// to a common power-of-two grid, so that the third edge is exact and the rounded triangle is a true triangle within
+// 2^-51 of its extent of the given one; the normal then keeps full relative precision even for slivers.
 VOXELPIPE_HD TrianglePlane SetUpPlane(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   TrianglePlane s;
   for (int i = 0; i < 3; ++i) s.base[i] = floor(Min(a[i], Min(b[i], c[i])));

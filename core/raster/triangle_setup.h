@@ -1,26 +1,27 @@
 // Triangle set-up: everything about a triangle that all its rows share.
 //
 // Sources: T. Akenine-Moller, "Fast 3D Triangle-Box Overlap Testing", 2001 (the 13 axes); J. Pantaleoni, "VoxelPipe",
-// HPG 2011, section 3.1 (set-up factored out of the inner loops). Changed: every axis test is solved for one coordinate, so
-// that a layer z bounds the rows y, and a row (y,z) bounds the voxels x (spans.h); and the arithmetic is arranged so that its
-// error is bounded, see below.
+// HPG 2011, section 3.1 (set-up factored out of the inner loops). Changed: every axis test is solved for one
+// coordinate, so that a layer z bounds the rows y, and a row (y,z) bounds the voxels x (spans.h); and the arithmetic is
+// arranged so that its error is bounded, see below.
 //
-// A test of axis n reads lo <= n.(x,y,z) <= hi over integer voxel coordinates local to the triangle's first voxel. The nine edge
-// axes lie in the planes (y,z), (z,x) and (x,y), so each has two components: those of (y,z) bound y for a given z, the others
-// bound x for a given z or y. The triangle's own plane bounds x, or y where it is parallel to x. A test whose solved component
-// vanishes says no more than the triangle's box and is left out.
+// A test of axis n reads lo <= n.(x,y,z) <= hi over integer voxel coordinates local to the triangle's first voxel. The
+// nine edge axes lie in the planes (y,z), (z,x) and (x,y), so each has two components: those of (y,z) bound y for a
+// given z, the others bound x for a given z or y. The triangle's own plane bounds x, or y where it is parallel to x. A
+// test whose solved component vanishes says no more than the triangle's box and is left out.
 //
 // Precision. The class of a triangle depends on its three index-space vertices and the coverage alone:
 //   run     conservative only: a box one voxel wide on two axes. A triangle is connected, so it touches every voxel of the box.
 //   narrow  float32: edges of 2^-20 to 32 voxels, and the height not below 1/256 of the longest edge
 //   wide    double: everything else
-// The two edges that leave v0 are rounded to a common power-of-two grid (2^-23 of the extent E in float, 2^-51 in double), so
-// that the third edge is exact and the rounded triangle is a true triangle within half a quantum of the given one. Edge axes
-// then have exact coefficients, and the cross product (Kahan) keeps full relative precision. What is left, in voxels per
-// unit of |n|_1, narrow: vertex rounding 2^-19, products and sums of coordinates up to 34, 12 x 34 x 2^-24, the plane of the
-// rounded triangle one voxel beyond its edge 2^-23 L/h <= 2^-15; together below 6e-5. Wide: a handful of roundings relative
-// to E, below 2^-50 E. Every test is widened: 2^-12 narrow, max(1e-6, 2^-44 E) wide. A widened test of all 13
-// axes is the exact test of a voxel grown by the widening: nothing is missed and what is added lies within it.
+// The two edges that leave v0 are rounded to a common power-of-two grid (2^-23 of the extent E in float, 2^-51 in
+// double), so that the third edge is exact and the rounded triangle is a true triangle within half a quantum of the
+// given one. Edge axes then have exact coefficients, and the cross product (Kahan) keeps full relative precision. What
+// is left, in voxels per unit of |n|_1, narrow: vertex rounding 2^-19, products and sums of coordinates up to 34, 12 x
+// 34 x 2^-24, the plane of the rounded triangle one voxel beyond its edge 2^-23 L/h <= 2^-15; together below 6e-5.
+// Wide: a handful of roundings relative to E, below 2^-50 E. Every test is widened: 2^-12 narrow, max(1e-6, 2^-44 E)
+// wide. A widened test of all 13 axes is the exact test of a voxel grown by the widening: nothing is missed and what is
+// added lies within it.
 #pragma once
 
 #include "raster/coverage.h"
@@ -51,7 +52,8 @@ struct SpanBounds {
   Real plane_sy;
 };
 
-// Stands for bounds of which one of kBoundsParts threads makes its part: an edge's, or the box's and the plane's. All of them do everything else.
+// Stands for bounds of which one of kBoundsParts threads makes its part: an edge's, or the box's and the plane's. All
+// of them do everything else.
 inline constexpr int kBoundsParts = 4;
 template <typename Real>
 struct BoundsPart {
@@ -68,8 +70,8 @@ struct TriangleSetup {
   SpanBounds<double> wide;
 };
 
-// The lesser and the greater of two numbers of which neither is NaN, by the device's own instruction where there is one. Which of two
-// zeros it gives does not show in a span.
+// The lesser and the greater of two numbers of which neither is NaN, by the device's own instruction where there is
+// one. Which of two zeros it gives does not show in a span.
 template <typename Real>
 VOXELPIPE_HD Real Lesser(Real a, Real b) {
 #if defined(__CUDA_ARCH__)
@@ -118,8 +120,8 @@ VOXELPIPE_HD Bound<Real> Solve(Real nu, Real nt, Real lo, Real hi) {
   return {nt * inverse, Lesser(a, b), Greater(a, b)};
 }
 
-// The axis (nu, nt) of an edge through the point with coordinates (pu, pt); `opposite` is how far the third vertex projects
-// from the edge.
+// The axis (nu, nt) of an edge through the point with coordinates (pu, pt); `opposite` is how far the third vertex
+// projects from the edge.
 template <typename Real>
 VOXELPIPE_HD Bound<Real> EdgeBound(Real nu, Real nt, Real pu, Real pt, Real opposite, Real half_u, Real half_t,
                                    const Shape<Real>& shape) {
@@ -132,7 +134,8 @@ VOXELPIPE_HD Bound<Real> EdgeBound(Real nu, Real nt, Real pu, Real pt, Real oppo
   return Solve(nu, nt, (Lesser(edge, other) - reach) - centre, (Greater(edge, other) + reach) - centre);
 }
 
-// The three axes of edge f through p, numbered i. `side` is +1 or -1: on which side of the edge the normal sees the third vertex.
+// The three axes of edge f through p, numbered i. `side` is +1 or -1: on which side of the edge the normal sees the
+// third vertex.
 template <typename Real>
 VOXELPIPE_HD void BoundEdge(const Shape<Real>& shape, int i, const Vec3<Real>& f, const Vec3<Real>& p, Real side,
                             SpanBounds<Real>& out) {
@@ -267,8 +270,9 @@ VOXELPIPE_HD void SetUpWide(const Vec3d& a, const Vec3d& b, const Vec3d& c, Cove
 
 }  // namespace setup_internal
 
-// In: the three vertices in index space (double, finite, within 2^40 voxels), the coverage. Out: the set-up, independent of
-// grid, tile and batch. `Setup` has the members of TriangleSetup; its bounds may be references to where they are to lie, or parts.
+// In: the three vertices in index space (double, finite, within 2^40 voxels), the coverage. Out: the set-up,
+// independent of grid, tile and batch. `Setup` has the members of TriangleSetup; its bounds may be references to where
+// they are to lie, or parts.
 template <typename Setup>
 VOXELPIPE_HD void SetUpTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage, Setup& s) {
   using namespace setup_internal;
@@ -311,7 +315,8 @@ VOXELPIPE_HD TriangleSetup SetUpTriangle(const Vec3d& a, const Vec3d& b, const V
   return s;
 }
 
-// The same in double whatever the triangle, widened by at least `min_widening` voxels: for the binning, which must not miss.
+// The same in double whatever the triangle, widened by at least `min_widening` voxels: for the binning, which must not
+// miss.
 VOXELPIPE_HD TriangleSetup SetUpWideTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage,
                                              double min_widening) {
   TriangleSetup s;

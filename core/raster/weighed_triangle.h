@@ -51,9 +51,9 @@ class TriangleScale {
 
   // A triangle's part in the window. It touches its weight times (1 + its widths + its areas) voxels. Widths are the
   // planes between voxels that its box meets, on average over all placements of the lattice as many as the box is long;
-  // the areas grow with them. So a triangle on the lattice's own planes and corners counts as what it touches there, and
-  // one that lies between two layers of voxels touches both. No triangle touches more voxels than its box. Zeros beyond
-  // the window. In: corners in voxels from the grid's first corner.
+  // the areas grow with them. So a triangle on the lattice's own planes and corners counts as what it touches there,
+  // and one that lies between two layers of voxels touches both. No triangle touches more voxels than its box. Zeros
+  // beyond the window. In: corners in voxels from the grid's first corner.
   VOXELPIPE_HD WeighedTriangle InWindow(const Vec3d& p, const Vec3d& q, const Vec3d& r) const {
     constexpr double kTie = kNarrowWidening;  // voxels: coverage is widened by so much at most
     constexpr double kFlat = 1e-3;            // voxels: as thin as this along an axis is to lie in one plane of it

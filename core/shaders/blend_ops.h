@@ -187,7 +187,8 @@ VOXELPIPE_HD float Dequantize(int64_t sum, double quantum) {
   return float(double(float(sum)) * quantum);
 }
 
-// A double that every format rounds as it would round sum itself: exact, or beyond 2^53 with the lost bits in its last one.
+// A double that every format rounds as it would round sum itself: exact, or beyond 2^53 with the lost bits in its last
+// one.
 VOXELPIPE_HD double RoundToOdd(int64_t sum) {
   const bool negative = sum < 0;
   uint64_t m = negative ? uint64_t{0} - uint64_t(sum) : uint64_t(sum);

@@ -16,8 +16,8 @@ absl::Status ResolveShader(const TriangleMesh& mesh, BoundShader& shader) {
   const auto found = std::find_if(mesh.attributes.begin(), mesh.attributes.end(),
                                   [&](const VertexAttribute& attribute) { return attribute.name == name; });
   if (found == mesh.attributes.end()) {
-    constexpr size_t kMostNames = 50;
-    const std::span<const VertexAttribute> shown(mesh.attributes.data(), std::min(kMostNames, mesh.attributes.size()));
+    constexpr size_t kMaxNames = 50;
+    const std::span<const VertexAttribute> shown(mesh.attributes.data(), std::min(kMaxNames, mesh.attributes.size()));
     std::string known =
         absl::StrJoin(shown, ", ", [](std::string* out, const VertexAttribute& a) { out->append(a.name); });
     if (shown.size() < mesh.attributes.size()) known += ", ...";

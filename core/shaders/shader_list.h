@@ -77,8 +77,8 @@ VOXELPIPE_HD void ShadeFragment(FragmentShaderId id, const FragmentInput& in, co
   }
 }
 
-// FragmentShaderTraits::SameForTriangle of a shader chosen at run time. In: a triangle's input, its voxel and barycentrics not yet
-// set.
+// FragmentShaderTraits::SameForTriangle of a shader chosen at run time. In: a triangle's input, its voxel and
+// barycentrics not yet set.
 VOXELPIPE_HD bool SameForTriangle(FragmentShaderId id, const FragmentInput& in) {
   switch (id) {
 #define VOXELPIPE_CASE(name) \

@@ -1,4 +1,5 @@
-// Every CUDA device under several threads at once, and lost and back: by the public entry points, each result beside the CPU's.
+// Every CUDA device under several threads at once, and lost and back: by the public entry points, each result beside
+// the CPU's.
 //
 // Exit: 0 all as it should be, 1 something is not, 77 no CUDA device.
 #include <cuda_runtime_api.h>

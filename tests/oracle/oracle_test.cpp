@@ -1,5 +1,5 @@
-// The pipeline against the brute-force reference: every voxel that the reference must have is there, and nothing that it
-// may not have.
+// The pipeline against the brute-force reference: every voxel that the reference must have is there, and nothing that
+// it may not have.
 #include "support/meshes/meshes.h"
 #include "support/reference/reference.h"
 #include "support/run.h"

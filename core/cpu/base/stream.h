@@ -51,7 +51,8 @@ class ElementPattern {
   uint8_t bytes_[16];
 };
 
-// Copies `bytes` bytes; past the caches if `streams` and both ends of `to` are those of cache lines. After streaming, StreamFence.
+// Copies `bytes` bytes; past the caches if `streams` and both ends of `to` are those of cache lines. After streaming,
+// StreamFence.
 inline void StreamCopy(uint8_t* to, const void* from, int64_t bytes, bool streams) {
 #if defined(__SSE2__)
   if (streams && ((reinterpret_cast<uintptr_t>(to) | uintptr_t(bytes)) & uintptr_t(kLineBytes - 1)) == 0) {

@@ -1,4 +1,5 @@
-// Sizes of the pieces in which threads work and grow their lists: the memory of a run follows from them (footprint.cpp).
+// Sizes of the pieces in which threads work and grow their lists: the memory of a run follows from them
+// (footprint.cpp).
 #pragma once
 
 #include <cstdint>

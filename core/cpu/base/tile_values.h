@@ -10,8 +10,8 @@
 
 namespace voxelpipe::cpu {
 
-// The values of one tile's voxels with a fragment, in the tile's order (x + 32*(y + 8*z)): target after target, each value
-// after value, components together; bits as bytes 0 and 1. Targets that are the coverage itself have none.
+// The values of one tile's voxels with a fragment, in the tile's order (x + 32*(y + 8*z)): target after target, each
+// value after value, components together; bits as bytes 0 and 1. Targets that are the coverage itself have none.
 struct TileValues {
   const uint8_t* data = nullptr;
   std::array<uint32_t, kTileRows> covered{};  // the voxels that are listed

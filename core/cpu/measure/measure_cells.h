@@ -18,7 +18,7 @@ namespace voxelpipe::cpu {
 
 inline constexpr double kTie = kNarrowWidening;  // voxels: coverage is widened by so much at most
 inline constexpr double kReach = 0x1p40;         // voxels: a run refuses vertices beyond
-inline constexpr int64_t kMostCells = 1 << 24;   // 2 MiB of bits
+inline constexpr int64_t kMaxCells = 1 << 24;    // 2 MiB of bits
 
 using Box = std::array<std::pair<int64_t, int64_t>, 3>;  // first and last, inclusive
 
@@ -69,7 +69,7 @@ class Cells {
       for (size_t i = 0; i < 3; ++i) cells *= dims_[i] = (grid.dims[i] + edge_ - 1) / edge_;
       return cells;
     };
-    while ((count_ = count()) > kMostCells) edge_ *= 2;
+    while ((count_ = count()) > kMaxCells) edge_ *= 2;
     bits_ = std::make_unique<std::atomic<uint64_t>[]>(size_t((count_ + 63) / 64));
   }
 

@@ -1,5 +1,5 @@
-// Small triangles, many a vector: the operations of raster/triangle_setup.h and raster/spans.h, lane by lane in the same order.
-// Included once for each instruction set; no include guard but Highway's.
+// Small triangles, many a vector: the operations of raster/triangle_setup.h and raster/spans.h, lane by lane in the
+// same order. Included once for each instruction set; no include guard but Highway's.
 #if defined(VOXELPIPE_ROW_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef VOXELPIPE_ROW_BATCH_INL_H_
 #undef VOXELPIPE_ROW_BATCH_INL_H_

@@ -19,8 +19,8 @@ namespace {
 constexpr int64_t kVertexGrain = 1 << 13;
 constexpr int64_t kClearBytes = 1 << 20;
 constexpr uint64_t kSlabBytes = 512 << 10;  // of bits: stays in the second-level cache
-// Bits are set where they lie if the target stays in the second-level cache, or if triangles are so many that neighbours find its words
-// there; otherwise triangles go to slabs first. Measured.
+// Bits are set where they lie if the target stays in the second-level cache, or if triangles are so many that
+// neighbours find its words there; otherwise triangles go to slabs first. Measured.
 constexpr int64_t kCachedWords = 1 << 18;
 constexpr int64_t kWordsPerTriangle = 64;
 

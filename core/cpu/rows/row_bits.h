@@ -1,8 +1,8 @@
 // The fast path for plain bits: row spans straight into the bit grid, without tiles.
 //
-// Where only occupancy is wanted there is nothing to blend, so no tile buffer earns its sort: bits are set where they lie, by atomic
-// operations where several threads work, and on fine meshes most of them are set already. Only triangles of many rows are
-// binned, to slabs of a few layers.
+// Where only occupancy is wanted there is nothing to blend, so no tile buffer earns its sort: bits are set where they
+// lie, by atomic operations where several threads work, and on fine meshes most of them are set already. Only triangles
+// of many rows are binned, to slabs of a few layers.
 #pragma once
 
 #include <memory>
@@ -24,11 +24,12 @@ class RowBits {
   RowBits(const RowKernels& kernels, const MeshView& mesh, const GridSpec& grid, Coverage coverage);
   ~RowBits();
 
-  // Finds which voxels each vertex touches. Keeps the vertices in index space if asked to. OUT_OF_RANGE if a vertex that a triangle uses
-  // is beyond 2^40 voxels; CANCELLED, DEADLINE_EXCEEDED.
+  // Finds which voxels each vertex touches. Keeps the vertices in index space if asked to. OUT_OF_RANGE if a vertex
+  // that a triangle uses is beyond 2^40 voxels; CANCELLED, DEADLINE_EXCEEDED.
   absl::Status Place(bool keep_positions, const JobContext& job);
 
-  // Sets `bits`, the grid's layers [begin, end), not cleared before, to the coverage. After Place; any layers, any number of times.
+  // Sets `bits`, the grid's layers [begin, end), not cleared before, to the coverage. After Place; any layers, any
+  // number of times.
   absl::Status Raster(int64_t begin, int64_t end, BitGrid& bits, const JobContext& job) const;
 
   // Of every vertex, in index space; null unless kept. After Place.

@@ -1,8 +1,9 @@
-// The row kernels on vectors: rows of large triangles, many a vector, and what the other kernels of this set are called through.
-// Included once for each instruction set; no include guard but Highway's.
+// The row kernels on vectors: rows of large triangles, many a vector, and what the other kernels of this set are called
+// through. Included once for each instruction set; no include guard but Highway's.
 //
-// Sources: as triangle_setup.h. The schedule (many small triangles a vector, many rows of a large one) follows M. Schwarz and
-// H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010, in sorting triangles by their extent.
+// Sources: as triangle_setup.h. The schedule (many small triangles a vector, many rows of a large one) follows M.
+// Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010, in sorting triangles by their
+// extent.
 #if defined(VOXELPIPE_ROW_KERNELS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef VOXELPIPE_ROW_KERNELS_INL_H_
 #undef VOXELPIPE_ROW_KERNELS_INL_H_

@@ -14,8 +14,9 @@
 
 namespace voxelpipe::cpu {
 
-// The voxels along one axis that a vertex alone touches under the narrow widening, as 2*first + (last - first), saturated to 16 bits.
-// The least and the largest code of three vertices give their triangle's box: first = least >> 1, last = (largest + 1) >> 1.
+// The voxels along one axis that a vertex alone touches under the narrow widening, as 2*first + (last - first),
+// saturated to 16 bits. The least and the largest code of three vertices give their triangle's box: first = least >> 1,
+// last = (largest + 1) >> 1.
 struct VertexCode {
   int16_t axis[4];  // x, y, z, 0
 };
@@ -94,8 +95,8 @@ struct RowKernels {
   // The boxes of triangles [begin, end), into boxes[0...]. For grids that fit the codes.
   void (*tile_boxes)(const uint32_t (*triangles)[3], const VertexCode* codes, int64_t begin, int64_t end,
                      const int64_t (&dims)[3], TileBox* boxes);
-  // The spans of triangles, the low 32 bits of pairs[0...count), in a tile (clipped to the grid); at most TileSpans::kTriangles. The mesh
-  // is one of IndexSpaceMesh.
+  // The spans of triangles, the low 32 bits of pairs[0...count), in a tile (clipped to the grid); at most
+  // TileSpans::kTriangles. The mesh is one of IndexSpaceMesh.
   void (*spans_in_tile)(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Coverage coverage,
                         const VoxelRange& tile, TileSpans& out);
   // Parity and nonzero fill, over a mesh of IndexSpaceMesh. Triangles [begin, end), at most Crossings::kMost: adds the

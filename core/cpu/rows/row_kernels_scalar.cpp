@@ -102,7 +102,7 @@ void TileBoxes(const uint32_t (*triangles)[3], const VertexCode* codes, int64_t 
     bool large = false, outside = false;
     for (int i = 0; i < 3; ++i) {
       const int64_t first = Min(a[i], Min(b[i], c[i])) >> 1, last = (Max(a[i], Max(b[i], c[i])) + 1) >> 1;
-      large = large || last - first > TileBox::kMostExtent;
+      large = large || last - first > TileBox::kMaxExtent;
       outside = outside || last < 0 || first >= dims[i];
       box.first[i] = int16_t(Max(first, int64_t{0}) / TileDim(i));
       box.last[i] = int16_t(Min(last, dims[i] - 1) / TileDim(i));

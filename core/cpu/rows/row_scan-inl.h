@@ -1,5 +1,5 @@
-// Bounds and codes of vertices, and the scan that sets runs and lists what needs a set-up: by integer boxes, many triangles a vector.
-// Included once for each instruction set; no include guard but Highway's.
+// Bounds and codes of vertices, and the scan that sets runs and lists what needs a set-up: by integer boxes, many
+// triangles a vector. Included once for each instruction set; no include guard but Highway's.
 #if defined(VOXELPIPE_ROW_SCAN_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef VOXELPIPE_ROW_SCAN_INL_H_
 #undef VOXELPIPE_ROW_SCAN_INL_H_
@@ -62,9 +62,9 @@ HWY_INLINE hn::Vec<DU> CodeOf(VD p) {
   return hn::And(hn::BitCast(DU(), hn::Add(code, SetD(0x1.8p52))), hn::Set(DU(), uint64_t{0xffff}));
 }
 
-// a / h, given 1/h: the quotient by the inverse, corrected twice by the remainder, is the rounded one (P. Markstein, "Computation of
-// Elementary Functions on the IBM RISC System/6000 Processor", 1990) where no step can under- or overflow and h's last bits are not all
-// ones. A third of a division's time.
+// a / h, given 1/h: the quotient by the inverse, corrected twice by the remainder, is the rounded one (P. Markstein,
+// "Computation of Elementary Functions on the IBM RISC System/6000 Processor", 1990) where no step can under- or
+// overflow and h's last bits are not all ones. A third of a division's time.
 struct Divisor {
   double h, inverse;
   bool regular;
@@ -74,7 +74,7 @@ struct Divisor {
     regular = size >= 0x1p-250 && size <= 0x1p250 && (bits << 12) != (~uint64_t{0} << 12);
   }
 };
-constexpr double kLeastDividend = 0x1p-250, kMostDividend = 0x1p250;
+constexpr double kMinDividend = 0x1p-250, kMaxDividend = 0x1p250;
 HWY_INLINE VD QuotientOfRegular(VD a, const Divisor& d) {
   const VD h = SetD(d.h), inverse = SetD(d.inverse);
   const VD q = hn::Mul(a, inverse);
@@ -108,7 +108,7 @@ HWY_ATTR Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Inde
       for (int64_t k = 0; k < 3 * kHalf; ++k) padded[k] = in[3 * i + (k < 3 * count ? k : k % 3)];
       hn::LoadInterleaved3(d, padded, p[0], p[1], p[2]);
     }
-    VD q[3], least = SetD(kMostDividend), most = SetD(0);
+    VD q[3], least = SetD(kMaxDividend), most = SetD(0);
     for (int a = 0; a < 3; ++a) {
       p[a] = hn::Sub(p[a], SetD(space.origin[a]));
       const VD size = hn::Abs(p[a]);
@@ -117,14 +117,14 @@ HWY_ATTR Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Inde
       q[a] = QuotientOfRegular(p[a], divisors[a]);
     }
     // A zero is divided too, for the sign of its quotient: only the box's own corners have one.
-    const auto in_range = hn::And(hn::Ge(least, SetD(kLeastDividend)), hn::Le(most, SetD(kMostDividend)));
+    const auto in_range = hn::And(hn::Ge(least, SetD(kMinDividend)), hn::Le(most, SetD(kMaxDividend)));
     if (HWY_UNLIKELY(!quick || !hn::AllTrue(d, in_range))) {
       for (int a = 0; a < 3; ++a) {
         q[a] = hn::Div(p[a], SetD(divisors[a].h));
         const VD size = hn::Abs(p[a]);
         placed.regular = placed.regular &&
-                         hn::AllTrue(d, hn::Or(hn::Eq(size, hn::Zero(d)), hn::And(hn::Ge(size, SetD(kLeastDividend)),
-                                                                                  hn::Le(size, SetD(kMostDividend)))));
+                         hn::AllTrue(d, hn::Or(hn::Eq(size, hn::Zero(d)), hn::And(hn::Ge(size, SetD(kMinDividend)),
+                                                                                  hn::Le(size, SetD(kMaxDividend)))));
       }
     }
     if (HWY_UNLIKELY(walls)) {
@@ -159,8 +159,8 @@ struct TwoWords {
 };
 constexpr uint32_t kIsRun = 1 << 16;
 
-// Boxes and classes of triangles [begin, end), at most TwoWords::kMost. What is not for `boxes` is set or listed here. Asks early for
-// the memory that will be looked at.
+// Boxes and classes of triangles [begin, end), at most TwoWords::kMost. What is not for `boxes` is set or listed here.
+// Asks early for the memory that will be looked at.
 HWY_INLINE void ScanBoxes(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
                           RowLists& lists, TwoWords& boxes) {
   const DU du;

@@ -51,7 +51,7 @@ HWY_ATTR void TileBoxes(const uint32_t (*triangles)[3], const VertexCode* codes,
     const auto a = code_of(v[0]), b = code_of(v[1]), c = code_of(v[2]);
     const auto first = hn::ShiftRight<1>(hn::Min(a, hn::Min(b, c)));
     const auto last = hn::ShiftRight<1>(hn::SaturatedAdd(hn::Max(a, hn::Max(b, c)), one));
-    const auto large = any(hn::Gt(hn::Sub(last, first), hn::Set(ds, TileBox::kMostExtent)));
+    const auto large = any(hn::Gt(hn::Sub(last, first), hn::Set(ds, TileBox::kMaxExtent)));
     const auto outside = any(hn::Or(hn::Lt(last, zero), hn::Gt(first, most)));
     const auto kind = hn::IfThenElse(large, hn::Set(du, uint64_t(TileBox::kLarge) << 48),
                                      hn::IfThenZeroElse(outside, hn::Set(du, uint64_t(TileBox::kBoxed) << 48)));

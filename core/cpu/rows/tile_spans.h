@@ -10,10 +10,10 @@ namespace voxelpipe::cpu {
 
 // The tiles that a triangle's box touches, inclusive, cut to the grid.
 struct TileBox {
-  // kBoxed: the box is at most kMostExtent + 1 voxels along each axis, so that its widening is that of the narrow class whatever
-  // the triangle's own.
+  // kBoxed: the box is at most kMaxExtent + 1 voxels along each axis, so that its widening is that of the narrow class
+  // whatever the triangle's own.
   enum Kind : int16_t { kOutside, kBoxed, kLarge };
-  static constexpr int16_t kMostExtent = 63;
+  static constexpr int16_t kMaxExtent = 63;
 
   int16_t first[3];
   int16_t kind;
@@ -25,7 +25,8 @@ struct TileBox {
   }
 };
 
-// A run of voxels in a row of a tile: the row y + 8*z in bits 0-5, its first voxel in bits 8-12, its last in bits 16-20.
+// A run of voxels in a row of a tile: the row y + 8*z in bits 0-5, its first voxel in bits 8-12, its last in bits
+// 16-20.
 struct TileSpan {
   uint32_t bits;
 

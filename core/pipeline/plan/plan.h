@@ -12,8 +12,8 @@
 
 namespace voxelpipe {
 
-// Slabs begin at multiples of this many layers: tiles and bricks are eight voxels deep, and eight layers of packed bits end on
-// a byte.
+// Slabs begin at multiples of this many layers: tiles and bricks are eight voxels deep, and eight layers of packed bits
+// end on a byte.
 inline constexpr int64_t kSlabGranularity = 8;
 
 struct PlanLimits {

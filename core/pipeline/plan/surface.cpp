@@ -81,8 +81,8 @@ Touched Touch(const Sums& surface, double triangles, const Vec3d& edges, double 
 }
 
 // Fragments of triangles that touch `touched` voxels. Inside a large triangle every coverage keeps its largest
-// projection. Of a point's voxels and of those along an edge thin coverage keeps the more, the nearer normals are to the
-// axes. The two shares were measured: 0.8 and 0.67 of triangles in random directions.
+// projection. Of a point's voxels and of those along an edge thin coverage keeps the more, the nearer normals are to
+// the axes. The two shares were measured: 0.8 and 0.67 of triangles in random directions.
 double Fragments(const Sums& sums, Coverage coverage, double touched) {
   const double areas = sums.area.x + sums.area.y + sums.area.z, widths = sums.width.x + sums.width.y + sums.width.z;
   if (coverage == Coverage::kConservative || !(areas > 0)) return touched;

@@ -78,8 +78,8 @@ class SlabArrays {
   std::function<absl::Status()> wait_;
 };
 
-// Once a run, in this order: VertexShade, CoarseRaster, TileSort. Then slab after slab, by ascending z (where tiles are sorted by slab,
-// CoarseRaster and TileSort of each go before its BeginSlab instead):
+// Once a run, in this order: VertexShade, CoarseRaster, TileSort. Then slab after slab, by ascending z (where tiles are
+// sorted by slab, CoarseRaster and TileSort of each go before its BeginSlab instead):
 //   dense, sparse   BeginSlab, FineRaster, SolidFill (only with a fill), Finish
 //   buckets         BeginSlab, EmitFragments, SortFragments, Resolve, Finish
 // Every stage returns CANCELLED or DEADLINE_EXCEEDED as soon as it sees that the job should end, and RESOURCE_EXHAUSTED
@@ -110,8 +110,9 @@ class Stages {
   // CoarseRaster; `memory` outlives the stages.
   virtual void SetLists(const Surface& /*expected*/, ListMemory* /*memory*/) {}
 
-  // Takes the vertices to index space, where `layers` begin at 0, and finds the tiles of these layers of the grid that each triangle may touch.
-  // INVALID_ARGUMENT naming node, primitive and vertex for one beyond 2^40 voxels of the grid's origin.
+  // Takes the vertices to index space, where `layers` begin at 0, and finds the tiles of these layers of the grid that
+  // each triangle may touch. INVALID_ARGUMENT naming node, primitive and vertex for one beyond 2^40 voxels of the
+  // grid's origin.
   virtual absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) = 0;
 
   // Sorts (tile, triangle) pairs by tile; the order within a tile is the backend's own.
@@ -120,7 +121,8 @@ class Stages {
   // False where a faster way rasterizes rows without tiles: then CoarseRaster only prepares for it, and TileSort has
   // nothing to do.
   virtual bool SortsTiles(const GridSpec& grid) const = 0;
-  // Whether tiles are sorted for each slab by itself, so that what pairs take is bounded by the slab; otherwise `layers` are all.
+  // Whether tiles are sorted for each slab by itself, so that what pairs take is bounded by the slab; otherwise
+  // `layers` are all.
   virtual bool SortsTilesBySlab() const { return false; }
 
   // Allocates the targets of these layers and sets every voxel to its clear value.
@@ -139,20 +141,20 @@ class Stages {
   // ... runs of equal voxels become buckets, fragments are shaded.
   virtual absl::Status Resolve() = 0;
 
-  // The slab's arrays in their result format. `offsets` count from the slab's own first fragment; bricks and voxels carry
-  // the numbers of the whole grid.
+  // The slab's arrays in their result format. `offsets` count from the slab's own first fragment; bricks and voxels
+  // carry the numbers of the whole grid.
   virtual absl::StatusOr<ResultArrays> Finish() = 0;
 
-  // The same of a slab that is not all, where stages can go on with the next one before the arrays are there. What is returned must end
-  // before AbandonSlab, and before the FinishLater after the next.
+  // The same of a slab that is not all, where stages can go on with the next one before the arrays are there. What is
+  // returned must end before AbandonSlab, and before the FinishLater after the next.
   virtual absl::StatusOr<SlabArrays> FinishLater() {
     absl::StatusOr<ResultArrays> arrays = Finish();
     if (!arrays.ok()) return arrays.status();
     return SlabArrays(*std::move(arrays));
   }
 
-  // After a stage of the slab returned RESOURCE_EXHAUSTED with the mark kOutOfMemory (base/device_failure.h): gives back what it took. The
-  // next call is the first one of a slab with fewer layers. False: these stages cannot.
+  // After a stage of the slab returned RESOURCE_EXHAUSTED with the mark kOutOfMemory (base/device_failure.h): gives
+  // back what it took. The next call is the first one of a slab with fewer layers. False: these stages cannot.
   virtual bool AbandonSlab() { return false; }
 
   // Number of voxels of the slab with a fragment or filled. Outside the measured time, unless counts_wait().
@@ -200,8 +202,8 @@ class Backend {
     });
   }
 
-  // Runs together those of a batch's items that can share a pass of the device, gives them their results and adds to `stats`. Out:
-  // the numbers of the others, which are to run alone.
+  // Runs together those of a batch's items that can share a pass of the device, gives them their results and adds to
+  // `stats`. Out: the numbers of the others, which are to run alone.
   virtual std::vector<size_t> RunShared(int /*threads*/, std::span<const BatchItem> items, const PlanLimits& /*limits*/,
                                         BatchStats& /*stats*/) const {
     std::vector<size_t> alone(items.size());

@@ -26,7 +26,8 @@ VOXELPIPE_HD uint32_t PackNormal(const Vec3f& n) {
   return (u << 8) | v;
 }
 
-// The unit normal that PackNormal gave `packed` (below 2^16) for, to 8 bits a coordinate of the map: within 1.2 degrees.
+// The unit normal that PackNormal gave `packed` (below 2^16) for, to 8 bits a coordinate of the map: within 1.2
+// degrees.
 VOXELPIPE_HD Vec3f UnpackNormal(uint32_t packed) {
   double x = double(packed >> 8 & 255) / 255 * 2 - 1, y = double(packed & 255) / 255 * 2 - 1;
   const double z = (1 - Abs(x)) - Abs(y);

@@ -33,14 +33,15 @@ struct FragmentShaderTraits {
   static constexpr bool kCanDiscard = false;  // may set FragmentOutput::discard, ...
   // ... and whether it may for fragments of a material.
   VOXELPIPE_HD static bool MayDiscard(const MaterialView&) { return false; }
-  static constexpr bool kIsColor = false;     // 0 to 1 a channel: integer targets scale it to their range by default
+  static constexpr bool kIsColor = false;  // 0 to 1 a channel: integer targets scale it to their range by default
   // Textures of the material that it samples.
   static constexpr bool kReadsBaseColor = false, kReadsEmissive = false, kReadsMetallicRoughness = false;
   // Whether all fragments of the triangle give the same output, whatever `voxel` and `barycentric` say.
   VOXELPIPE_HD static bool SameForTriangle(const FragmentInput&) { return false; }
 };
 
-// Up to four components, all f32 or all u32 as the shader's output type says. Missing components read as 0, the fourth 1.
+// Up to four components, all f32 or all u32 as the shader's output type says. Missing components read as 0, the fourth
+// 1.
 struct FragmentOutput {
   float f[4] = {0, 0, 0, 1};
   uint32_t u[4] = {0, 0, 0, 1};

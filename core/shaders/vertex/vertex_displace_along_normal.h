@@ -5,9 +5,9 @@
 
 namespace voxelpipe {
 
-// position' = position + distance * normal. Parameter `distance`: world units, negative ones move inwards. Vertices without a
-// normal stay where they are: flat normals would tear the surface open at its edges. The same happens at vertices that the file
-// keeps apart because their normals differ (hard edges).
+// position' = position + distance * normal. Parameter `distance`: world units, negative ones move inwards. Vertices
+// without a normal stay where they are: flat normals would tear the surface open at its edges. The same happens at
+// vertices that the file keeps apart because their normals differ (hard edges).
 struct DisplaceAlongNormalVertexShader {
   static constexpr int kParameters = 1;
   VOXELPIPE_HD static ShadedVertex Shade(const VertexInput& in, const ShaderParams& params) {

@@ -19,8 +19,8 @@ struct BenchRow {
 // In the order of BenchMeshes.
 std::vector<BenchRow> BenchRows();
 
-// Shaders as users run them: meshes with normals, texture coordinates, a texture and an attribute. Occupied voxels are not
-// those of bits where a shader discards. No times are asked for; the ratios count.
+// Shaders as users run them: meshes with normals, texture coordinates, a texture and an attribute. Occupied voxels are
+// not those of bits where a shader discards. No times are asked for; the ratios count.
 std::vector<BenchRow> ShaderRows();
 
 // Requests of whole calls, from a mesh on the host to a result on the host, and of the times of single stages; no times

@@ -149,7 +149,8 @@ TriangleMesh Labyrinth(int levels) {
   }
   for (int level = 0; level < levels; ++level) {
     const int x = 2 * level + 1;
-    // What is before the level, but for a hole at the begin of its first passage, which is at the other end of every other level.
+    // What is before the level, but for a hole at the begin of its first passage, which is at the other end of every
+    // other level.
     const bool at_end = level % 2 == 1;
     wall(0, x - 1, 0, 20, at_end ? 0 : 2, at_end ? 18 : 20);
     wall(0, x - 1, 2, 20, at_end ? 18 : 0, at_end ? 20 : 1);

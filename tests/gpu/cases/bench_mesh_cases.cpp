@@ -5,7 +5,8 @@
 namespace voxelpipe::gpu {
 namespace {
 
-// Blends of a mesh whose triangles lie scattered, in a grid of which the cache does not hold even the bits: they are ordered first.
+// Blends of a mesh whose triangles lie scattered, in a grid of which the cache does not hold even the bits: they are
+// ordered first.
 void AddOrdered(std::vector<ParityCase>& cases, int64_t n) {
   struct Wanted {
     Blend blend;
@@ -76,7 +77,8 @@ void AddOrderedBits(std::vector<ParityCase>& cases, int64_t n) {
   }
 }
 
-// Plain bits of a fine mesh in such a grid, which are set in bricks first; and with rows that are no whole units of 16 bytes.
+// Plain bits of a fine mesh in such a grid, which are set in bricks first; and with rows that are no whole units of 16
+// bytes.
 void AddBricks(std::vector<ParityCase>& cases, int64_t n) {
   AddOrderedBits(cases, n);
   ParityCase c = cases.back();

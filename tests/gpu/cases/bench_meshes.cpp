@@ -33,8 +33,8 @@ TriangleMesh InUnitCube(TriangleMesh mesh) {
   return mesh;
 }
 
-// The bumpy sphere with normals, texture coordinates, a texture and the attribute _HEAT. `masked`: a quarter of the texture's
-// squares is transparent, and alpha mode MASK discards there.
+// The bumpy sphere with normals, texture coordinates, a texture and the attribute _HEAT. `masked`: a quarter of the
+// texture's squares is transparent, and alpha mode MASK discards there.
 TriangleMesh ShadedSphere(int64_t triangles, bool masked) {
   constexpr uint32_t kTexels = 1024, kSquare = 16;
   TriangleMesh mesh = bench::BumpySphere(triangles);

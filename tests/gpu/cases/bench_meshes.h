@@ -16,8 +16,8 @@ struct BenchMesh {
   std::function<TriangleMesh()> make;  // in [0, 1]^3
 };
 
-// cow, bunny, bunny1M, sphere10M, nasty. `bunny` is a mesh file, a bunny of 69,451 triangles; without it a generated sphere
-// of as many stands in. A decimation of it stands in for the cow, or the mesh file `cow`.
+// cow, bunny, bunny1M, sphere10M, nasty. `bunny` is a mesh file, a bunny of 69,451 triangles; without it a generated
+// sphere of as many stands in. A decimation of it stands in for the cow, or the mesh file `cow`.
 std::vector<BenchMesh> BenchMeshes(const std::string& bunny, const std::string& cow);
 
 // [0, 1]^3 in n^3 voxels.

@@ -43,13 +43,16 @@ inline void AppendTo(std::vector<ParityCase>& cases, const std::vector<ParityCas
 }
 // Each kernel once or twice, so small that it runs under a sanitizer.
 std::vector<ParityCase> QuickCases(const ParityMesh& named);
-// Largest and least values in sparse results, which have a way of their own: shaders, formats, coverages, grids and slabs.
+// Largest and least values in sparse results, which have a way of their own: shaders, formats, coverages, grids and
+// slabs.
 std::vector<ParityCase> PooledCases(const ParityMesh& named);
-// The largest triangle ids in dense results, whose covered voxels are counted by their values: formats, coverages, grids and slabs.
+// The largest triangle ids in dense results, whose covered voxels are counted by their values: formats, coverages,
+// grids and slabs.
 std::vector<ParityCase> LargestIdCases(const ParityMesh& named);
 // Each way to make a result, in a grid of 56 layers, for meshes about [0, 40].
 std::vector<ParityCase> SlabCases();
-// Every vertex shader that the mesh has what it needs for, under each result kind: positions alone, and all that fragment shaders read.
+// Every vertex shader that the mesh has what it needs for, under each result kind: positions alone, and all that
+// fragment shaders read.
 std::vector<ParityCase> VertexShaderCases(const ParityMesh& named, const TriangleMesh& mesh);
 
 }  // namespace voxelpipe::gpu

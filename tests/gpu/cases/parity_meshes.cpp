@@ -130,8 +130,8 @@ TriangleMesh Giants(int count, double extent, double reach, uint32_t seed) {
   return mesh.Take();
 }
 
-// Small triangles one beside the other, and after some of them another one, of a few voxels or as large as a part of the mesh; in three
-// places many of them one after the other.
+// Small triangles one beside the other, and after some of them another one, of a few voxels or as large as a part of
+// the mesh; in three places many of them one after the other.
 TriangleMesh OfAllSizes(uint32_t seed) {
   Random random(seed);
   TriangleMesh mesh = Moved(bench::BumpySphere(9000), 80, {0, 0, 0});

@@ -7,7 +7,8 @@ namespace {
 
 constexpr Coverage kCoverages[] = {Coverage::kConservative, Coverage::kThin};
 
-// Largest and least values, which are written with the largest triangles in them, where the grids are larger than the cache.
+// Largest and least values, which are written with the largest triangles in them, where the grids are larger than the
+// cache.
 void AddFilled(std::vector<ParityCase>& cases, const GridRequest& small, const std::vector<GridRequest>& others) {
   const auto value = [](VoxelFormat format, Blend blend, const char* shader) {
     TargetSpec target;
@@ -79,7 +80,8 @@ std::vector<ParityCase> ScatteredCases() {
   TargetSpec greatest = sum(VoxelFormat::kF32, 1, 0);
   greatest.blend = Blend::kMax;
   add(slanted, {sum(VoxelFormat::kF32, 1, 0), greatest, sum(VoxelFormat::kF32, 3, 0)});
-  // With a cache of 2 KB full slabs are ordered, and cover voxels; the last one, of a layer, is not, and touches blocks.
+  // With a cache of 2 KB full slabs are ordered, and cover voxels; the last one, of a layer, is not, and touches
+  // blocks.
   add(Placed({40, 48, 41}, {0, 0, 0}, {2.7, 2.2, 2.6}), {greatest}).slab_depth = 8;
   ParityCase& filled = add(slanted, {sum(VoxelFormat::kF32, 1, 0)});
   filled.request.fill = Fill::kParity;
@@ -87,7 +89,8 @@ std::vector<ParityCase> ScatteredCases() {
   const GridRequest parts_of_rows = Placed({1056, 96, 90}, {-5, 10, 20}, {0.11, 1.02, 1});
   add(parts_of_rows, {sum(VoxelFormat::kF32, 2, 0)});
   AddFilled(cases, narrow, {slanted, parts_of_rows});
-  // A-buffers, in which the largest triangles are put among the others' fragments: with values, too, and with shaders that discard.
+  // A-buffers, in which the largest triangles are put among the others' fragments: with values, too, and with shaders
+  // that discard.
   const auto add_buckets = [&](const GridRequest& grid, std::vector<TargetSpec> targets) -> ParityCase& {
     ParityCase& c = add(grid, std::move(targets));
     c.request.result = ResultKind::kBuckets;
@@ -100,7 +103,8 @@ std::vector<ParityCase> ScatteredCases() {
   add_buckets(slanted, {greatest});
   add_buckets(slanted, {checker, sum(VoxelFormat::kF32, 3, 0)});
   add_buckets(parts_of_rows, {checker});
-  // Rows of more voxels of a triangle than a lane sorts, of both coverages; and grids that only some of the largest reach, or none of any.
+  // Rows of more voxels of a triangle than a lane sorts, of both coverages; and grids that only some of the largest
+  // reach, or none of any.
   add_buckets(parts_of_rows, {TargetSpec()});
   add_buckets(parts_of_rows, {TargetSpec()});
   // The longest rows whose voxels fit the codes that a lane sorts, and longer ones.

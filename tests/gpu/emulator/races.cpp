@@ -25,7 +25,8 @@ namespace {
 using BlockName = std::pair<uint32_t, uint32_t>;
 using ThreadName = std::pair<BlockName, unsigned>;
 
-// What a thread knows of others by fences: of blocks, which barriers all they did before is known of; of threads, up to which clock.
+// What a thread knows of others by fences: of blocks, which barriers all they did before is known of; of threads, up to
+// which clock.
 struct Knowledge {
   std::map<BlockName, uint32_t> phases;
   std::map<ThreadName, uint32_t> clocks;

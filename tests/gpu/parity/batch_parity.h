@@ -25,8 +25,8 @@ class BatchParity {
   void AddFloods(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh, size_t first);
   // Runs what is waiting.
   void Flush();
-  // The same, A-buffers of empty meshes and flood fills of all kinds of meshes among it; and then whether a pass of many A-buffers or flood fills
-  // takes as many launches as one of few.
+  // The same, A-buffers of empty meshes and flood fills of all kinds of meshes among it; and then whether a pass of
+  // many A-buffers or flood fills takes as many launches as one of few.
   void Finish();
 
   // Prints the first differences as they are found, and one line at the end.

@@ -84,8 +84,8 @@ class Parity {
     return true;
   }
 
-  // A mesh that the device keeps, and then others that share all but their positions with it: what each gives is what it gives as a mesh of its
-  // own, and its positions alone go up. Single runs, and all frames in one batch.
+  // A mesh that the device keeps, and then others that share all but their positions with it: what each gives is what
+  // it gives as a mesh of its own, and its positions alone go up. Single runs, and all frames in one batch.
   bool RunMoved(const ParityMesh& named, TriangleMesh mesh, const std::vector<ParityCase>& cases,
                 BatchParity& batches) {
     mesh.content_id = "moved " + named.name;
@@ -102,7 +102,8 @@ class Parity {
     return true;
   }
 
-  // Every vertex shader on the mesh, then on one that the device keeps: once it was there, poses and parameters alone go up.
+  // Every vertex shader on the mesh, then on one that the device keeps: once it was there, poses and parameters alone
+  // go up.
   bool RunVertexShaders(const ParityMesh& named, TriangleMesh mesh) {
     const std::vector<ParityCase> cases = VertexShaderCases(named, mesh);
     if (!RunMesh({named.name + "_shaded", named.extent, {}}, mesh, cases, 1)) return false;
@@ -112,8 +113,8 @@ class Parity {
     return true;
   }
 
-  // Less and less device memory, told before the run, and found out once vertices are shaded: the same bytes by more and thinner slabs, until not
-  // even the thinnest fits, which is RESOURCE_EXHAUSTED; then there is room again.
+  // Less and less device memory, told before the run, and found out once vertices are shaded: the same bytes by more
+  // and thinner slabs, until not even the thinnest fits, which is RESOURCE_EXHAUSTED; then there is room again.
   bool RunShortOfMemory(const ParityMesh& named, const TriangleMesh& mesh, const std::vector<ParityCase>& cases) {
 #ifdef VOXELPIPE_HAVE_CUDA
     std::set<int> seen[2];  // numbers of slabs
@@ -167,7 +168,8 @@ class Parity {
       }
     }
     for (const bool told : {true, false}) {
-      // Which numbers there are depends on what else takes memory; where it is found out, slabs end where there is no room for two.
+      // Which numbers there are depends on what else takes memory; where it is found out, slabs end where there is no
+      // room for two.
       if (!whole || (seen[told].size() >= 3 && seen[told].count(1) == 1 && (!told || seen[told].count(7) == 1)))
         continue;
       std::string numbers;
@@ -181,7 +183,8 @@ class Parity {
     return true;
   }
 
-  // More than any device has, and more than the backend counts: marked for another one to try, and what comes after it works.
+  // More than any device has, and more than the backend counts: marked for another one to try, and what comes after it
+  // works.
   void RunOutOfMemory() {
     const std::string line = "out_of_memory#0 8 x f32x4 dense 28000x28000x8, which are the fewest layers";
     if (options_.list || !absl::StrContains(line, options_.filter)) return;
@@ -388,7 +391,7 @@ class Parity {
   std::string stopped_;
   std::map<std::string, uint64_t> unimplemented_, refused_;
   std::map<std::string, uint64_t> paths_;                       // of targets
-  uint64_t numbered_ = 0;  // cases, run or not
+  uint64_t numbered_ = 0;                                       // cases, run or not
   std::map<std::string, std::pair<uint64_t, uint64_t>> tally_;  // word of a request -> cases, those that differ
 };
 

@@ -1,7 +1,7 @@
 // Runs the arithmetic of core/raster and core/shaders on the device and on the host and compares the bits: row spans,
-// tiles, barycentrics, crossings, every shader, conversion and blending, over a random soup with slivers, points, huge and
-// outside triangles. And, on the device, quick normals (cuda/quick_normal.cuh) against plain ones, of many more vectors.
-// Exit 0 if all agree, 1 if not, 77 (skipped) without a GPU.
+// tiles, barycentrics, crossings, every shader, conversion and blending, over a random soup with slivers, points, huge
+// and outside triangles. And, on the device, quick normals (cuda/quick_normal.cuh) against plain ones, of many more
+// vectors. Exit 0 if all agree, 1 if not, 77 (skipped) without a GPU.
 #include <cstdio>
 #include <vector>
 
@@ -125,7 +125,8 @@ __device__ uint64_t Random(uint64_t& state) {
   return z ^ z >> 31;
 }
 
-// Vectors of all directions and lengths, some along an axis or a plane, some of few bits, counts those whose quick normal differs.
+// Vectors of all directions and lengths, some along an axis or a plane, some of few bits, counts those whose quick
+// normal differs.
 __global__ void CompareNormals(unsigned long long* different) {
   uint64_t state = blockIdx.x * blockDim.x + threadIdx.x;
   for (uint32_t i = 0; i < kNormalsOfThread; ++i) {

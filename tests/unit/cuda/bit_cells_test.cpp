@@ -1,4 +1,5 @@
-// The device's certain answers about small triangles, computed on the host: those of raster/spans.h, which every schedule shares.
+// The device's certain answers about small triangles, computed on the host: those of raster/spans.h, which every
+// schedule shares.
 #include "cuda/bit_cells.cuh"
 
 #include <gtest/gtest.h>
@@ -63,7 +64,7 @@ Answer ByCells(const Triangle& world, const FixedPlace& place, const Packing* pa
     single += box.last[a] == box.first[a];
   }
   Answer answer;
-  if (greatest >= kMostCells || (!kThin && single >= 2)) return {};  // for others, or nothing to decide
+  if (greatest >= kMaxCells || (!kThin && single >= 2)) return {};  // for others, or nothing to decide
   if (greatest <= 1) {
     uint32_t in_box = 0xff;
     for (int a = 0; a < 3; ++a) in_box &= box.first[a] == box.last[a] ? ~HalfOf(a) : 0xff;
@@ -79,7 +80,7 @@ Answer ByCells(const Triangle& world, const FixedPlace& place, const Packing* pa
     }
     return answer;
   }
-  std::array<CellSpan, kMostCells> table;
+  std::array<CellSpan, kMaxCells> table;
   answer.certain =
       VisitCells<kThin>(v, box, begin, end, place, table.data(), 1, false, EachRow([&](int y, int z, int x, int count) {
                           for (int i = 0; i < count; ++i)
@@ -207,7 +208,8 @@ TEST(PackedPlaceTest, VerticesAreOffByLessThanTwoUnits) {
 TEST(VisitCellsTest, ATriangleThatIsSaidToTouchAllOfItsBoxHasAllRowsOfItThatAreInTheGrid) {
   const FixedPlace place = MakeFixedPlace({}, {}, {kDims, kDims, kDims});
   for (int axis = 0; axis < 3; ++axis) {
-    // Four voxels along the axis, the first of them outside of the grid, and two along the next, of which a line from corner to corner leaves some out.
+    // Four voxels along the axis, the first of them outside of the grid, and two along the next, of which a line from
+    // corner to corner leaves some out.
     const int next = (axis + 1) % 3;
     int v[3][3], begin[3], end[3];
     for (int a = 0; a < 3; ++a) {
@@ -220,7 +222,7 @@ TEST(VisitCellsTest, ATriangleThatIsSaidToTouchAllOfItsBoxHasAllRowsOfItThatAreI
     const FixedBox box = BoxOf(v, place);
     ASSERT_FALSE(box.doubtful);
     ASSERT_EQ(box.first[axis], -1);
-    std::array<CellSpan, kMostCells> table;
+    std::array<CellSpan, kMaxCells> table;
     Voxels voxels, expected;
     for (int i = 0; i < 6; ++i) {
       std::array<int, 3> at{7, 7, 7};

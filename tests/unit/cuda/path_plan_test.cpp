@@ -33,7 +33,7 @@ PathInputs Inputs(std::initializer_list<PathTarget> targets, ResultKind result =
   for (const PathTarget& target : targets) in.targets[size_t(in.target_count++)] = target;
   in.dims = {64, 64, 64};
   in.triangles = 100;
-  in.record_bits = kMostSpanBits;
+  in.record_bits = kMaxSpanBits;
   in.fine_triangles = kFine;
   return in;
 }

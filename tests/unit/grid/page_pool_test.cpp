@@ -10,7 +10,8 @@
 namespace voxelpipe {
 namespace {
 
-// Bytes just below the pool's least, which lines of a cache fill up to it: they came from the pool as a block that was no whole page.
+// Bytes just below the pool's least, which lines of a cache fill up to it: they came from the pool as a block that was
+// no whole page.
 TEST(PagePoolTest, ABlockThatRoundingBringsIntoThePoolHasWholePages) {
 #if defined(__SANITIZE_ADDRESS__)
   GTEST_SKIP() << "no pool with AddressSanitizer";

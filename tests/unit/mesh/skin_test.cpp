@@ -1,5 +1,5 @@
-// The `skin` vertex shader on a generated GLB file: two joints, one below the other, that move, turn and scale unevenly,
-// against a slow reference of its own that moves points, not matrices.
+// The `skin` vertex shader on a generated GLB file: two joints, one below the other, that move, turn and scale
+// unevenly, against a slow reference of its own that moves points, not matrices.
 #include <cmath>
 
 #include "gtest/gtest.h"

@@ -1,4 +1,5 @@
-// Where `auto` takes a GPU that fails, the CPU does the job. A process of its own: its device stands in for a GPU in all of it.
+// Where `auto` takes a GPU that fails, the CPU does the job. A process of its own: its device stands in for a GPU in
+// all of it.
 #include <gtest/gtest.h>
 
 #include <string>

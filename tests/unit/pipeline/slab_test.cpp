@@ -113,8 +113,8 @@ TEST(Slabs, EndWithTheSinksError) {
   EXPECT_EQ(sink.writes, 2);
 }
 
-// The CPU's stages on a device that has room for slabs of so many layers, which is found out when their arrays are finished, or, where
-// tiles are sorted by slab, when those are found; arrays arrive later.
+// The CPU's stages on a device that has room for slabs of so many layers, which is found out when their arrays are
+// finished, or, where tiles are sorted by slab, when those are found; arrays arrive later.
 class ShortOfMemory final : public Backend {
  public:
   explicit ShortOfMemory(int64_t most_layers, bool by_slab = false) : most_layers_(most_layers), by_slab_(by_slab) {}

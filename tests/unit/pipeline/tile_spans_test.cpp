@@ -1,4 +1,5 @@
-// Boxes of triangles among tiles and their rows in a tile, on every instruction set, against the one definition of coverage.
+// Boxes of triangles among tiles and their rows in a tile, on every instruction set, against the one definition of
+// coverage.
 #include "cpu/rows/tile_spans.h"
 
 #include <algorithm>

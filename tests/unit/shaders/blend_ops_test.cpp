@@ -90,8 +90,8 @@ TEST(BlendOpsTest, EveryHalfHasItsValueAndComesBack) {
   }
 }
 
-// Between two neighbours the halfway value goes to the even one, and the doubles next to it to their own side. The largest finite
-// half's upper neighbour would be 65536: from halfway on it is infinity.
+// Between two neighbours the halfway value goes to the even one, and the doubles next to it to their own side. The
+// largest finite half's upper neighbour would be 65536: from halfway on it is infinity.
 TEST(BlendOpsTest, HalvesRoundToNearestEvenAtEveryMidpoint) {
   for (uint16_t bits = 0; bits < 0x7c00; ++bits) {
     const double below = HalfValue(bits), above = bits == 0x7bff ? 65536.0 : HalfValue(uint16_t(bits + 1));
@@ -223,7 +223,8 @@ TEST(BlendOpsTest, SumsOfAnySizeAreRoundedOnce) {
     for (const double quantum : {0x1p-126, 0x1p-50, kQuantum, 1.0, 0x1p80}) {
       const long double exact = static_cast<long double>(sum) * quantum;
       ASSERT_EQ(Dequantize(sum, quantum), float(exact)) << sum << " " << quantum;
-      // The half nearest to the exact sum: no half or midpoint of two lies between the sum and its double, except on it.
+      // The half nearest to the exact sum: no half or midpoint of two lies between the sum and its double, except on
+      // it.
       double near = double(exact);
       if (static_cast<long double>(near) != exact) near = std::nextafter(near, near < exact ? kInfinity : -kInfinity);
       const uint16_t low = HalfBits(double(exact)), high = HalfBits(near);

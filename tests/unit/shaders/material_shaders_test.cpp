@@ -111,7 +111,8 @@ TEST(AlphaMaskTest, DiscardsInEveryShaderThatReadsTheMaterialAndInNoOther) {
   }
 }
 
-// A quad over 4x4 voxels of size 1 in z = 0.5, uv (0,0) at its corner at the origin and (1,1) opposite; a decoded image.
+// A quad over 4x4 voxels of size 1 in z = 0.5, uv (0,0) at its corner at the origin and (1,1) opposite; a decoded
+// image.
 TriangleMesh Quad(uint32_t edge, std::vector<uint8_t> rgba) {
   TriangleMesh mesh = testing::MakeMesh({{0, 0, 0.5}, {4, 0, 0.5}, {4, 4, 0.5}, {0, 4, 0.5}}, {{0, 1, 2}, {0, 2, 3}});
   mesh.uv[0] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};

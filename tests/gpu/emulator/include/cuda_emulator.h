@@ -2,8 +2,8 @@
 // everything else in a translation unit that translate.py made of a .cu file.
 //
 // What it finds: wrong results, barriers that not all threads reach, lanes missing from a warp's exchange, and with
-// AddressSanitizer accesses outside of allocations. With cuda_races.h races, too; without, only those that some order of its own shows
-// (CUDA_EMULATOR_SHUFFLE=1 in the environment changes the order of threads). What it does not: time.
+// AddressSanitizer accesses outside of allocations. With cuda_races.h races, too; without, only those that some order
+// of its own shows (CUDA_EMULATOR_SHUFFLE=1 in the environment changes the order of threads). What it does not: time.
 #pragma once
 
 #include <bit>
@@ -77,8 +77,8 @@ struct Gathered {
 };
 Gathered BlockBarrier(bool predicate);
 
-// Rendezvous of the lanes in `mask` that still run: what each brought, 0 of those that did not come; `came` has their bits. `orders`: what
-// they did before comes before what they do next.
+// Rendezvous of the lanes in `mask` that still run: what each brought, 0 of those that did not come; `came` has their
+// bits. `orders`: what they did before comes before what they do next.
 struct Lanes {
   uint64_t value[32];
   uint32_t came;
@@ -340,7 +340,8 @@ void __stcs(T* p, U value) {
 }
 
 namespace cuda_emulator {
-// What is there becomes what `change` makes of it, told of as done by `where`. Fibers give way only at rendezvous, so atomics need no more.
+// What is there becomes what `change` makes of it, told of as done by `where`. Fibers give way only at rendezvous, so
+// atomics need no more.
 template <typename T, typename Change>
 CUDA_EMULATOR_TELLS T Modify(T* p, const void* where, const Change& change) {
   races::Relaxed(p, sizeof *p, true, where);

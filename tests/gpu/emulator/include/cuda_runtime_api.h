@@ -59,7 +59,8 @@ inline cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
   return cudaSuccess;
 }
 enum cudaDeviceAttr { cudaDevAttrL2CacheSize = 38, cudaDevAttrCooperativeLaunch = 95 };
-// Blocks run one after the other. The cache is so small that most grids are many times larger; CUDA_EMULATOR_CACHE: its bytes.
+// Blocks run one after the other. The cache is so small that most grids are many times larger; CUDA_EMULATOR_CACHE: its
+// bytes.
 inline cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
   const char* const bytes = std::getenv("CUDA_EMULATOR_CACHE");
   const int cache = bytes != nullptr ? std::atoi(bytes) : 2048;

@@ -1,4 +1,5 @@
-// Version 1 of the vertex codec, against an encoder that is written here from the specification, apart from the decoder.
+// Version 1 of the vertex codec, against an encoder that is written here from the specification, apart from the
+// decoder.
 #include "load/decode/meshopt_vertex_v1.h"
 
 #include <algorithm>

@@ -1,5 +1,5 @@
-// The predicted peak of a run against what the run's pages take, for all kinds of results. Each case is a process of its
-// own under ctest.
+// The predicted peak of a run against what the run's pages take, for all kinds of results. Each case is a process of
+// its own under ctest.
 #include <malloc.h>
 
 #include <cstdlib>
@@ -123,7 +123,8 @@ TEST_P(PlanMemory, PredictsThePeakWithinAFactorOfOneAndAHalf) {
   request.coverage = c.coverage;
   request.vertex_shader.name = c.vertex_shader;
   const JobContext job;
-  ASSERT_TRUE(Voxelize(testing::Cube(1), request, {job}).ok());  // threads, code and tables are no part of the prediction
+  ASSERT_TRUE(
+      Voxelize(testing::Cube(1), request, {job}).ok());  // threads, code and tables are no part of the prediction
   request.grid.resolution = c.resolution;
   ReleaseIdlePages();
   malloc_trim(0);
@@ -170,7 +171,8 @@ TEST(PlanMemoryOfRefusals, GridsOfAnySizeAreLookedAtInLittleMemory) {
       request.fill = fill;
       PlanLimits limits;
       limits.max_result_bytes = 8 << 20;
-      EXPECT_EQ(Voxelize(testing::Cube(1), request, {job, limits}).status().code(), absl::StatusCode::kResourceExhausted);
+      EXPECT_EQ(Voxelize(testing::Cube(1), request, {job, limits}).status().code(),
+                absl::StatusCode::kResourceExhausted);
     }
   }
   EXPECT_LT(StatusBytes("VmHWM") - before, uint64_t{32} << 20);

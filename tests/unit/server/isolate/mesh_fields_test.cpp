@@ -129,7 +129,8 @@ TEST(MeshFieldsTest, AStatusComesBackWithItsNumbers) {
   EXPECT_EQ(LimitErrorOf(status)->need_bytes, 7u);
 }
 
-// Bytes that a hostile process made of good ones are read without a crash (with a sanitizer: without a fault), and what passes is a mesh.
+// Bytes that a hostile process made of good ones are read without a crash (with a sanitizer: without a fault), and what
+// passes is a mesh.
 TEST(MeshFieldsTest, ChangedBytesAreRefusedOrHarmless) {
   std::mt19937 random(7);
   int refused = 0;

@@ -9,7 +9,8 @@ using std::chrono::milliseconds;
 using Clock = IdleMemory::Clock;
 constexpr uint64_t kMuch = IdleMemory::kWorthwhileBytes;
 
-// A process whose memory this test sets. A trim gives all that is free to the system; it stays free in the allocator's books.
+// A process whose memory this test sets. A trim gives all that is free to the system; it stays free in the allocator's
+// books.
 class IdleMemoryTest : public ::testing::Test {
  protected:
   IdleMemoryTest() {

@@ -155,7 +155,8 @@ TEST(OptionsTest, WhatCannotBeIsRefusedWithExitCodeTwo) {
   }
 }
 
-// Each row of the table that names a range "A to B": what lies outside is refused, by a flag and by --check-config alike.
+// Each row of the table that names a range "A to B": what lies outside is refused, by a flag and by --check-config
+// alike.
 TEST(OptionsTest, WhatTheTableForbidsIsRefused) {
   std::ifstream table(VOXELPIPE_OPERATIONS_MD);
   const std::regex row(R"(\| `(--[a-z-]+)` \| `VOXELPIPE_.*[ (]([0-9]+) to ([0-9]+)[^0-9].*)");

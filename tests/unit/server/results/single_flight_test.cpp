@@ -128,8 +128,8 @@ TEST(SingleFlightTest, ALandedFlightKeepsNothingOfItsWaiters) {
   EXPECT_EQ(held.use_count(), 1) << "seat and waiters often own each other";
 }
 
-// Sixteen threads at once, again and again; some leave. Each of the others hears one answer, and there are at most as many runs as rounds
-// of waiters.
+// Sixteen threads at once, again and again; some leave. Each of the others hears one answer, and there are at most as
+// many runs as rounds of waiters.
 TEST(SingleFlightTest, ManyThreadsShareTheRuns) {
   constexpr int kThreads = 16, kRounds = 200;
   Flights flights;
