@@ -111,6 +111,7 @@ def service_row(cells):
 # What is known by the first cells of its header: file, title, unit, better, peer.
 KINDS = (
     (("case", "mesh", "N"), "gpu-kernels", "GPU, mesh and result on the device", "ms", "lower", "target"),
+    (("shaded case",), "gpu-shaders", "GPU, shaders as users run them", "ms", "lower", None),
     (("whole call",), "gpu-calls", "GPU, whole calls", "ms", "lower", None),
     (("1000 meshes of 500 triangles",), "gpu-batches", "GPU, 1,000 meshes of 500 triangles", "ms", "lower", None),
     (("backend", "batches", "clients", "call"), "gpu-service", "Service, small jobs on the GPU and on the CPU",
