@@ -45,6 +45,16 @@ TEST(CatalogTest, BindsIdsOfTheEnumeration) {
   EXPECT_EQ(transform->params.value[5], 1);  // the default is the identity
 }
 
+TEST(CatalogTest, ShadersThatCanDiscardDoSoWithAnAlphaMaskAlone) {
+  MaterialView opaque, masked;
+  masked.alpha_mask = true;
+#define VOXELPIPE_CHECK(name)                                           \
+  EXPECT_FALSE(MayDiscard(FragmentShaderId::k##name, opaque)) << #name; \
+  EXPECT_EQ(MayDiscard(FragmentShaderId::k##name, masked), TraitsOf(FragmentShaderId::k##name).can_discard) << #name;
+  VOXELPIPE_FRAGMENT_SHADERS(VOXELPIPE_CHECK)
+#undef VOXELPIPE_CHECK
+}
+
 TEST(CatalogTest, MissingComponentsAreZeroTheFourthOne) {
   const auto one = BindShader(ShaderStage::kFragment, {"constant", {{"value", {0.25}}}});
   ASSERT_TRUE(one.ok());
