@@ -376,6 +376,15 @@ std::vector<ParityCase> QuickCases(const ParityMesh& named) {
   add(ResultKind::kDense, Coverage::kConservative, Fill::kParity, {f32x4}).request.layout = Layout::kPlanar;
   add(ResultKind::kDense, Coverage::kThin, Fill::kFlood, many).slab_depth = 8;
   add(ResultKind::kSparse, Coverage::kConservative, Fill::kNone, {f32_max});
+  // Owners: of all layouts and widths, in slabs, and where no fragment of a voxel stays.
+  add(ResultKind::kDense, Coverage::kThin, Fill::kNone, {target(VoxelFormat::kF32, 3, Blend::kReplace, "normal")})
+      .request.layout = Layout::kPlanar;
+  add(ResultKind::kDense, Coverage::kConservative, Fill::kNone, {target(VoxelFormat::kU8, 4, Blend::kFirst, "uv")})
+      .slab_depth = 8;
+  add(ResultKind::kSparse, Coverage::kConservative, Fill::kNone,
+      {target(VoxelFormat::kU16, 2, Blend::kFirst, "position")});
+  add(ResultKind::kSparse, Coverage::kConservative, Fill::kNone,
+      {target(VoxelFormat::kF16, 1, Blend::kReplace, "base_color")});
   add(ResultKind::kSparse, Coverage::kConservative, Fill::kParity, many);
   add(ResultKind::kBuckets, Coverage::kConservative, Fill::kNone, {bit});
   add(ResultKind::kBuckets, Coverage::kThin, Fill::kNone, many).request.layout = Layout::kPlanar;
