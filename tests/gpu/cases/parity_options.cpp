@@ -15,6 +15,8 @@ bool ParseParityOptions(int argc, char** argv, ParityOptions& options) {
       options.batches = true;
     } else if (argument == "--bench-meshes") {
       options.bench_meshes = true;
+    } else if (argument == "--paths") {
+      options.paths = true;
     } else if (argument == "--tiles") {
       options.tiles = true;
     } else if (argument == "--list") {

@@ -8,7 +8,7 @@
 namespace voxelpipe::gpu {
 
 struct ParityOptions {
-  bool quick = false, batches = false, bench_meshes = false, list = false, self = false, tiles = false;
+  bool quick = false, batches = false, bench_meshes = false, list = false, self = false, tiles = false, paths = false;
   std::string filter, bunny;
   std::vector<std::string> files;
   uint64_t cache = 0;  // bytes; 0: as the device says

@@ -8,6 +8,7 @@
 //   --bunny FILE    of --bench-meshes: a bunny of 69,451 triangles
 //   --cache BYTES   the device is taken for one whose L2 cache is so large: small grids then go the ways of large ones
 //   --tiles         no grid is small enough for records: targets go by tiles
+//   --paths         every path that the options lead to has to have run, with a filter too
 //   --every K       one of K cases of each mesh, and no batches
 //   --filter TEXT   only cases whose line holds TEXT; a line begins "MESH#NUMBER "
 //   --seed N        other random meshes and requests
@@ -15,7 +16,7 @@
 //   --list          print the cases' lines alone
 //   --self          the CPU's scalar rows stand in for the device: checks this program where there is none
 //   --files         also these mesh files, to the end of the line
-// Without a filter every path that the options lead to has to have run.
+// Where all cases run every path that the options lead to has to have run.
 // Exit: 0 all alike, 1 some differ or a path never ran, 2 none differ but some are not implemented, 77 no CUDA device.
 #include <algorithm>
 #include <chrono>
@@ -283,7 +284,8 @@ class Parity {
   bool PrintPaths() const {
     for (const auto& [path, count] : paths_)
       std::printf("path %s: %llu\n", path.c_str(), static_cast<unsigned long long>(count));
-    if (options_.self || !options_.filter.empty() || options_.bench_meshes) return true;
+    const bool all_cases = options_.filter.empty() && options_.every == 1;
+    if (options_.self || options_.bench_meshes || !(all_cases || options_.paths)) return true;
     std::vector<std::string> wanted = {"nothing", "occupancy", "fragment list"};
     if (options_.tiles) {
       wanted.push_back("tiles");
@@ -293,7 +295,7 @@ class Parity {
             "owners in bricks", "owners in accumulators", "fragments in accumulators"}) {
         wanted.push_back(path);
       }
-      if (options_.cache > 0) wanted.push_back("triangles in place, float4");  // of fine meshes
+      if (options_.cache > 0 && all_cases) wanted.push_back("triangles in place, float4");  // of fine meshes
     }
     bool all = true;
     for (const std::string& path : wanted) {
