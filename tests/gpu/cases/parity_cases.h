@@ -55,4 +55,8 @@ std::vector<ParityCase> SlabCases();
 // fragment shaders read.
 std::vector<ParityCase> VertexShaderCases(const ParityMesh& named, const TriangleMesh& mesh);
 
+// Grids that hold a mesh of coordinates about [0, extent]. Index space is world space on most; the others place the mesh
+// between voxels.
+std::vector<GridRequest> GridsFor(double extent);
+
 }  // namespace voxelpipe::gpu

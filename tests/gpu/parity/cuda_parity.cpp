@@ -39,6 +39,7 @@
 #include "gpu/cases/parity_subjects.h"
 #include "gpu/parity/batch_parity.h"
 #include "gpu/parity/first_difference.h"
+#include "gpu/parity/parity_paths.h"
 #include "gpu/parity/parity_run.h"
 #include "mesh/content_id.h"
 #include "pipeline/stages/backend.h"
@@ -264,7 +265,7 @@ class Parity {
     std::printf("%s: %llu meshes, %llu device runs, %.1f s on the device's side, %.1f s on the CPU's\n",
                 options_.self ? "itself" : "cuda", static_cast<unsigned long long>(meshes_),
                 static_cast<unsigned long long>(runs_), device_s_, cpu_s_);
-    const bool all_ran = PrintPaths();
+    const bool all_ran = PrintPaths(paths_, options_);
     std::printf("cuda_parity: %llu cases, %llu differ, %llu unimplemented\n", static_cast<unsigned long long>(cases_),
                 static_cast<unsigned long long>(differ_), static_cast<unsigned long long>(unimplemented));
     if (differ_ > 0 || cases_ == 0 || !stopped_.empty() || !all_ran) return options_.list ? 0 : 1;
@@ -278,32 +279,6 @@ class Parity {
   }
   static double Seconds(Time since) {
     return std::chrono::duration<double>(Now() - since).count();
-  }
-
-  // How often each path made a target. False if one never ran that should have.
-  bool PrintPaths() const {
-    for (const auto& [path, count] : paths_)
-      std::printf("path %s: %llu\n", path.c_str(), static_cast<unsigned long long>(count));
-    const bool all_cases = options_.filter.empty() && options_.every == 1;
-    if (options_.self || options_.bench_meshes || !(all_cases || options_.paths)) return true;
-    std::vector<std::string> wanted = {"nothing", "occupancy", "fragment list"};
-    if (options_.tiles) {
-      wanted.push_back("tiles");
-    } else {
-      for (const char* path :
-           {"triangles in place", "triangles in place, by records", "triangles in bricks", "triangles in accumulators",
-            "owners in bricks", "owners in accumulators", "fragments in accumulators"}) {
-        wanted.push_back(path);
-      }
-      if (options_.cache > 0 && all_cases) wanted.push_back("triangles in place, float4");  // of fine meshes
-    }
-    bool all = true;
-    for (const std::string& path : wanted) {
-      if (paths_.count(path) > 0) continue;
-      all = false;
-      std::printf("path %s: never ran\n", path.c_str());
-    }
-    return all;
   }
 
   bool Stop(const char* why) {

@@ -7,7 +7,7 @@
 // * what a thread does, one after the other;
 // * what threads of a block do before and behind a barrier, and lanes of a warp before and behind __syncwarp (shuffles
 // and votes order nothing);
-// * what a thread did, or knew of, before a fence, for whoever sees what it then writes by an atomic or as volatile.
+// * what a thread did, or had seen, before a fence, for a thread that sees what it then writes by an atomic or as volatile.
 // The one who sees it needs
 //   no fence here: only what depends on it is expected to follow;
 // * kernels of a stream; but one that begins early knows the one before it only behind AwaitEarlier(), or by such
