@@ -12,7 +12,8 @@ TlsFiles TlsOf(const ServerOptions& options) {
 absl::Status CheckFiles(const ServerOptions& options) {
   if (absl::Status status = CheckTlsFiles(TlsOf(options)).status(); !status.ok()) return status;
   if (options.tls_client_names && options.tls_client_ca.empty()) {
-    return absl::InvalidArgumentError("--tls-client-names: needs --tls-client-ca: unverified certificates identify no client");
+    return absl::InvalidArgumentError(
+        "--tls-client-names: needs --tls-client-ca: unverified certificates identify no client");
   }
   if (options.token_file.empty()) return absl::OkStatus();
   absl::Status status = TokenTable::Read(options.token_file).status();

@@ -20,7 +20,9 @@ class RunPlanner {
       : stages_(stages), input_{backend,
                                 request,
                                 mesh,
-                                [&stages, &mesh](const GridSpec& grid, bool closely) { return stages.Measure(grid, mesh, closely); },
+                                [&stages, &mesh](const GridSpec& grid, bool closely) {
+                                  return stages.Measure(grid, mesh, closely);
+                                },
                                 limits,
                                 delivery} {}
 

@@ -1,4 +1,4 @@
-// What a request is told about its mesh and its result, besides errors.
+// The warnings of a request about its mesh and its result.
 #pragma once
 
 #include "absl/status/status.h"
@@ -13,7 +13,7 @@ namespace voxelpipe {
 // the request's shaders read. What is known before the run.
 WarningList WarningsOf(const TriangleMesh& mesh, const VoxelizeRequest& request);
 
-// What anybody who looks at the mesh is told, whatever is asked of it: all of its textures (CheckImages of
+// The warnings of a mesh, whatever is asked of it: all of its textures (CheckImages of
 // load/decode/image.h has looked at them).
 WarningList AllWarningsOf(const TriangleMesh& mesh);
 

@@ -24,7 +24,7 @@ namespace voxelpipe {
 //
 // Every client that pays for something has a share: the limit by the number of these clients. Room is made by what was
 // used longest ago of clients that hold more than their share, so what a client used last, as far as it fits into its
-// share, stays whatever others insert. Only values unused for `idle` are evicted before that, whoever claims them:
+// share, stays whatever others insert. Only values unused for `idle` are evicted before that, claimed or not:
 // clients that left do not reduce the others' shares. What is put out for want of its payer's room is the next
 // claimant's, if there is one. What leaves lives on as long as others hold it; values without holders are destroyed by
 // the thread whose call put them out, without the lock. Thread-safe.

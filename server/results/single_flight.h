@@ -64,7 +64,7 @@ class SingleFlight {
   }
 
   // For the first one: `stop` is called when everybody has left before the flight landed, at once if that is so
-  // already; by whoever leaves last.
+  // already; by the last one to leave.
   void WhenEmpty(const std::shared_ptr<Flight>& flight, std::function<void()>&& stop) {
     {
       const std::lock_guard lock(mutex_);

@@ -1,7 +1,7 @@
 // How long a run goes on after it was cancelled: for each kind of request on a large grid (argv[2]: part of the names
 // of those that are wanted), cancels at a hundred (or argv[1]) moments of the run and prints the longest processor time
 // and the longest wall time from there to the return, as a table. One thread, so that both are those of one core. The
-// first run of a case, which nobody cancels, finds fresh pages; the others mostly those of the runs before, as in a
+// first run of a case, which is not cancelled, finds fresh pages; the others mostly those of the runs before, as in a
 // server. `fresh` is the same with all pages fresh.
 #include <ctime>
 

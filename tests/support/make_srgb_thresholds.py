@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Prints core/shaders/texture/srgb_thresholds.h: from which float32 on a linear value has each 8-bit sRGB code or a greater one.
+"""Prints core/shaders/texture/srgb_thresholds.h: from which float32 on a linear value has an 8-bit sRGB code, or more.
 
 Code k begins where the transfer function of IEC 61966-2-1 reaches (k - 1/2) / 255. Everything is rational arithmetic: a float32 t
 lies at or above the power law's ((c + 0.055) / 1.055) ** 2.4 where t ** 5 >= ((c + 0.055) / 1.055) ** 12.

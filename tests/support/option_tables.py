@@ -3,8 +3,8 @@
 
 usage: option_tables.py [--check] VOXELPIPED OPERATIONS.md
 
-`voxelpiped --help-markdown` prints a table for each group of options between two comments that name it; the page has the
-same comments. Exit status: 0 done or equal, 1 with --check: a table differs, 2 the page lacks a group or has one that
+`voxelpiped --help-markdown` prints a table for each group of options between two comments that name it; the page has
+the same comments. Exit status: 0 done or equal, 1 with --check: a table differs, 2 the page lacks a group or has one that
 the program does not print.
 """
 import re
@@ -31,7 +31,8 @@ def main(arguments):
             if old != new:
                 print(f"- {old}\n+ {new}", file=sys.stderr)
                 break
-        print(f"option_tables: the tables of {path} are not those of {program}; run make option-tables", file=sys.stderr)
+        print(f"option_tables: the tables of {path} are not those of {program}; run make option-tables",
+              file=sys.stderr)
         return 1
     if not check:
         with open(path, "w", encoding="utf-8") as file:

@@ -122,7 +122,7 @@ TEST(ShutdownTest, SigtermUnderLoadLosesNothing) {
   }
 }
 
-// Connections on which nothing goes on, or on which nobody speaks, do not hold up the end beyond the grace. (Without
+// Connections on which nothing goes on, or without traffic, do not hold up the end beyond the grace. (Without
 // it, gRPC gives a peer that does not answer its farewell 20 s.)
 TEST(ShutdownTest, SilentConnectionsDoNotHoldItUp) {
   const std::unique_ptr<ServerProcess> server =

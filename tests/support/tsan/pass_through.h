@@ -12,7 +12,7 @@ extern "C" void __tsan_release(void* address);
 
 namespace voxelpipe::tsan {
 
-// What this thread did until here is seen by whoever calls Acquire with the same place afterwards.
+// What this thread did until here is seen by a thread that calls Acquire with the same place afterwards.
 template <typename T>
 void Release(T place) {
   __tsan_release(reinterpret_cast<void*>(place));
