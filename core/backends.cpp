@@ -3,7 +3,7 @@
 #include "cpu/backend.h"
 #if defined(VOXELPIPE_HAVE_CUDA)
 #include "cuda/backend.h"
-#include "cuda/mesh_cache.h"
+#include "cuda/device/mesh_cache.h"
 #endif
 
 namespace voxelpipe {

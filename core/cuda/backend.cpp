@@ -11,10 +11,10 @@
 #include "base/machine.h"
 #include "cpu/measure/measure.h"
 #include "cpu/rows/row_kernels.h"
-#include "cuda/batch.h"
-#include "cuda/footprint.h"
-#include "cuda/run_state.h"
-#include "cuda/slab_copies.h"
+#include "cuda/batch/batch.h"
+#include "cuda/plan/footprint.h"
+#include "cuda/run/run_state.h"
+#include "cuda/targets/slab_copies.h"
 
 namespace voxelpipe::cuda {
 namespace {

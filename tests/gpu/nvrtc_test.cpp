@@ -102,7 +102,7 @@ Compiled Compile(const std::string& source, const std::vector<const char*>& kern
 }
 
 TEST(NvrtcTest, CompilesTheFineRasterWithAShaderSuppliedAtRunTime) {
-  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/fine_batch_kernel.cuh\"\n",
+  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/batch/fine_batch_kernel.cuh\"\n",
                                     {"voxelpipe::cuda::FineRasterKernel<true>", "voxelpipe::cuda::FineBatchKernel"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
@@ -123,7 +123,7 @@ TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
                                             in + "ShadeBatchFragments"};
   std::vector<const char*> names;
   for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
-  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/batch_fragments.cuh\"\n", names);
+  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/batch/batch_fragments.cuh\"\n", names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
@@ -134,7 +134,7 @@ TEST(NvrtcTest, CompilesTheKernelsOfABatchsFloodFill) {
                                  "ShellWalkArgs>",
                     flood = in + "FloodKernel";
   const Compiled compiled =
-      Compile(std::string(kShader) + "#include \"cuda/batch_flood.cuh\"\n", {walk_small.c_str(), flood.c_str()});
+      Compile(std::string(kShader) + "#include \"cuda/batch/batch_flood.cuh\"\n", {walk_small.c_str(), flood.c_str()});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
@@ -167,9 +167,10 @@ TEST(NvrtcTest, CompilesTheKernelsThatFindCellsAndBlendAndShadeThem) {
   for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
   const Compiled compiled = Compile(
       std::string(kShader) +
-          "#include \"cuda/blend_writer.cuh\"\n#include \"cuda/bucket_kernels.cuh\"\n#include \"cuda/cell_blend.cuh\"\n"
-          "#include \"cuda/cell_fragments.cuh\"\n#include \"cuda/coverage_shading.cuh\"\n#include "
-          "\"cuda/span_store.cuh\"\n",
+          "#include \"cuda/scatter/atomic_row_sink.cuh\"\n#include \"cuda/a_buffer/resolve_kernels.cuh\"\n#include "
+          "\"cuda/scatter/blend_records.cuh\"\n"
+          "#include \"cuda/a_buffer/emit_records.cuh\"\n#include \"cuda/shading/coverage_shading.cuh\"\n#include "
+          "\"cuda/scatter/store_accumulators.cuh\"\n",
       names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
@@ -185,7 +186,9 @@ TEST(NvrtcTest, CompilesTheKernelsThatBlendByFours) {
   std::vector<const char*> names;
   for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
   const Compiled compiled =
-      Compile(std::string(kShader) + "#include \"cuda/blend_writer.cuh\"\n#include \"cuda/four_walk.cuh\"\n", names);
+      Compile(std::string(kShader) +
+                  "#include \"cuda/scatter/atomic_row_sink.cuh\"\n#include \"cuda/scatter/float4_pass.cuh\"\n",
+              names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
@@ -202,15 +205,17 @@ TEST(NvrtcTest, CompilesTheKernelsOfAPoolOfBricks) {
   };
   std::vector<const char*> names;
   for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
-  const Compiled compiled = Compile(
-      std::string(kShader) + "#include \"cuda/brick_pool_kernels.cuh\"\n#include \"cuda/cell_walk.cuh\"\n", names);
+  const Compiled compiled =
+      Compile(std::string(kShader) +
+                  "#include \"cuda/scatter/brick_scatter_kernels.cuh\"\n#include \"cuda/coverage/coverage_pass.cuh\"\n",
+              names);
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
 
 TEST(NvrtcTest, CompilesTheVertexShadersAndTheMeasureOfTheSurface) {
   const Compiled compiled =
-      Compile(std::string(kShader) + "#include \"cuda/vertex_kernels.cuh\"\n",
+      Compile(std::string(kShader) + "#include \"cuda/vertex/vertex_kernels.cuh\"\n",
               {"voxelpipe::cuda::ShadeVertices<1>", "voxelpipe::cuda::ShadeVertices<4>",
                "voxelpipe::cuda::MeasureTriangles<voxelpipe::cuda::Sums::kInWindow>", "voxelpipe::cuda::JoinSurfaces"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;

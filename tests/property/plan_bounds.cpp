@@ -25,8 +25,8 @@
 #include "property/plan_jobs.h"
 #include "support/counting_memory.h"
 #if defined(VOXELPIPE_HAVE_CUDA)
-#include "cuda/device.h"
-#include "cuda/pinned.h"
+#include "cuda/device/device.h"
+#include "cuda/device/pinned.h"
 #endif
 
 namespace voxelpipe::testing {

@@ -33,7 +33,7 @@ double ValueBytes(const VoxelizeRequest& request);
 
 // What a block of the page pool of so many bytes takes.
 double Pooled(double bytes);
-// The same of a pinned block (cuda/pinned.cpp), which has one of four sizes an octave.
+// The same of a pinned block (cuda/device/pinned.cpp), which has one of four sizes an octave.
 inline double PooledPinned(double bytes) {
   return Pooled(1.125 * bytes);
 }

@@ -1,5 +1,5 @@
 // Lists of kernels: which are alike, which arguments differ, and that a launch passes them on.
-#include "cuda/launch_list.h"
+#include "cuda/device/kernel_list.h"
 
 #include <vector>
 

@@ -33,7 +33,7 @@ def launches(text):
     return "".join(out) + text[at:]
 
 
-# What a kernel that begins early says of itself (early_launch.cuh).
+# What a kernel that begins early says of itself (dependent_launch.cuh).
 EARLY = re.compile(r"#if defined\(__CUDA_ARCH__\)[^\n]*\n\s*asm volatile\(\"griddepcontrol\.(\w+);\"[^\n]*\n#endif")
 EARLY_CALLS = {"wait": "AwaitEarlier", "launch_dependents": "AllowNext"}
 
@@ -48,12 +48,13 @@ def translate(text):
 
 def main():
     source, target = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
-    target.mkdir(parents=True, exist_ok=True)
-    for path in source.iterdir():
+    for path in source.rglob("*"):
         if path.suffix not in (".cu", ".cuh", ".h", ".cpp"):
             continue
+        room = target / path.parent.relative_to(source)
+        room.mkdir(parents=True, exist_ok=True)
         name = path.name + ".cpp" if path.suffix == ".cu" else path.name
-        (target / name).write_text(f'#line 1 "{path}"\n' + translate(path.read_text()))
+        (room / name).write_text(f'#line 1 "{path}"\n' + translate(path.read_text()))
 
 
 if __name__ == "__main__":

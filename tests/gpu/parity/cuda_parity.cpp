@@ -46,8 +46,8 @@
 #include "pipeline/voxelize.h"
 #include "support/meshes/meshes.h"
 #ifdef VOXELPIPE_HAVE_CUDA
-#include "cuda/device.h"
-#include "cuda/mesh_uploads.h"
+#include "cuda/device/device.h"
+#include "cuda/device/mesh_uploads.h"
 #endif
 
 namespace voxelpipe::gpu {

@@ -1,6 +1,6 @@
 // The device's certain answers about small triangles, computed on the host: those of raster/spans.h, which every
 // schedule shares.
-#include "cuda/bit_cells.cuh"
+#include "raster/filtered/small_triangle_tests.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,8 @@
 #include <random>
 #include <set>
 
-#include "cuda/cell_rows.cuh"
 #include "grid/index_space.h"
+#include "raster/filtered/small_triangle_rows.h"
 #include "raster/spans.h"
 
 namespace voxelpipe::cuda {

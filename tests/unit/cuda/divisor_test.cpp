@@ -1,4 +1,4 @@
-#include "cuda/divisor.h"
+#include "cuda/primitives/fast_divide.h"
 
 #include <gtest/gtest.h>
 

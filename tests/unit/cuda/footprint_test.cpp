@@ -1,5 +1,5 @@
 // What a plan counts for the CUDA backend's lists.
-#include "cuda/footprint.h"
+#include "cuda/plan/footprint.h"
 
 #include <cmath>
 

@@ -1,7 +1,7 @@
 // The path of each kind of request, by its name, without a device.
-#include "cuda/path_plan.h"
+#include "cuda/plan/path_plan.h"
 
-#include "cuda/span_views.h"
+#include "cuda/primitives/span.h"
 #include "gtest/gtest.h"
 
 namespace voxelpipe::cuda {

@@ -1,0 +1,383 @@
+// The sort-last pipeline: all fragments of each voxel.
+//
+// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing): fragments are counted, given room by a scan,
+// emitted, sorted by voxel, and runs of equal voxels become buckets. Changed: they are emitted in the order of
+// triangles and sorted stably by the bits that the slab's voxel numbers have, so that each bucket is in the order of
+// triangle ids; and fragments of a voxel by triangles of near ids may be sorted as one (fragment_group.h).
+#include <thrust/iterator/counting_iterator.h>
+#include <cub/device/device_select.cuh>
+
+#include <algorithm>
+#include <bit>
+#include <numeric>
+#include <optional>
+#include <span>
+
+#include "cuda/a_buffer/count_and_emit.cuh"
+#include "cuda/a_buffer/emit_groups.cuh"
+#include "cuda/a_buffer/emit_records.cuh"
+#include "cuda/a_buffer/group_plan.h"
+#include "cuda/coverage/coverage_pass.h"
+#include "cuda/device/async_readback.h"
+#include "cuda/device/device.h"
+#include "cuda/device/device_caps.h"
+#include "cuda/device/launch.cuh"
+#include "cuda/primitives/list_sizes.h"
+#include "cuda/primitives/scan.h"
+#include "cuda/run/bucket_views.h"
+#include "cuda/run/run_state.h"
+#include "cuda/shading/shade_list.h"
+#include "cuda/traversal/mesh_locality.h"
+#include "cuda/traversal/triangle_walk.h"
+#include "pipeline/plan/plan.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+bool WideKeys(const RunState& state) {
+  return state.slab_voxels() > (uint64_t{1} << 32);
+}
+uint64_t KeyBytes(const RunState& state) {
+  return WideKeys(state) ? 8 : 4;
+}
+
+// Voxel ids of the buckets that begin at offsets[0 .. voxels), and the end of the last one.
+__global__ void __launch_bounds__(256) ListVoxels(const uint64_t* keys, uint64_t* offsets, const uint64_t* count,
+                                                  uint64_t fragments, uint64_t first_voxel, uint64_t* voxels) {
+  const uint64_t listed = *count;
+  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i <= listed; i += uint64_t(gridDim.x) * 256) {
+    if (i == listed) {
+      offsets[i] = fragments;
+    } else {
+      voxels[i] = first_voxel + keys[offsets[i]];
+    }
+  }
+}
+
+// Whether a fragment is the first of its voxel.
+template <typename Key>
+struct BeginsVoxel {
+  const Key* keys;
+  __device__ bool operator()(uint64_t i) const { return i == 0 || keys[i] != keys[i - 1]; }
+};
+
+// All `bits` bits set, those behind them clear.
+__global__ void __launch_bounds__(256) FillOnes(uint32_t* words, uint64_t bits) {
+  const uint64_t count = (bits + 31) / 32;
+  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < count; i += uint64_t(gridDim.x) * 256) {
+    words[i] = WordOfOnes(bits, i);
+  }
+}
+
+FragmentList ListOfFragments(const RunState& state) {
+  const Fragments& fragments = state.fragments;
+  FragmentList list;
+  list.wide_keys = WideKeys(state);
+  list.keys = fragments.keys[fragments.current].data();
+  list.triangles = fragments.triangles[fragments.current].data();
+  list.count = fragments.count;
+  return list;
+}
+
+template <typename Key>
+absl::Status Emit(RunState& state, const WalkArgs& args) {
+  EmitFragment<Key> op;
+  op.names.grid = state.view;
+  op.first = state.fragment_first.data();
+  op.emitted = state.fragment_counts.data();
+  op.keys = state.fragments.KeysAs<Key>(0);
+  op.values = state.fragments.triangles[0].data();
+  VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Fill(0, state.stream));
+  const auto blocks = unsigned((args.triangle_count + kRunThreads - 1) / kRunThreads);
+  EmitRuns<<<blocks, kRunThreads, 0, state.stream>>>(args, op);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitRuns");
+  return Walk(state, args, op, /*skip_runs=*/true);
+}
+
+template <typename T>
+absl::Status Compact(RunState& state, const T* from, const uint8_t* flags, T* to, uint64_t* count) {
+  size_t scratch = 0;
+  VOXELPIPE_CUDA_OR_RETURN(
+      cub::DeviceSelect::Flagged(nullptr, scratch, from, flags, to, count, state.fragments.count, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::Flagged(state.scratch.data(), scratch, from, flags, to, count,
+                                                      state.fragments.count, state.stream));
+  return absl::OkStatus();
+}
+
+// Drops the fragments that the shaders of all targets discard.
+absl::Status DropDiscarded(RunState& state) {
+  DeviceArray<uint8_t> kept;
+  VOXELPIPE_OK_OR_RETURN(kept.Resize(state.fragments.count, state.stream));
+  VOXELPIPE_OK_OR_RETURN(FindKept(state, ListOfFragments(state), kept.data()));
+  Fragments& fragments = state.fragments;
+  const int from = fragments.current, to = 1 - from;
+  uint64_t* const count = state.counters.data() + kScratch0;
+  if (WideKeys(state)) {
+    VOXELPIPE_OK_OR_RETURN(
+        Compact(state, fragments.KeysAs<uint64_t>(from), kept.data(), fragments.KeysAs<uint64_t>(to), count));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(
+        Compact(state, fragments.KeysAs<uint32_t>(from), kept.data(), fragments.KeysAs<uint32_t>(to), count));
+  }
+  VOXELPIPE_OK_OR_RETURN(
+      Compact(state, fragments.triangles[from].data(), kept.data(), fragments.triangles[to].data(), count));
+  const absl::StatusOr<uint64_t> left = ReadElement(count, state.stream);
+  if (!left.ok()) return left.status();
+  fragments.count = *left;
+  fragments.current = to;
+  return absl::OkStatus();
+}
+
+FragmentArgs MakeFragmentArgs(RunState& state, const FragmentCounts& counts) {
+  FragmentArgs args;
+  args.grid = state.view;
+  args.cells = state.cells.data();
+  args.blocks = state.blocks.data();
+  args.triangles = state.mesh.host_view.triangle_count;
+  args.counts = counts;
+  args.keys = state.fragments.KeysAs<uint32_t>(0);
+  args.values = state.fragments.triangles[0].data();
+  args.room = state.fragments.triangles[0].size();
+  args.list = ListOf(state);
+  return args;
+}
+
+absl::Status LaunchEmitCells(RunState& state, FragmentArgs args) {
+  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(ChunksOf(args.room), state.stream));
+  args.clear = state.bucket_chunks.data();
+  args.clear_count = state.bucket_chunks.size();
+  const uint64_t chunks = (args.triangles + args.counts.of_chunk - 1) / args.counts.of_chunk;
+  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(chunks), kChunkThreads, EmitCells, args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitCells");
+  return absl::OkStatus();
+}
+
+uint64_t BundleBlocks(const RunState& state) {
+  const uint64_t each = uint64_t{state.fragments.plan->rounds} * kChunkWarps * kBundledTriangles;
+  return (state.mesh.host_view.triangle_count + each - 1) / each;
+}
+
+// What EmitBundles wants cleared.
+absl::Status ClearBundleBlocks(RunState& state) {
+  VOXELPIPE_OK_OR_RETURN(state.bundles_before.Resize(BundleBlocks(state), state.stream));
+  return state.bundles_before.Fill(0, state.stream);
+}
+
+// Whether fragments are bundled, and how; then what EmitBundles wants is cleared.
+absl::Status BeginBundles(RunState& state) {
+  std::optional<BundlePlan>& plan = state.fragments.plan;
+  plan = PlanBundles(state);
+  if (!plan) return absl::OkStatus();
+  // As many rounds as leave the least to the last wave of blocks.
+  const uint64_t resident = uint64_t(state.device.multiprocessors) * kBundleBlocks;
+  plan->rounds = uint32_t(RoundsFor(state.mesh.host_view.triangle_count, kChunkWarps * int(kBundledTriangles), resident,
+                                    int(plan->rounds)));
+  return ClearBundleBlocks(state);
+}
+
+absl::Status LaunchEmitBundles(RunState& state, const FragmentArgs& fragments) {
+  EmitBundleArgs args;
+  static_cast<FragmentArgs&>(args) = fragments;
+  args.code = state.fragments.plan->code;
+  args.rounds = state.fragments.plan->rounds;
+  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(ChunksOfBundles(args.room), state.stream));
+  args.clear = state.bucket_chunks.data();
+  args.clear_count = state.bucket_chunks.size();
+  args.before = state.bundles_before.data();
+  args.bundles = state.counters.data() + kBundles;
+  LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(BundleBlocks(state)), kChunkThreads, EmitBundles, args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitBundles");
+  return absl::OkStatus();
+}
+
+// Fragments, or bundles of them, and listed spans, each as far as there is room. `bundles`: becomes their number on its
+// way to the host.
+absl::Status EmitRecords(RunState& state, const FragmentArgs& args, std::optional<CounterCopy>& bundles) {
+  if (state.fragments.plan) {
+    VOXELPIPE_OK_OR_RETURN(LaunchEmitBundles(state, args));
+    absl::StatusOr<CounterCopy> copy =
+        CounterCopy::Start(state.counters.data() + kBundles, 1, state.device.ordinal, state.stream);
+    if (!copy.ok()) return copy.status();
+    bundles.emplace(*std::move(copy));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(LaunchEmitCells(state, args));
+  }
+  const auto blocks = BlocksFor(args.list.capacity, kSpansOfPiece, uint64_t(state.device.multiprocessors) * 16);
+  LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kChunkThreads, EmitListed, args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitListed");
+  return absl::OkStatus();
+}
+
+// Room for the fragments that the plan expects, before they are counted; false where that might be memory that is
+// needed elsewhere.
+bool GuessRoom(RunState& state) {
+  constexpr uint64_t kPartOfMemory = 64;
+  const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (2 * sizeof(uint32_t));
+  const uint64_t guess = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()).fragments);
+  return guess <= most && state.fragments.MakeRoom(0, guess, sizeof(uint32_t), state.stream).ok();
+}
+
+// Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list
+// has room for, the others are walked again. Where there is room for what is guessed the host learns how many fragments
+// there are while they are emitted, and nothing waits for it, but where they are bundled: how many bundles are sorted
+// is known when they are emitted.
+absl::Status EmitByCells(RunState& state) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  Fragments& fragments = state.fragments;
+  VOXELPIPE_OK_OR_RETURN(BeginBundles(state));
+  FragmentCounts counts;
+  VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, counts));
+  const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, SpanRoom(triangles));
+  if (state.spans.size() < least) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(least, state.stream));
+  const RestArgs waiting = MakeRestArgs(state, 0, triangles, false);
+  VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentCounter>(state, waiting, MakeFragmentArgs(state, counts)));
+  const absl::StatusOr<CounterCopy> copy =
+      CounterCopy::Start(state.counters.data() + kSpans, kAllCounters - kSpans, state.device.ordinal, state.stream);
+  if (!copy.ok()) return copy.status();
+  std::optional<CounterCopy> bundles;
+  const bool guessed = GuessRoom(state);
+  if (guessed) VOXELPIPE_OK_OR_RETURN(EmitRecords(state, MakeFragmentArgs(state, counts), bundles));
+  const absl::StatusOr<const uint64_t*> counted = copy->Wait();
+  if (!counted.ok()) return counted.status();
+  const uint64_t* const groups = *counted + (kCounters - kSpans) + kFragmentSlots;
+  fragments.count = std::accumulate(groups, groups + kChunkGroups, uint64_t{0});
+  if (fragments.count == 0) return absl::OkStatus();
+  const bool too_many = fragments.plan && fragments.count > kMaxBundledFragments;
+  const bool fits = guessed && !too_many && fragments.count <= fragments.triangles[0].size();
+  VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(KeyBytes(state), state.stream));
+  const FragmentArgs args = MakeFragmentArgs(state, counts);
+  if (!fits) {
+    if (too_many) fragments.plan.reset();
+    bundles.reset();  // done with the counter
+    if (fragments.plan && guessed) VOXELPIPE_OK_OR_RETURN(ClearBundleBlocks(state));
+    VOXELPIPE_OK_OR_RETURN(EmitRecords(state, args, bundles));
+  }
+  if (fragments.plan) {
+    const absl::StatusOr<const uint64_t*> bundled = bundles->Wait();
+    if (!bundled.ok()) return bundled.status();
+    fragments.bundles = **bundled;
+  }
+  const uint64_t spans = args.list.own + **counted;
+  if (spans <= args.list.capacity) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentWriter>(state, MakeRestArgs(state, 0, triangles, true), args));
+  // The next slab's are likely as many. This one does not need the room.
+  const uint64_t wanted = std::min(state.device.memory_bytes / 64 / sizeof(uint64_t), spans + spans / 16);
+  if (wanted > args.list.capacity) (void)state.spans.Resize(wanted, state.stream);
+  return absl::OkStatus();
+}
+
+// Buckets of fragments whose keys have 32 bits, or of bundles, and the ones of the targets that `ones` has.
+absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel, std::span<uint8_t* const> ones) {
+  Fragments& fragments = state.fragments;
+  BundleArgs args;
+  args.keys = fragments.KeysAs<uint32_t>(fragments.current);
+  args.fragments = fragments.count;
+  args.first_voxel = first_voxel;
+  args.first = state.bucket_chunks.data();
+  args.offsets = state.result.offsets.data();
+  args.voxels = state.result.voxels.data();
+  args.listed = state.counters.data() + kBuckets;
+  for (uint8_t* const words : ones) args.ones[args.ones_count++] = reinterpret_cast<uint32_t*>(words);
+  if (!fragments.plan) return CountAndListBuckets(args, state.stream);
+  args.code = fragments.plan->code;
+  args.bundles = fragments.bundles;
+  args.codes = fragments.triangles[fragments.current].data();
+  fragments.current = 1 - fragments.current;
+  args.triangles = fragments.triangles[fragments.current].data();
+  return UnpackIntoBuckets(args, state.stream);
+}
+
+template <typename Key>
+absl::Status FindBuckets(RunState& state) {
+  const BeginsVoxel<Key> begins{state.fragments.KeysAs<Key>(state.fragments.current)};
+  const thrust::counting_iterator<uint64_t> numbers(0);
+  uint64_t* const count = state.counters.data() + kBuckets;
+  size_t scratch = 0;
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(nullptr, scratch, numbers, state.result.offsets.data(), count,
+                                                 state.fragments.count, begins, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(state.scratch.data(), scratch, numbers, state.result.offsets.data(),
+                                                 count, state.fragments.count, begins, state.stream));
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status EmitFragments(RunState& state) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  state.fragments.Clear();
+  if (triangles == 0) return absl::OkStatus();
+  if (RecordsReach(state.path_inputs.dims, triangles, state.path_inputs.record_bits)) return EmitByCells(state);
+  VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Resize(triangles + 1, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(triangles + 1, state.stream));
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1, kQueued2, kQueued3}));
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaMemsetAsync(state.fragment_counts.data() + triangles, 0, sizeof(uint32_t), state.stream));
+  const absl::StatusOr<WalkArgs> args = MakeWalkArgs(state);
+  if (!args.ok()) return args.status();
+  CountFragments count;
+  count.counts = state.fragment_counts.data();
+  VOXELPIPE_OK_OR_RETURN(Walk(state, *args, count));
+  VOXELPIPE_OK_OR_RETURN(ExclusiveScan(state.fragment_counts.data(), state.fragment_first.data(), triangles + 1,
+                                       state.scratch, state.stream));
+  const absl::StatusOr<uint64_t> total = ReadElement(state.fragment_first.data() + triangles, state.stream);
+  if (!total.ok()) return total.status();
+  state.fragments.count = *total;
+  if (state.fragments.count == 0) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(state.fragments.MakeRoom(KeyBytes(state), state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(ChunksOf(state.fragments.count), state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Fill(0, state.stream));
+  return WideKeys(state) ? Emit<uint64_t>(state, *args) : Emit<uint32_t>(state, *args);
+}
+
+absl::Status SortFragments(RunState& state) {
+  if (state.fragments.count == 0) return absl::OkStatus();
+  const KeySort sort{WideKeys(state), std::max(1, int(std::bit_width(state.slab_voxels() - 1)))};
+  VOXELPIPE_OK_OR_RETURN(SortByKey(state.fragments, sort, state.scratch, state.stream));
+  return state.targets.any_always_present ? absl::OkStatus() : DropDiscarded(state);
+}
+
+absl::Status Resolve(RunState& state) {
+  DeviceResult& out = state.result;
+  const uint64_t fragments = state.fragments.count;
+  const uint64_t most_voxels = std::min(fragments, state.slab_voxels());
+  VOXELPIPE_OK_OR_RETURN(out.offsets.Resize(most_voxels + 1, state.stream));
+  VOXELPIPE_OK_OR_RETURN(out.voxels.Resize(most_voxels, state.stream));
+  const uint64_t first_voxel = uint64_t(state.slab.begin) * uint64_t(state.view.dims[0]) * uint64_t(state.view.dims[1]);
+  uint8_t* values_of[kMaxTargets] = {};
+  out.listed_fragments = fragments;
+  out.targets.resize(size_t(state.targets.count));
+  for (int t = 0; t < state.targets.count; ++t) {
+    DeviceArray<uint8_t>& values = out.targets[size_t(t)];
+    const uint64_t bytes = TargetBytes(state.request.request.targets[size_t(t)], fragments);
+    VOXELPIPE_OK_OR_RETURN(values.Resize((bytes + 3) / 4 * 4, state.stream));
+    values_of[t] = values.data();
+  }
+  const bool shades = ShadesFragments(state.request), narrow = fragments > 0 && !WideKeys(state);
+  if (narrow) {
+    const auto targets = size_t(state.targets.count);
+    VOXELPIPE_OK_OR_RETURN(WriteNarrowBuckets(state, first_voxel, std::span(values_of, shades ? 0 : targets)));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kBuckets}));
+    uint64_t* const voxels = state.counters.data() + kBuckets;
+    if (fragments > 0) VOXELPIPE_OK_OR_RETURN(FindBuckets<uint64_t>(state));
+    ListVoxels<<<BlocksFor(most_voxels + 1, 256), 256, 0, state.stream>>>(
+        state.fragments.KeysAs<uint64_t>(state.fragments.current), out.offsets.data(), voxels, fragments, first_voxel,
+        out.voxels.data());
+    VOXELPIPE_LAUNCHED_OR_RETURN("ListVoxels");
+  }
+  if (fragments == 0) return absl::OkStatus();
+  if (!shades) {
+    if (narrow) return absl::OkStatus();  // written with the buckets
+    for (int t = 0; t < state.targets.count; ++t) {
+      FillOnes<<<BlocksFor((fragments + 31) / 32, 256), 256, 0, state.stream>>>(
+          reinterpret_cast<uint32_t*>(values_of[t]), fragments);
+      VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");
+    }
+    return absl::OkStatus();
+  }
+  return ShadeList(state, ListOfFragments(state), values_of);
+}
+
+}  // namespace voxelpipe::cuda

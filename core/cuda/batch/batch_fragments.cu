@@ -1,0 +1,108 @@
+// The A-buffers of a batch: as a_buffer.cu has them, fragments of all items together. One sort puts them in the order
+// of items, and of the voxels of each.
+#include "cuda/batch/batch_fragments.cuh"
+
+#include <algorithm>
+#include <bit>
+
+#include "absl/strings/str_cat.h"
+#include "cuda/batch/batch.h"
+#include "cuda/device/launch.cuh"
+#include "cuda/primitives/scan.h"
+#include "cuda/traversal/triangle_walk.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+SortedKeys KeysOf(BatchState& state) {
+  SortedKeys keys;
+  keys.keys = state.fragments.KeysAs<uint32_t>(state.fragments.current);
+  keys.fragments = state.fragments.count;
+  keys.first = state.chunks.data();
+  return keys;
+}
+
+}  // namespace
+
+absl::Status EmitBatch(BatchState& state) {
+  const BatchView& batch = state.view;
+  Fragments& fragments = state.fragments;
+  const uint64_t first = batch.row_triangles + batch.tile_triangles, triangles = batch.triangle_count - first;
+  fragments.Clear();
+  if (triangles == 0) return absl::OkStatus();
+  const BatchWalkArgs args = WalkOf(batch, first, triangles, kBatchFragments);
+  CountFragments count;
+  count.counts = batch.fragment_counts;
+  VOXELPIPE_OK_OR_RETURN(WalkOn(state.device, state.stream, args, count));
+  DeviceArray<uint64_t> firsts;
+  VOXELPIPE_OK_OR_RETURN(firsts.Resize(triangles + 1, state.stream));
+  VOXELPIPE_OK_OR_RETURN(
+      ExclusiveScan(batch.fragment_counts, firsts.data(), triangles + 1, state.scratch, state.stream));
+  const absl::StatusOr<uint64_t> total = ReadElement(firsts.data() + triangles, state.stream);
+  if (!total.ok()) return total.status();
+  if (*total >= UINT32_MAX) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("a batch's A-buffers have ", *total, " fragments; a pass takes fewer than 2^32"));
+  }
+  fragments.count = *total;
+  if (fragments.count == 0) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(sizeof(uint32_t), state.stream));
+  EmitFragment<uint32_t, BatchNames> emit;
+  emit.names.items = args.items;
+  emit.names.item_of = args.item_of;
+  emit.names.first_triangle = first;
+  emit.first = firsts.data();
+  emit.emitted = batch.fragment_counts;
+  emit.keys = fragments.KeysAs<uint32_t>(0);
+  emit.values = fragments.triangles[0].data();
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(emit.emitted, 0, triangles * sizeof(uint32_t), state.stream));
+  EmitRuns<<<unsigned((triangles + kRunThreads - 1) / kRunThreads), kRunThreads, 0, state.stream>>>(args, emit);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitRuns");
+  return WalkOn(state.device, state.stream, args, emit, /*skip_runs=*/true);
+}
+
+absl::StatusOr<std::vector<uint64_t>> SortBatch(BatchState& state) {
+  const BatchView& batch = state.view;
+  Fragments& fragments = state.fragments;
+  if (state.drops) {
+    DropFragments<<<BlocksFor(fragments.count, 256), 256, 0, state.stream>>>(
+        batch, fragments.KeysAs<uint32_t>(0), fragments.triangles[0].data(), fragments.count);
+    VOXELPIPE_LAUNCHED_OR_RETURN("DropFragments");
+  }
+  const uint64_t last_key = state.drops ? batch.voxel_count : batch.voxel_count - 1;
+  const int bits = std::max(1, int(std::bit_width(last_key)));
+  const KeySort sort{.bits = bits};
+  VOXELPIPE_OK_OR_RETURN(SortByKey(fragments, sort, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.chunks.Resize(KeysOf(state).chunks() + 1, state.stream));
+  const SortedKeys keys = KeysOf(state);
+  VOXELPIPE_OK_OR_RETURN(CountBuckets(keys, state.stream));
+  std::vector<uint64_t> found(batch.item_count - state.first_bucketed + 2);
+  DeviceArray<uint64_t> found_there;
+  VOXELPIPE_OK_OR_RETURN(found_there.Resize(found.size(), state.stream));
+  FindItems<<<BlocksFor(found.size(), 256, UINT32_MAX), 256, 0, state.stream>>>(
+      batch, state.first_bucketed, keys.keys, keys.fragments, keys.first + keys.chunks(), found_there.data());
+  VOXELPIPE_LAUNCHED_OR_RETURN("FindItems");
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaMemcpyAsync(found.data(), found_there.data(), found_there.bytes(), cudaMemcpyDeviceToHost, state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
+  return found;
+}
+
+absl::Status ListBatch(BatchState& state, uint32_t* voxels, uint32_t* offsets) {
+  BucketArgs<uint32_t> args;
+  static_cast<SortedKeys&>(args) = KeysOf(state);
+  args.offsets = offsets;
+  args.voxels = voxels;
+  return ListBuckets(args, state.stream);
+}
+
+absl::Status ShadeBatch(BatchState& state, BatchShadeArgs args) {
+  if (args.threads == 0) return absl::OkStatus();
+  args.keys = KeysOf(state).keys;
+  args.triangles = state.fragments.triangles[state.fragments.current].data();
+  ShadeBatchFragments<<<BlocksFor(args.threads, 256), 256, 0, state.stream>>>(state.view, args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ShadeBatchFragments");
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda

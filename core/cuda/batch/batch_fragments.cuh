@@ -1,0 +1,89 @@
+// Kernels of a batch's A-buffers: fragments of all items lie in one list, their voxels in one index space. No host-only
+// includes.
+#pragma once
+
+#include "cuda/a_buffer/count_and_emit.cuh"
+#include "cuda/batch/batch_kernel.cuh"
+#include "cuda/shading/fragment_shading.cuh"
+
+namespace voxelpipe::cuda {
+
+// What a fragment is called (SlabNames): its voxel among all of A-buffers, its triangle as in its mesh.
+struct BatchNames {
+  const BatchItemView* items = nullptr;
+  const uint32_t* item_of = nullptr;  // of the walk's triangles
+  uint64_t first_triangle = 0;        // the walk's
+
+  __device__ uint64_t Row(uint32_t t, int y, int z) const {
+    const BatchItemView& item = items[item_of[t]];
+    return item.first_voxel + uint64_t(item.grid.dims[0]) * uint64_t(y + item.grid.dims[1] * z);
+  }
+  __device__ uint32_t Triangle(uint32_t t) const {
+    return uint32_t(first_triangle + t - items[item_of[t]].first_triangle);
+  }
+};
+
+__device__ inline FragmentShading ShadingOf(const BatchView& batch, const BatchItemView& item) {
+  FragmentShading shading;
+  shading.grid = &item.grid;
+  shading.mesh = item.shading.mesh;
+  shading.targets = batch.shaded + item.shading.first_target;
+  shading.target_count = item.shading.target_count;
+  shading.traits = item.shading.traits;
+  shading.planar = item.shading.planar;
+  shading.first_key = item.first_voxel;
+  return shading;
+}
+
+// Gives fragments that all targets of their item discard the voxel behind the last one: sorted they come last. A thread
+// a fragment.
+__global__ void __launch_bounds__(256)
+    DropFragments(const __grid_constant__ BatchView batch, uint32_t* keys, const uint32_t* triangles, uint64_t count) {
+  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < count; i += uint64_t(gridDim.x) * 256) {
+    const BatchItemView& item = batch.items[ItemAt(batch, &BatchItemView::first_voxel, keys[i])];
+    if (!item.shading.drops) continue;
+    FragmentShading shading = ShadingOf(batch, item);
+    shading.keys = keys;
+    shading.triangles = triangles;
+    if (!IsKept(shading, i)) keys[i] = uint32_t(batch.voxel_count);
+  }
+}
+
+// found[k]: where the sorted fragments of item first_item + k begin; behind the last item's, where those without an
+// item do; and then *voxels, how many begin a voxel.
+__global__ void __launch_bounds__(256)
+    FindItems(const __grid_constant__ BatchView batch, uint32_t first_item, const uint32_t* keys, uint64_t count,
+              const uint64_t* voxels, uint64_t* found) {
+  const uint32_t k = blockIdx.x * 256 + threadIdx.x, items = batch.item_count - first_item;
+  if (k == items + 1) found[k] = *voxels;
+  if (k > items) return;
+  const uint64_t voxel = k == items ? batch.voxel_count : batch.items[first_item + k].first_voxel;
+  uint64_t lo = 0, hi = count;
+  while (lo < hi) {
+    const uint64_t mid = lo + (hi - lo) / 2;
+    if (keys[mid] < voxel) {
+      lo = mid + 1;
+    } else {
+      hi = mid;
+    }
+  }
+  found[k] = lo;
+}
+
+// Blocks of whole warps share the threads of all ranges.
+__global__ void __launch_bounds__(256)
+    ShadeBatchFragments(const __grid_constant__ BatchView batch, const __grid_constant__ BatchShadeArgs args) {
+  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < args.threads; i += uint64_t(gridDim.x) * 256) {
+    const BatchFragmentRange& range =
+        args.ranges[LastAt(args.ranges, args.range_count, &BatchFragmentRange::first_thread, i)];
+    const BatchItemView& item = batch.items[range.item];
+    FragmentShading shading = ShadingOf(batch, item);
+    shading.keys = args.keys + range.first;
+    shading.triangles = args.triangles + range.first;
+    shading.count = range.count;
+    shading.out = args.out + item.shading.first_target;
+    WriteValues(shading, i - range.first_thread);
+  }
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,111 @@
+// Bricks of a sparse result that are given out while triangles are drawn: whoever touches one first takes a place for
+// it in a pool, and values are blended there. So triangles are walked once, and nothing is as large as the grid but a
+// table of its bricks (C. Crassin et al., "GigaVoxels", I3D 2009, has such a pool for rendering).
+//
+// Blends are by maximum, of keys that are never 0: a cell that is 0 was touched by nobody. Where bricks want more
+// places than there are, what they hold is lost, and the number of those given out tells. No host-only includes.
+#pragma once
+
+#include "cuda/primitives/atomics.cuh"
+#include "cuda/primitives/brick_allocator.cuh"
+#include "cuda/primitives/list_sizes.h"
+#include "cuda/primitives/views.h"
+
+namespace voxelpipe::cuda {
+
+struct BrickPool {
+  static constexpr uint32_t kWordsOfPlace = kBrickCells;
+  uint32_t* places = nullptr;  // four bricks for each of the slab's tiles, in the order of tiles
+  uint32_t* cells = nullptr;   // kBrickCells a place
+  uint32_t* bricks = nullptr;  // of each place: which element of `places` has it
+  uint64_t* asked = nullptr;   // counter: bricks that wanted a place
+  uint32_t capacity = 0;       // places
+  uint32_t tiles_x = 1, tiles_y = 1;
+
+  __device__ uint32_t* WordsOf(uint64_t place) const { return cells + place * kWordsOfPlace; }
+  __device__ void Name(uint64_t place, uint32_t brick) const { bricks[place] = brick; }
+};
+
+__device__ inline uint32_t BrickAt(const BrickPool& pool, int x, int y, int z) {
+  const uint32_t tile = uint32_t(x) / 4 + pool.tiles_x * (uint32_t(y) + pool.tiles_y * uint32_t(z));
+  return tile * 4 + uint32_t(x) % 4;
+}
+
+// Where voxels lie in their bricks: the brick of one of them, and where the cell of the first voxel would be if all
+// were in that brick, counted from its begin on.
+struct InBrick {
+  uint32_t brick;
+  int first;
+  int low[3];  // the brick's first voxel, counted from the first one on
+
+  // `voxel`: which one is meant, counted from the first one on, which is voxel `first` of the slab.
+  __device__ InBrick(const BrickPool& pool, const int (&first_voxel)[3], const int (&voxel)[3]) {
+    int at[3];
+#pragma unroll
+    for (int a = 0; a < 3; ++a) {
+      at[a] = (first_voxel[a] + voxel[a]) >> 3;
+      low[a] = 8 * at[a] - first_voxel[a];
+    }
+    brick = BrickAt(pool, at[0], at[1], at[2]);
+    first = -(low[0] + 8 * (low[1] + 8 * low[2]));
+  }
+};
+
+__device__ inline uint32_t* CellsAt(const BrickPool& pool, uint32_t place) {
+  return pool.cells + uint64_t{place - kFirstPlace} * kBrickCells;
+}
+
+// Blends a key into the octants about a corner, whose first voxel is `first` of the slab. All lanes of a warp call it.
+__device__ inline void BlendOctantsInPool(const BrickPool& pool, const int (&first)[3], uint32_t octants,
+                                          uint32_t key) {
+  constexpr uint32_t kNear[3] = {0x55, 0x33, 0x0f};
+  while (__any_sync(~0u, octants != 0) != 0) {
+    const int n = octants == 0 ? 0 : __ffs(int(octants)) - 1;
+    const InBrick in(pool, first, {n & 1, n >> 1 & 1, n >> 2});
+    uint32_t here = octants;
+#pragma unroll
+    for (int a = 0; a < 3; ++a) {
+      if (in.low[a] == 1) here &= ~kNear[a];
+      if (in.low[a] == -7) here &= kNear[a];
+    }
+    const uint32_t place = PlaceOf(pool, octants != 0, in.brick);
+    if (IsPlace(place)) {
+      uint32_t* const cells = CellsAt(pool, place) + in.first;
+#pragma unroll
+      for (int i = 0; i < 8; ++i) {
+        if ((here >> i & 1) != 0) ReduceMax(cells + (i & 1) + 8 * (i >> 1 & 1) + 64 * (i >> 2), key);
+      }
+    }
+    octants &= ~here;
+  }
+}
+
+// The same of a block of 4x4x4 voxels, x + 4y + 16z.
+__device__ inline void BlendBlockInPool(const BrickPool& pool, const int (&first)[3], uint64_t mask, uint32_t key) {
+  while (__any_sync(~0u, mask != 0) != 0) {
+    const int n = mask == 0 ? 0 : __ffsll(static_cast<long long>(mask)) - 1;
+    const InBrick in(pool, first, {n & 3, n >> 2 & 3, n >> 4});
+    // Voxels from low to low + 8 of each axis.
+    constexpr int kStep[3] = {1, 4, 16};
+    constexpr uint64_t kPlane[3] = {0x1111'1111'1111'1111, 0x000f'000f'000f'000f, 0xffff};
+    uint64_t here = mask;
+#pragma unroll
+    for (int a = 0; a < 3; ++a) {
+#pragma unroll
+      for (int i = 0; i < 4; ++i) {
+        if (i < in.low[a] || i >= in.low[a] + 8) here &= ~(kPlane[a] << kStep[a] * i);
+      }
+    }
+    const uint32_t place = PlaceOf(pool, mask != 0, in.brick);
+    if (IsPlace(place)) {
+      uint32_t* const cells = CellsAt(pool, place) + in.first;
+      for (uint64_t left = here; left != 0; left &= left - 1) {
+        const int i = __ffsll(static_cast<long long>(left)) - 1;
+        ReduceMax(cells + (i & 3) + 8 * (i >> 2 & 3) + 64 * (i >> 4), key);
+      }
+    }
+    mask &= ~here;
+  }
+}
+
+}  // namespace voxelpipe::cuda

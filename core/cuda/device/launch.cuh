@@ -1,0 +1,53 @@
+// How many blocks a launch takes, and launches that begin early. Included by .cu files only.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <algorithm>
+#include <cstdint>
+
+namespace voxelpipe::cuda {
+
+// Blocks for `count` pieces of work, `each` of them a block; at least one, and at most `most`, whose threads then take
+// further pieces in strides of the grid.
+inline unsigned BlocksFor(uint64_t count, uint64_t each, uint64_t most = 1 << 16) {
+  return unsigned(std::clamp<uint64_t>((count + each - 1) / each, 1, most));
+}
+
+// Of kernels whose blocks take `rounds` times `threads` triangles, `resident` of them at once: as many rounds, up to
+// `most`, as leave the least to the last wave of blocks. Where there are many waves blocks drift apart, and fewer of
+// them are better.
+inline int RoundsFor(uint64_t triangles, int threads, uint64_t resident, int most) {
+  constexpr uint64_t kManyWaves = 8;
+  if (triangles >= kManyWaves * resident * uint64_t(threads) * uint64_t(most)) return most;
+  int best = 1;
+  uint64_t least = UINT64_MAX;
+  for (int rounds = most; rounds >= 1; --rounds) {
+    const uint64_t each = uint64_t(rounds) * uint64_t(threads), blocks = (triangles + each - 1) / each;
+    const uint64_t waves = (blocks + resident - 1) / resident, work = 4 * waves * uint64_t(rounds) + waves;
+    if (work < least) {
+      least = work;
+      best = rounds;
+    }
+  }
+  return best;
+}
+
+// Launches a kernel that keeps to dependent_launch.cuh, with `room` bytes of shared memory. `early`: whether the device
+// can. Errors as with any launch: cudaGetLastError() has them.
+template <typename... Parameters>
+void LaunchEarly(bool early, cudaStream_t stream, dim3 blocks, unsigned threads, size_t room,
+                 void (*kernel)(Parameters...), const Parameters&... arguments) {
+  cudaLaunchAttribute attribute{};
+  attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
+  attribute.val.programmaticStreamSerializationAllowed = 1;
+  const cudaLaunchConfig_t config{blocks, dim3(threads), room, stream, &attribute, early ? 1u : 0u};
+  (void)cudaLaunchKernelEx(&config, kernel, arguments...);
+}
+template <typename... Parameters>
+void LaunchEarly(bool early, cudaStream_t stream, dim3 blocks, unsigned threads, void (*kernel)(Parameters...),
+                 const Parameters&... arguments) {
+  LaunchEarly(early, stream, blocks, threads, 0, kernel, arguments...);
+}
+
+}  // namespace voxelpipe::cuda

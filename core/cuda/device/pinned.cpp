@@ -1,0 +1,198 @@
+#include "cuda/device/pinned.h"
+
+#include <cuda_runtime_api.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <deque>
+#include <mutex>
+#include <unordered_map>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "base/machine.h"
+#include "cuda/device/check.h"
+#include "grid/page_pool.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+constexpr uint64_t kMinStaged = 256 << 10;             // below, the driver's own staging is as quick
+constexpr uint64_t kWave = 8 << 20, kGrain = 1 << 20;  // filled by all threads; by one
+constexpr uint64_t kMinBytes = 64 << 10;
+constexpr uint64_t kMaxBytes = 4ull << 30;
+constexpr uint64_t kShare = 16;  // of the machine's memory
+
+// Four sizes an octave, so that blocks fit again and waste at most a fifth.
+uint64_t BlockBytes(uint64_t bytes) {
+  if (bytes <= kMinBytes) return kMinBytes;
+  const uint64_t step = std::max(std::bit_floor(bytes - 1), kMinBytes) / 4;
+  return (bytes + step - 1) / step * step;
+}
+
+// Blocks of the page pool, pinned. Pinned pages that come back unpinned would be no loss: they are ordinary memory.
+class Pool {
+ public:
+  void* Take(uint64_t size) {
+    std::unique_lock lock(mutex_);
+    for (auto block = idle_.rbegin(); block != idle_.rend(); ++block) {
+      if (block->size != size) continue;
+      void* const address = block->address;
+      idle_bytes_ -= size;
+      idle_.erase(std::next(block).base());
+      return address;
+    }
+    if (size > most_) return nullptr;
+    while (bytes_ + size > most_ && !idle_.empty()) DropOldest();
+    if (bytes_ + size > most_) return nullptr;
+    bytes_ += size;
+    const uint64_t generation = generation_;
+    lock.unlock();  // pinning takes long
+    void* const address = TakePages(size);
+    const bool pinned = address != nullptr && cudaHostRegister(address, size, cudaHostRegisterPortable) == cudaSuccess;
+    if (!pinned) {
+      (void)cudaGetLastError();  // not the caller's
+      ReturnPages(address, size);
+    }
+    lock.lock();
+    if (pinned) {
+      out_.emplace(address, generation);
+      return address;
+    }
+    bytes_ -= size;
+    return nullptr;
+  }
+
+  void Return(void* address, uint64_t size) {
+    const std::lock_guard lock(mutex_);
+    const auto out = out_.find(address);
+    if (out != out_.end() && out->second != generation_) {  // the device forgot that it is pinned
+      out_.erase(out);
+      Unpin({address, size});
+      return;
+    }
+    idle_.push_back({address, size});
+    idle_bytes_ += size;
+  }
+
+  void Forget() {
+    const std::lock_guard lock(mutex_);
+    while (!idle_.empty()) DropOldest();
+    ++generation_;
+  }
+
+  PinnedUse Use() {
+    const std::lock_guard lock(mutex_);
+    return {bytes_, idle_bytes_, most_};
+  }
+
+ private:
+  struct Block {
+    void* address;
+    uint64_t size;
+  };
+
+  void Unpin(const Block& block) {
+    if (cudaHostUnregister(block.address) != cudaSuccess) (void)cudaGetLastError();  // after a reset it is not pinned
+    ReturnPages(block.address, block.size);
+    bytes_ -= block.size;
+  }
+  void DropOldest() {
+    const Block block = idle_.front();
+    idle_.pop_front();
+    idle_bytes_ -= block.size;
+    out_.erase(block.address);
+    Unpin(block);
+  }
+
+  std::mutex mutex_;
+  std::deque<Block> idle_;                   // oldest first
+  std::unordered_map<void*, uint64_t> out_;  // all pinned blocks: the generation that pinned them
+  uint64_t bytes_ = 0, idle_bytes_ = 0, generation_ = 0;
+  const uint64_t most_ = std::min(kMaxBytes, MemoryBytes() / kShare);
+};
+
+Pool& ThePool() {
+  static Pool* const pool = new Pool;  // never destroyed: buffers may outlive static objects
+  return *pool;
+}
+
+}  // namespace
+
+void* TakePinned(uint64_t bytes) {
+  return bytes > kMaxBytes ? nullptr : ThePool().Take(BlockBytes(bytes));
+}
+void ReturnPinned(void* block, uint64_t bytes) {
+  ThePool().Return(block, BlockBytes(bytes));
+}
+void ForgetPinned() {
+  ThePool().Forget();
+}
+PinnedUse PinnedInUse() {
+  return ThePool().Use();
+}
+
+PinnedBuffer& PinnedBuffer::operator=(PinnedBuffer&& other) noexcept {
+  if (this == &other) return *this;
+  Release();
+  data_ = std::exchange(other.data_, nullptr);
+  size_ = std::exchange(other.size_, 0);
+  pinned_ = std::exchange(other.pinned_, false);
+  return *this;
+}
+
+PinnedBuffer PinnedBuffer::Own(uint8_t* block, uint64_t bytes) {
+  PinnedBuffer buffer;
+  buffer.data_ = block;
+  buffer.size_ = bytes;
+  buffer.pinned_ = true;
+  return buffer;
+}
+
+absl::StatusOr<PinnedBuffer> PinnedBuffer::Take(uint64_t bytes) {
+  PinnedBuffer buffer;
+  buffer.size_ = bytes;
+  buffer.data_ = static_cast<uint8_t*>(TakePinned(bytes));
+  buffer.pinned_ = buffer.data_ != nullptr;
+  if (!buffer.pinned_) buffer.data_ = static_cast<uint8_t*>(TakePages(bytes));
+  if (buffer.data_ == nullptr) {
+    return absl::ResourceExhaustedError(absl::StrCat("out of memory: no ", bytes, " bytes to copy through"));
+  }
+  return buffer;
+}
+
+absl::Status StagedCopy(void* to, const void* from, uint64_t bytes, cudaStream_t stream,
+                        std::vector<PinnedBuffer>& staged) {
+  if (bytes == 0) return absl::OkStatus();
+  auto* const there = static_cast<uint8_t*>(to);
+  const auto* const here = static_cast<const uint8_t*>(from);
+  auto* const between = bytes < kMinStaged ? nullptr : static_cast<uint8_t*>(TakePinned(bytes));
+  if (between == nullptr) {  // the driver stages it
+    VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream));
+    return absl::OkStatus();
+  }
+  staged.push_back(PinnedBuffer::Own(between, bytes));
+  for (uint64_t begin = 0; begin < bytes; begin += kWave) {
+    const uint64_t end = std::min(bytes, begin + kWave);
+    tbb::parallel_for(tbb::blocked_range<uint64_t>(begin, end, kGrain), [&](const tbb::blocked_range<uint64_t>& part) {
+      std::memcpy(between + part.begin(), here + part.begin(), part.end() - part.begin());
+    });
+    VOXELPIPE_CUDA_OR_RETURN(
+        cudaMemcpyAsync(there + begin, between + begin, end - begin, cudaMemcpyHostToDevice, stream));
+  }
+  return absl::OkStatus();
+}
+
+void PinnedBuffer::Release() {
+  if (data_ == nullptr) return;
+  if (pinned_) {
+    ReturnPinned(data_, size_);
+  } else {
+    ReturnPages(data_, size_);
+  }
+  data_ = nullptr;
+}
+
+}  // namespace voxelpipe::cuda

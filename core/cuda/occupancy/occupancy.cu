@@ -1,0 +1,313 @@
+// Plain bits: rows of voxels set straight in the bit grid, without tiles. Atomic ORs set words; full words between them
+// are stored.
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstdint>
+
+#include "cuda/device/device_caps.h"
+#include "cuda/device/kernel_list.h"
+#include "cuda/device/launch.cuh"
+#include "cuda/occupancy/bit_bricks.h"
+#include "cuda/occupancy/occupancy_kernels.cuh"
+#include "cuda/occupancy/row_kernel.h"
+#include "cuda/traversal/mesh_locality.h"
+#include "cuda/traversal/raster_args.h"
+#include "grid/index_space.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+constexpr int kOrderedRounds = 1;  // of CellKernel where places count: fewer triangles are under way, in fewer places
+constexpr int kSharedRows = 2;     // lanes of FewKernel for a triangle's rows where they are shared
+// Grids of so many bytes at most are cleared by the first blocks of either; larger ones are cleared sooner by a kernel
+// of their own.
+constexpr uint64_t kClearedByWalk = 4 << 20, kAssumedClearedByWalk = 8;  // the latter times an assumed cache
+
+// Blocks of a kernel that a multiprocessor of the current device runs at once; 0 where that cannot be found out.
+template <typename Kernel>
+int ResidentBlocks(Kernel* kernel, int threads) {
+  int blocks = 0;
+  if (cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel, threads, 0) == cudaSuccess) return blocks;
+  (void)cudaGetLastError();
+  return 0;
+}
+
+// Blocks of AtOnceKernel that the device runs at once; 0 where they cannot wait for each other.
+int BlocksAtOnce(const DeviceInfo& device) {
+  static std::array<std::atomic<int>, 64> known{};
+  return OfDevice(known, device, [&] {
+    int cooperative = 0;
+    if (cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, device.ordinal) != cudaSuccess) {
+      (void)cudaGetLastError();
+    }
+    if (cooperative == 0) return 0;
+    return std::min(ResidentBlocks(AtOnceKernel, kAtOnceThreads), kAtOnceBlocks) * device.multiprocessors;
+  });
+}
+
+bool ClearedByWalk(const BitArgs& args) {
+  const uint64_t assumed = AssumedCache();
+  return args.quads * 16 <= (assumed > 0 ? std::min(kClearedByWalk, assumed * kAssumedClearedByWalk) : kClearedByWalk);
+}
+
+// The most triangles that all steps are done for in one launch.
+uint64_t MostAtOnce(const RunState& state) {
+  if (state.plan.path != Path::kOccupancy || AssumedCache() > 0) return 0;
+  return uint64_t(BlocksAtOnce(state.device)) * (kAtOnceThreads / 32) * kAtOnceSetups;
+}
+
+// Whether the grid is worth ways around the cache: other runs than those of plain bits keep to the plain way.
+bool GoesAroundCache(const RunState& state, const BitArgs& args) {
+  return state.plan.path == Path::kOccupancy && ExceedsCache(state.device, args.quads * 16);
+}
+
+void CutIntoPieces(const BitArgs& args, Bins& bins) {
+  const auto pieces_along = [](int64_t n, int64_t edge) { return uint32_t((n + edge - 1) / edge); };
+  bins.dims[0] = pieces_along(args.grid.dims[0], kPieceWords * 32);
+  bins.dims[1] = pieces_along(args.grid.dims[1], kPieceEdge);
+  bins.dims[2] = pieces_along(args.grid.slab_end - args.grid.slab_begin, kPieceEdge);
+  bins.z_begin = 0;
+  bins.z_end = bins.dims[2];
+}
+
+// Leaves out pieces along z that the mesh's box does not reach, with some voxels to spare; one stays.
+void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
+  const auto layer = [&](const Vec3d& p) {
+    return WorldToIndex(state.grid.index_space(), p).z - double(args.grid.slab_begin);
+  };
+  const double most = double(bins.dims[2]);
+  bins.z_begin = uint32_t(Clamp(std::floor((layer(state.box.min) - 3) / kPieceEdge), 0.0, most - 1));
+  bins.z_end = uint32_t(Clamp(std::ceil((layer(state.box.max) + 3) / kPieceEdge), double(bins.z_begin) + 1, most));
+}
+
+// Unordered triangles are taken in Morton order in grids that exceed the cache so many times, and the largest of them
+// are drawn with the clearing in grids down to so many times smaller.
+constexpr uint64_t kCacheTimes = 8;
+
+// Whether a grid is so large that what is drawn at a time should lie together.
+bool KeepsToPlaces(const RunState& state, const BitArgs& args) {
+  return ExceedsCache(state.device, args.quads * 16 / kCacheTimes);
+}
+
+// Whether the largest of scattered triangles are drawn while the grid is cleared: in small ones it takes longer to set
+// them up than it saves.
+bool DrawsLargest(const RunState& state, const BitArgs& args) {
+  return state.plan.path == Path::kOccupancy && ExceedsCache(state.device, args.quads * 16 * kCacheTimes);
+}
+
+// Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where
+// triangles are small: more than eight to a piece of the grid's largest face.
+bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
+  constexpr uint64_t kMaxTriangles = 1 << 18;
+  if (!GoesAroundCache(state, args)) return false;
+  const uint64_t nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
+  const auto nz = uint64_t(args.grid.slab_end - args.grid.slab_begin);
+  const uint64_t count = args.triangle_count, face = std::max({nx * ny, ny * nz, nz * nx});
+  if (count == 0 || count > kMaxTriangles || count * 8 > face) return false;
+  CutIntoPieces(args, bins);
+  LeaveOutEmpty(state, args, bins);
+  const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
+  if (pieces >= UINT32_MAX / kBinRoom) return false;
+  const auto whole = [](uint64_t bytes) { return (bytes + 255) / 256 * 256; };
+  const uint64_t set_up = whole(count * sizeof(SharedSetup)), counts = whole(pieces * 4),
+                 bits = whole((count + 31) / 32 * 4);
+  if (!state.scratch.Resize(set_up + counts + bits + pieces * kBinRoom * 4, state.stream).ok()) return false;
+  uint8_t* const room = state.scratch.data();
+  bins.set_up = reinterpret_cast<SharedSetup*>(room);
+  bins.counts = reinterpret_cast<uint32_t*>(room + set_up);
+  bins.overflowed = reinterpret_cast<uint32_t*>(room + set_up + counts);
+  bins.triangles = reinterpret_cast<uint32_t*>(room + set_up + counts + bits);
+  return true;
+}
+
+// What follows adds kernels to a list, which goes to the stream when it is whole.
+
+template <bool kQuads, bool kListed, int kThreads>
+void AddStore(const RunState& state, const BitArgs& args, const Bins& bins, LaunchList& list) {
+  const dim3 blocks(bins.dims[0], bins.dims[1], std::min(bins.z_end - bins.z_begin, kStoreDepth));
+  list.Add("StoreKernel", EarlyIfAble(state.device), blocks, kThreads, StoreKernel<kQuads, kListed, kThreads>, args,
+           bins);
+}
+
+void AddClear(const RunState& state, const BitArgs& args, LaunchList& list) {
+  const auto processors = unsigned(state.device.multiprocessors);
+  list.Add("ClearKernel", Begins::kBehind, BlocksFor(args.quads / 4, kClearThreads, processors * 16), kClearThreads,
+           ClearKernel, args);
+}
+
+void AddStores(const RunState& state, const BitArgs& args, const Bins& bins, LaunchList& list) {
+  const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * (bins.z_end - bins.z_begin);
+  const bool quads = args.grid.words_per_row % 4 == 0, listed = bins.counts != nullptr;
+  if (!listed) {
+    quads ? AddStore<true, false, 64>(state, args, bins, list) : AddStore<false, false, 64>(state, args, bins, list);
+  } else if (!quads) {
+    AddStore<false, true, 64>(state, args, bins, list);
+  } else if (args.triangle_count < pieces) {
+    AddStore<true, true, 64>(state, args, bins, list);
+  } else {
+    AddStore<true, true, 128>(state, args, bins, list);  // several triangles a piece
+  }
+}
+
+void AddLayers(const RunState& state, const BitArgs& args, LaunchList& list) {
+  list.Add("LayerKernel", EarlyIfAble(state.device), unsigned(state.device.multiprocessors) * kLayerBlocks,
+           kLayerThreads, LayerKernel, args);
+}
+
+void AddPieces(const RunState& state, const BitArgs& args, const Bins& bins, LaunchList& list) {
+  const auto processors = unsigned(state.device.multiprocessors);
+  // Few blocks: BinKernel runs beside them.
+  list.Add("ClearForBins", Begins::kBehind, processors * 4, kClearThreads, ClearForBins, args, bins);
+  const unsigned blocks = processors * kBinBlocks;
+  const bool few = args.triangle_count <= uint64_t{blocks} * (kBinThreads / 32) * kMaxInParts;
+  list.Add("BinKernel", EarlyIfAble(state.device), blocks, kBinThreads, few ? BinKernel<true> : BinKernel<false>, args,
+           bins);
+  AddStores(state, args, bins, list);
+  AddLayers(state, args, list);
+}
+
+void AddAtOnce(RunState& state, const BitArgs& args, int blocks, LaunchList& list) {
+  // The last counter of the queues is the barrier's: runs of plain bits put it to no other use.
+  auto* const arrived = reinterpret_cast<unsigned*>(state.counters.data() + kQueued3);
+  list.Add("AtOnceKernel", Begins::kAtOnce, unsigned(blocks), kAtOnceThreads, AtOnceKernel, args, arrived);
+}
+
+// Clears the grid, with the largest triangles in it where there are such: so these take no access of memory but the
+// grid's own, where an atomic for each triangle's row takes one each.
+absl::Status AddCleared(RunState& state, const BitArgs& args, LaunchList& list) {
+  if (args.largest == nullptr) {
+    AddClear(state, args, list);
+    return absl::OkStatus();
+  }
+  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(kMaxApart * sizeof(SharedSetup), state.stream));
+  Bins bins;
+  CutIntoPieces(args, bins);
+  bins.set_up = reinterpret_cast<SharedSetup*>(state.scratch.data());
+  list.Add("SetUpLargestKernel", Begins::kBehind, (kMaxApart + kMaxInParts - 1) / kMaxInParts, 32, SetUpLargestKernel,
+           args, bins.set_up);
+  AddStores(state, args, bins, list);
+  return absl::OkStatus();
+}
+
+template <bool kThin>
+auto* FewKernelFor(int row_lanes) {
+  return row_lanes == kSharedRows ? FewKernel<kThin, kSharedRows> : FewKernel<kThin, 1>;
+}
+
+// Blocks of FewKernel that the device runs at once. Thin coverage and two lanes a triangle take no more room.
+uint64_t FewBlocksAtOnce(const DeviceInfo& device) {
+  static std::array<std::atomic<int>, 64> known{};
+  const int resident =
+      OfDevice(known, device, [] { return std::min(ResidentBlocks(FewKernel<false, 1>, kCellThreads), kCellBlocks); });
+  return uint64_t(resident) * uint64_t(AssumedCache() > 0 ? 1 : device.multiprocessors);
+}
+
+// How many lanes of FewKernel share the rows of a triangle, where triangles are so few that all its blocks run at once;
+// 0 where they are not. More than one for triangles of many rows (of more than a voxel of the grid's largest face
+// each). More lanes, and other numbers of triangles a block, are slower.
+int RowLanes(const RunState& state, const BitArgs& args) {
+  if (args.packed != nullptr || args.pool.places != nullptr) return 0;
+  const int64_t nx = args.grid.dims[0], ny = args.grid.dims[1], nz = args.grid.slab_end - args.grid.slab_begin;
+  const uint64_t at_once = FewBlocksAtOnce(state.device) * kCellThreads;
+  const auto face = uint64_t(std::max({nx * ny, ny * nz, nz * nx}));
+  if (args.triangle_count < std::min(face, at_once / kSharedRows)) return kSharedRows;
+  return args.triangle_count <= at_once ? 1 : 0;
+}
+
+// Whether all triangles go by rows at once. Small grids are left to CellKernel and FewKernel, which clear them too.
+bool GoesByRows(RunState& state, const BitArgs& args) {
+  return HasFixed(args) && !ClearedByWalk(args) && RowLanes(state, args) != kSharedRows && ManyGoByRows(state);
+}
+
+template <bool kThin>
+auto* CellKernelFor(const BitArgs& args) {
+  if (args.pool.places != nullptr) return CellKernel<kThin, false, BitSink::kBricks>;
+  if (args.packed == nullptr) return CellKernel<kThin, false, BitSink::kWords>;
+  return CellKernel<kThin, true, BitSink::kTogether>;
+}
+void AddCells(RunState& state, BitArgs& args, LaunchList& list) {
+  const int row_lanes = RowLanes(state, args);
+  const bool few = row_lanes > 0, thin = args.coverage == Coverage::kThin;
+  const uint64_t each = few ? uint64_t(kCellThreads / row_lanes) : uint64_t(args.rounds) * kCellThreads;
+  const auto blocks = unsigned((args.triangle_count + each - 1) / each);
+  const Begins begins = args.clear_blocks == 0 ? EarlyIfAble(state.device) : Begins::kBehind;
+  if (few) {
+    list.Add("FewKernel", begins, args.clear_blocks + blocks, kCellThreads,
+             thin ? FewKernelFor<true>(row_lanes) : FewKernelFor<false>(row_lanes), args);
+  } else {
+    list.Add("CellKernel", begins, args.clear_blocks + blocks, kCellThreads,
+             thin ? CellKernelFor<true>(args) : CellKernelFor<false>(args), args);
+  }
+  if (args.pool.places != nullptr) AddStorePool(state, args, list);
+  AddLayers(state, args, list);
+}
+
+// All kernels of a call. `args` is whole but for what depends on how the triangles are drawn.
+absl::Status AddAll(RunState& state, BitArgs& args, LaunchList& list) {
+  if (Bins bins; MakeBins(state, args, bins)) {
+    AddPieces(state, args, bins, list);
+    return absl::OkStatus();
+  }
+  if (args.triangle_count > 0 && args.triangle_count <= MostAtOnce(state)) {
+    AddAtOnce(state, args, BlocksAtOnce(state.device), list);
+    return absl::OkStatus();
+  }
+  args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,
+                          kMaxCellRounds);
+  PrepareScattered(state);
+  UsePacked(state, args, /*placed=*/true);
+  if (args.packed != nullptr && KeepsToPlaces(state, args)) args.rounds = kOrderedRounds;
+  if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;
+  if (args.triangle_count == 0) {
+    AddClear(state, args, list);
+    return absl::OkStatus();
+  }
+  if (KeepsToPlaces(state, args) && MakeBitPool(state, args)) {
+    args.rounds = kOrderedRounds;
+    AddClearPool(state, args, list);
+  } else if (GoesByRows(state, args)) {
+    VOXELPIPE_OK_OR_RETURN(AddCleared(state, args, list));
+    AddRows(state, args, GoesAroundCache(state, args), list);
+    AddLayers(state, args, list);
+    return absl::OkStatus();
+  } else if (args.largest == nullptr && ClearedByWalk(args)) {
+    args.clear_blocks = BlocksFor(args.quads, uint64_t{kCellThreads} * 4, uint64_t(state.device.multiprocessors));
+    args.cleared = reinterpret_cast<uint32_t*>(state.counters.data() + kCleared);
+  } else {
+    VOXELPIPE_OK_OR_RETURN(AddCleared(state, args, list));
+  }
+  AddCells(state, args, list);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int64_t z_end, uint32_t* bits,
+                        uint64_t words) {
+  VOXELPIPE_OK_OR_RETURN(EnsureCounters(state));
+  BitArgs args;
+  args.grid = state.view;
+  args.grid.slab_begin = z_begin;
+  args.grid.slab_end = z_end;
+  args.bits = bits;
+  args.quads = (words + 3) / 4;  // a DeviceArray ends on a whole one
+  args.coverage = coverage;
+  SetTriangles(state, args);
+  for (int i = 0; i < kBitQueues; ++i) {
+    VOXELPIPE_OK_OR_RETURN(state.queue[i].Resize(std::max<uint64_t>(args.triangle_count, 1), state.stream));
+  }
+  args.layer_queue = state.queue[0].data();
+  args.large_queue = state.queue[1].data();
+  args.queued = state.counters.data() + kQueued0;
+  LaunchList list;
+  VOXELPIPE_OK_OR_RETURN(AddAll(state, args, list));
+  absl::Status launched = state.graphs.Launch(list, state.device.ordinal, state.stream);
+  if (!launched.ok()) {  // the last kernels did not leave behind what they should have
+    (void)ClearCounters(state, {kCleared, kQueued3});
+  }
+  return launched;
+}
+
+}  // namespace voxelpipe::cuda

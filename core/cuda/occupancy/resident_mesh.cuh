@@ -1,0 +1,114 @@
+// Plain bits of so few triangles that all blocks run at once, a triangle or half of one a thread: the steps of
+// small_triangles.cuh, where time goes by waiting. So corners are kept in shared memory for the second step. No host-only
+// includes.
+#pragma once
+
+#include "cuda/traversal/small_triangles.cuh"
+
+namespace voxelpipe::cuda {
+
+// What the block's triangles share in WalkFew.
+template <int kRowLanes>
+struct FewRoom : CellLists<kCellThreads / kRowLanes> {
+  CellSpan table[kMaxCells][kCellThreads];
+  int corners[9][FewRoom::kRoom];  // of those that wait in cells
+
+  __device__ void Keep(uint32_t number, const FixedCorners& v) {
+    for (int i = 0; i < 9; ++i) corners[i][number] = v.at[i / 3][i % 3];
+  }
+  __device__ FixedTriangle Kept(uint32_t number, const FixedPlace& place) const {
+    FixedTriangle t;
+    for (int i = 0; i < 9; ++i) t.v.at[i / 3][i % 3] = corners[i][number];
+    t.box = BoxOf(t.v.at, place);
+    return t;
+  }
+  // Passes a triangle that is in doubt on to the next kernel.
+  __device__ void PassOn(uint32_t number) { this->later[SharedAdd(&this->layer_count, 1)] = uint16_t(number); }
+};
+
+// A turn of a warp's lanes at those that wait for rows, kRowLanes for each; whether the lane's own is in doubt, to one
+// lane of each.
+template <bool kThin, int kRowLanes>
+__device__ inline bool TurnOfRows(const BitArgs& args, uint32_t turn, FewRoom<kRowLanes>& room, uint32_t& number) {
+  const uint32_t at = turn * 32 + threadIdx.x % 32, i = at / kRowLanes, part = at % kRowLanes;
+  bool doubtful = false;
+  if (i < room.row_count) {
+    number = room.RowNumber(i);
+    const FixedTriangle t = room.Kept(number, args.fixed);
+    int begin[3], end[3];
+    ClipBox(args, t.box, begin, end);
+    doubtful = !WalkRows<kThin>(args, t, begin, end, &room.table[0][threadIdx.x], int(part), kRowLanes,
+                                NearWords(args, begin, t.box.first[0]));
+  }
+  __syncwarp();
+  for (int step = 1; step < kRowLanes; step *= 2) doubtful |= __shfl_xor_sync(~0u, int(doubtful), step) != 0;
+  return doubtful && part == 0;
+}
+
+// The same at those that wait for octants, a lane each.
+template <bool kThin, int kRowLanes>
+__device__ inline bool TurnOfOctants(const BitArgs& args, uint32_t turn, const FewRoom<kRowLanes>& room,
+                                     uint32_t& number) {
+  const uint32_t i = turn * 32 + threadIdx.x % 32;
+  bool doubtful = false;
+  uint32_t octants = 0;
+  FixedTriangle t{};
+  if (i < room.octant_count) {
+    number = room.cells[i];
+    t = room.Kept(number, args.fixed);
+    doubtful = !FindOctants<kThin>(args, t, octants);
+  }
+  __syncwarp();
+  SetOctantsTogether(args, t.box.first, octants);
+  return doubtful;
+}
+
+// Whether the box has as few rows as a thread walks.
+__device__ inline bool HasFewRows(const FixedBox& box) {
+  const int width = box.last[1] - box.first[1] + 1, layers = box.last[2] - box.first[2] + 1;
+  return max(width, layers) <= kMaxCellRows && width * layers <= kMaxCellRows;
+}
+
+// As WalkCells does, the triangles of block `chunk` of as many as there are in a room.
+template <bool kThin, int kRowLanes>
+__device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRowLanes>& room) {
+  constexpr uint32_t kEach = FewRoom<kRowLanes>::kRoom;
+  const uint32_t begin = chunk * kEach, mine = threadIdx.x;
+  const bool has = mine < min(uint32_t(args.triangle_count) - begin, kEach);
+  Fetched<false> fetched{};
+  if (has) fetched = FetchNow<false>(args, begin + mine);
+  if (threadIdx.x == 0) {
+    room.Clear();
+  }
+  __syncthreads();
+  FixedTriangle triangle{};
+  uint32_t octants = 0;
+  CellFate fate = FindFirst<kThin>(
+      args, has, fetched, [&] { return begin + mine; }, triangle, octants);
+  octants = Together(triangle.box.first, octants);
+  if (fate == CellFate::kRows || fate == CellFate::kOctants) room.Keep(mine, triangle.v);
+  if (fate == CellFate::kLarge && IsAmongLargest(args, begin + mine)) fate = CellFate::kDone;
+  const bool in_doubt = fate == CellFate::kLayers && GoesByFixed(args) && HasFewRows(triangle.box);
+  if (in_doubt) fate = CellFate::kDone;
+  __syncwarp();
+  room.Append(fate, mine);
+  AwaitCleared(args);                           // until here nothing is written but what is the block's
+  if (args.clear_blocks == 0) __syncthreads();  // which is no barrier then, and lists are read
+  if (in_doubt) room.PassOn(mine);
+  if (octants != 0) SetOctants(args, triangle.box.first, octants);
+  __syncwarp();
+  // Warps take what is left as they come to it: rows first, which take longest.
+  const uint32_t row_turns = (room.row_count * kRowLanes + 31) / 32, turns = row_turns + (room.octant_count + 31) / 32;
+  for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
+    uint32_t number = 0;
+    const bool doubtful = turn < row_turns ? TurnOfRows<kThin>(args, turn, room, number)
+                                           : TurnOfOctants<kThin>(args, turn - row_turns, room, number);
+    if (doubtful) room.PassOn(number);
+    __syncwarp();
+  }
+  __syncthreads();
+  if (room.layer_count + room.large_count == 0) return;
+  QueueLater<false>(args, room, [begin](uint32_t number) { return begin + number; });
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,268 @@
+#include "cuda/plan/footprint.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "cuda/plan/path_plan.h"
+#include "cuda/primitives/list_sizes.h"
+#include "cuda/primitives/span.h"
+#include "cuda/primitives/voxel_code.h"
+#include "grid/bit_grid.h"
+#include "job/result.h"
+#include "pipeline/plan/footprint_parts.h"
+#include "raster/tiles.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+using namespace footprint;
+
+constexpr double kBaseBytes = 4 << 20;
+
+// What is left of the parts of split tiles until they are joined.
+double PartBytes(const VoxelizeRequest& request, const Surface& surface) {
+  constexpr double kPairsOfSplitTile = kPartsSplit - 1;  // in parts' pairs: a split tile has more
+  if (surface.pairs <= kPairsOfSplitTile * kMinPartPairs) return 0;
+  const double parts = surface.pairs / std::max<double>(kMinPartPairs, surface.pairs / kMaxParts);
+  double together = 0, largest = 0;
+  for (const TargetSpec& target : request.targets) {
+    const double component = target.blend == Blend::kAdd || target.blend == Blend::kAverage ? 8 : 4;
+    const double of_tile = kTileVoxels * (4 + component * target.components);  // an owner or a count
+    together += of_tile;
+    largest = std::max(largest, of_tile);
+  }
+  return parts * (1 + 1 / kPairsOfSplitTile) * std::min(together, std::max<double>(kTargetGroupBytes, largest));
+}
+
+bool HasOwners(const TargetSpec& target) {
+  return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
+}
+
+// What the path depends on. Values are taken to be the same all over a triangle: that is not known before the vertex
+// shader ran.
+PathTarget PathTargetOf(const TargetSpec& spec) {
+  return {spec.format, spec.blend, spec.components, spec.clear == 0, IsOccupancyBit(spec), OwnPresence(spec), true};
+}
+
+// The pool of bricks of Path::kBricks, over `layers` layers, and the list of owners that may come of it; 0 where there
+// is none.
+double PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const Surface& surface, int64_t layers) {
+  if (request.fill != Fill::kNone || request.targets.size() != 1) return 0;
+  if (!FitsBricks(PathTargetOf(request.targets[0]), request.result)) return 0;
+  const bool owners = HasOwners(request.targets[0]);
+  constexpr uint64_t kPlaceBytes = (kBrickCells + kMaskWordsOfBrick + 2) * sizeof(uint32_t);  // and a brick, a count
+  const uint64_t x = uint64_t(grid.dims[0] + 7) / 8, y = uint64_t(grid.dims[1] + 7) / 8, z = uint64_t(layers + 7) / 8;
+  const uint64_t pool = x * y * z * sizeof(uint32_t) + BrickPoolRoom(grid.dims[0], grid.dims[1], layers) * kPlaceBytes;
+  return double(pool) + (owners ? 2 * sizeof(uint32_t) * surface.voxels : 0);
+}
+
+double BitsOf(const GridSpec& grid, int64_t layers) {
+  return double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers}));
+}
+
+// The grids over a slab: dense targets, coverage, a fill's inside, bits and presence of targets that have their own,
+// and bits as the result packs them.
+double DeviceGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
+  if (request.result == ResultKind::kBuckets) return 0;
+  const bool dense = request.result == ResultKind::kDense, filled = request.fill != Fill::kNone;
+  const double bits = BitsOf(grid, layers), voxels = double(grid.dims[0] * grid.dims[1]) * double(layers);
+  double bytes = filled ? 2 * bits : bits;
+  for (const TargetSpec& target : request.targets) {
+    if (OwnPresence(target)) bytes += bits;
+    if (target.format == VoxelFormat::kBit) {
+      const bool coverage = IsOccupancyBit(target);
+      if (!coverage) bytes += bits;
+      const bool as_it_is = coverage && !filled && target.clear == 0 && grid.dims[0] % 32 == 0;
+      if (dense && !as_it_is) bytes += voxels / 8;
+    } else if (dense) {
+      bytes += voxels * double(target.components) * double(BitsPerComponent(target.format)) / 8;
+    }
+  }
+  return bytes;
+}
+
+// Of lists of triangles: what waits for another kernel (two queues), records and the blocks that they lie in, spans.
+// Triangles that touch many voxels have a span for each of their rows.
+double RecordBytes(const MeshSize& mesh, const Surface& surface) {
+  constexpr double kQueues = 2 * sizeof(uint32_t), kRecord = 2 * sizeof(uint64_t), kSpan = sizeof(uint64_t);
+  constexpr double kManyVoxels = 16, kMore = 17.0 / 16;
+  const double triangles = double(mesh.triangles);
+  const double rows = surface.fragments > kManyVoxels * triangles ? kMore * surface.rows : 0;
+  return triangles * (kQueues + kRecord) + std::max(double(SpanRoom(mesh.triangles)), rows) * kSpan;
+}
+
+double BucketListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                       const Surface& surface, int64_t layers) {
+  const double cells = double(grid.dims[0] * grid.dims[1]) * double(layers);
+  const double key = cells > 0x1p32 ? sizeof(uint64_t) : sizeof(uint32_t);
+  const double pair = key + sizeof(uint32_t), of_sort = 1;
+  const bool may_drop = std::all_of(request.targets.begin(), request.targets.end(), OwnPresence);
+  const double places = std::min(surface.fragments, cells);  // where buckets may begin
+  return RecordBytes(mesh, surface) + double(FragmentRoom(surface.fragments)) * pair +
+         surface.fragments * (pair + of_sort + (may_drop ? 1 : 0)) + places * 2 * sizeof(uint64_t);
+}
+
+// What targets blend without tiles: the values of all triangles, and accumulators of covered voxels where the target is
+// not blended in itself.
+double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                       const Surface& surface, int64_t layers) {
+  const bool sparse = request.result == ResultKind::kSparse;
+  double bytes = RecordBytes(mesh, surface), owner_list = 0;
+  if (sparse) bytes += sizeof(uint32_t) * (surface.voxels + surface.inside);  // the bits of listed voxels
+  if (std::all_of(request.targets.begin(), request.targets.end(), OwnPresence)) bytes += BitsOf(grid, layers);
+  bool ranked = false;
+  for (const TargetSpec& target : request.targets) {
+    if (IsOccupancyBit(target)) continue;
+    const bool owners = HasOwners(target), bit = target.format == VoxelFormat::kBit;
+    const bool sums = target.blend == Blend::kAdd || target.blend == Blend::kAverage;
+    const double components = owners || bit ? 1 : double(target.components);
+    const double cell = components * (sums ? sizeof(int64_t) : sizeof(uint32_t));
+    const double count = target.blend == Blend::kAverage ? sizeof(uint32_t) : 0;
+    if (!owners && !bit && !OwnPresence(target)) bytes += double(mesh.triangles) * cell;
+    if (owners) owner_list = 3 * sizeof(uint32_t) * (surface.voxels + (sparse ? surface.inside : 0));
+    if (!sparse && BlendsInPlace(PathTargetOf(target))) continue;
+    bytes += surface.voxels * (cell + count);
+    if (!std::exchange(ranked, true)) bytes += BitsOf(grid, layers);  // the ranks of words
+  }
+  return bytes + owner_list;
+}
+
+// Pairs of tiles and triangles, from and to which they are sorted, and of sparse results the values of whole tiles.
+double TileListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
+                     int64_t layers) {
+  constexpr double kQueue = sizeof(uint32_t), kPair = 4 * sizeof(uint32_t) + 1, kTile = 3 * sizeof(uint32_t);
+  const double room = double(PairRoom(mesh.triangles, double(layers) / double(grid.dims[2])));
+  const double tiles = TilesOfGrid(grid, layers);
+  double bytes = double(mesh.triangles) * kQueue + std::max(room, surface.pairs) * kPair + kTile * tiles;
+  bytes += PartBytes(request, surface);
+  if (request.result != ResultKind::kSparse) return bytes;
+  double value = 0;
+  for (const TargetSpec& target : request.targets) {
+    if (target.format == VoxelFormat::kBit) continue;
+    value += double(target.components) * double(BitsPerComponent(target.format)) / 8;
+  }
+  return bytes + std::min(tiles, surface.tiles) * value * kTileVoxels;
+}
+
+// The bricks in which bits of few triangles are drawn where the grid is much larger than the cache (bit_bricks.cu):
+// as many bits once more.
+double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t layers) {
+  constexpr double kLargeGrid = 160 << 20;  // four times the L2 cache of a large GPU
+  const double x = double(grid.dims[0]), y = double(grid.dims[1]), z = double(layers), bits = BitsOf(grid, layers);
+  const bool few = 2 * double(mesh.triangles) <= std::max({x * y, y * z, z * x});
+  return request.coverage != Coverage::kCenter && few && bits > kLargeGrid ? bits : 0;
+}
+
+}  // namespace
+
+// Whether a target's value is uniform over a triangle is not known before the vertex shader ran: of the paths that may
+// be taken, the one that takes most counts.
+double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                       const Surface& surface, int64_t layers) {
+  if (PlainBits(request)) {
+    const double queues = double(mesh.triangles) * 3 * sizeof(uint32_t);
+    return queues + BitPoolBytes(request, grid, mesh, layers);
+  }
+  if (request.result == ResultKind::kBuckets) return BucketListBytes(request, grid, mesh, surface, layers);
+  double bytes = 0;
+  if (RecordsReach({grid.dims[0], grid.dims[1], grid.dims[2]}, mesh.triangles, kMaxSpanBits)) {
+    const double pool = PoolBytes(request, grid, surface, layers);
+    bytes = std::max(DirectListBytes(request, grid, mesh, surface, layers), pool);
+  } else {
+    bytes = TileListBytes(request, grid, mesh, surface, layers);
+  }
+  if (request.result == ResultKind::kSparse) bytes += 24 * TilesOfGrid(grid, layers);  // bricks and voxels before each
+  return bytes;
+}
+
+namespace {
+
+// Vertices in index space and triangles as the stages keep them for the whole run.
+double MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
+  const double vertices = double(mesh.vertices);
+  double held = double(mesh.extent.held_bytes);
+  if (held == 0) {  // not there yet: positions and triangles, here and in pinned memory, and what a shader makes
+    const double shaded = request.vertex_shader.name != "identity" ? sizeof(Vec3d) + sizeof(Vec3f) : 0;
+    held = vertices * (2 * sizeof(Vec3d) + shaded) + double(mesh.triangles) * 2 * 3 * sizeof(uint32_t);
+  }
+  const bool places = !PlainBits(request) || CastsLines(request.fill);
+  return held + (places ? vertices * (sizeof(VertexCode) + sizeof(Vec3d)) : 0);
+}
+
+// The signed counters of a nonzero fill over `layers` layers: those of as many rows as take turns (parity_fill.cu).
+double SumBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
+  if (request.fill != Fill::kNonzero) return 0;
+  constexpr double kOfBit = 32;  // bytes of counters, for a byte of bits
+  return std::min(kOfBit * BitsOf(grid, layers), std::max<double>(kMaxSumBytes, kOfBit * BitsOf(grid, 1)));
+}
+
+// All that a slab takes on the device besides the mesh. `surface`: of the slab.
+double DeviceSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                       const Surface& surface, int64_t layers) {
+  double bytes = DeviceGridBytes(request, grid, layers) + DeviceListBytes(request, grid, mesh, surface, layers);
+  if (request.result != ResultKind::kDense) bytes += ListBytes(request, surface, false);
+  // The shell, and what is reached from outside.
+  if (request.fill == Fill::kFlood) bytes += BitsOf(grid, layers) + BitsOf(grid, grid.dims[2]);
+  return bytes + SumBytes(request, grid, layers);
+}
+
+}  // namespace
+
+Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                           const Surface& surface, const PlanLimits& limits, Delivery delivery) {
+  const bool dense = request.result == ResultKind::kDense;
+  Footprint out;
+  Sum result;
+  result += dense ? double(DenseResultBytes(request, grid)) : ListBytes(request, surface, false);
+  out.result_bytes = result;
+  const auto slab_bytes = [&](int64_t layers) {
+    return DeviceSlabBytes(request, grid, mesh, MostOfSlab(surface, grid, layers), layers);
+  };
+  out.slab_depth = SlabDepth(grid, limits, !dense || delivery == Delivery::kStream, slab_bytes);
+  const bool one_slab = out.slab_depth >= grid.dims[2];
+  const Surface slab = MostOfSlab(surface, grid, out.slab_depth);
+  // While a dense slab is copied to the host another one is made.
+  const double at_once = dense && !one_slab ? 2 : 1;
+  double device = MeshWorkBytes(request, mesh) + slab_bytes(out.slab_depth);
+  if (dense && !one_slab) device += DeviceGridBytes(request, grid, out.slab_depth);
+  double host = at_once * (dense ? DenseBytes(request, grid, out.slab_depth) : ListBytes(request, slab, true));
+  if (!one_slab && dense && delivery == Delivery::kMemory) host += double(out.result_bytes);
+  // The lists of all slabs, and what they are joined to: pinned memory goes back to its pool, which keeps it.
+  if (!one_slab && !dense) {
+    const double slabs = std::ceil(double(grid.dims[2]) / double(out.slab_depth));
+    host = PooledPinned(HeldListBytes(request, surface, slab, slabs)) + ListBytes(request, surface, true);
+  }
+  Sum peak, listed;
+  peak += kBaseBytes + device + host;
+  listed += kBaseBytes + device + (dense ? 0 : host);  // every array of the device asks
+  out.peak_bytes = peak;
+  out.list_bytes = listed;
+  return out;
+}
+
+uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                          const Surface& surface, int64_t layers) {
+  Sum bytes;
+  bytes += DeviceSlabBytes(request, grid, mesh, MostOfSlab(surface, grid, layers), layers);
+  return bytes;
+}
+
+int64_t FittingSlabDepth(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                         const Surface& surface, int64_t depth, uint64_t free_bytes) {
+  if (PredictSlabBytes(request, grid, mesh, surface, depth) <= free_bytes) return depth;
+  const bool dense = request.result == ResultKind::kDense;
+  int64_t layers = (depth + kSlabGranularity - 1) / kSlabGranularity;  // in units of it
+  const auto fits = [&] {
+    const int64_t here = layers * kSlabGranularity;
+    const double copied = dense ? DenseBytes(request, grid, here) : 0;  // beside the next slab
+    Sum bytes;
+    bytes += double(PredictSlabBytes(request, grid, mesh, surface, here)) + copied;
+    if (dense) bytes += double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], here}));
+    return bytes <= free_bytes && copied <= double(kMaxSlabBytes);
+  };
+  while (layers > 1 && !fits()) layers = (layers + 1) / 2;
+  return std::min(depth, layers * kSlabGranularity);
+}
+
+}  // namespace voxelpipe::cuda

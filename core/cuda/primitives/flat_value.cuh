@@ -1,0 +1,49 @@
+// Targets whose value is the same for all fragments of a triangle: what is made once a triangle. No host-only includes.
+#pragma once
+
+#include "cuda/primitives/shading_args.h"
+#include "raster/triangle_plane.h"
+#include "shaders/interface/fragment_input.h"
+
+namespace voxelpipe::cuda {
+
+// What one triangle blends into each of its voxels: cells as they are kept, or terms of a sum.
+struct UniformValue {
+  int64_t component[4];
+};
+
+// The target's shader is given apart, and so is what it receives: where they are constants little is left of the
+// shading.
+__device__ __forceinline__ void ShadeUniformAs(const FineArgs& args, FragmentShaderId shader, const FragmentInput& in,
+                                               UniformValue& value) {
+  const TileTarget& t = args.targets[0];
+  const CudaTarget& target = t.target;
+  FragmentOutput out;
+  ShadeFragment(shader, in, target.params, out);
+#pragma unroll
+  for (int c = 0; c < 4; ++c) {
+    value.component[c] = 0;
+    if (c >= target.components) continue;
+    switch (t.kept) {
+      case Kept::kBitOr: value.component[c] = target.blend == Blend::kCount || ToBit(out, target.u32_output); break;
+      case Kept::kBitAnd: value.component[c] = ToBit(out, target.u32_output); break;
+      case Kept::kSum:
+      case Kept::kAverage:
+        value.component[c] = ToTerm(out, target.u32_output, c, target.format, target.scale, target.quantum);
+        break;
+      case Kept::kCount: break;
+      default: {
+        const uint32_t cell = ToCell(out, target.u32_output, c, target.format, target.scale);
+        const bool ordered = t.is_float && (t.kept == Kept::kMin || t.kept == Kept::kMax);
+        value.component[c] = int64_t(ordered ? KeyOf(cell) : cell);
+      }
+    }
+  }
+}
+
+// True if what is kept of a voxel is blended from values alone, whichever triangle they are of.
+VOXELPIPE_HD bool IsUniformKept(Kept kept) {
+  return kept != Kept::kNothing && kept != Kept::kOwner && kept != Kept::kBitOfOwner;
+}
+
+}  // namespace voxelpipe::cuda

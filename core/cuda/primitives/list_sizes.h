@@ -1,0 +1,49 @@
+// How large lists are made before what goes into them is counted: the stages allocate by these rules, and footprint.cpp
+// predicts by them. No host-only includes, no CUDA headers.
+#pragma once
+
+#include <cstdint>
+
+#include "base/vec.h"
+
+namespace voxelpipe::cuda {
+
+// Fragments of a slab: more than are expected, so that they seldom have to be listed again.
+VOXELPIPE_HD uint64_t FragmentRoom(double expected) {
+  constexpr double kMore = 1.25;
+  constexpr uint64_t kAnyway = 1 << 16;
+  return uint64_t(Min(kMore * expected, 0x1p62)) + kAnyway;
+}
+
+// Pairs of the triangles and the tiles of a slab, which has this share of the grid's layers.
+VOXELPIPE_HD uint64_t PairRoom(uint64_t triangles, double share) {
+  return uint64_t(share * (1.5 * double(triangles) + (1 << 16)));
+}
+
+// Spans of triangles: of many small ones few have any, of a few large ones each has many.
+VOXELPIPE_HD uint64_t SpanRoom(uint64_t triangles) {
+  constexpr uint64_t kAnyway = 1 << 18, kOfFewTriangles = 64, kLeast = 1 << 10;
+  return Min(triangles / 2 + kAnyway, kOfFewTriangles * triangles + kLeast);
+}
+
+// A tile with very many pairs is split into parts (split_tiles.cuh) of at least kMinPartPairs each, so that a grid has
+// at most kMaxParts; the last ones of tiles come on top. A tile of fewer than kPartsSplit parts is not split.
+inline constexpr uint32_t kPartsSplit = 3, kMinPartPairs = 1024, kMaxParts = 1024;
+
+// Targets are blended together while a tile of them takes at most so much shared memory.
+inline constexpr int kTargetGroupBytes = 100 << 10;
+
+// Places of the pool of bricks (brick_scatter.cuh) of a slab of nx * ny * `layers` voxels: twice and a half as many as a
+// sphere touches that fills the slab's box.
+inline constexpr uint32_t kBrickCells = 512;  // x + 8*(y + 8*z)
+inline constexpr uint64_t kMaskWordsOfBrick = kBrickCells / 32;
+VOXELPIPE_HD uint64_t BrickPoolRoom(int64_t nx, int64_t ny, int64_t layers) {
+  constexpr uint64_t kOfFaces = 4, kLeast = 1 << 10;
+  const uint64_t x = uint64_t(nx + 7) / 8, y = uint64_t(ny + 7) / 8, z = uint64_t(layers + 7) / 8;
+  return Min(x * y * z, kLeast + kOfFaces * (x * y + y * z + z * x));
+}
+
+// Counters of a nonzero fill: those of more rows take turns, of one row at least.
+inline constexpr uint64_t kMaxSumBytes = 256 << 20;
+
+}  // namespace voxelpipe::cuda

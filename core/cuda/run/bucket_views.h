@@ -1,0 +1,43 @@
+// Buckets of the A-buffer: what kernels get. Plain structs, no host-only includes.
+#pragma once
+
+#include <cstdint>
+
+#include "base/host_device.h"
+#include "cuda/primitives/views.h"
+
+namespace voxelpipe::cuda {
+
+inline constexpr int kBucketThreads = 512, kKeysOfThread = 16, kKeysOfChunk = kBucketThreads * kKeysOfThread;
+
+inline uint64_t ChunksOf(uint64_t fragments) {
+  return (fragments + kKeysOfChunk - 1) / kKeysOfChunk;
+}
+
+// Voxels of fragments in 32 bits, sorted, in chunks of kKeysOfChunk.
+struct SortedKeys {
+  const uint32_t* keys = nullptr;
+  uint64_t fragments = 0;
+  uint64_t* first = nullptr;  // of chunks: how many voxels begin before it; and one more, but for CountAndListBuckets
+
+  uint64_t chunks() const { return ChunksOf(fragments); }
+};
+
+// `Index`: the type of what is listed.
+template <typename Index>
+struct BucketArgs : SortedKeys {
+  uint64_t first_voxel = 0;  // of the slab
+  Index *offsets = nullptr, *voxels = nullptr;
+  // Of CountAndListBuckets.
+  uint64_t* listed = nullptr;  // becomes the number of voxels
+  // Bit arrays of all fragments, which become 1: targets whose shaders need not run. On whole words.
+  uint32_t* ones[kMaxTargets] = {};
+  int ones_count = 0;
+};
+
+// Word `word` of a bit array whose first `bits` bits are set.
+VOXELPIPE_HD uint32_t WordOfOnes(uint64_t bits, uint64_t word) {
+  return bits - word * 32 >= 32 ? ~0u : (1u << (bits - word * 32)) - 1;
+}
+
+}  // namespace voxelpipe::cuda

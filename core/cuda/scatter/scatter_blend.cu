@@ -1,0 +1,401 @@
+// Blending without tiles (core/cuda/README.md, "Coverage, then shade, then blend").
+//
+// Triangles are found once. Under Path::kInPlace and kFloat4 they are blended as they are found, under kBricks likewise
+// in bricks that are given out meanwhile (brick_scatter.h). Otherwise small ones become records, which each target then
+// takes, and larger ones spans in a list, which each target takes, too; spans that are too many for the list are made
+// and taken in parts, by halves of the triangles.
+#include <algorithm>
+#include <utility>
+
+#include "cpu/rows/row_bits.h"
+#include "cuda/coverage/coverage_pass.h"
+#include "cuda/device/launch.cuh"
+#include "cuda/primitives/list_sizes.h"
+#include "cuda/run/run_state.h"
+#include "cuda/scatter/accumulators.h"
+#include "cuda/scatter/atomic_row_sink.cuh"
+#include "cuda/scatter/blend_records.cuh"
+#include "cuda/scatter/brick_scatter.h"
+#include "cuda/scatter/float4_pass.h"
+#include "cuda/shading/shade_list.h"
+#include "cuda/traversal/mesh_locality.h"
+#include "cuda/traversal/raster_args.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+// Bytes of the device's memory for each span that the list may hold at most.
+constexpr uint64_t kMemoryPerSpan = 64;
+
+// Shaders that are asked for much have a kernel of their own, which keeps nothing in local memory.
+auto ShadeKernel(FragmentShaderId shader) {
+  switch (shader) {
+    case FragmentShaderId::kTriangleId: return ShadeTriangles<int(FragmentShaderId::kTriangleId)>;
+    case FragmentShaderId::kNormal: return ShadeTriangles<int(FragmentShaderId::kNormal)>;
+    case FragmentShaderId::kGeometricNormal: return ShadeTriangles<int(FragmentShaderId::kGeometricNormal)>;
+    default: return ShadeTriangles<-1>;
+  }
+}
+
+// The values of all triangles for a target, made once a run.
+absl::Status MakeValues(RunState& state, int index) {
+  const CudaTarget& target = state.targets.at[index];
+  SpanTarget& memory = state.span_targets[size_t(index)];
+  if (memory.shaded) return absl::OkStatus();
+  ShadeTrianglesArgs args;
+  args.shading.mesh = state.mesh.view.data();
+  args.shading.targets[0].target = target;
+  args.shading.targets[0].kept = KeptBy(target);
+  args.shading.targets[0].is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
+  args.shading.target_count = 1;
+  args.shading.traits = TraitsOf(target.shader);
+  args.triangles = state.mesh.host_view.triangle_count;
+  args.degenerate = DegenerateTestOf(state);
+  memory.shading = args.shading;
+  memory.by_id = IsById(target) || state.plan.targets[size_t(index)].source == ValueSource::kOwners;
+  memory.degenerate = args.degenerate;
+  if (ShadesByFours(state, target)) return absl::OkStatus();
+  memory.shaded = true;
+  if (target.blend == Blend::kCount || args.triangles == 0) return absl::OkStatus();
+  if (memory.by_id) return EnsureCounters(state);  // for NegativeOf; an id is cheaper made than read
+  const uint64_t count = args.triangles * uint64_t(target.components);
+  if (IsSum(KeptBy(target))) {
+    VOXELPIPE_OK_OR_RETURN(memory.terms.Resize(count, state.stream));
+    args.terms = memory.terms.data();
+  } else {
+    VOXELPIPE_OK_OR_RETURN(memory.values.Resize(count, state.stream));
+    VOXELPIPE_OK_OR_RETURN(memory.negative.Resize(1, state.stream));
+    VOXELPIPE_OK_OR_RETURN(memory.negative.Fill(0, state.stream));
+    args.values = memory.values.data();
+    args.negative = memory.negative.data();
+  }
+  const auto blocks = unsigned((args.triangles + kBlendThreads - 1) / kBlendThreads);
+  const auto kernel = ShadeKernel(target.shader);
+  kernel<<<blocks, kBlendThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ShadeTriangles");
+  return absl::OkStatus();
+}
+
+// So many spans a list holds at most.
+uint64_t MostSpans(const RunState& state) {
+  return std::max<uint64_t>(state.device.memory_bytes / kMemoryPerSpan, 1 << 10);
+}
+
+// How rows of `triangles` triangles that wait are covered.
+SpanArgs CoverArgs(RunState& state, uint64_t triangles) {
+  SpanArgs args;
+  args.grid = state.view;
+  args.bits = TouchedBits(state);
+  const int64_t* const d = state.view.dims;
+  const double surface = double(d[0]) * double(d[1]) + double(d[1]) * double(d[2]) + double(d[2]) * double(d[0]);
+  // What waits of a fine mesh in order lies beside what covers the same voxels, and much of it in few of them.
+  args.look_first = double(triangles) > 16 * surface || (IsFine(state) && !IsScattered(state));
+  return args;
+}
+
+// Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; ListOf says how many
+// entries they need. Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and fragments are
+// counted.
+absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again) {
+  if (again) VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecords, nullptr));
+  SpanArgs args = CoverArgs(state, end - begin);
+  args.list = ListOf(state);
+  args.fragments = again ? nullptr : FragmentSlots(state);
+  return EmitWaiting<SpanWriter>(state, MakeRestArgs(state, begin, end, false), args);
+}
+
+InPlaceArgs PlaceOf(RunState& state, int index) {
+  const CudaTarget& target = state.targets.at[index];
+  SpanTarget& memory = state.span_targets[size_t(index)];
+  InPlaceArgs args;
+  args.values = memory.values.data();
+  args.shading = memory.shading;
+  args.degenerate = memory.degenerate;
+  args.negative = target.format == VoxelFormat::kF32 ? NegativeOf(state, memory) : nullptr;
+  args.out = reinterpret_cast<uint32_t*>(target.dense);
+  args.blend = target.blend == Blend::kMin     ? InPlace::kMaxOfComplement
+               : target.blend == Blend::kMax   ? InPlace::kMax
+               : target.blend == Blend::kCount ? InPlace::kCount
+                                               : InPlace::kOr;
+  if (state.plan.targets[size_t(index)].source == ValueSource::kOwners) {
+    args.blend = target.blend == Blend::kFirst ? InPlace::kMaxOfComplement : InPlace::kMax;
+  }
+  args.planar = state.targets.planar;
+  args.voxels = state.slab_voxels();
+  args.nx = uint32_t(state.view.dims[0]);
+  args.words_per_row = uint32_t(state.view.words_per_row);
+  return args;
+}
+
+constexpr int kById = int(FragmentShaderId::kTriangleId);
+
+bool IsSparse(const RunState& state) {
+  return state.request.request.result == ResultKind::kSparse;
+}
+
+auto AccumulateFor(bool by_id, int components) {
+  return by_id             ? Accumulate<1, kById>
+         : components == 1 ? Accumulate<1, -1>
+         : components == 2 ? Accumulate<2, -1>
+         : components == 3 ? Accumulate<3, -1>
+                           : Accumulate<4, -1>;
+}
+template <BlendTo kTo>
+auto BlendCellsTo(bool by_id, int components) {
+  return by_id             ? BlendCells<1, kById, kTo>
+         : components == 1 ? BlendCells<1, -1, kTo>
+         : components == 2 ? BlendCells<2, -1, kTo>
+         : components == 3 ? BlendCells<3, -1, kTo>
+                           : BlendCells<4, -1, kTo>;
+}
+
+// Takes the `count` spans of the list to a target.
+absl::Status TakeSpans(RunState& state, int index, uint64_t count) {
+  if (count == 0) return absl::OkStatus();
+  const int components = state.targets.at[index].components;
+  const SpanTarget& memory = state.span_targets[size_t(index)];
+  if (state.plan.targets[size_t(index)].in_place) {
+    InPlaceArgs args = PlaceOf(state, index);
+    args.spans = state.spans.data();
+    args.count = count;
+    const auto kernel = memory.by_id      ? BlendInPlace<1, kById>
+                        : components == 1 ? BlendInPlace<1, -1>
+                        : components == 2 ? BlendInPlace<2, -1>
+                        : components == 3 ? BlendInPlace<3, -1>
+                                          : BlendInPlace<4, -1>;
+    kernel<<<BlendBlocks(state, count), kBlendThreads, 0, state.stream>>>(args);
+    VOXELPIPE_LAUNCHED_OR_RETURN("BlendInPlace");
+    return absl::OkStatus();
+  }
+  AccumulateArgs args = SumsOf(state, index);
+  args.spans = state.spans.data();
+  args.count = count;
+  const auto kernel = AccumulateFor(memory.by_id, components);
+  kernel<<<BlendBlocks(state, count), kBlendThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("Accumulate");
+  return absl::OkStatus();
+}
+
+// Takes the records of all triangles to a target.
+absl::Status TakeCells(RunState& state, int index) {
+  const int components = state.targets.at[index].components;
+  const SpanTarget& memory = state.span_targets[size_t(index)];
+  BlendCellsArgs args;
+  args.records = state.cells.data();
+  args.blocks = state.blocks.data();
+  args.triangles = state.mesh.host_view.triangle_count;
+  args.grid = state.view;
+  const bool in_place = state.plan.targets[size_t(index)].in_place;
+  if (in_place) {
+    args.place = PlaceOf(state, index);
+  } else {
+    args.accumulate = SumsOf(state, index);
+  }
+  const auto kernel = in_place ? BlendCellsTo<BlendTo::kTarget>(memory.by_id, components)
+                               : BlendCellsTo<BlendTo::kAccumulators>(memory.by_id, components);
+  kernel<<<BlendBlocks(state, args.triangles), kBlendThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BlendCells");
+  return absl::OkStatus();
+}
+
+absl::Status ClearFragmentSlots(RunState& state) {
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(FragmentSlots(state), 0, kFragmentSlots * sizeof(uint64_t), state.stream));
+  return absl::OkStatus();
+}
+
+// Blends all triangles in a target as they are found.
+absl::Status BlendWhatIsFound(RunState& state, int index) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  const CudaTarget& target = state.targets.at[index];
+  SpanTarget& memory = state.span_targets[size_t(index)];
+  const bool by_id = memory.by_id, by_fours = state.plan.path == Path::kFloat4;
+  if (by_fours) memory.negative.Free();  // keys stay keys, whether some value is negative or not
+  BlendWriterArgs args;
+  args.cover = CoverArgs(state, triangles);
+  args.cover.fragments = FragmentSlots(state);
+  args.blend = PlaceOf(state, index);
+  if (by_fours) return BlendByFours(state, target, args);
+  VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kBlend, args.cover.fragments, &args.blend, by_id));
+  const auto emit_waiting = by_id ? EmitWaiting<BlendWriter<kById>> : EmitWaiting<BlendWriter<-1>>;
+  return emit_waiting(state, MakeRestArgs(state, 0, triangles, false), args);
+}
+
+// Walks all triangles: small ones become records, the spans of the others are listed, as far as there is room. Then
+// what is counted stands in state.counters, covered voxels that have a rank among it.
+absl::Status FindAndList(RunState& state, bool ranked) {
+  const uint64_t triangles = state.mesh.host_view.triangle_count;
+  VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));
+  const uint64_t guess = std::min(MostSpans(state), SpanRoom(triangles));
+  if (state.spans.size() < guess) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(guess, state.stream));
+  VOXELPIPE_OK_OR_RETURN(ListSpans(state, 0, triangles, false));
+  return ranked ? RankCovered(state) : absl::OkStatus();
+}
+
+// Entries of the list, of which state.counters[kSpans] counted some.
+uint64_t ListedSpans(RunState& state, uint64_t counted) {
+  return ListOf(state).own + counted;
+}
+absl::StatusOr<uint64_t> ReadListedSpans(RunState& state) {
+  const auto counters = ReadCounters(state);
+  if (!counters.ok()) return counters.status();
+  return ListedSpans(state, (*counters)[kSpans]);
+}
+
+// Calls take(number of spans in the list) for lists that together hold the spans of triangles [begin, end). `counted`:
+// the list is theirs, as far as there was room, and there are so many.
+template <typename Take>
+absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t counted, const Take& take) {
+  while (counted > state.spans.size() && (counted <= MostSpans(state) || end - begin == 1)) {
+    state.spans.Free();
+    VOXELPIPE_OK_OR_RETURN(state.spans.Resize(counted + counted / 16 + 1024, state.stream));
+    VOXELPIPE_OK_OR_RETURN(ListSpans(state, begin, end, true));
+    const absl::StatusOr<uint64_t> again = ReadListedSpans(state);
+    if (!again.ok()) return again.status();
+    counted = *again;
+  }
+  if (counted <= state.spans.size()) return take(counted);
+  const uint64_t middle = begin + (end - begin) / 2;
+  for (const auto& [from, to] : {std::pair(begin, middle), std::pair(middle, end)}) {
+    VOXELPIPE_OK_OR_RETURN(ListSpans(state, from, to, true));
+    const absl::StatusOr<uint64_t> here = ReadListedSpans(state);
+    if (!here.ok()) return here.status();
+    VOXELPIPE_OK_OR_RETURN(ForEachList(state, from, to, *here, take));
+  }
+  return absl::OkStatus();
+}
+
+// True if a target is blended by what its triangles have, and not by its fragments.
+bool ByTriangles(const RunState& state, int index) {
+  const ValueSource source = state.plan.targets[size_t(index)].source;
+  return source == ValueSource::kTriangles || source == ValueSource::kOwners;
+}
+
+// Takes the records of all triangles to all targets, then lists of their spans.
+absl::Status TakeAll(RunState& state) {
+  for (int i = 0; i < state.targets.count; ++i) {
+    if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeCells(state, i));
+  }
+  VOXELPIPE_OK_OR_RETURN(ShadeRecords(state));
+  return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.span_count, [&](uint64_t count) {
+    for (int i = 0; i < state.targets.count; ++i) {
+      if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeSpans(state, i, count));
+    }
+    return ShadeSpans(state, count);
+  });
+}
+
+}  // namespace
+
+namespace {
+
+// True if every triangle of the shaded mesh gives all its fragments one value, and what is kept of a voxel is blended
+// from values alone.
+bool IsUniform(const RunState& state, const CudaTarget& target) {
+  if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
+  MeshView mesh = state.host.view;
+  mesh.velocities = state.mesh.host_view.velocities;  // shaders ask only whether there are any
+  for (uint32_t i = 0; i < mesh.part_count; ++i) {
+    FragmentInput in;
+    in.mesh = &mesh;
+    in.part = mesh.parts + i;
+    if (!SameForTriangle(target.shader, in)) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+PathInputs PathInputsOf(const RunState& state, const GridSpec& grid) {
+  const VoxelizeRequest& request = state.request.request;
+  PathInputs in;
+  in.result = request.result;
+  in.coverage = request.coverage;
+  in.fill = request.fill;
+  in.planar = request.layout == Layout::kPlanar;
+  in.target_count = state.targets.count;
+  for (int i = 0; i < in.target_count; ++i) {
+    const CudaTarget& target = state.targets.at[i];
+    PathTarget& of = in.targets[size_t(i)];
+    of.format = target.format;
+    of.blend = target.blend;
+    of.components = target.components;
+    of.clears_to_zero = target.clear_stored == 0;
+    of.is_occupancy = target.is_occupancy;
+    of.may_discard = target.own_presence;
+    of.same_for_triangle = IsUniform(state, target);
+  }
+  in.dims = {grid.dims[0], grid.dims[1], grid.dims[2]};
+  in.triangles = state.host.view.triangle_count;
+  in.rows_fit = cpu::RowBitsFit(grid, in.triangles);
+  if (in.triangles > 0 && in.coverage != Coverage::kCenter) {
+    const IndexSpace space = grid.index_space();
+    const Vec3d low = WorldToIndex(space, state.box.min), high = WorldToIndex(space, state.box.max);
+    in.fixed_point = MakeFixedPlace(space, low, high).bits > 0;
+  } else {
+    in.fixed_point = false;
+  }
+  in.record_bits = RecordBits();
+  in.fine_triangles = FineTriangles(state.device);
+  return in;
+}
+
+namespace {
+
+// Where fragments of all targets may be discarded, what triangles touch is not the coverage.
+absl::Status BeginTouched(RunState& state) {
+  if (state.targets.any_always_present) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(state.touched_bits.Resize(state.slab_words(), state.stream));
+  return state.touched_bits.Fill(0, state.stream);
+}
+
+// Blends all triangles in accumulators, or in dense targets themselves. Synchronizes.
+absl::Status BlendByRecords(RunState& state, bool ranked) {
+  VOXELPIPE_OK_OR_RETURN(BeginTouched(state));
+  VOXELPIPE_OK_OR_RETURN(FindAndList(state, ranked));
+  const auto counters = ReadCounters(state);
+  if (!counters.ok()) return counters.status();
+  state.span_count = ListedSpans(state, (*counters)[kSpans]);
+  state.ranked_voxels = ranked ? (*counters)[kRanks] : 0;
+  for (int i = 0; i < state.targets.count; ++i) {
+    const PathPlan::Target& target = state.plan.targets[size_t(i)];
+    if (target.source == ValueSource::kCoverage || target.in_place) continue;
+    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, state.ranked_voxels));
+  }
+  return TakeAll(state);
+}
+
+}  // namespace
+
+absl::Status BlendDirectly(RunState& state) {
+  const bool sparse = IsSparse(state);
+  state.span_count = 0;
+  if (state.mesh.host_view.triangle_count == 0) return ClearFragmentSlots(state);
+  bool ranked = false;
+  int last = 0;  // target with values
+  for (int i = 0; i < state.targets.count; ++i) {
+    const PathPlan::Target& target = state.plan.targets[size_t(i)];
+    if (target.source == ValueSource::kCoverage) continue;
+    if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(MakeValues(state, i));
+    ranked = ranked || !target.in_place;
+    last = i;
+  }
+  if (state.plan.path == Path::kBricks) {
+    VOXELPIPE_OK_OR_RETURN(BlendIntoPool(state, PlaceOf(state, last), state.span_targets[size_t(last)].by_id));
+    if (state.plan.path == Path::kBricks) return sparse ? absl::OkStatus() : EmitPool(state);
+    VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.coverage.Fill(0, state.stream));
+  }
+  if (state.plan.path == Path::kInPlace || state.plan.path == Path::kFloat4) {
+    VOXELPIPE_OK_OR_RETURN(BlendWhatIsFound(state, last));
+    return StoreDense(state, last);
+  }
+  VOXELPIPE_OK_OR_RETURN(BlendByRecords(state, ranked));
+  for (int i = 0; i < state.targets.count; ++i) {
+    if (state.plan.targets[size_t(i)].source == ValueSource::kCoverage) continue;
+    const bool later = sparse && state.targets.at[i].format != VoxelFormat::kBit;  // once voxels are listed
+    if (!later) VOXELPIPE_OK_OR_RETURN(StoreDense(state, i));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda

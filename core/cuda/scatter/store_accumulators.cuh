@@ -1,0 +1,244 @@
+// What was blended by spans (blend_spans.cuh) as values of the result; and ranks of covered voxels. Included by
+// accumulators.cu only, as what includes it: these kernels are no templates. No host-only includes.
+#pragma once
+
+#include "cuda/scatter/blend_spans.cuh"
+#include "cuda/shading/fragment_shading.cuh"
+
+namespace voxelpipe::cuda {
+
+struct KeyArgs {
+  const uint32_t* coverage;  // bit grid
+  const uint32_t* negative;  // as InPlaceArgs has it
+  uint32_t* out;
+  uint64_t words, voxels;
+  int64_t nx, words_per_row;
+  int components;
+  bool planar, complement, is_float;
+};
+
+// Four words of an array from number `at` on, a multiple of 4; those behind its end are 0.
+__device__ inline uint4 FourWords(const uint32_t* array, uint64_t at, uint64_t words) {
+  if (at + 4 <= words) return *reinterpret_cast<const uint4*>(array + at);
+  uint4 four{0, 0, 0, 0};
+  if (at < words) four.x = array[at];
+  if (at + 1 < words) four.y = array[at + 1];
+  if (at + 2 < words) four.z = array[at + 2];
+  return four;
+}
+
+inline constexpr uint64_t kWordsOfWarp = 128;  // that a warp looks at a time
+
+// The set bits of a warp's words of a bit grid, numbered in order, for most words are empty. All lanes call each.
+class SetBits {
+ public:
+  // Of kWordsOfWarp words from number `begin` on.
+  __device__ SetBits(const uint32_t* grid, uint64_t begin, uint64_t words)
+      : begin_(begin), four_(FourWords(grid, begin + threadIdx.x % 32 * 4, words)) {
+    before_ = WarpExclusiveSum(uint32_t(__popc(four_.x) + __popc(four_.y) + __popc(four_.z) + __popc(four_.w)), total_);
+  }
+  __device__ uint32_t total() const { return total_; }
+  // Where a lane's bit stands; of no meaning where there are not so many.
+  __device__ void Find(uint32_t number, uint64_t& word, uint32_t& x) const {
+    const int owner = LaneOfItem(before_, number);
+    int left = int(number - __shfl_sync(~0u, before_, owner));
+    const uint32_t of[4] = {__shfl_sync(~0u, four_.x, owner), __shfl_sync(~0u, four_.y, owner),
+                            __shfl_sync(~0u, four_.z, owner), __shfl_sync(~0u, four_.w, owner)};
+    if (number >= total_) return;
+    uint32_t bits = of[0];
+    int which = 0;
+#pragma unroll
+    for (int next = 1; next < 4; ++next) {
+      if (which == next - 1 && left >= __popc(bits)) left -= __popc(bits), bits = of[next], which = next;
+    }
+    for (; left > 0; --left) bits &= bits - 1;
+    word = begin_ + uint64_t(owner) * 4 + uint64_t(which);
+    x = uint32_t(__ffs(int(bits)) - 1);
+  }
+
+ private:
+  uint64_t begin_;
+  uint4 four_;
+  uint32_t before_, total_;
+};
+
+// Calls visit(word, x) for the set bits of a bit grid, each by a lane.
+template <typename Visit>
+__device__ inline void ForEachSetBit(const uint32_t* grid, uint64_t words, Visit&& visit) {
+  const uint64_t step = uint64_t(gridDim.x) * (kBlendThreads / 32) * kWordsOfWarp;
+  uint64_t begin = (uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32) * kWordsOfWarp;
+  for (; begin < words; begin += step) {
+    const SetBits bits(grid, begin, words);
+    for (uint32_t first = 0; first < bits.total(); first += 32) {
+      const uint32_t number = first + threadIdx.x % 32;
+      uint64_t word = 0;
+      uint32_t x = 0;
+      bits.Find(number, word, x);
+      if (number < bits.total()) visit(word, x);
+    }
+  }
+}
+
+__device__ inline uint32_t ValueOfCell(const KeyArgs& args, bool plain, uint32_t cell) {
+  const uint32_t key = args.complement ? ~cell : cell;
+  return args.is_float && !plain ? BitsOfKey(key) : key;
+}
+// Words are fewer than 2^32: each stands for 32 cells.
+__device__ inline uint64_t VoxelOf(const KeyArgs& args, uint64_t word, uint32_t x) {
+  const auto w = uint32_t(word), per_row = uint32_t(args.words_per_row), row = w / per_row;
+  return uint64_t{row} * uint64_t(args.nx) + (w - row * per_row) * 32 + x;
+}
+
+// Keys of four components, each one access.
+__device__ inline void FoursToValues(const KeyArgs& args, bool plain) {
+  constexpr int kAtOnce = 4;  // voxels of a lane, all of which are read before any is written
+  const uint64_t step = uint64_t(gridDim.x) * (kBlendThreads / 32) * kWordsOfWarp;
+  uint64_t begin = (uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32) * kWordsOfWarp;
+  uint4* const cells = reinterpret_cast<uint4*>(args.out);
+  for (; begin < args.words; begin += step) {
+    const SetBits bits(args.coverage, begin, args.words);
+    for (uint32_t first = 0; first < bits.total(); first += 32 * kAtOnce) {
+      uint64_t voxel[kAtOnce];
+      uint4 cell[kAtOnce];
+#pragma unroll
+      for (uint32_t i = 0; i < kAtOnce; ++i) {
+        const uint32_t number = first + 32 * i + threadIdx.x % 32;
+        if (first + 32 * i >= bits.total()) break;
+        uint64_t word = 0;
+        uint32_t x = 0;
+        bits.Find(number, word, x);
+        voxel[i] = VoxelOf(args, word, x);
+        if (number < bits.total()) cell[i] = cells[voxel[i]];
+      }
+#pragma unroll
+      for (uint32_t i = 0; i < kAtOnce; ++i) {
+        if (first + 32 * i + threadIdx.x % 32 >= bits.total()) break;
+        const uint4& c = cell[i];
+        cells[voxel[i]] = {ValueOfCell(args, plain, c.x), ValueOfCell(args, plain, c.y), ValueOfCell(args, plain, c.z),
+                           ValueOfCell(args, plain, c.w)};
+      }
+    }
+  }
+}
+
+// The keys of covered voxels become values. May begin early.
+__global__ void __launch_bounds__(kBlendThreads) KeysToValues(const __grid_constant__ KeyArgs args) {
+  AwaitEarlier();
+  const bool plain = args.negative != nullptr && *args.negative == 0;
+  if (plain && !args.complement) return;
+  if (args.components == 4 && !args.planar) return FoursToValues(args, plain);
+  ForEachSetBit(args.coverage, args.words, [&](uint64_t word, uint32_t x) {
+    const uint64_t n = VoxelOf(args, word, x);
+    for (uint64_t c = 0; c < uint64_t(args.components); ++c) {
+      uint32_t* const cell = args.out + (args.planar ? c * args.voxels + n : n * uint64_t(args.components) + c);
+      *cell = ValueOfCell(args, plain, *cell);
+    }
+  });
+}
+
+inline constexpr int kRankedOfThread = 16;  // words
+
+// Gives every set bit a rank, those of a word in a row; `counter` has the number of all.
+__global__ void __launch_bounds__(kBlendThreads)
+    RankWords(const uint32_t* bits, uint64_t words, uint32_t* first, uint64_t* counter) {
+  constexpr int kEach = kRankedOfThread;
+  __shared__ unsigned long long room[kBlendThreads / 32 + 1];
+  const uint64_t begin = uint64_t(blockIdx.x) * (kBlendThreads * kEach) + threadIdx.x * 4;
+  uint32_t word[kEach];
+  uint32_t count = 0;
+#pragma unroll
+  for (int i = 0; i < kEach; i += 4) {
+    const uint64_t at = begin + uint64_t(i) * kBlendThreads;
+    const uint4 four = FourWords(bits, at, words);
+    word[i] = four.x, word[i + 1] = four.y, word[i + 2] = four.z, word[i + 3] = four.w;
+#pragma unroll
+    for (int k = 0; k < 4; ++k) count += uint32_t(__popc(word[i + k]));
+  }
+  auto rank = uint32_t(BlockAllocate<kBlendThreads>(counter, count, room));
+#pragma unroll
+  for (int i = 0; i < kEach; ++i) {
+    if (word[i] == 0) continue;
+    first[begin + uint64_t(i / 4) * (4 * kBlendThreads) + uint64_t(i % 4)] = rank;
+    rank += uint32_t(__popc(word[i]));
+  }
+}
+
+struct StoreArgs {
+  Ranks ranks;
+  Accumulators from;
+  VoxelFormat format{};
+  bool is_float = false, planar = false;
+  double quantum = 1;
+  const uint32_t* present = nullptr;  // bit grid: the voxels that the target has a fragment in
+  uint64_t words = 0;                 // of it
+  uint64_t voxels = 0;                // of the result
+  const uint32_t* listed = nullptr;   // the bit of each voxel of a sparse result; null: a dense one
+  uint32_t nx = 0, words_per_row = 0;
+  uint8_t* out = nullptr;    // values; or
+  uint32_t* bits = nullptr;  // a bit grid, cleared
+};
+
+// Calls visit(word, x of it, rank, element of the result) for every voxel that a target has a fragment in, each by a
+// lane.
+template <typename Visit>
+__device__ inline void ForEachStored(const StoreArgs& args, Visit&& visit) {
+  if (args.listed == nullptr) {
+    ForEachSetBit(args.present, args.words, [&](uint64_t word, unsigned x) {
+      visit(uint32_t(word), x, args.ranks.Of(uint32_t(word), x),
+            VoxelOfBit(uint32_t(word) * 32 + x, args.nx, args.words_per_row));
+    });
+    return;
+  }
+  const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
+  for (uint64_t i = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x; i < args.voxels; i += threads) {
+    const uint32_t word = args.listed[i] / 32, x = args.listed[i] % 32;
+    if ((args.present[word] >> x & 1) != 0) visit(word, x, args.ranks.Of(word, x), i);
+  }
+}
+
+// What the accumulators of covered voxels hold becomes the result's values.
+__global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_constant__ StoreArgs args) {
+  const Accumulators& from = args.from;
+  ForEachStored(args, [&](uint32_t word, uint32_t x, uint32_t rank, uint64_t n) {
+    for (uint64_t c = 0; c < uint64_t(from.components); ++c) {
+      const uint64_t at = uint64_t{rank} * uint64_t(from.components) + c;
+      uint32_t stored;
+      switch (from.kept) {
+        case Kept::kSum: stored = StoreSum(int64_t(from.sums[at]), args.format, args.quantum, int(c)); break;
+        case Kept::kAverage:
+          stored = StoreAverage(int64_t(from.sums[at]), from.counts[rank], args.format, args.quantum, int(c));
+          break;
+        case Kept::kCount: stored = StoreCount(from.counts[rank], args.format); break;
+        case Kept::kMin:
+        case Kept::kMax:
+          stored = StoredBits(args.is_float ? BitsOfKey(from.cells[at]) : from.cells[at], args.format);
+          break;
+        default: stored = StoredBits(from.cells[at], args.format);
+      }
+      if (args.format == VoxelFormat::kBit) {
+        if (stored != 0) atomicOr(args.bits + word, 1u << x);
+        continue;
+      }
+      PutElement(args.out, args.format, args.planar ? c * args.voxels + n : n * uint64_t(from.components) + c, stored);
+    }
+  });
+}
+
+// The list of a target's owners: their voxels, themselves, and where their values go.
+struct OwnerListArgs {
+  StoreArgs from;  // accumulators that hold owners
+  uint32_t *keys = nullptr, *triangles = nullptr,
+           *to = nullptr;  // elements of a dense result by rank, of a sparse one as it lists them
+};
+
+__global__ void __launch_bounds__(kBlendThreads) ListOwners(const __grid_constant__ OwnerListArgs args) {
+  const StoreArgs& from = args.from;
+  ForEachStored(from, [&](uint32_t word, uint32_t x, uint32_t rank, uint64_t n) {
+    const uint64_t i = from.listed == nullptr ? rank : n;
+    args.keys[i] = uint32_t(VoxelOfBit(word * 32 + x, from.nx, from.words_per_row));
+    args.triangles[i] = from.from.cells[rank] - 1;
+    args.to[i] = from.format == VoxelFormat::kBit ? word * 32 + x : uint32_t(n);
+  });
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,190 @@
+// Shading of the fragments that coverage records (coverage_record.h) and spans (span.h) stand for, and their blending
+// into accumulators. No host-only includes.
+//
+// A block takes as many records as it has threads, makes what their triangles' fragments share, and numbers the
+// fragments by a scan; then every thread shades one fragment at a time, whatever triangle it is of, so that all lanes
+// of a warp are busy. Blends are atomics whose result no order changes.
+#pragma once
+
+#include "cuda/primitives/coverage_record.h"
+#include "cuda/primitives/warp_reduce.cuh"
+#include "cuda/scatter/blend_spans.cuh"
+#include "cuda/shading/fragment_shading.cuh"
+
+namespace voxelpipe::cuda {
+
+inline constexpr int kShadeThreads = 128;
+
+// A target, and where its fragments are blended: in the owner's number plus one where a fragment replaces others.
+struct ShadedTarget {
+  CudaTarget target;
+  Accumulators to;
+  bool has_owner = false, is_float = false;
+};
+
+struct CoverageShadingArgs {
+  // Records of triangles, and the masks of those that are blocks; or, if `spans` is set, spans.
+  const uint64_t *records = nullptr, *blocks = nullptr, *spans = nullptr;
+  uint64_t count = 0;
+  GridView grid;
+  Divisor by_words_per_row, by_ny;
+  const MeshView* mesh = nullptr;
+  ShaderTraits traits;  // of all targets' shaders together
+  Ranks ranks;
+  uint32_t* coverage = nullptr;  // bit grid: voxels with a fragment that some target keeps; null: all are covered
+  ShadedTarget targets[kMaxTargets];
+  int target_count = 0;
+};
+
+// What a record or a span covers: voxels from the bit `first` on.
+struct CoverageEntry {
+  uint64_t mask;  // of a block x + 4y + 16z, of octants x + 2y + 4z, of a span as many low bits as it is long
+  uint32_t first, triangle;
+  CellKind kind;  // kOther: a span
+};
+
+__device__ inline CoverageEntry LoadEntry(const CoverageShadingArgs& args, uint64_t i) {
+  CoverageEntry entry{};
+  if (args.spans != nullptr) {
+    const uint64_t span = args.spans[i];
+    if (span == kNoSpan) return entry;
+    entry.mask = ~0u >> (32 - SpanLength(span));
+    entry.first = SpanFirst(span);
+    entry.triangle = SpanTriangle(span);
+    entry.kind = CellKind::kOther;
+    return entry;
+  }
+  const uint64_t record = args.records[i];
+  entry.kind = KindOfCell(record);
+  if (entry.kind == CellKind::kOther) return entry;  // its spans are listed
+  entry.mask = entry.kind == CellKind::kBlock ? args.blocks[i] : OctantsOfCell(record);
+  entry.first = FirstOfCell(record);
+  entry.triangle = uint32_t(i);
+  return entry;
+}
+
+// The position of set bit number n of a mask that has more than n.
+__device__ inline uint32_t SelectBit(uint64_t mask, uint32_t n) {
+  uint32_t at = 0, half = uint32_t(mask);
+  if (const auto low = uint32_t(__popc(half)); n >= low) {
+    n -= low;
+    at = 32;
+    half = uint32_t(mask >> 32);
+  }
+#pragma unroll
+  for (uint32_t width = 16; width > 0; width /= 2) {
+    const auto low = uint32_t(__popc(half & ((1u << width) - 1)));
+    if (n < low) continue;
+    n -= low;
+    at += width;
+    half >>= width;
+  }
+  return at;
+}
+
+// The bit of fragment n of an entry in the slab's bit grid.
+__device__ inline uint32_t BitOfFragment(const CoverageShadingArgs& args, const CoverageEntry& entry, uint32_t n) {
+  if (entry.kind == CellKind::kOther) return entry.first + n;
+  const uint32_t i = SelectBit(entry.mask, n), log = entry.kind == CellKind::kBlock ? 2 : 1, side = (1u << log) - 1;
+  const uint32_t row = uint32_t(args.grid.words_per_row) * 32, layer = row * uint32_t(args.grid.dims[1]);
+  return entry.first + (i & side) + row * (i >> log & side) + layer * (i >> 2 * log);
+}
+
+// Blends a fragment that the target keeps into its accumulators.
+__device__ inline void BlendShaded(const ShadedTarget& shaded, const FragmentOutput& out, uint32_t triangle,
+                                   uint32_t rank) {
+  const CudaTarget& target = shaded.target;
+  const Accumulators& to = shaded.to;
+  if (shaded.has_owner) {
+    if (to.kept == Kept::kMax) {
+      atomicMax(to.cells + rank, OwnerOf(triangle));
+    } else {
+      atomicMin(to.cells + rank, OwnerOf(triangle));
+    }
+    return;
+  }
+  if (to.kept == Kept::kCount || to.kept == Kept::kAverage) atomicAdd(to.counts + rank, 1u);
+  if (to.kept == Kept::kCount) return;
+  const bool bit = target.format == VoxelFormat::kBit;
+  for (int c = 0; c < to.components; ++c) {
+    const uint64_t at = uint64_t{rank} * uint64_t(to.components) + uint64_t(c);
+    if (to.kept == Kept::kSum || to.kept == Kept::kAverage) {
+      const int64_t term = ToTerm(out, target.u32_output, c, target.format, target.scale, target.quantum);
+      if (term != 0) atomicAdd(to.sums + at, static_cast<unsigned long long>(term));
+      continue;
+    }
+    uint32_t cell;
+    if (bit) {
+      cell = target.blend == Blend::kCount || ToBit(out, target.u32_output);
+    } else {
+      cell = ToCell(out, target.u32_output, c, target.format, target.scale);
+      const bool ordered = shaded.is_float && (to.kept == Kept::kMin || to.kept == Kept::kMax);
+      if (ordered) cell = KeyOf(cell);
+    }
+    switch (to.kept) {
+      case Kept::kMax: atomicMax(to.cells + at, cell); break;
+      case Kept::kMin: atomicMin(to.cells + at, cell); break;
+      case Kept::kOr: atomicOr(to.cells + at, cell); break;
+      default: atomicAnd(to.cells + at, cell); break;
+    }
+  }
+}
+
+// The fragment of a triangle at the voxel of a bit.
+__device__ inline void ShadeAndBlend(const CoverageShadingArgs& args, const TriangleInput& triangle, uint32_t bit) {
+  const uint32_t word = bit / 32, x = bit % 32;
+  const uint32_t row = Quotient(word, args.by_words_per_row), z = Quotient(row, args.by_ny);
+  const int64_t voxel[3] = {int64_t((word - row * args.by_words_per_row.divisor) * 32 + x),
+                            int64_t(row - z * args.by_ny.divisor), int64_t(z) + args.grid.slab_begin};
+  const FragmentInput in = InputAt(triangle, args.traits, voxel);
+  const uint32_t rank = args.ranks.Of(word, x);
+  bool kept = false;
+  for (int t = 0; t < args.target_count; ++t) {
+    const ShadedTarget& shaded = args.targets[t];
+    FragmentOutput out;
+    ShadeFragment(shaded.target.shader, in, shaded.target.params, out);
+    if (out.discard) continue;
+    kept = true;
+    if (shaded.target.own_presence) atomicOr(shaded.target.presence + word, 1u << x);
+    BlendShaded(shaded, out, in.triangle, rank);
+  }
+  if (kept && args.coverage != nullptr) atomicOr(args.coverage + word, 1u << x);
+}
+
+__global__ void __launch_bounds__(kShadeThreads) ShadeCoverage(const __grid_constant__ CoverageShadingArgs args) {
+  extern __shared__ double of_triangles[];
+  auto* const triangles = reinterpret_cast<TriangleInput*>(of_triangles);
+  __shared__ CoverageEntry entries[kShadeThreads];
+  __shared__ uint32_t before[kShadeThreads], sums[kShadeThreads / 32];
+  const uint64_t count = args.count;
+  for (uint64_t begin = uint64_t(blockIdx.x) * kShadeThreads; begin < count;
+       begin += uint64_t(gridDim.x) * kShadeThreads) {
+    const uint64_t mine = begin + threadIdx.x;
+    const CoverageEntry entry = mine < count ? LoadEntry(args, mine) : CoverageEntry{};
+    entries[threadIdx.x] = entry;
+    uint32_t of_warp;
+    const uint32_t in_warp = WarpExclusiveSum(uint32_t(__popcll(entry.mask)), of_warp);
+    if (threadIdx.x % 32 == 0) sums[threadIdx.x / 32] = of_warp;
+    if (entry.mask != 0) MakeTriangleInput(*args.mesh, args.traits, entry.triangle, triangles[threadIdx.x]);
+    __syncthreads();
+    uint32_t total = 0, earlier = 0;
+#pragma unroll
+    for (uint32_t w = 0; w < kShadeThreads / 32; ++w) {
+      if (w == threadIdx.x / 32) earlier = total;
+      total += sums[w];
+    }
+    before[threadIdx.x] = earlier + in_warp;
+    __syncthreads();
+    for (uint32_t f = threadIdx.x; f < total; f += kShadeThreads) {
+      uint32_t i = 0;  // the last entry whose first fragment is not behind f
+#pragma unroll
+      for (uint32_t step = kShadeThreads / 2; step > 0; step /= 2) {
+        if (before[i + step] <= f) i += step;
+      }
+      ShadeAndBlend(args, triangles[i], BitOfFragment(args, entries[i], f - before[i]));
+    }
+    __syncthreads();  // the shared arrays are free again
+  }
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,491 @@
+// Allocation, clearing, packing and counting of the render targets, and their way to the host.
+#include <algorithm>
+#include <vector>
+
+#include "cuda/batch/batch.h"
+#include "cuda/batch/batch_kernel.cuh"
+#include "cuda/device/launch.cuh"
+#include "cuda/device/pinned.h"
+#include "cuda/run/run_state.h"
+#include "cuda/scatter/brick_scatter.h"
+#include "cuda/targets/slab_copies.h"
+#include "pipeline/plan/plan.h"
+#include "pipeline/stages/target_rules.h"
+#include "shaders/blend_ops.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+constexpr int kThreads = 256;
+
+// `words` words of a repeated 32-bit pattern.
+__global__ void __launch_bounds__(kThreads) FillWords(uint32_t* to, uint64_t words, uint32_t pattern) {
+  for (uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x; i < words; i += uint64_t(gridDim.x) * kThreads) {
+    to[i] = pattern;
+  }
+}
+
+struct PackArgs {
+  const uint32_t *present, *value, *inside;  // bit grids; inside may be null
+  uint32_t clear, fill;                      // all bits set or none
+  int64_t nx, words_per_row;
+  uint64_t voxels;
+  uint32_t* out;
+};
+
+// The bits of voxel x .. x+31 of a row's word.
+__device__ inline uint32_t ValueWord(const PackArgs& a, uint64_t word) {
+  const uint32_t here = a.present[word], inside = a.inside == nullptr ? 0 : a.inside[word];
+  const uint32_t elsewhere = (inside & a.fill) | (~inside & a.clear);
+  return (here & a.value[word]) | (~here & elsewhere);
+}
+
+// Word w of the packed bits, gathered from the rows it spans.
+__device__ inline uint32_t PackedWord(const PackArgs& a, uint64_t w) {
+  uint32_t packed = 0;
+  uint64_t row = w * 32 / uint64_t(a.nx);
+  int64_t x = int64_t(w * 32 - row * uint64_t(a.nx));
+  int filled = 0;
+  while (filled < 32 && row * uint64_t(a.nx) < a.voxels) {
+    const uint64_t word = row * uint64_t(a.words_per_row) + uint64_t(x / 32);
+    const int offset = int(x % 32);
+    const int64_t rest = a.nx - x;
+    const int take = int(min(min(int64_t(32 - offset), rest), int64_t(32 - filled)));
+    const uint32_t bits = ValueWord(a, word) >> offset & (take == 32 ? ~0u : (1u << take) - 1);
+    packed |= bits << filled;
+    filled += take;
+    x += take;
+    if (x == a.nx) {
+      x = 0;
+      ++row;
+    }
+  }
+  return packed;
+}
+
+__global__ void __launch_bounds__(kThreads) PackKernel(const PackArgs a) {
+  const uint64_t words = (a.voxels + 31) / 32;
+  for (uint64_t w = uint64_t(blockIdx.x) * kThreads + threadIdx.x; w < words; w += uint64_t(gridDim.x) * kThreads) {
+    a.out[w] = PackedWord(a, w);
+  }
+}
+
+// All targets of a batch, a word a thread.
+__global__ void __launch_bounds__(kThreads) PackBatchKernel(const __grid_constant__ BatchView batch) {
+  for (uint64_t w = uint64_t(blockIdx.x) * kThreads + threadIdx.x; w < batch.packed_words;
+       w += uint64_t(gridDim.x) * kThreads) {
+    const BatchTargetView& target =
+        batch.targets[LastAt(batch.targets, batch.target_count, &BatchTargetView::first_packed, w)];
+    const BatchItemView& item = batch.items[target.item];
+    PackArgs a;
+    const uint32_t* const coverage = batch.bits + item.first_word;
+    a.present = target.present == nullptr ? coverage : target.present;
+    a.value = target.value == nullptr ? coverage : target.value;
+    a.inside = item.filled() ? batch.inside + item.first_word : nullptr;
+    a.clear = target.clear;
+    a.fill = target.fill;
+    a.nx = item.grid.dims[0];
+    a.words_per_row = item.grid.words_per_row;
+    a.voxels = target.voxels;
+    batch.packed[w] = PackedWord(a, w - target.first_packed);
+  }
+}
+
+// Blocks in x take a target's values each, blocks in y share its words.
+__global__ void __launch_bounds__(kThreads) ClearBatchKernel(const __grid_constant__ BatchView batch) {
+  const uint64_t begin = uint64_t(blockIdx.y) * kThreads + threadIdx.x, step = uint64_t(gridDim.y) * kThreads;
+  for (uint32_t i = blockIdx.x; i < batch.value_count; i += gridDim.x) {
+    const BatchValueView& values = batch.values[i];
+    uint32_t pattern = values.clear_stored;
+    if (values.element_bytes == 1) pattern *= 0x01010101u;
+    if (values.element_bytes == 2) pattern *= 0x00010001u;
+    auto* const words = reinterpret_cast<uint32_t*>(values.at);
+    for (uint64_t w = begin; w < values.words; w += step) words[w] = pattern;
+  }
+}
+
+// Adds the set bits of a, or of a and b together, of words begin, begin + step, ... to a counter. All threads of a warp
+// call it.
+__device__ inline void AddBits(const uint32_t* a, const uint32_t* b, uint64_t words, uint64_t begin, uint64_t step,
+                               uint64_t* counter) {
+  uint64_t sum = 0;
+  for (uint64_t i = begin; i < words; i += step) sum += unsigned(__popc(b == nullptr ? a[i] : a[i] | b[i]));
+  for (int by = 16; by > 0; by /= 2) sum += __shfl_down_sync(~0u, sum, by);
+  if (threadIdx.x % 32 == 0 && sum > 0) atomicAdd(reinterpret_cast<unsigned long long*>(counter), sum);
+}
+
+__global__ void __launch_bounds__(kThreads)
+    CountKernel(const uint32_t* a, const uint32_t* b, uint64_t words, uint64_t* counter) {
+  AddBits(a, b, words, uint64_t(blockIdx.x) * kThreads + threadIdx.x, uint64_t(gridDim.x) * kThreads, counter);
+}
+
+// Blocks in x take an item each, blocks in y share its words.
+__global__ void __launch_bounds__(kThreads) CountBatchKernel(const __grid_constant__ BatchView batch) {
+  const uint64_t begin = uint64_t(blockIdx.y) * kThreads + threadIdx.x, step = uint64_t(gridDim.y) * kThreads;
+  for (uint32_t i = blockIdx.x; i < batch.item_count; i += gridDim.x) {
+    const BatchItemView& item = batch.items[i];
+    AddBits(batch.bits + item.first_word, item.filled() ? batch.inside + item.first_word : nullptr, item.words, begin,
+            step, &batch.counts[i].occupied);
+    if (item.parity) {
+      const uint64_t columns = uint64_t(item.column_words) * uint64_t(item.grid.dims[2]);
+      AddBits(batch.columns + item.first_column, nullptr, columns, begin, step, &batch.counts[i].odd_columns);
+    }
+  }
+}
+
+absl::Status ClearedBits(RunState& state, DeviceArray<uint32_t>& grid) {
+  VOXELPIPE_OK_OR_RETURN(grid.Resize(state.slab_words(), state.stream));
+  return grid.Fill(0, state.stream);
+}
+
+absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_t pattern) {
+  if (pattern == 0) return array.Fill(0, state.stream);
+  const uint64_t words = (array.size() + 3) / 4;  // the pool's blocks end on multiples of 256 bytes
+  FillWords<<<BlocksFor(words, kThreads), kThreads, 0, state.stream>>>(reinterpret_cast<uint32_t*>(array.data()), words,
+                                                                       pattern);
+  VOXELPIPE_LAUNCHED_OR_RETURN("FillWords");
+  return absl::OkStatus();
+}
+
+absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory) {
+  const bool sparse = state.request.request.result == ResultKind::kSparse;
+  if (target.own_presence) {
+    VOXELPIPE_OK_OR_RETURN(ClearedBits(state, memory.presence));
+    target.presence = memory.presence.data();
+  }
+  if (target.format == VoxelFormat::kBit) {
+    if (target.is_occupancy) return absl::OkStatus();
+    VOXELPIPE_OK_OR_RETURN(ClearedBits(state, memory.bits));
+    target.bits = memory.bits.data();
+    return absl::OkStatus();
+  }
+  if (sparse) return absl::OkStatus();
+  const int bits = BitsPerComponent(target.format);
+  const uint64_t bytes = state.slab_voxels() * uint64_t(target.components) * uint64_t(bits / 8);
+  VOXELPIPE_OK_OR_RETURN(memory.dense.Resize(bytes, state.stream));
+  target.dense = memory.dense.data();
+  return ClearElements(state, memory.dense, PatternOf(target));
+}
+
+// Small results wait for the driver's staging no longer than for a pinned block.
+constexpr uint64_t kMinPinned = 64 << 10;
+
+// The buffer takes part in the stream's work until that is done, also where this fails.
+absl::Status CopyToHost(const void* from, uint64_t bytes, cudaStream_t stream, HostBuffer& to) {
+  void* const block = bytes < kMinPinned ? nullptr : TakePinned(bytes);
+  if (block != nullptr) {
+    to = HostBuffer::Adopt(block, bytes, &ReturnPinned);
+  } else {
+    absl::StatusOr<HostBuffer> allocated = HostBuffer::Allocate(bytes);
+    if (!allocated.ok()) return allocated.status();
+    to = *std::move(allocated);
+  }
+  if (bytes > 0) VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(to.data(), from, bytes, cudaMemcpyDeviceToHost, stream));
+  return absl::OkStatus();
+}
+
+// A bit target's packed bits.
+absl::Status PackBitTarget(RunState& state, const CudaTarget& target, const TargetSpec& spec,
+                           std::vector<DeviceArray<uint32_t>>& packed, std::vector<DenseSource>& sources) {
+  const uint64_t bytes = (state.slab_voxels() + 7) / 8;
+  const uint32_t* const coverage = state.coverage.data();
+  if (target.is_occupancy && state.inside.empty() && spec.clear == 0 && state.view.dims[0] % 32 == 0) {
+    sources.push_back({coverage, bytes});
+    return absl::OkStatus();
+  }
+  DeviceArray<uint32_t>& out = packed.emplace_back();
+  VOXELPIPE_OK_OR_RETURN(out.Resize((state.slab_voxels() + 31) / 32, state.stream));
+  PackArgs args;
+  args.present = target.own_presence ? target.presence : coverage;
+  args.value = target.is_occupancy ? args.present : target.bits;
+  args.inside = state.inside.empty() ? nullptr : state.inside.data();
+  args.clear = spec.clear != 0 ? ~0u : 0;
+  args.fill = FillBit(spec) ? ~0u : 0;
+  args.nx = state.view.dims[0];
+  args.words_per_row = state.view.words_per_row;
+  args.voxels = state.slab_voxels();
+  args.out = out.data();
+  PackKernel<<<BlocksFor(out.size(), kThreads), kThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("PackKernel");
+  sources.push_back({out.data(), bytes});
+  return absl::OkStatus();
+}
+
+template <typename T>
+absl::Status Take(const DeviceArray<T>& from, uint64_t count, HostBuffer& to, cudaStream_t stream) {
+  return CopyToHost(from.data(), count * sizeof(T), stream, to);
+}
+
+// The arrays of a sparse or bucketed result.
+absl::Status CopyResult(RunState& state, ResultArrays& out) {
+  DeviceResult& r = state.result;
+  const bool buckets = state.request.request.result == ResultKind::kBuckets;
+  if (buckets) {
+    VOXELPIPE_OK_OR_RETURN(Take(r.voxels, r.listed_voxels, out.voxels, state.stream));
+    VOXELPIPE_OK_OR_RETURN(Take(r.offsets, r.listed_voxels + 1, out.offsets, state.stream));
+    VOXELPIPE_OK_OR_RETURN(
+        Take(state.fragments.triangles[state.fragments.current], r.listed_fragments, out.triangles, state.stream));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(Take(r.bricks, r.listed_bricks, out.bricks, state.stream));
+    VOXELPIPE_OK_OR_RETURN(Take(r.masks, r.listed_bricks * 64, out.masks, state.stream));
+  }
+  const uint64_t listed = buckets ? r.listed_fragments : r.listed_voxels;
+  for (size_t t = 0; t < r.targets.size(); ++t) {
+    out.targets.emplace_back();
+    VOXELPIPE_OK_OR_RETURN(
+        Take(r.targets[t], TargetBytes(state.request.request.targets[t], listed), out.targets.back(), state.stream));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+uint32_t PatternOf(const CudaTarget& target) {
+  const int bits = BitsPerComponent(target.format);
+  return target.clear_stored * (bits == 8 ? 0x01010101u : bits == 16 ? 0x00010001u : 1);
+}
+
+CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader) {
+  CudaTarget t;
+  t.format = KeptFormat(spec);
+  t.blend = spec.blend;
+  t.components = spec.components;
+  t.shader = FragmentShaderId(shader.id);
+  t.params = shader.params;
+  t.u32_output = shader.info->output_type == "u32";
+  t.quantum = spec.quantum;
+  t.scale = ScaleOf(spec, shader);
+  t.clear_stored = StoredBits(NumberToCell(spec.clear, spec.format), spec.format);
+  t.is_occupancy = spec.format == VoxelFormat::kBit && t.shader == FragmentShaderId::kOccupancy;
+  t.own_presence = TraitsOf(t.shader).can_discard;
+  return t;
+}
+
+void DescribeTargets(RunState& state) {
+  const VoxelizeRequest& request = state.request.request;
+  const MeshView& mesh = state.host.view;
+  state.targets = {};
+  state.targets.count = int(request.targets.size());
+  state.targets.planar = request.layout == Layout::kPlanar;
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    CudaTarget& target = state.targets.at[i];
+    target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
+    // A shader that discards nothing of this mesh is as one that never does.
+    target.own_presence = std::any_of(mesh.parts, mesh.parts + mesh.part_count, [&](const PartView& part) {
+      return MayDiscard(target.shader, mesh.materials[part.material]);
+    });
+    state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
+  }
+}
+
+bool ShadesFragments(const BoundRequest& request) {
+  for (size_t i = 0; i < request.request.targets.size(); ++i) {
+    if (!DescribeTarget(request.request.targets[i], request.fragment_shaders[i]).is_occupancy) return true;
+  }
+  return false;
+}
+
+absl::Status EnsureCounters(RunState& state) {
+  if (!state.counters.empty()) return absl::OkStatus();
+  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kAllCounters, state.stream));
+  return state.counters.Fill(0, state.stream);
+}
+
+absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which) {
+  if (state.counters.empty()) return EnsureCounters(state);
+  // Neighbours in one call.
+  for (auto at = which.begin(); at != which.end();) {
+    auto end = at + 1;
+    while (end != which.end() && *end == *(end - 1) + 1) ++end;
+    VOXELPIPE_CUDA_OR_RETURN(
+        cudaMemsetAsync(state.counters.data() + *at, 0, size_t(end - at) * sizeof(uint64_t), state.stream));
+    at = end;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ClearQueues(RunState& state, int end) {
+  if (state.counters.empty()) return EnsureCounters(state);
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaMemsetAsync(state.counters.data() + kQueued0, 0, size_t(end - kQueued0) * sizeof(uint64_t), state.stream));
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state) {
+  std::array<uint64_t, kCounters> counters{};
+  if (state.counters.empty()) return counters;
+  std::array<uint64_t, kCounters + kFragmentSlots> all{};
+  VOXELPIPE_CUDA_OR_RETURN(
+      cudaMemcpyAsync(all.data(), state.counters.data(), sizeof all, cudaMemcpyDeviceToHost, state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
+  std::copy_n(all.begin(), counters.size(), counters.begin());
+  if (state.plan.blends()) {
+    for (size_t i = counters.size(); i < all.size(); ++i) counters[kFragments] += all[i];
+  }
+  return counters;
+}
+
+void LayOutTileValues(RunState& state) {
+  uint64_t at = 0;
+  for (int t = 0; t < state.targets.count; ++t) {
+    const CudaTarget& target = state.targets.at[t];
+    state.value_offset[size_t(t)] = at;
+    if (target.format == VoxelFormat::kBit) continue;
+    at += uint64_t(kTileVoxels) * uint64_t(target.components) * uint64_t(BitsPerComponent(target.format) / 8);
+  }
+  state.value_stride = at;
+}
+
+absl::Status BeginSlab(RunState& state, const Slab& slab) {
+  const VoxelizeRequest& request = state.request.request;
+  const bool buckets = request.result == ResultKind::kBuckets;
+  state.slab = slab;
+  state.slab_dims = {state.view.dims[0], state.view.dims[1], slab.depth()};
+  state.view.slab_begin = slab.begin;
+  state.view.slab_end = slab.end;
+  state.counts = SlabCounts();
+  state.inside.Free();
+  if (!buckets && (state.plan.path != Path::kOccupancy || request.fill != Fill::kNone)) {
+    VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kFragments, kOddColumns, kVoxels}));
+  }
+  if (buckets) return absl::OkStatus();
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    VOXELPIPE_OK_OR_RETURN(Allocate(state, state.targets.at[i], state.target_memory[i]));
+  }
+  if (state.plan.path == Path::kBricks) {
+    state.coverage.Free();
+  } else if (state.plan.path == Path::kOccupancy) {  // what draws there writes all of it
+    VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
+  }
+  if (request.result == ResultKind::kSparse) {
+    LayOutTileValues(state);
+    VOXELPIPE_OK_OR_RETURN(state.tile_values.Resize(state.occupied_count * state.value_stride, state.stream));
+  }
+  return absl::OkStatus();
+}
+
+void AbandonSlab(RunState& state) {
+  state.pairs = {};
+  state.tile_slot.Free();
+  state.tile_parts.Free();
+  state.parts_done.Free();
+  state.target_memory = {};
+  state.coverage.Free();
+  state.inside.Free();
+  state.tile_values.Free();
+  state.part_results.Free();
+  state.result = {};
+  for (auto* array : {&state.brick_counts, &state.voxel_counts}) array->Free();
+  for (auto* array : {&state.first_brick, &state.first_voxel}) array->Free();
+  state.fragment_counts.Free();
+  state.fragment_first.Free();
+  state.bucket_chunks.Free();
+  state.bundles_before.Free();
+  state.fragments.Free();
+  for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
+  state.word_ranks.Free();
+  state.touched_bits.Free();
+  state.listed_bits.Free();
+  state.owners.Free();
+  state.pool.Free();
+  state.bit_pool.Free();
+  state.span_targets = {};  // with the values of all triangles, which are made anew
+  state.scratch.Free();
+  if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so
+  // Walks do without.
+  state.scattered_mesh.Drop();
+  TrimMemory(state.device.ordinal);
+}
+
+absl::Status ClearBatch(const BatchState& state) {
+  const BatchView& batch = state.view;
+  if (batch.value_count == 0) return absl::OkStatus();
+  ClearBatchKernel<<<dim3(std::min(batch.value_count, 1u << 16), 8), kThreads, 0, state.stream>>>(batch);
+  VOXELPIPE_LAUNCHED_OR_RETURN("ClearBatchKernel");
+  return absl::OkStatus();
+}
+
+absl::Status PackBatch(const BatchState& state) {
+  const BatchView& batch = state.view;
+  CountBatchKernel<<<dim3(std::min(batch.item_count, 1u << 16), 4), kThreads, 0, state.stream>>>(batch);
+  VOXELPIPE_LAUNCHED_OR_RETURN("CountBatchKernel");
+  if (batch.packed_words == 0) return absl::OkStatus();
+  PackBatchKernel<<<BlocksFor(batch.packed_words, kThreads), kThreads, 0, state.stream>>>(batch);
+  VOXELPIPE_LAUNCHED_OR_RETURN("PackBatchKernel");
+  return absl::OkStatus();
+}
+
+absl::Status CountBits(RunState& state, const uint32_t* a, const uint32_t* b, uint64_t words, Counter counter) {
+  CountKernel<<<BlocksFor(words, kThreads, 1 << 12), kThreads, 0, state.stream>>>(a, b, words,
+                                                                                  state.counters.data() + counter);
+  VOXELPIPE_LAUNCHED_OR_RETURN("CountKernel");
+  return absl::OkStatus();
+}
+
+absl::Status CountSlab(RunState& state) {
+  if (state.request.request.result != ResultKind::kBuckets && state.plan.path != Path::kBricks) {
+    VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kVoxels}));
+    return CountBits(state, state.coverage.data(), state.inside.empty() ? nullptr : state.inside.data(),
+                     state.slab_words(), kVoxels);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status PackDense(RunState& state, std::vector<DeviceArray<uint32_t>>& packed, std::vector<DenseSource>& sources) {
+  for (int i = 0; i < state.targets.count; ++i) {
+    const CudaTarget& target = state.targets.at[i];
+    if (target.format == VoxelFormat::kBit) {
+      VOXELPIPE_OK_OR_RETURN(PackBitTarget(state, target, state.request.request.targets[size_t(i)], packed, sources));
+      continue;
+    }
+    const DeviceArray<uint8_t>& dense = state.target_memory[size_t(i)].dense;
+    sources.push_back({dense.data(), dense.size()});
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CopyDense(const std::vector<DenseSource>& sources, cudaStream_t stream, ResultArrays& out) {
+  for (const DenseSource& source : sources) {
+    out.targets.emplace_back();
+    VOXELPIPE_OK_OR_RETURN(CopyToHost(source.from, source.bytes, stream, out.targets.back()));
+  }
+  return absl::OkStatus();
+}
+
+namespace {
+
+// What the lists of a sparse or bucketed result take on the host.
+uint64_t ListedBytes(const RunState& state) {
+  const VoxelizeRequest& request = state.request.request;
+  const DeviceResult& lists = state.result;
+  const bool buckets = request.result == ResultKind::kBuckets;
+  const uint64_t values = buckets ? lists.listed_fragments : lists.listed_voxels;
+  uint64_t bytes = buckets ? 8 * (2 * lists.listed_voxels + 1) + 4 * values : (8 + 64) * lists.listed_bricks;
+  for (const TargetSpec& target : request.targets) bytes += TargetBytes(target, values);
+  return bytes;
+}
+
+}  // namespace
+
+absl::StatusOr<ResultArrays> Finish(RunState& state) {
+  const ResultKind kind = state.request.request.result;
+  if (kind == ResultKind::kSparse) VOXELPIPE_OK_OR_RETURN(MakeBricks(state));
+  if (kind != ResultKind::kDense) VOXELPIPE_OK_OR_RETURN(state.memory.TakeOnHost(ListedBytes(state)));
+  ResultArrays out;
+  std::vector<DeviceArray<uint32_t>> packed;
+  const auto copy_dense = [&]() -> absl::Status {
+    std::vector<DenseSource> sources;
+    VOXELPIPE_OK_OR_RETURN(PackDense(state, packed, sources));
+    return CopyDense(sources, state.stream, out);
+  };
+  const absl::Status status = kind == ResultKind::kDense ? copy_dense() : CopyResult(state, out);
+  // Also after an error: buffers go back to their pools only when no copy is on its way to them.
+  const cudaError_t error = cudaStreamSynchronize(state.stream);
+  if (!status.ok()) return status;
+  VOXELPIPE_CUDA_OR_RETURN(error);
+  return out;
+}
+
+}  // namespace voxelpipe::cuda

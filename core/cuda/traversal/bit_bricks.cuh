@@ -1,0 +1,131 @@
+// Plain bits of grids larger than the L2 cache: words are set in bricks of 32x8x8 voxels that are given out while
+// triangles are drawn (brick_allocator.cuh), and which the cache holds. Then all words of the grid are written once, in
+// order. An atomic on a word outside of the cache brings its sector from memory, though it has just been cleared. No
+// host-only includes.
+#pragma once
+
+#include "cuda/primitives/brick_allocator.cuh"
+#include "cuda/traversal/raster_args.cuh"
+
+namespace voxelpipe::cuda {
+
+// Sets rows of a grid's slab in bricks. A brick's word y + 8*z has the 32 voxels of that row.
+class PoolRows {
+ public:
+  __device__ explicit PoolRows(const BitArgs& args) : args_(args) {}
+
+  // The voxels of a mask that are to be set in word x of a row, and in the next one.
+  __device__ void SetMask(int word, int y, int z, uint64_t mask) {
+    z -= int(args_.grid.slab_begin);
+    const BitPool& pool = args_.pool;
+    const uint32_t brick = uint32_t(word) + pool.dims_x * (uint32_t(y >> 3) + pool.dims_y * uint32_t(z >> 3));
+    const uint32_t row = uint32_t(y & 7) | uint32_t(z & 7) << 3;
+    if (uint32_t(mask) != 0) {
+      if (brick != brick_) {
+        brick_ = brick;
+        words_ = WordsOf(brick);
+      }
+      ReduceOr(words_ + row, uint32_t(mask));
+    }
+    if (uint32_t(mask >> 32) != 0) ReduceOr(WordsOf(brick + 1) + row, uint32_t(mask >> 32));
+  }
+  // At most kMaxCells voxels of a row.
+  __device__ void SetFew(int y, int z, int x_begin, int x_end) {
+    SetMask(x_begin >> 5, y, z, uint64_t{(1u << (x_end - x_begin)) - 1} << (x_begin & 31));
+  }
+  // Octants about a corner that are in the grid.
+  __device__ void SetOctants(const int (&first)[3], uint32_t octants) {
+    ForEachPair(first, octants, [&](int word, int y, int z, uint64_t mask) { SetMask(word, y, z, mask); });
+  }
+
+ private:
+  const BitArgs& args_;
+  uint32_t brick_ = ~0u;
+  uint32_t* words_ = nullptr;
+
+  __device__ uint32_t* WordsOf(uint32_t brick) const {
+    uint32_t place = __ldca(args_.pool.places + brick);
+    if (!IsPlace(place)) place = LoadAcquire(args_.pool.places + brick);  // given since this multiprocessor read it
+    if (!IsPlace(place)) place = TakePlace(args_.pool, brick);
+    return args_.pool.WordsOf(place - kFirstPlace);
+  }
+};
+
+inline constexpr uint32_t kPartWords = 64, kPartRows = 8;  // of a part of a layer: words along x, rows
+
+// A part of a layer, by number: parts that follow one another lie together.
+struct PoolPart {
+  uint32_t x, y, z;  // z counted in layers, the others in parts
+
+  __device__ PoolPart(const BitArgs& args, uint32_t number) {
+    const uint32_t along_x = (args.pool.dims_x + kPartWords - 1) / kPartWords, yz = number / along_x;
+    x = number - yz * along_x;
+    z = yz / args.pool.dims_y;
+    y = yz - z * args.pool.dims_y;
+  }
+};
+inline uint64_t PartsOf(const BitArgs& args) {
+  const uint64_t along_x = (args.pool.dims_x + kPartWords - 1) / kPartWords;
+  return along_x * args.pool.dims_y * uint64_t(args.grid.slab_end - args.grid.slab_begin);
+}
+
+// A part's words on their way from bricks to rows.
+struct PartRoom {
+  alignas(16) uint32_t words[kPartRows * kPartWords];
+};
+
+// Writes a part of the grid, what bricks have or zeros, by a warp. kQuads: rows are whole units of 16 bytes.
+template <bool kQuads>
+__device__ inline void StorePart(const BitArgs& args, const PoolPart& part, PartRoom& room) {
+  constexpr uint32_t kBricks = kPartWords / 32;  // of a lane
+  const BitPool& pool = args.pool;
+  const uint32_t lane = threadIdx.x % 32, ny = uint32_t(args.grid.dims[1]), first = part.x * kPartWords;
+  const uint32_t words = min(kPartWords, pool.dims_x - first), rows = min(kPartRows, ny - part.y * kPartRows);
+  const uint32_t* const from = pool.places + (uint64_t{part.z / 8} * pool.dims_y + part.y) * pool.dims_x + first;
+  uint32_t* const to = args.bits + (uint64_t{ny} * part.z + part.y * kPartRows) * pool.dims_x + first;
+  uint32_t places[kBricks];
+  bool mine = false;
+#pragma unroll
+  for (uint32_t i = 0; i < kBricks; ++i) {
+    // What this multiprocessor's own cache has of them may be from before they were given.
+    places[i] = lane + i * 32 < words ? __ldcg(from + lane + i * 32) : kNoPlace;
+    mine = mine || IsPlace(places[i]);
+  }
+  const bool any = __any_sync(~0u, mine) != 0;
+  if (any || !kQuads) {
+#pragma unroll
+    for (uint32_t i = 0; i < kBricks; ++i) {
+      uint4 near{}, far{};  // rows 0 to 3 of the brick's layer, and 4 to 7
+      if (IsPlace(places[i])) {
+        const auto* const layer =
+            reinterpret_cast<const uint4*>(pool.WordsOf(places[i] - kFirstPlace) + part.z % 8 * 8);
+        near = __ldcg(layer);
+        far = __ldcg(layer + 1);
+      }
+      const uint32_t column[kPartRows] = {near.x, near.y, near.z, near.w, far.x, far.y, far.z, far.w};
+      const uint32_t at = lane + i * 32;
+#pragma unroll
+      for (uint32_t row = 0; row < kPartRows; ++row) {
+        if constexpr (kQuads) {
+          room.words[row * kPartWords + at] = column[row];
+        } else {
+          if (row < rows && at < words) to[uint64_t{row} * pool.dims_x + at] = column[row];
+        }
+      }
+    }
+    __syncwarp();
+  }
+  if constexpr (kQuads) {
+    constexpr uint32_t kUnits = kPartWords / 4;
+    const uint32_t at = lane % kUnits * 4;
+#pragma unroll
+    for (uint32_t row = lane / kUnits; row < kPartRows; row += 32 / kUnits) {
+      if (row >= rows || at >= words) continue;
+      uint4 four{};
+      if (any) four = *reinterpret_cast<const uint4*>(room.words + row * kPartWords + at);
+      *reinterpret_cast<uint4*>(to + uint64_t{row} * pool.dims_x + at) = four;
+    }
+  }
+}
+
+}  // namespace voxelpipe::cuda

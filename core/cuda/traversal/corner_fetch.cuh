@@ -1,0 +1,117 @@
+// Corners of triangles from memory: what is known of them before they are needed, and their places in fixed point.
+//
+// A thread asks for the corners of its next triangle while it works at the one before, and takes them from shared
+// memory: a register that a load fills so early is waited for at once where registers are short and it has to be put
+// away. No host-only includes.
+#pragma once
+
+#include "cuda/traversal/raster_args.cuh"
+
+namespace voxelpipe::cuda {
+
+struct FixedCorners {
+  int at[3][3];
+};
+
+// What of a triangle comes from memory first: the numbers of its corners. Packed corners, which would take more room
+// than there is, are only asked to come nearer, by StageCorners.
+template <bool kPacked>
+struct Fetched {
+  Corners corners;
+};
+template <>
+struct Fetched<true> {
+  uint32_t triangle;
+};
+template <bool kPacked>
+__device__ inline Fetched<kPacked> FetchNow(const BitArgs& args, uint32_t t) {
+  if constexpr (kPacked) {
+    return {t};
+  } else {
+    return {LoadCorners(args.triangles, t)};
+  }
+}
+
+// The numbers of a warp's corners on their way, in shared memory: each lane's are its own.
+struct StagedCorners {
+  uint32_t v[3 * 32];
+};
+
+// *to = *from when AwaitCopies returns; `to` in shared memory. Of 4 or 8 bytes.
+template <typename T>
+__device__ inline void CopyLater(T* to, const T* from) {
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
+  asm volatile("cp.async.ca.shared.global [%0], [%1], %2;" ::"r"(uint32_t(__cvta_generic_to_shared(to))), "l"(from),
+               "n"(sizeof(T))
+               : "memory");
+#else
+  *to = *from;
+#endif
+}
+__device__ inline void AwaitCopies() {
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
+  asm volatile("cp.async.wait_all;" ::: "memory");
+#endif
+}
+
+// Has the L2 cache fetch the numbers of a triangle's corners, which nobody reads who reads packed ones.
+__device__ inline void PrefetchCorners([[maybe_unused]] const BitArgs& args, [[maybe_unused]] uint32_t t) {
+#if defined(__CUDA_ARCH__)
+  asm volatile("prefetch.global.L2 [%0];" ::"l"(args.triangles + 3 * uint64_t{t}));
+#endif
+}
+
+// Asks for the corners of triangle t.
+template <bool kPacked>
+__device__ inline void StageCorners(const BitArgs& args, uint32_t t, StagedCorners& staged) {
+  if constexpr (kPacked) {
+#if defined(__CUDA_ARCH__)
+    asm volatile("prefetch.global.L2 [%0];" ::"l"(args.packed + 3 * uint64_t{t}));
+#endif
+  } else {
+    const uint32_t* const from = args.triangles + 3 * uint64_t{t};
+    uint32_t* const to = staged.v + 3 * (threadIdx.x % 32);
+    for (int c = 0; c < 3; ++c) CopyLater(to + c, from + c);
+  }
+}
+
+// What StageCorners asked for last, of triangle t; of no meaning where it did not.
+template <bool kPacked>
+__device__ inline Fetched<kPacked> TakeStaged(uint32_t t, const StagedCorners& staged) {
+  if constexpr (kPacked) {
+    return {t};
+  } else {
+    AwaitCopies();
+    const uint32_t* const mine = staged.v + 3 * (threadIdx.x % 32);
+    return {{{mine[0], mine[1], mine[2]}}};
+  }
+}
+
+template <bool kPacked>
+__device__ inline FixedCorners LoadFixed(const BitArgs& args, const Fetched<kPacked>& fetched) {
+  FixedCorners v;
+  if constexpr (kPacked) {
+    const PackedPlace& place = args.packed_place;
+    const PackedVertex* const from = args.packed + 3 * uint64_t{fetched.triangle};
+    const PackedVertex p[3] = {from[0], from[1], from[2]};
+    for (int i = 0; i < 3; ++i) {
+      for (int a = 0; a < 3; ++a) {
+        v.at[i][a] = PackedToFixed(p[i].at[a], place.scale[a], place.offset[a], args.fixed.wall[a]);
+      }
+    }
+  } else {
+    for (int i = 0; i < 3; ++i) {
+      const Vec3d& p = args.positions[fetched.corners.v[i]];
+      for (int a = 0; a < 3; ++a) {
+        v.at[i][a] = ToFixed(p[a], args.fixed.scale[a], args.fixed.offset[a], args.fixed.wall[a]);
+      }
+    }
+  }
+  return v;
+}
+template <bool kPacked>
+__device__ inline FixedCorners LoadFixed(const BitArgs& args, uint32_t t) {
+  return LoadFixed(args, FetchNow<kPacked>(args, t));
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,460 @@
+// Plain bits of one grid: triangles from world space straight to words of the bit grid.
+//
+// Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what small_triangle_tests.h is certain of
+// is written at once, the rest waits in two queues, which are walked in large_triangles.cuh. Unordered meshes are taken in
+// Morton order (mesh_locality.h), and the largest of their triangles are drawn by pieces (block_raster.cuh) while the grid is
+// cleared. Few and large triangles in large grids: block_bins.cuh. Fine meshes in such: the first step sets bits in
+// bricks, which become the grid before the second one (bit_bricks.cuh). Triangles of some voxels each: row_kernel.cuh is
+// the first step. Few triangles: resident_mesh.cuh is. No host-only includes.
+#pragma once
+
+#include "cuda/primitives/acquire_release.cuh"
+#include "cuda/primitives/dependent_launch.cuh"
+#include "cuda/traversal/bit_bricks.cuh"
+#include "cuda/traversal/bit_writes.cuh"
+#include "cuda/traversal/corner_fetch.cuh"
+#include "cuda/traversal/raster_args.cuh"
+#include "cuda/traversal/warp_bit_tile.cuh"
+#include "raster/filtered/small_triangle_rows.h"
+
+namespace voxelpipe::cuda {
+
+inline constexpr int kCellThreads = 128;
+inline constexpr int kMaxCellRows = 64;                          // of a triangle that a thread walks alone
+inline constexpr int kManyOctants = 14;                          // of a warp's lanes: enough not to wait for others
+inline constexpr int kMaxCellRounds = 8;                         // triangles of a thread of WalkCells
+inline constexpr int kMaxLayerWidth = 96, kMaxLayerRows = 6144;  // along y, and in all, of one that WalkLayers takes
+
+// Where the walk sets bits: in the grid's words, one by one, or, of octants, those of a warp together (warp_bit_tile.cuh); or
+// in bricks (bit_bricks.cuh).
+enum class BitSink { kWords, kTogether, kBricks };
+
+// What becomes of a triangle. Runs: those of thin coverage whose box is one voxel or two side by side.
+enum class CellFate { kDone, kRuns, kOctants, kRows, kLayers, kLarge };
+
+// Whether it waits for more than octants.
+__device__ inline bool WaitsForRows(CellFate fate) {
+  return fate == CellFate::kRows || fate == CellFate::kLayers || fate == CellFate::kLarge;
+}
+
+// Where a triangle of so many rows waits.
+__device__ inline CellFate QueueOf(int64_t width, int64_t layers) {
+  return width > kMaxLayerWidth || width * layers > kMaxLayerRows ? CellFate::kLarge : CellFate::kLayers;
+}
+
+// The box's part in the slab; empty where some end is not behind its begin.
+__device__ inline void ClipBox(const BitArgs& args, const FixedBox& box, int (&begin)[3], int (&end)[3]) {
+  const int low[3] = {0, 0, int(args.grid.slab_begin)};
+  const int high[3] = {int(args.grid.dims[0]), int(args.grid.dims[1]), int(args.grid.slab_end)};
+  for (int a = 0; a < 3; ++a) {
+    begin[a] = max(box.first[a], low[a]);
+    end[a] = min(box.last[a] + 1, high[a]);
+  }
+}
+
+struct FixedTriangle {
+  FixedCorners v;
+  FixedBox box;
+};
+
+// Whether no voxel of a box is in the slab, of which `begin` to `end` is.
+__device__ inline bool IsOutside(const FixedBox& box, const int (&begin)[3], const int (&end)[3]) {
+  const int unsure = box.doubtful ? 1 : 0;
+  return end[0] - begin[0] + unsure <= 0 || end[1] - begin[1] + unsure <= 0 || end[2] - begin[2] + unsure <= 0;
+}
+
+// Whether a triangle goes by rows or where it waits. `greatest`: voxels from its box's first to the last along some
+// axis, at most.
+__device__ inline CellFate FateByRows(const FixedBox& box, int greatest, const int (&begin)[3], const int (&end)[3]) {
+  const int width = max(1, end[1] - begin[1]), layers = max(1, end[2] - begin[2]);
+  if (!box.doubtful && greatest < kMaxCells && width * layers <= kMaxCellRows) return CellFate::kRows;
+  return QueueOf(width, layers);
+}
+
+// Of a box of at most two voxels along each axis the octants about its inner corner.
+__device__ inline uint32_t OctantsOf(const FixedBox& box) {
+  const auto far = [&box](int a, uint32_t near) { return near + uint32_t(box.last[a] - box.first[a]) * (0xff - near); };
+  return far(0, 0x55) & far(1, 0x33) & far(2, 0x0f);
+}
+
+// What is found of a triangle, whose corners stand in `t`, by its box alone, which is put there. Where it is done,
+// `octants` about the inner corner of the box.
+template <bool kThin>
+__device__ inline CellFate FindFate(const BitArgs& args, FixedTriangle& t, uint32_t& octants) {
+  t.box = BoxOf(t.v.at, args.fixed);
+  const FixedBox& box = t.box;
+  int begin[3], end[3];
+  ClipBox(args, box, begin, end);
+  if (IsOutside(box, begin, end)) return CellFate::kDone;
+  const int size[3] = {box.last[0] - box.first[0], box.last[1] - box.first[1], box.last[2] - box.first[2]};
+  const int greatest = max(size[0], max(size[1], size[2]));
+  if (!box.doubtful && greatest <= 1) {
+    if (size[0] + size[1] + size[2] > 1) return CellFate::kOctants;
+    if constexpr (!kThin) {  // of the run class, which touches the whole box
+      octants = size[0] != 0 ? 0x03 : size[1] != 0 ? 0x05 : size[2] != 0 ? 0x11 : 0x01;
+      return CellFate::kDone;
+    }
+    return CellFate::kRuns;
+  }
+  return FateByRows(box, greatest, begin, end);
+}
+template <bool kThin, bool kPacked>
+__device__ inline CellFate FindFate(const BitArgs& args, const Fetched<kPacked>& fetched, FixedTriangle& t,
+                                    uint32_t& octants) {
+  t.v = LoadFixed<kPacked>(args, fetched);
+  return FindFate<kThin>(args, t, octants);
+}
+
+// Decides the runs of a warp, or where they are few leaves them to those who go by octants. All threads of a warp call
+// it.
+template <bool kThin>
+__device__ inline void DecideRuns(const BitArgs& args, const FixedTriangle& t, CellFate& fate, uint32_t& octants) {
+  if constexpr (kThin) {
+    const bool run = fate == CellFate::kRuns;
+    const int runs = __popc(__ballot_sync(~0u, run));
+    if (run && runs < kManyOctants) fate = CellFate::kOctants;
+    if (run && runs >= kManyOctants) {
+      const Octants o = TouchedThinRun(t.v.at, t.box, args.fixed);
+      if (!o.doubtful) octants = o.touched;
+      fate = o.doubtful ? CellFate::kLayers : CellFate::kDone;
+    }
+    __syncwarp();
+  }
+}
+
+// A triangle whose fate is kOctants; false if some voxel is in doubt.
+template <bool kThin>
+__device__ inline bool FindOctants(const BitArgs& args, const FixedTriangle& t, uint32_t& octants) {
+  const Octants o = TouchedOctants<kThin>(t.v.at, t.box, OctantsOf(t.box), args.fixed);
+  if (o.doubtful) return false;
+  octants = o.touched;
+  return true;
+}
+
+// A triangle of at most kMaxCells voxels along each axis, as VisitCells has it. False if some voxel is in doubt. Of
+// the layers those from number `part` on, `parts` apart.
+template <bool kThin, typename Rows>
+__device__ inline bool WalkRows(const BitArgs& args, const FixedTriangle& t, const int (&begin)[3], const int (&end)[3],
+                                CellSpan* table, int part, int parts, Rows&& to) {
+  const FixedBox& box = t.box;
+  const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
+  const bool run = !kThin && single >= 2;  // of the run class
+  return VisitCells<kThin>(t.v.at, box, begin, end, args.fixed, table, kCellThreads, run, to, part, parts);
+}
+
+// A triangle whose fate is kRows; likewise.
+template <bool kThin, bool kPacked, BitSink kSink>
+__device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>& fetched, CellSpan* table) {
+  FixedTriangle t;
+  t.v = LoadFixed<kPacked>(args, fetched);
+  t.box = BoxOf(t.v.at, args.fixed);
+  int begin[3], end[3];
+  ClipBox(args, t.box, begin, end);
+  if constexpr (kSink == BitSink::kBricks) {
+    PoolRows rows(args);
+    const auto set = [&](int y, int z, int x, int count) {
+      rows.SetFew(begin[1] + y, begin[2] + z, t.box.first[0] + x, t.box.first[0] + x + count);
+    };
+    return WalkRows<kThin>(args, t, begin, end, table, 0, 1, EachRow(set));
+  }
+  return WalkRows<kThin>(args, t, begin, end, table, 0, 1, NearWords(args, begin, t.box.first[0]));
+}
+
+// The same of a mesh that reaches too far for fixed point, and under center coverage: its queue alone.
+__device__ __noinline__ inline CellFate FindQueue(const BitArgs& args, uint64_t t) {
+  const PlacedCorners p = PlaceCorners(args, uint32_t(t));
+  int64_t width[3];
+  for (int a = 1; a < 3; ++a) {
+    const double least = Min(p.at[0][a], Min(p.at[1][a], p.at[2][a])),
+                 most = Max(p.at[0][a], Max(p.at[1][a], p.at[2][a]));
+    const double lo = a == 1 ? 0 : double(args.grid.slab_begin),
+                 hi = a == 1 ? double(args.grid.dims[1]) : double(args.grid.slab_end);
+    if (most < lo - 2 || least > hi + 2) return CellFate::kDone;
+    width[a] = int64_t(Clamp(most + 2, lo, hi)) - int64_t(Clamp(least - 2, lo, hi));
+  }
+  return QueueOf(max(width[1], int64_t{1}), max(width[2], int64_t{1}));
+}
+
+// Appends t to a list of the block's where `wanted`, `step` from one to the next. All threads of a warp call it.
+template <typename Entry>
+__device__ inline void AppendInBlock(bool wanted, uint32_t t, Entry* list, int step, uint32_t* count) {
+  const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, wanted);
+  if (all == 0) return;
+  uint32_t at = 0;
+  if (lane == 0) at = SharedAdd(count, uint32_t(__popc(all)));
+  at = __shfl_sync(~0u, at, 0) + uint32_t(__popc(all & ((1u << lane) - 1)));
+  if (wanted) list[int(at) * step] = Entry(t);
+}
+
+// Of a block's triangles, numbered from its first on, those that wait.
+template <uint32_t kTriangles>
+struct CellLists {
+  static constexpr uint32_t kRoom = kTriangles;
+  static_assert(kRoom <= 1 << 16);
+  uint16_t cells[kRoom];  // for octants, from the begin on, and for rows, from the end on
+  uint16_t later[kRoom];  // likewise for other kernels: those of the layer queue, those of the large queue
+  uint32_t octant_count, row_count, layer_count, large_count;
+  uint32_t turn;  // that the next warp takes
+  unsigned long long first_layer, first_large;
+
+  __device__ void Clear() { octant_count = row_count = layer_count = large_count = turn = 0; }
+  // By all threads of a warp, each its own.
+  __device__ void Append(CellFate fate, uint32_t number) {
+    AppendInBlock(fate == CellFate::kOctants, number, cells, 1, &octant_count);
+    if (__any_sync(~0u, WaitsForRows(fate)) == 0) return;
+    AppendInBlock(fate == CellFate::kRows, number, cells + (kRoom - 1), -1, &row_count);
+    AppendInBlock(fate == CellFate::kLayers, number, later, 1, &layer_count);
+    AppendInBlock(fate == CellFate::kLarge, number, later + (kRoom - 1), -1, &large_count);
+  }
+  __device__ uint32_t RowNumber(uint32_t i) const { return cells[kRoom - 1 - i]; }
+  __device__ uint32_t LargeNumber(uint32_t i) const { return later[kRoom - 1 - i]; }
+};
+
+// Of each warp of a block.
+struct FirstPass {
+  uint2 found[kCellThreads / 32][kMaxCellRounds * 32];  // octants that wait for the bits to be cleared
+  StagedCorners staged[kCellThreads / 32];
+};
+// What the block's triangles share in WalkCells.
+struct CellRoom : CellLists<kMaxCellRounds * kCellThreads> {
+  union {
+    CellSpan table[kMaxCells][kCellThreads];
+    FirstPass first_pass;
+  };
+};
+// The same, and each warp's rows.
+struct CellRoomTogether : CellRoom {
+  OctantBox boxes[kCellThreads / 32];
+};
+template <BitSink kSink>
+struct CellRoomType {
+  using Type = CellRoom;
+};
+template <>
+struct CellRoomType<BitSink::kTogether> {
+  using Type = CellRoomTogether;
+};
+template <BitSink kSink>
+using CellRoomFor = typename CellRoomType<kSink>::Type;
+
+// The number of the next turn, which no other warp takes. All threads of a warp call it.
+__device__ inline uint32_t NextTurn(uint32_t& turn) {
+  uint32_t mine = 0;
+  if (threadIdx.x % 32 == 0) mine = SharedAdd(&turn, 1u);
+  return __shfl_sync(~0u, mine, 0);
+}
+
+// Octants about a corner in 64 bits; fixed-point cells have 16 bits.
+__device__ inline uint2 PackOctants(const int (&first)[3], uint32_t octants) {
+  return {(uint32_t(first[0]) & 0xffff) | uint32_t(first[1]) << 16, (uint32_t(first[2]) & 0xffff) | octants << 16};
+}
+__device__ inline void SetPacked(const BitArgs& args, const uint2& packed) {
+  const uint32_t octants = packed.y >> 16;
+  if (octants == 0) return;
+  const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
+  SetOctants(args, first, octants);
+}
+// The same by way of a warp's rows, but at the grid's sides one by one. All threads of a warp call it.
+__device__ inline void SetPackedTogether(const BitArgs& args, const uint2& packed, OctantBox& box) {
+  const uint32_t octants = packed.y >> 16;
+  const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
+  const int low[3] = {0, 0, int(args.grid.slab_begin)};
+  const int high[3] = {int(args.grid.dims[0]), int(args.grid.dims[1]), int(args.grid.slab_end)};
+  bool inside = true;  // all of them, as most often
+  int end[3];
+#pragma unroll
+  for (int a = 0; a < 3; ++a) {
+    inside = inside & (uint32_t(first[a] - low[a]) < uint32_t(high[a] - low[a] - 1));
+    end[a] = first[a] + 2;
+  }
+  const bool has = octants != 0 && inside;
+  const RowPlace place = FitRows(box, has, first, end);
+  __syncwarp();
+  if (octants != 0 && !(inside && place.fits())) SetOctants(args, first, octants);
+  if (!place.fits()) return;
+  if (has) {
+    uint32_t* const rows = box.rows + place.RowOf(first);
+    const int bit = first[0] - place.x;
+#pragma unroll
+    for (int i = 0; i < 4; ++i) {
+      const uint32_t pair = octants >> 2 * i & 3;
+      if (pair != 0) atomicOr(rows + ((i & 1) + ((i & 2) != 0 ? place.pitch : 0)), pair << bit);
+    }
+  }
+  __syncwarp();
+  StoreRows(args, box);
+  __syncwarp();
+}
+
+// The same in the pool.
+__device__ inline void SetPackedInPool(const BitArgs& args, const uint2& packed) {
+  const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
+  const uint32_t octants = ClipOctants(args, first, packed.y >> 16);
+  if (octants != 0) PoolRows(args).SetOctants(first, octants);
+}
+
+// Waits until the grid and the queues are cleared. All threads of a block call it; a barrier where blocks of the same
+// kernel clear.
+__device__ inline void AwaitCleared(const BitArgs& args) {
+  if (args.clear_blocks == 0) return AwaitEarlier();
+  if (threadIdx.x == 0) {
+    while (LoadAcquire(args.cleared) < args.clear_blocks) {}
+  }
+  __syncthreads();
+}
+
+// Octants of a warp's lanes to where they belong. All threads of a warp call it.
+template <BitSink kSink>
+__device__ inline void SetFound(const BitArgs& args, const uint2& packed, CellRoomFor<kSink>& room) {
+  if constexpr (kSink == BitSink::kTogether) {
+    SetPackedTogether(args, packed, room.boxes[threadIdx.x / 32]);
+  } else if constexpr (kSink == BitSink::kBricks) {
+    SetPackedInPool(args, packed);
+  } else {
+    SetPacked(args, packed);
+  }
+}
+// As they are found; neighbours' that will not come together are brought together at once.
+template <BitSink kSink>
+__device__ inline uint2 PackFound(const int (&first)[3], uint32_t octants) {
+  return PackOctants(first, kSink == BitSink::kTogether ? octants : Together(first, octants));
+}
+
+// Puts the octants of a warp's lanes that have some behind those that the warp has `kept`; how many those are then. All
+// threads of a warp call it.
+template <BitSink kSink>
+__device__ inline uint32_t KeepFound(const int (&first)[3], uint32_t octants, uint2* found, uint32_t kept) {
+  const uint2 packed = PackFound<kSink>(first, octants);
+  const bool some = packed.y >> 16 != 0;
+  const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, some);
+  if (some) found[kept + uint32_t(__popc(all & ((1u << lane) - 1)))] = packed;
+  return kept + uint32_t(__popc(all));
+}
+
+// Whether triangles have fixed-point corners and boxes.
+__device__ inline bool GoesByFixed(const BitArgs& args) {
+  return args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
+}
+
+// What becomes of a lane's triangle, where it `has` one, by its box, and, where many of its warp go by octants, by
+// those. `number` gives the triangle's number. All threads of a warp call it.
+template <bool kThin, bool kPacked, typename Number>
+__device__ inline CellFate FindFirst(const BitArgs& args, bool has, const Fetched<kPacked>& fetched, Number&& number,
+                                     FixedTriangle& triangle, uint32_t& octants) {
+  CellFate fate = CellFate::kDone;
+  if (has) fate = GoesByFixed(args) ? FindFate<kThin>(args, fetched, triangle, octants) : FindQueue(args, number());
+  __syncwarp();
+  DecideRuns<kThin>(args, triangle, fate, octants);
+  if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
+    if (fate == CellFate::kOctants) {
+      fate = FindOctants<kThin>(args, triangle, octants) ? CellFate::kDone : CellFate::kLayers;
+    }
+    __syncwarp();
+  }
+  return fate;
+}
+
+// Puts what waits for other kernels into the queues. A block's go there at once: an atomic that returns costs some 3 ns
+// where all are on one address. number_at(number of the block's). All threads of a block call it.
+template <bool kPrefetch, uint32_t kRoom, typename Number>
+__device__ inline void QueueLater(const BitArgs& args, CellLists<kRoom>& lists, Number&& number_at) {
+  auto* const queued = reinterpret_cast<unsigned long long*>(args.queued);
+  if (threadIdx.x == 0 && lists.layer_count > 0) {
+    lists.first_layer = atomicAdd(queued + kLayerQueue, 0ull + lists.layer_count);
+  }
+  if (threadIdx.x == 32 && lists.large_count > 0) {
+    lists.first_large = atomicAdd(queued + kLargeQueue, 0ull + lists.large_count);
+  }
+  __syncthreads();
+  for (uint32_t i = threadIdx.x; i < lists.layer_count; i += kCellThreads) {
+    const uint32_t t = number_at(lists.later[i]);
+    args.layer_queue[lists.first_layer + i] = t;
+    if constexpr (kPrefetch) PrefetchCorners(args, t);
+  }
+  for (uint32_t i = threadIdx.x; i < lists.large_count; i += kCellThreads) {
+    args.large_queue[lists.first_large + i] = number_at(lists.LargeNumber(i));
+  }
+}
+
+// Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first
+// pass finds is kept until the grid is cleared, so that it runs beside the clearing of the grid. Waits for whoever
+// clears the grid.
+template <bool kThin, bool kPacked, BitSink kSink>
+__device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFor<kSink>& room) {
+  if (threadIdx.x == 0) room.Clear();
+  if constexpr (kSink == BitSink::kTogether) ClearRows(room.boxes[threadIdx.x / 32]);
+  __syncthreads();
+  const uint64_t each = uint64_t(args.rounds) * kCellThreads, begin = chunk * each;
+  const uint64_t count = args.triangle_count;
+  // The number of the triangle that stands at i among packed corners.
+  const auto number_at = [&](uint64_t i) {
+    if constexpr (kPacked) return args.packed[3 * i].triangle;
+    return uint32_t(i);
+  };
+  // Of the block's triangles; in 32 bits, as registers are few.
+  const uint32_t here = begin < count ? uint32_t(min(count - begin, each)) : 0;
+  const uint32_t warp = threadIdx.x / 32;
+  uint2* const found = room.first_pass.found[warp];
+  StagedCorners& staged = room.first_pass.staged[warp];
+  // Where each thread has one round there is nothing to ask for ahead.
+  constexpr bool kAhead = kSink != BitSink::kBricks;
+  uint32_t kept = 0;
+  if (kAhead && threadIdx.x < here) StageCorners<kPacked>(args, uint32_t(begin) + threadIdx.x, staged);
+  for (int round = 0; round < args.rounds; ++round) {
+    const uint32_t number = uint32_t(round * kCellThreads) + threadIdx.x, then = number + kCellThreads;
+    Fetched<kPacked> fetched{};
+    if constexpr (kAhead) {
+      fetched = TakeStaged<kPacked>(uint32_t(begin) + number, staged);
+      if (then < here) StageCorners<kPacked>(args, uint32_t(begin) + then, staged);
+    } else if (number < here) {
+      fetched = FetchNow<kPacked>(args, uint32_t(begin + number));
+    }
+    FixedTriangle triangle{};
+    uint32_t octants = 0;
+    CellFate fate = FindFirst<kThin>(
+        args, number < here, fetched, [&] { return uint32_t(begin + number); }, triangle, octants);
+    kept = KeepFound<kSink>(triangle.box.first, octants, found, kept);
+    if (fate == CellFate::kLarge && IsAmongLargest(args, number_at(begin + number))) fate = CellFate::kDone;
+    room.Append(fate, number);
+  }
+  AwaitCleared(args);  // until here nothing is written but what is the block's
+  __syncwarp();
+  for (uint32_t begins = 0; begins < kept; begins += 32) {  // full warps: lanes that have none would take as long
+    const uint32_t i = begins + threadIdx.x % 32;
+    SetFound<kSink>(args, i < kept ? found[i] : uint2{0, 0}, room);
+  }
+  __syncthreads();
+  // Warps take what is left as they come to it: rows first, which take longest.
+  const uint32_t octant_count = room.octant_count, row_count = room.row_count;
+  const uint32_t row_turns = (row_count + 31) / 32, turns = row_turns + (octant_count + 31) / 32;
+  for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
+    bool doubtful = false;
+    uint32_t number = 0;
+    if (turn < row_turns) {
+      const uint32_t i = turn * 32 + threadIdx.x % 32;
+      if (i < row_count) {
+        number = room.RowNumber(i);
+        const Fetched<kPacked> of_rows = FetchNow<kPacked>(args, uint32_t(begin + number));
+        doubtful = !WalkCellRows<kThin, kPacked, kSink>(args, of_rows, &room.table[0][threadIdx.x]);
+      }
+      __syncwarp();
+    } else {
+      const uint32_t i = (turn - row_turns) * 32 + threadIdx.x % 32;
+      uint32_t octants = 0;
+      FixedTriangle triangle{};
+      if (i < octant_count) {
+        number = room.cells[i];
+        triangle.v = LoadFixed(args, FetchNow<kPacked>(args, uint32_t(begin + number)));
+        triangle.box = BoxOf(triangle.v.at, args.fixed);
+        doubtful = !FindOctants<kThin>(args, triangle, octants);
+      }
+      __syncwarp();
+      SetFound<kSink>(args, PackFound<kSink>(triangle.box.first, octants), room);
+    }
+    AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
+  }
+  __syncthreads();
+  QueueLater<kPacked>(args, room, [&](uint32_t number) { return number_at(begin + number); });
+}
+
+}  // namespace voxelpipe::cuda

@@ -1,0 +1,253 @@
+// Vertex shading and the mesh's way to the device.
+//
+// The device shades: it gets the arrays as Flatten left them, or keeps them, and the shader's parameters. Poses are
+// evaluated on the host, which has libm; what they move is there too (pose_upload.cpp). The host shades where something
+// is wrong with the result, to say which vertex, and of small meshes that no shader changes it finds the box sooner.
+#include <optional>
+#include <span>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "cpu/measure/surface_sums.h"
+#include "cuda/device/mesh_cache.h"
+#include "cuda/device/mesh_uploads.h"
+#include "cuda/vertex/vertex_shade.h"
+#include "mesh/content_id.h"
+#include "mesh/views/mips.h"
+#include "pipeline/plan/footprint_parts.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+// Uploads an array where it is wanted; `view` becomes its address on the device. `kept`: it is the mesh's own, as it
+// was loaded, and `part` says which of its arrays: where the mesh has an id the device may have it already.
+template <typename T>
+absl::Status UploadIf(RunState& state, bool wanted, bool kept, const char* part, const T* from, uint64_t count,
+                      DeviceArray<T>& to, const T*& view) {
+  view = nullptr;
+  if (!wanted || from == nullptr) return absl::OkStatus();
+  const SharedArrays shared = SharedArraysOf(state.host.mesh.content_id);
+  if (kept && !shared.id.empty() && count > 0) {
+    auto array = CachedUpload(state.device.ordinal, absl::StrCat(shared.id, "/", part), from, count * sizeof(T),
+                              state.stream, state.staged);
+    if (!array.ok()) return array.status();
+    view = reinterpret_cast<const T*>((*array)->data());
+    state.cached.push_back(*std::move(array));
+    return absl::OkStatus();
+  }
+  VOXELPIPE_OK_OR_RETURN(to.Resize(count, state.stream));
+  VOXELPIPE_OK_OR_RETURN(StagedCopy(to.data(), from, count * sizeof(T), state.stream, state.staged));
+  CountMeshUpload(state.device.ordinal, count * sizeof(T));
+  view = to.data();
+  return absl::OkStatus();
+}
+
+absl::Status UploadTextures(RunState& state) {
+  const cpu::RunState& host = state.host;
+  DeviceMesh& mesh = state.mesh;
+  std::vector<TextureView> textures = host.textures;
+  mesh.images.resize(textures.size());
+  mesh.mips.resize(textures.size());
+  for (size_t i = 0; i < textures.size(); ++i) {
+    TextureView& t = textures[i];
+    if (t.rgba == nullptr) continue;
+    // A texture stands in the list twice, as linear values and as sRGB colours: of one image.
+    if (i > 0 && host.textures[i - 1].rgba == t.rgba) {
+      t.rgba = textures[i - 1].rgba;
+    } else {
+      VOXELPIPE_OK_OR_RETURN(mesh.images[i].Upload({t.rgba, uint64_t{t.width} * t.height * 4}, state.stream));
+      t.rgba = mesh.images[i].data();
+    }
+    if (t.mips == nullptr) continue;
+    VOXELPIPE_OK_OR_RETURN(mesh.mips[i].Upload({t.mips, LevelOffset(t.width, t.height, t.levels)}, state.stream));
+    t.mips = mesh.mips[i].data();
+  }
+  VOXELPIPE_OK_OR_RETURN(mesh.textures.Upload(textures, state.stream));
+  mesh.host_view.textures = mesh.textures.data();
+  return absl::OkStatus();
+}
+
+absl::Status UploadAttributes(RunState& state) {
+  DeviceMesh& mesh = state.mesh;
+  std::vector<AttributeView> attributes = state.host.attributes;
+  mesh.attribute_values.resize(attributes.size());
+  mesh.attribute_runs.resize(attributes.size());
+  for (size_t i = 0; i < attributes.size(); ++i) {
+    const uint64_t count = ValueCount(attributes[i], state.host.view.vertex_count);
+    const std::string part = absl::StrCat("attribute", i);
+    VOXELPIPE_OK_OR_RETURN(UploadIf(state, true, true, part.c_str(), attributes[i].values, count,
+                                    mesh.attribute_values[i], attributes[i].values));
+    if (attributes[i].run_count == 0) continue;
+    const std::span<const AttributeRun> runs(attributes[i].runs, attributes[i].run_count);
+    VOXELPIPE_OK_OR_RETURN(mesh.attribute_runs[i].Upload(runs, state.stream));
+    attributes[i].runs = mesh.attribute_runs[i].data();
+  }
+  VOXELPIPE_OK_OR_RETURN(mesh.attributes.Upload(attributes, state.stream));
+  mesh.host_view.attributes = mesh.attributes.data();
+  return absl::OkStatus();
+}
+
+// Whether positions depend on normals or tangents.
+bool PositionsNeedNormals(VertexShaderId id) {
+  switch (id) {
+    case VertexShaderId::kDisplaceAlongNormal: return true;
+    case VertexShaderId::kIdentity:
+    case VertexShaderId::kTransform:
+    case VertexShaderId::kMorph:
+    case VertexShaderId::kSkin: return false;
+  }
+  return true;
+}
+
+// What of the mesh's own arrays the stages, or the vertex shader on the device, read.
+struct Wanted {
+  bool positions = true, normals = false, tangents = false;
+};
+
+absl::Status UploadMesh(RunState& state, const Wanted& wanted) {
+  const MeshView& host = state.host.view;
+  DeviceMesh& mesh = state.mesh;
+  const bool shading = AnyShading(state.request);
+  mesh.host_view = host;
+  const uint64_t n = host.vertex_count;
+  MeshView& there = mesh.host_view;
+  const auto upload = [&](bool wants, bool kept, const char* part, const auto* from, uint64_t count, auto& to,
+                          auto& view) { return UploadIf(state, wants, kept, part, from, count, to, view); };
+  // Of a mesh that was moved all else may be there.
+  const bool kept_positions = SharedArraysOf(state.host.mesh.content_id).positions;
+  mesh.as_loaded = true;
+  VOXELPIPE_OK_OR_RETURN(
+      upload(wanted.positions, kept_positions, "positions", host.positions, n, mesh.positions, there.positions));
+  const uint32_t* triangles = nullptr;
+  VOXELPIPE_OK_OR_RETURN(upload(true, true, "triangles", host.triangles == nullptr ? nullptr : &host.triangles[0][0],
+                                host.triangle_count * 3, mesh.triangles, triangles));
+  there.triangles = reinterpret_cast<const uint32_t(*)[3]>(triangles);
+  VOXELPIPE_OK_OR_RETURN(upload(wanted.normals, true, "normals", host.normals, n, mesh.normals, there.normals));
+  VOXELPIPE_OK_OR_RETURN(upload(wanted.tangents, true, "tangents", host.tangents, n, mesh.tangents, there.tangents));
+  VOXELPIPE_OK_OR_RETURN(upload(shading, true, "colors", host.colors, n, mesh.colors, there.colors));
+  VOXELPIPE_OK_OR_RETURN(upload(shading, true, "uv0", host.uv[0], n, mesh.uv[0], there.uv[0]));
+  VOXELPIPE_OK_OR_RETURN(upload(shading, true, "uv1", host.uv[1], n, mesh.uv[1], there.uv[1]));
+  VOXELPIPE_OK_OR_RETURN(upload(true, false, "parts", host.parts, host.part_count, mesh.parts, there.parts));
+  VOXELPIPE_OK_OR_RETURN(
+      upload(shading, false, "materials", host.materials, host.material_count, mesh.materials, there.materials));
+  if (shading) {
+    VOXELPIPE_OK_OR_RETURN(UploadTextures(state));
+    VOXELPIPE_OK_OR_RETURN(UploadAttributes(state));
+  }
+  mesh.host_view.index_positions = nullptr;  // CoarseRaster makes them, and uploads the view
+  mesh.view.Free();
+  return absl::OkStatus();
+}
+
+// Room for what the shader makes of an array: that of the upload, or one beside what the device keeps.
+template <typename T>
+absl::Status MakeRoom(const RunState& state, DeviceArray<T>& to, T*& shaded) {
+  VOXELPIPE_OK_OR_RETURN(to.Resize(state.host.view.vertex_count, state.stream));
+  shaded = to.data();
+  return absl::OkStatus();
+}
+
+// Uploads the mesh, if it is not there, and runs the vertex shader on it.
+absl::Status ShadeOnDevice(RunState& state, const cpu::PosedMesh& posed, const cpu::VertexWork& work) {
+  const MeshView& host = state.host.view;
+  const auto shader = VertexShaderId(state.request.vertex_shader.id);
+  const bool shading = AnyShading(state.request), poses = !posed.parts.empty();
+  Wanted wanted;
+  wanted.positions = !poses;
+  wanted.normals = wanted.tangents = !poses && (shading || (work.places && PositionsNeedNormals(shader)));
+  VOXELPIPE_OK_OR_RETURN(UploadMesh(state, wanted));
+  DeviceMesh& mesh = state.mesh;
+  MeshView& there = mesh.host_view;
+  const bool moves = work.moves && shading;
+  if (!work.places && !moves) return absl::OkStatus();
+  VertexArgs args;
+  args.params = state.request.vertex_shader.params;
+  args.count = host.vertex_count;
+  args.positions = there.positions;
+  args.normals = there.normals;
+  args.tangents = there.tangents;
+  DevicePose pose;
+  if (poses) VOXELPIPE_OK_OR_RETURN(UploadPose(state, posed, pose, args));
+  if (work.places) {
+    VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.positions, args.shaded_positions));
+    if (shading && host.normals != nullptr) {
+      VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.normals, args.shaded_normals));
+    }
+    if (shading && host.tangents != nullptr) {
+      VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.tangents, args.shaded_tangents));
+    }
+    there.positions = args.shaded_positions;
+    mesh.as_loaded = false;
+    there.normals = args.shaded_normals;
+    there.tangents = args.shaded_tangents;
+  }
+  if (moves) VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.velocities, args.velocities));
+  there.velocities = args.velocities;
+  VOXELPIPE_OK_OR_RETURN(RunVertexShader(state, shader, args));
+  if (!shading) {  // they were the shader's only
+    mesh.normals.Free();
+    mesh.tangents.Free();
+  }
+  return absl::OkStatus();
+}
+
+// Of the mesh: what the run has on the device, and what stays in pinned memory from where it went there. Once a run.
+uint64_t HeldBytes(RunState& state) {
+  for (const PinnedBuffer& buffer : state.staged) state.memory.KeepOnHost(buffer.size());
+  return state.memory.taken_bytes();
+}
+
+// Below so many triangles the host finds the box sooner than the device answers.
+constexpr uint64_t kMinMeasured = 1 << 16;
+
+}  // namespace
+
+bool AnyShading(const BoundRequest& request) {
+  for (const BoundShader& shader : request.fragment_shaders) {
+    if (FragmentShaderId(shader.id) != FragmentShaderId::kOccupancy) return true;
+  }
+  return false;
+}
+
+bool WantsSums(const VoxelizeRequest& request) {
+  return request.result != ResultKind::kDense || !footprint::PlainBits(request);
+}
+
+absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
+  cpu::RunState& host = state.host;
+  cpu::MakeViews(host);
+  absl::StatusOr<cpu::PosedMesh> posed = cpu::MakePose(host);
+  if (!posed.ok()) return posed.status();
+  const cpu::VertexWork work = cpu::WorkOf(host, *posed);
+  const bool empty = host.view.triangle_count == 0;
+  if (empty || (!work.places && host.view.triangle_count < kMinMeasured)) {
+    // Nothing is placed anew, so the box is that of the mesh as it is.
+    absl::StatusOr<MeshExtent> extent = cpu::MeasureMesh(host);
+    if (!extent.ok()) return extent.status();
+    state.box = extent->box;
+    VOXELPIPE_OK_OR_RETURN(ShadeOnDevice(state, *posed, work));
+    extent->held_bytes = HeldBytes(state);
+    if (WantsSums(state.request.request)) {
+      const Vec3d centre = (extent->box.min + extent->box.max) * 0.5;
+      extent->sums = cpu::SumSurface(host.view, WindowOf(state.request.request.grid), centre);
+    }
+    return extent;
+  }
+  VOXELPIPE_OK_OR_RETURN(ShadeOnDevice(state, *posed, work));
+  state.shaded_there = work.places;
+  const absl::StatusOr<std::optional<MeshExtent>> extent = MeasureOnDevice(state);
+  if (!extent.ok()) return extent.status();
+  if (*extent) {
+    MeshExtent measured = **extent;
+    measured.held_bytes = HeldBytes(state);
+    state.box = measured.box;
+    return measured;
+  }
+  VOXELPIPE_OK_OR_RETURN(cpu::ShadeVertices(host));
+  absl::StatusOr<MeshExtent> named = cpu::MeasureMesh(host);
+  return named.ok()
+             ? absl::InternalError("vertex shading: the device made a vertex that is not finite, the host did not")
+             : named;
+}
+
+}  // namespace voxelpipe::cuda
