@@ -17,6 +17,7 @@
 #include "cuda/a_buffer/emit_groups.cuh"
 #include "cuda/a_buffer/emit_records.cuh"
 #include "cuda/a_buffer/group_plan.h"
+#include "cuda/a_buffer/resolve.h"
 #include "cuda/coverage/coverage_pass.h"
 #include "cuda/device/async_readback.h"
 #include "cuda/device/device.h"
@@ -334,7 +335,7 @@ absl::Status EmitFragments(RunState& state) {
 absl::Status SortFragments(RunState& state) {
   if (state.fragments.count == 0) return absl::OkStatus();
   const KeySort sort{WideKeys(state), std::max(1, int(std::bit_width(state.slab_voxels() - 1)))};
-  VOXELPIPE_OK_OR_RETURN(SortByKey(state.fragments, sort, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(SortFragmentList(state.fragments, sort, state.scratch, state.stream));
   return state.targets.any_always_present ? absl::OkStatus() : DropDiscarded(state);
 }
 

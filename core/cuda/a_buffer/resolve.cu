@@ -1,7 +1,8 @@
+#include "cuda/a_buffer/resolve.h"
+
 #include "cuda/a_buffer/resolve_kernels.cuh"
 #include "cuda/a_buffer/unpack_groups.cuh"
 #include "cuda/device/check.h"
-#include "cuda/run/fragment_list.h"
 
 namespace voxelpipe::cuda {
 namespace {

@@ -1,5 +1,6 @@
 // The A-buffers of a batch: as a_buffer.cu has them, fragments of all items together. One sort puts them in the order
 // of items, and of the voxels of each.
+#include "cuda/a_buffer/resolve.h"
 #include "cuda/batch/batch_fragments.cuh"
 
 #include <algorithm>
@@ -72,7 +73,7 @@ absl::StatusOr<std::vector<uint64_t>> SortBatch(BatchState& state) {
   const uint64_t last_key = state.drops ? batch.voxel_count : batch.voxel_count - 1;
   const int bits = std::max(1, int(std::bit_width(last_key)));
   const KeySort sort{.bits = bits};
-  VOXELPIPE_OK_OR_RETURN(SortByKey(fragments, sort, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(SortFragmentList(fragments, sort, state.scratch, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.chunks.Resize(KeysOf(state).chunks() + 1, state.stream));
   const SortedKeys keys = KeysOf(state);
   VOXELPIPE_OK_OR_RETURN(CountBuckets(keys, state.stream));

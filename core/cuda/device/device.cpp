@@ -17,7 +17,6 @@
 #include "cuda/device/mesh_cache.h"
 #include "cuda/device/pinned.h"
 #include "cuda/device/run_memory.h"
-#include "cuda/primitives/span.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -153,7 +152,6 @@ std::string MemoryAtHand() {
                       memory->idle, " of them in the pool");
 }
 
-std::atomic<uint64_t> record_bits{kMaxSpanBits};                               // see LimitRecordBits
 std::atomic<uint64_t> limit_bytes{UINT64_MAX}, taken_bytes{0}, peak_bytes{0};  // see LimitMemory
 std::atomic<uint64_t> assumed_cache{0};
 
@@ -283,12 +281,6 @@ void TrimMemory(int ordinal) {
 
 void LimitMemory(uint64_t bytes) {
   limit_bytes = bytes;
-}
-void LimitRecordBits(uint64_t bits) {
-  record_bits = bits;
-}
-uint64_t RecordBits() {
-  return record_bits;
 }
 uint64_t MemoryLimit() {
   return limit_bytes;

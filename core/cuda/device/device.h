@@ -80,10 +80,6 @@ void TrimMemory(int ordinal);
 void LimitMemory(uint64_t bytes);
 uint64_t MemoryLimit();
 uint64_t MemoryTaken();  // by arrays
-// From now on records of triangles have numbers for so many bits of a slab's grid (span.h), and larger grids go
-// by tiles: for tests of these.
-void LimitRecordBits(uint64_t bits);
-uint64_t RecordBits();
 // The most that arrays ever took since the last reset: for comparing runs with their plans.
 uint64_t MemoryPeak();
 void ResetMemoryPeak();

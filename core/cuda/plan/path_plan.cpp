@@ -1,11 +1,14 @@
 #include "cuda/plan/path_plan.h"
 
 #include <algorithm>
+#include <atomic>
 
 #include "cuda/primitives/span.h"
 
 namespace voxelpipe::cuda {
 namespace {
+
+std::atomic<uint64_t> record_bits{kMaxSpanBits};  // see LimitRecordBits
 
 bool HasOwner(const PathTarget& target) {
   return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
@@ -74,6 +77,13 @@ bool FitsBricks(const PathTarget& target, ResultKind result) {
   const bool is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
   return result == ResultKind::kSparse && source == ValueSource::kTriangles && is_float && IsOrdered(target) &&
          target.components == 1;
+}
+
+void LimitRecordBits(uint64_t bits) {
+  record_bits = bits;
+}
+uint64_t RecordBits() {
+  return record_bits;
 }
 
 PathPlan PlanPath(const PathInputs& in) {

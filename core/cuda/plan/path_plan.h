@@ -70,6 +70,11 @@ struct PathPlan {
   bool blends() const { return path >= Path::kInPlace && path <= Path::kAccumulators; }
 };
 
+// Limits PathInputs::record_bits of runs that begin afterwards, so that grids with more bits take tiles: for tests of
+// tiles. Thread-safe.
+void LimitRecordBits(uint64_t bits);
+uint64_t RecordBits();
+
 PathPlan PlanPath(const PathInputs& in);
 // The same without a pool of bricks, which found no room.
 void GoWithoutBricks(const PathInputs& in, PathPlan& plan);

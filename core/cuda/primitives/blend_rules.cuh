@@ -54,6 +54,10 @@ VOXELPIPE_HD Kept KeptBy(const CudaTarget& t) {
   }
   return Kept::kNothing;
 }
+// True if what is kept of a voxel is blended from values alone, whichever triangle they are of.
+VOXELPIPE_HD bool IsUniformKept(Kept kept) {
+  return kept != Kept::kNothing && kept != Kept::kOwner && kept != Kept::kBitOfOwner;
+}
 
 // Gives the target its place in shared memory from word `at` on; returns the first word behind it.
 VOXELPIPE_HD int PlaceTileTarget(TileTarget& t, int at) {

@@ -41,9 +41,4 @@ __device__ __forceinline__ void ShadeUniformAs(const FineArgs& args, FragmentSha
   }
 }
 
-// True if what is kept of a voxel is blended from values alone, whichever triangle they are of.
-VOXELPIPE_HD bool IsUniformKept(Kept kept) {
-  return kept != Kept::kNothing && kept != Kept::kOwner && kept != Kept::kBitOfOwner;
-}
-
 }  // namespace voxelpipe::cuda

@@ -1,10 +1,10 @@
-#include <cub/device/device_radix_sort.cuh>
+#include "cuda/primitives/radix_sort.h"
 
 #include <algorithm>
 
-#include "cuda/device/device_caps.h"
+#include <cub/device/device_radix_sort.cuh>
+
 #include "cuda/device/launch.cuh"
-#include "cuda/run/fragment_list.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -14,12 +14,6 @@ struct Work {
   int bits;
   DeviceArray<uint8_t>& scratch;
   cudaStream_t stream;
-};
-
-template <typename Key>
-struct Buffers {
-  cub::DoubleBuffer<Key> keys;
-  cub::DoubleBuffer<uint32_t> values;
 };
 
 // Calls sort(scratch, bytes) to learn how much it needs, and then with that.
@@ -32,37 +26,24 @@ absl::Status WithScratch(const Work& work, const Sort& sort) {
   return absl::OkStatus();
 }
 
+// Out: the copy that is sorted.
 template <typename Key>
-absl::Status Sort(const Work& work, Buffers<Key>& buffers) {
+absl::StatusOr<int> Sort(const Work& work, const KeyValueArrays& arrays) {
+  cub::DoubleBuffer<Key> keys(static_cast<Key*>(arrays.keys[0]), static_cast<Key*>(arrays.keys[1]));
+  cub::DoubleBuffer<uint32_t> values(arrays.values[0], arrays.values[1]);
   CountLaunch();
-  return WithScratch(work, [&](void* scratch, size_t& bytes) {
-    return cub::DeviceRadixSort::SortPairs(scratch, bytes, buffers.keys, buffers.values, work.count, 0, work.bits,
-                                           work.stream);
-  });
-}
-
-template <typename Key>
-Buffers<Key> BuffersOf(Fragments& fragments) {
-  return {cub::DoubleBuffer<Key>(fragments.KeysAs<Key>(0), fragments.KeysAs<Key>(1)),
-          cub::DoubleBuffer<uint32_t>(fragments.triangles[0].data(), fragments.triangles[1].data())};
+  VOXELPIPE_OK_OR_RETURN(WithScratch(work, [&](void* scratch, size_t& bytes) {
+    return cub::DeviceRadixSort::SortPairs(scratch, bytes, keys, values, work.count, 0, work.bits, work.stream);
+  }));
+  return values.Current() == arrays.values[0] ? 0 : 1;
 }
 
 }  // namespace
 
-absl::Status SortByKey(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch, cudaStream_t stream) {
-  const Work work{fragments.elements(), sort.bits, scratch, stream};
-  uint32_t* sorted = nullptr;
-  if (sort.wide_keys) {
-    Buffers<uint64_t> buffers = BuffersOf<uint64_t>(fragments);
-    VOXELPIPE_OK_OR_RETURN(Sort(work, buffers));
-    sorted = buffers.values.Current();
-  } else {
-    Buffers<uint32_t> buffers = BuffersOf<uint32_t>(fragments);
-    VOXELPIPE_OK_OR_RETURN(Sort(work, buffers));
-    sorted = buffers.values.Current();
-  }
-  fragments.current = sorted == fragments.triangles[0].data() ? 0 : 1;
-  return absl::OkStatus();
+absl::StatusOr<int> SortByKey(const KeyValueArrays& arrays, const KeySort& sort, DeviceArray<uint8_t>& scratch,
+                              cudaStream_t stream) {
+  const Work work{arrays.count, sort.bits, scratch, stream};
+  return sort.wide_keys ? Sort<uint64_t>(work, arrays) : Sort<uint32_t>(work, arrays);
 }
 
 }  // namespace voxelpipe::cuda

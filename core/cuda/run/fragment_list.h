@@ -2,11 +2,10 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <optional>
 
 #include "cuda/device/buffer.h"
-#include "cuda/device/device.h"
+#include "cuda/primitives/radix_sort.h"
 #include "cuda/run/fragment_group.h"
 
 namespace voxelpipe::cuda {
@@ -48,23 +47,19 @@ struct Fragments {
   }
 };
 
-struct KeySort {
-  bool wide_keys = false;  // 64 bits, not 32
-  int bits = 0;            // the lowest that keys have
-};
-
-// Sorts the first copy by its keys; fragments of one key keep their order. What `scratch` had is lost. In
-// radix_sort.cu: CUB compiles slowly, so its instances stand in one place.
-absl::Status SortByKey(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch, cudaStream_t stream);
-
-// In resolve.cu. Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room.
-// There are fragments.
-absl::Status CountBuckets(const SortedKeys& keys, cudaStream_t stream);
-// Both in one, which reads the keys once. keys.first is 0 everywhere, and what it becomes is no other's.
-absl::Status CountAndListBuckets(const BucketArgs<uint64_t>& args, cudaStream_t stream);
-// Buckets of bundles, and their fragments, which are read once. keys.first as above.
-absl::Status UnpackIntoBuckets(const BundleArgs& args, cudaStream_t stream);
-// Voxels and where their fragments begin; behind the last one's stands the number of all fragments.
-absl::Status ListBuckets(const BucketArgs<uint32_t>& args, cudaStream_t stream);
+// Sorts the first copy by its keys; fragments of one key keep their order. What `scratch` had is lost.
+inline absl::Status SortFragmentList(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch,
+                                     cudaStream_t stream) {
+  KeyValueArrays arrays;
+  for (int i = 0; i < 2; ++i) {
+    arrays.keys[i] = fragments.keys[i].data();
+    arrays.values[i] = fragments.triangles[i].data();
+  }
+  arrays.count = fragments.elements();
+  const absl::StatusOr<int> sorted = SortByKey(arrays, sort, scratch, stream);
+  if (!sorted.ok()) return sorted.status();
+  fragments.current = *sorted;
+  return absl::OkStatus();
+}
 
 }  // namespace voxelpipe::cuda

@@ -30,6 +30,10 @@
 #include "pipeline/stages/stages.h"
 #include "raster/degenerate.h"
 
+namespace voxelpipe {
+struct PackedVertex;
+}
+
 namespace voxelpipe::cuda {
 
 // Arrays of the shaded mesh on the device, and the view of them that shaders get.
@@ -57,7 +61,6 @@ struct DeviceMesh {
   }
 };
 
-struct PackedVertex;
 struct LargestTriangles;
 // What walks over a scattered mesh read besides its arrays (mesh_locality.h); null: they do without.
 struct ScatteredMesh {
@@ -307,6 +310,10 @@ CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader);
 void DescribeTargets(RunState& state);
 // What the plan of a grid depends on; after DescribeTargets.
 PathInputs PathInputsOf(const RunState& state, const GridSpec& grid);
+
+// A mesh of so many triangles keeps the device busy with some a thread; and whether the run's is such.
+uint64_t FineTriangles(const DeviceInfo& device);
+bool IsFine(const RunState& state);
 
 // Parts of stages
 absl::Status BlendDirectly(RunState& state);  // synchronizes, but for a sparse result

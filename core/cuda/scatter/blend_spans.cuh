@@ -5,6 +5,7 @@
 // negative. Other blends go to accumulators of covered voxels, numbered by rank. What becomes of both: store_accumulators.cuh.
 #pragma once
 
+#include "cuda/coverage/accumulators.cuh"
 #include "cuda/coverage/atomic_blend.cuh"
 #include "cuda/coverage/span_segments.cuh"
 #include "cuda/primitives/fast_divide.h"
@@ -13,8 +14,6 @@
 #include "raster/degenerate.h"
 
 namespace voxelpipe::cuda {
-
-inline constexpr int kBlendThreads = 256;
 
 // ---- values of triangles ----
 
@@ -118,26 +117,6 @@ __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_const
 
 // ---- in accumulators ----
 
-// Where a covered voxel's accumulators are: its rank, the number of covered voxels before it.
-struct Ranks {
-  const uint32_t* bits = nullptr;   // bit grid: voxels that some triangle touches
-  const uint32_t* first = nullptr;  // rank of the first voxel of a word
-
-  // Of a voxel, x of a word.
-  __device__ uint32_t Of(uint32_t word, uint32_t x) const {
-    return first[word] + uint32_t(__popc(bits[word] & ((1u << x) - 1)));
-  }
-};
-
-// Accumulators by rank, `components` a voxel; those that the target's Kept needs.
-struct Accumulators {
-  Kept kept{};
-  int components = 1;
-  uint32_t* cells = nullptr;
-  unsigned long long* sums = nullptr;
-  uint32_t* counts = nullptr;  // one a voxel
-};
-
 struct AccumulateArgs {
   const uint64_t* spans = nullptr;
   uint64_t count = 0;
@@ -164,45 +143,6 @@ __device__ inline void TermsOf(const AccumulateArgs& args, uint32_t t, int64_t (
 __device__ inline int64_t AddTerms(int64_t a, int64_t b) {
   return int64_t(uint64_t(a) + uint64_t(b));
 }
-__device__ inline uint32_t CombineCells(Kept kept, uint32_t a, uint32_t b) {
-  return kept == Kept::kMax ? max(a, b) : kept == Kept::kMin ? min(a, b) : kept == Kept::kOr ? a | b : a & b;
-}
-
-// Adds what `count` triangles bring to the voxel with a rank.
-template <int kComponents>
-__device__ inline void AddAt(const Accumulators& to, uint64_t rank, const int64_t (&term)[kComponents],
-                             uint32_t count) {
-  if (to.kept == Kept::kAverage) atomicAdd(to.counts + rank, count);
-#pragma unroll
-  for (int c = 0; c < kComponents; ++c) {
-    atomicAdd(to.sums + rank * kComponents + uint64_t(c), static_cast<unsigned long long>(term[c]));
-  }
-}
-template <int kComponents>
-__device__ inline void AddAt(const Accumulators& to, uint64_t rank, const uint32_t (&value)[kComponents],
-                             uint32_t count) {
-  const Kept kept = to.kept;
-  if (kept == Kept::kCount) {
-    atomicAdd(to.counts + rank, count);
-    return;
-  }
-  uint32_t* const cells = to.cells + rank * kComponents;
-  uint32_t now[kComponents];
-  LookAtCells<kComponents>(cells, kept == Kept::kMin || kept == Kept::kAnd ? ~0u : 0, now);
-#pragma unroll
-  for (int c = 0; c < kComponents; ++c) {
-    if (kept == Kept::kMax) {
-      if (now[c] < value[c]) atomicMax(cells + c, value[c]);
-    } else if (kept == Kept::kMin) {
-      if (now[c] > value[c]) atomicMin(cells + c, value[c]);
-    } else if (kept == Kept::kOr) {
-      if ((now[c] & value[c]) != value[c]) atomicOr(cells + c, value[c]);
-    } else {
-      if ((now[c] & value[c]) != now[c]) atomicAnd(cells + c, value[c]);
-    }
-  }
-}
-
 template <int kComponents, int kShader>
 __global__ void __launch_bounds__(kBlendThreads) Accumulate(const __grid_constant__ AccumulateArgs args) {
   const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;

@@ -5,9 +5,9 @@
 #include "cuda/device/launch.cuh"
 #include "cuda/primitives/list_sizes.h"
 #include "cuda/primitives/scan.h"
-#include "cuda/scatter/accumulators.h"
 #include "cuda/scatter/brick_scatter.h"
 #include "cuda/scatter/brick_scatter_kernels.cuh"
+#include "cuda/scatter/store_values.h"
 #include "cuda/shading/shade_list.h"
 #include "pipeline/plan/plan.h"
 

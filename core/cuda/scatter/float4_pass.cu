@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "cuda/coverage/coverage_pass.h"
-#include "cuda/scatter/accumulators.h"
 #include "cuda/scatter/float4_pass.cuh"
+#include "cuda/scatter/store_values.h"
 #include "cuda/traversal/raster_args.h"
 
 namespace voxelpipe::cuda {

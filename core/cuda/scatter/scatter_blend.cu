@@ -7,16 +7,15 @@
 #include <algorithm>
 #include <utility>
 
-#include "cpu/rows/row_bits.h"
 #include "cuda/coverage/coverage_pass.h"
 #include "cuda/device/launch.cuh"
 #include "cuda/primitives/list_sizes.h"
 #include "cuda/run/run_state.h"
-#include "cuda/scatter/accumulators.h"
 #include "cuda/scatter/atomic_row_sink.cuh"
 #include "cuda/scatter/blend_records.cuh"
 #include "cuda/scatter/brick_scatter.h"
 #include "cuda/scatter/float4_pass.h"
+#include "cuda/scatter/store_values.h"
 #include "cuda/shading/shade_list.h"
 #include "cuda/traversal/mesh_locality.h"
 #include "cuda/traversal/raster_args.h"
@@ -283,63 +282,6 @@ absl::Status TakeAll(RunState& state) {
     return ShadeSpans(state, count);
   });
 }
-
-}  // namespace
-
-namespace {
-
-// True if every triangle of the shaded mesh gives all its fragments one value, and what is kept of a voxel is blended
-// from values alone.
-bool IsUniform(const RunState& state, const CudaTarget& target) {
-  if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
-  MeshView mesh = state.host.view;
-  mesh.velocities = state.mesh.host_view.velocities;  // shaders ask only whether there are any
-  for (uint32_t i = 0; i < mesh.part_count; ++i) {
-    FragmentInput in;
-    in.mesh = &mesh;
-    in.part = mesh.parts + i;
-    if (!SameForTriangle(target.shader, in)) return false;
-  }
-  return true;
-}
-
-}  // namespace
-
-PathInputs PathInputsOf(const RunState& state, const GridSpec& grid) {
-  const VoxelizeRequest& request = state.request.request;
-  PathInputs in;
-  in.result = request.result;
-  in.coverage = request.coverage;
-  in.fill = request.fill;
-  in.planar = request.layout == Layout::kPlanar;
-  in.target_count = state.targets.count;
-  for (int i = 0; i < in.target_count; ++i) {
-    const CudaTarget& target = state.targets.at[i];
-    PathTarget& of = in.targets[size_t(i)];
-    of.format = target.format;
-    of.blend = target.blend;
-    of.components = target.components;
-    of.clears_to_zero = target.clear_stored == 0;
-    of.is_occupancy = target.is_occupancy;
-    of.may_discard = target.own_presence;
-    of.same_for_triangle = IsUniform(state, target);
-  }
-  in.dims = {grid.dims[0], grid.dims[1], grid.dims[2]};
-  in.triangles = state.host.view.triangle_count;
-  in.rows_fit = cpu::RowBitsFit(grid, in.triangles);
-  if (in.triangles > 0 && in.coverage != Coverage::kCenter) {
-    const IndexSpace space = grid.index_space();
-    const Vec3d low = WorldToIndex(space, state.box.min), high = WorldToIndex(space, state.box.max);
-    in.fixed_point = MakeFixedPlace(space, low, high).bits > 0;
-  } else {
-    in.fixed_point = false;
-  }
-  in.record_bits = RecordBits();
-  in.fine_triangles = FineTriangles(state.device);
-  return in;
-}
-
-namespace {
 
 // Where fragments of all targets may be discarded, what triangles touch is not the coverage.
 absl::Status BeginTouched(RunState& state) {

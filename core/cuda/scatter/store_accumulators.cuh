@@ -17,16 +17,6 @@ struct KeyArgs {
   bool planar, complement, is_float;
 };
 
-// Four words of an array from number `at` on, a multiple of 4; those behind its end are 0.
-__device__ inline uint4 FourWords(const uint32_t* array, uint64_t at, uint64_t words) {
-  if (at + 4 <= words) return *reinterpret_cast<const uint4*>(array + at);
-  uint4 four{0, 0, 0, 0};
-  if (at < words) four.x = array[at];
-  if (at + 1 < words) four.y = array[at + 1];
-  if (at + 2 < words) four.z = array[at + 2];
-  return four;
-}
-
 inline constexpr uint64_t kWordsOfWarp = 128;  // that a warp looks at a time
 
 // The set bits of a warp's words of a bit grid, numbered in order, for most words are empty. All lanes call each.
@@ -134,33 +124,6 @@ __global__ void __launch_bounds__(kBlendThreads) KeysToValues(const __grid_const
       *cell = ValueOfCell(args, plain, *cell);
     }
   });
-}
-
-inline constexpr int kRankedOfThread = 16;  // words
-
-// Gives every set bit a rank, those of a word in a row; `counter` has the number of all.
-__global__ void __launch_bounds__(kBlendThreads)
-    RankWords(const uint32_t* bits, uint64_t words, uint32_t* first, uint64_t* counter) {
-  constexpr int kEach = kRankedOfThread;
-  __shared__ unsigned long long room[kBlendThreads / 32 + 1];
-  const uint64_t begin = uint64_t(blockIdx.x) * (kBlendThreads * kEach) + threadIdx.x * 4;
-  uint32_t word[kEach];
-  uint32_t count = 0;
-#pragma unroll
-  for (int i = 0; i < kEach; i += 4) {
-    const uint64_t at = begin + uint64_t(i) * kBlendThreads;
-    const uint4 four = FourWords(bits, at, words);
-    word[i] = four.x, word[i + 1] = four.y, word[i + 2] = four.z, word[i + 3] = four.w;
-#pragma unroll
-    for (int k = 0; k < 4; ++k) count += uint32_t(__popc(word[i + k]));
-  }
-  auto rank = uint32_t(BlockAllocate<kBlendThreads>(counter, count, room));
-#pragma unroll
-  for (int i = 0; i < kEach; ++i) {
-    if (word[i] == 0) continue;
-    first[begin + uint64_t(i / 4) * (4 * kBlendThreads) + uint64_t(i % 4)] = rank;
-    rank += uint32_t(__popc(word[i]));
-  }
 }
 
 struct StoreArgs {

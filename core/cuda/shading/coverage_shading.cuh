@@ -6,10 +6,13 @@
 // of a warp are busy. Blends are atomics whose result no order changes.
 #pragma once
 
+#include "cuda/coverage/accumulators.cuh"
 #include "cuda/primitives/coverage_record.h"
+#include "cuda/primitives/fast_divide.h"
+#include "cuda/primitives/span.h"
 #include "cuda/primitives/warp_reduce.cuh"
-#include "cuda/scatter/blend_spans.cuh"
 #include "cuda/shading/fragment_shading.cuh"
+#include "cuda/traversal/row_traversal.cuh"
 
 namespace voxelpipe::cuda {
 

@@ -1,7 +1,7 @@
 #include "cuda/shading/shade_list.h"
 
+#include "cuda/coverage/accumulators.h"
 #include "cuda/device/launch.cuh"
-#include "cuda/scatter/accumulators.h"
 #include "cuda/shading/coverage_shading.cuh"
 
 namespace voxelpipe::cuda {

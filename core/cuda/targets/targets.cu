@@ -2,12 +2,11 @@
 #include <algorithm>
 #include <vector>
 
-#include "cuda/batch/batch.h"
-#include "cuda/batch/batch_kernel.cuh"
 #include "cuda/device/launch.cuh"
 #include "cuda/device/pinned.h"
 #include "cuda/run/run_state.h"
 #include "cuda/scatter/brick_scatter.h"
+#include "cuda/targets/pack_kernels.cuh"
 #include "cuda/targets/slab_copies.h"
 #include "pipeline/plan/plan.h"
 #include "pipeline/stages/target_rules.h"
@@ -25,44 +24,6 @@ __global__ void __launch_bounds__(kThreads) FillWords(uint32_t* to, uint64_t wor
   }
 }
 
-struct PackArgs {
-  const uint32_t *present, *value, *inside;  // bit grids; inside may be null
-  uint32_t clear, fill;                      // all bits set or none
-  int64_t nx, words_per_row;
-  uint64_t voxels;
-  uint32_t* out;
-};
-
-// The bits of voxel x .. x+31 of a row's word.
-__device__ inline uint32_t ValueWord(const PackArgs& a, uint64_t word) {
-  const uint32_t here = a.present[word], inside = a.inside == nullptr ? 0 : a.inside[word];
-  const uint32_t elsewhere = (inside & a.fill) | (~inside & a.clear);
-  return (here & a.value[word]) | (~here & elsewhere);
-}
-
-// Word w of the packed bits, gathered from the rows it spans.
-__device__ inline uint32_t PackedWord(const PackArgs& a, uint64_t w) {
-  uint32_t packed = 0;
-  uint64_t row = w * 32 / uint64_t(a.nx);
-  int64_t x = int64_t(w * 32 - row * uint64_t(a.nx));
-  int filled = 0;
-  while (filled < 32 && row * uint64_t(a.nx) < a.voxels) {
-    const uint64_t word = row * uint64_t(a.words_per_row) + uint64_t(x / 32);
-    const int offset = int(x % 32);
-    const int64_t rest = a.nx - x;
-    const int take = int(min(min(int64_t(32 - offset), rest), int64_t(32 - filled)));
-    const uint32_t bits = ValueWord(a, word) >> offset & (take == 32 ? ~0u : (1u << take) - 1);
-    packed |= bits << filled;
-    filled += take;
-    x += take;
-    if (x == a.nx) {
-      x = 0;
-      ++row;
-    }
-  }
-  return packed;
-}
-
 __global__ void __launch_bounds__(kThreads) PackKernel(const PackArgs a) {
   const uint64_t words = (a.voxels + 31) / 32;
   for (uint64_t w = uint64_t(blockIdx.x) * kThreads + threadIdx.x; w < words; w += uint64_t(gridDim.x) * kThreads) {
@@ -70,67 +31,9 @@ __global__ void __launch_bounds__(kThreads) PackKernel(const PackArgs a) {
   }
 }
 
-// All targets of a batch, a word a thread.
-__global__ void __launch_bounds__(kThreads) PackBatchKernel(const __grid_constant__ BatchView batch) {
-  for (uint64_t w = uint64_t(blockIdx.x) * kThreads + threadIdx.x; w < batch.packed_words;
-       w += uint64_t(gridDim.x) * kThreads) {
-    const BatchTargetView& target =
-        batch.targets[LastAt(batch.targets, batch.target_count, &BatchTargetView::first_packed, w)];
-    const BatchItemView& item = batch.items[target.item];
-    PackArgs a;
-    const uint32_t* const coverage = batch.bits + item.first_word;
-    a.present = target.present == nullptr ? coverage : target.present;
-    a.value = target.value == nullptr ? coverage : target.value;
-    a.inside = item.filled() ? batch.inside + item.first_word : nullptr;
-    a.clear = target.clear;
-    a.fill = target.fill;
-    a.nx = item.grid.dims[0];
-    a.words_per_row = item.grid.words_per_row;
-    a.voxels = target.voxels;
-    batch.packed[w] = PackedWord(a, w - target.first_packed);
-  }
-}
-
-// Blocks in x take a target's values each, blocks in y share its words.
-__global__ void __launch_bounds__(kThreads) ClearBatchKernel(const __grid_constant__ BatchView batch) {
-  const uint64_t begin = uint64_t(blockIdx.y) * kThreads + threadIdx.x, step = uint64_t(gridDim.y) * kThreads;
-  for (uint32_t i = blockIdx.x; i < batch.value_count; i += gridDim.x) {
-    const BatchValueView& values = batch.values[i];
-    uint32_t pattern = values.clear_stored;
-    if (values.element_bytes == 1) pattern *= 0x01010101u;
-    if (values.element_bytes == 2) pattern *= 0x00010001u;
-    auto* const words = reinterpret_cast<uint32_t*>(values.at);
-    for (uint64_t w = begin; w < values.words; w += step) words[w] = pattern;
-  }
-}
-
-// Adds the set bits of a, or of a and b together, of words begin, begin + step, ... to a counter. All threads of a warp
-// call it.
-__device__ inline void AddBits(const uint32_t* a, const uint32_t* b, uint64_t words, uint64_t begin, uint64_t step,
-                               uint64_t* counter) {
-  uint64_t sum = 0;
-  for (uint64_t i = begin; i < words; i += step) sum += unsigned(__popc(b == nullptr ? a[i] : a[i] | b[i]));
-  for (int by = 16; by > 0; by /= 2) sum += __shfl_down_sync(~0u, sum, by);
-  if (threadIdx.x % 32 == 0 && sum > 0) atomicAdd(reinterpret_cast<unsigned long long*>(counter), sum);
-}
-
 __global__ void __launch_bounds__(kThreads)
     CountKernel(const uint32_t* a, const uint32_t* b, uint64_t words, uint64_t* counter) {
   AddBits(a, b, words, uint64_t(blockIdx.x) * kThreads + threadIdx.x, uint64_t(gridDim.x) * kThreads, counter);
-}
-
-// Blocks in x take an item each, blocks in y share its words.
-__global__ void __launch_bounds__(kThreads) CountBatchKernel(const __grid_constant__ BatchView batch) {
-  const uint64_t begin = uint64_t(blockIdx.y) * kThreads + threadIdx.x, step = uint64_t(gridDim.y) * kThreads;
-  for (uint32_t i = blockIdx.x; i < batch.item_count; i += gridDim.x) {
-    const BatchItemView& item = batch.items[i];
-    AddBits(batch.bits + item.first_word, item.filled() ? batch.inside + item.first_word : nullptr, item.words, begin,
-            step, &batch.counts[i].occupied);
-    if (item.parity) {
-      const uint64_t columns = uint64_t(item.column_words) * uint64_t(item.grid.dims[2]);
-      AddBits(batch.columns + item.first_column, nullptr, columns, begin, step, &batch.counts[i].odd_columns);
-    }
-  }
 }
 
 absl::Status ClearedBits(RunState& state, DeviceArray<uint32_t>& grid) {
@@ -240,91 +143,6 @@ absl::Status CopyResult(RunState& state, ResultArrays& out) {
 
 }  // namespace
 
-uint32_t PatternOf(const CudaTarget& target) {
-  const int bits = BitsPerComponent(target.format);
-  return target.clear_stored * (bits == 8 ? 0x01010101u : bits == 16 ? 0x00010001u : 1);
-}
-
-CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader) {
-  CudaTarget t;
-  t.format = KeptFormat(spec);
-  t.blend = spec.blend;
-  t.components = spec.components;
-  t.shader = FragmentShaderId(shader.id);
-  t.params = shader.params;
-  t.u32_output = shader.info->output_type == "u32";
-  t.quantum = spec.quantum;
-  t.scale = ScaleOf(spec, shader);
-  t.clear_stored = StoredBits(NumberToCell(spec.clear, spec.format), spec.format);
-  t.is_occupancy = spec.format == VoxelFormat::kBit && t.shader == FragmentShaderId::kOccupancy;
-  t.own_presence = TraitsOf(t.shader).can_discard;
-  return t;
-}
-
-void DescribeTargets(RunState& state) {
-  const VoxelizeRequest& request = state.request.request;
-  const MeshView& mesh = state.host.view;
-  state.targets = {};
-  state.targets.count = int(request.targets.size());
-  state.targets.planar = request.layout == Layout::kPlanar;
-  for (size_t i = 0; i < request.targets.size(); ++i) {
-    CudaTarget& target = state.targets.at[i];
-    target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
-    // A shader that discards nothing of this mesh is as one that never does.
-    target.own_presence = std::any_of(mesh.parts, mesh.parts + mesh.part_count, [&](const PartView& part) {
-      return MayDiscard(target.shader, mesh.materials[part.material]);
-    });
-    state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
-  }
-}
-
-bool ShadesFragments(const BoundRequest& request) {
-  for (size_t i = 0; i < request.request.targets.size(); ++i) {
-    if (!DescribeTarget(request.request.targets[i], request.fragment_shaders[i]).is_occupancy) return true;
-  }
-  return false;
-}
-
-absl::Status EnsureCounters(RunState& state) {
-  if (!state.counters.empty()) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(state.counters.Resize(kAllCounters, state.stream));
-  return state.counters.Fill(0, state.stream);
-}
-
-absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which) {
-  if (state.counters.empty()) return EnsureCounters(state);
-  // Neighbours in one call.
-  for (auto at = which.begin(); at != which.end();) {
-    auto end = at + 1;
-    while (end != which.end() && *end == *(end - 1) + 1) ++end;
-    VOXELPIPE_CUDA_OR_RETURN(
-        cudaMemsetAsync(state.counters.data() + *at, 0, size_t(end - at) * sizeof(uint64_t), state.stream));
-    at = end;
-  }
-  return absl::OkStatus();
-}
-
-absl::Status ClearQueues(RunState& state, int end) {
-  if (state.counters.empty()) return EnsureCounters(state);
-  VOXELPIPE_CUDA_OR_RETURN(
-      cudaMemsetAsync(state.counters.data() + kQueued0, 0, size_t(end - kQueued0) * sizeof(uint64_t), state.stream));
-  return absl::OkStatus();
-}
-
-absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state) {
-  std::array<uint64_t, kCounters> counters{};
-  if (state.counters.empty()) return counters;
-  std::array<uint64_t, kCounters + kFragmentSlots> all{};
-  VOXELPIPE_CUDA_OR_RETURN(
-      cudaMemcpyAsync(all.data(), state.counters.data(), sizeof all, cudaMemcpyDeviceToHost, state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
-  std::copy_n(all.begin(), counters.size(), counters.begin());
-  if (state.plan.blends()) {
-    for (size_t i = counters.size(); i < all.size(); ++i) counters[kFragments] += all[i];
-  }
-  return counters;
-}
-
 void LayOutTileValues(RunState& state) {
   uint64_t at = 0;
   for (int t = 0; t < state.targets.count; ++t) {
@@ -397,24 +215,6 @@ void AbandonSlab(RunState& state) {
   // Walks do without.
   state.scattered_mesh.Drop();
   TrimMemory(state.device.ordinal);
-}
-
-absl::Status ClearBatch(const BatchState& state) {
-  const BatchView& batch = state.view;
-  if (batch.value_count == 0) return absl::OkStatus();
-  ClearBatchKernel<<<dim3(std::min(batch.value_count, 1u << 16), 8), kThreads, 0, state.stream>>>(batch);
-  VOXELPIPE_LAUNCHED_OR_RETURN("ClearBatchKernel");
-  return absl::OkStatus();
-}
-
-absl::Status PackBatch(const BatchState& state) {
-  const BatchView& batch = state.view;
-  CountBatchKernel<<<dim3(std::min(batch.item_count, 1u << 16), 4), kThreads, 0, state.stream>>>(batch);
-  VOXELPIPE_LAUNCHED_OR_RETURN("CountBatchKernel");
-  if (batch.packed_words == 0) return absl::OkStatus();
-  PackBatchKernel<<<BlocksFor(batch.packed_words, kThreads), kThreads, 0, state.stream>>>(batch);
-  VOXELPIPE_LAUNCHED_OR_RETURN("PackBatchKernel");
-  return absl::OkStatus();
 }
 
 absl::Status CountBits(RunState& state, const uint32_t* a, const uint32_t* b, uint64_t words, Counter counter) {

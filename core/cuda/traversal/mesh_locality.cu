@@ -98,7 +98,7 @@ absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
   PackScattered<<<BlocksFor(args.triangle_count, kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("PackScattered");
   const KeySort sort{.bits = 3 * kMortonBits};
-  VOXELPIPE_OK_OR_RETURN(SortByKey(by_place, sort, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(SortFragmentList(by_place, sort, state.scratch, state.stream));
   const uint64_t corners = 3 * args.triangle_count;
   PlaceScattered<<<BlocksFor(corners, kThreads), kThreads, 0, state.stream>>>(
       args.packed, by_place.triangles[by_place.current].data(), corners, args.packed + corners);

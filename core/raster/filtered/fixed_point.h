@@ -3,10 +3,10 @@
 // two units of a voxel's border moved by the widening of narrow triangles. No host-only includes.
 #pragma once
 
-#include "cuda/primitives/views.h"
+#include "grid/index_space.h"
 #include "raster/triangle_setup.h"
 
-namespace voxelpipe::cuda {
+namespace voxelpipe {
 
 // World space to fixed-point index space.
 struct FixedPlace {
@@ -140,4 +140,4 @@ VOXELPIPE_HD FixedBox BoxOf(const int (&v)[3][3], const FixedPlace& place) {
   return box;
 }
 
-}  // namespace voxelpipe::cuda
+}  // namespace voxelpipe

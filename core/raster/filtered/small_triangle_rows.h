@@ -5,7 +5,7 @@
 
 #include "raster/filtered/small_triangle_tests.h"
 
-namespace voxelpipe::cuda {
+namespace voxelpipe {
 
 inline constexpr float kMoreOfRows = 1e-5f;  // voxels, of the band: boxes are up to 9 voxels large
 
@@ -207,4 +207,4 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
   return true;
 }
 
-}  // namespace voxelpipe::cuda
+}  // namespace voxelpipe

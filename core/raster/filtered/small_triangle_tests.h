@@ -18,7 +18,7 @@
 
 #include "raster/filtered/fixed_point.h"
 
-namespace voxelpipe::cuda {
+namespace voxelpipe {
 
 // All bits set where the sign bit is, none otherwise.
 VOXELPIPE_HD uint32_t SignMask(float v) {
@@ -278,4 +278,4 @@ VOXELPIPE_HD Octants TouchedThinRun(const int (&v)[3][3], const FixedBox& box, c
   return {touched, near || !(sure > 0)};
 }
 
-}  // namespace voxelpipe::cuda
+}  // namespace voxelpipe

@@ -33,6 +33,7 @@
 #include "absl/strings/str_split.h"
 #include "cuda/backend.h"
 #include "cuda/device/device.h"
+#include "cuda/plan/path_plan.h"
 #include "gpu/bench/bench_call.h"
 #include "gpu/bench/bench_rows.h"
 #include "gpu/cases/bench_meshes.h"

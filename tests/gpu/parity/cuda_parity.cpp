@@ -48,6 +48,7 @@
 #ifdef VOXELPIPE_HAVE_CUDA
 #include "cuda/device/device.h"
 #include "cuda/device/mesh_uploads.h"
+#include "cuda/plan/path_plan.h"
 #endif
 
 namespace voxelpipe::gpu {

@@ -2,26 +2,15 @@
 // Included by .cu files only.
 #pragma once
 
-#include "cuda/device/launch.cuh"
-#include "cuda/run/run_state.h"
+#include "cuda/coverage/accumulators.h"
 #include "cuda/scatter/blend_spans.cuh"
 
 namespace voxelpipe::cuda {
 
-inline bool IsFloat(VoxelFormat format) {
-  return format == VoxelFormat::kF16 || format == VoxelFormat::kF32;
-}
 // True if its values are the ids of triangles, which no kernel has to read.
 inline bool IsById(const CudaTarget& target) {
   return target.shader == FragmentShaderId::kTriangleId && target.components == 1;
 }
-inline bool IsSum(Kept kept) {
-  return kept == Kept::kSum || kept == Kept::kAverage;
-}
-// A mesh of so many triangles keeps the device busy with some a thread; and whether the run's is such.
-uint64_t FineTriangles(const DeviceInfo& device);
-bool IsFine(const RunState& state);
-
 inline unsigned BlendBlocks(const RunState& state, uint64_t work) {
   return BlocksFor(work, kBlendThreads, uint64_t(state.device.multiprocessors) * 16);
 }
@@ -34,14 +23,7 @@ inline uint64_t* FragmentSlots(RunState& state) {
   return state.counters.data() + kCounters;
 }
 
-// Numbers the voxels that some triangle touches; state.counters[kRanks] is how many there are.
-absl::Status RankCovered(RunState& state);
-// These numbers, and a target's accumulators.
-Ranks RanksOf(RunState& state);
-Accumulators AccumulatorsOf(RunState& state, int index);
-// Accumulators of a target for `voxels` voxels, set to where blending starts.
-absl::Status BeginAccumulators(RunState& state, int index, uint64_t voxels);
-// Those, and what triangles bring to them; without spans.
+// A target's accumulators, and what triangles bring to them; without spans.
 AccumulateArgs SumsOf(RunState& state, int index);
 
 // What was blended becomes the values of a dense target, or the bits of a bit target.

@@ -1,5 +1,5 @@
-// Ranks, accumulators, and the kernels that store what was blended.
-#include "cuda/scatter/accumulators.h"
+// The kernels that store what was blended.
+#include "cuda/scatter/store_values.h"
 
 #include "cuda/coverage/coverage_pass.h"
 #include "cuda/device/device_caps.h"
@@ -7,45 +7,6 @@
 #include "cuda/shading/shade_list.h"
 
 namespace voxelpipe::cuda {
-namespace {
-
-// What is kept of a voxel in accumulators: of owners the numbers, of bits cells that are 0 or 1.
-Kept AccumulatedBy(const CudaTarget& target) {
-  const Kept kept = KeptBy(target);
-  switch (kept) {
-    case Kept::kBitOr: return Kept::kOr;
-    case Kept::kBitAnd: return Kept::kAnd;
-    case Kept::kOwner:
-    case Kept::kBitOfOwner: return target.blend == Blend::kFirst ? Kept::kMin : Kept::kMax;
-    default: return kept;
-  }
-}
-int AccumulatedComponents(const CudaTarget& target) {
-  const bool owner = target.blend == Blend::kReplace || target.blend == Blend::kFirst;
-  return owner || target.format == VoxelFormat::kBit ? 1 : target.components;
-}
-
-}  // namespace
-
-Ranks RanksOf(RunState& state) {
-  Ranks ranks;
-  ranks.bits = TouchedBits(state);
-  ranks.first = state.word_ranks.data();
-  return ranks;
-}
-
-Accumulators AccumulatorsOf(RunState& state, int index) {
-  const CudaTarget& target = state.targets.at[index];
-  SpanTarget& memory = state.span_targets[size_t(index)];
-  Accumulators to;
-  to.kept = AccumulatedBy(target);
-  to.components = AccumulatedComponents(target);
-  to.cells = memory.cells.data();
-  to.sums = memory.sums.data();
-  to.counts = memory.counts.data();
-  return to;
-}
-
 namespace {
 
 absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& memory) {
@@ -129,43 +90,6 @@ absl::Status Store(RunState& state, int index, const StoreArgs& args) {
 }
 
 }  // namespace
-
-uint64_t FineTriangles(const DeviceInfo& device) {
-  constexpr uint64_t kMinBlocks = 16;
-  return (AssumedCache() > 0 ? 1 : uint64_t(device.multiprocessors) * kMinBlocks) * kBlendThreads;
-}
-
-bool IsFine(const RunState& state) {
-  return state.mesh.host_view.triangle_count >= FineTriangles(state.device);
-}
-
-absl::Status RankCovered(RunState& state) {
-  const uint64_t words = state.slab_words();
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kRanks}));
-  VOXELPIPE_OK_OR_RETURN(state.word_ranks.Resize(words, state.stream));
-  RankWords<<<BlocksFor(words, kBlendThreads * kRankedOfThread, UINT32_MAX), kBlendThreads, 0, state.stream>>>(
-      TouchedBits(state), words, state.word_ranks.data(), state.counters.data() + kRanks);
-  VOXELPIPE_LAUNCHED_OR_RETURN("RankWords");
-  return absl::OkStatus();
-}
-
-absl::Status BeginAccumulators(RunState& state, int index, uint64_t voxels) {
-  const CudaTarget& target = state.targets.at[index];
-  SpanTarget& memory = state.span_targets[size_t(index)];
-  const Kept kept = AccumulatedBy(target);
-  const uint64_t cells = voxels * uint64_t(AccumulatedComponents(target));
-  if (kept == Kept::kCount || kept == Kept::kAverage) {
-    VOXELPIPE_OK_OR_RETURN(memory.counts.Resize(voxels, state.stream));
-    VOXELPIPE_OK_OR_RETURN(memory.counts.Fill(0, state.stream));
-    if (kept == Kept::kCount) return absl::OkStatus();
-  }
-  if (IsSum(kept)) {
-    VOXELPIPE_OK_OR_RETURN(memory.sums.Resize(cells, state.stream));
-    return memory.sums.Fill(0, state.stream);
-  }
-  VOXELPIPE_OK_OR_RETURN(memory.cells.Resize(cells, state.stream));
-  return memory.cells.Fill(kept == Kept::kMin || kept == Kept::kAnd ? 0xff : 0, state.stream);
-}
 
 AccumulateArgs SumsOf(RunState& state, int index) {
   SpanTarget& memory = state.span_targets[size_t(index)];

@@ -12,7 +12,7 @@
 #include "raster/filtered/small_triangle_rows.h"
 #include "raster/spans.h"
 
-namespace voxelpipe::cuda {
+namespace voxelpipe {
 namespace {
 
 using Voxels = std::set<std::array<int, 3>>;
@@ -267,4 +267,4 @@ TEST(FixedPlaceTest, MeshesThatReachTooFarHaveNone) {
 }
 
 }  // namespace
-}  // namespace voxelpipe::cuda
+}  // namespace voxelpipe
