@@ -102,8 +102,8 @@ Compiled Compile(const std::string& source, const std::vector<const char*>& kern
 }
 
 TEST(NvrtcTest, CompilesTheFineRasterWithAShaderSuppliedAtRunTime) {
-  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/batch/fine_batch_kernel.cuh\"\n",
-                                    {"voxelpipe::cuda::FineRasterKernel<true>", "voxelpipe::cuda::FineBatchKernel"});
+  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/tiles/fine_raster_kernel.cuh\"\n",
+                                    {"voxelpipe::cuda::FineRasterKernel<true>"});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }
@@ -124,6 +124,16 @@ TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
   std::vector<const char*> names;
   for (const std::string& kernel : kernels) names.push_back(kernel.c_str());
   const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/batch/batch_fragments.cuh\"\n", names);
+  EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
+  EXPECT_GT(compiled.cubin.size(), 1000u);
+}
+
+TEST(NvrtcTest, CompilesTheKernelsOfABatchsValues) {
+  const std::string in = "voxelpipe::cuda::";
+  const std::string walk_small = in + "WalkSmall<" + in + "CountAndSetBits, " + in + "BatchWalkArgs>",
+                    rank = in + "RankItems", blend = in + "BlendBatchFragments", store = in + "StoreBatchValues";
+  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/batch/batch_values.cuh\"\n",
+                                    {walk_small.c_str(), rank.c_str(), blend.c_str(), store.c_str()});
   EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
   EXPECT_GT(compiled.cubin.size(), 1000u);
 }

@@ -20,17 +20,16 @@ namespace {
 // A pass ends where the next item would go beyond; the rest of the items take another one.
 struct PassSize {
   uint64_t words = 0, triangles = 0, vertices = 0;
-  uint64_t voxels = 0, fragment_words = 0;  // of A-buffers
+  uint64_t voxels = 0, fragment_words = 0;  // of items with fragments
 
   void Add(const BatchMember& m) {
     triangles += m.triangles();
     vertices += m.vertices();
-    if (m.path == BatchPath::kFragments) {
+    if (m.path != BatchPath::kRows) {
       voxels += m.plan.grid.voxels();
       fragment_words += m.fragment_words();
-    } else {
-      words += m.grid_words() + m.target_words();
     }
+    if (m.path != BatchPath::kFragments) words += m.grid_words() + m.target_words();
   }
   bool FitsInto(const PassSize& most) const {
     return words <= most.words && triangles <= most.triangles && vertices <= most.vertices && voxels <= most.voxels &&

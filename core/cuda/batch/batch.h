@@ -12,7 +12,6 @@
 #include "cuda/device/buffer.h"
 #include "cuda/device/device.h"
 #include "cuda/run/fragment_list.h"
-#include "cuda/run/tile_pairs.h"
 #include "pipeline/batch.h"
 
 namespace voxelpipe::cuda {
@@ -21,15 +20,12 @@ struct BatchState {
   DeviceInfo device;
   cudaStream_t stream = nullptr;
   BatchView view;
-  // Of items that go by tiles.
-  TilePairs pairs;
   // Of A-buffers: voxels are numbered as among all of them, triangles as in their meshes.
   uint32_t first_bucketed = 0;  // item; they end with the last one
   bool drops = false;           // some of their fragments may be dropped
   Fragments fragments;
   DeviceArray<uint64_t> chunks;  // of sorted fragments (SortedKeys::first)
   DeviceArray<uint8_t> scratch;
-  int shared_bytes = 0;  // of the largest group
 };
 
 // Backend::RunShared, inside the backend's arena. Which items can share a pass: dense and small sparse results,
@@ -39,12 +35,11 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
 
 // The steps of a pass, in this order. None synchronizes unless its comment says so.
 absl::Status RasterBatch(const BatchState& state);  // batch_bits.cu: places vertices; coverage of plain bits
-absl::Status ClearBatch(const BatchState& state);   // targets.cu: values of the other items
-absl::Status BinBatch(BatchState& state);           // coarse_raster.cu: their pairs; synchronizes
-absl::Status FineBatch(BatchState& state);          // fine_raster.cu: their coverage and values
-absl::Status FloodBatch(const BatchState& state);   // batch_flood.cu: inside of items with flood fill
-absl::Status FillBatch(const BatchState& state);    // parity_fill.cu: inside of the others, odd columns, filled values
-absl::Status PackBatch(const BatchState& state);    // targets.cu: occupied voxels, packed targets
+absl::Status ClearBatch(const BatchState& state);   // batch_targets.cu: values of the other items
+// BatchValues::Make: their coverage and values.
+absl::Status FloodBatch(const BatchState& state);  // batch_flood.cu: inside of items with flood fill
+absl::Status FillBatch(const BatchState& state);   // batch_fill.cu: inside of the others, odd columns, filled values
+absl::Status PackBatch(const BatchState& state);   // batch_targets.cu: occupied voxels, packed targets
 // batch_fragments.cu, of A-buffers where there are any:
 absl::Status EmitBatch(BatchState& state);  // fragments; synchronizes
 // Sorts them, where there are any. Out: where each item's begin; where the last one's end, behind which those that are
@@ -54,11 +49,17 @@ absl::StatusOr<std::vector<uint64_t>> SortBatch(BatchState& state);
 absl::Status ListBatch(BatchState& state, uint32_t* voxels, uint32_t* offsets);
 absl::Status ShadeBatch(BatchState& state, BatchShadeArgs args);  // `args` but for keys and triangles
 
-// Of a batch's item: its targets in groups, each for a launch. What lies on the device is for the caller to set.
-struct TargetGroups {
-  std::vector<FineArgs> groups;
-  int shared_bytes = 0;  // of the largest
+// Triangles [first, first + count) of a batch, and how many fragments each has, with one more that stays 0: what a walk
+// with the counters of `queue` has counted.
+struct BatchTriangles {
+  uint64_t first = 0, count = 0;
+  BatchQueue queue{};
+  uint32_t* fragments = nullptr;
 };
-TargetGroups GroupForBatch(const TargetViews& targets);  // fine_raster.cu
+// firsts[t], of a triangle and of the end: where its fragments begin in a list of those of all triangles before it.
+absl::Status FindFirsts(BatchState& state, const BatchTriangles& of, DeviceArray<uint64_t>& firsts);
+// Writes these fragments: voxels among those of all items, triangles as in their meshes. The counts become others.
+absl::Status EmitList(BatchState& state, const BatchTriangles& of, const uint64_t* firsts, uint32_t* keys,
+                      uint32_t* triangles);
 
 }  // namespace voxelpipe::cuda

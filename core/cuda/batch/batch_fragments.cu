@@ -25,21 +25,44 @@ SortedKeys KeysOf(BatchState& state) {
 
 }  // namespace
 
+absl::Status FindFirsts(BatchState& state, const BatchTriangles& of, DeviceArray<uint64_t>& firsts) {
+  VOXELPIPE_OK_OR_RETURN(firsts.Resize(of.count + 1, state.stream));
+  return ExclusiveScan(of.fragments, firsts.data(), of.count + 1, state.scratch, state.stream);
+}
+
+absl::Status EmitList(BatchState& state, const BatchTriangles& of, const uint64_t* firsts, uint32_t* keys,
+                      uint32_t* triangles) {
+  const BatchWalkArgs args = WalkOf(state.view, of.first, of.count, of.queue);
+  EmitFragment<uint32_t, BatchNames> emit;
+  emit.names.items = args.items;
+  emit.names.item_of = args.item_of;
+  emit.names.first_triangle = of.first;
+  emit.first = firsts;
+  emit.emitted = of.fragments;
+  emit.keys = keys;
+  emit.values = triangles;
+  VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(emit.emitted, 0, of.count * sizeof(uint32_t), state.stream));
+  EmitRuns<<<unsigned((of.count + kRunThreads - 1) / kRunThreads), kRunThreads, 0, state.stream>>>(args, emit);
+  VOXELPIPE_LAUNCHED_OR_RETURN("EmitRuns");
+  return WalkOn(state.device, state.stream, args, emit, /*skip_runs=*/true);
+}
+
 absl::Status EmitBatch(BatchState& state) {
   const BatchView& batch = state.view;
   Fragments& fragments = state.fragments;
-  const uint64_t first = batch.row_triangles + batch.tile_triangles, triangles = batch.triangle_count - first;
+  BatchTriangles of;
+  of.first = batch.row_triangles + batch.value_triangles;
+  of.count = batch.triangle_count - of.first;
+  of.queue = kBatchFragments;
+  of.fragments = batch.fragment_counts;
   fragments.Clear();
-  if (triangles == 0) return absl::OkStatus();
-  const BatchWalkArgs args = WalkOf(batch, first, triangles, kBatchFragments);
+  if (of.count == 0) return absl::OkStatus();
   CountFragments count;
-  count.counts = batch.fragment_counts;
-  VOXELPIPE_OK_OR_RETURN(WalkOn(state.device, state.stream, args, count));
+  count.counts = of.fragments;
+  VOXELPIPE_OK_OR_RETURN(WalkOn(state.device, state.stream, WalkOf(batch, of.first, of.count, of.queue), count));
   DeviceArray<uint64_t> firsts;
-  VOXELPIPE_OK_OR_RETURN(firsts.Resize(triangles + 1, state.stream));
-  VOXELPIPE_OK_OR_RETURN(
-      ExclusiveScan(batch.fragment_counts, firsts.data(), triangles + 1, state.scratch, state.stream));
-  const absl::StatusOr<uint64_t> total = ReadElement(firsts.data() + triangles, state.stream);
+  VOXELPIPE_OK_OR_RETURN(FindFirsts(state, of, firsts));
+  const absl::StatusOr<uint64_t> total = ReadElement(firsts.data() + of.count, state.stream);
   if (!total.ok()) return total.status();
   if (*total >= UINT32_MAX) {
     return absl::ResourceExhaustedError(
@@ -48,18 +71,7 @@ absl::Status EmitBatch(BatchState& state) {
   fragments.count = *total;
   if (fragments.count == 0) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(sizeof(uint32_t), state.stream));
-  EmitFragment<uint32_t, BatchNames> emit;
-  emit.names.items = args.items;
-  emit.names.item_of = args.item_of;
-  emit.names.first_triangle = first;
-  emit.first = firsts.data();
-  emit.emitted = batch.fragment_counts;
-  emit.keys = fragments.KeysAs<uint32_t>(0);
-  emit.values = fragments.triangles[0].data();
-  VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(emit.emitted, 0, triangles * sizeof(uint32_t), state.stream));
-  EmitRuns<<<unsigned((triangles + kRunThreads - 1) / kRunThreads), kRunThreads, 0, state.stream>>>(args, emit);
-  VOXELPIPE_LAUNCHED_OR_RETURN("EmitRuns");
-  return WalkOn(state.device, state.stream, args, emit, /*skip_runs=*/true);
+  return EmitList(state, of, firsts.data(), fragments.KeysAs<uint32_t>(0), fragments.triangles[0].data());
 }
 
 absl::StatusOr<std::vector<uint64_t>> SortBatch(BatchState& state) {

@@ -15,13 +15,13 @@ namespace {
 // A grid or mesh above these fills the device by itself.
 constexpr uint64_t kMaxWords = 1 << 22;  // 512^3 voxels
 constexpr uint64_t kMaxTriangles = 1 << 20, kMaxVertices = 1 << 24;
-// Likewise of items that are shaded: what shaders read goes up with the pass, and by tiles a block takes a tile whole.
+// Likewise of items that are shaded: what shaders read goes up with the pass.
 constexpr uint64_t kMaxShadedTriangles = 1 << 15, kMaxShadedVertices = 3 * kMaxShadedTriangles;
 constexpr uint64_t kMaxTargetWords = 1 << 22, kMaxTexels = 1 << 20;
 // Likewise of flood fills: a block takes a grid whole, however many others are idle, and a thread a line of it.
 constexpr uint64_t kMaxFloodWords = 1 << 16;  // 128^3 voxels
 constexpr int64_t kMaxFloodLine = 256;        // words or rows
-// Likewise of A-buffers.
+// Likewise of fragments.
 constexpr uint64_t kMaxBoxVoxels = 1 << 24;
 // Bricks are made of all voxels on the host; beyond this the device makes them, alone.
 constexpr uint64_t kMaxVoxelsOfSparse = 1 << 21;
@@ -90,14 +90,15 @@ int BatchMember::order() const {
   const int with_flood = !flood() ? 0 : own_shell() ? 2 : 1;
   switch (path) {
     case BatchPath::kRows: return with_flood;
-    case BatchPath::kTiles: return 5 - with_flood;
+    case BatchPath::kValues: return 5 - with_flood;
     default: return 6;
   }
 }
 
 uint64_t BatchMember::grid_words() const {
-  const uint64_t grids = 2 + (own_shell() ? 1 : 0) + 2 * request().targets.size();  // coverage, inside, and of targets
-  return words() * grids;
+  // Coverage, inside, and of targets; ranks, and what triangles touch beside the coverage.
+  const uint64_t grids = 2 + (own_shell() ? 1 : 0) + 2 * request().targets.size();
+  return words() * (path == BatchPath::kValues ? grids + 3 : grids);
 }
 
 uint64_t BatchMember::target_words() const {
@@ -110,7 +111,10 @@ uint64_t BatchMember::target_words() const {
 
 uint64_t BatchMember::fragment_words() const {
   uint64_t of_each = 3;  // its triangle; its voxel and offset, if it has one to itself
-  for (const TargetSpec& spec : request().targets) of_each += (TargetBytes(spec, 1) + 3) / 4;
+  for (const TargetSpec& spec : request().targets) {
+    const uint64_t accumulated = 2 * uint64_t(spec.components) + 1;  // sums, and their number
+    of_each += path == BatchPath::kValues ? accumulated : (TargetBytes(spec, 1) + 3) / 4;
+  }
   return box_voxels * of_each;
 }
 
@@ -155,8 +159,10 @@ std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchIt
     return member->box_voxels <= kMaxBoxVoxels ? std::move(member) : nullptr;
   }
   if (cpu::PlainBits(*member->host, grid)) return member;
-  member->path = BatchPath::kTiles;
-  return IsSmallForShaders(*member) && member->target_words() <= kMaxTargetWords ? std::move(member) : nullptr;
+  member->path = BatchPath::kValues;
+  if (!IsSmallForShaders(*member) || member->target_words() > kMaxTargetWords) return nullptr;
+  member->box_voxels = BoxVoxels(member->host->view, grid);
+  return member->box_voxels <= kMaxBoxVoxels ? std::move(member) : nullptr;
 }
 
 }  // namespace voxelpipe::cuda

@@ -13,7 +13,7 @@ namespace voxelpipe::cuda {
 // How a member goes through a pass.
 enum class BatchPath {
   kRows,       // plain bits
-  kTiles,      // other dense and sparse results
+  kValues,     // other dense and sparse results
   kFragments,  // A-buffers
 };
 
@@ -24,7 +24,7 @@ struct BatchMember {
   Plan plan;
   VoxelizeStats stats;
   BatchPath path = BatchPath::kRows;
-  uint64_t box_voxels = 0;  // of an A-buffer: about the most fragments that it can have
+  uint64_t box_voxels = 0;  // unless its path is kRows: about the most fragments that it can have
 
   const VoxelizeRequest& request() const { return bound->request; }
   uint64_t triangles() const { return host->view.triangle_count; }
@@ -50,7 +50,8 @@ struct BatchMember {
   uint64_t grid_words() const;
   // What the device holds of its targets, packed bits and values, in 32-bit words; not of an A-buffer.
   uint64_t target_words() const;
-  // Of an A-buffer: about the most that goes back, in 32-bit words.
+  // About the most that fragments take on the device, in 32-bit words: of an A-buffer what goes back, of values their
+  // list and accumulators.
   uint64_t fragment_words() const;
 };
 

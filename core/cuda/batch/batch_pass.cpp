@@ -27,8 +27,7 @@ absl::Status BatchPass::Run() {
   VOXELPIPE_OK_OR_RETURN(Upload());
   VOXELPIPE_OK_OR_RETURN(RasterBatch(state_));
   VOXELPIPE_OK_OR_RETURN(ClearBatch(state_));
-  VOXELPIPE_OK_OR_RETURN(BinBatch(state_));
-  VOXELPIPE_OK_OR_RETURN(FineBatch(state_));
+  VOXELPIPE_OK_OR_RETURN(valued_.Make(state_));
   VOXELPIPE_OK_OR_RETURN(FloodBatch(state_));
   VOXELPIPE_OK_OR_RETURN(FillBatch(state_));
   VOXELPIPE_OK_OR_RETURN(PackBatch(state_));
@@ -72,9 +71,9 @@ absl::StatusOr<VoxelizeResult> BatchPass::Cut(size_t number) {
   if (member.parity()) result.stats.odd_columns = counts.odd_columns;
   if (member.path != BatchPath::kRows) result.stats.fragments = counts.fragments;
   result.stats.backend = result.stats.simd = "cuda";
-  const char* const path = member.path == BatchPath::kRows    ? "batch: occupancy"
-                           : member.path == BatchPath::kTiles ? "batch: tiles"
-                                                              : "batch: fragment list";
+  const char* const path = member.path == BatchPath::kRows     ? "batch: occupancy"
+                           : member.path == BatchPath::kValues ? "batch: fragments in accumulators"
+                                                               : "batch: fragment list";
   result.stats.path.assign(result.specs.size(), path);
   return result;
 }
@@ -92,7 +91,7 @@ absl::Status BatchPass::CutGrid(const BatchMember& member, const Place& place, V
   std::vector<const uint8_t*> dense;
   for (size_t t = 0; t < result.specs.size(); ++t) {
     const bool bits = result.specs[t].format == VoxelFormat::kBit;
-    dense.push_back(bits ? take_packed() : back_.data() + values_offset_ + place.tiled->values[t]);
+    dense.push_back(bits ? take_packed() : back_.data() + values_offset_ + place.values->values[t]);
   }
   if (member.sparse()) return BricksOfDense(occupied, dense, result);
   for (size_t t = 0; t < dense.size(); ++t) {
@@ -125,7 +124,6 @@ void BatchPass::DescribeItem(const BatchMember& member) {
   BatchItemView item;
   for (int a = 0; a < 3; ++a) item.grid.dims[a] = grid.dims[size_t(a)];
   item.grid.slab_end = item.grid.dims[2];
-  item.grid.tiles = TilesOf(item.grid.dims);
   item.grid.words_per_row = (item.grid.dims[0] + 31) / 32;
   item.grid.space = grid.index_space();
   item.coverage = member.request().coverage;
@@ -140,15 +138,17 @@ void BatchPass::DescribeItem(const BatchMember& member) {
   item.first_word = words_;
   item.first_column = columns_;
   item.first_shell = shell_words_;
-  item.first_tile = view.tile_count;
+  item.first_touched = words_;
+  item.triangle_count = member.triangles();
   item.words = grids ? member.words() : 0;
   item.column_words = item.parity ? (item.grid.dims[1] + 31) / 32 : 0;
   view.vertex_count += member.vertices();
   view.triangle_count += member.triangles();
   if (member.path == BatchPath::kRows) view.row_triangles += member.triangles();
-  if (member.path == BatchPath::kTiles) {
-    view.tile_triangles += member.triangles();
-    view.tile_count += item.grid.tiles.count();
+  if (member.path == BatchPath::kValues) {
+    view.value_triangles += member.triangles();
+    item.first_voxel = view.voxel_count;
+    view.voxel_count += member.plan.grid.voxels();
   }
   if (grids) view.row_count += member.rows();
   view.any_parity = view.any_parity || item.parity;
@@ -158,7 +158,7 @@ void BatchPass::DescribeItem(const BatchMember& member) {
     view.shell_triangles += member.triangles();
     shell_words_ += item.words;
   }
-  words_ += item.words;
+  words_ += (item.words + 3) / 4 * 4;
   columns_ += member.column_words();
   if (!grids) buckets_.Add(member, uint32_t(items_.size()), item, state_);
   items_.push_back(item);
@@ -168,8 +168,8 @@ void BatchPass::DescribeTargets(const BatchMember& member) {
   places_.emplace_back().first_packed = uint32_t(packed_.size());
   if (member.path == BatchPath::kFragments) return;
   if (member.sparse()) AddPacked(member, false, true);  // what is occupied
-  if (member.path == BatchPath::kTiles) {
-    AddTiled(member);
+  if (member.path == BatchPath::kValues) {
+    AddValues(member);
   } else if (!member.sparse()) {
     for (const TargetSpec& spec : member.request().targets) AddPacked(member, spec.clear != 0, FillBit(spec));
   } else if (member.filled()) {
@@ -188,23 +188,24 @@ void BatchPass::AddPacked(const BatchMember& member, bool clear, bool fill) {
   packed_.push_back(target);
 }
 
-void BatchPass::AddTiled(const BatchMember& member) {
-  Tiled& tiled = *(places_.back().tiled = std::make_unique<Tiled>());
+void BatchPass::AddValues(const BatchMember& member) {
+  Values& own = *(places_.back().values = std::make_unique<Values>());
+  BatchItemView& item = items_.back();
   const std::vector<TargetSpec>& specs = member.request().targets;
-  tiled.first_value = uint32_t(values_.size());
-  tiled.targets.count = int(specs.size());
-  tiled.targets.planar = member.request().layout == voxelpipe::Layout::kPlanar;
+  own.first_value = uint32_t(values_.size());
+  own.targets.count = int(specs.size());
+  own.targets.planar = member.request().layout == voxelpipe::Layout::kPlanar;
   const auto take_grid = [&] {
     const uint64_t at = own_words_;
-    own_words_ += member.words();
+    own_words_ += (member.words() + 3) / 4 * 4;
     return at;
   };
   for (size_t t = 0; t < specs.size(); ++t) {
-    CudaTarget& target = tiled.targets.at[t] = DescribeTarget(specs[t], member.bound->fragment_shaders[t]);
-    tiled.targets.any_always_present = tiled.targets.any_always_present || !target.own_presence;
-    if (target.own_presence) tiled.presence[t] = take_grid();
+    CudaTarget& target = own.targets.at[t] = DescribeTarget(specs[t], member.bound->fragment_shaders[t]);
+    own.targets.any_always_present = own.targets.any_always_present || !target.own_presence;
+    if (target.own_presence) own.presence[t] = take_grid();
     if (target.format == VoxelFormat::kBit) {
-      if (!target.is_occupancy) tiled.bits[t] = take_grid();
+      if (!target.is_occupancy) own.bits[t] = take_grid();
       AddPacked(member, specs[t].clear != 0, FillBit(specs[t]));
       continue;
     }
@@ -212,15 +213,20 @@ void BatchPass::AddTiled(const BatchMember& member) {
     values.item = uint32_t(items_.size() - 1);
     values.components = target.components;
     values.element_bytes = BitsPerComponent(target.format) / 8;
-    values.planar = tiled.targets.planar;
+    values.planar = own.targets.planar;
     values.clear_stored = target.clear_stored;
     values.fill = FillValueOf(*member.bound, t, member.plan.grid);
     values.voxels = member.plan.grid.voxels();
     values.words = (TargetBytes(specs[t], values.voxels) + 15) / 16 * 4;  // all that is copied is cleared
     values_.push_back(values);
-    tiled.values[t] = value_bytes_;
+    own.values[t] = value_bytes_;
     value_bytes_ += values.words * 4;
   }
+  own.first_target = uint32_t(valued_.targets());
+  valued_.Add(uint32_t(items_.size() - 1), own.targets, item);
+  if (!item.shading.drops) return;
+  item.first_touched = words_;
+  words_ += (item.words + 3) / 4 * 4;
 }
 
 absl::Status BatchPass::Allocate() {
@@ -232,17 +238,18 @@ absl::Status BatchPass::Allocate() {
   uint64_t queue[3];
   for (uint64_t& q : queue) q = layout.Add<uint32_t>(view.triangle_count);
   const uint64_t queued = layout.Add<uint64_t>(kBatchQueues);  // from here on cleared together
-  const uint64_t counters = layout.Add<uint64_t>(kBatchCounters);
   const uint64_t bits = layout.Add<uint32_t>(words_);
   const uint64_t own_bits = layout.Add<uint32_t>(own_words_);
   const uint64_t shells = layout.Add<uint32_t>(shell_words_);
   const uint64_t inside = layout.Add<uint32_t>(view.any_fill() ? words_ : 0);
   const uint64_t columns = layout.Add<uint32_t>(columns_);
-  const uint64_t bucketed = view.triangle_count - view.row_triangles - view.tile_triangles;
+  const uint64_t value_counts = layout.Add<uint32_t>(view.value_triangles + 1);
+  const uint64_t bucketed = view.triangle_count - view.row_triangles - view.value_triangles;
   const uint64_t fragment_counts = layout.Add<uint32_t>(bucketed + 1);
   const uint64_t counts = layout.Add<BatchCounts>(view.item_count);  // from here on copied back together
   const uint64_t values = layout.Add<uint8_t>(value_bytes_);         // from here on not cleared
   const uint64_t packed = layout.Add<uint32_t>(view.packed_words);
+  const uint64_t word_ranks = layout.Add<uint32_t>(valued_.targets() > 0 ? words_ : 0);
   VOXELPIPE_OK_OR_RETURN(work_.Resize(layout.bytes(), state_.stream));
   view.placed = At<Vec3d>(work_, placed);
   view.codes = At<VertexCode>(work_, codes);
@@ -250,15 +257,16 @@ absl::Status BatchPass::Allocate() {
   view.item_of = At<uint32_t>(work_, item_of);
   for (int q = 0; q < 3; ++q) view.queue[q] = At<uint32_t>(work_, queue[q]);
   view.queued = At<uint64_t>(work_, queued);
-  view.counters = At<uint64_t>(work_, counters);
   view.bits = At<uint32_t>(work_, bits);
   own_bits_ = At<uint32_t>(work_, own_bits);
   view.shells = At<uint32_t>(work_, shells);
   view.inside = At<uint32_t>(work_, inside);
   view.columns = At<uint32_t>(work_, columns);
+  view.value_counts = At<uint32_t>(work_, value_counts);
   view.fragment_counts = At<uint32_t>(work_, fragment_counts);
   view.counts = At<BatchCounts>(work_, counts);
   view.packed = At<uint32_t>(work_, packed);
+  view.word_ranks = At<uint32_t>(work_, word_ranks);
   first_values_ = At<uint8_t>(work_, values);
   view.zero = At<uint8_t>(work_, queued);
   view.zero_quads = (values - queued) / 16;
@@ -269,50 +277,38 @@ absl::Status BatchPass::Allocate() {
   return absl::OkStatus();
 }
 
-// Tells the descriptions of a tiled member's targets where they are on the device, and groups them.
+// Tells the descriptions of a member's targets where they are on the device.
 void BatchPass::PointAtTargets(size_t number) {
   const BatchMember& member = *members_[number];
-  Tiled& tiled = *places_[number].tiled;
-  BatchItemView& item = items_[number];
-  uint32_t packed = places_[number].first_packed + (member.sparse() ? 1 : 0), value = tiled.first_value;
-  for (int t = 0; t < tiled.targets.count; ++t) {
-    CudaTarget& target = tiled.targets.at[t];
-    if (target.own_presence) target.presence = own_bits_ + tiled.presence[size_t(t)];
+  const Values& own = *places_[number].values;
+  uint32_t packed = places_[number].first_packed + (member.sparse() ? 1 : 0), value = own.first_value;
+  size_t next = own.first_target;
+  for (int t = 0; t < own.targets.count; ++t) {
+    CudaTarget target = own.targets.at[t];
+    if (target.own_presence) target.presence = own_bits_ + own.presence[size_t(t)];
     if (target.format == VoxelFormat::kBit) {
       BatchTargetView& view = packed_[packed++];
       view.present = target.presence;
       view.value = target.presence;
-      if (!target.is_occupancy) view.value = target.bits = own_bits_ + tiled.bits[size_t(t)];
-      continue;
+      if (!target.is_occupancy) view.value = target.bits = own_bits_ + own.bits[size_t(t)];
+    } else {
+      BatchValueView& view = values_[value++];
+      view.present = target.presence;
+      view.at = target.dense = first_values_ + own.values[size_t(t)];
     }
-    BatchValueView& view = values_[value++];
-    view.present = target.presence;
-    view.at = target.dense = first_values_ + tiled.values[size_t(t)];
-  }
-  const TargetGroups grouped = GroupForBatch(tiled.targets);
-  item.first_group = uint32_t(groups_.size());
-  item.group_count = uint32_t(grouped.groups.size());
-  state_.view.most_groups = std::max(state_.view.most_groups, item.group_count);
-  state_.shared_bytes = std::max(state_.shared_bytes, grouped.shared_bytes);
-  for (FineArgs group : grouped.groups) {
-    group.grid = item.grid;
-    group.coverage = item.coverage;
-    group.coverage_bits = state_.view.bits + item.first_word;
-    group.slab_voxels = member.plan.grid.voxels();
-    groups_.push_back(group);
+    if (!target.is_occupancy) valued_.At(next++) = target;
   }
 }
 
 absl::Status BatchPass::Upload() {
   BatchView& view = state_.view;
   for (size_t i = 0; i < members_.size(); ++i) {
-    if (places_[i].tiled) PointAtTargets(i);
+    if (places_[i].values) PointAtTargets(i);
   }
   UploadLayout layout;
   const uint64_t items = layout.Add(items_.data(), items_.size());
   const uint64_t packed = layout.Add(packed_.data(), packed_.size());
   const uint64_t values = layout.Add(values_.data(), values_.size());
-  const uint64_t groups = layout.Add(groups_.data(), groups_.size());
   buckets_.AddTo(layout);
   meshes_.resize(members_.size());
   for (size_t i = 0; i < members_.size(); ++i) {
@@ -328,7 +324,6 @@ absl::Status BatchPass::Upload() {
     item.positions = meshes_[i].positions();
     item.triangles = meshes_[i].triangles();
     item.shading.mesh = meshes_[i].view();
-    for (uint32_t g = 0; g < item.group_count; ++g) groups_[item.first_group + g].mesh = meshes_[i].view();
   }
   layout.CopyTo(staging_.data());
   VOXELPIPE_CUDA_OR_RETURN(
@@ -336,7 +331,6 @@ absl::Status BatchPass::Upload() {
   view.items = At<BatchItemView>(there_, items);
   view.targets = At<BatchTargetView>(there_, packed);
   view.values = At<BatchValueView>(there_, values);
-  view.groups = At<FineArgs>(there_, groups);
   buckets_.Place(there_.data(), view);
   return absl::OkStatus();
 }

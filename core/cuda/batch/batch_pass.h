@@ -10,6 +10,7 @@
 #include "cuda/batch/batch_buckets.h"
 #include "cuda/batch/batch_member.h"
 #include "cuda/batch/batch_mesh.h"
+#include "cuda/batch/batch_values.h"
 #include "cuda/device/pinned.h"
 #include "cuda/device/upload_layout.h"
 
@@ -30,17 +31,17 @@ class BatchPass {
   absl::StatusOr<VoxelizeResult> Cut(size_t number);
 
  private:
-  // What a member that goes by tiles has besides. Places of bit grids are words from the first one of `own bits`, of
-  // values bytes from the first one.
-  struct Tiled {
-    uint32_t first_value = 0;
+  // What a member whose targets have values has besides. Bit grids are words from the first one of `own bits`, values
+  // bytes from the first one.
+  struct Values {
+    uint32_t first_value = 0, first_target = 0;  // of values_, of valued_
     TargetViews targets;
     std::array<uint64_t, kMaxTargets> bits{}, presence{}, values{};
   };
   // Where a member's results are among packed_, and the rest.
   struct Place {
     uint32_t first_packed = 0;
-    std::unique_ptr<Tiled> tiled;  // null: it does not go by tiles
+    std::unique_ptr<Values> values;  // null: its path is another
   };
 
   BatchCounts CountsOf(size_t number) const;
@@ -48,7 +49,7 @@ class BatchPass {
   void DescribeItem(const BatchMember& member);
   void DescribeTargets(const BatchMember& member);
   void AddPacked(const BatchMember& member, bool clear, bool fill);
-  void AddTiled(const BatchMember& member);
+  void AddValues(const BatchMember& member);
   absl::Status Allocate();
   // Descriptions and meshes go up in one copy.
   absl::Status Upload();
@@ -62,9 +63,9 @@ class BatchPass {
   std::vector<BatchItemView> items_;
   std::vector<BatchTargetView> packed_;
   std::vector<BatchValueView> values_;
-  std::vector<FineArgs> groups_;
   std::vector<Place> places_;      // per member
   std::vector<BatchMesh> meshes_;  // likewise
+  BatchValues valued_;
   BatchBuckets buckets_;
   uint64_t words_ = 0, own_words_ = 0, shell_words_ = 0, columns_ = 0, value_bytes_ = 0;
   uint32_t* own_bits_ = nullptr;                                                        // bit grids of single targets

@@ -5,21 +5,22 @@
 // items, whose firsts ascend.
 #pragma once
 
-#include "cuda/primitives/shading_args.h"
+#include "cuda/primitives/blend_rules.cuh"
 #include "cuda/primitives/views.h"
 #include "cuda/primitives/voxel_code.h"
 #include "shaders/fill_value.h"
 
 namespace voxelpipe::cuda {
 
-// How the fragments of an A-buffer are shaded.
+// How an item's fragments are shaded.
 struct BatchShading {
   const MeshView* mesh = nullptr;
-  uint32_t first_target = 0;  // of BatchView::shaded
+  uint32_t first_target = 0;  // of BatchView::shaded, or of BatchValues
   int target_count = 0;
   ShaderTraits traits;  // of all targets' shaders together
   bool planar = false;
-  bool drops = false;  // every target's shader can discard: a fragment that all do is none
+  bool shades = false;  // some target is blended from what its shader gives
+  bool drops = false;   // every target's shader can discard: a fragment that all do is none
 };
 
 // One grid of the batch, a single slab.
@@ -33,13 +34,16 @@ struct BatchItemView {
   const Vec3d* positions = nullptr;  // world space
   const uint32_t* triangles = nullptr;
   // Where its part begins among all vertices, triangles, rows of bit grids, their words, words of columns, words of
-  // shells, tiles, and voxels of A-buffers. An item of plain bits goes by rows and has no tiles; such items come first.
-  // An A-buffer has neither rows nor tiles; they come last.
-  uint64_t first_vertex = 0, first_triangle = 0, first_row = 0, first_word = 0, first_column = 0, first_tile = 0;
+  // shells, and voxels of items with fragments. Items of plain bits, which have none, come first; A-buffers, which have
+  // no bit grid, last.
+  uint64_t first_vertex = 0, first_triangle = 0, first_row = 0, first_word = 0, first_column = 0;
   uint64_t first_shell = 0, first_voxel = 0;
-  uint32_t first_group = 0, group_count = 0;  // of BatchView::groups: its targets
-  uint64_t words = 0;                         // of its bit grid
-  int64_t column_words = 0;                   // of a layer's columns (parity_fill.cu)
+  // Where the bits of the voxels that its triangles touch begin among the words of bit grids: its coverage, or a grid
+  // beside it if every target's shader can discard. A multiple of 4, as first_word.
+  uint64_t first_touched = 0;
+  uint64_t triangle_count = 0;
+  uint64_t words = 0;        // of its bit grid
+  int64_t column_words = 0;  // of a layer's columns (parity_fill.cu)
   BatchShading shading;
 
   VOXELPIPE_HD bool filled() const { return parity || flood; }
@@ -72,44 +76,30 @@ struct BatchCounts {
   uint64_t unfinished = 0;  // not 0: the flood takes more sweeps than a pass waits for, and the item has no result
 };
 
-// Elements of BatchView::counters. kBatchNextTile: one for each group of targets that an item can have.
-enum BatchCounter : int {
-  kBatchPairs,
-  kBatchQueued,
-  kBatchOccupied,
-  kBatchNextTile,
-  kBatchCounters = kBatchNextTile + kMaxTargets
-};
-
 // Elements of BatchView::queued, the first ones of a stage.
 enum BatchQueue : int {
   kBatchRows = 0,       // as in WalkArgs
   kBatchFill = 4,       // of the parity fill
   kBatchFragments = 5,  // as in WalkArgs
   kBatchShells = 9,     // likewise
-  kBatchQueues = 13
-};
-
-// TilePairs of all tiles, sorted.
-struct BatchPairs {
-  const uint32_t *triangles = nullptr, *begin = nullptr, *end = nullptr, *occupied = nullptr;
+  kBatchValues = 13,    // likewise
+  kBatchQueues = 17
 };
 
 struct BatchView {
   const BatchItemView* items = nullptr;
   const BatchTargetView* targets = nullptr;
   const BatchValueView* values = nullptr;
-  const FineArgs* groups = nullptr;
   uint32_t item_count = 0, target_count = 0, value_count = 0;
-  uint32_t most_groups = 0;  // of an item
-  // Triangles of items of plain bits, behind them those of items that go by tiles, and tiles.
-  uint64_t row_triangles = 0, tile_triangles = 0, tile_count = 0;
+  // Triangles of items of plain bits, and behind them those of items whose targets have values.
+  uint64_t row_triangles = 0, value_triangles = 0;
   // Of the triangles, those of items with a shell of their own; and the items that are flooded.
   uint64_t first_shell_triangle = 0, shell_triangles = 0;
   uint32_t first_flood = 0, flood_count = 0;
-  uint64_t voxel_count = 0;             // of A-buffers
+  uint64_t voxel_count = 0;             // of items with fragments
   const CudaTarget* shaded = nullptr;   // targets of A-buffers
-  uint32_t* fragment_counts = nullptr;  // per triangle of an A-buffer, and one more, which stays 0
+  uint32_t* value_counts = nullptr;     // fragments per triangle of an item with values, and one more, which stays 0
+  uint32_t* fragment_counts = nullptr;  // likewise of an A-buffer
   uint64_t vertex_count = 0, triangle_count = 0, row_count = 0, packed_words = 0;
   bool any_parity = false;
   VOXELPIPE_HD bool any_fill() const { return any_parity || flood_count > 0; }
@@ -120,14 +110,14 @@ struct BatchView {
   uint32_t* queue[3] = {};        // room for all triangles in each
   // Cleared at the beginning, together.
   void* zero = nullptr;
-  uint64_t zero_quads = 0;        // of 16 bytes
-  uint64_t* queued = nullptr;     // see BatchQueue
-  uint64_t* counters = nullptr;   // see BatchCounter
-  uint32_t* bits = nullptr;       // coverage
-  uint32_t* shells = nullptr;     // of items with one of their own
-  uint32_t* inside = nullptr;     // where any item has a fill
-  uint32_t* columns = nullptr;    // of items with parity fill: parity of each column's crossings
-  BatchCounts* counts = nullptr;  // per item
+  uint64_t zero_quads = 0;         // of 16 bytes
+  uint64_t* queued = nullptr;      // see BatchQueue
+  uint32_t* bits = nullptr;        // coverage, and what first_touched stands for
+  uint32_t* word_ranks = nullptr;  // per word of `bits` (Ranks)
+  uint32_t* shells = nullptr;      // of items with one of their own
+  uint32_t* inside = nullptr;      // where any item has a fill
+  uint32_t* columns = nullptr;     // of items with parity fill: parity of each column's crossings
+  BatchCounts* counts = nullptr;   // per item
   uint32_t* packed = nullptr;
 };
 

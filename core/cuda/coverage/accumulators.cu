@@ -1,25 +1,9 @@
 #include "cuda/coverage/accumulators.h"
 
-#include "cuda/traversal/row_traversal.cuh"
+#include "cuda/coverage/set_bits.cuh"
 
 namespace voxelpipe::cuda {
 namespace {
-
-// What is kept of a voxel in accumulators: of owners the numbers, of bits cells that are 0 or 1.
-Kept AccumulatedBy(const CudaTarget& target) {
-  const Kept kept = KeptBy(target);
-  switch (kept) {
-    case Kept::kBitOr: return Kept::kOr;
-    case Kept::kBitAnd: return Kept::kAnd;
-    case Kept::kOwner:
-    case Kept::kBitOfOwner: return target.blend == Blend::kFirst ? Kept::kMin : Kept::kMax;
-    default: return kept;
-  }
-}
-int AccumulatedComponents(const CudaTarget& target) {
-  const bool owner = target.blend == Blend::kReplace || target.blend == Blend::kFirst;
-  return owner || target.format == VoxelFormat::kBit ? 1 : target.components;
-}
 
 inline constexpr int kRankedOfThread = 16;  // words
 
@@ -60,9 +44,7 @@ Ranks RanksOf(RunState& state) {
 Accumulators AccumulatorsOf(RunState& state, int index) {
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
-  Accumulators to;
-  to.kept = AccumulatedBy(target);
-  to.components = AccumulatedComponents(target);
+  Accumulators to = ShapeOf(target);
   to.cells = memory.cells.data();
   to.sums = memory.sums.data();
   to.counts = memory.counts.data();
@@ -82,8 +64,9 @@ absl::Status RankCovered(RunState& state) {
 absl::Status BeginAccumulators(RunState& state, int index, uint64_t voxels) {
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
-  const Kept kept = AccumulatedBy(target);
-  const uint64_t cells = voxels * uint64_t(AccumulatedComponents(target));
+  const Accumulators shape = ShapeOf(target);
+  const Kept kept = shape.kept;
+  const uint64_t cells = voxels * uint64_t(shape.components);
   if (kept == Kept::kCount || kept == Kept::kAverage) {
     VOXELPIPE_OK_OR_RETURN(memory.counts.Resize(voxels, state.stream));
     VOXELPIPE_OK_OR_RETURN(memory.counts.Fill(0, state.stream));
@@ -94,7 +77,7 @@ absl::Status BeginAccumulators(RunState& state, int index, uint64_t voxels) {
     return memory.sums.Fill(0, state.stream);
   }
   VOXELPIPE_OK_OR_RETURN(memory.cells.Resize(cells, state.stream));
-  return memory.cells.Fill(kept == Kept::kMin || kept == Kept::kAnd ? 0xff : 0, state.stream);
+  return memory.cells.Fill(BeginsWithOnes(kept) ? 0xff : 0, state.stream);
 }
 
 }  // namespace voxelpipe::cuda

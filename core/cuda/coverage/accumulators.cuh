@@ -2,6 +2,7 @@
 // the rank of its first set bit, so that a rank costs one population count. No host-only includes.
 #pragma once
 
+#include "cuda/coverage/accumulator_views.h"
 #include "cuda/coverage/atomic_blend.cuh"
 
 namespace voxelpipe::cuda {
@@ -17,15 +18,6 @@ struct Ranks {
   __device__ uint32_t Of(uint32_t word, uint32_t x) const {
     return first[word] + uint32_t(__popc(bits[word] & ((1u << x) - 1)));
   }
-};
-
-// Accumulators by rank, `components` a voxel; those that the target's Kept needs.
-struct Accumulators {
-  Kept kept{};
-  int components = 1;
-  uint32_t* cells = nullptr;
-  unsigned long long* sums = nullptr;
-  uint32_t* counts = nullptr;  // one a voxel
 };
 
 __device__ inline uint32_t CombineCells(Kept kept, uint32_t a, uint32_t b) {
@@ -67,14 +59,18 @@ __device__ inline void AddAt(const Accumulators& to, uint64_t rank, const uint32
   }
 }
 
-// Four words of an array from number `at` on, a multiple of 4; those behind its end are 0.
-__device__ inline uint4 FourWords(const uint32_t* array, uint64_t at, uint64_t words) {
-  if (at + 4 <= words) return *reinterpret_cast<const uint4*>(array + at);
-  uint4 four{0, 0, 0, 0};
-  if (at < words) four.x = array[at];
-  if (at + 1 < words) four.y = array[at + 1];
-  if (at + 2 < words) four.z = array[at + 2];
-  return four;
+// Component c of what the accumulators of a rank hold, as the target stores it.
+__device__ inline uint32_t StoredOf(const Accumulators& from, uint32_t rank, int c, VoxelFormat format, bool is_float,
+                                    double quantum) {
+  const uint64_t at = uint64_t{rank} * uint64_t(from.components) + uint64_t(c);
+  switch (from.kept) {
+    case Kept::kSum: return StoreSum(int64_t(from.sums[at]), format, quantum, c);
+    case Kept::kAverage: return StoreAverage(int64_t(from.sums[at]), from.counts[rank], format, quantum, c);
+    case Kept::kCount: return StoreCount(from.counts[rank], format);
+    case Kept::kMin:
+    case Kept::kMax: return StoredBits(is_float ? BitsOfKey(from.cells[at]) : from.cells[at], format);
+    default: return StoredBits(from.cells[at], format);
+  }
 }
 
 }  // namespace voxelpipe::cuda

@@ -7,13 +7,6 @@
 
 namespace voxelpipe::cuda {
 
-inline bool IsFloat(VoxelFormat format) {
-  return format == VoxelFormat::kF16 || format == VoxelFormat::kF32;
-}
-inline bool IsSum(Kept kept) {
-  return kept == Kept::kSum || kept == Kept::kAverage;
-}
-
 // Numbers the voxels that some triangle touches; state.counters[kRanks] is how many there are.
 absl::Status RankCovered(RunState& state);
 // These numbers, and a target's accumulators.

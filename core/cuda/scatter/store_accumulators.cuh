@@ -2,10 +2,19 @@
 // accumulators.cu only, as what includes it: these kernels are no templates. No host-only includes.
 #pragma once
 
+#include "cuda/coverage/set_bits.cuh"
 #include "cuda/scatter/blend_spans.cuh"
 #include "cuda/shading/fragment_shading.cuh"
 
 namespace voxelpipe::cuda {
+
+// A warp's number in the launch, and how many it has.
+__device__ inline uint64_t GridWarp() {
+  return uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32;
+}
+__device__ inline uint64_t GridWarps() {
+  return uint64_t(gridDim.x) * (kBlendThreads / 32);
+}
 
 struct KeyArgs {
   const uint32_t* coverage;  // bit grid
@@ -16,58 +25,6 @@ struct KeyArgs {
   int components;
   bool planar, complement, is_float;
 };
-
-inline constexpr uint64_t kWordsOfWarp = 128;  // that a warp looks at a time
-
-// The set bits of a warp's words of a bit grid, numbered in order, for most words are empty. All lanes call each.
-class SetBits {
- public:
-  // Of kWordsOfWarp words from number `begin` on.
-  __device__ SetBits(const uint32_t* grid, uint64_t begin, uint64_t words)
-      : begin_(begin), four_(FourWords(grid, begin + threadIdx.x % 32 * 4, words)) {
-    before_ = WarpExclusiveSum(uint32_t(__popc(four_.x) + __popc(four_.y) + __popc(four_.z) + __popc(four_.w)), total_);
-  }
-  __device__ uint32_t total() const { return total_; }
-  // Where a lane's bit stands; of no meaning where there are not so many.
-  __device__ void Find(uint32_t number, uint64_t& word, uint32_t& x) const {
-    const int owner = LaneOfItem(before_, number);
-    int left = int(number - __shfl_sync(~0u, before_, owner));
-    const uint32_t of[4] = {__shfl_sync(~0u, four_.x, owner), __shfl_sync(~0u, four_.y, owner),
-                            __shfl_sync(~0u, four_.z, owner), __shfl_sync(~0u, four_.w, owner)};
-    if (number >= total_) return;
-    uint32_t bits = of[0];
-    int which = 0;
-#pragma unroll
-    for (int next = 1; next < 4; ++next) {
-      if (which == next - 1 && left >= __popc(bits)) left -= __popc(bits), bits = of[next], which = next;
-    }
-    for (; left > 0; --left) bits &= bits - 1;
-    word = begin_ + uint64_t(owner) * 4 + uint64_t(which);
-    x = uint32_t(__ffs(int(bits)) - 1);
-  }
-
- private:
-  uint64_t begin_;
-  uint4 four_;
-  uint32_t before_, total_;
-};
-
-// Calls visit(word, x) for the set bits of a bit grid, each by a lane.
-template <typename Visit>
-__device__ inline void ForEachSetBit(const uint32_t* grid, uint64_t words, Visit&& visit) {
-  const uint64_t step = uint64_t(gridDim.x) * (kBlendThreads / 32) * kWordsOfWarp;
-  uint64_t begin = (uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32) * kWordsOfWarp;
-  for (; begin < words; begin += step) {
-    const SetBits bits(grid, begin, words);
-    for (uint32_t first = 0; first < bits.total(); first += 32) {
-      const uint32_t number = first + threadIdx.x % 32;
-      uint64_t word = 0;
-      uint32_t x = 0;
-      bits.Find(number, word, x);
-      if (number < bits.total()) visit(word, x);
-    }
-  }
-}
 
 __device__ inline uint32_t ValueOfCell(const KeyArgs& args, bool plain, uint32_t cell) {
   const uint32_t key = args.complement ? ~cell : cell;
@@ -117,7 +74,7 @@ __global__ void __launch_bounds__(kBlendThreads) KeysToValues(const __grid_const
   const bool plain = args.negative != nullptr && *args.negative == 0;
   if (plain && !args.complement) return;
   if (args.components == 4 && !args.planar) return FoursToValues(args, plain);
-  ForEachSetBit(args.coverage, args.words, [&](uint64_t word, uint32_t x) {
+  ForEachSetBit(args.coverage, args.words, GridWarp(), GridWarps(), [&](uint64_t word, uint32_t x) {
     const uint64_t n = VoxelOf(args, word, x);
     for (uint64_t c = 0; c < uint64_t(args.components); ++c) {
       uint32_t* const cell = args.out + (args.planar ? c * args.voxels + n : n * uint64_t(args.components) + c);
@@ -146,7 +103,7 @@ struct StoreArgs {
 template <typename Visit>
 __device__ inline void ForEachStored(const StoreArgs& args, Visit&& visit) {
   if (args.listed == nullptr) {
-    ForEachSetBit(args.present, args.words, [&](uint64_t word, unsigned x) {
+    ForEachSetBit(args.present, args.words, GridWarp(), GridWarps(), [&](uint64_t word, unsigned x) {
       visit(uint32_t(word), x, args.ranks.Of(uint32_t(word), x),
             VoxelOfBit(uint32_t(word) * 32 + x, args.nx, args.words_per_row));
     });
@@ -164,20 +121,7 @@ __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_c
   const Accumulators& from = args.from;
   ForEachStored(args, [&](uint32_t word, uint32_t x, uint32_t rank, uint64_t n) {
     for (uint64_t c = 0; c < uint64_t(from.components); ++c) {
-      const uint64_t at = uint64_t{rank} * uint64_t(from.components) + c;
-      uint32_t stored;
-      switch (from.kept) {
-        case Kept::kSum: stored = StoreSum(int64_t(from.sums[at]), args.format, args.quantum, int(c)); break;
-        case Kept::kAverage:
-          stored = StoreAverage(int64_t(from.sums[at]), from.counts[rank], args.format, args.quantum, int(c));
-          break;
-        case Kept::kCount: stored = StoreCount(from.counts[rank], args.format); break;
-        case Kept::kMin:
-        case Kept::kMax:
-          stored = StoredBits(args.is_float ? BitsOfKey(from.cells[at]) : from.cells[at], args.format);
-          break;
-        default: stored = StoredBits(from.cells[at], args.format);
-      }
+      const uint32_t stored = StoredOf(from, rank, int(c), args.format, args.is_float, args.quantum);
       if (args.format == VoxelFormat::kBit) {
         if (stored != 0) atomicOr(args.bits + word, 1u << x);
         continue;

@@ -80,7 +80,7 @@ absl::Status StoreOwners(RunState& state, int index, const StoreArgs& from, bool
 
 absl::Status Store(RunState& state, int index, const StoreArgs& args) {
   const CudaTarget& target = state.targets.at[index];
-  if (target.blend == Blend::kReplace || target.blend == Blend::kFirst) {
+  if (HasOwner(target)) {
     return StoreOwners(state, index, args, args.listed != nullptr);
   }
   const uint64_t work = args.listed != nullptr ? args.voxels : args.words;

@@ -11,19 +11,13 @@
 #include "cuda/primitives/fast_divide.h"
 #include "cuda/primitives/span.h"
 #include "cuda/primitives/warp_reduce.cuh"
+#include "cuda/shading/blend_fragment.cuh"
 #include "cuda/shading/fragment_shading.cuh"
 #include "cuda/traversal/row_traversal.cuh"
 
 namespace voxelpipe::cuda {
 
 inline constexpr int kShadeThreads = 128;
-
-// A target, and where its fragments are blended: in the owner's number plus one where a fragment replaces others.
-struct ShadedTarget {
-  CudaTarget target;
-  Accumulators to;
-  bool has_owner = false, is_float = false;
-};
 
 struct CoverageShadingArgs {
   // Records of triangles, and the masks of those that are blocks; or, if `spans` is set, spans.
@@ -91,46 +85,6 @@ __device__ inline uint32_t BitOfFragment(const CoverageShadingArgs& args, const 
   const uint32_t i = SelectBit(entry.mask, n), log = entry.kind == CellKind::kBlock ? 2 : 1, side = (1u << log) - 1;
   const uint32_t row = uint32_t(args.grid.words_per_row) * 32, layer = row * uint32_t(args.grid.dims[1]);
   return entry.first + (i & side) + row * (i >> log & side) + layer * (i >> 2 * log);
-}
-
-// Blends a fragment that the target keeps into its accumulators.
-__device__ inline void BlendShaded(const ShadedTarget& shaded, const FragmentOutput& out, uint32_t triangle,
-                                   uint32_t rank) {
-  const CudaTarget& target = shaded.target;
-  const Accumulators& to = shaded.to;
-  if (shaded.has_owner) {
-    if (to.kept == Kept::kMax) {
-      atomicMax(to.cells + rank, OwnerOf(triangle));
-    } else {
-      atomicMin(to.cells + rank, OwnerOf(triangle));
-    }
-    return;
-  }
-  if (to.kept == Kept::kCount || to.kept == Kept::kAverage) atomicAdd(to.counts + rank, 1u);
-  if (to.kept == Kept::kCount) return;
-  const bool bit = target.format == VoxelFormat::kBit;
-  for (int c = 0; c < to.components; ++c) {
-    const uint64_t at = uint64_t{rank} * uint64_t(to.components) + uint64_t(c);
-    if (to.kept == Kept::kSum || to.kept == Kept::kAverage) {
-      const int64_t term = ToTerm(out, target.u32_output, c, target.format, target.scale, target.quantum);
-      if (term != 0) atomicAdd(to.sums + at, static_cast<unsigned long long>(term));
-      continue;
-    }
-    uint32_t cell;
-    if (bit) {
-      cell = target.blend == Blend::kCount || ToBit(out, target.u32_output);
-    } else {
-      cell = ToCell(out, target.u32_output, c, target.format, target.scale);
-      const bool ordered = shaded.is_float && (to.kept == Kept::kMin || to.kept == Kept::kMax);
-      if (ordered) cell = KeyOf(cell);
-    }
-    switch (to.kept) {
-      case Kept::kMax: atomicMax(to.cells + at, cell); break;
-      case Kept::kMin: atomicMin(to.cells + at, cell); break;
-      case Kept::kOr: atomicOr(to.cells + at, cell); break;
-      default: atomicAnd(to.cells + at, cell); break;
-    }
-  }
 }
 
 // The fragment of a triangle at the voxel of a bit.

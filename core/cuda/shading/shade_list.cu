@@ -70,12 +70,9 @@ CoverageShadingArgs MakeCoverageArgs(RunState& state) {
   CoverageShadingArgs args;
   for (int t = 0; t < state.targets.count; ++t) {
     if (state.plan.targets[size_t(t)].source != ValueSource::kFragments) continue;
-    ShadedTarget& shaded = args.targets[args.target_count++];
-    shaded.target = state.targets.at[t];
-    shaded.to = AccumulatorsOf(state, t);
-    shaded.has_owner = shaded.target.blend == Blend::kReplace || shaded.target.blend == Blend::kFirst;
-    shaded.is_float = IsFloat(shaded.target.format);
-    args.traits |= TraitsOf(shaded.target.shader);
+    const CudaTarget& target = state.targets.at[t];
+    args.targets[args.target_count++] = ShadedTargetOf(target, AccumulatorsOf(state, t));
+    args.traits |= TraitsOf(target.shader);
   }
   args.grid = state.view;
   args.by_words_per_row = MakeDivisor(uint32_t(state.view.words_per_row));

@@ -10,7 +10,6 @@
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
 #include "cpu/vertex_shade.h"
-#include "cuda/batch/batch.h"
 #include "cuda/primitives/list_sizes.h"
 #include "cuda/primitives/voxel_code.h"
 #include "cuda/run/run_state.h"
@@ -34,56 +33,31 @@ __global__ void __launch_bounds__(kThreads)
 }
 
 struct BinArgs {
+  TileGrid tiles;
+  int z_begin, z_end;   // of the tiles that are wanted, which are numbered from the first of them on:
+  uint64_t first_tile;  // what is added to a tile's number in the grid, modulo 2^64
   const uint32_t* triangles;
   const Vec3d* positions;  // index space
   const VertexCode* codes;
-  uint64_t first_triangle = 0, triangle_end;  // those that are binned
+  uint64_t triangle_count;
   uint32_t *pair_tiles, *pair_triangles;
   uint64_t capacity;
   uint32_t* queue;
   uint64_t *pairs, *queued;  // counters
 };
-struct GridBinArgs : BinArgs {
-  TileGrid tiles;
-  int z_begin, z_end;   // of the tiles that are wanted, which are numbered from the first of them on:
-  uint64_t first_tile;  // what is added to a tile's number in the grid, modulo 2^64
-};
-// The same for the triangles of a batch: tiles and triangles are numbered as among all, triangles as in their mesh.
-struct BatchBinArgs : BinArgs {
-  const BatchItemView* items;
-  const uint32_t* item_of;
-};
-
-// Where the tiles of a triangle are, and the number that it has for whoever takes the pair.
-struct BinPlace {
-  TileGrid tiles;
-  int z_begin, z_end;
-  uint64_t first_tile, triangle;
-};
-__device__ inline BinPlace PlaceOf(const GridBinArgs& args, uint64_t t) {
-  return {args.tiles, args.z_begin, args.z_end, args.first_tile, t};
-}
-__device__ inline BinPlace PlaceOf(const BatchBinArgs& args, uint64_t t) {
-  const BatchItemView& item = args.items[args.item_of[t]];
-  return {item.grid.tiles, 0, int(item.grid.tiles.dims[2]), item.first_tile, t - item.first_triangle};
-}
-
 __device__ inline void Put(const BinArgs& args, uint64_t at, uint64_t tile, uint64_t triangle) {
   if (at >= args.capacity) return;
   args.pair_tiles[at] = uint32_t(tile);
   args.pair_triangles[at] = uint32_t(triangle);
 }
 
-template <typename Args>
-__global__ void __launch_bounds__(kThreads) BinSmall(const Args args) {
+__global__ void __launch_bounds__(kThreads) BinSmall(const BinArgs args) {
   __shared__ unsigned long long room[2][kThreads / 32 + 1];
-  const uint64_t t = args.first_triangle + uint64_t(blockIdx.x) * kThreads + threadIdx.x;
+  const uint64_t t = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
   bool few = false, many = false;
   int begin[3], end[3];  // tiles
   uint32_t count = 0;
-  BinPlace place{};
-  if (t < args.triangle_end) {
-    place = PlaceOf(args, t);
+  if (t < args.triangle_count) {
     const uint32_t* v = args.triangles + 3 * t;
     const CodedBox box = DecodeBox(args.codes[v[0]], args.codes[v[1]], args.codes[v[2]]);
     many = box.far;
@@ -92,8 +66,8 @@ __global__ void __launch_bounds__(kThreads) BinSmall(const Args args) {
       count = 1;
       for (int i = 0; i < 3; ++i) {
         const int dim = int(TileDim(i));
-        begin[i] = max(max(box.first[i], 0) / dim, i == 2 ? place.z_begin : 0);
-        end[i] = box.last[i] < 0 ? 0 : min(box.last[i] / dim + 1, i == 2 ? place.z_end : int(place.tiles.dims[i]));
+        begin[i] = max(max(box.first[i], 0) / dim, i == 2 ? args.z_begin : 0);
+        end[i] = box.last[i] < 0 ? 0 : min(box.last[i] / dim + 1, i == 2 ? args.z_end : int(args.tiles.dims[i]));
         empty = empty || begin[i] >= end[i];
         count = empty ? 0 : min(count * uint32_t(end[i] - begin[i]), 8u);
       }
@@ -108,8 +82,7 @@ __global__ void __launch_bounds__(kThreads) BinSmall(const Args args) {
   if (few) {
     for (int z = begin[2]; z < end[2]; ++z) {
       for (int y = begin[1]; y < end[1]; ++y) {
-        for (int x = begin[0]; x < end[0]; ++x)
-          Put(args, at++, place.first_tile + place.tiles.Index(x, y, z), place.triangle);
+        for (int x = begin[0]; x < end[0]; ++x) Put(args, at++, args.first_tile + args.tiles.Index(x, y, z), t);
       }
     }
   }
@@ -119,18 +92,16 @@ __global__ void __launch_bounds__(kThreads) BinSmall(const Args args) {
 }
 
 // A block takes a queued triangle and deals its rows of tiles to its threads.
-template <typename Args>
-__global__ void __launch_bounds__(kLargeThreads) BinLarge(const Args args) {
+__global__ void __launch_bounds__(kLargeThreads) BinLarge(const BinArgs args) {
   const uint64_t queued = *args.queued;
   for (uint64_t i = blockIdx.x; i < queued; i += gridDim.x) {
     const uint32_t t = args.queue[i];
-    const BinPlace place = PlaceOf(args, t);
     const uint32_t* v = args.triangles + 3 * uint64_t{t};
     const Vec3d &a = args.positions[v[0]], &b = args.positions[v[1]], &c = args.positions[v[2]];
-    const TriangleSetup s = SetUpAmongTiles(a, b, c, BoundTiles(place.tiles, a, b, c).widening);
-    VoxelRange wanted = AllTiles(place.tiles);
-    wanted.begin[2] = place.z_begin;
-    wanted.end[2] = place.z_end;
+    const TriangleSetup s = SetUpAmongTiles(a, b, c, BoundTiles(args.tiles, a, b, c).widening);
+    VoxelRange wanted = AllTiles(args.tiles);
+    wanted.begin[2] = args.z_begin;
+    wanted.end[2] = args.z_end;
     const VoxelRange range = ClipToRange(s, wanted);
     const uint64_t rows =
         range.empty() ? 0 : uint64_t(range.end[1] - range.begin[1]) * uint64_t(range.end[2] - range.begin[2]);
@@ -140,7 +111,7 @@ __global__ void __launch_bounds__(kLargeThreads) BinLarge(const Args args) {
       if (row >= rows || !RowSpan(s, range, row, y, z, x_begin, x_end)) x_begin = x_end = 0;
       uint64_t at = WarpAllocate(args.pairs, uint32_t(x_end - x_begin));
       for (int64_t x = x_begin; x < x_end; ++x) {
-        Put(args, at++, place.first_tile + place.tiles.Index(x, y, z), place.triangle);
+        Put(args, at++, args.first_tile + args.tiles.Index(x, y, z), t);
       }
     }
   }
@@ -188,22 +159,10 @@ bool NeedsPlaces(const RunState& state) {
   return false;
 }
 
-// The counters are to be 0.
-template <typename Args>
-absl::Status LaunchBins(const Args& args, const DeviceInfo& device, cudaStream_t stream) {
-  const uint64_t count = args.triangle_end - args.first_triangle;
-  BinSmall<<<unsigned((count + kThreads - 1) / kThreads), kThreads, 0, stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("BinSmall");
-  const uint64_t blocks = std::min<uint64_t>(uint64_t(device.multiprocessors) * 8, count);
-  BinLarge<<<unsigned(blocks), kLargeThreads, 0, stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("BinLarge");
-  return absl::OkStatus();
-}
-
 absl::Status Bin(RunState& state, uint64_t capacity) {
   VOXELPIPE_OK_OR_RETURN(state.pairs.MakeRoom(capacity, state.stream));
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kPairs, kQueued0}));
-  GridBinArgs args;
+  BinArgs args;
   args.tiles = state.view.tiles;
   args.z_begin = int(state.tile_layers.begin);
   args.z_end = int(state.tile_layers.end);
@@ -211,14 +170,19 @@ absl::Status Bin(RunState& state, uint64_t capacity) {
   args.triangles = state.mesh.triangle_list();
   args.positions = state.mesh.index_positions.data();
   args.codes = state.mesh.codes.data();
-  args.triangle_end = state.mesh.host_view.triangle_count;
+  args.triangle_count = state.mesh.host_view.triangle_count;
   args.pair_tiles = state.pairs.tiles[0].data();
   args.pair_triangles = state.pairs.triangles[0].data();
   args.capacity = capacity;
   args.queue = state.queue[0].data();
   args.pairs = state.counters.data() + kPairs;
   args.queued = state.counters.data() + kQueued0;
-  VOXELPIPE_OK_OR_RETURN(LaunchBins(args, state.device, state.stream));
+  const uint64_t count = args.triangle_count;
+  BinSmall<<<unsigned((count + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BinSmall");
+  const uint64_t blocks = std::min<uint64_t>(uint64_t(state.device.multiprocessors) * 8, count);
+  BinLarge<<<unsigned(blocks), kLargeThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BinLarge");
   auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
   state.pairs.count = (*counters)[kPairs];
@@ -239,39 +203,6 @@ absl::Status PlaceVertices(RunState& state) {
   }
   state.placed = true;
   return absl::OkStatus();
-}
-
-absl::Status BinBatch(BatchState& state) {
-  const BatchView& batch = state.view;
-  TilePairs& pairs = state.pairs;
-  BatchBinArgs args;
-  args.items = batch.items;
-  args.item_of = batch.item_of;
-  args.triangles = batch.triangles;
-  args.positions = batch.placed;
-  args.codes = batch.codes;
-  args.first_triangle = batch.row_triangles;
-  args.triangle_end = batch.row_triangles + batch.tile_triangles;
-  args.queue = batch.queue[0];
-  args.pairs = batch.counters + kBatchPairs;
-  args.queued = batch.counters + kBatchQueued;
-  const uint64_t triangles = args.triangle_end - args.first_triangle;
-  pairs.count = 0;
-  if (triangles == 0) return absl::OkStatus();
-  for (uint64_t capacity = 2 * triangles + (1 << 16);; capacity = pairs.count) {
-    VOXELPIPE_OK_OR_RETURN(pairs.MakeRoom(capacity, state.stream));
-    args.pair_tiles = pairs.tiles[0].data();
-    args.pair_triangles = pairs.triangles[0].data();
-    args.capacity = capacity;
-    VOXELPIPE_OK_OR_RETURN(LaunchBins(args, state.device, state.stream));
-    VOXELPIPE_CUDA_OR_RETURN(
-        cudaMemcpyAsync(&pairs.count, args.pairs, sizeof pairs.count, cudaMemcpyDeviceToHost, state.stream));
-    VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(state.stream));
-    if (pairs.count > kMaxPairs) return absl::ResourceExhaustedError("a batch's triangles meet tiles 2^32 times");
-    if (pairs.count <= capacity) return absl::OkStatus();
-    static_assert(kBatchQueued == kBatchPairs + 1);
-    VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(args.pairs, 0, 2 * sizeof(uint64_t), state.stream));
-  }
 }
 
 namespace {

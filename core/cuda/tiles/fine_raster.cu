@@ -5,8 +5,6 @@
 #include <utility>
 #include <vector>
 
-#include "cuda/batch/batch.h"
-#include "cuda/batch/fine_batch_kernel.cuh"
 #include "cuda/primitives/list_sizes.h"
 #include "cuda/run/run_state.h"
 #include "cuda/tiles/fine_raster_kernel.cuh"
@@ -105,31 +103,6 @@ absl::Status Launch(RunState& state, FineArgs& args) {
 }
 
 }  // namespace
-
-TargetGroups GroupForBatch(const TargetViews& targets) {
-  TargetGroups found;
-  found.groups = GroupTargets(targets);
-  for (const FineArgs& group : found.groups) found.shared_bytes = std::max(found.shared_bytes, SharedBytes(group));
-  return found;
-}
-
-absl::Status FineBatch(BatchState& state) {
-  const BatchView& batch = state.view;
-  TilePairs& pairs = state.pairs;
-  if (pairs.count == 0) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(
-      SortPairs(pairs, batch.tile_count, nullptr, batch.counters + kBatchOccupied, state.scratch, state.stream));
-  const BatchPairs sorted{pairs.triangles[pairs.sorted].data(), pairs.begin.data(), pairs.end.data(),
-                          pairs.occupied.data()};
-  const absl::StatusOr<unsigned> blocks =
-      ResidentBlocks(state.device, FineBatchKernel, kFineThreads, state.shared_bytes);
-  if (!blocks.ok()) return blocks.status();
-  for (uint32_t group = 0; group < batch.most_groups; ++group) {
-    FineBatchKernel<<<*blocks, kFineThreads, size_t(state.shared_bytes), state.stream>>>(batch, sorted, group);
-    VOXELPIPE_LAUNCHED_OR_RETURN("FineBatchKernel");
-  }
-  return absl::OkStatus();
-}
 
 absl::Status FineRaster(RunState& state) {
   if (state.plan.path == Path::kNothing) return absl::OkStatus();
