@@ -1,4 +1,4 @@
-// The part of a triangle that lies in a box.
+// Clips a triangle to an axis-aligned box.
 //
 // Source: I. Sutherland and G. Hodgman, "Reentrant Polygon Clipping", CACM 17(1), 1974.
 #pragma once
@@ -13,12 +13,12 @@ struct PolygonSize {
   Vec3d width{}, area{};
 };
 
-// A triangle that planes orthogonal to the axes cut off, six at most.
+// A triangle clipped by at most six planes, each orthogonal to an axis.
 class ClippedTriangle {
  public:
   VOXELPIPE_HD ClippedTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c) : points_{a, b, c}, count_(3) {}
 
-  // Keeps what lies on the side of `plane` to which `side`, 1 or -1, points along `axis`.
+  // Keeps the half space side * p[axis] >= side * plane; `side` is 1 or -1.
   VOXELPIPE_HD void Clip(int axis, double plane, double side) {
     Vec3d out[kMaxPoints];
     int count = 0;
@@ -32,7 +32,7 @@ class ClippedTriangle {
     count_ = count;
   }
 
-  // Keeps what lies between the origin and `far`.
+  // Clips to the box from the origin to `far`.
   VOXELPIPE_HD void ClipTo(const Vec3d& far) {
     for (int axis = 0; axis < 3; ++axis) {
       Clip(axis, 0, 1);
@@ -40,7 +40,7 @@ class ClippedTriangle {
     }
   }
 
-  // Of nothing: zeros.
+  // Zeros if nothing is left.
   VOXELPIPE_HD PolygonSize Size() const {
     PolygonSize size;
     if (count_ == 0) return size;

@@ -13,7 +13,7 @@
 
 namespace voxelpipe {
 
-// Whether the edge a-b, seen along x, is crossed by the half line from (py, pz) towards +z: exactly one end has y <=
+// True if the edge a-b, seen along x, is crossed by the half line from (py, pz) towards +z: exactly one end has y <=
 // py, and the edge passes above pz there. Evaluated in double with the ends in lexicographic (y, z) order, never in a
 // triangle's local frame, so that neighbours agree.
 VOXELPIPE_HD bool EdgeCrossesAbove(const Vec3d& a, const Vec3d& b, double py, double pz) {
@@ -24,18 +24,17 @@ VOXELPIPE_HD bool EdgeCrossesAbove(const Vec3d& a, const Vec3d& b, double py, do
   return (q.y - p.y) * (pz - p.z) - (q.z - p.z) * (py - p.y) < 0;
 }
 
-// Whether the line along x through (py, pz) crosses the triangle (index space).
+// True if the line along x through (py, pz) crosses the triangle (index space).
 VOXELPIPE_HD bool LineCrosses(const Vec3d& a, const Vec3d& b, const Vec3d& c, double py, double pz) {
   return (EdgeCrossesAbove(a, b, py, pz) != EdgeCrossesAbove(b, c, py, pz)) != EdgeCrossesAbove(c, a, py, pz);
 }
 
-// Whether the y of the one edge by which that line crosses the triangle falls along a-b-c-a. In: a triangle that
-// LineCrosses.
+// True if the crossing falls: y falls along a-b-c-a on the one edge that the half line of EdgeCrossesAbove crosses. In:
+// a triangle for which LineCrosses is true.
 //
-// Of the three edges one alone is crossed: two ends of an edge lie on different sides of py, which is so of two edges
-// or none, and LineCrosses says that an odd number of them passes above pz. Closed meshes whose triangles face the same
-// way have as many crossings that rise as fall in every column (the winding number of M. Shimrat's point, counted with
-// signs).
+// Exactly one edge is crossed: py separates the ends of two edges or of none, and LineCrosses is true if an odd number
+// of these edges pass above pz. In a closed, consistently oriented mesh every column has as many rising as falling
+// crossings; the sum of the signs before a point is its winding number.
 VOXELPIPE_HD bool CrossingFalls(const Vec3d& a, const Vec3d& b, const Vec3d& c, double py, double pz) {
   if (EdgeCrossesAbove(a, b, py, pz)) return a.y > b.y;
   return EdgeCrossesAbove(b, c, py, pz) ? b.y > c.y : c.y > a.y;
@@ -46,7 +45,7 @@ VOXELPIPE_HD double CrossingX(const TrianglePlane& s, const Vec3d& a, const Vec3
                               double pz) {
   const double lo = Min(a.x, Min(b.x, c.x)), hi = Max(a.x, Max(b.x, c.x));
   const double dy = (py - s.base.y) - s.v0.y, dz = (pz - s.base.z) - s.v0.z;
-  if (s.normal.x == 0) {  // edge-on or degenerate: the line meets it in a rounding only, nearest along an edge
+  if (s.normal.x == 0) {  // edge-on or degenerate: the line meets it only by rounding; the nearest point of an edge
     const double length = s.e1.y * s.e1.y + s.e1.z * s.e1.z;
     const double t = length > 0 ? (dy * s.e1.y + dz * s.e1.z) / length : 0.0;
     return Clamp(s.base.x + (s.v0.x + t * s.e1.x), lo, hi);

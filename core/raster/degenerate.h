@@ -1,5 +1,8 @@
-// Which triangles are degenerate in index space, told from world space: most are so far from it that none of their
-// vertices need be placed for it. No host-only includes.
+// Finds the triangles that are degenerate in index space from their vertices in world space. No host-only includes.
+//
+// A floating-point filter decides most triangles without transforming a vertex to index space; IsPlacedDegenerate
+// decides the rest by the definition. Filters with an exact fallback: J. R. Shewchuk, "Adaptive Precision
+// Floating-Point Arithmetic and Fast Robust Geometric Predicates", 1997.
 #pragma once
 
 #include "grid/index_space.h"
@@ -10,19 +13,18 @@ namespace voxelpipe {
 struct DegenerateTest {
   IndexSpace space;
   Vec3f inverse_size;
-  // Of the square of an edge, in voxels: from there on what rounding does to vertices in index space is small. Where
-  // floats might not hold what edges are made of, more than any is taken for.
+  // Smallest squared length of the longest edge, in voxels^2, for which the rounding of vertices in index space is
+  // negligible. kMost, which turns the filter off, if float might not hold the edges.
   float least = kMost;
-  // Of the square of a normal (a cross product of edges) in world space: a triangle within two voxels along each axis
-  // whose normal is that long is not degenerate, and that square lies within 2^-120 and 2^100. kNever where nothing is
-  // certain.
+  // Smallest squared length of a normal (cross product of two edges in world space) that proves a triangle of at most
+  // two voxels an axis not degenerate. Such squares lie within 2^-120 and 2^100. kNever if nothing can be proved.
   double least_small = kNever;
 
   static constexpr float kMost = 0x1p100f;
   static constexpr double kNever = 0x1p1000;
 };
 
-// In: where the grid lies, two corners in index space of a box that holds all vertices.
+// In: the index space of the grid; the two corners, in index space, of a box that contains all vertices.
 inline DegenerateTest MakeDegenerateTest(const IndexSpace& space, const Vec3d& least, const Vec3d& most) {
   const Vec3d& voxel_size = space.voxel_size;
   DegenerateTest test;
@@ -34,14 +36,14 @@ inline DegenerateTest MakeDegenerateTest(const IndexSpace& space, const Vec3d& l
   }
   if (!usual) return test;
   const double reach = Max(MaxAbs(least), MaxAbs(most));
-  // Vertices beyond a wall move by so much. Of an edge that is 2^14 times as long that moves a normal by less than a
-  // thousandth of the square's quarter.
+  // A wall moves vertices by at most `moved`. If the longest edge is 2^14 times as long, that changes the normal by
+  // less than a thousandth of a quarter of the edge's square.
   const double moved = FarthestToWall(space);
   const auto edge = float(Max(reach * 0x1p-30, moved * 0x1p14));
   test.least = Max(edge * edge, 0x1p-100f);
-  // The longest edge of such a triangle has a square of less than 13 voxels, and roundings of its corners in index
-  // space move its normal there by less than 2^-30 of a square voxel, and so do walls: with a component of kSmall that
-  // is far from kDegenerateRatio.
+  // The longest edge of such a triangle has a square below 13 voxels^2. The rounding of its vertices in index space
+  // changes its normal there by less than 2^-30 voxels^2, and so do walls. With a component of kSmall the normal is far
+  // from kDegenerateRatio.
   constexpr double kSmall = 0x1p-26;
   static_assert(13 * kDegenerateRatio + 0x1p-30 < kSmall / 2);
   const double face = Max(voxel_size.x * voxel_size.y, Max(voxel_size.y * voxel_size.z, voxel_size.z * voxel_size.x));
@@ -57,10 +59,10 @@ VOXELPIPE_HD_CALL bool IsPlacedDegenerate(const DegenerateTest& test, const Vec3
   return SetUpPlane(p[0], p[1], p[2]).degenerate;
 }
 
-// Of a triangle in world space; the same answer as SetUpPlane gives of the vertices in index space. Edges here are off
-// from those by a few parts in 2^23 for roundings to float, and by 2^-21 of the longest for those of the vertices, so
-// that the normal is off by less than 2^-16 of the longest's square. What has a normal of a thousandth of that is far
-// from kDegenerateRatio.
+// In: a triangle in world space. Out: `degenerate` of SetUpPlane for its vertices in index space. Edges here differ
+// from the edges there by a few parts in 2^23 (rounding to float) and by 2^-21 of the longest edge (rounding of the
+// vertices), so the normal differs by less than 2^-16 of the square of the longest edge. A normal longer than a
+// thousandth of that square is far from kDegenerateRatio.
 VOXELPIPE_HD bool IsDegenerate(const DegenerateTest& test, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   static_assert(kDegenerateRatio < 1e-6);
   const Vec3d d1 = b - a, d2 = c - a;

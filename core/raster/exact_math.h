@@ -60,7 +60,7 @@ VOXELPIPE_HD double PowerOfTwoAbove(double v) {
   return power;
 }
 
-// v rounded to multiples of the last place of `magic`, 1.5 x 2^52 times the wanted quantum.
+// v rounded to multiples of a quantum. In: `magic`, 1.5 x 2^52 times the quantum.
 VOXELPIPE_HD Vec3d RoundTo(const Vec3d& v, double magic) {
   return {(v.x + magic) - magic, (v.y + magic) - magic, (v.z + magic) - magic};
 }

@@ -1,8 +1,8 @@
-// The one definition of coverage: which voxels of a row a triangle touches.
+// The one definition of coverage: which voxels of a row a triangle covers.
 //
 // For a fixed layer z the tests of triangle_setup.h bound the rows y, and for a fixed row (y, z) they bound x from both
-// sides, so the touched voxels of a row form one interval. Every schedule (tiles, plain rows, SIMD lanes, CUDA) takes
-// coverage from here or repeats these operations one by one, so all agree by construction.
+// sides, so the touched voxels of a row form one interval. Every rasterizer (tiles, rows, SIMD lanes, CUDA) calls this
+// code or repeats its operations one by one, so all agree by construction.
 #pragma once
 
 #include "raster/triangle_setup.h"
@@ -16,7 +16,7 @@ struct Interval {
   VOXELPIPE_HD bool empty() const { return last < first; }
 };
 
-// What a layer z says: its rows, integer valued, and bounds of x that all of them share.
+// Bounds in a layer z: its rows, integer valued, and the bounds of x that all its rows share.
 template <typename Real>
 struct Layer {
   Interval<Real> y;
@@ -67,8 +67,8 @@ struct VoxelRange {
   VOXELPIPE_HD bool empty() const { return end[0] <= begin[0] || end[1] <= begin[1] || end[2] <= begin[2]; }
 };
 
-// The voxels of `within` that the triangle's box touches. Clamped in floating point before the conversion: out of
-// range, processors differ.
+// The voxels of `within` that the triangle's box touches. Clamped in floating point before the conversion: processors
+// convert values out of range differently.
 VOXELPIPE_HD VoxelRange ClipToRange(const TriangleSetup& s, const VoxelRange& within) {
   VoxelRange r;
   for (int i = 0; i < 3; ++i) {
@@ -79,7 +79,7 @@ VOXELPIPE_HD VoxelRange ClipToRange(const TriangleSetup& s, const VoxelRange& wi
   return r;
 }
 
-// The rows of one set-up within `range`, which ClipToRange gave.
+// ForEachRowSpan for one set-up. In: `range`, a result of ClipToRange.
 template <typename Real, typename Visit>
 VOXELPIPE_HD void ForEachRow(const SpanBounds<Real>& s, const Vec3d& base, const VoxelRange& range, Visit&& visit) {
   const double x_lo = double(range.begin[0]), x_hi = double(range.end[0]);

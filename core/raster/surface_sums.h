@@ -1,4 +1,4 @@
-// What is summed over a mesh's triangles to estimate what they touch of a grid (pipeline/plan/surface.h).
+// Sums over a mesh's triangles, from which the number of voxels that they touch is estimated (pipeline/plan/surface.h).
 #pragma once
 
 #include "base/host_device.h"
@@ -6,20 +6,20 @@
 
 namespace voxelpipe {
 
-// World units. Triangles count with a weight: see raster/weighed_triangle.h.
+// World units. Each triangle is weighted: raster/weighed_triangle.h.
 struct SurfaceSums {
   double triangles = 0;
   Vec3d area{};      // projected onto the planes orthogonal to x, y, z
-  Vec3d dominant{};  // the same, of each triangle only the largest of the three
+  Vec3d dominant{};  // the same, with only the largest of the three of each triangle
   Vec3d width{};     // extents of each triangle's box
-  // Signed, between the triangles and the centre of the mesh's box: the enclosed one where the mesh is closed.
+  // Signed volume between the triangles and the centre of the mesh's box: the enclosed volume if the mesh is closed.
   double volume = 0;
 };
 
-// The grid, where it is known before a triangle is looked at.
+// The grid, if it is known before the triangles are summed.
 struct GridWindow {
   Vec3d origin{}, voxel_size{1, 1, 1};
-  Vec3d dims{};  // voxels; 0 where the grid is not known
+  Vec3d dims{};  // voxels; 0: the grid is not known
 
   VOXELPIPE_HD bool known() const { return dims.x > 0; }
 };

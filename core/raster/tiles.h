@@ -16,7 +16,7 @@ VOXELPIPE_HD constexpr int64_t TileDim(int axis) {
 inline constexpr int kTileVoxels = 32 * 8 * 8;
 inline constexpr int kTileRows = 8 * 8;
 
-// Widening of the tile binning in tiles: far more than the rasterizer's own, so that no voxel's tile is ever missed.
+// Widening of the tile binning, in tiles: far more than the rasterizer's own, so that binning misses no tile.
 inline constexpr double kTileWidening = 1e-4;
 
 struct TileGrid {
@@ -47,12 +47,12 @@ VOXELPIPE_HD VoxelRange TileVoxels(const TileGrid& tiles, uint64_t tile, const i
   return r;
 }
 
-// The tiles of a triangle's box, a superset of those of its voxels, and the widening of its set-up among tiles.
+// The tiles of a triangle's box, a superset of those of its voxels, and the widening for SetUpAmongTiles.
 struct TileBounds {
   VoxelRange box;  // in tiles
   double widening = kTileWidening;
 
-  // So few tiles that the box is cheaper than the test; a tile too many costs only time.
+  // True if the box has so few tiles that taking all of them is cheaper than the test. An extra tile costs only time.
   VOXELPIPE_HD bool few() const {
     return (box.end[0] - box.begin[0]) * (box.end[1] - box.begin[1]) * (box.end[2] - box.begin[2]) <= 4;
   }
@@ -72,8 +72,8 @@ VOXELPIPE_HD TileBounds BoundTiles(const TileGrid& tiles, const Vec3d& a, const 
   return bounds;
 }
 
-// The triangle set up among tiles in place of voxels: its coordinates divided by the tile's dims, which are powers of
-// two, so that the division is exact.
+// The triangle's set-up with tiles in place of voxels: coordinates are divided by the tile's dims, powers of two, so
+// that the division is exact.
 VOXELPIPE_HD TriangleSetup SetUpAmongTiles(const Vec3d& a, const Vec3d& b, const Vec3d& c, double widening) {
   const Vec3d shrink{1.0 / TileDim(0), 1.0 / TileDim(1), 1.0 / TileDim(2)};
   const auto scaled = [&](const Vec3d& p) { return Vec3d{p.x * shrink.x, p.y * shrink.y, p.z * shrink.z}; };
@@ -87,7 +87,7 @@ VOXELPIPE_HD VoxelRange AllTiles(const TileGrid& tiles) {
 }
 
 // Calls visit(tile) for each tile that a triangle (index space) may touch: a superset of the tiles of its voxels, found
-// by the row spans of its set-up among tiles.
+// by the row spans of SetUpAmongTiles.
 template <typename Visit>
 VOXELPIPE_HD void ForEachTile(const TileGrid& tiles, const Vec3d& a, const Vec3d& b, const Vec3d& c, Visit&& visit) {
   const TileBounds bounds = BoundTiles(tiles, a, b, c);

@@ -26,7 +26,7 @@ VOXELPIPE_HD TrianglePlane SetUpPlane(const Vec3d& a, const Vec3d& b, const Vec3
   s.e2 = c - a;
   const double longest = Max(MaxAbs(s.e1), MaxAbs(s.e2));
   if (longest < 0x1p-900) {
-    s.e1 = s.e2 = Vec3d{};  // a point: below every rounding of its own coordinates
+    s.e1 = s.e2 = Vec3d{};  // a point: shorter than any rounding of its coordinates
   } else {
     const double power = PowerOfTwoAbove(longest);
     s.e1 = RoundTo(s.e1, 3 * power);

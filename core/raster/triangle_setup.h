@@ -1,4 +1,4 @@
-// Triangle set-up: everything about a triangle that all its rows share.
+// Triangle set-up: everything that all rows of a triangle share.
 //
 // Sources: T. Akenine-Moller, "Fast 3D Triangle-Box Overlap Testing", 2001 (the 13 axes); J. Pantaleoni, "VoxelPipe",
 // HPG 2011, section 3.1 (set-up factored out of the inner loops). Changed: every axis test is solved for one
@@ -8,20 +8,21 @@
 // A test of axis n reads lo <= n.(x,y,z) <= hi over integer voxel coordinates local to the triangle's first voxel. The
 // nine edge axes lie in the planes (y,z), (z,x) and (x,y), so each has two components: those of (y,z) bound y for a
 // given z, the others bound x for a given z or y. The triangle's own plane bounds x, or y where it is parallel to x. A
-// test whose solved component vanishes says no more than the triangle's box and is left out.
+// test whose solved component vanishes adds nothing to the triangle's box and is left out.
 //
 // Precision. The class of a triangle depends on its three index-space vertices and the coverage alone:
-//   run     conservative only: a box one voxel wide on two axes. A triangle is connected, so it touches every voxel of the box.
+//   run     conservative only: a box one voxel wide on two axes. A triangle is connected, so it touches every voxel of
+//           the box.
 //   narrow  float32: edges of 2^-20 to 32 voxels, and the height not below 1/256 of the longest edge
 //   wide    double: everything else
-// The two edges that leave v0 are rounded to a common power-of-two grid (2^-23 of the extent E in float, 2^-51 in
-// double), so that the third edge is exact and the rounded triangle is a true triangle within half a quantum of the
-// given one. Edge axes then have exact coefficients, and the cross product (Kahan) keeps full relative precision. What
-// is left, in voxels per unit of |n|_1, narrow: vertex rounding 2^-19, products and sums of coordinates up to 34, 12 x
-// 34 x 2^-24, the plane of the rounded triangle one voxel beyond its edge 2^-23 L/h <= 2^-15; together below 6e-5.
-// Wide: a handful of roundings relative to E, below 2^-50 E. Every test is widened: 2^-12 narrow, max(1e-6, 2^-44 E)
-// wide. A widened test of all 13 axes is the exact test of a voxel grown by the widening: nothing is missed and what is
-// added lies within it.
+// The two edges at v0 are rounded to a common power-of-two grid (2^-23 of the extent E in float, 2^-51 in double), so
+// that the third edge is exact and the rounded triangle is a true triangle within half a quantum of the given one. Edge
+// axes then have exact coefficients, and the cross product (Kahan) keeps full relative precision. What is left, in
+// voxels per unit of |n|_1, narrow: vertex rounding 2^-19, products and sums of coordinates up to 34, 12 x 34 x 2^-24,
+// the plane of the rounded triangle one voxel beyond its edge 2^-23 L/h <= 2^-15; together below 6e-5. Wide: a few
+// roundings relative to E, below 2^-50 E. Every test is widened: 2^-12 narrow, max(1e-6, 2^-44 E) wide. A widened test
+// of all 13 axes is the exact test of a voxel grown by the widening: nothing is missed, and every added voxel lies
+// within the widening.
 #pragma once
 
 #include "raster/coverage.h"
@@ -33,7 +34,7 @@ enum class SpanClass : unsigned char { kRun, kNarrow, kWide };
 
 inline constexpr double kNarrowWidening = 0x1p-12;                 // voxels
 inline constexpr double kNarrowLeast = 0x1p-20, kNarrowMost = 32;  // voxels, longest edge component
-inline constexpr float kNarrowRatio = 0x1p-8f;                     // height to longest edge, squared terms apart
+inline constexpr float kNarrowRatio = 0x1p-8f;                     // max|n_i| to (longest edge)^2
 
 // lo - s*t <= u <= hi - s*t: a bound of local coordinate u given local coordinate t.
 template <typename Real>
@@ -52,8 +53,8 @@ struct SpanBounds {
   Real plane_sy;
 };
 
-// Stands for bounds of which one of kBoundsParts threads makes its part: an edge's, or the box's and the plane's. All
-// of them do everything else.
+// Takes the place of SpanBounds where kBoundsParts threads share a set-up: thread `number` writes the bounds of one
+// edge, or those of the box and the plane, to `out`. Every thread does the rest of the set-up.
 inline constexpr int kBoundsParts = 4;
 template <typename Real>
 struct BoundsPart {
@@ -66,12 +67,12 @@ struct TriangleSetup {
   SpanClass span_class;
   Vec3d base;                 // index space of the local origin, integer valued: the first voxel of the triangle's box
   Vec3d box_first, box_last;  // the box's voxels in grid coordinates, inclusive, integer valued
-  SpanBounds<float> narrow;   // of its class only
+  SpanBounds<float> narrow;   // set for its class only
   SpanBounds<double> wide;
 };
 
-// The lesser and the greater of two numbers of which neither is NaN, by the device's own instruction where there is
-// one. Which of two zeros it gives does not show in a span.
+// Minimum and maximum of two numbers, neither NaN, by the device's own instruction if it has one. Which of two zeros
+// they return does not affect a span.
 template <typename Real>
 VOXELPIPE_HD Real Lesser(Real a, Real b) {
 #if defined(__CUDA_ARCH__)
@@ -89,7 +90,7 @@ VOXELPIPE_HD Real Greater(Real a, Real b) {
 
 namespace setup_internal {
 
-// What the bounds are made from. Edges f are e * scale; positions are not scaled.
+// Input of the bounds. Edges f are e * scale; positions are not scaled.
 template <typename Real>
 struct Shape {
   Vec3<Real> v0, v1;      // local positions of the first two vertices
@@ -101,7 +102,7 @@ struct Shape {
   Real widening;          // voxels
 };
 
-// An axis counts as parallel where its component cannot move the test by more than the widening allows for.
+// An axis counts as parallel if its component changes the test by less than the widening allows.
 template <typename Real>
 VOXELPIPE_HD constexpr Real ParallelRatio() {
   return sizeof(Real) == 4 ? Real(0x1p-20) : Real(0x1p-40);
@@ -134,8 +135,8 @@ VOXELPIPE_HD Bound<Real> EdgeBound(Real nu, Real nt, Real pu, Real pt, Real oppo
   return Solve(nu, nt, (Lesser(edge, other) - reach) - centre, (Greater(edge, other) + reach) - centre);
 }
 
-// The three axes of edge f through p, numbered i. `side` is +1 or -1: on which side of the edge the normal sees the
-// third vertex.
+// The three axes of edge f through p, numbered i. `side`, +1 or -1: the side of the edge, seen along the normal, on
+// which the third vertex lies.
 template <typename Real>
 VOXELPIPE_HD void BoundEdge(const Shape<Real>& shape, int i, const Vec3<Real>& f, const Vec3<Real>& p, Real side,
                             SpanBounds<Real>& out) {
@@ -176,7 +177,7 @@ VOXELPIPE_HD void BoundShape(const Shape<Real>& shape, Coverage coverage, SpanBo
   BoundEdge(shape, 2, shape.f2, shape.v0, Real(1), out);
   BoundPlane(shape, coverage, out);
 }
-// The same, what is of the part's number alone.
+// The same, but only the bounds of this part.
 template <typename Real>
 VOXELPIPE_HD void BoundShape(const Shape<Real>& shape, Coverage coverage, BoundsPart<Real>& part) {
   SpanBounds<Real>& out = part.out;
@@ -271,8 +272,8 @@ VOXELPIPE_HD void SetUpWide(const Vec3d& a, const Vec3d& b, const Vec3d& c, Cove
 }  // namespace setup_internal
 
 // In: the three vertices in index space (double, finite, within 2^40 voxels), the coverage. Out: the set-up,
-// independent of grid, tile and batch. `Setup` has the members of TriangleSetup; its bounds may be references to where
-// they are to lie, or parts.
+// independent of grid, tile and batch. `Setup` has the members of TriangleSetup; its bounds may be references to other
+// storage, or BoundsPart.
 template <typename Setup>
 VOXELPIPE_HD void SetUpTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage, Setup& s) {
   using namespace setup_internal;
@@ -315,8 +316,8 @@ VOXELPIPE_HD TriangleSetup SetUpTriangle(const Vec3d& a, const Vec3d& b, const V
   return s;
 }
 
-// The same in double whatever the triangle, widened by at least `min_widening` voxels: for the binning, which must not
-// miss.
+// The same in double for every triangle, widened by at least `min_widening` voxels: for binning, which must miss no
+// tile.
 VOXELPIPE_HD TriangleSetup SetUpWideTriangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, Coverage coverage,
                                              double min_widening) {
   TriangleSetup s;

@@ -14,10 +14,10 @@ namespace voxelpipe {
 struct WeighedTriangle {
   double weight = 0;  // of the triangle itself; the sizes are multiplied by it
   PolygonSize size;
-  int axis = 0;  // onto the plane orthogonal to it the triangle's projection is largest, in voxels
+  int axis = 0;  // axis along which the triangle's projected area, in voxels, is largest
 };
 
-// How triangles are weighed: where the grid is known, by its window. Made once for all triangles of a mesh.
+// Weighs triangles: by the window of the grid, if it is known. Made once for all triangles of a mesh.
 class TriangleScale {
  public:
   VOXELPIPE_HD explicit TriangleScale(const GridWindow& window)
@@ -26,7 +26,7 @@ class TriangleScale {
   VOXELPIPE_HD WeighedTriangle Weigh(const Vec3d& a, const Vec3d& b, const Vec3d& c) const {
     WeighedTriangle out = window_.known() ? InWindow(ToIndex(a), ToIndex(b), ToIndex(c)) : Whole(a, b, c);
     const Vec3d &s = out.size.area, &h = window_.voxel_size;
-    const double x = s.x * h.x, y = s.y * h.y, z = s.z * h.z;  // as many times those in voxels for each of the three
+    const double x = s.x * h.x, y = s.y * h.y, z = s.z * h.z;  // areas in voxels times one common factor
     out.axis = x >= y ? (x >= z ? 0 : 2) : (y >= z ? 1 : 2);
     return out;
   }
@@ -37,7 +37,7 @@ class TriangleScale {
     return {(p.x - o.x) * inverse_.x, (p.y - o.y) * inverse_.y, (p.z - o.z) * inverse_.z};
   }
 
-  // A triangle as it is, where the grid is not known.
+  // The unweighted triangle, if the grid is not known.
   VOXELPIPE_HD static WeighedTriangle Whole(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     WeighedTriangle out;
     const Vec3d normal = Cross(b - a, c - a);
@@ -49,17 +49,17 @@ class TriangleScale {
     return out;
   }
 
-  // A triangle's part in the window. It touches its weight times (1 + its widths + its areas) voxels. Widths are the
-  // planes between voxels that its box meets, on average over all placements of the lattice as many as the box is long;
-  // the areas grow with them. So a triangle on the lattice's own planes and corners counts as what it touches there,
-  // and one that lies between two layers of voxels touches both. No triangle touches more voxels than its box. Zeros
-  // beyond the window. In: corners in voxels from the grid's first corner.
+  // The triangle's share in the window. It touches about weight * (1 + sum of widths + sum of areas) voxels. Widths
+  // count the planes between voxels that the box crosses; averaged over all positions of the grid, that is the length
+  // of the box. The areas are scaled with the widths. So a triangle in the grid's own planes and corners counts what it
+  // touches there, and one between two layers of voxels touches both. The weight is limited so that no triangle touches
+  // more voxels than its box. Zeros outside the window. In: vertices in voxels from the grid's first corner.
   VOXELPIPE_HD WeighedTriangle InWindow(const Vec3d& p, const Vec3d& q, const Vec3d& r) const {
-    constexpr double kTie = kNarrowWidening;  // voxels: coverage is widened by so much at most
-    constexpr double kFlat = 1e-3;            // voxels: as thin as this along an axis is to lie in one plane of it
+    constexpr double kTie = kNarrowWidening;  // voxels: the widening of coverage is at most this
+    constexpr double kFlat = 1e-3;            // voxels: a box thinner than this along an axis lies in one plane
     WeighedTriangle out;
     double box = 1, layers = 1;
-    Vec3d planes{}, more{1, 1, 1};  // that the box meets, and how many times its width that is
+    Vec3d planes{}, more{1, 1, 1};  // planes that the box crosses, and their ratio to its width
     bool inside = true;
     for (int i = 0; i < 3; ++i) {
       const double lo = Min(p[i], Min(q[i], r[i])), hi = Max(p[i], Max(q[i], r[i]));
