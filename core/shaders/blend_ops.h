@@ -1,14 +1,14 @@
 // Conversion of shader outputs to target values, and blending: one definition for both devices.
 //
-// A fragment's output is converted to the target's format first and blended then; only `add` and `average` into f16
-// take the f32 value as it is, rounded to a multiple of the quantum, and round to f16 once, at the end. Every blend is
-// independent of the order of fragments, but for replace and first, which take them by ascending triangle id. In the
-// tile a component is held as
+// A fragment's output is first converted to the target's format, then blended. Only `add` and `average` into f16 blend
+// the f32 value, rounded to a multiple of the quantum, and round to f16 once, at the end. Every blend is independent of
+// the order of fragments, except replace and first, which order them by ascending triangle id. A component is
+// accumulated as
 //   a cell   32 bits: the integer, or the bits of the f32 (f16 values as the f32 of the same value): replace first min
 //            max and or
 //   a sum    64 bits: integers, or multiples of the quantum: add average
-//   a count  of the voxel's fragments: count average
-// and brought into the format once, when the tile is stored.
+//   a count  the number of the voxel's fragments: count average
+// and converted to the format once, when it is stored.
 #pragma once
 
 #include <cmath>
@@ -78,7 +78,7 @@ VOXELPIPE_HD uint32_t LargestInteger(VoxelFormat format) {
 VOXELPIPE_HD bool IsInteger(VoxelFormat format) {
   return LargestInteger(format) != 0;
 }
-// Whether sums are of multiples of the quantum: of floats, and of what is encoded once they are whole.
+// True if sums are multiples of the quantum: for float formats, and for sRGB, which is encoded after summing.
 VOXELPIPE_HD bool SumsFloats(VoxelFormat format) {
   return !IsInteger(format) || format == VoxelFormat::kU8Srgb;
 }
@@ -111,7 +111,7 @@ VOXELPIPE_HD uint32_t ToCell(const FragmentOutput& out, bool is_u32, int i, Voxe
   if (format == VoxelFormat::kU8Srgb) return EncodeSrgb(double(ToF32(out, is_u32, i)), i);
   if (IsInteger(format)) return ToInteger(out, is_u32, i, scale, LargestInteger(format));
   if (format == VoxelFormat::kF32) return BitsOf(ToF32(out, is_u32, i));
-  // From the u32 itself: by way of f32 it would be rounded twice.
+  // From the u32 itself: through f32 it would be rounded twice.
   return BitsOf(FromHalf(HalfBits(is_u32 ? double(out.u[i]) : double(out.f[i]))));
 }
 
@@ -122,7 +122,7 @@ VOXELPIPE_HD uint32_t NumberToCell(double v, VoxelFormat format) {
   return BitsOf(format == VoxelFormat::kF32 ? float(v) : FromHalf(HalfBits(v)));
 }
 
-// What a cell is stored as: the low 8, 16 or 32 bits.
+// A cell as it is stored: the low 8, 16 or 32 bits.
 VOXELPIPE_HD uint32_t StoredBits(uint32_t cell, VoxelFormat format) {
   return format == VoxelFormat::kF16 ? HalfBits(double(FloatOf(cell))) : cell;
 }
@@ -142,7 +142,8 @@ VOXELPIPE_HD float BlendMax(float kept, float v) {
   return OrderedLess(kept, v) ? v : kept;
 }
 
-// A further fragment's cell, of a higher triangle id, into a voxel's. For blends that keep cells.
+// Blends the cell `v` of a further fragment, of a higher triangle id, into the voxel's cell `kept`. For blends that
+// accumulate a cell.
 VOXELPIPE_HD uint32_t BlendCell(Blend blend, bool is_float, uint32_t kept, uint32_t v) {
   switch (blend) {
     case Blend::kReplace: return v;
@@ -174,8 +175,8 @@ VOXELPIPE_HD int64_t Quantize(float v, double quantum) {
   return int64_t((scaled + 0x1.8p52) - 0x1.8p52);  // the magic number rounds to nearest even
 }
 
-// What a fragment adds to its voxel's sum: the integer, or multiples of the quantum of the f32 value (whatever the
-// float format, and where the sum is encoded).
+// The term that a fragment adds to its voxel's sum: the integer, or the f32 value as a multiple of the quantum (every
+// float format, and sRGB).
 VOXELPIPE_HD int64_t ToTerm(const FragmentOutput& out, bool is_u32, int i, VoxelFormat format, double scale,
                             double quantum) {
   if (!SumsFloats(format)) return int64_t(ToInteger(out, is_u32, i, scale, LargestInteger(format)));
@@ -187,8 +188,8 @@ VOXELPIPE_HD float Dequantize(int64_t sum, double quantum) {
   return float(double(float(sum)) * quantum);
 }
 
-// A double that every format rounds as it would round sum itself: exact, or beyond 2^53 with the lost bits in its last
-// one.
+// A double that rounds to every format as `sum` itself does: exact, or beyond 2^53 with its last bit set if bits were
+// lost (rounding to odd).
 VOXELPIPE_HD double RoundToOdd(int64_t sum) {
   const bool negative = sum < 0;
   uint64_t m = negative ? uint64_t{0} - uint64_t(sum) : uint64_t(sum);

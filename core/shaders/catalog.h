@@ -23,7 +23,7 @@ struct ShaderParameterInfo {
   std::string type;                   // "float", "vec3", "vec4", "mat4", "uint", "string", "floats" (a list)
   std::vector<double> default_value;  // empty: absent unless given, and read by the host alone
   std::string description;
-  // What each number may be: "uint" is a whole number too.
+  // Inclusive range of each number; a "uint" must be a whole number as well.
   double least = -HUGE_VAL, most = HUGE_VAL;
 };
 
@@ -43,7 +43,7 @@ struct ShaderInfo {
 // Every built-in shader, vertex shaders first, in the order of shader_list.h.
 std::span<const ShaderInfo> ListShaders();
 
-// The named shader, or nullptr.
+// The shader of this name, or nullptr.
 const ShaderInfo* FindShader(ShaderStage stage, std::string_view name);
 
 // A shader with checked parameters in the form that shader code reads.
@@ -51,21 +51,21 @@ struct BoundShader {
   int id = 0;  // enumerator of FragmentShaderId or VertexShaderId
   const ShaderInfo* info = nullptr;
   ShaderParams params;
-  std::map<std::string, std::string>
-      text{};  // parameters of type "string"; ResolveShader puts what they mean into `params`
+  // Parameters of type "string"; ResolveShader resolves them into `params`.
+  std::map<std::string, std::string> text{};
 };
 
 // INVALID_ARGUMENT naming the unknown shader (and listing the known), the unknown parameter, the wrong count of
 // numbers, a value that is not finite, or a text parameter that is missing or given as numbers.
 absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call);
 
-// How many components a target has whose user gives no number: those of the shader; 1 for bit, for count, and of a
-// shader that is not known.
+// The components of a target for which the request gives no number: the shader's; 1 for the format bit, the blend
+// count, and an unknown shader.
 int OwnComponents(const TargetSpec& target);
 
-// Which textures the targets' shaders sample (then call PrepareTextures first).
+// The textures that the targets' shaders sample. If there are any, call PrepareTextures before the run.
 TextureUse TexturesRead(const VoxelizeRequest& request);
-// Whether there is any.
+// True if they sample any.
 bool RequestReadsTextures(const VoxelizeRequest& request);
 
 }  // namespace voxelpipe

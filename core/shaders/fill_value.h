@@ -1,7 +1,7 @@
-// What a filled voxel holds where the target has no fragment: one definition for both devices.
+// The value of a filled voxel without a fragment of the target: one definition for both devices.
 //
-// By default that is what the shader gives at the voxel's centre, where it needs no triangle for it, converted as
-// `replace` converts the output of one fragment.
+// The default is the shader's output at the voxel's centre, if the shader needs no triangle, converted as `replace`
+// converts a fragment's output.
 #pragma once
 
 #include "shaders/blend_ops.h"
@@ -19,10 +19,10 @@ struct FillValue {
     kChecker,
   };
   Kind kind = Kind::kStored;
-  VoxelFormat format = VoxelFormat::kBit;  // as KeptFormat gives it
+  VoxelFormat format = VoxelFormat::kBit;  // from KeptFormat
   double scale = 1;
-  uint32_t stored[4] = {};  // kStored: a component, as stored in the format
-  // Of the others.
+  uint32_t stored[4] = {};  // kStored: one per component, as stored in the format
+  // For the other kinds.
   Vec3d origin{}, voxel_size{1, 1, 1};
   double parameters[RigidMotion::kParameters] = {};  // of RigidMotion, or of CheckerShader
 };

@@ -1,4 +1,4 @@
-// What of a bound shader depends on the mesh.
+// Resolves the parameters of a bound shader that depend on the mesh.
 #pragma once
 
 #include "absl/status/status.h"
@@ -7,8 +7,8 @@
 
 namespace voxelpipe {
 
-// Replaces the names in a fragment shader's text parameters by what they mean in `mesh`.
-// INVALID_ARGUMENT for an attribute that the mesh does not have, listing those that it has.
+// Resolves the names in a fragment shader's text parameters to indices in `mesh`. INVALID_ARGUMENT for an attribute
+// that the mesh does not have, listing those that it has.
 absl::Status ResolveShader(const TriangleMesh& mesh, BoundShader& shader);
 
 }  // namespace voxelpipe

@@ -34,7 +34,7 @@
   X(Morph)                          \
   X(Skin)
 
-// Device code that is compiled at run time may bring a list of its own.
+// Device code that is compiled at run time may define a list of its own.
 #if !defined(VOXELPIPE_FRAGMENT_SHADERS)
 #define VOXELPIPE_FRAGMENT_SHADERS(X) \
   X(Occupancy)                        \
@@ -100,7 +100,7 @@ VOXELPIPE_HD bool MayDiscard(FragmentShaderId id, const MaterialView& material) 
   return true;
 }
 
-// FragmentShaderTraits of a shader chosen at run time, or of several together (operator|=).
+// FragmentShaderTraits of a shader chosen at run time, or the union over several (operator|=).
 struct ShaderTraits {
   bool needs_barycentrics = false, can_discard = false, is_color = false;
   bool reads_base_color = false, reads_emissive = false, reads_metallic_roughness = false;
@@ -132,7 +132,7 @@ VOXELPIPE_HD ShaderTraits TraitsOf(FragmentShaderId id) {
   return {};
 }
 
-// The shader's own work, then the rigid motion whose parameters follow its own.
+// Runs the shader, then adds the velocity of the rigid motion, whose parameters follow the shader's own.
 VOXELPIPE_HD ShadedVertex ShadeVertex(VertexShaderId id, const VertexInput& in, const ShaderParams& params) {
   ShadedVertex out = in.flat;
   switch (id) {

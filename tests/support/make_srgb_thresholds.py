@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Prints core/shaders/texture/srgb_thresholds.h: from which float32 on a linear value has an 8-bit sRGB code, or more.
+"""Prints core/shaders/texture/srgb_thresholds.h: the smallest linear float32 of each 8-bit sRGB code or more.
 
 Code k begins where the transfer function of IEC 61966-2-1 reaches (k - 1/2) / 255. Everything is rational arithmetic: a float32 t
 lies at or above the power law's ((c + 0.055) / 1.055) ** 2.4 where t ** 5 >= ((c + 0.055) / 1.055) ** 12.
@@ -13,7 +13,7 @@ def float_of(bits):
 
 
 def reaches(bits, code):
-    """Whether the float32 of these bits has the code or a greater one."""
+    """True if the float32 of these bits encodes to the code or a greater one."""
     linear = Fraction(float_of(bits))
     encoded = Fraction(2 * code - 1, 510)
     if encoded <= Fraction("0.04045"):
@@ -34,7 +34,7 @@ def literal(bits):
     return f"0x1.{2 * mantissa:06x}p{exponent:+d}f"
 
 
-print("""// From which float32 on a linear value has each 8-bit sRGB code or a greater one.
+print("""// The smallest linear float32 that encodes to each 8-bit sRGB code or a greater one.
 // Printed by tests/support/make_srgb_thresholds.py.
 #pragma once
 

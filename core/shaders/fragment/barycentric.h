@@ -1,11 +1,11 @@
-// barycentric: where on the triangle the voxel's centre projects to.
+// barycentric: the barycentric coordinates of the voxel's centre, projected onto the triangle.
 #pragma once
 
 #include "shaders/interface/fragment.h"
 
 namespace voxelpipe {
 
-// Output: f32, 3 components: the weights of the triangle's vertices, not negative, summing to 1 but for rounding.
+// Output: f32, 3 components: the weights of the triangle's vertices, not negative, with the sum 1 up to rounding.
 struct BarycentricShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {

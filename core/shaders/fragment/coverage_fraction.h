@@ -1,4 +1,4 @@
-// coverage_fraction: how much of the triangle lies in the voxel.
+// coverage_fraction: the area of the triangle in the voxel.
 //
 // Source: I. E. Sutherland and G. W. Hodgman, "Reentrant Polygon Clipping", CACM 17(1), 1974.
 #pragma once
@@ -16,7 +16,7 @@ struct ClipPolygon {
   int count = 0;
 };
 
-// Keeps what lies at sign * p[axis] <= sign * at.
+// Keeps the half space sign * p[axis] <= sign * at.
 VOXELPIPE_HD void ClipHalfSpace(ClipPolygon& polygon, int axis, double at, double sign) {
   ClipPolygon kept;
   for (int i = 0; i < polygon.count; ++i) {
@@ -26,7 +26,7 @@ VOXELPIPE_HD void ClipHalfSpace(ClipPolygon& polygon, int axis, double at, doubl
     if (da <= 0 && kept.count < ClipPolygon::kCapacity) kept.corner[kept.count++] = a;
     if ((da < 0 && db > 0) || (da > 0 && db < 0)) {
       Vec3d cut = a + (b - a) * (da / (da - db));
-      cut[axis] = at;  // later planes of this axis must not see a rounding
+      cut[axis] = at;  // exact, so that the other plane of this axis sees no rounding
       if (kept.count < ClipPolygon::kCapacity) kept.corner[kept.count++] = cut;
     }
   }
@@ -51,10 +51,10 @@ VOXELPIPE_HD double ClippedArea(const Vec3d& a, const Vec3d& b, const Vec3d& c, 
 }
 
 // Output: f32, 1 component: the area of the triangle inside the closed voxel over the area of a voxel's face, both in
-// index space, so that a triangle's plane that fills a voxel from face to face parallel to one gives 1; at most sqrt(2)
-// (the rectangle through two opposite edges). 0 where it only touches, for the voxels that a coverage test adds by its
-// rounding, and for degenerate triangles. A part that lies in a face shared by two voxels counts in both. Voxels whose
-// edges differ: faces are unit squares of index space, whatever their size in the world.
+// index space. A plane parallel to a face that cuts the whole voxel gives 1; the maximum is sqrt(2) (the rectangle
+// through two opposite edges). 0 for voxels that the triangle only touches or that the widening of the coverage test
+// adds, and for degenerate triangles. An area in a face shared by two voxels counts in both. Faces are unit squares of
+// index space, also where the voxel's edges differ in length.
 struct CoverageFractionShader : FragmentShaderTraits {
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     if (in.degenerate) return;

@@ -1,4 +1,4 @@
-// emissive: the light that the material gives off.
+// emissive: the light that the material emits.
 //
 // Source: glTF 2.0 specification, section 3.9.3 (additional textures); KHR_materials_emissive_strength.
 #pragma once

@@ -32,7 +32,7 @@ VOXELPIPE_HD Vec4f BaseColor(const FragmentInput& in) {
   return Times(color, Interpolate(in.barycentric, c[in.vertex[0]], c[in.vertex[1]], c[in.vertex[2]]));
 }
 
-// Whether alpha mode MASK removes the fragment: the base colour's alpha is below the cutoff.
+// True if alpha mode MASK discards the fragment: the base colour's alpha is below the cutoff.
 VOXELPIPE_HD bool IsMasked(const FragmentInput& in) {
   const MaterialView& material = in.material();
   return material.alpha_mask && BaseColor(in).w < material.alpha_cutoff;

@@ -5,8 +5,8 @@
 
 namespace voxelpipe {
 
-// Output: u32, 1 component: the material's index in the file. glTF's default material, which primitives without one
-// have, counts as one more after the last: the number of materials. Files without materials: 0.
+// Output: u32, 1 component: the material's index in the file. glTF's default material, which primitives without a
+// material have, comes after the last: its id is the number of materials. Files without materials: 0.
 struct MaterialIdShader : FragmentShaderTraits {
   static constexpr bool kNeedsPlane = false;
   VOXELPIPE_HD static bool SameForTriangle(const FragmentInput&) { return true; }

@@ -26,8 +26,7 @@ VOXELPIPE_HD uint32_t PackNormal(const Vec3f& n) {
   return (u << 8) | v;
 }
 
-// The unit normal that PackNormal gave `packed` (below 2^16) for, to 8 bits a coordinate of the map: within 1.2
-// degrees.
+// The inverse of PackNormal: the unit normal of `packed` (below 2^16), within 1.2 degrees.
 VOXELPIPE_HD Vec3f UnpackNormal(uint32_t packed) {
   double x = double(packed >> 8 & 255) / 255 * 2 - 1, y = double(packed & 255) / 255 * 2 - 1;
   const double z = (1 - Abs(x)) - Abs(y);
@@ -40,7 +39,7 @@ VOXELPIPE_HD Vec3f UnpackNormal(uint32_t packed) {
   return {float(x / length), float(y / length), float(z / length)};
 }
 
-// Output: u32, 1 component, below 2^16. Of the same normal as the shader `normal`.
+// Output: u32, 1 component, below 2^16: the normal of the shader `normal`, packed.
 struct PackedNormalShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static bool SameForTriangle(const FragmentInput& in) { return !in.part->has_normals; }

@@ -1,4 +1,4 @@
-// position: the point of the triangle that stands for the voxel.
+// position: the point of the triangle that represents the voxel.
 #pragma once
 
 #include "shaders/interface/fragment.h"
@@ -13,7 +13,7 @@ struct PositionShader : FragmentShaderTraits {
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     const Vec3d* p = in.mesh->positions;
     const Vec3d v0 = p[in.vertex[0]], e1 = p[in.vertex[1]] - v0, e2 = p[in.vertex[2]] - v0;
-    // From a corner: weights that sum to 1 but for rounding must not move a mesh that lies far from the origin.
+    // Relative to a vertex: the weights sum to 1 only up to rounding, which would shift a mesh far from the origin.
     const Vec3d at = v0 + (e1 * double(in.barycentric.y) + e2 * double(in.barycentric.z));
     out.f[0] = float(at.x);
     out.f[1] = float(at.y);

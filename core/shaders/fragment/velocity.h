@@ -1,12 +1,12 @@
-// velocity: how fast the surface moves.
+// velocity: the velocity of the surface.
 #pragma once
 
 #include "shaders/interface/fragment.h"
 
 namespace voxelpipe {
 
-// Output: f32, 3 components: the vertex shader's velocities interpolated, world axes, world units a second; 0 where it
-// gives none.
+// Output: f32, 3 components: the vertex shader's velocities interpolated, world axes, world units a second; 0 if it
+// outputs none.
 struct VelocityShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static bool SameForTriangle(const FragmentInput& in) { return in.mesh->velocities == nullptr; }

@@ -1,4 +1,4 @@
-// What a fragment shader receives and gives.
+// Input and output of a fragment shader.
 #pragma once
 
 #include <cmath>
@@ -10,7 +10,7 @@
 
 namespace voxelpipe {
 
-// One fragment: a triangle that touches a voxel. Positions and normals are in world units and axes.
+// One fragment: a triangle and a voxel that it covers. Positions and normals are in world units and axes.
 struct FragmentInput {
   const MeshView* mesh = nullptr;
   const PartView* part = nullptr;
@@ -19,24 +19,24 @@ struct FragmentInput {
   bool degenerate = false;  // by the definition of raster/coverage.h, in index space
   Vec3f geometric_normal;   // unit length, right-handed winding of the shaded vertices; 0 if degenerate
   int64_t voxel[3] = {};    // grid coordinates
-  Vec3f barycentric;        // of the voxel's centre; only if the shader's traits ask for them
-  // Per texture coordinate set: uv along a voxel (fragment_input.h); only if asked for.
+  Vec3f barycentric;        // of the voxel's centre; set only if the shader's traits ask for them
+  // Per texture coordinate set: uv along a voxel (fragment_input.h); set only if the shader samples textures.
   float uv_density[2] = {};
 
   VOXELPIPE_HD const MaterialView& material() const { return mesh->materials[part->material]; }
 };
 
-// What a fragment shader may ask for and do; each shader derives from this and overrides what differs.
+// What a fragment shader needs and may do. Each shader derives from this and overrides what differs.
 struct FragmentShaderTraits {
   static constexpr bool kNeedsPlane = true;  // reads `degenerate`, `geometric_normal`, `uv_density` or barycentrics
   static constexpr bool kNeedsBarycentrics = false;
-  static constexpr bool kCanDiscard = false;  // may set FragmentOutput::discard, ...
-  // ... and whether it may for fragments of a material.
+  static constexpr bool kCanDiscard = false;  // may set FragmentOutput::discard
+  // True if it may discard fragments of this material.
   VOXELPIPE_HD static bool MayDiscard(const MaterialView&) { return false; }
   static constexpr bool kIsColor = false;  // 0 to 1 a channel: integer targets scale it to their range by default
   // Textures of the material that it samples.
   static constexpr bool kReadsBaseColor = false, kReadsEmissive = false, kReadsMetallicRoughness = false;
-  // Whether all fragments of the triangle give the same output, whatever `voxel` and `barycentric` say.
+  // True if all fragments of the triangle have the same output, whatever their `voxel` and `barycentric`.
   VOXELPIPE_HD static bool SameForTriangle(const FragmentInput&) { return false; }
 };
 
@@ -45,7 +45,7 @@ struct FragmentShaderTraits {
 struct FragmentOutput {
   float f[4] = {0, 0, 0, 1};
   uint32_t u[4] = {0, 0, 0, 1};
-  bool discard = false;  // the fragment does not happen
+  bool discard = false;  // drop the fragment: the target is not written
 };
 
 VOXELPIPE_HD float Interpolate(const Vec3f& b, float v0, float v1, float v2) {

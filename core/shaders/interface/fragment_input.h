@@ -1,4 +1,4 @@
-// What a fragment shader receives of a triangle: made once for all its fragments.
+// The part of a fragment shader's input that depends on the triangle alone: made once for all its fragments.
 #pragma once
 
 #include <cmath>
@@ -7,8 +7,8 @@
 
 namespace voxelpipe {
 
-// How far texture coordinates move along one voxel: the square root of the triangle's area in uv over its area in index
-// space. That is the geometric mean of the mapping's two stretches. 0 where either area is 0 or no number, and at most
+// Change of the texture coordinates along one voxel: the square root of the triangle's area in uv over its area in
+// index space, which is the geometric mean of the mapping's two singular values. 0 if either area is 0 or NaN; at most
 // 2^60.
 VOXELPIPE_HD float UvDensity(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec2f& uv_a, const Vec2f& uv_b,
                              const Vec2f& uv_c) {
@@ -22,7 +22,8 @@ VOXELPIPE_HD float UvDensity(const Vec3d& a, const Vec3d& b, const Vec3d& c, con
   return density < 0x1p60 ? float(density) : (density >= 0x1p60 ? 0x1p60f : 0.0f);
 }
 
-// What needs no geometry: mesh, part, triangle and vertices (shaders without FragmentShaderTraits::kNeedsPlane).
+// The input that needs no geometry: mesh, part, triangle and vertices (for shaders without
+// FragmentShaderTraits::kNeedsPlane).
 VOXELPIPE_HD FragmentInput MakePlainInput(const MeshView& mesh, uint32_t triangle) {
   FragmentInput in;
   in.mesh = &mesh;
@@ -32,8 +33,8 @@ VOXELPIPE_HD FragmentInput MakePlainInput(const MeshView& mesh, uint32_t triangl
   return in;
 }
 
-// In: a triangle of `mesh`, whether it is degenerate in index space (raster/triangle_plane.h), whether a shader samples
-// textures. Out: all but the voxel and the barycentrics. Degenerate triangles have no texture scale: uv_density 0.
+// In: a triangle of `mesh`; `degenerate` if it is so in index space (raster/triangle_plane.h); `textured` if a shader
+// samples textures. Out: everything but the voxel and the barycentrics. uv_density is 0 for degenerate triangles.
 VOXELPIPE_HD FragmentInput MakeFragmentInput(const MeshView& mesh, uint32_t triangle, bool degenerate, bool textured) {
   FragmentInput in = MakePlainInput(mesh, triangle);
   in.degenerate = degenerate;

@@ -1,4 +1,4 @@
-// What a vertex shader receives and gives.
+// Input and output of a vertex shader.
 #pragma once
 
 #include "base/vec.h"
@@ -8,15 +8,15 @@
 
 namespace voxelpipe {
 
-// One vertex of the flattened mesh, and what it takes to pose it anew.
+// One vertex of the flattened mesh, and the data to pose it again.
 struct VertexInput {
-  ShadedVertex flat;  // as Flatten left it: the file's own pose; normal and tangent 0 where there are none
-  const PosedPartView* posed = nullptr;  // null: the request asks for no other pose, or the vertex has none
+  ShadedVertex flat;                     // from Flatten: the file's own pose; normal and tangent 0 where there are none
+  const PosedPartView* posed = nullptr;  // null: the request has no other pose, or the vertex has none
   uint64_t vertex = 0;                   // index within the part
 };
 
-// The parameters that every vertex shader has after its own, and what they add to the velocity: that of a rigid body,
-// v = linear_velocity + angular_velocity x (p - center). World units a second, radians a second, p the shaded position.
+// The parameters that every vertex shader has after its own. They add the velocity of a rigid body, v = linear_velocity
+// + angular_velocity x (p - center). World units a second, radians a second, p the shaded position.
 struct RigidMotion {
   static constexpr int kParameters = 9;  // linear_velocity, angular_velocity, center
   // The velocity at p.
@@ -31,14 +31,15 @@ struct RigidMotion {
   }
 };
 
-// Velocity between two poses, (to - from) / dt; 0 where dt is 0, which means that no second pose was asked for.
+// Velocity between two poses, (to - from) / dt; 0 where dt is 0, which means that the request has no second pose.
 VOXELPIPE_HD Vec3d VelocityBetween(const Vec3d& from, const Vec3d& to, double dt) {
   if (!(dt > 0)) return {};
   const Vec3d d = to - from;
   return {d.x / dt, d.y / dt, d.z / dt};
 }
 
-// The vertex in the request's pose, with the velocity towards the pose `dt` seconds later; as Flatten left it without.
+// The vertex in the request's pose, with the velocity towards the pose `dt` seconds later. Without a pose in the
+// request: the vertex from Flatten.
 VOXELPIPE_HD ShadedVertex ShadePosed(const VertexInput& in, double dt) {
   if (in.posed == nullptr) return in.flat;
   ShadedVertex out = PoseVertex(in.posed->rest, in.posed->pose, in.vertex);

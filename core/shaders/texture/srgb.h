@@ -55,9 +55,9 @@ VOXELPIPE_HD float SrgbToLinear(unsigned char code) {
   return kTable[code];
 }
 
-// The 8-bit code of a linear value: how many thresholds are at most v. 0 for NaN.
+// The 8-bit code of a linear value: the number of thresholds that are at most v. 0 for NaN.
 VOXELPIPE_HD unsigned LinearToSrgb(double v) {
-  int below = 0;  // thresholds that are at most v
+  int below = 0;
   for (int step = 128; step > 0; step /= 2) {
     if (v >= double(SrgbThreshold(below + step - 1))) below += step;
   }

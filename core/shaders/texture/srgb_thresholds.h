@@ -1,4 +1,4 @@
-// From which float32 on a linear value has each 8-bit sRGB code or a greater one.
+// The smallest linear float32 that encodes to each 8-bit sRGB code or a greater one.
 // Printed by tests/support/make_srgb_thresholds.py.
 #pragma once
 

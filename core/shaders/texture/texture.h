@@ -23,7 +23,7 @@ VOXELPIPE_HD uint32_t WrapTexel(int64_t i, uint32_t size, uint8_t mode) {
   return uint32_t(r < n ? r : period - 1 - r);
 }
 
-// A texel of level 0 as it is stored: four bytes to linear RGBA, colour decoded from sRGB where asked for.
+// Decodes a texel of level 0: four bytes to linear RGBA, the colour from sRGB if `srgb`.
 VOXELPIPE_HD Vec4f DecodeTexel(const uint8_t* p, bool srgb) {
   const float alpha = float(p[3]) / 255.0f;
   if (srgb) return {SrgbToLinear(p[0]), SrgbToLinear(p[1]), SrgbToLinear(p[2]), alpha};
@@ -72,12 +72,13 @@ VOXELPIPE_HD_CALL Vec4f SampleLevel(const TextureView& t, uint32_t level_index, 
   return Lerp(top, bottom, ty);
 }
 
-// In: texture coordinates, origin at the image's top left; the level-0 texels along a voxel. Out: linear RGBA.
+// In: texture coordinates, origin at the image's top left; the number of level-0 texels along a voxel. Out: linear
+// RGBA.
 //
 // Up to one texel a voxel, the magnification filter reads level 0. Beyond, r texels lie between levels l and l + 1 with
-// 2^l <= r < 2^(l+1): `linear` mixes them by r / 2^l - 1, which is 0 and 1 where log2 is and needs no logarithm,
-// `nearest` takes the one whose edge is nearer in proportion (the square root of 2 apart), `none` stays with level 0.
-// No image: white.
+// 2^l <= r < 2^(l+1): `linear` interpolates with the weight r / 2^l - 1, which equals log2(r) - l at both ends and
+// needs no logarithm; `nearest` takes the level whose size is nearer by ratio (r up to sqrt(2) * 2^l: level l); `none`
+// reads level 0. No image: white.
 VOXELPIPE_HD Vec4f SampleTexture(const TextureView& t, const Vec2f& uv, float texels_per_voxel) {
   constexpr uint8_t kNone = 0, kNearest = 1;  // MipFilter
   if (t.width == 0) return {1, 1, 1, 1};

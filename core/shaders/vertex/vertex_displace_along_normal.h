@@ -1,4 +1,4 @@
-// displace_along_normal: the surface grown or shrunk.
+// displace_along_normal: moves the surface along its normals.
 #pragma once
 
 #include "shaders/interface/vertex.h"
@@ -6,8 +6,8 @@
 namespace voxelpipe {
 
 // position' = position + distance * normal. Parameter `distance`: world units, negative ones move inwards. Vertices
-// without a normal stay where they are: flat normals would tear the surface open at its edges. The same happens at
-// vertices that the file keeps apart because their normals differ (hard edges).
+// without a normal stay where they are: flat normals would tear the surface open at its edges. It does tear at vertices
+// that the file duplicates because their normals differ (hard edges).
 struct DisplaceAlongNormalVertexShader {
   static constexpr int kParameters = 1;
   VOXELPIPE_HD static ShadedVertex Shade(const VertexInput& in, const ShaderParams& params) {

@@ -6,9 +6,9 @@
 namespace voxelpipe {
 
 // position' = M position. Parameters: `matrix` and `matrix_previous`, 16 numbers each, row major, applied to column
-// vectors, last row (0, 0, 0, 1); `dt`, seconds. Normals go with the inverse transpose, tangents with M; a mirroring
-// matrix turns the winding, with it geometric_normal, and the tangents' handedness. With dt > 0 the vertex came from
-// the previous matrix in dt seconds: velocity = (M p - M_previous p) / dt.
+// vectors, last row (0, 0, 0, 1); `dt`, seconds. Normals are multiplied by the inverse transpose, tangents by M. A
+// mirroring matrix flips the winding, and with it geometric_normal, and the handedness of tangents. With dt > 0,
+// velocity = (M p - M_previous p) / dt.
 struct TransformVertexShader {
   static constexpr int kParameters = 33;
   VOXELPIPE_HD static ShadedVertex Shade(const VertexInput& in, const ShaderParams& params) {
