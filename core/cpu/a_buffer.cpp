@@ -55,7 +55,7 @@ class TriangleShader {
   FragmentInput in_;
 };
 
-// The voxels of `mask` whose fragment some target keeps.
+// The voxels of `mask` whose fragment at least one target keeps.
 uint32_t NotDiscarded(const RunState& state, TriangleShader& shader, const VoxelRange& range, uint32_t row,
                       uint32_t mask) {
   uint32_t kept = 0;
@@ -69,15 +69,14 @@ uint32_t NotDiscarded(const RunState& state, TriangleShader& shader, const Voxel
   return kept;
 }
 
-// A tile may hold every triangle of the mesh: within one, too, the job is asked now and then. What is cut short is
-// thrown away.
+// A tile may hold every triangle of the mesh, so the job is checked within tiles too. An incomplete tile is discarded.
 constexpr uint64_t kItemsBetweenChecks = 512;
 
 bool MayGoOn(const RunState& state, uint64_t item) {
   return item % kItemsBetweenChecks != 0 || state.job.Check().ok();
 }
 
-// A thread's records on their way into its arena.
+// Buffers a thread's records before they are copied to its arena.
 class RecordWriter {
  public:
   RecordWriter(ValueArena& arena, ListCount& count) : arena_(arena), count_(count) {}
@@ -131,7 +130,7 @@ void EmitTile(const RunState& state, const TileRun& run, const ShaderTraits& tra
   records.Flush(tile);
 }
 
-// Writes a tile's voxels, offsets and triangles, and what the shaders make of its fragments.
+// Writes a tile's voxels, offsets, triangles and shaded fragments.
 class TileResolver {
  public:
   TileResolver(const RunState& state, const ShaderTraits& traits, ABuffer& out)
@@ -164,7 +163,7 @@ class TileResolver {
   }
 
  private:
-  // Counts the fragments of each voxel; next_ becomes where each voxel's go.
+  // Counts the fragments of each voxel; next_ becomes the index of each voxel's first.
   void ListVoxels(const TileFragments& tile, const VoxelRange& range) {
     next_.fill(0);
     for (const std::span<const RowFragments> records : tile.records) {

@@ -22,14 +22,14 @@ struct RowFragments {
   uint32_t row;   // y + 8*z of the tile
 };
 
-// What a tile emitted, by ascending triangle id, and where its rows go.
+// The fragments of a tile by ascending triangle id, and the positions of its rows in the slab's lists.
 struct TileFragments {
   std::vector<std::span<const RowFragments>> records;
-  std::array<uint32_t, kTileRows> row_voxels{};  // with a fragment, as bits
+  std::array<uint32_t, kTileRows> row_voxels{};  // voxels with a fragment, as bits
   std::array<uint64_t, kTileRows>
-      row_fragments{};  // their number; after SortFragments the first one's index in the slab
+      row_fragments{};  // number of fragments; after SortFragments the index of the first one in the slab
   std::array<uint64_t, kTileRows>
-      row_first_voxel{};  // after SortFragments: of the row's first voxel among the slab's listed ones
+      row_first_voxel{};  // after SortFragments: index of the row's first voxel among the slab's listed ones
 };
 
 struct ABuffer {
@@ -40,8 +40,8 @@ struct ABuffer {
   ResultArrays arrays;                 // Resolve
 };
 
-// The stages; see pipeline/stages/stages.h. A fragment is dropped where the shaders of all targets discard it; where
-// only some do, their targets hold their clear value.
+// The stages; see pipeline/stages/stages.h. A fragment is dropped if the shaders of all targets discard it; if only
+// some do, their targets hold their clear value.
 absl::Status EmitFragments(RunState& state);
 absl::Status SortFragments(RunState& state);
 absl::Status Resolve(RunState& state);

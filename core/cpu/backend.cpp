@@ -15,10 +15,10 @@
 namespace voxelpipe::cpu {
 namespace {
 
-constexpr int64_t kCountWords = 1 << 16;  // between two looks at whether the job may go on
+constexpr int64_t kCountWords = 1 << 16;  // between two checks of the job
 
-// Number of voxels in at least one of two grids of the same dims, the second of which may be empty. Of a job that is to
-// end: any number.
+// Number of voxels in at least one of two grids of the same dims, the second of which may be empty. Any number if the
+// job was cancelled.
 uint64_t CountRows(const BitGrid& a, const BitGrid& b, const JobContext& job) {
   const BitGrid& other = b.empty() ? a : b;
   std::atomic<uint64_t> total{0};
@@ -29,7 +29,7 @@ uint64_t CountRows(const BitGrid& a, const BitGrid& b, const JobContext& job) {
       for (size_t w = 0; w < row_a.size(); ++w) count += uint64_t(std::popcount(row_a[w] | row_b[w]));
     }
     total.fetch_add(count, std::memory_order_relaxed);
-  }).IgnoreError();  // the next stage finds it, too
+  }).IgnoreError();  // the next stage returns the error
   return total;
 }
 

@@ -5,7 +5,7 @@
 
 namespace voxelpipe::cpu {
 
-// Lives as long as the process. Safe to run several jobs at once, each in an arena of its own.
+// A process-wide singleton. Thread-safe: several jobs may run at once, each in an arena of its own.
 const Backend& CpuBackend();
 
 }  // namespace voxelpipe::cpu

@@ -13,7 +13,7 @@ namespace {
 constexpr int64_t kVertexGrain = 1 << 13;
 constexpr int64_t kTrianglesPerChunk = 1 << 12;
 constexpr int64_t kMaxChunks = 1 << 10;
-constexpr int64_t kBoxesAtOnce = 1 << 9;            // stay in the first-level cache
+constexpr int64_t kBoxesAtOnce = 1 << 9;            // boxes; they stay in the L1 cache
 constexpr size_t kPairsBetweenQuestions = 1 << 16;  // of triangles that touch many tiles
 constexpr int64_t kFewTiles = 4;      // so few that the box is cheaper than the test; a tile too many costs only time
 constexpr double kFarthest = 0x1p40;  // voxels
@@ -22,7 +22,7 @@ bool InReach(const Vec3d& p) {
   return Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
 }
 
-// OK unless a triangle uses a vertex beyond reach.
+// OUT_OF_RANGE if a triangle uses a vertex too far from the grid.
 absl::Status CheckReach(const RunState& state) {
   uint64_t bad = UINT64_MAX;
   for (uint64_t t = 0; t < state.view.triangle_count; ++t) {
@@ -37,7 +37,7 @@ absl::Status CheckReach(const RunState& state) {
       absl::StrCat(DescribeVertex(state.mesh, bad), ": farther than 2^40 voxels from the grid's origin"));
 }
 
-// Vertices to index space, and their codes.
+// Transforms vertices to index space and computes their codes.
 absl::Status PlaceVertices(RunState& state, HostArray<VertexCode>& codes) {
   const MeshView& view = state.view;
   state.placed_positions = HostArray<Vec3d>(view.vertex_count);
@@ -106,7 +106,7 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
     state.row_bits = std::make_unique<RowBits>(*state.kernels, state.view, grid, state.request.request.coverage);
     absl::Status s = state.row_bits->Place(CastsLines(state.request.request.fill), state.job);
     state.index_positions = state.row_bits->index_positions();
-    if (!absl::IsOutOfRange(s)) return s;  // otherwise the tiles' way below names the vertex
+    if (!absl::IsOutOfRange(s)) return s;  // the tile path below names the vertex
   }
   HostArray<VertexCode> codes;
   if (absl::Status s = PlaceVertices(state, codes); !s.ok()) return s;

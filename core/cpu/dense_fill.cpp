@@ -35,11 +35,11 @@ void ClearRows(const RunState& state, CpuTarget& target, const VoxelRange& rows,
   const int64_t voxel_bytes = int64_t{element_bytes} * (planar ? 1 : components);
   const int64_t plane_bytes = int64_t(state.slab_voxels()) * element_bytes;
   const ElementPattern clear(target.clear_stored, element_bytes, target.streams());
-  // Whole rows follow each other.
+  // Whole rows are contiguous.
   const bool whole = x_begin == 0 && x_end == state.dims[0];
   const int64_t lines = whole ? 1 : rows.end[1] - rows.begin[1];
   const int64_t line_bytes = (x_end - x_begin) * voxel_bytes * (whole ? rows.end[1] - rows.begin[1] : 1);
-  // The layers lie far apart: where their pages are fresh, each may cost a huge page.
+  // The layers lie far apart: writing to a fresh page of each may allocate a huge page.
   const bool asks = lines * line_bytes >= kBytesBetweenChecks;
   for (int64_t z = rows.begin[2]; z < rows.end[2]; ++z) {
     if (asks && !state.job.Check().ok()) return;

@@ -13,7 +13,7 @@ namespace voxelpipe::cpu {
 void ClearRows(const RunState& state, CpuTarget& target, const VoxelRange& rows, int64_t x_begin, int64_t x_end);
 
 // Writes the fill value of a target that is not bit to the voxels of slab row `row` that are set in `inside` and have
-// no fragment of the target's.
+// no fragment of the target.
 void FillRow(RunState& state, CpuTarget& target, int64_t row, std::span<const uint32_t> inside);
 
 }  // namespace voxelpipe::cpu

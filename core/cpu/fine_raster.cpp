@@ -20,7 +20,7 @@
 namespace voxelpipe::cpu {
 namespace {
 
-// What one thread works in.
+// Scratch memory of one thread.
 struct Worker {
   explicit Worker(const RunState& state) {
     for (const CpuTarget& target : state.targets) {
@@ -38,8 +38,8 @@ struct Worker {
   TileSpans spans;
   std::array<uint32_t, kTileRows> coverage{};
   bool shades = false;              // some target needs shading
-  ShaderTraits traits;              // what those targets' shaders ask for, together
-  bool any_always_present = false;  // some target keeps every fragment, so a touched voxel is a covered one
+  ShaderTraits traits;              // the union of the traits of those targets' shaders
+  bool any_always_present = false;  // a target discards no fragment, so every touched voxel is covered
   uint64_t fragments = 0;
 };
 
@@ -56,7 +56,7 @@ class TriangleShader {
     in_ = MakeFragmentInput(state.view, triangle, plane_.degenerate, worker.traits.reads_textures());
   }
 
-  // For one target whose fragments of this triangle all have one output: shaded once, blended span by span.
+  // For a target whose fragments of this triangle all have the same output: shades once, blends span by span.
   void BlendSame(size_t t, std::span<const TileSpan> spans) {
     const CpuTarget& target = state_.targets[t];
     FragmentOutput out;
@@ -133,7 +133,7 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run, const Voxel
   worker.coverage.fill(0);
   for (TileBuffer& buffer : worker.buffers) buffer.Begin();
   for (uint64_t first = run.begin; first < run.end; first += TileSpans::kTriangles) {
-    // A tile may hold every triangle of the mesh. What is cut short here is thrown away by FineRaster.
+    // A tile may hold every triangle of the mesh. FineRaster discards an incomplete tile.
     if ((first - run.begin) % kTrianglesBetweenChecks == 0 && !state.job.Check().ok()) break;
     const auto count = int64_t(std::min<uint64_t>(TileSpans::kTriangles, run.end - first));
     state.tile_kernels->spans_in_tile(mesh, &state.pairs[first], count, state.request.request.coverage, range,
@@ -151,8 +151,8 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run, const Voxel
   }
 }
 
-// Hands a rasterized tile on: to the dense targets, or to the values that bricks are made of. `number` counts the
-// slab's runs.
+// Stores a rasterized tile: to the dense targets, or to the tile values from which bricks are made. `number` is the
+// index of its run in the slab.
 void StoreTile(RunState& state, const Worker& worker, uint64_t tile, const VoxelRange& range, size_t number,
                ListCount& kept) {
   const bool sparse = state.request.request.result == ResultKind::kSparse;
@@ -170,8 +170,8 @@ void StoreTile(RunState& state, const Worker& worker, uint64_t tile, const Voxel
   state.slab_tiles[tile - state.tiles.Index(0, 0, state.slab.begin / TileDim(2))] = uint32_t(number);
 }
 
-// The slab's tiles with the same y and z, a row of tiles, are one thread's; what no tile of the row writes is cleared
-// between them, so that every line of the targets is written once.
+// One thread works on a row of tiles, those of the slab with the same y and z. It clears the voxels between them, so
+// that every cache line of the targets is written once.
 class TileRows {
  public:
   TileRows(RunState& state, ListCount& kept) : state_(state), kept_(kept), runs_(SlabRuns(state)) {

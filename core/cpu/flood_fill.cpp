@@ -1,4 +1,5 @@
-// Flood fill: what a 6-connected walk from outside the grid cannot reach without entering the conservative shell.
+// Flood fill: the voxels that a 6-connected flood from outside the grid cannot reach without entering the conservative
+// shell.
 //
 // Source: the scan-line seed fill (A. R. Smith, "Tangent Fill", 1979) on words of 32 voxels. Changed: a row takes all
 // its seeds at once, and rows are visited in alternating sweeps until none has changed.
@@ -44,7 +45,7 @@ absl::Status RasterShell(const RunState& state, BitGrid& shell) {
   });
 }
 
-// The walk. Rows are numbered y + ny*z.
+// The flood. Rows are numbered y + ny*z.
 class Walk {
  public:
   Walk(const std::array<int64_t, 3>& dims, const BitGrid& shell, BitGrid& reached)
@@ -72,7 +73,7 @@ class Walk {
   }
 
  private:
-  // Takes the seeds of the four neighbouring rows, the layer around the grid being reached. Whether the row grew.
+  // Takes the seeds of the four neighbouring rows; the layer around the grid counts as reached. True if the row grew.
   bool Visit(int64_t row) {
     dirty_[size_t(row)] = 0;
     const int64_t y = row % ny_, z = row / ny_;
@@ -113,7 +114,7 @@ class Walk {
   std::vector<uint8_t> dirty_;
 };
 
-// Of the whole grid, whatever the slab: a walk knows no slabs.
+// Of the whole grid, not the slab: the flood crosses slabs.
 absl::Status FindOutside(RunState& state) {
   absl::StatusOr<BitGrid> shell = BitGrid::Create(state.grid.dims);
   if (!shell.ok()) return shell.status();

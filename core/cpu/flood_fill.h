@@ -1,4 +1,4 @@
-// The inside of a mesh by flood.
+// Flood fill: the inside of a mesh.
 #pragma once
 
 #include "absl/status/status.h"
@@ -6,9 +6,9 @@
 
 namespace voxelpipe::cpu {
 
-// Sets `out`, bits of the slab, to the voxels that a 6-connected walk from an empty layer around the grid does not
-// reach through voxels outside the conservative shell; the shell's own voxels are among them. With `add` they are or-ed
-// to its bits. The walk is made once a run, over the whole grid: two bits a voxel. RESOURCE_EXHAUSTED, CANCELLED,
+// Sets `out`, bits of the slab, to the voxels that a 6-connected flood from an empty layer around the grid does not
+// reach through voxels outside the conservative shell, which include the shell's own voxels. With `add` they are or-ed
+// to its bits. The flood runs once a run, over the whole grid: two bits a voxel. RESOURCE_EXHAUSTED, CANCELLED,
 // DEADLINE_EXCEEDED.
 absl::Status FloodInside(RunState& state, BitGrid& out, bool add);
 

@@ -32,7 +32,7 @@ double BitGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_
                       });  // a fill's bits are set in the coverage
   int grids = (handed_over ? 0 : 1) + (request.fill == Fill::kNone || joined ? 0 : 1);
   for (const TargetSpec& target : request.targets) {
-    const bool in_tiles = request.result == ResultKind::kSparse;  // their bits stay with their tiles
+    const bool in_tiles = request.result == ResultKind::kSparse;  // tiles keep their bits
     if (target.format == VoxelFormat::kBit && !IsOccupancyBit(target) && !in_tiles) ++grids;
     if (OwnPresence(target)) ++grids;
   }
@@ -43,10 +43,10 @@ double BitGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_
 constexpr double kBaseBytes = 4 << 20;
 constexpr double kTileListBytes = sizeof(TileValues) + sizeof(uint32_t);  // sparse: of a tile besides its values
 constexpr double kTileFragmentBytes = sizeof(TileFragments) + sizeof(std::span<const RowFragments>);  // buckets
-constexpr double kRunBytes = 2.2 * sizeof(TileRun);  // gathered by bucket and then together
+constexpr double kRunBytes = 2.2 * sizeof(TileRun);  // collected by bucket, then joined
 constexpr double kBlocks = 1.3;                      // lists that grow by blocks, the last of which is not full
 
-// What is kept of all tiles until a list is made of them: of a sparse result the values, of buckets the fragments.
+// What all tiles keep until the lists are made: values for a sparse result, fragments for buckets.
 double KeptBytes(const VoxelizeRequest& request, const Surface& surface) {
   if (request.result == ResultKind::kDense) return 0;
   if (request.result == ResultKind::kBuckets) {
@@ -66,7 +66,7 @@ double ShadedBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
   return double(mesh.vertices) * (sizeof(Vec3d) + sizeof(Vec3f));  // not known yet: positions and normals
 }
 
-// Vertices and triangles as the stages keep them for the whole run, and the most beside them while triangles are
+// The vertices and triangles that the stages keep for the whole run, and the maximum beside them while triangles are
 // sorted.
 struct MeshWork {
   double kept = 0, sorting = 0;
@@ -84,14 +84,14 @@ MeshWork MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, con
     return work;
   }
   work.kept += Pooled(vertices * sizeof(Vec3d)) + Pooled(8 * surface.pairs) + kRunBytes * surface.tiles;
-  // Each thread begins with room for a little more than one pair of a triangle.
+  // Each thread reserves a little more than one pair a triangle.
   work.sorting = 8 * std::max(kBlocks * surface.pairs, 1.125 * double(mesh.triangles));
-  if (request.fill == Fill::kFlood) work.kept += Pooled(vertices * kCode);  // of the shell's rows
+  if (request.fill == Fill::kFlood) work.kept += Pooled(vertices * kCode);  // for the rows of the shell
   return work;
 }
 
-// Lists of triangles by slab and of crossings by block, which threads gather while they rasterize and fill, each in
-// chunks of its own.
+// Lists of triangles by slab and of crossings by block, which each thread collects in chunks of its own while it
+// rasterizes and fills.
 double BinBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
                 int64_t layers) {
   const int cores = tbb::info::default_concurrency();
@@ -121,7 +121,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
   Sum result;
   result += dense ? double(DenseResultBytes(request, grid)) : ListBytes(request, surface, false);
   out.result_bytes = result;
-  // What lists of a slab take; and all that a slab takes.
+  // The bytes of the lists of a slab, then of the whole slab.
   const auto lists = [&](int64_t layers) {
     if (dense) return 0.0;
     const Surface here = MostOfSlab(surface, grid, layers);
@@ -138,13 +138,13 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
   double slab = slab_bytes(out.slab_depth) + BinBytes(request, grid, mesh, surface, out.slab_depth);
   double list = lists(out.slab_depth);
   if (!one_slab && dense && delivery == Delivery::kMemory) slab += DenseBytes(request, grid, grid.dims[2]);
-  // A stream of several targets goes over the slabs again: the pool has blocks of a last one that is thinner then, and
-  // those of the others.
+  // A streamed result of several targets runs the slabs again for each: the pool then holds blocks of the thinner last
+  // slab and of the others.
   if (!one_slab && dense && delivery == Delivery::kStream)
     slab += DenseBytes(request, grid, grid.dims[2] % out.slab_depth);
   if (!one_slab && !dense) {
-    // The lists of all slabs, and what the last one's are made of or, in the end, the array to which those of one kind
-    // are joined.
+    // The lists of all slabs, and the scratch memory of the last one's lists or, at the end, the array into which the
+    // lists of one kind are joined.
     const Surface here = MostOfSlab(surface, grid, out.slab_depth);
     const double slabs = std::ceil(double(grid.dims[2]) / double(out.slab_depth));
     const double last = ListBytes(request, here, true);
@@ -154,7 +154,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
     list += held;
   }
   if (request.fill == Fill::kFlood) {
-    // The shell and what is reached from outside; one slab's inside takes the place of the shell.
+    // The shell and the voxels reached from outside; the inside of one slab replaces the shell.
     slab += (one_slab ? 1 : 2) * Pooled(double(BitGrid::BytesFor(grid.dims)));
   }
   Sum peak;

@@ -1,4 +1,4 @@
-// The memory that a run takes on the CPU, predicted.
+// Predicts the memory of a run on the CPU.
 #pragma once
 
 #include "pipeline/plan/footprint.h"
@@ -7,8 +7,8 @@
 
 namespace voxelpipe::cpu {
 
-// Backend::Predict (pipeline/stages/stages.h): all of it is the host's. tests/property/plan_bounds.cpp compares it with
-// what allocators count.
+// Backend::Predict (pipeline/stages/stages.h): all of it is host memory. tests/property/plan_bounds.cpp compares it
+// with the counts of the allocators.
 Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                            const Surface& surface, const PlanLimits& limits, Delivery delivery);
 

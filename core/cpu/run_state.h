@@ -1,4 +1,4 @@
-// What the stages of one run share, in the order in which they make it.
+// The state that the stages of one run share, in the order in which they set it.
 #pragma once
 
 #include <tbb/enumerable_thread_specific.h>
@@ -37,16 +37,17 @@ struct CpuTarget {
   double scale = 1;           // of f32 outputs into integers
   uint32_t clear_stored = 0;  // as stored in the format
   FillValue fill;
-  // A bit target of the occupancy shader: its value is the coverage itself whatever the blend, nothing else is kept.
+  // A bit target of the occupancy shader: with every blend its value is the coverage itself, and nothing else is
+  // stored.
   bool is_occupancy = false;
-  // The shader can discard, so that which voxels it wrote is its own.
+  // The shader can discard, so the target has its own set of written voxels.
   bool own_presence = false;
 
   BitGrid bits;      // values of a bit target, unless is_occupancy
   BitGrid presence;  // if own_presence
   HostBuffer dense;  // values of a target that is not bit, in the result's layout over the slab
 
-  // Whether the values are so many that they are written past the caches.
+  // True if the values are so many that streaming stores write them.
   bool streams() const { return dense.size() > kCachedBytes; }
 };
 
@@ -58,13 +59,13 @@ struct RunState {
   const TriangleMesh& mesh;
   const BoundRequest& request;
   const JobContext& job;
-  ListMemory* lists = nullptr;  // asked before lists take more than the plan has for them; may be null
+  ListMemory* lists = nullptr;  // consulted before lists exceed their share of the plan; may be null
 
   // VertexShade
-  std::vector<Vec3d> shaded_positions;  // empty under the identity shader: the mesh's own are used
+  std::vector<Vec3d> shaded_positions;  // empty under the identity shader, which uses the mesh's own
   std::vector<Vec3f> shaded_normals;
   std::vector<Vec4f> shaded_tangents;
-  std::vector<Vec3f> velocities;  // empty where nothing moves
+  std::vector<Vec3f> velocities;  // empty if nothing moves
   std::vector<PartView> parts;
   std::vector<MaterialView> materials;
   std::vector<TextureView> textures;
@@ -75,23 +76,23 @@ struct RunState {
   GridSpec grid;
   int64_t dims[3] = {1, 1, 1};
   TileGrid tiles{};
-  // Plain bits: the row-span rasterizer in place of tiles; `pairs` and `runs` stay empty.
+  // Occupancy bits alone: rasterized by row spans instead of tiles; `pairs` and `runs` stay empty.
   const RowKernels* kernels = nullptr;
-  const RowKernels* tile_kernels = nullptr;  // those of tiles: the scalar ones where coordinates do not fit the lanes
+  const RowKernels* tile_kernels = nullptr;  // for tiles: the scalar kernels if coordinates do not fit the lanes
   std::unique_ptr<RowBits> row_bits;
-  HostArray<Vec3d> placed_positions;       // under tiles: what index_positions shows
+  HostArray<Vec3d> placed_positions;       // with tiles: the storage of index_positions
   const Vec3d* index_positions = nullptr;  // per vertex, index space
   std::vector<PairBlocks> emitted;         // pairs by ascending triangle, before TileSort
   HostArray<uint64_t> pairs;               // (tile << 32) | triangle, after it
   std::vector<TileRun> runs;               // by ascending tile
-  BitGrid outside;                         // flood: what the walk from outside reached, made by the first slab
+  BitGrid outside;                         // flood fill: the voxels reached from outside, set by the first slab
 
-  // BeginSlab: what follows holds the slab's layers only; its rows are numbered by SlabRow
+  // BeginSlab: the members below hold the slab's layers only; SlabRow numbers its rows
   Slab slab;
   std::array<int64_t, 3> slab_dims{1, 1, 1};
   std::vector<CpuTarget> targets;
   BitGrid coverage;  // voxels that a fragment of any target wrote
-  // Sparse results: the values of the tiles with a fragment, and for each tile of the slab its number among them.
+  // Sparse results: the values of the tiles with a fragment, and for each tile of the slab its index among them.
   std::vector<TileValues> tile_values;
   std::vector<uint32_t> slab_tiles;  // UINT32_MAX: no fragment
   tbb::enumerable_thread_specific<ValueArena> value_arenas;
@@ -109,7 +110,7 @@ struct RunState {
 // "node 3, mesh 1, primitive 0, vertex 17" for a vertex index of the flattened mesh.
 std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex);
 
-// Whether every target is the coverage itself, so that rows need no tiles.
+// True if every target is the coverage itself, so that the rasterizer needs no tiles.
 bool PlainBits(const RunState& state, const GridSpec& grid);
 
 // The stages; see pipeline/stages/stages.h for what each does.

@@ -1,10 +1,10 @@
-// Parity fill: one toggled bit a crossing, then a suffix exclusive-or along each row. Nonzero fill: a sum of signs a
-// crossing, then suffix sums.
+// Parity fill: each crossing toggles a bit, then a suffix XOR along each row. Nonzero fill: each crossing adds its
+// sign, then suffix sums.
 //
 // Source: the fill of M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010,
 // section 5. Changed: crossings are counted per edge (raster/crossing.h), so that closed meshes leave no streaks; a
-// single bit is toggled and spread at the end. Crossings are gathered by blocks of rows, each of which is one thread's
-// and stays in its cache.
+// single bit is toggled and spread at the end. Crossings are binned to blocks of rows; one thread works on a block,
+// which stays in its cache.
 #include <tbb/enumerable_thread_specific.h>
 
 #include <algorithm>
@@ -26,7 +26,7 @@
 namespace voxelpipe::cpu {
 namespace {
 
-constexpr int64_t kBlockBytes = 256 << 10;  // of toggles: stay in the second-level cache beside what they are spread to
+constexpr int64_t kBlockBytes = 256 << 10;  // of toggles: stay in the L2 cache beside their output
 
 LineBlocks BlocksOf(const RunState& state) {
   const bool signs = state.request.request.fill == Fill::kNonzero;
@@ -38,7 +38,7 @@ LineBlocks BlocksOf(const RunState& state) {
   return lines;
 }
 
-// What one thread gathers.
+// The lists of one thread.
 struct ThreadWork {
   ThreadWork(size_t blocks, size_t kinds) : toggles(kinds * blocks), large(blocks) {}
   Crossings found;
@@ -48,7 +48,7 @@ struct ThreadWork {
 
 using WorkOfThreads = tbb::enumerable_thread_specific<ThreadWork>;
 
-// Finds the crossings of triangles [begin, end), but those of large triangles.
+// Finds the crossings of triangles [begin, end), except those of large triangles.
 void GatherCrossings(const RowKernels& kernels, const RowMesh& mesh, int64_t begin, int64_t end,
                      const LineBlocks& lines, ThreadWork& work) {
   Crossings& found = work.found;
@@ -76,8 +76,8 @@ struct BlockSums {
   std::vector<uint32_t> touched, sums, outside;
 };
 
-// Bit i of each row becomes whether the row's sums at i and beyond do not sum to 0; with `add` it is or-ed to the bits
-// in `out`. Sets the sums to 0. Returns how many rows' signs do not sum to 0.
+// Sets bit i of each row if the row's sums at i and beyond do not sum to 0; with `add` it is or-ed to the bits in
+// `out`. Sets the sums to 0. Returns the number of rows whose signs do not sum to 0.
 int64_t SpreadSums(BlockSums& in, int64_t rows, int64_t words_per_row, uint32_t* out, bool add) {
   int64_t odd = 0;
   for (int64_t r = 0; r < rows; ++r) {
@@ -98,7 +98,7 @@ int64_t SpreadSums(BlockSums& in, int64_t rows, int64_t words_per_row, uint32_t*
   return odd;
 }
 
-// The filled voxels by the signs of crossings, as Cast says.
+// The filled voxels by the signs of crossings; parameters as in Cast.
 absl::Status SumBlocks(RunState& state, const LineBlocks& lines, const RowMesh& mesh, WorkOfThreads& work, BitGrid& out,
                        bool add) {
   const RowKernels& kernels = *state.kernels;
@@ -132,7 +132,7 @@ absl::Status SumBlocks(RunState& state, const LineBlocks& lines, const RowMesh& 
   return s;
 }
 
-// The filled voxels by the parity of crossings, as Cast says.
+// The filled voxels by the parity of crossings; parameters as in Cast.
 absl::Status ToggleBlocks(RunState& state, const LineBlocks& lines, const RowMesh& mesh, WorkOfThreads& work,
                           BitGrid& out, bool add) {
   const RowKernels& kernels = *state.kernels;
@@ -165,7 +165,8 @@ absl::Status ToggleBlocks(RunState& state, const LineBlocks& lines, const RowMes
   return s;
 }
 
-// The filled voxels by the crossings of lines along x, to `out` over the slab's rows: alone, or or-ed to its bits.
+// Writes the filled voxels, by the crossings of lines along x, to `out` over the slab's rows: replaces its bits, or
+// adds to them.
 absl::Status Cast(RunState& state, BitGrid& out, bool add) {
   const LineBlocks lines = BlocksOf(state);
   const RowMesh mesh = IndexSpaceMesh(state.index_positions, state.view.triangles);
@@ -178,7 +179,7 @@ absl::Status Cast(RunState& state, BitGrid& out, bool add) {
                           : ToggleBlocks(state, lines, mesh, work, out, add);
 }
 
-// Whether the filled voxels are the result's like the covered ones, so that one grid holds both.
+// True if the result treats filled and covered voxels alike, so that one grid holds both.
 bool JoinsCoverage(const RunState& state) {
   return state.request.request.result == ResultKind::kDense &&
          std::all_of(state.targets.begin(), state.targets.end(), [](const CpuTarget& target) {

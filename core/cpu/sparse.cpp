@@ -23,7 +23,7 @@ uint64_t KeptBytes(const CpuTarget& target) {
              : uint64_t(target.spec.components * BitsPerComponent(target.spec.format) / 8);
 }
 
-// The bricks of one row along x, and where the row's part of each array begins.
+// The bricks of one row along x, and the offset of the row in each array.
 struct BrickRow {
   uint64_t bricks = 0, voxels = 0;
 };
@@ -69,8 +69,7 @@ class BrickMaker {
     return count;
   }
 
-  // Whether neither a fragment nor the fill is in word w of brick row r, as far as that is known without a look at the
-  // bits.
+  // True if word w of brick row r is known to have neither a fragment nor fill without reading its bits.
   bool IsEmptyTile(int64_t r, int64_t w) const {
     if (state_.slab_tiles.empty() || !state_.inside.empty()) return false;
     return state_.slab_tiles[size_t(w + state_.tiles.dims[0] * r)] ==
@@ -138,7 +137,7 @@ class BrickMaker {
     });
   }
 
-  // The values of one target in one brick, the first of which has number `first`.
+  // Writes the values of one target in one brick; `first` is the index of its first value.
   void EmitValues(size_t t, int64_t r, int64_t bx, const std::array<uint8_t, kMaskBytes>& mask, uint64_t first,
                   uint64_t all_voxels) {
     const CpuTarget& target = state_.targets[t];
@@ -156,7 +155,7 @@ class BrickMaker {
     }
     uint64_t n = first;
     if (kept > 0 && bits != 1 && (components == 1 || !planar) && !target.own_presence && state_.inside.empty()) {
-      // Every voxel of the brick has its value, and a row's stand together.
+      // Every voxel of the brick has a value, and the values of a row are contiguous.
       for (int row = 0; row < kTileRows; ++row) {
         const uint32_t covered = tile->covered[size_t(row)];
         if (mask[size_t(row)] != 0) {
@@ -187,14 +186,14 @@ class BrickMaker {
     }
   }
 
-  // What a filled voxel holds that has no fragment of the target.
+  // The value of a filled voxel without a fragment of the target.
   uint32_t Filled(const CpuTarget& target, int c, int64_t r, int64_t bx, int row, int bit) const {
     const int64_t y = r % ny_ * kBrick + row % 8, z = state_.slab.begin + r / ny_ * kBrick + row / 8;
     return FillStored(target.fill, bx / 4 * 32 + bit, y, z, c);
   }
 
-  // A kept value; where another target's fragment covers the voxel and this one's were discarded, what a dense target
-  // holds.
+  // A tile's value. If the fragments of this target were discarded and another target covers the voxel: the value that
+  // a dense target holds.
   uint32_t Kept(const CpuTarget& target, const uint8_t* value, int c, int64_t r, int64_t bx, int row, int bit) const {
     if (target.own_presence) {
       const int64_t slab_row = SlabRowOf(r, row);
@@ -236,8 +235,7 @@ class BrickMaker {
 
 uint8_t* ValueArena::Take(uint64_t bytes) {
   if (chunks_.empty() || chunks_.back().size() - used_ < bytes) {
-    // Larger ones as there are more, so that little is left over; of two megabytes at least where it comes from the
-    // pool.
+    // Chunks grow with their number, so that little is left over; those from the pool have at least 2 MB.
     uint64_t size = std::clamp(total_ / 4, kMinChunkBytes, kMaxChunkBytes);
     if (size >= kPooledBytes) size = std::max(kPooledUnit, size);
     absl::StatusOr<HostBuffer> chunk = HostBuffer::Allocate(std::max(bytes, size));
@@ -253,7 +251,7 @@ uint8_t* ValueArena::Take(uint64_t bytes) {
 
 namespace {
 
-// The voxels of `covered`, component c of which is in stored[c], one after the other. Out: the end of what was written.
+// Writes the voxels of `covered` one after the other; component c is in stored[c]. Out: the end of the written bytes.
 template <typename Element>
 uint8_t* ListRow(uint32_t covered, int components, const uint32_t (&stored)[4][32], uint8_t* out) {
   for (uint32_t left = covered; left != 0; left &= left - 1) {
@@ -289,7 +287,7 @@ TileValues KeepTile(const RunState& state, const std::vector<TileBuffer>& buffer
         target.spec.format == VoxelFormat::kBit ? 1 : size_t(BitsPerComponent(target.spec.format) / 8);
     for (int row = 0; row < kTileRows; ++row) {
       if (covered[size_t(row)] == 0) continue;
-      // Where only another target has a fragment, the value is not looked at.
+      // Not read where only another target has a fragment.
       const uint32_t has = covered[size_t(row)] & buffers[t].presence(row);
       uint32_t stored[4][32];
       if (has != covered[size_t(row)]) std::memset(stored, 0, sizeof stored);

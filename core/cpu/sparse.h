@@ -10,14 +10,14 @@
 
 namespace voxelpipe::cpu {
 
-// Keeps a tile's values: what TileBuffer::Store writes to a dense target.
+// Returns a copy of a tile's values: what TileBuffer::Store writes to a dense target.
 TileValues KeepTile(const RunState& state, const std::vector<TileBuffer>& buffers,
                     const std::array<uint32_t, kTileRows>& covered, ValueArena& arena);
 
 // Bytes that KeepTile takes for the values of these voxels.
 uint64_t KeptTileBytes(const RunState& state, const std::array<uint32_t, kTileRows>& covered);
 
-// The slab's brick, mask and target arrays, from its bits and the tiles' values.
+// Makes the slab's brick, mask and target arrays from its bits and the tiles' values.
 absl::StatusOr<ResultArrays> MakeBricks(const RunState& state);
 
 }  // namespace voxelpipe::cpu

@@ -22,7 +22,7 @@ absl::Status Allocate(CpuTarget& target, const RunState& state) {
   if (target.own_presence) {
     if (absl::Status s = bits(target.presence); !s.ok()) return s;
   }
-  if (state.request.request.result == ResultKind::kSparse) return absl::OkStatus();  // values stay with their tiles
+  if (state.request.request.result == ResultKind::kSparse) return absl::OkStatus();  // tiles keep the values
   if (target.spec.format == VoxelFormat::kBit) return target.is_occupancy ? absl::OkStatus() : bits(target.bits);
   auto dense = HostBuffer::Allocate(TargetBytes(target.spec, state.slab_voxels()));
   if (!dense.ok()) return dense.status();
@@ -30,7 +30,7 @@ absl::Status Allocate(CpuTarget& target, const RunState& state) {
   return absl::OkStatus();
 }
 
-constexpr int64_t kPackBytes = 256 << 10;  // between two looks at whether the job may go on
+constexpr int64_t kPackBytes = 256 << 10;  // between two checks of the job
 
 absl::Status PackBitTarget(const RunState& state, const CpuTarget& target, HostBuffer& out) {
   const BitGrid& present = target.own_presence ? target.presence : state.coverage;
@@ -38,13 +38,12 @@ absl::Status PackBitTarget(const RunState& state, const CpuTarget& target, HostB
   const uint32_t clear = target.spec.clear != 0 ? ~0u : 0, fill = FillBit(target.spec) ? ~0u : 0;
   const int64_t words = state.coverage.words_per_row(), last_word = words - 1;
   const uint32_t last_mask = state.coverage.last_word_mask();
-  // Eight rows end with a byte whatever their length, so parts of the grid are packed like small grids.
+  // Eight rows of any length end on a byte border, so parts of the grid are packed like small grids.
   const int64_t nx = state.slab_dims[0], rows = state.slab_dims[1] * state.slab_dims[2];
   const int64_t part = std::max<int64_t>(8, kPackBytes * 8 / nx / 8 * 8);
   return ParallelChunks((rows + part - 1) / part, 1, state.job, [&](int64_t begin, int64_t end) {
     const int64_t first = begin * part, count = std::min(rows, end * part) - first;
-    // By value: through references, each would be read anew for every word, as the bytes written might be what they
-    // refer to.
+    // By value: references would be read again for every word, because the written bytes may alias them.
     const uint32_t* const here_words = present.row(first).data();
     const uint32_t* const value_words = value.row(first).data();
     const uint32_t* const inside_words = state.inside.empty() ? nullptr : state.inside.row(first).data();
@@ -112,7 +111,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
 }
 
 absl::StatusOr<ResultArrays> Finish(RunState& state) {
-  // What lists were made of is freed before the slabs are joined, which takes memory for all of them.
+  // The input of the lists is freed before the slabs are joined, which takes memory for all of them.
   if (state.request.request.result == ResultKind::kSparse) {
     absl::StatusOr<ResultArrays> bricks = MakeBricks(state);
     state.tile_values = {};

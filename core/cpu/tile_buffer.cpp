@@ -47,8 +47,8 @@ TileBuffer::TileBuffer(const CpuTarget& target)
     kept_ = Kept::kCells;
     cells_.resize(count);
     if (spec_.blend == Blend::kMin || spec_.blend == Blend::kMax) {
-      // The bits of floats, those of negative ones inverted but for the sign, are ordered as OrderedLess orders the
-      // floats.
+      // Order-preserving encoding: float bits, with all but the sign inverted for negative floats, compare as
+      // OrderedLess does.
       flip_negative_ = IsInteger(spec_.format) ? 1u << 31 : ~0u >> 1;
       flip_positive_ = IsInteger(spec_.format) ? 1u << 31 : 0;
       begin_cell_ = spec_.blend == Blend::kMin ? INT_MAX : INT_MIN;
@@ -189,7 +189,7 @@ void TileBuffer::StoreWords(const RunState& state, const VoxelRange& range, BitG
 void TileBuffer::StoreBitGrids(const RunState& state, const VoxelRange& range, CpuTarget& target) const {
   if (target.own_presence) StoreWords(state, range, target.presence, presence_);
   if (!target.bits.empty()) {
-    std::array<uint32_t, kTileRows> words;  // a row that no fragment touched holds an older tile's bits
+    std::array<uint32_t, kTileRows> words;  // a row without fragments holds the bits of an earlier tile
     for (size_t row = 0; row < words.size(); ++row) words[row] = bits_[row] & presence_[row];
     StoreWords(state, range, target.bits, words);
   }

@@ -11,7 +11,7 @@
 
 namespace voxelpipe::cpu {
 
-// A fragment's output as a target keeps it (blend_ops.h): the same for all voxels that a shader gives the same output.
+// A fragment's output converted for blending (blend_ops.h); shared by all voxels with the same shader output.
 struct BlendValue {
   int32_t cell[4];  // in the order of TileBuffer's cells
   int64_t term[4];
@@ -23,7 +23,7 @@ class TileBuffer {
  public:
   explicit TileBuffer(const CpuTarget& target);
 
-  // Forgets the previous tile. Values are set to what the blend begins from when their row is first touched.
+  // Discards the previous tile. The values of a row are initialized when a fragment first touches it.
   void Begin() { presence_.fill(0); }
 
   BlendValue Convert(const FragmentOutput& out) const;
@@ -37,7 +37,7 @@ class TileBuffer {
   void StoreBitGrids(const RunState& state, const VoxelRange& range, CpuTarget& target) const;
 
   // The stored bits (blend_ops.h) of component c of the voxels of a row that are in `mask`, all of them with a
-  // fragment; 0 or 1 for a bit target. Other elements of `out`, 32 of them, are left as they are.
+  // fragment; 0 or 1 for a bit target. Other elements of `out`, which has 32, are not changed.
   void StoredRow(int row, int c, uint32_t mask, uint32_t* out) const;
   uint32_t presence(int row) const { return presence_[size_t(row)]; }
 
@@ -57,13 +57,13 @@ class TileBuffer {
   bool u32_output_;
   double scale_;
   Kept kept_;
-  uint32_t flip_positive_ = 0, flip_negative_ = 0;  // between cells as blend_ops.h has them and as they are kept
+  uint32_t flip_positive_ = 0, flip_negative_ = 0;  // XOR masks between a cell of blend_ops.h and the stored cell
   int32_t begin_cell_ = 0;
   uint32_t begin_bits_ = 0;
   std::array<uint32_t, kTileRows> presence_{};
   std::array<uint32_t, kTileRows> bits_{};  // kBits
-  // Component after component, each voxel by voxel.
-  std::vector<int32_t> cells_;    // kCells: min and max hold them so that their order is that of signed integers
+  // Planar: all voxels of one component after the other.
+  std::vector<int32_t> cells_;    // kCells: for min and max in an encoding that orders as signed integers
   std::vector<int64_t> sums_;     // kSums, kAverages
   std::vector<uint32_t> counts_;  // kCounts, kAverages: one a voxel
 };

@@ -9,7 +9,7 @@
 
 namespace voxelpipe::cpu {
 
-// The runs of the slab's tiles: tiles are numbered layer after layer.
+// The runs of the slab's tiles: tiles are numbered by layer.
 inline std::span<const TileRun> SlabRuns(const RunState& state) {
   const auto first_at = [&](int64_t z) {
     const uint64_t tile = state.tiles.Index(0, 0, (z + TileDim(2) - 1) / TileDim(2));

@@ -1,6 +1,6 @@
-// Sorting of (tile, triangle) pairs, and the runs of equal tiles: a stable radix sort by tile, the triangles' order
-// being that in which they were emitted. The high bits of the tile first, from memory to memory; the rest bucket by
-// bucket, in the caches.
+// Sorts (tile, triangle) pairs and finds the runs of equal tiles: a stable radix sort by tile, so that triangles keep
+// the order of emission. The high bits of the tile first, from memory to memory; the rest bucket by bucket, in the
+// caches.
 #include <tbb/enumerable_thread_specific.h>
 
 #include <algorithm>
@@ -16,7 +16,7 @@ constexpr uint64_t kMaxBuckets = 1 << 10;
 // A bucket of fewer pairs than this share of its tiles is sorted by comparison.
 constexpr uint64_t kTilesPerPair = 8;
 
-// A bucket's pairs by tile. One thread's.
+// Sorts the pairs of a bucket by tile. Not thread-safe.
 class BucketSort {
  public:
   // In: pairs of tiles [first_tile, first_tile + tiles). Out: sorted, stable.
@@ -33,7 +33,8 @@ class BucketSort {
   std::vector<uint64_t> held_, next_;
 };
 
-// offset[chunk][bucket]: where the chunk's pairs of the bucket go. Then a row of the buckets' ends.
+// offset[chunk][bucket]: the destination of the chunk's pairs of the bucket. Its last row holds the ends of the
+// buckets.
 std::vector<uint64_t> BucketOffsets(const std::vector<PairBlocks>& emitted, uint64_t buckets, int shift) {
   const size_t chunks = emitted.size();
   std::vector<uint64_t> offset((chunks + 1) * buckets);
@@ -75,7 +76,7 @@ absl::Status TileSort(RunState& state) {
   std::vector<uint64_t> offset = BucketOffsets(state.emitted, buckets, shift);
   const uint64_t* const ends = &offset[chunks * buckets];
   const uint64_t pair_bytes = ends[buckets - 1] * sizeof(uint64_t);
-  if (state.lists != nullptr) {  // those that were emitted are there until they are sorted
+  if (state.lists != nullptr) {  // the emitted pairs stay until they are sorted
     if (absl::Status full = state.lists->Need(2 * pair_bytes); !full.ok()) return full;
     state.lists->Hold(pair_bytes);
   }

@@ -1,4 +1,4 @@
-// Vertex shading, and the views through which shaders see the mesh.
+// Vertex shading, and the views through which shaders read the mesh.
 #include <tbb/parallel_reduce.h>
 
 #include <algorithm>
@@ -17,13 +17,13 @@ namespace {
 constexpr int64_t kGrain = 1 << 14;
 constexpr char kWhat[] = "the mesh's posed parts";
 
-// The numbers of a parameter that the host reads by itself, null where it is not given.
+// The numbers of a parameter that the host reads itself; null if it is not given.
 const std::vector<double>* Given(const ShaderCall& call, const char* name) {
   const auto found = call.parameters.find(name);
   return found == call.parameters.end() ? nullptr : &found->second;
 }
 
-// Whether the call's parameters make anything move; otherwise there is no velocity array.
+// True if the call's parameters give a velocity; otherwise there is no velocity array.
 bool GivesVelocities(const BoundRequest& request) {
   for (const char* name : {"linear_velocity", "angular_velocity", "dt"}) {
     const std::vector<double>* given = Given(request.request.vertex_shader, name);
@@ -42,12 +42,12 @@ Box3d Grow(const Box3d& box, const Vec3d& p) {
   return grown;
 }
 
-// Whether the box is quicker found over the vertices than over the triangles.
+// True if the box is found faster over the vertices than over the triangles.
 bool FewUnused(const TriangleMesh& mesh) {
   return mesh.unused_vertices && mesh.unused_vertices->size() < 64 + mesh.positions.size() / 8;
 }
 
-// The box of the used vertices, by the list of the others; false if one of them is not finite.
+// The box of the used vertices, given the list of unused ones; false if a used one is not finite.
 bool BoundsByVertices(const RunState& state, Box3d& box) {
   struct Bounds {
     Box3d box;
@@ -81,7 +81,7 @@ bool BoundsByVertices(const RunState& state, Box3d& box) {
 // The box of the vertices that triangles use.
 absl::StatusOr<Box3d> BoundsOfUsed(const RunState& state) {
   const MeshView& view = state.view;
-  // The first bad vertex by index, so that the message does not depend on the schedule.
+  // The first invalid vertex by index, so that the message does not depend on scheduling.
   std::atomic<uint64_t> bad{UINT64_MAX};
   const Box3d box = tbb::parallel_reduce(
       tbb::blocked_range<uint64_t>(0, view.triangle_count, kGrain), Box3d{},
@@ -196,7 +196,7 @@ absl::StatusOr<PosedMesh> MakePose(const RunState& state) {
     if (!later.ok()) return error(later.status());
     posed.later = *std::move(later);
   }
-  constexpr size_t kPartsAStep = 4096;  // between two looks at the job
+  constexpr size_t kPartsAStep = 4096;  // between two checks of the job
   constexpr uint64_t kPartBytes = sizeof(PosedPartView) + sizeof(std::vector<MorphTargetView>);
   posed.memory = MemoryCharge(&MemoryOf(state.job));
   if (absl::Status s = posed.memory.Grow(rig.parts.size(), 2 * kPartBytes, kWhat); !s.ok()) return s;
@@ -281,7 +281,7 @@ absl::StatusOr<MeshExtent> MeasureMesh(const RunState& state) {
     if (!box.ok()) return box.status();
     extent.box = *box;
   }
-  for (int a = 0; a < 3; ++a) {  // -0 and +0 are one corner, whichever thread saw it first
+  for (int a = 0; a < 3; ++a) {  // -0 and +0 are the same corner for every order of threads
     extent.box.min[a] += 0.0;
     extent.box.max[a] += 0.0;
   }

@@ -8,7 +8,7 @@
 namespace voxelpipe::cpu {
 
 // Writes element `at` of an array of elements of `bits` bits (1, 8, 16 or 32; little endian). A bit is only ever set:
-// its array begins clear, and several threads may set bits of one byte.
+// its array starts cleared, and several threads may set bits of one byte.
 inline void PutElement(uint8_t* array, int bits, uint64_t at, uint32_t stored) {
   if (bits != 1) {
     std::memcpy(array + at * uint64_t(bits / 8), &stored, size_t(bits / 8));

@@ -1,4 +1,4 @@
-// A list that grows by blocks: what is in it is never copied, and little room is left over.
+// A list that grows by blocks: elements are never copied, and little memory is left over.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@ namespace voxelpipe::cpu {
 
 class PairBlocks {
  public:
-  // Room for `count` in one block. Before the first push_back. Throws std::bad_alloc, as push_back does.
+  // Reserves one block for `count` pairs. Call before the first push_back. Throws std::bad_alloc, as push_back does.
   void reserve(size_t count) { Grow(count); }
 
   void push_back(uint64_t pair) {
@@ -21,7 +21,7 @@ class PairBlocks {
 
   size_t size() const { return total_ - size_t(end_ - next_); }
 
-  // Calls visit(pair) in the order in which they came.
+  // Calls visit(pair) in the order of insertion.
   template <typename Visit>
   void ForEach(const Visit& visit) const {
     for (size_t i = 0; i < blocks_.size(); ++i) {
@@ -38,7 +38,7 @@ class PairBlocks {
   }
 
  private:
-  static constexpr size_t kLeast = 512, kShare = 8;  // pairs of a block; of all that are there
+  static constexpr size_t kLeast = 512, kShare = 8;  // pairs of a block: at least; the share of all pairs
 
   struct Block {
     std::unique_ptr<uint64_t[]> pairs;

@@ -12,8 +12,8 @@
 
 namespace voxelpipe::cpu {
 
-// Calls body(begin, end) for chunks of at most `grain` of [0, count), in any order, asking the job before each chunk.
-// Out: OK, or why the job ended; chunks that had begun are finished, the others never run.
+// Calls body(begin, end) for chunks of at most `grain` of [0, count), in any order, checking the job before each chunk.
+// Out: OK, or the reason why the job ended; started chunks finish, the others never run.
 template <typename Body>
 absl::Status ParallelChunks(int64_t count, int64_t grain, const JobContext& job, const Body& body) {
   std::atomic<bool> stop{false};

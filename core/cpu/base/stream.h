@@ -1,4 +1,4 @@
-// Writing large arrays past the caches.
+// Streaming stores: writes large arrays past the caches.
 #pragma once
 
 #include <algorithm>
@@ -51,8 +51,8 @@ class ElementPattern {
   uint8_t bytes_[16];
 };
 
-// Copies `bytes` bytes; past the caches if `streams` and both ends of `to` are those of cache lines. After streaming,
-// StreamFence.
+// Copies `bytes` bytes; past the caches if `streams` and both ends of `to` are at borders of cache lines. After
+// streaming, StreamFence.
 inline void StreamCopy(uint8_t* to, const void* from, int64_t bytes, bool streams) {
 #if defined(__SSE2__)
   if (streams && ((reinterpret_cast<uintptr_t>(to) | uintptr_t(bytes)) & uintptr_t(kLineBytes - 1)) == 0) {
@@ -66,7 +66,7 @@ inline void StreamCopy(uint8_t* to, const void* from, int64_t bytes, bool stream
   std::memcpy(to, from, size_t(bytes));
 }
 
-// Orders what this thread streamed before what it stores next.
+// Orders this thread's streaming stores before its later stores.
 inline void StreamFence() {
 #if defined(__SSE2__)
   _mm_sfence();

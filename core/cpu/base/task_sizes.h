@@ -1,5 +1,4 @@
-// Sizes of the pieces in which threads work and grow their lists: the memory of a run follows from them
-// (footprint.cpp).
+// Sizes of tasks and of the chunks by which lists grow: the memory of a run follows from them (footprint.cpp).
 #pragma once
 
 #include <cstdint>

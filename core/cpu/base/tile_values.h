@@ -1,4 +1,4 @@
-// The values of occupied tiles, kept until the bricks of a sparse result are made of them.
+// The values of occupied tiles, stored until the bricks of a sparse result are made from them.
 #pragma once
 
 #include <array>
@@ -10,14 +10,15 @@
 
 namespace voxelpipe::cpu {
 
-// The values of one tile's voxels with a fragment, in the tile's order (x + 32*(y + 8*z)): target after target, each
-// value after value, components together; bits as bytes 0 and 1. Targets that are the coverage itself have none.
+// The values of one tile's voxels with a fragment, in the tile's order (x + 32*(y + 8*z)): target after target; within
+// a target voxel after voxel, components interleaved; bits as bytes 0 and 1. Targets that are the coverage itself have
+// none.
 struct TileValues {
   const uint8_t* data = nullptr;
-  std::array<uint32_t, kTileRows> covered{};  // the voxels that are listed
+  std::array<uint32_t, kTileRows> covered{};  // the voxels that have values
 };
 
-// Bump allocation for one thread's tiles.
+// A bump allocator for the tiles of one thread.
 class ValueArena {
  public:
   // Throws std::bad_alloc.

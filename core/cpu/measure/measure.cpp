@@ -1,6 +1,6 @@
-// Sources: the Minkowski sum of a triangle and a box (surface.cpp) for what a triangle touches on average,
-// raster/clipped_triangle.h for its part in the grid. What no average knows - vertices on voxel corners, faces on the
-// lattice's planes, thin coverage, surfaces that lie in each other - is counted exactly in samples.
+// Sources: the Minkowski sum of a triangle and a box (surface.cpp) for the average number of voxels that a triangle
+// touches, raster/clipped_triangle.h for its part in the grid. What averages miss - vertices on voxel corners, faces in
+// the grid's planes, thin coverage, coinciding surfaces - is counted exactly in samples.
 #include "cpu/measure/measure.h"
 
 #include <tbb/parallel_for.h>
@@ -25,35 +25,35 @@ namespace voxelpipe::cpu {
 namespace {
 
 constexpr int64_t kGrain = 1 << 12;
-constexpr double kSmallVoxels = 4096;  // boxes of more are of large triangles, for which averages are exact enough
+constexpr double kSmallVoxels = 4096;  // larger boxes are of large triangles, for which averages are exact enough
 constexpr uint64_t kSampledTriangles = 512;
 constexpr uint64_t kSampledBricks = 192;
-constexpr int64_t kLargestSample = 32;        // voxels along an axis; grids with larger cells are left to averages
-constexpr int64_t kTrianglesOfSample = 2048;  // a brick with so many is as good as full
-// Cells that are marked at most, but for a few of each triangle: a hundred thousand triangles that each go through the
-// whole of a large grid would take seconds.
+constexpr int64_t kLargestSample = 32;        // voxels an axis; grids with larger cells use averages alone
+constexpr int64_t kTrianglesOfSample = 2048;  // a brick with so many is almost full
+// Maximum number of marked cells, apart from a few for each triangle: a hundred thousand triangles that each cross a
+// whole large grid would take seconds.
 constexpr uint64_t kMaxMarks = 1 << 24, kMinMarks = 16;
 constexpr int64_t kMaxShares = 256;
 constexpr int64_t kLinesAnAxis = 24;
-constexpr uint64_t kMaxCrossings = 1024;  // of a line, that are kept
-constexpr double kOpenLines = 0.2;        // closed surfaces have none but for roundings
-// Dense results have no lists but the pairs of tiles and triangles: every so many triangles of larger meshes tell
-// enough of them.
+constexpr uint64_t kMaxCrossings = 1024;  // of a line, that are stored
+constexpr double kOpenLines = 0.2;        // closed surfaces have none, up to rounding
+// The only lists of dense results are the pairs of tiles and triangles: in larger meshes a sample of the triangles
+// estimates them well enough.
 constexpr uint64_t kLookedAt = 1 << 16, kStepOfDense = 8;
 constexpr double kListedBytesThatMatter = 4 << 20;
 
-// A number from a sequence that no mesh follows, as the regular ones of grids do.
+// A number from an irregular sequence: meshes made from grids correlate with regular ones.
 uint64_t Scatter(uint64_t i) {
   i *= 0x9E3779B97F4A7C15ull;
   return (i ^ i >> 29) * 0xBF58476D1CE4E5B9ull >> 20;
 }
 
-// Sums over triangles; joined always in the same order.
+// Sums over triangles; always joined in the same order.
 struct Sums {
   double small = 0, small_rows = 0;                      // fragments of small triangles, conservative
-  double large = 0, large_rows = 0, area = 0, main = 0;  // of large ones; their areas, and those of the dominant axis
+  double large = 0, large_rows = 0, area = 0, main = 0;  // of large ones; areas, and along the dominant axis
   double pairs = 0, crossings = 0, layers = 0;
-  bool unmarked = false;  // the cells of some triangles were too many to mark
+  bool unmarked = false;  // some triangles had too many cells to mark
   double box_cells = 0;   // of the boxes of all triangles
   std::vector<double> shares;
 
@@ -84,7 +84,7 @@ struct Sample {
   Box box;  // voxels
   std::mutex mutex;
   std::atomic<int64_t> triangles = 0;
-  std::vector<uint64_t> covered, shell;  // a bit a voxel; `shell`: under conservative coverage, where a flood wants it
+  std::vector<uint64_t> covered, shell;  // a bit a voxel; `shell`: conservative coverage, for a flood fill
 };
 
 class Measurer {
@@ -238,7 +238,7 @@ class Measurer {
     for (const double share : sums.shares) out.shares.push_back({share * scale, 0});
   }
 
-  // Where no cells were marked: by the fragments.
+  // If no cells were marked: from the fragments.
   void SpreadBricks(Surface& out) const {
     for (Surface::Share& share : out.shares) {
       share.bricks = out.fragments > 0 ? out.bricks * share.fragments / out.fragments : 0;
@@ -247,7 +247,7 @@ class Measurer {
 
   void CountCells(Surface& out) const {
     const double layers_of_cell = double(cells_->edge());
-    // Larger cells hold bricks by the square of their edge: a surface goes through them.
+    // A larger cell holds bricks in proportion to the square of its edge, because a surface crosses it.
     const double bricks_of_cell = std::pow(double(cells_->edge()) / 8, 2) * (cells_->edge() > 8 ? 1.3 : 1);
     double bricks = 0, tiles = 0;
     const int64_t a_layer = cells_->dim(0) * cells_->dim(1), a_tile = std::max<int64_t>(1, TileDim(0) / cells_->edge());
@@ -279,7 +279,7 @@ class Measurer {
     out.filled_bricks = out.bricks;
   }
 
-  // Whether a flood's shell is not what is covered.
+  // True if the shell of a flood fill differs from the coverage.
   bool SeparateShell() const { return request_.fill == Fill::kFlood && request_.coverage != Coverage::kConservative; }
 
   double MostListedBytes(double voxels) const {
@@ -302,7 +302,7 @@ class Measurer {
     for (int64_t w = 0; w < cells_->words() && number.size() < count; ++w) {
       for (uint64_t left = cells_->word(w); left != 0 && number.size() < count; left &= left - 1, ++rank) {
         const size_t i = number.size();
-        if (rank != i * touched / count) continue;  // evenly among those that are touched
+        if (rank != i * touched / count) continue;  // evenly among the touched cells
         const int64_t cell = w * 64 + std::countr_zero(left);
         samples[i].box = cells_->VoxelsOfCell(cell);
         samples[i].covered.resize(size_t(Count(samples[i].box)) / 64 + 1);
@@ -334,7 +334,7 @@ class Measurer {
           }
         }
       }
-    }).IgnoreError();  // the caller asks the job
+    }).IgnoreError();  // the caller checks the job
     double voxels = 0, touching = 0;
     for (const Sample& sample : samples) {
       for (const uint64_t word : sample.covered) voxels += double(std::popcount(word));
@@ -363,16 +363,16 @@ class Measurer {
     if (!sample.shell.empty()) set(Coverage::kConservative, sample.shell);
   }
 
-  // A fill's voxels, by some lines along x.
+  // The voxels of a fill, from some lines along x.
   void CountFilled(double shell, Surface& out) const {
     const double all = double(grid_.voxels());
     double open = 0;
     const double filled = FilledShare(open) * all;
-    // Half of a surface's voxels have their centre inside.
+    // Half of the voxels of a surface have their centre inside.
     out.inside = std::max(0.0, filled - 0.5 * out.voxels);
     if (request_.fill == Fill::kFlood) {
-      // What is not reached from outside: the conservative shell, whatever the coverage, and what it closes in. A
-      // surface with holes closes in nothing, but where little is left open.
+      // What the flood does not reach: the conservative shell, for every coverage, and what it encloses. A surface with
+      // holes encloses nothing, unless few lines are open.
       const double closed = open > kOpenLines ? 0 : std::max(0.0, filled - 0.5 * shell);
       out.inside = shell > 0.4 * all ? all : shell - out.voxels + closed;
     }
@@ -381,18 +381,18 @@ class Measurer {
     out.filled_bricks = std::min(bricks, out.bricks + 1.5 * out.inside / 512);
   }
 
-  // The share of the grid that is inside; `open`: of the lines that cross anything, those that do so an odd number of
-  // times.
+  // The share of the grid that is inside; `open`: the share of lines with an odd number of crossings among those with
+  // any.
   double FilledShare(double& open) const {
     const int64_t ny = std::min(kLinesAnAxis, grid_.dims[1]), nz = std::min(kLinesAnAxis, grid_.dims[2]);
-    std::vector<std::vector<std::pair<double, int>>> lines(size_t(ny * nz));  // where, and from which side
+    std::vector<std::vector<std::pair<double, int>>> lines(size_t(ny * nz));  // position and sign of each crossing
     std::vector<std::atomic<uint64_t>> crossings(lines.size());
     std::vector<std::mutex> locks(lines.size());
-    // Between voxel centres, but for the same number on average.
+    // Between voxel centres, but as many on average.
     const auto place = [](int64_t i, int64_t count, int64_t dim) {
       return (double(i) + 0.5) * double(dim) / double(count) + 1e-4;
     };
-    const auto from = [](double p, int64_t count, int64_t dim) {  // the first line at or behind p
+    const auto from = [](double p, int64_t count, int64_t dim) {  // the first line at or after p
       return std::clamp(std::ceil((p - 1e-4) * double(count) / double(dim) - 0.5), 0.0, double(count));
     };
     ParallelChunks(int64_t(mesh_.triangle_count), kGrain, job_, [&](int64_t begin, int64_t end) {
@@ -419,7 +419,7 @@ class Measurer {
     double length = 0, odd = 0, crossed = 0;
     for (size_t at = 0; at < lines.size(); ++at) {
       auto& line = lines[at];
-      if (crossings[at] > kMaxCrossings) {  // as if all of it were inside
+      if (crossings[at] > kMaxCrossings) {  // counts as inside along its whole length
         length += nx;
         ++crossed;
         continue;
@@ -431,7 +431,7 @@ class Measurer {
       for (size_t i = 0; i < line.size(); ++i) {
         winding += line[i].second;
         const double end = i + 1 < line.size() ? line[i + 1].first : nx;
-        // A flood does not see how many surfaces lie on top of each other, and fills what overlaps.
+        // A flood ignores how many surfaces coincide, and fills overlaps.
         if (flood && i + 1 < line.size() && end - line[i].first < kOneSurface) continue;
         ++surfaces;
         bool inside = surfaces % 2 == 1;
@@ -445,7 +445,7 @@ class Measurer {
     return length / (nx * double(lines.size()));
   }
 
-  // Where the line (y, z) along x crosses the triangle.
+  // The point where the line (y, z) along x crosses the triangle.
   static bool CrossLine(const Triangle& t, double y, double z, std::pair<double, int>& out) {
     const auto side = [&](const Vec3d& p, const Vec3d& q) { return (q.y - p.y) * (z - p.z) - (q.z - p.z) * (y - p.y); };
     const double ab = side(t.a, t.b), bc = side(t.b, t.c), ca = side(t.c, t.a), sum = ab + bc + ca;
@@ -461,7 +461,7 @@ class Measurer {
   const IndexSpace space_;
   std::unique_ptr<Cells> cells_;  // of lists
   int64_t share_layers_;
-  uint64_t step_;  // one triangle of so many is looked at
+  uint64_t step_;  // one of so many triangles is sampled
   bool lists_, marks_;
   uint64_t marks_a_triangle_;  // cells, on average
 };

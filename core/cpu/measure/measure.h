@@ -1,4 +1,4 @@
-// What the shaded mesh touches of a grid, by a look at each triangle.
+// Estimates the voxels that the shaded mesh touches, from each triangle.
 #pragma once
 
 #include "absl/status/statusor.h"
@@ -10,11 +10,11 @@
 
 namespace voxelpipe::cpu {
 
-// In: a mesh with finite positions, whose triangles lie in world space; the grid. Out: the estimate of
-// surface.h, each triangle clipped to the grid. What triangles touch on average over all placements in the
-// lattice is corrected by an exact count of some triangles, and of some bricks, so that surfaces which lie in each
-// other, in one voxel or on the lattice's own planes are seen as what they are. The same for any number of threads, but
-// where thousands of triangles touch one of those bricks. Errors: the job's.
+// In: a mesh with finite positions, whose triangles lie in world space; the grid. Out: the estimate of surface.h, each
+// triangle clipped to the grid. The estimate starts from the average over all positions of the grid and is corrected by
+// an exact count of some triangles and some bricks, so that coinciding surfaces, several surfaces in one voxel, and
+// surfaces in the grid's own planes are counted correctly. The same for any number of threads, unless thousands of
+// triangles touch one of those bricks. Errors: the job's.
 absl::StatusOr<Surface> MeasureSurface(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid,
                                        const JobContext& job);
 

@@ -16,7 +16,7 @@
 
 namespace voxelpipe::cpu {
 
-inline constexpr double kTie = kNarrowWidening;  // voxels: coverage is widened by so much at most
+inline constexpr double kTie = kNarrowWidening;  // voxels: the widening of coverage is at most this
 inline constexpr double kReach = 0x1p40;         // voxels: a run refuses vertices beyond
 inline constexpr int64_t kMaxCells = 1 << 24;    // 2 MiB of bits
 
@@ -32,7 +32,8 @@ inline bool IsWithinReach(const Vec3d& lo, const Vec3d& hi) {
   return within;
 }
 
-// The voxels that the closed box touches, clipped to the grid; false if none, or if the box is beyond what a run takes.
+// The voxels that the closed box touches, clipped to the grid; false if none, or if the box is beyond the coordinates
+// that a run accepts.
 inline bool VoxelsOf(const Vec3d& lo, const Vec3d& hi, const GridSpec& grid, Box& out) {
   if (!IsWithinReach(lo, hi)) return false;
   for (size_t i = 0; i < 3; ++i) {

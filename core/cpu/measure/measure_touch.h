@@ -1,4 +1,4 @@
-// Parts of measure.cpp: what one triangle touches of the grid, on average over all placements in the lattice.
+// Parts of measure.cpp: the voxels that one triangle touches, on average over all positions of the grid.
 #pragma once
 
 #include <algorithm>
@@ -9,9 +9,9 @@
 
 namespace voxelpipe::cpu {
 
-inline constexpr double kFlat = 1e-3;  // voxels: a triangle as thin as this along an axis lies in one plane of it
+inline constexpr double kFlat = 1e-3;  // voxels: a triangle thinner than this along an axis lies in one plane
 
-// What one triangle touches, on average.
+// The voxels that one triangle touches, on average.
 struct Touch {
   Box box;  // voxels
   PolygonSize part;
@@ -56,7 +56,7 @@ inline double PairsOf(const Touch& touch) {
     const int64_t dim = TileDim(int(i));
     const double along = double(touch.box[i].second / dim - touch.box[i].first / dim + 1);
     tiles *= along;
-    // What lies in one plane between tiles touches those on both sides.
+    // A triangle in a plane between tiles touches the tiles on both sides.
     if (touch.part.width[int(i)] < kFlat) planes *= along;
     average += touch.part.width[int(i)] / double(dim) +
                touch.part.area[int(i)] / double(TileDim((int(i) + 1) % 3) * TileDim((int(i) + 2) % 3));

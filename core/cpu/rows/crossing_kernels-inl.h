@@ -64,7 +64,7 @@ HWY_INLINE LinesD LinesOfD(VD ay, VD by, VD cy, VD az, VD bz, VD cz, const LineB
 // An edge with its ends in lexicographic (y, z) order.
 struct EdgeD {
   VD py, pz, qy, dy, dz;
-  MD falls;  // where the edge is crossed: its y falls along it
+  MD falls;  // the edge falls in y where it is crossed
 };
 HWY_INLINE EdgeD OrderedEdge(const VecD& a, const VecD& b) {
   const MD a_first = hn::Or(hn::Lt(a.y, b.y), hn::And(hn::Eq(a.y, b.y), hn::Le(a.z, b.z)));
@@ -117,7 +117,7 @@ HWY_INLINE VU ToUnsigned(VD v) {
   return hn::And(hn::BitCast(DU(), hn::Add(v, SetD(0x1p52))), hn::Set(DU(), (uint64_t{1} << 52) - 1));
 }
 
-// Triangles of few lines, kHalf of them: their vertices by index, the lanes in use.
+// kHalf triangles of few lines: the indices of their vertices, the lanes in use.
 HWY_INLINE void CrossBatch(const RowMesh& mesh, const uint64_t* v01, const uint64_t* v2, uint64_t used,
                            const LineBlocks& lines, Crossings& out) {
   const DD d;
@@ -229,17 +229,17 @@ HWY_ATTR void CrossSmall(const RowMesh& mesh, int64_t begin, int64_t end, const 
       out.large[out.larges++] = uint32_t(t) + uint32_t(std::countr_zero(lanes));
     }
   }
-  for (int64_t k = kept; k < kept + kHalf; ++k) v01[k] = v2[k] = 0;  // the last vector's other lanes: some vertex
+  for (int64_t k = kept; k < kept + kHalf; ++k) v01[k] = v2[k] = 0;  // unused lanes need a valid vertex
   for (int64_t i = 0; i < kept; i += kHalf) {
     const int64_t here = std::min<int64_t>(kHalf, kept - i);
     CrossBatch(mesh, v01 + i, v2 + i, (uint64_t{1} << here) - 1, lines, out);
   }
 }
 
-// An edge of a large triangle, and where the line of a layer's centres meets it.
+// An edge of a large triangle, for its intersection with the line of a layer's centres.
 struct TallEdge {
-  double py, pz, qy, dy, dz, z_lo, z_hi, by_z;  // by_z: 1 / dz, 0 where the edge is all but level
-  bool falls;                                   // where it is crossed: its y falls along it
+  double py, pz, qy, dy, dz, z_lo, z_hi, by_z;  // by_z: 1 / dz, 0 if the edge is almost parallel to y
+  bool falls;                                   // the edge falls in y where it is crossed
 
   TallEdge(const Vec3d& a, const Vec3d& b) {
     const bool a_first = a.y < b.y || (a.y == b.y && a.z <= b.z);
@@ -325,7 +325,7 @@ HWY_ATTR int64_t SpreadToggles(const BlockToggles& in, int64_t rows, int64_t wor
       bits = hn::Xor(bits, hn::ShiftRight<4>(bits));
       bits = hn::Xor(bits, hn::ShiftRight<8>(bits));
       bits = hn::Xor(bits, hn::ShiftRight<16>(bits));
-      // Bit 0 of a word is its parity now; each takes the parity of all the words after it.
+      // Bit 0 of a word is now its parity. Each word adds the parity of all words after it.
       uint64_t parity = Bits(d, hn::Eq(hn::And(bits, one), one));
       for (int shift = 1; shift < kLanes; shift *= 2) parity ^= parity >> shift;
       uint64_t beyond = parity >> 1;

@@ -1,5 +1,5 @@
-// Crossings of triangles with the lines along x through the voxel centres, gathered by blocks of rows: what the parity
-// fill toggles, and the nonzero fill sums.
+// Crossings of triangles with the lines along x through the voxel centres, binned to blocks of rows: the parity fill
+// toggles at them, the nonzero fill sums their signs.
 #pragma once
 
 #include <cmath>
@@ -17,19 +17,18 @@ struct LineBlocks {
   int block_shift;
   bool with_signs;  // of a nonzero fill
 
-  // Kinds of crossings of a block: those that toggle voxels or none (`outside`), and with signs the same of those that
-  // fall.
+  // Number of kinds of crossings of a block: with voxels to toggle or without (`outside`), and with signs both again
+  // for falling ones.
   int kinds() const { return with_signs ? 4 : 2; }
   int64_t rows() const { return ny * (z_end - z_begin); }
   int64_t blocks() const { return ((rows() - 1) >> block_shift) + 1; }
 };
 
-// A crossing: (block * kinds + falls * 2 + outside) << 32 | bit. The bit is that of the last voxel that it toggles;
-// under `outside` it toggles none, and the bit is the row's number in its block. `falls`: CrossingFalls, 0 without
-// signs.
+// A crossing: (block * kinds + falls * 2 + outside) << 32 | bit. `bit` is the last voxel that it toggles; with
+// `outside` it toggles none, and `bit` is the index of the row in its block. `falls`: CrossingFalls, 0 without signs.
 struct Crossings {
   static constexpr int64_t kMost = 256;  // triangles at once
-  static constexpr int kSmallRows = 8;   // and layers: those of more lines are left to CrossLarge
+  static constexpr int kSmallRows = 8;   // and layers: triangles of more lines go to CrossLarge
   static constexpr int64_t kPadding = 8;
   int64_t count, larges;
   uint64_t crossing[kMost * kSmallRows * kSmallRows + kPadding];
@@ -45,12 +44,12 @@ struct Crossings {
   }
 };
 
-// The toggles of one block; of a nonzero fill, its sums.
+// The toggles of one block, or its sums for a nonzero fill.
 struct BlockToggles {
-  uint32_t* words;    // bit grid of the block's rows; of a nonzero fill, of the bits that have a sum
-  uint32_t* outside;  // one bit a row: an odd number of crossings toggled nothing; or null
-  // Of a nonzero fill, modulo 2^32, +1 for a crossing that rises and -1 for one that falls: by the bit of the last
-  // voxel before it, and by row those before all voxels.
+  uint32_t* words;    // bit grid of the block's rows; nonzero fill: the bits that have a sum
+  uint32_t* outside;  // one bit a row: an odd number of its crossings toggled no voxel; may be null
+  // For a nonzero fill, modulo 2^32: +1 for a rising crossing, -1 for a falling one. Indexed by the last voxel before
+  // the crossing; crossings before all voxels are indexed by row.
   uint32_t *sums = nullptr, *outside_sums = nullptr;
 
   void Sum(uint64_t bit, uint32_t sign) const {
@@ -60,8 +59,8 @@ struct BlockToggles {
 };
 inline constexpr uint32_t kRises = 1, kFalls = ~0u;
 
-// Lines beyond a triangle's y and z ranges by this much, in voxels, cross it under no rounding of vertices within 2^40
-// voxels.
+// Lines outside a triangle's y and z ranges by more than this, in voxels, do not cross it under any rounding of
+// vertices within 2^40 voxels.
 inline constexpr double kLineSlack = 0x1p-6;
 
 // The lines that may cross a triangle.
@@ -73,14 +72,14 @@ inline LineRange LinesOf(const Vec3d& a, const Vec3d& b, const Vec3d& c, const L
   const auto clamped = [](double v, int64_t lo, int64_t hi) { return int64_t(Clamp(v, double(lo), double(hi))); };
   const double y_lo = Min(a.y, Min(b.y, c.y)), y_hi = Max(a.y, Max(b.y, c.y));
   const double z_lo = Min(a.z, Min(b.z, c.z)), z_hi = Max(a.z, Max(b.z, c.z));
-  // In y an edge is crossed if y_lo <= y + .5 < y_hi, exactly so.
+  // In y, exactly: an edge is crossed if y_lo <= y + .5 < y_hi.
   return {clamped(ceil(y_lo - 0.5), 0, lines.ny), clamped(ceil(y_hi - 0.5), 0, lines.ny),
           clamped(ceil(z_lo - (0.5 + kLineSlack)), lines.z_begin, lines.z_end),
           clamped(floor(z_hi - (0.5 - kLineSlack)) + 1, lines.z_begin, lines.z_end)};
 }
 
-// Calls visit(y, z, before, falls) for each line of `range` that crosses the triangle; `before` as CentresBefore says,
-// `falls` as CrossingFalls.
+// Calls visit(y, z, before, falls) for each line of `range` that crosses the triangle; `before` is the result of
+// CentresBefore, `falls` that of CrossingFalls.
 template <typename Visit>
 void ForEachCrossing(const Vec3d& a, const Vec3d& b, const Vec3d& c, const LineRange& range, int64_t nx,
                      const Visit& visit) {
@@ -95,7 +94,7 @@ void ForEachCrossing(const Vec3d& a, const Vec3d& b, const Vec3d& c, const LineR
   }
 }
 
-// Toggles what a crossing of row `row`, counted in its block, toggles, or adds it to the sums.
+// Toggles at a crossing of row `row` of the block, or adds it to the sums.
 inline void ToggleRow(const LineBlocks& lines, const BlockToggles& out, int64_t row, int64_t before, bool falls) {
   if (out.sums != nullptr) {
     const uint32_t sign = falls ? kFalls : kRises;
@@ -111,8 +110,8 @@ inline void ToggleRow(const LineBlocks& lines, const BlockToggles& out, int64_t 
   }
 }
 
-// Calls layer(z, y_begin, y_end, row) for each layer of `range` in a block; `row` is that of y = 0, z, counted from the
-// block's first.
+// Calls layer(z, y_begin, y_end, row) for each layer of `range` in a block; `row` is the row (y = 0, z), counted from
+// the first of the block.
 template <typename Layer>
 void ForEachLayerOfBlock(const LineBlocks& lines, int64_t block, const LineRange& range, const Layer& layer) {
   const int64_t first = block << lines.block_shift;

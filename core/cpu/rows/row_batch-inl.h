@@ -1,5 +1,5 @@
-// Small triangles, many a vector: the operations of raster/triangle_setup.h and raster/spans.h, lane by lane in the
-// same order. Included once for each instruction set; no include guard but Highway's.
+// Small triangles, several per vector: the operations of raster/triangle_setup.h and raster/spans.h, lane by lane in
+// the same order. Included once for each instruction set; no include guard but Highway's.
 #if defined(VOXELPIPE_ROW_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef VOXELPIPE_ROW_BATCH_INL_H_
 #undef VOXELPIPE_ROW_BATCH_INL_H_
@@ -23,7 +23,7 @@ HWY_BEFORE_NAMESPACE();
 namespace voxelpipe::cpu {
 namespace HWY_NAMESPACE {
 
-// ---- many small triangles a vector ----
+// ---- several small triangles per vector ----
 
 struct WideVector {  // kLanes doubles
   VD lo, hi;
@@ -69,7 +69,7 @@ struct BoundF {
   VF s, lo, hi;
 };
 
-// What BoundShape makes, for kLanes triangles.
+// The result of BoundShape, for kLanes triangles.
 struct BoundsF {
   VecF first, last;
   BoundF y_of_z[4], x_of_z[3], x_of_y[3], plane;
@@ -87,7 +87,7 @@ HWY_INLINE BoundF SolveF(MF bounded, VF inverse, VF nt, VF lo, VF hi) {
           hn::IfThenElse(bounded, hn::Max(a, b), SetF(1e30f))};
 }
 
-// `inverse` is 1 / nu; au and at are the sizes of nu and nt, half_u and half_t widened.
+// `inverse` is 1 / nu; au and at are |nu| and |nt|; half_u and half_t include the widening.
 HWY_INLINE BoundF EdgeBoundF(VF nu, VF nt, VF inverse, VF au, VF at, VF pu, VF pt, VF opposite, VF half_u, VF half_t,
                              VF far) {
   const MF bounded = hn::Gt(hn::Mul(au, far), hn::Mul(hn::Add(au, at), SetF(0x1p-20f)));
@@ -254,7 +254,7 @@ HWY_INLINE hn::Mask<DI> AtMost(VI a, VI b) {
   return hn::Not(hn::Gt(a, b));
 }
 
-// The greatest lane of v where `m` is set, at least `least`.
+// The maximum of `least` and the lanes of v where `m` is set.
 HWY_INLINE int32_t MaxWhere(MF m, VI v, int32_t least) {
   const DI di;
   return hn::GetLane(hn::MaxOfLanes(di, hn::IfThenElse(hn::RebindMask(di, m), v, hn::Set(di, least))));
@@ -280,7 +280,7 @@ HWY_INLINE VI Shifted(VI v, VI by) {
   return hn::BitCast(DI(), hn::Shl(hn::BitCast(du, v), hn::BitCast(du, by)));
 }
 
-// Bits to set, gathered densely before memory is looked at: one by one, each look would be a guess of the processor's.
+// A dense list of bits to set, filled before their words are read: testing words one by one would mispredict branches.
 struct WordList {
   static constexpr int64_t kMost = 512;
   int64_t count = 0;
@@ -298,7 +298,7 @@ HWY_INLINE void Append(hn::Mask<DI> lanes, VI word, VI bits, WordList& list) {
 HWY_INLINE void Flush(const RowSlab& slab, WordList& list) {
   const DI di;
   const auto words = reinterpret_cast<const int32_t*>(slab.words);
-  hn::StoreU(hn::Zero(di), di, list.word + list.count);  // the last vector's other lanes
+  hn::StoreU(hn::Zero(di), di, list.word + list.count);  // the unused lanes of the last vector
   hn::StoreU(hn::Zero(di), di, list.bits + list.count);
   for (int64_t i = 0; i < list.count; i += kLanes) {
     const VI held = hn::GatherIndex(di, words, hn::Load(di, list.word + i));

@@ -1,4 +1,4 @@
-// Triangles by the slab of layers that they touch, gathered by several threads at once.
+// Bins triangles by the slabs of layers that they touch; each thread fills bins of its own.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace voxelpipe::cpu {
 
-// Hands out blocks of kBlock values from pooled memory. One thread's.
+// Allocates blocks of kBlock values from pooled memory. Not thread-safe.
 template <typename T, uint64_t kBlock>
 class BlockArena {
  public:

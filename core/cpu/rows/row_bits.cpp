@@ -18,9 +18,9 @@ namespace {
 
 constexpr int64_t kVertexGrain = 1 << 13;
 constexpr int64_t kClearBytes = 1 << 20;
-constexpr uint64_t kSlabBytes = 512 << 10;  // of bits: stays in the second-level cache
-// Bits are set where they lie if the target stays in the second-level cache, or if triangles are so many that
-// neighbours find its words there; otherwise triangles go to slabs first. Measured.
+constexpr uint64_t kSlabBytes = 512 << 10;  // of bits: stays in the L2 cache
+// Bits are set in the grid itself if it fits in the L2 cache, or if there are so many triangles that neighbours find
+// its words cached; otherwise triangles are binned to slabs first. Measured.
 constexpr int64_t kCachedWords = 1 << 18;
 constexpr int64_t kWordsPerTriangle = 64;
 
@@ -33,7 +33,7 @@ int64_t LayersPerSlab(const GridSpec& grid) {
 // Lists of a slab.
 enum BinKind { kBinRuns, kBinSmall, kBinLarge, kBinKinds };
 
-// What one thread gathers.
+// The lists of one thread.
 struct ThreadWork {
   explicit ThreadWork(size_t slabs) : bins(slabs * kBinKinds) {}
   RowLists lists;
@@ -97,7 +97,7 @@ struct RowBits::Impl {
     }
   }
 
-  // Rasterizes what can be where it lies, and bins the rest.
+  // Rasterizes small triangles into the grid, and bins the others.
   void RasterChunk(const RowMesh& rows, int64_t begin, int64_t end, const RowSlab& target, ThreadWork& work) const {
     RowLists& lists = work.lists;
     for (int64_t first = begin; first < end; first += RowLists::kMost) {
@@ -125,7 +125,7 @@ struct RowBits::Impl {
     SetBox(slab, first, last);
   }
 
-  // What was binned to slab i.
+  // Rasterizes the triangles of slab i.
   void RasterBins(const RowMesh& rows, size_t i, const ThreadWork& work, const RowSlab& slab) const {
     work.bins.ForEachBlock(i * kBinKinds + kBinRuns, [&](const uint32_t* ids, int64_t n) {
       for (int64_t k = 0; k < n; ++k) SetRun(ids[k], slab);
@@ -163,7 +163,7 @@ struct RowBits::Impl {
       RasterChunk(rows, begin, end, direct, work.local());
     });
     if (!s.ok()) return s;
-    // Each slab is one thread's, and stays in its cache.
+    // One thread works on a slab, which stays in its cache.
     return ParallelChunks(int64_t(slabs), 1, job, [&](int64_t from, int64_t to) {
       for (int64_t i = from; i < to; ++i) {
         RowSlab slab = target;

@@ -1,8 +1,8 @@
-// The fast path for plain bits: row spans straight into the bit grid, without tiles.
+// The path for occupancy bits alone: row spans straight into the bit grid, without tiles.
 //
-// Where only occupancy is wanted there is nothing to blend, so no tile buffer earns its sort: bits are set where they
-// lie, by atomic operations where several threads work, and on fine meshes most of them are set already. Only triangles
-// of many rows are binned, to slabs of a few layers.
+// Occupancy needs no blending, so sorting into tiles would not pay. Bits are set in the grid itself, atomically where
+// several threads work; on fine meshes most of them are set already. Only triangles of many rows are binned, to slabs
+// of a few layers.
 #pragma once
 
 #include <memory>
@@ -16,7 +16,7 @@
 
 namespace voxelpipe::cpu {
 
-// Whether grids of these dims and meshes of this size can go this way.
+// True if this path takes the grid and this number of triangles.
 bool RowBitsFit(const GridSpec& grid, uint64_t triangles);
 
 class RowBits {
@@ -24,15 +24,15 @@ class RowBits {
   RowBits(const RowKernels& kernels, const MeshView& mesh, const GridSpec& grid, Coverage coverage);
   ~RowBits();
 
-  // Finds which voxels each vertex touches. Keeps the vertices in index space if asked to. OUT_OF_RANGE if a vertex
+  // Finds the voxels that each vertex touches. Keeps the vertices in index space if requested. OUT_OF_RANGE if a vertex
   // that a triangle uses is beyond 2^40 voxels; CANCELLED, DEADLINE_EXCEEDED.
   absl::Status Place(bool keep_positions, const JobContext& job);
 
-  // Sets `bits`, the grid's layers [begin, end), not cleared before, to the coverage. After Place; any layers, any
-  // number of times.
+  // Sets `bits`, the grid's layers [begin, end), to the coverage; `bits` need not be cleared. After Place; any layers,
+  // any number of times.
   absl::Status Raster(int64_t begin, int64_t end, BitGrid& bits, const JobContext& job) const;
 
-  // Of every vertex, in index space; null unless kept. After Place.
+  // All vertices in index space; null unless kept. After Place.
   const Vec3d* index_positions() const;
 
  private:

@@ -1,9 +1,8 @@
-// The row kernels on vectors: rows of large triangles, many a vector, and what the other kernels of this set are called
-// through. Included once for each instruction set; no include guard but Highway's.
+// The row kernels on vectors: several rows of a large triangle per vector, and the table of the other kernels of this
+// set. Included once for each instruction set; no include guard but Highway's.
 //
-// Sources: as triangle_setup.h. The schedule (many small triangles a vector, many rows of a large one) follows M.
-// Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010, in sorting triangles by their
-// extent.
+// Sources: as triangle_setup.h. Sorting triangles by their extent (several small triangles per vector, several rows of
+// a large one) follows M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010.
 #if defined(VOXELPIPE_ROW_KERNELS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef VOXELPIPE_ROW_KERNELS_INL_H_
 #undef VOXELPIPE_ROW_KERNELS_INL_H_
@@ -26,7 +25,7 @@ HWY_BEFORE_NAMESPACE();
 namespace voxelpipe::cpu {
 namespace HWY_NAMESPACE {
 
-// ---- many rows of one triangle a vector ----
+// ---- several rows of one triangle per vector ----
 
 // Clamped to a range of 32 bits before.
 HWY_INLINE VI ToInt(VF v) {
@@ -36,7 +35,7 @@ HWY_INLINE hn::Vec<hn::Half<DI>> ToInt(VD v) {
   return hn::DemoteTo(hn::Half<DI>(), v);
 }
 
-// Sets voxels [begin, end) of `rows` consecutive rows, at most a lane each; lanes where end <= begin have none.
+// Sets voxels [begin, end) of `rows` consecutive rows, one lane a row; lanes with end <= begin set none.
 template <class D>
 HWY_INLINE void SetRows(D d, hn::Vec<D> begin, hn::Vec<D> end, int64_t rows, uint32_t* first_row, const RowSlab& slab) {
   constexpr int64_t kRows = int64_t(hn::MaxLanes(D()));
@@ -56,7 +55,7 @@ HWY_INLINE void SetRows(D d, hn::Vec<D> begin, hn::Vec<D> end, int64_t rows, uin
   const auto at = hn::Add(row, hn::IfThenElseZero(hit, word));
   auto* const words = reinterpret_cast<int32_t*>(first_row);
   HWY_ALIGN int32_t word_out[kRows], bits_out[kRows], last_out[kRows];
-  if (rows == kRows && !slab.shared) {  // each lane has a word of its own, even where it sets none of its bits
+  if (rows == kRows && !slab.shared) {  // each lane has a word of its own, also where it sets no bit
     hn::ScatterIndex(hn::Or(hn::GatherIndex(d, words, at), bits), d, words, at);
   } else {
     hn::Store(at, d, word_out);

@@ -1,4 +1,4 @@
-// The inner loops of the row-span rasterizer, one set for each instruction set. All sets give the same bits.
+// The inner loops of the row-span rasterizer, one table of functions for each instruction set. All give the same bits.
 #pragma once
 
 #include <atomic>
@@ -15,18 +15,17 @@
 namespace voxelpipe::cpu {
 
 // The voxels along one axis that a vertex alone touches under the narrow widening, as 2*first + (last - first),
-// saturated to 16 bits. The least and the largest code of three vertices give their triangle's box: first = least >> 1,
-// last = (largest + 1) >> 1.
+// saturated to 16 bits. The smallest and the largest code of its three vertices give a triangle's box: first = smallest
+// >> 1, last = (largest + 1) >> 1.
 struct VertexCode {
   int16_t axis[4];  // x, y, z, 0
 };
 // Grids up to this many voxels an axis fit the codes.
 inline constexpr int64_t kMaxCodedDim = 16000;
 
-// Layers of a bit grid, cleared before.
+// Layers of a bit grid, cleared by the caller.
 struct RowSlab {
-  uint32_t*
-      words;  // null: none yet, for a scan alone. Row (y, z) begins at words + (y + ny*(z - begin)) * words_per_row
+  uint32_t* words;  // null: scan only. Row (y, z) begins at words + (y + ny*(z - begin)) * words_per_row
   int64_t words_per_row;
   int64_t nx, ny;
   int64_t begin, end;  // layers
@@ -49,13 +48,13 @@ inline RowMesh IndexSpaceMesh(const Vec3d* positions, const uint32_t (*triangles
   return {positions, nullptr, triangles, IndexSpace{}, true};
 }
 
-// Triangles that a scan has left.
-//   small  at most kSmallRows rows and layers: many triangles a vector
-//   large  many rows of one triangle a vector
-//   runs   SpanClass::kRun: the box is the coverage
+// The triangles that a scan did not finish, by class.
+//   small  at most kSmallRows rows and layers: several triangles per vector
+//   large  several rows of one triangle per vector
+//   runs   SpanClass::kRun: the coverage is the box
 inline constexpr int kSmallRows = 16;
 struct RowLists {
-  static constexpr int64_t kMost = 2048;   // triangles: the lists stay in the first-level cache
+  static constexpr int64_t kMost = 2048;   // triangles: the lists stay in the L1 cache
   static constexpr int64_t kPadding = 16;  // vectors are stored whole
   int64_t smalls, larges, runs;            // counts
   uint32_t small[kMost + kPadding], large[kMost], run[kMost];
@@ -67,56 +66,55 @@ struct RowLists {
     small[smalls] = id;
     shape[smalls++] = id_shape;
   }
-  // Fills `sorted` with the small ones by shape: those of one vector then have equally many rows.
+  // Fills `sorted` with the small ones by shape, so that those of one vector have the same number of rows.
   void SortSmall();
 };
 
-// What is said of vertices.
+// Properties of a range of vertices.
 struct Placed {
-  bool near;  // none is beyond 2^40 voxels or not finite
-  bool
-      regular;  // no coordinate's distance from the origin is so small or large that a quotient's steps could underflow
+  bool near;     // all are finite and within 2^40 voxels
+  bool regular;  // all coordinates are at distances from the origin for which no step of the division can underflow
 };
 
 struct RowKernels {
   std::string_view name;  // "scalar", "avx2", "avx512"
-  // The box of vertices [begin, end), at least one. False if one is not finite; the box is then of no use.
+  // The box of vertices [begin, end), at least one. False if one is not finite; the box is then undefined.
   bool (*bounds)(const Vec3d* world, int64_t begin, int64_t end, Vec3d& least, Vec3d& most);
   // The codes of vertices [begin, end), and WorldToIndex of them where `index` is not null.
   Placed (*place)(const Vec3d* world, int64_t begin, int64_t end, const IndexSpace& space, Vec3d* index,
                   VertexCode* codes);
-  // Triangles [begin, end), at most RowLists::kMost: drops those outside the slab; where it has words, sets the bits of
-  // runs, and drops triangles whose boxes are set already; and adds the others to `lists`.
+  // Triangles [begin, end), at most RowLists::kMost: drops those outside the slab. If the slab has words, sets the bits
+  // of runs and drops triangles whose boxes are already set. Adds the others to `lists`.
   void (*scan)(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
                RowLists& lists);
-  // Sets the bits of triangles in the slab's layers. Any triangle may be given to either; each is fast for its class.
+  // Sets the bits of triangles in the slab's layers. Each accepts every triangle and is fast for its class.
   void (*raster_small)(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage, const RowSlab& slab);
   void (*raster_large)(const RowMesh& mesh, const uint32_t* ids, int64_t count, Coverage coverage, const RowSlab& slab);
-  // The boxes of triangles [begin, end), into boxes[0...]. For grids that fit the codes.
+  // Writes the boxes of triangles [begin, end) to boxes[0...]. For grids that fit the codes.
   void (*tile_boxes)(const uint32_t (*triangles)[3], const VertexCode* codes, int64_t begin, int64_t end,
                      const int64_t (&dims)[3], TileBox* boxes);
   // The spans of triangles, the low 32 bits of pairs[0...count), in a tile (clipped to the grid); at most
   // TileSpans::kTriangles. The mesh is one of IndexSpaceMesh.
   void (*spans_in_tile)(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Coverage coverage,
                         const VoxelRange& tile, TileSpans& out);
-  // Parity and nonzero fill, over a mesh of IndexSpaceMesh. Triangles [begin, end), at most Crossings::kMost: adds the
-  // crossings of those with few lines, and the ids of the others.
+  // Parity and nonzero fill, over a mesh of IndexSpaceMesh. Triangles [begin, end), at most Crossings::kMost: appends
+  // the crossings of those with few lines, and the ids of the others.
   void (*cross_small)(const RowMesh& mesh, int64_t begin, int64_t end, const LineBlocks& lines, Crossings& out);
-  // Toggles, or sums, the crossings of any triangle with the lines of one block.
+  // Toggles at, or sums, the crossings of any triangle with the lines of one block.
   void (*cross_large)(const RowMesh& mesh, uint32_t id, const LineBlocks& lines, int64_t block,
                       const BlockToggles& out);
   // Bit i of each row becomes the parity of the row's toggles at i and beyond; with `add` it is or-ed to the bits in
-  // `out`. Rows follow each other in both. Returns how many rows have an odd number of crossings.
+  // `out`. Rows are contiguous in both. Returns the number of rows with an odd number of crossings.
   int64_t (*spread_toggles)(const BlockToggles& in, int64_t rows, int64_t words_per_row, uint32_t* out, bool add);
 };
 
 // Tile coordinates of grids up to this many voxels an axis fit the lanes of RowKernels::spans_in_tile.
 inline constexpr int64_t kMaxLaneDim = int64_t{1} << 30;
 
-// FAILED_PRECONDITION where this machine lacks the instruction set. kAuto is the best that it has.
+// FAILED_PRECONDITION if this machine lacks the instruction set. kAuto selects its best one.
 absl::StatusOr<const RowKernels*> SelectRowKernels(SimdChoice choice);
 
-// Sets bits of a word; says so to other threads only where it changes the word, which on fine meshes is seldom.
+// Sets bits of a word. Writes, atomically if `shared`, only if the word changes, which is rare on fine meshes.
 inline void OrWord(uint32_t& word, uint32_t bits, bool shared) {
   if (!shared) {
     word |= bits;
@@ -140,7 +138,7 @@ inline void SetBits(uint32_t* row, int64_t x_begin, int64_t x_end, bool shared) 
   OrWord(row[last], tail, shared);
 }
 
-// Sets a box of voxels, first to last inclusive, as far as it lies in the slab.
+// Sets the part of a box of voxels, first to last inclusive, that lies in the slab.
 inline void SetBox(const RowSlab& slab, const int64_t (&first)[3], const int64_t (&last)[3]) {
   const int64_t x0 = Max<int64_t>(0, first[0]), x1 = Min(slab.nx, last[0] + 1);
   const int64_t y0 = Max<int64_t>(0, first[1]), y1 = Min(slab.ny, last[1] + 1);

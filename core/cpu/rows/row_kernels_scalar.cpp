@@ -1,4 +1,4 @@
-// The kernels in plain C++: what the vector kernels repeat lane by lane, and the choice among all.
+// The kernels in plain C++, which the vector kernels repeat lane by lane, and the choice among all.
 #include <hwy/targets.h>
 
 #include <utility>
@@ -165,7 +165,7 @@ const RowKernels kScalar{"scalar",  Bounds,      Place,      Scan,       Raster,
 
 void RowLists::SortSmall() {
   constexpr int kShapes = kSmallRows * kSmallRows,
-                kWays = 4;  // neighbours have equal shapes: their counts would wait for each other
+                kWays = 4;  // neighbours often have equal shapes: increments of one counter would depend on each other
   uint32_t next[kShapes][kWays] = {};
   for (int64_t i = 0; i < smalls; ++i) ++next[shape[i]][i % kWays];
   uint32_t before = 0;
@@ -176,8 +176,7 @@ void RowLists::SortSmall() {
 }
 
 absl::StatusOr<const RowKernels*> SelectRowKernels(SimdChoice choice) {
-  static const int64_t supported =
-      hwy::SupportedTargets();  // asks the processor, which a virtual machine answers slowly
+  static const int64_t supported = hwy::SupportedTargets();  // CPUID, which is slow in a virtual machine
   const auto has = [](int64_t target) { return (supported & target) != 0; };
   const bool avx512 = has(HWY_AVX3) && Avx512RowKernels() != nullptr;
   const bool avx2 = has(HWY_AVX2) && Avx2RowKernels() != nullptr;

@@ -1,14 +1,14 @@
-// Compiles row_kernels-inl.h for each instruction set (Google Highway's way of doing so).
+// Compiles row_kernels-inl.h for each instruction set, by Google Highway's foreach_target.h.
 #include "cpu/rows/row_kernels_simd.h"
 
-// AVX2 and AVX-512 have a gather and a fused multiply-add; what has neither is served by the scalar kernels.
-// Highway wants a fallback too (emulated or scalar), which is never called.
+// AVX2 and AVX-512 have a gather and a fused multiply-add; processors without them use the scalar kernels. Highway
+// requires a fallback target too (emulated or scalar), which is never called.
 #undef HWY_DISABLED_TARGETS
 #define HWY_DISABLED_TARGETS (~(HWY_AVX3 | HWY_AVX2 | HWY_EMU128 | HWY_SCALAR))
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "cpu/rows/row_kernels_simd.cpp"
 #include <hwy/foreach_target.h>
-// After foreach_target.h, which includes this file anew for each target.
+// After foreach_target.h, which includes this file again for each target.
 #include <hwy/highway.h>
 
 #include "cpu/rows/row_kernels-inl.h"

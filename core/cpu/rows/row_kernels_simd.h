@@ -1,4 +1,4 @@
-// The vector kernels. Null where the compiler cannot make them.
+// The vector kernels. Null if the compiler does not support them.
 #pragma once
 
 #include "cpu/rows/row_kernels.h"

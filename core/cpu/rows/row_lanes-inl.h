@@ -1,5 +1,5 @@
-// Names of the vectors that the row kernels work on, and the lanes of a mask as bits.
-// Included once for each instruction set; no include guard but Highway's.
+// Vector types of the row kernels, and the lanes of a mask as bits. Included once for each instruction set; no include
+// guard but Highway's.
 #if defined(VOXELPIPE_ROW_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef VOXELPIPE_ROW_LANES_INL_H_
 #undef VOXELPIPE_ROW_LANES_INL_H_
@@ -31,7 +31,7 @@ using VD = hn::Vec<DD>;
 using MF = hn::Mask<DF>;
 constexpr int kLanes = HWY_TARGET == HWY_AVX3 ? 16 : 8;  // floats
 constexpr int kHalf = kLanes / 2;                        // doubles
-constexpr int64_t kNearWords = 1 << 22;                  // 16 MiB of bits are near enough without being asked for
+constexpr int64_t kNearWords = 1 << 22;                  // 16 MiB of bits: no prefetch up to this size
 
 HWY_INLINE VF SetF(float v) {
   return hn::Set(DF(), v);

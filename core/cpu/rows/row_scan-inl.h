@@ -1,5 +1,5 @@
-// Bounds and codes of vertices, and the scan that sets runs and lists what needs a set-up: by integer boxes, many
-// triangles a vector. Included once for each instruction set; no include guard but Highway's.
+// Bounds and codes of vertices, and the scan that sets runs and lists the triangles that need a set-up: by integer
+// boxes, several triangles per vector. Included once for each instruction set; no include guard but Highway's.
 #if defined(VOXELPIPE_ROW_SCAN_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef VOXELPIPE_ROW_SCAN_INL_H_
 #undef VOXELPIPE_ROW_SCAN_INL_H_
@@ -64,7 +64,7 @@ HWY_INLINE hn::Vec<DU> CodeOf(VD p) {
 
 // a / h, given 1/h: the quotient by the inverse, corrected twice by the remainder, is the rounded one (P. Markstein,
 // "Computation of Elementary Functions on the IBM RISC System/6000 Processor", 1990) where no step can under- or
-// overflow and h's last bits are not all ones. A third of a division's time.
+// overflow and h's last bits are not all ones. Takes a third of the time of a division.
 struct Divisor {
   double h, inverse;
   bool regular;
@@ -150,17 +150,17 @@ HWY_ATTR Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Inde
 
 // ---- boxes ----
 
-// A stretch of triangles between the two halves of a scan: boxes of at most two rows, one word in each.
+// A range of triangles between the two halves of a scan: boxes of at most two rows, one word in each.
 struct TwoWords {
   static constexpr int64_t kMost = 256;  // triangles
   HWY_ALIGN uint32_t word[2][kMost];     // of the slab
-  HWY_ALIGN uint32_t bits[kMost];        // of both words; 0: not such a box
+  HWY_ALIGN uint32_t bits[kMost];        // of both words; 0: another kind of box
   HWY_ALIGN uint32_t shape[kMost];       // kIsRun, or as in RowLists
 };
 constexpr uint32_t kIsRun = 1 << 16;
 
-// Boxes and classes of triangles [begin, end), at most TwoWords::kMost. What is not for `boxes` is set or listed here.
-// Asks early for the memory that will be looked at.
+// Boxes and classes of triangles [begin, end), at most TwoWords::kMost. Triangles that do not fit in `boxes` are set or
+// listed here. Prefetches the words that the second half reads.
 HWY_INLINE void ScanBoxes(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
                           RowLists& lists, TwoWords& boxes) {
   const DU du;
@@ -243,7 +243,7 @@ HWY_INLINE void ScanBoxes(const RowMesh& mesh, int64_t begin, int64_t end, Cover
       store(conservative ? hn::IfThenElse(is_run, set(kIsRun), shape) : shape, boxes.shape + at);
       const uint64_t quick = Bits(du, two_words);
       if (prefetch) {
-        // Neighbours mostly lie in the same words.
+        // Neighbours mostly share words.
         const VU key = hn::Add(hn::ShiftLeft<8>(hn::ShiftRight<4>(word0)), shape);
         const uint64_t fresh = 1 | Bits(du, hn::Ne(key, hn::TableLookupLanes(key, lane_before)));
         hn::Store(word0, du, word_out);
@@ -289,7 +289,7 @@ HWY_INLINE void ScanBoxes(const RowMesh& mesh, int64_t begin, int64_t end, Cover
   }
 }
 
-// Triangles from `begin` on whose words lack a bit of their box: sets runs, lists the others.
+// For triangles from `begin` on whose words lack a bit of their box: sets runs, lists the others.
 HWY_INLINE void ScanWords(int64_t begin, int64_t end, const RowSlab& slab, RowLists& lists, TwoWords& boxes) {
   const DI di;
   const hn::RebindToUnsigned<DI> du;
@@ -317,7 +317,7 @@ HWY_ATTR void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage cov
   TwoWords boxes;
   for (int64_t first = begin; first < end; first += TwoWords::kMost) {
     const int64_t last = std::min(end, first + TwoWords::kMost);
-    // The last vector's lanes that no box is stored to.
+    // The unused lanes of the last vector.
     const int64_t tail = (last - first - 1) / kLanes * kLanes;
     for (uint32_t* of_boxes : {boxes.word[0], boxes.word[1], boxes.bits}) {
       hn::Store(hn::Zero(DI()), DI(), reinterpret_cast<int32_t*>(of_boxes + tail));

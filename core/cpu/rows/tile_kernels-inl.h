@@ -66,7 +66,7 @@ HWY_ATTR void TileBoxes(const uint32_t (*triangles)[3], const VertexCode* codes,
   }
 }
 
-// Lanes whose box alone is their coverage: SpanClass::kRun.
+// Lanes whose coverage is their box: SpanClass::kRun.
 template <Coverage kCoverage>
 HWY_INLINE uint64_t RunLanes(const Batch& batch) {
   if (kCoverage != Coverage::kConservative) return 0;
@@ -75,7 +75,7 @@ HWY_INLINE uint64_t RunLanes(const Batch& batch) {
   return Bits(DI(), hn::Or(hn::And(x, y), hn::Or(hn::And(y, z), hn::And(x, z))));
 }
 
-// Lanes whose box touches the tile. Others may be so far away that their box is saturated.
+// Lanes whose box touches the tile. The box of the other lanes may be saturated, because it is too far away.
 HWY_INLINE uint64_t LanesNear(const Batch& batch, const VoxelRange& tile) {
   uint64_t near = ~uint64_t{0};
   for (int a = 0; a < 3; ++a) {
@@ -103,7 +103,7 @@ HWY_INLINE void AddBoxes(const Batch& batch, uint64_t lanes, const VoxelRange& t
   }
 }
 
-// The rows of the lanes of `active`, all of them narrow and near; RasterBatch with a tile in place of a slab.
+// The rows of the lanes of `active`, all of them narrow and near: RasterBatch for a tile instead of a slab.
 HWY_INLINE void AddRows(const Batch& batch, MF active, const VoxelRange& tile, int triangle, TileSpans& out) {
   const DF df;
   const DI di;
@@ -184,7 +184,7 @@ HWY_INLINE void AddWideRows(const TriangleSetup& setup, const VoxelRange& tile, 
       const VD begin = hn::Min(hn::Max(hn::Add(x_base, first), x_lo), x_hi);
       const VD end = hn::Min(hn::Max(hn::Add(hn::Add(x_base, last), SetD(1)), x_lo), x_hi);
       const auto row = double((y0 - tile.begin[1]) + TileDim(1) * (z - tile.begin[2]));
-      const VD at = hn::Add(hn::Add(SetD(row), hn::Iota(d, 0.0)),  // a TileSpan, whole numbers all
+      const VD at = hn::Add(hn::Add(SetD(row), hn::Iota(d, 0.0)),  // a TileSpan; all are whole numbers
                             hn::Add(hn::Mul(hn::Sub(begin, SetD(x_tile)), SetD(0x1p8)),
                                     hn::Mul(hn::Sub(end, SetD(x_tile + 1)), SetD(0x1p16))));
       hn::Store(hn::DemoteTo(hn::Half<DI>(), at), hn::Half<DI>(), spans);

@@ -11,7 +11,7 @@ namespace voxelpipe::cpu {
 // The tiles that a triangle's box touches, inclusive, cut to the grid.
 struct TileBox {
   // kBoxed: the box is at most kMaxExtent + 1 voxels along each axis, so that its widening is that of the narrow class
-  // whatever the triangle's own.
+  // for every class of triangle.
   enum Kind : int16_t { kOutside, kBoxed, kLarge };
   static constexpr int16_t kMaxExtent = 63;
 
@@ -51,8 +51,8 @@ struct TileSpans {
   }
 };
 
-// In: a set-up triangle, the voxels of a tile (clipped to the grid). Out: its spans in the tile as those of `triangle`.
-// Not inline: device compilers read this header too, and refuse its walk.
+// In: a set-up triangle, the voxels of a tile (clipped to the grid). Out: appends its spans in the tile, as spans of
+// `triangle`. Not inline: device compilers also read this header and reject its visitor.
 void AddTileSpans(const TriangleSetup& setup, const VoxelRange& tile, int triangle, TileSpans& out);
 
 }  // namespace voxelpipe::cpu
