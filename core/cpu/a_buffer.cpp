@@ -83,7 +83,7 @@ class RecordWriter {
 
   bool MayGoOn() const { return !count_.stopped(); }
   void Add(const RowFragments& record, TileFragments& tile) {
-    if (records_.size() == kMost) Flush(tile);
+    if (records_.size() == kMaxRecords) Flush(tile);
     records_.push_back(record);
   }
   // The tile's last.
@@ -98,7 +98,7 @@ class RecordWriter {
   }
 
  private:
-  static constexpr size_t kMost = 4096;
+  static constexpr size_t kMaxRecords = 4096;
 
   ValueArena& arena_;
   ListCount& count_;

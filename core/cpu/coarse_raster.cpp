@@ -15,11 +15,11 @@ constexpr int64_t kTrianglesPerChunk = 1 << 12;
 constexpr int64_t kMaxChunks = 1 << 10;
 constexpr int64_t kBoxesAtOnce = 1 << 9;            // boxes; they stay in the L1 cache
 constexpr size_t kPairsBetweenQuestions = 1 << 16;  // of triangles that touch many tiles
-constexpr int64_t kFewTiles = 4;      // so few that the box is cheaper than the test; a tile too many costs only time
-constexpr double kFarthest = 0x1p40;  // voxels
+constexpr int64_t kFewTiles = 4;  // so few that the box is cheaper than the test; a tile too many costs only time
+constexpr double kMaxDistance = 0x1p40;  // voxels
 
 bool InReach(const Vec3d& p) {
-  return Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
+  return Abs(p.x) <= kMaxDistance && Abs(p.y) <= kMaxDistance && Abs(p.z) <= kMaxDistance;
 }
 
 // OUT_OF_RANGE if a triangle uses a vertex too far from the grid.

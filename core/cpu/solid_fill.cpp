@@ -52,9 +52,9 @@ using WorkOfThreads = tbb::enumerable_thread_specific<ThreadWork>;
 void GatherCrossings(const RowKernels& kernels, const RowMesh& mesh, int64_t begin, int64_t end,
                      const LineBlocks& lines, ThreadWork& work) {
   Crossings& found = work.found;
-  for (int64_t first = begin; first < end; first += Crossings::kMost) {
+  for (int64_t first = begin; first < end; first += Crossings::kMaxTriangles) {
     found.Clear();
-    kernels.cross_small(mesh, first, std::min(end, first + Crossings::kMost), lines, found);
+    kernels.cross_small(mesh, first, std::min(end, first + Crossings::kMaxTriangles), lines, found);
     for (int64_t i = 0; i < found.count; ++i) {
       work.toggles.Push(size_t(found.crossing[i] >> 32), uint32_t(found.crossing[i]));
     }

@@ -14,18 +14,18 @@ struct DegenerateTest {
   IndexSpace space;
   Vec3f inverse_size;
   // Smallest squared length of the longest edge, in voxels^2, for which the rounding of vertices in index space is
-  // negligible. kMost, which turns the filter off, if float might not hold the edges.
-  float least = kMost;
+  // negligible. kMaxSquared, which turns the filter off, if float might not hold the edges.
+  float min_edge_squared = kMaxSquared;
   // Smallest squared length of a normal (cross product of two edges in world space) that proves a triangle of at most
   // two voxels an axis not degenerate. Such squares lie within 2^-120 and 2^100. kNever if nothing can be proved.
   double least_small = kNever;
 
-  static constexpr float kMost = 0x1p100f;
+  static constexpr float kMaxSquared = 0x1p100f;
   static constexpr double kNever = 0x1p1000;
 };
 
 // In: the index space of the grid; the two corners, in index space, of a box that contains all vertices.
-inline DegenerateTest MakeDegenerateTest(const IndexSpace& space, const Vec3d& least, const Vec3d& most) {
+inline DegenerateTest MakeDegenerateTest(const IndexSpace& space, const Vec3d& box_min, const Vec3d& box_max) {
   const Vec3d& voxel_size = space.voxel_size;
   DegenerateTest test;
   test.space = space;
@@ -35,12 +35,12 @@ inline DegenerateTest MakeDegenerateTest(const IndexSpace& space, const Vec3d& l
     test.inverse_size[a] = float(1 / voxel_size[a]);
   }
   if (!usual) return test;
-  const double reach = Max(MaxAbs(least), MaxAbs(most));
+  const double reach = Max(MaxAbs(box_min), MaxAbs(box_max));
   // A wall moves vertices by at most `moved`. If the longest edge is 2^14 times as long, that changes the normal by
   // less than a thousandth of a quarter of the edge's square.
   const double moved = FarthestToWall(space);
   const auto edge = float(Max(reach * 0x1p-30, moved * 0x1p14));
-  test.least = Max(edge * edge, 0x1p-100f);
+  test.min_edge_squared = Max(edge * edge, 0x1p-100f);
   // The longest edge of such a triangle has a square below 13 voxels^2. The rounding of its vertices in index space
   // changes its normal there by less than 2^-30 voxels^2, and so do walls. With a component of kSmall the normal is far
   // from kDegenerateRatio.
@@ -71,7 +71,8 @@ VOXELPIPE_HD bool IsDegenerate(const DegenerateTest& test, const Vec3d& a, const
   const Vec3f e2{float(d2.x) * inverse.x, float(d2.y) * inverse.y, float(d2.z) * inverse.z};
   const Vec3f e3 = e2 - e1;
   const float longest = Max(Dot(e1, e1), Max(Dot(e2, e2), Dot(e3, e3)));
-  if (longest >= test.least && longest < DegenerateTest::kMost && MaxAbs(Cross(e1, e2)) > 0.001f * longest)
+  if (longest >= test.min_edge_squared && longest < DegenerateTest::kMaxSquared &&
+      MaxAbs(Cross(e1, e2)) > 0.001f * longest)
     return false;
   return IsPlacedDegenerate(test, a, b, c);
 }

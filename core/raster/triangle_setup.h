@@ -32,9 +32,9 @@ namespace voxelpipe {
 
 enum class SpanClass : unsigned char { kRun, kNarrow, kWide };
 
-inline constexpr double kNarrowWidening = 0x1p-12;                 // voxels
-inline constexpr double kNarrowLeast = 0x1p-20, kNarrowMost = 32;  // voxels, longest edge component
-inline constexpr float kNarrowRatio = 0x1p-8f;                     // max|n_i| to (longest edge)^2
+inline constexpr double kNarrowWidening = 0x1p-12;              // voxels
+inline constexpr double kMinNarrow = 0x1p-20, kMaxNarrow = 32;  // voxels, longest edge component
+inline constexpr float kNarrowRatio = 0x1p-8f;                  // max|n_i| to (longest edge)^2
 
 // lo - s*t <= u <= hi - s*t: a bound of local coordinate u given local coordinate t.
 template <typename Real>
@@ -225,7 +225,7 @@ VOXELPIPE_HD double LastVoxel(double hi, double half, double widening) {
 VOXELPIPE_HD bool NarrowShape(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& base, Shape<float>& shape) {
   const Vec3d e1 = b - a, e2 = c - a;
   const double longest = Max(MaxAbs(e1), MaxAbs(e2));
-  if (!(longest >= kNarrowLeast && longest <= kNarrowMost)) return false;
+  if (!(longest >= kMinNarrow && longest <= kMaxNarrow)) return false;
   const double magic = PowerOfTwoAbove(longest) * 0x1.8p29;  // last place: 2^-23 of the power
   shape.f1 = ToFloat(RoundTo(e1, magic));
   shape.f2 = ToFloat(RoundTo(e2, magic));

@@ -15,7 +15,7 @@ class PairBlocks {
   void reserve(size_t count) { Grow(count); }
 
   void push_back(uint64_t pair) {
-    if (next_ == end_) Grow(std::max(kLeast, total_ / kShare));
+    if (next_ == end_) Grow(std::max(kMinBlock, total_ / kShare));
     *next_++ = pair;
   }
 
@@ -38,7 +38,7 @@ class PairBlocks {
   }
 
  private:
-  static constexpr size_t kLeast = 512, kShare = 8;  // pairs of a block: at least; the share of all pairs
+  static constexpr size_t kMinBlock = 512, kShare = 8;  // pairs of a block: at least; the share of all pairs
 
   struct Block {
     std::unique_ptr<uint64_t[]> pairs;

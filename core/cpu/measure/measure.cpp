@@ -28,7 +28,7 @@ constexpr int64_t kGrain = 1 << 12;
 constexpr double kSmallVoxels = 4096;  // larger boxes are of large triangles, for which averages are exact enough
 constexpr uint64_t kSampledTriangles = 512;
 constexpr uint64_t kSampledBricks = 192;
-constexpr int64_t kLargestSample = 32;        // voxels an axis; grids with larger cells use averages alone
+constexpr int64_t kMaxSampleDim = 32;         // voxels an axis; grids with larger cells use averages alone
 constexpr int64_t kTrianglesOfSample = 2048;  // a brick with so many is almost full
 // Maximum number of marked cells, apart from a few for each triangle: a hundred thousand triangles that each cross a
 // whole large grid would take seconds.
@@ -117,7 +117,7 @@ class Measurer {
       SpreadBricks(out);
     }
     double shell = std::min(double(grid_.voxels()), sums.small + sums.large);
-    if (marked && cells_->edge() <= kLargestSample && sums.box_cells < double(kMaxMarks) &&
+    if (marked && cells_->edge() <= kMaxSampleDim && sums.box_cells < double(kMaxMarks) &&
         MostListedBytes(SeparateShell() ? shell : out.voxels) > kListedBytesThatMatter) {
       CountVoxels(out, shell);
     }

@@ -198,7 +198,7 @@ HWY_ATTR void CrossSmall(const RowMesh& mesh, int64_t begin, int64_t end, const 
   const hn::Rebind<uint32_t, DU> d32;
   const double* positions = &mesh.positions[0].x;
   // Triangles with lines in their box: vertices 0 and 1, and 2.
-  HWY_ALIGN uint64_t v01[Crossings::kMost + kHalf], v2[Crossings::kMost + kHalf];
+  HWY_ALIGN uint64_t v01[Crossings::kMaxTriangles + kHalf], v2[Crossings::kMaxTriangles + kHalf];
   int64_t kept = 0;
   for (int64_t t = begin; t < end; t += kHalf) {
     const int64_t count = std::min<int64_t>(kHalf, end - t);

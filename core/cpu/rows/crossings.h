@@ -27,12 +27,12 @@ struct LineBlocks {
 // A crossing: (block * kinds + falls * 2 + outside) << 32 | bit. `bit` is the last voxel that it toggles; with
 // `outside` it toggles none, and `bit` is the index of the row in its block. `falls`: CrossingFalls, 0 without signs.
 struct Crossings {
-  static constexpr int64_t kMost = 256;  // triangles at once
-  static constexpr int kSmallRows = 8;   // and layers: triangles of more lines go to CrossLarge
+  static constexpr int64_t kMaxTriangles = 256;  // triangles at once
+  static constexpr int kSmallRows = 8;           // and layers: triangles of more lines go to CrossLarge
   static constexpr int64_t kPadding = 8;
   int64_t count, larges;
-  uint64_t crossing[kMost * kSmallRows * kSmallRows + kPadding];
-  uint32_t large[kMost];
+  uint64_t crossing[kMaxTriangles * kSmallRows * kSmallRows + kPadding];
+  uint32_t large[kMaxTriangles];
 
   void Clear() { count = larges = 0; }
   void Add(const LineBlocks& lines, int64_t y, int64_t z, int64_t before, bool falls) {

@@ -202,8 +202,7 @@ HWY_INLINE void SetUpBatch(const RowMesh& mesh, const Divisor (&divisors)[3], co
     return ToFloat({hn::Sub(hn::Add(e.lo, magic_lo), magic_lo), hn::Sub(hn::Add(e.hi, magic_hi), magic_hi)});
   };
   const auto fits = [](VD longest) HWY_ATTR {
-    return hn::IfThenElseZero(hn::And(hn::Ge(longest, SetD(kNarrowLeast)), hn::Le(longest, SetD(kNarrowMost))),
-                              SetD(1));
+    return hn::IfThenElseZero(hn::And(hn::Ge(longest, SetD(kMinNarrow)), hn::Le(longest, SetD(kMaxNarrow))), SetD(1));
   };
   ShapeF s;
   s.f1 = {quantized(e1[0]), quantized(e1[1]), quantized(e1[2])};
@@ -282,10 +281,10 @@ HWY_INLINE VI Shifted(VI v, VI by) {
 
 // A dense list of bits to set, filled before their words are read: testing words one by one would mispredict branches.
 struct WordList {
-  static constexpr int64_t kMost = 512;
+  static constexpr int64_t kMaxWords = 512;
   int64_t count = 0;
-  HWY_ALIGN int32_t word[kMost + kLanes];
-  HWY_ALIGN int32_t bits[kMost + kLanes];
+  HWY_ALIGN int32_t word[kMaxWords + kLanes];
+  HWY_ALIGN int32_t bits[kMaxWords + kLanes];
 };
 
 HWY_INLINE void Append(hn::Mask<DI> lanes, VI word, VI bits, WordList& list) {
@@ -367,7 +366,7 @@ HWY_INLINE void RasterBatch(const Batch& batch, const RowSlab& slab, WordList& l
           }
         }
       }
-      if (HWY_UNLIKELY(list.count > WordList::kMost - 2 * kLanes)) Flush(slab, list);
+      if (HWY_UNLIKELY(list.count > WordList::kMaxWords - 2 * kLanes)) Flush(slab, list);
     }
   }
 }

@@ -100,9 +100,9 @@ struct RowBits::Impl {
   // Rasterizes small triangles into the grid, and bins the others.
   void RasterChunk(const RowMesh& rows, int64_t begin, int64_t end, const RowSlab& target, ThreadWork& work) const {
     RowLists& lists = work.lists;
-    for (int64_t first = begin; first < end; first += RowLists::kMost) {
+    for (int64_t first = begin; first < end; first += RowLists::kMaxTriangles) {
       lists.Clear();
-      kernels.scan(rows, first, std::min(end, first + RowLists::kMost), coverage, target, lists);
+      kernels.scan(rows, first, std::min(end, first + RowLists::kMaxTriangles), coverage, target, lists);
       lists.SortSmall();
       if (target.words != nullptr) {
         kernels.raster_small(rows, lists.sorted, lists.smalls, coverage, target);

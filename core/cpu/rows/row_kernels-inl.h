@@ -149,7 +149,7 @@ HWY_ATTR void RasterSmallAs(const RowMesh& mesh, const uint32_t* ids, int64_t co
     const uint64_t used = here == kLanes ? (uint64_t{1} << kLanes) - 1 : (uint64_t{1} << here) - 1;
     const uint64_t wide = used & ~Bits(DF(), batch.narrow);
     RasterBatch(batch, slab, list);
-    if (list.count > WordList::kMost / 2) Flush(slab, list);
+    if (list.count > WordList::kMaxWords / 2) Flush(slab, list);
     for (uint64_t left = wide; left != 0; left &= left - 1) {
       RasterLarge(mesh, batch_ids + std::countr_zero(left), 1, kCoverage, slab);
     }

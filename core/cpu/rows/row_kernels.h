@@ -54,12 +54,12 @@ inline RowMesh IndexSpaceMesh(const Vec3d* positions, const uint32_t (*triangles
 //   runs   SpanClass::kRun: the coverage is the box
 inline constexpr int kSmallRows = 16;
 struct RowLists {
-  static constexpr int64_t kMost = 2048;   // triangles: the lists stay in the L1 cache
-  static constexpr int64_t kPadding = 16;  // vectors are stored whole
-  int64_t smalls, larges, runs;            // counts
-  uint32_t small[kMost + kPadding], large[kMost], run[kMost];
-  uint32_t shape[kMost + kPadding];  // of the small ones: rows - 1 + kSmallRows * (layers - 1)
-  uint32_t sorted[kMost];
+  static constexpr int64_t kMaxTriangles = 2048;  // triangles: the lists stay in the L1 cache
+  static constexpr int64_t kPadding = 16;         // vectors are stored whole
+  int64_t smalls, larges, runs;                   // counts
+  uint32_t small[kMaxTriangles + kPadding], large[kMaxTriangles], run[kMaxTriangles];
+  uint32_t shape[kMaxTriangles + kPadding];  // of the small ones: rows - 1 + kSmallRows * (layers - 1)
+  uint32_t sorted[kMaxTriangles];
 
   void Clear() { smalls = larges = runs = 0; }
   void AddSmall(uint32_t id, uint32_t id_shape) {
@@ -83,8 +83,8 @@ struct RowKernels {
   // The codes of vertices [begin, end), and WorldToIndex of them where `index` is not null.
   Placed (*place)(const Vec3d* world, int64_t begin, int64_t end, const IndexSpace& space, Vec3d* index,
                   VertexCode* codes);
-  // Triangles [begin, end), at most RowLists::kMost: drops those outside the slab. If the slab has words, sets the bits
-  // of runs and drops triangles whose boxes are already set. Adds the others to `lists`.
+  // Triangles [begin, end), at most RowLists::kMaxTriangles: drops those outside the slab. If the slab has words, sets
+  // the bits of runs and drops triangles whose boxes are already set. Adds the others to `lists`.
   void (*scan)(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
                RowLists& lists);
   // Sets the bits of triangles in the slab's layers. Each accepts every triangle and is fast for its class.
@@ -97,8 +97,8 @@ struct RowKernels {
   // TileSpans::kTriangles. The mesh is one of IndexSpaceMesh.
   void (*spans_in_tile)(const RowMesh& mesh, const uint64_t* pairs, int64_t count, Coverage coverage,
                         const VoxelRange& tile, TileSpans& out);
-  // Parity and nonzero fill, over a mesh of IndexSpaceMesh. Triangles [begin, end), at most Crossings::kMost: appends
-  // the crossings of those with few lines, and the ids of the others.
+  // Parity and nonzero fill, over a mesh of IndexSpaceMesh. Triangles [begin, end), at most Crossings::kMaxTriangles:
+  // appends the crossings of those with few lines, and the ids of the others.
   void (*cross_small)(const RowMesh& mesh, int64_t begin, int64_t end, const LineBlocks& lines, Crossings& out);
   // Toggles at, or sums, the crossings of any triangle with the lines of one block.
   void (*cross_large)(const RowMesh& mesh, uint32_t id, const LineBlocks& lines, int64_t block,

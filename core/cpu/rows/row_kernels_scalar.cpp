@@ -19,7 +19,7 @@ void AddTileSpans(const TriangleSetup& setup, const VoxelRange& tile, int triang
 
 namespace {
 
-constexpr double kFarthest = 0x1p40;  // voxels
+constexpr double kMaxDistance = 0x1p40;  // voxels
 
 int16_t Code(double p) {
   const double first = setup_internal::FirstVoxel(p, 0.5, kNarrowWidening);
@@ -45,7 +45,7 @@ Placed Place(const Vec3d* world, int64_t begin, int64_t end, const IndexSpace& s
   for (int64_t i = begin; i < end; ++i) {
     const Vec3d p = WorldToIndex(space, world[i]);
     if (index != nullptr) index[i] = p;
-    near = near && Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
+    near = near && Abs(p.x) <= kMaxDistance && Abs(p.y) <= kMaxDistance && Abs(p.z) <= kMaxDistance;
     codes[i] = {{Code(p.x), Code(p.y), Code(p.z), 0}};
   }
   return {near, true};

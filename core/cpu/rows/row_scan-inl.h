@@ -152,15 +152,15 @@ HWY_ATTR Placed Place(const Vec3d* world, int64_t begin, int64_t end, const Inde
 
 // A range of triangles between the two halves of a scan: boxes of at most two rows, one word in each.
 struct TwoWords {
-  static constexpr int64_t kMost = 256;  // triangles
-  HWY_ALIGN uint32_t word[2][kMost];     // of the slab
-  HWY_ALIGN uint32_t bits[kMost];        // of both words; 0: another kind of box
-  HWY_ALIGN uint32_t shape[kMost];       // kIsRun, or as in RowLists
+  static constexpr int64_t kMaxTriangles = 256;  // triangles
+  HWY_ALIGN uint32_t word[2][kMaxTriangles];     // of the slab
+  HWY_ALIGN uint32_t bits[kMaxTriangles];        // of both words; 0: another kind of box
+  HWY_ALIGN uint32_t shape[kMaxTriangles];       // kIsRun, or as in RowLists
 };
 constexpr uint32_t kIsRun = 1 << 16;
 
-// Boxes and classes of triangles [begin, end), at most TwoWords::kMost. Triangles that do not fit in `boxes` are set or
-// listed here. Prefetches the words that the second half reads.
+// Boxes and classes of triangles [begin, end), at most TwoWords::kMaxTriangles. Triangles that do not fit in `boxes`
+// are set or listed here. Prefetches the words that the second half reads.
 HWY_INLINE void ScanBoxes(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
                           RowLists& lists, TwoWords& boxes) {
   const DU du;
@@ -315,8 +315,8 @@ HWY_INLINE void ScanWords(int64_t begin, int64_t end, const RowSlab& slab, RowLi
 HWY_ATTR void Scan(const RowMesh& mesh, int64_t begin, int64_t end, Coverage coverage, const RowSlab& slab,
                    RowLists& lists) {
   TwoWords boxes;
-  for (int64_t first = begin; first < end; first += TwoWords::kMost) {
-    const int64_t last = std::min(end, first + TwoWords::kMost);
+  for (int64_t first = begin; first < end; first += TwoWords::kMaxTriangles) {
+    const int64_t last = std::min(end, first + TwoWords::kMaxTriangles);
     // The unused lanes of the last vector.
     const int64_t tail = (last - first - 1) / kLanes * kLanes;
     for (uint32_t* of_boxes : {boxes.word[0], boxes.word[1], boxes.bits}) {
