@@ -6,14 +6,14 @@
 
 namespace voxelpipe {
 
-// a * b, or nothing if it exceeds 64 bits.
+// a * b; empty if it exceeds 64 bits.
 inline std::optional<uint64_t> CheckedMul(uint64_t a, uint64_t b) {
   uint64_t r;
   if (__builtin_mul_overflow(a, b, &r)) return std::nullopt;
   return r;
 }
 
-// a + b, or nothing if it exceeds 64 bits.
+// a + b; empty if it exceeds 64 bits.
 inline std::optional<uint64_t> CheckedAdd(uint64_t a, uint64_t b) {
   uint64_t r;
   if (__builtin_add_overflow(a, b, &r)) return std::nullopt;

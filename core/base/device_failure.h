@@ -8,15 +8,15 @@
 namespace voxelpipe {
 
 enum class DeviceFailureKind {
-  kError,        // something went wrong once; the device may well do the next run
+  kError,        // a single failure; the next run may succeed
   kLost,         // every further call is expected to fail, until the device passes a probe
-  kOutOfMemory,  // of the device: less at the same time may fit
+  kOutOfMemory,  // of the device: a smaller load may fit
 };
 
-// `status`, which must not be OK, with the mark; code, message and other payloads stay. The mark is lost where somebody
-// makes a new status out of code and message. Where there is a mark already, the new one takes its place.
+// `status`, which must not be OK, with the mark, which replaces an earlier one; code, message and other payloads stay.
+// A new status made from code and message loses the mark.
 absl::Status MarkDeviceFailure(absl::Status status, DeviceFailureKind kind);
-// The mark; nothing where the request or the caller is at fault, for OK too.
+// The mark; empty for OK and for errors of the request or the caller.
 std::optional<DeviceFailureKind> DeviceFailureOf(const absl::Status& status);
 
 }  // namespace voxelpipe

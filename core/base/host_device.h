@@ -6,7 +6,8 @@
 
 #if defined(__CUDACC__) || defined(__CUDACC_RTC__)
 #define VOXELPIPE_HD __host__ __device__ inline
-// For what many shaders call: device compilers inline everything else, which multiplies large bodies by their callers.
+// For functions that many shaders call: device compilers inline all others, which copies large bodies into every
+// caller.
 #define VOXELPIPE_HD_CALL __host__ __device__ __noinline__ inline
 #else
 #define VOXELPIPE_HD inline

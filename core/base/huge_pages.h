@@ -1,4 +1,4 @@
-// Large arrays on huge pages: one page fault in place of 512, each of which costs a microsecond or two.
+// Large arrays on huge pages: one page fault instead of 512 of 1 to 2 us each.
 #pragma once
 
 #include <sys/mman.h>
@@ -8,8 +8,8 @@
 
 namespace voxelpipe {
 
-// Asks for huge pages where `bytes` bytes from `first` on will be written for the first time. A hint: where the system
-// has none, and for small blocks, nothing happens.
+// Requests huge pages for `bytes` bytes from `first` on, before they are written for the first time. A hint: no effect
+// for small blocks, or if the system has none.
 inline void PreferHugePages(void* first, uint64_t bytes) {
   constexpr uintptr_t kHugePage = 2 << 20;
   const uintptr_t begin = (reinterpret_cast<uintptr_t>(first) + kHugePage - 1) / kHugePage * kHugePage;

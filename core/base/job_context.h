@@ -16,8 +16,8 @@ namespace voxelpipe {
 class JobContext {
  public:
   using Clock = std::chrono::steady_clock;
-  // Called from whichever thread runs the stage, at most a few times a stage, never concurrently.
-  // `stage` is one of the stage names of job/stats.h, `fraction` is in [0, 1] within that stage.
+  // Called from the thread that runs the stage, at most a few times a stage, never concurrently. `stage` is one of the
+  // stage names of job/stats.h, `fraction` is in [0, 1] within that stage.
   using Progress = std::function<void(std::string_view stage, double fraction)>;
 
   JobContext() = default;
@@ -27,16 +27,16 @@ class JobContext {
   void set_deadline(Clock::time_point deadline) { deadline_ = deadline; }
   const std::optional<Clock::time_point>& deadline() const { return deadline_; }
 
-  // OK while the job may go on; CANCELLED after Cancel(); DEADLINE_EXCEEDED after the deadline.
-  // Cheap enough to be asked between tiles.
+  // OK while the job may continue; CANCELLED after Cancel(); DEADLINE_EXCEEDED after the deadline. Cheap enough to be
+  // called between tiles.
   absl::Status Check() const {
     if (cancelled_.load(std::memory_order_relaxed)) return absl::CancelledError("the job was cancelled");
     if (deadline_ && Clock::now() >= *deadline_) return absl::DeadlineExceededError("the job's deadline has passed");
     return absl::OkStatus();
   }
 
-  // What the job is charged to, or null: then only loading is charged, to DefaultMemory(). Set before the job starts;
-  // must outlive it and the scenes and meshes that it made.
+  // The budget that the job is charged to. Null: only loading is charged, to DefaultMemory(). Set before the job
+  // starts; must outlive it and the scenes and meshes that it made.
   void set_memory(MemoryBudget* memory) { memory_ = memory; }
   MemoryBudget* memory() const { return memory_; }
 
@@ -51,7 +51,7 @@ class JobContext {
   MemoryBudget* memory_ = nullptr;
 };
 
-// What loading on behalf of the job is charged to.
+// The budget that loading for the job is charged to.
 inline MemoryBudget& MemoryOf(const JobContext& job) {
   return job.memory() != nullptr ? *job.memory() : DefaultMemory();
 }

@@ -12,7 +12,7 @@ namespace {
 constexpr char kUrl[] = "voxelpipe/limit_error";
 constexpr char kInUseUrl[] = "voxelpipe/in_use_by_others";
 
-// Takes one decimal number and the blank behind it.
+// Parses one decimal number and the blank after it.
 template <typename Number>
 bool TakeNumber(std::string_view& text, Number& out) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), out);

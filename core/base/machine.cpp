@@ -28,15 +28,15 @@ namespace {
 
 using std::filesystem::path;
 
-// Of a hierarchy of control groups that is mounted.
+// A mounted hierarchy of control groups.
 struct Mount {
-  std::string group;  // which one stands at the mount point, as /proc/self/cgroup names it
+  std::string group;  // the group at the mount point, as /proc/self/cgroup names it
   std::string point;
   bool second_version = false;
   std::vector<std::string> controllers;  // of version 1
 };
 
-// What bounds the process, so far.
+// The bounds found so far.
 struct Bounds {
   std::optional<double> cpus;
   path cpu_group;
@@ -55,7 +55,7 @@ struct Bounds {
   }
 };
 
-// Takes `prefix` away from the front of `text`, if it is there.
+// Removes `prefix` from the front of `text`, if it is there.
 bool TakePrefix(std::string_view& text, std::string_view prefix) {
   if (!text.starts_with(prefix)) return false;
   text.remove_prefix(prefix.size());
@@ -74,7 +74,7 @@ std::vector<std::string> WordsOf(const path& file) {
   return {std::istream_iterator<std::string>(in), {}};
 }
 
-// Absent for "max" and for what is no number.
+// Absent for "max" and for text that is no number.
 template <typename Number>
 std::optional<Number> NumberOf(const std::string& text) {
   Number number;
@@ -130,8 +130,8 @@ std::optional<std::string> GroupOf(const std::vector<std::string>& lines, bool s
   return std::nullopt;
 }
 
-// Calls visit(directory, group's name) for the group and all its ancestors that the mount shows. In a container the
-// group's path may be the host's, which is not there: then the mount point is the container's own group.
+// Calls visit(directory, group's name) for the group and all its ancestors in the mount. In a container the path of the
+// group may be that of the host and not exist here: then the mount point is the container's own group.
 template <typename Visit>
 void ForEachGroup(const path& root, const Mount& mount, std::string_view group, const Visit& visit) {
   std::string_view below = group;
@@ -154,7 +154,7 @@ void AddSecondVersion(const path& directory, const path& name, Bounds& bounds) {
   if (const std::vector<std::string> words = WordsOf(directory / "cpu.max"); words.size() >= 2) {
     bounds.AddQuota(NumberOf<int64_t>(words[0]).value_or(0), NumberOf<int64_t>(words[1]).value_or(0), name);
   }
-  // Beyond memory.high the kernel slows the process down until nothing is left of it.
+  // Above memory.high the kernel throttles the process almost to a standstill.
   for (const char* file : {"memory.max", "memory.high"}) {
     bounds.AddMemory(NumberIn<uint64_t>(directory / file), name);
   }
@@ -198,7 +198,7 @@ Bounds BoundsOf(const path& root) {
   return bounds;
 }
 
-// What follows `key` in a file of lines "Key: value"; empty: nothing.
+// The value of `key` in a file of lines "Key: value"; empty if there is none.
 std::string ValueOf(const path& file, std::string_view key) {
   for (const std::string& line : LinesOf(file)) {
     if (!line.starts_with(key)) continue;
@@ -209,7 +209,7 @@ std::string ValueOf(const path& file, std::string_view key) {
   return "";
 }
 
-// "0-3,8" -> 5. Of what is no list: 0.
+// "0-3,8" -> 5. 0 if the text is no list.
 int CountOfList(const std::string& list) {
   int64_t count = 0;
   const std::vector<std::string> parts = absl::StrSplit(list, ',', absl::SkipEmpty());
@@ -223,7 +223,7 @@ int CountOfList(const std::string& list) {
 }
 
 int AffinityOf(const path& root) {
-  // The list has no bound on the number of CPUs, as the mask of sched_getaffinity has.
+  // Unlike the mask of sched_getaffinity, the list has no bound on the number of CPUs.
   if (const int cpus = CountOfList(ValueOf(root / "proc/self/status", "Cpus_allowed_list:")); cpus > 0) return cpus;
   cpu_set_t mask;
   if (sched_getaffinity(getpid(), sizeof mask, &mask) == 0) return std::max(1, CPU_COUNT(&mask));
@@ -236,16 +236,16 @@ uint64_t PhysicalBytes(const path& root) {
   return uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGE_SIZE));
 }
 
-// With one digit behind the point.
+// With one decimal.
 std::string MiB(uint64_t bytes) {
   const uint64_t tenths = (bytes * 10 + (1 << 19)) >> 20;
   return absl::StrCat(tenths / 10, ".", tenths % 10, " MiB");
 }
 
-// As they were read last; 0: not yet.
+// The values of the last read; 0: not read yet.
 std::atomic<int> g_cpus{0};
 std::atomic<uint64_t> g_memory_bytes{0};
-std::mutex g_refresh_mutex;  // so that what was read last stays
+std::mutex g_refresh_mutex;  // so that the last read wins
 
 }  // namespace
 
@@ -256,7 +256,7 @@ MachineLimits ReadMachineLimits(const path& root) {
   if (bounds.cpus) {
     limits.quota_cpus = *bounds.cpus;
     limits.quota_group = bounds.cpu_group;
-    // The division's rounding must not make 2 CPUs 3.
+    // The rounding of the division must not turn 2 CPUs into 3.
     limits.cpus = int(std::min(double(limits.cpus), std::max(1.0, std::ceil(*bounds.cpus - 1e-6))));
   }
   limits.physical_bytes = PhysicalBytes(root);

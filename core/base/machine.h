@@ -1,8 +1,7 @@
-// How many CPUs and how much memory this process may use: those of the machine, or of the container that it runs in.
+// The number of CPUs and the memory that this process may use: those of the machine, or of its container.
 //
-// Every count of CPUs and every default that follows memory comes from here, and from nowhere else: the standard
-// library, the system's configuration values and oneTBB all report a whole machine to a container that has a small part
-// of it.
+// Every count of CPUs and every default that follows memory comes from here alone: in a container with a small share of
+// the machine, the standard library, sysconf and oneTBB all report the whole machine.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +12,8 @@ namespace voxelpipe {
 
 struct MachineLimits {
   int cpus = 1;  // the CPUs that the process may run on, or its quota rounded up, whichever is less; at least 1
-  uint64_t memory_bytes = 0;  // nine tenths of the least of the machine's memory and the bounds of all control groups
+  uint64_t memory_bytes =
+      0;  // nine tenths of the smallest of the machine's memory and the bounds of all control groups
 
   int affinity_cpus = 1;        // CPUs that the process may run on
   double quota_cpus = 0;        // the smallest quota of the control groups, in CPUs; 0: none
@@ -26,18 +26,18 @@ struct MachineLimits {
 };
 
 // Reads them: /proc/self/status (affinity), /proc/meminfo, and of /proc/self/cgroup and /proc/self/mountinfo the
-// control groups of this process, versions 1 and 2 or both, with all ancestors that can be seen from here. What is
-// missing or cannot be read bounds nothing. `root`: the directory that holds "proc" and "sys"; for tests.
+// control groups of this process, versions 1 and 2 or both, with all visible ancestors. Files that are missing or
+// cannot be read set no bound. `root`: the directory that holds "proc" and "sys"; for tests.
 MachineLimits ReadMachineLimits(const std::filesystem::path& root = "/");
 
 // "2 CPUs (affinity 16, quota 1.5 by /sys/fs/cgroup/a), 460.8 MiB of memory (9/10 of 512.0 MiB by /sys/fs/cgroup/a)".
 std::string ToString(const MachineLimits& limits);
 
-// The limits as they were read last; the first call reads them. Thread-safe, and cheap.
+// The limits of the last read; the first call reads them. Thread-safe and cheap.
 int CpuCount();
 uint64_t MemoryBytes();
 
-// Reads the limits again for CpuCount and MemoryBytes. Out: what was read. Thread-safe.
+// Reads the limits again, for CpuCount and MemoryBytes too. Thread-safe.
 MachineLimits RefreshMachine();
 
 }  // namespace voxelpipe

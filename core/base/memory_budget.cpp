@@ -30,7 +30,7 @@ absl::Status MemoryBudget::TakeBelow(uint64_t limit, uint64_t bytes, std::string
   do {
     const std::optional<uint64_t> checked = CheckedAdd(used, bytes);
     if (!checked || *checked > limit) {
-      // A product that wrapped comes as the largest number there is: it is no fact to print.
+      // A product that overflowed arrives as UINT64_MAX, which is not printed.
       const bool counted = checked && bytes < std::numeric_limits<uint64_t>::max();
       const std::string need = counted ? absl::StrCat(bytes) : "more than 2^63";
       return MakeLimitError(absl::StrCat(View(what), " needs ", need, " bytes of memory beside ", used,
@@ -56,7 +56,7 @@ absl::Status MemoryBudget::TakeBelow(uint64_t limit, uint64_t bytes, std::string
 
 uint64_t MemoryBudget::parent_limit_bytes() const {
   const uint64_t limit = parent_->limit_bytes();
-  // Not by used_: what another thread of this request waits for is not the request's yet.
+  // Not used_: it includes bytes that another thread of this request still waits for.
   const bool alone = parent_->used_bytes() <= held_bytes();
   return alone ? limit : limit - std::min(limit, leave_.load(std::memory_order_relaxed));
 }
@@ -73,8 +73,7 @@ void MemoryBudget::Give(uint64_t bytes) {
 }
 
 MemoryBudget& DefaultMemory() {
-  // 0 where the system does not report it, as in a process that may open no files any more: then nothing is known to
-  // refuse by.
+  // 0 if the system does not report it, as in a process that may no longer open files: then there is no limit.
   const auto half = [] {
     const uint64_t bytes = MemoryBytes();
     return bytes > 0 ? bytes / 2 : std::numeric_limits<uint64_t>::max();

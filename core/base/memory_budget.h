@@ -1,4 +1,4 @@
-// Memory that a request may take, charged before it is allocated.
+// Memory budgets: what a request may allocate, charged before it is allocated.
 #pragma once
 
 #include <atomic>
@@ -11,8 +11,8 @@
 
 namespace voxelpipe {
 
-// A number of bytes that many may take from. What is taken from a budget with a parent is taken from the parent as
-// well, so that the budgets of all requests together stay below the server's. Thread-safe.
+// A number of bytes shared by several users. Bytes taken from a budget are taken from its parent as well, so that the
+// budgets of all requests together stay below the server's. Thread-safe.
 class MemoryBudget {
  public:
   // `parent` may be null; otherwise it must outlive this.
@@ -21,30 +21,30 @@ class MemoryBudget {
   MemoryBudget(const MemoryBudget&) = delete;
   MemoryBudget& operator=(const MemoryBudget&) = delete;
 
-  // Takes `bytes`, or nothing. RESOURCE_EXHAUSTED naming `what` with need and limit, as numbers too
-  // (base/limit_error.h); marked (IsInUseByOthers) where it is the parent that has not so much left.
+  // Takes all of `bytes`, or none. RESOURCE_EXHAUSTED naming `what` with need and limit, as numbers too
+  // (base/limit_error.h); marked (IsInUseByOthers) if the parent has too little left.
   absl::Status Take(uint64_t bytes, std::string_view what) { return Take(bytes, what, true); }
   // The same without waiting.
   absl::Status TakeNow(uint64_t bytes, std::string_view what) { return Take(bytes, what, false); }
-  // Asked where the parent has not so much left: waits, and returns true to try again. Set before the first Take.
-  // Only the thread that calls Take waits, and several threads may wait at the same time. Without it no thread waits.
+  // Called if the parent has too little left: waits, and returns true to try again. Set before the first Take. Only the
+  // thread that calls Take waits, and several threads may wait at the same time. Without it no thread waits.
   using Wait = std::function<bool(uint64_t bytes)>;
   void set_wait(Wait wait) { wait_ = std::move(wait); }
 
-  // Bytes of the parent that this leaves to others while others use any: what is held long must not take the last from
-  // what would end soon.
+  // Bytes of the parent that this budget leaves free while others use any: long-lived charges must not take the last
+  // bytes from short-lived ones.
   void set_leave(uint64_t bytes) { leave_.store(bytes, std::memory_order_relaxed); }
-  // What can be taken from the parent now. Only for a budget with a parent.
+  // Bytes that can be taken from the parent now. Only for a budget with a parent.
   uint64_t available_bytes() const;
 
-  // Gives back what Take took.
+  // Returns bytes that Take took.
   void Give(uint64_t bytes);
 
-  // What is taken stays taken, though it be more than the new limit.
+  // Bytes already taken stay taken, even beyond the new limit.
   void set_limit_bytes(uint64_t bytes) { limit_.store(bytes, std::memory_order_relaxed); }
   uint64_t limit_bytes() const { return limit_.load(std::memory_order_relaxed); }
   uint64_t used_bytes() const { return used_.load(std::memory_order_relaxed); }
-  // The same without what threads wait for.
+  // The same without the bytes that threads wait for.
   uint64_t held_bytes() const { return held_.load(std::memory_order_relaxed); }
   uint64_t peak_bytes() const { return peak_.load(std::memory_order_relaxed); }
 
@@ -63,11 +63,10 @@ class MemoryBudget {
   Wait wait_;
 };
 
-// What this process may take for requests that bring no budget of their own: half of the memory of the machine or
-// container (base/machine.h).
+// The budget for requests without one of their own: half of the memory of the machine or container (base/machine.h).
 MemoryBudget& DefaultMemory();
 
-// Bytes of a budget that are given back when this goes. Without a budget nothing is charged and nothing refused. Not
+// RAII charge to a budget: the destructor returns its bytes. Without a budget nothing is charged or refused. Not
 // thread-safe.
 class MemoryCharge {
  public:
@@ -89,10 +88,10 @@ class MemoryCharge {
   absl::Status Grow(uint64_t bytes, std::string_view what);
   // Takes elements * bytes_each more, without wrapping.
   absl::Status Grow(uint64_t elements, uint64_t bytes_each, std::string_view what);
-  // As the first one, but by MemoryBudget::TakeNow.
+  // Like the first one, with MemoryBudget::TakeNow.
   absl::Status GrowNow(uint64_t bytes, std::string_view what);
   void ShrinkTo(uint64_t bytes);
-  // Takes over what another one has taken, which must be from the same budget.
+  // Moves the bytes of another charge to this one; both must be of the same budget.
   void Absorb(MemoryCharge other) { bytes_ += std::exchange(other.bytes_, 0); }
   uint64_t bytes() const { return bytes_; }
 

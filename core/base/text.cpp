@@ -31,7 +31,7 @@ std::string CleanText(std::string_view text, size_t max_bytes) {
   constexpr std::string_view kCut = "...";
   std::string clean;
   clean.reserve(text.size() < max_bytes ? text.size() : max_bytes);
-  size_t cut_at = 0;  // the last character's start that leaves room for kCut
+  size_t cut_at = 0;  // the start of the last character before which kCut fits
   for (size_t i = 0; i < text.size();) {
     if (clean.size() + kCut.size() <= max_bytes) cut_at = clean.size();
     const size_t length = CharacterLength(text.substr(i));

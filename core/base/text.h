@@ -10,12 +10,12 @@
 namespace voxelpipe {
 
 // `text` as protobuf strings need it: every byte that is not part of valid UTF-8, and every control character, becomes
-// '?'; what is longer than `max_bytes` is cut at a character's start and ends in "...". Names in untrusted files appear
-// in messages.
+// '?'. Text longer than `max_bytes` is cut before a character and ends in "...". Names in untrusted files appear in
+// messages.
 std::string CleanText(std::string_view text, size_t max_bytes);
 
 inline constexpr size_t kMaxErrorBytes = 1000;
-// The clean text of an error's message, at most kMaxErrorBytes: the one that users see, in-process and from a server.
+// The sanitized message of an error, at most kMaxErrorBytes: what users see, in-process and from a server.
 std::string ErrorText(const absl::Status& status);
 
 }  // namespace voxelpipe

@@ -14,12 +14,12 @@
 namespace voxelpipe {
 namespace {
 
-// The calling thread's own arena of a size. Kept until the thread ends: making an arena for every run costs as much as
-// a small run.
+// The arena of the calling thread for a number of threads. Kept until the thread ends: creating an arena costs as much
+// as a small run.
 tbb::task_arena& ThreadArena(int threads) {
   const int cpus = CpuCount();  // more threads than CPUs only wait for each other
   const int size = threads > 0 ? std::min(threads, cpus) : cpus;
-  // One a size: a run inside another one must not end the arena that it is in.
+  // One for each size: a nested run must not destroy the arena that it runs in.
   static thread_local std::map<int, tbb::task_arena> arenas;
   return arenas.try_emplace(size, size).first->second;
 }
@@ -33,7 +33,7 @@ void RunOnThreads(int threads, const std::function<void()>& body) {
 void RunEachOnThreads(int threads, size_t count, const std::function<void(size_t)>& body) {
   RunOnThreads(threads, [&] {
     tbb::parallel_for(size_t{0}, count, [&](size_t i) {
-      // A run that waits for its own loops must not begin another one meanwhile: its times would be wrong.
+      // A run that waits for its own loops must not start another one meanwhile: its times would be wrong.
       tbb::this_task_arena::isolate([&] { body(i); });
     });
   });
@@ -44,7 +44,7 @@ void LimitThreadsToCpus() {
   // Never destroyed: loops may run until the process ends.
   static auto* const control = new std::unique_ptr<tbb::global_control>;
   const std::lock_guard lock(mutex);
-  // Of several the smallest holds: the old one goes after the new one came.
+  // The smallest of several holds, so the new one is created before the old one is destroyed.
   *control = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, size_t(CpuCount()));
 }
 

@@ -10,8 +10,8 @@ namespace voxelpipe {
 // than CpuCount(): one for each CPU.
 void RunOnThreads(int threads, const std::function<void()>& body);
 
-// Calls body(0) to body(count - 1), each once, in no order, on so many threads at the same time. A body that waits for
-// a parallel loop of its own is not given another one meanwhile.
+// Calls body(0) to body(count - 1) once each, in any order, on `count` threads at the same time. A thread that waits
+// for a parallel loop of its body does not start another body meanwhile.
 void RunEachOnThreads(int threads, size_t count, const std::function<void(size_t)>& body);
 
 // Bounds the threads of all parallel loops of the process by CpuCount(): oneTBB itself ignores CPU quotas. Call it when

@@ -1,11 +1,11 @@
-// The clock that stages are timed with.
+// The clock that measures stages.
 #pragma once
 
 #include <chrono>
 
 namespace voxelpipe {
 
-// Milliseconds of wall time since some moment; never runs back.
+// Milliseconds of wall time since an unspecified moment; monotonic.
 inline double WallMs() {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }

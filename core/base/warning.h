@@ -1,4 +1,4 @@
-// What was accepted although an input is not quite right, or could not be used in full.
+// Warnings: inputs that were accepted although something in them is wrong or could not be used.
 #pragma once
 
 #include <cstdint>
@@ -10,20 +10,20 @@
 namespace voxelpipe {
 
 enum class WarningCode : uint8_t {
-  kTextureMissing,      // an image has no bytes: its file is not there, or nothing names one
+  kTextureMissing,      // an image has no bytes: its file is missing, or none is named
   kTextureUndecodable,  // an image of a format that is not decoded
-  kIndicesLeftOver,     // indices behind the last whole triangle
+  kIndicesLeftOver,     // indices after the last whole triangle
   kNoScene,             // the file has no scenes
   kNoTriangles,         // there is nothing to voxelize
   kAllDiscarded,        // alpha masks discarded every fragment
   kExtensionIgnored,    // an extension of extensionsRequired that changes nothing here
   kCountMismatch,       // two parts of the file give different counts
-  kNonconformingFile,   // the file breaks a rule of its format in a way that does not hurt
+  kNonconformingFile,   // the file breaks a rule of its format, without consequence for the result
 };
 
 // The name on the wire and in JSON: "texture_missing", ...
 std::string_view Name(WarningCode code);
-// The code of that name, or nothing.
+// The code of that name; empty if there is none.
 std::optional<WarningCode> WarningCodeOf(std::string_view name);
 
 struct Warning {
@@ -36,12 +36,12 @@ struct Warning {
   friend bool operator==(const Warning&, const Warning&) = default;
 };
 
-// Keeps the first kMaxWarnings and counts the rest, so that a broken file costs a bounded amount of memory. A warning
-// that equals one that is kept is dropped.
+// Keeps the first kMaxWarnings and counts the rest, so that a broken file costs a bounded amount of memory. Drops
+// duplicates of kept warnings.
 class WarningList {
  public:
   static constexpr size_t kMaxWarnings = 100;
-  static constexpr size_t kMaxTextBytes = 256;  // of place and of text; longer ones are cut and end with "..."
+  static constexpr size_t kMaxTextBytes = 256;  // each of place and text; longer ones are cut and end with "..."
 
   void Add(WarningCode code, std::string_view place, std::string_view text);
   void Append(const WarningList& others);

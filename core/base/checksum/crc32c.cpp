@@ -1,4 +1,4 @@
-// ISA-L picks the instruction set at run time. It leaves the inversions at both ends to its caller.
+// ISA-L selects the instruction set at run time. Its caller does the inversions at both ends.
 #include "base/checksum/crc32c.h"
 
 #include <isa-l/crc.h>

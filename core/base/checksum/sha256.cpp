@@ -7,7 +7,7 @@
 namespace voxelpipe {
 namespace {
 
-// Looked up once: OpenSSL would do so, with locks, for each hash.
+// Fetched once: OpenSSL would otherwise do so, with locks, for each hash.
 const EVP_MD* Algorithm() {
   static const EVP_MD* const algorithm = EVP_MD_fetch(nullptr, "SHA256", nullptr);
   return algorithm != nullptr ? algorithm : EVP_sha256();
@@ -21,7 +21,7 @@ struct Sha256::State {
 };
 
 Sha256::Sha256() : state_(std::make_unique<State>()) {
-  // Both fail for want of memory only.
+  // Both fail only if memory is short.
   if (!state_->context || EVP_DigestInit_ex(state_->context, Algorithm(), nullptr) != 1) throw std::bad_alloc();
 }
 

@@ -1,4 +1,4 @@
-// SHA-256 (FIPS 180-4). A library of its own, voxelpipe_sha256: it needs OpenSSL, which the core does without.
+// SHA-256 (FIPS 180-4). A library of its own, voxelpipe_sha256, because it needs OpenSSL, which the core does not use.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 
 namespace voxelpipe {
 
-// Of bytes that come in pieces. May throw bad_alloc.
+// An incremental hash. May throw bad_alloc.
 class Sha256 {
  public:
   Sha256();
@@ -22,7 +22,7 @@ class Sha256 {
   std::unique_ptr<State> state_;
 };
 
-// The same of bytes that are there.
+// The hash of one span of bytes.
 std::string Sha256Hex(std::span<const uint8_t> bytes);
 
 }  // namespace voxelpipe
