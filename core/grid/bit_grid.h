@@ -1,4 +1,4 @@
-// One bit a voxel with rows padded to 32-bit words: what the stages work on. Results leave it packed (PackBits).
+// One bit a voxel, rows padded to 32-bit words: the form in which stages use bits. Results are packed (PackBits).
 #pragma once
 
 #include <array>
@@ -16,12 +16,13 @@ class BitGrid {
  public:
   BitGrid() = default;
 
-  // All bits clear. RESOURCE_EXHAUSTED when memory is short.
+  // All bits clear. RESOURCE_EXHAUSTED if memory is short.
   static absl::StatusOr<BitGrid> Create(const std::array<int64_t, 3>& dims);
-  // Contents undefined: every word is to be written.
+  // Contents undefined: the caller must write every word.
   static absl::StatusOr<BitGrid> CreateUncleared(const std::array<int64_t, 3>& dims);
 
-  // Rows that fill their words are packed as they are: the words in the format of kBit. Only where dims[0] % 32 == 0.
+  // The words themselves in the format of kBit. Only if dims[0] % 32 == 0: rows that fill their words are already
+  // packed.
   HostBuffer TakePacked() { return std::move(words_); }
 
   bool empty() const { return words_.size() == 0; }
@@ -53,9 +54,9 @@ uint64_t CountBits(const BitGrid& grid);
 // Number of bits set in at least one of two grids of the same dims.
 uint64_t CountUnion(const BitGrid& a, const BitGrid& b);
 
-// In: one callback that gives word w of row r. Out: the packed bits of the linear order, no row padding, bit n in
-// byte n/8 at n%8, unused bits of the last byte 0. `out` holds ceil(voxels/8) bytes. Parallel over rows; `word` must be
-// safe to call concurrently and give 0 in padding bits.
+// In: a callback that returns word w of row r. Out: the packed bits of the linear order, no row padding, bit n in byte
+// n/8 at n%8, unused bits of the last byte 0. `out` holds ceil(voxels/8) bytes. Parallel over rows; `word` must be safe
+// to call concurrently and return 0 in padding bits.
 template <typename WordAt>
 void PackBits(const std::array<int64_t, 3>& dims, std::span<uint8_t> out, WordAt word);
 

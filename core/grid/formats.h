@@ -1,4 +1,4 @@
-// The formats and blends of render targets: names alone, for device code too.
+// The formats and blends of render targets: enumerations alone, for device code too.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@ enum class VoxelFormat : uint8_t {
   kU32,
   kF16,
   kF32,
-  kU8Srgb,  // how stages hold a u8 target of Encoding::kSrgb (pipeline/stages/target_rules.h); no request names it
+  kU8Srgb,  // a u8 target of Encoding::kSrgb within the stages (pipeline/stages/target_rules.h); not for requests
 };
 
 // All blends are independent of the order in which triangles arrive. Component by component.
@@ -25,7 +25,7 @@ enum class Blend : uint8_t {
          // quantum q, summed in int64, converted once
   kFirst,    // the fragment of the smallest triangle id wins
   kAverage,  // the sum of kAdd over the number of fragments, in double, converted once
-  kCount,    // the number of fragments, saturated once; bit: 1 where there is any. The shader's value is ignored
+  kCount,    // the number of fragments, saturated once; bit: 1 if there is any. The shader's value is ignored
   kAnd,      // bit: 1 if every fragment's value is not 0; integers: bitwise
 };
 

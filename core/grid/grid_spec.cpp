@@ -10,15 +10,15 @@
 namespace voxelpipe {
 namespace {
 
-// An extent that is a whole number of voxels but for roundings gets no extra layer: those of the division, and of
-// corners that are float32. Voxels.
+// Slack, in voxels: an extent that is a whole number of voxels, up to the rounding of the division and of float32
+// corners, gets no extra layer.
 double SlackOf(const Box3d& box, int axis, double voxel_size) {
   constexpr double kLeast = 1e-9, kMost = 4e-4, kOfFloat = 0x1p-22;
   return std::max(kLeast,
                   std::min(kMost, kOfFloat * std::max(std::abs(box.min[axis]), std::abs(box.max[axis])) / voxel_size));
 }
 
-constexpr int64_t kManyVoxels = 1'000'000'000'000'000;  // along an axis; more are not counted
+constexpr int64_t kManyVoxels = 1'000'000'000'000'000;  // an axis; larger counts are not computed
 constexpr uint64_t kMaxVoxels = uint64_t{1} << 53;
 
 bool FinitePositive(double v) {
@@ -59,7 +59,7 @@ absl::Status CheckRequest(const GridRequest& request) {
   return absl::OkStatus();
 }
 
-// Number of voxels as an integer, saturated far above every limit so that the check below refuses it.
+// Number of voxels as an integer, saturated far above every limit, so that the check below rejects it.
 int64_t CeilToDim(double voxels, double slack) {
   return static_cast<int64_t>(std::clamp(std::ceil(voxels - slack), 1.0, double(kManyVoxels)));
 }
@@ -86,7 +86,7 @@ absl::StatusOr<GridSpec> Finish(GridSpec grid, int64_t padding) {
   return grid;
 }
 
-// Finish of a grid that was fitted to the box, and the walls that the box lies beyond.
+// Finish for a grid fitted to the box, and the walls on the axes where the box reaches beyond the grid.
 absl::StatusOr<GridSpec> FinishFitted(const GridSpec& fitted, int64_t padding, const Box3d& box) {
   absl::StatusOr<GridSpec> grid = Finish(fitted, padding);
   if (!grid.ok()) return grid;

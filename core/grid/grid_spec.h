@@ -17,7 +17,7 @@ struct GridSpec {
   std::array<int64_t, 3> dims{1, 1, 1};  // nx, ny, nz; each at least 1
   Vec3d origin{};                        // world position of index (0,0,0), the corner of the first voxel
   Vec3d voxel_size{1, 1, 1};             // world units a voxel, per axis, each > 0
-  // Of fitted grids: IndexSpace's.
+  // Of fitted grids: as in IndexSpace.
   Vec3d wall{IndexSpace::kNoWall, IndexSpace::kNoWall, IndexSpace::kNoWall}, wall_end = wall;
 
   // nx*ny*nz. Fits 64 bits for every spec that FitGrid returns.
@@ -25,7 +25,7 @@ struct GridSpec {
   // Maps (i,j,k,1) to the world position of that voxel's centre (hence the +0.5). Row major.
   Mat4d index_to_world() const;
 
-  // How vertices are taken to it.
+  // The transform of vertices to index space.
   IndexSpace index_space() const { return {origin, voxel_size, wall, wall_end}; }
 
   // True if they have the same voxels.
@@ -36,7 +36,7 @@ struct GridSpec {
 
 enum class GridFit : uint8_t { kTight, kCube };
 
-// How a request asks for its grid. Exactly one of three ways:
+// The grid as a request gives it. Exactly one of three forms:
 //   resolution                       N voxels along the longest extent, placed by `fit` (the default, 128)
 //   voxel_size                       origin at the box's minimum, as many voxels as it needs
 //   voxel_size + dims + origin       the grid itself
@@ -59,10 +59,11 @@ inline constexpr int64_t kMaxGridDim = int64_t{1} << 20;  // voxels an axis
 // In: a request and the box of the vertices that triangles use, after the vertex shader, in world units.
 // Out: the grid. `tight` gives axes of the longest extent L exactly N
 // voxels, h = L/N, the others max(1, ceil(extent/L*N - slack)); `cube` centres the shorter axes; an empty box or L = 0
-// gives one voxel of size 1 centred on the point. The slack is what float32 may be off by, in voxels: max(1e-9,
-// min(4e-4, 2^-22 * max(|min|, |max|) / h)) of each axis. What lies beyond the last voxel by no more than that is taken
-// for lying on its far side. Errors: INVALID_ARGUMENT naming the field (resolution < 1, voxel_size not finite or <= 0,
-// dims without origin, ...); RESOURCE_EXHAUSTED for a grid beyond kMaxGridDim an axis or 2^53 voxels.
+// gives one voxel of size 1 centred on the point. The slack is the bound of the float32 rounding error, in voxels:
+// max(1e-9, min(4e-4, 2^-22 * max(|min|, |max|) / h)) of each axis. Points beyond the last voxel by at most the slack
+// count as lying on its far side (IndexSpace). Errors: INVALID_ARGUMENT naming the field (resolution < 1, voxel_size
+// not finite or <= 0, dims without origin, ...); RESOURCE_EXHAUSTED for a grid beyond kMaxGridDim an axis or 2^53
+// voxels.
 absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box);
 
 }  // namespace voxelpipe

@@ -32,13 +32,13 @@ class HostBuffer {
     return *this;
   }
 
-  // RESOURCE_EXHAUSTED naming the size when the system has no memory for it. Contents undefined.
+  // RESOURCE_EXHAUSTED naming the size if memory is short. Contents undefined.
   static absl::StatusOr<HostBuffer> Allocate(uint64_t bytes);
-  // A block of somebody else's, who takes it back: give_back(block, bytes), from any thread.
+  // Wraps a block of another owner, to whom give_back(block, bytes) returns it, from any thread.
   static HostBuffer Adopt(void* block, uint64_t bytes, void (*give_back)(void* block, uint64_t bytes));
 
-  // Frees the bytes for the system rather than for the pool: what takes their place is of another size. size() is 0
-  // then.
+  // Frees the bytes to the system instead of the pool, for callers whose next buffer has another size. size() is 0
+  // afterwards.
   void Discard();
 
   uint8_t* data() { return data_.get(); }

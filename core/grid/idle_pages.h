@@ -1,4 +1,4 @@
-// Giving the pool's pages back: for those who run many jobs, and know when there are none.
+// Returns idle pages of the pool to the system: for processes that run many jobs and know when they are idle.
 #pragma once
 
 #include <chrono>

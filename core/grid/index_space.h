@@ -5,15 +5,15 @@
 
 namespace voxelpipe {
 
-// In: a grid's origin and voxel size, a point in world units. Out: the point in voxels from the grid's first corner, of
-// a grid without walls (IndexSpace).
+// In: a grid's origin and voxel size, a point in world units. Out: the point in voxels from the grid's first corner,
+// without walls (IndexSpace).
 VOXELPIPE_HD Vec3d WorldToIndex(const Vec3d& origin, const Vec3d& voxel_size, const Vec3d& p) {
   return {(p.x - origin.x) / voxel_size.x, (p.y - origin.y) / voxel_size.y, (p.z - origin.z) / voxel_size.z};
 }
 
-// Where a grid lies. Positions are float32, so the far side of a mesh that is a whole number of voxels long may lie a
-// rounding beyond the last of them: a grid that is fitted to a mesh has a wall on each such axis (FitGrid), and what
-// lies beyond it, but not beyond its end, is taken for lying on it.
+// The index space of a grid. Positions are float32: rounding may put the far side of a mesh that is a whole number of
+// voxels long beyond the last voxel. A fitted grid therefore has a wall on each such axis (FitGrid): coordinates in
+// (wall, wall_end] are moved to the wall.
 struct IndexSpace {
   static constexpr double kNoWall = 0x1p1000;
   Vec3d origin{}, voxel_size{1, 1, 1};
@@ -35,7 +35,7 @@ VOXELPIPE_HD Vec3d WorldToIndex(const IndexSpace& space, const Vec3d& p) {
   return ToWalls(space, WorldToIndex(space.origin, space.voxel_size, p));
 }
 
-// How far a wall lies from its end at most: by so much it may move a vertex. Voxels; 0 without walls.
+// The largest distance by which a wall moves a vertex, in voxels; 0 without walls.
 inline double FarthestToWall(const IndexSpace& space) {
   double farthest = 0;
   for (int a = 0; a < 3; ++a) {

@@ -21,7 +21,7 @@ constexpr uint64_t kHugePage = kPooledUnit;
 constexpr uint64_t kMaxIdleBytes = 1ull << 30;
 constexpr uint64_t kIdleShare = 8;  // of the machine's memory
 
-// AddressSanitizer should see every block end where it ends.
+// With AddressSanitizer every block has its exact size.
 #if defined(__SANITIZE_ADDRESS__)
 constexpr bool kPool = false;
 #else
@@ -32,17 +32,17 @@ uint64_t RoundUp(uint64_t bytes, uint64_t multiple) {
   return (bytes + multiple - 1) / multiple * multiple;
 }
 
-// The size that a block of `bytes` really has: few sizes, so that blocks fit again.
+// The size of a block for `bytes`: few distinct sizes, so that blocks can be reused.
 uint64_t BlockBytes(uint64_t bytes) {
   const uint64_t lines = RoundUp(bytes == 0 ? 1 : bytes, kLine);
   return lines < kPooledBytes || !kPool ? lines : RoundUp(lines, kHugePage);
 }
 
-// A block of its own mapping, on huge pages where the system has them: one fault in place of 512. Not from the
-// allocator: in its arenas, the system would go on making huge pages of what lies between a few small things there.
-// nullptr when there is no memory.
+// A block in a mapping of its own, on huge pages if the system has them: one fault instead of 512. Not from the
+// allocator: in its arenas the system would also turn the space between small allocations into huge pages. nullptr if
+// memory is short.
 void* Map(uint64_t size) {
-  // A range of this size that begins where a huge page does lies somewhere in one that is larger by a huge page.
+  // A mapping larger by one huge page contains a range of this size that is aligned to huge pages.
   void* const mapped = mmap(nullptr, size + kHugePage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (mapped == MAP_FAILED) return nullptr;
   uint8_t* const first = static_cast<uint8_t*>(mapped);
@@ -87,10 +87,10 @@ class Pool {
   struct Block {
     void* address;
     uint64_t size;
-    Clock::time_point since;  // when it came back
+    Clock::time_point since;  // when it was returned
   };
 
-  // An idle block, or a part of one, of which `rest` is for the system. nullptr where there is none.
+  // An idle block, or a part of one; `rest` is to be freed to the system. nullptr if there is none.
   void* TakeBlock(uint64_t size, Block& rest) {
     const std::lock_guard lock(mutex_);
     // The newest block of that size is the one most likely in cache.
@@ -101,8 +101,8 @@ class Pool {
       idle_.erase(std::next(block).base());
       return address;
     }
-    // Slabs and lists follow each other with sizes that differ a little: rather than a fresh block beside an idle one,
-    // a part of the smallest that is not much larger.
+    // Sizes of consecutive slabs and lists differ a little: take a part of the smallest idle block that is not much
+    // larger, instead of a fresh block.
     auto best = idle_.end();
     for (auto block = idle_.begin(); block != idle_.end(); ++block) {
       const bool fits = block->size > size && block->size - size <= size / 2;
@@ -116,8 +116,8 @@ class Pool {
     return address;
   }
 
-  // Takes `returned` in, then frees the oldest blocks while `too_much(block)`. Without the lock: the system takes
-  // milliseconds for a large block, in which others want theirs.
+  // Adds `returned`, then frees the oldest blocks while `too_much(block)`. Without the lock: freeing a large block
+  // takes milliseconds, and other threads must not wait.
   template <typename TooMuch>
   void FreeOldest(const TooMuch& too_much, std::optional<Block> returned = std::nullopt) {
     std::vector<Block> freed;
@@ -138,7 +138,7 @@ class Pool {
   std::mutex mutex_;
   std::deque<Block> idle_;  // oldest first
   uint64_t idle_bytes_ = 0;
-  // In a small container no more than its share, either.
+  // In a small container, not more than its share.
   const uint64_t most_idle_ = std::min(std::max(kMaxIdleBytes, MemoryBytes() / kIdleShare), MemoryBytes() / 4);
 };
 
@@ -155,7 +155,7 @@ void* TakePages(uint64_t bytes) {
   if (size < kPooledBytes || !kPool) return std::aligned_alloc(kLine, size);
   if (void* const block = ThePool().Take(size)) return block;
   void* block = Map(size);
-  if (block == nullptr) {  // idle blocks may be what is missing
+  if (block == nullptr) {  // free idle blocks and try again
     ReleaseIdlePages();
     block = Map(size);
   }

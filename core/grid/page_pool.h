@@ -1,7 +1,7 @@
 // A bounded, process-wide pool of large blocks of host memory.
 //
 // Why: a fresh 4 KiB page costs about 2 us, so clearing 128 MiB of fresh memory takes ten times as long as clearing the
-// same memory again. Runs follow each other with the same sizes, so their blocks are kept and handed out again.
+// same memory again. Consecutive runs use the same sizes, so their blocks are kept for reuse.
 #pragma once
 
 #include <cstdint>
@@ -10,17 +10,17 @@ namespace voxelpipe {
 
 // Blocks below this size come straight from the allocator.
 inline constexpr uint64_t kPooledBytes = 1 << 20;
-// Larger ones take a multiple of it.
+// Sizes of larger blocks are multiples of this.
 inline constexpr uint64_t kPooledUnit = 2 << 20;
 
-// At least `bytes` bytes, 64-byte aligned, contents undefined; nullptr when the system has none. Thread-safe.
+// At least `bytes` bytes, 64-byte aligned, contents undefined; nullptr if memory is short. Thread-safe.
 void* TakePages(uint64_t bytes);
-// Gives a block of TakePages(bytes) back. Idle blocks of more than 1 GiB together, or an eighth of the machine's
-// memory where that is more, go to the system, the oldest first.
+// Returns a block of TakePages(bytes) to the pool. While idle blocks exceed 1 GiB, or an eighth of the machine's memory
+// if that is more, the oldest are freed to the system.
 void ReturnPages(void* block, uint64_t bytes);
-// The same, but to the system at once.
+// The same, but frees the block to the system at once.
 void DiscardPages(void* block, uint64_t bytes);
-// Gives all idle blocks to the system.
+// Frees all idle blocks to the system.
 void ReleaseIdlePages();
 
 }  // namespace voxelpipe

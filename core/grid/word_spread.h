@@ -1,4 +1,4 @@
-// Walks within a word of a bit grid, for flood fills on every device. No host-only includes.
+// Flood fill within a word of a bit grid, for every device. No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -7,8 +7,8 @@
 
 namespace voxelpipe {
 
-// In: 32 voxels of a row, those reached so far and those that are open. Out: the open voxels that the reached ones lead
-// to, both ways, by open voxels alone.
+// In: 32 voxels of a row as bits: those reached so far, and those that are open. Out: the open voxels that are
+// connected to a reached one through open voxels, in both directions.
 VOXELPIPE_HD uint32_t SpreadInWord(uint32_t reached, uint32_t open) {
   uint32_t up = reached & open, down = up, up_open = open, down_open = open;
   for (int step = 1; step < 32; step *= 2) {
