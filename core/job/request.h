@@ -1,4 +1,4 @@
-// What a voxelization request asks for, as the core understands it (no protobuf here).
+// The voxelization request of the core (without protobuf).
 #pragma once
 
 #include <cstdint>
@@ -16,15 +16,15 @@ namespace voxelpipe {
 enum class Fill : uint8_t {
   kNone,
   kParity,   // even-odd crossings along x through (j+.5, k+.5), on top of the coverage
-  kFlood,    // what a 6-connected walk from outside cannot reach without entering the conservative shell
+  kFlood,    // what a 6-connected flood from outside cannot reach without entering the conservative shell
   kNonzero,  // the same crossings, each +1 or -1: inside where those beyond a voxel's centre do not sum to 0
 };
-// Whether the fill casts lines along x: it has odd columns.
+// True if the fill casts lines along x, and so reports odd columns.
 inline bool CastsLines(Fill fill) {
   return fill == Fill::kParity || fill == Fill::kNonzero;
 }
 
-// How the values of a u8 target are written.
+// The encoding of the values of a u8 target.
 enum class Encoding : uint8_t {
   kLinear,
   kSrgb,  // components 0 to 2 by the sRGB transfer function (shaders/texture/srgb.h), the fourth times 255
@@ -42,7 +42,7 @@ enum class SimdChoice : uint8_t { kAuto, kScalar, kAvx2, kAvx512 };
 enum class BackendChoice : uint8_t { kAuto, kCpu, kCuda };
 
 // A shader by name with its parameters; each value is a list of numbers (one for a scalar, 16 row-major for a matrix).
-// shaders/catalog.h knows names, types, defaults and checks them.
+// shaders/catalog.h has names, types and defaults, and checks them.
 struct ShaderCall {
   std::string name;
   std::map<std::string, std::vector<double>> parameters;
@@ -52,7 +52,7 @@ struct ShaderCall {
 
 struct TargetSpec {
   VoxelFormat format = VoxelFormat::kBit;
-  int components = 1;  // 1-4; kBit takes 1. Where users give none: OwnComponents (shaders/catalog.h)
+  int components = 1;  // 1-4; kBit takes 1. If users give none: OwnComponents (shaders/catalog.h)
   Blend blend = Blend::kOr;
   ShaderCall shader{"occupancy", {}};
   double quantum = 1.0 / (1 << 20);  // kAdd and kAverage on floats: a power of two
@@ -60,8 +60,8 @@ struct TargetSpec {
   // 65535 into u16. Not for bit and float formats.
   std::optional<double> scale = std::nullopt;
   double clear = 0;  // value of voxels with neither fragment nor fill, every component
-  // Value of voxels that are filled and not covered: one number for every component, or one a component. None: what
-  // the shader gives without a triangle (shaders/fill_value.h).
+  // Value of voxels that are filled and not covered: one number for every component, or one a component. None: the
+  // output of the shader without a triangle (shaders/fill_value.h).
   std::vector<double> fill_values{};
   Encoding encoding = Encoding::kLinear;
 };

@@ -12,7 +12,7 @@ namespace {
 
 constexpr uint64_t kMaskBytes = 64;
 
-// The shape of a target's array: `items` are the grid's axes or the number of listed voxels or fragments.
+// The shape of a target's array: `items` are the grid's dims, or the number of listed voxels or fragments.
 std::vector<uint64_t> TargetShape(const TargetSpec& spec, Layout layout, std::vector<uint64_t> items) {
   if (spec.components > 1) {
     items.insert(layout == Layout::kPlanar ? items.begin() : items.end(), uint64_t(spec.components));

@@ -1,4 +1,4 @@
-// What a run gives: arrays over a grid, in memory or one piece after the other.
+// The result of a run: arrays over a grid, in memory or streamed in pieces.
 #pragma once
 
 #include <cstdint>
@@ -79,10 +79,9 @@ struct VoxelizeResult : ResultArrays {
   uint64_t listed_fragments() const { return triangles.size() / sizeof(uint32_t); }
 };
 
-// The header of dense results is known before the work.
+// The header of dense results is known before the run.
 ResultHeader DenseHeader(const VoxelizeRequest& request, const GridSpec& grid);
-// In: counts of what is listed (see VoxelizeResult). Out: the header of a sparse or bucketed result; dense ignores
-// them.
+// In: the counts of the lists (see VoxelizeResult). Out: the header of a sparse or bucketed result; dense ignores them.
 ResultHeader MakeResultHeader(const VoxelizeRequest& request, const GridSpec& grid, uint64_t bricks, uint64_t voxels,
                               uint64_t fragments);
 ResultHeader HeaderOf(const VoxelizeResult& result);
@@ -96,20 +95,20 @@ std::vector<HostBuffer*> MutableArraysOf(VoxelizeResult& result);
 // An empty result with the header's kind, grid and specs, every array allocated, contents undefined.
 absl::StatusOr<VoxelizeResult> AllocateResult(const ResultHeader& header);
 
-// Takes a result as it is made. Calls come one at a time: Begin once, then Write for consecutive pieces in stream
-// order. A status other than OK ends the run with it.
+// Receives a result while it is made. Calls are sequential: Begin once, then Write for consecutive pieces in stream
+// order. A status other than OK ends the run with that status.
 class ResultSink {
  public:
   virtual ~ResultSink() = default;
-  // Asked first where a result stands in memory as a whole: true if the sink keeps it (its statistics are not in it
-  // yet), and then neither Begin nor Write is called.
+  // Called first if the whole result is in memory (without its statistics yet). True if the sink keeps it; then neither
+  // Begin nor Write is called.
   virtual bool Keep(VoxelizeResult&& /*whole*/) { return false; }
   virtual absl::Status Begin(const ResultHeader& header) = 0;
-  // `bytes` follow directly those written before of header.arrays[array]; valid during the call only.
+  // `bytes` directly follow the bytes of header.arrays[array] written before; valid during the call only.
   virtual absl::Status Write(size_t array, std::span<const uint8_t> bytes) = 0;
 };
 
-// Hands a result in memory to a sink.
+// Writes a result in memory to a sink.
 absl::Status WriteTo(const VoxelizeResult& result, ResultSink& sink);
 
 }  // namespace voxelpipe

@@ -17,7 +17,7 @@ absl::Status ResumingSink::Begin(const ResultHeader& header) {
   }
   const bool same = header.kind == header_->kind && header.grid == header_->grid && header.layout == header_->layout &&
                     header.arrays == header_->arrays;
-  return same ? absl::OkStatus() : absl::InternalError("a run that was done again gave another header");
+  return same ? absl::OkStatus() : absl::InternalError("the repeated run has another header than the first");
 }
 
 absl::Status ResumingSink::Write(size_t array, std::span<const uint8_t> bytes) {
@@ -30,7 +30,8 @@ absl::Status ResumingSink::Write(size_t array, std::span<const uint8_t> bytes) {
     bytes = bytes.subspan(std::min<uint64_t>(known, bytes.size()));
     if (bytes.empty()) return absl::OkStatus();
   }
-  // Counted before: what a write that failed may have taken is not sent again, and such a failure ends the job.
+  // Counted before the write: bytes that a failed write may have taken are not sent again, and its failure ends the
+  // job.
   delivered_ = made_;
   return out_->Write(array, bytes);
 }

@@ -1,4 +1,4 @@
-// A sink between runs and the caller's sink, for runs that may fail in the middle and be done again.
+// A sink between runs and the caller's sink, for runs that may fail in the middle and be repeated.
 #pragma once
 
 #include <cstdint>
@@ -9,10 +9,10 @@
 
 namespace voxelpipe {
 
-// A run that fails in the middle has handed on bytes that cannot be taken back. The next run makes the same bytes in
-// the same order, whatever the device (results are deterministic): those that were handed on already are dropped, and
-// the caller's sink gets one Begin and every byte once. A run begins anew with Begin; its header must be that of the
-// first, or it ends with INTERNAL. One run at a time.
+// A run that fails in the middle has delivered bytes that cannot be recalled. The next run makes the same bytes in the
+// same order on every device (results are deterministic): this drops the bytes already delivered, so that the caller's
+// sink gets one Begin and every byte once. Each run starts with Begin, with the header of the first run; otherwise it
+// ends with INTERNAL. One run at a time.
 class ResumingSink final : public ResultSink {
  public:
   ResumingSink() = default;  // SetOut comes before the first run
@@ -20,7 +20,7 @@ class ResumingSink final : public ResultSink {
   explicit ResumingSink(ResultSink& out) : out_(&out) {}
   void SetOut(ResultSink& out) { out_ = &out; }
 
-  // True if anything was handed on: the next run must stream, too.
+  // True if anything was delivered: the next run must stream too.
   bool begun() const { return header_.has_value(); }
 
   bool Keep(VoxelizeResult&& whole) override;
@@ -36,8 +36,8 @@ class ResumingSink final : public ResultSink {
 
   ResultSink* out_ = nullptr;
   std::optional<ResultHeader> header_;
-  Position delivered_;  // everything before it was handed on
-  Position made_;       // by this run
+  Position delivered_;  // everything before it was delivered
+  Position made_;       // of this run
 };
 
 }  // namespace voxelpipe
