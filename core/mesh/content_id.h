@@ -8,21 +8,21 @@
 
 namespace voxelpipe {
 
-// "ID/moved/N" has all arrays of "ID" but the positions, which are its own; N makes it another id than all others of
-// this process.
+// "ID/moved/N" shares all arrays of "ID" except the positions, which are its own; N makes the id unique in this
+// process.
 inline constexpr std::string_view kMovedMark = "/moved/";
 
-// A new id for a mesh whose positions alone differ from those of the mesh `id`; empty where that has none. Thread-safe.
+// A new id for a mesh that differs from the mesh `id` in its positions alone; empty if `id` is. Thread-safe.
 inline std::string NewMovedId(const std::string& id) {
   static std::atomic<uint64_t> count{0};
   if (id.empty()) return {};
   return id.substr(0, id.find(kMovedMark)) + std::string(kMovedMark) + std::to_string(count++);
 }
 
-// What others may have of a mesh with this id.
+// The arrays that a mesh with this id shares with others.
 struct SharedArrays {
-  std::string id;          // that names them; empty: none
-  bool positions = false;  // true if they are among them
+  std::string id;          // the id of the shared arrays; empty: none
+  bool positions = false;  // true if the positions are shared
 };
 inline SharedArrays SharedArraysOf(const std::string& content_id) {
   const size_t mark = content_id.find(kMovedMark);

@@ -1,4 +1,4 @@
-// What a mesh file holds besides its triangles, for who looks into one.
+// The contents of a mesh file besides its triangles, for reports.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@ namespace voxelpipe {
 
 struct MeshContents {
   struct Attribute {
-    std::string name;    // of the file's own, with its underscore
+    std::string name;    // application-specific, with its underscore
     int components = 1;  // 1 to 4
   };
   std::string format;       // "glb", "gltf", "drc"

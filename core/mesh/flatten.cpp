@@ -26,7 +26,7 @@ namespace {
 
 constexpr size_t kVertexGrain = 1 << 13;
 
-// Of the own attributes of each primitive, their indices in TriangleMesh::attributes.
+// For each primitive the indices of its attributes in TriangleMesh::attributes.
 using AttributeIds = std::unordered_map<const Primitive*, std::vector<uint32_t>>;
 
 uint64_t SaturatingAdd(uint64_t a, uint64_t b) {
@@ -77,7 +77,7 @@ bool IsDrawn(const Primitive& primitive) {
   return !primitive.positions.empty() || !primitive.triangles.empty();
 }
 
-// One list a skin; what a job that ends leaves short must not be used.
+// One list a skin; incomplete, and not to be used, if the job ended.
 std::vector<std::vector<Mat4d>> SkinningMatrices(const JobContext& job, const Scene& scene,
                                                  const std::vector<Mat4d>& world) {
   std::vector<std::vector<Mat4d>> skins(scene.skins.size());
@@ -96,12 +96,12 @@ bool IsSkinned(const Node& node, const Primitive& primitive, const std::vector<s
   return node.skin >= 0 && !primitive.joints[0].empty() && !primitive.weights[0].empty() && !skins[node.skin].empty();
 }
 
-// What the primitives of one mesh have together.
+// Totals over the primitives of one mesh.
 struct MeshCounts {
   uint64_t triangles = 0, vertices = 0;
 };
 
-// Of each mesh, so that nodes need not look at the primitives again.
+// One per mesh, so that nodes need not visit the primitives again.
 std::vector<MeshCounts> CountMeshes(const Scene& scene) {
   std::vector<MeshCounts> counts(scene.meshes.size());
   for (size_t m = 0; m < counts.size(); ++m) {
@@ -113,7 +113,7 @@ std::vector<MeshCounts> CountMeshes(const Scene& scene) {
   return counts;
 }
 
-// What the transforms of nodes and joints take while a scene is flattened.
+// Bytes of the transforms of nodes and joints while a scene is flattened.
 uint64_t TransformBytes(const Scene& scene) {
   uint64_t bytes = scene.nodes.size() * (sizeof(Mat4d) + 4 * sizeof(uint32_t));
   for (const Skin& skin : scene.skins) bytes += sizeof(std::vector<Mat4d>) + skin.joints.size() * sizeof(Mat4d);
@@ -143,7 +143,7 @@ absl::Status CheckLimits(const Scene& scene, const std::vector<uint32_t>& order,
   return absl::OkStatus();
 }
 
-// Fills mesh.parts, and `placements` with as many. Both are taken of the job's memory: the parts of mesh.memory.
+// Fills mesh.parts, and `placements` with as many. Both are charged to the job's memory: the parts to mesh.memory.
 absl::Status Place(const JobContext& job, const Scene& scene, const std::vector<uint32_t>& order,
                    const std::vector<Mat4d>& world, const std::vector<std::vector<Mat4d>>& skins, MemoryCharge& charge,
                    std::vector<Placement>& placements, TriangleMesh& mesh) {
@@ -244,7 +244,7 @@ size_t WriteVertices(const Placement& p, const MeshPart& part, size_t begin, siz
   return SIZE_MAX;
 }
 
-// Where the values of a vertex begin that has some.
+// The position of the values of a vertex that has values.
 uint64_t FirstValue(const VertexAttribute& attribute, uint64_t vertex) {
   const uint64_t wide = uint64_t(attribute.components);
   if (attribute.runs.empty()) return vertex * wide;
@@ -254,7 +254,7 @@ uint64_t FirstValue(const VertexAttribute& attribute, uint64_t vertex) {
   return run.first_value + (vertex - run.first_vertex) * wide;
 }
 
-// The file's own attributes of the vertices [begin, end) of one placement.
+// The application-specific attributes of the vertices [begin, end) of one placement.
 void WriteAttributes(const Placement& p, const MeshPart& part, const AttributeIds& ids, size_t begin, size_t end,
                      TriangleMesh& mesh) {
   if (p.primitive->attributes.empty()) return;
@@ -285,7 +285,7 @@ void WriteTriangles(const Placement& p, const MeshPart& part, size_t begin, size
   }
 }
 
-// The same as resize, but that it may end with the job: writing fresh pages takes its time.
+// Like resize, but ends with the job, because writing fresh pages takes long.
 template <typename T>
 void Resize(const JobContext& job, std::vector<T>& values, size_t count, const T& value = T()) {
   constexpr size_t kStepBytes = 1 << 20;
@@ -295,7 +295,7 @@ void Resize(const JobContext& job, std::vector<T>& values, size_t count, const T
   }
 }
 
-// Of the mesh's parts; taken of mesh.memory. What a job that ends leaves short must not be used.
+// For the mesh's parts; charged to mesh.memory. Incomplete, and not to be used, if the job ended.
 absl::Status AllocateArrays(const JobContext& job, TriangleMesh& mesh) {
   uint64_t vertices = 0, triangles = 0;
   bool normals = false, tangents = false, colors = false, uv[2] = {false, false};
@@ -327,7 +327,7 @@ absl::Status AllocateArrays(const JobContext& job, TriangleMesh& mesh) {
   return job.Check();
 }
 
-// Names the attributes of all primitives in the mesh, and says which are whose.
+// Lists the attributes of all primitives in the mesh, and maps those of each primitive to the list.
 absl::Status NameAttributes(const JobContext& job, const std::vector<Placement>& placements, TriangleMesh& mesh,
                             AttributeIds& own) {
   std::unordered_map<std::string, uint32_t> ids;
@@ -350,7 +350,7 @@ absl::Status NameAttributes(const JobContext& job, const std::vector<Placement>&
   return absl::OkStatus();
 }
 
-// Adds the vertices of a part, which come after all that have the attribute so far.
+// Adds the vertices of a part, which follow all vertices with the attribute so far.
 void AddRun(const MeshPart& part, VertexAttribute& attribute) {
   const uint64_t end = part.first_vertex + part.vertex_count;
   if (!attribute.runs.empty() && attribute.runs.back().end_vertex == part.first_vertex) {
@@ -365,8 +365,7 @@ void AddRun(const MeshPart& part, VertexAttribute& attribute) {
   attribute.runs.push_back({part.first_vertex, end, values});
 }
 
-// Makes room for the values of the vertices that have each attribute, taken of mesh.memory: it is linear in what the
-// primitives hold.
+// Allocates the values of the vertices that have each attribute, charged to mesh.memory: linear in the primitives' own.
 absl::Status AllocateAttributes(const JobContext& job, const std::vector<Placement>& placements,
                                 const AttributeIds& own, TriangleMesh& mesh) {
   constexpr char kWhat[] = "merging the file's own vertex attributes";
@@ -395,13 +394,13 @@ absl::Status AllocateAttributes(const JobContext& job, const std::vector<Placeme
     uint64_t size = 0;
     for (const AttributeRun& run : attribute.runs) size += (run.end_vertex - run.first_vertex);
     Resize(job, attribute.values, size * uint64_t(attribute.components));
-    if (size == vertices) attribute.runs.clear();             // all have it
-    if (size == 0) attribute.runs = {AttributeRun{0, 0, 0}};  // none has
+    if (size == vertices) attribute.runs.clear();             // all vertices have it
+    if (size == 0) attribute.runs = {AttributeRun{0, 0, 0}};  // no vertex has it
   }
   return job.Check();
 }
 
-// Warns why there is nothing to voxelize, unless another warning did.
+// Warns why there is nothing to voxelize, unless another warning already did.
 void WarnOfNoTriangles(const Scene& scene, const std::vector<uint32_t>& order, TriangleMesh& mesh) {
   if (!mesh.triangles.empty()) return;
   for (const Warning& warning : mesh.warnings.kept()) {

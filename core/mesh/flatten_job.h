@@ -1,4 +1,4 @@
-// Flattening on behalf of a job that may end.
+// Flattening for a job that may be cancelled.
 #pragma once
 
 #include "base/job_context.h"
@@ -6,7 +6,7 @@
 
 namespace voxelpipe {
 
-// Flatten (flatten.h) that ends soon after the job: then CANCELLED or DEADLINE_EXCEEDED.
+// Flatten (flatten.h) that returns CANCELLED or DEADLINE_EXCEEDED soon after the job ended.
 absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scene, const LoadLimits& limits);
 
 }  // namespace voxelpipe

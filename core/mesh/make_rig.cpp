@@ -20,7 +20,7 @@ uint64_t RigBytes(const Scene& scene, uint64_t placements) {
   return bytes;
 }
 
-// What a rig needs of a primitive.
+// The parts of a primitive that a rig needs.
 std::shared_ptr<const Primitive> RigCopy(const Primitive& from) {
   auto fresh = std::make_shared<Primitive>();
   if (from.morph == nullptr) {  // the morph data holds the unposed attributes
@@ -83,7 +83,7 @@ absl::Status MakeRig(const JobContext& job, const Scene& scene, const std::vecto
     std::shared_ptr<const Primitive>& copy = copies[p.primitive];
     if (copy == nullptr) {
       if (absl::Status over = job.Check(); !over.ok()) return over;
-      // What it shares with the scene stays when the scene goes.
+      // The shared data outlives the scene.
       if (absl::Status full = mesh.memory->Grow(sizeof(Primitive) + PrimitiveBytes(*p.primitive), kWhat); !full.ok())
         return full;
       copy = RigCopy(*p.primitive);

@@ -1,4 +1,4 @@
-// What Flatten puts into a mesh, and where.
+// The primitives that Flatten puts into a mesh, and their transforms.
 #pragma once
 
 #include <cstddef>
@@ -14,7 +14,7 @@ namespace voxelpipe {
 
 inline constexpr size_t kPlacementsAStep = 4096;  // between two polls of the job
 
-// One primitive of one node instance. Where it goes says the part of the mesh with the same index.
+// One primitive of one node instance. The part of the mesh with the same index has its position in the mesh.
 struct Placement {
   const Primitive* primitive = nullptr;
   const std::vector<Mat4d>* joints = nullptr;  // skinning matrices, or null
@@ -23,8 +23,8 @@ struct Placement {
   bool mirrored = false;
 };
 
-// The rig of the placed parts into mesh.rig, null where nothing in the scene can take another pose. Copies each
-// primitive once. Taken of mesh.memory. Errors: RESOURCE_EXHAUSTED, the job's. May throw bad_alloc.
+// Sets mesh.rig to the rig of the placed parts; null if nothing in the scene can take another pose. Copies each
+// primitive once. Charged to mesh.memory. Errors: RESOURCE_EXHAUSTED, the job's. May throw bad_alloc.
 absl::Status MakeRig(const JobContext& job, const Scene& scene, const std::vector<Placement>& placements,
                      TriangleMesh& mesh);
 

@@ -17,7 +17,7 @@ bool Before(const Vec3d& a, const Vec3d& b) {
   return a.z < b.z;  // -0 == +0 in every comparison
 }
 
-// Per vertex the id of its position: equal positions share one.
+// Per vertex the id of its position; equal positions have the same id.
 std::vector<uint32_t> Weld(const std::vector<Vec3d>& positions) {
   std::vector<uint32_t> order(positions.size());
   std::iota(order.begin(), order.end(), 0u);

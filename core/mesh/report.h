@@ -22,8 +22,8 @@ struct MeshReport {
 uint64_t CountOpenEdges(const TriangleMesh& mesh);
 
 MeshReport ReportMesh(const TriangleMesh& mesh);
-// The same on behalf of a job that may end; what it takes meanwhile is charged to MemoryOf(job).
-// Errors: RESOURCE_EXHAUSTED; the job's, within one sort after its end.
+// The same for a job that may end; its scratch memory is charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED; the
+// job's, at most one sort after it ended.
 absl::StatusOr<MeshReport> ReportMeshFor(const JobContext& job, const TriangleMesh& mesh);
 
 }  // namespace voxelpipe

@@ -35,8 +35,8 @@ void AddReferenceWarnings(const TriangleMesh& mesh, size_t index, const TextureU
   });
 }
 
-// Parts whose materials have textures that nothing places on their triangles. Instances of a primitive are spoken of
-// once: there may be ten million of them.
+// Warns of parts whose material has a texture for which they have no coordinates. Once for all instances of a
+// primitive: there may be ten million.
 void AddCoordinateWarnings(const TriangleMesh& mesh, const TextureUse& use, WarningList& warnings) {
   std::set<std::pair<uint32_t, uint32_t>> seen;
   for (const MeshPart& part : mesh.parts) {

@@ -1,4 +1,4 @@
-// What of a mesh's textures cannot be used, and who reads it.
+// The textures of a mesh that cannot be used, and the materials that read them.
 #pragma once
 
 #include <vector>
@@ -9,18 +9,18 @@
 
 namespace voxelpipe {
 
-// Which of mesh.materials some triangle has. O(parts).
+// One flag per material of the mesh: true if a triangle uses it. O(parts).
 std::vector<bool> MaterialsInUse(const TriangleMesh& mesh);
 
-// Which textures shaders that sample `use` sample of a material: alpha masks sample the base colour whatever is in use.
+// The textures of a material that shaders with `use` sample: alpha masks sample the base colour in addition to `use`.
 TextureUse TexturesOf(const Material& material, const TextureUse& use);
 
-// A warning for each texture of a material in use that shaders which sample `use` miss: its image has no texels
-// (Image::fault: known once PrepareTextures or CheckImages of load/decode/image.h has looked), the reference leads
-// nowhere, or a part has no coordinates for it.
+// A warning for each texture in `use`, of a material that triangles use, that shaders cannot sample: its image has no
+// texels (Image::fault, set by PrepareTextures or CheckImages of load/decode/image.h), the reference is invalid, or a
+// part has no coordinates for it.
 void AddTextureWarnings(const TriangleMesh& mesh, const TextureUse& use, WarningList& warnings);
 
-// The same of all materials, in use or not, and of all images, whether a material leads to them or not.
+// The same for all materials and all images, used or not.
 void AddAllTextureWarnings(const TriangleMesh& mesh, WarningList& warnings);
 
 }  // namespace voxelpipe

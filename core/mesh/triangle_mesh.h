@@ -38,31 +38,30 @@ struct TriangleMesh {
   std::vector<Vec4f> tangents;   // xyz world space unit length, w = handedness
   std::vector<Vec2f> uv[2];
   std::vector<Vec4f> colors;  // linear
-  // Each name once, in the order of the parts. The widest part rules: in narrower ones missing components are 0, the
-  // fourth 1; in parts without the attribute, which have no values then (VertexAttribute::runs), all are 0.
+  // Each name once, in the order of the parts, with the components of the widest part. In narrower parts missing
+  // components are 0, the fourth 1; in parts without the attribute, which have no values (VertexAttribute::runs), all
+  // are 0.
   std::vector<VertexAttribute> attributes;
   std::vector<std::array<uint32_t, 3>> triangles;
-  // Ids of the vertices that no triangle uses, ascending. Absent where that is not known; the box is then found by
-  // triangles.
+  // Ids of the vertices that no triangle uses, ascending. Absent if not known; the box is then computed over triangles.
   std::optional<std::vector<uint32_t>> unused_vertices;
   std::vector<MeshPart> parts;  // ascending, covering all triangles and all vertices exactly once
   std::vector<Material> materials;
   std::vector<Texture> textures;
   std::vector<std::shared_ptr<Image>> images;  // shared with the Scene; decoded by PrepareTextures
   std::shared_ptr<const Rig> rig;              // null where the file has neither animations nor morph targets
-  // Names the contents, for who keeps meshes: two meshes with the same id have the same arrays, so what a device was
-  // given of the one serves the other. Empty: not known to be like any other. Change an array and the id must change or
-  // go.
+  // Identifies the contents, for caches of meshes: two meshes with the same id have the same arrays, so that a device
+  // copy of one serves the other. Empty: no known equal. A change to an array must change or clear the id.
   std::string content_id{};
-  // Of loading and flattening: every use of the mesh reports them again. Those of textures stand with images and
-  // materials.
+  // Warnings of loading and flattening: every use of the mesh reports them again. Those of textures are stored with
+  // images and materials.
   WarningList warnings{};
-  // What all but the images takes of the budget of the request that made it; null: not charged. Copies share it.
+  // The charge for all but the images to the budget of the request that made it; null: not charged. Copies share it.
   std::shared_ptr<MemoryCharge> memory{};
 };
 
-// Gives back what the mesh and its images take of a request's budget, for a caller that keeps the mesh longer than the
-// request and counts it itself.
+// Releases the charges of the mesh and its images to a request's budget, for a caller that keeps the mesh longer than
+// the request and counts it itself.
 void ReleaseCharges(TriangleMesh& mesh);
 
 }  // namespace voxelpipe

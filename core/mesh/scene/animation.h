@@ -27,16 +27,16 @@ struct AnimationChannel {
 
 struct Animation {
   std::string name;
-  // Why the animation cannot be played, naming sampler, channel and accessor; a file loads with one that is not
-  // requested.
+  // Why the animation cannot be played, naming sampler, channel and accessor. The file loads; only requests for this
+  // animation fail.
   absl::Status fault;
   std::vector<AnimationSampler> samplers;
   std::vector<AnimationChannel> channels;
 };
 
 // Writes the sampler's `width` values at `time` (seconds; before the first key the first, after the last the last) to
-// `out`. Rotations go by slerp along the shorter way, their cubic splines are normalized. Double, with libm: for the
-// host alone.
+// `out`. Rotations are interpolated by slerp along the shorter arc, and their cubic splines normalized. Double, with
+// libm: host only.
 void SampleAnimation(const AnimationSampler& sampler, bool rotation, double time, double* out);
 
 }  // namespace voxelpipe

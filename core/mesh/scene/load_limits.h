@@ -1,5 +1,5 @@
-// Bounds on what an untrusted file may make the loader do. One struct, documented defaults. What the loader allocates
-// is bounded by the job's memory (MemoryOf in base/job_context.h), whatever stands here.
+// Bounds on what an untrusted file may make the loader do. One struct, documented defaults. The job's memory (MemoryOf
+// in base/job_context.h) bounds what the loader allocates, whatever these limits are.
 #pragma once
 
 #include <cstdint>
@@ -9,10 +9,10 @@ namespace voxelpipe {
 struct LoadLimits {
   uint64_t max_file_bytes = 2ull << 30;         // bytes of the input
   uint64_t max_json_bytes = 64ull << 20;        // bytes of the JSON part
-  uint64_t max_json_tree_bytes = 768ull << 20;  // memory of the parts of it that are read, as a tree
+  uint64_t max_json_tree_bytes = 768ull << 20;  // memory of the parsed tree of the parts that are read
   uint32_t max_json_depth = 128;                // nesting of JSON arrays and objects
   // Elements that a file may declare for each of its bytes (at least kMinElements in all) without bytes of their own:
-  // faces and points of Draco streams, whose densest take a tenth of a byte, and accessors without data.
+  // faces and points of Draco streams, the densest of which take a tenth of a byte each, and accessors without data.
   uint64_t max_elements_per_byte = 64;
   uint64_t max_draco_values_per_byte =
       256;                                  // points x components of all attributes of a Draco stream, beyond a million

@@ -1,4 +1,4 @@
-// Materials, textures and images as the fragment shaders need them.
+// Materials, textures and images for the fragment shaders.
 #pragma once
 
 #include <cstdint>
@@ -15,11 +15,11 @@ namespace voxelpipe {
 
 enum class AlphaMode : uint8_t { kOpaque, kMask, kBlend };
 enum class WrapMode : uint8_t { kRepeat, kMirroredRepeat, kClampToEdge };
-// Which levels of a texture serve where its texels are smaller than voxels.
+// The levels of a texture that are sampled where its texels are smaller than voxels.
 enum class MipFilter : uint8_t {
-  kNone,     // the image alone
+  kNone,     // level 0 alone
   kNearest,  // the level nearest to one texel a voxel
-  kLinear,   // the two levels next to that, mixed
+  kLinear,   // the two levels around that, interpolated
 };
 
 // A reference from a material to a texture, with KHR_texture_transform: uv' = offset + R(rotation) * (scale * uv).
@@ -30,7 +30,7 @@ struct TextureRef {
   float scale[2] = {1, 1};
   float rotation = 0;  // radians, counter-clockwise as the extension defines it
   std::string
-      fault{};  // why the file's reference is not followed (then texture is -1); empty where it is, or there is none
+      fault{};  // why the file's reference cannot be used (then texture is -1); empty if it can, or there is none
 };
 
 struct Material {
@@ -48,7 +48,7 @@ struct Material {
 };
 
 struct Texture {
-  int32_t image = -1;  // index into images, -1 = the file names none (the factor alone is used)
+  int32_t image = -1;  // index into images, -1 = none in the file (only the factor is used)
   WrapMode wrap_s = WrapMode::kRepeat, wrap_t = WrapMode::kRepeat;
   // Filters within a level, nearest or bilinear: up to one texel a voxel, and beyond.
   bool nearest = false, min_nearest = false;
@@ -62,17 +62,16 @@ struct Image {
   std::vector<uint8_t> encoded;    // owned copy of the file's bytes
   uint32_t width = 0, height = 0;  // texels; 0 until decoded
   std::vector<uint8_t> rgba;       // 4 bytes a texel, rows from the top; empty until decoded
-  // Smaller levels (load/decode/mips.h), of the texels as linear values and as sRGB colours; empty until something
-  // samples them.
+  // Smaller levels (load/decode/mips.h) of the texels, once as linear values and once as sRGB colours; empty until a
+  // shader samples them.
   std::vector<Vec4f> linear_mips, srgb_mips;
-  // Why it has no texels: it has no bytes, or they are of a format that is not decoded. Materials then count as if they
-  // had no texture.
+  // Why it has no texels: it has no bytes, or a format that is not decoded. Materials then have no texture.
   std::optional<Warning> fault{};
-  // What its bytes take of the budget of the request that loaded it; null: not charged.
+  // The charge for its bytes to the budget of the request that loaded it; null: not charged.
   std::shared_ptr<MemoryCharge> memory{};
 };
 
-// Which textures of the materials shaders sample.
+// The textures of the materials that shaders sample.
 struct TextureUse {
   bool base_color = false, emissive = false, metallic_roughness = false;
   bool any() const { return base_color || emissive || metallic_roughness; }

@@ -23,7 +23,7 @@ uint64_t TargetsOf(const RigPart& part) {
   return part.primitive->morph == nullptr ? 0 : part.primitive->morph->targets.size();
 }
 
-// What the state of the nodes takes, weights as the file has them, and all that a pose has but morph weights.
+// Bytes of the state of the nodes with the file's weights, and of a pose without morph weights.
 uint64_t StateBytes(const Rig& rig) {
   uint64_t bytes = rig.nodes.size() * (3 * sizeof(Mat4d) + sizeof(std::vector<double>));
   for (const RigNode& node : rig.nodes) bytes += node.weights.size() * sizeof(double);
@@ -83,7 +83,7 @@ absl::Status SetWeights(const Rig& rig, const std::vector<double>& weights, Memo
   return absl::OkStatus();
 }
 
-// Adds a list of weights, one a target, of those that are given. Out: where it stands, as long as the pose lives.
+// Adds a list of weights, one a target, from the given ones. Out: its address, valid while the pose lives.
 absl::StatusOr<const double*> AddWeights(const JobContext& job, const std::vector<MorphTarget>& targets,
                                          const std::vector<double>& given, Pose& pose) {
   if (absl::Status over = job.Check(); !over.ok()) return over;
@@ -139,8 +139,8 @@ absl::StatusOr<std::unique_ptr<Pose>> EvaluatePoseFor(const JobContext& job, con
       matrices.push_back(Multiply(world[skin.joints[j]], skin.inverse_bind_matrices[j]));
     }
   }
-  // Of each primitive with morph targets: the last node that shows it, and the weights there. A node's parts stand
-  // together.
+  // For each primitive with morph targets: the last node that has it, and the weights there. The parts of a node are
+  // consecutive.
   std::unordered_map<const Primitive*, std::pair<uint32_t, const double*>> last;
   pose->parts.reserve(rig.parts.size());
   for (size_t i = 0; i < rig.parts.size(); ++i) {

@@ -31,13 +31,12 @@ struct Pose {
 };
 
 // Errors: INVALID_ARGUMENT for an animation that does not exist or cannot be played, a morph target that is not usable,
-// more weights than any primitive has targets, weights without any targets.
+// more weights than any primitive has targets, weights without targets.
 absl::StatusOr<std::unique_ptr<Pose>> EvaluatePose(const Rig& rig, const PoseQuery& query);
-// The same on behalf of a job that may end; the pose is charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED and the
-// job's, too.
+// The same for a job that may end; the pose is charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED and the job's, too.
 absl::StatusOr<std::unique_ptr<Pose>> EvaluatePoseFor(const JobContext& job, const Rig& rig, const PoseQuery& query);
 
-// The unposed primitive of a part; `targets` receives what the view points to and must live as long.
+// The unposed primitive of a part; `targets` receives the views that the result points to, and must live as long.
 RestPrimitiveView RestView(const Primitive& primitive, std::vector<MorphTargetView>& targets);
 
 }  // namespace voxelpipe

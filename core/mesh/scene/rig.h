@@ -1,4 +1,4 @@
-// What it takes to pose a flattened mesh anew: hierarchy, skins, animations and primitives before any pose.
+// The data to pose a flattened mesh again: hierarchy, skins, animations, and primitives in rest pose.
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// The loaded scene: what a glTF file or a Draco stream says, validated, before it is flattened to triangles.
+// The loaded scene: the contents of a glTF file or a Draco stream, validated, before it is flattened to triangles.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@ namespace voxelpipe {
 // Displacements of one morph target, object space; an array is empty where the target does not move that attribute.
 struct MorphTarget {
   std::vector<Vec3f> positions, normals, tangents;
-  // Why the target cannot be used, where the file is wrong in it and its default weight is 0: such a file loads.
+  // Why the target cannot be used: the file is wrong in it, but loads because its default weight is 0.
   absl::Status fault;
 };
 
@@ -42,11 +42,11 @@ struct Primitive {
   std::vector<Vec4f> colors;     // COLOR_0, linear, alpha 1 where the file has RGB
   std::vector<std::array<uint16_t, 4>> joints[2];  // JOINTS_0, JOINTS_1
   std::vector<std::array<float, 4>> weights[2];    // WEIGHTS_0, WEIGHTS_1
-  std::vector<VertexAttribute> attributes;         // the file's own, each name once
+  std::vector<VertexAttribute> attributes;         // application-specific, each name once
   std::shared_ptr<const MorphData> morph;          // null without morph targets
   std::vector<std::array<uint32_t, 3>> triangles;
   int32_t material = -1;         // index into Scene::materials, -1 = glTF's default material
-  bool points_or_lines = false;  // the file draws it without triangles: it has none here
+  bool points_or_lines = false;  // drawn as points or lines: no triangles
 };
 
 // Bytes of the arrays of morph data; of the arrays of a primitive, its morph data included.
@@ -67,7 +67,7 @@ struct Skin {
 struct Node {
   std::string name;
   Mat4d local;              // local transform, from matrix or TRS
-  Trs trs;                  // what `local` was made of, unless has_matrix
+  Trs trs;                  // the components of `local`, unless has_matrix
   bool has_matrix = false;  // then no animation may target the node's transform
   std::vector<uint32_t>
       children;  // node indices; the loader proved a forest (no cycles, one parent each, bounded depth)
@@ -87,9 +87,9 @@ struct Scene {
   std::vector<Texture> textures;
   std::vector<std::shared_ptr<Image>> images;
   std::vector<uint32_t> roots;  // root nodes of the scene to be flattened, in file order
-  WarningList warnings;         // of the loader; those of images and texture references stand with them (material.h)
-  std::string format;           // "glb", "gltf" or "drc"
-  std::shared_ptr<MemoryCharge> memory{};  // what all but the images takes of the request's budget; null: not charged
+  WarningList warnings;  // of the loader; those of images and texture references are stored with these (material.h)
+  std::string format;    // "glb", "gltf" or "drc"
+  std::shared_ptr<MemoryCharge> memory{};  // charge for all but the images to the request's budget; null: not charged
 };
 
 }  // namespace voxelpipe

@@ -8,7 +8,7 @@
 
 namespace voxelpipe {
 
-// What is kept of a part of the file that cannot be used; 0 for one that can.
+// Bytes of the error of a part of the file that cannot be used; 0 for usable parts.
 uint64_t FaultBytes(const absl::Status& fault);
 // With its samplers and channels.
 uint64_t AnimationBytes(const Animation& animation);

@@ -1,4 +1,4 @@
-// A node's transform as glTF gives it: translation, rotation, scale.
+// A node's transform in glTF's form: translation, rotation, scale.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@ struct Trs {
 inline Mat4d FromTrs(const Trs& trs) {
   double x = trs.rotation[0], y = trs.rotation[1], z = trs.rotation[2], w = trs.rotation[3];
   const double length = std::sqrt(x * x + y * y + z * z + w * w);
-  // Exact quaternions stay untouched, so that 90-degree turns of dyadic coordinates stay exact.
+  // Unit quaternions are not changed, so that 90-degree turns of dyadic coordinates stay exact.
   if (length == 0 || !std::isfinite(length)) {
     x = y = z = 0;
     w = 1;

@@ -1,4 +1,4 @@
-// A vertex attribute of the file's own, beside those that glTF defines.
+// An application-specific vertex attribute: one that glTF does not define.
 #pragma once
 
 #include <string>
@@ -14,8 +14,8 @@ struct VertexAttribute {
   std::string name;
   int components = 1;         // 1-4
   std::vector<float> values;  // `components` a vertex
-  // Which vertices have values, ascending and apart, so that many attributes of a few vertices each take no more than
-  // these; in all others it is 0. Empty: all have. A primitive's attributes never have runs.
+  // The vertices with values, as ascending disjoint runs, so that many attributes of few vertices each store only
+  // these; the attribute is 0 in all others. Empty: all have values. A primitive's attributes never have runs.
   std::vector<AttributeRun> runs{};
 };
 

@@ -17,14 +17,14 @@ struct ShadedVertex {
   Vec3d velocity;  // world units a second
 };
 
-// Displacements of one morph target, one a vertex, object space; null where the target does not move that attribute.
+// Displacements of one morph target, one a vertex, object space; null if the target does not displace that attribute.
 struct MorphTargetView {
   const Vec3f* positions = nullptr;
   const Vec3f* normals = nullptr;
   const Vec3f* tangents = nullptr;
 };
 
-// A primitive before any pose, object space. Null pointers where it does not have the attribute.
+// A primitive before any pose, object space. Null pointers for attributes that it does not have.
 struct RestPrimitiveView {
   const Vec3f* positions = nullptr;
   const Vec3f* normals = nullptr;
@@ -40,24 +40,24 @@ struct PoseView {
   const Mat4d* joints = nullptr;           // skinning matrices; null: not skinned
   uint32_t joint_count = 0;
   Mat4d world;            // of node and instance, unless skinned
-  bool mirrored = false;  // turns the handedness of tangents
+  bool mirrored = false;  // flips the handedness of tangents
 };
 
-// A part of the mesh in the pose of a request, and `dt` seconds later where velocities are wanted.
+// A part of the mesh in the pose of a request, and `dt` seconds later if velocities are requested.
 struct PosedPartView {
   RestPrimitiveView rest;
   PoseView pose, later;
 };
 
-// v / |v| in double, 0 where the length is 0 or not finite.
+// v / |v| in double, 0 if the length is 0 or not finite.
 VOXELPIPE_HD Vec3f UnitOrZero(const Vec3d& v) {
   const double length = sqrt(Dot(v, v));
   if (!(length > 0) || !(length < HUGE_VAL)) return {};
   return {float(v.x / length), float(v.y / length), float(v.z / length)};
 }
 
-// The weighted sum of a vertex's joint matrices, weights normalized by their sum. `out` stays as it is where the
-// weights sum to nothing. False if a joint with a weight does not exist.
+// The weighted sum of a vertex's joint matrices, weights normalized by their sum. `out` is not changed if the weights
+// sum to 0. False if a joint with a weight does not exist.
 VOXELPIPE_HD bool BlendJoints(const RestPrimitiveView& rest, const Mat4d* joints, uint32_t joint_count, uint64_t v,
                               Mat4d& out) {
   Mat4d sum;
@@ -87,9 +87,9 @@ VOXELPIPE_HD void AddDisplacement(double weight, const Vec3f& d, float& x, float
   z = float(z + weight * d.z);
 }
 
-// Vertex v of the primitive in a pose. Every target is rounded to float like the loader rounds the file's own weights,
-// so that the file's own pose gives what Flatten gives. A joint that does not exist makes the position NaN; the loader
-// lets none pass.
+// Vertex v of the primitive in a pose. Every target is rounded to float as the loader does for the file's own weights,
+// so that the file's own pose gives the same vertex as Flatten. A joint that does not exist makes the position NaN; the
+// loader rejects such files.
 VOXELPIPE_HD ShadedVertex PoseVertex(const RestPrimitiveView& rest, const PoseView& pose, uint64_t v) {
   Vec3f p = rest.positions[v];
   Vec3f n = rest.normals != nullptr ? rest.normals[v] : Vec3f{};

@@ -1,4 +1,4 @@
-// Materials and textures of a mesh as shaders see them.
+// Materials and textures of a mesh as shaders read them.
 #pragma once
 
 #include <vector>

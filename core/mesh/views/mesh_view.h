@@ -1,4 +1,4 @@
-// The mesh as shaders see it: plain pointers, the same struct on both devices.
+// The mesh as shaders read it: plain pointers, the same struct on both devices.
 #pragma once
 
 #include <cstdint>
@@ -13,11 +13,11 @@ struct TextureView {
   const uint8_t* rgba = nullptr;  // level 0
   const Vec4f* mips = nullptr;  // levels 1 and on, one after the other, linear; null: level 0 alone (mesh/views/mips.h)
   uint32_t width = 0, height = 0;
-  uint32_t levels = 1;             // level 0 counted
+  uint32_t levels = 1;             // including level 0
   uint8_t wrap_s = 0, wrap_t = 0;  // enumerators of WrapMode
   uint8_t mip_filter = 0;          // enumerator of MipFilter
   bool nearest = false;            // at most one texel a voxel: the nearest texel, otherwise bilinear
-  bool min_nearest = false;        // more texels than that: likewise within a level
+  bool min_nearest = false;        // more texels a voxel: the same, within a level
   bool srgb = false;               // the colours of `rgba` are sRGB, otherwise linear; alpha is linear
 };
 
@@ -47,7 +47,7 @@ struct PartView {
   bool has_uv[2] = {false, false};
 };
 
-// A vertex attribute of the file's own: `components` floats a vertex, 0 in parts without it.
+// An application-specific vertex attribute: `components` floats a vertex, 0 in parts without it.
 struct AttributeView {
   const float* values = nullptr;
   int32_t components = 1;  // 1-4
@@ -55,7 +55,7 @@ struct AttributeView {
   const AttributeRun* runs = nullptr;
 };
 
-// The values of a vertex, null where it has none; by bisection.
+// The values of a vertex, null if it has none; by binary search.
 VOXELPIPE_HD const float* ValuesOf(const AttributeView& attribute, uint64_t vertex) {
   if (attribute.run_count == 0) return attribute.values + vertex * uint64_t(attribute.components);
   uint32_t lo = 0, hi = attribute.run_count;
@@ -72,7 +72,7 @@ VOXELPIPE_HD const float* ValuesOf(const AttributeView& attribute, uint64_t vert
   return attribute.values + run.first_value + (vertex - run.first_vertex) * uint64_t(attribute.components);
 }
 
-// How many values it has in a mesh of so many vertices. On the host.
+// The number of its values in a mesh of `vertices` vertices. Host only.
 inline uint64_t ValueCount(const AttributeView& attribute, uint64_t vertices) {
   if (attribute.run_count == 0) return vertices * uint64_t(attribute.components);
   const AttributeRun& last = attribute.runs[attribute.run_count - 1];
@@ -85,7 +85,7 @@ struct MeshView {
   const Vec3d* index_positions = nullptr;  // the same in index space
   const Vec3f* normals = nullptr;          // shaded, world space
   const Vec4f* tangents = nullptr;         // shaded, world space, w = handedness
-  const Vec3f* velocities = nullptr;       // shaded, world units a second; null: everything rests
+  const Vec3f* velocities = nullptr;       // shaded, world units a second; null: nothing moves
   const Vec2f* uv[2] = {nullptr, nullptr};
   const Vec4f* colors = nullptr;
   const AttributeView* attributes = nullptr;
@@ -97,7 +97,7 @@ struct MeshView {
   uint32_t part_count = 0, material_count = 0, texture_count = 0, attribute_count = 0;
 };
 
-// The part that a triangle belongs to, by bisection.
+// The part that a triangle belongs to, by binary search.
 VOXELPIPE_HD uint32_t PartOf(const MeshView& mesh, uint64_t triangle) {
   uint32_t lo = 0, hi = mesh.part_count;
   while (hi - lo > 1) {
