@@ -12,8 +12,7 @@ constexpr size_t kGlbHeaderBytes = 20;  // of the file and of its first chunk, t
 constexpr size_t kTextBytesAt = 12;
 
 bool Contains(std::string_view text, std::string_view part) {
-  return memmem(text.data(), text.size(), part.data(), part.size()) !=
-         nullptr;  // std's looks at one byte after the other
+  return memmem(text.data(), text.size(), part.data(), part.size()) != nullptr;  // std's searches byte by byte
 }
 
 }  // namespace
@@ -23,7 +22,7 @@ CostlyParts FindCostlyParts(std::span<const uint8_t> beginning, MeshFormat forma
   if (beginning.size() < kGlbHeaderBytes) return kAll;
   if (format == MeshFormat::kAuto) {
     const std::optional<MeshFormat> shown = SniffMeshFormat(beginning);
-    if (!shown) return {};  // loading it ends at once
+    if (!shown) return {};  // loading it fails at once
     if (*shown == MeshFormat::kDraco) return {.compressed = true};
     format = *shown;
   }

@@ -9,13 +9,13 @@
 namespace voxelpipe {
 
 struct CostlyParts {
-  bool compressed = false;  // geometry that a decoder makes: Draco, meshopt
-  bool instanced = false;   // many copies of a mesh by a few bytes (EXT_mesh_gpu_instancing)
-  bool images = false;      // that a decoder makes, where they are read
+  bool compressed = false;  // geometry that must be decoded: Draco, meshopt
+  bool instanced = false;   // a few bytes may stand for many copies of a mesh (EXT_mesh_gpu_instancing)
+  bool images = false;      // images, which are decoded if a shader reads them
 };
 
-// In: the file, or its beginning. Where the text does not end in it, or names may be written with escapes, all are
-// true. A name that only occurs somewhere in the text counts, too. Nothing is checked.
+// In: the file, or its beginning. All are true if the text does not end in it or if names may contain escapes. A name
+// counts wherever it occurs in the text. Validates nothing.
 CostlyParts FindCostlyParts(std::span<const uint8_t> beginning, MeshFormat format);
 
 }  // namespace voxelpipe

@@ -1,4 +1,4 @@
-// The bytes of a file that was read whole.
+// The bytes of a file that is read as a whole.
 #pragma once
 
 #include <cstddef>
@@ -12,15 +12,15 @@
 
 namespace voxelpipe {
 
-// For large arrays that are written once, right after they are made: resize() leaves new elements uninitialized, and
-// large blocks lie on huge pages.
+// For large arrays that are written once, right after allocation: resize() leaves new elements uninitialized, and large
+// blocks use huge pages.
 template <typename T>
 class BulkAllocator {
  public:
   using value_type = T;
   BulkAllocator() = default;
   template <typename U>
-  BulkAllocator(const BulkAllocator<U>&) {}  // NOLINT(google-explicit-constructor): as allocators want it
+  BulkAllocator(const BulkAllocator<U>&) {}  // NOLINT(google-explicit-constructor): required of allocators
 
   T* allocate(size_t count) {
     T* const block = std::allocator<T>().allocate(count);

@@ -1,4 +1,4 @@
-// Loading on behalf of a job that may end.
+// Loading for a job that may be cancelled.
 #pragma once
 
 #include "base/job_context.h"
@@ -6,9 +6,9 @@
 
 namespace voxelpipe {
 
-// LoadScene (loader.h) that ends soon after the job: then CANCELLED or DEADLINE_EXCEEDED. The job is polled within
-// each step, but for the connectivity and a group of attributes of a Draco stream, and a compressed buffer view, which
-// are decoded in one go. What the scene takes is charged to MemoryOf(job), which must outlive it.
+// LoadScene (loader.h) that returns CANCELLED or DEADLINE_EXCEEDED soon after the job ended. The job is polled within
+// each step, except within the connectivity or a group of attributes of a Draco stream and within a compressed buffer
+// view. The scene is charged to MemoryOf(job), which must outlive it.
 absl::StatusOr<Scene> LoadSceneFor(const JobContext& job, std::span<const uint8_t> bytes,
                                    MeshFormat format = MeshFormat::kAuto, const LoadLimits& limits = {});
 

@@ -66,7 +66,7 @@ absl::StatusOr<Scene> LoadSceneFor(const JobContext& job, std::span<const uint8_
   }
   try {
     absl::StatusOr<Scene> scene = Dispatch(job, bytes, format, limits);
-    // Its end may stand in an error that names an accessor, in a warning or in an animation's fault.
+    // The end of the job may have become an error that names an accessor, a warning or an animation's fault.
     if (absl::Status over = job.Check(); !over.ok()) return over;
     return scene;
   } catch (const std::bad_alloc&) {

@@ -50,7 +50,7 @@ bool IsInside(const fs::path& directory, const fs::path& file) {
   return std::mismatch(directory.begin(), directory.end(), file.begin(), file.end()).first == directory.end();
 }
 
-// The first link on the way from `root` to a file.
+// The first link on the path from `root` to a file.
 std::optional<fs::path> FirstLink(const fs::path& root, const fs::path& relative) {
   fs::path at = root;
   for (const fs::path& part : relative) {

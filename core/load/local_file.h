@@ -1,4 +1,4 @@
-// Reading files from this machine's disk, for the client side only.
+// Reads files from the local disk; for the client side only.
 #pragma once
 
 #include <cstdint>
@@ -11,22 +11,20 @@
 namespace voxelpipe {
 
 // The whole of a regular file of at most `max_bytes`. Errors: NOT_FOUND, INVALID_ARGUMENT (a directory, a device, a
-// pipe), RESOURCE_EXHAUSTED past the limit, otherwise the system's with its reason. None names the path: the caller
-// does.
+// pipe), RESOURCE_EXHAUSTED past the limit, otherwise the system's with its reason. The caller adds the path.
 absl::StatusOr<FileBytes> ReadLocalFile(const std::filesystem::path& path, uint64_t max_bytes);
 
-// What a relative URI reference of a glTF file names.
+// The target of a relative URI reference of a glTF file.
 struct SiblingFile {
   std::filesystem::path path;  // canonical: percent-encoding decoded, symbolic links resolved
-  std::string
-      outside;  // empty inside of the glTF file's directory; else how it leaves it: the link, and where it leads
+  std::string outside;  // empty inside the glTF file's directory; otherwise how it leaves it: the link and its target
 };
 
 // In: the URI reference and the directory of its glTF file. Errors: INVALID_ARGUMENT naming the URI for a scheme, an
-// absolute path, a backslash or broken percent-encoding. The file need not be there.
+// absolute path, a backslash or broken percent-encoding. The file need not exist.
 absl::StatusOr<SiblingFile> ResolveSibling(const std::filesystem::path& directory, const std::string& uri);
 
-// "URI 'x'", cut where it is long, for errors.
+// "URI 'x'", shortened if it is long, for errors.
 std::string UriName(const std::string& uri);
 
 }  // namespace voxelpipe

@@ -21,7 +21,7 @@ namespace {
 using Json = nlohmann::json;
 namespace fs = std::filesystem;
 
-// Where a buffer of the file went.
+// The destination of a buffer of the file.
 struct BufferPlace {
   bool merged = false;  // into the BIN chunk
   uint64_t base = 0;    // its first byte there
@@ -31,10 +31,10 @@ struct BufferPlace {
 
 // The JSON of a GLB or glTF file and the GLB's BIN chunk.
 struct Source {
-  Json json;                              // without what the loader does not read
+  Json json;                              // without members that the loader does not read
   MemoryCharge memory{&DefaultMemory()};  // of the JSON
   std::optional<std::span<const uint8_t>> binary;
-  WarningList warnings;  // that the loader would give for the file as it is
+  WarningList warnings;  // the warnings of the loader for the original file
 };
 
 bool IsObjectArray(const Json& json, const char* key) {
@@ -50,7 +50,7 @@ std::optional<uint64_t> Unsigned(const Json& object, const char* key, uint64_t a
   return it->get<uint64_t>();
 }
 
-// The URI of a buffer or image that names a file, or nothing.
+// The URI of a buffer or image that names a file; empty if there is none.
 std::optional<std::string> FileUri(const Json& object) {
   const auto it = object.find("uri");
   if (it == object.end() || !it->is_string()) return std::nullopt;
@@ -69,7 +69,7 @@ bool AnyFileUri(const Json& json) {
   return false;
 }
 
-// Nothing where the bytes are not a glTF that could be packed: the loader then says what is wrong with them.
+// Empty if the bytes are not a glTF file that can be packed: the loader then reports what is wrong.
 std::optional<Source> Parse(std::span<const uint8_t> bytes, const LoadLimits& limits) {
   Source source;
   std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
@@ -180,7 +180,7 @@ class Packer {
                              sibling.outside, ", and is read only where that is allowed (--allow-outside)"))));
   }
 
-  // Which images the textures that are wanted take. Faults of the file there are reported by the loader.
+  // The images of the textures that shaders read. The loader reports faults of the file there.
   std::vector<bool> WantedImages() const {
     std::vector<bool> wanted(json_["images"].size());
     if (!IsObjectArray(json_, "textures") || !IsObjectArray(json_, "materials")) return wanted;
@@ -211,7 +211,7 @@ class Packer {
   }
 
   // Rewrites buffer and byteOffset of a buffer view or of its meshopt compression. A view that overruns its buffer
-  // would read its neighbour after merging, so it is refused here.
+  // would read the next buffer after merging, so it is refused here.
   absl::Status Move(Json& view, size_t index) {
     const std::string name = absl::StrCat("bufferView ", index);
     const auto buffer = Unsigned(view, "buffer", UINT64_MAX);
@@ -245,8 +245,8 @@ class Packer {
     return absl::OkStatus();
   }
 
-  // Image files beside the glTF go into the BIN chunk. One that is missing or elsewhere stays a URI, which the loader
-  // drops: geometry does not fail for want of a texture.
+  // Image files beside the glTF go into the BIN chunk. A missing one, or one elsewhere, stays a URI, which the loader
+  // drops: a missing texture does not fail geometry.
   absl::Status EmbedImages() {
     if (!IsObjectArray(json_, "images")) return absl::OkStatus();
     const std::vector<bool> wanted = WantedImages();

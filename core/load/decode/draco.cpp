@@ -23,14 +23,14 @@
 namespace voxelpipe {
 namespace {
 
-// What the decoder itself keeps: corner tables and traversal of a face (three corners) and a point, and of an
-// attribute's value in a point its place in the table of values.
+// Bytes of the decoder itself: corner tables and traversal, per face (three corners) and per point; and per point and
+// attribute the index in the table of values.
 constexpr uint64_t kBytesOfFace = 80, kBytesOfPoint = 40, kBytesOfIndex = 4;
-// What each set of attributes with connectivity of its own keeps beside: a vertex and seams of a face's corners, and of
-// a point its value's place, the way back, a corner and seams.
+// Further bytes of each set of attributes with connectivity of its own: per face the vertices and seams of its corners;
+// per point the index of its value, the inverse of that, a corner and seams.
 constexpr uint64_t kSetBytesOfFace = 13, kSetBytesOfPoint = 17;
 constexpr uint32_t kStep = 1 << 18;  // faces or points between two polls of the job
-// Quantized and integer values are decoded as these and stay until all attributes are there.
+// Quantized and integer values are decoded to this type and kept until all attributes are decoded.
 constexpr uint64_t kPortableBytes = 4;
 
 struct DeclaredCounts {
@@ -52,7 +52,7 @@ bool ReadCount(draco::DecoderBuffer& buffer, bool fixed, uint64_t& count) {
   return ok;
 }
 
-// What the stream's connectivity says it holds, read before the decoder allocates for it.
+// The counts that the stream's connectivity declares, read before the decoder allocates for it.
 absl::StatusOr<DeclaredCounts> ReadDeclaredCounts(std::span<const uint8_t> bytes) {
   draco::DecoderBuffer buffer;
   buffer.Init(reinterpret_cast<const char*>(bytes.data()), bytes.size());
@@ -139,7 +139,7 @@ double IntegerMost(draco::DataType type) {
   }
 }
 
-// `attribute` is no longer normalized afterwards: Draco's own conversion would not clamp as glTF wants it.
+// `attribute` is no longer normalized afterwards: Draco's own conversion does not clamp as glTF requires.
 absl::StatusOr<DracoAttribute> ReadAttribute(const JobContext& job, draco::PointAttribute& attribute, uint32_t points) {
   DracoAttribute out;
   out.unique_id = attribute.unique_id();
@@ -170,8 +170,8 @@ absl::StatusOr<DracoAttribute> ReadAttribute(const JobContext& job, draco::Point
   return out;
 }
 
-// Bytes that the decoder takes for the values of all attributes, whose declarations are read: both as stored in the
-// stream and as they are in the end. Values of an attribute are no more than points.
+// Bytes of the decoder for the values of all declared attributes, both as stored in the stream and as decoded. An
+// attribute has at most one value a point.
 uint64_t AttributeBytes(const draco::PointCloud& cloud) {
   uint64_t bytes = 0;
   for (int32_t i = 0; i < cloud.num_attributes(); ++i) {
@@ -182,16 +182,16 @@ uint64_t AttributeBytes(const draco::PointCloud& cloud) {
   return bytes * cloud.num_points();
 }
 
-// Draco's decoder, which takes from the job's memory before each of its large steps and polls the job between them.
+// Draco's decoder, charging the job's memory before each of its large steps and polling the job between them.
 template <typename Base>
 class GuardedDecoder final : public Base {
  public:
   GuardedDecoder(const JobContext& job, const LoadLimits& limits, const DeclaredCounts& counts, uint64_t stream_bytes)
       : job_(job), limits_(limits), counts_(counts), stream_bytes_(stream_bytes), charge_(&MemoryOf(job)) {}
 
-  // Why a step did not begin, where that is not the stream's fault.
+  // Why a step did not start, if that is not the stream's fault.
   const absl::Status& refusal() const { return refusal_; }
-  // What the decoded mesh takes, which outlives the decoder.
+  // The charge of the decoded mesh, which outlives the decoder.
   MemoryCharge TakeCharge() { return std::move(charge_); }
 
  protected:
@@ -207,7 +207,7 @@ class GuardedDecoder final : public Base {
       return false;
     }
     for (int32_t i = 0; i < this->num_attributes_decoders(); ++i) {
-      // As the base class does with its own list, which it shows as constant only.
+      // As the base class does with its own list, to which it gives only const access.
       auto* const decoder = const_cast<draco::AttributesDecoderInterface*>(this->attributes_decoder(i));
       if (!Allow(job_.Check()) || decoder == nullptr || !decoder->DecodeAttributes(this->buffer())) return false;
     }
@@ -234,7 +234,7 @@ class GuardedDecoder final : public Base {
                           {values * sizeof(float), most * sizeof(float), 0});
   }
 
-  static constexpr uint64_t kMinValues = 1 << 20;  // that any stream may hold
+  static constexpr uint64_t kMinValues = 1 << 20;  // that every stream may have
 
   const JobContext& job_;
   const LoadLimits& limits_;
@@ -297,8 +297,8 @@ absl::StatusOr<DracoMesh> Decode(const JobContext& job, std::span<const uint8_t>
   }
   for (int32_t i = 0; i < mesh->num_attributes(); ++i) {
     draco::PointAttribute& attribute = *mesh->attribute(i);
-    // Custom data of too many components, which no shader could read. Draco's conversion of DT_BOOL loads an untrusted
-    // byte as a bool, which is undefined.
+    // Custom data with too many components for any shader. Draco's conversion of DT_BOOL loads an untrusted byte as a
+    // bool, which is undefined.
     if (attribute.num_components() > 4 || attribute.data_type() == draco::DT_BOOL) continue;
     std::string name;
     if (const draco::AttributeMetadata* const metadata = mesh->GetAttributeMetadataByAttributeId(i)) {
@@ -329,7 +329,7 @@ std::vector<Vector> Take(const DracoAttribute& attribute, uint32_t points) {
   return out;
 }
 
-// What does not fit is left out with a warning.
+// Attributes that do not fit are left out with a warning.
 Primitive ToPrimitive(DracoMesh& mesh, WarningList& warnings) {
   Primitive primitive;
   primitive.triangles = std::move(mesh.triangles);
@@ -396,7 +396,7 @@ absl::StatusOr<Scene> LoadDraco(const JobContext& job, std::span<const uint8_t> 
     scene.warnings.Add(WarningCode::kNoTriangles, "", "the Draco stream has no faces: there is nothing to voxelize");
     return scene;
   }
-  // The values of attributes once more, while they are taken over.
+  // The values of attributes once more, while they are moved.
   uint64_t values = 0;
   for (const DracoAttribute& attribute : mesh->attributes) values += attribute.values.size();
   if (absl::Status full = mesh->memory.Grow(values, sizeof(float), "draco: the primitive"); !full.ok()) return full;

@@ -1,8 +1,8 @@
-// Draco 1.5 believes the number of orientations that its prediction of texture coordinates reads from the stream,
-// although there is at most one for a corner of the mesh: 224 bytes keep it busy for 10 s. The count lies behind
-// compressed values, where nothing but the decoder finds it. These members of Draco's templates take the place of the
-// library's own, which it calls through its tables of virtual functions: the same steps, with the count checked first.
-// draco_test.cpp proves that these are the ones that run.
+// Draco 1.5 does not check the number of orientations that its prediction of texture coordinates reads from the stream,
+// although there is at most one for each corner of the mesh: 224 bytes keep it busy for 10 s. The count follows
+// compressed values, so only the decoder can find it. These members of Draco's templates replace the library's own,
+// which are called through virtual function tables: the same steps, with the count checked first. draco_test.cpp proves
+// that these run.
 #include <draco/compression/attributes/prediction_schemes/mesh_prediction_scheme_data.h>
 #include <draco/compression/attributes/prediction_schemes/mesh_prediction_scheme_tex_coords_decoder.h>
 #include <draco/compression/attributes/prediction_schemes/mesh_prediction_scheme_tex_coords_portable_decoder.h>
@@ -41,7 +41,7 @@ bool ReadCount(DecoderBuffer* buffer, uint32_t& count) {
   return buffer->Decode(&count);
 }
 
-// As the older of the two predictions stores it.
+// In the form of the older of the two predictions.
 bool ReadOldCount(DecoderBuffer* buffer, uint32_t& count) {
   const bool fixed = buffer->bitstream_version() < DRACO_BITSTREAM_VERSION(2, 2);
   return (fixed ? buffer->Decode(&count) : DecodeVarint(&count, buffer)) && count > 0;
@@ -49,7 +49,7 @@ bool ReadOldCount(DecoderBuffer* buffer, uint32_t& count) {
 
 }  // namespace
 
-// Access to a decoder's private members is its own members' alone, hence four times the same.
+// Four copies, because only members of a decoder may access its private members.
 template <>
 bool MeshPredictionSchemeTexCoordsPortableDecoder<int32_t, Wrap, Data>::DecodePredictionData(DecoderBuffer* buffer) {
   uint32_t count = 0;

@@ -14,7 +14,7 @@ bool Has(std::string_view text, std::string_view part) {
 
 std::atomic<bool> forbidden{false};
 
-// Names of JSON cannot be written otherwise, but for letters as \uXXXX.
+// JSON has no other spelling of these names, except letters as \uXXXX.
 bool TextMayNeed(std::string_view json, const TextureUse& textures) {
   return Has(json, "draco_mesh_compression") || Has(json, "meshopt_compression") || Has(json, "\\u") ||
          (textures.any() && Has(json, "\"images\""));
@@ -28,7 +28,7 @@ bool MayNeedForeignDecoder(std::span<const uint8_t> file, MeshFormat format, con
     case MeshFormat::kDraco: return true;
     case MeshFormat::kGlb: {
       const absl::StatusOr<GlbChunks> chunks = SplitGlb(file);
-      return chunks.ok() && TextMayNeed(chunks->json, textures);  // others are refused
+      return chunks.ok() && TextMayNeed(chunks->json, textures);  // other files are refused
     }
     case MeshFormat::kGltf: return TextMayNeed({reinterpret_cast<const char*>(file.data()), file.size()}, textures);
     case MeshFormat::kAuto: return false;  // refused

@@ -1,4 +1,4 @@
-// Which files reach decoders that others wrote: libdraco, libmeshoptimizer, libpng, libjpeg, libwebp.
+// Files that third-party decoders read: libdraco, libmeshoptimizer, libpng, libjpeg, libwebp.
 #pragma once
 
 #include <cstdint>
@@ -10,11 +10,11 @@
 
 namespace voxelpipe {
 
-// True if loading the file, and decoding those of its textures, may run one of them. Looks at the text alone: "yes" may
-// be wrong, "no" is not. O(size of the JSON), without parsing it.
+// True if loading the file, and decoding those of its textures, may run one of them. Searches the text alone: true may
+// be wrong, false is not. O(size of the JSON), without parsing it.
 bool MayNeedForeignDecoder(std::span<const uint8_t> file, MeshFormat format, const TextureUse& textures);
 
-// From here on no such decoder runs in this process: what would call one is INTERNAL instead. Cannot be undone.
+// After this call no such decoder runs in this process: code that would call one returns INTERNAL. Cannot be undone.
 // Thread-safe.
 void ForbidForeignDecoders();
 // OK, or the error after ForbidForeignDecoders.

@@ -65,7 +65,7 @@ absl::StatusOr<GlbChunks> SplitGlb(std::span<const uint8_t> bytes) {
     } else if (type == kBinChunk) {
       if (chunks.binary) return Broken("byte ", at + 4, ": a second BIN chunk");
       chunks.binary = bytes.subspan(data, size);
-    }  // Chunks of other types are to be ignored.
+    }  // Chunks of other types are ignored, as the specification requires.
     at = data + size;
   }
   if (!have_json) return Broken("byte ", kHeaderBytes, ": there is no JSON chunk");

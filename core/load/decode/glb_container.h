@@ -15,7 +15,7 @@ namespace voxelpipe {
 struct GlbChunks {
   std::string_view json;
   std::optional<std::span<const uint8_t>> binary;
-  uint64_t left_over_bytes = 0;  // behind the length that the header declares
+  uint64_t left_over_bytes = 0;  // after the length that the header declares
 };
 
 // The warning of such bytes, if there are any.

@@ -31,13 +31,13 @@ absl::Status Invalid(const Image& image, const std::string& why) {
   return absl::InvalidArgumentError(absl::StrCat("image '", image.name, "': ", why));
 }
 
-// What decoding one image needs beside it.
+// The state of decoding one image.
 struct Decoding {
   const JobContext& job;
   const LoadLimits& limits;
-  MemoryCharge texels;   // stays with the image
-  MemoryCharge working;  // goes with the decoder
-  absl::Status status;   // of the job, of the limits and of memory: why the decoder was made to stop
+  MemoryCharge texels;   // kept with the image
+  MemoryCharge working;  // released with the decoder
+  absl::Status status;   // why the decoder was stopped: by the job, a limit or memory
 
   bool Allow(absl::Status why) {
     if (status.ok()) status = std::move(why);
@@ -59,7 +59,7 @@ absl::Status CheckPixels(const Image& image, uint64_t width, uint64_t height, co
   return absl::OkStatus();
 }
 
-// Takes the texels of the job's memory, and makes room for them in steps: writing fresh pages takes its time.
+// Charges the texels to the job's memory and allocates them in steps, because writing fresh pages takes long.
 absl::Status TakeTexels(const Image& image, uint64_t width, uint64_t height, Decoding& decoding,
                         std::vector<uint8_t>& rgba) {
   if (absl::Status s = CheckPixels(image, width, height, decoding.limits); !s.ok()) return s;
@@ -128,7 +128,7 @@ absl::Status DecodePng(Image& image, Decoding& decoding, std::vector<uint8_t>& r
   }
   png_set_read_fn(png, &reader, ReadPngBytes);
   png_set_user_limits(png, 0x7fffffff, 0x7fffffff);  // the pixel limit is ours, below
-  png_set_chunk_cache_max(png, 1);  // none: compressed text costs a thousand times its bytes, and is of no use here
+  png_set_chunk_cache_max(png, 1);  // none: compressed text may expand a thousandfold, and is not used here
   bool done = false;
   try {
     done = ReadPng(png, info, image, decoding, rgba);
@@ -145,7 +145,7 @@ absl::Status DecodePng(Image& image, Decoding& decoding, std::vector<uint8_t>& r
   return done ? absl::OkStatus() : Invalid(image, absl::StrCat("broken PNG: ", reader.message));
 }
 
-// libjpeg's way out of an error: a jump back into DecodeJpeg.
+// libjpeg's error exit: a longjmp back into DecodeJpeg.
 struct JpegError {
   jpeg_error_mgr base;
   jpeg_progress_mgr progress;
@@ -160,13 +160,13 @@ void OnJpegError(j_common_ptr info) {
   std::longjmp(error->jump, 1);
 }
 
-// libjpeg fills what a truncated file lacks with gray and only warns; this warning says that texels are missing.
+// libjpeg fills the missing rows of a truncated file with gray and only warns; this is its warning.
 void OnJpegWarning(j_common_ptr info, int) {
   if (info->err->msg_code == JWRN_HIT_MARKER) OnJpegError(info);
 }
 
-// Called for each row of blocks of each scan. A progressive file may repeat tiny scans, each of which costs a pass over
-// all texels.
+// Called for each row of blocks of each scan. A progressive file may contain many tiny scans, each of which costs a
+// pass over all texels.
 void OnJpegProgress(j_common_ptr info) {
   constexpr int kMaxScans = 500;                      // encoders write about 10
   constexpr uint64_t kMaxScannedTexels = 1ull << 30;  // of all scans together: 16 of the largest image
@@ -208,7 +208,7 @@ bool ReadJpeg(jpeg_decompress_struct& jpeg, JpegError& error, const Image& image
   jpeg_start_decompress(&jpeg);
   while (jpeg.output_scanline < jpeg.output_height) {
     if (!decoding.Allow(decoding.job.Check())) return false;
-    // The row is decoded into the last three quarters of its place, then spread to RGBA from the front.
+    // The row is decoded into the last three quarters of its memory, then expanded to RGBA from the front.
     uint8_t* row = rgba.data() + size_t{4} * jpeg.output_width * jpeg.output_scanline;
     uint8_t* packed = row + jpeg.output_width;
     JSAMPROW rows[1] = {packed};
@@ -373,7 +373,7 @@ absl::Status PrepareTexture(const JobContext& job, const TriangleMesh& mesh, con
   Image* image = ImageOf(mesh, texture);
   if (image == nullptr) return absl::OkStatus();
   image->fault = FaultOf(*image, size_t(texture.image));
-  if (image->fault) return absl::OkStatus();  // the factor alone is used
+  if (image->fault) return absl::OkStatus();  // only the factor is used
   absl::Status s = DecodeImage(job, *image, limits);
   if (!s.ok()) return s;
   if (s = pixels.Add(*image); !s.ok()) return s;

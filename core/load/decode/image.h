@@ -9,18 +9,17 @@
 namespace voxelpipe {
 
 // Decodes image.encoded into image.rgba (8-bit RGBA, rows from the top; 16-bit PNG is rounded to 8). No-op if decoded.
-// What it allocates is charged to the job's memory before; the job is polled between rows and scans. Errors:
+// Memory is charged to the job before it is allocated; the job is polled between rows and scans. Errors:
 // INVALID_ARGUMENT naming the image for broken data, RESOURCE_EXHAUSTED past the pixel limits, UNIMPLEMENTED saying why
 // for an image without bytes and for formats that are not decoded; the job's.
 absl::Status DecodeImage(const JobContext& job, Image& image, const LoadLimits& limits);
 
 // Decodes every image that the textures in `use` sample, and builds the mip levels that their filters read
-// (load/decode/mips.h). Alpha masks sample the base colour whatever is in use; materials that no triangle has sample
-// nothing. An image without bytes or of a format that is not decoded stays without texels, and its fault says why: the
-// factor alone is used. What is decoded already stays.
-// Errors: those of DecodeImage; RESOURCE_EXHAUSTED past limits.max_total_image_pixels, or where the job's memory does
-// not hold texels and levels; the job's. Not thread-safe for one mesh; call before the pipeline when a shader reads
-// textures.
+// (load/decode/mips.h). Alpha masks sample the base colour in addition to `use`; materials without triangles sample
+// nothing. An image without bytes or of a format that is not decoded has no texels, its fault says why, and only the
+// factor is used. Decoded images are kept. Errors: those of DecodeImage; RESOURCE_EXHAUSTED past
+// limits.max_total_image_pixels, or if texels and levels exceed the job's memory; the job's. Not thread-safe for one
+// mesh; call before the pipeline when a shader reads textures.
 absl::Status PrepareTexturesFor(const JobContext& job, TriangleMesh& mesh, const LoadLimits& limits,
                                 const TextureUse& use);
 

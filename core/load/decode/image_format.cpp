@@ -20,7 +20,7 @@ struct JpegFrame {
 };
 
 std::optional<JpegFrame> FindFrame(std::span<const uint8_t> bytes) {
-  size_t at = 2;  // behind SOI
+  size_t at = 2;  // after SOI
   while (at + 4 <= bytes.size() && bytes[at] == 0xff) {
     const uint8_t marker = bytes[at + 1];
     if (marker == 0xff || marker == 0x01 || (marker >= 0xd0 && marker <= 0xd8)) {  // fill, or without a length

@@ -9,7 +9,7 @@ namespace voxelpipe {
 
 enum class MeshFormat { kAuto, kGlb, kGltf, kDraco };
 
-// The format that the bytes' first bytes show, or nothing. Never reads past the end.
+// The format by the first bytes; empty if unknown. Never reads past the end.
 std::optional<MeshFormat> SniffMeshFormat(std::span<const uint8_t> bytes);
 
 }  // namespace voxelpipe

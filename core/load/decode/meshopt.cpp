@@ -19,7 +19,7 @@ namespace voxelpipe {
 namespace {
 
 // The codec's best case, all vertices equal: four header bytes for each byte lane of a block of 256 vertices. The index
-// modes give at most 12 bytes for one. More is a bomb.
+// modes expand a byte to at most 12. More is a decompression bomb.
 constexpr uint64_t kMaxDecodedPerByte = 64;
 // Version 1 of the vertex codec: a byte for four byte lanes of a block of 256 vertices.
 constexpr uint64_t kMaxDecodedPerByteV1 = 1024;
@@ -70,8 +70,8 @@ int DecodeStream(std::span<const uint8_t> compressed, const MeshoptView& view, s
   return meshopt_decodeIndexSequence(out.data(), count, stride, compressed.data(), compressed.size());
 }
 
-// Filter COLOR: Y, Co, Cg and alpha of fewer bits -> R, G, B, A of all bits of T. The highest bit of alpha that is set
-// is no part of it: it says how many bits the four have.
+// Filter COLOR: Y, Co, Cg and alpha of fewer bits -> R, G, B, A of all bits of T. The highest set bit of alpha is not
+// part of its value: it encodes the number of bits of all four.
 template <typename T, typename Signed>
 void DecodeColors(std::vector<uint8_t>& bytes) {
   constexpr int kBits = 8 * sizeof(T), kMost = (1 << kBits) - 1;
@@ -79,7 +79,8 @@ void DecodeColors(std::vector<uint8_t>& bytes) {
     T in[4];
     std::memcpy(in, bytes.data() + at, sizeof in);
     const int y = in[0], co = Signed(in[1]), cg = Signed(in[2]), alpha = in[3];
-    const int scale = alpha == 0 ? 0 : (1 << std::bit_width(unsigned(alpha))) - 1;  // the largest value of so many bits
+    const int scale =
+        alpha == 0 ? 0 : (1 << std::bit_width(unsigned(alpha))) - 1;  // the largest value of that many bits
     const int rgba[4] = {y + co - cg, y + cg, y - co - cg, ((alpha << 1) & scale) | (alpha & 1)};
     for (int c = 0; c < 4; ++c) {
       const double full = scale == 0 ? 0 : double(rgba[c]) * kMost / scale;

@@ -17,9 +17,9 @@ struct MeshoptView {
   bool khr = false;                     // KHR_meshopt_compression: also version 1 of the vertex codec
 };
 
-// In: the compressed bytes and what the extension object says of them. Out: count * byte_stride decoded bytes.
-// Errors: INVALID_ARGUMENT for a mode, filter, stride or stream that is not valid. The declared count is checked
-// against the compressed size before allocation; the caller must have charged the bytes to the job's memory.
+// In: the compressed bytes and the fields of the extension object. Out: count * byte_stride decoded bytes. Errors:
+// INVALID_ARGUMENT for a mode, filter, stride or stream that is not valid. The declared count is checked against the
+// compressed size before allocation; the caller must have charged the bytes to the job's memory.
 absl::StatusOr<std::vector<uint8_t>> DecodeMeshopt(std::span<const uint8_t> compressed, const MeshoptView& view);
 
 }  // namespace voxelpipe

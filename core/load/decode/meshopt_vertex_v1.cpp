@@ -2,8 +2,8 @@
 // version 1. Debian's libmeshoptimizer 0.18 decodes version 0 alone.
 //
 // A stream is a header byte, blocks of vertices, padding, and a tail: the vertex before the first one and a byte for
-// each channel (4 bytes of the stride) that says how its differences are kept. A block begins with 2 bits for each byte
-// of the stride, its control: how that byte of the block's vertices is stored.
+// each channel (4 bytes of the stride) that gives the encoding of its differences. A block begins with 2 bits for each
+// byte of the stride, its control: the encoding of that byte in the block's vertices.
 #include "load/decode/meshopt_vertex_v1.h"
 
 #include <algorithm>
@@ -17,10 +17,10 @@ namespace {
 constexpr uint8_t kHeader = 0xa0;
 constexpr uint64_t kMaxStride = 256, kMaxBlockVertices = 256, kMaxBlockBytes = 8192, kGroup = 16, kMinTailBytes = 24;
 
-// Of one byte of the stride, in the block's control.
+// The control of one byte of the stride in a block.
 enum Control { kSmallGroups = 0, kLargeGroups = 1, kZeros = 2, kLiteral = 3 };
 
-// Reads bytes to the stream's end. After a read past it, `ok` is false and all that is read is 0.
+// Reads bytes to the stream's end. After a read past the end, `ok` is false and all reads return 0.
 class Reader {
  public:
   explicit Reader(std::span<const uint8_t> bytes) : left_(bytes) {}
@@ -46,7 +46,7 @@ class Reader {
   bool ok_ = true;
 };
 
-// 16 values of `bits` bits each; the largest value stands for a byte that follows the group's. Single bits lie lowest
+// 16 values of `bits` bits each; the largest value is an escape: the byte follows the group. Single bits lie lowest
 // first, wider values highest first.
 void ReadGroup(Reader& in, int bits, uint8_t* out) {
   if (bits == 0) return void(std::memset(out, 0, kGroup));
@@ -63,7 +63,7 @@ void ReadGroup(Reader& in, int bits, uint8_t* out) {
   }
 }
 
-// One byte of `count` vertices, into `out`, which has room for whole groups.
+// Decodes one byte of `count` vertices into `out`, which must hold whole groups.
 void ReadLane(Reader& in, int control, uint64_t count, uint8_t* out) {
   if (control == kZeros) return void(std::memset(out, 0, count));
   if (control == kLiteral) {
@@ -79,8 +79,8 @@ void ReadLane(Reader& in, int control, uint64_t count, uint8_t* out) {
   }
 }
 
-// A channel's differences of `count` vertices -> its values; `lanes`: its four bytes, kMaxBlockVertices apart. T: what
-// is one value.
+// A channel's differences of `count` vertices -> its values; `lanes`: its four bytes, kMaxBlockVertices apart. T: the
+// type of a value.
 template <typename T, bool kXor>
 void AddUp(const uint8_t* lanes, uint64_t count, uint64_t stride, int rotation, const uint8_t* last, uint8_t* out) {
   for (uint64_t first = 0; first < 4; first += sizeof(T)) {
@@ -94,7 +94,7 @@ void AddUp(const uint8_t* lanes, uint64_t count, uint64_t stride, int rotation, 
       if constexpr (kXor) {
         value = T(value ^ std::rotl(delta, rotation));
       } else {
-        value = T(value + T(T(delta >> 1) ^ T(-T(delta & 1))));  // zigzag: the sign is the lowest bit
+        value = T(value + T(T(delta >> 1) ^ T(-T(delta & 1))));  // zigzag: the lowest bit is the sign
       }
       for (uint64_t b = 0; b < sizeof(T); ++b) out[i * stride + first + b] = uint8_t(value >> (8 * b));
     }

@@ -13,7 +13,7 @@ namespace {
 
 constexpr uint32_t kRows = 16;  // of a task
 
-// The texels of one axis that make texel i of the next level, and their shares of it.
+// The texels along one axis that texel i of the next level averages, and their weights.
 struct Taps {
   uint32_t first = 0;
   int count = 1;
@@ -60,7 +60,7 @@ absl::StatusOr<std::vector<Vec4f>> BuildMips(const JobContext& job, const uint8_
   const uint64_t size = LevelOffset(width, height, levels);
   std::vector<Vec4f> mips;
   mips.reserve(size);
-  constexpr uint64_t kStep = 1 << 16;  // writing fresh pages takes its time
+  constexpr uint64_t kStep = 1 << 16;  // in steps, because writing fresh pages takes long
   while (mips.size() < size) {
     if (absl::Status over = job.Check(); !over.ok()) return over;
     mips.resize(std::min(size, mips.size() + kStep));

@@ -42,7 +42,7 @@ absl::StatusOr<Scene> LoadGltf(const JobContext& job, std::string_view json,
   gltf::PrimitiveContext context{*document, *buffers, budget, accessors, scene.warnings};
   if (absl::Status bad = gltf::ReadMeshes(*model, context, scene); !bad.ok()) return bad;
   if (absl::Status bad = gltf::ReadMaterials(*model, *document, *buffers, budget, scene); !bad.ok()) return bad;
-  // Last, so that what they take from the budget is missing nowhere else.
+  // Last, so that nothing else lacks the bytes that they charge.
   if (absl::Status bad = gltf::ReadAnimations(*document, accessors, budget, scene); !bad.ok()) return bad;
   if (absl::Status bad = gltf::AddMissingNodes(*document, limits, scene); !bad.ok()) return bad;
   scene.memory = std::make_shared<MemoryCharge>(budget.Release());

@@ -14,8 +14,8 @@
 namespace voxelpipe {
 
 // In: the JSON text and, for GLB, the BIN chunk (empty span and no value differ: a GLB without BIN has none);
-// `warnings` of before, which the scene's begin with.
-// Errors: see LoadScene; those of the job, which is polled between the steps.
+// `warnings` so far, which become the first of the scene. Errors: see LoadScene; those of the job, which is polled
+// between the steps.
 absl::StatusOr<Scene> LoadGltf(const JobContext& job, std::string_view json,
                                std::optional<std::span<const uint8_t>> binary_chunk, const LoadLimits& limits,
                                WarningList warnings);

@@ -19,7 +19,7 @@ namespace {
 
 constexpr const char* kPaths[] = {"translation", "rotation", "scale", "weights"};
 
-// Morph targets of each mesh: those of the primitive that has most.
+// Number of morph targets of each mesh: the largest of its primitives.
 std::vector<uint64_t> TargetsOf(const std::vector<Mesh>& meshes) {
   std::vector<uint64_t> targets;
   for (const Mesh& mesh : meshes) {
@@ -34,7 +34,7 @@ std::vector<uint64_t> TargetsOf(const std::vector<Mesh>& meshes) {
 
 class Reader {
  public:
-  // `targets`: of each mesh. All but `where` must outlive this.
+  // `targets`: the number of morph targets of each mesh. All but `where` must outlive this.
   Reader(const AccessorReader& accessors, uint64_t accessor_count, const Scene& scene,
          const std::vector<uint64_t>& targets, std::string where)
       : accessors_(accessors),
@@ -51,7 +51,7 @@ class Reader {
     if (samplers == nullptr || channels == nullptr) fields.Fail("samplers or channels are missing");
     if (!status.ok()) return status;
     out.name = fields.String("name");
-    status = absl::OkStatus();          // a name is never worth an error
+    status = absl::OkStatus();          // an invalid name is no error
     std::map<uint64_t, uint32_t> read;  // samplers by the file's index; those without a channel are not read
     for (size_t i = 0; i < channels->size(); ++i) {
       if (absl::Status over = accessors_.job().Check(); !over.ok()) return over;
@@ -91,7 +91,7 @@ class Reader {
                            : channel.path == AnimationPath::kRotation ? 4
                                                                       : 3;
     if (width == 0) {
-      // Hidden nodes lose their mesh: nothing to morph is no fault.
+      // Hidden nodes have no mesh; a missing morph target there is no error.
       if (mesh < 0) return absl::OkStatus();
       fields.Fail(absl::StrCat("node ", node, " has no morph targets"));
       return status;
@@ -198,7 +198,7 @@ absl::Status ReadAnimations(const Document& document, const AccessorReader& acce
       if (root[i].is_object()) parts += ArraySize(root[i], key);
     }
     total += parts;
-    // With the trees of which ones have been read.
+    // Including the sets of those already read.
     constexpr uint64_t kPartBytes = sizeof(AnimationSampler) + sizeof(AnimationChannel) + 128;
     if (total > most) {
       out.fault = absl::ResourceExhaustedError(
@@ -222,7 +222,7 @@ absl::Status ReadAnimations(const Document& document, const AccessorReader& acce
     if (kept > taken) {
       if (absl::Status full = budget.Take(kept - taken, 1, where); !full.ok()) return full;
     } else {
-      budget.ShrinkTo(before + kept);  // what it was made of is gone
+      budget.ShrinkTo(before + kept);  // its input is freed
     }
   }
   return absl::OkStatus();

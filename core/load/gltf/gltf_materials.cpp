@@ -93,7 +93,7 @@ class MaterialReader {
     return out;
   }
 
-  // The diffuse part of the old specular-glossiness model serves as base colour.
+  // The diffuse part of the older specular-glossiness model is used as base colour.
   void ReadDiffuse(const tinygltf::Value& extension, Material& out) {
     const tinygltf::Value& factor = extension.Get("diffuseFactor");
     for (int c = 0; c < 4; ++c) out.base_color_factor[c] = NumberAt(factor, static_cast<size_t>(c), 1.0f);
@@ -121,7 +121,7 @@ bool IsNearest(int filter) {
   return filter == kNearest || filter == kNearestMipmapNearest || filter == kNearestMipmapLinear;
 }
 
-// The image of a texture: what every reader can use, else what extensions name, formats that are decoded first.
+// The image of a texture: the core one, otherwise one of an extension, decoded formats first.
 int SourceOf(const tinygltf::Texture& texture) {
   if (texture.source >= 0) return texture.source;
   for (const char* name : {"EXT_texture_webp", "KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"}) {
@@ -141,7 +141,8 @@ Texture ReadTexture(const tinygltf::Model& model, const tinygltf::Texture& from,
     const tinygltf::Sampler& sampler = model.samplers[from.sampler];
     out.wrap_s = ToWrap(sampler.wrapS);
     out.wrap_t = ToWrap(sampler.wrapT);
-    // A filter that is not given follows the other; levels are mixed unless the minification filter says otherwise.
+    // A missing filter takes the value of the other; levels are interpolated unless the minification filter says
+    // otherwise.
     const int mag = sampler.magFilter > 0 ? sampler.magFilter : sampler.minFilter;
     const int min = sampler.minFilter > 0 ? sampler.minFilter : sampler.magFilter;
     out.nearest = IsNearest(mag);
@@ -191,7 +192,7 @@ absl::Status ReadImage(const ImageDecl& decl, size_t index, Buffers& buffers, Bu
 
 absl::Status ReadMaterials(const tinygltf::Model& model, const Document& document, Buffers& buffers, Budget& budget,
                            Scene& scene) {
-  std::map<int64_t, size_t> first;  // image of a buffer view: others with the same bytes are the same, and decoded once
+  std::map<int64_t, size_t> first;  // image of a buffer view: images with the same bytes are decoded once
   for (size_t i = 0; i < document.images.size(); ++i) {
     const ImageDecl& decl = document.images[i];
     if (!decl.uri && decl.view >= 0) {

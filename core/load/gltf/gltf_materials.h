@@ -12,10 +12,9 @@ class Model;
 
 namespace voxelpipe::gltf {
 
-// In: the model and the image declarations. Out: scene.materials, scene.textures, scene.images (still encoded).
-// Appearance never makes a file fail: what cannot be used is left at its default, and image or reference say why (their
-// `fault`).
-// Errors: RESOURCE_EXHAUSTED, the job's.
+// In: the model and the image declarations. Out: scene.materials, scene.textures, scene.images (still encoded). Faults
+// of appearance never fail a file: unusable parts keep their defaults, and the image or reference says why (its
+// `fault`). Errors: RESOURCE_EXHAUSTED, the job's.
 absl::Status ReadMaterials(const tinygltf::Model& model, const Document& document, Buffers& buffers, Budget& budget,
                            Scene& scene);
 

@@ -29,7 +29,7 @@ Trs ReadTrs(const tinygltf::Node& node) {
 
 Mat4d LocalTransform(const tinygltf::Node& node) {
   if (node.matrix.size() == 16) {
-    Mat4d out;  // the file's is column-major
+    Mat4d out;  // column-major in the file
     for (int column = 0; column < 4; ++column) {
       for (int row = 0; row < 4; ++row) out.m[row][column] = node.matrix[column * 4 + row];
     }
@@ -98,13 +98,13 @@ absl::Status ReadInstances(const tinygltf::Node& node, const AccessorReader& acc
     out.instances.push_back(FromTrs(trs));
     if (!IsFinite(out.instances.back())) return Broken(where, ": instance ", i, " is not finite");
   }
-  budget.ShrinkTo(before + *count * sizeof(Mat4d));  // what the accessors gave is gone
-  // No instances at all draw nothing; an empty list would mean one.
+  budget.ShrinkTo(before + *count * sizeof(Mat4d));  // the values of the accessors are freed
+  // No instances draw nothing; an empty list would mean one instance.
   if (out.instances.empty()) out.mesh = -1;
   return absl::OkStatus();
 }
 
-// Proves the forest, level by level from the roots; hides what KHR_node_visibility hides.
+// Proves the forest, level by level from the roots, and applies KHR_node_visibility.
 absl::Status CheckHierarchy(const tinygltf::Model& model, const LoadLimits& limits, Scene& scene) {
   const size_t count = scene.nodes.size();
   std::vector<int64_t> parent(count, -1);
@@ -197,7 +197,7 @@ absl::Status ReadRoots(const tinygltf::Model& model, Scene& scene) {
     seen[node] = true;
     scene.roots.push_back(static_cast<uint32_t>(node));
   }
-  // A root that is also a child would be drawn twice, or bring its ancestors' transforms into question.
+  // A root that is also a child would be drawn twice, or with ambiguous transforms.
   for (size_t i = 0; i < scene.nodes.size(); ++i) {
     for (const uint32_t child : scene.nodes[i].children) {
       if (seen[child]) return Broken("scene ", index, " lists node ", child, ", which is a child of node ", i);

@@ -18,7 +18,7 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr uint64_t kMinElements = 65'536;     // that any file may declare
+constexpr uint64_t kMinElements = 65'536;     // that every file may declare
 constexpr size_t kCharactersAStep = 1 << 18;  // of a URI, between two polls of the job; a multiple of 4
 
 int HexDigit(char c) {
@@ -51,14 +51,14 @@ absl::StatusOr<std::string> PercentDecode(const JobContext& job, std::string_vie
 
 constexpr std::string_view kDataScheme = "data:";
 
-// What stands between "data:" and the comma.
+// The text between "data:" and the comma.
 struct DataHead {
   std::string media_type;  // lower case
   bool base64 = false;
 };
 
-// Source: RFC 2397. Scheme, media type and the names of parameters are the same in any case. A parameter is name=value;
-// a bare name is an encoding, and base64 the only one that there is.
+// Source: RFC 2397. Scheme, media type and the names of parameters are case-insensitive. A parameter is name=value; a
+// bare name is an encoding, of which base64 is the only one.
 absl::StatusOr<DataHead> ReadHead(std::string_view text) {
   DataHead head;
   bool first = true;
@@ -76,7 +76,7 @@ absl::StatusOr<DataHead> ReadHead(std::string_view text) {
   return head;
 }
 
-// Abseil's decoder passes over white space and is lenient about padding, so the alphabet is checked here.
+// Abseil's decoder skips white space and tolerates wrong padding, so the alphabet is checked here.
 absl::Status CheckBase64(const JobContext& job, std::string_view text) {
   size_t end = text.size();
   while (end > 0 && text.size() - end < 2 && text[end - 1] == '=') --end;
@@ -93,7 +93,7 @@ absl::Status CheckBase64(const JobContext& job, std::string_view text) {
   return absl::OkStatus();
 }
 
-// Which buffers may lack data: flagged as a fallback, or seen only by views whose bytes are compressed in another
+// The buffers that may lack data: flagged as a fallback, or used only by views whose bytes are compressed in another
 // buffer.
 std::vector<bool> Placeholders(const Document& document) {
   const size_t count = document.buffers.size();

@@ -16,30 +16,29 @@
 
 namespace voxelpipe::gltf {
 
-// What the scene takes from the job's memory: one declared count can stand for gigabytes. As everything that takes long
-// takes from it first, it is also where the job is polled. Not thread-safe, but for job().
+// Charges the scene to the job's memory, because one declared count can stand for gigabytes. Every long step charges
+// first, so this also polls the job. Not thread-safe, except job().
 class Budget {
  public:
-  // `job` and `limits` must outlive this. `file_bytes`: of all that was given to load.
+  // `job` and `limits` must outlive this. `file_bytes`: size of the whole input.
   Budget(const JobContext& job, const LoadLimits& limits, uint64_t file_bytes)
       : job_(job), limits_(limits), file_bytes_(file_bytes), charge_(&MemoryOf(job)) {}
-  // Takes elements * bytes_each, before they are allocated. RESOURCE_EXHAUSTED naming `what`; the job's error once it
+  // Charges elements * bytes_each, before they are allocated. RESOURCE_EXHAUSTED naming `what`; the job's error once it
   // is over.
   absl::Status Take(uint64_t elements, uint64_t bytes_each, const std::string& what) {
     return Take(elements, bytes_each, what, charge_);
   }
-  // The same for what does not live as long as the scene: `charge` gives it back (NewCharge).
+  // The same for memory that does not live as long as the scene: `charge` releases it (NewCharge).
   absl::Status Take(uint64_t elements, uint64_t bytes_each, const std::string& what, MemoryCharge& charge) const;
   MemoryCharge NewCharge() const { return MemoryCharge(&MemoryOf(job_)); }
 
-  // True if so many elements without bytes of their own are no more than a file of this size may declare:
-  // RESOURCE_EXHAUSTED.
+  // RESOURCE_EXHAUSTED if a file of this size may not declare so many elements without bytes of their own.
   absl::Status CheckDeclared(uint64_t elements, uint64_t bytes_each, const std::string& what) const;
 
-  // What the scene has taken so far, and a way to give back what of it is gone again.
+  // The bytes charged so far, and the release of those already freed.
   uint64_t bytes() const { return charge_.bytes(); }
   void ShrinkTo(uint64_t bytes) { charge_.ShrinkTo(bytes); }
-  // Hands over what was taken; this has taken nothing then.
+  // Moves the charge out; this has none afterwards.
   MemoryCharge Release() { return std::exchange(charge_, NewCharge()); }
 
   const LoadLimits& limits() const { return limits_; }
@@ -52,22 +51,22 @@ class Budget {
   MemoryCharge charge_;
 };
 
-// True if an error is the file's own, so that it may stay with the part that it is of: not the end of the job, nor
-// memory that others use now.
+// True if an error is a fault of the file, which may be stored with the faulty part: not the end of the job, nor memory
+// that other jobs use now.
 bool IsOfFile(const absl::Status& error);
 
-// True if a URI holds its data, whatever the case of its scheme.
+// True if a URI is a data: URI; the case of the scheme does not matter.
 bool IsDataUri(std::string_view uri);
 
 // In: a data: URI. Out: its media type and bytes. Errors: INVALID_ARGUMENT saying what is not valid (base64, percent
-// escapes, a missing comma, an encoding that is not known), without naming the owner of the URI; the job's.
+// escapes, a missing comma, an unknown encoding), without naming the owner of the URI; the job's.
 struct DataUri {
   std::string media_type;
   std::vector<uint8_t> bytes;
 };
 absl::StatusOr<DataUri> DecodeDataUri(const JobContext& job, std::string_view uri);
 
-// Resolved once per document. Views that it hands out live as long as it does (and the GLB chunk).
+// Resolved once per document. The returned views live as long as this and the GLB chunk.
 class Buffers {
  public:
   // In: the document (moved-from URIs are freed), and GLB's BIN chunk if there is one.
@@ -75,8 +74,8 @@ class Buffers {
   static absl::StatusOr<Buffers> Resolve(Document& document, std::optional<std::span<const uint8_t>> chunk,
                                          Budget& budget);
 
-  // The bytes of a buffer view; a meshopt-compressed one is decoded at first use.
-  // Errors: INVALID_ARGUMENT naming the view; of one that is decoded, RESOURCE_EXHAUSTED and the job's, too.
+  // The bytes of a buffer view; a meshopt-compressed one is decoded at first use. Errors: INVALID_ARGUMENT naming the
+  // view; if it is decoded, also RESOURCE_EXHAUSTED and the job's.
   absl::StatusOr<std::span<const uint8_t>> View(uint32_t index, Budget& budget);
 
   // Bytes from one element to the next in a view's data, 0 if it is tightly packed.

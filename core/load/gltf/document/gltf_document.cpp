@@ -26,7 +26,7 @@ absl::Status CheckVersion(const Fields& root) {
     return absl::InvalidArgumentError(absl::StrCat("glTF: asset.version ", Quoted(version),
                                                    " is not supported, only 2.x (glTF 1.0 is another format)"));
   }
-  // A later 2.x may only add what a 2.0 reader can pass over, so minVersion 2.1 is no reason to refuse the geometry.
+  // A later 2.x may only add features that a 2.0 reader can ignore, so minVersion 2.1 does not refuse the geometry.
   if (!absl::StartsWith(least, "2.")) {
     return absl::InvalidArgumentError(
         absl::StrCat("glTF: asset.minVersion ", Quoted(least), " is not supported, only 2.x"));
@@ -38,7 +38,7 @@ absl::Status CheckExtensions(const Fields& root, WarningList& warnings) {
   const Json* required = root.Find("extensionsRequired");
   if (required == nullptr) return absl::OkStatus();
   if (!required->is_array()) return absl::InvalidArgumentError("glTF: extensionsRequired is not an array");
-  constexpr size_t kMaxNames = 1000;  // there are not so many extensions
+  constexpr size_t kMaxNames = 1000;  // more than there are extensions
   if (required->size() > kMaxNames) {
     return absl::InvalidArgumentError(
         absl::StrCat("glTF: extensionsRequired has ", required->size(), " entries; the most is ", kMaxNames));
@@ -68,7 +68,7 @@ const Json* Extension(const Fields& fields, const char* name) {
   return it == extensions->end() ? nullptr : &*it;
 }
 
-// Of either name of meshopt's compression; `khr`: which.
+// Under either name of meshopt's compression; `khr` says which.
 const Json* MeshoptExtension(const Fields& fields, bool& khr) {
   const Json* object = Extension(fields, "KHR_meshopt_compression");
   khr = object != nullptr;
@@ -97,7 +97,7 @@ void CheckRange(Fields& fields, uint64_t offset, uint64_t length, uint32_t buffe
   }
 }
 
-// glTF 2.0 forbids other strides (bufferView.byteStride). They are read all the same; what is amiss may be an offset
+// glTF 2.0 forbids other strides (bufferView.byteStride). They are read nevertheless; the fault may be in an offset
 // that looks right.
 void WarnOfStride(uint64_t stride, size_t view, Document& document) {
   if (stride == 0 || (stride >= 4 && stride <= 252 && stride % 4 == 0)) return;
@@ -194,7 +194,7 @@ void ReadAccessors(const JobContext& job, const Json& array, Document& document,
   }
 }
 
-// Images never make a document fail, unless a URI is not even one.
+// Images never fail a document, unless a URI is not valid.
 void ReadImages(const JobContext& job, Json& array, Document& document, absl::Status& status) {
   for (size_t i = 0; i < array.size() && GoOn(job, i, status); ++i) {
     absl::Status ignored;
@@ -214,8 +214,8 @@ void ReadImages(const JobContext& job, Json& array, Document& document, absl::St
   }
 }
 
-// CESIUM_RTC: the place that positions are relative to. Only a whole centre is applied; another one is an error, as the
-// mesh would lie elsewhere.
+// CESIUM_RTC: the point that positions are relative to. An incomplete centre is an error, because it would misplace the
+// mesh.
 void ReadRtcCenter(const Fields& root, Document& document, absl::Status& status) {
   const Json* const object = Extension(root, "CESIUM_RTC");
   if (object == nullptr) return;
@@ -232,7 +232,7 @@ void ReadRtcCenter(const Fields& root, Document& document, absl::Status& status)
   document.rtc_center = at;
 }
 
-// `memory` is what `root` takes.
+// `memory` is the charge of `root`.
 absl::StatusOr<Document> ReadDocument(const JobContext& job, Json& root, const LoadLimits& limits,
                                       MemoryCharge memory) {
   absl::Status status;
@@ -249,11 +249,11 @@ absl::StatusOr<Document> ReadDocument(const JobContext& job, Json& root, const L
   if (fields.Array("images", kMaxElements) != nullptr) ReadImages(job, root["images"], document, status);
   if (!status.ok()) return status;
 
-  // Unchecked: what is wrong with an animation matters only to a request that asks for it.
+  // Unchecked: a fault of an animation matters only to requests that use it.
   if (const auto it = root.find("animations"); it != root.end() && it->is_array() && !it->empty()) {
     document.animations = std::make_shared<Json>(std::move(*it));
   }
-  // A part of the tree once more.
+  // A copy of a part of the tree.
   if (absl::Status full = memory.Grow(memory.bytes(), "glTF: the JSON:"); !full.ok()) return full;
   absl::StatusOr<Json> graph = SanitizeGraph(job, root, limits, document.warnings);
   if (!graph.ok()) return graph.status();

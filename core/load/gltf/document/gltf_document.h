@@ -67,10 +67,10 @@ struct Document {
   std::vector<AccessorDecl> accessors;
   std::vector<ImageDecl> images;
   std::shared_ptr<nlohmann::json> graph;  // the rest (scenes, nodes, meshes, skins, materials), checked and stripped
-  std::shared_ptr<nlohmann::json> animations;  // the array of animations as the file has it, unchecked; null without
-  MemoryCharge memory;                         // what all this takes of the job's
+  std::shared_ptr<nlohmann::json> animations;  // the array of animations of the file, unchecked; null without one
+  MemoryCharge memory;                         // the charge of all this to the job's memory
   bool has_scenes = false;                     // at least one
-  std::optional<Vec3d> rtc_center;             // CESIUM_RTC: a translation of all that is drawn
+  std::optional<Vec3d> rtc_center;             // CESIUM_RTC: a translation of everything drawn
   WarningList warnings;
 };
 

@@ -7,13 +7,13 @@ namespace voxelpipe::gltf {
 namespace {
 
 struct Row {
-  std::string_view name;  // a trailing * stands for any end
+  std::string_view name;  // a trailing * matches any suffix
   ExtensionSupport support;
 };
 
 constexpr ExtensionSupport kRead = ExtensionSupport::kRead, kIgnored = ExtensionSupport::kIgnored;
 
-// The first row that fits counts.
+// The first matching row counts.
 constexpr Row kTable[] = {
     // Geometry
     {"KHR_draco_mesh_compression", kRead},
@@ -23,7 +23,7 @@ constexpr Row kTable[] = {
     {"EXT_mesh_gpu_instancing", kRead},
     {"KHR_node_visibility", kRead},
     {"CESIUM_RTC", kRead},
-    // Textures; a format that is not decoded is a warning of its own, where a shader reads the texture.
+    // Textures; a format that is not decoded has a warning of its own, if a shader reads the texture.
     {"KHR_texture_transform", kRead},
     {"EXT_texture_webp", kRead},
     {"KHR_texture_basisu", kRead},
@@ -48,11 +48,11 @@ constexpr Row kTable[] = {
     {"KHR_node_selectability", kIgnored},
     {"KHR_animation_pointer", kIgnored},
     {"AGI_*", kIgnored},
-    // Avatars, and what viewers choose from
+    // Avatars, and variants that viewers choose from
     {"VRM*", kIgnored},
     {"MSFT_lod", kIgnored},
     {"KHR_xmp*", kIgnored},
-    // What stands beside the triangles
+    // Data besides the triangles
     {"EXT_mesh_features", kIgnored},
     {"EXT_instance_features", kIgnored},
     {"EXT_structural_metadata", kIgnored},

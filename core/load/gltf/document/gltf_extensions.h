@@ -1,4 +1,4 @@
-// What of extensionsRequired the loader reads, passes over, and refuses.
+// The extensions of extensionsRequired that the loader reads, ignores and refuses.
 #pragma once
 
 #include <string_view>
@@ -8,7 +8,7 @@ namespace voxelpipe::gltf {
 enum class ExtensionSupport {
   kRead,     // implemented
   kIgnored,  // it cannot change static triangles, nor what shaders read: a warning
-  kRefused,  // it can, or it is unknown here: an error
+  kRefused,  // it can change them, or is unknown: an error
 };
 
 ExtensionSupport SupportOf(std::string_view extension);

@@ -1,4 +1,4 @@
-// Typed reading of an untrusted JSON object: wrong types and dangling indices become one Status that says where.
+// Typed reading of an untrusted JSON object: wrong types and dangling indices become one Status that says where it is.
 // Include only from files that contain nlohmann's exceptions.
 #pragma once
 
@@ -67,7 +67,7 @@ class Fields {
     return status_.ok() ? static_cast<int64_t>(number) : -1;
   }
 
-  // As Index; an absent member is an error. 0 after an error.
+  // Like Index; an absent member is an error. 0 after an error.
   uint32_t RequiredIndex(const char* key, uint64_t size, const char* target) {
     if (Find(key) == nullptr) Fail(absl::StrCat(key, " is missing"));
     const int64_t index = Index(key, size, target);
@@ -91,7 +91,7 @@ class Fields {
     return value->is_boolean() ? value->get<bool>() : fallback;
   }
 
-  // The array called `key`; an absent one gives null. Fails on another type or more than `most` elements.
+  // The array called `key`, or null if absent. Fails on another type or more than `most` elements.
   const Json* Array(const char* key, uint64_t most = UINT64_MAX) {
     const Json* value = Find(key);
     if (value == nullptr) return nullptr;
@@ -119,7 +119,7 @@ class Fields {
   absl::Status& status_;
 };
 
-// An error of Fields that is passed over, as a warning; `where` is that of the Fields.
+// Adds an ignored error of Fields as a warning; `where` is that of the Fields.
 inline void AddIgnored(const absl::Status& ignored, const std::string& where, WarningList& warnings) {
   if (ignored.ok()) return;
   const absl::string_view what = absl::StripPrefix(ignored.message(), absl::StrCat("glTF: ", where, ": "));

@@ -1,5 +1,5 @@
 // Source: Khronos Group, "glTF 2.0 Specification" (2021), the defaults of its properties. tinygltf's own parser is not
-// used: it would need the whole text once more, report no progress, and check no limit.
+// used: it would need another copy of the text, report no progress, and check no limit.
 #include "load/gltf/document/gltf_graph.h"
 
 #include <map>
@@ -20,7 +20,7 @@ const Json* Find(const Json& object, const char* key) {
   return it == object.end() ? nullptr : &*it;
 }
 
-// Numbers, strings and flags of a checked graph; what has another type counts as absent.
+// Numbers, strings and flags of a checked graph; members of another type count as absent.
 int IntOf(const Json& object, const char* key, int fallback) {
   const Json* const value = Find(object, key);
   if (value == nullptr || !value->is_number_integer()) return fallback;
@@ -58,7 +58,7 @@ std::vector<int> IndicesOf(const Json& object, const char* key) {
   return out;
 }
 
-// A map from names to accessors; none where `json` is null.
+// A map from names to accessors; empty if `json` is null.
 std::map<std::string, int> AttributesOf(const Json* json) {
   std::map<std::string, int> out;
   if (json == nullptr) return out;
@@ -92,7 +92,7 @@ tinygltf::Value ToValue(const Json& json) {
   }
 }
 
-// What a value takes; much more than in the JSON.
+// Bytes of a value; far more than in the JSON.
 uint64_t ValueBytes(const Json& json) {
   constexpr uint64_t kMemberBytes = sizeof(tinygltf::Value) + 80;  // with its key in a tree
   uint64_t bytes = sizeof(tinygltf::Value);
@@ -102,7 +102,7 @@ uint64_t ValueBytes(const Json& json) {
   return bytes;
 }
 
-// What the extensions of an element and of the objects in it take.
+// Bytes of the extensions of an element and of the objects in it.
 uint64_t ExtensionBytes(const Json& element) {
   uint64_t bytes = 0;
   if (!element.is_object()) return bytes;
@@ -222,8 +222,8 @@ tinygltf::Sampler ToSampler(const Json& json) {
   return out;
 }
 
-// The array graph[key], each element through `convert`. What an element holds beside its extensions takes less than it
-// did in the JSON, which the document has charged.
+// The array graph[key], each element converted by `convert`. Without its extensions an element takes less memory than
+// in the JSON, which the document has charged.
 template <typename Element>
 absl::Status Convert(const Json& graph, const char* key, Element (*convert)(const Json&), const Budget& budget,
                      MemoryCharge& charge, std::vector<Element>& out) {

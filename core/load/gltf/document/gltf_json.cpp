@@ -22,12 +22,12 @@ constexpr std::array<std::string_view, 16> kRead = {
     "images",    "materials",  "meshes", "nodes",       "samplers", "scene",      "scenes",
     "skins",     "textures"};
 
-// What the tree takes, with what the allocator and growing arrays add.
+// Bytes of the tree, including the overhead of the allocator and of growing arrays.
 constexpr uint64_t kValueBytes = 24, kMemberBytes = 112, kContainerBytes = 72, kStringBytes = 40;
 constexpr uint64_t kChargeStep = 1 << 16;
 constexpr std::ptrdiff_t kLookEvery = 1 << 16;  // characters
 
-// Characters of the text, which ends early where the job does.
+// The characters of the text, which ends early if the job ends.
 class Reader {
  public:
   using iterator_category = std::forward_iterator_tag;
@@ -76,7 +76,7 @@ class TreeBuilder : public nlohmann::json_sax<Json> {
   bool number_unsigned(number_unsigned_t value) override { return Scalar(value, 0); }
   bool number_float(number_float_t value, const string_t& /*text*/) override { return Scalar(value, 0); }
   bool string(string_t& value) override {
-    // Twice: the loader copies what it keeps.
+    // Twice: the loader makes copies.
     const uint64_t bytes = kStringBytes + 2 * value.size();
     return Scalar(std::move(value), bytes);
   }
@@ -122,7 +122,7 @@ class TreeBuilder : public nlohmann::json_sax<Json> {
     return true;
   }
 
-  // Puts a value where it belongs. Out: where it stands.
+  // Inserts a value at the current position of the tree. Out: its address.
   Json* Add(Json&& value) {
     if (open_.empty()) {
       root_ = std::move(value);
@@ -169,10 +169,10 @@ class TreeBuilder : public nlohmann::json_sax<Json> {
   uint64_t tree_bytes_ = 0, charged_ = 0;
   absl::Status status_;
   Json root_;
-  std::vector<Json*> open_;  // containers around what comes next; they stay where they are while they are open
+  std::vector<Json*> open_;  // containers around the next value; their addresses are stable while they are open
   Json* member_ = nullptr;   // of the innermost object
   bool skip_next_ = false;
-  uint64_t skipped_ = 0;  // containers around what comes next, from the first that is skipped
+  uint64_t skipped_ = 0;  // containers around the next value, from the first skipped one
 };
 
 }  // namespace

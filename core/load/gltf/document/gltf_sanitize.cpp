@@ -12,13 +12,13 @@ constexpr uint64_t kMaxMaterials = 100'000;  // each costs tinygltf's structures
 
 // A copy has no members that the document lacks, so that it takes no more memory.
 
-// Sizes of the arrays that indices point into, and the job that all is copied for.
+// Sizes of the arrays that indices refer to, and the job.
 struct Sizes {
   uint64_t accessors, nodes, meshes, skins, materials;
   const JobContext& job;
 };
 
-// Copies a name if it is a string. Names are never worth an error.
+// Copies a name if it is a string; another type is no error.
 void CopyName(const Json& from, Json& to) {
   const auto it = from.find("name");
   if (it != from.end() && it->is_string()) to["name"] = *it;
@@ -53,7 +53,7 @@ void CopyNumbers(Fields& fields, const char* key, size_t length, Json& to) {
   to[key] = *array;
 }
 
-// True if messages can show a name of the file's own.
+// True if messages can show a name from the file.
 bool IsPresentable(const std::string& name) {
   constexpr size_t kMaxCharacters = 128;
   return name.size() <= kMaxCharacters && std::none_of(name.begin(), name.end(), [](char c) {
@@ -61,8 +61,8 @@ bool IsPresentable(const std::string& name) {
          });
 }
 
-// A map from attribute names to accessors: those that glTF defines, and the file's own (_NAME) where `own`, which takes
-// the warnings, is not null.
+// A map from attribute names to accessors: those that glTF defines, and application-specific ones (_NAME) if `own`, the
+// list for warnings, is not null.
 Json CopyAttributes(const Json& object, const std::string& where, const Sizes& sizes, absl::Status& status,
                     WarningList* own = nullptr) {
   Fields fields(object, where, status);
@@ -195,8 +195,7 @@ Json CopyNode(const Json& object, size_t index, const Sizes& sizes, absl::Status
   return copy;
 }
 
-// Materials, textures, samplers and what is in them: only the members that the material reader uses, whatever their
-// types.
+// Materials, textures, samplers and what is in them: only the members that the material reader uses, of any type.
 Json CopyAppearance(const Json& value) {
   constexpr const char* kRead[] = {"name", "extensions",
                                    // textures and samplers
@@ -210,7 +209,7 @@ Json CopyAppearance(const Json& value) {
                                    "roughnessFactor", "metallicRoughnessTexture", "KHR_materials_emissive_strength",
                                    "emissiveStrength", "KHR_materials_pbrSpecularGlossiness", "diffuseFactor",
                                    "diffuseTexture"};
-  constexpr size_t kMaxEntries = 5;  // no array that is read has more than four; a longer one stays too long
+  constexpr size_t kMaxEntries = 5;  // arrays that are read have at most four; longer ones are cut but stay too long
   if (value.is_array()) {
     Json copy = Json::array();
     for (size_t i = 0; i < std::min(value.size(), kMaxEntries); ++i) {
@@ -226,7 +225,7 @@ Json CopyAppearance(const Json& value) {
   return copy;
 }
 
-// An array of the right number of numbers, or no member at all: tinygltf gives up a whole material otherwise.
+// An array of the right number of numbers, or no member: tinygltf would otherwise drop the whole material.
 void DropUnlessNumbers(Json& object, const char* key, size_t length, const std::string& where, WarningList& warnings) {
   const auto it = object.find(key);
   if (it == object.end()) return;
@@ -246,7 +245,7 @@ void WarnOfAlphaMode(const Json& material, const std::string& where, WarningList
   warnings.Add(WarningCode::kNonconformingFile, where, "alphaMode is none of glTF's and counts as OPAQUE");
 }
 
-// `one`: what an element is called in warnings. What is no object becomes an empty one.
+// `one`: the name of an element in warnings. An element that is no object becomes an empty one.
 Json CopyAppearances(Fields& fields, const char* key, const char* one, const JobContext& job, absl::Status& status,
                      WarningList& warnings) {
   Json copy = Json::array();

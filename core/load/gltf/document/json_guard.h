@@ -11,9 +11,8 @@
 
 namespace voxelpipe {
 
-// In: JSON text of a stranger. Refuses text above max_json_bytes, and nesting above max_json_depth
-// (parsers recurse). It does not prove that the text is JSON.
-// Errors: RESOURCE_EXHAUSTED naming the limit; the job's.
+// In: untrusted JSON text. Refuses text above max_json_bytes, and nesting above max_json_depth (parsers recurse). It
+// does not prove that the text is JSON. Errors: RESOURCE_EXHAUSTED naming the limit; the job's.
 absl::Status GuardJson(const JobContext& job, std::string_view json, const LoadLimits& limits);
 
 // `json` without a byte order mark, which glTF forbids and some editors write; then a warning.

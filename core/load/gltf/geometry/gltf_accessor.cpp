@@ -102,7 +102,7 @@ void CopyRun(const Run& run, const AccessorDecl& decl, uint64_t begin, uint64_t 
   }
 }
 
-// Element i of the run goes to element places[i] of `out`, or to i without places. The job's error once it is over.
+// Copies element i of the run to element places[i] of `out`, or to i without places. The job's error once it ended.
 template <typename T>
 absl::Status CopyTyped(const JobContext& job, const Run& run, const AccessorDecl& decl, uint64_t count, T* out,
                        const std::vector<uint32_t>* places) {
@@ -121,7 +121,7 @@ absl::Status CopyTyped(const JobContext& job, const Run& run, const AccessorDecl
   return absl::OkStatus();
 }
 
-// The elements of a run where they stand in the file as E holds them, null where they must be converted or gathered.
+// The elements of a run in the file, if they have the layout of E; null if they must be converted or gathered.
 template <typename T, typename E>
 const E* InPlace(const Run& run, const AccessorDecl& decl) {
   constexpr int kType = std::is_same_v<T, float> ? 5126 : 5125;
@@ -143,7 +143,7 @@ absl::StatusOr<std::vector<E>> AccessorReader::Read(uint32_t accessor) const {
   const std::string where = absl::StrCat("accessor ", accessor);
   const uint64_t element = ElementBytes(decl);
 
-  // The range comes first: a huge count over a small view is a fault of the accessor, not of the limits.
+  // The range is checked first: a huge count over a small view is a fault of the accessor, not of the limits.
   Run run;
   if (decl.view >= 0) {
     const uint32_t view = static_cast<uint32_t>(decl.view);
@@ -164,7 +164,7 @@ absl::StatusOr<std::vector<E>> AccessorReader::Read(uint32_t accessor) const {
   const E* const plain = decl.view >= 0 && decl.count > 0 ? InPlace<T, E>(run, decl) : nullptr;
   std::vector<E> out;
   ReserveHuge(out, size);
-  // In steps: writing fresh pages takes its time.
+  // In steps, because writing fresh pages takes long.
   for (uint64_t begin = 0; begin < size; begin += kStep) {
     if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
     const uint64_t end = std::min(size, begin + kStep);

@@ -27,18 +27,18 @@ class AccessorReader {
   absl::StatusOr<std::vector<float>> Floats(uint32_t accessor) const;
 
   // The same as vectors: V is Vec2f, Vec3f or Vec4f, and the accessor's type VEC2, VEC3 or VEC4 (the caller has
-  // looked).
+  // checked).
   template <typename V>
   absl::StatusOr<std::vector<V>> Vectors(uint32_t accessor) const;
 
   // SCALAR (or, for joints, any) unsigned integers. INVALID_ARGUMENT for other component types.
   absl::StatusOr<std::vector<uint32_t>> Unsigned(uint32_t accessor) const;
 
-  // The same by threes, of an accessor of SCALARs whose count is a multiple of three (the caller has looked).
+  // The same in triples, for an accessor of SCALARs whose count is a multiple of three (the caller has checked).
   absl::StatusOr<std::vector<std::array<uint32_t, 3>>> Triples(uint32_t accessor) const;
 
  private:
-  // Components of type T, one or several to an element of `out`.
+  // Components of type T, one or several per element of `out`.
   template <typename T, typename E>
   absl::StatusOr<std::vector<E>> Read(uint32_t accessor) const;
   absl::Status CheckUnsigned(uint32_t accessor) const;

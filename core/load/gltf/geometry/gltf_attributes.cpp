@@ -16,7 +16,7 @@ std::vector<std::string> AttributeSource::OwnNames() const {
 }
 
 bool AttributeSource::IsNormalized(const std::string& name, const DracoAttribute& attribute) const {
-  // Encoders seldom store in the stream what the accessor has; glTF has no colours but normalized ones.
+  // Encoders rarely store the accessor's `normalized` in the stream; in glTF integer colours are always normalized.
   constexpr int kFloat = 5126;
   const auto accessor = accessors_.find(name);
   if (accessor == accessors_.end() || attribute.kind == DracoAttribute::Kind::kColor) return attribute.normalized;

@@ -1,4 +1,4 @@
-// Where a primitive's vertex attributes come from: accessors, or a Draco stream.
+// The source of a primitive's vertex attributes: accessors, or a Draco stream.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ struct AttributeValues {
   std::string origin;  // for messages: "accessor 3" or "Draco attribute 1"
 };
 
-// The same as vectors of V (Vec2f, Vec3f, Vec4f), empty where the attribute has another number of components.
+// The same as vectors of V (Vec2f, Vec3f, Vec4f), empty if the attribute has another number of components.
 template <typename V>
 struct AttributeVectors {
   int components = 0;
@@ -35,28 +35,28 @@ class AttributeSource {
                   std::optional<DracoMesh> draco, const PrimitiveContext& context)
       : accessors_(accessors), draco_ids_(std::move(draco_ids)), draco_(std::move(draco)), context_(context) {}
 
-  // The values of an attribute, nothing if the primitive has none of that name.
-  // Errors: INVALID_ARGUMENT naming the accessor or the missing Draco attribute.
+  // The values of an attribute; empty if the primitive has none of that name. Errors: INVALID_ARGUMENT naming the
+  // accessor or the missing Draco attribute.
   absl::StatusOr<std::optional<AttributeValues>> Find(const std::string& name);
 
   template <typename V>
   absl::StatusOr<std::optional<AttributeVectors<V>>> FindVectors(const std::string& name);
 
-  // Names of the file's own attributes, those that begin with an underscore, ascending.
+  // Names of application-specific attributes, which begin with an underscore, ascending.
   std::vector<std::string> OwnNames() const;
 
   const std::optional<DracoMesh>& draco() const { return draco_; }
 
  private:
-  // The stream's attribute that stands for `name`, null if an accessor does. Integers are divided by their maximum if
-  // the name's accessor is normalized, or, where no accessor of integers says so, the stream is.
+  // The stream's attribute for `name`, null if an accessor has it. Integers are divided by their maximum if the
+  // accessor is normalized; without an accessor of integers, if the stream's attribute is.
   absl::StatusOr<const DracoAttribute*> InDraco(const std::string& name);
   bool IsNormalized(const std::string& name, const DracoAttribute& attribute) const;
 
   const std::map<std::string, int>& accessors_;
   std::map<std::string, uint32_t> draco_ids_;
   std::optional<DracoMesh> draco_;
-  std::set<uint32_t> normalized_;  // unique ids of the stream's attributes that are divided already
+  std::set<uint32_t> normalized_;  // unique ids of the stream's attributes that are already divided
   const PrimitiveContext& context_;
 };
 

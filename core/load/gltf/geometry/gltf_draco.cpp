@@ -10,7 +10,7 @@
 namespace voxelpipe::gltf {
 namespace {
 
-// Of compressed streams decoded together: bounds the memory of what waits for its turn.
+// Bytes of compressed streams decoded together: bounds the memory of decoded streams that wait.
 constexpr uint64_t kMaxBytesAhead = 4 << 20;
 
 }  // namespace
@@ -24,7 +24,7 @@ absl::StatusOr<DracoMesh> DracoAhead::Take(std::span<const uint8_t> bytes) {
   Decoded decoded = std::move(ready_.front());
   ready_.pop_front();
   ++taken_;
-  // Alone it may fit where several at once did not.
+  // Decoded alone it may fit even if several together did not.
   if (LimitErrorOf(decoded.status)) return DecodeDraco(job_, bytes, limits_);
   if (!decoded.status.ok()) return decoded.status;
   return std::move(decoded.mesh);

@@ -1,4 +1,4 @@
-// Draco streams of a glTF document, decoded several at once.
+// Draco streams of a glTF document, several decoded in parallel.
 #pragma once
 
 #include <cstdint>
@@ -13,15 +13,16 @@
 
 namespace voxelpipe::gltf {
 
-// Decodes a few streams ahead of their use, in parallel; what comes out, and which error comes first, is as if each
-// were decoded when it is taken. Not thread-safe.
+// Decodes a few streams ahead of their use, in parallel; results and the first error are the same as if each were
+// decoded when it is taken. Not thread-safe.
 class DracoAhead {
  public:
-  // In: the streams in the order in which they will be taken. Views; `job` and `limits` too must outlive this.
+  // In: the streams in the order in which they will be taken. They are views; they, `job` and `limits` must outlive
+  // this.
   DracoAhead(const JobContext& job, std::vector<std::span<const uint8_t>> streams, const LoadLimits& limits)
       : job_(job), streams_(std::move(streams)), limits_(limits) {}
 
-  // DecodeDraco(bytes), or the job's error once it is over. A stream that is not the next one is decoded here and now.
+  // DecodeDraco(bytes), or the job's error once it ended. A stream out of order is decoded immediately.
   absl::StatusOr<DracoMesh> Take(std::span<const uint8_t> bytes);
 
  private:

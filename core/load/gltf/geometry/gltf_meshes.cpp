@@ -34,7 +34,7 @@ absl::StatusOr<Mesh> ReadMesh(const tinygltf::Mesh& mesh, const std::vector<doub
     absl::StatusOr<std::optional<Primitive>> primitive =
         ReadPrimitive(mesh.primitives[i], weights, absl::StrCat(where, ", primitive ", i), context);
     if (!primitive.ok()) return primitive.status();
-    // A primitive that draws no triangles keeps its place: primitives are numbered as in the file.
+    // A primitive without triangles is kept, so that primitives are numbered as in the file.
     out.primitives.push_back(*primitive ? **std::move(primitive) : Primitive{});
   }
   const auto others = std::count_if(out.primitives.begin(), out.primitives.end(),
@@ -122,8 +122,8 @@ void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, WarningList& warnin
   }
 }
 
-// The Draco streams of the meshes in reading order, up to the first that is at fault (reading it says so) or that must
-// be decompressed itself (which takes from the budget in its turn).
+// The Draco streams of the meshes in reading order, up to the first that is faulty (reading it reports that) or that
+// must itself be decompressed first (which charges the budget in its turn).
 std::vector<std::span<const uint8_t>> DracoStreams(const tinygltf::Model& model, PrimitiveContext& context) {
   std::vector<std::span<const uint8_t>> streams;
   for (const tinygltf::Mesh& mesh : model.meshes) {

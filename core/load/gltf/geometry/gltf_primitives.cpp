@@ -18,12 +18,12 @@
 namespace voxelpipe::gltf {
 namespace {
 
-// Says where an error of an inner part happened.
+// Prepends the location to an error of an inner part.
 absl::Status At(const std::string& where, const absl::Status& status) {
   return WithText(status, absl::StrCat("glTF: ", where, ": ", absl::StripPrefix(status.message(), "glTF: ")));
 }
 
-// By their exponents, without a branch each: there are many, and hardly ever one that is not.
+// Tests exponents without branches: there are many values, and almost all are finite.
 bool AllFinite(const float* values, size_t count) {
   uint32_t odd = 0;
   for (size_t i = 0; i < count; ++i) {
@@ -34,7 +34,7 @@ bool AllFinite(const float* values, size_t count) {
   return odd == 0;
 }
 
-// Calls step(begin, end) for the parts of [0, count), until one fails or the job is over.
+// Calls step(begin, end) for the parts of [0, count), until one fails or the job ended.
 template <typename Step>
 absl::Status InSteps(const JobContext& job, size_t count, Step step) {
   constexpr size_t kElementsAStep = 1 << 16;
@@ -45,13 +45,13 @@ absl::Status InSteps(const JobContext& job, size_t count, Step step) {
   return absl::OkStatus();
 }
 
-// Reads the optional attributes of one primitive; the positions' count rules.
+// Reads the optional attributes of one primitive; all must have as many values as there are positions.
 class Filler {
  public:
   Filler(AttributeSource& source, Primitive& out, const std::string& where, PrimitiveContext& context)
       : source_(source), out_(out), where_(where), context_(context) {}
 
-  // Values of `name` if it has one of the wanted numbers of components. A wrong number drops the attribute with a
+  // Values of `name` if it has one of the allowed numbers of components. A wrong number drops the attribute with a
   // warning, a wrong count is an error. Values that are not finite become 0 with a warning.
   absl::StatusOr<std::optional<AttributeValues>> Values(const std::string& name, int least, int most) {
     absl::StatusOr<std::optional<AttributeValues>> found = source_.Find(name);
@@ -82,7 +82,7 @@ class Filler {
  private:
   const JobContext& job() const { return context_.budget.job(); }
 
-  // Sets what is not finite to 0, with a warning where there was any.
+  // Sets values that are not finite to 0, with a warning if there are any.
   absl::Status Clean(float* values, size_t count, const std::string& name, const std::string& origin) {
     bool any = false;
     absl::Status over = InSteps(job(), count, [&](size_t begin, size_t end) {
@@ -103,7 +103,7 @@ class Filler {
   }
   void Warn(const std::string& what) { context_.warnings.Add(WarningCode::kNonconformingFile, where_, what); }
 
-  // As Values, of vectors of exactly V's components.
+  // Like Values, for vectors of exactly V's components.
   template <typename V>
   absl::Status Vectors(const std::string& name, std::vector<V>& out) {
     absl::StatusOr<std::optional<AttributeVectors<V>>> found = source_.FindVectors<V>(name);
@@ -136,7 +136,7 @@ class Filler {
     });
   }
 
-  // The file's own attributes.
+  // Application-specific attributes.
   absl::Status Own() {
     for (const std::string& name : source_.OwnNames()) {
       absl::StatusOr<std::optional<AttributeValues>> data = Values(name, 1, 4);
@@ -146,7 +146,7 @@ class Filler {
     return absl::OkStatus();
   }
 
-  // A joint of weight 0 counts as joint 0, so that the rest of the program may look at any joint that it finds.
+  // A joint of weight 0 counts as joint 0, so that every stored joint index is valid.
   absl::Status Joints(int set) {
     absl::StatusOr<std::optional<AttributeValues>> joints = Values(absl::StrCat("JOINTS_", set), 4, 4);
     if (!joints.ok()) return joints.status();
@@ -234,7 +234,7 @@ absl::Status ReadTarget(const std::map<std::string, int>& attributes, const std:
 }
 
 // Reads the morph targets and applies them at their default weights: value + sum of weight * displacement. A fault of a
-// target that the file does not use by itself stays with the target.
+// target with default weight 0 is stored with the target.
 absl::Status Morph(const tinygltf::Primitive& primitive, const std::vector<double>& weights, const std::string& where,
                    Primitive& out, PrimitiveContext& context) {
   if (primitive.targets.empty()) return absl::OkStatus();
@@ -296,8 +296,8 @@ absl::StatusOr<DracoPart> ReadDraco(const tinygltf::Primitive& primitive, const 
   return part;
 }
 
-// Draco has no checksum: counts other than the accessors' are the one sign of a stream that is not the file's. Old
-// exporters write such files, though, and every viewer shows them: the stream's counts hold.
+// Draco has no checksum: counts that differ from the accessors' are the only sign of a wrong stream. Old exporters
+// write such files, though, and all viewers show them, so the counts of the stream are used.
 void CompareCounts(const tinygltf::Primitive& primitive, const DracoMesh& mesh, const std::string& where,
                    const PrimitiveContext& context) {
   const auto compare = [&](int accessor, uint64_t decoded, const char* what) {
@@ -313,7 +313,7 @@ void CompareCounts(const tinygltf::Primitive& primitive, const DracoMesh& mesh, 
   if (position != primitive.attributes.end()) compare(position->second, mesh.points, "vertices");
 }
 
-// Joints beyond the first eight of a vertex are not read, so that the rest would weigh too much.
+// Joints beyond the first eight of a vertex are not read, so the first eight would have too much weight.
 void WarnOfJointSets(const tinygltf::Primitive& primitive, const std::string& where, PrimitiveContext& context) {
   for (const auto& [name, accessor] : primitive.attributes) {
     if (!absl::StartsWith(name, "JOINTS_") || name == "JOINTS_0" || name == "JOINTS_1") continue;
@@ -331,7 +331,7 @@ absl::Status ReadTriangles(const tinygltf::Primitive& primitive, const std::stri
     const uint32_t accessor = static_cast<uint32_t>(primitive.indices);
     const AccessorDecl& decl = context.accessors.decl(accessor);
     index_name = absl::StrCat(where, ": accessor ", accessor);
-    if (primitive.mode == kTriangles && decl.components == 1 && decl.count % 3 == 0) {  // triangles as they stand
+    if (primitive.mode == kTriangles && decl.components == 1 && decl.count % 3 == 0) {  // plain triangles
       absl::StatusOr<std::vector<std::array<uint32_t, 3>>> triangles = context.accessors.Triples(accessor);
       if (!triangles.ok()) return At(where, triangles.status());
       out.triangles = *std::move(triangles);

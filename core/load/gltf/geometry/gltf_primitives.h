@@ -19,7 +19,7 @@ struct Primitive;
 
 namespace voxelpipe::gltf {
 
-// What reading a primitive needs; all must outlive the calls.
+// The context for reading primitives; all must outlive the calls.
 struct PrimitiveContext {
   const Document& document;
   Buffers& buffers;
@@ -29,15 +29,15 @@ struct PrimitiveContext {
   DracoAhead* draco = nullptr;  // set while meshes are read
 };
 
-// The stream of a primitive's KHR_draco_mesh_compression, none if it has no such extension or draws no triangles.
+// The stream of a primitive's KHR_draco_mesh_compression, empty if it has no such extension or draws no triangles.
 // Errors: INVALID_ARGUMENT naming `where` and the buffer view.
 absl::StatusOr<std::optional<std::span<const uint8_t>>> DracoStream(const tinygltf::Primitive& primitive,
                                                                     const std::string& where,
                                                                     PrimitiveContext& context);
 
-// In: a checked primitive and the weights of its morph targets (missing ones are 0). Out: the primitive, or nothing if
-// it draws no triangles (points, lines, no POSITION; a warning where that is a fault).
-// Errors: INVALID_ARGUMENT naming accessor, primitive (`where`) and vertex or position; RESOURCE_EXHAUSTED.
+// In: a checked primitive and the weights of its morph targets (missing ones are 0). Out: the primitive; empty if it
+// draws no triangles (points, lines, no POSITION; with a warning if that is a fault). Errors: INVALID_ARGUMENT naming
+// accessor, primitive (`where`) and vertex or position; RESOURCE_EXHAUSTED.
 absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive& primitive,
                                                        const std::vector<double>& weights, const std::string& where,
                                                        PrimitiveContext& context);
