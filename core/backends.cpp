@@ -14,7 +14,7 @@ std::vector<const Backend*>& Registered() {
   return *devices;
 }
 
-// The first registered device of this kind; null where there is none.
+// The first registered device of this kind; null if there is none.
 const Backend* FindRegistered(std::string_view name) {
   for (const Backend* device : Registered()) {
     if (device->name() == name) return device;

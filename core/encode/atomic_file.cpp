@@ -20,10 +20,10 @@
 namespace voxelpipe {
 namespace {
 
-constexpr char kMark[] = ".part-";      // then the process and a number: PID-N
-constexpr size_t kMaxSuffixBytes = 32;  // of mark and numbers
+constexpr char kMark[] = ".part-";      // followed by the process id and a number: PID-N
+constexpr size_t kMaxSuffixBytes = 32;  // of the mark and the numbers
 constexpr char kOutputUrl[] = "voxelpipe/output_error";
-constexpr std::chrono::milliseconds kLookEvery{50};  // at the job, while a reader is awaited
+constexpr std::chrono::milliseconds kLookEvery{50};  // poll interval of the job while a FIFO waits for a reader
 
 absl::Status AsOutputError(absl::Status status) {
   status.SetPayload(kOutputUrl, absl::Cord());
@@ -34,17 +34,17 @@ absl::Status SystemError(int error, const std::string& what) {
   return AsOutputError(absl::ErrnoToStatus(error, what));
 }
 
-// True if the file is written in place: it is no regular one, or no path leads to it (an open file's link in /proc).
+// True if the file is written in place: it is not a regular file, or has no path (an open file's link in /proc).
 bool IsWrittenThrough(const struct stat& status, const std::string& final_path) {
   if (!S_ISREG(status.st_mode)) return true;
   struct stat named {};
   return stat(final_path.c_str(), &named) != 0 || named.st_ino != status.st_ino || named.st_dev != status.st_dev;
 }
 
-// Opens for writing; a FIFO only opens once it has a reader.
+// Opens for writing; a FIFO opens only once it has a reader.
 absl::StatusOr<int> OpenThrough(const std::string& path, const JobContext* job) {
   for (;;) {
-    // Not blocking: a wait for the other side must see the job's end.
+    // Non-blocking, so that the wait for a reader sees the end of the job.
     const int descriptor = open(path.c_str(), O_WRONLY | O_TRUNC | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
     if (descriptor >= 0) return descriptor;
     struct stat status {};
@@ -57,13 +57,13 @@ absl::StatusOr<int> OpenThrough(const std::string& path, const JobContext* job) 
   }
 }
 
-// As much like the file that was there as the system lets it be.
+// Copies mode and owner of the previous file, as far as the system allows.
 void TakeOver(int descriptor, const struct stat& was) {
   struct stat is {};
   if (fstat(descriptor, &is) != 0) return;
   mode_t kept = 07777;
   if ((was.st_uid != is.st_uid || was.st_gid != is.st_gid) && fchown(descriptor, was.st_uid, was.st_gid) != 0) {
-    kept = 0777;  // no set-user-id for somebody else
+    kept = 0777;  // no set-user-id bit for another owner
   }
   static_cast<void>(fchmod(descriptor, was.st_mode & kept));
 }

@@ -11,28 +11,28 @@
 
 namespace voxelpipe {
 
-// Created beside the file that `path` names, symbolic links followed, under a temporary name; Commit() renames it.
-// Destroyed without Commit(), it leaves nothing behind. A file that was there keeps its mode, and its owner where the
-// system lets it. A FIFO, a device or a file without a name of its own is written through instead: nothing is renamed,
-// and bytes that were written stay written.
+// Created under a temporary name in the directory of the file that `path` names, symbolic links followed; Commit()
+// renames it. Without Commit(), the destructor removes it. An existing file keeps its mode, and its owner if the system
+// allows. A FIFO, a device or a file without a name of its own is written in place instead: nothing is renamed, and
+// written bytes stay.
 class AtomicFile {
  public:
   // The system's error, with the path, if the file cannot be created. For a FIFO it waits for a reader, or until the
-  // job is over; `job` may be null.
+  // job ended; `job` may be null.
   static absl::StatusOr<AtomicFile> Create(const std::string& path, const JobContext* job = nullptr);
 
-  // What the temporary names of a file begin with, before a mark and two numbers: its path, the name cut where it is
-  // long. Links are not followed.
+  // The stem of the temporary names of a file, before a mark and two numbers: its path, with a long name cut. Links are
+  // not followed.
   static std::string TemporaryStem(const std::string& path);
-  // In: a path. Out: the stem, if this is the temporary name of such a file, which a process that was killed leaves
-  // behind; otherwise an empty text.
+  // In: a path. Out: the stem, if this is the temporary name of such a file, which a killed process leaves behind;
+  // otherwise empty.
   static std::string StemOf(const std::string& temporary);
 
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();
 
-  // Appends all of `bytes`, or the system's error with the path. `job` may be null; it is asked every few megabytes.
+  // Appends all of `bytes`, or the system's error with the path. `job` may be null; it is polled every few megabytes.
   // The process must ignore SIGXFSZ and SIGPIPE to get their errors here.
   absl::Status Write(std::span<const uint8_t> bytes, const JobContext* job = nullptr);
 
@@ -43,12 +43,12 @@ class AtomicFile {
   AtomicFile() = default;
 
   std::string path_;        // as given, for errors
-  std::string final_path_;  // what the temporary file becomes
-  std::string temporary_;   // empty where the file is written through
+  std::string final_path_;  // the name after Commit
+  std::string temporary_;   // empty if the file is written in place
   int descriptor_ = -1;
 };
 
-// True if an error came of writing a file rather than of what was to be written.
+// True if an error is about writing a file, not about its contents.
 bool IsOutputError(const absl::Status& status);
 
 }  // namespace voxelpipe

@@ -1,4 +1,4 @@
-// Writing results to files.
+// Writes results to files.
 #pragma once
 
 #include <cstddef>
@@ -17,13 +17,13 @@ namespace voxelpipe {
 std::string FileExtension(std::string_view path);
 bool IsKnownExtension(std::string_view extension);
 
-// The files that a result goes into: one, or OUT.<index>.ext for each target where there are several (.npy, .raw).
+// The files of a result: one, or OUT.<index>.ext for each of several targets (.npy, .raw).
 std::vector<std::string> OutputPaths(const std::string& path, size_t target_count);
-// Those, and the description of a .raw output: every file that writing a result to `path` makes.
+// Those, and the description of a .raw output: every file that WriteResult creates for `path`.
 std::vector<std::string> WrittenPaths(const std::string& path, size_t target_count);
 
 // Writes `result` to `path` in the format of its extension, each file under a temporary name and then renamed. `job`,
-// if given, is asked between pieces; a job that stops leaves no file. Errors: INVALID_ARGUMENT for an unknown
+// if given, is polled between pieces; a cancelled job leaves no file. Errors: INVALID_ARGUMENT for an unknown
 // extension; CANCELLED, DEADLINE_EXCEEDED; RESOURCE_EXHAUSTED out of memory; otherwise the system's error with the
 // path.
 absl::Status WriteResult(const VoxelizeResult& result, const std::string& path, const JobContext* job = nullptr);

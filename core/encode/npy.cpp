@@ -13,7 +13,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "targets are written as they lie in memory");
 
-// The eight bits of each byte value as eight bytes 0/1, lowest first.
+// Table: the eight bits of each byte value as eight bytes 0/1, lowest first.
 constexpr auto kExpanded = [] {
   std::array<std::array<uint8_t, 8>, 256> table{};
   for (int value = 0; value < 256; ++value) {
@@ -27,7 +27,7 @@ constexpr auto kExpanded = [] {
 std::string NpyHeader(std::string_view descr, const std::vector<uint64_t>& shape) {
   std::string dictionary = absl::StrCat("{'descr': '", std::string(descr), "', 'fortran_order': False, 'shape': (");
   for (size_t i = 0; i < shape.size(); ++i) absl::StrAppend(&dictionary, i > 0 ? ", " : "", shape[i]);
-  // A tuple of one needs its comma.
+  // A tuple of one element needs a comma.
   absl::StrAppend(&dictionary, shape.size() == 1 ? ",), }" : "), }");
 
   constexpr size_t kAlignment = 64;

@@ -77,7 +77,7 @@ class NpzFile final : public ResultFile {
     return s;
   }
 
-  // Ends the array that is open and begins those up to `array`, the ones before it being empty.
+  // Ends the open array and begins those up to `array`; arrays in between are empty.
   absl::Status OpenUpTo(size_t array) {
     while (open_ != array) {
       absl::Status s = Close();
@@ -95,7 +95,7 @@ class NpzFile final : public ResultFile {
     uint64_t count = 1;
     for (const uint64_t n : spec.shape) count *= n;
     elements_.emplace(spec.type, count);
-    const bool offsets = spec.name == "offset";  // below 2^63, so their bytes are those of int64
+    const bool offsets = spec.name == "offset";  // below 2^63, so they have the bytes of int64
     return BeginArray(offsets ? "offsets" : spec.name, offsets ? "<i8" : NpyDescr(spec.type), spec.shape,
                       NpyBytes(spec.type, count));
   }
@@ -107,7 +107,7 @@ class NpzFile final : public ResultFile {
     return name == "mask" ? WriteBricks() : zip_->EndEntry();
   }
 
-  // ijk of a bucketed result, from linear indices that may be cut anywhere.
+  // ijk of a bucketed result, from linear indices that pieces may split anywhere.
   absl::Status WriteVoxels(std::span<const uint8_t> bytes) {
     const auto nx = uint64_t(header_.grid.dims[0]), ny = uint64_t(header_.grid.dims[1]);
     ijk_.clear();
@@ -153,11 +153,11 @@ class NpzFile final : public ResultFile {
   ResultHeader header_;
   std::optional<AtomicFile> file_;
   std::optional<ZipWriter> zip_;
-  size_t open_ = SIZE_MAX;  // the array that pieces go to
+  size_t open_ = SIZE_MAX;  // the array being written
   std::optional<NpyElements> elements_;
   std::vector<uint8_t> bricks_, masks_;
   std::vector<int32_t> ijk_;
-  uint64_t index_ = 0;  // a linear index of which index_bytes_ bytes have come
+  uint64_t index_ = 0;  // a linear index of which index_bytes_ bytes have arrived
   int index_bytes_ = 0;
 };
 

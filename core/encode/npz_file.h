@@ -8,7 +8,7 @@
 
 namespace voxelpipe {
 
-// See OpenResultFile for what it holds. The file is created by Begin.
+// See OpenResultFile for the contents. Begin creates the file.
 std::unique_ptr<ResultFile> MakeNpzFile(const std::string& path, const JobContext* job);
 
 }  // namespace voxelpipe

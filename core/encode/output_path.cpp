@@ -20,7 +20,7 @@ absl::StatusOr<std::string> FollowLinks(const std::string& path) {
   for (int links = 0; links < kMaxLinks; ++links) {
     struct stat status {};
     if (lstat(at.c_str(), &status) != 0 || !S_ISLNK(status.st_mode))
-      return at;  // what is wrong with it, creating it says
+      return at;  // creating the file reports what is wrong
     char target[PATH_MAX];
     const ssize_t length = readlink(at.c_str(), target, sizeof target);
     if (length < 0) return absl::ErrnoToStatus(errno, absl::StrCat("cannot follow the link '", at, "'"));

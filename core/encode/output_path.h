@@ -1,4 +1,4 @@
-// The paths of files that are written: where symbolic links lead, and names that a file system takes.
+// Paths of output files: targets of symbolic links, and names of valid length.
 #pragma once
 
 #include <cstddef>
@@ -8,14 +8,14 @@
 
 namespace voxelpipe {
 
-// In: the path of a file to write. Out: the file that this creates or replaces: symbolic links of the last part are
-// followed, also where the last one leads to nothing yet. Links among the directories stay as they are. Errors: the
-// system's, with the path.
+// In: the path of a file to write. Out: the file that writing creates or replaces: symbolic links of the last component
+// are followed, even if the target does not exist. Links among the directories are kept. Errors: the system's, with the
+// path.
 absl::StatusOr<std::string> FollowLinks(const std::string& path);
 
-// In: a path, and the bytes that are to be appended to its file name. Out: the path, its file name cut if both together
-// are more than file systems take (255 bytes); then the name ends with a checksum of itself, so that two long names
-// stay two.
+// In: a path, and the number of bytes to be appended to its file name. Out: the path, its file name cut if both
+// together exceed the limit of file systems (255 bytes); the cut name ends with a checksum of the whole, so that long
+// names stay distinct.
 std::string FitFileName(const std::string& path, size_t appended_bytes);
 
 }  // namespace voxelpipe

@@ -21,7 +21,7 @@ absl::StatusOr<Picture> Draw(const VoxelizeResult& result, const PreviewOptions&
   const PreviewColours colours(result, *volume);
   Canvas canvas(options.width, options.height, FromSrgb(0xe9edf1));
 
-  // The view takes the left three quarters, the slices stand in a column at the right.
+  // The view takes the left three quarters, the slices a column at the right.
   const int column = options.width / 4;
   const PixelRect view{0, 0, options.width - column, options.height};
   if (!volume->empty()) {
@@ -59,7 +59,7 @@ absl::StatusOr<Picture> RenderPreview(const VoxelizeResult& result, const Previe
 
 absl::Status WritePreview(const VoxelizeResult& result, const std::string& path, const PreviewOptions& options,
                           const JobContext* job) {
-  // The file first: an unwritable path should not cost a rendering.
+  // Opens the file first: an unwritable path should not cost a rendering.
   absl::StatusOr<AtomicFile> file = AtomicFile::Create(path, job);
   if (!file.ok()) return file.status();
   const absl::StatusOr<Picture> picture = RenderPreview(result, options, job);

@@ -1,4 +1,4 @@
-// A picture of a result for people: a shaded isometric view and the three mid slices, in one PNG, without any GL.
+// A picture of a result: a shaded isometric view and the three mid slices, in one PNG, without OpenGL.
 #pragma once
 
 #include <string>
@@ -16,17 +16,16 @@ struct PreviewOptions {
   int samples = 2;                 // rays a pixel and axis (antialiasing)
 };
 
-// In: a result of any kind with at least one target. What is drawn as solid: of a dense result the set bits of the
-// first bit target; without one, the voxels of the first target with a component that is not `clear`. Of a sparse or
-// bucketed result the voxels that it lists; a voxel of buckets shows its last fragment. Its colour: the first target
-// with 3 or 4 components as linear RGB (integers over their `scale`, by default their largest value; unit vectors of
-// the normal shaders mapped to [0, 1]); otherwise the first other target that is not bits through a colour map from its
-// smallest to its largest value; otherwise one clay colour. The light: where a u16, u32 or f32 target holds
-// `packed_normal` (blends replace, first, min, max) the normals that it stores, otherwise those of the voxels' shape.
-// Out: the picture, sRGB; +Y is up, the view comes from +X +Y +Z. The slices are those of index n/2: x seen from +X, y
-// from +Y, z from +Z. Work grows with the pixels and, by one pass over the bits, with the voxels. Errors:
-// INVALID_ARGUMENT for options out of range or a result without targets; CANCELLED; DEADLINE_EXCEEDED;
-// RESOURCE_EXHAUSTED out of memory.
+// In: a result of any kind with at least one target. Solid voxels: in a dense result the set bits of the first bit
+// target, or without one the voxels of the first target with a component that is not `clear`; in a sparse or bucketed
+// result the listed voxels, with the last fragment of a bucket. Colour: the first target with 3 or 4 components as
+// linear RGB (integers over their `scale`, by default their largest value; unit vectors of the normal shaders mapped to
+// [0, 1]); otherwise the first other target that is not bits through a colour map from its smallest to its largest
+// value; otherwise one clay colour. Normals for lighting: those of a u16, u32 or f32 target of `packed_normal` (blends
+// replace, first, min, max), otherwise those of the voxels' shape. Out: the picture, sRGB; +Y is up, the viewer is at
+// +X +Y +Z. The slices are those of index n/2: x seen from +X, y from +Y, z from +Z. Time: linear in the pixels, and
+// one pass over the bits of the voxels. Errors: INVALID_ARGUMENT for options out of range or a result without targets;
+// CANCELLED; DEADLINE_EXCEEDED; RESOURCE_EXHAUSTED out of memory.
 absl::StatusOr<Picture> RenderPreview(const VoxelizeResult& result, const PreviewOptions& options = {},
                                       const JobContext* job = nullptr);
 

@@ -1,4 +1,4 @@
-// What a .raw file's bytes mean, as JSON beside it.
+// The JSON description of the bytes of a .raw file.
 #pragma once
 
 #include <string>
@@ -9,7 +9,7 @@
 
 namespace voxelpipe {
 
-// The path of the description of `path`, a .raw output: PATH.json, its name cut where it would be too long for a file.
+// The path of the description of `path`, a .raw output: PATH.json, with the name cut if it is too long for a file.
 std::string RawDescriptionPath(const std::string& path);
 
 // In: a dense result's header, the files of its targets in order, and the SHA-256 of all their bytes in that order (64

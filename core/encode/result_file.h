@@ -1,4 +1,4 @@
-// Results into files as they are made: sinks that write .raw, .npy and .npz.
+// Sinks that write results to .raw, .npy and .npz files while they are made.
 #pragma once
 
 #include <memory>
@@ -12,12 +12,11 @@
 
 namespace voxelpipe {
 
-// Takes a result through ResultSink, in any pieces, and writes it under temporary names; Commit() renames them.
-// Destroyed without Commit(), nothing is left behind. Needs memory for a piece, for sparse results also for their
-// bricks.
+// Receives a result through ResultSink, in any pieces, and writes it under temporary names; Commit() renames them.
+// Without Commit(), the destructor removes them. Uses memory for a piece, for sparse results also for their bricks.
 class ResultFile : public ResultSink {
  public:
-  // The SHA-256 of all bytes in stream order, for formats that keep it. Before Commit().
+  // The SHA-256 of all bytes in stream order, for formats that store it. Before Commit().
   void set_sha256(std::string digits) { sha256_ = std::move(digits); }
   virtual absl::Status Commit() = 0;
 
@@ -33,7 +32,7 @@ class ResultFile : public ResultSink {
 //   .npy   dense: one file a target; bits as uint8 0/1
 //   .npz   any kind: target0, target1, ...; sparse: ijk int32 (n, 3) in x, y, z; buckets: ijk, offsets int64 (n + 1),
 //          triangle uint32 (m); always dims int64 (3), origin and voxel_size float64 (3), index_to_world float64 (4, 4)
-// `job` may be null; it is asked between pieces and must outlive the object. INVALID_ARGUMENT for another extension,
+// `job` may be null; it is polled between pieces and must outlive the object. INVALID_ARGUMENT for another extension,
 // and from Begin for a kind that the format cannot hold; otherwise the system's error with the path.
 absl::StatusOr<std::unique_ptr<ResultFile>> OpenResultFile(const std::string& path, const JobContext* job);
 

@@ -8,7 +8,7 @@ namespace {
 
 constexpr uint16_t kVersion = 45;    // 4.5: ZIP64
 constexpr uint16_t kFlags = 1 << 3;  // checksum and sizes follow the data
-constexpr uint32_t kDate = 0x21;     // 1 January 1980: the same archive whenever it is made
+constexpr uint32_t kDate = 0x21;     // 1 January 1980, so that archives are reproducible
 constexpr uint16_t kZip64Extra = 1;
 constexpr uint32_t kInExtra = 0xffffffff;
 

@@ -15,7 +15,7 @@ struct Picture {
   std::vector<uint8_t> rgb;   // 3 * width * height
 };
 
-// The PNG file's bytes. INTERNAL with libpng's message if it refuses.
+// The PNG file's bytes. INTERNAL with libpng's message if it fails.
 absl::StatusOr<std::vector<uint8_t>> EncodePng(const Picture& picture);
 
 }  // namespace voxelpipe

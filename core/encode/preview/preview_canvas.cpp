@@ -93,7 +93,7 @@ Picture Canvas::ToPicture() const {
     const size_t x = n % size_t(width_), y = n / size_t(width_);
     const float dither = 0.5f + kDither[(x % 2) + 2 * (y % 2)];
     for (int c = 0; c < 3; ++c) {
-      // Indexed by the square root, which spreads the dark end where the curve is steep.
+      // Indexed by the square root, which gives the steep dark end of the curve more steps.
       const float position = 4096 * std::sqrt(std::clamp(pixels_[n][c], 0.0f, 1.0f));
       const int index = std::min(4095, int(position));
       const float value =

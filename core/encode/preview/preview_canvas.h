@@ -22,7 +22,7 @@ class Canvas {
   int height() const { return height_; }
   Vec3f& At(int x, int y) { return pixels_[size_t(y) * size_t(width_) + size_t(x)]; }
 
-  // Lays `colour` over the pixel; nothing outside the canvas.
+  // Blends `colour` over the pixel; no effect outside the canvas.
   void Blend(int x, int y, Vec3f colour, float opacity);
   // A line of the given width in pixels, antialiased.
   void Line(double x0, double y0, double x1, double y1, double width, Vec3f colour);

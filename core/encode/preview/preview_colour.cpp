@@ -16,7 +16,7 @@
 namespace voxelpipe {
 namespace {
 
-// Nine even samples of matplotlib's viridis (N. Smith, S. van der Walt, 2015), which keeps its order in grey too.
+// Nine even samples of matplotlib's viridis (N. Smith, S. van der Walt, 2015), which is monotonic in brightness.
 Vec3f Viridis(float t) {
   static const std::array<Vec3f, 9> stops = {FromSrgb(0x440154), FromSrgb(0x472d7b), FromSrgb(0x3b528b),
                                              FromSrgb(0x2c728e), FromSrgb(0x21918c), FromSrgb(0x28ae80),
@@ -26,7 +26,7 @@ Vec3f Viridis(float t) {
   return stops[size_t(index)] + (stops[size_t(index) + 1] - stops[size_t(index)]) * (position - float(index));
 }
 
-// What 1 of a colour is stored as; 0 where integers hold no colour.
+// The stored value of 1 of a colour; 0 if integers hold no colour.
 float UnitOf(const TargetSpec& spec) {
   switch (spec.format) {
     case VoxelFormat::kU8: return float(spec.scale.value_or(255));
@@ -36,7 +36,7 @@ float UnitOf(const TargetSpec& spec) {
   }
 }
 
-// Sums, counts and bitwise blends of packed normals are none.
+// Sums, counts and bitwise blends of packed normals are no normals.
 bool HoldsPackedNormals(const TargetSpec& spec, ResultKind kind) {
   if (spec.shader.name != "packed_normal" || spec.components != 1) return false;
   if (spec.format != VoxelFormat::kU16 && spec.format != VoxelFormat::kU32 && spec.format != VoxelFormat::kF32) {
@@ -107,7 +107,7 @@ void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume
           return found;
         },
         join);
-  } else {  // what is listed is what is drawn
+  } else {  // draws the listed voxels
     range = tbb::parallel_reduce(
         tbb::blocked_range<uint64_t>(0, items_.count(), 1 << 14), range,
         [&](const auto& part, Range found) {
@@ -122,7 +122,7 @@ void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume
 
 Vec3f PreviewColours::At(uint64_t n) const {
   static const Vec3f clay = FromSrgb(0x5f95c4), pale = FromSrgb(0xc9c3b8);
-  // Normals are read from light and shade: a pale surface shows them best.
+  // A pale surface shows normals best by its shading.
   if (kind_ == Kind::kPlain) return has_normals_ ? pale : clay;
   const uint64_t item = items_.Find(n);
   if (item == PreviewItems::kNone) return clay;
@@ -133,7 +133,7 @@ Vec3f PreviewColours::At(uint64_t n) const {
     if (srgb_) value = SrgbToLinear(static_cast<unsigned char>(values_.At(item, c)));
     if (kind_ == Kind::kUnitVector) {
       value = 0.5f + 0.5f * value;
-      value *= value;  // the mapped normal is meant to be looked at as it is: near enough to undo the display's curve
+      value *= value;  // mapped normals are display values: approximately undoes the display's transfer function
     }
     colour[c] = value >= 0 ? std::min(value, 1.0f) : 0.0f;
   }

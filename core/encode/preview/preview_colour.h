@@ -18,9 +18,9 @@ class PreviewColours {
 
   // Linear RGB in [0, 1] of voxel n of the linear order.
   Vec3f At(uint64_t n) const;
-  // True if the result has normals to light by.
+  // True if the result has normals for lighting.
   bool has_normals() const { return has_normals_; }
-  // The unit normal stored for voxel n, world axes; nothing where it has none.
+  // The unit normal stored for voxel n, world axes; empty if it has none.
   std::optional<Vec3f> NormalAt(uint64_t n) const;
 
  private:
@@ -32,7 +32,7 @@ class PreviewColours {
   Kind kind_ = Kind::kPlain;
   TargetValues values_, normals_;
   bool has_normals_ = false;
-  float unit_ = 1;            // what counts as 1 of a colour
+  float unit_ = 1;            // the stored value of 1 of a colour
   bool srgb_ = false;         // the values are codes of Encoding::kSrgb
   float low_ = 0, high_ = 0;  // range of a scalar over the solid voxels
 };

@@ -50,14 +50,14 @@ class Shader {
     LightGround(rect);
   }
 
-  // Light changes slowly: the samples of a block of pixels share what they can where they lie close together.
+  // Light changes slowly: close samples of a block of pixels share their lighting.
   struct Shared {
     bool valid = false;
     Vec3d point;
     double ambient = 0;
-    int sun_samples = 0;  // of this pixel, that still take `sun`
+    int sun_samples = 0;  // samples of this pixel that still reuse `sun`
     double sun = 0;
-    // Normals of the voxels met last, by voxel and axis of the face.
+    // Normals of the last voxels hit, by voxel and axis of the face.
     struct Normal {
       uint64_t key = ~uint64_t{0};
       Vec3d value;
@@ -71,7 +71,7 @@ class Shader {
   const Vec3d& up() const { return up_; }
 
  private:
-  // A box as the viewer sees it, scaled and relative to centre_: its middle, half its extent, and how near it comes.
+  // The projection of a box, scaled and relative to centre_: its middle, half its extent, and its nearest depth.
   struct Shown {
     double x = 0, y = 0, across = 0, along = 0, near = 0;
   };
@@ -98,7 +98,7 @@ class Shader {
   Vec3d centre_;                        // scaled, of the solid box
   double radius_ = 1;                   // scaled, of the solid box
   double pixels_ = 1;                   // a unit of scaled space
-  double middle_x_ = 0, middle_y_ = 0;  // where the picture shows centre_, pixels
+  double middle_x_ = 0, middle_y_ = 0;  // centre_ in the picture, pixels
   static constexpr int kDepthTile = 4;  // pixels
   static constexpr double kNothing = -1e300;
   std::vector<double> depths_;  // along eye_ from centre_, scaled; depth_columns_ tiles a row
@@ -132,7 +132,7 @@ void Shader::Fit(const PixelRect& rect) {
   centre_ = (low + high) * 0.5;
   const Vec3d half = (high - low) * 0.5;
   radius_ = std::max(1.0, std::sqrt(Dot(half, half)));
-  // The frame follows what is there, not its box, which a picture from a corner would leave half empty.
+  // The frame fits the solid voxels, not their box, which would leave half of an isometric picture empty.
   double left = 1e300, rightmost = -1e300, bottom = 1e300, top = -1e300;
   volume_.VisitCells([&](const Vec3d& cell_low, const Vec3d& cell_high) {
     const Shown cell = Show(cell_low, cell_high);
@@ -149,7 +149,7 @@ void Shader::Fit(const PixelRect& rect) {
 
 Vec3d Shader::SmoothNormal(const std::array<int64_t, 3>& voxel, const Vec3d& face) const {
   constexpr int kReach = 3, kWidth = 2 * kReach + 1;
-  // For each pattern of a row of seven: how many are set, and the sum of their offsets.
+  // For each pattern of a row of seven: the number of set bits, and the sum of their offsets.
   static const auto table = [] {
     std::array<std::array<int8_t, 2>, 1 << kWidth> sums{};
     for (size_t pattern = 0; pattern < sums.size(); ++pattern) {
@@ -162,7 +162,7 @@ Vec3d Shader::SmoothNormal(const std::array<int64_t, 3>& voxel, const Vec3d& fac
     return sums;
   }();
   Vec3d sum;
-  // Seen from the empty voxel before the face, so that a sheet of one voxel has its normal too.
+  // From the empty voxel in front of the face, so that a sheet one voxel thick has a normal too.
   const int64_t x = voxel[0] + int64_t(face.x), y = voxel[1] + int64_t(face.y), z = voxel[2] + int64_t(face.z);
   for (int dz = -kReach; dz <= kReach; ++dz) {
     for (int dy = -kReach; dy <= kReach; ++dy) {
@@ -171,7 +171,7 @@ Vec3d Shader::SmoothNormal(const std::array<int64_t, 3>& voxel, const Vec3d& fac
     }
   }
   const Vec3d normal = Unit({-sum.x * scale_.x, -sum.y * scale_.y, -sum.z * scale_.z});
-  // What points away from the viewer comes from a thin sheet's other side.
+  // Normals that point away from the viewer belong to the other side of a thin sheet.
   if (Dot(sum, sum) == 0 || Dot(normal, eye_) < 0) return face;
   return normal;
 }
@@ -221,12 +221,12 @@ Vec3f Shader::Surface(const PreviewHit& hit, const Vec3d& point, int jitter, Sha
   Vec3d face;
   face[hit.axis] = sign;
   const Vec3d index_point = ToIndex(point);
-  // Large voxels are shown as the cubes they are, small ones as the surface that they stand for.
+  // Large voxels are drawn as cubes, small ones as a smooth surface.
   const double cubic = SmoothStep(2.5, 16, pixels_);
   const uint64_t voxel = volume_.Linear(hit.voxel[0], hit.voxel[1], hit.voxel[2]);
   Vec3d smooth, normal;
   if (const std::optional<Vec3f> stored = colours_.NormalAt(voxel); stored.has_value()) {
-    // A surface has two sides; the viewer sees the one towards him.
+    // Two-sided: takes the side that faces the viewer.
     smooth = Vec3d{double(stored->x), double(stored->y), double(stored->z)};
     if (Dot(smooth, eye_) < 0) smooth = smooth * -1.0;
     normal = smooth;
@@ -264,11 +264,11 @@ Vec3f Shader::Surface(const PreviewHit& hit, const Vec3d& point, int jitter, Sha
   }
   const double sky = 0.5 + 0.5 * normal.y;
   const double highlight = std::pow(std::max(0.0, Dot(normal, Unit(light_ + eye_))), 40.0);
-  // Nearer is lighter: a gentle cue of depth over the solid box.
+  // Depth cue: nearer points are lighter, over the depth of the solid box.
   const double depth = 1 + 0.10 * std::clamp(Dot(point - centre_, eye_) / radius_, -1.0, 1.0);
 
   double grid_line = 1;
-  if (pixels_ > 6) {  // thin lines between voxels that are large enough to be counted
+  if (pixels_ > 6) {  // thin lines between large voxels
     double edge = 1;
     for (const int a : {(hit.axis + 1) % 3, (hit.axis + 2) % 3}) {
       const double f = index_point[a] - std::floor(index_point[a]);
@@ -294,7 +294,7 @@ Vec3f Shader::Ground(double x, double y) const {
   const Vec3d through = centre_ + right_ * x + up_ * y;
   const double floor_height = double(volume_.lo()[1]) * scale_.y;
   const Vec3d point = through + eye_ * ((floor_height - through.y) / eye_.y);
-  // Soft contact shadow: how much stands over the point, nearer levels counting more.
+  // Soft contact shadow: the density above the point, with more weight on near levels.
   const double first = std::max(1.5, volume_.CellSize(0));
   const double open = Occlusion(point, {0, 1, 0}, first);
   int blocked = 0;
@@ -309,7 +309,7 @@ Vec3f Shader::Ground(double x, double y) const {
   return (light_tone + (shadow_tone - light_tone) * float(0.8 * shade)) * float(vignette);
 }
 
-// For tiles of the picture, how near the nearest cell with voxels comes: rays begin there instead of far outside.
+// For each tile of the picture the depth of its nearest cell with voxels, where its rays start.
 void Shader::FindDepths(const PixelRect& rect) {
   depth_x_ = rect.x;
   depth_y_ = rect.y;
@@ -334,7 +334,7 @@ void Shader::FindDepths(const PixelRect& rect) {
   });
 }
 
-// The ground is smooth: it is lit at the nodes of a coarse lattice, and pixels take the light between them.
+// The light on the ground is smooth: it is computed at the nodes of a coarse lattice and interpolated.
 void Shader::LightGround(const PixelRect& rect) {
   ground_x_ = rect.x;
   ground_y_ = rect.y;
@@ -353,7 +353,7 @@ void Shader::LightGround(const PixelRect& rect) {
   });
 }
 
-// At the pixel's middle.
+// At the centre of the pixel.
 Vec3f Shader::GroundAt(int px, int py) const {
   const float x = (float(px - ground_x_) + 0.5f) / float(ground_step_);
   const float y = (float(py - ground_y_) + 0.5f) / float(ground_step_);
@@ -369,7 +369,7 @@ Vec3f Shader::Pixel(int px, int py, int samples, Shared& shared) const {
   const double near =
       depths_[size_t((py - depth_y_) / kDepthTile) * size_t(depth_columns_) + size_t((px - depth_x_) / kDepthTile)];
   if (near == kNothing) return GroundAt(px, py);
-  const double back = near + 2;  // before the nearest cell, in the empty: the ray has entered no voxel yet
+  const double back = near + 2;  // in the empty space before the nearest cell
   Vec3f sum;
   int missed = 0;
   shared.sun_samples = 0;
@@ -379,7 +379,7 @@ Vec3f Shader::Pixel(int px, int py, int samples, Shared& shared) const {
     const Vec3d origin = centre_ + right_ * x + up_ * y + eye_ * back;
     const PreviewHit hit = TraceScaled(origin, eye_ * -1.0, back + 2 * radius_);
     if (hit.hit) {
-      // Neighbouring pixels take other directions of the light, which turns steps of the shadow's edge into fine grain.
+      // Neighbouring pixels use different directions of the light, which dithers the edge of the shadow.
       sum = sum + Surface(hit, origin + eye_ * -hit.t, 4 * (px % 2 + 2 * (py % 2)) + s, shared);
     } else {
       ++missed;
@@ -417,13 +417,13 @@ absl::Status DrawIsometric(const PreviewVolume& volume, const PreviewColours& co
                            const PixelRect& rect, int samples, const JobContext* job, Canvas& canvas) {
   const Shader shader(volume, colours, grid, rect);
   std::atomic<bool> stopped{false};
-  constexpr int kBlock = 2, kTile = 16;  // pixels a side of what shares light; blocks a side of a task
+  constexpr int kBlock = 2, kTile = 16;  // pixels a side of a block that shares light; blocks a side of a task
   const auto draw = [&](const tbb::blocked_range2d<int>& tile) {
     if (job != nullptr && !job->Check().ok()) stopped = true;
     if (stopped) return;
     for (int row = tile.rows().begin(); row < tile.rows().end(); ++row) {
       for (int column = tile.cols().begin(); column < tile.cols().end(); ++column) {
-        Shader::Shared shared;  // of one block, so that the picture does not depend on how the work is split
+        Shader::Shared shared;  // of one block, so that the picture does not depend on the split into tasks
         for (int pixel = 0; pixel < kBlock * kBlock; ++pixel) {
           const int x = column * kBlock + pixel % kBlock, y = row * kBlock + pixel / kBlock;
           if (x >= rect.width || y >= rect.height) continue;

@@ -15,7 +15,7 @@ struct PixelRect {
   int x = 0, y = 0, width = 0, height = 0;
 };
 
-// Voxel size per axis over the smallest one, within a factor of 1000 so that a grid of needles stays drawable.
+// Voxel size per axis over the smallest one, limited to 1000 so that grids of needles can be drawn.
 Vec3d RelativeVoxelSize(const GridSpec& grid);
 
 // Draws the solid voxels with a ground shadow into `rect` (samples^2 rays a pixel), and the three axes into its corner.

@@ -13,7 +13,7 @@
 namespace voxelpipe {
 namespace {
 
-// Which grid axes run to the right and upwards, and if against their index.
+// The grid axes to the right and upwards, and their directions.
 struct SliceAxes {
   int across, upwards;
   bool across_reversed, upwards_reversed;
@@ -38,7 +38,7 @@ void DrawSlice(const PreviewVolume& volume, const PreviewColours& colours, const
   const int height = std::clamp(int(extent_up * pixels + 0.5), 1, rect.height - caption);
   const int left = rect.x + (rect.width - width) / 2, top = rect.y + caption + (rect.height - caption - height) / 2;
 
-  // Sample points of a pixel, a direction: enough to meet every voxel under it up to 8 of them.
+  // Sample points of a pixel per direction: enough to hit each of up to 8 voxels under it.
   const int points_across = int(std::clamp<int64_t>(columns / width + 1, 2, 8));
   const int points_up = int(std::clamp<int64_t>(rows / height + 1, 2, 8));
   tbb::parallel_for(tbb::blocked_range<int>(0, height, 16), [&](const auto& range) {

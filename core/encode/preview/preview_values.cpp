@@ -41,7 +41,7 @@ absl::Status CheckArrays(const VoxelizeResult& result) {
     const std::span<const uint64_t> offsets = Words(result.offsets);
     const bool ends = offsets.size() == result.listed_voxels() + 1 && offsets.front() == 0 &&
                       offsets.back() == result.listed_fragments();
-    // A voxel is listed for its fragments: it has at least one.
+    // A listed voxel has at least one fragment.
     if (!ends || !AscendsBelow(offsets, offsets.back() + 1)) return Malformed("offset");
   }
   const ResultHeader header = HeaderOf(result);

@@ -1,4 +1,4 @@
-// The values of a result's targets, voxel by voxel, whatever kind the result is.
+// The values of a result's targets by voxel, for every kind of result.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace voxelpipe {
 
-// True if the arrays of `result` fit each other: sizes as HeaderOf says, bricks, voxels and offsets ascending and in
+// Checks that the arrays of `result` are consistent: sizes as in HeaderOf; bricks, voxels and offsets ascending and in
 // range. The functions below rely on it. INVALID_ARGUMENT naming the array.
 absl::Status CheckArrays(const VoxelizeResult& result);
 
@@ -22,8 +22,9 @@ class PreviewItems {
 
   explicit PreviewItems(const VoxelizeResult& result);
 
-  // In: voxel n of the linear order. Out: dense n itself; sparse the rank of the voxel among those listed; buckets its
-  // last fragment, that of the largest triangle id, as blend `replace` takes it. kNone for a voxel that is not listed.
+  // In: voxel n of the linear order. Out: dense n itself; sparse: the rank of the voxel among the listed ones; buckets:
+  // its last fragment, that of the largest triangle id, as blend `replace` would choose. kNone for a voxel that is not
+  // listed.
   uint64_t Find(uint64_t n) const;
   // Items of the arrays.
   uint64_t count() const { return count_; }

@@ -1,5 +1,5 @@
 // Ray traversal after J. Amanatides and A. Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987,
-// inside cells that hold something; empty cells are leapt over by their Chebyshev distance (D. Cohen and Z. Sheffer,
+// inside cells with solid voxels; empty cells are skipped by their Chebyshev distance (D. Cohen and Z. Sheffer,
 // "Proximity clouds", The Visual Computer 1994).
 #include "encode/preview/preview_volume.h"
 
@@ -24,7 +24,7 @@ constexpr uint64_t kMaxCells = uint64_t{1} << 22;
 
 constexpr uint64_t kMaxOwnBits = uint64_t{1} << 34;  // 2 GiB
 
-// Of the voxels with a component of the target other than `clear`.
+// The bits of the voxels with a component of the target other than `clear`.
 void SetNotClear(const VoxelizeResult& result, size_t target, std::vector<uint8_t>& bits) {
   const TargetSpec& spec = result.specs[target];
   const uint64_t voxels = result.grid.voxels();
@@ -46,7 +46,7 @@ void SetNotClear(const VoxelizeResult& result, size_t target, std::vector<uint8_
   });
 }
 
-// Of the voxels that a sparse or bucketed result lists.
+// The bits of the voxels that a sparse or bucketed result lists.
 void SetListed(const VoxelizeResult& result, std::vector<uint8_t>& bits) {
   const auto set = [&](uint64_t n) { bits[n / 8] |= uint8_t(1 << (n % 8)); };
   if (result.kind == ResultKind::kBuckets) {
@@ -187,7 +187,7 @@ void PreviewVolume::BuildDistances() {
       int best = distance_[n];
       if (best == 0) continue;
       const int64_t x = int64_t(n) % nx, y = int64_t(n) / nx % ny, z = int64_t(n) / nx / ny;
-      for (int neighbour = 0; neighbour < 13; ++neighbour) {  // the 13 that come before in the sweep's order
+      for (int neighbour = 0; neighbour < 13; ++neighbour) {  // the 13 that precede it in the order of the sweep
         const int64_t i = x + direction * (neighbour % 3 - 1);
         const int64_t j = y + direction * (neighbour / 3 % 3 - 1);
         const int64_t k = z + direction * (neighbour / 9 - 1);

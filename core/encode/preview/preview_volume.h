@@ -1,5 +1,4 @@
-// What the preview sees of a result: voxels that are solid, coarse cells to leap over empty space, densities for soft
-// light.
+// A result as the preview draws it: solid voxels, coarse cells to skip empty space, densities for soft light.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +14,7 @@
 
 namespace voxelpipe {
 
-// Where a ray enters the first solid voxel.
+// The point where a ray enters the first solid voxel.
 struct PreviewHit {
   bool hit = false;
   std::array<int64_t, 3> voxel{};
@@ -34,7 +33,7 @@ class PreviewVolume {
   const std::array<int64_t, 3>& lo() const { return lo_; }
   const std::array<int64_t, 3>& hi() const { return hi_; }
 
-  // True if voxel (i,j,k) is solid; outside the grid nothing is.
+  // True if voxel (i,j,k) is solid; false outside the grid.
   bool Solid(int64_t i, int64_t j, int64_t k) const {
     if (i < 0 || j < 0 || k < 0 || i >= dims_[0] || j >= dims_[1] || k >= dims_[2]) return false;
     const uint64_t n = Linear(i, j, k);
@@ -47,7 +46,7 @@ class PreviewVolume {
     return uint64_t(i) + uint64_t(dims_[0]) * (uint64_t(j) + uint64_t(dims_[1]) * uint64_t(k));
   }
 
-  // Calls visit(low, high) with the box in index space of every coarse cell that holds something.
+  // Calls visit(low, high) with the box in index space of every coarse cell with solid voxels.
   template <typename Visit>
   void VisitCells(const Visit& visit) const {
     const Level& base = levels_[0];
@@ -75,7 +74,7 @@ class PreviewVolume {
  private:
   struct Level {
     std::array<int64_t, 3> dims{};
-    std::vector<uint8_t> density;  // 255 = all solid; at least 1 where anything is
+    std::vector<uint8_t> density;  // 255 = all solid; at least 1 if any voxel is
   };
 
   absl::Status CountCells(const JobContext* job);
@@ -84,12 +83,12 @@ class PreviewVolume {
 
   std::array<int64_t, 3> dims_{}, lo_{}, hi_{};
   std::span<const uint8_t> bits_;
-  std::vector<uint8_t> own_bits_;  // where the result has no dense bit target
+  std::vector<uint8_t> own_bits_;  // if the result has no dense bit target
   int64_t cell_ = 1;               // voxels a side of a cell of level 0, a power of two
   int cell_shift_ = 0;             // its logarithm
   std::vector<Level> levels_;
   std::vector<uint8_t>
-      distance_;  // per cell of level 0: Chebyshev distance to the nearest cell with anything, 0 = itself
+      distance_;  // per cell of level 0: Chebyshev distance to the nearest cell with solid voxels, 0 = itself
 };
 
 }  // namespace voxelpipe
