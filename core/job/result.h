@@ -36,10 +36,11 @@ struct ArraySpec {
 
 // The arrays of a result "in stream order", which is the order of the content hash too:
 //   dense    target0, target1, ...   (nz, ny, nx), with c components (nz, ny, nx, c), planar (c, nz, ny, nx)
-//   sparse   brick u64 (b)           ids of the bricks with an occupied voxel, ascending; a brick is 8x8x8 voxels, its id is
+//   sparse   brick u64 (b)           ids of the bricks with an occupied voxel, ascending; of a brick of 8x8x8 voxels:
 //                                    bx + ceil(nx/8)*(by + ceil(ny/8)*bz)
 //            mask u8 (b, 64)         bit x + 8*(y + 8*z) of a brick: that voxel has a fragment or is filled
-//            target0, ...            values of the n occupied voxels, brick after brick, in mask order: (n), (n, c), planar (c, n)
+//            target0, ...            values of the n occupied voxels, brick after brick, in mask order: (n), (n, c),
+//                                    planar (c, n)
 //   buckets  voxel u64 (n)           linear indices of the voxels with a fragment, ascending
 //            offset u64 (n + 1)      fragments of voxel i are [offset[i], offset[i+1])
 //            triangle u32 (m)        of each fragment, ascending within a voxel

@@ -1,5 +1,5 @@
-// Compiled in before all else under ThreadSanitizer: there map_field.h gives its class two members more, which the
-// Protobuf that a distribution compiled without the sanitizer does not have. The first write to a map field would then
+// Included before everything else under ThreadSanitizer, where map_field.h adds two members to its class. A
+// distribution's Protobuf, compiled without the sanitizer, does not have them, so the first write to a map field would
 // crash.
 #pragma once
 

@@ -10,8 +10,8 @@
 
 namespace voxelpipe {
 
-// `stages`: wall milliseconds of "load" and "flatten". Names of attributes come from untrusted files: they are cleaned
-// (base/text.h), and no more than 256 are listed.
+// `stages`: wall milliseconds of "load" and "flatten". Names of attributes come from untrusted files: they are
+// sanitized (base/text.h), and at most 256 are listed.
 v1::MeshContents ToMessage(const MeshContents& contents, const std::vector<std::pair<std::string, double>>& stages);
 MeshContents FromMessage(const v1::MeshContents& message);
 

@@ -14,7 +14,7 @@ absl::Status Invalid(const std::string& field, const std::string& why) {
   return absl::InvalidArgumentError(absl::StrCat(field, ": ", why));
 }
 
-// One row for each pair of enumerators; the first is what UNSPECIFIED means.
+// One row for each pair of enumerators; UNSPECIFIED means the first.
 template <typename Message, typename Core>
 struct Pair {
   Message message;
@@ -62,7 +62,7 @@ constexpr Pair<v1::Backend, BackendChoice> kBackends[] = {{v1::BACKEND_AUTO, Bac
                                                           {v1::BACKEND_CPU, BackendChoice::kCpu},
                                                           {v1::BACKEND_CUDA, BackendChoice::kCuda}};
 
-// Enum values beyond those this server knows arrive as plain numbers: a newer client asks for something newer.
+// Enum values that this server does not know arrive as plain numbers, from newer clients.
 template <typename Message, typename Core, size_t N>
 absl::Status ReadEnum(const Pair<Message, Core> (&pairs)[N], Message message, const std::string& field, Core& out) {
   if (int(message) == 0) return out = pairs[0].core, absl::OkStatus();
@@ -167,7 +167,7 @@ absl::Status ReadSettings(const v1::VoxelizeConfig& in, CallSettings& out) {
   if (in.has_fallback()) out.fallback = in.fallback();
   if (in.has_queue_timeout_ms()) {
     if (in.queue_timeout_ms() < 0) return Invalid("queue_timeout_ms", "must not be negative");
-    // A year is as good as for ever, and no sum of times overflows.
+    // At most a year, so that no sum of times overflows.
     constexpr int64_t kMaxMs = int64_t{365} * 24 * 3600 * 1000;
     out.queue_timeout = std::chrono::milliseconds(std::min(in.queue_timeout_ms(), kMaxMs));
   }

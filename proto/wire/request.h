@@ -11,12 +11,12 @@
 
 namespace voxelpipe {
 
-// A config as the core understands it.
+// A config in the types of the core.
 struct ParsedConfig {
   MeshFormat mesh_format = MeshFormat::kAuto;
   VoxelizeRequest request;  // threads stays 0: clients do not choose it
   CallSettings settings;
-  std::string mesh_id;         // of a mesh that the server keeps; empty: the mesh comes with the request
+  std::string mesh_id;         // of a stored mesh; empty: the mesh comes with the request
   bool new_positions = false;  // the mesh bytes are positions for mesh_id
 };
 
@@ -24,13 +24,13 @@ v1::MeshFormat ToMessage(MeshFormat format);
 // INVALID_ARGUMENT naming `field` for a value that this server does not know.
 absl::StatusOr<MeshFormat> ParseMeshFormat(v1::MeshFormat format, const std::string& field);
 
-// In: what a client sent. Out: the request with every default filled in; shaders and blends are not checked yet
-// (ValidateRequest does).
-// Errors: INVALID_ARGUMENT "field: why" for enum values that this server does not know, a shader parameter given twice,
-// a grid asked for in two ways, more than kMaxTargets targets, a negative queue time-out, or new positions of no mesh.
+// In: a message from a client. Out: the request with every default filled in. ValidateRequest checks shaders and
+// blends. Errors: INVALID_ARGUMENT "field: why" for enum values that this server does not know, a shader parameter
+// given twice, a grid given in two forms, more than kMaxTargets targets, a negative queue time-out, or new positions
+// without a mesh id.
 absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config);
 
-// The message that ParseConfig turns back into `request`, except for its threads.
+// The inverse of ParseConfig, without `threads`.
 v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_format = MeshFormat::kAuto,
                               const CallSettings& settings = {});
 

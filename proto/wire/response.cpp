@@ -50,15 +50,15 @@ v1::ElementType ToMessage(ElementType type) {
   return v1::ELEMENT_TYPE_UNSPECIFIED;
 }
 
-// How much a sparse or bucketed result lists.
+// The counts of the lists of a sparse or bucketed result.
 struct Counts {
   uint64_t bricks = 0, voxels = 0, fragments = 0;
 };
 
-// More fragments than any mesh gives, and few enough that no product with components and element sizes overflows.
+// Above the fragments of any mesh, and small enough that no product with components and element sizes overflows.
 constexpr uint64_t kMaxFragments = uint64_t{1} << 53;
 
-// Reads the counts off the shapes of the first arrays. Believes none that the grid cannot hold.
+// Reads the counts from the shapes of the first arrays. Rejects counts that the grid cannot hold.
 absl::StatusOr<Counts> ReadCounts(const v1::ResultHeader& message, const VoxelizeRequest& request,
                                   const GridSpec& grid) {
   Counts counts;
@@ -70,7 +70,7 @@ absl::StatusOr<Counts> ReadCounts(const v1::ResultHeader& message, const Voxeliz
   }
   if (request.result == ResultKind::kSparse) {
     counts.bricks = message.arrays(0).shape(0);
-    // The values' count stands first, but for several components in planes, where it stands behind them.
+    // The count of values is the first dimension; after the components in a planar layout of several components.
     const bool planes = request.layout == Layout::kPlanar && request.targets[0].components > 1;
     const auto& shape = message.arrays(lists).shape();
     counts.voxels = planes ? shape[shape.size() - 1] : shape[0];
@@ -223,7 +223,7 @@ v1::MeshReport ToMessage(const MeshReport& report, bool examined) {
 }
 
 void WriteTo(const Warning& warning, v1::Warning& message) {
-  // The numbers are the enum's, one up: 0 is UNSPECIFIED.
+  // Numbers are those of the enum plus 1: 0 is UNSPECIFIED.
   message.set_code(v1::WarningCode(int(warning.code) + 1));
   message.set_place(CleanText(warning.place, WarningList::kMaxTextBytes));
   message.set_text(CleanText(warning.text, WarningList::kMaxTextBytes));

@@ -1,5 +1,5 @@
-// Answers: core types <-> messages. Used by the server (To...) and by the client (From...). WriteTo is ToMessage into a
-// fresh message that stands already, on an arena, say.
+// Responses: core types <-> messages. Used by the server (To...) and by the client (From...). WriteTo is ToMessage into
+// an existing empty message, for example on an arena.
 #pragma once
 
 #include <string>
@@ -20,7 +20,7 @@ namespace voxelpipe {
 // index_to_world is derived: it is written for readers in other languages and ignored by FromMessage.
 v1::Grid ToMessage(const GridSpec& grid);
 void WriteTo(const GridSpec& grid, v1::Grid& message);
-// DATA_LOSS unless dims are 1 to kMaxGridDim an axis and 2^53 voxels in all, and the voxel size is positive.
+// DATA_LOSS unless dims are 1 to kMaxGridDim an axis and at most 2^53 voxels in all, and the voxel size is positive.
 absl::StatusOr<GridSpec> FromMessage(const v1::Grid& message);
 
 v1::VoxelizationPlan ToMessage(const Plan& plan);
@@ -36,8 +36,7 @@ v1::MeshReport ToMessage(const MeshReport& report, bool examined);
 void WriteTo(const MeshReport& report, bool examined, v1::MeshReport& message);
 MeshReport FromMessage(const v1::MeshReport& message);
 
-// The warnings of a Summary, a StoredMesh or an EstimateVoxelizationResponse: its fields `warnings` and
-// `warnings_left_out`.
+// The fields `warnings` and `warnings_left_out` of a Summary, a StoredMesh or an EstimateVoxelizationResponse.
 void WriteTo(const Warning& warning, v1::Warning& message);
 Warning FromMessage(const v1::Warning& message);
 template <typename Message>
@@ -45,7 +44,7 @@ void WriteWarnings(const WarningList& warnings, Message& message) {
   for (const Warning& warning : warnings.kept()) WriteTo(warning, *message.add_warnings());
   if (warnings.left_out() > 0) message.set_warnings_left_out(warnings.left_out());
 }
-// A code that is not known counts as nonconforming_file; more than WarningList keeps count as left out.
+// An unknown code counts as nonconforming_file; warnings beyond the limit of WarningList count as left out.
 template <typename Message>
 WarningList ReadWarnings(const Message& message) {
   WarningList warnings;
@@ -62,10 +61,10 @@ ShaderInfo FromMessage(const v1::ShaderInfo& message);
 
 v1::ResultHeader ToMessage(const ResultHeader& header);
 void WriteTo(const ResultHeader& header, v1::ResultHeader& message);
-// In: what the server announces, and what it was asked for. Out: the same as the core knows it, arrays named, typed and
-// shaped as result.h says for the request's kind, targets and layout. The sizes of sparse and bucketed lists are the
-// server's to say, within what the grid can hold. DATA_LOSS naming what differs: the grid, the kind, the layout, the
-// number of arrays, or an array's name, type or shape.
+// In: the header from the server, and the request. Out: the header of the core, with arrays named, typed and shaped as
+// in result.h for the request's kind, targets and layout. The server chooses the sizes of sparse and bucketed lists,
+// within the bounds of the grid. DATA_LOSS naming what differs: the grid, the kind, the layout, the number of arrays,
+// or an array's name, type or shape.
 absl::StatusOr<ResultHeader> FromMessage(const v1::ResultHeader& message, const VoxelizeRequest& request);
 
 }  // namespace voxelpipe

@@ -25,7 +25,7 @@ constexpr char kNeedBytes[] = "need_bytes", kLimitBytes[] = "limit_bytes", kLarg
                kSmallestVoxelSize[] = "smallest_voxel_size", kUseRpc[] = "use_rpc";
 constexpr char kNotAvailable[] = "NOT_AVAILABLE", kResultNeedsStream[] = "RESULT_NEEDS_STREAM";
 constexpr char kStreamRpc[] = "voxelpipe.v1.VoxelizationService/Voxelize";
-// Trailers are bounded to 8 KiB together by default; the message goes there twice, percent-encoded once.
+// gRPC limits trailers to 8 KiB in total by default; the message is in them twice, once percent-encoded.
 static_assert(kMaxErrorBytes <= 1000);
 constexpr size_t kMaxIdBytes = 80;
 constexpr std::chrono::milliseconds kInUseDelay{1000};
@@ -44,9 +44,8 @@ google::rpc::RetryInfo MakeRetryInfo(std::chrono::milliseconds delay) {
   return retry;
 }
 
-// Where the place ends that an INVALID_ARGUMENT names before it says what is wrong there: "targets[0].blend: ..." has
-// one word for it, a mesh file's two, "glTF: mesh 0, primitive 0: ...". npos where it names none. Quoted text is
-// untrusted.
+// The end of the location that an INVALID_ARGUMENT names before the reason: one part in "targets[0].blend: ...", two
+// for a mesh file, "glTF: mesh 0, primitive 0: ...". npos if it names none. Quoted text is untrusted.
 size_t EndOfPlace(std::string_view message) {
   const size_t end = message.find(": ");
   if (end == message.npos || !(message.starts_with("glTF: ") || message.starts_with("GLB: "))) return end;
@@ -62,7 +61,7 @@ bool ReadNumber(const google::rpc::ErrorInfo& info, const char* key, Number& out
   return std::from_chars(text.data(), text.data() + text.size(), out).ec == std::errc();
 }
 
-// Three numbers with commas between them; `out` stays as it is where they are not there.
+// Parses three numbers separated by commas; otherwise `out` is not changed.
 void ReadThree(const google::rpc::ErrorInfo& info, const char* key, Vec3d& out) {
   const auto found = info.metadata().find(key);
   if (found == info.metadata().end()) return;
@@ -142,7 +141,7 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
   }
   const std::string message = ErrorText(status);
   google::rpc::Status details;
-  details.set_code(int(status.code()));  // absl and gRPC number the canonical codes alike
+  details.set_code(int(status.code()));  // absl and gRPC use the same numbers for the canonical codes
   details.set_message(message);
   if (status.code() == absl::StatusCode::kInvalidArgument) {
     google::rpc::BadRequest bad;
@@ -210,7 +209,7 @@ absl::Status FromGrpcStatus(const grpc::Status& status) {
     LimitError numbers;
     if (absl::IsResourceExhausted(result) && detail.Is<google::rpc::ErrorInfo>() && detail.UnpackTo(&info) &&
         ReadNumber(info, kLimitBytes, numbers.limit_bytes)) {
-      // Those that do not apply are not there.
+      // Values that do not apply are absent.
       ReadNumber(info, kNeedBytes, numbers.need_bytes);
       ReadNumber(info, kLargestResolution, numbers.largest_resolution);
       ReadThree(info, kSmallestVoxelSize, numbers.smallest_voxel_size);
@@ -218,7 +217,7 @@ absl::Status FromGrpcStatus(const grpc::Status& status) {
     }
     if (absl::IsFailedPrecondition(result) && detail.Is<google::rpc::ErrorInfo>() && detail.UnpackTo(&info) &&
         info.reason() == kResultNeedsStream) {
-      uint64_t need_bytes = 0, limit_bytes = 0;  // 0 where a server does not say
+      uint64_t need_bytes = 0, limit_bytes = 0;  // 0 if the server did not send it
       ReadNumber(info, kNeedBytes, need_bytes);
       ReadNumber(info, kLimitBytes, limit_bytes);
       result.SetPayload(kNeedsStreamUrl, absl::Cord(absl::StrCat(need_bytes, " ", limit_bytes)));
