@@ -15,8 +15,7 @@ namespace voxelpipe {
 namespace {
 
 constexpr std::chrono::milliseconds kLookEvery{10};
-// The thread sleeps until it is woken only after this long without calls: waking it costs a short call more than all
-// else here.
+// The thread blocks only after this long without calls: waking it costs a short call more than everything else here.
 constexpr int kIdleLooks = 100;
 
 }  // namespace
@@ -46,7 +45,7 @@ class CallWatcher {
     }
     if (wake) changed_.notify_one();
   }
-  // Afterwards the watch's call is not touched any more.
+  // Afterwards the call of the watch is not accessed any more.
   void Remove(CallWatch& watch) {
     const std::lock_guard lock(mutex_);
     const auto it = std::find(watches_.begin(), watches_.end(), &watch);
@@ -80,7 +79,7 @@ class CallWatcher {
   std::condition_variable changed_;
   std::vector<CallWatch*> watches_;
   bool asleep_ = false, stopped_ = false;
-  std::thread thread_;  // last: it uses all of the above
+  std::thread thread_;  // last member: it uses all of the above
 };
 
 CallWatch::CallWatch(grpc::ClientContext& context, const JobContext& job) : context_(context), job_(job) {

@@ -1,4 +1,4 @@
-// Ties one call to the job that it is made for.
+// Binds a call to its job.
 #pragma once
 
 #include <grpcpp/client_context.h>
@@ -8,9 +8,9 @@
 
 namespace voxelpipe {
 
-// Sends the job's deadline with the call, and while the object lives cancels the call as soon as the job should end.
-// Both must outlive it. JobContext is a flag without a bell (signal handlers raise it), so it is polled every ten
-// milliseconds, by one thread for all calls of the process.
+// Sends the job's deadline with the call, and during its lifetime cancels the call as soon as the job should end. Both
+// must outlive it. JobContext is a flag without notification (signal handlers set it), so one thread polls it every ten
+// milliseconds for all calls of the process.
 class CallWatch {
  public:
   CallWatch(grpc::ClientContext& context, const JobContext& job);
@@ -25,7 +25,7 @@ class CallWatch {
   bool cancelled_ = false;  // guarded by the watcher's lock
 };
 
-// The status of an ended call as the caller should see it: the job's own reason where the job ended the call, otherwise
+// The status of an ended call as the caller should see it: the job's own reason if the job ended the call, otherwise
 // the server's; UNAVAILABLE names `target`.
 absl::Status CallStatus(const grpc::Status& status, const JobContext& job, const std::string& target);
 

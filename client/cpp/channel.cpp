@@ -36,19 +36,17 @@ grpc::ChannelArguments MakeArguments(const std::string& target) {
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_FRAME_SIZE, 16777215);  // a quarter faster on gigabytes
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL,
                    1);  // clients of one process share no connection and no back-off
-  // A server whose machine is gone says nothing: calls under way end after 25 s then. Servers take pings at these
-  // intervals.
+  // Keepalive: if the server's machine is gone, calls end after 25 s. Servers accept pings at this interval.
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 10000);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 15000);
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
-  // A proxy of the environment does not lead to this very machine.
+  // A proxy from the environment does not apply to this machine itself.
   if (IsLoopback(target)) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   return arguments;
 }
 
-// gRPC 1.51 reads errno of connect() only after calls that may change it (mended later: grpc/grpc#35064), and so takes
-// a connection on its way for one that failed: on a busy machine one in a thousand. Only failures one after another are
-// believed.
+// gRPC 1.51 reads errno of connect() only after calls that may change it (fixed later: grpc/grpc#35064), and so takes a
+// connection in progress for a failed one: on a busy machine one in a thousand. Only consecutive failures count.
 constexpr int kAttempts = 3;
 
 // The state in which the first attempt of a new channel ended, or the last one before the deadline.
@@ -60,7 +58,7 @@ grpc_connectivity_state StateAfterAttempt(grpc::Channel& channel, std::chrono::s
   }
 }
 
-// Why a channel's attempts to connect failed, as gRPC says it.
+// Why a channel's attempts to connect failed, in gRPC's text.
 std::string LastError(const std::shared_ptr<grpc::Channel>& channel) {
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(1));
@@ -73,7 +71,7 @@ std::string LastError(const std::shared_ptr<grpc::Channel>& channel) {
   for (const char* code : {"UNKNOWN: ", "UNAVAILABLE: "}) {
     if (absl::StartsWith(message, code)) message.erase(0, std::strlen(code));
   }
-  for (const char* scheme : {"ipv4:", "ipv6:", "unix:"}) {  // and an address: the target is named already
+  for (const char* scheme : {"ipv4:", "ipv6:", "unix:"}) {  // with an address: the target is already named
     const size_t end = message.find(": ");
     if (absl::StartsWith(message, scheme) && end != std::string::npos) message.erase(0, end + 2);
   }
@@ -95,8 +93,8 @@ std::string Explained(const std::string& error, bool tls) {
   for (const char* sign : {"certificate verify failed", "certificate_verify_failed", "peer name", "peer cert"}) {
     if (absl::StrContains(lower, sign)) {
       return absl::StrCat(
-          "certificate verification failed; --tls-ca names whom to believe, --tls-server-name whom the "
-          "certificate is for: ",
+          "certificate verification failed; --tls-ca sets the trusted CAs, --tls-server-name the name in the "
+          "certificate: ",
           error);
     }
   }
@@ -117,7 +115,7 @@ absl::StatusOr<std::string> ReadPem(const std::string& path) {
   return text;
 }
 
-// Of those whom this machine believes. gRPC's own list is not installed everywhere.
+// The system's CA certificates. gRPC's own list is not installed everywhere.
 constexpr char kSystemCa[] = "/etc/ssl/certs/ca-certificates.crt";
 
 absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const std::optional<ClientTls>& tls) {
@@ -137,7 +135,7 @@ absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const 
   return grpc::SslCredentials(options);
 }
 
-// Puts the token onto every call of a channel, plain text or not: credentials of a call would need TLS.
+// Adds the token to every call of a channel, with TLS or without: call credentials would need TLS.
 class TokenSender final : public grpc::experimental::Interceptor {
  public:
   explicit TokenSender(const std::string& authorization) : authorization_(authorization) {}
@@ -149,21 +147,21 @@ class TokenSender final : public grpc::experimental::Interceptor {
   }
 
  private:
-  const std::string& authorization_;  // the factory's, which the channel keeps
+  const std::string& authorization_;  // of the factory, which the channel owns
 };
 
 class TokenSenders final : public grpc::experimental::ClientInterceptorFactoryInterface {
  public:
   explicit TokenSenders(const std::string& token) : authorization_("Bearer " + token) {}
   grpc::experimental::Interceptor* CreateClientInterceptor(grpc::experimental::ClientRpcInfo*) override {
-    return new TokenSender(authorization_);  // gRPC's from here on
+    return new TokenSender(authorization_);  // owned by gRPC
   }
 
  private:
   const std::string authorization_;
 };
 
-// None without a token.
+// Empty without a token.
 std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> MakeSenders(
     const std::string& token) {
   std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> senders;
@@ -174,7 +172,7 @@ std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterfac
 }  // namespace
 
 absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& target, const ConnectOptions& options) {
-  if (target.empty()) return absl::InvalidArgumentError("the server's address is empty; it reads HOST:PORT");
+  if (target.empty()) return absl::InvalidArgumentError("the server's address is empty; expected HOST:PORT");
   const auto credentials = MakeCredentials(options.tls);
   if (!credentials.ok()) return credentials.status();
   if (options.token.find_first_of(" \r\n\t") != std::string::npos) {
@@ -186,7 +184,7 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& ta
   }
   const auto deadline = std::chrono::system_clock::now() + options.timeout;
   for (int attempt = 1; attempt <= kAttempts; ++attempt) {
-    // A channel waits before it tries again, a new one does not.
+    // A channel waits before it retries; a new channel does not.
     std::shared_ptr<grpc::Channel> channel = grpc::experimental::CreateCustomChannelWithInterceptors(
         target, *credentials, arguments, MakeSenders(options.token));
     const grpc_connectivity_state state = StateAfterAttempt(*channel, deadline);

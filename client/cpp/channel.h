@@ -1,4 +1,4 @@
-// The connection to a server, for those parts of this repository that speak gRPC themselves.
+// The connection to a server, for code of this repository that uses gRPC directly.
 #pragma once
 
 #include <memory>
@@ -11,8 +11,7 @@
 
 namespace voxelpipe {
 
-// In: as for Client::Connect. Out: a channel with a connection of its own that stands. Errors: those of
-// Client::Connect.
+// In: as for Client::Connect. Out: a connected channel with a connection of its own. Errors: those of Client::Connect.
 absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& target, const ConnectOptions& options);
 
 }  // namespace voxelpipe

@@ -15,10 +15,10 @@
 namespace voxelpipe {
 namespace {
 
-// For the calls that need no work on the server.
+// For calls that run no job on the server.
 constexpr std::chrono::seconds kQuickCall{10};
 
-// On the wire an empty id means that the file follows.
+// In messages an empty id means that the file follows.
 absl::Status NoMeshId() {
   return absl::InvalidArgumentError("mesh_id: is empty");
 }
@@ -33,7 +33,7 @@ struct Client::Impl {
   std::unique_ptr<v1::VoxelizationService::Stub> service;
   std::unique_ptr<grpc::health::v1::Health::Stub> health;
 
-  // Makes a call that is over at once.
+  // Makes a short unary call.
   template <typename Service, typename Method, typename Request, typename Response>
   absl::Status Quick(Service& stub, Method method, const Request& request, Response& response,
                      std::chrono::milliseconds timeout = kQuickCall) const {

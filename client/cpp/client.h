@@ -1,4 +1,4 @@
-// A voxelpiped server, called from C++. Speaks the core's own types: no gRPC and no protobuf in this header.
+// The C++ client of a voxelpiped server. Uses the core's types: no gRPC and no protobuf in this header.
 #pragma once
 
 #include <chrono>
@@ -24,31 +24,31 @@
 
 namespace voxelpipe {
 
-// How a client shows who it is, and whom it believes. Files are PEM; an empty name means none.
+// TLS settings: the CA certificates that the client trusts, and its own. Files are PEM; an empty name means none.
 struct ClientTls {
-  std::string ca_file;              // of those whom it believes; empty: those whom this machine believes
-  std::string cert_file, key_file;  // the client's own, where the server asks for one
-  std::string server_name;          // what the certificate must be for, where that is not the target's host
+  std::string ca_file;              // trusted CA certificates; empty: those of the system
+  std::string cert_file, key_file;  // the client's own certificate, if the server requires one
+  std::string server_name;          // the name in the server's certificate, if it is not the target's host
 };
 
 struct ConnectOptions {
   std::optional<ClientTls> tls;             // absent: plain text
   std::string token;                        // sent with each call: `authorization: Bearer TOKEN`; empty: none
-  std::chrono::milliseconds timeout{5000};  // for the connection to stand
-  uint64_t max_result_bytes = 64ull << 30;  // a server that announces more is not believed
-  CallSettings settings;                    // how the results of all calls are made and sent
+  std::chrono::milliseconds timeout{5000};  // for connecting
+  uint64_t max_result_bytes = 64ull << 30;  // larger announced results are refused
+  CallSettings settings;                    // for the results of all calls
 };
 
-// How a server came to run a job.
+// How a server ran a job.
 struct ServedBy {
   std::string worker;       // "cpu/0", "cuda:1/0"; empty where the server does not report it, or the result was cached
   double queue_ms = 0;      // from admission to the worker
-  uint32_t batch_jobs = 0;  // jobs of the worker's pass, this one included
-  std::optional<uint64_t> batch_launches;  // kernel launches of that pass; CUDA only
-  uint32_t attempts = 0;                   // workers that were given the job; more than 1 where a device failed
+  uint32_t batch_jobs = 0;  // jobs in the worker's batch, this one included
+  std::optional<uint64_t> batch_launches;  // kernel launches of that batch; CUDA only
+  uint32_t attempts = 0;                   // workers that tried the job; more than 1 if a device failed
 };
 
-// What a server says about a run besides its result.
+// A server's report on a run, without its result.
 struct RemoteRun {
   ServedBy served;
   VoxelizeStats stats;  // the server's figures, and its warnings
@@ -56,29 +56,29 @@ struct RemoteRun {
   std::vector<std::pair<std::string, double>> mesh_stages;
   MeshReport report;
   uint64_t peak_bytes = 0;  // the server's peak for this request
-  bool cached = false;      // the result was kept from an equal request, or made for one at the same time
-  // Of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival; empty where settings.content_hash
-  // is false.
+  bool cached = false;      // the result is from the cache, or shared with an equal request at the same time
+  // SHA-256 of the result's bytes in stream order, 64 hexadecimal digits, checked on arrival; empty if
+  // settings.content_hash is false.
   std::string content_sha256;
-  uint64_t sent_bytes = 0;  // of the result as they came, compressed or not
+  uint64_t sent_bytes = 0;  // of the result as received, compressed or not
 };
 
-// What one mesh gave, in memory.
+// The result of one mesh, in memory.
 struct RemoteResult : RemoteRun {
-  // As the core gives it; `specs` is what was asked for, `stats` the same as above.
+  // The result of the core; `specs` are those of the request, `stats` the same as above.
   VoxelizeResult result;
 };
 
-// A mesh that the server keeps.
+// A mesh stored on the server.
 struct StoredMesh {
   std::string mesh_id;                    // SHA-256 of the file's bytes, 64 hexadecimal digits
   MeshFormat format = MeshFormat::kAuto;  // of the file
   uint64_t file_bytes = 0;
-  uint64_t memory_bytes = 0;    // that it takes on the server
+  uint64_t memory_bytes = 0;    // its memory on the server
   MeshReport report;            // degenerate triangles and open edges are 0 until a job with a fill used the mesh
-  WarningList warnings;         // all of its textures included
-  uint64_t uses = 0;            // jobs that took it
-  bool already_stored = false;  // UploadMesh: it was there
+  WarningList warnings;         // including those of all its textures
+  uint64_t uses = 0;            // number of jobs that used it
+  bool already_stored = false;  // UploadMesh: the server already had it
 };
 
 struct ServerBackend {
@@ -89,27 +89,27 @@ struct ServerBackend {
 struct ServerDevice {
   std::string name;           // "cpu", "cuda:0"
   std::string backend;        // "cpu", "cuda"
-  std::string model;          // as its maker calls it; empty where that is not known
-  uint64_t memory_bytes = 0;  // of its own
+  std::string model;          // the maker's name for it; empty if unknown
+  uint64_t memory_bytes = 0;  // of the device
   uint32_t workers = 0;       // batches that run on it at the same time
   bool serving = true;
-  std::string reason;  // why it does not
+  std::string reason;  // why it does not serve
 };
 
-// What a server is and what it allows.
+// A server's properties and limits.
 struct ServerDescription {
   std::vector<ServerDevice> devices;
   std::string version;
   std::vector<ServerBackend> backends;  // best first
-  uint32_t threads = 0;                 // of the CPU backend, shared by the requests that run
-  uint32_t workers = 0;                 // meshes that are loaded at the same time; `devices` has what runs
-  uint32_t max_queue = 0;               // requests that wait
+  uint32_t threads = 0;                 // of the CPU backend, shared by the running requests
+  uint32_t workers = 0;                 // meshes that are loaded at the same time; see `devices` for running jobs
+  uint32_t max_queue = 0;               // waiting requests
   uint64_t max_file_bytes = 0;
   uint64_t max_result_bytes = 0;
   uint64_t max_working_bytes = 0;
   uint64_t max_triangles = 0;
-  uint64_t max_message_bytes = 0;     // of one request message; Voxelize sends smaller ones whatever the mesh's size
-  uint64_t max_mesh_store_bytes = 0;  // memory of all meshes that are kept
+  uint64_t max_message_bytes = 0;     // of one request message; Voxelize sends smaller ones for meshes of any size
+  uint64_t max_mesh_store_bytes = 0;  // memory of all stored meshes
 };
 
 // True if an error says that no connection to the server was made, so that nothing was sent.
@@ -121,8 +121,8 @@ class ManyStream;  // many_stream.h
 // naming the target.
 class Client {
  public:
-  // In: "HOST:PORT" or any gRPC target ("unix:/path"). UNAVAILABLE naming the target when no server answers there or
-  // TLS does not come about, at once where the connection is refused time and again, else after `options.timeout`.
+  // In: "HOST:PORT" or any gRPC target ("unix:/path"). UNAVAILABLE naming the target if no server answers or the TLS
+  // handshake fails: at once if the connection is refused repeatedly, otherwise after `options.timeout`.
   // INVALID_ARGUMENT naming a file of `options.tls` that cannot be read.
   static absl::StatusOr<std::unique_ptr<Client>> Connect(const std::string& target, const ConnectOptions& options = {});
   ~Client();
@@ -130,36 +130,35 @@ class Client {
   Client& operator=(const Client&) = delete;
 
   // In: the bytes of a self-contained mesh file (ReadAndPackMeshFile) and a request. `job`: Cancel() ends the call
-  // within some ten milliseconds and the server's work with it; the deadline is sent along; Progress is called with
-  // "upload", the server's stage names and "download", from one thread at a time. `on_plan`, if set, is called once, on
-  // the calling thread, before the result comes.
-  // Errors: the server's (see Voxelize in pipeline/voxelize.h); CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS where the
-  // result fails its checks (offsets, lengths, CRC32C of every piece, SHA-256 of the whole, sizes against the request;
-  // of sparse and bucketed results also that the lists agree with each other, see list_check.h).
+  // within some ten milliseconds and the server's work with it; the deadline is sent with the call; Progress is called
+  // with "upload", the server's stage names and "download", from one thread at a time. `on_plan`, if set, is called
+  // once, on the calling thread, before the result comes. Errors: the server's (see Voxelize in pipeline/voxelize.h);
+  // CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS if the result fails its checks (offsets, lengths, CRC-32C of every piece,
+  // SHA-256 of the whole, sizes against the request; for sparse and bucketed results also the consistency of the lists,
+  // see list_check.h).
   absl::StatusOr<RemoteResult> Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                         const VoxelizeRequest& request, const JobContext& job,
                                         const std::function<void(const Plan&)>& on_plan = {});
 
-  // The same for a result that need not fit into this machine's memory: `sink` gets it as it comes, on the calling
-  // thread; its errors end the call and are returned. What DATA_LOSS means is found at the end: the SHA-256 after all
-  // bytes were handed on, so the sink's bytes count only when this returns OK (every piece by itself has passed its
-  // CRC32C). Whether the lists of sparse and bucketed results agree with each other is not checked. Sink::Keep is not
-  // called.
+  // The same for a result that need not fit into memory: `sink` receives it as it arrives, on the calling thread; its
+  // errors end the call and are returned. The SHA-256 is checked only after all bytes were written, so they are valid
+  // only if this returns OK (each piece has passed its CRC-32C). The consistency of the lists of sparse and bucketed
+  // results is not checked. Sink::Keep is not called.
   absl::StatusOr<RemoteRun> VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                        const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                        const std::function<void(const Plan&)>& on_plan = {});
 
-  // Sends a mesh to be kept, unless the server has it already (the bytes' SHA-256 goes first). It stays until it is
-  // deleted or others were used later and need the room. `job`: as of Voxelize; Progress is called with "upload".
-  // Errors: as of Voxelize for a broken file; RESOURCE_EXHAUSTED where it is larger than all that the server keeps;
-  // DATA_LOSS where other bytes arrive than were sent.
+  // Stores a mesh on the server, unless it already has it (the SHA-256 of the bytes is sent first). It stays until it
+  // is deleted or evicted as least recently used. `job`: as in Voxelize; Progress is called with "upload". Errors: as
+  // in Voxelize for a broken file; RESOURCE_EXHAUSTED if it is larger than the server's whole store; DATA_LOSS if the
+  // server received other bytes.
   absl::StatusOr<StoredMesh> UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFormat format, const JobContext& job);
 
-  // Voxelize and VoxelizeTo with a mesh that the server keeps: the same bytes as with its file. NOT_FOUND where the
-  // server has none of that id (any more): UploadMesh sends it again. `new_positions`, if not empty: x, y, z of every
-  // vertex of the flattened mesh (report.vertices of them, in the order of the file's nodes and primitives), in world
-  // units, used in place of the mesh's own; everything else stays, normals too. Skeletons and morph targets do not move
-  // such a mesh. INVALID_ARGUMENT for another number, or naming the first vertex that is not finite.
+  // Voxelize and VoxelizeTo with a stored mesh: the same bytes as with its file. NOT_FOUND if the server has none of
+  // that id (any more): UploadMesh sends it again. `new_positions`, if not empty: x, y, z of every vertex of the
+  // flattened mesh (report.vertices of them, in the order of the file's nodes and primitives), in world units,
+  // replacing the mesh's own; everything else is kept, including normals. Skeletons and morph targets do not move such
+  // a mesh. INVALID_ARGUMENT for another number, or naming the first vertex that is not finite.
   absl::StatusOr<RemoteResult> VoxelizeStored(const std::string& mesh_id, const VoxelizeRequest& request,
                                               const JobContext& job, std::span<const float> new_positions = {},
                                               const std::function<void(const Plan&)>& on_plan = {});
@@ -168,30 +167,30 @@ class Client {
                                              std::span<const float> new_positions = {},
                                              const std::function<void(const Plan&)>& on_plan = {});
 
-  // The server's record of a mesh. NOT_FOUND where it does not keep it.
+  // The server's description of a stored mesh. NOT_FOUND if it does not have it.
   absl::StatusOr<StoredMesh> GetMesh(const std::string& mesh_id);
-  // Takes this client's claim on a mesh back, and makes the server forget the mesh where no other client has one; jobs
-  // that use it go on. Out: the bytes that this frees, 0 where it stays for others. NOT_FOUND where the server does not
-  // keep it, PERMISSION_DENIED without a claim.
+  // Releases this client's claim on a mesh, and deletes the mesh if no other client has a claim; jobs that use it
+  // continue. Out: the freed bytes, 0 if it stays for others. NOT_FOUND if the server does not have it,
+  // PERMISSION_DENIED without a claim.
   absl::StatusOr<uint64_t> DeleteMesh(const std::string& mesh_id);
 
-  // Opens a stream for many small jobs (many_stream.h). At most `window` of them are unanswered at a time. `job`:
+  // Opens a stream for many small jobs (many_stream.h). At most `window` of them are outstanding at a time. `job`:
   // Cancel() ends the stream, its deadline is the stream's; it must outlive the stream, as must this client.
   std::unique_ptr<ManyStream> OpenMany(const JobContext& job, size_t window = 64);
 
   struct Estimated {
     Plan plan;
-    MeshReport report;  // what the server saw in the mesh
+    MeshReport report;  // the server's report on the mesh
   };
-  // The plan of the same request without the work. Sends the whole mesh in one message: for files below the server's
+  // The plan of a request, without running it. Sends the whole mesh in one message: for files below the server's
   // max_message_bytes.
   absl::StatusOr<Estimated> Estimate(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                      const VoxelizeRequest& request, const JobContext& job);
-  // The same for a mesh that is known by its size and the box of its vertices after the vertex shader.
+  // The same for a mesh given by its size and the box of its vertices after the vertex shader.
   absl::StatusOr<Plan> Estimate(uint64_t triangles, uint64_t vertices, const Box3d& shaded_box,
                                 const VoxelizeRequest& request, const JobContext& job);
 
-  // The same for a mesh that the server keeps.
+  // The same for a stored mesh.
   absl::StatusOr<Estimated> EstimateStored(const std::string& mesh_id, const VoxelizeRequest& request,
                                            const JobContext& job);
 
@@ -200,7 +199,7 @@ class Client {
 
   absl::StatusOr<ServerDescription> ServerInfo();
 
-  // OK while the server takes requests; UNAVAILABLE when it is draining or not there.
+  // OK while the server accepts requests; UNAVAILABLE if it is draining or cannot be reached.
   absl::Status CheckHealth(std::chrono::milliseconds timeout = std::chrono::seconds(3));
 
   const std::string& target() const;

@@ -22,7 +22,7 @@ absl::StatusOr<MeshInspection> InspectMesh(const std::string& target, const Conn
   const auto service = v1::VoxelizationService::NewStub(*channel);
   VoxelizeRequest smallest;
   smallest.grid.resolution = 1;
-  smallest.fill = Fill::kParity;  // with a fill the edges are counted, too
+  smallest.fill = Fill::kParity;  // a fill makes the server count edges too
   v1::EstimateVoxelizationRequest request;
   *request.mutable_config() = MakeConfig(smallest, format);
   request.set_mesh_bytes(mesh_bytes.data(), mesh_bytes.size());

@@ -1,4 +1,4 @@
-// What a server sees in a mesh file. No gRPC and no protobuf in this header.
+// A server's report on a mesh file. No gRPC and no protobuf in this header.
 #pragma once
 
 #include <cstdint>
@@ -16,15 +16,14 @@
 namespace voxelpipe {
 
 struct MeshInspection {
-  MeshReport report;  // degenerate triangles and open edges counted
+  MeshReport report;  // with degenerate triangles and open edges
   MeshContents contents;
-  WarningList warnings;                                // all of its textures included
+  WarningList warnings;                                // including those of all its textures
   std::vector<std::pair<std::string, double>> stages;  // load and flatten, milliseconds on the server
 };
 
-// In: the bytes of a self-contained mesh file, below the server's max_message_bytes: they go in one message. Connects
-// for this one call.
-// Errors: those of Client::Connect and Client::Estimate.
+// In: the bytes of a self-contained mesh file, below the server's max_message_bytes, because they are sent in one
+// message. Connects for this call only. Errors: those of Client::Connect and Client::Estimate.
 absl::StatusOr<MeshInspection> InspectMesh(const std::string& target, const ConnectOptions& options,
                                            std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                            const JobContext& job);

@@ -11,7 +11,7 @@
 
 namespace voxelpipe {
 
-// See Client::OpenMany. All that is referred to must outlive the stream. `target` names the server in errors.
+// See Client::OpenMany. All arguments passed by reference must outlive the stream. `target` names the server in errors.
 std::unique_ptr<ManyStream> OpenManyStream(v1::VoxelizationService::Stub& stub, const std::string& target,
                                            const ConnectOptions& options, const JobContext& job, size_t window);
 

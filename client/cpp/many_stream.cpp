@@ -22,7 +22,7 @@
 namespace voxelpipe {
 namespace {
 
-// A job that waits for its answer.
+// An outstanding job.
 struct Unanswered {
   Unanswered(VoxelizeRequest asked, const ConnectOptions& options)
       : request(std::move(asked)), reader(request, options.max_result_bytes, sink, options.settings.content_hash) {}
@@ -32,7 +32,7 @@ struct Unanswered {
       case v1::VoxelizeResponse::kHeader: return reader.AddHeader(part.header());
       case v1::VoxelizeResponse::kPiece: return reader.AddPiece(part.piece());
       case v1::VoxelizeResponse::kSummary: return reader.AddSummary(part.summary());
-      default: return absl::OkStatus();  // a plan, or what a newer server says
+      default: return absl::OkStatus();  // a plan, or a message of a newer server
     }
   }
   absl::StatusOr<RemoteResult> Take() {
@@ -91,14 +91,14 @@ struct ManyStream::Impl {
     return status->ok() ? absl::OutOfRangeError("all jobs are answered") : *status;
   }
 
-  // The next answer, be it in a message of its own or with others; null at the end of the stream.
+  // The next response, in a message of its own or with others; null at the end of the stream.
   const v1::VoxelizeManyResponse* NextMessage() {
     if (taken < received.more_size()) return &received.more(taken++);
     taken = 0;
     return stream->Read(&received) ? &received : nullptr;
   }
 
-  // An error is the stream's.
+  // Errors are those of the stream.
   absl::StatusOr<std::optional<ManyAnswer>> Take(const v1::VoxelizeManyResponse& message) {
     Unanswered* one = nullptr;
     {
@@ -146,11 +146,11 @@ struct ManyStream::Impl {
   grpc::ClientContext context;
   const CallWatch watch;
   std::unique_ptr<grpc::ClientReaderWriter<v1::VoxelizeManyRequest, v1::VoxelizeManyResponse>> stream;
-  std::mutex write_mutex, read_mutex;  // gRPC takes one of each at a time
+  std::mutex write_mutex, read_mutex;  // gRPC allows one of each at a time
   // Guarded by read_mutex:
   std::optional<absl::Status> status;
   v1::VoxelizeManyResponse received;  // the last message
-  int taken = 0;                      // of the answers that it holds besides its own
+  int taken = 0;                      // of its further responses
 
   std::mutex mutex;
   std::condition_variable changed;

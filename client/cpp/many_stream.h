@@ -12,7 +12,7 @@
 
 namespace voxelpipe {
 
-// The answer to one job: as of Client::Voxelize, with the same errors.
+// The response to one job: as in Client::Voxelize, with the same errors.
 struct ManyAnswer {
   uint64_t id = 0;
   absl::StatusOr<RemoteResult> result = absl::UnknownError("not answered");
@@ -24,24 +24,24 @@ class ManyStream {
  public:
   struct Impl;
   explicit ManyStream(std::unique_ptr<Impl> impl);
-  // Cancels what is not answered.
+  // Cancels outstanding jobs.
   ~ManyStream();
   ManyStream(const ManyStream&) = delete;
   ManyStream& operator=(const ManyStream&) = delete;
 
-  // Sends a job under an id of the caller's, which no unanswered job has. Waits while the window is full, until
-  // somebody receives: who sends and receives on one thread keeps at most window() jobs unanswered.
-  // Errors: INVALID_ARGUMENT for an id in use; UNAVAILABLE where the stream has ended, and Receive says why.
+  // Sends a job under an id chosen by the caller, not that of an outstanding job. Blocks while the window is full,
+  // until another thread receives: a single thread must not exceed window() outstanding jobs. Errors: INVALID_ARGUMENT
+  // for an id in use; UNAVAILABLE if the stream has ended, and Receive returns the reason.
   absl::Status Send(uint64_t id, std::span<const uint8_t> mesh_bytes, MeshFormat format,
                     const VoxelizeRequest& request);
-  // The same with a mesh that the server keeps (Client::VoxelizeStored).
+  // The same with a stored mesh (Client::VoxelizeStored).
   absl::Status SendStored(uint64_t id, const std::string& mesh_id, const VoxelizeRequest& request,
                           std::span<const float> new_positions = {});
-  // No more jobs come. Call once.
+  // Ends sending. Call once.
   void FinishSending();
 
-  // Waits for the next answer, in the order in which jobs are done. OUT_OF_RANGE when all jobs are answered and no more
-  // come; another error where the stream ended, and with it all unanswered jobs.
+  // Waits for the next response, in order of completion. OUT_OF_RANGE after the last response once sending has ended;
+  // another error if the stream failed, and with it all outstanding jobs.
   absl::StatusOr<ManyAnswer> Receive();
 
   size_t window() const;

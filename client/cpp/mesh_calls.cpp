@@ -26,7 +26,7 @@ absl::StatusOr<StoredMesh> FromMessage(const v1::StoredMesh& message) {
   StoredMesh mesh;
   mesh.mesh_id = message.mesh_id();
   absl::StatusOr<MeshFormat> format = ParseMeshFormat(message.mesh_format(), "mesh_format");
-  mesh.format = format.value_or(MeshFormat::kAuto);  // one that a newer server knows
+  mesh.format = format.value_or(MeshFormat::kAuto);  // a format of a newer server
   mesh.file_bytes = message.file_bytes();
   mesh.memory_bytes = message.memory_bytes();
   mesh.report = FromMessage(message.mesh());
@@ -47,8 +47,8 @@ absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::stri
   const std::string mesh_id = Sha256Hex(mesh_bytes);
   message.mutable_upload()->set_mesh_format(ToMessage(format));
   message.mutable_upload()->set_mesh_id(mesh_id);
-  bool open = stream->Write(
-      Serialized(message));  // false as soon as the server has answered: it has the mesh, or does not want it
+  bool open =
+      stream->Write(Serialized(message));  // false as soon as the server has responded: it has or refuses the mesh
   UploadPieces pieces(v1::UploadMeshRequest::kPieceFieldNumber, v1::UploadMeshRequest::kCrc32CFieldNumber);
   for (size_t offset = 0; open && offset < mesh_bytes.size(); offset += kUploadPieceBytes) {
     job.Report("upload", double(offset) / double(mesh_bytes.size()));

@@ -1,4 +1,4 @@
-// The calls about meshes that the server keeps.
+// The calls for stored meshes.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::stri
                                           std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                           const JobContext& job);
 
-// DATA_LOSS where the message does not name a mesh.
+// DATA_LOSS if the message does not name a mesh.
 absl::StatusOr<StoredMesh> FromMessage(const v1::StoredMesh& message);
 
 }  // namespace voxelpipe

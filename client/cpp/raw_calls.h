@@ -1,5 +1,4 @@
-// The calls that carry many bytes, with messages as gRPC has them: what generated stubs would parse and copy is read
-// where it lies.
+// The calls with many bytes, on raw gRPC buffers: parsed in place, where generated stubs would parse and copy.
 #pragma once
 
 #include <memory>
@@ -14,7 +13,7 @@
 
 namespace voxelpipe {
 
-// Thread-safe, as a generated stub is.
+// Thread-safe, like a generated stub.
 class RawCalls {
  public:
   explicit RawCalls(std::shared_ptr<grpc::Channel> channel);

@@ -13,7 +13,7 @@
 namespace voxelpipe {
 namespace {
 
-// No server compresses more at once.
+// The maximum of one compressed piece of a server.
 constexpr uint64_t kMaxRawBytes = 64 << 20;
 
 template <typename... Parts>
@@ -21,8 +21,8 @@ absl::Status Lost(const Parts&... parts) {
   return absl::DataLossError(absl::StrCat("the server's result: ", parts...));
 }
 
-// The grid that the server says it chose, held against what was asked for. Its size on the mesh is the server's to say
-// only where the request leaves it open (voxel_size alone).
+// Checks the server's grid against the request. The server chooses the dims only if the request leaves them open
+// (voxel_size alone).
 absl::Status CheckGrid(const GridSpec& grid, const GridRequest& request) {
   const double padding = 2.0 * double(request.padding);
   for (size_t axis = 0; axis < 3; ++axis) {
@@ -89,7 +89,7 @@ absl::Status ResultReader::AddPiece(const PieceView& piece) {
     return Lost("a piece of ", raw_bytes, " bytes at offset ", offset_, " of array ", array_, ", which has ",
                 array_bytes_[array_]);
   }
-  // All of it before any of it goes on: a piece is small enough to stay in the processor's cache until then.
+  // Checks the whole piece before forwarding any of it: a piece stays in the CPU's cache meanwhile.
   if (piece.DataCrc32c() != piece.crc32c) {
     return Lost("the CRC32C of the piece at offset ", offset_, " of array ", array_, " does not match its bytes");
   }
@@ -134,7 +134,7 @@ absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
                  summary.stats().attempts()};
   if (summary.stats().has_batch_launches()) out_.served.batch_launches = summary.stats().batch_launches();
   VoxelizeStats stats = FromMessage(summary.stats());
-  // The server lists what it did with the file among its stages; here as in-process they stand apart.
+  // The server reports load and flatten among its stages; here, as in-process, they are separate.
   const auto is_mesh_stage = [](const std::pair<std::string, double>& stage) {
     return stage.first == "load" || stage.first == "flatten";
   };

@@ -23,7 +23,7 @@ constexpr size_t kKeptBlocks = 4;
 
 }  // namespace
 
-// Memory for pieces. Blocks come back from gRPC's threads, possibly after the last message was made.
+// Memory for pieces. gRPC's threads return blocks, possibly after the last message was made.
 class UploadPieces::Blocks {
  public:
   using Block = std::unique_ptr<uint8_t[]>;
@@ -71,7 +71,7 @@ grpc::ByteBuffer UploadPieces::Make(std::span<const uint8_t> bytes) {
   uint8_t head[32];
   uint8_t* end = CodedOutputStream::WriteTagToArray(
       WireFormatLite::MakeTag(crc32c_field_, WireFormatLite::WIRETYPE_FIXED32), head);
-  // Of the bytes as they were given: so a copy that went wrong is found, too.
+  // Of the original bytes, so that an error in the copy is found too.
   end = CodedOutputStream::WriteLittleEndian32ToArray(Crc32c(bytes), end);
   end = CodedOutputStream::WriteTagToArray(
       WireFormatLite::MakeTag(piece_field_, WireFormatLite::WIRETYPE_LENGTH_DELIMITED), end);

@@ -1,4 +1,4 @@
-// The bytes of a mesh as gRPC sends them.
+// Messages with the bytes of a mesh, for gRPC.
 #pragma once
 
 #include <cstddef>
@@ -17,9 +17,8 @@ inline constexpr size_t kUploadPieceBytes = size_t{1} << 20;
 // A message of another kind.
 grpc::ByteBuffer Serialized(const google::protobuf::MessageLite& message);
 
-// Makes messages of a piece of the mesh and its CRC-32C. The bytes are copied once, since gRPC may hold what it sends
-// beyond the end of a call that breaks off, into memory that is used again when it was sent. Not thread-safe; may go
-// before its messages.
+// Makes messages with a piece of the mesh and its CRC-32C. Copies the bytes once, into memory that is reused after
+// sending, because gRPC may hold them beyond the end of an aborted call. Not thread-safe; messages may outlive it.
 class UploadPieces {
  public:
   // The numbers of the two fields in the message.

@@ -1,5 +1,5 @@
-// The mesh goes up from a thread of its own while the calling thread reads: so a server that refuses early is heard at
-// once, and neither side waits for the other with full buffers.
+// A thread of its own uploads the mesh while the calling thread reads, so that an early refusal is seen at once and
+// full buffers on both sides cannot deadlock.
 #include "voxelize_call.h"
 
 #include <algorithm>
@@ -26,12 +26,12 @@
 namespace voxelpipe {
 namespace {
 
-// Meshes and results up to here go in one message each.
+// Meshes and results up to this size are sent in one message each.
 constexpr uint64_t kWholeBytes = uint64_t{1} << 20;
 
 using Stream = RawCalls::VoxelizeStream;
 
-// Both threads report; JobContext wants one at a time. A stage is reported at most some twenty times.
+// Both threads report; JobContext requires one at a time. A stage is reported at most about twenty times.
 class Reporter {
  public:
   explicit Reporter(const JobContext& job) : job_(job) {}
@@ -51,7 +51,7 @@ class Reporter {
   double fraction_ = 0;
 };
 
-// Ends early, without an error, when the call is over: the status of the call says why.
+// Ends early, without an error, if the call has ended: the status of the call has the reason.
 void Upload(Stream& stream, const v1::VoxelizeConfig& config, std::span<const uint8_t> mesh_bytes, Reporter& reporter) {
   v1::VoxelizeRequest message;
   *message.mutable_config() = config;
@@ -65,7 +65,7 @@ void Upload(Stream& stream, const v1::VoxelizeConfig& config, std::span<const ui
   stream.WritesDone();
 }
 
-// A small one needs no thread: it is one message, which gRPC takes as it is.
+// A small mesh needs no thread: it is one message, which gRPC accepts without blocking.
 void UploadWhole(Stream& stream, v1::VoxelizeConfig config, std::span<const uint8_t> mesh_bytes, Reporter& reporter) {
   reporter.Report("upload", 0);
   v1::VoxelizeRequest message;
@@ -75,8 +75,8 @@ void UploadWhole(Stream& stream, v1::VoxelizeConfig config, std::span<const uint
   stream.WriteLast(Serialized(message), grpc::WriteOptions());
 }
 
-// The thread of an upload. However the reading half is left, also by an exception of the caller's callbacks, the call
-// is over and the thread gone before what it uses goes.
+// The thread of an upload. RAII: on every exit of the reader, including exceptions of the caller's callbacks, the call
+// ends and the thread is joined before its data is destroyed.
 class UploadThread {
  public:
   template <typename Body>
@@ -120,8 +120,7 @@ bool IsSmall(const VoxelizeRequest& request) {
   return bytes <= kWholeBytes;
 }
 
-// The result of a call without a stream. An error means that the server does not keep to the contract, or is the
-// sink's.
+// The result of a unary call. An error means that the server violates the protocol, or is the sink's.
 absl::Status TakeWhole(const v1::WholeResult& whole, ResultReader& reader, bool& planned, Reporter& reporter,
                        const std::function<void(const Plan&)>& on_plan) {
   absl::Status status = TellPlan(whole.accepted(), planned, on_plan);
@@ -130,7 +129,7 @@ absl::Status TakeWhole(const v1::WholeResult& whole, ResultReader& reader, bool&
   return status;
 }
 
-// Takes one message of any kind. An error means that the server does not keep to the contract, or is the sink's.
+// Processes one message of any kind. An error means that the server violates the protocol, or is the sink's.
 absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, bool& planned, Reporter& reporter,
                   const std::function<void(const Plan&)>& on_plan) {
   switch (message.message_case()) {
@@ -146,12 +145,12 @@ absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, boo
     }
     case v1::VoxelizeResponse::kSummary: return reader.AddSummary(message.summary());
     case v1::VoxelizeResponse::kWhole: return TakeWhole(message.whole(), reader, planned, reporter, on_plan);
-    case v1::VoxelizeResponse::MESSAGE_NOT_SET: return absl::OkStatus();  // something that a newer server says
+    case v1::VoxelizeResponse::MESSAGE_NOT_SET: return absl::OkStatus();  // a message of a newer server
   }
   return absl::OkStatus();
 }
 
-// The same of a message as it came.
+// The same for a raw message.
 absl::Status TakeBytes(grpc::ByteBuffer& buffer, PieceViewer& viewer, ResultReader& reader, bool& planned,
                        Reporter& reporter, const std::function<void(const Plan&)>& on_plan) {
   if (const PieceView* piece = viewer.View(buffer)) {
@@ -173,8 +172,8 @@ v1::VoxelizeConfig ConfigOf(const MeshSource& mesh, const VoxelizeRequest& reque
   return config;
 }
 
-// A small job, one message each way. UNIMPLEMENTED and NeedsStream where the server would have it on a stream; nothing
-// was reported then.
+// A small job as a unary call. UNIMPLEMENTED and NeedsStream if the server requires a stream; then no progress was
+// reported.
 absl::StatusOr<RemoteRun> CallWhole(v1::VoxelizationService::Stub& stub, const std::string& target,
                                     uint64_t max_result_bytes, const CallSettings& settings, const MeshSource& mesh,
                                     const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
@@ -207,7 +206,7 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, Se
                                          const CallSettings& settings, const MeshSource& mesh,
                                          const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                          const std::function<void(const Plan&)>& on_plan) {
-  // On the wire no target at all means one of bits; callers of this never mean that.
+  // In messages no target means one bit target; callers of this never mean that.
   if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
   if (absl::Status status = job.Check(); !status.ok()) return status;
   const bool whole = mesh.bytes.size() <= kWholeBytes && IsSmall(request);
@@ -215,12 +214,12 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, Se
   if (whole && !ways.no_whole_calls) {
     absl::StatusOr<RemoteRun> run =
         CallWhole(stub, target, max_result_bytes, settings, mesh, request, job, sink, on_plan);
-    not_there = absl::IsUnimplemented(run.status());  // the call, or something in the mesh
+    not_there = absl::IsUnimplemented(run.status());  // of the call, or of a feature of the mesh
     if (!not_there && !NeedsStream(run.status())) return run;
   }
   grpc::ClientContext context;
   const CallWatch watch(context, job);
-  if (whole) context.set_initial_metadata_corked(true);  // goes with the one message
+  if (whole) context.set_initial_metadata_corked(true);  // sent with the one message
   const std::unique_ptr<Stream> stream = ways.raw->Voxelize(context);
   Reporter reporter(job);
   v1::VoxelizeConfig config = ConfigOf(mesh, request, settings);
@@ -238,7 +237,7 @@ absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, Se
   grpc::ByteBuffer buffer;
   while (stream->Read(&buffer)) {
     broken = TakeBytes(buffer, viewer, reader, planned, reporter, on_plan);
-    buffer.Clear();  // its memory takes the next one
+    buffer.Clear();  // frees its memory for the next one
     if (broken.ok()) continue;
     context.TryCancel();
     while (stream->Read(&buffer)) {}

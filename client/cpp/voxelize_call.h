@@ -16,7 +16,7 @@
 
 namespace voxelpipe {
 
-// What a call voxelizes: a file, or a mesh that the server keeps, as it is or with new positions.
+// The mesh of a call: a file, or a stored mesh, with its own or new positions.
 struct MeshSource {
   std::span<const uint8_t> bytes;  // the file, or the new positions
   MeshFormat format = MeshFormat::kAuto;
@@ -30,10 +30,10 @@ struct MeshSource {
   }
 };
 
-// How a server is called, besides by the stub, and what was learned about it. Thread-safe.
+// Raw calls to a server, and what is known about its version. Thread-safe.
 struct ServerWays {
   std::unique_ptr<const RawCalls> raw;      // never null
-  std::atomic<bool> no_whole_calls{false};  // it is older than VoxelizeWhole
+  std::atomic<bool> no_whole_calls{false};  // the server is older than VoxelizeWhole
 };
 
 // See Client::VoxelizeTo. `target` names the server in errors.

@@ -8,13 +8,12 @@
 
 namespace voxelpipe {
 
-// So that code that follows an index or an offset of a server's result stays inside the arrays.
-//   sparse   bricks ascend and lie in the grid, no mask is empty or has a bit outside of the grid, the masks have as many bits as
-//            values are announced
-//   buckets  voxels ascend and lie in the grid, offsets begin with 0, ascend (each voxel has a fragment) and end with the number
-//            of fragments, triangles ascend within a voxel
-// In: a result, and its arrays as the header announced them. DATA_LOSS naming array and entry. Dense results have no
-// lists.
+// Ensures that code that uses an index or an offset of a server's result stays inside the arrays.
+//   sparse   bricks ascend and lie in the grid; no mask is empty or has a bit outside the grid; the masks have as many
+//            bits as there are announced values
+//   buckets  voxels ascend and lie in the grid; offsets begin with 0, ascend (each voxel has a fragment) and end with
+//            the number of fragments; triangles ascend within a voxel
+// In: a result, with arrays as announced in the header. DATA_LOSS naming array and entry. Dense results have no lists.
 absl::Status CheckLists(const VoxelizeResult& result, const std::vector<ArraySpec>& announced);
 
 }  // namespace voxelpipe

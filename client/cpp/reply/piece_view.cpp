@@ -35,7 +35,7 @@ bool ReadLength(CodedInputStream& in, int& bytes) {
 bool ReadData(CodedInputStream& in, PieceView& view) {
   int left = 0;
   if (!ReadLength(in, left)) return false;
-  view.data.clear();  // of a field that comes twice the last one counts
+  view.data.clear();  // the last occurrence of a field counts
   while (left > 0) {
     const void* part = nullptr;
     int bytes = 0;

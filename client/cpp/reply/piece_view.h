@@ -1,4 +1,4 @@
-// A piece of a result, read where gRPC left it.
+// A piece of a result, read in place from the gRPC buffer.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@
 
 namespace voxelpipe {
 
-// A ResultPiece whose bytes lie elsewhere.
+// A ResultPiece that refers to bytes in another buffer.
 struct PieceView {
   uint32_t target = 0, crc32c = 0;
   uint64_t offset = 0, raw_bytes = 0;
@@ -27,12 +27,11 @@ struct PieceView {
   uint32_t DataCrc32c() const;
 };
 
-// Reads messages that are nothing but a piece; of all others, and of what is no message at all, it only says so. Keeps
-// its memory from message to message.
+// Parses messages that contain only a piece; returns null for all others and for invalid bytes. Reuses its memory.
 class PieceViewer {
  public:
-  // In: a VoxelizeResponse. Out: its piece; null where it holds something else. The view is good until the next call or
-  // until the message's bytes go, whichever comes first.
+  // In: a VoxelizeResponse. Out: its piece; null if it contains something else. The view is valid until the next call
+  // or until the message is freed.
   const PieceView* View(grpc::ByteBuffer& message);
 
  private:

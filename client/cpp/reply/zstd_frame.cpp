@@ -5,7 +5,7 @@
 namespace voxelpipe {
 
 absl::Status DecompressFrame(std::span<const uint8_t> frame, uint64_t raw_bytes, std::vector<uint8_t>& bytes) {
-  // The frame states its size in its first bytes: what lies is found before any memory is taken.
+  // The frame declares its size in its first bytes, so a false size is found before memory is allocated.
   if (ZSTD_getFrameContentSize(frame.data(), frame.size()) != raw_bytes ||
       ZSTD_findFrameCompressedSize(frame.data(), frame.size()) != frame.size()) {
     return absl::DataLossError(
