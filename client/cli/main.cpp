@@ -13,7 +13,7 @@
 
 namespace {
 
-// An empty value comes from a variable of a script that is not set: no option means something by it.
+// An empty value comes from an unset variable of a script: no option accepts it.
 void RefuseEmptyValues(CLI::App& app) {
   for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; })) {
     for (CLI::Option* option : command->get_options()) {
@@ -34,7 +34,7 @@ int main(int argc, char** argv) {
     app.set_version_flag("--version", VOXELPIPE_VERSION);
     app.footer(
         "Exit status: 0 done, 1 a job failed (one line on stderr says why), 2 an option is wrong, "
-        "3 all that failed of a batch fails again if it is tried again.");
+        "3 only permanent errors of a batch are left, which another run repeats.");
     AddVoxelizeCommand(app, exit_code);
     AddInfoCommand(app, exit_code);
     AddShadersCommand(app, exit_code);
@@ -43,9 +43,9 @@ int main(int argc, char** argv) {
     AddBenchCommand(app, exit_code);
     AddServerAccessFlags(app);
     RefuseEmptyValues(app);
-    // gRPC's own lines say in C structures what our one error line says; set the variable to see them.
+    // gRPC's own log lines repeat our error line as C structures; set the variable to see them.
     setenv("GRPC_VERBOSITY", "NONE", 0);
-    // gRPC's locks are Abseil's, which where they were built for debugging keep a graph of all locks behind one lock.
+    // gRPC uses Abseil's locks, which in debug builds keep a graph of all locks behind one lock.
     absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
     HandleInterrupts();
     voxelpipe::LimitThreadsToCpus();

@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = ServerPool::Clock;
 
-constexpr std::chrono::milliseconds kLookEvery{50};  // for a signal
+constexpr std::chrono::milliseconds kLookEvery{50};  // poll interval for signals
 
 // Permanent errors: the item's own, so that any server repeats them.
 bool IsPermanent(const absl::Status& status, bool by_server) {
@@ -36,13 +36,13 @@ bool IsPermanent(const absl::Status& status, bool by_server) {
     case absl::StatusCode::kFailedPrecondition:
     case absl::StatusCode::kOutOfRange:
     case absl::StatusCode::kUnimplemented:
-    case absl::StatusCode::kResourceExhausted: return true;       // a limit: a server that is only busy has said so
-    case absl::StatusCode::kPermissionDenied: return !by_server;  // a file's, not the client's rights
+    case absl::StatusCode::kResourceExhausted: return true;  // a limit: a busy server returns a retry delay instead
+    case absl::StatusCode::kPermissionDenied: return !by_server;  // of a file, not the client's rights
     default: return false;
   }
 }
 
-// Errors that another server, or the same one later, may not give.
+// Errors that another server, or the same one later, may not repeat.
 bool IsWorthAnotherTry(const absl::Status& status) {
   switch (status.code()) {
     case absl::StatusCode::kUnavailable:
@@ -76,7 +76,7 @@ class Run {
   }
 
  private:
-  // Looks for a signal until the workers are gone.
+  // Polls for a signal until the workers have ended.
   void Watch() {
     std::unique_lock lock(mutex_);
     while (!changed_.wait_for(lock, kLookEvery, [this] { return workers_ == 0; })) {
@@ -120,7 +120,7 @@ class Run {
     ++ended_;
     if (status.ok()) return;
     if (stopping_) {
-      report.status = ItemStatus::kLeft;  // the stop ended it, whatever it said
+      report.status = ItemStatus::kLeft;  // ended by the stop, whatever its status
       --ended_;
       return;
     }
@@ -139,13 +139,13 @@ class Run {
     return stopping_;
   }
 
-  // False if the run was stopped meanwhile.
+  // False if the run was stopped in the meantime.
   bool WaitUntil(Clock::time_point time) {
     std::unique_lock lock(mutex_);
     return !changed_.wait_until(lock, time, [this] { return stopping_; });
   }
 
-  // An input in memory, and the key of what is to be made of it.
+  // An input in memory, and the key of its outputs.
   struct Prepared {
     MeshInput mesh;
     std::string key;
@@ -162,7 +162,7 @@ class Run {
     return Prepared{*std::move(mesh), *std::move(key)};
   }
 
-  // True if all that the item writes stays in the output directory.
+  // True if everything that the item writes stays in the output directory.
   absl::Status CheckOutputs(const BatchItem& item) const {
     std::vector<std::string> paths = {RecordPath(plan_.output_dir, item)};
     const auto add = [&](const std::string& name) { paths.push_back((fs::path(plan_.output_dir) / name).string()); };
@@ -199,7 +199,7 @@ class Run {
     }
   }
 
-  // Attempts until one counts. The mesh is read anew for each but the first: it is not kept while it is sent.
+  // Repeats attempts until one is final. Each retry reads the mesh again: it is not kept while it is sent.
   absl::Status DoOnServers(const BatchItem& item, absl::StatusOr<Prepared> prepared, size_t worker,
                            std::vector<std::unique_ptr<Engine>>& engines, ItemReport& report) {
     std::optional<Clock::time_point> busy_since;
@@ -230,19 +230,20 @@ class Run {
       }
       if (hooks_.could_not_connect && hooks_.could_not_connect(status)) {
         engines[server] = nullptr;
-        Unreachable(server, now, status);  // the item has not even been tried
+        Unreachable(server, now, status);  // the item was not tried
         continue;
       }
       // A late answer may be the job's fault as well as the server's: others need not suffer for it.
       if (!absl::IsDeadlineExceeded(status)) {
         servers_.Lost(server, now);
-        engines[server] = nullptr;  // a new connection next time
+        engines[server] = nullptr;  // forces a new connection
       }
       if (++failures > plan_.retries) return status;
     }
   }
 
-  // Waits while all servers rest. CANCELLED if the run was stopped; ends it if no server can be reached for too long.
+  // Waits while all servers are suspended. CANCELLED if the run was stopped; ends it if no server can be reached for
+  // too long.
   absl::StatusOr<size_t> TakeServer() {
     for (;;) {
       if (Stopping()) return absl::CancelledError("stopped");
@@ -281,7 +282,7 @@ class Run {
 
   struct Attempted {
     absl::Status status;
-    bool by_engine = false;  // the status is the engine's, a server's, or that of the files while it ran
+    bool by_engine = false;  // the status is from the engine, a server, or the files written during the run
   };
 
   Attempted Attempt(const BatchItem& item, Prepared prepared, size_t worker, Engine& engine, ItemReport& report) {
@@ -318,7 +319,7 @@ class Run {
     for (const DoneRecord::File& file : record.files) report.files.push_back(file.name);
   }
 
-  // Gives the place at a server back, however the attempt is left.
+  // RAII: releases the slot at a server on every exit of the attempt.
   class PlaceBack {
    public:
     PlaceBack(ServerPool& servers, size_t server) : servers_(servers), server_(server) {}
@@ -331,7 +332,7 @@ class Run {
     const size_t server_;
   };
 
-  // While it lives, a stop of the run cancels the job.
+  // During its lifetime, a stop of the run cancels the job.
   class CancelledByStop {
    public:
     CancelledByStop(Run& run, size_t worker, JobContext& job) : run_(run), worker_(worker) {
@@ -354,8 +355,8 @@ class Run {
   const BatchPlan& plan_;
   const BatchHooks& hooks_;
   ServerPool servers_;
-  std::vector<ItemReport> reports_;  // each written by the worker that has the item
-  std::mutex mutex_;                 // of all that follows
+  std::vector<ItemReport> reports_;  // each written by the worker of the item
+  std::mutex mutex_;                 // guards the members below
   std::condition_variable changed_;
   std::vector<JobContext*> running_;  // of each worker
   size_t workers_ = 0, next_ = 0, ended_ = 0, failed_ = 0;

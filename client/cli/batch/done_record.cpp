@@ -17,7 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
-// Counts up when the files of an unchanged request change, so that they are written anew.
+// Incremented when the files of an unchanged request change, so that they are written again.
 constexpr int kFormatVersion = 1;
 
 absl::StatusOr<DoneRecord> Parse(std::istream& in) {
@@ -39,7 +39,7 @@ absl::StatusOr<DoneRecord> Parse(std::istream& in) {
       record.warnings.set_left_out(json.value("warnings_left_out", uint64_t{0}));
     }
   } catch (const nlohmann::json::exception& error) {
-    return absl::NotFoundError(error.what());  // not ours, or of another version
+    return absl::NotFoundError(error.what());  // another file, or of another version
   }
   return record;
 }
@@ -93,7 +93,7 @@ absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, D
   if (!record.warnings.empty()) AddWarnings(record.warnings, json);
   const std::string text = json.dump(-1, ' ', true, ordered_json::error_handler_t::replace) + "\n";
   const std::string path = RecordPath(output_dir, item);
-  std::error_code ignored;  // creating the file says what is wrong
+  std::error_code ignored;  // creating the file reports the error
   fs::create_directories(fs::path(path).parent_path(), ignored);
   absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
   if (!file.ok()) return file.status();

@@ -16,7 +16,7 @@ bool IsBelow(const fs::path& directory, const fs::path& file) {
   return std::mismatch(directory.begin(), directory.end(), file.begin(), file.end()).first == directory.end();
 }
 
-// The outermost link on the way from `root` to `path`: the one to blame.
+// The outermost link on the path from `root` to `path`, for the error.
 std::string FirstLink(const fs::path& root, const fs::path& path) {
   fs::path at = root;
   for (const fs::path& part : path.lexically_relative(root)) {
@@ -46,7 +46,8 @@ absl::Status CheckInside(const std::string& output_dir, const std::string& path)
   if (type == fs::file_type::not_found || type == fs::file_type::regular || type == fs::file_type::directory) {
     return absl::OkStatus();
   }
-  return absl::FailedPreconditionError(absl::StrCat("'", path, "' is no regular file, and batch writes nothing else"));
+  return absl::FailedPreconditionError(
+      absl::StrCat("'", path, "' is not a regular file; batch writes only regular files"));
 }
 
 }  // namespace voxelpipe::cli

@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// True if the file that is open is the one at this path.
+// True if the open file is the one at this path.
 bool IsAt(int descriptor, const std::string& path) {
   struct stat open_one {
   }, named{};
@@ -50,9 +50,9 @@ void RemoveLeftovers(const std::string& output_dir, const std::vector<BatchItem>
     add(RecordPath(output_dir, item));
   }
   for (const fs::path& directory : directories) {
-    // What a link leads to elsewhere is not written through it, so nothing of ours lies there.
+    // Batch does not write through links that leave the directory, so there are no temporary files behind them.
     if (!CheckInside(output_dir, (directory / "file").string()).ok()) continue;
-    std::error_code ignored;  // a directory that is not there has nothing in it
+    std::error_code ignored;  // a missing directory is empty
     for (fs::directory_iterator at(directory, ignored), end; !ignored && at != end; at.increment(ignored)) {
       const std::string path = at->path().string();
       const std::string stem = AtomicFile::StemOf(path);
@@ -75,12 +75,12 @@ absl::StatusOr<RunLock> RunLock::Take(const std::string& output_dir, const Shard
     if (descriptor < 0) return absl::ErrnoToStatus(errno, absl::StrCat("cannot create '", path, "'"));
     RunLock lock(path, descriptor);
     if (flock(descriptor, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
-      lock.path_.clear();  // theirs to remove
+      lock.path_.clear();  // the other run removes it
       return absl::AbortedError(
           absl::StrCat("another run works on shard ", shard.index, "/", shard.count, " in '", output_dir, "'"));
     }
     if (IsAt(descriptor, path)) return lock;
-    lock.path_.clear();  // the run before removed the file while we waited for it; take the new one
+    lock.path_.clear();  // the previous run removed the file while this one waited: lock the new one
   }
 }
 

@@ -1,4 +1,4 @@
-// What a run that was killed left behind.
+// Removes the leftovers of a killed run.
 #pragma once
 
 #include <string>
@@ -12,10 +12,10 @@ namespace voxelpipe::cli {
 // Removes temporary files of these items' outputs and records. No other process may be writing them.
 void RemoveLeftovers(const std::string& output_dir, const std::vector<BatchItem>& items);
 
-// Held by the one run that works on a shard in an output directory; given back also when the process is killed.
+// A lock of a shard in an output directory, for one run at a time; released even if the process is killed.
 class RunLock {
  public:
-  // ABORTED where another run holds it. On file systems without locks it is always got.
+  // ABORTED if another run holds it. Always succeeds on file systems without locks.
   static absl::StatusOr<RunLock> Take(const std::string& output_dir, const Shard& shard);
   RunLock(RunLock&& other) noexcept;
   RunLock& operator=(RunLock&&) = delete;

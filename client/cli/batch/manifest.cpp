@@ -29,7 +29,7 @@ absl::Status Wrong(const Parts&... parts) {
   return absl::InvalidArgumentError(absl::StrCat(parts...));
 }
 
-// A number, a text, or a list of numbers, as it would be typed.
+// A number, a text, or a list of numbers, in command-line form.
 absl::StatusOr<std::string> AsText(const std::string& key, const json& value) {
   if (value.is_string()) return value.get<std::string>();
   if (value.is_number()) return value.dump();
@@ -62,7 +62,7 @@ absl::StatusOr<std::vector<std::string>> AsTexts(const std::string& key, const j
   return texts;
 }
 
-// What an item says besides its request.
+// The fields of an item besides its request.
 struct ItemNames {
   std::optional<std::string> id{}, input{}, output{}, format{}, preview{};
 };
@@ -127,7 +127,7 @@ absl::Status SetName(const std::string& key, const json& value, ItemNames& names
   return absl::OkStatus();
 }
 
-// The grid can be asked for in three ways; the way that an item goes replaces the default one.
+// A request gives the grid in one of three forms; the form of an item replaces that of the defaults.
 void DropOtherGrids(const json& object, RequestOptions& options) {
   const auto gives = [&](const char* key, const char* typed) { return object.contains(key) || object.contains(typed); };
   if (gives("resolution", "resolution")) {
@@ -146,7 +146,7 @@ absl::StatusOr<std::string> InsideOutput(const char* key, const std::string& tex
   const fs::path clean = path.lexically_normal();
   const bool leaves =
       path.is_absolute() || clean.empty() || clean == "." || *clean.begin() == ".." || !clean.has_filename();
-  if (leaves) return Wrong("'", key, "': '", text, "' is no file below the output directory");
+  if (leaves) return Wrong("'", key, "': '", text, "' is not a file below the output directory");
   if (*clean.begin() == kRecordDirectory) return Wrong("'", key, "': ", kRecordDirectory, " is the batch's own");
   return clean.string();
 }
@@ -157,7 +157,7 @@ absl::Status CheckFormat(const std::string& extension, ResultKind kind) {
                  "; known are npy, npz, raw and png");
   }
   if (!CanHold(extension, kind)) {
-    return Wrong(extension, " holds dense results; a ", std::string(Name(kind)), " one goes into .npz");
+    return Wrong(extension, " holds only dense results; a ", std::string(Name(kind)), " one needs .npz");
   }
   return absl::OkStatus();
 }
@@ -170,7 +170,8 @@ std::string FindInput(const fs::path& directory, const std::string& input) {
   return fs::exists(beside, ignored) || !fs::exists(path, ignored) ? beside.string() : input;
 }
 
-// Of a request: as typed, in one fixed order. Equal texts are equal requests; the contrary need not be so.
+// The canonical text of a request: its options in a fixed order. Equal texts are equal requests; equal requests may
+// have different texts.
 std::string Canonical(const RequestOptions& options) {
   const auto text = [](const auto& value) { return value ? json(*value) : json(nullptr); };
   json canonical{{"resolution", text(options.resolution)},
@@ -186,7 +187,7 @@ std::string Canonical(const RequestOptions& options) {
                  {"targets", options.targets},
                  {"layout", options.layout},
                  {"result", options.result}};
-  if (options.strict) canonical["strict"] = true;  // only then, so that records of before stay true
+  if (options.strict) canonical["strict"] = true;  // only if set, so that earlier records stay valid
   return canonical.dump(-1, ' ', true, json::error_handler_t::replace);
 }
 
@@ -283,7 +284,7 @@ class Reader {
     }
     const size_t targets = item.request->request.targets.size();
     std::vector<std::string> files = WrittenPaths(item.output, targets);
-    if (files.front() != item.output) files.push_back(item.output);  // names the record of what is done
+    if (files.front() != item.output) files.push_back(item.output);  // names the record of the item
     if (!item.preview.empty()) files.push_back(item.preview);
     for (const std::string& file : files) {
       const auto [at, fresh] = files_.emplace(file, item.line);
@@ -297,7 +298,7 @@ class Reader {
   const ManifestDefaults& defaults_;
   std::vector<BatchItem> items_;
   std::unordered_map<std::string, std::shared_ptr<const BatchRequest>> requests_;
-  std::unordered_map<std::string, size_t> ids_, files_;  // the line that has them
+  std::unordered_map<std::string, size_t> ids_, files_;  // line numbers
 };
 
 }  // namespace
@@ -324,13 +325,13 @@ absl::StatusOr<Manifest> ReadManifest(const std::string& path, const ManifestDef
   Reader reader(fs::path(path).parent_path(), defaults);
   std::string text;
   for (size_t line = 1; std::getline(file, text); ++line) {
-    if (line == 1 && text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);  // some editors put it there
+    if (line == 1 && text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);  // a byte order mark of some editors
     if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
     absl::Status status =
         text.size() > kMaxLineBytes ? Wrong("longer than ", kMaxLineBytes, " bytes") : reader.Add(line, text);
     if (!status.ok()) return Wrong(path, ":", line, ": ", std::string(status.message()));
   }
-  if (file.bad()) return absl::DataLossError(absl::StrCat(path, ": cannot be read to its end"));
+  if (file.bad()) return absl::DataLossError(absl::StrCat(path, ": cannot be read completely"));
   return Manifest{reader.Take()};
 }
 

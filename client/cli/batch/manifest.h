@@ -1,4 +1,4 @@
-// The list of jobs that `voxelpipe batch` works through: JSONL, one object a line.
+// The list of jobs of `voxelpipe batch`: JSONL, one object a line.
 #pragma once
 
 #include <cstddef>
@@ -14,7 +14,7 @@
 
 namespace voxelpipe::cli {
 
-// Every n-th item, from the i-th on. 0/n to n-1/n share a manifest out, and so do 1/n to n/n.
+// Every n-th item, from the i-th on. The shards 0/n to n-1/n cover a manifest, and so do 1/n to n/n.
 struct Shard {
   uint64_t index = 0, count = 1;
   bool Holds(size_t item) const { return item % count == index % count; }
@@ -23,20 +23,20 @@ struct Shard {
 // "i/n" with n at least 1 and i at most n. INVALID_ARGUMENT otherwise.
 absl::StatusOr<Shard> ParseShard(const std::string& text);
 
-// What the items of one kind share.
+// The request that items with the same options share.
 struct BatchRequest {
   VoxelizeRequest request;
-  // Two requests with equal digests give the same bytes for the same mesh. What does not change them is not in it:
-  // backend, threads and instruction set. 64 hexadecimal digits.
+  // Requests with equal digests give the same bytes for the same mesh. It excludes options that do not change the
+  // bytes: backend, threads and instruction set. 64 hexadecimal digits.
   std::string digest;
 };
 
 struct BatchItem {
   size_t line = 0;                              // in the manifest, from 1
-  std::string id;                               // as given, else the output's name without its extension
+  std::string id;                               // as given, otherwise the output's name without its extension
   std::string input;                            // path of the mesh file
   std::string output;                           // of the result, relative to the output directory, '/' between parts
-  std::string preview;                          // of the picture, likewise; empty = none
+  std::string preview;                          // of the picture, relative in the same way; empty = none
   std::shared_ptr<const BatchRequest> request;  // shared by items with the same options
 };
 
@@ -50,17 +50,18 @@ struct ManifestDefaults {
 };
 
 // In: the path of a manifest. Each line is an object, or blank. Its keys, all optional but `input`:
-//   input    mesh file; a relative path is looked for beside the manifest, then in the working directory
+//   input    mesh file; a relative path is searched in the manifest's directory, then in the working directory
 //   id       a name, unique ("name" means the same)
-//   output   the result's file below the output directory, default: the id, else the input's stem, with the format's extension
+//   output   the result's file below the output directory; default: the id, otherwise the input's stem, with the
+//            extension of the format
 //   format   npy, npz, raw or png
 //   preview  file of a picture below the output directory
 // and any option of `voxelpipe voxelize` about the grid, the voxels and the execution, without its dashes ("voxel_size"
-// or "voxel-size"): numbers, texts, or lists of them; "target" is a text or a list. An item that gives a resolution, or
-// a voxel size, is not bound by the other one of the defaults.
-// Errors: INVALID_ARGUMENT "FILE:LINE: what is wrong" for the first line at fault: no JSON, an unknown key, a wrong
-// option, an extension that cannot hold the result, a file outside the output directory, or two items with one id or
-// one file. NOT_FOUND and the system's errors where the manifest cannot be read.
+// or "voxel-size"): numbers, texts, or lists of them; "target" is a text or a list. A resolution or a voxel size of an
+// item replaces the other one of the defaults. Errors: INVALID_ARGUMENT "FILE:LINE: what is wrong" for the first line
+// at fault: no JSON, an unknown key, a wrong option, an extension that cannot hold the result, a file outside the
+// output directory, or two items with one id or one file. NOT_FOUND and the system's errors if the manifest cannot be
+// read.
 absl::StatusOr<Manifest> ReadManifest(const std::string& path, const ManifestDefaults& defaults);
 
 }  // namespace voxelpipe::cli

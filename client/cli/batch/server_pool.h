@@ -1,4 +1,4 @@
-// Which of several servers gets the next job.
+// Chooses the server for the next job.
 #pragma once
 
 #include <chrono>
@@ -9,7 +9,7 @@
 
 namespace voxelpipe::cli {
 
-// Thread-safe. Times are given, not read, so that tests need not wait.
+// Thread-safe. Callers pass the time, so that tests need not wait.
 class ServerPool {
  public:
   using Clock = std::chrono::steady_clock;
@@ -17,24 +17,24 @@ class ServerPool {
 
   explicit ServerPool(size_t servers) : servers_(servers) {}
 
-  // The server with the fewest jobs under way of those that do not rest; it has one more from now on. Nothing where all
-  // rest.
+  // The server with the fewest running jobs among those not suspended, and adds a job to it. Empty if all are
+  // suspended.
   std::optional<size_t> Take(TimePoint now);
-  // When the first of them ends its rest.
+  // The end of the first suspension.
   TimePoint NextFree() const;
 
-  // Since when all servers are gone; nothing while one is not.
+  // The time since which no server can be reached; empty while one can.
   std::optional<TimePoint> GoneSince() const;
 
-  // Gives a place back, once for each Take.
+  // Removes a job from a server, once for each Take.
   void Return(size_t server);
 
-  // What a job has shown of its server:
-  void Answered(size_t server);  // it gave a result, or an error that is the job's own
-  // It could not be reached or went away: it rests for a quarter of a second, each time in a row twice as long, up to
-  // half a minute. Jobs that fail while it rests already do not count: they were under way together.
+  // The outcome of a job, for the state of its server:
+  void Answered(size_t server);  // it returned a result, or an error of the job itself
+  // It could not be reached or became unavailable: it is suspended for a quarter of a second, doubling each time in a
+  // row up to half a minute. Jobs that fail during the suspension do not count: they ran at the same time.
   void Lost(size_t server, TimePoint now);
-  // No connection could be made: as Lost, and it counts as gone until something else is shown of it.
+  // No connection could be made: like Lost, and it counts as unreachable until another outcome.
   void Unreachable(size_t server, TimePoint now);
   // It is overloaded and returned a retry delay.
   void Busy(size_t server, TimePoint now, std::chrono::milliseconds delay);
@@ -50,7 +50,7 @@ class ServerPool {
   };
   mutable std::mutex mutex_;
   std::vector<Server> servers_;
-  size_t next_ = 0;  // of equals
+  size_t next_ = 0;  // tie-breaker
 };
 
 }  // namespace voxelpipe::cli

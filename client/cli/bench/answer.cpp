@@ -41,7 +41,7 @@ absl::Status Answer::Take(v1::WholeResult& whole) {
 }
 
 absl::Status Answer::Take(const PieceView& piece) {
-  if (piece.DataCrc32c() != piece.crc32c) return absl::DataLossError("a piece is not what its CRC-32C says");
+  if (piece.DataCrc32c() != piece.crc32c) return absl::DataLossError("a piece does not match its CRC-32C");
   bytes_ += piece.raw_bytes != 0 ? piece.raw_bytes : piece.data_bytes();
   return absl::OkStatus();
 }

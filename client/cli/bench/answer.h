@@ -1,5 +1,5 @@
-// One answer of a Voxelize or VoxelizeMany call, read for its figures: result bytes are checked and counted where they
-// lie, and not copied.
+// One response of a Voxelize or VoxelizeMany call, read for its figures: result bytes are checked and counted in place,
+// without a copy.
 #pragma once
 
 #include <cstdint>
@@ -18,23 +18,23 @@ class Answer {
  public:
   void Reset() { *this = Answer(); }
 
-  // The next message of the call. DATA_LOSS where it cannot be read, or a piece is not what its CRC-32C says. The
-  // buffer is used up.
+  // The next message of the call. DATA_LOSS if it cannot be parsed, or a piece does not match its CRC-32C. Consumes the
+  // buffer.
   absl::Status Take(grpc::ByteBuffer& buffer);
   absl::Status Take(v1::VoxelizeResponse& message);
-  // Takes the summary out of it.
+  // Reads the summary.
   absl::Status Take(v1::WholeResult& whole);
 
-  // Counts a message that came some other way than Take(buffer).
+  // Counts a message that was not passed to Take(buffer).
   void CountReceived(uint64_t bytes) { received_bytes_ += bytes; }
 
-  bool complete() const { return complete_; }  // the summary is there
+  bool complete() const { return complete_; }  // the summary has arrived
   uint64_t bytes() const { return bytes_; }    // of the result, uncompressed
   const v1::Summary& summary() const { return summary_; }
 
-  // Writes what the answer says into `outcome`: its code is DATA_LOSS unless it is complete, as long as announced and,
-  // unless `expected_hash` is empty, of that hash. (The server's hash is compared, not computed: that would cost more
-  // than the load.)
+  // Writes the figures of the response to `outcome`. Its code is DATA_LOSS unless the response is complete, has the
+  // announced length and, unless `expected_hash` is empty, that hash. (The server's hash is compared, not computed,
+  // which would cost more than the load.)
   void Fill(const std::string& expected_hash, Outcome& outcome) const;
 
  private:

@@ -37,7 +37,8 @@ std::string TimesText(const Histogram& times) {
                          Milliseconds(times.Mean()));
 }
 
-// What of the mean latency the server does not account for: the network, gRPC on both sides, handing over.
+// The part of the mean latency outside the server's figures: the network, gRPC on both sides, hand-over between
+// threads.
 double OtherMilliseconds(const Tally& tally) {
   return Milliseconds(
       std::max(0.0, tally.latency_ns.Mean() - tally.queue_ns.Mean() - tally.mesh_ns.Mean() - tally.voxelize_ns.Mean()));

@@ -1,4 +1,4 @@
-// What `voxelpipe bench` prints.
+// The report of `voxelpipe bench`.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -8,10 +8,10 @@
 
 namespace voxelpipe::cli {
 
-// The object of `bench --json`. Times are milliseconds, percentiles those of Histogram: over answers without error, and
-// over the failures of each code.
+// The object of `bench --json`. Times are milliseconds, percentiles those of Histogram: over responses without error,
+// and over the failures of each code.
 nlohmann::ordered_json BenchJson(const LoadPlan& plan, const LoadResult& result);
-// The same for people: a short table.
+// The same as a short table.
 std::string BenchTable(const LoadPlan& plan, const LoadResult& result);
 
 }  // namespace voxelpipe::cli

@@ -1,5 +1,5 @@
-// Single Voxelize calls over one connection. The messages are bytes that were made once, answers are parsed in place:
-// what is left is gRPC's own cost of a call.
+// Single Voxelize calls over one connection. Messages are serialized once and responses parsed in place, which leaves
+// gRPC's own cost of a call.
 #include "bench/answer.h"
 #include "bench/single_calls.h"
 
@@ -20,10 +20,10 @@ struct Stream : SingleCall {
       paused{this, Event::kPaused};
   std::unique_ptr<grpc::GenericClientAsyncReaderWriter> stream;
   Answer answer;
-  absl::Status broken;  // what the answer's own messages were at fault of
+  absl::Status broken;  // an error found in the messages of the response
   const LoadRun::Variant* messages = nullptr;
   size_t next_message = 0;
-  int pending = 0;  // events that are still to come
+  int pending = 0;  // outstanding events
   bool over = false;
 };
 
@@ -34,7 +34,7 @@ class CallLane final : public SingleCalls<Stream> {
 
  private:
   void Launch(Stream& call) override {
-    call.context->set_initial_metadata_corked(true);  // leaves together with the first message
+    call.context->set_initial_metadata_corked(true);  // sent together with the first message
     call.answer.Reset();
     call.broken = absl::OkStatus();
     call.messages = &run_.NextVariant();
@@ -42,7 +42,7 @@ class CallLane final : public SingleCalls<Stream> {
     call.pending = 2;
     call.over = false;
     call.stream = stub_.PrepareCall(&*call.context, kMethod, &queue_);
-    call.stream->StartCall(nullptr);  // corked: gives no event
+    call.stream->StartCall(nullptr);  // corked: no event
     WriteNext(call);
     call.stream->Read(&call.buffer, &call.read);
   }
@@ -85,7 +85,7 @@ class CallLane final : public SingleCalls<Stream> {
     Outcome outcome;
     outcome.code = !call.broken.ok() ? call.broken.code() : absl::StatusCode(int(call.status.error_code()));
     if (outcome.code == absl::StatusCode::kOk) call.answer.Fill(run_.expected_hash, outcome);
-    call.stream.reset();  // lies in the call, which the next context lets go
+    call.stream.reset();  // owned by the call, which the next context releases
     Complete(call, outcome);
   }
 };

@@ -7,8 +7,8 @@
 namespace voxelpipe::cli {
 namespace {
 
-constexpr int kSubBits = 8;                           // buckets an octave: 2^8
-constexpr uint64_t kExact = uint64_t{2} << kSubBits;  // below, a bucket a value
+constexpr int kSubBits = 8;                           // 2^8 buckets per octave
+constexpr uint64_t kExact = uint64_t{2} << kSubBits;  // values below have a bucket each
 constexpr size_t kBuckets = kExact + (64 - kSubBits - 1) * (size_t{1} << kSubBits);
 
 size_t BucketOf(uint64_t value) {

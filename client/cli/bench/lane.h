@@ -22,33 +22,31 @@ namespace voxelpipe::cli {
 
 using LoadClock = std::chrono::steady_clock;
 
-// What the lanes of one run share. Written before they start, but for the atomics.
+// The state that the lanes of one run share. Constant once they start, except for the atomics.
 struct LoadRun {
   bool closed_loop = true;
-  LoadClock::time_point begin, end;  // of the window that counts
+  LoadClock::time_point begin, end;  // of the measured window
   std::optional<std::chrono::milliseconds> deadline;
   std::string expected_hash;
   bool honour_retry = false;
   // The messages of one call, in order, serialized once. Of VoxelizeMany: one message, without its id.
   using Variant = std::vector<grpc::ByteBuffer>;
-  std::vector<Variant> variants;  // taken in turn
+  std::vector<Variant> variants;  // used in rotation
   std::atomic<uint64_t> turn{0};
   std::atomic<int64_t> in_flight{0};
   std::atomic<bool> stop{false};    // no new requests
-  std::atomic<bool> cancel{false};  // and no patience for those under way
+  std::atomic<bool> cancel{false};  // and cancel running ones
 
   const Variant& NextVariant() { return variants[turn.fetch_add(1, std::memory_order_relaxed) % variants.size()]; }
 };
 
-// Lanes know no pause of their own: Start() sends at once. In a closed loop a request that is answered is followed by
-// the next until the window ends.
+// Start() sends immediately. In a closed loop each response starts the next request until the window ends.
 class Lane {
  public:
   virtual ~Lane() = default;
-  // Sends a request that was due at `due`. From one thread at a time, which need not be the lane's own.
+  // Sends a request scheduled for `due`. From one thread at a time, not necessarily the lane's own.
   virtual void Start(LoadClock::time_point due) = 0;
-  // Call once nothing is under way any more: ends the lane's thread. Out: what it counted, and when its last answer
-  // came.
+  // Call when no request is outstanding: ends the lane's thread. Out: its counts, and the time of its last response.
   struct Ended {
     Tally tally;
     LoadClock::time_point last_answer{};
@@ -61,12 +59,12 @@ std::unique_ptr<Lane> MakeCallLane(std::shared_ptr<grpc::Channel> channel, LoadR
 std::unique_ptr<Lane> MakeManyLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
 std::unique_ptr<Lane> MakeUnaryLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
 
-// True if an error has a RetryInfo. Looks for its name: thousands a second are not parsed.
+// True if an error has a RetryInfo. Searches for its name, because parsing thousands a second is too slow.
 inline bool SaysWhenToRetry(const grpc::Status& status) {
   return status.error_details().find("/google.rpc.RetryInfo") != std::string::npos;
 }
 
-// When a request that failed so is to be sent again, where retries are honoured and the window is not over by then.
+// The time to resend a request with this error, if retries are honoured and the time is within the window.
 inline std::optional<LoadClock::time_point> ResendAt(const LoadRun& run, const absl::Status& failure) {
   if (!run.honour_retry) return std::nullopt;
   const std::optional<std::chrono::milliseconds> delay = RetryDelay(failure);
@@ -75,7 +73,7 @@ inline std::optional<LoadClock::time_point> ResendAt(const LoadRun& run, const a
   return at < run.end ? std::optional(at) : std::nullopt;
 }
 
-// The lane's count of one outcome: only requests that were due within the window count.
+// Adds one outcome to the lane's counts, if its request was scheduled within the window.
 class LaneTally {
  public:
   explicit LaneTally(const LoadRun& run) : run_(run) {}

@@ -1,4 +1,4 @@
-// Jobs of one VoxelizeMany stream. A stream that breaks fails its jobs and is opened anew.
+// Jobs of one VoxelizeMany stream. A broken stream fails its jobs and is reopened.
 #include <algorithm>
 #include <deque>
 #include <iterator>
@@ -21,15 +21,15 @@ namespace voxelpipe::cli {
 namespace {
 
 constexpr char kMethod[] = "/voxelpipe.v1.VoxelizationService/VoxelizeMany";
-constexpr std::chrono::milliseconds kLookEvery{100};  // at the flags of the run
+constexpr std::chrono::milliseconds kLookEvery{100};  // poll interval of the flags of the run
 constexpr std::chrono::milliseconds kPauseBroken{10};
-constexpr std::chrono::seconds kPatienceAtEnd{2};  // for a server that does not end the stream after us
+constexpr std::chrono::seconds kPatienceAtEnd{2};  // for a server that does not end the stream after this side
 
-// Jobs of one message, at most.
+// Maximum number of jobs of one message.
 constexpr size_t kMaxJobs = 64, kMaxBytes = 256 << 10;
 
-// A request message made of jobs whose bytes, but for the id, stand ready: the first with the others behind it. Fields
-// may come in any order.
+// A request message made from jobs already serialized, except for the id: the first job, then the others as `more`.
+// Protobuf fields may come in any order.
 class Requests {
  public:
   void Add(const grpc::ByteBuffer& job, uint64_t id) {
@@ -137,7 +137,7 @@ class ManyLane final : public Lane {
     writing_ = true;
     ++pending_;
     grpc::WriteOptions options;
-    if (!unsent_.empty()) options.set_buffer_hint();  // the next one follows at once
+    if (!unsent_.empty()) options.set_buffer_hint();  // another one follows immediately
     stream_->Write(requests.Message(), options, TagOf(Event::kWritten));
   }
 
@@ -182,7 +182,7 @@ class ManyLane final : public Lane {
         break;
       case Event::kWritten:
         writing_ = false;
-        if (!ok) open_ = false;  // the read that fails next ends the call
+        if (!ok) open_ = false;  // the next read fails and ends the call
         Pump();
         HalfClose();
         break;
@@ -224,11 +224,11 @@ class ManyLane final : public Lane {
     stream_->Finish(&status_, TagOf(Event::kFinished));
   }
 
-  // False where the server does not keep to the contract.
+  // False if the server violates the protocol.
   bool TakeAnswers() {
     const size_t bytes = buffer_.Length();
     if (!grpc::SerializationTraits<v1::VoxelizeManyResponse>::Deserialize(&buffer_, &message_).ok()) return false;
-    // Of answers that came together, the first one counts them all.
+    // The first of several responses in one message counts the message for all.
     if (message_.id() != 0 && message_.id() <= jobs_.size()) jobs_[message_.id() - 1].answer.CountReceived(bytes);
     if (!TakeAnswer(message_)) return false;
     for (v1::VoxelizeManyResponse& more : *message_.mutable_more()) {
@@ -258,16 +258,16 @@ class ManyLane final : public Lane {
         if (!job.answer.Take(*message.mutable_part()).ok()) return false;
         if (!job.answer.complete()) return true;
         break;
-      case v1::VoxelizeManyResponse::ANSWER_NOT_SET: return true;  // something that a newer server says
+      case v1::VoxelizeManyResponse::ANSWER_NOT_SET: return true;  // a message of a newer server
     }
     if (outcome.code == absl::StatusCode::kOk) job.answer.Fill(run_.expected_hash, outcome);
     Complete(slot, outcome);
-    const bool told_to_wait = run_.honour_retry && outcome.retry_info;  // beyond the window
+    const bool told_to_wait = run_.honour_retry && outcome.retry_info;  // after the window
     if (told_to_wait || !NextAtOnce(slot)) Release(slot);
     return true;
   }
 
-  // Retries the job after the server's delay, if that is wanted. Under the lock.
+  // Retries the job after the server's delay, if retries are honoured. Under the lock.
   bool Delay(size_t slot, const google::rpc::Status& error) {
     const grpc::Status status(grpc::StatusCode(error.code()), error.message(), error.SerializeAsString());
     const auto at = ResendAt(run_, FromGrpcStatus(status));
@@ -325,7 +325,7 @@ class ManyLane final : public Lane {
     run_.in_flight.fetch_sub(1, std::memory_order_release);
   }
 
-  // The call is over. Whatever was under way on it failed with its status.
+  // The call ended. Its outstanding jobs fail with its status.
   void AfterStream() {
     if (ending_) {
       queue_.Shutdown();
@@ -349,18 +349,18 @@ class ManyLane final : public Lane {
   grpc::GenericStub stub_;
   grpc::CompletionQueue queue_;
   grpc::Alarm alarm_;
-  std::mutex mutex_;  // of all that follows
+  std::mutex mutex_;  // guards the members below
   std::optional<grpc::ClientContext> context_;
   std::unique_ptr<grpc::GenericClientAsyncReaderWriter> stream_;
   grpc::ByteBuffer buffer_;
-  v1::VoxelizeManyResponse message_;  // used again and again: its memory is there then
+  v1::VoxelizeManyResponse message_;  // reused, so that its memory is allocated once
   grpc::Status status_;
   std::deque<Job> jobs_;  // by id - 1
   std::vector<size_t> free_;
   std::deque<size_t> unsent_;
-  std::multimap<LoadClock::time_point, size_t> delayed_;  // slots of jobs that were refused, by when they go again
+  std::multimap<LoadClock::time_point, size_t> delayed_;  // slots of refused jobs, by the time of resending
   bool open_ = false, writing_ = false, half_closed_ = false, finished_ = false;
-  int pending_ = 0;  // events that are still to come of this stream
+  int pending_ = 0;  // outstanding events of this stream
   std::optional<LoadClock::time_point> ending_;
   LaneTally tally_;
   std::thread thread_;

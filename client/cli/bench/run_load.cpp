@@ -29,8 +29,8 @@ namespace {
 using v1::VoxelizationService;
 
 constexpr size_t kPieceBytes = size_t{1} << 20;
-constexpr size_t kMaxWholeBytes = size_t{1} << 20;   // of a mesh that goes in one message with its config
-constexpr std::chrono::milliseconds kLookEvery{20};  // for signals, while there is nothing to send
+constexpr size_t kMaxWholeBytes = size_t{1} << 20;   // of a mesh sent in one message with its config
+constexpr std::chrono::milliseconds kLookEvery{20};  // poll interval for signals, while idle
 
 absl::Status AtServer(const std::string& target, const grpc::Status& status) {
   const absl::Status ours = FromGrpcStatus(status);
@@ -56,7 +56,7 @@ v1::VoxelizeConfig ConfigOf(const LoadPlan& plan) {
   return config;
 }
 
-// UNIMPLEMENTED where the server keeps no meshes.
+// UNIMPLEMENTED if the server stores no meshes.
 absl::StatusOr<std::string> UploadMesh(VoxelizationService::Stub& stub, const std::string& target,
                                        const FileBytes& mesh) {
   grpc::ClientContext context;
@@ -99,9 +99,8 @@ v1::VoxelizeWholeRequest UnaryMessage(const v1::VoxelizeConfig& config, const Fi
   return message;
 }
 
-// Requests that a server cannot take for one another, although they give the same bytes: otherwise it may compute one
-// for many, and the load would measure that. What is filled has a value of its own, which has no effect where nothing
-// is filled.
+// Requests that differ, although they give the same bytes: a server could share one run among equal requests, and the
+// load would measure that. They differ in the fill value, which has no effect without a fill.
 std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeConfig config, const FileBytes& mesh,
                                            const std::string& call) {
   constexpr size_t kWithMesh = 64, kMost = 4096;
@@ -128,23 +127,23 @@ std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeCon
     const bool whole = call == "whole";
     std::vector<v1::VoxelizeRequest> messages = CallMessages(config, i == 0 || whole ? mesh : FileBytes(), whole);
     for (const v1::VoxelizeRequest& message : messages) variants[i].push_back(Serialized(message));
-    // The pieces behind the config are the same bytes, kept once.
+    // The pieces after the config are the same bytes, stored once.
     for (size_t piece = messages.size(); piece < variants[0].size(); ++piece) variants[i].push_back(variants[0][piece]);
   }
   return variants;
 }
 
-// An answer that can be counted.
+// A valid response.
 absl::StatusOr<Answer> Complete(Answer answer, const std::string& target) {
   Outcome outcome;
   answer.Fill("", outcome);
   if (outcome.code != absl::StatusCode::kOk) {
-    return absl::DataLossError(absl::StrCat(target, ": the answer ended before its end"));
+    return absl::DataLossError(absl::StrCat(target, ": the response ended early"));
   }
   return answer;
 }
 
-// One call before the measurement. Out: what its answer says.
+// One call before the measurement. Out: its response.
 absl::StatusOr<Answer> CallOnce(VoxelizationService::Stub& stub, const std::string& target,
                                 const std::vector<v1::VoxelizeRequest>& messages) {
   grpc::ClientContext context;
@@ -168,7 +167,7 @@ absl::StatusOr<Answer> CallOnce(VoxelizationService::Stub& stub, const std::stri
   return Complete(std::move(answer), target);
 }
 
-// The same without a stream. NeedsStream, or UNIMPLEMENTED of an older server, where only a stream will do.
+// The same as a unary call. NeedsStream, or UNIMPLEMENTED from an older server, if only a stream works.
 absl::StatusOr<Answer> CallUnary(VoxelizationService::Stub& stub, const std::string& target,
                                  const v1::VoxelizeWholeRequest& message) {
   grpc::ClientContext context;
@@ -190,12 +189,12 @@ double CpuSeconds() {
   return seconds(usage.ru_utime) + seconds(usage.ru_stime);
 }
 
-// Of a process of this machine, threads that ended included.
+// CPU time of a local process, including ended threads.
 absl::StatusOr<double> CpuSecondsOf(int pid) {
   std::ifstream file(absl::StrCat("/proc/", pid, "/stat"));
   std::string text;
   std::getline(file, text);
-  // The name of the program, in brackets, may hold anything; the fields behind it are numbers.
+  // The name of the program, in brackets, may contain any character; the fields after it are numbers.
   const size_t close = text.rfind(')');
   unsigned long user = 0, system = 0;  // NOLINT(google-runtime-int): scanf's own
   if (close == std::string::npos ||
@@ -208,7 +207,7 @@ absl::StatusOr<double> CpuSecondsOf(int pid) {
 
 class Servers {
  public:
-  // Connects, uploads, and asks each server once.
+  // Connects, uploads, and sends one request to each server.
   absl::Status Prepare(const LoadPlan& plan, LoadRun& run, LoadResult& result) {
     const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
     if (!options.ok()) return options.status();
@@ -247,7 +246,7 @@ class Servers {
       }
       if (!unary) answer = CallOnce(stub, plan.servers[i], messages);
       if (whole && !unary && (absl::IsInvalidArgument(answer.status()) || absl::IsUnimplemented(answer.status()))) {
-        // A server that does not know whole requests; or else the same error comes again.
+        // The server may not support whole requests; otherwise the same error comes again.
         whole = false;
         messages = CallMessages(config, mesh, whole);
         answer = CallOnce(stub, plan.servers[i], messages);
@@ -274,7 +273,7 @@ class Loop {
   Loop(const LoadPlan& plan, LoadRun& run, std::vector<std::unique_ptr<Lane>>& lanes)
       : plan_(plan), run_(run), lanes_(lanes) {}
 
-  // Both return when the window is over, or on a signal, and call `at_begin` when it begins.
+  // Both return at the end of the window, or on a signal, and call `at_begin` at its start.
   void Closed(const std::function<void()>& at_begin) {
     for (int i = 0; i < plan_.concurrency; ++i) lanes_[size_t(i) % lanes_.size()]->Start(LoadClock::now());
     WaitUntil(run_.begin);

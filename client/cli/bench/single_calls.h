@@ -1,5 +1,5 @@
-// What lanes of single calls share: calls that are used again and again, the thread that serves their events, and what
-// follows an answer.
+// Base of the lanes of single calls: reused calls, the thread that serves their events, and the actions after a
+// response.
 #pragma once
 
 #include <chrono>
@@ -26,12 +26,12 @@ struct SingleCall {
   grpc::Status status;
   grpc::Alarm alarm;
   bool active = false;
-  bool resending = false;  // waits to be sent again
+  bool resending = false;  // waits for resending
   uint32_t resends = 0;
 };
 
-// `Call` is a SingleCall that can be made without arguments and stays where it is. A derived class calls Serve last in
-// the constructor and Join in the destructor: the thread uses all of the object.
+// `Call` is a SingleCall, default constructible and not movable. A derived class calls Serve last in the constructor
+// and Join in the destructor: the thread uses all of the object.
 template <typename Call>
 class SingleCalls : public Lane {
  public:
@@ -71,12 +71,12 @@ class SingleCalls : public Lane {
   virtual void Launch(Call& call) = 0;
   virtual void Handle(void* tag, bool ok) = 0;
 
-  // The tag for Handle, which calls Again, at the end of a pause of this call.
+  // The tag at the end of a pause of this call: Handle calls Again.
   virtual void* PauseTag(Call& call) = 0;
 
-  // The call is over.
+  // The call ended.
   void Complete(Call& call, Outcome& outcome) {
-    // A closed loop whose server is gone would spin: a refused call comes back at once.
+    // Without a pause a closed loop would spin when its server is gone: refused calls return immediately.
     constexpr std::chrono::milliseconds kPauseUnavailable{10};
     if (outcome.code != absl::StatusCode::kOk) outcome.retry_info = SaysWhenToRetry(call.status);
     if (outcome.retry_info) {
@@ -92,7 +92,7 @@ class SingleCalls : public Lane {
     outcome.resends = std::exchange(call.resends, 0);
     tally_.Add(call.due, call.sent, outcome);
     call.active = false;
-    const bool told_to_wait = run_.honour_retry && outcome.retry_info;  // beyond the window
+    const bool told_to_wait = run_.honour_retry && outcome.retry_info;  // after the window
     if (!run_.closed_loop || told_to_wait) {
       Release(call);
     } else if (outcome.code == absl::StatusCode::kUnavailable) {
@@ -132,7 +132,7 @@ class SingleCalls : public Lane {
   }
 
   void Loop() {
-    constexpr std::chrono::milliseconds kLookEvery{100};  // at the flags of the run
+    constexpr std::chrono::milliseconds kLookEvery{100};  // poll interval of the flags of the run
     for (;;) {
       void* tag = nullptr;
       bool ok = false;
@@ -160,8 +160,8 @@ class SingleCalls : public Lane {
     }
   }
 
-  std::mutex mutex_;        // of the next two
-  std::deque<Call> calls_;  // stay where they are
+  std::mutex mutex_;        // guards the next two
+  std::deque<Call> calls_;  // stable addresses
   std::vector<Call*> free_;
   LaneTally tally_;
   bool cancelled_ = false;

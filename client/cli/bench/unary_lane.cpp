@@ -1,4 +1,4 @@
-// VoxelizeWhole calls over one connection, made of bytes that stand ready.
+// VoxelizeWhole calls over one connection, with requests serialized in advance.
 #include <grpcpp/impl/codegen/proto_utils.h>
 
 #include "bench/answer.h"
@@ -9,7 +9,8 @@ namespace {
 
 constexpr char kMethod[] = "/voxelpipe.v1.VoxelizationService/VoxelizeWhole";
 
-// Its address is the tag of both its events, of which one at a time is to come: the answer, or the end of a pause.
+// Its address is the tag of both its events, one of which is outstanding at a time: the response, or the end of a
+// pause.
 struct Unary : SingleCall {
   std::unique_ptr<grpc::GenericClientAsyncResponseReader> reader;
   bool paused = false;
@@ -37,7 +38,7 @@ class UnaryLane final : public SingleCalls<Unary> {
       outcome.code = TakeAnswer(call, answer).code();
       if (outcome.code == absl::StatusCode::kOk) answer.Fill(run_.expected_hash, outcome);
     }
-    call.reader.reset();  // lies in the call, which the next context lets go
+    call.reader.reset();  // owned by the call, which the next context releases
     Complete(call, outcome);
   }
 
@@ -54,7 +55,7 @@ class UnaryLane final : public SingleCalls<Unary> {
     return answer.Take(*message_.mutable_result());
   }
 
-  v1::VoxelizeWholeResponse message_;  // used again and again: its memory is there then
+  v1::VoxelizeWholeResponse message_;  // reused, so that its memory is allocated once
 };
 
 }  // namespace

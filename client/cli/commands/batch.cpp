@@ -33,7 +33,7 @@ struct BatchArguments {
 // All was done that can be: no other run will do the rest.
 constexpr int kOnlyPermanentErrors = 3;
 
-// Reads the options and the manifest. Every error is one of usage.
+// Reads the options and the manifest. Every error is a usage error.
 absl::Status Prepare(BatchArguments& arguments) {
   BatchPlan& plan = arguments.plan;
   constexpr int kMaxJobs = 1024;
@@ -48,7 +48,7 @@ absl::Status Prepare(BatchArguments& arguments) {
   if (!plan.servers.empty()) {
     if (absl::Status status = CheckServerOption(plan.servers.front()); !status.ok()) return status;
   }
-  // What is wrong with the defaults is not the manifest's fault.
+  // Errors in the defaults are not those of the manifest.
   if (const auto request = BuildRequest(arguments.defaults.request); !request.ok()) return request.status();
   if (arguments.shard) {
     const absl::StatusOr<Shard> shard = ParseShard(*arguments.shard);
@@ -69,7 +69,7 @@ absl::Status Prepare(BatchArguments& arguments) {
 }
 
 absl::Status WriteReport(const std::string& path, const std::string& text) {
-  std::error_code ignored;  // creating the file says what is wrong
+  std::error_code ignored;  // creating the file reports the error
   const std::filesystem::path parent = std::filesystem::path(path).parent_path();
   if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
   absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
@@ -141,14 +141,14 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<BatchArguments>();
   BatchPlan& plan = arguments->plan;
   CLI::App* command =
-      app.add_subcommand("batch", "Voxelize the meshes of a list; run again, it goes on where it stopped");
+      app.add_subcommand("batch", "Voxelize the meshes of a list; a further run continues where the last one stopped");
   const std::string group = "Batch";
   const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
     return command->add_option(name, value, Wrapped(text))->group(group)->type_name(type);
   };
   command
       ->add_option("MANIFEST", plan.manifest,
-                   Wrapped("JSON lines, an object a mesh: \"input\", and if wanted \"id\", \"output\", \"format\", "
+                   Wrapped("JSON lines, an object a mesh: \"input\", optionally \"id\", \"output\", \"format\", "
                            "\"preview\" and any option below without its dashes"))
       ->required()
       ->type_name("")
@@ -161,7 +161,7 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
   add("--shard", arguments->shard, "i/n", "Only every n-th mesh, from the i-th on; i from 0 to n-1, n/n is 0/n");
   command
       ->add_option("--server", plan.servers,
-                   Wrapped("Servers to spread the meshes over, with commas or several --server"))
+                   Wrapped("Servers to distribute the meshes to, with commas or several --server"))
       ->group(group)
       ->type_name("HOST:PORT")
       ->delimiter(',')
@@ -170,13 +170,13 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
       ->each([](const std::string& server) {
         if (server.empty()) throw CLI::ValidationError("--server", "must not be empty");
       });
-  add("--retries", plan.retries, "R", "Further attempts for a mesh whose server was lost or late (default 5)");
+  add("--retries", plan.retries, "R", "Further attempts for a mesh whose server failed or timed out (default 5)");
   add("--busy-timeout", arguments->busy_timeout_s, "S", "Seconds to wait for overloaded servers (default 600)");
   add("--lost-timeout", arguments->lost_timeout_s, "S",
       "Seconds to wait for any server once none can be reached; then the run ends (default 30)");
   add("--deadline-ms", arguments->deadline_ms, "T", "Longest time of an attempt (default: none)");
-  command->add_flag("--fail-fast", plan.fail_fast, "Begin no mesh after one has failed")->group(group);
-  add("--report", arguments->report, "FILE", "Write what became of each mesh, as JSON")->check(RefuseEmpty);
+  command->add_flag("--fail-fast", plan.fail_fast, "Start no mesh after one has failed")->group(group);
+  add("--report", arguments->report, "FILE", "Write the outcome of each mesh, as JSON")->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the totals as one JSON object")->group(group);
   AddAllowOutside(*command, plan.allow_outside);
   AddRequestFlags(*command, arguments->defaults.request);

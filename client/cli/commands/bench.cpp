@@ -40,10 +40,10 @@ absl::Status CheckOptions(const BenchArguments& arguments) {
     return absl::InvalidArgumentError("--max-error-rate: 0 to 1");
   }
   if (arguments.deadline_ms && plan.many) {
-    return absl::InvalidArgumentError("--deadline-ms goes with single calls; jobs of a stream take --queue-timeout-ms");
+    return absl::InvalidArgumentError("--deadline-ms is for single calls; use --queue-timeout-ms for jobs of a stream");
   }
   if (plan.connections > 0 && size_t(plan.connections) < plan.servers.size()) {
-    return absl::InvalidArgumentError("--connections: at least one a server");
+    return absl::InvalidArgumentError("--connections: at least one per server");
   }
   return absl::OkStatus();
 }
@@ -107,43 +107,45 @@ void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments
   const auto flag = [&](const char* name, bool& value, const char* text) {
     return command.add_flag(name, value, Wrapped(text))->group(group);
   };
-  CLI::Option* concurrency = add(
-      "--concurrency", plan.concurrency, "C",
-      "Closed loop (the default, with 1): C clients, each of which sends its next request when the last is answered");
+  CLI::Option* concurrency =
+      add("--concurrency", plan.concurrency, "C",
+          "Closed loop (the default, with 1): C clients, each of which sends its next request after the last response");
   add("--rate", plan.rate, "R",
-      "Open loop: R requests a second whether or not earlier ones are answered; latency counts from when a request was "
-      "due, so that a server that is late does not hide it")
+      "Open loop: R requests a second, independent of responses; latency counts from the scheduled send time (no "
+      "coordinated omission)")
       ->excludes(concurrency);
-  add("--arrivals", arguments.arrivals, "poisson|fixed", "Gaps of the open loop (default poisson: as of many callers)")
+  add("--arrivals", arguments.arrivals, "poisson|fixed",
+      "Gaps of the open loop (default poisson: as from many callers)")
       ->check(CLI::IsMember({"poisson", "fixed"}));
-  add("--seed", plan.seed, "N", "Of the random gaps (default 1)");
-  add("--duration", plan.seconds, "S", "Seconds in which requests are sent; then all answers are awaited")->required();
-  add("--warmup", plan.warmup_seconds, "S", "Seconds of load before, which do not count (default 0)");
+  add("--seed", plan.seed, "N", "Seed of the random gaps (default 1)");
+  add("--duration", plan.seconds, "S", "Seconds in which requests are sent; then the run waits for all responses")
+      ->required();
+  add("--warmup", plan.warmup_seconds, "S", "Seconds of load before the measurement (default 0)");
   add("--deadline-ms", arguments.deadline_ms, "D", "Deadline of each call (default: none)");
   add("--connections", plan.connections, "K",
-      "Connections, each with a thread (default: one a server). Results of megabytes want one a client");
+      "Connections, each with a thread (default: one per server). For results of megabytes use one per client");
   add("--max-in-flight", plan.max_in_flight, "N",
-      "Most unanswered requests of an open loop (default 4096); beyond, those that are due wait, and their latency "
+      "Most outstanding requests of an open loop (default 4096); beyond, scheduled ones wait, and their latency "
       "counts");
   flag("--honour-retry", plan.honour_retry,
        "Retry a refused request after the delay that the server returned (RetryInfo), as good clients do; its latency "
        "counts "
        "on");
   add("--max-error-rate", arguments.max_error_rate, "R",
-      "Exit 1 where a larger part of the requests failed (default 0.01)");
-  flag("--many", plan.many, "Send jobs on VoxelizeMany streams, one a connection, instead of single calls");
-  flag("--stream", plan.stream, "Never call VoxelizeWhole, which takes one message and gives one");
-  flag("--pieces", plan.pieces, "Never send or ask for all in one message");
+      "Exit 1 if a larger share of the requests failed (default 0.01)");
+  flag("--many", plan.many, "Send jobs on VoxelizeMany streams, one per connection, instead of single calls");
+  flag("--stream", plan.stream, "Never use the unary call VoxelizeWhole");
+  flag("--pieces", plan.pieces, "Never use one message for a whole request or result");
   flag("--send-mesh", plan.send_mesh, "Send the mesh each time instead of uploading it once");
   flag("--same-request", plan.same_request,
-       "Send equal requests, which a server may answer together. Otherwise they differ where it does not show in the "
+       "Send equal requests, which may share a run on the server. Otherwise they differ without effect on the "
        "result");
-  add("--server-pid", plan.server_pid, "PID", "A server's process on this machine: its CPU time is measured, too");
+  add("--server-pid", plan.server_pid, "PID", "Process of a server on this machine: its CPU time is measured too");
   add("--priority", plan.priority, "high|normal|low", "Of the requests")
       ->check(CLI::IsMember({"high", "normal", "low"}));
   add("--compression", plan.compression, "none|zstd", "Of the results")->check(CLI::IsMember({"none", "zstd"}));
-  flag("--without-hash", plan.without_hash, "Do without the SHA-256 of results; the CRC-32C of each piece remains");
-  add("--queue-timeout-ms", plan.queue_timeout_ms, "T", "How long a request may wait for a worker");
+  flag("--without-hash", plan.without_hash, "No SHA-256 of results; each piece still has its CRC-32C");
+  add("--queue-timeout-ms", plan.queue_timeout_ms, "T", "Maximum wait of a request for a worker");
   add("--fallback", arguments.fallback, "yes|no", "yes: another kind of worker may run the job")
       ->check(CLI::IsMember({"yes", "no"}));
 }

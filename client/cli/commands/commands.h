@@ -1,5 +1,5 @@
 // The subcommands. Each adds itself to the app; its callback sets `exit_code`: 0 done, 1 a job failed, 2 an option is
-// wrong, StoppedExitCode where the user stopped it.
+// wrong, StoppedExitCode if the user stopped it.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -7,7 +7,7 @@
 
 namespace voxelpipe::cli {
 
-// For options where an empty text (a shell variable that is not set) would silently mean something else.
+// For options where an empty text (an unset shell variable) would silently mean something else.
 inline std::string RefuseEmpty(const std::string& text) {
   return text.empty() ? "must not be empty" : "";
 }

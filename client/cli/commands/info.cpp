@@ -107,7 +107,7 @@ absl::Status Info(const InfoArguments& arguments) {
   JobContext job;
   const CancelOnInterrupt cancel(job);
   try {
-    const OutsideFiles outside{arguments.allow_outside, TextureUse{}};  // what is not read it says as well
+    const OutsideFiles outside{arguments.allow_outside, TextureUse{}};  // textures are not read, but reported
     const absl::StatusOr<MeshFacts> facts = arguments.server.empty()
                                                 ? LocalFacts(arguments.path, outside, job)
                                                 : RemoteFacts(arguments.server, arguments.path, outside, job);
@@ -125,7 +125,7 @@ void AddInfoCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<InfoArguments>();
   CLI::App* command = app.add_subcommand("info", "Describe a mesh file");
   command->add_option("FILE", arguments->path, "Mesh file: .glb, .gltf, .drc")->required()->type_name("");
-  command->add_option("--server", arguments->server, "Let this server look at it")
+  command->add_option("--server", arguments->server, "Let this server inspect the file")
       ->type_name("HOST:PORT")
       ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print one JSON object");

@@ -16,7 +16,7 @@ ProgressBar::~ProgressBar() {
 
 void ProgressBar::Show(std::string_view stage, double fraction) {
   using std::chrono::milliseconds;
-  // Nothing for jobs that are over at once, and no more often than the eye follows.
+  // Not for jobs that end at once, and at most as often as the eye can follow.
   if (!terminal_ || Clock::now() - last_ < milliseconds(80)) return;
   last_ = Clock::now();
   constexpr int kWidth = 30;

@@ -1,4 +1,4 @@
-// One line on a terminal that shows the stage at work.
+// One line on a terminal that shows the current stage.
 #pragma once
 
 #include <chrono>
@@ -6,7 +6,7 @@
 
 namespace voxelpipe::cli {
 
-// Draws on stderr if that is a terminal, otherwise does nothing. The line is gone when the object is.
+// Draws on stderr if that is a terminal, otherwise does nothing. The destructor removes the line.
 class ProgressBar {
  public:
   ProgressBar();
@@ -16,7 +16,7 @@ class ProgressBar {
 
   // `fraction` in [0, 1] of the stage.
   void Show(std::string_view stage, double fraction);
-  // Takes the line away, e.g. before something else is printed.
+  // Removes the line, for example before other output.
   void Clear();
 
  private:

@@ -35,7 +35,7 @@ nlohmann::ordered_json ShadersJson(const std::vector<ShaderInfo>& shaders) {
   return {{"shaders", list}};
 }
 
-// Numbers as they are typed on the command line.
+// Numbers in command-line form.
 std::string Typed(const std::vector<double>& values) {
   std::string text;
   for (const double value : values) absl::StrAppend(&text, text.empty() ? "" : "/", value);
@@ -84,7 +84,7 @@ void AddShadersCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<ShadersArguments>();
   CLI::App* command = app.add_subcommand("shaders", "List the shaders and their parameters");
   command->add_flag("--json", arguments->json, "Print one JSON object");
-  command->add_option("--server", arguments->server, "List those of this server")
+  command->add_option("--server", arguments->server, "List the shaders of this server")
       ->type_name("HOST:PORT")
       ->check(RefuseEmpty);
   command->callback([arguments, &exit_code] { exit_code = Shaders(*arguments); });

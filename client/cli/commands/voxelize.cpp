@@ -80,7 +80,7 @@ int Voxelize(const VoxelizeArguments& arguments) {
     }
     if (status.ok()) continue;
     PrintError(arguments.inputs[i], status);
-    exit_code = 1;  // the other inputs still get their turn
+    exit_code = 1;  // continues with the other inputs
   }
   return exit_code;
 }
@@ -93,7 +93,7 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   command->add_option("IN", arguments->inputs, "Mesh files: .glb, .gltf, .drc")->required()->type_name("");
   command
       ->add_option("-o,--output", arguments->output,
-                   Wrapped("Where the result goes; the extension decides: .npy, .npz, .raw, .png (a picture). Several "
+                   Wrapped("File of the result; the extension selects .npy, .npz, .raw or .png (a picture). Several "
                            "targets into .npy or .raw: OUT.<index>.ext. With several IN a directory. Without it only "
                            "the summary is printed"))
       ->type_name("OUT")

@@ -1,4 +1,4 @@
-// Where the CLI's work is done: in this process, or on a server.
+// The engine that runs the CLI's jobs: in this process, or on a server.
 #pragma once
 
 #include <cstdint>
@@ -18,19 +18,19 @@
 
 namespace voxelpipe::cli {
 
-// What one mesh gave, besides the bytes that went to the sink.
+// The outcome of one mesh, besides the bytes that went to the sink.
 struct EngineRun {
   std::vector<std::pair<std::string, double>> mesh_stages;  // load and flatten, milliseconds
   std::vector<VoxelizeStats> runs;                          // of every run, in order; at least one
   std::optional<uint64_t> open_edges;                       // with a fill
-  // How a server ran the last of them; absent in-process.
+  // Execution of the last run on a server; absent in-process.
   struct Served {
-    std::string worker;       // empty where the server does not say
+    std::string worker;       // empty if the server did not report it
     double queue_ms = 0;      // from admission to the worker
-    uint32_t batch_jobs = 0;  // jobs of the worker's pass
-    uint32_t attempts = 0;    // workers that were given the job
-    bool cached = false;      // the result was made for an equal request
-    uint64_t sent_bytes = 0;  // of the result as they came, compressed or not
+    uint32_t batch_jobs = 0;  // jobs of the worker's batch
+    uint32_t attempts = 0;    // workers that tried the job
+    bool cached = false;      // the result is that of an equal request
+    uint64_t sent_bytes = 0;  // of the result as received, compressed or not
   };
   std::optional<Served> served;
   WarningList warnings;                       // of packing the file, and of the last run
@@ -41,7 +41,7 @@ struct EngineRun {
 struct MeshInput {
   FileBytes bytes;
   double read_ms = 0;
-  WarningList warnings{};  // what packing had to pass over
+  WarningList warnings{};  // of packing
 };
 
 // Errors: those of ReadAndPackMeshFile.
@@ -51,9 +51,8 @@ class Engine {
  public:
   virtual ~Engine() = default;
 
-  // Voxelizes the mesh `repeat` times (at least once), and hands the result of the last run to `sink`: all runs give
-  // the same bytes. A single dense run needs memory for a part of its result only, unless it is to be kept whole in
-  // `whole`.
+  // Voxelizes the mesh `repeat` times (at least once), and writes the result of the last run to `sink`; all runs give
+  // the same bytes. A single dense run needs memory for a part of its result only, unless `whole` receives all of it.
   virtual absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
                                         ResultSink& sink, VoxelizeResult* whole = nullptr) = 0;
   virtual absl::StatusOr<std::vector<ShaderInfo>> Shaders() = 0;

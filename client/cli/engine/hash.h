@@ -11,7 +11,7 @@
 
 namespace voxelpipe::cli {
 
-// Counts and hashes what passes, and hands it on to `next`, if there is one.
+// A sink that counts and hashes the bytes, and forwards them to `next`, if there is one.
 class HashingSink final : public ResultSink {
  public:
   // `next` may be null and must outlive the object.

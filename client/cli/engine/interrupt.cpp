@@ -61,7 +61,7 @@ std::string StoppedReason(int signal) {
 
 CancelOnInterrupt::CancelOnInterrupt(JobContext& job) {
   running = &job;
-  if (received != 0) job.Cancel();  // it may have come just before
+  if (received != 0) job.Cancel();  // it may have arrived just before
 }
 
 CancelOnInterrupt::~CancelOnInterrupt() {

@@ -1,5 +1,5 @@
-// Ctrl-C: the running job is cancelled and leaves no half-written file; a second Ctrl-C, half a second
-// or more later, ends the process at once.
+// Ctrl-C cancels the running job, which leaves no half-written file; a second Ctrl-C, half a second or more later, ends
+// the process at once.
 #pragma once
 
 #include <string>
@@ -8,18 +8,18 @@
 
 namespace voxelpipe::cli {
 
-// Installs the handlers of SIGINT, SIGTERM and, unless it is ignored already (nohup), SIGHUP. Ignores SIGXFSZ and
+// Installs the handlers of SIGINT, SIGTERM and, unless it is already ignored (nohup), SIGHUP. Ignores SIGXFSZ and
 // SIGPIPE: writing then fails with EFBIG or EPIPE, which can be reported and cleaned up after. Once.
 void HandleInterrupts();
 
-// The signal that came, or 0.
+// The received signal, or 0.
 int InterruptSignal();
 
-// What a run that such a signal stopped exits with: 128 + signal, 1 for SIGHUP; and what it says.
+// The exit code of a run stopped by a signal: 128 + signal, 1 for SIGHUP; and its message.
 int StoppedExitCode(int signal);
 std::string StoppedReason(int signal);
 
-// While it lives, a signal cancels `job`. One at a time.
+// During its lifetime, a signal cancels `job`. One object at a time.
 class CancelOnInterrupt {
  public:
   explicit CancelOnInterrupt(JobContext& job);

@@ -40,7 +40,7 @@ class LocalEngine : public Engine {
                                 ResultSink& sink, VoxelizeResult* whole) override {
     absl::StatusOr<LoadedMesh> loaded = LoadMesh(std::move(mesh), job);
     if (!loaded.ok()) return loaded.status();
-    loaded->scene = Scene();  // the flat mesh is all that is needed from here on
+    loaded->scene = Scene();  // only the flattened mesh is needed from here on
     if (RequestReadsTextures(request)) {
       const Stopwatch decode;
       if (absl::Status status = PrepareTexturesFor(job, loaded->mesh, LoadLimits{}, TexturesRead(request));
@@ -49,7 +49,7 @@ class LocalEngine : public Engine {
       }
       loaded->load_ms += decode.Milliseconds();
     }
-    PlanLimits limits;  // what the mesh leaves
+    PlanLimits limits;  // less the memory of the mesh
     const MemoryBudget& memory = MemoryOf(job);
     limits.max_working_bytes =
         std::min(limits.max_working_bytes, memory.limit_bytes() - std::min(memory.limit_bytes(), memory.used_bytes()));
@@ -62,7 +62,7 @@ class LocalEngine : public Engine {
     } else {
       VoxelizeResult last;
       for (int i = 0; i < repeat; ++i) {
-        last = VoxelizeResult();  // before the next one is made: one result in memory at a time
+        last = VoxelizeResult();  // freed before the next run: one result in memory at a time
         absl::StatusOr<VoxelizeResult> result = Voxelize(loaded->mesh, request, {job, limits});
         if (!result.ok()) return result.status();
         last = *std::move(result);

@@ -1,4 +1,4 @@
-// A mesh file of this machine, loaded in this process.
+// A local mesh file, loaded in this process.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@ namespace voxelpipe::cli {
 struct LoadedMesh {
   Scene scene;
   TriangleMesh mesh;
-  uint64_t packed_bytes = 0;  // of the self-contained file, siblings included
+  uint64_t packed_bytes = 0;  // of the self-contained file, including siblings
   double load_ms = 0, flatten_ms = 0;
 };
 

@@ -1,4 +1,4 @@
-// A server's work through the client library.
+// Runs jobs on a server through the client library.
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <utility>
@@ -28,7 +28,7 @@ class RemoteEngine : public Engine {
 
   absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
                                 ResultSink& sink, VoxelizeResult* whole) override {
-    // Sibling files are packed in: the server has no business on this machine's disk.
+    // Sibling files are packed in: the server cannot read this machine's disk.
     if (absl::Status status = Connect(); !status.ok()) return status;
     EngineRun run;
     run.server_peak_bytes = 0;
@@ -48,7 +48,7 @@ class RemoteEngine : public Engine {
     }
     VoxelizeResult last;
     for (int i = 0; i < repeat; ++i) {
-      last = VoxelizeResult();  // before the next one arrives: one result in memory at a time
+      last = VoxelizeResult();  // freed before the next one arrives: one result in memory at a time
       absl::StatusOr<RemoteResult> remote = client_->Voxelize(mesh.bytes, MeshFormat::kAuto, request, job);
       if (!remote.ok()) return remote.status();
       last = std::move(remote->result);

@@ -41,7 +41,7 @@ void PrintError(std::string_view where, std::string_view message) {
   constexpr size_t kMaxLineBytes = 8192;  // a path is up to 4,096 bytes, and twice in it at most
   std::string line = absl::StrCat("voxelpipe: ", std::string(where), where.empty() ? "" : ": ", std::string(message));
   if (line.size() > kMaxLineBytes) line = line.substr(0, kMaxLineBytes) + "...";
-  // What is not a status may hold anything, too: control characters would break the line or drive the terminal.
+  // Other texts may also contain anything: control characters would break the line or control the terminal.
   for (char& c : line) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
   }
@@ -49,7 +49,7 @@ void PrintError(std::string_view where, std::string_view message) {
 }
 
 void PrintError(std::string_view where, const absl::Status& status) {
-  const std::string message = ErrorText(status);  // as a server would say it
+  const std::string message = ErrorText(status);  // the same text as from a server
   PrintError(where, message.empty() ? absl::StatusCodeToString(status.code()) : message);
 }
 
@@ -229,10 +229,10 @@ std::string DescribeTarget(const TargetSpec& target) {
 }
 
 uint64_t ProcessPeakBytes() {
-  // Not getrusage: a child begins with its parent's maximum there.
+  // Not getrusage, where a child starts with its parent's maximum.
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);) {
-    if (line.rfind("VmHWM:", 0) == 0) return std::strtoull(line.c_str() + 6, nullptr, 10) * 1024;  // counts in KiB
+    if (line.rfind("VmHWM:", 0) == 0) return std::strtoull(line.c_str() + 6, nullptr, 10) * 1024;  // in KiB
   }
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);

@@ -1,4 +1,4 @@
-// What `voxelpipe` prints.
+// The output of `voxelpipe`.
 #pragma once
 
 #include <cstdint>
@@ -14,17 +14,17 @@
 
 namespace voxelpipe::cli {
 
-// `voxelpipe: WHERE: message`, one line on stderr whatever the message holds. `where` may be empty.
+// `voxelpipe: WHERE: message`, one line on stderr for every message. `where` may be empty.
 void PrintError(std::string_view where, const absl::Status& status);
 void PrintError(std::string_view where, std::string_view message);
 
 // Each warning as `voxelpipe: WHERE: warning: PLACE: TEXT` on stderr, at most five, then how many more there are.
 void PrintWarnings(std::string_view where, const WarningList& warnings);
 
-// json["warnings"], an array of {code, place, text}, and json["warnings_left_out"] where there are more than are kept.
+// json["warnings"], an array of {code, place, text}, and json["warnings_left_out"] if there are more than are kept.
 void AddWarnings(const WarningList& warnings, nlohmann::ordered_json& json);
 
-// Writes `text` and a newline to stdout. DATA_LOSS if stdout does not take it.
+// Writes `text` and a newline to stdout. DATA_LOSS if writing fails.
 absl::Status PrintLine(const std::string& text);
 
 struct VoxelizeReport {
@@ -47,7 +47,7 @@ MedianTimes Medians(const std::vector<VoxelizeStats>& runs);
 
 // The object of `voxelize --json`.
 nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& report);
-// The same for people: a short table.
+// The same as a short table.
 std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report);
 
 // "12,345,678"; "1.5 GiB"; "bit:or occupancy".

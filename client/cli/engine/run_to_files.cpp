@@ -11,7 +11,7 @@
 namespace voxelpipe::cli {
 namespace {
 
-// The directories above a file. WriteResult and OpenResultFile name the path if it still cannot be made.
+// Creates the directories above a file. WriteResult and OpenResultFile report the path if it still cannot be created.
 void MakeDirectories(const std::string& path) {
   const std::filesystem::path parent = std::filesystem::path(path).parent_path();
   std::error_code ignored;
@@ -30,7 +30,7 @@ absl::Status WritePictures(const VoxelizeResult& result, const OutputPlan& plan,
   return absl::OkStatus();
 }
 
-// Keeps the time that a file takes.
+// Measures the time of writing a file.
 class TimedSink final : public ResultSink {
  public:
   explicit TimedSink(ResultSink* next) : next_(next) {}

@@ -8,10 +8,9 @@
 
 namespace voxelpipe::cli {
 
-// Runs the request and writes what `plan` names, each file under a temporary name and then renamed; directories are
-// made. Out: the run; of `report` all but its input. Arrays go to their file as they are made, only a picture needs the
-// whole result in memory.
-// Errors: those of Engine::Run, and the system's with the path.
+// Runs the request and writes the files of `plan`, each file under a temporary name and then renamed; directories are
+// created. Out: the run, and all of `report` except its input. Arrays are written while they are made; only a picture
+// needs the whole result in memory. Errors: those of Engine::Run, and the system's with the path.
 absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const VoxelizeRequest& request, int repeat,
                                      const OutputPlan& plan, JobContext& job, VoxelizeReport& report);
 

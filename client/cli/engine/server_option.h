@@ -17,21 +17,21 @@
 
 namespace voxelpipe::cli {
 
-// The report on a mesh file, from a server or made here.
+// The report on a mesh file, from a server or from this process.
 struct MeshFacts {
   MeshReport report;
   MeshContents contents;
-  WarningList warnings;                                // all of its textures included
+  WarningList warnings;                                // including those of all its textures
   std::vector<std::pair<std::string, double>> stages;  // load and flatten, milliseconds
 };
 
-// UNIMPLEMENTED where a server is named and this build has no service.
+// UNIMPLEMENTED if a server is named and this build has no service.
 absl::Status CheckServerOption(const std::string& server);
 
-// Without a server (empty) the core in this process. Errors: those of CheckServerOption.
+// The engine for a server, or the core in this process if `server` is empty. Errors: those of CheckServerOption.
 absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server);
 
-// What the server sees in the mesh file at `path`.
+// The server's report on the mesh file at `path`.
 absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string& path, const OutsideFiles& outside,
                                       const JobContext& job);
 
@@ -44,7 +44,7 @@ std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status
 // True if an error says that no connection to a server was made.
 bool CouldNotConnect(const absl::Status& status);
 
-// For server_option.cpp: the engine that calls a server. Connects when it is first used.
+// For server_option.cpp: an engine that calls a server. Connects at first use.
 std::unique_ptr<Engine> MakeRemoteEngine(const std::string& server);
 
 }  // namespace voxelpipe::cli

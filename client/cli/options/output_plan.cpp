@@ -12,7 +12,7 @@ namespace {
 namespace fs = std::filesystem;
 
 bool NamesDirectory(const std::string& path) {
-  std::error_code error;  // what cannot be read is no directory; writing will report why
+  std::error_code error;  // an unreadable path counts as no directory; writing reports the error
   return path.back() == '/' || fs::is_directory(path, error);
 }
 

@@ -1,4 +1,4 @@
-// Which files a run of `voxelpipe voxelize` writes.
+// The files that a run of `voxelpipe voxelize` writes.
 #pragma once
 
 #include <string>
@@ -14,11 +14,11 @@ struct OutputPlan {
   std::string preview;  // path of the picture, empty = none
 };
 
-// One plan for each input, in order. `output` and `preview` as typed, empty where not given. With several inputs, or
-// where it is an existing directory or ends in '/', each of the two is a directory: files there are named after the
-// input's stem (.npy for dense results, .npz for others, .png for pictures), "-2", "-3", ... appended where a name is
-// taken. Errors: INVALID_ARGUMENT for an extension that cannot hold the result, and for a file's name where a directory
-// is needed.
+// One plan for each input, in order. `output` and `preview` as typed, empty if not given. With several inputs, or if it
+// is an existing directory or ends in '/', each of the two is a directory: files there have the input's stem as name
+// (.npy for dense results, .npz for others, .png for pictures), with "-2", "-3", ... appended if a name is taken.
+// Errors: INVALID_ARGUMENT for an extension that cannot hold the result, and for a file name where a directory is
+// needed.
 absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::string>& inputs, const std::string& output,
                                                     const std::string& preview, ResultKind kind = ResultKind::kDense);
 

@@ -11,7 +11,7 @@
 namespace voxelpipe::cli {
 namespace {
 
-// This Abseil is built without std::string_view: its functions take strings.
+// This Abseil is built without std::string_view: its functions take std::string.
 std::string Quoted(std::string_view text) {
   return absl::StrCat("'", std::string(text), "'");
 }
@@ -70,7 +70,7 @@ absl::StatusOr<std::vector<KeyValue>> ParseKeyValues(std::string_view text) {
   return pairs;
 }
 
-// True if some shader has a text parameter of this name: its value is then not read as numbers.
+// True if a shader has a text parameter of this name, whose value is not parsed as numbers.
 bool IsTextParameter(const std::string& name) {
   for (const ShaderInfo& shader : ListShaders()) {
     for (const ShaderParameterInfo& parameter : shader.parameters) {
@@ -114,7 +114,7 @@ absl::Status SetParameter(ShaderCall& call, const KeyValue& pair) {
   return absl::OkStatus();
 }
 
-// `components` stays absent where the text gives no number.
+// `components` stays absent if the text gives no number.
 absl::Status ParseFormat(std::string_view text, TargetSpec& target, std::optional<int>& components) {
   const size_t cross = text.find('x');
   const std::string_view name = text.substr(0, cross);

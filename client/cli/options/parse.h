@@ -1,4 +1,4 @@
-// The small languages of the command line: vectors, shader calls, targets.
+// Parsers of command-line values: vectors, shader calls, targets.
 #pragma once
 
 #include <array>
@@ -26,18 +26,18 @@ absl::StatusOr<Vec3d> ParsePoint(std::string_view text);
 // "X,Y,Z"; whole numbers of at least 1.
 absl::StatusOr<std::array<int64_t, 3>> ParseDims(std::string_view text);
 
-// "NAME" or "NAME:k=v,k=v"; a vector's numbers are separated by '/': "constant:value=0.5/0.2/1". A text
-// parameter may stand in brackets: "attribute(_HEAT)" is "attribute:name=_HEAT". Neither the name nor
-// the parameters are checked against the catalog.
+// "NAME" or "NAME:k=v,k=v"; a vector's numbers are separated by '/': "constant:value=0.5/0.2/1". A text parameter may
+// be given in brackets: "attribute(_HEAT)" is "attribute:name=_HEAT". Neither the name nor the parameters are checked
+// against the catalog.
 absl::StatusOr<ShaderCall> ParseShaderCall(std::string_view text);
 
 // "FORMAT[xC]:BLEND[:k=v,...]" where k is shader, quantum, clear, fill ("V" or "A/B/C"), encoding (linear or srgb),
-// scale (integer formats only), or a parameter of the target's shader. A target without shader= takes `default_shader`,
-// its own parameters laid over it; one without xC has the components of its shader (OwnComponents).
+// scale (integer formats only), or a parameter of the target's shader. A target without shader= takes `default_shader`
+// with its own parameters on top; one without xC has the components of its shader (OwnComponents).
 absl::StatusOr<TargetSpec> ParseTarget(std::string_view text, const ShaderCall& default_shader);
 
-// The targets that --target and --shader ask for. Without --target: `bit:or` for occupancy (also where no shader is
-// named), otherwise `f32xC:replace`, C the number of components that the shader gives.
+// The targets of --target and --shader. Without --target: `bit:or` for occupancy (also if no shader is named),
+// otherwise `f32xC:replace`, C the number of components of the shader.
 absl::StatusOr<std::vector<TargetSpec>> ResolveTargets(const std::vector<std::string>& targets,
                                                        const std::optional<std::string>& shader);
 

@@ -48,23 +48,23 @@ void AddShadingOptions(CLI::App& command, RequestOptions& request) {
   };
   add("--coverage", request.coverage, "conservative|thin|center|none",
       "Which voxels a triangle covers (default conservative: all it touches; none: with --fill parity or nonzero, "
-      "which then gives the voxels whose centre is inside)");
+      "which then fills exactly the voxels whose centre is inside)");
   add("--fill", request.fill, "none|parity|nonzero|flood",
       "How the inside is filled (default none): parity by crossings along x, nonzero by their signs, so that parts "
-      "may overlap, flood by what a walk from outside does not reach");
+      "may overlap, flood by what a flood from outside does not reach");
   add("--shader", request.shader, "NAME[:k=v,...]",
-      "The fragment shader of every target that names none. A vector's numbers are separated by '/', as in "
+      "The fragment shader of every target without one. A vector's numbers are separated by '/', as in "
       "constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them");
   add("--vertex-shader", request.vertex_shader, "NAME[:k=v,...]", "The vertex shader (default identity)");
   add("--target", request.targets, "FORMAT[xC]:BLEND[:k=v,...]",
       "A render target; may be given several times. FORMAT bit, u8, u16, u32, f16 or f32, C = 1 to 4 components, by "
-      "default as many as the shader gives (1 for bit and count). BLEND "
+      "default those of the shader (1 for bit and count). BLEND "
       "or, and, replace, first, count for bit; also min, max, add, average for integers; all but or, and for floats. k "
       "is shader, scale (integers), quantum (add and average of floats), clear, fill (V or one a component, A/B/C; "
-      "default: what the shader gives without a triangle, else clear), encoding (linear or srgb, for colours in u8), "
+      "default: the shader's value without a triangle, else clear), encoding (linear or srgb, for colours in u8), "
       "or a "
       "parameter of the shader. "
-      "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C as many as the shader gives")
+      "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C the components of the shader")
       ->allow_extra_args(false)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   add("--layout", request.layout, "interleaved|planar", "Order of components (default interleaved)");
@@ -76,7 +76,7 @@ void AddExecutionOptions(CLI::App& command, RequestOptions& request) {
   };
   add("--result", request.result, "dense|sparse|buckets",
       "Kind of result (default dense): every voxel; the occupied bricks; or all fragments of each voxel");
-  add("--backend", request.backend, "auto|cpu|cuda", "What does the work (default auto)");
+  add("--backend", request.backend, "auto|cpu|cuda", "Backend that runs the request (default auto)");
   add("--threads", request.threads, "N", "Threads of the CPU backend in this process (default 0: all cores)");
   add("--simd", request.simd, "auto|avx512|avx2|scalar", "Instruction set of the CPU backend (default auto)");
   command.add_flag("--strict", request.strict, "Fail at the first warning")->group(kExecutionGroup);
@@ -86,7 +86,7 @@ void AddExecutionOptions(CLI::App& command, RequestOptions& request) {
 
 void AddAllowOutside(CLI::App& command, bool& allowed) {
   command.add_flag("--allow-outside", allowed,
-                   Wrapped("Also read files that a glTF file names outside of its directory, by .. or through a link; "
+                   Wrapped("Also read files that a glTF file names outside its directory, by .. or through a link; "
                            "otherwise they are refused"));
 }
 

@@ -1,4 +1,4 @@
-// The options that make up a request, the same for every command that voxelizes.
+// The options of a request, the same for every command that voxelizes.
 #pragma once
 
 #include <CLI/CLI.hpp>

@@ -44,10 +44,10 @@ absl::Status BuildGrid(const RequestOptions& options, GridRequest& grid) {
   if (absl::Status s = Read("--dims", options.dims, &ParseDims, grid.dims); !s.ok()) return s;
   if (absl::Status s = Read("--origin", options.origin, &ParsePoint, grid.origin); !s.ok()) return s;
   if (options.resolution && options.voxel_size) {
-    return absl::InvalidArgumentError("--resolution and --voxel-size exclude one another");
+    return absl::InvalidArgumentError("--resolution and --voxel-size exclude each other");
   }
   if (grid.dims.has_value() != grid.origin.has_value() || (grid.dims && !grid.voxel_size)) {
-    return absl::InvalidArgumentError("--dims, --origin and --voxel-size belong together: give all three");
+    return absl::InvalidArgumentError("--dims, --origin and --voxel-size go together: give all three");
   }
   if (options.fit && options.voxel_size) {
     return absl::InvalidArgumentError("--fit goes with --resolution, not with --voxel-size");

@@ -11,7 +11,7 @@
 
 namespace voxelpipe::cli {
 
-// As typed; absent where the option was not given.
+// As typed; absent if the option was not given.
 struct RequestOptions {
   std::optional<int64_t> resolution{};
   std::optional<std::string> voxel_size{}, dims{}, origin{};
@@ -30,7 +30,7 @@ struct RequestOptions {
   bool strict = false;
 };
 
-// INVALID_ARGUMENT naming the option at fault: a text that cannot be read, options that exclude one another, a shader,
+// INVALID_ARGUMENT naming the option at fault: a text that cannot be parsed, options that exclude each other, a shader,
 // blend or parameter that does not exist.
 absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& options);
 

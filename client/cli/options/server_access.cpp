@@ -19,7 +19,7 @@ struct Flags {
   std::string ca, cert, key, server_name, token_file, compress;
 };
 
-// One command runs in a process, so one set is enough for the flags of all of them.
+// A process runs one command, so one set serves the flags of all commands.
 Flags& TheFlags() {
   static Flags flags;
   return flags;
@@ -34,15 +34,16 @@ void AddServerAccessFlags(CLI::App& app) {
     const auto add = [&](const char* name, std::string& value, const char* type, const char* help) {
       command->add_option(name, value, help)->type_name(type)->group("The server");
     };
-    command->add_flag("--tls", flags.tls, "Encrypt, and believe whom this machine believes")->group("The server");
-    add("--tls-ca", flags.ca, "FILE", "Encrypt, and believe whom these certificates signed (PEM)");
-    add("--tls-cert", flags.cert, "FILE", "Encrypt, and show this certificate (PEM), with --tls-key");
+    command->add_flag("--tls", flags.tls, "Use TLS, with the system's CA certificates")->group("The server");
+    add("--tls-ca", flags.ca, "FILE", "Use TLS, with these CA certificates (PEM)");
+    add("--tls-cert", flags.cert, "FILE", "Use TLS, with this client certificate (PEM); needs --tls-key");
     add("--tls-key", flags.key, "FILE", "The key of --tls-cert (PEM)");
-    add("--tls-server-name", flags.server_name, "NAME", "Encrypt; the server's certificate is for this name");
-    add("--token-file", flags.token_file, "FILE", "Send the token in this file (else that of VOXELPIPE_TOKEN, if set)");
-    // Of those that take results home; bench has an option of its own.
+    add("--tls-server-name", flags.server_name, "NAME", "Use TLS; the name in the server's certificate");
+    add("--token-file", flags.token_file, "FILE",
+        "Send the token in this file (otherwise that of VOXELPIPE_TOKEN, if set)");
+    // For commands that receive results; bench has an option of its own.
     if (command->get_name() != "voxelize" && command->get_name() != "batch") continue;
-    command->add_option("--compress", flags.compress, "Of results on their way here (default none)")
+    command->add_option("--compress", flags.compress, "Compression of results for the transfer (default none)")
         ->type_name("none|zstd")
         ->group("The server")
         ->check(CLI::IsMember({"none", "zstd"}))

@@ -1,4 +1,4 @@
-// How this run of the tool shows itself to servers, and whom it believes.
+// Credentials of the tool for servers, and the certificates that it trusts.
 #pragma once
 
 #include <string>
@@ -16,11 +16,11 @@ struct ConnectOptions;
 namespace voxelpipe::cli {
 
 // Gives every command of `app` that has --server the flags --tls, --tls-ca, --tls-cert, --tls-key, --tls-server-name
-// and --token-file, and those that take results home --compress. Once, after the commands were added.
+// and --token-file, and --compress to those that receive results. Once, after the commands were added.
 void AddServerAccessFlags(CLI::App& app);
 
-// What those flags and the variable VOXELPIPE_TOKEN say, once the command line was parsed. Errors: INVALID_ARGUMENT for
-// a token file that cannot be read or is empty. Only in builds with the service.
+// The values of those flags and of the variable VOXELPIPE_TOKEN, after the command line was parsed. Errors:
+// INVALID_ARGUMENT for a token file that cannot be read or is empty. Only in builds with the service.
 absl::StatusOr<ConnectOptions> MakeConnectOptions();
 
 }  // namespace voxelpipe::cli
