@@ -69,21 +69,10 @@ absl::StatusOr<uint64_t> CountOpenEdgesFor(const JobContext& job, MemoryBudget* 
 absl::StatusOr<MeshReport> Report(const JobContext& job, MemoryBudget* memory, const TriangleMesh& mesh) {
   const absl::StatusOr<uint64_t> open_edges = CountOpenEdgesFor(job, memory, mesh);
   if (!open_edges.ok()) return open_edges.status();
-  MeshReport report;
-  report.triangles = mesh.triangles.size();
-  report.vertices = mesh.positions.size();
+  MeshReport report = BoxReport(mesh);
   report.open_edges = *open_edges;
-  bool first = true;
   for (const auto& t : mesh.triangles) {
-    const Vec3d &a = mesh.positions[t[0]], &b = mesh.positions[t[1]], &c = mesh.positions[t[2]];
-    report.degenerate_triangles += IsDegenerate(a, b, c);
-    for (const Vec3d* p : {&a, &b, &c}) {
-      for (int axis = 0; axis < 3; ++axis) {
-        report.min[axis] = first ? (*p)[axis] : Min(report.min[axis], (*p)[axis]);
-        report.max[axis] = first ? (*p)[axis] : Max(report.max[axis], (*p)[axis]);
-      }
-      first = false;
-    }
+    report.degenerate_triangles += IsDegenerate(mesh.positions[t[0]], mesh.positions[t[1]], mesh.positions[t[2]]);
   }
   return report;
 }
@@ -102,6 +91,24 @@ MeshReport ReportMesh(const TriangleMesh& mesh) {
 
 absl::StatusOr<MeshReport> ReportMeshFor(const JobContext& job, const TriangleMesh& mesh) {
   return Report(job, &MemoryOf(job), mesh);
+}
+
+MeshReport BoxReport(const TriangleMesh& mesh) {
+  MeshReport report;
+  report.triangles = mesh.triangles.size();
+  report.vertices = mesh.positions.size();
+  bool first = true;
+  for (const auto& triangle : mesh.triangles) {
+    for (const uint32_t vertex : triangle) {
+      const Vec3d& p = mesh.positions[vertex];
+      for (int a = 0; a < 3; ++a) {
+        report.min[a] = first ? p[a] : Min(report.min[a], p[a]);
+        report.max[a] = first ? p[a] : Max(report.max[a], p[a]);
+      }
+      first = false;
+    }
+  }
+  return report;
 }
 
 }  // namespace voxelpipe

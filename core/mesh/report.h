@@ -26,4 +26,7 @@ MeshReport ReportMesh(const TriangleMesh& mesh);
 // job's, at most one sort after it ended.
 absl::StatusOr<MeshReport> ReportMeshFor(const JobContext& job, const TriangleMesh& mesh);
 
+// The cheap part of ReportMesh: no welding, no sort; degenerate triangles and open edges stay 0. O(triangles).
+MeshReport BoxReport(const TriangleMesh& mesh);
+
 }  // namespace voxelpipe

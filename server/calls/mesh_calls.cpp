@@ -11,7 +11,7 @@
 #include "calls/call_setup.h"
 #include "isolate/loading.h"
 #include "jobs/request_memory.h"
-#include "loading/load_mesh.h"
+#include "load/load_mesh.h"
 #include "reply/raw_message.h"
 #include "wire/request.h"
 #include "wire/response.h"

@@ -21,7 +21,7 @@
 #include "isolate/mesh_fields.h"
 #include "isolate/sandbox.h"
 #include "load/decode/image.h"
-#include "loading/load_mesh.h"
+#include "load/load_mesh.h"
 
 namespace voxelpipe {
 namespace {
@@ -65,7 +65,7 @@ void WarmUp(int threads) {
       R"({"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],"meshes":[{"primitives":[{"attributes":)"
       R"({"POSITION":0}}]}],"nodes":[{"mesh":0}],"scenes":[{"nodes":[0]}],"scene":0})";
   const JobContext job;
-  (void)LoadMeshHere({reinterpret_cast<const uint8_t*>(kTriangle.data()), kTriangle.size()}, {}, job);
+  (void)LoadMeshFor(job, {reinterpret_cast<const uint8_t*>(kTriangle.data()), kTriangle.size()}, {});
   try {
     throw std::runtime_error("the first exception");  // makes what all others use
   } catch (const std::exception&) {}
@@ -126,7 +126,7 @@ class Worker {
     reader.View(file);
     if (absl::Status s = reader.Finish(); !s.ok()) return s;
     const absl::StatusOr<LoadedMesh> loaded =
-        LoadMeshHere(file, {question.format, question.textures, question.limits}, job);
+        LoadMeshFor(job, file, {question.format, question.textures, question.limits});
     if (!loaded.ok()) return loaded.status();
     ArchiveWriter answer;
     Fields(answer, absl::OkStatus());

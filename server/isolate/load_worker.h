@@ -5,7 +5,7 @@
 #include <span>
 
 #include "isolate/archive.h"
-#include "loading/load_mesh.h"
+#include "load/load_mesh.h"
 
 namespace voxelpipe {
 

@@ -16,7 +16,7 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "isolate/worker_process.h"
-#include "loading/load_mesh.h"
+#include "load/load_mesh.h"
 
 namespace voxelpipe {
 
@@ -41,9 +41,9 @@ class LoadWorkers {
   // No call may run any more.
   ~LoadWorkers();
 
-  // What LoadMeshHere (loading/load_mesh.h) gives, made in one of the processes and checked here; the file is freed
+  // What LoadMeshFor (load/load_mesh.h) gives, made in one of the processes and checked here; the file is freed
   // then. Waits for one where all are at work.
-  // Errors: those of LoadMeshHere; the job's, within 100 ms; RESOURCE_EXHAUSTED where the process takes more memory or
+  // Errors: those of LoadMeshFor; the job's, within 100 ms; RESOURCE_EXHAUSTED where the process takes more memory or
   // time than it may; INTERNAL where it dies or gives what cannot be a mesh; UNAVAILABLE where none can be started. May
   // throw bad_alloc.
   absl::StatusOr<LoadedMesh> Load(std::vector<uint8_t> file, const LoadRequest& request, const JobContext& job);

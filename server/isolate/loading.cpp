@@ -6,15 +6,26 @@
 #include "isolate/load_workers.h"
 #include "load/decode/foreign_decoders.h"
 #include "load/decode/image.h"
+#include "wire/status.h"
 
 namespace voxelpipe {
+namespace {
+
+// What is wrong with the file as a whole names no part of it; the request's part is the mesh then.
+absl::Status OfMesh(const absl::Status& status) {
+  if (!absl::IsInvalidArgument(status) || status.message().find(": ") != absl::string_view::npos) return status;
+  return WithField(status, "mesh");
+}
+
+}  // namespace
 
 absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, const LoadRequest& request, LoadWorkers* workers,
                                     const JobContext& job) {
-  if (workers != nullptr && MayNeedForeignDecoder(file, request.format, request.textures)) {
-    return workers->Load(std::move(file), request, job);
-  }
-  return LoadMeshHere(file, request, job, [&file] { file = {}; });
+  const bool foreign = workers != nullptr && MayNeedForeignDecoder(file, request.format, request.textures);
+  absl::StatusOr<LoadedMesh> loaded =
+      foreign ? workers->Load(std::move(file), request, job) : LoadMeshFor(job, file, request, [&file] { file = {}; });
+  if (!loaded.ok()) return OfMesh(loaded.status());
+  return loaded;
 }
 
 absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use, LoadWorkers* workers,

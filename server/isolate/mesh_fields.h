@@ -8,7 +8,7 @@
 
 #include "absl/status/status.h"
 #include "isolate/archive.h"
-#include "loading/load_mesh.h"
+#include "load/load_mesh.h"
 #include "mesh/scene/load_limits.h"
 #include "mesh/triangle_mesh.h"
 

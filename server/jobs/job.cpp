@@ -7,8 +7,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "isolate/loading.h"
-#include "loading/load_mesh.h"
-#include "loading/mesh_bytes.h"
+#include "load/load_mesh.h"
+#include "mesh/mesh_bytes.h"
 #include "pipeline/estimate.h"
 
 namespace voxelpipe {

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "loading/mesh_bytes.h"
+#include "mesh/mesh_bytes.h"
 #include "mesh/report.h"
 #include "shaders/catalog.h"
 

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "jobs/prepare_kept.h"
-#include "loading/mesh_bytes.h"
+#include "mesh/mesh_bytes.h"
 #include "schedule/cost.h"
 #include "shaders/catalog.h"
 

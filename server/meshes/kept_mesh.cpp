@@ -8,7 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "isolate/loading.h"
 #include "load/decode/image.h"
-#include "loading/mesh_bytes.h"
+#include "mesh/mesh_bytes.h"
 #include "pipeline/warnings.h"
 
 namespace voxelpipe {

@@ -10,8 +10,8 @@
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
+#include "load/load_mesh.h"
 #include "load/loader.h"
-#include "loading/load_mesh.h"
 #include "mesh/report.h"
 #include "mesh/scene/load_limits.h"
 #include "mesh/scene/material.h"

@@ -6,8 +6,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "commands/commands.h"
+#include "engine/engine.h"
 #include "engine/interrupt.h"
-#include "engine/mesh_file.h"
 #include "engine/report.h"
 #include "engine/server_option.h"
 #include "load/decode/image.h"
@@ -93,12 +93,12 @@ absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const OutsideFiles
   absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, outside, job);
   if (!mesh.ok()) return mesh.status();
   WarningList warnings = std::move(mesh->warnings);
-  absl::StatusOr<LoadedMesh> loaded = LoadMesh(*std::move(mesh), job);
+  absl::StatusOr<LoadedMesh> loaded = LoadMeshInput(*std::move(mesh), TextureUse{}, job);
   if (!loaded.ok()) return loaded.status();
   CheckImages(loaded->mesh);
   warnings.Append(AllWarningsOf(loaded->mesh));
   return MeshFacts{ReportMesh(loaded->mesh),
-                   ContentsOf(loaded->scene, loaded->mesh, loaded->packed_bytes),
+                   std::move(loaded->contents),
                    std::move(warnings),
                    {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}}};
 }

@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "load/file_bytes.h"
+#include "load/load_mesh.h"
 #include "load/pack.h"
 #include "pipeline/voxelize.h"
 #include "shaders/catalog.h"
@@ -46,6 +47,9 @@ struct MeshInput {
 
 // Errors: those of ReadAndPackMeshFile.
 absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const OutsideFiles& outside, const JobContext& job);
+
+// LoadMeshFor (load/load_mesh.h) in this process, with the textures in `use`; to read the file is part of load_ms.
+absl::StatusOr<LoadedMesh> LoadMeshInput(MeshInput mesh, const TextureUse& use, const JobContext& job);
 
 class Engine {
  public:

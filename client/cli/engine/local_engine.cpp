@@ -1,36 +1,10 @@
 // The core in this process.
 #include <algorithm>
 
-#include "engine/clock.h"
 #include "engine/engine.h"
-#include "engine/mesh_file.h"
-#include "load/decode/image.h"
-#include "load/load_job.h"
-#include "mesh/flatten_job.h"
 #include "mesh/report.h"
 
 namespace voxelpipe::cli {
-
-absl::StatusOr<LoadedMesh> LoadMesh(MeshInput mesh, const JobContext& job) {
-  LoadedMesh loaded;
-  const Stopwatch load;
-  loaded.packed_bytes = mesh.bytes.size();
-  absl::StatusOr<Scene> scene = LoadSceneFor(job, mesh.bytes);
-  if (!scene.ok()) return scene.status();
-  loaded.scene = *std::move(scene);
-  loaded.load_ms = mesh.read_ms + load.Milliseconds();
-  mesh.bytes = FileBytes();  // the scene owns its data
-  if (absl::Status status = job.Check(); !status.ok()) return status;
-
-  const Stopwatch flatten;
-  job.Report("flatten", 0);
-  absl::StatusOr<TriangleMesh> flat = FlattenFor(job, loaded.scene, LoadLimits());
-  if (!flat.ok()) return flat.status();
-  loaded.mesh = *std::move(flat);
-  loaded.flatten_ms = flatten.Milliseconds();
-  if (absl::Status status = job.Check(); !status.ok()) return status;
-  return loaded;
-}
 
 namespace {
 
@@ -38,17 +12,8 @@ class LocalEngine : public Engine {
  public:
   absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
                                 ResultSink& sink, VoxelizeResult* whole) override {
-    absl::StatusOr<LoadedMesh> loaded = LoadMesh(std::move(mesh), job);
+    absl::StatusOr<LoadedMesh> loaded = LoadMeshInput(std::move(mesh), TexturesRead(request), job);
     if (!loaded.ok()) return loaded.status();
-    loaded->scene = Scene();  // only the flattened mesh is needed from here on
-    if (RequestReadsTextures(request)) {
-      const Stopwatch decode;
-      if (absl::Status status = PrepareTexturesFor(job, loaded->mesh, LoadLimits{}, TexturesRead(request));
-          !status.ok()) {
-        return status;
-      }
-      loaded->load_ms += decode.Milliseconds();
-    }
     PlanLimits limits;  // less the memory of the mesh
     const MemoryBudget& memory = MemoryOf(job);
     limits.max_working_bytes =

@@ -14,4 +14,11 @@ absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const OutsideFi
   return MeshInput{*std::move(bytes), read.Milliseconds(), std::move(warnings)};
 }
 
+absl::StatusOr<LoadedMesh> LoadMeshInput(MeshInput mesh, const TextureUse& use, const JobContext& job) {
+  absl::StatusOr<LoadedMesh> loaded =
+      LoadMeshFor(job, mesh.bytes, {.textures = use}, [&mesh] { mesh.bytes = FileBytes(); });
+  if (loaded.ok()) loaded->load_ms += mesh.read_ms;
+  return loaded;
+}
+
 }  // namespace voxelpipe::cli

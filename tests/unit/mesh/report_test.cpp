@@ -49,6 +49,12 @@ TEST(ReportTest, CountsAndBox) {
   EXPECT_EQ(report.degenerate_triangles, 1u);
   EXPECT_EQ(report.min, (Vec3d{0, 0, 0}));
   EXPECT_EQ(report.max, (Vec3d{2, 2, 2}));
+  const MeshReport box = BoxReport(mesh);
+  EXPECT_EQ(box.triangles, 13u);
+  EXPECT_EQ(box.vertices, 9u);
+  EXPECT_EQ(box.degenerate_triangles, 0u) << "not looked for";
+  EXPECT_EQ(box.min, report.min);
+  EXPECT_EQ(box.max, report.max);
 }
 
 }  // namespace

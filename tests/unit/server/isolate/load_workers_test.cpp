@@ -8,7 +8,7 @@
 
 #include "gtest/gtest.h"
 #include "isolate/sandbox.h"
-#include "loading/mesh_bytes.h"
+#include "mesh/mesh_bytes.h"
 #include "support/meshes/compressed_meshes.h"
 
 namespace voxelpipe {

@@ -38,7 +38,7 @@ absl::Status Read(const Bytes& bytes, LoadedMesh& loaded) {
 
 LoadedMesh Load(const ByteVector& file, const TextureUse& textures = {}) {
   const JobContext job;
-  auto loaded = LoadMeshHere(file, {MeshFormat::kAuto, textures, {}}, job);
+  auto loaded = LoadMeshFor(job, file, {MeshFormat::kAuto, textures, {}});
   EXPECT_TRUE(loaded.ok()) << loaded.status();
   return *std::move(loaded);
 }

@@ -92,7 +92,7 @@ TEST(SandboxTest, MeshesLoadAndThreadsStartInIt) {
               late.join();
               const JobContext job;
               for (const auto& file : files) {
-                if (!LoadMeshHere(file, {MeshFormat::kAuto, {true, true, true}, {}}, job).ok()) return 101;
+                if (!LoadMeshFor(job, file, {MeshFormat::kAuto, {true, true, true}, {}}).ok()) return 101;
               }
               try {
                 throw std::bad_alloc();

@@ -7,7 +7,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
-#include "loading/mesh_bytes.h"
+#include "mesh/mesh_bytes.h"
 #include "pipeline/stages/backend.h"
 
 namespace voxelpipe {

@@ -1,4 +1,4 @@
-#include "loading/mesh_bytes.h"
+#include "mesh/mesh_bytes.h"
 
 #include <memory>
 #include <set>
