@@ -4,6 +4,7 @@
 #include <atomic>
 #include <bit>
 #include <span>
+#include <utility>
 
 #include "base/threads.h"
 #include "cpu/a_buffer.h"
@@ -46,34 +47,66 @@ class CpuStages final : public Stages {
     if (state_.view.triangle_count == 0) return EstimateSurface(request, grid, mesh);
     return MeasureSurface(state_.view, request, grid, state_.job);
   }
-  void SetLists(const Surface& /*expected*/, ListMemory* memory) override { state_.lists = memory; }
-  absl::Status CoarseRaster(const GridSpec& grid, const Slab&) override { return cpu::CoarseRaster(state_, grid); }
-  absl::Status TileSort() override { return cpu::TileSort(state_); }
-  absl::Status BeginSlab(const Slab& slab) override { return cpu::BeginSlab(state_, slab); }
-  absl::Status FineRaster() override { return cpu::FineRaster(state_); }
+  void Begin(const GridSpec& grid, const Surface& /*expected*/, ListMemory* lists) override {
+    grid_ = grid;
+    state_.lists = lists;
+  }
+  // Of all slabs, before the first one.
+  absl::Status SortTriangles(const Slab& /*slab*/, StageClock& clock) override {
+    if (placed_ || PlainBits(state_, grid_)) return absl::OkStatus();
+    absl::Status s = clock("coarse_raster", [&] { return Place(); });
+    if (s.ok()) s = clock("tile_sort", [&] { return cpu::TileSort(state_); });
+    return s;
+  }
+  absl::Status FineRaster(const Slab& slab) override {
+    if (absl::Status s = BeginSlab(slab); !s.ok()) return s;
+    return cpu::FineRaster(state_);
+  }
   absl::Status SolidFill() override { return cpu::SolidFill(state_); }
-  absl::Status EmitFragments() override { return cpu::EmitFragments(state_); }
+  absl::Status EmitFragments(const Slab& slab) override {
+    if (absl::Status s = BeginSlab(slab); !s.ok()) return s;
+    return cpu::EmitFragments(state_);
+  }
   absl::Status SortFragments() override { return cpu::SortFragments(state_); }
   absl::Status Resolve() override { return cpu::Resolve(state_); }
-  absl::StatusOr<ResultArrays> Finish() override { return cpu::Finish(state_); }
-  uint64_t CountOccupied() const override {
-    if (state_.a_buffer) return state_.a_buffer->voxels;
-    return CountRows(state_.coverage, state_.inside, state_.job);
+  SlabCounts Counts(StageClock& clock) const override {
+    clock.Pause();
+    SlabCounts counts = state_.counts;
+    counts.occupied = state_.a_buffer ? state_.a_buffer->voxels : CountRows(state_.coverage, state_.inside, state_.job);
+    return counts;
   }
-  SlabCounts counts() const override { return state_.counts; }
-  bool SortsTiles(const GridSpec& grid) const override { return !PlainBits(state_, grid); }
+  absl::StatusOr<SlabArrays> Finish() override {
+    absl::StatusOr<ResultArrays> arrays = cpu::Finish(state_);
+    if (!arrays.ok()) return arrays.status();
+    return SlabArrays(*std::move(arrays));
+  }
   std::string_view simd() const override { return state_.kernels->name; }
   std::vector<std::string> Paths() const override {
     const VoxelizeRequest& request = state_.request.request;
     const char* const path = request.result == ResultKind::kBuckets ? "fragment list"
                              : request.coverage == Coverage::kNone  ? "nothing"
-                             : PlainBits(state_, state_.grid)       ? "occupancy"
+                             : PlainBits(state_, grid_)             ? "occupancy"
                                                                     : "tiles";
     return std::vector<std::string>(request.targets.size(), path);
   }
 
  private:
+  // The mesh in the grid, once a run.
+  absl::Status Place() {
+    absl::Status s = cpu::CoarseRaster(state_, grid_);
+    placed_ = s.ok();
+    return s;
+  }
+  absl::Status BeginSlab(const Slab& slab) {
+    if (!placed_) {  // no tiles are sorted
+      if (absl::Status s = Place(); !s.ok()) return s;
+    }
+    return cpu::BeginSlab(state_, slab);
+  }
+
   RunState state_;
+  GridSpec grid_;
+  bool placed_ = false;
 };
 
 class Cpu final : public Backend {

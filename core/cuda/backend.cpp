@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <atomic>
 #include <optional>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "base/device_failure.h"
 #include "base/machine.h"
 #include "cpu/measure/measure.h"
 #include "cpu/rows/row_kernels.h"
@@ -57,34 +59,131 @@ class CudaStages final : public Stages {
     if (PredictSlabBytes(request, grid, mesh, surface, depth) < all / kShareInDoubt) return depth;
     return cuda::FittingSlabDepth(request, grid, mesh, surface, depth, FreeMemory(state_.device.ordinal));
   }
-  void SetLists(const Surface& expected, ListMemory* memory) override {
+  void Begin(const GridSpec& grid, const Surface& expected, ListMemory* lists) override {
+    grid_ = grid;
+    sorts_tiles_ = PlanPath(PathInputsOf(state_, grid)).sorts_tiles();
     state_.expected = expected;
-    state_.memory.AskFrom(memory);
+    state_.memory.AskFrom(lists);
   }
-  absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
-    if (absl::Status s = state_.memory.TakeOnHost(0); !s.ok()) return s;  // likewise
-    return cuda::CoarseRaster(state_, grid, layers);
+  absl::Status SortTriangles(const Slab& slab, StageClock& clock) override {
+    if (!sorts_tiles_ || slab == sorted_) return absl::OkStatus();
+    sorted_ = Slab();
+    VOXELPIPE_OK_OR_RETURN(clock("coarse_raster", [&] { return Checked(CoarseRaster(slab)); }));
+    VOXELPIPE_OK_OR_RETURN(clock("tile_sort", [&] { return Checked(cuda::TileSort(state_)); }));
+    sorted_ = slab;
+    return absl::OkStatus();
   }
-  absl::Status TileSort() override { return state_.plan.sorts_tiles() ? cuda::TileSort(state_) : absl::OkStatus(); }
-  absl::Status BeginSlab(const Slab& slab) override {
-    counted_ = false;
-    if (absl::Status s = state_.memory.TakeOnHost(0); !s.ok()) return s;  // the lists before are held by the run now
+  absl::Status FineRaster(const Slab& slab) override {
+    absl::Status s = BeginSlab(slab);
+    if (s.ok()) s = cuda::FineRaster(state_);
+    if (s.ok() && state_.request.request.fill == Fill::kNone) s = Count();
+    return Checked(std::move(s));
+  }
+  absl::Status SolidFill() override {
+    absl::Status s = cuda::SolidFill(state_);
+    if (s.ok()) s = Count();
+    return Checked(std::move(s));
+  }
+  absl::Status EmitFragments(const Slab& slab) override {
+    absl::Status s = BeginSlab(slab);
+    if (s.ok()) s = cuda::EmitFragments(state_);
+    return Checked(std::move(s));
+  }
+  absl::Status SortFragments() override { return Checked(cuda::SortFragments(state_)); }
+  absl::Status Resolve() override {
+    absl::Status s = cuda::Resolve(state_);
+    if (s.ok()) s = Count();
+    return Checked(std::move(s));
+  }
+  SlabCounts Counts(StageClock& /*clock*/) const override { return state_.counts; }
+  absl::StatusOr<SlabArrays> Finish() override {
+    absl::StatusOr<SlabArrays> arrays = CopyOut();
+    if (!arrays.ok()) return Checked(arrays.status());
+    return arrays;
+  }
+  std::string_view simd() const override { return "cuda"; }
+  std::vector<std::string> Paths() const override {
+    std::vector<std::string> paths;
+    for (int i = 0; i < state_.targets.count; ++i) paths.push_back(PathName(state_.plan, i));
+    return paths;
+  }
+
+  // For benchmarks (backend.h).
+  RunState& state() { return state_; }
+  std::vector<DeviceStep> Steps() {
+    const Slab all{0, grid_.dims[2]};
+    const ResultKind kind = state_.request.request.result;
+    std::vector<DeviceStep> steps;
+    steps.emplace_back("CoarseRaster", [this, all] { return CoarseRaster(all); });
+    if (sorts_tiles_) steps.emplace_back("TileSort", [this] { return cuda::TileSort(state_); });
+    steps.emplace_back("BeginSlab", [this, all] { return Allocate(all); });
+    if (kind == ResultKind::kBuckets) {
+      steps.emplace_back("EmitFragments", [this] { return cuda::EmitFragments(state_); });
+      steps.emplace_back("SortFragments", [this] { return cuda::SortFragments(state_); });
+      steps.emplace_back("Resolve", [this] { return cuda::Resolve(state_); });
+    } else {
+      steps.emplace_back("FineRaster", [this] { return cuda::FineRaster(state_); });
+    }
+    if (kind == ResultKind::kSparse) steps.emplace_back("MakeBricks", [this] { return MakeBricks(state_); });
+    return steps;
+  }
+  absl::StatusOr<uint64_t> CountOccupied() {
+    VOXELPIPE_OK_OR_RETURN(Count());
+    return state_.counts.occupied;
+  }
+
+ private:
+  absl::Status CoarseRaster(const Slab& layers) {
+    VOXELPIPE_OK_OR_RETURN(TakeLists());
+    return cuda::CoarseRaster(state_, grid_, layers);
+  }
+  absl::Status Allocate(const Slab& slab) {
+    VOXELPIPE_OK_OR_RETURN(TakeLists());
     return cuda::BeginSlab(state_, slab);
   }
-  absl::Status FineRaster() override { return cuda::FineRaster(state_); }
-  absl::Status SolidFill() override { return cuda::SolidFill(state_); }
-  absl::Status EmitFragments() override { return cuda::EmitFragments(state_); }
-  absl::Status SortFragments() override { return cuda::SortFragments(state_); }
-  absl::Status Resolve() override { return cuda::Resolve(state_); }
-  absl::StatusOr<ResultArrays> Finish() override {
-    Count();
-    if (!count_status_.ok()) return count_status_;
-    return cuda::Finish(state_);
+  absl::Status BeginSlab(const Slab& slab) {
+    if (!sorts_tiles_ && !placed_) {  // the mesh in the whole grid, once
+      VOXELPIPE_OK_OR_RETURN(CoarseRaster({0, grid_.dims[2]}));
+      placed_ = true;
+    }
+    return Allocate(slab);
   }
-  absl::StatusOr<SlabArrays> FinishLater() override {
-    if (state_.request.request.result != ResultKind::kDense) return Stages::FinishLater();
-    Count();
-    if (!count_status_.ok()) return count_status_;
+  // The lists of the slab before are held by the run now.
+  absl::Status TakeLists() { return state_.memory.TakeOnHost(0); }
+
+  // Where the device had no room, what the slab took goes back.
+  absl::Status Checked(absl::Status s) {
+    if (DeviceFailureOf(s) != DeviceFailureKind::kOutOfMemory) return s;
+    if (copies_) copies_->Forget();
+    AbandonSlab(state_);
+    sorted_ = Slab();
+    return s;
+  }
+
+  // At the end of the slab's stages: waits for them, and brings its counts to the host in one read.
+  absl::Status Count() {
+    VOXELPIPE_OK_OR_RETURN(CountSlab(state_));
+    const auto counters = ReadCounters(state_);
+    if (!counters.ok()) return counters.status();
+    const bool buckets = state_.request.request.result == ResultKind::kBuckets;
+    if (buckets) state_.result.listed_voxels = (*counters)[kBuckets];
+    state_.counts.occupied = (*counters)[buckets ? kBuckets : kVoxels];
+    state_.counts.odd_columns = (*counters)[kOddColumns];
+    if (buckets) {
+      state_.counts.fragments = state_.result.listed_fragments;
+    } else if (state_.plan.path != Path::kOccupancy) {
+      state_.counts.fragments = (*counters)[kFragments];
+    }
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<SlabArrays> CopyOut() {
+    const bool last = state_.slab.depth() == grid_.dims[2];  // nothing to do meanwhile
+    if (last || state_.request.request.result != ResultKind::kDense) {
+      absl::StatusOr<ResultArrays> arrays = cuda::Finish(state_);
+      if (!arrays.ok()) return arrays.status();
+      return SlabArrays(*std::move(arrays));
+    }
     if (!copies_) {
       absl::StatusOr<SlabCopies> copies = SlabCopies::Make(state_.device.ordinal);
       if (!copies.ok()) return copies.status();
@@ -92,60 +191,13 @@ class CudaStages final : public Stages {
     }
     return copies_->Start(state_);
   }
-  uint64_t CountOccupied() const override {
-    Count();
-    return occupied_;
-  }
-  SlabCounts counts() const override {
-    Count();
-    return state_.counts;
-  }
-  bool counts_wait() const override { return true; }
-  bool SortsTiles(const GridSpec& grid) const override { return PlanPath(PathInputsOf(state_, grid)).sorts_tiles(); }
-  bool SortsTilesBySlab() const override { return true; }
-  std::string_view simd() const override { return "cuda"; }
-  std::vector<std::string> Paths() const override {
-    std::vector<std::string> paths;
-    for (int i = 0; i < state_.targets.count; ++i) paths.push_back(PathName(state_.plan, i));
-    return paths;
-  }
-  bool AbandonSlab() override {
-    if (copies_) copies_->Forget();
-    cuda::AbandonSlab(state_);
-    return true;
-  }
-
-  RunState& state() { return state_; }
-
- private:
-  // The counts of the slab come to the host in one read; an error waits for Finish.
-  void Count() const {
-    if (counted_) return;
-    counted_ = true;
-    count_status_ = CountSlab(state_);
-    if (!count_status_.ok()) return;
-    const auto counters = ReadCounters(state_);
-    if (!counters.ok()) {
-      count_status_ = counters.status();
-      return;
-    }
-    const bool buckets = state_.request.request.result == ResultKind::kBuckets;
-    if (buckets) state_.result.listed_voxels = (*counters)[kBuckets];
-    occupied_ = (*counters)[buckets ? kBuckets : kVoxels];
-    state_.counts.odd_columns = (*counters)[kOddColumns];
-    if (buckets) {
-      state_.counts.fragments = state_.result.listed_fragments;
-    } else if (state_.plan.path != Path::kOccupancy) {
-      state_.counts.fragments = (*counters)[kFragments];
-    }
-  }
 
   DeviceUse use_;  // destroyed last: arrays give their memory back on the stream
-  mutable RunState state_;
+  RunState state_;
+  GridSpec grid_;
+  bool sorts_tiles_ = false, placed_ = false;
+  Slab sorted_;  // layers whose triangles are sorted by tile
   std::optional<SlabCopies> copies_;
-  mutable bool counted_ = false;
-  mutable uint64_t occupied_ = 0;
-  mutable absl::Status count_status_;
 };
 
 class Cuda final : public Backend {
@@ -229,9 +281,12 @@ cudaStream_t StreamOf(Stages& stages) {
   return static_cast<CudaStages&>(stages).state().stream;
 }
 
-absl::Status MakeDeviceResult(Stages& stages) {
-  RunState& state = static_cast<CudaStages&>(stages).state();
-  return state.request.request.result == ResultKind::kSparse ? MakeBricks(state) : absl::OkStatus();
+std::vector<DeviceStep> StepsOf(Stages& stages) {
+  return static_cast<CudaStages&>(stages).Steps();
+}
+
+absl::StatusOr<uint64_t> CountOccupied(Stages& stages) {
+  return static_cast<CudaStages&>(stages).CountOccupied();
 }
 
 }  // namespace voxelpipe::cuda

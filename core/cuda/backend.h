@@ -3,6 +3,8 @@
 
 #include <driver_types.h>
 
+#include <functional>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -18,7 +20,10 @@ absl::StatusOr<const Backend*> FirstCudaBackend();
 
 // For benchmarks: the stream of stages that this backend started, ...
 cudaStream_t StreamOf(Stages& stages);
-// ... and the last step of a sparse or bucketed run without its copy to the host.
-absl::Status MakeDeviceResult(Stages& stages);
+// ... what a run over the whole grid that they have begun gives to it, step by step, without the copy to the host, ...
+using DeviceStep = std::pair<const char*, std::function<absl::Status()>>;
+std::vector<DeviceStep> StepsOf(Stages& stages);
+// ... and the occupied voxels that these steps made.
+absl::StatusOr<uint64_t> CountOccupied(Stages& stages);
 
 }  // namespace voxelpipe::cuda

@@ -11,8 +11,7 @@
 
 namespace voxelpipe {
 
-// Begin, once more with thinner slabs where the first one could not be made; then, for each pass, Add once a slab by
-// ascending z; then End.
+// Begin; then, for each pass, Add once a slab by ascending z; then End.
 class Assembler {
  public:
   virtual ~Assembler() = default;

@@ -1,7 +1,6 @@
 #include "pipeline/slab_loop.h"
 
 #include <algorithm>
-#include <tuple>
 #include <utility>
 
 #include "base/device_failure.h"
@@ -24,41 +23,18 @@ const char* LastStage(const VoxelizeRequest& request) {
   return request.fill == Fill::kNone ? "fine_raster" : "fill";
 }
 
-absl::Status SlabLoop::Sort(const Steps& steps, const Slab& layers) {
-  sorted_ = Slab();
-  if (absl::Status s = steps.sort(layers); !s.ok()) return s;
-  sorted_ = layers;
-  return absl::OkStatus();
-}
-
-absl::Status SlabLoop::SortFirst(const Steps& steps) {
-  if (!SortsBySlab()) return Sort(steps, {0, plan_.grid.dims[2]});
-  absl::Status s = Sort(steps, SlabFrom(0));
-  while (!s.ok()) {
-    const int64_t half = HalfOf(SlabFrom(0), s);
-    if (half == 0 || !stages_.AbandonSlab()) break;
-    plan_.slab_depth = half;
-    s = Sort(steps, SlabFrom(0));
-  }
-  return s;
-}
-
-absl::StatusOr<SlabArrays> SlabLoop::Make(const Steps& steps, const Slab& slab, int pass) {
-  if (SortsBySlab() && slab != sorted_) {
-    if (absl::Status s = Sort(steps, slab); !s.ok()) return s;
-  }
-  return steps.make(slab, /*whole=*/slab.depth() == plan_.grid.dims[2], /*counts=*/pass == 0);
-}
-
 absl::Status SlabLoop::GoOnThinner(const Slab& slab, const absl::Status& why, Assembler& assembler) {
   const int64_t half = HalfOf(slab, why);
   if (half == 0) return why;
-  if (absl::Status s = AddComing(assembler); !s.ok()) return s;
-  if (!stages_.AbandonSlab()) return why;
-  sorted_ = Slab();
   plan_.slab_depth = half;
-  const bool whole = slab.depth() == plan_.grid.dims[2];  // the assembler expected one slab
-  return whole ? assembler.Begin(run_.request, plan_) : absl::OkStatus();
+  return AddComing(assembler);
+}
+
+void SlabLoop::AddCounts(const SlabCounts& counts) {
+  stats_.occupied += counts.occupied;
+  if (counts.fragments) stats_.fragments = stats_.fragments.value_or(0) + *counts.fragments;
+  if (run_.request.coverage == Coverage::kNone) stats_.fragments = 0;
+  if (CastsLines(run_.request.fill)) stats_.odd_columns = stats_.odd_columns.value_or(0) + counts.odd_columns;
 }
 
 uint64_t SlabLoop::HeldBytes(const ResultArrays& lists, const Slab& slab) const {
@@ -87,37 +63,37 @@ absl::Status SlabLoop::AddComing(Assembler& assembler) {
   return added;
 }
 
-absl::Status SlabLoop::RunPass(const Steps& steps, int pass, Assembler& assembler) {
+absl::Status SlabLoop::RunPass(const MakeSlab& make, int pass, Assembler& assembler) {
   const int64_t depth = plan_.grid.dims[2];
   for (int64_t z = 0; z < depth;) {
-    const Slab slab = SlabFrom(z);
-    const auto counts = std::tuple(stats_.occupied, stats_.fragments, stats_.odd_columns);
-    absl::StatusOr<SlabArrays> arrays = Make(steps, slab, pass);
-    if (!arrays.ok()) {
-      if (absl::Status s = GoOnThinner(slab, arrays.status(), assembler); !s.ok()) return s;
-      std::tie(stats_.occupied, stats_.fragments, stats_.odd_columns) = counts;
+    const Slab slab{z, std::min(depth, z + plan_.slab_depth)};
+    absl::StatusOr<MadeSlab> made = make(slab, /*counted=*/pass == 0);
+    if (!made.ok()) {
+      if (absl::Status s = GoOnThinner(slab, made.status(), assembler); !s.ok()) return s;
       continue;
+    }
+    if (pass == 0) AddCounts(made->counts);
+    if (pass == 0 && z == 0) {  // not before: what is wrong with the mesh shows by now, and how thick slabs can be
+      if (absl::Status s = assembler.Begin(run_.request, plan_); !s.ok()) return s;
+      stats_.passes = assembler.passes();
     }
     z = slab.end;
     clock_.Done(LastStage(run_.request), (double(pass) + double(z) / double(depth)) / double(assembler.passes()));
     // Asked here too: a sink may take long, and a client may have gone meanwhile.
     if (absl::Status s = run_.job.Check(); !s.ok()) return s;
     if (absl::Status s = AddComing(assembler); !s.ok()) return s;
-    coming_.emplace(Coming{pass, slab, *std::move(arrays)});
+    coming_.emplace(Coming{pass, slab, std::move(made->arrays)});
     if (!coming_->arrays.there()) continue;
     if (absl::Status s = AddComing(assembler); !s.ok()) return s;
   }
   return absl::OkStatus();
 }
 
-absl::Status SlabLoop::Run(const Steps& steps, Assembler& assembler) {
-  // Before the assembler begins: what is wrong with the mesh shows here.
-  if (absl::Status s = SortFirst(steps); !s.ok()) return s;
-  if (absl::Status s = assembler.Begin(run_.request, plan_); !s.ok()) return s;
-  stats_.passes = assembler.passes();
-  for (int pass = 0; pass < assembler.passes(); ++pass) {
-    if (absl::Status s = RunPass(steps, pass, assembler); !s.ok()) return s;
-  }
+absl::Status SlabLoop::Run(const MakeSlab& make, Assembler& assembler) {
+  int pass = 0;
+  do {
+    if (absl::Status s = RunPass(make, pass, assembler); !s.ok()) return s;
+  } while (++pass < assembler.passes());
   if (absl::Status s = AddComing(assembler); !s.ok()) return s;
   if (!OnDevice()) {
     if (absl::Status s = lists_.Need(assembler.bytes_to_join()); !s.ok()) return s;

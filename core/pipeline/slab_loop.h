@@ -4,7 +4,6 @@
 // has no room for a slab, it and those behind it are made thinner.
 #pragma once
 
-#include <algorithm>
 #include <functional>
 #include <optional>
 
@@ -13,28 +12,28 @@
 #include "pipeline/plan/list_memory.h"
 #include "pipeline/plan/plan.h"
 #include "pipeline/run.h"
-#include "pipeline/stage_clock.h"
+#include "pipeline/stages/stage_clock.h"
 #include "pipeline/stages/stages.h"
 
 namespace voxelpipe {
 
+// A slab whose stages have run.
+struct MadeSlab {
+  SlabArrays arrays;
+  SlabCounts counts;
+};
+
 class SlabLoop {
  public:
-  // What is done with layers of the grid.
-  struct Steps {
-    // Finds the triangles of these layers' tiles, and sorts them by tile.
-    std::function<absl::Status(const Slab& layers)> sort;
-    // The stages of one slab whose triangles are sorted. `whole`: there is no other slab. `counts`: its counts are
-    // added to the run's.
-    std::function<absl::StatusOr<SlabArrays>(const Slab& slab, bool whole, bool counts)> make;
-  };
+  // The stages of one slab. `counted`: its counts are wanted.
+  using MakeSlab = std::function<absl::StatusOr<MadeSlab>(const Slab& slab, bool counted)>;
 
   // `plan.slab_depth` becomes less where slabs are made thinner. All that is given outlives the loop.
-  SlabLoop(const RunInput& run, Stages& stages, Plan& plan, ListMemory& lists, StageClock& clock, VoxelizeStats& stats)
-      : run_(run), stages_(stages), plan_(plan), lists_(lists), clock_(clock), stats_(stats) {}
+  SlabLoop(const RunInput& run, Plan& plan, ListMemory& lists, StageClock& clock, VoxelizeStats& stats)
+      : run_(run), plan_(plan), lists_(lists), clock_(clock), stats_(stats) {}
 
-  // Begins `assembler`, adds all slabs to it as often as it wants, and ends it.
-  absl::Status Run(const Steps& steps, Assembler& assembler);
+  // Makes the first slab, begins `assembler`, adds all slabs to it as often as it wants, and ends it.
+  absl::Status Run(const MakeSlab& make, Assembler& assembler);
 
  private:
   struct Coming {
@@ -43,28 +42,22 @@ class SlabLoop {
     SlabArrays arrays;
   };
 
-  Slab SlabFrom(int64_t z) const { return {z, std::min(plan_.grid.dims[2], z + plan_.slab_depth)}; }
-  bool SortsBySlab() const { return stages_.SortsTiles(plan_.grid) && stages_.SortsTilesBySlab(); }
-  absl::Status Sort(const Steps& steps, const Slab& layers);
-  absl::Status SortFirst(const Steps& steps);
-  absl::StatusOr<SlabArrays> Make(const Steps& steps, const Slab& slab, int pass);
+  absl::Status RunPass(const MakeSlab& make, int pass, Assembler& assembler);
   // The slab found no room: from here on slabs are thinner. The error where that does not help.
   absl::Status GoOnThinner(const Slab& slab, const absl::Status& why, Assembler& assembler);
+  void AddCounts(const SlabCounts& counts);
   // Adds the slab whose arrays are being copied, if there is one.
   absl::Status AddComing(Assembler& assembler);
   bool OnDevice() const { return run_.backend.memory_bytes() > 0; }
   // Of a slab's lists until the end of the run. Those of a device are pinned: their pool keeps them while they are
   // joined.
   uint64_t HeldBytes(const ResultArrays& lists, const Slab& slab) const;
-  absl::Status RunPass(const Steps& steps, int pass, Assembler& assembler);
 
   const RunInput& run_;
-  Stages& stages_;
   Plan& plan_;
   ListMemory& lists_;
   StageClock& clock_;
   VoxelizeStats& stats_;
-  Slab sorted_;  // layers whose triangles are sorted by tile
   std::optional<Coming> coming_;
 };
 

@@ -14,65 +14,40 @@
 #include "pipeline/run.h"
 #include "pipeline/run_plan.h"
 #include "pipeline/slab_loop.h"
-#include "pipeline/stage_clock.h"
 #include "pipeline/stages/bind.h"
+#include "pipeline/stages/stage_clock.h"
 #include "pipeline/stages/stages.h"
 #include "pipeline/warnings.h"
 
 namespace voxelpipe {
 namespace {
 
-// Sort-middle: which triangles may touch which tiles. Where no tiles are sorted, this prepares the next stage.
-absl::Status SortTriangles(Stages& stages, const GridSpec& grid, const Slab& layers, bool buckets, StageClock& clock) {
-  const bool tiles = stages.SortsTiles(grid);
-  const char* const next = buckets ? "emit" : "fine_raster";
-  absl::Status s = clock(tiles ? "coarse_raster" : next, [&] { return stages.CoarseRaster(grid, layers); });
-  if (s.ok() && tiles) s = clock("tile_sort", [&] { return stages.TileSort(); });
-  return s;
-}
-
-// Coverage, fragment shading and blending in fast memory, tile by tile; then the inside.
+// Sort-middle: triangles by tile; coverage, fragment shading and blending in fast memory, tile by tile; the inside.
 absl::Status RasterizeSlab(Stages& stages, const VoxelizeRequest& request, const Slab& slab, StageClock& clock) {
-  absl::Status s = clock("fine_raster", [&] { return stages.BeginSlab(slab); });
-  if (s.ok()) s = clock("fine_raster", [&] { return stages.FineRaster(); });
+  absl::Status s = stages.SortTriangles(slab, clock);  // coarse_raster, tile_sort
+  if (s.ok()) s = clock("fine_raster", [&] { return stages.FineRaster(slab); });
   if (s.ok() && request.fill != Fill::kNone) s = clock("fill", [&] { return stages.SolidFill(); });
   return s;
 }
 
 // Sort-last: every fragment is listed, sorted by voxel, and shaded where it stands.
 absl::Status BucketSlab(Stages& stages, const Slab& slab, StageClock& clock) {
-  absl::Status s = clock("emit", [&] { return stages.BeginSlab(slab); });
-  if (s.ok()) s = clock("emit", [&] { return stages.EmitFragments(); });
+  absl::Status s = stages.SortTriangles(slab, clock);
+  if (s.ok()) s = clock("emit", [&] { return stages.EmitFragments(slab); });
   if (s.ok()) s = clock("sort", [&] { return stages.SortFragments(); });
   if (s.ok()) s = clock("resolve", [&] { return stages.Resolve(); });
   return s;
 }
 
-void AddCounts(const Stages& stages, const VoxelizeRequest& request, VoxelizeStats& stats) {
-  const SlabCounts counts = stages.counts();
-  stats.occupied += stages.CountOccupied();
-  if (counts.fragments) stats.fragments = stats.fragments.value_or(0) + *counts.fragments;
-  if (request.coverage == Coverage::kNone) stats.fragments = 0;
-  if (CastsLines(request.fill)) stats.odd_columns = stats.odd_columns.value_or(0) + counts.odd_columns;
-}
-
-// Adds the slab's counts, whose time is the last stage's only where counting waits for it.
-absl::Status CountSlab(const Stages& stages, const VoxelizeRequest& request, StageClock& clock, VoxelizeStats& stats) {
-  const auto count = [&] {
-    AddCounts(stages, request, stats);
-    return absl::OkStatus();
-  };
-  if (stages.counts_wait()) return clock(LastStage(request), count);
-  clock.Pause();
-  return count();
-}
-
-// The slab's arrays in their result format; those of one slab among several may still be on their way.
-absl::StatusOr<SlabArrays> FinishSlab(Stages& stages, bool whole) {
-  if (!whole) return stages.FinishLater();
-  absl::StatusOr<ResultArrays> arrays = stages.Finish();
+absl::StatusOr<MadeSlab> MakeSlab(Stages& stages, const VoxelizeRequest& request, const Slab& slab, bool counted,
+                                  StageClock& clock) {
+  const bool buckets = request.result == ResultKind::kBuckets;
+  absl::Status s = buckets ? BucketSlab(stages, slab, clock) : RasterizeSlab(stages, request, slab, clock);
+  if (!s.ok()) return s;
+  const SlabCounts counts = counted ? stages.Counts(clock) : SlabCounts();
+  absl::StatusOr<SlabArrays> arrays = clock(LastStage(request), [&] { return stages.Finish(); });
   if (!arrays.ok()) return arrays.status();
-  return SlabArrays(*std::move(arrays));
+  return MadeSlab{*std::move(arrays), counts};
 }
 
 }  // namespace
@@ -98,25 +73,16 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
   const RunPlanner planner(run.backend, stages, request, size, run.limits, run.delivery);
   absl::StatusOr<PlannedRun> planned = clock("vertex_shade", [&] { return planner.Make(); });
   if (!planned.ok()) return planned.status();
+  Plan& plan = planned->plan;
   if (run.on_plan) {
     clock.Pause();
-    if (absl::Status refused = run.on_plan(planned->plan); !refused.ok()) return refused;
+    if (absl::Status refused = run.on_plan(plan); !refused.ok()) return refused;
   }
 
-  Plan& plan = planned->plan;
   lists.emplace(run.job.memory(), plan.list_bytes, planner.RoomBeyond(plan));
-  stages.SetLists(planned->surface, &*lists);
-  const bool buckets = request.result == ResultKind::kBuckets;
-  SlabLoop slabs(run, stages, plan, *lists, clock, stats);
-  const SlabLoop::Steps steps{
-      .sort = [&](const Slab& layers) { return SortTriangles(stages, plan.grid, layers, buckets, clock); },
-      .make = [&](const Slab& slab, bool whole, bool counts) -> absl::StatusOr<SlabArrays> {
-        absl::Status s = buckets ? BucketSlab(stages, slab, clock) : RasterizeSlab(stages, request, slab, clock);
-        if (s.ok() && counts) s = CountSlab(stages, request, clock, stats);
-        if (!s.ok()) return s;
-        return clock(LastStage(request), [&] { return FinishSlab(stages, whole); });
-      }};
-  const absl::Status s = slabs.Run(steps, assembler);
+  stages.Begin(plan.grid, planned->surface, &*lists);
+  const auto make = [&](const Slab& slab, bool counted) { return MakeSlab(stages, request, slab, counted, clock); };
+  const absl::Status s = SlabLoop(run, plan, *lists, clock, stats).Run(make, assembler);
   stats.path = stages.Paths();
   return IsRefusedBeyondPlan(s) ? planner.Explain(plan, lists->refused_bytes()) : s;
 }

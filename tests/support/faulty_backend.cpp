@@ -39,7 +39,8 @@ class FaultyBackend::FaultyStages final : public Stages {
     if (fault_.kind.empty() || fault_.stage != stage) return absl::OkStatus();
     const bool slabs = fault_.stage != "start" && fault_.stage != "vertex_shade" && fault_.stage != "coarse_raster" &&
                        fault_.stage != "tile_sort";
-    if (slabs && slab_ != fault_.slab) return absl::OkStatus();
+    const bool stays = fault_.kind == "memory";  // thinner slabs find no room either
+    if (slabs && (stays ? slab_ < fault_.slab : slab_ != fault_.slab)) return absl::OkStatus();
     const std::string what = "a fault was asked for in " + fault_.stage;
     if (fault_.kind == "stall") {
       backend_.Stall();
@@ -60,42 +61,42 @@ class FaultyBackend::FaultyStages final : public Stages {
   absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
     return inner_->Measure(grid, mesh, closely);
   }
-  void SetLists(const Surface& expected, ListMemory* memory) override { inner_->SetLists(expected, memory); }
-  absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
-    if (absl::Status s = Reach("coarse_raster"); !s.ok()) return s;
-    return inner_->CoarseRaster(grid, layers);
+  void Begin(const GridSpec& grid, const Surface& expected, ListMemory* lists) override {
+    inner_->Begin(grid, expected, lists);
   }
-  absl::Status TileSort() override {
-    if (absl::Status s = Reach("tile_sort"); !s.ok()) return s;
-    return inner_->TileSort();
+  absl::Status SortTriangles(const Slab& slab, StageClock& clock) override {
+    if (slab_ < 0) {
+      if (absl::Status s = Reach("coarse_raster"); !s.ok()) return s;
+    }
+    if (absl::Status s = inner_->SortTriangles(slab, clock); !s.ok() || slab_ >= 0) return s;
+    return Reach("tile_sort");
   }
-  bool SortsTiles(const GridSpec& grid) const override { return inner_->SortsTiles(grid); }
-  bool SortsTilesBySlab() const override { return inner_->SortsTilesBySlab(); }
-  absl::Status BeginSlab(const Slab& slab) override {
-    ++slab_;
-    if (absl::Status s = Reach("begin_slab"); !s.ok()) return s;
-    return inner_->BeginSlab(slab);
-  }
-  absl::Status FineRaster() override {
+  absl::Status FineRaster(const Slab& slab) override {
+    if (absl::Status s = BeginSlab(); !s.ok()) return s;
     if (absl::Status s = Reach("fine_raster"); !s.ok()) return s;
-    return inner_->FineRaster();
+    return inner_->FineRaster(slab);
   }
   absl::Status SolidFill() override { return inner_->SolidFill(); }
-  absl::Status EmitFragments() override {
+  absl::Status EmitFragments(const Slab& slab) override {
+    if (absl::Status s = BeginSlab(); !s.ok()) return s;
     if (absl::Status s = Reach("emit"); !s.ok()) return s;
-    return inner_->EmitFragments();
+    return inner_->EmitFragments(slab);
   }
   absl::Status SortFragments() override { return inner_->SortFragments(); }
   absl::Status Resolve() override { return inner_->Resolve(); }
-  absl::StatusOr<ResultArrays> Finish() override {
+  SlabCounts Counts(StageClock& clock) const override { return inner_->Counts(clock); }
+  absl::StatusOr<SlabArrays> Finish() override {
     if (absl::Status s = Reach("finish"); !s.ok()) return s;
     return inner_->Finish();
   }
-  uint64_t CountOccupied() const override { return inner_->CountOccupied(); }
-  SlabCounts counts() const override { return inner_->counts(); }
   std::string_view simd() const override { return inner_->simd(); }
 
  private:
+  absl::Status BeginSlab() {
+    ++slab_;
+    return Reach("begin_slab");
+  }
+
   const FaultyBackend& backend_;
   const std::unique_ptr<Stages> inner_;
   const Fault fault_;

@@ -15,7 +15,7 @@ struct Fault {
   std::string kind;   // error, lost, memory (device failures), throw (an exception), stall; empty: nothing
   std::string stage;  // where: start, vertex_shade, coarse_raster, tile_sort, begin_slab, fine_raster, emit, finish
   int runs = 1;       // so many runs are hit, those that start next; -1: all
-  int slab = 0;       // for stages of slabs: in which one, counted from 0
+  int slab = 0;       // for stages of slabs: in which one, counted from 0; memory: from which one on
   int probes = 0;     // so many probes fail
   std::string probe;  // "stall": they do not end, while the fault is set
 

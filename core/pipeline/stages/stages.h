@@ -27,6 +27,7 @@
 #include "pipeline/plan/footprint.h"
 #include "pipeline/plan/list_memory.h"
 #include "pipeline/plan/plan.h"
+#include "pipeline/stages/stage_clock.h"
 #include "shaders/catalog.h"
 
 namespace voxelpipe {
@@ -47,7 +48,8 @@ struct Slab {
 
 // What the stages of one slab leave besides its arrays.
 struct SlabCounts {
-  std::optional<uint64_t> fragments;  // absent where a fast path does not count them
+  uint64_t occupied = 0;              // voxels with a fragment or filled
+  std::optional<uint64_t> fragments;  // absent where a path does not count them
   uint64_t odd_columns = 0;
 };
 
@@ -78,12 +80,13 @@ class SlabArrays {
   std::function<absl::Status()> wait_;
 };
 
-// Once a run, in this order: VertexShade, CoarseRaster, TileSort. Then slab after slab, by ascending z (where tiles are
-// sorted by slab, CoarseRaster and TileSort of each go before its BeginSlab instead):
-//   dense, sparse   BeginSlab, FineRaster, SolidFill (only with a fill), Finish
-//   buckets         BeginSlab, EmitFragments, SortFragments, Resolve, Finish
+// Once a run: VertexShade, Measure for the plan, Begin. Then slab after slab, by ascending z:
+//   dense, sparse   SortTriangles, FineRaster, SolidFill (only with a fill)
+//   buckets         SortTriangles, EmitFragments, SortFragments, Resolve
+// and of each Counts, where they are wanted, and Finish. Slabs may be made several times over, from the first one on.
 // Every stage returns CANCELLED or DEADLINE_EXCEEDED as soon as it sees that the job should end, and RESOURCE_EXHAUSTED
-// when memory is short.
+// when memory is short. Where that has the mark kOutOfMemory (base/device_failure.h), the slab's memory is given back:
+// a slab with fewer layers from the same one on may have room.
 class Stages {
  public:
   virtual ~Stages() = default;
@@ -106,62 +109,39 @@ class Stages {
     return depth;
   }
 
-  // What lists are expected to hold, and whom stages ask before these take more than the plan has for them. Before
-  // CoarseRaster; `memory` outlives the stages.
-  virtual void SetLists(const Surface& /*expected*/, ListMemory* /*memory*/) {}
+  // The grid of all slabs, what the mesh is expected to touch of it, and whom stages ask before lists take more than
+  // the plan has for them. `lists` outlives the stages; null: they need not ask.
+  virtual void Begin(const GridSpec& grid, const Surface& expected, ListMemory* lists) = 0;
 
-  // Takes the vertices to index space, where `layers` begin at 0, and finds the tiles of these layers of the grid that
-  // each triangle may touch. INVALID_ARGUMENT naming node, primitive and vertex for one beyond 2^40 voxels of the
-  // grid's origin.
-  virtual absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) = 0;
+  // Sort-middle: finds the tiles of the slab that each triangle may touch ("coarse_raster" on `clock`), and sorts
+  // (tile, triangle) pairs by tile ("tile_sort"); the order within a tile is the backend's own. A backend may sort the
+  // triangles of all slabs with the first one. Nothing is done where a path needs no tiles.
+  // INVALID_ARGUMENT, also of the two stages that follow, naming node, primitive and vertex for one beyond 2^40 voxels
+  // of the grid's origin.
+  virtual absl::Status SortTriangles(const Slab& slab, StageClock& clock) = 0;
 
-  // Sorts (tile, triangle) pairs by tile; the order within a tile is the backend's own.
-  virtual absl::Status TileSort() = 0;
-
-  // False where a faster way rasterizes rows without tiles: then CoarseRaster only prepares for it, and TileSort has
-  // nothing to do.
-  virtual bool SortsTiles(const GridSpec& grid) const = 0;
-  // Whether tiles are sorted for each slab by itself, so that what pairs take is bounded by the slab; otherwise
-  // `layers` are all.
-  virtual bool SortsTilesBySlab() const { return false; }
-
-  // Allocates the targets of these layers and sets every voxel to its clear value.
-  virtual absl::Status BeginSlab(const Slab& slab) = 0;
-
-  // For each occupied tile: row spans, fragment shading and blending in fast memory, store.
-  virtual absl::Status FineRaster() = 0;
+  // Sets every voxel of the slab to its clear value; then coverage, fragment shading, blending and store, by tiles or
+  // whatever the backend's path has in their place.
+  virtual absl::Status FineRaster(const Slab& slab) = 0;
 
   // Fills the inside of the mesh where no fragment is.
   virtual absl::Status SolidFill() = 0;
 
-  // A-buffer: a record for each (triangle, voxel) pair; ...
-  virtual absl::Status EmitFragments() = 0;
+  // A-buffer: a record for each (triangle, voxel) pair of the slab; ...
+  virtual absl::Status EmitFragments(const Slab& slab) = 0;
   // ... by voxel, then by triangle id; ...
   virtual absl::Status SortFragments() = 0;
   // ... runs of equal voxels become buckets, fragments are shaded.
   virtual absl::Status Resolve() = 0;
 
+  // Of the slab, all of whose stages have run. To count may take time that is not theirs: then `clock` is paused.
+  virtual SlabCounts Counts(StageClock& clock) const = 0;
+
   // The slab's arrays in their result format. `offsets` count from the slab's own first fragment; bricks and voxels
-  // carry the numbers of the whole grid.
-  virtual absl::StatusOr<ResultArrays> Finish() = 0;
+  // carry the numbers of the whole grid. Those of a slab that is not all may still be on their way: stages go on with
+  // the next one meanwhile. What is returned must end before the Finish after the next.
+  virtual absl::StatusOr<SlabArrays> Finish() = 0;
 
-  // The same of a slab that is not all, where stages can go on with the next one before the arrays are there. What is
-  // returned must end before AbandonSlab, and before the FinishLater after the next.
-  virtual absl::StatusOr<SlabArrays> FinishLater() {
-    absl::StatusOr<ResultArrays> arrays = Finish();
-    if (!arrays.ok()) return arrays.status();
-    return SlabArrays(*std::move(arrays));
-  }
-
-  // After a stage of the slab returned RESOURCE_EXHAUSTED with the mark kOutOfMemory (base/device_failure.h): gives
-  // back what it took. The next call is the first one of a slab with fewer layers. False: these stages cannot.
-  virtual bool AbandonSlab() { return false; }
-
-  // Number of voxels of the slab with a fragment or filled. Outside the measured time, unless counts_wait().
-  virtual uint64_t CountOccupied() const = 0;
-  virtual SlabCounts counts() const = 0;
-  // Whether counting waits for what stages have only begun: then it belongs to their time.
-  virtual bool counts_wait() const { return false; }
   // Instruction set of the row kernels of this run.
   virtual std::string_view simd() const = 0;
   // The path that made each target, by name; at the end of the run.

@@ -1,7 +1,6 @@
 #include "gpu/bench/bench_call.h"
 
 #include "absl/strings/str_cat.h"
-#include "cuda/backend.h"
 #include "pipeline/voxelize.h"
 
 namespace voxelpipe::gpu {
@@ -44,12 +43,11 @@ absl::StatusOr<std::unique_ptr<Call>> Call::Make(const Backend& backend, const T
   if (!extent.ok()) return extent.status();
   const absl::StatusOr<GridSpec> grid = FitGrid(request.grid, extent->box);
   if (!grid.ok()) return grid.status();
-  call->grid_ = *grid;
   const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *extent};
   const absl::StatusOr<Surface> surface = call->stages_->Measure(*grid, size, false);
   if (!surface.ok()) return surface.status();
-  call->stages_->SetLists(*surface, nullptr);
-  call->MakeSteps();
+  call->stages_->Begin(*grid, *surface, nullptr);
+  call->steps_ = cuda::StepsOf(*call->stages_);
   return call;
 }
 
@@ -67,20 +65,8 @@ absl::Status Call::Run(Marks& marks, bool each) {
   return marks.Wait();
 }
 
-void Call::MakeSteps() {
-  Stages& s = *stages_;
-  const ResultKind kind = bound_.request.result;
-  steps_.emplace_back("CoarseRaster", [this, &s] { return s.CoarseRaster(grid_, {0, grid_.dims[2]}); });
-  if (s.SortsTiles(grid_)) steps_.emplace_back("TileSort", [&s] { return s.TileSort(); });
-  steps_.emplace_back("BeginSlab", [this, &s] { return s.BeginSlab({0, grid_.dims[2]}); });
-  if (kind == ResultKind::kBuckets) {
-    steps_.emplace_back("EmitFragments", [&s] { return s.EmitFragments(); });
-    steps_.emplace_back("SortFragments", [&s] { return s.SortFragments(); });
-    steps_.emplace_back("Resolve", [&s] { return s.Resolve(); });
-  } else {
-    steps_.emplace_back("FineRaster", [&s] { return s.FineRaster(); });
-  }
-  if (kind == ResultKind::kSparse) steps_.emplace_back("MakeBricks", [&s] { return cuda::MakeDeviceResult(s); });
+absl::StatusOr<uint64_t> Call::CountOccupied() {
+  return cuda::CountOccupied(*stages_);
 }
 
 }  // namespace voxelpipe::gpu

@@ -3,12 +3,12 @@
 
 #include <cuda_runtime_api.h>
 
-#include <functional>
+#include <cstdint>
 #include <memory>
-#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "cuda/backend.h"
 #include "pipeline/stages/backend.h"
 #include "pipeline/stages/bind.h"
 
@@ -32,27 +32,24 @@ class Marks {
 // One call of the pipeline after another on one mesh that stays on the device. Backend and mesh must outlive it.
 class Call {
  public:
-  using Step = std::pair<const char*, std::function<absl::Status()>>;
-
   static absl::StatusOr<std::unique_ptr<Call>> Make(const Backend& backend, const TriangleMesh& mesh,
                                                     const VoxelizeRequest& request);
 
-  const std::vector<Step>& steps() const { return steps_; }
+  const std::vector<cuda::DeviceStep>& steps() const { return steps_; }
   cudaStream_t stream();
-  const Stages& stages() const { return *stages_; }
+  // Voxels that the last call occupied.
+  absl::StatusOr<uint64_t> CountOccupied();
 
   // Marks before the first step and after the last; `each`: after every step.
   absl::Status Run(Marks& marks, bool each);
 
  private:
   Call() = default;
-  void MakeSteps();
 
   BoundRequest bound_;
   JobContext job_;
   std::unique_ptr<Stages> stages_;  // refers to bound_ and job_
-  GridSpec grid_;
-  std::vector<Step> steps_;
+  std::vector<cuda::DeviceStep> steps_;
 };
 
 }  // namespace voxelpipe::gpu

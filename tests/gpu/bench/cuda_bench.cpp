@@ -217,9 +217,11 @@ class Bench {
     });
     if (!status.ok()) return Fail(head, status);
     const double median = Quantile(ms, 0.5);
-    const uint64_t occupied = (*call)->stages().CountOccupied(), expected = ExpectedOccupied(row);
-    if (occupied != expected) {
-      return Fail(head, absl::DataLossError(absl::StrCat(occupied, " voxels occupied, the CPU has ", expected, ", in ",
+    const absl::StatusOr<uint64_t> occupied = (*call)->CountOccupied();
+    if (!occupied.ok()) return Fail(head, occupied.status());
+    const uint64_t expected = ExpectedOccupied(row);
+    if (*occupied != expected) {
+      return Fail(head, absl::DataLossError(absl::StrCat(*occupied, " voxels occupied, the CPU has ", expected, ", in ",
                                                          Ms(median), " ms")));
     }
     const std::string times = absl::StrCat(Ms(median), " | ", Ms(Quantile(ms, 0.1)), "-", Ms(Quantile(ms, 0.9)), " | ");

@@ -132,7 +132,7 @@ class ShortOfMemory final : public Backend {
     return std::make_unique<ShortStages>(*std::move(stages), *this);
   }
 
-  mutable int made = 0, abandoned = 0, waited = 0;  // slabs
+  mutable int made = 0, failed = 0, waited = 0;  // slabs
 
  private:
   class ShortStages final : public Stages {
@@ -142,68 +142,64 @@ class ShortOfMemory final : public Backend {
     absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
       return cpu_->Measure(grid, mesh, closely);
     }
-    absl::Status CoarseRaster(const GridSpec& grid, const Slab& layers) override {
-      EXPECT_FALSE(failed_) << "the slab was not abandoned";
-      if (!of_.by_slab_) return cpu_->CoarseRaster(grid, layers);
-      failed_ = layers.depth() > of_.most_layers_;
-      if (failed_) return NoRoom();
-      layers_found_ = layers;
-      return !all_found_ ? cpu_->CoarseRaster(grid, {0, grid.dims[2]}) : absl::OkStatus();
+    void Begin(const GridSpec& grid, const Surface& expected, ListMemory* lists) override {
+      depth_ = grid.dims[2];
+      cpu_->Begin(grid, expected, lists);
     }
-    absl::Status TileSort() override {
-      layers_sorted_ = layers_found_;
-      return std::exchange(all_found_, true) ? absl::OkStatus() : cpu_->TileSort();
+    absl::Status SortTriangles(const Slab& slab, StageClock& clock) override {
+      GoOn();
+      sorted_ = slab;
+      if (of_.by_slab_ && slab.depth() > of_.most_layers_) return NoRoom();
+      return cpu_->SortTriangles(slab, clock);
     }
-    bool SortsTiles(const GridSpec& grid) const override { return cpu_->SortsTiles(grid); }
-    bool SortsTilesBySlab() const override { return of_.by_slab_; }
-    absl::Status BeginSlab(const Slab& slab) override {
-      EXPECT_FALSE(failed_) << "the slab was not abandoned";
-      if (of_.by_slab_) {
-        EXPECT_EQ(std::exchange(layers_sorted_, Slab()), slab) << "tiles are those of other layers";
-      }
-      layers_ = slab.depth();
-      return cpu_->BeginSlab(slab);
+    absl::Status FineRaster(const Slab& slab) override {
+      BeginSlab(slab);
+      return cpu_->FineRaster(slab);
     }
-    absl::Status FineRaster() override { return cpu_->FineRaster(); }
     absl::Status SolidFill() override { return cpu_->SolidFill(); }
-    absl::Status EmitFragments() override { return cpu_->EmitFragments(); }
+    absl::Status EmitFragments(const Slab& slab) override {
+      BeginSlab(slab);
+      return cpu_->EmitFragments(slab);
+    }
     absl::Status SortFragments() override { return cpu_->SortFragments(); }
     absl::Status Resolve() override { return cpu_->Resolve(); }
-    absl::StatusOr<ResultArrays> Finish() override {
-      failed_ = layers_ > of_.most_layers_;
-      if (failed_) return NoRoom();
+    SlabCounts Counts(StageClock& clock) const override { return cpu_->Counts(clock); }
+    absl::StatusOr<SlabArrays> Finish() override {
+      if (layers_ > of_.most_layers_) return NoRoom();
       ++of_.made;
-      return cpu_->Finish();
-    }
-    absl::StatusOr<SlabArrays> FinishLater() override {
-      absl::StatusOr<ResultArrays> arrays = Finish();
-      if (!arrays.ok()) return arrays.status();
+      absl::StatusOr<SlabArrays> arrays = cpu_->Finish();
+      if (!arrays.ok() || layers_ == depth_) return arrays;
       EXPECT_LE(of_.made - of_.waited, 2) << "more than one slab is on its way while the next is made";
-      return SlabArrays(*std::move(arrays), [this] {
+      return SlabArrays(*std::move(*arrays).Take(), [this] {
         ++of_.waited;
         return absl::OkStatus();
       });
     }
-    bool AbandonSlab() override {
-      EXPECT_EQ(of_.made, of_.waited) << "arrays of an earlier slab are still to come";
-      failed_ = false;
-      ++of_.abandoned;
-      return true;
-    }
-    uint64_t CountOccupied() const override { return cpu_->CountOccupied(); }
-    SlabCounts counts() const override { return cpu_->counts(); }
     std::string_view simd() const override { return cpu_->simd(); }
 
    private:
-    static absl::Status NoRoom() {
+    absl::Status NoRoom() {
+      failed_ = true;
+      ++of_.failed;
       return MarkDeviceFailure(absl::ResourceExhaustedError("no room"), DeviceFailureKind::kOutOfMemory);
+    }
+    // After a failure or not, with the next slab.
+    void GoOn() {
+      if (std::exchange(failed_, false)) {
+        EXPECT_EQ(of_.made, of_.waited) << "arrays of an earlier slab are still to come";
+      }
+    }
+    void BeginSlab(const Slab& slab) {
+      EXPECT_FALSE(failed_) << "the triangles of the slab are not sorted";
+      EXPECT_EQ(std::exchange(sorted_, Slab()), slab) << "tiles are those of other layers";
+      layers_ = slab.depth();
     }
 
     const ShortOfMemory& of_;
     const std::unique_ptr<Stages> cpu_;
-    Slab layers_found_, layers_sorted_;
-    int64_t layers_ = 0;
-    bool all_found_ = false, failed_ = false;
+    Slab sorted_;
+    int64_t depth_ = 0, layers_ = 0;
+    bool failed_ = false;
   };
 
   static const Backend& cpu() { return **SelectBackend(BackendChoice::kCpu); }
@@ -239,7 +235,7 @@ TEST(Slabs, GrowThinnerWhereTheDeviceHasNoRoom) {
     }
     const ShortOfMemory none(7, by_slab);
     EXPECT_EQ(Voxelize(mesh, request, {.job = JobContext(), .backend = &none}).status().message(), "no room");
-    EXPECT_EQ(none.abandoned, 3);
+    EXPECT_EQ(none.failed, 4) << "56, 32, 16 and 8 layers";
   }
 }
 

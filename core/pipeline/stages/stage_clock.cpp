@@ -1,4 +1,4 @@
-#include "pipeline/stage_clock.h"
+#include "pipeline/stages/stage_clock.h"
 
 #include <tbb/task_arena.h>
 
