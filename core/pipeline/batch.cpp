@@ -8,10 +8,17 @@
 namespace voxelpipe {
 namespace {
 
-// The items as a shared pass takes them: it knows nothing of warnings, which are added as it ends.
-std::vector<BatchItem> WithWarnings(std::span<const BatchItem> items) {
+// The items as a shared pass takes them: it knows nothing of warnings, which are added as it ends. `told` has one for
+// each item: whether its hook was called with a plan.
+std::vector<BatchItem> ForSharedPass(std::span<const BatchItem> items, std::vector<char>& told) {
   std::vector<BatchItem> out(items.begin(), items.end());
   for (size_t i = 0; i < out.size(); ++i) {
+    if (items[i].on_plan) {
+      out[i].on_plan = [&item = items[i], &this_one = told[i]](const Plan& plan) {
+        this_one = 1;
+        return item.on_plan(plan);
+      };
+    }
     out[i].done = [&item = items[i]](absl::StatusOr<VoxelizeResult> result) {
       if (result.ok()) {
         result->stats.warnings = WarningsOf(*item.mesh, *item.request);
@@ -36,12 +43,13 @@ BatchStats VoxelizeBatch(const Backend& backend, std::span<const BatchItem> item
 void VoxelizeBatch(const Backend& backend, std::span<const BatchItem> items, int threads, const PlanLimits& limits,
                    BatchStats& stats) {
   stats.sharing = true;
-  const std::vector<size_t> alone = backend.RunShared(threads, WithWarnings(items), limits, stats);
+  std::vector<char> told(items.size());
+  const std::vector<size_t> alone = backend.RunShared(threads, ForSharedPass(items, told), limits, stats);
   stats.sharing = false;
   backend.RunEach(threads, alone.size(), [&](size_t i) {
     const BatchItem& item = items[alone[i]];
-    const RunOptions options{
-        .job = *item.job, .limits = limits, .on_plan = item.on_plan, .backend = &backend, .inside = true};
+    RunOptions options{.job = *item.job, .limits = limits, .backend = &backend, .inside = true};
+    if (told[alone[i]] == 0) options.on_plan = item.on_plan;
     item.done(Voxelize(*item.mesh, *item.request, options));
   });
   stats.passes += uint32_t(alone.size());

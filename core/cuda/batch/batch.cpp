@@ -52,8 +52,9 @@ double CpuMs() {
   return double(t.tv_sec) * 1e3 + double(t.tv_nsec) * 1e-6;
 }
 
-void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const std::unique_ptr<BatchMember>> members,
-             const PlanLimits& limits, BatchStats& stats) {
+// Gives the members their results, but for those that it adds to `alone`.
+void RunPass(const DeviceInfo& device, std::span<const std::unique_ptr<BatchMember>> members, BatchStats& stats,
+             std::vector<const BatchItem*>& alone) {
   for (const auto& member : members) member->item->job->Report(member->stage(), 0);
   const double wall = WallMs(), cpu = CpuMs();
   const uint64_t launches = LaunchesOfThread();
@@ -62,20 +63,19 @@ void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const s
   absl::Status status = use.status();
   if (use.ok()) status = pass.emplace(device, *std::move(use), members).Run();
   if (!status.ok()) pass.reset();  // what it holds is theirs who go alone
-  if (status.code() == absl::StatusCode::kResourceExhausted) TrimMemory(device.ordinal);
   ++stats.passes;
-  stats.shared += uint32_t(members.size());
   stats.launches = stats.launches.value_or(0) + LaunchesOfThread() - launches;
+  if (absl::IsResourceExhausted(status)) {  // one by one they may fit
+    TrimMemory(device.ordinal);
+    for (const auto& member : members) alone.push_back(member->item);
+    return;
+  }
+  stats.shared += uint32_t(members.size());
   const double wall_ms = WallMs() - wall, cpu_ms = (CpuMs() - cpu) / double(members.size());
-  const auto go_alone = [&](const BatchItem& item) {  // its plan is told already
-    const RunOptions options{.job = *item.job, .limits = limits, .backend = &backend, .inside = true};
-    tbb::this_task_arena::isolate([&] { item.done(Voxelize(*item.mesh, *item.request, options)); });
-  };
   tbb::parallel_for(size_t{0}, members.size(), [&](size_t i) {
     BatchMember& member = *members[i];
     const BatchItem& item = *member.item;
-    if (!status.ok() && status.code() != absl::StatusCode::kResourceExhausted) return item.done(status);
-    if (!status.ok()) return go_alone(item);  // so it may fit
+    if (!status.ok()) return item.done(status);
     if (!pass->Finished(i)) return;
     member.stats.voxelize_ms = wall_ms + member.stats.stages[0].second;
     member.stats.voxelize_cpu_ms = cpu_ms + member.stats.stages[0].second;
@@ -85,17 +85,11 @@ void RunPass(const Backend& backend, const DeviceInfo& device, std::span<const s
     item.done(std::move(result));
   });
   if (!status.ok()) return;
-  std::vector<const BatchItem*> unfinished;
   for (size_t i = 0; i < members.size(); ++i) {
-    if (!pass->Finished(i)) unfinished.push_back(members[i]->item);
+    if (pass->Finished(i)) continue;
+    alone.push_back(members[i]->item);
+    --stats.shared;
   }
-  if (unfinished.empty()) return;
-  pass.reset();
-  stats.shared -= uint32_t(unfinished.size());
-  stats.passes += uint32_t(unfinished.size());
-  stats.sharing = false;
-  for (const BatchItem* item : unfinished) go_alone(*item);
-  stats.sharing = true;
 }
 
 }  // namespace
@@ -134,6 +128,7 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
   std::stable_sort(together.begin(), together.end(),
                    [](const auto& a, const auto& b) { return a->order() < b->order(); });
   const PassSize most = MostOfPass(device);
+  std::vector<const BatchItem*> left;  // by passes
   for (size_t begin = 0; begin < together.size();) {
     PassSize size;
     size_t end = begin;
@@ -141,9 +136,10 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
       size.Add(*together[end]);
       if (end > begin && !size.FitsInto(most)) break;
     }
-    RunPass(backend, device, std::span(together).subspan(begin, end - begin), limits, stats);
+    RunPass(device, std::span(together).subspan(begin, end - begin), stats, left);
     begin = end;
   }
+  for (const BatchItem* item : left) alone.push_back(size_t(item - items.data()));
   return alone;
 }
 

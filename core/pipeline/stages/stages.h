@@ -183,7 +183,8 @@ class Backend {
   }
 
   // Runs together those of a batch's items that can share a pass of the device, gives them their results and adds to
-  // `stats`. Out: the numbers of the others, which are to run alone.
+  // `stats`. Out: the numbers of the others, which are to run alone; also of those that a pass could not finish, whose
+  // hook was called with a plan already.
   virtual std::vector<size_t> RunShared(int /*threads*/, std::span<const BatchItem> items, const PlanLimits& /*limits*/,
                                         BatchStats& /*stats*/) const {
     std::vector<size_t> alone(items.size());

@@ -77,6 +77,50 @@ TEST(VoxelizeBatch, KeepsAnErrorToItsItem) {
   }
 }
 
+// The CPU, whose shared pass plans all items and then leaves them to run alone.
+class GivesUp final : public Backend {
+ public:
+  std::string_view name() const override { return "gives up"; }
+  std::string_view simd() const override { return cpu().simd(); }
+  void Run(int threads, const std::function<void()>& body) const override { cpu().Run(threads, body); }
+  Footprint Predict(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
+                    const PlanLimits& limits, Delivery delivery) const override {
+    return cpu().Predict(request, grid, mesh, surface, limits, delivery);
+  }
+  absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,
+                                                const JobContext& job) const override {
+    return cpu().Start(mesh, request, job);
+  }
+  std::vector<size_t> RunShared(int, std::span<const BatchItem> items, const PlanLimits&, BatchStats&) const override {
+    std::vector<size_t> alone;
+    for (size_t i = 0; i < items.size(); ++i) {
+      if (i % 2 == 0 && items[i].on_plan) EXPECT_TRUE(items[i].on_plan(Plan()).ok());
+      alone.push_back(i);
+    }
+    return alone;
+  }
+
+ private:
+  static const Backend& cpu() { return **SelectBackend(BackendChoice::kCpu); }
+};
+
+TEST(VoxelizeBatch, TellsAPlanOnceWhereASharedPassGivesUp) {
+  Jobs jobs;
+  std::vector<BatchItem> items = jobs.items();
+  std::vector<int> told(items.size());
+  for (size_t i = 0; i < items.size(); ++i) {
+    items[i].on_plan = [&count = told[i]](const Plan&) {
+      ++count;
+      return absl::OkStatus();
+    };
+  }
+  const BatchStats stats = VoxelizeBatch(GivesUp(), items, 1);
+  EXPECT_EQ(stats.passes, 4u);
+  EXPECT_EQ(told, std::vector<int>(4, 1));
+  EXPECT_EQ(jobs.done, std::vector<int>(4, 1));
+  for (const auto& result : jobs.results) EXPECT_TRUE(result.ok()) << result.status();
+}
+
 TEST(VoxelizeBatch, OfNothingTakesNoPass) {
   EXPECT_EQ(VoxelizeBatch(*Devices().back(), {}, 1).passes, 0u);
 }
