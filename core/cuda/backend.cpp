@@ -61,18 +61,10 @@ class CudaStages final : public Stages {
   }
   void Begin(const GridSpec& grid, const Surface& expected, ListMemory* lists) override {
     grid_ = grid;
-    sorts_tiles_ = PlanPath(PathInputsOf(state_, grid)).sorts_tiles();
     state_.expected = expected;
     state_.memory.AskFrom(lists);
   }
-  absl::Status SortTriangles(const Slab& slab, StageClock& clock) override {
-    if (!sorts_tiles_ || slab == sorted_) return absl::OkStatus();
-    sorted_ = Slab();
-    VOXELPIPE_OK_OR_RETURN(clock("coarse_raster", [&] { return Checked(CoarseRaster(slab)); }));
-    VOXELPIPE_OK_OR_RETURN(clock("tile_sort", [&] { return Checked(cuda::TileSort(state_)); }));
-    sorted_ = slab;
-    return absl::OkStatus();
-  }
+  absl::Status SortTriangles(const Slab& /*slab*/, StageClock& /*clock*/) override { return absl::OkStatus(); }
   absl::Status FineRaster(const Slab& slab) override {
     absl::Status s = BeginSlab(slab);
     if (s.ok()) s = cuda::FineRaster(state_);
@@ -114,8 +106,7 @@ class CudaStages final : public Stages {
     const Slab all{0, grid_.dims[2]};
     const ResultKind kind = state_.request.request.result;
     std::vector<DeviceStep> steps;
-    steps.emplace_back("CoarseRaster", [this, all] { return CoarseRaster(all); });
-    if (sorts_tiles_) steps.emplace_back("TileSort", [this] { return cuda::TileSort(state_); });
+    steps.emplace_back("SetUpGrid", [this] { return SetUpGrid(); });
     steps.emplace_back("BeginSlab", [this, all] { return Allocate(all); });
     if (kind == ResultKind::kBuckets) {
       steps.emplace_back("EmitFragments", [this] { return cuda::EmitFragments(state_); });
@@ -133,18 +124,18 @@ class CudaStages final : public Stages {
   }
 
  private:
-  absl::Status CoarseRaster(const Slab& layers) {
+  absl::Status SetUpGrid() {
     VOXELPIPE_OK_OR_RETURN(TakeLists());
-    return cuda::CoarseRaster(state_, grid_, layers);
+    return cuda::SetUpGrid(state_, grid_);
   }
   absl::Status Allocate(const Slab& slab) {
     VOXELPIPE_OK_OR_RETURN(TakeLists());
     return cuda::BeginSlab(state_, slab);
   }
   absl::Status BeginSlab(const Slab& slab) {
-    if (!sorts_tiles_ && !placed_) {  // the mesh in the whole grid, once
-      VOXELPIPE_OK_OR_RETURN(CoarseRaster({0, grid_.dims[2]}));
-      placed_ = true;
+    if (!set_up_) {
+      VOXELPIPE_OK_OR_RETURN(SetUpGrid());
+      set_up_ = true;
     }
     return Allocate(slab);
   }
@@ -156,7 +147,6 @@ class CudaStages final : public Stages {
     if (DeviceFailureOf(s) != DeviceFailureKind::kOutOfMemory) return s;
     if (copies_) copies_->Forget();
     AbandonSlab(state_);
-    sorted_ = Slab();
     return s;
   }
 
@@ -195,8 +185,7 @@ class CudaStages final : public Stages {
   DeviceUse use_;  // destroyed last: arrays give their memory back on the stream
   RunState state_;
   GridSpec grid_;
-  bool sorts_tiles_ = false, placed_ = false;
-  Slab sorted_;  // layers whose triangles are sorted by tile
+  bool set_up_ = false;
   std::optional<SlabCopies> copies_;
 };
 

@@ -101,23 +101,13 @@ Compiled Compile(const std::string& source, const std::vector<const char*>& kern
   return compiled;
 }
 
-TEST(NvrtcTest, CompilesTheFineRasterWithAShaderSuppliedAtRunTime) {
-  const Compiled compiled = Compile(std::string(kShader) + "#include \"cuda/tiles/fine_raster_kernel.cuh\"\n",
-                                    {"voxelpipe::cuda::FineRasterKernel<true>"});
-  EXPECT_EQ(compiled.result, NVRTC_SUCCESS) << compiled.log;
-  EXPECT_GT(compiled.cubin.size(), 1000u);
-}
-
-TEST(NvrtcTest, CompilesTheCountingAndEmittingKernelsOfTheABuffer) {
-  const std::string in = "voxelpipe::cuda::", emit = in + "EmitFragment<unsigned>";
-  const std::string of_batch = in + "EmitFragment<unsigned, " + in + "BatchNames>, " + in + "BatchWalkArgs>";
-  const std::vector<std::string> kernels = {in + "WalkRuns<" + in + "CountFragments>",
-                                            in + "EmitRuns<" + emit + ">",
-                                            in + "WalkSmall<" + emit + ">",
-                                            in + "WalkRest<" + emit + ">",
-                                            in + "WalkLarge<" + emit + ">",
-                                            in + "EmitRuns<" + of_batch,
-                                            in + "WalkSmall<" + of_batch,
+TEST(NvrtcTest, CompilesTheKernelsOfABatchsABuffers) {
+  const std::string in = "voxelpipe::cuda::", args = ", " + in + "BatchWalkArgs>";
+  const std::vector<std::string> kernels = {in + "WalkRuns<" + in + "CountFragments" + args,
+                                            in + "WalkSmall<" + in + "EmitFragment" + args,
+                                            in + "WalkRest<" + in + "EmitFragment" + args,
+                                            in + "WalkLarge<" + in + "EmitFragment" + args,
+                                            in + "EmitRuns",
                                             in + "DropFragments",
                                             in + "FindItems",
                                             in + "ShadeBatchFragments"};

@@ -22,7 +22,7 @@ core/pipeline/plan core/pipeline/stages
 core/cpu/base core/cpu/rows core/cpu/measure core/cpu
 core/pipeline
 core/cuda/device core/cuda/primitives core/cuda/plan core/cuda/run core/cuda/vertex core/cuda/traversal
-core/cuda/occupancy core/cuda/coverage core/cuda/shading core/cuda/scatter core/cuda/tiles core/cuda/a_buffer
+core/cuda/occupancy core/cuda/coverage core/cuda/shading core/cuda/scatter core/cuda/a_buffer
 core/cuda/sparse core/cuda/fill core/cuda/targets core/cuda/batch core/cuda
 core/encode/preview core/encode core
 proto/wire

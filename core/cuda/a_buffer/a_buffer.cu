@@ -4,7 +4,6 @@
 // emitted, sorted by voxel, and runs of equal voxels become buckets. Changed: they are emitted in the order of
 // triangles and sorted stably by the bits that the slab's voxel numbers have, so that each bucket is in the order of
 // triangle ids; and fragments of a voxel by triangles of near ids may be sorted as one (fragment_group.h).
-#include <thrust/iterator/counting_iterator.h>
 #include <cub/device/device_select.cuh>
 
 #include <algorithm>
@@ -13,7 +12,6 @@
 #include <optional>
 #include <span>
 
-#include "cuda/a_buffer/count_and_emit.cuh"
 #include "cuda/a_buffer/emit_groups.cuh"
 #include "cuda/a_buffer/emit_records.cuh"
 #include "cuda/a_buffer/group_plan.h"
@@ -29,74 +27,21 @@
 #include "cuda/run/run_state.h"
 #include "cuda/shading/shade_list.h"
 #include "cuda/traversal/mesh_locality.h"
-#include "cuda/traversal/triangle_walk.h"
 #include "pipeline/plan/plan.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
-bool WideKeys(const RunState& state) {
-  return state.slab_voxels() > (uint64_t{1} << 32);
-}
-uint64_t KeyBytes(const RunState& state) {
-  return WideKeys(state) ? 8 : 4;
-}
-
-// Voxel ids of the buckets that begin at offsets[0 .. voxels), and the end of the last one.
-__global__ void __launch_bounds__(256) ListVoxels(const uint64_t* keys, uint64_t* offsets, const uint64_t* count,
-                                                  uint64_t fragments, uint64_t first_voxel, uint64_t* voxels) {
-  const uint64_t listed = *count;
-  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i <= listed; i += uint64_t(gridDim.x) * 256) {
-    if (i == listed) {
-      offsets[i] = fragments;
-    } else {
-      voxels[i] = first_voxel + keys[offsets[i]];
-    }
-  }
-}
-
-// Whether a fragment is the first of its voxel.
-template <typename Key>
-struct BeginsVoxel {
-  const Key* keys;
-  __device__ bool operator()(uint64_t i) const { return i == 0 || keys[i] != keys[i - 1]; }
-};
-
-// All `bits` bits set, those behind them clear.
-__global__ void __launch_bounds__(256) FillOnes(uint32_t* words, uint64_t bits) {
-  const uint64_t count = (bits + 31) / 32;
-  for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < count; i += uint64_t(gridDim.x) * 256) {
-    words[i] = WordOfOnes(bits, i);
-  }
-}
-
 FragmentList ListOfFragments(const RunState& state) {
   const Fragments& fragments = state.fragments;
   FragmentList list;
-  list.wide_keys = WideKeys(state);
   list.keys = fragments.keys[fragments.current].data();
   list.triangles = fragments.triangles[fragments.current].data();
   list.count = fragments.count;
   return list;
 }
 
-template <typename Key>
-absl::Status Emit(RunState& state, const WalkArgs& args) {
-  EmitFragment<Key> op;
-  op.names.grid = state.view;
-  op.first = state.fragment_first.data();
-  op.emitted = state.fragment_counts.data();
-  op.keys = state.fragments.KeysAs<Key>(0);
-  op.values = state.fragments.triangles[0].data();
-  VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Fill(0, state.stream));
-  const auto blocks = unsigned((args.triangle_count + kRunThreads - 1) / kRunThreads);
-  EmitRuns<<<blocks, kRunThreads, 0, state.stream>>>(args, op);
-  VOXELPIPE_LAUNCHED_OR_RETURN("EmitRuns");
-  return Walk(state, args, op, /*skip_runs=*/true);
-}
-
-template <typename T>
-absl::Status Compact(RunState& state, const T* from, const uint8_t* flags, T* to, uint64_t* count) {
+absl::Status Compact(RunState& state, const uint32_t* from, const uint8_t* flags, uint32_t* to, uint64_t* count) {
   size_t scratch = 0;
   VOXELPIPE_CUDA_OR_RETURN(
       cub::DeviceSelect::Flagged(nullptr, scratch, from, flags, to, count, state.fragments.count, state.stream));
@@ -114,13 +59,7 @@ absl::Status DropDiscarded(RunState& state) {
   Fragments& fragments = state.fragments;
   const int from = fragments.current, to = 1 - from;
   uint64_t* const count = state.counters.data() + kScratch0;
-  if (WideKeys(state)) {
-    VOXELPIPE_OK_OR_RETURN(
-        Compact(state, fragments.KeysAs<uint64_t>(from), kept.data(), fragments.KeysAs<uint64_t>(to), count));
-  } else {
-    VOXELPIPE_OK_OR_RETURN(
-        Compact(state, fragments.KeysAs<uint32_t>(from), kept.data(), fragments.KeysAs<uint32_t>(to), count));
-  }
+  VOXELPIPE_OK_OR_RETURN(Compact(state, fragments.keys[from].data(), kept.data(), fragments.keys[to].data(), count));
   VOXELPIPE_OK_OR_RETURN(
       Compact(state, fragments.triangles[from].data(), kept.data(), fragments.triangles[to].data(), count));
   const absl::StatusOr<uint64_t> left = ReadElement(count, state.stream);
@@ -137,10 +76,11 @@ FragmentArgs MakeFragmentArgs(RunState& state, const FragmentCounts& counts) {
   args.blocks = state.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
   args.counts = counts;
-  args.keys = state.fragments.KeysAs<uint32_t>(0);
+  args.keys = state.fragments.keys[0].data();
   args.values = state.fragments.triangles[0].data();
   args.room = state.fragments.triangles[0].size();
   args.list = ListOf(state);
+  if (args.triangles > GetSpanLimits().triangles) args.list.capacity = args.list.own = 0;  // rows are found twice
   return args;
 }
 
@@ -216,7 +156,7 @@ bool GuessRoom(RunState& state) {
   constexpr uint64_t kPartOfMemory = 64;
   const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (2 * sizeof(uint32_t));
   const uint64_t guess = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()).fragments);
-  return guess <= most && state.fragments.MakeRoom(0, guess, sizeof(uint32_t), state.stream).ok();
+  return guess <= most && state.fragments.MakeRoom(0, guess, state.stream).ok();
 }
 
 // Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list
@@ -246,7 +186,7 @@ absl::Status EmitByCells(RunState& state) {
   if (fragments.count == 0) return absl::OkStatus();
   const bool too_many = fragments.plan && fragments.count > kMaxBundledFragments;
   const bool fits = guessed && !too_many && fragments.count <= fragments.triangles[0].size();
-  VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(KeyBytes(state), state.stream));
+  VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(state.stream));
   const FragmentArgs args = MakeFragmentArgs(state, counts);
   if (!fits) {
     if (too_many) fragments.plan.reset();
@@ -268,11 +208,11 @@ absl::Status EmitByCells(RunState& state) {
   return absl::OkStatus();
 }
 
-// Buckets of fragments whose keys have 32 bits, or of bundles, and the ones of the targets that `ones` has.
-absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel, std::span<uint8_t* const> ones) {
+// Buckets of fragments, or of bundles, and the ones of the targets that `ones` has.
+absl::Status MakeBuckets(RunState& state, uint64_t first_voxel, std::span<uint8_t* const> ones) {
   Fragments& fragments = state.fragments;
   BundleArgs args;
-  args.keys = fragments.KeysAs<uint32_t>(fragments.current);
+  args.keys = fragments.keys[fragments.current].data();
   args.fragments = fragments.count;
   args.first_voxel = first_voxel;
   args.first = state.bucket_chunks.data();
@@ -289,53 +229,17 @@ absl::Status WriteNarrowBuckets(RunState& state, uint64_t first_voxel, std::span
   return UnpackIntoBuckets(args, state.stream);
 }
 
-template <typename Key>
-absl::Status FindBuckets(RunState& state) {
-  const BeginsVoxel<Key> begins{state.fragments.KeysAs<Key>(state.fragments.current)};
-  const thrust::counting_iterator<uint64_t> numbers(0);
-  uint64_t* const count = state.counters.data() + kBuckets;
-  size_t scratch = 0;
-  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(nullptr, scratch, numbers, state.result.offsets.data(), count,
-                                                 state.fragments.count, begins, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
-  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::If(state.scratch.data(), scratch, numbers, state.result.offsets.data(),
-                                                 count, state.fragments.count, begins, state.stream));
-  return absl::OkStatus();
-}
-
 }  // namespace
 
 absl::Status EmitFragments(RunState& state) {
-  const uint64_t triangles = state.mesh.host_view.triangle_count;
   state.fragments.Clear();
-  if (triangles == 0) return absl::OkStatus();
-  if (RecordsReach(state.path_inputs.dims, triangles, state.path_inputs.record_bits)) return EmitByCells(state);
-  VOXELPIPE_OK_OR_RETURN(state.fragment_counts.Resize(triangles + 1, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(triangles + 1, state.stream));
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1, kQueued2, kQueued3}));
-  VOXELPIPE_CUDA_OR_RETURN(
-      cudaMemsetAsync(state.fragment_counts.data() + triangles, 0, sizeof(uint32_t), state.stream));
-  const absl::StatusOr<WalkArgs> args = MakeWalkArgs(state);
-  if (!args.ok()) return args.status();
-  CountFragments count;
-  count.counts = state.fragment_counts.data();
-  VOXELPIPE_OK_OR_RETURN(Walk(state, *args, count));
-  VOXELPIPE_OK_OR_RETURN(ExclusiveScan(state.fragment_counts.data(), state.fragment_first.data(), triangles + 1,
-                                       state.scratch, state.stream));
-  const absl::StatusOr<uint64_t> total = ReadElement(state.fragment_first.data() + triangles, state.stream);
-  if (!total.ok()) return total.status();
-  state.fragments.count = *total;
-  if (state.fragments.count == 0) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(state.fragments.MakeRoom(KeyBytes(state), state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(ChunksOf(state.fragments.count), state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Fill(0, state.stream));
-  return WideKeys(state) ? Emit<uint64_t>(state, *args) : Emit<uint32_t>(state, *args);
+  return state.mesh.host_view.triangle_count == 0 ? absl::OkStatus() : EmitByCells(state);
 }
 
 absl::Status SortFragments(RunState& state) {
   if (state.fragments.count == 0) return absl::OkStatus();
-  const KeySort sort{WideKeys(state), std::max(1, int(std::bit_width(state.slab_voxels() - 1)))};
-  VOXELPIPE_OK_OR_RETURN(SortFragmentList(state.fragments, sort, state.scratch, state.stream));
+  const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
+  VOXELPIPE_OK_OR_RETURN(SortFragmentList(state.fragments, bits, state.scratch, state.stream));
   return state.targets.any_always_present ? absl::OkStatus() : DropDiscarded(state);
 }
 
@@ -355,29 +259,15 @@ absl::Status Resolve(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(values.Resize((bytes + 3) / 4 * 4, state.stream));
     values_of[t] = values.data();
   }
-  const bool shades = ShadesFragments(state.request), narrow = fragments > 0 && !WideKeys(state);
-  if (narrow) {
-    const auto targets = size_t(state.targets.count);
-    VOXELPIPE_OK_OR_RETURN(WriteNarrowBuckets(state, first_voxel, std::span(values_of, shades ? 0 : targets)));
-  } else {
-    VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kBuckets}));
-    uint64_t* const voxels = state.counters.data() + kBuckets;
-    if (fragments > 0) VOXELPIPE_OK_OR_RETURN(FindBuckets<uint64_t>(state));
-    ListVoxels<<<BlocksFor(most_voxels + 1, 256), 256, 0, state.stream>>>(
-        state.fragments.KeysAs<uint64_t>(state.fragments.current), out.offsets.data(), voxels, fragments, first_voxel,
-        out.voxels.data());
-    VOXELPIPE_LAUNCHED_OR_RETURN("ListVoxels");
+  if (fragments == 0) {
+    const uint64_t none = 0;
+    VOXELPIPE_OK_OR_RETURN(out.offsets.Upload({&none, 1}, state.stream));
+    return ClearCounters(state, {kBuckets});
   }
-  if (fragments == 0) return absl::OkStatus();
-  if (!shades) {
-    if (narrow) return absl::OkStatus();  // written with the buckets
-    for (int t = 0; t < state.targets.count; ++t) {
-      FillOnes<<<BlocksFor((fragments + 31) / 32, 256), 256, 0, state.stream>>>(
-          reinterpret_cast<uint32_t*>(values_of[t]), fragments);
-      VOXELPIPE_LAUNCHED_OR_RETURN("FillOnes");
-    }
-    return absl::OkStatus();
-  }
+  const bool shades = ShadesFragments(state.request);
+  const std::span<uint8_t* const> ones(values_of, shades ? 0 : size_t(state.targets.count));
+  VOXELPIPE_OK_OR_RETURN(MakeBuckets(state, first_voxel, ones));
+  if (!shades) return absl::OkStatus();  // written with the buckets
   return ShadeList(state, ListOfFragments(state), values_of);
 }
 

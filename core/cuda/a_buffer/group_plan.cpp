@@ -47,7 +47,8 @@ std::optional<BundlePlan> PlanBundles(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   BundlePlan plan;
   plan.code.id_bits = uint32_t(std::max(1, int(std::bit_width(triangles - 1))));
-  static_assert(kMaxSpanTriangles <= uint64_t{1} << BundleCode::kMaxIdBits);  // of more there are no records
+  static_assert(kMaxSpanTriangles <= uint64_t{1} << BundleCode::kMaxIdBits);
+  if (triangles > kMaxSpanTriangles) return std::nullopt;
   if (ShadesFragments(state.request) || !state.targets.any_always_present || IsScattered(state)) return std::nullopt;
   plan.code.followers = std::min(32 - plan.code.id_bits, BundleCode::kMaxFollowers);
   // Measured: of spheres of 2 to 8 voxels a triangle some 0.7 bundles for each voxel but for the first 1.6.

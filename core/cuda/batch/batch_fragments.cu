@@ -17,7 +17,7 @@ namespace {
 
 SortedKeys KeysOf(BatchState& state) {
   SortedKeys keys;
-  keys.keys = state.fragments.KeysAs<uint32_t>(state.fragments.current);
+  keys.keys = state.fragments.keys[state.fragments.current].data();
   keys.fragments = state.fragments.count;
   keys.first = state.chunks.data();
   return keys;
@@ -33,10 +33,10 @@ absl::Status FindFirsts(BatchState& state, const BatchTriangles& of, DeviceArray
 absl::Status EmitList(BatchState& state, const BatchTriangles& of, const uint64_t* firsts, uint32_t* keys,
                       uint32_t* triangles) {
   const BatchWalkArgs args = WalkOf(state.view, of.first, of.count, of.queue);
-  EmitFragment<uint32_t, BatchNames> emit;
-  emit.names.items = args.items;
-  emit.names.item_of = args.item_of;
-  emit.names.first_triangle = of.first;
+  EmitFragment emit;
+  emit.items = args.items;
+  emit.item_of = args.item_of;
+  emit.first_triangle = of.first;
   emit.first = firsts;
   emit.emitted = of.fragments;
   emit.keys = keys;
@@ -70,8 +70,8 @@ absl::Status EmitBatch(BatchState& state) {
   }
   fragments.count = *total;
   if (fragments.count == 0) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(sizeof(uint32_t), state.stream));
-  return EmitList(state, of, firsts.data(), fragments.KeysAs<uint32_t>(0), fragments.triangles[0].data());
+  VOXELPIPE_OK_OR_RETURN(fragments.MakeRoom(state.stream));
+  return EmitList(state, of, firsts.data(), fragments.keys[0].data(), fragments.triangles[0].data());
 }
 
 absl::StatusOr<std::vector<uint64_t>> SortBatch(BatchState& state) {
@@ -79,13 +79,12 @@ absl::StatusOr<std::vector<uint64_t>> SortBatch(BatchState& state) {
   Fragments& fragments = state.fragments;
   if (state.drops) {
     DropFragments<<<BlocksFor(fragments.count, 256), 256, 0, state.stream>>>(
-        batch, fragments.KeysAs<uint32_t>(0), fragments.triangles[0].data(), fragments.count);
+        batch, fragments.keys[0].data(), fragments.triangles[0].data(), fragments.count);
     VOXELPIPE_LAUNCHED_OR_RETURN("DropFragments");
   }
   const uint64_t last_key = state.drops ? batch.voxel_count : batch.voxel_count - 1;
   const int bits = std::max(1, int(std::bit_width(last_key)));
-  const KeySort sort{.bits = bits};
-  VOXELPIPE_OK_OR_RETURN(SortFragmentList(fragments, sort, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(SortFragmentList(fragments, bits, state.scratch, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.chunks.Resize(KeysOf(state).chunks() + 1, state.stream));
   const SortedKeys keys = KeysOf(state);
   VOXELPIPE_OK_OR_RETURN(CountBuckets(keys, state.stream));

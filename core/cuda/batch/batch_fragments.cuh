@@ -2,26 +2,65 @@
 // includes.
 #pragma once
 
-#include "cuda/a_buffer/count_and_emit.cuh"
 #include "cuda/batch/batch_kernel.cuh"
 #include "cuda/shading/fragment_shading.cuh"
+#include "cuda/traversal/triangle_walk.cuh"
 
 namespace voxelpipe::cuda {
 
-// What a fragment is called (SlabNames): its voxel among all of A-buffers, its triangle as in its mesh.
-struct BatchNames {
+// Writes each fragment's voxel, among those of all items, and its triangle, as in its mesh; a triangle's from first[t]
+// on.
+struct EmitFragment {
   const BatchItemView* items = nullptr;
   const uint32_t* item_of = nullptr;  // of the walk's triangles
   uint64_t first_triangle = 0;        // the walk's
+  const uint64_t* first = nullptr;
+  uint32_t* emitted = nullptr;  // per triangle, 0 before: fragments that several threads have emitted
+  uint32_t* keys = nullptr;
+  uint32_t* values = nullptr;
+  uint64_t at = 0;
+  uint32_t triangle = 0;
 
-  __device__ uint64_t Row(uint32_t t, int y, int z) const {
-    const BatchItemView& item = items[item_of[t]];
-    return item.first_voxel + uint64_t(item.grid.dims[0]) * uint64_t(y + item.grid.dims[1] * z);
+  __device__ static bool repeats() { return true; }
+  __device__ void Begin(uint32_t t) {
+    triangle = t;
+    at = first[t];
   }
-  __device__ uint32_t Triangle(uint32_t t) const {
-    return uint32_t(first_triangle + t - items[item_of[t]].first_triangle);
+  __device__ void Row(int y, int z, int x_begin, int x_end) { at = Put(at, triangle, y, z, x_begin, x_end); }
+  __device__ void End(uint32_t) const {}
+  __device__ void Finish() const {}
+  __device__ void SharedRow(uint32_t t, int y, int z, int x_begin, int x_end) const {
+    Put(first[t] + atomicAdd(emitted + t, uint32_t(x_end - x_begin)), t, y, z, x_begin, x_end);
+  }
+
+ private:
+  __device__ uint64_t Put(uint64_t to, uint32_t t, int y, int z, int x_begin, int x_end) const {
+    const BatchItemView& item = items[item_of[t]];
+    const uint64_t row = item.first_voxel + uint64_t(item.grid.dims[0]) * uint64_t(y + item.grid.dims[1] * z);
+    const auto of_mesh = uint32_t(first_triangle + t - item.first_triangle);
+    for (int x = x_begin; x < x_end; ++x, ++to) {
+      keys[to] = uint32_t(row + uint64_t(x));
+      values[to] = of_mesh;
+    }
+    return to;
   }
 };
+
+// The first kernel of an emission: runs as in WalkRuns, whose queues stand already.
+__global__ void __launch_bounds__(kRunThreads) EmitRuns(const __grid_constant__ BatchWalkArgs args, EmitFragment op) {
+  const uint64_t t = uint64_t(blockIdx.x) * kRunThreads + threadIdx.x;
+  if (t >= args.triangle_count) return;
+  const CodedBox box = LoadBox(args.codes, LoadCorners(args.triangles, t));
+  Box32 range;
+  if (box.far || !IsRun(box, CoverageOf(args, uint32_t(t))) || !Clip(box, SlabBox(GridOf(args, uint32_t(t))), range) ||
+      range.rows() > kRowsOfRun) {
+    return;
+  }
+  op.Begin(uint32_t(t));
+  for (int z = range.begin[2]; z < range.end[2]; ++z) {
+    for (int y = range.begin[1]; y < range.end[1]; ++y) op.Row(y, z, range.begin[0], range.end[0]);
+  }
+}
 
 __device__ inline FragmentShading ShadingOf(const BatchView& batch, const BatchItemView& item) {
   FragmentShading shading;

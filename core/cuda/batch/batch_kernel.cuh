@@ -1,4 +1,4 @@
-// What the kernels of a batch share: who a triangle or a row belongs to. No host-only includes.
+// What the kernels of a batch share: whose a triangle or a row is, and the walk over triangles. No host-only includes.
 #pragma once
 
 #include "cuda/batch/batch_views.h"
@@ -40,6 +40,22 @@ __device__ inline const GridView& GridOf(const BatchWalkArgs& args, uint32_t t) 
 __device__ inline Coverage CoverageOf(const BatchWalkArgs& args, uint32_t t) {
   return args.items[args.item_of[t]].coverage;
 }
+
+// An operation of triangle_walk.cuh: counts[t] becomes the number of triangle t's fragments.
+struct CountFragments {
+  uint32_t* counts = nullptr;
+  uint32_t count = 0;
+
+  __device__ static bool repeats() { return false; }
+  __device__ void Begin(uint32_t) { count = 0; }
+  __device__ void Row(int, int, int x_begin, int x_end) { count += uint32_t(x_end - x_begin); }
+  __device__ void End(uint32_t t) const { counts[t] = count; }
+  __device__ void Finish() const {}
+  // After the first kernel, which left 0 for every triangle that waits.
+  __device__ void SharedRow(uint32_t t, int, int, int x_begin, int x_end) const {
+    atomicAdd(counts + t, uint32_t(x_end - x_begin));
+  }
+};
 
 // The walk of `count` triangles from `first` on, which have numbers from there on.
 inline BatchWalkArgs WalkOf(const BatchView& batch, uint64_t first, uint64_t count, BatchQueue queue) {

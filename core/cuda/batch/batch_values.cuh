@@ -3,7 +3,6 @@
 // then shade, then blend"). No host-only includes.
 #pragma once
 
-#include "cuda/a_buffer/count_and_emit.cuh"
 #include "cuda/batch/batch_bits.cuh"
 #include "cuda/coverage/set_bits.cuh"
 #include "cuda/shading/blend_fragment.cuh"
@@ -72,7 +71,7 @@ __device__ inline Ranks RanksOf(const BatchView& batch, const BatchItemView& ite
 }
 
 // True if fragments are blended whatever their shader would say of them.
-__device__ inline bool NeedsNoShading(const ShadedTarget& shaded) {
+VOXELPIPE_HD bool NeedsNoShading(const ShadedTarget& shaded) {
   return !shaded.target.own_presence && (shaded.has_owner || shaded.to.kept == Kept::kCount);
 }
 

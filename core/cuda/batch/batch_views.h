@@ -5,7 +5,7 @@
 // items, whose firsts ascend.
 #pragma once
 
-#include "cuda/primitives/blend_rules.cuh"
+#include "cuda/primitives/blend_rules.h"
 #include "cuda/primitives/views.h"
 #include "cuda/primitives/voxel_code.h"
 #include "shaders/fill_value.h"

@@ -1,7 +1,7 @@
 // What is kept of a covered voxel while its fragments are blended. No host-only includes.
 #pragma once
 
-#include "cuda/primitives/blend_rules.cuh"
+#include "cuda/primitives/blend_rules.h"
 
 namespace voxelpipe::cuda {
 

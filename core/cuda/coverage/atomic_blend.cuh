@@ -12,8 +12,9 @@ enum class InPlace : uint8_t { kMax, kMaxOfComplement, kOr, kCount };
 struct InPlaceArgs {
   const uint64_t* spans = nullptr;
   uint64_t count = 0;
+  uint32_t first_triangle = 0;  // SpanArgs'
   const uint32_t* values = nullptr;
-  FineArgs shading;                    // of the target, where there are no values
+  FlatShading shading;                 // of the target, where there are no values
   DegenerateTest degenerate;           // where they are normals
   const uint32_t* negative = nullptr;  // of keys of floats: 0 where they may go plain; null: never, or others
   uint32_t* out = nullptr;
@@ -83,20 +84,19 @@ VOXELPIPE_HD uint32_t OwnerOf(uint32_t triangle) {
 // What triangle t brings, as the target keeps it. kShader: that of triangle ids, which is cheaper than to read what was
 // made before; -1, of any other: values stand ready.
 template <int kShader, int kComponents>
-__device__ inline void ValuesOf(const uint32_t* values, const FineArgs& shading, uint32_t t,
+__device__ inline void ValuesOf(const uint32_t* values, const FlatShading& shading, uint32_t t,
                                 uint32_t (&to)[kComponents]) {
   if constexpr (kShader >= 0 && kComponents == 1) {  // largest and least ids without what other formats and blends need
-    const TileTarget& target = shading.targets[0];
-    if (target.has_owner()) {
+    if (shading.has_owner()) {
       to[0] = OwnerOf(t);
       return;
     }
-    const bool ordered = target.kept == Kept::kMax || target.kept == Kept::kMin;
-    if (ordered && target.target.format == VoxelFormat::kF32) {
+    const bool ordered = shading.kept == Kept::kMax || shading.kept == Kept::kMin;
+    if (ordered && shading.target.format == VoxelFormat::kF32) {
       to[0] = KeyOf(BitsOf(float(t)));
       return;
     }
-    if (ordered && target.target.format == VoxelFormat::kU32) {
+    if (ordered && shading.target.format == VoxelFormat::kU32) {
       to[0] = t;
       return;
     }

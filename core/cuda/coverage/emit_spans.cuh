@@ -41,6 +41,7 @@ struct SpanArgs {
   uint32_t* bits = nullptr;       // bit grid: becomes the coverage
   bool look_first = false;        // where many triangles share a voxel: reading a word is cheaper than an atomic
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: they are counted already
+  uint32_t first_triangle = 0;    // the list's: spans have triangles less this
 };
 
 __device__ inline unsigned long long* Counted(uint64_t* p) {
@@ -163,7 +164,7 @@ class SpanWriter {
   // Voxels of one row of each lane whose row is not empty.
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
     if (x_begin < x_end) fragments_ += uint32_t(x_end - x_begin);
-    ForEachSpan(args_.grid, t, row, x_begin, x_end, [&](uint32_t lanes, uint64_t span) {
+    ForEachSpan(args_.grid, t - args_.first_triangle, row, x_begin, x_end, [&](uint32_t lanes, uint64_t span) {
       list_.Put(lanes, span);
       if ((lanes >> threadIdx.x % 32 & 1) != 0) CoverSpan(args_, span);
     });

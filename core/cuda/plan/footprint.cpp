@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "cpu/rows/row_bits.h"
 #include "cuda/plan/path_plan.h"
 #include "cuda/primitives/list_sizes.h"
 #include "cuda/primitives/span.h"
@@ -19,21 +20,6 @@ namespace {
 using namespace footprint;
 
 constexpr double kBaseBytes = 4 << 20;
-
-// What is left of the parts of split tiles until they are joined.
-double PartBytes(const VoxelizeRequest& request, const Surface& surface) {
-  constexpr double kPairsOfSplitTile = kPartsSplit - 1;  // in parts' pairs: a split tile has more
-  if (surface.pairs <= kPairsOfSplitTile * kMinPartPairs) return 0;
-  const double parts = surface.pairs / std::max<double>(kMinPartPairs, surface.pairs / kMaxParts);
-  double together = 0, largest = 0;
-  for (const TargetSpec& target : request.targets) {
-    const double component = target.blend == Blend::kAdd || target.blend == Blend::kAverage ? 8 : 4;
-    const double of_tile = kTileVoxels * (4 + component * target.components);  // an owner or a count
-    together += of_tile;
-    largest = std::max(largest, of_tile);
-  }
-  return parts * (1 + 1 / kPairsOfSplitTile) * std::min(together, std::max<double>(kTargetGroupBytes, largest));
-}
 
 bool HasOwners(const TargetSpec& target) {
   return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
@@ -95,8 +81,7 @@ double RecordBytes(const MeshSize& mesh, const Surface& surface) {
 double BucketListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                        const Surface& surface, int64_t layers) {
   const double cells = double(grid.dims[0] * grid.dims[1]) * double(layers);
-  const double key = cells > 0x1p32 ? sizeof(uint64_t) : sizeof(uint32_t);
-  const double pair = key + sizeof(uint32_t), of_sort = 1;
+  constexpr double pair = 2 * sizeof(uint32_t), of_sort = 1;
   const bool may_drop = std::all_of(request.targets.begin(), request.targets.end(), OwnPresence);
   const double places = std::min(surface.fragments, cells);  // where buckets may begin
   return RecordBytes(mesh, surface) + double(FragmentRoom(surface.fragments)) * pair +
@@ -128,23 +113,6 @@ double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   return bytes + owner_list;
 }
 
-// Pairs of tiles and triangles, from and to which they are sorted, and of sparse results the values of whole tiles.
-double TileListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
-                     int64_t layers) {
-  constexpr double kQueue = sizeof(uint32_t), kPair = 4 * sizeof(uint32_t) + 1, kTile = 3 * sizeof(uint32_t);
-  const double room = double(PairRoom(mesh.triangles, double(layers) / double(grid.dims[2])));
-  const double tiles = TilesOfGrid(grid, layers);
-  double bytes = double(mesh.triangles) * kQueue + std::max(room, surface.pairs) * kPair + kTile * tiles;
-  bytes += PartBytes(request, surface);
-  if (request.result != ResultKind::kSparse) return bytes;
-  double value = 0;
-  for (const TargetSpec& target : request.targets) {
-    if (target.format == VoxelFormat::kBit) continue;
-    value += double(target.components) * double(BitsPerComponent(target.format)) / 8;
-  }
-  return bytes + std::min(tiles, surface.tiles) * value * kTileVoxels;
-}
-
 // The bricks in which bits of few triangles are drawn where the grid is much larger than the cache (bit_bricks.cu):
 // as many bits once more.
 double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t layers) {
@@ -165,13 +133,8 @@ double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
     return queues + BitPoolBytes(request, grid, mesh, layers);
   }
   if (request.result == ResultKind::kBuckets) return BucketListBytes(request, grid, mesh, surface, layers);
-  double bytes = 0;
-  if (RecordsReach({grid.dims[0], grid.dims[1], grid.dims[2]}, mesh.triangles, kMaxSpanBits)) {
-    const double pool = PoolBytes(request, grid, surface, layers);
-    bytes = std::max(DirectListBytes(request, grid, mesh, surface, layers), pool);
-  } else {
-    bytes = TileListBytes(request, grid, mesh, surface, layers);
-  }
+  double bytes =
+      std::max(DirectListBytes(request, grid, mesh, surface, layers), PoolBytes(request, grid, surface, layers));
   if (request.result == ResultKind::kSparse) bytes += 24 * TilesOfGrid(grid, layers);  // bricks and voxels before each
   return bytes;
 }
@@ -220,6 +183,9 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
     return DeviceSlabBytes(request, grid, mesh, MostOfSlab(surface, grid, layers), layers);
   };
   out.slab_depth = SlabDepth(grid, limits, !dense || delivery == Delivery::kStream, slab_bytes);
+  if (!PlainBits(request) || !cpu::RowBitsFit(grid, mesh.triangles)) {
+    out.slab_depth = std::min(out.slab_depth, MaxSlabLayers(grid.dims, GetSpanLimits().slab_bits));
+  }
   const bool one_slab = out.slab_depth >= grid.dims[2];
   const Surface slab = MostOfSlab(surface, grid, out.slab_depth);
   // While a dense slab is copied to the host another one is made.

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <atomic>
 
-#include "cuda/primitives/span.h"
+#include "pipeline/plan/footprint_parts.h"
 
 namespace voxelpipe::cuda {
 namespace {
 
-std::atomic<uint64_t> record_bits{kMaxSpanBits};  // see LimitRecordBits
+std::atomic<uint64_t> slab_bits{kMaxSpanBits}, list_triangles{kMaxSpanTriangles};  // see SetSpanLimits
 
 bool HasOwner(const PathTarget& target) {
   return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
@@ -59,11 +59,6 @@ Path BlendingPath(const PathInputs& in, const PathPlan& plan, bool bricks) {
 
 }  // namespace
 
-bool RecordsReach(const std::array<int64_t, 3>& dims, uint64_t triangles, uint64_t record_bits) {
-  const uint64_t rows = uint64_t(dims[1]) * uint64_t(dims[2]);
-  return (uint64_t(dims[0]) + 31) / 32 * 32 <= record_bits / rows && triangles <= kMaxSpanTriangles;
-}
-
 bool BlendsInPlace(const PathTarget& target) {
   if (!target.clears_to_zero) return false;
   const bool u32 = target.format == VoxelFormat::kU32, f32 = target.format == VoxelFormat::kF32;
@@ -79,11 +74,18 @@ bool FitsBricks(const PathTarget& target, ResultKind result) {
          target.components == 1;
 }
 
-void LimitRecordBits(uint64_t bits) {
-  record_bits = bits;
+void SetSpanLimits(const SpanLimits& limits) {
+  slab_bits = limits.slab_bits;
+  list_triangles = limits.triangles;
 }
-uint64_t RecordBits() {
-  return record_bits;
+SpanLimits GetSpanLimits() {
+  return {slab_bits, list_triangles};
+}
+
+int64_t MaxSlabLayers(const std::array<int64_t, 3>& dims, uint64_t bits) {
+  const uint64_t of_layer = (uint64_t(dims[0]) + 31) / 32 * 32 * uint64_t(dims[1]);
+  const auto granularity = uint64_t{kSlabGranularity};
+  return int64_t(std::max<uint64_t>(bits / of_layer / granularity, 1) * granularity);
 }
 
 PathPlan PlanPath(const PathInputs& in) {
@@ -101,8 +103,6 @@ PathPlan PlanPath(const PathInputs& in) {
     plan.path = Path::kNothing;
   } else if (in.rows_fit && TargetsWithValues(in).count == 0) {
     plan.path = Path::kOccupancy;
-  } else if (!RecordsReach(in.dims, in.triangles, in.record_bits)) {
-    plan.path = Path::kTiles;
   } else {
     plan.path = BlendingPath(in, plan, /*bricks=*/true);
   }
@@ -120,7 +120,6 @@ std::string PathName(const PathPlan& plan, int target) {
   switch (plan.path) {
     case Path::kNothing: return "nothing";
     case Path::kOccupancy: return "occupancy";
-    case Path::kTiles: return "tiles";
     case Path::kFragmentList: return "fragment list";
     default: break;
   }

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <string>
 
+#include "cuda/primitives/span.h"
 #include "grid/formats.h"
 #include "job/request.h"
 
@@ -19,7 +20,6 @@ enum class Path : uint8_t {
   kFloat4,        // the same of four floats a voxel, for fine meshes
   kBricks,        // one target whose voxels keep one key each: blended in bricks that are given out meanwhile
   kAccumulators,  // coverage records and spans, blended into accumulators of covered voxels
-  kTiles,         // sort-middle: pairs of tiles and triangles; where records do not reach
   kFragmentList,  // sort-last: the A-buffer
 };
 
@@ -49,11 +49,9 @@ struct PathInputs {
   bool planar = false;
   std::array<PathTarget, kMaxTargets> targets{};
   int target_count = 0;
-  std::array<int64_t, 3> dims{1, 1, 1};
   uint64_t triangles = 0;
   bool rows_fit = true;         // occupancy bits may be set by rows (RowBitsFit)
   bool fixed_point = true;      // fixed point decides what most triangles touch
-  uint64_t record_bits = 0;     // of a slab's bit grid, that records and spans have numbers for: kMaxSpanBits
   uint64_t fine_triangles = 0;  // a mesh of so many keeps the device busy with some triangles a thread
 };
 
@@ -65,22 +63,25 @@ struct PathPlan {
   };
   std::array<Target, kMaxTargets> targets{};
 
-  bool sorts_tiles() const { return path == Path::kTiles; }
   // True if small triangles become records, or are blended as they are found.
   bool blends() const { return path >= Path::kInPlace && path <= Path::kAccumulators; }
 };
 
-// Limits PathInputs::record_bits of runs that begin afterwards, so that grids with more bits take tiles: for tests of
-// tiles. Thread-safe.
-void LimitRecordBits(uint64_t bits);
-uint64_t RecordBits();
+// What spans (primitives/span.h) have numbers for: bits of a slab's bit grid, and triangles of one list.
+struct SpanLimits {
+  uint64_t slab_bits = kMaxSpanBits, triangles = kMaxSpanTriangles;
+};
+// Limits runs that begin afterwards, so that small grids take several slabs and small meshes several lists: for tests.
+// Thread-safe.
+void SetSpanLimits(const SpanLimits& limits);
+SpanLimits GetSpanLimits();
+// The most layers of a slab whose bit grid has at most `bits` bits: a multiple of kSlabGranularity, which is the least.
+int64_t MaxSlabLayers(const std::array<int64_t, 3>& dims, uint64_t bits);
 
 PathPlan PlanPath(const PathInputs& in);
 // The same without a pool of bricks, which found no room.
 void GoWithoutBricks(const PathInputs& in, PathPlan& plan);
 
-// True if records of triangles and spans have numbers for all voxels and triangles.
-bool RecordsReach(const std::array<int64_t, 3>& dims, uint64_t triangles, uint64_t record_bits);
 // True if a dense target's blend is one 32-bit atomic on its stored cells, beginning from the clear value.
 bool BlendsInPlace(const PathTarget& target);
 // True if a pool of bricks can hold the target: one key a voxel, that is never 0.

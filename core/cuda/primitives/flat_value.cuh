@@ -1,7 +1,7 @@
 // Targets whose value is the same for all fragments of a triangle: what is made once a triangle. No host-only includes.
 #pragma once
 
-#include "cuda/primitives/shading_args.h"
+#include "cuda/primitives/flat_shading.h"
 #include "raster/triangle_plane.h"
 #include "shaders/interface/fragment_input.h"
 
@@ -14,17 +14,16 @@ struct UniformValue {
 
 // The target's shader is given apart, and so is what it receives: where they are constants little is left of the
 // shading.
-__device__ __forceinline__ void ShadeUniformAs(const FineArgs& args, FragmentShaderId shader, const FragmentInput& in,
-                                               UniformValue& value) {
-  const TileTarget& t = args.targets[0];
-  const CudaTarget& target = t.target;
+__device__ __forceinline__ void ShadeUniformAs(const FlatShading& args, FragmentShaderId shader,
+                                               const FragmentInput& in, UniformValue& value) {
+  const CudaTarget& target = args.target;
   FragmentOutput out;
   ShadeFragment(shader, in, target.params, out);
 #pragma unroll
   for (int c = 0; c < 4; ++c) {
     value.component[c] = 0;
     if (c >= target.components) continue;
-    switch (t.kept) {
+    switch (args.kept) {
       case Kept::kBitOr: value.component[c] = target.blend == Blend::kCount || ToBit(out, target.u32_output); break;
       case Kept::kBitAnd: value.component[c] = ToBit(out, target.u32_output); break;
       case Kept::kSum:
@@ -34,7 +33,7 @@ __device__ __forceinline__ void ShadeUniformAs(const FineArgs& args, FragmentSha
       case Kept::kCount: break;
       default: {
         const uint32_t cell = ToCell(out, target.u32_output, c, target.format, target.scale);
-        const bool ordered = t.is_float && (t.kept == Kept::kMin || t.kept == Kept::kMax);
+        const bool ordered = args.is_float && (args.kept == Kept::kMin || args.kept == Kept::kMax);
         value.component[c] = int64_t(ordered ? KeyOf(cell) : cell);
       }
     }

@@ -15,23 +15,11 @@ VOXELPIPE_HD uint64_t FragmentRoom(double expected) {
   return uint64_t(Min(kMore * expected, 0x1p62)) + kAnyway;
 }
 
-// Pairs of the triangles and the tiles of a slab, which has this share of the grid's layers.
-VOXELPIPE_HD uint64_t PairRoom(uint64_t triangles, double share) {
-  return uint64_t(share * (1.5 * double(triangles) + (1 << 16)));
-}
-
 // Spans of triangles: of many small ones few have any, of a few large ones each has many.
 VOXELPIPE_HD uint64_t SpanRoom(uint64_t triangles) {
   constexpr uint64_t kAnyway = 1 << 18, kOfFewTriangles = 64, kLeast = 1 << 10;
   return Min(triangles / 2 + kAnyway, kOfFewTriangles * triangles + kLeast);
 }
-
-// A tile with very many pairs is split into parts (split_tiles.cuh) of at least kMinPartPairs each, so that a grid has
-// at most kMaxParts; the last ones of tiles come on top. A tile of fewer than kPartsSplit parts is not split.
-inline constexpr uint32_t kPartsSplit = 3, kMinPartPairs = 1024, kMaxParts = 1024;
-
-// Targets are blended together while a tile of them takes at most so much shared memory.
-inline constexpr int kTargetGroupBytes = 100 << 10;
 
 // Places of the pool of bricks (brick_scatter.cuh) of a slab of nx * ny * `layers` voxels: twice and a half as many as a
 // sphere touches that fills the slab's box.

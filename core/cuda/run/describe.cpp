@@ -101,7 +101,6 @@ PathInputs PathInputsOf(const RunState& state, const GridSpec& grid) {
     of.may_discard = target.own_presence;
     of.same_for_triangle = IsUniform(state, target);
   }
-  in.dims = {grid.dims[0], grid.dims[1], grid.dims[2]};
   in.triangles = state.host.view.triangle_count;
   in.rows_fit = cpu::RowBitsFit(grid, in.triangles);
   if (in.triangles > 0 && in.coverage != Coverage::kCenter) {
@@ -111,7 +110,6 @@ PathInputs PathInputsOf(const RunState& state, const GridSpec& grid) {
   } else {
     in.fixed_point = false;
   }
-  in.record_bits = RecordBits();
   in.fine_triangles = FineTriangles(state.device);
   return in;
 }

@@ -12,20 +12,20 @@ namespace voxelpipe::cuda {
 
 // Two copies, one of which is the current one.
 struct Fragments {
-  DeviceArray<uint8_t> keys[2];        // voxels: u32, u64 where there are more
+  DeviceArray<uint32_t> keys[2];       // voxels
   DeviceArray<uint32_t> triangles[2];  // or codes of bundles
   uint64_t count = 0;
   int current = 0;
   std::optional<BundlePlan> plan;  // of bundles, of which the arrays have `bundles`
   uint64_t bundles = 0;
 
-  absl::Status MakeRoom(uint64_t key_bytes, cudaStream_t stream) {
-    for (int i = 0; i < 2; ++i) VOXELPIPE_OK_OR_RETURN(MakeRoom(i, count, key_bytes, stream));
+  absl::Status MakeRoom(cudaStream_t stream) {
+    for (int i = 0; i < 2; ++i) VOXELPIPE_OK_OR_RETURN(MakeRoom(i, count, stream));
     return absl::OkStatus();
   }
   // In one of the copies.
-  absl::Status MakeRoom(int copy, uint64_t fragments, uint64_t key_bytes, cudaStream_t stream) {
-    VOXELPIPE_OK_OR_RETURN(keys[copy].Resize(fragments * key_bytes, stream));
+  absl::Status MakeRoom(int copy, uint64_t fragments, cudaStream_t stream) {
+    VOXELPIPE_OK_OR_RETURN(keys[copy].Resize(fragments, stream));
     return triangles[copy].Resize(fragments, stream);
   }
   void Free() {
@@ -41,14 +41,10 @@ struct Fragments {
   }
   // What is sorted.
   uint64_t elements() const { return plan ? bundles : count; }
-  template <typename Key>
-  Key* KeysAs(int copy) {
-    return reinterpret_cast<Key*>(keys[copy].data());
-  }
 };
 
-// Sorts the first copy by its keys; fragments of one key keep their order. What `scratch` had is lost.
-inline absl::Status SortFragmentList(Fragments& fragments, const KeySort& sort, DeviceArray<uint8_t>& scratch,
+// Sorts the first copy by the lowest `bits` bits of its keys; fragments of one key keep their order. What `scratch` had is lost.
+inline absl::Status SortFragmentList(Fragments& fragments, int bits, DeviceArray<uint8_t>& scratch,
                                      cudaStream_t stream) {
   KeyValueArrays arrays;
   for (int i = 0; i < 2; ++i) {
@@ -56,7 +52,7 @@ inline absl::Status SortFragmentList(Fragments& fragments, const KeySort& sort, 
     arrays.values[i] = fragments.triangles[i].data();
   }
   arrays.count = fragments.elements();
-  const absl::StatusOr<int> sorted = SortByKey(arrays, sort, scratch, stream);
+  const absl::StatusOr<int> sorted = SortByKey(arrays, bits, scratch, stream);
   if (!sorted.ok()) return sorted.status();
   fragments.current = *sorted;
   return absl::OkStatus();

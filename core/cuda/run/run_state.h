@@ -21,12 +21,11 @@
 #include "cuda/device/pinned.h"
 #include "cuda/device/run_memory.h"
 #include "cuda/plan/path_plan.h"
-#include "cuda/primitives/shading_args.h"
+#include "cuda/primitives/flat_shading.h"
 #include "cuda/primitives/span.h"
 #include "cuda/primitives/views.h"
 #include "cuda/primitives/voxel_code.h"
 #include "cuda/run/fragment_list.h"
-#include "cuda/run/tile_pairs.h"
 #include "pipeline/stages/stages.h"
 #include "raster/degenerate.h"
 
@@ -96,9 +95,9 @@ struct SpanTarget {
   DeviceArray<int64_t> terms;
   DeviceArray<uint32_t> cells, counts;  // by rank
   DeviceArray<unsigned long long> sums;
-  bool shaded = false;        // whether values or terms are made
-  bool by_id = false;         // there are none: the value is the triangle's id
-  FineArgs shading;           // of the target alone
+  bool shaded = false;  // whether values or terms are made
+  bool by_id = false;   // there are none: the value is the triangle's id
+  FlatShading shading;
   DegenerateTest degenerate;  // of the run's triangles
 };
 
@@ -152,21 +151,14 @@ struct RunState {
   // What the plan expects the mesh to touch of the whole grid: lists are made room for by it before they are counted.
   Surface expected;
 
-  // CoarseRaster, TileSort: of the whole grid, but for tiles with pairs, which are those of the slab and numbered from
-  // its first one on
+  // SetUpGrid: of the whole grid
   GridSpec grid;
   GridView view{};      // dims, tiles, slab: what kernels get
   bool placed = false;  // whether index_positions and codes are made
   PathInputs path_inputs;
   PathPlan plan;
-  Slab tile_layers;  // of these tiles, counted in tiles
-  TilePairs pairs;
-  DeviceArray<uint64_t> counters;    // see Counter
-  DeviceArray<uint8_t> scratch;      // of CUB
-  uint64_t occupied_count = 0;       // of occupied tiles; sparse results only
-  DeviceArray<TilePart> tile_parts;  // of tiles that are split; size 0: none can be
-  uint32_t part_pairs = 0;           // of a part
-  DeviceArray<uint32_t> part_results, parts_done;
+  DeviceArray<uint64_t> counters;  // see Counter
+  DeviceArray<uint8_t> scratch;    // of CUB
   DeviceArray<uint32_t> queue[3];  // triangles that wait for another kernel of a stage
   std::optional<bool> scattered;   // see IsScattered
   std::optional<bool> by_rows;     // see ManyGoByRows
@@ -179,15 +171,7 @@ struct RunState {
   std::array<TargetMemory, kMaxTargets> target_memory;
   DeviceArray<uint32_t> bit_pool;  // of plain bits (bit_bricks.h)
   DeviceArray<uint32_t> coverage;  // bit grid: voxels that a fragment of any target wrote
-  // Sparse results: `value_stride` bytes for each occupied tile, in the order of pairs.occupied (a tile's number among
-  // them is tile_slot[tile]). Target t that is no bit target has element (voxel * components + c) in its format from
-  // byte value_offset[t] on, voxel = x + 32*(y + 8*z) of the tile; values of voxels without a fragment are undefined.
-  // Bit targets have their values in the bit grids as in dense results.
-  DeviceArray<uint8_t> tile_values;
-  DeviceArray<uint32_t> tile_slot;  // per tile of the slab; UINT32_MAX: no pairs
-  uint64_t value_stride = 0;
-  std::array<uint64_t, kMaxTargets> value_offset{};
-  DeviceResult result;  // sparse, buckets
+  DeviceResult result;             // sparse, buckets
 
   // Sparse: per tile of the slab, and one more
   DeviceArray<uint32_t> brick_counts, voxel_counts;
@@ -235,18 +219,8 @@ inline uint32_t* TouchedBits(RunState& state) {
   return state.touched_bits.empty() ? state.coverage.data() : state.touched_bits.data();
 }
 
-// A tile's number in the grid: the first one of a layer of tiles, or of those that are sorted.
-inline uint64_t FirstTile(const RunState& state, int64_t layer) {
-  return state.view.tiles.Index(0, 0, layer);
-}
-inline uint64_t FirstTile(const RunState& state) {
-  return FirstTile(state, state.tile_layers.begin);
-}
-
 // Elements of RunState::counters.
 enum Counter : int {
-  kOccupied,    // occupied tiles
-  kNextTile,    // the next tile for a block of the fine raster
   kFragments,   // of the slab
   kOddColumns,  // of the slab
   kVoxels,      // of the slab, with a fragment or filled
@@ -254,14 +228,12 @@ enum Counter : int {
   kListedVoxels,  // of a sparse result
   kChanged,       // flood: rows changed
   kRanks,         // voxels with a rank
-  kParts,         // of tiles that are split
   kBuckets,       // of the slab
   kBundles,       // of the slab's fragments
   kPooled,        // bricks that wanted a place in the pool
   kCleared,       // blocks that have cleared their part of a bit grid; 0 again when it is drawn
   kNever,         // always 0
   kScratch0,      // free for use within a stage
-  kPairs,         // (tile, triangle) pairs found, also where there was no room for them
   kQueued0,       // entries of the queues of a stage
   kQueued1,
   kQueued2,
@@ -282,9 +254,8 @@ absl::StatusOr<std::array<uint64_t, kCounters>> ReadCounters(RunState& state);
 
 // The stages; see pipeline/stages/stages.h for what each does.
 absl::StatusOr<MeshExtent> VertexShade(RunState& state);
-absl::Status PlaceVertices(RunState& state);                                           // unless they are placed
-absl::Status CoarseRaster(RunState& state, const GridSpec& grid, const Slab& layers);  // synchronizes under tiles
-absl::Status TileSort(RunState& state);                                                // synchronizes
+absl::Status PlaceVertices(RunState& state);  // unless they are placed
+absl::Status SetUpGrid(RunState& state, const GridSpec& grid);
 absl::Status BeginSlab(RunState& state, const Slab& slab);
 void AbandonSlab(RunState& state);  // synchronizes
 absl::Status FineRaster(RunState& state);
@@ -299,9 +270,6 @@ absl::StatusOr<ResultArrays> Finish(RunState& state);  // copies to the host; sy
 bool AnyShading(const BoundRequest& request);
 // Whether an A-buffer's targets show more than which fragments there are; only then do its shaders run.
 bool ShadesFragments(const BoundRequest& request);
-// Bytes of one tile's values in RunState::tile_values; sets value_stride and value_offset.
-void LayOutTileValues(RunState& state);
-
 // A dense target's clear value as a repeated word.
 uint32_t PatternOf(const CudaTarget& target);
 // The target of a request, without memory.

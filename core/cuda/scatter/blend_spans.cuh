@@ -18,7 +18,7 @@ namespace voxelpipe::cuda {
 // ---- values of triangles ----
 
 struct ShadeTrianglesArgs {
-  FineArgs shading;  // of one target
+  FlatShading shading;  // of one target
   DegenerateTest degenerate;
   uint64_t triangles = 0;
   uint32_t* values = nullptr;    // `components` a triangle, as the target keeps them; or
@@ -46,10 +46,10 @@ __device__ inline void StoreComponents(const UniformValue& value, uint64_t t, ui
 // kShader: the target's, where the kernel is made for one; -1: any.
 template <int kShader>
 __global__ void __launch_bounds__(kBlendThreads) ShadeTriangles(const __grid_constant__ ShadeTrianglesArgs args) {
-  const TileTarget& target = args.shading.targets[0];
-  const auto shader = kShader >= 0 ? FragmentShaderId(kShader) : target.target.shader;
+  const CudaTarget& target = args.shading.target;
+  const auto shader = kShader >= 0 ? FragmentShaderId(kShader) : target.shader;
   const bool needs_plane = kShader >= 0 ? TraitsOf(shader).needs_plane : args.shading.traits.needs_plane;
-  const auto components = uint64_t(target.target.components);
+  const auto components = uint64_t(target.components);
   const uint64_t t = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x;
   const bool has = t < args.triangles;
   FragmentInput in;
@@ -97,7 +97,7 @@ __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_const
     const uint64_t span = begin + lane < args.count ? args.spans[args.count - 1 - begin - lane] : kNoSpan;
     const LaneRun run = FindRun(span);
     uint32_t value[kComponents] = {};
-    if (span != kNoSpan) KeysOf<kShader, kComponents>(args, plain, SpanTriangle(span), value);
+    if (span != kNoSpan) KeysOf<kShader, kComponents>(args, plain, args.first_triangle + SpanTriangle(span), value);
 #pragma unroll
     for (int c = 0; c < kComponents; ++c) {
       value[c] = CombineRun(run, value[c], [&](uint32_t a, uint32_t b) { return CombineKeys(args, a, b); });
@@ -120,9 +120,10 @@ __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_const
 struct AccumulateArgs {
   const uint64_t* spans = nullptr;
   uint64_t count = 0;
+  uint32_t first_triangle = 0;  // SpanArgs'
   const uint32_t* values = nullptr;
   const int64_t* terms = nullptr;
-  FineArgs shading;  // of the target, where there are neither values nor terms
+  FlatShading shading;  // of the target, where there are neither values nor terms
   Ranks ranks;
   Accumulators to;
 };
@@ -153,7 +154,7 @@ __global__ void __launch_bounds__(kBlendThreads) Accumulate(const __grid_constan
        begin += threads) {
     const uint64_t span = begin + lane < args.count ? args.spans[args.count - 1 - begin - lane] : kNoSpan;
     const LaneRun run = FindRun(span);
-    const uint32_t triangle = SpanTriangle(span);
+    const uint32_t triangle = args.first_triangle + SpanTriangle(span);
     int64_t term[kComponents] = {};
     uint32_t value[kComponents] = {};
     if (sums) {

@@ -43,10 +43,9 @@ absl::Status MakeValues(RunState& state, int index) {
   if (memory.shaded) return absl::OkStatus();
   ShadeTrianglesArgs args;
   args.shading.mesh = state.mesh.view.data();
-  args.shading.targets[0].target = target;
-  args.shading.targets[0].kept = KeptBy(target);
-  args.shading.targets[0].is_float = target.format == VoxelFormat::kF16 || target.format == VoxelFormat::kF32;
-  args.shading.target_count = 1;
+  args.shading.target = target;
+  args.shading.kept = KeptBy(target);
+  args.shading.is_float = IsFloat(target.format);
   args.shading.traits = TraitsOf(target.shader);
   args.triangles = state.mesh.host_view.triangle_count;
   args.degenerate = DegenerateTestOf(state);
@@ -100,6 +99,7 @@ absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again
   SpanArgs args = CoverArgs(state, end - begin);
   args.list = ListOf(state);
   args.fragments = again ? nullptr : FragmentSlots(state);
+  args.first_triangle = uint32_t(begin);
   return EmitWaiting<SpanWriter>(state, MakeRestArgs(state, begin, end, false), args);
 }
 
@@ -148,29 +148,31 @@ auto BlendCellsTo(bool by_id, int components) {
                            : BlendCells<4, -1, kTo>;
 }
 
-// Takes the `count` spans of the list to a target.
-absl::Status TakeSpans(RunState& state, int index, uint64_t count) {
-  if (count == 0) return absl::OkStatus();
+// Takes spans of the list to a target.
+absl::Status TakeSpans(RunState& state, int index, const ListedSpans& listed) {
+  if (listed.count == 0) return absl::OkStatus();
   const int components = state.targets.at[index].components;
   const SpanTarget& memory = state.span_targets[size_t(index)];
   if (state.plan.targets[size_t(index)].in_place) {
     InPlaceArgs args = PlaceOf(state, index);
     args.spans = state.spans.data();
-    args.count = count;
+    args.count = listed.count;
+    args.first_triangle = listed.first_triangle;
     const auto kernel = memory.by_id      ? BlendInPlace<1, kById>
                         : components == 1 ? BlendInPlace<1, -1>
                         : components == 2 ? BlendInPlace<2, -1>
                         : components == 3 ? BlendInPlace<3, -1>
                                           : BlendInPlace<4, -1>;
-    kernel<<<BlendBlocks(state, count), kBlendThreads, 0, state.stream>>>(args);
+    kernel<<<BlendBlocks(state, listed.count), kBlendThreads, 0, state.stream>>>(args);
     VOXELPIPE_LAUNCHED_OR_RETURN("BlendInPlace");
     return absl::OkStatus();
   }
   AccumulateArgs args = SumsOf(state, index);
   args.spans = state.spans.data();
-  args.count = count;
+  args.count = listed.count;
+  args.first_triangle = listed.first_triangle;
   const auto kernel = AccumulateFor(memory.by_id, components);
-  kernel<<<BlendBlocks(state, count), kBlendThreads, 0, state.stream>>>(args);
+  kernel<<<BlendBlocks(state, listed.count), kBlendThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("Accumulate");
   return absl::OkStatus();
 }
@@ -231,20 +233,21 @@ absl::Status FindAndList(RunState& state, bool ranked) {
 }
 
 // Entries of the list, of which state.counters[kSpans] counted some.
-uint64_t ListedSpans(RunState& state, uint64_t counted) {
+uint64_t CountListed(RunState& state, uint64_t counted) {
   return ListOf(state).own + counted;
 }
 absl::StatusOr<uint64_t> ReadListedSpans(RunState& state) {
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
-  return ListedSpans(state, (*counters)[kSpans]);
+  return CountListed(state, (*counters)[kSpans]);
 }
 
-// Calls take(number of spans in the list) for lists that together hold the spans of triangles [begin, end). `counted`:
-// the list is theirs, as far as there was room, and there are so many.
+// Calls take(spans) for lists that together hold the spans of triangles [begin, end), each of no more triangles than
+// spans have numbers for. `counted`: the list is theirs, as far as there was room, and there are so many.
 template <typename Take>
 absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t counted, const Take& take) {
-  while (counted > state.spans.size() && (counted <= MostSpans(state) || end - begin == 1)) {
+  const bool numbered = end - begin <= GetSpanLimits().triangles;
+  while (numbered && counted > state.spans.size() && (counted <= MostSpans(state) || end - begin == 1)) {
     state.spans.Free();
     VOXELPIPE_OK_OR_RETURN(state.spans.Resize(counted + counted / 16 + 1024, state.stream));
     VOXELPIPE_OK_OR_RETURN(ListSpans(state, begin, end, true));
@@ -252,7 +255,7 @@ absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t
     if (!again.ok()) return again.status();
     counted = *again;
   }
-  if (counted <= state.spans.size()) return take(counted);
+  if (numbered && counted <= state.spans.size()) return take(ListedSpans{counted, uint32_t(begin)});
   const uint64_t middle = begin + (end - begin) / 2;
   for (const auto& [from, to] : {std::pair(begin, middle), std::pair(middle, end)}) {
     VOXELPIPE_OK_OR_RETURN(ListSpans(state, from, to, true));
@@ -275,11 +278,11 @@ absl::Status TakeAll(RunState& state) {
     if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeCells(state, i));
   }
   VOXELPIPE_OK_OR_RETURN(ShadeRecords(state));
-  return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.span_count, [&](uint64_t count) {
+  return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.span_count, [&](const ListedSpans& listed) {
     for (int i = 0; i < state.targets.count; ++i) {
-      if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeSpans(state, i, count));
+      if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeSpans(state, i, listed));
     }
-    return ShadeSpans(state, count);
+    return ShadeSpans(state, listed);
   });
 }
 
@@ -296,7 +299,7 @@ absl::Status BlendByRecords(RunState& state, bool ranked) {
   VOXELPIPE_OK_OR_RETURN(FindAndList(state, ranked));
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
-  state.span_count = ListedSpans(state, (*counters)[kSpans]);
+  state.span_count = CountListed(state, (*counters)[kSpans]);
   state.ranked_voxels = ranked ? (*counters)[kRanks] : 0;
   for (int i = 0; i < state.targets.count; ++i) {
     const PathPlan::Target& target = state.plan.targets[size_t(i)];

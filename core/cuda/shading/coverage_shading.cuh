@@ -23,6 +23,7 @@ struct CoverageShadingArgs {
   // Records of triangles, and the masks of those that are blocks; or, if `spans` is set, spans.
   const uint64_t *records = nullptr, *blocks = nullptr, *spans = nullptr;
   uint64_t count = 0;
+  uint32_t first_triangle = 0;  // of spans: SpanArgs'
   GridView grid;
   Divisor by_words_per_row, by_ny;
   const MeshView* mesh = nullptr;
@@ -47,7 +48,7 @@ __device__ inline CoverageEntry LoadEntry(const CoverageShadingArgs& args, uint6
     if (span == kNoSpan) return entry;
     entry.mask = ~0u >> (32 - SpanLength(span));
     entry.first = SpanFirst(span);
-    entry.triangle = SpanTriangle(span);
+    entry.triangle = args.first_triangle + SpanTriangle(span);
     entry.kind = CellKind::kOther;
     return entry;
   }

@@ -45,8 +45,7 @@ struct FragmentShading {
   int target_count = 0;
   ShaderTraits traits;  // of all targets' shaders together
   bool planar = false;
-  bool wide_keys = false;      // 64 bits, or 32
-  const void* keys = nullptr;  // of a voxel: its index within the grid's slab, from first_key on
+  const uint32_t* keys = nullptr;  // of a voxel: its index within the grid's slab, from first_key on
   uint64_t first_key = 0;
   const uint32_t* triangles = nullptr;
   uint64_t count = 0;
@@ -57,16 +56,9 @@ struct FragmentShading {
 
 __device__ inline void PlaceFragment(const FragmentShading& s, uint64_t i, FragmentInput& in) {
   int64_t voxel[3];
-  if (s.wide_keys) {
-    const uint64_t index = static_cast<const uint64_t*>(s.keys)[i] - s.first_key;
-    const auto nx = uint64_t(s.grid->dims[0]), ny = uint64_t(s.grid->dims[1]), row = index / nx;
-    voxel[0] = int64_t(index - row * nx), voxel[2] = int64_t(row / ny);
-    voxel[1] = int64_t(row - uint64_t(voxel[2]) * ny);
-  } else {  // half of the instructions
-    const uint32_t index = static_cast<const uint32_t*>(s.keys)[i] - uint32_t(s.first_key);
-    const auto nx = uint32_t(s.grid->dims[0]), ny = uint32_t(s.grid->dims[1]), row = index / nx, z = row / ny;
-    voxel[0] = index - row * nx, voxel[1] = row - z * ny, voxel[2] = z;
-  }
+  const uint32_t index = s.keys[i] - uint32_t(s.first_key);
+  const auto nx = uint32_t(s.grid->dims[0]), ny = uint32_t(s.grid->dims[1]), row = index / nx, z = row / ny;
+  voxel[0] = index - row * nx, voxel[1] = row - z * ny, voxel[2] = z;
   voxel[2] += s.grid->slab_begin;
   TriangleInput triangle;
   MakeTriangleInput(*s.mesh, s.traits, s.triangles[i], triangle);

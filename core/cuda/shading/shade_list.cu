@@ -49,7 +49,6 @@ ListArgs MakeListArgs(RunState& state, const FragmentList& list, int begin, int 
   }
   shading.mesh = state.mesh.view.data();
   shading.planar = state.targets.planar;
-  shading.wide_keys = list.wide_keys;
   shading.keys = list.keys;
   shading.triangles = list.triangles;
   shading.count = list.count;
@@ -122,10 +121,11 @@ absl::Status ShadeRecords(RunState& state) {
   return Launch(state, args);
 }
 
-absl::Status ShadeSpans(RunState& state, uint64_t count) {
+absl::Status ShadeSpans(RunState& state, const ListedSpans& listed) {
   CoverageShadingArgs args = MakeCoverageArgs(state);
   args.spans = state.spans.data();
-  args.count = count;
+  args.count = listed.count;
+  args.first_triangle = listed.first_triangle;
   return Launch(state, args);
 }
 

@@ -8,8 +8,7 @@ namespace voxelpipe::cuda {
 
 // Fragments of the slab, and where their values go.
 struct FragmentList {
-  const void* keys = nullptr;           // voxels: their indices within the slab
-  bool wide_keys = false;               // of 64 bits; else of 32
+  const uint32_t* keys = nullptr;       // voxels: their indices within the slab
   const uint32_t* triangles = nullptr;  // kNoTriangleListed: no fragment
   uint64_t count = 0;
   const uint32_t* to = nullptr;  // the element that a fragment's value becomes; null: its number in the list
@@ -24,9 +23,15 @@ absl::Status ShadeList(RunState& state, const FragmentList& list, uint8_t* const
 // A byte a fragment, 1 if some target keeps it.
 absl::Status FindKept(RunState& state, const FragmentList& list, uint8_t* kept);
 
-// Shades the fragments of all records, or of the first `count` spans of the list, for the targets whose values come
+// The first `count` spans of state.spans, whose triangles are numbered from first_triangle on.
+struct ListedSpans {
+  uint64_t count = 0;
+  uint32_t first_triangle = 0;
+};
+
+// Shades the fragments of all records, or of spans of the list, for the targets whose values come
 // from fragments, and blends them into accumulators.
 absl::Status ShadeRecords(RunState& state);
-absl::Status ShadeSpans(RunState& state, uint64_t count);
+absl::Status ShadeSpans(RunState& state, const ListedSpans& listed);
 
 }  // namespace voxelpipe::cuda

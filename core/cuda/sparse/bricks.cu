@@ -1,4 +1,4 @@
-// Bricks of a sparse result, made of the slab's coverage and the values of its tiles.
+// Bricks of a sparse result, made of the slab's coverage.
 //
 // A tile is four bricks along x, and tiles are as high and as deep as bricks, so bricks in the order of tiles are in
 // the order of brick ids.
@@ -22,12 +22,8 @@ struct BrickArgs {
   const uint32_t *coverage, *inside;  // bit grids; inside may be null
   uint32_t *brick_counts, *voxel_counts;
   const uint64_t *first_brick, *first_voxel;
-  const uint32_t* tile_slot;
-  const uint8_t* tile_values;
   uint32_t* listed_bits;  // not null: the bit of each voxel; values of fragments come later
   bool emits;             // true if any value is stored here
-  uint64_t value_stride;
-  uint64_t value_offset[kMaxTargets];
   TargetViews targets;
   FillValue fill[kMaxTargets];  // of filled results
   uint64_t all_voxels;
@@ -84,16 +80,6 @@ __global__ void CopyTotals(const uint64_t* bricks, const uint64_t* voxels, uint6
   counters[kListedVoxels] = *voxels;
 }
 
-__device__ inline uint32_t LoadElement(const uint8_t* from, VoxelFormat format, uint64_t at) {
-  switch (format) {
-    case VoxelFormat::kU8Srgb:
-    case VoxelFormat::kU8: return from[at];
-    case VoxelFormat::kU16:
-    case VoxelFormat::kF16: return reinterpret_cast<const uint16_t*>(from)[at];
-    default: return reinterpret_cast<const uint32_t*>(from)[at];
-  }
-}
-
 __device__ inline void StoreElement(uint8_t* to, VoxelFormat format, uint64_t at, uint32_t stored) {
   switch (format) {
     case VoxelFormat::kBit:
@@ -108,25 +94,21 @@ __device__ inline void StoreElement(uint8_t* to, VoxelFormat format, uint64_t at
 }
 
 // What voxel `x` of a tile's row holds, occupied voxel number n of the result.
-__device__ inline void EmitVoxel(const BrickArgs& args, const TileAt& tile, uint32_t slot, int row, int x,
-                                 uint64_t word, uint64_t n) {
+__device__ inline void EmitVoxel(const BrickArgs& args, const TileAt& tile, int row, int x, uint64_t word, uint64_t n) {
   const bool here = (args.coverage[word] >> x & 1) != 0;
   for (int t = 0; t < args.targets.count; ++t) {
     const CudaTarget& target = args.targets.at[t];
     // Where another target's fragment covers the voxel and this one's were discarded, what a dense target holds.
     const bool kept = here && (!target.own_presence || (target.presence[word] >> x & 1) != 0);
-    if (kept && args.listed_bits != nullptr && target.format != VoxelFormat::kBit) continue;
+    if (kept && target.format != VoxelFormat::kBit) continue;  // stored later (StoreListed)
     const bool filled = !here || (args.inside != nullptr && (args.inside[word] >> x & 1) != 0);
     for (int c = 0; c < target.components; ++c) {
       uint32_t stored = target.clear_stored;
       if (!kept && filled) {
         stored = FillStored(args.fill[t], tile.x * 32 + x, tile.y * 8 + row % 8, tile.z * 8 + row / 8, c);
       }
-      if (kept && target.format == VoxelFormat::kBit) {
+      if (kept) {
         stored = target.is_occupancy || (target.bits[word] >> x & 1) != 0;
-      } else if (kept) {
-        const uint64_t at = uint64_t(row * 32 + x) * uint64_t(target.components) + uint64_t(c);
-        stored = LoadElement(args.tile_values + slot * args.value_stride + args.value_offset[t], target.format, at);
       }
       const uint64_t to =
           args.targets.planar ? uint64_t(c) * args.all_voxels + n : n * uint64_t(target.components) + uint64_t(c);
@@ -140,7 +122,6 @@ __device__ inline void EmitTile(const BrickArgs& args, uint64_t tile) {
   const int lane = int(threadIdx.x % 32);
   const auto nbx = uint64_t((args.grid.dims[0] + 7) / 8), nby = uint64_t((args.grid.dims[1] + 7) / 8);
   const TileAt at = Locate(args, tile);
-  const uint32_t slot = args.tile_slot == nullptr ? 0 : args.tile_slot[tile];
   uint64_t words[2] = {0, 0};
   uint32_t bits[2] = {0, 0};
   for (int half = 0; half < 2; ++half) {
@@ -163,7 +144,7 @@ __device__ inline void EmitTile(const BrickArgs& args, uint64_t tile) {
       for (uint32_t left = byte; left != 0; left &= left - 1, ++number) {
         const int x = 8 * part + __ffs(int(left)) - 1;
         if (args.listed_bits != nullptr) args.listed_bits[number] = uint32_t(words[half]) * 32 + uint32_t(x);
-        if (args.emits) EmitVoxel(args, at, slot, lane + 32 * half, x, words[half], number);
+        if (args.emits) EmitVoxel(args, at, lane + 32 * half, x, words[half], number);
       }
       n += total;
     }
@@ -224,14 +205,11 @@ absl::Status MakeBricks(RunState& state) {
     VOXELPIPE_OK_OR_RETURN(values.Resize((bytes + 3) / 4 * 4, state.stream));
     if (state.targets.at[t].format == VoxelFormat::kBit) VOXELPIPE_OK_OR_RETURN(values.Fill(0, state.stream));
     args.out[t] = values.data();
-    args.value_offset[t] = state.value_offset[size_t(t)];
     args.fill[t] = FillValueOf(state.request, size_t(t), state.grid);
   }
   if (out.listed_bricks == 0) return absl::OkStatus();
   args.first_brick = state.first_brick.data();
   args.first_voxel = state.first_voxel.data();
-  args.tile_slot = state.plan.path == Path::kOccupancy || state.pairs.count == 0 ? nullptr : state.tile_slot.data();
-  args.tile_values = state.tile_values.data();
   args.emits = true;
   if (state.plan.blends()) {
     VOXELPIPE_OK_OR_RETURN(state.listed_bits.Resize(out.listed_voxels, state.stream));
@@ -242,7 +220,6 @@ absl::Status MakeBricks(RunState& state) {
       args.emits = args.emits || target.format == VoxelFormat::kBit || target.own_presence;
     }
   }
-  args.value_stride = state.value_stride;
   args.targets = state.targets;
   args.all_voxels = out.listed_voxels;
   args.bricks = out.bricks.data();

@@ -143,17 +143,6 @@ absl::Status CopyResult(RunState& state, ResultArrays& out) {
 
 }  // namespace
 
-void LayOutTileValues(RunState& state) {
-  uint64_t at = 0;
-  for (int t = 0; t < state.targets.count; ++t) {
-    const CudaTarget& target = state.targets.at[t];
-    state.value_offset[size_t(t)] = at;
-    if (target.format == VoxelFormat::kBit) continue;
-    at += uint64_t(kTileVoxels) * uint64_t(target.components) * uint64_t(BitsPerComponent(target.format) / 8);
-  }
-  state.value_stride = at;
-}
-
 absl::Status BeginSlab(RunState& state, const Slab& slab) {
   const VoxelizeRequest& request = state.request.request;
   const bool buckets = request.result == ResultKind::kBuckets;
@@ -177,23 +166,13 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   } else {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
   }
-  if (request.result == ResultKind::kSparse) {
-    LayOutTileValues(state);
-    VOXELPIPE_OK_OR_RETURN(state.tile_values.Resize(state.occupied_count * state.value_stride, state.stream));
-  }
   return absl::OkStatus();
 }
 
 void AbandonSlab(RunState& state) {
-  state.pairs = {};
-  state.tile_slot.Free();
-  state.tile_parts.Free();
-  state.parts_done.Free();
   state.target_memory = {};
   state.coverage.Free();
   state.inside.Free();
-  state.tile_values.Free();
-  state.part_results.Free();
   state.result = {};
   for (auto* array : {&state.brick_counts, &state.voxel_counts}) array->Free();
   for (auto* array : {&state.first_brick, &state.first_voxel}) array->Free();

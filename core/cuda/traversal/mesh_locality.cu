@@ -91,14 +91,13 @@ absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
   args.largest = reinterpret_cast<LargestTriangles*>(room);
   Fragments by_place;
   by_place.count = args.triangle_count;
-  VOXELPIPE_OK_OR_RETURN(by_place.MakeRoom(sizeof(uint32_t), state.stream));
-  args.keys = by_place.KeysAs<uint32_t>(0);
+  VOXELPIPE_OK_OR_RETURN(by_place.MakeRoom(state.stream));
+  args.keys = by_place.keys[0].data();
   args.numbers = by_place.triangles[0].data();
   VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(room, 0, kHead, state.stream));
   PackScattered<<<BlocksFor(args.triangle_count, kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("PackScattered");
-  const KeySort sort{.bits = 3 * kMortonBits};
-  VOXELPIPE_OK_OR_RETURN(SortFragmentList(by_place, sort, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(SortFragmentList(by_place, 3 * kMortonBits, state.scratch, state.stream));
   const uint64_t corners = 3 * args.triangle_count;
   PlaceScattered<<<BlocksFor(corners, kThreads), kThreads, 0, state.stream>>>(
       args.packed, by_place.triangles[by_place.current].data(), corners, args.packed + corners);

@@ -7,7 +7,6 @@
 //   --budget S      rows that would begin after so many seconds are not run, and say so
 //   --repeats N     at most so many measured runs a row (60)      --warmup N   runs before them (3)
 //   --only PART     one of: table, shaders, stages, calls, batch
-//   --tiles 1       targets go by tiles, as in grids that records do not reach
 //   --memory BYTES  so much of the device's memory may be taken: larger grids go by slabs
 //
 // Method of the table: mesh on the device, result left there, CUDA events on the backend's stream around the whole
@@ -437,8 +436,6 @@ bool Parse(int argc, char** argv, Options& options) {
       options.only = value;
     } else if (argument == "--budget") {
       options.budget_s = std::atof(value.c_str());
-    } else if (argument == "--tiles") {
-      if (value == "1") cuda::LimitRecordBits(1);
     } else if (argument == "--memory") {
       cuda::LimitMemory(std::strtoull(value.c_str(), nullptr, 10));
     } else if (argument == "--repeats") {

@@ -17,8 +17,8 @@ bool ParseParityOptions(int argc, char** argv, ParityOptions& options) {
       options.bench_meshes = true;
     } else if (argument == "--paths") {
       options.paths = true;
-    } else if (argument == "--tiles") {
-      options.tiles = true;
+    } else if (argument == "--span-limits") {
+      options.span_limits = true;
     } else if (argument == "--list") {
       options.list = true;
     } else if (argument == "--self") {

@@ -8,7 +8,8 @@
 namespace voxelpipe::gpu {
 
 struct ParityOptions {
-  bool quick = false, batches = false, bench_meshes = false, list = false, self = false, tiles = false, paths = false;
+  bool quick = false, batches = false, bench_meshes = false, list = false, self = false, span_limits = false;
+  bool paths = false;
   std::string filter, bunny;
   std::vector<std::string> files;
   uint64_t cache = 0;  // bytes; 0: as the device says

@@ -7,7 +7,7 @@
 //   --bench-meshes  the benchmark's meshes at 512^3 and 1024^3 instead
 //   --bunny FILE    of --bench-meshes: a bunny of 69,451 triangles
 //   --cache BYTES   the device is taken for one whose L2 cache is so large: small grids then go the ways of large ones
-//   --tiles         no grid is small enough for records: targets go by tiles
+//   --span-limits   spans have numbers for slabs of eight layers and lists of 64 triangles: many slabs, many lists
 //   --paths         every path that the options lead to has to have run, with a filter too
 //   --every K       one of K cases of each mesh, and no batches
 //   --filter TEXT   only cases whose line holds TEXT; a line begins "MESH#NUMBER "
@@ -468,7 +468,7 @@ int Main(int argc, char** argv) {
   }
 #ifdef VOXELPIPE_HAVE_CUDA
   cuda::AssumeCache(options.cache);
-  if (options.tiles) cuda::LimitRecordBits(1);
+  if (options.span_limits) cuda::SetSpanLimits({.slab_bits = 1, .triangles = 64});
 #endif
   Parity parity(options);
   BatchParity batches(options.self ? *Devices().back() : **cuda, options.quick ? 64 : 512);

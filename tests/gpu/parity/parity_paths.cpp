@@ -11,16 +11,12 @@ bool PrintPaths(const std::map<std::string, uint64_t>& paths, const ParityOption
   const bool all_cases = options.filter.empty() && options.every == 1;
   if (options.self || options.bench_meshes || !(all_cases || options.paths)) return true;
   std::vector<std::string> wanted = {"nothing", "occupancy", "fragment list"};
-  if (options.tiles) {
-    wanted.push_back("tiles");
-  } else {
-    for (const char* path :
-         {"triangles in place", "triangles in place, by records", "triangles in bricks", "triangles in accumulators",
-          "owners in bricks", "owners in accumulators", "fragments in accumulators"}) {
-      wanted.push_back(path);
-    }
-    if (options.cache > 0 && all_cases) wanted.push_back("triangles in place, float4");  // of fine meshes
+  for (const char* path :
+       {"triangles in place", "triangles in place, by records", "triangles in bricks", "triangles in accumulators",
+        "owners in bricks", "owners in accumulators", "fragments in accumulators"}) {
+    wanted.push_back(path);
   }
+  if (options.cache > 0 && all_cases) wanted.push_back("triangles in place, float4");  // of fine meshes
   bool all = true;
   for (const std::string& path : wanted) {
     if (paths.count(path) > 0) continue;

@@ -58,17 +58,18 @@ TEST(FootprintTest, RecordsAndSpansOfBlendedTargetsCount) {
   EXPECT_GT(Lists(Floats(Blend::kAdd, ResultKind::kDense), 256, Sphere(kTriangles)), lists);  // sums take 8 bytes
 }
 
-TEST(FootprintTest, PartsOfSplitTilesCountWhereTheyAreMoreThanRecords) {
-  constexpr uint64_t kTriangles = 100'000;
-  VoxelizeRequest request = Floats(Blend::kAverage, ResultKind::kDense);
-  const uint64_t one = Lists(request, 32, Sphere(kTriangles));
-  request.targets[0].components = 4;
-  constexpr uint64_t kTile = 2048 * (4 * 8 + 4);  // sums and a count
-  constexpr uint64_t kParts = kTriangles / 1024;
-  const uint64_t four = Lists(request, 32, Sphere(kTriangles));
-  EXPECT_GT(four, one);
-  EXPECT_GE(four, kParts * kTile);
-  EXPECT_LT(four, 4 * kParts * kTile);
+TEST(FootprintTest, SlabsHaveNoMoreVoxelsThanSpansHaveNumbersFor) {
+  const MeshSize mesh = Sphere(100'000);
+  const auto depth = [&](const VoxelizeRequest& request) {
+    const GridSpec grid = Cube(2048);
+    const Surface surface = EstimateSurface(request, grid, mesh);
+    return PredictFootprint(request, grid, mesh, surface, PlanLimits(), Delivery::kMemory).slab_depth;
+  };
+  EXPECT_EQ(depth(Floats(Blend::kMax, ResultKind::kDense)), 1016);
+  EXPECT_LE(depth(Floats(Blend::kMax, ResultKind::kSparse)), 1016);
+  VoxelizeRequest bits;
+  bits.result = ResultKind::kDense;
+  EXPECT_EQ(depth(bits), 2048);  // rows need no numbers
 }
 
 TEST(FootprintTest, SlabsAreCutToTheRoomThatTheDeviceHas) {

@@ -31,9 +31,7 @@ PathInputs Inputs(std::initializer_list<PathTarget> targets, ResultKind result =
   PathInputs in;
   in.result = result;
   for (const PathTarget& target : targets) in.targets[size_t(in.target_count++)] = target;
-  in.dims = {64, 64, 64};
   in.triangles = 100;
-  in.record_bits = kMaxSpanBits;
   in.fine_triangles = kFine;
   return in;
 }
@@ -128,15 +126,10 @@ TEST(PathPlanTest, AFullPoolOfBricksLeavesAccumulators) {
   EXPECT_EQ(PathName(plan, 0), "owners in accumulators");
 }
 
-TEST(PathPlanTest, TilesAreSortedWhereRecordsDoNotReach) {
-  PathInputs in = Inputs({Floats(Blend::kAverage, 3)});
-  in.dims = {2048, 2048, 1023};
-  EXPECT_FALSE(PlanPath(in).sorts_tiles());
-  in.dims = {2048, 2048, 1024};
-  EXPECT_EQ(NameOf(in), "tiles");
-  in.dims = {64, 64, 64};
-  in.triangles = (uint64_t{1} << 27) + 1;
-  EXPECT_TRUE(PlanPath(in).sorts_tiles());
+TEST(MaxSlabLayersTest, AreAsManyEightsOfLayersAsSpansHaveNumbersFor) {
+  EXPECT_EQ(MaxSlabLayers({2048, 2048, 2048}, kMaxSpanBits), 1016);  // 1024 have one bit too many
+  EXPECT_EQ(MaxSlabLayers({33, 64, 64}, 64 * 64 * 16), 16);          // rows are whole words
+  EXPECT_EQ(MaxSlabLayers({64, 64, 64}, 1), 8);
 }
 
 }  // namespace

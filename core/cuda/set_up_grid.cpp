@@ -1,0 +1,97 @@
+// The grid of a run, its plan, and the mesh in it.
+#include <algorithm>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "base/device_failure.h"
+#include "cpu/vertex_shade.h"
+#include "cuda/run/run_state.h"
+#include "cuda/traversal/mesh_locality.h"
+#include "grid/index_space.h"
+#include "pipeline/plan/footprint_parts.h"
+
+namespace voxelpipe::cuda {
+namespace {
+
+constexpr double kFarthest = 0x1p40;  // voxels
+
+bool InReach(const Vec3d& p) {
+  return Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
+}
+
+// The box of the mesh is monotone in index space, so its corners say whether any vertex is out of reach. Which one is
+// looked for on the host: it ends the run.
+absl::Status CheckReach(RunState& state, const GridSpec& grid) {
+  const IndexSpace space = grid.index_space();
+  const auto place = [&](const Vec3d& p) { return WorldToIndex(space, p); };
+  if (state.host.view.triangle_count == 0 || (InReach(place(state.box.min)) && InReach(place(state.box.max)))) {
+    return absl::OkStatus();
+  }
+  if (state.shaded_there) VOXELPIPE_OK_OR_RETURN(cpu::ShadeVertices(state.host));
+  uint32_t bad = UINT32_MAX;
+  const MeshView& mesh = state.host.view;
+  for (uint64_t t = 0; t < mesh.triangle_count; ++t) {
+    for (const uint32_t v : mesh.triangles[t]) {
+      if (!InReach(place(mesh.positions[v]))) {
+        bad = std::min(bad, v);
+        break;  // as the CPU backend: the first corner that is out of reach stands for its triangle
+      }
+    }
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat(cpu::DescribeVertex(state.host.mesh, bad), ": farther than 2^40 voxels from the grid's origin"));
+}
+
+// Whether some kernel asks for vertices in index space.
+bool NeedsPlaces(const RunState& state) {
+  if (state.request.request.result == ResultKind::kBuckets) return ShadesFragments(state.request);
+  if (!state.plan.blends()) return true;  // fills
+  for (int i = 0; i < state.targets.count; ++i) {
+    const ValueSource source = state.plan.targets[size_t(i)].source;
+    const bool shades_fragments = source == ValueSource::kOwners || source == ValueSource::kFragments;
+    if (shades_fragments && TraitsOf(state.targets.at[i].shader).needs_plane) return true;
+  }
+  return false;
+}
+
+// As if memory were short: thinner slabs may do, or another backend.
+absl::Status TooMuch(const std::string& what) {
+  return MarkDeviceFailure(absl::ResourceExhaustedError(what), DeviceFailureKind::kOutOfMemory);
+}
+
+}  // namespace
+
+absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
+  state.grid = grid;
+  for (int a = 0; a < 3; ++a) state.view.dims[a] = grid.dims[size_t(a)];
+  state.view.tiles = TilesOf(state.view.dims);
+  state.view.words_per_row = (state.view.dims[0] + 31) / 32;
+  state.view.space = grid.index_space();
+  // Rows and fragments of one triangle are counted in 32 bits. Along its normal's largest component a plane meets at
+  // most five voxels of a column, so the largest face of the grid bounds both.
+  const auto nx = double(grid.dims[0]), ny = double(grid.dims[1]), nz = double(grid.dims[2]);
+  if (5 * Max(nx * ny, Max(ny * nz, nz * nx)) > double(UINT32_MAX)) {
+    return TooMuch("a face of the grid has more voxels than the CUDA backend counts for one triangle");
+  }
+  VOXELPIPE_OK_OR_RETURN(CheckReach(state, grid));
+  state.placed = false;
+  state.path_inputs = PathInputsOf(state, grid);
+  state.plan = PlanPath(state.path_inputs);
+  const Path path = state.plan.path;
+  const uint64_t layers = std::min<uint64_t>(kSlabGranularity, uint64_t(grid.dims[2]));
+  if (path != Path::kOccupancy &&
+      uint64_t(state.view.words_per_row) * 32 * uint64_t(grid.dims[1]) * layers > kMaxSpanBits) {
+    return TooMuch("eight layers of the grid have more voxels than the CUDA backend has numbers for, 2^32");
+  }
+  if (path == Path::kFragmentList || state.plan.blends()) PrepareScattered(state);
+  if (path == Path::kOccupancy) return absl::OkStatus();  // rows come from world space
+  for (SpanTarget& target : state.span_targets) target.shaded = false;
+  if (NeedsPlaces(state)) VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
+  if (state.mesh.view.empty() || state.mesh.host_view.index_positions != state.mesh.index_positions.data()) {
+    state.mesh.host_view.index_positions = state.mesh.index_positions.data();
+    VOXELPIPE_OK_OR_RETURN(state.mesh.view.Upload({&state.mesh.host_view, 1}, state.stream));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace voxelpipe::cuda
