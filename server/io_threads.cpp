@@ -18,17 +18,17 @@
 namespace voxelpipe {
 namespace {
 
-// What gRPC calls them.
+// gRPC's names of these threads.
 constexpr char kName[] = "nexting_thread";
-// Of all servers of this process together.
+// Of all servers of this process.
 std::mutex g_mutex;
 size_t g_held = 0;
 
 // For a call that the server refuses at once.
 constexpr std::chrono::seconds kPatience{5};
 
-// A thread that was started just now has no name yet, and one of an earlier server has its name until it is quite gone:
-// more than gRPC starts do not wait for calls.
+// A new thread has no name yet, and a thread of an earlier server keeps its name until it has ended: threads beyond
+// those that gRPC starts do not wait for calls.
 size_t CountStarted() {
   constexpr int kLooks = 200;
   constexpr std::chrono::milliseconds kBetween{5};
@@ -43,14 +43,14 @@ size_t CountStarted() {
 
 }  // namespace
 
-// Shared with the callbacks: one may come late.
+// Shared with the callbacks, one of which may come late.
 struct IoThreads::Hold {
   std::mutex mutex;
   std::condition_variable changed;
   size_t came = 0, held = 0;
   bool over = false;
 
-  // On a thread of gRPC's.
+  // On a gRPC thread.
   void Wait() {
     std::unique_lock lock(mutex);
     ++came;
@@ -94,8 +94,8 @@ IoThreads::~IoThreads() {
   hold_->over = true;
   hold_->changed.notify_all();
   hold_->changed.wait(lock, [this] { return hold_->held == 0; });
-  // The calls, and with the last of them perhaps the channel, end here and not on those threads: a channel that is the
-  // last to need them waits for their end.
+  // Calls, and possibly the channel with the last call, are destroyed here and not on gRPC's threads: the last channel
+  // waits for the end of these threads.
 }
 
 size_t IoThreads::held() const {

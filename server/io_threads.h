@@ -1,4 +1,4 @@
-// How many of gRPC's threads serve the connections.
+// Limits the number of gRPC threads that serve connections.
 #pragma once
 
 #include <cstddef>
@@ -10,24 +10,24 @@
 namespace voxelpipe {
 
 // gRPC's callback API has one thread for every two cores, at least 2 and at most 16, which take turns: the one that
-// finds an event wakes the next one to wait for more, and then handles it. With short calls that is a change of threads
-// for every event, and costs more than the event. This keeps the rest of them waiting, so that fewer take turns.
+// finds an event wakes the next one to wait for more, and then handles it. With short calls that is a context switch
+// for every event, which costs more than the event. This class blocks the other threads, so that fewer take turns.
 //
-// None of ours ever blocks on these threads, so one is enough to serve; what it does itself (decryption, checksums of
-// uploads) is what more of them do faster.
+// Our code never blocks on these threads, so one suffices; more of them speed up the work done on them (decryption,
+// checksums of uploads).
 class IoThreads {
  public:
-  // Leaves `keep` threads, at least one. `channel`: of a server of this process that serves already. Where gRPC has no
-  // such threads, or not more, all stay as they are.
+  // Leaves `keep` threads, at least one. `channel`: of a server of this process that already serves. No effect if gRPC
+  // has no such threads, or not more.
   IoThreads(size_t keep, const std::shared_ptr<grpc::Channel>& channel);
-  // Lets all of them go on. Before the server goes.
+  // Releases all of them. Call before the server is destroyed.
   ~IoThreads();
   IoThreads(const IoThreads&) = delete;
   IoThreads& operator=(const IoThreads&) = delete;
 
   size_t held() const;
 
-  // Of this process now.
+  // The current number in this process.
   static size_t Count();
 
  private:

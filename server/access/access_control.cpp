@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::string_view kBearer = "bearer ";
 
-// Differs when the file was written or replaced. A mounted secret is a link to another file after a change.
+// A stamp that changes if the file is written or replaced. A mounted secret is a link to another file after a change.
 std::string StampOf(const std::string& path) {
   struct stat now {};
   if (stat(path.c_str(), &now) != 0) return "gone";

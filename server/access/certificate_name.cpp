@@ -28,8 +28,7 @@ std::string ClientNameOf(const CertificateNames& names) {
 }
 
 std::string ClientNameOf(const grpc::AuthContext& connection) {
-  // Without a certificate that is to be verified there are no such properties; with one, gRPC refuses clients whose
-  // certificate fails.
+  // These properties exist only if certificates are verified; then gRPC refuses clients whose certificate fails.
   CertificateNames names;
   for (const grpc::string_ref& name : connection.FindPropertyValues(GRPC_X509_SAN_PROPERTY_NAME)) {
     names.alternative_names.emplace_back(name.data(), name.size());

@@ -1,4 +1,4 @@
-// Who a client is by the certificate that it showed.
+// The identity of a client, from its certificate.
 #pragma once
 
 #include <string>
@@ -15,15 +15,15 @@ struct CertificateNames {
   std::string common_name;
 };
 
-// In: names of a certificate that was verified. Out: the first alternative name, else the common name, that can name a
-// client: 1 to 128 letters, digits and . _ - : / @. Empty where there is none.
+// In: names of a verified certificate. Out: the first alternative name, otherwise the common name, that can name a
+// client: 1 to 128 letters, digits and . _ - : / @. Empty if there is none.
 std::string ClientNameOf(const CertificateNames& names);
 bool IsCertificateName(std::string_view name);
 
-// The same of a connection; empty where its client showed no certificate, or one that was not verified.
+// The same for a connection; empty if its client has no certificate, or an unverified one.
 std::string ClientNameOf(const grpc::AuthContext& connection);
 
-// Whom fairness holds a caller without a name for: its address, without the port.
+// The client name of an anonymous caller for fairness: its address, without the port.
 std::string HostOfPeer(const std::string& peer);
 
 }  // namespace voxelpipe

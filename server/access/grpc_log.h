@@ -1,15 +1,15 @@
-// gRPC's own log: the only sign of a client that fails before it can make a call.
+// gRPC's own log: the only report of clients that fail before they can make a call.
 #pragma once
 
 #include "observe/metrics.h"
 
 namespace voxelpipe {
 
-// From here on gRPC's own error lines come to the server's log: failed TLS handshakes as warnings, counted in
-// metrics.Refused(kTlsHandshake); the rest, which repeats what our own lines say, at level debug. `metrics` must
-// outlive the process's use of gRPC, or until StopTakingGrpcLog. Once for a process.
+// Forwards gRPC's error lines to the server's log: failed TLS handshakes as warnings, counted in
+// metrics.Refused(kTlsHandshake); the others, which repeat our own lines, at level debug. `metrics` must live until
+// StopTakingGrpcLog or the last use of gRPC. Call once per process.
 void TakeGrpcLog(Metrics& metrics);
-// Lines that come later are dropped.
+// Drops later lines.
 void StopTakingGrpcLog();
 
 }  // namespace voxelpipe

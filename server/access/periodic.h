@@ -1,4 +1,4 @@
-// A function that is called again and again by a thread of its own.
+// A function that a thread of its own calls periodically.
 #pragma once
 
 #include <chrono>
@@ -21,7 +21,7 @@ class Periodic {
             lock.lock();
           }
         }) {}
-  // Waits for a call that is under way; there is none after it.
+  // Waits for a running call; there is none afterwards.
   ~Periodic() {
     {
       const std::lock_guard lock(mutex_);
@@ -37,7 +37,7 @@ class Periodic {
   std::mutex mutex_;
   std::condition_variable wake_;
   bool ended_ = false;
-  std::thread thread_;  // last: it uses the others
+  std::thread thread_;  // last member: it uses the others
 };
 
 }  // namespace voxelpipe

@@ -6,7 +6,7 @@
 namespace voxelpipe {
 namespace {
 
-// After how long a client that has too many calls at once should come again: about one small job.
+// The retry delay of a client with too many concurrent calls: about one small job.
 constexpr std::chrono::milliseconds kCallsAtOnceRetry{200};
 
 void SetBucket(std::optional<TokenBucket>& bucket, double per_second, double burst, QuotaClock::time_point now) {

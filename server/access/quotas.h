@@ -1,4 +1,4 @@
-// What one client takes, against what it may take.
+// Quotas: the use of one client against its limits.
 #pragma once
 
 #include <chrono>
@@ -12,15 +12,15 @@ namespace voxelpipe {
 
 using QuotaClock = std::chrono::steady_clock;
 
-// Tokens that fill up steadily; taking one that is not there returns when it will be. Not thread-safe.
+// A token bucket; taking tokens that are not available returns the waiting time. Not thread-safe.
 class TokenBucket {
  public:
   // Full at the start. `per_second` above 0, `size` at least 1.
   TokenBucket(double per_second, double size, QuotaClock::time_point now);
-  // Other limits from now on; what is there stays, as far as it fits.
+  // Changes the limits; keeps the tokens up to the new size.
   void SetLimits(double per_second, double size, QuotaClock::time_point now);
-  // Takes `count` and returns 0, or leaves all and returns how long to wait. A count beyond the bucket's size is taken
-  // from a full one, which is then in debt.
+  // Takes `count` and returns 0, or takes nothing and returns the waiting time. A count beyond the bucket's size is
+  // taken from a full bucket, which then has a negative count.
   std::chrono::milliseconds Take(double count, QuotaClock::time_point now);
 
  private:
@@ -35,7 +35,7 @@ struct QuotaRefusal {
   std::chrono::milliseconds retry_after;
 };
 
-// One client's. Thread-safe.
+// The quotas of one client. Thread-safe.
 class Quota {
  public:
   static constexpr uint32_t kMaxAnswered = 64;
@@ -43,22 +43,22 @@ class Quota {
   explicit Quota(const QuotaLimits& limits);
 
   void SetLimits(const QuotaLimits& limits, QuotaClock::time_point now);
-  // One call begins, or why not. Each that began must End.
+  // Begins a call, or returns why not. Each call that began must End.
   std::optional<QuotaRefusal> Begin(QuotaClock::time_point now);
-  // One more piece of work within a call that began, which counts for calls a second alone; or why not.
+  // Begins a job within a call, which counts only for calls a second; or returns why not.
   std::optional<QuotaRefusal> TakeCall(QuotaClock::time_point now);
-  // One that began is answered: its client may begin the next one before this one has ended. Of such calls kMaxAnswered
-  // more than may be at once do not count, so that clients that take no answer do not pile up.
+  // A call is answered: its client may begin the next one before this one has ended. Up to kMaxAnswered answered calls
+  // do not count as concurrent; more do, so that clients that do not read their responses cannot accumulate calls.
   void Answered();
   void End(bool answered);
-  // `bytes` of a mesh came, or why they are too many.
+  // Charges `bytes` of a mesh, or returns why not.
   std::optional<QuotaRefusal> TakeBytes(uint64_t bytes, QuotaClock::time_point now);
 
  private:
   std::mutex mutex_;
   QuotaLimits limits_;
   std::optional<TokenBucket> calls_, bytes_;
-  uint32_t calls_now_ = 0, answered_now_ = 0;  // the second ones are among the first
+  uint32_t calls_now_ = 0, answered_now_ = 0;  // answered calls are included in calls_now_
 };
 
 }  // namespace voxelpipe

@@ -30,7 +30,7 @@ absl::Status Wrong(const char* option, const std::string& path, const char* what
   return absl::InvalidArgumentError(absl::StrCat(option, ": ", path, " ", what));
 }
 
-// Far more than any chain of certificates.
+// The maximum size of a file: far more than any chain of certificates.
 constexpr size_t kMaxFileBytes = 4 << 20;
 
 constexpr std::array<const char*, 3> kOptions = {"--tls-cert", "--tls-key", "--tls-client-ca"};
@@ -39,7 +39,7 @@ const std::string& PathOf(const TlsFiles& files, size_t which) {
   return which == 0 ? files.certificate : which == 1 ? files.key : files.client_ca;
 }
 
-// Empty where there is none that can be read.
+// Empty if there is none that can be read.
 std::string ReadFile(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   std::string text(kMaxFileBytes, '\0');
@@ -62,7 +62,7 @@ absl::StatusOr<Bio> Open(const char* option, const std::string& path, const std:
   return Bio(BIO_new_mem_buf(text.data(), int(text.size())), &BIO_free);
 }
 
-// The first certificate of a file in which all must be good: gRPC takes no part of one.
+// The first certificate of a file in which all must be valid: gRPC accepts a file only as a whole.
 absl::StatusOr<Certificate> ReadCertificate(const char* option, const std::string& path, const std::string& text) {
   absl::StatusOr<Bio> bio = Open(option, path, text);
   if (!bio.ok()) return bio.status();
@@ -82,7 +82,7 @@ std::chrono::system_clock::time_point ToTime(const ASN1_TIME* time) {
   return std::chrono::system_clock::from_time_t(timegm(&parts));
 }
 
-// No pass phrase is asked for on a terminal.
+// Never prompts for a pass phrase on a terminal.
 int NoPassphrase(char*, int, int, void*) {
   return 0;
 }
@@ -103,7 +103,7 @@ absl::StatusOr<TlsFacts> CheckContents(const TlsFiles& files, const std::array<s
   return TlsFacts{ToTime(X509_get0_notBefore(certificate->get())), ToTime(X509_get0_notAfter(certificate->get()))};
 }
 
-// True if TLS is on. Errors: options that are useless without others.
+// True if TLS is on. Errors: options that require others.
 absl::StatusOr<bool> HasTls(const TlsFiles& files) {
   if (files.certificate.empty() != files.key.empty()) {
     return absl::InvalidArgumentError("--tls-cert and --tls-key: one is useless without the other");
@@ -113,7 +113,7 @@ absl::StatusOr<bool> HasTls(const TlsFiles& files) {
   return false;
 }
 
-// A descriptor of memory with this text, -1 where the system gives none.
+// A memory file with this text, -1 if the system has none.
 int CopyOf(const std::string& text) {
   const int copy = memfd_create("voxelpiped-tls", MFD_CLOEXEC);
   for (size_t at = 0; copy >= 0 && at < text.size();) {
@@ -127,8 +127,8 @@ int CopyOf(const std::string& text) {
   return copy;
 }
 
-// `fresh` under the number `copy` too, at once. Both are open, so it can only be put off: by a signal, or by another
-// thread's open().
+// Duplicates `fresh` to the descriptor `copy`, atomically. Both are open, so only a signal or a concurrent open() can
+// delay it.
 bool Replace(int fresh, int copy) {
   int done;
   do {
@@ -178,7 +178,7 @@ absl::StatusOr<TlsFacts> ServerTls::Take(const Contents& contents) {
     fresh[i] = PathOf(files_, i).empty() ? -1 : CopyOf(contents[i]);
     have_all = have_all && (fresh[i] >= 0 || PathOf(files_, i).empty());
   }
-  // Under the numbers that gRPC knows.
+  // Under the descriptors that gRPC reads.
   bool replaced = true;
   for (size_t i = 0; i < fresh.size(); ++i) {
     if (have_all && copies_[i] < 0) {
@@ -198,7 +198,7 @@ absl::StatusOr<TlsFacts> ServerTls::Take(const Contents& contents) {
 std::shared_ptr<grpc::ServerCredentials> ServerTls::Credentials() const {
   if (copies_[0] < 0) return grpc::InsecureServerCredentials();
   namespace tls = grpc::experimental;
-  constexpr unsigned kLookSeconds = 1;  // at the copies; the least that gRPC takes
+  constexpr unsigned kLookSeconds = 1;  // gRPC's reload interval; its minimum
   tls::TlsServerCredentialsOptions options(std::make_shared<tls::FileWatcherCertificateProvider>(
       PathOfCopy(copies_[1]), PathOfCopy(copies_[0]), PathOfCopy(copies_[2]), kLookSeconds));
   options.watch_identity_key_cert_pairs();
@@ -219,7 +219,7 @@ void ServerTls::ReloadIfChanged() {
   Contents contents = ReadFiles(files_);
   if (contents == seen_ && !starved_) return;
   const absl::StatusOr<TlsFacts> facts = Take(contents);
-  const bool told = contents == seen_;  // only tried again
+  const bool told = contents == seen_;  // only a retry
   OPENSSL_cleanse(seen_[1].data(), seen_[1].size());
   seen_ = std::move(contents);
   starved_ = absl::IsResourceExhausted(facts.status());

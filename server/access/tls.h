@@ -27,12 +27,12 @@ struct TlsFacts {
   std::chrono::system_clock::time_point valid_from, valid_until;  // of the server's own certificate
 };
 
-// Nothing for plain text. Errors: INVALID_ARGUMENT naming the option, for files that cannot be read or hold no PEM, a
-// key that does not belong to the certificate, one without the other.
+// Empty for plain text. Errors: INVALID_ARGUMENT naming the option, for files that cannot be read or are not PEM, a key
+// that does not match the certificate, one without the other.
 absl::StatusOr<std::optional<TlsFacts>> CheckTlsFiles(const TlsFiles& files);
 
-// What the port shows. gRPC gets no file before all of them have been found good: copies stand in memory, and gRPC
-// reads those. Must outlive the server that has its credentials. ReloadIfChanged from one thread, all else from any.
+// The certificates of the port. gRPC reads copies in memory, which are replaced only after all files were validated.
+// Must outlive the server with its credentials. ReloadIfChanged from one thread, everything else from any.
 class ServerTls {
  public:
   // Errors: those of CheckTlsFiles.
@@ -41,13 +41,13 @@ class ServerTls {
   ServerTls(const ServerTls&) = delete;
   ServerTls& operator=(const ServerTls&) = delete;
 
-  // Plain text, or TLS 1.2 and 1.3 with the certificate; with client_ca, clients must show a certificate that it
-  // signed.
+  // Plain text, or TLS 1.2 and 1.3 with the certificate; with client_ca, clients must present a certificate signed by
+  // it.
   std::shared_ptr<grpc::ServerCredentials> Credentials() const;
-  // Of the certificate that is shown; nothing for plain text.
+  // Validity of the current certificate; empty for plain text.
   std::optional<TlsFacts> facts() const;
-  // Looks at the files. Changed and good ones are shown within a second, to handshakes from then on; of others the last
-  // good ones stay. Either is logged and counted, once a change.
+  // Checks the files. Changed and valid ones take effect within a second, for later handshakes; if they are invalid,
+  // the last valid ones stay. Both are logged and counted, once a change.
   void ReloadIfChanged();
 
  private:
@@ -58,9 +58,9 @@ class ServerTls {
 
   const TlsFiles files_;
   Metrics& metrics_;
-  std::array<int, 3> copies_{-1, -1, -1};  // descriptors of memory
-  Contents seen_;                          // that were read last, valid or not
-  bool starved_ = false;                   // and lacked descriptors or memory: to be tried again
+  std::array<int, 3> copies_{-1, -1, -1};  // memory files
+  Contents seen_;                          // read last, valid or not
+  bool starved_ = false;                   // true: the last read lacked descriptors or memory, and is retried
   mutable std::mutex mutex_;
   std::optional<TlsFacts> facts_;
 };

@@ -209,7 +209,7 @@ absl::StatusOr<TokenTable> TokenTable::Read(const std::string& path) {
 const TokenClient* TokenTable::Find(std::string_view token) const {
   const Digest digest = Sha256(token);
   const TokenClient* found = nullptr;
-  for (const Entry& entry : entries_) {  // to the end, whatever was found
+  for (const Entry& entry : entries_) {  // constant time: does not stop at a match
     if (CRYPTO_memcmp(digest.data(), entry.sha256.data(), digest.size()) == 0) found = &clients_[entry.client];
   }
   return found;

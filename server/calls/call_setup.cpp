@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::chrono::milliseconds kRetryDelay{1000};
 
-// Up to so many bytes, pieces are small.
+// Pieces up to this size are small.
 constexpr size_t kSmallPieceBytes = 64 << 10;
 
 }  // namespace

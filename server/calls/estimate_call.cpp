@@ -161,7 +161,7 @@ void EstimateCall::OnCancel() {
     const std::lock_guard lock(mutex_);
     task = task_;
   }
-  // A job that runs ends by itself soon, and only then may gRPC take request and response away.
+  // A running job ends soon by itself, and only then may gRPC free request and response.
   if (task && state_.scheduler.Withdraw(*task)) End(job_.Check());
 }
 
@@ -170,7 +170,7 @@ void EstimateCall::OnDone() {
   {
     const std::lock_guard lock(mutex_);
     record_.Log(status_);
-    task_.reset();  // it holds this call
+    task_.reset();  // breaks the cycle: it holds this call
     keep = std::move(self_);
   }
 }

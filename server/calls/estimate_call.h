@@ -1,4 +1,4 @@
-// One EstimateVoxelization call. With a mesh it is a job for the pool, without one it is answered at once.
+// One EstimateVoxelization call. With a mesh it is a job of the pool, without one it is answered immediately.
 #pragma once
 
 #include <memory>
@@ -18,7 +18,7 @@ namespace voxelpipe {
 
 class EstimateCall final : public grpc::ServerUnaryReactor {
  public:
-  // Reads `request`. `state`, and until the call is done `response`, must outlive the reactor.
+  // Reads `request`. `state` must outlive the reactor, `response` must live until the call ends.
   static EstimateCall* Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& request,
                               grpc::ByteBuffer& response);
 
@@ -39,12 +39,12 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   void End(const absl::Status& status);
 
   ServiceState& state_;
-  const CallGate::Pass pass_;  // given back when gRPC and the worker are both done
+  const CallGate::Pass pass_;  // released when gRPC and the worker are both done
   v1::EstimateVoxelizationRequest request_;
   grpc::ByteBuffer& response_bytes_;  // until the call is answered
   v1::EstimateVoxelizationResponse response_;
   std::shared_ptr<EstimateCall> self_;  // until OnDone
-  std::shared_ptr<KeptMesh> kept_;      // that the request names
+  std::shared_ptr<KeptMesh> kept_;      // the mesh that the request names
   CallRecord record_;
   BudgetShare uploads_;
   JobContext job_;

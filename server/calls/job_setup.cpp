@@ -31,7 +31,7 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message
   job.memory = MakeRequestMemory(state.working, job.context);
   job.traits.client = client;
   job.traits.deadline = job.context.deadline();
-  // The server's choice is not the client's: another kind of worker may do it then.
+  // The server made the choice, not the client: another kind of worker may run the job.
   const BackendChoice asked = job.config.request.backend;
   if (absl::Status s = PrepareRequest(state, job.config.request); !s.ok()) return s;
   job.traits.backend = job.config.request.backend;

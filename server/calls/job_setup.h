@@ -11,14 +11,13 @@
 
 namespace voxelpipe {
 
-// Fills the job's config, limits and traits from the message; `client` is whom the queue takes it to be from. The job's
-// deadline, if any, is set before. Where the config names a mesh that the server keeps, the job gets that mesh, for its
-// use to be counted.
+// Fills the job's config, limits and traits from the message; `client` is the client for the queue. The job's deadline,
+// if any, must be set before. If the config names a stored mesh, the job gets that mesh, and its use is counted.
 // Errors: those of ParseConfig, PrepareRequest and WorkerPool::CheckServed; NOT_FOUND (MissingMeshError).
 absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message, const std::string& client,
                           VoxelizeJob& job);
 
-// How the operator wants results cut.
+// The piece sizes of results, from the options.
 PieceOptions PiecesOf(const ServerOptions& options);
 
 }  // namespace voxelpipe

@@ -73,7 +73,7 @@ class ManyCall::Job final : public VoxelizeJob {
  private:
   absl::Status Planned(const Plan& plan, bool may_wait) override {
     uploads_.ShrinkTo(0);
-    working_.ShrinkTo(0);  // of a worker that failed
+    working_.ShrinkTo(0);  // of a failed worker
     if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
     plan_ = plan;
     return absl::OkStatus();
@@ -199,7 +199,7 @@ absl::Status ManyCall::Take(v1::VoxelizeManyRequest& request) {
   absl::Status status = draining ? ShuttingDownError() : Prepare(request, *job);
   if (status.ok()) status = state_.results.Submit(job);
   if (!status.ok()) job->Done(std::move(status));
-  // A cancellation that came before the job could be withdrawn.
+  // The cancellation may have come before the job could be withdrawn.
   if (!deadline_.Check().ok()) {
     job->context.Cancel();
     if (state_.results.Withdraw(*job)) job->Done(job->context.Check());
@@ -210,7 +210,7 @@ absl::Status ManyCall::Take(v1::VoxelizeManyRequest& request) {
 absl::Status ManyCall::Prepare(v1::VoxelizeManyRequest& request, Job& job) {
   {
     const std::lock_guard lock(mutex_);
-    // The stream's own beginning was counted already: it is the first job's.
+    // The start of the stream was already counted as the call of its first job.
     const bool counted = std::exchange(next_is_counted_, false);
     if (absl::Status s = counted ? absl::OkStatus() : record_.TakeCall(); !s.ok()) return s;
   }
@@ -281,7 +281,7 @@ std::vector<ManyCall::Answer> ManyCall::WrittenLocked() {
 
 void ManyCall::Pump() {
   std::unique_lock lock(mutex_);
-  std::shared_ptr<ManyCall> keep = self_;  // this thread may be the last one to hold the call
+  std::shared_ptr<ManyCall> keep = self_;  // this thread may hold the last reference to the call
   while (!finished_) {
     if (!reading_ && !half_closed_ && !draining_ && !end_ && HasRoomLocked()) {
       reading_ = true;
@@ -292,10 +292,11 @@ void ManyCall::Pump() {
       --starting_reads_;
       continue;
     }
-    // Nor may another thread end the call, after which gRPC takes no read, between the decision to read and the read.
+    // Nor may another thread end the call between the decision to read and the read: gRPC accepts no read after the
+    // end.
     if (starting_reads_ > 0 || making_ || writing_) return;
     if (!end_ && current_.empty() && ready_.empty()) {
-      if (!jobs_.empty() || !(half_closed_ || draining_)) return;  // they go on, or more may come
+      if (!jobs_.empty() || !(half_closed_ || draining_)) return;  // jobs are in progress, or more may come
       end_ = half_closed_ ? absl::OkStatus() : ShuttingDownError();
     }
     if (end_) {
@@ -309,7 +310,7 @@ void ManyCall::Pump() {
     if (current_.empty()) ChooseLocked();
     const std::shared_ptr<ResultStream> stream = current_.front().stream;
     if (stream) {
-      making_ = true;  // without the lock: hashing and compressing take their time
+      making_ = true;  // without the lock, because hashing and compressing take long
       lock.unlock();
       const uint64_t sent_before = stream->sent_bytes(), raw_before = stream->bytes();
       grpc::ByteBuffer message = stream->Next();
@@ -333,18 +334,18 @@ void ManyCall::Pump() {
       writing_message_.Swap(&message);
       last_of_current_ = true;
     }
-    // The client may use the ids again as soon as it has this, which may be before gRPC says that it was written.
+    // The client may reuse the ids as soon as it receives this, possibly before gRPC reports the write as done.
     for (const Answer& answer : current_) {
       if (last_of_current_) ids_.erase(answer.job->id());
     }
     writing_ = true;
-    // What follows at once leaves with it: the next piece, or the next answer. Not the end of several pieces: their
-    // large result counts as in hand until the client has room for all of it.
+    // Messages that follow immediately are sent with it: the next piece or the next response. Not the last of several
+    // pieces: their large result counts as in progress until the client has accepted all of it.
     const grpc::WriteOptions options = write_ahead_.Next(stream ? stream->next_is_ready() : !ready_.empty());
     lock.unlock();
     write_wait_->Begin();
     StartWrite(&writing_message_, options);
-    if (stream) stream->CatchUp();  // while the piece is on its way
+    if (stream) stream->CatchUp();  // while the piece is being sent
     lock.lock();
     if (stream) making_ = false;
   }
@@ -368,7 +369,7 @@ void ManyCall::OnWriteDone(bool ok) {
 
 void ManyCall::GiveUp(std::string_view why) {
   End(absl::AbortedError(std::string(why)));
-  HangUp();  // only the end of the write in flight lets the call finish
+  HangUp();  // the call can finish only after the write in flight
 }
 
 void ManyCall::HangUp() {

@@ -1,4 +1,4 @@
-// One VoxelizeMany call: many small jobs on one stream, answered as they are done.
+// One VoxelizeMany call: many small jobs on one stream, answered in order of completion.
 #pragma once
 
 #include <cstdint>
@@ -25,9 +25,9 @@
 
 namespace voxelpipe {
 
-// gRPC's threads call the On... functions and never wait here; workers end the jobs. No more is read while as many jobs
-// or bytes are in hand as the options allow, so that a client that does not take its answers cannot fill the server.
-// The object lives until gRPC is done with the call and all of its jobs have ended.
+// gRPC's threads call the On... functions and never wait here; workers end the jobs. Reading pauses while jobs or bytes
+// in progress reach the limits of the options, so that a client that does not read its responses cannot fill the
+// server. The object lives until gRPC is done with the call and all of its jobs have ended.
 class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
  public:
   // The reactor of a new call. `state` must outlive it.
@@ -42,12 +42,12 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
 
  private:
   class Job;
-  // The answer of a job: one message, or those of a stream.
+  // The response of a job: one message, or those of a stream.
   struct Answer {
     std::shared_ptr<Job> job;
-    std::unique_ptr<grpc::ByteBuffer> message;  // a ByteBuffer itself is copied where it is moved
+    std::unique_ptr<grpc::ByteBuffer> message;  // a ByteBuffer is copied when it is moved
     std::shared_ptr<ResultStream> stream;
-    uint64_t bytes = 0, raw_bytes = 0;  // of the result in `message`: as they are sent, and before compression
+    uint64_t bytes = 0, raw_bytes = 0;  // of the result in `message`: as sent, and before compression
   };
 
   ManyCall(ServiceState& state, grpc::CallbackServerContext& context);
@@ -57,23 +57,23 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   absl::Status Take(v1::VoxelizeManyRequest& request);
   // An error ends the job.
   absl::Status Prepare(v1::VoxelizeManyRequest& request, Job& job);
-  // The job has ended, on any thread. Pump is left to the caller.
+  // The job has ended, on any thread. The caller calls Pump.
   void Ended(Answer answer, bool failed);
   // The server shuts down: jobs in progress are answered, no further ones are read.
   void StopTaking();
   void GiveUp(std::string_view why);
   void HangUp();
-  // Starts the next write, read or the end of the call, as far as they are due and not under way.
+  // Starts the next write, read or the end of the call, if they are due and not in flight.
   void Pump();
   void End(absl::Status status);
-  // Chooses what is written next of what is ready.
+  // Chooses the next message among the ready ones.
   void ChooseLocked();
-  // What is in writing has been sent. Out: it, to be freed without the lock.
+  // The current write is done. Out: its message, to be freed without the lock.
   std::vector<Answer> WrittenLocked();
   bool HasRoomLocked() const;
 
   ServiceState& state_;
-  const CallGate::Pass pass_;             // given back when gRPC and all jobs are done
+  const CallGate::Pass pass_;             // released when gRPC and all jobs are done
   grpc::CallbackServerContext& context_;  // used by gRPC's threads only
   std::shared_ptr<ManyCall> self_;        // until OnDone
   CallRecord record_;
@@ -81,26 +81,26 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   std::unique_ptr<IdleWatch::Wait> write_wait_;
   std::optional<CallGate::Closer> closer_;
 
-  std::mutex context_mutex_;  // while held, gRPC does not take context_ away
+  std::mutex context_mutex_;  // while held, gRPC does not free context_
   bool context_gone_ = false;
 
   grpc::ByteBuffer read_;  // in flight while reading_
 
   std::mutex mutex_;
-  std::unordered_map<const Job*, std::shared_ptr<Job>> jobs_;  // in hand: read, and not yet answered as a whole
-  std::unordered_set<uint64_t> ids_;                           // of those whose answer did not go out yet
-  uint64_t bytes_ = 0;                                         // that they hold: meshes and results
+  std::unordered_map<const Job*, std::shared_ptr<Job>> jobs_;  // in progress: read, and not completely answered
+  std::unordered_set<uint64_t> ids_;                           // of those whose response was not sent yet
+  uint64_t bytes_ = 0;                                         // of their meshes and results
   bool next_is_counted_ = true;                                // the next job was counted as a call
   uint64_t jobs_taken_ = 0, jobs_failed_ = 0;
   std::deque<Answer> ready_;
-  std::vector<Answer> current_;  // being written: one that is a stream, or those of one message
+  std::vector<Answer> current_;  // being written: one stream, or the responses of one message
   grpc::ByteBuffer writing_message_;
   bool last_of_current_ = false;  // the message in flight is
   WriteAhead write_ahead_;
   int starting_reads_ = 0;  // threads that are about to start one
   bool reading_ = false, making_ = false, writing_ = false, finished_ = false;
   bool half_closed_ = false, draining_ = false;
-  bool takes_more_ = false;  // the client understands answers that hold more
+  bool takes_more_ = false;  // the client accepts several responses in one message
   std::optional<absl::Status> end_;
 };
 

@@ -112,10 +112,10 @@ void UploadMeshCall::OnReadDone(bool ok) {
   }
   absl::Status taken;
   {
-    v1::UploadMeshRequest message;  // gone before the next one comes: an open upload holds nothing beside its mesh
+    v1::UploadMeshRequest message;  // freed before the next one arrives: an open upload holds only its mesh
     taken = ReadMessage(read_, message);
     if (taken.ok()) {
-      const std::lock_guard lock(mutex_);  // the watch may end the call meanwhile
+      const std::lock_guard lock(mutex_);  // the idle watch may end the call concurrently
       if (answered_) return;
       taken = TakeMessage(message);
     }
@@ -187,7 +187,7 @@ void UploadMeshCall::UploadEnded() {
   task->traits.cost.file_bytes = record_.bytes_in;
   {
     const std::lock_guard lock(mutex_);
-    if (answered_) return;  // the watch was faster
+    if (answered_) return;  // the idle watch ended the call first
     task_ = task;
   }
   if (absl::Status s = state_.scheduler.Submit(std::move(task)); !s.ok()) {
@@ -209,7 +209,7 @@ void UploadMeshCall::Work() {
     if (std::shared_ptr<KeptMesh> mesh = state_.meshes.Claim(id, record_.client)) {
       return Answer(std::move(mesh), true);
     }
-    const auto load_job = std::make_shared<JobContext>();  // goes on while anybody waits for the mesh
+    const auto load_job = std::make_shared<JobContext>();  // continues while any call waits for the mesh
     const std::shared_ptr<MemoryBudget> memory = MakeRequestMemory(state_.working, *load_job);
     const auto done = [self = shared_from_this()](const Loads::Answer& mesh) { self->Keep(mesh); };
     const Loads::Seat seat = state_.loads.Join(absl::StrCat(id, "/", int(format_)), {.done = done, .news = {}});
@@ -328,7 +328,7 @@ absl::Status DeleteMesh(ServiceState& state, const CallRecord& caller, const v1:
     return absl::OkStatus();
   }
   response.set_freed_bytes((*mesh)->memory_bytes());
-  // Giving gigabytes back takes a while: not on gRPC's thread, unless all loaders have too much to do.
+  // Freeing gigabytes takes long: not on gRPC's thread, unless all loaders are overloaded.
   state.scheduler.Submit(std::make_shared<FreeTask>(*std::move(mesh))).IgnoreError();
   return absl::OkStatus();
 }

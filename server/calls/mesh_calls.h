@@ -1,4 +1,4 @@
-// The calls about meshes that the server keeps.
+// The calls for stored meshes.
 #pragma once
 
 #include <deque>
@@ -26,14 +26,14 @@ namespace voxelpipe {
 // What the store holds about a mesh.
 v1::StoredMesh ToMessage(KeptMesh& mesh);
 
-// One UploadMesh call: gathers the file; a loader takes its hash, loads it unless an equal one is there or being
-// loaded, and keeps it. Where the client named the mesh and it is here already, the call ends before the file has come:
-// the client may use the mesh then, but has no claim on it. Lives until gRPC is done with the call and the loader with
-// the file, whichever comes last.
+// One UploadMesh call: receives the file; a loader hashes it, loads it unless an equal one exists or is being loaded,
+// and stores it. If the client named the mesh and it is already stored, the call ends before the file has arrived: the
+// client may then use the mesh, but has no claim on it. Lives until gRPC is done with the call and the loader with the
+// file.
 class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
                              public std::enable_shared_from_this<UploadMeshCall> {
  public:
-  // `state`, and until the call is done `response`, must outlive the reactor.
+  // `state` must outlive the reactor, `response` must live until the call ends.
   static UploadMeshCall* Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& response);
 
   void OnReadDone(bool ok) override;
@@ -51,7 +51,7 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
   absl::Status TakeUpload(const v1::MeshUpload& upload);
   absl::Status TakePiece(v1::UploadMeshRequest& message);
   void UploadEnded();
-  // On the watch's thread.
+  // On the idle watch's thread.
   void GiveUp();
 
   // On a loader's thread.
@@ -59,7 +59,7 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
   absl::StatusOr<std::shared_ptr<KeptMesh>> Load(std::vector<uint8_t> file, const std::string& id,
                                                  const JobContext& job);
 
-  // Puts what was loaded into the store, as this client's, and ends the call.
+  // Stores the loaded mesh, with a claim of this client, and ends the call.
   void Keep(const absl::StatusOr<std::shared_ptr<KeptMesh>>& mesh);
 
   // Ends the call; only the first one counts.
@@ -67,14 +67,14 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
   void LeaveFlight();
 
   ServiceState& state_;
-  const CallGate::Pass pass_;             // given back when gRPC and the loader are both done
+  const CallGate::Pass pass_;             // released when gRPC and the loader are both done
   grpc::CallbackServerContext& context_;  // used by gRPC's threads only
   grpc::ByteBuffer& response_;            // until the call is answered
   std::shared_ptr<UploadMeshCall> self_;  // until OnDone
   CallRecord record_;
   JobContext job_;
 
-  // The upload: touched by one read at a time, then by the loader.
+  // The upload: accessed by one read at a time, then by the loader.
   grpc::ByteBuffer read_;
   std::unique_ptr<IdleWatch::Wait> upload_wait_;
   uint64_t upload_bytes_seen_ = 0;
@@ -91,11 +91,12 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
   absl::Status status_;
 };
 
-// In: the call's request. Out: its answer, or NOT_FOUND with ResourceInfo; INVALID_ARGUMENT for what is no mesh's id.
+// In: the request of the call. Out: its response, or NOT_FOUND with ResourceInfo; INVALID_ARGUMENT for an id that is
+// not valid.
 absl::Status GetMesh(ServiceState& state, const v1::GetMeshRequest& request, v1::GetMeshResponse& response);
-// A caller that is no administrator gives up its own claim, and the mesh is forgotten when no claim is left, else
-// kept_for_others is set; PERMISSION_DENIED where it has none. An administrator's call removes the mesh whatever claims
-// it has.
+// A caller that is not an administrator releases its own claim; the mesh is deleted if no claim is left, otherwise
+// kept_for_others is set. PERMISSION_DENIED if it has no claim. An administrator's call removes the mesh whatever
+// claims it has.
 absl::Status DeleteMesh(ServiceState& state, const CallRecord& caller, const v1::DeleteMeshRequest& request,
                         v1::DeleteMeshResponse& response);
 

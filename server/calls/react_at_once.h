@@ -3,8 +3,7 @@
 
 namespace voxelpipe {
 
-// The answer to gRPC's InternalInlineable: OnCancel and OnDone never wait, so they need not be handed to one more
-// thread.
+// The result of gRPC's InternalInlineable: OnCancel and OnDone never block, so they need no other thread.
 inline constexpr bool kReactAtOnce = true;
 
 }  // namespace voxelpipe

@@ -1,4 +1,4 @@
-// A call that comes while the queue is full: refused before anything of it is read.
+// A call that arrives while the queue is full: refused before it is read.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,8 @@ namespace voxelpipe {
 template <typename Reactor>
 class RefusedCall final : public Reactor {
  public:
-  // The call's reactor, or null where the queue has room and the call is to be handled. `state` must outlive it.
+  // The reactor that refuses the call, or null if the queue has room and the call must be handled. `state` must outlive
+  // it.
   static Reactor* CreateIfFull(ServiceState& state, grpc::CallbackServerContext& context, Rpc rpc) {
     std::shared_ptr<const FullQueue::Answer> answer = state.full_queue.Refusal();
     return answer ? new RefusedCall(state, context, rpc, *answer) : nullptr;
@@ -41,14 +42,14 @@ class RefusedCall final : public Reactor {
  private:
   RefusedCall(ServiceState& state, grpc::CallbackServerContext& context, Rpc rpc, const FullQueue::Answer& answer)
       : pass_(state.gate), record_(state, context, rpc), status_(MayBegin(pass_, record_)) {
-    const bool strange = !status_.ok();  // who may not call at all hears that
+    const bool strange = !status_.ok();  // callers without rights get that error instead
     if (!strange) status_ = answer.status;
     log_ = strange ? 0 : state.full_queue.MayLog();
     record_.Answered();
     this->Finish(strange ? ToGrpcStatus(status_) : answer.grpc_status);
   }
 
-  const CallGate::Pass pass_;  // a drain waits until the answer was sent
+  const CallGate::Pass pass_;  // a drain waits until the response was sent
   CallRecord record_;
   absl::Status status_;
   std::optional<uint64_t> log_;

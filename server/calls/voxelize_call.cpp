@@ -69,7 +69,7 @@ void VoxelizeCall::OnReadDone(bool ok) {
   v1::VoxelizeRequest request;
   absl::Status taken = ReadMessage(read_, request);
   if (taken.ok()) {
-    const std::lock_guard lock(mutex_);  // the watch may end the call meanwhile
+    const std::lock_guard lock(mutex_);  // the idle watch may end the call concurrently
     if (end_) return;
     taken = TakeMessage(request);
   }
@@ -114,7 +114,7 @@ absl::Status VoxelizeCall::TakeConfig(const v1::VoxelizeConfig& message) {
   if (configured_) return absl::InvalidArgumentError("config: only the first message may be one");
   configured_ = true;
   if (absl::Status s = ConfigureJob(state_, message, record_.client, *this); !s.ok()) return s;
-  return state_.results.Admit(*this);  // before the mesh is uploaded for nothing
+  return state_.results.Admit(*this);  // before the upload of the mesh
 }
 
 absl::Status VoxelizeCall::TakePiece(std::string piece) {
@@ -156,8 +156,8 @@ void VoxelizeCall::SubmitJob() {
 }
 
 absl::Status VoxelizeCall::Planned(const Plan& plan, bool may_wait) {
-  uploads_.ShrinkTo(0);  // the file is gone since it was loaded
-  working_.ShrinkTo(0);  // of a worker that failed
+  uploads_.ShrinkTo(0);  // the file was freed after loading
+  working_.ShrinkTo(0);  // of a failed worker
   if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
   PlanShared(plan);
   return absl::OkStatus();
@@ -232,7 +232,7 @@ void VoxelizeCall::Answer(const std::shared_ptr<const JobOutcome>& outcome, bool
     sent_bytes = whole.sent_bytes();
     raw_bytes = whole.bytes();
   } else {
-    if (plan_) {  // the plan did not know how large it would be
+    if (plan_) {  // the plan did not have the size
       v1::VoxelizeResponse response;
       *response.mutable_accepted() = ToMessage(*plan_);
       Post(response);
@@ -281,10 +281,10 @@ absl::Status VoxelizeCall::Write(size_t array, std::span<const uint8_t> bytes) {
 
 absl::Status VoxelizeCall::WaitForRoom(size_t bytes) {
   std::unique_lock lock(mutex_);
-  // One piece may always wait. Sweep ends the call of a client that reads nothing.
+  // One piece may always be queued. Sweep ends the call of a client that reads nothing.
   while (!end_ && !pending_.empty() && pending_bytes_ + bytes > state_.options.stream_buffer_bytes) {
     if (absl::Status s = context.Check(); !s.ok()) return s;
-    room_.wait_for(lock, kLookEvery);  // a deadline that passes is not notified
+    room_.wait_for(lock, kLookEvery);  // a passing deadline sends no notification
   }
   return end_ ? (end_->ok() ? absl::CancelledError("the call is over") : *end_) : context.Check();
 }
@@ -292,7 +292,7 @@ absl::Status VoxelizeCall::WaitForRoom(size_t bytes) {
 void VoxelizeCall::GiveUp(std::string_view why) {
   {
     const std::lock_guard lock(mutex_);
-    if (finished_) end_ = absl::AbortedError(std::string(why));  // the last message is what the client does not take
+    if (finished_) end_ = absl::AbortedError(std::string(why));  // the client does not read the last message
   }
   End(absl::AbortedError(std::string(why)));
   bool writing;
@@ -301,7 +301,7 @@ void VoxelizeCall::GiveUp(std::string_view why) {
     writing = writing_ || finished_;
   }
   if (context.Check().ok()) context.Cancel();
-  if (writing) HangUp();  // only the end of that write lets the call finish
+  if (writing) HangUp();  // the call can finish only after that write
 }
 
 void VoxelizeCall::HangUp() {
@@ -311,7 +311,7 @@ void VoxelizeCall::HangUp() {
 
 void VoxelizeCall::OnProgress(std::string_view stage, double fraction) {
   if (whole_) return;  // sent in one message, or not before the plan
-  if (!planned_) {     // the plan is the first word: of what came before it, the last one of each stage follows it
+  if (!planned_) {     // the plan is sent first; of earlier progress, the last message of each stage follows it
     if (early_.empty() || early_.back().stage() != stage) early_.emplace_back().set_stage(std::string(stage));
     early_.back().set_fraction(fraction);
     return;
@@ -359,7 +359,7 @@ void VoxelizeCall::Pump() {
       pending_bytes_ -= std::min(pending_bytes_, writing_message_.Length());
       last = last_is_pending_ && pending_.empty();
     } else if (result_) {
-      // Made without the lock: hashing and copying a piece takes its time. End leaves the stream alone meanwhile.
+      // Made without the lock, because hashing and copying a piece take long. End does not touch the stream meanwhile.
       result = result_;
       keep = self_;
       making_ = true;
@@ -376,9 +376,9 @@ void VoxelizeCall::Pump() {
       record_.raw_bytes_out = result->bytes();
       last = result->done();
     } else {
-      return;  // the job goes on
+      return;  // the job continues
     }
-    // From here on no other thread starts a write or finishes, so gRPC is called without the lock.
+    // No other thread starts a write or finishes now, so gRPC is called without the lock.
     if (last) {
       end_ = absl::OkStatus();
       finished_ = true;
@@ -395,9 +395,9 @@ void VoxelizeCall::Pump() {
     write_wait_->Begin();
     StartWrite(&writing_message_, options);
     if (!result) return;
-    result->CatchUp();  // while the piece is on its way
+    result->CatchUp();  // while the piece is being sent
     lock.lock();
-    making_ = false;  // and where the write is done by now, the next one is this thread's
+    making_ = false;  // if the write is already done, this thread starts the next one
     if (end_) FreeLocked();
   }
 }
@@ -430,7 +430,7 @@ void VoxelizeCall::End(absl::Status status) {
 }
 
 void VoxelizeCall::FreeLocked() {
-  if (submitted_ || making_) return;  // freed when the worker, or who makes a message, is done
+  if (submitted_ || making_) return;  // freed when the worker, or the thread that makes a message, is done
   result_.reset();
   pieces.clear();
   uploads_.ShrinkTo(0);

@@ -1,4 +1,4 @@
-// One Voxelize call: gathers the upload, hands the job to the pool, sends what comes of it.
+// One Voxelize call: receives the upload, submits the job to the pool, sends the result.
 #pragma once
 
 #include <condition_variable>
@@ -28,9 +28,8 @@
 namespace voxelpipe {
 
 // gRPC's threads call the On... functions and never wait here; workers call those of VoxelizeJob and ResultSink. A
-// result that stands in memory is sent without the worker, from where it stands; one that leaves slab by slab is sent
-// by the worker, which waits for the client to take it. The object lives until gRPC is done with the call and the
-// worker is done with the job, whichever comes last.
+// result in memory is sent without the worker and without a copy; a result streamed slab by slab is sent by the worker,
+// which waits for the client to read it. The object lives until gRPC is done with the call and the worker with the job.
 class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>,
                            private VoxelizeJob,
                            private ResultSink {
@@ -56,7 +55,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
 
   // On a worker's thread.
   absl::Status Planned(const Plan& plan, bool may_wait) override;
-  // Tells the client of the plan, once.
+  // Sends the plan to the client, once.
   void PlanShared(const Plan& plan) override;
   void DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) override;
   ResultSink* large_results() override { return this; }
@@ -67,48 +66,48 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   void OnProgress(std::string_view stage, double fraction);
   ResultPieces& pieces_made();
 
-  // Answers with a result in memory.
+  // Sends a result in memory.
   void Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached);
   // Queues a message.
   void Post(const v1::VoxelizeResponse& response);
   void Post(grpc::ByteBuffer message);
-  // Makes the two waits below.
+  // Creates the two waits below.
   void WatchForIdleness();
-  // The client neither sends nor takes anything.
+  // Called when the client neither sends nor reads.
   void GiveUp(std::string_view why);
   // Cancels the call from outside of gRPC's threads.
   void HangUp();
-  // Starts the next write or finishes the call, if neither is under way.
+  // Starts the next write or finishes the call, if neither is in flight.
   void Pump();
-  // Ends the call with `status` as soon as no write is in flight. Only the first one counts.
+  // Ends the call with `status` as soon as no write is in flight. Only the first call counts.
   void End(absl::Status status);
-  // Frees what only a running job may still need. With mutex_ held.
+  // Frees everything that only a running job needs. With mutex_ held.
   void FreeLocked();
 
   ServiceState& state_;
-  const CallGate::Pass pass_;             // given back when gRPC and the worker are both done
+  const CallGate::Pass pass_;             // released when gRPC and the worker are both done
   grpc::CallbackServerContext& context_;  // used by gRPC's threads only
   std::shared_ptr<VoxelizeCall> self_;    // until OnDone
   CallRecord record_;
 
-  // The upload: touched by one read at a time, with mutex_ held, then by the worker.
+  // The upload: accessed by one read at a time, with mutex_ held, then by the worker.
   grpc::ByteBuffer read_;
   bool configured_ = false;
-  uint64_t upload_bytes_seen_ = 0;  // when the wait for more began
-  bool whole_ = false;              // everything came in one message, and a small result goes back in one
+  uint64_t upload_bytes_seen_ = 0;  // at the start of the wait for more
+  bool whole_ = false;              // the request came in one message, and a small result is sent in one
   BudgetShare uploads_, working_;
   bool planned_ = false;
   std::vector<v1::Progress> early_;  // before the plan: the last one of each stage
   std::chrono::steady_clock::time_point last_progress_;
-  std::optional<Plan> plan_;  // not sent yet: it goes with the whole result
+  std::optional<Plan> plan_;  // not sent yet: it is sent with the whole result
 
-  // A streamed result: touched by the worker only.
+  // A streamed result: accessed only by the worker.
   std::optional<ResultPieces> pieces_made_;
 
-  // For the upload, and for the client to take an answer.
+  // Waits for the upload, and for the client to read a response.
   std::unique_ptr<IdleWatch::Wait> upload_wait_, write_wait_;
 
-  std::mutex context_mutex_;  // while held, gRPC does not take context_ away
+  std::mutex context_mutex_;  // while held, gRPC does not free context_
   bool context_gone_ = false;
 
   std::mutex mutex_;
@@ -120,7 +119,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   grpc::ByteBuffer writing_message_;
   WriteAhead write_ahead_;
   std::optional<absl::Status> end_;
-  bool submitted_ = false;  // a worker has the job or will have it
+  bool submitted_ = false;  // the job was submitted to the scheduler
   // A thread makes a message of result_; a write is in flight; the call was finished in gRPC.
   bool making_ = false, writing_ = false, finished_ = false;
 };

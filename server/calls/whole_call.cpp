@@ -46,7 +46,7 @@ void WholeCall::Start(grpc::ByteBuffer& request) {
     End(std::move(status));
     return;
   }
-  const std::shared_ptr<WholeCall> self = self_;  // the job may be over before Submit returns, and with it the call
+  const std::shared_ptr<WholeCall> self = self_;  // job and call may end before Submit returns
   if (absl::Status s = state_.results.Submit({self, static_cast<VoxelizeJob*>(this)}); !s.ok()) {
     Done(std::move(s));
     return;
@@ -76,8 +76,8 @@ absl::Status WholeCall::TakeRequest(grpc::ByteBuffer& message) {
 
 absl::Status WholeCall::Planned(const Plan& plan, bool may_wait) {
   if (plan.result_bytes > kWholeBytes) return NeedsStreamError(plan.result_bytes, kWholeBytes);
-  uploads_.ShrinkTo(0);  // the file is gone since it was loaded
-  working_.ShrinkTo(0);  // of a worker that failed
+  uploads_.ShrinkTo(0);  // the file was freed after loading
+  working_.ShrinkTo(0);  // of a failed worker
   if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
   plan_ = plan;
   return absl::OkStatus();
@@ -92,8 +92,7 @@ void WholeCall::PlanShared(const Plan& plan) {
 void WholeCall::DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) {
   plan_ = plan;
   const uint64_t bytes = ResultBytes(outcome->result);
-  // A plan that was too large is refused also where the result is there: the answer does not depend on what others
-  // asked for.
+  // A plan that is too large is refused even if the result exists: the response does not depend on other requests.
   if (std::max(bytes, plan.result_bytes) > kWholeBytes) {
     Done(NeedsStreamError(std::max(bytes, plan.result_bytes), kWholeBytes));
     return;
@@ -157,12 +156,12 @@ void WholeCall::GiveUp() {
   const std::lock_guard lock(context_mutex_);
   if (context_gone_) return;
   given_up_ = true;
-  context_.TryCancel();  // only the end of the write lets the call finish
+  context_.TryCancel();  // the call can finish only after the write
 }
 
 void WholeCall::OnCancel() {
   if (context.Check().ok()) context.Cancel();
-  // A job that runs ends by itself soon, and then the call.
+  // A running job ends soon by itself, and then the call.
   if (state_.results.Withdraw(*this)) Done(context.Check());
 }
 

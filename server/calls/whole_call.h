@@ -19,13 +19,13 @@
 
 namespace voxelpipe {
 
-// gRPC's threads begin the call and never wait here; the thread that ends the job, as a rule a worker, finishes the
-// call: no other hand-over is between. Every call is ended by Finish exactly once, when its job has ended. The object
-// lives until gRPC and the worker are both done with it.
+// gRPC's threads begin the call and never wait here; the thread that ends the job, usually a worker, finishes the call
+// without another hand-over. Finish ends every call exactly once, when its job has ended. The object lives until gRPC
+// and the worker are both done with it.
 class WholeCall final : public grpc::ServerUnaryReactor, private VoxelizeJob {
  public:
-  // The reactor of a new call. `state` must outlive it; `request` is used up at once, `response` must live until the
-  // call is done.
+  // The reactor of a new call. `state` must outlive it; `request` is consumed immediately, `response` must live until
+  // the call ends.
   static WholeCall* Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& request,
                            grpc::ByteBuffer& response);
 
@@ -44,18 +44,18 @@ class WholeCall final : public grpc::ServerUnaryReactor, private VoxelizeJob {
   void PlanShared(const Plan& plan) override;
   void DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) override;
   void Done(absl::StatusOr<JobOutcome> outcome) override;
-  // A small result comes in slabs only where the operator wants slabs that small. Not null, so that a plan is the same
-  // as for Voxelize, and its errors with it.
+  // A small result comes in slabs only if the options make slabs that small. Not null, so that plans and their errors
+  // are those of Voxelize.
   ResultSink* large_results() override { return &slabs_; }
 
   // Ends the call with a result in memory, or because it is too large.
   void Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached);
   void End(absl::Status status);
-  // The client does not take the answer.
+  // Called when the client does not read the response.
   void GiveUp();
 
   ServiceState& state_;
-  const CallGate::Pass pass_;             // given back when gRPC and the worker are both done
+  const CallGate::Pass pass_;             // released when gRPC and the worker are both done
   grpc::CallbackServerContext& context_;  // see context_mutex_
   grpc::ByteBuffer& response_;
   std::shared_ptr<WholeCall> self_;  // until OnDone
@@ -66,7 +66,7 @@ class WholeCall final : public grpc::ServerUnaryReactor, private VoxelizeJob {
   absl::Status end_;  // set before Finish, read in OnDone
   std::optional<IdleWatch::Wait> write_wait_;
 
-  std::mutex context_mutex_;  // while held, gRPC does not take context_ away
+  std::mutex context_mutex_;  // while held, gRPC does not free context_
   bool context_gone_ = false, given_up_ = false;
 };
 

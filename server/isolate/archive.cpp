@@ -10,7 +10,7 @@
 namespace voxelpipe {
 namespace {
 
-// Below, waking another thread takes longer than copying.
+// Below this size waking another thread takes longer than copying.
 constexpr uint64_t kMinParallelBytes = 2 << 20;
 constexpr uint64_t kCopyBytes = 1 << 20;
 

@@ -1,9 +1,8 @@
-// Plain values to bytes and back, for two processes of the same build on one machine. What is read may come from a
-// process that a hostile file has taken over: no count is believed, nothing is allocated beyond what the bytes can
-// hold.
+// Serialization of plain values, for two processes of the same build on one machine. The input may come from a process
+// compromised by a hostile file: every count is checked, and nothing is allocated beyond what the bytes can hold.
 //
-// One function template a type says what belongs to it, for both directions: `fields(archive, value)` with an
-// ArchiveWriter and a const value, or an ArchiveReader and a value to fill.
+// One function template per type lists its fields, for both directions: `fields(archive, value)` with an ArchiveWriter
+// and a const value, or an ArchiveReader and a value to fill.
 #pragma once
 
 #include <concepts>
@@ -21,17 +20,17 @@
 
 namespace voxelpipe {
 
-// Any bits are a value of such a type, and it has no bytes between its members.
+// All bit patterns are valid values of such a type, and it has no padding.
 template <typename T>
 concept PlainValue = std::is_trivially_copyable_v<T> && !std::is_same_v<T, bool> && !std::is_enum_v<T>;
 
-// Arrays of at least so many bytes are not copied into the text of an archive.
+// Arrays of at least this many bytes are not copied into the text of an archive.
 inline constexpr uint64_t kMinBulkBytes = 4096;
-// Where they begin, so that their elements are aligned.
+// Alignment of these arrays.
 inline constexpr uint64_t kBulkAlignment = 64;
 
-// Collects a text (all small values, one after the other) and the places of large arrays, which stay where they are.
-// Bulk is these arrays, each from the next multiple of kBulkAlignment on.
+// Collects the text (all small values, one after the other) and references to large arrays, which are not copied. The
+// bulk is these arrays, each from the next multiple of kBulkAlignment on.
 class ArchiveWriter {
  public:
   static constexpr bool kReads = false;
@@ -48,13 +47,13 @@ class ArchiveWriter {
     Value(uint64_t{text.size()});
     Append(text.data(), text.size());
   }
-  // Must stay as it is until the bulk has been copied.
+  // Must not change until the bulk has been copied.
   template <PlainValue T, typename A>
   void Array(const std::vector<T, A>& values) {
     Value(uint64_t{values.size()});
     AddBulkOrAppend(values.data(), values.size() * sizeof(T));
   }
-  // Read by ArchiveReader::View or as an Array of bytes. As for Array.
+  // Read by ArchiveReader::View or as an Array of bytes. The same rule as for Array.
   void Bytes(std::span<const uint8_t> bytes) {
     Value(uint64_t{bytes.size()});
     AddBulkOrAppend(bytes.data(), bytes.size());
@@ -68,7 +67,7 @@ class ArchiveWriter {
 
   const std::vector<uint8_t>& text() const { return text_; }
   uint64_t bulk_bytes() const { return bulk_bytes_; }
-  // Copies the bulk to `to`, which has bulk_bytes(). Several threads.
+  // Copies the bulk to `to`, which has bulk_bytes(), on several threads.
   void CopyBulk(uint8_t* to) const;
 
  private:
@@ -84,7 +83,7 @@ class ArchiveWriter {
   }
   void Append(const void* data, uint64_t bytes) {
     if (bytes == 0) return;
-    // Not insert(): GCC 12 takes what it inlines of it for an overflow.
+    // Not insert(): GCC 12 falsely warns of an overflow in its inlined code.
     const size_t end = text_.size();
     text_.resize(end + bytes);
     std::memcpy(text_.data() + end, data, bytes);
@@ -95,9 +94,9 @@ class ArchiveWriter {
   uint64_t bulk_bytes_ = 0;
 };
 
-// Reads in the same order. After the first fault all values are zeros and all lists empty. Arrays of the bulk are
-// filled by Finish; what is read from `text` must be the reader's own memory, `bulk` may change under its hands: it is
-// copied once, and what was copied is what is checked.
+// Reads in the same order. After the first fault all values are zeros and all lists empty. Finish fills the arrays of
+// the bulk. `text` must be private memory; `bulk` may change concurrently, so it is copied once and the copy is
+// checked.
 class ArchiveReader {
  public:
   static constexpr bool kReads = true;
@@ -128,7 +127,7 @@ class ArchiveReader {
     text.assign(reinterpret_cast<const char*>(text_.data()), size);
     text_ = text_.subspan(size);
   }
-  // `values` must stay where it is until Finish.
+  // `values` must not move until Finish.
   template <PlainValue T, typename A>
   void Array(std::vector<T, A>& values) {
     uint64_t count = 0;
@@ -143,7 +142,7 @@ class ArchiveReader {
     const T* const first = reinterpret_cast<const T*>(TakeBulk(count, sizeof(T)));
     if (first != nullptr) copies_.push_back([&values, first, count] { CopyArray(first, count, values); });
   }
-  // The bytes themselves, in the text or in the bulk: for who trusts the writer not to change them.
+  // A view of the bytes in the text or the bulk: only if the writer is trusted not to change them.
   void View(std::span<const uint8_t>& bytes) {
     uint64_t count = 0;
     Value(count);
@@ -161,14 +160,14 @@ class ArchiveReader {
     list.resize(Count(least_bytes));
     for (auto& element : list) fields(*this, element);
   }
-  // The first reason counts.
+  // Only the first reason counts.
   void Refuse(const char* why) {
     if (fault_ == nullptr) fault_ = why;
     text_ = {};
   }
   bool ok() const { return fault_ == nullptr; }
 
-  // Fills the arrays of the bulk, on several threads. INTERNAL where the bytes were not what a writer writes. May throw
+  // Fills the arrays of the bulk, on several threads. INTERNAL if the bytes are not a valid archive. May throw
   // bad_alloc.
   absl::Status Finish();
 

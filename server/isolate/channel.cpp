@@ -15,7 +15,7 @@ namespace voxelpipe {
 namespace {
 
 constexpr uint32_t kMagic = 0x76784c31;
-// Below, one message by the socket is faster than shared memory. Unix sockets hold some 200 KiB.
+// Below this size a message over the socket is faster than shared memory. Unix sockets hold about 200 KiB.
 constexpr uint64_t kMaxInline = 48 << 10;
 
 struct Header {
@@ -23,7 +23,7 @@ struct Header {
   uint64_t number;
   uint64_t text_bytes, bulk_bytes;
   uint64_t in_region;  // 0 or 1
-  uint64_t unused[3];  // what follows is aligned as bulk is
+  uint64_t unused[3];  // padding: aligns the bytes after the header like bulk
 };
 static_assert(sizeof(Header) == kBulkAlignment);
 
@@ -87,7 +87,7 @@ absl::StatusOr<Message> Channel::Receive(std::chrono::milliseconds patience, uin
   const uint8_t* body = reinterpret_cast<const uint8_t*>(buffer_.data()) + sizeof header;
   if (bytes > most_bytes) return absl::ResourceExhaustedError(absl::StrCat("a message of ", bytes, " bytes"));
   if (header.in_region != 0) {
-    // What was not written takes no memory there, but would here.
+    // Unwritten pages take no memory there, but would here.
     if (!trusts_ && bytes > in_.resident_bytes()) return broken;
     absl::StatusOr<uint8_t*> mapped = in_.Map(bytes);
     if (!mapped.ok()) return mapped.status();

@@ -1,5 +1,5 @@
-// Messages between the server and a process that loads meshes: an archive each, over a socket, and where it is large
-// through shared memory.
+// Messages between the server and a process that loads meshes: an archive each, over a socket, or through shared memory
+// if it is large.
 #pragma once
 
 #include <chrono>
@@ -18,20 +18,20 @@ enum class MessageKind : uint32_t {
   kReady,     // worker: sandboxed before any untrusted input was read, and ready for it
   kLoad,      // server: a file -> a LoadedMesh
   kTextures,  // server: textures -> the same, decoded
-  kTrim,      // server: give back memory that is not in use; no answer
-  kAnswer,    // worker: a status, and what was asked for where it is OK
+  kTrim,      // server: release unused memory; no answer
+  kAnswer,    // worker: a status, followed by the result if it is OK
 };
 
-// What came. `bulk` is in shared memory, which the other side may change, or in the channel's buffer; valid until the
-// next message.
+// A received message. `bulk` is in shared memory, which the other side may change, or in the channel's buffer; valid
+// until the next message.
 struct Message {
   MessageKind kind = MessageKind::kReady;
-  uint64_t number = 0;  // of the question
+  uint64_t number = 0;  // of the request
   std::vector<uint8_t> text;
   std::span<const uint8_t> bulk;
 };
 
-// One end. Not thread-safe.
+// One end of the channel. Not thread-safe.
 class Channel {
  public:
   // Takes the descriptor of a socket of type SOCK_SEQPACKET, and the regions that this end writes and reads. `trusts`:
@@ -44,7 +44,7 @@ class Channel {
   SharedRegion& out() { return out_; }
   SharedRegion& in() { return in_; }
 
-  // RESOURCE_EXHAUSTED where the archive does not fit into memory; UNAVAILABLE where the other end is gone.
+  // RESOURCE_EXHAUSTED if the archive does not fit into memory; UNAVAILABLE if the other end is closed.
   absl::Status Send(MessageKind kind, uint64_t number, const ArchiveWriter& archive);
   // Waits for a message at most so long; a negative time: for ever. DEADLINE_EXCEEDED: none came; UNAVAILABLE: the
   // other end is gone; INTERNAL: it is none of ours; RESOURCE_EXHAUSTED: it has more than `most_bytes`, or there is no
@@ -55,7 +55,7 @@ class Channel {
   const int socket_;
   SharedRegion out_, in_;
   const bool trusts_;
-  std::vector<uint64_t> buffer_;  // aligned for what lies in it
+  std::vector<uint64_t> buffer_;  // uint64_t for its alignment
 };
 
 }  // namespace voxelpipe

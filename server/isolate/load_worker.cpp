@@ -28,14 +28,14 @@ namespace {
 
 static_assert(kCancelSignal == SIGUSR1);
 
-// The question in hand, for the signal's handler: a call that comes late must not end the next one. The handler runs on
-// the main thread alone, whose stack has the job: other threads block the signal.
+// The current request, for the signal handler: a late signal must not cancel the next request. The handler runs only on
+// the main thread, whose stack holds the job; other threads block the signal.
 std::atomic<JobContext*> current_job{nullptr};
 std::atomic<int> current_number{0};
 pthread_t main_thread;
 
 void OnCancel(int, siginfo_t* info, void*) {
-  if (pthread_equal(pthread_self(), main_thread) == 0) return;  // the server kills who does not end
+  if (pthread_equal(pthread_self(), main_thread) == 0) return;  // the server kills processes that do not end
   JobContext* const job = current_job.load();
   if (job != nullptr && info->si_value.sival_int == current_number.load()) job->Cancel();
 }
@@ -49,8 +49,8 @@ class CurrentJob {
   ~CurrentJob() { current_job = nullptr; }
 };
 
-// All that is made once, so that the first file does not pay for it and nothing of it meets the sandbox: threads, what
-// a small file needs, and the process's own budget, which reads files of the system.
+// One-time initialization before the sandbox and the first file: threads, the first load of a small file, and the
+// process's budget, which reads system files.
 void WarmUp(int threads) {
   DefaultMemory();
   std::atomic<int> started{0};
@@ -67,7 +67,7 @@ void WarmUp(int threads) {
   const JobContext job;
   (void)LoadMeshFor(job, {reinterpret_cast<const uint8_t*>(kTriangle.data()), kTriangle.size()}, {});
   try {
-    throw std::runtime_error("the first exception");  // makes what all others use
+    throw std::runtime_error("the first exception");  // initializes the state of exceptions
   } catch (const std::exception&) {}
 }
 
@@ -101,7 +101,7 @@ class Worker {
   }
 
  private:
-  // Sends the answer, or says why there is none.
+  // Sends the answer, or the reason why there is none.
   absl::Status Answer(const Message& message) {
     ArchiveReader reader(message.text, message.bulk);
     LoadQuestion question;
@@ -142,7 +142,7 @@ class Worker {
     if (absl::Status s = PrepareTexturesFor(job, mesh, question.limits, question.textures); !s.ok()) return s;
     mesh.parts.clear();
     for (const auto& image : mesh.images) {
-      if (image != nullptr) image->encoded = {};  // the server has it
+      if (image != nullptr) image->encoded = {};  // the server has a copy
     }
     ArchiveWriter answer;
     Fields(answer, absl::OkStatus());
@@ -168,7 +168,7 @@ int RunLoadWorker(int threads, int kept_bytes) {
   cancel.sa_flags = SA_SIGINFO | SA_RESTART;
   sigaction(kCancelSignal, &cancel, nullptr);
   mallopt(M_ARENA_MAX, std::clamp(threads, 1, 8));
-  mallopt(M_MMAP_THRESHOLD, 32 << 20);  // the most that it takes: what is larger is given back at once
+  mallopt(M_MMAP_THRESHOLD, 32 << 20);  // the maximum: larger blocks are returned to the system immediately
   mallopt(M_TRIM_THRESHOLD, std::max(kept_bytes, 1 << 20));
   const tbb::global_control at_most(tbb::global_control::max_allowed_parallelism, size_t(std::max(1, threads)));
   WarmUp(std::max(1, threads));

@@ -1,4 +1,4 @@
-// The process that decodes untrusted meshes: the server's own binary, started anew with a hidden argument.
+// The process that decodes untrusted meshes: the server's own binary, started again with a hidden argument.
 #pragma once
 
 #include <cstdint>
@@ -9,20 +9,19 @@
 
 namespace voxelpipe {
 
-// The argument, and the descriptors that the process finds open: a socket, the region that it reads and the one that it
-// writes.
+// The argument, and the open descriptors of the process: a socket, the region that it reads and the one that it writes.
 inline constexpr const char* kLoadWorkerArgument = "--load-worker";
 inline constexpr int kWorkerSocket = 3, kWorkerIn = 4, kWorkerOut = 5;
-// Beside the signal comes the number of the question that is to end (its low 31 bits).
+// The signal carries the number of the request to cancel (its low 31 bits).
 inline constexpr int kCancelSignal = 10;  // SIGUSR1
 
-// The fields of a request beside the file or the textures. Both processes are of one build.
+// The fields of a request besides the file or the textures. Both processes are of one build.
 struct LoadQuestion {
   MeshFormat format = MeshFormat::kAuto;
   TextureUse textures;
   LoadLimits limits;
   int64_t deadline_ns = 0;    // of the steady clock; 0: none
-  uint64_t memory_bytes = 0;  // that loading may take; 0: no limit
+  uint64_t memory_bytes = 0;  // limit for loading; 0: none
   uint32_t threads = 1;
 };
 
@@ -38,8 +37,8 @@ void QuestionFields(A& archive, Q& question) {
   archive.Value(question.threads);
 }
 
-// Answers questions until the server ends. `threads`: of this process, at most. `kept_bytes`: of free memory at the end
-// of its heap, at most; fresh pages cost more than copying. Out: the exit code.
+// Serves requests until the server ends. `threads`: maximum of this process. `kept_bytes`: maximum free memory kept at
+// the end of its heap, because fresh pages cost more than copying. Out: the exit code.
 int RunLoadWorker(int threads, int kept_bytes);
 
 }  // namespace voxelpipe

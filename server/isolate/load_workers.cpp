@@ -21,7 +21,7 @@ using std::chrono::milliseconds;
 
 // How often a call that waits for a process polls its job.
 constexpr milliseconds kLookInterval{10};
-constexpr milliseconds kRetryInterval{200};  // after a start that failed
+constexpr milliseconds kRetryInterval{200};  // after a failed start
 
 LoadQuestion QuestionOf(const LoadRequest& request, const JobContext& job, uint64_t memory_bytes, uint32_t threads) {
   LoadQuestion question;
@@ -42,7 +42,7 @@ double Plausible(double ms, double most_ms) {
   return std::isfinite(ms) ? std::clamp(ms, 0.0, most_ms) : 0.0;
 }
 
-// For each image the first one that is the same.
+// For each image the index of the first identical one.
 std::vector<size_t> FirstOfSame(const std::vector<std::shared_ptr<Image>>& images) {
   std::map<const Image*, size_t> first;
   std::vector<size_t> same;
@@ -63,14 +63,14 @@ absl::Status TakeTextures(TriangleMesh from, TriangleMesh& mesh) {
     image.name = std::move(mesh.images[i]->name);
     image.mime_type = std::move(mesh.images[i]->mime_type);
     image.encoded = std::move(mesh.images[i]->encoded);
-    image.memory = std::move(mesh.images[i]->memory);  // of what was encoded
+    image.memory = std::move(mesh.images[i]->memory);  // of the encoded bytes
     *mesh.images[i] = std::move(image);
   }
   for (size_t i = 0; i < mesh.textures.size(); ++i) mesh.textures[i].image = from.textures[i].image;
   return absl::OkStatus();
 }
 
-// What the images take of the job from now on, until the last of them goes.
+// The charge of the images to the job, released with the last of them.
 void KeepCharge(MemoryCharge charge, const TriangleMesh& mesh) {
   const auto shared = std::make_shared<MemoryCharge>(std::move(charge));
   for (const std::shared_ptr<Image>& image : mesh.images) {
@@ -82,7 +82,7 @@ void KeepCharge(MemoryCharge charge, const TriangleMesh& mesh) {
 
 }  // namespace
 
-// A process for one question.
+// A process for one request.
 class LoadWorkers::Lease {
  public:
   Lease(LoadWorkers& workers, std::unique_ptr<WorkerProcess> process)
@@ -122,7 +122,7 @@ uint64_t LoadWorkers::MemoryFor(const JobContext& job) const {
   if (const MemoryBudget* const memory = job.memory(); memory != nullptr) {
     const uint64_t left = memory->limit_bytes() - std::min(memory->limit_bytes(), memory->used_bytes());
     bytes = bytes == 0 ? left : std::min(bytes, left);
-    bytes = std::max<uint64_t>(bytes, 1);  // 0 would be no bound
+    bytes = std::max<uint64_t>(bytes, 1);  // 0 would mean no bound
   }
   return bytes;
 }
@@ -157,7 +157,7 @@ absl::StatusOr<LoadedMesh> LoadWorkers::Load(std::vector<uint8_t> file, const Lo
   if (absl::Status s = lease->Ask(MessageKind::kLoad, memory_bytes, question, job, read, kept); !s.ok()) return s;
   loaded.mesh.memory = std::make_shared<MemoryCharge>(std::move(kept));
   const double ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
-  // Getting the mesh here belongs to loading it.
+  // The transfer of the mesh counts as loading.
   loaded.flatten_ms = Plausible(loaded.flatten_ms, ms);
   loaded.load_ms = ms - loaded.flatten_ms;
   job.Report("load", 1);
@@ -235,7 +235,7 @@ void LoadWorkers::GiveBack(std::unique_ptr<WorkerProcess> process) {
 
 size_t LoadWorkers::Wanted() const {
   const size_t alive = busy_ + idle_.size();
-  const size_t wanted = waiting_ + 1;  // one more than wait for one
+  const size_t wanted = waiting_ + 1;  // one more than the waiting calls
   if (idle_.size() >= wanted || alive >= most_) return 0;
   return std::min(wanted - idle_.size(), most_ - alive);
 }
@@ -255,7 +255,7 @@ void LoadWorkers::LookForIdle(Clock::time_point now) {
     idle_.erase(idle_.begin());
   }
   if (options_.unused.count() <= 0) return;
-  // Those at the front were not used for longest.
+  // The least recently used ones are at the front.
   while (idle_.size() > 1 && now - idle_.front().since >= options_.unused) {
     ended_.push_back(std::move(idle_.front().process));
     idle_.erase(idle_.begin());

@@ -1,4 +1,4 @@
-// The processes that load meshes for the server, kept and used again.
+// The pool of processes that load meshes for the server.
 #pragma once
 
 #include <chrono>
@@ -21,47 +21,44 @@
 namespace voxelpipe {
 
 struct LoadWorkersOptions {
-  int workers = 1;            // processes, at most, until SetWorkers
-  int threads = 1;            // of one that works alone; several share them
-  uint64_t memory_bytes = 0;  // that loading one mesh may take where the job has no smaller budget; 0: no bound
+  int workers = 1;            // maximum number of processes, until SetWorkers
+  int threads = 1;            // of a process that runs alone; several share them
+  uint64_t memory_bytes = 0;  // limit for loading one mesh, if the job has no smaller budget; 0: none
   std::chrono::milliseconds unused{
-      10'000};  // then all but one end, and that one gives back what it does not use; 0: never
-  // That all processes together keep from question to question, of each kind (WorkerProcess::Options), until
-  // SetWorkers. One keeps its share, but at least 2 MiB and at most 64 MiB.
+      10'000};  // afterwards all but one end, and that one releases unused memory; 0: never
+  // Memory that all processes together keep between requests, of each kind (WorkerProcess::Options), until SetWorkers.
+  // Each keeps its share, at least 2 MiB and at most 64 MiB.
   uint64_t kept_bytes = 64 << 20;
-  WorkerProcess::Options process;  // but for kept_bytes
+  WorkerProcess::Options process;  // kept_bytes is ignored
 };
 
-// Thread-safe. No call of one job is touched by what happens to the process of another. There is always one process
-// that waits, unless all are at work.
+// Thread-safe. The failure of one process affects no other job. One process is always kept idle, unless all are busy.
 class LoadWorkers {
  public:
-  // Out: when the first process has said that it is ready. UNAVAILABLE saying why none can be.
+  // Returns when the first process is ready. UNAVAILABLE with the reason why none can be.
   static absl::StatusOr<std::unique_ptr<LoadWorkers>> Start(const LoadWorkersOptions& options);
-  // No call may run any more.
+  // No call may be running.
   ~LoadWorkers();
 
-  // What LoadMeshFor (load/load_mesh.h) gives, made in one of the processes and checked here; the file is freed
-  // then. Waits for one where all are at work.
-  // Errors: those of LoadMeshFor; the job's, within 100 ms; RESOURCE_EXHAUSTED where the process takes more memory or
-  // time than it may; INTERNAL where it dies or gives what cannot be a mesh; UNAVAILABLE where none can be started. May
-  // throw bad_alloc.
+  // LoadMeshFor (load/load_mesh.h) in one of the processes, with the result checked here; then the file is freed.
+  // Waits for a process if all are busy. Errors: those of LoadMeshFor; the job's, within 100 ms; RESOURCE_EXHAUSTED if
+  // the process exceeds its memory or time limit; INTERNAL if it dies or returns an invalid mesh; UNAVAILABLE if none
+  // can be started. May throw bad_alloc.
   absl::StatusOr<LoadedMesh> Load(std::vector<uint8_t> file, const LoadRequest& request, const JobContext& job);
 
-  // PrepareTexturesFor (load/decode/image.h) likewise.
+  // PrepareTexturesFor (load/decode/image.h) in one of the processes, in the same way.
   absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use,
                               const JobContext& job);
 
-  // From now on so many processes at most, which together keep so much (LoadWorkersOptions). Those beyond end once they
-  // are not needed, and those that keep more than their new share end.
+  // Sets the maximum number of processes and the memory that they keep together (LoadWorkersOptions). Surplus processes
+  // end when they become idle, and so do those that keep more than their new share.
   void SetWorkers(int workers, uint64_t kept_bytes);
 
   struct Stats {
     int processes = 0, busy = 0;
-    uint64_t questions = 0;   // that were asked
-    uint64_t kept_bytes = 0;  // that the processes which are not busy may keep together, of each kind
-    std::map<std::string, uint64_t>
-        ended;  // processes that did not end in order, by reason (WorkerProcess::end_reason)
+    uint64_t questions = 0;                 // sent requests
+    uint64_t kept_bytes = 0;                // limit of the memory that idle processes keep together, of each kind
+    std::map<std::string, uint64_t> ended;  // processes that ended abnormally, by reason (WorkerProcess::end_reason)
   };
   Stats stats() const;
 
@@ -76,25 +73,25 @@ class LoadWorkers {
   explicit LoadWorkers(const LoadWorkersOptions& options)
       : options_(options), most_(MostOf(options.workers)), kept_bytes_(options.kept_bytes) {}
   static size_t MostOf(int workers) { return size_t(workers < 1 ? 1 : workers); }
-  // How much one load may take.
+  // The memory limit of one load.
   uint64_t MemoryFor(const JobContext& job) const;
-  // Out: the threads that it may use now.
+  // Out: the number of threads that it may use now.
   uint32_t CountQuestion();
   absl::StatusOr<std::unique_ptr<WorkerProcess>> Take(const JobContext& job);
   void GiveBack(std::unique_ptr<WorkerProcess> process);
-  // The thread that starts processes (they end with it), buries them, and looks for idle ones.
+  // The thread that starts processes (they end with it), reaps them, and ends idle ones.
   void Maintain();
   void LookForIdle(std::chrono::steady_clock::time_point now);
   size_t Wanted() const;
-  // What one process may keep.
+  // The memory that one process may keep.
   uint64_t KeptShare() const;
 
   const LoadWorkersOptions options_;
   mutable std::mutex mutex_;
   size_t most_;
   uint64_t kept_bytes_;
-  std::condition_variable freed_, work_;  // for those who wait for a process; for the thread
-  std::vector<Idle> idle_;                // used last at the back
+  std::condition_variable freed_, work_;  // for callers that wait for a process; for the thread
+  std::vector<Idle> idle_;                // most recently used at the back
   std::vector<std::unique_ptr<WorkerProcess>> ended_;
   size_t busy_ = 0, waiting_ = 0;
   uint64_t starts_failed_ = 0;

@@ -14,15 +14,13 @@ namespace voxelpipe {
 
 class LoadWorkers;
 
-// LoadMeshFor (load/load_mesh.h), by `workers` where the file may need a decoder that others wrote
-// (load/decode/foreign_decoders.h). Without `workers` (null) always in this process. The file is freed as soon as it is
-// loaded.
-// Errors: those of LoadMeshFor and of LoadWorkers::Load; what is wrong with the file as a whole is about the field
-// "mesh" (WithField). May throw bad_alloc.
+// LoadMeshFor (load/load_mesh.h), in `workers` if the file may need a third-party decoder
+// (load/decode/foreign_decoders.h). Always in this process if `workers` is null. The file is freed as soon as it is
+// loaded. Errors: those of LoadMeshFor and of LoadWorkers::Load. May throw bad_alloc.
 absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, const LoadRequest& request, LoadWorkers* workers,
                                     const JobContext& job);
 
-// PrepareTexturesFor (load/decode/image.h) of a mesh whose images may be encoded, likewise.
+// PrepareTexturesFor (load/decode/image.h) for a mesh whose images may be encoded, in the same way.
 absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use, LoadWorkers* workers,
                             const JobContext& job);
 

@@ -47,7 +47,7 @@ bool IndicesBelow(const std::vector<std::array<uint32_t, 3>>& triangles, uint64_
   return m < vertices;
 }
 
-// Without branches: the sum of the exponents that say "not finite".
+// Without branches: the number of exponents that mean "not finite".
 bool Finite(const std::vector<Vec3d>& positions) {
   const auto finite = [&](size_t begin, size_t end) {
     constexpr uint64_t kExponent = uint64_t{0x7ff} << 52;
@@ -105,7 +105,7 @@ bool IsOwnAttribute(const VertexAttribute& attribute, uint64_t vertices) {
   return attribute.values.size() == values;
 }
 
-// Shaders take it that all vertices of a triangle have values, or none. Of parts that cover the mesh.
+// Shaders rely on all vertices of a triangle having values, or none. For parts that cover the mesh.
 bool StayInParts(const TriangleMesh& mesh) {
   std::atomic<bool> all{true};
   tbb::parallel_for(size_t{0}, mesh.parts.size(), [&](size_t p) {

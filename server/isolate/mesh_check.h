@@ -6,11 +6,11 @@
 
 namespace voxelpipe {
 
-// In: any values. OK where all that triangle_mesh.h, material.h and rig.h promise of counts, indices and coordinates
-// holds; else INTERNAL saying what does not. O(size of the mesh), on several threads.
+// In: any values. OK if all guarantees of triangle_mesh.h, material.h and rig.h for counts, indices and coordinates
+// hold; otherwise INTERNAL naming the first violation. O(size of the mesh), on several threads.
 absl::Status CheckMesh(const TriangleMesh& mesh);
 
-// Of materials, textures and images alone.
+// For materials, textures and images alone.
 absl::Status CheckTextures(const TriangleMesh& mesh);
 
 }  // namespace voxelpipe

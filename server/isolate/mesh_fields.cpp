@@ -10,7 +10,7 @@
 namespace voxelpipe {
 namespace {
 
-// MeshPart without the gaps of its layout.
+// MeshPart without padding.
 struct PackedPart {
   uint64_t first_triangle, triangle_count, first_vertex, vertex_count;
   int32_t material;
@@ -119,7 +119,7 @@ void Warnings(ArchiveWriter& archive, const WarningList& list) {
   archive.Each(list.kept(), 17, [](ArchiveWriter& a, const Warning& warning) { WarningFields(a, warning); });
   archive.Value(list.left_out());
 }
-// No more and no longer ones than a list takes.
+// At most as many and as long ones as a list accepts.
 void Warnings(ArchiveReader& archive, WarningList& list) {
   std::vector<Warning> warnings;
   archive.Each(warnings, 17, [](ArchiveReader& a, Warning& warning) { WarningFields(a, warning); });
@@ -144,7 +144,7 @@ void ImageFields(A& archive, I& image) {
 
 constexpr uint32_t kNoImage = UINT32_MAX;
 
-// Several may be one, which is sent once: each says which one it is, and if it is the first one, what it has.
+// Images may be shared and are sent once: each entry has the index of its image, and the first one its contents.
 void Images(ArchiveWriter& archive, const std::vector<std::shared_ptr<Image>>& images) {
   std::map<const Image*, uint32_t> first;
   uint32_t next = 0;

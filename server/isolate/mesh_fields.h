@@ -1,4 +1,4 @@
-// What belongs to a mesh and to what is loaded with it, for archives (archive.h).
+// The fields of a mesh and of the data loaded with it, for archives (archive.h).
 #pragma once
 
 #include <map>
@@ -18,13 +18,13 @@ namespace voxelpipe {
 void Fields(ArchiveWriter& archive, const absl::Status& status);
 void Fields(ArchiveReader& archive, absl::Status& status);
 
-// All of a mesh but its content_id and its charges. Null images stay null; images, primitives and morph data that are
-// shared are sent once.
+// All of a mesh except its content_id and its charges. Null images stay null; shared images, primitives and morph data
+// are sent once.
 void Fields(ArchiveWriter& archive, const TriangleMesh& mesh);
-// What is read has to pass CheckMesh (mesh_check.h) after Finish.
+// Values that were read must pass CheckMesh (mesh_check.h) after Finish.
 void Fields(ArchiveReader& archive, TriangleMesh& mesh);
 
-// Parts, materials, textures and images alone: what PrepareTexturesFor looks at and changes.
+// Parts, materials, textures and images alone: the data that PrepareTexturesFor reads and changes.
 void TextureFields(ArchiveWriter& archive, const TriangleMesh& mesh);
 void TextureFields(ArchiveReader& archive, TriangleMesh& mesh);
 

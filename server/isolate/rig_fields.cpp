@@ -10,7 +10,7 @@
 namespace voxelpipe {
 namespace {
 
-// Of objects that several others share: each once, in the order of their first use, and who has which.
+// Shared objects: each once, in the order of first use, and the index of each user.
 template <typename T>
 struct Shared {
   std::vector<std::shared_ptr<T>> objects;
@@ -42,7 +42,7 @@ void MorphFields(A& archive, M& morph) {
   archive.Each(morph.targets, 28, [](A& a, auto& target) { TargetFields(a, target); });
 }
 
-// What a rig keeps of a primitive; its triangles and its other attributes are those of the mesh.
+// The parts of a primitive in a rig; its triangles and its other attributes are those of the mesh.
 template <typename A, typename P>
 void PrimitiveFields(A& archive, P& primitive) {
   archive.Array(primitive.positions);
@@ -127,7 +127,7 @@ void RigFields(ArchiveReader& archive, std::shared_ptr<const Rig>& rig) {
   const auto fresh = std::make_shared<Rig>();
   rig = fresh;
   NodesOf(archive, *fresh);
-  // The objects stay where they are: arrays are filled later.
+  // The addresses of the objects are stable: arrays are filled later.
   std::vector<std::shared_ptr<MorphData>> morphs;
   std::vector<std::shared_ptr<Primitive>> primitives;
   archive.Each(morphs, 32, [](ArchiveReader& a, std::shared_ptr<MorphData>& morph) {

@@ -1,4 +1,4 @@
-// What belongs to a rig, for archives (archive.h).
+// The fields of a rig, for archives (archive.h).
 #pragma once
 
 #include <memory>
@@ -10,7 +10,7 @@ namespace voxelpipe {
 
 // A rig or null. Primitives and morph data that several parts share are sent once.
 void RigFields(ArchiveWriter& archive, const std::shared_ptr<const Rig>& rig);
-// What is read has to pass CheckMesh (mesh_check.h) after Finish.
+// Values that were read must pass CheckMesh (mesh_check.h) after Finish.
 void RigFields(ArchiveReader& archive, std::shared_ptr<const Rig>& rig);
 
 }  // namespace voxelpipe

@@ -20,7 +20,7 @@
 namespace voxelpipe {
 namespace {
 
-// Calls that are harmless whatever they are given: memory, threads of this process, clocks, open descriptors, the end.
+// System calls that are harmless with all arguments: memory, threads of this process, clocks, open descriptors, exit.
 constexpr int kAllowed[] = {SCMP_SYS(brk),
                             SCMP_SYS(munmap),
                             SCMP_SYS(mremap),
@@ -61,19 +61,19 @@ int AddRules(scmp_filter_ctx filter) {
   for (const int call : kAllowed) {
     if (const int error = seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 0); error != 0) return error;
   }
-  // Memory that can be executed is none of ours.
+  // No executable memory.
   const scmp_arg_cmp not_executable = SCMP_A2(SCMP_CMP_MASKED_EQ, PROT_EXEC, 0);
   for (const int call : {SCMP_SYS(mmap), SCMP_SYS(mprotect)}) {
     if (const int error = seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 1, not_executable); error != 0) return error;
   }
   const scmp_arg_cmp thread = SCMP_A0(SCMP_CMP_MASKED_EQ, kThreadFlags | kNamespaceFlags, kThreadFlags);
   if (const int error = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(clone), 1, thread); error != 0) return error;
-  // Its flags lie in memory, where a filter does not see them; glibc then calls clone.
+  // Its flags are in memory, which a filter cannot read; after the error glibc calls clone.
   if (const int error = seccomp_rule_add(filter, SCMP_ACT_ERRNO(ENOSYS), SCMP_SYS(clone3), 0); error != 0) return error;
   // abort() sends a signal to this process itself.
   const scmp_arg_cmp self = SCMP_A0(SCMP_CMP_EQ, uint64_t(getpid()));
   if (const int error = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(tgkill), 1, self); error != 0) return error;
-  // abort() puts the default action back.
+  // abort() restores the default action.
   return seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(rt_sigaction), 0);
 }
 
@@ -91,7 +91,7 @@ Statm ReadStatm(int pid) {
   return statm;
 }
 
-// The hard limit stays: an ordinary process cannot raise it again.
+// Keeps the hard limit, which an unprivileged process cannot raise again.
 void SetSoftLimit(int pid, __rlimit_resource resource, rlim_t value) {
   rlimit limit{};
   if (prlimit(pid, resource, nullptr, &limit) != 0) return;
@@ -110,7 +110,7 @@ absl::Status EnterSandbox() {
   const std::unique_ptr<void, void (*)(scmp_filter_ctx)> filter(seccomp_init(SCMP_ACT_ERRNO(EPERM)), seccomp_release);
   if (filter == nullptr) return absl::UnavailableError("no seccomp filter: out of memory");
   int error = AddRules(filter.get());
-  // Threads that exist already are bound as well. PR_SET_NO_NEW_PRIVS is the library's default.
+  // Existing threads are restricted as well. PR_SET_NO_NEW_PRIVS is the library's default.
   if (error == 0) error = seccomp_attr_set(filter.get(), SCMP_FLTATR_CTL_TSYNC, 1);
   if (error == 0) error = seccomp_load(filter.get());
   if (error == 0) return absl::OkStatus();

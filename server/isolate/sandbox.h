@@ -7,25 +7,24 @@
 
 namespace voxelpipe {
 
-// From here on this process, all of its threads, can use memory, threads, clocks and the descriptors that it has, and
-// end; the kernel refuses all else with EPERM: it opens no file and no socket, starts no program, sees no other
-// process, makes no memory executable. Seccomp with PR_SET_NO_NEW_PRIVS: needs no privilege. Cannot be undone.
-// Errors: UNAVAILABLE where the kernel or what the process runs in does not let it.
+// After this call all threads of this process can use memory, threads, clocks and open descriptors, and exit; the
+// kernel refuses everything else with EPERM: opening files or sockets, starting programs, accessing other processes,
+// executable memory. Seccomp with PR_SET_NO_NEW_PRIVS: needs no privilege. Cannot be undone. Errors: UNAVAILABLE if the
+// kernel or the container does not allow it.
 absl::Status EnterSandbox();
 
-// Takes the process down with its parent, leaves SIGINT, SIGTERM and SIGHUP to that, writes no core files.
+// Ends the process with its parent, leaves SIGINT, SIGTERM and SIGHUP to the parent, disables core files.
 void BindToParent();
 
-// Bytes of address space that another process of this user has now. 0: it is gone.
+// Bytes of address space of another process of this user. 0: it has ended.
 uint64_t AddressSpaceBytes(int pid);
-// Its resident bytes, without what it shares.
+// Its resident bytes, without shared ones.
 uint64_t OwnResidentBytes(int pid);
 
-// Bounds another process of this user: what it may have of address space (0: no bound), and how many seconds of
-// processor time it may take from now on.
+// Limits another process of this user: its address space (0: no limit), and its further CPU time in seconds.
 void BoundProcess(int pid, uint64_t address_space_bytes, uint64_t cpu_seconds);
 
-// True if this build carries a sanitizer, which needs terabytes of address space.
+// True if this build has a sanitizer, which needs terabytes of address space.
 bool IsSanitizedBuild();
 
 }  // namespace voxelpipe

@@ -36,7 +36,7 @@ SharedRegion::~SharedRegion() {
 absl::StatusOr<uint8_t*> SharedRegion::Map(uint64_t bytes) {
   if (bytes <= mapped_ && data_ != nullptr) return data_;
   if (bytes > kBytes) return absl::ResourceExhaustedError(absl::StrCat(bytes, " bytes are more than can be shared"));
-  // In steps, so that few lengths are mapped anew.
+  // In steps, so that it is rarely mapped again.
   uint64_t length = std::max<uint64_t>(bytes, 1 << 20);
   length = std::min(kBytes, (length + length / 4 + kPage - 1) / kPage * kPage);
   void* const data = mmap(nullptr, length, PROT_READ | PROT_WRITE, MAP_SHARED, fd_, 0);

@@ -9,15 +9,15 @@
 
 namespace voxelpipe {
 
-// A memory file that can neither shrink nor grow, so that reading what is mapped never faults. It is as large as
-// anything could need, and takes memory only where it was written. Not thread-safe.
+// A memory file of fixed size, so that reading its mapping never faults. It is as large as any message, and takes
+// memory only for written pages. Not thread-safe.
 class SharedRegion {
  public:
   static constexpr uint64_t kBytes = uint64_t{256} << 30;
 
   // Errors: those of the system.
   static absl::StatusOr<SharedRegion> Create();
-  // Of a descriptor that another process made by Create; it is this object's from now on.
+  // From a descriptor that another process made with Create; takes ownership.
   explicit SharedRegion(int fd) : fd_(fd) {}
   SharedRegion(SharedRegion&& other) noexcept
       : fd_(std::exchange(other.fd_, -1)),
@@ -27,11 +27,11 @@ class SharedRegion {
   ~SharedRegion();
 
   int fd() const { return fd_; }
-  // The first `bytes` bytes, mapped until the next call. RESOURCE_EXHAUSTED where they do not fit.
+  // The first `bytes` bytes, mapped until the next call. RESOURCE_EXHAUSTED if they do not fit.
   absl::StatusOr<uint8_t*> Map(uint64_t bytes);
-  // What it takes of memory.
+  // Its memory in bytes.
   uint64_t resident_bytes() const;
-  // Gives back all but the first `bytes` bytes; they read as zeros then.
+  // Releases the memory of all but the first `bytes` bytes, which then reads as zeros.
   void ShrinkTo(uint64_t bytes);
 
  private:

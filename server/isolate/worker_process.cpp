@@ -32,15 +32,15 @@ using std::chrono::milliseconds;
 
 // How often job and memory are polled while the process works.
 constexpr milliseconds kLookInterval{10};
-// From the job's end to the process's, where that does not see it by itself.
+// Grace from the end of the job to killing the process.
 constexpr milliseconds kPatience{50};
 constexpr milliseconds kStartPatience{10'000};
-// Of processor time, beyond which no file is worth it; a deadline ends it before.
+// The limit of CPU time for any file; a deadline may be shorter.
 constexpr uint64_t kMaxCpuSeconds = 600;
-// Below, what a process takes is noise of its allocator.
+// Changes in memory below this are noise of the allocator.
 constexpr uint64_t kSlackBytes = 16 << 20;
 
-// The variables that a loader of libraries or a sanitizer needs; all others are none of a decoder's business.
+// The variables that the dynamic loader or a sanitizer needs; decoders get no others.
 std::vector<char*> Environment() {
   std::vector<char*> kept;
   for (char** variable = environ; *variable != nullptr; ++variable) {
@@ -74,7 +74,7 @@ int Spawn(const WorkerProcess::Options& options, const std::array<int, 3>& descr
   SpawnSettings settings;
   posix_spawn_file_actions_addopen(&settings.actions, 0, "/dev/null", O_RDONLY, 0);
   posix_spawn_file_actions_addopen(&settings.actions, 1, "/dev/null", O_WRONLY, 0);
-  // Its output is at most a report of a sanitizer; untrusted input must not write to our log.
+  // Its only output is a report of a sanitizer; untrusted input must not write to our log.
   if (!IsSanitizedBuild()) posix_spawn_file_actions_addopen(&settings.actions, 2, "/dev/null", O_WRONLY, 0);
   // First out of the way of one another.
   const int free = std::max(kWorkerOut, *std::max_element(descriptors.begin(), descriptors.end())) + 1;
@@ -147,7 +147,7 @@ int WorkerProcess::Reap(milliseconds patience) {
 }
 
 absl::Status WorkerProcess::Died() {
-  // It has closed its socket, so it ends by itself: then the reason is its own.
+  // It has closed its socket, so it ends by itself, with a reason of its own.
   int status = Reap(milliseconds(50));
   Kill("died");
   if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
@@ -197,7 +197,7 @@ uint64_t WorkerProcess::ResidentBytes() const {
 
 uint64_t WorkerProcess::TakenBytes() {
   const uint64_t resident = ResidentBytes();
-  base_resident_ = std::min(base_resident_, resident);  // it may still have been freeing its last mesh
+  base_resident_ = std::min(base_resident_, resident);  // it may not have freed its last mesh completely
   return resident - base_resident_;
 }
 
@@ -247,7 +247,7 @@ absl::Status WorkerProcess::WaitForAnswer(uint64_t memory_bytes, const JobContex
       Kill(absl::IsCancelled(over) ? "cancelled" : "deadline");
       return over;
     }
-    // In the server's budget from here on, and bounded by it.
+    // From here on charged to the server's budget, and limited by it.
     const uint64_t taken = TakenBytes();
     absl::Status full;
     if (taken > charge.bytes()) full = ChargeMore(taken - charge.bytes(), charge);
@@ -256,7 +256,7 @@ absl::Status WorkerProcess::WaitForAnswer(uint64_t memory_bytes, const JobContex
                             {taken, memory_bytes, 0});
     }
     if (!full.ok()) {
-      if (over.ok()) over = job.Check();  // it may have ended while this waited
+      if (over.ok()) over = job.Check();  // it may have ended during the wait
       if (over.ok()) over = full;
       Kill(absl::IsCancelled(over) ? "cancelled" : absl::IsDeadlineExceeded(over) ? "deadline" : "memory");
       return over;
@@ -268,12 +268,12 @@ absl::Status WorkerProcess::Ask(MessageKind kind, uint64_t memory_bytes, const A
                                 const JobContext& job, const std::function<absl::Status(ArchiveReader&)>& read,
                                 MemoryCharge& kept) {
   if (absl::Status s = WaitUntilReady(job); !s.ok()) return s;
-  // Only now: while the last answer was read, its mesh was still in the process, too.
+  // Only now: while the last answer was read, the process still held its mesh.
   if (std::exchange(measure_, false)) base_resident_ = ResidentBytes();
   const Clock::time_point begin = Clock::now();
   absl::Status status = Exchange(kind, memory_bytes, question, job, read, kept);
   measure_ = Clock::now() - begin >= kLookInterval;
-  // Large ones leave much behind.
+  // Large meshes leave much free memory behind.
   if (usable() && (channel_->in().resident_bytes() > options_.kept_bytes ||
                    channel_->out().resident_bytes() > options_.kept_bytes)) {
     channel_->in().ShrinkTo(options_.kept_bytes);
@@ -292,7 +292,7 @@ absl::Status WorkerProcess::Exchange(MessageKind kind, uint64_t memory_bytes, co
     return absl::IsUnavailable(s) ? Died() : s;
   }
   Message answer;
-  MemoryCharge charge(&MemoryOf(job));  // of what the process takes, then of what came back
+  MemoryCharge charge(&MemoryOf(job));  // of the memory of the process, then of the result
   if (absl::Status s = WaitForAnswer(memory_bytes, job, charge, answer); !s.ok()) return s;
   const uint64_t came_bytes = answer.text.size() + answer.bulk.size();
   charge.ShrinkTo(came_bytes);

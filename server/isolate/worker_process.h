@@ -1,4 +1,4 @@
-// A process that loads meshes, seen from the server.
+// The server's handle of a process that loads meshes.
 #pragma once
 
 #include <sys/types.h>
@@ -17,20 +17,19 @@
 
 namespace voxelpipe {
 
-// One child. Not thread-safe. It ends with this object, with the server, and with the thread that made it.
+// One child process. Not thread-safe. It ends with this object, with the server, and with the thread that created it.
 class WorkerProcess {
  public:
   struct Options {
     std::string program = "/proc/self/exe";  // with kLoadWorkerArgument
     int threads = 1;
-    // Kept from question to question: of shared memory, each way, and of its heap. At most 1 GiB.
+    // Memory kept between requests: of shared memory in each direction, and of its heap. At most 1 GiB.
     uint64_t kept_bytes = 64 << 20;
   };
 
-  // Starts the program; it is not ready yet. UNAVAILABLE where the system gives no process, no memory or no
-  // descriptors.
+  // Starts the program; it is not ready yet. UNAVAILABLE if the system lacks processes, memory or descriptors.
   static absl::StatusOr<std::unique_ptr<WorkerProcess>> Start(const Options& options);
-  // Kills it, if it lives, and waits for its end: that of one with gigabytes takes its time.
+  // Kills it, if it is alive, and waits for its end, which takes long with gigabytes of memory.
   ~WorkerProcess();
   WorkerProcess(const WorkerProcess&) = delete;
   WorkerProcess& operator=(const WorkerProcess&) = delete;
@@ -42,38 +41,37 @@ class WorkerProcess {
   // Why it is not: "cancelled", "deadline", "memory", "cpu", "protocol", "died", "start".
   const char* end_reason() const { return end_reason_; }
 
-  // Waits until it has said that it is ready. UNAVAILABLE where it ends instead, as where the kernel has no seccomp;
-  // the job's.
+  // Waits until it is ready. UNAVAILABLE if it ends instead, for example if the kernel has no seccomp; the job's.
   absl::Status WaitUntilReady(const JobContext& job);
 
-  // Asks, and waits for the answer. `read` reads what stands behind the status; it is called where the status is OK.
-  // The process is killed, and is not usable any more, when it has not ended its work kPatience after the job was over,
-  // when it takes more than `memory_bytes` (0: no bound), and when it does not keep to the protocol. What it takes is
-  // charged to the job while it works; it stands still while that has to wait for others' memory. `kept`: what was read
-  // is charged to it once `read` has read it. Errors: the answer's status; the job's; RESOURCE_EXHAUSTED for memory and
-  // processor time; INTERNAL where the process dies or is broken.
+  // Sends a request and waits for the answer. `read` reads the result after the status, if the status is OK. The
+  // process is killed, and is not usable any more, if it has not ended its work kPatience after the end of the job, if
+  // it exceeds `memory_bytes` (0: no limit), or if it violates the protocol. Its memory is charged to the job while it
+  // works; it is stopped while the charge waits for memory of others. `kept`: charged with the result once `read` has
+  // read it. Errors: the answer's status; the job's; RESOURCE_EXHAUSTED for memory and CPU time; INTERNAL if the
+  // process dies or violates the protocol.
   absl::Status Ask(MessageKind kind, uint64_t memory_bytes, const ArchiveWriter& question, const JobContext& job,
                    const std::function<absl::Status(ArchiveReader&)>& read, MemoryCharge& kept);
 
-  // Gives back memory that is not in use. Only between questions.
+  // Releases unused memory. Only between requests.
   void Trim();
 
  private:
   explicit WorkerProcess(const Options& options) : options_(options) {}
 
-  // Ask, of a process that is ready; the memory of the messages is not given back.
+  // Ask for a process that is ready; the memory of the messages is not released.
   absl::Status Exchange(MessageKind kind, uint64_t memory_bytes, const ArchiveWriter& question, const JobContext& job,
                         const std::function<absl::Status(ArchiveReader&)>& read, MemoryCharge& kept);
   absl::Status WaitForAnswer(uint64_t memory_bytes, const JobContext& job, MemoryCharge& charge, Message& answer);
-  // Takes `bytes` more for the process, which does not run while that waits.
+  // Charges `bytes` more for the process, which is stopped while that waits.
   absl::Status ChargeMore(uint64_t bytes, MemoryCharge& charge);
-  // What the process takes beyond what it took when it was asked.
+  // The memory of the process beyond that at the start of the request.
   uint64_t TakenBytes();
-  // What it takes now, its answers included.
+  // Its current memory, including its answers.
   uint64_t ResidentBytes() const;
   // Ends the process, without waiting for its end.
   void Kill(const char* reason);
-  // Waits for the end of the process, at most so long. Out: how it ended, of waitpid.
+  // Waits for the end of the process, at most this long. Out: the status of waitpid.
   int Reap(std::chrono::milliseconds patience);
   absl::Status Died();
 
@@ -83,8 +81,8 @@ class WorkerProcess {
   bool ready_ = false;
   const char* end_reason_ = "";
   uint64_t number_ = 0;
-  uint64_t base_space_ = 0;     // when it became ready
-  uint64_t base_resident_ = 0;  // then, and before a question that follows a long one
+  uint64_t base_space_ = 0;     // at the time it became ready
+  uint64_t base_resident_ = 0;  // at that time, and before a request that follows a long one
   bool measure_ = false;        // true if that is to be measured
 };
 
