@@ -42,7 +42,7 @@ int WaitForSignal(const sigset_t& signals) {
   return signal;
 }
 
-// Each connection takes a descriptor, and systems start programs with few of the many that they may have.
+// Each connection takes a descriptor, and systems start programs with a soft limit far below the hard one.
 void RaiseDescriptorLimit() {
   constexpr rlim_t kPlenty = 65'536;
   rlimit files{};
@@ -53,9 +53,9 @@ void RaiseDescriptorLimit() {
 
 int Serve(const ServerOptions& options) {
   RaiseDescriptorLimit();
-  // gRPC's locks are Abseil's, which where they were built for debugging keep a graph of all locks behind one lock.
+  // gRPC uses Abseil's locks, which in debug builds keep a graph of all locks behind one lock.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
-  // Blocked in every thread that starts from here on; taken by sigwait below, where everything may be called.
+  // Blocked in every thread started later; received by sigwait below, where any function may be called.
   const sigset_t signals = StopSignals();
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
@@ -73,7 +73,7 @@ int Serve(const ServerOptions& options) {
   int signal = WaitForSignal(signals);
   for (; signal == SIGHUP; signal = WaitForSignal(signals)) (*server)->Reload();
   spdlog::info("{}: draining", signal == SIGINT ? "SIGINT" : "SIGTERM");
-  // A second signal means now.
+  // A second signal ends at once.
   std::thread([signals] {
     int second = WaitForSignal(signals);
     while (second == SIGHUP) second = WaitForSignal(signals);
@@ -85,12 +85,12 @@ int Serve(const ServerOptions& options) {
     spdlog::warn("ends without {} threads that do not come back from a device", WorkerPool::ThreadsLeftBehind());
     StopLog();
     std::fflush(stdout);
-    _exit(0);  // static objects may be in their use
+    _exit(0);  // abandoned threads may use static objects
   }
   return 0;
 }
 
-// The server's own processes are started with this, the number of their threads and the bytes that they may keep
+// The server starts its own processes with this, the number of their threads and the bytes that they may keep
 // (isolate/worker_process.h).
 bool IsLoadWorker(int argc, char** argv) {
   return argc == 4 && std::strcmp(argv[1], kLoadWorkerArgument) == 0;
@@ -98,7 +98,7 @@ bool IsLoadWorker(int argc, char** argv) {
 
 int Main(int argc, char** argv) {
   if (IsLoadWorker(argc, argv))
-    _exit(RunLoadWorker(std::atoi(argv[2]), std::atoi(argv[3])));  // nothing of the server was begun
+    _exit(RunLoadWorker(std::atoi(argv[2]), std::atoi(argv[3])));  // nothing of the server was initialized
   const ParseOutcome parsed = ParseCommandLine(argc, argv);
   if (!parsed.command) return parsed.exit_code;
   if (parsed.command->check_config) {

@@ -25,7 +25,7 @@ int ProbeHttp(const std::string& address) {
   return 1;
 }
 
-// Takes every certificate.
+// Accepts every certificate.
 class Believer final : public grpc::experimental::ExternalCertificateVerifier {
  public:
   bool Verify(grpc::experimental::TlsCustomVerificationCheckRequest*, std::function<void(grpc::Status)>,
@@ -56,7 +56,7 @@ int Probe(const std::string& address, const TlsFiles& tls) {
   if (address.starts_with(kHttp)) return ProbeHttp(address.substr(kHttp.size()));
   using grpc::health::v1::HealthCheckResponse;
   grpc::ChannelArguments arguments;
-  arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);  // the environment's proxy does not lead to this server
+  arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);  // a proxy from the environment does not apply to this server
   const auto stub =
       grpc::health::v1::Health::NewStub(grpc::CreateCustomChannel(address, CredentialsFor(tls), arguments));
   grpc::ClientContext context;

@@ -1,4 +1,4 @@
-// The health client inside the server's own binary, for container health checks.
+// The health client in the server's own binary, for container health checks.
 #pragma once
 
 #include <string>
@@ -7,10 +7,10 @@
 
 namespace voxelpipe {
 
-// 0 if the server at `address` answers SERVING within three seconds, else 1 with one line on stderr. "http://HOST:PORT"
-// asks /readyz there; any other address the gRPC health service: over TLS if `tls` has a certificate, which is then
-// shown as the client's own. Whoever answers is believed: a probe asks its own machine, under a name that the
-// certificate need not have.
+// 0 if the server at `address` returns SERVING within three seconds, otherwise 1 with one line on stderr.
+// "http://HOST:PORT" requests /readyz there; any other address uses the gRPC health service: over TLS if `tls` has a
+// certificate, which is then the client certificate. The server's certificate is not verified: a probe calls its own
+// machine, under a name that the certificate need not have.
 int Probe(const std::string& address, const TlsFiles& tls);
 
 }  // namespace voxelpipe

@@ -20,12 +20,12 @@ uint64_t AnimationsBytes(const std::vector<Animation>& animations) {
   return bytes;
 }
 
-// What a rig holds for itself; `morphs` gathers the morph data that it shares with the scene.
+// Bytes of a rig alone; `morphs` collects the morph data that it shares with the scene.
 uint64_t RigBytes(const Rig& rig, std::set<const MorphData*>& morphs) {
   uint64_t bytes = Bytes(rig.nodes) + Bytes(rig.order) + Bytes(rig.parts) + AnimationsBytes(rig.animations);
   for (const RigNode& node : rig.nodes) bytes += Bytes(node.weights);
   for (const Skin& skin : rig.skins) bytes += sizeof skin + Bytes(skin.joints) + Bytes(skin.inverse_bind_matrices);
-  std::set<const Primitive*> primitives;  // instances share them
+  std::set<const Primitive*> primitives;  // shared by instances
   for (const RigPart& part : rig.parts) {
     if (!primitives.insert(part.primitive.get()).second) continue;
     const MorphData* const morph = part.primitive->morph.get();

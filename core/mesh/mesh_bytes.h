@@ -1,4 +1,4 @@
-// What meshes take of memory, computed from sizes.
+// The memory of meshes, computed from sizes.
 #pragma once
 
 #include <cstdint>
@@ -8,10 +8,10 @@
 
 namespace voxelpipe {
 
-// Bytes of the arrays, images included; small parts (names, nodes, materials) are left out, unless a file can make many
-// of them out of few bytes: primitives, animations, morph targets and their weights.
+// Bytes of the arrays, including images, without small parts (names, nodes, materials), but with those that a file can
+// declare in large numbers with few bytes: primitives, animations, morph targets and their weights.
 uint64_t SceneBytes(const Scene& scene);
-// The same; the rig counts with the mesh, though what it shares with the scene stays in memory once.
+// The same; includes the rig, although it shares parts with the scene.
 uint64_t MeshBytes(const TriangleMesh& mesh);
 
 }  // namespace voxelpipe

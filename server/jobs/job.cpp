@@ -14,7 +14,7 @@
 namespace voxelpipe {
 namespace {
 
-// Calls `body` and turns what must not leave a worker into a status.
+// Calls `body` and converts exceptions to a status, so that none leaves a worker.
 template <typename Result, typename Body>
 absl::StatusOr<Result> Guarded(Body body) {
   try {
@@ -26,7 +26,7 @@ absl::StatusOr<Result> Guarded(Body body) {
   }
 }
 
-// Keeps what stands in memory as a whole and hands on all else.
+// Keeps results that are in memory as a whole and forwards all others.
 class KeepOrHandOn final : public ResultSink {
  public:
   KeepOrHandOn(JobOutcome& outcome, ResultSink& large) : outcome_(outcome), large_(large) {}

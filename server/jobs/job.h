@@ -1,4 +1,4 @@
-// What workers do for one request, without any gRPC and without a queue.
+// The work for one request, without gRPC and without a queue.
 #pragma once
 
 #include <cstdint>
@@ -27,29 +27,28 @@ struct JobLimits {
   LoadLimits load;
   PlanLimits plan;
   LoadWorkers* load_workers =
-      nullptr;  // that load what needs decoders of others (isolate/loading.h); null: this process does
+      nullptr;  // for files that need third-party decoders (isolate/loading.h); null: this process
 };
 
-// A mesh that is ready for the pipeline: textures that the request reads are decoded.
+// A mesh ready for the pipeline, with the textures that the request reads decoded.
 struct PreparedMesh {
-  std::shared_ptr<const TriangleMesh> mesh;  // never null; other jobs may share it
-  MeshContents contents;                     // of the file; empty where the mesh is a kept one
-  std::vector<std::pair<std::string, double>>
-      stages;               // that it took to prepare it: "load", "flatten", wall milliseconds
-  uint64_t peak_bytes = 0;  // of the preparation, computed from sizes
+  std::shared_ptr<const TriangleMesh> mesh;            // never null; other jobs may share it
+  MeshContents contents;                               // of the file; empty for a stored mesh
+  std::vector<std::pair<std::string, double>> stages;  // of the preparation: "load", "flatten", wall milliseconds
+  uint64_t peak_bytes = 0;                             // of the preparation, computed from sizes
   MeshReport report;
   bool examined = false;  // degenerate triangles and open edges were counted
-  MemoryCharge memory;    // what of the request's budget the mesh takes, where it does not say so itself
+  MemoryCharge memory;    // charge of the mesh to the request's budget, if the mesh does not hold it itself
 };
 
 struct JobOutcome {
-  VoxelizeResult result;  // stats.stages begin with those of the mesh; no arrays where they were streamed
+  VoxelizeResult result;  // stats.stages begin with those of the mesh; no arrays if they were streamed
   bool streamed = false;  // the arrays went to the sink
   MeshReport report;
   bool examined = false;             // see PreparedMesh
-  std::shared_ptr<ResultSums> sums;  // where several read the result; null: it is sent once
+  std::shared_ptr<ResultSums> sums;  // if several calls read the result; null: one does
   uint64_t peak_bytes = 0;  // estimate of this request's peak: the largest of loading, flattening and the pipeline
-  // How it was served.
+  // Its execution.
   std::string worker;  // "cpu/0"
   double queue_ms = 0;
   uint32_t batch_jobs = 1;
@@ -57,21 +56,19 @@ struct JobOutcome {
   uint32_t attempts = 1;
 };
 
-// In: a mesh file and a config. Out: its mesh. The file is freed as soon as it is loaded, the scene as soon as it is
-// flat.
-// Errors: those of LoadScene, Flatten and PrepareTextures; RESOURCE_EXHAUSTED out of memory. Never throws.
+// In: a mesh file and a config. Out: its mesh. The file is freed after loading, the scene after flattening. Errors:
+// those of LoadScene, Flatten and PrepareTextures; RESOURCE_EXHAUSTED out of memory. Never throws.
 absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint8_t> file, const ParsedConfig& config,
                                                                 const JobLimits& limits, const JobContext& job);
 
-// In: a prepared mesh and a config. Out: its voxels, made on `backend`.
-// A dense result that takes more than one slab of limits.plan.slab_bytes goes to `large` slab after slab; all others,
-// and all where `large` is null, are in the outcome.
-// Errors: those of VoxelizeTo and the sink; RESOURCE_EXHAUSTED out of memory. Never throws.
+// In: a prepared mesh and a config. Out: its voxels, made on `backend`. A dense result of more than one slab of
+// limits.plan.slab_bytes is streamed to `large` slab by slab; all others, and all if `large` is null, are in the
+// outcome. Errors: those of VoxelizeTo and the sink; RESOURCE_EXHAUSTED out of memory. Never throws.
 absl::StatusOr<JobOutcome> RunPrepared(const Backend& backend, const PreparedMesh& mesh, const ParsedConfig& config,
                                        const JobLimits& limits, const JobContext& job, const PlanHook& on_plan,
                                        ResultSink* large = nullptr);
 
-// The outcome of a result that a batch made; `plan` is that of its run.
+// The outcome of a result of a batch; `plan` is that of its run.
 JobOutcome OutcomeOf(const PreparedMesh& mesh, VoxelizeResult result, const Plan& plan);
 
 struct Estimate {

@@ -1,4 +1,4 @@
-// What metrics and the access log say of a job that has ended.
+// The metrics and log fields of a job that has ended.
 #pragma once
 
 #include "absl/status/statusor.h"
@@ -8,9 +8,9 @@
 
 namespace voxelpipe {
 
-// A job has ended: counts it, and what its stages took.
+// Counts a job that has ended, and the times of its stages.
 void CountJob(Metrics& metrics, const absl::StatusOr<JobOutcome>& outcome);
-// Of these, the times that the work took: once a run, however many jobs it served.
+// The times of the stages alone: once a run, for all jobs that it served.
 void CountWork(Metrics& metrics, const JobOutcome& outcome);
 
 // The fields of a job in the access log.

@@ -17,8 +17,8 @@ constexpr std::chrono::milliseconds kRetryDelay{1000};
 
 absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working) {
   if (job.memory() != nullptr) {
-    job.memory()->set_leave(0);  // it runs now, and ends soon
-    job.memory()->set_wait({});  // a device that does not answer may still take when the job is gone
+    job.memory()->set_leave(0);  // it runs now and will end soon
+    job.memory()->set_wait({});  // a hung device may still allocate after the job has ended
   }
   const uint64_t held = job.memory() == nullptr ? 0 : job.memory()->used_bytes();  // the mesh
   const uint64_t limit = working.budget().limit();

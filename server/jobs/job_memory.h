@@ -1,4 +1,4 @@
-// The memory that a job works in, taken from that of all jobs.
+// The working memory of a job, charged to that of all jobs.
 #pragma once
 
 #include "absl/status/status.h"
@@ -8,9 +8,9 @@
 
 namespace voxelpipe {
 
-// Charges a plan to `working`, what all jobs of the server work in. `may_wait` as in VoxelizeJob::Planned.
-// Errors: RESOURCE_EXHAUSTED where plan and mesh are more than all jobs may take, ABORTED where it may not wait,
-// BusyError where waiting did not help, the job's own.
+// Charges a plan to `working`, the working memory of all jobs. `may_wait` as in VoxelizeJob::Planned. Errors:
+// RESOURCE_EXHAUSTED if plan and mesh exceed the memory of all jobs, ABORTED if it would have to wait but may not,
+// BusyError after waiting in vain, the job's own.
 absl::Status TakeMemory(const Plan& plan, bool may_wait, const JobContext& job, BudgetShare& working);
 
 }  // namespace voxelpipe

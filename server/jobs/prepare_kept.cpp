@@ -17,7 +17,7 @@ namespace {
 
 constexpr uint64_t kPositionBytes = 3 * sizeof(float);
 
-// The mesh, but for its positions.
+// The mesh without its positions.
 absl::StatusOr<std::shared_ptr<const TriangleMesh>> WithPositions(MeshStore& store, KeptMesh& kept,
                                                                   const std::shared_ptr<const TriangleMesh>& mesh,
                                                                   std::span<const uint8_t> positions) {

@@ -1,4 +1,4 @@
-// The memory of one request, which it takes from what the operator gave to all.
+// The memory budget of one request, a child of that of all requests.
 #pragma once
 
 #include <algorithm>
@@ -12,27 +12,27 @@
 
 namespace voxelpipe {
 
-// How long a request waits for others to free memory before its client is asked to come again: its loading in all, and
-// then its plan.
+// How long a request waits for others to free memory before it is refused with a retry delay: for its loading in total,
+// and then for its plan.
 inline constexpr std::chrono::milliseconds kMemoryPatience{20'000};
 
-// The part that meshes of waiting jobs leave free: the jobs that run must get what they need to end.
+// The share that meshes of waiting jobs leave free, so that running jobs can get the memory that they need to end.
 inline constexpr uint64_t kLeftToOthers = 4;
 
-// What is left of a request's patience, however many of its threads wait, and however often. Thread-safe.
+// The remaining waiting time of a request, over all waits of all its threads. Thread-safe.
 class Patience {
  public:
   using Clock = std::chrono::steady_clock;
 
   explicit Patience(Clock::duration left) : left_(left) {}
 
-  // A thread begins to wait. Out: until when it may.
+  // A thread begins to wait. Out: the end of its wait.
   Clock::time_point Begin() {
     const std::lock_guard lock(mutex_);
     if (threads_++ == 0) end_ = Clock::now() + left_;
     return end_;
   }
-  // It waits no more.
+  // It ends its wait.
   void End() {
     const std::lock_guard lock(mutex_);
     if (--threads_ == 0) left_ = std::max(end_ - Clock::now(), Clock::duration::zero());
@@ -45,10 +45,10 @@ class Patience {
   Clock::time_point end_;
 };
 
-// In: what all requests share, and the context of the request's job, which must outlive its loading. Out: its budget,
-// whose limit is that of all: beyond it alone, a request gets the limit's error; where others use what is left, it
-// waits (ByteBudget::Take), and then gets one that is marked (IsInUseByOthers). The context is charged to it from now
-// on. `working` need not outlive it.
+// In: the memory that all requests share, and the context of the request's job, which must outlive its loading. Out:
+// its budget, whose limit is that of all. A request that exceeds the limit alone gets the error of the limit; if other
+// requests use the memory, it waits (ByteBudget::Take), and then gets an error marked IsInUseByOthers. Sets the budget
+// of the context. `working` need not outlive it.
 inline std::shared_ptr<MemoryBudget> MakeRequestMemory(ByteBudget& working, JobContext& context,
                                                        std::chrono::milliseconds patience = kMemoryPatience) {
   const std::shared_ptr<MemoryBudget> all = working.memory();

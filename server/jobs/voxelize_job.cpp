@@ -25,7 +25,7 @@ uint64_t VoxelizeJob::file_bytes() const {
 bool VoxelizeJob::loaded() const {
   if (mesh) return true;
   if (file_bytes() > kLoadedByWorker) return false;
-  // Decoding textures of a mesh that is kept takes as long as loading it did.
+  // Decoding textures of a stored mesh takes as long as loading it did.
   if (kept) return !RequestReadsTextures(config.request) || kept->ready(TexturesRead(config.request));
   return !costly_.compressed && !costly_.instanced && !(costly_.images && RequestReadsTextures(config.request));
 }
@@ -43,7 +43,7 @@ absl::Status VoxelizeJob::Prepare() {
     return absl::ResourceExhaustedError("out of memory for the mesh file");
   }
   if (!prepared.ok()) return prepared.status();
-  // What it was charged to lives as long as it does.
+  // Its budget lives as long as it does.
   const PreparedMesh* const made = prepared->get();
   mesh = std::shared_ptr<const PreparedMesh>(
       made, [owner = *std::move(prepared), budget = memory](const PreparedMesh*) mutable { owner.reset(); });
@@ -56,7 +56,7 @@ void VoxelizeJob::Weigh() {
   if (mesh) {
     facts.triangles = mesh->mesh->triangles.size();
     facts.box = Box3d{mesh->report.min, mesh->report.max, mesh->report.triangles == 0};
-    if (!kept) facts.memory_bytes = MeshBytes(*mesh->mesh);  // a kept one is the store's
+    if (!kept) facts.memory_bytes = MeshBytes(*mesh->mesh);  // the store accounts for a stored mesh
   } else {
     facts.file_bytes = file_bytes();
     if (!kept && !pieces.empty()) {
@@ -69,7 +69,7 @@ void VoxelizeJob::Weigh() {
   traits.cost = PredictCost(config.request, facts);
   if (kept) traits.cost.load_ms = 0;
   // Beyond the limits it is refused as soon as its grid is known. Until then it counts as a giant, but not as more work
-  // than all others together, and gets the error of the limit, not of the time it would take.
+  // than all others together, so that it gets the error of the limit and not that of a long queue.
   if (limits != nullptr && traits.cost.output_bytes > limits->plan.max_result_bytes) {
     traits.cost.run_ms = std::min(traits.cost.run_ms, kBeyondLimitsMs);
   }

@@ -1,4 +1,4 @@
-// What was used lately stays, up to so many bytes.
+// An LRU cache with a limit in bytes.
 #pragma once
 
 #include <cstdint>
@@ -13,24 +13,22 @@
 
 namespace voxelpipe {
 
-// What a store held and did so far.
+// Statistics of a store.
 struct LruStats {
   uint64_t entries = 0, bytes = 0;  // now
   uint64_t hits = 0, misses = 0;    // of Use
-  uint64_t evictions = 0;           // for want of room; what was removed by name does not count
+  uint64_t evictions = 0;           // for lack of room, without explicit removals
 };
 
-// Values by name. What leaves the store lives on as long as others hold it; values without holders are destroyed by the
-// thread whose call put them out, without the lock. Thread-safe.
+// Values by name. Evicted values live as long as others hold them; the thread whose call evicts values without holders
+// destroys them, without the lock. Thread-safe.
 template <typename Value>
 class ByteLru {
  public:
   explicit ByteLru(uint64_t limit_bytes) : limit_(limit_bytes) {}
 
-  // Keeps `value`, which takes `bytes`, as the one that was used last, and puts out the longest unused ones until all
-  // fit.
-  // Out: what is kept under `key`: `value`, or what was there already; null where `bytes` alone are more than the
-  // limit.
+  // Inserts `value` of `bytes` bytes as most recently used, and evicts the least recently used ones until all fit. Out:
+  // the value stored under `key`: `value`, or an earlier one; null if `bytes` alone exceed the limit.
   std::shared_ptr<Value> Insert(const std::string& key, std::shared_ptr<Value> value, uint64_t bytes) {
     std::vector<std::shared_ptr<Value>> out;
     const std::lock_guard lock(mutex_);  // released before `out` goes
@@ -46,7 +44,7 @@ class ByteLru {
     return value;
   }
 
-  // The value, from now on the one that was used last; null where there is none.
+  // The value, which becomes the most recently used; null if there is none.
   std::shared_ptr<Value> Use(const std::string& key) {
     const std::lock_guard lock(mutex_);
     const auto found = index_.find(key);
@@ -68,15 +66,15 @@ class ByteLru {
     return found->second->value;
   }
 
-  // The value as Use gives it, but nothing is counted or put into another order.
+  // The value, without counting or changing the order.
   std::shared_ptr<Value> Peek(const std::string& key) const {
     const std::lock_guard lock(mutex_);
     const auto found = index_.find(key);
     return found == index_.end() ? nullptr : found->second->value;
   }
 
-  // Says that a value now takes `bytes`. Others go to make room for it, and it goes itself where it is larger than the
-  // limit. Nothing happens where the key does not keep `value`.
+  // Sets the size of a value to `bytes`. Evicts others to make room for it, or itself if it exceeds the limit. No
+  // effect if `key` does not hold `value`.
   void Resize(const std::string& key, const Value* value, uint64_t bytes) {
     std::vector<std::shared_ptr<Value>> out;
     const std::lock_guard lock(mutex_);
@@ -88,7 +86,7 @@ class ByteLru {
     MakeRoom(out);
   }
 
-  // Takes a value out: null where there is none.
+  // Removes and returns a value; null if there is none.
   std::shared_ptr<Value> Erase(const std::string& key) {
     const std::lock_guard lock(mutex_);
     const auto found = index_.find(key);
@@ -102,7 +100,7 @@ class ByteLru {
     const std::lock_guard lock(mutex_);
     return {order_.size(), bytes_, hits_, misses_, evictions_};
   }
-  // Puts out what does not fit any more.
+  // Evicts values that do not fit any more.
   void set_limit_bytes(uint64_t limit) {
     std::vector<std::shared_ptr<Value>> out;
     const std::lock_guard lock(mutex_);  // released before `out` goes
@@ -120,7 +118,7 @@ class ByteLru {
     std::shared_ptr<Value> value;
     uint64_t bytes = 0;
   };
-  using Entries = std::list<Entry>;  // the one that was used last in front
+  using Entries = std::list<Entry>;  // most recently used first
 
   void ToFront(typename Entries::iterator entry) { order_.splice(order_.begin(), order_, entry); }
   void Drop(typename Entries::iterator entry) {

@@ -1,4 +1,4 @@
-// What was used lately stays, up to so many bytes, of each client as far as its share goes.
+// An LRU cache with a limit in bytes and a fair share for each client.
 #pragma once
 
 #include <algorithm>
@@ -22,31 +22,30 @@ namespace voxelpipe {
 // Values by name, each with the clients that have a claim on it: at least one, of whom the first pays for its bytes.
 // Any client's use keeps a value.
 //
-// Every client that pays for something has a share: the limit by the number of these clients. Room is made by what was
-// used longest ago of clients that hold more than their share, so what a client used last, as far as it fits into its
-// share, stays whatever others insert. Only values unused for `idle` are evicted before that, claimed or not:
-// clients that left do not reduce the others' shares. What is put out for want of its payer's room is the next
-// claimant's, if there is one. What leaves lives on as long as others hold it; values without holders are destroyed by
-// the thread whose call put them out, without the lock. Thread-safe.
+// Every client that pays for something has a share: the limit divided by the number of these clients. Eviction takes
+// the least recently used values of clients above their share, so that inserts of others never evict the recently used
+// values of a client that fit into its share. Only values unused for `idle` are evicted earlier, claimed or not:
+// clients that left do not reduce the others' shares. A value evicted from its payer's share moves to the next
+// claimant, if there is one. Evicted values live as long as others hold them; the thread whose call evicts values
+// without holders destroys them, without the lock. Thread-safe.
 template <typename Value>
 class ClaimedLru {
  public:
   using Clock = std::chrono::steady_clock;
 
-  // `now`: for tests; else the clock's.
+  // `now`: for tests; otherwise the clock.
   ClaimedLru(uint64_t limit_bytes, Clock::duration idle, std::function<Clock::time_point()> now = {})
       : limit_(limit_bytes), idle_(idle), now_(std::move(now)) {}
 
   struct Inserted {
-    std::shared_ptr<Value>
-        value;  // what is kept under the key: the new value, or what was there already; null where there is no room
-    uint64_t room = 0;  // in bytes, for this client and value, where there is too little
+    std::shared_ptr<Value> value;  // stored under the key: the new value, or an earlier one; null if there is no room
+    uint64_t room = 0;             // bytes available for this client and value, if too few
   };
-  // Keeps `value`, which takes `bytes`, as the one that was used last, with a claim of `client`. Where there is no room
-  // for it, nothing changes.
+  // Inserts `value` of `bytes` bytes as most recently used, with a claim of `client`. No effect if there is no room for
+  // it.
   Inserted Insert(const std::string& key, std::shared_ptr<Value> value, uint64_t bytes, const std::string& client) {
     std::vector<Step> steps;
-    const std::lock_guard lock(mutex_);  // released before the values in `steps` go
+    const std::lock_guard lock(mutex_);  // released before the values in `steps` are destroyed
     if (const auto found = entries_.find(key); found != entries_.end()) {
       AddClaim(found->second, client);
       ToFront(found->second);
@@ -71,7 +70,7 @@ class ClaimedLru {
     return {nullptr, room};
   }
 
-  // The value with a claim of `client` on it, from now on the one that was used last; null where there is none.
+  // The value, adding a claim of `client`; it becomes the most recently used; null if there is none.
   std::shared_ptr<Value> Claim(const std::string& key, const std::string& client) {
     const std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
@@ -81,7 +80,7 @@ class ClaimedLru {
     return found->second.value;
   }
 
-  // The value, from now on the one that was used last; null where there is none.
+  // The value, which becomes the most recently used; null if there is none.
   std::shared_ptr<Value> Use(const std::string& key) {
     const std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
@@ -96,15 +95,15 @@ class ClaimedLru {
     return found == entries_.end() ? nullptr : ToFront(found->second);
   }
 
-  // The value as Use gives it, but nothing is counted or put into another order.
+  // The value, without counting or changing the order.
   std::shared_ptr<Value> Peek(const std::string& key) const {
     const std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
     return found == entries_.end() ? nullptr : found->second.value;
   }
 
-  // Says that a value now takes `bytes`. Others go to make room for it as in Insert, and it goes itself where that is
-  // not enough. Nothing happens where the key does not keep `value`.
+  // Sets the size of a value to `bytes`. Evicts others to make room for it as in Insert, and itself if that is not
+  // enough. No effect if `key` does not hold `value`.
   void Resize(const std::string& key, const Value* value, uint64_t bytes) {
     std::vector<Step> steps;
     const std::lock_guard lock(mutex_);
@@ -124,7 +123,7 @@ class ClaimedLru {
   }
 
   enum class Released { kNoClaim, kStays, kGone };
-  // Takes the client's claim back; without any other claim the value goes, to `gone`, so that the caller chooses the
+  // Releases the client's claim; without any other claim the value is moved to `gone`, so that the caller chooses the
   // thread that frees it.
   Released Release(const std::string& key, const std::string& client, std::shared_ptr<Value>& gone) {
     const std::lock_guard lock(mutex_);
@@ -158,7 +157,7 @@ class ClaimedLru {
     const std::lock_guard lock(mutex_);
     return {entries_.size(), bytes_, hits_, misses_, evictions_};
   }
-  // Puts out what does not fit any more, as Insert makes room.
+  // Evicts values that do not fit any more, as in Insert.
   void set_limit_bytes(uint64_t limit) {
     std::vector<Step> steps;
     const std::lock_guard lock(mutex_);
@@ -179,16 +178,16 @@ class ClaimedLru {
     std::vector<std::string> claims;  // the first one pays
     uint64_t turn = 0;                // of its last use
     Clock::time_point used;
-    typename std::list<Entry*>::iterator place;  // with its payer
+    typename std::list<Entry*>::iterator place;  // in its payer's order
   };
   using Entries = std::unordered_map<std::string, Entry>;
   struct Payer {
-    std::list<Entry*> order;  // what was used last in front
+    std::list<Entry*> order;  // most recently used first
     uint64_t bytes = 0;
   };
-  // What PutOut did.
+  // The result of PutOut.
   struct Step {
-    typename Entries::node_type node;  // empty where another claimant has it now
+    typename Entries::node_type node;  // empty if another claimant took it over
     Entry* entry = nullptr;
     std::string claim;
   };
@@ -211,7 +210,7 @@ class ClaimedLru {
   void Attach(Entry& entry) {
     Payer& payer = payers_[entry.claims.front()];
     auto at = payer.order.begin();
-    if (!payer.order.empty() && payer.order.front()->turn > entry.turn) {  // it is old: its place is near the end
+    if (!payer.order.empty() && payer.order.front()->turn > entry.turn) {  // an old one belongs near the end
       for (at = payer.order.end(); (*std::prev(at))->turn < entry.turn;) --at;
     }
     entry.place = payer.order.insert(at, &entry);
@@ -223,7 +222,7 @@ class ClaimedLru {
     payer->second.bytes -= entry.bytes;
     if (payer->second.order.empty()) payers_.erase(payer);
   }
-  // Takes the payer's claim, and where there is no other one the entry.
+  // Removes the payer's claim, and the entry if there is no other claim.
   Step PutOut(Entry& entry) {
     Step step;
     step.entry = &entry;
@@ -252,7 +251,7 @@ class ClaimedLru {
       Attach(entry);
     }
   }
-  // False where all fits only without `fresh`, if given, which was used last.
+  // False if everything fits only without `fresh`, if given, the most recently used one.
   bool MakeRoom(const Entry* fresh, std::vector<Step>& steps) {
     while (bytes_ > limit_) {
       Entry* const next = NextToGo(fresh);

@@ -14,14 +14,14 @@
 namespace voxelpipe {
 namespace {
 
-// What the entry itself takes, and all that is not worth counting; so that many tiny meshes do not pass for nothing.
+// Overhead of an entry, including parts too small to count, so that many tiny meshes are not free.
 constexpr uint64_t kOverheadBytes = 4096;
 
 uint64_t BytesOf(const Warning& warning) {
   return sizeof warning + warning.place.size() + warning.text.size();
 }
 
-// MeshBytes and the small parts, which strangers can make large: names come from the file.
+// MeshBytes and the small parts, which untrusted files can make large: names come from the file.
 uint64_t KeptBytes(const TriangleMesh& mesh) {
   uint64_t bytes = kOverheadBytes + MeshBytes(mesh);
   bytes += mesh.parts.size() * sizeof(MeshPart) + mesh.textures.size() * sizeof(Texture);
@@ -49,14 +49,14 @@ TextureUse Both(const TextureUse& a, const TextureUse& b) {
   return {a.base_color || b.base_color, a.emissive || b.emissive, a.metallic_roughness || b.metallic_roughness};
 }
 
-// Prepared textures are contents, too.
+// Decoded textures belong to the contents.
 std::string ContentId(const std::string& id, const TextureUse& prepared) {
   if (!prepared.any()) return id;
   return absl::StrCat(id, "/", prepared.base_color ? "b" : "", prepared.emissive ? "e" : "",
                       prepared.metallic_roughness ? "m" : "");
 }
 
-// A mesh whose images are its own, so that decoding them is seen by no one else.
+// A mesh with images of its own, so that decoding them affects no other mesh.
 std::shared_ptr<TriangleMesh> CopyWithImages(const TriangleMesh& mesh) {
   auto copy = std::make_shared<TriangleMesh>(mesh);
   std::map<const Image*, std::shared_ptr<Image>> copies;  // several may be one
@@ -78,7 +78,7 @@ KeptMesh::KeptMesh(std::string id, MeshFormat format, uint64_t file_bytes, Loade
       triangles_(loaded.mesh.triangles.size()),
       vertices_(loaded.mesh.positions.size()) {
   loaded.mesh.content_id = id_;
-  ReleaseCharges(loaded.mesh);  // from now on it is counted here
+  ReleaseCharges(loaded.mesh);  // counted here from now on
   facts_.report = BoxReport(loaded.mesh);
   CheckImages(loaded.mesh);
   facts_.warnings = AllWarningsOf(loaded.mesh);

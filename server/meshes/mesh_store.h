@@ -1,4 +1,4 @@
-// The meshes that the server keeps, by the SHA-256 of their files' bytes.
+// The stored meshes, by the SHA-256 of their files' bytes.
 #pragma once
 
 #include <chrono>
@@ -14,46 +14,47 @@
 
 namespace voxelpipe {
 
-// Keeps what was used last, up to so many bytes of memory, of each client what fits into its share (ClaimedLru). A
-// client has a claim on what it uploaded, and no other client takes that away; to use a mesh its id is enough. Jobs
-// hold what they use, deleted or put out or not. Thread-safe; only Mesh makes a caller wait for other callers' work
-// (textures being decoded).
+// An LRU store with a limit in bytes and a fair share for each client (ClaimedLru). A client has a claim on each mesh
+// that it uploaded, which no other client can remove; any client can use a mesh by its id. Jobs hold references, so
+// that deletion and eviction do not affect them. Thread-safe; only Mesh waits for the work of other callers (decoding
+// textures).
 class MeshStore {
  public:
-  // A mesh unused for so long counts for no client's share.
+  // A mesh unused for this long counts for no client's share.
   static constexpr std::chrono::minutes kShareHolds{10};
 
   explicit MeshStore(uint64_t max_bytes) : meshes_(max_bytes, kShareHolds) {}
 
-  // Keeps a mesh that `client` uploaded, as the one that was used last. Out: the one that is kept, which may be an
-  // equal one that came before. RESOURCE_EXHAUSTED with need and limit (LimitErrorOf) where it is larger than all that
-  // the store may hold, or than what others' shares leave.
+  // Stores a mesh that `client` uploaded, as most recently used. Out: the stored mesh, which may be an earlier equal
+  // one. RESOURCE_EXHAUSTED with need and limit (LimitErrorOf) if it is larger than the store, or than the others'
+  // shares leave.
   absl::StatusOr<std::shared_ptr<KeptMesh>> Insert(std::shared_ptr<KeptMesh> mesh, const std::string& client);
 
-  // The mesh that `client` uploaded as well, from now on the one that was used last: null where there is none.
+  // The mesh, adding a claim of `client`, which also uploaded it; it becomes the most recently used; null if there is
+  // none.
   std::shared_ptr<KeptMesh> Claim(const std::string& id, const std::string& client) {
     return meshes_.Claim(id, client);
   }
 
-  // The mesh for one more job, from now on the one that was used last: NOT_FOUND (MissingMeshError).
+  // The mesh for a job; it becomes the most recently used. NOT_FOUND (MissingMeshError).
   absl::StatusOr<std::shared_ptr<KeptMesh>> Take(const std::string& id);
 
-  // KeptMesh::Mesh of a mesh from here, with what its textures take counted.
+  // KeptMesh::Mesh for a mesh of this store; counts the memory of its textures.
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const JobContext& job, KeptMesh& mesh, const TextureUse& use,
                                                            const LoadLimits& limits, LoadWorkers* workers = nullptr);
 
-  // KeptMesh::Moved of a mesh from here, with what the copy takes counted. One is kept where both take an eighth of the
-  // store at most.
+  // KeptMesh::Moved for a mesh of this store; counts the memory of the copy. A copy is kept if both take at most an
+  // eighth of the store.
   std::shared_ptr<TriangleMesh> Moved(KeptMesh& mesh, const std::shared_ptr<const TriangleMesh>& of);
 
-  // Makes the mesh the one that was used last, without a job: null where there is none.
+  // Marks the mesh as most recently used, without a job; null if there is none.
   std::shared_ptr<KeptMesh> Touch(const std::string& id) { return meshes_.Touch(id); }
 
-  // Looks without using: NOT_FOUND (MissingMeshError).
+  // The mesh, without counting a use. NOT_FOUND (MissingMeshError).
   absl::StatusOr<std::shared_ptr<KeptMesh>> Get(const std::string& id) const;
 
-  // Takes the client's claim on the mesh back, and removes the mesh if no other client has one. Out: the mesh, so that
-  // the caller chooses the thread that frees it; null where it stays, for the others. NOT_FOUND (MissingMeshError);
+  // Releases the client's claim on the mesh, and removes the mesh if no other client has one. Out: the mesh, so that
+  // the caller chooses the thread that frees it; null if it stays for others. NOT_FOUND (MissingMeshError);
   // PERMISSION_DENIED without a claim.
   absl::StatusOr<std::shared_ptr<KeptMesh>> Release(const std::string& id, const std::string& client);
 
@@ -62,7 +63,7 @@ class MeshStore {
 
   LruStats stats() const { return meshes_.stats(); }
   uint64_t max_bytes() const { return meshes_.limit_bytes(); }
-  // Puts out meshes that do not fit any more.
+  // Evicts meshes that do not fit any more.
   void set_max_bytes(uint64_t bytes) { meshes_.set_limit_bytes(bytes); }
 
  private:

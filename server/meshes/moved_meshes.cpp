@@ -10,12 +10,12 @@ std::shared_ptr<TriangleMesh> MovedMeshes::Copy(const std::shared_ptr<const Tria
   std::unique_ptr<TriangleMesh> copy;
   {
     const std::lock_guard lock(mutex_);
-    // Of another mesh it is where textures were decoded since.
+    // The copy is of another mesh if textures were decoded since.
     if (spare_ && spare_of_.lock() == like) copy = std::move(spare_);
   }
   if (!copy) {
     copy = std::make_unique<TriangleMesh>(*like);
-    copy->rig.reset();  // it would put the vertices back
+    copy->rig.reset();  // it would restore the original vertices
   }
   copy->content_id = NewMovedId(like->content_id);
   if (!keep_one) return copy;
@@ -27,7 +27,7 @@ std::shared_ptr<TriangleMesh> MovedMeshes::Copy(const std::shared_ptr<const Tria
 
 void MovedMeshes::GiveBack(std::unique_ptr<TriangleMesh> copy, const std::weak_ptr<const TriangleMesh>& of) {
   const std::lock_guard lock(mutex_);
-  copy.swap(spare_);  // the one that was used last is the one in the caches
+  copy.swap(spare_);  // the most recently used copy is in the caches
   spare_of_ = of;
 }
 

@@ -1,4 +1,4 @@
-// Copies of one kept mesh that differ from it in their positions.
+// Copies of one stored mesh that differ from it in their positions.
 #pragma once
 
 #include <memory>
@@ -8,13 +8,13 @@
 
 namespace voxelpipe {
 
-// A job that brings new positions writes them into a copy. The copy of a job that has ended serves the next one, so
-// that of a mesh which moves from frame to frame nothing but its positions is written. Thread-safe.
+// A job with new positions writes them to a copy. The next job reuses the copy of a job that has ended, so that only
+// the positions of a mesh that moves from frame to frame are written. Thread-safe.
 class MovedMeshes : public std::enable_shared_from_this<MovedMeshes> {
  public:
-  // All of `like` but its rig, and positions that the caller sets before it shares the copy; content_id is a new one.
-  // `keep_one`: whether a copy is kept when its last owner lets go of it, which may be after this object is gone. May
-  // throw bad_alloc.
+  // A copy of `like` without its rig; the caller sets the positions before sharing it; content_id is new. `keep_one`:
+  // true if a copy is kept after its last owner releases it, which may be after the end of this object. May throw
+  // bad_alloc.
   std::shared_ptr<TriangleMesh> Copy(const std::shared_ptr<const TriangleMesh>& like, bool keep_one);
 
  private:

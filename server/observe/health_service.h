@@ -18,32 +18,32 @@
 
 namespace voxelpipe {
 
-// Knows "" (the server), "voxelpipe.v1.VoxelizationService", which have the same health, and "device/NAME" of each
-// device that it was told of. Thread-safe.
+// Serves the names "" (the server) and "voxelpipe.v1.VoxelizationService", with the same health, and "device/NAME" for
+// each device that was set. Thread-safe.
 class HealthService final : public grpc::health::v1::Health::CallbackService {
  public:
   using ServingStatus = grpc::health::v1::HealthCheckResponse::ServingStatus;
 
-  // True if this caller may read the health; asked once a call, on gRPC's thread.
+  // True if this caller may read the health; called once a call, on gRPC's thread.
   using Door = std::function<absl::Status(const grpc::CallbackServerContext&, Rpc)>;
 
   explicit HealthService(Door door);
   ~HealthService() override;
 
-  // NOT_SERVING until set; while it is, the devices are NOT_SERVING, too. Watchers are notified of every change.
+  // NOT_SERVING until set; meanwhile the devices are NOT_SERVING too. Watchers are notified of every change.
   void SetServing(bool serving);
   // Of the device "cpu", "cuda:0", ...: true while it takes jobs. A device that was never set is unknown.
   void SetDevice(const std::string& device, bool serving);
-  // True if the server serves: what "" answers.
+  // True if the server serves: the health of "".
   bool serving() const;
   // Ends every Watch with UNAVAILABLE, so that the server can shut down without waiting for them.
   void EndWatches();
 
-  // NOT_FOUND for a name that is not known.
+  // NOT_FOUND for an unknown name.
   grpc::ServerUnaryReactor* Check(grpc::CallbackServerContext* context,
                                   const grpc::health::v1::HealthCheckRequest* request,
                                   grpc::health::v1::HealthCheckResponse* response) override;
-  // The health now and at every change; SERVICE_UNKNOWN for a name that is not known.
+  // The health now and at every change; SERVICE_UNKNOWN for an unknown name.
   grpc::ServerWriteReactor<grpc::health::v1::HealthCheckResponse>* Watch(
       grpc::CallbackServerContext* context, const grpc::health::v1::HealthCheckRequest* request) override;
 
@@ -52,15 +52,15 @@ class HealthService final : public grpc::health::v1::Health::CallbackService {
 
   const Door door_;
 
-  // With mutex_ held. Nothing for a name that is not known.
+  // With mutex_ held. Empty for an unknown name.
   std::optional<ServingStatus> StatusOf(const std::string& name) const;
-  // Tells every watcher of what it watches.
+  // Notifies every watcher.
   void TellAll();
 
-  std::mutex telling_mutex_;  // one teller at a time; taken before mutex_
+  std::mutex telling_mutex_;  // one notification at a time; taken before mutex_
   mutable std::mutex mutex_;
   bool serving_ = false, ended_ = false;
-  std::map<std::string, bool> devices_;  // "device/NAME" -> whether it takes jobs
+  std::map<std::string, bool> devices_;  // "device/NAME" -> true if it takes jobs
   std::vector<std::pair<std::string, std::weak_ptr<Watcher>>> watchers_;
 };
 

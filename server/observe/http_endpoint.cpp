@@ -28,7 +28,7 @@ namespace voxelpipe {
 namespace {
 
 constexpr unsigned kSilentSeconds = 2;
-constexpr size_t kRequestBytes = 8 << 10;  // of one connection: the request's head, and the head of the answer
+constexpr size_t kRequestBytes = 8 << 10;  // of one connection: the headers of request and response
 constexpr int kBacklog = 1024;
 constexpr char kText[] = "text/plain; charset=utf-8";
 constexpr char kPrometheusText[] = "text/plain; version=0.0.4; charset=utf-8";
@@ -40,8 +40,9 @@ void LogMessage(void* /*self*/, const char* format, va_list arguments) {
 }
 
 MHD_Result Send(MHD_Connection* connection, unsigned status, const char* type, std::string_view body) {
-  MHD_Response* const response = MHD_create_response_from_buffer(
-      body.size(), const_cast<char*>(body.data()), MHD_RESPMEM_MUST_COPY);  // it takes no const, and copies
+  MHD_Response* const response =
+      MHD_create_response_from_buffer(body.size(), const_cast<char*>(body.data()),
+                                      MHD_RESPMEM_MUST_COPY);  // the parameter is not const, but the body is copied
   if (response == nullptr) return MHD_NO;
   MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE, type);
   MHD_add_response_header(response, MHD_HTTP_HEADER_CACHE_CONTROL, "no-store");
@@ -51,7 +52,7 @@ MHD_Result Send(MHD_Connection* connection, unsigned status, const char* type, s
   return queued;
 }
 
-// A socket that listens there, or -1 with errno.
+// A listening socket, or -1 with errno.
 int Listen(const std::string& host, int port) {
   addrinfo hints{};
   hints.ai_flags = AI_PASSIVE;
@@ -70,7 +71,7 @@ int Listen(const std::string& host, int port) {
       wrong = errno;
       continue;
     }
-    const int on = 1;  // a server that starts again finds its port free
+    const int on = 1;  // a restarted server can bind its port
     setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
     if (at->ai_family == AF_INET6) setsockopt(fd, IPPROTO_IPV6, IPV6_V6ONLY, &on, sizeof on);
     if (bind(fd, at->ai_addr, at->ai_addrlen) == 0 && listen(fd, kBacklog) == 0) return fd;
@@ -89,7 +90,7 @@ int PortOf(int fd) {
                                            : reinterpret_cast<const sockaddr_in&>(bound).sin_port);
 }
 
-// Most of the process's descriptors are the service's.
+// Most descriptors of the process are for the service.
 unsigned MostConnections() {
   rlimit files{};
   if (getrlimit(RLIMIT_NOFILE, &files) != 0) return 256;
@@ -98,11 +99,11 @@ unsigned MostConnections() {
 
 }  // namespace
 
-// What the library calls.
+// The callback of the library.
 struct HttpAnswers {
   static MHD_Result Answer(void* self, MHD_Connection* connection, const char* url, const char* method_name,
                            const char* /*version*/, const char* /*body*/, size_t* body_bytes, void** /*request*/) {
-    *body_bytes = 0;  // whatever comes is not wanted
+    *body_bytes = 0;  // ignores request bodies
     try {
       return Answer(*static_cast<HttpEndpoint*>(self), connection, url, method_name);
     } catch (const std::bad_alloc&) {

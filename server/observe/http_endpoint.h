@@ -15,24 +15,23 @@ namespace voxelpipe {
 class Metrics;
 
 // GET /metrics (Prometheus' text format), /livez (200 while the process answers), /readyz (200 while the service takes
-// calls, 503 otherwise). Nothing else, and no file. One thread of its own serves all connections, at most
-// kMaxConnections, as their bytes come: slow ones delay no other. An idle one is closed after two seconds.
+// calls, 503 otherwise). Nothing else. One thread of its own serves all connections, at most kMaxConnections, event by
+// event: slow ones delay no other. An idle one is closed after two seconds.
 class HttpEndpoint {
  public:
   // Each takes up to 8 KiB and a descriptor.
   static constexpr unsigned kMaxConnections = 4096;
 
   // In: "HOST:PORT", or "PORT" for every address; port 0 picks one. `ready` is called on the endpoint's thread; it and
-  // `metrics` must outlive it.
-  // Errors: INVALID_ARGUMENT for an address that is none, UNAVAILABLE where it cannot be bound.
+  // `metrics` must outlive it. Errors: INVALID_ARGUMENT for an invalid address, UNAVAILABLE if it cannot be bound.
   static absl::StatusOr<std::unique_ptr<HttpEndpoint>> Start(const std::string& listen, Metrics& metrics,
                                                              std::function<bool()> ready);
-  // Ends what is being answered.
+  // Ends running requests.
   ~HttpEndpoint();
   HttpEndpoint(const HttpEndpoint&) = delete;
   HttpEndpoint& operator=(const HttpEndpoint&) = delete;
 
-  // HOST:PORT with the port that was picked.
+  // HOST:PORT with the chosen port.
   const std::string& address() const { return address_; }
 
  private:

@@ -34,7 +34,7 @@ class Socket {
   const int fd_;
 };
 
-// True if the socket can be read or written (`events`) before the time is over.
+// True if the socket becomes readable or writable (`events`) before the timeout.
 bool WaitFor(int fd, short events, Clock::time_point end) {
   while (true) {
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(end - Clock::now()).count();
@@ -45,7 +45,7 @@ bool WaitFor(int fd, short events, Clock::time_point end) {
   }
 }
 
-// Sends the request and reads up to the status code; 0 with `error` where there is none.
+// Sends the request and reads up to the status code; 0 with `error` if there is none.
 int Talk(int fd, const std::string& request, Clock::time_point end, std::string& error) {
   size_t sent = 0;
   while (sent < request.size()) {

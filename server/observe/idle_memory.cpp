@@ -31,7 +31,7 @@ uint64_t KeptBytesOfThread(uint64_t memory_bytes, int threads) {
 }
 
 void KeepFreedMemory(uint64_t bytes_of_thread) {
-  // The proportion that the allocator keeps to by itself: arrays above the first are mapped, and go at once.
+  // The allocator's own default proportion: arrays above the first are mapped, and unmapped when freed.
   mallopt(M_MMAP_THRESHOLD, int(bytes_of_thread / 2));
   mallopt(M_TRIM_THRESHOLD, int(bytes_of_thread));
 }

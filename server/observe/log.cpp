@@ -21,7 +21,7 @@ namespace {
 constexpr size_t kLinesInMemory = 8192;
 constexpr size_t kValueBytes = 300;
 constexpr char kTime[] = "%Y-%m-%dT%H:%M:%S.%e%z";
-// The logger of LogLine: its payload is the inside of a JSON object already.
+// The logger of LogLine: its payload is already the inside of a JSON object.
 constexpr char kFields[] = "fields";
 
 std::atomic<bool> json_lines{false};
@@ -31,7 +31,7 @@ std::string Quoted(std::string_view text) {
   return nlohmann::json(std::string(text)).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-// As --log-level names it.
+// The name for --log-level.
 std::string_view LevelName(spdlog::level::level_enum level) {
   switch (level) {
     case spdlog::level::trace:

@@ -1,4 +1,4 @@
-// The server's log on stderr: one line an event, for people ("text") or for programs ("json").
+// The server's log on stderr: one line an event, as "text" or "json".
 #pragma once
 
 #include <cstdint>
@@ -16,14 +16,14 @@ enum class LogFormat { kText, kJson };
 // The level that --log-level and the lines themselves call "debug", "info", "warn", "error" or "off".
 spdlog::level::level_enum LevelOf(std::string_view name);
 
-// Makes spdlog's default logger write to stderr from a thread of its own: a reader that stalls never delays a call, it
+// Makes spdlog's default logger write to stderr from a thread of its own: a stalled reader never delays a call, but
 // loses the oldest of some thousand lines. Plain spdlog calls become lines with a message. Call once, before other
 // threads log.
 void StartLog(spdlog::level::level_enum level, LogFormat format);
-// Writes what is still in memory. Logging does nothing after it.
+// Flushes buffered lines. Logging has no effect afterwards.
 void StopLog();
 
-// One field of a line; the key is ours and lives for ever.
+// One field of a line; the key is a string literal.
 struct LogField {
   LogField(const char* name, std::string text) : key(name), value(std::move(text)), is_text(true) {}
   LogField(const char* name, uint64_t number) : key(name), value(std::to_string(number)) {}
@@ -36,11 +36,11 @@ struct LogField {
 using LogFields = std::vector<LogField>;
 
 // A line with fields. text: `EVENT key=value key="a text"`; json: {"time": ..., "level": ..., "event": EVENT, "key":
-// value, ...}. Keys and the event are ours and need no escape; values are cleaned, cut at 300 bytes and quoted where
-// they need it.
+// value, ...}. Keys and the event are ours and need no escape; values are sanitized, cut at 300 bytes and quoted if
+// necessary.
 class LogLine {
  public:
-  // True if a line of this level would be written: for callers that make many.
+  // True if a line of this level would be written: for callers with many lines.
   static bool IsWanted(spdlog::level::level_enum level);
 
   explicit LogLine(std::string_view event);  // in the format of StartLog, text before it

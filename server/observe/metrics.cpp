@@ -66,7 +66,7 @@ const char* RpcName(Rpc rpc) {
   return kRpcNames[size_t(rpc)];
 }
 
-// Those with labels that are made as they come up.
+// Metrics whose labels are created on demand.
 struct Metrics::Families {
   explicit Families(Registry& registry)
       : calls(BuildCounter()

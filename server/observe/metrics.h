@@ -1,5 +1,5 @@
-// What the server counts and measures, in Prometheus' terms: base units (seconds, bytes), names with the prefix
-// voxelpipe_. server/OPERATIONS.md lists every metric.
+// The metrics of the server, by Prometheus' conventions: base units (seconds, bytes), names with the prefix voxelpipe_.
+// server/OPERATIONS.md lists every metric.
 #pragma once
 
 #include <array>
@@ -43,42 +43,42 @@ const char* RpcName(Rpc rpc);
 
 // Why a caller was refused before its request was read.
 enum class Refusal {
-  kNoToken,       // none came, and one is needed
-  kBadToken,      // not known
-  kRole,          // its role may not do this
+  kNoToken,       // missing, but required
+  kBadToken,      // unknown
+  kRole,          // its role may not make the call
   kQuotaRate,     // too many calls a second
   kQuotaCalls,    // too many calls at the same time
   kQuotaBytes,    // too many bytes a second
-  kTlsHandshake,  // no TLS, a certificate that is not trusted or not valid
+  kTlsHandshake,  // no TLS, or an untrusted or invalid certificate
 };
 inline constexpr size_t kRefusals = 7;
 
-// Why a job was not taken into the queue.
+// Why the queue refused a job.
 enum class Admission {
-  kJobs,      // too many jobs wait
-  kBytes,     // they hold too many bytes
-  kTime,      // they would take too long
-  kDeadline,  // this one's deadline would pass before its turn
+  kJobs,      // too many waiting jobs
+  kBytes,     // of too many bytes
+  kTime,      // of too much predicted work
+  kDeadline,  // its deadline would pass in the queue
 };
 inline constexpr size_t kAdmissions = 4;
 
 inline constexpr size_t kPriorityClasses = 3;  // 0 high, 1 normal, 2 low
 
-// What is known of one device.
+// The metrics of one device.
 struct DeviceMetrics {
   prometheus::Gauge& serving;          // 1, or 0 while it is quarantined
   prometheus::Gauge& workers;          // threads that feed it
   prometheus::Gauge& workers_busy;     // of these, those with a batch
-  prometheus::Counter& batches;        // that ended, well or not
+  prometheus::Counter& batches;        // ended, with or without error
   prometheus::Counter& jobs;           // in those batches
   prometheus::Counter& launches;       // kernel launches (CUDA)
-  prometheus::Counter& failures;       // batches that the device, not the request, made fail
+  prometheus::Counter& failures;       // batches that failed because of the device, not the request
   prometheus::Counter& quarantines;    // times it was taken out of service
   prometheus::Counter& probes_failed;  // while quarantined
   prometheus::Counter& busy_seconds;   // of its workers together
 };
 
-// The members are for the code that knows; all are thread-safe, none allocates. Must outlive all who write to it.
+// Callers update the members directly; all are thread-safe, none allocates. Must outlive all callers.
 class Metrics {
  public:
   // A histogram of one time; the same buckets for all of them, from half a millisecond to two minutes.
@@ -92,8 +92,8 @@ class Metrics {
   // Everything in Prometheus' text format, version 0.0.4. Runs the samplers first.
   std::string Text();
 
-  // `sample` is called before every Text, on its thread, to set gauges that no other code updates (lengths, bytes in
-  // hand). It must stay callable until the token that comes back is destroyed, and must not call back here.
+  // `sample` is called before every Text, on its thread, to set gauges that no other code updates (queue lengths, bytes
+  // in use). It must stay callable until the returned token is destroyed, and must not call this object.
   class Sampler;
   [[nodiscard]] std::unique_ptr<Sampler> BeforeText(std::function<void()> sample);
 
@@ -108,28 +108,27 @@ class Metrics {
 
   // ---- jobs: one a Voxelize or VoxelizeWhole call, many in a VoxelizeMany
   void JobEnded(absl::StatusCode code);
-  Seconds& QueueWait(size_t priority);  // below kPriorityClasses; from admission to a worker's hand
-  Seconds& job_seconds;                 // from the worker's hand to the result in memory, loading included
-  // A stage of the pipeline by the name that VoxelizeStats gives it, or "load", "flatten", "encode". Others go to
-  // "other".
+  Seconds& QueueWait(size_t priority);  // below kPriorityClasses; from admission to a worker
+  Seconds& job_seconds;                 // from the worker to the result in memory, including loading
+  // A stage of the pipeline by its name in VoxelizeStats, or "load", "flatten", "encode". Others go to "other".
   Seconds& Stage(std::string_view name);
   prometheus::Histogram& batch_jobs;           // jobs in a batch when a worker takes it
   prometheus::Counter& job_retries;            // jobs run again elsewhere after their device failed
-  prometheus::Counter& job_fallbacks;          // of these and of new ones, those that went to another kind of device
+  prometheus::Counter& job_fallbacks;          // of these and of new ones, those moved to another kind of device
   prometheus::Counter& queue_timeouts;         // jobs whose queue time-out or deadline passed while they waited
   prometheus::Counter& jobs_shared;            // jobs answered by an equal one that ran at the same time
   prometheus::Counter& Turned(Admission why);  // jobs that the queue refused
 
   // ---- the queue and the workers now
   prometheus::Gauge& QueueJobs(size_t priority);
-  prometheus::Gauge& queue_bytes;    // that waiting jobs hold
+  prometheus::Gauge& queue_bytes;    // of waiting jobs
   prometheus::Gauge& queue_seconds;  // predicted work of the waiting jobs
   prometheus::Gauge& running_jobs;
-  // The device's own; made at the first call for a name ("cpu", "cuda:0"), the same object after.
+  // Those of a device; created at the first call for a name ("cpu", "cuda:0"), later the same object.
   DeviceMetrics& Device(const std::string& name);
 
   // ---- memory
-  prometheus::Gauge& upload_bytes;  // budget of mesh files in hand: used, and its limit
+  prometheus::Gauge& upload_bytes;  // budget of mesh files being received or waiting: used, and its limit
   prometheus::Gauge& upload_limit_bytes;
   prometheus::Gauge& working_bytes;  // budget of jobs and results: used, and its limit
   prometheus::Gauge& working_limit_bytes;
@@ -137,7 +136,7 @@ class Metrics {
   // ---- processes that load meshes (server/isolate/)
   prometheus::Gauge& load_workers;
   prometheus::Gauge& load_workers_busy;
-  prometheus::Counter& isolated_loads;  // questions to them that ended
+  prometheus::Counter& isolated_loads;  // ended requests to them
   prometheus::Counter& LoadWorkersEnded(const std::string& reason);
 
   // ---- the mesh store and the result cache
@@ -154,9 +153,9 @@ class Metrics {
   prometheus::Counter& result_cache_evictions;
 
   // ---- configuration
-  prometheus::Gauge& certificate_expiry;  // of the file that holds the server's certificate now, seconds since 1970
-  prometheus::Counter& reloads;           // of certificates and tokens that took
-  prometheus::Counter& reload_failures;   // that did not: the last good ones stay
+  prometheus::Gauge& certificate_expiry;  // of the server's current certificate, seconds since 1970
+  prometheus::Counter& reloads;           // successful reloads of certificates and tokens
+  prometheus::Counter& reload_failures;   // failed reloads: the last valid ones stay
 
  private:
   struct Families;
@@ -181,11 +180,11 @@ class Metrics {
   std::vector<const Sampler*> samplers_;
 };
 
-// While it lives, its function is called before every Text.
+// During its lifetime its function is called before every Text.
 class Metrics::Sampler {
  public:
   Sampler(Metrics& metrics, std::function<void()> sample) : metrics_(metrics), sample_(std::move(sample)) {}
-  // Waits for a Text that is being made.
+  // Waits for a running Text.
   ~Sampler() { metrics_.Remove(this); }
   Sampler(const Sampler&) = delete;
   Sampler& operator=(const Sampler&) = delete;

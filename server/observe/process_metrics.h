@@ -1,4 +1,4 @@
-// Figures of this process, as Prometheus' clients name them.
+// Metrics of this process, with the names of Prometheus' client libraries.
 #pragma once
 
 #include <memory>
@@ -10,7 +10,7 @@ class Collectable;
 namespace voxelpipe {
 
 // process_cpu_seconds_total, process_resident_memory_bytes, process_open_fds, process_max_fds, process_threads and
-// process_start_time_seconds, read from /proc at every Collect. What cannot be read is left out.
+// process_start_time_seconds, read from /proc at every Collect. Values that cannot be read are left out.
 std::unique_ptr<prometheus::Collectable> MakeProcessMetrics();
 
 }  // namespace voxelpipe

@@ -15,7 +15,7 @@ using google::protobuf::DescriptorPool;
 using google::protobuf::FieldDescriptor;
 using google::protobuf::FileDescriptor;
 
-// The file, behind all that it imports.
+// The file, after all its imports.
 void AddFile(const FileDescriptor& file, std::set<const FileDescriptor*>& there,
              reflection::FileDescriptorResponse& response) {
   if (!there.insert(&file).second) return;
@@ -34,7 +34,7 @@ void SetFile(const FileDescriptor* file, reflection::ServerReflectionResponse& r
   if (file == nullptr) return SetError(grpc::StatusCode::NOT_FOUND, "not known here", response);
   reflection::FileDescriptorResponse& files = *response.mutable_file_descriptor_response();
   std::set<const FileDescriptor*> there;
-  // Clients look for the file that they asked for in the first place.
+  // Clients expect the requested file first.
   there.insert(file);
   google::protobuf::FileDescriptorProto description;
   file->CopyTo(&description);
@@ -76,7 +76,7 @@ void Answer(const reflection::ServerReflectionRequest& request, const std::vecto
   }
 }
 
-// One stream: an answer to each request, in order. Deletes itself when gRPC is done with it.
+// One stream: a response to each request, in order. Deletes itself when gRPC is done with it.
 class Stream final
     : public grpc::ServerBidiReactor<reflection::ServerReflectionRequest, reflection::ServerReflectionResponse> {
  public:

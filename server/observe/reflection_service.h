@@ -1,4 +1,4 @@
-// grpc.reflection.v1 as a service of our own: gRPC 1.51's plugin answers v1alpha alone, which newer clients ask only
+// grpc.reflection.v1 as a service of our own: gRPC 1.51's plugin serves only v1alpha, which newer clients try only
 // after an error.
 #pragma once
 
@@ -11,14 +11,14 @@
 
 namespace voxelpipe {
 
-// Answers from the descriptions that the program was built with, a file with all that it imports. Thread-safe.
+// Serves the program's own descriptors: a file with all its imports. Thread-safe.
 class ReflectionService final : public grpc::reflection::v1::ServerReflection::CallbackService {
  public:
-  // `services`: the full names that list_services gives.
+  // `services`: the full names for list_services.
   explicit ReflectionService(std::vector<std::string> services) : services_(std::move(services)) {}
 
-  // What cannot be found is an error_response in the stream, as the protocol wants it: NOT_FOUND, or INVALID_ARGUMENT
-  // for a request that asks nothing.
+  // Names that are not found give an error_response in the stream, as the protocol requires: NOT_FOUND, or
+  // INVALID_ARGUMENT for an empty request.
   grpc::ServerBidiReactor<grpc::reflection::v1::ServerReflectionRequest,
                           grpc::reflection::v1::ServerReflectionResponse>*
   ServerReflectionInfo(grpc::CallbackServerContext* context) override;

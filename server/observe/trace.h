@@ -1,4 +1,4 @@
-// W3C trace context: where a call belongs in its caller's trace. https://www.w3.org/TR/trace-context/
+// W3C trace context: the position of a call in its caller's trace. https://www.w3.org/TR/trace-context/
 #pragma once
 
 #include <optional>
@@ -13,13 +13,13 @@ struct TraceContext {
   bool sampled = false;
 };
 
-// In: the value of `traceparent`, e.g. "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01". Nothing where it is
-// not valid; of a version that is not known the parts that every version has.
+// In: the value of `traceparent`, e.g. "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01". Empty if it is not
+// valid; for an unknown version the parts that every version has.
 std::optional<TraceContext> ParseTraceparent(std::string_view value);
 
 // A request id that a caller may choose: 1 to 64 letters, digits, '.', '_' and '-'.
 bool IsRequestId(std::string_view text);
-// One of our own: unique over the processes of a cluster, and counting within one.
+// A generated id: unique over the processes of a cluster, with a counter within a process.
 std::string MakeRequestId();
 
 }  // namespace voxelpipe

@@ -11,7 +11,7 @@ constexpr uint64_t kMaxBytes = uint64_t{1} << 60;
 
 const std::map<std::string, uint64_t> kTimeUnits = {{"ms", 1}, {"s", 1000}, {"m", 60'000}, {"h", 3'600'000}};
 
-// What is wrong with the text of an unsigned number; empty: nothing.
+// The error in the text of an unsigned number; empty if valid.
 std::string CheckNotNegative(std::string& text) {
   return text.find('-') == std::string::npos ? "" : "must not be negative: " + text;
 }

@@ -16,29 +16,29 @@ class OptionList {
   // Adds options to `app`, which must outlive this list.
   explicit OptionList(CLI::App& app) : app_(app) {}
 
-  // The options that follow belong to this group.
+  // The following options belong to this group.
   void Group(const std::string& title) { group_ = title; }
 
-  // Each of these adds an option that sets `value`, whose present value is the default. `unit` is that of its value,
-  // "" if it has none; `text` says what it means, in lower case and without a full stop at the end.
+  // Each of these adds an option that sets `value`, whose current value is the default. `unit` is that of its value, ""
+  // if it has none; `text` describes it, in lower case and without a full stop at the end.
   CLI::Option* Add(const std::string& flag, std::string& value, const std::string& unit, const std::string& text);
   CLI::Option* Add(const std::string& flag, bool& value, const std::string& text);
   CLI::Option* AddChoice(const std::string& flag, std::string& value, const std::vector<std::string>& choices,
                          const std::string& text);
-  // A number from `min` to `max`, both included.
+  // A number from `min` to `max`, inclusive.
   template <std::integral Value>
   CLI::Option* AddNumber(const std::string& flag, Value& value, Value min, Value max, const std::string& unit,
                          const std::string& text) {
     CLI::Option* const option = app_.add_option(flag, value, text);
-    // What was added last is checked first: unsigned numbers would be taken modulo 2^64.
+    // The check added last runs first: CLI11 would take unsigned numbers modulo 2^64.
     option->check(CLI::Range(min, max));
     RefuseNegative(option, std::cmp_greater_equal(min, 0));
     Note(option, unit, " (" + std::to_string(min) + " to " + std::to_string(max) + ")");
     return option;
   }
-  // The same in milliseconds, also written with a unit (30m, 90s).
+  // The same in milliseconds, optionally with a unit (30m, 90s).
   CLI::Option* AddDuration(const std::string& flag, uint32_t& value, uint32_t max_ms, const std::string& text);
-  // A size, also written with a suffix (64MiB): from 0, from `min` or from `min` to `max` bytes.
+  // A size, optionally with a suffix (64MiB): from 0, from `min` or from `min` to `max` bytes.
   CLI::Option* AddBytes(const std::string& flag, uint64_t& value, const std::string& text);
   CLI::Option* AddBytes(const std::string& flag, uint64_t& value, uint64_t min, const std::string& text);
   CLI::Option* AddBytes(const std::string& flag, uint64_t& value, uint64_t min, uint64_t max, const std::string& text);

@@ -10,7 +10,7 @@
 namespace voxelpipe {
 namespace {
 
-// Where an option that the command line does not give was found.
+// The source of an option that is not on the command line.
 struct Found {
   std::string value, source;
 };
@@ -72,7 +72,7 @@ std::string VariableOf(const std::string& flag) {
 
 namespace {
 
-// The variable that sets the option, under any of its names; empty where none does.
+// The variable that sets the option, under any of its names; empty if none does.
 std::string SetVariableOf(const CLI::Option& option) {
   for (const std::string& name : option.get_lnames()) {
     std::string variable = VariableOf(name);

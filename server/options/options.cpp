@@ -12,12 +12,12 @@
 namespace voxelpipe {
 namespace {
 
-// What loading one mesh may well take.
+// Typical memory for loading one mesh.
 constexpr uint64_t kLoaderBytes = 64 << 20;
 // Two of the largest messages (service_state.h).
 constexpr uint64_t kMinTransportBytes = 128 << 20;
 constexpr uint32_t kDayMs = 86'400'000;
-// Load balancers look at health every few seconds.
+// Load balancers check health every few seconds.
 constexpr uint32_t kLameDuckBeyondLoopbackMs = 5'000;
 
 const std::map<std::string, BackendChoice> kBackends = {
@@ -28,9 +28,9 @@ const std::map<std::string, SimdChoice> kSimds = {{"auto", SimdChoice::kAuto},
                                                   {"avx2", SimdChoice::kAvx2},
                                                   {"avx512", SimdChoice::kAvx512}};
 
-// Where a probe of this machine's own server goes: the listening address, with the wildcard replaced by loopback.
+// The address for a probe of the local server: the listening address, with the wildcard replaced by loopback.
 std::string ProbeAddress(const ServerOptions& options) {
-  // Over HTTP no certificate and no token is in the way.
+  // HTTP needs no certificate and no token.
   if (!options.http_listen.empty()) return "http://" + options.http_listen;
   const std::string& listen = options.listen;
   if (listen.starts_with("0.0.0.0:")) return "127.0.0.1" + listen.substr(7);
@@ -38,7 +38,7 @@ std::string ProbeAddress(const ServerOptions& options) {
   return listen;
 }
 
-// What is wrong with a value of --gpus; empty: nothing.
+// The error in a value of --gpus; empty if valid.
 std::string CheckGpus(std::string& text) {
   if (text == "all" || text == "none") return "";
   for (size_t at = 0, comma; at <= text.size(); at = comma + 1) {
@@ -49,7 +49,7 @@ std::string CheckGpus(std::string& text) {
   return "";
 }
 
-// What is wrong with HOST:PORT; empty: nothing. gRPC takes port 99999 for 34463, and ::1 for port 1 of the host ":".
+// The error in HOST:PORT; empty if valid. gRPC takes port 99999 for 34463, and ::1 for port 1 of the host ":".
 std::string CheckHostPort(std::string& text) {
   const size_t colon = text.rfind(':');
   const std::string port = colon == std::string::npos ? "" : text.substr(colon + 1);
@@ -94,7 +94,7 @@ void ChooseDefaults(ServerOptions& options, std::vector<OptionValue>& values) {
   }
 }
 
-// What the tables of OPERATIONS.md say of each option, group by group.
+// The options with their texts for --help and the tables of OPERATIONS.md, group by group.
 
 void AddServing(OptionList& list, ServerOptions& o) {
   list.Group("Addresses");
@@ -182,7 +182,7 @@ void AddSizes(OptionList& list, ServerOptions& o) {
   list.AddBytes("--max-file-bytes", o.max_file_bytes, 1, "one mesh file; not more than --max-upload-bytes");
   list.AddBytes("--max-upload-bytes", o.max_upload_bytes,
                 "all mesh files that are received or wait, together; 0: three sixteenths of memory, at most 4 GiB");
-  // What indices of 32 bits can name.
+  // The range of 32-bit indices.
   list.AddNumber("--max-triangles", o.max_triangles, uint64_t{1}, uint64_t{UINT32_MAX}, "triangles",
                  "of one mesh, after instancing");
   list.AddNumber("--max-vertices", o.max_vertices, uint64_t{1}, uint64_t{UINT32_MAX}, "vertices",
@@ -347,7 +347,7 @@ ServerOptions Resolve(ServerOptions options) {
   choose(options.max_upload_bytes, 3 * sixteenth, 4ull << 30);
   choose(options.max_transport_bytes, 2 * sixteenth, 512ull << 20, kMinTransportBytes);
   choose(options.max_mesh_store_bytes, sixteenth, 2ull << 30);
-  choose(options.max_queue_bytes, 2 * sixteenth, 2ull << 30);  // a part of what uploads and jobs have
+  choose(options.max_queue_bytes, 2 * sixteenth, 2ull << 30);  // a share of the memory of uploads and jobs
   if (options.loaders == 0) {
     options.loaders = int(std::clamp<uint64_t>(options.max_working_bytes / kLoaderBytes, 1, uint64_t(cpus)));
   }

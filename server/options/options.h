@@ -1,4 +1,4 @@
-// What an operator may set. Every option has a flag, an environment variable and a key in the config file.
+// The options of the server. Every option has a flag, an environment variable and a key in the config file.
 #pragma once
 
 #include <cstdint>
@@ -11,11 +11,11 @@
 
 namespace voxelpipe {
 
-// A message with a full piece stays below the 4 MiB that clients of gRPC take by default: the rest is its header's.
+// A message with a full piece, including its header, stays below the 4 MiB that gRPC clients accept by default.
 inline constexpr uint64_t kMaxPieceBytes = (uint64_t{4} << 20) - 4096;
 
-// An option of the same name each, which options.cpp declares with its unit and meaning (OPERATIONS.md, --help). Where
-// 0 means "choose", Resolve() does.
+// Each member is an option of the same name, which options.cpp declares with unit and meaning (OPERATIONS.md, --help).
+// Resolve() replaces each 0 that means "choose".
 struct ServerOptions {
   std::string listen = "127.0.0.1:50051";
   BackendChoice backend = BackendChoice::kAuto;
@@ -85,15 +85,15 @@ struct ServerOptions {
   bool reflection = true;
 };
 
-// What the command line asks for.
+// The parsed command line.
 struct CommandLine {
   ServerOptions options;
-  std::optional<std::string> probe;  // ask the server at this address for its health instead of serving
+  std::optional<std::string> probe;  // probe the server at this address instead of serving
   bool check_config = false;         // print `values` instead of serving
-  std::vector<OptionValue> values;   // every option and where it comes from
+  std::vector<OptionValue> values;   // every option with its source
 };
 
-// Parses flags, VOXELPIPE_* variables and the config file (option_sources.h: which takes precedence). Out: what to do,
+// Parses flags, VOXELPIPE_* variables and the config file (option_sources.h: which takes precedence). Out: the options,
 // or the exit code after --help, --version and --help-markdown (0) or one line on stderr (2).
 struct ParseOutcome {
   std::optional<CommandLine> command;
@@ -104,8 +104,8 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv);
 // True if other machines can reach a server at this address (of --listen).
 bool ListensBeyondLoopback(const std::string& listen);
 
-// The same options with every 0 that means "choose" replaced by what suits the CPUs and the memory of this process now
-// (base/machine.h), except `threads`, where 0 means the CPUs at any time.
+// The same options with every 0 that means "choose" replaced by a value for the current CPUs and memory of this process
+// (base/machine.h), except `threads`, where 0 means the current CPUs at any time.
 ServerOptions Resolve(ServerOptions options);
 
 }  // namespace voxelpipe

@@ -13,13 +13,13 @@ using google::protobuf::io::CodedInputStream;
 
 enum class Fields { kPossible, kBroken, kTooMany };
 
-// Counts what is no mesh's, and stops when that is more than may be: fields are skipped one by one, and 64 MiB may hold
-// 32 million.
+// Counts bytes outside the mesh, and stops above the limit: fields are skipped one by one, and 64 MiB may hold 32
+// million.
 class SettingsCounter {
  public:
   explicit SettingsCounter(CodedInputStream& in) : in_(in) {}
 
-  // Up to the end of what `in` may read now.
+  // Up to the current limit of `in`.
   Fields Count(const MeshFields& fields) {
     for (;;) {
       const int begin = in_.CurrentPosition();
@@ -46,7 +46,7 @@ class SettingsCounter {
 
  private:
   CodedInputStream& in_;
-  uint64_t bytes_ = 0;  // that are no mesh's
+  uint64_t bytes_ = 0;  // outside the mesh
 };
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Messages as gRPC has them, read with a bound on what reading them takes, and written.
+// Raw gRPC messages: parsing with a bound on memory, and serialization.
 #pragma once
 
 #include <cstddef>
@@ -14,11 +14,10 @@
 
 namespace voxelpipe {
 
-// Of a request message, all but its mesh bytes. What consists of empty fields takes some sixty times its bytes once it
-// has been read.
+// The limit of a request message without its mesh bytes. Empty fields take about sixty times their bytes after parsing.
 inline constexpr size_t kMaxSettingsBytes = 1 << 20;
 
-// Which fields of a message are mesh bytes: one of its own, and one of each message in its field `inner`. 0: none.
+// The fields with mesh bytes: one of the message, and one of each message in its field `inner`. 0: none.
 struct MeshFields {
   int own = 0, inner = 0, of_inner = 0;
 };
@@ -40,12 +39,11 @@ inline constexpr MeshFields kMeshFields<v1::EstimateVoxelizationRequest>{
 template <>
 inline constexpr MeshFields kMeshFields<v1::UploadMeshRequest>{v1::UploadMeshRequest::kPieceFieldNumber, 0, 0};
 
-// INVALID_ARGUMENT where a message has more than kMaxSettingsBytes beside its mesh bytes, or breaks on the way there.
-// Takes nothing off `bytes`, allocates nothing.
+// INVALID_ARGUMENT if a message has more than kMaxSettingsBytes besides its mesh bytes, or is malformed before that.
+// Does not consume `bytes`, does not allocate.
 absl::Status CheckSettingsBytes(grpc::ByteBuffer& bytes, const MeshFields& fields);
 
-// In: `bytes`, of which nothing is left. Out: `message`. INVALID_ARGUMENT where they are none, or hold more than is
-// possible.
+// Parses `message` and consumes `bytes`. INVALID_ARGUMENT if they are malformed or exceed the limit.
 template <typename Message>
 absl::Status ReadMessage(grpc::ByteBuffer& bytes, Message& message) {
   absl::Status status = CheckSettingsBytes(bytes, kMeshFields<Message>);
@@ -56,7 +54,7 @@ absl::Status ReadMessage(grpc::ByteBuffer& bytes, Message& message) {
   return status;
 }
 
-// The request of a call that gRPC made for this call alone and does not look at again: reading it frees its bytes.
+// The request buffer of a call, which gRPC does not read again: parsing it frees its bytes.
 inline grpc::ByteBuffer& OwnRequest(const grpc::ByteBuffer* request) {
   return *const_cast<grpc::ByteBuffer*>(request);
 }

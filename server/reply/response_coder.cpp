@@ -8,7 +8,7 @@
 namespace voxelpipe {
 namespace {
 
-// Less than this is copied: a slice with an owner costs an allocation and a reference count.
+// Smaller pieces are copied: a slice with an owner costs an allocation and a reference count.
 constexpr size_t kCopyBelow = 16 << 10;
 
 enum WireType : uint32_t { kVarint = 0, kBytes = 2, kFixed32 = 5 };
@@ -33,7 +33,7 @@ size_t VarintSize(uint64_t value) {
   return size;
 }
 
-// All of a piece up to its bytes, which come last.
+// A piece up to its bytes, which come last.
 std::string PieceHead(const CodedPiece& piece) {
   std::string head;
   if (piece.array != 0) {
@@ -72,7 +72,7 @@ std::string Envelope(std::optional<uint64_t> job_id, int field, int many_field, 
   return out;
 }
 
-// Gathers text and referred bytes into slices.
+// Collects text and referenced bytes as slices.
 class Slices {
  public:
   std::string text;

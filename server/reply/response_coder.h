@@ -1,4 +1,4 @@
-// Answers as gRPC sends them, made by hand: bytes of a result are referred to and not copied.
+// Serializes responses by hand, so that the bytes of a result are referenced and not copied.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@
 
 namespace voxelpipe {
 
-// One piece: its fields, and where its bytes are.
+// One piece: its fields, and a view of its bytes.
 struct CodedPiece {
   uint32_t array = 0, crc32c = 0;
   uint64_t offset = 0, raw_bytes = 0;  // see ResultPiece
@@ -28,14 +28,14 @@ class ResponseCoder {
  public:
   ResponseCoder() = default;
   explicit ResponseCoder(uint64_t job_id) : job_id_(job_id) {}
-  // Makes only Whole.
+  // Only for Whole.
   static ResponseCoder OfWholeCall() {
     ResponseCoder coder;
     coder.whole_call_ = true;
     return coder;
   }
 
-  // Any message that carries few bytes.
+  // Any small message.
   grpc::ByteBuffer Message(const v1::VoxelizeResponse& response) const;
   grpc::ByteBuffer Piece(const CodedPiece& piece) const;
   // `head`: everything but the pieces.
@@ -46,8 +46,8 @@ class ResponseCoder {
   bool whole_call_ = false;
 };
 
-// Answers of a VoxelizeMany call, at least one, as one message: the first one with the others under `more`. Their bytes
-// are shared.
+// Responses of a VoxelizeMany call, at least one, as one message: the first one with the others in `more`. Shares their
+// bytes.
 grpc::ByteBuffer AnswersInOne(std::span<const grpc::ByteBuffer* const> answers);
 
 }  // namespace voxelpipe

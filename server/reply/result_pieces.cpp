@@ -13,7 +13,7 @@
 namespace voxelpipe {
 namespace {
 
-// What the messages of a small result take, without the result.
+// The size of the messages of a small result, without the result.
 constexpr size_t kArenaBytes = 4096;
 
 }  // namespace
@@ -102,7 +102,7 @@ grpc::ByteBuffer ResultPieces::Summary(const JobOutcome& outcome) {
 }
 
 grpc::ByteBuffer ResultPieces::Whole(const Plan& plan, const std::shared_ptr<const JobOutcome>& outcome) {
-  // Some forty small parts, which would be allocated and freed one by one.
+  // An arena: otherwise about forty small parts would be allocated and freed one by one.
   alignas(std::max_align_t) char room[kArenaBytes];
   google::protobuf::Arena arena(room, sizeof room);
   auto& head = *google::protobuf::Arena::CreateMessage<v1::WholeResult>(&arena);

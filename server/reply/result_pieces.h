@@ -1,4 +1,4 @@
-// The messages of a result, made one at a time in stream order: header, pieces, summary; or all in one.
+// The messages of a result, made one at a time in stream order: header, pieces, summary; or one message.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@
 
 namespace voxelpipe {
 
-// A result of at most so many bytes goes into one message where the client can take that.
+// A result of at most this many bytes is sent in one message if the client accepts that.
 inline constexpr uint64_t kWholeBytes = 1 << 20;
 
 struct PieceOptions {
@@ -29,31 +29,31 @@ struct PieceOptions {
   int zstd_level = 1;
 };
 
-// Keeps what the messages of one result share: where the next byte belongs, and the hash. Not thread-safe.
+// The state of the messages of one result: the position of the next byte, and the hash. Not thread-safe.
 class ResultPieces {
  public:
   ResultPieces(const CallSettings& settings, const PieceOptions& options, ResponseCoder coder = {});
 
   grpc::ByteBuffer Header(const ResultHeader& header) const;
-  // `bytes` follow those of the piece before, or begin the next array. `owner` keeps them; null: they are copied.
+  // `bytes` follow those of the previous piece, or begin the next array. `owner` keeps them alive; null: they are
+  // copied.
   grpc::ByteBuffer Piece(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner);
-  // Every piece's bytes in order, apart from Piece so that hashing goes on while they are sent. Not needed where the
+  // Hashes every piece's bytes in order; separate from Piece, so that hashing overlaps with sending. Not needed if the
   // hash is known.
   void Hash(std::span<const uint8_t> bytes);
-  // Of a result that others read, too: its checksums are taken from `sums`, and left there. null: they are of this
-  // stream alone.
+  // Reads and stores the checksums of a shared result in `sums`. Null: the result is not shared.
   void SetShared(bool cached, std::shared_ptr<ResultSums> sums);
   // After the last piece. Call once.
   grpc::ByteBuffer Summary(const JobOutcome& outcome);
 
-  // All of a small result. Call alone, once. `outcome` stays until gRPC has sent the message.
+  // A whole small result in one message. Call only this, once. `outcome` lives until gRPC has sent the message.
   grpc::ByteBuffer Whole(const Plan& plan, const std::shared_ptr<const JobOutcome>& outcome);
 
-  // Pieces are made without compressing or hashing them.
+  // True if pieces are neither compressed nor hashed.
   bool at_once() const { return !compressor_ && (!hashed_ || !known_hash_.empty()); }
   uint64_t piece_bytes() const { return options_.piece_bytes; }
   uint64_t bytes() const { return bytes_; }            // of all pieces so far
-  uint64_t sent_bytes() const { return sent_bytes_; }  // of the same, as they are sent
+  uint64_t sent_bytes() const { return sent_bytes_; }  // of the same, as sent
 
  private:
   CodedPiece Code(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner);
@@ -65,7 +65,7 @@ class ResultPieces {
   std::optional<PieceCompressor> compressor_;
   size_t array_ = 0;
   uint64_t offset_ = 0, bytes_ = 0, sent_bytes_ = 0;
-  std::optional<Sha256> hash_;  // made when it is needed
+  std::optional<Sha256> hash_;  // created on demand
   std::shared_ptr<ResultSums> sums_;
   std::string known_hash_;
   bool cached_ = false;

@@ -1,4 +1,4 @@
-// The messages of one finished job whose result stands in memory, made one at a time.
+// The messages of a finished job with its result in memory, made one at a time.
 #pragma once
 
 #include <cstdint>
@@ -12,19 +12,19 @@
 
 namespace voxelpipe {
 
-// Not thread-safe. What was handed out keeps the outcome until gRPC has sent it, also after the stream is gone.
+// Not thread-safe. Messages keep the outcome alive until gRPC has sent them, also after the end of this object.
 class ResultStream {
  public:
-  // `cached`: goes into the summary.
+  // `cached`: for the summary.
   ResultStream(std::shared_ptr<const JobOutcome> outcome, const CallSettings& settings, const PieceOptions& options,
                ResponseCoder coder = {}, bool cached = false);
 
   // The next message. Not after the last one, the summary.
   grpc::ByteBuffer Next();
-  // Work that need not be done before the message of Next is on its way. Call between two of them.
+  // Work that can overlap with sending the message of Next. Call after each Next.
   void CatchUp();
   bool done() const { return part_ == Part::kEnd; }
-  // There is a next message, and neither CatchUp nor Next have much to do for it: it follows at once.
+  // True if there is a next message and neither CatchUp nor Next have much work for it: it follows immediately.
   bool next_is_ready() const { return !done() && pieces_.at_once(); }
 
   uint64_t bytes() const { return pieces_.bytes(); }

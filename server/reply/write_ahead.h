@@ -1,4 +1,4 @@
-// Which messages of a stream may lie in gRPC until the next one comes.
+// Chooses the messages of a stream that gRPC may buffer until the next one.
 #pragma once
 
 #include <utility>
@@ -9,14 +9,14 @@ namespace voxelpipe {
 
 // The options of one call's writes, in their order. Not thread-safe.
 //
-// A write with the buffer hint is done as soon as gRPC has it, and its bytes leave with those of a later write, so that
-// several go in one packet. Never the first write of a call: it carries the headers, and is not done before they have
-// left, which the hint puts off, too. The call would wait for that write and the write for the call's next one, until
-// something else leaves on the connection.
+// A write with the buffer hint completes as soon as gRPC has it, and its bytes are sent with those of a later write, so
+// that several share a packet. Never for the first write of a call: it carries the headers and completes only when they
+// are sent, which the hint delays too. The call would wait for that write, and the write for the next one, until
+// something else is sent on the connection.
 class WriteAhead {
  public:
-  // Of the next write. `more_follows`: once it is done, the call writes or finishes at once, whatever happens, and
-  // waits for no write before.
+  // The options of the next write. `more_follows`: after it the call writes or finishes immediately in all cases, and
+  // waits for no other event before.
   grpc::WriteOptions Next(bool more_follows) {
     grpc::WriteOptions options;
     if (std::exchange(headers_left_, true) && more_follows) options.set_buffer_hint();
@@ -24,7 +24,7 @@ class WriteAhead {
   }
 
  private:
-  bool headers_left_ = false;  // or will have by the time that the next write begins
+  bool headers_left_ = false;  // or will be sent before the next write begins
 };
 
 }  // namespace voxelpipe

@@ -16,7 +16,7 @@ PieceCompressor::~PieceCompressor() = default;
 
 std::optional<std::vector<uint8_t>> PieceCompressor::Compress(std::span<const uint8_t> bytes) {
   if (!context_ || bytes.size() < 2) return std::nullopt;
-  // One byte less than the original: what does not fit is not smaller.
+  // One byte less than the original: output that does not fit is not smaller.
   std::vector<uint8_t> frame(bytes.size() - 1);
   const size_t size = ZSTD_compress2(context_.get(), frame.data(), frame.size(), bytes.data(), bytes.size());
   if (ZSTD_isError(size)) return std::nullopt;

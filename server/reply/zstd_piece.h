@@ -11,14 +11,14 @@ struct ZSTD_CCtx_s;
 
 namespace voxelpipe {
 
-// Keeps zstd's working memory between pieces. Not thread-safe.
+// Reuses zstd's working memory. Not thread-safe.
 class PieceCompressor {
  public:
   // `level`: 1 (fast) to 19.
   explicit PieceCompressor(int level);
   ~PieceCompressor();
 
-  // `bytes` as one zstd frame, which states its size; nothing where that is not smaller, or memory is missing.
+  // `bytes` as one zstd frame, which declares its size; empty if that is not smaller, or if memory is short.
   std::optional<std::vector<uint8_t>> Compress(std::span<const uint8_t> bytes);
 
  private:

@@ -5,7 +5,7 @@
 namespace voxelpipe {
 namespace {
 
-// What an entry takes besides the arrays, so that many tiny results do not pass for nothing.
+// Overhead of an entry besides the arrays, so that many tiny results are not free.
 constexpr uint64_t kOverheadBytes = 4096;
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Finished results, for requests that come again.
+// A cache of finished results, for repeated requests.
 #pragma once
 
 #include <cstdint>
@@ -11,24 +11,24 @@
 
 namespace voxelpipe {
 
-// What all who asked for the same get.
+// The result that all equal jobs receive.
 struct SharedResult {
   std::shared_ptr<const JobOutcome> outcome;  // with its sums
   Plan plan;
-  std::shared_ptr<const void> memory;  // the share of the server's memory that the result holds while somebody reads it
+  std::shared_ptr<const void> memory;  // the charge of the result to the server's memory while a call reads it
 };
 
-// Off where `max_bytes` is 0. Results by their request (RequestKey), up to so many bytes; the longest unused go first.
-// Thread-safe.
+// Off if `max_bytes` is 0. Results by their request (RequestKey), up to `max_bytes` bytes; evicts the least recently
+// used. Thread-safe.
 class ResultCache {
  public:
   explicit ResultCache(uint64_t max_bytes) : results_(max_bytes) {}
 
   bool enabled() const { return results_.limit_bytes() > 0; }
-  // Null where there is none.
+  // Null if there is none.
   std::shared_ptr<const SharedResult> Use(const std::string& key) { return results_.Use(key); }
-  // Keeps the outcome, unless it is larger than the cache; its share of the server's memory is not kept with it: the
-  // cache has its own.
+  // Stores the outcome, unless it is larger than the cache; without its charge to the server's memory, because the
+  // cache has its own budget.
   void Put(const std::string& key, const SharedResult& result);
 
   LruStats stats() const { return results_.stats(); }

@@ -18,7 +18,7 @@
 namespace voxelpipe {
 namespace {
 
-// Refuses what would leave slab by slab: each who asks then makes and sends it alone.
+// Refuses results that would be streamed slab by slab: each job then makes and sends its own.
 class RefusingSink final : public ResultSink {
  public:
   absl::Status Begin(const ResultHeader& /*header*/) override { return absl::AbortedError("too large to be shared"); }
@@ -38,7 +38,7 @@ bool IsOfTheRun(const absl::Status& status) {
   return absl::IsAborted(status) || absl::IsCancelled(status) || absl::IsDeadlineExceeded(status);
 }
 
-// True if a time is before another; none is after all.
+// True if a time is before another; an absent one is after all.
 bool Earlier(const std::optional<Scheduler::Time>& a, const std::optional<Scheduler::Time>& b) {
   return a && (!b || *a < *b);
 }
@@ -67,7 +67,7 @@ class ResultSharing::Run final : public VoxelizeJob {
     if (config.request.result == ResultKind::kDense && plan.slab_depth < plan.grid.dims[2]) {
       return absl::AbortedError("too large to be shared");
     }
-    memory_->ShrinkTo(0);  // of a worker that failed
+    memory_->ShrinkTo(0);  // of a failed worker
     if (absl::Status s = TakeMemory(plan, may_wait, context, *memory_); !s.ok()) return s;
     plan_ = plan;
     sharing_.flights_.Tell(flight_, plan);
@@ -85,7 +85,7 @@ class ResultSharing::Run final : public VoxelizeJob {
     uint64_t bytes = 0;
     for (const auto array : ArraysOf(made->result)) bytes += array.size();
     memory_->ShrinkTo(bytes);
-    // Where one reads it first, it is hashed while it is sent; several would each do so.
+    // One reader hashes it while sending; several would each hash it.
     const bool shared = sharing_.flights_.waiting(flight_) > 1;
     if (shared || sharing_.cache_.enabled()) {
       made->sums = std::make_shared<ResultSums>(made->result, sharing_.piece_bytes_);
@@ -135,7 +135,7 @@ absl::Status ResultSharing::Submit(std::shared_ptr<VoxelizeJob> job) {
   Flights::Seat seat;
   std::shared_ptr<Run> run;
   {
-    // What the flight calls, and Withdraw, look for the seat, and so wait until it is there and the job was copied.
+    // Callbacks of the flight, and Withdraw, look up the seat, and so wait until it exists and the job was copied.
     const std::lock_guard lock(mutex_);
     seat = flights_.Join(key, {.done = [this, job](const Flights::Answer& result) { Answer(job, result); },
                                .news =
@@ -173,12 +173,12 @@ absl::Status ResultSharing::Submit(std::shared_ptr<VoxelizeJob> job) {
   if (submitted.ok()) {
     const std::lock_guard lock(mutex_);
     const auto crowd = crowds_.find(seat.flight.get());
-    // Others may have joined before the scheduler knew the run.
+    // Others may have joined before the scheduler had the run.
     if (crowd != crowds_.end() && crowd->second.waiters.size() > 1) TellWaiters(*seat.flight);
     return absl::OkStatus();
   }
-  // It is this client's share, or this job's deadline, that the queue has no place for. Others who joined by now try
-  // for themselves.
+  // The queue refused it for this client's share or this job's deadline. Jobs that joined meanwhile submit runs of
+  // their own.
   const bool left = flights_.Leave(seat);
   if (left) {
     const std::lock_guard lock(mutex_);
@@ -186,7 +186,7 @@ absl::Status ResultSharing::Submit(std::shared_ptr<VoxelizeJob> job) {
     LeaveCrowd(*seat.flight, *job);
   }
   flights_.Land(seat.flight, absl::AbortedError("the first one was refused"));
-  return left ? submitted : absl::OkStatus();  // else it was withdrawn meanwhile
+  return left ? submitted : absl::OkStatus();  // otherwise it was withdrawn meanwhile
 }
 
 bool ResultSharing::Waiter::IsOver() const {
@@ -234,7 +234,7 @@ void ResultSharing::Answer(const std::shared_ptr<VoxelizeJob>& job, const Flight
   }
   if (result.ok()) {
     if (!first) metrics_.jobs_shared.Increment();
-    // The outcome, and with it what it holds of the server's memory.
+    // The outcome, with its charge to the server's memory.
     job->DoneShared({*result, (*result)->outcome.get()}, (*result)->plan, !first);
   } else if (!IsOfTheRun(result.status()) || (over && absl::IsDeadlineExceeded(result.status()))) {
     job->Done(result.status());
@@ -251,7 +251,7 @@ bool ResultSharing::Withdraw(VoxelizeJob& job) {
     if (found != seats_.end()) seat = found->second;
   }
   if (!seat.flight) return scheduler_.Withdraw(job);
-  if (!flights_.Leave(seat)) return false;  // it is being answered
+  if (!flights_.Leave(seat)) return false;  // it is already being answered
   const std::lock_guard lock(mutex_);
   seats_.erase(&job);
   LeaveCrowd(*seat.flight, job);
@@ -263,9 +263,9 @@ std::string RequestKey(const VoxelizeJob& job) {
   const ParsedConfig& config = job.config;
   if (!job.kept || config.new_positions || config.settings.queue_timeout) return {};
   CallSettings settings = config.settings;
-  settings.compression = Compression::kNone;  // of the pieces, which each makes for itself
+  settings.compression = Compression::kNone;  // of the pieces, which each call makes for itself
   settings.content_hash = true;
-  settings.priority = Priority::kNormal;  // the run has the best one of all who wait
+  settings.priority = Priority::kNormal;  // the run has the best one of all waiting jobs
   std::string key = job.kept->id();
   {
     google::protobuf::io::StringOutputStream out(&key);  // appends

@@ -1,4 +1,4 @@
-// Equal jobs at the same time are run once, and their results may be kept for those that come later.
+// Runs concurrent equal jobs once, and may cache their results for later ones.
 #pragma once
 
 #include <cstdint>
@@ -20,30 +20,30 @@
 
 namespace voxelpipe {
 
-// Stands between the calls and the scheduler. Jobs are equal that ask for the same of the same kept mesh (RequestKey);
-// they are answered by DoneShared, with the same object. A run that waits has the best place, priority and deadline of
-// all who wait for it; where the queue takes no job of the one who came first, only that one is refused. All others go
-// through: those with a file or with positions of their own, those with a queue time-out of their own, and those whose
-// result does not stand in memory as a whole. Thread-safe; calls the jobs without locks.
+// Between the calls and the scheduler. Jobs are equal if they have the same request for the same stored mesh
+// (RequestKey); DoneShared gives them the same object. A waiting run has the best queue position, priority and deadline
+// of all its jobs; if the queue refuses the first job, only that one fails. Other jobs are not shared: those with a
+// file or new positions, those with a queue time-out of their own, and those whose result is not in memory as a whole.
+// Thread-safe; calls the jobs without locks.
 class ResultSharing {
  public:
   struct Options {
-    bool share = true;               // false: all go through, where nothing is kept either
-    uint64_t cache_bytes = 0;        // 0: nothing is kept
-    uint64_t piece_bytes = 1 << 20;  // of the results in one piece, as they are sent
-    double least_ms = 0;             // predicted: less work is done again sooner than shared, unless results are kept
+    bool share = true;               // false: no sharing, unless results are cached
+    uint64_t cache_bytes = 0;        // 0: no cache
+    uint64_t piece_bytes = 1 << 20;  // size of the pieces in which results are sent
+    double least_ms = 0;             // predicted: less work is not worth sharing, unless results are cached
   };
-  // All must outlive the object, but for `scheduler`, which may be made later and must end its tasks earlier.
+  // All must outlive the object, except `scheduler`, which may be created later and must end its tasks earlier.
   ResultSharing(Scheduler& scheduler, ByteBudget& working, Metrics& metrics, const Options& options);
   ~ResultSharing();
   ResultSharing(const ResultSharing&) = delete;
   ResultSharing& operator=(const ResultSharing&) = delete;
 
-  // As Scheduler::Admit; a job that an equal one takes along needs no place of its own.
+  // Like Scheduler::Admit; a job that joins an equal one needs no place in the queue.
   absl::Status Admit(const VoxelizeJob& job) const;
-  // As Scheduler::Submit. The job may be answered before this returns.
+  // Like Scheduler::Submit. The job may be answered before this returns.
   absl::Status Submit(std::shared_ptr<VoxelizeJob> job);
-  // As Scheduler::Withdraw; the work goes on while others wait for it, and stops when none does.
+  // Like Scheduler::Withdraw; the run continues while other jobs wait for it, and stops when none does.
   bool Withdraw(VoxelizeJob& job);
 
   const ResultCache& cache() const { return cache_; }
@@ -58,23 +58,23 @@ class ResultSharing {
   using Flights = SingleFlight<const SharedResult, News>;
 
   using Time = Scheduler::Time;
-  // One who waits for a flight.
+  // A job that waits for a flight.
   struct Waiter {
     const VoxelizeJob* job;
     FairQueue::Stand stand;
     std::optional<Time> deadline, queue_deadline;
     bool IsOver() const;
   };
-  // All of them, and the run that serves them.
+  // All jobs of a flight, and its run.
   struct Crowd {
     std::weak_ptr<Run> run;
     std::vector<Waiter> waiters;
   };
 
   void Answer(const std::shared_ptr<VoxelizeJob>& job, const Flights::Answer& result);
-  // With mutex_ held. Out: who left.
+  // With mutex_ held. Out: the job that left.
   Waiter LeaveCrowd(const Flights::Flight& flight, const VoxelizeJob& job);
-  // Tells the scheduler who waits for the flight's run.
+  // Updates the scheduler's list of clients waiting for the flight's run.
   void TellWaiters(const Flights::Flight& flight);
 
   Scheduler& scheduler_;
@@ -90,8 +90,8 @@ class ResultSharing {
   std::unordered_map<const Flights::Flight*, Crowd> crowds_;
 };
 
-// What jobs have in common that may share a result: the mesh, everything that the result's bytes depend on, and who may
-// run it. Empty where the job cannot share.
+// The key of jobs that may share a result: the mesh, everything that the result's bytes depend on, and the devices that
+// may run it. Empty if the job cannot share.
 std::string RequestKey(const VoxelizeJob& job);
 
 }  // namespace voxelpipe

@@ -21,7 +21,7 @@ uint32_t ResultSums::Crc32cOf(size_t array, uint64_t offset, std::span<const uin
   const bool is_piece =
       offset % piece_bytes_ == 0 && offset < of.bytes && bytes.size() == std::min(piece_bytes_, of.bytes - offset);
   if (!is_piece) return Crc32c(bytes);
-  // Two may compute the same sum at the same time: they store the same.
+  // Two threads may compute a sum at the same time: they store the same value.
   std::atomic<uint64_t>& sum = sums_[of.first + size_t(offset / piece_bytes_)];
   uint64_t known = sum.load(std::memory_order_relaxed);
   if (known == kUnknown) {

@@ -1,4 +1,4 @@
-// Checksums of a result that several read, computed once.
+// Checksums of a shared result, computed once.
 #pragma once
 
 #include <atomic>
@@ -16,11 +16,10 @@ namespace voxelpipe {
 // Each is computed by its first user. Thread-safe.
 class ResultSums {
  public:
-  // Of a result with arrays as long as those of `result`, in pieces of `piece_bytes`.
+  // For a result with arrays of the same sizes as `result`, in pieces of `piece_bytes`.
   ResultSums(const VoxelizeResult& result, uint64_t piece_bytes);
 
-  // CRC-32C of `bytes`, which are those of the array from `offset` on. Kept where they are a whole piece, or an array's
-  // last one.
+  // CRC-32C of `bytes`, those of the array from `offset` on. Stored if they are a whole piece, or an array's last one.
   uint32_t Crc32cOf(size_t array, uint64_t offset, std::span<const uint8_t> bytes);
 
   // SHA-256 of the arrays in stream order, 64 hexadecimal digits. Empty until it was set.

@@ -1,4 +1,4 @@
-// Equal work that is wanted several times at once is done once, for all who want it.
+// Single flight: concurrent requests for the same work share one run.
 #pragma once
 
 #include <cstdint>
@@ -15,9 +15,9 @@
 
 namespace voxelpipe {
 
-// The first to join a flight does the work (or hands it to a worker) and lands the flight with what came of it; all who
-// joined get the same answer. Who leaves does not disturb the others; when the last one has left, the work is
-// cancelled. Thread-safe; all functions of others are called without a lock. Must outlive its flights.
+// The first to join a flight does the work (or hands it to a worker) and lands the flight with its result; all waiters
+// get the same answer. A waiter that leaves does not affect the others; when the last one has left, the work is
+// cancelled. Thread-safe; callbacks are called without a lock. Must outlive its flights.
 template <typename Result, typename News = std::monostate>
 class SingleFlight {
  public:
@@ -37,18 +37,18 @@ class SingleFlight {
     friend class SingleFlight;
     std::unordered_map<uint64_t, Waiter> waiters;  // all of these with mutex_ held
     uint64_t next_ticket = 1;
-    bool over = false;  // landed, or everybody left
+    bool over = false;  // landed, or all waiters left
     std::function<void()> on_empty;
   };
 
-  // A place in a flight.
+  // A seat of a waiter in a flight.
   struct Seat {
     std::shared_ptr<Flight> flight;
     uint64_t ticket = 0;
-    bool first = false;  // whose holder must see to it that the flight lands
+    bool first = false;  // true: its holder must make the flight land
   };
 
-  // Joins the flight of this name, or starts one. A flight that has landed, or that all have left, is not joined.
+  // Joins the flight of this name, or starts one. Never joins a flight that has landed, or that all waiters have left.
   Seat Join(const std::string& key, Waiter waiter) {
     const std::lock_guard lock(mutex_);
     std::shared_ptr<Flight>& flight = flights_[key];
@@ -63,8 +63,8 @@ class SingleFlight {
     return {flight, ticket, first};
   }
 
-  // For the first one: `stop` is called when everybody has left before the flight landed, at once if that is so
-  // already; by the last one to leave.
+  // For the first one: the last waiter to leave calls `stop`, if all leave before the flight lands; called immediately
+  // if all have already left.
   void WhenEmpty(const std::shared_ptr<Flight>& flight, std::function<void()>&& stop) {
     {
       const std::lock_guard lock(mutex_);
@@ -77,7 +77,7 @@ class SingleFlight {
     stop();
   }
 
-  // Gives a place up: true where its `done` was not called and never will be; false where the flight has landed.
+  // Leaves a flight: true if its `done` was not called and never will be; false if the flight has landed.
   bool Leave(const Seat& seat) {
     std::function<void()> stop;
     Waiter gone;  // destroyed without the lock
@@ -96,7 +96,7 @@ class SingleFlight {
     return true;
   }
 
-  // Tells all who wait now.
+  // Sends news to all current waiters.
   void Tell(const std::shared_ptr<Flight>& flight, const News& news) {
     std::vector<std::function<void(const News&)>> listeners;
     {
@@ -108,7 +108,7 @@ class SingleFlight {
     for (const auto& listener : listeners) listener(news);
   }
 
-  // Ends the flight: an error goes to all as well. A second landing does nothing.
+  // Lands the flight; an error goes to all waiters as well. A second landing has no effect.
   void Land(const std::shared_ptr<Flight>& flight, const Answer& answer) {
     std::unordered_map<uint64_t, Waiter> waiters;
     std::function<void()> never;
@@ -122,17 +122,17 @@ class SingleFlight {
     for (const auto& [ticket, waiter] : waiters) waiter.done(answer);
   }
 
-  // How many wait for this flight now.
+  // The current number of waiters of this flight.
   size_t waiting(const std::shared_ptr<Flight>& flight) const {
     const std::lock_guard lock(mutex_);
     return flight->waiters.size();
   }
-  // How many joined a flight that others had started.
+  // The number of waiters that joined a flight started by others.
   uint64_t shared() const {
     const std::lock_guard lock(mutex_);
     return shared_;
   }
-  // True if a newcomer joins others.
+  // True if a new waiter would join a flight.
   bool IsFlying(const std::string& key) const {
     const std::lock_guard lock(mutex_);
     return flights_.contains(key);
