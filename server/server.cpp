@@ -30,16 +30,16 @@
 namespace voxelpipe {
 namespace {
 
-// How often the limits of the container are read again.
+// The interval of reading the limits of the container again.
 constexpr std::chrono::milliseconds kMachineInterval{30'000};
-// Of a stream, beyond what the client has made room for, where the next message is known to follow
-// (WriteOptions::set_buffer_hint): so that pieces smaller than this leave several at a time.
+// Write buffer of a stream beyond the flow-control window, used when the next message is known to follow
+// (WriteOptions::set_buffer_hint): pieces smaller than this are sent several at a time.
 constexpr int kWriteAheadBytes = 1 << 20;
-constexpr int kKeepaliveMs = 60'000;       // finds clients that vanished, so that their jobs end
-constexpr int kMinPingIntervalMs = 5'000;  // what clients may do to find a server that vanished
+constexpr int kKeepaliveMs = 60'000;  // detects vanished clients, so that their jobs end
+constexpr int kMinPingIntervalMs =
+    5'000;  // minimum interval of pings that clients may send to detect a vanished server
 
-// Health calls have no line in the access log, they come too often; those that are refused do. They count as ended when
-// they come.
+// Health calls are too frequent for the access log; refused ones are logged. They count as ended when they begin.
 absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& context, Rpc rpc) {
   const auto found = context.client_metadata().find("authorization");
   std::optional<std::string_view> authorization;
@@ -58,7 +58,7 @@ absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& 
   return status;
 }
 
-// One line about what the process has of the machine, and what was made of it.
+// One line about the machine limits of the process, and the sizes derived from them.
 void LogSizes(const MachineLimits& machine, const ServerOptions& resolved) {
   const auto mib = [](uint64_t bytes) { return absl::StrCat(bytes >> 20, " MiB"); };
   spdlog::info("{}; loaders {}, CPU workers {}, I/O threads {}; jobs {}, uploads {}, kept meshes {}", ToString(machine),
@@ -66,7 +66,7 @@ void LogSizes(const MachineLimits& machine, const ServerOptions& resolved) {
                mib(resolved.max_upload_bytes), mib(resolved.max_mesh_store_bytes));
 }
 
-// For totals that somebody else counts.
+// For totals counted elsewhere.
 void RaiseTo(prometheus::Counter& counter, uint64_t total) {
   if (const double missing = double(total) - counter.Value(); missing > 0) counter.Increment(missing);
 }
@@ -137,7 +137,7 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
     return absl::Status(load_workers.status().code(),
                         absl::StrCat("--isolate-loading: ", load_workers.status().message()));
   }
-  if (*load_workers != nullptr) ForbidForeignDecoders();  // from here on it is theirs to run them
+  if (*load_workers != nullptr) ForbidForeignDecoders();  // from here on only the load workers run them
   std::unique_ptr<VoxelServer> server(new VoxelServer(options, machine, *std::move(load_workers)));
   LogSizes(machine, server->state_->options);
   auto access = AccessControl::Create(options.token_file, options.open_health, server->state_->metrics);
@@ -160,7 +160,7 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
     server->http_address_ = server->http_->address();
   }
   if (const std::optional<TlsFacts> facts = server->tls_->facts()) WarnOfCertificate(options.tls_cert, *facts);
-  // Once for the process, before any builder; a repetition does nothing.
+  // Once for the process, before any builder; idempotent.
   if (options.reflection) grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   if (options.reflection) {
     server->reflection_ = std::make_unique<ReflectionService>(std::vector<std::string>{
@@ -174,15 +174,15 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   builder.RegisterService(server->health_.get());
   if (server->reflection_) builder.RegisterService(server->reflection_.get());
   builder.SetMaxReceiveMessageSize(kMaxMessageBytes);
-  // gRPC would unpack a message to whatever size it has, before it looks at any limit.
+  // gRPC would decompress a message of any size before it checks any limit.
   for (const auto algorithm : {GRPC_COMPRESS_DEFLATE, GRPC_COMPRESS_GZIP}) {
     builder.SetCompressionAlgorithmSupportStatus(algorithm, false);
   }
-  // What gRPC itself buffers.
+  // Buffers of gRPC itself.
   builder.SetResourceQuota(
       grpc::ResourceQuota("voxelpiped").Resize(size_t(server->state_->options.max_transport_bytes)));
   builder.AddChannelArgument(GRPC_ARG_HTTP2_WRITE_BUFFER_SIZE, kWriteAheadBytes);
-  // Two servers must not share a port unnoticed.
+  // Two servers must not share a port silently.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
   builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, int(options.max_connection_calls));
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveMs);
@@ -244,15 +244,15 @@ void VoxelServer::Drain() {
   spdlog::info("draining: calls are taken for another {} ms, then those that run have {} ms", options.lame_duck_ms,
                options.drain_grace_ms);
   std::this_thread::sleep_for(std::chrono::milliseconds(options.lame_duck_ms));
-  // gRPC's own shutdown closes a connection as soon as its last call has been written, and what the client has not yet
-  // read of it is lost when the client's own frames meet the closed socket. So the calls end first; then the shutdown's
-  // farewell is acknowledged by the client behind all that was sent before.
+  // gRPC's own shutdown closes a connection as soon as its last call has been written; data that the client has not yet
+  // read is lost when frames of the client meet the closed socket. So the calls end first; then the client acknowledges
+  // the GOAWAY of the shutdown after all data sent before.
   const std::chrono::milliseconds grace(options.drain_grace_ms);
   const auto grace_end = std::chrono::system_clock::now() + grace;
   state_->gate.Close();
   const bool empty = state_->gate.WaitUntilEmpty(std::chrono::steady_clock::now() + grace);
   if (!empty) spdlog::warn("the calls that still run are ended now");
-  state_->pool.Hasten();  // nothing runs any more, or the grace is over
+  state_->pool.Hasten();  // no job runs any more, or the grace period is over
   health_->EndWatches();
   server_->Shutdown(empty ? grace_end : std::chrono::system_clock::now());
   server_->Wait();

@@ -1,4 +1,4 @@
-// A running server: its services, its port, its end.
+// A running server: its services, its port, its shutdown.
 #pragma once
 
 #include <chrono>
@@ -30,40 +30,38 @@ struct ServiceState;
 
 class VoxelServer {
  public:
-  // Binds and serves. Errors: FAILED_PRECONDITION for a backend that is not there; UNAVAILABLE when the address cannot
-  // be bound.
+  // Binds and serves. Errors: FAILED_PRECONDITION for a missing backend; UNAVAILABLE if the address cannot be bound.
   static absl::StatusOr<std::unique_ptr<VoxelServer>> Start(const ServerOptions& options);
-  // Ends at once what still runs.
+  // Ends running jobs at once.
   ~VoxelServer();
 
-  // The address with the port that was picked.
+  // The address with the chosen port.
   const std::string& address() const { return address_; }
-  // Of /metrics, /livez and /readyz; empty where there is none.
+  // The address of /metrics, /livez and /readyz; empty if there is none.
   const std::string& http_address() const { return http_address_; }
 
-  // Reads tokens again, whether they have changed or not, and what the process has of the machine. Changed certificates
-  // are read by themselves.
+  // Reads the tokens again, changed or not, and the machine limits. Changed certificates are read automatically.
   void Reload();
 
-  // Graceful end: says NOT_SERVING, takes calls for another options.lame_duck_ms so that those on their way arrive,
-  // then takes no more and gives those that run options.drain_grace_ms. Returns when everything has ended. Call once.
+  // Graceful shutdown: reports NOT_SERVING, accepts calls for another options.lame_duck_ms so that calls in transit
+  // arrive, then accepts no more and gives running ones options.drain_grace_ms. Returns when everything has ended. Call
+  // once.
   void Drain();
 
  private:
   VoxelServer(const ServerOptions& asked, const MachineLimits& machine, std::unique_ptr<LoadWorkers> load_workers);
-  // Reads the machine's limits, and where they have changed, makes all follow that has no size of its own in the
-  // options.
+  // Reads the machine's limits; if they have changed, adapts all sizes that the options do not set.
   void FollowMachine();
   void DeviceChanged(const std::string& device, bool serving);
 
   const ServerOptions asked_;  // with zeros that mean "choose"
   std::mutex machine_mutex_;
-  MachineLimits machine_;  // that all was made for
+  MachineLimits machine_;  // the limits of the current sizes
   std::string address_, http_address_;
   std::unique_ptr<ServiceState> state_;
   std::unique_ptr<VoxelizationServiceImpl> service_;
   std::unique_ptr<HealthService> health_;
-  std::unique_ptr<ReflectionService> reflection_;  // null where the operator wants none
+  std::unique_ptr<ReflectionService> reflection_;  // null if disabled
   std::unique_ptr<ServerTls> tls_;
   std::unique_ptr<Metrics::Sampler> sampler_;
   std::unique_ptr<HttpEndpoint> http_;
@@ -73,7 +71,7 @@ class VoxelServer {
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<IoThreads> io_threads_;
   std::mutex health_mutex_;
-  std::set<std::string> serving_devices_;  // the server serves while there is one
+  std::set<std::string> serving_devices_;  // the server serves while there is at least one
   bool drained_ = false;
 };
 

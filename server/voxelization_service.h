@@ -1,4 +1,4 @@
-// The service: which call is answered by what.
+// The service: dispatches its calls.
 #pragma once
 
 #include <grpcpp/grpcpp.h>
@@ -9,8 +9,8 @@
 
 namespace voxelpipe {
 
-// All send and receive bytes as gRPC has them: results go out from where they stand, and what cannot be read is
-// answered like any other wrong request, logged and counted.
+// All use raw gRPC buffers: results are sent without a copy, and requests that cannot be parsed are answered, logged
+// and counted like any other invalid request.
 using Rpcs = v1::VoxelizationService;
 template <typename Base>
 using WithMeshCalls = Rpcs::WithRawCallbackMethod_UploadMesh<
@@ -46,8 +46,8 @@ class VoxelizationServiceImpl final : public WithJobCalls<WithMeshCalls<WithQues
                                           grpc::ByteBuffer* response) override;
 
  private:
-  // Answers a call that needs no job: `fill(record, request, response)` writes the response, if the caller may have it
-  // and sent a Request, and sets the status of the call.
+  // Answers a call that needs no job: `fill(record, request, response)` writes the response, if the caller is
+  // authorized and the Request is valid, and sets the status of the call.
   template <typename Request, typename Response, typename Fill>
   grpc::ServerUnaryReactor* Answer(grpc::CallbackServerContext* context, Rpc rpc, const grpc::ByteBuffer* request,
                                    grpc::ByteBuffer* response, Fill fill);

@@ -16,7 +16,7 @@ namespace voxelpipe {
 class WriteAhead {
  public:
   // The options of the next write. `more_follows`: after it the call writes or finishes immediately in all cases, and
-  // waits for no other event before.
+  // waits for no other write before.
   grpc::WriteOptions Next(bool more_follows) {
     grpc::WriteOptions options;
     if (std::exchange(headers_left_, true) && more_follows) options.set_buffer_hint();

@@ -1,4 +1,4 @@
-// Answers that one thread gives shortly after another.
+// Defers the responses of one thread, so that several are sent together.
 #pragma once
 
 #include <algorithm>
@@ -9,15 +9,14 @@
 
 namespace voxelpipe {
 
-// While one lives on a thread, what sends that thread's answers may wait for those that follow, so that they leave
-// together: a message costs as much as a small job. Not longer than `longest`, if jobs end that often: the time is read
-// when an answer is deferred.
+// During its lifetime, the responses of its thread may wait for later ones and be sent together, because a message
+// costs as much as a small job. At most for `longest`, checked whenever a response is deferred.
 class AnswerBurst {
  public:
   using Clock = std::chrono::steady_clock;
 
   explicit AnswerBurst(Clock::duration longest) : longest_(longest), outer_(std::exchange(here_, this)) {}
-  // Does what was put off.
+  // Runs the deferred functions.
   ~AnswerBurst() {
     here_ = outer_;
     Send();
@@ -25,8 +24,7 @@ class AnswerBurst {
   AnswerBurst(const AnswerBurst&) = delete;
   AnswerBurst& operator=(const AnswerBurst&) = delete;
 
-  // Puts `send` off, once for each `sender`. False where nothing may be put off on this thread: `send` is the caller's
-  // then.
+  // Defers `send`, once for each `sender`. False if this thread defers nothing: the caller must call `send`.
   template <typename Send>
   static bool Later(const void* sender, Send&& send) {
     return here_ != nullptr && here_->Put(sender, std::forward<Send>(send));
@@ -44,7 +42,7 @@ class AnswerBurst {
     return true;
   }
   void Send() {
-    const auto waiting = std::exchange(waiting_, {});  // what is sent may end more jobs
+    const auto waiting = std::exchange(waiting_, {});  // sending may end more jobs
     for (const auto& [sender, send] : waiting) send();
   }
 

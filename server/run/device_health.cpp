@@ -5,7 +5,7 @@
 namespace voxelpipe {
 namespace {
 
-// One error may be chance, two in a row are the device.
+// One error may be chance; two in a row are a fault of the device.
 constexpr int kErrorsInARow = 2;
 
 }  // namespace
@@ -19,7 +19,7 @@ bool DeviceHealth::Failed(DeviceFailureKind kind, std::string_view reason, Time 
   if (kind == DeviceFailureKind::kOutOfMemory || !serving()) return false;
   ++errors_;
   if (kind == DeviceFailureKind::kError && errors_ < kErrorsInARow) return false;
-  // A device that comes back only to fail again soon is not probed more often for it.
+  // The probe interval of a device that recovers and soon fails again is not reset.
   if (now - since_ > options_.max_probe_interval) interval_ = options_.probe_interval;
   Quarantine(reason, now);
   since_ = now;

@@ -13,17 +13,17 @@ namespace voxelpipe {
 
 enum class DeviceState {
   kServing,
-  kQuarantined,  // gets no work; it is probed from time to time
+  kQuarantined,  // gets no work; probed periodically
   kProbing,      // a probe runs
 };
 
 struct DeviceHealthOptions {
   std::chrono::milliseconds probe_interval{
-      1000};  // from the quarantine to the first probe; doubled after each that fails
+      1000};  // from the quarantine to the first probe; doubled after each failed probe
   std::chrono::milliseconds max_probe_interval{60'000};  // at most
 };
 
-// Serving at first. Not thread-safe. Times are the caller's: any steady clock, never going back.
+// Serving at first. Not thread-safe. The caller passes times of a steady clock.
 class DeviceHealth {
  public:
   using Time = std::chrono::steady_clock::time_point;
@@ -33,18 +33,18 @@ class DeviceHealth {
   DeviceState state() const { return state_; }
   bool serving() const { return state_ == DeviceState::kServing; }
   const std::string& reason() const { return reason_; }  // of the quarantine; empty while it serves
-  Time since() const { return since_; }                  // of the state, leaving probes out
-  // When a probe is due; nothing while the device serves or is being probed.
+  Time since() const { return since_; }                  // of the state, ignoring probes
+  // The time of the next probe; empty while the device serves or is being probed.
   std::optional<Time> next_probe() const;
 
-  // A run ended well.
+  // A run succeeded.
   void Succeeded() { errors_ = 0; }
-  // A run failed because of the device: kLost quarantines at once, kError where the run before failed, too;
-  // kOutOfMemory never does. True where the device was serving and is not any more.
+  // A run failed because of the device: kLost quarantines at once, kError if the previous run failed too; kOutOfMemory
+  // never does. True if the device stopped serving.
   bool Failed(DeviceFailureKind kind, std::string_view reason, Time now);
-  // True where a probe is due: the caller makes it and calls Probed.
+  // True if a probe is due: the caller runs it and calls Probed.
   bool BeginProbe(Time now);
-  // The end of a probe; OK puts the device back to work. True where it serves now.
+  // The end of a probe; OK returns the device to service. True if it serves now.
   bool Probed(const absl::Status& outcome, Time now);
 
  private:

@@ -14,14 +14,14 @@
 namespace voxelpipe {
 namespace {
 
-// A result larger than this is made alone: it would delay the others of a batch.
+// A job with a larger result runs alone: it would delay the others of a batch.
 constexpr uint64_t kLargestOfBatchBytes = 64 << 20;
 
-// Waking a thread for less work than this costs more than it brings.
+// For less work than this, waking a thread costs more than it saves.
 constexpr double kMinMsPerThread = 1;
 constexpr double kShortMs = 100;
 
-// Answers of jobs that are predicted to take less wait for the next ones of their batch, so long.
+// Jobs predicted to take less defer their responses to the next ones of their batch, by at most this.
 constexpr double kTinyMs = 0.1;
 constexpr std::chrono::milliseconds kLongestBurst{1};
 
@@ -63,7 +63,7 @@ class DeviceRun::Inside {
 struct DeviceRun::Member {
   Member(DeviceRun& run, std::shared_ptr<Task> of)
       : task(std::move(of)), job(static_cast<VoxelizeJob*>(task.get())), attempt(job->attempts + 1) {
-    // The device is chosen; which one the request named does not matter any more, and may not even be there.
+    // The device is chosen; the one that the request named does not matter any more and may not exist.
     job->config.request.backend = BackendChoice::kAuto;
     queue_ms = std::chrono::duration<double, std::milli>(Clock::now() - task->traits.arrived).count();
     if (!run.options_.watched) {
@@ -81,25 +81,25 @@ struct DeviceRun::Member {
     context = own_context.get();
   }
 
-  // Of a run alone; a batch shares its threads.
+  // For a run alone; a batch shares its threads.
   void LimitThreads(int threads) { (own_config ? *own_config : job->config).request.threads = threads; }
 
   std::shared_ptr<Task> task;  // null once the run was abandoned
-  VoxelizeJob* job;            // only touched Inside
+  VoxelizeJob* job;            // accessed only Inside
   const uint32_t attempt;
   double queue_ms = 0;
   std::shared_ptr<const PreparedMesh> mesh;
-  std::unique_ptr<ParsedConfig> own_config;  // where the run is watched
+  std::unique_ptr<ParsedConfig> own_config;  // if the run is watched
   std::unique_ptr<JobContext> own_context;
   const ParsedConfig* config;
   const JobContext* context;
   Plan plan;
-  bool alone = false;     // a batch found that it had better run alone
+  bool alone = false;     // the batch decided to run it alone
   bool answered = false;  // its Done was called
   absl::Status failure;   // of the device, so far
 };
 
-// Where a large result goes, as long as the run is not abandoned.
+// The sink of a large result, until the run is abandoned.
 class DeviceRun::Sink final : public ResultSink {
  public:
   Sink(DeviceRun& run, ResultSink& out) : run_(run), out_(out) {}
@@ -165,7 +165,7 @@ void DeviceRun::Prepare() {
     member.mesh = member.job->mesh;
     member.alone = member.job->resumed.begun();
   };
-  // Where nothing is to be loaded, handing that over takes longer than doing it.
+  // If nothing needs loading, the hand-over takes longer than the work.
   const bool at_once = std::all_of(members_.begin(), members_.end(), [](const auto& member) {
     return member->job->mesh != nullptr || (member->job->kept != nullptr && member->job->pieces.empty());
   });
@@ -188,7 +188,7 @@ void DeviceRun::RunSome(std::span<Member* const> members) {
   } else if (!together.empty()) {
     RunTogether(together);
   }
-  std::vector<Member*> smaller;  // what did not fit into the device's memory at once
+  std::vector<Member*> smaller;  // jobs that did not fit into the device's memory together
   for (Member* member : together) {
     if (member->alone) {
       alone.push_back(member);
@@ -250,7 +250,7 @@ void DeviceRun::RunTogether(std::span<Member* const> members) {
     };
   }
   std::optional<AnswerBurst> burst;
-  // Not where the device may hold this thread up for good: what was put off would stay with it.
+  // Not if the device may hang this thread: deferred responses would hang with it.
   if (tiny_jobs_ && !options_.watched) burst.emplace(kLongestBurst);
   absl::Status thrown;
   try {
@@ -261,7 +261,7 @@ void DeviceRun::RunTogether(std::span<Member* const> members) {
     thrown = absl::InternalError(absl::StrCat("unexpected: ", error.what()));
   }
   if (thrown.ok()) return;
-  // Whose fault it was is seen when each runs by itself.
+  // Running each job alone finds the one at fault.
   for (Member* member : members) member->alone |= !member->answered && member->failure.ok();
 }
 

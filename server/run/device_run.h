@@ -1,4 +1,4 @@
-// One batch on one device, from the worker's hand to the last answer.
+// One batch on one device, from the worker to the last response.
 #pragma once
 
 #include <chrono>
@@ -21,61 +21,59 @@ namespace voxelpipe {
 struct DeviceRunOptions {
   std::string worker;  // "cuda:0/1"
   int threads = 0;     // of the whole batch on the host; 0 = all
-  int sharers = 1;     // workers that use the host's cores now, this one included
+  int sharers = 1;     // workers that currently use the host's cores, including this one
   PlanLimits limits;
   bool watched = false;  // true if another thread may Abandon it; costs a copy of each request
 };
 
-// Threads of one run: no more than its work is worth, `limit` (0: none) and the cores. A short one takes no more than
-// its share of the cores: where all are busy, threads beyond them only wait for each other and for those that answer
-// clients. A long one takes them all, since it will outlast who shares them now.
+// Threads of one run: at most as many as its work justifies, `limit` (0: none) and the cores. A short run takes at most
+// its share of the cores: if all are busy, more threads only wait for each other and for those that serve clients. A
+// long run takes all cores, because it will outlast the runs that share them now.
 int ThreadsFor(double predicted_ms, int limit, int sharers, int cores);
 
-// Runs jobs, gives each its answer, and keeps those that the device failed, for another one. A device may also never
-// answer: then another thread abandons the run, and from then on nothing of the jobs is touched, whatever the worker's
-// thread still does. So all that the device works on is the run's own (the mesh is shared), and the thread that runs it
-// holds the run.
+// Runs jobs, answers each, and keeps those on which the device failed for another device. If a device hangs, another
+// thread abandons the run; then the worker's thread accesses nothing of the jobs any more. So the run owns everything
+// that the device works on (the mesh is shared), and the thread that runs it holds the run.
 class DeviceRun {
  public:
   using Clock = JobContext::Clock;
 
-  // `tasks`: at least one, every one a VoxelizeJob. `backend` lives as long as the process.
+  // `tasks`: at least one, all of class VoxelizeJob. `backend` lives as long as the process.
   DeviceRun(const Backend& backend, std::vector<std::shared_ptr<Task>> tasks, DeviceRunOptions options);
   ~DeviceRun();
   DeviceRun(const DeviceRun&) = delete;
   DeviceRun& operator=(const DeviceRun&) = delete;
 
-  // On the worker's thread, once. Every job gets its Done but those that the device failed. Out of device memory, a
-  // batch is run in halves, then one by one. Never throws.
+  // On the worker's thread, once. Calls Done of every job, except those on which the device failed. If device memory is
+  // short, a batch runs in halves, then one by one. Never throws.
   void Go();
 
   // ---- After Go or Abandon.
   struct Left {
     std::shared_ptr<Task> task;
-    absl::Status failure;  // of the device (DeviceFailureOf says which); OK where the run was abandoned
+    absl::Status failure;  // of the device (its kind: DeviceFailureOf); OK if the run was abandoned
   };
-  // All tasks, those that have their answer and those that do not.
+  // All tasks, answered or not.
   const std::vector<std::shared_ptr<Task>>& answered() const { return answered_; }
   const std::vector<Left>& left() const { return left_; }
-  // The same, away from an abandoned run: the thread that runs it may hold it for ever, and must not hold tasks with
-  // it.
+  // The same, moved out of an abandoned run, which its thread may hold forever, so that it does not hold the tasks.
   std::vector<std::shared_ptr<Task>> TakeAnswered() { return std::exchange(answered_, {}); }
   std::vector<Left> TakeLeft() { return std::exchange(left_, {}); }
-  bool any_result() const { return any_result_; }  // the device made one
+  bool any_result() const { return any_result_; }  // true if the device completed a result
   uint64_t launches() const { return stats_.launches.value_or(0); }
 
-  // ---- From another thread while Go runs; only where it is watched.
-  // Tells the device's copies of the jobs' contexts what their callers cancelled.
+  // ---- From another thread while Go runs; only if it is watched. Forwards cancellations of callers to the run's
+  // copies of the jobs' contexts.
   void PassOnCancels();
-  // How long the device has given no sign of life; zero while a job's own code is waited for (its client, memory,
+  // How long the device has made no progress; zero while the run waits for a job's own code (its client, memory,
   // loading).
   Clock::duration Silence(Clock::time_point now) const;
-  // True if every job that waits for its answer was cancelled or is late.
+  // True if every unanswered job was cancelled or is past its deadline.
   bool Unwanted() const;
-  // Predicted time of its jobs together.
+  // Predicted total time of its jobs.
   std::chrono::milliseconds predicted() const { return predicted_; }
-  // Takes the jobs away from the run, if Silence is still at least `silence`: true, and left() has those without an
-  // answer.
+  // Removes the jobs from the run if Silence is still at least `silence`: then true, and left() has the unanswered
+  // ones.
   bool Abandon(Clock::time_point now, Clock::duration silence);
 
  private:
@@ -90,13 +88,13 @@ class DeviceRun {
   absl::Status Planned(Member& member, const Plan& plan, bool together);
   void Take(Member& member, absl::StatusOr<JobOutcome> outcome);
   void TakeOfBatch(Member& member, absl::StatusOr<VoxelizeResult> result, uint32_t jobs);
-  // Gives a job its end. Inside.
+  // Ends a job. Inside.
   void Answer(Member& member, absl::StatusOr<JobOutcome> outcome);
-  // Fills answered_ and left_; `without_answer` is what those get that the device returned nothing for.
+  // Fills answered_ and left_; `without_answer` is the status of jobs for which the device returned nothing.
   void Sort(const absl::Status& without_answer);
 
   const Backend& backend_;
-  DeviceRunOptions options_;  // threads: no more than the work is worth
+  DeviceRunOptions options_;  // threads: limited by the work
   const JobLimits limits_;
   std::vector<std::unique_ptr<Member>> members_;
   std::chrono::milliseconds predicted_{0};

@@ -25,7 +25,7 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kMinRetryDelay{100};
 constexpr double kShortLoadMs = 100;
-// Part of a device's memory that one batch may be predicted to take: its other workers and cached meshes need theirs.
+// Share of a device's memory for the prediction of one batch: other workers and cached meshes need the rest.
 constexpr uint64_t kBatchShare = 4;
 
 BackendChoice KindOf(const Backend& backend) {
@@ -61,7 +61,7 @@ WorkerPool::Device::Device(const DeviceWorkers& of, const WorkerPoolOptions& opt
     : backend(*of.backend),
       traits{of.backend->device(), KindOf(*of.backend), of.backend->memory_bytes() / kBatchShare},
       workers(std::max(1, of.workers)),
-      // A thread of the CPU's cannot hang in a device; on a machine that has too much to do it may only seem so.
+      // A thread of the CPU backend cannot hang in a device; on an overloaded machine it may only seem so.
       watched(traits.kind != BackendChoice::kCpu),
       metrics(options.metrics == nullptr ? nullptr : &options.metrics->Device(traits.device)),
       health(options.health) {
@@ -93,7 +93,7 @@ WorkerPool::~WorkerPool() {
   }
   scheduler_.Stop();
   for (std::thread& thread : loaders_) thread.join();
-  // A worker may be stuck in a probe: the watch leaves it behind, so that ends last.
+  // A worker may hang in a probe until the watch abandons it, so the watch ends last.
   Hasten();
   for (const auto& device : devices_) {
     std::unique_lock lock(device->mutex);
@@ -138,8 +138,8 @@ void WorkerPool::Resize(int loaders, int cpu_workers) {
 
 void WorkerPool::LoadTasks() {
   while (std::shared_ptr<Task> task = scheduler_.TakeLoad()) {
-    // Where others load or run, too, threads beyond this one's part of the CPUs would only wait for theirs. What is
-    // predicted to take long has them all: it will outlast who shares them now.
+    // If others load or run too, threads beyond this run's share of the CPUs would only wait for theirs. Long runs get
+    // all: they outlast those that share the CPUs now.
     const int sharers = ++loads_ + cpu_runs_;
     const bool shares = task->traits.cost.load_ms < kShortLoadMs;
     bool ready = false;
@@ -165,7 +165,7 @@ void WorkerPool::Work(WorkerPool* pool, std::shared_ptr<Worker> self) {
   Device& device = *self->device;
   while (pool->WaitUntilServing(*self)) {
     std::vector<std::shared_ptr<Task>> batch = pool->scheduler_.TakeBatch(device.traits);
-    // Empty: the device does not serve any more, or the pool ends.
+    // Empty: the device no longer serves, or the pool ends.
     if (!batch.empty() && !pool->RunBatch(*self, std::move(batch))) break;
   }
   const std::lock_guard lock(device.mutex);
@@ -203,7 +203,7 @@ bool WorkerPool::RunBatch(Worker& self, std::vector<std::shared_ptr<Task>> batch
     device.metrics->busy_seconds.Increment(std::chrono::duration<double>(Clock::now() - begin).count());
   }
   if (!Settle(device, *run)) return true;
-  // A job alone did not fit into the device's memory. Either it is too large for it, or the device is not well.
+  // A single job did not fit into the device's memory. Either it is too large, or the device is faulty.
   absl::Status probe;
   {
     std::unique_lock lock(device.mutex);
@@ -217,7 +217,7 @@ bool WorkerPool::RunBatch(Worker& self, std::vector<std::shared_ptr<Task>> batch
 bool WorkerPool::WaitUntilServing(Worker& self) {
   Device& device = *self.device;
   std::unique_lock lock(device.mutex);
-  // Of the CPU there may be more threads than it is to have workers now.
+  // The CPU may have more threads than its current number of workers.
   const auto spare = [&] { return !device.watched && self.number >= device.workers; };
   while (!device.stopping && (spare() || !device.health.serving())) {
     if (spare()) {
@@ -272,7 +272,7 @@ bool WorkerPool::Settle(Device& device, const DeviceRun& run) {
     device.health.Succeeded();
   }
   if (run.left().empty()) return false;
-  // The worst of a batch counts, once.
+  // Counts the worst failure of a batch, once.
   const DeviceRun::Left* worst = nullptr;
   bool out_of_memory = false;
   const auto rank = [](const DeviceRun::Left& left) {
@@ -305,7 +305,7 @@ void WorkerPool::FailOver(const Device& device, std::shared_ptr<Task> task, cons
   if (job.attempts >= options_.max_attempts) return give_up();
   traits.excluded_devices.push_back(device.traits.device);
   if (!scheduler_.IsServed(traits)) {
-    // The same device may well do it the next time, but will not have more memory.
+    // The same device may succeed the next time, but will not have more memory.
     if (out_of_memory) return give_up();
     traits.excluded_devices.clear();
     if (absl::Status s = CheckServed(traits); !s.ok()) return give_up();
@@ -350,7 +350,7 @@ void WorkerPool::Changed(Device& device) {
 void WorkerPool::RefuseStranded() {
   for (const std::shared_ptr<Task>& task : scheduler_.TakeStranded()) {
     absl::Status why = CheckServed(task->traits);
-    // It failed elsewhere before, or a device came back just now.
+    // It failed elsewhere before, or a device just returned to service.
     if (why.ok()) why = NotServingError("the devices that could run this failed", kMinRetryDelay);
     task->Refuse(std::move(why));
   }

@@ -1,4 +1,4 @@
-// The threads that work: loaders, and the workers of each device.
+// The worker threads: loaders, and the workers of each device.
 #pragma once
 
 #include <atomic>
@@ -32,28 +32,28 @@ struct WorkerPoolOptions {
   int loaders = 1;  // meshes that are loaded at the same time, besides small ones that workers load themselves
   std::vector<DeviceWorkers> devices;
   int threads = 0;            // of one batch on the CPU; 0 = all
-  uint32_t max_attempts = 3;  // workers that are given a job before its device failure is its answer
+  uint32_t max_attempts = 3;  // workers that try a job before it fails with the device failure
   DeviceHealthOptions health = {};
-  // A GPU that gives no sign of life for so long, and ten times the predicted time of its batch, is taken for lost; 0 =
+  // A GPU without progress for this time, and for ten times the predicted time of its batch, is considered lost; 0 =
   // never.
   std::chrono::milliseconds stall{30'000};
   Metrics* metrics = nullptr;  // must outlive the pool
-  int spare_loaders = 0;       // threads for clients that would have to wait for those of others (Scheduler::TakeLoad)
+  int spare_loaders = 0;       // extra threads for clients that would wait for loads of others (Scheduler::TakeLoad)
 };
 
-// A device as the pool sees it.
+// The state of a device in the pool.
 struct DeviceReport {
   const Backend* backend = nullptr;
   int workers = 0;
   bool serving = true;
-  std::string reason;  // why it does not
+  std::string reason;  // why it does not serve
 };
 
 // Takes tasks from a scheduler until it is stopped. A job whose device fails is run again elsewhere
-// (schedule/device_choice.h says where); a device that fails is quarantined (run/device_health.h) and probed by its own
-// workers, which have nothing else to do then. A device that never answers keeps its thread: that is left behind, its
-// jobs and its place go to others. A thread left behind touches nothing of the pool any more; it ends by itself if the
-// device ever answers, and otherwise with the process (ThreadsLeftBehind).
+// (schedule/device_choice.h); a failing device is quarantined (run/device_health.h) and probed by its own workers,
+// which are idle then. If a device hangs, its thread is abandoned, and its jobs and its slot move to others. An
+// abandoned thread accesses nothing of the pool any more; it ends if the device ever returns, otherwise with the
+// process (ThreadsLeftBehind).
 class WorkerPool {
  public:
   // `scheduler` must outlive the pool.
@@ -63,26 +63,25 @@ class WorkerPool {
   WorkerPool(const WorkerPool&) = delete;
   WorkerPool& operator=(const WorkerPool&) = delete;
 
-  // OK where a device serves that may have such a task. FAILED_PRECONDITION where the server has none of that kind;
-  // UNAVAILABLE with the time to the next probe where none serves now.
+  // OK if a serving device may run such a task. FAILED_PRECONDITION if the server has none of that kind; UNAVAILABLE
+  // with the time to the next probe if none serves now.
   absl::Status CheckServed(const TaskTraits& task) const;
 
   std::vector<DeviceReport> Devices() const;
   // Of the first of its devices.
   BackendChoice best_kind() const;
-  // `listener` is called for every device now, and for every change, one call at a time, from any thread, until another
-  // one takes its place. It must not call back here.
+  // Calls `listener` for every device now and at every change, one call at a time, from any thread, until another
+  // listener replaces it. It must not call the pool.
   void SetListener(std::function<void(const std::string& device, bool serving)> listener);
 
-  // How many meshes are loaded, and how many batches run on the CPU at the same time, from now on. What is under way
-  // goes on.
+  // Sets how many meshes are loaded, and how many batches run on the CPU, at the same time. Running ones continue.
   void Resize(int loaders, int cpu_workers);
 
-  // From now on a device has only a moment to react to cancelled jobs: the process wants to end.
+  // Shortens the time in which a device must react to cancelled jobs, because the process ends.
   void Hasten();
 
-  // Of all pools of this process, those that have not ended. While there are any, static objects must not be destroyed:
-  // _exit.
+  // The number of abandoned threads of all pools of this process that have not ended. While there are any, static
+  // objects must not be destroyed: use _exit.
   static size_t ThreadsLeftBehind();
 
  private:
@@ -94,24 +93,24 @@ class WorkerPool {
   void StartLoaders(int count);
   // With the device's lock.
   void StartWorker(const std::shared_ptr<Device>& device);
-  // A worker's thread. Touches the pool only while the worker was not left behind.
+  // A worker's thread. Accesses the pool only while the worker is not abandoned.
   static void Work(WorkerPool* pool, std::shared_ptr<Worker> self);
-  // False where the worker was left behind meanwhile.
+  // False if the worker was abandoned meanwhile.
   bool RunBatch(Worker& self, std::vector<std::shared_ptr<Task>> batch);
-  // False when the worker is to end.
+  // False if the worker must end.
   bool WaitUntilServing(Worker& self);
-  // False where the worker was left behind meanwhile. With the device's lock, which is given up for the probe.
+  // False if the worker was abandoned meanwhile. With the device's lock, which is released during the probe.
   bool Probe(Worker& self, std::unique_lock<std::mutex>& lock, absl::Status& outcome);
-  // Does with the tasks of a run what there is to do. True where one alone did not fit into the device's memory.
+  // Finishes, retries or ends the tasks of a run. True if a single one did not fit into the device's memory.
   bool Settle(Device& device, const DeviceRun& run);
-  // Finds another place for a task that its device failed, or ends it.
+  // Resubmits a task whose device failed, or ends it.
   void FailOver(const Device& device, std::shared_ptr<Task> task, const absl::Status& failure);
-  // The device failed; where that ends its service, notifies scheduler and listener.
+  // The device failed; if it stops serving, notifies scheduler and listener.
   void Failed(Device& device, DeviceFailureKind kind, const std::string& reason);
   void Changed(Device& device);
   void RefuseStranded();
 
-  // The watch: one thread that looks after those of the GPUs.
+  // The watch: one thread that monitors those of the GPUs.
   void Watch();
   void WakeWatch();
   bool LookAround();
@@ -125,7 +124,7 @@ class WorkerPool {
   std::vector<std::shared_ptr<Device>> devices_;
   std::mutex resize_mutex_;
   std::vector<std::thread> loaders_;         // with its lock, until the pool ends
-  std::atomic<int> cpu_runs_{0}, loads_{0};  // under way now
+  std::atomic<int> cpu_runs_{0}, loads_{0};  // currently running
 
   std::mutex change_mutex_;  // one change at a time; taken before a device's lock
   std::function<void(const std::string&, bool)> listener_;

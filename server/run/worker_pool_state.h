@@ -1,4 +1,4 @@
-// What the pool keeps of each device and of each thread. For the pool's own files.
+// The pool's state of each device and of each thread. For the pool's own files.
 #pragma once
 
 #include <atomic>
@@ -16,7 +16,7 @@
 
 namespace voxelpipe {
 
-// Shared with its workers' threads, for those that are left behind.
+// Shared with its workers' threads, because some may be abandoned.
 struct WorkerPool::Device {
   Device(const DeviceWorkers& of, const WorkerPoolOptions& options);
 
@@ -31,12 +31,12 @@ struct WorkerPool::Device {
   std::condition_variable changed;
   DeviceHealth health;
   bool stopping = false;
-  size_t away = 0;  // threads left behind
+  size_t away = 0;  // abandoned threads
   int next_number = 0;
-  std::vector<std::shared_ptr<Worker>> crew;  // not those left behind
+  std::vector<std::shared_ptr<Worker>> crew;  // without abandoned ones
 };
 
-// What it does now is guarded by its device's lock.
+// The device's lock guards its current state.
 struct WorkerPool::Worker {
   Worker(std::shared_ptr<Device> of, int its_number, std::string called)
       : device(std::move(of)), number(its_number), name(std::move(called)) {}

@@ -1,5 +1,4 @@
-// The pool's watch: passes cancellations on to runs on GPUs, and leaves threads behind that do not come back from a
-// device.
+// The pool's watch: forwards cancellations to runs on GPUs, and abandons threads that hang in a device.
 #include <algorithm>
 #include <utility>
 
@@ -17,15 +16,15 @@ using std::chrono::milliseconds;
 
 // The interval of the watch while there is work. Cancelled jobs of a GPU are stopped within this time.
 constexpr milliseconds kLookEvery{10};
-// How long a GPU may take to react when all its jobs are cancelled or late, ...
+// Time for a GPU to react when all its jobs are cancelled or past their deadlines, ...
 constexpr milliseconds kCancelPatience{5'000};
-// ... and how long where the process wants to end.
+// ... and if the process ends.
 constexpr milliseconds kHastyPatience{300};
-// How long a probe may take. The first use of a device makes its context, which takes a while.
+// Time limit of a probe. The first use of a device creates its context, which takes long.
 constexpr milliseconds kProbePatience{20'000};
-// Threads that a device may keep: beyond that it gets no new worker, and with none left no probe.
+// Maximum of abandoned threads of a device: beyond that it gets no new worker, and without workers no probe.
 constexpr size_t kMaxLeftBehind = 8;
-// Times of a batch's predicted time that it may take in silence beyond the stall limit.
+// Multiple of a batch's predicted time that it may take without progress, if longer than the stall limit.
 constexpr int kPredictionSlack = 10;
 constexpr milliseconds kNever = std::chrono::hours(24 * 365);
 

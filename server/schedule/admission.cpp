@@ -10,11 +10,11 @@
 namespace voxelpipe {
 namespace {
 
-// A refused client should not come again at once, nor think that the server has gone.
+// Bounds of the retry delay: not immediately, and not so long that the server seems unavailable.
 constexpr double kShortestRetryMs = 50, kLongestRetryMs = 30'000;
-// Predictions are rough: nothing is refused for them unless they say twice the time that there is.
+// Predictions are rough: they refuse a task only above twice the available time.
 constexpr double kDoubt = 2;
-// What one client may hold of the queue: so many times what it leaves.
+// Limit of one client in the queue, as a multiple of the free places.
 constexpr size_t kShareOfFree = 8;
 
 std::string Ms(double ms) {
@@ -33,7 +33,7 @@ size_t PlacesFor(size_t max_jobs, size_t running, size_t workers) {
 }
 
 absl::Status QueueFullError(const Backlog& backlog) {
-  // A tenth of the work is enough to find a place again.
+  // After a tenth of the work there is room again.
   return Busy(absl::StrCat("the queue is full: ", backlog.running, " jobs run and ", backlog.jobs, " wait"), backlog,
               backlog.ms / 10);
 }
@@ -42,14 +42,14 @@ AdmissionAnswer AdmitTask(const AdmissionLimits& limits, const Backlog& backlog,
                           double task_ms, JobContext::Clock::time_point now) {
   const size_t places = PlacesFor(limits.max_jobs, backlog.running, backlog.workers);
   const size_t idle = places - limits.max_jobs;
-  const double retry_ms = backlog.ms / 10;  // as QueueFullError has it
+  const double retry_ms = backlog.ms / 10;  // as in QueueFullError
   if (backlog.jobs >= places) return {Refused::kJobs, QueueFullError(backlog)};
   if (backlog.client_jobs >= kShareOfFree * (places - backlog.jobs)) {
     return {Refused::kJobs,
             Busy(absl::StrCat("this client's share of the queue is full: ", backlog.client_jobs, " of its jobs wait"),
                  backlog, retry_ms)};
   }
-  if (backlog.jobs >= idle) {  // it will wait
+  if (backlog.jobs >= idle) {  // it must wait
     if (backlog.bytes > 0 && backlog.bytes + traits.cost.held_bytes > limits.max_bytes) {
       return {Refused::kBytes,
               Busy(absl::StrCat("the queue is full: ", backlog.jobs, " jobs that wait hold ", backlog.bytes, " bytes"),

@@ -1,4 +1,4 @@
-// How much still fits into a batch.
+// The remaining room of a batch.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@ namespace voxelpipe {
 
 struct BatchLimits {
   size_t jobs = 1;
-  double ms = 0;              // predicted work together
+  double ms = 0;              // total predicted work
   uint64_t bytes = 0;         // of the results
   uint64_t device_bytes = 0;  // 0 = no limit
 };

@@ -1,4 +1,4 @@
-// Bytes that all requests of the server share: uploads that wait, and memory that jobs work in.
+// Bytes that all requests of the server share: waiting uploads, and the working memory of jobs.
 #pragma once
 
 #include <algorithm>
@@ -15,16 +15,16 @@
 
 namespace voxelpipe {
 
-// A MemoryBudget that can be waited for. Thread-safe.
+// A MemoryBudget with waiting. Thread-safe.
 class ByteBudget {
  public:
   explicit ByteBudget(uint64_t limit) : memory_(std::make_shared<MemoryBudget>(limit)) {}
 
-  // Takes `bytes` if they are there now.
+  // Takes `bytes` if they are available now.
   bool TryTake(uint64_t bytes) { return memory_->Take(bytes, "the job").ok(); }
 
-  // Waits for `bytes` to be there. False when the job ended first or `timeout` passed, or where no job is left that
-  // could give back: all that is used is held by those who wait. `held`: what the caller holds of it.
+  // Waits until `bytes` are available. False if the job ended first or `timeout` passed, or if no job can free memory
+  // because waiting jobs hold all of it. `held`: bytes of it held by the caller.
   bool Take(uint64_t bytes, const JobContext& job, std::chrono::milliseconds timeout, uint64_t held = 0) {
     if (TryTake(bytes)) return true;
     const auto end = std::chrono::steady_clock::now() + timeout;
@@ -42,7 +42,7 @@ class ByteBudget {
     freed_.notify_all();
   }
 
-  // What is taken stays taken, though it be more than the new limit.
+  // Bytes already taken stay taken, even beyond the new limit.
   void set_limit(uint64_t limit) {
     memory_->set_limit_bytes(limit);
     freed_.notify_all();
@@ -59,14 +59,14 @@ class ByteBudget {
     uint64_t held = 0;
   };
 
-  // `held`: gives what the job holds now.
+  // `held`: returns the bytes that the job holds now.
   template <typename Done, typename Held>
   bool WaitUntil(const Done& done, const JobContext& job, std::chrono::steady_clock::time_point end, const Held& held) {
     std::unique_lock lock(mutex_);
-    Waiting& own = waiting_[&job];  // all threads of a job wait with what the job holds once
+    Waiting& own = waiting_[&job];  // counts the bytes of a job once for all its threads
     ++own.threads;
     bool good = false;
-    // The job first: a caller that fails again must see its end.
+    // Checks the job first, so that a repeated caller sees its end.
     while (job.Check().ok()) {
       good = done();
       if (good || std::chrono::steady_clock::now() >= end) break;
@@ -74,7 +74,7 @@ class ByteBudget {
       own.held = held();
       waiting_held_ += own.held;
       if (own.held > 0 && waiting_held_ >= used()) break;
-      // Neither a cancelled job nor memory that a request's own budget gave back is notified.
+      // Polls: neither a cancelled job nor memory freed by a request's own budget sends a notification.
       freed_.wait_for(lock, std::chrono::milliseconds(20));
     }
     if (--own.threads == 0) {
@@ -91,7 +91,7 @@ class ByteBudget {
   uint64_t waiting_held_ = 0;  // by all of them together
 };
 
-// A share of a budget, given back when it goes. The budget must outlive it. Not thread-safe.
+// RAII share of a budget, released by the destructor. The budget must outlive it. Not thread-safe.
 class BudgetShare {
  public:
   explicit BudgetShare(ByteBudget& budget) : budget_(budget) {}
@@ -105,7 +105,7 @@ class BudgetShare {
     return true;
   }
 
-  // `held`: what the caller holds besides, see ByteBudget::Take.
+  // `held`: further bytes of the caller, see ByteBudget::Take.
   bool Grow(uint64_t bytes, const JobContext& job, std::chrono::milliseconds timeout, uint64_t held = 0) {
     if (!budget_.Take(bytes, job, timeout, held + bytes_)) return false;
     bytes_ += bytes;

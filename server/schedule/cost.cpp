@@ -8,16 +8,16 @@
 namespace voxelpipe {
 namespace {
 
-// Constants measured on one core of a Xeon with AVX-512, bunny and dragon at 32 to 1024. They need not be better than
-// within a factor of three: MeasuredCost learns the rest.
+// Constants measured on one core of a Xeon with AVX-512, bunny and dragon at 32 to 1024. A factor of three is accurate
+// enough: MeasuredCost corrects them.
 constexpr double kNs = 1e-6;             // in ms
-constexpr double kJobMs = 0.03;          // whatever the job: binding, planning, small allocations
-constexpr double kTriangleNs = 9;        // plain bits: gather, set-up, a row or two
-constexpr double kBitNs = 2;             // plain bits: a voxel that is touched
+constexpr double kJobMs = 0.03;          // any job: binding, planning, small allocations
+constexpr double kTriangleNs = 9;        // occupancy bits: fetch, set-up, one or two rows
+constexpr double kBitNs = 2;             // occupancy bits: a touched voxel
 constexpr double kTileTriangleNs = 100;  // tiles: binning, sorting, set-up once a tile
 constexpr double kFragmentNs = 25;       // shade and blend, a target
 constexpr double kRecordNs = 40;         // A-buffer: emit, sort, resolve
-constexpr double kByteNs = 0.2;          // clear, write and encode results, fresh pages included
+constexpr double kByteNs = 0.2;          // clear, write and encode results, including fresh pages
 constexpr double kParityNs = 0.06;       // a voxel
 constexpr double kFloodNs = 1.5;         // a voxel
 
@@ -27,7 +27,7 @@ constexpr double kDracoByteLoadNs = 60;   // some two bytes a triangle
 constexpr double kPlainBytesATriangle = 30;
 constexpr double kDracoBytesATriangle = 3;
 
-// Voxels of the grid. Without a box: a cube's.
+// Voxels of the grid; of a cube without a box.
 double Voxels(const VoxelizeRequest& request, const MeshFacts& mesh) {
   if (request.grid.dims) {
     const auto& d = *request.grid.dims;
@@ -54,7 +54,7 @@ JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
   const double triangles =
       mesh.triangles ? double(*mesh.triangles) : file_bytes / (draco ? kDracoBytesATriangle : kPlainBytesATriangle);
   const double voxels = Voxels(request, mesh);
-  // A surface through the grid: a few voxels for each cell of its six sides, and at least two for each triangle.
+  // A surface across the grid: a few voxels for each cell of its six sides, and at least two for each triangle.
   const double fragments =
       triangles == 0 ? 0 : std::min(2 * triangles + 8 * std::pow(voxels, 2.0 / 3), 8 * voxels + triangles);
   const double occupied = std::min(fragments, voxels);
@@ -88,7 +88,7 @@ JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
   cost.triangles = Whole(triangles);
   cost.voxels = Whole(voxels);
   cost.output_bytes = Whole(output_bytes);
-  // Positions, indices and their place in the grid; bits of coverage; the result.
+  // Positions, indices and positions in index space; coverage bits; the result.
   cost.device_bytes =
       Whole(triangles * 48 + voxels / 8 + output_bytes + (request.result == ResultKind::kBuckets ? fragments * 24 : 0));
   cost.run_ms = kJobMs + ns * kNs;

@@ -1,4 +1,4 @@
-// What a job will take: a guess from sizes, and how wrong the guesses of late were.
+// Predicted cost of a job from sizes, and its correction by recent measurements.
 #pragma once
 
 #include <array>
@@ -12,25 +12,25 @@
 
 namespace voxelpipe {
 
-// What is known of the mesh of a job.
+// The known facts about the mesh of a job.
 struct MeshFacts {
   MeshFormat format = MeshFormat::kAuto;
-  bool compressed = false;            // the file's geometry, whatever its format
-  uint64_t file_bytes = 0;            // 0 once it is loaded
-  uint64_t memory_bytes = 0;          // of the mesh, once it is loaded
-  std::optional<uint64_t> triangles;  // absent: guessed from the file's size
-  std::optional<Box3d> box;           // absent: taken for a cube
+  bool compressed = false;            // the file's geometry, in any format
+  uint64_t file_bytes = 0;            // 0 after loading
+  uint64_t memory_bytes = 0;          // of the mesh, after loading
+  std::optional<uint64_t> triangles;  // absent: estimated from the file's size
+  std::optional<Box3d> box;           // absent: a cube is assumed
 };
 
 // The cost of `request` on this mesh. Milliseconds are those of one thread of a server's processor; MeasuredCost
-// corrects them. Nothing is checked: a request that cannot be run costs something, too.
+// corrects them. Checks nothing: a request that cannot be run has a cost too.
 JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh);
 
-// Jobs of a size are served together.
+// Size classes of jobs; jobs of a class are scheduled together.
 enum class SizeClass : uint8_t { kSmall, kMedium, kGiant };
 inline constexpr size_t kSizeClasses = 3;
 
-// What did the work that was measured.
+// The kind of worker that was measured.
 enum class WorkKind : uint8_t { kLoad, kCpu, kCuda };
 inline constexpr size_t kWorkKinds = 3;
 
@@ -38,9 +38,9 @@ inline constexpr size_t kWorkKinds = 3;
 class MeasuredCost {
  public:
   MeasuredCost();
-  // `measured_ms` is a whole batch's, `predicted_ms` what PredictCost said of its jobs together.
+  // `measured_ms` is that of a whole batch, `predicted_ms` the sum of PredictCost over its jobs.
   void Observe(WorkKind kind, SizeClass size, double predicted_ms, double measured_ms);
-  // What to multiply a prediction with: between 1/64 and 64.
+  // The correction factor of predictions: between 1/64 and 64.
   double Ratio(WorkKind kind, SizeClass size) const { return ratios_[size_t(kind)][size_t(size)]; }
 
  private:

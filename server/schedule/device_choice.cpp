@@ -11,7 +11,7 @@ bool FailedOn(const TaskTraits& task, const std::string& device) {
   return std::find(failed.begin(), failed.end(), device) != failed.end();
 }
 
-// True if a device of this kind serves that has not failed the task.
+// True if a serving device of this kind has not failed the task.
 bool IsLeft(const TaskTraits& task, BackendChoice kind, std::span<const ServingDevice> serving) {
   return std::any_of(serving.begin(), serving.end(), [&](const ServingDevice& device) {
     return device.traits.kind == kind && !FailedOn(task, device.traits.device);

@@ -6,7 +6,7 @@
 namespace voxelpipe {
 namespace {
 
-// Nothing is free: handing a task over costs about so much.
+// Minimum cost of a task: its hand-over.
 constexpr double kMinMs = 0.02;
 
 }  // namespace
@@ -131,7 +131,7 @@ std::shared_ptr<Task> FairQueue::Pop(Lanes lanes, const Skip& skip) {
   return item.task;
 }
 
-// The present moves to where who is served stood; what held-back ones might have saved up by then is lost.
+// Virtual time advances to that of the served flow; held-back flows accumulate no credit.
 void FairQueue::Pay(Flow& flow, double cost_ms) {
   Level& level = *flow.level;
   now_ = std::max(now_, level.paid);
@@ -154,7 +154,7 @@ void FairQueue::Pay(Flow& flow, double cost_ms) {
   flow.turn = after.turn;
 }
 
-// Forgets clients whose debt is paid: all, once no other client is waiting.
+// Removes clients whose virtual time has passed: all, if no other client is waiting.
 void FairQueue::Settle(Level& level) {
   if (level.waiting == 0) {
     for (const Turn& turn : level.resting) level.now = std::max(level.now, turn.paid);
@@ -307,7 +307,8 @@ double FairQueue::AheadMs(Priority priority, const std::string& client, double c
   const auto it = level.flows.find(client);
   const double own = it == level.flows.end() ? 0 : it->second.waiting_ms;
   const bool waits = it != level.flows.end() && it->second.waiting > 0;
-  // Every other client gets as much as this one, as long as it has work for it; every other priority its share of that.
+  // Every other client gets as much as this one, as far as it has work; every other priority in proportion to its
+  // weight.
   const double clients = double(level.clients + (waits ? 0 : 1));
   const double here = std::min(level.waiting_ms, clients * (own + cost_ms));
   double ahead = here;

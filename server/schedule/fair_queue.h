@@ -1,11 +1,11 @@
-// Tasks that wait, and whose turn it is: start-time fair queueing, first among priorities, then among the clients of
-// one.
+// The waiting tasks and their order: start-time fair queueing, first among priorities, then among the clients of a
+// priority.
 //
-// Source: P. Goyal, H. Vin, H. Cheng, "Start-time Fair Queueing", SIGCOMM 1996: who was served pays with virtual time,
-// in proportion to the work and against its weight, and the client that has paid least is next. No credit accumulates:
-// a client that arrives, or was held back, starts at the present. Changed: tasks stand in lanes, and who asks names the
-// lanes that it can take from; the order is one for all lanes together. A task that several clients wait for stands in
-// a place of each.
+// Source: P. Goyal, H. Vin, H. Cheng, "Start-time Fair Queueing", SIGCOMM 1996: a served client advances its virtual
+// time by the work divided by its weight, and the client with the least virtual time is next. No credit accumulates: a
+// client that arrives, or was held back, starts at the current virtual time. Changed: tasks are in lanes, and a worker
+// names the lanes that it takes from; all lanes have one common order. A task that several clients wait for has a place
+// in the queue of each.
 #pragma once
 
 #include <array>
@@ -24,25 +24,24 @@
 
 namespace voxelpipe {
 
-// Not thread-safe. Everything is O(log of the clients that wait), however many tasks do.
+// Not thread-safe. All operations are O(log of the waiting clients), independent of the number of tasks.
 class FairQueue {
  public:
   static constexpr size_t kLanes = 9;
-  using Lanes = uint32_t;  // bit l stands for lane l
+  using Lanes = uint32_t;  // bit l: lane l
   static constexpr Lanes kAllLanes = (1u << kLanes) - 1;
 
-  // What one priority gets of the work while all have some, against the others.
+  // Weights: the relative shares of the priorities while all have work.
   explicit FairQueue(const std::array<double, kPriorities>& weights);
   FairQueue(const FairQueue&) = delete;
   FairQueue& operator=(const FairQueue&) = delete;
 
-  // `cost_ms`: the work that the client pays for. The task must not be here yet. Of one client, priority and lane it
-  // comes after those that are.
+  // `cost_ms`: the work charged to the client. The task must not be queued yet. FIFO within client, priority and lane.
   void Push(std::shared_ptr<Task> task, size_t lane, Priority priority, const std::string& client, double cost_ms);
-  // True if a client's tasks are passed over.
+  // True if a client's tasks are skipped.
   using Skip = std::function<bool(const std::string& client)>;
-  // Whose turn it is among these lanes, and in which it stands; null where none waits. Pop takes it out and makes its
-  // client pay. Clients that `skip`, if given, is true for are passed over.
+  // The next task of these lanes, and its lane; null if none waits. Pop removes it and charges its client. Skips
+  // clients for which `skip`, if given, is true.
   const Task* Front(Lanes lanes, size_t* lane = nullptr, const Skip& skip = {}) const;
   std::shared_ptr<Task> Pop(Lanes lanes, const Skip& skip = {});
   // Whose turn a task waits for.
@@ -51,18 +50,18 @@ class FairQueue {
     Priority priority = Priority::kNormal;
     bool operator==(const Stand&) const = default;
   };
-  // Makes a task that is here stand in these places, at least one and no two of them equal, and in no others: it is
-  // taken when the first of them has its turn, and the client of that one pays. Places that it has already stay where
-  // they are in the queue, those that were raised, too. False where the task is not here.
+  // Sets the places of a queued task: at least one, all different. It is taken at the turn of the first of them, whose
+  // client is charged. Existing places, also raised ones, keep their positions in the queue. False if the task is not
+  // queued.
   bool SetStands(const Task& task, std::span<const Stand> stands);
-  // Takes one out of turn; null where it is not here.
+  // Removes a task out of order; null if it is not queued.
   std::shared_ptr<Task> Remove(const Task& task);
-  // Puts it one priority higher. False where it is not here or cannot rise.
+  // Raises it by one priority. False if it is not queued or already at the top.
   bool Raise(const Task& task);
-  // Puts it into another lane, behind those that are there. It must be here.
+  // Moves it to the end of another lane. It must be queued.
   void Move(const Task& task, size_t lane);
 
-  // Calls visit(task) for each, in no order.
+  // Calls visit(task) for each, in no particular order.
   template <typename Visit>
   void ForEach(const Visit& visit) const {
     for (const auto& [task, place] : places_) visit(*task);
@@ -71,14 +70,14 @@ class FairQueue {
   size_t size() const { return places_.size(); }
   size_t size(size_t lane) const { return lane_sizes_[lane]; }
   size_t size(Priority priority) const { return levels_[size_t(priority)].waiting - levels_[size_t(priority)].further; }
-  // Lanes where tasks wait.
+  // Lanes with waiting tasks.
   Lanes lanes() const { return lanes_; }
   double waiting_ms() const { return waiting_ms_; }
   // Of the tasks in these lanes.
   double waiting_ms(Lanes lanes) const;
   // Of one client, in all priorities.
   size_t WaitingOf(const std::string& client) const;
-  // How much of the work that waits would be done before a new task of this client and cost is.
+  // The waiting work that would be done before a new task of this client and cost.
   double AheadMs(Priority priority, const std::string& client, double cost_ms) const;
 
  private:
@@ -87,14 +86,14 @@ class FairQueue {
     std::shared_ptr<Task> task;
     double cost_ms;
     uint64_t number;
-    bool further;  // beside another place of the task, which is the one that counts as waiting work
+    bool further;  // an additional place of the task; another one counts as waiting work
   };
-  // What one client waits for within a priority.
+  // The waiting tasks of one client within a priority.
   struct Flow {
     Level* level = nullptr;
     std::string client;
     double paid = 0;    // virtual time, against level->now
-    uint64_t turn = 0;  // of equals, the one that has waited longer for its turn goes first
+    uint64_t turn = 0;  // tie-breaker: the one that has waited longer is first
     std::array<std::list<Item>, kLanes> lanes;
     size_t waiting = 0;
     double waiting_ms = 0;
@@ -109,11 +108,11 @@ class FairQueue {
     Priority priority = Priority::kNormal;
     double weight = 1;
     double paid = 0;  // virtual time, against now_
-    double now = 0;   // the present of its flows
+    double now = 0;   // the virtual time of its flows
     std::unordered_map<std::string, Flow> flows;
     std::array<std::set<Turn>, kLanes> turns;  // flows with tasks in the lane
-    std::set<Turn> resting;                    // without tasks, but ahead of the present: their debt is remembered
-    size_t waiting = 0, clients = 0;           // flows that wait
+    std::set<Turn> resting;                    // without tasks, but ahead of the virtual time, which is remembered
+    size_t waiting = 0, clients = 0;           // waiting flows
     size_t further = 0;                        // of `waiting`
     double waiting_ms = 0;
   };
@@ -121,19 +120,19 @@ class FairQueue {
     Flow* flow;
     size_t lane;
     std::list<Item>::iterator item;
-    Priority asked;  // the flow's may have risen
+    Priority asked;  // the flow's priority may have been raised
   };
   using Places = std::vector<Place>;
 
-  // The lane and flow whose turn it is; null where none.
+  // The next lane and flow; null if there is none.
   std::pair<Flow*, size_t> Next(Lanes lanes, const Skip& skip) const;
   Flow& Wake(Level& level, const std::string& client);
   Place Put(std::shared_ptr<Task> task, size_t lane, Priority priority, const std::string& client, double cost_ms,
             bool further);
-  // All places of a task that is here, the one that counts in front.
+  // All places of a queued task, first the one that counts.
   Places PlacesOf(const Task& task) const;
   void SetPlaces(const Task& task, Places places);
-  // Makes one that was further the one that counts.
+  // Makes an additional place the one that counts.
   void Count(const Place& place);
   Item TakeOut(const Place& place);
   void Pay(Flow& flow, double cost_ms);
@@ -141,7 +140,7 @@ class FairQueue {
 
   std::array<Level, kPriorities> levels_;
   std::unordered_map<const Task*, Place> places_;
-  std::unordered_map<const Task*, Places> further_;  // of tasks that stand in several places
+  std::unordered_map<const Task*, Places> further_;  // of tasks with several places
   std::array<size_t, kLanes> lane_sizes_{};
   std::array<double, kLanes> lane_ms_{};
   Lanes lanes_ = 0;

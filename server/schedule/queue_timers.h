@@ -1,4 +1,4 @@
-// When waiting tasks must be checked again.
+// Timers of waiting tasks.
 #pragma once
 
 #include <optional>
@@ -11,7 +11,7 @@
 
 namespace voxelpipe {
 
-// One time a task at most. Not thread-safe; has no thread and no clock of its own.
+// At most one time per task. Not thread-safe; no thread and no clock of its own.
 class QueueTimers {
  public:
   using Time = JobContext::Clock::time_point;
@@ -31,7 +31,7 @@ class QueueTimers {
     if (order_.empty()) return std::nullopt;
     return order_.begin()->first;
   }
-  // Takes out one whose time has come; null where none has.
+  // Removes and returns a task whose time has come; null if there is none.
   const Task* PopDue(Time now) {
     if (order_.empty() || order_.begin()->first > now) return nullptr;
     const Task* task = order_.begin()->second;

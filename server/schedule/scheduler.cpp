@@ -10,8 +10,8 @@
 namespace voxelpipe {
 namespace {
 
-// A result larger than this is a giant's, however fast it is made: it leaves slab by slab, while its worker waits for
-// the client.
+// A job with a larger result is a giant, however fast it runs: its result is streamed slab by slab, while its worker
+// waits for the client.
 constexpr uint64_t kGiantBytes = 512ull << 20;
 
 void Relax() {
@@ -36,7 +36,7 @@ Scheduler::~Scheduler() {
   if (timer_.joinable()) timer_.join();
 }
 
-// ---- what tasks take
+// ---- cost of tasks
 
 SizeClass Scheduler::ClassOf(double ms, uint64_t output_bytes) const {
   if (ms >= options_.giant_ms || output_bytes >= kGiantBytes) return SizeClass::kGiant;
@@ -47,7 +47,7 @@ double Scheduler::LoadMs(const TaskTraits& traits) const {
   return traits.cost.load_ms * measured_.Ratio(WorkKind::kLoad, ClassOf(traits.cost.load_ms, 0));
 }
 
-// On a device worker, which loads small meshes itself.
+// For a device worker, which loads small meshes itself.
 double Scheduler::RunMs(const TaskTraits& traits) const {
   const bool cuda = traits.backend != BackendChoice::kCpu && KindServes(BackendChoice::kCuda);
   return RunMsOn(traits, cuda ? BackendChoice::kCuda : BackendChoice::kCpu);
@@ -59,7 +59,7 @@ double Scheduler::RunMsOn(const TaskTraits& traits, BackendChoice kind) const {
   return ms * measured_.Ratio(work, ClassOf(ms, traits.cost.output_bytes));
 }
 
-// ---- in
+// ---- submission
 
 Backlog Scheduler::BacklogLocked() const {
   Backlog backlog;
@@ -158,7 +158,7 @@ std::optional<Scheduler::Time> Scheduler::QueueDeadline() const {
 void Scheduler::SetWaiters(Task& task, Waiters waiters) {
   const std::lock_guard lock(mutex_);
   const auto taken = taken_.find(&task);
-  if (taken != taken_.end()) {  // its traits are its loader's
+  if (taken != taken_.end()) {  // its loader owns its traits
     if (taken->second->kind == WorkKind::kLoad) waiters_[&task] = std::move(waiters);
     return;
   }
@@ -170,7 +170,7 @@ void Scheduler::SetWaiters(Task& task, Waiters waiters) {
   traits.client = waiters.stands.front().client;
   traits.priority = waiters.stands.front().priority;
   traits.deadline = waiters.deadline;
-  if (queued) traits.queue_deadline = waiters.queue_deadline;  // that of one whose worker failed is over
+  if (queued) traits.queue_deadline = waiters.queue_deadline;  // does not apply to a task whose worker failed
   const Time now = Now();
   SetTimesLocked(task);
   if (!aged && queued && options_.aging.count() > 0 && traits.priority != Priority::kHigh) {
@@ -207,7 +207,7 @@ void Scheduler::Resubmit(std::shared_ptr<Task> task) {
       }
       called.push_back(CallOne());
     } else {
-      // Its time in the queue is over, its deadline is not.
+      // Its queue time-out has passed, its deadline has not.
       task->traits.queue_deadline.reset();
       if (task->traits.deadline) {
         deadlines_.Set(*task, *task->traits.deadline);
@@ -215,7 +215,7 @@ void Scheduler::Resubmit(std::shared_ptr<Task> task) {
       }
       waiting_bytes_ += task->traits.cost.held_bytes;
       again_.push_back(std::move(task));
-      called = CallAll();  // not every worker may have it
+      called = CallAll();  // not every worker may run it
     }
   }
   for (Sleeper* sleeper : called) Notify(sleeper);
@@ -227,7 +227,7 @@ size_t Scheduler::LaneOf(const TaskTraits& traits) const {
   return LaneFor(free ? BackendChoice::kAuto : traits.backend, ClassOf(ms, traits.cost.output_bytes));
 }
 
-// When the task is refused if no worker has it by then.
+// The time at which the task is refused if no worker has taken it.
 void Scheduler::SetTimesLocked(const Task& task) {
   const TaskTraits& traits = task.traits;
   std::optional<Time> by = traits.deadline;
@@ -259,7 +259,7 @@ void Scheduler::Enqueue(std::shared_ptr<Task> task, Time now) {
   to_run_.Push(std::move(task), LaneOf(traits), traits.priority, traits.client, RunMs(traits));
 }
 
-// What every way out of the queue does.
+// The common part of every removal from the queue.
 void Scheduler::Forget(const Task& task) {
   waiting_bytes_ -= std::min(waiting_bytes_, task.traits.cost.held_bytes);
   deadlines_.Clear(task);
@@ -282,7 +282,7 @@ std::shared_ptr<Task> Scheduler::Dequeue(const Task& task) {
 }
 
 bool Scheduler::Withdraw(const Task& task) {
-  std::shared_ptr<Task> withdrawn;  // destroyed outside the lock: it may own a lot
+  std::shared_ptr<Task> withdrawn;  // destroyed outside the lock, because it may own much memory
   const std::lock_guard lock(mutex_);
   withdrawn = Dequeue(task);
   if (withdrawn && draining_ && IdleLocked()) drained_.notify_all();

@@ -1,7 +1,7 @@
-// Which task runs next, and which ones together.
+// The scheduler: chooses the next task, and the tasks of a batch.
 //
-// A task waits for a loader where its mesh must be read first, then for a worker of a device. FairQueue chooses the
-// next one; whether one more may wait, AdmitTask; what it will take, PredictCost and MeasuredCost.
+// A task waits for a loader if its mesh must be loaded first, then for a worker of a device. FairQueue chooses the next
+// one, AdmitTask decides if one more may wait, PredictCost and MeasuredCost predict its cost.
 #pragma once
 
 #include <array>
@@ -34,99 +34,98 @@ namespace voxelpipe {
 class Metrics;
 
 struct SchedulerOptions {
-  size_t max_queue = 1024;                 // tasks that wait
-  uint64_t max_queue_bytes = 2ull << 30;   // that they hold
+  size_t max_queue = 1024;                 // waiting tasks
+  uint64_t max_queue_bytes = 2ull << 30;   // of the waiting tasks
   double max_queue_ms = 600'000;           // predicted work of all of them, on one worker
   size_t max_batch_jobs = 1;               // tasks given to a device worker at once
-  double max_batch_ms = 20;                // predicted work of these together
+  double max_batch_ms = 20;                // their total predicted work
   uint64_t max_batch_bytes = 64ull << 20;  // of their results
-  // How long a worker that has just ended a batch waits for a fuller one. An idle worker takes a task at once.
+  // How long a worker that has just ended a batch waits for a fuller one. An idle worker takes a task immediately.
   std::chrono::microseconds batch_delay{0};
-  std::chrono::milliseconds queue_timeout{0};  // of tasks that set none; 0 = none
-  std::chrono::milliseconds aging{10'000};     // a task that has waited so long rises by one priority; 0 = never
+  std::chrono::milliseconds queue_timeout{0};  // for tasks without one; 0 = none
+  std::chrono::milliseconds aging{10'000};     // a task that has waited this long is raised by one priority; 0 = never
   std::array<double, kPriorities> weights{16, 4, 1};
-  double medium_ms = 20, giant_ms = 1000;  // predicted, from where on a task counts as such
-  size_t loaders = 1;                      // tasks that are loaded at the same time, but see TakeLoad
-  uint64_t max_ready_bytes = 2ull << 30;   // of tasks that wait for a device worker: beyond it none is loaded
+  double medium_ms = 20, giant_ms = 1000;  // predicted: lower bounds of the size classes
+  size_t loaders = 1;                      // tasks that are loaded at the same time; see TakeLoad for exceptions
+  uint64_t max_ready_bytes = 2ull << 30;   // of tasks that wait for a device worker: beyond it loading pauses
   Metrics* metrics = nullptr;              // must outlive the scheduler
-  // For tests: the time, and whether a thread looks after the timers.
+  // For tests: the clock, and true if a thread serves the timers.
   std::function<JobContext::Clock::time_point()> now{};
   bool timer_thread = true;
 };
 
 struct QueueState {
-  std::array<size_t, kPriorities> jobs{};  // that wait
-  uint64_t bytes = 0;                      // that they hold
-  double ms = 0;                           // predicted work of them
-  size_t running = 0;                      // in the hands of loaders and workers
+  std::array<size_t, kPriorities> jobs{};  // waiting jobs
+  uint64_t bytes = 0;                      // of the waiting jobs
+  double ms = 0;                           // their predicted work
+  size_t running = 0;                      // taken by loaders and workers
 };
 
 // Tasks from their submission to the end of their work. Thread-safe.
 //
-// Giants: of the workers of a device, all but one may run them at the same time, so that a small task never waits for
-// giants to end, unless the device has a single worker: then at most one is before it. The same holds for loaders.
+// Giants: all workers of a device but one may run them at the same time, so that a small task never waits for giants,
+// unless the device has a single worker: then for at most one. The same holds for loaders.
 //
-// Loaders: a client of which nothing is being loaded, and nothing waits that was, does not wait for those of others.
-// While there are threads for it, it gets one beyond SchedulerOptions::loaders.
+// Loaders: a client without tasks that are being loaded, or are loaded and waiting, does not wait for loads of others.
+// While there are threads, it gets one beyond SchedulerOptions::loaders.
 class Scheduler {
  public:
   using Time = JobContext::Clock::time_point;
 
-  // `workers`: tasks that are worked on at the same time, loaders not counted.
+  // `workers`: tasks that run at the same time, without loaders.
   Scheduler(const SchedulerOptions& options, size_t workers);
   // After Drain and Stop, if tasks were submitted.
   ~Scheduler();
   Scheduler(const Scheduler&) = delete;
   Scheduler& operator=(const Scheduler&) = delete;
 
-  // Checks that a task with these traits would be admitted now: for callers that are about to receive a lot for it.
+  // Checks that a task with these traits would be admitted now: for callers that are about to receive much data for it.
   // Errors: those of Submit.
   absl::Status Admit(const TaskTraits& traits) const;
-  // True if there is no place for any task now, whatever its traits; and then what Admit would say to all. Cheap.
-  // A task whose mesh is being loaded keeps its place, since it comes back to wait for a worker.
+  // True if no task, with any traits, is admitted now; then with the error that Admit would return. Cheap. A task whose
+  // mesh is being loaded keeps its place, because it returns to wait for a worker.
   bool IsFull() const;
   absl::Status FullError() const;
-  // Takes a task in. From here on it ends by Task::Refuse with DEADLINE_EXCEEDED if its deadline, or its time in the
-  // queue, is over before a worker has it. Errors: see AdmitTask; UNAVAILABLE after Drain began.
+  // Admits a task. It ends with Task::Refuse and DEADLINE_EXCEEDED if its deadline or queue time-out passes before a
+  // worker takes it. Errors: see AdmitTask; UNAVAILABLE after Drain began.
   absl::Status Submit(std::shared_ptr<Task> task);
-  // Who waits for a task that several wait for, and until when the last of them does.
+  // The clients that wait for a shared task, and the latest of their deadlines.
   struct Waiters {
-    std::vector<FairQueue::Stand> stands;  // at least one, no two equal; the best priority first
-    std::optional<Time> deadline;          // the latest; none: one waits without
-    std::optional<Time> queue_deadline;    // the same of their times in the queue
+    std::vector<FairQueue::Stand> stands;  // at least one, all different; the best priority first
+    std::optional<Time> deadline;          // the latest; none: a client has no deadline
+    std::optional<Time> queue_deadline;    // the same for their queue time-outs
   };
-  // Gives a task that was submitted and has not ended the best place, priority and deadline of all who wait for it.
-  // Nothing happens to one that a device worker has.
+  // Gives a submitted, unfinished task the best place, priority and deadline of all its waiters. No effect if a device
+  // worker runs it.
   void SetWaiters(Task& task, Waiters waiters);
-  // Until when a task that is submitted now may wait in the queue, if it sets none; none: as long as it takes.
+  // The queue deadline of a task submitted now without one of its own; none: no limit.
   std::optional<Time> QueueDeadline() const;
-  // Gives back a task that came from Take..., to be taken again: loaded meanwhile, or because its worker failed; the
-  // latter goes before all others. Never refused.
+  // Returns a task from Take... to the queue: after loading, or because its worker failed; the latter goes first. Never
+  // refused.
   void Resubmit(std::shared_ptr<Task> task);
-  // Takes a task that still waits out: true if it was there, and then nothing of it is called any more.
+  // Removes a waiting task: true if it was waiting; then none of its functions is called any more.
   bool Withdraw(const Task& task);
-  // For loaders: a task that is not loaded. Blocks; null when the scheduler was stopped.
+  // For loaders: a task to load. Blocks; null when the scheduler was stopped.
   std::shared_ptr<Task> TakeLoad();
-  // The same without waiting: null, too, where nothing may be loaded now.
+  // The same without blocking: null also if nothing may be loaded now.
   std::shared_ptr<Task> TryTakeLoad();
-  // In place of SchedulerOptions::loaders from now on.
+  // Replaces SchedulerOptions::loaders.
   void SetLoaders(size_t loaders);
-  // For device workers: tasks to run together, at least one, all loaded. Blocks; empty when the scheduler was stopped,
-  // or while the device does not serve.
+  // For device workers: tasks to run as a batch, at least one, all loaded. Blocks; empty when the scheduler was
+  // stopped, or while the device does not serve.
   std::vector<std::shared_ptr<Task>> TakeBatch(const WorkerTraits& worker);
-  // The same without waiting: empty, too, where there is nothing for this worker now.
+  // The same without blocking: empty also if there is nothing for this worker now.
   std::vector<std::shared_ptr<Task>> TryTakeBatch(const WorkerTraits& worker);
-  // A task that came from Take... has ended; several at once cost less.
+  // Reports the end of tasks from Take...; several at once cost less.
   void Ended(const Task& task);
   void Ended(std::span<const std::shared_ptr<Task>> tasks);
 
-  // Which devices serve: before their first TakeBatch, and at every change. `workers` 0: it takes nothing until set
-  // otherwise.
+  // Sets the serving devices: before their first TakeBatch, and at every change. `workers` 0: it takes no tasks until
+  // changed.
   void SetDevice(const WorkerTraits& device, size_t workers);
-  // Takes out all tasks that wait for a device and that none may have that serves now. They are the caller's, and not
-  // worked on.
+  // Removes all waiting tasks that no serving device may run. They pass to the caller and count as not running.
   std::vector<std::shared_ptr<Task>> TakeStranded();
-  // True if a device serves that may have such a task.
+  // True if a serving device may run such a task.
   bool IsServed(const TaskTraits& task) const;
 
   // Refuses new tasks and returns when all accepted ones have ended.
@@ -134,36 +133,36 @@ class Scheduler {
   // Makes every Take... return nothing. After Drain.
   void Stop();
 
-  // Ends what has waited too long and raises what has waited long. The timer thread does it; in tests, by hand.
+  // Ends tasks past their queue time-out and raises aged ones. Called by the timer thread; by tests directly.
   void RunTimers();
 
   size_t queued() const;
   size_t running() const;
-  size_t idle() const;  // threads that wait for work
+  size_t idle() const;  // threads waiting for work
   QueueState state() const;
-  double waiting_ms() const;  // predicted work of what waits
+  double waiting_ms() const;  // predicted work of the waiting tasks
   uint64_t waiting_bytes() const;
 
  private:
-  struct Batch {  // tasks that were taken together
+  struct Batch {  // tasks taken as one batch
     WorkKind kind = WorkKind::kCpu;
     SizeClass size = SizeClass::kSmall;
-    std::string device;  // empty for a loader's
+    std::string device;  // empty for a loader
     double predicted_ms = 0;
-    double expected_ms = 0;  // the same, as corrected by what was measured
+    double expected_ms = 0;  // the same, corrected by measurements
     Time began;
     size_t left = 0;
-    bool measurable = true;  // its time is the work's alone
+    bool measurable = true;  // its time has no waiting in it
   };
-  // A task in a loader's hands: what it held when it was taken, so that no other task takes its place meanwhile. The
-  // task itself may change.
+  // A task that a loader has taken, with its values at that time, so that no other task takes its place. The task
+  // itself may change.
   struct Loading {
     const Task* task = nullptr;
     std::string client;
     uint64_t bytes = 0;
     double run_ms = 0;
   };
-  // A thread that waits for work. Never freed before the scheduler, so that it can be notified without the lock.
+  // A thread waiting for work. Freed only with the scheduler, so that it can be notified without the lock.
   struct Sleeper {
     std::condition_variable wake;
     const WorkerTraits* worker = nullptr;  // null: a loader
@@ -175,9 +174,9 @@ class Scheduler {
   double LoadMs(const TaskTraits& traits) const;
   double RunMs(const TaskTraits& traits) const;
   double RunMsOn(const TaskTraits& traits, BackendChoice kind) const;
-  // Workers hold the lock for a microsecond or two at a time: to sleep for it, and to be woken, takes longer.
+  // A spinning lock: workers hold it for a microsecond or two, less than sleeping and waking take.
   std::unique_lock<std::mutex> LockShortly() const;
-  // Tasks that wait, those included that are being loaded; those that run, without these.
+  // The number of waiting tasks, including those being loaded; of running tasks, without these.
   size_t PlacesTakenLocked() const { return QueuedLocked() + loading_.size(); }
   size_t RunningLocked() const { return taken_.size() - loading_.size(); }
   Backlog BacklogLocked() const;
@@ -192,18 +191,18 @@ class Scheduler {
   bool KindServes(BackendChoice kind) const;
   const ServingDevice* Serving(const std::string& device) const;
   std::vector<Sleeper*> CallAll();
-  // Lanes from which the worker may take now. `look_again`, if given: when that may be different though nothing happens
-  // until then.
+  // Lanes from which the worker may take now. `look_again`, if given: the time at which that may change without an
+  // event.
   FairQueue::Lanes RunLanes(const WorkerTraits& worker, std::optional<Time>* look_again = nullptr) const;
-  // Of the devices of this kind that may have the task; `waiting_ms` is left to the caller.
+  // The workers of this kind that may run the task; the caller sets `waiting_ms`.
   KindOutlook Outlook(const TaskTraits& task, BackendChoice kind, Time now) const;
-  // True if the worker leaves such a task, of which `waiting` wait, to another kind.
+  // True if the worker leaves such a task, of which `waiting` are waiting, to another kind.
   bool Leaves(const TaskTraits& task, const WorkerTraits& worker, size_t waiting, Time now,
               std::optional<Time>* look_again) const;
-  // What may be loaded now.
+  // The tasks that may be loaded now.
   struct LoadChoice {
     FairQueue::Lanes lanes = 0;
-    FairQueue::Skip skip;  // clients of which nothing may
+    FairQueue::Skip skip;  // clients without tasks that may be loaded
     size_t lane = 0;       // of its first
     const Task* first = nullptr;
   };
@@ -218,7 +217,7 @@ class Scheduler {
   Sleeper& Sleep(const WorkerTraits* worker, size_t enough);
   void Call(Sleeper& sleeper);
   void WokeUp(Sleeper& sleeper);
-  // Calls one thread that can do something now, if there is one; the caller notifies it when the lock is open.
+  // Chooses a sleeping thread that has work now, if there is one; the caller notifies it after unlocking.
   Sleeper* CallOne();
   static void Notify(Sleeper* sleeper) {
     if (sleeper != nullptr) sleeper->wake.notify_one();
@@ -234,25 +233,25 @@ class Scheduler {
 
   mutable std::mutex mutex_;
   FairQueue to_load_, to_run_;
-  std::list<std::shared_ptr<Task>> again_;            // whose worker failed
-  std::unordered_map<const Task*, Waiters> waiters_;  // of tasks that SetWaiters was called for
+  std::list<std::shared_ptr<Task>> again_;            // tasks whose worker failed
+  std::unordered_map<const Task*, Waiters> waiters_;  // of tasks with SetWaiters
   std::unordered_map<const Task*, std::shared_ptr<Batch>> taken_;
   std::vector<Loading> loading_;                  // of taken_, at most one for each loader
   std::vector<std::shared_ptr<Batch>> running_;   // of device workers
-  uint64_t waiting_bytes_ = 0, ready_bytes_ = 0;  // the latter of to_run_ alone
+  uint64_t waiting_bytes_ = 0, ready_bytes_ = 0;  // the latter of to_run_ only
   std::optional<Time> ready_since_;               // to_run_ is not empty
   MeasuredCost measured_;
   std::vector<ServingDevice> serving_;
   std::atomic<uint32_t> serving_kinds_{0};  // of these, a bit each; read without the lock
-  std::map<std::string, size_t> giants_;    // that run, of each device
+  std::map<std::string, size_t> giants_;    // running, per device
   size_t loaders_, giants_loading_ = 0;
   size_t refusing_ = 0;
   bool draining_ = false, stopped_ = false;
   std::condition_variable drained_;
 
   std::vector<std::unique_ptr<Sleeper>> sleepers_;
-  std::vector<Sleeper*> asleep_;  // who slept last is at the end
-  std::vector<Sleeper*> called_;  // on their way
+  std::vector<Sleeper*> asleep_;  // the last one to sleep is at the end
+  std::vector<Sleeper*> called_;  // notified, not yet running
   std::vector<Sleeper*> spare_;
 
   QueueTimers deadlines_, ages_;

@@ -1,4 +1,4 @@
-// The scheduler's lanes: which workers may have a task, and its size.
+// The scheduler's lanes: by the workers that may run a task, and by its size.
 #pragma once
 
 #include <cstddef>
@@ -9,7 +9,7 @@
 
 namespace voxelpipe {
 
-// Tasks that any kind of worker may have stand in the lanes of kAuto.
+// Tasks that any kind of worker may run are in the lanes of kAuto.
 constexpr size_t LaneFor(BackendChoice kind, SizeClass size) {
   return size_t(kind) * kSizeClasses + size_t(size);
 }

@@ -1,4 +1,4 @@
-// How tasks leave the queue for workers, and what is done when they end.
+// How workers take tasks from the queue, and the end of tasks.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -22,7 +22,7 @@ uint32_t BitOf(BackendChoice kind) {
 
 }  // namespace
 
-// ---- whose turn it is
+// ---- the next task
 
 bool Scheduler::KindServes(BackendChoice kind) const {
   return std::any_of(serving_.begin(), serving_.end(), [&](const ServingDevice& d) { return d.traits.kind == kind; });
@@ -44,7 +44,7 @@ void Scheduler::SetDevice(const WorkerTraits& device, size_t workers) {
     uint32_t kinds = 0;
     for (const ServingDevice& d : serving_) kinds |= BitOf(d.traits.kind);
     serving_kinds_.store(kinds, std::memory_order_relaxed);
-    if (KindServes(device.kind) != served) {  // what wants this kind, but need not have it, changes lanes
+    if (KindServes(device.kind) != served) {  // tasks that name this kind but allow fallback change lanes
       std::vector<const Task*> moved;
       to_run_.ForEach([&](const Task& task) {
         if (task.traits.backend == device.kind && task.traits.fallback) moved.push_back(&task);
@@ -91,7 +91,7 @@ KindOutlook Scheduler::Outlook(const TaskTraits& task, BackendChoice kind, Time 
   for (const std::shared_ptr<Batch>& batch : running_) {
     if (batch->kind != work) continue;
     ++busy;
-    // What takes longer than was thought may well take as long again.
+    // A task that takes longer than predicted may take as long again.
     const double left = std::abs(batch->expected_ms - MsBetween(batch->began, now));
     first = std::min(first.value_or(left), left);
   }
@@ -109,7 +109,7 @@ bool Scheduler::Leaves(const TaskTraits& task, const WorkerTraits& worker, size_
   gpu.waiting_ms = to_run_.waiting_ms(LanesOfKind(BackendChoice::kAuto) | LanesOfKind(BackendChoice::kCuda));
   if (!LeavesToOtherKind(worker.kind, cpu, gpu, waiting)) return false;
   if (look_again != nullptr && worker.kind == BackendChoice::kCpu && gpu.idle == 0) {
-    // Where no batch of the GPUs ends until then, the CPU is the better choice: the guess was wrong.
+    // If no batch of the GPUs ends by then, the prediction was wrong and the CPU is the better choice.
     const double spare = cpu.task_ms - (GpusDoneInMs(gpu) - gpu.free_in_ms);
     for (const std::shared_ptr<Batch>& batch : running_) {
       if (batch->kind != WorkKind::kCuda) continue;
@@ -167,7 +167,7 @@ Scheduler::LoadChoice Scheduler::NextLoad() const {
   return choice;
 }
 
-// ---- out
+// ---- removal
 
 std::vector<std::shared_ptr<Task>> Scheduler::FormBatch(const WorkerTraits& worker, bool may_delay, Time now,
                                                         std::optional<Time>& come_again,
@@ -182,7 +182,7 @@ std::vector<std::shared_ptr<Task>> Scheduler::FormBatch(const WorkerTraits& work
     std::vector<std::shared_ptr<Task>> alone{std::move(*it)};
     again_.erase(it);
     Forget(*alone[0]);
-    batch->measurable = false;  // its class is not known any more
+    batch->measurable = false;  // its class is unknown now
     batch->expected_ms = RunMsOn(alone[0]->traits, worker.kind);
     running_.push_back(batch);
     Take(alone[0], batch);
@@ -203,7 +203,7 @@ std::vector<std::shared_ptr<Task>> Scheduler::FormBatch(const WorkerTraits& work
     return {};
   }
 
-  // Idle workers get their share of what is there.
+  // Idle workers get their share of the tasks.
   size_t takers = 1;
   for (const std::vector<Sleeper*>* sleepers : {&asleep_, &called_}) {
     for (const Sleeper* sleeper : *sleepers) {
@@ -213,7 +213,7 @@ std::vector<std::shared_ptr<Task>> Scheduler::FormBatch(const WorkerTraits& work
   BatchRoom room({std::min(options_.max_batch_jobs, (ready + takers - 1) / takers), options_.max_batch_ms,
                   options_.max_batch_bytes, worker.batch_device_bytes});
   batch->size = size;
-  // A CPU worker takes no more than it ends before the GPUs have ended the rest.
+  // A CPU worker takes at most the tasks that it ends before the GPUs have ended the others.
   double most_ms = std::numeric_limits<double>::infinity();
   if (first->traits.backend == BackendChoice::kAuto && worker.kind == BackendChoice::kCpu &&
       KindServes(BackendChoice::kCuda)) {
@@ -277,7 +277,7 @@ std::vector<std::shared_ptr<Task>> Scheduler::TakeBatch(const WorkerTraits& work
       if (!come_again) may_delay = false;
       WokeUp(sleeper);
     }
-    next = CallOne();  // what it left may be another's
+    next = CallOne();  // another worker may take the remaining tasks
   }
   Notify(next);
   TellTaken(batch, now);
@@ -315,8 +315,7 @@ std::shared_ptr<Task> Scheduler::TakeLoadLocked() {
 }
 
 std::shared_ptr<Task> Scheduler::TakeLoad() {
-  // What waits for workers, and delays those that load, also leaves the queue where no callback is due: withdrawn, or
-  // too late.
+  // Loaded tasks, which pause loading, also leave the queue without a callback: withdrawn, or past their deadlines.
   constexpr std::chrono::milliseconds kLookAgain{20};
   std::shared_ptr<Task> task;
   Sleeper* next = nullptr;
@@ -354,7 +353,7 @@ void Scheduler::SetLoaders(size_t loaders) {
   for (Sleeper* sleeper : called) Notify(sleeper);
 }
 
-// ---- who sleeps
+// ---- sleeping threads
 
 Scheduler::Sleeper& Scheduler::Sleep(const WorkerTraits* worker, size_t enough) {
   if (spare_.empty()) {
@@ -387,7 +386,7 @@ std::vector<Scheduler::Sleeper*> Scheduler::CallAll() {
   return called;
 }
 
-// Who slept last is called first, its caches are warm; those with a GPU before others.
+// Wakes the last one to sleep, whose caches are warm; those with a GPU first.
 Scheduler::Sleeper* Scheduler::CallOne() {
   if (asleep_.empty()) return nullptr;
   Sleeper* best = nullptr;
@@ -425,7 +424,7 @@ void Scheduler::EndLocked(const Task& task, Time now) {
     size_t& giants = batch->kind == WorkKind::kLoad ? giants_loading_ : giants_[batch->device];
     giants -= std::min<size_t>(1, giants);
   }
-  // A giant's worker may have waited for its client.
+  // The worker of a giant may have waited for its client.
   if (batch->measurable && (batch->size != SizeClass::kGiant || batch->kind == WorkKind::kLoad)) {
     measured_.Observe(batch->kind, batch->size, batch->predicted_ms, MsBetween(batch->began, now));
   }
@@ -437,7 +436,7 @@ void Scheduler::Ended(const Task& task) {
   {
     const std::lock_guard lock(mutex_);
     EndLocked(task, now);
-    sleeper = CallOne();  // where a giant ended, another may run
+    sleeper = CallOne();  // after a giant, another one may run
     if (draining_ && IdleLocked()) drained_.notify_all();
   }
   Notify(sleeper);

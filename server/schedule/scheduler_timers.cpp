@@ -1,5 +1,4 @@
-// What the scheduler does because of the time: tasks that have waited too long, and those that rise because they have
-// waited long.
+// The timed actions of the scheduler: queue time-outs, and raising aged tasks.
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -23,7 +22,7 @@ void Scheduler::RunTimers() {
     const std::lock_guard lock(mutex_);
     while (const Task* task = deadlines_.PopDue(now)) over.push_back(Dequeue(*task));
     while (const Task* task = ages_.PopDue(now)) {
-      // Not in the queue: it was taken to be loaded, or given back.
+      // Not in the queue: it is being loaded, or was returned.
       if (to_run_.Raise(*task) || to_load_.Raise(*task)) ages_.Set(*task, now + options_.aging);
     }
     refusing_ += over.size();

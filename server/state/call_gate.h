@@ -1,5 +1,4 @@
-// Counts the calls in progress: no more than so many at the same time, and a drain can wait for the last one to be
-// over.
+// Counts the calls in progress: limits their number, and a drain can wait for the end of the last one.
 #pragma once
 
 #include <chrono>
@@ -19,7 +18,7 @@ class CallGate {
   // Lets at most `max_inside` in at the same time.
   explicit CallGate(size_t max_inside) : max_inside_(max_inside) {}
 
-  // One call's way through. False if the gate was closed or everything inside taken when it was asked for.
+  // The admission of one call. False if the gate was closed or full at its creation.
   class Pass {
    public:
     explicit Pass(CallGate& gate) : gate_(gate.Enter(full_) ? &gate : nullptr) {}
@@ -29,15 +28,15 @@ class CallGate {
     Pass(const Pass&) = delete;
     Pass& operator=(const Pass&) = delete;
     explicit operator bool() const { return gate_ != nullptr; }
-    bool full() const { return full_; }  // false because of the others inside
+    bool full() const { return full_; }  // false because the gate was full
 
    private:
     bool full_ = false;
     CallGate* const gate_;
   };
 
-  // While it lives, its function is called when the gate closes, or at once where it is closed already. Possibly after
-  // this object is gone, too: let it hold a weak pointer.
+  // During its lifetime, its function is called when the gate closes, or immediately if it is already closed. Possibly
+  // also after its end: the function should hold a weak pointer.
   class Closer {
    public:
     Closer(CallGate& gate, const std::function<void()>& on_close) : gate_(gate) {
@@ -61,7 +60,7 @@ class CallGate {
     std::list<std::function<void()>>::iterator place_;
   };
 
-  // From here on every new pass is false.
+  // Closes the gate: every new pass is false.
   void Close() {
     std::vector<std::function<void()>> closers;
     {
@@ -72,7 +71,7 @@ class CallGate {
     for (const std::function<void()>& closer : closers) closer();
   }
 
-  // True if all passes were given back by `deadline`.
+  // True if all passes were released by `deadline`.
   bool WaitUntilEmpty(std::chrono::steady_clock::time_point deadline) {
     std::unique_lock lock(mutex_);
     return left_.wait_until(lock, deadline, [this] { return inside_ == 0; });

@@ -1,4 +1,4 @@
-// The answer to calls while the queue is full.
+// The response to calls while the queue is full.
 #pragma once
 
 #include <chrono>
@@ -16,23 +16,23 @@ namespace voxelpipe {
 class Metrics;
 class Scheduler;
 
-// Under overload most calls are refused, and a refusal that costs as much as a small job takes its worker's time. So
-// whether the queue is full is asked before anything of a call is read, the answer is made once and given to all who
-// come in the next moment, and the access log has a line a second. Thread-safe.
+// Under overload most calls are refused, and a refusal as expensive as a small job would take worker time. So the queue
+// is checked before a call is read, one error is shared by all calls of the next moment, and the access log gets one
+// line a second. Thread-safe.
 class FullQueue {
  public:
   using Clock = std::chrono::steady_clock;
 
   struct Answer {
-    absl::Status status;  // RESOURCE_EXHAUSTED with the time to come again
+    absl::Status status;  // RESOURCE_EXHAUSTED with the retry delay
     grpc::Status grpc_status;
   };
 
   // Both must outlive this object.
   FullQueue(const Scheduler& scheduler, Metrics& metrics) : scheduler_(scheduler), metrics_(metrics) {}
 
-  // Null where the queue is not full: a job may still be refused for what it is. Counts the refusal as one of the
-  // queue's.
+  // Null if the queue is not full: a job may still be refused for its own traits. Counts the refusal as one of the
+  // queue.
   std::shared_ptr<const Answer> Refusal(Clock::time_point now = Clock::now());
   // Set if this refusal gets a log line of its own: the number of refusals without one since the last line.
   std::optional<uint64_t> MayLog(Clock::time_point now = Clock::now());

@@ -44,7 +44,7 @@ void IdleWatch::Look(Clock::time_point now) {
     for (Wait* wait : waits_) {
       Clock::rep since = wait->since_;
       if (since == Wait::kNotWaiting || now - Clock::time_point(Clock::duration(since)) <= wait->limit_) continue;
-      // Unless the client moved at this very moment.
+      // Unless the client became active at this moment.
       if (wait->since_.compare_exchange_strong(since, Wait::kNotWaiting)) idle.push_back(wait->on_idle_);
     }
   }

@@ -1,4 +1,4 @@
-// Clients that do nothing: finds calls that have waited too long for their client.
+// Idle clients: finds calls that have waited too long for their client.
 #pragma once
 
 #include <atomic>
@@ -12,12 +12,12 @@
 
 namespace voxelpipe {
 
-// One for a server. Costs a call that goes well a list entry and two clock readings a wait, and no timer. Thread-safe.
+// One per server. A wait costs a list entry and two clock readings, but no timer. Thread-safe.
 class IdleWatch {
  public:
   using Clock = std::chrono::steady_clock;
 
-  // Looks every `interval` on a thread of its own; 0: only when Look is called.
+  // Checks every `interval` on a thread of its own; 0: only when Look is called.
   explicit IdleWatch(std::chrono::milliseconds interval);
   ~IdleWatch();
   IdleWatch(const IdleWatch&) = delete;
@@ -26,17 +26,16 @@ class IdleWatch {
   // One call's waits for its client, one after the other.
   class Wait {
    public:
-    // `on_idle` is called once for a wait that lasts longer than `limit`, at most an interval late, on the watch's
-    // thread, without locks and possibly after this object is gone: let it hold a weak pointer. `watch` must outlive
-    // the object.
+    // `on_idle` is called once for a wait longer than `limit`, at most an interval late, on the watch's thread, without
+    // locks and possibly after the end of this object: it should hold a weak pointer. `watch` must outlive the object.
     Wait(IdleWatch& watch, std::chrono::milliseconds limit, std::function<void()> on_idle);
     ~Wait();
     Wait(const Wait&) = delete;
     Wait& operator=(const Wait&) = delete;
 
-    // From `now` on the client is waited for, whether or not it was before.
+    // Starts or restarts the wait for the client at `now`.
     void Begin(Clock::time_point now = Clock::now()) { since_ = now.time_since_epoch().count(); }
-    // The client did its part.
+    // Ends the wait.
     void End() { since_ = kNotWaiting; }
 
    private:

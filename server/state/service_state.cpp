@@ -29,18 +29,18 @@ JobLimits LimitsOf(const ServerOptions& resolved, LoadWorkers* load_workers) {
 
 namespace {
 
-// So many clients find a loader though all are busy.
+// Extra loaders for clients while all others are busy.
 int SpareLoaders(int loaders) {
   constexpr int kLeast = 4, kMost = 64;
   return std::clamp(loaders, kLeast, kMost);
 }
 
-// As many as load at the same time.
+// As many as meshes are loaded at the same time.
 int ProcessesThatLoad(const ServerOptions& resolved) {
   return resolved.loaders + SpareLoaders(resolved.loaders);
 }
 
-// All of them together keep a fraction of what the jobs may have.
+// All of them together keep a fraction of the memory for jobs.
 uint64_t KeptByProcesses(const ServerOptions& resolved) {
   constexpr uint64_t kShare = 8;
   return resolved.max_working_bytes / kShare;
@@ -77,7 +77,8 @@ std::vector<std::string> ChosenGpus(const std::string& gpus) {
 }  // namespace
 
 WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics* metrics) {
-  if (resolved.max_device_mesh_bytes > 0) SetDeviceMeshBytes(resolved.max_device_mesh_bytes);  // the process's devices
+  if (resolved.max_device_mesh_bytes > 0)
+    SetDeviceMeshBytes(resolved.max_device_mesh_bytes);  // of the devices of the process
   WorkerPoolOptions pool;
   pool.loaders = resolved.loaders;
   pool.spare_loaders = SpareLoaders(resolved.loaders);
@@ -91,7 +92,7 @@ WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics* metrics) {
   const std::vector<std::string> chosen = ChosenGpus(resolved.gpus);
   for (const Backend* device : Devices()) {
     if (device->name() == "cpu") {
-      // Beside GPUs it helps and stands in for them.
+      // With GPUs present it assists and replaces them.
       if (resolved.backend == BackendChoice::kCuda && !resolved.fallback) continue;
       pool.devices.push_back({device, resolved.cpu_workers});
       continue;

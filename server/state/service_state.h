@@ -1,4 +1,4 @@
-// What all calls of one server share.
+// The state that all calls of one server share.
 #pragma once
 
 #include <atomic>
@@ -26,28 +26,29 @@ namespace voxelpipe {
 
 // Largest request message. Meshes beyond it come in several pieces.
 inline constexpr int kMaxMessageBytes = 64 << 20;
-// What an upload has to bring in each --upload-idle-timeout-ms, or its end: a byte now and then is idle, too.
+// The minimum bytes of an upload in each --upload-idle-timeout-ms, unless it ends: a slow trickle counts as idle.
 inline constexpr uint64_t kMinUploadBytes = 64 << 10;
 
-// Jobs predicted to take less are not compared with others: that takes both sides a tenth of it, and seldom finds one.
+// Jobs predicted to take less are not compared with others: the comparison costs a tenth of them and rarely finds an
+// equal one.
 inline constexpr double kMinSharedMs = 0.1;
 
 JobLimits LimitsOf(const ServerOptions& resolved, LoadWorkers* load_workers = nullptr);
-// Null where --isolate-loading is off. UNAVAILABLE where it is on and cannot be.
+// Null if --isolate-loading is off. UNAVAILABLE if it is on but not possible.
 absl::StatusOr<std::unique_ptr<LoadWorkers>> StartLoadWorkers(const ServerOptions& resolved);
 SchedulerOptions SchedulingOf(const ServerOptions& resolved, Metrics& metrics);
-// Sets the gauges of the queue before they are read.
+// Updates the gauges of the queue before they are read.
 std::unique_ptr<Metrics::Sampler> SampleQueue(const Scheduler& scheduler, Metrics& metrics);
-// The devices that the operator chose, best first, and how they are worked.
+// The devices that the operator chose, best first, with their options.
 WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics* metrics = nullptr);
-// FAILED_PRECONDITION where a GPU, or a kind of device, was asked for that is not there.
+// FAILED_PRECONDITION if a requested GPU or kind of device is missing.
 absl::Status CheckDevices(const ServerOptions& resolved);
-// How often to look for idle clients: late by at most an eighth of the smallest limit.
+// The interval of checking for idle clients: an eighth of the smallest limit.
 std::chrono::milliseconds IdleIntervalOf(const ServerOptions& resolved);
 
 // Thread-safe. Must outlive every call.
 struct ServiceState {
-  // `resolved`: options without zeros that mean "choose" (Resolve). `load`: null where this process loads all meshes.
+  // `resolved`: options without zeros that mean "choose" (Resolve). `load`: null if this process loads all meshes.
   explicit ServiceState(const ServerOptions& resolved, std::unique_ptr<LoadWorkers> load = nullptr)
       : options(resolved),
         load_workers(std::move(load)),
@@ -69,10 +70,10 @@ struct ServiceState {
   const std::unique_ptr<LoadWorkers> load_workers;
   Metrics metrics;
   std::unique_ptr<AccessControl> access;  // set before the first call
-  ByteBudget uploads;                     // mesh files that are being received or wait
-  ByteBudget working;                     // predicted peaks of the jobs that run, results that are being sent
-  MeshStore meshes;                       // uploaded to be kept
-  SingleFlight<KeptMesh> loads;           // uploads whose files are being loaded, by the mesh's id and format
+  ByteBudget uploads;                     // mesh files being received or waiting
+  ByteBudget working;                     // predicted peaks of running jobs, results being sent
+  MeshStore meshes;                       // uploaded and stored
+  SingleFlight<KeptMesh> loads;           // uploads being loaded, by the mesh's id and format
   CallGate gate;                          // closed while the server drains
   IdleWatch idle_watch;
   const JobLimits limits;
@@ -81,9 +82,9 @@ struct ServiceState {
   FullQueue full_queue;
   const std::unique_ptr<Metrics::Sampler> queue_sampler;
   std::atomic<int> loaders;  // meshes that are loaded at the same time, now
-  WorkerPool pool;           // last, so that its jobs end before the budgets go
+  WorkerPool pool;           // last, so that its jobs end before the budgets are destroyed
 
-  // Gives budgets, stores and the pool the sizes that these options have.
+  // Sets the sizes of budgets, stores and the pool from these options.
   void Resize(const ServerOptions& resolved);
 };
 
