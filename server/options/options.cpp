@@ -113,7 +113,7 @@ void AddServing(OptionList& list, ServerOptions& o) {
 void AddWork(OptionList& list, ServerOptions& o, std::string& backend, std::string& simd) {
   list.Group("Work");
   list.AddChoice("--backend", backend, {"auto", "cpu", "cuda"},
-                 "backend of requests that name none; auto: CUDA where there is a device, else the CPU");
+                 "backend of requests that name none; auto: CUDA if there is a device, otherwise the CPU");
   list.AddChoice("--simd", simd, {"auto", "avx512", "avx2", "scalar"},
                  "instruction set of the CPU backend for requests that name none");
   list.AddNumber(
@@ -131,7 +131,7 @@ void AddWork(OptionList& list, ServerOptions& o, std::string& backend, std::stri
   list.AddNumber("--workers", o.workers, 0, 1024, "batches",
                  "batches that run on the CPU at the same time, on servers with GPUs too; 0: one a CPU, at most 4");
   list.AddNumber("--cpu-workers", o.cpu_workers, 0, 1024, "batches",
-                 "the same, and takes precedence over --workers; 0: what --workers says");
+                 "the same, and takes precedence over --workers; 0: as --workers");
   list.Add("--gpus", o.gpus, "", "GPUs to use: all, none, or their numbers separated by commas (0,2)")
       ->check(CLI::Validator(CheckGpus, "all|none|N,N..."));
   list.AddNumber("--gpu-streams", o.gpu_streams, 1, 64, "batches",
@@ -150,9 +150,9 @@ void AddWork(OptionList& list, ServerOptions& o, std::string& backend, std::stri
   list.AddNumber("--max-batch-jobs", o.max_batch_jobs, 1u, 65'536u, "jobs", "most jobs in a batch");
   list.AddNumber("--max-batch-ms", o.max_batch_ms, 0u, kDayMs, "ms", "most predicted work in a batch");
   list.AddBytes("--max-batch-bytes", o.max_batch_bytes, "most bytes of results in a batch");
-  list.AddNumber("--batch-delay-us", o.batch_delay_us, 0u, 1'000'000u, "us",
-                 "how long a worker that has just ended a batch waits for a fuller one; an idle worker takes a job at "
-                 "once");
+  list.AddNumber(
+      "--batch-delay-us", o.batch_delay_us, 0u, 1'000'000u, "us",
+      "how long a worker that has just ended a batch waits for a fuller one; an idle worker takes a job at once");
   list.AddNumber("--giant-job-ms", o.giant_job_ms, 1u, 1'000'000'000u, "ms",
                  "predicted time from which on a job leaves one worker of its device to the other jobs");
 }
@@ -211,7 +211,7 @@ void AddSizes(OptionList& list, ServerOptions& o) {
   list.AddBytes("--result-cache-bytes", o.result_cache_bytes,
                 "results that are kept for equal requests on stored meshes; 0: none");
   list.AddNumber("--idle-memory-ms", o.idle_memory_ms, 0u, 1'000'000'000u, "ms",
-                 "memory that is kept for the next jobs goes back to the system when unused for this time; 0: never");
+                 "memory kept for the next jobs is returned to the system if unused for this time; 0: never");
   list.AddNumber(
       "--stream-above-mb", o.stream_above_mb, uint64_t{0}, uint64_t{1} << 30, "MiB",
       "larger dense results are sent slab by slab while they are computed, and take no memory of their size");
@@ -231,14 +231,14 @@ void AddStreams(OptionList& list, ServerOptions& o) {
   list.AddBytes("--many-bytes", o.many_bytes, 1, "meshes and results of these jobs");
   list.AddDuration(
       "--max-connection-age-ms,--max-connection-age", o.max_connection_age_ms, kDayMs,
-      "a connection is asked to close after about this time (within a tenth), so that clients behind a load "
+      "a connection is closed (GOAWAY) after about this time (within a tenth), so that clients behind a load "
       "balancer open new ones; 0: never. Also with a unit (30m, 90s), and as --max-connection-age");
   list.AddDuration("--max-connection-age-grace-ms,--max-connection-age-grace", o.max_connection_age_grace_ms, kDayMs,
                    "then: time for its calls to end; 0: no limit");
   list.AddNumber("--zstd-level", o.zstd_level, 1, 19, "",
-                 "compression of results whose request asks for zstd: 1 is fast, 19 small");
+                 "compression of results whose request sets zstd: 1 is fast, 19 small");
   list.AddNumber("--stall-timeout-ms", o.stall_timeout_ms, 1u, 1'000'000'000u, "ms",
-                 "a client that reads nothing of its answer for this time is disconnected");
+                 "a client that reads nothing of its response for this time is disconnected");
   list.AddNumber("--upload-idle-timeout-ms", o.upload_idle_timeout_ms, 1u, 1'000'000'000u, "ms",
                  "a client that sends less than 64 KiB of its mesh in this time is disconnected");
 }
@@ -246,12 +246,12 @@ void AddStreams(OptionList& list, ServerOptions& o) {
 void AddAccess(OptionList& list, ServerOptions& o) {
   list.Group("Access");
   list.Add("--token-file", o.token_file, "FILE",
-           "clients with their tokens, roles and quotas (JSON); none: every caller may do everything");
+           "clients with their tokens, roles and quotas (JSON); none: every caller has all rights");
   list.Add("--open-health", o.open_health, "health checks need no token");
   list.Add("--tls-cert", o.tls_cert, "FILE", "the server's certificate chain (PEM); none: plain text");
   list.Add("--tls-key", o.tls_key, "FILE", "the private key of that certificate (PEM), without a passphrase");
   list.Add("--tls-client-ca", o.tls_client_ca, "FILE",
-           "mutual TLS: clients need a certificate that one of these signed (PEM); none: they need none");
+           "mutual TLS: clients need a certificate signed by one of these (PEM); none: they need none");
   list.Add("--tls-client-names", o.tls_client_names,
            "a call without a token belongs to the client that its certificate names, for quotas, fairness and the log");
   list.AddChoice("--isolate-loading", o.isolate_loading, {"auto", "on", "off"},
