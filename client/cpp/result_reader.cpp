@@ -28,16 +28,16 @@ absl::Status CheckGrid(const GridSpec& grid, const GridRequest& request) {
   for (size_t axis = 0; axis < 3; ++axis) {
     const double n = double(grid.dims[axis]);
     if (request.dims && n != double((*request.dims)[axis]) + padding) {
-      return Lost("dims[", axis, "] is ", grid.dims[axis], ", asked for were ", (*request.dims)[axis], " and padding ",
+      return Lost("dims[", axis, "] is ", grid.dims[axis], ", requested were ", (*request.dims)[axis], " and padding ",
                   request.padding);
     }
     if (!request.dims && !request.voxel_size && n > double(request.resolution) + padding) {
-      return Lost("dims[", axis, "] is ", grid.dims[axis], ", asked for was resolution ", request.resolution,
+      return Lost("dims[", axis, "] is ", grid.dims[axis], ", requested was resolution ", request.resolution,
                   " and padding ", request.padding);
     }
   }
   if (request.voxel_size && !(grid.voxel_size == *request.voxel_size))
-    return Lost("its voxel size is not the one asked for");
+    return Lost("its voxel size is not the requested one");
   return absl::OkStatus();
 }
 

@@ -118,7 +118,7 @@ absl::StatusOr<Admitted> AccessControl::Admit(std::optional<std::string_view> au
   }
   if (client == nullptr) {
     metrics_.Refused(Refusal::kBadToken).Increment();
-    return absl::UnauthenticatedError("the token is not known here");
+    return absl::UnauthenticatedError("the token is unknown");
   }
   if (who != nullptr) *who = client->name;
   if (!MayCall(client->role, rpc)) {

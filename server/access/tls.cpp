@@ -106,7 +106,7 @@ absl::StatusOr<TlsFacts> CheckContents(const TlsFiles& files, const std::array<s
 // True if TLS is on. Errors: options that require others.
 absl::StatusOr<bool> HasTls(const TlsFiles& files) {
   if (files.certificate.empty() != files.key.empty()) {
-    return absl::InvalidArgumentError("--tls-cert and --tls-key: one is useless without the other");
+    return absl::InvalidArgumentError("--tls-cert and --tls-key: each needs the other");
   }
   if (!files.certificate.empty()) return true;
   if (!files.client_ca.empty()) return absl::InvalidArgumentError("--tls-client-ca: needs --tls-cert and --tls-key");

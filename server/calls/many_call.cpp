@@ -189,7 +189,7 @@ absl::Status ManyCall::Take(v1::VoxelizeManyRequest& request) {
     if (end_) return absl::OkStatus();
     draining = draining_;
     if (!ids_.insert(request.id()).second) {
-      return absl::InvalidArgumentError(absl::StrCat("id: a job ", request.id(), " is in hand already"));
+      return absl::InvalidArgumentError(absl::StrCat("id: a job ", request.id(), " is already in use"));
     }
     jobs_.emplace(job.get(), job);
     ++jobs_taken_;

@@ -286,7 +286,7 @@ absl::Status VoxelizeCall::WaitForRoom(size_t bytes) {
     if (absl::Status s = context.Check(); !s.ok()) return s;
     room_.wait_for(lock, kLookEvery);  // a passing deadline sends no notification
   }
-  return end_ ? (end_->ok() ? absl::CancelledError("the call is over") : *end_) : context.Check();
+  return end_ ? (end_->ok() ? absl::CancelledError("the call has ended") : *end_) : context.Check();
 }
 
 void VoxelizeCall::GiveUp(std::string_view why) {

@@ -35,7 +35,8 @@ void ArchiveWriter::CopyBulk(uint8_t* to) const {
 
 absl::Status ArchiveReader::Finish() {
   if (ok() && !text_.empty()) Refuse("bytes are left over");
-  if (!ok()) return absl::InternalError(absl::StrCat("the answer of a process that loads meshes is broken: ", fault_));
+  if (!ok())
+    return absl::InternalError(absl::StrCat("the answer of a process that loads meshes is malformed: ", fault_));
   if (bulk_used_ >= kMinParallelBytes) {
     tbb::parallel_for(size_t{0}, copies_.size(), [this](size_t i) { copies_[i](); });
   } else {

@@ -63,7 +63,7 @@ absl::Status Channel::Send(MessageKind kind, uint64_t number, const ArchiveWrite
   do {
     sent = send(socket_, packet, size, MSG_NOSIGNAL);
   } while (sent < 0 && errno == EINTR);
-  return uint64_t(sent) == size ? absl::OkStatus() : absl::UnavailableError("the other end is gone");
+  return uint64_t(sent) == size ? absl::OkStatus() : absl::UnavailableError("the other end is closed");
 }
 
 absl::StatusOr<Message> Channel::Receive(std::chrono::milliseconds patience, uint64_t most_bytes) {
@@ -75,8 +75,8 @@ absl::StatusOr<Message> Channel::Receive(std::chrono::milliseconds patience, uin
   do {
     got = recv(socket_, buffer_.data(), room, MSG_TRUNC);
   } while (got < 0 && errno == EINTR);
-  if (got <= 0) return absl::UnavailableError("the other end is gone");
-  const absl::Status broken = absl::InternalError("a message that is none");
+  if (got <= 0) return absl::UnavailableError("the other end is closed");
+  const absl::Status broken = absl::InternalError("an invalid message");
   Header header{};
   if (uint64_t(got) > room || uint64_t(got) < sizeof header) return broken;
   std::memcpy(&header, buffer_.data(), sizeof header);

@@ -19,7 +19,7 @@ namespace {
 constexpr size_t kGrain = 1 << 15;
 
 absl::Status Broken(const char* what) {
-  return absl::InternalError(absl::StrCat("a process that loads meshes gave a mesh that cannot be: ", what));
+  return absl::InternalError(absl::StrCat("a process that loads meshes returned an invalid mesh: ", what));
 }
 
 template <typename T>

@@ -221,7 +221,7 @@ absl::Status WorkerProcess::WaitForAnswer(uint64_t memory_bytes, const JobContex
     if (message.ok()) {
       if (message->kind != MessageKind::kAnswer || message->number != number_) {
         Kill("protocol");
-        return absl::InternalError("the process that loaded the mesh gave another answer than was asked for");
+        return absl::InternalError("the process that loaded the mesh returned an unexpected answer");
       }
       answer = *std::move(message);
       return over;

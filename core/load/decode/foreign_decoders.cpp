@@ -42,7 +42,7 @@ void ForbidForeignDecoders() {
 
 absl::Status CheckForeignDecoders() {
   if (!forbidden) return absl::OkStatus();
-  return absl::InternalError("this process runs no decoder that others wrote, and was to run one");
+  return absl::InternalError("third-party decoders are forbidden in this process");
 }
 
 }  // namespace voxelpipe

@@ -30,7 +30,7 @@ void AddLeftOverBytes(const GlbChunks& chunks, WarningList& warnings) {
   if (chunks.left_over_bytes == 0) return;
   warnings.Add(
       WarningCode::kNonconformingFile, "",
-      absl::StrCat(chunks.left_over_bytes, " bytes behind the length that the GLB header declares are ignored"));
+      absl::StrCat(chunks.left_over_bytes, " bytes after the length that the GLB header declares are ignored"));
 }
 
 absl::StatusOr<GlbChunks> SplitGlb(std::span<const uint8_t> bytes) {

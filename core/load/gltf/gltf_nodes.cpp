@@ -180,7 +180,7 @@ absl::Status ReadSkins(const tinygltf::Model& model, const AccessorReader& acces
 absl::Status ReadRoots(const tinygltf::Model& model, Scene& scene) {
   if (model.scenes.empty()) {
     if (scene.nodes.empty()) return absl::OkStatus();  // see AddMissingNodes
-    scene.warnings.Add(WarningCode::kNoScene, "", "the file has no scenes: all nodes without a parent are taken");
+    scene.warnings.Add(WarningCode::kNoScene, "", "the file has no scenes: all nodes without a parent are used");
     std::vector<bool> child(scene.nodes.size());
     for (const Node& node : scene.nodes) {
       for (const uint32_t c : node.children) child[c] = true;
@@ -243,7 +243,7 @@ absl::Status AddMissingNodes(const Document& document, const LoadLimits& limits,
       return absl::ResourceExhaustedError(absl::StrCat(
           "glTF: ", scene.meshes.size(), " meshes without a node; the limit max_nodes is ", limits.max_nodes));
     }
-    scene.warnings.Add(WarningCode::kNoScene, "", "the file has neither scenes nor nodes: each mesh is taken once");
+    scene.warnings.Add(WarningCode::kNoScene, "", "the file has neither scenes nor nodes: each mesh is used once");
     for (size_t i = 0; i < scene.meshes.size(); ++i) {
       scene.roots.push_back(static_cast<uint32_t>(i));
       scene.nodes.emplace_back().mesh = static_cast<int32_t>(i);

@@ -125,7 +125,7 @@ TEST_F(WarningsTest, StrictSaysWhatTheSameRequestSaysInThisProcess) {
   strict.strict = true;
   const absl::Status status = client_->Voxelize(faulty_, MeshFormat::kAuto, strict, job_).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_EQ(status.message(), "the file has no scenes: all nodes without a parent are taken");
+  EXPECT_EQ(status.message(), "the file has no scenes: all nodes without a parent are used");
   const auto fine = client_->Voxelize(glb_, MeshFormat::kAuto, strict, job_);
   EXPECT_TRUE(fine.ok()) << fine.status();
 }

@@ -70,7 +70,7 @@ absl::StatusOr<DataHead> ReadHead(std::string_view text) {
       head.base64 = true;
     } else if (!part.empty() && !absl::StrContains(part, '=')) {
       return absl::InvalidArgumentError(
-          absl::StrCat("a data: URI of the encoding ", Quoted({part.data(), part.size()}), ", which is not known"));
+          absl::StrCat("a data: URI of the encoding ", Quoted({part.data(), part.size()}), ", which is unknown"));
     }
   }
   return head;

@@ -51,7 +51,7 @@ absl::Status CheckExtensions(const Fields& root, WarningList& warnings) {
       case ExtensionSupport::kRead: break;
       case ExtensionSupport::kIgnored:
         warnings.Add(WarningCode::kExtensionIgnored, "extensionsRequired",
-                     absl::StrCat(Quoted(name), " is not read: it cannot change what is asked for here"));
+                     absl::StrCat(Quoted(name), " is not read: it cannot change the result"));
         break;
       case ExtensionSupport::kRefused:
         return absl::InvalidArgumentError(

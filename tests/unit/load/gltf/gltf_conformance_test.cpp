@@ -67,7 +67,7 @@ TEST(GltfConformance, DataUrisAreTheSameInAnyCase) {
   for (const char* unknown : {"data:;base32,AQID", "data:application/gzip;gzip,AQID"}) {
     const absl::Status status = Decode(unknown).status();
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
-    EXPECT_THAT(std::string(status.message()), HasSubstr("which is not known"));
+    EXPECT_THAT(std::string(status.message()), HasSubstr("which is unknown"));
   }
 }
 
