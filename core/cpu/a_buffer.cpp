@@ -247,7 +247,7 @@ absl::Status SortFragments(RunState& state) {
   ABuffer& out = *state.a_buffer;
   const std::span<const TileRun> runs = SlabRuns(state);
   const auto row_of = [&](size_t i) { return (state.pairs[runs[i].begin] >> 32) / uint64_t(state.tiles.dims[0]); };
-  // Tiles of one row along x follow each other, rows of one layer too; voxels go by z, then y, then x.
+  // Tiles of one row along x follow each other, rows of one layer too; voxels are ordered by z, then y, then x.
   for (size_t begin = 0; begin < runs.size();) {
     const uint64_t layer = row_of(begin) / uint64_t(state.tiles.dims[1]);
     size_t end = begin;

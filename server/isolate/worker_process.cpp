@@ -76,7 +76,7 @@ int Spawn(const WorkerProcess::Options& options, const std::array<int, 3>& descr
   posix_spawn_file_actions_addopen(&settings.actions, 1, "/dev/null", O_WRONLY, 0);
   // Its only output is a report of a sanitizer; untrusted input must not write to our log.
   if (!IsSanitizedBuild()) posix_spawn_file_actions_addopen(&settings.actions, 2, "/dev/null", O_WRONLY, 0);
-  // First out of the way of one another.
+  // First moves the descriptors out of the target range.
   const int free = std::max(kWorkerOut, *std::max_element(descriptors.begin(), descriptors.end())) + 1;
   for (int i = 0; i < 3; ++i) posix_spawn_file_actions_adddup2(&settings.actions, descriptors[size_t(i)], free + i);
   for (int i = 0; i < 3; ++i) posix_spawn_file_actions_adddup2(&settings.actions, free + i, kWorkerSocket + i);
