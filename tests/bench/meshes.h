@@ -1,4 +1,4 @@
-// Meshes that benchmarks are made on, by code: the same on every machine but for the last bits of sin and cos.
+// Generated meshes for benchmarks: the same on every machine, except for the last bits of sin and cos.
 #pragma once
 
 #include "mesh/triangle_mesh.h"

@@ -1,4 +1,4 @@
-// What a mesh is most often voxelized with: OpenVDB's meshToVolume.
+// OpenVDB's meshToVolume, for comparison.
 #pragma once
 
 #include <cstdint>
@@ -15,11 +15,11 @@ struct PeerRun {
   uint64_t voxels = 0;  // active ones
 };
 
-// In: a mesh, the grid to whose index space it is taken, the threads that oneTBB may use (>= 1). Out: what
+// In: a mesh, the grid of its index space, the threads that oneTBB may use (>= 1). Out: the time that
 // openvdb::tools::meshToVolume (K. Museth, "VDB: High-Resolution Sparse Volumes with Dynamic Topology", 2013) takes for
 // an unsigned distance field in a band of one voxel to either side of the surface, from index-space vertices in memory
 // to its grid. It is OpenVDB's least work that marks every voxel near the surface: a signed field sweeps once more.
-// Nothing where the benchmarks were built without OpenVDB.
+// Empty if the benchmarks were built without OpenVDB.
 std::optional<PeerRun> RunOpenVdb(const TriangleMesh& mesh, const GridSpec& grid, int threads);
 
 }  // namespace voxelpipe::bench

@@ -1,5 +1,6 @@
-"""The rows of service.py about many bytes: ready results on their way, with and without TLS, and meshes on theirs. Each beside bare gRPC, in turns
-with it: medians of both."""
+"""The rows of service.py about many bytes: sending ready results, with and without TLS, and uploading meshes.
+
+Each row alternates with bare gRPC: medians of both."""
 import json
 import os
 import re

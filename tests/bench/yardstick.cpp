@@ -7,7 +7,7 @@
 namespace voxelpipe::bench {
 namespace {
 
-// Whether axis n separates the triangle (about the box's centre) from the box of half size 1/2.
+// True if axis n separates the triangle (about the box's centre) from the box of half size 1/2.
 bool Separates(const Vec3d& n, const Vec3d (&v)[3]) {
   const double a = Dot(n, v[0]), b = Dot(n, v[1]), c = Dot(n, v[2]);
   const double reach = 0.5 * (std::abs(n.x) + std::abs(n.y) + std::abs(n.z));

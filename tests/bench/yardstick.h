@@ -1,4 +1,4 @@
-// What any voxelizer is measured against: the plain loop.
+// The baseline of any voxelizer: the plain loop.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,8 @@
 namespace voxelpipe::bench {
 
 // Packed bits of the voxels that triangles touch: for each triangle, for each voxel of its box, the overlap test of T.
-// Akenine-Moller ("Fast 3D Triangle-Box Overlap Testing", 2001) in double, one thread, nothing precomputed. Ties are
-// decided as rounding has it.
+// Akenine-Moller ("Fast 3D Triangle-Box Overlap Testing", 2001) in double, one thread, nothing precomputed. Rounding
+// decides ties.
 std::vector<uint8_t> PlainLoop(const TriangleMesh& mesh, const GridSpec& grid);
 
 }  // namespace voxelpipe::bench

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Whether docker/compose.yaml is what compose understands: every file that it names is there, both targets are in the Dockerfile.
+# Checks that compose accepts docker/compose.yaml: every file that it names exists, and both targets are in the
+# Dockerfile.
 # Skips (exit 77, reason printed) where no compose is installed; nothing is built or started.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kTolerance = 1e-3;    // voxels: what may be added, and missed by center
 constexpr double kNear = 0x1p16;       // voxels: within these extras are bounded
-constexpr double kRatioUnsure = 1e-3;  // relative: whether a triangle counts as degenerate is decided in double
+constexpr double kRatioUnsure = 1e-3;  // relative: the product decides in double if a triangle is degenerate
 
 double Farthest(const IndexTriangle& t) {
   double most = 1;

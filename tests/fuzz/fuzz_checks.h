@@ -1,4 +1,4 @@
-// What must hold of every run, checked against references written apart from the product.
+// Properties of every run, checked against references independent of the product.
 #pragma once
 
 #include <string>
@@ -9,16 +9,16 @@
 
 namespace voxelpipe::fuzz {
 
-// Runs a case in every way that the pipeline knows and compares:
+// Runs a case on every path of the pipeline and compares:
 //    the coverage with polygon clipping in long double, the fills with plain loops (parity, nonzero) and a queue
 // (flood);
 //   dense values with clear, fill and the blends of the bucket's fragments; sparse and buckets with dense;
 //   the bytes of every instruction set, of 1 and 2 threads, of slabs and of one piece, streamed and in memory, and of
 //   the triangles the other way round where order must not matter.
-// Out: what is wrong, empty if nothing is.
+// Out: the differences; empty if there are none.
 std::string CheckCase(const FuzzCase& made);
 
-// ---- its parts; each appends to what is wrong ----
+// ---- its parts; each appends to the differences ----
 
 // Index-space vertices of each triangle.
 struct IndexTriangle {

@@ -89,7 +89,7 @@ absl::StatusOr<Outcome> Run(uint64_t seed, const Options& options) {
   out.hostile = job.hostile;
   out.text = job.text;
 #if defined(VOXELPIPE_HAVE_CUDA)
-  if (options.cuda) cuda::ForgetPinned();  // what is pinned anew is counted
+  if (options.cuda) cuda::ForgetPinned();  // so that new pinned memory is counted
 #endif
   ReleaseIdlePages();
   malloc_trim(0);

@@ -1,4 +1,4 @@
-// Random jobs for the program that compares plans with what runs take.
+// Random jobs for the program that compares plans with the memory of runs.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 namespace voxelpipe::testing {
 
 struct PlanJob {
-  std::string text;  // what it is, in one line
+  std::string text;  // description, in one line
   bool hostile = false;
   TriangleMesh mesh;
   VoxelizeRequest request;
@@ -19,9 +19,9 @@ struct PlanJob {
   bool streamed = false;
 };
 
-// The same job for the same seed, everywhere. Honest ones: smooth and rough surfaces, soups of small triangles,
-// terrain, blocks on the lattice. Hostile ones: points on voxel corners, slivers, giants, a window into a much larger
-// scene, surfaces that lie in each other, all triangles in one layer.
+// The same job for the same seed on every machine. Ordinary ones: smooth and rough surfaces, soups of small triangles,
+// terrain, blocks aligned to the grid. Adversarial ones: points on voxel corners, slivers, very large triangles, a
+// window into a much larger scene, coinciding surfaces, all triangles in one layer.
 PlanJob MakePlanJob(uint64_t seed);
 
 }  // namespace voxelpipe::testing

@@ -152,7 +152,7 @@ INSTANTIATE_TEST_SUITE_P(Kinds, SameBytes,
                          ::testing::Values(ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets),
                          [](const auto& test) { return std::string(Name(test.param)); });
 
-// replace and first go by triangle id, and so do triangle_id and the parts' ids; all else does not.
+// replace and first depend on triangle ids, and so do triangle_id and the parts' ids; nothing else does.
 TEST(SameBytesOfShuffledTriangles, WhereIdsDoNotDecide) {
   TriangleMesh soup = AttributedSoup(96, 20, 22);
   std::vector<ShaderCall> shaders = AllShaders();

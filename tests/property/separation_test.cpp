@@ -10,7 +10,7 @@ namespace {
 
 using namespace testing;
 
-// Floods from the grid's corner through clear voxels and returns whether `goal` is reached.
+// Floods from the grid's corner through clear voxels and returns true if `goal` is reached.
 bool Leaks(const VoxelizeResult& result, const std::array<int64_t, 3>& goal, bool diagonal_moves) {
   const auto& d = result.grid.dims;
   const auto at = [&](int64_t x, int64_t y, int64_t z) { return uint64_t(x + d[0] * (y + d[1] * z)); };

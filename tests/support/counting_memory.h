@@ -1,16 +1,16 @@
-// Host memory that this process has allocated, counted by the allocators themselves: malloc and what stands on it, and
-// the mappings of the page pool. Linked with -Wl,--wrap=mmap,--wrap=munmap.
+// Host memory that this process has allocated, counted by the allocators themselves: malloc and everything based on it,
+// and the mappings of the page pool. Linked with -Wl,--wrap=mmap,--wrap=munmap.
 #pragma once
 
 #include <cstdint>
 
 namespace voxelpipe::testing {
 
-// False where a sanitizer's allocator is in the place of the counted one: then nothing is counted.
+// False if a sanitizer's allocator replaces the counted one: then nothing is counted.
 bool CountsMemory();
-// Bytes that are allocated now; blocks that the page pool keeps idle count.
+// Currently allocated bytes, including idle blocks of the page pool.
 uint64_t AllocatedBytes();
-// The most since the last ResetAllocatedPeak.
+// The maximum since the last ResetAllocatedPeak.
 uint64_t AllocatedPeak();
 void ResetAllocatedPeak();
 

@@ -1,4 +1,4 @@
-// A device that breaks on demand.
+// A device that fails on demand.
 #pragma once
 
 #include <cstdint>
@@ -10,13 +10,13 @@
 
 namespace voxelpipe::testing {
 
-// What goes wrong from now on.
+// The fault to inject from now on.
 struct Fault {
   std::string kind;   // error, lost, memory (device failures), throw (an exception), stall; empty: nothing
   std::string stage;  // where: start, vertex_shade, coarse_raster, tile_sort, begin_slab, fine_raster, emit, finish
-  int runs = 1;       // so many runs are hit, those that start next; -1: all
-  int slab = 0;       // for stages of slabs: in which one, counted from 0; memory: from which one on
-  int probes = 0;     // so many probes fail
+  int runs = 1;       // number of affected runs, from the next one on; -1: all
+  int slab = 0;       // for stages of slabs: the slab, counted from 0
+  int probes = 0;     // number of failing probes
   std::string probe;  // "stall": they do not end, while the fault is set
 
   friend bool operator==(const Fault&, const Fault&) = default;
@@ -25,15 +25,14 @@ struct Fault {
 // "kind=lost stage=fine_raster runs=1 probes=2", keys in any order, unknown ones ignored.
 Fault ParseFault(const std::string& text);
 
-// Does the CPU's work under the name of a GPU. Thread-safe. A stalled run or probe goes on when the fault is set anew.
+// The CPU backend under the name of a GPU. Thread-safe. A stalled run or probe continues when the fault is set again.
 class FaultyBackend final : public Backend {
  public:
-  // `control_file`: read before every run and probe; what it says becomes the fault whenever it says something else
-  // than before. Empty: none.
+  // `control_file`: read before every run and probe; sets the fault whenever its contents have changed. Empty: none.
   explicit FaultyBackend(std::string device = "cuda:0", std::string control_file = "");
 
   void Set(const Fault& fault);
-  // Runs that were started, those that failed included.
+  // Started runs, including failed ones.
   int runs() const;
 
   std::string_view name() const override { return "cuda"; }

@@ -34,7 +34,7 @@ struct ShadingScene {
   }
 };
 
-// Binds `call` and shades one fragment; fails the test where it does not bind.
+// Binds `call` and shades one fragment; fails the test if it does not bind.
 inline FragmentOutput ShadeOne(const MeshView& view, const ShaderCall& call, const Vec3f& barycentric,
                                const Vec3i& voxel = {0, 0, 0}, bool degenerate = false) {
   FragmentOutput out;

@@ -1,4 +1,4 @@
-// How much slower a build with a sanitizer is than a plain one, about.
+// The approximate slowdown of a build with a sanitizer.
 #pragma once
 
 namespace voxelpipe::testing {

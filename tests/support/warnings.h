@@ -1,4 +1,4 @@
-// Warnings as tests look at them.
+// Warnings in the form that tests compare.
 #pragma once
 
 #include <string>

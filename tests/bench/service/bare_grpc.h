@@ -1,4 +1,4 @@
-// What any service on gRPC is measured against: a server that does nothing, and its client.
+// The baseline of any gRPC service: a server that does nothing, and its client.
 #pragma once
 
 #include <sys/types.h>
@@ -13,7 +13,7 @@
 
 namespace voxelpipe::bench {
 
-// A certificate that both sides believe, and its key: PEM files. Empty: plain text.
+// A certificate that both sides trust, and its key: PEM files. Empty: plain text.
 struct BareTls {
   std::string cert_file, key_file;
 };
@@ -30,18 +30,18 @@ class BareGrpc {
  public:
   BareGrpc(pid_t server, int port, const BareTls& tls);
 
-  // A stream of `total` bytes in messages of `piece`: ready slices sent as they are, read as they come. The same slice
-  // again and again, or, if `wide`, one after the other of 128 MiB, as those of a large result are.
+  // A stream of `total` bytes in messages of `piece`: prepared slices, read on arrival. The same slice repeatedly, or,
+  // if `wide`, successive slices of 128 MiB, as in a large result.
   Measured RawStream(size_t piece, size_t total, bool wide = false);
-  // The same through a message with a bytes field, as generated code has it.
+  // The same with a message with a bytes field, as in generated code.
   Measured BytesStream(size_t piece, size_t total);
-  // A stream up: the same slice again and again, read as it comes and let go.
+  // A client stream: the same slice repeatedly, read on arrival and discarded.
   Measured RawUpload(size_t piece, size_t total);
   // Unary calls of `request` bytes up and `response` down, `in_flight` threads with one at a time each.
   Measured Unary(size_t request, size_t response, int in_flight, double seconds);
   // The same from one thread that polls, as voxelpipe bench does.
   Measured UnaryPolled(size_t request, size_t response, int in_flight, double seconds);
-  // Small messages on one bidirectional stream, at most `window` of them under way.
+  // Small messages on one bidirectional stream, at most `window` of them outstanding.
   Measured Bidirectional(size_t request, size_t response, int window, double seconds);
 
   const std::shared_ptr<grpc::Channel>& channel() const { return channel_; }

@@ -1,4 +1,4 @@
-// CPU time of processes, and what a measured span took of it.
+// CPU time of processes, in total and over a measured span.
 #pragma once
 
 #include <sys/types.h>
@@ -8,7 +8,7 @@
 
 namespace voxelpipe::bench {
 
-// CPU seconds that the process has used, all its threads; 0 where it is gone.
+// CPU seconds of the process, all threads; 0 if it has ended.
 inline double CpuSeconds(pid_t pid) {
   clockid_t clock;
   timespec time{};

@@ -2,7 +2,8 @@
 // requests/s, GB/s, CPU-s/GB.
 //   service_yardstick [--seconds S] [--megabytes N] [--streams] [--tls-cert FILE --tls-key FILE]
 //     --streams: only the streams of bytes, N MiB each
-//   service_yardstick --rate R [--seconds S]: unary calls at random, R a second, 20 KB up and 5 KB down; latency from when they were due
+//   service_yardstick --rate R [--seconds S]: unary calls at random, R a second, 20 KB up and 5 KB down; latency from
+//   the scheduled send times
 //   service_yardstick --serve [--tls-cert FILE --tls-key FILE]
 #include <signal.h>
 #include <sys/wait.h>

@@ -1,4 +1,4 @@
-// Bare gRPC under requests that come when they come.
+// Bare gRPC under an open loop of requests.
 #pragma once
 
 #include <memory>
@@ -12,7 +12,7 @@ namespace voxelpipe::bench {
 
 struct OpenLoop {
   Measured measured;
-  cli::Histogram latency_ns;  // since a request was due, as voxelpipe bench has it
+  cli::Histogram latency_ns;  // from the scheduled send time, as in voxelpipe bench
 };
 
 // Unary calls of `request` bytes up and `response` down against a ServeBareGrpc process, `rate` a second at random for

@@ -1,4 +1,4 @@
-// Unary calls from one thread that looks at all of them: the cheapest client that gRPC has.
+// Unary calls from one polling thread: the cheapest client of gRPC.
 #pragma once
 
 #include <sys/types.h>
@@ -12,8 +12,8 @@
 
 namespace voxelpipe::bench {
 
-// Calls `method` of the process `server` with `request`, `in_flight` calls at a time, for so long. Calls that fail do
-// not count. `response`: bytes of an answer, for the rate.
+// Calls `method` of the process `server` with `request`, `in_flight` calls at a time, for `seconds`. Failed calls do
+// not count. `response`: bytes of a response, for the rate.
 Measured PolledUnary(const std::shared_ptr<grpc::Channel>& channel, const char* method, const grpc::ByteBuffer& request,
                      size_t response, int in_flight, double seconds, pid_t server);
 

@@ -1,7 +1,8 @@
 // service_client SERVER SERVER_PID MESH SECONDS [CA_FILE]: what the C++ client makes of a server's bytes, one JSON
 // object.
-//   "result": dense 512^3 u8 that the server keeps (--result-cache-bytes), into memory, checked by CRC-32C; "hashed": by SHA-256, too.
-//   "upload": the mesh's bytes from the first to the last of them on their way, by UploadMesh; the mesh is deleted in between.
+//   "result": dense 512^3 u8 from the server's cache (--result-cache-bytes), to memory, checked by CRC-32C; "hashed":
+//   by SHA-256 too.
+//   "upload": sending all bytes of the mesh by UploadMesh; the mesh is deleted in between.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>

@@ -1,5 +1,4 @@
-// Spoils mesh files and requests where a loader looks: in the JSON's values, in the counts and offsets, in the
-// compressed streams.
+// Corrupts mesh files and requests where a loader reads: values of the JSON, counts and offsets, compressed streams.
 #pragma once
 
 #include <cstdint>
@@ -15,12 +14,12 @@ namespace voxelpipe::fuzz {
 using Random = std::mt19937_64;
 
 struct Case {
-  std::string seed;  // the name of the file that was spoilt
+  std::string seed;  // the name of the corrupted file
   std::vector<uint8_t> mesh;
   VoxelizeRequest request;
 };
 
-// The same for the same two numbers, whatever the machine.
+// The same for the same two numbers on every machine.
 Case MakeCase(uint64_t seed, uint64_t number);
 
 // Changes some bytes: flips, overwrites, cuts, repeats.

@@ -1,4 +1,4 @@
-// Valid mesh files, one of each kind of thing that the loader reads, for a fuzzer to spoil.
+// Valid mesh files, one for each feature of the loader, for a fuzzer to corrupt.
 #pragma once
 
 #include <cstdint>

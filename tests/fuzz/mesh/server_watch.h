@@ -1,4 +1,4 @@
-// A server process under a fuzzer: whether it lives, and what it takes.
+// A server process under a fuzzer: its state and its memory.
 #pragma once
 
 #include <sys/types.h>
@@ -26,7 +26,7 @@ class ServerWatch {
   ServerWatch& operator=(const ServerWatch&) = delete;
 
   const std::string& address() const { return address_; }
-  // Empty while it runs; else how it ended: "signal 11", "exit code 1".
+  // Empty while it runs; otherwise how it ended: "signal 11", "exit code 1".
   std::string Ended();
   // Resident memory of it and of its children, bytes.
   uint64_t ResidentBytes() const;

@@ -1,4 +1,4 @@
-// Every parser of strangers' bytes, behind one entry that takes any bytes.
+// Every parser of untrusted input, behind one entry that takes any bytes.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@ namespace voxelpipe::fuzz {
 struct Parser {
   const char* name;
   void (*run)(std::span<const uint8_t> bytes);
-  std::vector<std::vector<uint8_t>> (*seeds)();  // what it accepts, to begin with
+  std::vector<std::vector<uint8_t>> (*seeds)();  // valid inputs to start from
 };
 
 // gltf, glb, draco, image, meshopt, data_uri, manifest, options.

@@ -1,4 +1,4 @@
-// What the GPU table measures: a call of the CUDA backend, stage by stage, between CUDA events.
+// The measurement of the GPU table: a call of the CUDA backend, stage by stage, between CUDA events.
 #pragma once
 
 #include <cuda_runtime_api.h>

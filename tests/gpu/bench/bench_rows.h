@@ -1,4 +1,4 @@
-// The GPU table: which cases are measured on which mesh and grid, and what times are asked for.
+// The rows of the GPU table: cases with their mesh, grid and target time.
 #pragma once
 
 #include <string>
@@ -19,12 +19,12 @@ struct BenchRow {
 // In the order of BenchMeshes.
 std::vector<BenchRow> BenchRows();
 
-// Shaders as users run them: meshes with normals, texture coordinates, a texture and an attribute. Occupied voxels are
-// not those of bits where a shader discards. No times are asked for; the ratios count.
+// Shaders as users run them: meshes with normals, texture coordinates, a texture and an attribute. Occupied voxels
+// differ from those of bits where a shader discards. Without target times; the ratios count.
 std::vector<BenchRow> ShaderRows();
 
-// Requests of whole calls, from a mesh on the host to a result on the host, and of the times of single stages; no times
-// are asked for.
+// Requests of whole calls, from a mesh on the host to a result on the host, and of the times of single stages; without
+// target times.
 std::vector<BenchRow> WholeCallRows();
 std::vector<BenchRow> StageRows();
 

@@ -7,7 +7,8 @@
 //   --budget S      rows that would begin after so many seconds are not run, and say so
 //   --repeats N     at most so many measured runs a row (60)      --warmup N   runs before them (3)
 //   --only PART     one of: table, shaders, stages, calls, batch
-//   --memory BYTES  so much of the device's memory may be taken: larger grids go by slabs
+//   --tiles 1       targets use tiles, as in grids beyond the range of records
+//   --memory BYTES  limit of the device's memory: larger grids use slabs
 //
 // Method of the table: mesh on the device, result left there, CUDA events on the backend's stream around the whole
 // call, clearing included, median of the measured runs and their 10th and 90th percentiles. Whole calls: wall clock of

@@ -1,4 +1,4 @@
-// What batches of A-buffers and of flood fills are asked for.
+// Requests for batches of A-buffers and of flood fills.
 #pragma once
 
 #include <vector>
@@ -7,8 +7,9 @@
 
 namespace voxelpipe::gpu {
 
-// Both coverages, layouts and kinds of grid, from one voxel to odd sizes; targets of every width, of shaders that
-// discard, and none but such. The last one is refused: center coverage has no A-buffer. For meshes about [0, 40].
+// Both coverages, layouts and kinds of grid, from one voxel to odd sizes; targets of every width, with shaders that
+// discard, and with only such shaders. The last one is refused: center coverage has no A-buffer. For meshes about [0,
+// 40].
 std::vector<ParityCase> ABufferCases();
 // What every mesh has: occupied voxels, ids, positions; for meshes that are `large`, or lie anywhere.
 VoxelizeRequest FittedABuffer(int64_t resolution, bool shaded);

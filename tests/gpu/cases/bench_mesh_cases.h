@@ -1,4 +1,4 @@
-// What a backend must answer with another's bytes on the benchmark's meshes.
+// Parity cases on the meshes of the benchmark.
 #pragma once
 
 #include <string>

@@ -1,4 +1,4 @@
-// Cases for which fine meshes have ways of their own.
+// Cases for which fine meshes have paths of their own.
 #pragma once
 
 #include <vector>
@@ -7,16 +7,16 @@
 
 namespace voxelpipe::gpu {
 
-// Plain bits in grids so large for so many triangles that they are set in bricks first, where the cache is small; of
-// meshes that are neither tiny nor huge.
+// Occupancy bits in grids so large for the number of triangles that bits are first set in bricks, if the cache is
+// small; of meshes that are neither tiny nor huge.
 std::vector<ParityCase> BrickCases(const ParityMesh& named, size_t triangles);
-// Plain bits where triangles of a fine mesh reach over a few voxels each, and are as many as the grid's largest face
-// has voxels: where the cache is small most of them go by rows at once. Of meshes that are neither small nor huge.
+// Occupancy bits where triangles of a fine mesh cover a few voxels each and are as many as the voxels of the grid's
+// largest face: if the cache is small, most of them are rasterized by rows. Of meshes that are neither small nor huge.
 std::vector<ParityCase> RowCases(const ParityMesh& named, size_t triangles);
-// Largest and least values of four components in dense results: shaders, coverages, fills, grids and slabs.
+// Maximum and minimum values of four components in dense results: shaders, coverages, fills, grids and slabs.
 std::vector<ParityCase> FourCases(const ParityMesh& named);
-// A-buffers where triangles that follow one another have voxels in common: their fragments are bundled where the cache
-// is small. Of meshes that are neither tiny nor huge.
+// A-buffers where consecutive triangles share voxels: their fragments are grouped if the cache is small. Of meshes that
+// are neither tiny nor huge.
 std::vector<ParityCase> BundleCases(const ParityMesh& named, size_t triangles);
 
 }  // namespace voxelpipe::gpu

@@ -1,5 +1,5 @@
-// Requests that a backend must answer with another's bytes: formats, blends, shaders, coverages, fills, kinds, layouts,
-// grids and slabs, combined.
+// Parity cases, for which two backends must return the same bytes: formats, blends, shaders, coverages, fills, kinds,
+// layouts, grids and slabs, combined.
 #pragma once
 
 #include <array>
@@ -16,16 +16,16 @@ struct ParityCase {
   VoxelizeRequest request;
   int64_t slab_depth = 0;  // of the backend under test; 0 = the plan's choice
   bool streamed = false;   // VoxelizeTo instead of Voxelize
-  uint64_t enough = 0;     // bytes of device memory with which it has to go on by slabs; 0: as many as it takes
+  uint64_t enough = 0;     // limit of device memory, which forces slabs; 0: no limit
 };
 
-// A grid of so many voxels of a size, from a corner on.
+// A grid by dims, voxel size and origin.
 GridRequest Placed(std::array<int64_t, 3> dims, const Vec3d& origin, const Vec3d& voxel);
 
-// One line, enough to make the request again.
+// One line, sufficient to reproduce the request.
 std::string Describe(const ParityCase& c);
 
-// What a request is made of, a word each: the result kind, coverage, ..., each format, blend and shader. For tallies.
+// The features of a request, a word each: the result kind, coverage, ..., each format, blend and shader. For tallies.
 std::vector<std::string> FeaturesOf(const ParityCase& c);
 
 struct CaseSizes {
@@ -41,22 +41,22 @@ std::vector<ParityCase> CasesFor(const ParityMesh& named, const TriangleMesh& me
 inline void AppendTo(std::vector<ParityCase>& cases, const std::vector<ParityCase>& more) {
   cases.insert(cases.end(), more.begin(), more.end());
 }
-// Each kernel once or twice, so small that it runs under a sanitizer.
+// Each kernel once or twice, small enough for a sanitizer.
 std::vector<ParityCase> QuickCases(const ParityMesh& named);
-// Largest and least values in sparse results, which have a way of their own: shaders, formats, coverages, grids and
+// Maximum and minimum values in sparse results, which have a path of their own: shaders, formats, coverages, grids and
 // slabs.
 std::vector<ParityCase> PooledCases(const ParityMesh& named);
 // The largest triangle ids in dense results, whose covered voxels are counted by their values: formats, coverages,
 // grids and slabs.
 std::vector<ParityCase> LargestIdCases(const ParityMesh& named);
-// Each way to make a result, in a grid of 56 layers, for meshes about [0, 40].
+// Each path, in a grid of 56 layers, for meshes about [0, 40].
 std::vector<ParityCase> SlabCases();
-// Every vertex shader that the mesh has what it needs for, under each result kind: positions alone, and all that
-// fragment shaders read.
+// Every vertex shader that the mesh supports, with each result kind: positions alone, and all that fragment shaders
+// read.
 std::vector<ParityCase> VertexShaderCases(const ParityMesh& named, const TriangleMesh& mesh);
 
-// Grids that hold a mesh of coordinates about [0, extent]. Index space is world space on most; the others place the mesh
-// between voxels.
+// Grids for a mesh of coordinates about [0, extent]. In most of them index space is world space; the others have a
+// fractional origin.
 std::vector<GridRequest> GridsFor(double extent);
 
 }  // namespace voxelpipe::gpu

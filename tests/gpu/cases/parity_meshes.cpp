@@ -274,7 +274,9 @@ std::vector<ParityMesh> ParityMeshes(uint32_t seed) {
   all.push_back({"far_vertex", 20, [] { return One({1, 2, 3}, {0x1p41, 2, 5}, {9, 1, 5}); }, true});
   // More fragments than there are by any guess from its triangles or the grid's voxels.
   add("crowd", 8, [=] { return Giants(900, 8, 24, seed + 16); });
-  add("sphere5k", 72, [] { return Moved(bench::BumpySphere(5000), 72, {0, 0, 0}); });  // of triangles that go by rows
+  add("sphere5k", 72, [] {
+    return Moved(bench::BumpySphere(5000), 72, {0, 0, 0});
+  });  // its triangles are rasterized by rows
   add("of_all_sizes", 80, [=] { return OfAllSizes(seed + 17); });
   // Likewise more fragments than by any guess, of small triangles, which are bundled where the cache is small.
   add("throng", 8, [=] { return Pile(900, {4, 4, 4}, 4, 1.5, seed + 18); });

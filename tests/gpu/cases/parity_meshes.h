@@ -1,4 +1,4 @@
-// The meshes on which the CUDA backend must give the CPU's bytes: each made of what is hard for some kernel.
+// The meshes of parity cases: each is difficult for some kernel.
 #pragma once
 
 #include <functional>
@@ -9,8 +9,8 @@
 
 namespace voxelpipe::gpu {
 
-// Made when its turn comes. Coordinates lie about [0, extent], so that a grid of `extent` voxels of size 1 holds the
-// mesh; extent 0: they lie anywhere, and grids are fitted.
+// Made on demand. Coordinates lie about [0, extent], so that a grid of `extent` voxels of size 1 holds the mesh; extent
+// 0: they lie anywhere, and grids are fitted.
 struct ParityMesh {
   std::string name;
   double extent = 40;

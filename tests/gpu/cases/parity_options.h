@@ -1,4 +1,4 @@
-// What cuda_parity is asked to do; the head of cuda_parity.cpp says what each option means.
+// The options of cuda_parity; cuda_parity.cpp describes them.
 #pragma once
 
 #include <cstdint>
@@ -12,13 +12,13 @@ struct ParityOptions {
   bool paths = false;
   std::string filter, bunny;
   std::vector<std::string> files;
-  uint64_t cache = 0;  // bytes; 0: as the device says
+  uint64_t cache = 0;  // bytes; 0: that of the device
   uint32_t every = 1;  // every so many cases of a mesh one is run, and no batches if not all are
   uint32_t seed = 1;
   double budget_s = 1e9;
 };
 
-// False: an option that is not known, or one without its value.
+// False for an unknown option, or one without its value.
 bool ParseParityOptions(int argc, char** argv, ParityOptions& options);
 
 }  // namespace voxelpipe::gpu

@@ -1,4 +1,4 @@
-// The meshes of cuda_parity, and what is asked of each.
+// The meshes of cuda_parity, and the cases of each.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +19,7 @@ struct Subject {
   std::vector<ParityCase> cases;
 };
 
-// Of a mesh of ParityMeshes, which counts from 1. Null where `quick` leaves the mesh out.
+// Of a mesh of ParityMeshes, which counts from 1. Null if `quick` omits the mesh.
 std::optional<Subject> MakeSubject(const ParityMesh& named, uint32_t number, const ParityOptions& options);
 
 }  // namespace voxelpipe::gpu

@@ -1,5 +1,4 @@
-// A mesh for the shaders that pose: a skinned part, a morphed one that stands there several times, one that does
-// neither.
+// A mesh for the posing shaders: a skinned part, a morphed one with several instances, and a static one.
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,5 @@
-// Requests for the mesh whose triangles lie scattered: plain bits, sums, largest and least values, which kernels of
-// their own make where the cache does not hold the grid. Few caches are so small; that of the kernels on the host is.
+// Requests for the unordered mesh: occupancy bits, sums, maxima and minima, which have kernels of their own if the grid
+// exceeds the cache. Few real caches are so small; that of the emulator is.
 #pragma once
 
 #include <vector>

@@ -1,4 +1,4 @@
-// Requests of solids: coverage none, signed crossings, what filled voxels hold by default, sRGB, and fitted grids with
+// Requests of solids: coverage none, signed crossings, default values of filled voxels, sRGB, and fitted grids with
 // walls.
 #pragma once
 
@@ -8,11 +8,11 @@
 
 namespace voxelpipe::gpu {
 
-// A fitted grid of about n voxels an axis, whose last voxels end a little before the mesh's box does: the mesh is moved
-// to its walls (grid/index_space.h). `share`: of what walls take at most, beyond them.
+// A fitted grid of about n voxels an axis, which ends a little before the mesh's box: vertices are moved to its walls
+// (grid/index_space.h). `share`: the distance beyond the walls, as a share of the maximum.
 GridRequest WalledGrid(const TriangleMesh& mesh, int64_t n, double share);
 
-// `quick`: each way once.
+// `quick`: each path once.
 std::vector<ParityCase> SolidCases(const TriangleMesh& mesh, bool quick);
 
 }  // namespace voxelpipe::gpu

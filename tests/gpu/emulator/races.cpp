@@ -25,8 +25,7 @@ namespace {
 using BlockName = std::pair<uint32_t, uint32_t>;
 using ThreadName = std::pair<BlockName, unsigned>;
 
-// What a thread knows of others by fences: of blocks, which barriers all they did before is known of; of threads, up to
-// which clock.
+// The accesses of others that fences order before a thread: per block up to a barrier, per thread up to a clock.
 struct Knowledge {
   std::map<BlockName, uint32_t> phases;
   std::map<ThreadName, uint32_t> clocks;
@@ -210,7 +209,7 @@ class Races {
     return (at >= shared_ && at < shared_end_) || (at >= &__data_start && at < &_end);
   }
 
-  // Whether the running thread comes behind an access of another one.
+  // True if the running thread is ordered after an access of another one.
   bool Knows(const Access& a) const {
     const Thread& me = *running_;
     if (a.kernel != kernel_ && a.kernel <= me.knows_kernel) return true;
@@ -301,7 +300,7 @@ class Races {
   unsigned thread_ = 0;
   const char *stack_ = nullptr, *stack_end_ = nullptr, *shared_ = nullptr, *shared_end_ = nullptr;
   std::unordered_map<uintptr_t, Word> words_, shared_words_;
-  std::unordered_map<const void*, Known> sync_, shared_sync_;  // what is known to whoever sees what was written there
+  std::unordered_map<const void*, Known> sync_, shared_sync_;  // the knowledge of readers of a value written there
   std::set<std::tuple<std::string, const void*, const void*>> told_;
   std::set<std::string> found_;
 };

@@ -45,7 +45,7 @@ bool IsPlain(const VoxelizeRequest& request) {
                      [](const TargetSpec& t) { return t.format == VoxelFormat::kBit && t.shader.name == "occupancy"; });
 }
 
-// Whether its A-buffer shares a pass: it is so small that whatever its triangles are it has few fragments.
+// True if its A-buffer shares a pass: it is so small that any triangles have few fragments.
 bool IsSmallABuffer(const TriangleMesh& mesh, const VoxelizeResult& result) {
   return result.kind == ResultKind::kBuckets && mesh.triangles.size() * result.grid.voxels() <= 1 << 24;
 }

@@ -16,17 +16,17 @@ class BatchParity {
   // Batches of at most so many items, run on `device`.
   BatchParity(const Backend& device, size_t most) : device_(device), most_(most) {}
 
-  // Adds those of the cases that make sense in a batch: every one of plain bits, and of the others each `every`-th.
+  // Adds the cases that make sense in a batch: all of occupancy bits, and every `every`-th of the others.
   void Add(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh,
            const std::vector<ParityCase>& cases, size_t every);
-  // Adds A-buffers of all kinds of a mesh about [0, 40].
+  // Adds A-buffers of all kinds for a mesh about [0, 40].
   void AddABuffers(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh);
-  // The same of flood fills, each second one from `first` on.
+  // The same for flood fills, every second one from `first` on.
   void AddFloods(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh, size_t first);
-  // Runs what is waiting.
+  // Runs the waiting items.
   void Flush();
-  // The same, A-buffers of empty meshes and flood fills of all kinds of meshes among it; and then whether a pass of
-  // many A-buffers or flood fills takes as many launches as one of few.
+  // The same with A-buffers of empty meshes and flood fills of all kinds of meshes; then checks that a pass of many
+  // A-buffers or flood fills has as many launches as a pass of few.
   void Finish();
 
   // Prints the first differences as they are found, and one line at the end.
@@ -39,14 +39,14 @@ class BatchParity {
     std::string line;
     std::shared_ptr<const TriangleMesh> mesh;
     VoxelizeRequest request;
-    std::optional<bool> shares;  // a pass; none: whatever it does
+    std::optional<bool> shares;  // a pass; empty: either
   };
 
   void Add(std::string line, std::shared_ptr<const TriangleMesh> mesh, const VoxelizeRequest& request,
            std::optional<bool> shares = std::nullopt);
   void Differ(const std::string& line, const std::string& how);
   void CheckLaunches();
-  // Whether the device shares passes at all; whether it has so little memory that many take several.
+  // True if the device shares passes; true if its memory is so small that many take several passes.
   bool Shares() const { return device_.name() == "cuda"; }
   bool IsShort() const { return device_.memory_bytes() < uint64_t{1} << 30; }
 

@@ -6,9 +6,9 @@
 //   --batches       the batches alone
 //   --bench-meshes  the benchmark's meshes at 512^3 and 1024^3 instead
 //   --bunny FILE    of --bench-meshes: a bunny of 69,451 triangles
-//   --cache BYTES   the device is taken for one whose L2 cache is so large: small grids then go the ways of large ones
-//   --span-limits   spans have numbers for slabs of eight layers and lists of 64 triangles: many slabs, many lists
-//   --paths         every path that the options lead to has to have run, with a filter too
+//   --cache BYTES   assumed size of the L2 cache: small grids then take the paths of large ones
+//   --tiles         no grid is small enough for records: targets use tiles
+//   --paths         every path that the options allow must have run, with a filter too
 //   --every K       one of K cases of each mesh, and no batches
 //   --filter TEXT   only cases whose line holds TEXT; a line begins "MESH#NUMBER "
 //   --seed N        other random meshes and requests
@@ -287,7 +287,7 @@ class Parity {
     return false;
   }
 
-  // Whether another run uploads `bytes` of the mesh, but for its small parts.
+  // True if another run uploads `bytes` of the mesh, ignoring its small parts.
   void CheckUpload(const std::string& name, const TriangleMesh& mesh, ParityCase c, uint64_t bytes) {
 #ifdef VOXELPIPE_HAVE_CUDA
     if (options_.self || options_.list || !options_.filter.empty()) return;

@@ -1,4 +1,4 @@
-// Where two results differ first.
+// The first difference of two results.
 #pragma once
 
 #include <optional>
@@ -16,8 +16,8 @@ struct Delivered {
   VoxelizeStats stats;
 };
 
-// Nothing where grid, arrays and counts (occupied, odd_columns, and fragments where both count them) are equal;
-// otherwise a line that names the first array, the element and both values, and how many elements of it differ.
+// Empty if grid, arrays and counts (occupied, odd_columns, and fragments if both count them) are equal; otherwise a
+// line that names the first array, the element and both values, and how many elements of it differ.
 std::optional<std::string> FirstDifference(const Delivered& expected, const Delivered& got);
 
 }  // namespace voxelpipe::gpu

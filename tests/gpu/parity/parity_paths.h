@@ -1,4 +1,4 @@
-// Which paths made the targets of the cases.
+// The paths of the targets of the cases.
 #pragma once
 
 #include <cstdint>
@@ -9,8 +9,8 @@
 
 namespace voxelpipe::gpu {
 
-// Prints how often each path made a target. False if one never ran that the options lead to, where all cases run or
-// options.paths asks for it.
+// Prints how often each path ran. False if a path that the options allow never ran, if all cases run or options.paths
+// is set.
 bool PrintPaths(const std::map<std::string, uint64_t>& paths, const ParityOptions& options);
 
 }  // namespace voxelpipe::gpu

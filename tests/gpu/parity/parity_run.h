@@ -9,7 +9,7 @@
 
 namespace voxelpipe::gpu {
 
-// What the case's request gives for the mesh: streamed or in memory, with the case's slab depth. Errors: the run's.
+// The result of the case's request for the mesh: streamed or in memory, with the case's slab depth. Errors: the run's.
 absl::StatusOr<Delivered> Run(const TriangleMesh& mesh, const ParityCase& c, const JobContext& job = {});
 
 }  // namespace voxelpipe::gpu

@@ -400,7 +400,7 @@ TEST_F(MeshStoreTest, WhoCancelsDoesNotDisturbWhoWantsTheSame) {
   const auto result = second.get();
   EXPECT_TRUE(result.ok()) << result.status();
 
-  // And where nobody wants it any more, the one worker is free at once.
+  // And when no client waits for it any more, the one worker is free at once.
   JobContext slow_job;
   std::promise<void> began;
   request.grid.resolution = 512;

@@ -21,7 +21,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-// A cube without scenes, whose texture is a file that nobody sent.
+// A cube without scenes, whose texture is a file that was not sent.
 std::vector<uint8_t> FaultyGlb() {
   GlbBuilder builder;
   const Shape cube = CubeShape();

@@ -124,7 +124,7 @@ class WholeTest : public ::testing::Test {
     EXPECT_TRUE(http.ok()) << http.status();
     return http.ok() ? SampleOf(HttpGet(*http, "/metrics"), name) : -1;
   }
-  // Whether it comes to be so; calls are counted when gRPC is done with them, a moment after their clients.
+  // True if it becomes true in time; calls are counted when gRPC is done with them, a moment after their clients.
   bool Soon(const std::function<bool()>& condition) {
     const auto end = std::chrono::steady_clock::now() + kPatience;
     while (!condition()) {
@@ -379,8 +379,8 @@ TEST_F(WholeTest, CancelAndDeadlineEndTheCallAndFreeTheWorker) {
   EXPECT_EQ(Sample("voxelpipe_memory_bytes{budget=\"uploads\"}"), 0);
 }
 
-// Equal requests are one run: one who is gone takes nothing from the others, and the answer that does not fit into one
-// message is told to each.
+// Equal requests share one run: a cancelled one does not affect the others, and all get the error of a result too large
+// for one message.
 TEST_F(WholeTest, EqualRequestsShareOneRun) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   const JobContext job;

@@ -1,4 +1,4 @@
-// Lists that do not agree with each other are not believed.
+// Inconsistent lists are refused.
 #include "reply/list_check.h"
 
 #include <cstring>

@@ -1,4 +1,4 @@
-// What the client believes of a server's answer.
+// The client's checks of a server's response.
 #include "result_reader.h"
 
 #include <zstd.h>

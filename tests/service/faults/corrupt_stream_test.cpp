@@ -236,7 +236,7 @@ TEST_F(CorruptStreamTest, EmptyFieldsWithoutNumberTakeNoMemory) {
   const std::string service = "/voxelpipe.v1.VoxelizationService/";
   const std::vector<std::pair<std::string, std::string>> calls = {
       {"EstimateVoxelization", config},
-      {"GetMesh", many(15)},  // fields that nobody knows
+      {"GetMesh", many(15)},  // unknown fields
       {"UploadMesh", many(15)},
       {"Voxelize", config},
       {"Voxelize", in_field(v1::VoxelizeRequest::kWholeFieldNumber, config)},
@@ -249,7 +249,7 @@ TEST_F(CorruptStreamTest, EmptyFieldsWithoutNumberTakeNoMemory) {
     EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << method << ": " << status.error_message();
     EXPECT_THAT(status.error_message(), HasSubstr("at most 1048576")) << method;
   }
-  // The messages' own bytes, some of them still on their way back to the system.
+  // The messages' own bytes, some of which are not yet returned to the system.
   EXPECT_LT(ReadProcessFacts(server_->pid()).peak_bytes, peak + (160u << 20));
 }
 

@@ -89,7 +89,7 @@ class IsolationTest : public ::testing::Test {
     }
     return false;
   }
-  // Of --http-listen: whether so many processes have a question.
+  // From --http-listen: true if this many processes are busy.
   bool WaitUntilBusy(int count) {
     const auto http = server_->http_address();
     const std::string line = "voxelpipe_load_workers_busy " + std::to_string(count) + "\n";

@@ -30,7 +30,7 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
 
-// Whether it comes true while a test waits.
+// True if it becomes true while a test waits.
 bool Soon(const std::function<bool()>& condition) {
   const auto deadline = std::chrono::steady_clock::now() + kPatience;
   while (!condition()) {

@@ -157,7 +157,7 @@ TEST_F(BenchTest, TheServersShareIsTold) {
   EXPECT_GT(run["server"]["voxelize_ms"]["max"], 0.0);
 }
 
-// Whoever makes the mesh chooses the names in it.
+// The author of a mesh chooses the names in it.
 TEST_F(CommandTest, AMeshsErrorsReadTheSameInProcessAndServed) {
   const std::string name(1 << 20, 'n');
   const std::string begin = R"({"asset": {"version": "2.0"}, )";
@@ -226,8 +226,7 @@ TEST_F(CommandTest, CompressedResultsAreTheSameInFewerBytes) {
   EXPECT_THAT(nowhere.err, HasSubstr("--server"));
 }
 
-// The same of a mesh, whoever looks at it: a closed surface, an open one, and one with attributes and a warning of its
-// own.
+// The same report of a mesh from both: a closed surface, an open one, and one with attributes and a warning of its own.
 TEST_F(CommandTest, AServerSaysOfAMeshWhatThisProcessSays) {
   const std::string server = Start({"--backend", "cpu"});
   const std::string own = kOwnAttributes;
@@ -276,7 +275,7 @@ TEST_F(BenchTest, AnOpenLoopSendsWhatIsDueAndNoMore) {
 }
 
 TEST_F(BenchTest, LatencyCountsFromWhenARequestWasDue) {
-  // Far more than one thread can do: whoever is answered last has waited for the whole of the drain at least.
+  // Far more than one thread can do: the last response waits at least for the whole drain.
   const std::string server = Start({"--threads", "1", "--workers", "1"});
   const json run =
       BenchJson("triangles.glb", {"--server", server, "--rate", "100", "--duration", "0.3", "--resolution", "64",

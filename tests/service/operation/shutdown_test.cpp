@@ -1,4 +1,4 @@
-// The end of a server under load: an ordered one loses nothing that it took, a sudden one leaves nobody waiting.
+// Shutdown of a server under load: a graceful one loses no accepted call, a sudden one leaves no client waiting.
 #include <signal.h>
 
 #include <atomic>

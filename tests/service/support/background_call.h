@@ -15,7 +15,7 @@
 
 namespace voxelpipe::testing {
 
-// Cancelled at the latest when the object goes. `client` must outlive it.
+// Cancelled at the latest by the destructor. `client` must outlive it.
 class BackgroundCall {
  public:
   BackgroundCall(Client& client, std::vector<uint8_t> mesh_bytes, VoxelizeRequest request)
@@ -30,7 +30,7 @@ class BackgroundCall {
 
   void Cancel() { job_.Cancel(); }
 
-  // True once the server has planned the job: a worker is at it.
+  // True once the server has planned the job: a worker runs it.
   bool WaitUntilPlanned() { return WaitFor(kPlanned); }
   // True once this stage was reported. Also false when the call ends without it.
   bool WaitFor(const std::string& stage) {
@@ -71,7 +71,7 @@ class BackgroundCall {
   JobContext job_;
   const std::vector<uint8_t> mesh_bytes_;
   const VoxelizeRequest request_;
-  std::future<absl::StatusOr<RemoteResult>> result_;  // last: its thread uses all of the above
+  std::future<absl::StatusOr<RemoteResult>> result_;  // last member: its thread uses all of the above
 };
 
 }  // namespace voxelpipe::testing

@@ -13,7 +13,7 @@ constexpr char kNewKey[] = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -no
 
 absl::Status Run(const std::string& folder, const std::string& command) {
   const std::string line = absl::StrCat("cd '", folder, "' && { ", command, "; } >>openssl.log 2>&1");
-  // The command is ours; there is nothing of a stranger in it.
+  // The command contains no untrusted input.
   if (std::system(line.c_str()) != 0) return absl::InternalError(absl::StrCat("openssl: see ", folder, "/openssl.log"));
   return absl::OkStatus();
 }

@@ -13,7 +13,7 @@ struct CertificateFiles {
   std::string certificate, key;
 };
 
-// An authority of its own folder. Files live until it goes.
+// A certificate authority in a folder of its own, which its destructor removes.
 class CertificateAuthority {
  public:
   static absl::StatusOr<CertificateAuthority> Make();
@@ -21,11 +21,11 @@ class CertificateAuthority {
   CertificateAuthority(CertificateAuthority&& other) noexcept : folder_(std::exchange(other.folder_, "")) {}
   CertificateAuthority& operator=(CertificateAuthority&&) = delete;
 
-  // Its own certificate, which others believe.
+  // The CA certificate, for clients and servers that trust it.
   std::string ca() const { return folder_ + "/ca.pem"; }
   const std::string& folder() const { return folder_; }
-  // One that it signed, for the DNS name NAME.test and 127.0.0.1, valid from now for `days`; with 0 it has expired a
-  // day ago.
+  // One that it signed, for the DNS name NAME.test and 127.0.0.1, valid from now for `days`; with 0 it expired a day
+  // ago.
   absl::StatusOr<CertificateFiles> Sign(const std::string& name, int days = 2) const;
 
  private:

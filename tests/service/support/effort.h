@@ -1,4 +1,4 @@
-// How much a test that repeats itself does.
+// The number of repetitions of a test.
 #pragma once
 
 #include <algorithm>
@@ -8,13 +8,13 @@
 
 namespace voxelpipe::testing {
 
-// `thorough` where the environment has VOXELPIPE_THOROUGH_TESTS, else `usual`.
+// `thorough` if the environment has VOXELPIPE_THOROUGH_TESTS, otherwise `usual`.
 inline int Effort(int usual, int thorough) {
   return std::getenv("VOXELPIPE_THOROUGH_TESTS") == nullptr ? usual : thorough;
 }
 
-// Of something to do (rounds, triangles of LargeTrianglesGlb) as much as takes a build with a sanitizer about as long
-// as `plain` takes one without.
+// Scales an amount of work (rounds, triangles of LargeTrianglesGlb), so that a build with a sanitizer takes about as
+// long as one without takes for `plain`.
 inline int LessIfSlow(int plain) {
   return std::max(1, plain / kSlowdown);
 }

@@ -45,7 +45,7 @@ class ManyTest : public ::testing::Test {
     return item;
   }
 
-  // The bytes of all arrays, as a single call has them.
+  // The bytes of all arrays, as in a single call.
   std::string Single(const VoxelizeRequest& request) {
     const JobContext job;
     const auto result = client_->Voxelize(glb_, MeshFormat::kGlb, request, job);
@@ -56,7 +56,7 @@ class ManyTest : public ::testing::Test {
     return all;
   }
 
-  // The worker is free and the queue empty: a call comes through.
+  // Waits until the worker is idle and the queue empty: a call succeeds.
   void ExpectFree() {
     JobContext job;
     job.set_deadline(JobContext::Clock::now() + kPatience);
@@ -72,7 +72,7 @@ class ManyTest : public ::testing::Test {
   std::unique_ptr<Stream> stream_;
 };
 
-// What came for one job.
+// The messages for one job.
 struct JobAnswer {
   std::string bytes;
   int whole = 0, parts = 0, summaries = 0;

@@ -13,7 +13,7 @@ namespace voxelpipe::testing {
 grpc::Status SendRawMessages(const std::shared_ptr<grpc::Channel>& channel, const std::string& method,
                              const std::vector<std::string>& messages) {
   grpc::CompletionQueue queue;
-  // One operation at a time. Out: whether it succeeded.
+  // One operation at a time. Out: true if it succeeded.
   const auto wait = [&queue] {
     void* tag = nullptr;
     bool ok = false;

@@ -1,4 +1,4 @@
-// Mesh files made by code, as a client would send them.
+// Generated mesh files, as a client would send them.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@ namespace voxelpipe::testing {
 // coordinates, vertex colours, a base colour factor and a PNG texture, below a node that turns, scales and mirrors it.
 std::vector<uint8_t> TorusGlb(int n);
 
-// GLB of `count` random triangles as large as the unit cube: little to send, much work.
+// GLB of `count` random triangles as large as the unit cube: few bytes, much work.
 std::vector<uint8_t> LargeTrianglesGlb(int count);
 
 }  // namespace voxelpipe::testing

@@ -180,8 +180,8 @@ absl::StatusOr<CommandResult> RunVoxelpiped(const std::vector<std::string>& argu
 }
 
 std::unique_ptr<ServerProcess> StartServer(const std::vector<std::string>& arguments, const std::string& log_path) {
-  // Nobody polls the connection of a blocking client between its calls but gRPC's backup poller, every five seconds. So
-  // long would a server that drains wait for such a client's goodbye.
+  // Between its calls only gRPC's backup poller polls the connection of a blocking client, every five seconds. A
+  // draining server would wait that long for the GOAWAY of such a client.
   setenv("GRPC_CLIENT_CHANNEL_BACKUP_POLL_INTERVAL_MS", "100", /*overwrite=*/0);
   absl::StatusOr<std::unique_ptr<ServerProcess>> server = ServerProcess::Start(arguments, log_path);
   EXPECT_TRUE(server.ok()) << server.status();

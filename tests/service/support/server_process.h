@@ -1,5 +1,5 @@
 // A real voxelpiped for a test: its own process, its own port. VOXELPIPE_TEST_SERVER in the environment names another
-// binary than that of this build: one with a sanitizer, say, which leaves the tests themselves fast.
+// binary than that of this build, for example one with a sanitizer, while the tests themselves stay fast.
 #pragma once
 
 #include <sys/types.h>
@@ -17,12 +17,12 @@
 
 namespace voxelpipe::testing {
 
-// Long enough for a loaded machine; every wait of these tests ends by then.
+// The limit of every wait of these tests; long enough for a loaded machine.
 inline constexpr std::chrono::seconds kPatience{60 * kSlowdown};
 
-// What a finished command left.
+// The outcome of a finished command.
 struct CommandResult {
-  int exit_code = -1;  // 128 + signal where a signal ended it
+  int exit_code = -1;  // 128 + signal if a signal ended it
   std::string output;  // stdout
 };
 
@@ -31,21 +31,21 @@ absl::StatusOr<CommandResult> RunVoxelpiped(const std::vector<std::string>& argu
 
 class ServerProcess {
  public:
-  // Starts voxelpiped on a free loopback port and waits until it says where it listens.
-  // Its log goes to the file `log_path`, or where this process's stderr goes.
+  // Starts voxelpiped on a free loopback port and waits for its address. Its log goes to the file `log_path`, or to
+  // this process's stderr.
   static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(const std::vector<std::string>& arguments = {},
                                                               const std::string& log_path = "");
-  // The same with a device "cuda:0" that breaks as `fault_file` says (support/faulty_backend.h), read anew before every
-  // run.
+  // The same with a device "cuda:0" that breaks as `fault_file` says (support/faulty_backend.h), read again before
+  // every run.
   static absl::StatusOr<std::unique_ptr<ServerProcess>> StartFaulty(const std::string& fault_file,
                                                                     const std::vector<std::string>& arguments);
-  // Ends the process the hard way if it still runs.
+  // Kills the process if it still runs.
   ~ServerProcess();
   ServerProcess(const ServerProcess&) = delete;
   ServerProcess& operator=(const ServerProcess&) = delete;
 
   const std::string& address() const { return address_; }  // 127.0.0.1:PORT
-  // Of --http-listen, which must have been given.
+  // The address of --http-listen, which must have been given.
   absl::StatusOr<std::string> http_address();
   pid_t pid() const { return pid_; }
 
@@ -61,7 +61,7 @@ class ServerProcess {
                                                                      const std::vector<std::string>& arguments,
                                                                      const std::string& log_path);
   bool Reap(bool block_until_dead);
-  // What stands in the line of stdout that begins with `start`, waiting for it.
+  // Waits for the line of stdout that begins with `start`. Out: the rest of the line.
   absl::StatusOr<std::string> ReadLine(const std::string& start);
 
   pid_t pid_ = -1;
@@ -73,7 +73,7 @@ class ServerProcess {
 // Starts a server and fails the test if it does not come up.
 std::unique_ptr<ServerProcess> StartServer(const std::vector<std::string>& arguments = {},
                                            const std::string& log_path = "");
-// A client of it; fails the test where there is none.
+// A client of it; fails the test if it cannot connect.
 std::unique_ptr<Client> ConnectTo(const ServerProcess& server);
 
 }  // namespace voxelpipe::testing

@@ -1,11 +1,11 @@
-// Meshes in the encodings of others, made by their own encoders.
+// Meshes in third-party encodings, made by their own encoders.
 #pragma once
 
 #include "support/meshes/glb_builder.h"
 
 namespace voxelpipe::testing {
 
-// A plain .drc file of the shape: positions, and normals where `normals` says so.
+// A plain .drc file of the shape: positions, and normals if `normals`.
 ByteVector DracoFile(const Shape& shape, bool normals = false);
 
 // A GLB of one node, one mesh and one primitive, whose positions and indices are compressed.

@@ -1,4 +1,4 @@
-// Triangle meshes made by code, for the tests of the pipeline.
+// Generated triangle meshes, for the tests of the pipeline.
 #pragma once
 
 #include <array>
@@ -22,7 +22,7 @@ TriangleMesh BumpySphere(int rings, uint32_t seed);
 TriangleMesh Torus(int n);
 // Random triangles: small, slivers, collinear, points, huge, outside, on lattice planes. Coordinates about [0, extent].
 TriangleMesh Soup(int triangles, double extent, uint32_t seed);
-// The same with everything that shaders read: normals, tangents, both sets of uv, an attribute _HEAT, a textured
+// The same with all attributes that shaders read: normals, tangents, both sets of uv, an attribute _HEAT, a textured
 // material that masks by alpha, and vertex colours that try conversions: -0, infinities, NaN, subnormals, ties and
 // values out of every format's range. Two parts.
 TriangleMesh AttributedSoup(int triangles, double extent, uint32_t seed);

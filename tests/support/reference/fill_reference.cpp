@@ -18,7 +18,7 @@ Vec3d Vector(const ShaderCall& call, const char* name) {
   return {v[0], v[1], v[2]};
 }
 
-// Whether the shader gives a value without a triangle, and which.
+// Shades a filled voxel without a triangle; false if the shader needs one.
 bool ShadeCentre(const VoxelizeRequest& request, const ShaderCall& shader, const GridSpec& grid,
                  const int64_t (&voxel)[3], FragmentOutput& out) {
   Vec3d p;

@@ -1,5 +1,5 @@
-// What filled voxels without a fragment hold, by its definition: the shader's value at the voxel's centre where it
-// needs no triangle.
+// The values of filled voxels without a fragment, by definition: the shader's value at the voxel's centre if it needs
+// no triangle.
 #pragma once
 
 #include <cstdint>

@@ -31,7 +31,7 @@ std::vector<Point> Clip(const std::vector<Point>& polygon, int axis, Real at, Re
   return kept;
 }
 
-// Whether the triangle meets the closed box centre +- half (a negative half size is an empty box).
+// True if the triangle meets the closed box centre +- half (a negative half size is an empty box).
 bool MeetsBox(const Point (&v)[3], const Point& centre, const Point& half) {
   std::vector<Point> polygon(v, v + 3);
   for (int axis = 0; axis < 3; ++axis) {

@@ -1,5 +1,4 @@
-// A slow reference voxelizer, written apart from the product: polygon clipping in long double instead of separating
-// axes.
+// A slow reference voxelizer, independent of the product: polygon clipping in long double instead of separating axes.
 #pragma once
 
 #include <array>
@@ -11,9 +10,9 @@
 
 namespace voxelpipe::testing {
 
-// Whether the closed triangle (index space) touches voxel (x,y,z) under `coverage`, the voxel, slab and segment grown
+// True if the closed triangle (index space) touches voxel (x,y,z) under `coverage`, the voxel, slab and segment grown
 // by `eps` voxels (shrunk if negative). A degenerate triangle under thin and center is tested as conservative when
-// growing and as touching nothing when shrinking, since its definition is a choice of the product's.
+// growing and as touching nothing when shrinking, because its definition is a convention of the product.
 bool Touches(const Vec3d& a, const Vec3d& b, const Vec3d& c, int64_t x, int64_t y, int64_t z, Coverage coverage,
              double eps);
 

@@ -1,8 +1,8 @@
 // The values of results by their definitions: all fragments listed, shaded, converted and blended plainly and slowly.
 //
-// Which voxels a triangle covers comes from raster/spans.h, and what a shader gives from the shader itself; both are
-// tested elsewhere. Conversion, blending, bricks and buckets share no code with the product: numbers are rounded by
-// searching the format's own values or by the C library, sums are kept in 128 bits.
+// Coverage comes from raster/spans.h, and shader outputs from the shaders; both are tested elsewhere. Conversion,
+// blending, bricks and buckets share no code with the product: numbers are rounded by searching the format's own values
+// or by the C library, sums are kept in 128 bits.
 #pragma once
 
 #include <array>
@@ -27,8 +27,8 @@ uint32_t ReferenceNumber(double v, VoxelFormat format);
 // least one.
 uint32_t ReferenceBlend(const TargetSpec& spec, const std::vector<FragmentOutput>& fragments, int c);
 
-// The arrays of the whole result in stream order (job/result.h). `inside` says of each voxel whether it is filled
-// and without a fragment, or is empty. The grid is UnitGrid(dims); vertex shader identity.
+// The arrays of the whole result in stream order (job/result.h). `inside`: for each voxel true if it is filled without
+// a fragment; may be empty. The grid is UnitGrid(dims); vertex shader identity.
 std::vector<std::vector<uint8_t>> ReferenceArrays(const TriangleMesh& mesh, const VoxelizeRequest& request,
                                                   const std::vector<bool>& inside = {});
 

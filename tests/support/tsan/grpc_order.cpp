@@ -1,7 +1,7 @@
 // What gRPC and Abseil order between threads, told to ThreadSanitizer. Debian compiles them without it, so that it sees
-// none of their locks and queues: they wait by futex and hand work on by atomic operations. Only what these functions
-// really order is told, so a race of ours is still found, also within reactions and callbacks. Nothing of this is in a
-// build without ThreadSanitizer.
+// none of their locks and queues: they wait by futex and hand work on by atomic operations. Only the order that these
+// functions really guarantee is annotated, so races in our code are still found, also within reactors and callbacks.
+// Builds without ThreadSanitizer contain none of this.
 #include <atomic>
 
 #include <grpcpp/support/server_callback.h>

@@ -1,5 +1,5 @@
-// A function of a library with a word to ThreadSanitizer before or after it: the dynamic linker finds the one defined
-// here first, and this one calls the library's.
+// Interposes a library function with a ThreadSanitizer annotation before or after it: the dynamic linker finds the
+// definition here first, which calls the library's.
 #pragma once
 
 #include <dlfcn.h>
@@ -12,7 +12,7 @@ extern "C" void __tsan_release(void* address);
 
 namespace voxelpipe::tsan {
 
-// What this thread did until here is seen by a thread that calls Acquire with the same place afterwards.
+// Release: earlier accesses of this thread happen before a later Acquire with the same address.
 template <typename T>
 void Release(T place) {
   __tsan_release(reinterpret_cast<void*>(place));
@@ -23,7 +23,7 @@ void Acquire(T place) {
   __tsan_acquire(reinterpret_cast<void*>(place));
 }
 
-// The library's function of this (mangled) name. Without one there is no way on: the process ends.
+// The library's function of this (mangled) name. Ends the process if there is none.
 template <typename Function>
 Function* Library(const char* symbol) {
   void* const found = dlsym(RTLD_NEXT, symbol);

@@ -278,7 +278,7 @@ TEST_F(CliBatch, OnlyPermanentErrorsOfItemsExitWith3) {
   EXPECT_EQ(outcome.err.find(directory_ / "missing.glb", at + 1), std::string::npos) << outcome.err;
   const json report = json::parse(ReadFile(directory_ / "report.json"));
   EXPECT_EQ(report["items"][1]["error"]["permanent"], true);
-  // A disk that takes nothing is nobody's fault among the items.
+  // A full disk is not a fault of an item.
   WriteList({R"({"input":"bad.glb"})", R"({"input":"a.glb","id":"x"})"});
   EXPECT_EQ(RunCli(Command("small", {"--resolution", "128"}), "ulimit -f 8;").exit_code, 1);
 }

@@ -1,4 +1,4 @@
-// The real command line tool, left running so that a test can stop it.
+// The real command line tool, running until a test stops it.
 #pragma once
 
 #include <fcntl.h>
@@ -14,7 +14,7 @@ extern char** environ;
 
 namespace voxelpipe::testing {
 
-// Its output goes nowhere. Killed at the latest when the object goes.
+// Its output is discarded. Killed at the latest by the destructor.
 class CliProcess {
  public:
   explicit CliProcess(std::vector<std::string> arguments) {

@@ -1,4 +1,4 @@
-// Small results made by formula, for tests of encoders.
+// Small generated results, for tests of encoders.
 #pragma once
 
 #include <unistd.h>
@@ -15,7 +15,7 @@
 
 namespace voxelpipe::testing {
 
-// A directory of its own that is gone with the object.
+// A temporary directory, removed by the destructor.
 class TemporaryDirectory {
  public:
   TemporaryDirectory() {
@@ -95,7 +95,7 @@ inline void AddFloats(VoxelizeResult& result, int components, const ValueFormula
   result.targets.push_back(std::move(buffer));
 }
 
-// The formulas that check_npy.py knows too.
+// The formulas, which check_npy.py repeats.
 inline bool SampleBit(int64_t i, int64_t j, int64_t k) {
   return (7 * i + 3 * j + 5 * k) % 3 == 0;
 }

@@ -1,4 +1,4 @@
-// What the caller's sink hears of runs that begin anew.
+// The calls to the caller's sink in repeated runs.
 #include "job/resuming_sink.h"
 
 #include <string>

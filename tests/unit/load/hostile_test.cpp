@@ -1,4 +1,4 @@
-// Whatever a few bytes can cost is taken from the job's memory before, and a job that ends is let go soon.
+// The memory that a few bytes can need is charged to the job first, and loading stops soon after the job ends.
 #include <algorithm>
 #include <chrono>
 #include <functional>

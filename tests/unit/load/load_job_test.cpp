@@ -27,7 +27,7 @@ TEST(LoadJobTest, EndsWithItsJob) {
   EXPECT_TRUE(LoadScene(glb).ok());
 }
 
-// What is at fault in a file does not hide that nobody waits for the answer.
+// A fault of the file does not hide the end of the job.
 TEST(LoadJobTest, TheEndOfTheJobComesBeforeTheFaultsOfTheFile) {
   GlbBuilder builder;
   builder.Scene(

@@ -153,7 +153,7 @@ TEST(Buckets, NumberVoxelsBeyond32BitsAndHoldDeepOnes) {
   EXPECT_EQ(Read<uint32_t>(deep.triangles, 4999), 4999u);
 }
 
-// Predicted were the voxels of the whole triangles, so that small grids were refused for want of memory.
+// Predicted were the voxels of the whole triangles, so that small grids were refused for lack of memory.
 TEST(Buckets, OfHugeTrianglesInASmallGridAreNotRefused) {
   const TriangleMesh mesh = MakeMesh({{-4e9, -3e9, 2}, {4e9, -3e9, 3}, {1, 5e9, 2}}, {{0, 1, 2}});
   const VoxelizeResult result = RunPipeline(mesh, Buckets({7, 6, 5}, Coverage::kThin));

@@ -1,4 +1,4 @@
-// Flood fill against a plain breadth-first walk, voxel by voxel.
+// Flood fill against a plain breadth-first search, voxel by voxel.
 #include <algorithm>
 #include <deque>
 
@@ -31,7 +31,7 @@ std::vector<bool> Occupied(const TriangleMesh& mesh, const Dims& d, Coverage cov
   return bits;
 }
 
-// What a walk from a layer around the grid reaches through voxels outside `shell`.
+// The voxels that a search from a layer around the grid reaches through voxels outside `shell`.
 std::vector<bool> Reached(const std::vector<bool>& shell, const Dims& d) {
   std::vector<bool> reached(shell.size());
   std::deque<std::array<int64_t, 3>> open;

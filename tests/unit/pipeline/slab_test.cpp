@@ -210,7 +210,7 @@ class ShortOfMemory final : public Backend {
 
 TEST(Slabs, GrowThinnerWhereTheDeviceHasNoRoom) {
   const TriangleMesh mesh = Soup(300, 50, 11);
-  using Kind = std::pair<ResultKind, bool>;  // and whether tiles are sorted by slab
+  using Kind = std::pair<ResultKind, bool>;  // and true if tiles are sorted by slab
   for (const auto& [kind, by_slab] :
        {Kind(ResultKind::kDense, false), Kind(ResultKind::kDense, true), Kind(ResultKind::kSparse, false),
         Kind(ResultKind::kSparse, true), Kind(ResultKind::kBuckets, false)}) {

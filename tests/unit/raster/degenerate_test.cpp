@@ -37,7 +37,7 @@ class Triangles {
     ++(expected ? degenerate_ : plain_);
   }
 
-  // Of a triangle within two voxels along each axis: whether its normal alone says that it is not degenerate.
+  // For a triangle within two voxels along each axis: true if its normal alone proves that it is not degenerate.
   void CheckSmall(const Triangle& t) {
     const auto index = [&](int i) { return WorldToIndex(grid_.origin, grid_.size, t[size_t(i)]); };
     const Vec3d n = Cross(t[1] - t[0], t[2] - t[0]);

@@ -154,7 +154,7 @@ TEST_P(CellsTest, SoAreThoseFoundQuickly) {
   Compare<false>();
   const double doubt = doubt_;
   Compare<false>(false, true);
-  // Where triangles are slim, or reach voxels hardly, more is left in doubt.
+  // If triangles are thin, or barely reach voxels, the filter leaves more uncertain.
   EXPECT_LE(doubt_, doubt + (GetParam().flatness < 1 || GetParam().quantum < 0 ? 0.15 : 0.001));
 }
 

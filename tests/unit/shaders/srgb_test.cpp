@@ -42,7 +42,7 @@ bool AtLeast(Digits a, Digits b) {
   return true;
 }
 
-// Whether the transfer function (IEC 61966-2-1) brings v, not negative, to at least (2 * code - 1) / 510.
+// True if the transfer function (IEC 61966-2-1) brings v, not negative, to at least (2 * code - 1) / 510.
 bool Reaches(float v, int code) {
   int exponent;
   const auto mantissa = uint64_t(std::ldexp(std::frexp(v, &exponent), 24));  // v = mantissa * 2^(exponent - 24)

@@ -308,7 +308,8 @@ template <typename T>
 T __ldcs(const T* p) {
   return *p;
 }
-// Where races are looked for, accesses that may meet others at the same time are told of instead of seen.
+// In builds that look for races, accesses that may be concurrent are reported by explicit calls instead of by
+// instrumentation.
 #ifdef CUDA_EMULATOR_RACES
 #define CUDA_EMULATOR_TELLS __attribute__((noinline, no_sanitize("thread")))
 #else

@@ -1,23 +1,22 @@
-// Finds accesses of a kernel's threads to the same memory that nothing puts in order, whatever order they had in this
-// run. What cuda_parity_races has besides the emulator: its kernels are compiled with -fsanitize=thread, whose calls
-// before each access are answered here instead of by that sanitizer's library.
+// Finds unordered accesses of a kernel's threads to the same memory, whatever order they had in this run. Part of
+// cuda_parity_races: its kernels are compiled with -fsanitize=thread; the calls before each access are implemented here
+// instead of in that sanitizer's library.
 //
-// In order are, after C. Flanagan and S. Freund, "FastTrack", PLDI 2009, with the clocks that a block's structure gives
-// for nothing:
-// * what a thread does, one after the other;
-// * what threads of a block do before and behind a barrier, and lanes of a warp before and behind __syncwarp (shuffles
-// and votes order nothing);
-// * what a thread did, or had seen, before a fence, for a thread that sees what it then writes by an atomic or as volatile.
-// The one who sees it needs
-//   no fence here: only what depends on it is expected to follow;
-// * kernels of a stream; but one that begins early knows the one before it only behind AwaitEarlier(), or by such
-// fences, and of those before that
-//   what every thread of the one before knew when it called AllowNext() or ended.
-// Atomics, volatile accesses and loads that say where they look (__ldcg and the like) are no race among themselves.
-// Shared memory is a block's.
+// The happens-before order, after C. Flanagan and S. Freund, "FastTrack", PLDI 2009, with the clocks that a block's
+// structure gives for free:
+// * the accesses of a thread, one after the other;
+// * accesses of threads of a block before and after a barrier, and of lanes of a warp before and after __syncwarp
+//   (shuffles and votes order nothing);
+// * accesses that a thread made, or was ordered after, before a fence, for a thread that reads its later atomic or
+//   volatile write. The reader needs no fence: only dependent accesses are expected to follow;
+// * kernels of a stream. One that starts by programmatic dependent launch is ordered after the previous kernel only
+//   behind AwaitEarlier(), or by such fences; of the kernels before that, it is ordered after everything that every
+//   thread of the previous kernel was ordered after when it called AllowNext() or ended.
+// Atomics, volatile accesses and loads with a cache operator (__ldcg and the like) do not race with each other. Shared
+// memory is that of a block.
 //
-// What it tells goes to stderr, a line each, when the program ends, whose exit status is 9 then. Runs of several host
-// threads at a time on streams of their own are taken for one stream.
+// Reports go to stderr, a line each, when the program ends, with exit status 9. Concurrent runs of several host threads
+// on streams of their own count as one stream.
 #pragma once
 
 #include <cstddef>
@@ -28,7 +27,7 @@ namespace cuda_emulator::races {
 #ifdef CUDA_EMULATOR_RACES
 
 void BeginKernel(bool early);
-// `shared`: what the block has besides static memory.
+// `shared`: the dynamic shared memory of the block.
 void BeginBlock(uint32_t block, unsigned threads, const void* shared, size_t shared_bytes);
 void SwitchTo(unsigned thread, const void* stack, size_t stack_bytes);
 void EndBlock();
@@ -41,7 +40,7 @@ void Relaxed(const void* at, size_t bytes, bool writes, const void* code);  // f
 void AwaitEarlier();
 void AllowNext();
 
-// How many places of races were found since the last call, which the program's end does not tell of then.
+// The number of race locations found since the last call, which are then not reported at the end of the program.
 size_t Forget();
 
 #else

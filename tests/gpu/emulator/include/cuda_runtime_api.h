@@ -1,5 +1,4 @@
-// The part of the CUDA runtime's interface that core/cuda uses, over the host's memory: a stream does what it is given
-// at once.
+// The part of the CUDA runtime's interface that core/cuda uses, on host memory: streams run their work immediately.
 #pragma once
 
 #include <algorithm>
@@ -51,7 +50,7 @@ inline cudaError_t cudaGetDevice(int* ordinal) {
 inline cudaError_t cudaSetDevice(int) {
   return cudaSuccess;
 }
-// CUDA_EMULATOR_MEMORY in the environment: bytes of a device that has less, for what depends on it.
+// CUDA_EMULATOR_MEMORY in the environment: the memory of a smaller device, in bytes.
 inline cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
   *properties = cudaDeviceProp();
   if (const char* bytes = std::getenv("CUDA_EMULATOR_MEMORY"))
@@ -69,7 +68,7 @@ inline cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, 
 struct cudaFuncAttributes {
   int ptxVersion;
 };
-// Code for devices that begin kernels early.
+// Code for devices with programmatic dependent launch.
 template <typename Kernel>
 cudaError_t cudaFuncGetAttributes(cudaFuncAttributes* attributes, Kernel*) {
   return *attributes = {90}, cudaSuccess;
@@ -111,7 +110,7 @@ inline cudaError_t cudaMemGetInfo(size_t* have, size_t* all) {
   return *have = *all = size_t{4} << 30, cudaSuccess;
 }
 
-// New memory holds no zeros by chance.
+// New memory is filled, so that it holds no zeros by chance.
 inline cudaError_t cudaMallocAsync(void** p, size_t bytes, cudaStream_t) {
   if (bytes > size_t{16} << 30 || (*p = std::malloc(bytes)) == nullptr) return cudaErrorMemoryAllocation;
   std::memset(*p, 0xcd, bytes);
@@ -129,7 +128,7 @@ inline cudaError_t cudaFreeHost(void* p) {
 inline cudaError_t cudaDeviceReset() {
   return cudaSuccess;
 }
-// There are no graphs: lists of kernels go one by one.
+// There are no graphs: lists of kernels are launched one by one.
 inline cudaError_t cudaGraphCreate(cudaGraph_t*, unsigned) {
   return cudaErrorNotSupported;
 }

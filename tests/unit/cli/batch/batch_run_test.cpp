@@ -1,4 +1,4 @@
-// A batch over engines that do as they are told.
+// A batch over scripted engines.
 #include "batch/batch_run.h"
 
 #include <gmock/gmock.h>
@@ -141,7 +141,7 @@ TEST_F(BatchRunTest, ARecordDoesNotOutliveItsFiles) {
   script_.before = [](const std::string&, JobContext&) { return absl::InternalError("broken"); };
   EXPECT_THAT(Statuses(Run()), ElementsAre(ItemStatus::kFailed));
   script_.before = nullptr;
-  // The file of the first request is still there, but nobody vouches for it any more.
+  // The file of the first request still exists, but has no record any more.
   Items(1);
   EXPECT_THAT(Statuses(Run()), ElementsAre(ItemStatus::kDone));
 }
@@ -227,7 +227,7 @@ TEST_F(BatchRunTest, PatienceWithBusyServersEnds) {
 
 TEST_F(BatchRunTest, RetriesAreCountedAndOnlyForWhatMayPass) {
   Items(1);
-  plan_.servers = {"a", "b", "c"};  // so that nobody waits for a rest
+  plan_.servers = {"a", "b", "c"};  // so that no item waits for a suspension
   plan_.retries = 2;
   script_.before = [](const std::string&, JobContext&) { return absl::UnavailableError("gone"); };
   EXPECT_EQ(Run().items[0].attempts, 3);

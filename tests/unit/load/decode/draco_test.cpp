@@ -156,7 +156,8 @@ std::vector<uint8_t> EncodeTextured() {
   return {buffer.data(), buffer.data() + buffer.size()};
 }
 
-// The count lies somewhere in the stream: at one of the places it is, and a library that believes it takes 10 s there.
+// The position of the count in the stream is unknown: one of those tried is right, and a library that does not check it
+// takes 10 s there.
 TEST(DracoBombTest, TheCountOfOrientationsIsNotBelieved) {
   const std::vector<uint8_t> good = EncodeTextured();
   ASSERT_TRUE(DecodeDraco({}, good, {}).ok());

@@ -24,7 +24,7 @@ uint64_t StatusBytes(const std::string& key) {
   return 0;
 }
 
-// Lets VmHWM begin anew at what is resident now; false where the system does not allow it.
+// Resets VmHWM to the current resident memory; false if the system does not allow it.
 bool ResetPeak() {
   std::ofstream refs("/proc/self/clear_refs");
   refs << 5;

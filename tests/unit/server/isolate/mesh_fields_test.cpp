@@ -102,7 +102,7 @@ TEST(MeshFieldsTest, AMeshComesBackAsItWas) {
   ASSERT_FALSE(Load(ManyOwnAttributes(9)).mesh.attributes.at(0).runs.empty());
 }
 
-// What is decoded once must not take memory several times on its way.
+// Shared data must not be sent several times.
 TEST(MeshFieldsTest, ImagesThatAreOneStayOne) {
   const LoadedMesh loaded = Load(LargePngs(64, 4), {true, true, true});
   ASSERT_EQ(loaded.mesh.images.at(3), loaded.mesh.images.at(0));

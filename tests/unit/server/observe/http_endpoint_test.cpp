@@ -113,7 +113,7 @@ TEST_F(HttpEndpointTest, AnAddressThatIsTakenOrNoneIsRefused) {
   }
 }
 
-// The limit tells "behind those that are slow until they are let go" from "beside them".
+// The limit distinguishes waiting for slow connections from being served beside them.
 TEST_F(HttpEndpointTest, SlowConnectionsKeepNobodyFromBeingAnswered) {
   std::vector<std::unique_ptr<Connection>> slow;
   for (int i = 0; i < 500; ++i) {

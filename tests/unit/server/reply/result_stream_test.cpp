@@ -152,7 +152,7 @@ TEST(ResultStreamTest, ChecksumsOfAResultForManyAreComputedOnce) {
   const Read read = ReadAll(first, 2);
   EXPECT_EQ(read.summary.content_sha256(), digits);
   EXPECT_EQ(outcome->sums->sha256(), digits) << "for those who come later";
-  // What nobody looks at again may change unseen.
+  // Data that is not read again may change unnoticed.
   bytes[0] ^= 1;
   ResultStream second(outcome, {}, {.piece_bytes = kPieceBytes});
   EXPECT_TRUE(Received(second.Next()).has_header());

@@ -269,7 +269,7 @@ TEST_F(ResultSharingTest, AFullQueueRefusesWhoCame) {
   FAIL() << "the queue takes all";
 }
 
-// Of those who wait for the same, whoever has the best place gets it for all.
+// Of the waiters of one run, the one with the best place determines the time of all.
 TEST_F(ResultSharingTest, AnEqualJobGetsTheBestPlaceOfAllWhoWait) {
   for (int i = 0; i < 3; ++i) Submitted(100 + i);
   const auto a = Submitted(8), b = Job(8);

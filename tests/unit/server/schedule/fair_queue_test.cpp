@@ -106,7 +106,7 @@ TEST(FairQueueTest, AHighTaskThatComesLateIsNext) {
 
 TEST(FairQueueTest, WhoWasAwayOrHeldBackHasSavedNothing) {
   Queue queue;
-  queue.Add("held", Priority::kNormal, 1, 1);  // in a lane that nobody takes from
+  queue.Add("held", Priority::kNormal, 1, 1);  // in a lane without workers
   for (int i = 0; i < 1000; ++i) queue.Add("busy", Priority::kNormal, 1, 0);
   for (int i = 0; i < 500; ++i) queue.Pop(1);
   for (int i = 0; i < 100; ++i) queue.Add("held", Priority::kNormal, 1, 0);

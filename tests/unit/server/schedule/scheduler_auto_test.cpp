@@ -81,7 +81,7 @@ TEST_F(AutoTest, OneKindAloneTakesAll) {
   EXPECT_EQ(Take(kCpu), Tasks{task});
 }
 
-// With real threads: whoever is the better choice is woken, whoever is not sleeps.
+// With real threads: wakes the worker that is the better choice, and only that one.
 TEST(AutoWorkersTest, EveryTaskIsTakenByOneOfBoth) {
   SchedulerOptions options;
   options.max_batch_jobs = 4;
@@ -103,7 +103,7 @@ TEST(AutoWorkersTest, EveryTaskIsTakenByOneOfBoth) {
     while (!scheduler.Submit(MakeTask("a", Priority::kNormal, 0.001 * double(1 + i % 50))).ok()) {
       std::this_thread::yield();
     }
-    if (i % 7 == 0) {  // one at a time, too: nobody else's end wakes its worker
+    if (i % 7 == 0) {  // one at a time too: no other task's end wakes its worker
       while (done < i + 1) std::this_thread::yield();
     }
   }

@@ -1,4 +1,4 @@
-// A scheduler for tests: no workers but the test, and a clock of the test's own.
+// A scheduler for tests: the test is its only worker and drives its clock.
 #pragma once
 
 #include <chrono>
@@ -35,7 +35,7 @@ class SchedulerTest : public ::testing::Test {
     scheduler->SetDevice(kCpu, workers);
     return *scheduler;
   }
-  // Runs all that is left.
+  // Runs all remaining tasks.
   void Finish() {
     if (!scheduler) return;
     for (const Tasks& batch : taken) scheduler->Ended(batch);
@@ -48,7 +48,7 @@ class SchedulerTest : public ::testing::Test {
     taken.push_back(scheduler->TryTakeBatch(worker));
     return taken.back();
   }
-  // The next one, which ends at once.
+  // The next task, which ends immediately.
   std::shared_ptr<Task> RunOne() {
     const Tasks batch = scheduler->TryTakeBatch(kCpu);
     EXPECT_LE(batch.size(), 1u) << "set max_batch_jobs";

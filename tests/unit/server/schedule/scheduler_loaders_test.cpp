@@ -133,7 +133,7 @@ TEST_F(SchedulerTest, NothingIsLoadedWhileTooMuchWaitsForWorkers) {
   scheduler->Ended(*other);
 }
 
-// The loader's thread must come to know of it, too.
+// The loader's thread must be notified too.
 TEST_F(SchedulerTest, ALoaderThatWasHeldUpGoesOn) {
   options.max_ready_bytes = 100;
   Start();

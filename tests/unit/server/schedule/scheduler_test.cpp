@@ -100,8 +100,7 @@ TEST_F(SchedulerTest, IdleWorkersShareWhatIsThere) {
   std::vector<std::thread> workers;
   for (Tasks& batch : batches) workers.emplace_back([&] { batch = scheduler->TakeBatch(kCpu); });
   while (scheduler->idle() < 2) std::this_thread::yield();
-  for (int i = 0; i < 8; ++i)
-    Submit();  // whoever comes first leaves something for the other, or the other never returns
+  for (int i = 0; i < 8; ++i) Submit();  // the first one must leave something for the other, or the other never returns
   for (std::thread& worker : workers) worker.join();
   for (const Tasks& batch : batches) taken.push_back(batch);
 }
@@ -197,7 +196,7 @@ TEST_F(SchedulerTest, IsFullWhereEveryTaskWouldBeRefused) {
   EXPECT_FALSE(scheduler->IsFull());
 }
 
-// It comes back to wait for a worker: whoever took its place meanwhile would be one too many.
+// It returns to wait for a worker: a task that took its place meanwhile would exceed the limit.
 TEST_F(SchedulerTest, ATaskThatIsBeingLoadedKeepsItsPlace) {
   options.max_queue = 2;
   options.max_batch_jobs = 1;

@@ -1,4 +1,4 @@
-// A task for tests of the queue: does nothing, and remembers what became of it.
+// A task for tests of the queue: does nothing, and records its outcome.
 #pragma once
 
 #include <memory>
