@@ -21,7 +21,7 @@ constexpr size_t kSmallPieceBytes = 64 << 10;
 void SetDeadline(const grpc::CallbackServerContext& context, JobContext& job) {
   const auto deadline = context.deadline();
   const auto now = std::chrono::system_clock::now();
-  // gRPC has no deadline as a time in the far future; a century is one to us, too.
+  // gRPC represents no deadline as a time in the far future; a century counts as none.
   if (deadline > now + std::chrono::hours(24 * 36500)) return;
   job.set_deadline(JobContext::Clock::now() + std::chrono::duration_cast<JobContext::Clock::duration>(deadline - now));
 }

@@ -23,7 +23,7 @@
 
 namespace voxelpipe {
 
-// What the store holds about a mesh.
+// The description of a stored mesh.
 v1::StoredMesh ToMessage(KeptMesh& mesh);
 
 // One UploadMesh call: receives the file; a loader hashes it, loads it unless an equal one exists or is being loaded,

@@ -1,4 +1,4 @@
-// What our reactors declare to gRPC.
+// The declaration of our reactors to gRPC.
 #pragma once
 
 namespace voxelpipe {

@@ -154,7 +154,7 @@ class ArchiveReader {
       bytes = {first, count};
     }
   }
-  // Each element takes at least so many bytes of text. Afterwards the list must stay as it is until Finish.
+  // Each element takes at least this many bytes of text. Afterwards the list must not change until Finish.
   template <typename List, typename Fields>
   void Each(List& list, uint64_t least_bytes, Fields fields) {
     list.resize(Count(least_bytes));
@@ -179,7 +179,7 @@ class ArchiveReader {
     values.assign(first, first + count);
   }
 
-  // Where the next so many elements lie in the bulk; null: it ends before.
+  // The address of the next elements in the bulk; null if it ends before.
   const uint8_t* TakeBulk(uint64_t count, uint64_t bytes_each) {
     const uint64_t begin = (bulk_used_ + kBulkAlignment - 1) / kBulkAlignment * kBulkAlignment;
     if (begin > bulk_.size() || count > (bulk_.size() - begin) / bytes_each) {
@@ -189,7 +189,7 @@ class ArchiveReader {
     bulk_used_ = begin + count * bytes_each;
     return bulk_.data() + begin;
   }
-  // Of elements that take at least so many bytes of text each.
+  // For elements that take at least this many bytes of text each.
   uint64_t Count(uint64_t least_bytes) {
     uint64_t count = 0;
     Value(count);

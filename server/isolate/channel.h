@@ -35,7 +35,7 @@ struct Message {
 class Channel {
  public:
   // Takes the descriptor of a socket of type SOCK_SEQPACKET, and the regions that this end writes and reads. `trusts`:
-  // the other end takes the memory for what it says that it sends.
+  // false to check the declared size of a message against the resident memory of its region.
   Channel(int socket, SharedRegion out, SharedRegion in, bool trusts);
   Channel(Channel&&) = delete;
   ~Channel();
@@ -46,9 +46,9 @@ class Channel {
 
   // RESOURCE_EXHAUSTED if the archive does not fit into memory; UNAVAILABLE if the other end is closed.
   absl::Status Send(MessageKind kind, uint64_t number, const ArchiveWriter& archive);
-  // Waits for a message at most so long; a negative time: for ever. DEADLINE_EXCEEDED: none came; UNAVAILABLE: the
-  // other end is gone; INTERNAL: it is none of ours; RESOURCE_EXHAUSTED: it has more than `most_bytes`, or there is no
-  // memory for it. May throw bad_alloc.
+  // Waits for a message, at most for `patience`; without limit if that is negative. DEADLINE_EXCEEDED: none came;
+  // UNAVAILABLE: the other end is closed; INTERNAL: it is not a valid message; RESOURCE_EXHAUSTED: it has more than
+  // `most_bytes`, or memory is short. May throw bad_alloc.
   absl::StatusOr<Message> Receive(std::chrono::milliseconds patience, uint64_t most_bytes = SharedRegion::kBytes / 2);
 
  private:

@@ -75,7 +75,7 @@ class JsonFormatter final : public spdlog::formatter {
   spdlog::pattern_formatter time_{kTime, spdlog::pattern_time_type::local, ""};
 };
 
-// True if a value can stand in a text line without quotes.
+// True if a value needs no quotes in a text line.
 bool IsPlain(std::string_view value) {
   return !value.empty() && value.find_first_of(" =\"\\") == std::string_view::npos;
 }

@@ -40,7 +40,7 @@ void ParseAgain(CLI::App& app, std::vector<std::string> arguments, const std::ma
   try {
     app.parse(arguments);
   } catch (const CLI::ValidationError& error) {
-    // "--key: what is wrong"; where the value was not given as a flag, the error names its source.
+    // "--key: reason"; if the value was not given as a flag, the error names its source.
     const std::string text = error.what();
     for (const auto& [key, at] : found) {
       if (text.starts_with("--" + key + ":")) throw CLI::ValidationError(at.source, text);

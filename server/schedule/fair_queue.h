@@ -44,7 +44,7 @@ class FairQueue {
   // clients for which `skip`, if given, is true.
   const Task* Front(Lanes lanes, size_t* lane = nullptr, const Skip& skip = {}) const;
   std::shared_ptr<Task> Pop(Lanes lanes, const Skip& skip = {});
-  // Whose turn a task waits for.
+  // A place of a task: the client and the priority in whose queue it waits.
   struct Stand {
     std::string client;
     Priority priority = Priority::kNormal;

@@ -240,7 +240,7 @@ class Reader {
  private:
   absl::StatusOr<std::shared_ptr<const BatchRequest>> Prepare(const RequestOptions& options) {
     const std::string canonical = Canonical(options);
-    // What is left out of it may still differ.
+    // Fields outside the digest may still differ.
     const std::string key = absl::StrCat(canonical, options.backend, " ", options.simd, " ", options.threads);
     std::shared_ptr<const BatchRequest>& known = requests_[key];
     if (known != nullptr) return known;

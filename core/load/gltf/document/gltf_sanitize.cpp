@@ -195,7 +195,7 @@ Json CopyNode(const Json& object, size_t index, const Sizes& sizes, absl::Status
   return copy;
 }
 
-// Materials, textures, samplers and what is in them: only the members that the material reader uses, of any type.
+// Materials, textures, samplers and their members: only the members that the material reader uses, of any type.
 Json CopyAppearance(const Json& value) {
   constexpr const char* kRead[] = {"name", "extensions",
                                    // textures and samplers

@@ -90,7 +90,7 @@ absl::Status CheckJoints(const JobContext& job, const Scene& scene) {
   return absl::OkStatus();
 }
 
-// What a shader will find where primitives differ in the file's own attributes.
+// Warns if primitives lack an application-specific attribute or differ in its components.
 void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, WarningList& warnings) {
   struct Use {
     size_t primitives = 0;

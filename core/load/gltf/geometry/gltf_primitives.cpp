@@ -261,7 +261,7 @@ absl::Status Morph(const tinygltf::Primitive& primitive, const std::vector<doubl
       target.fault = std::move(fault);
     }
     const uint64_t moved = target.positions.size() + target.normals.size() + target.tangents.size();
-    budget.ShrinkTo(before + FaultBytes(target.fault) + moved * sizeof(Vec3f));  // what it was made of is gone
+    budget.ShrinkTo(before + FaultBytes(target.fault) + moved * sizeof(Vec3f));  // its input is freed
     if (weight == 0) continue;
     if (absl::Status bad = AddScaled(budget.job(), out.positions, target.positions, weight); !bad.ok()) return bad;
     if (absl::Status bad = AddScaled(budget.job(), out.normals, target.normals, weight); !bad.ok()) return bad;
@@ -425,7 +425,7 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
   if (out.morph) {
     if (absl::Status bad = CheckFinite(job, out, origin + ", morphed", where); !bad.ok()) return bad;
   }
-  context.budget.ShrinkTo(before + PrimitiveBytes(out));  // what it was made of is gone
+  context.budget.ShrinkTo(before + PrimitiveBytes(out));  // its input is freed
   return std::optional<Primitive>(std::move(out));
 }
 
