@@ -61,7 +61,7 @@ class ManyCall::Job final : public VoxelizeJob {
     working_.ShrinkTo(ResultBytes(outcome->result));
     Reply(std::make_shared<const JobOutcome>(*std::move(outcome)), false);
   }
-  // The plan comes with the answer: PlanShared would say it while the answer is made.
+  // The response contains the plan, so PlanShared is not overridden.
   void DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) override {
     call_->state_.metrics.JobEnded(absl::StatusCode::kOk);
     plan_ = plan;
