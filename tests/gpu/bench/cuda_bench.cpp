@@ -7,7 +7,6 @@
 //   --budget S      rows that would begin after so many seconds are not run, and say so
 //   --repeats N     at most so many measured runs a row (60)      --warmup N   runs before them (3)
 //   --only PART     one of: table, shaders, stages, calls, batch
-//   --tiles 1       targets use tiles, as in grids beyond the range of records
 //   --memory BYTES  limit of the device's memory: larger grids use slabs
 //
 // Method of the table: mesh on the device, result left there, CUDA events on the backend's stream around the whole
@@ -239,7 +238,7 @@ class Bench {
       if (least > 0) beside = absl::StrFormat("%.2f", median / least);
     }
     std::printf("%s%s%s | %zu | %llu |\n", head.c_str(), times.c_str(), beside.c_str(), ms.size(),
-                static_cast<unsigned long long>(occupied));
+                static_cast<unsigned long long>(*occupied));
     std::fflush(stdout);
   }
 

@@ -7,7 +7,7 @@
 //   --bench-meshes  the benchmark's meshes at 512^3 and 1024^3 instead
 //   --bunny FILE    of --bench-meshes: a bunny of 69,451 triangles
 //   --cache BYTES   assumed size of the L2 cache: small grids then take the paths of large ones
-//   --tiles         no grid is small enough for records: targets use tiles
+//   --span-limits   spans number slabs of eight layers and lists of 64 triangles: many slabs, many lists
 //   --paths         every path that the options allow must have run, with a filter too
 //   --every K       one of K cases of each mesh, and no batches
 //   --filter TEXT   only cases whose line holds TEXT; a line begins "MESH#NUMBER "
