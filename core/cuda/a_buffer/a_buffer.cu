@@ -33,7 +33,7 @@ namespace voxelpipe::cuda {
 namespace {
 
 FragmentList ListOfFragments(const RunState& state) {
-  const Fragments& fragments = state.fragments;
+  const Fragments& fragments = state.a_buffer.fragments;
   FragmentList list;
   list.keys = fragments.keys[fragments.current].data();
   list.triangles = fragments.triangles[fragments.current].data();
@@ -44,19 +44,19 @@ FragmentList ListOfFragments(const RunState& state) {
 absl::Status Compact(RunState& state, const uint32_t* from, const uint8_t* flags, uint32_t* to, uint64_t* count) {
   size_t scratch = 0;
   VOXELPIPE_CUDA_OR_RETURN(
-      cub::DeviceSelect::Flagged(nullptr, scratch, from, flags, to, count, state.fragments.count, state.stream));
+      cub::DeviceSelect::Flagged(nullptr, scratch, from, flags, to, count, state.a_buffer.fragments.count, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
   VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::Flagged(state.scratch.data(), scratch, from, flags, to, count,
-                                                      state.fragments.count, state.stream));
+                                                      state.a_buffer.fragments.count, state.stream));
   return absl::OkStatus();
 }
 
 // Drops the fragments that the shaders of all targets discard.
 absl::Status DropDiscarded(RunState& state) {
   DeviceArray<uint8_t> kept;
-  VOXELPIPE_OK_OR_RETURN(kept.Resize(state.fragments.count, state.stream));
+  VOXELPIPE_OK_OR_RETURN(kept.Resize(state.a_buffer.fragments.count, state.stream));
   VOXELPIPE_OK_OR_RETURN(FindKept(state, ListOfFragments(state), kept.data()));
-  Fragments& fragments = state.fragments;
+  Fragments& fragments = state.a_buffer.fragments;
   const int from = fragments.current, to = 1 - from;
   uint64_t* const count = state.counters.data() + kScratch0;
   VOXELPIPE_OK_OR_RETURN(Compact(state, fragments.keys[from].data(), kept.data(), fragments.keys[to].data(), count));
@@ -72,22 +72,22 @@ absl::Status DropDiscarded(RunState& state) {
 FragmentArgs MakeFragmentArgs(RunState& state, const FragmentCounts& counts) {
   FragmentArgs args;
   args.grid = state.view;
-  args.cells = state.cells.data();
-  args.blocks = state.blocks.data();
+  args.cells = state.lists.cells.data();
+  args.blocks = state.lists.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
   args.counts = counts;
-  args.keys = state.fragments.keys[0].data();
-  args.values = state.fragments.triangles[0].data();
-  args.room = state.fragments.triangles[0].size();
+  args.keys = state.a_buffer.fragments.keys[0].data();
+  args.values = state.a_buffer.fragments.triangles[0].data();
+  args.room = state.a_buffer.fragments.triangles[0].size();
   args.list = ListOf(state);
   if (args.triangles > GetSpanLimits().triangles) args.list.capacity = args.list.own = 0;  // rows are found twice
   return args;
 }
 
 absl::Status LaunchEmitCells(RunState& state, FragmentArgs args) {
-  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(ChunksOf(args.room), state.stream));
-  args.clear = state.bucket_chunks.data();
-  args.clear_count = state.bucket_chunks.size();
+  VOXELPIPE_OK_OR_RETURN(state.a_buffer.bucket_chunks.Resize(ChunksOf(args.room), state.stream));
+  args.clear = state.a_buffer.bucket_chunks.data();
+  args.clear_count = state.a_buffer.bucket_chunks.size();
   const uint64_t chunks = (args.triangles + args.counts.of_chunk - 1) / args.counts.of_chunk;
   LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(chunks), kChunkThreads, EmitCells, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitCells");
@@ -95,19 +95,19 @@ absl::Status LaunchEmitCells(RunState& state, FragmentArgs args) {
 }
 
 uint64_t BundleBlocks(const RunState& state) {
-  const uint64_t each = uint64_t{state.fragments.plan->rounds} * kChunkWarps * kBundledTriangles;
+  const uint64_t each = uint64_t{state.a_buffer.fragments.plan->rounds} * kChunkWarps * kBundledTriangles;
   return (state.mesh.host_view.triangle_count + each - 1) / each;
 }
 
 // What EmitBundles wants cleared.
 absl::Status ClearBundleBlocks(RunState& state) {
-  VOXELPIPE_OK_OR_RETURN(state.bundles_before.Resize(BundleBlocks(state), state.stream));
-  return state.bundles_before.Fill(0, state.stream);
+  VOXELPIPE_OK_OR_RETURN(state.a_buffer.bundles_before.Resize(BundleBlocks(state), state.stream));
+  return state.a_buffer.bundles_before.Fill(0, state.stream);
 }
 
 // Whether fragments are bundled, and how; then what EmitBundles wants is cleared.
 absl::Status BeginBundles(RunState& state) {
-  std::optional<BundlePlan>& plan = state.fragments.plan;
+  std::optional<BundlePlan>& plan = state.a_buffer.fragments.plan;
   plan = PlanBundles(state);
   if (!plan) return absl::OkStatus();
   // As many rounds as leave the least to the last wave of blocks.
@@ -120,12 +120,12 @@ absl::Status BeginBundles(RunState& state) {
 absl::Status LaunchEmitBundles(RunState& state, const FragmentArgs& fragments) {
   EmitBundleArgs args;
   static_cast<FragmentArgs&>(args) = fragments;
-  args.code = state.fragments.plan->code;
-  args.rounds = state.fragments.plan->rounds;
-  VOXELPIPE_OK_OR_RETURN(state.bucket_chunks.Resize(ChunksOfBundles(args.room), state.stream));
-  args.clear = state.bucket_chunks.data();
-  args.clear_count = state.bucket_chunks.size();
-  args.before = state.bundles_before.data();
+  args.code = state.a_buffer.fragments.plan->code;
+  args.rounds = state.a_buffer.fragments.plan->rounds;
+  VOXELPIPE_OK_OR_RETURN(state.a_buffer.bucket_chunks.Resize(ChunksOfBundles(args.room), state.stream));
+  args.clear = state.a_buffer.bucket_chunks.data();
+  args.clear_count = state.a_buffer.bucket_chunks.size();
+  args.before = state.a_buffer.bundles_before.data();
   args.bundles = state.counters.data() + kBundles;
   LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(BundleBlocks(state)), kChunkThreads, EmitBundles, args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitBundles");
@@ -135,7 +135,7 @@ absl::Status LaunchEmitBundles(RunState& state, const FragmentArgs& fragments) {
 // Fragments, or bundles of them, and listed spans, each as far as there is room. `bundles`: becomes their number on its
 // way to the host.
 absl::Status EmitRecords(RunState& state, const FragmentArgs& args, std::optional<CounterCopy>& bundles) {
-  if (state.fragments.plan) {
+  if (state.a_buffer.fragments.plan) {
     VOXELPIPE_OK_OR_RETURN(LaunchEmitBundles(state, args));
     absl::StatusOr<CounterCopy> copy =
         CounterCopy::Start(state.counters.data() + kBundles, 1, state.device.ordinal, state.stream);
@@ -156,7 +156,7 @@ bool GuessRoom(RunState& state) {
   constexpr uint64_t kPartOfMemory = 64;
   const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (2 * sizeof(uint32_t));
   const uint64_t guess = FragmentRoom(MostOfSlab(state.expected, state.grid, state.slab.depth()).fragments);
-  return guess <= most && state.fragments.MakeRoom(0, guess, state.stream).ok();
+  return guess <= most && state.a_buffer.fragments.MakeRoom(0, guess, state.stream).ok();
 }
 
 // Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list
@@ -165,12 +165,12 @@ bool GuessRoom(RunState& state) {
 // is known when they are emitted.
 absl::Status EmitByCells(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
-  Fragments& fragments = state.fragments;
+  Fragments& fragments = state.a_buffer.fragments;
   VOXELPIPE_OK_OR_RETURN(BeginBundles(state));
   FragmentCounts counts;
   VOXELPIPE_OK_OR_RETURN(FindAndCountCells(state, counts));
   const uint64_t least = std::min<uint64_t>(state.device.memory_bytes / 512, SpanRoom(triangles));
-  if (state.spans.size() < least) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(least, state.stream));
+  if (state.lists.spans.size() < least) VOXELPIPE_OK_OR_RETURN(state.lists.spans.Resize(least, state.stream));
   const RestArgs waiting = MakeRestArgs(state, 0, triangles, false);
   VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentCounter>(state, waiting, MakeFragmentArgs(state, counts)));
   const absl::StatusOr<CounterCopy> copy =
@@ -204,18 +204,18 @@ absl::Status EmitByCells(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentWriter>(state, MakeRestArgs(state, 0, triangles, true), args));
   // The next slab's are likely as many. This one does not need the room.
   const uint64_t wanted = std::min(state.device.memory_bytes / 64 / sizeof(uint64_t), spans + spans / 16);
-  if (wanted > args.list.capacity) (void)state.spans.Resize(wanted, state.stream);
+  if (wanted > args.list.capacity) (void)state.lists.spans.Resize(wanted, state.stream);
   return absl::OkStatus();
 }
 
 // Buckets of fragments, or of bundles, and the ones of the targets that `ones` has.
 absl::Status MakeBuckets(RunState& state, uint64_t first_voxel, std::span<uint8_t* const> ones) {
-  Fragments& fragments = state.fragments;
+  Fragments& fragments = state.a_buffer.fragments;
   BundleArgs args;
   args.keys = fragments.keys[fragments.current].data();
   args.fragments = fragments.count;
   args.first_voxel = first_voxel;
-  args.first = state.bucket_chunks.data();
+  args.first = state.a_buffer.bucket_chunks.data();
   args.offsets = state.result.offsets.data();
   args.voxels = state.result.voxels.data();
   args.listed = state.counters.data() + kBuckets;
@@ -232,20 +232,20 @@ absl::Status MakeBuckets(RunState& state, uint64_t first_voxel, std::span<uint8_
 }  // namespace
 
 absl::Status EmitFragments(RunState& state) {
-  state.fragments.Clear();
+  state.a_buffer.fragments.Clear();
   return state.mesh.host_view.triangle_count == 0 ? absl::OkStatus() : EmitByCells(state);
 }
 
 absl::Status SortFragments(RunState& state) {
-  if (state.fragments.count == 0) return absl::OkStatus();
+  if (state.a_buffer.fragments.count == 0) return absl::OkStatus();
   const int bits = std::max(1, int(std::bit_width(state.slab_voxels() - 1)));
-  VOXELPIPE_OK_OR_RETURN(SortFragmentList(state.fragments, bits, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(SortFragmentList(state.a_buffer.fragments, bits, state.scratch, state.stream));
   return state.targets.any_always_present ? absl::OkStatus() : DropDiscarded(state);
 }
 
 absl::Status Resolve(RunState& state) {
   DeviceResult& out = state.result;
-  const uint64_t fragments = state.fragments.count;
+  const uint64_t fragments = state.a_buffer.fragments.count;
   const uint64_t most_voxels = std::min(fragments, state.slab_voxels());
   VOXELPIPE_OK_OR_RETURN(out.offsets.Resize(most_voxels + 1, state.stream));
   VOXELPIPE_OK_OR_RETURN(out.voxels.Resize(most_voxels, state.stream));

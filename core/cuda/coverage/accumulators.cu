@@ -37,7 +37,7 @@ __global__ void __launch_bounds__(kBlendThreads)
 Ranks RanksOf(RunState& state) {
   Ranks ranks;
   ranks.bits = TouchedBits(state);
-  ranks.first = state.word_ranks.data();
+  ranks.first = state.lists.word_ranks.data();
   return ranks;
 }
 
@@ -54,9 +54,9 @@ Accumulators AccumulatorsOf(RunState& state, int index) {
 absl::Status RankCovered(RunState& state) {
   const uint64_t words = state.slab_words();
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kRanks}));
-  VOXELPIPE_OK_OR_RETURN(state.word_ranks.Resize(words, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.lists.word_ranks.Resize(words, state.stream));
   RankWords<<<BlocksFor(words, kBlendThreads * kRankedOfThread, UINT32_MAX), kBlendThreads, 0, state.stream>>>(
-      TouchedBits(state), words, state.word_ranks.data(), state.counters.data() + kRanks);
+      TouchedBits(state), words, state.lists.word_ranks.data(), state.counters.data() + kRanks);
   VOXELPIPE_LAUNCHED_OR_RETURN("RankWords");
   return absl::OkStatus();
 }

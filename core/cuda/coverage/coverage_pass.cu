@@ -69,10 +69,10 @@ absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
   VOXELPIPE_OK_OR_RETURN(counts ? MakeRoomForQueues(state) : PrepareQueues(state, args.fragments));
   if (triangles == 0) return absl::OkStatus();
   if (sink == CellSink::kRecords || sink == CellSink::kRecordsAndBits) {
-    VOXELPIPE_OK_OR_RETURN(state.cells.Resize(triangles, state.stream));
-    VOXELPIPE_OK_OR_RETURN(state.blocks.Resize(triangles, state.stream));
-    args.records = state.cells.data();
-    args.blocks = state.blocks.data();
+    VOXELPIPE_OK_OR_RETURN(state.lists.cells.Resize(triangles, state.stream));
+    VOXELPIPE_OK_OR_RETURN(state.lists.blocks.Resize(triangles, state.stream));
+    args.records = state.lists.cells.data();
+    args.blocks = state.lists.blocks.data();
   }
   args.walk = MakeCellWalk(state);
   args.walk.rounds = RoundsOf(state);
@@ -104,8 +104,8 @@ absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts) {
   VOXELPIPE_OK_OR_RETURN(ClearQueues(state, kAllCounters));
   counts.of_chunk = uint32_t(RoundsOf(state)) * kFindThreads;
   const uint64_t chunks = (state.mesh.host_view.triangle_count + counts.of_chunk - 1) / counts.of_chunk;
-  VOXELPIPE_OK_OR_RETURN(state.fragment_first.Resize(chunks, state.stream));
-  counts.of_block = state.fragment_first.data();
+  VOXELPIPE_OK_OR_RETURN(state.a_buffer.fragment_first.Resize(chunks, state.stream));
+  counts.of_block = state.a_buffer.fragment_first.data();
   counts.of_groups = state.counters.data() + kCounters + kFragmentSlots;
   counts.chunks_of_group = uint32_t((chunks + kChunkGroups - 1) / kChunkGroups);
   CellArgs args;

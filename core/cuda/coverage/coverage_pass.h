@@ -18,7 +18,7 @@ bool GoesByFixed(const RunState& state);
 // which are cleared before; or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
                           bool by_id = false, const BrickPool* pool = nullptr);
-// The same, for the A-buffer: records, and how many fragments they have, in state.fragment_first and behind the
+// The same, for the A-buffer: records, and how many fragments they have, in state.a_buffer.fragment_first and behind the
 // counters, as `counts` then says.
 absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts);
 
@@ -36,8 +36,8 @@ inline unsigned RestBlocks(const RunState& state) {
 // The list of spans, as it stands in the slab's arrays: counted by state.counters[kSpans].
 inline SpanList ListOf(RunState& state) {
   SpanList list;
-  list.spans = state.spans.data();
-  list.capacity = state.spans.size();
+  list.spans = state.lists.spans.data();
+  list.capacity = state.lists.spans.size();
   const uint64_t own = uint64_t{RestBlocks(state)} * (kRestThreads / 32) * kOwnSpans;
   if (own <= list.capacity / 4) list.own = own;
   list.count = state.counters.data() + kSpans;

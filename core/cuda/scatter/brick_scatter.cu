@@ -27,7 +27,7 @@ uint64_t TilesOf(const RunState& state) {
 }
 
 absl::Status MakeRoom(RunState& state) {
-  PoolMemory& memory = state.pool;
+  PoolMemory& memory = state.sparse.pool;
   const uint64_t capacity = CapacityOf(state);
   if (capacity == 0) return absl::ResourceExhaustedError("no share of the memory is large enough for a brick");
   VOXELPIPE_OK_OR_RETURN(memory.places.Resize(TilesOf(state) * 4, state.stream));
@@ -38,7 +38,7 @@ absl::Status MakeRoom(RunState& state) {
 }
 
 BrickPool PoolOf(RunState& state) {
-  PoolMemory& memory = state.pool;
+  PoolMemory& memory = state.sparse.pool;
   BrickPool pool;
   pool.places = memory.places.data();
   pool.cells = memory.cells.data();
@@ -53,24 +53,24 @@ BrickPool PoolOf(RunState& state) {
 PoolResultArgs ResultOf(RunState& state) {
   PoolResultArgs args;
   args.pool = PoolOf(state);
-  args.masks = state.pool.masks.data();
-  args.voxels = state.pool.voxels.data();
+  args.masks = state.sparse.pool.masks.data();
+  args.voxels = state.sparse.pool.voxels.data();
   args.tiles = TilesOf(state);
-  args.brick_counts = state.brick_counts.data();
-  args.voxel_counts = state.voxel_counts.data();
-  args.first_brick = state.first_brick.data();
-  args.first_voxel = state.first_voxel.data();
+  args.brick_counts = state.sparse.brick_counts.data();
+  args.voxel_counts = state.sparse.voxel_counts.data();
+  args.first_brick = state.sparse.first_brick.data();
+  args.first_voxel = state.sparse.first_voxel.data();
   return args;
 }
 
 void GoWithout(RunState& state) {
   cuda::GoWithoutBricks(state.path_inputs, state.plan);
-  state.pool.Free();
+  state.sparse.pool.Free();
 }
 
 unsigned BlocksOfPlaces(const RunState& state) {
   constexpr uint64_t kPlacesOfBlock = kPoolThreads / 32;
-  return BlocksFor(state.pool.bricks.size() * kPlacesOfBlock, kPoolThreads,
+  return BlocksFor(state.sparse.pool.bricks.size() * kPlacesOfBlock, kPoolThreads,
                    uint64_t(state.device.multiprocessors) * 16);
 }
 
@@ -83,10 +83,10 @@ __global__ void CopyPoolTotals(const uint64_t* bricks, const uint64_t* voxels, u
 // Numbers bricks and voxels of the pool, which is drawn.
 absl::Status Number(RunState& state) {
   const uint64_t tiles = TilesOf(state), counts = tiles + 1;
-  for (auto* array : {&state.brick_counts, &state.voxel_counts}) {
+  for (auto* array : {&state.sparse.brick_counts, &state.sparse.voxel_counts}) {
     VOXELPIPE_OK_OR_RETURN(array->Resize(counts, state.stream));
   }
-  for (auto* array : {&state.first_brick, &state.first_voxel}) {
+  for (auto* array : {&state.sparse.first_brick, &state.sparse.first_voxel}) {
     VOXELPIPE_OK_OR_RETURN(array->Resize(counts, state.stream));
   }
   const PoolResultArgs args = ResultOf(state);
@@ -95,10 +95,10 @@ absl::Status Number(RunState& state) {
   CountTiles<<<unsigned((counts + kPoolThreads - 1) / kPoolThreads), kPoolThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CountTiles");
   VOXELPIPE_OK_OR_RETURN(
-      ExclusiveScan(state.brick_counts.data(), state.first_brick.data(), counts, state.scratch, state.stream));
+      ExclusiveScan(state.sparse.brick_counts.data(), state.sparse.first_brick.data(), counts, state.scratch, state.stream));
   VOXELPIPE_OK_OR_RETURN(
-      ExclusiveScan(state.voxel_counts.data(), state.first_voxel.data(), counts, state.scratch, state.stream));
-  CopyPoolTotals<<<1, 1, 0, state.stream>>>(state.first_brick.data() + tiles, state.first_voxel.data() + tiles,
+      ExclusiveScan(state.sparse.voxel_counts.data(), state.sparse.first_voxel.data(), counts, state.scratch, state.stream));
+  CopyPoolTotals<<<1, 1, 0, state.stream>>>(state.sparse.first_brick.data() + tiles, state.sparse.first_voxel.data() + tiles,
                                             state.counters.data());
   VOXELPIPE_LAUNCHED_OR_RETURN("CopyPoolTotals");
   return absl::OkStatus();
@@ -112,7 +112,7 @@ absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id
     return absl::OkStatus();
   }
   VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kPooled}));
-  VOXELPIPE_OK_OR_RETURN(state.pool.places.Fill(0, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.sparse.pool.places.Fill(0, state.stream));
   PoolWriterArgs args;
   args.pool = PoolOf(state);
   args.blend = blend;

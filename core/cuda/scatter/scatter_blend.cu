@@ -91,7 +91,7 @@ SpanArgs CoverArgs(RunState& state, uint64_t triangles) {
   return args;
 }
 
-// Lists the spans of what waits of triangles [begin, end) in state.spans, as far as there is room; ListOf says how many
+// Lists the spans of what waits of triangles [begin, end) in state.lists.spans, as far as there is room; ListOf says how many
 // entries they need. Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and fragments are
 // counted.
 absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again) {
@@ -155,7 +155,7 @@ absl::Status TakeSpans(RunState& state, int index, const ListedSpans& listed) {
   const SpanTarget& memory = state.span_targets[size_t(index)];
   if (state.plan.targets[size_t(index)].in_place) {
     InPlaceArgs args = PlaceOf(state, index);
-    args.spans = state.spans.data();
+    args.spans = state.lists.spans.data();
     args.count = listed.count;
     args.first_triangle = listed.first_triangle;
     const auto kernel = memory.by_id      ? BlendInPlace<1, kById>
@@ -168,7 +168,7 @@ absl::Status TakeSpans(RunState& state, int index, const ListedSpans& listed) {
     return absl::OkStatus();
   }
   AccumulateArgs args = SumsOf(state, index);
-  args.spans = state.spans.data();
+  args.spans = state.lists.spans.data();
   args.count = listed.count;
   args.first_triangle = listed.first_triangle;
   const auto kernel = AccumulateFor(memory.by_id, components);
@@ -182,8 +182,8 @@ absl::Status TakeCells(RunState& state, int index) {
   const int components = state.targets.at[index].components;
   const SpanTarget& memory = state.span_targets[size_t(index)];
   BlendCellsArgs args;
-  args.records = state.cells.data();
-  args.blocks = state.blocks.data();
+  args.records = state.lists.cells.data();
+  args.blocks = state.lists.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
   args.grid = state.view;
   const bool in_place = state.plan.targets[size_t(index)].in_place;
@@ -227,7 +227,7 @@ absl::Status FindAndList(RunState& state, bool ranked) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));
   const uint64_t guess = std::min(MostSpans(state), SpanRoom(triangles));
-  if (state.spans.size() < guess) VOXELPIPE_OK_OR_RETURN(state.spans.Resize(guess, state.stream));
+  if (state.lists.spans.size() < guess) VOXELPIPE_OK_OR_RETURN(state.lists.spans.Resize(guess, state.stream));
   VOXELPIPE_OK_OR_RETURN(ListSpans(state, 0, triangles, false));
   return ranked ? RankCovered(state) : absl::OkStatus();
 }
@@ -247,15 +247,15 @@ absl::StatusOr<uint64_t> ReadListedSpans(RunState& state) {
 template <typename Take>
 absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t counted, const Take& take) {
   const bool numbered = end - begin <= GetSpanLimits().triangles;
-  while (numbered && counted > state.spans.size() && (counted <= MostSpans(state) || end - begin == 1)) {
-    state.spans.Free();
-    VOXELPIPE_OK_OR_RETURN(state.spans.Resize(counted + counted / 16 + 1024, state.stream));
+  while (numbered && counted > state.lists.spans.size() && (counted <= MostSpans(state) || end - begin == 1)) {
+    state.lists.spans.Free();
+    VOXELPIPE_OK_OR_RETURN(state.lists.spans.Resize(counted + counted / 16 + 1024, state.stream));
     VOXELPIPE_OK_OR_RETURN(ListSpans(state, begin, end, true));
     const absl::StatusOr<uint64_t> again = ReadListedSpans(state);
     if (!again.ok()) return again.status();
     counted = *again;
   }
-  if (numbered && counted <= state.spans.size()) return take(ListedSpans{counted, uint32_t(begin)});
+  if (numbered && counted <= state.lists.spans.size()) return take(ListedSpans{counted, uint32_t(begin)});
   const uint64_t middle = begin + (end - begin) / 2;
   for (const auto& [from, to] : {std::pair(begin, middle), std::pair(middle, end)}) {
     VOXELPIPE_OK_OR_RETURN(ListSpans(state, from, to, true));
@@ -278,7 +278,7 @@ absl::Status TakeAll(RunState& state) {
     if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeCells(state, i));
   }
   VOXELPIPE_OK_OR_RETURN(ShadeRecords(state));
-  return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.span_count, [&](const ListedSpans& listed) {
+  return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.lists.span_count, [&](const ListedSpans& listed) {
     for (int i = 0; i < state.targets.count; ++i) {
       if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeSpans(state, i, listed));
     }
@@ -289,8 +289,8 @@ absl::Status TakeAll(RunState& state) {
 // Where fragments of all targets may be discarded, what triangles touch is not the coverage.
 absl::Status BeginTouched(RunState& state) {
   if (state.targets.any_always_present) return absl::OkStatus();
-  VOXELPIPE_OK_OR_RETURN(state.touched_bits.Resize(state.slab_words(), state.stream));
-  return state.touched_bits.Fill(0, state.stream);
+  VOXELPIPE_OK_OR_RETURN(state.lists.touched_bits.Resize(state.slab_words(), state.stream));
+  return state.lists.touched_bits.Fill(0, state.stream);
 }
 
 // Blends all triangles in accumulators, or in dense targets themselves. Synchronizes.
@@ -299,12 +299,12 @@ absl::Status BlendByRecords(RunState& state, bool ranked) {
   VOXELPIPE_OK_OR_RETURN(FindAndList(state, ranked));
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
-  state.span_count = CountListed(state, (*counters)[kSpans]);
-  state.ranked_voxels = ranked ? (*counters)[kRanks] : 0;
+  state.lists.span_count = CountListed(state, (*counters)[kSpans]);
+  state.lists.ranked_voxels = ranked ? (*counters)[kRanks] : 0;
   for (int i = 0; i < state.targets.count; ++i) {
     const PathPlan::Target& target = state.plan.targets[size_t(i)];
     if (target.source == ValueSource::kCoverage || target.in_place) continue;
-    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, state.ranked_voxels));
+    VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, state.lists.ranked_voxels));
   }
   return TakeAll(state);
 }
@@ -313,7 +313,7 @@ absl::Status BlendByRecords(RunState& state, bool ranked) {
 
 absl::Status BlendDirectly(RunState& state) {
   const bool sparse = IsSparse(state);
-  state.span_count = 0;
+  state.lists.span_count = 0;
   if (state.mesh.host_view.triangle_count == 0) return ClearFragmentSlots(state);
   bool ranked = false;
   int last = 0;  // target with values

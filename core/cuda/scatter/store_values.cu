@@ -54,7 +54,7 @@ StoreArgs MakeStoreArgs(RunState& state, int index, uint8_t* out, uint64_t voxel
 // Shades the owners of a target's voxels.
 absl::Status StoreOwners(RunState& state, int index, const StoreArgs& from, bool listed) {
   OwnerList& owners = state.owners;
-  const uint64_t most = listed ? from.voxels : state.ranked_voxels;
+  const uint64_t most = listed ? from.voxels : state.lists.ranked_voxels;
   if (most == 0) return absl::OkStatus();
   for (auto* array : {&owners.keys, &owners.triangles, &owners.to}) {
     VOXELPIPE_OK_OR_RETURN(array->Resize(most, state.stream));
@@ -115,7 +115,7 @@ absl::Status StoreListed(RunState& state) {
     const CudaTarget& target = state.targets.at[i];
     if (target.format == VoxelFormat::kBit) continue;  // stored before the bricks were made
     StoreArgs args = MakeStoreArgs(state, i, state.result.targets[size_t(i)].data(), state.result.listed_voxels);
-    args.listed = state.listed_bits.data();
+    args.listed = state.sparse.listed_bits.data();
     VOXELPIPE_OK_OR_RETURN(Store(state, i, args));
   }
   return absl::OkStatus();

@@ -78,7 +78,7 @@ CoverageShadingArgs MakeCoverageArgs(RunState& state) {
   args.by_ny = MakeDivisor(uint32_t(state.view.dims[1]));
   args.mesh = state.mesh.view.data();
   args.ranks = RanksOf(state);
-  if (!state.touched_bits.empty()) args.coverage = state.coverage.data();
+  if (!state.lists.touched_bits.empty()) args.coverage = state.coverage.data();
   return args;
 }
 
@@ -115,15 +115,15 @@ absl::Status FindKept(RunState& state, const FragmentList& list, uint8_t* kept) 
 
 absl::Status ShadeRecords(RunState& state) {
   CoverageShadingArgs args = MakeCoverageArgs(state);
-  args.records = state.cells.data();
-  args.blocks = state.blocks.data();
+  args.records = state.lists.cells.data();
+  args.blocks = state.lists.blocks.data();
   args.count = state.mesh.host_view.triangle_count;
   return Launch(state, args);
 }
 
 absl::Status ShadeSpans(RunState& state, const ListedSpans& listed) {
   CoverageShadingArgs args = MakeCoverageArgs(state);
-  args.spans = state.spans.data();
+  args.spans = state.lists.spans.data();
   args.count = listed.count;
   args.first_triangle = listed.first_triangle;
   return Launch(state, args);

@@ -23,7 +23,7 @@ absl::Status ShadeList(RunState& state, const FragmentList& list, uint8_t* const
 // A byte a fragment, 1 if some target keeps it.
 absl::Status FindKept(RunState& state, const FragmentList& list, uint8_t* kept);
 
-// The first `count` spans of state.spans, whose triangles are numbered from first_triangle on.
+// The first `count` spans of state.lists.spans, whose triangles are numbered from first_triangle on.
 struct ListedSpans {
   uint64_t count = 0;
   uint32_t first_triangle = 0;

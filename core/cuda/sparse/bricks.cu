@@ -174,23 +174,23 @@ absl::Status MakeBricks(RunState& state) {
   const int64_t layers = (state.slab.end + 7) / 8 - state.slab.begin / 8;
   args.tile_count = uint64_t(state.view.tiles.dims[0]) * uint64_t(state.view.tiles.dims[1]) * uint64_t(layers);
   const uint64_t counts = args.tile_count + 1;
-  VOXELPIPE_OK_OR_RETURN(state.brick_counts.Resize(counts, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.voxel_counts.Resize(counts, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.first_brick.Resize(counts, state.stream));
-  VOXELPIPE_OK_OR_RETURN(state.first_voxel.Resize(counts, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.sparse.brick_counts.Resize(counts, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.sparse.voxel_counts.Resize(counts, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.sparse.first_brick.Resize(counts, state.stream));
+  VOXELPIPE_OK_OR_RETURN(state.sparse.first_voxel.Resize(counts, state.stream));
   args.coverage = state.coverage.data();
   args.inside = state.inside.empty() ? nullptr : state.inside.data();
-  args.brick_counts = state.brick_counts.data();
-  args.voxel_counts = state.voxel_counts.data();
+  args.brick_counts = state.sparse.brick_counts.data();
+  args.voxel_counts = state.sparse.voxel_counts.data();
   CountBricks<<<unsigned((counts + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CountBricks");
   VOXELPIPE_OK_OR_RETURN(
-      ExclusiveScan(state.brick_counts.data(), state.first_brick.data(), counts, state.scratch, state.stream));
+      ExclusiveScan(state.sparse.brick_counts.data(), state.sparse.first_brick.data(), counts, state.scratch, state.stream));
   VOXELPIPE_OK_OR_RETURN(
-      ExclusiveScan(state.voxel_counts.data(), state.first_voxel.data(), counts, state.scratch, state.stream));
+      ExclusiveScan(state.sparse.voxel_counts.data(), state.sparse.first_voxel.data(), counts, state.scratch, state.stream));
   VOXELPIPE_OK_OR_RETURN(EnsureCounters(state));
-  CopyTotals<<<1, 1, 0, state.stream>>>(state.first_brick.data() + args.tile_count,
-                                        state.first_voxel.data() + args.tile_count, state.counters.data());
+  CopyTotals<<<1, 1, 0, state.stream>>>(state.sparse.first_brick.data() + args.tile_count,
+                                        state.sparse.first_voxel.data() + args.tile_count, state.counters.data());
   VOXELPIPE_LAUNCHED_OR_RETURN("CopyTotals");
   const auto counters = ReadCounters(state);
   if (!counters.ok()) return counters.status();
@@ -208,12 +208,12 @@ absl::Status MakeBricks(RunState& state) {
     args.fill[t] = FillValueOf(state.request, size_t(t), state.grid);
   }
   if (out.listed_bricks == 0) return absl::OkStatus();
-  args.first_brick = state.first_brick.data();
-  args.first_voxel = state.first_voxel.data();
+  args.first_brick = state.sparse.first_brick.data();
+  args.first_voxel = state.sparse.first_voxel.data();
   args.emits = true;
   if (state.plan.blends()) {
-    VOXELPIPE_OK_OR_RETURN(state.listed_bits.Resize(out.listed_voxels, state.stream));
-    args.listed_bits = state.listed_bits.data();
+    VOXELPIPE_OK_OR_RETURN(state.sparse.listed_bits.Resize(out.listed_voxels, state.stream));
+    args.listed_bits = state.sparse.listed_bits.data();
     args.emits = args.inside != nullptr;
     for (int t = 0; t < state.targets.count; ++t) {
       const CudaTarget& target = state.targets.at[t];

@@ -126,8 +126,8 @@ absl::Status CopyResult(RunState& state, ResultArrays& out) {
   if (buckets) {
     VOXELPIPE_OK_OR_RETURN(Take(r.voxels, r.listed_voxels, out.voxels, state.stream));
     VOXELPIPE_OK_OR_RETURN(Take(r.offsets, r.listed_voxels + 1, out.offsets, state.stream));
-    VOXELPIPE_OK_OR_RETURN(
-        Take(state.fragments.triangles[state.fragments.current], r.listed_fragments, out.triangles, state.stream));
+    VOXELPIPE_OK_OR_RETURN(Take(state.a_buffer.fragments.triangles[state.a_buffer.fragments.current],
+                                r.listed_fragments, out.triangles, state.stream));
   } else {
     VOXELPIPE_OK_OR_RETURN(Take(r.bricks, r.listed_bricks, out.bricks, state.stream));
     VOXELPIPE_OK_OR_RETURN(Take(r.masks, r.listed_bricks * 64, out.masks, state.stream));
@@ -171,23 +171,12 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
 
 void AbandonSlab(RunState& state) {
   state.target_memory = {};
-  state.coverage.Free();
-  state.inside.Free();
+  for (auto* grid : {&state.coverage, &state.inside, &state.bit_pool}) grid->Free();
   state.result = {};
-  for (auto* array : {&state.brick_counts, &state.voxel_counts}) array->Free();
-  for (auto* array : {&state.first_brick, &state.first_voxel}) array->Free();
-  state.fragment_counts.Free();
-  state.fragment_first.Free();
-  state.bucket_chunks.Free();
-  state.bundles_before.Free();
-  state.fragments.Free();
-  for (auto* array : {&state.cells, &state.blocks, &state.spans}) array->Free();
-  state.word_ranks.Free();
-  state.touched_bits.Free();
-  state.listed_bits.Free();
+  state.lists.Free();
+  state.a_buffer.Free();
+  state.sparse.Free();
   state.owners.Free();
-  state.pool.Free();
-  state.bit_pool.Free();
   state.span_targets = {};  // with the values of all triangles, which are made anew
   state.scratch.Free();
   if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so

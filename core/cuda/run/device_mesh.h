@@ -1,0 +1,66 @@
+// The shaded mesh of a run on the device.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "cuda/device/buffer.h"
+#include "cuda/device/mesh_cache.h"
+#include "cuda/primitives/views.h"
+#include "cuda/primitives/voxel_code.h"
+
+namespace voxelpipe {
+struct PackedVertex;
+}
+
+namespace voxelpipe::cuda {
+
+// Arrays of the shaded mesh on the device, and the view of them that shaders get.
+struct DeviceMesh {
+  DeviceArray<Vec3d> positions, index_positions;
+  DeviceArray<VertexCode> codes;  // per vertex (voxel_code.h)
+  DeviceArray<Vec3f> normals, velocities;
+  DeviceArray<Vec4f> tangents, colors;
+  DeviceArray<Vec2f> uv[2];
+  DeviceArray<uint32_t> triangles;  // three a triangle
+  DeviceArray<PartView> parts;
+  DeviceArray<MaterialView> materials;
+  DeviceArray<TextureView> textures;
+  DeviceArray<AttributeView> attributes;
+  std::vector<DeviceArray<float>> attribute_values;
+  std::vector<DeviceArray<AttributeRun>> attribute_runs;
+  std::vector<DeviceArray<uint8_t>> images;  // texels of level 0
+  std::vector<DeviceArray<Vec4f>> mips;      // further levels
+  MeshView host_view;                        // pointers into device memory
+  DeviceArray<MeshView> view;                // the same on the device, one element
+  bool as_loaded = false;                    // positions are the mesh's own, as it was loaded
+
+  const uint32_t* triangle_list() const {
+    return host_view.triangles == nullptr ? nullptr : &host_view.triangles[0][0];
+  }
+};
+
+struct LargestTriangles;
+// What walks over a scattered mesh read besides its arrays (mesh_locality.h); null: they do without.
+struct ScatteredMesh {
+  // Three a triangle, so that nothing is to be looked up: parts of RunState::box, whose extent is kept here
+  // (fixed_point.h).
+  const PackedVertex* packed = nullptr;
+  // The same in the order of places (Morton, 1966), for walks to which triangles are all the same.
+  const PackedVertex* placed = nullptr;
+  const LargestTriangles* largest = nullptr;
+  Vec3d extent;
+  std::shared_ptr<const CachedArray> kept;  // what both lie in, with the mesh; or
+  DeviceArray<uint8_t> own;                 // where no other run has the same
+  bool tried = false;                       // to make it
+
+  // The stream's work is done.
+  void Drop() {
+    packed = placed = nullptr;
+    largest = nullptr;
+    kept.reset();
+    own.Free();
+  }
+};
+
+}  // namespace voxelpipe::cuda
