@@ -119,6 +119,15 @@ inline cudaError_t cudaMallocAsync(void** p, size_t bytes, cudaStream_t) {
 inline cudaError_t cudaFreeAsync(void* p, cudaStream_t) {
   return std::free(p), cudaSuccess;
 }
+inline cudaError_t cudaMallocManaged(void** p, size_t bytes) {
+  return cudaMallocAsync(p, bytes, nullptr);
+}
+inline cudaError_t cudaFree(void* p) {
+  return cudaFreeAsync(p, nullptr);
+}
+inline cudaError_t cudaDeviceSynchronize() {
+  return cudaSuccess;
+}
 inline cudaError_t cudaMallocHost(void** p, size_t bytes) {
   return cudaMallocAsync(p, bytes, nullptr);
 }
