@@ -403,6 +403,10 @@ bool RunBeyond32Bits(Parity& parity, const ParityOptions& options) {
   c.request.targets[0].blend = Blend::kCount;
   c.slab_depth = 264;
   if (!options.self) cases.push_back(c);  // 4.4 GB
+  c.request.result = ResultKind::kSparse;
+  c.request.targets[0] = {
+      .format = VoxelFormat::kF32, .components = 3, .blend = Blend::kAverage, .shader = {"normal", {}}};
+  cases.push_back(c);
   return parity.RunMesh({"beyond_32_bits", 4096, {}}, mesh, cases, 1);
 }
 
