@@ -1,4 +1,4 @@
-// Counters on their way to the host while the stream goes on.
+// Asynchronous copy of device counters to the host, concurrent with later work of the same stream.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -11,14 +11,14 @@
 
 namespace voxelpipe::cuda {
 
-// A copy of counters as they are when the stream's work so far is done, on a stream of its own: a copy amid kernels
-// keeps those behind it waiting for some 10 us. At its end it waits for the copy.
+// Copies counters once the work queued on a stream so far is done. The copy runs on a second stream: between kernels of
+// one stream it would delay the following kernels by about 10 us. The destructor waits for the copy.
 class CounterCopy {
  public:
-  // Nothing writes the counters until Wait returns.
+  // No kernel may write the counters until Wait returns.
   static absl::StatusOr<CounterCopy> Start(const uint64_t* counters, uint64_t count, int ordinal, cudaStream_t stream);
 
-  // Waits for the copy, not for what the stream got since. The counters live as long as this does.
+  // Waits for the copy, not for work queued on the stream since Start. The counters must outlive this object.
   absl::StatusOr<const uint64_t*> Wait() const;
 
  private:

@@ -1,4 +1,4 @@
-// Arrays in device memory, from the device's stream-ordered pool. The only place that allocates there.
+// Arrays in device memory, allocated from the device's stream-ordered pool. All device memory is allocated here.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -12,17 +12,17 @@
 
 namespace voxelpipe::cuda {
 
-// The status, its message beginning with the need.
+// The status with the number of bytes needed in front of its message.
 absl::Status NeedStatus(const absl::Status& status, uint64_t bytes);  // device.cpp
 
-// What arrays take of LimitMemory (device.h). False: that would be more than there is. Thread-safe.
+// Charges `bytes` to the limit of LimitMemory (device.h). False if that would exceed it. Thread-safe.
 bool TakeMemory(uint64_t bytes);    // device.cpp
 void ReturnMemory(uint64_t bytes);  // device.cpp
 absl::Status LimitStatus(uint64_t bytes);
 
-// Uninitialized elements of a trivially copyable T, in whole units of 16 bytes: stores of uint4 may end behind the last
-// element. Allocation and release are ordered on the stream of the last Resize: all work on the array must have been
-// given to that stream. Never synchronizes.
+// Uninitialized elements of a trivially copyable T. The size is rounded up to 16 bytes, so stores of uint4 may end past
+// the last element. Allocation and release are ordered on the stream of the last Resize: all work on the array must
+// have been queued on that stream. Never synchronizes.
 template <typename T>
 class DeviceArray {
  public:
@@ -37,8 +37,8 @@ class DeviceArray {
   }
   ~DeviceArray() { Free(); }
 
-  // Afterwards size() == count. Contents are lost unless the array was large enough. RESOURCE_EXHAUSTED naming the
-  // need.
+  // Sets size() to count. Contents are lost unless the capacity was large enough. RESOURCE_EXHAUSTED names the size
+  // needed.
   absl::Status Resize(uint64_t count, cudaStream_t stream) {
     if (count > capacity_) {
       Free();
@@ -70,7 +70,7 @@ class DeviceArray {
   uint64_t bytes() const { return size_ * sizeof(T); }
   bool empty() const { return size_ == 0; }
 
-  // Every byte of the array becomes `byte`.
+  // Sets every byte of the array to `byte`.
   absl::Status Fill(int byte, cudaStream_t stream) {
     if (size_ > 0) VOXELPIPE_CUDA_OR_RETURN(cudaMemsetAsync(data_, byte, bytes(), stream));
     return absl::OkStatus();

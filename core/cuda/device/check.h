@@ -1,4 +1,4 @@
-// CUDA errors as statuses that name the call, its file and its line.
+// Converts CUDA errors to statuses that name the call, its file and its line.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -9,19 +9,18 @@
 
 namespace voxelpipe::cuda {
 
-// OK for cudaSuccess. Out of memory is RESOURCE_EXHAUSTED, everything else INTERNAL. An error after which the context
-// answers every call with the same error ("sticky": an illegal address, a failed launch) marks the device lost
-// (device.h). All carry the mark of base/device_failure.h.
+// OK for cudaSuccess. Out of memory is RESOURCE_EXHAUSTED, everything else INTERNAL. A "sticky" error (illegal address,
+// failed launch: every later call on the context returns it) marks the device lost (device.h). All carry the mark of
+// base/device_failure.h.
 absl::Status CudaStatus(cudaError_t error, const char* expression, const char* file, int line);
 
-// Kernel launches that the calling thread made so far. Those of a graph count one by one, a call of CUB as one,
-// whatever it launches.
+// Kernel launches made by the calling thread so far. Kernels of a graph count one by one; a call of CUB counts as one.
 uint64_t LaunchesOfThread();
 void CountLaunch();
 
 }  // namespace voxelpipe::cuda
 
-// Returns from the calling function (absl::Status or StatusOr) where a CUDA call fails.
+// Returns from the calling function (absl::Status or StatusOr) if a CUDA call fails.
 #define VOXELPIPE_CUDA_OR_RETURN(call)                                             \
   do {                                                                             \
     if (const cudaError_t cuda_error = (call); cuda_error != cudaSuccess) {        \
@@ -29,7 +28,7 @@ void CountLaunch();
     }                                                                              \
   } while (0)
 
-// The same after a kernel launch: what the launch itself refused. Errors of the running kernel come with a later call.
+// The same after a kernel launch, for errors of the launch itself. Errors of the running kernel appear in a later call.
 #define VOXELPIPE_LAUNCHED_OR_RETURN(kernel)                                                     \
   do {                                                                                           \
     ::voxelpipe::cuda::CountLaunch();                                                            \

@@ -21,7 +21,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// Freed memory stays in the pool: with the default threshold every synchronization gives it back to the driver.
+// Keeps freed memory in the pool: with the default threshold every synchronization returns it to the driver.
 absl::Status KeepPool(int ordinal) {
   cudaMemPool_t pool;
   VOXELPIPE_CUDA_OR_RETURN(cudaDeviceGetDefaultMemPool(&pool, ordinal));
@@ -44,21 +44,21 @@ absl::StatusOr<DeviceInfo> Describe(int ordinal) {
   return info;
 }
 
-// What is known of a device at run time.
+// State of a device at run time.
 struct Slot {
   std::mutex mutex;
-  std::string lost;                      // why; empty: not lost
-  int runs = 0;                          // that hold the device
-  std::vector<cudaStream_t> streams[2];  // idle ones, by their turn
+  std::string lost;                      // the reason; empty: not lost
+  int runs = 0;                          // runs that use the device
+  std::vector<cudaStream_t> streams[2];  // idle streams, indexed by Turn
 };
 
 struct Found {
   std::vector<DeviceInfo> devices;
-  std::deque<Slot> slots;  // by ordinal; as many as the driver counts
+  std::deque<Slot> slots;  // by ordinal, one for each device that the driver counts
   absl::Status why_none;
 };
 
-// While it runs there are no slots yet, and what fails is said in why_none.
+// True while Find() runs: there are no slots yet, and failures go to why_none.
 thread_local bool finding = false;
 
 Found* Find() {
@@ -123,10 +123,11 @@ bool IsSticky(cudaError_t error) {
 
 struct Memory {
   uint64_t free = 0, idle = 0,
-           all = 0;  // free to the driver; in the pool, which the driver counts as taken; of the device
+           // Bytes free in the driver, idle in the pool (the driver counts them as used), and in total.
+           all = 0;
 };
 
-// Of the current device; nothing if that cannot be found out.
+// Memory of the current device; nullopt if it cannot be determined.
 std::optional<Memory> MemoryNow() {
   size_t free = 0, all = 0;
   if (cudaMemGetInfo(&free, &all) != cudaSuccess) {
@@ -140,11 +141,11 @@ std::optional<Memory> MemoryNow() {
                       cudaDeviceGetDefaultMemPool(&pool, ordinal) == cudaSuccess &&
                       cudaMemPoolGetAttribute(pool, cudaMemPoolAttrReservedMemCurrent, &reserved) == cudaSuccess &&
                       cudaMemPoolGetAttribute(pool, cudaMemPoolAttrUsedMemCurrent, &used) == cudaSuccess;
-  if (!pooled) (void)cudaGetLastError();  // it is no error of the caller's
+  if (!pooled) (void)cudaGetLastError();  // clears the error, which is not the caller's
   return Memory{free, pooled && reserved > used ? reserved - used : 0, all};
 }
 
-// What the current device has left, in words; empty if that cannot be found out.
+// Free memory of the current device as text; empty if it cannot be determined.
 std::string MemoryAtHand() {
   const std::optional<Memory> memory = MemoryNow();
   if (!memory) return "";
@@ -155,14 +156,14 @@ std::string MemoryAtHand() {
 std::atomic<uint64_t> limit_bytes{UINT64_MAX}, taken_bytes{0}, peak_bytes{0};  // see LimitMemory
 std::atomic<uint64_t> assumed_cache{0};
 
-// A lost device begins anew: all that was allocated on it is gone. No run holds it.
+// Resets a lost device: all its allocations are gone. No run uses it.
 absl::Status Reset(int ordinal, Slot& slot) {
   DropCachedMeshes(ordinal);
   ForgetPinned();
   for (auto& streams : slot.streams) streams.clear();  // the reset destroys them
   VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(ordinal));
   DropLaunchGraphs(ordinal);
-  (void)cudaDeviceReset();  // says once more why the device was lost
+  (void)cudaDeviceReset();  // returns the error that lost the device once more
   (void)cudaGetLastError();
   return KeepPool(ordinal);
 }
@@ -206,7 +207,7 @@ absl::StatusOr<DeviceUse> DeviceUse::Begin(int ordinal, Turn turn) {
   DeviceUse use(ordinal, turn, stream);
   VOXELPIPE_CUDA_OR_RETURN(cudaSetDevice(ordinal));
   if (stream != nullptr) return use;
-  int last = 0, first = 0;  // numbers become less from the last to the first
+  int last = 0, first = 0;  // lowest priority (largest number), highest priority
   VOXELPIPE_CUDA_OR_RETURN(cudaDeviceGetStreamPriorityRange(&last, &first));
   VOXELPIPE_CUDA_OR_RETURN(
       cudaStreamCreateWithPriority(&use.stream_, cudaStreamNonBlocking, turn == Turn::kFirst ? first : last));
@@ -218,7 +219,7 @@ absl::Status DeviceUse::After(cudaStream_t earlier) const {
   VOXELPIPE_CUDA_OR_RETURN(cudaEventCreateWithFlags(&done, cudaEventDisableTiming));
   cudaError_t error = cudaEventRecord(done, earlier);
   if (error == cudaSuccess) error = cudaStreamWaitEvent(stream_, done, 0);
-  (void)cudaEventDestroy(done);  // once it is done
+  (void)cudaEventDestroy(done);  // destroyed when it completes
   VOXELPIPE_CUDA_OR_RETURN(error);
   return absl::OkStatus();
 }
@@ -248,7 +249,7 @@ absl::Status ProbeDevice(int ordinal) {
     absl::StatusOr<DeviceUse> use = DeviceUse::Begin(ordinal);
     return use.ok() ? RunProbe(use->stream()) : use.status();
   }
-  // Nobody begins a run on a lost device, so the lock need not be held on its account; other probes wait.
+  // No run starts on a lost device, so the lock is not needed for this one; it makes other probes wait.
   if (slot->runs > 0) return LostStatus(absl::StrCat(slot->lost, "; ", slot->runs, " of its runs have not ended yet"));
   const std::string why = std::exchange(slot->lost, "it is being reset");
   ++slot->runs;
@@ -275,7 +276,7 @@ void TrimMemory(int ordinal) {
   DropLaunchGraphs(ordinal);
   cudaMemPool_t pool = nullptr;
   if (cudaDeviceGetDefaultMemPool(&pool, ordinal) != cudaSuccess || cudaMemPoolTrimTo(pool, 0) != cudaSuccess) {
-    (void)cudaGetLastError();  // then there is as much as before
+    (void)cudaGetLastError();  // the pool stays as large as before
   }
 }
 
@@ -349,7 +350,7 @@ absl::Status NeedStatus(const absl::Status& status, uint64_t bytes) {
 
 absl::Status CudaStatus(cudaError_t error, const char* expression, const char* file, int line) {
   if (error == cudaSuccess) return absl::OkStatus();
-  (void)cudaGetLastError();  // so that the next call does not report it again
+  (void)cudaGetLastError();  // clears the error, so that the next call does not return it again
   const std::string_view path(file);
   const std::string message = absl::StrCat(
       "CUDA: ", cudaGetErrorString(error), " in ", expression, " (",

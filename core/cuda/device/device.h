@@ -1,4 +1,4 @@
-// The CUDA devices that this process works on, who uses them, and which of them are lost.
+// The CUDA devices of this process: enumeration, use by runs, loss and recovery, memory accounting.
 #pragma once
 
 #include <driver_types.h>
@@ -18,26 +18,25 @@ struct DeviceInfo {
   int ordinal = 0;
   std::string name;
   int multiprocessors = 1;
-  uint64_t shared_bytes_per_block = 0;  // with the opt-in
+  uint64_t shared_bytes_per_block = 0;  // including the opt-in limit
   uint64_t memory_bytes = 0;
 };
 
-// All devices, their memory pools set to keep what they have. Found once a process. FAILED_PRECONDITION saying why
-// there is none: no driver, no device, or none that answers.
+// All devices, with memory pools that never shrink by themselves. Enumerated once per process. FAILED_PRECONDITION
+// states why there is none: no driver, no device, or no device that responds.
 absl::StatusOr<const std::vector<DeviceInfo>*> AllDevices();
 
-// OK unless the device was lost: then FAILED_PRECONDITION with the mark of base/device_failure.h.
+// OK, or FAILED_PRECONDITION with the mark of base/device_failure.h if the device was lost.
 absl::Status CheckDevice(int ordinal);
 
-// Whose work a device takes first where streams have some at the same time. Streams of runs are of the device's highest
-// priority, before a host application's own.
+// Stream priority. Streams of runs (kFirst) have the device's highest priority, above a host application's own streams.
 enum class Turn { kFirst, kBehind };
 
-// A run's hold on a device: a stream, and the promise that nobody resets the device meanwhile. Movable. At the end it
-// waits for the stream's work, which may still read or write memory of the run.
+// Use of a device by a run: owns a stream and prevents a device reset. Movable. The destructor waits for the stream's
+// work, which may still access the run's memory.
 class DeviceUse {
  public:
-  // Makes the device the calling thread's. Errors: CheckDevice's; INTERNAL.
+  // Makes the device current for the calling thread. Errors: those of CheckDevice; INTERNAL.
   static absl::StatusOr<DeviceUse> Begin(int ordinal, Turn turn = Turn::kFirst);
 
   DeviceUse(DeviceUse&& other) noexcept
@@ -48,9 +47,9 @@ class DeviceUse {
   ~DeviceUse();
 
   cudaStream_t stream() const { return stream_; }
-  // What the stream gets from now on waits for what `earlier` has got so far.
+  // Work queued on the stream from now on waits for the work queued on `earlier` so far.
   absl::Status After(cudaStream_t earlier) const;
-  void Wait() const;  // for the stream's work; errors come with the next call
+  void Wait() const;  // for the stream's work; the next call returns its errors
 
  private:
   DeviceUse(int ordinal, Turn turn, cudaStream_t stream) : ordinal_(ordinal), turn_(turn), stream_(stream) {}
@@ -60,31 +59,29 @@ class DeviceUse {
   cudaStream_t stream_;
 };
 
-// Called where an error leaves the device unusable until it is reset; CheckDevice fails from then on, naming `reason`.
+// Marks the device unusable until it is reset: CheckDevice fails from now on and names `reason`.
 void MarkDeviceLost(int ordinal, std::string_view reason);
 
-// Whether the device works: allocates a little, runs a kernel on it and reads back what it wrote. A lost device is
-// reset first, which takes until all its runs have ended; where it works again it is no longer lost. Many drivers (580
-// is one) do not give a device back to a process that made it fail: then it stays lost until the process is started
-// anew, and the status says so; and they take the process's other devices with it.
+// Tests the device: allocates memory, runs a kernel and reads back its result. A lost device is reset first, after all
+// its runs have ended; if it works again it is no longer lost. Many drivers (580 is one) refuse a device to the process
+// that made it fail, and the process's other devices too: then it stays lost until the process restarts, and the status
+// says so.
 absl::Status ProbeDevice(int ordinal);
 
-// Bytes that the device can still give out, what its pool keeps idle counted; 0 where that cannot be found out. Asks
-// the driver.
+// Free bytes of the device, including idle memory of its pool; 0 if unknown. Calls the driver.
 uint64_t FreeMemory(int ordinal);
-// Gives what the pool keeps idle back to the device, and forgets meshes and graphs of launches that no run holds. The
-// stream's work must be done.
+// Returns the pool's idle memory to the device and drops cached meshes and launch graphs that no run uses. The stream's
+// work must be done.
 void TrimMemory(int ordinal);
-// From now on arrays may take so many bytes of all devices together: for tests of what happens where there is less.
-// UINT64_MAX: no limit.
+// Limits the bytes of all device arrays of the process, to test low-memory behaviour. UINT64_MAX: no limit.
 void LimitMemory(uint64_t bytes);
 uint64_t MemoryLimit();
-uint64_t MemoryTaken();  // by arrays
-// The most that arrays ever took since the last reset: for comparing runs with their plans.
+uint64_t MemoryTaken();  // by device arrays
+// Peak of MemoryTaken() since the last reset, to compare runs with their plans.
 uint64_t MemoryPeak();
 void ResetMemoryPeak();
-// From now on L2 caches are taken for ones of so many bytes, and meshes go the ways of those that keep the device busy:
-// for tests of what happens in larger grids and with larger meshes. 0: caches and meshes are taken for what they are.
+// Pretends that L2 caches have `bytes` bytes and that meshes are large enough to fill the device, to test the paths of
+// larger grids and meshes. 0: real sizes.
 void AssumeCache(uint64_t bytes);
 uint64_t AssumedCache();
 

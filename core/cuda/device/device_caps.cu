@@ -7,7 +7,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-__global__ void Compiled() {}  // as all kernels are
+__global__ void Compiled() {}  // compiled for the same architectures as all kernels
 
 }  // namespace
 

@@ -1,4 +1,4 @@
-// Places for arrays behind each other in one block of memory.
+// Offsets of several arrays within one allocation of device memory.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,7 @@
 
 namespace voxelpipe::cuda {
 
-// Each begins at a multiple of 16 bytes.
+// Every array starts at a multiple of 16 bytes.
 class BlockLayout {
  public:
   template <typename T>

@@ -14,8 +14,8 @@
 namespace voxelpipe::cuda {
 namespace {
 
-constexpr size_t kMaxKept = 64;  // graphs, and lists that came once, of a device
-constexpr size_t kMaxHeld = 8;   // of a run
+constexpr size_t kMaxKept = 64;  // graphs kept per device, and lists seen once
+constexpr size_t kMaxHeld = 8;   // graphs held per run
 
 absl::Status LaunchPlainly(const LaunchList& list, cudaStream_t stream) {
   for (const ListedLaunch& launch : list.launches()) {
@@ -42,7 +42,7 @@ absl::Status LaunchPlainly(const LaunchList& list, cudaStream_t stream) {
 
 class LaunchGraph {
  public:
-  // Null where the device or its driver cannot.
+  // Null if the device or its driver does not support it.
   static std::unique_ptr<LaunchGraph> Make(const LaunchList& list) {
     auto made = std::unique_ptr<LaunchGraph>(new LaunchGraph(list));
     if (made->Build()) return made;
@@ -58,7 +58,8 @@ class LaunchGraph {
 
   const LaunchList& list() const { return list_; }
 
-  // From now on it launches `list`, one like its own. False where that is refused; then it is of no use.
+  // Updates the graph to the arguments of `list`, which must be like its own. False if CUDA refuses: the graph is then
+  // unusable.
   bool Take(const LaunchList& list) {
     bool same = true;
     for (size_t i = 0; i < nodes_.size(); ++i) {
@@ -75,7 +76,7 @@ class LaunchGraph {
     if (!same) list_ = list;
     return true;
   }
-  // False where that is refused; then nothing was launched.
+  // False if CUDA refuses: nothing was launched.
   bool Launch(cudaStream_t stream) const {
     if (cudaGraphLaunch(executable_, stream) != cudaSuccess) {
       (void)cudaGetLastError();
@@ -126,7 +127,7 @@ class LaunchGraph {
     return true;
   }
 
-  LaunchList list_;  // with the arguments that the executable graph has
+  LaunchList list_;  // with the arguments of the executable graph
   cudaGraph_t graph_ = nullptr;
   cudaGraphExec_t executable_ = nullptr;
   std::vector<cudaGraphNode_t> nodes_;
@@ -134,19 +135,20 @@ class LaunchGraph {
 
 namespace {
 
-// Graphs of a device that no run uses, the latest last, and lists that came once.
+// Graphs of a device that no run holds, most recent last, and lists seen once.
 struct Kept {
   std::list<std::unique_ptr<LaunchGraph>> graphs;
   std::list<LaunchList> once;
-  bool refused = false;  // the device or its driver made none when asked
+  bool refused = false;  // the device or its driver refused to make one
 };
 std::mutex kept_mutex;
 std::map<int, Kept>& KeptGraphs() {
-  static auto* const kept = new std::map<int, Kept>;  // never destroyed: the driver may end before static objects do
+  // never destroyed: the driver may shut down before static objects do
+  static auto* const kept = new std::map<int, Kept>;
   return *kept;
 }
 
-// Moves a kept graph for such a list to the front of `mine`, the latest there is; false where there is none.
+// Moves the most recent kept graph for such a list to the front of `mine`. False if there is none.
 bool TakeKept(const LaunchList& list, int ordinal, std::list<std::unique_ptr<LaunchGraph>>& mine) {
   const std::lock_guard lock(kept_mutex);
   auto& graphs = KeptGraphs()[ordinal].graphs;
@@ -157,7 +159,7 @@ bool TakeKept(const LaunchList& list, int ordinal, std::list<std::unique_ptr<Lau
   return true;
 }
 
-// Whether a list is worth a graph: one like it came before. It has come now.
+// True if a list like this one was seen before. Records it as seen.
 bool IsWorthGraph(const LaunchList& list, int ordinal) {
   const std::lock_guard lock(kept_mutex);
   Kept& kept = KeptGraphs()[ordinal];
@@ -179,7 +181,7 @@ void Refused(int ordinal) {
 LaunchGraphs::LaunchGraphs() = default;
 
 LaunchGraphs::~LaunchGraphs() {
-  std::list<std::unique_ptr<LaunchGraph>> dropped;  // outside of the lock
+  std::list<std::unique_ptr<LaunchGraph>> dropped;  // destroyed outside the lock
   if (mine_.empty()) return;
   const std::lock_guard lock(kept_mutex);
   auto& graphs = KeptGraphs()[ordinal_].graphs;
@@ -201,7 +203,7 @@ LaunchGraph* LaunchGraphs::Find(const LaunchList& list, int ordinal) {
     }
     mine_.push_front(std::move(made));
   }
-  if (mine_.size() > kMaxHeld) mine_.pop_back();  // not for others: it may be under way
+  if (mine_.size() > kMaxHeld) mine_.pop_back();  // not returned to the cache: it may still be executing
   return mine_.front().get();
 }
 
@@ -218,7 +220,7 @@ absl::Status LaunchGraphs::Launch(const LaunchList& list, int ordinal, cudaStrea
 }
 
 void DropLaunchGraphs(int ordinal) {
-  Kept dropped;  // outside of the lock
+  Kept dropped;  // destroyed outside the lock
   const std::lock_guard lock(kept_mutex);
   std::swap(dropped, KeptGraphs()[ordinal]);
 }

@@ -1,9 +1,8 @@
-// Lists of kernels that come again go to the device as CUDA graphs: one call of the host's for all of them, in place of
-// some 4 us for each.
+// Launches recurring lists of kernels as CUDA graphs: one host call for the list instead of about 4 us per kernel.
 //
-// A list goes kernel by kernel when it comes for the first time. When one like it comes again - the same kernels, of as
-// many blocks - it is made into a graph, which then takes the arguments of each list that is like it. Graphs are kept
-// on their device between runs.
+// The first time, a list is launched kernel by kernel. When a list like it recurs (the same kernels and grid sizes) it
+// becomes a graph, whose arguments are updated for every further list like it. Graphs stay cached per device between
+// runs.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -18,27 +17,27 @@ namespace voxelpipe::cuda {
 class LaunchList;
 class LaunchGraph;
 
-// Those that a run uses, which no other run does meanwhile.
+// The graphs that one run holds exclusively.
 class LaunchGraphs {
  public:
   LaunchGraphs();
   LaunchGraphs(const LaunchGraphs&) = delete;
   LaunchGraphs& operator=(const LaunchGraphs&) = delete;
-  ~LaunchGraphs();  // keeps them for others
+  ~LaunchGraphs();  // returns them to the cache
 
-  // Gives the list to `stream` of the device, which is the current one. A list that begins early goes kernel by kernel,
-  // since a graph begins when all before it has ended; so does one whose graph the device refuses. Errors: what a
-  // launch refuses.
+  // Launches the list on `stream` of the device, which must be current. Kernels are launched one by one if the list
+  // starts with a programmatic dependent launch, since a graph starts only when all work before it has ended, or if the
+  // device refuses the graph. Errors: those of a launch.
   absl::Status Launch(const LaunchList& list, int ordinal, cudaStream_t stream);
 
  private:
   LaunchGraph* Find(const LaunchList& list, int ordinal);
 
   int ordinal_ = 0;
-  std::list<std::unique_ptr<LaunchGraph>> mine_;  // the latest first
+  std::list<std::unique_ptr<LaunchGraph>> mine_;  // most recent first
 };
 
-// Destroys the graphs of a device that no run uses, which is the current one, and forgets which lists came.
+// Destroys the graphs of the current device that no run holds, and forgets the lists seen.
 void DropLaunchGraphs(int ordinal);
 
 }  // namespace voxelpipe::cuda

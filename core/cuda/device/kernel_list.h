@@ -1,5 +1,5 @@
-// Kernels that a stream gets one after the other, with their arguments, written down before any is launched: so that
-// they can go to the device in one (graph_cache.h). Included by .cu files and by graph_cache.cpp only.
+// A recorded sequence of kernel launches with their arguments, so that it can be launched as one CUDA graph
+// (graph_cache.h). Included by .cu files and by graph_cache.cpp only.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -15,8 +15,8 @@
 
 namespace voxelpipe::cuda {
 
-// When a kernel may begin: when the one before it has ended; as dependent_launch.cuh has it; or the former, all blocks at
-// once (a cooperative launch).
+// When a kernel may start: after the previous kernel ended; by programmatic dependent launch (dependent_launch.cuh);
+// after the previous kernel, with all blocks resident (a cooperative launch).
 enum class Begins { kBehind, kEarly, kAtOnce };
 
 inline Begins EarlyIfAble(const DeviceInfo& device) {
@@ -24,16 +24,16 @@ inline Begins EarlyIfAble(const DeviceInfo& device) {
 }
 
 struct ListedLaunch {
-  const char* name;  // for errors
+  const char* name;  // for error messages
   const void* kernel;
-  // Launches the kernel with the arguments that the pointers show.
+  // Launches the kernel with the arguments that the pointers point to.
   cudaError_t (*launch)(const cudaLaunchConfig_t& config, const void* kernel, void* const* arguments);
   dim3 blocks;
   unsigned threads;
   Begins begins;
-  size_t first_argument, arguments;  // of LaunchList::places_
+  size_t first_argument, arguments;  // range in LaunchList::places_
 
-  // The same but for its arguments.
+  // True if only the arguments may differ.
   bool IsLike(const ListedLaunch& other) const {
     return kernel == other.kernel && blocks.x == other.blocks.x && blocks.y == other.blocks.y &&
            blocks.z == other.blocks.z && threads == other.threads && begins == other.begins;
@@ -42,7 +42,7 @@ struct ListedLaunch {
 
 class LaunchList {
  public:
-  // `name` is that of the kernel, a constant.
+  // `name` is the kernel's name, a string literal.
   template <typename... Parameters>
   void Add(const char* name, Begins begins, dim3 blocks, unsigned threads, void (*kernel)(Parameters...),
            const std::type_identity_t<Parameters>&... arguments) {
@@ -54,7 +54,7 @@ class LaunchList {
   }
 
   std::span<const ListedLaunch> launches() const { return launches_; }
-  // Pointers to the arguments of a launch, as CUDA takes them; until the list changes.
+  // Pointers to the arguments of a launch, in CUDA's form. Valid until the list changes.
   std::vector<void*> ArgumentsOf(const ListedLaunch& launch) const {
     std::vector<void*> pointers(launch.arguments);
     for (size_t i = 0; i < launch.arguments; ++i) {
@@ -62,7 +62,7 @@ class LaunchList {
     }
     return pointers;
   }
-  // Whether all launches are like those of `other`, one by one.
+  // True if every launch is like the corresponding one of `other`.
   bool IsLike(const LaunchList& other) const {
     if (launches_.size() != other.launches_.size()) return false;
     for (size_t i = 0; i < launches_.size(); ++i) {
@@ -70,8 +70,8 @@ class LaunchList {
     }
     return true;
   }
-  // Whether launch `i` has the arguments that it has in `other`, a list like this. False also where only bytes differ
-  // that no argument uses.
+  // True if launch `i` has the same arguments as in `other`, a list like this one. Compares padding too, so it may
+  // return false for equal arguments.
   bool HasArgumentsOf(const LaunchList& other, size_t i) const {
     const size_t begin = BytesBefore(i), end = BytesBefore(i + 1);
     return std::memcmp(bytes_.data() + begin, other.bytes_.data() + begin, end - begin) == 0;
@@ -80,7 +80,7 @@ class LaunchList {
  private:
   static constexpr size_t kAlignment = 16;
 
-  // Typed, so that a runtime which calls kernels on the host can.
+  // Typed, so that the emulator, which calls kernels on the host, can call it.
   template <typename... Parameters>
   static cudaError_t LaunchOf(const cudaLaunchConfig_t& config, const void* kernel, void* const* arguments) {
     return LaunchWith<Parameters...>(config, kernel, arguments, std::index_sequence_for<Parameters...>());
@@ -105,7 +105,7 @@ class LaunchList {
   }
 
   std::vector<ListedLaunch> launches_;
-  std::vector<size_t> places_;  // of arguments in bytes_
+  std::vector<size_t> places_;  // offsets of the arguments in bytes_
   std::vector<std::byte> bytes_;
 };
 

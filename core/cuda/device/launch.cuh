@@ -1,4 +1,4 @@
-// How many blocks a launch takes, and launches that begin early. Included by .cu files only.
+// Grid sizes, and programmatic dependent launches. Included by .cu files only.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -8,15 +8,15 @@
 
 namespace voxelpipe::cuda {
 
-// Blocks for `count` pieces of work, `each` of them a block; at least one, and at most `most`, whose threads then take
-// further pieces in strides of the grid.
+// Number of blocks for `count` work items, `each` of them per block; at least 1, at most `most`. Beyond that, kernels
+// process further items in grid-stride loops.
 inline unsigned BlocksFor(uint64_t count, uint64_t each, uint64_t most = 1 << 16) {
   return unsigned(std::clamp<uint64_t>((count + each - 1) / each, 1, most));
 }
 
-// Of kernels whose blocks take `rounds` times `threads` triangles, `resident` of them at once: as many rounds, up to
-// `most`, as leave the least to the last wave of blocks. Where there are many waves blocks drift apart, and fewer of
-// them are better.
+// Triangles per thread for kernels whose blocks take `rounds` * `threads` triangles, with `resident` blocks on the
+// device at a time. Chooses the number up to `most` that leaves the smallest tail in the last wave of blocks. With few
+// waves the tail dominates; with many waves blocks get out of step and the maximum is best.
 inline int RoundsFor(uint64_t triangles, int threads, uint64_t resident, int most) {
   constexpr uint64_t kManyWaves = 8;
   if (triangles >= kManyWaves * resident * uint64_t(threads) * uint64_t(most)) return most;
@@ -33,8 +33,8 @@ inline int RoundsFor(uint64_t triangles, int threads, uint64_t resident, int mos
   return best;
 }
 
-// Launches a kernel that keeps to dependent_launch.cuh, with `room` bytes of shared memory. `early`: whether the device
-// can. Errors as with any launch: cudaGetLastError() has them.
+// Launches a kernel that follows dependent_launch.cuh, with `room` bytes of dynamic shared memory. `early`: the device
+// supports programmatic dependent launch. cudaGetLastError() returns the errors, as for any launch.
 template <typename... Parameters>
 void LaunchEarly(bool early, cudaStream_t stream, dim3 blocks, unsigned threads, size_t room,
                  void (*kernel)(Parameters...), const Parameters&... arguments) {

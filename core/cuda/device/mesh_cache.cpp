@@ -12,10 +12,10 @@
 namespace voxelpipe::cuda {
 namespace {
 
-constexpr uint64_t kQuarter = UINT64_MAX;  // a quarter of the device's memory, as long as nobody says otherwise
+constexpr uint64_t kQuarter = UINT64_MAX;  // default: a quarter of the device's memory
 std::atomic<uint64_t> most_bytes{kQuarter};
 
-// Of one device.
+// The cache of one device.
 class Cache {
  public:
   std::shared_ptr<const CachedArray> Find(const std::string& key, uint64_t bytes) {
@@ -31,7 +31,7 @@ class Cache {
   }
 
   void Keep(const std::string& key, std::shared_ptr<const CachedArray> array, uint64_t most, Keeping keeping) {
-    Order gone;  // destroyed behind the lock
+    Order gone;  // destroyed after the lock is released
     const std::lock_guard lock(mutex_);
     if (keeping == Keeping::kIfRoom && use_.bytes + array->bytes() > most) return;
     const auto old = entries_.find(key);
@@ -62,7 +62,7 @@ class Cache {
     std::string key;
     std::shared_ptr<const CachedArray> array;
   };
-  using Order = std::list<Entry>;  // the most recently used first
+  using Order = std::list<Entry>;  // most recently used first
 
   void Drop(Order::iterator entry, Order& gone) {
     use_.bytes -= entry->array->bytes();

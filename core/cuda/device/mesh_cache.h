@@ -1,7 +1,7 @@
-// Arrays of meshes that stay on a device between runs.
+// Cache of mesh arrays in device memory that outlives runs.
 //
-// A mesh that has a content id (mesh/triangle_mesh.h) goes up once: what a run was given of it is kept, the least
-// recently used first to go, and later runs on the same device find it there.
+// A mesh with a content id (mesh/triangle_mesh.h) is uploaded once. Its arrays stay cached, with least-recently-used
+// eviction, and later runs on the same device use them.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -20,11 +20,11 @@
 namespace voxelpipe::cuda {
 
 enum class Keeping {
-  kAlways,  // others go for it
-  kIfRoom,  // what is made from kept arrays: it does not push them out
+  kAlways,  // evicts other entries
+  kIfRoom,  // for arrays derived from cached ones: never evicts
 };
 
-// An array on the device. Whoever holds one gives it back when the work on it is done.
+// An array on the device. Holders release it when their work on it is done.
 class CachedArray {
  public:
   CachedArray() = default;
@@ -43,27 +43,26 @@ class CachedArray {
       int ordinal, const std::string& key, uint64_t bytes, cudaStream_t stream,
       const std::function<absl::Status(uint8_t*)>& make, Keeping keeping);
   DeviceArray<uint8_t> array_;
-  cudaEvent_t ready_ = nullptr;  // when the upload is done
+  cudaEvent_t ready_ = nullptr;  // recorded after the upload
 };
 
-// The array that `key` names on the device, which is the current one; where it is not there, `make` gives `stream` the
-// copies from the host, or the kernels, that make it. Work given to `stream` afterwards finds it. The returned pointer
-// must live until that work is done.
+// Returns the array cached under `key` on the current device. If it is missing, `make` queues the copies or kernels
+// that produce it on `stream`. Work queued on `stream` afterwards sees it. The returned pointer must live until that
+// work is done.
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const std::string& key, uint64_t bytes,
                                                               cudaStream_t stream,
                                                               const std::function<absl::Status(uint8_t*)>& make,
                                                               Keeping keeping = Keeping::kAlways);
 
-// The same for one array of the host. What stands in `staged` must live until the stream's work is done, and so must
-// the returned pointer.
+// The same for one host array. `staged` and the returned pointer must live until the stream's work is done.
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, const std::string& key, const void* from,
                                                                 uint64_t bytes, cudaStream_t stream,
                                                                 std::vector<PinnedBuffer>& staged);
 
-// Most bytes kept on each device; 0 keeps nothing. By default a quarter of the device's memory.
+// Maximum bytes cached per device; 0 disables the cache. Default: a quarter of the device's memory.
 void SetMeshCacheBytes(uint64_t bytes);
 
-// Forgets what no run holds; bytes freed.
+// Drops arrays that no run holds. Returns the bytes freed.
 uint64_t DropCachedMeshes(int ordinal);
 
 struct MeshCacheUse {

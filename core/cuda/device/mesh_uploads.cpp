@@ -6,7 +6,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-constexpr int kMaxDevices = 64;  // those beyond share the last place
+constexpr int kMaxDevices = 64;  // devices beyond share the last counter
 
 std::atomic<uint64_t>& PlaceOf(int ordinal) {
   static std::array<std::atomic<uint64_t>, kMaxDevices> bytes{};

@@ -19,20 +19,20 @@
 namespace voxelpipe::cuda {
 namespace {
 
-constexpr uint64_t kMinStaged = 256 << 10;             // below, the driver's own staging is as quick
-constexpr uint64_t kWave = 8 << 20, kGrain = 1 << 20;  // filled by all threads; by one
+constexpr uint64_t kMinStaged = 256 << 10;             // smaller copies: the driver's own staging is as fast
+constexpr uint64_t kWave = 8 << 20, kGrain = 1 << 20;  // copied by all threads; by one thread
 constexpr uint64_t kMinBytes = 64 << 10;
 constexpr uint64_t kMaxBytes = 4ull << 30;
-constexpr uint64_t kShare = 16;  // of the machine's memory
+constexpr uint64_t kShare = 16;  // divisor of the machine's memory
 
-// Four sizes an octave, so that blocks fit again and waste at most a fifth.
+// Rounds up to four sizes per octave, so that blocks are reused and waste at most a fifth.
 uint64_t BlockBytes(uint64_t bytes) {
   if (bytes <= kMinBytes) return kMinBytes;
   const uint64_t step = std::max(std::bit_floor(bytes - 1), kMinBytes) / 4;
   return (bytes + step - 1) / step * step;
 }
 
-// Blocks of the page pool, pinned. Pinned pages that come back unpinned would be no loss: they are ordinary memory.
+// Pool of pinned blocks from the page pool. A block that is no longer pinned when it returns is still ordinary memory.
 class Pool {
  public:
   void* Take(uint64_t size) {
@@ -49,11 +49,11 @@ class Pool {
     if (bytes_ + size > most_) return nullptr;
     bytes_ += size;
     const uint64_t generation = generation_;
-    lock.unlock();  // pinning takes long
+    lock.unlock();  // pinning is slow
     void* const address = TakePages(size);
     const bool pinned = address != nullptr && cudaHostRegister(address, size, cudaHostRegisterPortable) == cudaSuccess;
     if (!pinned) {
-      (void)cudaGetLastError();  // not the caller's
+      (void)cudaGetLastError();  // clears the error, which is not the caller's
       ReturnPages(address, size);
     }
     lock.lock();
@@ -68,7 +68,7 @@ class Pool {
   void Return(void* address, uint64_t size) {
     const std::lock_guard lock(mutex_);
     const auto out = out_.find(address);
-    if (out != out_.end() && out->second != generation_) {  // the device forgot that it is pinned
+    if (out != out_.end() && out->second != generation_) {  // a device reset unpinned it
       out_.erase(out);
       Unpin({address, size});
       return;
@@ -95,7 +95,7 @@ class Pool {
   };
 
   void Unpin(const Block& block) {
-    if (cudaHostUnregister(block.address) != cudaSuccess) (void)cudaGetLastError();  // after a reset it is not pinned
+    if (cudaHostUnregister(block.address) != cudaSuccess) (void)cudaGetLastError();  // not pinned after a reset
     ReturnPages(block.address, block.size);
     bytes_ -= block.size;
   }
@@ -109,7 +109,7 @@ class Pool {
 
   std::mutex mutex_;
   std::deque<Block> idle_;                   // oldest first
-  std::unordered_map<void*, uint64_t> out_;  // all pinned blocks: the generation that pinned them
+  std::unordered_map<void*, uint64_t> out_;  // all pinned blocks, with the generation that pinned them
   uint64_t bytes_ = 0, idle_bytes_ = 0, generation_ = 0;
   const uint64_t most_ = std::min(kMaxBytes, MemoryBytes() / kShare);
 };

@@ -1,4 +1,4 @@
-// Host memory that a device copies from and to at the bus's full speed.
+// Pinned host memory, for copies at the full speed of the bus.
 #pragma once
 
 #include <driver_types.h>
@@ -11,9 +11,9 @@
 
 namespace voxelpipe::cuda {
 
-// A block of host memory, contents undefined, 64-byte aligned, from a process-wide pool of pinned blocks; ordinary
-// memory where the pool's bound is reached or the system pins no more. Goes back to the pool at the end: the device
-// must be done with it. Movable.
+// A block of host memory, contents undefined, 64-byte aligned, from a process-wide pool of pinned blocks. It is
+// pageable memory if the pool is at its limit or the system refuses to pin more. The destructor returns it to the pool:
+// the device must be done with it. Movable.
 class PinnedBuffer {
  public:
   PinnedBuffer() = default;
@@ -21,10 +21,10 @@ class PinnedBuffer {
   PinnedBuffer& operator=(PinnedBuffer&& other) noexcept;
   ~PinnedBuffer() { Release(); }
 
-  // RESOURCE_EXHAUSTED naming the size when the system has no memory for it. Thread-safe.
+  // RESOURCE_EXHAUSTED names the size if the system has no memory for it. Thread-safe.
   static absl::StatusOr<PinnedBuffer> Take(uint64_t bytes);
 
-  static PinnedBuffer Own(uint8_t* block, uint64_t bytes);  // of TakePinned(bytes)
+  static PinnedBuffer Own(uint8_t* block, uint64_t bytes);  // a block of TakePinned(bytes)
 
   uint8_t* data() { return data_; }
   const uint8_t* data() const { return data_; }
@@ -39,20 +39,20 @@ class PinnedBuffer {
   bool pinned_ = false;
 };
 
-// Copies to the device in `stream`'s order, through pinned memory that is added to `staged` and must live until that
-// work is done. The calling thread's arena fills it while the device already reads.
+// Copies to the device in `stream` order through pinned memory, which is added to `staged` and must live until that
+// work is done. Threads of the calling thread's arena fill it while the device already reads.
 absl::Status StagedCopy(void* to, const void* from, uint64_t bytes, cudaStream_t stream,
                         std::vector<PinnedBuffer>& staged);
 
-// The pool's part of it. A pinned block of at least `bytes`, or nullptr. Thread-safe.
+// The pool's interface: a pinned block of at least `bytes`, or nullptr. Thread-safe.
 void* TakePinned(uint64_t bytes);
 void ReturnPinned(void* block, uint64_t bytes);
 
-// Idle blocks go to the system; those that are out do so when they come back: for a device that is to be reset.
+// Releases idle blocks to the system now, and blocks in use when they return. Called before a device reset.
 void ForgetPinned();
 
 struct PinnedUse {
-  uint64_t bytes = 0, idle_bytes = 0, most_bytes = 0;  // pinned in all, idle of them, and the bound
+  uint64_t bytes = 0, idle_bytes = 0, most_bytes = 0;  // pinned in all, idle of them, and the limit
 };
 PinnedUse PinnedInUse();
 

@@ -1,4 +1,4 @@
-// What a device must be able to do before it gets work.
+// Self-test that a device must pass before it gets work.
 #include <vector>
 
 #include "base/host_device.h"

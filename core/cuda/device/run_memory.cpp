@@ -28,9 +28,9 @@ bool RunMemory::Take(uint64_t bytes) {
 }
 
 absl::Status RunMemory::TakeOnHost(uint64_t bytes) {
-  constexpr uint64_t kHalfAPage = kPooledUnit / 2;                           // of a block's last page
-  on_host_ = bytes > kPooledBytes ? bytes + bytes / 8 + kHalfAPage : bytes;  // pinned blocks: four sizes an octave
-  granted_ = 0;  // more may be held since: another slab is done
+  constexpr uint64_t kHalfAPage = kPooledUnit / 2;                           // half of a block's last page
+  on_host_ = bytes > kPooledBytes ? bytes + bytes / 8 + kHalfAPage : bytes;  // pinned blocks: four sizes per octave
+  granted_ = 0;  // another slab is done, so more may be held since
   return Ask();
 }
 

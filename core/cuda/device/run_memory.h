@@ -1,4 +1,4 @@
-// Memory that one run takes of a device, asked for before it is taken where it is more than the plan has.
+// Device memory of one run. Beyond the plan's bytes, the run asks for permission before it allocates.
 #pragma once
 
 #include <cstdint>
@@ -9,9 +9,9 @@
 
 namespace voxelpipe::cuda {
 
-// Counts the arrays (buffer.h) that the calling thread allocates and frees from its beginning to its end, but for
-// arrays that outlive runs (ApartFromRuns). It begins and ends on one thread, as the run does; of several on a thread
-// the youngest counts.
+// Counts the arrays (buffer.h) that the calling thread allocates and frees during this object's life, except arrays
+// that outlive runs (ApartFromRuns). Constructed and destroyed on the run's thread; if objects nest on a thread, the
+// innermost counts.
 class RunMemory {
  public:
   RunMemory() : before_(std::exchange(of_thread_, this)) {}
@@ -19,17 +19,17 @@ class RunMemory {
   RunMemory& operator=(const RunMemory&) = delete;
   ~RunMemory();
 
-  // The calling thread's, or null.
+  // The calling thread's innermost object, or null.
   static RunMemory* OfThread() { return of_thread_; }
 
-  // From now on `lists`, which may be null, is asked before more is taken than it ever granted.
+  // From now on asks `lists` (may be null) before it takes more than was ever granted.
   void AskFrom(ListMemory* lists) { lists_ = lists; }
-  // False: refused, and refusal() says why.
+  // False if refused: refusal() has the reason.
   bool Take(uint64_t bytes);
   void Return(uint64_t bytes) { taken_ -= bytes < taken_ ? bytes : taken_; }
-  // The host's memory that holds lists of the slab in work beside the device's: asked for like this, 0 at its end.
+  // Charges host memory that mirrors the current slab's lists on the device, with the same request; 0 at its end.
   absl::Status TakeOnHost(uint64_t bytes);
-  // Counts so many bytes of the host as taken until the end of the run.
+  // Counts `bytes` of host memory as taken until the end of the run.
   void KeepOnHost(uint64_t bytes) { taken_ += bytes; }
 
   uint64_t taken_bytes() const { return taken_; }
@@ -47,7 +47,7 @@ class RunMemory {
   absl::Status refusal_;
 };
 
-// While one lives, arrays that the thread allocates and frees are no run's: they are kept for others.
+// During its life, arrays that the thread allocates and frees are charged to no run: the caches own them.
 class ApartFromRuns {
  public:
   ApartFromRuns() : before_(std::exchange(RunMemory::of_thread_, nullptr)) {}

@@ -1,4 +1,4 @@
-// Arrays of the host, behind each other in one block, so that they go up in one copy.
+// Gathers host arrays into one block, so that they are uploaded in one copy.
 #pragma once
 
 #include <tbb/parallel_for.h>
@@ -11,8 +11,8 @@ namespace voxelpipe::cuda {
 
 class UploadLayout {
  public:
-  // Adds an array, which must not move until CopyTo; what stands in it may change until then. Out: where it begins in
-  // the block, at a multiple of 16 bytes.
+  // Adds an array. Its address must stay valid until CopyTo; its contents may still change. Returns its offset in the
+  // block, a multiple of 16 bytes.
   template <typename T>
   uint64_t Add(const T* from, uint64_t count) {
     const uint64_t at = bytes_;
@@ -22,7 +22,7 @@ class UploadLayout {
   }
   uint64_t bytes() const { return bytes_; }
 
-  // Copies all arrays to a block of bytes(), in the calling thread's arena.
+  // Copies all arrays into a block of bytes() bytes, with the threads of the calling thread's arena.
   void CopyTo(uint8_t* block) const {
     tbb::parallel_for(size_t{0}, arrays_.size(),
                       [&](size_t i) { std::memcpy(block + arrays_[i].at, arrays_[i].from, arrays_[i].bytes); });
